@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// PCG32 (M. O'Neill, 2014, "PCG: a family of simple fast space-efficient statistically good
+// algorithms"): 64-bit state, one stream per (seed, stream) pair, the same on every machine.
+#ifndef SV_BASE_RNG_H
+#define SV_BASE_RNG_H
+
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct {
+  uint64_t state, inc;
+} sv_rng;
+
+sv_rng sv_rng_make(uint64_t seed, uint64_t stream);
+uint32_t sv_rng_u32(sv_rng *r);
+uint32_t sv_rng_below(sv_rng *r, uint32_t n); // uniform in [0, n), without modulo bias; 0 when n is 0
+float sv_rng_f(sv_rng *r);                    // uniform in [0, 1), 24 bits
+float sv_rng_normal(sv_rng *r);               // N(0,1), Box-Muller, two draws each
+// A stateless hash of three numbers, for noise that must not depend on visiting order.
+uint32_t sv_hash3(uint32_t a, uint32_t b, uint32_t c);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+// Fixed-capacity text: a small printf without stdio, locale or heap, and a growing line over a buffer.
+#ifndef SV_BASE_STR_H
+#define SV_BASE_STR_H
+
+#include <stdarg.h>
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "src/base/status.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+// Formats into buf[cap], always terminated when cap > 0. Knows %% %c %s %.*s %d %i %u %x with l, ll
+// and z, flags 0 and -, width; %f with precision (6 when absent), %e is not known; %g prints up to
+// 9 significant digits (17 with %.17g), enough for a float (double) to come back unchanged.
+// NaN and infinities print as nan, inf, -inf. Returns the length the whole text would have had.
+size_t sv_vfmt(char *buf, size_t cap, const char *fmt, va_list ap);
+size_t sv_fmt(char *buf, size_t cap, const char *fmt, ...) SV_PRINTF(3, 4);
+
+// A line that grows in a caller's buffer. When it is full, further text is cut and is_cut is set.
+typedef struct {
+  char *buf;
+  size_t cap, len;
+  bool is_cut;
+} sv_str;
+
+sv_str sv_str_make(char *buf, size_t cap);
+void sv_str_add(sv_str *s, const char *fmt, ...) SV_PRINTF(2, 3);
+// Adds text as the inside of a JSON string: quotes, backslashes and control bytes escaped.
+void sv_str_add_json(sv_str *s, const char *text);
+
+// Copies text into dst[cap], cut and terminated; returns false when it was cut.
+bool sv_copy(char *dst, size_t cap, const char *src);
+bool sv_str_eq(const char *a, const char *b);
+
+// Parses a whole decimal number from text[0..len). False when anything is left over or not finite.
+bool sv_parse_double(const char *text, size_t len, double *out);
+bool sv_parse_int(const char *text, size_t len, long long *out);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "src/rig/rig.h"
+
+sv_status sv_rig_init(sv_rig *rig, int cap, sv_arena *arena) {
+  if (cap < 1 || cap > SV_CAP_SUB_VIEWS) return SV_E_ARG;
+  *rig = (sv_rig){.cap_sub_views = cap};
+  rig->sub_views = SV_TAKE(arena, sv_sub_view, cap);
+  return arena->status < 0 ? arena->status : SV_OK;
+}
+
+double sv_rig_angular_baseline_rad(const sv_rig *rig, const double point[3]) {
+  double best = 0;
+  for (int i = 0; i < rig->n_sub_views; i++) {
+    double a[3], b[3];
+    sv_pose_centre(a, &rig->sub_views[i].cam_from_rig);
+    sv_sub3(a, a, point);
+    for (int j = i + 1; j < rig->n_sub_views; j++) {
+      sv_pose_centre(b, &rig->sub_views[j].cam_from_rig);
+      sv_sub3(b, b, point);
+      double angle = sv_angle_between(a, b);
+      if (angle > best) best = angle;
+    }
+  }
+  return best;
+}
+
+sv_view sv_view_make(int w, int h, double fx, double fy, double cx, double cy, const sv_pose *pose) {
+  sv_view v = {.width_px = w, .height_px = h, .fx = (float)fx, .fy = (float)fy, .cx = (float)cx, .cy = (float)cy};
+  for (int i = 0; i < 9; i++) v.r[i] = (float)pose->r[i];
+  for (int i = 0; i < 3; i++) v.t[i] = (float)pose->t[i];
+  return v;
+}
+
+void sv_view_centre(float out[3], const sv_view *v) {
+  for (int i = 0; i < 3; i++) out[i] = -(v->r[i] * v->t[0] + v->r[3 + i] * v->t[1] + v->r[6 + i] * v->t[2]);
+}
+
+sv_view sv_view_scaled(const sv_view *v, int k) {
+  sv_view s = *v;
+  if (k <= 1) return s;
+  s.width_px = v->width_px / k > 0 ? v->width_px / k : 1;
+  s.height_px = v->height_px / k > 0 ? v->height_px / k : 1;
+  float f = 1.0f / (float)k;
+  s.fx *= f, s.fy *= f, s.cx *= f, s.cy *= f;
+  return s;
+}

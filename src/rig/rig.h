@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+// The paper's section 3.1: a rig is a fixed set of sub-views, an exposure is what all of them saw at
+// one instant, each with intrinsics K and pose R, t. A monocular camera is a rig of one.
+#ifndef SV_RIG_RIG_H
+#define SV_RIG_RIG_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "calib/model.h"
+#include "src/base/arena.h"
+#include "src/base/time.h"
+#include "src/base/vec.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SV_CAP_SUB_VIEWS 256 // a 16 x 16 sub-aperture grid
+
+// How the sub-views reach the sensor(s). direct: one sensor (or sensor region) per sub-view.
+typedef enum { SV_FORWARD_DIRECT = 0, SV_FORWARD_LIGHT_FIELD, SV_FORWARD_MULTIPLEXED } sv_forward_kind;
+
+// Where a sub-view's image lies on its sensor; all zero for a camera of its own.
+typedef struct {
+  int x0_px, y0_px, width_px, height_px;
+} sv_footprint;
+
+typedef struct {
+  char name[32];
+  int i_camera; // which camera (sensor) of the source sees it
+  sv_camera_model model;
+  sv_pose cam_from_rig;
+  sv_footprint footprint;
+} sv_sub_view;
+
+typedef struct {
+  char name[32];
+  sv_forward_kind forward;
+  int n_sub_views, cap_sub_views;
+  sv_sub_view *sub_views; // [cap_sub_views], in the arena
+} sv_rig;
+
+sv_status sv_rig_init(sv_rig *rig, int cap_sub_views, sv_arena *arena) SV_MUST_USE;
+
+// The largest angle between two sub-views as seen from a point in the rig's frame, radians:
+// max acos(v_i . v_j) (the paper, section 3.1), computed with atan2. 0 for one sub-view.
+double sv_rig_angular_baseline_rad(const sv_rig *rig, const double point_rig[3]);
+
+// A pinhole view as the renderer wants it: undistorted, in floats, with the pose of one instant.
+typedef struct {
+  int width_px, height_px;
+  float fx, fy, cx, cy;      // px, centre of the first pixel at 0.5
+  float r[9], t[3];          // cam_from_world, row-major
+  float time;                // 0..1 within the clip
+  int i_exposure, i_sub_view;
+} sv_view;
+
+sv_view sv_view_make(int width_px, int height_px, double fx, double fy, double cx, double cy,
+                     const sv_pose *cam_from_world);
+void sv_view_centre(float out[3], const sv_view *v); // camera centre in the world
+// The same view with 1/k of the pixels a side (k >= 1); sizes are rounded down, at least 1.
+sv_view sv_view_scaled(const sv_view *v, int k);
+
+// One synchronized set of frames. Missing sub-views (a drop policy that allows them) have bit 0.
+typedef struct {
+  uint32_t id;
+  sv_ns time_ns;         // host time of mid-exposure, mean over the cameras present
+  sv_ns skew_ns;         // largest difference between two cameras
+  uint64_t present[SV_CAP_SUB_VIEWS / 64]; // one bit per camera
+  sv_pose rig_from_world;
+} sv_exposure;
+
+#ifdef __cplusplus
+}
+#endif
+#endif
