@@ -10,6 +10,7 @@
 
 #include "src/base/status.h"
 #include "src/base/time.h"
+#include "src/base/vec.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -93,6 +94,9 @@ typedef struct {
   sv_status (*dequeue)(void *self, sv_frame *frame, sv_ns until_host_ns);
   sv_status (*requeue)(void *self, const sv_frame *frame);
   sv_status (*stop)(void *self);
+  // Where the rig was at a host time, when the source knows (simulator, a capture with poses). NULL or
+  // E_NOT_FOUND: unknown, the runtime then takes the rig as standing still (rig_from_world = identity).
+  sv_status (*rig_pose)(void *self, sv_ns host_ns, sv_pose *rig_from_world);
 } sv_source;
 
 // --- store ---------------------------------------------------------------------------------------
