@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "kernels/kernels.h"
+
+#include <stddef.h>
+#include <string.h>
+
+#ifndef SV_HAVE_SSE41
+#define SV_HAVE_SSE41 0
+#endif
+#ifndef SV_HAVE_AVX2
+#define SV_HAVE_AVX2 0
+#endif
+#ifndef SV_HAVE_AVX512
+#define SV_HAVE_AVX512 0
+#endif
+#ifndef SV_HAVE_NEON
+#define SV_HAVE_NEON 0
+#endif
+
+static const char *const isa_names[SV_N_ISAS] = {"ref", "sse41", "avx2", "avx512", "neon"};
+
+uint32_t sv_cpu_isas(void) {
+  uint32_t mask = SV_ISA_BIT(SV_ISA_REF);
+#if SV_HAVE_SSE41 || SV_HAVE_AVX2 || SV_HAVE_AVX512
+  __builtin_cpu_init();
+  if (SV_HAVE_SSE41 && __builtin_cpu_supports("sse4.1")) mask |= SV_ISA_BIT(SV_ISA_SSE41);
+  if (SV_HAVE_AVX2 && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
+    mask |= SV_ISA_BIT(SV_ISA_AVX2);
+  if (SV_HAVE_AVX512 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+      __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw"))
+    mask |= SV_ISA_BIT(SV_ISA_AVX512);
+#endif
+  if (SV_HAVE_NEON) mask |= SV_ISA_BIT(SV_ISA_NEON); // every AArch64 core has it
+  return mask;
+}
+
+const char *sv_isa_name(sv_isa isa) { return (unsigned)isa < SV_N_ISAS ? isa_names[isa] : "?"; }
+
+int sv_isa_by_name(const char *name) {
+  for (int i = 0; i < SV_N_ISAS; i++)
+    if (!strcmp(name, isa_names[i])) return i;
+  return -1;
+}
+
+#if SV_HAVE_SSE41
+#define SET_SSE41(name) if (mask & SV_ISA_BIT(SV_ISA_SSE41)) k->name = sv_##name##_sse41;
+#else
+#define SET_SSE41(name)
+#endif
+#if SV_HAVE_AVX2
+#define SET_AVX2(name) if (mask & SV_ISA_BIT(SV_ISA_AVX2)) k->name = sv_##name##_avx2;
+#else
+#define SET_AVX2(name)
+#endif
+#if SV_HAVE_AVX512
+#define SET_AVX512(name) if (mask & SV_ISA_BIT(SV_ISA_AVX512)) k->name = sv_##name##_avx512;
+#else
+#define SET_AVX512(name)
+#endif
+#if SV_HAVE_NEON
+#define SET_NEON(name) if (mask & SV_ISA_BIT(SV_ISA_NEON)) k->name = sv_##name##_neon;
+#else
+#define SET_NEON(name)
+#endif
+
+void sv_kernels_init(sv_kernels *k, uint32_t isa_mask) {
+  uint32_t mask = isa_mask & sv_cpu_isas();
+#define OP(name) k->name = sv_##name##_ref;
+#define VARIANT(name, isa_lower, isa_upper)
+#include "kernels/variants.inc"
+#undef OP
+#undef VARIANT
+#define OP(name)
+#define VARIANT(name, isa_lower, isa_upper) SET_##isa_upper(name)
+#include "kernels/variants.inc"
+#undef OP
+#undef VARIANT
+  k->isa = SV_ISA_REF;
+  for (int i = 0; i < SV_N_ISAS; i++)
+    if (mask & SV_ISA_BIT(i)) k->isa = (sv_isa)i;
+}

@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: Apache-2.0
+// The 16-lane vocabulary on AVX-512 (F, DQ, VL, BW). v16_ref.h states what every word means.
+#ifndef SV_V16_AVX512_H
+#define SV_V16_AVX512_H
+#include <immintrin.h>
+#include <stdint.h>
+
+typedef __m512 v16;
+typedef __m512i v16i;
+typedef __mmask16 v16m;
+
+static inline v16 v16_set1(float x) { return _mm512_set1_ps(x); }
+static inline v16 v16_zero(void) { return _mm512_setzero_ps(); }
+static inline v16 v16_iota(void) { return _mm512_setr_ps(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15); }
+static inline v16 v16_load(const float *p) { return _mm512_loadu_ps(p); }
+static inline void v16_store(float *p, v16 a) { _mm512_storeu_ps(p, a); }
+static inline v16 v16_load4x4(const float *p, long stride) {
+  v16 a = _mm512_castps128_ps512(_mm_loadu_ps(p));
+  a = _mm512_insertf32x4(a, _mm_loadu_ps(p + stride), 1);
+  a = _mm512_insertf32x4(a, _mm_loadu_ps(p + 2 * stride), 2);
+  return _mm512_insertf32x4(a, _mm_loadu_ps(p + 3 * stride), 3);
+}
+static inline void v16_store4x4(float *p, long stride, v16 a) {
+  _mm_storeu_ps(p, _mm512_castps512_ps128(a));
+  _mm_storeu_ps(p + stride, _mm512_extractf32x4_ps(a, 1));
+  _mm_storeu_ps(p + 2 * stride, _mm512_extractf32x4_ps(a, 2));
+  _mm_storeu_ps(p + 3 * stride, _mm512_extractf32x4_ps(a, 3));
+}
+static inline v16 v16_load_u8(const uint8_t *p) {
+  return _mm512_cvtepi32_ps(_mm512_cvtepu8_epi32(_mm_loadu_si128((const __m128i *)p)));
+}
+static inline void v16_store_u8(uint8_t *p, v16 a) {
+  v16 c = _mm512_min_ps(_mm512_max_ps(a, _mm512_setzero_ps()), _mm512_set1_ps(255.0f));
+  _mm_storeu_si128((__m128i *)p, _mm512_cvtepi32_epi8(_mm512_cvtps_epi32(c)));
+}
+static inline v16 v16_add(v16 a, v16 b) { return _mm512_add_ps(a, b); }
+static inline v16 v16_sub(v16 a, v16 b) { return _mm512_sub_ps(a, b); }
+static inline v16 v16_mul(v16 a, v16 b) { return _mm512_mul_ps(a, b); }
+static inline v16 v16_div(v16 a, v16 b) { return _mm512_div_ps(a, b); }
+static inline v16 v16_fma(v16 a, v16 b, v16 c) { return _mm512_fmadd_ps(a, b, c); }
+static inline v16 v16_fnma(v16 a, v16 b, v16 c) { return _mm512_fnmadd_ps(a, b, c); }
+static inline v16 v16_min(v16 a, v16 b) { return _mm512_min_ps(a, b); }
+static inline v16 v16_max(v16 a, v16 b) { return _mm512_max_ps(a, b); }
+static inline v16 v16_sqrt(v16 a) { return _mm512_sqrt_ps(a); }
+static inline v16 v16_abs(v16 a) { return _mm512_andnot_ps(_mm512_set1_ps(-0.0f), a); }
+static inline v16 v16_neg(v16 a) { return _mm512_xor_ps(_mm512_set1_ps(-0.0f), a); }
+static inline v16m v16_lt(v16 a, v16 b) { return _mm512_cmp_ps_mask(a, b, _CMP_LT_OQ); }
+static inline v16m v16_le(v16 a, v16 b) { return _mm512_cmp_ps_mask(a, b, _CMP_LE_OQ); }
+static inline v16m v16_gt(v16 a, v16 b) { return _mm512_cmp_ps_mask(a, b, _CMP_GT_OQ); }
+static inline v16m v16_ge(v16 a, v16 b) { return _mm512_cmp_ps_mask(a, b, _CMP_GE_OQ); }
+static inline v16m v16m_and(v16m a, v16m b) { return (v16m)(a & b); }
+static inline v16m v16m_or(v16m a, v16m b) { return (v16m)(a | b); }
+static inline v16m v16m_andnot(v16m a, v16m b) { return (v16m)(a & ~b); }
+static inline uint32_t v16m_bits(v16m a) { return a; }
+static inline v16m v16m_from_bits(uint32_t b) { return (v16m)b; }
+static inline v16 v16_sel(v16m m, v16 a, v16 b) { return _mm512_mask_mov_ps(b, m, a); }
+static inline v16 v16_keep(v16m m, v16 a) { return _mm512_maskz_mov_ps(m, a); }
+static inline v16i v16i_set1(int32_t x) { return _mm512_set1_epi32(x); }
+static inline v16i v16_bits(v16 a) { return _mm512_castps_si512(a); }
+static inline v16 v16_from_bits(v16i a) { return _mm512_castsi512_ps(a); }
+static inline v16i v16i_add(v16i a, v16i b) { return _mm512_add_epi32(a, b); }
+static inline v16i v16i_and(v16i a, v16i b) { return _mm512_and_si512(a, b); }
+static inline v16i v16i_or(v16i a, v16i b) { return _mm512_or_si512(a, b); }
+static inline v16i v16i_shl23(v16i a) { return _mm512_slli_epi32(a, 23); }
+static inline v16i v16i_shr23(v16i a) { return _mm512_srli_epi32(a, 23); }
+static inline v16 v16i_to_f(v16i a) { return _mm512_cvtepi32_ps(a); }
+static inline v16i v16_trunc_i(v16 a) { return _mm512_cvttps_epi32(a); }
+static inline void v16i_store(int32_t *p, v16i a) { _mm512_storeu_si512(p, a); }
+static inline v16 v16_min4(v16 a) {
+  v16 b = _mm512_min_ps(a, _mm512_permute_ps(a, 0x4e));
+  return _mm512_min_ps(b, _mm512_permute_ps(b, 0xb1));
+}
+static inline v16 v16_max4(v16 a) {
+  v16 b = _mm512_max_ps(a, _mm512_permute_ps(a, 0x4e));
+  return _mm512_max_ps(b, _mm512_permute_ps(b, 0xb1));
+}
+static inline float v16_sum(v16 a) {
+  __m256 h = _mm256_add_ps(_mm512_castps512_ps256(a), _mm512_extractf32x8_ps(a, 1));
+  __m128 q = _mm_add_ps(_mm256_castps256_ps128(h), _mm256_extractf128_ps(h, 1));
+  q = _mm_add_ps(q, _mm_movehl_ps(q, q));
+  return _mm_cvtss_f32(_mm_add_ss(q, _mm_shuffle_ps(q, q, 1)));
+}
+// 4x4 transposes inside each 128-bit group: out[k] holds element k of a, b, c, d.
+static inline void v16_tr4_(v16 a, v16 b, v16 c, v16 d, v16 out[4]) {
+  v16 ab0 = _mm512_unpacklo_ps(a, b), ab1 = _mm512_unpackhi_ps(a, b);
+  v16 cd0 = _mm512_unpacklo_ps(c, d), cd1 = _mm512_unpackhi_ps(c, d);
+  out[0] = _mm512_shuffle_ps(ab0, cd0, 0x44);
+  out[1] = _mm512_shuffle_ps(ab0, cd0, 0xee);
+  out[2] = _mm512_shuffle_ps(ab1, cd1, 0x44);
+  out[3] = _mm512_shuffle_ps(ab1, cd1, 0xee);
+}
+static inline v16 v16_fold2_(v16 a, v16 b) { // [a: lanes i + (i+8)] [b: the same]
+  return _mm512_add_ps(_mm512_shuffle_f32x4(a, b, 0x44), _mm512_shuffle_f32x4(a, b, 0xee));
+}
+static inline v16 v16_fold4_(v16 a, v16 b, v16 c, v16 d) {
+  v16 ab = v16_fold2_(a, b), cd = v16_fold2_(c, d);
+  return _mm512_add_ps(_mm512_shuffle_f32x4(ab, cd, 0x88), _mm512_shuffle_f32x4(ab, cd, 0xdd));
+}
+static inline v16 v16_sum16(const v16 a[16]) {
+  v16 c[4];
+  v16_tr4_(v16_fold4_(a[0], a[4], a[8], a[12]), v16_fold4_(a[1], a[5], a[9], a[13]),
+           v16_fold4_(a[2], a[6], a[10], a[14]), v16_fold4_(a[3], a[7], a[11], a[15]), c);
+  return _mm512_add_ps(_mm512_add_ps(c[0], c[2]), _mm512_add_ps(c[1], c[3]));
+}
+static inline void v16_transpose(v16 a[16]) {
+  v16 t[16];
+  for (int g = 0; g < 4; g++) v16_tr4_(a[4 * g], a[4 * g + 1], a[4 * g + 2], a[4 * g + 3], t + 4 * g);
+  for (int k = 0; k < 4; k++) { // t[4g+k] group q = element 4q+k of rows 4g..4g+3
+    v16 x0 = _mm512_shuffle_f32x4(t[k], t[4 + k], 0x44), x1 = _mm512_shuffle_f32x4(t[k], t[4 + k], 0xee);
+    v16 y0 = _mm512_shuffle_f32x4(t[8 + k], t[12 + k], 0x44), y1 = _mm512_shuffle_f32x4(t[8 + k], t[12 + k], 0xee);
+    a[k] = _mm512_shuffle_f32x4(x0, y0, 0x88);
+    a[4 + k] = _mm512_shuffle_f32x4(x0, y0, 0xdd);
+    a[8 + k] = _mm512_shuffle_f32x4(x1, y1, 0x88);
+    a[12 + k] = _mm512_shuffle_f32x4(x1, y1, 0xdd);
+  }
+}
+#include "kernels/simd/v16_math.h"
+#endif

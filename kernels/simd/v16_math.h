@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+// exp2 and log2 over the vocabulary; included by each v16_*.h. The scalar twins are in s1_math.h: same
+// operations in the same order.
+#ifndef SV_V16_MATH_H
+#define SV_V16_MATH_H
+
+// 2^x for x in [-126, 126], relative error 3.6e-6 (degree 4 on [-0.5, 0.5]). Outside the range the result
+// is meaningless but finite or infinite bits: mask it. Forward and backward rasterization use this one.
+static inline v16 v16_exp2(v16 x) {
+  const v16 magic = v16_set1(12582912.0f);
+  v16 t = v16_add(x, magic), f = v16_sub(x, v16_sub(t, magic));
+  v16 p = v16_set1(0.00966636852f);
+  p = v16_fma(p, f, v16_set1(0.0559219758f));
+  p = v16_fma(p, f, v16_set1(0.24022349f));
+  p = v16_fma(p, f, v16_set1(0.693121045f));
+  p = v16_fma(p, f, v16_set1(1.0f));
+  return v16_from_bits(v16i_add(v16_bits(p), v16i_shl23(v16_bits(t))));
+}
+
+// The same with degree 6, relative error 1.5e-7; x is clamped to [-126, 126]. For parameters.
+static inline v16 v16_exp2_fine(v16 x) {
+  const v16 magic = v16_set1(12582912.0f);
+  x = v16_min(v16_max(x, v16_set1(-126.0f)), v16_set1(126.0f));
+  v16 t = v16_add(x, magic), f = v16_sub(x, v16_sub(t, magic));
+  v16 p = v16_set1(1.5403530e-4f);
+  p = v16_fma(p, f, v16_set1(1.3333558e-3f));
+  p = v16_fma(p, f, v16_set1(9.6181291e-3f));
+  p = v16_fma(p, f, v16_set1(5.5504109e-2f));
+  p = v16_fma(p, f, v16_set1(2.4022651e-1f));
+  p = v16_fma(p, f, v16_set1(6.9314718e-1f));
+  p = v16_fma(p, f, v16_set1(1.0f));
+  return v16_from_bits(v16i_add(v16_bits(p), v16i_shl23(v16_bits(t))));
+}
+
+// log2 of a positive normal number, absolute error 2e-7 (relative 3e-7 away from 1): exponent plus the
+// atanh series of the mantissa in [sqrt(1/2), sqrt(2)).
+static inline v16 v16_log2(v16 x) {
+  v16i b = v16i_add(v16_bits(x), v16i_set1(0x3f800000 - 0x3f3504f3)); // so that the split is at sqrt(1/2)
+  v16 e = v16_sub(v16i_to_f(v16i_shr23(b)), v16_set1(127.0f));
+  v16 m = v16_from_bits(v16i_add(v16i_and(b, v16i_set1(0x007fffff)), v16i_set1(0x3f3504f3)));
+  v16 s = v16_div(v16_sub(m, v16_set1(1.0f)), v16_add(m, v16_set1(1.0f)));
+  v16 z = v16_mul(s, s);
+  v16 p = v16_set1(0.41219858f); // (2/ln 2) / 7
+  p = v16_fma(p, z, v16_set1(0.57707802f));
+  p = v16_fma(p, z, v16_set1(0.96179669f));
+  p = v16_fma(p, z, v16_set1(2.88539008f));
+  return v16_fma(p, s, e);
+}
+
+#endif
