@@ -1,38 +1,252 @@
 # SPDX-License-Identifier: Apache-2.0
-# One file, not recursive. `make help` lists the targets from their ## lines.
-BOARD ?= sim-x86
+# One file, not recursive. `make help` lists the targets from their ## lines. Sources are found by folder, so a
+# new file needs no change here; a folder that does not exist is an empty one.
+#   BOARD=rpi5              the board to build for (boards/*)
+#   SAN=address,undefined   the same with sanitizers, in a folder of its own
+#   WERROR=                 warnings stay warnings
+HOST_ARCH := $(shell uname -m)
+BOARD     ?= $(if $(filter aarch64,$(HOST_ARCH)),generic-arm64,sim-x86)
+BUILD     ?= build
+SAN       ?=
+WERROR    ?= -Werror
+PREFIX    ?= /usr/local
+JOBS      ?= $(shell nproc)
+
+ifeq ($(wildcard boards/$(BOARD)/board.mk),)
+$(error no boards/$(BOARD)/board.mk; the boards are: $(notdir $(patsubst %/board.mk,%,$(wildcard boards/[a-z]*/board.mk))))
+endif
 include boards/$(BOARD)/board.mk
-O := build/$(BOARD)
+
+# On a machine of the board's own kind nothing is crossed and nothing emulated.
+ifeq ($(BOARD_ARCH),$(HOST_ARCH))
+override BOARD_CROSS :=
+override BOARD_RUN   :=
+SYSROOT_STAMP :=
+else
+SYSROOT       := $(BUILD)/sysroot-$(BOARD_DEBIAN_ARCH)
+SYSROOT_STAMP := $(SYSROOT)/.complete
+SYSROOT_FLAG  := --sysroot=$(SYSROOT)
+EMULATE       := $(BOARD_RUN) $(if $(BOARD_RUN),-L $(SYSROOT))
+endif
+
+comma := ,
+O  := $(BUILD)/$(BOARD)$(if $(SAN),-$(if $(findstring address,$(SAN)),asan,$(subst $(comma),-,$(SAN))))
 CC := $(BOARD_CROSS)gcc
-CXX := $(BOARD_CROSS)g++
 AR := $(BOARD_CROSS)gcc-ar
-OPT ?= -O2
-SAN ?=
-WARN := -Wall -Wextra -Wpedantic -Wshadow -Wstrict-prototypes -Wvla -Wundef -Wpointer-arith -Wno-unused-function
-BASE := $(OPT) -g -I. -ffp-contract=off -fno-math-errno -fno-trapping-math -MMD -MP $(SAN) $(BOARD_CFLAGS)
-CORE_CFLAGS := -std=c11 $(BASE) $(WARN)
-HOST_CFLAGS := -std=c11 -D_GNU_SOURCE $(BASE) $(WARN) -I/usr/include -include boards/$(BOARD)/board.h
-.DEFAULT_GOAL := all
-ISA_sse41 := -msse4.1
-ISA_avx2 := -mavx2 -mfma
-ISA_avx512 := -mavx512f -mavx512dq -mavx512vl -mavx512bw -mavx2 -mfma -mprefer-vector-width=512
-ISA_neon :=
+OBJDUMP := $(BOARD_CROSS)objdump
+
+# --- flags -------------------------------------------------------------------------------------------------------
+# The same bits on every machine: no contraction, no fast-math (architecture of the arithmetic: kernels/kernels.h).
+ARITH  := -ffp-contract=off -fno-math-errno -fno-trapping-math
+WARN   := -Wall -Wextra -Wpedantic -Wshadow -Wvla -Walloca -Wstrict-prototypes -Wpointer-arith -Wno-unused-function \
+          $(WERROR)
+SANF   := $(if $(SAN),-fsanitize=$(SAN) -fno-sanitize-recover=all -fno-omit-frame-pointer)
+OPT    ?= $(if $(SAN),-O1,-O2)
+OPT_KERNELS ?= $(if $(SAN),-O1,-O3)
+upper   = $(shell echo $(1) | tr a-z A-Z)
+HAVE   := $(foreach i,$(BOARD_ISAS),-DSV_HAVE_$(call upper,$(i))=1)
+COMMON := -std=c11 -g -I. $(ARITH) $(WARN) $(HAVE) $(SANF) $(SYSROOT_FLAG) $(BOARD_CFLAGS)
+CORE_CFLAGS   := $(COMMON) $(OPT) -fstack-usage
+KERNEL_CFLAGS := $(COMMON) $(OPT_KERNELS) -fstack-usage
+HOST_CFLAGS   := $(COMMON) $(OPT) -D_GNU_SOURCE
+# Only here do board, platform and runtime meet, so only here the board's sizes are visible.
+BOARD_HDR     := -include boards/$(BOARD)/board.h
+LDFLAGS_ALL   := $(SANF) $(SYSROOT_FLAG) -Wl,--as-needed $(LDFLAGS)
+LIBS          := $(BOARD_LIBS) -ljpeg -lpng -lz -lpthread -lm
+ISA_sse41  := -msse4.1
+ISA_avx2   := -mavx2 -mfma
+ISA_avx512 := -mavx512f -mavx512dq -mavx512vl -mavx512bw -mfma -mprefer-vector-width=512
+ISA_neon   :=
+
+# --- sources -----------------------------------------------------------------------------------------------------
+obj = $(patsubst %.c,$(O)/obj/%.o,$(1))
 KERNEL_SRC := $(filter-out %_sse41.c %_avx2.c %_avx512.c %_neon.c,$(wildcard kernels/*.c kernels/*/*.c)) \
   $(foreach i,$(BOARD_ISAS),$(wildcard kernels/*/*_$(i).c))
-CORE_SRC := $(wildcard src/*/*.c calib/*.c) $(KERNEL_SRC)
-PLAT_SRC := $(foreach p,$(BOARD_PLATFORMS),$(wildcard platform/$(p)/*.c))
-CORE_OBJ := $(CORE_SRC:%.c=$(O)/obj/%.o)
-PLAT_OBJ := $(PLAT_SRC:%.c=$(O)/obj/%.o)
-all: $(O)/libcore.a ## build the runtime, the tools and the tests for BOARD
-$(O)/libcore.a: $(CORE_OBJ)
-	@rm -f $@; $(AR) rcs $@ $^
+CORE_SRC   := $(wildcard src/*/*.c calib/*.c) $(KERNEL_SRC)
+PLAT_SRC   := $(foreach p,$(BOARD_PLATFORMS),$(wildcard platform/$(p)/*.c))
+MAIN_SRC   := $(wildcard boards/*.c)
+TOOL_SRC   := $(wildcard tools/lab/*.c tools/common/*.c tools/import/*.c)
+TEST_SRC   := $(wildcard tests/*/*.c)
+# A file with main() is a program; the other files of its folder are linked to all programs of the folder.
+MAIN_RE    := ^(int )?main ?\(
+MAINS      := $(shell grep -lE '$(MAIN_RE)' /dev/null $(TOOL_SRC) $(TEST_SRC))
+LAB_MAIN   := $(filter $(MAINS),$(wildcard tools/lab/*.c))
+HELPER_SRC := $(filter-out $(MAINS),$(TOOL_SRC) $(wildcard tests/common/*.c))
+# The malloc interposer goes only to the programs that ask for it: anywhere else it would be picked up unasked.
+HEAP_SRC   := $(filter-out $(MAINS),$(wildcard tests/fault/heap_*.c))
+HEAP_USERS := $(shell grep -lF '"tests/fault/heap_count.h"' /dev/null $(filter $(MAINS),$(TEST_SRC)))
+ALL_OBJ    := $(call obj,$(CORE_SRC) $(PLAT_SRC) $(MAIN_SRC) $(TOOL_SRC) $(TEST_SRC))
+
+CORE    := $(O)/libcore.a
+ARCHIVES := $(O)/libhelp.a $(O)/libplatform.a $(CORE)
+PROGRAMS := $(if $(MAIN_SRC),$(O)/bin/subview) $(if $(LAB_MAIN),$(O)/bin/subview-lab)
+
+.DEFAULT_GOAL := all
+.DELETE_ON_ERROR:
+.SECONDARY:
+.PHONY: all programs tests-build demo test test-all check bench kernels-check grad scenario golden fault fuzz unit only \
+  headers lint format format-check tidy plan clean deps help install cross FORCE
+
+all: $(CORE) $(PROGRAMS) tests-build ## build the runtime, the tools and the tests for BOARD
+programs: $(CORE) $(PROGRAMS) ## build the runtime and the tools only
+
+# --- compiling ---------------------------------------------------------------------------------------------------
+# Objects depend on this file, which changes when a flag does: no stale objects, no rebuild for a comment here.
+FLAGS_NOW := $(CC) $(CORE_CFLAGS) $(KERNEL_CFLAGS) $(HOST_CFLAGS) $(LDFLAGS_ALL) $(LIBS) $(ISA_avx512)
+$(O)/flags: FORCE
+	@mkdir -p $(@D); echo '$(FLAGS_NOW)' | cmp -s - $@ || echo '$(FLAGS_NOW)' > $@
+$(ALL_OBJ): $(O)/flags | $(SYSROOT_STAMP)
+
+compile = @mkdir -p $(@D); $(if $(V),echo $(CC) $(1) $<;) $(CC) -MMD -MP $(1) -c $< -o $@
 define isa_rule
 $(O)/obj/kernels/%_$(1).o: kernels/%_$(1).c
-	@mkdir -p $$(@D); $(CC) $(CORE_CFLAGS) $(ISA_$(1)) -c $$< -o $$@
+	$$(call compile,$(KERNEL_CFLAGS) $(ISA_$(1)))
 endef
 $(foreach i,$(BOARD_ISAS),$(eval $(call isa_rule,$(i))))
+$(O)/obj/kernels/%.o: kernels/%.c
+	$(call compile,$(KERNEL_CFLAGS))
 $(O)/obj/platform/%.o: platform/%.c
-	@mkdir -p $(@D); $(CC) $(HOST_CFLAGS) -c $< -o $@
+	$(call compile,$(HOST_CFLAGS))
+$(O)/obj/boards/%.o: boards/%.c
+	$(call compile,$(HOST_CFLAGS) $(BOARD_HDR))
+$(O)/obj/tools/%.o: tools/%.c
+	$(call compile,$(HOST_CFLAGS) $(BOARD_HDR))
+$(O)/obj/tests/%.o: tests/%.c
+	$(call compile,$(HOST_CFLAGS) $(BOARD_HDR))
 $(O)/obj/%.o: %.c
-	@mkdir -p $(@D); $(CC) $(CORE_CFLAGS) -c $< -o $@
--include $(CORE_OBJ:.o=.d) $(PLAT_OBJ:.o=.d)
+	$(call compile,$(CORE_CFLAGS))
+-include $(ALL_OBJ:.o=.d)
+
+# An archive is made anew when its list of members changes, too: a deleted source must not live on in it.
+define archive_rule
+$(O)/$(1).list: FORCE
+	@mkdir -p $$(@D); echo '$(2)' | cmp -s - $$@ || echo '$(2)' > $$@
+$(O)/$(1).a: $(2) $(O)/$(1).list
+	@rm -f $$@; $$(AR) rcs $$@ $(2)
+endef
+$(eval $(call archive_rule,libcore,$(call obj,$(CORE_SRC))))
+$(eval $(call archive_rule,libplatform,$(call obj,$(PLAT_SRC))))
+$(eval $(call archive_rule,libhelp,$(call obj,$(HELPER_SRC))))
+
+# --- programs ----------------------------------------------------------------------------------------------------
+link = @mkdir -p $(@D); $(if $(V),echo link $@;) $(CC) $(filter %.o,$^) $(filter %.a,$^) $(LDFLAGS_ALL) $(1) $(LIBS) -o $@
+$(O)/bin/subview: $(call obj,$(MAIN_SRC)) $(O)/libplatform.a $(CORE)
+	$(call link)
+$(O)/bin/subview-lab: $(call obj,$(LAB_MAIN)) $(ARCHIVES)
+	$(call link)
+
+# --- tests -------------------------------------------------------------------------------------------------------
+GROUPS_PLAIN := unit grad golden fault scenario budget
+define group_rules
+PROGS_$(1) := $(patsubst %.c,$(O)/%,$(filter $(MAINS),$(wildcard tests/$(1)/*.c)))
+$(patsubst %.c,$(O)/%,$(filter $(MAINS),$(wildcard tests/$(1)/*.c))): $(O)/tests/$(1)/%: $(O)/obj/tests/$(1)/%.o \
+  $(call obj,$(filter-out $(MAINS) $(HEAP_SRC),$(wildcard tests/$(1)/*.c))) $(ARCHIVES)
+	$$(call link,-lcmocka)
+endef
+$(foreach g,$(GROUPS_PLAIN),$(if $(filter $(MAINS),$(wildcard tests/$(g)/*.c)),$(eval $(call group_rules,$(g)))))
+$(patsubst %.c,$(O)/%,$(HEAP_USERS)): $(call obj,$(HEAP_SRC))
+
+KERNEL_TEST_SRC := $(wildcard tests/kernels/*.c)
+PROGS_kernels := $(if $(KERNEL_TEST_SRC),$(O)/tests/kernels-check)
+$(O)/tests/kernels-check: $(call obj,$(KERNEL_TEST_SRC)) $(ARCHIVES)
+	$(call link)
+
+FUZZ_SRC   := $(wildcard tests/fuzz/fuzz_*.c)
+PROGS_fuzz := $(FUZZ_SRC:%.c=$(O)/%)
+$(PROGS_fuzz): $(O)/tests/fuzz/%: $(O)/obj/tests/fuzz/%.o \
+  $(call obj,$(filter-out $(FUZZ_SRC),$(wildcard tests/fuzz/*.c))) $(ARCHIVES)
+	$(call link)
+
+ALL_PROGS := $(foreach g,$(GROUPS_PLAIN) kernels fuzz,$(PROGS_$(g)))
+tests-build: $(ALL_PROGS)
+PROGS_lint := $(CORE)
+
+# What a group runs: one line "label<TAB>command" each. A leading "!" asks to be run with nothing beside it.
+TAB := $(shell printf '\t')
+define NL
+
+
+endef
+LINTS := files words includes headers symbols stack format selftest
+ITEMS_lint  = $(foreach l,$(LINTS),lint/$(l)$(TAB)CC='$(CC) $(SYSROOT_FLAG)' OBJDUMP='$(OBJDUMP)' SAN='$(SAN)' \
+  tools/lint/$(l).sh $(if $(filter symbols stack,$(l)),$(O))$(NL))
+ITEMS_cross = cross/generic-arm64$(TAB)tests/run/cross.sh generic-arm64$(NL)
+ITEMS_budget = $(foreach p,$(PROGS_budget),!$(p:$(O)/tests/%=%)$(TAB)$(EMULATE) $(p)$(NL))
+FUZZ_ARGS ?=
+ITEMS_fuzz = $(foreach p,$(PROGS_fuzz),$(p:$(O)/tests/%=%)$(TAB)$(EMULATE) $(p) $(FUZZ_ARGS)$(NL))
+items = $(or $(ITEMS_$(1)),$(foreach p,$(PROGS_$(1)),$(p:$(O)/tests/%=%)$(TAB)$(EMULATE) $(p)$(NL)))
+run_groups = @mkdir -p $(O)/run;$(file >$(O)/run/$(1).list,$(foreach g,$(2),$(call items,$(g)))) \
+  tests/run/run.sh -j $(JOBS) -o $(O)/run/$(1) $(O)/run/$(1).list
+define run_rule
+$(1): $(foreach g,$(2),$(PROGS_$(g)))
+	$$(call run_groups,$(1),$(2))
+endef
+
+# What make already runs in parallel keeps its jobs; otherwise the inner make takes all cores.
+PARALLEL = $(if $(findstring jobserver,$(MAKEFLAGS)),,-j$(JOBS))
+demo: ## install what is missing, build, run the main job on the simulator
+	@tools/deps/install.sh build
+	@+$(MAKE) --no-print-directory $(PARALLEL) programs
+	@tools/demo.sh
+test: ## install what is missing, build, run every lint and test; ends with N passed, N failed, N skipped
+	@tools/deps/install.sh test
+	@+$(MAKE) --no-print-directory $(PARALLEL) test-all
+ifeq ($(BOARD_ARCH)$(SAN),$(HOST_ARCH))
+ALL_GROUPS := lint unit kernels grad golden fault fuzz scenario cross budget
+else
+ALL_GROUPS := unit kernels grad golden fault fuzz scenario
+endif
+$(eval $(call run_rule,test-all,$(ALL_GROUPS)))
+check: ## the fast tests: unit, kernels, grad
+$(eval $(call run_rule,check,unit kernels grad))
+unit: ## the unit tests
+$(eval $(call run_rule,unit,unit))
+kernels-check: ## every kernel variant against its reference
+$(eval $(call run_rule,kernels-check,kernels))
+grad: ## every backward against double and central differences
+$(eval $(call run_rule,grad,grad))
+scenario: ## the whole runtime on the simulator and a virtual clock
+$(eval $(call run_rule,scenario,scenario))
+golden: ## digests that must be equal on every machine
+$(eval $(call run_rule,golden,golden))
+fault: ## failures injected at every port call, power cuts, heap use
+$(eval $(call run_rule,fault,fault))
+fuzz: ## every parser on damaged files, a short run
+$(eval $(call run_rule,fuzz,fuzz))
+lint: ## includes, headers, sizes, words, symbols, stack, format
+$(eval $(call run_rule,lint,lint))
+only: ## the groups named: make only GROUPS="unit golden"
+GROUPS ?= unit
+$(eval $(call run_rule,only,$(GROUPS)))
+cross: ## the fast tests and the digests for arm64, emulated
+	@tests/run/cross.sh generic-arm64
+bench: programs $(PROGS_kernels) ## time the kernels and the runtime; the kernels' figures also go to kernels.csv
+	@$(if $(PROGS_kernels),$(EMULATE) $(PROGS_kernels) --bench | tee $(O)/kernels.csv)
+	@$(if $(MAIN_SRC),$(EMULATE) $(O)/bin/subview bench)
+plan: $(O)/bin/subview ## the board's memory map; fails when it does not fit
+	@$(EMULATE) $< plan
+
+# --- the sources themselves --------------------------------------------------------------------------------------
+headers: ## each header alone, as C and as C++
+	@CC='$(CC) $(SYSROOT_FLAG)' tools/lint/headers.sh
+format: ## clang-format everything in place
+	@tools/lint/format.sh --fix
+format-check: ## tell which files clang-format would change
+	@tools/lint/format.sh
+tidy: ## clang-tidy and cppcheck
+	@HAVE='$(HAVE)' tools/lint/tidy.sh
+
+# --- the machine -------------------------------------------------------------------------------------------------
+deps: ## install what the build and the tests need from the distribution's packages
+	@tools/deps/install.sh test
+$(BUILD)/sysroot-%/.complete:
+	@tools/deps/sysroot.sh $* $(BUILD)/sysroot-$*
+install: programs ## copy the programs to PREFIX (and DESTDIR)
+	@install -d '$(DESTDIR)$(PREFIX)/bin'
+	@install $(PROGRAMS) '$(DESTDIR)$(PREFIX)/bin'
+clean: ## remove what was built for BOARD
+	@rm -rf $(O)
+help: ## this list
+	@grep -hE '^[a-z-]+:.*##' $(firstword $(MAKEFILE_LIST)) | sed -E 's/:.*##/\t/' | sort | \
+	  awk -F '\t' '{ printf "  %-14s %s\n", $$1, $$2 }'
+	@echo "boards: $(notdir $(patsubst %/board.mk,%,$(wildcard boards/[a-z]*/board.mk)))"
