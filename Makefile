@@ -175,8 +175,8 @@ ITEMS_budget = $(foreach p,$(PROGS_budget),!$(p:$(O)/tests/%=%)$(TAB)$(EMULATE) 
 FUZZ_ARGS ?=
 ITEMS_fuzz = $(foreach p,$(PROGS_fuzz),$(p:$(O)/tests/%=%)$(TAB)$(EMULATE) $(p) $(FUZZ_ARGS)$(NL))
 items = $(or $(ITEMS_$(1)),$(foreach p,$(PROGS_$(1)),$(p:$(O)/tests/%=%)$(TAB)$(EMULATE) $(p)$(NL)))
-run_groups = @mkdir -p $(O)/run;$(file >$(O)/run/$(1).list,$(foreach g,$(2),$(call items,$(g)))) \
-  tests/run/run.sh -j $(JOBS) -o $(O)/run/$(1) $(O)/run/$(1).list
+run_groups = $(shell mkdir -p $(O)/run)$(file >$(O)/run/$(1).list,$(foreach g,$(2),$(call items,$(g)))) \
+  @tests/run/run.sh -j $(JOBS) -o $(O)/run/$(1) $(O)/run/$(1).list
 define run_rule
 $(1): $(foreach g,$(2),$(PROGS_$(g)))
 	$$(call run_groups,$(1),$(2))
