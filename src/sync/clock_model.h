@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+// One camera's clock against the host's: host = camera + offset + drift * (camera - reference).
+// What is seen is (camera_ns, arrival_ns), and arrival - camera is the offset plus a delay of transport
+// that is never negative. The line sought therefore lies below all points and touches the fastest
+// deliveries: the edge of the lower convex hull over the mean camera time, which is the line below all
+// points with the smallest sum of distances (S. Moon, P. Skelly, D. Towsley, "Estimation and removal of
+// clock skew from network delay measurements", INFOCOM 1999; L. Zhang, Z. Liu, C. Xia, "Clock
+// synchronization algorithms for network measurements", INFOCOM 2002).
+// The shortest delay itself cannot be seen from one side; it stays in the offset (transport_ns removes
+// what is known of it). Cameras of one kind share it, and it cancels between them.
+#ifndef SV_SYNC_CLOCK_MODEL_H
+#define SV_SYNC_CLOCK_MODEL_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "src/base/time.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SV_CLOCK_BLOCK_FRAMES 16 // the fastest delivery of so many frames is one point
+#define SV_CLOCK_CAP_BLOCKS   32 // 17 s at 30 fps
+
+typedef struct {
+  double x_s;  // camera time since the reference
+  double d_ns; // arrival - camera, since the first one
+} sv_clock_point;
+
+typedef struct {
+  bool is_common;      // the stamps are host time already: the identity
+  sv_ns step_limit_ns; // a larger jump of arrival - camera is a step of the clock, not a delay
+  double max_drift;    // |drift| is held to this; 1e-3 is 1000 ppm
+  sv_ns transport_ns;  // known shortest delay between stamp and arrival
+
+  bool is_started, is_estimating;
+  sv_ns ref_camera_ns, ref_offset_ns; // the first pair since the last step
+  sv_ns last_offset_ns;               // arrival - camera of the newest pair
+  uint64_t n_pairs;                   // since the last step
+  int n_blocks, n_in_block;           // the last block is being filled
+  sv_clock_point blocks[SV_CLOCK_CAP_BLOCKS];
+  double block_residual_ns; // smallest distance of the block's points to the line before it
+  double offset_ns, drift;  // relative to ref_offset_ns; drift is dimensionless
+} sv_clock_model;
+
+void sv_clock_model_init(sv_clock_model *m, bool is_common, sv_ns step_limit_ns, double max_drift,
+                         sv_ns transport_ns);
+
+// Learns from one pair, in order of camera time. Returns true when the clock has stepped (*step_ns: by
+// how much the camera's clock jumped); the model then starts anew from this pair. A model that is common
+// and finds stamps further than the limit from host time estimates until they agree again.
+bool sv_clock_model_add(sv_clock_model *m, sv_ns camera_ns, sv_ns arrival_ns, sv_ns *step_ns);
+
+// Starts anew from this pair: the caller knows by other signs that the clock was set.
+void sv_clock_model_restart(sv_clock_model *m, sv_ns camera_ns, sv_ns arrival_ns);
+
+// Host time of a camera time, by what is known now. Increases with camera_ns.
+sv_ns sv_clock_model_host_ns(const sv_clock_model *m, sv_ns camera_ns);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

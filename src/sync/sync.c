@@ -1,0 +1,389 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "src/sync/sync.h"
+
+#include <string.h>
+
+#define MAX_GAP_FRAMES 10000 // a larger leap of the sequence number is a restart, not a loss
+#define SEEN_FRAMES    64
+#define CAP_QUEUE      64
+#define MAX_STAMP_NS   (INT64_MAX / 4) // sums and differences of two stamps stay in range
+#define MAX_EXPOSURE_NS (10 * SV_NS_PER_S)
+
+static bool cfg_is_good(const sv_sync_cfg *c) {
+  return c->n_cameras >= 1 && c->n_cameras <= SV_CAP_SUB_VIEWS && c->cameras && c->queue_len >= 2 &&
+         c->queue_len <= CAP_QUEUE && c->skew_limit_ns >= 0 && c->skew_limit_ns < MAX_STAMP_NS &&
+         c->min_cameras >= 0 && c->min_cameras <= c->n_cameras && c->max_wait_ns >= 0 && c->step_limit_ns >= 0 &&
+         c->max_drift >= 0 && c->max_drift < 0.1;
+}
+
+static void carve(sv_sync *s, const sv_sync_cfg *cfg, sv_arena *a) {
+  sv_arena_part_begin(a, "sync");
+  s->streams = SV_TAKE(a, sv_sync_stream, cfg->n_cameras);
+  // One push returns at most its own queue or one frame a camera, and itself; a flush returns all.
+  s->cap_returns = cfg->n_cameras * (cfg->queue_len + 2) + cfg->queue_len + 2;
+  s->returns = SV_TAKE(a, sv_frame, s->cap_returns);
+  for (int c = 0; c < cfg->n_cameras; c++) {
+    sv_sync_entry *queue = SV_TAKE(a, sv_sync_entry, cfg->queue_len);
+    if (a->base && a->status >= 0) s->streams[c] = (sv_sync_stream){.queue = queue};
+  }
+}
+
+size_t sv_sync_bytes(const sv_sync_cfg *cfg) {
+  if (!cfg_is_good(cfg)) return 0;
+  sv_sync s = {0};
+  sv_arena dry = sv_arena_dry();
+  carve(&s, cfg, &dry);
+  return dry.used_bytes;
+}
+
+sv_status sv_sync_init(sv_sync *s, const sv_sync_cfg *cfg, sv_arena *arena) {
+  memset(s, 0, sizeof *s);
+  if (!cfg_is_good(cfg)) return SV_E_ARG;
+  carve(s, cfg, arena);
+  if (arena->status < 0) return arena->status;
+  s->cfg = *cfg;
+  s->cfg.cameras = NULL;
+  if (!s->cfg.min_cameras) s->cfg.min_cameras = cfg->n_cameras;
+  if (!s->cfg.max_wait_ns) s->cfg.max_wait_ns = 500 * SV_NS_PER_MS;
+  if (!s->cfg.step_limit_ns) s->cfg.step_limit_ns = SV_NS_PER_S;
+  if (s->cfg.max_drift == 0) s->cfg.max_drift = 1e-3;
+  s->now_ns = -MAX_STAMP_NS;
+  for (int c = 0; c < cfg->n_cameras; c++) {
+    bool is_common = cfg->clock_mode == SV_SYNC_CLOCK_COMMON ||
+                     (cfg->clock_mode == SV_SYNC_CLOCK_AUTO && cfg->cameras[c].clock == SV_CLOCK_MONOTONIC);
+    s->streams[c].stamp = cfg->cameras[c].stamp;
+    sv_clock_model_init(&s->streams[c].clock, is_common, s->cfg.step_limit_ns, s->cfg.max_drift,
+                        cfg->cameras[c].transport_ns);
+  }
+  return SV_OK;
+}
+
+// --- small parts -----------------------------------------------------------------------------------
+static void event(sv_sync *s, sv_sync_event_kind kind, int i_camera, sv_ns host_ns, int64_t detail) {
+  s->streams[i_camera].events[kind]++;
+  if (s->n_events == SV_SYNC_CAP_EVENTS) {
+    s->i_event = (s->i_event + 1) % SV_SYNC_CAP_EVENTS;
+    s->n_events--;
+    s->n_events_lost++;
+  }
+  s->events[(s->i_event + s->n_events++) % SV_SYNC_CAP_EVENTS] = (sv_sync_event){kind, i_camera, host_ns, detail};
+}
+
+static int n_free_returns(const sv_sync *s) { return s->cap_returns - s->n_returns; }
+
+static void give_back(sv_sync *s, const sv_frame *f, sv_drop_reason reason) {
+  s->streams[f->i_camera].ledger.dropped[reason]++;
+  s->returns[(s->i_return + s->n_returns++) % s->cap_returns] = *f;
+}
+
+static sv_sync_entry *entry(const sv_sync *s, int c, int i) {
+  sv_sync_stream *st = &s->streams[c];
+  return &st->queue[(st->i_head + i) % s->cfg.queue_len];
+}
+
+static sv_frame take_head(sv_sync *s, int c) {
+  sv_sync_stream *st = &s->streams[c];
+  sv_frame f = entry(s, c, 0)->frame;
+  st->i_head = (st->i_head + 1) % s->cfg.queue_len;
+  st->n_queued--;
+  st->ledger.pending--;
+  return f;
+}
+
+static void drop_head(sv_sync *s, int c, sv_drop_reason reason) {
+  sv_frame f = take_head(s, c);
+  give_back(s, &f, reason);
+}
+
+static sv_ns mid_host_ns(const sv_sync_stream *st, const sv_frame *f) {
+  sv_ns half_ns = f->exposure_ns > 0 && f->exposure_ns <= MAX_EXPOSURE_NS ? f->exposure_ns / 2 : 0;
+  sv_ns t_ns = sv_clock_model_host_ns(&st->clock, f->camera_ns);
+  return st->stamp == SV_STAMP_START ? t_ns + half_ns : st->stamp == SV_STAMP_END ? t_ns - half_ns : t_ns;
+}
+
+// --- push: what kind of frame is it ----------------------------------------------------------------
+static bool stamps_are_possible(const sv_frame *f) {
+  return f->camera_ns > -MAX_STAMP_NS && f->camera_ns < MAX_STAMP_NS && f->arrival_ns > -MAX_STAMP_NS &&
+         f->arrival_ns < MAX_STAMP_NS;
+}
+
+// Whether the camera's clock was set between the last frame and this one, judged by the host's clock.
+static sv_ns clock_jump_ns(const sv_sync *s, const sv_sync_stream *st, const sv_frame *f) {
+  sv_ns jump_ns = (f->camera_ns - st->last_camera_ns) - (f->arrival_ns - st->last_arrival_ns);
+  return jump_ns > s->cfg.step_limit_ns || jump_ns < -s->cfg.step_limit_ns ? jump_ns : 0;
+}
+
+static void advance_sequence(sv_sync *s, int c, const sv_frame *f, uint32_t delta) {
+  sv_sync_stream *st = &s->streams[c];
+  if (delta > 1) { // the sensor took them, nobody will ever hand them over
+    st->ledger.captured += delta - 1;
+    st->ledger.dropped[SV_DROP_SEQUENCE_GAP] += delta - 1;
+    event(s, SV_SYNC_EVENT_SEQUENCE_GAP, c, f->arrival_ns, (int64_t)delta - 1);
+  }
+  st->seen = delta < SEEN_FRAMES ? st->seen << delta | 1 : 1;
+  st->last_sequence = f->sequence;
+}
+
+static void reset_sequence(sv_sync *s, int c, const sv_frame *f) {
+  event(s, SV_SYNC_EVENT_SEQUENCE_RESET, c, f->arrival_ns, (int64_t)s->streams[c].last_sequence);
+  s->streams[c].seen = 1;
+  s->streams[c].last_sequence = f->sequence;
+}
+
+// A frame older than the newest one. If its number was missing, it was counted as a gap already: the
+// count moves to this reason instead of growing.
+static sv_status drop_old(sv_sync *s, int c, const sv_frame *f, int32_t delta) {
+  sv_sync_stream *st = &s->streams[c];
+  uint64_t bit = delta > -SEEN_FRAMES && delta < 0 ? (uint64_t)1 << -delta : 0;
+  if (bit && !(st->seen & bit) && st->ledger.dropped[SV_DROP_SEQUENCE_GAP]) {
+    st->seen |= bit;
+    st->ledger.captured--;
+    st->ledger.dropped[SV_DROP_SEQUENCE_GAP]--;
+  } else if (bit && (st->seen & bit)) {
+    event(s, SV_SYNC_EVENT_DUPLICATE, c, f->arrival_ns, (int64_t)f->sequence);
+    give_back(s, f, SV_DROP_DUPLICATE);
+    return SV_DROPPED;
+  }
+  event(s, SV_SYNC_EVENT_OUT_OF_ORDER, c, f->arrival_ns, (int64_t)f->sequence);
+  give_back(s, f, SV_DROP_OUT_OF_ORDER);
+  return SV_DROPPED;
+}
+
+// OK: go on with the frame. A sequence number that stands still while time goes on is accepted: some
+// drivers do not count.
+static sv_status check_order(sv_sync *s, int c, const sv_frame *f, sv_ns jump_ns) {
+  sv_sync_stream *st = &s->streams[c];
+  if (!st->has_last) {
+    st->seen = 1;
+    st->last_sequence = f->sequence;
+    return SV_OK;
+  }
+  int32_t delta = (int32_t)(f->sequence - st->last_sequence);
+  sv_ns dt_ns = f->camera_ns - st->last_camera_ns;
+  bool is_back = dt_ns <= 0 && !jump_ns;
+  if (dt_ns == 0) { // one instant, one frame
+    if (delta > 0 && delta <= MAX_GAP_FRAMES) advance_sequence(s, c, f, (uint32_t)delta);
+    event(s, SV_SYNC_EVENT_DUPLICATE, c, f->arrival_ns, (int64_t)f->sequence);
+    give_back(s, f, SV_DROP_DUPLICATE);
+    return SV_DROPPED;
+  }
+  if (delta > 0 && delta <= MAX_GAP_FRAMES) {
+    advance_sequence(s, c, f, (uint32_t)delta);
+    return is_back ? drop_old(s, c, f, 0) : SV_OK;
+  }
+  if (is_back) return drop_old(s, c, f, delta);
+  if (delta != 0) reset_sequence(s, c, f);
+  return SV_OK;
+}
+
+static sv_status drop_bad(sv_sync *s, int c, const sv_frame *f) {
+  sv_sync_stream *st = &s->streams[c];
+  int32_t delta = (int32_t)(f->sequence - st->last_sequence);
+  // Its number still tells that no frame is missing here; its time is not to be trusted.
+  if (st->has_last && delta > 0 && delta <= MAX_GAP_FRAMES) advance_sequence(s, c, f, (uint32_t)delta);
+  event(s, SV_SYNC_EVENT_BAD_FRAME, c, stamps_are_possible(f) ? f->arrival_ns : s->now_ns, (int64_t)f->sequence);
+  give_back(s, f, SV_DROP_ERROR_FLAG);
+  return SV_DROPPED;
+}
+
+static sv_status drop_step(sv_sync *s, int c, const sv_frame *f, sv_ns step_ns) {
+  event(s, SV_SYNC_EVENT_CLOCK_STEP, c, f->arrival_ns, step_ns);
+  // What waits was stamped before the step; its order against what comes is not known any more.
+  while (s->streams[c].n_queued) drop_head(s, c, SV_DROP_CLOCK_STEP);
+  s->streams[c].has_host = false;
+  s->streams[c].is_closed = false;
+  give_back(s, f, SV_DROP_CLOCK_STEP);
+  return SV_DROPPED;
+}
+
+// Room for one more: the oldest exposure goes, with all of its frames that are here.
+static void make_room(sv_sync *s, int c) {
+  if (s->streams[c].n_queued < s->cfg.queue_len) return;
+  sv_ns t_ns = entry(s, c, 0)->mid_host_ns;
+  event(s, SV_SYNC_EVENT_OVERFLOW, c, s->now_ns, (int64_t)entry(s, c, 0)->frame.sequence);
+  for (int k = 0; k < s->cfg.n_cameras; k++) {
+    if (!s->streams[k].n_queued) continue;
+    sv_ns dt_ns = entry(s, k, 0)->mid_host_ns - t_ns;
+    if (k == c || (dt_ns <= s->cfg.skew_limit_ns && dt_ns >= -s->cfg.skew_limit_ns))
+      drop_head(s, k, SV_DROP_OVERFLOW);
+  }
+}
+
+static sv_status enqueue(sv_sync *s, int c, const sv_frame *f) {
+  sv_sync_stream *st = &s->streams[c];
+  // Frames that wait get the better estimate too; in one epoch their order cannot change.
+  if (st->clock.is_estimating)
+    for (int i = 0; i < st->n_queued; i++) entry(s, c, i)->mid_host_ns = mid_host_ns(st, &entry(s, c, i)->frame);
+  sv_ns mid_ns = mid_host_ns(st, f);
+  st->last_mid_host_ns = mid_ns;
+  st->has_host = true;
+  if (st->is_closed && mid_ns <= st->closed_ns) {
+    give_back(s, f, SV_DROP_LATE);
+    return SV_DROPPED;
+  }
+  make_room(s, c);
+  *entry(s, c, st->n_queued) = (sv_sync_entry){*f, mid_ns};
+  st->n_queued++;
+  st->ledger.pending++;
+  return SV_OK;
+}
+
+sv_status sv_sync_push(sv_sync *s, const sv_frame *f) {
+  int c = f->i_camera;
+  if (c < 0 || c >= s->cfg.n_cameras) return SV_E_ARG;
+  if (n_free_returns(s) < s->cfg.queue_len + s->cfg.n_cameras + 1) return SV_E_FULL;
+  sv_sync_stream *st = &s->streams[c];
+  st->ledger.captured++;
+  if (f->is_error || !stamps_are_possible(f)) return drop_bad(s, c, f);
+  if (f->arrival_ns > s->now_ns) s->now_ns = f->arrival_ns;
+  sv_ns jump_ns = st->has_last ? clock_jump_ns(s, st, f) : 0;
+  sv_status status = check_order(s, c, f, jump_ns);
+  if (status != SV_OK) return status;
+  bool was_back = st->has_last && f->camera_ns <= st->last_camera_ns;
+  st->has_last = true;
+  st->last_camera_ns = f->camera_ns;
+  st->last_arrival_ns = f->arrival_ns;
+  sv_ns step_ns = jump_ns;
+  if (was_back) sv_clock_model_restart(&st->clock, f->camera_ns, f->arrival_ns);
+  else if (!sv_clock_model_add(&st->clock, f->camera_ns, f->arrival_ns, &step_ns)) return enqueue(s, c, f);
+  return drop_step(s, c, f, step_ns);
+}
+
+// --- pop: which frames belong together -------------------------------------------------------------
+typedef struct {
+  int i_first;            // the camera whose head is the oldest; -1: nothing waits
+  int n_present, n_open;  // heads within the skew limit of it; cameras that may still bring one
+  int i_open;             // one of those
+  sv_ns first_ns, second_ns, last_ns; // of the heads present
+} group_t;
+
+static group_t group(const sv_sync *s) {
+  group_t g = {.i_first = -1, .i_open = -1};
+  for (int c = 0; c < s->cfg.n_cameras; c++) {
+    if (!s->streams[c].n_queued) continue;
+    sv_ns t_ns = entry(s, c, 0)->mid_host_ns;
+    if (g.i_first < 0 || t_ns < g.first_ns) g.i_first = c, g.first_ns = t_ns;
+  }
+  if (g.i_first < 0) return g;
+  sv_ns end_ns = g.first_ns + s->cfg.skew_limit_ns;
+  g.last_ns = g.first_ns;
+  g.second_ns = INT64_MAX;
+  for (int c = 0; c < s->cfg.n_cameras; c++) {
+    const sv_sync_stream *st = &s->streams[c];
+    if (st->n_queued) {
+      sv_ns t_ns = entry(s, c, 0)->mid_host_ns;
+      if (t_ns > end_ns) continue;
+      g.n_present++;
+      if (t_ns > g.last_ns) g.last_ns = t_ns;
+      if (c != g.i_first && t_ns < g.second_ns) g.second_ns = t_ns;
+    } else if (!(st->has_host && st->last_mid_host_ns > end_ns) && !(st->is_closed && st->closed_ns >= end_ns)) {
+      g.n_open++;
+      g.i_open = c;
+    }
+  }
+  return g;
+}
+
+// The oldest head is left out when its camera's next frame lies nearer to all the others.
+static bool next_is_nearer(const sv_sync *s, const group_t *g) {
+  if (s->cfg.n_cameras == 1 || s->streams[g->i_first].n_queued < 2) return false;
+  sv_ns next_ns = entry(s, g->i_first, 1)->mid_host_ns;
+  sv_ns low_ns = next_ns < g->second_ns ? next_ns : g->second_ns;
+  sv_ns high_ns = next_ns > g->last_ns ? next_ns : g->last_ns;
+  return g->second_ns != INT64_MAX && high_ns - low_ns < g->last_ns - g->first_ns;
+}
+
+static void count_skew(sv_skew_stats *k, sv_ns skew_ns) {
+  uint64_t v = (uint64_t)skew_ns;
+  int octave = 0;
+  for (; v >= 16; v >>= 1) octave++;
+  k->bins[v < 8 ? (int)v : octave * 8 + (int)v]++;
+  k->n++;
+  if (skew_ns > k->max_ns) k->max_ns = skew_ns;
+}
+
+// Later frames of the cameras that are not part of it come too late.
+static void close_without(sv_sync *s, int c, sv_ns t_ns) {
+  sv_sync_stream *st = &s->streams[c];
+  if (!st->is_closed || t_ns > st->closed_ns) st->closed_ns = t_ns;
+  st->is_closed = true;
+}
+
+static void deliver(sv_sync *s, const group_t *g, sv_exposure *e, sv_frame *frames) {
+  memset(e, 0, sizeof *e);
+  e->id = s->n_exposures++;
+  e->skew_ns = g->last_ns - g->first_ns;
+  e->rig_from_world = sv_pose_identity();
+  sv_ns sum_ns = 0;
+  for (int c = 0; c < s->cfg.n_cameras; c++) {
+    sv_sync_stream *st = &s->streams[c];
+    if (!st->n_queued || entry(s, c, 0)->mid_host_ns > g->first_ns + s->cfg.skew_limit_ns) {
+      frames[c] = (sv_frame){.i_camera = -1};
+      close_without(s, c, g->last_ns);
+      continue;
+    }
+    sum_ns += entry(s, c, 0)->mid_host_ns - g->first_ns;
+    frames[c] = take_head(s, c);
+    st->ledger.delivered++;
+    e->present[c / 64] |= (uint64_t)1 << (c % 64);
+  }
+  e->time_ns = g->first_ns + sum_ns / g->n_present;
+  count_skew(&s->skew, e->skew_ns);
+}
+
+static void close_open(sv_sync *s, const group_t *g, sv_ns waited_ns) {
+  event(s, SV_SYNC_EVENT_PARTNER_TIMEOUT, g->i_open, s->now_ns, waited_ns);
+  for (int c = 0; c < s->cfg.n_cameras; c++) {
+    const sv_sync_stream *st = &s->streams[c];
+    sv_ns end_ns = g->first_ns + s->cfg.skew_limit_ns;
+    if (!st->n_queued && !(st->has_host && st->last_mid_host_ns > end_ns)) close_without(s, c, end_ns);
+  }
+}
+
+sv_status sv_sync_pop_exposure(sv_sync *s, sv_exposure *e, sv_frame *frames) {
+  for (;;) {
+    group_t g = group(s);
+    if (g.i_first < 0) return SV_AGAIN;
+    if (n_free_returns(s) < 1) return SV_E_FULL;
+    // Too few frames can come together whatever still arrives: the oldest is dropped without waiting.
+    if (g.n_present + g.n_open < s->cfg.min_cameras || next_is_nearer(s, &g)) {
+      drop_head(s, g.i_first, SV_DROP_NO_PARTNER);
+      continue;
+    }
+    if (g.n_open) {
+      sv_ns waited_ns = s->now_ns - entry(s, g.i_first, 0)->frame.arrival_ns;
+      // A full queue cannot wait: its next frame would push this one out.
+      if (waited_ns <= s->cfg.max_wait_ns && s->streams[g.i_first].n_queued < s->cfg.queue_len) return SV_AGAIN;
+      close_open(s, &g, waited_ns);
+      continue;
+    }
+    deliver(s, &g, e, frames);
+    return SV_OK;
+  }
+}
+
+// --- the rest --------------------------------------------------------------------------------------
+sv_status sv_sync_pop_return(sv_sync *s, sv_frame *frame) {
+  if (!s->n_returns) return SV_AGAIN;
+  *frame = s->returns[s->i_return];
+  s->i_return = (s->i_return + 1) % s->cap_returns;
+  s->n_returns--;
+  return SV_OK;
+}
+
+sv_status sv_sync_flush(sv_sync *s) {
+  for (int c = 0; c < s->cfg.n_cameras; c++)
+    while (s->streams[c].n_queued) {
+      if (n_free_returns(s) < 1) return SV_E_FULL;
+      drop_head(s, c, SV_DROP_STOPPED);
+    }
+  return SV_OK;
+}
+
+sv_status sv_sync_pop_event(sv_sync *s, sv_sync_event *out) {
+  if (!s->n_events) return SV_AGAIN;
+  *out = s->events[s->i_event];
+  s->i_event = (s->i_event + 1) % SV_SYNC_CAP_EVENTS;
+  s->n_events--;
+  return SV_OK;
+}

@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+// Frames -> exposures: puts the stamps of all cameras on the host's clock, finds for each instant one
+// frame of every camera, and accounts for every frame that does not make it. No frame is copied:
+// frames stay on loan from their source, and each one pushed comes back exactly once, either in an
+// exposure or through sv_sync_pop_return, so that the caller can requeue it.
+//
+//   while (source has a frame f) {
+//     sv_sync_push(&sync, &f);
+//     while (sv_sync_pop_exposure(&sync, &exposure, frames) == SV_OK) use, then requeue each frame
+//     while (sv_sync_pop_return(&sync, &f) == SV_OK) requeue f
+//   }
+//   sv_sync_flush(&sync);  and pop_return once more
+//
+// A source needs about queue_len + 2 buffers a camera: what waits here is not free there.
+#ifndef SV_SYNC_SYNC_H
+#define SV_SYNC_SYNC_H
+
+#include "src/base/arena.h"
+#include "src/port/port.h"
+#include "src/rig/rig.h"
+#include "src/sync/clock_model.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef enum {
+#define X(NAME, name, sentence) SV_DROP_##NAME,
+#include "src/sync/sv_drop.inc"
+#undef X
+  SV_N_DROPS
+} sv_drop_reason;
+
+typedef enum {
+#define X(NAME, name) SV_SYNC_EVENT_##NAME,
+#include "src/sync/sv_sync_event.inc"
+#undef X
+  SV_N_SYNC_EVENTS
+} sv_sync_event_kind;
+
+const char *sv_drop_name(sv_drop_reason r);     // "no_partner"
+const char *sv_drop_sentence(sv_drop_reason r);
+const char *sv_sync_event_name(sv_sync_event_kind k);
+
+// captured = delivered + pending + the sum of dropped, after every call, per camera. Frames that the
+// driver lost are captured (the sensor took them) and dropped for sequence_gap.
+typedef struct {
+  uint64_t captured, delivered, pending;
+  uint64_t dropped[SV_N_DROPS];
+} sv_ledger;
+
+bool sv_ledger_is_exact(const sv_ledger *l);
+uint64_t sv_ledger_dropped(const sv_ledger *l); // sum over the reasons
+
+typedef struct {
+  sv_sync_event_kind kind;
+  int i_camera;
+  sv_ns host_ns;  // arrival of the frame that told
+  int64_t detail; // see sv_sync_event.inc
+} sv_sync_event;
+
+// AUTO: stamps of CLOCK_MONOTONIC are host time, all other clocks are estimated.
+typedef enum { SV_SYNC_CLOCK_AUTO = 0, SV_SYNC_CLOCK_COMMON, SV_SYNC_CLOCK_ESTIMATE } sv_sync_clock_mode;
+
+typedef struct {
+  sv_clock_id clock;     // caps.clock
+  sv_stamp_source stamp; // caps.stamp
+  sv_ns transport_ns;    // shortest delay from stamp to arrival if known, else 0
+} sv_sync_camera;
+
+typedef struct {
+  int n_cameras;                 // 1..SV_CAP_SUB_VIEWS
+  const sv_sync_camera *cameras; // [n_cameras], read by init only
+  sv_sync_clock_mode clock_mode;
+  sv_ns skew_limit_ns; // mid-exposure times of one exposure differ by at most this; best under half a frame time
+  int queue_len;       // frames of one camera that may wait, 2..64
+  int min_cameras;     // 0 or n_cameras: whole exposures only; less: cameras may be missing
+  sv_ns max_wait_ns;   // a frame waits so long (host time) for a silent camera; 0: 500 ms. A full queue
+                       // ends the wait earlier
+  sv_ns step_limit_ns; // 0: 1 s. See clock_model.h
+  double max_drift;    // 0: 1e-3
+} sv_sync_cfg;
+
+// Skews of the exposures delivered, in bins 1/8 octave wide: the percentiles are upper bin edges, at most
+// 12.5 % too large and never over the maximum.
+#define SV_SKEW_BINS 512
+typedef struct {
+  uint64_t n, bins[SV_SKEW_BINS];
+  sv_ns max_ns;
+} sv_skew_stats;
+
+sv_ns sv_skew_percentile_ns(const sv_skew_stats *s, double percent); // 0 when there are none
+
+#define SV_SYNC_CAP_EVENTS 64
+
+typedef struct {
+  sv_frame frame;
+  sv_ns mid_host_ns; // middle of its exposure on the host's clock
+} sv_sync_entry;
+
+typedef struct {
+  sv_clock_model clock;
+  sv_stamp_source stamp;
+  sv_sync_entry *queue; // [queue_len], a ring
+  int i_head, n_queued;
+  bool has_last, has_host;
+  uint32_t last_sequence;
+  uint64_t seen; // bit k: last_sequence - k came in
+  sv_ns last_camera_ns, last_arrival_ns;
+  sv_ns last_mid_host_ns; // of the newest frame with a good stamp
+  bool is_closed;
+  sv_ns closed_ns; // exposures up to here went without this camera
+  sv_ledger ledger;
+  uint64_t events[SV_N_SYNC_EVENTS];
+} sv_sync_stream;
+
+typedef struct {
+  sv_sync_cfg cfg; // with defaults filled in; cameras is NULL
+  sv_sync_stream *streams; // [n_cameras]
+  sv_frame *returns;       // [cap_returns], a ring
+  int cap_returns, i_return, n_returns;
+  sv_sync_event events[SV_SYNC_CAP_EVENTS];
+  int i_event, n_events;
+  uint64_t n_events_lost; // the oldest are overwritten; the counters of the streams are complete
+  sv_ns now_ns;           // newest arrival
+  uint32_t n_exposures;
+  sv_skew_stats skew;
+} sv_sync;
+
+size_t sv_sync_bytes(const sv_sync_cfg *cfg); // 0 when cfg is out of range
+sv_status sv_sync_init(sv_sync *s, const sv_sync_cfg *cfg, sv_arena *arena) SV_MUST_USE;
+
+// Takes a frame over. OK: it waits for its partners. DROPPED: it is in the return queue, counted with
+// its reason. Not taken over, nothing counted: E_ARG (no such camera), E_FULL (drain pop_return first).
+sv_status sv_sync_push(sv_sync *s, const sv_frame *frame) SV_MUST_USE;
+
+// The next exposure, in order of time. frames: [n_cameras]; a camera that is missing has i_camera -1 and
+// no data. The frames belong to the caller, who requeues them. rig_from_world is set to identity. AGAIN:
+// none is ready; E_FULL: drain pop_return first.
+sv_status sv_sync_pop_exposure(sv_sync *s, sv_exposure *exposure, sv_frame *frames) SV_MUST_USE;
+
+// The next frame to requeue. AGAIN: none.
+sv_status sv_sync_pop_return(sv_sync *s, sv_frame *frame) SV_MUST_USE;
+
+// Ends a capture: whatever waits is dropped for `stopped` and goes to the return queue. E_FULL: drain
+// pop_return and call again.
+sv_status sv_sync_flush(sv_sync *s) SV_MUST_USE;
+
+sv_status sv_sync_pop_event(sv_sync *s, sv_sync_event *event) SV_MUST_USE; // AGAIN: none
+const sv_ledger *sv_sync_ledger(const sv_sync *s, int i_camera);           // NULL: no such camera
+sv_ledger sv_sync_ledger_sum(const sv_sync *s);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
