@@ -3,4 +3,10 @@
 #ifndef SV_KERNELS_OPS_H
 #define SV_KERNELS_OPS_H
 
+#include "kernels/adam/adam.h"
+#include "kernels/bin/bin.h"
+#include "kernels/project/project.h"
+#include "kernels/raster/raster.h"
+#include "kernels/sort/sort.h"
+
 #endif

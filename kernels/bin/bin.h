@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which 4x4 pixel blocks of which tiles a splat touches. The ellipse alpha >= 1/255 is solved exactly per
+// pixel row (StopThePop's tight extent, per row); a block is marked when one of its four rows reaches it.
+#ifndef SV_KERNELS_BIN_H
+#define SV_KERNELS_BIN_H
+
+#include "kernels/project/project.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+// Writes the n_recs records of each splat id[0..n), at rec + splat[id].first_rec: its tiles row by row,
+// mask 0 where the ellipse misses the tile. The mask may hold a block too many, never one too few. exact.
+typedef void (*sv_bin_fn)(const sv_splat *splat, const uint32_t *id, uint32_t n, int n_tiles_x, sv_rec *rec);
+
+void sv_bin_ref(const sv_splat *splat, const uint32_t *id, uint32_t n, int n_tiles_x, sv_rec *rec);
+void sv_bin_sse41(const sv_splat *splat, const uint32_t *id, uint32_t n, int n_tiles_x, sv_rec *rec);
+void sv_bin_avx2(const sv_splat *splat, const uint32_t *id, uint32_t n, int n_tiles_x, sv_rec *rec);
+void sv_bin_avx512(const sv_splat *splat, const uint32_t *id, uint32_t n, int n_tiles_x, sv_rec *rec);
+void sv_bin_neon(const sv_splat *splat, const uint32_t *id, uint32_t n, int n_tiles_x, sv_rec *rec);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

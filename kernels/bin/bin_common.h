@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the reference and the vector form of `bin` share: the records of one splat.
+#ifndef SV_KERNELS_BIN_COMMON_H
+#define SV_KERNELS_BIN_COMMON_H
+
+#include "kernels/project/project.h"
+
+// Empty records of a splat, tiles row by row.
+static inline void bin_clear(const sv_splat *s, uint32_t id, int n_tiles_x, sv_rec *rec) {
+  sv_rec *r = rec + s->first_rec;
+  for (int ty = s->by0 >> 3; ty <= s->by1 >> 3; ty++)
+    for (int tx = s->bx0 >> 3; tx <= s->bx1 >> 3; tx++)
+      *r++ = (sv_rec){(uint32_t)(ty * n_tiles_x + tx), id, 0};
+}
+
+// Marks blocks c0..c1 of block row `row`.
+static inline void bin_mark(const sv_splat *s, int row, int c0, int c1, sv_rec *rec) {
+  int tx0 = s->bx0 >> 3, n_x = (s->bx1 >> 3) - tx0 + 1;
+  sv_rec *r = rec + s->first_rec + ((row >> 3) - (s->by0 >> 3)) * n_x;
+  for (int tx = c0 >> 3; tx <= c1 >> 3; tx++) {
+    int a = c0 > 8 * tx ? c0 - 8 * tx : 0, b = c1 < 8 * tx + 7 ? c1 - 8 * tx : 7;
+    uint64_t bits = ((2u << b) - 1u) & ~((1u << a) - 1u);
+    r[tx - tx0].mask |= bits << (8 * (row & 7));
+  }
+}
+
+#endif

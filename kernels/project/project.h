@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+// Gaussians -> screen splats (EWA projection, SH colour) and back. Formulas: 3D Gaussian Splatting (Kerbl
+// et al. 2023) with exact clamp gradients; anti-aliasing by Mip-Splatting's 2D compensation.
+//
+// Gaussian data is stored in blocks of 16 slots: [n_blocks][n_rows][16] floats. Rows:
+//   0-2 mean (world) | 3-6 quaternion w,x,y,z, unnormalised | 7-9 log-scale | 10 opacity logit |
+//   11 + 3 k + c: SH coefficient k of channel c.  n_rows = 11 + 3 (degree+1)^2: 14, 23, 38, 59.
+#ifndef SV_KERNELS_PROJECT_H
+#define SV_KERNELS_PROJECT_H
+
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SV_LANES     16
+#define SV_ROW_MEAN  0
+#define SV_ROW_QUAT  3
+#define SV_ROW_SCALE 7
+#define SV_ROW_LOGIT 10
+#define SV_ROW_SH    11
+#define SV_CAP_ROWS  59
+#define SV_N_ROWS(sh_degree) (SV_ROW_SH + 3 * ((sh_degree) + 1) * ((sh_degree) + 1))
+
+#define SV_TILE_PX  32 // a tile is 32 x 32 pixels = 8 x 8 blocks of 4 x 4 pixels, one bit each in 64
+#define SV_BLOCK_PX 4
+
+// log2(1/255): where a splat's alpha falls under 1/255 it is not evaluated.
+#define SV_LOG2_ALPHA_MIN (-7.99435344f)
+#define SV_ALPHA_MAX      0.99f
+#define SV_T_MIN          1e-4f
+
+// One Gaussian on the screen of one view, 64 bytes. alpha(p) = 2^(qa dx^2 + qb dx dy + qc dy^2 + lo) with
+// (dx, dy) = (u, v) - p: conic and opacity folded into base 2.
+typedef struct {
+  float u_px, v_px;
+  float qa, qb, qc, lo;
+  float rgb[3];
+  float z;                       // camera depth of the centre
+  float ex_px, ey_px;            // half-widths of the region where alpha >= 1/255
+  uint16_t bx0, bx1, by0, by1;   // that region in 4x4 blocks of the image, inclusive
+  uint32_t n_recs;               // tiles under it; 0: not visible
+  uint32_t first_rec;            // its first record; written by the binning
+} sv_splat;
+
+// One (splat, tile) pair. mask bit 8 y + x: block (x, y) of the tile may be touched.
+typedef struct {
+  uint32_t tile;
+  uint32_t id; // Gaussian
+  uint64_t mask;
+} sv_rec;
+
+// What rasterization backward leaves per record, 16 floats: moments of g = dL/d(ln alpha) over the pixels
+// (sum g, g dx, g dy, g dx^2, g dx dy, g dy^2), dL/drgb (3), dL/dz, sum of weight * |residual|.
+enum { SV_SLOT_G, SV_SLOT_GX, SV_SLOT_GY, SV_SLOT_GXX, SV_SLOT_GXY, SV_SLOT_GYY, SV_SLOT_RGB, SV_SLOT_Z = 9,
+       SV_SLOT_ERR, SV_SLOT_FLOATS = 16 };
+
+typedef struct {
+  int width_px, height_px;
+  float fx, fy, cx, cy; // px, first pixel's centre at 0.5
+  float r[9], t[3];     // cam_from_world, row-major
+  float centre[3];      // camera centre, world
+  float near_z;         // Gaussians nearer than this are not drawn
+  float dilation_px2;   // added to both variances, 0.3
+  int is_antialiased;
+} sv_kview;
+
+typedef struct {
+  const float *param; // [n_blocks][n_rows][16]
+  int n_rows, sh_degree; // sh_degree: the degree in use, at most that of the rows
+  int n_gaussians;       // slots from here on are never visible
+  sv_kview view;
+  sv_splat *splat;     // [n_blocks * 16] out
+  uint32_t *depth_key; // [n_blocks * 16] out, bits of z, only for visible ones
+} sv_project_args;
+
+// Blocks [block0, block1). exact.
+typedef void (*sv_project_fn)(const sv_project_args *a, int block0, int block1);
+
+typedef struct {
+  const sv_project_args *fwd; // the same as in the forward pass
+  const sv_rec *rec;          // a record with mask 0 has no slot
+  const float *slot;          // [n_recs][16]
+  float *pose_grad;           // [6] out, this block's sum of dL/d(omega, v) of a twist on cam_from_world; or NULL
+} sv_project_bwd_args;
+
+// One block: grad [n_rows][16] (rows of SH degrees above sh_degree are not written), err [16]: sum of
+// weight * |residual| per Gaussian. Returns the bits of the lanes that were touched; the other lanes of
+// grad and err are 0. exact.
+typedef uint32_t (*sv_project_bwd_fn)(const sv_project_bwd_args *a, int block, float *grad, float *err);
+
+#define SV_DECLARE(isa)                                                                                      \
+  void sv_project_##isa(const sv_project_args *a, int block0, int block1);                                   \
+  uint32_t sv_project_bwd_##isa(const sv_project_bwd_args *a, int block, float *grad, float *err);
+SV_DECLARE(ref)
+SV_DECLARE(sse41)
+SV_DECLARE(avx2)
+SV_DECLARE(avx512)
+SV_DECLARE(neon)
+#undef SV_DECLARE
+
+#ifdef __cplusplus
+}
+#endif
+#endif

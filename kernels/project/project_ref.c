@@ -1,0 +1,322 @@
+// SPDX-License-Identifier: Apache-2.0
+// The specification of `project`: one Gaussian at a time, plain C. project_vec.inc does the same operations
+// in the same order on 16 lanes.
+#include "kernels/project/project.h"
+
+#include "kernels/project/sh.h"
+#include "kernels/simd/s1_math.h"
+
+#define LOG2E 1.44269504f
+
+typedef struct {
+  float t[3], iz, xz, yz, rx, ry; // camera point; ratios and clamped ratios
+  int clamp_x, clamp_y;
+  float q[4], rn, rot[9], s[3], w[9]; // unit quaternion, 1/|q|, rotation, scale, w = Rc R diag(s)
+  float ja, jb, a[3], b[3];           // rows of J w
+  float sxx, sxy, syy, ca, cc, inv_d, conic[3];
+  float o, comp, oe;
+  int is_comp_floor;
+} geom;
+
+static float limit_hi(float size, float f, float c) { return (size - c) / f + 0.3f * (0.5f * size / f); }
+static float limit_lo(float size, float f, float c) { return -(c / f + 0.3f * (0.5f * size / f)); }
+
+static void rotation(const float q[4], float r[9]) {
+  float w = q[0], x = q[1], y = q[2], z = q[3];
+  r[0] = fmaf(-2.0f, fmaf(y, y, z * z), 1.0f);
+  r[1] = 2.0f * fmaf(x, y, -(w * z));
+  r[2] = 2.0f * fmaf(x, z, w * y);
+  r[3] = 2.0f * fmaf(x, y, w * z);
+  r[4] = fmaf(-2.0f, fmaf(x, x, z * z), 1.0f);
+  r[5] = 2.0f * fmaf(y, z, -(w * x));
+  r[6] = 2.0f * fmaf(x, z, -(w * y));
+  r[7] = 2.0f * fmaf(y, z, w * x);
+  r[8] = fmaf(-2.0f, fmaf(x, x, y * y), 1.0f);
+}
+
+// p: the Gaussian's lane in its block, rows 16 floats apart.
+static void geometry(const sv_kview *v, const float *p, geom *g) {
+  for (int i = 0; i < 3; i++)
+    g->t[i] = fmaf(v->r[3 * i], p[0], fmaf(v->r[3 * i + 1], p[16], fmaf(v->r[3 * i + 2], p[32], v->t[i])));
+  g->iz = 1.0f / g->t[2];
+  g->xz = g->t[0] * g->iz;
+  g->yz = g->t[1] * g->iz;
+  float hx = limit_hi((float)v->width_px, v->fx, v->cx), lx = limit_lo((float)v->width_px, v->fx, v->cx);
+  float hy = limit_hi((float)v->height_px, v->fy, v->cy), ly = limit_lo((float)v->height_px, v->fy, v->cy);
+  g->clamp_x = g->xz > hx || g->xz < lx;
+  g->clamp_y = g->yz > hy || g->yz < ly;
+  g->rx = s1_min(s1_max(g->xz, lx), hx);
+  g->ry = s1_min(s1_max(g->yz, ly), hy);
+  const float *q = p + 16 * SV_ROW_QUAT;
+  float n2 = fmaf(q[0], q[0], fmaf(q[16], q[16], fmaf(q[32], q[32], q[48] * q[48])));
+  g->rn = 1.0f / sqrtf(s1_max(n2, 1e-20f));
+  for (int i = 0; i < 4; i++) g->q[i] = q[16 * i] * g->rn;
+  rotation(g->q, g->rot);
+  for (int i = 0; i < 3; i++) g->s[i] = s1_exp2_fine(p[16 * (SV_ROW_SCALE + i)] * LOG2E);
+  g->ja = v->fx * g->iz;
+  g->jb = v->fy * g->iz;
+  for (int j = 0; j < 3; j++) {
+    float m0 = g->rot[j] * g->s[j], m1 = g->rot[3 + j] * g->s[j], m2 = g->rot[6 + j] * g->s[j];
+    for (int i = 0; i < 3; i++)
+      g->w[3 * i + j] = fmaf(v->r[3 * i], m0, fmaf(v->r[3 * i + 1], m1, v->r[3 * i + 2] * m2));
+    g->a[j] = g->ja * fmaf(-g->rx, g->w[6 + j], g->w[j]);
+    g->b[j] = g->jb * fmaf(-g->ry, g->w[6 + j], g->w[3 + j]);
+  }
+  g->sxx = fmaf(g->a[0], g->a[0], fmaf(g->a[1], g->a[1], g->a[2] * g->a[2]));
+  g->sxy = fmaf(g->a[0], g->b[0], fmaf(g->a[1], g->b[1], g->a[2] * g->b[2]));
+  g->syy = fmaf(g->b[0], g->b[0], fmaf(g->b[1], g->b[1], g->b[2] * g->b[2]));
+  g->ca = g->sxx + v->dilation_px2;
+  g->cc = g->syy + v->dilation_px2;
+  g->inv_d = 1.0f / fmaf(-g->sxy, g->sxy, g->ca * g->cc);
+  g->conic[0] = g->cc * g->inv_d;
+  g->conic[1] = -(g->sxy * g->inv_d);
+  g->conic[2] = g->ca * g->inv_d;
+  g->o = 1.0f / (1.0f + s1_exp2_fine(p[16 * SV_ROW_LOGIT] * -LOG2E));
+  g->comp = 1.0f;
+  g->is_comp_floor = 1;
+  if (v->is_antialiased) {
+    float ratio = fmaf(-g->sxy, g->sxy, g->sxx * g->syy) * g->inv_d;
+    g->is_comp_floor = !(ratio > 2.5e-5f);
+    g->comp = sqrtf(s1_max(ratio, 2.5e-5f));
+  }
+  g->oe = g->o * g->comp;
+}
+
+static void sh_basis(int degree, float x, float y, float z, float b[16]) {
+  b[0] = SH0;
+  if (degree < 1) return;
+  b[1] = -SH1 * y;
+  b[2] = SH1 * z;
+  b[3] = -SH1 * x;
+  if (degree < 2) return;
+  float xx = x * x, yy = y * y, zz = z * z, zz2 = zz + zz, s = xx + yy, d = xx - yy;
+  b[4] = SH2A * (x * y);
+  b[5] = -SH2A * (y * z);
+  b[6] = SH2B * (zz2 - s);
+  b[7] = -SH2A * (x * z);
+  b[8] = SH2C * d;
+  if (degree < 3) return;
+  float zz4 = zz2 + zz2;
+  b[9] = -SH3A * (y * fmaf(3.0f, xx, -yy));
+  b[10] = SH3B * (x * y * z);
+  b[11] = -SH3C * (y * (zz4 - s));
+  b[12] = SH3D * (z * fmaf(-3.0f, s, zz2));
+  b[13] = -SH3C * (x * (zz4 - s));
+  b[14] = SH3E * (z * d);
+  b[15] = -SH3A * (x * fmaf(-3.0f, yy, xx));
+}
+
+static float direction(const sv_kview *v, const float *p, float d[3]) { // unit; returns 1/distance
+  for (int i = 0; i < 3; i++) d[i] = p[16 * i] - v->centre[i];
+  float rl = 1.0f / sqrtf(s1_max(fmaf(d[0], d[0], fmaf(d[1], d[1], d[2] * d[2])), 1e-20f));
+  for (int i = 0; i < 3; i++) d[i] *= rl;
+  return rl;
+}
+
+static float colour(const float *sh, int c, int n_coef, const float b[16]) { // before the clamp at 0
+  float s = 0.5f;
+  for (int k = 0; k < n_coef; k++) s = fmaf(b[k], sh[16 * (3 * k + c)], s);
+  return s;
+}
+
+static void project_one(const sv_project_args *a, int id, const float *p) {
+  const sv_kview *v = &a->view;
+  sv_splat *s = a->splat + id;
+  geom g;
+  geometry(v, p, &g);
+  float lo = s1_log2(g.oe), level = lo - SV_LOG2_ALPHA_MIN;
+  float tau = 1.38629436f * s1_max(level, 0.0f); // 2 ln(255 o)
+  s->u_px = fmaf(v->fx, g.xz, v->cx);
+  s->v_px = fmaf(v->fy, g.yz, v->cy);
+  s->qa = -0.5f * LOG2E * g.conic[0];
+  s->qb = -LOG2E * g.conic[1];
+  s->qc = -0.5f * LOG2E * g.conic[2];
+  s->lo = lo;
+  s->z = g.t[2];
+  s->ex_px = sqrtf(tau * g.ca);
+  s->ey_px = sqrtf(tau * g.cc);
+  float w1 = (float)(v->width_px - 1), h1 = (float)(v->height_px - 1);
+  float x0 = s1_max(s->u_px - s->ex_px - 0.5f, 0.0f), x1 = s1_min(s->u_px + s->ex_px - 0.5f, w1);
+  float y0 = s1_max(s->v_px - s->ey_px - 0.5f, 0.0f), y1 = s1_min(s->v_px + s->ey_px - 0.5f, h1);
+  int is_visible = g.t[2] > v->near_z && level > 0.0f && x0 <= x1 && y0 <= y1 && id < a->n_gaussians;
+  int n_coef = (a->sh_degree + 1) * (a->sh_degree + 1);
+  float d[3], b[16];
+  direction(v, p, d);
+  sh_basis(a->sh_degree, d[0], d[1], d[2], b);
+  for (int c = 0; c < 3; c++) s->rgb[c] = s1_max(colour(p + 16 * SV_ROW_SH, c, n_coef, b), 0.0f);
+  s->first_rec = 0;
+  s->bx0 = s->bx1 = s->by0 = s->by1 = 0;
+  s->n_recs = 0;
+  if (!is_visible) return;
+  s->bx0 = (uint16_t)(x0 * 0.25f), s->bx1 = (uint16_t)(x1 * 0.25f);
+  s->by0 = (uint16_t)(y0 * 0.25f), s->by1 = (uint16_t)(y1 * 0.25f);
+  s->n_recs = (uint32_t)((s->bx1 >> 3) - (s->bx0 >> 3) + 1) * (uint32_t)((s->by1 >> 3) - (s->by0 >> 3) + 1);
+  a->depth_key[id] = s1_bits(g.t[2]);
+}
+
+void sv_project_ref(const sv_project_args *a, int block0, int block1) {
+  for (int b = block0; b < block1; b++)
+    for (int k = 0; k < SV_LANES; k++)
+      project_one(a, b * SV_LANES + k, a->param + (long)b * a->n_rows * SV_LANES + k);
+}
+
+// --- backward --------------------------------------------------------------------------------------------
+
+static void sh_basis_grad(int degree, float x, float y, float z, float bx[16], float by[16], float bz[16]) {
+  for (int k = 0; k < 16; k++) bx[k] = by[k] = bz[k] = 0.0f;
+  if (degree < 1) return;
+  by[1] = -SH1;
+  bz[2] = SH1;
+  bx[3] = -SH1;
+  if (degree < 2) return;
+  float xx = x * x, yy = y * y, zz = z * z, s = xx + yy, d = xx - yy, xy = x * y, xz = x * z, yz = y * z;
+  bx[4] = SH2A * y, by[4] = SH2A * x;
+  by[5] = -SH2A * z, bz[5] = -SH2A * y;
+  bx[6] = -2.0f * SH2B * x, by[6] = -2.0f * SH2B * y, bz[6] = 4.0f * SH2B * z;
+  bx[7] = -SH2A * z, bz[7] = -SH2A * x;
+  bx[8] = 2.0f * SH2C * x, by[8] = -2.0f * SH2C * y;
+  if (degree < 3) return;
+  float zz4 = 4.0f * zz;
+  bx[9] = -6.0f * SH3A * xy, by[9] = -3.0f * SH3A * d;
+  bx[10] = SH3B * yz, by[10] = SH3B * xz, bz[10] = SH3B * xy;
+  bx[11] = 2.0f * SH3C * xy, by[11] = -SH3C * (zz4 - fmaf(3.0f, yy, xx)), bz[11] = -8.0f * SH3C * yz;
+  bx[12] = -6.0f * SH3D * xz, by[12] = -6.0f * SH3D * yz, bz[12] = SH3D * fmaf(6.0f, zz, -3.0f * s);
+  bx[13] = -SH3C * (zz4 - fmaf(3.0f, xx, yy)), by[13] = 2.0f * SH3C * xy, bz[13] = -8.0f * SH3C * xz;
+  bx[14] = 2.0f * SH3E * xz, by[14] = -2.0f * SH3E * yz, bz[14] = SH3E * d;
+  bx[15] = -3.0f * SH3A * d, by[15] = 6.0f * SH3A * xy;
+}
+
+// Conic and opacity moments -> gradient of the 2D covariance [xx, xy (matrix entry), yy] and of the logit.
+static float screen_bwd(const sv_kview *v, const geom *g, const float *m, float vs[3]) {
+  float ga = -0.5f * m[SV_SLOT_GXX], gb = -0.5f * m[SV_SLOT_GXY], gc = -0.5f * m[SV_SLOT_GYY];
+  float A = g->conic[0], B = g->conic[1], C = g->conic[2];
+  float q00 = fmaf(A, ga, B * gb), q01 = fmaf(A, gb, B * gc), q10 = fmaf(B, ga, C * gb), q11 = fmaf(B, gb, C * gc);
+  vs[0] = -fmaf(q00, A, q01 * B);
+  vs[1] = -fmaf(q00, B, q01 * C);
+  vs[2] = -fmaf(q10, B, q11 * C);
+  float v_oe = m[SV_SLOT_G] / g->oe, v_o = v_oe * g->comp;
+  if (v->is_antialiased && !g->is_comp_floor) {
+    float h = 0.5f * (v_oe * g->o) / g->comp, om = fmaf(-g->comp, g->comp, 1.0f);
+    float dq = v->dilation_px2 * fmaf(A, C, -(B * B));
+    vs[0] = fmaf(h, fmaf(om, A, -dq), vs[0]);
+    vs[1] = fmaf(h, om * B, vs[1]);
+    vs[2] = fmaf(h, fmaf(om, C, -dq), vs[2]);
+  }
+  return v_o * (g->o * (1.0f - g->o));
+}
+
+// Through the projection: dL/dt (camera point) and dL/dw.
+static void camera_bwd(const geom *g, const float *m, const float vs[3], float vt[3], float vw[9]) {
+  float vu = -fmaf(g->conic[0], m[SV_SLOT_GX], g->conic[1] * m[SV_SLOT_GY]);
+  float vv = -fmaf(g->conic[1], m[SV_SLOT_GX], g->conic[2] * m[SV_SLOT_GY]);
+  float j00 = 0, j02 = 0, j11 = 0, j12 = 0;
+  for (int j = 0; j < 3; j++) {
+    float va = 2.0f * fmaf(vs[0], g->a[j], vs[1] * g->b[j]), vb = 2.0f * fmaf(vs[1], g->a[j], vs[2] * g->b[j]);
+    float pa = g->ja * va, pb = g->jb * vb;
+    vw[j] = pa;
+    vw[3 + j] = pb;
+    vw[6 + j] = -fmaf(g->rx, pa, g->ry * pb);
+    j00 = fmaf(va, g->w[j], j00);
+    j02 = fmaf(va, g->w[6 + j], j02);
+    j11 = fmaf(vb, g->w[3 + j], j11);
+    j12 = fmaf(vb, g->w[6 + j], j12);
+  }
+  float ja = g->ja, jb = g->jb, iz = g->iz, kx = ja * iz * j02, ky = jb * iz * j12;
+  vt[0] = ja * vu;
+  vt[1] = jb * vv;
+  vt[2] = fmaf(-iz, fmaf(ja, j00, jb * j11), m[SV_SLOT_Z] - fmaf(ja * g->xz, vu, jb * g->yz * vv));
+  vt[2] = fmaf(g->clamp_x ? g->rx : 2.0f * g->rx, kx, vt[2]);
+  vt[2] = fmaf(g->clamp_y ? g->ry : 2.0f * g->ry, ky, vt[2]);
+  if (!g->clamp_x) vt[0] -= kx;
+  if (!g->clamp_y) vt[1] -= ky;
+}
+
+// Through w = Rc R(q) diag(s): rows quat and scale of grad.
+static void shape_bwd(const sv_kview *v, const geom *g, const float vw[9], float *grad) {
+  float r[9];
+  for (int j = 0; j < 3; j++) {
+    float vm[3], s = 0;
+    for (int i = 0; i < 3; i++) {
+      vm[i] = fmaf(v->r[i], vw[j], fmaf(v->r[3 + i], vw[3 + j], v->r[6 + i] * vw[6 + j]));
+      s = fmaf(g->rot[3 * i + j], vm[i], s);
+      r[3 * i + j] = vm[i] * g->s[j];
+    }
+    grad[16 * (SV_ROW_SCALE + j)] = s * g->s[j];
+  }
+  float w = g->q[0], x = g->q[1], y = g->q[2], z = g->q[3], vq[4];
+  float dx = r[7] - r[5], dy = r[2] - r[6], dz = r[3] - r[1], pxy = r[3] + r[1], pxz = r[6] + r[2], pyz = r[7] + r[5];
+  vq[0] = 2.0f * fmaf(x, dx, fmaf(y, dy, z * dz));
+  vq[1] = 2.0f * fmaf(-2.0f * x, r[4] + r[8], fmaf(y, pxy, fmaf(z, pxz, w * dx)));
+  vq[2] = 2.0f * fmaf(-2.0f * y, r[0] + r[8], fmaf(x, pxy, fmaf(z, pyz, w * dy)));
+  vq[3] = 2.0f * fmaf(-2.0f * z, r[0] + r[4], fmaf(x, pxz, fmaf(y, pyz, w * dz)));
+  float dot = fmaf(vq[0], w, fmaf(vq[1], x, fmaf(vq[2], y, vq[3] * z)));
+  for (int i = 0; i < 4; i++) grad[16 * (SV_ROW_QUAT + i)] = fmaf(-dot, g->q[i], vq[i]) * g->rn;
+}
+
+// SH rows of grad; returns dL/dmean through the viewing direction in vm.
+static void colour_bwd(const sv_project_args *a, const float *p, const float *v_rgb, float *grad, float vm[3]) {
+  int n = (a->sh_degree + 1) * (a->sh_degree + 1);
+  const float *sh = p + 16 * SV_ROW_SH;
+  float d[3], b[16], bx[16], by[16], bz[16], vd[3] = {0, 0, 0}, vc[3];
+  float rl = direction(&a->view, p, d);
+  sh_basis(a->sh_degree, d[0], d[1], d[2], b);
+  sh_basis_grad(a->sh_degree, d[0], d[1], d[2], bx, by, bz);
+  for (int c = 0; c < 3; c++) vc[c] = colour(sh, c, n, b) > 0.0f ? v_rgb[c] : 0.0f;
+  for (int k = 0; k < n; k++) {
+    for (int c = 0; c < 3; c++) grad[16 * (SV_ROW_SH + 3 * k + c)] = b[k] * vc[c];
+    if (k == 0) continue;
+    float f = fmaf(sh[16 * 3 * k], vc[0], fmaf(sh[16 * (3 * k + 1)], vc[1], sh[16 * (3 * k + 2)] * vc[2]));
+    vd[0] = fmaf(bx[k], f, vd[0]);
+    vd[1] = fmaf(by[k], f, vd[1]);
+    vd[2] = fmaf(bz[k], f, vd[2]);
+  }
+  float dot = fmaf(vd[0], d[0], fmaf(vd[1], d[1], vd[2] * d[2]));
+  for (int i = 0; i < 3; i++) vm[i] = fmaf(-dot, d[i], vd[i]) * rl;
+}
+
+static void one_bwd(const sv_project_args *a, const float *p, const float *m, float *grad, float pose[6]) {
+  const sv_kview *v = &a->view;
+  geom g;
+  float vs[3], vt[3], vw[9], vm[3];
+  geometry(v, p, &g);
+  grad[16 * SV_ROW_LOGIT] = screen_bwd(v, &g, m, vs);
+  camera_bwd(&g, m, vs, vt, vw);
+  shape_bwd(v, &g, vw, grad);
+  colour_bwd(a, p, m + SV_SLOT_RGB, grad, vm);
+  for (int i = 0; i < 3; i++)
+    grad[16 * i] = fmaf(v->r[i], vt[0], fmaf(v->r[3 + i], vt[1], fmaf(v->r[6 + i], vt[2], vm[i])));
+  for (int i = 0; i < 3; i++) {
+    int j = (i + 1) % 3, k = (i + 2) % 3;
+    float tq = fmaf(g.t[j], vt[k], -(g.t[k] * vt[j]));
+    for (int c = 0; c < 3; c++) tq = fmaf(g.w[3 * j + c], vw[3 * k + c], fmaf(-g.w[3 * k + c], vw[3 * j + c], tq));
+    pose[i] = tq;
+    pose[3 + i] = fmaf(v->r[3 * i], vm[0], fmaf(v->r[3 * i + 1], vm[1], fmaf(v->r[3 * i + 2], vm[2], vt[i])));
+  }
+}
+
+uint32_t sv_project_bwd_ref(const sv_project_bwd_args *args, int block, float *grad, float *err) {
+  const sv_project_args *a = args->fwd;
+  const float *p = a->param + (long)block * a->n_rows * SV_LANES;
+  int n_used = SV_N_ROWS(a->sh_degree);
+  uint32_t touched = 0;
+  float pose[6][16] = {{0}};
+  for (int i = 0; i < n_used * SV_LANES; i++) grad[i] = 0.0f;
+  for (int k = 0; k < SV_LANES; k++) {
+    const sv_splat *s = a->splat + block * SV_LANES + k;
+    float m[SV_SLOT_FLOATS] = {0}, one[6];
+    int is_touched = 0;
+    for (uint32_t r = s->first_rec; r < s->first_rec + s->n_recs; r++) {
+      if (!args->rec[r].mask) continue;
+      is_touched = 1;
+      for (int i = 0; i < SV_SLOT_FLOATS; i++) m[i] += args->slot[(long)r * SV_SLOT_FLOATS + i];
+    }
+    err[k] = m[SV_SLOT_ERR];
+    if (!is_touched) continue;
+    touched |= 1u << k;
+    one_bwd(a, p + k, m, grad + k, one);
+    for (int i = 0; i < 6; i++) pose[i][k] = one[i];
+  }
+  if (args->pose_grad)
+    for (int i = 0; i < 6; i++) args->pose_grad[i] = s1_sum16(pose[i]);
+  return touched;
+}

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+// Front-to-back alpha blending of one tile, and its gradient. Kerbl et al. 2023, section 6; the backward pass
+// also goes front to back, with one suffix scalar per pixel (algorithm of "Taming 3DGS", 2024): it needs no
+// per-pixel lists.
+//
+// Per pixel and splat, front to back:
+//   power = qa dx^2 + qb dx dy + qc dy^2 + lo;  skipped when power < log2(1/255)
+//   a = min(0.99, 2^power);  T' = T (1 - a);  T' < 1e-4 ends the pixel, that splat is not blended
+//   colour += a T rgb;  depth += a T z;  T = T'
+// Planes are planar floats, `stride` apart per row, stride and padded height multiples of 32.
+#ifndef SV_KERNELS_RASTER_H
+#define SV_KERNELS_RASTER_H
+
+#include "kernels/project/project.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SV_TILE_BLOCKS 64                            // 4x4 blocks of a tile
+#define SV_RASTER_SCRATCH_FLOATS (8 * SV_TILE_PX * SV_TILE_PX) // per thread
+
+typedef struct {
+  const sv_splat *splat;
+  sv_rec *rec;     // masks are narrowed to the blocks that were really blended
+  int n_tiles_x;
+  int stride;      // floats
+  float bg[3];
+  float *rgb[3];   // out, background included
+  float *depth;    // out, sum of a T z; may be NULL
+  float *trans;    // out, what is left of T
+} sv_raster_args;
+
+// One tile; list[n]: its records, front to back. exact.
+typedef void (*sv_raster_fn)(const sv_raster_args *a, uint32_t tile, const uint32_t *list, uint32_t n,
+                             float *scratch);
+
+typedef struct {
+  const sv_raster_args *fwd; // as the forward pass left it
+  const float *g_rgb[3];     // dL/drgb
+  const float *g_depth;      // dL/ddepth, or NULL
+  const float *g_trans;      // dL/dtrans, or NULL (alpha = 1 - trans)
+  const float *err;          // weight * err is summed per splat; or NULL
+  float *slot;               // [n_recs][16] out, see SV_SLOT_*; only for records whose mask is not 0
+} sv_raster_bwd_args;
+
+// exact.
+typedef void (*sv_raster_bwd_fn)(const sv_raster_bwd_args *a, uint32_t tile, const uint32_t *list, uint32_t n,
+                                 float *scratch);
+
+#define SV_DECLARE(isa)                                                                                      \
+  void sv_raster_##isa(const sv_raster_args *a, uint32_t tile, const uint32_t *list, uint32_t n, float *scratch); \
+  void sv_raster_bwd_##isa(const sv_raster_bwd_args *a, uint32_t tile, const uint32_t *list, uint32_t n,     \
+                           float *scratch);
+SV_DECLARE(ref)
+SV_DECLARE(sse41)
+SV_DECLARE(avx2)
+SV_DECLARE(avx512)
+SV_DECLARE(neon)
+#undef SV_DECLARE
+
+#ifdef __cplusplus
+}
+#endif
+#endif

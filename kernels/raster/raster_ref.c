@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+// The specification of `raster`: pixel after pixel inside each marked block. Pixel state is kept as
+// [block][16], lane = 4 (y mod 4) + (x mod 4); a stopped pixel has its T stored negative.
+#include "kernels/raster/raster.h"
+
+#include "kernels/simd/s1_math.h"
+
+typedef struct {
+  float dx, dy, power, a_raw, a;
+} pair_eval;
+
+static pair_eval evaluate(const sv_splat *s, float u, float v, int block, int lane) {
+  pair_eval e;
+  e.dx = (u - (float)(4 * (block & 7))) - ((float)(lane & 3) + 0.5f);
+  e.dy = (v - (float)(4 * (block >> 3))) - ((float)(lane >> 2) + 0.5f);
+  e.power = fmaf(fmaf(s->qa, e.dx, s->qb * e.dy), e.dx, fmaf(s->qc * e.dy, e.dy, s->lo));
+  e.a_raw = s1_exp2(e.power);
+  e.a = s1_min(SV_ALPHA_MAX, e.a_raw);
+  return e;
+}
+
+static long pixel_offset(int block, int lane, int stride) {
+  return (long)(4 * (block >> 3) + (lane >> 2)) * stride + 4 * (block & 7) + (lane & 3);
+}
+
+static void tile_origin(const sv_raster_args *a, uint32_t tile, float *x, float *y, long *offset) {
+  int tx = (int)tile % a->n_tiles_x, ty = (int)tile / a->n_tiles_x;
+  *x = (float)(tx * SV_TILE_PX);
+  *y = (float)(ty * SV_TILE_PX);
+  *offset = (long)ty * SV_TILE_PX * a->stride + tx * SV_TILE_PX;
+}
+
+void sv_raster_ref(const sv_raster_args *a, uint32_t tile, const uint32_t *list, uint32_t n, float *scratch) {
+  float *trans = scratch, *acc[4], x0, y0;
+  long at;
+  for (int c = 0; c < 4; c++) acc[c] = scratch + (c + 1) * 1024;
+  for (int i = 0; i < 1024; i++) trans[i] = 1.0f;
+  for (int i = 0; i < 4 * 1024; i++) acc[0][i] = 0.0f;
+  tile_origin(a, tile, &x0, &y0, &at);
+  uint64_t alive = ~0ull;
+  for (uint32_t i = 0; i < n; i++) {
+    sv_rec *r = a->rec + list[i];
+    const sv_splat *s = a->splat + r->id;
+    float u = s->u_px - x0, v = s->v_px - y0;
+    uint64_t mask = r->mask &= alive;
+    for (; mask; mask &= mask - 1) {
+      int b = __builtin_ctzll(mask), n_stopped = 0;
+      for (int k = 0; k < 16; k++) {
+        float *t = trans + 16 * b + k;
+        pair_eval e = evaluate(s, u, v, b, k);
+        if (e.power >= SV_LOG2_ALPHA_MIN && *t > 0.0f) {
+          float w = e.a * *t, next = fmaf(-e.a, *t, *t);
+          if (next >= SV_T_MIN) {
+            for (int c = 0; c < 3; c++) acc[c][16 * b + k] = fmaf(w, s->rgb[c], acc[c][16 * b + k]);
+            acc[3][16 * b + k] = fmaf(w, s->z, acc[3][16 * b + k]);
+            *t = *t - w;
+          } else *t = -*t;
+        }
+        n_stopped += *t < 0.0f;
+      }
+      if (n_stopped == 16) alive &= ~(1ull << b);
+    }
+  }
+  for (int i = 0; i < 1024; i++) {
+    long o = at + pixel_offset(i / 16, i % 16, a->stride);
+    float t = fabsf(trans[i]);
+    for (int c = 0; c < 3; c++) a->rgb[c][o] = fmaf(t, a->bg[c], acc[c][i]);
+    if (a->depth) a->depth[o] = acc[3][i];
+    a->trans[o] = t;
+  }
+}
+
+typedef struct {
+  float *trans, *suffix, *g[3], *g_depth, *err; // [64][16]
+} tile_state;
+
+static void load_state(const sv_raster_bwd_args *a, long at, tile_state *st) {
+  const sv_raster_args *f = a->fwd;
+  for (int i = 0; i < 1024; i++) {
+    long o = at + pixel_offset(i / 16, i % 16, f->stride);
+    float s = 0.0f;
+    for (int c = 0; c < 3; c++) {
+      st->g[c][i] = a->g_rgb[c][o];
+      s = fmaf(f->rgb[c][o], st->g[c][i], s);
+    }
+    st->g_depth[i] = a->g_depth ? a->g_depth[o] : 0.0f;
+    if (a->g_depth) s = fmaf(f->depth[o], st->g_depth[i], s);
+    if (a->g_trans) s = fmaf(f->trans[o], a->g_trans[o], s);
+    st->err[i] = a->err ? a->err[o] : 0.0f;
+    st->suffix[i] = s;
+    st->trans[i] = 1.0f;
+  }
+}
+
+// One block row of a splat: sums per lane into m[SLOT][16].
+static void block_bwd(const sv_splat *s, float u, float v, int b, const tile_state *st, float row[2][16],
+                      float m[11][16]) {
+  for (int k = 0; k < 16; k++) {
+    int i = 16 * b + k;
+    pair_eval e = evaluate(s, u, v, b, k);
+    float t = st->trans[i];
+    if (!(e.power >= SV_LOG2_ALPHA_MIN && t > 0.0f)) continue;
+    float w = e.a * t, next = fmaf(-e.a, t, t);
+    if (!(next >= SV_T_MIN)) {
+      st->trans[i] = -t;
+      continue;
+    }
+    for (int c = 0; c < 3; c++) m[SV_SLOT_RGB + c][k] = fmaf(w, st->g[c][i], m[SV_SLOT_RGB + c][k]);
+    m[SV_SLOT_Z][k] = fmaf(w, st->g_depth[i], m[SV_SLOT_Z][k]);
+    m[SV_SLOT_ERR][k] = fmaf(w, st->err[i], m[SV_SLOT_ERR][k]);
+    float dot = fmaf(s->rgb[2], st->g[2][i], fmaf(s->rgb[1], st->g[1][i], s->rgb[0] * st->g[0][i]));
+    dot = fmaf(s->z, st->g_depth[i], dot);
+    float suffix = fmaf(-w, dot, st->suffix[i]);
+    float g_a = fmaf(t, dot, -(suffix / (1.0f - e.a)));
+    float g = e.a_raw <= SV_ALPHA_MAX ? e.a_raw * g_a : 0.0f, gx = g * e.dx;
+    st->suffix[i] = suffix;
+    st->trans[i] = t - w;
+    row[0][k] += g;
+    row[1][k] += gx;
+    m[SV_SLOT_GXX][k] = fmaf(gx, e.dx, m[SV_SLOT_GXX][k]);
+  }
+}
+
+static void splat_bwd(const sv_splat *s, float u, float v, uint64_t mask, const tile_state *st, float *slot) {
+  float m[11][16] = {{0}};
+  for (int by = 0; by < 8; by++) {
+    float row[2][16] = {{0}};
+    uint64_t bits = mask >> (8 * by) & 255;
+    if (!bits) continue;
+    for (; bits; bits &= bits - 1) block_bwd(s, u, v, 8 * by + __builtin_ctzll(bits), st, row, m);
+    for (int k = 0; k < 16; k++) { // within a lane's row dy is constant
+      float dy = (v - (float)(4 * by)) - ((float)(k >> 2) + 0.5f);
+      m[SV_SLOT_G][k] += row[0][k];
+      m[SV_SLOT_GX][k] += row[1][k];
+      m[SV_SLOT_GY][k] = fmaf(row[0][k], dy, m[SV_SLOT_GY][k]);
+      m[SV_SLOT_GXY][k] = fmaf(row[1][k], dy, m[SV_SLOT_GXY][k]);
+      m[SV_SLOT_GYY][k] = fmaf(row[0][k] * dy, dy, m[SV_SLOT_GYY][k]);
+    }
+  }
+  for (int i = 0; i < 11; i++) slot[i] = s1_sum16(m[i]);
+  for (int i = 11; i < SV_SLOT_FLOATS; i++) slot[i] = 0.0f;
+}
+
+void sv_raster_bwd_ref(const sv_raster_bwd_args *a, uint32_t tile, const uint32_t *list, uint32_t n, float *scratch) {
+  tile_state st = {scratch, scratch + 1024, {scratch + 2048, scratch + 3072, scratch + 4096}, scratch + 5120,
+                   scratch + 6144};
+  float x0, y0;
+  long at;
+  tile_origin(a->fwd, tile, &x0, &y0, &at);
+  load_state(a, at, &st);
+  for (uint32_t i = 0; i < n; i++) {
+    const sv_rec *r = a->fwd->rec + list[i];
+    const sv_splat *s = a->fwd->splat + r->id;
+    if (r->mask) splat_bwd(s, s->u_px - x0, s->v_px - y0, r->mask, &st, a->slot + (long)list[i] * SV_SLOT_FLOATS);
+  }
+}

@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <math.h>
+#include <stddef.h>
+#include <string.h>
+
+#include "kernels/simd/s1_math.h"
+#include "kernels/ssim/ssim.h"
+#include "kernels/ssim/ssim_const.h"
+
+static const float g[6] = {SSIM_G0, SSIM_G1, SSIM_G2, SSIM_G3, SSIM_G4, SSIM_G5};
+
+// Rows of the scratch block: [zeros: 16][data: width up to a multiple of 16][zeros: 16].
+static float *scratch_row(float *scratch, int stride, int i) {
+  return scratch + (size_t)i * (size_t)(stride + 2 * SSIM_BORDER) + SSIM_BORDER;
+}
+
+// The eleven rows around r; rows outside the image are the zero row.
+static void rows_around(const float *row[11], const float *plane, int r, int height, int stride,
+                        const float *zero) {
+  for (int k = -SSIM_R; k <= SSIM_R; k++) {
+    int j = r + k;
+    row[k + SSIM_R] = j >= 0 && j < height ? plane + (size_t)j * (size_t)stride : zero;
+  }
+}
+
+// Vertical half of the blur at column i: x, y, x^2 + y^2 and x y.
+static void blur_column(const float *const xr[11], const float *const yr[11], int i, float out[4]) {
+  float x = xr[5][i], y = yr[5][i];
+  float mx = x * g[0], my = y * g[0], e = fmaf(y, y, x * x) * g[0], p = (x * y) * g[0];
+  for (int k = 1; k <= SSIM_R; k++) {
+    float a = xr[5 - k][i], b = xr[5 + k][i], c = yr[5 - k][i], d = yr[5 + k][i];
+    mx = fmaf(a + b, g[k], mx);
+    my = fmaf(c + d, g[k], my);
+    e = fmaf(fmaf(d, d, fmaf(c, c, fmaf(b, b, a * a))), g[k], e);
+    p = fmaf(fmaf(b, d, a * c), g[k], p);
+  }
+  out[0] = mx, out[1] = my, out[2] = e, out[3] = p;
+}
+
+static float blur_row(const float *p) {
+  float s = p[0] * g[0];
+  for (int k = 1; k <= SSIM_R; k++) s = fmaf(p[-k] + p[k], g[k], s);
+  return s;
+}
+
+typedef struct {
+  float ssim, dm1, ds1, ds12;
+} ssim_point;
+
+static ssim_point point(float m1, float m2, float e, float p) {
+  float mm = m1 * m2, q = fmaf(m1, m1, m2 * m2);
+  float A = q + SSIM_C1, B = (e - q) + SSIM_C2;
+  float C = fmaf(2.0f, mm, SSIM_C1), D = fmaf(2.0f, p - mm, SSIM_C2);
+  float r = 1.0f / (A * B);
+  float ssim = (C * D) * r;
+  return (ssim_point){
+      .ssim = ssim,
+      .dm1 = fmaf(-(m1 * ssim), B - A, m2 * (D - C)) * r,
+      .ds1 = -(ssim * (A * r)),
+      .ds12 = C * r,
+  };
+}
+
+void sv_ssim_ref(const sv_ssim_args *a) {
+  const int w = a->width_px, w16 = (w + 15) & ~15;
+  float *t[4], *zero = a->scratch + (size_t)4 * (size_t)(a->stride + 2 * SSIM_BORDER);
+  memset(a->scratch, 0, sizeof(float) * (size_t)SV_SSIM_SCRATCH_FLOATS(a->stride));
+  for (int m = 0; m < 4; m++) t[m] = scratch_row(a->scratch, a->stride, m);
+  for (int r = a->row0; r < a->row1; r++) {
+    const float *xr[11], *yr[11];
+    float lanes[16] = {0};
+    size_t at = (size_t)r * (size_t)a->stride;
+    rows_around(xr, a->x, r, a->height_px, a->stride, zero);
+    rows_around(yr, a->y, r, a->height_px, a->stride, zero);
+    for (int i = 0; i < w; i++) {
+      float v[4];
+      blur_column(xr, yr, i, v);
+      for (int m = 0; m < 4; m++) t[m][i] = v[m];
+    }
+    for (int i = 0; i < w16; i++) {
+      ssim_point s = {0};
+      if (i < w) s = point(blur_row(t[0] + i), blur_row(t[1] + i), blur_row(t[2] + i), blur_row(t[3] + i));
+      lanes[i & 15] += s.ssim;
+      if (!a->dm1) continue;
+      a->dm1[at + (size_t)i] = s.dm1;
+      a->ds1[at + (size_t)i] = s.ds1;
+      a->ds12[at + (size_t)i] = s.ds12;
+    }
+    a->row_ssim[r] = s1_sum16(lanes);
+  }
+}
+
+// --- gradient ------------------------------------------------------------------------------------
+static void bwd_row(const sv_ssim_bwd_args *a, int r, float *const t[3]) {
+  const size_t at = (size_t)r * (size_t)a->stride;
+  const float w2 = 2.0f * a->w_ssim;
+  float lanes[16] = {0};
+  for (int i = 0; i < a->width_px; i++) {
+    float x = a->x[at + (size_t)i], y = a->y[at + (size_t)i], d = x - y, e = fabsf(d);
+    float grad = (d > 0.0f ? a->w_l1 : 0.0f) - (d < 0.0f ? a->w_l1 : 0.0f);
+    if (a->dm1) {
+      float b0 = blur_row(t[0] + i), b1 = blur_row(t[1] + i), b2 = blur_row(t[2] + i);
+      grad = fmaf(w2, fmaf(y, b2, fmaf(x, b1, b0)), grad);
+    }
+    lanes[i & 15] += e;
+    a->grad[at + (size_t)i] = a->is_grad_add ? a->grad[at + (size_t)i] + grad : grad;
+    if (a->err) a->err[at + (size_t)i] = a->is_err_add ? fmaf(e, a->err_scale, a->err[at + (size_t)i]) : e * a->err_scale;
+  }
+  for (int i = a->width_px; i < a->stride; i++) {
+    if (!a->is_grad_add) a->grad[at + (size_t)i] = 0.0f;
+    if (a->err && !a->is_err_add) a->err[at + (size_t)i] = 0.0f;
+  }
+  a->row_l1[r] = s1_sum16(lanes);
+}
+
+void sv_ssim_bwd_ref(const sv_ssim_bwd_args *a) {
+  const float *map[3] = {a->dm1, a->ds1, a->ds12};
+  float *t[3], *zero = a->scratch + (size_t)4 * (size_t)(a->stride + 2 * SSIM_BORDER);
+  memset(a->scratch, 0, sizeof(float) * (size_t)SV_SSIM_SCRATCH_FLOATS(a->stride));
+  for (int m = 0; m < 3; m++) t[m] = scratch_row(a->scratch, a->stride, m);
+  for (int r = a->row0; r < a->row1; r++) {
+    for (int m = 0; m < 3 && a->dm1; m++) {
+      const float *row[11];
+      rows_around(row, map[m], r, a->height_px, a->stride, zero);
+      for (int i = 0; i < a->width_px; i++) {
+        float s = row[5][i] * g[0];
+        for (int k = 1; k <= SSIM_R; k++) s = fmaf(row[5 - k][i] + row[5 + k][i], g[k], s);
+        t[m][i] = s;
+      }
+    }
+    bwd_row(a, r, t);
+  }
+}

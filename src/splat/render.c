@@ -1,0 +1,289 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "src/splat/render.h"
+
+#include <string.h>
+
+#include "src/splat/constants.h"
+
+#define RANGE 1024 // slots projected by one task
+
+static int n_tiles_of(int w, int h) { return (sv_plane_pad(w) / SV_TILE_PX) * (sv_plane_pad(h) / SV_TILE_PX); }
+
+static size_t cap_pixels_of(const sv_renderer_cfg *cfg) {
+  return cfg->cap_pixels ? cfg->cap_pixels : sv_plane_floats(cfg->cap_width_px, cfg->cap_height_px);
+}
+
+// Twelve records a Gaussian covers a random start (large splats) at the usual sizes; a view has at least
+// room for every tile to be covered 64 deep.
+static uint32_t cap_recs_of(const sv_renderer_cfg *cfg) {
+  if (cfg->cap_recs) return cfg->cap_recs;
+  size_t by_n = 8 * (size_t)cfg->cap_gaussians, by_px = cap_pixels_of(cfg) / (SV_TILE_PX * SV_TILE_PX) * 64;
+  size_t n = by_n + by_px;
+  return n > 0x7fffffff ? 0x7fffffff : (uint32_t)n;
+}
+
+static void carve(sv_renderer *r, const sv_renderer_cfg *cfg, sv_arena *a) {
+  size_t cap = (size_t)(cfg->cap_gaussians + 15) / 16 * 16, px = cap_pixels_of(cfg), recs = cap_recs_of(cfg);
+  size_t n_tiles = px / (SV_TILE_PX * SV_TILE_PX);
+  r->splat = SV_TAKE(a, sv_splat, cap);
+  r->depth_key = SV_TAKE(a, uint32_t, cap);
+  r->pair = SV_TAKE(a, sv_pair, cap);
+  r->tmp = SV_TAKE(a, sv_pair, cap);
+  r->order = SV_TAKE(a, uint32_t, cap);
+  r->hist = SV_TAKE(a, uint32_t, SV_SORT_CAP_BUCKETS);
+  r->n_in_range = SV_TAKE(a, uint32_t, cap / RANGE + 1);
+  r->rec = SV_TAKE(a, sv_rec, recs);
+  r->list = SV_TAKE(a, uint32_t, recs);
+  r->tile_begin = SV_TAKE(a, uint32_t, n_tiles + 1);
+  r->tile_order = SV_TAKE(a, uint32_t, n_tiles);
+  r->chunk_at = SV_TAKE(a, uint32_t, n_tiles * SV_RENDER_CHUNKS);
+  r->slot = cfg->has_grad ? SV_TAKE(a, float, recs * SV_SLOT_FLOATS) : NULL;
+  r->scratch = SV_TAKE(a, float, (size_t)cfg->n_threads * SV_RASTER_SCRATCH_FLOATS);
+  for (int c = 0; c < 3; c++) r->rgb.c[c] = SV_TAKE(a, float, px);
+  r->depth = SV_TAKE(a, float, px);
+  r->trans = SV_TAKE(a, float, px);
+}
+
+size_t sv_renderer_bytes(const sv_renderer_cfg *cfg) {
+  sv_arena dry = sv_arena_dry();
+  sv_renderer r;
+  carve(&r, cfg, &dry);
+  return dry.used_bytes;
+}
+
+sv_status sv_renderer_init(sv_renderer *r, const sv_renderer_cfg *cfg, sv_arena *arena) {
+  if (cfg->cap_gaussians < 1 || cfg->n_threads < 1 || cfg->cap_width_px < 1 || cfg->cap_height_px < 1 ||
+      cfg->cap_width_px > 16384 || cfg->cap_height_px > 16384)
+    return SV_E_ARG;
+  memset(r, 0, sizeof *r);
+  r->cfg = *cfg;
+  r->cfg.cap_pixels = cap_pixels_of(cfg);
+  r->cfg.cap_recs = cap_recs_of(cfg);
+  carve(r, cfg, arena);
+  return arena->status < 0 ? arena->status : SV_OK;
+}
+
+// --- forward -------------------------------------------------------------------------------------------------
+
+typedef struct {
+  sv_renderer *r;
+  const sv_kernels *k;
+  const sv_raster_bwd_args *bwd;
+  int n_blocks;
+  uint32_t n_visible;
+} job;
+
+static void project_task(void *arg, int i_task, int i_thread) {
+  job *j = arg;
+  sv_renderer *r = j->r;
+  int b0 = i_task * (RANGE / 16), b1 = b0 + RANGE / 16;
+  (void)i_thread;
+  if (b1 > j->n_blocks) b1 = j->n_blocks;
+  j->k->project(&r->project, b0, b1);
+  uint32_t n = 0;
+  sv_pair *out = r->tmp + (size_t)i_task * RANGE;
+  for (int i = 16 * b0; i < 16 * b1; i++)
+    if (r->splat[i].n_recs) out[n++] = (sv_pair){r->depth_key[i], (uint32_t)i};
+  r->n_in_range[i_task] = n;
+}
+
+// Visible splats front to back. Slots are compacted in index order, so the stable sort breaks ties by slot.
+static uint32_t sort_visible(sv_renderer *r, const sv_kernels *k, int n_ranges) {
+  uint32_t n = 0;
+  for (int i = 0; i < n_ranges; i++) {
+    memcpy(r->pair + n, r->tmp + (size_t)i * RANGE, r->n_in_range[i] * sizeof(sv_pair));
+    n += r->n_in_range[i];
+  }
+  k->sort(r->pair, r->tmp, n, r->hist);
+  return n;
+}
+
+static uint32_t chunk_begin(uint32_t n, int chunk) {
+  return (uint32_t)((uint64_t)n * (uint64_t)chunk / SV_RENDER_CHUNKS);
+}
+
+static void count_task(void *arg, int c, int i_thread) {
+  job *j = arg;
+  sv_renderer *r = j->r;
+  uint32_t sum = 0, end = chunk_begin(j->n_visible, c + 1);
+  (void)i_thread;
+  for (uint32_t i = chunk_begin(j->n_visible, c); i < end; i++) {
+    if (i + 8 < end) __builtin_prefetch(r->splat + r->pair[i + 8].value);
+    r->order[i] = r->pair[i].value;
+    sum += r->splat[r->order[i]].n_recs;
+  }
+  r->chunk_rec[c + 1] = sum;
+}
+
+static void bin_task(void *arg, int c, int i_thread) {
+  job *j = arg;
+  sv_renderer *r = j->r;
+  uint32_t at = r->chunk_rec[c], begin = chunk_begin(j->n_visible, c), end = chunk_begin(j->n_visible, c + 1);
+  uint32_t *count = r->chunk_at + (size_t)c * (size_t)r->n_tiles, dropped = 0;
+  (void)i_thread;
+  for (uint32_t i = begin; i < end; i++) {
+    sv_splat *s = r->splat + r->order[i];
+    if (at + s->n_recs > r->cfg.cap_recs) s->n_recs = 0, dropped++; // the pool is full: the farthest go
+    s->first_rec = at;
+    at += s->n_recs;
+  }
+  memset(count, 0, (size_t)r->n_tiles * sizeof *count);
+  j->k->bin(r->splat, r->order + begin, end - begin, r->n_tiles_x, r->rec);
+  for (uint32_t i = r->chunk_rec[c]; i < at; i++)
+    if (r->rec[i].mask) count[r->rec[i].tile]++;
+  r->chunk_end[c] = at;
+  r->chunk_dropped[c] = dropped;
+}
+
+static void scatter_task(void *arg, int c, int i_thread) {
+  job *j = arg;
+  sv_renderer *r = j->r;
+  uint32_t *at = r->chunk_at + (size_t)c * (size_t)r->n_tiles;
+  (void)i_thread;
+  for (uint32_t i = r->chunk_rec[c]; i < r->chunk_end[c]; i++)
+    if (r->rec[i].mask) r->list[at[r->rec[i].tile]++] = i;
+}
+
+// Counts per (chunk, tile) -> write positions: tile by tile, chunks in depth order.
+static void place_tiles(sv_renderer *r) {
+  uint32_t sum = 0;
+  for (int t = 0; t < r->n_tiles; t++) {
+    r->tile_begin[t] = sum;
+    for (int c = 0; c < SV_RENDER_CHUNKS; c++) {
+      uint32_t *p = r->chunk_at + (size_t)c * (size_t)r->n_tiles + t, n = *p;
+      *p = sum;
+      sum += n;
+    }
+  }
+  r->tile_begin[r->n_tiles] = sum;
+}
+
+static void bin_all(job *j, const sv_pool *pool) {
+  sv_renderer *r = j->r;
+  r->chunk_rec[0] = 0;
+  sv_pool_run(pool, count_task, j, SV_RENDER_CHUNKS);
+  for (int c = 0; c < SV_RENDER_CHUNKS; c++) {
+    uint64_t next = (uint64_t)r->chunk_rec[c] + r->chunk_rec[c + 1];
+    r->chunk_rec[c + 1] = next > r->cfg.cap_recs ? r->cfg.cap_recs : (uint32_t)next;
+  }
+  sv_pool_run(pool, bin_task, j, SV_RENDER_CHUNKS);
+  place_tiles(r);
+  sv_pool_run(pool, scatter_task, j, SV_RENDER_CHUNKS);
+  r->stats.n_recs = r->tile_begin[r->n_tiles];
+  r->stats.n_dropped = 0;
+  for (int c = 0; c < SV_RENDER_CHUNKS; c++) r->stats.n_dropped += r->chunk_dropped[c];
+}
+
+// Tiles with long lists first (by power of two of the length), so that no thread is left with one at the end.
+static void order_tiles(sv_renderer *r) {
+  uint32_t count[33] = {0};
+  for (int pass = 0; pass < 2; pass++) {
+    for (int t = 0; t < r->n_tiles; t++) {
+      uint32_t n = r->tile_begin[t + 1] - r->tile_begin[t], bucket = n ? (uint32_t)__builtin_clz(n) : 32;
+      if (pass == 0) count[bucket]++;
+      else r->tile_order[count[bucket]++] = (uint32_t)t;
+    }
+    if (pass) break;
+    for (uint32_t b = 0, sum = 0; b < 33; b++) {
+      uint32_t n = count[b];
+      count[b] = sum;
+      sum += n;
+    }
+  }
+}
+
+static void raster_task(void *arg, int i_task, int i_thread) {
+  job *j = arg;
+  sv_renderer *r = j->r;
+  uint32_t t = r->tile_order[i_task], begin = r->tile_begin[t];
+  j->k->raster(&r->raster, t, r->list + begin, r->tile_begin[t + 1] - begin,
+               r->scratch + (size_t)i_thread * SV_RASTER_SCRATCH_FLOATS);
+}
+
+static sv_kview make_kview(const sv_view *v, const sv_render_options *o) {
+  sv_kview k = {.width_px = v->width_px, .height_px = v->height_px, .fx = v->fx, .fy = v->fy, .cx = v->cx,
+                .cy = v->cy, .near_z = o->near_z, .dilation_px2 = SV_DILATION_PX2,
+                .is_antialiased = o->is_antialiased};
+  memcpy(k.r, v->r, sizeof k.r);
+  memcpy(k.t, v->t, sizeof k.t);
+  sv_view_centre(k.centre, v);
+  return k;
+}
+
+static sv_status set_size(sv_renderer *r, int w, int h) {
+  size_t px = sv_plane_floats(w, h);
+  if (w < 1 || h < 1 || w > r->cfg.cap_width_px || h > r->cfg.cap_height_px || px > r->cfg.cap_pixels)
+    return SV_E_RANGE;
+  r->rgb.width_px = w;
+  r->rgb.height_px = h;
+  r->rgb.stride = sv_plane_pad(w);
+  r->rgb.rows_padded = sv_plane_pad(h);
+  r->n_tiles_x = r->rgb.stride / SV_TILE_PX;
+  r->n_tiles = n_tiles_of(w, h);
+  return SV_OK;
+}
+
+sv_status sv_render(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, const sv_gaussians *g,
+                    const sv_view *view, const sv_render_options *o) {
+  sv_status s = set_size(r, view->width_px, view->height_px);
+  if (s < 0) return s;
+  if (g->n > r->cfg.cap_gaussians || pool->n_threads > r->cfg.n_threads) return SV_E_RANGE;
+  r->project = (sv_project_args){.param = g->param, .n_rows = g->n_rows,
+                                 .sh_degree = o->sh_degree < g->sh_degree ? o->sh_degree : g->sh_degree,
+                                 .n_gaussians = g->n, .view = make_kview(view, o), .splat = r->splat,
+                                 .depth_key = r->depth_key};
+  job j = {.r = r, .k = k, .n_blocks = (g->n + 15) / 16};
+  int n_ranges = (g->n + RANGE - 1) / RANGE;
+  sv_pool_run(pool, project_task, &j, n_ranges);
+  j.n_visible = r->stats.n_visible = sort_visible(r, k, n_ranges);
+  bin_all(&j, pool);
+  order_tiles(r);
+  r->raster = (sv_raster_args){.splat = r->splat, .rec = r->rec, .n_tiles_x = r->n_tiles_x, .stride = r->rgb.stride,
+                               .bg = {o->bg[0], o->bg[1], o->bg[2]},
+                               .rgb = {r->rgb.c[0], r->rgb.c[1], r->rgb.c[2]},
+                               .depth = o->has_depth ? r->depth : NULL, .trans = r->trans};
+  sv_pool_run(pool, raster_task, &j, r->n_tiles);
+  return SV_OK;
+}
+
+// --- backward ------------------------------------------------------------------------------------------------
+
+static void raster_bwd_task(void *arg, int i_task, int i_thread) {
+  job *j = arg;
+  sv_renderer *r = j->r;
+  uint32_t t = r->tile_order[i_task], begin = r->tile_begin[t];
+  j->k->raster_bwd(j->bwd, t, r->list + begin, r->tile_begin[t + 1] - begin,
+                   r->scratch + (size_t)i_thread * SV_RASTER_SCRATCH_FLOATS);
+}
+
+sv_status sv_render_bwd(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, const sv_planes *g_rgb,
+                        const float *g_depth, const float *g_trans, const float *err) {
+  if (!r->slot || g_rgb->stride != r->rgb.stride || g_rgb->rows_padded != r->rgb.rows_padded) return SV_E_ARG;
+  if (g_depth && !r->raster.depth) return SV_E_ARG;
+  sv_raster_bwd_args a = {.fwd = &r->raster, .g_rgb = {g_rgb->c[0], g_rgb->c[1], g_rgb->c[2]}, .g_depth = g_depth,
+                          .g_trans = g_trans, .err = err, .slot = r->slot};
+  job j = {.r = r, .k = k, .bwd = &a};
+  sv_pool_run(pool, raster_bwd_task, &j, r->n_tiles);
+  return SV_OK;
+}
+
+uint32_t sv_render_bwd_block(const sv_renderer *r, const sv_kernels *k, int block, float *grad, float *err,
+                             float *pose_grad) {
+  sv_project_bwd_args a = {.fwd = &r->project, .rec = r->rec, .slot = r->slot, .pose_grad = pose_grad};
+  return k->project_bwd(&a, block, grad, err);
+}
+
+uint64_t sv_render_count_pairs(const sv_renderer *r) {
+  uint64_t n = 0;
+  for (uint32_t i = 0; i < r->stats.n_recs; i++) n += 16u * (uint64_t)__builtin_popcountll(r->rec[r->list[i]].mask);
+  return n;
+}
+
+void sv_render_expected_depth(const sv_renderer *r, float alpha_min, float *out) {
+  for (int y = 0; y < r->rgb.height_px; y++)
+    for (int x = 0; x < r->rgb.width_px; x++) {
+      long o = (long)y * r->rgb.stride + x;
+      float alpha = 1.0f - r->trans[o];
+      out[o] = alpha > alpha_min ? r->depth[o] / (alpha > 1e-10f ? alpha : 1e-10f) : 0.0f;
+    }
+}

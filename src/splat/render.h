@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+// Gaussians -> picture -> gradients: projection, depth sort, binning and rasterization over a thread pool,
+// all in memory carved at start. Every stage works on ranges that do not depend on the thread count, and
+// sums are folded in index order: the same bits for any number of threads.
+#ifndef SV_SPLAT_RENDER_H
+#define SV_SPLAT_RENDER_H
+
+#include "kernels/kernels.h"
+#include "src/image/planes.h"
+#include "src/port/port.h"
+#include "src/rig/rig.h"
+#include "src/splat/gaussians.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SV_RENDER_CHUNKS 16 // ranges of the depth order that are binned independently
+
+typedef struct {
+  int cap_gaussians;
+  int cap_width_px, cap_height_px; // each of any view
+  size_t cap_pixels;               // of any view, padded: sv_plane_floats; 0: cap_width x cap_height
+  uint32_t cap_recs;               // (splat, tile) pairs; 0: a default from the two above
+  int n_threads;                   // scratch is per thread
+  bool has_grad;                   // room for backward
+} sv_renderer_cfg;
+
+typedef struct {
+  uint32_t n_visible, n_recs;
+  uint32_t n_dropped;     // splats left out because cap_recs was reached (the farthest ones)
+} sv_render_stats;
+
+typedef struct {
+  sv_renderer_cfg cfg;
+  sv_splat *splat;       // [cap]
+  uint32_t *depth_key;   // [cap]
+  sv_pair *pair, *tmp;   // [cap] visible ones; in depth order after the sort
+  uint32_t *order;       // [cap] Gaussian of each rank
+  uint32_t *hist;        // [SV_SORT_CAP_BUCKETS]
+  uint32_t *n_in_range;  // [cap/1024] visible per range of 1024 slots
+  sv_rec *rec;           // [cap_recs]
+  uint32_t *list;        // [cap_recs] records by tile, front to back
+  uint32_t *tile_begin;  // [n_tiles + 1]
+  uint32_t *tile_order;  // [n_tiles] longest list first, so that threads end together
+  uint32_t *chunk_at;    // [SV_RENDER_CHUNKS][n_tiles] counts, then write positions
+  uint32_t chunk_rec[SV_RENDER_CHUNKS + 1], chunk_end[SV_RENDER_CHUNKS]; // records of a chunk: [rec, end)
+  uint32_t chunk_dropped[SV_RENDER_CHUNKS];
+  float *slot;           // [cap_recs][16], NULL without has_grad
+  float *scratch;        // [n_threads][SV_RASTER_SCRATCH_FLOATS]
+  sv_planes rgb;         // the last picture
+  float *depth, *trans;  // planes: sum of w z; 1 - alpha
+  int n_tiles_x, n_tiles;
+  sv_project_args project; // of the last forward pass
+  sv_raster_args raster;
+  sv_render_stats stats;
+} sv_renderer;
+
+size_t sv_renderer_bytes(const sv_renderer_cfg *cfg);
+sv_status sv_renderer_init(sv_renderer *r, const sv_renderer_cfg *cfg, sv_arena *arena) SV_MUST_USE;
+
+typedef struct {
+  int sh_degree;       // in use, at most the model's
+  float near_z;        // world units
+  bool is_antialiased; // Mip-Splatting's 2D compensation
+  bool has_depth;      // fill r->depth
+  float bg[3];
+} sv_render_options;
+
+// Renders into r->rgb, r->depth, r->trans. E_RANGE when the view is larger than the caps.
+sv_status sv_render(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, const sv_gaussians *g,
+                    const sv_view *view, const sv_render_options *o) SV_MUST_USE;
+
+// Gradients of the last picture's planes -> slots per record. g_depth, g_trans, err may be NULL. The planes
+// have the picture's stride; padding must be 0. Then sv_render_bwd_block per block of 16 Gaussians.
+sv_status sv_render_bwd(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, const sv_planes *g_rgb,
+                        const float *g_depth, const float *g_trans, const float *err) SV_MUST_USE;
+// grad [n_rows][16], err [16], pose_grad [6] or NULL (dL/d(omega, v) of a twist on cam_from_world). Returns
+// the touched lanes' bits.
+uint32_t sv_render_bwd_block(const sv_renderer *r, const sv_kernels *k, int block, float *grad, float *err,
+                             float *pose_grad);
+
+// Pixel-splat pairs that the last picture evaluated: 16 per marked block.
+uint64_t sv_render_count_pairs(const sv_renderer *r);
+
+// Expected depth of the last picture: sum w z / max(alpha, 1e-10), 0 where alpha <= alpha_min. out: plane
+// with the picture's stride.
+void sv_render_expected_depth(const sv_renderer *r, float alpha_min, float *out);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
