@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: Apache-2.0
+// The machine behind src/port/port.h on Linux: clock, threads, store, console. Every struct here is
+// owned by the caller; memory is taken from the system only in the open/start calls (thread stacks),
+// never afterwards. The structs must stay where they are while the port made from them is in use.
+#ifndef SV_PLATFORM_LINUX_LINUX_H
+#define SV_PLATFORM_LINUX_LINUX_H
+
+#include <pthread.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "src/port/port.h"
+
+// This header holds lock-free words that C and C++ spell differently; it is meant for C only.
+#include <stdatomic.h>
+
+// --- clock ---------------------------------------------------------------------------------------
+// CLOCK_MONOTONIC. sleep_until_ns returns early when a signal comes (so that Ctrl-C is seen at once).
+sv_clock sv_linux_clock(void);
+
+// --- threads -------------------------------------------------------------------------------------
+#define SV_LINUX_CAP_THREADS 64
+
+typedef struct sv_linux_pool sv_linux_pool;
+typedef struct {
+  sv_linux_pool *pool;
+  pthread_t id;
+  int i_thread;
+} sv_linux_worker;
+
+// One job at a time. `ticket` holds the job's number in its high half and the next task in its low
+// half, so a worker that wakes late can never take a task of a job it did not read: no worker has to
+// report in, and a sleeping one costs the caller nothing.
+struct sv_linux_pool {
+  int n_threads;   // the caller included
+  int64_t spin_ns; // how long an idle thread looks before it sleeps
+  _Atomic uint64_t ticket;
+  _Atomic(sv_task_fn) fn;
+  _Atomic(void *) arg;
+  _Atomic int n_tasks;
+  _Atomic uint32_t n_done;    // tasks finished; the caller sleeps on it
+  _Atomic uint32_t is_waited; // the caller sleeps
+  _Atomic uint32_t i_job;     // changes with each job; idle workers sleep on it
+  _Atomic uint32_t n_asleep;
+  _Atomic bool is_stopping;
+  sv_linux_worker workers[SV_LINUX_CAP_THREADS];
+};
+
+// Makes n_threads - 1 threads (1..SV_LINUX_CAP_THREADS; with 1 none is made and tasks run in order on
+// the caller). Idle threads spin spin_us before they sleep (-1: 50; it is 0 on a machine with a single
+// core). Their signals are blocked: Ctrl-C goes to the main thread.
+sv_status sv_linux_pool_start(sv_linux_pool *p, int n_threads, int spin_us, sv_err *err) SV_MUST_USE;
+// The port's view of it. run() must not be called from inside a task nor by two threads at once.
+sv_pool sv_linux_pool_port(sv_linux_pool *p);
+void sv_linux_pool_stop(sv_linux_pool *p); // joins the threads
+
+// --- store ---------------------------------------------------------------------------------------
+#define SV_LINUX_CAP_PATH 512
+#define SV_LINUX_CAP_NAME 200
+
+typedef struct {
+  int dir_fd, fd;               // -1: not open
+  char dir[SV_LINUX_CAP_PATH];  // for the sentences
+  char name[SV_LINUX_CAP_NAME]; // the file between begin and commit
+  uint64_t n_bytes;             // written since begin
+  sv_status status;             // first failure since begin; commit repeats it
+} sv_linux_store;
+
+// Opens a folder; makes it (and its parents) when it is missing. Left-over temporary files of an
+// earlier, killed run are harmless: they are replaced by the next save of the same name.
+sv_status sv_linux_store_open(sv_linux_store *s, const char *dir, sv_err *err) SV_MUST_USE;
+// begin/write/commit: NAME.tmp in the same folder, write, fsync, rename, fsync of the folder.
+sv_store sv_linux_store_port(sv_linux_store *s);
+void sv_linux_store_close(sv_linux_store *s); // abandons a file that was not committed
+
+// Makes a folder and its missing parents.
+sv_status sv_linux_make_dir(const char *dir, sv_err *err) SV_MUST_USE;
+
+// The system's reason for an errno, in a few words, for an error sentence. Never allocates.
+const char *sv_linux_reason(int errno_value);
+
+// --- console -------------------------------------------------------------------------------------
+typedef struct {
+  int fd;             // 2: stderr
+  bool is_quiet;      // only errors and warnings
+  bool is_terminal;
+  bool has_live_line; // an unfinished live line stands on the terminal
+  sv_ns live_period_ns, last_live_ns;
+} sv_linux_console;
+
+// Log lines go to `fd` (2: stderr) with one write each. SV_LOG_LIVE rewrites one line on a terminal;
+// elsewhere it prints a line at most every 5 seconds.
+void sv_linux_console_init(sv_linux_console *c, int fd, bool is_quiet);
+sv_console sv_linux_console_port(sv_linux_console *c);
+void sv_linux_console_finish(sv_linux_console *c); // ends a live line
+
+// From here on the first SIGINT or SIGTERM only sets the stop flag that every console reports; the
+// second one has its usual effect, so a hanging program can still be ended.
+sv_status sv_linux_catch_signals(sv_err *err) SV_MUST_USE;
+void sv_linux_reset_stop(void); // clears the flag (tests; a second run in one process)
+
+#endif

@@ -1,0 +1,171 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <linux/futex.h>
+#include <limits.h>
+#include <signal.h>
+#include <string.h>
+#include <sys/syscall.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "platform/linux/linux.h"
+
+// Core code keeps its frames under 4 KiB and does not recurse.
+#define STACK_BYTES (512u << 10)
+// Looks at the time only every so many spins: reading the clock costs more than a look.
+#define SPINS_PER_LOOK 64
+
+static void relax(void) {
+#if defined(__x86_64__) || defined(__i386__)
+  __builtin_ia32_pause();
+#elif defined(__aarch64__) || defined(__arm__)
+  __asm__ volatile("yield");
+#endif
+}
+
+static int64_t now_ns(void) {
+  struct timespec t;
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return (int64_t)t.tv_sec * SV_NS_PER_S + t.tv_nsec;
+}
+
+static void futex_wait(_Atomic uint32_t *word, uint32_t seen) {
+  syscall(SYS_futex, (uint32_t *)word, FUTEX_WAIT_PRIVATE, seen, NULL, NULL, 0);
+}
+
+static void futex_wake(_Atomic uint32_t *word, int n) {
+  syscall(SYS_futex, (uint32_t *)word, FUTEX_WAKE_PRIVATE, n, NULL, NULL, 0);
+}
+
+// Looks until *word differs from `seen` or the spin time is over; true when it changed.
+static bool spin_for_change(_Atomic uint32_t *word, uint32_t seen, int64_t spin_ns) {
+  if (atomic_load_explicit(word, memory_order_acquire) != seen) return true;
+  if (spin_ns <= 0) return false;
+  int64_t end_ns = now_ns() + spin_ns;
+  do {
+    for (int i = 0; i < SPINS_PER_LOOK; i++) {
+      if (atomic_load_explicit(word, memory_order_acquire) != seen) return true;
+      relax();
+    }
+  } while (now_ns() < end_ns);
+  return false;
+}
+
+// Takes tasks of the present job until there are none left. fn, arg and n_tasks are read before the
+// ticket is taken: if another job began in between, the exchange fails and what was read is unused.
+static void work(sv_linux_pool *p, int i_thread) {
+  for (;;) {
+    uint64_t ticket = atomic_load_explicit(&p->ticket, memory_order_acquire);
+    uint32_t i_task = (uint32_t)ticket;
+    sv_task_fn fn = atomic_load_explicit(&p->fn, memory_order_acquire);
+    void *arg = atomic_load_explicit(&p->arg, memory_order_acquire);
+    uint32_t n_tasks = (uint32_t)atomic_load_explicit(&p->n_tasks, memory_order_acquire);
+    if (i_task >= n_tasks) {
+      // Only a ticket that did not change meanwhile tells that its own job is empty.
+      if (atomic_load_explicit(&p->ticket, memory_order_acquire) == ticket) return;
+      continue;
+    }
+    if (!atomic_compare_exchange_weak_explicit(&p->ticket, &ticket, ticket + 1, memory_order_acq_rel,
+                                               memory_order_relaxed))
+      continue;
+    fn(arg, (int)i_task, i_thread);
+    uint32_t n_done = atomic_fetch_add(&p->n_done, 1) + 1;
+    if (n_done == n_tasks && atomic_load(&p->is_waited)) futex_wake(&p->n_done, 1);
+  }
+}
+
+static void *worker_main(void *arg) {
+  sv_linux_worker *w = arg;
+  sv_linux_pool *p = w->pool;
+  while (!atomic_load_explicit(&p->is_stopping, memory_order_acquire)) {
+    uint32_t seen = atomic_load_explicit(&p->i_job, memory_order_acquire);
+    work(p, w->i_thread);
+    if (spin_for_change(&p->i_job, seen, p->spin_ns)) continue;
+    // The count goes up before the kernel compares i_job again: either the caller of the next job sees
+    // a sleeper, or the sleeper sees the next job.
+    atomic_fetch_add(&p->n_asleep, 1);
+    if (atomic_load(&p->i_job) == seen) futex_wait(&p->i_job, seen);
+    atomic_fetch_sub(&p->n_asleep, 1);
+  }
+  return NULL;
+}
+
+static void wait_done(sv_linux_pool *p, uint32_t n_tasks) {
+  for (;;) {
+    uint32_t n_done = atomic_load_explicit(&p->n_done, memory_order_acquire);
+    if (n_done == n_tasks) return;
+    if (spin_for_change(&p->n_done, n_done, p->spin_ns)) continue;
+    atomic_store(&p->is_waited, 1);
+    if (atomic_load(&p->n_done) == n_done) futex_wait(&p->n_done, n_done);
+    atomic_store(&p->is_waited, 0);
+  }
+}
+
+static void run(void *self, sv_task_fn fn, void *arg, int n_tasks) {
+  sv_linux_pool *p = self;
+  if (p->n_threads == 1 || n_tasks <= 1) {
+    for (int i = 0; i < n_tasks; i++) fn(arg, i, 0);
+    return;
+  }
+  // The old ticket is closed before anything of the new job can be seen: otherwise a late worker could
+  // hold the old ticket against the new, larger number of tasks and take one that is not there. The
+  // release stores keep that order.
+  uint64_t i_job = (atomic_load_explicit(&p->ticket, memory_order_relaxed) >> 32) + 1;
+  atomic_store_explicit(&p->ticket, i_job << 32 | UINT32_MAX, memory_order_relaxed);
+  atomic_store_explicit(&p->fn, fn, memory_order_release);
+  atomic_store_explicit(&p->arg, arg, memory_order_release);
+  atomic_store_explicit(&p->n_tasks, n_tasks, memory_order_release);
+  atomic_store_explicit(&p->n_done, 0, memory_order_relaxed);
+  atomic_store_explicit(&p->ticket, i_job << 32, memory_order_release);
+  atomic_fetch_add(&p->i_job, 1);
+  uint32_t n_asleep = atomic_load(&p->n_asleep);
+  if (n_asleep) futex_wake(&p->i_job, n_tasks - 1 < (int)n_asleep ? n_tasks - 1 : (int)n_asleep);
+  work(p, 0);
+  wait_done(p, (uint32_t)n_tasks);
+}
+
+static sv_status start_worker(sv_linux_pool *p, int i_thread) {
+  pthread_attr_t attr;
+  if (pthread_attr_init(&attr)) return SV_E_NOMEM;
+  p->workers[i_thread] = (sv_linux_worker){.pool = p, .i_thread = i_thread};
+  int failed = pthread_attr_setstacksize(&attr, STACK_BYTES);
+  if (!failed)
+    failed = pthread_create(&p->workers[i_thread].id, &attr, worker_main, &p->workers[i_thread]);
+  pthread_attr_destroy(&attr);
+  return failed ? SV_E_NOMEM : SV_OK;
+}
+
+sv_status sv_linux_pool_start(sv_linux_pool *p, int n_threads, int spin_us, sv_err *err) {
+  if (n_threads < 1 || n_threads > SV_LINUX_CAP_THREADS)
+    return sv_fail(err, SV_E_ARG, "threads: %d asked for, 1 to %d are possible", n_threads, SV_LINUX_CAP_THREADS);
+  memset(p, 0, sizeof *p);
+  p->n_threads = 1;
+  // On a single core a spinning thread only keeps the one it waits for from running.
+  if (spin_us < 0) spin_us = sysconf(_SC_NPROCESSORS_ONLN) > 1 ? 50 : 0;
+  p->spin_ns = (int64_t)spin_us * SV_NS_PER_US;
+  atomic_store(&p->ticket, (uint64_t)UINT32_MAX);
+  sigset_t all, old;
+  sigfillset(&all);
+  pthread_sigmask(SIG_SETMASK, &all, &old); // threads inherit the mask
+  sv_status s = SV_OK;
+  for (int i = 1; i < n_threads && s == SV_OK; i++) {
+    s = start_worker(p, i);
+    if (s == SV_OK) p->n_threads++;
+  }
+  pthread_sigmask(SIG_SETMASK, &old, NULL);
+  if (s == SV_OK) return s;
+  int n_made = p->n_threads;
+  sv_linux_pool_stop(p);
+  return sv_fail(err, s, "threads: the system gave %d of the %d asked for", n_made, n_threads);
+}
+
+sv_pool sv_linux_pool_port(sv_linux_pool *p) {
+  return (sv_pool){.self = p, .n_threads = p->n_threads, .run = run};
+}
+
+void sv_linux_pool_stop(sv_linux_pool *p) {
+  atomic_store(&p->is_stopping, true);
+  atomic_fetch_add(&p->i_job, 1);
+  futex_wake(&p->i_job, INT_MAX);
+  for (int i = 1; i < p->n_threads; i++) pthread_join(p->workers[i].id, NULL);
+  p->n_threads = 1;
+}
