@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# One file, not recursive. `make help` lists the targets from their ## lines. Sources are found by folder, so a
-# new file needs no change here; a folder that does not exist is an empty one.
+# One file, not recursive. `make help` lists the targets from their ## lines. Sources are found by folder, so
+# a new file needs no change here; a folder that does not exist is an empty one.
 #   BOARD=rpi5              the board to build for (boards/*)
 #   SAN=address,undefined   the same with sanitizers, in a folder of its own
 #   WERROR=                 warnings stay warnings
@@ -12,8 +12,9 @@ WERROR    ?= -Werror
 PREFIX    ?= /usr/local
 JOBS      ?= $(shell nproc)
 
+BOARDS    := $(notdir $(patsubst %/board.mk,%,$(wildcard boards/[a-z]*/board.mk)))
 ifeq ($(wildcard boards/$(BOARD)/board.mk),)
-$(error no boards/$(BOARD)/board.mk; the boards are: $(notdir $(patsubst %/board.mk,%,$(wildcard boards/[a-z]*/board.mk))))
+$(error no boards/$(BOARD)/board.mk; the boards are: $(BOARDS))
 endif
 include boards/$(BOARD)/board.mk
 
@@ -35,11 +36,12 @@ CC := $(BOARD_CROSS)gcc
 AR := $(BOARD_CROSS)gcc-ar
 OBJDUMP := $(BOARD_CROSS)objdump
 
-# --- flags -------------------------------------------------------------------------------------------------------
-# The same bits on every machine: no contraction, no fast-math (architecture of the arithmetic: kernels/kernels.h).
+# --- flags ----------------------------------------------------------------------------------------
+# The same bits on every machine: no contraction, no fast-math (architecture of the arithmetic:
+# kernels/kernels.h).
 ARITH  := -ffp-contract=off -fno-math-errno -fno-trapping-math
-WARN   := -Wall -Wextra -Wpedantic -Wshadow -Wvla -Walloca -Wstrict-prototypes -Wpointer-arith -Wno-unused-function \
-          $(WERROR)
+WARN   := -Wall -Wextra -Wpedantic -Wshadow -Wvla -Walloca -Wstrict-prototypes \
+          -Wpointer-arith -Wno-unused-function $(WERROR)
 SANF   := $(if $(SAN),-fsanitize=$(SAN) -fno-sanitize-recover=all -fno-omit-frame-pointer)
 OPT    ?= $(if $(SAN),-O1,-O2)
 OPT_KERNELS ?= $(if $(SAN),-O1,-O3)
@@ -58,7 +60,7 @@ ISA_avx2   := -mavx2 -mfma
 ISA_avx512 := -mavx512f -mavx512dq -mavx512vl -mavx512bw -mfma -mprefer-vector-width=512
 ISA_neon   :=
 
-# --- sources -----------------------------------------------------------------------------------------------------
+# --- sources --------------------------------------------------------------------------------------
 obj = $(patsubst %.c,$(O)/obj/%.o,$(1))
 KERNEL_SRC := $(filter-out %_sse41.c %_avx2.c %_avx512.c %_neon.c,$(wildcard kernels/*.c kernels/*/*.c)) \
   $(foreach i,$(BOARD_ISAS),$(wildcard kernels/*/*_$(i).c))
@@ -72,7 +74,8 @@ MAIN_RE    := ^(int )?main ?\(
 MAINS      := $(shell grep -lE '$(MAIN_RE)' /dev/null $(TOOL_SRC) $(TEST_SRC))
 LAB_MAIN   := $(filter $(MAINS),$(wildcard tools/lab/*.c))
 HELPER_SRC := $(filter-out $(MAINS),$(TOOL_SRC) $(wildcard tests/common/*.c))
-# The malloc interposer goes only to the programs that ask for it: anywhere else it would be picked up unasked.
+# The malloc interposer goes only to the programs that ask for it: anywhere else it would be picked up
+# unasked.
 HEAP_SRC   := $(filter-out $(MAINS),$(wildcard tests/fault/heap_*.c))
 HEAP_USERS := $(shell grep -lF '"tests/fault/heap_count.h"' /dev/null $(filter $(MAINS),$(TEST_SRC)))
 ALL_OBJ    := $(call obj,$(CORE_SRC) $(PLAT_SRC) $(MAIN_SRC) $(TOOL_SRC) $(TEST_SRC))
@@ -84,14 +87,15 @@ PROGRAMS := $(if $(MAIN_SRC),$(O)/bin/subview) $(if $(LAB_MAIN),$(O)/bin/subview
 .DEFAULT_GOAL := all
 .DELETE_ON_ERROR:
 .SECONDARY:
-.PHONY: all programs tests-build demo test test-all check bench kernels-check grad scenario golden fault fuzz unit only \
-  headers lint format format-check tidy plan clean deps help install cross FORCE
+.PHONY: all programs tests-build demo test test-all check bench kernels-check grad scenario golden fault fuzz \
+  unit only headers lint format format-check tidy plan clean deps help install cross FORCE
 
 all: $(CORE) $(PROGRAMS) tests-build ## build the runtime, the tools and the tests for BOARD
 programs: $(CORE) $(PROGRAMS) ## build the runtime and the tools only
 
-# --- compiling ---------------------------------------------------------------------------------------------------
-# Objects depend on this file, which changes when a flag does: no stale objects, no rebuild for a comment here.
+# --- compiling ------------------------------------------------------------------------------------
+# Objects depend on this file, which changes when a flag does: no stale objects, no rebuild for a comment
+# here.
 FLAGS_NOW := $(CC) $(CORE_CFLAGS) $(KERNEL_CFLAGS) $(HOST_CFLAGS) $(LDFLAGS_ALL) $(LIBS) $(ISA_avx512)
 $(O)/flags: FORCE
 	@mkdir -p $(@D); echo '$(FLAGS_NOW)' | cmp -s - $@ || echo '$(FLAGS_NOW)' > $@
@@ -128,22 +132,24 @@ $(eval $(call archive_rule,libcore,$(call obj,$(CORE_SRC))))
 $(eval $(call archive_rule,libplatform,$(call obj,$(PLAT_SRC))))
 $(eval $(call archive_rule,libhelp,$(call obj,$(HELPER_SRC))))
 
-# --- programs ----------------------------------------------------------------------------------------------------
-link = @mkdir -p $(@D); $(if $(V),echo link $@;) $(CC) $(filter %.o,$^) $(filter %.a,$^) $(LDFLAGS_ALL) $(1) $(LIBS) -o $@
+# --- programs -------------------------------------------------------------------------------------
+link = @mkdir -p $(@D); $(if $(V),echo link $@;) $(CC) $(filter %.o,$^) $(filter %.a,$^) $(LDFLAGS_ALL) $(1) \
+  $(LIBS) -o $@
 $(O)/bin/subview: $(call obj,$(MAIN_SRC)) $(O)/libplatform.a $(CORE)
 	$(call link)
 $(O)/bin/subview-lab: $(call obj,$(LAB_MAIN)) $(ARCHIVES)
 	$(call link)
 
-# --- tests -------------------------------------------------------------------------------------------------------
+# --- tests ----------------------------------------------------------------------------------------
 GROUPS_PLAIN := unit grad golden fault scenario budget
+progs_of = $(patsubst %.c,$(O)/%,$(filter $(MAINS),$(wildcard tests/$(1)/*.c)))
 define group_rules
-PROGS_$(1) := $(patsubst %.c,$(O)/%,$(filter $(MAINS),$(wildcard tests/$(1)/*.c)))
-$(patsubst %.c,$(O)/%,$(filter $(MAINS),$(wildcard tests/$(1)/*.c))): $(O)/tests/$(1)/%: $(O)/obj/tests/$(1)/%.o \
+PROGS_$(1) := $(call progs_of,$(1))
+$(call progs_of,$(1)): $(O)/tests/$(1)/%: $(O)/obj/tests/$(1)/%.o \
   $(call obj,$(filter-out $(MAINS) $(HEAP_SRC),$(wildcard tests/$(1)/*.c))) $(ARCHIVES)
 	$$(call link,-lcmocka)
 endef
-$(foreach g,$(GROUPS_PLAIN),$(if $(filter $(MAINS),$(wildcard tests/$(g)/*.c)),$(eval $(call group_rules,$(g)))))
+$(foreach g,$(GROUPS_PLAIN),$(if $(call progs_of,$(g)),$(eval $(call group_rules,$(g)))))
 $(patsubst %.c,$(O)/%,$(HEAP_USERS)): $(call obj,$(HEAP_SRC))
 
 KERNEL_TEST_SRC := $(wildcard tests/kernels/*.c)
@@ -167,10 +173,12 @@ define NL
 
 
 endef
-LINTS := files words includes headers symbols stack format selftest
-ITEMS_lint  = $(foreach l,$(LINTS),lint/$(l)$(TAB)CC='$(CC) $(SYSROOT_FLAG)' OBJDUMP='$(OBJDUMP)' SAN='$(SAN)' \
-  tools/lint/$(l).sh $(if $(filter symbols stack,$(l)),$(O))$(NL))
-ITEMS_cross = cross/generic-arm64$(TAB)tests/run/cross.sh generic-arm64$(NL)
+LINTS := files words includes headers symbols stack format
+LINT_ENV = CC='$(CC) $(SYSROOT_FLAG)' OBJDUMP='$(OBJDUMP)' SAN='$(SAN)'
+ITEMS_lint  = $(foreach l,$(LINTS),lint/$(l)$(TAB)$(LINT_ENV) tools/lint/$(l).sh \
+  $(if $(filter symbols stack,$(l)),$(O))$(NL)) lint/selftest$(TAB)tests/run/selftest.sh$(NL)
+# Building and emulating takes a while longer than other checks.
+ITEMS_cross = cross/generic-arm64$(TAB)BUILD='$(BUILD)' tests/run/cross.sh generic-arm64$(TAB)840$(NL)
 ITEMS_budget = $(foreach p,$(PROGS_budget),!$(p:$(O)/tests/%=%)$(TAB)$(EMULATE) $(p)$(NL))
 FUZZ_ARGS ?=
 ITEMS_fuzz = $(foreach p,$(PROGS_fuzz),$(p:$(O)/tests/%=%)$(TAB)$(EMULATE) $(p) $(FUZZ_ARGS)$(NL))
@@ -219,14 +227,14 @@ only: ## the groups named: make only GROUPS="unit golden"
 GROUPS ?= unit
 $(eval $(call run_rule,only,$(GROUPS)))
 cross: ## the fast tests and the digests for arm64, emulated
-	@tests/run/cross.sh generic-arm64
-bench: programs $(PROGS_kernels) ## time the kernels and the runtime; the kernels' figures also go to kernels.csv
+	@BUILD='$(BUILD)' tests/run/cross.sh generic-arm64
+bench: programs $(PROGS_kernels) ## time the kernels (also into kernels.csv) and the runtime
 	@$(if $(PROGS_kernels),$(EMULATE) $(PROGS_kernels) --bench | tee $(O)/kernels.csv)
 	@$(if $(MAIN_SRC),$(EMULATE) $(O)/bin/subview bench)
 plan: $(O)/bin/subview ## the board's memory map; fails when it does not fit
 	@$(EMULATE) $< plan
 
-# --- the sources themselves --------------------------------------------------------------------------------------
+# --- the sources themselves -----------------------------------------------------------------------
 headers: ## each header alone, as C and as C++
 	@CC='$(CC) $(SYSROOT_FLAG)' tools/lint/headers.sh
 format: ## clang-format everything in place
@@ -236,7 +244,7 @@ format-check: ## tell which files clang-format would change
 tidy: ## clang-tidy and cppcheck
 	@HAVE='$(HAVE)' tools/lint/tidy.sh
 
-# --- the machine -------------------------------------------------------------------------------------------------
+# --- the machine ----------------------------------------------------------------------------------
 deps: ## install what the build and the tests need from the distribution's packages
 	@tools/deps/install.sh test
 $(BUILD)/sysroot-%/.complete:
@@ -249,4 +257,4 @@ clean: ## remove what was built for BOARD
 help: ## this list
 	@grep -hE '^[a-z-]+:.*##' $(firstword $(MAKEFILE_LIST)) | sed -E 's/:.*##/\t/' | sort | \
 	  awk -F '\t' '{ printf "  %-14s %s\n", $$1, $$2 }'
-	@echo "boards: $(notdir $(patsubst %/board.mk,%,$(wildcard boards/[a-z]*/board.mk)))"
+	@echo "boards: $(BOARDS)"

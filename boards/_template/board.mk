@@ -2,8 +2,8 @@
 # Copy this folder to boards/<name>, change the values, then: make BOARD=<name> plan check
 # This file is data: only these variables, no rules.
 
-# What `uname -m` prints on the board. When it is the building machine's own, nothing is crossed or emulated, and
-# BOARD_CROSS and BOARD_RUN are not used: the same board also builds on itself.
+# What `uname -m` prints on the board. When it is the building machine's own, nothing is crossed or emulated,
+# and BOARD_CROSS and BOARD_RUN are not used: the same board also builds on itself.
 BOARD_ARCH        := aarch64
 # Debian's name of it, for the folder of foreign headers and libraries (tools/deps/sysroot.sh).
 BOARD_DEBIAN_ARCH := arm64

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// Not alone: it is a part of each v16_*.h.
 // exp2 and log2 over the vocabulary; included by each v16_*.h. The scalar twins are in s1_math.h: same
 // operations in the same order.
 #ifndef SV_V16_MATH_H

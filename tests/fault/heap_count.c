@@ -141,8 +141,8 @@ void sv_heap_report(void) {
   for (unsigned long i = 0; i < n && i < CAP_CALLS; i++) {
     Dl_info at = {0};
     bool is_known = g_calls[i].caller && dladdr(g_calls[i].caller, &at) != 0;
-    fprintf(stderr, "heap call %lu: %s of %zu bytes by %s (%s+0x%zx)\n", i + 1, g_calls[i].what, g_calls[i].bytes,
-            is_known && at.dli_sname ? at.dli_sname : "?", is_known ? at.dli_fname : "?",
+    fprintf(stderr, "heap call %lu: %s of %zu bytes by %s (%s+0x%zx)\n", i + 1, g_calls[i].what,
+            g_calls[i].bytes, is_known && at.dli_sname ? at.dli_sname : "?", is_known ? at.dli_fname : "?",
             is_known ? (size_t)((uintptr_t)g_calls[i].caller - (uintptr_t)at.dli_fbase) : 0);
   }
   if (n > CAP_CALLS) fprintf(stderr, "and %lu heap calls more\n", n - CAP_CALLS);

@@ -4,11 +4,12 @@
 #
 #   run.sh [-j JOBS] [-t SECONDS] [-o FOLDER] LIST
 #
-# LIST holds one check a line: label <TAB> command [<TAB> seconds]. A label that starts with "!" runs after the
-# others, with nothing beside it. Cases are counted from cmocka's output, or from a line of the form above that the
-# command prints itself (the last one holds). A command that says neither is one case: exit 0 passed, 77 skipped (its
-# last line is the reason), anything else failed. A command that ends badly, or not in time, adds a failure even when
-# all its cases look well. Logs stay in FOLDER. Exit 1 when something failed or nothing passed.
+# LIST holds one check a line: label <TAB> command [<TAB> seconds]. A label that starts with "!" runs after
+# the others, with nothing beside it. Cases are counted from cmocka's output, or from a line of the form above
+# that the command prints itself (the last one holds). A command that says neither is one case: exit 0 passed,
+# 77 skipped (its last line is the reason), anything else failed. A command that ends badly, or not in time,
+# adds a failure even when all its cases look well. Logs stay in FOLDER. Exit 1 when something failed or
+# nothing passed.
 set -u
 
 # One check: prints its line, leaves label.count ("passed failed skipped") and label.log.

@@ -67,10 +67,10 @@ static void sees_every_way(void **state) {
               {"calloc", by_calloc},
               {"realloc", by_realloc},
               {"reallocarray", by_reallocarray},
-#ifndef __SANITIZE_THREAD__ // gcc 12's TSan does not tell its hooks about this one
+#ifndef __SANITIZE_THREAD__ // gcc 12's TSan does not tell its hooks about these
               {"aligned_alloc", by_aligned_alloc},
-#endif
               {"posix_memalign", by_posix_memalign},
+#endif
               {"strdup", by_strdup},
               {"getline", by_getline}};
   for (size_t i = 0; i < sizeof ways / sizeof ways[0]; i++) {
@@ -159,8 +159,9 @@ static void report_names_calls(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(counts_only_while_armed), cmocka_unit_test(sees_every_way),
-                                     cmocka_unit_test(memory_is_good), cmocka_unit_test(threads_count_unless_exempt),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(counts_only_while_armed),
+                                     cmocka_unit_test(sees_every_way), cmocka_unit_test(memory_is_good),
+                                     cmocka_unit_test(threads_count_unless_exempt),
                                      cmocka_unit_test(report_names_calls)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -4,9 +4,9 @@
 #
 #   sysroot.sh ARCH FOLDER        e.g. sysroot.sh arm64 build/sysroot-arm64
 #
-# Packages are only unpacked, so no foreign code runs and this machine's own packages stay as they are. Where they
-# come from is what apt is configured to use here. FOLDER/.complete marks a finished one; a second call does nothing.
-# The last line of a failure is the reason.
+# Packages are only unpacked, so no foreign code runs and this machine's own packages stay as they are. Where
+# they come from is what apt is configured to use here. FOLDER/.complete marks a finished one; a second call
+# does nothing. The last line of a failure is the reason.
 set -eu
 arch=$1 folder=$2
 packages=libc6-dev,linux-libc-dev,libjpeg62-turbo-dev,libpng-dev,zlib1g-dev,libcmocka-dev,libjsmn-dev
@@ -27,8 +27,8 @@ if command -v flock >/dev/null; then flock 9; fi # two builds may want it at the
 keyring=/usr/share/keyrings/debian-archive-keyring.gpg
 [ -r $keyring ] || fail "Debian's archive keyring is missing (package debian-archive-keyring)"
 # shellcheck disable=SC2016 # the dollars are apt's
-sources=$(apt-get indextargets --format '$(ORIGIN)|deb [signed-by='$keyring'] $(REPO_URI) $(RELEASE) $(COMPONENT)' \
-  'Created-By: Packages' 2>/dev/null | grep '^Debian|' | cut -d '|' -f 2- | sort -u || true)
+sources=$(apt-get indextargets \
+  --format '$(ORIGIN)|deb [signed-by='$keyring'] $(REPO_URI) $(RELEASE) $(COMPONENT)' 'Created-By: Packages' 2>/dev/null | grep '^Debian|' | cut -d '|' -f 2- | sort -u || true)
 [ -n "$sources" ] || fail "apt knows no Debian repository (run apt-get update first)"
 
 try=1
@@ -36,10 +36,11 @@ while :; do
   echo "sysroot: unpacking $arch packages into $folder (try $try)"
   rm -rf "$folder.part"
   if printf '%s\n' "$sources" | mmdebstrap --quiet --arch="$arch" --variant=extract --format=directory \
-    --include="$packages" --skip=check/qemu --aptopt='Acquire::Retries "5"' '' "$folder.part" - >"$folder.log" 2>&1; then
+    --include="$packages" --skip=check/qemu --aptopt='Acquire::Retries "5"' '' "$folder.part" - \
+    >"$folder.log" 2>&1; then
     break
   fi
-  [ $try -lt 4 ] || fail "$(grep -E '^E:' "$folder.log" | head -n 1 || tail -n 1 "$folder.log") (log: $folder.log)"
+  [ $try -lt 4 ] || fail "$(grep -E '^E:' "$folder.log" | head -n 1) (log: $folder.log)"
   sleep $((try * 5)) # a mirror that is being updated gives wrong sums for a moment
   try=$((try + 1))
 done
@@ -47,7 +48,8 @@ done
 # Links to absolute names point out of the folder: make them point into it.
 find "$folder.part" -type l -lname '/*' ! -path '*/etc/*' | while read -r link; do
   target=$(readlink "$link")
-  [ -e "$folder.part$target" ] && ln -sfn "$(realpath --relative-to="$(dirname "$link")" "$folder.part$target")" "$link"
+  [ -e "$folder.part$target" ] &&
+    ln -sfn "$(realpath --relative-to="$(dirname "$link")" "$folder.part$target")" "$link"
 done
 rm -rf "$folder"
 mv "$folder.part" "$folder"

@@ -1,0 +1,26 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# The fast tests and the golden digests of another board on this machine, under emulation: `cross.sh generic-arm64`.
+# Emulation tells whether results are right (and whether they are the same bits), nothing about speed. Where the tools
+# or the foreign libraries cannot be had, says why and exits 77.
+set -u
+board=${1:?board} build=${BUILD:-build}
+cd "$(dirname "$(readlink -f "$0")")/../.." || exit 2
+
+value() { sed -n "s/^$1[ ]*:=[ ]*//p" "boards/$board/board.mk"; }
+arch=$(value BOARD_ARCH) run=$(value BOARD_RUN)
+if [ "$(uname -m)" != "$arch" ]; then
+  for tool in "$(value BOARD_CROSS)gcc" "${run%% *}"; do
+    if ! command -v "$tool" >/dev/null; then
+      echo "skipped: $board: $tool is not installed"
+      exit 77
+    fi
+  done
+  if ! reason=$(tools/deps/sysroot.sh "$(value BOARD_DEBIAN_ARCH)" "$build/sysroot-$(value BOARD_DEBIAN_ARCH)" 2>&1); then
+    echo "skipped: $board: $(printf '%s\n' "$reason" | tail -n 1)"
+    exit 77
+  fi
+fi
+# A make of its own: what the outer one was told (targets, jobs, sanitizers) is not for this one.
+unset MAKEFLAGS MAKELEVEL MFLAGS
+make --no-print-directory -j"$(nproc)" BUILD="$build" BOARD="$board" SAN= GROUPS='unit kernels grad golden' only

@@ -1,0 +1,48 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# Who may include whom. The folders are the architecture, and this keeps it so:
+#   src/base -> src/base                     kernels  -> kernels
+#   calib    -> calib, kernels, src/base     platform -> platform, src/port, src/base, src/rig, calib/model.h
+#   src      -> src, calib, kernels/kernels.h          boards -> boards, platform, src
+#   calib/solve is for tools and tests only. tools and tests may include anything.
+# Our own headers are included with quotes and named from the root of the tree; quotes are for nothing else.
+# The core (src, kernels, calib) includes the headers of freestanding C, a few of libc that need no system,
+# and the processor's intrinsics.
+cd "${1:-.}" || exit 2
+lint=$(dirname "$(readlink -f "$0")")
+# shellcheck disable=SC2046 # names of ours have no spaces
+LC_ALL=C awk -f "$lint/strip.awk" $("$lint/sources.sh" c) /dev/null |
+  grep -E '^[^:]*:[0-9]*:[ 	]*#[ 	]*include' | LC_ALL=C awk -F : '
+  function says(text) { print file ":" $2 ": " text; bad = 1 }
+  function starts(s, p) { return substr(s, 1, length(p)) == p }
+  function may(to) {
+    if (starts(file, "src/base/")) return starts(to, "src/base/")
+    if (starts(file, "kernels/")) return starts(to, "kernels/")
+    if (starts(to, "calib/solve/")) return file ~ /^(calib\/solve|tools|tests)\//
+    if (starts(file, "calib/solve/")) return to ~ /^(calib|kernels|src)\//
+    if (starts(file, "calib/")) return to ~ /^(calib|kernels|src\/base)\//
+    if (starts(file, "src/")) return starts(to, "src/") || starts(to, "calib/") || to == "kernels/kernels.h"
+    if (starts(file, "platform/"))
+      return to ~ /^(platform|src\/port|src\/base|src\/rig)\// || to == "calib/model.h"
+    if (starts(file, "boards/")) return to ~ /^(boards|platform|src)\//
+    return 1
+  }
+  {
+    file = $1
+    text = $0
+    if (match(text, /"[^"]*"/)) {
+      to = substr(text, RSTART + 1, RLENGTH - 2)
+      if ((getline ignored < to) < 0) says("\"" to "\" is not a file named from the root of the tree")
+      else if (!may(to)) says("must not include \"" to "\"")
+      close(to)
+    } else if (match(text, /<[^>]*>/)) {
+      to = substr(text, RSTART + 1, RLENGTH - 2)
+      if (to ~ /^(src|kernels|calib|platform|boards|tools|tests)\//)
+        says("<" to "> is ours: include it with quotes")
+      is_core = file ~ /^(src|kernels|calib)\// && !starts(file, "calib/solve/")
+      is_free = to ~ /^(assert|float|limits|math|stdalign|stdarg|stdatomic|stdbool|stddef|stdint|string)\.h$/ ||
+                to ~ /^(immintrin|smmintrin|cpuid|arm_neon|sys\/auxv|asm\/hwcap|jsmn)\.h$/
+      if (is_core && !is_free) says("<" to "> is outside what the core may use")
+    } else if (text !~ /include[ \t]+[A-Za-z_]/) says("an include that cannot be read")
+  }
+  END { exit bad }'
