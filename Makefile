@@ -87,8 +87,8 @@ PROGRAMS := $(if $(MAIN_SRC),$(O)/bin/subview) $(if $(LAB_MAIN),$(O)/bin/subview
 .DEFAULT_GOAL := all
 .DELETE_ON_ERROR:
 .SECONDARY:
-.PHONY: all programs tests-build demo test test-all check bench kernels-check grad scenario golden fault fuzz \
-  unit only headers lint format format-check tidy plan clean deps help install cross FORCE
+.PHONY: all programs tests-build demo test test-all check bench kernels-check grad scenario golden fault \
+  fuzz unit only headers lint format format-check tidy plan clean deps help install cross FORCE
 
 all: $(CORE) $(PROGRAMS) tests-build ## build the runtime, the tools and the tests for BOARD
 programs: $(CORE) $(PROGRAMS) ## build the runtime and the tools only

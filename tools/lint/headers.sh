@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # Each header compiles alone, as C11 and as C++17: it includes what it needs, and C++ code can use it. A
 # header that C++ cannot take says so in a line of its own, `// C only` (the reason may follow). Headers of
-# one instruction set are compiled for it, by a cross compiler where that is what it takes.
+# one instruction set are compiled for it, by a cross compiler where that is what it takes. A header that is
+# a part of another says `// Not alone` and is left to the one that includes it.
 cd "${ROOT:-.}" || exit 2
 lint=$(dirname "$(readlink -f "$0")")
 CC=${CC:-gcc}
@@ -11,6 +12,7 @@ export CC CXX
 
 if [ "${1:-}" = --one ]; then
   file=$2 isa=
+  grep -q '^// Not alone' "$file" && exit 0
   case $file in
   *_sse41*) isa='x86_64 -msse4.1' ;;
   *_avx2*) isa='x86_64 -mavx2 -mfma' ;;

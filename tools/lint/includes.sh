@@ -40,7 +40,7 @@ LC_ALL=C awk -f "$lint/strip.awk" $("$lint/sources.sh" c) /dev/null |
       if (to ~ /^(src|kernels|calib|platform|boards|tools|tests)\//)
         says("<" to "> is ours: include it with quotes")
       is_core = file ~ /^(src|kernels|calib)\// && !starts(file, "calib/solve/")
-      is_free = to ~ /^(assert|float|limits|math|stdalign|stdarg|stdatomic|stdbool|stddef|stdint|string)\.h$/ ||
+      is_free = to ~ /^(assert|float|limits|math|std(align|arg|atomic|bool|def|int)|string)\.h$/ ||
                 to ~ /^(immintrin|smmintrin|cpuid|arm_neon|sys\/auxv|asm\/hwcap|jsmn)\.h$/
       if (is_core && !is_free) says("<" to "> is outside what the core may use")
     } else if (text !~ /include[ \t]+[A-Za-z_]/) says("an include that cannot be read")

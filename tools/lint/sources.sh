@@ -5,7 +5,7 @@
 # new files count at once.
 case ${1:-text} in
 c) names='\.(c|h|inc|cc|cpp|hpp)$' ;;
-*) names='\.(c|h|inc|cc|cpp|hpp|sh|awk|py|mk|md|html|js|css|txt|json|yml)$|(^|/)Makefile$|^\./\.ci/|/\.clang-' ;;
+*) names='\.(c|h|inc|cc|cpp|hpp|sh|awk|py|mk|md|html|js|css|txt|json|yml)$|/Makefile$|^\./\.ci/|/\.clang-' ;;
 esac
 find . -name .git -prune -o -path ./build -prune -o -path ./out -prune -o -type f -print | grep -E "$names" |
   sed 's|^\./||' | LC_ALL=C sort

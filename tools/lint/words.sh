@@ -12,7 +12,7 @@ process='exit|abort|printf|fprintf|sprintf|snprintf|puts|fopen|getenv|rand|srand
 call="(^|[^A-Za-z0-9_.>])($heap|$process)[ ]*\\("
 core=$("$lint/sources.sh" c | grep -E '^(src|kernels|calib)/' | grep -v '^calib/solve/')
 # shellcheck disable=SC2086 # names of ours have no spaces
-hits=$(LC_ALL=C awk -f "$lint/strip.awk" $core /dev/null | grep -E "^[^:]*:[0-9]*:.*$call")
+hits=$(LC_ALL=C awk -f "$lint/strip.awk" $core /dev/null | grep -E "^[^:]*:[0-9]*.*$call")
 if [ -n "$hits" ]; then
   printf '%s\n' "$hits" | sed 's/$/    <- the core has no heap and no process/'
   bad=1
