@@ -205,6 +205,10 @@ else
 ALL_GROUPS := unit kernels grad golden fault fuzz scenario
 endif
 $(eval $(call run_rule,test-all,$(ALL_GROUPS)))
+test-all: programs
+# For tests that start a program: where the programs are, and what to put before them when they are foreign.
+export SV_BIN := $(O)/bin
+export SV_EMULATE := $(EMULATE)
 check: ## the fast tests: unit, kernels, grad
 $(eval $(call run_rule,check,unit kernels grad))
 unit: ## the unit tests

@@ -50,7 +50,7 @@ one() {
     why="exit $code"
     if [ $code -eq 124 ] || [ $code -eq 137 ]; then why="not done after $seconds s"; fi
     if [ $code -gt 128 ] && [ $code -ne 137 ]; then why="signal $((code - 128))"; fi
-    echo "$label ($why; log: $file.log)" >"$file.failed"
+    echo "$label ($why; log: ${file#"$PWD/"}.log)" >"$file.failed"
     printf 'FAIL  %-36s %s failed, %s passed, %s skipped (%s)\n%s\n' "$label" "$2" "$1" "$3" "$why" \
       "$(grep -vE '\[( RUN  |      OK|  OK)' "$file.log" | tail -n 40 | sed 's/^/      | /')"
   else
@@ -60,7 +60,7 @@ one() {
       if [ "$code" -eq 77 ]; then
         reasons=$(tail -n 1 "$file.log")
       else
-        reasons=$(grep -iE '^ *skip' "$file.log" | sort -u | head -n 20)
+        reasons=$(grep -iE '^ *skip' "$file.log" | sed 's/^ *skip  *//' | sort -u | head -n 20)
       fi
       printf '%s\n' "${reasons:-no reason was given}" | sed "s|^|skip  $label: |"
     fi
@@ -92,6 +92,7 @@ if [ -z "$out" ]; then
   out=$own
 fi
 rm -rf "$out" && mkdir -p "$out" || exit 2
+out=$(readlink -f "$out") # checks may change folders, and get one of their own below it
 list=$(sed 's/^[[:space:]]*//' "$1" | grep -v '^$')
 printf '%s\n' "$list" | grep '^[^!]' | xargs -r -d '\n' -n 1 -P "$jobs" "$0" --one "$out" "$seconds"
 printf '%s\n' "$list" | grep '^!' | xargs -r -d '\n' -n 1 "$0" --one "$out" "$seconds"

@@ -5,7 +5,7 @@
 set -u
 root=$(readlink -f "$(dirname "$0")/../..")
 lint=$root/tools/lint
-tree=$(mktemp -d)
+tree=$(readlink -f "$(mktemp -d)")
 trap 'rm -rf "$tree"' EXIT
 cd "$tree" || exit 2
 unset SAN
