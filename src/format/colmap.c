@@ -1,0 +1,284 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "src/format/colmap.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "src/base/str.h"
+#include "src/format/bytes.h"
+
+// COLMAP's models by number; kind is SV_N_MODELS for those without a counterpart here. map: where each of
+// the file's parameters goes (fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6); 16 means fx and fy both.
+static const struct {
+  const char *name;
+  sv_model_kind kind;
+  int n_params;
+  uint8_t map[12];
+} models[] = {
+    {"SIMPLE_PINHOLE", SV_MODEL_PINHOLE, 3, {16, 2, 3}},
+    {"PINHOLE", SV_MODEL_PINHOLE, 4, {0, 1, 2, 3}},
+    {"SIMPLE_RADIAL", SV_MODEL_OPENCV4, 4, {16, 2, 3, 4}},
+    {"RADIAL", SV_MODEL_OPENCV4, 5, {16, 2, 3, 4, 5}},
+    {"OPENCV", SV_MODEL_OPENCV4, 8, {0, 1, 2, 3, 4, 5, 6, 7}},
+    {"OPENCV_FISHEYE", SV_N_MODELS, 8, {0}},
+    {"FULL_OPENCV", SV_MODEL_OPENCV8, 12, {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11}},
+    {"FOV", SV_N_MODELS, 5, {0}},
+    {"SIMPLE_RADIAL_FISHEYE", SV_N_MODELS, 4, {0}},
+    {"RADIAL_FISHEYE", SV_N_MODELS, 5, {0}},
+    {"THIN_PRISM_FISHEYE", SV_N_MODELS, 12, {0}},
+};
+#define N_COLMAP_MODELS ((int)(sizeof models / sizeof *models))
+
+sv_status sv_colmap_open(sv_colmap *c, const char *name, const void *buf, size_t bytes, bool is_binary,
+                         sv_err *err) {
+  *c = (sv_colmap){.name = name, .buf = buf, .bytes = bytes, .is_binary = is_binary};
+  if (!is_binary) return SV_OK;
+  if (bytes < 8) return sv_fail(err, SV_E_FORMAT, "%s: shorter than the 8 bytes of its count", name);
+  c->n = sv_le64(c->buf);
+  c->at = 8;
+  return SV_OK;
+}
+
+static sv_status fail_at(const sv_colmap *c, sv_err *err, sv_status s, const char *what) {
+  if (c->is_binary) return sv_fail(err, s, "%s: record %llu: %s", c->name, (unsigned long long)c->i, what);
+  return sv_fail(err, s, "%s:%d: %s", c->name, c->line, what);
+}
+
+// --- text ------------------------------------------------------------------------------------------
+typedef struct {
+  const char *t;
+  size_t n;
+} word;
+
+static bool next_line(sv_colmap *c, word *out) {
+  if (c->at >= c->bytes) return false;
+  const char *from = (const char *)c->buf + c->at, *nl = memchr(from, '\n', c->bytes - c->at);
+  size_t n = nl ? (size_t)(nl - from) : c->bytes - c->at;
+  c->at += nl ? n + 1 : n;
+  c->line++;
+  while (n && (from[n - 1] == '\r' || from[n - 1] == ' ' || from[n - 1] == '\t')) n--;
+  *out = (word){from, n};
+  return true;
+}
+
+static bool next_record(sv_colmap *c, word *out) { // comments and blank lines are passed over
+  while (next_line(c, out)) {
+    size_t i = 0;
+    while (i < out->n && (out->t[i] == ' ' || out->t[i] == '\t')) i++;
+    out->t += i, out->n -= i;
+    if (out->n && out->t[0] != '#') return true;
+  }
+  return false;
+}
+
+static word next_word(word *line) {
+  size_t i = 0, j;
+  while (i < line->n && (line->t[i] == ' ' || line->t[i] == '\t')) i++;
+  for (j = i; j < line->n && line->t[j] != ' ' && line->t[j] != '\t';) j++;
+  word w = {line->t + i, j - i};
+  line->t += j, line->n -= j;
+  return w;
+}
+
+static bool take_double(word *line, double *v) {
+  word w = next_word(line);
+  return sv_parse_double(w.t, w.n, v);
+}
+
+static bool take_u32(word *line, uint32_t *v) {
+  word w = next_word(line);
+  long long x;
+  if (!sv_parse_int(w.t, w.n, &x) || x < 0 || x > UINT32_MAX) return false;
+  *v = (uint32_t)x;
+  return true;
+}
+
+// --- binary ----------------------------------------------------------------------------------------
+static const uint8_t *take(sv_colmap *c, uint64_t bytes) { // NULL when the file is too short
+  if (bytes > c->bytes - c->at) return NULL;
+  const uint8_t *p = c->buf + c->at;
+  c->at += (size_t)bytes;
+  return p;
+}
+
+static sv_status cut(const sv_colmap *c, sv_err *err) {
+  return sv_fail(err, SV_E_FORMAT, "%s: %llu records were announced, the file ends in record %llu", c->name,
+                 (unsigned long long)c->n, (unsigned long long)c->i);
+}
+
+static sv_status end_of_binary(const sv_colmap *c, sv_err *err) {
+  if (c->at != c->bytes)
+    return sv_fail(err, SV_E_FORMAT, "%s: %zu bytes after the last record", c->name, c->bytes - c->at);
+  return SV_END;
+}
+
+// --- cameras ---------------------------------------------------------------------------------------
+static sv_status make_camera(const sv_colmap *c, int model, const uint64_t size[2], const double *params,
+                             sv_camera_model *m, sv_err *err) {
+  *m = (sv_camera_model){.kind = models[model].kind};
+  for (int i = 0; i < 2; i++)
+    if (size[i] < 1 || size[i] > 32767)
+      return fail_at(c, err, SV_E_RANGE, "an image size outside 1 to 32767");
+  m->width_px = (int)size[0], m->height_px = (int)size[1];
+  for (int i = 0; i < models[model].n_params; i++) {
+    int to = models[model].map[i];
+    if (!(fabs(params[i]) < 1e12)) return fail_at(c, err, SV_E_RANGE, "a camera parameter is not finite");
+    m->p[to == 16 ? 0 : to] = params[i];
+    if (to == 16) m->p[1] = params[i];
+  }
+  if (!(m->p[0] > 0 && m->p[1] > 0)) return fail_at(c, err, SV_E_RANGE, "a focal length is not positive");
+  return SV_OK;
+}
+
+static sv_status unsupported(const sv_colmap *c, const char *name, size_t n, sv_err *err) {
+  char text[160];
+  sv_fmt(text, sizeof text,
+         "camera model %.*s is not supported; undistort to PINHOLE, or use a model up to FULL_OPENCV",
+         (int)(n > 40 ? 40 : n), name);
+  return fail_at(c, err, SV_E_UNSUPPORTED, text);
+}
+
+static sv_status text_camera(sv_colmap *c, sv_colmap_camera *out, sv_err *err) {
+  word line;
+  uint32_t size[2];
+  double params[12];
+  int model = 0;
+  if (!next_record(c, &line)) return SV_END;
+  bool ok = take_u32(&line, &out->id);
+  word name = next_word(&line);
+  ok = ok && take_u32(&line, &size[0]) && take_u32(&line, &size[1]);
+  if (!ok) return fail_at(c, err, SV_E_FORMAT, "CAMERA_ID MODEL WIDTH HEIGHT PARAMS... was expected");
+  while (model < N_COLMAP_MODELS &&
+         !(strlen(models[model].name) == name.n && memcmp(models[model].name, name.t, name.n) == 0))
+    model++;
+  if (model == N_COLMAP_MODELS || models[model].kind == SV_N_MODELS)
+    return unsupported(c, name.t, name.n, err);
+  for (int i = 0; i < models[model].n_params; i++)
+    if (!take_double(&line, &params[i]))
+      return fail_at(c, err, SV_E_FORMAT, "a camera parameter is missing or malformed");
+  if (next_word(&line).n) return fail_at(c, err, SV_E_FORMAT, "too many parameters for the camera's model");
+  return make_camera(c, model, (uint64_t[2]){size[0], size[1]}, params, &out->model, err);
+}
+
+sv_status sv_colmap_next_camera(sv_colmap *c, sv_colmap_camera *out, sv_err *err) {
+  if (!c->is_binary) return text_camera(c, out, err);
+  if (c->i == c->n) return end_of_binary(c, err);
+  const uint8_t *p = take(c, 24);
+  if (!p) return cut(c, err);
+  out->id = sv_le32(p);
+  uint32_t model = sv_le32(p + 4);
+  uint64_t size[2] = {sv_le64(p + 8), sv_le64(p + 16)};
+  if (model >= (uint32_t)N_COLMAP_MODELS) return unsupported(c, "with a number above 10", 22, err);
+  if (models[model].kind == SV_N_MODELS)
+    return unsupported(c, models[model].name, strlen(models[model].name), err);
+  double params[12];
+  p = take(c, 8u * (unsigned)models[model].n_params);
+  if (!p) return cut(c, err);
+  for (int i = 0; i < models[model].n_params; i++) params[i] = sv_lef64(p + 8 * i);
+  sv_status s = make_camera(c, (int)model, size, params, &out->model, err);
+  c->i++;
+  return s;
+}
+
+// --- images ----------------------------------------------------------------------------------------
+static sv_status make_pose(const sv_colmap *c, const double v[7], sv_pose *out, sv_err *err) {
+  double n = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] + v[3] * v[3];
+  if (!(n > 0.98 && n < 1.02)) return fail_at(c, err, SV_E_RANGE, "the quaternion is not of length 1");
+  for (int i = 0; i < 3; i++) {
+    if (!(fabs(v[4 + i]) < 1e12)) return fail_at(c, err, SV_E_RANGE, "the translation is not finite");
+    out->t[i] = v[4 + i];
+  }
+  sv_quat_to_mat(out->r, v);
+  return SV_OK;
+}
+
+static sv_status set_name(const sv_colmap *c, sv_colmap_image *out, const char *t, size_t n, sv_err *err) {
+  if (!n) return fail_at(c, err, SV_E_FORMAT, "the image has no name");
+  if (n >= sizeof out->name) return fail_at(c, err, SV_E_RANGE, "the image's name is longer than 199 bytes");
+  if (memchr(t, 0, n)) return fail_at(c, err, SV_E_FORMAT, "the image's name holds a NUL");
+  memcpy(out->name, t, n);
+  out->name[n] = 0;
+  return SV_OK;
+}
+
+static sv_status text_image(sv_colmap *c, sv_colmap_image *out, sv_err *err) {
+  word line, points;
+  double v[7];
+  if (!next_record(c, &line)) return SV_END;
+  bool ok = take_u32(&line, &out->id);
+  for (int i = 0; i < 7; i++) ok = ok && take_double(&line, &v[i]);
+  if (!ok || !take_u32(&line, &out->camera_id))
+    return fail_at(c, err, SV_E_FORMAT, "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME was expected");
+  while (line.n && (*line.t == ' ' || *line.t == '\t')) line.t++, line.n--;
+  sv_status s = set_name(c, out, line.t, line.n, err); // the rest of the line: names may hold spaces
+  if (s == SV_OK) s = make_pose(c, v, &out->cam_from_world, err);
+  (void)next_line(c, &points); // its 2D points stand on a line of their own, which may be empty
+  return s;
+}
+
+sv_status sv_colmap_next_image(sv_colmap *c, sv_colmap_image *out, sv_err *err) {
+  if (!c->is_binary) return text_image(c, out, err);
+  if (c->i == c->n) return end_of_binary(c, err);
+  const uint8_t *p = take(c, 64);
+  double v[7];
+  if (!p) return cut(c, err);
+  out->id = sv_le32(p), out->camera_id = sv_le32(p + 60);
+  for (int i = 0; i < 7; i++) v[i] = sv_lef64(p + 4 + 8 * i);
+  const uint8_t *name = c->buf + c->at, *end = memchr(name, 0, c->bytes - c->at);
+  if (!end) return cut(c, err);
+  c->at += (size_t)(end - name) + 1;
+  sv_status s = set_name(c, out, (const char *)name, (size_t)(end - name), err);
+  if (s == SV_OK) s = make_pose(c, v, &out->cam_from_world, err);
+  if (s != SV_OK) return s;
+  p = take(c, 8);
+  if (!p) return cut(c, err);
+  uint64_t n2d = sv_le64(p);
+  if (n2d > c->bytes / 24 || !take(c, n2d * 24)) return cut(c, err);
+  c->i++;
+  return SV_OK;
+}
+
+// --- points ----------------------------------------------------------------------------------------
+static sv_status check_point(const sv_colmap *c, const sv_colmap_point *p, sv_err *err) {
+  for (int i = 0; i < 3; i++)
+    if (!(fabs(p->xyz[i]) < 1e12)) return fail_at(c, err, SV_E_RANGE, "a coordinate is not finite");
+  return SV_OK;
+}
+
+static sv_status text_point(sv_colmap *c, sv_colmap_point *out, sv_err *err) {
+  word line;
+  if (!next_record(c, &line)) return SV_END;
+  uint32_t rgb[3] = {0};
+  word id = next_word(&line);
+  long long v;
+  bool ok = sv_parse_int(id.t, id.n, &v) && v >= 0;
+  for (int i = 0; i < 3; i++) ok = ok && take_double(&line, &out->xyz[i]);
+  for (int i = 0; i < 3; i++) ok = ok && take_u32(&line, &rgb[i]) && rgb[i] <= 255;
+  if (!ok || !take_double(&line, &out->error_px))
+    return fail_at(c, err, SV_E_FORMAT, "POINT3D_ID X Y Z R G B ERROR TRACK... was expected");
+  out->id = (uint64_t)v;
+  out->n_track = 0;
+  for (uint32_t a; line.n;) {
+    if (!take_u32(&line, &a) || !take_u32(&line, &a))
+      return fail_at(c, err, SV_E_FORMAT, "pairs of IMAGE_ID POINT2D_IDX were expected");
+    out->n_track++;
+  }
+  for (int i = 0; i < 3; i++) out->rgb[i] = (uint8_t)rgb[i];
+  return check_point(c, out, err);
+}
+
+sv_status sv_colmap_next_point(sv_colmap *c, sv_colmap_point *out, sv_err *err) {
+  if (!c->is_binary) return text_point(c, out, err);
+  if (c->i == c->n) return end_of_binary(c, err);
+  const uint8_t *p = take(c, 51);
+  if (!p) return cut(c, err);
+  out->id = sv_le64(p);
+  for (int i = 0; i < 3; i++) out->xyz[i] = sv_lef64(p + 8 + 8 * i), out->rgb[i] = p[32 + i];
+  out->error_px = sv_lef64(p + 35);
+  uint64_t n = sv_le64(p + 43);
+  if (n > c->bytes / 8 || !take(c, n * 8)) return cut(c, err);
+  out->n_track = (uint32_t)n;
+  sv_status s = check_point(c, out, err);
+  c->i++;
+  return s;
+}

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+// COLMAP models over buffers: cameras, images, points3D, each as .txt or .bin. Poses are
+// cam_from_world with OpenCV's axes and pixel centres at 0.5, as inside this project. One reader walks one
+// file from front to back: _next gives SV_OK with a record, SV_END after the last, or a failure.
+#ifndef SV_FORMAT_COLMAP_H
+#define SV_FORMAT_COLMAP_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "calib/model.h"
+#include "src/base/vec.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct {
+  uint32_t id;
+  sv_camera_model model; // SIMPLE_PINHOLE and PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV
+} sv_colmap_camera;
+
+typedef struct {
+  uint32_t id, camera_id;
+  char name[200]; // file name of the image
+  sv_pose cam_from_world;
+} sv_colmap_image;
+
+typedef struct {
+  uint64_t id;
+  double xyz[3]; // world
+  uint8_t rgb[3];
+  double error_px; // mean reprojection error
+  uint32_t n_track;
+} sv_colmap_point;
+
+typedef struct {
+  const char *name; // of the file, for errors
+  const uint8_t *buf;
+  size_t bytes, at;
+  bool is_binary;
+  uint64_t n, i; // binary: records announced, records read
+  int line;      // text: of the line last read
+} sv_colmap;
+
+// buf and name must outlive c. is_binary: the file's extension is .bin.
+sv_status sv_colmap_open(sv_colmap *c, const char *name, const void *buf, size_t bytes, bool is_binary,
+                         sv_err *err) SV_MUST_USE;
+sv_status sv_colmap_next_camera(sv_colmap *c, sv_colmap_camera *out, sv_err *err) SV_MUST_USE;
+sv_status sv_colmap_next_image(sv_colmap *c, sv_colmap_image *out, sv_err *err) SV_MUST_USE;
+sv_status sv_colmap_next_point(sv_colmap *c, sv_colmap_point *out, sv_err *err) SV_MUST_USE;
+
+#ifdef __cplusplus
+}
+#endif
+#endif

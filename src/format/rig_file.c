@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "src/format/rig_file.h"
+
+#include <string.h>
+
+#include "src/format/cameramodel.h"
+#include "src/format/json.h"
+
+static const char *const forward_names[3] = {"direct", "light_field", "multiplexed"};
+
+// A file in all the room that scratch has left, with the unused rest given back.
+static sv_status load(const sv_file_reader *files, const char *name, sv_arena *scratch, char **text,
+                      size_t *bytes, sv_err *err) {
+  size_t mark = sv_arena_mark(scratch), cap = scratch->cap_bytes - scratch->used_bytes;
+  if (cap < 2 * SV_ARENA_ALIGN)
+    return sv_fail(err, SV_E_NOMEM, "%s: no scratch memory is left to read it", name);
+  cap -= SV_ARENA_ALIGN;
+  *text = SV_TAKE(scratch, char, cap);
+  if (!*text) return sv_fail(err, scratch->status, "%s: no scratch memory is left to read it", name);
+  sv_status s = files->read(files->self, name, *text, cap, bytes, err);
+  sv_arena_reset(scratch, mark);
+  if (s != SV_OK) return s;
+  if (*bytes > cap) return sv_fail(err, SV_E_NOMEM, "%s: larger than the %zu bytes of scratch", name, cap);
+  return SV_TAKE(scratch, char, *bytes)
+             ? SV_OK
+             : sv_fail(err, scratch->status, "%s: no scratch memory is left", name);
+}
+
+// Names become file names: no separators, nothing hidden.
+static sv_status check_name(const sv_json *j, int i, const char *name, sv_err *err) {
+  if (!name[0] || name[0] == '.')
+    return sv_json_fail(j, i, err, SV_E_FORMAT, "a name that does not start with '.' was expected");
+  for (const char *c = name; *c; c++)
+    if (*c == '/' || *c == '\\' || (unsigned char)*c < 0x20)
+      return sv_json_fail(j, i, err, SV_E_FORMAT, "\"%s\" holds a separator or control byte", name);
+  return SV_OK;
+}
+
+static sv_status required_string(const sv_json *j, int i_object, const char *key, char *out, size_t cap,
+                                 sv_err *err) {
+  sv_status s = sv_json_get_string(j, i_object, key, out, cap, err);
+  return s == SV_END ? sv_json_missing(j, i_object, key, err) : s;
+}
+
+static sv_status read_footprint(const sv_json *j, int i_view, sv_sub_view *v, sv_err *err) {
+  int i = sv_json_get(j, i_view, "footprint");
+  double r[4];
+  v->footprint = (sv_footprint){0, 0, 0, 0};
+  if (i < 0) return SV_OK;
+  sv_status s = sv_json_doubles(j, i, r, 4, err);
+  if (s != SV_OK) return s;
+  for (int k = 0; k < 4; k++)
+    if (!(r[k] >= (k < 2 ? 0 : 1) && r[k] <= 32767 && r[k] == (double)(int)r[k]))
+      return sv_json_fail(j, i, err, SV_E_RANGE, "x, y, width and height in whole pixels were expected");
+  v->footprint = (sv_footprint){(int)r[0], (int)r[1], (int)r[2], (int)r[3]};
+  return SV_OK;
+}
+
+typedef struct {
+  sv_rig *rig;
+  const sv_file_reader *files;
+  int n_cameras;
+  sv_arena *scratch;
+} reader;
+
+static sv_status read_model(const reader *r, const sv_json *j, int i_view, sv_sub_view *v, sv_err *err) {
+  char file[96], *text;
+  size_t bytes, mark = sv_arena_mark(r->scratch);
+  sv_status s = required_string(j, i_view, "model", file, sizeof file, err);
+  if (s == SV_OK) s = check_name(j, sv_json_get(j, i_view, "model"), file, err);
+  if (s != SV_OK) return s;
+  s = load(r->files, file, r->scratch, &text, &bytes, err);
+  if (s == SV_OK) s = sv_cameramodel_read(file, text, bytes, &v->model, &v->cam_from_rig, err);
+  sv_arena_reset(r->scratch, mark);
+  if (s != SV_OK) return s;
+  const sv_footprint *f = &v->footprint;
+  if (f->width_px && (f->width_px != v->model.width_px || f->height_px != v->model.height_px))
+    return sv_json_fail(j, i_view, err, SV_E_FORMAT, "the footprint is %dx%d, but the image of %s is %dx%d",
+                        f->width_px, f->height_px, file, v->model.width_px, v->model.height_px);
+  return SV_OK;
+}
+
+static sv_status read_sub_view(const reader *r, const sv_json *j, int i, sv_err *err) {
+  sv_sub_view *v = &r->rig->sub_views[r->rig->n_sub_views];
+  long long camera = 0;
+  memset(v, 0, sizeof *v);
+  if (!sv_json_is_object(j, i)) return sv_json_fail(j, i, err, SV_E_FORMAT, "a sub-view is not an object");
+  sv_status s = required_string(j, i, "name", v->name, sizeof v->name, err);
+  if (s == SV_OK) s = check_name(j, sv_json_get(j, i, "name"), v->name, err);
+  if (s != SV_OK) return s;
+  for (int k = 0; k < r->rig->n_sub_views; k++)
+    if (sv_str_eq(r->rig->sub_views[k].name, v->name))
+      return sv_json_fail(j, i, err, SV_E_FORMAT, "the name \"%s\" is there twice", v->name);
+  s = sv_json_get_int(j, i, "camera", 0, SV_CAP_SUB_VIEWS - 1, &camera, err);
+  if (s == SV_END) return sv_json_missing(j, i, "camera", err);
+  if (s != SV_OK) return s;
+  if (r->n_cameras >= 0 && camera >= r->n_cameras)
+    return sv_json_fail(j, i, err, SV_E_RANGE, "camera %lld is asked for, the source has %d", camera,
+                        r->n_cameras);
+  v->i_camera = (int)camera;
+  s = read_footprint(j, i, v, err);
+  if (s == SV_OK) s = read_model(r, j, i, v, err);
+  if (s == SV_OK) r->rig->n_sub_views++;
+  return s;
+}
+
+static sv_status read_top(const reader *r, const sv_json *j, sv_err *err) {
+  char forward[16];
+  long long version;
+  sv_status s = sv_json_get_int(j, 0, "version", 1, 1, &version, err);
+  if (s == SV_END) return sv_json_missing(j, 0, "version", err);
+  if (s == SV_OK) s = required_string(j, 0, "name", r->rig->name, sizeof r->rig->name, err);
+  if (s == SV_OK) s = required_string(j, 0, "forward", forward, sizeof forward, err);
+  if (s != SV_OK) return s;
+  int f = 0, i_views = sv_json_get(j, 0, "sub_views");
+  while (f < 3 && !sv_str_eq(forward, forward_names[f])) f++;
+  if (f == 3)
+    return sv_json_fail(j, sv_json_get(j, 0, "forward"), err, SV_E_FORMAT,
+                        "\"%s\" is none of direct, light_field, multiplexed", forward);
+  r->rig->forward = (sv_forward_kind)f;
+  r->rig->n_sub_views = 0;
+  if (!sv_json_is_array(j, i_views) || !sv_json_size(j, i_views))
+    return sv_json_fail(j, i_views < 0 ? 0 : i_views, err, SV_E_FORMAT,
+                        "\"sub_views\" was expected, an array of at least one");
+  if (sv_json_size(j, i_views) > r->rig->cap_sub_views)
+    return sv_json_fail(j, i_views, err, SV_E_FULL, "%d sub-views, there is room for %d",
+                        sv_json_size(j, i_views), r->rig->cap_sub_views);
+  for (int i = sv_json_first(j, i_views); i >= 0; i = sv_json_next(j, i)) {
+    s = read_sub_view(r, j, i, err);
+    if (s != SV_OK) return s;
+  }
+  return SV_OK;
+}
+
+sv_status sv_rig_read(sv_rig *rig, const sv_file_reader *files, const char *json_name, int n_cameras,
+                      sv_arena *scratch, sv_err *err) {
+  size_t mark = sv_arena_mark(scratch), bytes = 0;
+  char *text;
+  int n_tok = 0;
+  sv_json j;
+  reader r = {rig, files, n_cameras, scratch};
+  sv_status s = load(files, json_name, scratch, &text, &bytes, err);
+  if (s == SV_OK) s = sv_json_count(json_name, text, bytes, &n_tok, err);
+  if (s == SV_OK) {
+    jsmntok_t *tok = SV_TAKE(scratch, jsmntok_t, n_tok);
+    if (!tok)
+      s = sv_fail(err, SV_E_NOMEM, "%s: no scratch memory is left for its %d tokens", json_name, n_tok);
+    else s = sv_json_parse(&j, json_name, text, bytes, tok, n_tok, err);
+  }
+  if (s == SV_OK)
+    s = sv_json_is_object(&j, 0) ? read_top(&r, &j, err)
+                                 : sv_json_fail(&j, 0, err, SV_E_FORMAT, "an object was expected");
+  sv_arena_reset(scratch, mark);
+  return s;
+}
+
+sv_status sv_rig_json_write(sv_str *out, const sv_rig *rig) {
+  sv_str_add(out, "{\n  \"version\": 1,\n  \"name\": \"");
+  sv_str_add_json(out, rig->name);
+  sv_str_add(out, "\",\n  \"forward\": \"%s\",\n  \"sub_views\": [", forward_names[rig->forward]);
+  for (int i = 0; i < rig->n_sub_views; i++) {
+    const sv_sub_view *v = &rig->sub_views[i];
+    sv_str_add(out, "%s\n    {\"name\": \"", i ? "," : "");
+    sv_str_add_json(out, v->name);
+    sv_str_add(out, "\", \"model\": \"");
+    sv_str_add_json(out, v->name);
+    sv_str_add(out, ".cameramodel\", \"camera\": %d", v->i_camera);
+    if (v->footprint.width_px)
+      sv_str_add(out, ", \"footprint\": [%d, %d, %d, %d]", v->footprint.x0_px, v->footprint.y0_px,
+                 v->footprint.width_px, v->footprint.height_px);
+    sv_str_add(out, "}");
+  }
+  sv_str_add(out, "\n  ]\n}\n");
+  return out->is_cut ? SV_E_NOMEM : SV_OK;
+}

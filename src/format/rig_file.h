@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+// A rig on disk: a folder with rig.json and one mrcal .cameramodel for each sub-view.
+//   {"version": 1, "name": "bench", "forward": "direct" | "light_field" | "multiplexed",
+//    "sub_views": [{"name": "left", "model": "left.cameramodel", "camera": 0, "footprint": [x, y, w, h]},
+//    ...]}
+// "footprint" is the sub-view's place on a shared sensor and may be left out.
+#ifndef SV_FORMAT_RIG_FILE_H
+#define SV_FORMAT_RIG_FILE_H
+
+#include "src/base/str.h"
+#include "src/rig/rig.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+// Where the files come from: the shape of sv_store.read. Whole file into buf; E_NOT_FOUND, E_NOMEM, E_IO.
+typedef struct {
+  void *self;
+  sv_status (*read)(void *self, const char *name, void *buf, size_t cap, size_t *bytes, sv_err *err);
+} sv_file_reader;
+
+// Reads rig.json (json_name) and its models into a rig that sv_rig_init made. n_cameras: cameras of the
+// source, -1 when there is none yet. Scratch holds the files' text and the JSON tokens; it is reset to
+// where it was. The rig's count and content are undefined after a failure.
+sv_status sv_rig_read(sv_rig *rig, const sv_file_reader *files, const char *json_name, int n_cameras,
+                      sv_arena *scratch, sv_err *err) SV_MUST_USE;
+
+// Appends rig.json to out. Model files are named "<sub-view>.cameramodel"; write those with
+// sv_cameramodel_write. E_NOMEM when it does not fit.
+sv_status sv_rig_json_write(sv_str *out, const sv_rig *rig) SV_MUST_USE;
+
+#ifdef __cplusplus
+}
+#endif
+#endif
