@@ -86,7 +86,6 @@ PROGRAMS := $(if $(MAIN_SRC),$(O)/bin/subview) $(if $(LAB_MAIN),$(O)/bin/subview
 
 .DEFAULT_GOAL := all
 .DELETE_ON_ERROR:
-.SECONDARY:
 .PHONY: all programs tests-build demo test test-all check bench kernels-check grad scenario golden fault \
   fuzz unit only headers lint format format-check tidy plan clean deps help install cross FORCE
 
@@ -186,7 +185,7 @@ items = $(or $(ITEMS_$(1)),$(foreach p,$(PROGS_$(1)),$(p:$(O)/tests/%=%)$(TAB)$(
 run_groups = $(shell mkdir -p $(O)/run)$(file >$(O)/run/$(1).list,$(foreach g,$(2),$(call items,$(g)))) \
   @tests/run/run.sh -j $(JOBS) -o $(O)/run/$(1) $(O)/run/$(1).list
 define run_rule
-$(1): $(foreach g,$(2),$(PROGS_$(g)))
+$(1): $(foreach g,$(2),$(PROGS_$(g))) | $(SYSROOT_STAMP)
 	$$(call run_groups,$(1),$(2))
 endef
 

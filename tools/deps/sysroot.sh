@@ -28,15 +28,19 @@ keyring=/usr/share/keyrings/debian-archive-keyring.gpg
 [ -r $keyring ] || fail "Debian's archive keyring is missing (package debian-archive-keyring)"
 # shellcheck disable=SC2016 # the dollars are apt's
 sources=$(apt-get indextargets \
-  --format '$(ORIGIN)|deb [signed-by='$keyring'] $(REPO_URI) $(RELEASE) $(COMPONENT)' 'Created-By: Packages' 2>/dev/null | grep '^Debian|' | cut -d '|' -f 2- | sort -u || true)
+  --format '$(ORIGIN)|deb [signed-by='$keyring'] $(REPO_URI) $(RELEASE) $(COMPONENT)' 'Created-By: Packages' \
+  2>/dev/null | grep '^Debian|' | cut -d '|' -f 2- | sort -u || true)
 [ -n "$sources" ] || fail "apt knows no Debian repository (run apt-get update first)"
 
+# Nothing is run inside the folder, so this needs neither root nor a user namespace.
+mode=chrootless
+[ "$(id -u)" -eq 0 ] && mode=root
 try=1
 while :; do
   echo "sysroot: unpacking $arch packages into $folder (try $try)"
   rm -rf "$folder.part"
-  if printf '%s\n' "$sources" | mmdebstrap --quiet --arch="$arch" --variant=extract --format=directory \
-    --include="$packages" --skip=check/qemu --aptopt='Acquire::Retries "5"' '' "$folder.part" - \
+  if printf '%s\n' "$sources" | mmdebstrap --quiet --mode=$mode --arch="$arch" --variant=extract \
+    --format=directory --include="$packages" --skip=check/qemu --aptopt='Acquire::Retries "5"' '' "$folder.part" - \
     >"$folder.log" 2>&1; then
     break
   fi
@@ -48,8 +52,9 @@ done
 # Links to absolute names point out of the folder: make them point into it.
 find "$folder.part" -type l -lname '/*' ! -path '*/etc/*' | while read -r link; do
   target=$(readlink "$link")
-  [ -e "$folder.part$target" ] &&
+  if [ -e "$folder.part$target" ]; then
     ln -sfn "$(realpath --relative-to="$(dirname "$link")" "$folder.part$target")" "$link"
+  fi
 done
 rm -rf "$folder"
 mv "$folder.part" "$folder"
