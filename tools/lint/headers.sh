@@ -14,7 +14,7 @@ if [ "${1:-}" = --one ]; then
   file=$2 isa=
   grep -q '^// Not alone' "$file" && exit 0
   case $file in
-  *_sse41*) isa='x86_64 -msse4.1' ;;
+  *_sse41* | *_x86*) isa='x86_64 -msse4.1' ;;
   *_avx2*) isa='x86_64 -mavx2 -mfma' ;;
   *_avx512*) isa='x86_64 -mavx512f -mavx512dq -mavx512vl -mavx512bw -mfma' ;;
   *_neon*) isa='aarch64' ;;
