@@ -8,5 +8,7 @@
 #include "kernels/project/project.h"
 #include "kernels/raster/raster.h"
 #include "kernels/sort/sort.h"
+#include "kernels/unpack/unpack.h"
+#include "kernels/ssim/ssim.h"
 
 #endif

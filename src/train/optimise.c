@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+// Gradients of one step -> parameters. Per block of 16 Gaussians: sum the records' slots, go back through the
+// projection, add the regularisers, Adam, position noise; the gradients never leave the cache.
+#include <string.h>
+
+#include "src/base/mathx.h"
+#include "src/splat/constants.h"
+#include "src/train/train.h"
+
+#define BLOCKS_PER_TASK 32
+#define ERR_KEEP        0.9f // running mean of the blended error over the views that see a Gaussian
+
+typedef struct {
+  sv_trainer *t;
+  sv_adam_args adam;
+  float lr[SV_CAP_ROWS];
+  float noise_gain; // displacement in units of sigma^2
+  int n_blocks;
+} job;
+
+float sv_train_mean_lr(const sv_train_cfg *cfg, float progress) {
+  double a = sv_log((double)cfg->lr.mean_start), b = sv_log((double)cfg->lr.mean_end);
+  return (float)sv_exp(a + (b - a) * (double)sv_clampf(progress, 0.0f, 1.0f));
+}
+
+static void fill_rates(job *j, float mean_lr, double bias1) {
+  const sv_learning_rates *lr = &j->t->cfg.lr;
+  float f = (float)(1.0 / bias1);
+  for (int i = 0; i < SV_CAP_ROWS; i++) {
+    float r = i < SV_ROW_QUAT ? mean_lr : i < SV_ROW_SCALE ? lr->quat : i < SV_ROW_LOGIT ? lr->scale
+              : i < SV_ROW_SH ? lr->logit : i < SV_ROW_SH + 3 ? lr->sh0 : lr->sh_rest;
+    j->lr[i] = r * f;
+  }
+}
+
+static float fast_sigmoid(float x) { return (float)(1.0 / (1.0 + sv_exp(-(double)x))); }
+
+// d/dlogit of w mean(o), d/dlog-scale of w mean(scale).
+static void regularise(const job *j, uint32_t touched, const float *p, float *grad) {
+  float wo = j->t->cfg.reg_opacity / (float)j->t->g.n, ws = j->t->cfg.reg_scale / (3.0f * (float)j->t->g.n);
+  for (; touched; touched &= touched - 1) {
+    int k = __builtin_ctz(touched);
+    float o = fast_sigmoid(p[16 * SV_ROW_LOGIT + k]);
+    grad[16 * SV_ROW_LOGIT + k] += wo * o * (1.0f - o);
+    for (int r = SV_ROW_SCALE; r < SV_ROW_LOGIT; r++)
+      grad[16 * r + k] += ws / j->t->radius * (float)sv_exp((double)p[16 * r + k]);
+  }
+}
+
+// About N(0,1) from one hash: the sum of four bytes (Irwin-Hall), variance 1.
+static float hash_normal(uint32_t h) {
+  uint32_t s = (h & 255) + (h >> 8 & 255) + (h >> 16 & 255) + (h >> 24);
+  return ((float)s - 510.0f) * (1.0f / 147.8f);
+}
+
+// 3DGS-MCMC's exploration: mean += gate * gain * Sigma eta for nearly transparent Gaussians; per axis at most
+// one sigma, because budgets of thousands have large Gaussians.
+static void add_noise(const job *j, int block, uint32_t touched, float *p) {
+  for (; touched; touched &= touched - 1) {
+    int k = __builtin_ctz(touched);
+    if (p[16 * SV_ROW_LOGIT + k] > -2.2f) continue; // opacity above 0.1: the gate is shut (< 1e-4)
+    float gate = fast_sigmoid(-100.0f * (fast_sigmoid(p[16 * SV_ROW_LOGIT + k]) - SV_OPACITY_DEAD));
+    double q[4], r[9];
+    for (int i = 0; i < 4; i++) q[i] = (double)p[16 * (SV_ROW_QUAT + i) + k];
+    sv_quat_to_mat(r, q);
+    for (int a = 0; a < 3; a++) {
+      float s = (float)sv_exp((double)p[16 * (SV_ROW_SCALE + a) + k]);
+      uint32_t h = sv_hash3((uint32_t)(block * 16 + k), j->t->step, (uint32_t)j->t->cfg.seed * 4u + (uint32_t)a);
+      float d = gate * sv_minf(j->noise_gain * s, 1.0f) * s * hash_normal(h);
+      for (int i = 0; i < 3; i++) p[16 * i + k] += (float)r[3 * i + a] * d;
+    }
+  }
+}
+
+static void optimise_task(void *arg, int i_task, int i_thread) {
+  job *j = arg;
+  sv_trainer *t = j->t;
+  float *grad = t->block + (size_t)i_thread * (SV_CAP_ROWS + 1) * 16, *err = grad + SV_CAP_ROWS * 16;
+  int b0 = i_task * BLOCKS_PER_TASK, b1 = sv_mini(b0 + BLOCKS_PER_TASK, j->n_blocks);
+  uint32_t n = 0;
+  for (int b = b0; b < b1; b++) {
+    uint32_t touched = sv_render_bwd_block(&t->render, t->k, b, grad, err, NULL);
+    if (!touched) continue;
+    size_t at = (size_t)b * (size_t)t->g.n_rows * 16;
+    float *p = t->g.param + at, *e = t->err + 16 * (size_t)b;
+    if (t->cfg.reg_opacity > 0.0f || t->cfg.reg_scale > 0.0f) regularise(j, touched, p, grad);
+    t->k->adam(&j->adam, touched, grad, p, t->m + at, t->v + at);
+    for (int k = 0; k < 16; k++)
+      if (touched >> k & 1) e[k] = ERR_KEEP * e[k] + (1.0f - ERR_KEEP) * err[k];
+    if (j->noise_gain > 0.0f) add_noise(j, b, touched, p);
+    n += (uint32_t)__builtin_popcount(touched);
+  }
+  t->touched_of[i_task] = n;
+}
+
+uint32_t sv_train_optimise(sv_trainer *t, float progress) {
+  double step = (double)t->step + 1.0;
+  float mean_lr = sv_train_mean_lr(&t->cfg, progress);
+  bool is_noisy = progress < t->cfg.relocate_until;
+  job j = {.t = t, .n_blocks = (t->g.n + 15) / 16};
+  double bias1 = 1.0 - sv_pow(0.9, step), bias2 = 1.0 - sv_pow(0.999, step);
+  j.noise_gain = is_noisy ? t->cfg.noise * 5e5f * mean_lr / t->radius : 0.0f;
+  fill_rates(&j, mean_lr * t->radius, bias1);
+  j.adam = (sv_adam_args){.beta1 = 0.9f, .beta2 = 0.999f, .eps = 1e-15f, .rsqrt_bias2 = (float)(1.0 / sqrt(bias2)),
+                          .lr = j.lr, .n_rows = SV_N_ROWS(t->render.project.sh_degree)};
+  int n_tasks = (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK;
+  sv_pool_run(t->pool, optimise_task, &j, n_tasks);
+  uint32_t n = 0;
+  for (int i = 0; i < n_tasks; i++) n += t->touched_of[i];
+  return n;
+}

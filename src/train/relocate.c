@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+// Slots that became transparent move to where the picture is wrong.
+#include "src/base/mathx.h"
+#include "src/splat/constants.h"
+#include "src/train/train.h"
+
+#define CAP_COPIES 51 // 3DGS-MCMC's limit on copies of one Gaussian at a time
+
+static double opacity_of(const sv_trainer *t, int i) {
+  return 1.0 / (1.0 + sv_exp(-(double)*sv_gaussians_at(&t->g, i, SV_ROW_LOGIT)));
+}
+
+// K = sum_j C(n,j) (-1)^(j-1) o'^j / sqrt(j): the 1-D integral of the copies' composited alpha, in units of
+// one copy's scale (algorithm of 3DGS-MCMC, in its single-sum form).
+void sv_relocation_split(double o, int n, double *o_new, double *scale_factor) {
+  double on = 1.0 - sv_pow(1.0 - o, 1.0 / n), k = 0, binom = 1, power = 1;
+  for (int j = 1; j <= n; j++) {
+    binom = binom * (n - j + 1) / j;
+    power *= on;
+    k += (j & 1 ? binom : -binom) * power / sqrt((double)j);
+  }
+  *o_new = on < (double)SV_OPACITY_DEAD ? (double)SV_OPACITY_DEAD : on;
+  *scale_factor = o / k;
+}
+
+// First index whose cumulative weight exceeds x.
+static int draw(const double *cum, int n, double x) {
+  int lo = 0, hi = n - 1;
+  while (lo < hi) {
+    int mid = lo + (hi - lo) / 2;
+    if (cum[mid] > x) hi = mid;
+    else lo = mid + 1;
+  }
+  return lo;
+}
+
+static void clear_moments(sv_trainer *t, int i) {
+  long at = sv_gaussians_at(&t->g, i, 0) - t->g.param;
+  for (int row = 0; row < t->g.n_rows; row++) t->m[at + 16 * row] = t->v[at + 16 * row] = 0.0f;
+}
+
+static void copy_slot(sv_trainer *t, int to, int from) {
+  float *a = sv_gaussians_at(&t->g, to, 0);
+  const float *b = sv_gaussians_at(&t->g, from, 0);
+  for (int row = 0; row < t->g.n_rows; row++) a[16 * row] = b[16 * row];
+}
+
+// Opacity and scale of the copies of one source; the copies are also spread along the source's own axes.
+static void apply_split(sv_trainer *t, int i, int n) {
+  double o_new, factor;
+  float *p = sv_gaussians_at(&t->g, i, 0);
+  sv_relocation_split(sv_clampf((float)opacity_of(t, i), 1e-4f, 0.9999f), n, &o_new, &factor);
+  p[16 * SV_ROW_LOGIT] = (float)sv_log(o_new / (1.0 - o_new));
+  for (int k = 0; k < 3; k++) p[16 * (SV_ROW_SCALE + k)] += (float)sv_log(factor);
+}
+
+// Weights of all alive slots: opacity x (mean error + error).
+static double accumulate(sv_trainer *t, uint32_t *n_dead) {
+  double mean = 0, sum = 0;
+  *n_dead = 0;
+  for (int i = 0; i < t->g.n; i++) mean += (double)t->err[i] / t->g.n;
+  for (int i = 0; i < t->g.n; i++) {
+    double o = opacity_of(t, i);
+    if (o <= (double)SV_OPACITY_DEAD) (*n_dead)++;
+    else sum += o * (0.1 * mean + (double)t->err[i] + 1e-12);
+    t->cum[i] = sum;
+    t->copies[i] = 1;
+  }
+  return sum;
+}
+
+static void displace(sv_trainer *t, int i) {
+  float *p = sv_gaussians_at(&t->g, i, 0);
+  double q[4], r[9];
+  for (int k = 0; k < 4; k++) q[k] = (double)p[16 * (SV_ROW_QUAT + k)];
+  sv_quat_to_mat(r, q);
+  for (int j = 0; j < 3; j++) {
+    double d = 0.5 * sv_exp((double)p[16 * (SV_ROW_SCALE + j)]) * (double)sv_rng_normal(&t->rng);
+    for (int k = 0; k < 3; k++) p[16 * k] += (float)(r[3 * k + j] * d);
+  }
+}
+
+uint32_t sv_train_relocate(sv_trainer *t) {
+  uint32_t n_dead, n_done = 0;
+  double sum = accumulate(t, &n_dead);
+  if (!n_dead || !(sum > 0)) return 0;
+  // All sources are chosen by the weights of now; then each is split once by its number of copies.
+  for (int i = 0; i < t->g.n; i++) {
+    t->source[i] = -1;
+    if (t->cum[i] > (i ? t->cum[i - 1] : 0.0)) continue; // alive
+    int src = draw(t->cum, t->g.n, (double)sv_rng_f(&t->rng) * sum);
+    if (t->copies[src] >= CAP_COPIES) continue;
+    t->copies[src]++;
+    t->source[i] = src;
+  }
+  for (int i = 0; i < t->g.n; i++) {
+    if (t->copies[i] < 2) continue;
+    apply_split(t, i, t->copies[i]);
+    clear_moments(t, i);
+    t->err[i] /= (float)t->copies[i];
+  }
+  for (int i = 0; i < t->g.n; i++) {
+    if (t->source[i] < 0) continue;
+    copy_slot(t, i, t->source[i]);
+    clear_moments(t, i);
+    t->err[i] = t->err[t->source[i]];
+    displace(t, i);
+    n_done++;
+  }
+  t->n_relocated += n_done;
+  return n_done;
+}

@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: Apache-2.0
+// Training a fixed number of Gaussians on sub-views. One step renders one sub-view, compares it, and moves
+// the Gaussians that it touched; slots that went dead are relocated to where the error is (3DGS-MCMC,
+// Kheradmand et al. 2024, weighted by error). All memory is carved at start.
+#ifndef SV_TRAIN_TRAIN_H
+#define SV_TRAIN_TRAIN_H
+
+#include "src/loss/photometric.h"
+#include "src/splat/render.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef enum { SV_BG_BLACK, SV_BG_WHITE, SV_BG_RANDOM } sv_background;
+
+typedef struct {
+  float mean_start, mean_end; // times the scene radius; log-linear over the run
+  float quat, scale, logit, sh0, sh_rest;
+} sv_learning_rates;
+
+typedef struct {
+  int n_gaussians, sh_degree;
+  int cap_views;
+  int cap_width_px, cap_height_px; // of any view
+  size_t cap_pixels;               // of any view, padded; 0: cap_width x cap_height
+  uint32_t cap_recs;               // 0: the renderer's default
+  int n_threads;
+  uint64_t seed;
+  sv_background background; // matters for pictures with alpha; others are trained over black
+  bool is_antialiased;
+  float weight_ssim;        // lambda of (1-l) L1 + l (1 - SSIM)
+  float weight_tv;          // of the squared total variation of the rendered sub-view
+  float reg_opacity, reg_scale; // weights of mean opacity and mean scale (3DGS-MCMC)
+  sv_learning_rates lr;
+  int start_scale;          // coarse to fine: first pictures at 1/start_scale (1, 2 or 4)
+  float fine_at;            // progress at which full size is reached
+  float sh_step;            // progress between two SH degrees
+  int relocate_every;       // steps
+  float relocate_from, relocate_until; // progress
+  float noise;              // multiplies the position noise of low-opacity Gaussians
+  int steps_hint;           // expected steps of the run: Adam's and the relocation's pace
+} sv_train_cfg;
+
+typedef struct {
+  sv_view view;
+  sv_image_u8 image; // not copied: must live as long as the trainer
+} sv_train_view;
+
+typedef struct {
+  int i_view, scale;
+  double loss, l1, ssim; // of this step's sub-view
+  uint32_t n_touched;
+} sv_step_stats;
+
+typedef struct {
+  sv_train_cfg cfg;
+  const sv_kernels *k;
+  const sv_pool *pool;
+  sv_gaussians g;
+  float *m, *v;   // Adam's moments, laid out as g.param
+  float *err;     // [cap] running mean of each Gaussian's blended error
+  float *block;   // [n_threads][SV_CAP_ROWS + 1][16] gradients of one block
+  double *cum;    // [cap] cumulative relocation weights
+  int32_t *copies, *source; // [cap] of a relocation
+  uint32_t *touched_of; // [cap / 16 / blocks a task + 1]
+  sv_renderer render;
+  sv_photometric photometric;
+  sv_planes target, grad;
+  float *err_plane, *unpack_scratch;
+  sv_train_view *views; // [cap_views]
+  int *order;           // [cap_views] this epoch's order
+  int n_views, i_order;
+  float centre[3], radius; // of the scene
+  uint32_t step;
+  uint32_t n_relocated;  // ever
+  sv_rng rng;
+} sv_trainer;
+
+sv_train_cfg sv_train_defaults(void);
+size_t sv_trainer_bytes(const sv_train_cfg *cfg);
+// E_ARG names a bad setting in err. Kernels and pool must outlive the trainer.
+sv_status sv_trainer_init(sv_trainer *t, const sv_train_cfg *cfg, const sv_kernels *k, const sv_pool *pool,
+                          sv_arena *arena, sv_err *err) SV_MUST_USE;
+
+// E_FULL beyond cap_views, E_RANGE when picture and view differ in size or exceed the caps.
+sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u8 *image, sv_err *err) SV_MUST_USE;
+// Starting Gaussians; the scene's centre and radius are taken from cfg (random) or from the points.
+sv_status sv_train_start(sv_trainer *t, const sv_init_cfg *init, const sv_point *point, int n_points,
+                         sv_arena *scratch) SV_MUST_USE;
+// Known scene bounds instead of what the start gave.
+void sv_train_set_scene(sv_trainer *t, const float centre[3], float radius);
+
+// One step. progress in [0, 1]: step/steps, or time/time limit. E_ARG without views.
+sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) SV_MUST_USE;
+
+// Options with which a view is rendered at a progress (1 for evaluation).
+sv_render_options sv_train_render_options(const sv_trainer *t, float progress, bool has_depth);
+// A digest of all parameters, FNV-1a over their bits in slot order.
+uint64_t sv_train_digest(const sv_trainer *t);
+
+// --- pieces, for tests ---------------------------------------------------------------------------------------
+float sv_train_mean_lr(const sv_train_cfg *cfg, float progress); // per unit of scene radius
+int sv_train_scale_at(const sv_trainer *t, const sv_view *view, float progress);
+// Relocates slots of opacity <= SV_OPACITY_DEAD; returns how many.
+uint32_t sv_train_relocate(sv_trainer *t);
+// Opacity and scale factor of n copies that together look like one Gaussian of opacity o: 1 - (1-o)^(1/n)
+// and o / K (3DGS-MCMC eq. 9).
+void sv_relocation_split(double o, int n, double *o_new, double *scale_factor);
+// Gradients -> parameters for all touched blocks; returns the touched Gaussians.
+uint32_t sv_train_optimise(sv_trainer *t, float progress);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
