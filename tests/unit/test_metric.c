@@ -76,7 +76,7 @@ static void test_by_hand(void **state) {
   near(v, 1, 1e-12);
   // constant images: variances are zero, SSIM = (2 m1 m2 + C1) / (m1^2 + m2^2 + C1) in every whole window
   static float flat[2][H][W];
-  for (int i = 0; i < H * W; i++) flat[0][0][i] = 0.25f, flat[1][0][i] = 0.75f;
+  for (int i = 0; i < H * W; i++) flat[0][i / W][i % W] = 0.25f, flat[1][i / W][i % W] = 0.75f;
   sv_image_pair f = {&flat[0][0][0], &flat[1][0][0], W, H, 1};
   assert_int_equal(sv_ssim(&f, SV_SSIM_VALID, scratch, &v), SV_OK);
   near(v, (2 * 0.25 * 0.75 + 1e-4) / (0.0625 + 0.5625 + 1e-4), 1e-12);

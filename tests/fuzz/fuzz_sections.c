@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <string.h>
+
+#include "src/format/sections.h"
+#include "tests/fuzz/fuzz.h"
+
+typedef struct {
+  uint8_t *buf;
+  size_t n, cap;
+} memory;
+
+static sv_status to_memory(void *self, const void *data, size_t bytes, sv_err *err) {
+  memory *m = self;
+  if (bytes > m->cap - m->n) return sv_fail(err, SV_E_NOMEM, "full");
+  memcpy(m->buf + m->n, data, bytes);
+  m->n += bytes;
+  return SV_OK;
+}
+
+size_t fuzz_seed(int i, uint8_t *buf, size_t cap) {
+  sv_sections_writer w;
+  memory m = {buf, 0, cap};
+  if (i > 2) return 0;
+  sv_status s = sv_sections_begin(&w, (sv_sink){&m, to_memory}, "CKPT", 1, NULL);
+  if (s == SV_OK && i > 0) s = sv_sections_put(&w, "conf", "hello", 5, NULL);
+  if (s == SV_OK && i > 1)
+    s = sv_sections_put(&w, "data", "0123456789012345678901234567890123456789", 40, NULL);
+  if (s == SV_OK) s = sv_sections_end(&w, NULL);
+  return s == SV_OK ? m.n : 0;
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t bytes) {
+  static const char *const tags[] = {"conf", "data", "END ", "none"};
+  sv_sections r;
+  sv_err err;
+  if (sv_sections_open(&r, "f", data, bytes, "CKPT", 1, &err) != SV_OK) return 0;
+  for (int i = 0; i < 4; i++) {
+    const void *p;
+    size_t n;
+    if (sv_sections_find(&r, tags[i], &p, &n, &err) != SV_OK) continue;
+    FUZZ_CHECK((const uint8_t *)p >= data && n <= bytes && (const uint8_t *)p + n <= data + bytes);
+  }
+  FUZZ_CHECK(r.version <= 1 && r.n_sections < bytes / 32 + 1);
+  return 0;
+}
