@@ -1,0 +1,271 @@
+// SPDX-License-Identifier: Apache-2.0
+// The source string: "SCENE[,option=value]...". Every number option is one line of NUMBERS.
+#include <math.h>
+#include <stddef.h>
+#include <string.h>
+
+#include "platform/sim/sim.h"
+
+typedef struct {
+  const char *p;
+  size_t n;
+} word;
+
+static bool is(word w, const char *name) { return strlen(name) == w.n && memcmp(w.p, name, w.n) == 0; }
+
+// Cuts the text before the first `sep`; false when there was nothing left.
+static bool next_word(word *rest, char sep, word *out) {
+  if (!rest->p) return false;
+  const char *hit = memchr(rest->p, sep, rest->n);
+  *out = (word){rest->p, hit ? (size_t)(hit - rest->p) : rest->n};
+  *rest = hit ? (word){hit + 1, rest->n - out->n - 1} : (word){NULL, 0};
+  return true;
+}
+
+static const char *const SCENES[] = {
+#define X(id, name, arc_deg, text) name,
+#include "platform/sim/scenes.inc"
+#undef X
+};
+static const double SCENE_ARC_DEG[] = {
+#define X(id, name, arc_deg, text) arc_deg,
+#include "platform/sim/scenes.inc"
+#undef X
+};
+static const char *const SCENE_TEXTS[] = {
+#define X(id, name, arc_deg, text) text,
+#include "platform/sim/scenes.inc"
+#undef X
+};
+static const char *const RIGS[] = {
+#define X(id, name, default_angle_deg, text) name,
+#include "platform/sim/rigs.inc"
+#undef X
+};
+static const double RIG_ANGLE_DEG[] = {
+#define X(id, name, default_angle_deg, text) default_angle_deg,
+#include "platform/sim/rigs.inc"
+#undef X
+};
+static const char *const FAULTS[] = {
+#define X(id, name, default_n, text) name,
+#include "platform/sim/faults.inc"
+#undef X
+};
+static const int FAULT_N[] = {
+#define X(id, name, default_n, text) default_n,
+#include "platform/sim/faults.inc"
+#undef X
+};
+
+typedef struct {
+  const char *name;
+  size_t offset;
+  bool is_int;
+  double lo, hi;
+} number_option;
+#define REAL(name, field, lo, hi)                                                                            \
+  { name, offsetof(sv_sim_config, field), false, lo, hi }
+#define WHOLE(name, field, lo, hi)                                                                           \
+  { name, offsetof(sv_sim_config, field), true, lo, hi }
+static const number_option NUMBERS[] = {
+    REAL("fps", fps, 0.1, 1000),
+    REAL("angle", angle_deg, 0, 60),
+    REAL("arc", arc_deg, 0, 360),
+    REAL("skew_us", skew_us, 0, 1e6),
+    REAL("jitter_us", jitter_us, 0, 1e5),
+    REAL("drift_ppm", drift_ppm, -1000, 1000),
+    REAL("offset_ms", offset_ms, -1e7, 1e7),
+    REAL("delay_us", delay_us, 0, 1e6),
+    REAL("delay_jitter_us", delay_jitter_us, 0, 1e6),
+    REAL("shutter_us", shutter_us, 0, 1e6),
+    REAL("drop", drop, 0, 1),
+    WHOLE("exposures", n_exposures, 1, 100000),
+    WHOLE("frames", n_frames, 0, 1e9),
+    WHOLE("buffers", n_buffers, 1, SV_SIM_CAP_BUFFERS),
+};
+#define N_NUMBERS ((int)(sizeof NUMBERS / sizeof *NUMBERS))
+
+static sv_status unknown(sv_err *err, const char *what, word w, const char *const *names, int n) {
+  char list[160];
+  sv_str s = sv_str_make(list, sizeof list);
+  for (int i = 0; i < n; i++) sv_str_add(&s, "%s%s", i ? ", " : "", names[i]);
+  return sv_fail(err, SV_E_NOT_FOUND, "sim: no %s called '%.*s'; there are %s", what,
+                 (int)(w.n < 40 ? w.n : 40), w.p, list);
+}
+
+static int find(word w, const char *const *names, int n) {
+  for (int i = 0; i < n; i++)
+    if (is(w, names[i])) return i;
+  return -1;
+}
+
+static sv_status bad(sv_err *err, const char *name, word v, const char *expected) {
+  return sv_fail(err, SV_E_ARG, "sim: %s=%.*s: expected %s", name, (int)(v.n < 40 ? v.n : 40), v.p, expected);
+}
+
+static sv_status read_size(sv_sim_config *c, word v, sv_err *err) {
+  word rest = v, w = {0}, h = {0}, more;
+  long long wide = 0, high = 0;
+  bool ok = next_word(&rest, 'x', &w) && next_word(&rest, 'x', &h) && !next_word(&rest, 'x', &more);
+  if (!ok || !sv_parse_int(w.p, w.n, &wide) || !sv_parse_int(h.p, h.n, &high) || wide < 16 || wide > 4096 ||
+      high < 16 || high > 4096)
+    return bad(err, "size", v, "WIDTHxHEIGHT, 16 to 4096 pixels each");
+  c->width_px = (int)wide, c->height_px = (int)high;
+  return SV_OK;
+}
+
+// read:V:shot:V in either order; one may be left out.
+static sv_status read_noise(sv_sim_config *c, word v, sv_err *err) {
+  word rest = v, name, value;
+  while (next_word(&rest, ':', &name)) {
+    double x;
+    bool is_read = is(name, "read"), is_shot = is(name, "shot");
+    if ((!is_read && !is_shot) || !next_word(&rest, ':', &value) || !sv_parse_double(value.p, value.n, &x) ||
+        !(x >= 0 && x <= 1))
+      return bad(err, "noise", v, "read:V:shot:V, variances from 0 to 1 in linear light");
+    *(is_read ? &c->noise_read : &c->noise_shot) = x;
+  }
+  return SV_OK;
+}
+
+static sv_status read_faults(sv_sim_config *c, word v, sv_err *err) {
+  word rest = v, one;
+  c->n_faults = 0;
+  while (next_word(&rest, '+', &one)) {
+    word parts = one, name = {0}, w;
+    long long args[3] = {0, 5, 0};
+    (void)next_word(&parts, ':', &name);
+    int kind = find(name, FAULTS, SV_SIM_N_FAULTS);
+    if (kind < 0) return unknown(err, "fault", name, FAULTS, SV_SIM_N_FAULTS);
+    args[2] = FAULT_N[kind];
+    for (int i = 0; next_word(&parts, ':', &w); i++)
+      if (i >= 3 || !sv_parse_int(w.p, w.n, &args[i]) || (i < 2 && args[i] < 0) || args[i] > 1000000000 ||
+          args[i] < -1000000000 || (kind != SV_SIM_FAULT_CLOCKSTEP && args[i] < 0))
+        return bad(err, "fault", one,
+                   "NAME[:CAMERA[:SLOT[:N]]], whole numbers; only clockstep takes a negative N");
+    if (c->n_faults == SV_SIM_CAP_FAULTS) return bad(err, "fault", v, "at most 8 faults");
+    c->faults[c->n_faults++] = (sv_sim_fault){(sv_sim_fault_kind)kind, (int)args[0], (int)args[2], args[1]};
+  }
+  return SV_OK;
+}
+
+static sv_status read_number(sv_sim_config *c, const number_option *o, word v, sv_err *err) {
+  double x;
+  char expected[80];
+  if (!sv_parse_double(v.p, v.n, &x) || !(x >= o->lo && x <= o->hi) || (o->is_int && x != floor(x))) {
+    (void)sv_fmt(expected, sizeof expected, "a %snumber from %g to %g", o->is_int ? "whole " : "", o->lo,
+                 o->hi);
+    return bad(err, o->name, v, expected);
+  }
+  if (o->is_int) *(int *)((char *)c + o->offset) = (int)x;
+  else *(double *)((char *)c + o->offset) = x;
+  return SV_OK;
+}
+
+static sv_status read_option(sv_sim_config *c, word option, sv_err *err) {
+  word v = option, name = {0};
+  (void)next_word(&v, '=', &name);
+  if (!v.p) v = (word){"", 0};
+  if (is(name, "rig")) {
+    int rig = find(v, RIGS, SV_SIM_N_RIGS);
+    if (rig < 0) return unknown(err, "rig", v, RIGS, SV_SIM_N_RIGS);
+    c->rig = (sv_sim_rig_id)rig;
+    return SV_OK;
+  }
+  if (is(name, "size")) return read_size(c, v, err);
+  if (is(name, "noise")) return read_noise(c, v, err);
+  if (is(name, "fault")) return read_faults(c, v, err);
+  if (is(name, "seed")) {
+    long long seed;
+    if (!sv_parse_int(v.p, v.n, &seed) || seed < 0 || seed > 0xffffffffll)
+      return bad(err, "seed", v, "a whole number from 0 to 4294967295");
+    c->seed = (uint32_t)seed;
+    return SV_OK;
+  }
+  if (is(name, "path")) {
+    c->is_smooth = is(v, "smooth");
+    return c->is_smooth || is(v, "step") ? SV_OK : bad(err, "path", v, "step or smooth");
+  }
+  for (int i = 0; i < N_NUMBERS; i++)
+    if (is(name, NUMBERS[i].name)) return read_number(c, &NUMBERS[i], v, err);
+  char list[200];
+  sv_str s = sv_str_make(list, sizeof list);
+  sv_str_add(&s, "rig, size, seed, path, noise, fault");
+  for (int i = 0; i < N_NUMBERS; i++) sv_str_add(&s, ", %s", NUMBERS[i].name);
+  return sv_fail(err, SV_E_NOT_FOUND, "sim: no option '%.*s'; there are %s", (int)(name.n < 20 ? name.n : 20),
+                 name.p, list);
+}
+
+sv_sim_config sv_sim_defaults(void) {
+  return (sv_sim_config){.scene = SV_SIM_SCENE_TEXTURED,
+                         .rig = SV_SIM_RIG_STEREO,
+                         .width_px = 320,
+                         .height_px = 240,
+                         .fps = 10,
+                         .angle_deg = RIG_ANGLE_DEG[SV_SIM_RIG_STEREO],
+                         .n_exposures = 8,
+                         .arc_deg = SCENE_ARC_DEG[SV_SIM_SCENE_TEXTURED],
+                         .seed = 1,
+                         .delay_us = 3000,
+                         .shutter_us = 4000,
+                         .n_buffers = 4};
+}
+
+sv_status sv_sim_parse(sv_sim_config *out, const char *spec, sv_err *err) {
+  sv_sim_config c = sv_sim_defaults();
+  word rest = {spec, strlen(spec)}, w = {0};
+  (void)next_word(&rest, ',', &w);
+  int scene = find(w, SCENES, SV_SIM_N_SCENES);
+  if (scene < 0) return unknown(err, "scene", w, SCENES, SV_SIM_N_SCENES);
+  c.scene = (sv_sim_scene_id)scene;
+  c.arc_deg = c.angle_deg = -1; // filled in below from scene and rig unless an option says otherwise
+  while (next_word(&rest, ',', &w)) {
+    sv_status s = read_option(&c, w, err);
+    if (s < 0) return s;
+  }
+  if (c.arc_deg < 0) c.arc_deg = SCENE_ARC_DEG[c.scene];
+  if (c.angle_deg < 0) c.angle_deg = RIG_ANGLE_DEG[c.rig];
+  sv_status s = sv_sim_check(&c, err);
+  if (s < 0) return s;
+  *out = c;
+  return SV_OK;
+}
+
+sv_status sv_sim_check(const sv_sim_config *c, sv_err *err) {
+  int n_cameras = c->rig == SV_SIM_RIG_STEREO ? 2 : c->rig == SV_SIM_RIG_PHONE ? 3 : 1;
+  for (int i = 0; i < N_NUMBERS; i++) {
+    const number_option *o = &NUMBERS[i];
+    const char *at = (const char *)c + o->offset;
+    double x = o->is_int ? *(const int *)at : *(const double *)at;
+    if (!(x >= o->lo && x <= o->hi))
+      return sv_fail(err, SV_E_ARG, "sim: %s is %g: expected %g to %g", o->name, x, o->lo, o->hi);
+  }
+  if (c->scene >= SV_SIM_N_SCENES || c->rig >= SV_SIM_N_RIGS || c->n_faults < 0 ||
+      c->n_faults > SV_SIM_CAP_FAULTS || c->width_px < 16 || c->width_px > 4096 || c->height_px < 16 ||
+      c->height_px > 4096)
+    return sv_fail(err, SV_E_ARG, "sim: scene, rig, size or number of faults is out of range");
+  if (c->rig != SV_SIM_RIG_MONO && !(c->angle_deg > 0))
+    return sv_fail(err, SV_E_ARG, "sim: angle=0 puts all cameras in one place: expected more than 0 degrees");
+  for (int i = 0; i < c->n_faults; i++)
+    if (c->faults[i].i_camera < 0 || c->faults[i].i_camera >= n_cameras)
+      return sv_fail(err, SV_E_ARG, "sim: fault %s names camera %d: rig %s has cameras 0 to %d",
+                     FAULTS[c->faults[i].kind], c->faults[i].i_camera, RIGS[c->rig], n_cameras - 1);
+  double slack_us = 1e6 / c->fps;
+  if (c->skew_us + c->delay_jitter_us > 0.5 * slack_us)
+    return sv_fail(err, SV_E_ARG, "sim: skew_us + delay_jitter_us is %g: expected at most half a period, %g",
+                   c->skew_us + c->delay_jitter_us, 0.5 * slack_us);
+  return SV_OK;
+}
+
+void sv_sim_list(sv_str *out) {
+  for (int i = 0; i < SV_SIM_N_SCENES; i++) sv_str_add(out, "sim:%-10s %s\n", SCENES[i], SCENE_TEXTS[i]);
+  sv_str_add(out, "  options: rig=");
+  for (int i = 0; i < SV_SIM_N_RIGS; i++) sv_str_add(out, "%s%s", i ? "|" : "", RIGS[i]);
+  sv_str_add(
+      out, ", size=WxH, seed=N, path=step|smooth, noise=read:V:shot:V, fault=NAME[:CAMERA[:SLOT[:N]]][+...]");
+  for (int i = 0; i < N_NUMBERS; i++) sv_str_add(out, ", %s=", NUMBERS[i].name);
+  sv_str_add(out, "\n  faults: ");
+  for (int i = 0; i < SV_SIM_N_FAULTS; i++) sv_str_add(out, "%s%s", i ? ", " : "", FAULTS[i]);
+  sv_str_add(out, "\n");
+}

@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where the rig is: once round the scene in n_exposures slots (or to and fro on a shorter arc), rising
+// and sinking between 10 and 50 degrees of elevation.
+#include <math.h>
+
+#include "platform/sim/sim.h"
+#include "src/base/mathx.h"
+
+#define START_DEG      20.0 // azimuth of slot 0 of a full circle
+#define ARC_MIDDLE_DEG 45.0 // the open side of the scenes that have a back
+#define ELEVATION_DEG  30.0
+#define RISE_DEG       20.0
+#define WAVES          2.6   // rises a round: no small number of stops gets the same elevation twice
+#define GOLDEN         0.618 // a second round falls between the stops of the first
+#define HELDOUT_DEG    3.0
+
+sv_ns sv_sim_slot_ns(const sv_sim *sim, int64_t slot) {
+  return SV_SIM_EPOCH_NS + slot * sim->period_ns + sim->period_ns / 2;
+}
+
+double sv_sim_slot_time_s(const sv_sim *sim, int64_t slot) {
+  return sv_ns_to_s(sv_sim_slot_ns(sim, slot) - SV_SIM_EPOCH_NS);
+}
+
+static int64_t slot_of(const sv_sim *sim, sv_ns host_ns) {
+  sv_ns t = host_ns - SV_SIM_EPOCH_NS;
+  return t < 0 ? 0 : t / sim->period_ns;
+}
+
+void sv_sim_rig_pose(const sv_sim *sim, sv_ns host_ns, sv_pose *rig_from_world) {
+  int64_t slot = slot_of(sim, host_ns);
+  double n = sim->cfg.n_exposures, arc = sim->cfg.arc_deg, s = (double)slot, az;
+  if (sim->cfg.is_smooth) s += (double)(host_ns - sv_sim_slot_ns(sim, slot)) / (double)sim->period_ns;
+  if (arc >= 360) {
+    az = START_DEG + 360 * s / n * (1 + GOLDEN / n);
+  } else {
+    double x = (s + 0.5) / n, round = floor(x);
+    x -= round;
+    if (round - 2 * floor(0.5 * round) != 0) x = 1 - x;
+    az = ARC_MIDDLE_DEG + arc * (x - 0.5);
+  }
+  double el = (ELEVATION_DEG + RISE_DEG * sv_sin(2 * SV_PI * WAVES * s / n - SV_PI / 6)) * SV_PI / 180;
+  double c = sv_cos(el) * SV_SIM_DISTANCE_M, a = (az - 360 * floor(az / 360)) * SV_PI / 180;
+  double eye[3] = {c * sv_cos(a), c * sv_sin(a), sv_sin(el) * SV_SIM_DISTANCE_M}, at[3] = {0},
+         up[3] = {0, 0, 1};
+  (void)sv_pose_look_at(rig_from_world, eye, at, up); // elevation stays below 90 degrees
+}
+
+static sv_view view_of(const sv_sim *sim, const sv_camera_model *m, const sv_pose *cam_from_world,
+                       sv_ns host_ns) {
+  sv_view v = sv_view_make(m->width_px, m->height_px, m->p[0], m->p[1], m->p[2], m->p[3], cam_from_world);
+  double clip = (double)(sim->cfg.n_exposures > 1 ? sim->cfg.n_exposures - 1 : 1) * (double)sim->period_ns;
+  double x = (double)(host_ns - sv_sim_slot_ns(sim, 0)) / clip;
+  v.time = (float)(x < 0 ? 0 : x > 1 ? 1 : x);
+  return v;
+}
+
+sv_view sv_sim_sub_view_at(const sv_sim *sim, const sv_sub_view *sv, sv_ns host_ns) {
+  sv_pose rig, cam;
+  sv_sim_rig_pose(sim, host_ns, &rig);
+  cam = sv_pose_mul(&sv->cam_from_rig, &rig);
+  return view_of(sim, &sv->model, &cam, host_ns);
+}
+
+void sv_sim_view(const sv_sim *sim, int64_t slot, int i_sub_view, sv_view *view, double *time_s) {
+  *view = sv_sim_sub_view_at(sim, &sim->rig.sub_views[i_sub_view], sv_sim_slot_ns(sim, slot));
+  view->i_exposure = (int)slot, view->i_sub_view = i_sub_view;
+  *time_s = sv_sim_slot_time_s(sim, slot);
+}
+
+void sv_sim_heldout_view(const sv_sim *sim, int i, int n, sv_view *view, double *time_s) {
+  int64_t slot = n > 0 ? (int64_t)i * sim->cfg.n_exposures / n : 0;
+  double f = i * GOLDEN, phi = ((i & 1 ? 270 : 90) + 100 * (f - floor(f) - 0.5)) * SV_PI / 180;
+  double rho = HELDOUT_DEG * SV_PI / 180, s = sv_sin(rho), at[3] = {0, 0, SV_SIM_DISTANCE_M},
+         up[3] = {0, -1, 0};
+  double d[3] = {s * sv_cos(phi), s * sv_sin(phi), -sv_cos(rho)}, eye[3];
+  for (int k = 0; k < 3; k++) eye[k] = at[k] + SV_SIM_DISTANCE_M * d[k];
+  sv_pose rig, cam;
+  (void)sv_pose_look_at(&cam, eye, at, up);
+  sv_sim_rig_pose(sim, sv_sim_slot_ns(sim, slot), &rig);
+  cam = sv_pose_mul(&cam, &rig);
+  *view = view_of(sim, &sim->rig.sub_views[0].model, &cam, sv_sim_slot_ns(sim, slot));
+  view->i_exposure = (int)slot, view->i_sub_view = -1;
+  *time_s = sv_sim_slot_time_s(sim, slot);
+}

@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: Apache-2.0
+// From linear light to the bytes of a sensor frame: noise of variance read + shot x, 14-bit quantisation
+// (the paper, section 4: y ~ N(x, read + shot x), then 14 bits), sRGB. Noise is a hash of seed, camera,
+// slot and pixel, never of the order in which pixels are visited.
+#include <math.h>
+#include <string.h>
+
+#include "platform/sim/sim.h"
+#include "src/base/mathx.h"
+#include "src/base/rng.h"
+
+#define ADC_MAX  16383
+#define N_RADIUS 4096 // Box-Muller from tables: radius sqrt(-2 ln u) and angle, up to 4.2 sigma
+#define N_TURN   1024
+
+static double srgb(double x) { return x <= 0.0031308 ? 12.92 * x : 1.055 * sv_pow(x, 1 / 2.4) - 0.055; }
+
+void sv_sim_fill_tables(sv_sim *sim) {
+  for (int i = 0; i <= ADC_MAX; i++) {
+    double y = srgb((double)i / ADC_MAX);
+    sim->srgb8[i] = (uint8_t)(255 * y + 0.5);
+    sim->srgb16[i] = (uint16_t)(65535 * y + 0.5);
+  }
+  for (int i = 0; i < N_RADIUS; i++) sim->radius[i] = (float)sqrt(-2 * sv_log((i + 0.5) / N_RADIUS));
+  for (int i = 0; i < N_TURN; i++) sim->turn_cos[i] = (float)sv_cos(2 * SV_PI * (i + 0.5) / N_TURN);
+}
+
+typedef struct {
+  const sv_sim *sim;
+  uint8_t *rgb;   // top left pixel, or NULL
+  float *depth_m; // the same, or NULL
+  float *sum;     // the same: adds linear light instead of writing rgb, or NULL
+  int stride_px;
+  int x0_px, y0_px; // place on the sensor, for the noise
+  bool is_noisy;
+  uint32_t camera_seed, slot;
+} canvas;
+
+static float normal(const sv_sim *sim, uint32_t hash, uint32_t quarter) {
+  return sim->radius[hash >> 20] * sim->turn_cos[((hash >> 8) + quarter * (3 * N_TURN / 4)) & (N_TURN - 1)];
+}
+
+static void add_noise(const canvas *c, int x_px, int y_px, const float in[3], float out[3]) {
+  const sv_sim_config *cfg = &c->sim->cfg;
+  uint32_t pixel = (uint32_t)(y_px * cfg->width_px + x_px);
+  uint32_t h0 = sv_hash3(c->camera_seed, c->slot, 2 * pixel),
+           h1 = sv_hash3(c->camera_seed, c->slot, 2 * pixel + 1);
+  float z[3] = {normal(c->sim, h0, 0), normal(c->sim, h0, 1), normal(c->sim, h1, 0)};
+  for (int k = 0; k < 3; k++)
+    out[k] = in[k] + sqrtf((float)cfg->noise_read + (float)cfg->noise_shot * in[k]) * z[k];
+}
+
+static int to_14_bits(float x) { return (int)(sv_clampf(x, 0, 1) * ADC_MAX + 0.5f); }
+
+static void put(void *self, int x_px, int y_px, int n, const float *rgb, const float *depth_m) {
+  const canvas *c = self;
+  size_t at = (size_t)y_px * (size_t)c->stride_px + (size_t)x_px;
+  if (c->depth_m) memcpy(c->depth_m + at, depth_m, (size_t)n * sizeof *depth_m);
+  if (c->sum)
+    for (int i = 0; i < 3 * n; i++) c->sum[3 * at + (size_t)i] += rgb[i];
+  if (!c->rgb) return;
+  uint8_t *out = c->rgb + 3 * at;
+  for (int i = 0; i < n; i++) {
+    float noisy[3];
+    const float *p = rgb + 3 * i;
+    if (c->is_noisy) add_noise(c, c->x0_px + x_px + i, c->y0_px + y_px, p, noisy), p = noisy;
+    for (int k = 0; k < 3; k++) out[3 * i + k] = c->sim->srgb8[to_14_bits(p[k])];
+  }
+}
+
+static void draw(sv_sim *sim, const sv_view *v, double time_s, canvas *c) {
+  sv_sim_sink sink = {c, put};
+  sv_sim_shot_prepare(sim->shot, sim->scene, v, time_s);
+  sv_sim_shot_rows(sim->shot, 0, v->height_px, &sink);
+}
+
+void sv_sim_prepare(const sv_sim *sim, sv_sim_shot *shot, const sv_view *view, double time_s) {
+  sv_sim_shot_prepare(shot, sim->scene, view, time_s);
+}
+
+void sv_sim_render_rows(const sv_sim *sim, const sv_sim_shot *shot, int y0, int y1, uint8_t *rgb,
+                        float *depth_m) {
+  canvas c = {.sim = sim, .rgb = rgb, .depth_m = depth_m, .stride_px = shot->view.width_px};
+  sv_sim_sink sink = {&c, put};
+  sv_sim_shot_rows(shot, y0, y1, &sink);
+}
+
+void sv_sim_render(sv_sim *sim, const sv_view *view, double time_s, uint8_t *rgb, float *depth_m) {
+  sv_sim_prepare(sim, sim->shot, view, time_s);
+  sv_sim_render_rows(sim, sim->shot, 0, view->height_px, rgb, depth_m);
+}
+
+// The composite: linear sum over the largest overlap (4, see devices.c), noise, 14 bits, sRGB in 16 bits.
+static void composite(const sv_sim *sim, const canvas *c, uint8_t *out) {
+  for (int y = 0; y < sim->cfg.height_px; y++)
+    for (int x = 0; x < sim->cfg.width_px; x++) {
+      size_t at = (size_t)y * (size_t)sim->cfg.width_px + (size_t)x;
+      float v[3];
+      for (int k = 0; k < 3; k++) v[k] = sim->sum[3 * at + (size_t)k] * 0.25f;
+      if (c->is_noisy) add_noise(c, x, y, v, v);
+      for (int k = 0; k < 3; k++) {
+        uint16_t code = sim->srgb16[to_14_bits(v[k])];
+        out[6 * at + 2 * (size_t)k] = (uint8_t)(code & 255),
+                         out[6 * at + 2 * (size_t)k + 1] = (uint8_t)(code >> 8);
+      }
+    }
+}
+
+void sv_sim_expose(sv_sim *sim, const sv_sim_event *e, uint8_t *out) {
+  const sv_sim_config *cfg = &sim->cfg;
+  bool is_sum = sim->rig.forward == SV_FORWARD_MULTIPLEXED;
+  canvas c = {.sim = sim,
+              .stride_px = cfg->width_px,
+              .slot = (uint32_t)e->slot,
+              .is_noisy = cfg->noise_read > 0 || cfg->noise_shot > 0,
+              .camera_seed = sv_hash3(cfg->seed, (uint32_t)e->i_camera, 0x5e50)};
+  size_t n_px = (size_t)cfg->width_px * (size_t)cfg->height_px;
+  if (is_sum) memset(sim->sum, 0, 3 * n_px * sizeof *sim->sum);
+  else memset(out, 0, sim->frame_bytes);
+  for (int i = 0; i < sim->rig.n_sub_views; i++) {
+    const sv_sub_view *sv = &sim->rig.sub_views[i];
+    if (sv->i_camera != e->i_camera) continue;
+    sv_view v = sv_sim_sub_view_at(sim, sv, e->true_ns);
+    c.x0_px = sv->footprint.x0_px, c.y0_px = sv->footprint.y0_px;
+    size_t at = 3 * ((size_t)c.y0_px * (size_t)cfg->width_px + (size_t)c.x0_px);
+    if (is_sum) c.sum = sim->sum + at;
+    else c.rgb = out + at;
+    draw(sim, &v, sv_ns_to_s(e->true_ns - SV_SIM_EPOCH_NS), &c);
+  }
+  if (is_sum) composite(sim, &c, out);
+  if (e->is_damaged) memset(out + sim->frame_bytes / 2, 0, sim->frame_bytes - sim->frame_bytes / 2);
+}

@@ -1,0 +1,328 @@
+// SPDX-License-Identifier: Apache-2.0
+// The source: what the cameras send, when it arrives, and which buffers it finds.
+#include "platform/sim/sim.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "src/base/mathx.h"
+#include "src/base/rng.h"
+
+#define LATE_NS (200 * SV_NS_PER_US) // a reordered frame or a second copy comes so long after the other one
+
+static sv_ns from_us(double us) { return (sv_ns)floor(us * 1e3 + 0.5); }
+
+// --- memory --------------------------------------------------------------------------------------
+
+static int n_cameras_of(sv_sim_rig_id rig) {
+  return rig == SV_SIM_RIG_STEREO ? 2 : rig == SV_SIM_RIG_PHONE ? 3 : 1;
+}
+
+static sv_status carve(sv_sim *s, const sv_sim_config *cfg, sv_arena *a) {
+  bool is_sum = cfg->rig == SV_SIM_RIG_MULTIPLEXED;
+  size_t n_values = 3 * (size_t)cfg->width_px * (size_t)cfg->height_px;
+  s->cfg = *cfg;
+  s->n_cameras = n_cameras_of(cfg->rig);
+  s->frame_bytes = n_values * (is_sum ? 2 : 1);
+  s->cap_ready = s->n_cameras * cfg->n_buffers + SV_SIM_CAP_FAULTS;
+  sv_arena_part_begin(a, "simulator");
+  sv_status status = sv_rig_init(&s->rig, SV_SIM_CAP_SUB_VIEWS, a);
+  s->scene = SV_TAKE(a, sv_sim_scene, 1);
+  s->shot = SV_TAKE(a, sv_sim_shot, 1);
+  s->srgb8 = SV_TAKE(a, uint8_t, 16384);
+  s->srgb16 = SV_TAKE(a, uint16_t, 16384);
+  s->radius = SV_TAKE(a, float, 4096);
+  s->turn_cos = SV_TAKE(a, float, 1024);
+  s->ready = SV_TAKE(a, sv_sim_event, s->cap_ready);
+  s->sum = is_sum ? SV_TAKE(a, float, n_values) : NULL;
+  for (int i = 0; i < s->n_cameras; i++)
+    s->cameras[i].buffers = SV_TAKE(a, uint8_t, s->frame_bytes * (size_t)cfg->n_buffers);
+  return status < 0 ? status : a->status;
+}
+
+size_t sv_sim_bytes(const sv_sim_config *cfg) {
+  sv_sim s = {0};
+  sv_arena dry = sv_arena_dry();
+  (void)carve(&s, cfg, &dry); // a dry arena cannot fail
+  return dry.used_bytes;
+}
+
+sv_status sv_sim_init(sv_sim *s, const sv_sim_config *cfg, sv_arena *arena, sv_err *err) {
+  sv_status status = sv_sim_check(cfg, err);
+  if (status < 0) return status;
+  *s = (sv_sim){0};
+  status = carve(s, cfg, arena);
+  if (status < 0)
+    return sv_fail(err, status, "sim: %zu bytes do not fit: the arena has %zu of %zu bytes in use",
+                   sv_sim_bytes(cfg), arena->used_bytes, arena->cap_bytes);
+  s->now_ns = SV_SIM_EPOCH_NS;
+  s->period_ns = (sv_ns)floor(1e9 / cfg->fps + 0.5);
+  sv_sim_build_rig(s);
+  sv_sim_scene_build(s->scene, cfg->scene);
+  sv_sim_fill_tables(s);
+  return SV_OK;
+}
+
+const sv_rig *sv_sim_rig(const sv_sim *s) { return &s->rig; }
+const sv_sim_counts *sv_sim_camera_counts(const sv_sim *s, int i) { return &s->cameras[i].counts; }
+
+void sv_sim_scene_bounds(const sv_sim *s, double centre_m[3], double *radius_m) {
+  centre_m[0] = centre_m[1] = centre_m[2] = 0;
+  *radius_m = s->scene->radius_m;
+}
+
+// --- what a camera sends -------------------------------------------------------------------------
+
+// The fault of a kind that this camera has at this slot: kinds that last N frames match all of them.
+static const sv_sim_fault *fault_at(const sv_sim *s, sv_sim_fault_kind kind, int i_camera, int64_t slot) {
+  bool lasts = kind == SV_SIM_FAULT_ERROR || kind == SV_SIM_FAULT_DUP || kind == SV_SIM_FAULT_REORDER;
+  for (int i = 0; i < s->cfg.n_faults; i++) {
+    const sv_sim_fault *f = &s->cfg.faults[i];
+    if (f->kind != kind || f->i_camera != i_camera) continue;
+    if (lasts ? slot >= f->slot && slot < f->slot + f->n : slot == f->slot) return f;
+  }
+  return NULL;
+}
+
+static sv_ns true_time(const sv_sim *s, int i_camera, int64_t slot) {
+  double share = s->n_cameras > 1 ? (double)i_camera / (s->n_cameras - 1) : 0;
+  return sv_sim_slot_ns(s, slot) + from_us(s->cfg.skew_us * share);
+}
+
+static uint32_t dice(const sv_sim *s, int i_camera, int64_t slot, uint32_t what) {
+  return sv_hash3(s->cfg.seed + 0x9e3779b9u * what, (uint32_t)i_camera, (uint32_t)slot);
+}
+
+static sv_ns arrival_time(const sv_sim *s, int i_camera, int64_t slot) {
+  double late = (double)dice(s, i_camera, slot, 1) * 0x1p-32 * s->cfg.delay_jitter_us;
+  return true_time(s, i_camera, slot) + from_us(0.5 * s->cfg.shutter_us + s->cfg.delay_us + late);
+}
+
+static sv_ns camera_time(const sv_sim *s, int i_camera, int64_t slot) {
+  static const double share[SV_SIM_CAP_CAMERAS] = {1, -1, 0.5};
+  sv_ns since = true_time(s, i_camera, slot) - SV_SIM_EPOCH_NS;
+  sv_rng rng = sv_rng_make(s->cfg.seed, dice(s, i_camera, slot, 2));
+  sv_ns t = SV_SIM_EPOCH_NS + since + from_us(s->cfg.offset_ms * 1e3 * (i_camera + 1));
+  t += from_us((double)since * 1e-9 * s->cfg.drift_ppm * share[i_camera]);
+  if (s->cfg.jitter_us > 0) t += from_us((double)sv_rng_normal(&rng) * s->cfg.jitter_us);
+  for (int i = 0; i < s->cfg.n_faults; i++) {
+    const sv_sim_fault *f = &s->cfg.faults[i];
+    if (f->kind == SV_SIM_FAULT_CLOCKSTEP && f->i_camera == i_camera && slot >= f->slot)
+      t += f->n * SV_NS_PER_MS;
+  }
+  return t;
+}
+
+static void send(sv_sim_camera *c, sv_sim_event e) { c->pending[c->n_pending++] = e; }
+
+// Unplugged or stalled at this slot: skips the slots it sleeps through. False when it works.
+static bool rest(sv_sim *s, int i_camera, sv_sim_camera *c) {
+  const sv_sim_fault *gone = fault_at(s, SV_SIM_FAULT_UNPLUG, i_camera, c->next_slot);
+  const sv_sim_fault *still = fault_at(s, SV_SIM_FAULT_STALL, i_camera, c->next_slot);
+  if (gone) {
+    send(c, (sv_sim_event){.kind = SV_SIM_EVENT_UNPLUGGED,
+                           .i_camera = i_camera,
+                           .i_buffer = -1,
+                           .slot = c->next_slot,
+                           .arrival_ns = sv_sim_slot_ns(s, c->next_slot)});
+    c->next_sequence = 0;
+    c->next_slot += gone->n;
+    c->is_ended = gone->n == 0;
+    return true;
+  }
+  if (!still || still->n == 0) return false;
+  c->next_slot += still->n;
+  return true;
+}
+
+static void step_camera(sv_sim *s, int i_camera) {
+  sv_sim_camera *c = &s->cameras[i_camera];
+  int64_t k = c->next_slot;
+  if (s->cfg.n_frames && k >= s->cfg.n_frames) {
+    c->is_ended = true;
+    return;
+  }
+  if (rest(s, i_camera, c)) return;
+  const sv_sim_fault *reset = fault_at(s, SV_SIM_FAULT_SEQRESET, i_camera, k);
+  if (reset) c->next_sequence = (uint32_t)reset->n;
+  sv_sim_event e = {.kind = SV_SIM_EVENT_FRAME,
+                    .i_camera = i_camera,
+                    .i_buffer = -1,
+                    .slot = k,
+                    .sequence = c->next_sequence++,
+                    .true_ns = true_time(s, i_camera, k),
+                    .camera_ns = camera_time(s, i_camera, k),
+                    .arrival_ns = arrival_time(s, i_camera, k)};
+  c->next_slot++;
+  e.is_damaged = fault_at(s, SV_SIM_FAULT_ERROR, i_camera, k) != NULL;
+  if (fault_at(s, SV_SIM_FAULT_REORDER, i_camera, k))
+    e.arrival_ns = arrival_time(s, i_camera, k + 1) + LATE_NS;
+  if ((double)dice(s, i_camera, k, 3) * 0x1p-32 < s->cfg.drop) e.kind = SV_SIM_EVENT_LOST;
+  send(c, e);
+  if (e.kind != SV_SIM_EVENT_FRAME || !fault_at(s, SV_SIM_FAULT_DUP, i_camera, k)) return;
+  e.kind = SV_SIM_EVENT_COPY, e.arrival_ns += LATE_NS;
+  send(c, e);
+}
+
+// The earliest thing on its way, or NULL. Three pending per camera are enough to see past a reordered
+// frame, which comes just after the next slot's.
+static sv_sim_event *earliest(sv_sim *s, int *i_pending) {
+  sv_sim_event *best = NULL;
+  for (int i = 0; i < s->n_cameras; i++) {
+    sv_sim_camera *c = &s->cameras[i];
+    while (!c->is_ended && c->n_pending < 4) step_camera(s, i);
+    for (int k = 0; k < c->n_pending; k++)
+      if (!best || c->pending[k].arrival_ns < best->arrival_ns) best = &c->pending[k], *i_pending = k;
+  }
+  return best;
+}
+
+// --- what the host gets --------------------------------------------------------------------------
+
+static void arrive(sv_sim *s, sv_sim_event e) {
+  sv_sim_camera *c = &s->cameras[e.i_camera];
+  if (e.kind == SV_SIM_EVENT_FRAME || e.kind == SV_SIM_EVENT_LOST) c->counts.n_exposed++;
+  if (e.kind == SV_SIM_EVENT_LOST) {
+    c->counts.n_lost++;
+    return;
+  }
+  if (e.kind != SV_SIM_EVENT_UNPLUGGED) {
+    e.i_buffer = 0;
+    while (e.i_buffer < s->cfg.n_buffers && c->is_taken >> e.i_buffer & 1) e.i_buffer++;
+    if (e.i_buffer == s->cfg.n_buffers) {
+      if (e.kind == SV_SIM_EVENT_FRAME) c->counts.n_starved++;
+      return;
+    }
+    c->is_taken |= 1u << e.i_buffer;
+  }
+  s->ready[s->n_ready++] = e; // cap_ready: every buffer, and every fault once
+}
+
+static void catch_up(sv_sim *s) {
+  int i_pending = 0;
+  if (!s->is_running) return;
+  for (sv_sim_event *e; (e = earliest(s, &i_pending)) && e->arrival_ns <= s->now_ns;) {
+    sv_sim_event came = *e;
+    sv_sim_camera *c = &s->cameras[came.i_camera];
+    c->n_pending--;
+    memmove(c->pending + i_pending, c->pending + i_pending + 1,
+            (size_t)(c->n_pending - i_pending) * sizeof *c->pending);
+    arrive(s, came);
+  }
+}
+
+static sv_pixel_format format_of(const sv_sim *s) {
+  return s->rig.forward == SV_FORWARD_MULTIPLEXED ? SV_PIX_RGB16 : SV_PIX_RGB8;
+}
+
+static bool has_own_clock(const sv_sim_config *c) {
+  for (int i = 0; i < c->n_faults; i++)
+    if (c->faults[i].kind == SV_SIM_FAULT_CLOCKSTEP) return true;
+  return c->drift_ppm != 0 || c->offset_ms != 0;
+}
+
+static sv_status src_caps(void *self, int i_camera, sv_camera_caps *out) {
+  const sv_sim *s = self;
+  if (i_camera < 0 || i_camera >= s->n_cameras) return SV_E_ARG;
+  const sv_sub_view *first = &s->rig.sub_views[i_camera];
+  *out = (sv_camera_caps){.width_px = s->cfg.width_px,
+                          .height_px = s->cfg.height_px,
+                          .format = format_of(s),
+                          .fps = s->cfg.fps,
+                          .stamp = SV_STAMP_MIDDLE,
+                          .frame_bytes = s->frame_bytes,
+                          .clock = has_own_clock(&s->cfg) ? SV_CLOCK_CAMERA : SV_CLOCK_MONOTONIC};
+  (void)sv_copy(out->name, sizeof out->name, s->rig.forward == SV_FORWARD_DIRECT ? first->name : s->rig.name);
+  return SV_OK;
+}
+
+static sv_status src_start(void *self) {
+  sv_sim *s = self;
+  if (s->is_running) return SV_OK;
+  int64_t slot = 0;
+  if (s->now_ns > sv_sim_slot_ns(s, 0))
+    slot = (s->now_ns - sv_sim_slot_ns(s, 0) + s->period_ns - 1) / s->period_ns;
+  for (int i = 0; i < s->n_cameras; i++) {
+    sv_sim_camera *c = &s->cameras[i];
+    c->next_slot = slot, c->next_sequence = 0, c->is_ended = false, c->n_pending = 0;
+  }
+  s->is_running = true;
+  return SV_OK;
+}
+
+static sv_status src_stop(void *self) {
+  sv_sim *s = self;
+  for (int i = 0; i < s->n_ready; i++)
+    if (s->ready[i].kind == SV_SIM_EVENT_FRAME) s->cameras[s->ready[i].i_camera].counts.n_flushed++;
+  for (int i = 0; i < s->n_cameras; i++)
+    s->cameras[i].is_taken = s->cameras[i].on_loan = 0, s->cameras[i].n_pending = 0;
+  s->n_ready = 0;
+  s->is_running = false;
+  return SV_OK;
+}
+
+static sv_status deliver(sv_sim *s, sv_frame *frame) {
+  sv_sim_event e = s->ready[0];
+  sv_sim_camera *c = &s->cameras[e.i_camera];
+  memmove(s->ready, s->ready + 1, (size_t)--s->n_ready * sizeof *s->ready);
+  *frame = (sv_frame){.i_camera = e.i_camera, .arrival_ns = e.arrival_ns, .i_buffer = e.i_buffer};
+  if (e.kind == SV_SIM_EVENT_UNPLUGGED) return SV_E_DEVICE;
+  uint8_t *data = c->buffers + s->frame_bytes * (size_t)e.i_buffer;
+  sv_sim_expose(s, &e, data);
+  c->on_loan |= 1u << e.i_buffer;
+  if (e.kind == SV_SIM_EVENT_COPY) c->counts.n_duplicates++;
+  else c->counts.n_delivered++;
+  frame->sequence = e.sequence, frame->camera_ns = e.camera_ns,
+  frame->exposure_ns = from_us(s->cfg.shutter_us);
+  frame->width_px = s->cfg.width_px, frame->height_px = s->cfg.height_px, frame->format = format_of(s);
+  frame->stride_bytes = (int)(s->frame_bytes / (size_t)s->cfg.height_px);
+  frame->data = data, frame->data_bytes = s->frame_bytes, frame->is_error = e.is_damaged;
+  return SV_OK;
+}
+
+static sv_status src_dequeue(void *self, sv_frame *frame, sv_ns until_host_ns) {
+  sv_sim *s = self;
+  int i_pending = 0;
+  if (!s->is_running) return SV_END;
+  for (;;) {
+    catch_up(s);
+    if (s->n_ready) return deliver(s, frame);
+    const sv_sim_event *e = earliest(s, &i_pending);
+    if (!e) return SV_END;
+    if (e->arrival_ns > until_host_ns) {
+      if (until_host_ns > s->now_ns) s->now_ns = until_host_ns;
+      return SV_AGAIN;
+    }
+    s->now_ns = e->arrival_ns;
+  }
+}
+
+static sv_status src_requeue(void *self, const sv_frame *frame) {
+  sv_sim *s = self;
+  if (frame->i_camera < 0 || frame->i_camera >= s->n_cameras || frame->i_buffer < 0 ||
+      frame->i_buffer >= s->cfg.n_buffers)
+    return SV_E_ARG;
+  sv_sim_camera *c = &s->cameras[frame->i_camera];
+  uint32_t bit = 1u << frame->i_buffer;
+  if (!(c->on_loan & bit)) return SV_E_ARG;
+  catch_up(s); // what arrived while the buffer was on loan did not find it free
+  c->on_loan &= ~bit, c->is_taken &= ~bit;
+  return SV_OK;
+}
+
+static sv_status src_rig_pose(void *self, sv_ns host_ns, sv_pose *rig_from_world) {
+  sv_sim_rig_pose(self, host_ns, rig_from_world);
+  return SV_OK;
+}
+
+sv_source sv_sim_source(sv_sim *s) {
+  return (sv_source){s, s->n_cameras, src_caps, src_start, src_dequeue, src_requeue, src_stop, src_rig_pose};
+}
+
+static sv_ns clock_now(void *self) { return ((sv_sim *)self)->now_ns; }
+static void clock_sleep(void *self, sv_ns host_ns) {
+  sv_sim *s = self;
+  if (host_ns > s->now_ns) s->now_ns = host_ns;
+}
+
+sv_clock sv_sim_clock(sv_sim *s) { return (sv_clock){s, clock_now, clock_sleep}; }

@@ -1,0 +1,184 @@
+// SPDX-License-Identifier: Apache-2.0
+// The simulator: a ray-traced scene, a rig that circles it, cameras with clocks of their own, and faults,
+// on a virtual clock. Everything is a function of the configuration and of time: the same bits on every
+// machine. All memory is carved from one arena at start.
+//
+// Time. Host time is the virtual clock's, in ns; scene time is (host - SV_SIM_EPOCH_NS) in seconds.
+// Slot k is the k-th period of the frame rate; its cameras expose at its middle, for an instant (there is
+// no motion blur; shutter_us only moves the arrival). With the default `step` trajectory the rig stands
+// still within a slot; with `path=smooth` it moves along the same path all the time.
+// Space. World z is up, metres. The rig's frame is a camera's (x right, y down, z forward) whose z axis
+// meets the world's origin at SV_SIM_DISTANCE_M; every sub-view is aimed at that point.
+#ifndef SV_SIM_SIM_H
+#define SV_SIM_SIM_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "platform/sim/trace.h"
+#include "src/base/arena.h"
+#include "src/base/str.h"
+#include "src/port/port.h"
+#include "src/rig/rig.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SV_SIM_EPOCH_NS      SV_NS_PER_S // the virtual clock's first reading
+#define SV_SIM_DISTANCE_M    4.0
+#define SV_SIM_CAP_CAMERAS   3
+#define SV_SIM_CAP_SUB_VIEWS 16
+#define SV_SIM_CAP_BUFFERS   16
+#define SV_SIM_CAP_FAULTS    8
+#define SV_SIM_CAP_PENDING   6
+
+typedef enum {
+#define X(id, name, default_angle_deg, text) SV_SIM_RIG_##id,
+#include "platform/sim/rigs.inc"
+#undef X
+  SV_SIM_N_RIGS
+} sv_sim_rig_id;
+
+// What can go wrong with one camera at one slot. `n` by kind, as below.
+typedef enum {
+#define X(id, name, default_n, text) SV_SIM_FAULT_##id,
+#include "platform/sim/faults.inc"
+#undef X
+  SV_SIM_N_FAULTS
+} sv_sim_fault_kind;
+
+typedef struct {
+  sv_sim_fault_kind kind;
+  int i_camera, n;
+  int64_t slot;
+} sv_sim_fault;
+
+typedef struct {
+  sv_sim_scene_id scene;
+  sv_sim_rig_id rig;
+  int width_px, height_px; // of each sensor
+  double fps, angle_deg;   // angle: the rig's angular baseline as seen from the scene's centre
+  int n_exposures;         // stops of one round of the trajectory
+  int n_frames;            // the cameras end after so many slots, 0 = never
+  double arc_deg;          // azimuth covered by one round
+  bool is_smooth;
+  uint32_t seed;
+  double noise_read, noise_shot;    // variance = read + shot x in linear light; both 0: no noise
+  double skew_us;                   // true delay of the last camera behind the first; the others in between
+  double jitter_us;                 // standard deviation of a camera's timestamps
+  double drift_ppm;                 // rate error of camera clocks: +drift, -drift, +drift/2, ...
+  double offset_ms;                 // camera i's clock is (i + 1) offsets ahead at the epoch
+  double delay_us, delay_jitter_us; // from the end of the exposure to the arrival: fixed, and uniform on top
+  double shutter_us;
+  double drop; // probability that the link loses a frame
+  int n_buffers;
+  int n_faults;
+  sv_sim_fault faults[SV_SIM_CAP_FAULTS];
+} sv_sim_config;
+
+// Per camera, counted when time passes them:
+// n_exposed = n_delivered + n_lost + n_starved + n_flushed + frames that wait for dequeue now.
+// Second copies (fault dup) count nowhere but in n_duplicates.
+typedef struct {
+  uint64_t n_exposed;    // frames the sensor took
+  uint64_t n_delivered;  // handed out by dequeue, first copies
+  uint64_t n_duplicates; // second copies handed out
+  uint64_t n_lost;       // on the link (drop=)
+  uint64_t n_starved;    // no buffer was free: too many on loan or waiting
+  uint64_t n_flushed;    // waiting when the source was stopped
+} sv_sim_counts;
+
+typedef enum {
+  SV_SIM_EVENT_FRAME,
+  SV_SIM_EVENT_COPY,
+  SV_SIM_EVENT_LOST,
+  SV_SIM_EVENT_UNPLUGGED
+} sv_sim_event_kind;
+
+typedef struct { // something that reaches the host at arrival_ns
+  sv_sim_event_kind kind;
+  int i_camera, i_buffer;
+  int64_t slot;
+  uint32_t sequence;
+  sv_ns true_ns, camera_ns, arrival_ns;
+  bool is_damaged;
+} sv_sim_event;
+
+typedef struct {
+  int64_t next_slot;
+  uint32_t next_sequence;
+  bool is_ended;
+  int n_pending;
+  sv_sim_event pending[SV_SIM_CAP_PENDING]; // on their way, not in order
+  uint32_t is_taken;                        // one bit a buffer: waiting or on loan
+  uint32_t on_loan;
+  uint8_t *buffers; // [n_buffers][frame_bytes]
+  sv_sim_counts counts;
+} sv_sim_camera;
+
+typedef struct {
+  sv_sim_config cfg;
+  sv_ns now_ns, period_ns;
+  bool is_running;
+  int n_cameras;
+  size_t frame_bytes;
+  sv_rig rig;
+  sv_sim_scene *scene;
+  sv_sim_shot *shot;        // scratch of the source and of sv_sim_render
+  uint8_t *srgb8;           // [16384] 14-bit linear -> display
+  uint16_t *srgb16;         // [16384]
+  float *radius, *turn_cos; // [4096], [1024]: normal deviates by table, see sensor.c
+  float *sum;               // [height][width][3] linear, multiplexed only
+  sv_sim_camera cameras[SV_SIM_CAP_CAMERAS];
+  sv_sim_event *ready; // [cap_ready] arrived, oldest first
+  int n_ready, cap_ready;
+} sv_sim;
+
+sv_sim_config sv_sim_defaults(void);
+// Reads the part of a source string behind `sim:`, e.g. "thin,rig=stereo,fps=15,fault=unplug:1:20+dup".
+// On failure `out` is untouched and the sentence lists what exists.
+sv_status sv_sim_parse(sv_sim_config *out, const char *spec, sv_err *err) SV_MUST_USE;
+// One line a scene ("sim:textured  five solids ..."), then the options.
+void sv_sim_list(sv_str *out);
+
+// cfg as made by defaults or parse; a value out of range is told in err. init takes sv_sim_bytes(cfg).
+size_t sv_sim_bytes(const sv_sim_config *cfg);
+sv_status sv_sim_init(sv_sim *sim, const sv_sim_config *cfg, sv_arena *arena, sv_err *err) SV_MUST_USE;
+
+sv_source
+sv_sim_source(sv_sim *sim);         // frames: RGB8 sRGB; multiplexed: RGB16, sRGB-encoded sum of linear light
+sv_clock sv_sim_clock(sv_sim *sim); // sleeping, and dequeue that waits, advance it; nothing else does
+const sv_rig *sv_sim_rig(const sv_sim *sim); // the true rig
+const sv_sim_counts *sv_sim_camera_counts(const sv_sim *sim, int i_camera);
+void sv_sim_scene_bounds(const sv_sim *sim, double centre_m[3], double *radius_m);
+
+sv_ns sv_sim_slot_ns(const sv_sim *sim, int64_t slot);      // host time of mid-exposure of camera 0
+double sv_sim_slot_time_s(const sv_sim *sim, int64_t slot); // scene time of mid-exposure
+void sv_sim_rig_pose(const sv_sim *sim, sv_ns host_ns, sv_pose *rig_from_world);
+// The true view of a sub-view in a slot; view->time runs from 0 to 1 over the round's slots.
+void sv_sim_view(const sv_sim *sim, int64_t slot, int i_sub_view, sv_view *view, double *time_s);
+// Held-out view i of n: the rig's first sub-view, moved 3 degrees off the rig's place in one of the
+// slots, mostly up or down, at that slot's time. Never a training view.
+void sv_sim_heldout_view(const sv_sim *sim, int i, int n, sv_view *view, double *time_s);
+
+// Clean picture of any view at any time: rgb [height][width][3] sRGB, depth_m [height][width] camera z,
+// 0 = background; either may be NULL. Uses the simulator's scratch: one call at a time.
+void sv_sim_render(sv_sim *sim, const sv_view *view, double time_s, uint8_t *rgb, float *depth_m);
+// The same in two steps for several threads: prepare a shot of one's own, then render disjoint rows.
+void sv_sim_prepare(const sv_sim *sim, sv_sim_shot *shot, const sv_view *view, double time_s);
+void sv_sim_render_rows(const sv_sim *sim, const sv_sim_shot *shot, int y0, int y1, uint8_t *rgb,
+                        float *depth_m);
+
+// --- between the files of this folder ---
+sv_view sv_sim_sub_view_at(const sv_sim *sim, const sv_sub_view *sv, sv_ns host_ns); // path.c
+void sv_sim_build_rig(sv_sim *sim);                                                  // devices.c
+void sv_sim_fill_tables(sv_sim *sim);                                                // sensor.c
+void sv_sim_expose(sv_sim *sim, const sv_sim_event *event, uint8_t *out); // sensor.c: one sensor frame
+sv_status sv_sim_check(const sv_sim_config *cfg, sv_err *err);            // config.c
+
+#ifdef __cplusplus
+}
+#endif
+#endif
