@@ -14,7 +14,7 @@ typedef struct {
   float q[4], rn, rot[9], s[3], w[9]; // unit quaternion, 1/|q|, rotation, scale, w = Rc R diag(s)
   float ja, jb, a[3], b[3];           // rows of J w
   float sxx, sxy, syy, ca, cc, inv_d, conic[3];
-  float o, comp, oe;
+  float o, not_o, comp, oe; // opacity, 1 - o without cancellation
   int is_comp_floor;
 } geom;
 
@@ -71,7 +71,9 @@ static void geometry(const sv_kview *v, const float *p, geom *g) {
   g->conic[0] = g->cc * g->inv_d;
   g->conic[1] = -(g->sxy * g->inv_d);
   g->conic[2] = g->ca * g->inv_d;
-  g->o = 1.0f / (1.0f + s1_exp2_fine(p[16 * SV_ROW_LOGIT] * -LOG2E));
+  float e = s1_exp2_fine(p[16 * SV_ROW_LOGIT] * -LOG2E);
+  g->o = 1.0f / (1.0f + e);
+  g->not_o = e * g->o;
   g->comp = 1.0f;
   g->is_comp_floor = 1;
   if (v->is_antialiased) {
@@ -202,7 +204,7 @@ static float screen_bwd(const sv_kview *v, const geom *g, const float *m, float 
     vs[1] = fmaf(h, om * B, vs[1]);
     vs[2] = fmaf(h, fmaf(om, C, -dq), vs[2]);
   }
-  return v_o * (g->o * (1.0f - g->o));
+  return v_o * (g->o * g->not_o);
 }
 
 // Through the projection: dL/dt (camera point) and dL/dw.

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+// A renderer in double precision, written from the formulas of the literature and not from the kernels:
+// EWA projection with clamped ratios, exact exponentials, no tiles, no bounds. The judge of values and,
+// by central differences, of gradients.
+#ifndef SV_TESTS_GRAD_SPLAT_DOUBLE_H
+#define SV_TESTS_GRAD_SPLAT_DOUBLE_H
+
+#include <stdbool.h>
+
+#define DR_CAP_GAUSSIANS 64
+#define DR_N_PARAMS      59 // mean 3, quaternion wxyz 4, log-scale 3, logit, SH [16][3]
+
+typedef struct {
+  int width_px, height_px;
+  double fx, fy, cx, cy; // first pixel's centre at 0.5
+  double r[9], t[3];     // cam_from_world before the twist
+  double twist[6];       // (omega, v), applied from the left
+  double near_z, bg[3];
+  bool is_antialiased;
+  int sh_degree;
+} dr_view;
+
+typedef struct {
+  int n;
+  double p[DR_CAP_GAUSSIANS][DR_N_PARAMS];
+  dr_view view;
+} dr_scene;
+
+// Planes without padding, [height][width]; any may be NULL.
+typedef struct {
+  double *rgb[3], *depth, *trans;
+  double *margin; // smallest relative distance of a contribution to the 1/255 skip or the 1e-4 stop
+  int *n_stopped; // pixels that the 1e-4 stop ended
+} dr_picture;
+
+typedef struct {
+  bool is_drawn;     // in front of the near plane and above 1/255 at its peak
+  double peak_alpha; // largest alpha at any pixel, before the clamp
+  double err;        // sum over pixels of weight x err
+  double weight;     // sum over pixels of weight
+} dr_share;
+
+// err: [height][width] or NULL; share: [n] or NULL.
+void dr_render(const dr_scene *s, const dr_picture *out, const double *err, dr_share *share);
+
+// Sum over pixels of w_rgb . rgb + w_depth depth + w_trans trans; planes as above, NULL counts as 0.
+typedef struct {
+  double *rgb[3], *depth, *trans;
+} dr_weights;
+double dr_loss(const dr_scene *s, const dr_weights *w);
+
+#endif

@@ -1,0 +1,379 @@
+// SPDX-License-Identifier: Apache-2.0
+// Every loss of losses.inc: first its value against a plain double implementation, then its gradient against
+// central differences of that implementation, borders included; then the same bits for any thread count,
+// padding zero, and memory exactly as announced.
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "src/base/rng.h"
+#include "src/loss/pearson.h"
+#include "src/loss/photometric.h"
+#include "src/loss/tv.h"
+
+enum { CAP_W = 45, CAP_H = 40 };
+
+// --- fixtures ------------------------------------------------------------------------------------
+static uint8_t block[4 << 20];
+
+// A pool that runs tasks in reverse and claims several threads: order must not matter.
+static void run_backwards(void *self, sv_task_fn fn, void *arg, int n_tasks) {
+  int n_threads = *(int *)self;
+  for (int i = n_tasks; i-- > 0;) fn(arg, i, i % n_threads);
+}
+
+typedef struct {
+  sv_planes x, y, grad;
+  float *err;
+  int w, h;
+} scene;
+
+static scene make_scene(sv_arena *a, int w, int h, uint64_t seed) {
+  scene s = {.w = w, .h = h};
+  sv_rng r = sv_rng_make(seed, 3);
+  assert_int_equal(sv_planes_init(&s.x, w, h, a), SV_OK);
+  assert_int_equal(sv_planes_init(&s.y, w, h, a), SV_OK);
+  assert_int_equal(sv_planes_init(&s.grad, w, h, a), SV_OK);
+  s.err = SV_TAKE(a, float, sv_plane_floats(w, h));
+  for (int c = 0; c < 3; c++)
+    for (size_t i = 0; i < sv_plane_floats(w, h); i++) {
+      bool is_in = (int)i % s.x.stride < w && (int)i / s.x.stride < h;
+      float u = sv_rng_f(&r), smooth = 0.5f + 0.4f * sinf((float)i * 0.05f + (float)c);
+      s.x.c[c][i] = is_in ? 0.6f * smooth + 0.4f * u : NAN; // garbage in the padding must not matter
+      s.y.c[c][i] = is_in ? 0.7f * smooth + 0.3f * sv_rng_f(&r) : NAN;
+      s.grad.c[c][i] = 7; // and stale values must go
+      s.err[i] = 7;
+    }
+  return s;
+}
+
+static double *to_double(const sv_planes *p) {
+  double *d = malloc(sizeof *d * 3 * (size_t)(p->width_px * p->height_px));
+  for (int c = 0; c < 3; c++)
+    for (int y = 0; y < p->height_px; y++)
+      for (int x = 0; x < p->width_px; x++)
+        d[(c * p->height_px + y) * p->width_px + x] = (double)p->c[c][y * p->stride + x];
+  return d;
+}
+
+// --- the photometric loss in double --------------------------------------------------------------
+static double gauss[11];
+
+static void blur(const double *in, double *out, int w, int h) {
+  double *t = malloc(sizeof *t * (size_t)(w * h));
+  for (int y = 0; y < h; y++)
+    for (int x = 0; x < w; x++) {
+      double s = 0;
+      for (int k = -5; k <= 5; k++)
+        if (x + k >= 0 && x + k < w) s += gauss[k + 5] * in[y * w + x + k];
+      t[y * w + x] = s;
+    }
+  for (int y = 0; y < h; y++)
+    for (int x = 0; x < w; x++) {
+      double s = 0;
+      for (int k = -5; k <= 5; k++)
+        if (y + k >= 0 && y + k < h) s += gauss[k + 5] * t[(y + k) * w + x];
+      out[y * w + x] = s;
+    }
+  free(t);
+}
+
+static double sum_ssim(const double *x, const double *y, int w, int h) { // one channel, by the paper's formula
+  const int n = w * h;
+  double *b = malloc(sizeof *b * 8 * (size_t)n), *m1 = b, *m2 = b + n, *xx = b + 2 * n, *yy = b + 3 * n,
+         *xy = b + 4 * n, *t = b + 5 * n, sum = 0;
+  blur(x, m1, w, h);
+  blur(y, m2, w, h);
+  for (int i = 0; i < n; i++) t[i] = x[i] * x[i];
+  blur(t, xx, w, h);
+  for (int i = 0; i < n; i++) t[i] = y[i] * y[i];
+  blur(t, yy, w, h);
+  for (int i = 0; i < n; i++) t[i] = x[i] * y[i];
+  blur(t, xy, w, h);
+  for (int i = 0; i < n; i++) {
+    double s1 = xx[i] - m1[i] * m1[i], s2 = yy[i] - m2[i] * m2[i], s12 = xy[i] - m1[i] * m2[i];
+    sum += (2 * m1[i] * m2[i] + 1e-4) * (2 * s12 + 9e-4) / ((m1[i] * m1[i] + m2[i] * m2[i] + 1e-4) * (s1 + s2 + 9e-4));
+  }
+  free(b);
+  return sum;
+}
+
+static double photometric_double(const double *x, const double *y, int w, int h, double lambda) {
+  const int n = 3 * w * h;
+  double l1 = 0, ssim = 0;
+  for (int i = 0; i < n; i++) l1 += fabs(x[i] - y[i]);
+  for (int c = 0; c < 3; c++) ssim += sum_ssim(x + c * w * h, y + c * w * h, w, h);
+  return (1 - lambda) * l1 / n + lambda * (1 - ssim / n);
+}
+
+static sv_photometric make_photometric(sv_arena *a, int n_threads, bool has_ssim) {
+  sv_photometric p;
+  sv_photometric_cfg cfg = {CAP_W, CAP_H, n_threads, has_ssim};
+  size_t before = a->used_bytes;
+  assert_int_equal(sv_photometric_init(&p, &cfg, a), SV_OK);
+  assert_int_equal(a->used_bytes - before, sv_photometric_bytes(&cfg));
+  return p;
+}
+
+static void assert_padding_zero(const float *plane, const sv_planes *p) {
+  for (int r = 0; r < p->rows_padded; r++)
+    for (int i = r < p->height_px ? p->width_px : 0; i < p->stride; i++) assert_true(plane[r * p->stride + i] == 0);
+}
+
+static void photometric_case(int w, int h, float lambda) {
+  sv_arena a = sv_arena_make(block, sizeof block);
+  scene s = make_scene(&a, w, h, (uint64_t)(w * 100 + h));
+  sv_photometric p = make_photometric(&a, 1, lambda != 0);
+  sv_photometric_value v;
+  sv_pool pool = sv_pool_serial();
+  sv_kernels k;
+  sv_kernels_init(&k, ~0u);
+  double got = sv_photometric_loss(&p, &k, &pool, &s.x, &s.y, &s.grad, s.err, lambda, &v);
+  double *x = to_double(&s.x), *y = to_double(&s.y), want = photometric_double(x, y, w, h, (double)lambda);
+  if (fabs(got - want) > 2e-6) fail_msg("%dx%d l %g: value %.9g, in double %.9g", w, h, (double)lambda, got, want);
+  const double n = 3.0 * w * h, step = 1e-6;
+  for (int c = 0; c < 3; c++)
+    for (int i = 0; i < w * h; i += 1 + (w * h > 300) * 6) {
+      int at = c * w * h + i;
+      double keep = x[at], plus, minus;
+      if (fabs(keep - y[at]) < 1e-5) continue; // |x - y| has a corner there
+      x[at] = keep + step, plus = photometric_double(x, y, w, h, (double)lambda);
+      x[at] = keep - step, minus = photometric_double(x, y, w, h, (double)lambda);
+      x[at] = keep;
+      double numeric = n * (plus - minus) / (2 * step), analytic = n * (double)s.grad.c[c][i / w * s.grad.stride + i % w];
+      if (fabs(numeric - analytic) > 1e-3 * fmax(1, fabs(numeric)))
+        fail_msg("%dx%d l %g channel %d pixel (%d,%d): gradient %.7g, numeric %.7g", w, h, (double)lambda, c, i % w, i / w,
+                 analytic, numeric);
+    }
+  for (int i = 0; i < w * h; i++) {
+    double e = (fabs(x[i] - y[i]) + fabs(x[w * h + i] - y[w * h + i]) + fabs(x[2 * w * h + i] - y[2 * w * h + i])) / 3;
+    assert_true(fabs(e - (double)s.err[i / w * s.x.stride + i % w]) < 1e-6);
+  }
+  for (int c = 0; c < 3; c++) assert_padding_zero(s.grad.c[c], &s.grad);
+  assert_padding_zero(s.err, &s.grad);
+  double alone = sv_photometric_loss(&p, &k, &pool, &s.x, &s.y, NULL, NULL, lambda, NULL);
+  assert_true(alone == got);
+  free(x);
+  free(y);
+}
+
+static void check_photometric(void) {
+  photometric_case(1, 1, 0.2f);
+  photometric_case(4, 3, 1.0f);
+  photometric_case(13, 9, 0.2f);
+  photometric_case(16, 16, 1.0f);
+  photometric_case(17, 12, 0.0f);
+  photometric_case(33, 21, 0.5f);
+  photometric_case(CAP_W, CAP_H, 0.2f);
+}
+
+static void photometric_threads(void **state) {
+  (void)state;
+  sv_arena a = sv_arena_make(block, sizeof block);
+  scene s = make_scene(&a, CAP_W, CAP_H, 5);
+  size_t bytes = sizeof(float) * sv_plane_floats(CAP_W, CAP_H);
+  float *first[3] = {0};
+  double want = 0;
+  for (int isa = 0; isa < SV_N_ISAS; isa++) { // and for every variant with the same bits
+    if (isa == SV_ISA_SSE41 || !(sv_cpu_isas() & SV_ISA_BIT(isa))) continue;
+    for (int n_threads = 1; n_threads <= 4; n_threads++) {
+      sv_pool pool = {&n_threads, n_threads, run_backwards};
+      sv_photometric p = make_photometric(&a, n_threads, true);
+      sv_kernels k;
+      sv_kernels_init(&k, sv_isa_only((sv_isa)isa));
+      double got = sv_photometric_loss(&p, &k, &pool, &s.x, &s.y, &s.grad, s.err, 0.2f, NULL);
+      for (int c = 0; c < 3; c++) {
+        if (!first[c]) first[c] = memcpy(malloc(bytes), s.grad.c[c], bytes), want = got;
+        assert_true(got == want);
+        assert_memory_equal(first[c], s.grad.c[c], bytes);
+      }
+    }
+  }
+  for (int c = 0; c < 3; c++) free(first[c]);
+}
+
+// --- total variation -----------------------------------------------------------------------------
+static double tv_double(const double *x, int w, int h, bool is_squared) {
+  double v = 0, u = 0;
+  for (int c = 0; c < 3; c++, x += w * h)
+    for (int i = 0; i < w * h; i++) {
+      double dv = i / w + 1 < h ? x[i + w] - x[i] : 0, dh = i % w + 1 < w ? x[i + 1] - x[i] : 0;
+      v += is_squared ? dv * dv : fabs(dv);
+      u += is_squared ? dh * dh : fabs(dh);
+    }
+  return (h > 1 ? v / (3.0 * w * (h - 1)) : 0) + (w > 1 ? u / (3.0 * h * (w - 1)) : 0);
+}
+
+static void tv_case(int w, int h, sv_tv_form form) {
+  sv_arena a = sv_arena_make(block, sizeof block);
+  scene s = make_scene(&a, w, h, 77);
+  sv_tv t;
+  sv_tv_cfg cfg = {CAP_W, CAP_H, 3};
+  size_t before = a.used_bytes;
+  assert_int_equal(sv_tv_init(&t, &cfg, &a), SV_OK);
+  assert_int_equal(a.used_bytes - before, sv_tv_bytes(&cfg));
+  sv_kernels k;
+  sv_kernels_init(&k, ~0u);
+  int n_threads = 3;
+  sv_pool pool = {&n_threads, n_threads, run_backwards};
+  const double weight = 0.25, step = 1e-7, n = 3.0 * w * h;
+  double got = sv_tv_loss(&t, &k, &pool, &s.x, &s.grad, form, (float)weight);
+  double *x = to_double(&s.x), want = weight * tv_double(x, w, h, form == SV_TV_SQUARED);
+  if (fabs(got - want) > 1e-6 * fmax(1e-3, want)) fail_msg("tv %dx%d: value %.9g, in double %.9g", w, h, got, want);
+  for (int c = 0; c < 3; c++)
+    for (int i = 0; i < w * h; i++) {
+      int at = c * w * h + i;
+      double keep = x[at], plus, minus;
+      x[at] = keep + step, plus = tv_double(x, w, h, form == SV_TV_SQUARED);
+      x[at] = keep - step, minus = tv_double(x, w, h, form == SV_TV_SQUARED);
+      x[at] = keep;
+      // the gradient was added to 7
+      double numeric = weight * (plus - minus) / (2 * step), analytic = (double)s.grad.c[c][i / w * s.grad.stride + i % w] - 7;
+      if (fabs(numeric - analytic) > 2e-6 + 2e-4 / n)
+        fail_msg("tv form %d %dx%d channel %d pixel (%d,%d): gradient %.7g, numeric %.7g", (int)form, w, h, c, i % w, i / w,
+                 analytic, numeric);
+    }
+  free(x);
+}
+
+static void check_tv(void) {
+  for (int form = 0; form < 2; form++) {
+    tv_case(1, 1, (sv_tv_form)form);
+    tv_case(1, 7, (sv_tv_form)form);
+    tv_case(9, 1, (sv_tv_form)form);
+    tv_case(17, 12, (sv_tv_form)form);
+    tv_case(33, 20, (sv_tv_form)form);
+  }
+}
+
+// --- Pearson -------------------------------------------------------------------------------------
+static double one_minus_r(const double *d, const sv_pearson_input *in, sv_pearson_patch q) {
+  double n = 0, md = 0, mt = 0, aa = 0, bb = 0, ab = 0;
+  for (int pass = 0; pass < 2; pass++) {
+    for (int y = q.y0; y < q.y1; y++)
+      for (int x = q.x0; x < q.x1; x++) {
+        int i = y * in->stride + x;
+        if (in->mask && !in->mask[i]) continue;
+        double t = (double)in->prior[i];
+        if (pass == 0)
+          n++, md += d[i], mt += t;
+        else
+          aa += (d[i] - md) * (d[i] - md), bb += (t - mt) * (t - mt), ab += (d[i] - md) * (t - mt);
+      }
+    if (pass == 0) md /= n, mt /= n;
+  }
+  return 1 - ab / sqrt(aa * bb);
+}
+
+static double pearson_double(const double *d, const sv_pearson_input *in) {
+  const sv_pearson_patch all = {0, 0, in->width_px, in->height_px};
+  double s = 0;
+  if (!in->patches) return (double)in->weight * one_minus_r(d, in, all);
+  for (int i = 0; i < in->n_patches; i++) s += one_minus_r(d, in, in->patches[i]);
+  return (double)in->weight * s / in->n_patches;
+}
+
+static void pearson_case(bool has_patches, bool has_mask) {
+  enum { W = 23, H = 35, S = 32 };
+  static const sv_pearson_patch patches[3] = {{0, 0, 8, 8}, {4, 5, 20, 30}, {15, 20, 23, 35}}; // overlapping
+  static float d[H * S], t[H * S], grad[H * S];
+  static double x[H * S];
+  static uint8_t mask[H * S];
+  sv_rng r = sv_rng_make(9, 1);
+  for (int i = 0; i < H * S; i++) {
+    bool is_in = i % S < W;
+    d[i] = is_in ? 3 + sv_rng_f(&r) : NAN;
+    t[i] = is_in ? 0.4f * d[i] + sv_rng_f(&r) : NAN;
+    mask[i] = sv_rng_below(&r, 5) != 0;
+    grad[i] = 0;
+    x[i] = (double)d[i];
+  }
+  sv_arena a = sv_arena_make(block, sizeof block);
+  sv_pearson p;
+  sv_pearson_cfg cfg = {3};
+  assert_int_equal(sv_pearson_init(&p, &cfg, &a), SV_OK);
+  assert_int_equal(a.used_bytes - (a.n_parts && !strcmp(a.parts[0].name, "align") ? a.parts[0].bytes : 0),
+                   sv_pearson_bytes(&cfg));
+  sv_pearson_input in = {d, t, has_mask ? mask : NULL, W, H, S, has_patches ? patches : NULL, 3, 0.15f};
+  int n_threads = 2;
+  sv_pool pool = {&n_threads, n_threads, run_backwards};
+  double got = sv_pearson_loss(&p, &pool, &in, grad), want = pearson_double(x, &in);
+  if (fabs(got - want) > 1e-10) fail_msg("pearson: value %.12g, in double %.12g", got, want);
+  for (int i = 0; i < H * S; i++) {
+    double keep = x[i], step = 1e-6, plus, minus;
+    if (i % S >= W) {
+      assert_true(grad[i] == 0);
+      continue;
+    }
+    x[i] = keep + step, plus = pearson_double(x, &in);
+    x[i] = keep - step, minus = pearson_double(x, &in);
+    x[i] = keep;
+    double numeric = (plus - minus) / (2 * step);
+    if (fabs(numeric - (double)grad[i]) > 1e-8 + 1e-5 * fabs(numeric))
+      fail_msg("pearson patches %d mask %d pixel %d: gradient %.8g, numeric %.8g", has_patches, has_mask, i, (double)grad[i],
+               numeric);
+  }
+}
+
+static void pearson_flat(void) { // no contrast, too few pixels: finite, no gradient
+  float d[32] = {0}, t[32], grad[32] = {0};
+  uint8_t mask[32] = {1};
+  sv_arena a = sv_arena_make(block, sizeof block);
+  sv_pearson p;
+  sv_pearson_cfg cfg = {1};
+  assert_int_equal(sv_pearson_init(&p, &cfg, &a), SV_OK);
+  for (int i = 0; i < 32; i++) d[i] = 2, t[i] = (float)i;
+  sv_pearson_input in = {d, t, NULL, 32, 1, 32, NULL, 0, 1.0f};
+  sv_pool pool = sv_pool_serial();
+  assert_true(sv_pearson_loss(&p, &pool, &in, grad) == 1);
+  in.mask = mask;
+  assert_true(sv_pearson_loss(&p, &pool, &in, grad) == 1);
+  for (int i = 0; i < 32; i++) assert_true(grad[i] == 0);
+}
+
+static void check_pearson(void) {
+  for (int i = 0; i < 4; i++) pearson_case(i & 1, i >> 1);
+  pearson_flat();
+}
+
+// --- memory --------------------------------------------------------------------------------------
+static void one_byte_short(void **state) {
+  (void)state;
+  sv_photometric_cfg cfg = {CAP_W, CAP_H, 2, true};
+  sv_photometric p;
+  size_t need = sv_photometric_bytes(&cfg);
+  uint8_t *aligned = block + (-(uintptr_t)block & (SV_ARENA_ALIGN - 1));
+  sv_arena a = sv_arena_make(aligned, need), b = sv_arena_make(aligned, need - 1);
+  assert_int_equal(sv_photometric_init(&p, &cfg, &a), SV_OK);
+  assert_int_equal(sv_photometric_init(&p, &cfg, &b), SV_E_NOMEM);
+  cfg.n_threads = 0;
+  assert_int_equal(sv_photometric_init(&p, &cfg, &a), SV_E_ARG);
+}
+
+#define LOSS(name, sentence)                                                                                 \
+  static void test_##name(void **state) {                                                                    \
+    (void)state;                                                                                             \
+    check_##name();                                                                                          \
+  }
+#include "src/loss/losses.inc"
+#undef LOSS
+
+int main(void) {
+  double sum = 0;
+  for (int k = -5; k <= 5; k++) sum += gauss[k + 5] = exp(-k * k / (2 * 1.5 * 1.5));
+  for (int k = 0; k < 11; k++) gauss[k] /= sum;
+  const struct CMUnitTest tests[] = {
+#define LOSS(name, sentence) cmocka_unit_test(test_##name),
+#include "src/loss/losses.inc"
+#undef LOSS
+      cmocka_unit_test(photometric_threads),
+      cmocka_unit_test(one_byte_short),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
