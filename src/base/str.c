@@ -72,13 +72,18 @@ static size_t general(char *t, double x, int max_digits) {
   if (x == 0) return t[0] = '0', 1;
   bool neg = x < 0;
   double a = neg ? -x : x;
-  int e = 0;
-  for (double b = a; b >= 10; b /= 10) e++;
-  for (double b = a; b < 1; b *= 10) e--;
+  int e0 = 0;
+  for (double b = a; b >= 10; b /= 10) e0++;
+  for (double b = a; b < 1; b *= 10) e0--;
   for (int nd = 1;; nd++) {
+    int e = e0; // 0.998 is 1 with one digit, but not with three
     int s = nd - 1 - e; // a * 10^s has nd digits before the point
     double m = s >= 0 ? (s > 300 ? a * pow10i(300) * pow10i(s - 300) : a * pow10i(s)) : a / pow10i(-s);
     double r = floor(m + 0.5);
+    if (r < pow10i(nd - 1)) { // the search for e0 was rounded up to a power of ten: look one lower
+      e0--, nd--;
+      continue;
+    }
     if (r >= pow10i(nd)) r = pow10i(nd - 1), e++, s--;
     double back = s >= 0 ? (s > 300 ? r / pow10i(300) / pow10i(s - 300) : r / pow10i(s)) : r * pow10i(-s);
     if (nd < max_digits && (max_digits <= 9 ? (float)back != (float)a : back != a)) continue;
