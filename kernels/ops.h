@@ -5,10 +5,14 @@
 
 #include "kernels/adam/adam.h"
 #include "kernels/bin/bin.h"
+#include "kernels/color/color.h"
 #include "kernels/project/project.h"
 #include "kernels/raster/raster.h"
+#include "kernels/remap/remap.h"
+#include "kernels/resize/resize.h"
 #include "kernels/sort/sort.h"
-#include "kernels/unpack/unpack.h"
 #include "kernels/ssim/ssim.h"
+#include "kernels/tv/tv.h"
+#include "kernels/unpack/unpack.h"
 
 #endif

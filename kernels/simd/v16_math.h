@@ -18,7 +18,7 @@ static inline v16 v16_exp2(v16 x) {
   return v16_from_bits(v16i_add(v16_bits(p), v16i_shl23(v16_bits(t))));
 }
 
-// The same with degree 6, relative error 1.5e-7; x is clamped to [-126, 126]. For parameters.
+// The same with degree 6, relative error 2.2e-7; x is clamped to [-126, 126]. For parameters.
 static inline v16 v16_exp2_fine(v16 x) {
   const v16 magic = v16_set1(12582912.0f);
   x = v16_min(v16_max(x, v16_set1(-126.0f)), v16_set1(126.0f));

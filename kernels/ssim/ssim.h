@@ -38,17 +38,18 @@ typedef struct {
 
 // grad (+)= w_l1 sign(x - y) + w_ssim d(sum ssim)/dx,   err (+)= err_scale |x - y|
 typedef struct {
-  const float *x, *y;             // as above
-  const float *dm1, *ds1, *ds12;  // from sv_ssim over all rows; all NULL: the L1 part alone
+  const float *x, *y;            // as above
+  const float *dm1, *ds1, *ds12; // from sv_ssim over all rows; all NULL: the L1 part alone
   int width_px, height_px, stride;
   int row0, row1;
   float w_l1, w_ssim;
-  float *grad;                    // [height][stride]; columns [width, stride) become 0 (kept when adding)
-  int is_grad_add;                // 0 overwrites, 1 adds
-  float *err;                     // [height][stride] or NULL; columns as grad
+  float *grad;     // [height][stride]; columns [width, stride) become 0 (kept when adding);
+                   // NULL: err and row_l1 alone
+  int is_grad_add; // 0 overwrites, 1 adds
+  float *err;      // [height][stride] or NULL; columns as grad
   float err_scale;
   int is_err_add;
-  float *row_l1;                  // [height]: sum of |x - y| of the row, lanes as row_ssim
+  float *row_l1; // [height]: sum of |x - y| of the row, lanes as row_ssim
   float *scratch;
 } sv_ssim_bwd_args;
 

@@ -98,16 +98,17 @@ static void bwd_row(const sv_ssim_bwd_args *a, int r, float *const t[3]) {
   for (int i = 0; i < a->width_px; i++) {
     float x = a->x[at + (size_t)i], y = a->y[at + (size_t)i], d = x - y, e = fabsf(d);
     float grad = (d > 0.0f ? a->w_l1 : 0.0f) - (d < 0.0f ? a->w_l1 : 0.0f);
-    if (a->dm1) {
+    if (a->dm1 && a->grad) {
       float b0 = blur_row(t[0] + i), b1 = blur_row(t[1] + i), b2 = blur_row(t[2] + i);
       grad = fmaf(w2, fmaf(y, b2, fmaf(x, b1, b0)), grad);
     }
     lanes[i & 15] += e;
-    a->grad[at + (size_t)i] = a->is_grad_add ? a->grad[at + (size_t)i] + grad : grad;
-    if (a->err) a->err[at + (size_t)i] = a->is_err_add ? fmaf(e, a->err_scale, a->err[at + (size_t)i]) : e * a->err_scale;
+    float *pg = a->grad ? a->grad + at + (size_t)i : NULL, *pe = a->err ? a->err + at + (size_t)i : NULL;
+    if (pg) *pg = a->is_grad_add ? *pg + grad : grad;
+    if (pe) *pe = a->is_err_add ? fmaf(e, a->err_scale, *pe) : e * a->err_scale;
   }
   for (int i = a->width_px; i < a->stride; i++) {
-    if (!a->is_grad_add) a->grad[at + (size_t)i] = 0.0f;
+    if (a->grad && !a->is_grad_add) a->grad[at + (size_t)i] = 0.0f;
     if (a->err && !a->is_err_add) a->err[at + (size_t)i] = 0.0f;
   }
   a->row_l1[r] = s1_sum16(lanes);
@@ -119,7 +120,7 @@ void sv_ssim_bwd_ref(const sv_ssim_bwd_args *a) {
   memset(a->scratch, 0, sizeof(float) * (size_t)SV_SSIM_SCRATCH_FLOATS(a->stride));
   for (int m = 0; m < 3; m++) t[m] = scratch_row(a->scratch, a->stride, m);
   for (int r = a->row0; r < a->row1; r++) {
-    for (int m = 0; m < 3 && a->dm1; m++) {
+    for (int m = 0; m < 3 && a->dm1 && a->grad; m++) {
       const float *row[11];
       rows_around(row, map[m], r, a->height_px, a->stride, zero);
       for (int i = 0; i < a->width_px; i++) {

@@ -66,7 +66,7 @@ static double *to_double(const sv_planes *p) {
 static double gauss[11];
 
 static void blur(const double *in, double *out, int w, int h) {
-  double *t = malloc(sizeof *t * (size_t)(w * h));
+  double *t = calloc((size_t)(w * h), sizeof *t);
   for (int y = 0; y < h; y++)
     for (int x = 0; x < w; x++) {
       double s = 0;
@@ -84,7 +84,8 @@ static void blur(const double *in, double *out, int w, int h) {
   free(t);
 }
 
-static double sum_ssim(const double *x, const double *y, int w, int h) { // one channel, by the paper's formula
+static double sum_ssim(const double *x, const double *y, int w,
+                       int h) { // one channel, by the paper's formula
   const int n = w * h;
   double *b = malloc(sizeof *b * 8 * (size_t)n), *m1 = b, *m2 = b + n, *xx = b + 2 * n, *yy = b + 3 * n,
          *xy = b + 4 * n, *t = b + 5 * n, sum = 0;
@@ -98,7 +99,8 @@ static double sum_ssim(const double *x, const double *y, int w, int h) { // one 
   blur(t, xy, w, h);
   for (int i = 0; i < n; i++) {
     double s1 = xx[i] - m1[i] * m1[i], s2 = yy[i] - m2[i] * m2[i], s12 = xy[i] - m1[i] * m2[i];
-    sum += (2 * m1[i] * m2[i] + 1e-4) * (2 * s12 + 9e-4) / ((m1[i] * m1[i] + m2[i] * m2[i] + 1e-4) * (s1 + s2 + 9e-4));
+    sum += (2 * m1[i] * m2[i] + 1e-4) * (2 * s12 + 9e-4) /
+           ((m1[i] * m1[i] + m2[i] * m2[i] + 1e-4) * (s1 + s2 + 9e-4));
   }
   free(b);
   return sum;
@@ -123,7 +125,8 @@ static sv_photometric make_photometric(sv_arena *a, int n_threads, bool has_ssim
 
 static void assert_padding_zero(const float *plane, const sv_planes *p) {
   for (int r = 0; r < p->rows_padded; r++)
-    for (int i = r < p->height_px ? p->width_px : 0; i < p->stride; i++) assert_true(plane[r * p->stride + i] == 0);
+    for (int i = r < p->height_px ? p->width_px : 0; i < p->stride; i++)
+      assert_true(plane[r * p->stride + i] == 0);
 }
 
 static void photometric_case(int w, int h, float lambda) {
@@ -136,7 +139,8 @@ static void photometric_case(int w, int h, float lambda) {
   sv_kernels_init(&k, ~0u);
   double got = sv_photometric_loss(&p, &k, &pool, &s.x, &s.y, &s.grad, s.err, lambda, &v);
   double *x = to_double(&s.x), *y = to_double(&s.y), want = photometric_double(x, y, w, h, (double)lambda);
-  if (fabs(got - want) > 2e-6) fail_msg("%dx%d l %g: value %.9g, in double %.9g", w, h, (double)lambda, got, want);
+  if (fabs(got - want) > 2e-6)
+    fail_msg("%dx%d l %g: value %.9g, in double %.9g", w, h, (double)lambda, got, want);
   const double n = 3.0 * w * h, step = 1e-6;
   for (int c = 0; c < 3; c++)
     for (int i = 0; i < w * h; i += 1 + (w * h > 300) * 6) {
@@ -146,13 +150,16 @@ static void photometric_case(int w, int h, float lambda) {
       x[at] = keep + step, plus = photometric_double(x, y, w, h, (double)lambda);
       x[at] = keep - step, minus = photometric_double(x, y, w, h, (double)lambda);
       x[at] = keep;
-      double numeric = n * (plus - minus) / (2 * step), analytic = n * (double)s.grad.c[c][i / w * s.grad.stride + i % w];
+      double numeric = n * (plus - minus) / (2 * step),
+             analytic = n * (double)s.grad.c[c][i / w * s.grad.stride + i % w];
       if (fabs(numeric - analytic) > 1e-3 * fmax(1, fabs(numeric)))
-        fail_msg("%dx%d l %g channel %d pixel (%d,%d): gradient %.7g, numeric %.7g", w, h, (double)lambda, c, i % w, i / w,
-                 analytic, numeric);
+        fail_msg("%dx%d l %g channel %d pixel (%d,%d): gradient %.7g, numeric %.7g", w, h, (double)lambda, c,
+                 i % w, i / w, analytic, numeric);
     }
   for (int i = 0; i < w * h; i++) {
-    double e = (fabs(x[i] - y[i]) + fabs(x[w * h + i] - y[w * h + i]) + fabs(x[2 * w * h + i] - y[2 * w * h + i])) / 3;
+    double e =
+        (fabs(x[i] - y[i]) + fabs(x[w * h + i] - y[w * h + i]) + fabs(x[2 * w * h + i] - y[2 * w * h + i])) /
+        3;
     assert_true(fabs(e - (double)s.err[i / w * s.x.stride + i % w]) < 1e-6);
   }
   for (int c = 0; c < 3; c++) assert_padding_zero(s.grad.c[c], &s.grad);
@@ -225,7 +232,8 @@ static void tv_case(int w, int h, sv_tv_form form) {
   const double weight = 0.25, step = 1e-7, n = 3.0 * w * h;
   double got = sv_tv_loss(&t, &k, &pool, &s.x, &s.grad, form, (float)weight);
   double *x = to_double(&s.x), want = weight * tv_double(x, w, h, form == SV_TV_SQUARED);
-  if (fabs(got - want) > 1e-6 * fmax(1e-3, want)) fail_msg("tv %dx%d: value %.9g, in double %.9g", w, h, got, want);
+  if (fabs(got - want) > 1e-6 * fmax(1e-3, want))
+    fail_msg("tv %dx%d: value %.9g, in double %.9g", w, h, got, want);
   for (int c = 0; c < 3; c++)
     for (int i = 0; i < w * h; i++) {
       int at = c * w * h + i;
@@ -234,10 +242,11 @@ static void tv_case(int w, int h, sv_tv_form form) {
       x[at] = keep - step, minus = tv_double(x, w, h, form == SV_TV_SQUARED);
       x[at] = keep;
       // the gradient was added to 7
-      double numeric = weight * (plus - minus) / (2 * step), analytic = (double)s.grad.c[c][i / w * s.grad.stride + i % w] - 7;
+      double numeric = weight * (plus - minus) / (2 * step),
+             analytic = (double)s.grad.c[c][i / w * s.grad.stride + i % w] - 7;
       if (fabs(numeric - analytic) > 2e-6 + 2e-4 / n)
-        fail_msg("tv form %d %dx%d channel %d pixel (%d,%d): gradient %.7g, numeric %.7g", (int)form, w, h, c, i % w, i / w,
-                 analytic, numeric);
+        fail_msg("tv form %d %dx%d channel %d pixel (%d,%d): gradient %.7g, numeric %.7g", (int)form, w, h, c,
+                 i % w, i / w, analytic, numeric);
     }
   free(x);
 }
@@ -261,10 +270,8 @@ static double one_minus_r(const double *d, const sv_pearson_input *in, sv_pearso
         int i = y * in->stride + x;
         if (in->mask && !in->mask[i]) continue;
         double t = (double)in->prior[i];
-        if (pass == 0)
-          n++, md += d[i], mt += t;
-        else
-          aa += (d[i] - md) * (d[i] - md), bb += (t - mt) * (t - mt), ab += (d[i] - md) * (t - mt);
+        if (pass == 0) n++, md += d[i], mt += t;
+        else aa += (d[i] - md) * (d[i] - md), bb += (t - mt) * (t - mt), ab += (d[i] - md) * (t - mt);
       }
     if (pass == 0) md /= n, mt /= n;
   }
@@ -316,8 +323,8 @@ static void pearson_case(bool has_patches, bool has_mask) {
     x[i] = keep;
     double numeric = (plus - minus) / (2 * step);
     if (fabs(numeric - (double)grad[i]) > 1e-8 + 1e-5 * fabs(numeric))
-      fail_msg("pearson patches %d mask %d pixel %d: gradient %.8g, numeric %.8g", has_patches, has_mask, i, (double)grad[i],
-               numeric);
+      fail_msg("pearson patches %d mask %d pixel %d: gradient %.8g, numeric %.8g", has_patches, has_mask, i,
+               (double)grad[i], numeric);
   }
 }
 

@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "src/loss/photometric.h"
+
+#include <string.h>
+
+#include "src/base/mathx.h"
+
+#define BANDS_PER_THREAD 2 // a little slack when a core is busy elsewhere; rows do not depend on it
+#define MIN_BAND_ROWS    8 // each band reads ten rows of its neighbours
+
+static void carve(sv_photometric *p, const sv_photometric_cfg *cfg, sv_arena *a) {
+  const size_t rows = (size_t)sv_plane_pad(cfg->cap_height_px),
+               stride = (size_t)sv_plane_pad(cfg->cap_width_px);
+  // Without SSIM the kernels still want their scratch rows; a gradient is always there.
+  for (int m = 0; m < 3; m++) p->map[m] = cfg->has_ssim ? SV_TAKE(a, float, rows *stride) : NULL;
+  p->row_ssim = SV_TAKE(a, float, 3 * rows);
+  p->row_l1 = SV_TAKE(a, float, 3 * rows);
+  p->scratch = SV_TAKE(a, float *, cfg->n_threads);
+  for (int i = 0; i < cfg->n_threads; i++) {
+    float *s = SV_TAKE(a, float, SV_SSIM_SCRATCH_FLOATS(stride));
+    if (p->scratch) p->scratch[i] = s;
+  }
+}
+
+sv_status sv_photometric_init(sv_photometric *p, const sv_photometric_cfg *cfg, sv_arena *arena) {
+  if (cfg->cap_width_px < 1 || cfg->cap_height_px < 1 || cfg->n_threads < 1) return SV_E_ARG;
+  p->cfg = *cfg;
+  carve(p, cfg, arena);
+  return arena->status < 0 ? arena->status : SV_OK;
+}
+
+size_t sv_photometric_bytes(const sv_photometric_cfg *cfg) {
+  sv_photometric p;
+  sv_arena dry = sv_arena_dry();
+  carve(&p, cfg, &dry);
+  return dry.used_bytes;
+}
+
+// What the tasks of one call share.
+typedef struct {
+  sv_photometric *p;
+  const sv_kernels *k;
+  const sv_planes *x, *y;
+  sv_planes *grad;
+  float *err;
+  float w_l1, w_ssim;
+  bool has_ssim;
+  int i_channel, n_bands;
+} photometric_job;
+
+static void band_rows(const photometric_job *j, int i_band, int *row0, int *row1) {
+  *row0 = (int)((int64_t)j->x->height_px * i_band / j->n_bands);
+  *row1 = (int)((int64_t)j->x->height_px * (i_band + 1) / j->n_bands);
+}
+
+static void forward_task(void *arg, int i_band, int i_thread) {
+  const photometric_job *j = arg;
+  sv_photometric *p = j->p;
+  const int c = j->i_channel;
+  sv_ssim_args a = {
+      .x = j->x->c[c],
+      .y = j->y->c[c],
+      .width_px = j->x->width_px,
+      .height_px = j->x->height_px,
+      .stride = j->x->stride,
+      .row_ssim = p->row_ssim + (size_t)c * (size_t)j->x->rows_padded,
+      .scratch = p->scratch[i_thread],
+  };
+  if (j->grad) a.dm1 = p->map[0], a.ds1 = p->map[1], a.ds12 = p->map[2];
+  band_rows(j, i_band, &a.row0, &a.row1);
+  j->k->ssim(&a);
+}
+
+static void backward_task(void *arg, int i_band, int i_thread) {
+  const photometric_job *j = arg;
+  sv_photometric *p = j->p;
+  const int c = j->i_channel;
+  sv_ssim_bwd_args a = {
+      .x = j->x->c[c],
+      .y = j->y->c[c],
+      .width_px = j->x->width_px,
+      .height_px = j->x->height_px,
+      .stride = j->x->stride,
+      .w_l1 = j->w_l1,
+      .w_ssim = j->w_ssim,
+      .grad = j->grad ? j->grad->c[c] : NULL,
+      .err = j->err,
+      .err_scale = 1.0f / 3.0f,
+      .is_err_add = c > 0,
+      .row_l1 = p->row_l1 + (size_t)c * (size_t)j->x->rows_padded,
+      .scratch = p->scratch[i_thread],
+  };
+  if (j->has_ssim && j->grad) a.dm1 = p->map[0], a.ds1 = p->map[1], a.ds12 = p->map[2];
+  band_rows(j, i_band, &a.row0, &a.row1);
+  j->k->ssim_bwd(&a);
+}
+
+static double fold(const float *rows, const sv_planes *x) {
+  double s = 0;
+  for (int c = 0; c < 3; c++)
+    for (int r = 0; r < x->height_px; r++) s += (double)rows[(size_t)c * (size_t)x->rows_padded + (size_t)r];
+  return s / (3.0 * x->width_px * x->height_px);
+}
+
+// The kernels write the rows of the picture; rows below it are ours to clear.
+static void clear_rows_below(float *plane, const sv_planes *x) {
+  memset(plane + (size_t)x->height_px * (size_t)x->stride, 0,
+         sizeof(float) * (size_t)x->stride * (size_t)(x->rows_padded - x->height_px));
+}
+
+double sv_photometric_loss(sv_photometric *p, const sv_kernels *k, const sv_pool *pool,
+                           const sv_planes *render, const sv_planes *target, sv_planes *grad,
+                           float *err_plane, float weight_ssim, sv_photometric_value *value) {
+  const double n = 3.0 * render->width_px * render->height_px;
+  photometric_job j = {
+      .p = p,
+      .k = k,
+      .x = render,
+      .y = target,
+      .grad = grad,
+      .err = err_plane,
+      .w_l1 = (float)((1.0 - (double)weight_ssim) / n),
+      .w_ssim = (float)(-(double)weight_ssim / n),
+      .has_ssim = p->cfg.has_ssim && weight_ssim != 0.0f,
+  };
+  j.n_bands = sv_clampi(render->height_px / MIN_BAND_ROWS, 1,
+                        pool->n_threads > 1 ? BANDS_PER_THREAD * pool->n_threads : 1);
+  for (j.i_channel = 0; j.i_channel < 3;
+       j.i_channel++) { // one channel's maps at a time: they stay in the cache
+    if (j.has_ssim) sv_pool_run(pool, forward_task, &j, j.n_bands);
+    sv_pool_run(pool, backward_task, &j, j.n_bands);
+  }
+  for (int c = 0; c < 3 && grad; c++) clear_rows_below(grad->c[c], render);
+  if (err_plane) clear_rows_below(err_plane, render);
+  sv_photometric_value v = {.l1 = fold(p->row_l1, render),
+                            .ssim = j.has_ssim ? fold(p->row_ssim, render) : 0};
+  v.loss = (1.0 - (double)weight_ssim) * v.l1 + (j.has_ssim ? (double)weight_ssim * (1.0 - v.ssim) : 0.0);
+  if (value) *value = v;
+  return v.loss;
+}
