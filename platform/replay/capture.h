@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+// A capture folder: what synchronized cameras delivered, as files. It plays back as a live source
+// (replay.h), `subview capture` writes it (capture_writer.h).
+//
+//   DIR/capture.json
+//   DIR/<folder of a camera>/<file of a frame>      JPEG or PNG
+//
+// capture.json (UTF-8; unknown keys are skipped; names must not hold escapes, ".." or a leading "/"):
+//   {
+//     "version": 1,
+//     "name": "kitchen",                          optional
+//     "rig": "rig",                               optional: folder of the rig, relative to DIR
+//     "scene": {"min_m": [x,y,z], "max_m": [x,y,z]},   optional: bounds of the scene in the world
+//     "cameras": [
+//       {"name": "cam0", "folder": "cam0", "width": 640, "height": 480, "fps": 30,
+//        "clock": "camera" | "monotonic" | "boottime" | "realtime",     default "monotonic"
+//        "stamp": "start" | "middle" | "end",                           default "start"
+//        "frames": [
+//          {"file": "000000.jpg", "sequence": 0, "camera_ns": 100, "arrival_ns": 200, "exposure_ns": 0},
+//          ...                                    arrival_ns never decreases; sequence defaults to the
+//        ]}, ...                                  place in the list, arrival_ns to camera_ns, exposure_ns to 0
+//     ],
+//     "poses": [                                  optional, time_ns (host time, as arrival_ns) increasing
+//       {"time_ns": 100, "rig_from_world": [qw,qx,qy,qz, tx,ty,tz]}, ...
+//     ]
+//   }
+// Times are whole nanoseconds. x_rig = R(q) x_world + t, metres.
+#ifndef SV_PLATFORM_REPLAY_CAPTURE_H
+#define SV_PLATFORM_REPLAY_CAPTURE_H
+
+#include "src/base/arena.h"
+#include "src/port/port.h"
+#include "src/rig/rig.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SV_CAPTURE_CAP_PATH 512
+
+typedef struct {
+  const char *file; // within the camera's folder, terminated
+  uint32_t sequence;
+  sv_ns camera_ns, arrival_ns, exposure_ns;
+} sv_capture_frame;
+
+typedef struct {
+  sv_camera_caps caps; // name, size, fps, clock, stamp; format RGB8
+  const char *folder;
+  sv_capture_frame *frames; // [n_frames]
+  int n_frames;
+} sv_capture_camera;
+
+typedef struct {
+  sv_ns time_ns;
+  double q_wxyz[4], t_m[3]; // rig_from_world
+} sv_capture_pose;
+
+typedef struct {
+  const char *name, *rig; // "" when absent
+  bool has_scene;
+  double scene_min_m[3], scene_max_m[3];
+  sv_capture_camera *cameras; // [n_cameras]
+  int n_cameras;
+  int n_frames; // of all cameras
+  sv_capture_pose *poses; // [n_poses]
+  int n_poses;
+} sv_capture;
+
+// Reads DIR/capture.json into the arena (text and lists; the parser's tokens are given back). If a
+// writer was killed before it closed, its sidecars are first folded into capture.json.
+sv_status sv_capture_load(sv_capture *c, const char *dir, sv_arena *arena, sv_err *err) SV_MUST_USE;
+
+// The same from a text in memory. `text` [bytes] is written to (names are terminated in place) and must
+// live as long as the capture. `where` names it in sentences.
+sv_status sv_capture_parse(sv_capture *c, char *text, size_t bytes, const char *where, sv_arena *arena,
+                           sv_err *err) SV_MUST_USE;
+
+// Where the rig was: between poses the rotation is interpolated on the sphere, the position on a line;
+// before the first and after the last pose it stands still. E_NOT_FOUND: the capture has no poses.
+sv_status sv_capture_pose_at(const sv_capture *c, sv_ns host_ns, sv_pose *rig_from_world) SV_MUST_USE;
+
+#ifdef __cplusplus
+}
+#endif
+#endif
