@@ -66,6 +66,25 @@ static void test_round_trip(void **state) {
   }
 }
 
+// Numbers just below a power of ten are where a formatter drops a digit.
+static void test_awkward_numbers(void **state) {
+  (void)state;
+  for (int e = -30; e <= 12; e++)
+    for (int k = 0; k < 30; k++) {
+      double x = pow(10, e);
+      for (int i = 0; i < k; i++) x = nextafter(x, 0);
+      sv_camera_model m = {SV_MODEL_OPENCV4, 4, 3, {1, 1, 1, 1, e < 12 ? x : 1}}, back;
+      sv_pose pose = {{1, 0, 0, 0, 1, 0, 0, 0, 1}, {e < 12 ? x : 0, -0.099999999999999978, 0}}, p;
+      char buf[512];
+      sv_str s = sv_str_make(buf, sizeof buf);
+      assert_int_equal(sv_cameramodel_write(&s, &m, &pose), SV_OK);
+      if (read_text(buf, &back, &p) != SV_OK) fail_msg("%s", err.text);
+      assert_true(fabs(back.p[4] - m.p[4]) <= 1e-15 * m.p[4] &&
+                  fabs(p.t[0] - pose.t[0]) <= 1e-15 * pose.t[0]);
+      assert_true(fabs(p.t[1] - pose.t[1]) < 1e-15);
+    }
+}
+
 #define L "'lensmodel':'LENSMODEL_PINHOLE',"
 #define I "'intrinsics':[1,1,1,1],"
 #define X "'extrinsics':[0,0,0,0,0,0],"
@@ -226,8 +245,11 @@ static void test_rig_refused(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_read), cmocka_unit_test(test_round_trip),
-                                     cmocka_unit_test(test_refused), cmocka_unit_test(test_rig),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_read),
+                                     cmocka_unit_test(test_round_trip),
+                                     cmocka_unit_test(test_awkward_numbers),
+                                     cmocka_unit_test(test_refused),
+                                     cmocka_unit_test(test_rig),
                                      cmocka_unit_test(test_rig_refused)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
