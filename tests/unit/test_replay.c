@@ -1,0 +1,440 @@
+// SPDX-License-Identifier: Apache-2.0
+// Captures: written, killed, recovered, played back; files that are wrong in every way. Run from the
+// repository's root (the committed capture is tests/data/capture_tiny).
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+// cmocka needs the four above first
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdio.h>
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "platform/replay/capture_writer.h"
+#include "platform/replay/replay.h"
+#include "src/base/rng.h"
+#include "src/base/str.h"
+
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#define HAS_MALLOC_COUNT 1
+extern void *__libc_malloc(size_t), *__libc_calloc(size_t, size_t), *__libc_realloc(void *, size_t);
+static long g_n_mallocs;
+void *malloc(size_t n) {
+  g_n_mallocs++;
+  return __libc_malloc(n);
+}
+void *calloc(size_t n, size_t m) {
+  g_n_mallocs++;
+  return __libc_calloc(n, m);
+}
+void *realloc(void *p, size_t n) {
+  g_n_mallocs++;
+  return __libc_realloc(p, n);
+}
+#else
+static long g_n_mallocs;
+#endif
+
+#define TINY "tests/data/capture_tiny"
+static _Alignas(64) uint8_t g_block[16 << 20], g_block2[8 << 20];
+static char g_dir[64];
+static sv_replay g_replay;
+static sv_capture_writer g_writer;
+
+static int setup(void **state) {
+  (void)state;
+  strcpy(g_dir, "/tmp/sv_test_replay_XXXXXX");
+  return mkdtemp(g_dir) ? 0 : -1;
+}
+
+static int shell(const char *fmt, const char *arg) {
+  char cmd[512];
+  snprintf(cmd, sizeof cmd, fmt, arg);
+  return system(cmd);
+}
+
+static int teardown(void **state) {
+  (void)state;
+  return shell("rm -rf '%s'", g_dir);
+}
+
+static sv_status open_replay(const char *spec, sv_err *err) {
+  sv_replay_cfg cfg;
+  sv_status s = sv_replay_parse(spec, &cfg, err);
+  if (s < 0) return s;
+  sv_arena a = sv_arena_make(g_block, sizeof g_block);
+  return sv_replay_init(&g_replay, &cfg, &a, err);
+}
+
+static void options_are_read(void **state) {
+  (void)state;
+  sv_replay_cfg c;
+  sv_err err;
+  assert_int_equal(sv_replay_parse("a/b,speed=max,from=3,count=7", &c, &err), SV_OK);
+  assert_true(c.speed == 0 && c.from == 3 && c.count == 7 && !strcmp(c.dir, "a/b"));
+  assert_int_equal(sv_replay_parse("x,speed=2.5", &c, &err), SV_OK);
+  assert_true(c.speed == 2.5);
+  assert_int_equal(sv_replay_parse("x", &c, &err), SV_OK);
+  assert_true(c.speed == 1);
+  static const char *const bad[] = {"", ",speed=max", "x,", "x,speed", "x,speed=", "x,speed=-1", "x,speed=nan", "x,from=-1",
+                                    "x,count=0", "x,count=1x", "x,what=1", "x,speed=0", "x,,"};
+  for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) assert_int_equal(sv_replay_parse(bad[i], &c, &err), SV_E_ARG);
+}
+
+static void tiny_plays_in_order(void **state) {
+  (void)state;
+  sv_err err = {.text = ""};
+  assert_int_equal(open_replay(TINY ",speed=max", &err), SV_OK);
+  sv_source s = sv_replay_source(&g_replay);
+  sv_clock c = sv_replay_clock(&g_replay);
+  sv_camera_caps caps;
+  assert_int_equal(s.n_cameras, 2);
+  assert_int_equal(s.caps(s.self, 1, &caps), SV_OK);
+  assert_true(caps.width_px == 64 && caps.height_px == 48 && caps.format == SV_PIX_RGB8 && !strcmp(caps.name, "cam1"));
+  assert_int_equal(s.caps(s.self, 2, &caps), SV_E_ARG);
+  sv_frame f;
+  assert_int_equal(s.dequeue(s.self, &f, INT64_MAX), SV_END); // not started
+  for (int run = 0; run < 2; run++) {
+    assert_int_equal(s.start(s.self), SV_OK);
+    for (int i = 0; i < 8; i++) {
+      assert_int_equal(s.dequeue(s.self, &f, INT64_MAX), SV_OK);
+      assert_int_equal(f.i_camera, i % 2);
+      assert_int_equal(f.sequence, (uint32_t)(i / 2));
+      assert_int_equal(f.arrival_ns, 1000000000 + i / 2 * 100000000 + (5 + i % 2) * 1000000);
+      assert_int_equal(c.now_ns(c.self), f.arrival_ns); // the virtual clock stands at the frame
+      assert_false(f.is_error);
+      assert_int_equal(f.data_bytes, 64 * 48 * 3);
+      assert_true(f.data[0] + f.data[1] + f.data[2] > 100); // the wall is bright
+      assert_int_equal(s.requeue(s.self, &f), SV_OK);
+      assert_int_equal(s.requeue(s.self, &f), SV_E_ARG);
+    }
+    assert_int_equal(s.dequeue(s.self, &f, INT64_MAX), SV_END);
+  }
+  assert_int_equal(s.start(s.self), SV_OK);
+  assert_int_equal(s.dequeue(s.self, &f, INT64_MAX), SV_OK);
+  assert_int_equal(s.dequeue(s.self, &f, 1005500000), SV_AGAIN); // the second camera is half a millisecond later
+  assert_int_equal(c.now_ns(c.self), 1005500000);
+  assert_int_equal(s.requeue(s.self, &f), SV_OK);
+  sv_pose p;
+  assert_int_equal(s.rig_pose(s.self, 1100000000, &p), SV_OK);
+  assert_true(fabs(p.t[1] - 0.05) < 1e-9 && sv_rotation_error(p.r) < 1e-12);
+  assert_int_equal(s.rig_pose(s.self, 1150000000, &p), SV_OK); // between two poses, turned by nothing
+  assert_true(fabs(p.r[0] - 1) < 1e-12 && fabs(p.t[0]) < 1e-12 && fabs(p.t[1] - 0.075) < 1e-12);
+  assert_int_equal(s.rig_pose(s.self, 0, &p), SV_OK);
+  assert_int_equal(s.rig_pose(s.self, INT64_MAX, &p), SV_OK);
+  assert_true(fabs(p.t[1] - 0.15) < 1e-9);
+  assert_string_equal(g_replay.capture.rig, "rig");
+  assert_true(g_replay.capture.has_scene);
+  sv_replay_close(&g_replay);
+}
+
+static void ranges_and_starving(void **state) {
+  (void)state;
+  sv_err err;
+  sv_frame f;
+  assert_int_equal(open_replay(TINY ",speed=max,from=1,count=2", &err), SV_OK);
+  sv_source s = sv_replay_source(&g_replay);
+  assert_int_equal(s.start(s.self), SV_OK);
+  for (int i = 0; i < 4; i++) {
+    assert_int_equal(s.dequeue(s.self, &f, INT64_MAX), SV_OK);
+    assert_int_equal(f.sequence, (uint32_t)(1 + i / 2));
+  }
+  assert_int_equal(s.dequeue(s.self, &f, INT64_MAX), SV_END);
+  sv_replay_close(&g_replay);
+  assert_int_equal(open_replay(TINY ",speed=max,from=100", &err), SV_OK);
+  s = sv_replay_source(&g_replay);
+  assert_int_equal(s.start(s.self), SV_OK);
+  assert_int_equal(s.dequeue(s.self, &f, INT64_MAX), SV_END);
+  sv_replay_close(&g_replay);
+  sv_replay_cfg cfg = {.dir = TINY, .n_buffers = 2};
+  sv_arena a = sv_arena_make(g_block, sizeof g_block);
+  assert_int_equal(sv_replay_init(&g_replay, &cfg, &a, &err), SV_OK);
+  s = sv_replay_source(&g_replay);
+  assert_int_equal(s.start(s.self), SV_OK);
+  for (int i = 0; i < 4; i++) assert_int_equal(s.dequeue(s.self, &f, INT64_MAX), SV_OK);
+  assert_int_equal(s.dequeue(s.self, &f, INT64_MAX), SV_END); // none given back: the rest is lost, and counted
+  assert_int_equal(g_replay.cameras[0].stats.n_starved + g_replay.cameras[1].stats.n_starved, 4);
+  sv_replay_close(&g_replay);
+  a = sv_arena_make(g_block, 20000);
+  assert_int_equal(sv_replay_init(&g_replay, &cfg, &a, &err), SV_E_NOMEM);
+}
+
+static void realtime_keeps_the_time(void **state) {
+  (void)state;
+  sv_err err;
+  sv_frame f;
+  assert_int_equal(open_replay(TINY ",speed=4", &err), SV_OK);
+  sv_source s = sv_replay_source(&g_replay);
+  sv_clock m = sv_linux_clock(), c = sv_replay_clock(&g_replay);
+  assert_int_equal(s.start(s.self), SV_OK);
+  sv_ns t0 = m.now_ns(m.self);
+  int n = 0;
+  for (sv_status st = SV_OK; st != SV_END;) {
+    st = s.dequeue(s.self, &f, c.now_ns(c.self) + 20000000);
+    if (st != SV_OK) continue;
+    assert_true(c.now_ns(c.self) >= f.arrival_ns);
+    assert_int_equal(s.requeue(s.self, &f), SV_OK);
+    n++;
+  }
+  sv_ns dt = m.now_ns(m.self) - t0;
+  assert_int_equal(n, 8);
+  assert_true(dt >= 75000000 && dt < 2000000000); // 301 ms four times as fast
+  sv_replay_close(&g_replay);
+}
+
+static void no_heap_call_a_frame(void **state) {
+  (void)state;
+#if HAS_MALLOC_COUNT
+  sv_err err;
+  sv_frame f;
+  assert_int_equal(open_replay(TINY ",speed=max", &err), SV_OK);
+  sv_source s = sv_replay_source(&g_replay);
+  long n = g_n_mallocs;
+  for (int run = 0; run < 50; run++) {
+    assert_int_equal(s.start(s.self), SV_OK);
+    while (s.dequeue(s.self, &f, INT64_MAX) == SV_OK) assert_int_equal(s.requeue(s.self, &f), SV_OK);
+  }
+  assert_int_equal(g_n_mallocs, n);
+  sv_replay_close(&g_replay);
+#else
+  (void)g_n_mallocs;
+  print_message("skipped: the sanitizer owns malloc\n");
+  skip();
+#endif
+}
+
+// --- the writer ------------------------------------------------------------------------------------
+static uint8_t g_rgb[2][40 * 30 * 3];
+
+static sv_status open_writer(const char *dir) {
+  static const sv_camera_caps caps[2] = {
+      {.name = "left cam", .width_px = 40, .height_px = 30, .fps = 25, .clock = SV_CLOCK_CAMERA, .stamp = SV_STAMP_END},
+      {.name = "left cam", .width_px = 40, .height_px = 30, .fps = 25, .clock = SV_CLOCK_BOOTTIME}};
+  sv_capture_writer_cfg cfg = {.dir = dir, .name = "t", .n_cameras = 2, .caps = caps, .save_period = 7};
+  size_t need = sv_capture_writer_bytes(&cfg);
+  sv_arena a = sv_arena_make(g_block2, need);
+  sv_err err = {.text = ""};
+  sv_status s = sv_capture_writer_open(&g_writer, &cfg, &a, &err);
+  if (s < 0) print_message("%s\n", err.text);
+  assert_true(s < 0 || a.used_bytes == need);
+  return s;
+}
+
+static sv_frame make_frame(int k, int c) {
+  for (int i = 0; i < 40 * 30 * 3; i++) g_rgb[c][i] = (uint8_t)(60 + k * 10 + c * 50);
+  return (sv_frame){.i_camera = c, .sequence = (uint32_t)(k * 2), .camera_ns = -5000 + k * 40000000LL,
+                    .arrival_ns = k * 40000000LL + c, .exposure_ns = 1000, .width_px = 40, .height_px = 30,
+                    .stride_bytes = 120, .format = SV_PIX_RGB8, .data = g_rgb[c], .data_bytes = 3600};
+}
+
+static void write_frames(int n) {
+  sv_err err = {.text = ""};
+  for (int k = 0; k < n; k++) {
+    for (int c = 0; c < 2; c++) {
+      sv_frame f = make_frame(k, c);
+      assert_int_equal(sv_capture_writer_add(&g_writer, &f, &err), SV_OK);
+    }
+    sv_pose p = sv_pose_identity();
+    p.t[0] = k * 0.1;
+    assert_int_equal(sv_capture_writer_add_pose(&g_writer, k * 40000000LL, &p, &err), SV_OK);
+  }
+}
+
+static void expect_frames(const char *dir, int n) {
+  sv_err err = {.text = ""};
+  char spec[200];
+  sv_fmt(spec, sizeof spec, "%s,speed=max", dir);
+  sv_status st = open_replay(spec, &err);
+  if (st < 0) print_message("%s\n", err.text);
+  assert_int_equal(st, SV_OK);
+  sv_source s = sv_replay_source(&g_replay);
+  assert_int_equal(s.start(s.self), SV_OK);
+  sv_frame f;
+  for (int k = 0; k < n; k++)
+    for (int c = 0; c < 2; c++) {
+      assert_int_equal(s.dequeue(s.self, &f, INT64_MAX), SV_OK);
+      sv_frame want = make_frame(k, c);
+      assert_false(f.is_error);
+      assert_true(f.i_camera == c && f.sequence == want.sequence && f.camera_ns == want.camera_ns);
+      assert_true(f.arrival_ns == want.arrival_ns && f.exposure_ns == 1000);
+      assert_true(abs((int)f.data[1000] - (int)want.data[1000]) <= 1);
+      assert_int_equal(s.requeue(s.self, &f), SV_OK);
+    }
+  assert_int_equal(s.dequeue(s.self, &f, INT64_MAX), SV_END);
+  assert_int_equal(g_replay.capture.n_poses, n);
+  assert_true(g_replay.capture.cameras[0].caps.clock == SV_CLOCK_CAMERA);
+  assert_true(g_replay.capture.cameras[0].caps.stamp == SV_STAMP_END);
+  assert_string_not_equal(g_replay.capture.cameras[0].folder, g_replay.capture.cameras[1].folder);
+  sv_replay_close(&g_replay);
+}
+
+static void writer_round_trip(void **state) {
+  (void)state;
+  char dir[100], cmd[200];
+  sv_err err;
+  sv_fmt(dir, sizeof dir, "%s/w", g_dir);
+  assert_int_equal(open_writer(dir), SV_OK);
+  long n = g_n_mallocs;
+  write_frames(10);
+  assert_int_equal(g_n_mallocs, n);
+  sv_frame f = make_frame(10, 0);
+  f.is_error = true;
+  assert_int_equal(sv_capture_writer_add(&g_writer, &f, &err), SV_DROPPED);
+  f.is_error = false, f.width_px = 41;
+  assert_int_equal(sv_capture_writer_add(&g_writer, &f, &err), SV_E_ARG);
+  f.i_camera = 2;
+  assert_int_equal(sv_capture_writer_add(&g_writer, &f, &err), SV_E_ARG);
+  assert_int_equal(sv_capture_writer_close(&g_writer, &err), SV_OK);
+  assert_int_equal(sv_capture_writer_close(&g_writer, &err), SV_OK);
+  expect_frames(dir, 10);
+  sv_fmt(cmd, sizeof cmd, "ls %s/*.part %s/*.tmp >/dev/null 2>&1", dir, dir);
+  assert_int_not_equal(system(cmd), 0); // nothing is left over
+}
+
+static void a_killed_writer_loses_nothing(void **state) {
+  (void)state;
+  char dir[100], path[140];
+  sv_fmt(dir, sizeof dir, "%s/k", g_dir);
+  for (int n = 0; n < 12; n++) {
+    pid_t pid = fork();
+    assert_true(pid >= 0);
+    if (pid == 0) {
+      if (open_writer(dir) < 0) _exit(1);
+      write_frames(n);
+      raise(SIGKILL);
+    }
+    int status;
+    waitpid(pid, &status, 0);
+    assert_true(WIFSIGNALED(status));
+    if (n % 2) { // a power cut may also cut a line
+      sv_fmt(path, sizeof path, "%s/frames.1.part", dir);
+      FILE *f = fopen(path, "a");
+      fputs(",{\"file\":\"0000", f);
+      fclose(f);
+    }
+    expect_frames(dir, n);
+    expect_frames(dir, n); // recovering twice changes nothing
+  }
+}
+
+// --- wrong files -----------------------------------------------------------------------------------
+static void damaged_pictures_are_delivered_as_errors(void **state) {
+  (void)state;
+  char dir[100], cmd[400];
+  sv_err err;
+  sv_fmt(dir, sizeof dir, "%s/d", g_dir);
+  assert_int_equal(open_writer(dir), SV_OK);
+  write_frames(6);
+  assert_int_equal(sv_capture_writer_close(&g_writer, &err), SV_OK);
+  const char *f0 = g_writer.cameras[0].folder;
+  sv_fmt(cmd, sizeof cmd,
+         "cd '%s/%s' && rm 000000.jpg && truncate -s 300 000001.jpg && : > 000002.jpg && echo hello > 000003.jpg", dir, f0);
+  assert_int_equal(system(cmd), 0);
+  sv_fmt(cmd, sizeof cmd, "cp " TINY "/cam0/000000.jpg '%s/%s/000004.jpg'", dir, f0); // 64x48, not 40x30
+  assert_int_equal(system(cmd), 0);
+  sv_fmt(cmd, sizeof cmd, "%s,speed=max", dir);
+  assert_int_equal(open_replay(cmd, &err), SV_OK);
+  sv_source s = sv_replay_source(&g_replay);
+  assert_int_equal(s.start(s.self), SV_OK);
+  sv_frame f;
+  int n = 0;
+  while (s.dequeue(s.self, &f, INT64_MAX) == SV_OK) {
+    assert_int_equal(f.is_error, f.i_camera == 0 && n / 2 < 5);
+    assert_int_equal(s.requeue(s.self, &f), SV_OK);
+    n++;
+  }
+  assert_int_equal(n, 12);
+  assert_int_equal(g_replay.cameras[0].stats.n_errors, 5);
+  assert_int_equal(g_replay.cameras[1].stats.n_errors, 0);
+  assert_non_null(strstr(g_replay.last_err.text, "64x48")); // said what, where and what was expected
+  assert_non_null(strstr(g_replay.last_err.text, "000004.jpg"));
+  sv_replay_close(&g_replay);
+}
+
+static sv_status parse(const char *text, sv_capture *c, sv_err *err) {
+  static char copy[65536];
+  size_t n = strlen(text);
+  memcpy(copy, text, n + 1);
+  sv_arena a = sv_arena_make(g_block, sizeof g_block);
+  return sv_capture_parse(c, copy, n, "x.json", &a, err);
+}
+
+#define CAM(frames) "{\"version\":1,\"cameras\":[{\"name\":\"a\",\"folder\":\"a\",\"width\":4,\"height\":3,\"frames\":[" frames "]}]}"
+
+static void wrong_json_gets_a_sentence(void **state) {
+  (void)state;
+  sv_capture c;
+  sv_err err;
+  assert_int_equal(parse(CAM("{\"file\":\"a.jpg\",\"camera_ns\":5,\"more\":{\"x\":[1,{\"y\":2}]}}"), &c, &err), SV_OK);
+  assert_true(c.n_frames == 1 && c.cameras[0].frames[0].arrival_ns == 5 && c.cameras[0].caps.clock == SV_CLOCK_MONOTONIC);
+  assert_int_equal(parse(CAM(""), &c, &err), SV_OK);
+  static const char *const bad[] = {
+      "", "[]", "{", "{}", "null", "{\"version\":2,\"cameras\":[]}", "{\"version\":1,\"cameras\":[]}",
+      "{\"version\":1,\"cameras\":[1,2,3,4,5]}", "{\"version\":1,\"cameras\":[{}]}", "{\"version\":1,\"cameras\":[",
+      CAM("1"), CAM("{}"), CAM("{\"file\":\"a\"}"), CAM("{\"file\":\"../a\",\"camera_ns\":1}"),
+      CAM("{\"file\":\"/a\",\"camera_ns\":1}"), CAM("{\"file\":\"a\",\"camera_ns\":1.5}"),
+      CAM("{\"file\":\"a\",\"camera_ns\":99999999999999999999}"), CAM("{\"file\":\"a\",\"camera_ns\":\"1\"}"),
+      CAM("{\"file\":\"a\",\"camera_ns\":2},{\"file\":\"b\",\"camera_ns\":1}"),
+      CAM("{\"file\":\"a\\u0041\",\"camera_ns\":2}"), CAM("{\"file\":\"a\",\"camera_ns\":1,\"sequence\":-1}"),
+      "{\"version\":1,\"rig\":\"/etc\",\"cameras\":[{\"name\":\"a\",\"folder\":\"a\",\"width\":4,\"height\":3,\"frames\":[]}]}",
+      "{\"version\":1,\"poses\":[{\"time_ns\":1,\"rig_from_world\":[0,0,0,0,0,0,0]}],"
+      "\"cameras\":[{\"name\":\"a\",\"folder\":\"a\",\"width\":4,\"height\":3,\"frames\":[]}]}",
+      "{\"version\":1,\"cameras\":[{\"name\":\"a\",\"folder\":\"a\",\"width\":0,\"height\":3,\"frames\":[]}]}",
+      "[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]"};
+  for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+    err.text[0] = 0;
+    assert_int_equal(parse(bad[i], &c, &err), SV_E_FORMAT);
+    assert_non_null(strstr(err.text, "x.json"));
+  }
+  assert_int_equal(open_replay("/nonexistent,speed=max", &err), SV_E_NOT_FOUND);
+}
+
+static void mutated_json_never_harms(void **state) {
+  (void)state;
+  static char good[8192], text[8192];
+  FILE *f = fopen(TINY "/capture.json", "rb");
+  assert_non_null(f);
+  size_t n = fread(good, 1, sizeof good - 1, f);
+  fclose(f);
+  sv_rng r = sv_rng_make(3, 3);
+  static const char chars[] = "{}[],:\"0-9e.\\x \n";
+  int n_ok = 0;
+  for (int i = 0; i < 30000; i++) {
+    memcpy(text, good, n);
+    size_t m = sv_rng_below(&r, 4) ? n : sv_rng_below(&r, (uint32_t)n);
+    for (int k = 0; k <= i % 5; k++) text[sv_rng_below(&r, (uint32_t)n)] = chars[sv_rng_below(&r, sizeof chars - 1)];
+    char *exact = malloc(m + 1); // as long as the loader makes it, so that ASan sees the end
+    memcpy(exact, text, m);
+    exact[m] = 0;
+    sv_capture c;
+    sv_err err;
+    sv_arena a = sv_arena_make(g_block, sizeof g_block);
+    sv_status s = sv_capture_parse(&c, exact, m, "x", &a, &err);
+    assert_true(s == SV_OK || s == SV_E_FORMAT);
+    n_ok += s == SV_OK;
+    free(exact);
+  }
+  assert_true(n_ok > 100); // most digits may change
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(options_are_read),
+      cmocka_unit_test(tiny_plays_in_order),
+      cmocka_unit_test(ranges_and_starving),
+      cmocka_unit_test(realtime_keeps_the_time),
+      cmocka_unit_test(no_heap_call_a_frame),
+      cmocka_unit_test(writer_round_trip),
+      cmocka_unit_test(a_killed_writer_loses_nothing),
+      cmocka_unit_test(damaged_pictures_are_delivered_as_errors),
+      cmocka_unit_test(wrong_json_gets_a_sentence),
+      cmocka_unit_test(mutated_json_never_harms),
+  };
+  return cmocka_run_group_tests(tests, setup, teardown);
+}
