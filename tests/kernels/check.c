@@ -11,7 +11,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <time.h>
+#include <unistd.h>
 
 #define GUARD_BYTES 128
 #define CAP_BUFS    64
@@ -21,7 +23,8 @@
 static ck_entry *entries;
 static struct {
   uint8_t *block, *user;
-  size_t bytes, total;
+  size_t bytes, total; // total: user buffer and guards
+  size_t mapped_bytes; // not 0: from mmap, with a page that must not be touched behind the total
 } bufs[CAP_BUFS];
 static int n_bufs;
 static sigjmp_buf crash_jump;
@@ -54,37 +57,52 @@ static void drop_buffers(ck *c) {
   for (int i = 0; i < n_bufs; i++) {
     uint8_t *lo = bufs[i].block, *hi = bufs[i].user + bufs[i].bytes, *end = lo + bufs[i].total;
     for (uint8_t *p = lo; c && p < end; p++) {
-      if (p == bufs[i].user) p = hi;
-      if (*p == GUARD_BYTE) continue;
+      if (p >= bufs[i].user && p < hi) p = hi;
+      if (p == end || *p == GUARD_BYTE) continue;
       long off = p < bufs[i].user ? (long)(p - bufs[i].user) : (long)(p - hi);
       bad(c, "buffer %d of %zu bytes: guard broken %ld bytes %s it", i, bufs[i].bytes, labs(off),
           p < bufs[i].user ? "before" : "after the end of");
       break;
     }
-    free(bufs[i].block);
+    if (bufs[i].mapped_bytes)
+      munmap(bufs[i].block, bufs[i].mapped_bytes);
+    else
+      free(bufs[i].block);
   }
   n_bufs = 0;
 }
 
-static void *take(size_t bytes, size_t shift) {
-  if (n_bufs == CAP_BUFS) {
-    fprintf(stderr, "kernels-check: more than %d buffers in one case\n", CAP_BUFS);
-    exit(2);
-  }
-  size_t total = (bytes + shift + 3 * GUARD_BYTES + 63) & ~(size_t)63;
-  uint8_t *block = aligned_alloc(64, total);
-  if (!block) {
-    fprintf(stderr, "kernels-check: out of memory\n");
-    exit(2);
-  }
+static void *enter(uint8_t *block, size_t total, uint8_t *user, size_t bytes, size_t mapped_bytes) {
   memset(block, GUARD_BYTE, total);
-  uint8_t *user = block + GUARD_BYTES + shift;
   memset(user, FRESH_BYTE, bytes);
   bufs[n_bufs].block = block;
   bufs[n_bufs].user = user;
   bufs[n_bufs].bytes = bytes;
+  bufs[n_bufs].mapped_bytes = mapped_bytes;
   bufs[n_bufs++].total = total;
   return user;
+}
+
+static void give_up(const char *why) {
+  fprintf(stderr, "kernels-check: %s\n", why);
+  exit(2);
+}
+
+static void *take(size_t bytes, size_t shift) {
+  size_t total = (bytes + shift + 3 * GUARD_BYTES + 63) & ~(size_t)63;
+  uint8_t *block = aligned_alloc(64, total);
+  if (n_bufs == CAP_BUFS) give_up("too many buffers in one case");
+  if (!block) give_up("out of memory");
+  return enter(block, total, block + GUARD_BYTES + shift, bytes, 0);
+}
+
+void *ck_bytes_at_end(ck *c, size_t bytes) {
+  size_t page = (size_t)sysconf(_SC_PAGESIZE), total = (bytes + GUARD_BYTES + page - 1) / page * page;
+  uint8_t *block = mmap(NULL, total + page, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+  (void)c;
+  if (n_bufs == CAP_BUFS) give_up("too many buffers in one case");
+  if (block == MAP_FAILED || mprotect(block + total, page, PROT_NONE)) give_up("out of memory");
+  return enter(block, total, block + total - bytes, bytes, total + page);
 }
 
 void *ck_bytes(ck *c, size_t bytes) { return (void)c, take(bytes, 0); }

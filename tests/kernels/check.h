@@ -70,6 +70,8 @@ void ck_begin(ck *c, const char *fmt, ...) __attribute__((format(printf, 2, 3)))
 // Buffers with guard words on both sides, 64-byte aligned, filled with a pattern that is a NaN as float,
 // gone at the next ck_begin. `ck_floats_odd` starts 4 bytes off alignment.
 void *ck_bytes(ck *c, size_t bytes);
+// The same, not aligned, and ending where the memory ends: reading one byte too far is a crash.
+void *ck_bytes_at_end(ck *c, size_t bytes);
 float *ck_floats(ck *c, size_t n);
 float *ck_floats_odd(ck *c, size_t n);
 void ck_fill(ck *c, float *p, size_t n, int kind);

@@ -12,7 +12,7 @@ static sv_remap_args make_args(ck *c, int w, int h, int dw, int dh, bool has_mas
                      .fill = {7, 99, 255},
                      .row1 = dh};
   size_t bytes = a.src_stride_bytes * (size_t)(h - 1) + (size_t)(3 * w); // ends with the last pixel
-  uint8_t *src = ck_bytes(c, bytes);
+  uint8_t *src = ck_bytes_at_end(c, bytes);
   ck_fill_bytes(c, src, bytes);
   sv_remap_tap *t = ck_bytes(c, sizeof *t * (size_t)(dw * dh));
   for (int i = 0; i < dw * dh; i++) {

@@ -18,7 +18,7 @@ static sv_resize_args make_args(ck *c, const float *src, int w, int h, int dw, i
 }
 
 static float *source(ck *c, int w, int h, int fill) {
-  float *p = ck_floats(c, (size_t)(pad(w) * h)); // the padding stays NaN
+  float *p = ck_bytes_at_end(c, sizeof(float) * (size_t)(pad(w) * h)); // the padding stays NaN
   for (int r = 0; r < h; r++) ck_fill(c, p + r * pad(w), (size_t)w, fill);
   return p;
 }

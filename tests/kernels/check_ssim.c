@@ -13,8 +13,8 @@ typedef struct {
 static pair make_pair(ck *c, int w, int h, int fill) {
   pair p = {.w = w, .h = h, .stride = (w + 31) / 32 * 32};
   p.n = (size_t)p.stride * (size_t)h;
-  p.x = ck_floats(c, p.n);
-  p.y = ck_floats(c, p.n);
+  p.x = ck_bytes_at_end(c, sizeof(float) * p.n);
+  p.y = ck_bytes_at_end(c, sizeof(float) * p.n);
   p.scratch = ck_floats(c, (size_t)SV_SSIM_SCRATCH_FLOATS(p.stride));
   for (int r = 0; r < h; r++) { // the padding stays NaN: it must not matter
     ck_fill(c, p.x + r * p.stride, (size_t)w, fill);

@@ -40,7 +40,7 @@ static void one_case(ck *c, int w, int h, int nc, int k) {
   ck_begin(c, "%dx%d channels %d k %d", w, h, nc, k);
   size_t row = (size_t)(w * nc), stride = row + 5,
          bytes = stride * (size_t)(h - 1) + row; // ends with the last pixel
-  uint8_t *src = ck_bytes(c, bytes);
+  uint8_t *src = ck_bytes_at_end(c, bytes);
   ck_fill_bytes(c, src, bytes);
   sv_unpack_args a = make_args(c, src, w, h, nc, k, stride), b = make_args(c, src, w, h, nc, k, stride);
   c->ref.unpack(&a);
