@@ -67,7 +67,15 @@ static void geometry(const sv_kview *v, const float *p, geom *g) {
   g->syy = fmaf(g->b[0], g->b[0], fmaf(g->b[1], g->b[1], g->b[2] * g->b[2]));
   g->ca = g->sxx + v->dilation_px2;
   g->cc = g->syy + v->dilation_px2;
-  g->inv_d = 1.0f / fmaf(-g->sxy, g->sxy, g->ca * g->cc);
+  // The determinant before dilation is |a x b|^2 (Lagrange): never negative, and not the difference of two
+  // large products, which for a long splat has no correct digit left.
+  float det = 0.0f;
+  for (int i = 0; i < 3; i++) {
+    int j = (i + 1) % 3, k = (i + 2) % 3;
+    float cross = fmaf(g->a[j], g->b[k], -(g->a[k] * g->b[j]));
+    det = fmaf(cross, cross, det);
+  }
+  g->inv_d = 1.0f / fmaf(v->dilation_px2, g->sxx + g->cc, det);
   g->conic[0] = g->cc * g->inv_d;
   g->conic[1] = -(g->sxy * g->inv_d);
   g->conic[2] = g->ca * g->inv_d;
@@ -77,7 +85,7 @@ static void geometry(const sv_kview *v, const float *p, geom *g) {
   g->comp = 1.0f;
   g->is_comp_floor = 1;
   if (v->is_antialiased) {
-    float ratio = fmaf(-g->sxy, g->sxy, g->sxx * g->syy) * g->inv_d;
+    float ratio = det * g->inv_d;
     g->is_comp_floor = !(ratio > 2.5e-5f);
     g->comp = sqrtf(s1_max(ratio, 2.5e-5f));
   }
@@ -138,9 +146,11 @@ static void project_one(const sv_project_args *a, int id, const float *p) {
   s->ex_px = sqrtf(tau * g.ca);
   s->ey_px = sqrtf(tau * g.cc);
   float w1 = (float)(v->width_px - 1), h1 = (float)(v->height_px - 1);
-  float x0 = s1_max(s->u_px - s->ex_px - 0.5f, 0.0f), x1 = s1_min(s->u_px + s->ex_px - 0.5f, w1);
-  float y0 = s1_max(s->v_px - s->ey_px - 0.5f, 0.0f), y1 = s1_min(s->v_px + s->ey_px - 0.5f, h1);
+  float x0 = s1_max(0.0f, s->u_px - s->ex_px - 0.5f), x1 = s1_min(s->u_px + s->ex_px - 0.5f, w1);
+  float y0 = s1_max(0.0f, s->v_px - s->ey_px - 0.5f), y1 = s1_min(s->v_px + s->ey_px - 0.5f, h1);
+  // A NaN anywhere makes x0 or y0 a NaN, and a form that is not negative an infinite splat: not visible.
   int is_visible = g.t[2] > v->near_z && level > 0.0f && x0 <= x1 && y0 <= y1 && id < a->n_gaussians;
+  is_visible = is_visible && s->qa < 0.0f && s->qc < 0.0f;
   int n_coef = (a->sh_degree + 1) * (a->sh_degree + 1);
   float d[3], b[16];
   direction(v, p, d);
@@ -192,17 +202,19 @@ static void sh_basis_grad(int degree, float x, float y, float z, float bx[16], f
 static float screen_bwd(const sv_kview *v, const geom *g, const float *m, float vs[3]) {
   float ga = -0.5f * m[SV_SLOT_GXX], gb = -0.5f * m[SV_SLOT_GXY], gc = -0.5f * m[SV_SLOT_GYY];
   float A = g->conic[0], B = g->conic[1], C = g->conic[2];
-  float q00 = fmaf(A, ga, B * gb), q01 = fmaf(A, gb, B * gc), q10 = fmaf(B, ga, C * gb), q11 = fmaf(B, gb, C * gc);
+  float q00 = fmaf(A, ga, B * gb), q01 = fmaf(A, gb, B * gc), q10 = fmaf(B, ga, C * gb),
+        q11 = fmaf(B, gb, C * gc);
   vs[0] = -fmaf(q00, A, q01 * B);
   vs[1] = -fmaf(q00, B, q01 * C);
   vs[2] = -fmaf(q10, B, q11 * C);
   float v_oe = m[SV_SLOT_G] / g->oe, v_o = v_oe * g->comp;
   if (v->is_antialiased && !g->is_comp_floor) {
-    float h = 0.5f * (v_oe * g->o) / g->comp, om = fmaf(-g->comp, g->comp, 1.0f);
-    float dq = v->dilation_px2 * fmaf(A, C, -(B * B));
-    vs[0] = fmaf(h, fmaf(om, A, -dq), vs[0]);
-    vs[1] = fmaf(h, om * B, vs[1]);
-    vs[2] = fmaf(h, fmaf(om, C, -dq), vs[2]);
+    // h d(comp^2)/dS, by the adjugate: the textbook form (1 - comp^2) Q - 0.3 det Q I is a difference of
+    // equals.
+    float h = 0.5f * (v_oe * g->o) / g->comp * v->dilation_px2, bb = B * B;
+    vs[0] = fmaf(h, fmaf(A, g->syy * g->inv_d, bb), vs[0]);
+    vs[1] = fmaf(h, B * ((g->sxx + g->cc) * g->inv_d), vs[1]);
+    vs[2] = fmaf(h, fmaf(C, g->sxx * g->inv_d, bb), vs[2]);
   }
   return v_o * (g->o * g->not_o);
 }
@@ -213,7 +225,8 @@ static void camera_bwd(const geom *g, const float *m, const float vs[3], float v
   float vv = -fmaf(g->conic[1], m[SV_SLOT_GX], g->conic[2] * m[SV_SLOT_GY]);
   float j00 = 0, j02 = 0, j11 = 0, j12 = 0;
   for (int j = 0; j < 3; j++) {
-    float va = 2.0f * fmaf(vs[0], g->a[j], vs[1] * g->b[j]), vb = 2.0f * fmaf(vs[1], g->a[j], vs[2] * g->b[j]);
+    float va = 2.0f * fmaf(vs[0], g->a[j], vs[1] * g->b[j]),
+          vb = 2.0f * fmaf(vs[1], g->a[j], vs[2] * g->b[j]);
     float pa = g->ja * va, pb = g->jb * vb;
     vw[j] = pa;
     vw[3 + j] = pb;
@@ -246,7 +259,8 @@ static void shape_bwd(const sv_kview *v, const geom *g, const float vw[9], float
     grad[16 * (SV_ROW_SCALE + j)] = s * g->s[j];
   }
   float w = g->q[0], x = g->q[1], y = g->q[2], z = g->q[3], vq[4];
-  float dx = r[7] - r[5], dy = r[2] - r[6], dz = r[3] - r[1], pxy = r[3] + r[1], pxz = r[6] + r[2], pyz = r[7] + r[5];
+  float dx = r[7] - r[5], dy = r[2] - r[6], dz = r[3] - r[1], pxy = r[3] + r[1], pxz = r[6] + r[2],
+        pyz = r[7] + r[5];
   vq[0] = 2.0f * fmaf(x, dx, fmaf(y, dy, z * dz));
   vq[1] = 2.0f * fmaf(-2.0f * x, r[4] + r[8], fmaf(y, pxy, fmaf(z, pxz, w * dx)));
   vq[2] = 2.0f * fmaf(-2.0f * y, r[0] + r[8], fmaf(x, pxy, fmaf(z, pyz, w * dy)));
@@ -256,7 +270,8 @@ static void shape_bwd(const sv_kview *v, const geom *g, const float vw[9], float
 }
 
 // SH rows of grad; returns dL/dmean through the viewing direction in vm.
-static void colour_bwd(const sv_project_args *a, const float *p, const float *v_rgb, float *grad, float vm[3]) {
+static void colour_bwd(const sv_project_args *a, const float *p, const float *v_rgb, float *grad,
+                       float vm[3]) {
   int n = (a->sh_degree + 1) * (a->sh_degree + 1);
   const float *sh = p + 16 * SV_ROW_SH;
   float d[3], b[16], bx[16], by[16], bz[16], vd[3] = {0, 0, 0}, vc[3];
@@ -290,7 +305,8 @@ static void one_bwd(const sv_project_args *a, const float *p, const float *m, fl
   for (int i = 0; i < 3; i++) {
     int j = (i + 1) % 3, k = (i + 2) % 3;
     float tq = fmaf(g.t[j], vt[k], -(g.t[k] * vt[j]));
-    for (int c = 0; c < 3; c++) tq = fmaf(g.w[3 * j + c], vw[3 * k + c], fmaf(-g.w[3 * k + c], vw[3 * j + c], tq));
+    for (int c = 0; c < 3; c++)
+      tq = fmaf(g.w[3 * j + c], vw[3 * k + c], fmaf(-g.w[3 * k + c], vw[3 * j + c], tq));
     pose[i] = tq;
     pose[3 + i] = fmaf(v->r[3 * i], vm[0], fmaf(v->r[3 * i + 1], vm[1], fmaf(v->r[3 * i + 2], vm[2], vt[i])));
   }

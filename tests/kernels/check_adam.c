@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <string.h>
+
+#include "tests/kernels/check.h"
+
+static const int rows[] = {1, 2, 14, 23, 38, 59};
+static const uint32_t masks[] = {0xffff, 0, 1, 0x8000, 0x5555, 0xaaaa, 0x00ff, 0xff00, 0x7fff, 0x1248};
+
+typedef struct {
+  float *lr, *grad, *p, *m, *v;
+  sv_adam_args args;
+  uint32_t touched;
+} adam_job;
+
+static adam_job make_job(ck *c, int n_rows, int fill, uint32_t touched) {
+  size_t n = 16 * (size_t)n_rows;
+  adam_job j = {ck_floats(c, (size_t)n_rows),
+                ck_floats(c, n),
+                ck_floats(c, n),
+                ck_floats(c, n),
+                ck_floats(c, n),
+                .touched = touched};
+  for (int i = 0; i < n_rows; i++) j.lr[i] = 1e-4f * (float)(1 + i % 7);
+  ck_fill(c, j.grad, n, fill);
+  ck_fill(c, j.p, n, CK_SIGNED);
+  ck_fill(c, j.m, n, fill);
+  ck_fill(c, j.v, n, CK_UNIT);
+  for (size_t i = 0; i < n; i += 3) j.v[i] = i % 2 ? 0.0f : j.m[i] * j.m[i]; // a first step; a settled one
+  for (size_t i = 0; i < n; i += 6) j.m[i] = 0.0f;
+  j.args = (sv_adam_args){
+      .beta1 = 0.9f, .beta2 = 0.999f, .eps = 1e-15f, .rsqrt_bias2 = 31.6f, .lr = j.lr, .n_rows = n_rows};
+  return j;
+}
+
+static void check_adam(ck *c) {
+  for (size_t r = 0; r < sizeof rows / sizeof *rows; r++)
+    for (size_t k = 0; k < sizeof masks / sizeof *masks; k++)
+      for (int fill = 0; fill < CK_N_FILLS; fill++) {
+        if (!c->is_exact && fill >= CK_DENORM) continue;
+        ck_begin(c, "rows %d mask %04x %s", rows[r], masks[k], ck_fill_name(fill));
+        size_t n = 16 * (size_t)rows[r];
+        adam_job a = make_job(c, rows[r], fill, masks[k]), b = a;
+        float *old[3] = {a.p, a.m, a.v}, *now[3];
+        float **field[3] = {&b.p, &b.m, &b.v};
+        for (int i = 0; i < 3; i++) {
+          now[i] = *field[i] = ck_floats(c, n);
+          memcpy(now[i], old[i], n * sizeof(float));
+        }
+        float *before = ck_floats(c, n);
+        memcpy(before, a.p, n * sizeof(float));
+        c->ref.adam(&a.args, a.touched, a.grad, a.p, a.m, a.v);
+        c->var.adam(&b.args, b.touched, b.grad, b.p, b.m, b.v);
+        ck_same(c, "p", a.p, b.p, n, 1e-5);
+        ck_same(c, "m", a.m, b.m, n, 1e-6);
+        ck_same(c, "v", a.v, b.v, n, 1e-6);
+        for (size_t i = 0; i < n; i++)
+          ck_true(c, (masks[k] >> i % 16 & 1) || b.p[i] == before[i], "lane %zu is not touched, but moved",
+                  i % 16);
+      }
+}
+
+static void run_adam(void *arg, const sv_kernels *k) {
+  adam_job *j = arg;
+  k->adam(&j->args, j->touched, j->grad, j->p, j->m, j->v);
+}
+
+static void bench_adam(ck *c) {
+  ck_begin(c, "bench");
+  adam_job a = make_job(c, 59, CK_SIGNED, 0xffff), b = make_job(c, 14, CK_SIGNED, 0xffff);
+  a.args.lr = a.lr, b.args.lr = b.lr;
+  ck_time(c, "59 rows; per Gaussian", 16, run_adam, &a);
+  ck_time(c, "14 rows; per Gaussian", 16, run_adam, &b);
+}
+
+CK_REGISTER(adam, check_adam, bench_adam)
