@@ -41,6 +41,7 @@ typedef struct {
 
 typedef void (*sv_remap_fn)(const sv_remap_args *a);
 void sv_remap_ref(const sv_remap_args *a);
+void sv_remap_avx2(const sv_remap_args *a);
 
 #ifdef __cplusplus
 }
