@@ -12,7 +12,8 @@
 // 128 KiB. libpng keeps two rows of up to 8 bytes a pixel, zlib's window and state are 40 KiB. The unit
 // test prints the high-water mark.
 static size_t block_bytes(const sv_codec_cfg *cfg) {
-  size_t w = ((size_t)cfg->max_width_px + 31) & ~(size_t)31, h = ((size_t)cfg->max_height_px + 31) & ~(size_t)31;
+  size_t w = ((size_t)cfg->max_width_px + 31) & ~(size_t)31,
+         h = ((size_t)cfg->max_height_px + 31) & ~(size_t)31;
   size_t bytes = (size_t)(384 << 10) + 256 * w;
   if (cfg->has_progressive) bytes += w * h * 6 + 64 * h; // coefficients of three full channels, row pointers
   return bytes;
@@ -62,7 +63,8 @@ static sv_status probe_png(const uint8_t *p, size_t n, sv_codec_info *out, sv_er
   if (n < 33) return sv_fail(err, SV_E_FORMAT, "PNG: the file ends within its header");
   unsigned w_high = be16(p + 16), w = be16(p + 18), h_high = be16(p + 20), h = be16(p + 22);
   if (memcmp(p + 12, "IHDR", 4) || w_high || h_high || !w || !h || w > MAX_SIDE_PX || h > MAX_SIDE_PX)
-    return sv_fail(err, SV_E_FORMAT, "PNG: the header does not tell a size of 1 to %d px a side", MAX_SIDE_PX);
+    return sv_fail(err, SV_E_FORMAT, "PNG: the header does not tell a size of 1 to %d px a side",
+                   MAX_SIDE_PX);
   if (p[25] > 6 || !channels[p[25]]) return sv_fail(err, SV_E_FORMAT, "PNG: unknown colour type %d", p[25]);
   *out = (sv_codec_info){SV_PIX_PNG, (int)w, (int)h, channels[p[25]], p[24]};
   return SV_OK;
@@ -86,7 +88,8 @@ static sv_status probe_jpeg(const uint8_t *p, size_t n, sv_codec_info *out, sv_e
     if (m == 0xd9 || m == 0xda || is_frame) break;
     i += 2 + be16(p + i + 2);
   }
-  return sv_fail(err, SV_E_FORMAT, "JPEG: no frame header with a size of 1 to %d px a side was found", MAX_SIDE_PX);
+  return sv_fail(err, SV_E_FORMAT, "JPEG: no frame header with a size of 1 to %d px a side was found",
+                 MAX_SIDE_PX);
 }
 
 sv_status sv_codec_probe(const uint8_t *p, size_t n, sv_codec_info *out, sv_err *err) {
@@ -96,7 +99,8 @@ sv_status sv_codec_probe(const uint8_t *p, size_t n, sv_codec_info *out, sv_err 
   return sv_fail(err, SV_E_FORMAT, "picture: the file is neither JPEG nor PNG by its first bytes");
 }
 
-sv_status sv_codec_decode(sv_codec *c, const uint8_t *data, size_t bytes, const sv_picture *out, sv_err *err) {
+sv_status sv_codec_decode(sv_codec *c, const uint8_t *data, size_t bytes, const sv_picture *out,
+                          sv_err *err) {
   if (bytes && data[0] == 0x89) return sv_codec_decode_png(c, data, bytes, out, err);
   return sv_codec_decode_jpeg(c, data, bytes, out, err);
 }

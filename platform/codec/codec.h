@@ -33,8 +33,8 @@ typedef struct {
 typedef struct {
   sv_pixel_format format; // SV_PIX_JPEG or SV_PIX_PNG
   int width_px, height_px;
-  int n_channels;     // 1 grey, 2 grey+alpha, 3 RGB, 4 RGBA (or CMYK in a JPEG)
-  int bits;           // of one channel in the file
+  int n_channels; // 1 grey, 2 grey+alpha, 3 RGB, 4 RGBA (or CMYK in a JPEG)
+  int bits;       // of one channel in the file
 } sv_codec_info;
 
 size_t sv_codec_bytes(const sv_codec_cfg *cfg); // 0 when cfg is out of range (1..32768 px a side)
@@ -68,8 +68,8 @@ sv_status sv_codec_decode(sv_codec *c, const uint8_t *data, size_t bytes, const 
 // rgb (format RGB8 or GREY8) -> JPEG in out[cap]. quality 1..100; is_full_colour keeps the chroma at full
 // resolution (4:4:4, else 4:2:0). E_FULL when cap is too small: width * height * 3 + 4096 always suffices
 // in practice, a tenth of it usually.
-sv_status sv_codec_encode_jpeg(sv_codec *c, const sv_picture *in, int quality, bool is_full_colour, uint8_t *out,
-                               size_t cap, size_t *bytes, sv_err *err) SV_MUST_USE;
+sv_status sv_codec_encode_jpeg(sv_codec *c, const sv_picture *in, int quality, bool is_full_colour,
+                               uint8_t *out, size_t cap, size_t *bytes, sv_err *err) SV_MUST_USE;
 
 #ifdef __cplusplus
 }

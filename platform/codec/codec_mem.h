@@ -17,7 +17,7 @@ typedef struct {
   struct jpeg_memory_mgr *heap_mem; // libjpeg's own, for init and close
   jmp_buf exit;
   sv_codec *codec;
-  int n_damages;  // warnings that mean lost picture data
+  int n_damages; // warnings that mean lost picture data
   char text[JMSG_LENGTH_MAX];
   struct jvirt_barray_control *virt_arrays; // coefficient arrays asked for, not yet made
 } sv_jpeg_common;

@@ -13,7 +13,8 @@ static sv_codec_state *state(sv_codec *c) { return c->state; }
 // --- errors ----------------------------------------------------------------------------------------
 static void error_exit(j_common_ptr cinfo) {
   sv_jpeg_common *j = (sv_jpeg_common *)cinfo->err;
-  if (cinfo->err->msg_code == JERR_OUT_OF_MEMORY) sv_copy(j->text, sizeof j->text, "the codec's fixed block is too small");
+  if (cinfo->err->msg_code == JERR_OUT_OF_MEMORY)
+    sv_copy(j->text, sizeof j->text, "the codec's fixed block is too small");
   else cinfo->err->format_message(cinfo, j->text);
   longjmp(j->exit, 1);
 }
@@ -122,8 +123,8 @@ static void decoder_begin(sv_codec *c, const uint8_t *data, size_t bytes) {
 static sv_status check_header(sv_codec *c, const sv_picture *out, sv_err *err) {
   struct jpeg_decompress_struct *d = &state(c)->dec.d;
   if ((int)d->image_width != out->width_px || (int)d->image_height != out->height_px)
-    return sv_fail(err, SV_E_RANGE, "JPEG: the picture is %ux%u, expected %dx%d", d->image_width, d->image_height,
-                   out->width_px, out->height_px);
+    return sv_fail(err, SV_E_RANGE, "JPEG: the picture is %ux%u, expected %dx%d", d->image_width,
+                   d->image_height, out->width_px, out->height_px);
   if ((d->progressive_mode || jpeg_has_multiple_scans(d)) && !c->cfg.has_progressive)
     return sv_fail(err, SV_E_UNSUPPORTED, "JPEG: it is progressive, expected a baseline picture");
   if (d->num_components != 1 && d->num_components != 3)
@@ -146,7 +147,8 @@ static sv_status decode_rows(sv_codec *c, const sv_picture *out, sv_err *err) {
   return SV_OK;
 }
 
-sv_status sv_codec_decode_jpeg(sv_codec *c, const uint8_t *data, size_t bytes, const sv_picture *out, sv_err *err) {
+sv_status sv_codec_decode_jpeg(sv_codec *c, const uint8_t *data, size_t bytes, const sv_picture *out,
+                               sv_err *err) {
   sv_jpeg_decoder *j = &state(c)->dec;
   if (out->format != SV_PIX_RGB8 && out->format != SV_PIX_GREY8)
     return sv_fail(err, SV_E_ARG, "JPEG: it can be decoded to RGB8 or GREY8 only");
@@ -208,16 +210,16 @@ static void encoder_begin(sv_codec *c, uint8_t *out, size_t cap) {
   j->c.dest = &j->dest;
 }
 
-sv_status sv_codec_encode_jpeg(sv_codec *c, const sv_picture *in, int quality, bool is_full_colour, uint8_t *out,
-                               size_t cap, size_t *bytes, sv_err *err) {
+sv_status sv_codec_encode_jpeg(sv_codec *c, const sv_picture *in, int quality, bool is_full_colour,
+                               uint8_t *out, size_t cap, size_t *bytes, sv_err *err) {
   sv_jpeg_encoder *j = &state(c)->enc;
   *bytes = 0;
   if ((in->format != SV_PIX_RGB8 && in->format != SV_PIX_GREY8) || quality < 1 || quality > 100)
     return sv_fail(err, SV_E_ARG, "JPEG: only RGB8 and GREY8 with a quality of 1 to 100 can be encoded");
   if (in->width_px < 1 || in->height_px < 1 || in->width_px > c->cfg.max_width_px ||
       in->height_px > c->cfg.max_height_px)
-    return sv_fail(err, SV_E_RANGE, "JPEG: %dx%d does not lie within 1x1 and the %dx%d reserved for", in->width_px,
-                   in->height_px, c->cfg.max_width_px, c->cfg.max_height_px);
+    return sv_fail(err, SV_E_RANGE, "JPEG: %dx%d does not lie within 1x1 and the %dx%d reserved for",
+                   in->width_px, in->height_px, c->cfg.max_width_px, c->cfg.max_height_px);
   encoder_begin(c, out, cap);
   if (setjmp(j->common.exit)) {
     bool is_full = j->c.err->msg_code == JERR_BUFFER_SIZE;

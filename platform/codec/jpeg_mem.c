@@ -61,8 +61,8 @@ static jvirt_sarray_ptr want_sarray(j_common_ptr cinfo, int pool_id, boolean is_
   return NULL;
 }
 
-static JSAMPARRAY access_sarray(j_common_ptr cinfo, jvirt_sarray_ptr array, JDIMENSION i_row, JDIMENSION n_rows,
-                                boolean is_writable) {
+static JSAMPARRAY access_sarray(j_common_ptr cinfo, jvirt_sarray_ptr array, JDIMENSION i_row,
+                                JDIMENSION n_rows, boolean is_writable) {
   (void)array, (void)i_row, (void)n_rows, (void)is_writable;
   ERREXIT(cinfo, JERR_BAD_VIRTUAL_ACCESS);
   return NULL;

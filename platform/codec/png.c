@@ -69,7 +69,8 @@ static sv_status read_picture(reader_t *r, const sv_picture *out, sv_err *err) {
   png_read_info(png, r->info);
   int w = (int)png_get_image_width(png, r->info), h = (int)png_get_image_height(png, r->info);
   if (w != out->width_px || h != out->height_px)
-    return sv_fail(err, SV_E_RANGE, "PNG: the picture is %dx%d, expected %dx%d", w, h, out->width_px, out->height_px);
+    return sv_fail(err, SV_E_RANGE, "PNG: the picture is %dx%d, expected %dx%d", w, h, out->width_px,
+                   out->height_px);
   bool is_interlaced = png_get_interlace_type(png, r->info) != PNG_INTERLACE_NONE;
   set_transforms(r, out->format);
   int n_passes = png_set_interlace_handling(png);
@@ -77,14 +78,16 @@ static sv_status read_picture(reader_t *r, const sv_picture *out, sv_err *err) {
   if (png_get_rowbytes(png, r->info) != pixel_bytes(out->format) * (size_t)w)
     return sv_fail(err, SV_E_UNSUPPORTED, "PNG: this pixel form is not supported");
   if (is_interlaced) // the passes build on the rows before
-    for (int y = 0; y < h; y++) memset(out->data + out->stride_bytes * (size_t)y, 0, pixel_bytes(out->format) * (size_t)w);
+    for (int y = 0; y < h; y++)
+      memset(out->data + out->stride_bytes * (size_t)y, 0, pixel_bytes(out->format) * (size_t)w);
   for (int pass = 0; pass < n_passes; pass++)
     for (int y = 0; y < h; y++) png_read_row(png, out->data + out->stride_bytes * (size_t)y, NULL);
   png_read_end(png, NULL);
   return SV_OK;
 }
 
-sv_status sv_codec_decode_png(sv_codec *c, const uint8_t *data, size_t bytes, const sv_picture *out, sv_err *err) {
+sv_status sv_codec_decode_png(sv_codec *c, const uint8_t *data, size_t bytes, const sv_picture *out,
+                              sv_err *err) {
   if (!pixel_bytes(out->format))
     return sv_fail(err, SV_E_ARG, "PNG: it can be decoded to GREY8, RGB8, RGBA8 or RGB16 only");
   c->used_bytes = 0;

@@ -12,8 +12,14 @@
 
 #include "src/port/port.h"
 
-// This header holds lock-free words that C and C++ spell differently; it is meant for C only.
+// The pool's words are lock-free in C; C++ only needs to know their size, which is the same.
+#ifdef __cplusplus
+#define SV_LINUX_ATOMIC(type) type
+extern "C" {
+#else
 #include <stdatomic.h>
+#define SV_LINUX_ATOMIC(type) _Atomic(type)
+#endif
 
 // --- clock ---------------------------------------------------------------------------------------
 // CLOCK_MONOTONIC. sleep_until_ns returns early when a signal comes (so that Ctrl-C is seen at once).
@@ -35,15 +41,15 @@ typedef struct {
 struct sv_linux_pool {
   int n_threads;   // the caller included
   int64_t spin_ns; // how long an idle thread looks before it sleeps
-  _Atomic uint64_t ticket;
-  _Atomic(sv_task_fn) fn;
-  _Atomic(void *) arg;
-  _Atomic int n_tasks;
-  _Atomic uint32_t n_done;    // tasks finished; the caller sleeps on it
-  _Atomic uint32_t is_waited; // the caller sleeps
-  _Atomic uint32_t i_job;     // changes with each job; idle workers sleep on it
-  _Atomic uint32_t n_asleep;
-  _Atomic bool is_stopping;
+  SV_LINUX_ATOMIC(uint64_t) ticket;
+  SV_LINUX_ATOMIC(sv_task_fn) fn;
+  SV_LINUX_ATOMIC(void *) arg;
+  SV_LINUX_ATOMIC(int) n_tasks;
+  SV_LINUX_ATOMIC(uint32_t) n_done;    // tasks finished; the caller sleeps on it
+  SV_LINUX_ATOMIC(uint32_t) is_waited; // the caller sleeps
+  SV_LINUX_ATOMIC(uint32_t) i_job;     // changes with each job; idle workers sleep on it
+  SV_LINUX_ATOMIC(uint32_t) n_asleep;
+  SV_LINUX_ATOMIC(bool) is_stopping;
   sv_linux_worker workers[SV_LINUX_CAP_THREADS];
 };
 
@@ -82,8 +88,8 @@ const char *sv_linux_reason(int errno_value);
 
 // --- console -------------------------------------------------------------------------------------
 typedef struct {
-  int fd;             // 2: stderr
-  bool is_quiet;      // only errors and warnings
+  int fd;        // 2: stderr
+  bool is_quiet; // only errors and warnings
   bool is_terminal;
   bool has_live_line; // an unfinished live line stands on the terminal
   sv_ns live_period_ns, last_live_ns;
@@ -100,4 +106,7 @@ void sv_linux_console_finish(sv_linux_console *c); // ends a live line
 sv_status sv_linux_catch_signals(sv_err *err) SV_MUST_USE;
 void sv_linux_reset_stop(void); // clears the flag (tests; a second run in one process)
 
+#ifdef __cplusplus
+}
+#endif
 #endif

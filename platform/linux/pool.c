@@ -128,15 +128,15 @@ static sv_status start_worker(sv_linux_pool *p, int i_thread) {
   if (pthread_attr_init(&attr)) return SV_E_NOMEM;
   p->workers[i_thread] = (sv_linux_worker){.pool = p, .i_thread = i_thread};
   int failed = pthread_attr_setstacksize(&attr, STACK_BYTES);
-  if (!failed)
-    failed = pthread_create(&p->workers[i_thread].id, &attr, worker_main, &p->workers[i_thread]);
+  if (!failed) failed = pthread_create(&p->workers[i_thread].id, &attr, worker_main, &p->workers[i_thread]);
   pthread_attr_destroy(&attr);
   return failed ? SV_E_NOMEM : SV_OK;
 }
 
 sv_status sv_linux_pool_start(sv_linux_pool *p, int n_threads, int spin_us, sv_err *err) {
   if (n_threads < 1 || n_threads > SV_LINUX_CAP_THREADS)
-    return sv_fail(err, SV_E_ARG, "threads: %d asked for, 1 to %d are possible", n_threads, SV_LINUX_CAP_THREADS);
+    return sv_fail(err, SV_E_ARG, "threads: %d asked for, 1 to %d are possible", n_threads,
+                   SV_LINUX_CAP_THREADS);
   memset(p, 0, sizeof *p);
   p->n_threads = 1;
   // On a single core a spinning thread only keeps the one it waits for from running.

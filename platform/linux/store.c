@@ -72,12 +72,14 @@ static sv_status store_begin(void *self, const char *name, sv_err *err) {
   if (s->fd >= 0)
     return sv_fail(err, SV_E_ARG, "%s/%s: cannot be saved while %s is being saved", s->dir, name, s->name);
   if (!is_good_name(name))
-    return sv_fail(err, SV_E_ARG, "\"%s\": not a file name (no separators, no dot at the start, 1 to %d characters)",
-                   name, (int)(SV_LINUX_CAP_NAME - sizeof ".tmp"));
+    return sv_fail(err, SV_E_ARG,
+                   "\"%s\": not a file name (no separators, no dot at the start, 1 to %d characters)", name,
+                   (int)(SV_LINUX_CAP_NAME - sizeof ".tmp"));
   char tmp[SV_LINUX_CAP_NAME + 8];
   tmp_name(tmp, name);
   s->fd = open_at(s->dir_fd, tmp, O_WRONLY | O_CREAT | O_TRUNC);
-  if (s->fd < 0) return sv_fail(err, SV_E_IO, "%s/%s: cannot be written: %s", s->dir, tmp, sv_linux_reason(errno));
+  if (s->fd < 0)
+    return sv_fail(err, SV_E_IO, "%s/%s: cannot be written: %s", s->dir, tmp, sv_linux_reason(errno));
   sv_copy(s->name, sizeof s->name, name);
   s->n_bytes = 0;
   s->status = SV_OK;
@@ -85,7 +87,8 @@ static sv_status store_begin(void *self, const char *name, sv_err *err) {
 }
 
 static sv_status store_failed(sv_linux_store *s, int e, sv_err *err) {
-  s->status = sv_fail(err, SV_E_IO, "%s/%s: not saved: %s after %llu bytes; a file that was there before is unchanged",
+  s->status = sv_fail(err, SV_E_IO,
+                      "%s/%s: not saved: %s after %llu bytes; a file that was there before is unchanged",
                       s->dir, s->name, sv_linux_reason(e), (unsigned long long)s->n_bytes);
   return s->status;
 }
@@ -138,15 +141,15 @@ static sv_status read_all(sv_linux_store *s, int fd, const char *name, void *buf
     return sv_fail(err, SV_E_IO, "%s/%s: not a regular file", s->dir, name);
   *bytes = (size_t)st.st_size;
   if (*bytes > cap)
-    return sv_fail(err, SV_E_NOMEM, "%s/%s: %zu bytes do not fit into the %zu reserved for it", s->dir, name, *bytes,
-                   cap);
+    return sv_fail(err, SV_E_NOMEM, "%s/%s: %zu bytes do not fit into the %zu reserved for it", s->dir, name,
+                   *bytes, cap);
   size_t got = 0;
   while (got < *bytes) {
     ssize_t n = read(fd, (uint8_t *)buf + got, *bytes - got);
     if (n < 0 && errno == EINTR) continue;
-    if (n < 0) return sv_fail(err, SV_E_IO, "%s/%s: reading failed: %s", s->dir, name, sv_linux_reason(errno));
-    if (n == 0)
-      return sv_fail(err, SV_E_IO, "%s/%s: ends after %zu of %zu bytes", s->dir, name, got, *bytes);
+    if (n < 0)
+      return sv_fail(err, SV_E_IO, "%s/%s: reading failed: %s", s->dir, name, sv_linux_reason(errno));
+    if (n == 0) return sv_fail(err, SV_E_IO, "%s/%s: ends after %zu of %zu bytes", s->dir, name, got, *bytes);
     got += (size_t)n;
   }
   return SV_OK;
@@ -157,7 +160,8 @@ static sv_status store_read(void *self, const char *name, void *buf, size_t cap,
   *bytes = 0;
   if (!is_good_name(name)) return sv_fail(err, SV_E_ARG, "\"%s\": not a file name", name);
   int fd = open_at(s->dir_fd, name, O_RDONLY);
-  if (fd < 0 && errno == ENOENT) return sv_fail(err, SV_E_NOT_FOUND, "%s/%s: there is no such file", s->dir, name);
+  if (fd < 0 && errno == ENOENT)
+    return sv_fail(err, SV_E_NOT_FOUND, "%s/%s: there is no such file", s->dir, name);
   if (fd < 0) return sv_fail(err, SV_E_IO, "%s/%s: cannot be read: %s", s->dir, name, sv_linux_reason(errno));
   sv_status status = read_all(s, fd, name, buf, cap, bytes, err);
   close_fd(fd);
@@ -167,7 +171,8 @@ static sv_status store_read(void *self, const char *name, void *buf, size_t cap,
 sv_status sv_linux_make_dir(const char *dir, sv_err *err) {
   char path[SV_LINUX_CAP_PATH];
   if (!dir[0] || !sv_copy(path, sizeof path, dir))
-    return sv_fail(err, SV_E_ARG, "\"%.80s\": a folder's path has 1 to %d characters", dir, SV_LINUX_CAP_PATH - 1);
+    return sv_fail(err, SV_E_ARG, "\"%.80s\": a folder's path has 1 to %d characters", dir,
+                   SV_LINUX_CAP_PATH - 1);
   for (size_t i = 1;; i++) {
     if (path[i] && path[i] != '/') continue;
     char c = path[i];
@@ -186,7 +191,8 @@ sv_status sv_linux_store_open(sv_linux_store *s, const char *dir, sv_err *err) {
   if (status < 0) return status;
   sv_copy(s->dir, sizeof s->dir, dir);
   s->dir_fd = open_at(AT_FDCWD, dir, O_RDONLY | O_DIRECTORY);
-  if (s->dir_fd < 0) return sv_fail(err, SV_E_IO, "%s: cannot be opened as a folder: %s", dir, sv_linux_reason(errno));
+  if (s->dir_fd < 0)
+    return sv_fail(err, SV_E_IO, "%s: cannot be opened as a folder: %s", dir, sv_linux_reason(errno));
   return SV_OK;
 }
 

@@ -33,13 +33,15 @@ typedef struct {
 // --- small parts -----------------------------------------------------------------------------------
 static bool is_key(const json_t *j, int t, const char *key) {
   size_t n = (size_t)(j->tokens[t].end - j->tokens[t].start);
-  return j->tokens[t].type == JSMN_STRING && n == strlen(key) && !memcmp(j->text + j->tokens[t].start, key, n);
+  return j->tokens[t].type == JSMN_STRING && n == strlen(key) &&
+         !memcmp(j->text + j->tokens[t].start, key, n);
 }
 
 // The token after t and all that it holds. Tokens stand in the order of the text.
 static int next_token(const json_t *j, int t) {
   int end = j->tokens[t].end;
-  for (t++; t < j->n_tokens && j->tokens[t].start < end; t++) {}
+  for (t++; t < j->n_tokens && j->tokens[t].start < end; t++) {
+  }
   return t;
 }
 
@@ -60,8 +62,8 @@ static int line_of(const json_t *j, int t) {
 }
 
 static sv_status bad(const json_t *j, int t, const char *key, const char *expected) {
-  return sv_fail(j->err, SV_E_FORMAT, "%s: line %d: \"%s\" is missing or wrong, expected %s", j->where, line_of(j, t), key,
-                 expected);
+  return sv_fail(j->err, SV_E_FORMAT, "%s: line %d: \"%s\" is missing or wrong, expected %s", j->where,
+                 line_of(j, t), key, expected);
 }
 
 static bool read_double(const json_t *j, int t, double *out) {
@@ -77,12 +79,13 @@ static bool read_doubles(const json_t *j, int t, int n, double *out) {
 }
 
 // A whole number of object t in [lo, hi]; absent: `otherwise`. lo > otherwise makes the key necessary.
-static sv_status get_int(const json_t *j, int t, const char *key, int64_t lo, int64_t hi, int64_t otherwise, int64_t *out,
-                         const char *expected) {
+static sv_status get_int(const json_t *j, int t, const char *key, int64_t lo, int64_t hi, int64_t otherwise,
+                         int64_t *out, const char *expected) {
   int v = find(j, t, key);
   long long x = otherwise;
-  if (v >= 0 && (j->tokens[v].type != JSMN_PRIMITIVE ||
-                 !sv_parse_int(j->text + j->tokens[v].start, (size_t)(j->tokens[v].end - j->tokens[v].start), &x)))
+  if (v >= 0 &&
+      (j->tokens[v].type != JSMN_PRIMITIVE ||
+       !sv_parse_int(j->text + j->tokens[v].start, (size_t)(j->tokens[v].end - j->tokens[v].start), &x)))
     return bad(j, v, key, expected);
   if (x < lo || x > hi) return bad(j, v >= 0 ? v : t, key, expected);
   *out = x;
@@ -140,8 +143,8 @@ static sv_status read_frames(const json_t *j, int t, sv_capture_camera *c, sv_ca
   return SV_OK;
 }
 
-static sv_status read_choice(const json_t *j, int t, const char *key, const char *const *names, int n, int otherwise,
-                             const char *expected, int *out) {
+static sv_status read_choice(const json_t *j, int t, const char *key, const char *const *names, int n,
+                             int otherwise, const char *expected, int *out) {
   int v = find(j, t, key);
   *out = otherwise;
   if (v < 0) return SV_OK;
@@ -169,7 +172,8 @@ static sv_status read_camera(const json_t *j, int t, sv_capture_camera *c, sv_ca
   sv_status s = get_int(j, t, "width", 1, MAX_SIDE_PX, 0, &w, "1 to 32768 px");
   if (s == SV_OK) s = get_int(j, t, "height", 1, MAX_SIDE_PX, 0, &h, "1 to 32768 px");
   if (s == SV_OK)
-    s = read_choice(j, t, "clock", clocks, 4, SV_CLOCK_MONOTONIC, "camera, monotonic, boottime or realtime", &clock);
+    s = read_choice(j, t, "clock", clocks, 4, SV_CLOCK_MONOTONIC, "camera, monotonic, boottime or realtime",
+                    &clock);
   if (s == SV_OK) s = read_choice(j, t, "stamp", stamps, 3, SV_STAMP_START, "start, middle or end", &stamp);
   if (s < 0) return s;
   v = find(j, t, "fps");
@@ -186,11 +190,14 @@ static sv_status read_camera(const json_t *j, int t, sv_capture_camera *c, sv_ca
 static sv_status read_pose(const json_t *j, int t, sv_capture_pose *p) {
   double v[7];
   if (j->tokens[t].type != JSMN_OBJECT) return bad(j, t, "poses", "a list of objects");
-  sv_status s = get_int(j, t, "time_ns", -MAX_NS, MAX_NS, INT64_MIN, &p->time_ns, "a whole number of nanoseconds");
+  sv_status s =
+      get_int(j, t, "time_ns", -MAX_NS, MAX_NS, INT64_MIN, &p->time_ns, "a whole number of nanoseconds");
   if (s < 0) return s;
   double n = 0;
-  if (read_doubles(j, find(j, t, "rig_from_world"), 7, v)) n = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] + v[3] * v[3];
-  if (!(n > 0.99 && n < 1.01)) return bad(j, t, "rig_from_world", "a unit quaternion w,x,y,z and a translation");
+  if (read_doubles(j, find(j, t, "rig_from_world"), 7, v))
+    n = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] + v[3] * v[3];
+  if (!(n > 0.99 && n < 1.01))
+    return bad(j, t, "rig_from_world", "a unit quaternion w,x,y,z and a translation");
   memcpy(p->q_wxyz, v, sizeof p->q_wxyz);
   memcpy(p->t_m, v + 4, sizeof p->t_m);
   return SV_OK;
@@ -202,7 +209,8 @@ static sv_status read_poses(const json_t *j, int t, sv_capture *c) {
   for (int i = 0; i < j->tokens[t].size && k < j->n_tokens; i++) {
     sv_status s = read_pose(j, k, &c->poses[i]);
     if (s < 0) return s;
-    if (i && c->poses[i].time_ns <= c->poses[i - 1].time_ns) return bad(j, k, "time_ns", "poses in order of time");
+    if (i && c->poses[i].time_ns <= c->poses[i - 1].time_ns)
+      return bad(j, k, "time_ns", "poses in order of time");
     k = next_token(j, k);
   }
   c->n_poses = j->tokens[t].size;
@@ -221,7 +229,8 @@ static sv_status read_head(const json_t *j, sv_capture *c) {
   if (v >= 0 && (!get_text(j, v, &c->rig) || c->rig[0] == '/')) return bad(j, v, "rig", "a relative path");
   v = find(j, 0, "scene");
   if (v < 0) return SV_OK;
-  c->has_scene = j->tokens[v].type == JSMN_OBJECT && read_doubles(j, find(j, v, "min_m"), 3, c->scene_min_m) &&
+  c->has_scene = j->tokens[v].type == JSMN_OBJECT &&
+                 read_doubles(j, find(j, v, "min_m"), 3, c->scene_min_m) &&
                  read_doubles(j, find(j, v, "max_m"), 3, c->scene_max_m);
   return c->has_scene ? SV_OK : bad(j, v, "scene", "min_m and max_m, three numbers each");
 }
@@ -230,7 +239,8 @@ static sv_status read_all(const json_t *j, sv_capture *c, sv_capture_frame *pool
   sv_status s = read_head(j, c);
   if (s < 0) return s;
   int v = find(j, 0, "cameras");
-  if (v < 0 || j->tokens[v].type != JSMN_ARRAY || j->tokens[v].size < 1 || j->tokens[v].size > SV_CAP_SUB_VIEWS)
+  if (v < 0 || j->tokens[v].type != JSMN_ARRAY || j->tokens[v].size < 1 ||
+      j->tokens[v].size > SV_CAP_SUB_VIEWS)
     return bad(j, v < 0 ? 0 : v, "cameras", "a list of 1 to 256 cameras");
   int k = v + 1, n = j->tokens[v].size;
   for (int i = 0; i < n && k < j->n_tokens; i++) {
@@ -261,12 +271,13 @@ static bool count(const char *text, size_t bytes, size_t *n_tokens, size_t *n_ob
   return true;
 }
 
-sv_status sv_capture_parse(sv_capture *c, char *text, size_t bytes, const char *where, sv_arena *arena, sv_err *err) {
+sv_status sv_capture_parse(sv_capture *c, char *text, size_t bytes, const char *where, sv_arena *arena,
+                           sv_err *err) {
   *c = (sv_capture){.name = "", .rig = ""};
   size_t n_tokens, n_objects;
   if (bytes > MAX_JSON_BYTES || !count(text, bytes, &n_tokens, &n_objects))
-    return sv_fail(err, SV_E_FORMAT, "%s: nested deeper than %d levels or larger than %u bytes", where, MAX_DEPTH,
-                   MAX_JSON_BYTES);
+    return sv_fail(err, SV_E_FORMAT, "%s: nested deeper than %d levels or larger than %u bytes", where,
+                   MAX_DEPTH, MAX_JSON_BYTES);
   size_t n_cameras = n_objects < SV_CAP_SUB_VIEWS ? n_objects : SV_CAP_SUB_VIEWS;
   c->cameras = SV_TAKE(arena, sv_capture_camera, n_cameras);
   sv_capture_frame *pool = SV_TAKE(arena, sv_capture_frame, n_objects);
@@ -274,20 +285,20 @@ sv_status sv_capture_parse(sv_capture *c, char *text, size_t bytes, const char *
   size_t mark = sv_arena_mark(arena);
   json_t j = {text, where, SV_TAKE(arena, jsmntok_t, n_tokens), 0, err};
   if (arena->status < 0)
-    return sv_fail(err, arena->status, "%s: its %zu frames and %zu tokens do not fit into the memory left", where,
-                   n_objects, n_tokens);
+    return sv_fail(err, arena->status, "%s: its %zu frames and %zu tokens do not fit into the memory left",
+                   where, n_objects, n_tokens);
   jsmn_parser parser;
   jsmn_init(&parser);
   j.n_tokens = jsmn_parse(&parser, text, bytes, j.tokens, (unsigned)n_tokens);
   sv_status s;
-  if (j.n_tokens < 0)
-    s = sv_fail(err, SV_E_FORMAT, "%s: not valid JSON near byte %u", where, parser.pos);
+  if (j.n_tokens < 0) s = sv_fail(err, SV_E_FORMAT, "%s: not valid JSON near byte %u", where, parser.pos);
   else s = read_all(&j, c, pool);
   sv_arena_reset(arena, mark);
   return s;
 }
 
-static sv_status read_text(int fd, const char *path, char **text, size_t *bytes, sv_arena *arena, sv_err *err) {
+static sv_status read_text(int fd, const char *path, char **text, size_t *bytes, sv_arena *arena,
+                           sv_err *err) {
   struct stat st;
   if (fstat(fd, &st) < 0 || !S_ISREG(st.st_mode) || (uint64_t)st.st_size > MAX_JSON_BYTES)
     return sv_fail(err, SV_E_IO, "%s: not a regular file of up to %u bytes", path, MAX_JSON_BYTES);
@@ -307,7 +318,8 @@ static sv_status read_text(int fd, const char *path, char **text, size_t *bytes,
 
 sv_status sv_capture_load(sv_capture *c, const char *dir, sv_arena *arena, sv_err *err) {
   char path[SV_CAPTURE_CAP_PATH + 16];
-  if (strlen(dir) >= SV_CAPTURE_CAP_PATH) return sv_fail(err, SV_E_ARG, "%.80s...: the path is too long", dir);
+  if (strlen(dir) >= SV_CAPTURE_CAP_PATH)
+    return sv_fail(err, SV_E_ARG, "%.80s...: the path is too long", dir);
   sv_status s = sv_capture_recover(dir, err);
   if (s < 0) return s;
   sv_fmt(path, sizeof path, "%s/capture.json", dir);
@@ -342,7 +354,8 @@ sv_status sv_capture_pose_at(const sv_capture *c, sv_ns t_ns, sv_pose *rig_from_
     else hi = mid - 1;
   }
   const sv_capture_pose *a = &c->poses[lo], *b = lo + 1 < c->n_poses ? a + 1 : a;
-  double u = b == a || t_ns <= a->time_ns ? 0 : (double)(t_ns - a->time_ns) / (double)(b->time_ns - a->time_ns);
+  double u =
+      b == a || t_ns <= a->time_ns ? 0 : (double)(t_ns - a->time_ns) / (double)(b->time_ns - a->time_ns);
   double q[4];
   slerp(q, a->q_wxyz, b->q_wxyz, u);
   sv_quat_to_mat(rig_from_world->r, q);

@@ -18,7 +18,8 @@
 //        "frames": [
 //          {"file": "000000.jpg", "sequence": 0, "camera_ns": 100, "arrival_ns": 200, "exposure_ns": 0},
 //          ...                                    arrival_ns never decreases; sequence defaults to the
-//        ]}, ...                                  place in the list, arrival_ns to camera_ns, exposure_ns to 0
+//        ]}, ...                                  place in the list, arrival_ns to camera_ns, exposure_ns to
+//        0
 //     ],
 //     "poses": [                                  optional, time_ns (host time, as arrival_ns) increasing
 //       {"time_ns": 100, "rig_from_world": [qw,qx,qy,qz, tx,ty,tz]}, ...
@@ -62,7 +63,7 @@ typedef struct {
   double scene_min_m[3], scene_max_m[3];
   sv_capture_camera *cameras; // [n_cameras]
   int n_cameras;
-  int n_frames; // of all cameras
+  int n_frames;           // of all cameras
   sv_capture_pose *poses; // [n_poses]
   int n_poses;
 } sv_capture;

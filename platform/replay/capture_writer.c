@@ -20,11 +20,12 @@ static void sidecar_name(char out[32], int i_camera) { sv_fmt(out, 32, "frames.%
 
 // --- memory ----------------------------------------------------------------------------------------
 static bool cfg_is_good(const sv_capture_writer_cfg *c) {
-  if (!c->dir || c->n_cameras < 1 || c->n_cameras > SV_CAP_SUB_VIEWS || !c->caps || c->quality < 0 || c->quality > 100 ||
-      c->save_period < 0)
+  if (!c->dir || c->n_cameras < 1 || c->n_cameras > SV_CAP_SUB_VIEWS || !c->caps || c->quality < 0 ||
+      c->quality > 100 || c->save_period < 0)
     return false;
   for (int i = 0; i < c->n_cameras; i++)
-    if (c->caps[i].width_px < 1 || c->caps[i].height_px < 1 || c->caps[i].width_px > 32768 || c->caps[i].height_px > 32768)
+    if (c->caps[i].width_px < 1 || c->caps[i].height_px < 1 || c->caps[i].width_px > 32768 ||
+        c->caps[i].height_px > 32768)
       return false;
   return true;
 }
@@ -111,8 +112,8 @@ static sv_status put_head(sv_capture_writer *w, sv_err *err) {
   if (w->rig[0]) sv_str_add(&s, "\"rig\":\"%s\",\n", w->rig);
   const double *m = w->scene_m;
   if (w->cfg.scene_m)
-    sv_str_add(&s, "\"scene\":{\"min_m\":[%.17g,%.17g,%.17g],\"max_m\":[%.17g,%.17g,%.17g]},\n", m[0], m[1], m[2], m[3],
-               m[4], m[5]);
+    sv_str_add(&s, "\"scene\":{\"min_m\":[%.17g,%.17g,%.17g],\"max_m\":[%.17g,%.17g,%.17g]},\n", m[0], m[1],
+               m[2], m[3], m[4], m[5]);
   sv_str_add(&s, "\"cameras\":[\n");
   return put_text(&w->store, line, err);
 }
@@ -123,9 +124,11 @@ static sv_status put_camera(sv_capture_writer *w, int i, sv_err *err) {
   const sv_camera_caps *c = &w->caps[i];
   char line[LINE_BYTES];
   sv_fmt(line, sizeof line,
-         "{\"name\":\"%s\",\"folder\":\"%s\",\"width\":%d,\"height\":%d,\"fps\":%.17g,\"clock\":\"%s\",\"stamp\":\"%s\","
+         "{\"name\":\"%s\",\"folder\":\"%s\",\"width\":%d,\"height\":%d,\"fps\":%.17g,\"clock\":\"%s\","
+         "\"stamp\":\"%s\","
          "\"frames\":[\n",
-         c->name, w->cameras[i].folder, c->width_px, c->height_px, c->fps, clocks[c->clock], stamps[c->stamp]);
+         c->name, w->cameras[i].folder, c->width_px, c->height_px, c->fps, clocks[c->clock],
+         stamps[c->stamp]);
   sv_status s = put_text(&w->store, line, err);
   if (s == SV_OK) s = copy_lines(&w->store, w->cameras[i].fd, w->copy, w->cap_copy, err);
   if (s == SV_OK) s = put_text(&w->store, i + 1 < w->cfg.n_cameras ? "]},\n" : "]}\n", err);
@@ -155,8 +158,8 @@ static void plain(char *out, size_t cap, const char *in, bool is_path) {
   size_t n = 0;
   for (; *in && n + 1 < cap; in++) {
     char c = *in;
-    bool is_kept = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_' ||
-                   (c == '.' && (n || is_path)) || (is_path && c == '/');
+    bool is_kept = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' ||
+                   c == '_' || (c == '.' && (n || is_path)) || (is_path && c == '/');
     out[n++] = is_kept ? c : '_';
   }
   out[n] = 0;
@@ -208,12 +211,14 @@ static sv_status open_files(sv_capture_writer *w, sv_err *err) {
   return sv_capture_writer_save(w, err); // from here on a kill leaves a capture
 }
 
-sv_status sv_capture_writer_open(sv_capture_writer *w, const sv_capture_writer_cfg *cfg, sv_arena *arena, sv_err *err) {
+sv_status sv_capture_writer_open(sv_capture_writer *w, const sv_capture_writer_cfg *cfg, sv_arena *arena,
+                                 sv_err *err) {
   memset(w, 0, sizeof *w);
   w->pose_fd = w->store.fd = w->store.dir_fd = -1;
   if (!cfg_is_good(cfg)) return sv_fail(err, SV_E_ARG, "capture: the writer's settings are out of range");
   carve(w, cfg, arena);
-  if (arena->status < 0) return sv_fail(err, arena->status, "capture: the memory left does not hold the writer's buffers");
+  if (arena->status < 0)
+    return sv_fail(err, arena->status, "capture: the memory left does not hold the writer's buffers");
   sv_codec_cfg cc = codec_cfg(cfg);
   sv_status s = sv_codec_init(&w->codec, &cc, arena);
   if (s < 0) return sv_fail(err, s, "capture: the memory left does not hold the JPEG encoder");
@@ -251,17 +256,20 @@ sv_status sv_capture_writer_close(sv_capture_writer *w, sv_err *err) {
 }
 
 // --- frames and poses ------------------------------------------------------------------------------
-static sv_status picture_bytes(sv_capture_writer *w, const sv_frame *f, const uint8_t **data, size_t *bytes, sv_err *err) {
+static sv_status picture_bytes(sv_capture_writer *w, const sv_frame *f, const uint8_t **data, size_t *bytes,
+                               sv_err *err) {
   *data = f->data;
   *bytes = f->data_bytes;
   if (f->format == SV_PIX_JPEG || f->format == SV_PIX_PNG) return SV_OK;
-  sv_picture in = {f->width_px, f->height_px, (size_t)f->stride_bytes, f->format, (uint8_t *)(uintptr_t)f->data};
+  sv_picture in = {f->width_px, f->height_px, (size_t)f->stride_bytes, f->format,
+                   (uint8_t *)(uintptr_t)f->data};
   *data = w->jpeg;
-  return sv_codec_encode_jpeg(&w->codec, &in, w->cfg.quality, !w->cfg.is_chroma_halved, w->jpeg, w->cap_jpeg, bytes, err);
+  return sv_codec_encode_jpeg(&w->codec, &in, w->cfg.quality, !w->cfg.is_chroma_halved, w->jpeg, w->cap_jpeg,
+                              bytes, err);
 }
 
-static sv_status put_picture(sv_capture_writer *w, int dir_fd, const char *name, const uint8_t *data, size_t bytes,
-                             sv_err *err) {
+static sv_status put_picture(sv_capture_writer *w, int dir_fd, const char *name, const uint8_t *data,
+                             size_t bytes, sv_err *err) {
   int fd = openat(dir_fd, name, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
   if (fd < 0) return io_failed(w, name, err);
   bool is_good = put_all(fd, data, bytes);
@@ -277,21 +285,23 @@ sv_status sv_capture_writer_add(sv_capture_writer *w, const sv_frame *f, sv_err 
   const sv_camera_caps *caps = &w->caps[f->i_camera];
   if (f->is_error) return SV_DROPPED;
   if (f->width_px != caps->width_px || f->height_px != caps->height_px)
-    return sv_fail(err, SV_E_ARG, "capture: a frame of %s is %dx%d, expected %dx%d", c->folder, f->width_px, f->height_px,
-                   caps->width_px, caps->height_px);
+    return sv_fail(err, SV_E_ARG, "capture: a frame of %s is %dx%d, expected %dx%d", c->folder, f->width_px,
+                   f->height_px, caps->width_px, caps->height_px);
   const uint8_t *data;
   size_t bytes;
   char name[32], line[LINE_BYTES];
   sv_status s = picture_bytes(w, f, &data, &bytes, err);
   if (s < 0) return s;
-  sv_fmt(name, sizeof name, "%06llu.%s", (unsigned long long)c->n_frames, f->format == SV_PIX_PNG ? "png" : "jpg");
+  sv_fmt(name, sizeof name, "%06llu.%s", (unsigned long long)c->n_frames,
+         f->format == SV_PIX_PNG ? "png" : "jpg");
   s = put_picture(w, c->dir_fd, name, data, bytes, err);
   if (s < 0) return s;
   // The line goes after the picture: what is listed is there.
-  size_t n = sv_fmt(line, sizeof line,
-                    "%s{\"file\":\"%s\",\"sequence\":%u,\"camera_ns\":%lld,\"arrival_ns\":%lld,\"exposure_ns\":%lld}\n",
-                    c->n_frames ? "," : "", name, f->sequence, (long long)f->camera_ns, (long long)f->arrival_ns,
-                    (long long)f->exposure_ns);
+  size_t n = sv_fmt(
+      line, sizeof line,
+      "%s{\"file\":\"%s\",\"sequence\":%u,\"camera_ns\":%lld,\"arrival_ns\":%lld,\"exposure_ns\":%lld}\n",
+      c->n_frames ? "," : "", name, f->sequence, (long long)f->camera_ns, (long long)f->arrival_ns,
+      (long long)f->exposure_ns);
   if (!put_all(c->fd, line, n)) return io_failed(w, "a sidecar", err);
   c->n_frames++;
   w->n_frames++;
@@ -303,9 +313,10 @@ sv_status sv_capture_writer_add_pose(sv_capture_writer *w, sv_ns time_ns, const 
   double q[4];
   char line[LINE_BYTES];
   sv_quat_from_mat(q, p->r);
-  size_t n = sv_fmt(line, sizeof line,
-                    "%s{\"time_ns\":%lld,\"rig_from_world\":[%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g]}\n",
-                    w->n_poses ? "," : "", (long long)time_ns, q[0], q[1], q[2], q[3], p->t[0], p->t[1], p->t[2]);
+  size_t n =
+      sv_fmt(line, sizeof line,
+             "%s{\"time_ns\":%lld,\"rig_from_world\":[%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g]}\n",
+             w->n_poses ? "," : "", (long long)time_ns, q[0], q[1], q[2], q[3], p->t[0], p->t[1], p->t[2]);
   if (!put_all(w->pose_fd, line, n)) return io_failed(w, POSES_SIDECAR, err);
   w->n_poses++;
   return SV_OK;
@@ -367,7 +378,8 @@ static sv_status rewrite(sv_linux_store *store, lines_t *l, sv_err *err) {
     is_whole = sv_str_eq(l->line, "}\n");
   }
   if (s == SV_OK && !is_whole)
-    s = sv_fail(err, SV_E_FORMAT, "%s/capture.json: not as the writer leaves it, so frames.*.part cannot be folded in",
+    s = sv_fail(err, SV_E_FORMAT,
+                "%s/capture.json: not as the writer leaves it, so frames.*.part cannot be folded in",
                 store->dir);
   return s;
 }

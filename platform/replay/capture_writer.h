@@ -27,7 +27,7 @@ typedef struct {
 } sv_capture_writer_cfg;
 
 typedef struct {
-  int fd, dir_fd;     // sidecar, folder; -1
+  int fd, dir_fd; // sidecar, folder; -1
   uint64_t n_frames;
   char folder[48];
 } sv_capture_writer_camera;

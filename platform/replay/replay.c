@@ -33,15 +33,18 @@ static sv_status read_option(const char *p, size_t n, sv_replay_cfg *cfg, sv_err
   } else if (nk == 4 && !memcmp(p, "from", 4)) is_good = read_count(v, nv, 0, &cfg->from);
   else if (nk == 5 && !memcmp(p, "count", 5)) is_good = read_count(v, nv, 1, &cfg->count);
   if (is_good) return SV_OK;
-  return sv_fail(err, SV_E_ARG,
-                 "replay: \"%.*s\" is not an option; there are speed=max|realtime|0.001..1000, from=N and count=N", (int)n, p);
+  return sv_fail(
+      err, SV_E_ARG,
+      "replay: \"%.*s\" is not an option; there are speed=max|realtime|0.001..1000, from=N and count=N",
+      (int)n, p);
 }
 
 sv_status sv_replay_parse(const char *spec, sv_replay_cfg *cfg, sv_err *err) {
   *cfg = (sv_replay_cfg){.speed = 1};
   size_t n = strcspn(spec, ",");
   if (n == 0 || n >= sizeof cfg->dir)
-    return sv_fail(err, SV_E_ARG, "replay: expected a folder of 1 to %d characters", (int)sizeof cfg->dir - 1);
+    return sv_fail(err, SV_E_ARG, "replay: expected a folder of 1 to %d characters",
+                   (int)sizeof cfg->dir - 1);
   memcpy(cfg->dir, spec, n);
   for (const char *p = spec + n; *p == ',';) {
     size_t len = strcspn(++p, ",");
@@ -66,7 +69,8 @@ static sv_status open_camera(sv_replay *r, int c, sv_err *err) {
   sv_fmt(path, sizeof path, "%s/%s", r->cfg.dir, cc->folder);
   r->cameras[c].dir_fd = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (r->cameras[c].dir_fd < 0)
-    return sv_fail(err, SV_E_NOT_FOUND, "%s: the camera's folder cannot be opened: %s", path, sv_linux_reason(errno));
+    return sv_fail(err, SV_E_NOT_FOUND, "%s: the camera's folder cannot be opened: %s", path,
+                   sv_linux_reason(errno));
   for (int i = r->cfg.from; i < end_of(r, c); i++) {
     struct stat st;
     if (fstatat(r->cameras[c].dir_fd, cc->frames[i].file, &st, 0) < 0) continue;
@@ -108,15 +112,16 @@ static sv_status init(sv_replay *r, sv_arena *arena, sv_err *err) {
   int n_cameras = r->capture.n_cameras;
   r->capture.n_cameras = 0; // until there is something to close
   r->cameras = SV_TAKE(arena, sv_replay_camera, n_cameras);
-  if (arena->status < 0) return sv_fail(err, arena->status, "%s: the memory left does not hold its cameras", r->cfg.dir);
+  if (arena->status < 0)
+    return sv_fail(err, arena->status, "%s: the memory left does not hold its cameras", r->cfg.dir);
   for (int c = 0; c < n_cameras; c++) r->cameras[c] = (sv_replay_camera){.dir_fd = -1};
   r->capture.n_cameras = n_cameras;
   for (int c = 0; c < n_cameras && s == SV_OK; c++) s = open_camera(r, c, err);
   if (s < 0) return s;
   s = take_buffers(r, arena);
   if (s < 0)
-    return sv_fail(err, s, "%s: the memory left does not hold %d frames of each of its %d cameras", r->cfg.dir,
-                   r->cfg.n_buffers, n_cameras);
+    return sv_fail(err, s, "%s: the memory left does not hold %d frames of each of its %d cameras",
+                   r->cfg.dir, r->cfg.n_buffers, n_cameras);
   find_first(r);
   r->virtual_ns = r->first_ns;
   r->started_ns = r->machine.now_ns(r->machine.self);
@@ -128,8 +133,10 @@ sv_status sv_replay_init(sv_replay *r, const sv_replay_cfg *cfg, sv_arena *arena
   r->cfg = *cfg;
   r->machine = sv_linux_clock();
   if (!r->cfg.n_buffers) r->cfg.n_buffers = 8;
-  if (r->cfg.n_buffers < 1 || r->cfg.n_buffers > CAP_BUFFERS || !(r->cfg.speed >= 0) || r->cfg.from < 0 || r->cfg.count < 0)
-    return sv_fail(err, SV_E_ARG, "replay: buffers (1 to %d), speed, from or count are out of range", CAP_BUFFERS);
+  if (r->cfg.n_buffers < 1 || r->cfg.n_buffers > CAP_BUFFERS || !(r->cfg.speed >= 0) || r->cfg.from < 0 ||
+      r->cfg.count < 0)
+    return sv_fail(err, SV_E_ARG, "replay: buffers (1 to %d), speed, from or count are out of range",
+                   CAP_BUFFERS);
   sv_status s = init(r, arena, err);
   if (s < 0) sv_replay_close(r);
   return s;
@@ -203,7 +210,9 @@ static int next_camera(const sv_replay *r) {
 static sv_status read_file(sv_replay *r, int c, const char *name, size_t *bytes) {
   int fd = openat(r->cameras[c].dir_fd, name, O_RDONLY | O_CLOEXEC);
   const char *folder = r->capture.cameras[c].folder;
-  if (fd < 0) return sv_fail(&r->last_err, SV_E_NOT_FOUND, "%s/%s: cannot be read: %s", folder, name, sv_linux_reason(errno));
+  if (fd < 0)
+    return sv_fail(&r->last_err, SV_E_NOT_FOUND, "%s/%s: cannot be read: %s", folder, name,
+                   sv_linux_reason(errno));
   size_t got = 0;
   ssize_t n = 1;
   while (n != 0 && got < r->cap_file + 1) {
@@ -215,7 +224,8 @@ static sv_status read_file(sv_replay *r, int c, const char *name, size_t *bytes)
   close(fd);
   *bytes = got;
   if (n < 0) return sv_fail(&r->last_err, SV_E_IO, "%s/%s: reading failed", folder, name);
-  if (got > r->cap_file) return sv_fail(&r->last_err, SV_E_RANGE, "%s/%s: has grown since the start", folder, name);
+  if (got > r->cap_file)
+    return sv_fail(&r->last_err, SV_E_RANGE, "%s/%s: has grown since the start", folder, name);
   return SV_OK;
 }
 
@@ -281,7 +291,8 @@ static sv_status source_dequeue(void *self, sv_frame *f, sv_ns until_ns) {
 
 static sv_status source_requeue(void *self, const sv_frame *f) {
   sv_replay *r = self;
-  if (f->i_camera < 0 || f->i_camera >= r->capture.n_cameras || f->i_buffer < 0 || f->i_buffer >= r->cfg.n_buffers)
+  if (f->i_camera < 0 || f->i_camera >= r->capture.n_cameras || f->i_buffer < 0 ||
+      f->i_buffer >= r->cfg.n_buffers)
     return SV_E_ARG;
   uint64_t bit = (uint64_t)1 << f->i_buffer;
   if (!(r->cameras[f->i_camera].on_loan & bit)) return SV_E_ARG; // handed back twice

@@ -56,7 +56,8 @@ typedef struct {
 
 // Loads the capture and takes all buffers. `self` must not move afterwards.
 sv_status sv_replay_init(sv_replay *self, const sv_replay_cfg *cfg, sv_arena *arena, sv_err *err) SV_MUST_USE;
-// Each start plays from the beginning, and the clock begins there again. rig_pose answers from the capture's poses.
+// Each start plays from the beginning, and the clock begins there again. rig_pose answers from the capture's
+// poses.
 sv_source sv_replay_source(sv_replay *self);
 sv_clock sv_replay_clock(sv_replay *self);
 void sv_replay_close(sv_replay *self); // safe after a failed init

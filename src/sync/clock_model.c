@@ -25,8 +25,8 @@ static void start(sv_clock_model *m, sv_ns camera_ns, sv_ns offset_ns) {
   m->block_residual_ns = 0;
   m->offset_ns = 0;
   m->drift = 0;
-  m->is_estimating =
-      !m->is_common || offset_ns - m->transport_ns > m->step_limit_ns || offset_ns - m->transport_ns < -m->step_limit_ns;
+  m->is_estimating = !m->is_common || offset_ns - m->transport_ns > m->step_limit_ns ||
+                     offset_ns - m->transport_ns < -m->step_limit_ns;
 }
 
 // The lower hull's edge over the mean time; a slope beyond what a crystal does is noise of a short
@@ -48,7 +48,8 @@ static void fit(sv_clock_model *m) {
   while (e + 2 < n && hull[e + 1].x_s < mean) e++;
   double drift = 0;
   // One block says nothing about a slope.
-  if (n >= 2 && m->n_blocks >= 3) drift = (hull[e + 1].d_ns - hull[e].d_ns) / ((hull[e + 1].x_s - hull[e].x_s) * 1e9);
+  if (n >= 2 && m->n_blocks >= 3)
+    drift = (hull[e + 1].d_ns - hull[e].d_ns) / ((hull[e + 1].x_s - hull[e].x_s) * 1e9);
   if (drift > m->max_drift) drift = m->max_drift;
   if (drift < -m->max_drift) drift = -m->max_drift;
   double offset = m->blocks[0].d_ns - drift * m->blocks[0].x_s * 1e9;

@@ -5,7 +5,8 @@
 const char *sv_drop_name(sv_drop_reason r) {
   switch (r) {
 #define X(NAME, name, sentence)                                                                              \
-  case SV_DROP_##NAME: return #name;
+  case SV_DROP_##NAME:                                                                                       \
+    return #name;
 #include "src/sync/sv_drop.inc"
 #undef X
   default: return "?";
@@ -15,7 +16,8 @@ const char *sv_drop_name(sv_drop_reason r) {
 const char *sv_drop_sentence(sv_drop_reason r) {
   switch (r) {
 #define X(NAME, name, sentence)                                                                              \
-  case SV_DROP_##NAME: return sentence;
+  case SV_DROP_##NAME:                                                                                       \
+    return sentence;
 #include "src/sync/sv_drop.inc"
 #undef X
   default: return "?";
@@ -25,7 +27,8 @@ const char *sv_drop_sentence(sv_drop_reason r) {
 const char *sv_sync_event_name(sv_sync_event_kind k) {
   switch (k) {
 #define X(NAME, name)                                                                                        \
-  case SV_SYNC_EVENT_##NAME: return #name;
+  case SV_SYNC_EVENT_##NAME:                                                                                 \
+    return #name;
 #include "src/sync/sv_sync_event.inc"
 #undef X
   default: return "?";

@@ -3,44 +3,57 @@
 
 #include <string.h>
 
-#define MAX_GAP_FRAMES 10000 // a larger leap of the sequence number is a restart, not a loss
-#define SEEN_FRAMES    64
-#define CAP_QUEUE      64
-#define MAX_STAMP_NS   (INT64_MAX / 4) // sums and differences of two stamps stay in range
+#define MAX_GAP_FRAMES  10000 // a larger leap of the sequence number is a restart, not a loss
+#define SEEN_FRAMES     64
+#define CAP_QUEUE       64
+#define MAX_STAMP_NS    (INT64_MAX / 4) // sums and differences of two stamps stay in range
 #define MAX_EXPOSURE_NS (10 * SV_NS_PER_S)
 
 static bool cfg_is_good(const sv_sync_cfg *c) {
   return c->n_cameras >= 1 && c->n_cameras <= SV_CAP_SUB_VIEWS && c->cameras && c->queue_len >= 2 &&
          c->queue_len <= CAP_QUEUE && c->skew_limit_ns >= 0 && c->skew_limit_ns < MAX_STAMP_NS &&
-         c->min_cameras >= 0 && c->min_cameras <= c->n_cameras && c->max_wait_ns >= 0 && c->step_limit_ns >= 0 &&
-         c->max_drift >= 0 && c->max_drift < 0.1;
+         c->min_cameras >= 0 && c->min_cameras <= c->n_cameras && c->max_wait_ns >= 0 &&
+         c->step_limit_ns >= 0 && c->max_drift >= 0 && c->max_drift < 0.1;
 }
 
-static void carve(sv_sync *s, const sv_sync_cfg *cfg, sv_arena *a) {
+// What the arena holds; sv_sync itself is too large for a stack frame.
+typedef struct {
+  sv_sync_stream *streams;
+  sv_frame *returns;
+  int cap_returns;
+} parts_t;
+
+static parts_t carve(const sv_sync_cfg *cfg, sv_arena *a) {
+  parts_t p;
   sv_arena_part_begin(a, "sync");
-  s->streams = SV_TAKE(a, sv_sync_stream, cfg->n_cameras);
+  p.streams = SV_TAKE(a, sv_sync_stream, cfg->n_cameras);
   // One push returns at most its own queue or one frame a camera, and itself; a flush returns all.
-  s->cap_returns = cfg->n_cameras * (cfg->queue_len + 2) + cfg->queue_len + 2;
-  s->returns = SV_TAKE(a, sv_frame, s->cap_returns);
+  p.cap_returns = cfg->n_cameras * (cfg->queue_len + 2) + cfg->queue_len + 2;
+  p.returns = SV_TAKE(a, sv_frame, p.cap_returns);
   for (int c = 0; c < cfg->n_cameras; c++) {
     sv_sync_entry *queue = SV_TAKE(a, sv_sync_entry, cfg->queue_len);
-    if (a->base && a->status >= 0) s->streams[c] = (sv_sync_stream){.queue = queue};
+    if (!a->base || a->status < 0) continue;
+    memset(&p.streams[c], 0, sizeof p.streams[c]);
+    p.streams[c].queue = queue;
   }
+  return p;
 }
 
 size_t sv_sync_bytes(const sv_sync_cfg *cfg) {
   if (!cfg_is_good(cfg)) return 0;
-  sv_sync s = {0};
   sv_arena dry = sv_arena_dry();
-  carve(&s, cfg, &dry);
+  carve(cfg, &dry);
   return dry.used_bytes;
 }
 
 sv_status sv_sync_init(sv_sync *s, const sv_sync_cfg *cfg, sv_arena *arena) {
   memset(s, 0, sizeof *s);
   if (!cfg_is_good(cfg)) return SV_E_ARG;
-  carve(s, cfg, arena);
+  parts_t p = carve(cfg, arena);
   if (arena->status < 0) return arena->status;
+  s->streams = p.streams;
+  s->returns = p.returns;
+  s->cap_returns = p.cap_returns;
   s->cfg = *cfg;
   s->cfg.cameras = NULL;
   if (!s->cfg.min_cameras) s->cfg.min_cameras = cfg->n_cameras;
@@ -66,7 +79,8 @@ static void event(sv_sync *s, sv_sync_event_kind kind, int i_camera, sv_ns host_
     s->n_events--;
     s->n_events_lost++;
   }
-  s->events[(s->i_event + s->n_events++) % SV_SYNC_CAP_EVENTS] = (sv_sync_event){kind, i_camera, host_ns, detail};
+  s->events[(s->i_event + s->n_events++) % SV_SYNC_CAP_EVENTS] =
+      (sv_sync_event){kind, i_camera, host_ns, detail};
 }
 
 static int n_free_returns(const sv_sync *s) { return s->cap_returns - s->n_returns; }
@@ -181,7 +195,8 @@ static sv_status drop_bad(sv_sync *s, int c, const sv_frame *f) {
   int32_t delta = (int32_t)(f->sequence - st->last_sequence);
   // Its number still tells that no frame is missing here; its time is not to be trusted.
   if (st->has_last && delta > 0 && delta <= MAX_GAP_FRAMES) advance_sequence(s, c, f, (uint32_t)delta);
-  event(s, SV_SYNC_EVENT_BAD_FRAME, c, stamps_are_possible(f) ? f->arrival_ns : s->now_ns, (int64_t)f->sequence);
+  event(s, SV_SYNC_EVENT_BAD_FRAME, c, stamps_are_possible(f) ? f->arrival_ns : s->now_ns,
+        (int64_t)f->sequence);
   give_back(s, f, SV_DROP_ERROR_FLAG);
   return SV_DROPPED;
 }
@@ -213,7 +228,8 @@ static sv_status enqueue(sv_sync *s, int c, const sv_frame *f) {
   sv_sync_stream *st = &s->streams[c];
   // Frames that wait get the better estimate too; in one epoch their order cannot change.
   if (st->clock.is_estimating)
-    for (int i = 0; i < st->n_queued; i++) entry(s, c, i)->mid_host_ns = mid_host_ns(st, &entry(s, c, i)->frame);
+    for (int i = 0; i < st->n_queued; i++)
+      entry(s, c, i)->mid_host_ns = mid_host_ns(st, &entry(s, c, i)->frame);
   sv_ns mid_ns = mid_host_ns(st, f);
   st->last_mid_host_ns = mid_ns;
   st->has_host = true;
@@ -251,9 +267,9 @@ sv_status sv_sync_push(sv_sync *s, const sv_frame *f) {
 
 // --- pop: which frames belong together -------------------------------------------------------------
 typedef struct {
-  int i_first;            // the camera whose head is the oldest; -1: nothing waits
-  int n_present, n_open;  // heads within the skew limit of it; cameras that may still bring one
-  int i_open;             // one of those
+  int i_first;                        // the camera whose head is the oldest; -1: nothing waits
+  int n_present, n_open;              // heads within the skew limit of it; cameras that may still bring one
+  int i_open;                         // one of those
   sv_ns first_ns, second_ns, last_ns; // of the heads present
 } group_t;
 
@@ -276,7 +292,8 @@ static group_t group(const sv_sync *s) {
       g.n_present++;
       if (t_ns > g.last_ns) g.last_ns = t_ns;
       if (c != g.i_first && t_ns < g.second_ns) g.second_ns = t_ns;
-    } else if (!(st->has_host && st->last_mid_host_ns > end_ns) && !(st->is_closed && st->closed_ns >= end_ns)) {
+    } else if (!(st->has_host && st->last_mid_host_ns > end_ns) &&
+               !(st->is_closed && st->closed_ns >= end_ns)) {
       g.n_open++;
       g.i_open = c;
     }
@@ -353,7 +370,8 @@ sv_status sv_sync_pop_exposure(sv_sync *s, sv_exposure *e, sv_frame *frames) {
     if (g.n_open) {
       sv_ns waited_ns = s->now_ns - entry(s, g.i_first, 0)->frame.arrival_ns;
       // A full queue cannot wait: its next frame would push this one out.
-      if (waited_ns <= s->cfg.max_wait_ns && s->streams[g.i_first].n_queued < s->cfg.queue_len) return SV_AGAIN;
+      if (waited_ns <= s->cfg.max_wait_ns && s->streams[g.i_first].n_queued < s->cfg.queue_len)
+        return SV_AGAIN;
       close_open(s, &g, waited_ns);
       continue;
     }

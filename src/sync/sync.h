@@ -38,7 +38,7 @@ typedef enum {
   SV_N_SYNC_EVENTS
 } sv_sync_event_kind;
 
-const char *sv_drop_name(sv_drop_reason r);     // "no_partner"
+const char *sv_drop_name(sv_drop_reason r); // "no_partner"
 const char *sv_drop_sentence(sv_drop_reason r);
 const char *sv_sync_event_name(sv_sync_event_kind k);
 
@@ -72,7 +72,8 @@ typedef struct {
   int n_cameras;                 // 1..SV_CAP_SUB_VIEWS
   const sv_sync_camera *cameras; // [n_cameras], read by init only
   sv_sync_clock_mode clock_mode;
-  sv_ns skew_limit_ns; // mid-exposure times of one exposure differ by at most this; best under half a frame time
+  sv_ns skew_limit_ns; // mid-exposure times of one exposure differ by at most this; best under half a frame
+                       // time
   int queue_len;       // frames of one camera that may wait, 2..64
   int min_cameras;     // 0 or n_cameras: whole exposures only; less: cameras may be missing
   sv_ns max_wait_ns;   // a frame waits so long (host time) for a silent camera; 0: 500 ms. A full queue
@@ -115,7 +116,7 @@ typedef struct {
 } sv_sync_stream;
 
 typedef struct {
-  sv_sync_cfg cfg; // with defaults filled in; cameras is NULL
+  sv_sync_cfg cfg;         // with defaults filled in; cameras is NULL
   sv_sync_stream *streams; // [n_cameras]
   sv_frame *returns;       // [cap_returns], a ring
   int cap_returns, i_return, n_returns;

@@ -51,7 +51,9 @@ static void render(const sv_pose *cam_from_world, uint8_t *rgb) {
       double ray[3] = {(x + 0.5 - W / 2.0) / FOCAL_PX, (y + 0.5 - H / 2.0) / FOCAL_PX, 1}, d[3];
       double n = sv_norm3(ray);
       for (int i = 0; i < 3; i++) // transposed: from the camera to the world
-        d[i] = (cam_from_world->r[i] * ray[0] + cam_from_world->r[3 + i] * ray[1] + cam_from_world->r[6 + i] * ray[2]) / n;
+        d[i] = (cam_from_world->r[i] * ray[0] + cam_from_world->r[3 + i] * ray[1] +
+                cam_from_world->r[6 + i] * ray[2]) /
+               n;
       shade(eye, d, rgb + (y * W + x) * 3);
     }
 }
@@ -66,9 +68,10 @@ static void put_rig(const char *dir) {
     FILE *f = fopen(path, "w");
     if (!f) exit(1);
     // mrcal's pixel centres lie at integers
-    fprintf(f, "{\n 'lensmodel': 'LENSMODEL_PINHOLE',\n 'extrinsics': [0, 0, 0, %g, 0, 0],\n", c ? -BASELINE_M : 0.0);
-    fprintf(f, " 'intrinsics': [%g, %g, %g, %g],\n 'imagersize': [%d, %d]\n}\n", FOCAL_PX, FOCAL_PX, W / 2.0 - 0.5,
-            H / 2.0 - 0.5, W, H);
+    fprintf(f, "{\n 'lensmodel': 'LENSMODEL_PINHOLE',\n 'extrinsics': [0, 0, 0, %g, 0, 0],\n",
+            c ? -BASELINE_M : 0.0);
+    fprintf(f, " 'intrinsics': [%g, %g, %g, %g],\n 'imagersize': [%d, %d]\n}\n", FOCAL_PX, FOCAL_PX,
+            W / 2.0 - 0.5, H / 2.0 - 0.5, W, H);
     fclose(f);
   }
   sv_fmt(path, sizeof path, "%s/rig/rig.json", dir);
@@ -89,8 +92,13 @@ int main(int argc, char **argv) {
   sv_camera_caps caps[N_CAMERAS] = {{.name = "cam0"}, {.name = "cam1"}};
   for (int c = 0; c < N_CAMERAS; c++)
     caps[c].width_px = W, caps[c].height_px = H, caps[c].fps = 10, caps[c].clock = SV_CLOCK_MONOTONIC;
-  sv_capture_writer_cfg cfg = {.dir = argv[1], .name = "tiny", .rig = "rig", .n_cameras = N_CAMERAS, .caps = caps,
-                               .scene_m = scene_m, .quality = 90};
+  sv_capture_writer_cfg cfg = {.dir = argv[1],
+                               .name = "tiny",
+                               .rig = "rig",
+                               .n_cameras = N_CAMERAS,
+                               .caps = caps,
+                               .scene_m = scene_m,
+                               .quality = 90};
   static sv_capture_writer w;
   sv_arena arena = sv_arena_make(block, sizeof block);
   sv_err err = {.text = ""};
@@ -106,9 +114,17 @@ int main(int argc, char **argv) {
       sv_pose cam = rig;
       cam.t[0] -= c * BASELINE_M;
       render(&cam, rgb);
-      sv_frame f = {.i_camera = c, .sequence = (uint32_t)e, .camera_ns = t_ns - 4 * SV_NS_PER_MS + c * 50000,
-                    .arrival_ns = t_ns + (5 + c) * SV_NS_PER_MS, .exposure_ns = 8 * SV_NS_PER_MS, .width_px = W,
-                    .height_px = H, .stride_bytes = W * 3, .format = SV_PIX_RGB8, .data = rgb, .data_bytes = sizeof rgb};
+      sv_frame f = {.i_camera = c,
+                    .sequence = (uint32_t)e,
+                    .camera_ns = t_ns - 4 * SV_NS_PER_MS + c * 50000,
+                    .arrival_ns = t_ns + (5 + c) * SV_NS_PER_MS,
+                    .exposure_ns = 8 * SV_NS_PER_MS,
+                    .width_px = W,
+                    .height_px = H,
+                    .stride_bytes = W * 3,
+                    .format = SV_PIX_RGB8,
+                    .data = rgb,
+                    .data_bytes = sizeof rgb};
       s = sv_capture_writer_add(&w, &f, &err);
     }
     if (s == SV_OK) s = sv_capture_writer_add_pose(&w, t_ns, &rig, &err); // of the middle of the exposure

@@ -68,7 +68,8 @@ static void paint(uint8_t *rgb, int w, int h) { // smooth, so that JPEG keeps it
   for (int y = 0; y < h; y++)
     for (int x = 0; x < w; x++) {
       uint8_t *p = rgb + (size_t)(y * w + x) * 3;
-      p[0] = (uint8_t)(255 * x / w), p[1] = (uint8_t)(255 * y / h), p[2] = (uint8_t)(128 + 100 * ((x / 32 + y / 32) & 1));
+      p[0] = (uint8_t)(255 * x / w), p[1] = (uint8_t)(255 * y / h),
+      p[2] = (uint8_t)(128 + 100 * ((x / 32 + y / 32) & 1));
     }
 }
 
@@ -87,7 +88,8 @@ static size_t libjpeg_file(int w, int h, bool is_progressive, J_COLOR_SPACE spac
   c.err = jpeg_std_error(&e);
   jpeg_create_compress(&c);
   jpeg_mem_dest(&c, &out, &n);
-  c.image_width = (JDIMENSION)w, c.image_height = (JDIMENSION)h, c.input_components = 3, c.in_color_space = JCS_RGB;
+  c.image_width = (JDIMENSION)w, c.image_height = (JDIMENSION)h, c.input_components = 3,
+  c.in_color_space = JCS_RGB;
   jpeg_set_defaults(&c);
   jpeg_set_colorspace(&c, space);
   jpeg_set_quality(&c, 95, TRUE);
@@ -123,7 +125,8 @@ static void jpeg_round_trip(void **state) {
       assert_true(mean_error(g_rgb, g_back, (size_t)w * (size_t)h * 3) < (i < 2 ? 30 : full ? 2 : 3));
       sv_codec_info info;
       assert_int_equal(sv_codec_probe(g_file, n, &info, &err), SV_OK);
-      assert_true(info.width_px == w && info.height_px == h && info.format == SV_PIX_JPEG && info.n_channels == 3);
+      assert_true(info.width_px == w && info.height_px == h && info.format == SV_PIX_JPEG &&
+                  info.n_channels == 3);
       if (i > 2)
         print_message("%dx%d: %zu bytes, block encoding %zu, decoding %zu of %zu\n", w, h, n, enc_high,
                       b.codec.high_bytes, b.codec.block_bytes);
@@ -181,7 +184,8 @@ static void sizes_must_agree(void **state) {
   out.width_px = 200;
   assert_int_equal(sv_codec_decode(&b.codec, g_file, n, &out, &err), SV_E_RANGE);
   in.width_px = 101;
-  assert_int_equal(sv_codec_encode_jpeg(&b.codec, &in, 90, false, g_file, sizeof g_file, &n, &err), SV_E_RANGE);
+  assert_int_equal(sv_codec_encode_jpeg(&b.codec, &in, 90, false, g_file, sizeof g_file, &n, &err),
+                   SV_E_RANGE);
   assert_int_equal(sv_codec_decode(&b.codec, (const uint8_t *)"hello", 5, &out, &err), SV_E_RANGE);
   assert_int_equal(sv_codec_decode(&b.codec, g_file, 0, &in, &err), SV_E_RANGE);
   bench_close(&b);
@@ -251,7 +255,8 @@ static void png_depth_interlaced(void **state) {
   int n_passes = png_set_interlace_handling(png);
   for (int p = 0; p < n_passes; p++)
     for (int y = 0; y < 30; y++) {
-      for (int x = 0; x < 40; x++) row[2 * x] = (uint8_t)((y * 1000 + x) >> 8), row[2 * x + 1] = (uint8_t)(y * 1000 + x);
+      for (int x = 0; x < 40; x++)
+        row[2 * x] = (uint8_t)((y * 1000 + x) >> 8), row[2 * x + 1] = (uint8_t)(y * 1000 + x);
       png_write_row(png, row);
     }
   png_write_end(png, info);
@@ -279,7 +284,8 @@ static void damaged_files(void **state) {
   for (int kind = 0; kind < 3; kind++) {
     bench_open(&b, 64, 48, kind == 2);
     paint(g_rgb, 64, 48);
-    size_t n = kind == 1 ? png_file(g_rgb, 64, 48, PNG_FORMAT_RGB) : libjpeg_file(64, 48, kind == 2, JCS_YCbCr);
+    size_t n =
+        kind == 1 ? png_file(g_rgb, 64, 48, PNG_FORMAT_RGB) : libjpeg_file(64, 48, kind == 2, JCS_YCbCr);
     memcpy(good, g_file, n);
     sv_picture out = picture(g_back, 64, 48, SV_PIX_RGB8);
     int n_ok = 0;
@@ -296,7 +302,8 @@ static void damaged_files(void **state) {
     sv_rng r = sv_rng_make(5, (uint64_t)kind);
     for (int i = 0; i < 4000; i++) {
       memcpy(bad, good, n);
-      for (int k = 0; k <= i % 4; k++) bad[sv_rng_below(&r, (uint32_t)n)] ^= (uint8_t)(1 << sv_rng_below(&r, 8));
+      for (int k = 0; k <= i % 4; k++)
+        bad[sv_rng_below(&r, (uint32_t)n)] ^= (uint8_t)(1 << sv_rng_below(&r, 8));
       sv_status s = sv_codec_decode(&b.codec, bad, n, &out, &err);
       assert_true(s <= 0);
       sv_codec_info info;
@@ -371,10 +378,14 @@ static void no_heap_call_a_frame(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(jpeg_round_trip),        cmocka_unit_test(jpeg_same_as_libjpeg),
-      cmocka_unit_test(sizes_must_agree),       cmocka_unit_test(png_forms),
-      cmocka_unit_test(png_depth_interlaced),   cmocka_unit_test(damaged_files),
-      cmocka_unit_test(no_tables_from_the_file_before), cmocka_unit_test(webcam_padding_is_no_damage),
+      cmocka_unit_test(jpeg_round_trip),
+      cmocka_unit_test(jpeg_same_as_libjpeg),
+      cmocka_unit_test(sizes_must_agree),
+      cmocka_unit_test(png_forms),
+      cmocka_unit_test(png_depth_interlaced),
+      cmocka_unit_test(damaged_files),
+      cmocka_unit_test(no_tables_from_the_file_before),
+      cmocka_unit_test(webcam_padding_is_no_damage),
       cmocka_unit_test(no_heap_call_a_frame),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

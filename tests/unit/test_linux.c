@@ -98,7 +98,8 @@ static void task(void *arg, int i_task, int i_thread) {
   if (i_thread < 0 || i_thread >= j->n_threads || j->in_use[i_thread]++) j->n_bad++;
   j->n_runs[i_task]++;
   j->payload[i_task] += i_task; // plain memory: the pool must order it between jobs
-  for (volatile int k = 0; k < (i_task & 15) * 10; k++) {}
+  for (volatile int k = 0; k < (i_task & 15) * 10; k++) {
+  }
   j->in_use[i_thread]--;
 }
 
@@ -148,7 +149,8 @@ static void empty(void *arg, int i_task, int i_thread) { (void)arg, (void)i_task
 static void busy_25us(void *arg, int i_task, int i_thread) {
   (void)i_task, (void)i_thread;
   sv_clock *c = arg;
-  for (sv_ns end = c->now_ns(c->self) + 25000; c->now_ns(c->self) < end;) {}
+  for (sv_ns end = c->now_ns(c->self) + 25000; c->now_ns(c->self) < end;) {
+  }
 }
 
 static int by_value(const void *a, const void *b) {
@@ -182,8 +184,9 @@ static void pool_overhead_is_small(void **state) {
     t[i] = c.now_ns(c.self) - t0;
   }
   qsort(t, 500, sizeof t[0], by_value);
-  print_message("two tasks of 25 us after 250 us of rest: median %lld ns (25000 is ideal, 50000 is one thread)\n",
-                (long long)t[250]);
+  print_message(
+      "two tasks of 25 us after 250 us of rest: median %lld ns (25000 is ideal, 50000 is one thread)\n",
+      (long long)t[250]);
   sv_linux_pool_stop(&pool);
 }
 

@@ -82,9 +82,11 @@ static void options_are_read(void **state) {
   assert_true(c.speed == 2.5);
   assert_int_equal(sv_replay_parse("x", &c, &err), SV_OK);
   assert_true(c.speed == 1);
-  static const char *const bad[] = {"", ",speed=max", "x,", "x,speed", "x,speed=", "x,speed=-1", "x,speed=nan", "x,from=-1",
-                                    "x,count=0", "x,count=1x", "x,what=1", "x,speed=0", "x,,"};
-  for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) assert_int_equal(sv_replay_parse(bad[i], &c, &err), SV_E_ARG);
+  static const char *const bad[] = {
+      "",          ",speed=max", "x,",         "x,speed",  "x,speed=",  "x,speed=-1", "x,speed=nan",
+      "x,from=-1", "x,count=0",  "x,count=1x", "x,what=1", "x,speed=0", "x,,"};
+  for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++)
+    assert_int_equal(sv_replay_parse(bad[i], &c, &err), SV_E_ARG);
 }
 
 static void tiny_plays_in_order(void **state) {
@@ -96,7 +98,8 @@ static void tiny_plays_in_order(void **state) {
   sv_camera_caps caps;
   assert_int_equal(s.n_cameras, 2);
   assert_int_equal(s.caps(s.self, 1, &caps), SV_OK);
-  assert_true(caps.width_px == 64 && caps.height_px == 48 && caps.format == SV_PIX_RGB8 && !strcmp(caps.name, "cam1"));
+  assert_true(caps.width_px == 64 && caps.height_px == 48 && caps.format == SV_PIX_RGB8 &&
+              !strcmp(caps.name, "cam1"));
   assert_int_equal(s.caps(s.self, 2, &caps), SV_E_ARG);
   sv_frame f;
   assert_int_equal(s.dequeue(s.self, &f, INT64_MAX), SV_END); // not started
@@ -118,7 +121,8 @@ static void tiny_plays_in_order(void **state) {
   }
   assert_int_equal(s.start(s.self), SV_OK);
   assert_int_equal(s.dequeue(s.self, &f, INT64_MAX), SV_OK);
-  assert_int_equal(s.dequeue(s.self, &f, 1005500000), SV_AGAIN); // the second camera is half a millisecond later
+  assert_int_equal(s.dequeue(s.self, &f, 1005500000),
+                   SV_AGAIN); // the second camera is half a millisecond later
   assert_int_equal(c.now_ns(c.self), 1005500000);
   assert_int_equal(s.requeue(s.self, &f), SV_OK);
   sv_pose p;
@@ -158,7 +162,8 @@ static void ranges_and_starving(void **state) {
   s = sv_replay_source(&g_replay);
   assert_int_equal(s.start(s.self), SV_OK);
   for (int i = 0; i < 4; i++) assert_int_equal(s.dequeue(s.self, &f, INT64_MAX), SV_OK);
-  assert_int_equal(s.dequeue(s.self, &f, INT64_MAX), SV_END); // none given back: the rest is lost, and counted
+  assert_int_equal(s.dequeue(s.self, &f, INT64_MAX),
+                   SV_END); // none given back: the rest is lost, and counted
   assert_int_equal(g_replay.cameras[0].stats.n_starved + g_replay.cameras[1].stats.n_starved, 4);
   sv_replay_close(&g_replay);
   a = sv_arena_make(g_block, 20000);
@@ -214,7 +219,12 @@ static uint8_t g_rgb[2][40 * 30 * 3];
 
 static sv_status open_writer(const char *dir) {
   static const sv_camera_caps caps[2] = {
-      {.name = "left cam", .width_px = 40, .height_px = 30, .fps = 25, .clock = SV_CLOCK_CAMERA, .stamp = SV_STAMP_END},
+      {.name = "left cam",
+       .width_px = 40,
+       .height_px = 30,
+       .fps = 25,
+       .clock = SV_CLOCK_CAMERA,
+       .stamp = SV_STAMP_END},
       {.name = "left cam", .width_px = 40, .height_px = 30, .fps = 25, .clock = SV_CLOCK_BOOTTIME}};
   sv_capture_writer_cfg cfg = {.dir = dir, .name = "t", .n_cameras = 2, .caps = caps, .save_period = 7};
   size_t need = sv_capture_writer_bytes(&cfg);
@@ -228,9 +238,17 @@ static sv_status open_writer(const char *dir) {
 
 static sv_frame make_frame(int k, int c) {
   for (int i = 0; i < 40 * 30 * 3; i++) g_rgb[c][i] = (uint8_t)(60 + k * 10 + c * 50);
-  return (sv_frame){.i_camera = c, .sequence = (uint32_t)(k * 2), .camera_ns = -5000 + k * 40000000LL,
-                    .arrival_ns = k * 40000000LL + c, .exposure_ns = 1000, .width_px = 40, .height_px = 30,
-                    .stride_bytes = 120, .format = SV_PIX_RGB8, .data = g_rgb[c], .data_bytes = 3600};
+  return (sv_frame){.i_camera = c,
+                    .sequence = (uint32_t)(k * 2),
+                    .camera_ns = -5000 + k * 40000000LL,
+                    .arrival_ns = k * 40000000LL + c,
+                    .exposure_ns = 1000,
+                    .width_px = 40,
+                    .height_px = 30,
+                    .stride_bytes = 120,
+                    .format = SV_PIX_RGB8,
+                    .data = g_rgb[c],
+                    .data_bytes = 3600};
 }
 
 static void write_frames(int n) {
@@ -334,7 +352,9 @@ static void damaged_pictures_are_delivered_as_errors(void **state) {
   assert_int_equal(sv_capture_writer_close(&g_writer, &err), SV_OK);
   const char *f0 = g_writer.cameras[0].folder;
   sv_fmt(cmd, sizeof cmd,
-         "cd '%s/%s' && rm 000000.jpg && truncate -s 300 000001.jpg && : > 000002.jpg && echo hello > 000003.jpg", dir, f0);
+         "cd '%s/%s' && rm 000000.jpg && truncate -s 300 000001.jpg && : > 000002.jpg && echo hello > "
+         "000003.jpg",
+         dir, f0);
   assert_int_equal(system(cmd), 0);
   sv_fmt(cmd, sizeof cmd, "cp " TINY "/cam0/000000.jpg '%s/%s/000004.jpg'", dir, f0); // 64x48, not 40x30
   assert_int_equal(system(cmd), 0);
@@ -365,27 +385,47 @@ static sv_status parse(const char *text, sv_capture *c, sv_err *err) {
   return sv_capture_parse(c, copy, n, "x.json", &a, err);
 }
 
-#define CAM(frames) "{\"version\":1,\"cameras\":[{\"name\":\"a\",\"folder\":\"a\",\"width\":4,\"height\":3,\"frames\":[" frames "]}]}"
+#define CAM(frames)                                                                                          \
+  "{\"version\":1,\"cameras\":[{\"name\":\"a\",\"folder\":\"a\",\"width\":4,\"height\":3,\"frames\":"        \
+  "[" frames "]}]}"
 
 static void wrong_json_gets_a_sentence(void **state) {
   (void)state;
   sv_capture c;
   sv_err err;
-  assert_int_equal(parse(CAM("{\"file\":\"a.jpg\",\"camera_ns\":5,\"more\":{\"x\":[1,{\"y\":2}]}}"), &c, &err), SV_OK);
-  assert_true(c.n_frames == 1 && c.cameras[0].frames[0].arrival_ns == 5 && c.cameras[0].caps.clock == SV_CLOCK_MONOTONIC);
+  assert_int_equal(
+      parse(CAM("{\"file\":\"a.jpg\",\"camera_ns\":5,\"more\":{\"x\":[1,{\"y\":2}]}}"), &c, &err), SV_OK);
+  assert_true(c.n_frames == 1 && c.cameras[0].frames[0].arrival_ns == 5 &&
+              c.cameras[0].caps.clock == SV_CLOCK_MONOTONIC);
   assert_int_equal(parse(CAM(""), &c, &err), SV_OK);
   static const char *const bad[] = {
-      "", "[]", "{", "{}", "null", "{\"version\":2,\"cameras\":[]}", "{\"version\":1,\"cameras\":[]}",
-      "{\"version\":1,\"cameras\":[1,2,3,4,5]}", "{\"version\":1,\"cameras\":[{}]}", "{\"version\":1,\"cameras\":[",
-      CAM("1"), CAM("{}"), CAM("{\"file\":\"a\"}"), CAM("{\"file\":\"../a\",\"camera_ns\":1}"),
-      CAM("{\"file\":\"/a\",\"camera_ns\":1}"), CAM("{\"file\":\"a\",\"camera_ns\":1.5}"),
-      CAM("{\"file\":\"a\",\"camera_ns\":99999999999999999999}"), CAM("{\"file\":\"a\",\"camera_ns\":\"1\"}"),
+      "",
+      "[]",
+      "{",
+      "{}",
+      "null",
+      "{\"version\":2,\"cameras\":[]}",
+      "{\"version\":1,\"cameras\":[]}",
+      "{\"version\":1,\"cameras\":[1,2,3,4,5]}",
+      "{\"version\":1,\"cameras\":[{}]}",
+      "{\"version\":1,\"cameras\":[",
+      CAM("1"),
+      CAM("{}"),
+      CAM("{\"file\":\"a\"}"),
+      CAM("{\"file\":\"../a\",\"camera_ns\":1}"),
+      CAM("{\"file\":\"/a\",\"camera_ns\":1}"),
+      CAM("{\"file\":\"a\",\"camera_ns\":1.5}"),
+      CAM("{\"file\":\"a\",\"camera_ns\":99999999999999999999}"),
+      CAM("{\"file\":\"a\",\"camera_ns\":\"1\"}"),
       CAM("{\"file\":\"a\",\"camera_ns\":2},{\"file\":\"b\",\"camera_ns\":1}"),
-      CAM("{\"file\":\"a\\u0041\",\"camera_ns\":2}"), CAM("{\"file\":\"a\",\"camera_ns\":1,\"sequence\":-1}"),
-      "{\"version\":1,\"rig\":\"/etc\",\"cameras\":[{\"name\":\"a\",\"folder\":\"a\",\"width\":4,\"height\":3,\"frames\":[]}]}",
+      CAM("{\"file\":\"a\\u0041\",\"camera_ns\":2}"),
+      CAM("{\"file\":\"a\",\"camera_ns\":1,\"sequence\":-1}"),
+      "{\"version\":1,\"rig\":\"/"
+      "etc\",\"cameras\":[{\"name\":\"a\",\"folder\":\"a\",\"width\":4,\"height\":3,\"frames\":[]}]}",
       "{\"version\":1,\"poses\":[{\"time_ns\":1,\"rig_from_world\":[0,0,0,0,0,0,0]}],"
       "\"cameras\":[{\"name\":\"a\",\"folder\":\"a\",\"width\":4,\"height\":3,\"frames\":[]}]}",
-      "{\"version\":1,\"cameras\":[{\"name\":\"a\",\"folder\":\"a\",\"width\":0,\"height\":3,\"frames\":[]}]}",
+      "{\"version\":1,\"cameras\":[{\"name\":\"a\",\"folder\":\"a\",\"width\":0,\"height\":3,\"frames\":[]}]"
+      "}",
       "[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]"};
   for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
     err.text[0] = 0;
@@ -408,7 +448,8 @@ static void mutated_json_never_harms(void **state) {
   for (int i = 0; i < 30000; i++) {
     memcpy(text, good, n);
     size_t m = sv_rng_below(&r, 4) ? n : sv_rng_below(&r, (uint32_t)n);
-    for (int k = 0; k <= i % 5; k++) text[sv_rng_below(&r, (uint32_t)n)] = chars[sv_rng_below(&r, sizeof chars - 1)];
+    for (int k = 0; k <= i % 5; k++)
+      text[sv_rng_below(&r, (uint32_t)n)] = chars[sv_rng_below(&r, sizeof chars - 1)];
     char *exact = malloc(m + 1); // as long as the loader makes it, so that ASan sees the end
     memcpy(exact, text, m);
     exact[m] = 0;

@@ -63,7 +63,8 @@ static void bench_open(bench_t *b, const world_t *w, sv_sync_cfg cfg, int cap) {
 }
 
 static void check_ledgers(const bench_t *b) {
-  for (int c = 0; c < b->sync.cfg.n_cameras; c++) assert_true(sv_ledger_is_exact(sv_sync_ledger(&b->sync, c)));
+  for (int c = 0; c < b->sync.cfg.n_cameras; c++)
+    assert_true(sv_ledger_is_exact(sv_sync_ledger(&b->sync, c)));
 }
 
 static void back(bench_t *b, const sv_frame *f) {
@@ -153,8 +154,9 @@ static void play(bench_t *b, const world_t *w, uint64_t seed, int k0, int n) {
 }
 
 static world_t world3(void) {
-  return (world_t){.n_cameras = 3,
-                   .cam = {{50e-6, 17 * HOUR_NS, 0}, {-50e-6, -5 * HOUR_NS, 40000}, {20e-6, 123456789, -30000}}};
+  return (world_t){
+      .n_cameras = 3,
+      .cam = {{50e-6, 17 * HOUR_NS, 0}, {-50e-6, -5 * HOUR_NS, 40000}, {20e-6, 123456789, -30000}}};
 }
 
 static void perfect_streams_lose_nothing(void **state) {
@@ -179,7 +181,8 @@ static void common_clock_is_exact(void **state) {
   for (int c = 0; c < 3; c++) w.cam[c].drift = 0, w.cam[c].offset_ns = 1000 * SV_NS_PER_S;
   w.jitter_ns = 3e6;
   bench_t b;
-  bench_open(&b, &w, (sv_sync_cfg){.skew_limit_ns = 70000, .queue_len = 4, .clock_mode = SV_SYNC_CLOCK_COMMON},
+  bench_open(&b, &w,
+             (sv_sync_cfg){.skew_limit_ns = 70000, .queue_len = 4, .clock_mode = SV_SYNC_CLOCK_COMMON},
              40000);
   play(&b, &w, 2, 0, 10000);
   assert_int_equal(b.n_exposures, 10000);
@@ -198,8 +201,8 @@ static void jitter_and_drift_are_estimated(void **state) {
   memset(&b.sync.skew, 0, sizeof b.sync.skew);
   play(&b, &w, 4, 1000, 9000);
   print_message("skew with 50 ppm and 1 ms jitter (70 us true): p50 %lld p99 %lld max %lld ns\n",
-                (long long)sv_skew_percentile_ns(&b.sync.skew, 50), (long long)sv_skew_percentile_ns(&b.sync.skew, 99),
-                (long long)b.sync.skew.max_ns);
+                (long long)sv_skew_percentile_ns(&b.sync.skew, 50),
+                (long long)sv_skew_percentile_ns(&b.sync.skew, 99), (long long)b.sync.skew.max_ns);
   assert_int_equal(b.n_exposures, 10000);
   assert_true(sv_skew_percentile_ns(&b.sync.skew, 99) <= 250000);
   assert_true(b.sync.skew.max_ns <= 1000000);
@@ -252,7 +255,8 @@ static void everything_at_once_stays_exact(void **state) {
   world_t w = world3();
   w.n_cameras = 4;
   w.cam[3] = (camera_t){-10e-6, 99 * HOUR_NS, 10000};
-  w = (world_t){w.n_cameras, {w.cam[0], w.cam[1], w.cam[2], w.cam[3]}, 5e5, 0.02, 0.01, 0.005, 0.0005, 0.0003, 0.005};
+  w = (world_t){w.n_cameras, {w.cam[0], w.cam[1], w.cam[2], w.cam[3]}, 5e5, 0.02, 0.01, 0.005, 0.0005, 0.0003,
+                0.005};
   for (int policy = 0; policy < 2; policy++) {
     bench_t b;
     bench_open(&b, &w, (sv_sync_cfg){.skew_limit_ns = 2000000, .queue_len = 8, .min_cameras = policy ? 2 : 0},
@@ -264,10 +268,11 @@ static void everything_at_once_stays_exact(void **state) {
       n_steps += b.sync.streams[c].events[SV_SYNC_EVENT_CLOCK_STEP];
       n_resets += b.sync.streams[c].events[SV_SYNC_EVENT_SEQUENCE_RESET];
     }
-    print_message("policy %d: %d exposures, captured %llu, delivered %llu, steps %llu of %llu, resets %llu of %llu\n",
-                  policy, b.n_exposures, (unsigned long long)sum.captured, (unsigned long long)sum.delivered,
-                  (unsigned long long)n_steps, (unsigned long long)b.n_steps, (unsigned long long)n_resets,
-                  (unsigned long long)b.n_resets);
+    print_message(
+        "policy %d: %d exposures, captured %llu, delivered %llu, steps %llu of %llu, resets %llu of %llu\n",
+        policy, b.n_exposures, (unsigned long long)sum.captured, (unsigned long long)sum.delivered,
+        (unsigned long long)n_steps, (unsigned long long)b.n_steps, (unsigned long long)n_resets,
+        (unsigned long long)b.n_resets);
     assert_true(b.n_exposures > (policy ? 47000 : 40000));
     assert_true(n_steps >= b.n_steps * 9 / 10 && n_resets >= b.n_resets * 9 / 10);
     assert_true(sum.dropped[SV_DROP_ERROR_FLAG] > 0 && sum.dropped[SV_DROP_CLOCK_STEP] > 0);
@@ -284,7 +289,8 @@ static void a_step_of_an_hour_relocks(void **state) {
       if (mode)
         for (int c = 0; c < 3; c++) w.cam[c].drift = 0, w.cam[c].offset_ns = 1000 * SV_NS_PER_S;
       bench_t b;
-      sv_sync_cfg cfg = {.skew_limit_ns = 500000, .queue_len = 4, .clock_mode = mode ? SV_SYNC_CLOCK_COMMON : 0};
+      sv_sync_cfg cfg = {
+          .skew_limit_ns = 500000, .queue_len = 4, .clock_mode = mode ? SV_SYNC_CLOCK_COMMON : 0};
       cfg.skew_limit_ns = mode ? 8000000 : 500000; // the estimate keeps the shortest delay, 5 ms here
       bench_open(&b, &w, cfg, 4000);
       play(&b, &w, 1, 0, 300);
@@ -307,7 +313,8 @@ static void missing_camera_policies(void **state) {
   world_t w = world3();
   for (int policy = 0; policy < 2; policy++) {
     bench_t b;
-    bench_open(&b, &w, (sv_sync_cfg){.skew_limit_ns = 500000, .queue_len = 6, .min_cameras = policy ? 1 : 0}, 4000);
+    bench_open(&b, &w, (sv_sync_cfg){.skew_limit_ns = 500000, .queue_len = 6, .min_cameras = policy ? 1 : 0},
+               4000);
     play(&b, &w, 1, 0, 100);
     world_t two = w;
     two.n_cameras = 2; // the third falls silent
@@ -393,7 +400,8 @@ static void stamps_and_numbers_of_any_size(void **state) {
   bench_t b;
   bench_open(&b, &w, (sv_sync_cfg){.skew_limit_ns = 500000, .queue_len = 4}, 40000);
   sv_rng r = sv_rng_make(42, 1);
-  static const sv_ns odd[] = {0, 1, -1, INT64_MAX, INT64_MIN, INT64_MAX / 4, HOUR_NS, -HOUR_NS, INT64_MAX / 5, INT64_MIN / 5};
+  static const sv_ns odd[] = {
+      0, 1, -1, INT64_MAX, INT64_MIN, INT64_MAX / 4, HOUR_NS, -HOUR_NS, INT64_MAX / 5, INT64_MIN / 5};
   for (int i = 0; i < 30000; i++) {
     sv_frame f = {.i_camera = (int)sv_rng_below(&r, 3),
                   .sequence = sv_rng_below(&r, 4) ? (uint32_t)i : sv_rng_u32(&r),
@@ -416,7 +424,8 @@ static void middle_of_exposure_by_stamp_source(void **state) {
   sv_sync s;
   assert_int_equal(sv_sync_init(&s, &cfg, &a), SV_OK);
   for (int c = 0; c < 3; c++) {
-    sv_frame f = {.i_camera = c, .camera_ns = 1000000 + c * 5000, .arrival_ns = 2000000, .exposure_ns = 10000};
+    sv_frame f = {
+        .i_camera = c, .camera_ns = 1000000 + c * 5000, .arrival_ns = 2000000, .exposure_ns = 10000};
     assert_int_equal(sv_sync_push(&s, &f), SV_OK);
   }
   sv_exposure e;

@@ -37,11 +37,13 @@ static int read_camera(const char *toml, int i, sv_import_camera *c, sv_err *err
   if (!end) end = p + strlen(p);
   *c = (sv_import_camera){0};
   snprintf(c->name, sizeof c->name, "cam%d", i);
-  if (!numbers(p, end, "size", 2, size) || !numbers(p, end, "matrix", 9, k) || !numbers(p, end, "distortions", 5, c->dist) ||
-      !numbers(p, end, "rotation", 9, c->cam_from_world.r) || !numbers(p, end, "translation", 3, c->cam_from_world.t) ||
-      !(size[0] >= 1 && size[1] >= 1))
-    return sv_fail(err, SV_E_FORMAT,
-                   "camera_array.toml: %s: expected size, matrix (9), distortions (5), rotation (9) and translation (3)", head);
+  if (!numbers(p, end, "size", 2, size) || !numbers(p, end, "matrix", 9, k) ||
+      !numbers(p, end, "distortions", 5, c->dist) || !numbers(p, end, "rotation", 9, c->cam_from_world.r) ||
+      !numbers(p, end, "translation", 3, c->cam_from_world.t) || !(size[0] >= 1 && size[1] >= 1))
+    return sv_fail(
+        err, SV_E_FORMAT,
+        "camera_array.toml: %s: expected size, matrix (9), distortions (5), rotation (9) and translation (3)",
+        head);
   c->calib_width_px = (int)size[0], c->calib_height_px = (int)size[1];
   c->fx = k[0], c->cx = k[2], c->fy = k[4], c->cy = k[5];
   return SV_OK;
@@ -56,15 +58,18 @@ static int read_times(const char *csv, sv_import_camera *cams, int n, sv_err *er
   size_t n_lines = 1;
   for (const char *p = csv; *p; p++) n_lines += *p == '\n';
   for (int i = 0; i < n; i++)
-    if (!(cams[i].times_ns = calloc(n_lines, sizeof(sv_ns)))) return sv_fail(err, SV_E_NOMEM, "timestamps.csv: no memory");
+    if (!(cams[i].times_ns = calloc(n_lines, sizeof(sv_ns))))
+      return sv_fail(err, SV_E_NOMEM, "timestamps.csv: no memory");
   int line = 1;
   for (const char *p = strchr(csv, '\n'); p && p[1]; p = strchr(p + 1, '\n')) {
     long i_sync;
     int i_cam;
     double t_s;
     line++;
-    if (sscanf(p + 1, "%ld,%d,%lf", &i_sync, &i_cam, &t_s) != 3 || i_cam < 0 || i_cam >= n || !(t_s >= 0 && t_s < 1e8))
-      return sv_fail(err, SV_E_FORMAT, "timestamps.csv: line %d: expected sync_index, cam_id below %d, seconds", line, n);
+    if (sscanf(p + 1, "%ld,%d,%lf", &i_sync, &i_cam, &t_s) != 3 || i_cam < 0 || i_cam >= n ||
+        !(t_s >= 0 && t_s < 1e8))
+      return sv_fail(err, SV_E_FORMAT,
+                     "timestamps.csv: line %d: expected sync_index, cam_id below %d, seconds", line, n);
     cams[i_cam].times_ns[cams[i_cam].n_times++] = (sv_ns)(t_s * 1e9 + 0.5);
   }
   for (int i = 0; i < n; i++) qsort(cams[i].times_ns, (size_t)cams[i].n_times, sizeof(sv_ns), by_time);

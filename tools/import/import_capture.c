@@ -74,7 +74,8 @@ static void free_pictures(pictures_t *p) {
   free(p->names);
 }
 
-static int take_pictures(const char *src, const char *out, const sv_import_camera *c, pictures_t *p, sv_err *err) {
+static int take_pictures(const char *src, const char *out, const sv_import_camera *c, pictures_t *p,
+                         sv_err *err) {
   char from[CAP_PATH], to[CAP_PATH];
   snprintf(from, sizeof from, "%s/%s", src, c->name);
   *p = (pictures_t){0};
@@ -84,7 +85,8 @@ static int take_pictures(const char *src, const char *out, const sv_import_camer
     return sv_fail(err, SV_E_NOT_FOUND, "%s: expected a folder of JPEG or PNG pictures", from);
   }
   if (p->n != c->n_times)
-    return sv_fail(err, SV_E_FORMAT, "%s: %d pictures, but %d times are known for them", from, p->n, c->n_times);
+    return sv_fail(err, SV_E_FORMAT, "%s: %d pictures, but %d times are known for them", from, p->n,
+                   c->n_times);
   snprintf(to, sizeof to, "%s/%s", out, c->name);
   int s = sv_linux_make_dir(to, err);
   for (int i = 0; i < p->n && s == SV_OK; i++) {
@@ -94,7 +96,8 @@ static int take_pictures(const char *src, const char *out, const sv_import_camer
     s = picture_size(from, &w, &h, err);
     if (i == 0) p->width_px = w, p->height_px = h;
     else if (s == SV_OK && (w != p->width_px || h != p->height_px))
-      s = sv_fail(err, SV_E_FORMAT, "%s: %dx%d, but the camera's first picture is %dx%d", from, w, h, p->width_px, p->height_px);
+      s = sv_fail(err, SV_E_FORMAT, "%s: %dx%d, but the camera's first picture is %dx%d", from, w, h,
+                  p->width_px, p->height_px);
     if (s == SV_OK) s = copy_file(from, to, err);
   }
   return s;
@@ -105,8 +108,8 @@ static int put_model(const char *out, const sv_import_camera *c, int w, int h, s
   char path[CAP_PATH];
   double kx = (double)w / c->calib_width_px, ky = (double)h / c->calib_height_px, r[3];
   if (kx / ky > 1.005 || kx / ky < 0.995)
-    return sv_fail(err, SV_E_FORMAT, "%s: calibrated for %dx%d, but its pictures are %dx%d", c->name, c->calib_width_px,
-                   c->calib_height_px, w, h);
+    return sv_fail(err, SV_E_FORMAT, "%s: calibrated for %dx%d, but its pictures are %dx%d", c->name,
+                   c->calib_width_px, c->calib_height_px, w, h);
   if (sv_rotation_error(c->cam_from_world.r) > 1e-4)
     return sv_fail(err, SV_E_FORMAT, "%s: its rotation matrix is off by %g from a proper rotation", c->name,
                    sv_rotation_error(c->cam_from_world.r));
@@ -116,10 +119,12 @@ static int put_model(const char *out, const sv_import_camera *c, int w, int h, s
   FILE *f = fopen(path, "w");
   if (!f) return sv_fail(err, SV_E_IO, "%s: cannot be written", path);
   fprintf(f, "{\n    'lensmodel':  'LENSMODEL_OPENCV5',\n");
-  fprintf(f, "    'extrinsics': [ %.12g, %.12g, %.12g, %.12g, %.12g, %.12g ],\n", r[0], r[1], r[2], t[0], t[1], t[2]);
+  fprintf(f, "    'extrinsics': [ %.12g, %.12g, %.12g, %.12g, %.12g, %.12g ],\n", r[0], r[1], r[2], t[0],
+          t[1], t[2]);
   // A pixel's centre at integer i covers i-0.5..i+0.5: scaling keeps the edges, not the centres.
-  fprintf(f, "    'intrinsics': [ %.12g, %.12g, %.12g, %.12g, %.12g, %.12g, %.12g, %.12g, %.12g ],\n", c->fx * kx,
-          c->fy * ky, (c->cx + 0.5) * kx - 0.5, (c->cy + 0.5) * ky - 0.5, d[0], d[1], d[2], d[3], d[4]);
+  fprintf(f, "    'intrinsics': [ %.12g, %.12g, %.12g, %.12g, %.12g, %.12g, %.12g, %.12g, %.12g ],\n",
+          c->fx * kx, c->fy * ky, (c->cx + 0.5) * kx - 0.5, (c->cy + 0.5) * ky - 0.5, d[0], d[1], d[2], d[3],
+          d[4]);
   fprintf(f, "    'imagersize': [ %d, %d ]\n}\n", w, h);
   return fclose(f) == 0 ? SV_OK : sv_fail(err, SV_E_IO, "%s: cannot be written", path);
 }
@@ -131,25 +136,26 @@ static int put_rig(const char *out, const char *name, const sv_import_camera *ca
   if (!f) return sv_fail(err, SV_E_IO, "%s: cannot be written", path);
   fprintf(f, "{\"version\": 1, \"name\": \"%s\", \"forward\": \"direct\", \"sub_views\": [\n", name);
   for (int i = 0; i < n; i++)
-    fprintf(f, "  {\"name\": \"%s\", \"model\": \"%s.cameramodel\", \"camera\": %d}%s\n", cams[i].name, cams[i].name, i,
-            i + 1 < n ? "," : "");
+    fprintf(f, "  {\"name\": \"%s\", \"model\": \"%s.cameramodel\", \"camera\": %d}%s\n", cams[i].name,
+            cams[i].name, i, i + 1 < n ? "," : "");
   fprintf(f, "]}\n");
   return fclose(f) == 0 ? SV_OK : sv_fail(err, SV_E_IO, "%s: cannot be written", path);
 }
 
 // --- capture.json ----------------------------------------------------------------------------------
 static void put_camera(FILE *f, const sv_import_camera *c, const pictures_t *p, double fps, const char *end) {
-  fprintf(f, "{\"name\":\"%s\",\"folder\":\"%s\",\"width\":%d,\"height\":%d,\"fps\":%.9g,", c->name, c->name, p->width_px,
-          p->height_px, fps);
+  fprintf(f, "{\"name\":\"%s\",\"folder\":\"%s\",\"width\":%d,\"height\":%d,\"fps\":%.9g,", c->name, c->name,
+          p->width_px, p->height_px, fps);
   fprintf(f, "\"clock\":\"monotonic\",\"stamp\":\"start\",\"frames\":[\n");
   for (int i = 0; i < p->n; i++)
-    fprintf(f, "%s{\"file\":\"%s\",\"sequence\":%d,\"camera_ns\":%lld,\"arrival_ns\":%lld,\"exposure_ns\":0}\n", i ? "," : "",
-            p->names[i]->d_name, i, (long long)c->times_ns[i], (long long)c->times_ns[i]);
+    fprintf(f,
+            "%s{\"file\":\"%s\",\"sequence\":%d,\"camera_ns\":%lld,\"arrival_ns\":%lld,\"exposure_ns\":0}\n",
+            i ? "," : "", p->names[i]->d_name, i, (long long)c->times_ns[i], (long long)c->times_ns[i]);
   fprintf(f, "]}%s\n", end);
 }
 
-static int write_all(const char *src, const char *out, const char *name, double fps, sv_import_camera *cams, int n,
-                     pictures_t *pics, sv_err *err) {
+static int write_all(const char *src, const char *out, const char *name, double fps, sv_import_camera *cams,
+                     int n, pictures_t *pics, sv_err *err) {
   char path[CAP_PATH];
   snprintf(path, sizeof path, "%s/rig", out);
   int s = sv_linux_make_dir(path, err);
@@ -168,8 +174,8 @@ static int write_all(const char *src, const char *out, const char *name, double 
   return fclose(f) == 0 ? SV_OK : sv_fail(err, SV_E_IO, "%s: cannot be written", path);
 }
 
-int sv_import_write(const char *src, const char *out, const char *name, double fps, sv_import_camera *cams, int n,
-                    sv_err *err) {
+int sv_import_write(const char *src, const char *out, const char *name, double fps, sv_import_camera *cams,
+                    int n, sv_err *err) {
   pictures_t pics[SV_IMPORT_CAP_CAMERAS] = {{0}};
   int s = n >= 1 && n <= SV_IMPORT_CAP_CAMERAS
               ? write_all(src, out, name, fps, cams, n, pics, err)

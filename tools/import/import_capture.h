@@ -38,8 +38,8 @@ typedef struct {
 // Writes the capture: pictures are SRC/<name>/*.jpg in order of their names, as many as there are times
 // (a difference is an error). Intrinsics are scaled to the pictures' size. Checks that each rotation is
 // one and that the aspect ratio agrees.
-int sv_import_write(const char *src_dir, const char *out_dir, const char *name, double fps, sv_import_camera *cams,
-                    int n_cameras, sv_err *err) SV_MUST_USE;
+int sv_import_write(const char *src_dir, const char *out_dir, const char *name, double fps,
+                    sv_import_camera *cams, int n_cameras, sv_err *err) SV_MUST_USE;
 
 // A whole text file, terminated, made with malloc; NULL with a sentence when it cannot be read.
 char *sv_import_text(const char *dir, const char *file, sv_err *err);

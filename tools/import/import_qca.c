@@ -44,32 +44,47 @@ static bool read_serial(const char *tag, char *out, size_t cap) {
   p += strlen(" serial=\"");
   size_t n = strcspn(p, "\"");
   // It becomes a folder's name and stands in JSON.
-  if (n < 1 || n >= cap || strspn(p, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-") < n) return false;
+  if (n < 1 || n >= cap || strspn(p, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-") < n)
+    return false;
   memcpy(out, p, n);
   out[n] = 0;
   return true;
 }
 
 static bool read_camera(const char *tag, sv_import_camera *c) {
-  static const char *const pose_names[] = {"r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33", "x", "y", "z"};
+  static const char *const pose_names[] = {"r11", "r12", "r13", "r21", "r22", "r23",
+                                           "r31", "r32", "r33", "x",   "y",   "z"};
   // The misspelling is the format's.
-  static const char *const lens_names[] = {"focalLengthU", "focalLengthV", "centerPointU", "centerPointV",
-                                           "radialDistortion1", "radialDistortion2", "tangentalDistortion1",
-                                           "tangentalDistortion2", "radialDistortion3", "sensorMaxU", "sensorMaxV"};
+  static const char *const lens_names[] = {"focalLengthU",
+                                           "focalLengthV",
+                                           "centerPointU",
+                                           "centerPointV",
+                                           "radialDistortion1",
+                                           "radialDistortion2",
+                                           "tangentalDistortion1",
+                                           "tangentalDistortion2",
+                                           "radialDistortion3",
+                                           "sensorMaxU",
+                                           "sensorMaxV"};
   double p[12], l[11];
   *c = (sv_import_camera){0};
-  const char *next = strstr(tag + 1, "<camera "), *pose = strstr(tag, "<transform "), *lens = strstr(tag, "<intrinsic ");
-  if (!read_serial(tag, c->name, sizeof c->name) || !pose || !lens || (next && (pose > next || lens > next))) return false;
+  const char *next = strstr(tag + 1, "<camera "), *pose = strstr(tag, "<transform "),
+             *lens = strstr(tag, "<intrinsic ");
+  if (!read_serial(tag, c->name, sizeof c->name) || !pose || !lens || (next && (pose > next || lens > next)))
+    return false;
   if (!attributes(pose, pose_names, 12, p) || !attributes(lens, lens_names, 11, l)) return false;
   c->cam_from_world = pose_of(p, p + 9);
   // The sensor's last pixel is its width less one times 64: pixel centres lie at whole numbers.
   c->calib_width_px = (int)(l[9] / 64) + 1, c->calib_height_px = (int)(l[10] / 64) + 1;
   c->fx = l[0] / 64, c->fy = l[1] / 64, c->cx = l[2] / 64, c->cy = l[3] / 64;
   memcpy(c->dist, l + 4, 5 * sizeof(double));
-  return c->calib_width_px > 1 && c->calib_width_px < 32768 && c->calib_height_px > 1 && c->calib_height_px < 32768;
+  return c->calib_width_px > 1 && c->calib_width_px < 32768 && c->calib_height_px > 1 &&
+         c->calib_height_px < 32768;
 }
 
-static int is_picture(const struct dirent *d) { return strlen(d->d_name) > 4 && strstr(d->d_name, ".jpg") != NULL; }
+static int is_picture(const struct dirent *d) {
+  return strlen(d->d_name) > 4 && strstr(d->d_name, ".jpg") != NULL;
+}
 
 static int make_times(const char *src, sv_import_camera *c, sv_err *err) {
   char path[1024];
@@ -91,9 +106,11 @@ int sv_import_qca(const char *src, const char *out, sv_err *err) {
   char *xml = sv_import_text(src, "Calib.qca.txt", err);
   if (!xml) return SV_E_NOT_FOUND;
   int n = 0, s = SV_OK;
-  for (const char *p = strstr(xml, "<camera "); p && s == SV_OK && n < SV_IMPORT_CAP_CAMERAS; p = strstr(p + 1, "<camera ")) {
+  for (const char *p = strstr(xml, "<camera "); p && s == SV_OK && n < SV_IMPORT_CAP_CAMERAS;
+       p = strstr(p + 1, "<camera ")) {
     if (!read_camera(p, &cams[n]))
-      s = sv_fail(err, SV_E_FORMAT, "%s/Calib.qca.txt: camera %d: expected serial, transform and intrinsic", src, n + 1);
+      s = sv_fail(err, SV_E_FORMAT, "%s/Calib.qca.txt: camera %d: expected serial, transform and intrinsic",
+                  src, n + 1);
     else {
       n++;
       s = make_times(src, &cams[n - 1], err);
