@@ -1,0 +1,179 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <math.h>
+#include <string.h>
+
+#include "tests/kernels/splat_scene.h"
+
+// Masks: as binned, or of any kind, not agreeing with what the splats reach.
+enum { BINNED, ALL_BLOCKS, ONE_BLOCK, RANDOM_BLOCKS, SOME_EMPTY, N_MASKS };
+static const char *const mask_names[N_MASKS] = {"binned", "all", "one", "random", "some empty"};
+
+typedef struct {
+  sc_scene s;
+  size_t n_px; // of one padded plane
+  sv_raster_args args;
+  sv_raster_bwd_args bwd;
+  float *scratch;
+} raster_job;
+
+static void set_masks(ck *c, sc_scene *s, int kind) {
+  for (uint32_t i = 0; i < s->n_recs; i++) {
+    uint64_t r = (uint64_t)sv_rng_u32(&c->rng) << 32 | sv_rng_u32(&c->rng);
+    if (kind == ALL_BLOCKS) s->rec[i].mask = ~0ull;
+    if (kind == ONE_BLOCK) s->rec[i].mask = 1ull << (r & 63);
+    if (kind == RANDOM_BLOCKS) s->rec[i].mask = r;
+    if (kind == SOME_EMPTY) s->rec[i].mask &= r & 1 ? 0 : ~0ull;
+  }
+}
+
+static float *plane(ck *c, const raster_job *j, int fill, float scale) {
+  float *p = ck_floats(c, j->n_px);
+  ck_fill(c, p, j->n_px, fill);
+  for (size_t i = 0; i < j->n_px; i++) p[i] *= scale;
+  return p;
+}
+
+// Outputs of its own, records of its own.
+static void set_forward(ck *c, raster_job *j, const sv_rec *rec, bool has_depth) {
+  j->args = (sv_raster_args){.splat = j->s.project.splat,
+                             .rec = sc_copy(c, rec, j->s.n_recs * sizeof *rec),
+                             .n_tiles_x = j->s.n_tiles_x,
+                             .stride = 32 * j->s.n_tiles_x,
+                             .bg = {0.2f, 0.7f, 0.4f}};
+  for (int i = 0; i < 3; i++) j->args.rgb[i] = ck_floats(c, j->n_px);
+  j->args.depth = has_depth ? ck_floats(c, j->n_px) : NULL;
+  j->args.trans = ck_floats(c, j->n_px);
+  j->scratch = ck_floats(c, SV_RASTER_SCRATCH_FLOATS);
+}
+
+static void run_tiles(void *arg, const sv_kernels *k) {
+  raster_job *j = arg;
+  const uint32_t *begin = j->s.tile_begin;
+  for (int t = 0; t < j->s.n_tiles; t++)
+    k->raster(&j->args, (uint32_t)t, j->s.list + begin[t], begin[t + 1] - begin[t], j->scratch);
+}
+
+static void run_tiles_bwd(void *arg, const sv_kernels *k) {
+  raster_job *j = arg;
+  const uint32_t *begin = j->s.tile_begin;
+  for (int t = 0; t < j->s.n_tiles; t++)
+    k->raster_bwd(&j->bwd, (uint32_t)t, j->s.list + begin[t], begin[t + 1] - begin[t], j->scratch);
+}
+
+static void make_scene(ck *c, raster_job *j, const sc_cfg *cfg, int masks) {
+  sc_init(c, &j->s, cfg);
+  sc_project(c, &j->s);
+  sc_bin(c, &j->s);
+  set_masks(c, &j->s, masks);
+  j->n_px = 1024 * (size_t)j->s.n_tiles;
+}
+
+// Without FMA a contribution at a cut-off may fall on the other side: few pixels, and of a bounded size.
+static void compare_plane(ck *c, const char *name, const float *a, const float *b, size_t n, double scale) {
+  if (c->is_exact) {
+    ck_same(c, name, a, b, n, 0);
+    return;
+  }
+  size_t n_far = 0;
+  for (size_t i = 0; i < n; i++) n_far += !(fabs((double)a[i] - (double)b[i]) <= 2e-5 * scale);
+  ck_true(c, n_far <= 2 + n / 200, "%s: %zu of %zu pixels are far off", name, n_far, n);
+  ck_same_abs(c, name, a, b, n, 0.03 * scale);
+}
+
+static void compare_forward(ck *c, const raster_job *a, const raster_job *b) {
+  for (int i = 0; i < 3; i++) compare_plane(c, "rgb", a->args.rgb[i], b->args.rgb[i], a->n_px, 3);
+  if (a->args.depth) compare_plane(c, "depth", a->args.depth, b->args.depth, a->n_px, 4);
+  compare_plane(c, "trans", a->args.trans, b->args.trans, a->n_px, 1);
+  if (c->is_exact) ck_same_bytes(c, "records", a->args.rec, b->args.rec, a->s.n_recs * sizeof *a->args.rec);
+}
+
+static const int tile_counts[][2] = {{1, 1}, {3, 1}, {1, 2}, {2, 2}};
+
+// flags: 1 depth, 2 dL/ddepth, 4 dL/dtrans, 8 err.
+static void raster_case(ck *c, int kind, int n, int size, int masks, int flags, int fill, bool has_bwd) {
+  sc_cfg cfg = {n, 0, 0, 32 * tile_counts[size][0] - 5, 32 * tile_counts[size][1] - 3, kind, (n & 1) != 0};
+  ck_begin(c, "%s n %d %dx%d masks %s planes %d gradients %s", sc_name(kind), n, cfg.width_px, cfg.height_px,
+           mask_names[masks], flags, ck_fill_name(fill));
+  raster_job a, b;
+  make_scene(c, &a, &cfg, masks);
+  b = a;
+  set_forward(c, &a, a.s.rec, flags & 1);
+  set_forward(c, &b, a.s.rec, flags & 1);
+  run_tiles(&a, &c->ref);
+  if (!has_bwd) {
+    run_tiles(&b, &c->var);
+    compare_forward(c, &a, &b);
+    return;
+  }
+  a.bwd = (sv_raster_bwd_args){.fwd = &a.args,
+                               .g_depth = flags & 2 && flags & 1 ? plane(c, &a, fill, 1) : NULL,
+                               .g_trans = flags & 4 ? plane(c, &a, fill, 1) : NULL,
+                               .err = flags & 8 ? plane(c, &a, CK_UNIT, 1) : NULL};
+  for (int i = 0; i < 3; i++) a.bwd.g_rgb[i] = plane(c, &a, fill, 1);
+  b.bwd = a.bwd;
+  size_t n_slots = (size_t)a.s.n_recs * SV_SLOT_FLOATS;
+  a.bwd.slot = ck_floats(c, n_slots), b.bwd.slot = ck_floats(c, n_slots);
+  run_tiles_bwd(&a, &c->ref);
+  run_tiles_bwd(&b, &c->var); // on what the reference's forward pass left
+  double tol = c->is_exact ? 0 : 2e-3 * sc_largest(a.bwd.slot, n_slots);
+  ck_same_abs(c, "slots", a.bwd.slot, b.bwd.slot, n_slots, tol);
+}
+
+static void all_cases(ck *c, bool has_bwd) {
+  static const int counts[] = {1, 5, 16, 60, 200};
+  for (int kind = 0; kind < SC_N_KINDS; kind++)
+    for (int n = 0; n < 5; n++)
+      for (int size = 0; size < 4; size++)
+        for (int masks = 0; masks < N_MASKS; masks++)
+          for (int flags = 0; flags < 16; flags++) {
+            int fill = has_bwd ? (n + size + masks + flags) % CK_DENORM : CK_UNIT;
+            if (has_bwd && flags == 7) fill = CK_DENORM;
+            // backward: every set of planes on a few splats, fewer on many
+            if (has_bwd ? (flags + n + size + masks) % (n < 2 ? 3 : 11) : flags > 1) continue;
+            if (!c->is_exact && (kind == SC_HOSTILE || kind == SC_EDGE)) continue; // no bound without FMA
+            raster_case(c, kind, counts[n], size, masks, flags, fill, has_bwd);
+          }
+}
+
+static void check_raster(ck *c) { all_cases(c, false); }
+static void check_raster_bwd(ck *c) { all_cases(c, true); }
+
+// --- bench: splats of the size that training ends with (4 to 15 px) and starts with (20 to 60 px)
+// -----------
+
+static double make_bench(ck *c, raster_job *j, int n, int kind) {
+  ck_begin(c, "bench");
+  sc_cfg cfg = {n, 0, 0, 320, 240, kind, false};
+  make_scene(c, j, &cfg, BINNED);
+  set_forward(c, j, j->s.rec, true);
+  run_tiles(j, &c->ref); // narrows the masks: afterwards they stay
+  j->bwd = (sv_raster_bwd_args){.fwd = &j->args, .slot = ck_floats(c, (size_t)j->s.n_recs * SV_SLOT_FLOATS)};
+  for (int i = 0; i < 3; i++) j->bwd.g_rgb[i] = plane(c, j, CK_SIGNED, 1e-3f);
+  j->bwd.g_depth = plane(c, j, CK_SIGNED, 1e-4f);
+  j->bwd.err = plane(c, j, CK_UNIT, 1);
+  double n_pairs = 0;
+  for (uint32_t i = 0; i < j->s.n_listed; i++)
+    n_pairs += 16 * __builtin_popcountll(j->args.rec[j->s.list[i]].mask);
+  return n_pairs;
+}
+
+static void bench_raster(ck *c) {
+  raster_job j;
+  double n = make_bench(c, &j, 10000, SC_TYPICAL);
+  ck_time(c, "320x240 small splats; per pair", n, run_tiles, &j);
+  n = make_bench(c, &j, 400, SC_OPAQUE);
+  ck_time(c, "320x240 large splats; per pair", n, run_tiles, &j);
+}
+
+static void bench_raster_bwd(ck *c) {
+  raster_job j;
+  double n = make_bench(c, &j, 10000, SC_TYPICAL);
+  ck_time(c, "320x240 small splats; per pair", n, run_tiles_bwd, &j);
+  j.bwd.g_depth = NULL;
+  ck_time(c, "320x240 small splats without depth; per pair", n, run_tiles_bwd, &j);
+  n = make_bench(c, &j, 400, SC_OPAQUE);
+  ck_time(c, "320x240 large splats; per pair", n, run_tiles_bwd, &j);
+}
+
+CK_REGISTER(raster, check_raster, bench_raster)
+CK_REGISTER(raster_bwd, check_raster_bwd, bench_raster_bwd)
