@@ -41,7 +41,8 @@ typedef struct {
 // Value, and with grad != NULL dL/d render: grad is overwritten, padding columns and rows with zeros.
 // err_plane ([rows_padded][stride] of render) gets the mean of |x - y| over the channels, padding 0; may be
 // NULL. render, target and grad have one size within the capacity; target's stride must equal render's.
-// weight_ssim is l, in [0, 1]. Returns the loss; *value (may be NULL) gets the parts.
+// weight_ssim is l, in [0, 1], and 0 when cfg.has_ssim is false. The pool has at most cfg.n_threads. Returns
+// the loss; *value (may be NULL) gets the parts.
 double sv_photometric_loss(sv_photometric *p, const sv_kernels *k, const sv_pool *pool,
                            const sv_planes *render, const sv_planes *target, sv_planes *grad,
                            float *err_plane, float weight_ssim, sv_photometric_value *value);
