@@ -64,10 +64,8 @@ static void drop_buffers(ck *c) {
           p < bufs[i].user ? "before" : "after the end of");
       break;
     }
-    if (bufs[i].mapped_bytes)
-      munmap(bufs[i].block, bufs[i].mapped_bytes);
-    else
-      free(bufs[i].block);
+    if (bufs[i].mapped_bytes) munmap(bufs[i].block, bufs[i].mapped_bytes);
+    else free(bufs[i].block);
   }
   n_bufs = 0;
 }
