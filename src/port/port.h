@@ -128,7 +128,8 @@ typedef struct {
 } sv_publish;
 
 typedef struct {
-  sv_clock clock;
+  sv_clock clock;   // the cameras' host time; virtual in the simulator and in a replay at full speed
+  sv_clock machine; // real time, for budgets and timings
   sv_pool pool;
   sv_source source;
   sv_store store;

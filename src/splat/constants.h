@@ -3,8 +3,8 @@
 #ifndef SV_SPLAT_CONSTANTS_H
 #define SV_SPLAT_CONSTANTS_H
 
-#define SV_DILATION_PX2  0.3f    // low-pass of the pixel grid added to both screen variances (3DGS)
-#define SV_NEAR_FRACTION 0.01f   // near plane, in scene radii
-#define SV_OPACITY_DEAD  0.005f  // a slot below this opacity is free for relocation (3DGS-MCMC)
+#define SV_DILATION_PX2  0.3f   // low-pass of the pixel grid added to both screen variances (3DGS)
+#define SV_NEAR_FRACTION 0.01f  // near plane, in scene radii
+#define SV_OPACITY_DEAD  0.005f // a slot below this opacity is free for relocation (3DGS-MCMC)
 
 #endif

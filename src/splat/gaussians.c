@@ -11,8 +11,9 @@
 
 sv_status sv_gaussians_init(sv_gaussians *g, int n, int sh_degree, sv_arena *arena) {
   if (n < 1 || n > CAP_GAUSSIANS || sh_degree < 0 || sh_degree > 3) return SV_E_ARG;
-  *g = (sv_gaussians){.cap = (n + 15) / 16 * 16, .n = n, .sh_degree = sh_degree, .n_rows = SV_N_ROWS(sh_degree)};
-  g->param = SV_TAKE(arena, float, (size_t)g->cap * (size_t)g->n_rows);
+  *g = (sv_gaussians){
+      .cap = (n + 15) / 16 * 16, .n = n, .sh_degree = sh_degree, .n_rows = SV_N_ROWS(sh_degree)};
+  g->param = SV_TAKE(arena, float, (size_t)g->cap *(size_t)g->n_rows);
   if (arena->status < 0) return arena->status;
   if (g->param) memset(g->param, 0, (size_t)g->cap * (size_t)g->n_rows * sizeof(float));
   return SV_OK;
@@ -72,7 +73,8 @@ static void choose_points(sv_rng *rng, int *pick, int n, int *order, int n_point
   }
 }
 
-static void carve_scratch(sv_arena *a, int n, int n_points, float **xyz, float **dist2, int **pick, int **order) {
+static void carve_scratch(sv_arena *a, int n, int n_points, float **xyz, float **dist2, int **pick,
+                          int **order) {
   *xyz = SV_TAKE(a, float, 3 * (size_t)n);
   *dist2 = SV_TAKE(a, float, (size_t)n);
   *pick = SV_TAKE(a, int, (size_t)n);
@@ -95,7 +97,8 @@ static void place(const sv_init_cfg *cfg, const sv_point *point, int n_points, i
     if (cfg->kind == SV_INIT_POINTS) {
       // Copies of a point must not coincide: spread them by a hundredth of the scene, training does the rest.
       for (int k = 0; k < 3; k++)
-        xyz[3 * i + k] = point[pick[i]].mean[k] + (i < n_points ? 0.0f : 0.01f * cfg->radius * sv_rng_normal(&rng));
+        xyz[3 * i + k] =
+            point[pick[i]].mean[k] + (i < n_points ? 0.0f : 0.01f * cfg->radius * sv_rng_normal(&rng));
     } else {
       random_point(&rng, cfg->kind, xyz + 3 * i);
       for (int k = 0; k < 3; k++) xyz[3 * i + k] = cfg->centre[k] + cfg->radius * xyz[3 * i + k];
@@ -106,7 +109,8 @@ static void place(const sv_init_cfg *cfg, const sv_point *point, int n_points, i
 sv_status sv_gaussians_fill(sv_gaussians *g, const sv_init_cfg *cfg, const sv_point *point, int n_points,
                             sv_arena *scratch) {
   if (cfg->kind == SV_INIT_POINTS && n_points < 1) return SV_E_ARG;
-  if (!(cfg->opacity > 0 && cfg->opacity < 1) || !(cfg->radius > 0) || !(cfg->scale_factor > 0)) return SV_E_ARG;
+  if (!(cfg->opacity > 0 && cfg->opacity < 1) || !(cfg->radius > 0) || !(cfg->scale_factor > 0))
+    return SV_E_ARG;
   size_t mark = sv_arena_mark(scratch);
   float *xyz, *dist2;
   int *pick, *order;

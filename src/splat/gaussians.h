@@ -32,7 +32,6 @@ static inline float *sv_gaussians_at(const sv_gaussians *g, int i, int row) {
 void sv_gaussians_put(sv_gaussians *g, int i, const sv_gaussian *in);
 void sv_gaussians_get(const sv_gaussians *g, int i, sv_gaussian *out);
 
-
 typedef struct {
   float mean[3], rgb[3]; // world; display colour 0..1
 } sv_point;

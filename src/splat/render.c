@@ -7,7 +7,9 @@
 
 #define RANGE 1024 // slots projected by one task
 
-static int n_tiles_of(int w, int h) { return (sv_plane_pad(w) / SV_TILE_PX) * (sv_plane_pad(h) / SV_TILE_PX); }
+static int n_tiles_of(int w, int h) {
+  return (sv_plane_pad(w) / SV_TILE_PX) * (sv_plane_pad(h) / SV_TILE_PX);
+}
 
 static size_t cap_pixels_of(const sv_renderer_cfg *cfg) {
   return cfg->cap_pixels ? cfg->cap_pixels : sv_plane_floats(cfg->cap_width_px, cfg->cap_height_px);
@@ -37,8 +39,8 @@ static void carve(sv_renderer *r, const sv_renderer_cfg *cfg, sv_arena *a) {
   r->tile_begin = SV_TAKE(a, uint32_t, n_tiles + 1);
   r->tile_order = SV_TAKE(a, uint32_t, n_tiles);
   r->chunk_at = SV_TAKE(a, uint32_t, n_tiles * SV_RENDER_CHUNKS);
-  r->slot = cfg->has_grad ? SV_TAKE(a, float, recs * SV_SLOT_FLOATS) : NULL;
-  r->scratch = SV_TAKE(a, float, (size_t)cfg->n_threads * SV_RASTER_SCRATCH_FLOATS);
+  r->slot = cfg->has_grad ? SV_TAKE(a, float, recs *SV_SLOT_FLOATS) : NULL;
+  r->scratch = SV_TAKE(a, float, (size_t)cfg->n_threads *SV_RASTER_SCRATCH_FLOATS);
   for (int c = 0; c < 3; c++) r->rgb.c[c] = SV_TAKE(a, float, px);
   r->depth = SV_TAKE(a, float, px);
   r->trans = SV_TAKE(a, float, px);
@@ -63,7 +65,8 @@ sv_status sv_renderer_init(sv_renderer *r, const sv_renderer_cfg *cfg, sv_arena 
   return arena->status < 0 ? arena->status : SV_OK;
 }
 
-// --- forward -------------------------------------------------------------------------------------------------
+// --- forward
+// -------------------------------------------------------------------------------------------------
 
 typedef struct {
   sv_renderer *r;
@@ -105,14 +108,15 @@ static uint32_t chunk_begin(uint32_t n, int chunk) {
 static void count_task(void *arg, int c, int i_thread) {
   job *j = arg;
   sv_renderer *r = j->r;
-  uint32_t sum = 0, end = chunk_begin(j->n_visible, c + 1);
+  uint32_t end = chunk_begin(j->n_visible, c + 1);
+  uint64_t sum = 0;
   (void)i_thread;
   for (uint32_t i = chunk_begin(j->n_visible, c); i < end; i++) {
     if (i + 8 < end) __builtin_prefetch(r->splat + r->pair[i + 8].value);
     r->order[i] = r->pair[i].value;
     sum += r->splat[r->order[i]].n_recs;
   }
-  r->chunk_rec[c + 1] = sum;
+  r->chunk_rec[c + 1] = sum < r->cfg.cap_recs ? (uint32_t)sum : r->cfg.cap_recs;
 }
 
 static void bin_task(void *arg, int c, int i_thread) {
@@ -123,7 +127,8 @@ static void bin_task(void *arg, int c, int i_thread) {
   (void)i_thread;
   for (uint32_t i = begin; i < end; i++) {
     sv_splat *s = r->splat + r->order[i];
-    if (at + s->n_recs > r->cfg.cap_recs) s->n_recs = 0, dropped++; // the pool is full: the farthest go
+    // When the pool is full the farthest go: from the first that does not fit, all.
+    if (dropped || s->n_recs > r->cfg.cap_recs - at) s->n_recs = 0, dropped++;
     s->first_rec = at;
     at += s->n_recs;
   }
@@ -201,8 +206,14 @@ static void raster_task(void *arg, int i_task, int i_thread) {
 }
 
 static sv_kview make_kview(const sv_view *v, const sv_render_options *o) {
-  sv_kview k = {.width_px = v->width_px, .height_px = v->height_px, .fx = v->fx, .fy = v->fy, .cx = v->cx,
-                .cy = v->cy, .near_z = o->near_z, .dilation_px2 = SV_DILATION_PX2,
+  sv_kview k = {.width_px = v->width_px,
+                .height_px = v->height_px,
+                .fx = v->fx,
+                .fy = v->fy,
+                .cx = v->cx,
+                .cy = v->cy,
+                .near_z = o->near_z,
+                .dilation_px2 = SV_DILATION_PX2,
                 .is_antialiased = o->is_antialiased};
   memcpy(k.r, v->r, sizeof k.r);
   memcpy(k.t, v->t, sizeof k.t);
@@ -228,9 +239,12 @@ sv_status sv_render(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, co
   sv_status s = set_size(r, view->width_px, view->height_px);
   if (s < 0) return s;
   if (g->n > r->cfg.cap_gaussians || pool->n_threads > r->cfg.n_threads) return SV_E_RANGE;
-  r->project = (sv_project_args){.param = g->param, .n_rows = g->n_rows,
+  r->project = (sv_project_args){.param = g->param,
+                                 .n_rows = g->n_rows,
                                  .sh_degree = o->sh_degree < g->sh_degree ? o->sh_degree : g->sh_degree,
-                                 .n_gaussians = g->n, .view = make_kview(view, o), .splat = r->splat,
+                                 .n_gaussians = g->n,
+                                 .view = make_kview(view, o),
+                                 .splat = r->splat,
                                  .depth_key = r->depth_key};
   job j = {.r = r, .k = k, .n_blocks = (g->n + 15) / 16};
   int n_ranges = (g->n + RANGE - 1) / RANGE;
@@ -238,15 +252,20 @@ sv_status sv_render(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, co
   j.n_visible = r->stats.n_visible = sort_visible(r, k, n_ranges);
   bin_all(&j, pool);
   order_tiles(r);
-  r->raster = (sv_raster_args){.splat = r->splat, .rec = r->rec, .n_tiles_x = r->n_tiles_x, .stride = r->rgb.stride,
+  r->raster = (sv_raster_args){.splat = r->splat,
+                               .rec = r->rec,
+                               .n_tiles_x = r->n_tiles_x,
+                               .stride = r->rgb.stride,
                                .bg = {o->bg[0], o->bg[1], o->bg[2]},
                                .rgb = {r->rgb.c[0], r->rgb.c[1], r->rgb.c[2]},
-                               .depth = o->has_depth ? r->depth : NULL, .trans = r->trans};
+                               .depth = o->has_depth ? r->depth : NULL,
+                               .trans = r->trans};
   sv_pool_run(pool, raster_task, &j, r->n_tiles);
   return SV_OK;
 }
 
-// --- backward ------------------------------------------------------------------------------------------------
+// --- backward
+// ------------------------------------------------------------------------------------------------
 
 static void raster_bwd_task(void *arg, int i_task, int i_thread) {
   job *j = arg;
@@ -260,8 +279,12 @@ sv_status sv_render_bwd(sv_renderer *r, const sv_kernels *k, const sv_pool *pool
                         const float *g_depth, const float *g_trans, const float *err) {
   if (!r->slot || g_rgb->stride != r->rgb.stride || g_rgb->rows_padded != r->rgb.rows_padded) return SV_E_ARG;
   if (g_depth && !r->raster.depth) return SV_E_ARG;
-  sv_raster_bwd_args a = {.fwd = &r->raster, .g_rgb = {g_rgb->c[0], g_rgb->c[1], g_rgb->c[2]}, .g_depth = g_depth,
-                          .g_trans = g_trans, .err = err, .slot = r->slot};
+  sv_raster_bwd_args a = {.fwd = &r->raster,
+                          .g_rgb = {g_rgb->c[0], g_rgb->c[1], g_rgb->c[2]},
+                          .g_depth = g_depth,
+                          .g_trans = g_trans,
+                          .err = err,
+                          .slot = r->slot};
   job j = {.r = r, .k = k, .bwd = &a};
   sv_pool_run(pool, raster_bwd_task, &j, r->n_tiles);
   return SV_OK;
@@ -275,7 +298,8 @@ uint32_t sv_render_bwd_block(const sv_renderer *r, const sv_kernels *k, int bloc
 
 uint64_t sv_render_count_pairs(const sv_renderer *r) {
   uint64_t n = 0;
-  for (uint32_t i = 0; i < r->stats.n_recs; i++) n += 16u * (uint64_t)__builtin_popcountll(r->rec[r->list[i]].mask);
+  for (uint32_t i = 0; i < r->stats.n_recs; i++)
+    n += 16u * (uint64_t)__builtin_popcountll(r->rec[r->list[i]].mask);
   return n;
 }
 

@@ -48,8 +48,10 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   if ((s = sv_renderer_init(&t->render, &rc, a)) < 0) return s;
   sv_arena_part_begin(a, "loss");
   sv_photometric_cfg pc = {.cap_width_px = c->cap_width_px, .cap_height_px = c->cap_height_px,
-                           .cap_floats = px, .n_threads = c->n_threads};
+                           .n_threads = c->n_threads, .has_ssim = c->weight_ssim > 0.0f};
   if ((s = sv_photometric_init(&t->photometric, &pc, a)) < 0) return s;
+  sv_tv_cfg tc = {.cap_width_px = c->cap_width_px, .cap_height_px = c->cap_height_px, .n_threads = c->n_threads};
+  if (c->weight_tv > 0.0f && (s = sv_tv_init(&t->tv, &tc, a)) < 0) return s;
   for (int k = 0; k < 3; k++) t->target.c[k] = SV_TAKE(a, float, px);
   for (int k = 0; k < 3; k++) t->grad.c[k] = SV_TAKE(a, float, px);
   t->err_plane = SV_TAKE(a, float, px);
@@ -228,8 +230,11 @@ sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
   load_target(t, &tv->image, scale, o.bg);
   sv_status s = sv_render(&t->render, t->k, t->pool, &t->g, &view, &o);
   if (s < 0) return s;
-  sv_photometric_result loss = sv_photometric_run(&t->photometric, t->k, t->pool, &t->render.rgb, &t->target, &t->grad,
-                                              t->err_plane, t->cfg.weight_ssim);
+  sv_photometric_value loss;
+  sv_photometric_loss(&t->photometric, t->k, t->pool, &t->render.rgb, &t->target, &t->grad, t->err_plane,
+                      t->cfg.weight_ssim, &loss);
+  if (t->cfg.weight_tv > 0.0f)
+    loss.loss += sv_tv_loss(&t->tv, t->k, t->pool, &t->render.rgb, &t->grad, SV_TV_SQUARED, t->cfg.weight_tv);
   s = sv_render_bwd(&t->render, t->k, t->pool, &t->grad, NULL, NULL, t->err_plane);
   if (s < 0) return s;
   uint32_t n_touched = sv_train_optimise(t, progress);

@@ -6,6 +6,7 @@
 #define SV_TRAIN_TRAIN_H
 
 #include "src/loss/photometric.h"
+#include "src/loss/tv.h"
 #include "src/splat/render.h"
 
 #ifdef __cplusplus
@@ -66,6 +67,7 @@ typedef struct {
   uint32_t *touched_of; // [cap / 16 / blocks a task + 1]
   sv_renderer render;
   sv_photometric photometric;
+  sv_tv tv;
   sv_planes target, grad;
   float *err_plane, *unpack_scratch;
   sv_train_view *views; // [cap_views]

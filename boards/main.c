@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+// `subview`: the runtime on this board. One static block of memory, carved at start and sealed; no heap after.
+#include <stdlib.h>
+#include <string.h>
+
+#include "boards/board_main.h"
+
+#define VERSION "0.1.0"
+
+static _Alignas(SV_ARENA_ALIGN) uint8_t block[BOARD_ARENA_BYTES];
+
+sv_arena board_arena(void) { return sv_arena_make(block, sizeof block); }
+
+bool board_kernels(sv_kernels *k) {
+  const char *name = getenv("SV_ISA");
+  uint32_t mask = ~0u;
+  if (name && *name) {
+    int isa = sv_isa_by_name(name);
+    if (isa < 0 || !(sv_cpu_isas() & SV_ISA_BIT(isa))) {
+      say(2, "subview: SV_ISA=%s: this build and CPU have no such kernels; expected", name);
+      for (int i = 0; i < SV_N_ISAS; i++)
+        if (sv_cpu_isas() & SV_ISA_BIT(i)) say(2, " %s", sv_isa_name((sv_isa)i));
+      say(2, "\n");
+      return false;
+    }
+    mask = sv_isa_only((sv_isa)isa);
+  }
+  sv_kernels_init(k, mask);
+  return true;
+}
+
+typedef struct {
+  const char *name, *text;
+  int (*run)(int argc, char **argv);
+} command;
+
+static const command commands[] = {
+    {"run", "capture synchronized exposures, train Gaussians on them, save the model", cmd_run},
+    {"capture", "record synchronized exposures into a folder that replays", cmd_capture},
+    {"cameras", "list the cameras that this machine has, with the source string to use", cmd_cameras},
+    {"plan", "print the memory map of this board and what fits into it", cmd_plan},
+    {"bench", "time whole training steps on this machine", cmd_bench},
+    {"selftest", "check every kernel against its reference on this CPU", cmd_selftest},
+};
+
+static void help(int fd) {
+  say(fd, "subview: synchronized cameras in, 3D Gaussians out, in one fixed block of memory (board " BOARD_NAME ").\n\n"
+          "usage: subview COMMAND [options]\n\n");
+  for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
+    say(fd, "  %-10s %s\n", commands[i].name, commands[i].text);
+  say(fd, "\n'subview COMMAND --help' explains a command. SV_ISA=ref|sse41|avx2|avx512|neon pins the kernels.\n\n"
+          "example:\n  subview run --source sim:textured,rig=stereo --out out/demo\n");
+}
+
+int main(int argc, char **argv) {
+  if (argc < 2) {
+    help(2);
+    return EXIT_USAGE;
+  }
+  if (!strcmp(argv[1], "--help") || !strcmp(argv[1], "-h") || !strcmp(argv[1], "help")) {
+    help(1);
+    return 0;
+  }
+  if (!strcmp(argv[1], "--version")) {
+    say(1, "subview " VERSION " (%s)\n", BOARD_NAME);
+    return 0;
+  }
+  for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
+    if (!strcmp(argv[1], commands[i].name)) return commands[i].run(argc - 1, argv + 1);
+  say(2, "subview: unknown command '%s'; try 'subview --help'\n", argv[1]);
+  return EXIT_USAGE;
+}

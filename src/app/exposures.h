@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+// The pool of exposures: each sub-view's picture, cut out of its sensor's frame and undistorted once, kept for
+// training. Fixed capacity, carved at start.
+#ifndef SV_APP_EXPOSURES_H
+#define SV_APP_EXPOSURES_H
+
+#include "calib/remap.h"
+#include "kernels/kernels.h"
+#include "src/image/planes.h"
+#include "src/port/port.h"
+#include "src/rig/rig.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct {
+  const sv_rig *rig; // must outlive the pool
+  int cap_exposures; // a full pool replaces the oldest
+} sv_exposures_cfg;
+
+typedef struct {
+  sv_camera_model pinhole; // after undistortion
+  sv_remap map;            // entries NULL for a lens without distortion
+  size_t at, bytes;        // of its picture inside one exposure's block
+} sv_sub_view_store;
+
+typedef struct {
+  sv_exposures_cfg cfg;
+  sv_sub_view_store *sub; // [n_sub_views]
+  size_t exposure_bytes;
+  uint8_t *px;            // [cap_exposures][exposure_bytes]
+  sv_exposure *exposure;  // [cap_exposures]
+  int n;                  // exposures held
+  int i_next;             // slot that the next one goes to
+  uint64_t n_replaced;
+} sv_exposures;
+
+// E_RANGE with a sentence when a lens has no usable pinhole view. The remap tables are built here.
+sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *arena, sv_err *err) SV_MUST_USE;
+
+// Copies one synchronized set of RGB8 frames (frame[i_camera]) into the pool. The frames are free afterwards.
+// E_UNSUPPORTED for other pixel formats, E_RANGE when a frame's size is not the rig's.
+sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const sv_frame *frame, const sv_kernels *k,
+                           const sv_pool *pool, sv_err *err) SV_MUST_USE;
+
+// Picture and view of sub-view i_sub of exposure i (0: slot order).
+void sv_exposures_get(const sv_exposures *e, int i, int i_sub, sv_image_u8 *image, sv_view *view);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+// A model as a 3DGS PLY file, in and out.
+#ifndef SV_SPLAT_MODEL_FILE_H
+#define SV_SPLAT_MODEL_FILE_H
+
+#include <stdbool.h>
+
+#include "src/format/ply.h"
+#include "src/splat/gaussians.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+// w: workspace of the call. is_mip: the model was trained with anti-aliasing (Brush's "SplatRenderMode:
+// mip").
+sv_status sv_model_write_ply(const sv_gaussians *g, bool is_mip, sv_sink sink, sv_ply_writer *w,
+                             sv_err *err) SV_MUST_USE;
+// From an opened file into slots that sv_gaussians_init made for ply->n Gaussians of ply->sh_degree.
+sv_status sv_model_read_ply(sv_gaussians *g, sv_ply *ply, sv_err *err) SV_MUST_USE;
+
+#ifdef __cplusplus
+}
+#endif
+#endif
