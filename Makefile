@@ -103,7 +103,7 @@ $(ALL_OBJ): $(O)/flags | $(SYSROOT_STAMP)
 compile = @mkdir -p $(@D); $(if $(V),echo $(CC) $(1) $<;) $(CC) -MMD -MP $(1) -c $< -o $@
 define isa_rule
 $(O)/obj/kernels/%_$(1).o: kernels/%_$(1).c
-	$$(call compile,$(KERNEL_CFLAGS) $(ISA_$(1)))
+	$$(call compile,$$(KERNEL_CFLAGS) $$(ISA_$(1)))
 endef
 $(foreach i,$(BOARD_ISAS),$(eval $(call isa_rule,$(i))))
 $(O)/obj/kernels/%.o: kernels/%.c

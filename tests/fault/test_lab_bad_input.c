@@ -1,0 +1,334 @@
+// SPDX-License-Identifier: Apache-2.0
+// subview-lab on bad input: the program is run as a user runs it, on files made here. Each case must end
+// with the stated exit code and exactly one line on stderr that names what is wrong; a crash or a second line
+// fails. Skipped when the program is not built (SV_BIN names its folder, SV_EMULATE what runs it).
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+// cmocka needs the four above first
+#include <cmocka.h>
+
+#include <signal.h>
+#include <stdio.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "tools/common/fileio.h"
+#include "tools/common/imageio.h"
+
+static char g_root[512], g_lab[512];
+
+// --- a small dataset
+// -----------------------------------------------------------------------------------------
+
+static void put(const char *name, const char *text) {
+  char path[1024];
+  sv_err err;
+  snprintf(path, sizeof path, "%s/%s", g_root, name);
+  assert_int_equal(sv_file_write(path, text, strlen(text), &err), SV_OK);
+}
+
+static void put_picture(const char *name, int w, int h, int n_channels) {
+  char path[1024];
+  sv_err err;
+  sv_bitmap b = {.width_px = w, .height_px = h, .n_channels = n_channels, .bits = 8};
+  b.u8 = malloc((size_t)w * (size_t)h * (size_t)n_channels);
+  for (int i = 0; i < w * h * n_channels; i++) b.u8[i] = (uint8_t)(37 * i + i / 7);
+  snprintf(path, sizeof path, "%s/%s", g_root, name);
+  assert_int_equal(sv_bitmap_write_png(path, &b, &err), SV_OK);
+  free(b.u8);
+}
+
+static void folder(const char *name) {
+  char path[1024];
+  sv_err err;
+  snprintf(path, sizeof path, "%s/%s", g_root, name);
+  assert_int_equal(sv_path_make_folder(path, &err), SV_OK);
+}
+
+#define POSE(z)              "\"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1," #z "],[0,0,0,1]]"
+#define FRAME(file, z, more) "{\"file_path\": \"" file "\", " POSE(z) more "}"
+
+// A dataset folder with one transforms.json; "%" stands for nothing here.
+static void dataset(const char *name, const char *head, const char *frames) {
+  char file[256], text[4096];
+  folder(name);
+  snprintf(file, sizeof file, "%s/transforms.json", name);
+  snprintf(text, sizeof text, "{%s \"frames\": [%s]}", head, frames);
+  put(file, text);
+}
+
+#define ANGLE       "\"camera_angle_x\": 0.7,"
+#define GOOD_FRAMES FRAME("../a.png", 4, "") "," FRAME("../b.png", 4.5, "") "," FRAME("../a", 5, "")
+
+static void make_files(void) {
+  put_picture("a.png", 32, 24, 3);
+  put_picture("b.png", 32, 24, 4);
+  put_picture("dot.png", 1, 1, 3);
+  put_picture("tiny.png", 7, 40, 3);
+  put("not_a_picture.png", "hello");
+  put("cut.png", "\x89PNG\r\n\x1a\n");
+  dataset("good", ANGLE, GOOD_FRAMES);
+  dataset("missing", ANGLE, FRAME("../a.png", 4, "") "," FRAME("../nowhere.png", 4, ""));
+  dataset("size", ANGLE "\"w\": 33, \"h\": 24,", GOOD_FRAMES);
+  dataset("one_pixel", ANGLE, FRAME("../a.png", 4, "") "," FRAME("../dot.png", 4, ""));
+  dataset("thin", ANGLE, FRAME("../a.png", 4, "") "," FRAME("../tiny.png", 4, ""));
+  dataset("text", ANGLE, FRAME("../a.png", 4, "") "," FRAME("../not_a_picture.png", 4, ""));
+  dataset("cut", ANGLE, FRAME("../a.png", 4, "") "," FRAME("../cut.png", 4, ""));
+  dataset("nan", "\"camera_angle_x\": NaN,", GOOD_FRAMES);
+  dataset("nan_pose", ANGLE,
+          "{\"file_path\": \"../a.png\", \"transform_matrix\": [[NaN,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}");
+  dataset("skewed", ANGLE,
+          "{\"file_path\": \"../a.png\", \"transform_matrix\": [[2,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}");
+  dataset("empty", ANGLE, "");
+  dataset("held_out", ANGLE, FRAME("../a.png", 4, ", \"split\": \"test\""));
+  dataset("lens", ANGLE "\"k1\": -9e9,", GOOD_FRAMES);
+  dataset("points", ANGLE "\"ply_file_path\": \"p.ply\",", GOOD_FRAMES);
+  put("points/p.ply",
+      "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\n"
+      "end_header\n1 2 3\n4 5\n");
+  folder("unfinished");
+  put("unfinished/transforms.json", "{\"frames\": [{\"file_path\": \"../a.png\", ");
+  folder("nothing");
+  put("cloud.ply",
+      "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+      "end_header\n1 2 3\n");
+  put("bad.ply", "ply\nformat binary_little_endian 1.0\nelement vertex 9\nproperty fl");
+}
+
+// --- running it
+// -------------------------------------------------------------------------------------------------
+
+// Runs `subview-lab ARGS` in g_root through the shell; stderr's lines, exit code (or 128 + signal).
+static int run_lab(const char *args, char *text, size_t cap) {
+  char command[2048];
+  const char *emulate = getenv("SV_EMULATE");
+  snprintf(command, sizeof command, "cd '%s' && exec %s '%s' %s 2>&1 >out.txt </dev/null", g_root,
+           emulate ? emulate : "", g_lab, args);
+  FILE *p = popen(command, "r");
+  assert_non_null(p);
+  size_t n = fread(text, 1, cap - 1, p);
+  text[n] = 0;
+  int code = pclose(p);
+  return WIFEXITED(code) ? WEXITSTATUS(code) : 128 + WTERMSIG(code);
+}
+
+static int lines_of(const char *text) {
+  int n = 0;
+  for (; *text; text++) n += *text == '\n';
+  return n;
+}
+
+typedef struct {
+  int code;
+  const char *args, *word; // word: must stand in the line
+} bad_case;
+
+static const bad_case cases[] = {
+    // usage: exit 2, with a hint
+    {2, "", "--help"},
+    {2, "cook", "unknown command"},
+    {2, "train --out o", "--data"},
+    {2, "train --data good", "--out"},
+    {2, "train --data", "--data needs a value"},
+    {2, "train --data good --out o --frobnicate", "--frobnicate"},
+    {2, "train --data good --out o --gaussians 0", "--gaussians"},
+    {2, "train --data good --out o --gaussians 5000000", "--gaussians"},
+    {2, "train --data good --out o --steps -3", "--steps"},
+    {2, "train --data good --out o --steps 1e3", "--steps"},
+    {2, "train --data good --out o --steps 99999999999999999999", "--steps"},
+    {2, "train --data good --out o --time-limit nan", "--time-limit"},
+    {2, "train --data good --out o --steps 3 --time-limit 3", "exclude"},
+    {2, "train --data good --out o --exposures 0", "--exposures"},
+    {2, "train --data good --out o --sh 4", "--sh"},
+    {2, "train --data good --out o --threads 0", "--threads"},
+    {2, "train --data good --out o --scale 0", "--scale"},
+    {2, "train --data good --out o --seed -1", "--seed"},
+    {2, "train --data good --out o --background blue", "--background"},
+    {2, "train --data good --out o --init torus", "--init"},
+    {2, "train --data good --out o --init points:", "--init"},
+    {2, "train --data good --out o --loss ssim=2", "ssim"},
+    {2, "train --data good --out o --loss l7=1", "--loss"},
+    {2, "train --data good --out o --loss ssim", "--loss"},
+    {2, "train --data good --out o --model 4dgs", "not supported yet"},
+    {2, "train --data good --out o --prior fsgs", "not supported yet"},
+    {2, "train --data good --out o --prior external:x", "not supported yet"},
+    {2, "train --data good --out o --noise read=1", "not supported yet"},
+    {2, "train --data good --out o --eval=yes", "takes no value"},
+    {2, "train --data good --out o stray", "stray"},
+    {2, "eval --data good", "--model"},
+    {2, "eval --data good --model m.ply --mask covisible", "not supported yet"},
+    {2, "eval --data good --model m.ply --lpips", "not supported yet"},
+    {2, "render --data good --model m.ply --out o --orbit 3 --split test", "exclude"},
+    {2, "export --model m.ply --format spz --out o", "not supported yet"},
+    {2, "export --model m.ply --format obj --out o", "--format"},
+    {2, "import --from colmap --out o", "folder"},
+    {2, "import --from tape good --out o", "--from"},
+    // failures: exit 1, one sentence with the file
+    {1, "train --data absent --out o", "absent"},
+    {1, "train --data nothing --out o", "nothing"},
+    {1, "train --data good --transforms t.json --out o", "t.json"},
+    {1, "train --data missing --out o", "nowhere.png"},
+    {1, "train --data size --out o", "33x24"},
+    {1, "train --data one_pixel --out o", "dot.png"},
+    {1, "train --data thin --out o", "tiny.png"},
+    {1, "train --data good --scale 16 --out o", "after --scale"},
+    {1, "train --data text --out o", "not_a_picture.png"},
+    {1, "train --data cut --out o", "cut.png"},
+    {1, "train --data nan --out o", "transforms.json"},
+    {1, "train --data nan_pose --out o", "transforms.json"},
+    {1, "train --data skewed --out o", "rotation"},
+    {1, "train --data empty --out o", "no frames"},
+    {1, "train --data held_out --out o", "left"},
+    {1, "train --data lens --out o", "lens"},
+    {1, "train --data points --out o", "p.ply"},
+    {1, "train --data unfinished --out o", "transforms.json"},
+    {1, "train --data good --init points:absent.ply --out o", "absent.ply"},
+    {1, "train --data good --steps 2 --quiet --out a.png/o", "a.png"},
+    {1, "eval --data good --model absent.ply", "absent.ply"},
+    {1, "eval --data good --model bad.ply", "bad.ply"},
+    {1, "eval --data good --model cloud.ply", "cloud.ply"},
+    {1, "eval --data good --model cut_model.ply", "cut_model.ply"},
+    {1, "eval --data good --model model/model.ply --depth --quiet", "depth"},
+    {1, "eval --data good --model model/model.ply --split test_near", "test_near"},
+    {1, "eval --data good --model model/model.ply --split unheard_of", "unheard_of"},
+    {1, "eval --data good --model spoilt/model.ply", "train.json"},
+    {1, "render --data missing --model model/model.ply --split train --out o", "nowhere.png"},
+    {1, "export --model bad.ply --format splat --out o.splat", "bad.ply"},
+    {1, "export --model model/model.ply --format splat --out absent/o.splat --quiet", "o.splat"},
+    {1, "import --from colmap good --out o", "images"},
+    {1, "import --from capture good --out o", "capture.json"},
+    {1, "import --from blender nothing --out o", "transforms"},
+    {1, "import --from qca good --out o", "qca"},
+    {1, "import --from 4cam-board good --out o", "camera_array"},
+};
+
+// What must work, so that the cases above fail for their own reason; it also makes the model they use.
+static void test_good_input(void **state) {
+  char text[4096];
+  (void)state;
+  assert_int_equal(run_lab("train --data good --gaussians 50 --steps 5 --quiet --json --eval --out model",
+                           text, sizeof text),
+                   0);
+  assert_string_equal(text, "");
+  assert_int_equal(run_lab("eval --data good --model model/model.ply --quiet", text, sizeof text), 0);
+  assert_int_equal(run_lab("render --data good --model model/model.ply --orbit 2 --depth --quiet --out turn",
+                           text, sizeof text),
+                   0);
+  assert_int_equal(
+      run_lab("export --model model/model.ply --format splat --quiet --out m.splat", text, sizeof text), 0);
+  assert_int_equal(run_lab("import --from nerfstudio good --quiet --out again", text, sizeof text), 0);
+  assert_int_equal(
+      run_lab("train --data again --gaussians 50 --steps 5 --quiet --out model2", text, sizeof text), 0);
+  assert_int_equal(run_lab("train --help", text, sizeof text), 0);
+  assert_int_equal(run_lab("--version", text, sizeof text), 0);
+}
+
+static void make_damaged_models(void) {
+  char path[1024];
+  void *data;
+  size_t bytes;
+  sv_err err;
+  snprintf(path, sizeof path, "%s/model/model.ply", g_root);
+  assert_int_equal(sv_file_read(path, &data, &bytes, &err), SV_OK);
+  snprintf(path, sizeof path, "%s/cut_model.ply", g_root);
+  assert_int_equal(sv_file_write(path, data, bytes - 10, &err), SV_OK);
+  folder("spoilt");
+  snprintf(path, sizeof path, "%s/spoilt/model.ply", g_root);
+  assert_int_equal(sv_file_write(path, data, bytes, &err), SV_OK);
+  put("spoilt/train.json", "{\"scale\": \"large\"}");
+  free(data);
+}
+
+static void test_bad_input(void **state) {
+  char text[4096];
+  int n_bad = 0;
+  (void)state;
+  make_damaged_models();
+  for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+    const bad_case *c = &cases[i];
+    int code = run_lab(c->args, text, sizeof text), n = lines_of(text);
+    if (code == c->code && n == 1 && strstr(text, c->word)) continue;
+    print_error("subview-lab %s\n  exit %d (expected %d), %d lines (expected 1 with '%s'):\n%s\n", c->args,
+                code, c->code, n, c->word, text);
+    n_bad++;
+  }
+  assert_int_equal(n_bad, 0);
+}
+
+// A key of a number in the JSON object on stdout of the last run.
+static double json_number(const char *key) {
+  char path[1024], want[64];
+  void *data;
+  size_t bytes;
+  sv_err err;
+  snprintf(path, sizeof path, "%s/out.txt", g_root);
+  assert_int_equal(sv_file_read(path, &data, &bytes, &err), SV_OK);
+  snprintf(want, sizeof want, "\"%s\": ", key);
+  const char *p = strstr(data, want);
+  assert_non_null(p);
+  double v = strtod(p + strlen(want), NULL);
+  free(data);
+  return v;
+}
+
+// The file holds the whole model: scores before and after it agree.
+static void test_model_file(void **state) {
+  char text[4096];
+  (void)state;
+  assert_int_equal(
+      run_lab("train --data good --gaussians 300 --steps 60 --sh 2 --background white --quiet --json --eval "
+              "--out whole",
+              text, sizeof text),
+      0);
+  double psnr = json_number("psnr"), ssim = json_number("ssim");
+  assert_int_equal(run_lab("eval --data good --model whole/model.ply --quiet --json", text, sizeof text), 0);
+  assert_true(psnr > 5 && psnr < 60);
+  assert_true(json_number("psnr") - psnr < 1e-6 && psnr - json_number("psnr") < 1e-6);
+  assert_true(json_number("ssim") - ssim < 1e-6 && ssim - json_number("ssim") < 1e-6);
+  assert_int_equal(
+      run_lab("export --model whole/model.ply --format ply --quiet --out whole/copy.ply", text, sizeof text),
+      0);
+  assert_int_equal(run_lab("eval --data good --model whole/copy.ply --quiet --json", text, sizeof text), 0);
+  assert_true(json_number("psnr") - psnr < 1e-6 && psnr - json_number("psnr") < 1e-6);
+}
+
+static int set_up(void **state) {
+  const char *bin = getenv("SV_BIN"), *tmp = getenv("TMPDIR");
+  char cwd[300] = "";
+  (void)state;
+  if (!bin) bin = "build/sim-x86/bin";
+  if (bin[0] != '/' && !getcwd(cwd, sizeof cwd)) return -1;
+  snprintf(g_lab, sizeof g_lab, "%s%s%.150s/subview-lab", cwd, *cwd ? "/" : "", bin);
+  if (access(g_lab, X_OK) != 0) return 0;
+  snprintf(g_root, sizeof g_root, "%.300s/lab-bad-XXXXXX", tmp ? tmp : "/tmp");
+  if (!mkdtemp(g_root)) return -1;
+  make_files();
+  return 0;
+}
+
+static int tear_down(void **state) {
+  char command[600];
+  (void)state;
+  if (!*g_root) return 0;
+  snprintf(command, sizeof command, "rm -rf '%s'", g_root);
+  return system(command);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_good_input), cmocka_unit_test(test_bad_input),
+                                     cmocka_unit_test(test_model_file)};
+  signal(SIGPIPE, SIG_IGN);
+  if (set_up(NULL) != 0) return 1;
+  if (access(g_lab, X_OK) != 0) {
+    print_message("skip: %s is not built\n", g_lab);
+    return 77;
+  }
+  int n = cmocka_run_group_tests(tests, NULL, NULL);
+  tear_down(NULL);
+  return n;
+}

@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+// The options of all commands, in one table (args.c). A command accepts the rows that carry its bit; parsing,
+// range checks and --help come from the same rows.
+#ifndef SV_TOOLS_LAB_ARGS_H
+#define SV_TOOLS_LAB_ARGS_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "src/train/train.h"
+
+#define LAB_EXIT_OK     0
+#define LAB_EXIT_FAILED 1
+#define LAB_EXIT_USAGE  2
+
+enum { LAB_TRAIN = 1, LAB_EVAL = 2, LAB_RENDER = 4, LAB_EXPORT = 8, LAB_IMPORT = 16, LAB_BENCH = 32 };
+
+// NULL and -1 stand for "not given"; a given number is inside its range.
+typedef struct {
+  const char *data, *transforms, *model, *split, *out, *format, *from, *input;
+  const char *method, *prior, *init, *background, *loss;
+  long exposures, gaussians, sh, steps, scale, seed, threads, orbit;
+  double time_limit_s;
+  bool is_eval, is_json, is_quiet, has_depth, is_help, is_version;
+  float ssim, tv, opacity, size; // of --loss; below 0: not given
+} lab_options;
+
+typedef struct {
+  const char *name, *args, *summary, *text, *example;
+  int bit;
+  int (*run)(const lab_options *o);
+} lab_command;
+
+// LAB_EXIT_OK, or LAB_EXIT_USAGE after one line on stderr. Strings stay where argv has them.
+int lab_args_parse(const lab_command *c, int argc, char **argv, lab_options *o);
+void lab_args_help(const lab_command *c); // on stdout
+// One line: "subview-lab train: TEXT; try 'subview-lab train --help'". Returns LAB_EXIT_USAGE.
+int lab_usage(const char *command, const char *fmt, ...) SV_PRINTF(2, 3);
+
+#endif

@@ -1,0 +1,195 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "src/base/mathx.h"
+#include "src/base/str.h"
+#include "tools/lab/evaluate.h"
+#include "tools/lab/report.h"
+
+#define DEPTH_ALPHA_MIN 0.5f // a pixel that is mostly background has no depth
+
+typedef struct {
+  const lab_options *o;
+  lab_session session;
+  lab_model model;
+  lab_views views; // of the split, or those that tell the orbit's circle
+  lab_settings settings;
+  lab_viewer viewer;
+  lab_report list;
+  uint8_t *rgb;
+  uint16_t *z;
+  float *depth;
+  double depth_unit; // scene units of one step of a depth PNG
+} run;
+
+// N views around the scene at the cameras' median distance and height, with the first camera's lens.
+static sv_status orbit_view(const run *r, const lab_scene *sc, int i, sv_view *out, sv_err *err) {
+  double up[3], side[3], ahead[3], eye[3], c[3], height = 0, d = (double)sc->distance;
+  for (int k = 0; k < 3; k++) up[k] = (double)sc->up[k], c[k] = (double)sc->centre[k];
+  for (int v = 0; v < r->views.n; v++) {
+    double p[3];
+    sv_pose_centre(p, &r->views.frames[v].f.cam_from_world);
+    sv_sub3(p, p, c);
+    height += sv_dot3(p, up) / r->views.n;
+  }
+  height = height > 0.9 * d ? 0.9 * d : height < -0.9 * d ? -0.9 * d : height;
+  double axis[3] = {fabs(up[0]) < 0.9, fabs(up[0]) >= 0.9, 0}; // any direction across `up`
+  sv_cross3(side, up, axis);
+  double n = sv_norm3(side), flat = sqrt(d * d - height * height),
+         angle = 2 * SV_PI * i / (double)r->o->orbit;
+  for (int k = 0; k < 3; k++) side[k] /= n;
+  sv_cross3(ahead, up, side);
+  for (int k = 0; k < 3; k++)
+    eye[k] = c[k] + height * up[k] + flat * (sv_cos(angle) * side[k] + sv_sin(angle) * ahead[k]);
+  sv_pose pose;
+  if (!sv_pose_look_at(&pose, eye, c, up))
+    return sv_fail(err, SV_E_RANGE, "the cameras do not tell a circle to orbit on");
+  const sv_view *v0 = &r->views.frames[0].view;
+  *out = sv_view_make(v0->width_px, v0->height_px, (double)v0->fx, (double)v0->fy, (double)v0->cx,
+                      (double)v0->cy, &pose);
+  return SV_OK;
+}
+
+static double round_up_125(double x) { // to 1, 2 or 5 times a power of ten
+  double p = 1;
+  while (p > x) p /= 10;
+  while (p * 10 <= x) p *= 10;
+  return x <= p ? p : x <= 2 * p ? 2 * p : x <= 5 * p ? 5 * p : 10 * p;
+}
+
+static void list_view(run *r, const sv_view *v, const char *name) {
+  lab_report *j = &r->list;
+  float pose[12];
+  for (int i = 0; i < 3; i++) {
+    for (int k = 0; k < 3; k++) pose[4 * i + k] = v->r[3 * i + k];
+    pose[4 * i + 3] = v->t[i];
+  }
+  lab_report_item_begin(j);
+  lab_report_text(j, "name", name);
+  lab_report_int(j, "w", v->width_px);
+  lab_report_int(j, "h", v->height_px);
+  lab_report_nums(j, "fx_fy_cx_cy", (float[]){v->fx, v->fy, v->cx, v->cy}, 4);
+  lab_report_nums(j, "cam_from_world_3x4", pose, 12);
+  lab_report_item_end(j);
+}
+
+static sv_status write_depth(run *r, const sv_view *v, const char *name, sv_err *err) {
+  char path[SV_CAP_PATH], file[SV_CAP_PATH];
+  size_t w = (size_t)v->width_px, h = (size_t)v->height_px, stride = (size_t)r->viewer.r.rgb.stride;
+  sv_render_expected_depth(&r->viewer.r, DEPTH_ALPHA_MIN, r->depth);
+  for (size_t y = 0; y < h; y++)
+    for (size_t x = 0; x < w; x++) {
+      double z = (double)r->depth[y * stride + x] / r->depth_unit;
+      r->z[y * w + x] = (uint16_t)(z <= 0 ? 0 : z >= 65535 ? 65535 : z + 0.5);
+    }
+  snprintf(file, sizeof file, "%.900s_depth.png", name);
+  sv_status s = sv_path_join(path, sizeof path, r->o->out, file, err);
+  sv_bitmap b = {
+      .width_px = v->width_px, .height_px = v->height_px, .n_channels = 1, .bits = 16, .u16 = r->z};
+  return s == SV_OK ? sv_bitmap_write_png(path, &b, err) : s;
+}
+
+static sv_status render_view(run *r, const sv_view *v, const char *name, sv_err *err) {
+  char path[SV_CAP_PATH], file[SV_CAP_PATH];
+  sv_render_options o = lab_render_options(&r->settings, r->model.g.sh_degree, r->o->has_depth);
+  sv_status s = sv_render(&r->viewer.r, &r->session.k, &r->session.pool, &r->model.g, v, &o);
+  if (s < 0) return sv_fail(err, s, "view %s cannot be rendered: %s", name, sv_status_text(s));
+  lab_to_bytes(&r->viewer.r.rgb, r->rgb);
+  snprintf(file, sizeof file, "%.900s.png", name);
+  if ((s = sv_path_join(path, sizeof path, r->o->out, file, err)) != SV_OK) return s;
+  sv_bitmap b = {
+      .width_px = v->width_px, .height_px = v->height_px, .n_channels = 3, .bits = 8, .u8 = r->rgb};
+  if ((s = sv_bitmap_write_png(path, &b, err)) != SV_OK) return s;
+  list_view(r, v, name);
+  return r->o->has_depth ? write_depth(r, v, name, err) : SV_OK;
+}
+
+// A name for each view: that of its picture; with the camera's folder when two pictures share one.
+static void view_name(const run *r, int i, char *out, size_t cap) {
+  if (r->o->orbit > 0) {
+    snprintf(out, cap, "orbit_%04d", i);
+    return;
+  }
+  const char *base = sv_path_name(r->views.frames[i].f.file_path);
+  bool is_unique = true;
+  for (int k = 0; k < r->views.n && is_unique; k++)
+    is_unique = k == i || !sv_str_eq(base, sv_path_name(r->views.frames[k].f.file_path));
+  snprintf(out, cap, "%s", is_unique ? base : r->views.frames[i].f.file_path);
+  out[strlen(out) - strlen(sv_path_extension(out))] = 0;
+  for (char *p = out; *p; p++)
+    if (*p == '/') *p = '_';
+}
+
+static sv_status prepare(run *r, lab_scene *scene, sv_err *err) {
+  sv_status s = lab_model_read(&r->model, r->o->model, err);
+  if (s == SV_OK) s = lab_settings_for(&r->settings, r->o, &r->model, err);
+  if (s != SV_OK) return s;
+  lab_source src = {.folder = r->o->data,
+                    .transforms = r->settings.transforms,
+                    .split = r->o->orbit > 0 ? "train"
+                             : r->o->split   ? r->o->split
+                                             : "test",
+                    .scale = r->settings.scale};
+  if ((s = lab_views_open(&r->views, &src, &r->session.pool, err)) != SV_OK) return s;
+  *scene = lab_scene_of(&r->views);
+  // Depth may reach well behind the scene before it is cut off.
+  r->depth_unit = round_up_125(((double)scene->distance + 4 * (double)r->settings.radius) / 65535);
+  s = lab_viewer_start(&r->viewer, &r->session, r->model.g.n, r->views.cap_width_px, r->views.cap_height_px,
+                       r->views.cap_floats, err);
+  if (s != SV_OK) return s;
+  size_t n = r->views.cap_floats; // padded, so at least as much as is needed
+  r->rgb = malloc(3 * n), r->z = malloc(n * sizeof *r->z), r->depth = malloc(n * sizeof *r->depth);
+  if (!r->rgb || !r->z || !r->depth) return sv_fail(err, SV_E_NOMEM, "no memory for a picture");
+  return sv_path_make_folder(r->o->out, err);
+}
+
+static sv_status render_all(run *r, sv_err *err) {
+  char name[SV_CAP_PATH];
+  lab_scene scene;
+  sv_console *c = &r->session.console;
+  sv_status s = prepare(r, &scene, err);
+  if (s != SV_OK) return s;
+  int n = r->o->orbit > 0 ? (int)r->o->orbit : r->views.n;
+  lab_report_begin(&r->list);
+  if (r->o->has_depth) lab_report_num(&r->list, "depth_unit_scale_factor", r->depth_unit);
+  lab_report_array(&r->list, "views");
+  for (int i = 0; i < n; i++) {
+    sv_view v = r->views.frames[r->o->orbit > 0 ? 0 : i].view;
+    if (c->is_stop_requested(c->self))
+      return sv_fail(err, SV_E_INTERRUPTED, "stopped by request at view %d of %d", i, n);
+    if (r->o->orbit > 0 && (s = orbit_view(r, &scene, i, &v, err)) != SV_OK) return s;
+    view_name(r, i, name, sizeof name);
+    if ((s = render_view(r, &v, name, err)) != SV_OK) return s;
+    snprintf(name, sizeof name, "rendered %d of %d views", i + 1, n);
+    c->log(c->self, SV_LOG_LIVE, name);
+  }
+  lab_report_array_end(&r->list);
+  lab_report_end(&r->list);
+  if ((s = sv_path_join(name, sizeof name, r->o->out, "views.json", err)) != SV_OK) return s;
+  if ((s = lab_report_save(&r->list, name, err)) != SV_OK) return s;
+  if (r->o->has_depth)
+    lab_say(&r->session,
+            "%d views in %s; a step of a depth PNG is %g scene units along the optical axis, 0 is no depth",
+            n, r->o->out, r->depth_unit);
+  else lab_say(&r->session, "%d views in %s", n, r->o->out);
+  return SV_OK;
+}
+
+int lab_cmd_render(const lab_options *o) {
+  sv_err err = {0};
+  run r = {.o = o};
+  int code = LAB_EXIT_OK;
+  sv_status s = lab_session_start(&r.session, o->threads, o->is_quiet, &err);
+  if (s == SV_OK) s = sv_linux_catch_signals(&err);
+  if (s == SV_OK) s = render_all(&r, &err);
+  if (s != SV_OK) code = lab_failed(&r.session, &err);
+  lab_session_stop(&r.session);
+  lab_report_free(&r.list);
+  free(r.rgb), free(r.z), free(r.depth);
+  lab_viewer_stop(&r.viewer);
+  lab_views_free(&r.views);
+  lab_model_free(&r.model);
+  return code;
+}

@@ -1,0 +1,304 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "src/base/str.h"
+#include "tools/lab/evaluate.h"
+#include "tools/lab/plan.h"
+#include "tools/lab/progress.h"
+#include "tools/lab/report.h"
+
+#define N_PANELS 4
+
+// One training run, from the options to what is saved.
+typedef struct {
+  const lab_options *o;
+  lab_session session;
+  lab_views views;
+  lab_scene scene;
+  sv_init_cfg init;
+  sv_point *points;
+  int n_points;
+  sv_train_cfg cfg;
+  lab_plan plan;
+  long steps, n_steps; // done, wanted (0: by time)
+  double limit_s, load_s, train_s, eval_s;
+  double loss; // of the last steps
+  bool is_stopped, has_scores;
+  sv_render_options render; // of the finished model
+  lab_scores scores;
+} run;
+
+// --- settings
+// --------------------------------------------------------------------------------------------------
+
+static sv_train_cfg train_cfg(const lab_options *o) {
+  sv_train_cfg c = sv_train_defaults();
+  c.n_gaussians = o->gaussians > 0 ? (int)o->gaussians : 20000;
+  c.sh_degree = o->sh >= 0 ? (int)o->sh : 1;
+  c.seed = o->seed >= 0 ? (uint64_t)o->seed : 1;
+  c.background = lab_background_by_name(o->background);
+  if (o->ssim >= 0) c.weight_ssim = o->ssim;
+  if (o->tv >= 0) c.weight_tv = o->tv;
+  if (o->opacity >= 0) c.reg_opacity = o->opacity;
+  if (o->size >= 0) c.reg_scale = o->size;
+  if (o->steps > 0) c.steps_hint = (int)o->steps;
+  return c;
+}
+
+// The file of --init points:FILE, or the dataset's own; NULL: a random start.
+static const char *points_file(run *r) {
+  const char *init = r->o->init;
+  if (init) return strncmp(init, "points:", 7) == 0 ? init + 7 : NULL;
+  if (!*r->views.points || r->o->exposures == 1) return NULL; // one exposure cannot have measured such points
+  if (sv_path_exists(r->views.points)) return r->views.points;
+  lab_say(&r->session, "%s: the points that the dataset names are missing; starting from random ones",
+          r->views.points);
+  return NULL;
+}
+
+static sv_status choose_start(run *r, sv_err *err) {
+  const char *init = r->o->init, *file = points_file(r);
+  r->scene = lab_scene_of(&r->views);
+  r->init = (sv_init_cfg){.kind = SV_INIT_SPHERE,
+                          .radius = r->scene.radius,
+                          .opacity = 0.1f,
+                          .scale_factor = 1.0f,
+                          .seed = r->cfg.seed};
+  memcpy(r->init.centre, r->scene.centre, sizeof r->init.centre);
+  if (init && sv_str_eq(init, "cube")) r->init.kind = SV_INIT_CUBE;
+  if (!file) return SV_OK;
+  r->init.kind = SV_INIT_POINTS;
+  r->init.opacity = 0.5f, r->init.scale_factor = 0.5f;
+  return lab_points_read(file, &r->points, &r->n_points, r->init.centre, &r->init.radius, err);
+}
+
+static int check_init(const lab_options *o) {
+  const char *i = o->init;
+  if (!i || sv_str_eq(i, "sphere") || sv_str_eq(i, "cube") || (strncmp(i, "points:", 7) == 0 && i[7]))
+    return LAB_EXIT_OK;
+  return lab_usage("train", "--init is sphere, cube or points:FILE, not '%.80s'", i);
+}
+
+// --- stages
+// ------------------------------------------------------------------------------------------------------
+
+static sv_status load(run *r, sv_err *err) {
+  double t0 = lab_seconds(&r->session);
+  lab_source src = {.folder = r->o->data,
+                    .transforms = r->o->transforms,
+                    .split = "train",
+                    .n_exposures = (int)r->o->exposures,
+                    .scale = (int)r->o->scale};
+  sv_status s = lab_views_open(&r->views, &src, &r->session.pool, err);
+  if (s == SV_OK) s = choose_start(r, err);
+  if (s == SV_OK) s = lab_plan_make(&r->plan, &r->session, &r->views, r->cfg, r->n_points, err);
+  if (s == SV_OK) s = lab_pictures_load(&r->views, r->plan.pictures, &r->session.pool, err);
+  if (s != SV_OK) return s;
+  for (int i = 0; i < r->views.n; i++) {
+    const lab_frame *f = &r->views.frames[i];
+    sv_image_u8 im = {.px = r->plan.pictures[i],
+                      .width_px = f->view.width_px,
+                      .height_px = f->view.height_px,
+                      .n_channels = f->n_channels,
+                      .stride_bytes = f->view.width_px * f->n_channels};
+    if ((s = sv_train_add_view(&r->plan.trainer, &f->view, &im, err)) != SV_OK) return s;
+  }
+  s = sv_train_start(&r->plan.trainer, &r->init, r->points, r->n_points, &r->plan.scratch);
+  free(r->points);
+  r->points = NULL;
+  r->load_s = lab_seconds(&r->session) - t0;
+  return s == SV_OK ? SV_OK : sv_fail(err, s, "the start could not be made from %d points", r->n_points);
+}
+
+static sv_status train(run *r, sv_err *err) {
+  sv_trainer *t = &r->plan.trainer;
+  lab_session *se = &r->session;
+  lab_progress p;
+  lab_progress_start(&p, se);
+  double t0 = p.t0_s;
+  while (!(r->is_stopped = se->console.is_stop_requested(se->console.self))) {
+    double elapsed = lab_seconds(se) - t0;
+    if (r->n_steps > 0 ? r->steps >= r->n_steps : elapsed >= r->limit_s) break;
+    double progress = r->n_steps > 0 ? (double)r->steps / (double)r->n_steps : elapsed / r->limit_s;
+    sv_step_stats st;
+    sv_status s = sv_train_step(t, (float)progress, &st);
+    if (s < 0) return sv_fail(err, s, "training stopped at step %ld: %s", r->steps, sv_status_text(s));
+    r->steps++;
+    lab_progress_step(&p, r->steps, r->n_steps, r->limit_s, st.loss);
+  }
+  r->train_s = lab_seconds(se) - t0;
+  r->loss = p.loss;
+  r->render = sv_train_render_options(t, 1.0f, false);
+  if (r->is_stopped && r->steps == 0)
+    return sv_fail(err, SV_E_INTERRUPTED, "stopped by request before the first step");
+  return SV_OK;
+}
+
+static sv_status evaluate(run *r, sv_err *err) {
+  char folder[SV_CAP_PATH];
+  lab_views v;
+  lab_source src = {
+      .folder = r->o->data, .transforms = r->o->transforms, .split = "test", .scale = (int)r->o->scale};
+  double t0 = lab_seconds(&r->session);
+  sv_status s = lab_views_open(&v, &src, &r->session.pool, err);
+  if (s == SV_OK) s = sv_path_join(folder, sizeof folder, r->o->out, "eval", err);
+  lab_eval_job job = {.session = &r->session,
+                      .g = &r->plan.trainer.g,
+                      .render = r->render,
+                      .panel_folder = folder,
+                      .n_panels = N_PANELS};
+  job.render.has_depth = v.has_depth;
+  if (s == SV_OK) s = lab_evaluate(&v, &job, &r->scores, err);
+  lab_views_free(&v);
+  r->has_scores = s == SV_OK;
+  r->eval_s = lab_seconds(&r->session) - t0;
+  return s;
+}
+
+// --- what is written
+// ---------------------------------------------------------------------------------------------
+
+static void report_scores(lab_report *j, const run *r) {
+  if (!r->has_scores) return;
+  lab_report_num(j, "psnr", r->scores.psnr);
+  lab_report_num(j, "ssim", r->scores.ssim);
+  if (r->scores.n_depth) {
+    lab_report_num(j, "abs_rel", r->scores.abs_rel);
+    lab_report_num(j, "rmse", r->scores.rmse);
+  }
+  lab_report_int(j, "views", r->scores.n);
+}
+
+static void report_figures(lab_report *j, const run *r) {
+  report_scores(j, r);
+  lab_report_int(j, "training_views", r->views.n);
+  lab_report_int(j, "steps", r->steps);
+  lab_report_int(j, "gaussians", r->plan.trainer.g.n);
+  lab_report_num(j, "loss", r->loss);
+  lab_report_num(j, "seconds", r->train_s);
+  lab_report_num(j, "load_seconds", r->load_s);
+  if (r->has_scores) lab_report_num(j, "eval_seconds", r->eval_s);
+  lab_report_num(j, "steps_per_second", r->train_s > 0 ? (double)r->steps / r->train_s : 0);
+  lab_report_int(j, "threads", r->session.n_threads);
+  lab_report_text(j, "isa", sv_isa_name(r->session.k.isa));
+  lab_report_int(j, "arena_bytes", (long long)r->plan.bytes);
+  lab_report_int(j, "peak_rss_bytes", lab_peak_rss_bytes());
+  lab_report_hex(j, "digest", sv_train_digest(&r->plan.trainer));
+}
+
+static void report_settings(lab_report *j, const run *r) {
+  const sv_trainer *t = &r->plan.trainer;
+  const char *const kinds[] = {"sphere", "cube", "points"};
+  lab_report_text(j, "program", "subview-lab " LAB_VERSION);
+  lab_report_text(j, "data", r->o->data);
+  lab_report_text(j, "transforms", r->views.transforms);
+  if (r->o->exposures > 0) lab_report_int(j, "exposures", r->o->exposures);
+  lab_report_text(j, "model", "3dgs");
+  lab_report_text(j, "prior", "none");
+  lab_report_int(j, "sh", t->cfg.sh_degree);
+  if (r->n_steps > 0) lab_report_int(j, "steps_wanted", r->n_steps);
+  else lab_report_num(j, "time_limit", r->limit_s);
+  lab_report_text(j, "init", kinds[r->init.kind]);
+  lab_report_text(j, "background", lab_background_name(t->cfg.background));
+  lab_report_int(j, "scale", r->views.scale);
+  lab_report_num(j, "loss_ssim", (double)t->cfg.weight_ssim);
+  lab_report_num(j, "loss_tv", (double)t->cfg.weight_tv);
+  lab_report_num(j, "loss_opacity", (double)t->cfg.reg_opacity);
+  lab_report_num(j, "loss_scale", (double)t->cfg.reg_scale);
+  lab_report_int(j, "seed", (long long)t->cfg.seed);
+  lab_report_bool(j, "antialiased", t->cfg.is_antialiased);
+  lab_report_bool(j, "undistorted", r->views.is_undistorted); // pictures of training and evaluation alike
+  lab_report_num(j, "near_z", (double)r->render.near_z);
+  lab_report_nums(j, "scene_centre", t->centre, 3);
+  lab_report_num(j, "scene_radius", (double)t->radius);
+  lab_report_bool(j, "stopped", r->is_stopped);
+}
+
+static sv_status save(run *r, sv_err *err) {
+  char path[SV_CAP_PATH];
+  lab_report j;
+  sv_status s = sv_path_join(path, sizeof path, r->o->out, "model.ply", err);
+  if (s == SV_OK) s = lab_model_write(&r->plan.trainer.g, r->plan.trainer.cfg.is_antialiased, path, err);
+  if (s == SV_OK) s = sv_path_join(path, sizeof path, r->o->out, "train.json", err);
+  if (s != SV_OK) return s;
+  lab_report_begin(&j);
+  report_settings(&j, r);
+  report_figures(&j, r);
+  lab_report_end(&j);
+  return lab_report_save(&j, path, err);
+}
+
+static sv_status print(const run *r, sv_err *err) {
+  if (r->o->is_json) {
+    lab_report j;
+    lab_report_begin(&j);
+    report_figures(&j, r);
+    lab_report_end(&j);
+    return lab_report_print(&j, err);
+  }
+  printf("trained %d Gaussians on %d views: %ld steps in %.1f s (%.1f steps/s), loss %.4f%s\n",
+         r->plan.trainer.g.n, r->views.n, r->steps, r->train_s,
+         r->train_s > 0 ? (double)r->steps / r->train_s : 0, r->loss, r->is_stopped ? ", stopped early" : "");
+  if (r->has_scores) {
+    printf("test views %d: PSNR %.2f dB, SSIM %.4f", r->scores.n, r->scores.psnr, r->scores.ssim);
+    if (r->scores.n_depth) printf(", depth AbsRel %.4f, RMSE %.4f", r->scores.abs_rel, r->scores.rmse);
+    printf("\n");
+  }
+  printf("model: %s/model.ply, settings and figures: %s/train.json%s%s%s\n", r->o->out, r->o->out,
+         r->has_scores ? ", pictures: " : "", r->has_scores ? r->o->out : "", r->has_scores ? "/eval" : "");
+  return SV_OK;
+}
+
+static sv_status check_eval(const run *r, sv_err *err) { // before an hour of training, not after
+  lab_views v;
+  lab_source src = {
+      .folder = r->o->data, .transforms = r->o->transforms, .split = "test", .scale = (int)r->o->scale};
+  sv_status s = lab_views_open(&v, &src, &r->session.pool, err);
+  lab_views_free(&v);
+  return s;
+}
+
+static sv_status stages(run *r, sv_err *err) {
+  sv_status s = load(r, err);
+  if (s == SV_OK && r->o->is_eval) s = check_eval(r, err);
+  if (s == SV_OK) s = sv_path_make_folder(r->o->out, err);
+  if (s != SV_OK) return s;
+  lab_say(&r->session, "%d views of up to %dx%d%s, %d Gaussians, %.1f MB, loaded in %.2f s", r->views.n,
+          r->views.cap_width_px, r->views.cap_height_px, r->views.is_undistorted ? " (undistorted)" : "",
+          r->plan.trainer.g.n, 1e-6 * (double)r->plan.bytes, r->load_s);
+  if ((s = train(r, err)) != SV_OK) return s;
+  if ((s = save(r, err)) != SV_OK) return s; // whatever comes later, the model is there
+  if (r->o->is_eval && !r->is_stopped) {
+    if ((s = evaluate(r, err)) != SV_OK) return s;
+    lab_say(&r->session, "evaluated in %.2f s: loading %.2f, rendering %.2f, comparing %.2f", r->eval_s,
+            r->scores.load_s, r->scores.render_s, r->scores.compare_s);
+    if ((s = save(r, err)) != SV_OK) return s;
+  }
+  return SV_OK;
+}
+
+int lab_cmd_train(const lab_options *o) {
+  sv_err err = {0};
+  int code = check_init(o);
+  if (code != LAB_EXIT_OK) return code;
+  run *r = calloc(1, sizeof *r);
+  if (!r) return LAB_EXIT_FAILED;
+  r->o = o;
+  r->cfg = train_cfg(o);
+  r->n_steps = o->time_limit_s > 0 ? 0 : o->steps > 0 ? o->steps : 3000;
+  r->limit_s = o->time_limit_s;
+  sv_status s = lab_session_start(&r->session, o->threads, o->is_quiet, &err);
+  if (s == SV_OK) s = sv_linux_catch_signals(&err);
+  if (s == SV_OK) s = stages(r, &err);
+  sv_linux_console_finish(&r->session.lines);
+  if (s == SV_OK) s = print(r, &err);
+  if (s != SV_OK) code = lab_failed(&r->session, &err);
+  lab_session_stop(&r->session);
+  free(r->points);
+  lab_views_free(&r->views);
+  lab_plan_free(&r->plan);
+  free(r);
+  return code;
+}

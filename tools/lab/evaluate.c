@@ -1,0 +1,272 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/lab/evaluate.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "src/metric/metric.h"
+
+#define OPAQUE    250   // of 255: alpha of a pixel whose depth is compared
+#define DEPTH_MIN 0.01f // scene units
+#define ALPHA_MIN 1e-4f // rendered
+
+sv_status lab_viewer_start(lab_viewer *v, const lab_session *s, int n_gaussians, int w, int h,
+                           size_t cap_floats, sv_err *err) {
+  sv_renderer_cfg c = {.cap_gaussians = n_gaussians,
+                       .cap_width_px = w,
+                       .cap_height_px = h,
+                       .cap_pixels = cap_floats,
+                       .n_threads = s->n_threads};
+  size_t bytes = sv_renderer_bytes(&c) + SV_ARENA_ALIGN;
+  memset(v, 0, sizeof *v);
+  v->block = malloc(bytes);
+  if (!v->block) return sv_fail(err, SV_E_NOMEM, "no memory: rendering %dx%d takes %zu bytes", w, h, bytes);
+  sv_arena a = sv_arena_make(v->block, bytes);
+  sv_status st = sv_renderer_init(&v->r, &c, &a);
+  if (st == SV_OK) return SV_OK;
+  lab_viewer_stop(v);
+  return sv_fail(err, st, "a picture of %dx%d cannot be rendered", w, h);
+}
+
+void lab_viewer_stop(lab_viewer *v) {
+  free(v->block);
+  memset(v, 0, sizeof *v);
+}
+
+static uint8_t to_byte(float x) { return (uint8_t)(x <= 0 ? 0 : x >= 1 ? 255 : x * 255.0f + 0.5f); }
+
+void lab_to_bytes(const sv_planes *p, uint8_t *rgb) {
+  for (int y = 0; y < p->height_px; y++)
+    for (int x = 0; x < p->width_px; x++)
+      for (int c = 0; c < 3; c++) *rgb++ = to_byte(p->c[c][(size_t)y * (size_t)p->stride + (size_t)x]);
+}
+
+// What one view needs; there are as many as threads, reused.
+typedef struct {
+  uint8_t *truth_u8;                 // as loaded
+  float *truth, *image;              // [3][h][w]
+  float *depth, *depth_true, *plane; // [h][w]; plane: padded, of the renderer
+  uint8_t *mask;                     // [h][w]
+  double *ssim_scratch;
+  sv_err err;
+  double psnr, ssim;
+  sv_depth_error depth_error;
+} slot;
+
+typedef struct {
+  const lab_views *v;
+  const lab_eval_job *job;
+  lab_viewer viewer;
+  lab_loader *loaders;
+  slot *slots;
+  int n_slots, i0; // slots hold the views by_lens[i0] and on
+} run;
+
+static const lab_frame *frame_of(const run *r, int i_slot) {
+  return &r->v->frames[r->v->by_lens[r->i0 + i_slot]];
+}
+
+static void slot_free(slot *s) {
+  free(s->truth_u8), free(s->truth), free(s->image), free(s->depth), free(s->depth_true), free(s->plane),
+      free(s->mask);
+  free(s->ssim_scratch);
+}
+
+static bool slot_alloc(slot *s, const lab_views *v, bool has_depth) {
+  size_t n = 0;
+  for (int i = 0; i < v->n; i++) {
+    size_t k = (size_t)v->frames[i].view.width_px * (size_t)v->frames[i].view.height_px;
+    if (k > n) n = k;
+  }
+  s->truth_u8 = malloc(4 * n);
+  s->truth = malloc(3 * n * sizeof(float));
+  s->image = malloc(3 * n * sizeof(float));
+  s->ssim_scratch = malloc(sv_ssim_scratch_doubles(v->cap_width_px) * sizeof(double));
+  bool is_good = s->truth_u8 && s->truth && s->image && s->ssim_scratch;
+  if (!has_depth) return is_good;
+  s->depth = malloc(n * sizeof(float));
+  s->depth_true = malloc(n * sizeof(float));
+  s->plane = malloc(v->cap_floats * sizeof(float));
+  s->mask = malloc(n);
+  return is_good && s->depth && s->depth_true && s->plane && s->mask;
+}
+
+// Straight alpha over the background, exactly as training does it.
+static void composite(const uint8_t *u8, int n_channels, size_t n, const float bg[3], float *out) {
+  for (size_t i = 0; i < n; i++, u8 += n_channels)
+    for (int c = 0; c < 3; c++) {
+      float v = (float)u8[c] * (1.0f / 255.0f), a = n_channels == 4 ? (float)u8[3] * (1.0f / 255.0f) : 1.0f;
+      out[(size_t)c * n + i] = v * a + (1.0f - a) * bg[c];
+    }
+}
+
+static void load_task(void *arg, int i_task, int i_thread) {
+  run *r = arg;
+  slot *s = &r->slots[i_task];
+  const lab_frame *f = frame_of(r, i_task);
+  lab_loader *l = &r->loaders[i_thread];
+  s->err.status = lab_picture_load(l, f, r->v->scale, s->truth_u8, &s->err);
+  if (s->err.status == SV_OK && r->job->render.has_depth)
+    s->err.status = lab_depth_load(l, f, r->v->scale, s->depth_true, &s->err);
+  if (s->err.status == SV_OK)
+    composite(s->truth_u8, f->n_channels, (size_t)f->view.width_px * (size_t)f->view.height_px,
+              r->job->render.bg, s->truth);
+}
+
+static sv_status render_slot(run *r, slot *s, const lab_frame *f, sv_err *err) {
+  const sv_planes *p = &r->viewer.r.rgb;
+  sv_status st = sv_render(&r->viewer.r, &r->job->session->k, &r->job->session->pool, r->job->g, &f->view,
+                           &r->job->render);
+  if (st < 0) return sv_fail(err, st, "%s: the view cannot be rendered", f->path);
+  size_t w = (size_t)f->view.width_px, h = (size_t)f->view.height_px;
+  for (size_t c = 0; c < 3; c++)
+    for (size_t y = 0; y < h; y++)
+      for (size_t x = 0; x < w; x++) {
+        float v = p->c[c][y * (size_t)p->stride + x];
+        s->image[(c * h + y) * w + x] = v < 0 ? 0 : v > 1 ? 1 : v;
+      }
+  if (!r->job->render.has_depth) return SV_OK;
+  sv_render_expected_depth(&r->viewer.r, ALPHA_MIN, s->plane);
+  for (size_t y = 0; y < h; y++)
+    memcpy(s->depth + y * w, s->plane + y * (size_t)p->stride, w * sizeof(float));
+  return SV_OK;
+}
+
+static bool is_opaque(const uint8_t *u8, int n_channels, int w, int x, int y) {
+  return n_channels != 4 || u8[((size_t)y * (size_t)w + (size_t)x) * 4 + 3] >= OPAQUE;
+}
+
+// The border counts as empty, as in an erosion that pads with zeros, where there is alpha at all.
+static void depth_mask(const slot *s, const lab_frame *f) {
+  int w = f->view.width_px, h = f->view.height_px;
+  for (int y = 0; y < h; y++)
+    for (int x = 0; x < w; x++) {
+      bool is_in = s->depth_true[(size_t)y * (size_t)w + (size_t)x] > DEPTH_MIN;
+      for (int dy = -1; dy <= 1 && is_in; dy++)
+        for (int dx = -1; dx <= 1 && is_in; dx++) {
+          bool is_inside = x + dx >= 0 && x + dx < w && y + dy >= 0 && y + dy < h;
+          is_in = is_inside ? is_opaque(s->truth_u8, f->n_channels, w, x + dx, y + dy) : f->n_channels != 4;
+        }
+      s->mask[(size_t)y * (size_t)w + (size_t)x] = is_in;
+    }
+}
+
+static void compare_task(void *arg, int i_task, int i_thread) {
+  run *r = arg;
+  slot *s = &r->slots[i_task];
+  const lab_frame *f = frame_of(r, i_task);
+  int w = f->view.width_px, h = f->view.height_px;
+  sv_image_pair pair = {.a = s->image, .b = s->truth, .width = w, .height = h, .n_channels = 3};
+  (void)i_thread;
+  s->psnr = sv_psnr(&pair);
+  s->err.status = sv_ssim(&pair, SV_SSIM_SAME, s->ssim_scratch, &s->ssim);
+  if (s->err.status < 0) sv_fail(&s->err, s->err.status, "%s: SSIM cannot be computed", f->path);
+  if (!r->job->render.has_depth) return;
+  depth_mask(s, f);
+  s->depth_error = sv_depth_compare(s->depth, s->depth_true, s->mask, (size_t)w * (size_t)h);
+}
+
+static sv_status write_panel(const run *r, const slot *s, const lab_frame *f, sv_err *err) {
+  char path[SV_CAP_PATH], name[SV_CAP_PATH];
+  snprintf(name, sizeof name, "%s", sv_path_name(f->path));
+  name[strlen(name) - strlen(sv_path_extension(name))] = 0;
+  if (snprintf(path, sizeof path, "%s/%s.png", r->job->panel_folder, name) >= (int)sizeof path)
+    return sv_fail(err, SV_E_RANGE, "%s: the path is too long", f->path);
+  size_t w = (size_t)f->view.width_px, h = (size_t)f->view.height_px;
+  uint8_t *px = malloc(2 * w * h * 3);
+  if (!px) return sv_fail(err, SV_E_NOMEM, "%s: no memory for the picture", path);
+  for (size_t y = 0; y < h; y++)
+    for (size_t x = 0; x < w; x++)
+      for (size_t c = 0; c < 3; c++) {
+        px[(y * 2 * w + x) * 3 + c] = to_byte(s->truth[(c * h + y) * w + x]);
+        px[(y * 2 * w + w + x) * 3 + c] = to_byte(s->image[(c * h + y) * w + x]);
+      }
+  sv_bitmap b = {.width_px = (int)(2 * w), .height_px = (int)h, .n_channels = 3, .bits = 8, .u8 = px};
+  sv_status st = sv_bitmap_write_png(path, &b, err);
+  free(px);
+  return st;
+}
+
+// Panel k of n is that of view floor((k + 0.5) views / n).
+static bool is_panel(const run *r, int i) {
+  int n = r->job->n_panels < r->v->n ? r->job->n_panels : r->v->n;
+  for (int k = 0; k < n; k++)
+    if ((2 * k + 1) * r->v->n / (2 * n) == i) return true;
+  return false;
+}
+
+static sv_status first_error(const run *r, int n, sv_err *err) {
+  for (int i = 0; i < n; i++)
+    if (r->slots[i].err.status < 0) {
+      if (err) *err = r->slots[i].err;
+      return r->slots[i].err.status;
+    }
+  return SV_OK;
+}
+
+static sv_status batch(run *r, int n, lab_scores *out, sv_err *err) {
+  lab_session *se = r->job->session;
+  double t0 = lab_seconds(se);
+  sv_pool_run(&se->pool, load_task, r, n);
+  sv_status s = first_error(r, n, err);
+  double t1 = lab_seconds(se);
+  for (int i = 0; s == SV_OK && i < n; i++) s = render_slot(r, &r->slots[i], frame_of(r, i), err);
+  double t2 = lab_seconds(se);
+  if (s != SV_OK) return s;
+  sv_pool_run(&se->pool, compare_task, r, n);
+  if ((s = first_error(r, n, err)) != SV_OK) return s;
+  out->load_s += t1 - t0, out->render_s += t2 - t1, out->compare_s += lab_seconds(se) - t2;
+  for (int i = 0; i < n; i++) {
+    const slot *sl = &r->slots[i];
+    out->psnr += sl->psnr, out->ssim += sl->ssim;
+    if (r->job->render.has_depth && sl->depth_error.n > 0) {
+      out->abs_rel += sl->depth_error.abs_rel, out->rmse += sl->depth_error.rmse;
+      out->n_depth++;
+    }
+    if (r->job->panel_folder && is_panel(r, r->v->by_lens[r->i0 + i]) &&
+        (s = write_panel(r, sl, frame_of(r, i), err)) != SV_OK)
+      return s;
+  }
+  return SV_OK;
+}
+
+static sv_status evaluate(run *r, lab_scores *out, sv_err *err) {
+  lab_session *se = r->job->session;
+  for (r->i0 = 0; r->i0 < r->v->n; r->i0 += r->n_slots) {
+    int n = r->v->n - r->i0 < r->n_slots ? r->v->n - r->i0 : r->n_slots;
+    if (se->console.is_stop_requested(se->console.self))
+      return sv_fail(err, SV_E_INTERRUPTED, "evaluation stopped by request at view %d of %d", r->i0, r->v->n);
+    sv_status s = batch(r, n, out, err);
+    if (s != SV_OK) return s;
+    char line[80];
+    snprintf(line, sizeof line, "evaluated %d of %d views", r->i0 + n, r->v->n);
+    se->console.log(se->console.self, SV_LOG_LIVE, line);
+  }
+  out->n = r->v->n;
+  out->psnr /= out->n, out->ssim /= out->n;
+  if (out->n_depth) out->abs_rel /= out->n_depth, out->rmse /= out->n_depth;
+  return SV_OK;
+}
+
+sv_status lab_evaluate(const lab_views *v, const lab_eval_job *job, lab_scores *out, sv_err *err) {
+  lab_session *se = job->session;
+  run r = {.v = v, .job = job, .n_slots = se->n_threads};
+  memset(out, 0, sizeof *out);
+  sv_status s =
+      lab_viewer_start(&r.viewer, se, job->g->n, v->cap_width_px, v->cap_height_px, v->cap_floats, err);
+  if (s != SV_OK) return s;
+  r.slots = calloc((size_t)r.n_slots, sizeof *r.slots);
+  r.loaders = calloc((size_t)r.n_slots, sizeof *r.loaders);
+  bool is_good = r.slots && r.loaders;
+  for (int i = 0; is_good && i < r.n_slots; i++) is_good = slot_alloc(&r.slots[i], v, job->render.has_depth);
+  if (is_good && job->panel_folder) s = sv_path_make_folder(job->panel_folder, err);
+  if (!is_good) s = sv_fail(err, SV_E_NOMEM, "no memory to evaluate %d views", v->n);
+  if (s == SV_OK) s = evaluate(&r, out, err);
+  for (int i = 0; r.slots && i < r.n_slots; i++) slot_free(&r.slots[i]);
+  for (int i = 0; r.loaders && i < r.n_slots; i++) lab_loader_free(&r.loaders[i]);
+  free(r.slots);
+  free(r.loaders);
+  lab_viewer_stop(&r.viewer);
+  return s;
+}

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// Rendering a model for looking and for scoring: a renderer without gradients in a block of its own.
+#ifndef SV_TOOLS_LAB_EVALUATE_H
+#define SV_TOOLS_LAB_EVALUATE_H
+
+#include "tools/lab/lab.h"
+
+typedef struct {
+  sv_renderer r;
+  void *block;
+} lab_viewer;
+
+sv_status lab_viewer_start(lab_viewer *v, const lab_session *s, int n_gaussians, int cap_width_px,
+                           int cap_height_px, size_t cap_floats, sv_err *err) SV_MUST_USE;
+void lab_viewer_stop(lab_viewer *v);
+
+typedef struct {
+  lab_session *session;
+  const sv_gaussians *g;
+  sv_render_options render; // has_depth: compare depth, too
+  const char *panel_folder; // NULL, or where n_panels pictures "truth | render" go
+  int n_panels;
+} lab_eval_job;
+
+typedef struct {
+  double psnr, ssim;    // means over the views
+  double abs_rel, rmse; // means over the n_depth views that have a pixel to compare
+  int n, n_depth;
+  double load_s, render_s, compare_s;
+} lab_scores;
+
+// Scores all views of v, a few at a time, on all threads; the result does not depend on their number.
+// Truth is laid over the same background. Depth: expected depth against the file's, on pixels whose alpha
+// and its 3x3 neighbours' is at least 250/255, true depth above 0.01 and rendered alpha above 1e-4.
+// Stops with E_INTERRUPTED when a stop is requested.
+sv_status lab_evaluate(const lab_views *v, const lab_eval_job *job, lab_scores *out, sv_err *err) SV_MUST_USE;
+
+// Planes of a picture -> interleaved RGB bytes, clamped and rounded.
+void lab_to_bytes(const sv_planes *p, uint8_t *rgb);
+
+#endif

@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the importers share: views as they were found, and the dataset that is written from them.
+#ifndef SV_TOOLS_LAB_IMPORT_H
+#define SV_TOOLS_LAB_IMPORT_H
+
+#include "src/format/colmap.h"
+#include "tools/lab/lab.h"
+
+typedef struct {
+  char source[SV_CAP_PATH], depth_source[SV_CAP_PATH]; // depth: empty when there is none
+  char name[SV_TRANSFORMS_CAP_PATH];                   // in images/, with extension
+  sv_camera_model model;
+  sv_pose cam_from_world;
+  sv_footprint crop; // all zero: the whole picture
+  sv_depth_kind depth_kind;
+  double depth_unit, time;    // time -1: not said
+  int exposure, sub_view;     // -1: not said
+  char camera[32], split[16]; // empty: not said
+} lab_import_view;
+
+typedef struct {
+  lab_import_view *views;
+  int n, cap;
+  sv_point *points;
+  int n_points, cap_points;
+} lab_import;
+
+// Room for one more, cleared ("not said" everywhere); NULL without memory.
+lab_import_view *lab_import_add(lab_import *im);
+sv_point *lab_import_add_point(lab_import *im);
+void lab_import_free(lab_import *im);
+
+// Copies the pictures and writes transforms.json and points3d.ply into `out`.
+sv_status lab_import_write(const lab_import *im, lab_session *s, const char *out, sv_err *err) SV_MUST_USE;
+
+sv_status lab_import_transforms(lab_import *im, const char *dir, sv_err *err) SV_MUST_USE;
+sv_status lab_import_colmap(lab_import *im, const char *dir, sv_err *err) SV_MUST_USE;
+sv_status lab_import_capture(lab_import *im, const char *dir, sv_err *err) SV_MUST_USE;
+
+#endif

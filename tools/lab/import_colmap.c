@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+// COLMAP models: cameras, images and points3D as .bin or .txt, in DIR, DIR/sparse or DIR/sparse/0; pictures
+// in DIR/images or DIR.
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "src/base/str.h"
+#include "tools/lab/import.h"
+
+typedef struct {
+  char path[SV_CAP_PATH];
+  void *data;
+  sv_colmap c;
+} part;
+
+static sv_status open_part(part *p, const char *folder, const char *stem, sv_err *err) {
+  char name[40];
+  size_t bytes;
+  memset(p, 0, sizeof *p);
+  bool is_binary = true;
+  for (int i = 0; i < 2; i++) {
+    is_binary = i == 0;
+    snprintf(name, sizeof name, "%s.%s", stem, is_binary ? "bin" : "txt");
+    sv_status s = sv_path_join(p->path, sizeof p->path, folder, name, err);
+    if (s != SV_OK) return s;
+    if (sv_path_exists(p->path)) break;
+  }
+  sv_status s = sv_file_read(p->path, &p->data, &bytes, err);
+  if (s == SV_OK) s = sv_colmap_open(&p->c, p->path, p->data, bytes, is_binary, err);
+  return s;
+}
+
+static bool find_model(const char *dir, char *folder, size_t cap) {
+  static const char *const places[] = {"", "sparse", "sparse/0"};
+  char path[SV_CAP_PATH];
+  for (int i = 0; i < 3; i++) {
+    if (snprintf(folder, cap, "%s%s%s", dir, i ? "/" : "", places[i]) >= (int)cap) return false;
+    for (int k = 0; k < 2; k++)
+      if (sv_path_join(path, sizeof path, folder, k ? "images.txt" : "images.bin", NULL) == SV_OK &&
+          sv_path_exists(path))
+        return true;
+  }
+  return false;
+}
+
+static sv_status read_cameras(const char *folder, sv_colmap_camera **cameras, int *n, sv_err *err) {
+  part p;
+  sv_status s = open_part(&p, folder, "cameras", err);
+  int cap = 0;
+  while (s == SV_OK) {
+    if (*n >= cap) {
+      cap = cap ? 2 * cap : 16;
+      void *more = realloc(*cameras, (size_t)cap * sizeof **cameras);
+      if (!more) {
+        s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its cameras", p.path);
+        break;
+      }
+      *cameras = more;
+    }
+    s = sv_colmap_next_camera(&p.c, &(*cameras)[*n], err);
+    *n += s == SV_OK;
+  }
+  free(p.data);
+  return s == SV_END ? SV_OK : s;
+}
+
+static sv_status add_image(lab_import *im, const char *dir, const char *model_path, const sv_colmap_image *g,
+                           const sv_colmap_camera *cameras, int n_cameras, sv_err *err) {
+  char pictures[SV_CAP_PATH];
+  int c = 0;
+  while (c < n_cameras && cameras[c].id != g->camera_id) c++;
+  if (c == n_cameras)
+    return sv_fail(err, SV_E_FORMAT, "%s: image %s is of camera %u, which the model does not have",
+                   model_path, g->name, g->camera_id);
+  lab_import_view *v = lab_import_add(im);
+  if (!v) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its images", model_path);
+  v->model = cameras[c].model;
+  v->cam_from_world = g->cam_from_world;
+  snprintf(v->camera, sizeof v->camera, "%u", g->camera_id);
+  if (g->name[0] == '/' || strstr(g->name, "..") || !sv_copy(v->name, sizeof v->name, g->name))
+    return sv_fail(err, SV_E_FORMAT, "%s: the image name %s leaves the folder", model_path, g->name);
+  sv_status s = sv_path_join(pictures, sizeof pictures, dir, "images", err);
+  return s == SV_OK ? sv_path_join(v->source, sizeof v->source, sv_path_is_folder(pictures) ? pictures : dir,
+                                   g->name, err)
+                    : s;
+}
+
+static int by_name(const void *a, const void *b) {
+  return strcmp(((const lab_import_view *)a)->name, ((const lab_import_view *)b)->name);
+}
+
+static sv_status read_images(lab_import *im, const char *dir, const char *folder,
+                             const sv_colmap_camera *cameras, int n_cameras, sv_err *err) {
+  part p;
+  sv_colmap_image g;
+  sv_status s = open_part(&p, folder, "images", err);
+  while (s == SV_OK && (s = sv_colmap_next_image(&p.c, &g, err)) == SV_OK)
+    s = add_image(im, dir, p.path, &g, cameras, n_cameras, err);
+  free(p.data);
+  if (s < 0) return s;
+  qsort(im->views, (size_t)im->n, sizeof *im->views,
+        by_name); // "every 8th view" then means what others mean by it
+  return SV_OK;
+}
+
+static sv_status read_points(lab_import *im, const char *folder, sv_err *err) {
+  part p;
+  sv_colmap_point g;
+  sv_status s = open_part(&p, folder, "points3D", err);
+  if (s == SV_E_NOT_FOUND) { // poses alone are a dataset, too
+    free(p.data);
+    return SV_OK;
+  }
+  while (s == SV_OK && (s = sv_colmap_next_point(&p.c, &g, err)) == SV_OK) {
+    sv_point *q = lab_import_add_point(im);
+    if (!q) {
+      s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its points", p.path);
+      break;
+    }
+    for (int k = 0; k < 3; k++) q->mean[k] = (float)g.xyz[k], q->rgb[k] = (float)g.rgb[k] / 255.0f;
+  }
+  free(p.data);
+  return s < 0 ? s : SV_OK;
+}
+
+sv_status lab_import_colmap(lab_import *im, const char *dir, sv_err *err) {
+  char folder[SV_CAP_PATH];
+  sv_colmap_camera *cameras = NULL;
+  int n_cameras = 0;
+  if (!find_model(dir, folder, sizeof folder))
+    return sv_fail(err, SV_E_NOT_FOUND, "%s: no images.bin or images.txt in it, nor in sparse/ or sparse/0/",
+                   dir);
+  sv_status s = read_cameras(folder, &cameras, &n_cameras, err);
+  if (s == SV_OK) s = read_images(im, dir, folder, cameras, n_cameras, err);
+  if (s == SV_OK) s = read_points(im, folder, err);
+  free(cameras);
+  return s;
+}

@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the commands share: the machine (threads, kernels, console), models on disk, settings beside them.
+#ifndef SV_TOOLS_LAB_LAB_H
+#define SV_TOOLS_LAB_LAB_H
+
+#include "platform/linux/linux.h"
+#include "tools/common/fileio.h"
+#include "tools/lab/args.h"
+#include "tools/lab/dataset.h"
+
+#define LAB_VERSION "0.1.0"
+
+int lab_cmd_train(const lab_options *o);
+int lab_cmd_eval(const lab_options *o);
+int lab_cmd_render(const lab_options *o);
+int lab_cmd_export(const lab_options *o);
+int lab_cmd_import(const lab_options *o);
+int lab_cmd_bench(const lab_options *o);
+
+// --- the machine (session.c)
+// ---------------------------------------------------------------------------------
+typedef struct {
+  sv_linux_pool threads;
+  sv_pool pool;
+  int n_threads;
+  sv_kernels k;
+  sv_linux_console lines;
+  sv_console console;
+  sv_clock clock;
+} lab_session;
+
+// Starts n_threads (below 1: as many as CPUs are online) and fills the kernel table as SV_ISA says. The
+// session must stay where it is.
+sv_status lab_session_start(lab_session *s, long n_threads, bool is_quiet, sv_err *err) SV_MUST_USE;
+void lab_session_stop(lab_session *s);
+// Prints a failure as one sentence on stderr; returns LAB_EXIT_FAILED.
+int lab_failed(lab_session *s, const sv_err *err);
+double lab_seconds(const lab_session *s); // since some moment
+long lab_peak_rss_bytes(void);
+// A line of progress, nothing with --quiet.
+void lab_say(lab_session *s, const char *fmt, ...) SV_PRINTF(2, 3);
+
+// --- models (model.c)
+// ---------------------------------------------------------------------------------------- A model outside
+// the trainer, in a block of its own.
+typedef struct {
+  sv_gaussians g;
+  void *block;
+  bool is_mip;
+  uint64_t digest; // as sv_train_digest
+} lab_model;
+
+sv_status lab_model_read(lab_model *m, const char *path, sv_err *err) SV_MUST_USE;
+void lab_model_free(lab_model *m);
+sv_status lab_model_write(const sv_gaussians *g, bool is_mip, const char *path, sv_err *err) SV_MUST_USE;
+
+// How a model was trained, as train.json beside it tells. Without that file: the defaults of
+// lab_settings_default.
+typedef struct {
+  char transforms[SV_TRANSFORMS_CAP_PATH]; // empty: by the rule of the dataset
+  sv_background background;
+  int scale;
+  bool is_antialiased;
+  float near_z;            // 0: from the model
+  float centre[3], radius; // of the scene; radius 0: from the model
+} lab_settings;
+lab_settings lab_settings_default(void);
+// Reads FOLDER-of-model/train.json into *out if it is there.
+sv_status lab_settings_read(lab_settings *out, const char *model_path, sv_err *err) SV_MUST_USE;
+// The same, then replaced by what the options say; near_z and bounds are completed from the model.
+sv_status lab_settings_for(lab_settings *out, const lab_options *o, const lab_model *m,
+                           sv_err *err) SV_MUST_USE;
+sv_render_options lab_render_options(const lab_settings *st, int sh_degree, bool has_depth);
+sv_background lab_background_by_name(const char *name);
+const char *lab_background_name(sv_background b);
+
+#endif

@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <stdlib.h>
+#include <string.h>
+
+#include "src/base/str.h"
+#include "src/format/ply.h"
+#include "src/splat/constants.h"
+#include "tools/lab/lab.h"
+
+// --- the model file
+// --------------------------------------------------------------------------------------------
+
+static sv_status fill(lab_model *m, const char *path, sv_ply *ply, sv_err *err) {
+  size_t bytes = sv_gaussians_bytes((int)ply->n, ply->sh_degree) + SV_ARENA_ALIGN;
+  m->block = malloc(bytes);
+  if (!m->block) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its %u Gaussians", path, ply->n);
+  sv_arena a = sv_arena_make(m->block, bytes);
+  sv_status s = sv_gaussians_init(&m->g, (int)ply->n, ply->sh_degree, &a);
+  if (s != SV_OK) return sv_fail(err, s, "%s: %u Gaussians cannot be held", path, ply->n);
+  for (uint32_t i = 0; i < ply->n; i++) {
+    sv_gaussian g;
+    s = sv_ply_read_gaussian(ply, i, &g, err);
+    if (s != SV_OK) return s;
+    sv_gaussians_put(&m->g, (int)i, &g);
+  }
+  m->is_mip = ply->is_mip;
+  return SV_OK;
+}
+
+sv_status lab_model_read(lab_model *m, const char *path, sv_err *err) {
+  void *data;
+  size_t bytes;
+  sv_ply ply;
+  memset(m, 0, sizeof *m);
+  sv_status s = sv_file_read(path, &data, &bytes, err);
+  if (s != SV_OK) return s;
+  s = sv_ply_open(&ply, path, data, bytes, err);
+  if (s == SV_OK && ply.kind != SV_PLY_GAUSSIANS)
+    s = sv_fail(err, SV_E_FORMAT,
+                "%s: a point cloud; a model with scale_0, rot_0, opacity and f_dc_0 was expected", path);
+  if (s == SV_OK && (ply.n < 1 || ply.n > 4000000))
+    s = sv_fail(err, SV_E_RANGE, "%s: has %u Gaussians; 1 to 4000000 were expected", path, ply.n);
+  if (s == SV_OK) s = fill(m, path, &ply, err);
+  free(data);
+  if (s != SV_OK) {
+    lab_model_free(m);
+    return s;
+  }
+  sv_trainer *t = calloc(1, sizeof *t); // the digest is defined on a trainer's parameters
+  if (t) {
+    t->g = m->g;
+    m->digest = sv_train_digest(t);
+  }
+  free(t);
+  return SV_OK;
+}
+
+void lab_model_free(lab_model *m) {
+  free(m->block);
+  memset(m, 0, sizeof *m);
+}
+
+sv_status lab_model_write(const sv_gaussians *g, bool is_mip, const char *path, sv_err *err) {
+  sv_file f;
+  sv_ply_writer w;
+  sv_ply_options o = {.n = (uint32_t)g->n, .sh_degree = g->sh_degree, .is_mip = is_mip};
+  sv_status s = sv_file_begin(&f, path, err);
+  if (s != SV_OK) return s;
+  s = sv_ply_write_begin(&w, (sv_sink){&f, sv_file_append}, &o, err);
+  for (int i = 0; s == SV_OK && i < g->n; i++) {
+    sv_gaussian v;
+    sv_gaussians_get(g, i, &v);
+    s = sv_ply_write_gaussian(&w, &v, err);
+  }
+  if (s == SV_OK) s = sv_ply_write_end(&w, err);
+  if (s != SV_OK) {
+    sv_file_abandon(&f);
+    return s;
+  }
+  return sv_file_commit(&f, err);
+}
+
+// --- the settings beside it
+// --------------------------------------------------------------------------------------
+
+static const char *const background_names[] = {"black", "white", "random"};
+
+const char *lab_background_name(sv_background b) { return background_names[b]; }
+sv_background lab_background_by_name(const char *name) {
+  for (int i = 0; i < 3; i++)
+    if (name && sv_str_eq(name, background_names[i])) return (sv_background)i;
+  return SV_BG_BLACK;
+}
+
+lab_settings lab_settings_default(void) { return (lab_settings){.scale = 1, .background = SV_BG_BLACK}; }
+
+static sv_status get_float(const sv_json *j, const char *key, float *out, sv_err *err) {
+  double v = (double)*out;
+  sv_status s = sv_json_get_double(j, 0, key, &v, err);
+  if (s == SV_OK && !(v >= 0 && v < 1e12))
+    return sv_json_fail(j, sv_json_get(j, 0, key), err, SV_E_RANGE, "%g is not usable", v);
+  *out = (float)v;
+  return s < 0 ? s : SV_OK;
+}
+
+static sv_status settings_parse(lab_settings *st, const sv_json *j, sv_err *err) {
+  char name[16] = "";
+  long long scale = st->scale;
+  double c[3];
+  if (!sv_json_is_object(j, 0)) return sv_json_fail(j, 0, err, SV_E_FORMAT, "an object was expected");
+  sv_status s = sv_json_get_string(j, 0, "background", name, sizeof name, err);
+  if (s >= 0) s = sv_json_get_int(j, 0, "scale", 1, 64, &scale, err);
+  if (s >= 0) s = sv_json_get_string(j, 0, "transforms", st->transforms, sizeof st->transforms, err);
+  int i = sv_json_get(j, 0, "antialiased"), k = sv_json_get(j, 0, "scene_centre");
+  if (s >= 0 && i >= 0) s = sv_json_bool(j, i, &st->is_antialiased, err);
+  if (s >= 0) s = get_float(j, "near_z", &st->near_z, err);
+  if (s >= 0) s = get_float(j, "scene_radius", &st->radius, err);
+  if (s >= 0 && k >= 0 && (s = sv_json_doubles(j, k, c, 3, err)) == SV_OK)
+    for (int d = 0; d < 3; d++) st->centre[d] = (float)c[d];
+  st->background = lab_background_by_name(name);
+  st->scale = (int)scale;
+  return s < 0 ? s : SV_OK;
+}
+
+sv_status lab_settings_read(lab_settings *out, const char *model_path, sv_err *err) {
+  char folder[SV_CAP_PATH], path[SV_CAP_PATH];
+  void *text;
+  size_t bytes;
+  int n_tok;
+  sv_json j;
+  sv_path_folder(folder, sizeof folder, model_path);
+  sv_status s = sv_path_join(path, sizeof path, folder, "train.json", err);
+  if (s != SV_OK || !sv_path_exists(path)) return s;
+  if ((s = sv_file_read(path, &text, &bytes, err)) != SV_OK) return s;
+  jsmntok_t *tok = NULL;
+  s = sv_json_count(path, text, bytes, &n_tok, err);
+  if (s == SV_OK && !(tok = malloc(((size_t)n_tok + 1) * sizeof *tok)))
+    s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its %d JSON tokens", path, n_tok);
+  if (s == SV_OK) s = sv_json_parse(&j, path, text, bytes, tok, n_tok, err);
+  if (s == SV_OK) s = settings_parse(out, &j, err);
+  free(tok);
+  free(text);
+  return s;
+}
+
+sv_status lab_settings_for(lab_settings *st, const lab_options *o, const lab_model *m, sv_err *err) {
+  *st = lab_settings_default();
+  st->is_antialiased = m->is_mip;
+  sv_status s = lab_settings_read(st, o->model, err);
+  if (s != SV_OK) return s;
+  if (o->background) st->background = lab_background_by_name(o->background);
+  if (o->scale > 0) st->scale = (int)o->scale;
+  if (o->transforms && !sv_copy(st->transforms, sizeof st->transforms, o->transforms))
+    return sv_fail(err, SV_E_RANGE, "the name given with --transforms is longer than %zu bytes",
+                   sizeof st->transforms);
+  if (st->near_z > 0 && st->radius > 0) return SV_OK;
+  size_t bytes = (size_t)m->g.n * sizeof(float) + 2 * SV_ARENA_ALIGN;
+  void *block = malloc(bytes);
+  if (!block) return sv_fail(err, SV_E_NOMEM, "no memory to measure %d Gaussians", m->g.n);
+  sv_arena a = sv_arena_make(block, bytes);
+  float centre[3], radius = sv_gaussians_radius(&m->g, &a, centre);
+  free(block);
+  if (!(st->radius > 0)) {
+    st->radius = radius;
+    memcpy(st->centre, centre, sizeof centre);
+  }
+  if (!(st->near_z > 0)) st->near_z = SV_NEAR_FRACTION * st->radius;
+  return SV_OK;
+}
+
+sv_render_options lab_render_options(const lab_settings *st, int sh_degree, bool has_depth) {
+  float bg = st->background == SV_BG_WHITE ? 1.0f : 0.0f;
+  return (sv_render_options){.sh_degree = sh_degree,
+                             .near_z = st->near_z,
+                             .is_antialiased = st->is_antialiased,
+                             .has_depth = has_depth,
+                             .bg = {bg, bg, bg}};
+}

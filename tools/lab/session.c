@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include "src/base/str.h"
+#include "tools/lab/lab.h"
+
+static sv_status choose_kernels(sv_kernels *k, sv_err *err) {
+  const char *name = getenv("SV_ISA");
+  uint32_t mask = sv_cpu_isas();
+  if (name && *name) {
+    int isa = sv_isa_by_name(name);
+    if (isa < 0)
+      return sv_fail(err, SV_E_ARG, "SV_ISA is '%.40s'; ref, sse41, avx2, avx512 or neon was expected", name);
+    if (!(mask & SV_ISA_BIT(isa)))
+      return sv_fail(err, SV_E_UNSUPPORTED, "SV_ISA is %s, which this CPU or this build does not have", name);
+    mask = sv_isa_only((sv_isa)isa);
+  }
+  sv_kernels_init(k, mask);
+  return SV_OK;
+}
+
+sv_status lab_session_start(lab_session *s, long n_threads, bool is_quiet, sv_err *err) {
+  long n = n_threads > 0 ? n_threads : sysconf(_SC_NPROCESSORS_ONLN);
+  memset(s, 0, sizeof *s);
+  s->n_threads = (int)(n < 1 ? 1 : n > SV_LINUX_CAP_THREADS ? SV_LINUX_CAP_THREADS : n);
+  sv_linux_console_init(&s->lines, 2, is_quiet);
+  s->lines.live_period_ns = 3 * SV_NS_PER_S;
+  s->console = sv_linux_console_port(&s->lines);
+  s->clock = sv_linux_clock();
+  s->lines.last_live_ns = s->clock.now_ns(s->clock.self); // short work prints no progress into a log
+  sv_status st = choose_kernels(&s->k, err);
+  if (st == SV_OK) st = sv_linux_pool_start(&s->threads, s->n_threads, -1, err);
+  if (st == SV_OK) s->pool = sv_linux_pool_port(&s->threads);
+  else s->n_threads = 0;
+  return st;
+}
+
+void lab_session_stop(lab_session *s) {
+  sv_linux_console_finish(&s->lines);
+  if (s->n_threads) sv_linux_pool_stop(&s->threads);
+  s->n_threads = 0;
+}
+
+int lab_failed(lab_session *s, const sv_err *err) {
+  char text[sizeof err->text];
+  sv_copy(text, sizeof text, err->text);
+  for (char *p = text; *p; p++)
+    if ((unsigned char)*p < ' ') *p = '?'; // one line, whatever stands in a file's name
+  s->console.log(s->console.self, SV_LOG_ERROR, text);
+  return LAB_EXIT_FAILED;
+}
+
+double lab_seconds(const lab_session *s) { return 1e-9 * (double)s->clock.now_ns(s->clock.self); }
+
+long lab_peak_rss_bytes(void) {
+  struct rusage u;
+  return getrusage(RUSAGE_SELF, &u) == 0 ? u.ru_maxrss * 1024L : 0;
+}
+
+void lab_say(lab_session *s, const char *fmt, ...) {
+  char line[400];
+  va_list ap;
+  va_start(ap, fmt);
+  sv_vfmt(line, sizeof line, fmt, ap);
+  va_end(ap);
+  s->console.log(s->console.self, SV_LOG_INFO, line);
+}
