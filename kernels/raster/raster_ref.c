@@ -11,8 +11,8 @@ typedef struct {
 
 static pair_eval evaluate(const sv_splat *s, float u, float v, int block, int lane) {
   pair_eval e;
-  e.dx = (u - (float)(4 * (block & 7))) - ((float)(lane & 3) + 0.5f);
-  e.dy = (v - (float)(4 * (block >> 3))) - ((float)(lane >> 2) + 0.5f);
+  e.dx = u - ((float)(4 * (block & 7) + (lane & 3)) + 0.5f);
+  e.dy = v - ((float)(4 * (block >> 3) + (lane >> 2)) + 0.5f);
   e.power = fmaf(fmaf(s->qa, e.dx, s->qb * e.dy), e.dx, fmaf(s->qc * e.dy, e.dy, s->lo));
   e.a_raw = s1_exp2(e.power);
   e.a = s1_min(SV_ALPHA_MAX, e.a_raw);
@@ -129,7 +129,7 @@ static void splat_bwd(const sv_splat *s, float u, float v, uint64_t mask, const 
     if (!bits) continue;
     for (; bits; bits &= bits - 1) block_bwd(s, u, v, 8 * by + __builtin_ctzll(bits), st, row, m);
     for (int k = 0; k < 16; k++) { // within a lane's row dy is constant
-      float dy = (v - (float)(4 * by)) - ((float)(k >> 2) + 0.5f);
+      float dy = v - ((float)(4 * by + (k >> 2)) + 0.5f);
       m[SV_SLOT_G][k] += row[0][k];
       m[SV_SLOT_GX][k] += row[1][k];
       m[SV_SLOT_GY][k] = fmaf(row[0][k], dy, m[SV_SLOT_GY][k]);
@@ -141,8 +141,12 @@ static void splat_bwd(const sv_splat *s, float u, float v, uint64_t mask, const 
   for (int i = 11; i < SV_SLOT_FLOATS; i++) slot[i] = 0.0f;
 }
 
-void sv_raster_bwd_ref(const sv_raster_bwd_args *a, uint32_t tile, const uint32_t *list, uint32_t n, float *scratch) {
-  tile_state st = {scratch, scratch + 1024, {scratch + 2048, scratch + 3072, scratch + 4096}, scratch + 5120,
+void sv_raster_bwd_ref(const sv_raster_bwd_args *a, uint32_t tile, const uint32_t *list, uint32_t n,
+                       float *scratch) {
+  tile_state st = {scratch,
+                   scratch + 1024,
+                   {scratch + 2048, scratch + 3072, scratch + 4096},
+                   scratch + 5120,
                    scratch + 6144};
   float x0, y0;
   long at;
@@ -151,6 +155,7 @@ void sv_raster_bwd_ref(const sv_raster_bwd_args *a, uint32_t tile, const uint32_
   for (uint32_t i = 0; i < n; i++) {
     const sv_rec *r = a->fwd->rec + list[i];
     const sv_splat *s = a->fwd->splat + r->id;
-    if (r->mask) splat_bwd(s, s->u_px - x0, s->v_px - y0, r->mask, &st, a->slot + (long)list[i] * SV_SLOT_FLOATS);
+    if (r->mask)
+      splat_bwd(s, s->u_px - x0, s->v_px - y0, r->mask, &st, a->slot + (long)list[i] * SV_SLOT_FLOATS);
   }
 }
