@@ -83,6 +83,8 @@ typedef struct {
   const sv_rec *rec;          // a record with mask 0 has no slot
   const float *slot;          // [n_recs][16]
   float *pose_grad;           // [6] out, this block's sum of dL/d(omega, v) of a twist on cam_from_world; or NULL
+  float reg_opacity, reg_scale; // added to touched lanes: reg_opacity o (1-o) on the logit, reg_scale s on each
+                                // log-scale, the gradients of reg_opacity sum(o) + reg_scale sum(s)
 } sv_project_bwd_args;
 
 // One block: grad [n_rows][16] (rows of SH degrees above sh_degree are not written), err [16]: sum of

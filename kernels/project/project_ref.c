@@ -291,7 +291,8 @@ static void colour_bwd(const sv_project_args *a, const float *p, const float *v_
   for (int i = 0; i < 3; i++) vm[i] = fmaf(-dot, d[i], vd[i]) * rl;
 }
 
-static void one_bwd(const sv_project_args *a, const float *p, const float *m, float *grad, float pose[6]) {
+static void one_bwd(const sv_project_bwd_args *args, const float *p, const float *m, float *grad, float pose[6]) {
+  const sv_project_args *a = args->fwd;
   const sv_kview *v = &a->view;
   geom g;
   float vs[3], vt[3], vw[9], vm[3];
@@ -299,6 +300,9 @@ static void one_bwd(const sv_project_args *a, const float *p, const float *m, fl
   grad[16 * SV_ROW_LOGIT] = screen_bwd(v, &g, m, vs);
   camera_bwd(&g, m, vs, vt, vw);
   shape_bwd(v, &g, vw, grad);
+  grad[16 * SV_ROW_LOGIT] = fmaf(args->reg_opacity, g.o * (1.0f - g.o), grad[16 * SV_ROW_LOGIT]);
+  for (int j = 0; j < 3; j++)
+    grad[16 * (SV_ROW_SCALE + j)] = fmaf(args->reg_scale, g.s[j], grad[16 * (SV_ROW_SCALE + j)]);
   colour_bwd(a, p, m + SV_SLOT_RGB, grad, vm);
   for (int i = 0; i < 3; i++)
     grad[16 * i] = fmaf(v->r[i], vt[0], fmaf(v->r[3 + i], vt[1], fmaf(v->r[6 + i], vt[2], vm[i])));
@@ -331,7 +335,7 @@ uint32_t sv_project_bwd_ref(const sv_project_bwd_args *args, int block, float *g
     err[k] = m[SV_SLOT_ERR];
     if (!is_touched) continue;
     touched |= 1u << k;
-    one_bwd(a, p + k, m, grad + k, one);
+    one_bwd(args, p + k, m, grad + k, one);
     for (int i = 0; i < 6; i++) pose[i][k] = one[i];
   }
   if (args->pose_grad)

@@ -290,9 +290,10 @@ sv_status sv_render_bwd(sv_renderer *r, const sv_kernels *k, const sv_pool *pool
   return SV_OK;
 }
 
-uint32_t sv_render_bwd_block(const sv_renderer *r, const sv_kernels *k, int block, float *grad, float *err,
-                             float *pose_grad) {
-  sv_project_bwd_args a = {.fwd = &r->project, .rec = r->rec, .slot = r->slot, .pose_grad = pose_grad};
+uint32_t sv_render_bwd_block(const sv_renderer *r, const sv_kernels *k, int block, const sv_regularisers *reg,
+                             float *grad, float *err, float *pose_grad) {
+  sv_project_bwd_args a = {.fwd = &r->project, .rec = r->rec, .slot = r->slot, .pose_grad = pose_grad,
+                           .reg_opacity = reg ? reg->opacity : 0.0f, .reg_scale = reg ? reg->scale : 0.0f};
   return k->project_bwd(&a, block, grad, err);
 }
 

@@ -75,10 +75,15 @@ sv_status sv_render(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, co
 // have the picture's stride; padding must be 0. Then sv_render_bwd_block per block of 16 Gaussians.
 sv_status sv_render_bwd(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, const sv_planes *g_rgb,
                         const float *g_depth, const float *g_trans, const float *err) SV_MUST_USE;
-// grad [n_rows][16], err [16], pose_grad [6] or NULL (dL/d(omega, v) of a twist on cam_from_world). Returns
-// the touched lanes' bits.
-uint32_t sv_render_bwd_block(const sv_renderer *r, const sv_kernels *k, int block, float *grad, float *err,
-                             float *pose_grad);
+// Regularisers added to the gradients of touched Gaussians: opacity sum(o) + scale sum(s).
+typedef struct {
+  float opacity, scale;
+} sv_regularisers;
+
+// grad [n_rows][16], err [16], pose_grad [6] or NULL (dL/d(omega, v) of a twist on cam_from_world); reg may be
+// NULL. Returns the touched lanes' bits.
+uint32_t sv_render_bwd_block(const sv_renderer *r, const sv_kernels *k, int block, const sv_regularisers *reg,
+                             float *grad, float *err, float *pose_grad);
 
 // Pixel-splat pairs that the last picture evaluated: 16 per marked block.
 uint64_t sv_render_count_pairs(const sv_renderer *r);

@@ -15,6 +15,7 @@ typedef struct {
   sv_adam_args adam;
   float lr[SV_CAP_ROWS];
   float noise_gain; // displacement in units of sigma^2
+  sv_regularisers reg;
   int n_blocks;
 } job;
 
@@ -34,18 +35,6 @@ static void fill_rates(job *j, float mean_lr, double bias1) {
 }
 
 static float fast_sigmoid(float x) { return (float)(1.0 / (1.0 + sv_exp(-(double)x))); }
-
-// d/dlogit of w mean(o), d/dlog-scale of w mean(scale).
-static void regularise(const job *j, uint32_t touched, const float *p, float *grad) {
-  float wo = j->t->cfg.reg_opacity / (float)j->t->g.n, ws = j->t->cfg.reg_scale / (3.0f * (float)j->t->g.n);
-  for (; touched; touched &= touched - 1) {
-    int k = __builtin_ctz(touched);
-    float o = fast_sigmoid(p[16 * SV_ROW_LOGIT + k]);
-    grad[16 * SV_ROW_LOGIT + k] += wo * o * (1.0f - o);
-    for (int r = SV_ROW_SCALE; r < SV_ROW_LOGIT; r++)
-      grad[16 * r + k] += ws / j->t->radius * (float)sv_exp((double)p[16 * r + k]);
-  }
-}
 
 // About N(0,1) from one hash: the sum of four bytes (Irwin-Hall), variance 1.
 static float hash_normal(uint32_t h) {
@@ -79,11 +68,10 @@ static void optimise_task(void *arg, int i_task, int i_thread) {
   int b0 = i_task * BLOCKS_PER_TASK, b1 = sv_mini(b0 + BLOCKS_PER_TASK, j->n_blocks);
   uint32_t n = 0;
   for (int b = b0; b < b1; b++) {
-    uint32_t touched = sv_render_bwd_block(&t->render, t->k, b, grad, err, NULL);
+    uint32_t touched = sv_render_bwd_block(&t->render, t->k, b, &j->reg, grad, err, NULL);
     if (!touched) continue;
     size_t at = (size_t)b * (size_t)t->g.n_rows * 16;
     float *p = t->g.param + at, *e = t->err + 16 * (size_t)b;
-    if (t->cfg.reg_opacity > 0.0f || t->cfg.reg_scale > 0.0f) regularise(j, touched, p, grad);
     t->k->adam(&j->adam, touched, grad, p, t->m + at, t->v + at);
     for (int k = 0; k < 16; k++)
       if (touched >> k & 1) e[k] = ERR_KEEP * e[k] + (1.0f - ERR_KEEP) * err[k];
@@ -100,6 +88,8 @@ uint32_t sv_train_optimise(sv_trainer *t, float progress) {
   job j = {.t = t, .n_blocks = (t->g.n + 15) / 16};
   double bias1 = 1.0 - sv_pow(0.9, step), bias2 = 1.0 - sv_pow(0.999, step);
   j.noise_gain = is_noisy ? t->cfg.noise * 5e5f * mean_lr / t->radius : 0.0f;
+  j.reg.opacity = t->cfg.reg_opacity / (float)t->g.n;
+  j.reg.scale = t->cfg.reg_scale / (3.0f * (float)t->g.n * t->radius);
   fill_rates(&j, mean_lr * t->radius, bias1);
   j.adam = (sv_adam_args){.beta1 = 0.9f, .beta2 = 0.999f, .eps = 1e-15f, .rsqrt_bias2 = (float)(1.0 / sqrt(bias2)),
                           .lr = j.lr, .n_rows = SV_N_ROWS(t->render.project.sh_degree)};

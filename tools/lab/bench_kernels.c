@@ -47,7 +47,7 @@ static void run_raster_bwd(ctx *c) {
 }
 static void run_project_bwd(ctx *c) {
   for (int b = 0; b < (N_GAUSSIANS + 15) / 16; b++)
-    sv_render_bwd_block(&c->t->render, c->k, b, c->block, c->block + 16 * SV_CAP_ROWS, NULL);
+    sv_render_bwd_block(&c->t->render, c->k, b, NULL, c->block, c->block + 16 * SV_CAP_ROWS, NULL);
 }
 static void run_adam(ctx *c) {
   sv_gaussians *g = &c->t->g;
