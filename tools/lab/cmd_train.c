@@ -173,6 +173,7 @@ static void report_scores(lab_report *j, const run *r) {
 
 static void report_figures(lab_report *j, const run *r) {
   report_scores(j, r);
+  if (!r->has_scores) lab_report_int(j, "views", r->views.n); // trained on; with scores: scored
   lab_report_int(j, "training_views", r->views.n);
   lab_report_int(j, "steps", r->steps);
   lab_report_int(j, "gaussians", r->plan.trainer.g.n);
