@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Which 4x4 pixel blocks of which tiles a splat touches. The ellipse alpha >= 1/255 is solved exactly per
-// pixel row (StopThePop's tight extent, per row); a block is marked when one of its four rows reaches it.
+// row of blocks (StopThePop's tight extent): its widest chord among the rows' pixel centres.
 #ifndef SV_KERNELS_BIN_H
 #define SV_KERNELS_BIN_H
 

@@ -13,6 +13,21 @@ static inline void bin_clear(const sv_splat *s, uint32_t id, int n_tiles_x, sv_r
       *r++ = (sv_rec){(uint32_t)(ty * n_tiles_x + tx), id, 0};
 }
 
+// From a real column to the first or last pixel inside: 0.99 to round up, less 0.5 for the pixel's centre;
+// 0.02 px of slack cover rounding errors.
+#define BIN_ROUND_LO (0.99f - 0.5f - 0.02f)
+#define BIN_ROUND_HI (-0.5f + 0.02f)
+
+typedef struct {
+  float min, max; // pixel columns of the splat's blocks: [min, max)
+  float dy_right; // height (v minus y) of the ellipse's rightmost point; the leftmost is at its negative
+} bin_bounds;
+
+static inline bin_bounds bin_bounds_of(const sv_splat *s) {
+  bin_bounds b = {(float)(4 * s->bx0), (float)(4 * s->bx1 + 4), s->qb * s->ex_px / (2.0f * s->qc)};
+  return b;
+}
+
 // Marks blocks c0..c1 of block row `row`.
 static inline void bin_mark(const sv_splat *s, int row, int c0, int c1, sv_rec *rec) {
   int tx0 = s->bx0 >> 3, n_x = (s->bx1 >> 3) - tx0 + 1;
