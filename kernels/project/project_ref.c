@@ -172,6 +172,7 @@ void sv_project_ref(const sv_project_args *a, int block0, int block1) {
       project_one(a, b * SV_LANES + k, a->param + (long)b * a->n_rows * SV_LANES + k);
 }
 
+// Here no result of fmaf is negated: compilers make one instruction of the two, and that gives the other zero.
 // --- backward --------------------------------------------------------------------------------------------
 
 static void sh_basis_grad(int degree, float x, float y, float z, float bx[16], float by[16], float bz[16]) {
@@ -204,9 +205,9 @@ static float screen_bwd(const sv_kview *v, const geom *g, const float *m, float 
   float A = g->conic[0], B = g->conic[1], C = g->conic[2];
   float q00 = fmaf(A, ga, B * gb), q01 = fmaf(A, gb, B * gc), q10 = fmaf(B, ga, C * gb),
         q11 = fmaf(B, gb, C * gc);
-  vs[0] = -fmaf(q00, A, q01 * B);
-  vs[1] = -fmaf(q00, B, q01 * C);
-  vs[2] = -fmaf(q10, B, q11 * C);
+  vs[0] = fmaf(-q00, A, -(q01 * B));
+  vs[1] = fmaf(-q00, B, -(q01 * C));
+  vs[2] = fmaf(-q10, B, -(q11 * C));
   float v_oe = m[SV_SLOT_G] / g->oe, v_o = v_oe * g->comp;
   if (v->is_antialiased && !g->is_comp_floor) {
     // h d(comp^2)/dS, by the adjugate: the textbook form (1 - comp^2) Q - 0.3 det Q I is a difference of
@@ -221,8 +222,8 @@ static float screen_bwd(const sv_kview *v, const geom *g, const float *m, float 
 
 // Through the projection: dL/dt (camera point) and dL/dw.
 static void camera_bwd(const geom *g, const float *m, const float vs[3], float vt[3], float vw[9]) {
-  float vu = -fmaf(g->conic[0], m[SV_SLOT_GX], g->conic[1] * m[SV_SLOT_GY]);
-  float vv = -fmaf(g->conic[1], m[SV_SLOT_GX], g->conic[2] * m[SV_SLOT_GY]);
+  float vu = fmaf(-g->conic[0], m[SV_SLOT_GX], -(g->conic[1] * m[SV_SLOT_GY]));
+  float vv = fmaf(-g->conic[1], m[SV_SLOT_GX], -(g->conic[2] * m[SV_SLOT_GY]));
   float j00 = 0, j02 = 0, j11 = 0, j12 = 0;
   for (int j = 0; j < 3; j++) {
     float va = 2.0f * fmaf(vs[0], g->a[j], vs[1] * g->b[j]),
@@ -230,7 +231,7 @@ static void camera_bwd(const geom *g, const float *m, const float vs[3], float v
     float pa = g->ja * va, pb = g->jb * vb;
     vw[j] = pa;
     vw[3 + j] = pb;
-    vw[6 + j] = -fmaf(g->rx, pa, g->ry * pb);
+    vw[6 + j] = fmaf(-g->rx, pa, -(g->ry * pb));
     j00 = fmaf(va, g->w[j], j00);
     j02 = fmaf(va, g->w[6 + j], j02);
     j11 = fmaf(vb, g->w[3 + j], j11);
@@ -266,7 +267,7 @@ static void shape_bwd(const sv_kview *v, const geom *g, const float vw[9], float
   vq[2] = 2.0f * fmaf(-2.0f * y, r[0] + r[8], fmaf(x, pxy, fmaf(z, pyz, w * dy)));
   vq[3] = 2.0f * fmaf(-2.0f * z, r[0] + r[4], fmaf(x, pxz, fmaf(y, pyz, w * dz)));
   float dot = fmaf(vq[0], w, fmaf(vq[1], x, fmaf(vq[2], y, vq[3] * z)));
-  for (int i = 0; i < 4; i++) grad[16 * (SV_ROW_QUAT + i)] = fmaf(-dot, g->q[i], vq[i]) * g->rn;
+  for (int i = 0; i < 4; i++) grad[16 * (SV_ROW_QUAT + i)] = fmaf(dot, -g->q[i], vq[i]) * g->rn;
 }
 
 // SH rows of grad; returns dL/dmean through the viewing direction in vm.
@@ -288,7 +289,7 @@ static void colour_bwd(const sv_project_args *a, const float *p, const float *v_
     vd[2] = fmaf(bz[k], f, vd[2]);
   }
   float dot = fmaf(vd[0], d[0], fmaf(vd[1], d[1], vd[2] * d[2]));
-  for (int i = 0; i < 3; i++) vm[i] = fmaf(-dot, d[i], vd[i]) * rl;
+  for (int i = 0; i < 3; i++) vm[i] = fmaf(dot, -d[i], vd[i]) * rl;
 }
 
 static void one_bwd(const sv_project_bwd_args *args, const float *p, const float *m, float *grad, float pose[6]) {
