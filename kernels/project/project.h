@@ -75,8 +75,11 @@ typedef struct {
   uint32_t *depth_key; // [n_blocks * 16] out, bits of z, only for visible ones
 } sv_project_args;
 
+// 64-byte aligned working memory of either direction, one per thread, contents free.
+#define SV_PROJECT_SCRATCH_FLOATS 2048
+
 // Blocks [block0, block1). exact.
-typedef void (*sv_project_fn)(const sv_project_args *a, int block0, int block1);
+typedef void (*sv_project_fn)(const sv_project_args *a, int block0, int block1, float *scratch);
 
 typedef struct {
   const sv_project_args *fwd; // the same as in the forward pass
@@ -90,11 +93,13 @@ typedef struct {
 // One block: grad [n_rows][16] (rows of SH degrees above sh_degree are not written), err [16]: sum of
 // weight * |residual| per Gaussian. Returns the bits of the lanes that were touched; the other lanes of
 // grad and err are 0. exact.
-typedef uint32_t (*sv_project_bwd_fn)(const sv_project_bwd_args *a, int block, float *grad, float *err);
+typedef uint32_t (*sv_project_bwd_fn)(const sv_project_bwd_args *a, int block, float *grad, float *err,
+                                      float *scratch);
 
 #define SV_DECLARE(isa)                                                                                      \
-  void sv_project_##isa(const sv_project_args *a, int block0, int block1);                                   \
-  uint32_t sv_project_bwd_##isa(const sv_project_bwd_args *a, int block, float *grad, float *err);
+  void sv_project_##isa(const sv_project_args *a, int block0, int block1, float *scratch);                   \
+  uint32_t sv_project_bwd_##isa(const sv_project_bwd_args *a, int block, float *grad, float *err,            \
+                                float *scratch);
 SV_DECLARE(ref)
 SV_DECLARE(sse41)
 SV_DECLARE(avx2)

@@ -166,7 +166,8 @@ static void project_one(const sv_project_args *a, int id, const float *p) {
   a->depth_key[id] = s1_bits(g.t[2]);
 }
 
-void sv_project_ref(const sv_project_args *a, int block0, int block1) {
+void sv_project_ref(const sv_project_args *a, int block0, int block1, float *scratch) {
+  (void)scratch; // the scalar form needs none
   for (int b = block0; b < block1; b++)
     for (int k = 0; k < SV_LANES; k++)
       project_one(a, b * SV_LANES + k, a->param + (long)b * a->n_rows * SV_LANES + k);
@@ -317,7 +318,8 @@ static void one_bwd(const sv_project_bwd_args *args, const float *p, const float
   }
 }
 
-uint32_t sv_project_bwd_ref(const sv_project_bwd_args *args, int block, float *grad, float *err) {
+uint32_t sv_project_bwd_ref(const sv_project_bwd_args *args, int block, float *grad, float *err, float *scratch) {
+  (void)scratch;
   const sv_project_args *a = args->fwd;
   const float *p = a->param + (long)block * a->n_rows * SV_LANES;
   int n_used = SV_N_ROWS(a->sh_degree);

@@ -179,7 +179,7 @@ static inline void v16_tr8_(__m256 r[8]) {
     r[i + 4] = _mm256_permute2f128_ps(s[i], s[i + 4], 0x31);
   }
 }
-static inline void v16_transpose(v16 x[16]) {
+static __attribute__((noinline)) void v16_transpose(v16 x[16]) {
   __m256 p[8], q[8], r[8], s[8];
   for (int i = 0; i < 8; i++) p[i] = x[i].a, q[i] = x[i].b, r[i] = x[i + 8].a, s[i] = x[i + 8].b;
   v16_tr8_(p);

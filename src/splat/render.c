@@ -65,8 +65,13 @@ sv_status sv_renderer_init(sv_renderer *r, const sv_renderer_cfg *cfg, sv_arena 
   return arena->status < 0 ? arena->status : SV_OK;
 }
 
-// --- forward
-// -------------------------------------------------------------------------------------------------
+// One block of scratch serves all stages of a thread.
+_Static_assert(SV_PROJECT_SCRATCH_FLOATS <= SV_RASTER_SCRATCH_FLOATS, "scratch is too small");
+static float *thread_scratch(const sv_renderer *r, int i_thread) {
+  return r->scratch + (size_t)i_thread * SV_RASTER_SCRATCH_FLOATS;
+}
+
+// --- forward -----------------------------------------------------------------------------------
 
 typedef struct {
   sv_renderer *r;
@@ -80,9 +85,8 @@ static void project_task(void *arg, int i_task, int i_thread) {
   job *j = arg;
   sv_renderer *r = j->r;
   int b0 = i_task * (RANGE / 16), b1 = b0 + RANGE / 16;
-  (void)i_thread;
   if (b1 > j->n_blocks) b1 = j->n_blocks;
-  j->k->project(&r->project, b0, b1);
+  j->k->project(&r->project, b0, b1, thread_scratch(r, i_thread));
   uint32_t n = 0;
   sv_pair *out = r->tmp + (size_t)i_task * RANGE;
   for (int i = 16 * b0; i < 16 * b1; i++)
@@ -202,7 +206,7 @@ static void raster_task(void *arg, int i_task, int i_thread) {
   sv_renderer *r = j->r;
   uint32_t t = r->tile_order[i_task], begin = r->tile_begin[t];
   j->k->raster(&r->raster, t, r->list + begin, r->tile_begin[t + 1] - begin,
-               r->scratch + (size_t)i_thread * SV_RASTER_SCRATCH_FLOATS);
+               thread_scratch(r, i_thread));
 }
 
 static sv_kview make_kview(const sv_view *v, const sv_render_options *o) {
@@ -264,15 +268,14 @@ sv_status sv_render(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, co
   return SV_OK;
 }
 
-// --- backward
-// ------------------------------------------------------------------------------------------------
+// --- backward ----------------------------------------------------------------------------------
 
 static void raster_bwd_task(void *arg, int i_task, int i_thread) {
   job *j = arg;
   sv_renderer *r = j->r;
   uint32_t t = r->tile_order[i_task], begin = r->tile_begin[t];
   j->k->raster_bwd(j->bwd, t, r->list + begin, r->tile_begin[t + 1] - begin,
-                   r->scratch + (size_t)i_thread * SV_RASTER_SCRATCH_FLOATS);
+                   thread_scratch(r, i_thread));
 }
 
 sv_status sv_render_bwd(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, const sv_planes *g_rgb,
@@ -290,11 +293,11 @@ sv_status sv_render_bwd(sv_renderer *r, const sv_kernels *k, const sv_pool *pool
   return SV_OK;
 }
 
-uint32_t sv_render_bwd_block(const sv_renderer *r, const sv_kernels *k, int block, const sv_regularisers *reg,
-                             float *grad, float *err, float *pose_grad) {
+uint32_t sv_render_bwd_block(const sv_renderer *r, const sv_kernels *k, int block, int i_thread,
+                             const sv_regularisers *reg, float *grad, float *err, float *pose_grad) {
   sv_project_bwd_args a = {.fwd = &r->project, .rec = r->rec, .slot = r->slot, .pose_grad = pose_grad,
                            .reg_opacity = reg ? reg->opacity : 0.0f, .reg_scale = reg ? reg->scale : 0.0f};
-  return k->project_bwd(&a, block, grad, err);
+  return k->project_bwd(&a, block, grad, err, thread_scratch(r, i_thread));
 }
 
 uint64_t sv_render_count_pairs(const sv_renderer *r) {

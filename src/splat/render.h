@@ -81,9 +81,9 @@ typedef struct {
 } sv_regularisers;
 
 // grad [n_rows][16], err [16], pose_grad [6] or NULL (dL/d(omega, v) of a twist on cam_from_world); reg may be
-// NULL. Returns the touched lanes' bits.
-uint32_t sv_render_bwd_block(const sv_renderer *r, const sv_kernels *k, int block, const sv_regularisers *reg,
-                             float *grad, float *err, float *pose_grad);
+// NULL. i_thread picks the scratch. Returns the touched lanes' bits.
+uint32_t sv_render_bwd_block(const sv_renderer *r, const sv_kernels *k, int block, int i_thread,
+                             const sv_regularisers *reg, float *grad, float *err, float *pose_grad);
 
 // Pixel-splat pairs that the last picture evaluated: 16 per marked block.
 uint64_t sv_render_count_pairs(const sv_renderer *r);

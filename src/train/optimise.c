@@ -68,7 +68,7 @@ static void optimise_task(void *arg, int i_task, int i_thread) {
   int b0 = i_task * BLOCKS_PER_TASK, b1 = sv_mini(b0 + BLOCKS_PER_TASK, j->n_blocks);
   uint32_t n = 0;
   for (int b = b0; b < b1; b++) {
-    uint32_t touched = sv_render_bwd_block(&t->render, t->k, b, &j->reg, grad, err, NULL);
+    uint32_t touched = sv_render_bwd_block(&t->render, t->k, b, i_thread, &j->reg, grad, err, NULL);
     if (!touched) continue;
     size_t at = (size_t)b * (size_t)t->g.n_rows * 16;
     float *p = t->g.param + at, *e = t->err + 16 * (size_t)b;

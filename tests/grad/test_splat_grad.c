@@ -202,7 +202,7 @@ static void backward(run *q, const sv_kernels *k) {
   for (int b = 0; b < q->g.cap / 16; b++) {
     float pose[6];
     memset(q->grad[b], 0xff, sizeof q->grad[b]); // NaN: rows in use must all be written
-    q->touched[b] = sv_render_bwd_block(&q->r, k, b, NULL, q->grad[b][0], q->err_sum[b], pose);
+    q->touched[b] = sv_render_bwd_block(&q->r, k, b, 0, NULL, q->grad[b][0], q->err_sum[b], pose);
     for (int i = 0; i < 6; i++) q->pose[i] += (double)pose[i];
   }
 }

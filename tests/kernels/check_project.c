@@ -41,9 +41,9 @@ static void project_case(ck *c, const sc_cfg *cfg) {
   sv_project_args v = s.project;
   v.splat = ck_bytes(c, n * sizeof *v.splat);
   v.depth_key = ck_bytes(c, n * 4);
-  c->ref.project(&s.project, 0, s.n_blocks);
-  c->var.project(&v, s.n_blocks / 2, s.n_blocks); // in two ranges, the last first
-  c->var.project(&v, 0, s.n_blocks / 2);
+  c->ref.project(&s.project, 0, s.n_blocks, sc_scratch());
+  c->var.project(&v, s.n_blocks / 2, s.n_blocks, sc_scratch()); // in two ranges, the last first
+  c->var.project(&v, 0, s.n_blocks / 2, sc_scratch());
   compare_splats(c, s.project.splat, v.splat, &s);
   for (size_t i = 0; i < n; i++)
     if (s.project.splat[i].n_recs == v.splat[i].n_recs && c->is_exact)
@@ -114,11 +114,11 @@ static void bwd_case(ck *c, const sc_cfg *cfg, int fill) {
   for (int i = 0; i < 2; i++)
     g[i] = ck_floats(c, 16 * (size_t)s.n_rows), err[i] = ck_floats(c, 16), pose[i] = ck_floats(c, 6);
   for (int b = 0; b < s.n_blocks; b++) {
-    sv_project_bwd_args a = {&s.project, s.rec, slot, pose[0]};
+    sv_project_bwd_args a = {&s.project, s.rec, slot, pose[0], 0.01f, 0.02f};
     for (int i = 0; i < 2; i++) memset(g[i], 0xff, 64 * (size_t)s.n_rows);
-    uint32_t touched = c->ref.project_bwd(&a, b, g[0], err[0]);
+    uint32_t touched = c->ref.project_bwd(&a, b, g[0], err[0], sc_scratch());
     a.pose_grad = pose[1];
-    ck_true(c, c->var.project_bwd(&a, b, g[1], err[1]) == touched, "block %d: other lanes touched", b);
+    ck_true(c, c->var.project_bwd(&a, b, g[1], err[1], sc_scratch()) == touched, "block %d: other lanes touched", b);
     compare_grads(c, &s, g[0], g[1]);
     ck_same_abs(c, "err", err[0], err[1], 16, 1e-5 * sc_largest(err[0], 16));
     ck_same_abs(c, "pose", pose[0], pose[1], 6, 3e-3 * sc_largest(pose[0], 6));
@@ -127,7 +127,7 @@ static void bwd_case(ck *c, const sc_cfg *cfg, int fill) {
         ck_true(c, g[1][16 * row + i] == 0, "lane %d is not touched, row %d is not 0", i, row);
     a.pose_grad = NULL;
     memset(g[0], 0xff, 64 * (size_t)s.n_rows);
-    (void)c->var.project_bwd(&a, b, g[0], err[0]);
+    (void)c->var.project_bwd(&a, b, g[0], err[0], sc_scratch());
     ck_same_bytes(c, "grad without pose", g[1], g[0], 64 * (size_t)s.n_rows);
   }
 }
@@ -155,11 +155,11 @@ typedef struct {
 
 static void run_project(void *arg, const sv_kernels *k) {
   project_job *j = arg;
-  k->project(&j->s.project, 0, j->s.n_blocks);
+  k->project(&j->s.project, 0, j->s.n_blocks, sc_scratch());
 }
 static void run_bwd(void *arg, const sv_kernels *k) {
   project_job *j = arg;
-  for (int b = 0; b < j->s.n_blocks; b++) (void)k->project_bwd(&j->bwd, b, j->grad, j->err);
+  for (int b = 0; b < j->s.n_blocks; b++) (void)k->project_bwd(&j->bwd, b, j->grad, j->err, sc_scratch());
 }
 
 static project_job make_job(ck *c, int sh_degree) {
@@ -184,7 +184,7 @@ static void bench_project_bwd(ck *c) {
     sc_project(c, &j.s);
     make_slots(c, &j.s, CK_SIGNED, &slot);
     j.grad = ck_floats(c, 16 * SV_CAP_ROWS), j.err = ck_floats(c, 16), j.pose = ck_floats(c, 6);
-    j.bwd = (sv_project_bwd_args){&j.s.project, j.s.rec, slot, j.pose};
+    j.bwd = (sv_project_bwd_args){&j.s.project, j.s.rec, slot, j.pose, 0.01f, 0.02f};
     ck_time(c, degree ? "SH 3; per Gaussian" : "SH 0; per Gaussian", 4096, run_bwd, &j);
   }
 }

@@ -93,7 +93,12 @@ void sc_init(ck *c, sc_scene *s, const sc_cfg *cfg) {
                                  .depth_key = ck_bytes(c, n * 4)};
 }
 
-void sc_project(ck *c, sc_scene *s) { c->ref.project(&s->project, 0, s->n_blocks); }
+float *sc_scratch(void) {
+  static _Alignas(64) float scratch[SV_PROJECT_SCRATCH_FLOATS];
+  return scratch;
+}
+
+void sc_project(ck *c, sc_scene *s) { c->ref.project(&s->project, 0, s->n_blocks, sc_scratch()); }
 
 static void sort_by_depth(ck *c, sc_scene *s) {
   size_t n = 16 * (size_t)s->n_blocks;

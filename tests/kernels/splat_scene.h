@@ -34,6 +34,7 @@ typedef struct {
 void sc_init(ck *c, sc_scene *s, const sc_cfg *cfg);
 // The reference's projection, records and lists of the same.
 void sc_project(ck *c, sc_scene *s);
+float *sc_scratch(void); // working memory for project and project_bwd
 void sc_bin(ck *c, sc_scene *s);
 
 // A copy of n bytes in the case's memory.

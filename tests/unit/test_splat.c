@@ -271,7 +271,7 @@ static void render_both(scene *s, const sv_kernels *k, const sv_pool *pool) {
   assert_int_equal(sv_render_bwd(&s->r, k, pool, &s->grad, s->grad.c[0], s->grad.c[1], s->grad.c[2]), SV_OK);
   for (int b = 0; b < s->g.cap / 16; b++) {
     float pose[6];
-    (void)sv_render_bwd_block(&s->r, k, b, s->row + (size_t)b * 16 * (size_t)s->g.n_rows, s->err + 16 * b,
+    (void)sv_render_bwd_block(&s->r, k, b, 0, NULL, s->row + (size_t)b * 16 * (size_t)s->g.n_rows, s->err + 16 * b,
                               pose);
   }
 }

@@ -90,7 +90,7 @@ static int take_pictures(const char *src, const char *out, const sv_import_camer
   snprintf(to, sizeof to, "%s/%s", out, c->name);
   int s = sv_linux_make_dir(to, err);
   for (int i = 0; i < p->n && s == SV_OK; i++) {
-    int w, h;
+    int w = 0, h = 0;
     snprintf(from, sizeof from, "%s/%s/%s", src, c->name, p->names[i]->d_name);
     snprintf(to, sizeof to, "%s/%s/%s", out, c->name, p->names[i]->d_name);
     s = picture_size(from, &w, &h, err);

@@ -23,7 +23,9 @@ typedef struct {
   uint8_t *picture;
 } ctx;
 
-static void run_project(ctx *c) { c->k->project(&c->t->render.project, 0, (N_GAUSSIANS + 15) / 16); }
+static void run_project(ctx *c) {
+  c->k->project(&c->t->render.project, 0, (N_GAUSSIANS + 15) / 16, c->t->render.scratch);
+}
 static void run_bin(ctx *c) {
   sv_renderer *r = &c->t->render;
   c->k->bin(r->splat, r->order, r->stats.n_visible, r->n_tiles_x, r->rec);
@@ -47,7 +49,7 @@ static void run_raster_bwd(ctx *c) {
 }
 static void run_project_bwd(ctx *c) {
   for (int b = 0; b < (N_GAUSSIANS + 15) / 16; b++)
-    sv_render_bwd_block(&c->t->render, c->k, b, NULL, c->block, c->block + 16 * SV_CAP_ROWS, NULL);
+    sv_render_bwd_block(&c->t->render, c->k, b, 0, NULL, c->block, c->block + 16 * SV_CAP_ROWS, NULL);
 }
 static void run_adam(ctx *c) {
   sv_gaussians *g = &c->t->g;

@@ -1,0 +1,241 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/common/world.h"
+
+#include <string.h>
+
+#include "src/base/mathx.h"
+
+#define BLOCK_BYTES ((size_t)96 << 20)
+
+static _Alignas(SV_ARENA_ALIGN) uint8_t block[BLOCK_BYTES];
+static uint8_t file_block[WORLD_CAP_FILES + 1][WORLD_CAP_FILE]; // the last one: the file being written
+static uint8_t truth[640 * 480 * 3];
+
+static const char *const CALL_NAMES[WORLD_N_CALLS] = {"start", "dequeue", "requeue", "stop",
+                                                      "begin", "write",   "commit",  "read"};
+const char *world_call_name(world_call c) { return CALL_NAMES[c]; }
+
+// True when this call is to fail.
+static bool fails(world *w, world_call c) {
+  long n = ++w->fault.n[c];
+  if (c != w->fault.call || !w->fault.at) return false;
+  if (n != w->fault.at && !(w->fault.is_lasting && n > w->fault.at)) return false;
+  w->fault.was_hit = true;
+  return true;
+}
+
+// --- source ------------------------------------------------------------------------------------------------
+
+static sv_status src_caps(void *self, int i_camera, sv_camera_caps *out) {
+  world *w = self;
+  return w->inner.source.caps(w->inner.source.self, i_camera, out);
+}
+static sv_status src_start(void *self) {
+  world *w = self;
+  return fails(w, WORLD_START) ? SV_E_DEVICE : w->inner.source.start(w->inner.source.self);
+}
+static sv_status src_dequeue(void *self, sv_frame *f, sv_ns until_ns) {
+  world *w = self;
+  if (!fails(w, WORLD_DEQUEUE)) return w->inner.source.dequeue(w->inner.source.self, f, until_ns);
+  memset(f, 0, sizeof *f);
+  return SV_E_DEVICE;
+}
+static sv_status src_requeue(void *self, const sv_frame *f) {
+  world *w = self;
+  return fails(w, WORLD_REQUEUE) ? SV_E_DEVICE : w->inner.source.requeue(w->inner.source.self, f);
+}
+static sv_status src_stop(void *self) { // a failing stop still ends the stream, as a device that went away
+  world *w = self;
+  sv_status s = w->inner.source.stop(w->inner.source.self);
+  return fails(w, WORLD_STOP) ? SV_E_DEVICE : s;
+}
+static sv_status src_rig_pose(void *self, sv_ns host_ns, sv_pose *rig_from_world) {
+  world *w = self;
+  return w->inner.source.rig_pose(w->inner.source.self, host_ns, rig_from_world);
+}
+
+// --- store -------------------------------------------------------------------------------------------------
+
+static sv_status st_begin(void *self, const char *name, sv_err *err) {
+  world *w = self;
+  world_store *s = &w->store;
+  if (s->is_open) return sv_fail(err, SV_E_ARG, "%s: begin while %s is open", name, s->open_name);
+  if (fails(w, WORLD_BEGIN)) return sv_fail(err, SV_E_IO, "%s: cannot be written: made to fail", name);
+  sv_copy(s->open_name, sizeof s->open_name, name);
+  s->is_open = true;
+  s->open_bytes = 0;
+  s->open_data = file_block[WORLD_CAP_FILES];
+  return SV_OK;
+}
+
+static sv_status st_write(void *self, const void *data, size_t bytes, sv_err *err) {
+  world *w = self;
+  world_store *s = &w->store;
+  if (!s->is_open) return sv_fail(err, SV_E_ARG, "write without begin");
+  if (fails(w, WORLD_WRITE)) return sv_fail(err, SV_E_IO, "%s: write failed: made to fail", s->open_name);
+  if (bytes > WORLD_CAP_FILE - s->open_bytes) return sv_fail(err, SV_E_IO, "%s: too large", s->open_name);
+  memcpy(s->open_data + s->open_bytes, data, bytes);
+  s->open_bytes += bytes;
+  return SV_OK;
+}
+
+static sv_status st_commit(void *self, sv_err *err) {
+  world *w = self;
+  world_store *s = &w->store;
+  int i = 0;
+  if (!s->is_open) return sv_fail(err, SV_E_ARG, "commit without begin");
+  s->is_open = false;
+  if (fails(w, WORLD_COMMIT)) return sv_fail(err, SV_E_IO, "%s: not saved: made to fail", s->open_name);
+  while (i < s->n_files && strcmp(s->file[i].name, s->open_name) != 0) i++;
+  if (i == WORLD_CAP_FILES) return sv_fail(err, SV_E_IO, "%s: too many files", s->open_name);
+  if (i == s->n_files) s->n_files++;
+  s->file[i].data = file_block[i];
+  s->file[i].bytes = s->open_bytes;
+  sv_copy(s->file[i].name, sizeof s->file[i].name, s->open_name);
+  memcpy(s->file[i].data, s->open_data, s->open_bytes);
+  return SV_OK;
+}
+
+static void st_abandon(void *self) { ((world *)self)->store.is_open = false; }
+
+static sv_status st_read(void *self, const char *name, void *buf, size_t cap, size_t *bytes, sv_err *err) {
+  world *w = self;
+  const world_file *f = world_find(w, name);
+  *bytes = 0;
+  if (fails(w, WORLD_READ)) return sv_fail(err, SV_E_IO, "%s: cannot be read: made to fail", name);
+  if (!f) return sv_fail(err, SV_E_NOT_FOUND, "%s: there is no such file", name);
+  *bytes = f->bytes;
+  if (f->bytes > cap) return sv_fail(err, SV_E_NOMEM, "%s: does not fit", name);
+  memcpy(buf, f->data, f->bytes);
+  return SV_OK;
+}
+
+const world_file *world_find(const world *w, const char *name) {
+  for (int i = 0; i < w->store.n_files; i++)
+    if (!strcmp(w->store.file[i].name, name)) return &w->store.file[i];
+  return NULL;
+}
+
+void world_forget_files(world *w) { memset(&w->store, 0, sizeof w->store); }
+
+// --- clock, console, publisher -----------------------------------------------------------------------------
+
+static sv_ns machine_now(void *self) {
+  world *w = self;
+  return w->machine_ns += w->machine_tick_ns;
+}
+static void machine_sleep(void *self, sv_ns until_ns) {
+  world *w = self;
+  if (until_ns > w->machine_ns) w->machine_ns = until_ns;
+}
+
+static void log_line(void *self, sv_log_level level, const char *line) {
+  world *w = self;
+  int i = w->n_lines < WORLD_CAP_LINES ? w->n_lines++ : WORLD_CAP_LINES - 1;
+  sv_copy(w->line[i], sizeof w->line[i], line);
+  w->level[i] = level;
+}
+
+static bool is_stop_requested(void *self) {
+  const world *w = self;
+  return w->is_stop_at_once || (w->stop_at_step && w->app.trainer.step >= w->stop_at_step);
+}
+
+static void publish(void *self, const char *name, int width_px, int height_px, const uint8_t *rgb) {
+  world *w = self;
+  (void)name;
+  (void)rgb;
+  w->n_images++;
+  w->image_width_px = width_px;
+  w->image_height_px = height_px;
+}
+
+bool world_has_line(const world *w, const char *text) {
+  for (int i = 0; i < w->n_lines; i++)
+    if (strstr(w->line[i], text)) return true;
+  return false;
+}
+
+// --- the world ---------------------------------------------------------------------------------------------
+
+static void wrap_port(world *w) {
+  w->inner = (sv_port){.clock = sv_sim_clock(&w->sim), .pool = sv_linux_pool_port(&w->pool),
+                       .source = sv_sim_source(&w->sim)};
+  w->port = w->inner;
+  w->port.machine = (sv_clock){w, machine_now, machine_sleep};
+  w->port.source = (sv_source){w,         w->inner.source.n_cameras, src_caps, src_start, src_dequeue, src_requeue,
+                               src_stop, src_rig_pose};
+  w->port.store = (sv_store){w, st_begin, st_write, st_commit, st_abandon, st_read};
+  w->port.console = (sv_console){w, log_line, is_stop_requested};
+  w->port.publish = (sv_publish){w, publish};
+}
+
+bool world_open(world *w, const char *spec, int n_exposures, uint32_t isa_mask, int n_threads) {
+  sv_sim_config sc;
+  world_store kept = w->store;
+  double centre[3], radius;
+  memset(w, 0, sizeof *w);
+  w->store = kept;
+  w->store.is_open = false;
+  w->arena = sv_arena_make(block, sizeof block);
+  if (sv_sim_parse(&sc, spec, &w->err) < 0) return false;
+  sc.n_exposures = n_exposures;
+  if (sv_sim_init(&w->sim, &sc, &w->arena, &w->err) < 0) return false;
+  if (sv_linux_pool_start(&w->pool, n_threads, -1, &w->err) < 0) return false;
+  sv_kernels_init(&w->k, isa_mask);
+  w->machine_tick_ns = SV_NS_PER_MS;
+  wrap_port(w);
+  for (int i = 0; i < w->inner.source.n_cameras; i++)
+    if (src_caps(w, i, &w->caps[i]) < 0) return false;
+  sv_sim_scene_bounds(&w->sim, centre, &radius);
+  w->cfg = (sv_app_cfg){.rig = sv_sim_rig(&w->sim), .n_cameras = w->inner.source.n_cameras, .caps = w->caps,
+                        .source_name = spec, .n_exposures = n_exposures, .skew_limit_ns = 20 * SV_NS_PER_MS,
+                        .capture_timeout_ns = 10 * SV_NS_PER_S, .train = sv_train_defaults(), .has_bounds = true};
+  w->cfg.bounds = (sv_bounds){{(float)centre[0], (float)centre[1], (float)centre[2]}, (float)radius};
+  return true;
+}
+
+sv_status world_init(world *w) { return sv_app_init(&w->app, &w->cfg, &w->k, &w->port, &w->arena, &w->err); }
+
+sv_status world_init_in(world *w, size_t bytes) {
+  // At the end of the block, so that a sanitizer sees what goes beyond it.
+  w->arena = sv_arena_make(block + ((BLOCK_BYTES - bytes) & ~(size_t)(SV_ARENA_ALIGN - 1)), bytes);
+  return world_init(w);
+}
+
+sv_status world_run(world *w) {
+  sv_status s = world_init(w);
+  return s < 0 ? s : sv_app_run(&w->app, &w->err);
+}
+
+void world_close(world *w) {
+  if (w->pool.n_threads) sv_linux_pool_stop(&w->pool);
+  w->pool.n_threads = 0;
+}
+
+size_t world_app_bytes(world *w) {
+  static sv_app planned;
+  sv_arena dry = sv_arena_dry();
+  return sv_app_plan(&planned, &w->cfg, w->pool.n_threads, &dry, &w->err) < 0 ? 0 : dry.used_bytes;
+}
+
+double world_heldout_psnr(world *w, int n) {
+  double psnr = 0;
+  for (int i = 0; i < n; i++) {
+    sv_view v;
+    double t, mse;
+    sv_sim_heldout_view(&w->sim, i, n, &v, &t);
+    sv_sim_render(&w->sim, &v, t, truth, NULL);
+    if (sv_app_mse(&w->app, &v, truth, &mse) < 0) return -1;
+    psnr += -10.0 / 2.302585092994046 * sv_log(mse > 1e-12 ? mse : 1e-12) / n;
+  }
+  return psnr;
+}
+
+bool world_is_one_sentence(const char *text) {
+  size_t n = strlen(text);
+  if (n < 15 || n > 255) return false;
+  for (size_t i = 0; i < n; i++)
+    if ((unsigned char)text[i] < 32 || text[i] == 127) return false;
+  return true;
+}
