@@ -194,7 +194,7 @@ PARALLEL = $(if $(findstring jobserver,$(MAKEFLAGS)),,-j$(JOBS))
 demo: ## install what is missing, build, run the main job on the simulator
 	@tools/deps/install.sh build
 	@+$(MAKE) --no-print-directory $(PARALLEL) programs
-	@tools/demo.sh
+	@tools/demo.sh $(O)/bin
 test: ## install what is missing, build, run every lint and test; ends with N passed, N failed, N skipped
 	@tools/deps/install.sh test
 	@+$(MAKE) --no-print-directory $(PARALLEL) test-all
