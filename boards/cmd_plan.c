@@ -106,5 +106,8 @@ int cmd_plan(int argc, char **argv) {
   }
   if (o.is_json) print_json(&o, cap, used, w, h);
   else print_text(&o, cap, used, w, h);
-  return used <= cap ? 0 : 1;
+  if (used <= cap) return 0;
+  say(2, "subview: this run needs %zu MiB and the block has %zu MiB: take fewer Gaussians or pictures\n",
+      (used + 1048575) >> 20, cap >> 20);
+  return 1;
 }

@@ -190,8 +190,11 @@ static sv_status source_start(void *self) {
   return SV_OK;
 }
 
+// A stop takes all buffers back, as a driver does, also those that are still on loan.
 static sv_status source_stop(void *self) {
-  ((sv_replay *)self)->is_running = false;
+  sv_replay *r = self;
+  for (int c = 0; c < r->capture.n_cameras; c++) r->cameras[c].on_loan = 0;
+  r->is_running = false;
   return SV_OK;
 }
 

@@ -186,6 +186,7 @@ static sv_status capture_loop(sv_app *app, sv_err *err) {
     if (s == SV_AGAIN) continue;
     if (s < 0) { // one camera failed; the others go on, and the timeout ends a capture that cannot complete
       if (!app->n_device_errors++) log_line(app, SV_LOG_WARN, "camera %d: %s", f.i_camera, sv_status_text(s));
+      clk->sleep_until_ns(clk->self, now + SV_NS_PER_MS); // a source that only fails must not stop time
       continue;
     }
     s = sv_sync_push(&app->sync, &f);
@@ -216,7 +217,7 @@ static sv_status capture(sv_app *app, sv_err *err) {
     return sv_fail(err, SV_E_NOT_FOUND, "the source ended without one synchronized exposure (skew limit %g ms)",
                    sv_ns_to_ms(app->cfg.skew_limit_ns));
   sv_ledger l = sv_sync_ledger_sum(&app->sync);
-  log_line(app, SV_LOG_INFO, "captured %d exposures of %d sub-views; frames: %llu captured = %llu delivered + %llu dropped",
+  if (app->exposures.n) log_line(app, SV_LOG_INFO, "captured %d exposures of %d sub-views; frames: %llu captured = %llu delivered + %llu dropped",
            app->exposures.n, app->cfg.rig->n_sub_views, (unsigned long long)l.captured,
            (unsigned long long)l.delivered, (unsigned long long)sv_ledger_dropped(&l));
   return s;
@@ -318,7 +319,14 @@ sv_status sv_app_run(sv_app *app, sv_err *err) {
       if (saved < 0) s = saved;
     }
   }
-  if (s == SV_E_INTERRUPTED) sv_fail(err, s, "stopped by request after %u steps; what was trained is saved", app->trainer.step);
+  if (s == SV_E_INTERRUPTED && app->state == SV_APP_CAPTURING)
+    sv_fail(err, s, "stopped by request after %d of %d exposures, before training: nothing was saved", app->exposures.n,
+            app->cfg.n_exposures);
+  else if (s == SV_E_INTERRUPTED) {
+    sv_fail(err, s, "stopped by request after %u steps; what was trained is saved", app->trainer.step);
+    app->state = SV_APP_DONE;
+    return s;
+  }
   app->state = s < 0 ? SV_APP_FAILED : SV_APP_DONE;
   return s;
 }

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/common/world.h"
 
+#include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "src/base/mathx.h"
+#include "src/format/rig_file.h"
 
 #define BLOCK_BYTES ((size_t)96 << 20)
 
@@ -158,41 +161,84 @@ bool world_has_line(const world *w, const char *text) {
 
 // --- the world ---------------------------------------------------------------------------------------------
 
-static void wrap_port(world *w) {
-  w->inner = (sv_port){.clock = sv_sim_clock(&w->sim), .pool = sv_linux_pool_port(&w->pool),
-                       .source = sv_sim_source(&w->sim)};
-  w->port = w->inner;
-  w->port.machine = (sv_clock){w, machine_now, machine_sleep};
-  w->port.source = (sv_source){w,         w->inner.source.n_cameras, src_caps, src_start, src_dequeue, src_requeue,
-                               src_stop, src_rig_pose};
-  w->port.store = (sv_store){w, st_begin, st_write, st_commit, st_abandon, st_read};
-  w->port.console = (sv_console){w, log_line, is_stop_requested};
-  w->port.publish = (sv_publish){w, publish};
-}
-
-bool world_open(world *w, const char *spec, int n_exposures, uint32_t isa_mask, int n_threads) {
-  sv_sim_config sc;
+static bool start_over(world *w, uint32_t isa_mask, int n_threads) {
   world_store kept = w->store;
-  double centre[3], radius;
+  world_close(w); // a failed test may have left its threads
   memset(w, 0, sizeof *w);
   w->store = kept;
   w->store.is_open = false;
   w->arena = sv_arena_make(block, sizeof block);
+  w->machine_tick_ns = SV_NS_PER_MS;
+  sv_kernels_init(&w->k, isa_mask);
+  return sv_linux_pool_start(&w->pool, n_threads, -1, &w->err) >= 0;
+}
+
+// Wraps a source and its clock, and fills in the cfg but for rig and bounds.
+static bool finish_open(world *w, sv_source source, sv_clock clock, const char *name, int n_exposures) {
+  int n = source.n_cameras;
+  if (n > (int)(sizeof w->caps / sizeof *w->caps)) return false;
+  w->inner = (sv_port){.clock = clock, .pool = sv_linux_pool_port(&w->pool), .source = source};
+  w->port = w->inner;
+  w->port.machine = (sv_clock){w, machine_now, machine_sleep};
+  w->port.source = (sv_source){w, n, src_caps, src_start, src_dequeue, src_requeue, src_stop, src_rig_pose};
+  w->port.store = (sv_store){w, st_begin, st_write, st_commit, st_abandon, st_read};
+  w->port.console = (sv_console){w, log_line, is_stop_requested};
+  w->port.publish = (sv_publish){w, publish};
+  for (int i = 0; i < n; i++)
+    if (src_caps(w, i, &w->caps[i]) < 0) return false;
+  w->cfg = (sv_app_cfg){.n_cameras = n, .caps = w->caps, .source_name = name, .n_exposures = n_exposures,
+                        .skew_limit_ns = 20 * SV_NS_PER_MS, .capture_timeout_ns = 10 * SV_NS_PER_S,
+                        .train = sv_train_defaults(), .has_bounds = true};
+  return true;
+}
+
+bool world_open(world *w, const char *spec, int n_exposures, uint32_t isa_mask, int n_threads) {
+  sv_sim_config sc;
+  double c[3], radius;
+  if (!start_over(w, isa_mask, n_threads)) return false;
   if (sv_sim_parse(&sc, spec, &w->err) < 0) return false;
   sc.n_exposures = n_exposures;
   if (sv_sim_init(&w->sim, &sc, &w->arena, &w->err) < 0) return false;
-  if (sv_linux_pool_start(&w->pool, n_threads, -1, &w->err) < 0) return false;
-  sv_kernels_init(&w->k, isa_mask);
-  w->machine_tick_ns = SV_NS_PER_MS;
-  wrap_port(w);
-  for (int i = 0; i < w->inner.source.n_cameras; i++)
-    if (src_caps(w, i, &w->caps[i]) < 0) return false;
-  sv_sim_scene_bounds(&w->sim, centre, &radius);
-  w->cfg = (sv_app_cfg){.rig = sv_sim_rig(&w->sim), .n_cameras = w->inner.source.n_cameras, .caps = w->caps,
-                        .source_name = spec, .n_exposures = n_exposures, .skew_limit_ns = 20 * SV_NS_PER_MS,
-                        .capture_timeout_ns = 10 * SV_NS_PER_S, .train = sv_train_defaults(), .has_bounds = true};
-  w->cfg.bounds = (sv_bounds){{(float)centre[0], (float)centre[1], (float)centre[2]}, (float)radius};
+  if (!finish_open(w, sv_sim_source(&w->sim), sv_sim_clock(&w->sim), spec, n_exposures)) return false;
+  sv_sim_scene_bounds(&w->sim, c, &radius);
+  w->cfg.bounds = (sv_bounds){{(float)c[0], (float)c[1], (float)c[2]}, (float)radius};
+  w->cfg.rig = sv_sim_rig(&w->sim);
   return true;
+}
+
+static sv_status read_rig_file(void *self, const char *name, void *buf, size_t cap, size_t *bytes, sv_err *err) {
+  char path[2 * SV_CAPTURE_CAP_PATH];
+  sv_fmt(path, sizeof path, "%s/%s", (const char *)self, name);
+  FILE *f = fopen(path, "rb");
+  if (!f) return sv_fail(err, SV_E_NOT_FOUND, "%s: cannot be read", path);
+  *bytes = fread(buf, 1, cap, f);
+  fclose(f);
+  return *bytes < cap ? SV_OK : sv_fail(err, SV_E_NOMEM, "%s: too large", path);
+}
+
+bool world_open_replay(world *w, const char *dir, int n_exposures, uint32_t isa_mask, int n_threads) {
+  sv_replay_cfg rc = {.speed = 0};
+  char rig_dir[SV_CAPTURE_CAP_PATH];
+  if (!start_over(w, isa_mask, n_threads)) return false;
+  w->is_replay = true;
+  sv_copy(rc.dir, sizeof rc.dir, dir);
+  if (sv_replay_init(&w->replay, &rc, &w->arena, &w->err) < 0) return false;
+  const sv_capture *c = &w->replay.capture;
+  if (!finish_open(w, sv_replay_source(&w->replay), sv_replay_clock(&w->replay), dir, n_exposures)) return false;
+  double d2 = 0;
+  for (int i = 0; i < 3; i++) {
+    double half = 0.5 * (c->scene_max_m[i] - c->scene_min_m[i]);
+    w->cfg.bounds.centre[i] = (float)(c->scene_min_m[i] + half);
+    d2 += half * half;
+  }
+  w->cfg.bounds.radius = (float)sqrt(d2);
+  w->cfg.has_bounds = c->has_scene;
+  if (sv_rig_init(&w->rig, 16, &w->arena) < 0) return false;
+  sv_arena scratch = sv_arena_sub(&w->arena, 1 << 20);
+  sv_fmt(rig_dir, sizeof rig_dir, "%s/%s", dir, c->rig);
+  sv_file_reader files = {rig_dir, read_rig_file};
+  w->cfg.rig = &w->rig;
+  return sv_rig_read(&w->rig, &files, "rig.json", w->cfg.n_cameras, &scratch, &w->err) >= 0;
 }
 
 sv_status world_init(world *w) { return sv_app_init(&w->app, &w->cfg, &w->k, &w->port, &w->arena, &w->err); }
@@ -210,7 +256,9 @@ sv_status world_run(world *w) {
 
 void world_close(world *w) {
   if (w->pool.n_threads) sv_linux_pool_stop(&w->pool);
+  if (w->is_replay) sv_replay_close(&w->replay);
   w->pool.n_threads = 0;
+  w->is_replay = false;
 }
 
 size_t world_app_bytes(world *w) {

@@ -5,6 +5,7 @@
 #define SV_TESTS_COMMON_WORLD_H
 
 #include "platform/linux/linux.h"
+#include "platform/replay/replay.h"
 #include "platform/sim/sim.h"
 #include "src/app/app.h"
 
@@ -52,6 +53,9 @@ typedef struct {
 
 typedef struct {
   sv_sim sim;
+  sv_replay replay;
+  bool is_replay; // then `sim` is empty
+  sv_rig rig;     // of the replay
   sv_app app;
   sv_app_cfg cfg;
   sv_kernels k;
@@ -60,7 +64,7 @@ typedef struct {
   sv_port port, inner; // the app's, and what it wraps
   world_store store;
   world_fault fault;
-  sv_camera_caps caps[SV_SIM_CAP_CAMERAS];
+  sv_camera_caps caps[4];
   sv_err err;
   sv_ns machine_ns, machine_tick_ns; // each reading of the machine's clock adds a tick
   uint32_t stop_at_step;             // the stop request comes when so many steps are done; 0: never
@@ -74,7 +78,9 @@ typedef struct {
 // Fills in everything but the app: simulator of `spec`, kernels of isa_mask, a pool of n_threads, cfg with
 // sensible values (1 ms a tick). Change w->cfg, then world_init. False: w->err tells why.
 bool world_open(world *w, const char *spec, int n_exposures, uint32_t isa_mask, int n_threads);
-sv_status world_init(world *w);             // sv_app_init in what is left of the block
+// The same with the capture in a folder, its own rig and scene bounds.
+bool world_open_replay(world *w, const char *dir, int n_exposures, uint32_t isa_mask, int n_threads);
+sv_status world_init(world *w);                  // sv_app_init in what is left of the block
 sv_status world_init_in(world *w, size_t bytes); // the same in so many bytes of it
 // open, init and run; the run's status.
 sv_status world_run(world *w);

@@ -1,0 +1,97 @@
+// SPDX-License-Identifier: Apache-2.0
+// Wall-clock budgets, loose because machines are noisy: they catch a thing that became many times slower, not a
+// few per cent. The figures are printed. Medians, so that one interruption does not count.
+// clang-format off
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+// clang-format on
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "tests/common/world.h"
+
+#define STEP_BUDGET_MS  40.0 // 20,000 Gaussians, 320x240, two threads
+#define FRAME_BUDGET_MS 40.0 // one simulated frame, 320x240, one thread
+#define SAVE_BUDGET_MS  400.0 // model and checkpoint of 20,000 Gaussians into memory
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define IS_SANITIZED 1
+#else
+#define IS_SANITIZED 0
+#endif
+
+static world w;
+
+static double now_ms(void) {
+  sv_clock c = sv_linux_clock();
+  return sv_ns_to_ms(c.now_ns(c.self));
+}
+
+static int by_size(const void *a, const void *b) {
+  double x = *(const double *)a, y = *(const double *)b;
+  return (x > y) - (x < y);
+}
+
+static double median(double *x, size_t n) {
+  qsort(x, n, sizeof *x, by_size);
+  return x[n / 2];
+}
+
+static void test_step(void **state) {
+  (void)state;
+  enum { N = 61 };
+  double ms[N];
+  if (!world_open(&w, "textured,rig=stereo,size=320x240", 4, ~0u, 2)) fail_msg("%s", w.err.text);
+  w.cfg.train.n_gaussians = 20000;
+  w.cfg.train.start_scale = 1; // whole pictures from the start
+  w.cfg.steps = 40;            // the scene takes shape
+  if (world_run(&w) < 0) fail_msg("%s", w.err.text);
+  for (int i = 0; i < N; i++) {
+    sv_step_stats st;
+    double t = now_ms();
+    assert_int_equal(sv_train_step(&w.app.trainer, 0.5f, &st), SV_OK);
+    ms[i] = now_ms() - t;
+  }
+  double m = median(ms, N), t = now_ms();
+  print_message("training step: median %.2f ms, fastest %.2f, slowest %.2f (budget %.0f)\n", m, ms[0], ms[N - 1],
+                STEP_BUDGET_MS);
+  assert_true(m < STEP_BUDGET_MS);
+  assert_int_equal(sv_app_save_model(&w.app, &w.err), SV_OK);
+  assert_int_equal(sv_app_save_checkpoint(&w.app, &w.err), SV_OK);
+  t = now_ms() - t;
+  print_message("model and checkpoint: %.1f ms (budget %.0f)\n", t, SAVE_BUDGET_MS);
+  assert_true(t < SAVE_BUDGET_MS);
+  world_close(&w);
+}
+
+static void test_frame(void **state) {
+  (void)state;
+  enum { N = 41 };
+  double ms[N];
+  if (!world_open(&w, "textured,rig=mono,size=320x240", 8, ~0u, 1)) fail_msg("%s", w.err.text);
+  sv_source *src = &w.inner.source;
+  assert_int_equal(src->start(src->self), SV_OK);
+  for (int i = 0; i < N; i++) {
+    sv_frame f;
+    double t = now_ms();
+    assert_int_equal(src->dequeue(src->self, &f, INT64_MAX), SV_OK);
+    ms[i] = now_ms() - t;
+    assert_int_equal(src->requeue(src->self, &f), SV_OK);
+  }
+  double m = median(ms, N);
+  print_message("simulator frame: median %.2f ms, slowest %.2f (budget %.0f)\n", m, ms[N - 1], FRAME_BUDGET_MS);
+  assert_true(m < FRAME_BUDGET_MS);
+  world_close(&w);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_step), cmocka_unit_test(test_frame)};
+  const char *emulator = getenv("SV_EMULATE");
+  if (IS_SANITIZED || (emulator && *emulator)) {
+    printf("time says nothing about the program under a sanitizer or an emulator\n");
+    return 77;
+  }
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}

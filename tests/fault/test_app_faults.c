@@ -1,0 +1,166 @@
+// SPDX-License-Identifier: Apache-2.0
+// Every call that the runtime makes to the machine fails once: the first, the second, ... until a run no longer
+// reaches it; once only, or from then on. Never a crash; one sentence; the files that were there are whole; and
+// the runtime can go on saving when the machine works again.
+// clang-format off
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+// clang-format on
+#include <string.h>
+
+#include "src/format/sections.h"
+#include "tests/common/world.h"
+
+#define N_STEPS     6
+#define CAP_CALLS   2000 // a run reaches fewer of any kind
+#define OLD_CAP     (1u << 16)
+
+static world w;
+static uint8_t old_file[3][OLD_CAP];
+static size_t old_bytes[3];
+static const char *const FILES[3] = {"model.ply", "checkpoint.bin", "run.json"};
+static uint64_t whole_digest;
+
+static void open_run(void) {
+  if (!world_open(&w, "textured,rig=stereo,size=32x24", 3, ~0u, 1)) fail_msg("%s", w.err.text);
+  w.cfg.train.n_gaussians = 24;
+  w.cfg.steps = N_STEPS;
+  w.cfg.is_resume = true;
+  w.cfg.save_every_s = 0.002; // after each second step or so
+  w.cfg.capture_timeout_ns = SV_NS_PER_S;
+}
+
+// Files of an earlier run, stopped after two steps.
+static void make_old_files(void) {
+  world_forget_files(&w);
+  open_run();
+  w.stop_at_step = 2;
+  assert_int_equal(world_run(&w), SV_E_INTERRUPTED);
+  assert_int_equal(sv_app_save_report(&w.app, NULL, &w.err), SV_OK);
+  for (int i = 0; i < 3; i++) {
+    const world_file *f = world_find(&w, FILES[i]);
+    assert_non_null(f);
+    assert_true(f->bytes <= OLD_CAP);
+    memcpy(old_file[i], f->data, f->bytes);
+    old_bytes[i] = f->bytes;
+  }
+  world_close(&w);
+}
+
+static void put_old_files(void) {
+  for (int i = 0; i < 3; i++) {
+    world_file *f = w.store.file;
+    while (strcmp(f->name, FILES[i]) != 0) f++;
+    memcpy(f->data, old_file[i], old_bytes[i]);
+    f->bytes = old_bytes[i];
+  }
+}
+
+// The old file, or a whole new one.
+static void check_files(void) {
+  assert_false(w.store.is_open); // nothing is left half written
+  assert_int_equal(w.store.n_files, 3);
+  for (int i = 0; i < 3; i++) {
+    const world_file *f = world_find(&w, FILES[i]);
+    sv_sections sections;
+    sv_err err;
+    assert_non_null(f);
+    if (f->bytes == old_bytes[i] && !memcmp(f->data, old_file[i], f->bytes)) continue;
+    if (i == 0) assert_int_equal(f->bytes, old_bytes[0]); // as many Gaussians
+    if (i == 1 && sv_sections_open(&sections, f->name, f->data, f->bytes, "TRNR", 1, &err) < 0)
+      fail_msg("%s", err.text);
+    if (i == 2) assert_int_equal(f->data[f->bytes - 2], '}');
+  }
+}
+
+static bool must_fail(world_call c, bool is_lasting) {
+  (void)is_lasting;
+  return c != WORLD_DEQUEUE && c != WORLD_REQUEUE;
+}
+
+static sv_status run_and_report(void) {
+  sv_status s = world_run(&w);
+  return s < 0 ? s : sv_app_save_report(&w.app, NULL, &w.err);
+}
+
+// One run with one failure. False when the run did not reach it.
+static bool run_with(world_call c, long at, bool is_lasting) {
+  open_run();
+  put_old_files();
+  w.fault = (world_fault){.call = c, .at = at, .is_lasting = is_lasting};
+  sv_status s = run_and_report();
+  bool was_hit = w.fault.was_hit;
+  if (!was_hit) {
+    assert_int_equal(s, SV_OK);
+    assert_true(sv_train_digest(&w.app.trainer) == whole_digest);
+  } else if (s < 0) {
+    if (!world_is_one_sentence(w.err.text)) fail_msg("%s, call %ld: \"%s\"", world_call_name(c), at, w.err.text);
+    assert_int_equal(w.err.status, s);
+  } else {
+    if (must_fail(c, is_lasting)) fail_msg("%s, call %ld failed and the run did not tell", world_call_name(c), at);
+    assert_true(w.app.n_device_errors > 0); // seen and counted
+  }
+  check_files();
+  // The machine works again: what there is can be saved, reported and shown.
+  w.fault.at = 0;
+  assert_int_equal(sv_app_save_model(&w.app, &w.err), SV_OK);
+  assert_int_equal(sv_app_save_report(&w.app, NULL, &w.err), SV_OK);
+  assert_int_equal(sv_app_publish_preview(&w.app), SV_OK);
+  check_files();
+  world_close(&w);
+  return was_hit;
+}
+
+static void fail_each(world_call c) {
+  for (int is_lasting = 0; is_lasting < 2; is_lasting++) {
+    long at = 1;
+    while (run_with(c, at, is_lasting != 0)) {
+      // And a new run of the same folder completes, with the result of an undisturbed one.
+      if (at % 7 == 1) {
+        open_run();
+        if (run_and_report() < 0) fail_msg("after %s %ld: %s", world_call_name(c), at, w.err.text);
+        if (c >= WORLD_BEGIN) assert_true(sv_train_digest(&w.app.trainer) == whole_digest);
+        world_close(&w);
+      }
+      at++;
+      assert_true(at < CAP_CALLS);
+    }
+    print_message("%s: %ld calls failed %s\n", world_call_name(c), at - 1, is_lasting ? "for good" : "once");
+    assert_true(at > 1); // a kind of call that no run makes would test nothing
+  }
+}
+
+#define TEST(name, call)                                                                                     \
+  static void test_##name(void **state) {                                                                    \
+    (void)state;                                                                                             \
+    fail_each(call);                                                                                         \
+  }
+TEST(start, WORLD_START)
+TEST(dequeue, WORLD_DEQUEUE)
+TEST(requeue, WORLD_REQUEUE)
+TEST(stop, WORLD_STOP)
+TEST(begin, WORLD_BEGIN)
+TEST(write, WORLD_WRITE)
+TEST(commit, WORLD_COMMIT)
+TEST(read, WORLD_READ)
+
+static int setup(void **state) {
+  (void)state;
+  make_old_files();
+  open_run();
+  if (run_and_report() < 0) return -1;
+  whole_digest = sv_train_digest(&w.app.trainer);
+  world_close(&w);
+  return 0;
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_start), cmocka_unit_test(test_dequeue), cmocka_unit_test(test_requeue),
+      cmocka_unit_test(test_stop),  cmocka_unit_test(test_begin),   cmocka_unit_test(test_write),
+      cmocka_unit_test(test_commit), cmocka_unit_test(test_read),
+  };
+  return cmocka_run_group_tests(tests, setup, NULL);
+}

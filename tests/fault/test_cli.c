@@ -1,0 +1,359 @@
+// SPDX-License-Identifier: Apache-2.0
+// The built `subview`, run as a user runs it: bad input ends with exit code 1 or 2 and one line on stderr and leaves
+// no file behind; a killed run goes on; Ctrl-C saves; the memory it takes is what its report says. SV_BIN names the
+// programs' folder, SV_EMULATE what runs them on a foreign machine.
+// clang-format off
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+// clang-format on
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <signal.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define IS_SANITIZED 1
+#else
+#define IS_SANITIZED 0
+#endif
+
+#define MAX_ARGS 40
+#define CAP_JSON (64 << 10)
+
+static char g_root[256], g_program[512], g_emulate[512];
+static char g_out[64 << 10], g_err[64 << 10]; // what the last program wrote
+
+// --- processes and files ---------------------------------------------------------------------------------------
+
+// Starts `subview` with the words of a command line. "@" in it stands for the test's folder.
+static pid_t start(const char *line) {
+  static char text[2048];
+  char *argv[MAX_ARGS], *save = NULL;
+  int n = 0;
+  size_t at = 0;
+  if (g_emulate[0]) at += (size_t)snprintf(text, sizeof text, "%s ", g_emulate);
+  at += (size_t)snprintf(text + at, sizeof text - at, "%s ", g_program);
+  for (; *line && at + sizeof g_root < sizeof text; line++) {
+    if (*line == '@') at += (size_t)snprintf(text + at, sizeof text - at, "%s", g_root);
+    else text[at++] = *line;
+  }
+  text[at] = 0;
+  for (char *word = strtok_r(text, " ", &save); word && n < MAX_ARGS - 1; word = strtok_r(NULL, " ", &save))
+    argv[n++] = word;
+  argv[n] = NULL;
+  pid_t pid = fork();
+  if (pid != 0) return pid;
+  char path[300];
+  snprintf(path, sizeof path, "%s/stdout", g_root);
+  int fd = open(path, O_WRONLY | O_CREAT | O_TRUNC, 0666);
+  snprintf(path, sizeof path, "%s/stderr", g_root);
+  int fe = open(path, O_WRONLY | O_CREAT | O_TRUNC, 0666);
+  if (fd < 0 || fe < 0 || dup2(fd, 1) < 0 || dup2(fe, 2) < 0) _exit(99);
+  execv(argv[0], argv);
+  _exit(98);
+}
+
+static void slurp(const char *name, char *text, size_t cap) {
+  char path[600];
+  snprintf(path, sizeof path, "%s/%s", g_root, name);
+  FILE *f = fopen(path, "rb");
+  size_t n = f ? fread(text, 1, cap - 1, f) : 0;
+  if (f) fclose(f);
+  text[n] = 0;
+}
+
+// The exit code, or 128 + the signal.
+static int finish(pid_t pid, struct rusage *use) {
+  struct rusage own;
+  int status = 0;
+  assert_true(pid > 0);
+  while (wait4(pid, &status, 0, use ? use : &own) < 0) assert_int_equal(errno, EINTR);
+  slurp("stdout", g_out, sizeof g_out);
+  slurp("stderr", g_err, sizeof g_err);
+  return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+}
+
+static int run(const char *line) { return finish(start(line), NULL); }
+
+static int n_lines(const char *text) {
+  int n = 0;
+  for (; *text; text++) n += *text == '\n';
+  return n;
+}
+
+static void sleep_ms(long ms) {
+  struct timespec t = {ms / 1000, ms % 1000 * 1000000};
+  nanosleep(&t, NULL);
+}
+
+static bool exists(const char *name) {
+  char path[600];
+  struct stat st;
+  snprintf(path, sizeof path, "%s/%s", g_root, name);
+  return stat(path, &st) == 0;
+}
+
+static void shell(const char *fmt, ...) {
+  char command[1024];
+  va_list ap;
+  va_start(ap, fmt);
+  vsnprintf(command, sizeof command, fmt, ap);
+  va_end(ap);
+  if (system(command) != 0) fail_msg("%s", command);
+}
+
+// Files in a folder of the test; a missing folder has none.
+static int n_files(const char *name) {
+  char path[600];
+  int n = 0;
+  snprintf(path, sizeof path, "%s/%s", g_root, name);
+  DIR *d = opendir(path);
+  for (struct dirent *e; d && (e = readdir(d));) n += e->d_name[0] != '.';
+  if (d) closedir(d);
+  return n;
+}
+
+// --- bad input -------------------------------------------------------------------------------------------------
+
+#define SMALL "--source sim:textured,rig=stereo,size=64x48 --exposures 2 --gaussians 100 --steps 5 "
+
+static void test_bad_input(void **state) {
+  (void)state;
+  static const struct {
+    const char *line, *says; // says: what the one line must hold
+    int code;
+  } cases[] = {
+      {"fly", "fly", 2},
+      {"run --out @/bad", "--source", 2},
+      {"run --source sim:textured", "--out", 2},
+      {"run --source sim:textured --out", "--out", 2},
+      {"run --source sim:atlantis --out @/bad", "atlantis", 1},
+      {"run --source sim:textured,rig=octopus --out @/bad", "octopus", 1},
+      {"run --source sim:textured,size=0x0 --out @/bad", "size", 1},
+      {"run --source sim:textured,fault=rain --out @/bad", "rain", 1},
+      {"run --source usb:0 --out @/bad", "usb:0", 1},
+      {"run --source replay:@/nowhere --out @/bad", "nowhere", 1},
+      {"run --source replay:@/cut --out @/bad", "capture.json", 1},
+      {"run --source replay:@/wrong_size --out @/bad", "64x48", 1},
+      {"run --source replay:@/no_rig --out @/bad", "rig", 1},
+      {"run --source replay:@/no_frames --out @/bad", "", 1},
+      {"run --source replay:@/tiny --rig @/nowhere --out @/bad", "nowhere", 1},
+      {"run --source sim:textured,rig=multiplexed,size=160x120 --out @/bad", "multiplexed", 1},
+      {"run " SMALL "--gaussians 0 --out @/bad", "--gaussians 0", 2},
+      {"run " SMALL "--gaussians -3 --out @/bad", "--gaussians", 2},
+      {"run " SMALL "--gaussians 4000000 --exposures 1000 --out @/bad", "MiB", 1},
+      {"run " SMALL "--steps many --out @/bad", "--steps", 2},
+      {"run " SMALL "--steps 99999999999999999999 --out @/bad", "--steps", 2},
+      {"run " SMALL "--time-limit nan --out @/bad", "--time-limit", 2},
+      {"run " SMALL "--threads 0 --out @/bad", "--threads", 2},
+      {"run " SMALL "--scene dynamic --out @/bad", "dynamic", 2},
+      {"run " SMALL "--sub-views left,middle --out @/bad", "middle", 2},
+      {"run " SMALL "--colour blue --out @/bad", "--colour", 2},
+      {"run " SMALL "--json=yes --out @/bad", "--json", 2},
+      {"run " SMALL "--out @/a_file/sub", "a_file", 1},
+      {"run " SMALL "--out /proc/subview", "/proc/subview", 1},
+      {"run " SMALL "--resume --quiet --out @/torn", "checkpoint.bin", 1},
+      {"capture --source sim:textured --out @/bad", "--exposures", 2},
+      {"capture --source sim:atlantis --exposures 2 --out @/bad", "atlantis", 1},
+      {"capture --source sim:textured,frames=1,drop=1 --exposures 2 --quiet --out @/bad_capture", "exposure", 1},
+      {"capture --source sim:textured --exposures 2 --out @/a_file/sub", "a_file", 1},
+      {"cameras --source-kind v4l3", "v4l3", 2},
+      {"plan --size 640", "640", 2},
+      {"plan --size 640x480x3", "640x480x3", 2},
+      {"plan --images 0", "--images", 2},
+      {"plan --arena 1", "MiB", 1},
+      {"selftest --loud", "--loud", 2},
+  };
+  int n_bad = 0;
+  for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+    int code = run(cases[i].line);
+    if (code == cases[i].code && n_lines(g_err) == 1 && strstr(g_err, cases[i].says) && n_files("bad") == 0) continue;
+    print_error("subview %s\n  exit %d, expected %d and one line with \"%s\"; %d files; stderr:\n%s\n", cases[i].line,
+                code, cases[i].code, cases[i].says, n_files("bad"), g_err);
+    n_bad++;
+  }
+  assert_int_equal(n_bad, 0);
+}
+
+static void test_unknown_kernels(void **state) {
+  (void)state;
+  setenv("SV_ISA", "abacus", 1);
+  int code = run("run " SMALL "--out @/bad");
+  unsetenv("SV_ISA");
+  assert_int_equal(code, 2);
+  assert_non_null(strstr(g_err, "abacus"));
+  assert_int_equal(n_lines(g_err), 1);
+  assert_int_equal(n_files("bad"), 0);
+}
+
+static void test_help(void **state) {
+  (void)state;
+  static const char *const lines[] = {"--help",        "--version",      "run --help",  "capture --help",
+                                      "cameras --help", "plan --help", "selftest --help", "cameras"};
+  for (size_t i = 0; i < sizeof lines / sizeof *lines; i++) {
+    assert_int_equal(run(lines[i]), 0);
+    assert_true(n_lines(g_out) > 0);
+    assert_int_equal(n_lines(g_err), 0);
+  }
+}
+
+// --- a good run ------------------------------------------------------------------------------------------------
+
+static const char *value_of(const char *json, const char *key) {
+  char quoted[64];
+  snprintf(quoted, sizeof quoted, "\"%s\": ", key);
+  const char *at = strstr(json, quoted);
+  if (!at) fail_msg("no %s in: %s", quoted, json);
+  return at + strlen(quoted);
+}
+
+static void test_json_and_digest(void **state) {
+  (void)state;
+  char digest[2][24];
+  for (int i = 0; i < 2; i++) {
+    assert_int_equal(run(i ? "run " SMALL "--threads 2 --quiet --json --out @/json"
+                           : "run " SMALL "--threads 1 --quiet --json --out @/json"), 0);
+    assert_int_equal(n_lines(g_out), 1); // one object, and nothing else
+    assert_int_equal(n_lines(g_err), 0);
+    assert_true(g_out[0] == '{' && g_out[strlen(g_out) - 2] == '}');
+    snprintf(digest[i], sizeof digest[i], "%.18s", value_of(g_out, "digest"));
+  }
+  assert_string_equal(digest[0], digest[1]);
+  assert_int_equal(n_files("json"), 4);
+}
+
+// Peak resident memory, all pages the process ever had (program, libraries and the touched part of the block),
+// against what the run took of the block.
+static void test_memory(void **state) {
+  (void)state;
+  if (IS_SANITIZED || g_emulate[0]) {
+    print_message("skip the peak of memory: a sanitizer or an emulator takes more than the program\n");
+    skip();
+  }
+  struct rusage use;
+  static char json[CAP_JSON];
+  const char *line = "run --source sim:textured,rig=stereo,size=320x240 --exposures 8 --gaussians 5000 --steps 60 "
+                     "--quiet --out @/memory";
+  assert_int_equal(finish(start(line), &use), 0);
+  slurp("memory/run.json", json, sizeof json);
+  double used_mib = atof(value_of(json, "used_bytes")) / 1048576.0, peak_mib = (double)use.ru_maxrss / 1024.0;
+  double block_mib = atof(value_of(json, "arena_bytes")) / 1048576.0;
+  print_message("peak %.1f MiB resident; %.1f MiB of a block of %.0f MiB in use\n", peak_mib, used_mib, block_mib);
+  assert_true(peak_mib <= used_mib + 8.0);
+  assert_true(used_mib < 0.5 * block_mib); // else the check above would prove little
+}
+
+// --- signals ---------------------------------------------------------------------------------------------------
+
+#define LONG_RUN "run --source sim:textured,rig=stereo,size=64x48 --exposures 2 --gaussians 200 --save-every 0.02 "
+
+static bool wait_for(const char *name, pid_t pid) {
+  for (int i = 0; i < 3000 && !exists(name); i++) {
+    if (waitpid(pid, NULL, WNOHANG) != 0) return false;
+    sleep_ms(10);
+  }
+  return exists(name);
+}
+
+static void test_killed_run_goes_on(void **state) {
+  (void)state;
+  long last_step = 0;
+  for (int i = 0; i < 6; i++) {
+    pid_t pid = start(LONG_RUN "--steps 5000000 --resume --out @/killed");
+    if (!wait_for("killed/checkpoint.bin", pid)) fail_msg("no checkpoint came");
+    sleep_ms(60 + 37 * i);
+    assert_int_equal(kill(pid, SIGKILL), 0);
+    assert_int_equal(finish(pid, NULL), 128 + SIGKILL);
+    assert_false(exists("killed/model.ply")); // it was not the end
+    if (i == 0) continue;
+    const char *at = strstr(g_err, "goes on at step ");
+    if (!at) fail_msg("it began anew: %s", g_err);
+    long step = atol(at + strlen("goes on at step "));
+    if (step < last_step) fail_msg("step %ld after step %ld", step, last_step);
+    last_step = step;
+  }
+  assert_true(last_step > 0);
+  char line[300];
+  snprintf(line, sizeof line, LONG_RUN "--steps %ld --resume --out @/killed", last_step + 5000000);
+  pid_t pid = start(line); // ended below by a signal that lets it save
+  sleep_ms(300);
+  assert_int_equal(kill(pid, SIGTERM), 0);
+  assert_int_equal(finish(pid, NULL), 0);
+  assert_int_equal(n_files("killed"), 4); // and no half-written one
+}
+
+static void test_interrupt_saves(void **state) {
+  (void)state;
+  static char json[CAP_JSON];
+  pid_t pid = start(LONG_RUN "--steps 5000000 --quiet --out @/stopped");
+  if (!wait_for("stopped/checkpoint.bin", pid)) fail_msg("no checkpoint came");
+  assert_int_equal(kill(pid, SIGINT), 0);
+  assert_int_equal(finish(pid, NULL), 0);
+  assert_int_equal(n_lines(g_err), 1);
+  assert_non_null(strstr(g_err, "saved"));
+  assert_int_equal(n_files("stopped"), 4);
+  assert_true(exists("stopped/model.ply") && exists("stopped/preview.jpg"));
+  slurp("stopped/run.json", json, sizeof json);
+  assert_true(atol(value_of(json, "steps")) > 0);
+  assert_int_equal(strncmp(value_of(json, "state"), "\"done\"", 6), 0);
+}
+
+// --- set-up ----------------------------------------------------------------------------------------------------
+
+static void make_captures(void) {
+  static const char *const names[] = {"tiny", "cut", "wrong_size", "no_rig", "no_frames"};
+  for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+    shell("cp -r tests/data/capture_tiny '%s/%s'", g_root, names[i]);
+  shell("head -c 700 tests/data/capture_tiny/capture.json > '%s/cut/capture.json'", g_root);
+  shell("sed -i 's/.imagersize.: .64, 48./\"imagersize\": [128, 96]/' '%s'/wrong_size/rig/*.cameramodel", g_root);
+  shell("rm -r '%s/no_rig/rig'", g_root);
+  shell("rm '%s'/no_frames/cam*/*.jpg", g_root);
+  shell("echo text > '%s/a_file'", g_root);
+  shell("mkdir '%s/torn' && echo SVSECT > '%s/torn/checkpoint.bin'", g_root, g_root);
+}
+
+static int set_up(void **state) {
+  const char *bin = getenv("SV_BIN"), *tmp = getenv("TMPDIR"), *emulate = getenv("SV_EMULATE");
+  (void)state;
+  snprintf(g_program, sizeof g_program, "%s/subview", bin ? bin : "build/sim-x86/bin");
+  snprintf(g_emulate, sizeof g_emulate, "%s", emulate ? emulate : "");
+  snprintf(g_root, sizeof g_root, "%s/sv_cli_XXXXXX", tmp ? tmp : "/tmp");
+  if (!mkdtemp(g_root)) return -1;
+  make_captures();
+  return 0;
+}
+
+static int tear_down(void **state) {
+  (void)state;
+  shell("rm -rf '%s'", g_root);
+  return 0;
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_bad_input),      cmocka_unit_test(test_unknown_kernels),
+      cmocka_unit_test(test_help),           cmocka_unit_test(test_json_and_digest),
+      cmocka_unit_test(test_memory),         cmocka_unit_test(test_killed_run_goes_on),
+      cmocka_unit_test(test_interrupt_saves),
+  };
+  const char *bin = getenv("SV_BIN");
+  char path[512];
+  snprintf(path, sizeof path, "%s/subview", bin ? bin : "build/sim-x86/bin");
+  if (access(path, X_OK) != 0) {
+    printf("%s is not built\n", path);
+    return 77;
+  }
+  return cmocka_run_group_tests(tests, set_up, tear_down);
+}
