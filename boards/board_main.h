@@ -13,20 +13,20 @@
 
 #define EXIT_USAGE 2
 
-// --- options ---------------------------------------------------------------------------------------------------
+// --- options -------------------------------------------------------------------------------------
 typedef enum { OPT_FLAG, OPT_TEXT, OPT_INT, OPT_REAL } opt_kind;
 typedef struct {
   const char *name; // "--gaussians"
   opt_kind kind;
-  void *value;      // bool, const char *, long, double
-  double min, max;  // of numbers
-  const char *arg;  // "N"
+  void *value;     // bool, const char *, long, double
+  double min, max; // of numbers
+  const char *arg; // "N"
   const char *help;
 } opt;
 
 // Parses argv[1..] of a command. 0; EXIT_USAGE after one line on stderr; -1 when --help was printed.
-int options_parse(const char *command, const char *summary, const char *example, const opt *o, int n, int argc,
-                  char **argv);
+int options_parse(const char *command, const char *summary, const char *example, const opt *o, int n,
+                  int argc, char **argv);
 // One line "subview COMMAND: TEXT; try 'subview COMMAND --help'" on stderr. Returns EXIT_USAGE.
 int usage_error(const char *command, const char *fmt, ...) SV_PRINTF(2, 3);
 // Text to a file descriptor in one write, without stdio's buffers.
@@ -34,12 +34,12 @@ void say(int fd, const char *fmt, ...) SV_PRINTF(2, 3);
 // "subview: TEXT" on stderr. Returns 1.
 int fail_with(const sv_err *err);
 
-// --- the board's one block ---------------------------------------------------------------------------------------
+// --- the board's one block -----------------------------------------------------------------------
 sv_arena board_arena(void);
-// Kernels of this CPU, or of SV_ISA. False after a message.
-bool board_kernels(sv_kernels *k);
+// Kernels of this CPU, or of SV_ISA, and the mask they were chosen by. False after a message.
+bool board_kernels(sv_kernels *k, uint32_t *mask);
 
-// --- sources -----------------------------------------------------------------------------------------------------
+// --- sources -------------------------------------------------------------------------------------
 typedef enum { SOURCE_SIM, SOURCE_REPLAY } source_kind;
 typedef struct {
   source_kind kind;
@@ -47,7 +47,7 @@ typedef struct {
     sv_sim sim;
     sv_replay replay;
   } u;
-  sv_rig rig_read;      // from files
+  sv_rig rig_read; // from files
   const sv_rig *rig;
   sv_camera_caps *caps; // [n_cameras]
   sv_source source;
@@ -58,11 +58,11 @@ typedef struct {
 } board_source;
 
 // Opens "sim:..." or "replay:..." inside the arena; the rig comes from rig_path (a folder) or the source.
-sv_status source_open(board_source *s, const char *spec, const char *rig_path, int n_exposures, sv_arena *arena,
-                      sv_err *err) SV_MUST_USE;
+sv_status source_open(board_source *s, const char *spec, const char *rig_path, int n_exposures,
+                      sv_arena *arena, sv_err *err) SV_MUST_USE;
 void source_close(board_source *s);
 
-// --- commands ----------------------------------------------------------------------------------------------------
+// --- commands ------------------------------------------------------------------------------------
 int cmd_run(int argc, char **argv);
 int cmd_capture(int argc, char **argv);
 int cmd_cameras(int argc, char **argv);

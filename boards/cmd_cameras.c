@@ -6,7 +6,8 @@
 
 int cmd_cameras(int argc, char **argv) {
   const char *kind = "sim";
-  const opt list[] = {{"--source-kind", OPT_TEXT, &kind, 0, 0, "KIND", "sim: the simulator's scenes (v4l2 and libcamera are not built in)"}};
+  const opt list[] = {{"--source-kind", OPT_TEXT, &kind, 0, 0, "KIND",
+                       "sim: the simulator's scenes (v4l2 and libcamera are not built in)"}};
   int r = options_parse("cameras", "Lists cameras, a line each: the source string to use, then what it is.",
                         "subview cameras --source-kind sim", list, 1, argc, argv);
   if (r) return r < 0 ? 0 : r;

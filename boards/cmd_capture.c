@@ -62,7 +62,8 @@ static sv_status save_exposure(const sv_exposure *ex, sv_err *err) {
     sv_status r = cap.src.source.requeue(cap.src.source.self, &cap.frames[i]);
     if (s >= 0 && r < 0) s = sv_fail(err, r, "camera %d does not take its buffer back", i);
   }
-  if (s >= 0 && cap.src.source.rig_pose && cap.src.source.rig_pose(cap.src.source.self, ex->time_ns, &pose) == SV_OK)
+  if (s >= 0 && cap.src.source.rig_pose &&
+      cap.src.source.rig_pose(cap.src.source.self, ex->time_ns, &pose) == SV_OK)
     s = sv_capture_writer_add_pose(&cap.writer, ex->time_ns, &pose, err);
   if (s >= 0) cap.n_exposures++;
   return s;
@@ -87,7 +88,8 @@ static sv_status record(const capture_options *o, sv_err *err) {
   sv_ns begin = clk->now_ns(clk->self), end = begin + (sv_ns)(o->duration * 1e9);
   long max = o->exposures ? o->exposures : 1000000000;
   char line[160];
-  for (sv_ns now = begin; cap.n_exposures < max && !con.is_stop_requested(con.self); now = clk->now_ns(clk->self)) {
+  for (sv_ns now = begin; cap.n_exposures < max && !con.is_stop_requested(con.self);
+       now = clk->now_ns(clk->self)) {
     sv_frame f;
     if (o->duration > 0 && now >= end) break;
     sv_status s = src->dequeue(src->self, &f, now + 100 * SV_NS_PER_MS);
@@ -95,7 +97,8 @@ static sv_status record(const capture_options *o, sv_err *err) {
     if (s < 0) return sv_fail(err, s, "camera %d: %s", f.i_camera, sv_status_text(s));
     if (s != SV_OK) continue;
     s = sv_sync_push(&cap.sync, &f);
-    if (s < 0) return sv_fail(err, s, "camera %d: its frame was not taken: %s", f.i_camera, sv_status_text(s));
+    if (s < 0)
+      return sv_fail(err, s, "camera %d: its frame was not taken: %s", f.i_camera, sv_status_text(s));
     if ((s = drain(max, err)) < 0) return s;
     sv_fmt(line, sizeof line, "capture  %ld exposures  %.1f s", cap.n_exposures, sv_ns_to_s(now - begin));
     con.log(con.self, SV_LOG_LIVE, line);
@@ -106,22 +109,30 @@ static sv_status record(const capture_options *o, sv_err *err) {
 static void print_ledger(const capture_options *o) {
   sv_ledger l = sv_sync_ledger_sum(&cap.sync);
   if (o->is_json)
-    say(1, "{\"exposures\": %ld, \"captured\": %llu, \"delivered\": %llu, \"dropped\": %llu, \"skew_us_p99\": %.1f}\n",
+    say(1,
+        "{\"exposures\": %ld, \"captured\": %llu, \"delivered\": %llu, \"dropped\": %llu, \"skew_us_p99\": "
+        "%.1f}\n",
         cap.n_exposures, (unsigned long long)l.captured, (unsigned long long)l.delivered,
         (unsigned long long)sv_ledger_dropped(&l), (double)sv_skew_percentile_ns(&cap.sync.skew, 99) * 1e-3);
   else
-    say(1, "%ld exposures in %s; frames: %llu captured = %llu delivered + %llu dropped; skew p99 %.1f us\n"
-        "replay them with --source replay:%s\n", cap.n_exposures, o->out, (unsigned long long)l.captured,
-        (unsigned long long)l.delivered, (unsigned long long)sv_ledger_dropped(&l),
-        (double)sv_skew_percentile_ns(&cap.sync.skew, 99) * 1e-3, o->out);
+    say(1,
+        "%ld exposures in %s; frames: %llu captured = %llu delivered + %llu dropped; skew p99 %.1f us\n"
+        "replay them with --source replay:%s\n",
+        cap.n_exposures, o->out, (unsigned long long)l.captured, (unsigned long long)l.delivered,
+        (unsigned long long)sv_ledger_dropped(&l), (double)sv_skew_percentile_ns(&cap.sync.skew, 99) * 1e-3,
+        o->out);
 }
 
 static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err) {
   sv_status s = source_open(&cap.src, o->source, o->rig, (int)o->exposures, arena, err);
   if (s < 0) return s;
   int n = cap.src.source.n_cameras;
-  for (int i = 0; i < n; i++) cap.cameras[i] = (sv_sync_camera){.clock = cap.src.caps[i].clock, .stamp = cap.src.caps[i].stamp};
-  sv_sync_cfg sc = {.n_cameras = n, .cameras = cap.cameras, .skew_limit_ns = o->skew_ms * SV_NS_PER_MS, .queue_len = QUEUE_LEN};
+  for (int i = 0; i < n; i++)
+    cap.cameras[i] = (sv_sync_camera){.clock = cap.src.caps[i].clock, .stamp = cap.src.caps[i].stamp};
+  sv_sync_cfg sc = {.n_cameras = n,
+                    .cameras = cap.cameras,
+                    .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,
+                    .queue_len = QUEUE_LEN};
   sv_arena_part_begin(arena, "sync");
   cap.frames = SV_TAKE(arena, sv_frame, n);
   s = sv_sync_init(&cap.sync, &sc, arena);
@@ -132,7 +143,11 @@ static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err
     double h = (double)cap.src.bounds.radius / sqrt(3.0);
     scene[i] = (double)cap.src.bounds.centre[i] - h, scene[3 + i] = (double)cap.src.bounds.centre[i] + h;
   }
-  sv_capture_writer_cfg wc = {.dir = o->out, .name = "", .rig = "rig", .n_cameras = n, .caps = cap.src.caps,
+  sv_capture_writer_cfg wc = {.dir = o->out,
+                              .name = "",
+                              .rig = "rig",
+                              .n_cameras = n,
+                              .caps = cap.src.caps,
                               .scene_m = cap.src.has_bounds ? scene : NULL};
   sv_arena_part_begin(arena, "writer");
   return sv_capture_writer_open(&cap.writer, &wc, arena, err);
@@ -149,13 +164,15 @@ static int capture_all(const capture_options *o) {
   if (s < 0) sv_fail(&err, s, "the cameras did not start: %s", sv_status_text(s));
   else {
     s = record(o, &err);
-    while (sv_sync_flush(&cap.sync) == SV_E_FULL && drain(0, &close_err) >= 0) {}
+    while (sv_sync_flush(&cap.sync) == SV_E_FULL && drain(0, &close_err) >= 0) {
+    }
     if (drain(0, &close_err) < 0 && s >= 0) s = close_err.status, err = close_err;
     if (src->stop(src->self) < 0 && s >= 0) s = sv_fail(&err, SV_E_DEVICE, "the cameras did not stop");
   }
   sv_linux_console_finish(&cap.console);
   if (sv_capture_writer_close(&cap.writer, &close_err) < 0 && s >= 0) s = close_err.status, err = close_err;
-  if (s >= 0 && !cap.n_exposures) s = sv_fail(&err, SV_E_NOT_FOUND, "the source ended without one synchronized exposure");
+  if (s >= 0 && !cap.n_exposures)
+    s = sv_fail(&err, SV_E_NOT_FOUND, "the source ended without one synchronized exposure");
   if (s < 0) return fail_with(&err);
   print_ledger(o);
   return 0;
@@ -173,9 +190,10 @@ int cmd_capture(int argc, char **argv) {
       {"--json", OPT_FLAG, &o.is_json, 0, 0, NULL, "print the figures as one JSON object on stdout"},
       {"--quiet", OPT_FLAG, &o.is_quiet, 0, 0, NULL, "no progress"},
   };
-  int r = options_parse("capture", "Records synchronized exposures into a folder; the folder is itself a source.",
-                        "subview capture --source sim:textured,rig=stereo --exposures 8 --out out/capture", list,
-                        sizeof list / sizeof *list, argc, argv);
+  int r =
+      options_parse("capture", "Records synchronized exposures into a folder; the folder is itself a source.",
+                    "subview capture --source sim:textured,rig=stereo --exposures 8 --out out/capture", list,
+                    sizeof list / sizeof *list, argc, argv);
   if (r) return r < 0 ? 0 : r;
   if (!o.source) return usage_error("capture", "--source is missing");
   if (!o.out) return usage_error("capture", "--out is missing");

@@ -18,8 +18,14 @@ static struct {
 
 // Bytes of a run with so many Gaussians and pictures; 0 when the settings are refused.
 static size_t bytes_of(const plan_options *o, long gaussians, int sh, long images) {
-  sv_app_cfg c = {.rig = &p.rig, .n_cameras = 1, .caps = &p.caps, .source_name = "plan", .n_exposures = (int)images,
-                  .skew_limit_ns = 20 * SV_NS_PER_MS, .train = sv_train_defaults(), .steps = 1};
+  sv_app_cfg c = {.rig = &p.rig,
+                  .n_cameras = 1,
+                  .caps = &p.caps,
+                  .source_name = "plan",
+                  .n_exposures = (int)images,
+                  .skew_limit_ns = 20 * SV_NS_PER_MS,
+                  .train = sv_train_defaults(),
+                  .steps = 1};
   c.train.n_gaussians = (int)gaussians;
   c.train.sh_degree = sh;
   p.dry = sv_arena_dry();
@@ -55,12 +61,13 @@ static void print_text(const plan_options *o, size_t cap, size_t used, int w, in
   static char text[4096];
   sv_str s = sv_str_make(text, sizeof text);
   sv_app_memory_map(&s, &p.dry, false);
-  say(1, "board %s: %ld Gaussians of SH degree %ld, %ld pictures of %dx%d, %ld threads\n\n%s", BOARD_NAME, o->gaussians,
-      o->sh, o->images, w, h, o->threads, text);
+  say(1, "board %s: %ld Gaussians of SH degree %ld, %ld pictures of %dx%d, %ld threads\n\n%s", BOARD_NAME,
+      o->gaussians, o->sh, o->images, w, h, o->threads, text);
   say(1, "%-22s %12zu\n%-22s %12zu  %s\n\n", "sum", used, "block", cap,
       used <= cap ? "it fits" : "IT DOES NOT FIT");
-  say(1, "in this block, with %ld pictures: at most %ld Gaussians at SH 0, %ld at SH 1, %ld at SH 3\n", o->images,
-      largest(o, cap, 0, false, 4000000), largest(o, cap, 1, false, 4000000), largest(o, cap, 3, false, 4000000));
+  say(1, "in this block, with %ld pictures: at most %ld Gaussians at SH 0, %ld at SH 1, %ld at SH 3\n",
+      o->images, largest(o, cap, 0, false, 4000000), largest(o, cap, 1, false, 4000000),
+      largest(o, cap, 3, false, 4000000));
   say(1, "in this block, with %ld Gaussians at SH %ld: at most %ld pictures\n", o->gaussians, o->sh,
       largest(o, cap, 0, true, 100000));
 }
@@ -69,8 +76,11 @@ static void print_json(const plan_options *o, size_t cap, size_t used, int w, in
   static char text[4096];
   sv_str s = sv_str_make(text, sizeof text);
   sv_app_memory_map(&s, &p.dry, true);
-  say(1, "{\"board\": \"%s\", \"gaussians\": %ld, \"sh_degree\": %ld, \"images\": %ld, \"width\": %d, \"height\": %d, \"threads\": %ld, "
-      "\"arena_bytes\": %zu, \"used_bytes\": %zu, \"fits\": %s, \"max_gaussians\": %ld, \"max_images\": %ld, ",
+  say(1,
+      "{\"board\": \"%s\", \"gaussians\": %ld, \"sh_degree\": %ld, \"images\": %ld, \"width\": %d, "
+      "\"height\": %d, \"threads\": %ld, "
+      "\"arena_bytes\": %zu, \"used_bytes\": %zu, \"fits\": %s, \"max_gaussians\": %ld, \"max_images\": "
+      "%ld, ",
       BOARD_NAME, o->gaussians, o->sh, o->images, w, h, o->threads, cap, used, used <= cap ? "true" : "false",
       largest(o, cap, (int)o->sh, false, 4000000), largest(o, cap, 0, true, 100000));
   bytes_of(o, o->gaussians, (int)o->sh, o->images); // the searches have used the dry arena
@@ -78,8 +88,12 @@ static void print_json(const plan_options *o, size_t cap, size_t used, int w, in
 }
 
 int cmd_plan(int argc, char **argv) {
-  plan_options o = {.gaussians = BOARD_GAUSSIANS, .sh = BOARD_SH_DEGREE, .images = 2 * BOARD_EXPOSURES,
-                    .threads = BOARD_THREADS, .arena_mib = (long)(BOARD_ARENA_BYTES >> 20), .size = "640x480"};
+  plan_options o = {.gaussians = BOARD_GAUSSIANS,
+                    .sh = BOARD_SH_DEGREE,
+                    .images = 2 * BOARD_EXPOSURES,
+                    .threads = BOARD_THREADS,
+                    .arena_mib = (long)(BOARD_ARENA_BYTES >> 20),
+                    .size = "640x480"};
   const opt list[] = {
       {"--gaussians", OPT_INT, &o.gaussians, 0, 4000000, "N", "Gaussians"},
       {"--sh", OPT_INT, &o.sh, 0, 3, "D", "spherical harmonics degree"},
@@ -89,15 +103,20 @@ int cmd_plan(int argc, char **argv) {
       {"--arena", OPT_INT, &o.arena_mib, 1, 65536, "MIB", "size of the block (default: the board's)"},
       {"--json", OPT_FLAG, &o.is_json, 0, 0, NULL, "print one JSON object"},
   };
-  int w, h, r = options_parse("plan", "Prints what a run takes of the board's one block of memory; exit 1 if it does not fit.",
-                              "subview plan --gaussians 50000 --sh 3 --images 64 --size 640x480", list,
-                              sizeof list / sizeof *list, argc, argv);
+  int w, h,
+      r = options_parse(
+          "plan", "Prints what a run takes of the board's one block of memory; exit 1 if it does not fit.",
+          "subview plan --gaussians 50000 --sh 3 --images 64 --size 640x480", list,
+          sizeof list / sizeof *list, argc, argv);
   if (r) return r < 0 ? 0 : r;
-  if (!parse_size(o.size, &w, &h)) return usage_error("plan", "--size %s: expected WxH with sides of 1 to 16384", o.size);
+  if (!parse_size(o.size, &w, &h))
+    return usage_error("plan", "--size %s: expected WxH with sides of 1 to 16384", o.size);
   if (o.gaussians < 1) return usage_error("plan", "--gaussians 0: expected at least 1");
   if (o.images < 1) return usage_error("plan", "--images 0: expected at least 1");
-  p.sub = (sv_sub_view){.name = "plan", .model = {.kind = SV_MODEL_PINHOLE, .width_px = w, .height_px = h,
-                        .p = {w, w, 0.5 * w, 0.5 * h}}, .cam_from_rig = sv_pose_identity()};
+  p.sub = (sv_sub_view){
+      .name = "plan",
+      .model = {.kind = SV_MODEL_PINHOLE, .width_px = w, .height_px = h, .p = {w, w, 0.5 * w, 0.5 * h}},
+      .cam_from_rig = sv_pose_identity()};
   p.rig = (sv_rig){.name = "plan", .n_sub_views = 1, .cap_sub_views = 1, .sub_views = &p.sub};
   size_t cap = (size_t)o.arena_mib << 20, used = bytes_of(&o, o.gaussians, (int)o.sh, o.images);
   if (!used) {

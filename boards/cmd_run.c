@@ -7,7 +7,7 @@
 #include "src/base/mathx.h"
 
 #define SPIN_US   200 // a training step calls the pool every 100 us or so: sleeping in between costs more
-#define N_HELDOUT 8 // views of the simulator that are compared at the end
+#define N_HELDOUT 8   // views of the simulator that are compared at the end
 
 typedef struct {
   const char *source, *rig, *scene, *out, *sub_views;
@@ -33,7 +33,10 @@ static struct {
 // Publishes a picture as NAME.jpg in the run's folder.
 static void publish_image(void *self, const char *name, int w, int h, const uint8_t *rgb) {
   (void)self;
-  sv_picture pic = {.width_px = w, .height_px = h, .stride_bytes = (size_t)w * 3, .format = SV_PIX_RGB8,
+  sv_picture pic = {.width_px = w,
+                    .height_px = h,
+                    .stride_bytes = (size_t)w * 3,
+                    .format = SV_PIX_RGB8,
                     .data = (uint8_t *)(uintptr_t)rgb};
   char file[64];
   size_t bytes;
@@ -47,35 +50,50 @@ static void publish_image(void *self, const char *name, int w, int h, const uint
 }
 
 static int parse(int argc, char **argv, run_options *o) {
-  *o = (run_options){.exposures = BOARD_EXPOSURES, .gaussians = BOARD_GAUSSIANS, .sh = BOARD_SH_DEGREE, .skew_ms = 20,
-                     .threads = BOARD_THREADS, .seed = 1, .save_every = 30, .scene = "static"};
+  *o = (run_options){.exposures = BOARD_EXPOSURES,
+                     .gaussians = BOARD_GAUSSIANS,
+                     .sh = BOARD_SH_DEGREE,
+                     .skew_ms = 20,
+                     .threads = BOARD_THREADS,
+                     .seed = 1,
+                     .save_every = 30,
+                     .scene = "static"};
   const opt list[] = {
-      {"--source", OPT_TEXT, &o->source, 0, 0, "S", "sim:SCENE[,rig=...] or replay:DIR (see 'subview cameras')"},
+      {"--source", OPT_TEXT, &o->source, 0, 0, "S",
+       "sim:SCENE[,rig=...] or replay:DIR (see 'subview cameras')"},
       {"--rig", OPT_TEXT, &o->rig, 0, 0, "DIR", "folder with rig.json, when the source brings none"},
       {"--scene", OPT_TEXT, &o->scene, 0, 0, "KIND", "static"},
       {"--exposures", OPT_INT, &o->exposures, 1, 10000, "N", "exposures to capture and train on"},
-      {"--sub-views", OPT_TEXT, &o->sub_views, 0, 0, "A,B", "train on these sub-views only (names); the others are captured"},
-      {"--steps", OPT_INT, &o->steps, 1, 10000000, "N", "training steps (default 2000, unless a time limit is given)"},
+      {"--sub-views", OPT_TEXT, &o->sub_views, 0, 0, "A,B",
+       "train on these sub-views only (names); the others are captured"},
+      {"--steps", OPT_INT, &o->steps, 1, 10000000, "N",
+       "training steps (default 2000, unless a time limit is given)"},
       {"--time-limit", OPT_REAL, &o->time_limit, 0.001, 1e6, "SEC", "end training after so many seconds"},
       {"--gaussians", OPT_INT, &o->gaussians, 0, 4000000, "N", "Gaussians, a fixed number"},
       {"--sh", OPT_INT, &o->sh, 0, 3, "D", "degree of the colour's spherical harmonics"},
       {"--skew-limit", OPT_INT, &o->skew_ms, 1, 10000, "MS", "largest skew within an exposure (20 ms)"},
-      {"--threads", OPT_INT, &o->threads, 1, BOARD_CAP_THREADS, "N", "threads; the result is the same for any number"},
+      {"--threads", OPT_INT, &o->threads, 1, BOARD_CAP_THREADS, "N",
+       "threads; the result is the same for any number"},
       {"--seed", OPT_INT, &o->seed, 0, 1e15, "N", "seed of everything random"},
-      {"--save-every", OPT_REAL, &o->save_every, 0, 1e6, "SEC", "checkpoint and preview while training (30; 0: at the end)"},
+      {"--save-every", OPT_REAL, &o->save_every, 0, 1e6, "SEC",
+       "checkpoint and preview while training (30; 0: at the end)"},
       {"--resume", OPT_FLAG, &o->is_resume, 0, 0, NULL, "go on from checkpoint.bin in the output folder"},
       {"--out", OPT_TEXT, &o->out, 0, 0, "DIR", "where model.ply, run.json, preview.jpg, checkpoint.bin go"},
       {"--json", OPT_FLAG, &o->is_json, 0, 0, NULL, "print the figures as one JSON object on stdout"},
       {"--quiet", OPT_FLAG, &o->is_quiet, 0, 0, NULL, "no progress"},
   };
-  int r = options_parse("run", "Captures exposures (all sub-views of one instant), trains Gaussians on all of them, and saves the "
-                        "model.", "subview run --source sim:textured,rig=stereo --exposures 8 --out out/demo", list,
-                        sizeof list / sizeof *list, argc, argv);
+  int r = options_parse(
+      "run",
+      "Captures exposures (all sub-views of one instant), trains Gaussians on all of them, and saves the "
+      "model.",
+      "subview run --source sim:textured,rig=stereo --exposures 8 --out out/demo", list,
+      sizeof list / sizeof *list, argc, argv);
   if (r) return r;
   if (!o->source) return usage_error("run", "--source is missing");
   if (!o->out) return usage_error("run", "--out is missing");
   if (o->gaussians < 1) return usage_error("run", "--gaussians 0: expected at least 1");
-  if (!strcmp(o->scene, "dynamic")) return usage_error("run", "--scene dynamic: moving scenes are not supported yet");
+  if (!strcmp(o->scene, "dynamic"))
+    return usage_error("run", "--scene dynamic: moving scenes are not supported yet");
   if (strcmp(o->scene, "static")) return usage_error("run", "--scene %s: expected static", o->scene);
   if (!o->steps && !(o->time_limit > 0)) o->steps = 2000;
   return 0;
@@ -103,11 +121,20 @@ static bool choose_sub_views(const char *list, const sv_rig *rig, uint64_t *mask
 }
 
 static sv_app_cfg app_cfg(const run_options *o) {
-  sv_app_cfg c = {.rig = run.src.rig, .n_cameras = run.src.source.n_cameras, .caps = run.src.caps, .source_name = o->source,
-                  .n_exposures = (int)o->exposures, .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,
-                  .capture_timeout_ns = 10 * SV_NS_PER_S, .train = sv_train_defaults(), .steps = (uint32_t)o->steps,
-                  .time_limit_s = o->time_limit, .has_bounds = run.src.has_bounds, .bounds = run.src.bounds,
-                  .is_resume = o->is_resume, .save_every_s = o->save_every};
+  sv_app_cfg c = {.rig = run.src.rig,
+                  .n_cameras = run.src.source.n_cameras,
+                  .caps = run.src.caps,
+                  .source_name = o->source,
+                  .n_exposures = (int)o->exposures,
+                  .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,
+                  .capture_timeout_ns = 10 * SV_NS_PER_S,
+                  .train = sv_train_defaults(),
+                  .steps = (uint32_t)o->steps,
+                  .time_limit_s = o->time_limit,
+                  .has_bounds = run.src.has_bounds,
+                  .bounds = run.src.bounds,
+                  .is_resume = o->is_resume,
+                  .save_every_s = o->save_every};
   c.train.n_gaussians = (int)o->gaussians;
   c.train.sh_degree = (int)o->sh;
   c.train.seed = (uint64_t)o->seed;
@@ -157,21 +184,28 @@ static int report(const run_options *o, sv_err *err) {
     sv_fail(err, SV_E_RANGE, "the model could not be rendered for its evaluation");
     return fail_with(err);
   }
-  if (n) sv_fmt(extra, sizeof extra, "\"train_psnr\": %.3f, \"psnr\": %.3f, \"heldout_views\": %d", train_psnr, psnr, n);
+  if (n)
+    sv_fmt(extra, sizeof extra, "\"train_psnr\": %.3f, \"psnr\": %.3f, \"heldout_views\": %d", train_psnr,
+           psnr, n);
   else sv_fmt(extra, sizeof extra, "\"train_psnr\": %.3f", train_psnr);
   if (sv_app_save_report(&run.app, extra, err) < 0) return fail_with(err);
   if (o->is_json) {
-    say(1, "{%s, \"steps\": %u, \"gaussians\": %ld, \"exposures\": %d, \"views\": %d, \"seconds\": %.3f, \"threads\": %ld, \"isa\": "
-        "\"%s\", \"arena_bytes\": %zu, \"digest\": \"%08x%08x\"}\n", extra, run.app.trainer.step, o->gaussians,
-        run.app.exposures.n, run.app.trainer.n_views, run.app.train_s, o->threads, sv_isa_name(run.k.isa),
-        run.app.arena->cap_bytes, (unsigned)(sv_train_digest(&run.app.trainer) >> 32),
-        (unsigned)sv_train_digest(&run.app.trainer));
+    say(1,
+        "{%s, \"steps\": %u, \"gaussians\": %ld, \"exposures\": %d, \"views\": %d, \"seconds\": %.3f, "
+        "\"threads\": %ld, \"isa\": "
+        "\"%s\", \"arena_bytes\": %zu, \"digest\": \"%08x%08x\"}\n",
+        extra, run.app.trainer.step, o->gaussians, run.app.exposures.n, run.app.trainer.n_views,
+        run.app.train_s, o->threads, sv_isa_name(run.k.isa), run.app.arena->cap_bytes,
+        (unsigned)(sv_train_digest(&run.app.trainer) >> 32), (unsigned)sv_train_digest(&run.app.trainer));
     return 0;
   }
   if (n) say(1, "held-out PSNR %.2f dB (%d views), training views %.2f dB\n", psnr, n, train_psnr);
   else say(1, "training views %.2f dB\n", train_psnr);
-  say(1, "%d exposures, %d views, %u steps in %.1f s\nsaved: %s/model.ply %s/run.json %s/preview.jpg %s/checkpoint.bin\n",
-      run.app.exposures.n, run.app.trainer.n_views, run.app.trainer.step, run.app.train_s, o->out, o->out, o->out, o->out);
+  say(1,
+      "%d exposures, %d views, %u steps in %.1f s\nsaved: %s/model.ply %s/run.json %s/preview.jpg "
+      "%s/checkpoint.bin\n",
+      run.app.exposures.n, run.app.trainer.n_views, run.app.trainer.step, run.app.train_s, o->out, o->out,
+      o->out, o->out);
   return 0;
 }
 
@@ -186,9 +220,13 @@ static int run_all(const run_options *o) {
   if (sv_linux_catch_signals(&err) < 0) return fail_with(&err);
   if (sv_linux_pool_start(&run.pool, (int)o->threads, SPIN_US, &err) < 0) return fail_with(&err);
   if (sv_linux_store_open(&run.store, o->out, &err) < 0) return fail_with(&err);
-  sv_port port = {.clock = run.src.clock, .machine = sv_linux_clock(), .pool = sv_linux_pool_port(&run.pool),
-                  .source = run.src.source, .store = sv_linux_store_port(&run.store),
-                  .console = sv_linux_console_port(&run.console), .publish = {NULL, publish_image}};
+  sv_port port = {.clock = run.src.clock,
+                  .machine = sv_linux_clock(),
+                  .pool = sv_linux_pool_port(&run.pool),
+                  .source = run.src.source,
+                  .store = sv_linux_store_port(&run.store),
+                  .console = sv_linux_console_port(&run.console),
+                  .publish = {NULL, publish_image}};
   int code = 0;
   if (sv_app_init(&run.app, &cfg, &run.k, &port, &arena, &err) < 0) code = fail_with(&err);
   if (!code) {
@@ -210,7 +248,8 @@ int cmd_run(int argc, char **argv) {
   run_options o;
   int r = parse(argc, argv, &o);
   if (r) return r < 0 ? 0 : r;
-  if (!board_kernels(&run.k)) return EXIT_USAGE;
+  uint32_t mask;
+  if (!board_kernels(&run.k, &mask)) return EXIT_USAGE;
   int code = run_all(&o);
   source_close(&run.src);
   sv_codec_close(&run.codec);

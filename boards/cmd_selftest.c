@@ -7,7 +7,8 @@ static sv_selftest test;
 
 int cmd_selftest(int argc, char **argv) {
   sv_err err;
-  int r = options_parse("selftest", "Runs every kernel and its reference on made-up data; exit 1 on any difference.",
+  int r = options_parse("selftest",
+                        "Runs every kernel and its reference on made-up data; exit 1 on any difference.",
                         "subview selftest", NULL, 0, argc, argv);
   if (r) return r < 0 ? 0 : r;
   sv_arena arena = board_arena();
@@ -16,8 +17,9 @@ int cmd_selftest(int argc, char **argv) {
     const sv_selftest_line *l = &test.line[i];
     say(1, "%-7s %-9s %s", sv_isa_name(l->isa), l->what, l->is_ok ? "ok" : "DIFFERS");
     if (l->digest == l->expected) say(1, "  same bits as the reference\n");
-    else say(1, "  digest %08x, reference %08x, loss %.6f against %.6f\n", (unsigned)l->digest, (unsigned)l->expected,
-             l->loss, l->expected_loss);
+    else
+      say(1, "  digest %08x, reference %08x, loss %.6f against %.6f\n", (unsigned)l->digest,
+          (unsigned)l->expected, l->loss, l->expected_loss);
   }
   if (!test.n_lines) say(1, "this build has only the reference kernels: nothing to compare\n");
   return test.n_failed ? 1 : 0;

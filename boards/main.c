@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "boards/board_main.h"
+#include "src/app/isa.h"
 
 #define VERSION "0.1.0"
 
@@ -11,21 +12,13 @@ static _Alignas(SV_ARENA_ALIGN) uint8_t block[BOARD_ARENA_BYTES];
 
 sv_arena board_arena(void) { return sv_arena_make(block, sizeof block); }
 
-bool board_kernels(sv_kernels *k) {
-  const char *name = getenv("SV_ISA");
-  uint32_t mask = ~0u;
-  if (name && *name) {
-    int isa = sv_isa_by_name(name);
-    if (isa < 0 || !(sv_cpu_isas() & SV_ISA_BIT(isa))) {
-      say(2, "subview: SV_ISA=%s: this build and CPU have no such kernels; expected", name);
-      for (int i = 0; i < SV_N_ISAS; i++)
-        if (sv_cpu_isas() & SV_ISA_BIT(i)) say(2, " %s", sv_isa_name((sv_isa)i));
-      say(2, "\n");
-      return false;
-    }
-    mask = sv_isa_only((sv_isa)isa);
+bool board_kernels(sv_kernels *k, uint32_t *mask) {
+  sv_err err;
+  if (sv_isa_choose(getenv("SV_ISA"), mask, &err) < 0) {
+    fail_with(&err);
+    return false;
   }
-  sv_kernels_init(k, mask);
+  sv_kernels_init(k, *mask);
   return true;
 }
 
@@ -44,12 +37,15 @@ static const command commands[] = {
 };
 
 static void help(int fd) {
-  say(fd, "subview: synchronized cameras in, 3D Gaussians out, in one fixed block of memory (board " BOARD_NAME ").\n\n"
-          "usage: subview COMMAND [options]\n\n");
+  say(fd,
+      "subview: synchronized cameras in, 3D Gaussians out, in one fixed block of memory (board " BOARD_NAME
+      ").\n\n"
+      "usage: subview COMMAND [options]\n\n");
   for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
     say(fd, "  %-10s %s\n", commands[i].name, commands[i].text);
-  say(fd, "\n'subview COMMAND --help' explains a command. SV_ISA=ref|sse41|avx2|avx512|neon pins the kernels.\n\n"
-          "example:\n  subview run --source sim:textured,rig=stereo --out out/demo\n");
+  say(fd,
+      "\n'subview COMMAND --help' explains a command. SV_ISA=ref|sse41|avx2|avx512|neon pins the kernels.\n\n"
+      "example:\n  subview run --source sim:textured,rig=stereo --out out/demo\n");
 }
 
 int main(int argc, char **argv) {

@@ -53,7 +53,8 @@ static int set_value(const char *command, const opt *o, const char *text) {
   if (o->kind == OPT_INT) {
     long long v;
     if (!sv_parse_int(text, len, &v) || (double)v < o->min || (double)v > o->max)
-      return usage_error(command, "%s %s: expected a whole number from %.0f to %.0f", o->name, text, o->min, o->max);
+      return usage_error(command, "%s %s: expected a whole number from %.0f to %.0f", o->name, text, o->min,
+                         o->max);
     *(long *)o->value = (long)v;
     return 0;
   }
@@ -64,8 +65,8 @@ static int set_value(const char *command, const opt *o, const char *text) {
   return 0;
 }
 
-int options_parse(const char *command, const char *summary, const char *example, const opt *o, int n, int argc,
-                  char **argv) {
+int options_parse(const char *command, const char *summary, const char *example, const opt *o, int n,
+                  int argc, char **argv) {
   for (int i = 1; i < argc; i++) {
     int k = 0;
     if (!strcmp(argv[i], "--help") || !strcmp(argv[i], "-h")) {

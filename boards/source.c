@@ -36,7 +36,8 @@ static sv_status open_sim(board_source *s, const char *spec, int n_exposures, sv
 }
 
 // sv_file_reader over a folder, by plain reads.
-static sv_status read_in_folder(void *self, const char *name, void *buf, size_t cap, size_t *bytes, sv_err *err) {
+static sv_status read_in_folder(void *self, const char *name, void *buf, size_t cap, size_t *bytes,
+                                sv_err *err) {
   const char *dir = self;
   char path[2 * SV_CAPTURE_CAP_PATH];
   if (strchr(name, '/')) return sv_fail(err, SV_E_ARG, "%s: a name with a folder is not allowed here", name);
@@ -48,7 +49,8 @@ static sv_status read_in_folder(void *self, const char *name, void *buf, size_t 
   while (at < cap && (n = read(fd, (char *)buf + at, cap - at)) > 0) at += (size_t)n;
   close(fd);
   if (n < 0) return sv_fail(err, SV_E_IO, "%s: reading failed", path);
-  if (at == cap) return sv_fail(err, SV_E_NOMEM, "%s: larger than the %zu bytes expected of it", path, cap - 1);
+  if (at == cap)
+    return sv_fail(err, SV_E_NOMEM, "%s: larger than the %zu bytes expected of it", path, cap - 1);
   *bytes = at;
   return SV_OK;
 }
@@ -86,8 +88,8 @@ static sv_status open_replay(board_source *s, const char *spec, sv_arena *arena,
   return SV_OK;
 }
 
-sv_status source_open(board_source *s, const char *spec, const char *rig_path, int n_exposures, sv_arena *arena,
-                      sv_err *err) {
+sv_status source_open(board_source *s, const char *spec, const char *rig_path, int n_exposures,
+                      sv_arena *arena, sv_err *err) {
   sv_status r;
   memset(s, 0, sizeof *s);
   sv_arena_part_begin(arena, "source");
@@ -104,8 +106,9 @@ sv_status source_open(board_source *s, const char *spec, const char *rig_path, i
   if (rig_path) sv_copy(s->rig_dir, sizeof s->rig_dir, rig_path);
   if (s->rig_dir[0]) return read_rig(s, arena, err);
   if (!s->rig)
-    return sv_fail(err, SV_E_NOT_FOUND, "source \"%s\" brings no rig; give its folder with --rig (rig.json and .cameramodel files)",
-                   spec);
+    return sv_fail(
+        err, SV_E_NOT_FOUND,
+        "source \"%s\" brings no rig; give its folder with --rig (rig.json and .cameramodel files)", spec);
   return SV_OK;
 }
 

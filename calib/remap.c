@@ -32,10 +32,8 @@ bool sv_pinhole_for_model(const sv_camera_model *m, sv_pinhole_choice choice, sv
     for (int it = 0; it < 24; it++) {
       double k = it == 0 ? lo : 0.5 * (lo + hi);
       view.p[0] = m->p[0] * k, view.p[1] = m->p[1] * k;
-      if (is_border_seen(m, &view))
-        hi = k;
-      else
-        lo = k;
+      if (is_border_seen(m, &view)) hi = k;
+      else lo = k;
       if (lo == hi) break; // the widest allowed view fits already
     }
     view.p[0] = m->p[0] * hi, view.p[1] = m->p[1] * hi;
@@ -64,8 +62,7 @@ sv_status sv_remap_build(sv_remap *map, const sv_camera_model *lens, const sv_ca
     for (int i = 0; i < size[2]; i++) {
       double uv[2];
       sv_remap_entry *e = entries + (size_t)j * (size_t)size[2] + (size_t)i;
-      if (lookup(lens, view, i + 0.5, j + 0.5, uv))
-        *e = entry_at(uv[0], uv[1], size[0], size[1]);
+      if (lookup(lens, view, i + 0.5, j + 0.5, uv)) *e = entry_at(uv[0], uv[1], size[0], size[1]);
       else {
         *e = (sv_remap_entry){SV_REMAP_OUTSIDE, 0, 0, 0};
         map->n_outside++;

@@ -42,23 +42,43 @@ int sv_isa_by_name(const char *name) {
   return -1;
 }
 
+bool sv_kernel_exists(const char *op, sv_isa isa) {
+  static const struct {
+    const char *op;
+    sv_isa isa;
+  } all[] = {
+#define OP(name)                            {#name, SV_ISA_REF},
+#define VARIANT(name, isa_lower, isa_upper) {#name, SV_ISA_##isa_upper},
+#include "kernels/variants.inc"
+#undef OP
+#undef VARIANT
+  };
+  for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+    if (all[i].isa == isa && !strcmp(all[i].op, op)) return true;
+  return false;
+}
+
 #if SV_HAVE_SSE41
-#define SET_SSE41(name) if (mask & SV_ISA_BIT(SV_ISA_SSE41)) k->name = sv_##name##_sse41;
+#define SET_SSE41(name)                                                                                      \
+  if (mask & SV_ISA_BIT(SV_ISA_SSE41)) k->name = sv_##name##_sse41;
 #else
 #define SET_SSE41(name)
 #endif
 #if SV_HAVE_AVX2
-#define SET_AVX2(name) if (mask & SV_ISA_BIT(SV_ISA_AVX2)) k->name = sv_##name##_avx2;
+#define SET_AVX2(name)                                                                                       \
+  if (mask & SV_ISA_BIT(SV_ISA_AVX2)) k->name = sv_##name##_avx2;
 #else
 #define SET_AVX2(name)
 #endif
 #if SV_HAVE_AVX512
-#define SET_AVX512(name) if (mask & SV_ISA_BIT(SV_ISA_AVX512)) k->name = sv_##name##_avx512;
+#define SET_AVX512(name)                                                                                     \
+  if (mask & SV_ISA_BIT(SV_ISA_AVX512)) k->name = sv_##name##_avx512;
 #else
 #define SET_AVX512(name)
 #endif
 #if SV_HAVE_NEON
-#define SET_NEON(name) if (mask & SV_ISA_BIT(SV_ISA_NEON)) k->name = sv_##name##_neon;
+#define SET_NEON(name)                                                                                       \
+  if (mask & SV_ISA_BIT(SV_ISA_NEON)) k->name = sv_##name##_neon;
 #else
 #define SET_NEON(name)
 #endif

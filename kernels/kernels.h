@@ -4,6 +4,7 @@
 #ifndef SV_KERNELS_KERNELS_H
 #define SV_KERNELS_KERNELS_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "kernels/ops.h"
@@ -26,8 +27,10 @@ typedef struct {
 
 // ISAs that this CPU can run and this build contains; bit SV_ISA_REF is always set.
 uint32_t sv_cpu_isas(void);
-const char *sv_isa_name(sv_isa isa);                    // "ref", "sse41", ...
-int sv_isa_by_name(const char *name);                   // -1 when unknown
+const char *sv_isa_name(sv_isa isa);  // "ref", "sse41", ...
+int sv_isa_by_name(const char *name); // -1 when unknown
+// Whether op ("raster", see kernels/variants.inc) has a variant of its own for the ISA, on any CPU.
+bool sv_kernel_exists(const char *op, sv_isa isa);
 // Fills the table: reference first, then upwards whatever isa_mask & sv_cpu_isas() allows.
 void sv_kernels_init(sv_kernels *k, uint32_t isa_mask);
 // isa_mask that pins one ISA (and falls back to the reference where it has no variant).

@@ -14,13 +14,13 @@
 extern "C" {
 #endif
 
-#define SV_LANES     16
-#define SV_ROW_MEAN  0
-#define SV_ROW_QUAT  3
-#define SV_ROW_SCALE 7
-#define SV_ROW_LOGIT 10
-#define SV_ROW_SH    11
-#define SV_CAP_ROWS  59
+#define SV_LANES             16
+#define SV_ROW_MEAN          0
+#define SV_ROW_QUAT          3
+#define SV_ROW_SCALE         7
+#define SV_ROW_LOGIT         10
+#define SV_ROW_SH            11
+#define SV_CAP_ROWS          59
 #define SV_N_ROWS(sh_degree) (SV_ROW_SH + 3 * ((sh_degree) + 1) * ((sh_degree) + 1))
 
 #define SV_TILE_PX  32 // a tile is 32 x 32 pixels = 8 x 8 blocks of 4 x 4 pixels, one bit each in 64
@@ -37,11 +37,11 @@ typedef struct {
   float u_px, v_px;
   float qa, qb, qc, lo;
   float rgb[3];
-  float z;                       // camera depth of the centre
-  float ex_px, ey_px;            // half-widths of the region where alpha >= 1/255
-  uint16_t bx0, bx1, by0, by1;   // that region in 4x4 blocks of the image, inclusive
-  uint32_t n_recs;               // tiles under it; 0: not visible
-  uint32_t first_rec;            // its first record; written by the binning
+  float z;                     // camera depth of the centre
+  float ex_px, ey_px;          // half-widths of the region where alpha >= 1/255
+  uint16_t bx0, bx1, by0, by1; // that region in 4x4 blocks of the image, inclusive
+  uint32_t n_recs;             // tiles under it; 0: not visible
+  uint32_t first_rec;          // its first record; written by the binning
 } sv_splat;
 
 // One (splat, tile) pair. mask bit 8 y + x: block (x, y) of the tile may be touched.
@@ -53,8 +53,18 @@ typedef struct {
 
 // What rasterization backward leaves per record, 16 floats: moments of g = dL/d(ln alpha) over the pixels
 // (sum g, g dx, g dy, g dx^2, g dx dy, g dy^2), dL/drgb (3), dL/dz, sum of weight * |residual|.
-enum { SV_SLOT_G, SV_SLOT_GX, SV_SLOT_GY, SV_SLOT_GXX, SV_SLOT_GXY, SV_SLOT_GYY, SV_SLOT_RGB, SV_SLOT_Z = 9,
-       SV_SLOT_ERR, SV_SLOT_FLOATS = 16 };
+enum {
+  SV_SLOT_G,
+  SV_SLOT_GX,
+  SV_SLOT_GY,
+  SV_SLOT_GXX,
+  SV_SLOT_GXY,
+  SV_SLOT_GYY,
+  SV_SLOT_RGB,
+  SV_SLOT_Z = 9,
+  SV_SLOT_ERR,
+  SV_SLOT_FLOATS = 16
+};
 
 typedef struct {
   int width_px, height_px;
@@ -67,7 +77,7 @@ typedef struct {
 } sv_kview;
 
 typedef struct {
-  const float *param; // [n_blocks][n_rows][16]
+  const float *param;    // [n_blocks][n_rows][16]
   int n_rows, sh_degree; // sh_degree: the degree in use, at most that of the rows
   int n_gaussians;       // slots from here on are never visible
   sv_kview view;
@@ -85,9 +95,10 @@ typedef struct {
   const sv_project_args *fwd; // the same as in the forward pass
   const sv_rec *rec;          // a record with mask 0 has no slot
   const float *slot;          // [n_recs][16]
-  float *pose_grad;           // [6] out, this block's sum of dL/d(omega, v) of a twist on cam_from_world; or NULL
-  float reg_opacity, reg_scale; // added to touched lanes: reg_opacity o (1-o) on the logit, reg_scale s on each
-                                // log-scale, the gradients of reg_opacity sum(o) + reg_scale sum(s)
+  float *pose_grad; // [6] out, this block's sum of dL/d(omega, v) of a twist on cam_from_world; or NULL
+  float reg_opacity,
+      reg_scale; // added to touched lanes: reg_opacity o (1-o) on the logit, reg_scale s on each
+                 // log-scale, the gradients of reg_opacity sum(o) + reg_scale sum(s)
 } sv_project_bwd_args;
 
 // One block: grad [n_rows][16] (rows of SH degrees above sh_degree are not written), err [16]: sum of

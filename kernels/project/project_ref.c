@@ -174,7 +174,7 @@ void sv_project_ref(const sv_project_args *a, int block0, int block1, float *scr
 }
 
 // Here no result of fmaf is negated: compilers make one instruction of the two, and that gives the other zero.
-// --- backward --------------------------------------------------------------------------------------------
+// --- backward ------------------------------------------------------------------------------------
 
 static void sh_basis_grad(int degree, float x, float y, float z, float bx[16], float by[16], float bz[16]) {
   for (int k = 0; k < 16; k++) bx[k] = by[k] = bz[k] = 0.0f;
@@ -293,7 +293,8 @@ static void colour_bwd(const sv_project_args *a, const float *p, const float *v_
   for (int i = 0; i < 3; i++) vm[i] = fmaf(dot, -d[i], vd[i]) * rl;
 }
 
-static void one_bwd(const sv_project_bwd_args *args, const float *p, const float *m, float *grad, float pose[6]) {
+static void one_bwd(const sv_project_bwd_args *args, const float *p, const float *m, float *grad,
+                    float pose[6]) {
   const sv_project_args *a = args->fwd;
   const sv_kview *v = &a->view;
   geom g;
@@ -318,7 +319,8 @@ static void one_bwd(const sv_project_bwd_args *args, const float *p, const float
   }
 }
 
-uint32_t sv_project_bwd_ref(const sv_project_bwd_args *args, int block, float *grad, float *err, float *scratch) {
+uint32_t sv_project_bwd_ref(const sv_project_bwd_args *args, int block, float *grad, float *err,
+                            float *scratch) {
   (void)scratch;
   const sv_project_args *a = args->fwd;
   const float *p = a->param + (long)block * a->n_rows * SV_LANES;

@@ -17,18 +17,18 @@
 extern "C" {
 #endif
 
-#define SV_TILE_BLOCKS 64                            // 4x4 blocks of a tile
+#define SV_TILE_BLOCKS           64                            // 4x4 blocks of a tile
 #define SV_RASTER_SCRATCH_FLOATS (8 * SV_TILE_PX * SV_TILE_PX) // per thread
 
 typedef struct {
   const sv_splat *splat;
-  sv_rec *rec;     // masks are narrowed to the blocks that were really blended
+  sv_rec *rec; // masks are narrowed to the blocks that were really blended
   int n_tiles_x;
-  int stride;      // floats
+  int stride; // floats
   float bg[3];
-  float *rgb[3];   // out, background included
-  float *depth;    // out, sum of a T z; may be NULL
-  float *trans;    // out, what is left of T
+  float *rgb[3]; // out, background included
+  float *depth;  // out, sum of a T z; may be NULL
+  float *trans;  // out, what is left of T
 } sv_raster_args;
 
 // One tile; list[n]: its records, front to back. exact.
@@ -49,7 +49,8 @@ typedef void (*sv_raster_bwd_fn)(const sv_raster_bwd_args *a, uint32_t tile, con
                                  float *scratch);
 
 #define SV_DECLARE(isa)                                                                                      \
-  void sv_raster_##isa(const sv_raster_args *a, uint32_t tile, const uint32_t *list, uint32_t n, float *scratch); \
+  void sv_raster_##isa(const sv_raster_args *a, uint32_t tile, const uint32_t *list, uint32_t n,             \
+                       float *scratch);                                                                      \
   void sv_raster_bwd_##isa(const sv_raster_bwd_args *a, uint32_t tile, const uint32_t *list, uint32_t n,     \
                            float *scratch);
 SV_DECLARE(ref)

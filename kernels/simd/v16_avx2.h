@@ -38,9 +38,9 @@ static inline void v16_store(float *p, v16 x) {
   _mm256_storeu_ps(p + 8, x.b);
 }
 static inline v16 v16_load4x4(const float *p, long stride) {
-  return v16_make_(
-      _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p)), _mm_loadu_ps(p + stride), 1),
-      _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p + 2 * stride)), _mm_loadu_ps(p + 3 * stride), 1));
+  return v16_make_(_mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p)), _mm_loadu_ps(p + stride), 1),
+                   _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p + 2 * stride)),
+                                        _mm_loadu_ps(p + 3 * stride), 1));
 }
 static inline void v16_store4x4(float *p, long stride, v16 x) {
   _mm_storeu_ps(p, _mm256_castps256_ps128(x.a));
@@ -94,8 +94,12 @@ V16_CMP(v16_le, _CMP_LE_OQ)
 V16_CMP(v16_gt, _CMP_GT_OQ)
 V16_CMP(v16_ge, _CMP_GE_OQ)
 #undef V16_CMP
-static inline v16m v16m_and(v16m x, v16m y) { return v16m_make_(_mm256_and_ps(x.a, y.a), _mm256_and_ps(x.b, y.b)); }
-static inline v16m v16m_or(v16m x, v16m y) { return v16m_make_(_mm256_or_ps(x.a, y.a), _mm256_or_ps(x.b, y.b)); }
+static inline v16m v16m_and(v16m x, v16m y) {
+  return v16m_make_(_mm256_and_ps(x.a, y.a), _mm256_and_ps(x.b, y.b));
+}
+static inline v16m v16m_or(v16m x, v16m y) {
+  return v16m_make_(_mm256_or_ps(x.a, y.a), _mm256_or_ps(x.b, y.b));
+}
 static inline v16m v16m_andnot(v16m x, v16m y) {
   return v16m_make_(_mm256_andnot_ps(y.a, x.a), _mm256_andnot_ps(y.b, x.b));
 }
@@ -106,15 +110,20 @@ static inline v16m v16m_from_bits(uint32_t bits) {
   __m256i n = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
   __m256i a = _mm256_and_si256(_mm256_set1_epi32((int)bits), n);
   __m256i b = _mm256_and_si256(_mm256_set1_epi32((int)(bits >> 8)), n);
-  return v16m_make_(_mm256_castsi256_ps(_mm256_cmpeq_epi32(a, n)), _mm256_castsi256_ps(_mm256_cmpeq_epi32(b, n)));
+  return v16m_make_(_mm256_castsi256_ps(_mm256_cmpeq_epi32(a, n)),
+                    _mm256_castsi256_ps(_mm256_cmpeq_epi32(b, n)));
 }
 static inline v16 v16_sel(v16m m, v16 x, v16 y) {
   return v16_make_(_mm256_blendv_ps(y.a, x.a, m.a), _mm256_blendv_ps(y.b, x.b, m.b));
 }
-static inline v16 v16_keep(v16m m, v16 x) { return v16_make_(_mm256_and_ps(m.a, x.a), _mm256_and_ps(m.b, x.b)); }
+static inline v16 v16_keep(v16m m, v16 x) {
+  return v16_make_(_mm256_and_ps(m.a, x.a), _mm256_and_ps(m.b, x.b));
+}
 static inline v16i v16i_set1(int32_t x) { return v16i_make_(_mm256_set1_epi32(x), _mm256_set1_epi32(x)); }
 static inline v16i v16_bits(v16 x) { return v16i_make_(_mm256_castps_si256(x.a), _mm256_castps_si256(x.b)); }
-static inline v16 v16_from_bits(v16i x) { return v16_make_(_mm256_castsi256_ps(x.a), _mm256_castsi256_ps(x.b)); }
+static inline v16 v16_from_bits(v16i x) {
+  return v16_make_(_mm256_castsi256_ps(x.a), _mm256_castsi256_ps(x.b));
+}
 static inline v16i v16i_add(v16i x, v16i y) {
   return v16i_make_(_mm256_add_epi32(x.a, y.a), _mm256_add_epi32(x.b, y.b));
 }
@@ -124,10 +133,16 @@ static inline v16i v16i_and(v16i x, v16i y) {
 static inline v16i v16i_or(v16i x, v16i y) {
   return v16i_make_(_mm256_or_si256(x.a, y.a), _mm256_or_si256(x.b, y.b));
 }
-static inline v16i v16i_shl23(v16i x) { return v16i_make_(_mm256_slli_epi32(x.a, 23), _mm256_slli_epi32(x.b, 23)); }
-static inline v16i v16i_shr23(v16i x) { return v16i_make_(_mm256_srli_epi32(x.a, 23), _mm256_srli_epi32(x.b, 23)); }
+static inline v16i v16i_shl23(v16i x) {
+  return v16i_make_(_mm256_slli_epi32(x.a, 23), _mm256_slli_epi32(x.b, 23));
+}
+static inline v16i v16i_shr23(v16i x) {
+  return v16i_make_(_mm256_srli_epi32(x.a, 23), _mm256_srli_epi32(x.b, 23));
+}
 static inline v16 v16i_to_f(v16i x) { return v16_make_(_mm256_cvtepi32_ps(x.a), _mm256_cvtepi32_ps(x.b)); }
-static inline v16i v16_trunc_i(v16 x) { return v16i_make_(_mm256_cvttps_epi32(x.a), _mm256_cvttps_epi32(x.b)); }
+static inline v16i v16_trunc_i(v16 x) {
+  return v16i_make_(_mm256_cvttps_epi32(x.a), _mm256_cvttps_epi32(x.b));
+}
 static inline void v16i_store(int32_t *p, v16i x) {
   _mm256_storeu_si256((__m256i *)p, x.a);
   _mm256_storeu_si256((__m256i *)(p + 8), x.b);
@@ -157,9 +172,8 @@ static inline __m128 v16_sum4_(const v16 *x) {
   return _mm_add_ps(_mm_add_ps(a, c), _mm_add_ps(b, d));
 }
 static inline v16 v16_sum16(const v16 x[16]) {
-  return v16_make_(
-      _mm256_insertf128_ps(_mm256_castps128_ps256(v16_sum4_(x)), v16_sum4_(x + 4), 1),
-      _mm256_insertf128_ps(_mm256_castps128_ps256(v16_sum4_(x + 8)), v16_sum4_(x + 12), 1));
+  return v16_make_(_mm256_insertf128_ps(_mm256_castps128_ps256(v16_sum4_(x)), v16_sum4_(x + 4), 1),
+                   _mm256_insertf128_ps(_mm256_castps128_ps256(v16_sum4_(x + 8)), v16_sum4_(x + 12), 1));
 }
 // 8x8 transpose of the rows r[0..7].
 static inline void v16_tr8_(__m256 r[8]) {

@@ -11,7 +11,9 @@ typedef __mmask16 v16m;
 
 static inline v16 v16_set1(float x) { return _mm512_set1_ps(x); }
 static inline v16 v16_zero(void) { return _mm512_setzero_ps(); }
-static inline v16 v16_iota(void) { return _mm512_setr_ps(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15); }
+static inline v16 v16_iota(void) {
+  return _mm512_setr_ps(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+}
 static inline v16 v16_load(const float *p) { return _mm512_loadu_ps(p); }
 static inline void v16_store(float *p, v16 a) { _mm512_storeu_ps(p, a); }
 static inline v16 v16_load4x4(const float *p, long stride) {
@@ -107,7 +109,8 @@ static inline void v16_transpose(v16 a[16]) {
   for (int g = 0; g < 4; g++) v16_tr4_(a[4 * g], a[4 * g + 1], a[4 * g + 2], a[4 * g + 3], t + 4 * g);
   for (int k = 0; k < 4; k++) { // t[4g+k] group q = element 4q+k of rows 4g..4g+3
     v16 x0 = _mm512_shuffle_f32x4(t[k], t[4 + k], 0x44), x1 = _mm512_shuffle_f32x4(t[k], t[4 + k], 0xee);
-    v16 y0 = _mm512_shuffle_f32x4(t[8 + k], t[12 + k], 0x44), y1 = _mm512_shuffle_f32x4(t[8 + k], t[12 + k], 0xee);
+    v16 y0 = _mm512_shuffle_f32x4(t[8 + k], t[12 + k], 0x44),
+        y1 = _mm512_shuffle_f32x4(t[8 + k], t[12 + k], 0xee);
     a[k] = _mm512_shuffle_f32x4(x0, y0, 0x88);
     a[4 + k] = _mm512_shuffle_f32x4(x0, y0, 0xdd);
     a[8 + k] = _mm512_shuffle_f32x4(x1, y1, 0x88);

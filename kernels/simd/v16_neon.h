@@ -49,8 +49,12 @@ static inline v16 v16_load_u8(const uint8_t *p) {
   r.q[3] = vcvtq_f32_u32(vmovl_u16(vget_high_u16(hi)));
   return r;
 }
-static inline v16 v16_min(v16 x, v16 y) { V16_EACH(v16, vbslq_f32(vcltq_f32(x.q[i], y.q[i]), x.q[i], y.q[i])); }
-static inline v16 v16_max(v16 x, v16 y) { V16_EACH(v16, vbslq_f32(vcgtq_f32(x.q[i], y.q[i]), x.q[i], y.q[i])); }
+static inline v16 v16_min(v16 x, v16 y) {
+  V16_EACH(v16, vbslq_f32(vcltq_f32(x.q[i], y.q[i]), x.q[i], y.q[i]));
+}
+static inline v16 v16_max(v16 x, v16 y) {
+  V16_EACH(v16, vbslq_f32(vcgtq_f32(x.q[i], y.q[i]), x.q[i], y.q[i]));
+}
 static inline void v16_store_u8(uint8_t *p, v16 x) {
   uint16x4_t c[4];
   x = v16_min(v16_max(x, v16_zero()), v16_set1(255.0f));
@@ -129,19 +133,17 @@ static inline float32x4_t v16_sum4_(const v16 *x) {
 static inline v16 v16_sum16(const v16 x[16]) { V16_EACH(v16, v16_sum4_(x + 4 * i)); }
 static __attribute__((noinline)) void v16_transpose(v16 x[16]) {
   V16_UNROLL
-  for (int g = 0; g < 4; g++)
-    V16_UNROLL
-    for (int k = 0; k < 4; k++) v16_tr4_(&x[4 * g].q[k], &x[4 * g + 1].q[k], &x[4 * g + 2].q[k], &x[4 * g + 3].q[k]);
+  for (int g = 0; g < 4; g++) V16_UNROLL
+  for (int k = 0; k < 4; k++)
+    v16_tr4_(&x[4 * g].q[k], &x[4 * g + 1].q[k], &x[4 * g + 2].q[k], &x[4 * g + 3].q[k]);
   V16_UNROLL
-  for (int g = 0; g < 4; g++)
-    V16_UNROLL
-    for (int k = g + 1; k < 4; k++)
-      V16_UNROLL
-      for (int i = 0; i < 4; i++) {
-        float32x4_t t = x[4 * g + i].q[k];
-        x[4 * g + i].q[k] = x[4 * k + i].q[g];
-        x[4 * k + i].q[g] = t;
-      }
+  for (int g = 0; g < 4; g++) V16_UNROLL
+  for (int k = g + 1; k < 4; k++) V16_UNROLL
+  for (int i = 0; i < 4; i++) {
+    float32x4_t t = x[4 * g + i].q[k];
+    x[4 * g + i].q[k] = x[4 * k + i].q[g];
+    x[4 * k + i].q[g] = t;
+  }
 }
 #include "kernels/simd/v16_math.h"
 #endif

@@ -53,14 +53,19 @@ static inline void v16_store_u8(uint8_t *p, v16 x) {
   V16_UNROLL
   for (int i = 0; i < 4; i++)
     c[i] = _mm_cvtps_epi32(_mm_min_ps(_mm_max_ps(x.q[i], _mm_setzero_ps()), _mm_set1_ps(255.0f)));
-  _mm_storeu_si128((__m128i *)p, _mm_packus_epi16(_mm_packus_epi32(c[0], c[1]), _mm_packus_epi32(c[2], c[3])));
+  _mm_storeu_si128((__m128i *)p,
+                   _mm_packus_epi16(_mm_packus_epi32(c[0], c[1]), _mm_packus_epi32(c[2], c[3])));
 }
 static inline v16 v16_add(v16 x, v16 y) { V16_EACH(v16, _mm_add_ps(x.q[i], y.q[i])); }
 static inline v16 v16_sub(v16 x, v16 y) { V16_EACH(v16, _mm_sub_ps(x.q[i], y.q[i])); }
 static inline v16 v16_mul(v16 x, v16 y) { V16_EACH(v16, _mm_mul_ps(x.q[i], y.q[i])); }
 static inline v16 v16_div(v16 x, v16 y) { V16_EACH(v16, _mm_div_ps(x.q[i], y.q[i])); }
-static inline v16 v16_fma(v16 x, v16 y, v16 z) { V16_EACH(v16, _mm_add_ps(_mm_mul_ps(x.q[i], y.q[i]), z.q[i])); }
-static inline v16 v16_fnma(v16 x, v16 y, v16 z) { V16_EACH(v16, _mm_sub_ps(z.q[i], _mm_mul_ps(x.q[i], y.q[i]))); }
+static inline v16 v16_fma(v16 x, v16 y, v16 z) {
+  V16_EACH(v16, _mm_add_ps(_mm_mul_ps(x.q[i], y.q[i]), z.q[i]));
+}
+static inline v16 v16_fnma(v16 x, v16 y, v16 z) {
+  V16_EACH(v16, _mm_sub_ps(z.q[i], _mm_mul_ps(x.q[i], y.q[i])));
+}
 static inline v16 v16_min(v16 x, v16 y) { V16_EACH(v16, _mm_min_ps(x.q[i], y.q[i])); }
 static inline v16 v16_max(v16 x, v16 y) { V16_EACH(v16, _mm_max_ps(x.q[i], y.q[i])); }
 static inline v16 v16_sqrt(v16 x) { V16_EACH(v16, _mm_sqrt_ps(x.q[i])); }
@@ -79,7 +84,8 @@ static inline uint32_t v16m_bits(v16m x) {
 }
 static inline v16m v16m_from_bits(uint32_t bits) {
   __m128i n = _mm_setr_epi32(1, 2, 4, 8);
-  V16_EACH(v16m, _mm_castsi128_ps(_mm_cmpeq_epi32(_mm_and_si128(_mm_set1_epi32((int)(bits >> (4 * i))), n), n)));
+  V16_EACH(v16m,
+           _mm_castsi128_ps(_mm_cmpeq_epi32(_mm_and_si128(_mm_set1_epi32((int)(bits >> (4 * i))), n), n)));
 }
 static inline v16 v16_sel(v16m m, v16 x, v16 y) { V16_EACH(v16, _mm_blendv_ps(y.q[i], x.q[i], m.q[i])); }
 static inline v16 v16_keep(v16m m, v16 x) { V16_EACH(v16, _mm_and_ps(m.q[i], x.q[i])); }
@@ -123,20 +129,17 @@ static inline __m128 v16_sum4_(const v16 *x) {
 static inline v16 v16_sum16(const v16 x[16]) { V16_EACH(v16, v16_sum4_(x + 4 * i)); }
 static __attribute__((noinline)) void v16_transpose(v16 x[16]) {
   V16_UNROLL
-  for (int g = 0; g < 4; g++)
-    V16_UNROLL
-    for (int k = 0; k < 4; k++)
-      _MM_TRANSPOSE4_PS(x[4 * g].q[k], x[4 * g + 1].q[k], x[4 * g + 2].q[k], x[4 * g + 3].q[k]);
+  for (int g = 0; g < 4; g++) V16_UNROLL
+  for (int k = 0; k < 4; k++)
+    _MM_TRANSPOSE4_PS(x[4 * g].q[k], x[4 * g + 1].q[k], x[4 * g + 2].q[k], x[4 * g + 3].q[k]);
   V16_UNROLL
-  for (int g = 0; g < 4; g++)
-    V16_UNROLL
-    for (int k = g + 1; k < 4; k++)
-      V16_UNROLL
-      for (int i = 0; i < 4; i++) {
-        __m128 t = x[4 * g + i].q[k];
-        x[4 * g + i].q[k] = x[4 * k + i].q[g];
-        x[4 * k + i].q[g] = t;
-      }
+  for (int g = 0; g < 4; g++) V16_UNROLL
+  for (int k = g + 1; k < 4; k++) V16_UNROLL
+  for (int i = 0; i < 4; i++) {
+    __m128 t = x[4 * g + i].q[k];
+    x[4 * g + i].q[k] = x[4 * k + i].q[g];
+    x[4 * k + i].q[g] = t;
+  }
 }
 #include "kernels/simd/v16_math.h"
 #endif

@@ -23,7 +23,8 @@ void sv_sort_ref(sv_pair *pair, sv_pair *tmp, uint32_t n, uint32_t *hist) {
     max = pair[i].key > max ? pair[i].key : max;
   }
   if (n < 2 || min == max) return;
-  int bits = 32 - __builtin_clz(max - min), n_passes = (bits + 11) / 12, width = (bits + n_passes - 1) / n_passes;
+  int bits = 32 - __builtin_clz(max - min), n_passes = (bits + 11) / 12,
+      width = (bits + n_passes - 1) / n_passes;
   uint32_t mask = (1u << width) - 1;
   sv_pair *src = pair, *dst = tmp;
   for (int p = 0; p < n_passes; p++) {

@@ -10,7 +10,7 @@
 
 static sv_codec_state *state(sv_codec *c) { return c->state; }
 
-// --- errors ----------------------------------------------------------------------------------------
+// --- errors --------------------------------------------------------------------------------------
 static void error_exit(j_common_ptr cinfo) {
   sv_jpeg_common *j = (sv_jpeg_common *)cinfo->err;
   if (cinfo->err->msg_code == JERR_OUT_OF_MEMORY)
@@ -36,7 +36,7 @@ void sv_jpeg_errors_init(sv_jpeg_common *j, j_common_ptr cinfo, sv_codec *c) {
   j->errors.output_message = output_message;
 }
 
-// --- open and close --------------------------------------------------------------------------------
+// --- open and close ------------------------------------------------------------------------------
 // The objects are made once with libjpeg's own manager; from then on it only sees the block.
 sv_status sv_jpeg_open(sv_codec *c) {
   sv_codec_state *s = state(c);
@@ -70,7 +70,7 @@ void sv_jpeg_close(sv_codec *c) {
   s->has_dec = s->has_enc = false;
 }
 
-// --- decoding --------------------------------------------------------------------------------------
+// --- decoding ------------------------------------------------------------------------------------
 static void source_nothing(j_decompress_ptr d) { (void)d; }
 
 // The data is all there is. An end-of-image marker lets libjpeg finish what it has; it then counts as
@@ -167,7 +167,7 @@ sv_status sv_codec_decode_jpeg(sv_codec *c, const uint8_t *data, size_t bytes, c
   return s;
 }
 
-// --- encoding --------------------------------------------------------------------------------------
+// --- encoding ------------------------------------------------------------------------------------
 static void dest_nothing(j_compress_ptr c) { (void)c; }
 
 static boolean dest_full(j_compress_ptr c) {

@@ -30,7 +30,7 @@ typedef struct {
   sv_err *err;
 } json_t;
 
-// --- small parts -----------------------------------------------------------------------------------
+// --- small parts ---------------------------------------------------------------------------------
 static bool is_key(const json_t *j, int t, const char *key) {
   size_t n = (size_t)(j->tokens[t].end - j->tokens[t].start);
   return j->tokens[t].type == JSMN_STRING && n == strlen(key) &&
@@ -111,7 +111,7 @@ static bool is_below(const char *p) {
   return strlen(p) < 256;
 }
 
-// --- the parts of the file -------------------------------------------------------------------------
+// --- the parts of the file -----------------------------------------------------------------------
 static sv_status read_frame(const json_t *j, int t, int i, sv_capture_frame *f) {
   if (j->tokens[t].type != JSMN_OBJECT) return bad(j, t, "frames", "a list of objects");
   int v = find(j, t, "file");
@@ -254,7 +254,7 @@ static sv_status read_all(const json_t *j, sv_capture *c, sv_capture_frame *pool
   return v < 0 ? SV_OK : read_poses(j, v, c);
 }
 
-// --- memory ----------------------------------------------------------------------------------------
+// --- memory --------------------------------------------------------------------------------------
 // Upper bounds by a glance at the text: each token but the first follows one of { [ , : and each frame,
 // pose and camera opens a brace.
 static bool count(const char *text, size_t bytes, size_t *n_tokens, size_t *n_objects) {
@@ -332,7 +332,7 @@ sv_status sv_capture_load(sv_capture *c, const char *dir, sv_arena *arena, sv_er
   return s < 0 ? s : sv_capture_parse(c, text, bytes, path, arena, err);
 }
 
-// --- poses -----------------------------------------------------------------------------------------
+// --- poses ---------------------------------------------------------------------------------------
 static void slerp(double out[4], const double a[4], const double b_in[4], double u) {
   double dot = 0, b[4], wa = 1 - u, wb = u;
   for (int i = 0; i < 4; i++) dot += a[i] * b_in[i];

@@ -18,7 +18,7 @@
 static void sidecar_name(char out[32], int i_camera) { sv_fmt(out, 32, "frames.%d.part", i_camera); }
 #define POSES_SIDECAR "poses.part"
 
-// --- memory ----------------------------------------------------------------------------------------
+// --- memory --------------------------------------------------------------------------------------
 static bool cfg_is_good(const sv_capture_writer_cfg *c) {
   if (!c->dir || c->n_cameras < 1 || c->n_cameras > SV_CAP_SUB_VIEWS || !c->caps || c->quality < 0 ||
       c->quality > 100 || c->save_period < 0)
@@ -59,7 +59,7 @@ size_t sv_capture_writer_bytes(const sv_capture_writer_cfg *cfg) {
   return dry.used_bytes + sv_codec_bytes(&cc);
 }
 
-// --- files -----------------------------------------------------------------------------------------
+// --- files ---------------------------------------------------------------------------------------
 static bool put_all(int fd, const void *data, size_t bytes) {
   const uint8_t *p = data;
   while (bytes) {
@@ -103,7 +103,7 @@ static sv_status put_text(sv_linux_store *store, const char *text, sv_err *err) 
   return s.write(s.self, text, strlen(text), err);
 }
 
-// --- capture.json ----------------------------------------------------------------------------------
+// --- capture.json --------------------------------------------------------------------------------
 static sv_status put_head(sv_capture_writer *w, sv_err *err) {
   char line[LINE_BYTES];
   sv_str s = sv_str_make(line, sizeof line);
@@ -152,7 +152,7 @@ sv_status sv_capture_writer_save(sv_capture_writer *w, sv_err *err) {
   return store.commit(store.self, err);
 }
 
-// --- open and close --------------------------------------------------------------------------------
+// --- open and close ------------------------------------------------------------------------------
 // What may stand in a folder's name and unescaped in JSON.
 static void plain(char *out, size_t cap, const char *in, bool is_path) {
   size_t n = 0;
@@ -255,7 +255,7 @@ sv_status sv_capture_writer_close(sv_capture_writer *w, sv_err *err) {
   return s;
 }
 
-// --- frames and poses ------------------------------------------------------------------------------
+// --- frames and poses ----------------------------------------------------------------------------
 static sv_status picture_bytes(sv_capture_writer *w, const sv_frame *f, const uint8_t **data, size_t *bytes,
                                sv_err *err) {
   *data = f->data;
@@ -322,7 +322,7 @@ sv_status sv_capture_writer_add_pose(sv_capture_writer *w, sv_ns time_ns, const 
   return SV_OK;
 }
 
-// --- recovery --------------------------------------------------------------------------------------
+// --- recovery ------------------------------------------------------------------------------------
 typedef struct {
   int fd;
   char buf[2048], line[LINE_BYTES + 256];

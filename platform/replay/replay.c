@@ -13,7 +13,7 @@
 #define CAP_BUFFERS    64
 #define MAX_FILE_BYTES (256u << 20)
 
-// --- settings --------------------------------------------------------------------------------------
+// --- settings ------------------------------------------------------------------------------------
 static bool read_count(const char *v, size_t n, int lo, int *out) {
   long long x;
   if (!sv_parse_int(v, n, &x) || x < lo || x > 1000000000) return false;
@@ -55,7 +55,7 @@ sv_status sv_replay_parse(const char *spec, sv_replay_cfg *cfg, sv_err *err) {
   return SV_OK;
 }
 
-// --- start-up --------------------------------------------------------------------------------------
+// --- start-up ------------------------------------------------------------------------------------
 static int end_of(const sv_replay *r, int c) {
   int n = r->capture.cameras[c].n_frames, left = n - r->cfg.from;
   if (left <= 0) return r->cfg.from;
@@ -149,7 +149,7 @@ void sv_replay_close(sv_replay *r) {
   sv_codec_close(&r->codec);
 }
 
-// --- clock -----------------------------------------------------------------------------------------
+// --- clock ---------------------------------------------------------------------------------------
 static sv_ns clock_now(void *self) {
   sv_replay *r = self;
   if (r->cfg.speed == 0) return r->virtual_ns;
@@ -170,7 +170,7 @@ static void clock_sleep(void *self, sv_ns host_ns) {
 
 sv_clock sv_replay_clock(sv_replay *r) { return (sv_clock){r, clock_now, clock_sleep}; }
 
-// --- source ----------------------------------------------------------------------------------------
+// --- source --------------------------------------------------------------------------------------
 static sv_status source_caps(void *self, int c, sv_camera_caps *out) {
   sv_replay *r = self;
   if (c < 0 || c >= r->capture.n_cameras) return SV_E_ARG;

@@ -54,7 +54,9 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
 static size_t init_scratch_bytes(int n) { return sv_init_scratch_bytes(n, n) + 4096; }
 
 static sv_sync_cfg sync_cfg(const sv_app_cfg *c, const sv_sync_camera *cameras) {
-  return (sv_sync_cfg){.n_cameras = c->n_cameras, .cameras = cameras, .skew_limit_ns = c->skew_limit_ns,
+  return (sv_sync_cfg){.n_cameras = c->n_cameras,
+                       .cameras = cameras,
+                       .skew_limit_ns = c->skew_limit_ns,
                        .queue_len = QUEUE_LEN};
 }
 
@@ -69,8 +71,9 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
   sv_sync_cfg sc = sync_cfg(c, app->sync_cameras ? app->sync_cameras : &dry);
   if (a->base) {
     sv_status s = sv_sync_init(&app->sync, &sc, a);
-    if (s < 0) return sv_fail(err, s, "frame synchronisation for %d cameras with a skew limit of %g ms: %s", c->n_cameras,
-                              sv_ns_to_ms(c->skew_limit_ns), sv_status_text(s));
+    if (s < 0)
+      return sv_fail(err, s, "frame synchronisation for %d cameras with a skew limit of %g ms: %s",
+                     c->n_cameras, sv_ns_to_ms(c->skew_limit_ns), sv_status_text(s));
   } else {
     SV_TAKE(a, uint8_t, sv_sync_bytes(&sc));
   }
@@ -100,15 +103,17 @@ sv_status sv_app_plan(sv_app *app, const sv_app_cfg *cfg, int n_threads, sv_aren
   return carve(app, cfg, &t, NULL, NULL, dry, err);
 }
 
-sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, const sv_port *port, sv_arena *arena,
-                      sv_err *err) {
-  if (cfg->n_exposures < 1) return sv_fail(err, SV_E_ARG, "%d exposures asked for, expected at least 1", cfg->n_exposures);
+sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, const sv_port *port,
+                      sv_arena *arena, sv_err *err) {
+  if (cfg->n_exposures < 1)
+    return sv_fail(err, SV_E_ARG, "%d exposures asked for, expected at least 1", cfg->n_exposures);
   if (cfg->rig->forward == SV_FORWARD_MULTIPLEXED)
-    return sv_fail(err, SV_E_UNSUPPORTED, "rig \"%s\" is multiplexed; training on multiplexed measurements is not supported yet",
+    return sv_fail(err, SV_E_UNSUPPORTED,
+                   "rig \"%s\" is multiplexed; training on multiplexed measurements is not supported yet",
                    cfg->rig->name);
   if (!n_trained_sub_views(cfg))
-    return sv_fail(err, SV_E_ARG, "none of the chosen sub-views is in rig \"%s\", which has %d", cfg->rig->name,
-                   cfg->rig->n_sub_views);
+    return sv_fail(err, SV_E_ARG, "none of the chosen sub-views is in rig \"%s\", which has %d",
+                   cfg->rig->name, cfg->rig->n_sub_views);
   memset(app, 0, sizeof *app);
   app->cfg = *cfg;
   app->k = k;
@@ -120,14 +125,18 @@ sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, c
   if (s == SV_E_NOMEM) {
     sv_arena dry = sv_arena_dry();
     if (sv_app_plan(app, cfg, port->pool.n_threads, &dry, err) < 0) return SV_E_NOMEM;
-    return sv_fail(err, s, "the run needs %zu MiB and this board's block has %zu MiB: take fewer exposures (now %d) or Gaussians "
-                   "(now %d)", (dry.used_bytes + used + 1048575) >> 20, (left + used) >> 20, cfg->n_exposures, t.n_gaussians);
+    return sv_fail(err, s,
+                   "the run needs %zu MiB and this board's block has %zu MiB: take fewer exposures (now %d) "
+                   "or Gaussians "
+                   "(now %d)",
+                   (dry.used_bytes + used + 1048575) >> 20, (left + used) >> 20, cfg->n_exposures,
+                   t.n_gaussians);
   }
   if (s >= 0) sv_arena_seal(arena);
   return s;
 }
 
-// --- capture -------------------------------------------------------------------------------------------------
+// --- capture -------------------------------------------------------------------------------------
 
 static void give_back(sv_app *app) {
   sv_frame f;
@@ -141,13 +150,15 @@ static sv_status take_exposures(sv_app *app, sv_err *err) {
   sv_exposure ex;
   sv_source *src = &app->port.source;
   sv_status s = SV_OK;
-  while (app->exposures.n < app->cfg.n_exposures && sv_sync_pop_exposure(&app->sync, &ex, app->frames) == SV_OK) {
+  while (app->exposures.n < app->cfg.n_exposures &&
+         sv_sync_pop_exposure(&app->sync, &ex, app->frames) == SV_OK) {
     ex.rig_from_world = sv_pose_identity();
     if (src->rig_pose && src->rig_pose(src->self, ex.time_ns, &ex.rig_from_world) < 0)
       ex.rig_from_world = sv_pose_identity();
     s = sv_exposures_add(&app->exposures, &ex, app->frames, app->k, &app->port.pool, err);
     for (int i = 0; i < app->cfg.n_cameras; i++)
-      if (app->frames[i].i_camera >= 0 && src->requeue(src->self, &app->frames[i]) < 0) app->n_device_errors++;
+      if (app->frames[i].i_camera >= 0 && src->requeue(src->self, &app->frames[i]) < 0)
+        app->n_device_errors++;
     if (s < 0) return s;
   }
   give_back(app);
@@ -178,9 +189,11 @@ static sv_status capture_loop(sv_app *app, sv_err *err) {
     sv_ns now = clk->now_ns(clk->self);
     if (is_stop_requested(app)) return SV_E_INTERRUPTED;
     if (now - last_ns > app->cfg.capture_timeout_ns)
-      return sv_fail(err, SV_E_TIMEOUT, "no synchronized exposure came for %g s (%d of %d captured); is a camera missing or is "
-                     "the skew limit of %g ms too tight?", sv_ns_to_s(now - last_ns), app->exposures.n,
-                     app->cfg.n_exposures, sv_ns_to_ms(app->cfg.skew_limit_ns));
+      return sv_fail(err, SV_E_TIMEOUT,
+                     "no synchronized exposure came for %g s (%d of %d captured); is a camera missing or is "
+                     "the skew limit of %g ms too tight?",
+                     sv_ns_to_s(now - last_ns), app->exposures.n, app->cfg.n_exposures,
+                     sv_ns_to_ms(app->cfg.skew_limit_ns));
     sv_status s = src->dequeue(src->self, &f, now + 100 * SV_NS_PER_MS);
     if (s == SV_END) break;
     if (s == SV_AGAIN) continue;
@@ -190,13 +203,15 @@ static sv_status capture_loop(sv_app *app, sv_err *err) {
       continue;
     }
     s = sv_sync_push(&app->sync, &f);
-    if (s < 0) return sv_fail(err, s, "camera %d: its frame does not fit the rig's %d cameras", f.i_camera, app->cfg.n_cameras);
+    if (s < 0)
+      return sv_fail(err, s, "camera %d: its frame does not fit the rig's %d cameras", f.i_camera,
+                     app->cfg.n_cameras);
     int before = app->exposures.n;
     if ((s = take_exposures(app, err)) < 0) return s;
     if (app->exposures.n > before) {
       last_ns = clk->now_ns(clk->self);
-      log_line(app, SV_LOG_LIVE, "capture  %d/%d exposures, skew %.3f ms", app->exposures.n, app->cfg.n_exposures,
-               sv_ns_to_ms(app->exposures.exposure[app->exposures.n - 1].skew_ns));
+      log_line(app, SV_LOG_LIVE, "capture  %d/%d exposures, skew %.3f ms", app->exposures.n,
+               app->cfg.n_exposures, sv_ns_to_ms(app->exposures.exposure[app->exposures.n - 1].skew_ns));
     }
   }
   return SV_OK;
@@ -214,16 +229,19 @@ static sv_status capture(sv_app *app, sv_err *err) {
   t = src->stop(src->self);
   if (s >= 0 && t < 0) return sv_fail(err, t, "the cameras did not stop: %s", sv_status_text(t));
   if (s >= 0 && app->exposures.n == 0)
-    return sv_fail(err, SV_E_NOT_FOUND, "the source ended without one synchronized exposure (skew limit %g ms)",
+    return sv_fail(err, SV_E_NOT_FOUND,
+                   "the source ended without one synchronized exposure (skew limit %g ms)",
                    sv_ns_to_ms(app->cfg.skew_limit_ns));
   sv_ledger l = sv_sync_ledger_sum(&app->sync);
-  if (app->exposures.n) log_line(app, SV_LOG_INFO, "captured %d exposures of %d sub-views; frames: %llu captured = %llu delivered + %llu dropped",
-           app->exposures.n, app->cfg.rig->n_sub_views, (unsigned long long)l.captured,
-           (unsigned long long)l.delivered, (unsigned long long)sv_ledger_dropped(&l));
+  if (app->exposures.n)
+    log_line(app, SV_LOG_INFO,
+             "captured %d exposures of %d sub-views; frames: %llu captured = %llu delivered + %llu dropped",
+             app->exposures.n, app->cfg.rig->n_sub_views, (unsigned long long)l.captured,
+             (unsigned long long)l.delivered, (unsigned long long)sv_ledger_dropped(&l));
   return s;
 }
 
-// --- training ------------------------------------------------------------------------------------------------
+// --- training ------------------------------------------------------------------------------------
 
 static sv_status start_training(sv_app *app, sv_err *err) {
   sv_trainer *t = &app->trainer;
@@ -238,8 +256,12 @@ static sv_status start_training(sv_app *app, sv_err *err) {
       app->views[t->n_views - 1] = view;
     }
   sv_bounds b = app->cfg.has_bounds ? app->cfg.bounds : sv_bounds_of_views(app->views, t->n_views);
-  sv_init_cfg init = {.kind = SV_INIT_SPHERE, .centre = {b.centre[0], b.centre[1], b.centre[2]}, .radius = b.radius,
-                      .opacity = 0.1f, .scale_factor = 1.0f, .seed = t->cfg.seed};
+  sv_init_cfg init = {.kind = SV_INIT_SPHERE,
+                      .centre = {b.centre[0], b.centre[1], b.centre[2]},
+                      .radius = b.radius,
+                      .opacity = 0.1f,
+                      .scale_factor = 1.0f,
+                      .seed = t->cfg.seed};
   if (!app->cfg.has_bounds) {
     init.kind = SV_INIT_POINTS;
     sv_seed_points(t, &b, t->cfg.seed, app->points, t->g.n);
@@ -262,10 +284,11 @@ static void live_line(sv_app *app, double elapsed_s, float progress) {
   double rate = elapsed_s > 0 ? (double)app->step_time.n / elapsed_s : 0;
   double eta = progress > 0.001f ? elapsed_s * (1 - (double)progress) / (double)progress : 0;
   if (app->cfg.steps)
-    log_line(app, SV_LOG_LIVE, "train  %u/%u steps  %.0f steps/s  loss %.4f  ETA %.0f s", app->trainer.step, app->cfg.steps,
-             rate, app->loss_mean, eta);
-  else log_line(app, SV_LOG_LIVE, "train  %u steps  %.0f steps/s  loss %.4f  %.0f of %.0f s", app->trainer.step, rate,
-                app->loss_mean, elapsed_s, app->cfg.time_limit_s);
+    log_line(app, SV_LOG_LIVE, "train  %u/%u steps  %.0f steps/s  loss %.4f  ETA %.0f s", app->trainer.step,
+             app->cfg.steps, rate, app->loss_mean, eta);
+  else
+    log_line(app, SV_LOG_LIVE, "train  %u steps  %.0f steps/s  loss %.4f  %.0f of %.0f s", app->trainer.step,
+             rate, app->loss_mean, elapsed_s, app->cfg.time_limit_s);
 }
 
 static sv_status save_running(sv_app *app, sv_err *err) {
@@ -279,7 +302,8 @@ static sv_status train_loop(sv_app *app, sv_err *err) {
   double t0 = seconds(app), last_live = t0, last_save = t0, now = t0;
   for (;;) {
     double elapsed = now - t0;
-    float progress = c->steps ? (float)app->trainer.step / (float)c->steps : (float)(elapsed / c->time_limit_s);
+    float progress =
+        c->steps ? (float)app->trainer.step / (float)c->steps : (float)(elapsed / c->time_limit_s);
     app->train_s = elapsed;
     if (progress >= 1.0f || (c->time_limit_s > 0 && elapsed >= c->time_limit_s)) return SV_OK;
     if (is_stop_requested(app)) return SV_E_INTERRUPTED;
@@ -320,8 +344,8 @@ sv_status sv_app_run(sv_app *app, sv_err *err) {
     }
   }
   if (s == SV_E_INTERRUPTED && app->state == SV_APP_CAPTURING)
-    sv_fail(err, s, "stopped by request after %d of %d exposures, before training: nothing was saved", app->exposures.n,
-            app->cfg.n_exposures);
+    sv_fail(err, s, "stopped by request after %d of %d exposures, before training: nothing was saved",
+            app->exposures.n, app->cfg.n_exposures);
   else if (s == SV_E_INTERRUPTED) {
     sv_fail(err, s, "stopped by request after %u steps; what was trained is saved", app->trainer.step);
     app->state = SV_APP_DONE;

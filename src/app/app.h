@@ -18,25 +18,32 @@ extern "C" {
 #define SV_APP_REPORT_BYTES (64 * 1024)
 #define SV_APP_TIME_BINS    256
 
-typedef enum { SV_APP_IDLE, SV_APP_CAPTURING, SV_APP_TRAINING, SV_APP_SAVING, SV_APP_DONE, SV_APP_FAILED } sv_app_state;
+typedef enum {
+  SV_APP_IDLE,
+  SV_APP_CAPTURING,
+  SV_APP_TRAINING,
+  SV_APP_SAVING,
+  SV_APP_DONE,
+  SV_APP_FAILED
+} sv_app_state;
 const char *sv_app_state_name(sv_app_state s);
 
 typedef struct {
   const sv_rig *rig;
   int n_cameras;
-  const sv_camera_caps *caps;   // [n_cameras]
-  const char *source_name;      // for the report
+  const sv_camera_caps *caps; // [n_cameras]
+  const char *source_name;    // for the report
   int n_exposures;
   sv_ns skew_limit_ns;
-  sv_ns capture_timeout_ns;     // host time without any exposure after which capture gives up
+  sv_ns capture_timeout_ns; // host time without any exposure after which capture gives up
   uint64_t sub_view_mask[SV_CAP_SUB_VIEWS / 64]; // train on these only; all zero: on all
-  sv_train_cfg train;           // caps and views are filled in by init
-  uint32_t steps;               // 0: until the time limit
-  double time_limit_s;          // of training; 0: none
-  bool has_bounds;              // the scene lies in `bounds`: start there; else start from the pictures
+  sv_train_cfg train;                            // caps and views are filled in by init
+  uint32_t steps;                                // 0: until the time limit
+  double time_limit_s;                           // of training; 0: none
+  bool has_bounds; // the scene lies in `bounds`: start there; else start from the pictures
   sv_bounds bounds;
-  bool is_resume;               // go on from checkpoint.bin when it is there
-  double save_every_s;          // checkpoint and preview during training; 0: only at the end
+  bool is_resume;      // go on from checkpoint.bin when it is there
+  double save_every_s; // checkpoint and preview during training; 0: only at the end
 } sv_app_cfg;
 
 // Durations in bins of an eighth of an octave, from 1 microsecond.
@@ -65,22 +72,23 @@ typedef struct {
   char *report;                 // [SV_APP_REPORT_BYTES]
   uint8_t *checkpoint;          // [checkpoint_bytes] read buffer for resume
   size_t checkpoint_bytes;
-  uint8_t *preview;             // two views side by side, RGB
+  uint8_t *preview; // two views side by side, RGB
   sv_ply_writer ply;
   sv_time_stats step_time;
   sv_step_stats last;
-  double loss_mean;             // running mean
-  double train_s;               // seconds spent training
+  double loss_mean; // running mean
+  double train_s;   // seconds spent training
   uint64_t n_device_errors;
 } sv_app;
 
 // Sizes that follow from the cfg: caps of the trainer.
 sv_train_cfg sv_app_train_cfg(const sv_app_cfg *cfg, int n_threads);
 // The memory of a run: the parts and their sum are in `dry` (sv_arena_dry()) afterwards. `app` is workspace.
-sv_status sv_app_plan(sv_app *app, const sv_app_cfg *cfg, int n_threads, sv_arena *dry, sv_err *err) SV_MUST_USE;
-// Carves everything and seals the arena. cfg->rig, caps, k, port's objects and arena must outlive the app.
-sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, const sv_port *port, sv_arena *arena,
+sv_status sv_app_plan(sv_app *app, const sv_app_cfg *cfg, int n_threads, sv_arena *dry,
                       sv_err *err) SV_MUST_USE;
+// Carves everything and seals the arena. cfg->rig, caps, k, port's objects and arena must outlive the app.
+sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, const sv_port *port,
+                      sv_arena *arena, sv_err *err) SV_MUST_USE;
 
 // Capture, train, save. E_INTERRUPTED after a stop request: what was trained is saved. E_NOT_FOUND when the
 // source ended without an exposure.
@@ -91,7 +99,7 @@ sv_status sv_app_mse(sv_app *app, const sv_view *view, const uint8_t *rgb, doubl
 // The same over the training pictures: mean PSNR.
 sv_status sv_app_training_psnr(sv_app *app, double *psnr) SV_MUST_USE;
 
-// --- pieces (report.c, save.c) -----------------------------------------------------------------------------
+// --- pieces (report.c, save.c) -------------------------------------------------------------------
 sv_status sv_app_save_model(sv_app *app, sv_err *err) SV_MUST_USE;      // model.ply
 sv_status sv_app_save_checkpoint(sv_app *app, sv_err *err) SV_MUST_USE; // checkpoint.bin
 sv_status sv_app_resume(sv_app *app, sv_err *err) SV_MUST_USE;          // AGAIN: there is no checkpoint

@@ -29,20 +29,24 @@ static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a
       *s = (sv_sub_view_store){.at = at, .bytes = bytes};
       s->map.entries = entries;
       if (!sv_pinhole_for_model(m, SV_PINHOLE_CROP_TO_VALID, &s->pinhole))
-        return sv_fail(err, SV_E_RANGE, "rig \"%s\", sub-view \"%s\": the lens distortion leaves no rectangular view without "
-                       "black corners", rig->name, rig->sub_views[i].name);
+        return sv_fail(err, SV_E_RANGE,
+                       "rig \"%s\", sub-view \"%s\": the lens distortion leaves no rectangular view without "
+                       "black corners",
+                       rig->name, rig->sub_views[i].name);
     }
     at += bytes;
   }
   e->exposure_bytes = at;
   e->px = SV_TAKE(a, uint8_t, (size_t)cfg->cap_exposures * at);
-  return a->status < 0 ? sv_fail(err, a->status, "no room for %d exposures of %zu bytes", cfg->cap_exposures, at) : SV_OK;
+  return a->status < 0
+             ? sv_fail(err, a->status, "no room for %d exposures of %zu bytes", cfg->cap_exposures, at)
+             : SV_OK;
 }
 
 sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *arena, sv_err *err) {
   if (cfg->cap_exposures < 1 || cfg->rig->n_sub_views < 1)
-    return sv_fail(err, SV_E_ARG, "%d exposures of %d sub-views, expected at least one of each", cfg->cap_exposures,
-                   cfg->rig->n_sub_views);
+    return sv_fail(err, SV_E_ARG, "%d exposures of %d sub-views, expected at least one of each",
+                   cfg->cap_exposures, cfg->rig->n_sub_views);
   memset(e, 0, sizeof *e);
   e->cfg = *cfg;
   sv_status s = carve(e, cfg, arena, err);
@@ -51,8 +55,8 @@ sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_are
     if (!v->map.entries) continue;
     s = sv_remap_build(&v->map, &cfg->rig->sub_views[i].model, &v->pinhole, v->map.entries);
     if (s < 0)
-      return sv_fail(err, s, "rig \"%s\", sub-view \"%s\": no undistortion table for %dx%d pixels", cfg->rig->name,
-                     cfg->rig->sub_views[i].name, v->pinhole.width_px, v->pinhole.height_px);
+      return sv_fail(err, s, "rig \"%s\", sub-view \"%s\": no undistortion table for %dx%d pixels",
+                     cfg->rig->name, cfg->rig->sub_views[i].name, v->pinhole.width_px, v->pinhole.height_px);
   }
   return s;
 }
@@ -70,19 +74,27 @@ static void copy_task(void *arg, int i_task, int i_thread) {
   const copy_job *j = arg;
   const sv_sub_view *sv = &j->e->cfg.rig->sub_views[j->i_sub];
   const sv_sub_view_store *s = &j->e->sub[j->i_sub];
-  int w = s->pinhole.width_px, y0 = i_task * ROWS_PER_TASK, y1 = sv_mini(y0 + ROWS_PER_TASK, s->pinhole.height_px);
+  int w = s->pinhole.width_px, y0 = i_task * ROWS_PER_TASK,
+      y1 = sv_mini(y0 + ROWS_PER_TASK, s->pinhole.height_px);
   const uint8_t *src = j->frame->data + (size_t)sv->footprint.y0_px * (size_t)j->frame->stride_bytes +
                        (size_t)sv->footprint.x0_px * 3;
   (void)i_thread;
   if (!s->map.entries) {
     for (int y = y0; y < y1; y++)
-      memcpy(j->dst + (size_t)y * (size_t)w * 3, src + (size_t)y * (size_t)j->frame->stride_bytes, (size_t)w * 3);
+      memcpy(j->dst + (size_t)y * (size_t)w * 3, src + (size_t)y * (size_t)j->frame->stride_bytes,
+             (size_t)w * 3);
     return;
   }
-  sv_remap_args a = {.src = src, .src_width_px = sv->model.width_px, .src_height_px = sv->model.height_px,
+  sv_remap_args a = {.src = src,
+                     .src_width_px = sv->model.width_px,
+                     .src_height_px = sv->model.height_px,
                      .src_stride_bytes = (size_t)j->frame->stride_bytes,
-                     .table = (const sv_remap_tap *)(const void *)s->map.entries, .dst = j->dst, .dst_width_px = w,
-                     .dst_stride_bytes = (size_t)w * 3, .row0 = y0, .row1 = y1};
+                     .table = (const sv_remap_tap *)(const void *)s->map.entries,
+                     .dst = j->dst,
+                     .dst_width_px = w,
+                     .dst_stride_bytes = (size_t)w * 3,
+                     .row0 = y0,
+                     .row1 = y1};
   j->k->remap(&a);
 }
 
@@ -91,16 +103,17 @@ static sv_status check_frame(const sv_exposures *e, int i_sub, const sv_frame *f
   int w = sv->footprint.x0_px + sv->model.width_px, h = sv->footprint.y0_px + sv->model.height_px;
   bool is_shared = sv->footprint.width_px > 0;
   if (f->format != SV_PIX_RGB8)
-    return sv_fail(err, SV_E_UNSUPPORTED, "camera %d delivers pixel format %d; training takes RGB8 frames", sv->i_camera,
-                   (int)f->format);
+    return sv_fail(err, SV_E_UNSUPPORTED, "camera %d delivers pixel format %d; training takes RGB8 frames",
+                   sv->i_camera, (int)f->format);
   if (is_shared ? (f->width_px < w || f->height_px < h) : (f->width_px != w || f->height_px != h))
-    return sv_fail(err, SV_E_RANGE, "camera %d delivers %dx%d pixels, sub-view \"%s\" of the rig expects %dx%d", sv->i_camera,
+    return sv_fail(err, SV_E_RANGE,
+                   "camera %d delivers %dx%d pixels, sub-view \"%s\" of the rig expects %dx%d", sv->i_camera,
                    f->width_px, f->height_px, sv->name, w, h);
   return SV_OK;
 }
 
-sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const sv_frame *frame, const sv_kernels *k,
-                           const sv_pool *pool, sv_err *err) {
+sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const sv_frame *frame,
+                           const sv_kernels *k, const sv_pool *pool, sv_err *err) {
   const sv_rig *rig = e->cfg.rig;
   for (int i = 0; i < rig->n_sub_views; i++) {
     sv_status s = check_frame(e, i, &frame[rig->sub_views[i].i_camera], err);
@@ -108,7 +121,10 @@ sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const s
   }
   int slot = e->i_next;
   for (int i = 0; i < rig->n_sub_views; i++) {
-    copy_job j = {.e = e, .k = k, .frame = &frame[rig->sub_views[i].i_camera], .i_sub = i,
+    copy_job j = {.e = e,
+                  .k = k,
+                  .frame = &frame[rig->sub_views[i].i_camera],
+                  .i_sub = i,
                   .dst = e->px + (size_t)slot * e->exposure_bytes + e->sub[i].at};
     sv_pool_run(pool, copy_task, &j, (e->sub[i].pinhole.height_px + ROWS_PER_TASK - 1) / ROWS_PER_TASK);
   }
@@ -123,8 +139,10 @@ void sv_exposures_get(const sv_exposures *e, int i, int i_sub, sv_image_u8 *imag
   const sv_sub_view_store *s = &e->sub[i_sub];
   int w = s->pinhole.width_px, h = s->pinhole.height_px;
   *image = (sv_image_u8){e->px + (size_t)i * e->exposure_bytes + s->at, w, h, 3, w * 3};
-  sv_pose cam_from_world = sv_pose_mul(&e->cfg.rig->sub_views[i_sub].cam_from_rig, &e->exposure[i].rig_from_world);
-  *view = sv_view_make(w, h, s->pinhole.p[0], s->pinhole.p[1], s->pinhole.p[2], s->pinhole.p[3], &cam_from_world);
+  sv_pose cam_from_world =
+      sv_pose_mul(&e->cfg.rig->sub_views[i_sub].cam_from_rig, &e->exposure[i].rig_from_world);
+  *view =
+      sv_view_make(w, h, s->pinhole.p[0], s->pinhole.p[1], s->pinhole.p[2], s->pinhole.p[3], &cam_from_world);
   view->i_exposure = (int)e->exposure[i].id;
   view->i_sub_view = i_sub;
 }

@@ -29,20 +29,21 @@ typedef struct {
   sv_exposures_cfg cfg;
   sv_sub_view_store *sub; // [n_sub_views]
   size_t exposure_bytes;
-  uint8_t *px;            // [cap_exposures][exposure_bytes]
-  sv_exposure *exposure;  // [cap_exposures]
-  int n;                  // exposures held
-  int i_next;             // slot that the next one goes to
+  uint8_t *px;           // [cap_exposures][exposure_bytes]
+  sv_exposure *exposure; // [cap_exposures]
+  int n;                 // exposures held
+  int i_next;            // slot that the next one goes to
   uint64_t n_replaced;
 } sv_exposures;
 
 // E_RANGE with a sentence when a lens has no usable pinhole view. The remap tables are built here.
-sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *arena, sv_err *err) SV_MUST_USE;
+sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *arena,
+                            sv_err *err) SV_MUST_USE;
 
 // Copies one synchronized set of RGB8 frames (frame[i_camera]) into the pool. The frames are free afterwards.
 // E_UNSUPPORTED for other pixel formats, E_RANGE when a frame's size is not the rig's.
-sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const sv_frame *frame, const sv_kernels *k,
-                           const sv_pool *pool, sv_err *err) SV_MUST_USE;
+sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const sv_frame *frame,
+                           const sv_kernels *k, const sv_pool *pool, sv_err *err) SV_MUST_USE;
 
 // Picture and view of sub-view i_sub of exposure i (0: slot order).
 void sv_exposures_get(const sv_exposures *e, int i, int i_sub, sv_image_u8 *image, sv_view *view);

@@ -5,7 +5,7 @@
 #include "src/app/app.h"
 #include "src/base/mathx.h"
 
-// --- durations -----------------------------------------------------------------------------------------------
+// --- durations -----------------------------------------------------------------------------------
 
 static int bin_of(double us) {
   if (!(us > 1)) return 0;
@@ -32,7 +32,7 @@ double sv_time_stats_percentile_s(const sv_time_stats *t, double percent) {
   return t->max_s;
 }
 
-// --- memory map ----------------------------------------------------------------------------------------------
+// --- memory map ----------------------------------------------------------------------------------
 
 void sv_app_memory_map(sv_str *out, const sv_arena *a, bool is_json) {
   for (int i = 0; i < a->n_parts; i++) {
@@ -43,7 +43,7 @@ void sv_app_memory_map(sv_str *out, const sv_arena *a, bool is_json) {
   }
 }
 
-// --- run.json ------------------------------------------------------------------------------------------------
+// --- run.json ------------------------------------------------------------------------------------
 
 static void add_ledger(sv_str *s, const sv_app *app) {
   sv_str_add(s, "  \"ledger\": [");
@@ -52,10 +52,12 @@ static void add_ledger(sv_str *s, const sv_app *app) {
     sv_str_add(s, "%s\n    {\"camera\": \"", i ? "," : "");
     sv_str_add_json(s, app->cfg.caps[i].name);
     sv_str_add(s, "\", \"captured\": %llu, \"delivered\": %llu, \"pending\": %llu, \"dropped\": {",
-               (unsigned long long)l->captured, (unsigned long long)l->delivered, (unsigned long long)l->pending);
+               (unsigned long long)l->captured, (unsigned long long)l->delivered,
+               (unsigned long long)l->pending);
     for (int r = 0, n = 0; r < SV_N_DROPS; r++)
       if (l->dropped[r])
-        sv_str_add(s, "%s\"%s\": %llu", n++ ? ", " : "", sv_drop_name((sv_drop_reason)r), (unsigned long long)l->dropped[r]);
+        sv_str_add(s, "%s\"%s\": %llu", n++ ? ", " : "", sv_drop_name((sv_drop_reason)r),
+                   (unsigned long long)l->dropped[r]);
     sv_str_add(s, "}, \"is_exact\": %s}", sv_ledger_is_exact(l) ? "true" : "false");
   }
   sv_str_add(s, "\n  ],\n");
@@ -67,10 +69,13 @@ static void add_settings(sv_str *s, const sv_app *app) {
   sv_str_add_json(s, app->cfg.source_name);
   sv_str_add(s, "\",\n  \"rig\": \"");
   sv_str_add_json(s, app->cfg.rig->name);
-  sv_str_add(s, "\",\n  \"gaussians\": %d,\n  \"sh_degree\": %d,\n  \"seed\": %llu,\n  \"threads\": %d,\n  \"isa\": \"%s\",\n",
-             t->n_gaussians, t->sh_degree, (unsigned long long)t->seed, t->n_threads, sv_isa_name(app->k->isa));
-  sv_str_add(s, "  \"exposures\": %d,\n  \"views\": %d,\n  \"is_antialiased\": %s,\n", app->exposures.n, app->trainer.n_views,
-             t->is_antialiased ? "true" : "false");
+  sv_str_add(s,
+             "\",\n  \"gaussians\": %d,\n  \"sh_degree\": %d,\n  \"seed\": %llu,\n  \"threads\": %d,\n  "
+             "\"isa\": \"%s\",\n",
+             t->n_gaussians, t->sh_degree, (unsigned long long)t->seed, t->n_threads,
+             sv_isa_name(app->k->isa));
+  sv_str_add(s, "  \"exposures\": %d,\n  \"views\": %d,\n  \"is_antialiased\": %s,\n", app->exposures.n,
+             app->trainer.n_views, t->is_antialiased ? "true" : "false");
 }
 
 static void add_timing(sv_str *s, const sv_app *app) {
@@ -81,8 +86,8 @@ static void add_timing(sv_str *s, const sv_app *app) {
              t->n ? 1e3 * t->sum_s / (double)t->n : 0.0, 1e3 * sv_time_stats_percentile_s(t, 50),
              1e3 * sv_time_stats_percentile_s(t, 99), 1e3 * t->max_s);
   sv_str_add(s, "  \"skew_us\": {\"p50\": %.1f, \"p99\": %.1f, \"max\": %.1f},\n",
-             (double)sv_skew_percentile_ns(&app->sync.skew, 50) * 1e-3, (double)sv_skew_percentile_ns(&app->sync.skew, 99) * 1e-3,
-             (double)app->sync.skew.max_ns * 1e-3);
+             (double)sv_skew_percentile_ns(&app->sync.skew, 50) * 1e-3,
+             (double)sv_skew_percentile_ns(&app->sync.skew, 99) * 1e-3, (double)app->sync.skew.max_ns * 1e-3);
 }
 
 sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) {
@@ -91,14 +96,17 @@ sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) {
   sv_str_add(&s, "{\n  \"version\": 1,\n  \"state\": \"%s\",\n", sv_app_state_name(app->state));
   add_settings(&s, app);
   sv_str_add(&s, "  \"steps\": %u,\n  \"digest\": \"%08x%08x\",\n  \"loss\": %.6f,\n", app->trainer.step,
-             (unsigned)(sv_train_digest(&app->trainer) >> 32), (unsigned)sv_train_digest(&app->trainer), app->loss_mean);
+             (unsigned)(sv_train_digest(&app->trainer) >> 32), (unsigned)sv_train_digest(&app->trainer),
+             app->loss_mean);
   if (extra) sv_str_add(&s, "  %s,\n", extra);
-  sv_str_add(&s, "  \"relocated\": %u,\n  \"dropped_splats\": %u,\n  \"device_errors\": %llu,\n", app->trainer.n_relocated,
-             app->trainer.render.stats.n_dropped, (unsigned long long)app->n_device_errors);
+  sv_str_add(&s, "  \"relocated\": %u,\n  \"dropped_splats\": %u,\n  \"device_errors\": %llu,\n",
+             app->trainer.n_relocated, app->trainer.render.stats.n_dropped,
+             (unsigned long long)app->n_device_errors);
   add_timing(&s, app);
   add_ledger(&s, app);
-  sv_str_add(&s, "  \"memory\": {\"arena_bytes\": %zu, \"used_bytes\": %zu, \"high_bytes\": %zu, \"parts\": [", app->arena->cap_bytes,
-             app->arena->used_bytes, app->arena->high_bytes);
+  sv_str_add(&s,
+             "  \"memory\": {\"arena_bytes\": %zu, \"used_bytes\": %zu, \"high_bytes\": %zu, \"parts\": [",
+             app->arena->cap_bytes, app->arena->used_bytes, app->arena->high_bytes);
   sv_app_memory_map(&s, app->arena, true);
   sv_str_add(&s, "]}\n}\n");
   if (s.is_cut) return sv_fail(err, SV_E_NOMEM, "run.json: longer than %d bytes", SV_APP_REPORT_BYTES);

@@ -35,8 +35,11 @@ sv_status sv_app_resume(sv_app *app, sv_err *err) {
   sv_store *st = &app->port.store;
   sv_status s = st->read(st->self, "checkpoint.bin", app->checkpoint, app->checkpoint_bytes, &bytes, err);
   if (s == SV_E_NOT_FOUND) return SV_AGAIN;
-  if (s == SV_E_NOMEM) return sv_fail(err, SV_E_RANGE, "checkpoint.bin is larger than this run's %zu bytes: it was made with other "
-                                      "settings", app->checkpoint_bytes);
+  if (s == SV_E_NOMEM)
+    return sv_fail(err, SV_E_RANGE,
+                   "checkpoint.bin is larger than this run's %zu bytes: it was made with other "
+                   "settings",
+                   app->checkpoint_bytes);
   if (s < 0) return s;
   return sv_checkpoint_read(&app->trainer, "checkpoint.bin", app->checkpoint, bytes, err);
 }

@@ -27,10 +27,12 @@ static void noise_picture(uint8_t *px, uint64_t seed) {
       }
 }
 
-static sv_status train(sv_selftest *t, const sv_kernels *k, const sv_pool *pool, sv_arena *a, sv_selftest_line *out) {
+static sv_status train(sv_selftest *t, const sv_kernels *k, const sv_pool *pool, sv_arena *a,
+                       sv_selftest_line *out) {
   sv_err err;
   sv_train_cfg c = sv_train_defaults();
-  c.n_gaussians = N_GAUSSIANS, c.sh_degree = 3, c.cap_views = 2, c.cap_width_px = WIDTH, c.cap_height_px = HEIGHT;
+  c.n_gaussians = N_GAUSSIANS, c.sh_degree = 3, c.cap_views = 2, c.cap_width_px = WIDTH,
+  c.cap_height_px = HEIGHT;
   c.start_scale = 1, c.weight_tv = 1e-3f, c.is_antialiased = true, c.relocate_every = 3, c.relocate_from = 0;
   size_t mark = sv_arena_mark(a);
   sv_status s = sv_trainer_init(&t->trainer, &c, k, pool, a, &err);
@@ -46,7 +48,8 @@ static sv_status train(sv_selftest *t, const sv_kernels *k, const sv_pool *pool,
     noise_picture(px + i * WIDTH * HEIGHT * 3, (uint64_t)i + 1);
     if ((s = sv_train_add_view(&t->trainer, &view, &im, &err)) < 0) return s;
   }
-  sv_init_cfg init = {.kind = SV_INIT_SPHERE, .radius = 1.0f, .opacity = 0.3f, .scale_factor = 1.0f, .seed = 3};
+  sv_init_cfg init = {
+      .kind = SV_INIT_SPHERE, .radius = 1.0f, .opacity = 0.3f, .scale_factor = 1.0f, .seed = 3};
   if ((s = sv_train_start(&t->trainer, &init, NULL, 0, &scratch)) < 0) return s;
   for (int i = 0; i < N_STEPS; i++) {
     sv_step_stats st;
@@ -71,7 +74,8 @@ static void fill_pictures(pictures_work *w) {
   for (int i = 0; i < WIDTH * HEIGHT; i++) {
     bool is_none = sv_rng_below(&rng, 50) == 0;
     w->table[i] = (sv_remap_tap){is_none ? SV_REMAP_NONE : (int16_t)sv_rng_below(&rng, WIDTH),
-                                 (int16_t)sv_rng_below(&rng, HEIGHT), (uint8_t)sv_rng_u32(&rng), (uint8_t)sv_rng_u32(&rng)};
+                                 (int16_t)sv_rng_below(&rng, HEIGHT), (uint8_t)sv_rng_u32(&rng),
+                                 (uint8_t)sv_rng_u32(&rng)};
   }
   for (int c = 0; c < 3; c++)
     for (int i = 0; i < STRIDE * HEIGHT; i++) w->plane[c][i] = sv_rng_f(&rng);
@@ -80,13 +84,23 @@ static void fill_pictures(pictures_work *w) {
 static uint64_t pictures(const sv_kernels *k, pictures_work *w) {
   uint64_t h = 14695981039346656037ull;
   fill_pictures(w);
-  sv_remap_args r = {.src = w->src, .src_width_px = WIDTH, .src_height_px = HEIGHT, .src_stride_bytes = WIDTH * 3,
-                     .table = w->table, .dst = w->dst, .dst_width_px = WIDTH, .dst_stride_bytes = WIDTH * 3,
+  sv_remap_args r = {.src = w->src,
+                     .src_width_px = WIDTH,
+                     .src_height_px = HEIGHT,
+                     .src_stride_bytes = WIDTH * 3,
+                     .table = w->table,
+                     .dst = w->dst,
+                     .dst_width_px = WIDTH,
+                     .dst_stride_bytes = WIDTH * 3,
                      .row1 = HEIGHT};
   k->remap(&r);
   h = fold(h, w->dst, sizeof w->dst);
-  sv_pack_args p = {.src = {w->plane[0], w->plane[1], w->plane[2]}, .width_px = WIDTH, .stride = STRIDE, .dst = w->dst,
-                    .dst_stride_bytes = WIDTH * 3, .row1 = HEIGHT};
+  sv_pack_args p = {.src = {w->plane[0], w->plane[1], w->plane[2]},
+                    .width_px = WIDTH,
+                    .stride = STRIDE,
+                    .dst = w->dst,
+                    .dst_stride_bytes = WIDTH * 3,
+                    .row1 = HEIGHT};
   k->pack(&p);
   h = fold(h, w->dst, sizeof w->dst);
   sv_curve_args c = {.src = w->plane[0], .dst = w->out, .slope = w->slope, .n = STRIDE * HEIGHT};
@@ -94,8 +108,15 @@ static uint64_t pictures(const sv_kernels *k, pictures_work *w) {
   h = fold(fold(h, w->out, sizeof w->out), w->slope, sizeof w->slope);
   k->linear_to_srgb(&c);
   h = fold(fold(h, w->out, sizeof w->out), w->slope, sizeof w->slope);
-  sv_resize_args z = {.src = w->plane[1], .src_width_px = WIDTH, .src_height_px = HEIGHT, .src_stride = STRIDE,
-                      .dst = w->out, .dst_width_px = 61, .dst_height_px = 33, .dst_stride = 64, .row1 = 33,
+  sv_resize_args z = {.src = w->plane[1],
+                      .src_width_px = WIDTH,
+                      .src_height_px = HEIGHT,
+                      .src_stride = STRIDE,
+                      .dst = w->out,
+                      .dst_width_px = 61,
+                      .dst_height_px = 33,
+                      .dst_stride = 64,
+                      .row1 = 33,
                       .scratch = w->scratch};
   k->resize(&z);
   h = fold(h, w->out, 64 * 33 * sizeof(float));
@@ -104,7 +125,8 @@ static uint64_t pictures(const sv_kernels *k, pictures_work *w) {
   return fold(h, w->out, 64 * (HEIGHT / 2) * sizeof(float));
 }
 
-static void compare(sv_selftest *t, sv_selftest_line l, const sv_selftest_line *ref, const char *what, bool has_loss) {
+static void compare(sv_selftest *t, sv_selftest_line l, const sv_selftest_line *ref, const char *what,
+                    bool has_loss) {
   l.what = what;
   l.is_exact = l.isa != SV_ISA_SSE41;
   l.expected = ref->digest, l.expected_loss = ref->loss;
@@ -127,7 +149,9 @@ sv_status sv_selftest_run(sv_selftest *t, sv_arena *arena, sv_err *err) {
     if (!(sv_cpu_isas() & SV_ISA_BIT(isa))) continue;
     sv_kernels_init(&k, sv_isa_only((sv_isa)isa));
     sv_status s = train(t, &k, &pool, arena, &l);
-    if (s < 0) return sv_fail(err, s, "the selftest could not train with the %s kernels: %s", sv_isa_name((sv_isa)isa), sv_status_text(s));
+    if (s < 0)
+      return sv_fail(err, s, "the selftest could not train with the %s kernels: %s", sv_isa_name((sv_isa)isa),
+                     sv_status_text(s));
     if (isa == SV_ISA_REF) training = l;
     else compare(t, l, &training, "training", true);
     l.digest = pictures(&k, w);

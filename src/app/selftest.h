@@ -13,7 +13,7 @@ extern "C" {
 
 typedef struct {
   sv_isa isa;
-  const char *what;         // "training" or "pictures"
+  const char *what; // "training" or "pictures"
   uint64_t digest, expected;
   double loss, expected_loss; // of the last training step
   bool is_exact, is_ok;

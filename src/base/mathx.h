@@ -12,14 +12,14 @@ extern "C" {
 
 #define SV_PI 3.14159265358979323846
 
-double sv_exp(double x);              // rel. error < 1e-15 on [-700, 700]; 0 below, inf above
-double sv_log(double x);              // rel. error < 1e-15; -inf at 0, NaN below
-double sv_pow(double x, double y);    // x > 0; exp(y log x), rel. error < 1e-14 for |y log x| < 30
-double sv_sin(double x_rad);          // abs. error < 1e-15 for |x| < 1e5
+double sv_exp(double x);           // rel. error < 1e-15 on [-700, 700]; 0 below, inf above
+double sv_log(double x);           // rel. error < 1e-15; -inf at 0, NaN below
+double sv_pow(double x, double y); // x > 0; exp(y log x), rel. error < 1e-14 for |y log x| < 30
+double sv_sin(double x_rad);       // abs. error < 1e-15 for |x| < 1e5
 double sv_cos(double x_rad);
 double sv_tan(double x_rad);
-double sv_atan2(double y, double x);  // abs. error < 1e-15
-double sv_acos(double x);             // through atan2: full accuracy near 1 and -1
+double sv_atan2(double y, double x); // abs. error < 1e-15
+double sv_acos(double x);            // through atan2: full accuracy near 1 and -1
 
 static inline float sv_minf(float a, float b) { return a < b ? a : b; }
 static inline float sv_maxf(float a, float b) { return a > b ? a : b; }

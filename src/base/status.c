@@ -8,7 +8,8 @@
 const char *sv_status_name(sv_status s) {
   switch (s) {
 #define X(name, code, sentence)                                                                              \
-  case code: return #name;
+  case code:                                                                                                 \
+    return #name;
 #include "src/base/status.inc"
 #undef X
   default: return "?";
@@ -18,7 +19,8 @@ const char *sv_status_name(sv_status s) {
 const char *sv_status_text(sv_status s) {
   switch (s) {
 #define X(name, code, sentence)                                                                              \
-  case code: return sentence;
+  case code:                                                                                                 \
+    return sentence;
 #include "src/base/status.inc"
 #undef X
   default: return "?";

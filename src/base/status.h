@@ -17,7 +17,7 @@ typedef enum {
 typedef int sv_status;
 
 #if defined(__GNUC__)
-#define SV_MUST_USE __attribute__((warn_unused_result))
+#define SV_MUST_USE          __attribute__((warn_unused_result))
 #define SV_PRINTF(fmt, args) __attribute__((format(printf, fmt, args)))
 #else
 #define SV_MUST_USE

@@ -76,7 +76,7 @@ static size_t general(char *t, double x, int max_digits) {
   for (double b = a; b >= 10; b /= 10) e0++;
   for (double b = a; b < 1; b *= 10) e0--;
   for (int nd = 1;; nd++) {
-    int e = e0; // 0.998 is 1 with one digit, but not with three
+    int e = e0;         // 0.998 is 1 with one digit, but not with three
     int s = nd - 1 - e; // a * 10^s has nd digits before the point
     double m = s >= 0 ? (s > 300 ? a * pow10i(300) * pow10i(s - 300) : a * pow10i(s)) : a / pow10i(-s);
     double r = floor(m + 0.5);
@@ -165,7 +165,8 @@ static void put_real(out_t *o, char conv, const spec_t *s, double x) {
   char tmp[400];
   size_t n;
   if (x != x || x > DBL_MAX || x < -DBL_MAX) n = special(tmp, x);
-  else if (conv == 'f' && x < 1e18 && x > -1e18) n = fixed(tmp, x, s->prec < 0 ? 6 : s->prec > 12 ? 12 : s->prec);
+  else if (conv == 'f' && x < 1e18 && x > -1e18)
+    n = fixed(tmp, x, s->prec < 0 ? 6 : s->prec > 12 ? 12 : s->prec);
   else n = general(tmp, x, s->prec > 9 ? 17 : 9);
   put_padded(o, tmp, n, s->width, s->is_left, s->pad);
 }

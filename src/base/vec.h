@@ -31,7 +31,8 @@ static inline void sv_cross3(double out[3], const double a[3], const double b[3]
 static inline void sv_mul33(double out[9], const double a[9], const double b[9]) { // out may be a or b
   double c[9];
   for (int i = 0; i < 3; i++)
-    for (int j = 0; j < 3; j++) c[i * 3 + j] = a[i * 3] * b[j] + a[i * 3 + 1] * b[3 + j] + a[i * 3 + 2] * b[6 + j];
+    for (int j = 0; j < 3; j++)
+      c[i * 3 + j] = a[i * 3] * b[j] + a[i * 3 + 1] * b[3 + j] + a[i * 3 + 2] * b[6 + j];
   for (int i = 0; i < 9; i++) out[i] = c[i];
 }
 static inline void sv_apply33(double out[3], const double a[9], const double v[3]) { // out may be v
@@ -51,8 +52,8 @@ bool sv_pose_look_at(sv_pose *cam_from_world, const double eye[3], const double 
 
 void sv_quat_to_mat(double r[9], const double q_wxyz[4]); // q is normalised on use
 void sv_quat_from_mat(double q_wxyz[4], const double r[9]);
-void sv_rodrigues(double r[9], const double w_rad[3]);          // rotation vector -> matrix
-void sv_rodrigues_inv(double w_rad[3], const double r[9]);      // matrix -> rotation vector, |w| <= pi
+void sv_rodrigues(double r[9], const double w_rad[3]);         // rotation vector -> matrix
+void sv_rodrigues_inv(double w_rad[3], const double r[9]);     // matrix -> rotation vector, |w| <= pi
 double sv_angle_between(const double a[3], const double b[3]); // radians, by atan2: exact for tiny angles
 // How far r is from a proper rotation: max |r r^T - I|, plus 1 when the determinant is negative.
 double sv_rotation_error(const double r[9]);

@@ -31,38 +31,23 @@ static const struct {
 
 sv_status sv_colmap_open(sv_colmap *c, const char *name, const void *buf, size_t bytes, bool is_binary,
                          sv_err *err) {
-  *c = (sv_colmap){.name = name, .buf = buf, .bytes = bytes, .is_binary = is_binary};
+  *c = (sv_colmap){.text = {.name = name, .buf = buf, .bytes = bytes}, .is_binary = is_binary};
   if (!is_binary) return SV_OK;
   if (bytes < 8) return sv_fail(err, SV_E_FORMAT, "%s: shorter than the 8 bytes of its count", name);
-  c->n = sv_le64(c->buf);
-  c->at = 8;
+  c->n = sv_le64(c->text.buf);
+  c->text.at = 8;
   return SV_OK;
 }
 
 static sv_status fail_at(const sv_colmap *c, sv_err *err, sv_status s, const char *what) {
-  if (c->is_binary) return sv_fail(err, s, "%s: record %llu: %s", c->name, (unsigned long long)c->i, what);
-  return sv_fail(err, s, "%s:%d: %s", c->name, c->line, what);
+  if (c->is_binary)
+    return sv_fail(err, s, "%s: record %llu: %s", c->text.name, (unsigned long long)c->i, what);
+  return sv_fail(err, s, "%s:%d: %s", c->text.name, c->text.line, what);
 }
 
-// --- text ------------------------------------------------------------------------------------------
-typedef struct {
-  const char *t;
-  size_t n;
-} word;
-
-static bool next_line(sv_colmap *c, word *out) {
-  if (c->at >= c->bytes) return false;
-  const char *from = (const char *)c->buf + c->at, *nl = memchr(from, '\n', c->bytes - c->at);
-  size_t n = nl ? (size_t)(nl - from) : c->bytes - c->at;
-  c->at += nl ? n + 1 : n;
-  c->line++;
-  while (n && (from[n - 1] == '\r' || from[n - 1] == ' ' || from[n - 1] == '\t')) n--;
-  *out = (word){from, n};
-  return true;
-}
-
-static bool next_record(sv_colmap *c, word *out) { // comments and blank lines are passed over
-  while (next_line(c, out)) {
+// --- text ----------------------------------------------------------------------------------------
+static bool next_record(sv_colmap *c, sv_word *out) { // comments and blank lines are passed over
+  while (sv_text_line(&c->text, out)) {
     size_t i = 0;
     while (i < out->n && (out->t[i] == ' ' || out->t[i] == '\t')) i++;
     out->t += i, out->n -= i;
@@ -71,48 +56,40 @@ static bool next_record(sv_colmap *c, word *out) { // comments and blank lines a
   return false;
 }
 
-static word next_word(word *line) {
-  size_t i = 0, j;
-  while (i < line->n && (line->t[i] == ' ' || line->t[i] == '\t')) i++;
-  for (j = i; j < line->n && line->t[j] != ' ' && line->t[j] != '\t';) j++;
-  word w = {line->t + i, j - i};
-  line->t += j, line->n -= j;
-  return w;
-}
-
-static bool take_double(word *line, double *v) {
-  word w = next_word(line);
+static bool take_double(sv_word *line, double *v) {
+  sv_word w = sv_word_next(line);
   return sv_parse_double(w.t, w.n, v);
 }
 
-static bool take_u32(word *line, uint32_t *v) {
-  word w = next_word(line);
+static bool take_u32(sv_word *line, uint32_t *v) {
+  sv_word w = sv_word_next(line);
   long long x;
   if (!sv_parse_int(w.t, w.n, &x) || x < 0 || x > UINT32_MAX) return false;
   *v = (uint32_t)x;
   return true;
 }
 
-// --- binary ----------------------------------------------------------------------------------------
+// --- binary --------------------------------------------------------------------------------------
 static const uint8_t *take(sv_colmap *c, uint64_t bytes) { // NULL when the file is too short
-  if (bytes > c->bytes - c->at) return NULL;
-  const uint8_t *p = c->buf + c->at;
-  c->at += (size_t)bytes;
+  if (bytes > c->text.bytes - c->text.at) return NULL;
+  const uint8_t *p = c->text.buf + c->text.at;
+  c->text.at += (size_t)bytes;
   return p;
 }
 
 static sv_status cut(const sv_colmap *c, sv_err *err) {
-  return sv_fail(err, SV_E_FORMAT, "%s: %llu records were announced, the file ends in record %llu", c->name,
-                 (unsigned long long)c->n, (unsigned long long)c->i);
+  return sv_fail(err, SV_E_FORMAT, "%s: %llu records were announced, the file ends in record %llu",
+                 c->text.name, (unsigned long long)c->n, (unsigned long long)c->i);
 }
 
 static sv_status end_of_binary(const sv_colmap *c, sv_err *err) {
-  if (c->at != c->bytes)
-    return sv_fail(err, SV_E_FORMAT, "%s: %zu bytes after the last record", c->name, c->bytes - c->at);
+  if (c->text.at != c->text.bytes)
+    return sv_fail(err, SV_E_FORMAT, "%s: %zu bytes after the last record", c->text.name,
+                   c->text.bytes - c->text.at);
   return SV_END;
 }
 
-// --- cameras ---------------------------------------------------------------------------------------
+// --- cameras -------------------------------------------------------------------------------------
 static sv_status make_camera(const sv_colmap *c, int model, const uint64_t size[2], const double *params,
                              sv_camera_model *m, sv_err *err) {
   *m = (sv_camera_model){.kind = models[model].kind};
@@ -139,13 +116,13 @@ static sv_status unsupported(const sv_colmap *c, const char *name, size_t n, sv_
 }
 
 static sv_status text_camera(sv_colmap *c, sv_colmap_camera *out, sv_err *err) {
-  word line;
+  sv_word line;
   uint32_t size[2];
   double params[12];
   int model = 0;
   if (!next_record(c, &line)) return SV_END;
   bool ok = take_u32(&line, &out->id);
-  word name = next_word(&line);
+  sv_word name = sv_word_next(&line);
   ok = ok && take_u32(&line, &size[0]) && take_u32(&line, &size[1]);
   if (!ok) return fail_at(c, err, SV_E_FORMAT, "CAMERA_ID MODEL WIDTH HEIGHT PARAMS... was expected");
   while (model < N_COLMAP_MODELS &&
@@ -156,7 +133,8 @@ static sv_status text_camera(sv_colmap *c, sv_colmap_camera *out, sv_err *err) {
   for (int i = 0; i < models[model].n_params; i++)
     if (!take_double(&line, &params[i]))
       return fail_at(c, err, SV_E_FORMAT, "a camera parameter is missing or malformed");
-  if (next_word(&line).n) return fail_at(c, err, SV_E_FORMAT, "too many parameters for the camera's model");
+  if (sv_word_next(&line).n)
+    return fail_at(c, err, SV_E_FORMAT, "too many parameters for the camera's model");
   return make_camera(c, model, (uint64_t[2]){size[0], size[1]}, params, &out->model, err);
 }
 
@@ -180,7 +158,7 @@ sv_status sv_colmap_next_camera(sv_colmap *c, sv_colmap_camera *out, sv_err *err
   return s;
 }
 
-// --- images ----------------------------------------------------------------------------------------
+// --- images --------------------------------------------------------------------------------------
 static sv_status make_pose(const sv_colmap *c, const double v[7], sv_pose *out, sv_err *err) {
   double n = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] + v[3] * v[3];
   if (!(n > 0.98 && n < 1.02)) return fail_at(c, err, SV_E_RANGE, "the quaternion is not of length 1");
@@ -202,7 +180,7 @@ static sv_status set_name(const sv_colmap *c, sv_colmap_image *out, const char *
 }
 
 static sv_status text_image(sv_colmap *c, sv_colmap_image *out, sv_err *err) {
-  word line, points;
+  sv_word line, points;
   double v[7];
   if (!next_record(c, &line)) return SV_END;
   bool ok = take_u32(&line, &out->id);
@@ -212,7 +190,7 @@ static sv_status text_image(sv_colmap *c, sv_colmap_image *out, sv_err *err) {
   while (line.n && (*line.t == ' ' || *line.t == '\t')) line.t++, line.n--;
   sv_status s = set_name(c, out, line.t, line.n, err); // the rest of the line: names may hold spaces
   if (s == SV_OK) s = make_pose(c, v, &out->cam_from_world, err);
-  (void)next_line(c, &points); // its 2D points stand on a line of their own, which may be empty
+  (void)sv_text_line(&c->text, &points); // its 2D points stand on a line of their own, which may be empty
   return s;
 }
 
@@ -224,21 +202,21 @@ sv_status sv_colmap_next_image(sv_colmap *c, sv_colmap_image *out, sv_err *err) 
   if (!p) return cut(c, err);
   out->id = sv_le32(p), out->camera_id = sv_le32(p + 60);
   for (int i = 0; i < 7; i++) v[i] = sv_lef64(p + 4 + 8 * i);
-  const uint8_t *name = c->buf + c->at, *end = memchr(name, 0, c->bytes - c->at);
+  const uint8_t *name = c->text.buf + c->text.at, *end = memchr(name, 0, c->text.bytes - c->text.at);
   if (!end) return cut(c, err);
-  c->at += (size_t)(end - name) + 1;
+  c->text.at += (size_t)(end - name) + 1;
   sv_status s = set_name(c, out, (const char *)name, (size_t)(end - name), err);
   if (s == SV_OK) s = make_pose(c, v, &out->cam_from_world, err);
   if (s != SV_OK) return s;
   p = take(c, 8);
   if (!p) return cut(c, err);
   uint64_t n2d = sv_le64(p);
-  if (n2d > c->bytes / 24 || !take(c, n2d * 24)) return cut(c, err);
+  if (n2d > c->text.bytes / 24 || !take(c, n2d * 24)) return cut(c, err);
   c->i++;
   return SV_OK;
 }
 
-// --- points ----------------------------------------------------------------------------------------
+// --- points --------------------------------------------------------------------------------------
 static sv_status check_point(const sv_colmap *c, const sv_colmap_point *p, sv_err *err) {
   for (int i = 0; i < 3; i++)
     if (!(fabs(p->xyz[i]) < 1e12)) return fail_at(c, err, SV_E_RANGE, "a coordinate is not finite");
@@ -246,10 +224,10 @@ static sv_status check_point(const sv_colmap *c, const sv_colmap_point *p, sv_er
 }
 
 static sv_status text_point(sv_colmap *c, sv_colmap_point *out, sv_err *err) {
-  word line;
+  sv_word line;
   if (!next_record(c, &line)) return SV_END;
   uint32_t rgb[3] = {0};
-  word id = next_word(&line);
+  sv_word id = sv_word_next(&line);
   long long v;
   bool ok = sv_parse_int(id.t, id.n, &v) && v >= 0;
   for (int i = 0; i < 3; i++) ok = ok && take_double(&line, &out->xyz[i]);
@@ -276,7 +254,7 @@ sv_status sv_colmap_next_point(sv_colmap *c, sv_colmap_point *out, sv_err *err) 
   for (int i = 0; i < 3; i++) out->xyz[i] = sv_lef64(p + 8 + 8 * i), out->rgb[i] = p[32 + i];
   out->error_px = sv_lef64(p + 35);
   uint64_t n = sv_le64(p + 43);
-  if (n > c->bytes / 8 || !take(c, n * 8)) return cut(c, err);
+  if (n > c->text.bytes / 8 || !take(c, n * 8)) return cut(c, err);
   out->n_track = (uint32_t)n;
   sv_status s = check_point(c, out, err);
   c->i++;

@@ -11,6 +11,7 @@
 
 #include "calib/model.h"
 #include "src/base/vec.h"
+#include "src/format/text.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -36,12 +37,9 @@ typedef struct {
 } sv_colmap_point;
 
 typedef struct {
-  const char *name; // of the file, for errors
-  const uint8_t *buf;
-  size_t bytes, at;
+  sv_text text;
   bool is_binary;
   uint64_t n, i; // binary: records announced, records read
-  int line;      // text: of the line last read
 } sv_colmap;
 
 // buf and name must outlive c. is_binary: the file's extension is .bin.

@@ -12,7 +12,7 @@
 
 #include "src/base/str.h"
 
-// --- grammar ---------------------------------------------------------------------------------------
+// --- grammar -------------------------------------------------------------------------------------
 typedef struct {
   const unsigned char *t;
   size_t n, i;
@@ -176,7 +176,7 @@ sv_status sv_json_parse(sv_json *j, const char *name, const char *text, size_t b
   return SV_OK;
 }
 
-// --- walking ---------------------------------------------------------------------------------------
+// --- walking -------------------------------------------------------------------------------------
 static bool is_type(const sv_json *j, int i, jsmntype_t type) {
   return i >= 0 && i < j->n_tok && j->tok[i].type == type;
 }
@@ -221,7 +221,7 @@ int sv_json_get(const sv_json *j, int i_object, const char *key) {
   return -1;
 }
 
-// --- errors ----------------------------------------------------------------------------------------
+// --- errors --------------------------------------------------------------------------------------
 // The key path of token i, written backwards from the end of buf; returns its start.
 static char *key_path(const sv_json *j, int i, char *buf, size_t cap) {
   char *p = buf + cap - 1;
@@ -274,7 +274,7 @@ static const char *kind_of(const sv_json *j, int i) {
   return sv_json_is_number(j, i) ? "a number" : is_null(j, i) ? "null" : "true or false";
 }
 
-// --- values ----------------------------------------------------------------------------------------
+// --- values --------------------------------------------------------------------------------------
 sv_status sv_json_double(const sv_json *j, int i, double *out, sv_err *err) {
   if (!sv_json_is_number(j, i))
     return sv_json_fail(j, i, err, SV_E_FORMAT, "a number was expected, found %s", kind_of(j, i));

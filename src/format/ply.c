@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "src/base/str.h"
+#include "src/format/text.h"
 #include "src/format/bytes.h"
 
 // Scalar types with both of PLY's spellings. scale: what a colour of this type is divided by.
@@ -32,15 +33,8 @@ enum {
   F_NONE = 255
 };
 
-typedef struct {
-  const char *t;
-  size_t n;
-} word;
-
-static bool is_word(word w, const char *s) { return strlen(s) == w.n && memcmp(w.t, s, w.n) == 0; }
-
 // "scale_2" with prefix "scale_" gives 2; -1 when it is not prefix and a number below 1000.
-static int indexed(word w, const char *prefix) {
+static int indexed(sv_word w, const char *prefix) {
   size_t n = strlen(prefix);
   long long v;
   if (w.n <= n || w.n > n + 3 || memcmp(w.t, prefix, n) != 0 || w.t[n] < '0' || w.t[n] > '9') return -1;
@@ -48,7 +42,7 @@ static int indexed(word w, const char *prefix) {
   return sv_parse_int(w.t + n, w.n - n, &v) ? (int)v : -1;
 }
 
-static int field_of(word w) {
+static int field_of(sv_word w) {
   static const struct {
     const char *name;
     int field;
@@ -70,7 +64,7 @@ static int field_of(word w) {
     int field, n;
   } numbered[] = {{"f_dc_", F_DC, 3}, {"f_rest_", F_REST, 45}, {"scale_", F_SCALE, 3}, {"rot_", F_ROT, 4}};
   for (size_t i = 0; i < sizeof plain / sizeof *plain; i++)
-    if (is_word(w, plain[i].name)) return plain[i].field;
+    if (sv_word_is(w, plain[i].name)) return plain[i].field;
   for (size_t i = 0; i < sizeof numbered / sizeof *numbered; i++) {
     int k = indexed(w, numbered[i].prefix);
     if (k >= 0 && k < numbered[i].n) return numbered[i].field + k;
@@ -78,34 +72,7 @@ static int field_of(word w) {
   return F_NONE;
 }
 
-// --- header ----------------------------------------------------------------------------------------
-typedef struct {
-  const char *name;
-  const uint8_t *buf;
-  size_t bytes, at;
-  int line; // of the line last read
-} lines;
-
-static bool next_line(lines *l, word *out) { // without its end; false at the end of the buffer
-  if (l->at >= l->bytes) return false;
-  const uint8_t *from = l->buf + l->at, *nl = memchr(from, '\n', l->bytes - l->at);
-  size_t n = nl ? (size_t)(nl - from) : l->bytes - l->at;
-  l->at += nl ? n + 1 : n;
-  l->line++;
-  while (n && from[n - 1] == '\r') n--;
-  *out = (word){(const char *)from, n};
-  return true;
-}
-
-static word next_word(word *line) {
-  size_t i = 0, j;
-  while (i < line->n && (line->t[i] == ' ' || line->t[i] == '\t')) i++;
-  for (j = i; j < line->n && line->t[j] != ' ' && line->t[j] != '\t';) j++;
-  word w = {line->t + i, j - i};
-  line->t += j, line->n -= j;
-  return w;
-}
-
+// --- header --------------------------------------------------------------------------------------
 typedef struct {
   bool is_vertex, is_after, has_format, has_list, has_vertex;
   uint64_t n;                      // of the element being declared
@@ -114,12 +81,12 @@ typedef struct {
   uint64_t seen;                   // bit per field
 } header;
 
-static sv_status bad(const lines *l, sv_err *err, sv_status s, const char *what, word w) {
+static sv_status bad(const sv_text *l, sv_err *err, sv_status s, const char *what, sv_word w) {
   int n = w.n > 60 ? 60 : (int)w.n;
   return sv_fail(err, s, "%s:%d: %s \"%.*s\"", l->name, l->line, what, n, w.t);
 }
 
-static sv_status end_element(sv_ply *p, header *h, const lines *l, sv_err *err) {
+static sv_status end_element(sv_ply *p, header *h, const sv_text *l, sv_err *err) {
   if (h->is_vertex) {
     p->stride_bytes = (uint32_t)h->stride;
     h->is_vertex = false, h->is_after = true;
@@ -138,14 +105,14 @@ static sv_status end_element(sv_ply *p, header *h, const lines *l, sv_err *err) 
   return SV_OK;
 }
 
-static sv_status read_element(sv_ply *p, header *h, const lines *l, word rest, sv_err *err) {
+static sv_status read_element(sv_ply *p, header *h, const sv_text *l, sv_word rest, sv_err *err) {
   sv_status s = end_element(p, h, l, err);
   if (s != SV_OK) return s;
-  word name = next_word(&rest), count = next_word(&rest);
+  sv_word name = sv_word_next(&rest), count = sv_word_next(&rest);
   long long n;
   if (!sv_parse_int(count.t, count.n, &n) || n < 0)
     return bad(l, err, SV_E_FORMAT, "expected a count, found", count);
-  if (is_word(name, "vertex")) {
+  if (sv_word_is(name, "vertex")) {
     if (h->has_vertex) return bad(l, err, SV_E_FORMAT, "a second element", name);
     if (n > UINT32_MAX) return bad(l, err, SV_E_RANGE, "too many vertices:", count);
     p->n = (uint32_t)n;
@@ -155,16 +122,16 @@ static sv_status read_element(sv_ply *p, header *h, const lines *l, word rest, s
   return SV_OK;
 }
 
-static sv_status read_property(sv_ply *p, header *h, const lines *l, word rest, sv_err *err) {
-  word type = next_word(&rest), name = next_word(&rest);
-  if (is_word(type, "list")) {
+static sv_status read_property(sv_ply *p, header *h, const sv_text *l, sv_word rest, sv_err *err) {
+  sv_word type = sv_word_next(&rest), name = sv_word_next(&rest);
+  if (sv_word_is(type, "list")) {
     if (h->is_vertex)
       return bad(l, err, SV_E_UNSUPPORTED, "vertices with a list property are not supported:", rest);
     h->has_list = true;
     return SV_OK;
   }
   int t = 0;
-  while (t < N_TYPES && !is_word(type, types[t].name) && !is_word(type, types[t].alias)) t++;
+  while (t < N_TYPES && !sv_word_is(type, types[t].name) && !sv_word_is(type, types[t].alias)) t++;
   if (t == N_TYPES) return bad(l, err, SV_E_FORMAT, "unknown property type", type);
   h->stride += types[t].bytes;
   if (h->stride > 4096) return bad(l, err, SV_E_RANGE, "too many properties at", name);
@@ -180,16 +147,16 @@ static sv_status read_property(sv_ply *p, header *h, const lines *l, word rest, 
   return SV_OK;
 }
 
-static void read_comment(sv_ply *p, word rest) { // the three that Brush writes; others are free text
+static void read_comment(sv_ply *p, sv_word rest) { // the three that Brush writes; others are free text
   static const char axis[] = "Vertical axis:", mode[] = "SplatRenderMode:";
   while (rest.n && (*rest.t == ' ' || *rest.t == '\t')) rest.t++, rest.n--;
   if (rest.n > sizeof axis - 1 && memcmp(rest.t, axis, sizeof axis - 1) == 0) {
     rest.t += sizeof axis - 1, rest.n -= sizeof axis - 1;
-    word v = next_word(&rest);
+    sv_word v = sv_word_next(&rest);
     if (v.n && v.n < sizeof p->vertical) memcpy(p->vertical, v.t, v.n), p->vertical[v.n] = 0;
   } else if (rest.n > sizeof mode - 1 && memcmp(rest.t, mode, sizeof mode - 1) == 0) {
     rest.t += sizeof mode - 1, rest.n -= sizeof mode - 1;
-    p->is_mip = is_word(next_word(&rest), "mip");
+    p->is_mip = sv_word_is(sv_word_next(&rest), "mip");
   }
 }
 
@@ -223,14 +190,14 @@ static sv_status decide_kind(sv_ply *p, const header *h, sv_err *err) {
   return SV_OK;
 }
 
-static sv_status read_header(sv_ply *p, lines *l, header *h, sv_err *err) {
-  word line;
-  if (!next_line(l, &line) || !is_word(line, "ply"))
+static sv_status read_header(sv_ply *p, sv_text *l, header *h, sv_err *err) {
+  sv_word line;
+  if (!sv_text_line(l, &line) || !sv_word_is(line, "ply"))
     return sv_fail(err, SV_E_FORMAT, "%s: not a PLY file: it does not start with \"ply\"", p->name);
-  while (next_line(l, &line)) {
-    word rest = line, key = next_word(&rest);
+  while (sv_text_line(l, &line)) {
+    sv_word rest = line, key = sv_word_next(&rest);
     sv_status s = SV_OK;
-    if (is_word(key, "end_header")) {
+    if (sv_word_is(key, "end_header")) {
       s = end_element(p, h, l, err);
       if (s != SV_OK) return s;
       if (!h->has_format) return sv_fail(err, SV_E_FORMAT, "%s: the header has no format line", p->name);
@@ -238,18 +205,18 @@ static sv_status read_header(sv_ply *p, lines *l, header *h, sv_err *err) {
         return sv_fail(err, SV_E_NOT_FOUND, "%s: the header has no element \"vertex\"", p->name);
       return decide_kind(p, h, err);
     }
-    if (is_word(key, "format")) {
-      word f = next_word(&rest);
-      p->is_ascii = is_word(f, "ascii");
-      if (!p->is_ascii && !is_word(f, "binary_little_endian"))
+    if (sv_word_is(key, "format")) {
+      sv_word f = sv_word_next(&rest);
+      p->is_ascii = sv_word_is(f, "ascii");
+      if (!p->is_ascii && !sv_word_is(f, "binary_little_endian"))
         return bad(l, err, SV_E_UNSUPPORTED, "ascii or binary_little_endian was expected, found", f);
-      if (!is_word(next_word(&rest), "1.0"))
+      if (!sv_word_is(sv_word_next(&rest), "1.0"))
         return bad(l, err, SV_E_UNSUPPORTED, "version 1.0 was expected in", line);
       h->has_format = true;
-    } else if (is_word(key, "element")) s = read_element(p, h, l, rest, err);
-    else if (is_word(key, "property")) s = read_property(p, h, l, rest, err);
-    else if (is_word(key, "comment")) read_comment(p, rest);
-    else if (!is_word(key, "obj_info") && key.n) s = bad(l, err, SV_E_FORMAT, "unknown header line", line);
+    } else if (sv_word_is(key, "element")) s = read_element(p, h, l, rest, err);
+    else if (sv_word_is(key, "property")) s = read_property(p, h, l, rest, err);
+    else if (sv_word_is(key, "comment")) read_comment(p, rest);
+    else if (!sv_word_is(key, "obj_info") && key.n) s = bad(l, err, SV_E_FORMAT, "unknown header line", line);
     if (s != SV_OK) return s;
   }
   return sv_fail(err, SV_E_FORMAT, "%s: the header has no end_header", p->name);
@@ -257,16 +224,16 @@ static sv_status read_header(sv_ply *p, lines *l, header *h, sv_err *err) {
 
 sv_status sv_ply_open(sv_ply *p, const char *name, const void *buf, size_t bytes, sv_err *err) {
   *p = (sv_ply){.name = name, .buf = buf, .bytes = bytes};
-  lines l = {name, buf, bytes, 0, 0};
+  sv_text l = {name, buf, bytes, 0, 0};
   header h = {0};
   sv_status s = read_header(p, &l, &h, err);
   if (s != SV_OK) return s;
   if (p->is_ascii) {
-    word line;
+    sv_word line;
     for (uint64_t i = 0; i < h.skip_lines;) {
-      if (!next_line(&l, &line))
+      if (!sv_text_line(&l, &line))
         return sv_fail(err, SV_E_FORMAT, "%s: the file ends before its vertices", name);
-      i += next_word(&line).n > 0;
+      i += sv_word_next(&line).n > 0;
     }
   } else {
     uint64_t room = bytes - l.at, need = (uint64_t)p->n * p->stride_bytes;
@@ -280,7 +247,7 @@ sv_status sv_ply_open(sv_ply *p, const char *name, const void *buf, size_t bytes
   return SV_OK;
 }
 
-// --- vertices --------------------------------------------------------------------------------------
+// --- vertices ------------------------------------------------------------------------------------
 static double scalar(const uint8_t *b, int type) {
   switch (type) {
   case T_I8: return (int8_t)b[0];
@@ -294,25 +261,25 @@ static double scalar(const uint8_t *b, int type) {
   }
 }
 
-static bool ascii_value(word w, double *v) {
+static bool ascii_value(sv_word w, double *v) {
   if (sv_parse_double(w.t, w.n, v)) return true;
   bool neg = w.n && w.t[0] == '-';
   if (w.n && (w.t[0] == '-' || w.t[0] == '+')) w.t++, w.n--;
-  if (is_word(w, "inf") || is_word(w, "Infinity")) *v = neg ? -INFINITY : INFINITY;
-  else if (is_word(w, "nan") || is_word(w, "NaN")) *v = NAN;
+  if (sv_word_is(w, "inf") || sv_word_is(w, "Infinity")) *v = neg ? -INFINITY : INFINITY;
+  else if (sv_word_is(w, "nan") || sv_word_is(w, "NaN")) *v = NAN;
   else return false;
   return true;
 }
 
-static sv_status ascii_line(sv_ply *p, uint32_t i, word *line, sv_err *err) {
+static sv_status ascii_line(sv_ply *p, uint32_t i, sv_word *line, sv_err *err) {
   if (i < p->i_next) p->i_next = 0, p->at = p->data_at;
-  lines l = {p->name, p->buf, p->bytes, p->at, 0};
-  for (word w = {NULL, 0}; p->i_next <= i;) {
-    if (!next_line(&l, line))
+  sv_text l = {p->name, p->buf, p->bytes, p->at, 0};
+  for (sv_word w = {NULL, 0}; p->i_next <= i;) {
+    if (!sv_text_line(&l, line))
       return sv_fail(err, SV_E_FORMAT, "%s: %u vertices were expected, the file ends after %u", p->name, p->n,
                      p->i_next);
     w = *line;
-    p->i_next += next_word(&w).n > 0;
+    p->i_next += sv_word_next(&w).n > 0;
     p->at = l.at;
   }
   return SV_OK;
@@ -323,7 +290,7 @@ static sv_status read_fields(sv_ply *p, uint32_t i, double out[N_FIELDS], sv_err
   if (i >= p->n) return sv_fail(err, SV_E_ARG, "%s: vertex %u was asked for, it has %u", p->name, i, p->n);
   for (int f = 0; f < N_FIELDS; f++) out[f] = 0;
   const uint8_t *b = p->buf + p->data_at + (size_t)i * p->stride_bytes;
-  word line = {NULL, 0};
+  sv_word line = {NULL, 0};
   if (p->is_ascii) {
     sv_status s = ascii_line(p, i, &line, err);
     if (s != SV_OK) return s;
@@ -332,7 +299,7 @@ static sv_status read_fields(sv_ply *p, uint32_t i, double out[N_FIELDS], sv_err
     int type = p->property[k].type, f = p->property[k].field;
     double v = 0;
     if (p->is_ascii) {
-      word w = next_word(&line);
+      sv_word w = sv_word_next(&line);
       if (!w.n)
         return sv_fail(err, SV_E_FORMAT, "%s: vertex %u has %d values, %d were expected", p->name, i, k,
                        p->n_properties);
@@ -350,7 +317,7 @@ static sv_status read_fields(sv_ply *p, uint32_t i, double out[N_FIELDS], sv_err
       return sv_fail(err, SV_E_RANGE, "%s: vertex %u has a value that is not finite", p->name, i);
     out[f] = f >= F_RED ? v / types[type].full : v;
   }
-  if (p->is_ascii && next_word(&line).n)
+  if (p->is_ascii && sv_word_next(&line).n)
     return sv_fail(err, SV_E_FORMAT, "%s: vertex %u has more than %d values", p->name, i, p->n_properties);
   return SV_OK;
 }

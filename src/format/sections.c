@@ -75,7 +75,7 @@ sv_status sv_sections_end(sv_sections_writer *w, sv_err *err) {
   return sv_sections_put(w, "END ", zeros, 0, err);
 }
 
-// --- reading ---------------------------------------------------------------------------------------
+// --- reading -------------------------------------------------------------------------------------
 static int is_head_good(const uint8_t *h) {
   return sv_le32(h + 16) == 0 && sv_le32(h + 20) == sv_crc32c(0, h, 20);
 }

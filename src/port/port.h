@@ -45,12 +45,12 @@ sv_pool sv_pool_serial(void);
 // --- cameras -------------------------------------------------------------------------------------
 typedef enum {
   SV_PIX_NONE = 0,
-  SV_PIX_GREY8,  // 1 byte a pixel
-  SV_PIX_RGB8,   // R,G,B
-  SV_PIX_RGBA8,  // R,G,B,A straight alpha
-  SV_PIX_RGB16,  // 3 x uint16 little endian, full range 0..65535
-  SV_PIX_JPEG,   // one JPEG image, data_bytes long
-  SV_PIX_PNG     // one PNG image, data_bytes long
+  SV_PIX_GREY8, // 1 byte a pixel
+  SV_PIX_RGB8,  // R,G,B
+  SV_PIX_RGBA8, // R,G,B,A straight alpha
+  SV_PIX_RGB16, // 3 x uint16 little endian, full range 0..65535
+  SV_PIX_JPEG,  // one JPEG image, data_bytes long
+  SV_PIX_PNG    // one PNG image, data_bytes long
 } sv_pixel_format;
 
 // Whose clock a timestamp is on, and what instant of the frame it names.
@@ -70,10 +70,10 @@ typedef struct {
 // One frame, on loan until it is handed back with requeue. `data` belongs to the source.
 typedef struct {
   int i_camera;
-  uint32_t sequence;  // counts the sensor's frames: a gap means the driver lost some
-  sv_ns camera_ns;    // timestamp by the camera's own clock (caps.clock, caps.stamp)
-  sv_ns arrival_ns;   // host time at which the frame came in
-  sv_ns exposure_ns;  // shutter time, 0 when unknown
+  uint32_t sequence; // counts the sensor's frames: a gap means the driver lost some
+  sv_ns camera_ns;   // timestamp by the camera's own clock (caps.clock, caps.stamp)
+  sv_ns arrival_ns;  // host time at which the frame came in
+  sv_ns exposure_ns; // shutter time, 0 when unknown
   int width_px, height_px, stride_bytes;
   sv_pixel_format format;
   const uint8_t *data;

@@ -50,9 +50,9 @@ double sv_rig_angular_baseline_rad(const sv_rig *rig, const double point_rig[3])
 // A pinhole view as the renderer wants it: undistorted, in floats, with the pose of one instant.
 typedef struct {
   int width_px, height_px;
-  float fx, fy, cx, cy;      // px, centre of the first pixel at 0.5
-  float r[9], t[3];          // cam_from_world, row-major
-  float time;                // 0..1 within the clip
+  float fx, fy, cx, cy; // px, centre of the first pixel at 0.5
+  float r[9], t[3];     // cam_from_world, row-major
+  float time;           // 0..1 within the clip
   int i_exposure, i_sub_view;
 } sv_view;
 
@@ -65,8 +65,8 @@ sv_view sv_view_scaled(const sv_view *v, int k);
 // One synchronized set of frames. Missing sub-views (a drop policy that allows them) have bit 0.
 typedef struct {
   uint32_t id;
-  sv_ns time_ns;         // host time of mid-exposure, mean over the cameras present
-  sv_ns skew_ns;         // largest difference between two cameras
+  sv_ns time_ns;                           // host time of mid-exposure, mean over the cameras present
+  sv_ns skew_ns;                           // largest difference between two cameras
   uint64_t present[SV_CAP_SUB_VIEWS / 64]; // one bit per camera
   sv_pose rig_from_world;
 } sv_exposure;

@@ -71,7 +71,7 @@ static float *thread_scratch(const sv_renderer *r, int i_thread) {
   return r->scratch + (size_t)i_thread * SV_RASTER_SCRATCH_FLOATS;
 }
 
-// --- forward -----------------------------------------------------------------------------------
+// --- forward -------------------------------------------------------------------------------------
 
 typedef struct {
   sv_renderer *r;
@@ -205,8 +205,7 @@ static void raster_task(void *arg, int i_task, int i_thread) {
   job *j = arg;
   sv_renderer *r = j->r;
   uint32_t t = r->tile_order[i_task], begin = r->tile_begin[t];
-  j->k->raster(&r->raster, t, r->list + begin, r->tile_begin[t + 1] - begin,
-               thread_scratch(r, i_thread));
+  j->k->raster(&r->raster, t, r->list + begin, r->tile_begin[t + 1] - begin, thread_scratch(r, i_thread));
 }
 
 static sv_kview make_kview(const sv_view *v, const sv_render_options *o) {
@@ -268,14 +267,13 @@ sv_status sv_render(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, co
   return SV_OK;
 }
 
-// --- backward ----------------------------------------------------------------------------------
+// --- backward ------------------------------------------------------------------------------------
 
 static void raster_bwd_task(void *arg, int i_task, int i_thread) {
   job *j = arg;
   sv_renderer *r = j->r;
   uint32_t t = r->tile_order[i_task], begin = r->tile_begin[t];
-  j->k->raster_bwd(j->bwd, t, r->list + begin, r->tile_begin[t + 1] - begin,
-                   thread_scratch(r, i_thread));
+  j->k->raster_bwd(j->bwd, t, r->list + begin, r->tile_begin[t + 1] - begin, thread_scratch(r, i_thread));
 }
 
 sv_status sv_render_bwd(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, const sv_planes *g_rgb,
@@ -295,8 +293,12 @@ sv_status sv_render_bwd(sv_renderer *r, const sv_kernels *k, const sv_pool *pool
 
 uint32_t sv_render_bwd_block(const sv_renderer *r, const sv_kernels *k, int block, int i_thread,
                              const sv_regularisers *reg, float *grad, float *err, float *pose_grad) {
-  sv_project_bwd_args a = {.fwd = &r->project, .rec = r->rec, .slot = r->slot, .pose_grad = pose_grad,
-                           .reg_opacity = reg ? reg->opacity : 0.0f, .reg_scale = reg ? reg->scale : 0.0f};
+  sv_project_bwd_args a = {.fwd = &r->project,
+                           .rec = r->rec,
+                           .slot = r->slot,
+                           .pose_grad = pose_grad,
+                           .reg_opacity = reg ? reg->opacity : 0.0f,
+                           .reg_scale = reg ? reg->scale : 0.0f};
   return k->project_bwd(&a, block, grad, err, thread_scratch(r, i_thread));
 }
 

@@ -71,7 +71,7 @@ sv_status sv_sync_init(sv_sync *s, const sv_sync_cfg *cfg, sv_arena *arena) {
   return SV_OK;
 }
 
-// --- small parts -----------------------------------------------------------------------------------
+// --- small parts ---------------------------------------------------------------------------------
 static void event(sv_sync *s, sv_sync_event_kind kind, int i_camera, sv_ns host_ns, int64_t detail) {
   s->streams[i_camera].events[kind]++;
   if (s->n_events == SV_SYNC_CAP_EVENTS) {
@@ -115,7 +115,7 @@ static sv_ns mid_host_ns(const sv_sync_stream *st, const sv_frame *f) {
   return st->stamp == SV_STAMP_START ? t_ns + half_ns : st->stamp == SV_STAMP_END ? t_ns - half_ns : t_ns;
 }
 
-// --- push: what kind of frame is it ----------------------------------------------------------------
+// --- push: what kind of frame is it --------------------------------------------------------------
 static bool stamps_are_possible(const sv_frame *f) {
   return f->camera_ns > -MAX_STAMP_NS && f->camera_ns < MAX_STAMP_NS && f->arrival_ns > -MAX_STAMP_NS &&
          f->arrival_ns < MAX_STAMP_NS;
@@ -265,7 +265,7 @@ sv_status sv_sync_push(sv_sync *s, const sv_frame *f) {
   return drop_step(s, c, f, step_ns);
 }
 
-// --- pop: which frames belong together -------------------------------------------------------------
+// --- pop: which frames belong together -----------------------------------------------------------
 typedef struct {
   int i_first;                        // the camera whose head is the oldest; -1: nothing waits
   int n_present, n_open;              // heads within the skew limit of it; cameras that may still bring one
@@ -380,7 +380,7 @@ sv_status sv_sync_pop_exposure(sv_sync *s, sv_exposure *e, sv_frame *frames) {
   }
 }
 
-// --- the rest --------------------------------------------------------------------------------------
+// --- the rest ------------------------------------------------------------------------------------
 sv_status sv_sync_pop_return(sv_sync *s, sv_frame *frame) {
   if (!s->n_returns) return SV_AGAIN;
   *frame = s->returns[s->i_return];

@@ -13,7 +13,9 @@ typedef struct {
   float centre[3], radius;
 } head_t;
 
-static size_t rows_bytes(const sv_trainer *t) { return (size_t)t->g.cap * (size_t)t->g.n_rows * sizeof(float); }
+static size_t rows_bytes(const sv_trainer *t) {
+  return (size_t)t->g.cap * (size_t)t->g.n_rows * sizeof(float);
+}
 
 size_t sv_checkpoint_bytes(const sv_trainer *t) {
   return SV_SECTIONS_OVERHEAD_BYTES + 6 * 40 + sizeof(head_t) + 3 * rows_bytes(t) +
@@ -44,11 +46,13 @@ static sv_status check_order(const sv_sections *r, int n_views, sv_err *err) {
   size_t bytes;
   sv_status s = sv_sections_find(r, "ORDR", &data, &bytes, err);
   if (s < 0) return s;
-  if (bytes != (size_t)n_views * sizeof(int)) return sv_fail(err, SV_E_FORMAT, "%s: the order of views has another size", r->name);
+  if (bytes != (size_t)n_views * sizeof(int))
+    return sv_fail(err, SV_E_FORMAT, "%s: the order of views has another size", r->name);
   for (int i = 0; i < n_views; i++) {
     int v;
     memcpy(&v, (const char *)data + (size_t)i * sizeof v, sizeof v);
-    if (v < 0 || v >= n_views) return sv_fail(err, SV_E_FORMAT, "%s: the order of views names view %d of %d", r->name, v, n_views);
+    if (v < 0 || v >= n_views)
+      return sv_fail(err, SV_E_FORMAT, "%s: the order of views names view %d of %d", r->name, v, n_views);
   }
   return SV_OK;
 }
@@ -61,8 +65,10 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
   if (s < 0) return s;
   if (h.n != t->g.n || h.sh_degree != t->g.sh_degree || h.n_views != t->n_views || h.i_order < 0 ||
       h.i_order >= (h.n_views > 0 ? h.n_views : 1))
-    return sv_fail(err, SV_E_RANGE, "%s: made for %d Gaussians of SH degree %d on %d views, this run has %d of degree %d on %d",
-                   name, h.n, h.sh_degree, h.n_views, t->g.n, t->g.sh_degree, t->n_views);
+    return sv_fail(
+        err, SV_E_RANGE,
+        "%s: made for %d Gaussians of SH degree %d on %d views, this run has %d of degree %d on %d", name,
+        h.n, h.sh_degree, h.n_views, t->g.n, t->g.sh_degree, t->n_views);
   if (!(h.radius > 0)) return sv_fail(err, SV_E_FORMAT, "%s: the scene radius is not positive", name);
   if ((s = check_order(&r, h.n_views, err)) < 0) return s;
   s = sv_sections_get(&r, "GAUS", t->g.param, rows_bytes(t), err);

@@ -28,8 +28,12 @@ static void fill_rates(job *j, float mean_lr, double bias1) {
   const sv_learning_rates *lr = &j->t->cfg.lr;
   float f = (float)(1.0 / bias1);
   for (int i = 0; i < SV_CAP_ROWS; i++) {
-    float r = i < SV_ROW_QUAT ? mean_lr : i < SV_ROW_SCALE ? lr->quat : i < SV_ROW_LOGIT ? lr->scale
-              : i < SV_ROW_SH ? lr->logit : i < SV_ROW_SH + 3 ? lr->sh0 : lr->sh_rest;
+    float r = i < SV_ROW_QUAT     ? mean_lr
+              : i < SV_ROW_SCALE  ? lr->quat
+              : i < SV_ROW_LOGIT  ? lr->scale
+              : i < SV_ROW_SH     ? lr->logit
+              : i < SV_ROW_SH + 3 ? lr->sh0
+                                  : lr->sh_rest;
     j->lr[i] = r * f;
   }
 }
@@ -54,7 +58,8 @@ static void add_noise(const job *j, int block, uint32_t touched, float *p) {
     sv_quat_to_mat(r, q);
     for (int a = 0; a < 3; a++) {
       float s = (float)sv_exp((double)p[16 * (SV_ROW_SCALE + a) + k]);
-      uint32_t h = sv_hash3((uint32_t)(block * 16 + k), j->t->step, (uint32_t)j->t->cfg.seed * 4u + (uint32_t)a);
+      uint32_t h =
+          sv_hash3((uint32_t)(block * 16 + k), j->t->step, (uint32_t)j->t->cfg.seed * 4u + (uint32_t)a);
       float d = gate * sv_minf(j->noise_gain * s, 1.0f) * s * hash_normal(h);
       for (int i = 0; i < 3; i++) p[16 * i + k] += (float)r[3 * i + a] * d;
     }
@@ -91,8 +96,12 @@ uint32_t sv_train_optimise(sv_trainer *t, float progress) {
   j.reg.opacity = t->cfg.reg_opacity / (float)t->g.n;
   j.reg.scale = t->cfg.reg_scale / (3.0f * (float)t->g.n * t->radius);
   fill_rates(&j, mean_lr * t->radius, bias1);
-  j.adam = (sv_adam_args){.beta1 = 0.9f, .beta2 = 0.999f, .eps = 1e-15f, .rsqrt_bias2 = (float)(1.0 / sqrt(bias2)),
-                          .lr = j.lr, .n_rows = SV_N_ROWS(t->render.project.sh_degree)};
+  j.adam = (sv_adam_args){.beta1 = 0.9f,
+                          .beta2 = 0.999f,
+                          .eps = 1e-15f,
+                          .rsqrt_bias2 = (float)(1.0 / sqrt(bias2)),
+                          .lr = j.lr,
+                          .n_rows = SV_N_ROWS(t->render.project.sh_degree)};
   int n_tasks = (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK;
   sv_pool_run(t->pool, optimise_task, &j, n_tasks);
   uint32_t n = 0;

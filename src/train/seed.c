@@ -30,7 +30,8 @@ void sv_seed_points(const sv_trainer *t, const sv_bounds *bounds, uint64_t seed,
   for (int i = 0; i < n; i++) {
     const sv_train_view *tv = &t->views[i % t->n_views];
     const sv_view *v = &tv->view;
-    int x = (int)sv_rng_below(&rng, (uint32_t)v->width_px), y = (int)sv_rng_below(&rng, (uint32_t)v->height_px);
+    int x = (int)sv_rng_below(&rng, (uint32_t)v->width_px),
+        y = (int)sv_rng_below(&rng, (uint32_t)v->height_px);
     float c[3];
     sv_view_centre(c, v);
     double ray[3] = {((double)x + 0.5 - v->cx) / v->fx, ((double)y + 0.5 - v->cy) / v->fy, 1};
@@ -39,7 +40,8 @@ void sv_seed_points(const sv_trainer *t, const sv_bounds *bounds, uint64_t seed,
     double len = sv_norm3(d);
     for (int k = 0; k < 3; k++) d[k] /= len;
     double depth = choose_depth(bounds, o, d, &rng);
-    const uint8_t *px = tv->image.px + (size_t)y * (size_t)tv->image.stride_bytes + (size_t)x * (size_t)tv->image.n_channels;
+    const uint8_t *px =
+        tv->image.px + (size_t)y * (size_t)tv->image.stride_bytes + (size_t)x * (size_t)tv->image.n_channels;
     for (int k = 0; k < 3; k++) {
       point[i].mean[k] = (float)(o[k] + d[k] * depth);
       point[i].rgb[k] = (float)px[k] / 255.0f;

@@ -9,20 +9,43 @@
 #define UNPACK_ROWS 16 // rows a task
 
 sv_train_cfg sv_train_defaults(void) {
-  return (sv_train_cfg){
-      .n_gaussians = 20000, .sh_degree = 1, .cap_views = 64, .cap_width_px = 640, .cap_height_px = 480,
-      .n_threads = 1, .seed = 1, .background = SV_BG_BLACK, .weight_ssim = 0.2f, .weight_tv = 0.0f,
-      .reg_opacity = 0.01f, .reg_scale = 0.01f,
-      .lr = {.mean_start = 1.6e-4f, .mean_end = 1.6e-6f, .quat = 1e-3f, .scale = 5e-3f, .logit = 0.05f,
-             .sh0 = 2.5e-3f, .sh_rest = 2.5e-3f / 20.0f},
-      .start_scale = 4, .fine_at = 0.3f, .sh_step = 0.2f, .relocate_every = 100, .relocate_from = 0.05f,
-      .relocate_until = 0.8f, .noise = 1.0f, .steps_hint = 3000};
+  return (sv_train_cfg){.n_gaussians = 20000,
+                        .sh_degree = 1,
+                        .cap_views = 64,
+                        .cap_width_px = 640,
+                        .cap_height_px = 480,
+                        .n_threads = 1,
+                        .seed = 1,
+                        .background = SV_BG_BLACK,
+                        .weight_ssim = 0.2f,
+                        .weight_tv = 0.0f,
+                        .reg_opacity = 0.01f,
+                        .reg_scale = 0.01f,
+                        .lr = {.mean_start = 1.6e-4f,
+                               .mean_end = 1.6e-6f,
+                               .quat = 1e-3f,
+                               .scale = 5e-3f,
+                               .logit = 0.05f,
+                               .sh0 = 2.5e-3f,
+                               .sh_rest = 2.5e-3f / 20.0f},
+                        .start_scale = 4,
+                        .fine_at = 0.3f,
+                        .sh_step = 0.2f,
+                        .relocate_every = 100,
+                        .relocate_from = 0.05f,
+                        .relocate_until = 0.8f,
+                        .noise = 1.0f,
+                        .steps_hint = 3000};
 }
 
 static sv_renderer_cfg renderer_cfg(const sv_train_cfg *c) {
-  return (sv_renderer_cfg){.cap_gaussians = c->n_gaussians, .cap_width_px = c->cap_width_px,
-                           .cap_height_px = c->cap_height_px, .cap_pixels = c->cap_pixels, .cap_recs = c->cap_recs,
-                           .n_threads = c->n_threads, .has_grad = true};
+  return (sv_renderer_cfg){.cap_gaussians = c->n_gaussians,
+                           .cap_width_px = c->cap_width_px,
+                           .cap_height_px = c->cap_height_px,
+                           .cap_pixels = c->cap_pixels,
+                           .cap_recs = c->cap_recs,
+                           .n_threads = c->n_threads,
+                           .has_grad = true};
 }
 
 static size_t cap_floats(const sv_train_cfg *c) {
@@ -35,10 +58,10 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   sv_status s = sv_gaussians_init(&t->g, c->n_gaussians, c->sh_degree, a);
   if (s < 0) return s;
   sv_arena_part_begin(a, "optimiser");
-  t->m = SV_TAKE(a, float, cap * (size_t)t->g.n_rows);
-  t->v = SV_TAKE(a, float, cap * (size_t)t->g.n_rows);
+  t->m = SV_TAKE(a, float, cap *(size_t)t->g.n_rows);
+  t->v = SV_TAKE(a, float, cap *(size_t)t->g.n_rows);
   t->err = SV_TAKE(a, float, cap);
-  t->block = SV_TAKE(a, float, (size_t)c->n_threads * (SV_CAP_ROWS + 1) * 16);
+  t->block = SV_TAKE(a, float, (size_t)c->n_threads *(SV_CAP_ROWS + 1) * 16);
   t->cum = SV_TAKE(a, double, cap);
   t->copies = SV_TAKE(a, int32_t, cap);
   t->source = SV_TAKE(a, int32_t, cap);
@@ -47,15 +70,19 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   sv_renderer_cfg rc = renderer_cfg(c);
   if ((s = sv_renderer_init(&t->render, &rc, a)) < 0) return s;
   sv_arena_part_begin(a, "loss");
-  sv_photometric_cfg pc = {.cap_width_px = c->cap_width_px, .cap_height_px = c->cap_height_px,
-                           .n_threads = c->n_threads, .has_ssim = c->weight_ssim > 0.0f};
+  sv_photometric_cfg pc = {.cap_width_px = c->cap_width_px,
+                           .cap_height_px = c->cap_height_px,
+                           .n_threads = c->n_threads,
+                           .has_ssim = c->weight_ssim > 0.0f};
   if ((s = sv_photometric_init(&t->photometric, &pc, a)) < 0) return s;
-  sv_tv_cfg tc = {.cap_width_px = c->cap_width_px, .cap_height_px = c->cap_height_px, .n_threads = c->n_threads};
+  sv_tv_cfg tc = {
+      .cap_width_px = c->cap_width_px, .cap_height_px = c->cap_height_px, .n_threads = c->n_threads};
   if (c->weight_tv > 0.0f && (s = sv_tv_init(&t->tv, &tc, a)) < 0) return s;
   for (int k = 0; k < 3; k++) t->target.c[k] = SV_TAKE(a, float, px);
   for (int k = 0; k < 3; k++) t->grad.c[k] = SV_TAKE(a, float, px);
   t->err_plane = SV_TAKE(a, float, px);
-  t->unpack_scratch = SV_TAKE(a, float, (size_t)c->n_threads * SV_UNPACK_SCRATCH_FLOATS((size_t)c->cap_width_px));
+  t->unpack_scratch =
+      SV_TAKE(a, float, (size_t)c->n_threads *SV_UNPACK_SCRATCH_FLOATS((size_t)c->cap_width_px));
   sv_arena_part_begin(a, "views");
   t->views = SV_TAKE(a, sv_train_view, c->cap_views);
   t->order = SV_TAKE(a, int, c->cap_views);
@@ -97,8 +124,11 @@ sv_status sv_trainer_init(sv_trainer *t, const sv_train_cfg *cfg, const sv_kerne
   t->rng = sv_rng_make(cfg->seed, 7);
   s = carve(t, cfg, arena);
   if (s < 0)
-    return sv_fail(err, s, "training needs %zu bytes and the memory block has %zu left; use fewer Gaussians or smaller "
-                   "pictures", sv_trainer_bytes(cfg), arena->cap_bytes - arena->used_bytes);
+    return sv_fail(
+        err, s,
+        "training needs %zu bytes and the memory block has %zu left; use fewer Gaussians or smaller "
+        "pictures",
+        sv_trainer_bytes(cfg), arena->cap_bytes - arena->used_bytes);
   return SV_OK;
 }
 
@@ -106,8 +136,8 @@ sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u
   if (t->n_views >= t->cfg.cap_views)
     return sv_fail(err, SV_E_FULL, "more than the %d planned training views", t->cfg.cap_views);
   if (view->width_px != image->width_px || view->height_px != image->height_px)
-    return sv_fail(err, SV_E_RANGE, "a picture of %dx%d for a camera of %dx%d", image->width_px, image->height_px,
-                   view->width_px, view->height_px);
+    return sv_fail(err, SV_E_RANGE, "a picture of %dx%d for a camera of %dx%d", image->width_px,
+                   image->height_px, view->width_px, view->height_px);
   if (view->width_px > t->cfg.cap_width_px || view->height_px > t->cfg.cap_height_px ||
       sv_plane_floats(view->width_px, view->height_px) > cap_floats(&t->cfg))
     return sv_fail(err, SV_E_RANGE, "a view of %dx%d is larger than the planned %dx%d", view->width_px,
@@ -196,25 +226,34 @@ static void load_target(sv_trainer *t, const sv_image_u8 *im, int scale, const f
     for (int c = 0; c < 3; c++) memset(t->grad.c[c], 0, n); // the padding must stay 0
     memset(t->err_plane, 0, n);
   }
-  unpack_job j = {.t = t, .n_rows = h,
-                  .a = {.src = im->px, .src_stride_bytes = (size_t)im->stride_bytes, .n_channels = im->n_channels,
-                        .width_px = im->width_px, .height_px = im->height_px, .k = scale,
+  unpack_job j = {.t = t,
+                  .n_rows = h,
+                  .a = {.src = im->px,
+                        .src_stride_bytes = (size_t)im->stride_bytes,
+                        .n_channels = im->n_channels,
+                        .width_px = im->width_px,
+                        .height_px = im->height_px,
+                        .k = scale,
                         .bg = {bg[0], bg[1], bg[2]},
-                        .dst = {t->target.c[0], t->target.c[1], t->target.c[2]}, .dst_stride = t->target.stride,
+                        .dst = {t->target.c[0], t->target.c[1], t->target.c[2]},
+                        .dst_stride = t->target.stride,
                         .scratch = t->unpack_scratch}};
   sv_pool_run(t->pool, unpack_task, &j, (h + UNPACK_ROWS - 1) / UNPACK_ROWS);
 }
 
 sv_render_options sv_train_render_options(const sv_trainer *t, float progress, bool has_depth) {
-  sv_render_options o = {.sh_degree = t->cfg.sh_degree, .near_z = SV_NEAR_FRACTION * t->radius,
-                         .is_antialiased = t->cfg.is_antialiased, .has_depth = has_depth};
+  sv_render_options o = {.sh_degree = t->cfg.sh_degree,
+                         .near_z = SV_NEAR_FRACTION * t->radius,
+                         .is_antialiased = t->cfg.is_antialiased,
+                         .has_depth = has_depth};
   if (t->cfg.sh_step > 0.0f) o.sh_degree = sv_mini(t->cfg.sh_degree, (int)(progress / t->cfg.sh_step));
   if (t->cfg.background == SV_BG_WHITE) o.bg[0] = o.bg[1] = o.bg[2] = 1.0f;
   return o;
 }
 
 static void maybe_relocate(sv_trainer *t, float progress) {
-  if (t->cfg.relocate_every < 1 || progress < t->cfg.relocate_from || progress > t->cfg.relocate_until) return;
+  if (t->cfg.relocate_every < 1 || progress < t->cfg.relocate_from || progress > t->cfg.relocate_until)
+    return;
   if (t->step % (uint32_t)t->cfg.relocate_every == 0) sv_train_relocate(t);
 }
 
@@ -241,7 +280,11 @@ sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
   t->step++;
   maybe_relocate(t, progress);
   if (out)
-    *out = (sv_step_stats){.i_view = i, .scale = scale, .loss = loss.loss, .l1 = loss.l1, .ssim = loss.ssim,
+    *out = (sv_step_stats){.i_view = i,
+                           .scale = scale,
+                           .loss = loss.loss,
+                           .l1 = loss.l1,
+                           .ssim = loss.ssim,
                            .n_touched = n_touched};
   return SV_OK;
 }

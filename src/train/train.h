@@ -30,17 +30,17 @@ typedef struct {
   uint64_t seed;
   sv_background background; // matters for pictures with alpha; others are trained over black
   bool is_antialiased;
-  float weight_ssim;        // lambda of (1-l) L1 + l (1 - SSIM)
-  float weight_tv;          // of the squared total variation of the rendered sub-view
+  float weight_ssim;            // lambda of (1-l) L1 + l (1 - SSIM)
+  float weight_tv;              // of the squared total variation of the rendered sub-view
   float reg_opacity, reg_scale; // weights of mean opacity and mean scale (3DGS-MCMC)
   sv_learning_rates lr;
-  int start_scale;          // coarse to fine: first pictures at 1/start_scale (1, 2 or 4)
-  float fine_at;            // progress at which full size is reached
-  float sh_step;            // progress between two SH degrees
-  int relocate_every;       // steps
+  int start_scale;                     // coarse to fine: first pictures at 1/start_scale (1, 2 or 4)
+  float fine_at;                       // progress at which full size is reached
+  float sh_step;                       // progress between two SH degrees
+  int relocate_every;                  // steps
   float relocate_from, relocate_until; // progress
-  float noise;              // multiplies the position noise of low-opacity Gaussians
-  int steps_hint;           // expected steps of the run: Adam's and the relocation's pace
+  float noise;                         // multiplies the position noise of low-opacity Gaussians
+  int steps_hint;                      // expected steps of the run: Adam's and the relocation's pace
 } sv_train_cfg;
 
 typedef struct {
@@ -59,12 +59,12 @@ typedef struct {
   const sv_kernels *k;
   const sv_pool *pool;
   sv_gaussians g;
-  float *m, *v;   // Adam's moments, laid out as g.param
-  float *err;     // [cap] running mean of each Gaussian's blended error
-  float *block;   // [n_threads][SV_CAP_ROWS + 1][16] gradients of one block
-  double *cum;    // [cap] cumulative relocation weights
+  float *m, *v;             // Adam's moments, laid out as g.param
+  float *err;               // [cap] running mean of each Gaussian's blended error
+  float *block;             // [n_threads][SV_CAP_ROWS + 1][16] gradients of one block
+  double *cum;              // [cap] cumulative relocation weights
   int32_t *copies, *source; // [cap] of a relocation
-  uint32_t *touched_of; // [cap / 16 / blocks a task + 1]
+  uint32_t *touched_of;     // [cap / 16 / blocks a task + 1]
   sv_renderer render;
   sv_photometric photometric;
   sv_tv tv;
@@ -75,7 +75,7 @@ typedef struct {
   int n_views, i_order;
   float centre[3], radius; // of the scene
   uint32_t step;
-  uint32_t n_relocated;  // ever
+  uint32_t n_relocated; // ever
   sv_rng rng;
 } sv_trainer;
 
@@ -86,7 +86,8 @@ sv_status sv_trainer_init(sv_trainer *t, const sv_train_cfg *cfg, const sv_kerne
                           sv_arena *arena, sv_err *err) SV_MUST_USE;
 
 // E_FULL beyond cap_views, E_RANGE when picture and view differ in size or exceed the caps.
-sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u8 *image, sv_err *err) SV_MUST_USE;
+sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u8 *image,
+                            sv_err *err) SV_MUST_USE;
 // Starting Gaussians; the scene's centre and radius are taken from cfg (random) or from the points.
 sv_status sv_train_start(sv_trainer *t, const sv_init_cfg *init, const sv_point *point, int n_points,
                          sv_arena *scratch) SV_MUST_USE;
@@ -101,7 +102,7 @@ sv_render_options sv_train_render_options(const sv_trainer *t, float progress, b
 // A digest of all parameters, FNV-1a over their bits in slot order.
 uint64_t sv_train_digest(const sv_trainer *t);
 
-// --- pieces, for tests ---------------------------------------------------------------------------------------
+// --- pieces, for tests ---------------------------------------------------------------------------
 float sv_train_mean_lr(const sv_train_cfg *cfg, float progress); // per unit of scene radius
 int sv_train_scale_at(const sv_trainer *t, const sv_view *view, float progress);
 // Relocates slots of opacity <= SV_OPACITY_DEAD; returns how many.

@@ -12,8 +12,8 @@
 
 #include "tests/common/world.h"
 
-#define STEP_BUDGET_MS  40.0 // 20,000 Gaussians, 320x240, two threads
-#define FRAME_BUDGET_MS 40.0 // one simulated frame, 320x240, one thread
+#define STEP_BUDGET_MS  40.0  // 20,000 Gaussians, 320x240, two threads
+#define FRAME_BUDGET_MS 40.0  // one simulated frame, 320x240, one thread
 #define SAVE_BUDGET_MS  400.0 // model and checkpoint of 20,000 Gaussians into memory
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
@@ -55,8 +55,8 @@ static void test_step(void **state) {
     ms[i] = now_ms() - t;
   }
   double m = median(ms, N), t = now_ms();
-  print_message("training step: median %.2f ms, fastest %.2f, slowest %.2f (budget %.0f)\n", m, ms[0], ms[N - 1],
-                STEP_BUDGET_MS);
+  print_message("training step: median %.2f ms, fastest %.2f, slowest %.2f (budget %.0f)\n", m, ms[0],
+                ms[N - 1], STEP_BUDGET_MS);
   assert_true(m < STEP_BUDGET_MS);
   assert_int_equal(sv_app_save_model(&w.app, &w.err), SV_OK);
   assert_int_equal(sv_app_save_checkpoint(&w.app, &w.err), SV_OK);
@@ -81,7 +81,8 @@ static void test_frame(void **state) {
     assert_int_equal(src->requeue(src->self, &f), SV_OK);
   }
   double m = median(ms, N);
-  print_message("simulator frame: median %.2f ms, slowest %.2f (budget %.0f)\n", m, ms[N - 1], FRAME_BUDGET_MS);
+  print_message("simulator frame: median %.2f ms, slowest %.2f (budget %.0f)\n", m, ms[N - 1],
+                FRAME_BUDGET_MS);
   assert_true(m < FRAME_BUDGET_MS);
   world_close(&w);
 }

@@ -27,7 +27,7 @@ static bool fails(world *w, world_call c) {
   return true;
 }
 
-// --- source ------------------------------------------------------------------------------------------------
+// --- source --------------------------------------------------------------------------------------
 
 static sv_status src_caps(void *self, int i_camera, sv_camera_caps *out) {
   world *w = self;
@@ -57,7 +57,7 @@ static sv_status src_rig_pose(void *self, sv_ns host_ns, sv_pose *rig_from_world
   return w->inner.source.rig_pose(w->inner.source.self, host_ns, rig_from_world);
 }
 
-// --- store -------------------------------------------------------------------------------------------------
+// --- store ---------------------------------------------------------------------------------------
 
 static sv_status st_begin(void *self, const char *name, sv_err *err) {
   world *w = self;
@@ -121,7 +121,7 @@ const world_file *world_find(const world *w, const char *name) {
 
 void world_forget_files(world *w) { memset(&w->store, 0, sizeof w->store); }
 
-// --- clock, console, publisher -----------------------------------------------------------------------------
+// --- clock, console, publisher -------------------------------------------------------------------
 
 static sv_ns machine_now(void *self) {
   world *w = self;
@@ -159,7 +159,7 @@ bool world_has_line(const world *w, const char *text) {
   return false;
 }
 
-// --- the world ---------------------------------------------------------------------------------------------
+// --- the world -----------------------------------------------------------------------------------
 
 static bool start_over(world *w, uint32_t isa_mask, int n_threads) {
   world_store kept = w->store;
@@ -186,9 +186,14 @@ static bool finish_open(world *w, sv_source source, sv_clock clock, const char *
   w->port.publish = (sv_publish){w, publish};
   for (int i = 0; i < n; i++)
     if (src_caps(w, i, &w->caps[i]) < 0) return false;
-  w->cfg = (sv_app_cfg){.n_cameras = n, .caps = w->caps, .source_name = name, .n_exposures = n_exposures,
-                        .skew_limit_ns = 20 * SV_NS_PER_MS, .capture_timeout_ns = 10 * SV_NS_PER_S,
-                        .train = sv_train_defaults(), .has_bounds = true};
+  w->cfg = (sv_app_cfg){.n_cameras = n,
+                        .caps = w->caps,
+                        .source_name = name,
+                        .n_exposures = n_exposures,
+                        .skew_limit_ns = 20 * SV_NS_PER_MS,
+                        .capture_timeout_ns = 10 * SV_NS_PER_S,
+                        .train = sv_train_defaults(),
+                        .has_bounds = true};
   return true;
 }
 
@@ -206,7 +211,8 @@ bool world_open(world *w, const char *spec, int n_exposures, uint32_t isa_mask, 
   return true;
 }
 
-static sv_status read_rig_file(void *self, const char *name, void *buf, size_t cap, size_t *bytes, sv_err *err) {
+static sv_status read_rig_file(void *self, const char *name, void *buf, size_t cap, size_t *bytes,
+                               sv_err *err) {
   char path[2 * SV_CAPTURE_CAP_PATH];
   sv_fmt(path, sizeof path, "%s/%s", (const char *)self, name);
   FILE *f = fopen(path, "rb");
@@ -224,7 +230,8 @@ bool world_open_replay(world *w, const char *dir, int n_exposures, uint32_t isa_
   sv_copy(rc.dir, sizeof rc.dir, dir);
   if (sv_replay_init(&w->replay, &rc, &w->arena, &w->err) < 0) return false;
   const sv_capture *c = &w->replay.capture;
-  if (!finish_open(w, sv_replay_source(&w->replay), sv_replay_clock(&w->replay), dir, n_exposures)) return false;
+  if (!finish_open(w, sv_replay_source(&w->replay), sv_replay_clock(&w->replay), dir, n_exposures))
+    return false;
   double d2 = 0;
   for (int i = 0; i < 3; i++) {
     double half = 0.5 * (c->scene_max_m[i] - c->scene_min_m[i]);

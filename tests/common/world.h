@@ -13,7 +13,7 @@
 #define WORLD_CAP_FILE  (6u << 20)
 #define WORLD_CAP_LINES 64
 
-// --- a store in memory, atomic as the port asks ------------------------------------------------------------
+// --- a store in memory, atomic as the port asks --------------------------------------------------
 typedef struct {
   char name[32];
   size_t bytes;
@@ -29,7 +29,7 @@ typedef struct {
   uint8_t *open_data;
 } world_store;
 
-// --- calls of the port, counted and failed -----------------------------------------------------------------
+// --- calls of the port, counted and failed -------------------------------------------------------
 typedef enum {
   WORLD_START,
   WORLD_DEQUEUE,
@@ -45,8 +45,8 @@ const char *world_call_name(world_call c);
 
 typedef struct {
   world_call call;
-  long at;      // the at-th call fails (1: the first); 0: none
-  bool is_lasting; // and all later ones, too
+  long at;               // the at-th call fails (1: the first); 0: none
+  bool is_lasting;       // and all later ones, too
   long n[WORLD_N_CALLS]; // calls so far
   bool was_hit;
 } world_fault;
@@ -84,8 +84,8 @@ sv_status world_init(world *w);                  // sv_app_init in what is left 
 sv_status world_init_in(world *w, size_t bytes); // the same in so many bytes of it
 // open, init and run; the run's status.
 sv_status world_run(world *w);
-void world_close(world *w);          // ends the threads; the files stay
-void world_forget_files(world *w);   // an empty store
+void world_close(world *w);                                     // ends the threads; the files stay
+void world_forget_files(world *w);                              // an empty store
 const world_file *world_find(const world *w, const char *name); // NULL: no such file
 // Has a log line with this text been written?
 bool world_has_line(const world *w, const char *text);

@@ -13,9 +13,9 @@
 #include "src/format/sections.h"
 #include "tests/common/world.h"
 
-#define N_STEPS     6
-#define CAP_CALLS   2000 // a run reaches fewer of any kind
-#define OLD_CAP     (1u << 16)
+#define N_STEPS   6
+#define CAP_CALLS 2000 // a run reaches fewer of any kind
+#define OLD_CAP   (1u << 16)
 
 static world w;
 static uint8_t old_file[3][OLD_CAP];
@@ -96,10 +96,12 @@ static bool run_with(world_call c, long at, bool is_lasting) {
     assert_int_equal(s, SV_OK);
     assert_true(sv_train_digest(&w.app.trainer) == whole_digest);
   } else if (s < 0) {
-    if (!world_is_one_sentence(w.err.text)) fail_msg("%s, call %ld: \"%s\"", world_call_name(c), at, w.err.text);
+    if (!world_is_one_sentence(w.err.text))
+      fail_msg("%s, call %ld: \"%s\"", world_call_name(c), at, w.err.text);
     assert_int_equal(w.err.status, s);
   } else {
-    if (must_fail(c, is_lasting)) fail_msg("%s, call %ld failed and the run did not tell", world_call_name(c), at);
+    if (must_fail(c, is_lasting))
+      fail_msg("%s, call %ld failed and the run did not tell", world_call_name(c), at);
     assert_true(w.app.n_device_errors > 0); // seen and counted
   }
   check_files();
@@ -158,8 +160,8 @@ static int setup(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_start), cmocka_unit_test(test_dequeue), cmocka_unit_test(test_requeue),
-      cmocka_unit_test(test_stop),  cmocka_unit_test(test_begin),   cmocka_unit_test(test_write),
+      cmocka_unit_test(test_start),  cmocka_unit_test(test_dequeue), cmocka_unit_test(test_requeue),
+      cmocka_unit_test(test_stop),   cmocka_unit_test(test_begin),   cmocka_unit_test(test_write),
       cmocka_unit_test(test_commit), cmocka_unit_test(test_read),
   };
   return cmocka_run_group_tests(tests, setup, NULL);

@@ -35,7 +35,7 @@
 static char g_root[256], g_program[512], g_emulate[512];
 static char g_out[64 << 10], g_err[64 << 10]; // what the last program wrote
 
-// --- processes and files ---------------------------------------------------------------------------------------
+// --- processes and files -------------------------------------------------------------------------
 
 // Starts `subview` with the words of a command line. "@" in it stands for the test's folder.
 static pid_t start(const char *line) {
@@ -125,7 +125,7 @@ static int n_files(const char *name) {
   return n;
 }
 
-// --- bad input -------------------------------------------------------------------------------------------------
+// --- bad input -----------------------------------------------------------------------------------
 
 #define SMALL "--source sim:textured,rig=stereo,size=64x48 --exposures 2 --gaussians 100 --steps 5 "
 
@@ -167,7 +167,8 @@ static void test_bad_input(void **state) {
       {"run " SMALL "--resume --quiet --out @/torn", "checkpoint.bin", 1},
       {"capture --source sim:textured --out @/bad", "--exposures", 2},
       {"capture --source sim:atlantis --exposures 2 --out @/bad", "atlantis", 1},
-      {"capture --source sim:textured,frames=1,drop=1 --exposures 2 --quiet --out @/bad_capture", "exposure", 1},
+      {"capture --source sim:textured,frames=1,drop=1 --exposures 2 --quiet --out @/bad_capture", "exposure",
+       1},
       {"capture --source sim:textured --exposures 2 --out @/a_file/sub", "a_file", 1},
       {"cameras --source-kind v4l3", "v4l3", 2},
       {"plan --size 640", "640", 2},
@@ -179,9 +180,10 @@ static void test_bad_input(void **state) {
   int n_bad = 0;
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
     int code = run(cases[i].line);
-    if (code == cases[i].code && n_lines(g_err) == 1 && strstr(g_err, cases[i].says) && n_files("bad") == 0) continue;
-    print_error("subview %s\n  exit %d, expected %d and one line with \"%s\"; %d files; stderr:\n%s\n", cases[i].line,
-                code, cases[i].code, cases[i].says, n_files("bad"), g_err);
+    if (code == cases[i].code && n_lines(g_err) == 1 && strstr(g_err, cases[i].says) && n_files("bad") == 0)
+      continue;
+    print_error("subview %s\n  exit %d, expected %d and one line with \"%s\"; %d files; stderr:\n%s\n",
+                cases[i].line, code, cases[i].code, cases[i].says, n_files("bad"), g_err);
     n_bad++;
   }
   assert_int_equal(n_bad, 0);
@@ -200,7 +202,7 @@ static void test_unknown_kernels(void **state) {
 
 static void test_help(void **state) {
   (void)state;
-  static const char *const lines[] = {"--help",        "--version",      "run --help",  "capture --help",
+  static const char *const lines[] = {"--help",         "--version",   "run --help",      "capture --help",
                                       "cameras --help", "plan --help", "selftest --help", "cameras"};
   for (size_t i = 0; i < sizeof lines / sizeof *lines; i++) {
     assert_int_equal(run(lines[i]), 0);
@@ -209,7 +211,7 @@ static void test_help(void **state) {
   }
 }
 
-// --- a good run ------------------------------------------------------------------------------------------------
+// --- a good run ----------------------------------------------------------------------------------
 
 static const char *value_of(const char *json, const char *key) {
   char quoted[64];
@@ -224,7 +226,8 @@ static void test_json_and_digest(void **state) {
   char digest[2][24];
   for (int i = 0; i < 2; i++) {
     assert_int_equal(run(i ? "run " SMALL "--threads 2 --quiet --json --out @/json"
-                           : "run " SMALL "--threads 1 --quiet --json --out @/json"), 0);
+                           : "run " SMALL "--threads 1 --quiet --json --out @/json"),
+                     0);
     assert_int_equal(n_lines(g_out), 1); // one object, and nothing else
     assert_int_equal(n_lines(g_err), 0);
     assert_true(g_out[0] == '{' && g_out[strlen(g_out) - 2] == '}');
@@ -244,20 +247,23 @@ static void test_memory(void **state) {
   }
   struct rusage use;
   static char json[CAP_JSON];
-  const char *line = "run --source sim:textured,rig=stereo,size=320x240 --exposures 8 --gaussians 5000 --steps 60 "
-                     "--quiet --out @/memory";
+  const char *line =
+      "run --source sim:textured,rig=stereo,size=320x240 --exposures 8 --gaussians 5000 --steps 60 "
+      "--quiet --out @/memory";
   assert_int_equal(finish(start(line), &use), 0);
   slurp("memory/run.json", json, sizeof json);
   double used_mib = atof(value_of(json, "used_bytes")) / 1048576.0, peak_mib = (double)use.ru_maxrss / 1024.0;
   double block_mib = atof(value_of(json, "arena_bytes")) / 1048576.0;
-  print_message("peak %.1f MiB resident; %.1f MiB of a block of %.0f MiB in use\n", peak_mib, used_mib, block_mib);
+  print_message("peak %.1f MiB resident; %.1f MiB of a block of %.0f MiB in use\n", peak_mib, used_mib,
+                block_mib);
   assert_true(peak_mib <= used_mib + 8.0);
   assert_true(used_mib < 0.5 * block_mib); // else the check above would prove little
 }
 
-// --- signals ---------------------------------------------------------------------------------------------------
+// --- signals -------------------------------------------------------------------------------------
 
-#define LONG_RUN "run --source sim:textured,rig=stereo,size=64x48 --exposures 2 --gaussians 200 --save-every 0.02 "
+#define LONG_RUN                                                                                             \
+  "run --source sim:textured,rig=stereo,size=64x48 --exposures 2 --gaussians 200 --save-every 0.02 "
 
 static bool wait_for(const char *name, pid_t pid) {
   for (int i = 0; i < 3000 && !exists(name); i++) {
@@ -310,14 +316,15 @@ static void test_interrupt_saves(void **state) {
   assert_int_equal(strncmp(value_of(json, "state"), "\"done\"", 6), 0);
 }
 
-// --- set-up ----------------------------------------------------------------------------------------------------
+// --- set-up --------------------------------------------------------------------------------------
 
 static void make_captures(void) {
   static const char *const names[] = {"tiny", "cut", "wrong_size", "no_rig", "no_frames"};
   for (size_t i = 0; i < sizeof names / sizeof *names; i++)
     shell("cp -r tests/data/capture_tiny '%s/%s'", g_root, names[i]);
   shell("head -c 700 tests/data/capture_tiny/capture.json > '%s/cut/capture.json'", g_root);
-  shell("sed -i 's/.imagersize.: .64, 48./\"imagersize\": [128, 96]/' '%s'/wrong_size/rig/*.cameramodel", g_root);
+  shell("sed -i 's/.imagersize.: .64, 48./\"imagersize\": [128, 96]/' '%s'/wrong_size/rig/*.cameramodel",
+        g_root);
   shell("rm -r '%s/no_rig/rig'", g_root);
   shell("rm '%s'/no_frames/cam*/*.jpg", g_root);
   shell("echo text > '%s/a_file'", g_root);
@@ -343,9 +350,12 @@ static int tear_down(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_bad_input),      cmocka_unit_test(test_unknown_kernels),
-      cmocka_unit_test(test_help),           cmocka_unit_test(test_json_and_digest),
-      cmocka_unit_test(test_memory),         cmocka_unit_test(test_killed_run_goes_on),
+      cmocka_unit_test(test_bad_input),
+      cmocka_unit_test(test_unknown_kernels),
+      cmocka_unit_test(test_help),
+      cmocka_unit_test(test_json_and_digest),
+      cmocka_unit_test(test_memory),
+      cmocka_unit_test(test_killed_run_goes_on),
       cmocka_unit_test(test_interrupt_saves),
   };
   const char *bin = getenv("SV_BIN");

@@ -28,8 +28,11 @@ static char dir[256];
 static int n_pictures;
 
 static void publish_jpeg(void *self, const char *name, int width_px, int height_px, const uint8_t *rgb) {
-  sv_picture pic = {.width_px = width_px, .height_px = height_px, .stride_bytes = (size_t)width_px * 3,
-                    .format = SV_PIX_RGB8, .data = (uint8_t *)(uintptr_t)rgb};
+  sv_picture pic = {.width_px = width_px,
+                    .height_px = height_px,
+                    .stride_bytes = (size_t)width_px * 3,
+                    .format = SV_PIX_RGB8,
+                    .data = (uint8_t *)(uintptr_t)rgb};
   sv_store st = sv_linux_store_port(&store);
   size_t bytes;
   sv_err err;
@@ -120,6 +123,7 @@ static void test_replay_2(void **state) {
 
 #define CASE(name) cmocka_unit_test_setup_teardown(name, make_dir, remove_dir)
 int main(void) {
-  const struct CMUnitTest tests[] = {CASE(test_sim_1), CASE(test_sim_2), CASE(test_replay_1), CASE(test_replay_2)};
+  const struct CMUnitTest tests[] = {CASE(test_sim_1), CASE(test_sim_2), CASE(test_replay_1),
+                                     CASE(test_replay_2)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

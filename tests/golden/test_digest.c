@@ -34,7 +34,8 @@ typedef struct {
 } outcome;
 
 // SH of degree 2 and relocation take part in both lengths, unless the run is a calm one.
-static outcome run(uint32_t isa_mask, int n_threads, uint32_t steps, int n_exposures, const char *spec, bool is_calm) {
+static outcome run(uint32_t isa_mask, int n_threads, uint32_t steps, int n_exposures, const char *spec,
+                   bool is_calm) {
   if (!world_open(&w, spec, n_exposures, isa_mask, n_threads)) fail_msg("%s", w.err.text);
   w.cfg.train.n_gaussians = 1500;
   w.cfg.train.sh_degree = 2;
@@ -78,7 +79,8 @@ static void test_instruction_sets(void **state) {
   for (int isa = 0; isa < SV_N_ISAS; isa++) {
     if (!(sv_cpu_isas() & SV_ISA_BIT(isa)) || isa == SV_ISA_SSE41) continue;
     outcome o = run_short(sv_isa_only((sv_isa)isa), 2);
-    print_message("%s: digest %016llx, loss %.6f\n", sv_isa_name((sv_isa)isa), (unsigned long long)o.digest, o.loss);
+    print_message("%s: digest %016llx, loss %.6f\n", sv_isa_name((sv_isa)isa), (unsigned long long)o.digest,
+                  o.loss);
     expect(o.digest, SHORT_DIGEST, sv_isa_name((sv_isa)isa));
   }
 }
@@ -107,7 +109,8 @@ static void test_long_run(void **state) {
   expect(run(~0u, 2, LONG_STEPS, 4, LONG_SPEC, false).digest, LONG_DIGEST, "long run, 2 threads");
   expect(run(~0u, 1, LONG_STEPS, 4, LONG_SPEC, false).digest, LONG_DIGEST, "long run, 1 thread");
   if (sv_cpu_isas() & SV_ISA_BIT(SV_ISA_AVX512)) // then the runs above were AVX-512
-    expect(run(sv_isa_only(SV_ISA_AVX2), 4, LONG_STEPS, 4, LONG_SPEC, false).digest, LONG_DIGEST, "long run, AVX2");
+    expect(run(sv_isa_only(SV_ISA_AVX2), 4, LONG_STEPS, 4, LONG_SPEC, false).digest, LONG_DIGEST,
+           "long run, AVX2");
 }
 
 int main(void) {

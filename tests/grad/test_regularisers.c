@@ -29,7 +29,8 @@ static void test_isa(sv_isa isa) {
   sv_planes zero;
   sv_pool pool = sv_pool_serial();
   sv_regularisers reg = {0.3f, 0.7f};
-  sv_renderer_cfg cfg = {.cap_gaussians = N, .cap_width_px = 64, .cap_height_px = 48, .n_threads = 1, .has_grad = true};
+  sv_renderer_cfg cfg = {
+      .cap_gaussians = N, .cap_width_px = 64, .cap_height_px = 48, .n_threads = 1, .has_grad = true};
   sv_kernels_init(&k, sv_isa_only(isa));
   assert_int_equal(sv_gaussians_init(&g, N, 1, &a), SV_OK);
   assert_int_equal(sv_renderer_init(&r, &cfg, &a), SV_OK);
@@ -38,7 +39,8 @@ static void test_isa(sv_isa isa) {
   sv_rng rng = sv_rng_make(5, 1);
   for (int i = 0; i < N; i++) {
     sv_gaussian v = {.quat_wxyz = {1, 0, 0, 0}, .opacity_logit = 3 * sv_rng_normal(&rng)};
-    for (int c = 0; c < 3; c++) v.mean[c] = sv_rng_f(&rng) - 0.5f, v.log_scale[c] = -2.5f + sv_rng_normal(&rng) * 0.5f;
+    for (int c = 0; c < 3; c++)
+      v.mean[c] = sv_rng_f(&rng) - 0.5f, v.log_scale[c] = -2.5f + sv_rng_normal(&rng) * 0.5f;
     sv_gaussians_put(&g, i, &v);
   }
   sv_pose pose = sv_pose_identity();

@@ -73,7 +73,7 @@ static int group_of_row(int row) {
 
 static double uniform(sv_rng *r, double lo, double hi) { return lo + (hi - lo) * (double)sv_rng_f(r); }
 
-// --- scenes ----------------------------------------------------------------------------------------------
+// --- scenes --------------------------------------------------------------------------------------
 
 static void make_view(const scene_case *c, dr_scene *s, sv_view *view) {
   double eye[3] = {0.3, -2.6, 0.8}, at[3] = {0, 0, 0}, up[3] = {0.1, 0, 1};
@@ -171,7 +171,7 @@ static void make_scene(const scene_case *c, dr_scene *s, sv_view *view) {
   }
 }
 
-// --- the renderer under test -------------------------------------------------------------------------------
+// --- the renderer under test ---------------------------------------------------------------------
 
 static _Alignas(64) uint8_t block[48 << 20];
 
@@ -237,7 +237,7 @@ static void render_float(const scene_case *c, const dr_scene *s, const sv_view *
   backward(q, k);
 }
 
-// --- comparisons -------------------------------------------------------------------------------------------
+// --- comparisons ---------------------------------------------------------------------------------
 
 typedef struct {
   double rgb[3][CAP_PX], depth[CAP_PX], trans[CAP_PX], margin[CAP_PX];
@@ -420,7 +420,7 @@ static void test_cases(void **state) {
   for (int i = 0; i < N_CASES; i++) check_case(cases + i);
 }
 
-// --- Adam --------------------------------------------------------------------------------------------------
+// --- Adam ----------------------------------------------------------------------------------------
 
 typedef struct {
   double p, m, v;

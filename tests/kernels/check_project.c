@@ -72,7 +72,7 @@ static void check_project(ck *c) {
         }
 }
 
-// --- backward --------------------------------------------------------------------------------------------
+// --- backward ------------------------------------------------------------------------------------
 
 // Slots as rasterization would leave them, but of any size; a third of the records has none.
 static void make_slots(ck *c, sc_scene *s, int fill, float **slot) {
@@ -118,7 +118,8 @@ static void bwd_case(ck *c, const sc_cfg *cfg, int fill) {
     for (int i = 0; i < 2; i++) memset(g[i], 0xff, 64 * (size_t)s.n_rows);
     uint32_t touched = c->ref.project_bwd(&a, b, g[0], err[0], sc_scratch());
     a.pose_grad = pose[1];
-    ck_true(c, c->var.project_bwd(&a, b, g[1], err[1], sc_scratch()) == touched, "block %d: other lanes touched", b);
+    ck_true(c, c->var.project_bwd(&a, b, g[1], err[1], sc_scratch()) == touched,
+            "block %d: other lanes touched", b);
     compare_grads(c, &s, g[0], g[1]);
     ck_same_abs(c, "err", err[0], err[1], 16, 1e-5 * sc_largest(err[0], 16));
     ck_same_abs(c, "pose", pose[0], pose[1], 6, 3e-3 * sc_largest(pose[0], 6));
@@ -145,7 +146,7 @@ static void check_project_bwd(ck *c) {
         }
 }
 
-// --- bench -----------------------------------------------------------------------------------------------
+// --- bench ---------------------------------------------------------------------------------------
 
 typedef struct {
   sc_scene s;

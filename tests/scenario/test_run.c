@@ -32,13 +32,13 @@ static void assert_ledger(void) {
   for (int i = 0; i < w.cfg.n_cameras; i++) {
     const sv_ledger *l = sv_sync_ledger(&w.app.sync, i);
     if (!sv_ledger_is_exact(l) || l->pending != 0 || l->captured != l->delivered + sv_ledger_dropped(l))
-      fail_msg("camera %d: %llu captured, %llu delivered, %llu dropped, %llu pending", i, (unsigned long long)l->captured,
-               (unsigned long long)l->delivered, (unsigned long long)sv_ledger_dropped(l),
-               (unsigned long long)l->pending);
+      fail_msg("camera %d: %llu captured, %llu delivered, %llu dropped, %llu pending", i,
+               (unsigned long long)l->captured, (unsigned long long)l->delivered,
+               (unsigned long long)sv_ledger_dropped(l), (unsigned long long)l->pending);
   }
 }
 
-// --- quality -----------------------------------------------------------------------------------------------
+// --- quality -------------------------------------------------------------------------------------
 
 typedef struct {
   const char *spec;
@@ -62,20 +62,21 @@ static double train_quality(const quality *q, uint64_t mask) {
 static void test_stereo_beats_one_sub_view(void **state) {
   (void)state;
   static const quality runs[] = {
-      {"textured,rig=stereo,size=160x120", 8, 29.0, 0.3},  // measured: 30.6 dB, 0.8 dB over the left one alone
+      {"textured,rig=stereo,size=160x120", 8, 29.0, 0.3}, // measured: 30.6 dB, 0.8 dB over the left one alone
       {"occlusion,rig=stereo,size=160x120", 8, 27.3, 0.8}, // 28.9 dB, 1.6 dB
-      {"textured,rig=stereo,size=160x120", 4, 29.5, 2.0},  // 31.1 dB, 3.4 dB: the fewer exposures, the more it helps
+      {"textured,rig=stereo,size=160x120", 4, 29.5,
+       2.0}, // 31.1 dB, 3.4 dB: the fewer exposures, the more it helps
   };
   for (size_t i = 0; i < sizeof runs / sizeof *runs; i++) {
     double both = train_quality(&runs[i], 0), left = train_quality(&runs[i], 1);
-    print_message("%s, %d exposures: held-out %.2f dB, left alone %.2f dB\n", runs[i].spec, runs[i].n_exposures, both,
-                  left);
+    print_message("%s, %d exposures: held-out %.2f dB, left alone %.2f dB\n", runs[i].spec,
+                  runs[i].n_exposures, both, left);
     assert_true(both > runs[i].floor_db);
     assert_true(both > left + runs[i].margin_db);
   }
 }
 
-// --- cameras in time ---------------------------------------------------------------------------------------
+// --- cameras in time -----------------------------------------------------------------------------
 
 // Every exposure's pose is the simulator's at the exposure's own time, and lies within the limit of the truth.
 static void assert_exposures(sv_ns skew_limit_ns) {
@@ -129,7 +130,8 @@ static void test_bad_timing(void **state) {
       {"textured,rig=phone,size=64x48,skew_us=500,drift_ppm=-80,offset_ms=-300,delay_jitter_us=400,drop=0.1",
        3 * SV_NS_PER_MS, 1},
       {"textured,rig=stereo,size=64x48,drop=0.1,fault=error:0:3:2+dup:1:6:2+reorder:0:9", SV_NS_PER_MS, 4},
-      {"textured,rig=stereo,size=64x48,fault=seqreset:1:7+clockstep:0:11:500+stall:1:15:4", 5 * SV_NS_PER_MS, 1},
+      {"textured,rig=stereo,size=64x48,fault=seqreset:1:7+clockstep:0:11:500+stall:1:15:4", 5 * SV_NS_PER_MS,
+       1},
   };
   for (size_t i = 0; i < sizeof runs / sizeof *runs; i++) {
     open_world(runs[i].spec, 24);
@@ -214,7 +216,7 @@ static void test_source_ends(void **state) {
   world_close(&w);
 }
 
-// --- rigs --------------------------------------------------------------------------------------------------
+// --- rigs ----------------------------------------------------------------------------------------
 
 static double training_psnr(void) {
   double psnr;
@@ -276,13 +278,13 @@ static void test_unknown_bounds(void **state) {
   run_well();
   double psnr = training_psnr();
   print_message("bounds from the cameras: training views %.2f dB, centre %.2f %.2f %.2f, radius %.2f\n", psnr,
-                (double)w.app.trainer.centre[0], (double)w.app.trainer.centre[1], (double)w.app.trainer.centre[2],
-                (double)w.app.trainer.radius);
+                (double)w.app.trainer.centre[0], (double)w.app.trainer.centre[1],
+                (double)w.app.trainer.centre[2], (double)w.app.trainer.radius);
   assert_true(psnr > 23.0); // measured: 25.7
   world_close(&w);
 }
 
-// --- time, stops, resumes ----------------------------------------------------------------------------------
+// --- time, stops, resumes ------------------------------------------------------------------------
 
 static void test_time_limit(void **state) {
   (void)state;
@@ -408,7 +410,7 @@ static void test_save_every(void **state) {
   world_close(&w);
 }
 
-// --- limits ------------------------------------------------------------------------------------------------
+// --- limits --------------------------------------------------------------------------------------
 
 static void test_smallest_run(void **state) {
   (void)state;
@@ -497,8 +499,9 @@ static void test_report(void **state) {
   sv_json j;
   if (sv_json_parse(&j, "run.json", (const char *)f->data, f->bytes, tokens, 2048, &w.err) < 0)
     fail_msg("%s", w.err.text);
-  static const char *const keys[] = {"\"digest\"", "\"ledger\"", "\"memory\"", "\"step_ms\"", "\"psnr\": 12.5",
-                                     "\"is_exact\": true", "\"state\": \"done\""};
+  static const char *const keys[] = {"\"digest\"",         "\"ledger\"",     "\"memory\"",
+                                     "\"step_ms\"",        "\"psnr\": 12.5", "\"is_exact\": true",
+                                     "\"state\": \"done\""};
   static char text[SV_APP_REPORT_BYTES + 1];
   memcpy(text, f->data, f->bytes);
   text[f->bytes] = 0;

@@ -35,7 +35,7 @@ static const struct {
 } SOURCES[] = {{"sim", open_sim, 0}, {"replay", open_replay, 2 * N_RECORDED}};
 #define N_SOURCES ((int)(sizeof SOURCES / sizeof *SOURCES))
 
-// --- a capture of the simulator ------------------------------------------------------------------------------
+// --- a capture of the simulator ------------------------------------------------------------------
 
 static void write_rig(const sv_rig *rig) {
   static char text[16384];
@@ -63,8 +63,13 @@ static void record(void) {
   sv_frame f;
   sv_source *src = &w.inner.source;
   double scene[6] = {-1, -1, -1, 1, 1, 1};
-  sv_capture_writer_cfg wc = {.dir = dir, .name = "", .rig = "rig", .n_cameras = src->n_cameras, .caps = w.caps,
-                              .scene_m = scene, .quality = 98};
+  sv_capture_writer_cfg wc = {.dir = dir,
+                              .name = "",
+                              .rig = "rig",
+                              .n_cameras = src->n_cameras,
+                              .caps = w.caps,
+                              .scene_m = scene,
+                              .quality = 98};
   if (sv_capture_writer_open(&writer, &wc, &w.arena, &w.err) < 0) fail_msg("%s", w.err.text);
   assert_int_equal(src->start(src->self), SV_OK);
   for (int i = 0; i < N_RECORDED * src->n_cameras; i++) {
@@ -100,7 +105,7 @@ static int remove_capture(void **state) {
   return system(command);
 }
 
-// --- what a frame must be ------------------------------------------------------------------------------------
+// --- what a frame must be ------------------------------------------------------------------------
 
 typedef struct {
   sv_ns last_arrival_ns;
@@ -118,7 +123,8 @@ static void check_frame(stream *st, const sv_frame *f) {
   assert_int_equal(f->format, c->format);
   assert_true(f->stride_bytes >= f->width_px * 3);
   assert_true(f->data && f->data_bytes <= c->frame_bytes);
-  assert_true(f->data_bytes >= (size_t)f->stride_bytes * (size_t)(f->height_px - 1) + (size_t)f->width_px * 3);
+  assert_true(f->data_bytes >=
+              (size_t)f->stride_bytes * (size_t)(f->height_px - 1) + (size_t)f->width_px * 3);
   assert_false(f->is_error);
   assert_true(f->arrival_ns >= st->last_arrival_ns);
   assert_true(f->arrival_ns <= w.inner.clock.now_ns(w.inner.clock.self));
@@ -214,13 +220,14 @@ static void test_bad_calls(void **state) {
     f.i_camera = 0, f.i_buffer = 1000;
     assert_true(src->requeue(src->self, &f) < 0);
     // Nothing comes before a time that has passed.
-    assert_int_equal(src->dequeue(src->self, &f, w.inner.clock.now_ns(w.inner.clock.self) - 1) == SV_E_DEVICE, 0);
+    assert_int_equal(src->dequeue(src->self, &f, w.inner.clock.now_ns(w.inner.clock.self) - 1) == SV_E_DEVICE,
+                     0);
     assert_int_equal(src->stop(src->self), SV_OK);
     world_close(&w);
   }
 }
 
-// --- capture, then replay: the same exposures ------------------------------------------------------------------
+// --- capture, then replay: the same exposures ----------------------------------------------------
 
 static void test_replay_gives_the_same_exposures(void **state) {
   (void)state;
@@ -247,8 +254,10 @@ static void test_replay_gives_the_same_exposures(void **state) {
   for (int i = 0; i < 8; i++) {
     const sv_exposure *x = &w.app.exposures.exposure[i];
     assert_true(x->time_ns == want[i].time_ns && x->skew_ns == want[i].skew_ns);
-    for (int k = 0; k < 9; k++) assert_true(fabs(x->rig_from_world.r[k] - want[i].rig_from_world.r[k]) < 1e-12);
-    for (int k = 0; k < 3; k++) assert_true(fabs(x->rig_from_world.t[k] - want[i].rig_from_world.t[k]) < 1e-12);
+    for (int k = 0; k < 9; k++)
+      assert_true(fabs(x->rig_from_world.r[k] - want[i].rig_from_world.r[k]) < 1e-12);
+    for (int k = 0; k < 3; k++)
+      assert_true(fabs(x->rig_from_world.t[k] - want[i].rig_from_world.t[k]) < 1e-12);
     for (int s = 0; s < 2; s++) {
       double sum = 0;
       sv_exposures_get(&w.app.exposures, i, s, &im, &u);

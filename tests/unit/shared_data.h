@@ -31,7 +31,7 @@ static inline void shared_for_each(const char *prefix, const char *suffix,
       fseek(in, 0, SEEK_END);
       long bytes = ftell(in);
       rewind(in);
-      char *data = malloc((size_t)bytes + 1);
+      char *data = (char *)malloc((size_t)bytes + 1);
       if (data && fread(data, 1, (size_t)bytes, in) == (size_t)bytes) fn(path, data, (size_t)bytes, arg);
       free(data);
       fclose(in);

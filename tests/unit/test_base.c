@@ -150,7 +150,8 @@ static void test_functions(void **state) {
   double e_exp = 0, e_log = 0, e_sin = 0, e_atan = 0, e_pow = 0;
   (void)state;
   for (int i = 0; i < 200000; i++) {
-    double u = (sv_rng_u32(&r) - 2147483648.0) / 2147483648.0, v = (sv_rng_u32(&r) - 2147483648.0) / 2147483648.0;
+    double u = (sv_rng_u32(&r) - 2147483648.0) / 2147483648.0,
+           v = (sv_rng_u32(&r) - 2147483648.0) / 2147483648.0;
     e_exp = fmax(e_exp, rel(sv_exp(700 * u), exp(700 * u)));
     double p = exp(300 * v);
     e_log = fmax(e_log, fabs(log(p)) > 1e-3 ? rel(sv_log(p), log(p)) : fabs(sv_log(p) - log(p)));
@@ -158,7 +159,8 @@ static void test_functions(void **state) {
     e_atan = fmax(e_atan, fabs(sv_atan2(u, v) - atan2(u, v)));
     e_pow = fmax(e_pow, rel(sv_pow(fabs(u) + 1e-3, 4 * v), pow(fabs(u) + 1e-3, 4 * v)));
   }
-  print_message("errors: exp %.1e log %.1e sin/cos %.1e atan2 %.1e pow %.1e\n", e_exp, e_log, e_sin, e_atan, e_pow);
+  print_message("errors: exp %.1e log %.1e sin/cos %.1e atan2 %.1e pow %.1e\n", e_exp, e_log, e_sin, e_atan,
+                e_pow);
   assert_true(e_exp < 1e-15 && e_log < 1e-15 && e_sin < 1e-15 && e_atan < 1e-15 && e_pow < 1e-14);
   assert_true(sv_exp(1000) == INFINITY && sv_exp(-1000) == 0 && isnan(sv_exp(NAN)));
   assert_true(sv_log(0) == -INFINITY && isnan(sv_log(-1)) && sv_log(1) == 0);
@@ -191,7 +193,8 @@ static void test_poses(void **state) {
   for (int i = 0; i < 1000; i++) {
     double w[3], back[3], q[4], x[3] = {0.3, -2, 5}, y[3];
     sv_pose a, b;
-    for (int k = 0; k < 3; k++) w[k] = 1.7 * (2 * (double)sv_rng_f(&r) - 1), a.t[k] = (double)sv_rng_normal(&r);
+    for (int k = 0; k < 3; k++)
+      w[k] = 1.7 * (2 * (double)sv_rng_f(&r) - 1), a.t[k] = (double)sv_rng_normal(&r);
     sv_rodrigues(a.r, w);
     assert_true(sv_rotation_error(a.r) < 1e-14);
     sv_rodrigues_inv(back, a.r);
@@ -246,9 +249,9 @@ static void test_rig(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_status),    cmocka_unit_test(test_arena),  cmocka_unit_test(test_ring),
-      cmocka_unit_test(test_text),      cmocka_unit_test(test_functions), cmocka_unit_test(test_random),
-      cmocka_unit_test(test_poses),     cmocka_unit_test(test_rig),
+      cmocka_unit_test(test_status), cmocka_unit_test(test_arena),     cmocka_unit_test(test_ring),
+      cmocka_unit_test(test_text),   cmocka_unit_test(test_functions), cmocka_unit_test(test_random),
+      cmocka_unit_test(test_poses),  cmocka_unit_test(test_rig),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -139,7 +139,7 @@ static void test_refused(void **state) {
   }
 }
 
-// --- rig -------------------------------------------------------------------------------------------
+// --- rig -----------------------------------------------------------------------------------------
 static const char *rig_text;
 static sv_status from_memory(void *self, const char *name, void *buf, size_t cap, size_t *bytes, sv_err *e) {
   (void)self;

@@ -16,26 +16,7 @@
 
 #include "platform/codec/codec.h"
 #include "src/base/rng.h"
-
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-#define HAS_MALLOC_COUNT 1
-extern void *__libc_malloc(size_t), *__libc_calloc(size_t, size_t), *__libc_realloc(void *, size_t);
-static long g_n_mallocs;
-void *malloc(size_t n) {
-  g_n_mallocs++;
-  return __libc_malloc(n);
-}
-void *calloc(size_t n, size_t m) {
-  g_n_mallocs++;
-  return __libc_calloc(n, m);
-}
-void *realloc(void *p, size_t n) {
-  g_n_mallocs++;
-  return __libc_realloc(p, n);
-}
-#else
-static long g_n_mallocs;
-#endif
+#include "tests/fault/heap_count.h"
 
 static uint8_t g_file[4 << 20], g_rgb[1920 * 1080 * 3], g_back[1920 * 1080 * 8];
 
@@ -347,7 +328,6 @@ static void webcam_padding_is_no_damage(void **state) {
 
 static void no_heap_call_a_frame(void **state) {
   (void)state;
-#if HAS_MALLOC_COUNT
   bench_t b;
   sv_err err;
   bench_open(&b, 320, 240, true);
@@ -358,7 +338,7 @@ static void no_heap_call_a_frame(void **state) {
   n_png = png_file(g_rgb, 320, 240, PNG_FORMAT_RGB);
   memcpy(png, g_file, n_png);
   sv_picture in = picture(g_rgb, 320, 240, SV_PIX_RGB8), out = picture(g_back, 320, 240, SV_PIX_RGB8);
-  long n = g_n_mallocs;
+  sv_heap_arm();
   for (int i = 0; i < 20; i++) {
     assert_int_equal(sv_codec_encode_jpeg(&b.codec, &in, 90, i & 1, jpeg, sizeof jpeg, &n_jpeg, &err), SV_OK);
     assert_int_equal(sv_codec_decode(&b.codec, jpeg, n_jpeg, &out, &err), SV_OK);
@@ -367,13 +347,10 @@ static void no_heap_call_a_frame(void **state) {
     assert_true(sv_codec_decode(&b.codec, jpeg, n_jpeg / 2, &out, &err) < 0);
     assert_true(sv_codec_decode(&b.codec, png, n_png / 2, &out, &err) < 0);
   }
-  assert_int_equal(g_n_mallocs, n);
+  sv_heap_disarm();
+  sv_heap_report();
+  assert_int_equal(sv_heap_count(), 0);
   bench_close(&b);
-#else
-  (void)g_n_mallocs;
-  print_message("skipped: the sanitizer owns malloc\n");
-  skip();
-#endif
 }
 
 int main(void) {

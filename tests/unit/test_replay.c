@@ -20,26 +20,7 @@
 #include "platform/replay/replay.h"
 #include "src/base/rng.h"
 #include "src/base/str.h"
-
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-#define HAS_MALLOC_COUNT 1
-extern void *__libc_malloc(size_t), *__libc_calloc(size_t, size_t), *__libc_realloc(void *, size_t);
-static long g_n_mallocs;
-void *malloc(size_t n) {
-  g_n_mallocs++;
-  return __libc_malloc(n);
-}
-void *calloc(size_t n, size_t m) {
-  g_n_mallocs++;
-  return __libc_calloc(n, m);
-}
-void *realloc(void *p, size_t n) {
-  g_n_mallocs++;
-  return __libc_realloc(p, n);
-}
-#else
-static long g_n_mallocs;
-#endif
+#include "tests/fault/heap_count.h"
 
 #define TINY "tests/data/capture_tiny"
 static _Alignas(64) uint8_t g_block[16 << 20], g_block2[8 << 20];
@@ -195,26 +176,22 @@ static void realtime_keeps_the_time(void **state) {
 
 static void no_heap_call_a_frame(void **state) {
   (void)state;
-#if HAS_MALLOC_COUNT
   sv_err err;
   sv_frame f;
   assert_int_equal(open_replay(TINY ",speed=max", &err), SV_OK);
   sv_source s = sv_replay_source(&g_replay);
-  long n = g_n_mallocs;
+  sv_heap_arm();
   for (int run = 0; run < 50; run++) {
     assert_int_equal(s.start(s.self), SV_OK);
     while (s.dequeue(s.self, &f, INT64_MAX) == SV_OK) assert_int_equal(s.requeue(s.self, &f), SV_OK);
   }
-  assert_int_equal(g_n_mallocs, n);
+  sv_heap_disarm();
+  sv_heap_report();
+  assert_int_equal(sv_heap_count(), 0);
   sv_replay_close(&g_replay);
-#else
-  (void)g_n_mallocs;
-  print_message("skipped: the sanitizer owns malloc\n");
-  skip();
-#endif
 }
 
-// --- the writer ------------------------------------------------------------------------------------
+// --- the writer ----------------------------------------------------------------------------------
 static uint8_t g_rgb[2][40 * 30 * 3];
 
 static sv_status open_writer(const char *dir) {
@@ -298,9 +275,11 @@ static void writer_round_trip(void **state) {
   sv_err err;
   sv_fmt(dir, sizeof dir, "%s/w", g_dir);
   assert_int_equal(open_writer(dir), SV_OK);
-  long n = g_n_mallocs;
+  sv_heap_arm();
   write_frames(10);
-  assert_int_equal(g_n_mallocs, n);
+  sv_heap_disarm();
+  sv_heap_report();
+  assert_int_equal(sv_heap_count(), 0);
   sv_frame f = make_frame(10, 0);
   f.is_error = true;
   assert_int_equal(sv_capture_writer_add(&g_writer, &f, &err), SV_DROPPED);
@@ -341,7 +320,7 @@ static void a_killed_writer_loses_nothing(void **state) {
   }
 }
 
-// --- wrong files -----------------------------------------------------------------------------------
+// --- wrong files ---------------------------------------------------------------------------------
 static void damaged_pictures_are_delivered_as_errors(void **state) {
   (void)state;
   char dir[100], cmd[400];

@@ -17,7 +17,7 @@ static _Alignas(64) uint8_t block[64 << 20];
 
 static sv_arena fresh(void) { return sv_arena_make(block, sizeof block); }
 
-// --- arrays ----------------------------------------------------------------------------------------------
+// --- arrays --------------------------------------------------------------------------------------
 
 static void test_put_get(void **state) {
   (void)state;
@@ -63,7 +63,7 @@ static void test_init_limits(void **state) {
   assert_int_equal(sv_gaussians_init(&g, 1000, 3, &a), SV_E_NOMEM);
 }
 
-// --- neighbours ------------------------------------------------------------------------------------------
+// --- neighbours ----------------------------------------------------------------------------------
 
 static double brute(const float *xyz, int n, int self) {
   double best[3] = {INFINITY, INFINITY, INFINITY}, sum = 0;
@@ -118,7 +118,7 @@ static void test_neighbours(void **state) {
     }
 }
 
-// --- the start -------------------------------------------------------------------------------------------
+// --- the start -----------------------------------------------------------------------------------
 
 static sv_status fill(sv_gaussians *g, int n, sv_init_kind kind, const sv_point *point, int n_points,
                       size_t less) {
@@ -221,7 +221,7 @@ static void test_radius(void **state) {
   assert_int_equal(a.used_bytes, 0);
 }
 
-// --- the renderer ----------------------------------------------------------------------------------------
+// --- the renderer --------------------------------------------------------------------------------
 
 enum { N = 1500, W = 150, H = 90 };
 
@@ -271,8 +271,8 @@ static void render_both(scene *s, const sv_kernels *k, const sv_pool *pool) {
   assert_int_equal(sv_render_bwd(&s->r, k, pool, &s->grad, s->grad.c[0], s->grad.c[1], s->grad.c[2]), SV_OK);
   for (int b = 0; b < s->g.cap / 16; b++) {
     float pose[6];
-    (void)sv_render_bwd_block(&s->r, k, b, 0, NULL, s->row + (size_t)b * 16 * (size_t)s->g.n_rows, s->err + 16 * b,
-                              pose);
+    (void)sv_render_bwd_block(&s->r, k, b, 0, NULL, s->row + (size_t)b * 16 * (size_t)s->g.n_rows,
+                              s->err + 16 * b, pose);
   }
 }
 

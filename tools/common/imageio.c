@@ -34,7 +34,7 @@ void sv_bitmap_free(sv_bitmap *b) {
   *b = (sv_bitmap){0};
 }
 
-// --- PNG -------------------------------------------------------------------------------------------
+// --- PNG -----------------------------------------------------------------------------------------
 typedef struct {
   const char *name;
   const uint8_t *data;
@@ -159,7 +159,7 @@ sv_status sv_bitmap_write_png(const char *path, const sv_bitmap *b, sv_err *err)
   return s;
 }
 
-// --- JPEG ------------------------------------------------------------------------------------------
+// --- JPEG ----------------------------------------------------------------------------------------
 typedef struct {
   struct jpeg_error_mgr base; // first, so that the library's pointer is ours
   jmp_buf jump;
@@ -259,7 +259,7 @@ sv_status sv_bitmap_write_jpeg(const char *path, const sv_bitmap *b, int quality
   return s;
 }
 
-// --- both ------------------------------------------------------------------------------------------
+// --- both ----------------------------------------------------------------------------------------
 sv_status sv_bitmap_decode(const char *name, const void *data, size_t bytes, sv_bitmap *out, sv_err *err) {
   static const uint8_t png_magic[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1A, '\n'};
   const uint8_t *d = data;

@@ -30,7 +30,7 @@ char *sv_import_text(const char *dir, const char *file, sv_err *err) {
   return text;
 }
 
-// --- pictures --------------------------------------------------------------------------------------
+// --- pictures ------------------------------------------------------------------------------------
 static int is_picture(const struct dirent *d) {
   const char *dot = strrchr(d->d_name, '.');
   return dot && (!strcmp(dot, ".jpg") || !strcmp(dot, ".jpeg") || !strcmp(dot, ".png"));
@@ -103,7 +103,7 @@ static int take_pictures(const char *src, const char *out, const sv_import_camer
   return s;
 }
 
-// --- rig -------------------------------------------------------------------------------------------
+// --- rig -----------------------------------------------------------------------------------------
 static int put_model(const char *out, const sv_import_camera *c, int w, int h, sv_err *err) {
   char path[CAP_PATH];
   double kx = (double)w / c->calib_width_px, ky = (double)h / c->calib_height_px, r[3];
@@ -142,7 +142,7 @@ static int put_rig(const char *out, const char *name, const sv_import_camera *ca
   return fclose(f) == 0 ? SV_OK : sv_fail(err, SV_E_IO, "%s: cannot be written", path);
 }
 
-// --- capture.json ----------------------------------------------------------------------------------
+// --- capture.json --------------------------------------------------------------------------------
 static void put_camera(FILE *f, const sv_import_camera *c, const pictures_t *p, double fps, const char *end) {
   fprintf(f, "{\"name\":\"%s\",\"folder\":\"%s\",\"width\":%d,\"height\":%d,\"fps\":%.9g,", c->name, c->name,
           p->width_px, p->height_px, fps);

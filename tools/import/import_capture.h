@@ -23,7 +23,7 @@ int sv_import_4cam_board(const char *src_dir, const char *out_dir, sv_err *err) 
 // are the camera's axes in the world: right, up, backward.
 int sv_import_qca(const char *src_dir, const char *out_dir, sv_err *err) SV_MUST_USE;
 
-// --- shared by the importers -----------------------------------------------------------------------
+// --- shared by the importers ---------------------------------------------------------------------
 #define SV_IMPORT_CAP_CAMERAS 16
 
 typedef struct {

@@ -24,6 +24,7 @@ typedef struct {
   sv_pool pool;
   int n_threads;
   sv_kernels k;
+  uint32_t isa_mask; // that k was chosen by
   sv_linux_console lines;
   sv_console console;
   sv_clock clock;

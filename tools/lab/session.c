@@ -6,23 +6,9 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include "src/app/isa.h"
 #include "src/base/str.h"
 #include "tools/lab/lab.h"
-
-static sv_status choose_kernels(sv_kernels *k, sv_err *err) {
-  const char *name = getenv("SV_ISA");
-  uint32_t mask = sv_cpu_isas();
-  if (name && *name) {
-    int isa = sv_isa_by_name(name);
-    if (isa < 0)
-      return sv_fail(err, SV_E_ARG, "SV_ISA is '%.40s'; ref, sse41, avx2, avx512 or neon was expected", name);
-    if (!(mask & SV_ISA_BIT(isa)))
-      return sv_fail(err, SV_E_UNSUPPORTED, "SV_ISA is %s, which this CPU or this build does not have", name);
-    mask = sv_isa_only((sv_isa)isa);
-  }
-  sv_kernels_init(k, mask);
-  return SV_OK;
-}
 
 sv_status lab_session_start(lab_session *s, long n_threads, bool is_quiet, sv_err *err) {
   long n = n_threads > 0 ? n_threads : sysconf(_SC_NPROCESSORS_ONLN);
@@ -33,7 +19,8 @@ sv_status lab_session_start(lab_session *s, long n_threads, bool is_quiet, sv_er
   s->console = sv_linux_console_port(&s->lines);
   s->clock = sv_linux_clock();
   s->lines.last_live_ns = s->clock.now_ns(s->clock.self); // short work prints no progress into a log
-  sv_status st = choose_kernels(&s->k, err);
+  sv_status st = sv_isa_choose(getenv("SV_ISA"), &s->isa_mask, err);
+  sv_kernels_init(&s->k, s->isa_mask);
   if (st == SV_OK) st = sv_linux_pool_start(&s->threads, s->n_threads, -1, err);
   if (st == SV_OK) s->pool = sv_linux_pool_port(&s->threads);
   else s->n_threads = 0;

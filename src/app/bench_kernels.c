@@ -1,15 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 // The kernels of a step, one by one, on the data of a real step.
-#include <stdlib.h>
 #include <string.h>
 
+#include "src/app/bench.h"
 #include "src/base/str.h"
-#include "tools/lab/bench.h"
 
 #define N_GAUSSIANS 5000
+#define N_BLOCKS    ((N_GAUSSIANS + 15) / 16)
 #define WIDTH_PX    320
 #define HEIGHT_PX   240
 #define CASE_S      0.03
+
+static const sv_bench_step size = {
+    .n_gaussians = N_GAUSSIANS, .width_px = WIDTH_PX, .height_px = HEIGHT_PX, .n_threads = 1};
 
 typedef struct {
   sv_trainer *t;
@@ -17,15 +20,12 @@ typedef struct {
   sv_raster_bwd_args bwd;
   sv_adam_args adam;
   float lr[SV_CAP_ROWS];
-  sv_pair *pair;
-  sv_planes grad;
-  float *block; // [SV_CAP_ROWS + 1][16]
-  uint8_t *picture;
+  sv_pair *pair; // [N_GAUSSIANS]
+  float *block;  // [SV_CAP_ROWS + 1][16]
+  const uint8_t *picture;
 } ctx;
 
-static void run_project(ctx *c) {
-  c->k->project(&c->t->render.project, 0, (N_GAUSSIANS + 15) / 16, c->t->render.scratch);
-}
+static void run_project(ctx *c) { c->k->project(&c->t->render.project, 0, N_BLOCKS, c->t->render.scratch); }
 static void run_bin(ctx *c) {
   sv_renderer *r = &c->t->render;
   c->k->bin(r->splat, r->order, r->stats.n_visible, r->n_tiles_x, r->rec);
@@ -48,12 +48,12 @@ static void run_raster_bwd(ctx *c) {
                      r->scratch);
 }
 static void run_project_bwd(ctx *c) {
-  for (int b = 0; b < (N_GAUSSIANS + 15) / 16; b++)
+  for (int b = 0; b < N_BLOCKS; b++)
     sv_render_bwd_block(&c->t->render, c->k, b, 0, NULL, c->block, c->block + 16 * SV_CAP_ROWS, NULL);
 }
 static void run_adam(ctx *c) {
   sv_gaussians *g = &c->t->g;
-  for (int b = 0; b < (N_GAUSSIANS + 15) / 16; b++) {
+  for (int b = 0; b < N_BLOCKS; b++) {
     size_t at = (size_t)b * (size_t)g->n_rows * 16;
     c->k->adam(&c->adam, 0xffff, c->block, g->param + at, c->t->m + at, c->t->v + at);
   }
@@ -90,32 +90,16 @@ static const struct {
              {"bin", run_bin, ITEM_RECORD},
              {"adam", run_adam, ITEM_GAUSSIAN}};
 
-static bool has_variant(const char *op, sv_isa isa) {
-  static const struct {
-    const char *op;
-    sv_isa isa;
-  } all[] = {
-#define OP(name)                    {#name, SV_ISA_REF},
-#define VARIANT(name, lower, upper) {#name, SV_ISA_##upper},
-#include "kernels/variants.inc"
-#undef OP
-#undef VARIANT
-  };
-  for (size_t i = 0; i < sizeof all / sizeof *all; i++)
-    if (all[i].isa == isa && sv_str_eq(all[i].op, op)) return true;
-  return false;
-}
-
 static double time_case(ctx *c, run_fn run, const sv_clock *clock) {
-  double best = 1e9, sum = 0;
-  for (int i = 0; i < 1000 && (i < 3 || sum < CASE_S); i++) { // the best: interruptions only add
+  double best_ns = 1e30, sum_ns = 0;
+  for (int i = 0; i < 1000 && (i < 3 || sum_ns < 1e9 * CASE_S); i++) { // the best: interruptions only add
     sv_ns t0 = clock->now_ns(clock->self);
     run(c);
     double dt = (double)(clock->now_ns(clock->self) - t0);
-    sum += 1e-9 * dt;
-    if (dt < best) best = dt;
+    sum_ns += dt;
+    if (dt < best_ns) best_ns = dt;
   }
-  return best;
+  return best_ns;
 }
 
 static double n_items(const ctx *c, item_kind item) {
@@ -128,51 +112,75 @@ static double n_items(const ctx *c, item_kind item) {
   }
 }
 
-static void time_all(ctx *c, sv_isa isa, const sv_clock *clock, lab_kernel_time *out, int *n) {
-  for (size_t i = 0; i < sizeof cases / sizeof *cases && *n < LAB_CAP_KERNEL_TIMES; i++) {
-    if (!has_variant(cases[i].op, isa)) continue;
-    double items = n_items(c, cases[i].item), ns = time_case(c, cases[i].run, clock);
-    out[(*n)++] = (lab_kernel_time){cases[i].op, sv_isa_name(isa), items > 0 ? ns / items : 0,
-                                    item_names[cases[i].item]};
+static void time_all(sv_bench *b, ctx *c, sv_isa isa) {
+  for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+    if (!sv_kernel_exists(cases[i].op, isa)) continue;
+    double items = n_items(c, cases[i].item), ns = time_case(c, cases[i].run, &b->cfg.clock);
+    sv_bench_kernel r = {.op = cases[i].op,
+                         .item = item_names[cases[i].item],
+                         .isa = isa,
+                         .ns_per_item = items > 0 ? ns / items : 0,
+                         .is_pairs = cases[i].item == ITEM_PAIR};
+    sv_bench_put_kernel(b, &r);
   }
 }
 
-static sv_status prepare(ctx *c, lab_bench_scene *b, sv_err *err) {
+#define BLOCK_FLOATS ((SV_CAP_ROWS + 1) * 16)
+
+size_t sv_bench_kernel_bytes(void) {
+  return sv_bench_scene_bytes(&size) + N_GAUSSIANS * sizeof(sv_pair) + BLOCK_FLOATS * sizeof(float) +
+         2 * SV_ARENA_ALIGN;
+}
+
+// One real step leaves the data that the kernels are timed on.
+static sv_status prepare(ctx *c, sv_bench_scene *scene, sv_arena *a, sv_err *err) {
+  sv_trainer *t = &scene->t;
   sv_step_stats st;
-  sv_status s = sv_train_step(&b->t, 1.0f, &st);
+  c->pair = SV_TAKE(a, sv_pair, N_GAUSSIANS);
+  c->block = SV_TAKE(a, float, BLOCK_FLOATS);
+  if (a->status < 0) return sv_fail(err, a->status, "no room to time the kernels");
+  memset(c->block, 0, BLOCK_FLOATS * sizeof(float));
+  sv_status s = sv_train_step(t, 1.0f, &st);
   if (s < 0) return sv_fail(err, s, "the step to be timed failed");
-  c->t = &b->t;
-  c->picture = b->picture;
-  c->bwd = (sv_raster_bwd_args){.fwd = &b->t.render.raster,
-                                .g_rgb = {b->t.grad.c[0], b->t.grad.c[1], b->t.grad.c[2]},
-                                .err = b->t.err_plane,
-                                .slot = b->t.render.slot};
+  c->t = t;
+  c->picture = scene->picture;
+  c->bwd = (sv_raster_bwd_args){.fwd = &t->render.raster,
+                                .g_rgb = {t->grad.c[0], t->grad.c[1], t->grad.c[2]},
+                                .err = t->err_plane,
+                                .slot = t->render.slot};
   c->adam = (sv_adam_args){
-      .beta1 = 0.9f, .beta2 = 0.999f, .eps = 1e-15f, .rsqrt_bias2 = 1, .lr = c->lr, .n_rows = b->t.g.n_rows};
+      .beta1 = 0.9f, .beta2 = 0.999f, .eps = 1e-15f, .rsqrt_bias2 = 1, .lr = c->lr, .n_rows = t->g.n_rows};
   return SV_OK;
 }
 
-sv_status lab_bench_kernels(uint32_t mask, const sv_clock *clock, uint64_t seed, lab_kernel_time *out, int *n,
-                            sv_err *err) {
-  sv_status s = SV_OK;
-  *n = 0;
-  for (int isa = 0; isa < SV_N_ISAS && s == SV_OK; isa++) {
-    if (!(mask & sv_cpu_isas() & SV_ISA_BIT(isa))) continue;
-    sv_kernels k;
-    sv_pool serial = sv_pool_serial();
-    lab_bench_scene b;
-    ctx c = {.k = &k};
-    sv_kernels_init(&k, sv_isa_only((sv_isa)isa));
-    s = lab_bench_scene_make(&b, &k, &serial, N_GAUSSIANS, WIDTH_PX, HEIGHT_PX, seed, err);
-    c.pair = malloc(N_GAUSSIANS * sizeof *c.pair);
-    c.block = aligned_alloc(64, (SV_CAP_ROWS + 1) * 16 * sizeof(float));
-    if (s == SV_OK && (!c.pair || !c.block)) s = sv_fail(err, SV_E_NOMEM, "no memory to time the kernels");
-    if (c.block) memset(c.block, 0, (SV_CAP_ROWS + 1) * 16 * sizeof(float));
-    if (s == SV_OK) s = prepare(&c, &b, err);
-    if (s == SV_OK) time_all(&c, (sv_isa)isa, clock, out, n);
-    free(c.pair);
-    free(c.block);
-    lab_bench_scene_free(&b);
+static sv_status time_variant(sv_bench *b, sv_isa isa, sv_err *err) {
+  sv_kernels k;
+  sv_pool serial = sv_pool_serial();
+  ctx c = {.k = &k};
+  size_t mark = sv_arena_mark(b->arena);
+  sv_kernels_init(&k, sv_isa_only(isa));
+  sv_status s = sv_bench_scene_make(&b->scene, &size, &k, &serial, b->cfg.seed, b->arena, err);
+  if (s >= 0) s = prepare(&c, &b->scene, b->arena, err);
+  if (s >= 0) time_all(b, &c, isa);
+  sv_arena_reset(b->arena, mark);
+  return s < 0 ? s : SV_OK;
+}
+
+sv_status sv_bench_kernels(sv_bench *b, sv_err *err) {
+  bool has_room = sv_bench_kernel_bytes() <= b->arena->cap_bytes - b->arena->used_bytes;
+  sv_bench_put_kernels_begin(b);
+  if (!has_room) {
+    sv_bench_step all = size;
+    all.bytes = sv_bench_kernel_bytes();
+    sv_bench_put_skipped(b, &all);
+    return SV_OK;
   }
-  return s;
+  for (int isa = 0; isa < SV_N_ISAS; isa++) {
+    if (!(b->cfg.isa_mask & sv_cpu_isas() & SV_ISA_BIT(isa))) continue;
+    if (b->cfg.console.is_stop_requested(b->cfg.console.self))
+      return sv_fail(err, SV_E_INTERRUPTED, "stopped by request");
+    sv_status s = time_variant(b, (sv_isa)isa, err);
+    if (s < 0) return s;
+  }
+  return SV_OK;
 }

@@ -1,18 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <stdlib.h>
 #include <string.h>
 
+#include "src/app/bench.h"
 #include "src/base/mathx.h"
-#include "tools/lab/bench.h"
 
-#define DISTANCE 4.0f
+#define DISTANCE 4.0
 #define DEEP     10.0 // Gaussians over a pixel, counted to one standard deviation
 
 // A camera four units from the scene, which fills its picture.
 static sv_view camera(int w, int h) {
   sv_pose p = sv_pose_identity();
-  p.t[2] = (double)DISTANCE;
-  double f = 0.5 * (w > h ? w : h) * (double)DISTANCE / 1.3;
+  p.t[2] = DISTANCE;
+  double f = 0.5 * sv_maxi(w, h) * DISTANCE / 1.3;
   return sv_view_make(w, h, f, f, 0.5 * w, 0.5 * h, &p);
 }
 
@@ -50,47 +49,44 @@ static void fill_picture(uint8_t *px, int w, int h, uint64_t seed) {
       }
 }
 
-sv_status lab_bench_scene_make(lab_bench_scene *b, const sv_kernels *k, const sv_pool *pool, int n, int w,
-                               int h, uint64_t seed, sv_err *err) {
+static sv_train_cfg train_cfg(const sv_bench_step *size) {
   sv_train_cfg c = sv_train_defaults();
-  c.n_gaussians = n, c.cap_views = 1, c.cap_width_px = w, c.cap_height_px = h, c.n_threads = pool->n_threads;
-  c.relocate_every = 0; // a step without its rare work
+  c.n_gaussians = size->n_gaussians, c.cap_views = 1;
+  c.cap_width_px = size->width_px, c.cap_height_px = size->height_px;
+  c.n_threads = size->n_threads;
+  c.relocate_every = 0;                                // a step without its rare work
+  c.cap_recs = 64u * (uint32_t)c.n_gaussians + 40000u; // nothing may be left out of what is timed
+  return c;
+}
+
+static size_t picture_bytes(const sv_bench_step *size) {
+  return 3 * (size_t)size->width_px * (size_t)size->height_px;
+}
+
+size_t sv_bench_scene_bytes(const sv_bench_step *size) {
+  sv_train_cfg c = train_cfg(size);
+  return sv_trainer_bytes(&c) + sv_init_scratch_bytes(c.n_gaussians, 0) + picture_bytes(size) +
+         4 * SV_ARENA_ALIGN;
+}
+
+sv_status sv_bench_scene_make(sv_bench_scene *b, const sv_bench_step *size, const sv_kernels *k,
+                              const sv_pool *pool, uint64_t seed, sv_arena *a, sv_err *err) {
+  sv_train_cfg c = train_cfg(size);
+  int w = size->width_px, h = size->height_px;
   c.seed = seed;
-  c.cap_recs = 64u * (uint32_t)n + 40000u; // nothing may be left out of what is timed
-  memset(b, 0, sizeof *b);
-  size_t scratch_bytes = sv_init_scratch_bytes(n, 0) + SV_ARENA_ALIGN;
-  size_t bytes = sv_trainer_bytes(&c) + scratch_bytes + 4 * SV_ARENA_ALIGN;
-  b->block = malloc(bytes);
-  b->picture = malloc(3 * (size_t)w * (size_t)h);
-  if (!b->block || !b->picture) return sv_fail(err, SV_E_NOMEM, "no memory for a scene of %d Gaussians", n);
-  sv_arena a = sv_arena_make(b->block, bytes), scratch = sv_arena_sub(&a, scratch_bytes);
-  sv_status s = sv_trainer_init(&b->t, &c, k, pool, &a, err);
-  if (s != SV_OK) return s;
+  b->picture = SV_TAKE(a, uint8_t, picture_bytes(size));
+  sv_arena scratch = sv_arena_sub(a, sv_init_scratch_bytes(c.n_gaussians, 0) + SV_ARENA_ALIGN);
+  if (a->status < 0) return sv_fail(err, a->status, "no room for a scene of %d Gaussians", c.n_gaussians);
+  sv_status s = sv_trainer_init(&b->t, &c, k, pool, a, err);
+  if (s < 0) return s;
   fill_picture(b->picture, w, h, seed);
   sv_view v = camera(w, h);
   sv_image_u8 im = {.px = b->picture, .width_px = w, .height_px = h, .n_channels = 3, .stride_bytes = 3 * w};
-  if ((s = sv_train_add_view(&b->t, &v, &im, err)) != SV_OK) return s;
+  if ((s = sv_train_add_view(&b->t, &v, &im, err)) < 0) return s;
   sv_init_cfg init = {
       .kind = SV_INIT_SPHERE, .radius = 1.2f, .opacity = 0.1f, .scale_factor = 1, .seed = seed};
   s = sv_train_start(&b->t, &init, NULL, 0, &scratch);
-  if (s != SV_OK) return sv_fail(err, s, "a scene of %d Gaussians cannot be started", n);
+  if (s < 0) return sv_fail(err, s, "a scene of %d Gaussians cannot be started", c.n_gaussians);
   fill_gaussians(&b->t.g, seed);
   return SV_OK;
-}
-
-void lab_bench_scene_free(lab_bench_scene *b) {
-  free(b->block);
-  free(b->picture);
-  b->block = NULL, b->picture = NULL;
-}
-
-static int compare_doubles(const void *a, const void *b) {
-  double x = *(const double *)a, y = *(const double *)b;
-  return (x > y) - (x < y);
-}
-
-double lab_median(double *v, int n) {
-  if (n < 1) return 0;
-  qsort(v, (size_t)n, sizeof *v, compare_doubles);
-  return n & 1 ? v[n / 2] : 0.5 * (v[n / 2 - 1] + v[n / 2]);
 }
