@@ -22,8 +22,7 @@
 
 static char g_root[512], g_lab[512], g_emulate[900];
 
-// --- a small dataset
-// -----------------------------------------------------------------------------------------
+// --- a small dataset -----------------------------------------------------------------------------
 
 static void put(const char *name, const char *text) {
   char path[1024];
@@ -100,8 +99,7 @@ static void make_files(void) {
   put("bad.ply", "ply\nformat binary_little_endian 1.0\nelement vertex 9\nproperty fl");
 }
 
-// --- running it
-// -------------------------------------------------------------------------------------------------
+// --- running it ----------------------------------------------------------------------------------
 
 // Runs `subview-lab ARGS` in g_root through the shell; stderr's lines, exit code (or 128 + signal).
 static int run_through(const char *before, const char *args, char *text, size_t cap) {

@@ -138,8 +138,7 @@ static void all_cases(ck *c, bool has_bwd) {
 static void check_raster(ck *c) { all_cases(c, false); }
 static void check_raster_bwd(ck *c) { all_cases(c, true); }
 
-// --- bench: splats of the size that training ends with (4 to 15 px) and starts with (20 to 60 px)
-// -----------
+// --- bench: splats of the size that training ends with (4 to 15 px) and starts with (20 to 60 px) ----
 
 static double make_bench(ck *c, raster_job *j, int n, int kind) {
   ck_begin(c, "bench");

@@ -8,8 +8,7 @@
 #include "tools/import/import_capture.h"
 #include "tools/lab/import.h"
 
-// --- transforms JSON: one file a split (blender), or one for all (nerfstudio)
-// -------------------------------------
+// --- transforms JSON: one file a split (blender), or one for all (nerfstudio) --------------------
 
 static sv_status add_views(lab_import *im, const lab_views *v, const char *mark, sv_err *err) {
   for (int i = 0; i < v->n; i++) {
@@ -76,8 +75,7 @@ sv_status lab_import_transforms(lab_import *im, const char *dir, sv_err *err) {
   return s;
 }
 
-// --- dispatch
-// ------------------------------------------------------------------------------------------------------
+// --- dispatch ------------------------------------------------------------------------------------
 
 static sv_status import(const lab_options *o, lab_session *se, sv_err *err) {
   if (!sv_path_is_folder(o->input))

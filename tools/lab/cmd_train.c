@@ -30,8 +30,7 @@ typedef struct {
   lab_scores scores;
 } run;
 
-// --- settings
-// --------------------------------------------------------------------------------------------------
+// --- settings ------------------------------------------------------------------------------------
 
 static sv_train_cfg train_cfg(const lab_options *o) {
   sv_train_cfg c = sv_train_defaults();
@@ -81,8 +80,7 @@ static int check_init(const lab_options *o) {
   return lab_usage("train", "--init is sphere, cube or points:FILE, not '%.80s'", i);
 }
 
-// --- stages
-// ------------------------------------------------------------------------------------------------------
+// --- stages --------------------------------------------------------------------------------------
 
 static sv_status load(run *r, sv_err *err) {
   double t0 = lab_seconds(&r->session);
@@ -157,8 +155,7 @@ static sv_status evaluate(run *r, sv_err *err) {
   return s;
 }
 
-// --- what is written
-// ---------------------------------------------------------------------------------------------
+// --- what is written -----------------------------------------------------------------------------
 
 static void report_scores(lab_report *j, const run *r) {
   if (!r->has_scores) return;

@@ -67,8 +67,7 @@ static sv_status training_name(const lab_source *src, char out[SV_TRANSFORMS_CAP
   return SV_OK;
 }
 
-// --- which frames
-// --------------------------------------------------------------------------------------------
+// --- which frames --------------------------------------------------------------------------------
 
 static bool is_train_mark(const char *split) { return !*split || sv_str_eq(split, "train"); }
 
@@ -137,8 +136,7 @@ static sv_status choose_frames(const file *f, const lab_source *src, const char 
   return SV_OK;
 }
 
-// --- their files
-// ---------------------------------------------------------------------------------------------
+// --- their files ---------------------------------------------------------------------------------
 
 static sv_status find_picture(lab_frame *f, const char *folder, sv_err *err) {
   static const char *const extensions[] = {".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG"};

@@ -56,8 +56,7 @@ static inline size_t lab_frame_bytes(const lab_frame *f) {
   return (size_t)f->view.width_px * (size_t)f->view.height_px * (size_t)f->n_channels;
 }
 
-// --- pictures (picture.c)
-// --------------------------------------------------------------------------------------
+// --- pictures (picture.c) ------------------------------------------------------------------------
 typedef struct {
   int width_px, height_px, n_channels; // channels as loaded: 3 or 4
 } lab_peek;
@@ -82,16 +81,15 @@ sv_status lab_depth_load(lab_loader *l, const lab_frame *f, int scale, float *ds
 // Area average of K x K pixels, alpha-weighted for 4 channels. dst may be src.
 void lab_reduce(const uint8_t *src, int width_px, int height_px, int n_channels, int k, uint8_t *dst);
 
-// --- undistortion (undistort.c)
-// ---------------------------------------------------------------------------------- The widest pinhole of
+// --- undistortion (undistort.c) ------------------------------------------------------------------
+// The widest pinhole of
 // the same size that the lens fills everywhere.
 sv_status lab_undistort_choose(lab_frame *f, sv_err *err) SV_MUST_USE;
 bool lab_is_same_lens(const sv_camera_model *a, const sv_camera_model *b);
 // The table for f's lens, kept in the loader until another lens comes.
 sv_status lab_undistort_map(lab_loader *l, const lab_frame *f, sv_err *err) SV_MUST_USE;
 
-// --- scene (scene.c)
-// ---------------------------------------------------------------------------------------------
+// --- scene (scene.c) -----------------------------------------------------------------------------
 typedef struct {
   float centre[3], radius; // the sphere that random starts fill
   float distance;          // median distance of the cameras to the centre

@@ -39,8 +39,7 @@ void lab_import_free(lab_import *im) {
   memset(im, 0, sizeof *im);
 }
 
-// --- pictures
-// ----------------------------------------------------------------------------------------------------
+// --- pictures ------------------------------------------------------------------------------------
 
 static sv_status copy_whole(const char *from, const char *to, sv_err *err) {
   void *data;
@@ -115,8 +114,7 @@ static sv_status copy_all(const lab_import *im, lab_session *se, const char *fol
   return s;
 }
 
-// --- points
-// ------------------------------------------------------------------------------------------------------
+// --- points --------------------------------------------------------------------------------------
 
 static uint8_t to_byte(float x) { return (uint8_t)(x <= 0 ? 0 : x >= 1 ? 255 : x * 255.0f + 0.5f); }
 
@@ -140,8 +138,7 @@ static sv_status write_points(const lab_import *im, const char *path, sv_err *er
   return s;
 }
 
-// --- transforms.json
-// ---------------------------------------------------------------------------------------------
+// --- transforms.json -----------------------------------------------------------------------------
 
 typedef struct {
   char *text;

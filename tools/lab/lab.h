@@ -17,8 +17,7 @@ int lab_cmd_export(const lab_options *o);
 int lab_cmd_import(const lab_options *o);
 int lab_cmd_bench(const lab_options *o);
 
-// --- the machine (session.c)
-// ---------------------------------------------------------------------------------
+// --- the machine (session.c) ---------------------------------------------------------------------
 typedef struct {
   sv_linux_pool threads;
   sv_pool pool;
@@ -41,8 +40,8 @@ long lab_peak_rss_bytes(void);
 // A line of progress, nothing with --quiet.
 void lab_say(lab_session *s, const char *fmt, ...) SV_PRINTF(2, 3);
 
-// --- models (model.c)
-// ---------------------------------------------------------------------------------------- A model outside
+// --- models (model.c) ----------------------------------------------------------------------------
+// A model outside
 // the trainer, in a block of its own.
 typedef struct {
   sv_gaussians g;

@@ -7,8 +7,7 @@
 #include "src/splat/constants.h"
 #include "tools/lab/lab.h"
 
-// --- the model file
-// --------------------------------------------------------------------------------------------
+// --- the model file ------------------------------------------------------------------------------
 
 static sv_status fill(lab_model *m, const char *path, sv_ply *ply, sv_err *err) {
   size_t bytes = sv_gaussians_bytes((int)ply->n, ply->sh_degree) + SV_ARENA_ALIGN;
@@ -80,8 +79,7 @@ sv_status lab_model_write(const sv_gaussians *g, bool is_mip, const char *path, 
   return sv_file_commit(&f, err);
 }
 
-// --- the settings beside it
-// --------------------------------------------------------------------------------------
+// --- the settings beside it ----------------------------------------------------------------------
 
 static const char *const background_names[] = {"black", "white", "random"};
 

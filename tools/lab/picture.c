@@ -6,8 +6,7 @@
 
 #include "tools/lab/dataset.h"
 
-// --- sizes from headers
-// ----------------------------------------------------------------------------------------
+// --- sizes from headers --------------------------------------------------------------------------
 
 static unsigned be16(const uint8_t *p) { return (unsigned)p[0] << 8 | p[1]; }
 static unsigned long be32(const uint8_t *p) { return (unsigned long)be16(p) << 16 | be16(p + 2); }
@@ -64,8 +63,7 @@ sv_status lab_picture_peek(const char *path, lab_peek *out, sv_err *err) {
   return is_good ? SV_OK : sv_fail(err, SV_E_FORMAT, "%s: not a readable PNG or JPEG picture", path);
 }
 
-// --- decoding
-// --------------------------------------------------------------------------------------------------
+// --- decoding ------------------------------------------------------------------------------------
 
 void lab_reduce(const uint8_t *src, int w, int h, int n_channels, int k, uint8_t *dst) {
   size_t n_colour = n_channels == 4 ? 3 : (size_t)n_channels;
@@ -164,8 +162,7 @@ sv_status lab_pictures_load(const lab_views *v, uint8_t *const *dst, const sv_po
   return s;
 }
 
-// --- depth
-// -----------------------------------------------------------------------------------------------------
+// --- depth ---------------------------------------------------------------------------------------
 
 typedef struct {
   const sv_bitmap *b;
