@@ -50,7 +50,8 @@ static void lenses(sv_rig *rig, int w, int h, double angle_rad, bool is_overlapp
     double d[3] = {(col - 1.5) * step, (row - 1.5) * step, -1};
     int sw = pitch_x * size, sh = pitch_y * size;
     sv_sub_view *v = add(rig, name, 0, sw, sh, FOCAL_PER_WIDTH * sw, d);
-    v->footprint = (sv_footprint){col * pitch_x, row * pitch_y, sw, sh};
+    v->footprint =
+        (sv_footprint){.x0_px = col * pitch_x, .y0_px = row * pitch_y, .width_px = sw, .height_px = sh};
   }
   rig->forward = is_overlapping ? SV_FORWARD_MULTIPLEXED : SV_FORWARD_LIGHT_FIELD;
 }

@@ -45,14 +45,15 @@ static sv_status required_string(const sv_json *j, int i_object, const char *key
 static sv_status read_footprint(const sv_json *j, int i_view, sv_sub_view *v, sv_err *err) {
   int i = sv_json_get(j, i_view, "footprint");
   double r[4];
-  v->footprint = (sv_footprint){0, 0, 0, 0};
+  v->footprint = (sv_footprint){.x0_px = 0};
   if (i < 0) return SV_OK;
   sv_status s = sv_json_doubles(j, i, r, 4, err);
   if (s != SV_OK) return s;
   for (int k = 0; k < 4; k++)
     if (!(r[k] >= (k < 2 ? 0 : 1) && r[k] <= 32767 && r[k] == (double)(int)r[k]))
       return sv_json_fail(j, i, err, SV_E_RANGE, "x, y, width and height in whole pixels were expected");
-  v->footprint = (sv_footprint){(int)r[0], (int)r[1], (int)r[2], (int)r[3]};
+  v->footprint =
+      (sv_footprint){.x0_px = (int)r[0], .y0_px = (int)r[1], .width_px = (int)r[2], .height_px = (int)r[3]};
   return SV_OK;
 }
 

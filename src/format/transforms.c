@@ -196,7 +196,8 @@ static sv_status read_labels(const sv_json *j, int i_frame, sv_transforms_frame 
   for (int k = 0; k < 4; k++)
     if (!(rect[k] >= (k < 2 ? 0 : 1) && rect[k] <= 32767 && rect[k] == floor(rect[k])))
       return sv_json_fail(j, i, err, SV_E_RANGE, "x, y, width and height in whole pixels were expected");
-  f->footprint = (sv_footprint){(int)rect[0], (int)rect[1], (int)rect[2], (int)rect[3]};
+  f->footprint = (sv_footprint){
+      .x0_px = (int)rect[0], .y0_px = (int)rect[1], .width_px = (int)rect[2], .height_px = (int)rect[3]};
   return SV_OK;
 }
 

@@ -24,6 +24,7 @@ typedef enum { SV_FORWARD_DIRECT = 0, SV_FORWARD_LIGHT_FIELD, SV_FORWARD_MULTIPL
 // Where a sub-view's image lies on its sensor; all zero for a camera of its own.
 typedef struct {
   int x0_px, y0_px, width_px, height_px;
+  const uint8_t *coverage; // [height_px][width_px] share of 255 that the lens lights; NULL: all of each pixel
 } sv_footprint;
 
 typedef struct {

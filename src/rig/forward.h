@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+// From sub-views to the measurement of one sensor, and back (the paper, sections 3.1 and 3.2).
+//
+// direct, light field: each sub-view has sensor pixels of its own, so its picture is its measurement and the
+// model is the identity. They are composites of one lens here; nothing below costs them anything, because the
+// trainer supervises their pictures without it.
+// multiplexed: the lens images overlap, and one composite is measured:
+//   y(x) = encode( (1 / M_max) sum_m w_m(x) decode(I_m(x)) ),  M_max = max_x sum_m w_m(x)
+// with the footprints w_m. Light adds up linearly, so decode is the sRGB curve and encode its inverse;
+// measurements that were made by adding display values have neither. The adjoint is
+//   dL/dI_m(x) = w_m(x) / M_max decode'(I_m(x)) encode'(s(x)) dL/dy(x)
+//
+// Work is done on a region of the sensor: only the parts of lens images that fall into it are rendered, so
+// cost and memory depend on the region and on the overlap, not on the number of lenses.
+#ifndef SV_RIG_FORWARD_H
+#define SV_RIG_FORWARD_H
+
+#include "kernels/kernels.h"
+#include "src/image/planes.h"
+#include "src/port/port.h"
+#include "src/rig/rig.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+// One lens image: pixel (i, j) of the view falls on sensor pixel (x0_px + i, y0_px + j) of the footprint,
+// which has the view's size.
+typedef struct {
+  sv_view view;
+  sv_footprint footprint;
+} sv_lens;
+
+typedef struct {
+  int width_px, height_px; // of the sensor
+  int n_lenses;
+  const sv_lens *lenses; // [n_lenses]
+  float m_max;           // largest sum of footprints of any pixel, > 0
+  bool is_linear;        // light is added; false: display values are
+} sv_composite;
+
+// M_max of lenses on a sensor; 0 when no lens lights it. O(pixels of all footprints).
+float sv_composite_m_max(const sv_lens *lenses, int n_lenses, int width_px, int height_px, float *row);
+// E_RANGE with a sentence: a footprint off the sensor, of another size than its view, or nothing lit.
+sv_status sv_composite_check(const sv_composite *c, sv_err *err) SV_MUST_USE;
+
+typedef struct {
+  int x0, y0, x1, y1; // columns [x0, x1), rows [y0, y1) of the sensor
+} sv_region;
+
+// The part of one lens image in a region.
+typedef struct {
+  const sv_lens *lens;
+  sv_view view;       // a window of the lens's view
+  int x_px, y_px;     // its corner in the region
+  int lens_x, lens_y; // and in the lens image
+} sv_crop;
+
+// False when the lens does not reach into the region.
+bool sv_composite_crop(const sv_composite *c, int i_lens, const sv_region *region, sv_crop *out);
+
+typedef struct {
+  int cap_width_px, cap_height_px; // of a region
+  int n_threads;                   // of the pool that will be used
+} sv_forward_cfg;
+
+typedef struct {
+  sv_forward_cfg cfg;
+  const sv_kernels *k;
+  const sv_pool *pool;
+  sv_planes sum;       // weighted sum; after finish: encode'(s) / M_max
+  sv_planes predicted; // the composite, set by finish
+  float *scratch;      // [n_threads][2][cap stride]
+} sv_forward;
+
+size_t sv_forward_bytes(const sv_forward_cfg *cfg);
+sv_status sv_forward_init(sv_forward *f, const sv_forward_cfg *cfg, const sv_kernels *k, const sv_pool *pool,
+                          sv_arena *arena) SV_MUST_USE;
+
+// begin, add for each crop, finish: fills f->predicted. rgb is the crop's rendered picture.
+sv_status sv_forward_begin(sv_forward *f, const sv_region *region) SV_MUST_USE;
+void sv_forward_add(sv_forward *f, const sv_composite *c, const sv_crop *crop, const sv_planes *rgb);
+void sv_forward_finish(sv_forward *f, const sv_composite *c);
+
+// After finish: g is dL/dpredicted, err a weight per pixel (both of the region). Writes dL/drgb and the
+// crop's share of err with the rendered picture's stride, padding 0. err and out_err may be NULL together.
+void sv_forward_bwd(const sv_forward *f, const sv_composite *c, const sv_crop *crop, const sv_planes *rgb,
+                    const sv_planes *g, const float *err, sv_planes *out, float *out_err);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
