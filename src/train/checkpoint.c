@@ -4,14 +4,16 @@
 #include <string.h>
 
 #define KIND    "TRNR"
-#define VERSION 1
+#define VERSION 2
 
 typedef struct {
-  int32_t n, sh_degree, n_views, i_order;
+  int32_t n, sh_degree, n_items, i_order;
   uint32_t step, n_relocated;
   uint64_t rng_state, rng_inc;
-  float centre[3], radius;
+  float centre[3], radius, jitter[2];
 } head_t;
+
+static int n_items(const sv_trainer *t) { return t->n_views + t->n_regions; }
 
 static size_t rows_bytes(const sv_trainer *t) {
   return (size_t)t->g.cap * (size_t)t->g.n_rows * sizeof(float);
@@ -19,17 +21,18 @@ static size_t rows_bytes(const sv_trainer *t) {
 
 size_t sv_checkpoint_bytes(const sv_trainer *t) {
   return SV_SECTIONS_OVERHEAD_BYTES + 6 * 40 + sizeof(head_t) + 3 * rows_bytes(t) +
-         (size_t)t->g.cap * sizeof(float) + (size_t)t->n_views * sizeof(int);
+         (size_t)t->g.cap * sizeof(float) + (size_t)n_items(t) * sizeof(int);
 }
 
 sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
   head_t h;
   sv_sections_writer w;
   memset(&h, 0, sizeof h);
-  h.n = t->g.n, h.sh_degree = t->g.sh_degree, h.n_views = t->n_views, h.i_order = t->i_order;
+  h.n = t->g.n, h.sh_degree = t->g.sh_degree, h.n_items = n_items(t), h.i_order = t->i_order;
   h.step = t->step, h.n_relocated = t->n_relocated;
   h.rng_state = t->rng.state, h.rng_inc = t->rng.inc;
   memcpy(h.centre, t->centre, sizeof h.centre);
+  memcpy(h.jitter, t->jitter, sizeof h.jitter);
   h.radius = t->radius;
   sv_status s = sv_sections_begin(&w, sink, KIND, VERSION, err);
   if (s >= 0) s = sv_sections_put(&w, "HEAD", &h, sizeof h, err);
@@ -37,22 +40,22 @@ sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
   if (s >= 0) s = sv_sections_put(&w, "ADAM", t->m, rows_bytes(t), err);
   if (s >= 0) s = sv_sections_put(&w, "ADAV", t->v, rows_bytes(t), err);
   if (s >= 0) s = sv_sections_put(&w, "ERRS", t->err, (size_t)t->g.cap * sizeof(float), err);
-  if (s >= 0) s = sv_sections_put(&w, "ORDR", t->order, (size_t)t->n_views * sizeof(int), err);
+  if (s >= 0) s = sv_sections_put(&w, "ORDR", t->order, (size_t)n_items(t) * sizeof(int), err);
   return s >= 0 ? sv_sections_end(&w, err) : s;
 }
 
-static sv_status check_order(const sv_sections *r, int n_views, sv_err *err) {
+static sv_status check_order(const sv_sections *r, int n, sv_err *err) {
   const void *data;
   size_t bytes;
   sv_status s = sv_sections_find(r, "ORDR", &data, &bytes, err);
   if (s < 0) return s;
-  if (bytes != (size_t)n_views * sizeof(int))
+  if (bytes != (size_t)n * sizeof(int))
     return sv_fail(err, SV_E_FORMAT, "%s: the order of views has another size", r->name);
-  for (int i = 0; i < n_views; i++) {
+  for (int i = 0; i < n; i++) {
     int v;
     memcpy(&v, (const char *)data + (size_t)i * sizeof v, sizeof v);
-    if (v < 0 || v >= n_views)
-      return sv_fail(err, SV_E_FORMAT, "%s: the order of views names view %d of %d", r->name, v, n_views);
+    if (v < 0 || v >= n)
+      return sv_fail(err, SV_E_FORMAT, "%s: the order of views names view %d of %d", r->name, v, n);
   }
   return SV_OK;
 }
@@ -63,21 +66,24 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
   sv_status s = sv_sections_open(&r, name, buf, bytes, KIND, VERSION, err);
   if (s >= 0) s = sv_sections_get(&r, "HEAD", &h, sizeof h, err);
   if (s < 0) return s;
-  if (h.n != t->g.n || h.sh_degree != t->g.sh_degree || h.n_views != t->n_views || h.i_order < 0 ||
-      h.i_order >= (h.n_views > 0 ? h.n_views : 1))
+  if (h.n != t->g.n || h.sh_degree != t->g.sh_degree || h.n_items != n_items(t) || h.i_order < 0 ||
+      h.i_order >= (h.n_items > 0 ? h.n_items : 1))
     return sv_fail(
         err, SV_E_RANGE,
         "%s: made for %d Gaussians of SH degree %d on %d views, this run has %d of degree %d on %d", name,
-        h.n, h.sh_degree, h.n_views, t->g.n, t->g.sh_degree, t->n_views);
+        h.n, h.sh_degree, h.n_items, t->g.n, t->g.sh_degree, n_items(t));
+  if (!(h.jitter[0] >= 0 && h.jitter[0] < 1 && h.jitter[1] >= 0 && h.jitter[1] < 1))
+    return sv_fail(err, SV_E_FORMAT, "%s: the shift of the regions is not in 0..1", name);
   if (!(h.radius > 0)) return sv_fail(err, SV_E_FORMAT, "%s: the scene radius is not positive", name);
-  if ((s = check_order(&r, h.n_views, err)) < 0) return s;
+  if ((s = check_order(&r, h.n_items, err)) < 0) return s;
   s = sv_sections_get(&r, "GAUS", t->g.param, rows_bytes(t), err);
   if (s >= 0) s = sv_sections_get(&r, "ADAM", t->m, rows_bytes(t), err);
   if (s >= 0) s = sv_sections_get(&r, "ADAV", t->v, rows_bytes(t), err);
   if (s >= 0) s = sv_sections_get(&r, "ERRS", t->err, (size_t)t->g.cap * sizeof(float), err);
-  if (s >= 0) s = sv_sections_get(&r, "ORDR", t->order, (size_t)h.n_views * sizeof(int), err);
+  if (s >= 0) s = sv_sections_get(&r, "ORDR", t->order, (size_t)h.n_items * sizeof(int), err);
   if (s < 0) return s;
   t->i_order = h.i_order, t->step = h.step, t->n_relocated = h.n_relocated;
+  memcpy(t->jitter, h.jitter, sizeof t->jitter);
   t->rng = (sv_rng){h.rng_state, h.rng_inc};
   sv_train_set_scene(t, h.centre, h.radius);
   return SV_OK;

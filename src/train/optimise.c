@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Gradients of one step -> parameters. Per block of 16 Gaussians: sum the records' slots, go back through the
-// projection, add the regularisers, Adam, position noise; the gradients never leave the cache.
+// projection, add the regularisers, Adam, position noise; the gradients never leave the cache. Steps of several
+// pictures collect their gradients per block first.
 #include <string.h>
 
 #include "src/base/mathx.h"
@@ -17,6 +18,7 @@ typedef struct {
   float noise_gain; // displacement in units of sigma^2
   sv_regularisers reg;
   int n_blocks;
+  bool has_err; // collect: the error, too
 } job;
 
 float sv_train_mean_lr(const sv_train_cfg *cfg, float progress) {
@@ -66,35 +68,93 @@ static void add_noise(const job *j, int block, uint32_t touched, float *p) {
   }
 }
 
+static float *block_of(const job *j, int i_thread) {
+  return j->t->block + (size_t)i_thread * (SV_CAP_ROWS + 1) * 16;
+}
+
+static void move(const job *j, int b, uint32_t touched, uint32_t with_err, const float *grad,
+                 const float *err) {
+  sv_trainer *t = j->t;
+  size_t at = (size_t)b * (size_t)t->g.n_rows * 16;
+  float *p = t->g.param + at, *e = t->err + 16 * (size_t)b;
+  t->k->adam(&j->adam, touched, grad, p, t->m + at, t->v + at);
+  for (int k = 0; k < 16; k++)
+    if (with_err >> k & 1) e[k] = ERR_KEEP * e[k] + (1.0f - ERR_KEEP) * err[k];
+  if (j->noise_gain > 0.0f) add_noise(j, b, touched, p);
+}
+
 static void optimise_task(void *arg, int i_task, int i_thread) {
   job *j = arg;
   sv_trainer *t = j->t;
-  float *grad = t->block + (size_t)i_thread * (SV_CAP_ROWS + 1) * 16, *err = grad + SV_CAP_ROWS * 16;
+  float *grad = block_of(j, i_thread), *err = grad + SV_CAP_ROWS * 16;
   int b0 = i_task * BLOCKS_PER_TASK, b1 = sv_mini(b0 + BLOCKS_PER_TASK, j->n_blocks);
   uint32_t n = 0;
   for (int b = b0; b < b1; b++) {
     uint32_t touched = sv_render_bwd_block(&t->render, t->k, b, i_thread, &j->reg, grad, err, NULL);
     if (!touched) continue;
-    size_t at = (size_t)b * (size_t)t->g.n_rows * 16;
-    float *p = t->g.param + at, *e = t->err + 16 * (size_t)b;
-    t->k->adam(&j->adam, touched, grad, p, t->m + at, t->v + at);
-    for (int k = 0; k < 16; k++)
-      if (touched >> k & 1) e[k] = ERR_KEEP * e[k] + (1.0f - ERR_KEEP) * err[k];
-    if (j->noise_gain > 0.0f) add_noise(j, b, touched, p);
+    move(j, b, touched, touched, grad, err);
     n += (uint32_t)__builtin_popcount(touched);
   }
   t->touched_of[i_task] = n;
 }
 
-uint32_t sv_train_optimise(sv_trainer *t, float progress) {
+// --- several pictures ----------------------------------------------------------------------------
+
+static float *sum_of(const sv_trainer *t, int b) {
+  return t->sum + (size_t)b * (size_t)(t->g.n_rows + 1) * 16;
+}
+
+static void collect_task(void *arg, int i_task, int i_thread) {
+  job *j = arg;
+  sv_trainer *t = j->t;
+  float *grad = block_of(j, i_thread), *err = grad + SV_CAP_ROWS * 16;
+  int b0 = i_task * BLOCKS_PER_TASK, b1 = sv_mini(b0 + BLOCKS_PER_TASK, j->n_blocks);
+  for (int b = b0; b < b1; b++) {
+    uint32_t touched = sv_render_bwd_block(&t->render, t->k, b, i_thread, &j->reg, grad, err, NULL);
+    if (!touched) continue;
+    float *sum = sum_of(t, b);
+    for (int i = 0; i < 16 * j->adam.n_rows; i++) sum[i] += grad[i]; // lanes that were not touched are 0
+    t->sum_touched[2 * b] |= touched;
+    if (!j->has_err) continue;
+    for (int k = 0; k < 16; k++) sum[16 * t->g.n_rows + k] += err[k];
+    t->sum_touched[2 * b + 1] |= touched;
+  }
+}
+
+static void apply_task(void *arg, int i_task, int i_thread) {
+  job *j = arg;
+  sv_trainer *t = j->t;
+  int b0 = i_task * BLOCKS_PER_TASK, b1 = sv_mini(b0 + BLOCKS_PER_TASK, j->n_blocks);
+  uint32_t n = 0;
+  (void)i_thread;
+  for (int b = b0; b < b1; b++) {
+    uint32_t *touched = t->sum_touched + 2 * b;
+    if (!touched[0]) continue;
+    float *sum = sum_of(t, b);
+    move(j, b, touched[0], touched[1], sum, sum + 16 * t->g.n_rows);
+    n += (uint32_t)__builtin_popcount(touched[0]);
+    memset(sum, 0, (size_t)(t->g.n_rows + 1) * 16 * sizeof *sum);
+    touched[0] = touched[1] = 0;
+  }
+  t->touched_of[i_task] = n;
+}
+
+// --- the step's job ------------------------------------------------------------------------------
+
+static sv_regularisers regularisers(const sv_trainer *t, float share) {
+  return (sv_regularisers){.opacity = share * (t->cfg.reg_opacity / (float)t->g.n),
+                           .scale = share * (t->cfg.reg_scale / (3.0f * (float)t->g.n * t->radius))};
+}
+
+static int n_tasks(const job *j) { return (j->n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK; }
+
+static uint32_t run(sv_trainer *t, float progress, sv_task_fn task) {
   double step = (double)t->step + 1.0;
   float mean_lr = sv_train_mean_lr(&t->cfg, progress);
   bool is_noisy = progress < t->cfg.relocate_until;
-  job j = {.t = t, .n_blocks = (t->g.n + 15) / 16};
+  job j = {.t = t, .n_blocks = (t->g.n + 15) / 16, .reg = regularisers(t, 1.0f)};
   double bias1 = 1.0 - sv_pow(0.9, step), bias2 = 1.0 - sv_pow(0.999, step);
   j.noise_gain = is_noisy ? t->cfg.noise * 5e5f * mean_lr / t->radius : 0.0f;
-  j.reg.opacity = t->cfg.reg_opacity / (float)t->g.n;
-  j.reg.scale = t->cfg.reg_scale / (3.0f * (float)t->g.n * t->radius);
   fill_rates(&j, mean_lr * t->radius, bias1);
   j.adam = (sv_adam_args){.beta1 = 0.9f,
                           .beta2 = 0.999f,
@@ -102,9 +162,18 @@ uint32_t sv_train_optimise(sv_trainer *t, float progress) {
                           .rsqrt_bias2 = (float)(1.0 / sqrt(bias2)),
                           .lr = j.lr,
                           .n_rows = SV_N_ROWS(t->render.project.sh_degree)};
-  int n_tasks = (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK;
-  sv_pool_run(t->pool, optimise_task, &j, n_tasks);
+  sv_pool_run(t->pool, task, &j, n_tasks(&j));
   uint32_t n = 0;
-  for (int i = 0; i < n_tasks; i++) n += t->touched_of[i];
+  for (int i = 0; i < n_tasks(&j); i++) n += t->touched_of[i];
   return n;
+}
+
+uint32_t sv_train_optimise(sv_trainer *t, float progress) { return run(t, progress, optimise_task); }
+
+uint32_t sv_train_apply(sv_trainer *t, float progress) { return run(t, progress, apply_task); }
+
+void sv_train_collect(sv_trainer *t, float reg_share, bool has_err) {
+  job j = {.t = t, .n_blocks = (t->g.n + 15) / 16, .reg = regularisers(t, reg_share), .has_err = has_err};
+  j.adam.n_rows = SV_N_ROWS(t->render.project.sh_degree);
+  sv_pool_run(t->pool, collect_task, &j, n_tasks(&j));
 }

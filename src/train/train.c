@@ -6,8 +6,6 @@
 #include "src/base/mathx.h"
 #include "src/splat/constants.h"
 
-#define UNPACK_ROWS 16 // rows a task
-
 sv_train_cfg sv_train_defaults(void) {
   return (sv_train_cfg){.n_gaussians = 20000,
                         .sh_degree = 1,
@@ -19,6 +17,10 @@ sv_train_cfg sv_train_defaults(void) {
                         .background = SV_BG_BLACK,
                         .weight_ssim = 0.2f,
                         .weight_tv = 0.0f,
+                        .region_px = 128,
+                        .unseen_every = 1,
+                        .unseen_px = 100,
+                        .unseen_rad = 0.35f,
                         .reg_opacity = 0.01f,
                         .reg_scale = 0.01f,
                         .lr = {.mean_start = 1.6e-4f,
@@ -52,6 +54,22 @@ static size_t cap_floats(const sv_train_cfg *c) {
   return c->cap_pixels ? c->cap_pixels : sv_plane_floats(c->cap_width_px, c->cap_height_px);
 }
 
+// Steps of several pictures need their gradients' sum.
+static bool has_sum(const sv_train_cfg *c) { return c->cap_composites > 0 || c->n_unseen > 0; }
+
+static sv_status carve_sum(sv_trainer *t, const sv_train_cfg *c, size_t cap, size_t px, sv_arena *a) {
+  if (!has_sum(c)) return SV_OK;
+  sv_arena_part_begin(a, "several pictures a step");
+  t->sum = SV_TAKE(a, float, cap *(size_t)(t->g.n_rows + 1));
+  t->sum_touched = SV_TAKE(a, uint32_t, cap / 8);
+  for (int k = 0; k < 3; k++) t->aux.c[k] = SV_TAKE(a, float, px);
+  t->aux_err = SV_TAKE(a, float, px);
+  if (c->cap_composites < 1) return SV_OK;
+  sv_forward_cfg fc = {
+      .cap_width_px = c->region_px, .cap_height_px = c->region_px, .n_threads = c->n_threads};
+  return sv_forward_init(&t->forward, &fc, t->k, t->pool, a);
+}
+
 static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   size_t px = cap_floats(c), cap = (size_t)(c->n_gaussians + 15) / 16 * 16;
   sv_arena_part_begin(a, "model");
@@ -77,15 +95,18 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   if ((s = sv_photometric_init(&t->photometric, &pc, a)) < 0) return s;
   sv_tv_cfg tc = {
       .cap_width_px = c->cap_width_px, .cap_height_px = c->cap_height_px, .n_threads = c->n_threads};
-  if (c->weight_tv > 0.0f && (s = sv_tv_init(&t->tv, &tc, a)) < 0) return s;
+  bool has_tv = c->weight_tv > 0.0f || (c->n_unseen > 0 && c->weight_tv_unseen > 0.0f);
+  if (has_tv && (s = sv_tv_init(&t->tv, &tc, a)) < 0) return s;
   for (int k = 0; k < 3; k++) t->target.c[k] = SV_TAKE(a, float, px);
   for (int k = 0; k < 3; k++) t->grad.c[k] = SV_TAKE(a, float, px);
   t->err_plane = SV_TAKE(a, float, px);
   t->unpack_scratch =
       SV_TAKE(a, float, (size_t)c->n_threads *SV_UNPACK_SCRATCH_FLOATS((size_t)c->cap_width_px));
+  if ((s = carve_sum(t, c, cap, px, a)) < 0) return s;
   sv_arena_part_begin(a, "views");
   t->views = SV_TAKE(a, sv_train_view, c->cap_views);
-  t->order = SV_TAKE(a, int, c->cap_views);
+  t->composites = SV_TAKE(a, sv_train_composite, c->cap_composites);
+  t->order = SV_TAKE(a, int, c->cap_views + c->cap_regions);
   return a->status < 0 ? a->status : SV_OK;
 }
 
@@ -101,7 +122,16 @@ static sv_status check(const sv_train_cfg *c, sv_err *err) {
     return sv_fail(err, SV_E_ARG, "the number of Gaussians is %d, expected 1 to 4000000", c->n_gaussians);
   if (c->sh_degree < 0 || c->sh_degree > 3)
     return sv_fail(err, SV_E_ARG, "the SH degree is %d, expected 0 to 3", c->sh_degree);
-  if (c->cap_views < 1) return sv_fail(err, SV_E_ARG, "there are no training views, expected at least one");
+  if (c->cap_views < 0 || c->cap_composites < 0 || c->cap_views + c->cap_composites < 1)
+    return sv_fail(err, SV_E_ARG, "there are no training views, expected at least one");
+  if (c->cap_composites > 0 && (c->region_px < 16 || c->region_px > c->cap_width_px ||
+                                c->region_px > c->cap_height_px || c->cap_regions < c->cap_composites))
+    return sv_fail(err, SV_E_ARG,
+                   "regions of %d px, expected at least 16 and at most the largest view, %dx%d", c->region_px,
+                   c->cap_width_px, c->cap_height_px);
+  if (c->n_unseen < 0 || (c->n_unseen > 0 && (c->unseen_every < 1 || c->unseen_px < 8)))
+    return sv_fail(err, SV_E_ARG, "%d unseen views of %d px, expected 0 or more of at least 8", c->n_unseen,
+                   c->unseen_px);
   if (c->cap_width_px < 1 || c->cap_height_px < 1 || c->cap_width_px > 16384 || c->cap_height_px > 16384)
     return sv_fail(err, SV_E_ARG, "a view of %dx%d pixels, expected sides of 1 to 16384", c->cap_width_px,
                    c->cap_height_px);
@@ -148,6 +178,34 @@ sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u
   return SV_OK;
 }
 
+// One more than fit, so that they can be shifted and still cover the sensor.
+static int n_regions_along(int side_px, int region_px) {
+  return side_px <= region_px ? 1 : side_px / region_px + 1;
+}
+
+int sv_train_n_regions(int width_px, int height_px, int region_px) {
+  return n_regions_along(width_px, region_px) * n_regions_along(height_px, region_px);
+}
+
+sv_status sv_train_add_composite(sv_trainer *t, const sv_composite *model, const uint16_t *px, sv_err *err) {
+  const int side = t->cfg.region_px;
+  if (t->n_composites >= t->cfg.cap_composites)
+    return sv_fail(err, SV_E_FULL, "more than the %d planned measurements", t->cfg.cap_composites);
+  sv_status s = sv_composite_check(model, err);
+  if (s < 0) return s;
+  int n = sv_train_n_regions(model->width_px, model->height_px, side);
+  if (n > t->cfg.cap_regions - t->n_regions)
+    return sv_fail(err, SV_E_FULL, "a sensor of %dx%d has %d regions, %d are left of those planned",
+                   model->width_px, model->height_px, n, t->cfg.cap_regions - t->n_regions);
+  t->composites[t->n_composites++] = (sv_train_composite){.model = *model,
+                                                          .px = px,
+                                                          .n_x = n_regions_along(model->width_px, side),
+                                                          .n_y = n_regions_along(model->height_px, side)};
+  t->n_regions += n;
+  t->i_order = 0;
+  return SV_OK;
+}
+
 void sv_train_set_scene(sv_trainer *t, const float centre[3], float radius) {
   memcpy(t->centre, centre, sizeof t->centre);
   t->radius = radius;
@@ -167,125 +225,6 @@ sv_status sv_train_start(sv_trainer *t, const sv_init_cfg *init, const sv_point 
     sv_train_set_scene(t, centre, radius);
   }
   t->step = 0;
-  return SV_OK;
-}
-
-int sv_train_scale_at(const sv_trainer *t, const sv_view *view, float progress) {
-  int k = t->cfg.start_scale;
-  if (progress >= t->cfg.fine_at) return 1;
-  if (k == 4 && progress >= 0.5f * t->cfg.fine_at) k = 2;
-  // Below about 64 pixels a side there is nothing left to learn from.
-  while (k > 1 && (view->width_px / k < 64 || view->height_px / k < 64)) k /= 2;
-  return k;
-}
-
-static int next_view(sv_trainer *t) {
-  if (t->i_order == 0) {
-    for (int i = 0; i < t->n_views; i++) t->order[i] = i;
-    for (int i = t->n_views - 1; i > 0; i--) {
-      int j = (int)sv_rng_below(&t->rng, (uint32_t)i + 1), s = t->order[i];
-      t->order[i] = t->order[j];
-      t->order[j] = s;
-    }
-  }
-  int v = t->order[t->i_order];
-  t->i_order = (t->i_order + 1) % t->n_views;
-  return v;
-}
-
-typedef struct {
-  const sv_trainer *t;
-  sv_unpack_args a;
-  int n_rows;
-} unpack_job;
-
-static void unpack_task(void *arg, int i_task, int i_thread) {
-  unpack_job *j = arg;
-  sv_unpack_args a = j->a;
-  a.row0 = i_task * UNPACK_ROWS;
-  a.row1 = sv_mini(a.row0 + UNPACK_ROWS, j->n_rows);
-  a.scratch += (size_t)i_thread * SV_UNPACK_SCRATCH_FLOATS((size_t)j->t->cfg.cap_width_px);
-  j->t->k->unpack(&a);
-}
-
-static void set_size(sv_planes *p, int w, int h) {
-  p->width_px = w;
-  p->height_px = h;
-  p->stride = sv_plane_pad(w);
-  p->rows_padded = sv_plane_pad(h);
-}
-
-// The sub-view's picture as planes at 1/scale, laid over the background.
-static void load_target(sv_trainer *t, const sv_image_u8 *im, int scale, const float bg[3]) {
-  int w = im->width_px / scale, h = im->height_px / scale;
-  if (t->grad.width_px != w || t->grad.height_px != h) {
-    set_size(&t->target, w, h);
-    set_size(&t->grad, w, h);
-    size_t n = sv_plane_floats(w, h) * sizeof(float);
-    for (int c = 0; c < 3; c++) memset(t->target.c[c], 0, n);
-    for (int c = 0; c < 3; c++) memset(t->grad.c[c], 0, n); // the padding must stay 0
-    memset(t->err_plane, 0, n);
-  }
-  unpack_job j = {.t = t,
-                  .n_rows = h,
-                  .a = {.src = im->px,
-                        .src_stride_bytes = (size_t)im->stride_bytes,
-                        .n_channels = im->n_channels,
-                        .width_px = im->width_px,
-                        .height_px = im->height_px,
-                        .k = scale,
-                        .bg = {bg[0], bg[1], bg[2]},
-                        .dst = {t->target.c[0], t->target.c[1], t->target.c[2]},
-                        .dst_stride = t->target.stride,
-                        .scratch = t->unpack_scratch}};
-  sv_pool_run(t->pool, unpack_task, &j, (h + UNPACK_ROWS - 1) / UNPACK_ROWS);
-}
-
-sv_render_options sv_train_render_options(const sv_trainer *t, float progress, bool has_depth) {
-  sv_render_options o = {.sh_degree = t->cfg.sh_degree,
-                         .near_z = SV_NEAR_FRACTION * t->radius,
-                         .is_antialiased = t->cfg.is_antialiased,
-                         .has_depth = has_depth};
-  if (t->cfg.sh_step > 0.0f) o.sh_degree = sv_mini(t->cfg.sh_degree, (int)(progress / t->cfg.sh_step));
-  if (t->cfg.background == SV_BG_WHITE) o.bg[0] = o.bg[1] = o.bg[2] = 1.0f;
-  return o;
-}
-
-static void maybe_relocate(sv_trainer *t, float progress) {
-  if (t->cfg.relocate_every < 1 || progress < t->cfg.relocate_from || progress > t->cfg.relocate_until)
-    return;
-  if (t->step % (uint32_t)t->cfg.relocate_every == 0) sv_train_relocate(t);
-}
-
-sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
-  if (t->n_views < 1) return SV_E_ARG;
-  int i = next_view(t);
-  const sv_train_view *tv = &t->views[i];
-  int scale = sv_train_scale_at(t, &tv->view, progress);
-  sv_view view = sv_view_scaled(&tv->view, scale);
-  sv_render_options o = sv_train_render_options(t, progress, false);
-  if (t->cfg.background == SV_BG_RANDOM && tv->image.n_channels == 4)
-    for (int c = 0; c < 3; c++) o.bg[c] = sv_rng_f(&t->rng);
-  load_target(t, &tv->image, scale, o.bg);
-  sv_status s = sv_render(&t->render, t->k, t->pool, &t->g, &view, &o);
-  if (s < 0) return s;
-  sv_photometric_value loss;
-  sv_photometric_loss(&t->photometric, t->k, t->pool, &t->render.rgb, &t->target, &t->grad, t->err_plane,
-                      t->cfg.weight_ssim, &loss);
-  if (t->cfg.weight_tv > 0.0f)
-    loss.loss += sv_tv_loss(&t->tv, t->k, t->pool, &t->render.rgb, &t->grad, SV_TV_SQUARED, t->cfg.weight_tv);
-  s = sv_render_bwd(&t->render, t->k, t->pool, &t->grad, NULL, NULL, t->err_plane);
-  if (s < 0) return s;
-  uint32_t n_touched = sv_train_optimise(t, progress);
-  t->step++;
-  maybe_relocate(t, progress);
-  if (out)
-    *out = (sv_step_stats){.i_view = i,
-                           .scale = scale,
-                           .loss = loss.loss,
-                           .l1 = loss.l1,
-                           .ssim = loss.ssim,
-                           .n_touched = n_touched};
   return SV_OK;
 }
 

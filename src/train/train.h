@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Training a fixed number of Gaussians on sub-views. One step renders one sub-view, compares it, and moves
-// the Gaussians that it touched; slots that went dead are relocated to where the error is (3DGS-MCMC,
+// Training a fixed number of Gaussians on measurements. One step takes one sub-view, or one region of a sensor
+// on which lens images overlap (src/rig/forward.h), compares it with what the Gaussians give, and moves those
+// that it touched; renderings of views that no camera took may be smoothed along (the paper, section 3.2). Slots that went dead are relocated to where the error is (3DGS-MCMC,
 // Kheradmand et al. 2024, weighted by error). All memory is carved at start.
 #ifndef SV_TRAIN_TRAIN_H
 #define SV_TRAIN_TRAIN_H
 
 #include "src/loss/photometric.h"
 #include "src/loss/tv.h"
+#include "src/rig/forward.h"
 #include "src/splat/render.h"
 
 #ifdef __cplusplus
@@ -22,8 +24,10 @@ typedef struct {
 
 typedef struct {
   int n_gaussians, sh_degree;
-  int cap_views;
-  int cap_width_px, cap_height_px; // of any view
+  int cap_views;                   // sub-views with pictures of their own
+  int cap_composites, cap_regions; // shared sensors, and their regions together (sv_train_n_regions)
+  int region_px;                   // side of a region; smaller on smaller sensors
+  int cap_width_px, cap_height_px; // of any view, region and unseen view
   size_t cap_pixels;               // of any view, padded; 0: cap_width x cap_height
   uint32_t cap_recs;               // 0: the renderer's default
   int n_threads;
@@ -31,7 +35,12 @@ typedef struct {
   sv_background background; // matters for pictures with alpha; others are trained over black
   bool is_antialiased;
   float weight_ssim;            // lambda of (1-l) L1 + l (1 - SSIM)
-  float weight_tv;              // of the squared total variation of the rendered sub-view
+  float weight_tv;              // of the squared total variation of rendered sub-views
+  float weight_tv_unseen;       // and of unseen views
+  int n_unseen;                 // unseen views of a step, 0: none
+  int unseen_every;             // steps from one with unseen views to the next
+  int unseen_px;                // their larger side is reduced to at most so many pixels
+  float unseen_rad;             // how far they are turned about the scene from a view that was taken
   float reg_opacity, reg_scale; // weights of mean opacity and mean scale (3DGS-MCMC)
   sv_learning_rates lr;
   int start_scale;                     // coarse to fine: first pictures at 1/start_scale (1, 2 or 4)
@@ -49,8 +58,14 @@ typedef struct {
 } sv_train_view;
 
 typedef struct {
-  int i_view, scale;
-  double loss, l1, ssim; // of this step's sub-view
+  sv_composite model; // the lenses, too, must live as long as the trainer
+  const uint16_t *px; // [height][width][3] display values of 65535
+  int n_x, n_y;       // regions
+} sv_train_composite;
+
+typedef struct {
+  int i_view, scale;     // i_view: of the views, then of the regions
+  double loss, l1, ssim; // of this step's sub-view or region
   uint32_t n_touched;
 } sv_step_stats;
 
@@ -59,20 +74,26 @@ typedef struct {
   const sv_kernels *k;
   const sv_pool *pool;
   sv_gaussians g;
-  float *m, *v;             // Adam's moments, laid out as g.param
-  float *err;               // [cap] running mean of each Gaussian's blended error
-  float *block;             // [n_threads][SV_CAP_ROWS + 1][16] gradients of one block
+  float *m, *v; // Adam's moments, laid out as g.param
+  float *err;   // [cap] running mean of each Gaussian's blended error
+  float *block; // [n_threads][SV_CAP_ROWS + 1][16] gradients of one block
+  float *sum;   // [cap / 16][n_rows + 1][16] of a step with several pictures, last row: error. Or NULL
+  uint32_t *sum_touched;    // [cap / 16][2] lanes with a gradient, lanes with an error
   double *cum;              // [cap] cumulative relocation weights
   int32_t *copies, *source; // [cap] of a relocation
   uint32_t *touched_of;     // [cap / 16 / blocks a task + 1]
   sv_renderer render;
   sv_photometric photometric;
   sv_tv tv;
+  sv_forward forward; // of regions
   sv_planes target, grad;
-  float *err_plane, *unpack_scratch;
-  sv_train_view *views; // [cap_views]
-  int *order;           // [cap_views] this epoch's order
-  int n_views, i_order;
+  sv_planes aux; // gradient of one picture of several
+  float *err_plane, *aux_err, *unpack_scratch;
+  sv_train_view *views;           // [cap_views]
+  sv_train_composite *composites; // [cap_composites]
+  int *order;                     // [cap_views + cap_regions] this epoch's order
+  int n_views, n_composites, n_regions, i_order;
+  float jitter[2];         // this epoch's shift of the regions, of a region
   float centre[3], radius; // of the scene
   uint32_t step;
   uint32_t n_relocated; // ever
@@ -88,13 +109,16 @@ sv_status sv_trainer_init(sv_trainer *t, const sv_train_cfg *cfg, const sv_kerne
 // E_FULL beyond cap_views, E_RANGE when picture and view differ in size or exceed the caps.
 sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u8 *image,
                             sv_err *err) SV_MUST_USE;
+// A sensor on which lens images overlap, with its measurement px[height][width][3], display values of 65535.
+sv_status sv_train_add_composite(sv_trainer *t, const sv_composite *model, const uint16_t *px,
+                                 sv_err *err) SV_MUST_USE;
 // Starting Gaussians; the scene's centre and radius are taken from cfg (random) or from the points.
 sv_status sv_train_start(sv_trainer *t, const sv_init_cfg *init, const sv_point *point, int n_points,
                          sv_arena *scratch) SV_MUST_USE;
 // Known scene bounds instead of what the start gave.
 void sv_train_set_scene(sv_trainer *t, const float centre[3], float radius);
 
-// One step. progress in [0, 1]: step/steps, or time/time limit. E_ARG without views.
+// One step. progress in [0, 1]: step/steps, or time/time limit. E_ARG without views and composites.
 sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) SV_MUST_USE;
 
 // Options with which a view is rendered at a progress (1 for evaluation).
@@ -110,8 +134,18 @@ uint32_t sv_train_relocate(sv_trainer *t);
 // Opacity and scale factor of n copies that together look like one Gaussian of opacity o: 1 - (1-o)^(1/n)
 // and o / K (3DGS-MCMC eq. 9).
 void sv_relocation_split(double o, int n, double *o_new, double *scale_factor);
-// Gradients -> parameters for all touched blocks; returns the touched Gaussians.
+// Regions of a sensor, whose measurement is not larger than 16384 a side.
+int sv_train_n_regions(int width_px, int height_px, int region_px);
+// Region i of a composite under this epoch's shift; all have the same size, and together they cover the sensor.
+sv_region sv_train_region(const sv_trainer *t, const sv_train_composite *c, int i);
+// A view from beside those that were taken, turned about the scene's centre; reduced in size.
+sv_view sv_train_unseen_view(sv_trainer *t);
+// Gradients of the last picture -> parameters for all touched blocks; returns the touched Gaussians.
 uint32_t sv_train_optimise(sv_trainer *t, float progress);
+// The same in two halves, for steps with several pictures: add the last picture's gradients, with reg_share of
+// the regularisers, to the sum; then use the sum.
+void sv_train_collect(sv_trainer *t, float reg_share, bool has_err);
+uint32_t sv_train_apply(sv_trainer *t, float progress);
 
 #ifdef __cplusplus
 }
