@@ -67,7 +67,7 @@ KERNEL_SRC := $(filter-out %_sse41.c %_avx2.c %_avx512.c %_neon.c,$(wildcard ker
 CORE_SRC   := $(wildcard src/*/*.c calib/*.c) $(KERNEL_SRC)
 PLAT_SRC   := $(foreach p,$(BOARD_PLATFORMS),$(wildcard platform/$(p)/*.c))
 MAIN_SRC   := $(wildcard boards/*.c)
-TOOL_SRC   := $(wildcard tools/lab/*.c tools/common/*.c tools/import/*.c)
+TOOL_SRC   := $(wildcard tools/lab/*.c tools/common/*.c tools/import/*.c tools/metric/*.c)
 TEST_SRC   := $(wildcard tests/*/*.c)
 # A file with main() is a program; the other files of its folder are linked to all programs of the folder.
 MAIN_RE    := ^(int )?main ?\(
@@ -119,6 +119,8 @@ $(O)/obj/tests/%.o: tests/%.c
 $(O)/obj/%.o: %.c
 	$(call compile,$(CORE_CFLAGS))
 -include $(ALL_OBJ:.o=.d)
+# A file that the assembler includes: the compiler does not list it.
+$(O)/obj/tools/metric/lpips_weights.o: tools/weights/lpips_squeeze.bin
 
 # An archive is made anew when its list of members changes, too: a deleted source must not live on in it.
 define archive_rule
