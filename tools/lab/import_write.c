@@ -97,10 +97,22 @@ typedef struct {
   sv_err *errs;
 } copy_job;
 
+// The first view whose picture is written under view i's name: frames may share a picture.
+static int first_of_name(const lab_import *im, int i) {
+  int k = 0;
+  while (strcmp(im->views[k].name, im->views[i].name) != 0) k++;
+  return k;
+}
+
 static void copy_task(void *arg, int i_task, int i_thread) {
   copy_job *j = arg;
+  const lab_import_view *v = &j->im->views[i_task], *first = &j->im->views[first_of_name(j->im, i_task)];
+  sv_err *err = &j->errs[i_task];
   (void)i_thread;
-  j->errs[i_task].status = copy_view(&j->im->views[i_task], j->folder, &j->errs[i_task]);
+  if (first == v) err->status = copy_view(v, j->folder, err);
+  else if (strcmp(first->source, v->source) != 0 || memcmp(&first->crop, &v->crop, sizeof v->crop) != 0)
+    err->status =
+        sv_fail(err, SV_E_FORMAT, "%s and %s would both be written as %s", first->source, v->source, v->name);
 }
 
 static sv_status copy_all(const lab_import *im, lab_session *se, const char *folder, sv_err *err) {
