@@ -90,13 +90,14 @@ void sv_sim_render(sv_sim *sim, const sv_view *view, double time_s, uint8_t *rgb
   sv_sim_render_rows(sim, sim->shot, 0, view->height_px, rgb, depth_m);
 }
 
-// The composite: linear sum over the largest overlap (4, see devices.c), noise, 14 bits, sRGB in 16 bits.
+// The composite: linear sum over the largest overlap, noise, 14 bits, sRGB in 16 bits.
 static void composite(const sv_sim *sim, const canvas *c, uint8_t *out) {
+  float scale = 1.0f / (float)sim->largest_overlap;
   for (int y = 0; y < sim->cfg.height_px; y++)
     for (int x = 0; x < sim->cfg.width_px; x++) {
       size_t at = (size_t)y * (size_t)sim->cfg.width_px + (size_t)x;
       float v[3];
-      for (int k = 0; k < 3; k++) v[k] = sim->sum[3 * at + (size_t)k] * 0.25f;
+      for (int k = 0; k < 3; k++) v[k] = sim->sum[3 * at + (size_t)k] * scale;
       if (c->is_noisy) add_noise(c, x, y, v, v);
       for (int k = 0; k < 3; k++) {
         uint16_t code = sim->srgb16[to_14_bits(v[k])];
