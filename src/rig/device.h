@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Capture devices by name: from a few numbers to a rig. The devices themselves are data (devices.inc).
 //
-// All sub-views lie on the sphere of distance_m about the scene's centre, which is at (0, 0, distance_m) of the
-// rig's frame, and look at it (toed in); image x is the rig's x. How they are spread for an angular baseline:
+// All sub-views lie on the sphere of distance_m about the scene's centre, which is at (0, 0, distance_m) of
+// the rig's frame, and look at it (toed in); image x is the rig's x. How they are spread for an angular baseline:
 //   SINGLE    on the axis; the angle is not used
 //   ROW       along x, first and last camera that angle apart
 //   TRIANGLE  any two of three that angle apart

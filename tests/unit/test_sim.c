@@ -317,46 +317,6 @@ static void test_lenses(void **state) {
   assert_true(cover[4] > 0 && cover[0] == 0);
 }
 
-// A composite is the linear sum of its lens images over the largest overlap, whatever the grid.
-static void test_composites_of_any_grid(void **state) {
-  (void)state;
-  static const struct {
-    const char *spec;
-    int n_lenses, m_max;
-  } cases[] = {{"textured,rig=multiplexed,frames=1,size=96x72,grid=2x3,overlap=1.5", 6, 4},
-               {"textured,rig=multiplexed,frames=1,size=96x72,grid=3x3,overlap=3", 9, 9},
-               {"textured,rig=multiplexed,frames=1,size=96x72,grid=1x4,overlap=1", 4, 1}};
-  for (int k = 0; k < 3; k++) {
-    static double sum[96 * 72 * 3];
-    make(cases[k].spec);
-    memset(sum, 0, sizeof sum);
-    const sv_rig *rig = sv_sim_rig(&sim);
-    assert_int_equal(rig->n_sub_views, cases[k].n_lenses);
-    for (int i = 0; i < rig->n_sub_views; i++) {
-      const sv_footprint *p = &rig->sub_views[i].footprint;
-      sv_view v;
-      double t;
-      sv_sim_view(&sim, 0, i, &v, &t);
-      sv_sim_render(&sim, &v, t, rgb, NULL);
-      for (int j = 0; j < 3 * p->width_px * p->height_px; j++) {
-        double s = rgb[j] / 255.0;
-        int x = p->x0_px + j / 3 % p->width_px, y = p->y0_px + j / 3 / p->width_px;
-        sum[3 * (y * 96 + x) + j % 3] += s <= 0.04045 ? s / 12.92 : pow((s + 0.055) / 1.055, 2.4);
-      }
-    }
-    sv_frame f;
-    start();
-    assert_int_equal(next_frame(&f), SV_OK);
-    double worst = 0;
-    for (int i = 0; i < 96 * 72 * 3; i++) {
-      double lin = sum[i] / cases[k].m_max;
-      double enc = lin <= 0.0031308 ? 12.92 * lin : 1.055 * pow(lin, 1 / 2.4) - 0.055;
-      worst = fmax(worst, fabs((f.data[2 * i] | f.data[2 * i + 1] << 8) / 65535.0 - enc));
-    }
-    assert_true(worst < 0.004); // the sub-views were rounded to 8 bits here
-  }
-}
-
 static void test_noise(void **state) {
   (void)state;
   make("room,frames=1,rig=mono");
@@ -609,7 +569,6 @@ int main(void) {
       cmocka_unit_test(test_rigs),
       cmocka_unit_test(test_frames_match_poses),
       cmocka_unit_test(test_lenses),
-      cmocka_unit_test(test_composites_of_any_grid),
       cmocka_unit_test(test_noise),
       cmocka_unit_test(test_faults),
       cmocka_unit_test(test_clocks),
