@@ -26,14 +26,11 @@ static sv_status carve(sv_sim *s, const sv_sim_config *cfg, sv_arena *a) {
   sv_status status = sv_rig_init(&s->rig, sv_device_n_sub_views(&device), a);
   s->scene = SV_TAKE(a, sv_sim_scene, 1);
   s->shot = SV_TAKE(a, sv_sim_shot, 1);
-  s->srgb8 = SV_TAKE(a, uint8_t, 16384);
-  s->srgb16 = SV_TAKE(a, uint16_t, 16384);
-  s->radius = SV_TAKE(a, float, 4096);
-  s->turn_cos = SV_TAKE(a, float, 1024);
   s->ready = SV_TAKE(a, sv_sim_event, s->cap_ready);
   s->sum = is_sum ? SV_TAKE(a, float, n_values) : NULL;
   for (int i = 0; i < s->n_cameras; i++)
     s->cameras[i].buffers = SV_TAKE(a, uint8_t, s->frame_bytes * (size_t)cfg->n_buffers);
+  if (status >= 0) status = sv_noise_init(&s->noise, a);
   return status < 0 ? status : a->status;
 }
 
@@ -59,7 +56,6 @@ sv_status sv_sim_init(sv_sim *s, const sv_sim_config *cfg, sv_arena *arena, sv_e
   if (status < 0) return status;
   s->largest_overlap = sv_device_largest_overlap(&s->rig, 0);
   sv_sim_scene_build(s->scene, cfg->scene);
-  sv_sim_fill_tables(s);
   return SV_OK;
 }
 

@@ -19,6 +19,7 @@
 #include "platform/sim/trace.h"
 #include "src/base/arena.h"
 #include "src/base/str.h"
+#include "src/image/noise.h"
 #include "src/port/port.h"
 #include "src/rig/device.h"
 
@@ -120,12 +121,10 @@ typedef struct {
   size_t frame_bytes;
   sv_rig rig;
   sv_sim_scene *scene;
-  sv_sim_shot *shot;        // scratch of the source and of sv_sim_render
-  uint8_t *srgb8;           // [16384] 14-bit linear -> display
-  uint16_t *srgb16;         // [16384]
-  float *radius, *turn_cos; // [4096], [1024]: normal deviates by table, see sensor.c
-  float *sum;               // [height][width][3] linear, multiplexed only
-  int largest_overlap;      // lens images that meet in one pixel at most, multiplexed only
+  sv_sim_shot *shot; // scratch of the source and of sv_sim_render
+  sv_noise noise;
+  float *sum;          // [height][width][3] linear, multiplexed only
+  int largest_overlap; // lens images that meet in one pixel at most, multiplexed only
   sv_sim_camera cameras[SV_SIM_CAP_CAMERAS];
   sv_sim_event *ready; // [cap_ready] arrived, oldest first
   int n_ready, cap_ready;
@@ -168,7 +167,6 @@ void sv_sim_render_rows(const sv_sim *sim, const sv_sim_shot *shot, int y0, int 
 
 // --- between the files of this folder ---
 sv_view sv_sim_sub_view_at(const sv_sim *sim, const sv_sub_view *sv, sv_ns host_ns); // path.c
-void sv_sim_fill_tables(sv_sim *sim);                                                // sensor.c
 void sv_sim_expose(sv_sim *sim, const sv_sim_event *event, uint8_t *out); // sensor.c: one sensor frame
 sv_status sv_sim_check(const sv_sim_config *cfg, sv_err *err);            // config.c
 sv_device_params sv_sim_device(const sv_sim_config *cfg);                 // config.c
