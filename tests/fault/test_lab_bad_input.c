@@ -84,6 +84,7 @@ static void make_files(void) {
   dataset("skewed", ANGLE,
           "{\"file_path\": \"../a.png\", \"transform_matrix\": [[2,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}");
   dataset("empty", ANGLE, "");
+  dataset("no_test", ANGLE, FRAME("../a.png", 4, ", \"split\": \"train\""));
   dataset("held_out", ANGLE, FRAME("../a.png", 4, ", \"split\": \"test\""));
   dataset("lens", ANGLE "\"k1\": -9e9,", GOOD_FRAMES);
   dataset("points", ANGLE "\"ply_file_path\": \"p.ply\",", GOOD_FRAMES);
@@ -194,7 +195,7 @@ static const bad_case cases[] = {
     {1, "eval --data good --model cloud.ply", "cloud.ply"},
     {1, "eval --data good --model cut_model.ply", "cut_model.ply"},
     {1, "eval --data good --model model/model.ply --depth --quiet", "depth"},
-    {1, "eval --data good --model model/model.ply --split test_near", "test_near"},
+    {1, "eval --data no_test --model model/model.ply --split test_near", "test_near"},
     {1, "eval --data good --model model/model.ply --split unheard_of", "unheard_of"},
     {1, "eval --data good --model spoilt/model.ply", "train.json"},
     {1, "render --data missing --model model/model.ply --split train --out o", "nowhere.png"},

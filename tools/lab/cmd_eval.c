@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <stdio.h>
 
+#include "src/base/str.h"
 #include "tools/lab/evaluate.h"
 
 typedef struct {
@@ -9,6 +10,7 @@ typedef struct {
   lab_model model;
   lab_views views;
   lab_settings settings;
+  const char *split;
   lab_scores scores;
   double seconds;
 } run;
@@ -17,10 +19,12 @@ static sv_status evaluate(run *r, sv_err *err) {
   sv_status s = lab_model_read(&r->model, r->o->model, err);
   if (s == SV_OK) s = lab_settings_for(&r->settings, r->o, &r->model, err);
   if (s != SV_OK) return s;
+  r->split = r->o->split ? r->o->split : lab_default_split(r->settings.n_exposures);
   double t0 = lab_seconds(&r->session);
   lab_source src = {.folder = r->o->data,
                     .transforms = r->settings.transforms,
-                    .split = r->o->split ? r->o->split : "test",
+                    .split = r->split,
+                    .n_exposures = sv_str_eq(r->split, "test_near") ? r->settings.n_exposures : 0,
                     .scale = r->settings.scale};
   if ((s = lab_views_open(&r->views, &src, &r->session.pool, err)) != SV_OK) return s;
   if (r->o->has_depth && !r->views.has_depth)
@@ -46,7 +50,7 @@ static sv_status evaluate(run *r, sv_err *err) {
 static sv_status print(const run *r, sv_err *err) {
   const lab_scores *sc = &r->scores;
   if (!r->o->is_json) {
-    printf("%d views: ", sc->n);
+    printf("%s views %d: ", r->split, sc->n);
     lab_scores_print(sc);
     printf("  (%.2f s: loading %.2f, rendering %.2f, comparing %.2f)\n", r->seconds, sc->load_s, sc->render_s,
            sc->compare_s);
@@ -54,6 +58,7 @@ static sv_status print(const run *r, sv_err *err) {
   }
   lab_report j;
   lab_report_begin(&j);
+  lab_report_text(&j, "split", r->split);
   lab_scores_report(&j, sc);
   lab_report_int(&j, "gaussians", r->model.g.n);
   lab_report_num(&j, "seconds", r->seconds);

@@ -132,6 +132,7 @@ static sv_status prepare(run *r, lab_scene *scene, sv_err *err) {
                              : r->o->split   ? r->o->split
                                              : "test",
                     .scale = r->settings.scale};
+  if (sv_str_eq(src.split, "test_near")) src.n_exposures = r->settings.n_exposures;
   if ((s = lab_views_open(&r->views, &src, &r->session.pool, err)) != SV_OK) return s;
   *scene = lab_scene_of(&r->views);
   // Depth may reach well behind the scene before it is cut off.

@@ -134,13 +134,18 @@ static sv_status train(run *r, sv_err *err) {
   return SV_OK;
 }
 
+static lab_source eval_source(const lab_options *o) {
+  return (lab_source){.folder = o->data,
+                      .transforms = o->transforms,
+                      .split = lab_default_split((int)o->exposures),
+                      .n_exposures = (int)o->exposures,
+                      .scale = (int)o->scale};
+}
+
 static sv_status evaluate(run *r, sv_err *err) {
   char folder[SV_CAP_PATH];
   lab_views v;
-  lab_source src = {
-      .folder = r->o->data, .transforms = r->o->transforms, .split = "test", .scale = (int)r->o->scale};
-  lab_source train = src;
-  train.n_exposures = (int)r->o->exposures;
+  lab_source src = eval_source(r->o), train = src;
   double t0 = lab_seconds(&r->session);
   sv_status s = lab_views_open(&v, &src, &r->session.pool, err);
   if (s == SV_OK) s = sv_path_join(folder, sizeof folder, r->o->out, "eval", err);
@@ -162,6 +167,7 @@ static sv_status evaluate(run *r, sv_err *err) {
 // --- what is written -----------------------------------------------------------------------------
 
 static void report_figures(lab_report *j, const run *r) {
+  if (r->has_scores) lab_report_text(j, "split", lab_default_split((int)r->o->exposures));
   if (r->has_scores) lab_scores_report(j, &r->scores);
   else lab_report_int(j, "views", r->views.n); // trained on; with scores: scored
   lab_report_int(j, "training_views", r->views.n);
@@ -233,7 +239,7 @@ static sv_status print(const run *r, sv_err *err) {
          r->plan.trainer.g.n, r->views.n, r->steps, r->train_s,
          r->train_s > 0 ? (double)r->steps / r->train_s : 0, r->loss, r->is_stopped ? ", stopped early" : "");
   if (r->has_scores) {
-    printf("test views %d: ", r->scores.n);
+    printf("%s views %d: ", lab_default_split((int)r->o->exposures), r->scores.n);
     lab_scores_print(&r->scores);
     printf("\n");
   }
@@ -244,8 +250,7 @@ static sv_status print(const run *r, sv_err *err) {
 
 static sv_status check_eval(const run *r, sv_err *err) { // before an hour of training, not after
   lab_views v;
-  lab_source src = {
-      .folder = r->o->data, .transforms = r->o->transforms, .split = "test", .scale = (int)r->o->scale};
+  lab_source src = eval_source(r->o);
   sv_status s = lab_views_open(&v, &src, &r->session.pool, err);
   lab_views_free(&v);
   return s;

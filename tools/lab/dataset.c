@@ -91,7 +91,8 @@ static int compare_ints(const void *a, const void *b) {
   return (x > y) - (x < y);
 }
 
-// Takes away the mark of frames beyond the first n exposures. Without exposure numbers each frame is one.
+// Takes away the mark of frames beyond the first n exposures. Without exposure numbers each frame is one, and
+// the most dispersed stay.
 static sv_status keep_exposures(const file *f, int n, bool *is_in, sv_err *err) {
   int *id = malloc((size_t)f->t.n_frames * sizeof *id), n_id = 0;
   if (!id) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its exposures", f->path);
@@ -104,12 +105,10 @@ static sv_status keep_exposures(const file *f, int n, bool *is_in, sv_err *err) 
       if (++n_distinct > n) break;
       last = id[i];
     }
-  int n_left = n;
-  for (int i = 0; i < f->t.n_frames; i++) {
-    if (!is_in[i]) continue;
-    is_in[i] = n_id ? f->frames[i].exposure >= 0 && f->frames[i].exposure <= last : n_left-- > 0;
-  }
   free(id);
+  if (!n_id) return lab_disperse_frames(f->frames, f->t.n_frames, n, is_in, err);
+  for (int i = 0; i < f->t.n_frames; i++)
+    if (is_in[i]) is_in[i] = f->frames[i].exposure >= 0 && f->frames[i].exposure <= last;
   return SV_OK;
 }
 
@@ -289,8 +288,6 @@ static sv_status open_split(file *f, const lab_source *src, char name[SV_TRANSFO
   *is_training_file = !(is_test && has_own);
   sv_status s = training_name(src, name, err);
   if (s != SV_OK) return s;
-  if (sv_str_eq(src->split, "test_near") && !has_own)
-    return sv_fail(err, SV_E_NOT_FOUND, "%s: has no %s, so no split test_near", src->folder, own);
   if (!*is_training_file) sv_copy(name, SV_TRANSFORMS_CAP_PATH, own);
   s = file_open(f, src->folder, name, err);
   if (s != SV_OK || is_train || is_test || !has_own) return s;
@@ -302,16 +299,55 @@ static sv_status open_split(file *f, const lab_source *src, char name[SV_TRANSFO
   return file_open(f, src->folder, name, err);
 }
 
+// Opens the file of a split and marks its frames; *is_in is malloc'ed.
+static sv_status open_marked(file *f, bool **is_in, const lab_source *src, char name[SV_TRANSFORMS_CAP_PATH],
+                             sv_err *err) {
+  bool is_training_file;
+  *is_in = NULL;
+  sv_status s = open_split(f, src, name, &is_training_file, err);
+  if (s != SV_OK) return s;
+  *is_in = calloc((size_t)f->t.n_frames, sizeof **is_in);
+  s = *is_in ? choose_frames(f, src, name, is_training_file, *is_in, err)
+             : sv_fail(err, SV_E_NOMEM, "%s: no memory for its frames", f->path);
+  if (s != SV_OK) {
+    free(*is_in);
+    *is_in = NULL;
+    file_free(f);
+  }
+  return s;
+}
+
+// The test views near to what was trained on, in place of transforms_test_near.json.
+static sv_status open_near(file *f, bool **is_in, const lab_source *src, char name[SV_TRANSFORMS_CAP_PATH],
+                           sv_err *err) {
+  lab_source part = *src;
+  double centre[3];
+  part.split = "train";
+  sv_status s = open_marked(f, is_in, &part, name, err);
+  if (s != SV_OK) return s;
+  lab_mean_centre(f->frames, f->t.n_frames, *is_in, centre);
+  free(*is_in);
+  file_free(f);
+  part.split = "test";
+  if ((s = open_marked(f, is_in, &part, name, err)) == SV_E_NOT_FOUND)
+    return sv_fail(err, s, "%s: has neither transforms_test_near.json nor test views, so no split test_near",
+                   src->folder);
+  if (s != SV_OK) return s;
+  lab_keep_nearest(f->frames, f->t.n_frames, centre, LAB_N_NEAR, *is_in);
+  char all[SV_TRANSFORMS_CAP_PATH];
+  sv_copy(all, sizeof all, name);
+  sv_fmt(name, SV_TRANSFORMS_CAP_PATH, "%.180s (nearest)", all); // for messages; it is not that split
+  return SV_OK;
+}
+
 sv_status lab_views_open(lab_views *v, const lab_source *src, const sv_pool *pool, sv_err *err) {
   file f;
-  bool is_training_file;
+  bool *is_in;
   memset(v, 0, sizeof *v);
-  sv_status s = open_split(&f, src, v->transforms, &is_training_file, err);
+  bool is_near = sv_str_eq(src->split, "test_near") && !exists_in(src->folder, "transforms_test_near.json");
+  sv_status s = (is_near ? open_near : open_marked)(&f, &is_in, src, v->transforms, err);
   if (s != SV_OK) return s;
-  bool *is_in = calloc((size_t)f.t.n_frames, sizeof *is_in);
-  s = is_in ? choose_frames(&f, src, v->transforms, is_training_file, is_in, err)
-            : sv_fail(err, SV_E_NOMEM, "%s: no memory for its frames", f.path);
-  if (s == SV_OK) s = collect(v, &f, is_in, src, pool, err);
+  s = collect(v, &f, is_in, src, pool, err);
   free(is_in);
   file_free(&f);
   if (s != SV_OK) lab_views_free(v);

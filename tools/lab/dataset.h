@@ -2,7 +2,8 @@
 // Datasets: transforms JSON and pictures -> views of one split, as the renderer wants them. Splits:
 //   train      the training file without what is held out
 //   test       transforms_test.json if it is there, else what the training file holds out
-//   test_near  transforms_test_near.json
+//   test_near  transforms_test_near.json, else the LAB_N_NEAR views of test whose cameras are nearest to the mean
+//              place of the cameras that were trained on
 //   all        every frame of the training file
 //   others     frames of the training file so marked, else transforms_<name>.json
 // Held out are frames whose "split" is not train; without any such mark, without transforms_test.json and
@@ -18,6 +19,7 @@
 #include "tools/common/fileio.h"
 #include "tools/common/imageio.h"
 
+#define LAB_N_NEAR      6 // as many as the paper scores one exposure on
 #define LAB_MIN_SIDE_PX 8 // smaller pictures teach nothing, and a 1-pixel picture is a mistake
 
 typedef struct {
@@ -34,7 +36,8 @@ typedef struct {
   const char *folder;
   const char *transforms; // NULL or empty: by the rule
   const char *split;
-  int n_exposures; // of the training split; below 1: all
+  int n_exposures; // trained on, for the splits train and test_near; below 1: all. Frames with exposure
+                   // numbers: those of the lowest; else each frame is one, and the most dispersed are taken
   int scale;
 } lab_source;
 
@@ -52,9 +55,23 @@ typedef struct {
 // Selects the frames, finds the files and reads their sizes; no picture is decoded. Free with lab_views_free.
 sv_status lab_views_open(lab_views *v, const lab_source *src, const sv_pool *pool, sv_err *err) SV_MUST_USE;
 void lab_views_free(lab_views *v);
+// What a model is scored on: the paper's protocol is test_near for one exposure, which cannot see all of a
+// scene, and test for more.
+static inline const char *lab_default_split(int n_exposures) {
+  return n_exposures == 1 ? "test_near" : "test";
+}
 static inline size_t lab_frame_bytes(const lab_frame *f) {
   return (size_t)f->view.width_px * (size_t)f->view.height_px * (size_t)f->n_channels;
 }
+
+// --- exposures (exposures.c) ---------------------------------------------------------------------
+// Each frame with is_in is an exposure: leaves n_wanted of them, by max-min dispersion about the scene's centre.
+sv_status lab_disperse_frames(const sv_transforms_frame *frames, int n_frames, int n_wanted, bool *is_in,
+                              sv_err *err) SV_MUST_USE;
+void lab_mean_centre(const sv_transforms_frame *frames, int n_frames, const bool *is_in, double centre[3]);
+// Leaves the n_wanted frames whose cameras are nearest to centre.
+void lab_keep_nearest(const sv_transforms_frame *frames, int n_frames, const double centre[3], int n_wanted,
+                      bool *is_in);
 
 // --- pictures (picture.c) ------------------------------------------------------------------------
 typedef struct {
