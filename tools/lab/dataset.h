@@ -28,13 +28,25 @@ typedef struct {
   int i_lens;              // frames of one lens share it
   sv_camera_model pinhole; // full size; of the undistorted picture
   sv_view view;            // 1/scale of it
+  int i_measurement;       // the measurement that the frame is a lens of, -1: it has a picture of its own
 } lab_frame;
+
+// What one sensor with overlapping lens images measured in one exposure (measurement.h).
+typedef struct {
+  char path[SV_CAP_PATH];
+  int exposure, m_max, n_lenses;
+  int width_px, height_px; // of the sensor
+  bool is_linear;
+} lab_measurement;
 
 typedef struct {
   const char *folder;
   const char *transforms; // NULL or empty: by the rule
   const char *split;
   int n_exposures; // of the training split; below 1: all
+  bool
+      is_multiplexed; // lenses are known by their measurements, where the file has them, else by their pictures
+  bool is_white;      // of two measurements, the one over white
   int scale;
 } lab_source;
 
@@ -42,6 +54,8 @@ typedef struct {
   lab_frame *frames;
   int *by_lens; // [n] all frames, lens by lens: loading in this order builds each undistortion table once
   int n, scale;
+  lab_measurement *measurements; // [n_measurements]
+  int n_measurements;
   int cap_width_px, cap_height_px;
   size_t cap_floats; // largest padded plane
   bool is_undistorted, has_depth;
