@@ -5,6 +5,9 @@
 #include <string.h>
 
 #include "platform/sim/sim.h"
+#include "src/base/mathx.h"
+
+#define FOCAL_PER_WIDTH 1.3 // 42 degrees across, so that a sphere of 1.1 m fits a 4:3 image
 
 typedef struct {
   const char *p;
@@ -38,14 +41,8 @@ static const char *const SCENE_TEXTS[] = {
 #undef X
 };
 static const char *const RIGS[] = {
-#define X(id, name, default_angle_deg, text) name,
-#include "platform/sim/rigs.inc"
-#undef X
-};
-static const double RIG_ANGLE_DEG[] = {
-#define X(id, name, default_angle_deg, text) default_angle_deg,
-#include "platform/sim/rigs.inc"
-#undef X
+#define X(id, name, text, angle_deg, forward, layout, rows, cols, overlap) name,
+#include "src/rig/devices.inc"
 };
 static const char *const FAULTS[] = {
 #define X(id, name, default_n, text) name,
@@ -71,6 +68,7 @@ typedef struct {
 static const number_option NUMBERS[] = {
     REAL("fps", fps, 0.1, 1000),
     REAL("angle", angle_deg, 0, 60),
+    REAL("overlap", overlap, 1, SV_DEVICE_CAP_OVERLAP),
     REAL("arc", arc_deg, 0, 360),
     REAL("skew_us", skew_us, 0, 1e6),
     REAL("jitter_us", jitter_us, 0, 1e5),
@@ -104,15 +102,25 @@ static sv_status bad(sv_err *err, const char *name, word v, const char *expected
   return sv_fail(err, SV_E_ARG, "sim: %s=%.*s: expected %s", name, (int)(v.n < 40 ? v.n : 40), v.p, expected);
 }
 
+// Two whole numbers "AxB" from lo to hi.
+static bool read_pair(word v, int lo, int hi, int *a, int *b) {
+  word rest = v, w[2] = {{0}}, more;
+  long long x[2] = {0};
+  bool ok = next_word(&rest, 'x', &w[0]) && next_word(&rest, 'x', &w[1]) && !next_word(&rest, 'x', &more);
+  for (int i = 0; i < 2 && ok; i++) ok = sv_parse_int(w[i].p, w[i].n, &x[i]) && x[i] >= lo && x[i] <= hi;
+  if (ok) *a = (int)x[0], *b = (int)x[1];
+  return ok;
+}
+
 static sv_status read_size(sv_sim_config *c, word v, sv_err *err) {
-  word rest = v, w = {0}, h = {0}, more;
-  long long wide = 0, high = 0;
-  bool ok = next_word(&rest, 'x', &w) && next_word(&rest, 'x', &h) && !next_word(&rest, 'x', &more);
-  if (!ok || !sv_parse_int(w.p, w.n, &wide) || !sv_parse_int(h.p, h.n, &high) || wide < 16 || wide > 4096 ||
-      high < 16 || high > 4096)
-    return bad(err, "size", v, "WIDTHxHEIGHT, 16 to 4096 pixels each");
-  c->width_px = (int)wide, c->height_px = (int)high;
-  return SV_OK;
+  bool ok = read_pair(v, 16, 4096, &c->width_px, &c->height_px);
+  return ok ? SV_OK : bad(err, "size", v, "WIDTHxHEIGHT, 16 to 4096 pixels each");
+}
+
+static sv_status read_grid(sv_sim_config *c, word v, sv_err *err) {
+  bool ok = read_pair(v, 1, SV_CAP_SUB_VIEWS, &c->grid_rows, &c->grid_cols) &&
+            c->grid_rows * c->grid_cols <= SV_CAP_SUB_VIEWS;
+  return ok ? SV_OK : bad(err, "grid", v, "ROWSxCOLS, 1 to 256 lenses");
 }
 
 // read:V:shot:V in either order; one may be left out.
@@ -168,11 +176,12 @@ static sv_status read_option(sv_sim_config *c, word option, sv_err *err) {
   (void)next_word(&v, '=', &name);
   if (!v.p) v = (word){"", 0};
   if (is(name, "rig")) {
-    int rig = find(v, RIGS, SV_SIM_N_RIGS);
-    if (rig < 0) return unknown(err, "rig", v, RIGS, SV_SIM_N_RIGS);
-    c->rig = (sv_sim_rig_id)rig;
+    int rig = find(v, RIGS, SV_N_DEVICES);
+    if (rig < 0) return unknown(err, "rig", v, RIGS, SV_N_DEVICES);
+    c->rig = (sv_device_id)rig;
     return SV_OK;
   }
+  if (is(name, "grid")) return read_grid(c, v, err);
   if (is(name, "size")) return read_size(c, v, err);
   if (is(name, "noise")) return read_noise(c, v, err);
   if (is(name, "fault")) return read_faults(c, v, err);
@@ -191,19 +200,43 @@ static sv_status read_option(sv_sim_config *c, word option, sv_err *err) {
     if (is(name, NUMBERS[i].name)) return read_number(c, &NUMBERS[i], v, err);
   char list[200];
   sv_str s = sv_str_make(list, sizeof list);
-  sv_str_add(&s, "rig, size, seed, path, noise, fault");
+  sv_str_add(&s, "rig, size, seed, grid, path, noise, fault");
   for (int i = 0; i < N_NUMBERS; i++) sv_str_add(&s, ", %s", NUMBERS[i].name);
   return sv_fail(err, SV_E_NOT_FOUND, "sim: no option '%.*s'; there are %s", (int)(name.n < 20 ? name.n : 20),
                  name.p, list);
 }
 
+sv_device_params sv_sim_device(const sv_sim_config *c) {
+  return (sv_device_params){.device = c->rig,
+                            .width_px = c->width_px,
+                            .height_px = c->height_px,
+                            .focal_per_width = FOCAL_PER_WIDTH,
+                            .distance_m = SV_SIM_DISTANCE_M,
+                            .angle_rad = c->angle_deg * SV_PI / 180,
+                            .rows = c->grid_rows,
+                            .cols = c->grid_cols,
+                            .overlap = c->overlap};
+}
+
+// What no option has set is the device's.
+static void complete(sv_sim_config *c) {
+  const sv_device_info *d = sv_device_info_of(c->rig);
+  if (c->arc_deg < 0) c->arc_deg = SCENE_ARC_DEG[c->scene];
+  if (c->angle_deg < 0) c->angle_deg = d->angle_deg;
+  if (c->grid_rows < 1) c->grid_rows = d->rows, c->grid_cols = d->cols;
+  if (c->overlap < 1) c->overlap = d->overlap;
+}
+
 sv_sim_config sv_sim_defaults(void) {
   return (sv_sim_config){.scene = SV_SIM_SCENE_TEXTURED,
-                         .rig = SV_SIM_RIG_STEREO,
+                         .rig = SV_DEVICE_STEREO,
                          .width_px = 320,
                          .height_px = 240,
                          .fps = 10,
-                         .angle_deg = RIG_ANGLE_DEG[SV_SIM_RIG_STEREO],
+                         .angle_deg = sv_device_info_of(SV_DEVICE_STEREO)->angle_deg,
+                         .grid_rows = 1,
+                         .grid_cols = 1,
+                         .overlap = 1,
                          .n_exposures = 8,
                          .arc_deg = SCENE_ARC_DEG[SV_SIM_SCENE_TEXTURED],
                          .seed = 1,
@@ -219,13 +252,13 @@ sv_status sv_sim_parse(sv_sim_config *out, const char *spec, sv_err *err) {
   int scene = find(w, SCENES, SV_SIM_N_SCENES);
   if (scene < 0) return unknown(err, "scene", w, SCENES, SV_SIM_N_SCENES);
   c.scene = (sv_sim_scene_id)scene;
-  c.arc_deg = c.angle_deg = -1; // filled in below from scene and rig unless an option says otherwise
+  c.arc_deg = c.angle_deg = c.overlap = -1; // filled in below from scene and rig unless an option does
+  c.grid_rows = c.grid_cols = 0;
   while (next_word(&rest, ',', &w)) {
     sv_status s = read_option(&c, w, err);
     if (s < 0) return s;
   }
-  if (c.arc_deg < 0) c.arc_deg = SCENE_ARC_DEG[c.scene];
-  if (c.angle_deg < 0) c.angle_deg = RIG_ANGLE_DEG[c.rig];
+  complete(&c);
   sv_status s = sv_sim_check(&c, err);
   if (s < 0) return s;
   *out = c;
@@ -233,7 +266,6 @@ sv_status sv_sim_parse(sv_sim_config *out, const char *spec, sv_err *err) {
 }
 
 sv_status sv_sim_check(const sv_sim_config *c, sv_err *err) {
-  int n_cameras = c->rig == SV_SIM_RIG_STEREO ? 2 : c->rig == SV_SIM_RIG_PHONE ? 3 : 1;
   for (int i = 0; i < N_NUMBERS; i++) {
     const number_option *o = &NUMBERS[i];
     const char *at = (const char *)c + o->offset;
@@ -241,12 +273,14 @@ sv_status sv_sim_check(const sv_sim_config *c, sv_err *err) {
     if (!(x >= o->lo && x <= o->hi))
       return sv_fail(err, SV_E_ARG, "sim: %s is %g: expected %g to %g", o->name, x, o->lo, o->hi);
   }
-  if (c->scene >= SV_SIM_N_SCENES || c->rig >= SV_SIM_N_RIGS || c->n_faults < 0 ||
+  if (c->scene >= SV_SIM_N_SCENES || c->rig >= SV_N_DEVICES || c->n_faults < 0 ||
       c->n_faults > SV_SIM_CAP_FAULTS || c->width_px < 16 || c->width_px > 4096 || c->height_px < 16 ||
       c->height_px > 4096)
     return sv_fail(err, SV_E_ARG, "sim: scene, rig, size or number of faults is out of range");
-  if (c->rig != SV_SIM_RIG_MONO && !(c->angle_deg > 0))
-    return sv_fail(err, SV_E_ARG, "sim: angle=0 puts all cameras in one place: expected more than 0 degrees");
+  sv_device_params device = sv_sim_device(c);
+  sv_status s = sv_device_check(&device, err);
+  if (s < 0) return s;
+  int n_cameras = sv_device_n_cameras(c->rig);
   for (int i = 0; i < c->n_faults; i++)
     if (c->faults[i].i_camera < 0 || c->faults[i].i_camera >= n_cameras)
       return sv_fail(err, SV_E_ARG, "sim: fault %s names camera %d: rig %s has cameras 0 to %d",
@@ -261,9 +295,9 @@ sv_status sv_sim_check(const sv_sim_config *c, sv_err *err) {
 void sv_sim_list(sv_str *out) {
   for (int i = 0; i < SV_SIM_N_SCENES; i++) sv_str_add(out, "sim:%-10s %s\n", SCENES[i], SCENE_TEXTS[i]);
   sv_str_add(out, "  options: rig=");
-  for (int i = 0; i < SV_SIM_N_RIGS; i++) sv_str_add(out, "%s%s", i ? "|" : "", RIGS[i]);
-  sv_str_add(
-      out, ", size=WxH, seed=N, path=step|smooth, noise=read:V:shot:V, fault=NAME[:CAMERA[:SLOT[:N]]][+...]");
+  for (int i = 0; i < SV_N_DEVICES; i++) sv_str_add(out, "%s%s", i ? "|" : "", RIGS[i]);
+  sv_str_add(out, ", grid=RxC, size=WxH, seed=N, path=step|smooth, noise=read:V:shot:V, "
+                  "fault=NAME[:CAMERA[:SLOT[:N]]][+...]");
   for (int i = 0; i < N_NUMBERS; i++) sv_str_add(out, ", %s=", NUMBERS[i].name);
   sv_str_add(out, "\n  faults: ");
   for (int i = 0; i < SV_SIM_N_FAULTS; i++) sv_str_add(out, "%s%s", i ? ", " : "", FAULTS[i]);

@@ -1,29 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// From linear light to the bytes of a sensor frame: noise of variance read + shot x, 14-bit quantisation
-// (the paper, section 4: y ~ N(x, read + shot x), then 14 bits), sRGB. Noise is a hash of seed, camera,
-// slot and pixel, never of the order in which pixels are visited.
-#include <math.h>
+// From linear light to the bytes of a sensor frame: noise, 14-bit quantisation, sRGB (src/image/noise.h). The
+// noise of a pixel is a hash of seed, camera, slot and the pixel's place on the sensor.
 #include <string.h>
 
 #include "platform/sim/sim.h"
 #include "src/base/mathx.h"
 #include "src/base/rng.h"
-
-#define ADC_MAX  16383
-#define N_RADIUS 4096 // Box-Muller from tables: radius sqrt(-2 ln u) and angle, up to 4.2 sigma
-#define N_TURN   1024
-
-static double srgb(double x) { return x <= 0.0031308 ? 12.92 * x : 1.055 * sv_pow(x, 1 / 2.4) - 0.055; }
-
-void sv_sim_fill_tables(sv_sim *sim) {
-  for (int i = 0; i <= ADC_MAX; i++) {
-    double y = srgb((double)i / ADC_MAX);
-    sim->srgb8[i] = (uint8_t)(255 * y + 0.5);
-    sim->srgb16[i] = (uint16_t)(65535 * y + 0.5);
-  }
-  for (int i = 0; i < N_RADIUS; i++) sim->radius[i] = (float)sqrt(-2 * sv_log((i + 0.5) / N_RADIUS));
-  for (int i = 0; i < N_TURN; i++) sim->turn_cos[i] = (float)sv_cos(2 * SV_PI * (i + 0.5) / N_TURN);
-}
 
 typedef struct {
   const sv_sim *sim;
@@ -36,21 +18,12 @@ typedef struct {
   uint32_t camera_seed, slot;
 } canvas;
 
-static float normal(const sv_sim *sim, uint32_t hash, uint32_t quarter) {
-  return sim->radius[hash >> 20] * sim->turn_cos[((hash >> 8) + quarter * (3 * N_TURN / 4)) & (N_TURN - 1)];
-}
-
 static void add_noise(const canvas *c, int x_px, int y_px, const float in[3], float out[3]) {
   const sv_sim_config *cfg = &c->sim->cfg;
-  uint32_t pixel = (uint32_t)(y_px * cfg->width_px + x_px);
-  uint32_t h0 = sv_hash3(c->camera_seed, c->slot, 2 * pixel),
-           h1 = sv_hash3(c->camera_seed, c->slot, 2 * pixel + 1);
-  float z[3] = {normal(c->sim, h0, 0), normal(c->sim, h0, 1), normal(c->sim, h1, 0)};
-  for (int k = 0; k < 3; k++)
-    out[k] = in[k] + sqrtf((float)cfg->noise_read + (float)cfg->noise_shot * in[k]) * z[k];
+  sv_noise_model m = {.read = (float)cfg->noise_read, .shot = (float)cfg->noise_shot};
+  const uint32_t key[2] = {c->camera_seed, c->slot};
+  sv_noise_add(&c->sim->noise, &m, key, (uint32_t)(y_px * cfg->width_px + x_px), in, out);
 }
-
-static int to_14_bits(float x) { return (int)(sv_clampf(x, 0, 1) * ADC_MAX + 0.5f); }
 
 static void put(void *self, int x_px, int y_px, int n, const float *rgb, const float *depth_m) {
   const canvas *c = self;
@@ -64,7 +37,7 @@ static void put(void *self, int x_px, int y_px, int n, const float *rgb, const f
     float noisy[3];
     const float *p = rgb + 3 * i;
     if (c->is_noisy) add_noise(c, c->x0_px + x_px + i, c->y0_px + y_px, p, noisy), p = noisy;
-    for (int k = 0; k < 3; k++) out[3 * i + k] = c->sim->srgb8[to_14_bits(p[k])];
+    for (int k = 0; k < 3; k++) out[3 * i + k] = c->sim->noise.srgb8[sv_noise_quantise(p[k])];
   }
 }
 
@@ -90,16 +63,17 @@ void sv_sim_render(sv_sim *sim, const sv_view *view, double time_s, uint8_t *rgb
   sv_sim_render_rows(sim, sim->shot, 0, view->height_px, rgb, depth_m);
 }
 
-// The composite: linear sum over the largest overlap (4, see devices.c), noise, 14 bits, sRGB in 16 bits.
+// The composite: linear sum over the largest overlap, noise, 14 bits, sRGB in 16 bits.
 static void composite(const sv_sim *sim, const canvas *c, uint8_t *out) {
+  float scale = 1.0f / (float)sim->largest_overlap;
   for (int y = 0; y < sim->cfg.height_px; y++)
     for (int x = 0; x < sim->cfg.width_px; x++) {
       size_t at = (size_t)y * (size_t)sim->cfg.width_px + (size_t)x;
       float v[3];
-      for (int k = 0; k < 3; k++) v[k] = sim->sum[3 * at + (size_t)k] * 0.25f;
+      for (int k = 0; k < 3; k++) v[k] = sim->sum[3 * at + (size_t)k] * scale;
       if (c->is_noisy) add_noise(c, x, y, v, v);
       for (int k = 0; k < 3; k++) {
-        uint16_t code = sim->srgb16[to_14_bits(v[k])];
+        uint16_t code = sim->noise.srgb16[sv_noise_quantise(v[k])];
         out[6 * at + 2 * (size_t)k] = (uint8_t)(code & 255),
                          out[6 * at + 2 * (size_t)k + 1] = (uint8_t)(code >> 8);
       }

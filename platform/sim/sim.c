@@ -14,29 +14,23 @@ static sv_ns from_us(double us) { return (sv_ns)floor(us * 1e3 + 0.5); }
 
 // --- memory --------------------------------------------------------------------------------------
 
-static int n_cameras_of(sv_sim_rig_id rig) {
-  return rig == SV_SIM_RIG_STEREO ? 2 : rig == SV_SIM_RIG_PHONE ? 3 : 1;
-}
-
 static sv_status carve(sv_sim *s, const sv_sim_config *cfg, sv_arena *a) {
-  bool is_sum = cfg->rig == SV_SIM_RIG_MULTIPLEXED;
+  sv_device_params device = sv_sim_device(cfg);
+  bool is_sum = sv_device_info_of(cfg->rig)->forward == SV_FORWARD_MULTIPLEXED;
   size_t n_values = 3 * (size_t)cfg->width_px * (size_t)cfg->height_px;
   s->cfg = *cfg;
-  s->n_cameras = n_cameras_of(cfg->rig);
+  s->n_cameras = sv_device_n_cameras(cfg->rig);
   s->frame_bytes = n_values * (is_sum ? 2 : 1);
   s->cap_ready = s->n_cameras * cfg->n_buffers + SV_SIM_CAP_FAULTS;
   sv_arena_part_begin(a, "simulator");
-  sv_status status = sv_rig_init(&s->rig, SV_SIM_CAP_SUB_VIEWS, a);
+  sv_status status = sv_rig_init(&s->rig, sv_device_n_sub_views(&device), a);
   s->scene = SV_TAKE(a, sv_sim_scene, 1);
   s->shot = SV_TAKE(a, sv_sim_shot, 1);
-  s->srgb8 = SV_TAKE(a, uint8_t, 16384);
-  s->srgb16 = SV_TAKE(a, uint16_t, 16384);
-  s->radius = SV_TAKE(a, float, 4096);
-  s->turn_cos = SV_TAKE(a, float, 1024);
   s->ready = SV_TAKE(a, sv_sim_event, s->cap_ready);
   s->sum = is_sum ? SV_TAKE(a, float, n_values) : NULL;
   for (int i = 0; i < s->n_cameras; i++)
     s->cameras[i].buffers = SV_TAKE(a, uint8_t, s->frame_bytes * (size_t)cfg->n_buffers);
+  if (status >= 0) status = sv_noise_init(&s->noise, a);
   return status < 0 ? status : a->status;
 }
 
@@ -50,6 +44,7 @@ size_t sv_sim_bytes(const sv_sim_config *cfg) {
 sv_status sv_sim_init(sv_sim *s, const sv_sim_config *cfg, sv_arena *arena, sv_err *err) {
   sv_status status = sv_sim_check(cfg, err);
   if (status < 0) return status;
+  sv_device_params device = sv_sim_device(cfg);
   *s = (sv_sim){0};
   status = carve(s, cfg, arena);
   if (status < 0)
@@ -57,9 +52,10 @@ sv_status sv_sim_init(sv_sim *s, const sv_sim_config *cfg, sv_arena *arena, sv_e
                    sv_sim_bytes(cfg), arena->used_bytes, arena->cap_bytes);
   s->now_ns = SV_SIM_EPOCH_NS;
   s->period_ns = (sv_ns)floor(1e9 / cfg->fps + 0.5);
-  sv_sim_build_rig(s);
+  status = sv_device_build(&s->rig, &device, err);
+  if (status < 0) return status;
+  s->largest_overlap = sv_device_largest_overlap(&s->rig, 0);
   sv_sim_scene_build(s->scene, cfg->scene);
-  sv_sim_fill_tables(s);
   return SV_OK;
 }
 

@@ -19,27 +19,20 @@
 #include "platform/sim/trace.h"
 #include "src/base/arena.h"
 #include "src/base/str.h"
+#include "src/image/noise.h"
 #include "src/port/port.h"
-#include "src/rig/rig.h"
+#include "src/rig/device.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-#define SV_SIM_EPOCH_NS      SV_NS_PER_S // the virtual clock's first reading
-#define SV_SIM_DISTANCE_M    4.0
-#define SV_SIM_CAP_CAMERAS   3
-#define SV_SIM_CAP_SUB_VIEWS 16
-#define SV_SIM_CAP_BUFFERS   16
-#define SV_SIM_CAP_FAULTS    8
-#define SV_SIM_CAP_PENDING   6
-
-typedef enum {
-#define X(id, name, default_angle_deg, text) SV_SIM_RIG_##id,
-#include "platform/sim/rigs.inc"
-#undef X
-  SV_SIM_N_RIGS
-} sv_sim_rig_id;
+#define SV_SIM_EPOCH_NS    SV_NS_PER_S // the virtual clock's first reading
+#define SV_SIM_DISTANCE_M  4.0
+#define SV_SIM_CAP_CAMERAS 3
+#define SV_SIM_CAP_BUFFERS 16
+#define SV_SIM_CAP_FAULTS  8
+#define SV_SIM_CAP_PENDING 6
 
 // What can go wrong with one camera at one slot. `n` by kind, as below.
 typedef enum {
@@ -57,12 +50,14 @@ typedef struct {
 
 typedef struct {
   sv_sim_scene_id scene;
-  sv_sim_rig_id rig;
-  int width_px, height_px; // of each sensor
-  double fps, angle_deg;   // angle: the rig's angular baseline as seen from the scene's centre
-  int n_exposures;         // stops of one round of the trajectory
-  int n_frames;            // the cameras end after so many slots, 0 = never
-  double arc_deg;          // azimuth covered by one round
+  sv_device_id rig;
+  int width_px, height_px;  // of each sensor
+  int grid_rows, grid_cols; // of lenses; 1 x 1 for rigs without a grid
+  double overlap;           // side of a lens image / pitch
+  double fps, angle_deg;    // angle: the rig's angular baseline as seen from the scene's centre
+  int n_exposures;          // stops of one round of the trajectory
+  int n_frames;             // the cameras end after so many slots, 0 = never
+  double arc_deg;           // azimuth covered by one round
   bool is_smooth;
   uint32_t seed;
   double noise_read, noise_shot;    // variance = read + shot x in linear light; both 0: no noise
@@ -126,11 +121,10 @@ typedef struct {
   size_t frame_bytes;
   sv_rig rig;
   sv_sim_scene *scene;
-  sv_sim_shot *shot;        // scratch of the source and of sv_sim_render
-  uint8_t *srgb8;           // [16384] 14-bit linear -> display
-  uint16_t *srgb16;         // [16384]
-  float *radius, *turn_cos; // [4096], [1024]: normal deviates by table, see sensor.c
-  float *sum;               // [height][width][3] linear, multiplexed only
+  sv_sim_shot *shot; // scratch of the source and of sv_sim_render
+  sv_noise noise;
+  float *sum;          // [height][width][3] linear, multiplexed only
+  int largest_overlap; // lens images that meet in one pixel at most, multiplexed only
   sv_sim_camera cameras[SV_SIM_CAP_CAMERAS];
   sv_sim_event *ready; // [cap_ready] arrived, oldest first
   int n_ready, cap_ready;
@@ -173,10 +167,9 @@ void sv_sim_render_rows(const sv_sim *sim, const sv_sim_shot *shot, int y0, int 
 
 // --- between the files of this folder ---
 sv_view sv_sim_sub_view_at(const sv_sim *sim, const sv_sub_view *sv, sv_ns host_ns); // path.c
-void sv_sim_build_rig(sv_sim *sim);                                                  // devices.c
-void sv_sim_fill_tables(sv_sim *sim);                                                // sensor.c
 void sv_sim_expose(sv_sim *sim, const sv_sim_event *event, uint8_t *out); // sensor.c: one sensor frame
 sv_status sv_sim_check(const sv_sim_config *cfg, sv_err *err);            // config.c
+sv_device_params sv_sim_device(const sv_sim_config *cfg);                 // config.c
 
 #ifdef __cplusplus
 }

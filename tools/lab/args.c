@@ -59,12 +59,14 @@ static const option table[] = {
      "N views on a circle around the scene, instead of --split", 1, 100000, 0},
     {"depth", OPT_FLAG, LAB_EVAL | LAB_RENDER, 0, AT(has_depth), 0,
      "eval: fail when the views have no true depth; render: 16-bit depth PNGs, too", 0, 0, 0},
-    {"mask", OPT_LATER, LAB_EVAL, 0, 0, 0, 0, 0, 0, 0},
-    {"lpips", OPT_LATER, LAB_EVAL, 0, 0, 0, 0, 0, 0, 0},
+    {"mask", OPT_WORD, LAB_TRAIN | LAB_EVAL, 0, AT(mask), "covisible",
+     "also score only the pixels that training views have seen; train: with --eval", 0, 0, 0},
+    {"lpips", OPT_FLAG, LAB_TRAIN | LAB_EVAL, 0, AT(has_lpips), 0,
+     "also LPIPS (v0.1, SqueezeNet); train: with --eval", 0, 0, 0},
     {"format", OPT_WORD, LAB_EXPORT, LAB_EXPORT, AT(format), "ply|splat", "of the file to write", 0, 0,
      "spz|glb"},
-    {"from", OPT_WORD, LAB_IMPORT, LAB_IMPORT, AT(from), "colmap|nerfstudio|blender|capture|4cam-board|qca",
-     "what DIR is", 0, 0, 0},
+    {"from", OPT_WORD, LAB_IMPORT, LAB_IMPORT, AT(from),
+     "colmap|nerfstudio|blender|capture|4cam-board|qca|sim", "what DIR is", 0, 0, 0},
     {"threads", OPT_INT, DATA | LAB_BENCH, 0, AT(threads), "N", "threads (all CPUs)", 1, 64, 0},
     {"eval", OPT_FLAG, LAB_TRAIN, 0, AT(is_eval), 0, "evaluate on the test views at the end", 0, 0, 0},
     {"json", OPT_FLAG, LAB_TRAIN | LAB_EVAL | LAB_BENCH, 0, AT(is_json), 0, "print one JSON object on stdout",
@@ -161,6 +163,8 @@ static int check_required(const lab_command *c, const lab_options *o) {
   if (c->bit == LAB_IMPORT && !o->input) return lab_usage(c->name, "the folder to import is missing");
   if (o->steps >= 0 && o->time_limit_s >= 0)
     return lab_usage(c->name, "--steps and --time-limit exclude each other");
+  if (c->bit == LAB_TRAIN && !o->is_eval && (o->mask || o->has_lpips))
+    return lab_usage(c->name, "--%s needs --eval", o->mask ? "mask" : "lpips");
   if (o->orbit >= 0 && o->split) return lab_usage(c->name, "--split and --orbit exclude each other");
   return LAB_EXIT_OK;
 }

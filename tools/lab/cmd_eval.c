@@ -2,7 +2,6 @@
 #include <stdio.h>
 
 #include "tools/lab/evaluate.h"
-#include "tools/lab/report.h"
 
 typedef struct {
   const lab_options *o;
@@ -27,8 +26,14 @@ static sv_status evaluate(run *r, sv_err *err) {
   if (r->o->has_depth && !r->views.has_depth)
     return sv_fail(err, SV_E_NOT_FOUND, "%s/%s: not every view of the split %s has true depth (depth_path)",
                    r->o->data, r->views.transforms, src.split);
+  lab_source train = {.folder = r->o->data,
+                      .transforms = r->settings.transforms,
+                      .n_exposures = r->settings.n_exposures,
+                      .scale = r->settings.scale};
   lab_eval_job job = {.session = &r->session,
                       .g = &r->model.g,
+                      .has_lpips = r->o->has_lpips,
+                      .mask_from = r->o->mask ? &train : NULL,
                       .render = lab_render_options(&r->settings, r->model.g.sh_degree, r->views.has_depth)};
   s = lab_evaluate(&r->views, &job, &r->scores, err);
   r->seconds = lab_seconds(&r->session) - t0;
@@ -41,21 +46,15 @@ static sv_status evaluate(run *r, sv_err *err) {
 static sv_status print(const run *r, sv_err *err) {
   const lab_scores *sc = &r->scores;
   if (!r->o->is_json) {
-    printf("%d views: PSNR %.2f dB, SSIM %.4f", sc->n, sc->psnr, sc->ssim);
-    if (sc->n_depth) printf(", depth AbsRel %.4f, RMSE %.4f", sc->abs_rel, sc->rmse);
+    printf("%d views: ", sc->n);
+    lab_scores_print(sc);
     printf("  (%.2f s: loading %.2f, rendering %.2f, comparing %.2f)\n", r->seconds, sc->load_s, sc->render_s,
            sc->compare_s);
     return SV_OK;
   }
   lab_report j;
   lab_report_begin(&j);
-  lab_report_num(&j, "psnr", sc->psnr);
-  lab_report_num(&j, "ssim", sc->ssim);
-  if (sc->n_depth) {
-    lab_report_num(&j, "abs_rel", sc->abs_rel);
-    lab_report_num(&j, "rmse", sc->rmse);
-  }
-  lab_report_int(&j, "views", sc->n);
+  lab_scores_report(&j, sc);
   lab_report_int(&j, "gaussians", r->model.g.n);
   lab_report_num(&j, "seconds", r->seconds);
   lab_report_int(&j, "threads", r->session.n_threads);

@@ -171,6 +171,8 @@ static sv_status evaluate(run *r, sv_err *err) {
   lab_views v;
   lab_source src = {
       .folder = r->o->data, .transforms = r->o->transforms, .split = "test", .scale = (int)r->o->scale};
+  lab_source train = src;
+  train.n_exposures = (int)r->o->exposures;
   double t0 = lab_seconds(&r->session);
   sv_status s = lab_views_open(&v, &src, &r->session.pool, err);
   if (s == SV_OK) s = sv_path_join(folder, sizeof folder, r->o->out, "eval", err);
@@ -178,7 +180,9 @@ static sv_status evaluate(run *r, sv_err *err) {
                       .g = &r->plan.trainer.g,
                       .render = r->render,
                       .panel_folder = folder,
-                      .n_panels = N_PANELS};
+                      .n_panels = N_PANELS,
+                      .has_lpips = r->o->has_lpips,
+                      .mask_from = r->o->mask ? &train : NULL};
   job.render.has_depth = v.has_depth;
   if (s == SV_OK) s = lab_evaluate(&v, &job, &r->scores, err);
   lab_views_free(&v);
@@ -189,20 +193,9 @@ static sv_status evaluate(run *r, sv_err *err) {
 
 // --- what is written -----------------------------------------------------------------------------
 
-static void report_scores(lab_report *j, const run *r) {
-  if (!r->has_scores) return;
-  lab_report_num(j, "psnr", r->scores.psnr);
-  lab_report_num(j, "ssim", r->scores.ssim);
-  if (r->scores.n_depth) {
-    lab_report_num(j, "abs_rel", r->scores.abs_rel);
-    lab_report_num(j, "rmse", r->scores.rmse);
-  }
-  lab_report_int(j, "views", r->scores.n);
-}
-
 static void report_figures(lab_report *j, const run *r) {
-  report_scores(j, r);
-  if (!r->has_scores) lab_report_int(j, "views", r->views.n); // trained on; with scores: scored
+  if (r->has_scores) lab_scores_report(j, &r->scores);
+  else lab_report_int(j, "views", r->views.n); // trained on; with scores: scored
   lab_report_int(j, "training_views", r->views.n);
   lab_report_int(j, "steps", r->steps);
   lab_report_int(j, "gaussians", r->plan.trainer.g.n);
@@ -272,8 +265,8 @@ static sv_status print(const run *r, sv_err *err) {
          r->plan.trainer.g.n, r->views.n, r->steps, r->train_s,
          r->train_s > 0 ? (double)r->steps / r->train_s : 0, r->loss, r->is_stopped ? ", stopped early" : "");
   if (r->has_scores) {
-    printf("test views %d: PSNR %.2f dB, SSIM %.4f", r->scores.n, r->scores.psnr, r->scores.ssim);
-    if (r->scores.n_depth) printf(", depth AbsRel %.4f, RMSE %.4f", r->scores.abs_rel, r->scores.rmse);
+    printf("test views %d: ", r->scores.n);
+    lab_scores_print(&r->scores);
     printf("\n");
   }
   printf("model: %s/model.ply, settings and figures: %s/train.json%s%s%s\n", r->o->out, r->o->out,

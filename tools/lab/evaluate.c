@@ -6,6 +6,8 @@
 #include <string.h>
 
 #include "src/metric/metric.h"
+#include "tools/lab/masks.h"
+#include "tools/metric/lpips.h"
 
 #define OPAQUE    250   // of 255: alpha of a pixel whose depth is compared
 #define DEPTH_MIN 0.01f // scene units
@@ -47,10 +49,11 @@ typedef struct {
   uint8_t *truth_u8;                 // as loaded
   float *truth, *image;              // [3][h][w]
   float *depth, *depth_true, *plane; // [h][w]; plane: padded, of the renderer
-  uint8_t *mask;                     // [h][w]
+  uint8_t *mask, *seen;              // [h][w]; seen: the co-visible pixels
   double *ssim_scratch;
   sv_err err;
-  double psnr, ssim;
+  double psnr, ssim, lpips, mpsnr, mssim, mlpips;
+  size_t n_seen; // pixels
   sv_depth_error depth_error;
 } slot;
 
@@ -59,6 +62,8 @@ typedef struct {
   const lab_eval_job *job;
   lab_viewer viewer;
   lab_loader *loaders;
+  sv_lpips *lpips;  // NULL: not wanted
+  lab_masks *masks; // the same
   slot *slots;
   int n_slots, i0; // slots hold the views by_lens[i0] and on
 } run;
@@ -69,11 +74,11 @@ static const lab_frame *frame_of(const run *r, int i_slot) {
 
 static void slot_free(slot *s) {
   free(s->truth_u8), free(s->truth), free(s->image), free(s->depth), free(s->depth_true), free(s->plane),
-      free(s->mask);
+      free(s->mask), free(s->seen);
   free(s->ssim_scratch);
 }
 
-static bool slot_alloc(slot *s, const lab_views *v, bool has_depth) {
+static bool slot_alloc(slot *s, const lab_views *v, bool has_depth, bool has_masks) {
   size_t n = 0;
   for (int i = 0; i < v->n; i++) {
     size_t k = (size_t)v->frames[i].view.width_px * (size_t)v->frames[i].view.height_px;
@@ -83,7 +88,8 @@ static bool slot_alloc(slot *s, const lab_views *v, bool has_depth) {
   s->truth = malloc(3 * n * sizeof(float));
   s->image = malloc(3 * n * sizeof(float));
   s->ssim_scratch = malloc(sv_ssim_scratch_doubles(v->cap_width_px) * sizeof(double));
-  bool is_good = s->truth_u8 && s->truth && s->image && s->ssim_scratch;
+  s->seen = has_masks ? malloc(n) : NULL;
+  bool is_good = s->truth_u8 && s->truth && s->image && s->ssim_scratch && (s->seen || !has_masks);
   if (!has_depth) return is_good;
   s->depth = malloc(n * sizeof(float));
   s->depth_true = malloc(n * sizeof(float));
@@ -161,10 +167,34 @@ static void compare_task(void *arg, int i_task, int i_thread) {
   (void)i_thread;
   s->psnr = sv_psnr(&pair);
   s->err.status = sv_ssim(&pair, SV_SSIM_SAME, s->ssim_scratch, &s->ssim);
-  if (s->err.status < 0) sv_fail(&s->err, s->err.status, "%s: SSIM cannot be computed", f->path);
+  if (s->err.status == SV_OK && r->masks) {
+    s->mpsnr = sv_psnr_masked(&pair, s->seen);
+    s->err.status = sv_ssim_masked(&pair, s->seen, s->ssim_scratch, &s->mssim);
+  }
+  if (s->err.status < 0)
+    sv_fail(&s->err, s->err.status, "%s: SSIM cannot be computed (%dx%d)", f->path, w, h);
   if (!r->job->render.has_depth) return;
   depth_mask(s, f);
   s->depth_error = sv_depth_compare(s->depth, s->depth_true, s->mask, (size_t)w * (size_t)h);
+}
+
+// What uses all threads for one view: the mask, LPIPS.
+static sv_status mask_slot(run *r, slot *s, const lab_frame *f, sv_err *err) {
+  size_t n = (size_t)f->view.width_px * (size_t)f->view.height_px;
+  lab_masked_view view = {
+      .frame = f, .picture = s->truth_u8, .depth = r->job->render.has_depth ? s->depth_true : NULL};
+  sv_status st = lab_masks_make(r->masks, &view, s->seen, err);
+  s->n_seen = 0;
+  for (size_t i = 0; st == SV_OK && i < n; i++) s->n_seen += s->seen[i];
+  return st;
+}
+
+static sv_status lpips_slot(run *r, slot *s, const lab_frame *f, sv_err *err) {
+  const sv_pool *pool = &r->job->session->pool;
+  sv_image_pair pair = {s->image, s->truth, f->view.width_px, f->view.height_px, 3};
+  sv_status st = sv_lpips_compare(r->lpips, &pair, pool, &s->lpips, err);
+  if (st == SV_OK && r->masks) st = sv_lpips_masked(r->lpips, &pair, s->seen, pool, &s->mlpips, err);
+  return st;
 }
 
 static sv_status write_panel(const run *r, const slot *s, const lab_frame *f, sv_err *err) {
@@ -173,16 +203,20 @@ static sv_status write_panel(const run *r, const slot *s, const lab_frame *f, sv
   name[strlen(name) - strlen(sv_path_extension(name))] = 0;
   if (snprintf(path, sizeof path, "%s/%s.png", r->job->panel_folder, name) >= (int)sizeof path)
     return sv_fail(err, SV_E_RANGE, "%s: the path is too long", f->path);
-  size_t w = (size_t)f->view.width_px, h = (size_t)f->view.height_px;
-  uint8_t *px = malloc(2 * w * h * 3);
+  size_t w = (size_t)f->view.width_px, h = (size_t)f->view.height_px, n = r->masks ? 3 : 2;
+  uint8_t *px = malloc(n * w * h * 3);
   if (!px) return sv_fail(err, SV_E_NOMEM, "%s: no memory for the picture", path);
   for (size_t y = 0; y < h; y++)
     for (size_t x = 0; x < w; x++)
       for (size_t c = 0; c < 3; c++) {
-        px[(y * 2 * w + x) * 3 + c] = to_byte(s->truth[(c * h + y) * w + x]);
-        px[(y * 2 * w + w + x) * 3 + c] = to_byte(s->image[(c * h + y) * w + x]);
+        float truth = s->truth[(c * h + y) * w + x];
+        uint8_t *to = &px[(y * n * w + x) * 3 + c];
+        to[0] = to_byte(truth);
+        to[w * 3] = to_byte(s->image[(c * h + y) * w + x]);
+        if (r->masks)
+          to[2 * w * 3] = to_byte(s->seen[y * w + x] ? truth : 0.25f * truth + (c == 0 ? 0.3f : 0));
       }
-  sv_bitmap b = {.width_px = (int)(2 * w), .height_px = (int)h, .n_channels = 3, .bits = 8, .u8 = px};
+  sv_bitmap b = {.width_px = (int)(n * w), .height_px = (int)h, .n_channels = 3, .bits = 8, .u8 = px};
   sv_status st = sv_bitmap_write_png(path, &b, err);
   free(px);
   return st;
@@ -205,6 +239,19 @@ static sv_status first_error(const run *r, int n, sv_err *err) {
   return SV_OK;
 }
 
+static void add_scores(lab_scores *out, const slot *s, const lab_frame *f) {
+  out->psnr += s->psnr, out->ssim += s->ssim, out->lpips += s->lpips;
+  if (out->covisible_by && s->n_seen) {
+    out->mpsnr += s->mpsnr, out->mssim += s->mssim, out->mlpips += s->mlpips;
+    out->coverage += (double)s->n_seen / ((double)f->view.width_px * f->view.height_px);
+    out->n_masked++;
+  }
+  if (s->depth_error.n > 0) {
+    out->abs_rel += s->depth_error.abs_rel, out->rmse += s->depth_error.rmse;
+    out->n_depth++;
+  }
+}
+
 static sv_status batch(run *r, int n, lab_scores *out, sv_err *err) {
   lab_session *se = r->job->session;
   double t0 = lab_seconds(se);
@@ -213,17 +260,16 @@ static sv_status batch(run *r, int n, lab_scores *out, sv_err *err) {
   double t1 = lab_seconds(se);
   for (int i = 0; s == SV_OK && i < n; i++) s = render_slot(r, &r->slots[i], frame_of(r, i), err);
   double t2 = lab_seconds(se);
+  for (int i = 0; s == SV_OK && r->masks && i < n; i++) s = mask_slot(r, &r->slots[i], frame_of(r, i), err);
   if (s != SV_OK) return s;
   sv_pool_run(&se->pool, compare_task, r, n);
-  if ((s = first_error(r, n, err)) != SV_OK) return s;
+  s = first_error(r, n, err);
+  for (int i = 0; s == SV_OK && r->lpips && i < n; i++) s = lpips_slot(r, &r->slots[i], frame_of(r, i), err);
+  if (s != SV_OK) return s;
   out->load_s += t1 - t0, out->render_s += t2 - t1, out->compare_s += lab_seconds(se) - t2;
   for (int i = 0; i < n; i++) {
     const slot *sl = &r->slots[i];
-    out->psnr += sl->psnr, out->ssim += sl->ssim;
-    if (r->job->render.has_depth && sl->depth_error.n > 0) {
-      out->abs_rel += sl->depth_error.abs_rel, out->rmse += sl->depth_error.rmse;
-      out->n_depth++;
-    }
+    add_scores(out, sl, frame_of(r, i));
     if (r->job->panel_folder && is_panel(r, r->v->by_lens[r->i0 + i]) &&
         (s = write_panel(r, sl, frame_of(r, i), err)) != SV_OK)
       return s;
@@ -244,7 +290,8 @@ static sv_status evaluate(run *r, lab_scores *out, sv_err *err) {
     se->console.log(se->console.self, SV_LOG_LIVE, line);
   }
   out->n = r->v->n;
-  out->psnr /= out->n, out->ssim /= out->n;
+  out->psnr /= out->n, out->ssim /= out->n, out->lpips /= out->n, out->coverage /= out->n;
+  if (out->n_masked) out->mpsnr /= out->n_masked, out->mssim /= out->n_masked, out->mlpips /= out->n_masked;
   if (out->n_depth) out->abs_rel /= out->n_depth, out->rmse /= out->n_depth;
   return SV_OK;
 }
@@ -256,17 +303,24 @@ sv_status lab_evaluate(const lab_views *v, const lab_eval_job *job, lab_scores *
   sv_status s =
       lab_viewer_start(&r.viewer, se, job->g->n, v->cap_width_px, v->cap_height_px, v->cap_floats, err);
   if (s != SV_OK) return s;
+  if (job->has_lpips) s = sv_lpips_open(&r.lpips, err);
+  if (s == SV_OK && job->mask_from) s = lab_masks_open(&r.masks, se, v, job->mask_from, job->render.bg, err);
+  out->has_lpips = job->has_lpips;
+  if (r.masks) out->covisible_by = lab_masks_method(r.masks);
   r.slots = calloc((size_t)r.n_slots, sizeof *r.slots);
   r.loaders = calloc((size_t)r.n_slots, sizeof *r.loaders);
   bool is_good = r.slots && r.loaders;
-  for (int i = 0; is_good && i < r.n_slots; i++) is_good = slot_alloc(&r.slots[i], v, job->render.has_depth);
-  if (is_good && job->panel_folder) s = sv_path_make_folder(job->panel_folder, err);
-  if (!is_good) s = sv_fail(err, SV_E_NOMEM, "no memory to evaluate %d views", v->n);
+  for (int i = 0; is_good && i < r.n_slots; i++)
+    is_good = slot_alloc(&r.slots[i], v, job->render.has_depth, r.masks);
+  if (s == SV_OK && is_good && job->panel_folder) s = sv_path_make_folder(job->panel_folder, err);
+  if (s == SV_OK && !is_good) s = sv_fail(err, SV_E_NOMEM, "no memory to evaluate %d views", v->n);
   if (s == SV_OK) s = evaluate(&r, out, err);
   for (int i = 0; r.slots && i < r.n_slots; i++) slot_free(&r.slots[i]);
   for (int i = 0; r.loaders && i < r.n_slots; i++) lab_loader_free(&r.loaders[i]);
   free(r.slots);
   free(r.loaders);
+  sv_lpips_close(r.lpips);
+  lab_masks_close(r.masks);
   lab_viewer_stop(&r.viewer);
   return s;
 }

@@ -4,6 +4,7 @@
 #define SV_TOOLS_LAB_EVALUATE_H
 
 #include "tools/lab/lab.h"
+#include "tools/lab/report.h"
 
 typedef struct {
   sv_renderer r;
@@ -18,14 +19,22 @@ typedef struct {
   lab_session *session;
   const sv_gaussians *g;
   sv_render_options render; // has_depth: compare depth, too
-  const char *panel_folder; // NULL, or where n_panels pictures "truth | render" go
+  const char *panel_folder; // NULL, or where n_panels pictures "truth | render" (with masks: "| seen") go
   int n_panels;
+  bool has_lpips;
+  const lab_source *mask_from; // NULL, or the training views: also scores what these have seen
 } lab_eval_job;
 
 typedef struct {
   double psnr, ssim;    // means over the views
   double abs_rel, rmse; // means over the n_depth views that have a pixel to compare
   int n, n_depth;
+  double lpips;                // mean over the views; with has_lpips
+  double mpsnr, mssim, mlpips; // means over the n_masked views in which a pixel was seen
+  double coverage;             // mean share of the pixels that were seen, over all views
+  int n_masked;
+  bool has_lpips;
+  const char *covisible_by; // "depth" or "flow"; NULL without masks
   double load_s, render_s, compare_s;
 } lab_scores;
 
@@ -34,6 +43,10 @@ typedef struct {
 // and its 3x3 neighbours' is at least 250/255, true depth above 0.01 and rendered alpha above 1e-4.
 // Stops with E_INTERRUPTED when a stop is requested.
 sv_status lab_evaluate(const lab_views *v, const lab_eval_job *job, lab_scores *out, sv_err *err) SV_MUST_USE;
+
+// The scores as keys of the report, and as a part of a printed line.
+void lab_scores_report(lab_report *j, const lab_scores *s);
+void lab_scores_print(const lab_scores *s);
 
 // Planes of a picture -> interleaved RGB bytes, clamped and rounded.
 void lab_to_bytes(const sv_planes *p, uint8_t *rgb);

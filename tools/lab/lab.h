@@ -60,6 +60,7 @@ typedef struct {
   char transforms[SV_TRANSFORMS_CAP_PATH]; // empty: by the rule of the dataset
   sv_background background;
   int scale;
+  int n_exposures; // trained on; 0: all
   bool is_antialiased;
   float near_z;            // 0: from the model
   float centre[3], radius; // of the scene; radius 0: from the model

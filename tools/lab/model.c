@@ -103,11 +103,12 @@ static sv_status get_float(const sv_json *j, const char *key, float *out, sv_err
 
 static sv_status settings_parse(lab_settings *st, const sv_json *j, sv_err *err) {
   char name[16] = "";
-  long long scale = st->scale;
+  long long scale = st->scale, n_exposures = 0;
   double c[3];
   if (!sv_json_is_object(j, 0)) return sv_json_fail(j, 0, err, SV_E_FORMAT, "an object was expected");
   sv_status s = sv_json_get_string(j, 0, "background", name, sizeof name, err);
   if (s >= 0) s = sv_json_get_int(j, 0, "scale", 1, 64, &scale, err);
+  if (s >= 0) s = sv_json_get_int(j, 0, "exposures", 1, 1000000, &n_exposures, err);
   if (s >= 0) s = sv_json_get_string(j, 0, "transforms", st->transforms, sizeof st->transforms, err);
   int i = sv_json_get(j, 0, "antialiased"), k = sv_json_get(j, 0, "scene_centre");
   if (s >= 0 && i >= 0) s = sv_json_bool(j, i, &st->is_antialiased, err);
@@ -116,7 +117,7 @@ static sv_status settings_parse(lab_settings *st, const sv_json *j, sv_err *err)
   if (s >= 0 && k >= 0 && (s = sv_json_doubles(j, k, c, 3, err)) == SV_OK)
     for (int d = 0; d < 3; d++) st->centre[d] = (float)c[d];
   st->background = lab_background_by_name(name);
-  st->scale = (int)scale;
+  st->scale = (int)scale, st->n_exposures = (int)n_exposures;
   return s < 0 ? s : SV_OK;
 }
 
