@@ -48,7 +48,8 @@ static const option table[] = {
     {"background", OPT_WORD, DATA, 0, AT(background), "black|white|random",
      "behind transparent pictures (black); evaluation takes black for random", 0, 0, 0},
     {"scale", OPT_INT, DATA, 0, AT(scale), "K", "pictures at 1/K of their size (1)", 1, 64, 0},
-    {"loss", OPT_TEXT, LAB_TRAIN, 0, AT(loss), "k=v,...", "weights: ssim, tv, opacity, scale", 0, 0, 0},
+    {"loss", OPT_TEXT, LAB_TRAIN, 0, AT(loss), "k=v,...",
+     "ssim, tv, opacity, scale, tv_unseen; unseen[_every|_px|_deg], region", 0, 0, 0},
     {"noise", OPT_LATER, LAB_TRAIN, 0, 0, 0, 0, 0, 0, 0},
     {"seed", OPT_INT, LAB_TRAIN | LAB_BENCH, 0, AT(seed), "N", "of all random numbers (1)", 0, 4294967295.0,
      0},
@@ -64,8 +65,8 @@ static const option table[] = {
      "also LPIPS (v0.1, SqueezeNet); train: with --eval", 0, 0, 0},
     {"format", OPT_WORD, LAB_EXPORT, LAB_EXPORT, AT(format), "ply|splat", "of the file to write", 0, 0,
      "spz|glb"},
-    {"from", OPT_WORD, LAB_IMPORT, LAB_IMPORT, AT(from), "colmap|nerfstudio|blender|capture|4cam-board|qca",
-     "what DIR is", 0, 0, 0},
+    {"from", OPT_WORD, LAB_IMPORT, LAB_IMPORT, AT(from),
+     "colmap|nerfstudio|blender|capture|4cam-board|qca|sim", "what DIR is", 0, 0, 0},
     {"threads", OPT_INT, DATA | LAB_BENCH, 0, AT(threads), "N", "threads (all CPUs)", 1, 64, 0},
     {"eval", OPT_FLAG, LAB_TRAIN, 0, AT(is_eval), 0,
      "evaluate at the end: on the split test, after --exposures 1 on test_near", 0, 0, 0},
@@ -170,18 +171,34 @@ static int check_required(const lab_command *c, const lab_options *o) {
 }
 
 static int parse_loss(const lab_command *c, lab_options *o) {
-  static const char *const names[] = {"ssim", "tv", "opacity", "scale"};
-  float *const to[] = {&o->ssim, &o->tv, &o->opacity, &o->size};
+  const struct {
+    const char *name;
+    float *to;
+    double most;
+  } known[] = {{"ssim", &o->ssim, 1},
+               {"tv", &o->tv, 1e6},
+               {"tv_unseen", &o->tv_unseen, 1e6},
+               {"unseen", &o->n_unseen, 16},
+               {"unseen_every", &o->unseen_every, 1e6},
+               {"unseen_px", &o->unseen_px, 4096},
+               {"unseen_deg", &o->unseen_deg, 180},
+               {"region", &o->region_px, 4096},
+               {"opacity", &o->opacity, 1e6},
+               {"scale", &o->size, 1e6}};
+  enum { N = sizeof known / sizeof *known };
   for (const char *p = o->loss; p && *p;) {
     size_t n = strcspn(p, ","), k = strcspn(p, "=");
     int i = 0;
     double v;
-    while (i < 4 && !(strlen(names[i]) == k && strncmp(p, names[i], k) == 0)) i++;
-    if (k >= n || i == 4)
-      return lab_usage(c->name, "--loss is a list of ssim=, tv=, opacity= and scale=, not '%.80s'", o->loss);
-    if (!sv_parse_double(p + k + 1, n - k - 1, &v) || !(v >= 0 && v <= (i == 0 ? 1 : 1e6)))
-      return lab_usage(c->name, "--loss %s needs a number from 0 to %d", names[i], i == 0 ? 1 : 1000000);
-    *to[i] = (float)v;
+    while (i < N && !(strlen(known[i].name) == k && strncmp(p, known[i].name, k) == 0)) i++;
+    if (k >= n || i == N)
+      return lab_usage(c->name,
+                       "--loss is a list of ssim=, tv=, tv_unseen=, unseen=, unseen_every=, unseen_px=, "
+                       "unseen_deg=, region=, opacity= and scale=, not '%.80s'",
+                       o->loss);
+    if (!sv_parse_double(p + k + 1, n - k - 1, &v) || !(v >= 0 && v <= known[i].most))
+      return lab_usage(c->name, "--loss %s needs a number from 0 to %g", known[i].name, known[i].most);
+    *known[i].to = (float)v;
     p += n + (p[n] == ',');
   }
   return LAB_EXIT_OK;
@@ -197,6 +214,12 @@ int lab_args_parse(const lab_command *c, int argc, char **argv, lab_options *o) 
                      .threads = -1,
                      .orbit = -1,
                      .time_limit_s = -1,
+                     .tv_unseen = -1,
+                     .n_unseen = -1,
+                     .unseen_every = -1,
+                     .unseen_px = -1,
+                     .unseen_deg = -1,
+                     .region_px = -1,
                      .ssim = -1,
                      .tv = -1,
                      .opacity = -1,

@@ -22,7 +22,8 @@ typedef struct {
   long exposures, gaussians, sh, steps, scale, seed, threads, orbit;
   double time_limit_s;
   bool is_eval, is_json, is_quiet, has_depth, has_lpips, is_help, is_version;
-  float ssim, tv, opacity, size; // of --loss; below 0: not given
+  // Of --loss; below 0: not given
+  float ssim, tv, opacity, size, tv_unseen, n_unseen, unseen_every, unseen_px, unseen_deg, region_px;
 } lab_options;
 
 typedef struct {

@@ -78,6 +78,12 @@ sv_status lab_import_transforms(lab_import *im, const char *dir, sv_err *err) {
 // --- dispatch ------------------------------------------------------------------------------------
 
 static sv_status import(const lab_options *o, lab_session *se, sv_err *err) {
+  if (sv_str_eq(o->from, "sim")) {
+    sv_status s = lab_import_sim(o->input, o->out, err);
+    if (s == SV_OK)
+      lab_say(se, "%s: five devices on simulated pictures, with held-out views and depth", o->out);
+    return s;
+  }
   if (!sv_path_is_folder(o->input))
     return sv_fail(err, SV_E_NOT_FOUND, "%s: there is no such folder", o->input);
   if (sv_str_eq(o->from, "4cam-board") || sv_str_eq(o->from, "qca")) {

@@ -3,8 +3,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "src/base/mathx.h"
 #include "src/base/str.h"
 #include "tools/lab/evaluate.h"
+#include "tools/lab/measurement.h"
 #include "tools/lab/plan.h"
 #include "tools/lab/progress.h"
 #include "tools/lab/report.h"
@@ -40,6 +42,12 @@ static sv_train_cfg train_cfg(const lab_options *o) {
   c.background = lab_background_by_name(o->background);
   if (o->ssim >= 0) c.weight_ssim = o->ssim;
   if (o->tv >= 0) c.weight_tv = o->tv;
+  if (o->tv_unseen >= 0) c.weight_tv_unseen = o->tv_unseen;
+  if (o->n_unseen >= 0) c.n_unseen = (int)o->n_unseen;
+  if (o->unseen_every >= 1) c.unseen_every = (int)o->unseen_every;
+  if (o->unseen_px >= 8) c.unseen_px = (int)o->unseen_px;
+  if (o->unseen_deg >= 0) c.unseen_rad = o->unseen_deg * (float)(SV_PI / 180);
+  if (o->region_px >= 16) c.region_px = (int)o->region_px;
   if (o->opacity >= 0) c.reg_opacity = o->opacity;
   if (o->size >= 0) c.reg_scale = o->size;
   if (o->steps > 0) c.steps_hint = (int)o->steps;
@@ -82,27 +90,51 @@ static int check_init(const lab_options *o) {
 
 // --- stages --------------------------------------------------------------------------------------
 
+static sv_status add_views(run *r, sv_err *err) {
+  for (int i = 0; i < r->views.n; i++) {
+    const lab_frame *f = &r->views.frames[i];
+    if (f->i_measurement >= 0) continue;
+    sv_image_u8 im = {.px = r->plan.pictures[i],
+                      .width_px = f->view.width_px,
+                      .height_px = f->view.height_px,
+                      .n_channels = f->n_channels,
+                      .stride_bytes = f->view.width_px * f->n_channels};
+    sv_status s = sv_train_add_view(&r->plan.trainer, &f->view, &im, err);
+    if (s != SV_OK) return s;
+  }
+  return SV_OK;
+}
+
+static sv_status add_measurements(run *r, sv_err *err) {
+  sv_lens *lenses = r->plan.lenses;
+  for (int i = 0; i < r->views.n_measurements; i++) {
+    const lab_measurement *m = &r->views.measurements[i];
+    sv_composite model;
+    sv_status s = lab_measurement_load(m, r->plan.measurements[i], err);
+    if (s == SV_OK) s = lab_measurement_lenses(&r->views, i, lenses, &model, err);
+    if (s == SV_OK) s = sv_train_add_composite(&r->plan.trainer, &model, r->plan.measurements[i], err);
+    if (s != SV_OK) return s;
+    lenses += m->n_lenses;
+  }
+  return SV_OK;
+}
+
 static sv_status load(run *r, sv_err *err) {
   double t0 = lab_seconds(&r->session);
   lab_source src = {.folder = r->o->data,
                     .transforms = r->o->transforms,
                     .split = "train",
                     .n_exposures = (int)r->o->exposures,
+                    .is_multiplexed = true,
+                    .is_white = r->cfg.background == SV_BG_WHITE,
                     .scale = (int)r->o->scale};
   sv_status s = lab_views_open(&r->views, &src, &r->session.pool, err);
   if (s == SV_OK) s = choose_start(r, err);
   if (s == SV_OK) s = lab_plan_make(&r->plan, &r->session, &r->views, r->cfg, r->n_points, err);
   if (s == SV_OK) s = lab_pictures_load(&r->views, r->plan.pictures, &r->session.pool, err);
+  if (s == SV_OK) s = add_views(r, err);
+  if (s == SV_OK) s = add_measurements(r, err);
   if (s != SV_OK) return s;
-  for (int i = 0; i < r->views.n; i++) {
-    const lab_frame *f = &r->views.frames[i];
-    sv_image_u8 im = {.px = r->plan.pictures[i],
-                      .width_px = f->view.width_px,
-                      .height_px = f->view.height_px,
-                      .n_channels = f->n_channels,
-                      .stride_bytes = f->view.width_px * f->n_channels};
-    if ((s = sv_train_add_view(&r->plan.trainer, &f->view, &im, err)) != SV_OK) return s;
-  }
   s = sv_train_start(&r->plan.trainer, &r->init, r->points, r->n_points, &r->plan.scratch);
   free(r->points);
   r->points = NULL;

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "src/base/str.h"
+#include "tools/lab/measurement.h"
 
 // A transforms file in memory.
 typedef struct {
@@ -155,10 +156,12 @@ static sv_status find_picture(lab_frame *f, const char *folder, sv_err *err) {
 // Finds the picture, reads its size and completes the camera.
 static sv_status find_frame(lab_frame *f, const char *folder, int scale, sv_err *err) {
   lab_peek peek;
-  sv_status s = find_picture(f, folder, err);
+  sv_status s = f->i_measurement < 0 ? find_picture(f, folder, err) : SV_OK;
   if (s == SV_OK && f->f.depth_kind)
     s = sv_path_join(f->depth_path, sizeof f->depth_path, folder, f->f.depth_path, err);
-  if (s == SV_OK) s = lab_picture_peek(f->path, &peek, err);
+  if (f->i_measurement >= 0) // its size is that of its place on the sensor
+    peek = (lab_peek){f->f.footprint.width_px, f->f.footprint.height_px, 3};
+  else if (s == SV_OK) s = lab_picture_peek(f->path, &peek, err);
   if (s == SV_OK) s = sv_transforms_finish(&f->f, peek.width_px, peek.height_px, err);
   if (s != SV_OK) return s;
   f->n_channels = peek.n_channels;
@@ -269,10 +272,14 @@ static sv_status collect(lab_views *v, const file *f, const bool *is_in, const l
   v->frames = calloc((size_t)v->n, sizeof *v->frames);
   if (!v->frames) return sv_fail(err, SV_E_NOMEM, "%s: no memory for %d views", f->path, v->n);
   for (int i = 0, k = 0; i < f->t.n_frames; i++)
-    if (is_in[i]) v->frames[k++].f = f->frames[i];
+    if (is_in[i]) v->frames[k++] = (lab_frame){.f = f->frames[i], .i_measurement = -1};
   v->scale = src->scale > 1 ? src->scale : 1;
   if (*f->t.ply_file_path) {
     sv_status s = sv_path_join(v->points, sizeof v->points, folder, f->t.ply_file_path, err);
+    if (s != SV_OK) return s;
+  }
+  if (src->is_multiplexed) {
+    sv_status s = lab_measurements_find(v, &f->t, folder, src->is_white, err);
     if (s != SV_OK) return s;
   }
   return prepare_all(v, folder, pool, err);
@@ -357,5 +364,6 @@ sv_status lab_views_open(lab_views *v, const lab_source *src, const sv_pool *poo
 void lab_views_free(lab_views *v) {
   free(v->frames);
   free(v->by_lens);
+  free(v->measurements);
   memset(v, 0, sizeof *v);
 }

@@ -30,7 +30,16 @@ typedef struct {
   int i_lens;              // frames of one lens share it
   sv_camera_model pinhole; // full size; of the undistorted picture
   sv_view view;            // 1/scale of it
+  int i_measurement;       // the measurement that the frame is a lens of, -1: it has a picture of its own
 } lab_frame;
+
+// What one sensor with overlapping lens images measured in one exposure (measurement.h).
+typedef struct {
+  char path[SV_CAP_PATH];
+  int exposure, m_max, n_lenses;
+  int width_px, height_px; // of the sensor
+  bool is_linear;
+} lab_measurement;
 
 typedef struct {
   const char *folder;
@@ -38,6 +47,9 @@ typedef struct {
   const char *split;
   int n_exposures; // trained on, for the splits train and test_near; below 1: all. Frames with exposure
                    // numbers: those of the lowest; else each frame is one, and the most dispersed are taken
+  bool
+      is_multiplexed; // where the file has measurements, lenses are known by them, else by their own pictures
+  bool is_white;      // of two measurements, the one over white
   int scale;
 } lab_source;
 
@@ -45,6 +57,8 @@ typedef struct {
   lab_frame *frames;
   int *by_lens; // [n] all frames, lens by lens: loading in this order builds each undistortion table once
   int n, scale;
+  lab_measurement *measurements; // [n_measurements]
+  int n_measurements;
   int cap_width_px, cap_height_px;
   size_t cap_floats; // largest padded plane
   bool is_undistorted, has_depth;

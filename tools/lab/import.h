@@ -35,6 +35,9 @@ sv_status lab_import_write(const lab_import *im, lab_session *s, const char *out
 
 sv_status lab_import_transforms(lab_import *im, const char *dir, sv_err *err) SV_MUST_USE;
 sv_status lab_import_colmap(lab_import *im, const char *dir, sv_err *err) SV_MUST_USE;
+// A whole dataset from the simulator: SCENE or a source string's part behind `sim:` -> transforms_train_RIG.json
+// for each of the five devices (three exposures), transforms_test_near.json, transforms_test.json, with depth.
+sv_status lab_import_sim(const char *spec, const char *out, sv_err *err) SV_MUST_USE;
 sv_status lab_import_capture(lab_import *im, const char *dir, sv_err *err) SV_MUST_USE;
 
 #endif

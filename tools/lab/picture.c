@@ -144,6 +144,7 @@ typedef struct {
 static void load_task(void *arg, int i_task, int i_thread) {
   load_job *j = arg;
   int i = j->v->by_lens[i_task];
+  if (j->v->frames[i].i_measurement >= 0) return; // has no picture of its own
   j->errs[i].status =
       lab_picture_load(&j->loaders[i_thread], &j->v->frames[i], j->v->scale, j->dst[i], &j->errs[i]);
 }

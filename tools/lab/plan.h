@@ -10,8 +10,10 @@ typedef struct {
   void *block;
   size_t bytes;
   sv_trainer trainer;
-  uint8_t **pictures; // [n views], into the arena
-  sv_arena scratch;   // for the start
+  uint8_t **pictures;      // [n views], into the arena; NULL for lenses of a measurement
+  uint16_t **measurements; // [n measurements], the same
+  sv_lens *lenses;         // [n views] those of all measurements, one after the other
+  sv_arena scratch;        // for the start
 } lab_plan;
 
 // Carves pictures and trainer, then seals. cfg: caps are filled in here.

@@ -1,0 +1,261 @@
+// SPDX-License-Identifier: Apache-2.0
+// Datasets of the simulator's scenes, laid out as those of the paper's experiment: for each device the pictures
+// of a few exposures, and held-out views with depth beside the first exposure and all around.
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "platform/sim/sim.h"
+#include "src/base/mathx.h"
+#include "tools/lab/import.h"
+
+#define N_EXPOSURES 3
+#define N_TEST      40
+#define DEPTH_UNIT  (1.0 / 8000)
+#define ANGLE_DEG   "10" // the paper's, unless the specification says another
+#define SIZE        "400x400"
+#define GOLDEN_DEG  137.50776405003785
+
+typedef struct {
+  const char *out;
+  sv_sim sim;
+  void *block;
+  FILE *f; // transforms file
+  int n_written;
+  uint8_t *rgb; // [height][width][3]
+  float *depth; // [height][width]
+  sv_err *err;
+} job;
+
+static sv_status start(job *j, const char *spec, const char *rig) {
+  char text[400];
+  sv_sim_config cfg;
+  snprintf(text, sizeof text, "%.300s,rig=%s%s%s", spec, rig,
+           strstr(spec, "angle=") ? "" : ",angle=" ANGLE_DEG, strstr(spec, "size=") ? "" : ",size=" SIZE);
+  sv_status s = sv_sim_parse(&cfg, text, j->err);
+  if (s < 0) return s;
+  cfg.n_exposures = N_EXPOSURES;
+  size_t bytes = sv_sim_bytes(&cfg) + SV_ARENA_ALIGN, px = (size_t)cfg.width_px * (size_t)cfg.height_px;
+  j->block = malloc(bytes);
+  j->rgb = malloc(3 * px);
+  j->depth = malloc(px * sizeof *j->depth);
+  if (!j->block || !j->rgb || !j->depth) return sv_fail(j->err, SV_E_NOMEM, "no memory for the simulator");
+  sv_arena a = sv_arena_make(j->block, bytes);
+  return sv_sim_init(&j->sim, &cfg, &a, j->err);
+}
+
+static void stop(job *j) {
+  free(j->block);
+  free(j->rgb);
+  free(j->depth);
+  j->block = j->rgb = NULL;
+  j->depth = NULL;
+}
+
+// --- transforms ----------------------------------------------------------------------------------
+
+static sv_status open_transforms(job *j, const char *name, const char *more) {
+  char path[SV_CAP_PATH];
+  sv_status s = sv_path_join(path, sizeof path, j->out, name, j->err);
+  if (s < 0) return s;
+  j->f = fopen(path, "w");
+  if (!j->f) return sv_fail(j->err, SV_E_IO, "%s: cannot write", path);
+  j->n_written = 0;
+  fprintf(j->f, "{\"camera_model\": \"OPENCV\", \"depth_unit_scale_factor\": %.17g,\n%s \"frames\": [\n",
+          DEPTH_UNIT, more);
+  return SV_OK;
+}
+
+static sv_status close_transforms(job *j, sv_status s) {
+  if (!j->f) return s;
+  fprintf(j->f, "\n]}\n");
+  bool is_bad = ferror(j->f) != 0;
+  is_bad |= fclose(j->f) != 0;
+  j->f = NULL;
+  return s >= 0 && is_bad ? sv_fail(j->err, SV_E_IO, "%s: a transforms file could not be written", j->out)
+                          : s;
+}
+
+// Ours are OpenCV's axes, the file's are OpenGL's.
+static void put_frame(job *j, const char *picture, const char *depth, const sv_view *v, const char *camera,
+                      const sv_footprint *on_sensor) {
+  float eye[3];
+  sv_view_centre(eye, v);
+  fprintf(j->f, "%s {\"file_path\": \"%s\", \"transform_matrix\": [", j->n_written++ ? ",\n" : "", picture);
+  for (int i = 0; i < 3; i++)
+    fprintf(j->f, "[%.9g, %.9g, %.9g, %.9g], ", (double)v->r[i], -(double)v->r[3 + i], -(double)v->r[6 + i],
+            (double)eye[i]);
+  fprintf(j->f,
+          "[0, 0, 0, 1]], \"fl_x\": %.9g, \"fl_y\": %.9g, \"cx\": %.9g, \"cy\": %.9g, \"w\": %d, \"h\": %d",
+          (double)v->fx, (double)v->fy, (double)v->cx, (double)v->cy, v->width_px, v->height_px);
+  fprintf(j->f, ", \"exposure\": %d, \"sub_view\": %d, \"camera\": \"%s\"", v->i_exposure, v->i_sub_view,
+          camera);
+  if (depth) fprintf(j->f, ", \"depth_path\": \"%s\"", depth);
+  if (on_sensor)
+    fprintf(j->f, ", \"footprint\": [%d, %d, %d, %d]", on_sensor->x0_px, on_sensor->y0_px,
+            on_sensor->width_px, on_sensor->height_px);
+  fprintf(j->f, "}");
+}
+
+// --- pictures ------------------------------------------------------------------------------------
+
+static sv_status write_png(job *j, const char *name, const sv_bitmap *b) {
+  char path[SV_CAP_PATH], folder[SV_CAP_PATH];
+  sv_status s = sv_path_join(path, sizeof path, j->out, name, j->err);
+  if (s < 0) return s;
+  sv_path_folder(folder, sizeof folder, path);
+  s = sv_path_make_folder(folder, j->err);
+  return s < 0 ? s : sv_bitmap_write_png(path, b, j->err);
+}
+
+// A held-out view: clean picture and depth.
+static sv_status write_view(job *j, const char *stem, const sv_view *v) {
+  char picture[200], depth[200];
+  size_t px = (size_t)v->width_px * (size_t)v->height_px;
+  snprintf(picture, sizeof picture, "%s.png", stem);
+  snprintf(depth, sizeof depth, "%s_depth.png", stem);
+  uint16_t *units = malloc(px * sizeof *units);
+  if (!units) return sv_fail(j->err, SV_E_NOMEM, "no memory for a depth picture");
+  sv_sim_render(&j->sim, v, 0, j->rgb, j->depth);
+  for (size_t i = 0; i < px; i++) units[i] = (uint16_t)fmin(65535, (double)j->depth[i] / DEPTH_UNIT + 0.5);
+  sv_bitmap colour = {v->width_px, v->height_px, 3, 8, j->rgb, NULL},
+            grey = {v->width_px, v->height_px, 1, 16, NULL, units};
+  sv_status s = write_png(j, picture, &colour);
+  if (s >= 0) s = write_png(j, depth, &grey);
+  if (s >= 0) put_frame(j, picture, depth, v, "test", NULL);
+  free(units);
+  return s;
+}
+
+// The sub-views of one camera's frame, as the sensor gave them.
+static sv_status write_frame(job *j, const sv_frame *f, int i_exposure) {
+  const sv_rig *rig = &j->sim.rig;
+  bool is_shared = rig->forward == SV_FORWARD_MULTIPLEXED;
+  for (int i = 0; i < rig->n_sub_views; i++) {
+    const sv_sub_view *sv = &rig->sub_views[i];
+    sv_view v;
+    double time_s;
+    char name[200];
+    if (sv->i_camera != f->i_camera) continue;
+    sv_sim_view(&j->sim, i_exposure, i, &v, &time_s);
+    snprintf(name, sizeof name, "train/%s/e%02d_s%02d.png", rig->name, i_exposure, i);
+    put_frame(j, name, NULL, &v, sv->name, is_shared ? &sv->footprint : NULL);
+    if (is_shared) continue;
+    for (int y = 0; y < v.height_px; y++)
+      memcpy(j->rgb + 3 * (size_t)y * (size_t)v.width_px,
+             f->data + (size_t)(y + sv->footprint.y0_px) * (size_t)f->stride_bytes + 3 * sv->footprint.x0_px,
+             3 * (size_t)v.width_px);
+    sv_bitmap b = {v.width_px, v.height_px, 3, 8, j->rgb, NULL};
+    sv_status s = write_png(j, name, &b);
+    if (s < 0) return s;
+  }
+  if (!is_shared) return SV_OK;
+  char name[200];
+  snprintf(name, sizeof name, "train/%s/e%02d_composite.png", rig->name, i_exposure);
+  sv_bitmap b = {f->width_px, f->height_px, 3, 16, NULL, (uint16_t *)(uintptr_t)f->data};
+  return write_png(j, name, &b);
+}
+
+static sv_status write_exposures(job *j) {
+  sv_source src = sv_sim_source(&j->sim);
+  int n_of[SV_SIM_CAP_CAMERAS] = {0}, n = N_EXPOSURES * src.n_cameras;
+  sv_status s = src.start(src.self);
+  for (int i = 0; i < n && s >= 0; i++) {
+    sv_frame f;
+    if ((s = src.dequeue(src.self, &f, INT64_MAX)) != SV_OK)
+      return sv_fail(j->err, s < 0 ? s : SV_E_DEVICE, "the simulator gave no frame: %s", sv_status_text(s));
+    s = n_of[f.i_camera] < N_EXPOSURES ? write_frame(j, &f, n_of[f.i_camera]++) : (n++, SV_OK);
+    sv_status back = src.requeue(src.self, &f);
+    if (s >= 0) s = back;
+  }
+  sv_status ended = src.stop(src.self);
+  return s < 0 ? s : ended;
+}
+
+// --- files ---------------------------------------------------------------------------------------
+
+static sv_status write_device(job *j, const char *spec, const char *rig) {
+  char name[100], more[600] = "";
+  sv_status s = start(j, spec, rig);
+  if (s >= 0 && j->sim.rig.forward == SV_FORWARD_MULTIPLEXED) {
+    size_t at = (size_t)snprintf(more, sizeof more, " \"composites_linear\": [");
+    for (int e = 0; e < N_EXPOSURES; e++)
+      at += (size_t)snprintf(
+          more + at, sizeof more - at,
+          "%s{\"exposure\": %d, \"file_path\": \"train/%s/e%02d_composite.png\", \"M_max\": %d}",
+          e ? ", " : "", e, rig, e, j->sim.largest_overlap);
+    snprintf(more + at, sizeof more - at, "],\n");
+  }
+  snprintf(name, sizeof name, "transforms_train_%s.json", rig);
+  if (s >= 0) s = open_transforms(j, name, more);
+  if (s >= 0) s = write_exposures(j);
+  s = close_transforms(j, s);
+  stop(j);
+  return s;
+}
+
+// A view from `direction`, at the cameras' distance, looking at the scene's centre.
+static sv_view view_from(const job *j, const double direction[3], int i) {
+  double eye[3], at[3] = {0, 0, 0}, up[3] = {0, 0, 1};
+  const double *p = j->sim.rig.sub_views[0].model.p;
+  sv_pose pose;
+  for (int k = 0; k < 3; k++) eye[k] = SV_SIM_DISTANCE_M * direction[k] / sv_norm3(direction);
+  (void)sv_pose_look_at(&pose, eye, at, up);
+  sv_view v = sv_view_make(j->sim.cfg.width_px, j->sim.cfg.height_px, p[0], p[1], p[2], p[3], &pose);
+  v.i_exposure = -1, v.i_sub_view = i;
+  return v;
+}
+
+static sv_status write_test_near(job *j) {
+  static const double off_deg[] = {6, 8, 9.5, 11, 12.5, 14};
+  float eye[3];
+  double time_s, axis[3], right[3], up[3] = {0, 0, 1}, above[3];
+  sv_view first;
+  sv_sim_view(&j->sim, 0, 0, &first, &time_s);
+  sv_view_centre(eye, &first);
+  for (int k = 0; k < 3; k++) axis[k] = (double)eye[k] / SV_SIM_DISTANCE_M;
+  sv_cross3(right, up, axis);
+  double n = sv_norm3(right);
+  for (int k = 0; k < 3; k++) right[k] /= n;
+  sv_cross3(above, axis, right);
+  sv_status s = open_transforms(j, "transforms_test_near.json", "");
+  for (int i = 0; i < 6 && s >= 0; i++) {
+    char stem[100];
+    double rho = off_deg[i] * SV_PI / 180, phi = i * GOLDEN_DEG * SV_PI / 180, d[3];
+    for (int k = 0; k < 3; k++)
+      d[k] = sv_cos(rho) * axis[k] + sv_sin(rho) * (sv_cos(phi) * right[k] + sv_sin(phi) * above[k]);
+    sv_view v = view_from(j, d, i);
+    snprintf(stem, sizeof stem, "test_near/r_%03d", i);
+    s = write_view(j, stem, &v);
+  }
+  return close_transforms(j, s);
+}
+
+static sv_status
+write_test(job *j) { // a spiral from 60 down to 5 degrees of elevation, uniform on the sphere
+  sv_status s = open_transforms(j, "transforms_test.json", "");
+  for (int i = 0; i < N_TEST && s >= 0; i++) {
+    char stem[100];
+    double lo = sv_sin(5 * SV_PI / 180), hi = sv_sin(60 * SV_PI / 180),
+           z = hi + (lo - hi) * (i + 0.5) / N_TEST;
+    double phi = i * GOLDEN_DEG * SV_PI / 180, r = sqrt(1 - z * z);
+    sv_view v = view_from(j, (double[3]){r * sv_cos(phi), r * sv_sin(phi), z}, i);
+    snprintf(stem, sizeof stem, "test/r_%03d", i);
+    s = write_view(j, stem, &v);
+  }
+  return close_transforms(j, s);
+}
+
+sv_status lab_import_sim(const char *spec, const char *out, sv_err *err) {
+  static const char *const rigs[] = {"mono", "stereo", "phone", "lightfield", "multiplexed"};
+  job j = {.out = out, .err = err};
+  sv_status s = sv_path_make_folder(out, err);
+  for (int i = 0; i < 5 && s >= 0; i++) s = write_device(&j, spec, rigs[i]);
+  if (s < 0) return s;
+  s = start(&j, spec, "mono");
+  if (s >= 0) s = write_test_near(&j);
+  if (s >= 0) s = write_test(&j);
+  stop(&j);
+  return s;
+}
