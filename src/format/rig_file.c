@@ -57,8 +57,23 @@ static sv_status read_footprint(const sv_json *j, int i_view, sv_sub_view *v, sv
   return SV_OK;
 }
 
+// The picture's name is only checked and kept; it says nothing without the rectangle that it fills.
+static sv_status read_coverage(const sv_json *j, int i_view, const sv_sub_view *v, char *kept, sv_err *err) {
+  char name[sizeof((sv_coverage_names *)0)->name[0]] = "";
+  sv_status s = sv_json_get_string(j, i_view, "coverage", name, sizeof name, err);
+  if (kept) *kept = 0;
+  if (s == SV_END) return SV_OK;
+  int i = sv_json_get(j, i_view, "coverage");
+  if (s == SV_OK) s = check_name(j, i, name, err);
+  if (s == SV_OK && !v->footprint.width_px)
+    s = sv_json_fail(j, i, err, SV_E_FORMAT, "a coverage without a footprint; [x, y, w, h] was expected");
+  if (s == SV_OK && kept) sv_copy(kept, sizeof name, name);
+  return s;
+}
+
 typedef struct {
   sv_rig *rig;
+  sv_coverage_names *names; // may be NULL
   const sv_file_reader *files;
   int n_cameras;
   sv_arena *scratch;
@@ -100,6 +115,7 @@ static sv_status read_sub_view(const reader *r, const sv_json *j, int i, sv_err 
                         r->n_cameras);
   v->i_camera = (int)camera;
   s = read_footprint(j, i, v, err);
+  if (s == SV_OK) s = read_coverage(j, i, v, r->names ? r->names->name[r->rig->n_sub_views] : NULL, err);
   if (s == SV_OK) s = read_model(r, j, i, v, err);
   if (s == SV_OK) r->rig->n_sub_views++;
   return s;
@@ -135,11 +151,16 @@ static sv_status read_top(const reader *r, const sv_json *j, sv_err *err) {
 
 sv_status sv_rig_read(sv_rig *rig, const sv_file_reader *files, const char *json_name, int n_cameras,
                       sv_arena *scratch, sv_err *err) {
+  return sv_rig_read_coverage(rig, NULL, files, json_name, n_cameras, scratch, err);
+}
+
+sv_status sv_rig_read_coverage(sv_rig *rig, sv_coverage_names *names, const sv_file_reader *files,
+                               const char *json_name, int n_cameras, sv_arena *scratch, sv_err *err) {
   size_t mark = sv_arena_mark(scratch), bytes = 0;
   char *text;
   int n_tok = 0;
   sv_json j;
-  reader r = {rig, files, n_cameras, scratch};
+  reader r = {rig, names, files, n_cameras, scratch};
   sv_status s = load(files, json_name, scratch, &text, &bytes, err);
   if (s == SV_OK) s = sv_json_count(json_name, text, bytes, &n_tok, err);
   if (s == SV_OK) {
@@ -156,6 +177,10 @@ sv_status sv_rig_read(sv_rig *rig, const sv_file_reader *files, const char *json
 }
 
 sv_status sv_rig_json_write(sv_str *out, const sv_rig *rig) {
+  return sv_rig_json_write_coverage(out, rig, NULL);
+}
+
+sv_status sv_rig_json_write_coverage(sv_str *out, const sv_rig *rig, const sv_coverage_names *names) {
   sv_str_add(out, "{\n  \"version\": 1,\n  \"name\": \"");
   sv_str_add_json(out, rig->name);
   sv_str_add(out, "\",\n  \"forward\": \"%s\",\n  \"sub_views\": [", forward_names[rig->forward]);
@@ -169,6 +194,11 @@ sv_status sv_rig_json_write(sv_str *out, const sv_rig *rig) {
     if (v->footprint.width_px)
       sv_str_add(out, ", \"footprint\": [%d, %d, %d, %d]", v->footprint.x0_px, v->footprint.y0_px,
                  v->footprint.width_px, v->footprint.height_px);
+    if (names && *names->name[i]) {
+      sv_str_add(out, ", \"coverage\": \"");
+      sv_str_add_json(out, names->name[i]);
+      sv_str_add(out, "\"");
+    }
     sv_str_add(out, "}");
   }
   sv_str_add(out, "\n  ]\n}\n");

@@ -3,7 +3,8 @@
 //   {"version": 1, "name": "bench", "forward": "direct" | "light_field" | "multiplexed",
 //    "sub_views": [{"name": "left", "model": "left.cameramodel", "camera": 0, "footprint": [x, y, w, h]},
 //    ...]}
-// "footprint" is the sub-view's place on a shared sensor and may be left out.
+// "footprint" is the sub-view's place on a shared sensor and may be left out. Beside it, "coverage": "a.png"
+// names an 8-bit grey picture of its size: the share of 255 of each pixel that the lens lights.
 #ifndef SV_FORMAT_RIG_FILE_H
 #define SV_FORMAT_RIG_FILE_H
 
@@ -26,9 +27,23 @@ typedef struct {
 sv_status sv_rig_read(sv_rig *rig, const sv_file_reader *files, const char *json_name, int n_cameras,
                       sv_arena *scratch, sv_err *err) SV_MUST_USE;
 
+// Pictures of coverage, by sub-view; an empty name where there is none.
+typedef struct {
+  char name[SV_CAP_SUB_VIEWS][64];
+} sv_coverage_names;
+
+// The same, and which coverage pictures are named. footprint.coverage stays NULL: pictures are loaded by who
+// has a decoder (tools/common/coverage.h on hosts). names may be NULL; names are checked all the same.
+sv_status sv_rig_read_coverage(sv_rig *rig, sv_coverage_names *names, const sv_file_reader *files,
+                               const char *json_name, int n_cameras, sv_arena *scratch,
+                               sv_err *err) SV_MUST_USE;
+
 // Appends rig.json to out. Model files are named "<sub-view>.cameramodel"; write those with
 // sv_cameramodel_write. E_NOMEM when it does not fit.
 sv_status sv_rig_json_write(sv_str *out, const sv_rig *rig) SV_MUST_USE;
+// The same with names of coverage pictures (NULL: none), which the caller writes.
+sv_status sv_rig_json_write_coverage(sv_str *out, const sv_rig *rig,
+                                     const sv_coverage_names *names) SV_MUST_USE;
 
 #ifdef __cplusplus
 }

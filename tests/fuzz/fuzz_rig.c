@@ -9,7 +9,8 @@ size_t fuzz_seed(int i, uint8_t *buf, size_t cap) {
   static const char text[] =
       "{\"version\":1,\"name\":\"bench\",\"forward\":\"multiplexed\",\"sub_views\":[{\"name\":\"left\","
       "\"model\":\"a.cameramodel\",\"camera\":0,"
-      "\"footprint\":[10,20,4,3]},{\"name\":\"right\",\"model\":\"b.cameramodel\",\"camera\":1}]}\0"
+      "\"footprint\":[10,20,4,3],\"coverage\":\"a.png\"},{\"name\":\"right\",\"model\":\"b.cameramodel\","
+      "\"camera\":1}]}\0"
       "{'lensmodel':'LENSMODEL_PINHOLE','intrinsics':[1,1,1,1],'extrinsics':[0,0,0,0,0,0],'imagersize':[4,3]"
       "}";
   if (i || sizeof text - 1 > cap) return 0;
