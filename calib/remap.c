@@ -42,17 +42,17 @@ bool sv_pinhole_for_model(const sv_camera_model *m, sv_pinhole_choice choice, sv
   return true;
 }
 
-static sv_remap_entry entry_at(double u, double v, int w, int h) {
+static sv_remap_tap entry_at(double u, double v, int w, int h) {
   // from corners at (0,0) to pixel indices; the outer half pixel takes the border's value
   double x = u - 0.5, y = v - 0.5;
   x = x < 0 ? 0 : x > w - 1 ? w - 1 : x;
   y = y < 0 ? 0 : y > h - 1 ? h - 1 : y;
   int32_t qx = (int32_t)floor(x * 256 + 0.5), qy = (int32_t)floor(y * 256 + 0.5);
-  return (sv_remap_entry){(int16_t)(qx >> 8), (int16_t)(qy >> 8), (uint8_t)(qx & 255), (uint8_t)(qy & 255)};
+  return (sv_remap_tap){(int16_t)(qx >> 8), (int16_t)(qy >> 8), (uint8_t)(qx & 255), (uint8_t)(qy & 255)};
 }
 
 sv_status sv_remap_build(sv_remap *map, const sv_camera_model *lens, const sv_camera_model *view,
-                         sv_remap_entry *entries) {
+                         sv_remap_tap *entries) {
   if (view->kind != SV_MODEL_PINHOLE) return SV_E_ARG;
   const int size[4] = {lens->width_px, lens->height_px, view->width_px, view->height_px};
   for (int i = 0; i < 4; i++)
@@ -61,10 +61,10 @@ sv_status sv_remap_build(sv_remap *map, const sv_camera_model *lens, const sv_ca
   for (int j = 0; j < size[3]; j++)
     for (int i = 0; i < size[2]; i++) {
       double uv[2];
-      sv_remap_entry *e = entries + (size_t)j * (size_t)size[2] + (size_t)i;
+      sv_remap_tap *e = entries + (size_t)j * (size_t)size[2] + (size_t)i;
       if (lookup(lens, view, i + 0.5, j + 0.5, uv)) *e = entry_at(uv[0], uv[1], size[0], size[1]);
       else {
-        *e = (sv_remap_entry){SV_REMAP_OUTSIDE, 0, 0, 0};
+        *e = (sv_remap_tap){SV_REMAP_NONE, 0, 0, 0};
         map->n_outside++;
       }
     }
@@ -74,11 +74,11 @@ sv_status sv_remap_build(sv_remap *map, const sv_camera_model *lens, const sv_ca
 void sv_remap_apply(const sv_remap *map, const sv_remap_job *job) {
   const int nc = job->n_channels, w = map->width_px;
   for (int j = job->y0; j < job->y1; j++) {
-    const sv_remap_entry *e = map->entries + (size_t)j * (size_t)w;
+    const sv_remap_tap *e = map->entries + (size_t)j * (size_t)w;
     uint8_t *dst = job->dst + (size_t)j * (size_t)w * (size_t)nc;
     uint8_t *mask = job->mask ? job->mask + (size_t)j * (size_t)w : NULL;
     for (int i = 0; i < w; i++, e++, dst += nc) {
-      bool is_in = e->x != SV_REMAP_OUTSIDE;
+      bool is_in = e->x != SV_REMAP_NONE;
       if (mask) mask[i] = is_in ? 255 : 0;
       if (!is_in) {
         for (int c = 0; c < nc; c++) dst[c] = 0;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Undistortion as a table: for each pixel of a pinhole view, where it lies in the camera's image. The
-// table is built once per sub-view (floating point); applying it is integer arithmetic only.
+// table is built once per sub-view (floating point) for the kernel of kernels/remap/remap.h, which says what an
+// entry is. Places are off by at most 1/512 px.
 #ifndef SV_CALIB_REMAP_H
 #define SV_CALIB_REMAP_H
 
@@ -9,26 +10,18 @@
 #include <stdint.h>
 
 #include "calib/model.h"
+#include "kernels/remap/remap.h"
 #include "src/base/status.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-#define SV_REMAP_OUTSIDE INT16_MIN // x of an entry whose ray the camera does not see
-
-// 6 bytes. Taps are the pixels (x, y), (x+1, y), (x, y+1), (x+1, y+1), counted from 0 at the corner, with
-// weights (256-fx)(256-fy) ... / 65536; a tap beyond the last column or row has weight 0.
-typedef struct {
-  int16_t x, y;
-  uint8_t fx, fy; // 1/256 px: places are off by at most 1/512 px
-} sv_remap_entry;
-
 typedef struct {
   int src_width_px, src_height_px;
   int width_px, height_px; // of the pinhole view
-  long n_outside;          // entries marked SV_REMAP_OUTSIDE
-  sv_remap_entry *entries; // [height_px][width_px], the caller's
+  long n_outside;          // entries marked SV_REMAP_NONE
+  sv_remap_tap *entries;   // [height_px][width_px], the caller's
 } sv_remap;
 
 typedef enum {
@@ -44,7 +37,7 @@ bool sv_pinhole_for_model(const sv_camera_model *m, sv_pinhole_choice choice, sv
 // Fills entries[height][width] for `view` (a pinhole) of the camera `lens`. E_RANGE for sizes outside
 // 1..32767, E_ARG when view is not a pinhole.
 sv_status sv_remap_build(sv_remap *map, const sv_camera_model *lens, const sv_camera_model *view,
-                         sv_remap_entry *entries) SV_MUST_USE;
+                         sv_remap_tap *entries) SV_MUST_USE;
 
 typedef struct {
   const uint8_t *src; // [src_height][src_stride_bytes], interleaved

@@ -21,8 +21,8 @@ static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a
   for (int i = 0; i < rig->n_sub_views; i++) {
     const sv_camera_model *m = &rig->sub_views[i].model;
     bool is_bent = has_distortion(m);
-    sv_remap_entry *entries =
-        is_bent ? SV_TAKE(a, sv_remap_entry, (size_t)m->width_px * (size_t)m->height_px) : NULL;
+    sv_remap_tap *entries =
+        is_bent ? SV_TAKE(a, sv_remap_tap, (size_t)m->width_px * (size_t)m->height_px) : NULL;
     size_t bytes = ((size_t)m->width_px * (size_t)m->height_px * 3 + 63) & ~(size_t)63;
     if (e->sub) {
       sv_sub_view_store *s = &e->sub[i];
@@ -89,7 +89,7 @@ static void copy_task(void *arg, int i_task, int i_thread) {
                      .src_width_px = sv->model.width_px,
                      .src_height_px = sv->model.height_px,
                      .src_stride_bytes = (size_t)j->frame->stride_bytes,
-                     .table = (const sv_remap_tap *)(const void *)s->map.entries,
+                     .table = s->map.entries,
                      .dst = j->dst,
                      .dst_width_px = w,
                      .dst_stride_bytes = (size_t)w * 3,

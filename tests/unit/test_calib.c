@@ -157,7 +157,7 @@ static void test_wide(void **state) {
 
 static void test_pinhole_for_model(void **state) {
   (void)state;
-  sv_remap_entry *e = malloc(sizeof *e * 960 * 960);
+  sv_remap_tap *e = malloc(sizeof *e * 960 * 960);
   for (int l = 0; l < N_LENSES - 1; l++) {
     sv_camera_model v, z;
     sv_remap map;
@@ -178,7 +178,7 @@ static void test_pinhole_for_model(void **state) {
 static void test_remap(void **state) {
   (void)state;
   enum { W = 64, H = 48 };
-  static sv_remap_entry e[W * H];
+  static sv_remap_tap e[W * H];
   static uint8_t src[H][W * 3], dst[H][W][3], mask[H][W];
   for (int y = 0; y < H; y++)
     for (int x = 0; x < W; x++)

@@ -176,8 +176,8 @@ typedef struct {
 static double depth_at(const depth_source *d, int x, int y) {
   int sx = x, sy = y;
   if (d->map) {
-    const sv_remap_entry *e = &d->map->entries[(size_t)y * (size_t)d->map->width_px + (size_t)x];
-    if (e->x == SV_REMAP_OUTSIDE) return 0;
+    const sv_remap_tap *e = &d->map->entries[(size_t)y * (size_t)d->map->width_px + (size_t)x];
+    if (e->x == SV_REMAP_NONE) return 0;
     sx = e->x + (e->fx >= 128), sy = e->y + (e->fy >= 128);
     if (sx >= d->b->width_px) sx = d->b->width_px - 1;
     if (sy >= d->b->height_px) sy = d->b->height_px - 1;

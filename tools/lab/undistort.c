@@ -22,7 +22,7 @@ sv_status lab_undistort_map(lab_loader *l, const lab_frame *f, sv_err *err) {
   if (l->map.entries && lab_is_same_lens(&l->lens, &f->f.model)) return SV_OK;
   lab_loader_free(l);
   size_t n = (size_t)f->pinhole.width_px * (size_t)f->pinhole.height_px;
-  sv_remap_entry *entries = malloc(n * sizeof *entries);
+  sv_remap_tap *entries = malloc(n * sizeof *entries);
   if (!entries) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its undistortion table", f->path);
   sv_status s = sv_remap_build(&l->map, &f->f.model, &f->pinhole, entries);
   if (s != SV_OK) {
