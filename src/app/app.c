@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "src/base/mathx.h"
+#include "src/splat/constants.h"
 #include "src/train/checkpoint.h"
 #include "src/train/seed.h"
 
@@ -41,12 +42,12 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
     t.cap_width_px = sv_maxi(t.cap_width_px, m->width_px);
     t.cap_height_px = sv_maxi(t.cap_height_px, m->height_px);
     if (px > t.cap_pixels) t.cap_pixels = px;
-    float f = (float)(m->p[0] / m->width_px);
-    f_min = i ? sv_minf(f_min, f) : f;
-    f_max = i ? sv_maxf(f_max, f) : f;
+    float f = (float)m->p[0];
+    if (!is_trained_on(c, i)) continue;
+    f_min = f_max > 0 ? sv_minf(f_min, f) : f;
+    f_max = sv_maxf(f_max, f);
   }
-  // Sub-views of different focal length see a Gaussian at different pixel sizes: Mip-Splatting's case.
-  if (f_max > 1.2f * f_min) t.is_antialiased = true;
+  if (f_max > SV_MIP_FOCAL_RATIO * f_min) t.is_antialiased = true;
   if (c->steps) t.steps_hint = (int)c->steps;
   return t;
 }
