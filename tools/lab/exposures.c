@@ -12,6 +12,19 @@ static int count(const bool *is_in, int n) {
   return k;
 }
 
+// Up for elevations: the mean up of pictures from all sides is a few degrees off, and datasets have their up
+// along an axis; within 32 degrees of one, that axis is taken.
+static void up_of(double up[3], const lab_scene *scene) {
+  for (int k = 0; k < 3; k++) up[k] = (double)scene->up[k];
+  for (int k = 0; k < 3; k++)
+    if (fabs(up[k]) > 0.85) {
+      double sign = up[k] < 0 ? -1 : 1;
+      up[0] = up[1] = up[2] = 0;
+      up[k] = sign;
+      return;
+    }
+}
+
 static sv_status choose(const sv_transforms_frame *frames, const int *from, int n, int n_wanted, int *chosen,
                         sv_err *err) {
   lab_views v = {.frames = calloc((size_t)n, sizeof *v.frames), .n = n};
@@ -24,7 +37,8 @@ static sv_status choose(const sv_transforms_frame *frames, const int *from, int 
       sv_pose_centre(at[i], &frames[from[i]].cam_from_world);
     }
     lab_scene scene = lab_scene_of(&v);
-    double up[3] = {(double)scene.up[0], (double)scene.up[1], (double)scene.up[2]};
+    double up[3];
+    up_of(up, &scene);
     sv_dispersion d = {.n = n, .at = (const double(*)[3])at, .up = up};
     for (int k = 0; k < 3; k++) d.centre[k] = (double)scene.centre[k];
     s = sv_disperse(&d, n_wanted, chosen, scratch);
