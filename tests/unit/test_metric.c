@@ -92,6 +92,46 @@ static void test_by_hand(void **state) {
   near(v, 1, 1e-12);
 }
 
+// Flat pictures, mask only in the columns from K on: the sums can be written down. A window that sees `count` of its
+// 11 columns weights them with s = (their weights) * 11 / count, so means are s m, second moments s m^2, variances
+// (s - s^2) m^2 (0 when negative); with no column at all the window counts as 1.
+static void test_masked_by_hand(void **state) {
+  (void)state;
+  enum { K = 17 };
+  static float flat[2][H][W];
+  static uint8_t half[H][W];
+  double v, sum = 0, g[11], total = 0;
+  const double ma = 0.25, mb = 0.75;
+  for (int i = 0; i < H * W; i++) {
+    flat[0][i / W][i % W] = (float)ma, flat[1][i / W][i % W] = (float)mb;
+    half[i / W][i % W] = i % W >= K;
+  }
+  sv_image_pair f = {&flat[0][0][0], &flat[1][0][0], W, H, 1};
+  for (int t = 0; t < 11; t++) total += g[t] = exp(-(t - 5) * (t - 5) / 4.5);
+  for (int x = 0; x + 10 < W; x++) {
+    double w = 0;
+    int count = 0;
+    for (int t = 0; t < 11; t++)
+      if (x + t >= K) w += g[t] / total, count++;
+    double s = count ? w * 11 / count : 0, d = s - s * s > 0 ? s - s * s : 0, c = s - s * s;
+    double cov = c * ma * mb > d * ma * mb    ? d * ma * mb
+                 : c * ma * mb < -d * ma * mb ? -d * ma * mb
+                                              : c * ma * mb;
+    sum += (2 * s * s * ma * mb + 1e-4) * (2 * cov + 9e-4) /
+           ((s * s * (ma * ma + mb * mb) + 1e-4) * (d * (ma * ma + mb * mb) + 9e-4));
+    if (count == 0) near(s, 0, 0);
+  }
+  assert_int_equal(sv_ssim_masked(&f, &half[0][0], scratch, &v), SV_OK);
+  near(v, sum / (W - 10), 1e-12);
+  // the error of the pixels outside does not count
+  near(sv_psnr_masked(&f, &half[0][0]), -10 * log10(0.25), 1e-12);
+  for (int i = 0; i < H * W; i++) flat[0][i / W][i % W] = i % W < K ? 0.0f : i % 2 ? 0.5f : 0.625f;
+  double n = 0, e = 0;
+  for (int i = 0; i < H * W; i++)
+    if (i % W >= K) n++, e += i % 2 ? 1.0 / 16 : 1.0 / 64;
+  near(sv_psnr_masked(&f, &half[0][0]), -10 * log10(e / n), 1e-12);
+}
+
 static void test_depth(void **state) {
   (void)state;
   const float d[8] = {1, 2.2f, 0, NAN, 5, INFINITY, -1, 4}, t[8] = {2, 2, 2, 2, 0, 2, 2, NAN};
@@ -111,6 +151,6 @@ static void test_depth(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_against_reference), cmocka_unit_test(test_by_hand),
-                                     cmocka_unit_test(test_depth)};
+                                     cmocka_unit_test(test_masked_by_hand), cmocka_unit_test(test_depth)};
   return cmocka_run_group_tests(tests, setup, NULL);
 }

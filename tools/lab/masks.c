@@ -133,6 +133,13 @@ static sv_status fill_zbuffers(lab_masks *m, depth_job *j, sv_err *err) {
   return SV_OK;
 }
 
+// One file may serve several splits; a smaller one adds nothing.
+static bool has_views_of(const lab_views *const *splits, int n, const lab_views *other) {
+  for (int i = 0; i < n; i++)
+    if (sv_str_eq(splits[i]->transforms, other->transforms) && splits[i]->n >= other->n) return true;
+  return false;
+}
+
 static sv_status open_depth(lab_masks *m, const lab_source *train, sv_err *err) {
   static const char *const names[] = {"test", "test_near"};
   lab_views other[2] = {{0}};
@@ -144,7 +151,7 @@ static sv_status open_depth(lab_masks *m, const lab_source *train, sv_err *err) 
     src.split = names[i], src.n_exposures = 0;
     s = lab_views_open(&other[i], &src, &m->se->pool, err);
     if (s == SV_E_NOT_FOUND) s = SV_OK; // no such split
-    else if (s == SV_OK && !sv_str_eq(other[i].transforms, m->v->transforms)) splits[n++] = &other[i];
+    else if (s == SV_OK && !has_views_of(splits, n, &other[i])) splits[n++] = &other[i];
   }
   depth_job *j = s == SV_OK ? calloc(1, sizeof *j) : NULL;
   if (s == SV_OK && !j) s = sv_fail(err, SV_E_NOMEM, "no memory for the depth of the views");
@@ -267,12 +274,22 @@ static sv_status open_all(lab_masks *m, const lab_source *train, sv_err *err) {
   lab_source src = *train;
   src.split = "train";
   sv_status s = lab_views_open(&m->train, &src, &m->se->pool, err);
+  if (s == SV_E_NOT_FOUND) { // lenses of one sensor need not have pictures of their own
+    src.is_multiplexed = true;
+    s = lab_views_open(&m->train, &src, &m->se->pool, err);
+  }
   if (s != SV_OK) return s;
   if (m->train.n > UINT16_MAX)
     return sv_fail(err, SV_E_RANGE, "%s: %d training views are too many for --mask covisible", train->folder,
                    m->train.n);
   m->is_by_depth = m->v->has_depth && is_one_time(m->v, &m->train);
   m->scene = lab_scene_of(&m->train);
+  if (!m->is_by_depth && m->train.n_measurements)
+    return sv_fail(
+        err, SV_E_NOT_FOUND,
+        "%s: without true depth of a scene at rest, masks need pictures of the training views, and "
+        "these have only what they measured together",
+        train->folder);
   if (!alloc_all(m))
     return sv_fail(err, SV_E_NOMEM, "no memory for masks from %d training views", m->train.n);
   if (m->is_by_depth) s = open_depth(m, train, err);
