@@ -157,7 +157,8 @@ static const bad_case cases[] = {
     {2, "train --data good --out o --model 4dgs", "not supported yet"},
     {2, "train --data good --out o --prior fsgs", "not supported yet"},
     {2, "train --data good --out o --prior external:x", "not supported yet"},
-    {2, "train --data good --out o --noise read=1", "not supported yet"},
+    {2, "train --data good --out o --noise read=2", "from 0 to 1"},
+    {2, "train --data good --out o --antialias maybe", "auto|on|off"},
     {2, "train --data good --out o --eval=yes", "takes no value"},
     {2, "train --data good --out o stray", "stray"},
     {2, "eval --data good", "--model"},
@@ -169,6 +170,7 @@ static const bad_case cases[] = {
     {2, "export --model m.ply --format obj --out o", "--format"},
     {2, "import --from colmap --out o", "folder"},
     {2, "import --from tape good --out o", "--from"},
+    {2, "import --from colmap good --keep 3 --out o", "lenslet"},
     // failures: exit 1, one sentence with the file
     {1, "train --data absent --out o", "absent"},
     {1, "train --data nothing --out o", "nothing"},
@@ -190,6 +192,7 @@ static const bad_case cases[] = {
     {1, "train --data unfinished --out o", "transforms.json"},
     {1, "train --data good --init points:absent.ply --out o", "absent.ply"},
     {1, "train --data good --steps 2 --quiet --out a.png/o", "a.png"},
+    {1, "train --data good --noise shot=0.1 --background white --quiet --out o", "black"},
     {1, "eval --data good --model absent.ply", "absent.ply"},
     {1, "eval --data good --model bad.ply", "bad.ply"},
     {1, "eval --data good --model cloud.ply", "cloud.ply"},
@@ -205,6 +208,7 @@ static const bad_case cases[] = {
     {1, "import --from capture good --out o", "capture.json"},
     {1, "import --from blender nothing --out o", "transforms"},
     {1, "import --from qca good --out o", "qca"},
+    {1, "import --from lenslet good --out o", "white.png"},
     {1, "import --from 4cam-board good --out o", "camera_array"},
 };
 

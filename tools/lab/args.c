@@ -66,7 +66,15 @@ static const option table[] = {
     {"format", OPT_WORD, LAB_EXPORT, LAB_EXPORT, AT(format), "ply|splat", "of the file to write", 0, 0,
      "spz|glb"},
     {"from", OPT_WORD, LAB_IMPORT, LAB_IMPORT, AT(from),
-     "colmap|nerfstudio|blender|capture|4cam-board|qca|sim", "what DIR is", 0, 0, 0},
+     "colmap|nerfstudio|blender|capture|lenslet|4cam-board|qca|sim", "what DIR is", 0, 0, 0},
+    {"keep", OPT_INT, LAB_IMPORT, 0, AT(keep), "K", "lenslet: K x K inner sub-views (7 of 10 a side)", 1, 16,
+     0},
+    {"baseline", OPT_REAL, LAB_IMPORT, 0, AT(baseline_m), "M", "lenslet: metres between sub-views (0.001)",
+     1e-7, 10, 0},
+    {"focal", OPT_REAL, LAB_IMPORT, 0, AT(focal_px), "PX", "lenslet: focal length in pixels (the width)", 1,
+     1e6, 0},
+    {"focus", OPT_REAL, LAB_IMPORT, 0, AT(focus_m), "M", "lenslet: distance in focus (infinity)", 1e-5, 1e6,
+     0},
     {"threads", OPT_INT, DATA | LAB_BENCH, 0, AT(threads), "N", "threads (all CPUs)", 1, 64, 0},
     {"eval", OPT_FLAG, LAB_TRAIN, 0, AT(is_eval), 0,
      "evaluate at the end: on the split test, after --exposures 1 on test_near", 0, 0, 0},
@@ -162,6 +170,9 @@ static int check_required(const lab_command *c, const lab_options *o) {
     if (!value) return lab_usage(c->name, "--%s is missing", table[i].name);
   }
   if (c->bit == LAB_IMPORT && !o->input) return lab_usage(c->name, "the folder to import is missing");
+  bool has_optics = o->keep >= 0 || o->baseline_m >= 0 || o->focal_px >= 0 || o->focus_m >= 0;
+  if (has_optics && strcmp(o->from, "lenslet") != 0)
+    return lab_usage(c->name, "--keep, --baseline, --focal and --focus belong to --from lenslet");
   if (o->steps >= 0 && o->time_limit_s >= 0)
     return lab_usage(c->name, "--steps and --time-limit exclude each other");
   if (c->bit == LAB_TRAIN && !o->is_eval && (o->mask || o->has_lpips))
@@ -213,6 +224,10 @@ int lab_args_parse(const lab_command *c, int argc, char **argv, lab_options *o) 
                      .seed = -1,
                      .threads = -1,
                      .orbit = -1,
+                     .keep = -1,
+                     .baseline_m = -1,
+                     .focal_px = -1,
+                     .focus_m = -1,
                      .time_limit_s = -1,
                      .tv_unseen = -1,
                      .n_unseen = -1,

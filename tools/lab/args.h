@@ -19,8 +19,8 @@ enum { LAB_TRAIN = 1, LAB_EVAL = 2, LAB_RENDER = 4, LAB_EXPORT = 8, LAB_IMPORT =
 typedef struct {
   const char *data, *transforms, *model, *split, *out, *format, *from, *input;
   const char *method, *prior, *init, *background, *loss, *mask;
-  long exposures, gaussians, sh, steps, scale, seed, threads, orbit;
-  double time_limit_s;
+  long exposures, gaussians, sh, steps, scale, seed, threads, orbit, keep;
+  double time_limit_s, baseline_m, focal_px, focus_m;
   bool is_eval, is_json, is_quiet, has_depth, has_lpips, is_help, is_version;
   // Of --loss; below 0: not given
   float ssim, tv, opacity, size, tv_unseen, n_unseen, unseen_every, unseen_px, unseen_deg, region_px;

@@ -97,6 +97,7 @@ static sv_status import(const lab_options *o, lab_session *se, sv_err *err) {
   }
   lab_import im = {0};
   sv_status s = sv_str_eq(o->from, "colmap")    ? lab_import_colmap(&im, o->input, err)
+                : sv_str_eq(o->from, "lenslet") ? lab_import_lenslet(&im, o, se, err)
                 : sv_str_eq(o->from, "capture") ? lab_import_capture(&im, o->input, err)
                                                 : lab_import_transforms(&im, o->input, err);
   if (s == SV_OK && im.n == 0) s = sv_fail(err, SV_E_NOT_FOUND, "%s: there are no views in it", o->input);

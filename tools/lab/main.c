@@ -37,8 +37,10 @@ static const lab_command commands[] = {
      "Turns DIR into a dataset that train reads (transforms.json, images/, points3d.ply when there are "
      "points):\n"
      "colmap (text or binary model, also in sparse/0), nerfstudio and blender (transforms JSON), capture (a\n"
-     "capture folder with its rig). 4cam-board and qca make a capture folder with a rig instead, from "
-     "recordings\n"
+     "capture folder with its rig), lenslet (raw pictures of a sensor behind a microlens array, and\n"
+     "white.png of an even field; values are kept as they are, the rig also goes to rig/). 4cam-board and "
+     "qca\n"
+     "make a capture folder with a rig instead, from recordings\n"
      "with camera_array.toml or a Qualisys calibration.",
      "  subview-lab import --from colmap garden --out garden_data\n"
      "  subview-lab train --data garden_data --scale 4 --eval --out garden",
