@@ -76,68 +76,78 @@ typedef struct {
   int a_stride, b_stride, a_width, a_height, b_width, b_height;
 } level;
 
+// A row of a patch. The compiler maps it to whatever vectors the machine has; the bits are the same.
+typedef float row __attribute__((vector_size(PATCH * sizeof(float)), aligned(sizeof(float)), may_alias));
+
 typedef struct {
-  float x0, y0;                      // its corner in a
-  float a[AREA], gx[AREA], gy[AREA]; // without their means
-  float ixx, ixy, iyy;               // inverse of sum of g g^T
+  float x0, y0;                       // its corner in a
+  row a[PATCH], gx[PATCH], gy[PATCH]; // without their means
+  float ixx, ixy, iyy;                // inverse of sum of g g^T
 } patch;
 
 typedef struct {
   float u, v, error; // error: sum of squared differences without their mean
 } found;
 
-static void remove_mean(float v[AREA]) {
-  float mean = 0;
-  for (int i = 0; i < AREA; i++) mean += v[i];
-  mean /= AREA;
-  for (int i = 0; i < AREA; i++) v[i] -= mean;
+static float fold(const row *r) {
+  const row v = *r;
+  return ((v[0] + v[4]) + (v[2] + v[6])) + ((v[1] + v[5]) + (v[3] + v[7]));
+}
+
+static float dot(const row a[PATCH], const row b[PATCH]) {
+  row sum = a[0] * b[0];
+  for (int i = 1; i < PATCH; i++) sum += a[i] * b[i];
+  return fold(&sum);
+}
+
+static void remove_mean(row v[PATCH]) {
+  row sum = v[0];
+  for (int i = 1; i < PATCH; i++) sum += v[i];
+  float mean = fold(&sum) / AREA;
+  for (int i = 0; i < PATCH; i++) v[i] -= mean;
 }
 
 static void patch_make(patch *p, const level *lv, int x0, int y0) {
-  float xx = DAMPING, xy = 0, yy = DAMPING;
   p->x0 = (float)x0, p->y0 = (float)y0;
-  for (int i = 0; i < AREA; i++) {
-    const float *c = lv->a + (ptrdiff_t)(y0 + i / PATCH) * lv->a_stride + x0 + i % PATCH;
-    p->a[i] = c[0];
-    p->gx[i] = 0.5f * (c[1] - c[-1]);
-    p->gy[i] = 0.5f * (c[lv->a_stride] - c[-lv->a_stride]);
+  for (int i = 0; i < PATCH; i++) {
+    const float *c = lv->a + (ptrdiff_t)(y0 + i) * lv->a_stride + x0;
+    p->a[i] = *(const row *)c;
+    p->gx[i] = 0.5f * (*(const row *)(c + 1) - *(const row *)(c - 1));
+    p->gy[i] = 0.5f * (*(const row *)(c + lv->a_stride) - *(const row *)(c - lv->a_stride));
   }
   remove_mean(p->a), remove_mean(p->gx), remove_mean(p->gy);
-  for (int i = 0; i < AREA; i++)
-    xx += p->gx[i] * p->gx[i], xy += p->gx[i] * p->gy[i], yy += p->gy[i] * p->gy[i];
+  float xx = DAMPING + dot(p->gx, p->gx), xy = dot(p->gx, p->gy), yy = DAMPING + dot(p->gy, p->gy);
   float det = xx * yy - xy * xy; // at least DAMPING^2
   p->ixx = yy / det, p->ixy = -xy / det, p->iyy = xx / det;
 }
 
 static float clamp(float x, float lo, float hi) { return x < lo ? lo : x > hi ? hi : x; }
 
-// b at the patch moved by (u, v), without its mean, minus a: [AREA]. Returns the sum of squares. A patch that is
+// b at the patch moved by (u, v), without its mean, minus a. Returns the sum of squares. A patch that is
 // moved out of b looks at the border.
-static float difference(const patch *p, const level *lv, float u, float v, float d[AREA]) {
+static float difference(const patch *p, const level *lv, float u, float v, row d[PATCH]) {
   float x = clamp(p->x0 + u, -BORDER + 1, (float)(lv->b_width + BORDER - PATCH - 2));
   float y = clamp(p->y0 + v, -BORDER + 1, (float)(lv->b_height + BORDER - PATCH - 2));
   float fx = floorf(x), fy = floorf(y), tx = x - fx, ty = y - fy;
   const float *b = lv->b + (ptrdiff_t)fy * lv->b_stride + (ptrdiff_t)fx;
-  float w00 = (1 - tx) * (1 - ty), w10 = tx * (1 - ty), w01 = (1 - tx) * ty, w11 = tx * ty, sum = 0;
-  for (int r = 0; r < PATCH; r++, b += lv->b_stride)
-    for (int c = 0; c < PATCH; c++)
-      d[r * PATCH + c] =
-          (w00 * b[c] + w10 * b[c + 1]) + (w01 * b[c + lv->b_stride] + w11 * b[c + lv->b_stride + 1]);
-  remove_mean(d);
-  for (int i = 0; i < AREA; i++) {
-    d[i] -= p->a[i];
-    sum += d[i] * d[i];
+  float w00 = (1 - tx) * (1 - ty), w10 = tx * (1 - ty), w01 = (1 - tx) * ty, w11 = tx * ty;
+  for (int i = 0; i < PATCH; i++, b += lv->b_stride) {
+    const float *below = b + lv->b_stride;
+    d[i] = (w00 * *(const row *)b + w10 * *(const row *)(b + 1)) +
+           (w01 * *(const row *)below + w11 * *(const row *)(below + 1));
   }
-  return sum;
+  remove_mean(d);
+  for (int i = 0; i < PATCH; i++) d[i] -= p->a[i];
+  return dot(d, d);
 }
 
 // Gauss-Newton from (u, v); never worse than where it began.
 static found align(const patch *p, const level *lv, float u, float v) {
-  float d[AREA], u0 = u, v0 = v;
+  row d[PATCH];
+  float u0 = u, v0 = v;
   found best = {u, v, difference(p, lv, u, v, d)};
   for (int i = 0; i < ITERATIONS; i++) {
-    float bx = 0, by = 0;
-    for (int k = 0; k < AREA; k++) bx += p->gx[k] * d[k], by += p->gy[k] * d[k];
+    float bx = dot(p->gx, d), by = dot(p->gy, d);
     float du = p->ixx * bx + p->ixy * by, dv = p->ixy * bx + p->iyy * by;
     u -= du, v -= dv;
     if (!(fabsf(u - u0) <= REACH && fabsf(v - v0) <= REACH)) break;
@@ -164,7 +174,8 @@ static int patch_place(int i, int n_px) { return STEP * i + PATCH <= n_px ? STEP
 static int patch_count(int n_px) { return (n_px - PATCH + STEP - 1) / STEP + 1; }
 
 static void try_start(found *best, const patch *p, const level *lv, const found *other) {
-  float d[AREA], error = difference(p, lv, other->u, other->v, d);
+  row d[PATCH];
+  float error = difference(p, lv, other->u, other->v, d);
   if (error < best->error) *best = (found){other->u, other->v, error};
 }
 
@@ -177,7 +188,7 @@ static void search_patches(search *s) {
       int i = pass ? s->nx * s->ny - 1 - k : k, ix = i % s->nx, iy = i / s->nx, back = pass ? 1 : -1;
       int x0 = patch_place(ix, lv->a_width), y0 = patch_place(iy, lv->a_height);
       patch p;
-      float d[AREA];
+      row d[PATCH];
       patch_make(&p, lv, x0, y0);
       found start = s->at[i];
       if (!pass) {
@@ -201,14 +212,14 @@ static void blend(search *s) {
   memset(s->weight, 0, n * sizeof(float));
   for (int i = 0; i < s->nx * s->ny; i++) {
     patch p;
-    float d[AREA];
+    row d[PATCH];
     int x0 = patch_place(i % s->nx, lv->a_width), y0 = patch_place(i / s->nx, lv->a_height);
     const found *f = &s->at[i];
     patch_make(&p, lv, x0, y0);
     difference(&p, lv, f->u, f->v, d);
     for (int k = 0; k < AREA; k++) {
       size_t to = (size_t)(y0 + k / PATCH) * w + (size_t)(x0 + k % PATCH);
-      float e = fabsf(d[k]), g = 1.0f / (e > 1 ? e : 1);
+      float e = fabsf(d[k / PATCH][k % PATCH]), g = 1.0f / (e > 1 ? e : 1);
       s->uv[to] += g * f->u, s->uv[n + to] += g * f->v, s->weight[to] += g;
     }
   }

@@ -8,7 +8,7 @@
 #define COLS  4 // pixels computed together
 
 // The compiler maps this to whatever vectors the machine has; lanes never mix, so the bits are the same.
-typedef float lanes __attribute__((vector_size(LANES * sizeof(float))));
+typedef float lanes __attribute__((vector_size(LANES * sizeof(float)), may_alias));
 
 // --- the layers ----------------------------------------------------------------------------------
 
