@@ -50,7 +50,11 @@ static const option table[] = {
     {"scale", OPT_INT, DATA, 0, AT(scale), "K", "pictures at 1/K of their size (1)", 1, 64, 0},
     {"loss", OPT_TEXT, LAB_TRAIN, 0, AT(loss), "k=v,...",
      "ssim, tv, opacity, scale, tv_unseen; unseen[_every|_px|_deg], region", 0, 0, 0},
-    {"noise", OPT_LATER, LAB_TRAIN, 0, 0, 0, 0, 0, 0, 0},
+    {"noise", OPT_TEXT, LAB_TRAIN, 0, AT(noise), "read=V,shot=V",
+     "sensor noise on the training pictures: variance read + shot x of linear light x, then 14 bits", 0, 0,
+     0},
+    {"antialias", OPT_WORD, LAB_TRAIN, 0, AT(antialias), "auto|on|off",
+     "Mip-Splatting's compensation; auto: on when focal lengths differ by more than 1.5 (auto)", 0, 0, 0},
     {"seed", OPT_INT, LAB_TRAIN | LAB_BENCH, 0, AT(seed), "N", "of all random numbers (1)", 0, 4294967295.0,
      0},
     {"split", OPT_TEXT, LAB_EVAL | LAB_RENDER, 0, AT(split), "S",
@@ -215,6 +219,19 @@ static int parse_loss(const lab_command *c, lab_options *o) {
   return LAB_EXIT_OK;
 }
 
+static int parse_noise(const lab_command *c, lab_options *o) {
+  for (const char *p = o->noise; p && *p;) {
+    size_t n = strcspn(p, ",");
+    bool is_read = strncmp(p, "read=", 5) == 0, is_shot = strncmp(p, "shot=", 5) == 0;
+    double v;
+    if ((!is_read && !is_shot) || !sv_parse_double(p + 5, n - 5, &v) || !(v >= 0 && v <= 1))
+      return lab_usage(c->name, "--noise is read=V,shot=V with variances from 0 to 1, not '%.80s'", o->noise);
+    *(is_read ? &o->noise_read : &o->noise_shot) = (float)v;
+    p += n + (p[n] == ',');
+  }
+  return LAB_EXIT_OK;
+}
+
 int lab_args_parse(const lab_command *c, int argc, char **argv, lab_options *o) {
   *o = (lab_options){.exposures = -1,
                      .gaussians = -1,
@@ -253,6 +270,7 @@ int lab_args_parse(const lab_command *c, int argc, char **argv, lab_options *o) 
   }
   if (o->is_version) return LAB_EXIT_OK;
   int e = check_required(c, o);
+  if (e == LAB_EXIT_OK) e = parse_noise(c, o);
   return e != LAB_EXIT_OK ? e : parse_loss(c, o);
 }
 

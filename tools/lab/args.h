@@ -18,12 +18,13 @@ enum { LAB_TRAIN = 1, LAB_EVAL = 2, LAB_RENDER = 4, LAB_EXPORT = 8, LAB_IMPORT =
 // NULL and -1 stand for "not given"; a given number is inside its range.
 typedef struct {
   const char *data, *transforms, *model, *split, *out, *format, *from, *input;
-  const char *method, *prior, *init, *background, *loss, *mask;
+  const char *method, *prior, *init, *background, *loss, *mask, *noise, *antialias;
   long exposures, gaussians, sh, steps, scale, seed, threads, orbit, keep;
   double time_limit_s, baseline_m, focal_px, focus_m;
   bool is_eval, is_json, is_quiet, has_depth, has_lpips, is_help, is_version;
   // Of --loss; below 0: not given
   float ssim, tv, opacity, size, tv_unseen, n_unseen, unseen_every, unseen_px, unseen_deg, region_px;
+  float noise_read, noise_shot; // of --noise, 0: none
 } lab_options;
 
 typedef struct {

@@ -5,8 +5,10 @@
 
 #include "src/base/mathx.h"
 #include "src/base/str.h"
+#include "src/splat/constants.h"
 #include "tools/lab/evaluate.h"
 #include "tools/lab/measurement.h"
+#include "tools/lab/noise.h"
 #include "tools/lab/plan.h"
 #include "tools/lab/progress.h"
 #include "tools/lab/report.h"
@@ -88,6 +90,23 @@ static int check_init(const lab_options *o) {
   return lab_usage("train", "--init is sphere, cube or points:FILE, not '%.80s'", i);
 }
 
+static void choose_antialiasing(run *r) {
+  const char *word = r->o->antialias;
+  float least = r->views.frames[0].view.fx, most = least;
+  for (int i = 1; i < r->views.n; i++) {
+    least = sv_minf(least, r->views.frames[i].view.fx);
+    most = sv_maxf(most, r->views.frames[i].view.fx);
+  }
+  r->cfg.is_antialiased =
+      !word || sv_str_eq(word, "auto") ? most > SV_MIP_FOCAL_RATIO * least : sv_str_eq(word, "on");
+}
+
+static sv_status add_noise(run *r, sv_err *err) {
+  sv_noise_model m = {r->o->noise_read, r->o->noise_shot};
+  if (!r->o->noise) return SV_OK;
+  return lab_noise_add(&r->views, &r->plan, &m, r->cfg.seed, r->cfg.background, &r->session.pool, err);
+}
+
 // --- stages --------------------------------------------------------------------------------------
 
 static sv_status add_views(run *r, sv_err *err) {
@@ -110,13 +129,19 @@ static sv_status add_measurements(run *r, sv_err *err) {
   for (int i = 0; i < r->views.n_measurements; i++) {
     const lab_measurement *m = &r->views.measurements[i];
     sv_composite model;
-    sv_status s = lab_measurement_load(m, r->plan.measurements[i], err);
-    if (s == SV_OK) s = lab_measurement_lenses(&r->views, i, lenses, &model, err);
+    sv_status s = lab_measurement_lenses(&r->views, i, lenses, &model, err);
     if (s == SV_OK) s = sv_train_add_composite(&r->plan.trainer, &model, r->plan.measurements[i], err);
     if (s != SV_OK) return s;
     lenses += m->n_lenses;
   }
   return SV_OK;
+}
+
+static sv_status load_pictures(run *r, sv_err *err) {
+  sv_status s = lab_pictures_load(&r->views, r->plan.pictures, &r->session.pool, err);
+  for (int i = 0; s == SV_OK && i < r->views.n_measurements; i++)
+    s = lab_measurement_load(&r->views.measurements[i], r->plan.measurements[i], err);
+  return s == SV_OK ? add_noise(r, err) : s;
 }
 
 static sv_status load(run *r, sv_err *err) {
@@ -129,9 +154,10 @@ static sv_status load(run *r, sv_err *err) {
                     .is_white = r->cfg.background == SV_BG_WHITE,
                     .scale = (int)r->o->scale};
   sv_status s = lab_views_open(&r->views, &src, &r->session.pool, err);
+  if (s == SV_OK) choose_antialiasing(r);
   if (s == SV_OK) s = choose_start(r, err);
   if (s == SV_OK) s = lab_plan_make(&r->plan, &r->session, &r->views, r->cfg, r->n_points, err);
-  if (s == SV_OK) s = lab_pictures_load(&r->views, r->plan.pictures, &r->session.pool, err);
+  if (s == SV_OK) s = load_pictures(r, err);
   if (s == SV_OK) s = add_views(r, err);
   if (s == SV_OK) s = add_measurements(r, err);
   if (s != SV_OK) return s;
@@ -237,7 +263,12 @@ static void report_settings(lab_report *j, const run *r) {
   lab_report_num(j, "loss_opacity", (double)t->cfg.reg_opacity);
   lab_report_num(j, "loss_scale", (double)t->cfg.reg_scale);
   lab_report_int(j, "seed", (long long)t->cfg.seed);
+  lab_report_text(j, "antialias", r->o->antialias ? r->o->antialias : "auto");
   lab_report_bool(j, "antialiased", t->cfg.is_antialiased);
+  if (r->o->noise) {
+    lab_report_num(j, "noise_read", (double)r->o->noise_read);
+    lab_report_num(j, "noise_shot", (double)r->o->noise_shot);
+  }
   lab_report_bool(j, "undistorted", r->views.is_undistorted); // pictures of training and evaluation alike
   lab_report_num(j, "near_z", (double)r->render.near_z);
   lab_report_nums(j, "scene_centre", t->centre, 3);
