@@ -61,9 +61,10 @@ static bump measure(const sv_raw *white, const field *f, double cx, double cy, d
 }
 
 // Moves (x, y) to the lenslet's centre. False where there is none: dead, or darker in the middle.
-static bool centre_of(const sv_raw *white, const field *f, double pitch, double at[2], double *light) {
+static bool centre_of(const sv_raw *white, const field *f, double pitch, int n_steps, double at[2],
+                      double *light) {
   double x = at[0], y = at[1], radius = REACH * pitch, mean = 0;
-  for (int k = 0; k < 2; k++) {
+  for (int k = 0; k < n_steps; k++) {
     bump b = measure(white, f, x, y, radius);
     double det = b.hxx * b.hyy - b.hxy * b.hxy;
     // Curvatures of a lit lenslet are about -10 means; dead ones have a positive or no curvature.
@@ -101,6 +102,9 @@ static void collect(const sv_lenslet_grid *g, const sv_raw *white, const field *
                     sums *s) {
   // The window may move by 0.4 pitch, and must not leave the picture then.
   double pitch = g->pitch_px, edge = (REACH + 0.4) * pitch + 1, cut = 4 * scale_px;
+  // Predictions far from the start come from many centres: one Newton step then ends well inside a
+  // hundredth of a pixel.
+  int n_steps = reach > 12 ? 1 : 2;
   *s = (sums){.weight = 0};
   for (int j = -reach; j <= reach; j++)
     for (int i = -reach; i <= reach; i++) {
@@ -111,7 +115,7 @@ static void collect(const sv_lenslet_grid *g, const sv_raw *white, const field *
         continue;
       s->n_seen++;
       at[0] = want[0], at[1] = want[1];
-      if (!centre_of(white, f, pitch, at, &light)) continue;
+      if (!centre_of(white, f, pitch, n_steps, at, &light)) continue;
       double ex = at[0] - want[0], ey = at[1] - want[1], e2 = ex * ex + ey * ey;
       if (e2 >= cut * cut) continue;
       double t = 1 - e2 / (cut * cut), w = t * t; // Tukey's biweight
