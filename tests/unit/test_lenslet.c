@@ -182,8 +182,17 @@ static void check_found(const sensor *s) {
   free(px);
 }
 
+// A search over whole sensors takes minutes there; test_decode finds two lattices on every machine.
+static void skip_under_emulation(void) {
+  const char *emulator = getenv("SV_EMULATE");
+  if (!emulator || !*emulator) return;
+  print_message("skip the search for many lattices: it takes minutes under emulation\n");
+  skip();
+}
+
 static void test_find(void **state) {
   (void)state;
+  skip_under_emulation();
   static const double pitches[] = {6, 7.77, 13.3, 20.05, 40}, turns[] = {-5, 0, 3.3};
   for (int p = 0; p < 5; p++)
     for (int k = 0; k < 3; k++) {
@@ -199,6 +208,7 @@ static void test_find(void **state) {
 
 static void test_find_hard(void **state) {
   (void)state;
+  skip_under_emulation();
   sensor s = sensor_make(420, 300, 9.13, 1.3, true); // a tenth dead, strong noise and fall-off
   s.n_dead = 0.1, s.shot = 5e-3, s.read = 1e-4, s.fall_off = 0.8;
   check_found(&s);
