@@ -142,19 +142,17 @@ static sv_app_cfg app_cfg(const run_options *o) {
 }
 
 // Buffers of the preview and of the comparison with the simulator's truth.
-static sv_status carve_outputs(sv_arena *a, sv_err *err) {
+static sv_status carve_outputs(sv_arena *a, const sv_app_cfg *cfg, sv_err *err) {
   int w = 1, h = 1;
-  for (int i = 0; i < run.src.rig->n_sub_views; i++) {
-    w = sv_maxi(w, run.src.rig->sub_views[i].model.width_px);
-    h = sv_maxi(h, run.src.rig->sub_views[i].model.height_px);
-  }
+  sv_app_preview_size(cfg, &w, &h);
   sv_arena_part_begin(a, "preview");
-  sv_codec_cfg cc = {.max_width_px = 2 * w, .max_height_px = h};
+  sv_codec_cfg cc = {.max_width_px = w, .max_height_px = h};
   sv_status s = sv_codec_init(&run.codec, &cc, a);
-  if (s < 0) return sv_fail(err, s, "no room for a preview of %dx%d pixels", 2 * w, h);
-  run.cap_jpeg = (size_t)w * 2 * (size_t)h * 3 + 4096;
+  if (s < 0) return sv_fail(err, s, "no room for a preview of %dx%d pixels", w, h);
+  run.cap_jpeg = (size_t)w * (size_t)h * 3 + 4096;
   run.jpeg = SV_TAKE(a, uint8_t, run.cap_jpeg);
-  if (run.src.kind == SOURCE_SIM) run.truth = SV_TAKE(a, uint8_t, (size_t)w * (size_t)h * 3);
+  const sv_camera_model *m = &run.src.rig->sub_views[0].model; // that of the held-out views
+  if (run.src.kind == SOURCE_SIM) run.truth = SV_TAKE(a, uint8_t, (size_t)m->width_px * (size_t)m->height_px * 3);
   return a->status < 0 ? sv_fail(err, a->status, "no room for the preview") : SV_OK;
 }
 
@@ -194,7 +192,7 @@ static int report(const run_options *o, sv_err *err) {
         "{%s, \"steps\": %u, \"gaussians\": %ld, \"exposures\": %d, \"views\": %d, \"seconds\": %.3f, "
         "\"threads\": %ld, \"isa\": "
         "\"%s\", \"arena_bytes\": %zu, \"digest\": \"%08x%08x\"}\n",
-        extra, run.app.trainer.step, o->gaussians, run.app.exposures.n, run.app.trainer.n_views,
+        extra, run.app.trainer.step, o->gaussians, run.app.exposures.n, run.app.n_views,
         run.app.train_s, o->threads, sv_isa_name(run.k.isa), run.app.arena->cap_bytes,
         (unsigned)(sv_train_digest(&run.app.trainer) >> 32), (unsigned)sv_train_digest(&run.app.trainer));
     return 0;
@@ -204,7 +202,7 @@ static int report(const run_options *o, sv_err *err) {
   say(1,
       "%d exposures, %d views, %u steps in %.1f s\nsaved: %s/model.ply %s/run.json %s/preview.jpg "
       "%s/checkpoint.bin\n",
-      run.app.exposures.n, run.app.trainer.n_views, run.app.trainer.step, run.app.train_s, o->out, o->out,
+      run.app.exposures.n, run.app.n_views, run.app.trainer.step, run.app.train_s, o->out, o->out,
       o->out, o->out);
   return 0;
 }
@@ -213,8 +211,8 @@ static int run_all(const run_options *o) {
   sv_err err = {0};
   sv_arena arena = board_arena();
   if (source_open(&run.src, o->source, o->rig, (int)o->exposures, &arena, &err) < 0) return fail_with(&err);
-  if (carve_outputs(&arena, &err) < 0) return fail_with(&err);
   sv_app_cfg cfg = app_cfg(o);
+  if (carve_outputs(&arena, &cfg, &err) < 0) return fail_with(&err);
   if (o->sub_views && !choose_sub_views(o->sub_views, run.src.rig, cfg.sub_view_mask)) return EXIT_USAGE;
   sv_linux_console_init(&run.console, 2, o->is_quiet);
   if (sv_linux_catch_signals(&err) < 0) return fail_with(&err);

@@ -29,12 +29,29 @@ static int n_trained_sub_views(const sv_app_cfg *c) {
   return n;
 }
 
+static bool is_multiplexed(const sv_app_cfg *c) { return c->rig->forward == SV_FORWARD_MULTIPLEXED; }
+
+// Sensors instead of views, by regions.
+static void plan_composites(const sv_app_cfg *c, sv_train_cfg *t) {
+  t->cap_views = 0;
+  t->cap_composites = c->n_exposures * sv_composites_n_sensors(c->rig, c->n_cameras);
+  t->cap_regions = 0;
+  if (t->region_px < 1) return; // the trainer says so
+  t->cap_width_px = t->cap_height_px = t->region_px;
+  t->cap_pixels = sv_plane_floats(t->region_px, t->region_px);
+  for (int i = 0; i < c->n_cameras; i++)
+    if (sv_composites_has_lens(c->rig, i))
+      t->cap_regions +=
+          c->n_exposures * sv_train_n_regions(c->caps[i].width_px, c->caps[i].height_px, t->region_px);
+}
+
 sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
   sv_train_cfg t = c->train;
   t.cap_views = c->n_exposures * n_trained_sub_views(c);
   t.n_threads = n_threads;
   t.cap_width_px = t.cap_height_px = 1;
   t.cap_pixels = 0;
+  if (is_multiplexed(c)) plan_composites(c, &t);
   float f_min = 0, f_max = 0;
   for (int i = 0; i < c->rig->n_sub_views; i++) {
     const sv_camera_model *m = &c->rig->sub_views[i].model;
@@ -79,22 +96,25 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
     SV_TAKE(a, uint8_t, sv_sync_bytes(&sc));
   }
   sv_arena_part_begin(a, "exposures");
-  sv_exposures_cfg ec = {.rig = c->rig, .cap_exposures = c->n_exposures};
+  sv_exposures_cfg ec = {
+      .rig = c->rig, .cap_exposures = c->n_exposures, .caps = c->caps, .n_cameras = c->n_cameras};
   sv_status s = sv_exposures_init(&app->exposures, &ec, a, err);
   if (s < 0) return s;
   s = sv_trainer_init(&app->trainer, t, k, pool, a, err);
   if (s < 0) return s;
   sv_arena_part_begin(a, "start-up scratch");
   app->points = SV_TAKE(a, sv_point, t->n_gaussians);
-  app->views = SV_TAKE(a, sv_view, t->cap_views);
+  app->views = SV_TAKE(a, sv_view, (size_t)c->n_exposures * (size_t)c->rig->n_sub_views);
   app->scratch = sv_arena_sub(a, init_scratch_bytes(t->n_gaussians));
   sv_arena_part_begin(a, "checkpoint and report");
   app->report = SV_TAKE(a, char, SV_APP_REPORT_BYTES);
   sv_trainer sized = app->trainer;
-  sized.n_views = t->cap_views;
+  sized.n_views = t->cap_views, sized.n_regions = t->cap_regions;
   app->checkpoint_bytes = c->is_resume ? sv_checkpoint_bytes(&sized) : 0;
   app->checkpoint = SV_TAKE(a, uint8_t, app->checkpoint_bytes);
-  app->preview = SV_TAKE(a, uint8_t, (size_t)t->cap_width_px * (size_t)t->cap_height_px * 6);
+  int w, h;
+  sv_app_preview_size(c, &w, &h);
+  app->preview = SV_TAKE(a, uint8_t, (size_t)w * (size_t)h * 3);
   return a->status < 0 ? sv_fail(err, a->status, "the memory block is too small") : SV_OK;
 }
 
@@ -108,10 +128,11 @@ sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, c
                       sv_arena *arena, sv_err *err) {
   if (cfg->n_exposures < 1)
     return sv_fail(err, SV_E_ARG, "%d exposures asked for, expected at least 1", cfg->n_exposures);
-  if (cfg->rig->forward == SV_FORWARD_MULTIPLEXED)
+  if (is_multiplexed(cfg) && n_trained_sub_views(cfg) != cfg->rig->n_sub_views)
     return sv_fail(err, SV_E_UNSUPPORTED,
-                   "rig \"%s\" is multiplexed; training on multiplexed measurements is not supported yet",
-                   cfg->rig->name);
+                   "rig \"%s\" is multiplexed: its sub-views overlap on their sensor and can only be trained on "
+                   "together, not %d of %d",
+                   cfg->rig->name, n_trained_sub_views(cfg), cfg->rig->n_sub_views);
   if (!n_trained_sub_views(cfg))
     return sv_fail(err, SV_E_ARG, "none of the chosen sub-views is in rig \"%s\", which has %d",
                    cfg->rig->name, cfg->rig->n_sub_views);
@@ -244,19 +265,38 @@ static sv_status capture(sv_app *app, sv_err *err) {
 
 // --- training ------------------------------------------------------------------------------------
 
+static sv_status add_pictures(sv_app *app, int e, sv_err *err) {
+  for (int i = 0; i < app->cfg.rig->n_sub_views; i++) {
+    sv_image_u8 image;
+    if (!is_trained_on(&app->cfg, i)) continue;
+    sv_view *view = &app->views[app->n_views++];
+    sv_exposures_get(&app->exposures, e, i, &image, view);
+    sv_status s = sv_train_add_view(&app->trainer, view, &image, err);
+    if (s < 0) return s;
+  }
+  return SV_OK;
+}
+
+static sv_status add_composites(sv_app *app, int e, sv_err *err) {
+  const sv_composites *pool = &app->exposures.composites;
+  for (int i = 0; i < pool->n_sensors; i++) {
+    sv_composite model;
+    const uint16_t *px;
+    sv_composites_get(pool, e, i, &model, &px);
+    sv_status s = sv_train_add_composite(&app->trainer, &model, px, err);
+    if (s < 0) return s;
+    for (int m = 0; m < model.n_lenses; m++) app->views[app->n_views++] = model.lenses[m].view;
+  }
+  return SV_OK;
+}
+
 static sv_status start_training(sv_app *app, sv_err *err) {
   sv_trainer *t = &app->trainer;
-  for (int e = 0; e < app->exposures.n; e++)
-    for (int i = 0; i < app->cfg.rig->n_sub_views; i++) {
-      sv_image_u8 image;
-      sv_view view;
-      if (!is_trained_on(&app->cfg, i)) continue;
-      sv_exposures_get(&app->exposures, e, i, &image, &view);
-      sv_status s = sv_train_add_view(t, &view, &image, err);
-      if (s < 0) return s;
-      app->views[t->n_views - 1] = view;
-    }
-  sv_bounds b = app->cfg.has_bounds ? app->cfg.bounds : sv_bounds_of_views(app->views, t->n_views);
+  for (int e = 0; e < app->exposures.n; e++) {
+    sv_status added = is_multiplexed(&app->cfg) ? add_composites(app, e, err) : add_pictures(app, e, err);
+    if (added < 0) return added;
+  }
+  sv_bounds b = app->cfg.has_bounds ? app->cfg.bounds : sv_bounds_of_views(app->views, app->n_views);
   sv_init_cfg init = {.kind = SV_INIT_SPHERE,
                       .centre = {b.centre[0], b.centre[1], b.centre[2]},
                       .radius = b.radius,

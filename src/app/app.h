@@ -17,6 +17,7 @@ extern "C" {
 
 #define SV_APP_REPORT_BYTES (64 * 1024)
 #define SV_APP_TIME_BINS    256
+#define SV_APP_CAP_PREVIEW_PX 8192 // width of the three pictures of a multiplexed rig
 
 typedef enum {
   SV_APP_IDLE,
@@ -67,12 +68,13 @@ typedef struct {
   sv_sync_camera *sync_cameras; // [n_cameras]
   sv_frame *frames;             // [n_cameras] of one exposure
   sv_point *points;             // [n_gaussians] starting points, when bounds are unknown
-  sv_view *views;               // [cap_views] for the bounds
+  sv_view *views;               // [n_exposures n_sub_views] for the bounds
   sv_arena scratch;             // start-up work inside the block
   char *report;                 // [SV_APP_REPORT_BYTES]
   uint8_t *checkpoint;          // [checkpoint_bytes] read buffer for resume
   size_t checkpoint_bytes;
-  uint8_t *preview; // two views side by side, RGB
+  uint8_t *preview; // sv_app_preview_size, RGB
+  int n_views;      // trained on, lens images included
   sv_ply_writer ply;
   sv_time_stats step_time;
   sv_step_stats last;
@@ -96,16 +98,20 @@ sv_status sv_app_run(sv_app *app, sv_err *err) SV_MUST_USE;
 
 // Mean squared error of the trained model against a picture [height][width][3] of a view.
 sv_status sv_app_mse(sv_app *app, const sv_view *view, const uint8_t *rgb, double *mse) SV_MUST_USE;
-// The same over the training pictures: mean PSNR.
+// The same over the training pictures, of a multiplexed rig over its sensors' measurements: mean PSNR.
 sv_status sv_app_training_psnr(sv_app *app, double *psnr) SV_MUST_USE;
 
-// --- pieces (report.c, save.c) -------------------------------------------------------------------
+// --- pieces (report.c, save.c, preview.c) ---------------------------------------------------------
 sv_status sv_app_save_model(sv_app *app, sv_err *err) SV_MUST_USE;      // model.ply
 sv_status sv_app_save_checkpoint(sv_app *app, sv_err *err) SV_MUST_USE; // checkpoint.bin
 sv_status sv_app_resume(sv_app *app, sv_err *err) SV_MUST_USE;          // AGAIN: there is no checkpoint
 // run.json: settings, digest, ledger, timing, memory map. extra: more JSON members ("\"psnr\": 27.1") or NULL.
 sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) SV_MUST_USE;
-// Renders the first training view beside its picture and hands it to the port's publisher as "preview".
+// Size of the preview picture of such a run.
+void sv_app_preview_size(const sv_app_cfg *cfg, int *width_px, int *height_px);
+// Hands a picture to the port's publisher as "preview": the first training picture beside its rendering. Of a
+// multiplexed rig: what the first sensor measured, the same from the model, and what its middle lens alone would
+// see, enlarged; each pixel for so many of the sensor that the three fit into SV_APP_CAP_PREVIEW_PX.
 sv_status sv_app_publish_preview(sv_app *app) SV_MUST_USE;
 // The memory map as text: a line a part, the sum, the capacity.
 void sv_app_memory_map(sv_str *out, const sv_arena *arena, bool is_json);

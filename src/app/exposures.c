@@ -13,10 +13,18 @@ static bool has_distortion(const sv_camera_model *m) {
   return false;
 }
 
+static bool is_multiplexed(const sv_exposures_cfg *cfg) {
+  return cfg->rig->forward == SV_FORWARD_MULTIPLEXED;
+}
+
 static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a, sv_err *err) {
   const sv_rig *rig = cfg->rig;
-  e->sub = SV_TAKE(a, sv_sub_view_store, rig->n_sub_views);
   e->exposure = SV_TAKE(a, sv_exposure, cfg->cap_exposures);
+  if (is_multiplexed(cfg)) {
+    sv_composites_cfg cc = {rig, cfg->caps, cfg->n_cameras, cfg->cap_exposures};
+    return sv_composites_init(&e->composites, &cc, a, err);
+  }
+  e->sub = SV_TAKE(a, sv_sub_view_store, rig->n_sub_views);
   size_t at = 0;
   for (int i = 0; i < rig->n_sub_views; i++) {
     const sv_camera_model *m = &rig->sub_views[i].model;
@@ -112,14 +120,13 @@ static sv_status check_frame(const sv_exposures *e, int i_sub, const sv_frame *f
   return SV_OK;
 }
 
-sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const sv_frame *frame,
-                           const sv_kernels *k, const sv_pool *pool, sv_err *err) {
+static sv_status put_pictures(sv_exposures *e, int slot, const sv_frame *frame, const sv_kernels *k,
+                              const sv_pool *pool, sv_err *err) {
   const sv_rig *rig = e->cfg.rig;
   for (int i = 0; i < rig->n_sub_views; i++) {
     sv_status s = check_frame(e, i, &frame[rig->sub_views[i].i_camera], err);
     if (s < 0) return s;
   }
-  int slot = e->i_next;
   for (int i = 0; i < rig->n_sub_views; i++) {
     copy_job j = {.e = e,
                   .k = k,
@@ -128,6 +135,16 @@ sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const s
                   .dst = e->px + (size_t)slot * e->exposure_bytes + e->sub[i].at};
     sv_pool_run(pool, copy_task, &j, (e->sub[i].pinhole.height_px + ROWS_PER_TASK - 1) / ROWS_PER_TASK);
   }
+  return SV_OK;
+}
+
+sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const sv_frame *frame,
+                           const sv_kernels *k, const sv_pool *pool, sv_err *err) {
+  const int slot = e->i_next;
+  sv_status s = is_multiplexed(&e->cfg)
+                    ? sv_composites_put(&e->composites, slot, exposure, frame, pool, err)
+                    : put_pictures(e, slot, frame, k, pool, err);
+  if (s < 0) return s;
   e->exposure[slot] = *exposure;
   e->i_next = (slot + 1) % e->cfg.cap_exposures;
   if (e->n < e->cfg.cap_exposures) e->n++;

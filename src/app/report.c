@@ -75,7 +75,7 @@ static void add_settings(sv_str *s, const sv_app *app) {
              t->n_gaussians, t->sh_degree, (unsigned long long)t->seed, t->n_threads,
              sv_isa_name(app->k->isa));
   sv_str_add(s, "  \"exposures\": %d,\n  \"views\": %d,\n  \"is_antialiased\": %s,\n", app->exposures.n,
-             app->trainer.n_views, t->is_antialiased ? "true" : "false");
+             app->n_views, t->is_antialiased ? "true" : "false");
 }
 
 static void add_timing(sv_str *s, const sv_app *app) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a run leaves: model.ply, checkpoint.bin, the preview picture.
+// What a run leaves: model.ply and checkpoint.bin; and how good it is.
 #include <string.h>
 
 #include "src/app/app.h"
@@ -44,27 +44,6 @@ sv_status sv_app_resume(sv_app *app, sv_err *err) {
   return sv_checkpoint_read(&app->trainer, "checkpoint.bin", app->checkpoint, bytes, err);
 }
 
-static uint8_t to_u8(float x) { return (uint8_t)(sv_clampf(x, 0.0f, 1.0f) * 255.0f + 0.5f); }
-
-sv_status sv_app_publish_preview(sv_app *app) {
-  const sv_train_view *tv = &app->trainer.views[0];
-  const sv_publish *p = &app->port.publish;
-  if (!p->image || app->trainer.n_views < 1) return SV_OK;
-  sv_render_options o = sv_train_render_options(&app->trainer, 1.0f, false);
-  sv_renderer *r = &app->trainer.render;
-  sv_status s = sv_render(r, app->k, &app->port.pool, &app->trainer.g, &tv->view, &o);
-  if (s < 0) return s;
-  int w = tv->view.width_px, h = tv->view.height_px;
-  for (int y = 0; y < h; y++) {
-    uint8_t *left = app->preview + (size_t)y * (size_t)w * 6, *right = left + (size_t)w * 3;
-    memcpy(left, tv->image.px + (size_t)y * (size_t)tv->image.stride_bytes, (size_t)w * 3);
-    for (int x = 0; x < w; x++)
-      for (int c = 0; c < 3; c++) right[3 * x + c] = to_u8(r->rgb.c[c][(long)y * r->rgb.stride + x]);
-  }
-  p->image(p->self, "preview", 2 * w, h, app->preview);
-  return SV_OK;
-}
-
 sv_status sv_app_mse(sv_app *app, const sv_view *view, const uint8_t *rgb, double *mse) {
   sv_render_options o = sv_train_render_options(&app->trainer, 1.0f, false);
   sv_renderer *r = &app->trainer.render;
@@ -82,14 +61,40 @@ sv_status sv_app_mse(sv_app *app, const sv_view *view, const uint8_t *rgb, doubl
   return SV_OK;
 }
 
+// Of what a sensor measured, region by region.
+static sv_status composite_mse(sv_app *app, const sv_train_composite *tc, double *mse) {
+  const int side = app->trainer.cfg.region_px, width_px = tc->model.width_px, height_px = tc->model.height_px;
+  const sv_planes *p = &app->trainer.forward.predicted;
+  sv_render_options o = sv_train_render_options(&app->trainer, 1.0f, false);
+  double sum = 0;
+  for (int y0 = 0; y0 < height_px; y0 += side)
+    for (int x0 = 0; x0 < width_px; x0 += side) {
+      sv_region r = {x0, y0, sv_mini(x0 + side, width_px), sv_mini(y0 + side, height_px)};
+      sv_status s = sv_train_predict(&app->trainer, &tc->model, &r, &o, NULL, NULL);
+      if (s < 0) return s;
+      for (int y = y0; y < r.y1; y++)
+        for (int x = x0; x < r.x1; x++)
+          for (int k = 0; k < 3; k++) {
+            double d = (double)sv_clampf(p->c[k][(long)(y - y0) * p->stride + (x - x0)], 0.0f, 1.0f) -
+                       tc->px[((size_t)y * (size_t)width_px + (size_t)x) * 3 + (size_t)k] / 65535.0;
+            sum += d * d;
+          }
+    }
+  *mse = sum / (3.0 * width_px * height_px);
+  return SV_OK;
+}
+
+static double psnr_of(double mse) { return -10.0 / 2.302585092994046 * sv_log(mse > 1e-12 ? mse : 1e-12); }
+
 sv_status sv_app_training_psnr(sv_app *app, double *psnr) {
+  const sv_trainer *t = &app->trainer;
   *psnr = 0;
-  for (int i = 0; i < app->trainer.n_views; i++) {
-    const sv_train_view *tv = &app->trainer.views[i];
+  for (int i = 0; i < t->n_views + t->n_composites; i++) {
     double mse;
-    sv_status s = sv_app_mse(app, &tv->view, tv->image.px, &mse);
+    sv_status s = i < t->n_views ? sv_app_mse(app, &t->views[i].view, t->views[i].image.px, &mse)
+                                 : composite_mse(app, &t->composites[i - t->n_views], &mse);
     if (s < 0) return s;
-    *psnr += -10.0 / 2.302585092994046 * sv_log(mse > 1e-12 ? mse : 1e-12) / app->trainer.n_views;
+    *psnr += psnr_of(mse) / (t->n_views + t->n_composites);
   }
   return SV_OK;
 }

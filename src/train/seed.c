@@ -25,11 +25,38 @@ static double choose_depth(const sv_bounds *b, const double o[3], const double d
   return near * sv_exp(u * sv_log(far / near));
 }
 
+typedef struct {
+  const sv_view *view;
+  const sv_image_u8 *image;   // or
+  const sv_train_composite *c; // with the lens's place on it
+  const sv_footprint *footprint;
+} source;
+
+// The i-th of all views, those with pictures first.
+static source source_of(const sv_trainer *t, int i) {
+  if (i < t->n_views) return (source){.view = &t->views[i].view, .image = &t->views[i].image};
+  const sv_train_composite *c = t->composites;
+  for (i -= t->n_views; i >= c->model.n_lenses; c++) i -= c->model.n_lenses;
+  const sv_lens *lens = &c->model.lenses[i];
+  return (source){.view = &lens->view, .c = c, .footprint = &lens->footprint};
+}
+
+static void colour(const source *s, int x, int y, float rgb[3]) {
+  const sv_image_u8 *im = s->image;
+  for (int k = 0; k < 3 && im; k++)
+    rgb[k] = (float)im->px[(size_t)y * (size_t)im->stride_bytes + (size_t)(x * im->n_channels + k)] / 255.0f;
+  if (im) return;
+  size_t at = (size_t)(s->footprint->y0_px + y) * (size_t)s->c->model.width_px + (size_t)(s->footprint->x0_px + x);
+  for (int k = 0; k < 3; k++) rgb[k] = (float)s->c->px[3 * at + (size_t)k] / 65535.0f;
+}
+
 void sv_seed_points(const sv_trainer *t, const sv_bounds *bounds, uint64_t seed, sv_point *point, int n) {
   sv_rng rng = sv_rng_make(seed, 11);
+  int n_sources = t->n_views;
+  for (int i = 0; i < t->n_composites; i++) n_sources += t->composites[i].model.n_lenses;
   for (int i = 0; i < n; i++) {
-    const sv_train_view *tv = &t->views[i % t->n_views];
-    const sv_view *v = &tv->view;
+    const source from = source_of(t, i % n_sources);
+    const sv_view *v = from.view;
     int x = (int)sv_rng_below(&rng, (uint32_t)v->width_px),
         y = (int)sv_rng_below(&rng, (uint32_t)v->height_px);
     float c[3];
@@ -40,11 +67,7 @@ void sv_seed_points(const sv_trainer *t, const sv_bounds *bounds, uint64_t seed,
     double len = sv_norm3(d);
     for (int k = 0; k < 3; k++) d[k] /= len;
     double depth = choose_depth(bounds, o, d, &rng);
-    const uint8_t *px =
-        tv->image.px + (size_t)y * (size_t)tv->image.stride_bytes + (size_t)x * (size_t)tv->image.n_channels;
-    for (int k = 0; k < 3; k++) {
-      point[i].mean[k] = (float)(o[k] + d[k] * depth);
-      point[i].rgb[k] = (float)px[k] / 255.0f;
-    }
+    for (int k = 0; k < 3; k++) point[i].mean[k] = (float)(o[k] + d[k] * depth);
+    colour(&from, x, y, point[i].rgb);
   }
 }

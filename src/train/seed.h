@@ -11,7 +11,8 @@
 extern "C" {
 #endif
 
-// Fills point[n] from the trainer's views. Half of the depths are uniform inside the ball `bounds`, as far as
+// Fills point[n] from the trainer's views, lenses of shared sensors among them (a lens's pixels have the colour of
+// all that fell there). Half of the depths are uniform inside the ball `bounds`, as far as
 // the ray meets it; the rest are log-uniform from the ball's near side to eight radii behind its centre.
 void sv_seed_points(const sv_trainer *t, const sv_bounds *bounds, uint64_t seed, sv_point *point, int n);
 

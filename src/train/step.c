@@ -151,19 +151,20 @@ static sv_status view_step(sv_trainer *t, int i, float progress, sv_render_optio
   return sv_render_bwd(&t->render, t->k, t->pool, &t->grad, NULL, NULL, t->err_plane);
 }
 
-// Predicts a region. *last: the crop that the renderer still holds, -1 when no lens lights the region.
-static sv_status predict(sv_trainer *t, const sv_composite *c, const sv_region *region,
-                         const sv_render_options *o, int *last, size_t *n_px) {
+sv_status sv_train_predict(sv_trainer *t, const sv_composite *c, const sv_region *region,
+                           const sv_render_options *o, int *last, size_t *n_px) {
   sv_crop crop;
-  *last = -1, *n_px = 0;
+  size_t sum_px = 0;
+  if (last) *last = -1;
   sv_status s = sv_forward_begin(&t->forward, region);
   for (int m = 0; m < c->n_lenses && s >= 0; m++) {
     if (!sv_composite_crop(c, m, region, &crop)) continue;
     if ((s = sv_render(&t->render, t->k, t->pool, &t->g, &crop.view, o)) < 0) break;
     sv_forward_add(&t->forward, c, &crop, &t->render.rgb);
-    *last = m;
-    *n_px += (size_t)crop.view.width_px * (size_t)crop.view.height_px;
+    if (last) *last = m;
+    sum_px += (size_t)crop.view.width_px * (size_t)crop.view.height_px;
   }
+  if (n_px) *n_px = sum_px;
   if (s >= 0) sv_forward_finish(&t->forward, c);
   return s;
 }
@@ -178,7 +179,7 @@ static sv_status region_step(sv_trainer *t, int i, const sv_render_options *o, s
   const sv_composite *c = &tc->model;
   sv_region region = sv_train_region(t, tc, i);
   sv_photometric_value loss;
-  sv_status s = predict(t, c, &region, o, &last, &n_px);
+  sv_status s = sv_train_predict(t, c, &region, o, &last, &n_px);
   if (s < 0 || last < 0) return s;
   load_region(t, tc, &region);
   sv_photometric_loss(&t->photometric, t->k, t->pool, &t->forward.predicted, &t->target, &t->grad,

@@ -143,6 +143,11 @@ void sv_relocation_split(double o, int n, double *o_new, double *scale_factor);
 int sv_train_n_regions(int width_px, int height_px, int region_px);
 // Region i of a composite under this epoch's shift; all have the same size, and together they cover the sensor.
 sv_region sv_train_region(const sv_trainer *t, const sv_train_composite *c, int i);
+// Renders a region of a composite as it would be measured, into t->forward.predicted. *n_px: pixels of lens images
+// that were rendered; *last: the lens whose part the renderer still holds, -1 when none lights the region. Both may
+// be NULL.
+sv_status sv_train_predict(sv_trainer *t, const sv_composite *c, const sv_region *region,
+                           const sv_render_options *o, int *last, size_t *n_px) SV_MUST_USE;
 // A view from beside those that were taken, turned about the scene's centre; reduced in size.
 sv_view sv_train_unseen_view(sv_trainer *t);
 // Gradients of the last picture -> parameters for all touched blocks; returns the touched Gaussians.

@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: Apache-2.0
+// The preview picture: what was measured beside what the model gives.
+#include <string.h>
+
+#include "src/app/app.h"
+#include "src/base/mathx.h"
+
+static uint8_t to_u8(float x) { return (uint8_t)(sv_clampf(x, 0.0f, 1.0f) * 255.0f + 0.5f); }
+
+static void put_pixel(uint8_t *out, const sv_planes *p, int x, int y) {
+  for (int k = 0; k < 3; k++) out[k] = to_u8(p->c[k][(long)y * p->stride + x]);
+}
+
+// --- sizes ---------------------------------------------------------------------------------------
+
+// One of the three panels of a shared sensor, with one pixel for step x step of the sensor's.
+typedef struct {
+  int width_px, height_px, step;
+} panel;
+
+static panel panel_of(int width_px, int height_px) {
+  panel p = {.step = (3 * width_px + SV_APP_CAP_PREVIEW_PX - 1) / SV_APP_CAP_PREVIEW_PX};
+  p.width_px = (width_px + p.step - 1) / p.step;
+  p.height_px = (height_px + p.step - 1) / p.step;
+  return p;
+}
+
+void sv_app_preview_size(const sv_app_cfg *c, int *width_px, int *height_px) {
+  const sv_rig *rig = c->rig;
+  *width_px = *height_px = 1;
+  if (rig->forward == SV_FORWARD_MULTIPLEXED) {
+    int i = 0;
+    while (i < c->n_cameras - 1 && !sv_composites_has_lens(rig, i)) i++;
+    panel p = panel_of(c->caps[i].width_px, c->caps[i].height_px);
+    *width_px = 3 * p.width_px, *height_px = p.height_px;
+    return;
+  }
+  for (int i = 0; i < rig->n_sub_views; i++) {
+    *width_px = sv_maxi(*width_px, 2 * rig->sub_views[i].model.width_px);
+    *height_px = sv_maxi(*height_px, rig->sub_views[i].model.height_px);
+  }
+}
+
+// --- a sub-view's picture ------------------------------------------------------------------------
+
+static sv_status show_view(sv_app *app, const sv_train_view *tv) {
+  const sv_publish *p = &app->port.publish;
+  sv_render_options o = sv_train_render_options(&app->trainer, 1.0f, false);
+  sv_renderer *r = &app->trainer.render;
+  sv_status s = sv_render(r, app->k, &app->port.pool, &app->trainer.g, &tv->view, &o);
+  if (s < 0) return s;
+  int w = tv->view.width_px, h = tv->view.height_px;
+  for (int y = 0; y < h; y++) {
+    uint8_t *left = app->preview + (size_t)y * (size_t)w * 6, *right = left + (size_t)w * 3;
+    memcpy(left, tv->image.px + (size_t)y * (size_t)tv->image.stride_bytes, (size_t)w * 3);
+    for (int x = 0; x < w; x++) put_pixel(right + 3 * x, &r->rgb, x, y);
+  }
+  p->image(p->self, "preview", 2 * w, h, app->preview);
+  return SV_OK;
+}
+
+// --- a shared sensor -----------------------------------------------------------------------------
+
+static uint8_t *at(const sv_app *app, const panel *p, int i_panel, int x, int y) {
+  return app->preview + 3 * ((size_t)y * 3 * (size_t)p->width_px + (size_t)(i_panel * p->width_px + x));
+}
+
+static void put_measured(sv_app *app, const panel *p, const sv_train_composite *c) {
+  for (int y = 0; y < p->height_px; y++)
+    for (int x = 0; x < p->width_px; x++) {
+      const uint16_t *px =
+          c->px + 3 * (size_t)p->step * ((size_t)y * (size_t)c->model.width_px + (size_t)x);
+      for (int k = 0; k < 3; k++) at(app, p, 0, x, y)[k] = (uint8_t)((px[k] + 128) / 257);
+    }
+}
+
+static sv_status put_predicted(sv_app *app, const panel *p, const sv_composite *c, const sv_render_options *o) {
+  const int side = app->trainer.cfg.region_px;
+  const sv_planes *predicted = &app->trainer.forward.predicted;
+  for (int y0 = 0; y0 < c->height_px; y0 += side)
+    for (int x0 = 0; x0 < c->width_px; x0 += side) {
+      sv_region r = {x0, y0, sv_mini(x0 + side, c->width_px), sv_mini(y0 + side, c->height_px)};
+      sv_status s = sv_train_predict(&app->trainer, c, &r, o, NULL, NULL);
+      if (s < 0) return s;
+      for (int y = (y0 + p->step - 1) / p->step; y * p->step < r.y1; y++)
+        for (int x = (x0 + p->step - 1) / p->step; x * p->step < r.x1; x++)
+          put_pixel(at(app, p, 1, x, y), predicted, x * p->step - x0, y * p->step - y0);
+    }
+  return SV_OK;
+}
+
+// In the middle of its panel, as large as whole multiples fit (or each so many pixels of a large one).
+static sv_status put_lens(sv_app *app, const panel *p, const sv_composite *c, const sv_render_options *o) {
+  const sv_view *v = &c->lenses[c->n_lenses / 2].view;
+  const sv_planes *rgb = &app->trainer.render.rgb;
+  sv_status s = sv_render(&app->trainer.render, app->k, &app->port.pool, &app->trainer.g, v, o);
+  if (s < 0) return s;
+  int zoom = sv_maxi(1, sv_mini(p->width_px / v->width_px, p->height_px / v->height_px));
+  int step = zoom > 1 ? 1 : p->step, w = v->width_px * zoom / step, h = v->height_px * zoom / step;
+  w = sv_mini(w, p->width_px), h = sv_mini(h, p->height_px);
+  int left = (p->width_px - w) / 2, top = (p->height_px - h) / 2;
+  for (int y = 0; y < p->height_px; y++)
+    for (int x = 0; x < p->width_px; x++) {
+      bool is_in = x >= left && x < left + w && y >= top && y < top + h;
+      if (is_in) put_pixel(at(app, p, 2, x, y), rgb, (x - left) * step / zoom, (y - top) * step / zoom);
+      else memset(at(app, p, 2, x, y), 0, 3);
+    }
+  return SV_OK;
+}
+
+static sv_status show_composite(sv_app *app, const sv_train_composite *tc) {
+  const sv_publish *p = &app->port.publish;
+  const sv_composite *c = &tc->model;
+  panel one = panel_of(c->width_px, c->height_px);
+  sv_render_options o = sv_train_render_options(&app->trainer, 1.0f, false);
+  put_measured(app, &one, tc);
+  sv_status s = put_predicted(app, &one, c, &o);
+  if (s >= 0) s = put_lens(app, &one, c, &o);
+  if (s < 0) return s;
+  p->image(p->self, "preview", 3 * one.width_px, one.height_px, app->preview);
+  return SV_OK;
+}
+
+sv_status sv_app_publish_preview(sv_app *app) {
+  if (!app->port.publish.image) return SV_OK;
+  if (app->trainer.n_composites > 0) return show_composite(app, &app->trainer.composites[0]);
+  return app->trainer.n_views > 0 ? show_view(app, &app->trainer.views[0]) : SV_OK;
+}
