@@ -25,20 +25,22 @@ static struct {
   sv_capture_writer writer;
   sv_linux_console console;
   char rig_dir[SV_CAPTURE_CAP_PATH];
+  sv_coverage_names coverage;
   char text[64 * 1024];
   long n_exposures;
 } cap;
 
-static sv_status write_rig(const char *dir, sv_err *err) {
+static sv_status write_rig(const char *dir, sv_arena *arena, sv_err *err) {
   sv_linux_store folder;
   sv_fmt(cap.rig_dir, sizeof cap.rig_dir, "%s/rig", dir);
   sv_status s = sv_linux_store_open(&folder, cap.rig_dir, err);
   if (s < 0) return s;
   sv_store st = sv_linux_store_port(&folder);
+  s = coverage_write(cap.src.rig, &cap.coverage, &st, arena, err);
   for (int i = -1; s >= 0 && i < cap.src.rig->n_sub_views; i++) {
     sv_str text = sv_str_make(cap.text, sizeof cap.text);
     char name[64] = "rig.json";
-    if (i < 0) s = sv_rig_json_write(&text, cap.src.rig);
+    if (i < 0) s = sv_rig_json_write_coverage(&text, cap.src.rig, &cap.coverage);
     else {
       const sv_sub_view *v = &cap.src.rig->sub_views[i];
       sv_fmt(name, sizeof name, "%s.cameramodel", v->name);
@@ -137,7 +139,7 @@ static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err
   cap.frames = SV_TAKE(arena, sv_frame, n);
   s = sv_sync_init(&cap.sync, &sc, arena);
   if (s < 0) return sv_fail(err, s, "no frame synchronisation for %d cameras: %s", n, sv_status_text(s));
-  if ((s = write_rig(o->out, err)) < 0) return s;
+  if ((s = write_rig(o->out, arena, err)) < 0) return s;
   double scene[6];
   for (int i = 0; i < 3; i++) {
     double h = (double)cap.src.bounds.radius / sqrt(3.0);

@@ -4,14 +4,14 @@
 
 typedef struct {
   long gaussians, sh, images, threads, arena_mib;
-  const char *size;
+  const char *size, *grid;
   bool is_json;
 } plan_options;
 
 static struct {
   sv_app app;
   sv_arena dry;
-  sv_sub_view sub;
+  sv_sub_view sub[SV_CAP_SUB_VIEWS];
   sv_rig rig;
   sv_camera_caps caps;
 } p;
@@ -87,6 +87,24 @@ static void print_json(const plan_options *o, size_t cap, size_t used, int w, in
   say(1, "\"parts\": [%s]}\n", text);
 }
 
+static int make_rig(const plan_options *o, int w, int h) {
+  sv_device_params d = sv_device_defaults(SV_DEVICE_MULTIPLEXED);
+  sv_err err;
+  p.caps = (sv_camera_caps){.width_px = w, .height_px = h};
+  p.sub[0] = (sv_sub_view){
+      .name = "plan",
+      .model = {.kind = SV_MODEL_PINHOLE, .width_px = w, .height_px = h, .p = {w, w, 0.5 * w, 0.5 * h}},
+      .cam_from_rig = sv_pose_identity()};
+  p.rig = (sv_rig){.name = "plan", .n_sub_views = 1, .cap_sub_views = SV_CAP_SUB_VIEWS, .sub_views = p.sub};
+  if (!o->grid) return 0;
+  if (!parse_size(o->grid, &d.rows, &d.cols))
+    return usage_error("plan", "--multiplexed %s: expected RxC, lenses in rows and columns", o->grid);
+  d.width_px = w, d.height_px = h, d.focal_per_width = 1, d.distance_m = 1;
+  if (sv_device_build(&p.rig, &d, &err) < 0)
+    return usage_error("plan", "--multiplexed %s: %s", o->grid, err.text);
+  return 0;
+}
+
 int cmd_plan(int argc, char **argv) {
   plan_options o = {.gaussians = BOARD_GAUSSIANS,
                     .sh = BOARD_SH_DEGREE,
@@ -99,6 +117,8 @@ int cmd_plan(int argc, char **argv) {
       {"--sh", OPT_INT, &o.sh, 0, 3, "D", "spherical harmonics degree"},
       {"--images", OPT_INT, &o.images, 0, 100000, "N", "pictures kept for training (exposures x sub-views)"},
       {"--size", OPT_TEXT, &o.size, 0, 0, "WxH", "their size in pixels (640x480)"},
+      {"--multiplexed", OPT_TEXT, &o.grid, 0, 0, "RxC",
+       "so many lenses that overlap twice on a sensor of that size; images are exposures then"},
       {"--threads", OPT_INT, &o.threads, 1, BOARD_CAP_THREADS, "N", "threads (each has scratch of its own)"},
       {"--arena", OPT_INT, &o.arena_mib, 1, 65536, "MIB", "size of the block (default: the board's)"},
       {"--json", OPT_FLAG, &o.is_json, 0, 0, NULL, "print one JSON object"},
@@ -113,11 +133,7 @@ int cmd_plan(int argc, char **argv) {
     return usage_error("plan", "--size %s: expected WxH with sides of 1 to 16384", o.size);
   if (o.gaussians < 1) return usage_error("plan", "--gaussians 0: expected at least 1");
   if (o.images < 1) return usage_error("plan", "--images 0: expected at least 1");
-  p.sub = (sv_sub_view){
-      .name = "plan",
-      .model = {.kind = SV_MODEL_PINHOLE, .width_px = w, .height_px = h, .p = {w, w, 0.5 * w, 0.5 * h}},
-      .cam_from_rig = sv_pose_identity()};
-  p.rig = (sv_rig){.name = "plan", .n_sub_views = 1, .cap_sub_views = 1, .sub_views = &p.sub};
+  if ((r = make_rig(&o, w, h)) != 0) return r;
   size_t cap = (size_t)o.arena_mib << 20, used = bytes_of(&o, o.gaussians, (int)o.sh, o.images);
   if (!used) {
     say(2, "subview: these settings make no run (see the limits in --help)\n");

@@ -152,7 +152,8 @@ static sv_status carve_outputs(sv_arena *a, const sv_app_cfg *cfg, sv_err *err) 
   run.cap_jpeg = (size_t)w * (size_t)h * 3 + 4096;
   run.jpeg = SV_TAKE(a, uint8_t, run.cap_jpeg);
   const sv_camera_model *m = &run.src.rig->sub_views[0].model; // that of the held-out views
-  if (run.src.kind == SOURCE_SIM) run.truth = SV_TAKE(a, uint8_t, (size_t)m->width_px * (size_t)m->height_px * 3);
+  if (run.src.kind == SOURCE_SIM)
+    run.truth = SV_TAKE(a, uint8_t, (size_t)m->width_px * (size_t)m->height_px * 3);
   return a->status < 0 ? sv_fail(err, a->status, "no room for the preview") : SV_OK;
 }
 
@@ -192,8 +193,8 @@ static int report(const run_options *o, sv_err *err) {
         "{%s, \"steps\": %u, \"gaussians\": %ld, \"exposures\": %d, \"views\": %d, \"seconds\": %.3f, "
         "\"threads\": %ld, \"isa\": "
         "\"%s\", \"arena_bytes\": %zu, \"digest\": \"%08x%08x\"}\n",
-        extra, run.app.trainer.step, o->gaussians, run.app.exposures.n, run.app.n_views,
-        run.app.train_s, o->threads, sv_isa_name(run.k.isa), run.app.arena->cap_bytes,
+        extra, run.app.trainer.step, o->gaussians, run.app.exposures.n, run.app.n_views, run.app.train_s,
+        o->threads, sv_isa_name(run.k.isa), run.app.arena->cap_bytes,
         (unsigned)(sv_train_digest(&run.app.trainer) >> 32), (unsigned)sv_train_digest(&run.app.trainer));
     return 0;
   }
@@ -202,8 +203,8 @@ static int report(const run_options *o, sv_err *err) {
   say(1,
       "%d exposures, %d views, %u steps in %.1f s\nsaved: %s/model.ply %s/run.json %s/preview.jpg "
       "%s/checkpoint.bin\n",
-      run.app.exposures.n, run.app.n_views, run.app.trainer.step, run.app.train_s, o->out, o->out,
-      o->out, o->out);
+      run.app.exposures.n, run.app.n_views, run.app.trainer.step, run.app.train_s, o->out, o->out, o->out,
+      o->out);
   return 0;
 }
 

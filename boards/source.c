@@ -5,7 +5,6 @@
 #include <unistd.h>
 
 #include "boards/board_main.h"
-#include "src/format/rig_file.h"
 
 static sv_status read_caps(board_source *s, sv_arena *arena, sv_err *err) {
   s->caps = SV_TAKE(arena, sv_camera_caps, s->source.n_cameras);
@@ -60,9 +59,12 @@ static sv_status read_rig(board_source *s, sv_arena *arena, sv_err *err) {
   if (r < 0) return sv_fail(err, r, "no room for a rig");
   sv_arena scratch = sv_arena_sub(arena, 1 << 20);
   sv_file_reader files = {s->rig_dir, read_in_folder};
-  r = sv_rig_read(&s->rig_read, &files, "rig.json", s->source.n_cameras, &scratch, err);
+  sv_coverage_names *names = SV_TAKE(&scratch, sv_coverage_names, 1);
+  if (!names) return sv_fail(err, SV_E_NOMEM, "no room for a rig");
+  memset(names, 0, sizeof *names);
+  r = sv_rig_read_coverage(&s->rig_read, names, &files, "rig.json", s->source.n_cameras, &scratch, err);
   s->rig = &s->rig_read;
-  return r;
+  return r < 0 ? r : coverage_read(&s->rig_read, names, &files, s->rig_dir, arena, err);
 }
 
 static sv_status open_replay(board_source *s, const char *spec, sv_arena *arena, sv_err *err) {

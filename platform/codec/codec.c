@@ -9,7 +9,8 @@
 
 // Working memory of one picture. libjpeg keeps rows: at most 3 channels, 2 lines of MCUs (16 rows each)
 // with context, twice (decoded and upsampled), about 200 bytes a column; tables and derived tables are under
-// 128 KiB. libpng keeps two rows of up to 8 bytes a pixel, zlib's window and state are 40 KiB. The unit
+// 128 KiB. libpng keeps two rows of up to 8 bytes a pixel, zlib's window and state are 40 KiB, or 270 KiB
+// for writing. The unit
 // test prints the high-water mark.
 static size_t block_bytes(const sv_codec_cfg *cfg) {
   size_t w = ((size_t)cfg->max_width_px + 31) & ~(size_t)31,

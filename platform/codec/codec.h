@@ -71,6 +71,11 @@ sv_status sv_codec_decode(sv_codec *c, const uint8_t *data, size_t bytes, const 
 sv_status sv_codec_encode_jpeg(sv_codec *c, const sv_picture *in, int quality, bool is_full_colour,
                                uint8_t *out, size_t cap, size_t *bytes, sv_err *err) SV_MUST_USE;
 
+// GREY8, RGB8 or RGB16 -> PNG in out[cap], without loss. sv_codec_png_cap bytes always suffice; E_FULL.
+sv_status sv_codec_encode_png(sv_codec *c, const sv_picture *in, uint8_t *out, size_t cap, size_t *bytes,
+                              sv_err *err) SV_MUST_USE;
+size_t sv_codec_png_cap(int width_px, int height_px, sv_pixel_format format);
+
 #ifdef __cplusplus
 }
 #endif

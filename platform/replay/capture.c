@@ -181,7 +181,12 @@ static sv_status read_camera(const json_t *j, int t, sv_capture_camera *c, sv_ca
     return bad(j, v, "fps", "frames per second, 0 when unknown");
   c->caps.width_px = (int)w, c->caps.height_px = (int)h;
   c->caps.clock = (sv_clock_id)clock, c->caps.stamp = (sv_stamp_source)stamp;
-  c->caps.frame_bytes = (size_t)w * (size_t)h * 3;
+  int64_t bits = 8;
+  s = get_int(j, t, "bits", 8, 16, 8, &bits, "8 or 16");
+  if (s == SV_OK && bits != 8 && bits != 16) s = bad(j, find(j, t, "bits"), "bits", "8 or 16");
+  if (s < 0) return s;
+  if (bits == 16) c->caps.format = SV_PIX_RGB16;
+  c->caps.frame_bytes = (size_t)w * (size_t)h * 3 * (size_t)(bits / 8);
   v = find(j, t, "frames");
   if (v < 0 || j->tokens[v].type != JSMN_ARRAY) return bad(j, t, "frames", "a list");
   return read_frames(j, v, c, pool);

@@ -13,6 +13,7 @@
 //     "scene": {"min_m": [x,y,z], "max_m": [x,y,z]},   optional: bounds of the scene in the world
 //     "cameras": [
 //       {"name": "cam0", "folder": "cam0", "width": 640, "height": 480, "fps": 30,
+//        "bits": 8 | 16,                  default 8; 16: PNG files, played back as RGB16
 //        "clock": "camera" | "monotonic" | "boottime" | "realtime",     default "monotonic"
 //        "stamp": "start" | "middle" | "end",                           default "start"
 //        "frames": [
@@ -46,7 +47,7 @@ typedef struct {
 } sv_capture_frame;
 
 typedef struct {
-  sv_camera_caps caps; // name, size, fps, clock, stamp; format RGB8
+  sv_camera_caps caps; // name, size, fps, clock, stamp; format RGB8 or RGB16
   const char *folder;
   sv_capture_frame *frames; // [n_frames]
   int n_frames;

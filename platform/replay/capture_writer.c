@@ -44,8 +44,13 @@ static void carve(sv_capture_writer *w, const sv_capture_writer_cfg *cfg, sv_are
   sv_codec_cfg cc = codec_cfg(cfg);
   w->cameras = SV_TAKE(a, sv_capture_writer_camera, cfg->n_cameras);
   w->caps = SV_TAKE(a, sv_camera_caps, cfg->n_cameras);
-  w->cap_jpeg = (size_t)cc.max_width_px * (size_t)cc.max_height_px * 3 + 4096;
-  w->jpeg = SV_TAKE(a, uint8_t, w->cap_jpeg);
+  w->cap_encoded = (size_t)cc.max_width_px * (size_t)cc.max_height_px * 3 + 4096;
+  for (int i = 0; i < cfg->n_cameras; i++) {
+    const sv_camera_caps *c = &cfg->caps[i];
+    size_t cap = c->format == SV_PIX_RGB16 ? sv_codec_png_cap(c->width_px, c->height_px, c->format) : 0;
+    if (cap > w->cap_encoded) w->cap_encoded = cap;
+  }
+  w->encoded = SV_TAKE(a, uint8_t, w->cap_encoded);
   w->cap_copy = COPY_BYTES;
   w->copy = SV_TAKE(a, uint8_t, w->cap_copy);
 }
@@ -124,11 +129,12 @@ static sv_status put_camera(sv_capture_writer *w, int i, sv_err *err) {
   const sv_camera_caps *c = &w->caps[i];
   char line[LINE_BYTES];
   sv_fmt(line, sizeof line,
-         "{\"name\":\"%s\",\"folder\":\"%s\",\"width\":%d,\"height\":%d,\"fps\":%.17g,\"clock\":\"%s\","
+         "{\"name\":\"%s\",\"folder\":\"%s\",\"width\":%d,\"height\":%d,\"fps\":%.17g,\"bits\":%d,\"clock\":"
+         "\"%s\","
          "\"stamp\":\"%s\","
          "\"frames\":[\n",
-         c->name, w->cameras[i].folder, c->width_px, c->height_px, c->fps, clocks[c->clock],
-         stamps[c->stamp]);
+         c->name, w->cameras[i].folder, c->width_px, c->height_px, c->fps, c->format == SV_PIX_RGB16 ? 16 : 8,
+         clocks[c->clock], stamps[c->stamp]);
   sv_status s = put_text(&w->store, line, err);
   if (s == SV_OK) s = copy_lines(&w->store, w->cameras[i].fd, w->copy, w->cap_copy, err);
   if (s == SV_OK) s = put_text(&w->store, i + 1 < w->cfg.n_cameras ? "]},\n" : "]}\n", err);
@@ -221,7 +227,7 @@ sv_status sv_capture_writer_open(sv_capture_writer *w, const sv_capture_writer_c
     return sv_fail(err, arena->status, "capture: the memory left does not hold the writer's buffers");
   sv_codec_cfg cc = codec_cfg(cfg);
   sv_status s = sv_codec_init(&w->codec, &cc, arena);
-  if (s < 0) return sv_fail(err, s, "capture: the memory left does not hold the JPEG encoder");
+  if (s < 0) return sv_fail(err, s, "capture: the memory left does not hold the encoder");
   w->cfg = *cfg;
   if (!w->cfg.quality) w->cfg.quality = 95;
   if (!w->cfg.save_period) w->cfg.save_period = 100;
@@ -263,9 +269,11 @@ static sv_status picture_bytes(sv_capture_writer *w, const sv_frame *f, const ui
   if (f->format == SV_PIX_JPEG || f->format == SV_PIX_PNG) return SV_OK;
   sv_picture in = {f->width_px, f->height_px, (size_t)f->stride_bytes, f->format,
                    (uint8_t *)(uintptr_t)f->data};
-  *data = w->jpeg;
-  return sv_codec_encode_jpeg(&w->codec, &in, w->cfg.quality, !w->cfg.is_chroma_halved, w->jpeg, w->cap_jpeg,
-                              bytes, err);
+  *data = w->encoded;
+  if (f->format == SV_PIX_RGB16)
+    return sv_codec_encode_png(&w->codec, &in, w->encoded, w->cap_encoded, bytes, err);
+  return sv_codec_encode_jpeg(&w->codec, &in, w->cfg.quality, !w->cfg.is_chroma_halved, w->encoded,
+                              w->cap_encoded, bytes, err);
 }
 
 static sv_status put_picture(sv_capture_writer *w, int dir_fd, const char *name, const uint8_t *data,
@@ -287,13 +295,16 @@ sv_status sv_capture_writer_add(sv_capture_writer *w, const sv_frame *f, sv_err 
   if (f->width_px != caps->width_px || f->height_px != caps->height_px)
     return sv_fail(err, SV_E_ARG, "capture: a frame of %s is %dx%d, expected %dx%d", c->folder, f->width_px,
                    f->height_px, caps->width_px, caps->height_px);
+  if ((f->format == SV_PIX_RGB16) != (caps->format == SV_PIX_RGB16))
+    return sv_fail(err, SV_E_ARG, "capture: a frame of %s has another pixel format than its camera tells",
+                   c->folder);
   const uint8_t *data;
   size_t bytes;
   char name[32], line[LINE_BYTES];
   sv_status s = picture_bytes(w, f, &data, &bytes, err);
   if (s < 0) return s;
   sv_fmt(name, sizeof name, "%06llu.%s", (unsigned long long)c->n_frames,
-         f->format == SV_PIX_PNG ? "png" : "jpg");
+         f->format == SV_PIX_PNG || f->format == SV_PIX_RGB16 ? "png" : "jpg");
   s = put_picture(w, c->dir_fd, name, data, bytes, err);
   if (s < 0) return s;
   // The line goes after the picture: what is listed is there.

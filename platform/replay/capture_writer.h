@@ -38,8 +38,8 @@ typedef struct {
   sv_codec codec;
   sv_capture_writer_camera *cameras; // [n_cameras]
   sv_camera_caps *caps;              // [n_cameras]
-  uint8_t *jpeg;                     // [cap_jpeg]
-  size_t cap_jpeg;
+  uint8_t *encoded;                  // [cap_encoded]
+  size_t cap_encoded;
   uint8_t *copy; // [cap_copy] between sidecar and capture.json
   size_t cap_copy;
   int pose_fd;
@@ -52,7 +52,7 @@ typedef struct {
 size_t sv_capture_writer_bytes(const sv_capture_writer_cfg *cfg); // 0 when cfg is out of range
 sv_status sv_capture_writer_open(sv_capture_writer *w, const sv_capture_writer_cfg *cfg, sv_arena *arena,
                                  sv_err *err) SV_MUST_USE;
-// RGB8 and GREY8 are encoded; JPEG and PNG frames are written as they are. A frame with is_error is
+// RGB8 and GREY8 are encoded as JPEG, RGB16 as PNG without loss; JPEG and PNG frames are written as they are. A frame with is_error is
 // left out (DROPPED): its gap in the sequence stays visible.
 sv_status sv_capture_writer_add(sv_capture_writer *w, const sv_frame *frame, sv_err *err) SV_MUST_USE;
 // Poses in order of time.

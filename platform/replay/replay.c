@@ -235,7 +235,8 @@ static sv_status read_file(sv_replay *r, int c, const char *name, size_t *bytes)
 // Decodes into a buffer; a picture that cannot be had is black, or what could be read of it.
 static bool read_picture(sv_replay *r, int c, const char *name, uint8_t *rgb) {
   const sv_camera_caps *caps = &r->capture.cameras[c].caps;
-  sv_picture out = {caps->width_px, caps->height_px, (size_t)caps->width_px * 3, SV_PIX_RGB8, rgb};
+  sv_picture out = {caps->width_px, caps->height_px, caps->frame_bytes / (size_t)caps->height_px,
+                    caps->format, rgb};
   size_t bytes = 0;
   sv_status s = read_file(r, c, name, &bytes);
   if (s == SV_OK) {
@@ -267,8 +268,8 @@ static sv_status deliver(sv_replay *r, int c, sv_frame *f) {
                   .exposure_ns = cf->exposure_ns,
                   .width_px = caps->width_px,
                   .height_px = caps->height_px,
-                  .stride_bytes = caps->width_px * 3,
-                  .format = SV_PIX_RGB8,
+                  .stride_bytes = (int)(caps->frame_bytes / (size_t)caps->height_px),
+                  .format = caps->format,
                   .data = rgb,
                   .data_bytes = caps->frame_bytes,
                   .is_error = !read_picture(r, c, cf->file, rgb),

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A capture folder as a live source of frames: decoded RGB8 frames at their times, on a clock of its
+// A capture folder as a live source of frames: decoded RGB8 (or RGB16) frames at their times, on a clock of its
 // own that continues the capture's host time. `max` jumps from frame to frame (tests get the same run each
 // time); `realtime` and factors follow the machine's clock. Use sv_replay_clock as the runtime's clock.
 // No heap after init, except the few blocks that sv_codec_init takes in it.
@@ -35,7 +35,7 @@ typedef struct {
   int dir_fd;       // the camera's folder
   int i_next;       // next frame in the capture's list
   uint64_t on_loan; // bit per buffer
-  uint8_t *buffers; // [n_buffers][height][width][3]
+  uint8_t *buffers; // [n_buffers][frame_bytes]
   sv_replay_stats stats;
 } sv_replay_camera;
 

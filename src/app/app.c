@@ -129,10 +129,11 @@ sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, c
   if (cfg->n_exposures < 1)
     return sv_fail(err, SV_E_ARG, "%d exposures asked for, expected at least 1", cfg->n_exposures);
   if (is_multiplexed(cfg) && n_trained_sub_views(cfg) != cfg->rig->n_sub_views)
-    return sv_fail(err, SV_E_UNSUPPORTED,
-                   "rig \"%s\" is multiplexed: its sub-views overlap on their sensor and can only be trained on "
-                   "together, not %d of %d",
-                   cfg->rig->name, n_trained_sub_views(cfg), cfg->rig->n_sub_views);
+    return sv_fail(
+        err, SV_E_UNSUPPORTED,
+        "rig \"%s\" is multiplexed: its sub-views overlap on their sensor and can only be trained on "
+        "together, not %d of %d",
+        cfg->rig->name, n_trained_sub_views(cfg), cfg->rig->n_sub_views);
   if (!n_trained_sub_views(cfg))
     return sv_fail(err, SV_E_ARG, "none of the chosen sub-views is in rig \"%s\", which has %d",
                    cfg->rig->name, cfg->rig->n_sub_views);

@@ -15,8 +15,8 @@
 extern "C" {
 #endif
 
-#define SV_APP_REPORT_BYTES (64 * 1024)
-#define SV_APP_TIME_BINS    256
+#define SV_APP_REPORT_BYTES   (64 * 1024)
+#define SV_APP_TIME_BINS      256
 #define SV_APP_CAP_PREVIEW_PX 8192 // width of the three pictures of a multiplexed rig
 
 typedef enum {

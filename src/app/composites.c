@@ -72,10 +72,11 @@ static void place(const sv_composites *c, sv_lens *lens, const sv_exposure *expo
 static sv_status check_lens(const sv_rig *rig, const sv_sub_view *v, sv_err *err) {
   for (int i = 4; i < sv_model_n_params(v->model.kind); i++)
     if (v->model.p[i] != 0)
-      return sv_fail(err, SV_E_UNSUPPORTED,
-                     "rig \"%s\", sub-view \"%s\": lens images that add up on a sensor cannot be undistorted; a "
-                     "pinhole model was expected",
-                     rig->name, v->name);
+      return sv_fail(
+          err, SV_E_UNSUPPORTED,
+          "rig \"%s\", sub-view \"%s\": lens images that add up on a sensor cannot be undistorted; a "
+          "pinhole model was expected",
+          rig->name, v->name);
   return SV_OK;
 }
 
@@ -101,8 +102,8 @@ static sv_status measure(sv_composites *c, sv_err *err) {
     sv_composites_get(c, 0, i, &model, &px);
     s = sv_composite_check(&model, &why);
     if (s >= 0) {
-      model.m_max = sensor->m_max = sv_composite_m_max(model.lenses, model.n_lenses, sensor->width_px,
-                                                       sensor->height_px, c->row);
+      model.m_max = sensor->m_max =
+          sv_composite_m_max(model.lenses, model.n_lenses, sensor->width_px, sensor->height_px, c->row);
       s = sv_composite_check(&model, &why);
     }
     if (s < 0) s = sv_fail(err, s, "rig \"%s\", camera %d: %s", rig->name, sensor->i_camera, why.text);

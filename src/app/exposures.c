@@ -141,9 +141,8 @@ static sv_status put_pictures(sv_exposures *e, int slot, const sv_frame *frame, 
 sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const sv_frame *frame,
                            const sv_kernels *k, const sv_pool *pool, sv_err *err) {
   const int slot = e->i_next;
-  sv_status s = is_multiplexed(&e->cfg)
-                    ? sv_composites_put(&e->composites, slot, exposure, frame, pool, err)
-                    : put_pictures(e, slot, frame, k, pool, err);
+  sv_status s = is_multiplexed(&e->cfg) ? sv_composites_put(&e->composites, slot, exposure, frame, pool, err)
+                                        : put_pictures(e, slot, frame, k, pool, err);
   if (s < 0) return s;
   e->exposure[slot] = *exposure;
   e->i_next = (slot + 1) % e->cfg.cap_exposures;

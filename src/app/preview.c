@@ -68,13 +68,13 @@ static uint8_t *at(const sv_app *app, const panel *p, int i_panel, int x, int y)
 static void put_measured(sv_app *app, const panel *p, const sv_train_composite *c) {
   for (int y = 0; y < p->height_px; y++)
     for (int x = 0; x < p->width_px; x++) {
-      const uint16_t *px =
-          c->px + 3 * (size_t)p->step * ((size_t)y * (size_t)c->model.width_px + (size_t)x);
+      const uint16_t *px = c->px + 3 * (size_t)p->step * ((size_t)y * (size_t)c->model.width_px + (size_t)x);
       for (int k = 0; k < 3; k++) at(app, p, 0, x, y)[k] = (uint8_t)((px[k] + 128) / 257);
     }
 }
 
-static sv_status put_predicted(sv_app *app, const panel *p, const sv_composite *c, const sv_render_options *o) {
+static sv_status put_predicted(sv_app *app, const panel *p, const sv_composite *c,
+                               const sv_render_options *o) {
   const int side = app->trainer.cfg.region_px;
   const sv_planes *predicted = &app->trainer.forward.predicted;
   for (int y0 = 0; y0 < c->height_px; y0 += side)

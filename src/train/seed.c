@@ -27,7 +27,7 @@ static double choose_depth(const sv_bounds *b, const double o[3], const double d
 
 typedef struct {
   const sv_view *view;
-  const sv_image_u8 *image;   // or
+  const sv_image_u8 *image;    // or
   const sv_train_composite *c; // with the lens's place on it
   const sv_footprint *footprint;
 } source;
@@ -46,7 +46,8 @@ static void colour(const source *s, int x, int y, float rgb[3]) {
   for (int k = 0; k < 3 && im; k++)
     rgb[k] = (float)im->px[(size_t)y * (size_t)im->stride_bytes + (size_t)(x * im->n_channels + k)] / 255.0f;
   if (im) return;
-  size_t at = (size_t)(s->footprint->y0_px + y) * (size_t)s->c->model.width_px + (size_t)(s->footprint->x0_px + x);
+  size_t at =
+      (size_t)(s->footprint->y0_px + y) * (size_t)s->c->model.width_px + (size_t)(s->footprint->x0_px + x);
   for (int k = 0; k < 3; k++) rgb[k] = (float)s->c->px[3 * at + (size_t)k] / 65535.0f;
 }
 
