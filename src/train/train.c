@@ -220,6 +220,10 @@ sv_status sv_train_start(sv_trainer *t, const sv_init_cfg *init, const sv_point 
   memset(t->m, 0, n * sizeof *t->m);
   memset(t->v, 0, n * sizeof *t->v);
   memset(t->err, 0, (size_t)t->g.cap * sizeof *t->err);
+  if (t->sum) {
+    memset(t->sum, 0, (size_t)t->g.cap * (size_t)(t->g.n_rows + 1) * sizeof *t->sum);
+    memset(t->sum_touched, 0, (size_t)t->g.cap / 8 * sizeof *t->sum_touched);
+  }
   sv_train_set_scene(t, init->centre, init->radius);
   if (init->kind == SV_INIT_POINTS) {
     float centre[3], radius = sv_gaussians_radius(&t->g, scratch, centre);

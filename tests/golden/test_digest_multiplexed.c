@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+// A whole run on a multiplexed sensor gives the same bits for any number of threads, for every instruction set with a
+// fused multiply-add, and on every machine. Who changes the arithmetic of training on purpose takes the new digest
+// from what the failing test prints.
+// clang-format off
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+// clang-format on
+#include <stdio.h>
+
+#include "tests/common/world.h"
+
+#define STEPS  200
+#define DIGEST 0xc686412ca88e0f55ull
+
+static world w;
+
+// Odd sizes, noise, total variation of lens images and of unseen views, relocation: everything takes part.
+static void expect(uint32_t isa_mask, int n_threads, const char *what) {
+  if (!world_open(&w, "textured,rig=multiplexed,grid=2x3,size=100x76,noise=read:1e-4:shot:1e-3", 2, isa_mask,
+                  n_threads))
+    fail_msg("%s", w.err.text);
+  sv_train_cfg *t = &w.cfg.train;
+  t->n_gaussians = 600;
+  t->sh_degree = 2;
+  t->relocate_every = 10;
+  t->lr.logit = 0.3f; // fades what is not needed within a few steps
+  t->region_px = 40;
+  t->weight_tv = 0.02f;
+  t->n_unseen = 1, t->unseen_every = 3, t->unseen_px = 24, t->weight_tv_unseen = 0.05f;
+  w.cfg.steps = STEPS;
+  if (world_run(&w) < 0) fail_msg("%s", w.err.text);
+  assert_int_equal(w.app.trainer.step, STEPS);
+  assert_true(w.app.trainer.n_relocated > 0);
+  uint64_t digest = sv_train_digest(&w.app.trainer);
+  world_close(&w);
+  if (digest != DIGEST)
+    fail_msg("%s: digest 0x%016llxull, expected 0x%016llxull", what, (unsigned long long)digest,
+             (unsigned long long)DIGEST);
+}
+
+static void test_threads(void **state) {
+  (void)state;
+  for (int n = 1; n <= 4; n *= 2) {
+    char what[16];
+    snprintf(what, sizeof what, "%d threads", n);
+    expect(~0u, n, what);
+  }
+}
+
+static void test_instruction_sets(void **state) {
+  (void)state;
+  for (int isa = 0; isa < SV_N_ISAS; isa++)
+    if ((sv_cpu_isas() & SV_ISA_BIT(isa)) && isa != SV_ISA_SSE41)
+      expect(sv_isa_only((sv_isa)isa), 2, sv_isa_name((sv_isa)isa));
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_threads),
+      cmocka_unit_test(test_instruction_sets),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
