@@ -259,16 +259,6 @@ static void test_phone(void **state) {
   world_close(&w);
 }
 
-static void test_multiplexed_is_refused(void **state) {
-  (void)state;
-  open_world("textured,rig=multiplexed,size=160x120", 2);
-  w.cfg.steps = 2;
-  assert_int_equal(world_run(&w), SV_E_UNSUPPORTED);
-  assert_true(world_is_one_sentence(w.err.text));
-  assert_non_null(strstr(w.err.text, "multiplexed"));
-  world_close(&w);
-}
-
 static void test_unknown_bounds(void **state) {
   (void)state;
   open_world("textured,rig=stereo,size=96x72", 6);
@@ -520,7 +510,6 @@ int main(void) {
       cmocka_unit_test(test_source_ends),
       cmocka_unit_test(test_light_field),
       cmocka_unit_test(test_phone),
-      cmocka_unit_test(test_multiplexed_is_refused),
       cmocka_unit_test(test_unknown_bounds),
       cmocka_unit_test(test_time_limit),
       cmocka_unit_test(test_resume_is_bit_exact),

@@ -18,7 +18,7 @@
 
 static _Alignas(64) unsigned char block[8 << 20];
 static sv_trainer t;
-static sv_kernels k;
+static sv_kernels kernels;
 static sv_pool pool;
 static sv_lens lens[N_LENSES];
 static uint16_t measured[3 * 90 * 70];
@@ -29,12 +29,12 @@ static void open_trainer(void) {
   sv_err err;
   sv_train_cfg cfg = sv_train_defaults();
   pool = sv_pool_serial();
-  sv_kernels_init(&k, ~0u);
+  sv_kernels_init(&kernels, ~0u);
   cfg.n_gaussians = 4;
   cfg.cap_views = 0, cfg.cap_composites = 1, cfg.region_px = REGION_PX;
   cfg.cap_regions = sv_train_n_regions(90, 70, REGION_PX);
   cfg.cap_width_px = cfg.cap_height_px = 64;
-  if (sv_trainer_init(&t, &cfg, &k, &pool, &a, &err) < 0) fail_msg("%s", err.text);
+  if (sv_trainer_init(&t, &cfg, &kernels, &pool, &a, &err) < 0) fail_msg("%s", err.text);
   for (int i = 0; i < N_LENSES; i++) {
     int w = size[i][0], h = size[i][1];
     sv_pose pose = sv_pose_identity();
