@@ -11,6 +11,7 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <png.h>
 #include <signal.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -150,7 +151,7 @@ static void test_bad_input(void **state) {
       {"run --source replay:@/no_rig --out @/bad", "rig", 1},
       {"run --source replay:@/no_frames --out @/bad", "", 1},
       {"run --source replay:@/tiny --rig @/nowhere --out @/bad", "nowhere", 1},
-      {"run --source sim:textured,rig=multiplexed,size=160x120 --out @/bad", "multiplexed", 1},
+      {"run --source sim:textured,rig=multiplexed,size=160x120 --sub-views v00 --out @/bad", "together", 1},
       {"run " SMALL "--gaussians 0 --out @/bad", "--gaussians 0", 2},
       {"run " SMALL "--gaussians -3 --out @/bad", "--gaussians", 2},
       {"run " SMALL "--gaussians 4000000 --exposures 1000 --out @/bad", "MiB", 1},
@@ -174,6 +175,8 @@ static void test_bad_input(void **state) {
       {"plan --size 640", "640", 2},
       {"plan --size 640x480x3", "640x480x3", 2},
       {"plan --images 0", "--images", 2},
+      {"plan --multiplexed 4", "--multiplexed 4", 2},
+      {"plan --multiplexed 90x90", "256", 2},
       {"plan --arena 1", "MiB", 1},
       {"selftest --loud", "--loud", 2},
   };
@@ -258,6 +261,71 @@ static void test_memory(void **state) {
                 block_mib);
   assert_true(peak_mib <= used_mib + 8.0);
   assert_true(used_mib < 0.5 * block_mib); // else the check above would prove little
+}
+
+// --- shared sensors ------------------------------------------------------------------------------
+
+// A grey ramp as NAME in the rig's folder.
+static void put_png(const char *name, int width_px, int height_px) {
+  static uint8_t px[64 * 64];
+  char path[600];
+  png_image im = {.version = PNG_IMAGE_VERSION,
+                  .width = (png_uint_32)width_px,
+                  .height = (png_uint_32)height_px,
+                  .format = PNG_FORMAT_GRAY};
+  for (int i = 0; i < width_px * height_px; i++) px[i] = (uint8_t)(255 - i % 200);
+  snprintf(path, sizeof path, "%s/mux/rig/%s", g_root, name);
+  assert_true(png_image_write_to_file(&im, path, 0, px, 0, NULL));
+}
+
+#define MUX "run --source replay:@/mux,speed=max --exposures 2 --gaussians 100 --steps 20 --quiet --json "
+
+static void expect_mux(int code, const char *says) {
+  int is = run(MUX "--out @/mux_bad");
+  if (is != code || n_lines(g_err) != (code != 0) || !strstr(g_err, says))
+    fail_msg("exit %d, expected %d and one line with \"%s\": %s", is, code, says, g_err);
+  assert_int_equal(code == 0 ? 0 : n_files("mux_bad"), 0);
+}
+
+// A recorded shared sensor, its rig with a coverage picture: good, absent, of another size, damaged, no picture.
+static void test_shared_sensor(void **state) {
+  (void)state;
+  static char json[CAP_JSON];
+  int w = 0, h = 0;
+  char digest[2][24];
+  assert_int_equal(
+      run("capture --source sim:textured,rig=multiplexed,grid=2x2,size=96x72 --exposures 2 --quiet "
+          "--out @/mux"),
+      0);
+  slurp("mux/rig/rig.json", json, sizeof json);
+  const char *at = strstr(json, "\"footprint\": [0, 0, ");
+  assert_true(at && sscanf(at, "\"footprint\": [0, 0, %d, %d]", &w, &h) == 2 && w * h <= 64 * 64);
+  assert_int_equal(run(MUX "--out @/mux_plain"), 0);
+  snprintf(digest[0], sizeof digest[0], "%.18s", value_of(g_out, "digest"));
+  shell("sed -i 's/\"footprint\": .0, 0, [0-9]*, [0-9]*./&, \"coverage\": \"a.png\"/' '%s/mux/rig/rig.json'",
+        g_root);
+  expect_mux(1, "a.png");
+  put_png("a.png", w, h - 1);
+  expect_mux(1, "its footprint in rig.json has");
+  shell("echo text > '%s/mux/rig/a.png'", g_root);
+  expect_mux(1, "neither JPEG nor PNG");
+  put_png("b.png", w, h);
+  shell("cd '%s/mux/rig' && head -c 150 b.png > a.png", g_root);
+  expect_mux(1, "a.png: PNG");
+  shell("cd '%s/mux/rig' && cp b.png a.png", g_root);
+  assert_int_equal(run(MUX "--out @/mux_covered"), 0);
+  snprintf(digest[1], sizeof digest[1], "%.18s", value_of(g_out, "digest"));
+  assert_string_not_equal(digest[0], digest[1]); // it matters
+  // Recorded again, the coverage goes along.
+  assert_int_equal(run("capture --source replay:@/mux,speed=max --exposures 2 --quiet --out @/mux2"), 0);
+  assert_true(exists("mux2/rig/v00.coverage.png"));
+  assert_int_equal(
+      run("run --source replay:@/mux2,speed=max --exposures 2 --gaussians 100 --steps 20 --quiet "
+          "--json --out @/mux_again"),
+      0);
+  snprintf(digest[0], sizeof digest[0], "%.18s", value_of(g_out, "digest"));
+  assert_string_equal(digest[0], digest[1]);
+  assert_int_equal(n_files("mux_again"), 4); // the preview among them
 }
 
 // --- signals -------------------------------------------------------------------------------------
@@ -355,6 +423,7 @@ int main(void) {
       cmocka_unit_test(test_help),
       cmocka_unit_test(test_json_and_digest),
       cmocka_unit_test(test_memory),
+      cmocka_unit_test(test_shared_sensor),
       cmocka_unit_test(test_killed_run_goes_on),
       cmocka_unit_test(test_interrupt_saves),
   };

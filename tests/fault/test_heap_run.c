@@ -44,11 +44,13 @@ static void publish_jpeg(void *self, const char *name, int width_px, int height_
   else if (st.commit(st.self, &err) == SV_OK) n_pictures++;
 }
 
-static void run_without_heap(bool is_replay, int n_threads) {
-  bool is_open = is_replay ? world_open_replay(&w, "tests/data/capture_tiny", 4, ~0u, n_threads)
-                           : world_open(&w, "textured,rig=stereo,size=64x48", 4, ~0u, n_threads);
+#define REPLAY NULL // instead of a simulator's name
+
+static void run_without_heap(const char *sim, int n_threads) {
+  bool is_open = sim ? world_open(&w, sim, 4, ~0u, n_threads)
+                     : world_open_replay(&w, "tests/data/capture_tiny", 4, ~0u, n_threads);
   if (!is_open) fail_msg("%s", w.err.text);
-  sv_codec_cfg cc = {.max_width_px = 128, .max_height_px = 48};
+  sv_codec_cfg cc = {.max_width_px = 192, .max_height_px = 48};
   assert_int_equal(sv_codec_init(&codec, &cc, &w.arena), SV_OK);
   jpeg = SV_TAKE(&w.arena, uint8_t, CAP_JPEG);
   int fd = open("/dev/null", O_WRONLY | O_CLOEXEC);
@@ -104,26 +106,37 @@ static int remove_dir(void **state) {
   return system(command);
 }
 
+#define STEREO      "textured,rig=stereo,size=64x48"
+#define MULTIPLEXED "textured,rig=multiplexed,grid=2x2,size=64x48"
+
 static void test_sim_1(void **state) {
   (void)state;
-  run_without_heap(false, 1);
+  run_without_heap(STEREO, 1);
 }
 static void test_sim_2(void **state) {
   (void)state;
-  run_without_heap(false, 2);
+  run_without_heap(STEREO, 2);
+}
+static void test_multiplexed_1(void **state) {
+  (void)state;
+  run_without_heap(MULTIPLEXED, 1);
+}
+static void test_multiplexed_2(void **state) {
+  (void)state;
+  run_without_heap(MULTIPLEXED, 2);
 }
 static void test_replay_1(void **state) {
   (void)state;
-  run_without_heap(true, 1);
+  run_without_heap(REPLAY, 1);
 }
 static void test_replay_2(void **state) {
   (void)state;
-  run_without_heap(true, 2);
+  run_without_heap(REPLAY, 2);
 }
 
 #define CASE(name) cmocka_unit_test_setup_teardown(name, make_dir, remove_dir)
 int main(void) {
-  const struct CMUnitTest tests[] = {CASE(test_sim_1), CASE(test_sim_2), CASE(test_replay_1),
-                                     CASE(test_replay_2)};
+  const struct CMUnitTest tests[] = {CASE(test_sim_1),         CASE(test_sim_2),    CASE(test_multiplexed_1),
+                                     CASE(test_multiplexed_2), CASE(test_replay_1), CASE(test_replay_2)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
