@@ -48,6 +48,7 @@ struct sv_linux_pool {
   SV_LINUX_ATOMIC(uint32_t) n_done;    // tasks finished; the caller sleeps on it
   SV_LINUX_ATOMIC(uint32_t) is_waited; // the caller sleeps
   SV_LINUX_ATOMIC(uint32_t) i_job;     // changes with each job; idle workers sleep on it
+  SV_LINUX_ATOMIC(uint32_t) n_started;
   SV_LINUX_ATOMIC(uint32_t) n_asleep;
   SV_LINUX_ATOMIC(bool) is_stopping;
   sv_linux_worker workers[SV_LINUX_CAP_THREADS];

@@ -76,6 +76,8 @@ static void work(sv_linux_pool *p, int i_thread) {
 static void *worker_main(void *arg) {
   sv_linux_worker *w = arg;
   sv_linux_pool *p = w->pool;
+  atomic_fetch_add(&p->n_started, 1);
+  futex_wake(&p->n_started, 1);
   while (!atomic_load_explicit(&p->is_stopping, memory_order_acquire)) {
     uint32_t seen = atomic_load_explicit(&p->i_job, memory_order_acquire);
     work(p, w->i_thread);
@@ -152,6 +154,9 @@ sv_status sv_linux_pool_start(sv_linux_pool *p, int n_threads, int spin_us, sv_e
     if (s == SV_OK) p->n_threads++;
   }
   pthread_sigmask(SIG_SETMASK, &old, NULL);
+  // What a thread does for itself at its start (a sanitizer's runtime takes memory) is over before we are.
+  for (uint32_t seen; (seen = atomic_load(&p->n_started)) + 1 < (uint32_t)p->n_threads;)
+    futex_wait(&p->n_started, seen);
   if (s == SV_OK) return s;
   int n_made = p->n_threads;
   sv_linux_pool_stop(p);

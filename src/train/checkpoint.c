@@ -3,9 +3,6 @@
 
 #include <string.h>
 
-#define KIND    "TRNR"
-#define VERSION 2
-
 typedef struct {
   int32_t n, sh_degree, n_items, i_order;
   uint32_t step, n_relocated;
@@ -34,7 +31,7 @@ sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
   memcpy(h.centre, t->centre, sizeof h.centre);
   memcpy(h.jitter, t->jitter, sizeof h.jitter);
   h.radius = t->radius;
-  sv_status s = sv_sections_begin(&w, sink, KIND, VERSION, err);
+  sv_status s = sv_sections_begin(&w, sink, SV_CHECKPOINT_KIND, SV_CHECKPOINT_VERSION, err);
   if (s >= 0) s = sv_sections_put(&w, "HEAD", &h, sizeof h, err);
   if (s >= 0) s = sv_sections_put(&w, "GAUS", t->g.param, rows_bytes(t), err);
   if (s >= 0) s = sv_sections_put(&w, "ADAM", t->m, rows_bytes(t), err);
@@ -63,7 +60,7 @@ static sv_status check_order(const sv_sections *r, int n, sv_err *err) {
 sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, size_t bytes, sv_err *err) {
   sv_sections r;
   head_t h;
-  sv_status s = sv_sections_open(&r, name, buf, bytes, KIND, VERSION, err);
+  sv_status s = sv_sections_open(&r, name, buf, bytes, SV_CHECKPOINT_KIND, SV_CHECKPOINT_VERSION, err);
   if (s >= 0) s = sv_sections_get(&r, "HEAD", &h, sizeof h, err);
   if (s < 0) return s;
   if (h.n != t->g.n || h.sh_degree != t->g.sh_degree || h.n_items != n_items(t) || h.i_order < 0 ||

@@ -48,6 +48,8 @@ static float hash_normal(uint32_t h) {
   return ((float)s - 510.0f) * (1.0f / 147.8f);
 }
 
+static int n_tasks(const job *j) { return (j->n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK; }
+
 // 3DGS-MCMC's exploration: mean += gate * gain * Sigma eta for nearly transparent Gaussians; per axis at most
 // one sigma, because budgets of thousands have large Gaussians.
 static void add_noise(const job *j, int block, uint32_t touched, float *p) {
@@ -68,6 +70,11 @@ static void add_noise(const job *j, int block, uint32_t touched, float *p) {
   }
 }
 
+static void keep_above(const float *floor, float *log_scale) { // [16], [3][16]
+  for (int i = 0; i < 48; i++)
+    if (log_scale[i] < floor[i & 15]) log_scale[i] = floor[i & 15];
+}
+
 static float *block_of(const job *j, int i_thread) {
   return j->t->block + (size_t)i_thread * (SV_CAP_ROWS + 1) * 16;
 }
@@ -81,6 +88,7 @@ static void move(const job *j, int b, uint32_t touched, uint32_t with_err, const
   for (int k = 0; k < 16; k++)
     if (with_err >> k & 1) e[k] = ERR_KEEP * e[k] + (1.0f - ERR_KEEP) * err[k];
   if (j->noise_gain > 0.0f) add_noise(j, b, touched, p);
+  if (t->floor) keep_above(t->floor + 16 * (size_t)b, p + 16 * SV_ROW_SCALE);
 }
 
 static void optimise_task(void *arg, int i_task, int i_thread) {
@@ -139,14 +147,50 @@ static void apply_task(void *arg, int i_task, int i_thread) {
   t->touched_of[i_task] = n;
 }
 
+// --- least scales --------------------------------------------------------------------------------
+
+// Adds the sampling rate of one view, pixels per world unit, to those of a block.
+static void sample(const sv_view *v, const float *p, float near_z, float rate[16]) {
+  for (int i = 0; i < 16; i++) {
+    float x[3];
+    for (int r = 0; r < 3; r++)
+      x[r] = v->r[3 * r] * p[i] + v->r[3 * r + 1] * p[16 + i] + v->r[3 * r + 2] * p[32 + i] + v->t[r];
+    if (!(x[2] > near_z)) continue;
+    float u = v->fx * x[0] / x[2] + v->cx, w = v->fy * x[1] / x[2] + v->cy, here = v->fx / x[2];
+    if (u >= 0 && u < (float)v->width_px && w >= 0 && w < (float)v->height_px && here > rate[i])
+      rate[i] = here;
+  }
+}
+
+static void floor_task(void *arg, int i_task, int i_thread) {
+  const job *j = arg;
+  const sv_trainer *t = j->t;
+  int b0 = i_task * BLOCKS_PER_TASK, b1 = sv_mini(b0 + BLOCKS_PER_TASK, j->n_blocks);
+  float near_z = SV_NEAR_FRACTION * t->radius;
+  (void)i_thread;
+  for (int b = b0; b < b1; b++) {
+    const float *p = t->g.param + (size_t)b * (size_t)t->g.n_rows * 16;
+    float rate[16] = {0}, *floor = t->floor + 16 * (size_t)b;
+    for (int i = 0; i < t->n_views; i++) sample(&t->views[i].view, p, near_z, rate);
+    for (int c = 0; c < t->n_composites; c++)
+      for (int i = 0; i < t->composites[c].model.n_lenses; i++)
+        sample(&t->composites[c].model.lenses[i].view, p, near_z, rate);
+    for (int i = 0; i < 16; i++)
+      floor[i] = rate[i] > 0 ? (float)sv_log((double)(t->cfg.floor_px / rate[i])) : -1e30f;
+  }
+}
+
+void sv_train_set_floors(sv_trainer *t) {
+  job j = {.t = t, .n_blocks = (t->g.n + 15) / 16};
+  if (t->floor) sv_pool_run(t->pool, floor_task, &j, n_tasks(&j));
+}
+
 // --- the step's job ------------------------------------------------------------------------------
 
 static sv_regularisers regularisers(const sv_trainer *t, float share) {
   return (sv_regularisers){.opacity = share * (t->cfg.reg_opacity / (float)t->g.n),
                            .scale = share * (t->cfg.reg_scale / (3.0f * (float)t->g.n * t->radius))};
 }
-
-static int n_tasks(const job *j) { return (j->n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK; }
 
 static uint32_t run(sv_trainer *t, float progress, sv_task_fn task) {
   double step = (double)t->step + 1.0;

@@ -256,6 +256,7 @@ static sv_status smooth_unseen(sv_trainer *t, const sv_render_options *o, double
 // --- a step --------------------------------------------------------------------------------------
 
 static void maybe_relocate(sv_trainer *t, float progress) {
+  if (t->cfg.relocate_every > 0 && t->step % (uint32_t)t->cfg.relocate_every == 0) sv_train_set_floors(t);
   if (t->cfg.relocate_every < 1 || progress < t->cfg.relocate_from || progress > t->cfg.relocate_until)
     return;
   if (t->step % (uint32_t)t->cfg.relocate_every == 0) sv_train_relocate(t);

@@ -80,6 +80,7 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   t->v = SV_TAKE(a, float, cap *(size_t)t->g.n_rows);
   t->err = SV_TAKE(a, float, cap);
   t->block = SV_TAKE(a, float, (size_t)c->n_threads *(SV_CAP_ROWS + 1) * 16);
+  t->floor = c->floor_px > 0.0f ? SV_TAKE(a, float, cap) : NULL;
   t->cum = SV_TAKE(a, double, cap);
   t->copies = SV_TAKE(a, int32_t, cap);
   t->source = SV_TAKE(a, int32_t, cap);
@@ -225,6 +226,7 @@ sv_status sv_train_start(sv_trainer *t, const sv_init_cfg *init, const sv_point 
     sv_train_set_scene(t, centre, radius);
   }
   t->step = 0;
+  sv_train_set_floors(t);
   return SV_OK;
 }
 

@@ -49,7 +49,8 @@ typedef struct {
   int relocate_every;                  // steps
   float relocate_from, relocate_until; // progress
   float noise;                         // multiplies the position noise of low-opacity Gaussians
-  int steps_hint;                      // expected steps of the run: Adam's and the relocation's pace
+  float floor_px; // least standard deviation, in pixels of the sharpest view of a Gaussian
+  int steps_hint; // expected steps of the run: Adam's and the relocation's pace
 } sv_train_cfg;
 
 typedef struct {
@@ -79,6 +80,7 @@ typedef struct {
   float *block; // [n_threads][SV_CAP_ROWS + 1][16] gradients of one block
   float *sum;   // [cap / 16][n_rows + 1][16] of a step with several pictures, last row: error. Or NULL
   uint32_t *sum_touched;    // [cap / 16][2] lanes with a gradient, lanes with an error
+  float *floor;             // [cap] least log-scales, NULL without floor_px
   double *cum;              // [cap] cumulative relocation weights
   int32_t *copies, *source; // [cap] of a relocation
   uint32_t *touched_of;     // [cap / 16 / blocks a task + 1]
@@ -129,6 +131,9 @@ uint64_t sv_train_digest(const sv_trainer *t);
 // --- pieces, for tests ---------------------------------------------------------------------------
 float sv_train_mean_lr(const sv_train_cfg *cfg, float progress); // per unit of scene radius
 int sv_train_scale_at(const sv_trainer *t, const sv_view *view, float progress);
+// Least log-scales from the views that see each Gaussian: the log of floor_px z / f at the highest f / z. What is
+// smaller was never measured (Mip-Splatting, Yu et al. 2024, eq. 7), and would look thin from nearer cameras.
+void sv_train_set_floors(sv_trainer *t);
 // Relocates slots of opacity <= SV_OPACITY_DEAD; returns how many.
 uint32_t sv_train_relocate(sv_trainer *t);
 // Opacity and scale factor of n copies that together look like one Gaussian of opacity o: 1 - (1-o)^(1/n)

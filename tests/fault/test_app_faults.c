@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "src/format/sections.h"
+#include "src/train/checkpoint.h"
 #include "tests/common/world.h"
 
 #define N_STEPS   6
@@ -69,7 +70,8 @@ static void check_files(void) {
     assert_non_null(f);
     if (f->bytes == old_bytes[i] && !memcmp(f->data, old_file[i], f->bytes)) continue;
     if (i == 0) assert_int_equal(f->bytes, old_bytes[0]); // as many Gaussians
-    if (i == 1 && sv_sections_open(&sections, f->name, f->data, f->bytes, "TRNR", 1, &err) < 0)
+    if (i == 1 && sv_sections_open(&sections, f->name, f->data, f->bytes, SV_CHECKPOINT_KIND,
+                                   SV_CHECKPOINT_VERSION, &err) < 0)
       fail_msg("%s", err.text);
     if (i == 2) assert_int_equal(f->data[f->bytes - 2], '}');
   }

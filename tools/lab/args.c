@@ -44,10 +44,10 @@ static const option table[] = {
      "fsgs|sparsegs|external:"},
     {"gaussians", OPT_INT, LAB_TRAIN, 0, AT(gaussians), "N", "number of Gaussians, fixed (20000)", 1, 4e6, 0},
     {"gaussians", OPT_INT, LAB_TABLES, 0, AT(gaussians), "N",
-     "Gaussians of each run (20000; with --quick 10000); one table has 5 times as many", 1, 8e5, 0},
+     "Gaussians of each run (20000; with --quick 8000); one table has 5 times as many", 1, 8e5, 0},
     {"sh", OPT_INT, LAB_TRAIN, 0, AT(sh), "D", "degree of the view-dependent colour, 0 to 3 (1)", 0, 3, 0},
     {"steps", OPT_INT, LAB_TRAIN, 0, AT(steps), "N", "length of the training (3000)", 1, 1e9, 0},
-    {"steps", OPT_INT, LAB_TABLES, 0, AT(steps), "N", "of each run (3000; with --quick 500)", 1, 1e7, 0},
+    {"steps", OPT_INT, LAB_TABLES, 0, AT(steps), "N", "of each run (3000; with --quick 400)", 1, 1e7, 0},
     {"time-limit", OPT_REAL, LAB_TRAIN, 0, AT(time_limit_s), "SEC", "the same in seconds, instead of --steps",
      0.01, 1e7, 0},
     {"init", OPT_TEXT, LAB_TRAIN, 0, AT(init), "sphere|cube|points:FILE",
@@ -56,7 +56,7 @@ static const option table[] = {
      "behind transparent pictures (black); evaluation takes black for random", 0, 0, 0},
     {"scale", OPT_INT, DATA, 0, AT(scale), "K", "pictures at 1/K of their size (1)", 1, 64, 0},
     {"loss", OPT_TEXT, LAB_TRAIN, 0, AT(loss), "k=v,...",
-     "ssim, tv, opacity, scale, tv_unseen; unseen[_every|_px|_deg], region", 0, 0, 0},
+     "ssim, tv, opacity, scale, tv_unseen; unseen[_every|_px|_deg], region, floor", 0, 0, 0},
     {"noise", OPT_TEXT, LAB_TRAIN | LAB_TABLES, 0, AT(noise), "read=V,shot=V",
      "sensor noise on the training pictures: variance read + shot x of linear light x, then 14 bits", 0, 0,
      0},
@@ -205,6 +205,7 @@ static int parse_loss(const lab_command *c, lab_options *o) {
                {"unseen_px", &o->unseen_px, 4096},
                {"unseen_deg", &o->unseen_deg, 180},
                {"region", &o->region_px, 4096},
+               {"floor", &o->floor_px, 10},
                {"opacity", &o->opacity, 1e6},
                {"scale", &o->size, 1e6}};
   enum { N = sizeof known / sizeof *known };
@@ -216,7 +217,7 @@ static int parse_loss(const lab_command *c, lab_options *o) {
     if (k >= n || i == N)
       return lab_usage(c->name,
                        "--loss is a list of ssim=, tv=, tv_unseen=, unseen=, unseen_every=, unseen_px=, "
-                       "unseen_deg=, region=, opacity= and scale=, not '%.80s'",
+                       "unseen_deg=, region=, floor=, opacity= and scale=, not '%.80s'",
                        o->loss);
     if (!sv_parse_double(p + k + 1, n - k - 1, &v) || !(v >= 0 && v <= known[i].most))
       return lab_usage(c->name, "--loss %s needs a number from 0 to %g", known[i].name, known[i].most);
@@ -259,6 +260,7 @@ int lab_args_parse(const lab_command *c, int argc, char **argv, lab_options *o) 
                      .unseen_px = -1,
                      .unseen_deg = -1,
                      .region_px = -1,
+                     .floor_px = -1,
                      .ssim = -1,
                      .tv = -1,
                      .opacity = -1,

@@ -10,8 +10,8 @@
 // A full run over four scenes of 400x400 takes about an hour on two cores, a quick one about two minutes.
 #define STEPS           3000 // the paper's
 #define GAUSSIANS       20000
-#define QUICK_STEPS     500
-#define QUICK_GAUSSIANS 10000
+#define QUICK_STEPS     400
+#define QUICK_GAUSSIANS 8000
 
 // Which program this is: results of another one are told apart.
 static sv_status know_program(tables *t, sv_err *err) {

@@ -49,6 +49,7 @@ static sv_train_cfg train_cfg(const lab_options *o) {
   if (o->unseen_every >= 1) c.unseen_every = (int)o->unseen_every;
   if (o->unseen_px >= 8) c.unseen_px = (int)o->unseen_px;
   if (o->unseen_deg >= 0) c.unseen_rad = o->unseen_deg * (float)(SV_PI / 180);
+  if (o->floor_px >= 0) c.floor_px = o->floor_px;
   if (o->region_px >= 16) c.region_px = (int)o->region_px;
   if (o->opacity >= 0) c.reg_opacity = o->opacity;
   if (o->size >= 0) c.reg_scale = o->size;
