@@ -47,7 +47,7 @@ static const option table[] = {
      "Gaussians of each run (20000; with --quick 8000); one table has 5 times as many", 1, 8e5, 0},
     {"sh", OPT_INT, LAB_TRAIN, 0, AT(sh), "D", "degree of the view-dependent colour, 0 to 3 (1)", 0, 3, 0},
     {"steps", OPT_INT, LAB_TRAIN, 0, AT(steps), "N", "length of the training (3000)", 1, 1e9, 0},
-    {"steps", OPT_INT, LAB_TABLES, 0, AT(steps), "N", "of each run (2500; with --quick 400)", 1, 1e7, 0},
+    {"steps", OPT_INT, LAB_TABLES, 0, AT(steps), "N", "of each run (2000; with --quick 400)", 1, 1e7, 0},
     {"time-limit", OPT_REAL, LAB_TRAIN, 0, AT(time_limit_s), "SEC", "the same in seconds, instead of --steps",
      0.01, 1e7, 0},
     {"init", OPT_TEXT, LAB_TRAIN, 0, AT(init), "sphere|cube|points:FILE",

@@ -7,8 +7,8 @@
 #include "src/base/str.h"
 #include "tools/lab/tables.h"
 
-// A full run over four scenes of 400x400 takes about an hour on two cores, a quick one about two minutes.
-#define STEPS           2500 // the paper: about 3,000
+// A full run over four scenes of 400x400 takes about an hour on two cores, a quick one about three minutes.
+#define STEPS           2000 // the paper: about 3,000
 #define GAUSSIANS       20000
 #define QUICK_STEPS     400
 #define QUICK_GAUSSIANS 8000

@@ -12,7 +12,7 @@
 #define NOMINAL_PX     (400.0 * 400.0)
 #define NOMINAL_VIEW_S 0.16 // to score a view
 #define NOMINAL_CALL_S 0.3
-static const double nominal_s[TABLES_N_DEVICES] = {7, 7, 7, 3, 10}; // 1000 steps, 20,000 Gaussians
+static const double nominal_s[TABLES_N_DEVICES] = {6.5, 9.5, 6.5, 5.5, 17}; // 1000 steps, 20,000 Gaussians
 
 const tables_file *tables_file_of(const tables *t, const tables_setting *s) {
   return &t->scenes[s->i_scene].of[s->device].files[s->i_file];
