@@ -12,7 +12,7 @@
 #define TABLES_CAP_FILES     24  // angular baselines of one device
 #define TABLES_CAP_NAME      48  // of a scene
 #define TABLES_CAP_KEY       160 // a run's folder
-#define TABLES_CAP_SETTINGS  (2 * SV_TRANSFORMS_CAP_PATH)
+#define TABLES_CAP_SETTINGS  (3 * SV_TRANSFORMS_CAP_PATH)
 #define TABLES_THETA_DEG     10 // of the paper's tables
 #define TABLES_MANY          5  // times as many Gaussians in the comparison of counts, as in the paper
 #define TABLES_CAP_EXPOSURES 12 // the exposure sweep ends here
