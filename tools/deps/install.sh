@@ -37,6 +37,7 @@ build) ;;
 test | tidy)
   header cmocka.h libcmocka-dev
   optional clang-format clang-format
+  optional gnuplot gnuplot-nox # draws the plots of subview-lab tables
   if [ "$(uname -m)" = x86_64 ]; then # the ARM build, under emulation
     optional aarch64-linux-gnu-gcc "gcc-aarch64-linux-gnu libc6-dev-arm64-cross"
     optional qemu-aarch64-static qemu-user-static

@@ -23,11 +23,15 @@ typedef struct {
 } option;
 
 #define AT(field) offsetof(lab_options, field)
-#define ALL       (LAB_TRAIN | LAB_EVAL | LAB_RENDER | LAB_EXPORT | LAB_IMPORT | LAB_BENCH)
+#define ALL       (LAB_TRAIN | LAB_EVAL | LAB_RENDER | LAB_EXPORT | LAB_IMPORT | LAB_BENCH | LAB_TABLES)
 #define DATA      (LAB_TRAIN | LAB_EVAL | LAB_RENDER)
 
 static const option table[] = {
     {"data", OPT_TEXT, DATA, DATA, AT(data), "DIR", "dataset: a folder with transforms JSON and pictures", 0,
+     0, 0},
+    {"data", OPT_TEXT, LAB_TABLES, LAB_TABLES, AT(data), "DIR[,DIR...]",
+     "datasets with files transforms_train_DEVICE[_thetaT].json", 0, 0, 0},
+    {"quick", OPT_FLAG, LAB_TABLES, 0, AT(is_quick), 0, "only the first dataset, fewer points and steps", 0,
      0, 0},
     {"transforms", OPT_TEXT, DATA, 0, AT(transforms), "FILE",
      "training file (transforms_train.json, else transforms.json with every 8th view held out)", 0, 0, 0},
@@ -39,8 +43,11 @@ static const option table[] = {
     {"prior", OPT_WORD, LAB_TRAIN, 0, AT(prior), "none", "sparse-view prior", 0, 0,
      "fsgs|sparsegs|external:"},
     {"gaussians", OPT_INT, LAB_TRAIN, 0, AT(gaussians), "N", "number of Gaussians, fixed (20000)", 1, 4e6, 0},
+    {"gaussians", OPT_INT, LAB_TABLES, 0, AT(gaussians), "N",
+     "Gaussians of each run (20000; with --quick 8000); one table has 5 times as many", 1, 8e5, 0},
     {"sh", OPT_INT, LAB_TRAIN, 0, AT(sh), "D", "degree of the view-dependent colour, 0 to 3 (1)", 0, 3, 0},
     {"steps", OPT_INT, LAB_TRAIN, 0, AT(steps), "N", "length of the training (3000)", 1, 1e9, 0},
+    {"steps", OPT_INT, LAB_TABLES, 0, AT(steps), "N", "of each run (2000; with --quick 400)", 1, 1e7, 0},
     {"time-limit", OPT_REAL, LAB_TRAIN, 0, AT(time_limit_s), "SEC", "the same in seconds, instead of --steps",
      0.01, 1e7, 0},
     {"init", OPT_TEXT, LAB_TRAIN, 0, AT(init), "sphere|cube|points:FILE",
@@ -50,13 +57,13 @@ static const option table[] = {
     {"scale", OPT_INT, DATA, 0, AT(scale), "K", "pictures at 1/K of their size (1)", 1, 64, 0},
     {"loss", OPT_TEXT, LAB_TRAIN, 0, AT(loss), "k=v,...",
      "ssim, tv, opacity, scale, tv_unseen; unseen[_every|_px|_deg], region, floor", 0, 0, 0},
-    {"noise", OPT_TEXT, LAB_TRAIN, 0, AT(noise), "read=V,shot=V",
+    {"noise", OPT_TEXT, LAB_TRAIN | LAB_TABLES, 0, AT(noise), "read=V,shot=V",
      "sensor noise on the training pictures: variance read + shot x of linear light x, then 14 bits", 0, 0,
      0},
     {"antialias", OPT_WORD, LAB_TRAIN, 0, AT(antialias), "auto|on|off",
      "Mip-Splatting's compensation; auto: on when focal lengths differ by more than 1.5 (auto)", 0, 0, 0},
-    {"seed", OPT_INT, LAB_TRAIN | LAB_BENCH, 0, AT(seed), "N", "of all random numbers (1)", 0, 4294967295.0,
-     0},
+    {"seed", OPT_INT, LAB_TRAIN | LAB_BENCH | LAB_TABLES, 0, AT(seed), "N", "of all random numbers (1)", 0,
+     4294967295.0, 0},
     {"split", OPT_TEXT, LAB_EVAL | LAB_RENDER, 0, AT(split), "S",
      "views: train, test, test_near, test_time, ... (test; test_near for a model of one exposure)", 0, 0, 0},
     {"orbit", OPT_INT, LAB_RENDER, 0, AT(orbit), "N",
@@ -79,15 +86,15 @@ static const option table[] = {
      1e6, 0},
     {"focus", OPT_REAL, LAB_IMPORT, 0, AT(focus_m), "M", "lenslet: distance in focus (infinity)", 1e-5, 1e6,
      0},
-    {"threads", OPT_INT, DATA | LAB_BENCH, 0, AT(threads), "N", "threads (all CPUs)", 1, 64, 0},
+    {"threads", OPT_INT, DATA | LAB_BENCH | LAB_TABLES, 0, AT(threads), "N", "threads (all CPUs)", 1, 64, 0},
     {"eval", OPT_FLAG, LAB_TRAIN, 0, AT(is_eval), 0,
      "evaluate at the end: on the split test, after --exposures 1 on test_near", 0, 0, 0},
     {"json", OPT_FLAG, LAB_TRAIN | LAB_EVAL | LAB_BENCH, 0, AT(is_json), 0, "print one JSON object on stdout",
      0, 0, 0},
     {"quiet", OPT_FLAG, ALL, 0, AT(is_quiet), 0, "no progress on stderr", 0, 0, 0},
-    {"out", OPT_TEXT, LAB_TRAIN | LAB_RENDER | LAB_EXPORT | LAB_IMPORT,
-     LAB_TRAIN | LAB_RENDER | LAB_EXPORT | LAB_IMPORT, AT(out), "PATH", "folder to write (export: file)", 0,
-     0, 0},
+    {"out", OPT_TEXT, LAB_TRAIN | LAB_RENDER | LAB_EXPORT | LAB_IMPORT | LAB_TABLES,
+     LAB_TRAIN | LAB_RENDER | LAB_EXPORT | LAB_IMPORT | LAB_TABLES, AT(out), "PATH",
+     "folder to write (export: file)", 0, 0, 0},
     {"help", OPT_FLAG, ALL, 0, AT(is_help), 0, "this text", 0, 0, 0},
     {"version", OPT_FLAG, ALL, 0, AT(is_version), 0, "the version", 0, 0, 0},
 };

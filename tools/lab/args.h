@@ -13,7 +13,15 @@
 #define LAB_EXIT_FAILED 1
 #define LAB_EXIT_USAGE  2
 
-enum { LAB_TRAIN = 1, LAB_EVAL = 2, LAB_RENDER = 4, LAB_EXPORT = 8, LAB_IMPORT = 16, LAB_BENCH = 32 };
+enum {
+  LAB_TRAIN = 1,
+  LAB_EVAL = 2,
+  LAB_RENDER = 4,
+  LAB_EXPORT = 8,
+  LAB_IMPORT = 16,
+  LAB_BENCH = 32,
+  LAB_TABLES = 64
+};
 
 // NULL and -1 stand for "not given"; a given number is inside its range.
 typedef struct {
@@ -21,7 +29,7 @@ typedef struct {
   const char *method, *prior, *init, *background, *loss, *mask, *noise, *antialias;
   long exposures, gaussians, sh, steps, scale, seed, threads, orbit, keep;
   double time_limit_s, baseline_m, focal_px, focus_m;
-  bool is_eval, is_json, is_quiet, has_depth, has_lpips, is_help, is_version;
+  bool is_eval, is_json, is_quiet, is_quick, has_depth, has_lpips, is_help, is_version;
   // Of --loss; below 0: not given
   float ssim, tv, opacity, size, tv_unseen, n_unseen, unseen_every, unseen_px, unseen_deg, region_px,
       floor_px;

@@ -5,6 +5,7 @@
 
 #include "src/base/mathx.h"
 #include "src/base/str.h"
+#include "src/train/objective.h"
 #include "src/splat/constants.h"
 #include "tools/lab/evaluate.h"
 #include "tools/lab/measurement.h"
@@ -42,19 +43,43 @@ static sv_train_cfg train_cfg(const lab_options *o) {
   c.sh_degree = o->sh >= 0 ? (int)o->sh : 1;
   c.seed = o->seed >= 0 ? (uint64_t)o->seed : 1;
   c.background = lab_background_by_name(o->background);
-  if (o->ssim >= 0) c.weight_ssim = o->ssim;
-  if (o->tv >= 0) c.weight_tv = o->tv;
-  if (o->tv_unseen >= 0) c.weight_tv_unseen = o->tv_unseen;
-  if (o->n_unseen >= 0) c.n_unseen = (int)o->n_unseen;
-  if (o->unseen_every >= 1) c.unseen_every = (int)o->unseen_every;
-  if (o->unseen_px >= 8) c.unseen_px = (int)o->unseen_px;
-  if (o->unseen_deg >= 0) c.unseen_rad = o->unseen_deg * (float)(SV_PI / 180);
-  if (o->floor_px >= 0) c.floor_px = o->floor_px;
-  if (o->region_px >= 16) c.region_px = (int)o->region_px;
-  if (o->opacity >= 0) c.reg_opacity = o->opacity;
-  if (o->size >= 0) c.reg_scale = o->size;
   if (o->steps > 0) c.steps_hint = (int)o->steps;
   return c;
+}
+
+// How often the file's frames share an exposure; frames without a number are exposures of their own.
+static sv_sampling sampling_of(const lab_views *v) {
+  sv_sampling s = {.is_multiplexed = v->n_measurements > 0};
+  for (int i = 0; i < v->n; i++) {
+    int n = 1, e = v->frames[i].f.exposure;
+    bool is_first = true;
+    for (int k = 0; e >= 0 && k < v->n; k++) {
+      if (k == i || v->frames[k].f.exposure != e) continue;
+      is_first &= k > i;
+      n++;
+    }
+    s.n_exposures += is_first;
+    if (n > s.n_sub_views) s.n_sub_views = n;
+  }
+  return s;
+}
+
+static void choose_objective(run *r) {
+  const lab_options *o = r->o;
+  sv_train_cfg *c = &r->cfg;
+  sv_sampling s = sampling_of(&r->views);
+  sv_train_set_objective(c, &s);
+  if (o->ssim >= 0) c->weight_ssim = o->ssim;
+  if (o->tv >= 0) c->weight_tv = o->tv;
+  if (o->tv_unseen >= 0) c->weight_tv_unseen = o->tv_unseen;
+  if (o->n_unseen >= 0) c->n_unseen = (int)o->n_unseen;
+  if (o->unseen_every >= 1) c->unseen_every = (int)o->unseen_every;
+  if (o->unseen_px >= 8) c->unseen_px = (int)o->unseen_px;
+  if (o->unseen_deg >= 0) c->unseen_rad = o->unseen_deg * (float)(SV_PI / 180);
+  if (o->floor_px >= 0) c->floor_px = o->floor_px;
+  if (o->region_px >= 16) c->region_px = (int)o->region_px;
+  if (o->opacity >= 0) c->reg_opacity = o->opacity;
+  if (o->size >= 0) c->reg_scale = o->size;
 }
 
 // The file of --init points:FILE, or the dataset's own; NULL: a random start.
@@ -155,7 +180,7 @@ static sv_status load(run *r, sv_err *err) {
                     .is_white = r->cfg.background == SV_BG_WHITE,
                     .scale = (int)r->o->scale};
   sv_status s = lab_views_open(&r->views, &src, &r->session.pool, err);
-  if (s == SV_OK) choose_antialiasing(r);
+  if (s == SV_OK) choose_antialiasing(r), choose_objective(r);
   if (s == SV_OK) s = choose_start(r, err);
   if (s == SV_OK) s = lab_plan_make(&r->plan, &r->session, &r->views, r->cfg, r->n_points, err);
   if (s == SV_OK) s = load_pictures(r, err);
@@ -261,6 +286,9 @@ static void report_settings(lab_report *j, const run *r) {
   lab_report_int(j, "scale", r->views.scale);
   lab_report_num(j, "loss_ssim", (double)t->cfg.weight_ssim);
   lab_report_num(j, "loss_tv", (double)t->cfg.weight_tv);
+  lab_report_num(j, "loss_tv_unseen", (double)t->cfg.weight_tv_unseen);
+  lab_report_int(j, "unseen_views", t->cfg.n_unseen);
+  lab_report_num(j, "floor_px", (double)t->cfg.floor_px);
   lab_report_num(j, "loss_opacity", (double)t->cfg.reg_opacity);
   lab_report_num(j, "loss_scale", (double)t->cfg.reg_scale);
   lab_report_int(j, "seed", (long long)t->cfg.seed);

@@ -45,6 +45,19 @@ static const lab_command commands[] = {
      "  subview-lab import --from colmap garden --out garden_data\n"
      "  subview-lab train --data garden_data --scale 4 --eval --out garden",
      LAB_IMPORT, lab_cmd_import},
+    {"tables", "--data DIR[,DIR...] --out DIR [options]", "measure the paper's tables and curves",
+     "Trains and scores all devices of the datasets (Blender scenes, or what 'import --from sim' writes) "
+     "with "
+     "1 and 3\n"
+     "exposures, over angles, numbers of exposures, starts, TV and numbers of Gaussians, and writes "
+     "tables.md "
+     "with the\n"
+     "paper's figures beside ours, CSV files, plots (with gnuplot) and a contact sheet per scene. Each run's "
+     "result\n"
+     "stays in DIR/runs: a command that was stopped goes on from there.",
+     "  subview-lab import --from sim textured --out scene\n"
+     "  subview-lab tables --data scene --quick --out tables",
+     LAB_TABLES, lab_cmd_tables},
     {"bench", "[options]", "time whole steps and kernels",
      "Times training steps and renderings of a synthetic scene for several sizes, and each kernel in each\n"
      "variant that this CPU runs. bound_ms is the time the step's pixel arithmetic would take at the "

@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "src/train/objective.h"
+
+#define FEW_EXPOSURES 4 // beyond, camera motion pins geometry down by itself
+#define GRID_VIEWS    6 // more sub-views than a phone has: a lens grid, whose images are small
+
+void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
+  bool is_grid = s->n_sub_views >= GRID_VIEWS || s->is_multiplexed;
+  if (s->n_exposures > FEW_EXPOSURES) return;
+  // With parallax, transparent Gaussians in front of the surface can be told and are worth a price; from one
+  // view they cannot, and the price only thins what is right.
+  if (s->n_sub_views > 1) cfg->reg_opacity = 0.05f;
+  if (!is_grid) return;
+  cfg->floor_px = 0.4f; // lens images are coarser than the pictures that one looks at
+  cfg->weight_tv = 0.05f;
+  cfg->weight_tv_unseen = s->is_multiplexed ? 0.5f : 0.1f;
+  cfg->n_unseen = 1;
+  cfg->unseen_every = 4;
+  if (s->is_multiplexed) cfg->weight_ssim = 0.3f; // structure tells whose light a pixel holds
+}

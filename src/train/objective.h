@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the objective needs is decided by how the exposures sample the light field: the paper's weights per device
+// (section 3.2 and the supplement), tuned for budgets of thousands of Gaussians and steps on the simulator's scenes.
+#ifndef SV_TRAIN_OBJECTIVE_H
+#define SV_TRAIN_OBJECTIVE_H
+
+#include "src/train/train.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct {
+  int n_exposures;
+  int n_sub_views;     // of an exposure
+  bool is_multiplexed; // their images overlap on the sensor
+} sv_sampling;
+
+// Sets weights, unseen views and least sizes in cfg. Captures of many exposures keep the defaults.
+void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,380 @@
+// SPDX-License-Identifier: Apache-2.0
+// `subview-lab tables` as a user runs it, on a tiny simulated dataset: what it writes, going on after a stop and
+// after damage, without gnuplot, and bad input. SV_BIN names the programs' folder. Skipped under emulation: the
+// program starts itself again, which an emulator does not do.
+// clang-format off
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+// clang-format on
+#include <math.h>
+#include <signal.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "tools/common/fileio.h"
+#include "tools/common/imageio.h"
+
+#define SIDE_PX 48
+#define N_RUNS  21
+#define SETTING "--data ../s --quick --steps 3 --gaussians 40"
+
+static char g_root[256], g_lab[512], g_said[64 << 10];
+static bool g_is_ready;
+
+// --- running -------------------------------------------------------------------------------------
+
+// A shell command in the test's folder; @ stands for the program. Its exit code; g_said is its stderr.
+static int run(const char *line) {
+  char command[4096];
+  size_t at = (size_t)snprintf(command, sizeof command, "cd '%s/w' && { ", g_root);
+  for (; *line && at + sizeof g_lab < sizeof command; line++) {
+    if (*line == '@') at += (size_t)snprintf(command + at, sizeof command - at, "'%s'", g_lab);
+    else command[at++] = *line;
+  }
+  snprintf(command + at, sizeof command - at, "; } 2>&1 >out.txt </dev/null");
+  FILE *p = popen(command, "r");
+  assert_non_null(p);
+  size_t n = fread(g_said, 1, sizeof g_said - 1, p);
+  g_said[n] = 0;
+  int code = pclose(p);
+  return WIFEXITED(code) ? WEXITSTATUS(code) : 128 + WTERMSIG(code);
+}
+
+static void run_well(const char *line) {
+  int code = run(line);
+  if (code != 0) fail_msg("%s: exit %d: %s", line, code, g_said);
+}
+
+static int count(const char *text, const char *word) {
+  int n = 0;
+  for (const char *p = text; (p = strstr(p, word)); p += strlen(word)) n++;
+  return n;
+}
+
+// A file of the test's folder; the caller frees it.
+static char *slurp(const char *name) {
+  char path[900];
+  void *data;
+  size_t bytes;
+  sv_err err;
+  snprintf(path, sizeof path, "%s/w/%.500s", g_root, name);
+  if (sv_file_read(path, &data, &bytes, &err) != SV_OK) fail_msg("%s", err.text);
+  return data;
+}
+
+static bool exists(const char *name) {
+  char path[900];
+  snprintf(path, sizeof path, "%s/w/%.500s", g_root, name);
+  return sv_path_exists(path);
+}
+
+// Field i of a CSV line.
+static void field(const char *line, int i, char *out, size_t cap) {
+  while (i-- > 0) {
+    line += strcspn(line, ",\n");
+    if (*line == ',') line++;
+  }
+  snprintf(out, cap, "%.*s", (int)strcspn(line, ",\n"), line);
+}
+
+// The figures of a table (device, exposures, setting, five figures), without what depends on time.
+static void figures_of(const char *name, char *out, size_t cap) {
+  char *text = slurp(name), cell[80];
+  size_t at = 0;
+  for (char *line = text; *line; line += strcspn(line, "\n") + 1) {
+    for (int i = 0; i < 10 && at < cap; i++) {
+      field(line, i, cell, sizeof cell);
+      at += (size_t)snprintf(out + at, cap - at, "%s ", cell);
+    }
+    at += (size_t)snprintf(out + at, at < cap ? cap - at : 0, "\n");
+  }
+  assert_true(at < cap);
+  free(text);
+}
+
+static int setup(void **state) {
+  const char *bin = getenv("SV_BIN"), *emulate = getenv("SV_EMULATE"), *tmp = getenv("TMPDIR");
+  char here[256], command[700];
+  (void)state;
+  if (!bin || (emulate && *emulate) || !getcwd(here, sizeof here)) return 0;
+  snprintf(g_lab, sizeof g_lab, "%s%s%s/subview-lab", *bin == '/' ? "" : here, *bin == '/' ? "" : "/", bin);
+  if (access(g_lab, X_OK) != 0) return 0;
+  snprintf(g_root, sizeof g_root, "%.200s/tables_XXXXXX", tmp ? tmp : "/tmp");
+  if (!mkdtemp(g_root)) return -1;
+  snprintf(command, sizeof command, "mkdir '%s/w'", g_root);
+  if (system(command) != 0) return -1;
+  snprintf(command, sizeof command, "@ import --from sim textured,size=%dx%d --out ../s --quiet", SIDE_PX,
+           SIDE_PX);
+  if (run(command) != 0) return -1;
+  // Two angles, so that there is a curve over them.
+  if (run("for d in stereo lightfield; do mv ../s/transforms_train_$d.json "
+          "../s/transforms_train_${d}_theta10.json; "
+          "cp ../s/transforms_train_${d}_theta10.json ../s/transforms_train_${d}_theta2.json; done") != 0)
+    return -1;
+  if (run("@ tables " SETTING " --out a") != 0) {
+    fprintf(stderr, "%s", g_said);
+    return -1;
+  }
+  g_is_ready = true;
+  return 0;
+}
+
+static int teardown(void **state) {
+  char command[300];
+  (void)state;
+  snprintf(command, sizeof command, "rm -rf '%s'", g_root);
+  return *g_root ? system(command) : 0;
+}
+
+static void need_program(void) {
+  if (g_is_ready) return;
+  print_message("skipped: subview-lab is not built for this machine (SV_BIN), or runs under emulation\n");
+  skip();
+}
+
+// --- what is written -----------------------------------------------------------------------------
+
+static void test_rows(void **state) {
+  static const struct {
+    const char *file;
+    int n_rows;
+  } files[] = {{"a/summary.csv", 10}, {"a/depth.csv", 10}, {"a/angle.csv", 5},  {"a/exposures.csv", 6},
+               {"a/init.csv", 4},     {"a/tv.csv", 4},     {"a/count.csv", 12}, {"a/scenes.csv", 10}};
+  (void)state;
+  need_program();
+  for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
+    char *text = slurp(files[i].file), *line = text;
+    if (count(text, "\n") != files[i].n_rows + 1)
+      fail_msg("%s has %d lines, not %d", files[i].file, count(text, "\n"), files[i].n_rows + 1);
+    int i_psnr = strcmp(files[i].file, "a/scenes.csv") == 0 ? 4 : 5;
+    for (line += strcspn(line, "\n") + 1; *line; line += strcspn(line, "\n") + 1)
+      for (int k = 0; k < 11; k++) { // PSNR to the process's memory: all there
+        char cell[80], *end;
+        field(line, i_psnr + k, cell, sizeof cell);
+        double v = strtod(cell, &end);
+        if (end == cell || *end || !isfinite(v) || v < 0 || (v == 0 && k != 7))
+          fail_msg("%s: field %d is '%s' in %.200s", files[i].file, i_psnr + k, cell, line);
+      }
+    free(text);
+  }
+}
+
+// One exposure is scored near, three are scored all around, the curve of exposures always all around.
+static void test_protocol(void **state) {
+  char cell[3][40];
+  (void)state;
+  need_program();
+  for (int is_curve = 0; is_curve < 2; is_curve++) {
+    char *text = slurp(is_curve ? "a/exposures.csv" : "a/summary.csv"), *line = text;
+    for (line += strcspn(line, "\n") + 1; *line; line += strcspn(line, "\n") + 1) {
+      field(line, 1, cell[0], sizeof cell[0]);
+      field(line, 4, cell[1], sizeof cell[1]);
+      field(line, 16, cell[2], sizeof cell[2]);
+      assert_string_equal(cell[1], !is_curve && strcmp(cell[0], "1") == 0 ? "test_near" : "test");
+      assert_int_equal(*cell[2] != 0, !is_curve); // the paper's PSNR
+    }
+    free(text);
+  }
+}
+
+static void test_markdown(void **state) {
+  static const char *const words[] = {"## Image quality, 1 and 3 exposures",
+                                      "| 1 | multiplexed |",
+                                      "26.39 | 0.891 | 0.098 |", // the paper's
+                                      "0.0187 | 0.1098 |",
+                                      "17.39 to 31.45",
+                                      " of 20 comparisons hold.",
+                                      "| 1 | stereo | 2 |",
+                                      "all devices",
+                                      "**This is a quick run**",
+                                      "sheet_s.png",
+                                      "What differs from the paper"};
+  (void)state;
+  need_program();
+  char *text = slurp("a/tables.md");
+  for (size_t i = 0; i < sizeof words / sizeof *words; i++)
+    if (!strstr(text, words[i])) fail_msg("tables.md does not say '%s'", words[i]);
+  // 20 comparisons, those that fail listed one a line: the numbers must agree.
+  int n_breaks = count(text, "does not beat"), n_held = -1;
+  const char *held = strstr(text, " of 20 comparisons hold.");
+  while (held > text && held[-1] >= '0' && held[-1] <= '9') held--;
+  sscanf(held, "%d", &n_held);
+  assert_int_equal(n_held, 20 - n_breaks);
+  free(text);
+}
+
+static void test_pictures(void **state) {
+  static const char *const plots[] = {"angle_psnr",      "angle_abs_rel", "exposures_psnr",
+                                      "exposures_lpips", "summary_psnr",  "exposures_abs_rel",
+                                      "summary_abs_rel"};
+  char path[900];
+  sv_bitmap b;
+  sv_err err;
+  (void)state;
+  need_program();
+  snprintf(path, sizeof path, "%s/w/a/sheet_s.png", g_root);
+  assert_int_equal(sv_bitmap_read(path, &b, &err), SV_OK);
+  assert_int_equal(b.width_px, 5 * (SIDE_PX + 4) - 4);
+  assert_int_equal(b.height_px, 5 * (SIDE_PX + 4) - 4);
+  uint64_t sum[5] = {0}; // of the columns; so few faint Gaussians may have no depth
+  for (int y = 0; y < b.height_px; y++)
+    for (int x = 0; x < b.width_px; x++)
+      if (x % (SIDE_PX + 4) < SIDE_PX && y % (SIDE_PX + 4) < SIDE_PX)
+        sum[x / (SIDE_PX + 4)] += b.u8[3 * (y * b.width_px + x)];
+  for (int i = 0; i < 4; i++) assert_in_range(sum[i], 1, (uint64_t)255 * SIDE_PX * SIDE_PX * 5 - 1);
+  sv_bitmap_free(&b);
+  bool has_gnuplot = run("command -v gnuplot") == 0;
+  for (size_t i = 0; i < sizeof plots / sizeof *plots; i++) {
+    snprintf(path, sizeof path, "a/plots/%s.gp", plots[i]);
+    assert_true(exists(path));
+    snprintf(path, sizeof path, "a/plots/%s.svg", plots[i]);
+    assert_int_equal(exists(path), has_gnuplot);
+    snprintf(path, sizeof path, "a/plots/%s.png", plots[i]);
+    assert_int_equal(exists(path), has_gnuplot);
+  }
+}
+
+static void test_without_gnuplot(void **state) {
+  (void)state;
+  need_program();
+  run_well("cp -r a g && rm -f g/plots/*.png g/plots/*.svg && PATH=/nowhere @ tables " SETTING " --out g");
+  assert_int_equal(count(g_said, "gnuplot is not installed"), 1);
+  assert_true(exists("g/plots/summary_psnr.gp"));
+  assert_false(exists("g/plots/summary_psnr.png"));
+  char *text = slurp("g/tables.md");
+  assert_non_null(strstr(text, "gnuplot was not there"));
+  free(text);
+}
+
+// --- going on ------------------------------------------------------------------------------------
+
+static void assert_done(int n_before, int n_made) {
+  char text[80];
+  snprintf(text, sizeof text, "%d runs, %d of them done before", N_RUNS, n_before);
+  if (!strstr(g_said, text)) fail_msg("'%s' is not in: %s", text, g_said);
+  assert_int_equal(count(g_said, "PSNR"), n_made);
+}
+
+static void test_nothing_is_done_twice(void **state) {
+  (void)state;
+  need_program();
+  char *before = slurp("a/runs.csv");
+  run_well("@ tables " SETTING " --out a");
+  assert_done(N_RUNS, 0);
+  char *after = slurp("a/runs.csv");
+  assert_string_equal(before, after); // times included: they are the results'
+  free(before);
+  free(after);
+  run_well(
+      "cp -r a n && @ tables --data ../s --quick --steps 2 --gaussians 40 --out n --quiet"); // other settings: others
+  assert_string_equal(g_said, "");
+}
+
+// Cut, changed, taken from another run, taken away, without its pictures, with scores missing.
+static void test_damage(void **state) {
+  static char before[8192], after[8192];
+  (void)state;
+  need_program();
+  figures_of("a/summary.csv", before, sizeof before);
+  run_well("cp -r a d && rm d/summary.csv && cd d/runs && truncate -s -40 "
+           "s_stereo_theta10_e1_g40_s3_[0-9a-f]*/result.json && "
+           "sed -i 's/\"psnr\": 1/\"psnr\": 3/' s_phone_e1_g40_s3_[0-9a-f]*/result.json && "
+           "cp s_phone_e3_g40_s3_[0-9a-f]*/result.json s_mono_e3_g40_s3_[0-9a-f]*/ && "
+           "rm s_multiplexed_e3_g40_s3_[0-9a-f]*/result.json && "
+           "rm -r s_multiplexed_e1_g40_s3_[0-9a-f]*/views && "
+           "truncate -s 0 s_mono_e1_g200_s3_[0-9a-f]*/result.json");
+  run_well("@ tables " SETTING " --out d");
+  assert_done(N_RUNS - 6, 6);
+  assert_int_equal(count(g_said, "is damaged; it is measured again"), 3);
+  assert_int_equal(count(g_said, "is the result of another run"), 1);
+  assert_int_equal(count(g_said, "its pictures are missing"), 1);
+  figures_of("d/summary.csv", after, sizeof after);
+  assert_string_equal(before, after);
+}
+
+// A dataset with the same poses and other pictures is another one.
+static void test_other_pictures(void **state) {
+  (void)state;
+  need_program();
+  run_well("cp -r ../s ../other && rm -r ../other/test_near && cp -r ../other/test ../other/test_near && "
+           "mkdir -p o && cp -r a/runs o && mkdir -p x && mv ../other x/s && "
+           "@ tables --data x/s --quick --steps 3 --gaussians 40 --out o");
+  assert_done(0, N_RUNS);
+}
+
+static void test_stop(void **state) {
+  (void)state;
+  need_program();
+  // The first run is long enough to be stopped in; SIGTERM reaches the program only, Ctrl-C would do the same.
+  int code = run("@ tables --data ../s --quick --steps 2000000 --gaussians 40 --out i & p=$!; "
+                 "for i in $(seq 200); do ls i/runs/*/log.txt >/dev/null 2>&1 && break; sleep 0.05; done; "
+                 "sleep 0.3; kill -TERM $p; wait $p");
+  assert_int_equal(code, 1);
+  assert_int_equal(count(g_said, "stopped by request with 0 of 21 runs done; the same command goes on"), 1);
+  assert_false(exists("i/tables.md"));
+  assert_int_equal(run("ls i/runs/*/result.json"), 2); // none
+  // No child is left: each would hold its log open.
+  assert_int_equal(
+      run("for f in /proc/[0-9]*/fd/2; do case $(readlink $f) in \"$PWD\"/i/runs/*) exit 9;; esac; done"), 0);
+}
+
+// --- bad input -----------------------------------------------------------------------------------
+
+static void test_bad_input(void **state) {
+  static const struct {
+    const char *args;
+    int code;
+    const char *says;
+  } cases[] = {
+      {"--data ../s", 2, "--out is missing"},
+      {"--out b", 2, "--data is missing"},
+      {"--data ../s --steps 0 --out b", 2, "--steps needs a whole number"},
+      {"--data ../s --gaussians 1000000 --out b", 2, "--gaussians needs a whole number"},
+      {"--data ../s --noise loud --out b", 2, "--noise is read=V,shot=V"},
+      {"--data ../s --json --out b", 2, "unknown option '--json'"},
+      {"--data ../s extra --out b", 2, "unexpected argument 'extra'"},
+      {"--data nowhere --out b", 1, "nowhere: there is no such folder"},
+      {"--data ../s, --out b", 1, "one of them is empty"},
+      {"--data ../s,../s/../s --out b", 1, "twice"},
+      {"--data ../s/test --out b", 1, "has no file transforms_train_DEVICE.json"},
+      {"--data bad_json --out b", 1, "transforms_train_mono.json:2: not JSON"},
+      {"--data no_picture --out b", 1, "the picture is missing"},
+      {"--data no_test --out b", 1, "has no transforms_test.json"},
+      {"--data ../s --quick --steps 3 --gaussians 40 --out file", 1, "file"},
+  };
+  (void)state;
+  need_program();
+  run_well("mkdir bad_json && echo '{\"frames\": [' > bad_json/transforms_train_mono.json && "
+           "cp -r ../s no_picture && rm no_picture/train/mono/e01_s00.png && "
+           "mkdir no_test && cp -r ../s/train ../s/transforms_train_mono.json no_test && : > file");
+  for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+    char line[300];
+    snprintf(line, sizeof line, "@ tables %s", cases[i].args);
+    int code = run(line);
+    if (code != cases[i].code || count(g_said, "\n") != 1 || !strstr(g_said, cases[i].says))
+      fail_msg("%s: exit %d, not %d with '%s': %s", line, code, cases[i].code, cases[i].says, g_said);
+    assert_false(exists("b"));
+  }
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_rows),
+                                     cmocka_unit_test(test_protocol),
+                                     cmocka_unit_test(test_markdown),
+                                     cmocka_unit_test(test_pictures),
+                                     cmocka_unit_test(test_without_gnuplot),
+                                     cmocka_unit_test(test_nothing_is_done_twice),
+                                     cmocka_unit_test(test_damage),
+                                     cmocka_unit_test(test_other_pictures),
+                                     cmocka_unit_test(test_stop),
+                                     cmocka_unit_test(test_bad_input)};
+  return cmocka_run_group_tests(tests, setup, teardown);
+}
