@@ -7,6 +7,7 @@
 #include "src/base/mathx.h"
 #include "src/splat/constants.h"
 #include "src/train/checkpoint.h"
+#include "src/train/objective.h"
 #include "src/train/seed.h"
 
 #define QUEUE_LEN   4
@@ -65,6 +66,9 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
     f_max = sv_maxf(f_max, f);
   }
   if (f_max > SV_MIP_FOCAL_RATIO * f_min) t.is_antialiased = true;
+  sv_train_set_objective(&t, &(sv_sampling){.n_exposures = c->n_exposures,
+                                            .n_sub_views = n_trained_sub_views(c),
+                                            .is_multiplexed = is_multiplexed(c)});
   if (c->steps) t.steps_hint = (int)c->steps;
   return t;
 }

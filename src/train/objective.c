@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "src/train/objective.h"
 
-#define FEW_EXPOSURES 4 // beyond, camera motion pins geometry down by itself
+#define FEW_EXPOSURES 3 // beyond, camera motion pins geometry down by itself
 #define GRID_VIEWS    6 // more sub-views than a phone has: a lens grid, whose images are small
 
 void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
