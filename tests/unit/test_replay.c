@@ -403,6 +403,8 @@ static void wrong_json_gets_a_sentence(void **state) {
       "etc\",\"cameras\":[{\"name\":\"a\",\"folder\":\"a\",\"width\":4,\"height\":3,\"frames\":[]}]}",
       "{\"version\":1,\"poses\":[{\"time_ns\":1,\"rig_from_world\":[0,0,0,0,0,0,0]}],"
       "\"cameras\":[{\"name\":\"a\",\"folder\":\"a\",\"width\":4,\"height\":3,\"frames\":[]}]}",
+      "{\"version\":1,\"cameras\":[{\"name\":\"a\",\"folder\":\"a\",\"width\":4,\"height\":3,\"bits\":12,"
+      "\"frames\":[]}]}",
       "{\"version\":1,\"cameras\":[{\"name\":\"a\",\"folder\":\"a\",\"width\":0,\"height\":3,\"frames\":[]}]"
       "}",
       "[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]"};
