@@ -186,8 +186,9 @@ ITEMS_fuzz = $(foreach p,$(PROGS_fuzz),$(p:$(O)/tests/%=%)$(TAB)$(EMULATE) $(p) 
 items = $(or $(ITEMS_$(1)),$(foreach p,$(PROGS_$(1)),$(p:$(O)/tests/%=%)$(TAB)$(EMULATE) $(p)$(NL)))
 run_groups = $(shell mkdir -p $(O)/run)$(file >$(O)/run/$(1).list,$(foreach g,$(2),$(call items,$(g)))) \
   @tests/run/run.sh -j $(JOBS) -o $(O)/run/$(1) $(O)/run/$(1).list
+# Some tests run the programs themselves.
 define run_rule
-$(1): $(foreach g,$(2),$(PROGS_$(g))) | $(SYSROOT_STAMP)
+$(1): $(foreach g,$(2),$(PROGS_$(g))) $(if $(filter scenario fault budget,$(2)),$(PROGRAMS)) | $(SYSROOT_STAMP)
 	$$(call run_groups,$(1),$(2))
 endef
 
