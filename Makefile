@@ -41,7 +41,7 @@ OBJDUMP := $(BOARD_CROSS)objdump
 # kernels/kernels.h).
 ARITH  := -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARN   := -Wall -Wextra -Wpedantic -Wshadow -Wvla -Walloca -Wstrict-prototypes \
-          -Wpointer-arith -Wno-unused-function $(WERROR)
+          -Wpointer-arith -Wno-unused-function -Wno-missing-field-initializers $(WERROR)
 SANF   := $(if $(SAN),-fsanitize=$(SAN) -fno-sanitize-recover=all -fno-omit-frame-pointer)
 OPT    ?= $(if $(SAN),-O1,-O2)
 OPT_KERNELS ?= $(if $(SAN),-O1,-O3)
