@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// subview-calibrate: rigs from pictures. Chessboards -> lenses and relative poses.
+// subview-calibrate: rigs from pictures. Chessboards -> lenses and relative poses, multiplexed
+// sensors -> footprints, lenses and poses.
 #include <stdio.h>
 #include <string.h>
 
@@ -18,13 +19,38 @@ static const cal_command commands[] = {
      "every board, but all must be joined by boards seen together. The rig's frame is the first camera's.",
      "  subview-calibrate board --images 'left??.jpg' 'right??.jpg' --board 9x6 --spacing 0.025 --out rig",
      CAL_BOARD, cal_cmd_board},
+    {"lenslets", "--isolated DIR --white DIR --out RIG [options]",
+     "multiplexed sensor -> footprints, lenses and poses",
+     "For sensors on which the images of several lenses overlap. Cover all lenses but one, and take a "
+     "picture of an\n"
+     "even bright field (white) and of a still, textured object (isolated); so for each lens. Footprints "
+     "come from\n"
+     "the white pictures; focal length, principal point and pose of each lens from features of the object, "
+     "by\n"
+     "bundle adjustment, or from a chessboard (--board, --spacing) in several exposures, which also gives "
+     "the "
+     "scale.\n"
+     "RIG/rig.json has the first lens as its frame; coverage pictures and .cameramodel files lie beside it.",
+     "  subview-calibrate lenslets --isolated isolated --white white --pitch 0.004 --out rig", CAL_LENSLETS,
+     cal_cmd_lenslets},
+    {"check", "--rig RIG [--images CAM0 CAM1 ... --board WxH --spacing M] [options]",
+     "does a rig still hold?",
+     "Tells what a rig is: its lenses, its angular baseline. With new pictures of a chessboard also how well "
+     "each lens "
+     "fits\n"
+     "alone, how well all fit together, and how far corners are from their epipolar lines; warns when a lens "
+     "was "
+     "touched\n"
+     "or the rig was knocked. --images are in the order of the rig's sub-views.",
+     "  subview-calibrate check --rig rig --images 'l*.png' 'r*.png' --board 9x6 --spacing 0.025", CAL_CHECK,
+     cal_cmd_check},
 };
 #define N_COMMANDS ((int)(sizeof commands / sizeof *commands))
 
 static void help(void) {
   printf("usage: subview-calibrate COMMAND [options]\n\n"
          "Finds out what a rig's cameras are and how they stand to each other.\n\n");
-  for (int i = 0; i < N_COMMANDS; i++) printf("  %-8s %s\n", commands[i].name, commands[i].summary);
+  for (int i = 0; i < N_COMMANDS; i++) printf("  %-9s %s\n", commands[i].name, commands[i].summary);
   printf("\nsubview-calibrate COMMAND --help tells more.\n\nExample:\n%s\n", commands[0].example);
 }
 
