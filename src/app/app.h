@@ -81,6 +81,7 @@ typedef struct {
   double loss_mean; // running mean
   double train_s;   // seconds spent training
   uint64_t n_device_errors;
+  uint64_t n_bad_exposures; // delivered whole, but a compressed picture in it was damaged: not kept
 } sv_app;
 
 // Sizes that follow from the cfg: caps of the trainer.
