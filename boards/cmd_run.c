@@ -60,7 +60,7 @@ static int parse(int argc, char **argv, run_options *o) {
                      .scene = "static"};
   const opt list[] = {
       {"--source", OPT_TEXT, &o->source, 0, 0, "S",
-       "sim:SCENE[,rig=...] or replay:DIR (see 'subview cameras')"},
+       SOURCE_KINDS ", with options (see 'subview cameras --help')"},
       {"--rig", OPT_TEXT, &o->rig, 0, 0, "DIR", "folder with rig.json, when the source brings none"},
       {"--scene", OPT_TEXT, &o->scene, 0, 0, "KIND", "static"},
       {"--exposures", OPT_INT, &o->exposures, 1, 10000, "N", "exposures to capture and train on"},
@@ -211,7 +211,9 @@ static int report(const run_options *o, sv_err *err) {
 static int run_all(const run_options *o) {
   sv_err err = {0};
   sv_arena arena = board_arena();
-  if (source_open(&run.src, o->source, o->rig, (int)o->exposures, &arena, &err) < 0) return fail_with(&err);
+  if (source_open(&run.src, o->source, o->rig, (int)o->exposures, true, &arena, &err) < 0)
+    return fail_with(&err);
+  if (run.src.note[0] && !o->is_quiet) say(2, "subview: %s\n", run.src.note);
   sv_app_cfg cfg = app_cfg(o);
   if (carve_outputs(&arena, &cfg, &err) < 0) return fail_with(&err);
   if (o->sub_views && !choose_sub_views(o->sub_views, run.src.rig, cfg.sub_view_mask)) return EXIT_USAGE;
@@ -225,7 +227,8 @@ static int run_all(const run_options *o) {
                   .source = run.src.source,
                   .store = sv_linux_store_port(&run.store),
                   .console = sv_linux_console_port(&run.console),
-                  .publish = {NULL, publish_image}};
+                  .publish = {NULL, publish_image},
+                  .decoder = run.src.decoder};
   int code = 0;
   if (sv_app_init(&run.app, &cfg, &run.k, &port, &arena, &err) < 0) code = fail_with(&err);
   if (!code) {

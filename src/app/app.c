@@ -86,6 +86,8 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
                        const sv_pool *pool, sv_arena *a, sv_err *err) {
   sv_arena_part_begin(a, "sync");
   app->sync_cameras = SV_TAKE(a, sv_sync_camera, c->n_cameras);
+  app->camera_stats = SV_TAKE(a, sv_camera_stat, c->n_cameras);
+  if (app->camera_stats) memset(app->camera_stats, 0, sizeof *app->camera_stats * (size_t)c->n_cameras);
   app->frames = SV_TAKE(a, sv_frame, c->n_cameras);
   for (int i = 0; app->sync_cameras && i < c->n_cameras; i++)
     app->sync_cameras[i] = (sv_sync_camera){.clock = c->caps[i].clock, .stamp = c->caps[i].stamp};
@@ -183,6 +185,7 @@ static sv_status take_exposures(sv_app *app, sv_err *err) {
   sv_status s = SV_OK;
   while (app->exposures.n < app->cfg.n_exposures &&
          sv_sync_pop_exposure(&app->sync, &ex, app->frames) == SV_OK) {
+    sv_camera_stats_exposure(app->camera_stats, &app->sync, &ex, app->frames);
     ex.rig_from_world = sv_pose_identity();
     if (src->rig_pose && src->rig_pose(src->self, ex.time_ns, &ex.rig_from_world) < 0)
       ex.rig_from_world = sv_pose_identity();
@@ -216,6 +219,25 @@ static bool is_stop_requested(const sv_app *app) {
   return c->is_stop_requested && c->is_stop_requested(c->self);
 }
 
+static void log_live(sv_app *app) {
+  char line[512];
+  sv_str s = sv_str_make(line, sizeof line);
+  sv_str_add(&s, "capture  %d/%d exposures", app->exposures.n, app->cfg.n_exposures);
+  sv_camera_stats_live(&s, app->camera_stats, &app->sync, app->cfg.caps);
+  if (app->port.console.log) app->port.console.log(app->port.console.self, SV_LOG_LIVE, line);
+}
+
+static void log_camera_events(sv_app *app) {
+  char line[256];
+  sv_camera_event e;
+  sv_source *src = &app->port.source;
+  while (src->event && src->event(src->self, &e) == SV_OK) {
+    sv_str s = sv_str_make(line, sizeof line);
+    sv_camera_event_line(&s, &e, app->cfg.caps, app->cfg.n_cameras);
+    log_line(app, SV_LOG_WARN, "%s", line);
+  }
+}
+
 static sv_status capture_loop(sv_app *app, sv_err *err) {
   sv_source *src = &app->port.source;
   sv_clock *clk = &app->port.clock;
@@ -231,6 +253,7 @@ static sv_status capture_loop(sv_app *app, sv_err *err) {
                      sv_ns_to_s(now - last_ns), app->exposures.n, app->cfg.n_exposures,
                      sv_ns_to_ms(app->cfg.skew_limit_ns));
     sv_status s = src->dequeue(src->self, &f, now + 100 * SV_NS_PER_MS);
+    log_camera_events(app);
     if (s == SV_END) break;
     if (s == SV_AGAIN) continue;
     if (s < 0) { // one camera failed; the others go on, and the timeout ends a capture that cannot complete
@@ -238,6 +261,7 @@ static sv_status capture_loop(sv_app *app, sv_err *err) {
       clk->sleep_until_ns(clk->self, now + SV_NS_PER_MS); // a source that only fails must not stop time
       continue;
     }
+    if (f.i_camera >= 0 && f.i_camera < app->cfg.n_cameras) sv_camera_stats_frame(app->camera_stats, &f);
     s = sv_sync_push(&app->sync, &f);
     if (s < 0)
       return sv_fail(err, s, "camera %d: its frame does not fit the rig's %d cameras", f.i_camera,
@@ -246,8 +270,7 @@ static sv_status capture_loop(sv_app *app, sv_err *err) {
     if ((s = take_exposures(app, err)) < 0) return s;
     if (app->exposures.n > before) {
       last_ns = clk->now_ns(clk->self);
-      log_line(app, SV_LOG_LIVE, "capture  %d/%d exposures, skew %.3f ms", app->exposures.n,
-               app->cfg.n_exposures, sv_ns_to_ms(app->exposures.exposure[app->exposures.n - 1].skew_ns));
+      log_live(app);
     }
   }
   return SV_OK;

@@ -8,7 +8,7 @@
 #include "src/base/str.h"
 #include "src/rig/bounds.h"
 #include "src/splat/model_file.h"
-#include "src/sync/sync.h"
+#include "src/sync/camera_stats.h"
 #include "src/train/train.h"
 
 #ifdef __cplusplus
@@ -66,6 +66,7 @@ typedef struct {
   sv_exposures exposures;
   sv_trainer trainer;
   sv_sync_camera *sync_cameras; // [n_cameras]
+  sv_camera_stat *camera_stats; // [n_cameras]
   sv_frame *frames;             // [n_cameras] of one exposure
   sv_point *points;             // [n_gaussians] starting points, when bounds are unknown
   sv_view *views;               // [n_exposures n_sub_views] for the bounds
