@@ -80,15 +80,15 @@ static void hold(sv_v4l2_camera *c, uint32_t id, int32_t value, sv_ns now_ns) {
     sv_camera_events_add(c->events, SV_CAMERA_CONTROL, c->i_camera, now_ns, (int64_t)id);
 }
 
-// Cameras know several kinds of manual exposure; UVC's "aperture priority" is not one.
+// The value given, else where the automatic control has brought it; the same again after the camera was away.
 static void hold_value(sv_v4l2_camera *c, uint32_t id, bool is_given, int32_t value, sv_ns now_ns) {
   struct v4l2_queryctrl q;
   if (!id || !has(c, id, &q)) return;
   sv_v4l2_control *k = noted(c, id);
   if (!k) return;
-  // Where the automatic control has brought it is where it stays, also after the camera was away.
-  if (!k->is_changed && !is_given && !get(c, id, &value)) return;
-  hold(c, id, k->is_changed && !is_given ? k->locked : value, now_ns);
+  if (k->is_changed) value = k->locked;
+  else if (!is_given && !get(c, id, &value)) return;
+  hold(c, id, value, now_ns);
 }
 
 static int32_t clamped(const sv_v4l2_camera *c, uint32_t id, double v) {

@@ -252,7 +252,10 @@ static sv_status open_path(sv_v4l2_camera *c, sv_err *err) {
                    "%s: the camera cannot be opened: %s", c->path, sv_linux_reason(-fd));
   c->fd = fd;
   sv_status s = identify(c, err);
-  if (s < 0) sv_v4l2_close_device(c);
+  if (s < 0) { // nothing else is done to what may be another's
+    c->sys->close(c->sys->self, fd);
+    c->fd = -1;
+  }
   return s;
 }
 
