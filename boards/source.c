@@ -97,9 +97,11 @@ sv_status source_open(board_source *s, const char *spec, const char *rig_path, i
   sv_arena_part_begin(arena, "source");
   if (!strncmp(spec, "sim:", 4)) {
     s->kind = SOURCE_SIM;
+    s->is_virtual = true;
     r = open_sim(s, spec + 4, n_exposures, arena, err);
   } else if (!strncmp(spec, "replay:", 7)) {
     s->kind = SOURCE_REPLAY;
+    s->is_virtual = true;
     r = open_replay(s, spec + 7, arena, err);
   } else return sv_fail(err, SV_E_ARG, "source \"%s\": expected sim:SCENE[,...] or replay:DIR", spec);
   if (r >= 0) r = read_caps(s, arena, err);

@@ -39,6 +39,13 @@ static inline void sv_pool_run(const sv_pool *p, sv_task_fn fn, void *arg, int n
   p->run(p->self, fn, arg, n_tasks);
 }
 
+// One more thread, beside the pool, for the cameras (a live run). start may be NULL: there is none.
+typedef struct {
+  void *self;
+  sv_status (*start)(void *self, void (*fn)(void *arg), void *arg); // one fn at a time
+  void (*join)(void *self);                                         // returns when fn has returned
+} sv_worker;
+
 // A pool without threads: runs the tasks in order on the caller.
 sv_pool sv_pool_serial(void);
 
@@ -64,6 +71,7 @@ typedef struct {
   double fps;
   sv_clock_id clock;
   sv_stamp_source stamp;
+  sv_ns stamp_noise_ns; // standard deviation of the stamps about the true instants; 0: exact, as far as known
   size_t frame_bytes; // the largest data_bytes of one frame
 } sv_camera_caps;
 
@@ -97,6 +105,11 @@ typedef struct {
   // Where the rig was at a host time, when the source knows (simulator, a capture with poses). NULL or
   // E_NOT_FOUND: unknown, the runtime then takes the rig as standing still (rig_from_world = identity).
   sv_status (*rig_pose)(void *self, sv_ns host_ns, sv_pose *rig_from_world);
+  // From the next frames on, a frame of this camera takes so long; *set_ns is what it really takes (cameras count in
+  // lines). NULL or E_UNSUPPORTED: the camera runs at its own pace.
+  sv_status (*frame_duration)(void *self, int i_camera, sv_ns wanted_ns, sv_ns *set_ns);
+  // Before start: the cameras expose when a line tells them to (true), or freely (false). NULL: there is no such line.
+  sv_status (*trigger)(void *self, bool is_external);
 } sv_source;
 
 // --- store ---------------------------------------------------------------------------------------
@@ -131,6 +144,7 @@ typedef struct {
   sv_clock clock;   // the cameras' host time; virtual in the simulator and in a replay at full speed
   sv_clock machine; // real time, for budgets and timings
   sv_pool pool;
+  sv_worker worker; // only with cameras on real time
   sv_source source;
   sv_store store;
   sv_console console;
