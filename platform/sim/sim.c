@@ -254,7 +254,8 @@ static sv_status src_start(void *self) {
     slot = (s->now_ns - sv_sim_slot_ns(s, 0) + s->period_ns - 1) / s->period_ns;
   for (int i = 0; i < s->n_cameras; i++) {
     sv_sim_camera *c = &s->cameras[i];
-    c->next_slot = slot, c->shift_ns = c->longer_ns = 0, c->next_sequence = 0, c->is_ended = false, c->n_pending = 0;
+    c->next_slot = slot, c->shift_ns = c->longer_ns = 0, c->next_sequence = 0, c->is_ended = false,
+    c->n_pending = 0;
   }
   s->is_running = true;
   return SV_OK;
@@ -326,14 +327,15 @@ static sv_status src_rig_pose(void *self, sv_ns host_ns, sv_pose *rig_from_world
 }
 
 // As of a camera's own: what is on its way already keeps its length, and lengths come in lines of 10 us.
-static sv_status src_frame_duration(void *self, int i_camera, sv_ns wanted_ns, sv_ns *set_ns) {
+static sv_status src_set_control(void *self, int i_camera, sv_control control, int64_t value,
+                                 int64_t *actual) {
   sv_sim *s = self;
-  *set_ns = 0;
   if (i_camera < 0 || i_camera >= s->n_cameras) return SV_E_ARG;
-  if (wanted_ns < s->period_ns / 2 || wanted_ns > 2 * s->period_ns) return SV_E_RANGE;
-  sv_ns longer_ns = wanted_ns - s->period_ns;
-  s->cameras[i_camera].longer_ns = longer_ns / LINE_NS * LINE_NS;
-  *set_ns = s->period_ns + s->cameras[i_camera].longer_ns;
+  if (control != SV_CONTROL_FRAME_DURATION_NS) return SV_E_UNSUPPORTED;
+  if (value < s->period_ns / 2 || value > 2 * s->period_ns) return SV_E_RANGE;
+  sv_ns *longer_ns = &s->cameras[i_camera].longer_ns;
+  *longer_ns = (value - s->period_ns) / LINE_NS * LINE_NS;
+  if (actual) *actual = s->period_ns + *longer_ns;
   return SV_OK;
 }
 
@@ -353,7 +355,7 @@ sv_source sv_sim_source(sv_sim *s) {
                      .requeue = src_requeue,
                      .stop = src_stop,
                      .rig_pose = src_rig_pose,
-                     .frame_duration = src_frame_duration,
+                     .set_control = src_set_control,
                      .trigger = src_trigger};
 }
 

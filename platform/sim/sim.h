@@ -104,7 +104,8 @@ typedef struct { // something that reaches the host at arrival_ns
 
 typedef struct {
   int64_t next_slot;
-  sv_ns shift_ns, longer_ns; // by how much the next slot's frame is late, and each later one more (frame_duration)
+  sv_ns shift_ns,
+      longer_ns; // by how much the next slot's frame is late, and each later one more (frame_duration)
   uint32_t next_sequence;
   bool is_ended;
   int n_pending;
@@ -118,7 +119,8 @@ typedef struct {
 typedef struct {
   sv_sim_config cfg;
   sv_ns now_ns, period_ns;
-  bool is_running, is_triggered; // triggered: all cameras expose at the slot's instant, whatever skew and rate
+  bool is_running,
+      is_triggered; // triggered: all cameras expose at the slot's instant, whatever skew and rate
   int n_cameras;
   size_t frame_bytes;
   sv_rig rig;

@@ -99,8 +99,12 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
     SV_TAKE(a, uint8_t, sv_intake_bytes(&ic));
   }
   sv_arena_part_begin(a, "exposures");
-  sv_exposures_cfg ec = {
-      .rig = c->rig, .cap_exposures = c->n_exposures, .caps = c->caps, .n_cameras = c->n_cameras};
+  sv_exposures_cfg ec = {.rig = c->rig,
+                         .cap_exposures = c->n_exposures,
+                         .caps = c->caps,
+                         .n_cameras = c->n_cameras,
+                         .n_threads = t->n_threads,
+                         .decoder = &app->port.decoder};
   sv_status s = sv_exposures_init(&app->exposures, &ec, a, err);
   if (s < 0) return s;
   s = sv_trainer_init(&app->trainer, t, k, pool, a, err);
@@ -225,10 +229,10 @@ static void live_line(sv_app *app, double elapsed_s, float progress) {
   double eta = progress > 0.001f ? elapsed_s * (1 - (double)progress) / (double)progress : 0;
   if (app->cfg.steps)
     sv_app_log(app, SV_LOG_LIVE, "train  %u/%u steps  %.0f steps/s  loss %.4f  ETA %.0f s", app->trainer.step,
-             app->cfg.steps, rate, app->loss_mean, eta);
+               app->cfg.steps, rate, app->loss_mean, eta);
   else
-    sv_app_log(app, SV_LOG_LIVE, "train  %u steps  %.0f steps/s  loss %.4f  %.0f of %.0f s", app->trainer.step,
-             rate, app->loss_mean, elapsed_s, app->cfg.time_limit_s);
+    sv_app_log(app, SV_LOG_LIVE, "train  %u steps  %.0f steps/s  loss %.4f  %.0f of %.0f s",
+               app->trainer.step, rate, app->loss_mean, elapsed_s, app->cfg.time_limit_s);
 }
 
 static sv_status save_running(sv_app *app, sv_err *err) {

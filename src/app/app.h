@@ -77,12 +77,12 @@ typedef struct {
   sv_ns machine_ns; // up to which the cameras' virtual clock has followed the machine's
   sv_exposures exposures;
   sv_trainer trainer;
-  sv_frame *frames; // [n_cameras] of one exposure
-  sv_point *points; // [n_gaussians] starting points, when bounds are unknown
-  sv_view *views;               // [n_exposures n_sub_views] for the bounds
-  sv_arena scratch;             // start-up work inside the block
-  char *report;                 // [SV_APP_REPORT_BYTES]
-  uint8_t *checkpoint;          // [checkpoint_bytes] read buffer for resume
+  sv_frame *frames;    // [n_cameras] of one exposure
+  sv_point *points;    // [n_gaussians] starting points, when bounds are unknown
+  sv_view *views;      // [n_exposures n_sub_views] for the bounds
+  sv_arena scratch;    // start-up work inside the block
+  char *report;        // [SV_APP_REPORT_BYTES]
+  uint8_t *checkpoint; // [checkpoint_bytes] read buffer for resume
   size_t checkpoint_bytes;
   uint8_t *preview; // sv_app_preview_size, RGB
   int n_views;      // trained on, lens images included
@@ -92,6 +92,7 @@ typedef struct {
   double loss_mean; // running mean
   double train_s;   // seconds spent training
   uint64_t n_device_errors;
+  uint64_t n_bad_exposures; // delivered whole, but a compressed picture in it was damaged: not kept
 } sv_app;
 
 // Sizes that follow from the cfg: caps of the trainer.

@@ -30,19 +30,24 @@ static void note_errors(sv_app *app) {
   app->n_device_errors = n;
 }
 
-// The next exposure into the pool. AGAIN: none is ready.
+// The next exposure into the pool. AGAIN: none is ready; DROPPED: there was one, but damaged.
 static sv_status keep_exposure(sv_app *app, sv_err *err) {
   sv_intake_exposure t = {.frames = app->frames};
   sv_status s = sv_intake_take(&app->intake, &t);
   if (s != SV_OK) return s;
   s = sv_exposures_add(&app->exposures, &t.exposure, t.frames, app->k, &app->port.pool, err);
   sv_intake_give_back(&app->intake, &t, true);
+  if (s == SV_E_FORMAT || s == SV_E_CORRUPT) { // a damaged picture costs its exposure, not the run
+    if (!app->n_bad_exposures++) sv_app_log(app, SV_LOG_WARN, "%s", err->text);
+    return SV_DROPPED;
+  }
   return s;
 }
 
 static sv_status take_exposures(sv_app *app, sv_err *err) {
   sv_status s = SV_OK;
-  while (app->exposures.n < app->cfg.n_exposures && (s = keep_exposure(app, err)) == SV_OK) {
+  while (app->exposures.n < app->cfg.n_exposures &&
+         ((s = keep_exposure(app, err)) == SV_OK || s == SV_DROPPED)) {
   }
   return s < 0 ? s : SV_OK;
 }
@@ -151,7 +156,8 @@ static void catch_up(sv_app *app) {
 static sv_status replace_oldest(sv_app *app, sv_err *err) {
   int slot = app->exposures.i_next, i_view = 0, n = sv_app_n_trained_sub_views(&app->cfg);
   sv_status s = keep_exposure(app, err);
-  if (s != SV_OK || app->cfg.rig->forward == SV_FORWARD_MULTIPLEXED) return s; // lenses are in the pool itself
+  if (s != SV_OK || app->cfg.rig->forward == SV_FORWARD_MULTIPLEXED)
+    return s; // lenses are in the pool itself
   for (int i = 0; i < app->cfg.rig->n_sub_views; i++) {
     sv_image_u8 image;
     sv_view *view = &app->views[slot * n + i_view];

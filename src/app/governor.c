@@ -10,8 +10,7 @@ sv_governor_cfg sv_governor_defaults(sv_ns preview_every_ns) {
 }
 
 void sv_governor_init(sv_governor *g, const sv_governor_cfg *cfg, sv_ns now_ns) {
-  *g = (sv_governor){
-      .cfg = *cfg, .window_ns = now_ns, .preview_ns = now_ns, .now_ns = now_ns, .slowdown = 1};
+  *g = (sv_governor){.cfg = *cfg, .window_ns = now_ns, .preview_ns = now_ns, .now_ns = now_ns, .slowdown = 1};
 }
 
 // At the end of a window: did training get its share?

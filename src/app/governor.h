@@ -32,11 +32,11 @@ typedef struct {
 
 typedef struct {
   sv_governor_cfg cfg;
-  sv_ns window_ns;           // start of the window that is being measured
+  sv_ns window_ns;            // start of the window that is being measured
   sv_ns spent_ns[SV_N_WORKS]; // in it
-  int slowdown;              // of previews, 1..SV_GOVERNOR_SLOWEST
-  sv_ns preview_ns;          // of the last preview
-  sv_ns credit_ns;           // training time that the floor still owes
+  int slowdown;               // of previews, 1..SV_GOVERNOR_SLOWEST
+  sv_ns preview_ns;           // of the last preview
+  sv_ns credit_ns;            // training time that the floor still owes
   sv_ns now_ns;
   sv_load load;
   uint64_t n[SV_N_WORKS];

@@ -52,9 +52,10 @@ static void add_live(sv_str *s, const sv_app *app) {
   sv_str_add(s,
              "  \"live\": {\"exposures_replaced\": %llu, \"previews\": %llu, \"preview_slowdown\": %d, "
              "\"dequeue_ms\": {\"p50\": %.3f, \"p99\": %.3f, \"max\": %.3f}},\n",
-             (unsigned long long)app->exposures.n_replaced, (unsigned long long)g->n[SV_WORK_PREVIEW], g->slowdown,
-             sv_ns_to_ms(sv_skew_percentile_ns(&app->intake.latency, 50)),
-             sv_ns_to_ms(sv_skew_percentile_ns(&app->intake.latency, 99)), sv_ns_to_ms(app->intake.latency.max_ns));
+             (unsigned long long)app->exposures.n_replaced, (unsigned long long)g->n[SV_WORK_PREVIEW],
+             g->slowdown, sv_ns_to_ms(sv_skew_percentile_ns(&app->intake.latency, 50)),
+             sv_ns_to_ms(sv_skew_percentile_ns(&app->intake.latency, 99)),
+             sv_ns_to_ms(app->intake.latency.max_ns));
 }
 
 static void add_events(sv_str *s, const sv_sync_stream *st) {
@@ -110,7 +111,8 @@ static void add_timing(sv_str *s, const sv_app *app) {
              1e3 * sv_time_stats_percentile_s(t, 99), 1e3 * t->max_s);
   sv_str_add(s, "  \"skew_us\": {\"p50\": %.1f, \"p99\": %.1f, \"max\": %.1f},\n",
              (double)sv_skew_percentile_ns(&app->intake.sync.skew, 50) * 1e-3,
-             (double)sv_skew_percentile_ns(&app->intake.sync.skew, 99) * 1e-3, (double)app->intake.sync.skew.max_ns * 1e-3);
+             (double)sv_skew_percentile_ns(&app->intake.sync.skew, 99) * 1e-3,
+             (double)app->intake.sync.skew.max_ns * 1e-3);
 }
 
 sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) {

@@ -3,8 +3,8 @@
 
 #include <math.h>
 
-#define MIN_FRAMES 16   // before that the period is not known well enough to say what does not fit
-#define GATE       6.0  // of the noise
+#define MIN_FRAMES 16  // before that the period is not known well enough to say what does not fit
+#define GATE       6.0 // of the noise
 #define MAX_OFF    3
 #define START_VAR  1e12 // of the period, in noise^2: unknown
 
@@ -45,7 +45,8 @@ static sv_ns estimate(const sv_cadence *c) { return c->ref_ns + (sv_ns)floor(c->
 
 // How many frames have passed, judged by time.
 static uint32_t frames_since(const sv_cadence *c, sv_ns camera_ns) {
-  double k = c->period_ns > 0 ? ((double)(camera_ns - c->step_ns - c->ref_ns) - c->phase_ns) / c->period_ns : 1;
+  double k =
+      c->period_ns > 0 ? ((double)(camera_ns - c->step_ns - c->ref_ns) - c->phase_ns) / c->period_ns : 1;
   return k < 1.5 ? 1 : k > 1e6 ? 1000000 : (uint32_t)(k + 0.5);
 }
 

@@ -17,8 +17,9 @@
 extern "C" {
 #endif
 
-#define SV_CADENCE_FRAMES 4096 // of fading memory: long against the noise, short against a crystal's temperature
-#define SV_CADENCE_HOLD   128  // frames whose mean tells how far a clock has stepped
+#define SV_CADENCE_FRAMES                                                                                    \
+  4096                      // of fading memory: long against the noise, short against a crystal's temperature
+#define SV_CADENCE_HOLD 128 // frames whose mean tells how far a clock has stepped
 
 typedef struct {
   sv_ns noise_ns; // standard deviation of the stamps; 0: they are passed through

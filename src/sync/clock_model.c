@@ -13,8 +13,8 @@ void sv_clock_model_init(sv_clock_model *m, bool is_common, sv_ns step_limit_ns,
 
 static double line_at(const sv_clock_model *m, double x_s) { return m->offset_ns + m->drift * x_s * 1e9; }
 
-#define PRIOR_BLOCKS  12 // before that the slope from before a step is the better one
-#define RAISED_FACTOR 4  // times the usual distance
+#define PRIOR_BLOCKS  12  // before that the slope from before a step is the better one
+#define RAISED_FACTOR 4   // times the usual distance
 #define SMALL_STEP    200 // of the limit: what a jump must have to be called a step
 #define FASTER_NS     5e5 // below the line by more: a jump, not just the fastest delivery so far
 

@@ -22,7 +22,8 @@ extern "C" {
 
 #define SV_CLOCK_BLOCK_FRAMES 16 // the fastest delivery of so many frames is one point
 #define SV_CLOCK_CAP_BLOCKS   32 // 17 s at 30 fps
-#define SV_CLOCK_RAISED_PAIRS 8  // so many slow deliveries in a row are no delays: the camera's clock went back
+#define SV_CLOCK_RAISED_PAIRS                                                                                \
+  8 // so many slow deliveries in a row are no delays: the camera's clock went back
 
 typedef struct {
   double x_s;  // camera time since the reference
@@ -41,12 +42,12 @@ typedef struct {
   uint64_t n_pairs;                   // since the last step
   int n_blocks, n_in_block;           // the last block is being filled
   sv_clock_point blocks[SV_CLOCK_CAP_BLOCKS];
-  int n_raised;             // deliveries in a row that lie far above the line
-  double raised_ns;         // smallest distance among those
-  double mean_residual_ns;  // running mean of the distances: what is usual
-  double prior_drift;       // from before the last step; good until a slope of one's own is known
+  int n_raised;            // deliveries in a row that lie far above the line
+  double raised_ns;        // smallest distance among those
+  double mean_residual_ns; // running mean of the distances: what is usual
+  double prior_drift;      // from before the last step; good until a slope of one's own is known
   bool has_prior;
-  double offset_ns, drift;  // relative to ref_offset_ns; drift is dimensionless
+  double offset_ns, drift; // relative to ref_offset_ns; drift is dimensionless
 } sv_clock_model;
 
 void sv_clock_model_init(sv_clock_model *m, bool is_common, sv_ns step_limit_ns, double max_drift,

@@ -51,7 +51,8 @@ static void learn_rate(const sv_frame_length *f, sv_frame_length_camera *c, doub
 static bool plan(sv_frame_length *f, sv_frame_length_camera *c, double mean_ns, sv_ns *duration_ns) {
   double p = (double)f->cfg.period_ns, most = SV_FRAME_LENGTH_MAX * p;
   int cycle = SV_FRAME_LENGTH_MEASURE + SV_FRAME_LENGTH_SETTLE;
-  double want_ns = -(mean_ns + c->rate_ns * (0.5 * SV_FRAME_LENGTH_MEASURE + SV_FRAME_LENGTH_SETTLE + 0.5 * cycle));
+  double want_ns =
+      -(mean_ns + c->rate_ns * (0.5 * SV_FRAME_LENGTH_MEASURE + SV_FRAME_LENGTH_SETTLE + 0.5 * cycle));
   if (fabs(want_ns) <= (double)f->cfg.dead_band_ns) return false;
   // Few large changes follow faster, many small ones are finer: as few as the bound allows.
   double n = ceil(fabs(want_ns) / most);

@@ -19,11 +19,12 @@
 extern "C" {
 #endif
 
-#define SV_FRAME_LENGTH_MEASURE 16    // frames whose mean is the phase
-#define SV_FRAME_LENGTH_SETTLE  8     // frames after a command that may still have the old length: cameras queue them
-#define SV_FRAME_LENGTH_MAX     0.01  // largest change of a frame, of the period: 333 us at 30 fps
-#define SV_FRAME_LENGTH_BURST   256   // most frames of one correction
-#define SV_FRAME_LENGTH_DRIFT   0.001 // largest difference of two oscillators that is followed
+#define SV_FRAME_LENGTH_MEASURE 16 // frames whose mean is the phase
+#define SV_FRAME_LENGTH_SETTLE                                                                               \
+  8 // frames after a command that may still have the old length: cameras queue them
+#define SV_FRAME_LENGTH_MAX   0.01  // largest change of a frame, of the period: 333 us at 30 fps
+#define SV_FRAME_LENGTH_BURST 256   // most frames of one correction
+#define SV_FRAME_LENGTH_DRIFT 0.001 // largest difference of two oscillators that is followed
 
 typedef struct {
   int n_cameras;
@@ -31,7 +32,11 @@ typedef struct {
   sv_ns dead_band_ns; // 0: 20 us
 } sv_frame_length_cfg;
 
-typedef enum { SV_FRAME_LENGTH_MEASURING, SV_FRAME_LENGTH_CHANGED, SV_FRAME_LENGTH_SETTLING } sv_frame_length_state;
+typedef enum {
+  SV_FRAME_LENGTH_MEASURING,
+  SV_FRAME_LENGTH_CHANGED,
+  SV_FRAME_LENGTH_SETTLING
+} sv_frame_length_state;
 
 typedef struct {
   bool has_frame, is_off; // off: the camera refused
@@ -54,7 +59,8 @@ typedef struct {
 } sv_frame_length;
 
 // E_ARG: no cameras, or a period that is not positive.
-sv_status sv_frame_length_init(sv_frame_length *f, const sv_frame_length_cfg *cfg, sv_arena *arena) SV_MUST_USE;
+sv_status sv_frame_length_init(sv_frame_length *f, const sv_frame_length_cfg *cfg,
+                               sv_arena *arena) SV_MUST_USE;
 
 // A frame with its mid-exposure on the host's clock. True: the camera is to be told *duration_ns, and what came of
 // it goes to sv_frame_length_set.

@@ -14,8 +14,10 @@ typedef struct {
 #define HEAD_BYTES ((sizeof(head_t) + 15) & ~(size_t)15)
 
 static sv_sync_cfg sync_cfg(const sv_intake_cfg *c, const sv_sync_camera *cameras) {
-  return (sv_sync_cfg){
-      .n_cameras = c->n_cameras, .cameras = cameras, .skew_limit_ns = c->skew_limit_ns, .queue_len = c->queue_len};
+  return (sv_sync_cfg){.n_cameras = c->n_cameras,
+                       .cameras = cameras,
+                       .skew_limit_ns = c->skew_limit_ns,
+                       .queue_len = c->queue_len};
 }
 
 static sv_ns period_ns(const sv_intake_cfg *c) {
@@ -55,8 +57,8 @@ size_t sv_intake_bytes(const sv_intake_cfg *cfg) {
   return dry.used_bytes;
 }
 
-sv_status sv_intake_init(sv_intake *in, const sv_intake_cfg *cfg, const sv_source *source, const sv_clock *clock,
-                         sv_arena *arena) {
+sv_status sv_intake_init(sv_intake *in, const sv_intake_cfg *cfg, const sv_source *source,
+                         const sv_clock *clock, sv_arena *arena) {
   memset(in, 0, sizeof *in);
   if (cfg->n_cameras < 1 || cfg->cap_ready < 1 || cfg->cap_ready > 64 || !cfg->caps) return SV_E_ARG;
   in->cfg = *cfg;
@@ -120,18 +122,21 @@ static void hand_out(sv_intake *in) {
 
 static void align(sv_intake *in, int c) {
   sv_frame_length *fl = &in->frame_length;
-  sv_ns wanted_ns, set_ns = 0, was_ns;
-  if (!in->source.frame_duration || !fl->cameras || !in->sync.streams[c].has_host) return;
+  int64_t set_ns = 0;
+  sv_ns wanted_ns, was_ns;
+  if (!in->source.set_control || !fl->cameras || !in->sync.streams[c].has_host) return;
   if (!sv_frame_length_frame(fl, c, in->sync.streams[c].last_mid_host_ns, &wanted_ns)) return;
   was_ns = fl->cameras[c].set_ns;
-  if (in->source.frame_duration(in->source.self, c, wanted_ns, &set_ns) < 0) set_ns = 0, in->n_late_orders++;
+  if (in->source.set_control(in->source.self, c, SV_CONTROL_FRAME_DURATION_NS, wanted_ns, &set_ns) < 0)
+    set_ns = 0;
   sv_frame_length_set(fl, c, set_ns);
   if (set_ns > 0) sv_sync_lengthened(&in->sync, c, set_ns - was_ns);
 }
 
 static void take_frame(sv_intake *in, const sv_frame *f) {
   int c = f->i_camera;
-  uint64_t n_steps = c >= 0 && c < in->cfg.n_cameras ? in->sync.streams[c].events[SV_SYNC_EVENT_CLOCK_STEP] : 0;
+  uint64_t n_steps =
+      c >= 0 && c < in->cfg.n_cameras ? in->sync.streams[c].events[SV_SYNC_EVENT_CLOCK_STEP] : 0;
   sv_ns late_ns = in->clock.now_ns(in->clock.self) - f->arrival_ns;
   sv_status s = sv_sync_push(&in->sync, f);
   sv_skew_add(&in->latency, late_ns > 0 ? late_ns : 0);
@@ -141,7 +146,8 @@ static void take_frame(sv_intake *in, const sv_frame *f) {
     return;
   }
   if (in->frame_length.cameras) {
-    if (in->sync.streams[c].events[SV_SYNC_EVENT_CLOCK_STEP] != n_steps) sv_frame_length_forget(&in->frame_length, c);
+    if (in->sync.streams[c].events[SV_SYNC_EVENT_CLOCK_STEP] != n_steps)
+      sv_frame_length_forget(&in->frame_length, c);
     else if (s == SV_OK) align(in, c);
   }
   hand_out(in);
@@ -171,9 +177,11 @@ sv_status sv_intake_start(sv_intake *in, sv_err *err) {
   sv_source *src = &in->source;
   sv_status s = SV_OK;
   if (in->cfg.mode == SV_INTAKE_TRIGGER && !src->trigger)
-    return sv_fail(err, SV_E_UNSUPPORTED, "the cameras of this source have no trigger line; expected --sync free or frame-length");
+    return sv_fail(err, SV_E_UNSUPPORTED,
+                   "the cameras of this source have no trigger line; expected --sync free or frame-length");
   if (src->trigger) s = src->trigger(src->self, in->cfg.mode == SV_INTAKE_TRIGGER);
-  if (s < 0) return sv_fail(err, s, "the cameras cannot be switched to their trigger line: %s", sv_status_text(s));
+  if (s < 0)
+    return sv_fail(err, s, "the cameras cannot be switched to their trigger line: %s", sv_status_text(s));
   s = src->start(src->self);
   if (s < 0) return sv_fail(err, s, "the cameras did not start: %s", sv_status_text(s));
   in->is_running = true;

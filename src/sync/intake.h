@@ -46,10 +46,9 @@ typedef struct {
   sv_frame *frames;    // [n_cameras] workspace of the capture side
   uint8_t *out, *back; // one ring element, workspace of the capture side and of the user
   size_t elem_bytes;
-  sv_ring ready, done;    // exposures to the user; from the user
-  int n_with_user;        // capture side: handed over and not given back
-  sv_skew_stats latency;  // from a frame's arrival to its dequeue
-  uint64_t n_late_orders; // cameras that refused a frame length
+  sv_ring ready, done;   // exposures to the user; from the user
+  int n_with_user;       // capture side: handed over and not given back
+  sv_skew_stats latency; // from a frame's arrival to its dequeue
   bool is_running;
   _Atomic uint64_t n_device_errors; // of dequeue and requeue
   _Atomic int i_broken;             // camera of the newest one
@@ -58,8 +57,8 @@ typedef struct {
 
 size_t sv_intake_bytes(const sv_intake_cfg *cfg);
 // E_ARG: the cfg is out of range (see sync.h); E_NOMEM.
-sv_status sv_intake_init(sv_intake *in, const sv_intake_cfg *cfg, const sv_source *source, const sv_clock *clock,
-                         sv_arena *arena) SV_MUST_USE;
+sv_status sv_intake_init(sv_intake *in, const sv_intake_cfg *cfg, const sv_source *source,
+                         const sv_clock *clock, sv_arena *arena) SV_MUST_USE;
 
 // Starts the cameras. E_UNSUPPORTED: a trigger was asked for, and the source has none.
 sv_status sv_intake_start(sv_intake *in, sv_err *err) SV_MUST_USE;

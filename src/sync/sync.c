@@ -392,8 +392,7 @@ sv_status sv_sync_pop_exposure(sv_sync *s, sv_exposure *e, sv_frame *frames) {
 
 // --- the rest ------------------------------------------------------------------------------------
 sv_sync_camera sv_sync_camera_of(const sv_camera_caps *caps) {
-  return (sv_sync_camera){
-      .clock = caps->clock, .stamp = caps->stamp, .stamp_noise_ns = caps->stamp_noise_ns};
+  return (sv_sync_camera){.clock = caps->clock, .stamp = caps->stamp, .stamp_noise_ns = caps->stamp_noise_ns};
 }
 
 void sv_sync_refuse(sv_sync *s, const sv_exposure *e, sv_drop_reason reason) {

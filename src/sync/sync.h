@@ -67,7 +67,7 @@ typedef struct {
   sv_clock_id clock;     // caps.clock
   sv_stamp_source stamp; // caps.stamp
   sv_ns transport_ns;    // shortest delay from stamp to arrival if known, else 0
-  sv_ns stamp_noise_ns;  // caps.stamp_noise_ns: by how much stamps scatter (standard deviation); 0: not at all
+  sv_ns stamp_noise_ns; // caps.stamp_noise_ns: by how much stamps scatter (standard deviation); 0: not at all
 } sv_sync_camera;
 
 // What a camera's caps say of its stamps.
@@ -95,7 +95,7 @@ typedef struct {
   sv_ns max_ns;
 } sv_skew_stats;
 
-void sv_skew_add(sv_skew_stats *s, sv_ns skew_ns); // not negative
+void sv_skew_add(sv_skew_stats *s, sv_ns skew_ns);                   // not negative
 sv_ns sv_skew_percentile_ns(const sv_skew_stats *s, double percent); // 0 when there are none
 
 #define SV_SYNC_CAP_EVENTS 64

@@ -24,9 +24,9 @@
 
 typedef struct {
   uint32_t sequence;
-  sv_ns next_ns, step_ns;   // next frame of its sensor; what its clock was set by
+  sv_ns next_ns, step_ns; // next frame of its sensor; what its clock was set by
   int64_t slot;
-  int n_waiting;            // arrived, not dequeued
+  int n_waiting; // arrived, not dequeued
   sv_frame waiting[CAP_WAITING];
   int64_t slot_of[N_BUFFERS];
   bool is_taken[N_BUFFERS]; // waiting or on loan
@@ -194,7 +194,8 @@ static void run_until(uint64_t n_frames) {
     if (capture_ns <= user.now_ns) {
       world.now_ns = capture_ns;
       camera_t *m = earliest();
-      sv_ns until_ns = m && m->waiting[0].arrival_ns > capture_ns ? m->waiting[0].arrival_ns : capture_ns + SV_NS_PER_MS;
+      sv_ns until_ns =
+          m && m->waiting[0].arrival_ns > capture_ns ? m->waiting[0].arrival_ns : capture_ns + SV_NS_PER_MS;
       assert_true(sv_intake_step(&intake, until_ns) >= 0);
       capture_ns = world.now_ns;
     } else user_works();
@@ -207,13 +208,19 @@ static void open_intake(void) {
   static _Alignas(64) uint8_t block[1 << 20];
   static sv_camera_caps caps[N_CAMERAS];
   sv_arena a = sv_arena_make(block, sizeof block);
-  sv_source source = {
-      .n_cameras = N_CAMERAS, .start = src_start, .dequeue = src_dequeue, .requeue = src_requeue, .stop = src_start};
+  sv_source source = {.n_cameras = N_CAMERAS,
+                      .start = src_start,
+                      .dequeue = src_dequeue,
+                      .requeue = src_requeue,
+                      .stop = src_start};
   sv_clock clock = {NULL, clock_now, clock_sleep};
   for (int i = 0; i < N_CAMERAS; i++)
     caps[i] = (sv_camera_caps){.fps = 30, .clock = SV_CLOCK_CAMERA, .stamp = SV_STAMP_START};
-  sv_intake_cfg cfg = {
-      .n_cameras = N_CAMERAS, .caps = caps, .skew_limit_ns = 5 * SV_NS_PER_MS, .queue_len = 6, .cap_ready = 3};
+  sv_intake_cfg cfg = {.n_cameras = N_CAMERAS,
+                       .caps = caps,
+                       .skew_limit_ns = 5 * SV_NS_PER_MS,
+                       .queue_len = 6,
+                       .cap_ready = 3};
   memset(&world, 0, sizeof world);
   memset(&user, 0, sizeof user);
   world.rng = sv_rng_make(7, 1);
@@ -268,9 +275,9 @@ static phase_t run_phase(double load, uint64_t n_frames) {
   p.n_delivered = user.n_exposures - delivered;
   p.train_share = (double)user.train_ns / (double)(user.now_ns - since_ns);
   p.slowdown = user.governor.slowdown;
-  print_message("load %.0fx: previews every 1/%d, training %.0f %% of the time, %llu exposures, %llu left out\n", load,
-                p.slowdown, 100 * p.train_share, (unsigned long long)p.n_delivered,
-                (unsigned long long)p.n_overload);
+  print_message(
+      "load %.0fx: previews every 1/%d, training %.0f %% of the time, %llu exposures, %llu left out\n", load,
+      p.slowdown, 100 * p.train_share, (unsigned long long)p.n_delivered, (unsigned long long)p.n_overload);
   return p;
 }
 
@@ -284,12 +291,13 @@ static void a_million_frames(void **state) {
   long grown_kib = peak_kib() - before_kib;
   sv_ns p999_ns = sv_skew_percentile_ns(&intake.latency, 99.9);
   sv_ledger l = sv_sync_ledger_sum(&intake.sync);
-  print_message("%llu frames: %llu captured = %llu delivered + %llu dropped + %llu pending; dequeue latency p50 %.3f ms, "
+  print_message("%llu frames: %llu captured = %llu delivered + %llu dropped + %llu pending; dequeue latency "
+                "p50 %.3f ms, "
                 "p99.9 %.3f ms, max %.3f ms; memory grew by %ld KiB\n",
-                (unsigned long long)world.n_frames, (unsigned long long)l.captured, (unsigned long long)l.delivered,
-                (unsigned long long)sv_ledger_dropped(&l), (unsigned long long)l.pending,
-                (double)sv_skew_percentile_ns(&intake.latency, 50) * 1e-6, (double)p999_ns * 1e-6,
-                (double)intake.latency.max_ns * 1e-6, grown_kib);
+                (unsigned long long)world.n_frames, (unsigned long long)l.captured,
+                (unsigned long long)l.delivered, (unsigned long long)sv_ledger_dropped(&l),
+                (unsigned long long)l.pending, (double)sv_skew_percentile_ns(&intake.latency, 50) * 1e-6,
+                (double)p999_ns * 1e-6, (double)intake.latency.max_ns * 1e-6, grown_kib);
   assert_true(world.n_frames >= 1000000);
   assert_true(p999_ns < 2 * SV_NS_PER_MS);
   assert_true(grown_kib < 256);
@@ -328,7 +336,8 @@ static void an_absent_user_loses_whole_exposures(void **state) {
   for (int c = 0; c < N_CAMERAS; c++) {
     assert_int_equal(world.cam[c].n_starved, 0);
     assert_true(sv_sync_ledger(&intake.sync, c)->dropped[SV_DROP_OVERLOAD] >= 990);
-    assert_int_equal(sv_sync_ledger(&intake.sync, c)->delivered, 3); // ready, and dropped for `stopped` in the end
+    assert_int_equal(sv_sync_ledger(&intake.sync, c)->delivered,
+                     3); // ready, and dropped for `stopped` in the end
   }
   close_intake();
 }

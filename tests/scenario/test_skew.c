@@ -54,7 +54,8 @@ static void take_exposures(double true_skew_us) {
     assert_true(n_seen < CAP_SKEWS);
     seen[n_seen].time_ns = e.time_ns;
     seen[n_seen++].error_ns = e.skew_ns - (sv_ns)(true_skew_us * 1e3);
-    for (int i = 0; i < source.n_cameras; i++) assert_int_equal(source.requeue(source.self, &frames[i]), SV_OK);
+    for (int i = 0; i < source.n_cameras; i++)
+      assert_int_equal(source.requeue(source.self, &frames[i]), SV_OK);
   }
   while (sv_sync_pop_return(&sync_of, &f) == SV_OK) assert_int_equal(source.requeue(source.self, &f), SV_OK);
 }
@@ -64,13 +65,15 @@ static void play(double true_skew_us, sv_frame_length *loop) {
   sv_status s;
   assert_int_equal(source.start(source.self), SV_OK);
   while ((s = source.dequeue(source.self, &f, INT64_MAX / 8)) != SV_END) {
-    sv_ns wanted_ns, set_ns;
+    sv_ns wanted_ns;
+    int64_t set_ns;
     assert_int_equal(s, SV_OK);
     int c = f.i_camera;
     assert_true(sv_sync_push(&sync_of, &f) >= 0);
     if (loop && sv_frame_length_frame(loop, c, sync_of.streams[c].last_mid_host_ns, &wanted_ns)) {
       sv_ns was_ns = loop->cameras[c].set_ns;
-      assert_int_equal(source.frame_duration(source.self, c, wanted_ns, &set_ns), SV_OK);
+      assert_int_equal(source.set_control(source.self, c, SV_CONTROL_FRAME_DURATION_NS, wanted_ns, &set_ns),
+                       SV_OK);
       sv_frame_length_set(loop, c, set_ns);
       sv_sync_lengthened(&sync_of, c, set_ns - was_ns);
     }
@@ -94,7 +97,8 @@ static double p99_us(double from_s, double until_s, int *n) {
   *n = 0;
   for (int i = 0; i < n_seen; i++) {
     double t_s = sv_ns_to_s(seen[i].time_ns - SV_SIM_EPOCH_NS);
-    if (t_s >= from_s && t_s < until_s) size[(*n)++] = seen[i].error_ns < 0 ? -seen[i].error_ns : seen[i].error_ns;
+    if (t_s >= from_s && t_s < until_s)
+      size[(*n)++] = seen[i].error_ns < 0 ? -seen[i].error_ns : seen[i].error_ns;
   }
   if (!*n) return -1;
   qsort(size, (size_t)*n, sizeof *size, by_size);
@@ -120,8 +124,9 @@ static void skew_is_true(void **state) {
     open_sim(runs[i].spec, 10 * SV_NS_PER_MS);
     play(400, NULL);
     double start = p99_us(3, runs[i].settle_s + 3, &n_start), p99 = p99_us(runs[i].settle_s, 1e9, &n);
-    print_message("1 ms of jitter of %s: p99 of the error %.1f us over %d exposures from %.0f s on (before: %.1f us)\n",
-                  runs[i].what, p99, n, runs[i].settle_s, start);
+    print_message(
+        "1 ms of jitter of %s: p99 of the error %.1f us over %d exposures from %.0f s on (before: %.1f us)\n",
+        runs[i].what, p99, n, runs[i].settle_s, start);
     assert_true(n > 2900 && p99 >= 0 && p99 <= 100);
     assert_true(start < 1000);
     assert_true((uint64_t)n_seen >= sync_of.streams[0].ledger.captured - 2);
@@ -144,7 +149,8 @@ static void steps_are_over_in_two_seconds(void **state) {
       double p99 = p99_us(at_s + 2, at_s + 20, &n);
       int n_after = n;
       double before = p99_us(at_s - 5, at_s, &n);
-      print_message("step of %d ms, %s: p99 of the error %.1f us from 2 s after it (%.1f us before), %d of 540 exposures\n",
+      print_message("step of %d ms, %s: p99 of the error %.1f us from 2 s after it (%.1f us before), %d of "
+                    "540 exposures\n",
                     step_ms[i], jitter[k], p99, before, n_after);
       assert_true(p99 >= 0 && p99 <= 100 && n_after >= 538 - (step_ms[i] < 0) * 8);
       assert_int_equal(sync_of.streams[1].events[SV_SYNC_EVENT_CLOCK_STEP], 1);
@@ -154,7 +160,8 @@ static void steps_are_over_in_two_seconds(void **state) {
 // Oscillators 60 ppm apart and 7 ms of phase: left alone they drift out of the limit, corrected they meet.
 static void frame_lengths_bring_cameras_together(void **state) {
   (void)state;
-  static const char spec[] = "textured,rig=stereo,size=16x16,fps=30,skew_us=7000,rate_ppm=30,frames=9000,delay_jitter_us=500";
+  static const char spec[] =
+      "textured,rig=stereo,size=16x16,fps=30,skew_us=7000,rate_ppm=30,frames=9000,delay_jitter_us=500";
   sv_frame_length loop;
   static _Alignas(64) uint8_t loop_block[1024];
   uint64_t alone = 0;
@@ -163,16 +170,18 @@ static void frame_lengths_bring_cameras_together(void **state) {
     sv_arena a = sv_arena_make(loop_block, sizeof loop_block);
     open_sim(spec, 5 * SV_NS_PER_MS);
     assert_int_equal(
-        sv_frame_length_init(&loop, &(sv_frame_length_cfg){.n_cameras = 2, .period_ns = sim.period_ns}, &a), SV_OK);
+        sv_frame_length_init(&loop, &(sv_frame_length_cfg){.n_cameras = 2, .period_ns = sim.period_ns}, &a),
+        SV_OK);
     play(0, is_on ? &loop : NULL);
     if (!is_on) {
       alone = sync_of.streams[0].ledger.delivered;
       continue;
     }
     double p99 = p99_us(30, 1e9, &n);
-    print_message("free cameras, 60 ppm, 7 ms apart: %llu of 9000 exposures alone; corrected %d of the last 8100, skew "
-                  "p99 %.1f us, %llu commands\n",
-                  (unsigned long long)alone, n, p99, (unsigned long long)loop.n_commands);
+    print_message(
+        "free cameras, 60 ppm, 7 ms apart: %llu of 9000 exposures alone; corrected %d of the last 8100, skew "
+        "p99 %.1f us, %llu commands\n",
+        (unsigned long long)alone, n, p99, (unsigned long long)loop.n_commands);
     assert_true(alone < 6000 && n >= 8090 && p99 <= 100);
   }
 }
@@ -242,7 +251,8 @@ static int count_by_sync(sv_ns limit_ns) {
   sv_arena a = sv_arena_make(block, sizeof block);
   sv_exposure e;
   sv_frame frames[4], f;
-  for (int c = 0; c < 4; c++) cams[c] = (sv_sync_camera){.clock = SV_CLOCK_MONOTONIC, .stamp = SV_STAMP_MIDDLE};
+  for (int c = 0; c < 4; c++)
+    cams[c] = (sv_sync_camera){.clock = SV_CLOCK_MONOTONIC, .stamp = SV_STAMP_MIDDLE};
   sv_sync_cfg cfg = {.n_cameras = 4, .cameras = cams, .skew_limit_ns = limit_ns, .queue_len = 16};
   assert_int_equal(sv_sync_init(&sync_of, &cfg, &a), SV_OK);
   for (;;) {
@@ -269,8 +279,8 @@ static void a_recording_counted_by_hand(void **state) {
   }
   for (size_t i = 0; i < sizeof limits_ms / sizeof *limits_ms; i++) {
     int direct = count_directly(limits_ms[i] * 1e-3), ours = count_by_sync(limits_ms[i] * SV_NS_PER_MS);
-    print_message("recording of four webcams, skew limit %d ms: %d exposures, counted directly %d\n", limits_ms[i], ours,
-                  direct);
+    print_message("recording of four webcams, skew limit %d ms: %d exposures, counted directly %d\n",
+                  limits_ms[i], ours, direct);
     assert_int_equal(ours, direct);
   }
 }

@@ -16,7 +16,7 @@
 #define CAP_QUEUE 8
 
 typedef struct {
-  double next_ns, rate; // true time of its next frame; error of its oscillator
+  double next_ns, rate;              // true time of its next frame; error of its oscillator
   sv_ns length_ns, queue[CAP_QUEUE]; // lengths on their way to it
   int n_latency;
 } free_camera;
@@ -26,8 +26,8 @@ static sv_frame_length loop;
 
 static void open_loop(int n) {
   sv_arena a = sv_arena_make(block, sizeof block);
-  assert_int_equal(sv_frame_length_init(&loop, &(sv_frame_length_cfg){.n_cameras = n, .period_ns = PERIOD_NS}, &a),
-                   SV_OK);
+  assert_int_equal(
+      sv_frame_length_init(&loop, &(sv_frame_length_cfg){.n_cameras = n, .period_ns = PERIOD_NS}, &a), SV_OK);
 }
 
 static free_camera camera(double phase_ns, double rate, int n_latency) {
