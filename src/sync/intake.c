@@ -25,36 +25,53 @@ static sv_ns period_ns(const sv_intake_cfg *c) {
   return fps > 0 ? (sv_ns)floor(1e9 / fps + 0.5) : 0;
 }
 
-static sv_status carve(sv_intake *in, const sv_intake_cfg *c, sv_arena *a) {
+// What the arena holds; sv_intake itself is too large for a stack frame.
+typedef struct {
+  sv_frame_length frame_length;
+  sv_frame *frames;
+  uint8_t *out, *back;
+  size_t elem_bytes;
+} parts_t;
+
+// sync: NULL on a dry arena.
+static sv_status carve(parts_t *p, sv_sync *sync, const sv_intake_cfg *c, sv_arena *a) {
   size_t n = (size_t)c->n_cameras;
   sv_arena_part_begin(a, "sync");
   sv_sync_camera *cameras = SV_TAKE(a, sv_sync_camera, n), dry = {0};
   for (int i = 0; cameras && i < c->n_cameras; i++) cameras[i] = sv_sync_camera_of(&c->caps[i]);
+  if (a->status < 0) return a->status;
   sv_sync_cfg sc = sync_cfg(c, cameras ? cameras : &dry);
   sv_status s = SV_OK;
-  if (a->base) s = sv_sync_init(&in->sync, &sc, a);
+  if (sync) s = sv_sync_init(sync, &sc, a);
   else (void)SV_TAKE(a, uint8_t, sv_sync_bytes(&sc));
   if (s < 0) return s;
   if (c->mode == SV_INTAKE_FRAME_LENGTH && period_ns(c) > 0) {
     sv_frame_length_cfg fc = {.n_cameras = c->n_cameras, .period_ns = period_ns(c)};
-    s = sv_frame_length_init(&in->frame_length, &fc, a);
+    s = sv_frame_length_init(&p->frame_length, &fc, a);
     if (s < 0) return s;
   }
-  in->elem_bytes = HEAD_BYTES + n * sizeof(sv_frame);
-  in->frames = SV_TAKE(a, sv_frame, n);
-  in->out = SV_TAKE(a, uint8_t, in->elem_bytes);
-  in->back = SV_TAKE(a, uint8_t, in->elem_bytes);
-  s = sv_ring_init(&in->ready, (uint32_t)c->cap_ready, (uint32_t)in->elem_bytes, a);
+  p->elem_bytes = HEAD_BYTES + n * sizeof(sv_frame);
+  p->frames = SV_TAKE(a, sv_frame, n);
+  p->out = SV_TAKE(a, uint8_t, p->elem_bytes);
+  p->back = SV_TAKE(a, uint8_t, p->elem_bytes);
+  return a->status;
+}
+
+static sv_status carve_rings(sv_ring *ready, sv_ring *done, const sv_intake_cfg *c, size_t elem_bytes,
+                             sv_arena *a) {
+  sv_status s = sv_ring_init(ready, (uint32_t)c->cap_ready, (uint32_t)elem_bytes, a);
   // One more than can be under way: giving back never finds it full.
-  if (s >= 0) s = sv_ring_init(&in->done, (uint32_t)c->cap_ready + 1, (uint32_t)in->elem_bytes, a);
+  if (s >= 0) s = sv_ring_init(done, (uint32_t)c->cap_ready + 1, (uint32_t)elem_bytes, a);
   return s < 0 ? s : a->status;
 }
 
 size_t sv_intake_bytes(const sv_intake_cfg *cfg) {
   sv_arena dry = sv_arena_dry();
-  sv_intake in = {0};
-  (void)carve(&in, cfg, &dry);
-  return dry.used_bytes;
+  parts_t p = {0};
+  sv_ring ready, done;
+  sv_status s = carve(&p, NULL, cfg, &dry);
+  if (s >= 0) s = carve_rings(&ready, &done, cfg, p.elem_bytes, &dry);
+  return s < 0 ? 0 : dry.used_bytes;
 }
 
 sv_status sv_intake_init(sv_intake *in, const sv_intake_cfg *cfg, const sv_source *source,
@@ -64,7 +81,14 @@ sv_status sv_intake_init(sv_intake *in, const sv_intake_cfg *cfg, const sv_sourc
   in->cfg = *cfg;
   in->source = *source;
   in->clock = *clock;
-  sv_status s = carve(in, cfg, arena);
+  parts_t p = {0};
+  sv_status s = carve(&p, &in->sync, cfg, arena);
+  if (s >= 0) s = carve_rings(&in->ready, &in->done, cfg, p.elem_bytes, arena);
+  in->frame_length = p.frame_length;
+  in->frames = p.frames;
+  in->out = p.out;
+  in->back = p.back;
+  in->elem_bytes = p.elem_bytes;
   in->cfg.caps = NULL;
   return s;
 }
