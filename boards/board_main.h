@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// C only: the runtime's counters are atomic.
 // What the files of `subview` share: options, output without heap, sources. The files in this folder are the
 // only ones that see board, platform and runtime together.
 #ifndef SV_BOARDS_BOARD_MAIN_H
@@ -62,7 +63,8 @@ typedef struct {
   sv_clock clock;
   sv_codec codec; // of compressed frames
   sv_decoder decoder;
-  char note[256]; // what the user should know, or ""
+  char note[256];  // what the user should know, or ""
+  bool is_virtual; // the clock is the source's own, not the machine's
   bool has_bounds;
   sv_bounds bounds;
   char rig_dir[SV_CAPTURE_CAP_PATH];

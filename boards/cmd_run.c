@@ -10,10 +10,10 @@
 #define N_HELDOUT 8   // views of the simulator that are compared at the end
 
 typedef struct {
-  const char *source, *rig, *scene, *out, *sub_views;
+  const char *source, *rig, *scene, *out, *sub_views, *sync;
   long exposures, steps, gaussians, sh, threads, seed, skew_ms;
   double time_limit, save_every;
-  bool is_resume, is_json, is_quiet;
+  bool is_resume, is_live, is_json, is_quiet;
 } run_options;
 
 // Everything that lives as long as the run; static, so that nothing large is on the stack.
@@ -22,6 +22,7 @@ static struct {
   sv_app app;
   sv_kernels k;
   sv_linux_pool pool;
+  sv_linux_background background;
   sv_linux_store store;
   sv_linux_console console;
   sv_codec codec;
@@ -49,6 +50,13 @@ static void publish_image(void *self, const char *name, int w, int h, const uint
   else if (st.commit(st.self, err) < 0) return;
 }
 
+static int sync_mode(const char *name) {
+  static const char *const names[] = {"free", "frame-length", "trigger"}; // in the order of sv_intake_mode
+  for (int i = 0; i < 3; i++)
+    if (!strcmp(name, names[i])) return i;
+  return -1;
+}
+
 static int parse(int argc, char **argv, run_options *o) {
   *o = (run_options){.exposures = BOARD_EXPOSURES,
                      .gaussians = BOARD_GAUSSIANS,
@@ -57,7 +65,8 @@ static int parse(int argc, char **argv, run_options *o) {
                      .threads = BOARD_THREADS,
                      .seed = 1,
                      .save_every = 30,
-                     .scene = "static"};
+                     .scene = "static",
+                     .sync = "free"};
   const opt list[] = {
       {"--source", OPT_TEXT, &o->source, 0, 0, "S",
        SOURCE_KINDS ", with options (see 'subview cameras --help')"},
@@ -72,6 +81,10 @@ static int parse(int argc, char **argv, run_options *o) {
       {"--gaussians", OPT_INT, &o->gaussians, 0, 4000000, "N", "Gaussians, a fixed number"},
       {"--sh", OPT_INT, &o->sh, 0, 3, "D", "degree of the colour's spherical harmonics"},
       {"--skew-limit", OPT_INT, &o->skew_ms, 1, 10000, "MS", "largest skew within an exposure (20 ms)"},
+      {"--sync", OPT_TEXT, &o->sync, 0, 0, "HOW",
+       "what makes the cameras expose together: free (nothing), frame-length (software), trigger (a line)"},
+      {"--live", OPT_FLAG, &o->is_live, 0, 0, NULL,
+       "go on capturing while training: new exposures take the place of the oldest"},
       {"--threads", OPT_INT, &o->threads, 1, BOARD_CAP_THREADS, "N",
        "threads; the result is the same for any number"},
       {"--seed", OPT_INT, &o->seed, 0, 1e15, "N", "seed of everything random"},
@@ -95,6 +108,8 @@ static int parse(int argc, char **argv, run_options *o) {
   if (!strcmp(o->scene, "dynamic"))
     return usage_error("run", "--scene dynamic: moving scenes are not supported yet");
   if (strcmp(o->scene, "static")) return usage_error("run", "--scene %s: expected static", o->scene);
+  if (sync_mode(o->sync) < 0)
+    return usage_error("run", "--sync %s: expected free, frame-length or trigger", o->sync);
   if (!o->steps && !(o->time_limit > 0)) o->steps = 2000;
   return 0;
 }
@@ -127,6 +142,9 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .source_name = o->source,
                   .n_exposures = (int)o->exposures,
                   .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,
+                  .sync_mode = (sv_intake_mode)sync_mode(o->sync),
+                  .is_live = o->is_live,
+                  .preview_every_s = 2,
                   .capture_timeout_ns = 10 * SV_NS_PER_S,
                   .train = sv_train_defaults(),
                   .steps = (uint32_t)o->steps,
@@ -229,6 +247,8 @@ static int run_all(const run_options *o) {
                   .console = sv_linux_console_port(&run.console),
                   .publish = {NULL, publish_image},
                   .decoder = run.src.decoder};
+  // Cameras on real time get a thread; the simulator's and a recording's time waits for nobody.
+  if (!run.src.is_virtual) port.worker = sv_linux_worker_port(&run.background);
   int code = 0;
   if (sv_app_init(&run.app, &cfg, &run.k, &port, &arena, &err) < 0) code = fail_with(&err);
   if (!code) {

@@ -206,10 +206,12 @@ static sv_status open_decoder(board_source *s, sv_arena *arena, sv_err *err) {
 static sv_status open_kind(board_source *s, const char *spec, int n_exposures, sv_arena *arena, sv_err *err) {
   if (!strncmp(spec, "sim:", 4)) {
     s->kind = SOURCE_SIM;
+    s->is_virtual = true;
     return open_sim(s, spec + 4, n_exposures, arena, err);
   }
   if (!strncmp(spec, "replay:", 7)) {
     s->kind = SOURCE_REPLAY;
+    s->is_virtual = true;
     return open_replay(s, spec + 7, arena, err);
   }
   if (!strncmp(spec, "v4l2:", 5)) {

@@ -154,6 +154,11 @@ static sv_status tiled_control(void *self, int i, sv_control control, int64_t va
   return i < 0 ? SV_E_ARG : t->inner.set_control(t->inner.self, i / n_tiles(t), control, value, actual);
 }
 
+static sv_status tiled_trigger(void *self, bool is_external) {
+  sv_tiled *t = self;
+  return t->inner.trigger(t->inner.self, is_external);
+}
+
 sv_source sv_tiled_source(sv_tiled *t) {
   return (sv_source){.self = t,
                      .n_cameras = t->inner.n_cameras * n_tiles(t),
@@ -164,5 +169,6 @@ sv_source sv_tiled_source(sv_tiled *t) {
                      .stop = tiled_stop,
                      .rig_pose = t->inner.rig_pose ? tiled_pose : NULL,
                      .event = t->inner.event ? tiled_event : NULL,
-                     .set_control = t->inner.set_control ? tiled_control : NULL};
+                     .set_control = t->inner.set_control ? tiled_control : NULL,
+                     .trigger = t->inner.trigger ? tiled_trigger : NULL};
 }
