@@ -33,6 +33,8 @@ header jsmn.h libjsmn-dev
 header jpeglib.h libjpeg62-turbo-dev
 header png.h libpng-dev
 header zlib.h zlib1g-dev
+# cameras behind libcamera; without it V4L2 remains
+wanted_header libcamera/libcamera/libcamera.h "libcamera-dev libcamera-ipa"
 # subview-calibrate; without one of these it says what it cannot do
 wanted_header mrcal/mrcal.h libmrcal-dev
 wanted_header suitesparse/cholmod.h libsuitesparse-dev
