@@ -67,6 +67,7 @@ KERNEL_SRC := $(filter-out %_sse41.c %_avx2.c %_avx512.c %_neon.c,$(wildcard ker
 CORE_SRC   := $(wildcard src/*/*.c calib/*.c) $(KERNEL_SRC)
 PLAT_SRC   := $(foreach p,$(BOARD_PLATFORMS),$(wildcard platform/$(p)/*.c))
 MAIN_SRC   := $(wildcard boards/*.c)
+PREVIEW_SRC := $(wildcard platform/preview/*.c)
 TOOL_SRC   := $(wildcard tools/lab/*.c tools/common/*.c tools/import/*.c tools/metric/*.c)
 TEST_SRC   := $(wildcard tests/*/*.c)
 # A file with main() is a program; the other files of its folder are linked to all programs of the folder.
@@ -78,11 +79,11 @@ HELPER_SRC := $(filter-out $(MAINS),$(TOOL_SRC) $(wildcard tests/common/*.c))
 # unasked.
 HEAP_SRC   := $(filter-out $(MAINS),$(wildcard tests/fault/heap_*.c))
 HEAP_USERS := $(shell grep -lF '"tests/fault/heap_count.h"' /dev/null $(filter $(MAINS),$(TEST_SRC)))
-ALL_OBJ    := $(call obj,$(CORE_SRC) $(PLAT_SRC) $(MAIN_SRC) $(TOOL_SRC) $(TEST_SRC))
+ALL_OBJ    := $(call obj,$(CORE_SRC) $(PLAT_SRC) $(PREVIEW_SRC) $(MAIN_SRC) $(TOOL_SRC) $(TEST_SRC))
 
 CORE    := $(O)/libcore.a
 ARCHIVES := $(O)/libhelp.a $(O)/libplatform.a $(CORE)
-PROGRAMS := $(if $(MAIN_SRC),$(O)/bin/subview) $(if $(LAB_MAIN),$(O)/bin/subview-lab)
+PROGRAMS := $(if $(MAIN_SRC),$(O)/bin/subview) $(if $(PREVIEW_SRC),$(O)/bin/subview-preview) $(if $(LAB_MAIN),$(O)/bin/subview-lab)
 
 .DEFAULT_GOAL := all
 .DELETE_ON_ERROR:
@@ -119,7 +120,8 @@ $(O)/obj/tests/%.o: tests/%.c
 $(O)/obj/%.o: %.c
 	$(call compile,$(CORE_CFLAGS))
 -include $(ALL_OBJ:.o=.d)
-# A file that the assembler includes: the compiler does not list it.
+# Files that the assembler includes: the compiler does not list them.
+$(O)/obj/platform/preview/bundle.o: $(wildcard platform/preview/page/*)
 $(O)/obj/tools/metric/lpips_weights.o: tools/weights/lpips_squeeze.bin
 
 # An archive is made anew when its list of members changes, too: a deleted source must not live on in it.
@@ -138,8 +140,13 @@ link = @mkdir -p $(@D); $(if $(V),echo link $@;) $(CC) $(filter %.o,$^) $(filter
   $(LIBS) -o $@
 $(O)/bin/subview: $(call obj,$(MAIN_SRC)) $(O)/libplatform.a $(CORE)
 	$(call link)
+# Libraries that only one program uses, where they are: a part whose library is missing says so when it is called.
+# Looked up when the program is linked, as the sysroot may be made by the same make.
+has_lib = $(if $(wildcard $(SYSROOT)/usr/include/$(1)),$(2))
+$(O)/bin/subview-preview: $(call obj,$(PREVIEW_SRC)) $(O)/libplatform.a $(CORE)
+	$(call link,$(call has_lib,microhttpd.h,-lmicrohttpd) $(call has_lib,seccomp.h,-lseccomp))
 $(O)/bin/subview-lab: $(call obj,$(LAB_MAIN)) $(ARCHIVES)
-	$(call link)
+	$(call link,$(call has_lib,zstd.h,-lzstd))
 
 # --- tests ----------------------------------------------------------------------------------------
 GROUPS_PLAIN := unit grad golden fault scenario budget

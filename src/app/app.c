@@ -119,6 +119,7 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
   int w, h;
   sv_app_preview_size(c, &w, &h);
   app->preview = SV_TAKE(a, uint8_t, (size_t)w * (size_t)h * 3);
+  sv_live_carve(&app->live, c->has_live, c->n_cameras, a);
   return a->status < 0 ? sv_fail(err, a->status, "the memory block is too small") : SV_OK;
 }
 
@@ -200,6 +201,7 @@ static void log_line(sv_app *app, sv_log_level level, const char *fmt, ...) {
   sv_vfmt(line, sizeof line, fmt, ap);
   va_end(ap);
   if (app->port.console.log) app->port.console.log(app->port.console.self, level, line);
+  sv_live_event(app, level, line);
 }
 
 static bool is_stop_requested(const sv_app *app) {
@@ -214,7 +216,7 @@ static sv_status capture_loop(sv_app *app, sv_err *err) {
   while (app->exposures.n < app->cfg.n_exposures) {
     sv_frame f;
     sv_ns now = clk->now_ns(clk->self);
-    if (is_stop_requested(app)) return SV_E_INTERRUPTED;
+    if (is_stop_requested(app) || sv_live_tick(app) < 0) return SV_E_INTERRUPTED;
     if (now - last_ns > app->cfg.capture_timeout_ns)
       return sv_fail(err, SV_E_TIMEOUT,
                      "no synchronized exposure came for %g s (%d of %d captured); is a camera missing or is "
@@ -229,6 +231,7 @@ static sv_status capture_loop(sv_app *app, sv_err *err) {
       clk->sleep_until_ns(clk->self, now + SV_NS_PER_MS); // a source that only fails must not stop time
       continue;
     }
+    sv_live_frame(app, &f);
     s = sv_sync_push(&app->sync, &f);
     if (s < 0)
       return sv_fail(err, s, "camera %d: its frame does not fit the rig's %d cameras", f.i_camera,
@@ -246,8 +249,11 @@ static sv_status capture_loop(sv_app *app, sv_err *err) {
 
 static sv_status capture(sv_app *app, sv_err *err) {
   sv_source *src = &app->port.source;
+  sv_status t;
   app->state = SV_APP_CAPTURING;
-  sv_status s = src->start(src->self), t;
+  sv_status s = sv_live_wait_start(app, err);
+  if (s < 0) return s;
+  s = src->start(src->self);
   if (s < 0) return sv_fail(err, s, "the cameras did not start: %s", sv_status_text(s));
   s = capture_loop(app, err);
   // Whatever still waits is dropped as `stopped`, so that the ledger closes.
@@ -345,7 +351,7 @@ static sv_status save_running(sv_app *app, sv_err *err) {
 
 static sv_status train_loop(sv_app *app, sv_err *err) {
   const sv_app_cfg *c = &app->cfg;
-  double t0 = seconds(app), last_live = t0, last_save = t0, now = t0;
+  double t0 = seconds(app), last_live = t0, last_save = t0, last_picture = t0, now = t0, paused;
   for (;;) {
     double elapsed = now - t0;
     float progress =
@@ -353,7 +359,10 @@ static sv_status train_loop(sv_app *app, sv_err *err) {
     app->train_s = elapsed;
     if (progress >= 1.0f || (c->time_limit_s > 0 && elapsed >= c->time_limit_s)) return SV_OK;
     if (is_stop_requested(app)) return SV_E_INTERRUPTED;
-    sv_status s = sv_train_step(&app->trainer, progress, &app->last);
+    sv_status s = sv_live_between_steps(app, &paused, err);
+    if (s < 0) return s;
+    t0 += paused, now += paused;
+    s = sv_train_step(&app->trainer, progress, &app->last);
     if (s < 0) return sv_fail(err, s, "training step %u failed: %s", app->trainer.step, sv_status_text(s));
     app->loss_mean = app->step_time.n ? 0.98 * app->loss_mean + 0.02 * app->last.loss : app->last.loss;
     double after = seconds(app);
@@ -365,7 +374,11 @@ static sv_status train_loop(sv_app *app, sv_err *err) {
     }
     if (c->save_every_s > 0 && now - last_save >= c->save_every_s) {
       if ((s = save_running(app, err)) < 0) return s;
-      now = last_save = seconds(app);
+      now = last_save = last_picture = seconds(app);
+    }
+    if (c->picture_every_s > 0 && now - last_picture >= c->picture_every_s) {
+      if ((s = sv_app_publish_preview(app)) < 0) return s;
+      now = last_picture = seconds(app);
     }
   }
 }
@@ -378,13 +391,25 @@ static sv_status save_all(sv_app *app, sv_err *err) {
   return s;
 }
 
+static sv_status show_end(sv_app *app, sv_status s, const sv_err *err) {
+  sv_live_show_model(app);
+  if (app->state == SV_APP_FAILED && !app->live.is_new_requested)
+    sv_live_show(app, SV_SHOWS_FAILED, err ? err->text : "");
+  else sv_live_show(app, SV_SHOWS_DONE, NULL);
+  return s;
+}
+
 sv_status sv_app_run(sv_app *app, sv_err *err) {
+  sv_live_start(app);
   sv_status s = capture(app, err), saved;
   if (s >= 0) s = start_training(app, err);
   if (s >= 0) {
     app->state = SV_APP_TRAINING;
+    sv_live_show_model(app); // the first rough model, at once
+    sv_live_show(app, SV_SHOWS_TRAINING, NULL);
     s = train_loop(app, err);
-    if (s >= 0 || s == SV_E_INTERRUPTED) {
+    if (s >= 0 || (s == SV_E_INTERRUPTED && !app->live.is_new_requested)) {
+      sv_live_show(app, SV_SHOWS_SAVING, NULL);
       saved = save_all(app, err);
       if (saved < 0) s = saved;
     }
@@ -395,8 +420,8 @@ sv_status sv_app_run(sv_app *app, sv_err *err) {
   else if (s == SV_E_INTERRUPTED) {
     sv_fail(err, s, "stopped by request after %u steps; what was trained is saved", app->trainer.step);
     app->state = SV_APP_DONE;
-    return s;
+    return show_end(app, s, err);
   }
   app->state = s < 0 ? SV_APP_FAILED : SV_APP_DONE;
-  return s;
+  return show_end(app, s, err);
 }

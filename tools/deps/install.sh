@@ -32,11 +32,15 @@ header jsmn.h libjsmn-dev
 header jpeglib.h libjpeg62-turbo-dev
 header png.h libpng-dev
 header zlib.h zlib1g-dev
+header microhttpd.h libmicrohttpd-dev # the live view's server
+header seccomp.h libseccomp-dev
+header zstd.h libzstd-dev # SPZ version 4
 case $what in
 build) ;;
 test | tidy)
   header cmocka.h libcmocka-dev
   optional clang-format clang-format
+  optional chromium chromium   # opens the live view's page
   optional gnuplot gnuplot-nox # draws the plots of subview-lab tables
   if [ "$(uname -m)" = x86_64 ]; then # the ARM build, under emulation
     optional aarch64-linux-gnu-gcc "gcc-aarch64-linux-gnu libc6-dev-arm64-cross"
