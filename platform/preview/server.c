@@ -194,7 +194,9 @@ static void resume(pv_server *s, stream_kind kind) {
 }
 
 static void renew_state(pv_server *s) {
-  if (!pv_state_read(s->cfg.source) || !has_stream(s, STREAM_EVENTS)) return;
+  (void)pv_state_read(s->cfg.source);
+  const pv_blob *newest = s->newest[STREAM_EVENTS];
+  if (!has_stream(s, STREAM_EVENTS) || (newest && newest->seq == s->cfg.source->state_seq)) return;
   sv_str o = sv_str_make(s->json, sizeof s->json);
   sv_str_add(&o, "data: ");
   pv_state_json(s->cfg.source, &o);
@@ -211,7 +213,8 @@ static void renew_cameras(pv_server *s, sv_ns now) {
   if (now < s->next_mosaic_ns || !has_stream(s, STREAM_CAMERAS)) return;
   pv_source *p = s->cfg.source;
   s->next_mosaic_ns = now + MOSAIC_NS;
-  if (!pv_mosaic_read(p)) return;
+  (void)pv_mosaic_read(p);
+  if (!p->mosaic || p->mosaic == s->newest[STREAM_CAMERAS]) return;
   pv_blob_drop(s->newest[STREAM_CAMERAS]);
   p->mosaic->n_users++;
   s->newest[STREAM_CAMERAS] = p->mosaic;
@@ -410,7 +413,8 @@ sv_status pv_server_open(pv_server **out, const pv_server_cfg *cfg, sv_err *err)
 void pv_server_step(pv_server *s, int timeout_ms) {
   sv_ns until = now_ns() + timeout_ms * SV_NS_PER_MS;
   for (sv_ns now = now_ns(); now < until; now = now_ns()) {
-    struct pollfd p = {.fd = s->epoll_fd, .events = POLLIN}; // not epoll_wait: it would take the library's edges
+    struct pollfd p = {.fd = s->epoll_fd,
+                       .events = POLLIN}; // not epoll_wait: it would take the library's edges
     MHD_UNSIGNED_LONG_LONG due;
     int wait_ms = (int)(LOOP_STEP_NS / SV_NS_PER_MS);
     if (MHD_get_timeout(s->daemon, &due) == MHD_YES && due < (MHD_UNSIGNED_LONG_LONG)wait_ms)

@@ -102,6 +102,9 @@ function show_message(s) {
   if (s.state === "failed") (title = lacks[s.lacks] || lacks.other), (text = s.sentence);
   $("message").hidden = has_model && s.state !== "failed";
   set("message-title", title), set("message-text", text);
+  // Before there is a model the cameras are what there is to see.
+  const place = !has_model && s.cameras.length && s.state !== "failed" ? $("message") : $("cameras-box");
+  if ($("mosaic").parentNode !== place) place.append($("mosaic"));
 }
 
 function show_buttons(s) {
@@ -174,7 +177,7 @@ function show(s) {
   set("f-psnr", s.psnr > 0 ? number(s.psnr, 1) : "–"), set("f-step", String(s.step));
   set("f-rate", s.steps_per_s > 0 ? number(s.steps_per_s, 0) : "–"), set("f-count", String(view && view.n ? view.n : 0));
   set("train-line", s.exposures + " of " + s.cap_exposures + " exposures" + (s.saves ? ", saved " + s.saves + " times" : ""));
-  set("fps", view && view.fps ? view.fps.toFixed(0) + " fps" : "");
+  set("fps", view && view.n && view.fps ? view.fps.toFixed(0) + " fps" : "");
   set("sandbox", s.sandbox ? "server sandbox: " + s.sandbox : "");
   set("skew-line", s.n_skew ? "skew of " + s.n_skew + " exposures: 50 % " + micro(s.skew_p50_us) + ", 99 % " + micro(s.skew_p99_us) : "no exposures yet");
   show_message(s), show_buttons(s), show_cameras(s), show_ledger(s), show_memory(s);
