@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// C only: the live view's feed is.
 // What the files of `subview` share: options, output without heap, sources. The files in this folder are the
 // only ones that see board, platform and runtime together.
 #ifndef SV_BOARDS_BOARD_MAIN_H

@@ -312,7 +312,14 @@ static sv_status src_rig_pose(void *self, sv_ns host_ns, sv_pose *rig_from_world
 }
 
 sv_source sv_sim_source(sv_sim *s) {
-  return (sv_source){s, s->n_cameras, src_caps, src_start, src_dequeue, src_requeue, src_stop, src_rig_pose};
+  return (sv_source){.self = s,
+                     .n_cameras = s->n_cameras,
+                     .caps = src_caps,
+                     .start = src_start,
+                     .dequeue = src_dequeue,
+                     .requeue = src_requeue,
+                     .stop = src_stop,
+                     .rig_pose = src_rig_pose};
 }
 
 static sv_ns clock_now(void *self) { return ((sv_sim *)self)->now_ns; }

@@ -100,8 +100,12 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
     SV_TAKE(a, uint8_t, sv_sync_bytes(&sc));
   }
   sv_arena_part_begin(a, "exposures");
-  sv_exposures_cfg ec = {
-      .rig = c->rig, .cap_exposures = c->n_exposures, .caps = c->caps, .n_cameras = c->n_cameras};
+  sv_exposures_cfg ec = {.rig = c->rig,
+                         .cap_exposures = c->n_exposures,
+                         .caps = c->caps,
+                         .n_cameras = c->n_cameras,
+                         .n_threads = t->n_threads,
+                         .decoder = &app->port.decoder};
   sv_status s = sv_exposures_init(&app->exposures, &ec, a, err);
   if (s < 0) return s;
   s = sv_trainer_init(&app->trainer, t, k, pool, a, err);
@@ -187,6 +191,11 @@ static sv_status take_exposures(sv_app *app, sv_err *err) {
     for (int i = 0; i < app->cfg.n_cameras; i++)
       if (app->frames[i].i_camera >= 0 && src->requeue(src->self, &app->frames[i]) < 0)
         app->n_device_errors++;
+    if (s == SV_E_FORMAT || s == SV_E_CORRUPT) { // a damaged picture costs its exposure, not the run
+      if (!app->n_bad_exposures++ && app->port.console.log)
+        app->port.console.log(app->port.console.self, SV_LOG_WARN, err->text);
+      s = SV_OK;
+    } else if (s >= 0) sv_live_exposure(app);
     if (s < 0) return s;
   }
   give_back(app);

@@ -87,6 +87,7 @@ struct sv_app {
   double loss_mean; // running mean
   double train_s;   // seconds spent training
   uint64_t n_device_errors;
+  uint64_t n_bad_exposures; // delivered whole, but a compressed picture in it was damaged: not kept
   sv_live live;
 };
 

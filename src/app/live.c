@@ -9,6 +9,7 @@
 
 #define STATE_PERIOD_S 0.25
 #define TILE_PERIOD_S  0.12
+#define TILES_PERIOD_S 0.06
 #define MODEL_PERIOD_S 1.0
 #define MODEL_SHARE    0.03 // of the time at most goes into snapshots of the model
 #define POINT_PERIOD_S 0.5
@@ -39,6 +40,9 @@ void sv_live_start(sv_app *app) {
   l->curve->stride = 1;
   l->tiles->n = sv_mini(app->cfg.n_cameras, SV_FEED_CAP_TILES);
   l->is_session = app->cfg.is_session;
+  l->is_coded = app->exposures.sub != NULL;
+  for (int i = 0; i < app->cfg.n_cameras; i++)
+    if (sv_pixel(app->cfg.caps[i].format)->layout != SV_LAYOUT_CODED) l->is_coded = false;
   l->start_s = machine_s(app);
   l->shows = SV_SHOWS_CAPTURING;
   // An older run's model and pictures are no longer what is there: readers see 0 Gaussians.
@@ -50,45 +54,70 @@ void sv_live_start(sv_app *app) {
 
 // --- thumbnails ----------------------------------------------------------------------------------
 
-bool sv_live_thumbnail(const sv_frame *f, int cap_w, int cap_h, uint8_t *rgb, int *w, int *h) {
-  int size = 0;
-  switch (f->format) {
-  case SV_PIX_GREY8: size = 1; break;
-  case SV_PIX_RGB8: size = 3; break;
-  case SV_PIX_RGBA8: size = 4; break;
-  case SV_PIX_RGB16: size = 6; break;
-  default: return false;
-  }
-  if (!f->data || f->width_px < 1 || f->height_px < 1) return false;
-  int step = sv_maxi((f->width_px + cap_w - 1) / cap_w, (f->height_px + cap_h - 1) / cap_h);
-  *w = f->width_px / step, *h = f->height_px / step;
-  if (*w < 1 || *h < 1) return false;
-  for (int y = 0; y < *h; y++)
-    for (int x = 0; x < *w; x++) {
-      const uint8_t *p = f->data + (size_t)(y * step + step / 2) * (size_t)f->stride_bytes +
-                         (size_t)(x * step + step / 2) * (size_t)size;
-      uint8_t *o = rgb + 3 * ((size_t)y * (size_t)*w + (size_t)x);
-      for (int k = 0; k < 3; k++) o[k] = size == 1 ? p[0] : size == 6 ? p[2 * k + 1] : p[k];
-    }
-  return true;
+static void publish_tile(sv_app *app, int i, int w, int h, double now) {
+  sv_live *l = &app->live;
+  l->cameras[i].next_tile_s = now + TILE_PERIOD_S;
+  l->tiles->tile[i].width_px = w, l->tiles->tile[i].height_px = h;
+  l->cameras[i].n_tiles = ++l->tiles->tile[i].n;
+  if (now < l->next_tiles_s) return; // the tile goes with the next one
+  l->next_tiles_s = now + TILES_PERIOD_S;
+  size_t bytes = offsetof(sv_feed_tiles, rgb) + (size_t)l->tiles->n * sizeof l->tiles->rgb[0];
+  memcpy(sv_feed_begin(l->feed, SV_FEED_TILES), l->tiles, bytes);
+  sv_feed_commit(l->feed, SV_FEED_TILES, bytes);
 }
 
 void sv_live_frame(sv_app *app, const sv_frame *f) {
   sv_live *l = &app->live;
   if (!l->feed || f->i_camera < 0 || f->i_camera >= app->cfg.n_cameras) return;
   sv_live_camera *c = &l->cameras[f->i_camera];
-  double gap = sv_ns_to_s(f->arrival_ns - c->last_ns);
-  if (c->n_frames > 0 && gap > 0) c->period_s += (gap - c->period_s) * (c->n_frames == 1 ? 1.0 : 0.1);
+  double gap = sv_ns_to_s(f->arrival_ns - c->last_ns), period = c->period_s;
+  if (c->n_frames > 0 && gap > 0) c->period_s = period + (gap - period) * (c->n_frames == 1 ? 1.0 : 0.1);
   c->last_ns = f->arrival_ns;
   c->n_frames++;
   double now = machine_s(app);
   if (f->i_camera >= l->tiles->n || f->is_error || now < c->next_tile_s) return;
-  int w, h, i = f->i_camera;
-  if (!sv_live_thumbnail(f, SV_FEED_TILE_W, SV_FEED_TILE_H, l->tiles->rgb[i], &w, &h)) return;
-  c->next_tile_s = now + TILE_PERIOD_S;
-  l->tiles->tile[i].width_px = w, l->tiles->tile[i].height_px = h;
-  l->tiles->tile[i].n++;
-  l->has_new_tile = true;
+  int w, h;
+  if (sv_live_thumbnail(f, SV_FEED_TILE_W, SV_FEED_TILE_H, l->tiles->rgb[f->i_camera], &w, &h))
+    publish_tile(app, f->i_camera, w, h, now);
+}
+
+void sv_live_decoded(sv_app *app, int i_camera, const sv_image_u8 *image) {
+  if (!app->live.feed || !app->live.is_coded) return;
+  sv_frame f = {.i_camera = i_camera,
+                .width_px = image->width_px,
+                .height_px = image->height_px,
+                .stride_bytes = image->stride_bytes,
+                .format = SV_PIX_RGB8,
+                .data = image->px};
+  double now = machine_s(app);
+  int w, h;
+  if (i_camera >= app->live.tiles->n || now < app->live.cameras[i_camera].next_tile_s) return;
+  if (sv_live_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, app->live.tiles->rgb[i_camera], &w, &h))
+    publish_tile(app, i_camera, w, h, now);
+}
+
+// The newest exposure's pictures, for cameras whose frames are compressed.
+void sv_live_exposure(sv_app *app) {
+  const sv_exposures *e = &app->exposures;
+  if (!app->live.feed || !app->live.is_coded || !e->sub || e->n < 1) return;
+  int slot = (e->i_next + e->cfg.cap_exposures - 1) % e->cfg.cap_exposures;
+  for (int i = 0; i < app->cfg.rig->n_sub_views; i++) {
+    sv_image_u8 image;
+    sv_view view;
+    sv_exposures_get(e, slot, i, &image, &view);
+    sv_live_decoded(app, app->cfg.rig->sub_views[i].i_camera, &image);
+  }
+}
+
+// While nothing is captured yet; the converter is free then.
+static void decode_for_tile(sv_app *app, const sv_frame *f) {
+  sv_image_u8 image;
+  sv_err err;
+  if (!app->live.is_coded || f->i_camera >= app->live.tiles->n) return;
+  if (machine_s(app) < app->live.cameras[f->i_camera].next_tile_s) return;
+  if (sv_convert_frame(&app->exposures.convert, f, app->k, &app->port.pool, &image, &err) >= 0)
+    sv_live_decoded(app, f->i_camera, &image);
+  sv_convert_forget(&app->exposures.convert);
 }
 
 // --- state ---------------------------------------------------------------------------------------
@@ -103,10 +132,10 @@ static void fill_cameras(const sv_app *app, sv_feed_state *s) {
     sv_copy(c->name, sizeof c->name, app->cfg.caps[i].name);
     c->width_px = app->cfg.caps[i].width_px, c->height_px = app->cfg.caps[i].height_px;
     c->fps = lc->period_s > 0 ? 1.0 / lc->period_s : 0;
+    c->n_tiles = lc->n_tiles;
     c->captured = l->captured, c->delivered = l->delivered, c->pending = l->pending;
     c->dropped = sv_ledger_dropped(l);
     for (int r = 0; r < SV_N_DROPS && r < SV_FEED_CAP_REASONS; r++) c->dropped_by[r] = l->dropped[r];
-    if (i < app->live.tiles->n) c->n_tiles = app->live.tiles->tile[i].n;
   }
   s->n_reasons = sv_mini(SV_N_DROPS, SV_FEED_CAP_REASONS);
   for (int r = 0; r < s->n_reasons; r++)
@@ -285,11 +314,6 @@ static void show_picture(sv_app *app) {
 static void publish_due(sv_app *app) {
   sv_live *l = &app->live;
   double now = machine_s(app);
-  if (l->has_new_tile) {
-    memcpy(sv_feed_begin(l->feed, SV_FEED_TILES), l->tiles, sizeof *l->tiles);
-    sv_feed_commit(l->feed, SV_FEED_TILES, sizeof *l->tiles);
-    l->has_new_tile = false;
-  }
   if (l->has_new_event) {
     memcpy(sv_feed_begin(l->feed, SV_FEED_EVENTS), l->events, sizeof *l->events);
     sv_feed_commit(l->feed, SV_FEED_EVENTS, sizeof *l->events);
@@ -403,6 +427,7 @@ sv_status sv_live_wait_start(sv_app *app, sv_err *err) {
     sv_status got = is_over ? SV_AGAIN : src->dequeue(src->self, &f, host->now_ns(host->self) + POLL_NS);
     if (got == SV_OK) {
       sv_live_frame(app, &f);
+      if (!f.is_error) decode_for_tile(app, &f);
       if (src->requeue(src->self, &f) < 0) app->n_device_errors++;
       // A simulated or replayed clock must not run ahead of the person who watches.
       machine->sleep_until_ns(machine->self, f.arrival_ns + ahead_ns);

@@ -180,7 +180,14 @@ static bool finish_open(world *w, sv_source source, sv_clock clock, const char *
   w->inner = (sv_port){.clock = clock, .pool = sv_linux_pool_port(&w->pool), .source = source};
   w->port = w->inner;
   w->port.machine = (sv_clock){w, machine_now, machine_sleep};
-  w->port.source = (sv_source){w, n, src_caps, src_start, src_dequeue, src_requeue, src_stop, src_rig_pose};
+  w->port.source = (sv_source){.self = w,
+                               .n_cameras = n,
+                               .caps = src_caps,
+                               .start = src_start,
+                               .dequeue = src_dequeue,
+                               .requeue = src_requeue,
+                               .stop = src_stop,
+                               .rig_pose = src_rig_pose};
   w->port.store = (sv_store){w, st_begin, st_write, st_commit, st_abandon, st_read};
   w->port.console = (sv_console){w, log_line, is_stop_requested};
   w->port.publish = (sv_publish){.self = w, .image = publish};

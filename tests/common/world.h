@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// C only: the live view's feed is.
 // A whole runtime in a test: the simulator on its virtual clock, a store in memory, a machine clock that ticks by
 // itself, and a port that fails on demand. One world at a time: they share one block.
 #ifndef SV_TESTS_COMMON_WORLD_H
