@@ -225,7 +225,8 @@ static int run_once(const run_options *o, bool *is_again) {
     sv_feed_lacks lacks = what[0] == 'c' ? SV_LACKS_CAMERA : what[0] == 'r' ? SV_LACKS_RIG : SV_LACKS_OTHER;
     *is_again = live_view_failed(o, lacks, err.text, &console);
   } else {
-    if (o->is_check || (run.console.is_terminal && !o->is_quiet && is_first_run(o))) check_list(o, &run.src, &arena, &run.k);
+    if (o->is_check || (run.console.is_terminal && !o->is_quiet && is_first_run(o)))
+      check_list(o, &run.src, &arena, &run.k);
     if (!o->is_check) code = do_run(o, is_again);
   }
   sv_linux_store_close(&run.store);
