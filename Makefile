@@ -208,8 +208,13 @@ $(PROGS_fuzz): $(O)/tests/fuzz/%: $(O)/obj/tests/fuzz/%.o \
   $(call obj,$(filter-out $(FUZZ_SRC),$(wildcard tests/fuzz/*.c))) $(ARCHIVES)
 	$(call link)
 
+# The source suite on cameras that are there; the virtual board runs it.
+PROGS_conform := $(O)/tests/source-check
+$(PROGS_conform): $(call obj,tests/conform/source_check.c) $(ARCHIVES)
+	$(call link)
+
 ALL_PROGS := $(foreach g,$(GROUPS_PLAIN) kernels fuzz,$(PROGS_$(g)))
-tests-build: $(ALL_PROGS)
+tests-build: $(ALL_PROGS) $(PROGS_conform)
 PROGS_lint := $(CORE)
 
 # What a group runs: one line "label<TAB>command" each. A leading "!" asks to be run with nothing beside it.

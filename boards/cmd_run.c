@@ -18,6 +18,7 @@ static struct {
   sv_app app;
   sv_kernels k;
   sv_linux_pool pool;
+  sv_linux_background background;
   sv_linux_store store;
   sv_linux_console console;
   sv_codec codec;
@@ -73,6 +74,9 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .source_name = o->source,
                   .n_exposures = (int)o->exposures,
                   .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,
+                  .sync_mode = (sv_intake_mode)o->i_sync,
+                  .is_live = o->is_live,
+                  .preview_every_s = 2,
                   .capture_timeout_ns = 10 * SV_NS_PER_S,
                   .train = sv_train_defaults(),
                   .steps = (uint32_t)o->steps,
@@ -83,7 +87,7 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .save_every_s = o->save_every,
                   .picture_every_s = o->picture_every,
                   .board_name = BOARD_NAME,
-                  .has_live = o->preview || o->has_feed,
+                  .has_live_view = o->preview || o->has_feed,
                   .is_session = o->is_session};
   c.train.n_gaussians = (int)o->gaussians;
   c.train.sh_degree = (int)o->sh;
@@ -161,9 +165,10 @@ static int report(const run_options *o, sv_err *err) {
 // Opens source, outputs and app. What fails is told by err, and by *what for the list and the page.
 static sv_status set_up(const run_options *o, sv_arena *arena, const char **what, sv_err *err) {
   *what = "cameras";
-  sv_status s = source_open(&run.src, o->source, o->rig, (int)o->exposures, arena, err);
+  sv_status s = source_open(&run.src, o->source, o->rig, (int)o->exposures, true, arena, err);
   if (s < 0 && run.src.source.n_cameras > 0) *what = "rig";
   if (s < 0) return s;
+  if (run.src.note[0] && !o->is_quiet) say(2, "subview: %s\n", run.src.note);
   sv_app_cfg cfg = app_cfg(o);
   *what = "memory";
   if ((s = carve_outputs(arena, &cfg, err)) < 0) return s;
@@ -177,7 +182,10 @@ static sv_status set_up(const run_options *o, sv_arena *arena, const char **what
                   .source = run.src.source,
                   .store = sv_linux_store_port(&run.store),
                   .console = sv_linux_console_port(&run.console),
-                  .publish = {.image = publish_image}};
+                  .publish = {.image = publish_image},
+                  .decoder = run.src.decoder};
+  // Cameras on real time get a thread; the simulator's and a recording's time waits for nobody.
+  if (!run.src.is_virtual) port.worker = sv_linux_worker_port(&run.background);
   live_view_publish(&port.publish);
   *what = "memory";
   return sv_app_init(&run.app, &cfg, &run.k, &port, arena, err);

@@ -9,7 +9,8 @@
 static run_options g; // what the list below points at
 
 static const opt list[] = {
-    {"--source", OPT_TEXT, &g.source, 0, 0, "S", "sim:SCENE[,rig=...] or replay:DIR (see 'subview cameras')"},
+    {"--source", OPT_TEXT, &g.source, 0, 0, "S",
+     SOURCE_KINDS ", with options (see 'subview cameras --help')"},
     {"--rig", OPT_TEXT, &g.rig, 0, 0, "DIR", "folder with rig.json, when the source brings none"},
     {"--scene", OPT_TEXT, &g.scene, 0, 0, "KIND", "static"},
     {"--exposures", OPT_INT, &g.exposures, 1, 10000, "N", "exposures to capture and train on"},
@@ -21,6 +22,10 @@ static const opt list[] = {
     {"--gaussians", OPT_INT, &g.gaussians, 0, 4000000, "N", "Gaussians, a fixed number"},
     {"--sh", OPT_INT, &g.sh, 0, 3, "D", "degree of the colour's spherical harmonics"},
     {"--skew-limit", OPT_INT, &g.skew_ms, 1, 10000, "MS", "largest skew within an exposure (20 ms)"},
+    {"--sync", OPT_TEXT, &g.sync, 0, 0, "HOW",
+     "what makes the cameras expose together: free (nothing), frame-length (software), trigger (a line)"},
+    {"--live", OPT_FLAG, &g.is_live, 0, 0, NULL,
+     "go on capturing while training: new exposures take the place of the oldest"},
     {"--threads", OPT_INT, &g.threads, 1, BOARD_CAP_THREADS, "N",
      "threads; the result is the same for any number"},
     {"--seed", OPT_INT, &g.seed, 0, 1e15, "N", "seed of everything random"},
@@ -43,6 +48,13 @@ static const opt list[] = {
     {"--quiet", OPT_FLAG, &g.is_quiet, 0, 0, NULL, "no progress"},
 };
 
+static int sync_mode(const char *name) {
+  static const char *const names[] = {"free", "frame-length", "trigger"}; // in the order of sv_intake_mode
+  for (int i = 0; i < 3; i++)
+    if (!strcmp(name, names[i])) return i;
+  return -1;
+}
+
 static int check(run_options *o) {
   sv_err err;
   if (!o->source) return usage_error("run", "--source is missing");
@@ -51,6 +63,8 @@ static int check(run_options *o) {
   if (!strcmp(o->scene, "dynamic"))
     return usage_error("run", "--scene dynamic: moving scenes are not supported yet");
   if (strcmp(o->scene, "static")) return usage_error("run", "--scene %s: expected static", o->scene);
+  o->i_sync = sync_mode(o->sync);
+  if (o->i_sync < 0) return usage_error("run", "--sync %s: expected free, frame-length or trigger", o->sync);
   if (o->preview &&
       sv_linux_live_parse(o->preview, o->preview_addr, sizeof o->preview_addr, &o->preview_port, &err) < 0)
     return usage_error("run", "--preview %s", err.text);
@@ -69,7 +83,8 @@ int run_options_parse(int argc, char **argv, run_options *o) {
                     .seed = 1,
                     .save_every = 30,
                     .picture_every = 5,
-                    .scene = "static"};
+                    .scene = "static",
+                    .sync = "free"};
   int r = options_parse(
       "run",
       "Captures exposures (all sub-views of one instant), trains Gaussians on all of them, and saves the "

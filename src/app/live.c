@@ -8,8 +8,6 @@
 #include "src/base/mathx.h"
 
 #define STATE_PERIOD_S 0.25
-#define TILE_PERIOD_S  0.12
-#define TILES_PERIOD_S 0.06
 #define MODEL_PERIOD_S 1.0
 #define MODEL_SHARE    0.03 // of the time at most goes into snapshots of the model
 #define POINT_PERIOD_S 0.5
@@ -27,6 +25,7 @@ void sv_live_carve(sv_live *l, bool is_on, int n_cameras, sv_arena *a) {
   l->tiles = SV_TAKE(a, sv_feed_tiles, 1);
   l->curve = SV_TAKE(a, sv_feed_curve, 1);
   l->events = SV_TAKE(a, sv_feed_events, 1);
+  l->counts = SV_TAKE(a, sv_live_counts, 2);
 }
 
 void sv_live_start(sv_app *app) {
@@ -35,6 +34,7 @@ void sv_live_start(sv_app *app) {
   if (!l->feed) return;
   memset(l->cameras, 0, sizeof *l->cameras * (size_t)app->cfg.n_cameras);
   memset(l->tiles, 0, sizeof *l->tiles);
+  memset(l->counts, 0, 2 * sizeof *l->counts);
   memset(l->curve, 0, sizeof *l->curve);
   memset(l->events, 0, sizeof *l->events);
   l->curve->stride = 1;
@@ -52,74 +52,6 @@ void sv_live_start(sv_app *app) {
   sv_feed_commit(l->feed, SV_FEED_PICTURE, sizeof(sv_feed_picture));
 }
 
-// --- thumbnails ----------------------------------------------------------------------------------
-
-static void publish_tile(sv_app *app, int i, int w, int h, double now) {
-  sv_live *l = &app->live;
-  l->cameras[i].next_tile_s = now + TILE_PERIOD_S;
-  l->tiles->tile[i].width_px = w, l->tiles->tile[i].height_px = h;
-  l->cameras[i].n_tiles = ++l->tiles->tile[i].n;
-  if (now < l->next_tiles_s) return; // the tile goes with the next one
-  l->next_tiles_s = now + TILES_PERIOD_S;
-  size_t bytes = offsetof(sv_feed_tiles, rgb) + (size_t)l->tiles->n * sizeof l->tiles->rgb[0];
-  memcpy(sv_feed_begin(l->feed, SV_FEED_TILES), l->tiles, bytes);
-  sv_feed_commit(l->feed, SV_FEED_TILES, bytes);
-}
-
-void sv_live_frame(sv_app *app, const sv_frame *f) {
-  sv_live *l = &app->live;
-  if (!l->feed || f->i_camera < 0 || f->i_camera >= app->cfg.n_cameras) return;
-  sv_live_camera *c = &l->cameras[f->i_camera];
-  double gap = sv_ns_to_s(f->arrival_ns - c->last_ns), period = c->period_s;
-  if (c->n_frames > 0 && gap > 0) c->period_s = period + (gap - period) * (c->n_frames == 1 ? 1.0 : 0.1);
-  c->last_ns = f->arrival_ns;
-  c->n_frames++;
-  double now = machine_s(app);
-  if (f->i_camera >= l->tiles->n || f->is_error || now < c->next_tile_s) return;
-  int w, h;
-  if (sv_live_thumbnail(f, SV_FEED_TILE_W, SV_FEED_TILE_H, l->tiles->rgb[f->i_camera], &w, &h))
-    publish_tile(app, f->i_camera, w, h, now);
-}
-
-void sv_live_decoded(sv_app *app, int i_camera, const sv_image_u8 *image) {
-  if (!app->live.feed || !app->live.is_coded) return;
-  sv_frame f = {.i_camera = i_camera,
-                .width_px = image->width_px,
-                .height_px = image->height_px,
-                .stride_bytes = image->stride_bytes,
-                .format = SV_PIX_RGB8,
-                .data = image->px};
-  double now = machine_s(app);
-  int w, h;
-  if (i_camera >= app->live.tiles->n || now < app->live.cameras[i_camera].next_tile_s) return;
-  if (sv_live_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, app->live.tiles->rgb[i_camera], &w, &h))
-    publish_tile(app, i_camera, w, h, now);
-}
-
-// The newest exposure's pictures, for cameras whose frames are compressed.
-void sv_live_exposure(sv_app *app) {
-  const sv_exposures *e = &app->exposures;
-  if (!app->live.feed || !app->live.is_coded || !e->sub || e->n < 1) return;
-  int slot = (e->i_next + e->cfg.cap_exposures - 1) % e->cfg.cap_exposures;
-  for (int i = 0; i < app->cfg.rig->n_sub_views; i++) {
-    sv_image_u8 image;
-    sv_view view;
-    sv_exposures_get(e, slot, i, &image, &view);
-    sv_live_decoded(app, app->cfg.rig->sub_views[i].i_camera, &image);
-  }
-}
-
-// While nothing is captured yet; the converter is free then.
-static void decode_for_tile(sv_app *app, const sv_frame *f) {
-  sv_image_u8 image;
-  sv_err err;
-  if (!app->live.is_coded || f->i_camera >= app->live.tiles->n) return;
-  if (machine_s(app) < app->live.cameras[f->i_camera].next_tile_s) return;
-  if (sv_convert_frame(&app->exposures.convert, f, app->k, &app->port.pool, &image, &err) >= 0)
-    sv_live_decoded(app, f->i_camera, &image);
-  sv_convert_forget(&app->exposures.convert);
-}
-
 // --- state ---------------------------------------------------------------------------------------
 
 static void fill_cameras(const sv_app *app, sv_feed_state *s) {
@@ -127,7 +59,7 @@ static void fill_cameras(const sv_app *app, sv_feed_state *s) {
   for (int i = 0; i < s->n_cameras; i++) {
     sv_feed_camera *c = &s->cameras[i];
     const sv_live_camera *lc = &app->live.cameras[i];
-    const sv_ledger *l = sv_sync_ledger(&app->sync, i);
+    const sv_ledger *l = sv_live_ledger(app, i);
     memset(c, 0, sizeof *c);
     sv_copy(c->name, sizeof c->name, app->cfg.caps[i].name);
     c->width_px = app->cfg.caps[i].width_px, c->height_px = app->cfg.caps[i].height_px;
@@ -144,7 +76,7 @@ static void fill_cameras(const sv_app *app, sv_feed_state *s) {
 
 // Eighths of an octave of nanoseconds -> quarters of an octave from 1 us.
 static void fill_skew(const sv_app *app, sv_feed_state *s) {
-  const sv_skew_stats *k = &app->sync.skew;
+  const sv_skew_stats *k = sv_live_skew(app);
   s->n_skew = k->n;
   s->skew_p50_us = (double)sv_skew_percentile_ns(k, 50) * 1e-3;
   s->skew_p99_us = (double)sv_skew_percentile_ns(k, 99) * 1e-3;
@@ -406,7 +338,10 @@ sv_status sv_live_between_steps(sv_app *app, double *paused_s, sv_err *err) {
     }
   } while (l->is_paused && !l->is_new_requested && !is_stopped(app));
   l->is_paused = l->is_paused && !l->is_new_requested && !is_stopped(app);
-  if (was_away) *paused_s = machine_s(app) - t0;
+  if (was_away) {
+    *paused_s = machine_s(app) - t0;
+    app->machine_ns += (sv_ns)(*paused_s * 1e9); // virtual cameras rested, too
+  }
   return new_or_ok(app);
 }
 
@@ -427,7 +362,7 @@ sv_status sv_live_wait_start(sv_app *app, sv_err *err) {
     sv_status got = is_over ? SV_AGAIN : src->dequeue(src->self, &f, host->now_ns(host->self) + POLL_NS);
     if (got == SV_OK) {
       sv_live_frame(app, &f);
-      if (!f.is_error) decode_for_tile(app, &f);
+      if (!f.is_error) sv_live_decode(app, &f);
       if (src->requeue(src->self, &f) < 0) app->n_device_errors++;
       // A simulated or replayed clock must not run ahead of the person who watches.
       machine->sleep_until_ns(machine->self, f.arrival_ns + ahead_ns);

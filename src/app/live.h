@@ -10,6 +10,7 @@
 #include "src/image/planes.h"
 #include "src/port/feed.h"
 #include "src/port/port.h"
+#include "src/sync/sync.h"
 
 typedef struct sv_app sv_app;
 
@@ -23,11 +24,18 @@ typedef struct {
 } sv_live_camera;
 
 typedef struct {
+  sv_ledger ledger[SV_FEED_CAP_CAMERAS];
+  sv_skew_stats skew;
+} sv_live_counts;
+
+typedef struct {
   sv_feed *feed;   // NULL: nothing is shown
   bool is_session; // wait for Start, stay after the end
   sv_live_camera *cameras;
   sv_feed_tiles *tiles; // staging: a slot holds all tiles; the frames' side alone
-  double next_tiles_s;
+  double next_tiles_s, next_counts_s;
+  sv_live_counts *counts; // [2]
+  _Atomic int i_counts;   // the half to read
   sv_feed_curve *curve;   // history, for pages that come late
   sv_feed_events *events; // likewise
   double start_s, next_state_s, next_model_s, next_picture_s;
@@ -47,7 +55,11 @@ void sv_live_start(sv_app *app); // the run begins: the clock of the page starts
 void sv_live_frame(sv_app *app, const sv_frame *f);
 // The same frame after it was decoded; the newest exposure, which was decoded when it was taken.
 void sv_live_exposure(sv_app *app);
+void sv_live_decode(sv_app *app, const sv_frame *f); // while nothing is captured yet
 void sv_live_decoded(sv_app *app, int i_camera, const sv_image_u8 *image);
+// What the capture side last counted, whichever thread it is on.
+const sv_ledger *sv_live_ledger(const sv_app *app, int i_camera);
+const sv_skew_stats *sv_live_skew(const sv_app *app);
 // Now and then in every loop: publishes what is due. E_INTERRUPTED when New was asked for.
 sv_status sv_live_tick(sv_app *app) SV_MUST_USE;
 // In a session, before the capture: shows the cameras until Start. E_INTERRUPTED after a stop request.

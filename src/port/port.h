@@ -39,6 +39,13 @@ static inline void sv_pool_run(const sv_pool *p, sv_task_fn fn, void *arg, int n
   p->run(p->self, fn, arg, n_tasks);
 }
 
+// One more thread, beside the pool, for the cameras (a live run). start may be NULL: there is none.
+typedef struct {
+  void *self;
+  sv_status (*start)(void *self, void (*fn)(void *arg), void *arg); // one fn at a time
+  void (*join)(void *self);                                         // returns when fn has returned
+} sv_worker;
+
 // A pool without threads: runs the tasks in order on the caller.
 sv_pool sv_pool_serial(void);
 
@@ -98,9 +105,10 @@ typedef struct {
   double fps;
   sv_clock_id clock;
   sv_stamp_source stamp;
-  size_t frame_bytes; // the largest data_bytes of one frame
-  sv_yuv_kind yuv;    // of YUYV, UYVY, NV12
-  sv_raw_tone tone;   // of Bayer, and of grey with more than 8 bits
+  sv_ns stamp_noise_ns; // standard deviation of the stamps about the true instants; 0: exact, as far as known
+  size_t frame_bytes;   // the largest data_bytes of one frame
+  sv_yuv_kind yuv;      // of YUYV, UYVY, NV12
+  sv_raw_tone tone;     // of Bayer, and of grey with more than 8 bits
   int coded_width_px,
       coded_height_px; // of the compressed picture this camera is a part of; 0: it is all of it
 } sv_camera_caps;
@@ -142,7 +150,8 @@ typedef struct {
 // Settings of a camera that can be changed while it runs.
 typedef enum {
   SV_CONTROL_EXPOSURE_NS = 0,
-  SV_CONTROL_GAIN_MILLI // 1000: none
+  SV_CONTROL_GAIN_MILLI,       // 1000: none
+  SV_CONTROL_FRAME_DURATION_NS // of each frame from the next ones on; cameras count in lines, so *actual differs
 } sv_control;
 
 // A set of cameras that run together. open/enumeration belong to the platform; the runtime gets this.
@@ -165,6 +174,8 @@ typedef struct {
   // Sets a control; *actual (may be NULL) is what the camera took. NULL, or E_UNSUPPORTED: it has no such
   // setting. E_RANGE: not this value.
   sv_status (*set_control)(void *self, int i_camera, sv_control control, int64_t value, int64_t *actual);
+  // Before start: the cameras expose when a line tells them to (true), or freely (false). NULL: there is no such line.
+  sv_status (*trigger)(void *self, bool is_external);
 } sv_source;
 
 // Turns one compressed picture (JPEG or PNG) into RGB8; NULL decode: there is no decoder. rgb:
@@ -225,6 +236,7 @@ typedef struct {
   sv_clock clock;   // the cameras' host time; virtual in the simulator and in a replay at full speed
   sv_clock machine; // real time, for budgets and timings
   sv_pool pool;
+  sv_worker worker; // only with cameras on real time
   sv_source source;
   sv_store store;
   sv_console console;
