@@ -68,7 +68,6 @@ obj = $(patsubst %.cc,$(O)/obj/%.o,$(patsubst %.c,$(O)/obj/%.o,$(1)))
 KERNEL_SRC := $(filter-out %_sse41.c %_avx2.c %_avx512.c %_neon.c,$(wildcard kernels/*.c kernels/*/*.c)) \
   $(foreach i,$(BOARD_ISAS),$(wildcard kernels/*/*_$(i).c))
 CORE_SRC   := $(wildcard src/*/*.c calib/*.c) $(KERNEL_SRC)
-PLAT_SRC   := $(foreach p,$(BOARD_PLATFORMS),$(wildcard platform/$(p)/*.c))
 MAIN_SRC   := $(wildcard boards/*.c)
 PREVIEW_SRC := $(wildcard platform/preview/*.c)
 TOOL_SRC   := $(wildcard tools/lab/*.c tools/common/*.c tools/import/*.c tools/metric/*.c)
@@ -77,6 +76,12 @@ TEST_SRC   := $(wildcard tests/*/*.c)
 # named *_LIB.c or .cc need LIB, and *_LIB_none.c stands in for them and says so when it is called.
 INC_DIR    := $(SYSROOT)/usr/include
 have        = $(if $(filter $(words $(1)),$(words $(wildcard $(addprefix $(INC_DIR)/,$(1))))),1)
+HAVE_libcamera := $(call have,libcamera/libcamera/libcamera.h)
+PLAT_SRC   := $(foreach p,$(BOARD_PLATFORMS),$(wildcard platform/$(p)/*.c $(if $(HAVE_$(p)),platform/$(p)/*.cc)))
+ifneq ($(filter libcamera,$(BOARD_PLATFORMS))$(HAVE_libcamera),libcamera)
+PLAT_SRC   := $(filter-out platform/libcamera/libcamera_none.c,$(PLAT_SRC))
+LIBS       += $(if $(HAVE_libcamera),-lcamera -lcamera-base -lstdc++)
+endif
 SOLVE_LIBS_mrcal     := -lmrcal -lcholmod
 SOLVE_LIBS_opencv    := -lopencv_calib3d -lopencv_features2d -lopencv_imgproc -lopencv_core
 SOLVE_LIBS_mrgingham := -lmrgingham -lopencv_core
@@ -135,6 +140,8 @@ endef
 $(foreach i,$(BOARD_ISAS),$(eval $(call isa_rule,$(i))))
 $(O)/obj/kernels/%.o: kernels/%.c
 	$(call compile,$(KERNEL_CFLAGS))
+$(O)/obj/platform/%.o: platform/%.cc
+	@mkdir -p $(@D); $(CXX) -MMD -MP $(SOLVE_CXXFLAGS) -isystem $(INC_DIR)/libcamera -c $< -o $@
 $(O)/obj/platform/%.o: platform/%.c
 	$(call compile,$(HOST_CFLAGS))
 $(O)/obj/boards/%.o: boards/%.c

@@ -37,6 +37,8 @@ header zlib.h zlib1g-dev
 wanted_header microhttpd.h libmicrohttpd-dev
 wanted_header seccomp.h libseccomp-dev
 wanted_header zstd.h libzstd-dev
+# cameras behind libcamera; without it V4L2 remains
+wanted_header libcamera/libcamera/libcamera.h "libcamera-dev libcamera-ipa"
 # subview-calibrate; without one of these it says what it cannot do
 wanted_header mrcal/mrcal.h libmrcal-dev
 wanted_header suitesparse/cholmod.h libsuitesparse-dev
