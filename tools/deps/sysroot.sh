@@ -10,7 +10,7 @@
 set -eu
 arch=$1 folder=$2
 packages=libc6-dev,linux-libc-dev,libjpeg62-turbo-dev,libpng-dev,zlib1g-dev,libcmocka-dev,libjsmn-dev
-packages=$packages,libcamera-dev,libcamera-ipa,libstdc++-12-dev
+packages=$packages,libmicrohttpd-dev,libseccomp-dev,libzstd-dev,libcamera-dev,libcamera-ipa,libstdc++-12-dev
 
 fail() {
   echo "no sysroot for $arch: $*" >&2
