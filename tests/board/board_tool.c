@@ -171,6 +171,8 @@ int main(int argc, char **argv) {
   if (argc == 5 && !strcmp(argv[1], "control")) return set_control(argv[2], argv[3], atol(argv[4]));
   if (argc >= 2 && argc <= 3 && !strcmp(argv[1], "list")) return list(argc > 2 ? argv[2] : NULL);
   if (argc >= 5 && !strcmp(argv[1], "feed")) return play(atof(argv[2]), atof(argv[3]), argc - 4, argv + 4);
-  fprintf(stderr, "usage: board_tool control DEVICE NAME VALUE | list [DRIVER] | feed SECONDS FPS DEVICE:OFFSET_US...\n");
+  fprintf(
+      stderr,
+      "usage: board_tool control DEVICE NAME VALUE | list [DRIVER] | feed SECONDS FPS DEVICE:OFFSET_US...\n");
   return 2;
 }

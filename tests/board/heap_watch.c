@@ -40,7 +40,9 @@ static int note(struct dl_phdr_info *info, size_t size, void *arg) {
   (void)arg;
   const char *name = info->dlpi_name;
   // libstdc++ is how libcamera allocates; operator new is told apart below.
-  int owner = !name[0] ? OURS : strstr(name, "camera") || strstr(name, "stdc++") || strstr(name, "ipa_") ? LIBCAMERA : OTHERS;
+  int owner = !name[0]                                                                   ? OURS
+              : strstr(name, "camera") || strstr(name, "stdc++") || strstr(name, "ipa_") ? LIBCAMERA
+                                                                                         : OTHERS;
   for (int i = 0; i < info->dlpi_phnum && n_ranges < CAP_RANGES; i++) {
     const ElfW(Phdr) *p = &info->dlpi_phdr[i];
     if (p->p_type != PT_LOAD || !(p->p_flags & PF_X)) continue;
@@ -125,8 +127,9 @@ int ioctl(int fd, unsigned long request, ...) {
 
 __attribute__((destructor)) static void tell(void) {
   char line[256];
-  int n = snprintf(line, sizeof line, "heap: started %d, ours %llu, libcamera %llu, others %llu (%s)\n", atomic_load(&phase) > 0,
-                   (unsigned long long)n_calls[OURS], (unsigned long long)n_calls[LIBCAMERA],
-                   (unsigned long long)n_calls[OTHERS], other ? other : "none");
+  int n = snprintf(line, sizeof line, "heap: started %d, ours %llu, libcamera %llu, others %llu (%s)\n",
+                   atomic_load(&phase) > 0, (unsigned long long)n_calls[OURS],
+                   (unsigned long long)n_calls[LIBCAMERA], (unsigned long long)n_calls[OTHERS],
+                   other ? other : "none");
   if (n > 0 && write(2, line, (size_t)n) < 0) return;
 }
