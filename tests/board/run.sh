@@ -23,22 +23,22 @@ command -v aarch64-linux-gnu-gcc >/dev/null || skip "aarch64-linux-gnu-gcc is no
 
 # Programs, the libraries they need from the sysroot, and the tests, as a second archive: the kernel unpacks both.
 libs=$sysroot/usr/lib/aarch64-linux-gnu
-test=$work/root/test
-rm -rf "$work/root"
-mkdir -p "$test/bin" "$test/lib" "$work/root/lib" "$work/root/usr/lib/aarch64-linux-gnu"
+test=$work/files/test
+rm -rf "$work/files"
+mkdir -p "$test/bin" "$test/lib" "$work/files/lib" "$work/files/usr/lib/aarch64-linux-gnu"
 cc() { aarch64-linux-gnu-gcc --sysroot="$sysroot" -std=gnu11 -O2 -Wall -Wextra "$@"; }
 cc -o "$test/bin/board_tool" "$here/board_tool.c"
 cc -fPIC -shared -o "$test/lib/heap_watch.so" "$here/heap_watch.c"
 cp "$programs/bin/subview" "$test/bin/"
 cp "$here/board.sh" "$test/"
-cp "$here/init" "$work/root/init"
-chmod +x "$work/root/init"
+cp "$here/init" "$work/files/init"
+chmod +x "$work/files/init"
 for ipa in "$libs"/libcamera/*.so "$libs"/libcamera/*.so.sign; do
   [ -e "$ipa" ] || continue
-  mkdir -p "$work/root/usr/lib/aarch64-linux-gnu/libcamera"
-  cp "$ipa" "$work/root/usr/lib/aarch64-linux-gnu/libcamera/"
+  mkdir -p "$work/files/usr/lib/aarch64-linux-gnu/libcamera"
+  cp "$ipa" "$work/files/usr/lib/aarch64-linux-gnu/libcamera/"
 done
-[ ! -d "$sysroot/usr/share/libcamera" ] || { mkdir -p "$work/root/usr/share"; cp -r "$sysroot/usr/share/libcamera" "$work/root/usr/share/"; }
+[ ! -d "$sysroot/usr/share/libcamera" ] || { mkdir -p "$work/files/usr/share"; cp -r "$sysroot/usr/share/libcamera" "$work/files/usr/share/"; }
 declare -A seen=()
 need() { # recursively, what a file is linked to
   local name path
@@ -53,11 +53,11 @@ need() { # recursively, what a file is linked to
 }
 need "$test/bin/subview"
 need "$test/bin/board_tool"
-for ipa in "$work"/root/usr/lib/aarch64-linux-gnu/libcamera/*.so; do [ ! -e "$ipa" ] || need "$ipa"; done
+for ipa in "$work"/files/usr/lib/aarch64-linux-gnu/libcamera/*.so; do [ ! -e "$ipa" ] || need "$ipa"; done
 loader=$(find "$sysroot" -name ld-linux-aarch64.so.1 | head -n 1)
-cp -L "$loader" "$work/root/lib/"
+cp -L "$loader" "$work/files/lib/"
 echo "${BOARD_ONLY:-}" >"$test/only"
-(cd "$work/root" && find . | cpio -o -H newc --quiet) | gzip -1 >"$work/tests.cpio.gz"
+(cd "$work/files" && find . | cpio -o -H newc --quiet) | gzip -1 >"$work/tests.cpio.gz"
 cat "$work/image/base.cpio.gz" "$work/tests.cpio.gz" >"$work/initrd"
 
 # No image of a disk, no network, no share: results come back on the serial line.
