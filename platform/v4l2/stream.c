@@ -216,8 +216,7 @@ void sv_v4l2_service(sv_v4l2_camera *c, sv_ns now_ns) {
   }
   int n = sv_v4l2_n_queued(c);
   if (n == 0) { // nothing can come: no fault of the camera
-    if (!c->is_starved)
-      event(c, SV_CAMERA_STARVED, now_ns, (int64_t)(c->events->count[SV_CAMERA_STARVED] + 1));
+    if (!c->is_starved) sv_camera_events_starved(c->events, c->i_camera, now_ns);
     c->is_starved = true;
     c->last_frame_ns = now_ns;
     return;
