@@ -6,7 +6,7 @@
 #   run.sh BUILD PROGRAMS        e.g. run.sh build build/generic-arm64; needs BUILD/sysroot-arm64
 #
 # What does not change is kept in BUILD/board. BOARD_CPU=cortex-a76 is the Pi 5's core (cortex-a72: the Pi 4's).
-# BOARD_ONLY=NAME runs one part of board.sh.
+# BOARD_ONLY=NAME runs one part of board.sh (v4l2, libcamera, skew, faults). BOARD_TIMEOUT=SEC ends a board that hangs.
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 build=$1 programs=$2 sysroot=$1/sysroot-arm64
@@ -62,7 +62,7 @@ cat "$work/image/base.cpio.gz" "$work/tests.cpio.gz" >"$work/initrd"
 
 # No image of a disk, no network, no share: results come back on the serial line.
 started=$(date +%s)
-timeout -k 5 280 qemu-system-aarch64 -M virt -cpu "${BOARD_CPU:-cortex-a72}" -smp 2 -m 1536 -nographic -no-reboot \
+timeout -k 5 "${BOARD_TIMEOUT:-480}" qemu-system-aarch64 -M virt -cpu "${BOARD_CPU:-cortex-a72}" -smp 2 -m 1536 -nographic -no-reboot \
   -nic none -kernel "$work/image/vmlinuz" -initrd "$work/initrd" -append "console=ttyAMA0 quiet panic=-1" \
   </dev/null >"$work/console.log" 2>&1 || echo "board: QEMU ended with $?" >>"$work/console.log"
 tr -d '\r' <"$work/console.log" | sed -n 's/^.*@ //p' >"$work/results"
