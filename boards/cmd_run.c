@@ -10,10 +10,10 @@
 #define N_HELDOUT 8   // views of the simulator that are compared at the end
 
 typedef struct {
-  const char *source, *rig, *scene, *out, *sub_views;
+  const char *source, *rig, *scene, *out, *sub_views, *sync;
   long exposures, steps, gaussians, sh, threads, seed, skew_ms;
   double time_limit, save_every;
-  bool is_resume, is_json, is_quiet;
+  bool is_resume, is_live, is_json, is_quiet;
 } run_options;
 
 // Everything that lives as long as the run; static, so that nothing large is on the stack.
@@ -22,6 +22,7 @@ static struct {
   sv_app app;
   sv_kernels k;
   sv_linux_pool pool;
+  sv_linux_background background;
   sv_linux_store store;
   sv_linux_console console;
   sv_codec codec;
@@ -49,6 +50,13 @@ static void publish_image(void *self, const char *name, int w, int h, const uint
   else if (st.commit(st.self, err) < 0) return;
 }
 
+static int sync_mode(const char *name) {
+  static const char *const names[] = {"free", "frame-length", "trigger"}; // in the order of sv_intake_mode
+  for (int i = 0; i < 3; i++)
+    if (!strcmp(name, names[i])) return i;
+  return -1;
+}
+
 static int parse(int argc, char **argv, run_options *o) {
   *o = (run_options){.exposures = BOARD_EXPOSURES,
                      .gaussians = BOARD_GAUSSIANS,
@@ -57,10 +65,11 @@ static int parse(int argc, char **argv, run_options *o) {
                      .threads = BOARD_THREADS,
                      .seed = 1,
                      .save_every = 30,
-                     .scene = "static"};
+                     .scene = "static",
+                     .sync = "free"};
   const opt list[] = {
       {"--source", OPT_TEXT, &o->source, 0, 0, "S",
-       "sim:SCENE[,rig=...] or replay:DIR (see 'subview cameras')"},
+       SOURCE_KINDS ", with options (see 'subview cameras --help')"},
       {"--rig", OPT_TEXT, &o->rig, 0, 0, "DIR", "folder with rig.json, when the source brings none"},
       {"--scene", OPT_TEXT, &o->scene, 0, 0, "KIND", "static"},
       {"--exposures", OPT_INT, &o->exposures, 1, 10000, "N", "exposures to capture and train on"},
@@ -72,6 +81,10 @@ static int parse(int argc, char **argv, run_options *o) {
       {"--gaussians", OPT_INT, &o->gaussians, 0, 4000000, "N", "Gaussians, a fixed number"},
       {"--sh", OPT_INT, &o->sh, 0, 3, "D", "degree of the colour's spherical harmonics"},
       {"--skew-limit", OPT_INT, &o->skew_ms, 1, 10000, "MS", "largest skew within an exposure (20 ms)"},
+      {"--sync", OPT_TEXT, &o->sync, 0, 0, "HOW",
+       "what makes the cameras expose together: free (nothing), frame-length (software), trigger (a line)"},
+      {"--live", OPT_FLAG, &o->is_live, 0, 0, NULL,
+       "go on capturing while training: new exposures take the place of the oldest"},
       {"--threads", OPT_INT, &o->threads, 1, BOARD_CAP_THREADS, "N",
        "threads; the result is the same for any number"},
       {"--seed", OPT_INT, &o->seed, 0, 1e15, "N", "seed of everything random"},
@@ -95,6 +108,8 @@ static int parse(int argc, char **argv, run_options *o) {
   if (!strcmp(o->scene, "dynamic"))
     return usage_error("run", "--scene dynamic: moving scenes are not supported yet");
   if (strcmp(o->scene, "static")) return usage_error("run", "--scene %s: expected static", o->scene);
+  if (sync_mode(o->sync) < 0)
+    return usage_error("run", "--sync %s: expected free, frame-length or trigger", o->sync);
   if (!o->steps && !(o->time_limit > 0)) o->steps = 2000;
   return 0;
 }
@@ -120,6 +135,12 @@ static bool choose_sub_views(const char *list, const sv_rig *rig, uint64_t *mask
   return true;
 }
 
+// Sources either know all their rig's poses or none.
+static bool tells_poses(const sv_source *src) {
+  sv_pose pose;
+  return src->rig_pose && src->rig_pose(src->self, 0, &pose) >= 0;
+}
+
 static sv_app_cfg app_cfg(const run_options *o) {
   sv_app_cfg c = {.rig = run.src.rig,
                   .n_cameras = run.src.source.n_cameras,
@@ -127,10 +148,14 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .source_name = o->source,
                   .n_exposures = (int)o->exposures,
                   .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,
+                  .sync_mode = (sv_intake_mode)sync_mode(o->sync),
+                  .is_live = o->is_live,
+                  .preview_every_s = 2,
                   .capture_timeout_ns = 10 * SV_NS_PER_S,
                   .train = sv_train_defaults(),
                   .steps = (uint32_t)o->steps,
                   .time_limit_s = o->time_limit,
+                  .is_tracking = !o->is_live && !tells_poses(&run.src.source),
                   .has_bounds = run.src.has_bounds,
                   .bounds = run.src.bounds,
                   .is_resume = o->is_resume,
@@ -157,16 +182,24 @@ static sv_status carve_outputs(sv_arena *a, const sv_app_cfg *cfg, sv_err *err) 
   return a->status < 0 ? sv_fail(err, a->status, "no room for the preview") : SV_OK;
 }
 
+static void true_pose(void *self, sv_ns time_ns, sv_pose *rig_from_world) {
+  sv_sim_rig_pose(self, time_ns, rig_from_world);
+}
+
 // Mean PSNR over held-out views of the simulated scene; 0 where there is no truth.
 static sv_status heldout_psnr(double *psnr, int *n_views) {
   *psnr = 0;
   *n_views = 0;
+  sv_odometry *odo = &run.app.odometry;
+  sv_similarity q = {.s = 1};
   if (run.src.kind != SOURCE_SIM) return SV_OK;
+  if (odo->is_tracked) q = sv_odometry_from(odo, &run.app.exposures, true_pose, &run.src.u.sim);
   for (int i = 0; i < N_HELDOUT; i++) {
     sv_view v;
     double t, mse;
     sv_sim_heldout_view(&run.src.u.sim, i, N_HELDOUT, &v, &t);
     sv_sim_render(&run.src.u.sim, &v, t, run.truth, NULL);
+    if (odo->is_tracked) v = sv_odometry_view(&q, &v); // where that is in the world that was found
     sv_status s = sv_app_mse(&run.app, &v, run.truth, &mse);
     if (s < 0) return s;
     *psnr += -10.0 / 2.302585092994046 * sv_log(mse > 1e-12 ? mse : 1e-12) / N_HELDOUT;
@@ -211,7 +244,9 @@ static int report(const run_options *o, sv_err *err) {
 static int run_all(const run_options *o) {
   sv_err err = {0};
   sv_arena arena = board_arena();
-  if (source_open(&run.src, o->source, o->rig, (int)o->exposures, &arena, &err) < 0) return fail_with(&err);
+  if (source_open(&run.src, o->source, o->rig, (int)o->exposures, true, &arena, &err) < 0)
+    return fail_with(&err);
+  if (run.src.note[0] && !o->is_quiet) say(2, "subview: %s\n", run.src.note);
   sv_app_cfg cfg = app_cfg(o);
   if (carve_outputs(&arena, &cfg, &err) < 0) return fail_with(&err);
   if (o->sub_views && !choose_sub_views(o->sub_views, run.src.rig, cfg.sub_view_mask)) return EXIT_USAGE;
@@ -225,7 +260,10 @@ static int run_all(const run_options *o) {
                   .source = run.src.source,
                   .store = sv_linux_store_port(&run.store),
                   .console = sv_linux_console_port(&run.console),
-                  .publish = {NULL, publish_image}};
+                  .publish = {NULL, publish_image},
+                  .decoder = run.src.decoder};
+  // Cameras on real time get a thread; the simulator's and a recording's time waits for nobody.
+  if (!run.src.is_virtual) port.worker = sv_linux_worker_port(&run.background);
   int code = 0;
   if (sv_app_init(&run.app, &cfg, &run.k, &port, &arena, &err) < 0) code = fail_with(&err);
   if (!code) {

@@ -1,14 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
+// C only: the capture side's counters are atomic.
 // The runtime: capture synchronized exposures, train Gaussians on all their sub-views, publish, save. One
 // configuration, one kernel table, one port, one memory block.
 #ifndef SV_APP_APP_H
 #define SV_APP_APP_H
 
+#include <stdatomic.h>
+
 #include "src/app/exposures.h"
+#include "src/app/governor.h"
+#include "src/app/odometry.h"
 #include "src/base/str.h"
 #include "src/rig/bounds.h"
 #include "src/splat/model_file.h"
-#include "src/sync/sync.h"
+#include "src/sync/intake.h"
 #include "src/train/train.h"
 
 #ifdef __cplusplus
@@ -36,12 +41,16 @@ typedef struct {
   const char *source_name;    // for the report
   int n_exposures;
   sv_ns skew_limit_ns;
+  sv_intake_mode sync_mode; // who makes the cameras expose together
+  bool is_live;             // capture goes on while training: new exposures take the place of the oldest
+  double preview_every_s;   // of a live run, when there is time; 0: none
   sv_ns capture_timeout_ns; // host time without any exposure after which capture gives up
   uint64_t sub_view_mask[SV_CAP_SUB_VIEWS / 64]; // train on these only; all zero: on all
   sv_train_cfg train;                            // caps and views are filled in by init
   uint32_t steps;                                // 0: until the time limit
   double time_limit_s;                           // of training; 0: none
-  bool has_bounds; // the scene lies in `bounds`: start there; else start from the pictures
+  bool is_tracking; // the source does not tell the rig's poses: find them from the pictures
+  bool has_bounds;  // the scene lies in `bounds`: start there; else start from the pictures
   sv_bounds bounds;
   bool is_resume;      // go on from checkpoint.bin when it is there
   double save_every_s; // checkpoint and preview during training; 0: only at the end
@@ -62,16 +71,21 @@ typedef struct {
   sv_port port;
   const sv_arena *arena; // for the memory map in the report
   sv_app_state state;
-  sv_sync sync;
+  sv_intake intake;
+  sv_governor governor; // of a live run
+  bool is_capturing;    // cameras run
+  bool has_worker;      // and are served by the port's worker
+  _Atomic bool is_capture_ending;
+  sv_ns machine_ns; // up to which the cameras' virtual clock has followed the machine's
   sv_exposures exposures;
+  sv_odometry odometry; // with is_tracking
   sv_trainer trainer;
-  sv_sync_camera *sync_cameras; // [n_cameras]
-  sv_frame *frames;             // [n_cameras] of one exposure
-  sv_point *points;             // [n_gaussians] starting points, when bounds are unknown
-  sv_view *views;               // [n_exposures n_sub_views] for the bounds
-  sv_arena scratch;             // start-up work inside the block
-  char *report;                 // [SV_APP_REPORT_BYTES]
-  uint8_t *checkpoint;          // [checkpoint_bytes] read buffer for resume
+  sv_frame *frames;    // [n_cameras] of one exposure
+  sv_point *points;    // [n_gaussians] starting points, when bounds are unknown
+  sv_view *views;      // [n_exposures n_sub_views] for the bounds
+  sv_arena scratch;    // start-up work inside the block
+  char *report;        // [SV_APP_REPORT_BYTES]
+  uint8_t *checkpoint; // [checkpoint_bytes] read buffer for resume
   size_t checkpoint_bytes;
   uint8_t *preview; // sv_app_preview_size, RGB
   int n_views;      // trained on, lens images included
@@ -81,6 +95,7 @@ typedef struct {
   double loss_mean; // running mean
   double train_s;   // seconds spent training
   uint64_t n_device_errors;
+  uint64_t n_bad_exposures; // delivered whole, but a compressed picture in it was damaged: not kept
 } sv_app;
 
 // Sizes that follow from the cfg: caps of the trainer.
@@ -100,6 +115,24 @@ sv_status sv_app_run(sv_app *app, sv_err *err) SV_MUST_USE;
 sv_status sv_app_mse(sv_app *app, const sv_view *view, const uint8_t *rgb, double *mse) SV_MUST_USE;
 // The same over the training pictures, of a multiplexed rig over its sensors' measurements: mean PSNR.
 sv_status sv_app_training_psnr(sv_app *app, double *psnr) SV_MUST_USE;
+
+// --- pieces (capture.c) ---------------------------------------------------------------------------
+void sv_app_log(sv_app *app, sv_log_level level, const char *fmt, ...) SV_PRINTF(3, 4);
+bool sv_app_is_stop_requested(const sv_app *app);
+bool sv_app_is_trained_on(const sv_app_cfg *cfg, int i_sub_view);
+int sv_app_n_trained_sub_views(const sv_app_cfg *cfg);
+// Fills the pool. In a live run the cameras go on; otherwise, and when the source has ended, they are stopped.
+sv_status sv_app_capture(sv_app *app, sv_err *err) SV_MUST_USE;
+// A live run's capture side: on the port's worker thread when there is one, else (virtual clocks) in turns between
+// training steps. Between begin and end the intake belongs to it. All do nothing when the cameras are stopped.
+sv_status sv_app_live_begin(sv_app *app, sv_err *err) SV_MUST_USE;
+// One piece of work that is not training, if one is due; *is_train: none was, train.
+sv_status sv_app_live_turn(sv_app *app, bool *is_train, sv_err *err) SV_MUST_USE;
+void sv_app_live_trained(sv_app *app, double from_s, double now_s); // a training step has taken so long
+sv_status sv_app_live_end(sv_app *app, sv_err *err) SV_MUST_USE;
+
+// Places the exposures of a source without poses, before training (app.c says what it does with them).
+sv_status sv_app_track(sv_app *app, sv_err *err) SV_MUST_USE;
 
 // --- pieces (report.c, save.c, preview.c) ---------------------------------------------------------
 sv_status sv_app_save_model(sv_app *app, sv_err *err) SV_MUST_USE;      // model.ply

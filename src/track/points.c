@@ -17,9 +17,9 @@
 #define MATCH_CORR  0.85f
 #define MATCH_PX    2.5f // how far the alignment may move a match
 
-float sv_track_median(float *v, int n) {
+float sv_track_rank(float *v, int n, int k) {
   if (n < 1) return 0;
-  int lo = 0, hi = n - 1, k = n / 2;
+  int lo = 0, hi = n - 1;
   while (lo < hi) { // quickselect (Hoare 1961)
     float pivot = v[(lo + hi) / 2];
     int i = lo, j = hi;
@@ -84,7 +84,7 @@ static double nominal_depth(sv_tracker *t) {
     sv_pose_apply(q, &t->pose[t->i_last], p->x);
     t->work[n++] = (float)q[2];
   }
-  return (double)sv_track_median(t->work, n);
+  return (double)sv_track_rank(t->work, n, n / 2);
 }
 
 // Where an observed place is expected when the rig goes from the pose of last time to guess.
@@ -230,11 +230,12 @@ static bool take_ref(sv_tracker *t, int i_ref, int v, const float uv[2], int lev
 }
 
 static int32_t new_point(sv_tracker *t, int v, const float uv[2]) {
-  if (t->n_points == t->cap_points || t->n_obs + SV_TRACK_CAP_VIEWS > t->cap_obs || t->n_free_refs == 0) {
+  if ((t->n_points == t->cap_points && t->n_free_points == 0) || t->n_obs + SV_TRACK_CAP_VIEWS > t->cap_obs ||
+      t->n_free_refs == 0) {
     t->n_full++;
     return -1;
   }
-  int32_t i = t->n_points++;
+  int32_t i = t->n_free_points ? t->free_point[--t->n_free_points] : t->n_points++;
   sv_track_point *p = &t->point[i];
   memset(p, 0, sizeof *p);
   p->first_obs = p->last_obs = -1;

@@ -25,19 +25,23 @@ sv_track_cfg sv_track_defaults(void) { return (sv_track_cfg){.n_features = N_FEA
 
 // --- memory --------------------------------------------------------------------------------------
 
+static const sv_camera_model *model_of(const sv_track_cfg *c, int i_sub) {
+  return c->model ? &c->model[i_sub] : &c->rig->sub_views[i_sub].model;
+}
+
 // The sub-views in use: the first, then always the one farthest from those chosen.
 static void choose_views(sv_tracker *t) {
   const sv_track_cfg *c = &t->cfg;
   t->n_views = 0;
-  while (t->n_views < SV_TRACK_CAP_VIEWS && t->n_views < c->n_sub_views) {
+  while (t->n_views < SV_TRACK_CAP_VIEWS && t->n_views < c->rig->n_sub_views) {
     int best = 0;
     double far = -1;
-    for (int i = 0; i < c->n_sub_views; i++) {
+    for (int i = 0; i < c->rig->n_sub_views; i++) {
       double a[3], b[3], d[3], near = 1e30;
       bool is_chosen = false;
-      sv_pose_centre(a, &c->cam_from_rig[i]);
+      sv_pose_centre(a, &c->rig->sub_views[i].cam_from_rig);
       for (int k = 0; k < t->n_views; k++) {
-        sv_pose_centre(b, &c->cam_from_rig[t->sub_view[k]]);
+        sv_pose_centre(b, &c->rig->sub_views[t->sub_view[k]].cam_from_rig);
         sv_sub3(d, a, b);
         if (sv_norm3(d) < near) near = sv_norm3(d);
         is_chosen |= t->sub_view[k] == i;
@@ -47,8 +51,9 @@ static void choose_views(sv_tracker *t) {
     t->sub_view[t->n_views++] = best;
   }
   for (int v = 0; v < t->n_views; v++) {
-    const sv_camera_model *m = &c->model[t->sub_view[v]];
-    t->cam[v] = (sv_bundle_camera){c->cam_from_rig[t->sub_view[v]], m->p[0], m->p[1], m->p[2], m->p[3]};
+    const sv_camera_model *m = model_of(c, t->sub_view[v]);
+    const sv_pose *place = &c->rig->sub_views[t->sub_view[v]].cam_from_rig;
+    t->cam[v] = (sv_bundle_camera){*place, m->p[0], m->p[1], m->p[2], m->p[3]};
     t->width_px[v] = m->width_px, t->height_px[v] = m->height_px;
     for (t->n_levels[v] = 1; t->n_levels[v] < SV_TRACK_LEVELS; t->n_levels[v]++)
       if ((sv_mini(m->width_px, m->height_px) >> t->n_levels[v]) < MIN_SIDE_PX) break;
@@ -59,6 +64,7 @@ static void carve_lists(sv_tracker *t, sv_arena *a) {
   size_t n_found = (size_t)t->cap_found;
   t->point = SV_TAKE(a, sv_track_point, t->cap_points);
   t->live = SV_TAKE(a, int32_t, t->cap_points);
+  t->free_point = SV_TAKE(a, int32_t, t->cap_points);
   t->obs = SV_TAKE(a, sv_track_obs, t->cap_obs);
   t->found = SV_TAKE(a, sv_track_candidate, n_found);
   t->match = SV_TAKE(a, sv_pose_match, n_found);
@@ -77,12 +83,16 @@ static void carve_lists(sv_tracker *t, sv_arena *a) {
   t->sums = sv_arena_take(a, SV_TRACK_CAP_PLACES, sizeof *t->sums);
 }
 
+int sv_tracker_cap_points(const sv_track_cfg *cfg) {
+  return cfg->n_features * sv_mini(cfg->rig->n_sub_views, SV_TRACK_CAP_VIEWS) * (2 + cfg->cap_exposures / 4);
+}
+
 static sv_status carve(sv_tracker *t, const sv_track_cfg *cfg, sv_arena *a) {
   memset(t, 0, sizeof *t);
   t->cfg = *cfg;
   choose_views(t);
   int n = cfg->cap_exposures, per = cfg->n_features * t->n_views, cells = 1, stride = 32;
-  t->cap_points = per * (2 + n / 4);
+  t->cap_points = sv_tracker_cap_points(cfg);
   t->cap_obs = sv_mini(n, 100000) * per * FOUND_PER;
   t->cap_found = per * FOUND_PER;
   t->cap_refs = per + per / 2; // those of one exposure and those of the last that are not yet given up
@@ -116,17 +126,17 @@ size_t sv_tracker_bytes(const sv_track_cfg *cfg) {
 
 sv_status sv_tracker_init(sv_tracker *t, const sv_track_cfg *cfg, const sv_kernels *k, sv_arena *arena,
                           sv_err *err) {
-  if (cfg->cap_exposures < 1 || cfg->cap_exposures > 30000 || cfg->n_sub_views < 1 || cfg->n_features < 16 ||
-      cfg->n_features > 4000)
+  if (cfg->cap_exposures < 1 || cfg->cap_exposures > 30000 || cfg->rig->n_sub_views < 1 ||
+      cfg->n_features < 16 || cfg->n_features > 4000)
     return sv_fail(
         err, SV_E_ARG,
         "tracking %d exposures of %d sub-views with %d features each: expected 1 to 30000, at least "
         "1, and 16 to 4000",
-        cfg->cap_exposures, cfg->n_sub_views, cfg->n_features);
-  for (int i = 0; i < cfg->n_sub_views; i++)
-    if (cfg->model[i].kind != SV_MODEL_PINHOLE)
+        cfg->cap_exposures, cfg->rig->n_sub_views, cfg->n_features);
+  for (int i = 0; i < cfg->rig->n_sub_views; i++)
+    if (model_of(cfg, i)->kind != SV_MODEL_PINHOLE)
       return sv_fail(err, SV_E_ARG, "tracking takes undistorted pictures, sub-view %d is a %s", i,
-                     sv_model_name(cfg->model[i].kind));
+                     sv_model_name(model_of(cfg, i)->kind));
   sv_status s = carve(t, cfg, arena);
   t->k = k;
   return s < 0 ? sv_fail(err, s, "no room to track %d exposures with %d features a sub-view",
@@ -145,7 +155,7 @@ static float median_way(sv_tracker *t) {
     float dx = c->uv_px[0] - p->uv0_px[c->i_view][0], dy = c->uv_px[1] - p->uv0_px[c->i_view][1];
     t->work[n++] = sqrtf(dx * dx + dy * dy);
   }
-  return n < STILL_LEAST ? 1e9f : sv_track_median(t->work, n);
+  return n < STILL_LEAST ? 1e9f : sv_track_rank(t->work, n, n / 2);
 }
 
 // Places the rig from what was followed. Returns the matches that agree, 0 when they do not suffice.
@@ -192,6 +202,7 @@ static void take_found(sv_tracker *t) {
     if (!p->is_live) {
       t->free_ref[t->n_free_refs++] = p->i_ref;
       p->i_ref = -1;
+      if (!p->has_depth) t->free_point[t->n_free_points++] = t->live[i];
       continue;
     }
     t->live[n++] = t->live[i];
@@ -237,7 +248,7 @@ static sv_status check_pictures(const sv_tracker *t, const sv_image_u8 *image) {
 // A first exposure in which there is nothing to hold on to.
 static void forget_all(sv_tracker *t) {
   t->is_placed[t->n_exposures - 1] = false;
-  t->n_live = t->n_points = t->n_obs = 0;
+  t->n_live = t->n_points = t->n_obs = t->n_free_points = 0;
   t->n_free_refs = 0;
   for (int i = 0; i < t->cap_refs; i++) t->free_ref[t->n_free_refs++] = i;
 }

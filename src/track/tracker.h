@@ -26,15 +26,14 @@ extern "C" {
 #define SV_TRACK_CAP_BUNDLE 96 // exposures that are adjusted together
 
 typedef struct {
-  int n_sub_views;
-  const sv_camera_model *model; // [n_sub_views] of the pictures: pinholes
-  const sv_pose *cam_from_rig;  // [n_sub_views]
+  const sv_rig *rig;
+  const sv_camera_model *model; // [n_sub_views] of the pictures: pinholes; NULL: the rig's own models
   int cap_exposures;
   int n_features; // followed at a time in each sub-view
   uint64_t seed;
-  bool has_extrinsics;   // correct the calibration softly at the end
-  sv_pose_solver solver; // .absolute may be NULL
-} sv_track_cfg;
+  bool has_extrinsics;                // correct the calibration softly at the end
+  sv_pose_solver solver;              // .absolute may be NULL
+} sv_track_cfg;                       // rig and models must outlive the tracker
 sv_track_cfg sv_track_defaults(void); // without cameras: 250 features, calibration taken as it is
 
 typedef struct {
@@ -96,6 +95,8 @@ typedef struct {
   float *place_x, *place_y, (*sums)[5]; // [SV_TRACK_CAP_PLACES] along an epipolar line
   sv_track_point *point;                // [cap_points]
   int n_points, cap_points;
+  int32_t *free_point; // [cap_points] stack of points that died without a depth: their places are used again
+  int n_free_points;
   sv_track_obs *obs; // [cap_obs]
   int n_obs, cap_obs;
   int32_t *live; // [cap_points] points seen in the exposure last placed
@@ -118,8 +119,10 @@ typedef struct {
 sv_status sv_tracker_init(sv_tracker *t, const sv_track_cfg *cfg, const sv_kernels *k, sv_arena *arena,
                           sv_err *err) SV_MUST_USE;
 size_t sv_tracker_bytes(const sv_track_cfg *cfg);
+int sv_tracker_cap_points(const sv_track_cfg *cfg);
+float sv_track_rank(float *v, int n, int k); // k-th smallest of v, which is reordered; 0 without values
 
-// The next exposure: image[n_sub_views], RGB of the models' sizes, looked at during the call only. OK: placed;
+// The next exposure: image[rig->n_sub_views], RGB of the models' sizes, looked at during the call only. OK: placed;
 // AGAIN: not found again from the exposure placed last (it stays unplaced, the next is tried from there);
 // E_FULL beyond cap_exposures, E_RANGE for a picture of another size.
 sv_status sv_tracker_add(sv_tracker *t, const sv_image_u8 *image) SV_MUST_USE;
@@ -149,7 +152,6 @@ float sv_track_spacing(const float warp[4]); // mean pixels of the view for one 
 // Follows all live points from the exposure placed last into t->found, starting where `guess` sees them
 // (points.c).
 void sv_track_follow(sv_tracker *t, const sv_pose *guess);
-float sv_track_median(float *v, int n); // reorders v; 0 without values
 // Looks for a corner of view a in view b along its epipolar line, depths (along the ray) from near to far; true
 // with its place, the resolution it was found at (pixels of b) and the map of a's pixels to b's (stereo.c).
 bool sv_track_stereo(sv_tracker *t, int a, const float uv_a[2], int b, double near_m, double far_m,

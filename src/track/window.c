@@ -50,7 +50,7 @@ static void fill(sv_tracker *t, int first, int n, int n_fixed) {
   }
   for (int i = 0; i < t->n_views; i++) {
     b->camera[i] = t->cam[i];
-    b->calibrated[i] = t->cfg.cam_from_rig[t->sub_view[i]];
+    b->calibrated[i] = t->cfg.rig->sub_views[t->sub_view[i]].cam_from_rig;
   }
   for (int i = 0; i < t->n_points; i++) {
     const sv_track_point *p = &t->point[i];
