@@ -76,20 +76,24 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
 
 static size_t init_scratch_bytes(int n) { return sv_init_scratch_bytes(n, n) + 4096; }
 
-static sv_intake_cfg intake_cfg(const sv_app_cfg *c) {
+static void show_frame(void *self, const sv_frame *f) { sv_live_frame(self, f); }
+
+static sv_intake_cfg intake_cfg(const sv_app_cfg *c, sv_app *app) {
   return (sv_intake_cfg){.n_cameras = c->n_cameras,
                          .caps = c->caps,
                          .skew_limit_ns = c->skew_limit_ns,
                          .queue_len = QUEUE_LEN,
                          .cap_ready = CAP_READY,
-                         .mode = c->sync_mode};
+                         .mode = c->sync_mode,
+                         .on_frame = c->has_live_view ? show_frame : NULL,
+                         .on_frame_self = app};
 }
 
 static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, const sv_kernels *k,
                        const sv_pool *pool, sv_arena *a, sv_err *err) {
   sv_arena_part_begin(a, "sync");
   app->frames = SV_TAKE(a, sv_frame, c->n_cameras);
-  sv_intake_cfg ic = intake_cfg(c);
+  sv_intake_cfg ic = intake_cfg(c, app);
   if (a->base) {
     sv_status s = sv_intake_init(&app->intake, &ic, &app->port.source, &app->port.clock, a);
     if (s < 0)
@@ -126,6 +130,7 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
   int w, h;
   sv_app_preview_size(c, &w, &h);
   app->preview = SV_TAKE(a, uint8_t, (size_t)w * (size_t)h * 3);
+  sv_live_carve(&app->live, c->has_live_view, c->n_cameras, a);
   return a->status < 0 ? sv_fail(err, a->status, "the memory block is too small") : SV_OK;
 }
 
@@ -251,7 +256,7 @@ static sv_status save_running(sv_app *app, sv_err *err) {
 
 static sv_status train_loop(sv_app *app, sv_err *err) {
   const sv_app_cfg *c = &app->cfg;
-  double t0 = seconds(app), last_live = t0, last_save = t0, now = t0;
+  double t0 = seconds(app), last_live = t0, last_save = t0, last_picture = t0, now = t0, paused;
   for (;;) {
     double elapsed = now - t0;
     float progress =
@@ -260,7 +265,9 @@ static sv_status train_loop(sv_app *app, sv_err *err) {
     if (progress >= 1.0f || (c->time_limit_s > 0 && elapsed >= c->time_limit_s)) return SV_OK;
     if (sv_app_is_stop_requested(app)) return SV_E_INTERRUPTED;
     bool is_train;
-    sv_status s = sv_app_live_turn(app, &is_train, err);
+    sv_status s = sv_live_between_steps(app, &paused, err);
+    t0 += paused, now += paused;
+    if (s >= 0) s = sv_app_live_turn(app, &is_train, err);
     if (s < 0) return s;
     if (!is_train) {
       now = seconds(app);
@@ -280,7 +287,11 @@ static sv_status train_loop(sv_app *app, sv_err *err) {
     }
     if (c->save_every_s > 0 && now - last_save >= c->save_every_s) {
       if ((s = save_running(app, err)) < 0) return s;
-      now = last_save = seconds(app);
+      now = last_save = last_picture = seconds(app);
+    }
+    if (c->picture_every_s > 0 && now - last_picture >= c->picture_every_s) {
+      if ((s = sv_app_publish_preview(app)) < 0) return s;
+      now = last_picture = seconds(app);
     }
   }
 }
@@ -293,7 +304,7 @@ static sv_status save_all(sv_app *app, sv_err *err) {
   return s;
 }
 
-sv_status sv_app_run(sv_app *app, sv_err *err) {
+static sv_status run_all(sv_app *app, sv_err *err) {
   sv_status s = sv_app_capture(app, err), saved, ended;
   sv_err end_err;
   if (s >= 0 && app->odometry.is_on) s = sv_app_track(app, err);
@@ -302,12 +313,15 @@ sv_status sv_app_run(sv_app *app, sv_err *err) {
   bool is_begun = s >= 0;
   if (s >= 0) {
     app->state = SV_APP_TRAINING;
+    sv_live_show_model(app); // the first rough model, at once
+    sv_live_show(app, SV_SHOWS_TRAINING, NULL);
     s = train_loop(app, err);
   }
   ended = sv_app_live_end(app, &end_err);
   if (ended < 0 && s >= 0) s = ended, *err = end_err;
   if (is_begun) {
-    if (s >= 0 || s == SV_E_INTERRUPTED) {
+    if (s >= 0 || (s == SV_E_INTERRUPTED && !app->live.is_new_requested)) {
+      sv_live_show(app, SV_SHOWS_SAVING, NULL);
       saved = save_all(app, err);
       if (saved < 0) s = saved;
     }
@@ -321,5 +335,15 @@ sv_status sv_app_run(sv_app *app, sv_err *err) {
     return s;
   }
   app->state = s < 0 ? SV_APP_FAILED : SV_APP_DONE;
+  return s;
+}
+
+sv_status sv_app_run(sv_app *app, sv_err *err) {
+  sv_live_start(app);
+  sv_status s = run_all(app, err);
+  sv_live_show_model(app);
+  if (app->state == SV_APP_FAILED && !app->live.is_new_requested)
+    sv_live_show(app, SV_SHOWS_FAILED, err ? err->text : "");
+  else sv_live_show(app, SV_SHOWS_DONE, NULL);
   return s;
 }

@@ -10,6 +10,7 @@
 #include "src/app/exposures.h"
 #include "src/app/governor.h"
 #include "src/app/odometry.h"
+#include "src/app/live.h"
 #include "src/base/str.h"
 #include "src/rig/bounds.h"
 #include "src/splat/model_file.h"
@@ -39,6 +40,9 @@ typedef struct {
   int n_cameras;
   const sv_camera_caps *caps; // [n_cameras]
   const char *source_name;    // for the report
+  const char *board_name;     // for the live view; may be NULL
+  bool has_live_view;         // the port has a feed: room for what it shows
+  bool is_session;            // with a feed: wait for Start, New begins again
   int n_exposures;
   sv_ns skew_limit_ns;
   sv_intake_mode sync_mode; // who makes the cameras expose together
@@ -52,8 +56,9 @@ typedef struct {
   bool is_tracking; // the source does not tell the rig's poses: find them from the pictures
   bool has_bounds;  // the scene lies in `bounds`: start there; else start from the pictures
   sv_bounds bounds;
-  bool is_resume;      // go on from checkpoint.bin when it is there
-  double save_every_s; // checkpoint and preview during training; 0: only at the end
+  bool is_resume;         // go on from checkpoint.bin when it is there
+  double save_every_s;    // checkpoint and preview during training; 0: only at the end
+  double picture_every_s; // preview picture alone; 0: only with checkpoints
 } sv_app_cfg;
 
 // Durations in bins of an eighth of an octave, from 1 microsecond.
@@ -65,7 +70,7 @@ typedef struct {
 void sv_time_stats_add(sv_time_stats *t, double seconds);
 double sv_time_stats_percentile_s(const sv_time_stats *t, double percent);
 
-typedef struct {
+struct sv_app {
   sv_app_cfg cfg;
   const sv_kernels *k;
   sv_port port;
@@ -96,7 +101,8 @@ typedef struct {
   double train_s;   // seconds spent training
   uint64_t n_device_errors;
   uint64_t n_bad_exposures; // delivered whole, but a compressed picture in it was damaged: not kept
-} sv_app;
+  sv_live live;
+};
 
 // Sizes that follow from the cfg: caps of the trainer.
 sv_train_cfg sv_app_train_cfg(const sv_app_cfg *cfg, int n_threads);
@@ -146,6 +152,14 @@ void sv_app_preview_size(const sv_app_cfg *cfg, int *width_px, int *height_px);
 // multiplexed rig: what the first sensor measured, the same from the model, and what its middle lens alone would
 // see, enlarged; each pixel for so many of the sensor that the three fit into SV_APP_CAP_PREVIEW_PX.
 sv_status sv_app_publish_preview(sv_app *app) SV_MUST_USE;
+// Training picture i (counted round) beside its rendering, reduced by whole steps to fit cap_w x cap_h, and its PSNR.
+// Of a multiplexed rig: what sensor i measured beside the same from the model.
+sv_status sv_app_picture(sv_app *app, uint32_t i, int cap_w, int cap_h, uint8_t *rgb, int *w, int *h,
+                         double *psnr) SV_MUST_USE;
+// N pictures round the scene's centre at the height of the first view, handed out as "orbit_000", ...
+sv_status sv_app_publish_orbit(sv_app *app, int n) SV_MUST_USE;
+// Up in the world: the mean of the pictures' up (-y when there are none).
+void sv_app_up(const sv_app *app, float up[3]);
 // The memory map as text: a line a part, the sum, the capacity.
 void sv_app_memory_map(sv_str *out, const sv_arena *arena, bool is_json);
 

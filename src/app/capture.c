@@ -14,6 +14,7 @@ void sv_app_log(sv_app *app, sv_log_level level, const char *fmt, ...) {
   sv_vfmt(line, sizeof line, fmt, ap);
   va_end(ap);
   if (app->port.console.log) app->port.console.log(app->port.console.self, level, line);
+  sv_live_event(app, level, line);
 }
 
 bool sv_app_is_stop_requested(const sv_app *app) {
@@ -59,6 +60,7 @@ static sv_status keep_exposure(sv_app *app, sv_err *err) {
     if (!app->n_bad_exposures++) sv_app_log(app, SV_LOG_WARN, "%s", err->text);
     return SV_DROPPED;
   }
+  if (s >= 0) sv_live_exposure(app);
   return s;
 }
 
@@ -75,7 +77,7 @@ static sv_status capture_loop(sv_app *app, sv_err *err) {
   sv_ns last_ns = clk->now_ns(clk->self);
   while (app->exposures.n < app->cfg.n_exposures) {
     sv_ns now = clk->now_ns(clk->self);
-    if (sv_app_is_stop_requested(app)) return SV_E_INTERRUPTED;
+    if (sv_app_is_stop_requested(app) || sv_live_tick(app) < 0) return SV_E_INTERRUPTED;
     if (now - last_ns > app->cfg.capture_timeout_ns)
       return sv_fail(err, SV_E_TIMEOUT,
                      "no synchronized exposure came for %g s (%d of %d captured); is a camera missing or is "
@@ -122,7 +124,8 @@ static sv_status stop(sv_app *app, sv_err *err) {
 
 sv_status sv_app_capture(sv_app *app, sv_err *err) {
   app->state = SV_APP_CAPTURING;
-  sv_status s = sv_intake_start(&app->intake, err), t;
+  sv_status s = sv_live_wait_start(app, err), t;
+  if (s >= 0) s = sv_intake_start(&app->intake, err);
   if (s < 0) return s;
   s = capture_loop(app, err);
   app->is_capturing = app->cfg.is_live && s >= 0 && app->exposures.n == app->cfg.n_exposures;

@@ -208,10 +208,28 @@ typedef struct {
 } sv_console;
 
 // --- publish -------------------------------------------------------------------------------------
+// What the person in front of the rig asks for, from the page of a live preview.
+typedef enum {
+  SV_COMMAND_NONE = 0,
+  SV_COMMAND_START, // also: go on after a pause
+  SV_COMMAND_PAUSE,
+  SV_COMMAND_SAVE,
+  SV_COMMAND_NEW
+} sv_command;
+
+typedef struct {
+  double temperature_c; // of the processor; NaN: not known
+  int is_throttled;     // 1: it is slowed down for heat or power now; -1: not known
+} sv_health;
+
 // Where a live preview picks its pictures up. Never blocks. rgb: [height][width][3] display values.
+struct sv_feed;
 typedef struct {
   void *self;
   void (*image)(void *self, const char *name, int width_px, int height_px, const uint8_t *rgb);
+  struct sv_feed *feed;              // src/port/feed.h; NULL: no live preview
+  sv_command (*command)(void *self); // the next one, NONE when there is none; may be NULL
+  sv_health (*health)(void *self);   // may be NULL
 } sv_publish;
 
 typedef struct {

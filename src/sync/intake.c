@@ -209,6 +209,7 @@ sv_status sv_intake_step(sv_intake *in, sv_ns until_ns) {
       return s;
     }
     result = SV_OK;
+    if (in->cfg.on_frame) in->cfg.on_frame(in->cfg.on_frame_self, &f);
     take_frame(in, &f);
     collect_done(in);
   }

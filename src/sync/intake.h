@@ -29,6 +29,10 @@ typedef struct {
   sv_ns skew_limit_ns;
   int queue_len, cap_ready;
   sv_intake_mode mode;
+  // Is shown every frame that comes, on the capture side's thread, before the frame goes on its way; must be quick. May
+  // be NULL.
+  void (*on_frame)(void *self, const sv_frame *frame);
+  void *on_frame_self;
 } sv_intake_cfg;
 
 // One exposure on its way, either way.

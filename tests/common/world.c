@@ -223,7 +223,7 @@ static bool finish_open(world *w, sv_source source, sv_clock clock, const char *
                                .trigger = source.trigger ? src_trigger : NULL};
   w->port.store = (sv_store){w, st_begin, st_write, st_commit, st_abandon, st_read};
   w->port.console = (sv_console){w, log_line, is_stop_requested};
-  w->port.publish = (sv_publish){w, publish};
+  w->port.publish = (sv_publish){.self = w, .image = publish};
   for (int i = 0; i < n; i++)
     if (src_caps(w, i, &w->caps[i]) < 0) return false;
   w->cfg = (sv_app_cfg){.n_cameras = n,

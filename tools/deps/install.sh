@@ -33,6 +33,12 @@ header jsmn.h libjsmn-dev
 header jpeglib.h libjpeg62-turbo-dev
 header png.h libpng-dev
 header zlib.h zlib1g-dev
+# The live view's server, and SPZ version 4; without them they say so
+wanted_header microhttpd.h libmicrohttpd-dev
+wanted_header seccomp.h libseccomp-dev
+wanted_header zstd.h libzstd-dev
+# cameras behind libcamera; without it V4L2 remains
+wanted_header libcamera/libcamera/libcamera.h "libcamera-dev libcamera-ipa"
 # subview-calibrate; without one of these it says what it cannot do
 wanted_header mrcal/mrcal.h libmrcal-dev
 wanted_header suitesparse/cholmod.h libsuitesparse-dev
@@ -45,6 +51,7 @@ build) ;;
 test | tidy)
   header cmocka.h libcmocka-dev
   optional clang-format clang-format
+  optional chromium chromium   # opens the live view's page
   optional gnuplot gnuplot-nox # draws the plots of subview-lab tables
   if [ "$(uname -m)" = x86_64 ]; then # the ARM build, under emulation
     optional aarch64-linux-gnu-gcc "gcc-aarch64-linux-gnu libc6-dev-arm64-cross"

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stands in for the shim where libcamera's headers are not installed.
-#ifndef SV_HAVE_LIBCAMERA
-
+// Stands in for libcamera.cc where libcamera's headers are not installed.
 #include "platform/libcamera/libcamera.h"
 
 static sv_status missing(sv_err *err) {
@@ -25,7 +23,3 @@ int sv_libcamera_list(sv_str *out, sv_err *err) {
   (void)out;
   return missing(err);
 }
-
-#else
-typedef int sv_not_empty;
-#endif
