@@ -18,7 +18,7 @@
 #define FINAL_ITER    12
 #define FINAL_ROUNDS  3
 #define CAP_TRIES     5   // exposures that a point is followed without finding its depth
-#define STILL_PX      0.6 // median way of what is seen since exposure 0
+#define STILL_PX      0.6 // way from exposure 0 (way_from_start)
 #define STILL_LEAST   8   // places that tell it
 
 sv_track_cfg sv_track_defaults(void) { return (sv_track_cfg){.n_features = N_FEATURES, .seed = 1}; }
@@ -146,7 +146,8 @@ sv_status sv_tracker_init(sv_tracker *t, const sv_track_cfg *cfg, const sv_kerne
 
 // --- one exposure --------------------------------------------------------------------------------
 
-static float median_way(sv_tracker *t) {
+// The way from exposure 0 that three of ten places do not exceed: with a rig that stands still, things may move.
+static float way_from_start(sv_tracker *t) {
   int n = 0;
   for (int i = 0; i < t->n_found; i++) {
     const sv_track_candidate *c = &t->found[i];
@@ -155,7 +156,7 @@ static float median_way(sv_tracker *t) {
     float dx = c->uv_px[0] - p->uv0_px[c->i_view][0], dy = c->uv_px[1] - p->uv0_px[c->i_view][1];
     t->work[n++] = sqrtf(dx * dx + dy * dy);
   }
-  return n < STILL_LEAST ? 1e9f : sv_track_rank(t->work, n, n / 2);
+  return n < STILL_LEAST ? 1e9f : sv_track_rank(t->work, n, n * 3 / 10);
 }
 
 // Places the rig from what was followed. Returns the matches that agree, 0 when they do not suffice.
@@ -220,13 +221,13 @@ static sv_pose predicted(const sv_tracker *t) { // as it went on last time
 static bool find_again(sv_tracker *t, sv_pose *pose) {
   sv_pose guess = predicted(t);
   sv_track_follow(t, &guess);
-  double way = (double)median_way(t);
+  double way = (double)way_from_start(t);
   *pose = guess;
   int n = place(t, pose);
   if (n == 0 && t->i_before >= 0) { // it did not go on like that: from where it was
     guess = t->pose[t->i_last];
     sv_track_follow(t, &guess);
-    double again = (double)median_way(t);
+    double again = (double)way_from_start(t);
     if (again < way) way = again;
     *pose = guess;
     n = place(t, pose);
@@ -315,6 +316,14 @@ static void adjust_all(sv_tracker *t, sv_track_summary *out) {
       t->point[i].has_depth = sv_track_triangulate(t, &t->point[i]);
 }
 
+// One pose for all; the points follow, and what moved before the rig is given up.
+static void stand_still(sv_tracker *t, sv_track_summary *out) {
+  int n = sv_mini(t->n_exposures, SV_TRACK_CAP_BUNDLE);
+  for (int i = 0; i < t->n_exposures; i++) t->pose[i] = sv_pose_identity(), t->is_placed[i] = true;
+  for (int round = 0; round < FINAL_ROUNDS; round++)
+    out->rms_px = sv_track_adjust(t, 0, n, n, FINAL_ITER, false).rms_px;
+}
+
 void sv_tracker_finish(sv_tracker *t, sv_track_summary *out) {
   memset(out, 0, sizeof *out);
   out->n_exposures = t->n_exposures;
@@ -322,7 +331,7 @@ void sv_tracker_finish(sv_tracker *t, sv_track_summary *out) {
   out->is_still = t->i_last >= 0 && t->is_placed[0] && t->still_px < STILL_PX;
   out->scale_sigma = -1;
   if (out->is_still) {
-    for (int i = 0; i < t->n_exposures; i++) t->pose[i] = sv_pose_identity(), t->is_placed[i] = true;
+    stand_still(t, out);
   } else if (t->i_last >= 0) {
     adjust_all(t, out);
     sv_bundle_options o = {.huber_px = 1, .is_extrinsics = false, .sigma_rot_rad = 1, .sigma_trans_m = 1};

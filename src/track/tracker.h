@@ -68,7 +68,7 @@ typedef struct { // grey pyramid of one picture
 typedef struct {
   int n_exposures, n_placed, n_points; // points with depth
   bool is_still;                       // nothing moved in the pictures: all poses are the same
-  double still_px;                     // the largest median way from exposure 0
+  double still_px;                     // the largest way from exposure 0 that three of ten places keep within
   double rms_px;                       // reprojection, one axis
   double scale_sigma; // relative standard deviation of the scale, -1: the rig does not tell it
   double path_m;      // sum of the ways between exposures placed

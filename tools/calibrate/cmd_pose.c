@@ -196,8 +196,9 @@ static void tell(const cal_options *o, const sv_track_summary *m) {
     return;
   }
   if (m->is_still)
-    printf("the rig stands still: the pictures move by %.2f px at most (median), %d exposures, %d points\n",
-           m->still_px, m->n_exposures, m->n_points);
+    printf("the rig stands still (background moves by %.2f px): %d exposures, %d points, reprojection RMS "
+           "%.2f px\n",
+           m->still_px, m->n_exposures, m->n_points, m->rms_px);
   else
     printf("%d of %d exposures placed on a way of %.3f m, %d points, reprojection RMS %.2f px, scale +- %.2f "
            "%%\n",
