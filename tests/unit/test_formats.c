@@ -267,7 +267,19 @@ static bool find_tool(char out[600]) {
   return system(command) == 0;
 }
 
-// It keeps the numbers of .spz files, whose axes are right-up-back. GLB it only writes: then ours is the reader.
+// Distance of a position to the nearest of the fixture's.
+static double distance(const sv_gaussian *g) {
+  double least = INFINITY;
+  for (int k = 0; k < N; k++) {
+    double d = 0;
+    for (int a = 0; a < 3; a++) d += pow((double)g->mean[a] - (double)fixture[k].mean[a], 2);
+    least = d < least ? d : least;
+  }
+  return least;
+}
+
+// Its releases turn .spz files, whose axes are right-up-back, or keep their numbers: one for all Gaussians, which are
+// compared whole afterwards. GLB it only writes: then ours is the reader.
 static void test_independent(void **state) {
   (void)state;
   char tool[600], path[400], back_path[400], command[2000];
@@ -288,8 +300,10 @@ static void test_independent(void **state) {
     snprintf(command, sizeof command, "'%s' -w '%s' '%s' >'%s/log' 2>&1", tool, path, back_path, dir);
     if (system(command) != 0) fail_msg("%s failed", command);
     if (lab_model_read(&back, back_path, &err) < 0) fail_msg("%s: %s", names[kind], err.text);
-    for (int i = 0; kind >= 2 && i < back.g.n; i++) {
-      sv_gaussian g;
+    sv_gaussian g;
+    sv_gaussians_get(&back.g, 0, &g);
+    bool is_kept = kind >= 2 && distance(&g) > 0.01;
+    for (int i = 0; is_kept && i < back.g.n; i++) {
       sv_gaussians_get(&back.g, i, &g);
       sv_gaussian_turn(&g, SV_TURN_X);
       sv_gaussians_put(&back.g, i, &g);
