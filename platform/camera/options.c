@@ -146,6 +146,12 @@ void sv_camera_events_add(sv_camera_events *e, sv_camera_event_kind kind, int i_
   e->count[kind]++;
 }
 
+void sv_camera_events_starved(sv_camera_events *e, int i, sv_ns host_ns) {
+  if (e->n_starved[i]++ && host_ns - e->starved_ns[i] < SV_NS_PER_S) return;
+  e->starved_ns[i] = host_ns;
+  sv_camera_events_add(e, SV_CAMERA_STARVED, i, host_ns, (int64_t)e->n_starved[i]);
+}
+
 sv_status sv_camera_events_pop(sv_camera_events *e, sv_camera_event *out) {
   if (!e->n) return SV_AGAIN;
   *out = e->event[e->i_first];

@@ -64,10 +64,14 @@ typedef struct {
   sv_camera_event event[SV_CAMERA_CAP_EVENTS];
   int i_first, n;
   uint64_t count[SV_N_CAMERA_EVENTS]; // since the start, overwritten ones included
+  uint64_t n_starved[SV_CAMERA_CAP_CAMERAS];
+  sv_ns starved_ns[SV_CAMERA_CAP_CAMERAS]; // when it was said last
 } sv_camera_events;
 
 void sv_camera_events_add(sv_camera_events *e, sv_camera_event_kind kind, int i_camera, sv_ns host_ns,
                           int64_t detail);
+// STARVED, said once a second at most: a busy reader would have it with each frame.
+void sv_camera_events_starved(sv_camera_events *e, int i_camera, sv_ns host_ns);
 sv_status sv_camera_events_pop(sv_camera_events *e, sv_camera_event *out) SV_MUST_USE; // AGAIN: none
 
 // Size of a baseline or progressive JPEG by its header, and whether its end marker is there. False: not a JPEG.

@@ -107,10 +107,12 @@ static sv_status configure(sv_libcamera *s, Cam *c, const char *name, sv_err *er
     return sv_fail(err, SV_E_RANGE, "libcamera:%s: no such mode", name);
   int got = known_index(sc.pixelFormat), w = static_cast<int>(sc.size.width);
   int h = static_cast<int>(sc.size.height);
-  if (got != k || (o.width_px && (w != o.width_px || h != o.height_px)))
-    return sv_fail(err, SV_E_RANGE,
-                   "libcamera:%s: offers %dx%d px in %s, expected %dx%d in %s; size=%dx%d would do", name, w,
-                   h, sc.pixelFormat.toString().c_str(), o.width_px, o.height_px, known[k].name, w, h);
+  if (got != k)
+    return sv_fail(err, SV_E_RANGE, "libcamera:%s: offers %s at %dx%d px, expected %s", name,
+                   sc.pixelFormat.toString().c_str(), w, h, known[k].name);
+  if (o.width_px && (w != o.width_px || h != o.height_px))
+    return sv_fail(err, SV_E_RANGE, "libcamera:%s: offers %dx%d px, expected %dx%d; size=%dx%d would do",
+                   name, w, h, o.width_px, o.height_px, w, h);
   if (c->camera->configure(c->config.get()) < 0)
     return sv_fail(err, SV_E_DEVICE, "libcamera:%s: it cannot be configured", name);
   c->stream = sc.stream();

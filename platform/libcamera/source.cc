@@ -116,9 +116,7 @@ static void service(sv_libcamera *s, Cam *c) {
   if (is_gone) lose(s, c);
   if (c->is_lost) return;
   if (is_hungry) {
-    if (!c->is_starved)
-      sv_camera_events_add(&s->events, SV_CAMERA_STARVED, c->i_camera, t_ns,
-                           static_cast<int64_t>(s->events.count[SV_CAMERA_STARVED] + 1));
+    if (!c->is_starved) sv_camera_events_starved(&s->events, c->i_camera, t_ns);
     c->is_starved = true;
     c->last_frame_ns = t_ns;
     return;

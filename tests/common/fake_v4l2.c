@@ -348,7 +348,7 @@ static int sys_detach(void *self, void *p, size_t bytes) {
 static int sys_poll(void *self, struct pollfd *fds, int n, int timeout_ms) {
   fake_v4l2 *f = self;
   sv_ns end_ns = f->now_ns + timeout_ms * SV_NS_PER_MS;
-  if (must_fail(f, 0)) return -EINTR;
+  if (!f->is_lasting && must_fail(f, 0)) return -EINTR; // a signal; none lasts
   for (;;) {
     int n_ready = 0;
     advance(f);

@@ -61,7 +61,7 @@ typedef struct {
   long n_calls, fail_at;
   bool is_lasting, was_hit;
   int fail_errno;
-  _Alignas(64) uint8_t block[1 << 20]; // for the source under test
+  uint8_t block[1 << 20]; // for the source under test
 } fake_v4l2;
 
 void fake_v4l2_init(fake_v4l2 *f, int n_devices); // "/dev/video0" and on, YUYV 64x48 at 25 fps
