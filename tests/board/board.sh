@@ -160,7 +160,7 @@ fault() { # NAME CONTROL VALUE EVENT [CONTROL_AFTER VALUE_AFTER]
   cat $out/json
   grep -v '^capture' $out/log
   set -- "$1" "$2" "$3" "$4" $(sed -n 's/.*frames: \([0-9]*\) captured = \([0-9]*\) delivered + \([0-9]*\) dropped.*/\1 \2 \3/p' $out/json)
-  # Not clock_step: an emulated board that is held up for a second delivers frames that late, and that looks like one.
+  # Not clock_step: an emulated board that is held up for a second while the streams start can look like one.
   others=$(grep -v "$name" $out/json $out/log | grep -c 'error_flag\|: lost\|: damaged')
   note "$1: $(grep -F "  $name " $out/json | tail -n 1)"
   check "fault_$1" $code -eq 0 -a "${5:-0}" -eq $((${6:-1} + ${7:-1})) -a "${5:-0}" -gt 0
