@@ -7,7 +7,7 @@
 
 #include <stdint.h>
 
-#include "calib/solve/bundle.h"
+#include "calib/solve/lens_array.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -24,12 +24,12 @@ bool sv_structure_available(void);
 
 // Points seen in at least three of the n_views pictures, as tracks: *observations (malloc'ed, the caller's) by
 // point. The number of points in *n_points, of observations returned; 0 when there are none, -1 without memory.
-int sv_structure_tracks(const sv_structure_view *views, int n_views, sv_bundle_observation **observations,
+int sv_structure_tracks(const sv_structure_view *views, int n_views, sv_array_observation **observations,
                         int *n_points);
 
 // Poses of all views (view 0: identity) and positions of the points from their tracks, with the lenses as given.
 // Observations that RANSAC threw out are marked. False when the views could not be joined.
-bool sv_structure_start(sv_bundle *b);
+bool sv_structure_start(sv_lens_array *b);
 
 #ifdef __cplusplus
 }

@@ -156,7 +156,7 @@ std::vector<std::vector<Seen>> gather(const std::vector<Features> &f, const std:
 
 bool sv_structure_available(void) { return true; }
 
-int sv_structure_tracks(const sv_structure_view *views, int n_views, sv_bundle_observation **observations,
+int sv_structure_tracks(const sv_structure_view *views, int n_views, sv_array_observation **observations,
                         int *n_points) {
   *observations = nullptr, *n_points = 0;
   try {
@@ -174,7 +174,7 @@ int sv_structure_tracks(const sv_structure_view *views, int n_views, sv_bundle_o
         if (are_neighbours(views, f.size(), a, b)) match(f[a], f[b], first[a], first[b], sets);
     auto tracks = gather(f, first, sets);
     refine(f, tracks);
-    std::vector<sv_bundle_observation> all;
+    std::vector<sv_array_observation> all;
     for (auto &t : tracks) {
       t.erase(std::remove_if(t.begin(), t.end(), [](const Seen &s) { return s.view < 0; }), t.end());
       if (t.size() < 3) continue;
@@ -183,7 +183,7 @@ int sv_structure_tracks(const sv_structure_view *views, int n_views, sv_bundle_o
     }
     if (all.empty()) return 0;
     *observations =
-        static_cast<sv_bundle_observation *>(std::malloc(all.size() * sizeof(sv_bundle_observation)));
+        static_cast<sv_array_observation *>(std::malloc(all.size() * sizeof(sv_array_observation)));
     if (!*observations) return -1;
     std::copy(all.begin(), all.end(), *observations);
     return static_cast<int>(all.size());
@@ -199,11 +199,11 @@ struct Rays { // observations by point, as directions on z = 1
   std::vector<std::vector<std::pair<int, cv::Point2d>>> of;
 };
 
-Rays rays_of(const sv_bundle *b) {
+Rays rays_of(const sv_lens_array *b) {
   Rays r;
   r.of.resize(static_cast<size_t>(b->n_points));
   for (int i = 0; i < b->n_observations; i++) {
-    const sv_bundle_observation &o = b->observations[i];
+    const sv_array_observation &o = b->observations[i];
     const double *p = b->models[o.view].p;
     r.of[static_cast<size_t>(o.point)].push_back(
         {o.view, cv::Point2d((o.uv_px[0] - p[2]) / p[0], (o.uv_px[1] - p[3]) / p[1])});
@@ -255,7 +255,7 @@ sv_pose pose_of(const cv::Mat &r, const cv::Mat &t) {
 }
 
 // View 0 and the partner with which most points are seen in front of both, from the far side of the array first.
-int first_pair(const sv_bundle *b, const Rays &r, sv_pose *pose) {
+int first_pair(const sv_lens_array *b, const Rays &r, sv_pose *pose) {
   int best = -1;
   double best_score = 0;
   const double f = b->models[0].p[0];
@@ -281,7 +281,8 @@ int first_pair(const sv_bundle *b, const Rays &r, sv_pose *pose) {
   return best;
 }
 
-bool place(const sv_bundle *b, const Rays &r, const std::vector<bool> &has_point, int view, sv_pose *pose) {
+bool place(const sv_lens_array *b, const Rays &r, const std::vector<bool> &has_point, int view,
+           sv_pose *pose) {
   std::vector<cv::Point3d> x;
   std::vector<cv::Point2d> q;
   for (int i = 0; i < b->n_points; i++) {
@@ -302,7 +303,7 @@ bool place(const sv_bundle *b, const Rays &r, const std::vector<bool> &has_point
   return true;
 }
 
-void spread_points(sv_bundle *b, const Rays &r, const std::vector<bool> &is_placed,
+void spread_points(sv_lens_array *b, const Rays &r, const std::vector<bool> &is_placed,
                    std::vector<bool> &has_point) {
   for (int i = 0; i < b->n_points; i++)
     has_point[static_cast<size_t>(i)] = triangulate(r, i, is_placed, b->cam_from_rig, b->points[i]);
@@ -310,7 +311,7 @@ void spread_points(sv_bundle *b, const Rays &r, const std::vector<bool> &is_plac
 
 } // namespace
 
-bool sv_structure_start(sv_bundle *b) {
+bool sv_structure_start(sv_lens_array *b) {
   try {
     const Rays r = rays_of(b);
     std::vector<bool> is_placed(static_cast<size_t>(b->n_views)), has_point(static_cast<size_t>(b->n_points));

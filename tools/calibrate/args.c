@@ -59,6 +59,9 @@ static const option table[] = {
     {"quiet", OPT_FLAG, ALL, 0, AT(is_quiet), 0, "no progress on stderr", 0, 0},
     {"out", OPT_TEXT, CAL_BOARD | CAL_LENSLETS, CAL_BOARD | CAL_LENSLETS, AT(out), "RIG", "folder to write",
      0, 0},
+    {"rig", OPT_TEXT, CAL_POSE, CAL_POSE, AT(rig), "RIG", "folder with rig.json", 0, 0},
+    {"capture", OPT_TEXT, CAL_POSE, CAL_POSE, AT(capture), "DIR", "capture folder", 0, 0},
+    {"out", OPT_TEXT, CAL_POSE, CAL_POSE, AT(out), "POSES", "folder to write", 0, 0},
     {"help", OPT_FLAG, ALL, 0, AT(is_help), 0, "this text", 0, 0},
     {"version", OPT_FLAG, ALL, 0, AT(is_version), 0, "the version", 0, 0},
 };

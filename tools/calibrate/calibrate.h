@@ -14,6 +14,7 @@
 int cal_cmd_board(const cal_options *o);
 int cal_cmd_lenslets(const cal_options *o);
 int cal_cmd_check(const cal_options *o);
+int cal_cmd_pose(const cal_options *o);
 
 // --- pictures of boards (gather.c) -----------------------------------------------------------------------
 typedef struct {

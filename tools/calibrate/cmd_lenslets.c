@@ -19,8 +19,8 @@ typedef struct {
   const cal_options *o;
   lab_session *session;
   cal_lenses lenses;
-  sv_bundle bundle;
-  sv_bundle_stats stats;
+  sv_lens_array bundle;
+  sv_array_stats stats;
   double rms_px;
   int n_used; // features, or corners
   double rotation_sd_deg, focal_sd_px;
@@ -30,10 +30,10 @@ typedef struct {
 // --- a textured object -----------------------------------------------------------------------------------
 static sv_status gather_exposure(job *j, int exposure, sv_err *err) {
   cal_lenses *l = &j->lenses;
-  sv_bundle *b = &j->bundle;
+  sv_lens_array *b = &j->bundle;
   sv_structure_view views[SV_CAP_SUB_VIEWS];
   int whose[SV_CAP_SUB_VIEWS], n = 0, n_points, n_old = b->n_observations;
-  sv_bundle_observation *found;
+  sv_array_observation *found;
   for (int i = 0; i < l->n_lenses; i++) {
     const cal_lens *lens = &l->lenses[i];
     if (!lens->grey[exposure]) continue;
@@ -47,7 +47,7 @@ static sv_status gather_exposure(job *j, int exposure, sv_err *err) {
     whose[n++] = i;
   }
   int n_found = sv_structure_tracks(views, n, &found, &n_points);
-  sv_bundle_observation *more =
+  sv_array_observation *more =
       n_found > 0 ? realloc(b->observations, (size_t)(n_old + n_found) * sizeof *more) : b->observations;
   if (n_found < 0 || (n_found > 0 && !more)) {
     free(found);
@@ -105,9 +105,9 @@ static void set_lenses(job *j, double focal_per_width) {
 }
 
 // Every k-th point, so that about CAP_GUESS_POINTS are left. NULL without memory.
-static sv_bundle_observation *thinned(const sv_bundle *b, int *n_observations, int *n_points) {
+static sv_array_observation *thinned(const sv_lens_array *b, int *n_observations, int *n_points) {
   int every = 1 + b->n_points / CAP_GUESS_POINTS;
-  sv_bundle_observation *out = malloc((size_t)b->n_observations * sizeof *out);
+  sv_array_observation *out = malloc((size_t)b->n_observations * sizeof *out);
   *n_observations = 0, *n_points = 1 + (b->n_points - 1) / every;
   for (int k = 0; k < b->n_observations && out; k++)
     if (b->observations[k].point % every == 0) {
@@ -118,22 +118,22 @@ static sv_bundle_observation *thinned(const sv_bundle *b, int *n_observations, i
 }
 
 static sv_status solve_from(job *j, double focal_per_width, int n_rounds, sv_err *err) {
-  sv_bundle *b = &j->bundle;
+  sv_lens_array *b = &j->bundle;
   set_lenses(j, focal_per_width);
   if (!sv_structure_start(b)) return sv_fail(err, SV_E_FORMAT, "the lenses' pictures cannot be joined");
   b->is_lens_fixed = true;
-  sv_status s = sv_bundle_solve(b, 2, &j->stats, err);
+  sv_status s = sv_array_solve(b, 2, &j->stats, err);
   b->is_lens_fixed = false;
-  return s == SV_OK ? sv_bundle_solve(b, n_rounds, &j->stats, err) : s;
+  return s == SV_OK ? sv_array_solve(b, n_rounds, &j->stats, err) : s;
 }
 
 // The focal length is not known: several are tried on some of the points; from the one that fits best all goes on.
 static sv_status solve_texture(job *j, sv_err *err) {
   static const double guesses[] = {0.9, 1.5, 2.5};
-  sv_bundle *b = &j->bundle, all = *b;
+  sv_lens_array *b = &j->bundle, all = *b;
   double best = INFINITY, best_guess = 0;
   int best_in = 0;
-  sv_bundle_observation *few = thinned(&all, &b->n_observations, &b->n_points);
+  sv_array_observation *few = thinned(&all, &b->n_observations, &b->n_points);
   if (!few) return sv_fail(err, SV_E_NOMEM, "%s: no memory for features", j->o->isolated);
   double width = b->n_views ? j->lenses.lenses[0].footprint.width_px : 1, known = j->o->focal_px / width;
   size_t n_guesses = known > 0 ? 1 : sizeof guesses / sizeof *guesses;
@@ -177,7 +177,7 @@ static sv_status calibrate_texture(job *j, sv_err *err) {
 
 // Neighbouring lenses are `pitch` apart in the mean.
 static void set_scale(job *j) {
-  sv_bundle *b = &j->bundle;
+  sv_lens_array *b = &j->bundle;
   double sum = 0;
   for (int i = 0; i < b->n_views; i++) {
     double least = INFINITY, c[3], d[3];

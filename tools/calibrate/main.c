@@ -21,29 +21,33 @@ static const cal_command commands[] = {
      CAL_BOARD, cal_cmd_board},
     {"lenslets", "--isolated DIR --white DIR --out RIG [options]",
      "multiplexed sensor -> footprints, lenses and poses",
-     "For sensors on which the images of several lenses overlap. Cover all lenses but one, and take a "
-     "picture of an\n"
-     "even bright field (white) and of a still, textured object (isolated); so for each lens. Footprints "
-     "come from\n"
-     "the white pictures; focal length, principal point and pose of each lens from features of the object, "
-     "by\n"
-     "bundle adjustment, or from a chessboard (--board, --spacing) in several exposures, which also gives "
-     "the "
-     "scale.\n"
-     "RIG/rig.json has the first lens as its frame; coverage pictures and .cameramodel files lie beside it.",
+     "For sensors on which the images of several lenses overlap. Cover all lenses but one and take a "
+     "picture\n"
+     "of an even bright field (white) and of a still, textured object (isolated); so for each lens.\n"
+     "Footprints come from the white pictures; focal length, principal point and pose of each lens from\n"
+     "features of the object by bundle adjustment, or, much better, from a chessboard in several exposures\n"
+     "(--board, --spacing), which also gives the scale. The rig's frame is the first lens's.",
      "  subview-calibrate lenslets --isolated isolated --white white --pitch 0.004 --out rig", CAL_LENSLETS,
      cal_cmd_lenslets},
     {"check", "--rig RIG [--images CAM0 CAM1 ... --board WxH --spacing M] [options]",
      "does a rig still hold?",
-     "Tells what a rig is: its lenses, its angular baseline. With new pictures of a chessboard also how well "
-     "each lens "
-     "fits\n"
-     "alone, how well all fit together, and how far corners are from their epipolar lines; warns when a lens "
-     "was "
-     "touched\n"
-     "or the rig was knocked. --images are in the order of the rig's sub-views.",
+     "Tells what a rig is: its lenses, its angular baseline. With new pictures of a chessboard also how "
+     "well\n"
+     "each lens fits alone, how well all fit together, and how far corners are from their epipolar lines;\n"
+     "warns when a lens was touched or the rig was knocked. --images are in the order of the rig's "
+     "sub-views.",
      "  subview-calibrate check --rig rig --images 'l*.png' 'r*.png' --board 9x6 --spacing 0.025", CAL_CHECK,
      cal_cmd_check},
+    {"pose", "--rig RIG --capture DIR --out POSES [options]",
+     "a moving rig's capture -> its pose in every exposure",
+     "Tracks the rig through a capture folder and writes POSES/poses.json (rig_from_world of every exposure "
+     "that\n"
+     "could be placed; the list is what \"poses\" of a capture.json holds) and POSES/points.ply (the sparse "
+     "cloud).\n"
+     "The world is the rig's frame at the first exposure; metres come from the rig's baseline, and how sure "
+     "that\n"
+     "is is said. A rig that stood still has the same pose everywhere.",
+     "  subview-calibrate pose --rig rig --capture capture --out poses", CAL_POSE, cal_cmd_pose},
 };
 #define N_COMMANDS ((int)(sizeof commands / sizeof *commands))
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "calib/solve/bundle.h"
+#include "calib/solve/lens_array.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -13,7 +13,7 @@
 #define OUTLIER   4.0
 
 typedef struct {
-  sv_bundle *b;
+  sv_lens_array *b;
   int i_scale;   // the unknown that is held to fix the size of everything: a coordinate of a far view
   int n;         // camera unknowns, and one for the common log focal length
   double *s, *g; // reduced system [n][n], its right side [n]
@@ -32,7 +32,7 @@ typedef struct {
   double r[2], jc[2][N_CAM], jp[2][3];
 } linear;
 
-static bool residual(const sv_bundle *b, const sv_bundle_observation *o, linear *l, bool has_jacobian) {
+static bool residual(const sv_lens_array *b, const sv_array_observation *o, linear *l, bool has_jacobian) {
   const sv_camera_model *m = &b->models[o->view];
   const sv_pose *p = &b->cam_from_rig[o->view];
   double x[3], rx[3], uv[2], dx[6];
@@ -61,7 +61,7 @@ static double huber(double r2, double sigma, double *weight) {
 
 // --- priors ----------------------------------------------------------------------------------------------
 static double prior_cost(const work *w) {
-  const sv_bundle *b = w->b;
+  const sv_lens_array *b = w->b;
   double sum = 0, s2 = w->sigma * w->sigma;
   for (int c = 0; c < b->n_views && !b->is_lens_fixed; c++) {
     const sv_camera_model *m = &b->models[c];
@@ -74,7 +74,7 @@ static double prior_cost(const work *w) {
 }
 
 static void add_priors(const work *w) {
-  const sv_bundle *b = w->b;
+  const sv_lens_array *b = w->b;
   double s2 = w->sigma * w->sigma, kf = s2 / (b->focal_sd * b->focal_sd),
          kc = s2 / (b->centre_sd_px * b->centre_sd_px);
   size_t n = (size_t)w->n, last = n - 1;
@@ -93,11 +93,11 @@ static void add_priors(const work *w) {
 }
 
 static double cost(const work *w) {
-  const sv_bundle *b = w->b;
+  const sv_lens_array *b = w->b;
   double sum = prior_cost(w), weight;
   linear l;
   for (int i = 0; i < b->n_observations; i++) {
-    const sv_bundle_observation *o = &b->observations[i];
+    const sv_array_observation *o = &b->observations[i];
     if (o->is_outlier) continue;
     if (!residual(b, o, &l, false)) return INFINITY;
     sum += huber(l.r[0] * l.r[0] + l.r[1] * l.r[1], w->sigma, &weight);
@@ -149,12 +149,12 @@ static void eliminate(const work *w, int p, const int *views, int n_seen) {
 }
 
 static bool add_point(const work *w, int p, double lambda) {
-  const sv_bundle *b = w->b;
+  const sv_lens_array *b = w->b;
   double v[9] = {0}, gp[3] = {0}, weight;
   int views[256], n_seen = 0;
   linear l;
   for (int i = w->first[p]; i < w->first[p + 1]; i++) {
-    const sv_bundle_observation *o = &b->observations[i];
+    const sv_array_observation *o = &b->observations[i];
     if (o->is_outlier || n_seen == 256) continue;
     if (!residual(b, o, &l, true)) return false;
     huber(l.r[0] * l.r[0] + l.r[1] * l.r[1], w->sigma, &weight);
@@ -232,7 +232,7 @@ static void substitute(const double *s, size_t n, double *x) {
 // --- a step ----------------------------------------------------------------------------------------------
 // Points follow from the cameras' step: dp = -V^-1 (gp + W^T dc); W is computed again, as it was not kept.
 static void move_points(const work *w) {
-  const sv_bundle *b = w->b;
+  const sv_lens_array *b = w->b;
   linear l;
   double weight;
   for (int p = 0; p < b->n_points; p++) {
@@ -240,7 +240,7 @@ static void move_points(const work *w) {
     const double *vi = w->vinv + 9 * p;
     for (int k = 0; k < 3; k++) e[k] = w->gp[3 * p + k];
     for (int i = w->first[p]; i < w->first[p + 1]; i++) {
-      const sv_bundle_observation *o = &b->observations[i];
+      const sv_array_observation *o = &b->observations[i];
       if (o->is_outlier || !residual(b, o, &l, true)) continue;
       huber(l.r[0] * l.r[0] + l.r[1] * l.r[1], w->sigma, &weight);
       for (int a = 0; a < 2; a++) {
@@ -255,7 +255,7 @@ static void move_points(const work *w) {
 }
 
 static void move_views(work *w) {
-  sv_bundle *b = w->b;
+  sv_lens_array *b = w->b;
   for (int c = 0; c < b->n_views; c++) {
     const double *d = w->step + c * N_CAM;
     double r[9], scale = sv_exp(sv_minf(0.5f, sv_maxf(-0.5f, (float)d[6])));
@@ -275,7 +275,7 @@ typedef struct {
 } state;
 
 static void keep(const work *w, state *s, bool is_back) {
-  sv_bundle *b = w->b;
+  sv_lens_array *b = w->b;
   size_t nv = (size_t)b->n_views, np = (size_t)b->n_points;
   if (is_back) {
     memcpy(b->models, s->models, nv * sizeof *s->models),
@@ -325,8 +325,8 @@ static int compare(const void *a, const void *b) {
 }
 
 // Deviation of a coordinate by the median of |r|: 1.1774 sigma for two normal coordinates.
-static void measure(work *w, sv_bundle_stats *st, bool is_marking) {
-  sv_bundle *b = w->b;
+static void measure(work *w, sv_array_stats *st, bool is_marking) {
+  sv_lens_array *b = w->b;
   linear l;
   int n = 0;
   for (int i = 0; i < b->n_observations; i++)
@@ -336,7 +336,7 @@ static void measure(work *w, sv_bundle_stats *st, bool is_marking) {
   double sum = 0;
   st->n_outliers = n = 0;
   for (int i = 0; i < b->n_observations; i++) {
-    sv_bundle_observation *o = &b->observations[i];
+    sv_array_observation *o = &b->observations[i];
     bool is_good = residual(b, o, &l, false);
     double r = is_good ? sqrt(l.r[0] * l.r[0] + l.r[1] * l.r[1]) : INFINITY;
     if (is_marking) o->is_outlier = !(r < OUTLIER * 1.1774 * w->sigma);
@@ -347,7 +347,7 @@ static void measure(work *w, sv_bundle_stats *st, bool is_marking) {
   st->rms_px = n ? sqrt(sum / n) : INFINITY;
 }
 
-static bool uncertainty(work *w, sv_bundle_stats *st) {
+static bool uncertainty(work *w, sv_array_stats *st) {
   double rot = 0, focal = 0, centre = 0;
   size_t n = (size_t)w->n;
   if (!build(w, 1e-9) || !factor(w->s, n)) return false;
@@ -379,8 +379,8 @@ static void choose_scale(work *w) {
         most = fabs(w->b->cam_from_rig[c].t[k]), w->i_scale = c * N_CAM + 3 + k;
 }
 
-static sv_status run(work *w, state *old, int n_rounds, sv_bundle_stats *st, sv_err *err) {
-  sv_bundle *b = w->b;
+static sv_status run(work *w, state *old, int n_rounds, sv_array_stats *st, sv_err *err) {
+  sv_lens_array *b = w->b;
   double sum = 0;
   for (int c = 0; c < b->n_views; c++) sum += b->models[c].p[0];
   w->focal0 = sum / b->n_views, w->log_focal = 0;
@@ -398,7 +398,7 @@ static sv_status run(work *w, state *old, int n_rounds, sv_bundle_stats *st, sv_
   return SV_OK;
 }
 
-sv_status sv_bundle_solve(sv_bundle *b, int n_rounds, sv_bundle_stats *stats, sv_err *err) {
+sv_status sv_array_solve(sv_lens_array *b, int n_rounds, sv_array_stats *stats, sv_err *err) {
   work w = {.b = b, .n = b->n_views * N_CAM + 1, .sigma = 1};
   size_t n = (size_t)w.n, np = (size_t)b->n_points, nv = (size_t)b->n_views;
   state old = {malloc(nv * sizeof *old.models), malloc(nv * sizeof *old.poses),
