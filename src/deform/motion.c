@@ -96,27 +96,6 @@ sv_motion_values sv_motion_values_at(const sv_motion_cfg *cfg, float t) {
   return v;
 }
 
-// The knots beyond the first at or after t: one step further on the line, then at rest.
-static void extrapolate(sv_motion *mo, int i, int row, int n, int width, float t) {
-  int first = 1 + (int)ceil((double)t * n - 1e-4);
-  for (int w = 0; w < width && n > 0; w++) {
-    float a = first > 2 ? *sv_motion_row(mo, i, row + width * (first - 3) + w) : 0.0f;
-    float b = first > 1 ? *sv_motion_row(mo, i, row + width * (first - 2) + w) : 0.0f;
-    float step = first > 1 ? b - a : 0.0f;
-    for (int knot = first; knot <= n; knot++) *sv_motion_row(mo, i, row + width * (knot - 1) + w) = b + step;
-  }
-}
-
-void sv_motion_extrapolate(sv_motion *mo, float t) {
-  const sv_motion_cfg *c = &mo->cfg;
-  int rot = SV_MROW_FUNCTIONS + 3 * c->n_pos, colour = rot + 4 * c->n_rot;
-  for (int i = 0; i < mo->n_moving; i++) {
-    extrapolate(mo, i, SV_MROW_FUNCTIONS, c->n_pos, 3, t);
-    extrapolate(mo, i, rot, c->n_rot, 4, t);
-    extrapolate(mo, i, colour, c->n_colour, 3, t);
-  }
-}
-
 sv_motion_args sv_motion_args_of(const sv_motion *mo, const sv_gaussians *g, float t,
                                  const sv_motion_values *f) {
   return (sv_motion_args){.param = g->param,

@@ -56,8 +56,6 @@ typedef struct {
   float pos[SV_CAP_MOTION_FUNCTIONS], rot[SV_CAP_MOTION_FUNCTIONS], colour[SV_CAP_MOTION_FUNCTIONS];
 } sv_motion_values;
 sv_motion_values sv_motion_values_at(const sv_motion_cfg *cfg, float t);
-// Splines: what moves goes on beyond the first knot at or after t as fast as it came there.
-void sv_motion_extrapolate(sv_motion *mo, float t);
 // Arguments of the kernels for g at time t; f must live as long as they.
 sv_motion_args sv_motion_args_of(const sv_motion *mo, const sv_gaussians *g, float t,
                                  const sv_motion_values *f);

@@ -50,6 +50,7 @@ static float rate_at(const sv_trainer *t, const float x[3]) {
 }
 
 static bool is_worth_it(const sv_trainer *t, int i) {
+  if (t->deform.kind != SV_DEFORM_CLIP) return true; // a field does not tell before it is asked
   const sv_dynamic_cfg *d = &t->cfg.dynamic;
   const float *p = sv_gaussians_at(&t->g, i, SV_ROW_MEAN), x[3] = {p[0], p[16], p[32]};
   sv_motion_extent e = sv_motion_extent_of(&t->deform.motion, i);
@@ -70,7 +71,7 @@ static void swap_slots(sv_trainer *t, int i, int j) {
   }
   swap_f(t->err + i, t->err + j);
   if (t->floor) swap_f(t->floor + i, t->floor + j);
-  sv_motion_swap(&t->deform.motion, i, j);
+  if (t->deform.kind == SV_DEFORM_CLIP) sv_motion_swap(&t->deform.motion, i, j);
   uint8_t s = t->is_moving[i];
   t->is_moving[i] = t->is_moving[j], t->is_moving[j] = s;
 }
@@ -79,7 +80,7 @@ void sv_train_sort_moving(sv_trainer *t) {
   for (int i = 0; i < t->g.n; i++) {
     if (t->is_moving[i] == 1 && !is_worth_it(t, i)) t->is_moving[i] = 0;
     if (t->is_moving[i] == 2) t->is_moving[i] = 1;
-    if (!t->is_moving[i]) sv_motion_still(&t->deform.motion, i);
+    if (!t->is_moving[i] && t->deform.kind == SV_DEFORM_CLIP) sv_motion_still(&t->deform.motion, i);
   }
   int n = 0, j = t->g.n - 1;
   for (;;) {
@@ -88,7 +89,7 @@ void sv_train_sort_moving(sv_trainer *t) {
     if (n >= j) break;
     swap_slots(t, n, j);
   }
-  t->deform.motion.n_moving = n;
+  sv_deform_set_moving(&t->deform, n);
 }
 
 // --- what moves ----------------------------------------------------------------------------------
@@ -143,6 +144,8 @@ static void end_camera(sv_trainer *t) {
 }
 
 sv_status sv_train_find_moving(sv_trainer *t, float progress) {
+  if (t->deform.kind == SV_DEFORM_FIELD && t->field_step == 0)
+    sv_field_reset(&t->deform.field, &t->g, t->cfg.seed); // the box is that of now
   int n_cameras = 1;
   for (int i = 0; i < t->n_views; i++) n_cameras = sv_maxi(n_cameras, t->views[i].view.i_sub_view + 1);
   for (int i = 0; i < t->g.cap; i++) t->unrest[i] = t->n_seen[i] = t->res_mean[i] = t->res_dev[i] = 0.0f;
@@ -157,74 +160,32 @@ sv_status sv_train_find_moving(sv_trainer *t, float progress) {
   for (int i = 0; i < t->g.n; i++) {
     if (t->is_moving[i] || !(t->unrest[i] > t->cfg.dynamic.unrest)) continue;
     t->is_moving[i] = 2; // from now on; what has moved before has to be worth it
-    sv_motion_rest(&t->deform.motion, i);
+    if (t->deform.kind == SV_DEFORM_CLIP) sv_motion_rest(&t->deform.motion, i);
   }
   sv_train_sort_moving(t);
   return SV_OK;
 }
 
-// --- one time after the other --------------------------------------------------------------------
-
-bool sv_train_is_growing(const sv_trainer *t, float progress) {
-  return sv_train_is_dynamic(t) && progress < t->cfg.dynamic.grow_until;
-}
-
-// Times are in 0..1; how many distinct ones are at most `until`, and the n-th (from 1), by counting.
-static int count_times(const sv_trainer *t, float until) {
-  int n = 0;
-  for (int i = 0; i < t->n_views; i++) {
-    bool is_new = t->views[i].view.time <= until;
-    for (int k = 0; k < i && is_new; k++) is_new = t->views[k].view.time != t->views[i].view.time;
-    n += is_new;
-  }
-  return n;
-}
-
-static float next_time(const sv_trainer *t, float after) {
-  float next = 2.0f;
-  for (int i = 0; i < t->n_views; i++)
-    if (t->views[i].view.time > after && t->views[i].view.time < next) next = t->views[i].view.time;
-  return next;
-}
-
-// The k-th of the views with times in from..to, or their number when k is below 0.
-static int pick_view(const sv_trainer *t, float from, float to, int k) {
-  int n = 0;
-  for (int i = 0; i < t->n_views; i++) {
-    if (t->views[i].view.time < from || t->views[i].view.time > to) continue;
-    if (n++ == k) return i;
-  }
-  return n;
-}
-
-int sv_train_grow(sv_trainer *t, float progress) {
-  const sv_dynamic_cfg *d = &t->cfg.dynamic;
-  float part = (progress - d->from) / (d->grow_until - d->from);
-  int n_times = count_times(t, 1.0f), want = progress < d->from ? 1 : 1 + (int)(part * (float)n_times);
-  while (t->newest < 0.0f || (count_times(t, t->newest) < want && next_time(t, t->newest) <= 1.0f)) {
-    if (t->newest >= 0.0f && d->functions == SV_MOTION_SPLINE)
-      sv_motion_extrapolate(&t->deform.motion, t->newest);
-    t->newest = next_time(t, t->newest);
-  }
-  float from = sv_rng_u32(&t->rng) & 1 ? t->newest : 0.0f;
-  int n = pick_view(t, from, t->newest, -1);
-  return pick_view(t, from, t->newest, (int)sv_rng_below(&t->rng, (uint32_t)n));
-}
+// --- the start -----------------------------------------------------------------------------------
 
 void sv_train_start_moving(sv_trainer *t) {
-  const sv_dynamic_cfg *d = &t->cfg.dynamic;
-  sv_motion *mo = &t->deform.motion;
-  sv_rng rng = sv_rng_make(t->cfg.seed, 13);
   memset(t->is_moving, 0, (size_t)t->g.cap);
-  mo->n_moving = (int)(d->share * (float)t->g.n);
-  float sharpness = (float)sv_log(4.0 / ((double)d->window_start * (double)d->window_start));
-  for (int i = 0; i < t->g.n; i++) {
-    t->is_moving[i] = i < mo->n_moving;
-    if (!t->is_moving[i]) {
-      sv_motion_still(mo, i);
-      continue;
-    }
-    *sv_motion_row(mo, i, SV_MROW_CENTRE) = sv_rng_f(&rng);
-    *sv_motion_row(mo, i, SV_MROW_SHARPNESS) = sharpness;
-  }
+  if (t->deform.kind == SV_DEFORM_CLIP)
+    for (int i = 0; i < t->g.cap; i++) sv_motion_still(&t->deform.motion, i);
+  else sv_field_reset(&t->deform.field, &t->g, t->cfg.seed);
+  sv_deform_set_moving(&t->deform, 0);
+}
+
+void sv_train_copy_motion(sv_trainer *t, int to, int from) {
+  const double w = (double)t->cfg.dynamic.window_start;
+  t->is_moving[to] = t->is_moving[from];
+  if (t->deform.kind != SV_DEFORM_CLIP) return;
+  sv_motion_copy(&t->deform.motion, to, from);
+  if (!t->is_moving[to]) return;
+  float *c = sv_motion_row(&t->deform.motion, to, SV_MROW_CENTRE), *sharpness = c + 16;
+  double half = sv_exp(-0.5 * (double)*sharpness); // where the window takes 1 from the logit
+  if (w > 0 && half > w) {
+    *c = sv_rng_f(&t->rng);
+    *sharpness = (float)sv_log(4.0 / (w * w));
+  } else *c = sv_clampf(*c + sv_rng_normal(&t->rng) * sv_minf(0.5f, 0.5f * (float)half), -0.1f, 1.1f);
 }

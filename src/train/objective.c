@@ -7,6 +7,11 @@
 void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   bool is_grid = s->n_sub_views >= GRID_VIEWS || s->is_multiplexed;
   if (s->n_exposures > FEW_EXPOSURES) return;
+  if (s->is_moving) { // of a rig that stands still, also where there is but one camera
+    cfg->reg_opacity = 0.05f;
+    cfg->sh_step = 2.0f;
+    return;
+  }
   if (s->n_exposures * s->n_sub_views == 1)
     cfg->sh_step = 2.0f; // one view cannot tell how colour turns: never
   // With parallax, transparent Gaussians in front of the surface can be told and are worth a price; from one

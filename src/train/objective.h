@@ -14,6 +14,7 @@ typedef struct {
   int n_exposures;
   int n_sub_views;     // of an exposure
   bool is_multiplexed; // their images overlap on the sensor
+  bool is_moving;      // the scene moves; n_exposures then counts the places that the rig was at
 } sv_sampling;
 
 // Sets weights, unseen views and least sizes in cfg. Captures of many exposures keep the defaults.

@@ -8,8 +8,8 @@
 #include "src/splat/constants.h"
 #include "src/train/train.h"
 
-#define BLOCKS_PER_TASK 32
-#define ERR_KEEP        0.9f // running mean of the blended error over the views that see a Gaussian
+#define BLOCKS_PER_TASK SV_FIELD_TASK // a field sums by these tasks
+#define ERR_KEEP        0.9f          // running mean of the blended error over the views that see a Gaussian
 
 typedef struct {
   sv_trainer *t;
@@ -103,8 +103,10 @@ static void optimise_task(void *arg, int i_task, int i_thread) {
   uint32_t n = 0;
   for (int b = b0; b < b1; b++) {
     uint32_t touched = sv_render_bwd_block(&t->render, t->k, b, i_thread, &j->reg, grad, err, NULL);
+    if (b < t->render.n_moved_blocks && t->deform.kind == SV_DEFORM_FIELD)
+      sv_field_bwd_block(&t->deform.field, t->k, &t->g, b, i_thread, touched, grad);
     if (!touched) continue;
-    if (b < t->render.n_moved_blocks)
+    if (b < t->render.n_moved_blocks && t->deform.kind == SV_DEFORM_CLIP)
       sv_train_move_block(t, &j->motion, &j->motion_adam, b, touched, grad, err + 16);
     move(j, b, touched, touched, grad, err);
     n += (uint32_t)__builtin_popcount(touched);
@@ -212,7 +214,7 @@ static uint32_t run(sv_trainer *t, float progress, sv_task_fn task) {
                           .rsqrt_bias2 = (float)(1.0 / sqrt(bias2)),
                           .lr = j.lr,
                           .n_rows = SV_N_ROWS(t->render.project.sh_degree)};
-  if (sv_train_is_dynamic(t)) {
+  if (t->deform.kind == SV_DEFORM_CLIP) {
     j.motion_f = sv_motion_values_at(&t->deform.motion.cfg, t->time);
     sv_train_motion_rates(t, mean_lr * t->radius, bias1, j.motion_lr);
     j.motion = sv_motion_args_of(&t->deform.motion, &t->g, t->time, &j.motion_f);
@@ -225,6 +227,11 @@ static uint32_t run(sv_trainer *t, float progress, sv_task_fn task) {
     j.motion_adam.n_rows = t->deform.motion.n_rows;
   }
   sv_pool_run(t->pool, task, &j, n_tasks(&j));
+  if (t->deform.kind == SV_DEFORM_FIELD && t->render.n_moved_blocks > 0) {
+    const sv_dynamic_cfg *d = &t->cfg.dynamic;
+    sv_field_step(&t->deform.field, t->k, t->pool, ++t->field_step, (progress - d->from) / (1.0f - d->from),
+                  t->radius);
+  }
   uint32_t n = 0;
   for (int i = 0; i < n_tasks(&j); i++) n += t->touched_of[i];
   return n;

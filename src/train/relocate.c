@@ -104,17 +104,7 @@ uint32_t sv_train_relocate(sv_trainer *t) {
     copy_slot(t, i, t->source[i]);
     clear_moments(t, i);
     t->err[i] = t->err[t->source[i]];
-    if (sv_train_is_dynamic(t)) {
-      sv_motion_copy(&t->deform.motion, i, t->source[i]);
-      float *c = sv_motion_row(&t->deform.motion, i, SV_MROW_CENTRE), s = c[16];
-      if (t->is_moving[i] && t->cfg.dynamic.window_start > 0 &&
-          s < sv_log(1.0 / ((double)t->cfg.dynamic.window_start * (double)t->cfg.dynamic.window_start))) {
-        c[0] = sv_rng_f(&t->rng);
-        c[16] = (float)sv_log(4.0 / ((double)t->cfg.dynamic.window_start * (double)t->cfg.dynamic.window_start));
-      } else *c = sv_clampf(*c + sv_rng_normal(&t->rng) * sv_minf(0.5f, 0.5f * (float)sv_exp(-0.5 * (double)s)),
-                     -0.1f, 1.1f);
-      t->is_moving[i] = t->is_moving[t->source[i]];
-    }
+    if (sv_train_is_dynamic(t)) sv_train_copy_motion(t, i, t->source[i]);
     displace(t, i);
     n_done++;
   }

@@ -40,7 +40,8 @@ sv_train_cfg sv_train_defaults(void) {
                         .dynamic = {.from = 0.1f,
                                     .find_every = 0.1f,
                                     .find_until = 0.6f,
-                                    .unrest = 0.02f,
+                                    .window_start = 0.2f,
+                                    .unrest = 0.03f,
                                     .n_pos = 6,
                                     .n_rot = 3,
                                     .n_colour = 3,
@@ -98,6 +99,11 @@ static sv_status carve_dynamic(sv_trainer *t, const sv_train_cfg *c, sv_arena *a
   float **each[] = {&t->n_seen, &t->res_mean, &t->res_dev, &t->unrest, &t->weight};
   for (size_t i = 0; i < sizeof each / sizeof *each; i++) *each[i] = SV_TAKE(a, float, t->g.cap);
   t->deform.kind = c->dynamic.kind;
+  if (c->dynamic.kind == SV_DEFORM_FIELD) {
+    sv_field_cfg fc = c->dynamic.field;
+    fc.has_grad = true, fc.n_threads = c->n_threads;
+    return sv_field_init(&t->deform.field, &fc, &t->g, a);
+  }
   return sv_motion_init(&t->deform.motion, &mc, &t->g, a);
 }
 
@@ -265,12 +271,10 @@ sv_status sv_train_start(sv_trainer *t, const sv_init_cfg *init, const sv_point 
     float centre[3], radius = sv_gaussians_radius(&t->g, scratch, centre);
     sv_train_set_scene(t, centre, radius);
   }
-  t->step = 0;
+  t->step = t->field_step = 0;
   if (sv_train_is_dynamic(t)) {
-    sv_motion_reset(&t->deform.motion, t->g.n);
     sv_train_start_moving(t);
     t->find_at = t->cfg.dynamic.from;
-    t->newest = -1.0f;
   }
   sv_train_set_floors(t);
   return SV_OK;
@@ -288,6 +292,7 @@ static uint64_t fnv1a(uint64_t h, const float *v, size_t n) {
 uint64_t sv_train_digest(const sv_trainer *t) {
   uint64_t h = fnv1a(14695981039346656037ull, t->g.param, (size_t)t->g.cap * (size_t)t->g.n_rows);
   if (!sv_train_is_dynamic(t)) return h;
+  if (t->deform.kind == SV_DEFORM_FIELD) return fnv1a(h, t->deform.field.param, t->deform.field.n_param);
   return fnv1a(h, t->deform.motion.param,
                (size_t)(t->deform.motion.n_moving + 15) / 16 * 16 * (size_t)t->deform.motion.n_rows);
 }

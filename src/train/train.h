@@ -28,16 +28,15 @@ typedef struct {
 // Moving scenes (src/deform).
 typedef struct {
   sv_deform_kind kind;
-  float from;       // progress at which things begin to move; before, one still model is trained on all times
-  float grow_until; // progress at which all times have come in, one after the other; 0: all from the start
+  float from; // progress at which things begin to move; before, one still model is trained on all times
   sv_motion_functions_kind functions;
+  sv_field_cfg field;                 // of FIELD
   float find_every, find_until;       // progress between two searches for what moves, and at the last
   int n_pos, n_rot, n_colour;         // functions of clip mode
   float pos, rot, colour, window;     // learning rates; of positions times that of the means
   float reg_pos, reg_rot, reg_colour; // weights of the mean length of the coefficients; position per radius
-  float share;                        // of the slots that move from the start, each in a window of its own
-  float window_start;                 // half width of these windows, of the clip
-  float unrest;                       // who is off by so much more at some times than at others moves
+  float window_start; // half width of the windows that copies of moving slots begin with; 0: as their source
+  float unrest;       // who is off by so much more at some times than at others moves
   float still_px, still_fade, still_colour; // who changes by less than all of these is still
 } sv_dynamic_cfg;
 
@@ -105,10 +104,10 @@ typedef struct {
   int32_t *copies, *source; // [cap] of a relocation
   uint32_t *touched_of;     // [cap / 16 / blocks a task + 1]
   sv_deform deform;
-  float time;         // of the last picture
-  float find_at;      // progress of the next search
-  float newest;       // time up to which pictures have come in
-  uint8_t *is_moving; // [cap]
+  float time;          // of the last picture
+  float find_at;       // progress of the next search
+  uint32_t field_step; // of the field's stage
+  uint8_t *is_moving;  // [cap]
   // [cap] each, of the search for what moves: frames that saw a Gaussian, mean and squared deviations of its
   // residual over them, largest deviation over the cameras; weight of the current frame
   float *n_seen, *res_mean, *res_dev, *unrest, *weight;
@@ -166,11 +165,10 @@ int sv_train_scale_at(const sv_trainer *t, const sv_view *view, float progress);
 // Least log-scales from the views that see each Gaussian: the log of floor_px z / f at the highest f / z. What is
 // smaller was never measured (Mip-Splatting, Yu et al. 2024, eq. 7), and would look thin from nearer cameras.
 void sv_train_set_floors(sv_trainer *t);
-// While times come in one after the other: which view is next, half of them of the newest time.
-bool sv_train_is_growing(const sv_trainer *t, float progress);
-int sv_train_grow(sv_trainer *t, float progress);
-// At the start: who moves, and when.
+// At the start nothing moves.
 void sv_train_start_moving(sv_trainer *t);
+// A relocated slot gets the motion of its source, in a window of its own.
+void sv_train_copy_motion(sv_trainer *t, int to, int from);
 // Renders a training view, at half size at most, and leaves its residual in err_plane; no gradients.
 sv_status sv_train_residual(sv_trainer *t, int i_view, float progress) SV_MUST_USE;
 // Looks at every training time with the model as it is: a Gaussian whose residual changes with time, in any of

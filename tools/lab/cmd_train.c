@@ -31,9 +31,11 @@ typedef struct {
   double limit_s, load_s, train_s, eval_s;
   double loss; // of the last steps
   bool is_stopped, has_scores;
-  sv_render_options render;       // of the finished model
-  lab_scores scores, time_scores; // time_scores: of held-out times of the training cameras
+  sv_render_options render; // of the finished model
+  lab_scores scores,
+      time_scores; // time_scores: of held-out times of the training cameras
   bool has_time_scores;
+  bool is_standing; // the rig, while the scene moves
 } run;
 
 // --- settings ------------------------------------------------------------------------------------
@@ -66,10 +68,32 @@ static sv_sampling sampling_of(const lab_views *v) {
   return s;
 }
 
+static bool is_same_place(const lab_frame *a, const lab_frame *b) {
+  const sv_pose *p = &a->f.cam_from_world, *q = &b->f.cam_from_world;
+  double far2 = 0;
+  for (int i = 0; i < 9; i++) far2 += (p->r[i] - q->r[i]) * (p->r[i] - q->r[i]);
+  for (int i = 0; i < 3; i++) far2 += (p->t[i] - q->t[i]) * (p->t[i] - q->t[i]);
+  return far2 < 1e-8;
+}
+
+// Places that the cameras were at, for rigs that stand still while the scene moves.
+static int n_places(const lab_views *v) {
+  int n = 0;
+  for (int i = 0; i < v->n; i++) {
+    int k = 0;
+    while (k < i && !is_same_place(&v->frames[i], &v->frames[k])) k++;
+    n += k == i;
+  }
+  return n;
+}
+
 static void choose_objective(run *r) {
   const lab_options *o = r->o;
   sv_train_cfg *c = &r->cfg;
   sv_sampling s = sampling_of(&r->views);
+  s.is_moving = c->dynamic.kind != SV_DEFORM_NONE;
+  if (s.is_moving) s.n_exposures = (n_places(&r->views) + s.n_sub_views - 1) / s.n_sub_views;
+  r->is_standing = s.is_moving && s.n_exposures == 1;
   sv_train_set_objective(c, &s);
   if (o->ssim >= 0) c->weight_ssim = o->ssim;
   if (o->tv >= 0) c->weight_tv = o->tv;
@@ -87,8 +111,11 @@ static void choose_objective(run *r) {
 // The file of --init points:FILE, or the dataset's own; NULL: a random start.
 static const char *points_file(run *r) {
   const char *init = r->o->init;
-  if (init) return strncmp(init, "points:", 7) == 0 ? init + 7 : NULL;
-  if (!*r->views.points || r->o->exposures == 1) return NULL; // one exposure cannot have measured such points
+  if (init)
+    return strncmp(init, "points:", 7) == 0
+               ? init + 7
+               : NULL; // One exposure, or a rig that stands still, cannot have measured such points.
+  if (!*r->views.points || r->o->exposures == 1 || r->is_standing) return NULL;
   if (sv_path_exists(r->views.points)) return r->views.points;
   lab_say(&r->session, "%s: the points that the dataset names are missing; starting from random ones",
           r->views.points);
@@ -273,7 +300,7 @@ static void report_figures(lab_report *j, const run *r) {
   else lab_report_int(j, "views", r->views.n); // trained on; with scores: scored
   if (r->has_time_scores) lab_time_scores_report(j, &r->time_scores);
   if (sv_train_is_dynamic(&r->plan.trainer))
-    lab_report_int(j, "moving", r->plan.trainer.deform.motion.n_moving);
+    lab_report_int(j, "moving", sv_deform_n_moving(&r->plan.trainer.deform));
   lab_report_int(j, "training_views", r->views.n);
   lab_report_int(j, "steps", r->steps);
   lab_report_int(j, "gaussians", r->plan.trainer.g.n);

@@ -35,15 +35,15 @@ static sv_status motion_path(char out[SV_CAP_PATH], const char *model_path, sv_e
 
 static sv_status take_motion(lab_model *m, const sv_sections *r, const sv_deform_head *h, sv_err *err) {
   sv_arena dry = sv_arena_dry();
-  sv_motion mo;
-  const sv_motion_cfg c = {.n_pos = h->n_pos, .n_rot = h->n_rot, .n_colour = h->n_colour};
-  sv_status s = sv_motion_init(&mo, &c, &m->g, &dry);
+  sv_deform *d = malloc(sizeof *d);
+  sv_status s = d ? sv_deform_carve(d, h, &m->g, SV_LINUX_CAP_THREADS, &dry) : SV_E_NOMEM;
   size_t bytes = dry.used_bytes + SV_ARENA_ALIGN;
-  m->deform_block = malloc(bytes);
-  if (s != SV_OK || !m->deform_block)
+  free(d);
+  if (s != SV_OK) return sv_fail(err, s, "%s: its sizes cannot be held", r->name);
+  if (!(m->deform_block = malloc(bytes)))
     return sv_fail(err, SV_E_NOMEM, "%s: no memory for its motion", r->name);
   sv_arena a = sv_arena_make(m->deform_block, bytes);
-  return sv_deform_read(&m->deform, r, h, &m->g, &a, err);
+  return sv_deform_read(&m->deform, r, h, &m->g, SV_LINUX_CAP_THREADS, &a, err);
 }
 
 static sv_status lab_motion_read(lab_model *m, const char *model_path, sv_err *err) {
