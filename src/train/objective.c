@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "src/train/objective.h"
 
+#include "src/base/mathx.h"
+
 #define FEW_EXPOSURES 3 // beyond, camera motion pins geometry down by itself
 #define GRID_VIEWS    6 // more sub-views than a phone has: a lens grid, whose images are small
 
@@ -24,4 +26,11 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   cfg->n_unseen = 1;
   cfg->unseen_every = 4;
   if (s->is_multiplexed) cfg->weight_ssim = 0.3f; // structure tells whose light a pixel holds
+}
+
+void sv_train_set_times(sv_train_cfg *cfg, int n_times) {
+  sv_dynamic_cfg *d = &cfg->dynamic;
+  d->n_pos = sv_clampi(n_times / 3, 1, 8);
+  d->n_rot = d->n_colour = sv_maxi(1, d->n_pos / 2);
+  d->window_start = sv_maxf(0.2f, 3.0f / (float)sv_maxi(n_times, 1));
 }

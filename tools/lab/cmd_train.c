@@ -76,6 +76,16 @@ static bool is_same_place(const lab_frame *a, const lab_frame *b) {
   return far2 < 1e-8;
 }
 
+static int n_times(const lab_views *v) {
+  int n = 0;
+  for (int i = 0; i < v->n; i++) {
+    int k = 0;
+    while (k < i && v->frames[i].view.time != v->frames[k].view.time) k++;
+    n += k == i;
+  }
+  return n;
+}
+
 // Places that the cameras were at, for rigs that stand still while the scene moves.
 static int n_places(const lab_views *v) {
   int n = 0;
@@ -92,6 +102,10 @@ static void choose_objective(run *r) {
   sv_train_cfg *c = &r->cfg;
   sv_sampling s = sampling_of(&r->views);
   s.is_moving = c->dynamic.kind != SV_DEFORM_NONE;
+  if (s.is_moving) {
+    sv_train_set_times(c, n_times(&r->views));
+    lab_dynamic_cfg(o, c); // what is asked for goes before
+  }
   if (s.is_moving) s.n_exposures = (n_places(&r->views) + s.n_sub_views - 1) / s.n_sub_views;
   r->is_standing = s.is_moving && s.n_exposures == 1;
   sv_train_set_objective(c, &s);
@@ -275,9 +289,8 @@ static sv_status evaluate(run *r, sv_err *err) {
   lab_views_free(&v);
   r->has_scores = s == SV_OK;
   if (s == SV_OK && job.deform) { // the paper's protocol: held-out frames of the training cameras
-    src.split = getenv("HACK") ? "train" : "test_time";
-    if (!getenv("HACK")) job.panel_folder = NULL;
-    else job.n_panels = 40;
+    src.split = "test_time";
+    job.panel_folder = NULL;
     job.mask_from = NULL;
     s = lab_views_open(&v, &src, &r->session.pool, err);
     if (s == SV_E_NOT_FOUND) s = SV_OK; // the file marks none
