@@ -73,6 +73,7 @@ static const number_option NUMBERS[] = {
     REAL("skew_us", skew_us, 0, 1e6),
     REAL("jitter_us", jitter_us, 0, 1e5),
     REAL("drift_ppm", drift_ppm, -1000, 1000),
+    REAL("rate_ppm", rate_ppm, -1000, 1000),
     REAL("offset_ms", offset_ms, -1e7, 1e7),
     REAL("delay_us", delay_us, 0, 1e6),
     REAL("delay_jitter_us", delay_jitter_us, 0, 1e6),

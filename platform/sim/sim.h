@@ -62,8 +62,9 @@ typedef struct {
   uint32_t seed;
   double noise_read, noise_shot;    // variance = read + shot x in linear light; both 0: no noise
   double skew_us;                   // true delay of the last camera behind the first; the others in between
-  double jitter_us;                 // standard deviation of a camera's timestamps
+  double jitter_us;                 // standard deviation of a camera's timestamps, told in its caps
   double drift_ppm;                 // rate error of camera clocks: +drift, -drift, +drift/2, ...
+  double rate_ppm;                  // rate error of the cameras' frames, in the same shares: they drift apart
   double offset_ms;                 // camera i's clock is (i + 1) offsets ahead at the epoch
   double delay_us, delay_jitter_us; // from the end of the exposure to the arrival: fixed, and uniform on top
   double shutter_us;
@@ -103,6 +104,8 @@ typedef struct { // something that reaches the host at arrival_ns
 
 typedef struct {
   int64_t next_slot;
+  sv_ns shift_ns,
+      longer_ns; // by how much the next slot's frame is late, and each later one more (frame_duration)
   uint32_t next_sequence;
   bool is_ended;
   int n_pending;
@@ -116,7 +119,8 @@ typedef struct {
 typedef struct {
   sv_sim_config cfg;
   sv_ns now_ns, period_ns;
-  bool is_running;
+  bool is_running,
+      is_triggered; // triggered: all cameras expose at the slot's instant, whatever skew and rate
   int n_cameras;
   size_t frame_bytes;
   sv_rig rig;

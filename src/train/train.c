@@ -221,6 +221,8 @@ sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u
   return SV_OK;
 }
 
+void sv_train_replace_view(sv_trainer *t, int i_view, const sv_view *view) { t->views[i_view].view = *view; }
+
 // One more than fit, so that they can be shifted and still cover the sensor.
 static int n_regions_along(int side_px, int region_px) {
   return side_px <= region_px ? 1 : side_px / region_px + 1;

@@ -138,6 +138,8 @@ sv_status sv_trainer_init(sv_trainer *t, const sv_train_cfg *cfg, const sv_kerne
 // E_FULL beyond cap_views, E_RANGE when picture and view differ in size or exceed the caps.
 sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u8 *image,
                             sv_err *err) SV_MUST_USE;
+// Picture i_view was replaced in place, by one of the same size from another pose.
+void sv_train_replace_view(sv_trainer *t, int i_view, const sv_view *view);
 // A sensor on which lens images overlap, with its measurement px[height][width][3], display values of 65535.
 sv_status sv_train_add_composite(sv_trainer *t, const sv_composite *model, const uint16_t *px,
                                  sv_err *err) SV_MUST_USE;

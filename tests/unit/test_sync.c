@@ -415,9 +415,9 @@ static void stamps_and_numbers_of_any_size(void **state) {
 
 static void middle_of_exposure_by_stamp_source(void **state) {
   (void)state;
-  sv_sync_camera cams[3] = {{SV_CLOCK_MONOTONIC, SV_STAMP_START, 0},
-                            {SV_CLOCK_MONOTONIC, SV_STAMP_MIDDLE, 0},
-                            {SV_CLOCK_MONOTONIC, SV_STAMP_END, 0}};
+  sv_sync_camera cams[3] = {{.clock = SV_CLOCK_MONOTONIC, .stamp = SV_STAMP_START},
+                            {.clock = SV_CLOCK_MONOTONIC, .stamp = SV_STAMP_MIDDLE},
+                            {.clock = SV_CLOCK_MONOTONIC, .stamp = SV_STAMP_END}};
   sv_sync_cfg cfg = {.n_cameras = 3, .cameras = cams, .skew_limit_ns = 10, .queue_len = 2};
   static _Alignas(64) uint8_t block[64 << 10];
   sv_arena a = sv_arena_make(block, sizeof block);

@@ -9,7 +9,7 @@
 # does nothing. The last line of a failure is the reason.
 set -eu
 arch=$1 folder=$2
-packages=libc6-dev,linux-libc-dev,libjpeg62-turbo-dev,libpng-dev,zlib1g-dev,libcmocka-dev,libjsmn-dev
+packages=libc6-dev,linux-libc-dev,libjpeg62-turbo-dev,libpng-dev,zlib1g-dev,libmicrohttpd-dev,libseccomp-dev,libzstd-dev,libcmocka-dev,libjsmn-dev
 
 fail() {
   echo "no sysroot for $arch: $*" >&2
