@@ -15,7 +15,7 @@ typedef struct {
 
 static inline field_tap field_tap_at(float c, int n) {
   float x = c * (float)(n - 1), last = (float)(n - 1);
-  field_tap t = {.slope = x > 0.0f && x < last ? last : 0.0f};
+  field_tap t = {0, 0.0f, x > 0.0f && x < last ? last : 0.0f};
   x = x > 0.0f ? x : 0.0f;
   x = x < last ? x : last;
   t.i = (int)x;
