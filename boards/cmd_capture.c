@@ -215,8 +215,7 @@ static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err
   sv_status s = source_open(&cap.src, o->source, o->rig, (int)o->exposures, false, arena, err);
   if (s < 0) return s;
   int n = cap.src.source.n_cameras;
-  for (int i = 0; i < n; i++)
-    cap.cameras[i] = (sv_sync_camera){.clock = cap.src.caps[i].clock, .stamp = cap.src.caps[i].stamp};
+  for (int i = 0; i < n; i++) cap.cameras[i] = sv_sync_camera_of(&cap.src.caps[i]);
   sv_sync_cfg sc = {.n_cameras = n,
                     .cameras = cap.cameras,
                     .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,

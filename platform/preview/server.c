@@ -367,6 +367,12 @@ static void end_slow_clients(pv_server *s, sv_ns now) {
   }
 }
 
+// Paths are compared as they were sent: ours have nothing to unescape, and an escaped one is not ours.
+static size_t keep_escapes(void *cls, struct MHD_Connection *c, char *text) {
+  (void)cls, (void)c;
+  return strlen(text);
+}
+
 static void no_log(void *cls, const char *fmt, va_list ap) { (void)cls, (void)fmt, (void)ap; }
 
 static int listen_on(const pv_server_cfg *cfg, sv_err *err) {
@@ -396,11 +402,12 @@ sv_status pv_server_open(pv_server **out, const pv_server_cfg *cfg, sv_err *err)
   if (fd < 0) return SV_E_DEVICE;
   s->daemon = MHD_start_daemon(
       MHD_USE_EPOLL | MHD_ALLOW_SUSPEND_RESUME | MHD_USE_ERROR_LOG, (uint16_t)cfg->port, NULL, NULL, answer,
-      s, MHD_OPTION_EXTERNAL_LOGGER, no_log, NULL, MHD_OPTION_LISTEN_SOCKET, fd, MHD_OPTION_CONNECTION_LIMIT,
-      (unsigned)PV_CAP_CONNECTIONS, MHD_OPTION_PER_IP_CONNECTION_LIMIT, (unsigned)PV_CAP_PER_ADDRESS,
-      MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)PV_CONNECTION_MEM, MHD_OPTION_CONNECTION_TIMEOUT,
-      (unsigned)PV_IDLE_S, MHD_OPTION_NOTIFY_CONNECTION, on_connection, s, MHD_OPTION_NOTIFY_COMPLETED,
-      on_completed, s, MHD_OPTION_END);
+      s, MHD_OPTION_EXTERNAL_LOGGER, no_log, NULL, MHD_OPTION_UNESCAPE_CALLBACK, keep_escapes, NULL,
+      MHD_OPTION_LISTEN_SOCKET, fd, MHD_OPTION_CONNECTION_LIMIT, (unsigned)PV_CAP_CONNECTIONS,
+      MHD_OPTION_PER_IP_CONNECTION_LIMIT, (unsigned)PV_CAP_PER_ADDRESS, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
+      (size_t)PV_CONNECTION_MEM, MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)PV_IDLE_S,
+      MHD_OPTION_NOTIFY_CONNECTION, on_connection, s, MHD_OPTION_NOTIFY_COMPLETED, on_completed, s,
+      MHD_OPTION_END);
   const union MHD_DaemonInfo *i = s->daemon ? MHD_get_daemon_info(s->daemon, MHD_DAEMON_INFO_EPOLL_FD) : NULL;
   if (!i) {
     close(fd);

@@ -131,7 +131,16 @@ int sv_v4l2_take(sv_v4l2_camera *c, sv_ns now_ns) {
   if (r < 0) return r;
   int i = 0;
   while (i < SV_V4L2_CAP_SLOTS && !(c->slot[i].state == SV_V4L2_QUEUED && c->slot[i].index == b.index)) i++;
-  if (i == SV_V4L2_CAP_SLOTS) return -EPROTO; // a buffer that the driver does not have
+  if (i == SV_V4L2_CAP_SLOTS) { // a buffer that the driver does not have
+    for (i = 0;
+         i < SV_V4L2_CAP_SLOTS && !(c->slot[i].state == SV_V4L2_ON_LOAN && c->slot[i].index == b.index);)
+      i++;
+    if (i == SV_V4L2_CAP_SLOTS) return -EPROTO;
+    // v4l2loopback writes on in a ring, whoever still reads. The frame is lost; the camera is well.
+    c->last_frame_ns = now_ns;
+    event(c, SV_CAMERA_STARVED, now_ns, (int64_t)(c->events->count[SV_CAMERA_STARVED] + 1));
+    return 0;
+  }
   c->slot[i].state = SV_V4L2_WAITING;
   fill_frame(c, i, &b, plane, now_ns);
   c->has_waiting = true;

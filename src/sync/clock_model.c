@@ -29,6 +29,7 @@ static void start(sv_clock_model *m, sv_ns camera_ns, sv_ns offset_ns) {
   m->n_in_block = 1;
   m->blocks[0] = (sv_clock_point){0, 0};
   m->n_raised = 0;
+  m->last_x_s = 0;
   m->mean_residual_ns = 0;
   m->offset_ns = 0;
   m->drift = m->has_prior ? m->prior_drift : 0;
@@ -71,11 +72,15 @@ static void fit(sv_clock_model *m) {
 
 // Deliveries in a row that all lie far above the line: the clock went back by a little, or the path became
 // slower for good. Either way the old line is of no use.
-static bool is_raised(sv_clock_model *m, double residual_ns) {
+static bool is_raised(sv_clock_model *m, double residual_ns, bool is_catching_up) {
   double least = (double)(m->step_limit_ns / SMALL_STEP), usual = RAISED_FACTOR * m->mean_residual_ns;
   if (m->n_pairs <= SV_CLOCK_BLOCK_FRAMES || residual_ns < (least > usual ? least : usual)) {
     m->n_raised = 0;
     m->mean_residual_ns += (residual_ns - m->mean_residual_ns) / SV_CLOCK_BLOCK_FRAMES;
+    return false;
+  }
+  if (is_catching_up) { // what a host that was held up gets all at once
+    m->n_raised = 0;
     return false;
   }
   if (!m->n_raised++ || residual_ns < m->raised_ns) m->raised_ns = residual_ns;
@@ -115,10 +120,12 @@ bool sv_clock_model_add(sv_clock_model *m, sv_ns camera_ns, sv_ns arrival_ns, sv
   if (m->is_estimating && m->n_pairs > SV_CLOCK_BLOCK_FRAMES) low = -limit / SMALL_STEP;
   bool is_step = residual > limit || residual < low;
   sv_ns change_ns = offset_ns - m->last_offset_ns;
+  double last_x_s = m->last_x_s;
   m->n_pairs++;
+  m->last_x_s = x_s;
   m->last_offset_ns = offset_ns;
   if (!is_step && m->is_estimating) {
-    is_step = is_raised(m, residual);
+    is_step = is_raised(m, residual, (double)change_ns < -0.5e9 * (x_s - last_x_s));
     if (is_step) change_ns = (sv_ns)floor(m->raised_ns + 0.5);
     else {
       double faster = m->mean_residual_ns > FASTER_NS ? m->mean_residual_ns : FASTER_NS;

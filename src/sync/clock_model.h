@@ -39,6 +39,7 @@ typedef struct {
   bool is_started, is_estimating;
   sv_ns ref_camera_ns, ref_offset_ns; // the first pair since the last step
   sv_ns last_offset_ns;               // arrival - camera of the newest pair
+  double last_x_s;                    // and its camera time
   uint64_t n_pairs;                   // since the last step
   int n_blocks, n_in_block;           // the last block is being filled
   sv_clock_point blocks[SV_CLOCK_CAP_BLOCKS];

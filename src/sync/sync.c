@@ -4,6 +4,7 @@
 #include <string.h>
 
 #define MAX_GAP_FRAMES  10000 // a larger leap of the sequence number is a restart, not a loss
+#define MOST_LATE       128   // after so many in a row the path is another one
 #define SEEN_FRAMES     64
 #define CAP_QUEUE       64
 #define MAX_STAMP_NS    (INT64_MAX / 4) // sums and differences of two stamps stay in range
@@ -258,6 +259,20 @@ static uint32_t frames_since_last(const sv_sync_stream *st, const sv_frame *f) {
   return st->has_last && delta > 0 && delta <= MAX_GAP_FRAMES && n <= 2 * MAX_GAP_FRAMES ? n : 0;
 }
 
+// A host that was held up gets frames late, by more than a step's limit. Their stamps go on as before, which those of
+// a clock that was set do not: such a frame is good, but tells nothing about the clock.
+static bool is_just_late(const sv_sync *s, sv_sync_stream *st, const sv_frame *f, uint32_t n_frames) {
+  double dt_ns = (double)(f->camera_ns - st->last_camera_ns), n = n_frames ? (double)n_frames : 1;
+  bool goes_on = st->has_last && st->interval_ns > 0 && dt_ns > 0.5 * n * st->interval_ns &&
+                 dt_ns < (n + 0.5) * st->interval_ns;
+  sv_ns host_ns = st->clock.is_started ? sv_clock_model_host_ns(&st->clock, f->camera_ns) : f->arrival_ns;
+  if (st->has_last && dt_ns > 0)
+    st->interval_ns += (dt_ns / n - st->interval_ns) / (st->interval_ns > 0 ? 16 : 1);
+  bool is_late = goes_on && f->arrival_ns - host_ns > s->cfg.step_limit_ns;
+  st->n_late = is_late ? st->n_late + 1 : 0;
+  return is_late && st->n_late <= MOST_LATE;
+}
+
 sv_status sv_sync_push(sv_sync *s, const sv_frame *f) {
   int c = f->i_camera;
   if (c < 0 || c >= s->cfg.n_cameras) return SV_E_ARG;
@@ -267,7 +282,8 @@ sv_status sv_sync_push(sv_sync *s, const sv_frame *f) {
   if (f->is_error || !stamps_are_possible(f)) return drop_bad(s, c, f);
   if (f->arrival_ns > s->now_ns) s->now_ns = f->arrival_ns;
   uint32_t n_frames = frames_since_last(st, f);
-  sv_ns jump_ns = st->has_last ? clock_jump_ns(s, st, f, n_frames) : 0;
+  bool is_late = is_just_late(s, st, f, n_frames);
+  sv_ns jump_ns = st->has_last && !is_late ? clock_jump_ns(s, st, f, n_frames) : 0;
   sv_status status = check_order(s, c, f, jump_ns);
   if (status != SV_OK) return status;
   bool was_back = st->has_last && f->camera_ns <= st->last_camera_ns;
@@ -278,6 +294,7 @@ sv_status sv_sync_push(sv_sync *s, const sv_frame *f) {
   sv_ns step_ns = jump_ns;
   if (jump_ns && sv_cadence_step(&st->cadence, f->camera_ns, n_frames)) return drop_step(s, c, f, step_ns);
   sv_ns steady_ns = jump_ns ? f->camera_ns : sv_cadence_add(&st->cadence, f->camera_ns, n_frames);
+  if (is_late) return enqueue(s, c, f, steady_ns);
   if (was_back) sv_clock_model_restart(&st->clock, steady_ns, f->arrival_ns);
   else if (!sv_clock_model_add(&st->clock, steady_ns, f->arrival_ns, &step_ns))
     return enqueue(s, c, f, steady_ns);

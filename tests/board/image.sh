@@ -25,7 +25,7 @@ tries() { # mirrors that are being updated fail for a moment
   return 1
 }
 
-made_from=$(cat "$here/image.sh" "$here/init" "$here/vimc_more.c" | sha256sum)
+made_from=$(cat "$here/image.sh" "$here/vimc_more.c" | sha256sum)
 [ "$(cat "$folder/.complete" 2>/dev/null)" = "$made_from" ] && exit 0
 for tool in apt-get dpkg-deb depmod modprobe cpio aarch64-linux-gnu-gcc make bc xz; do
   command -v $tool >/dev/null || PATH=$PATH:/usr/sbin:/sbin command -v $tool >/dev/null ||
@@ -94,7 +94,7 @@ for driver in vimc loop more; do
     >"drivers/$driver.log" 2>&1 || fail "driver $driver: $(grep -m 1 -i error "drivers/$driver.log")"
 done
 
-# The root file system: busybox, the modules in the order of their loading, init.
+# The root file system: busybox and the modules, in the order of their loading. run.sh adds init and the tests.
 rm -rf root
 mkdir -p root/{bin,dev,proc,sys,tmp,run,etc,modules}
 cp b/bin/busybox root/bin/
@@ -105,8 +105,6 @@ awk '!seen[$0]++' modules.txt | while read -r module; do
   basename "$module"
 done | grep -v '^vivid\.ko' >root/modules/order
 cp drivers/vimc/vimc.ko drivers/loop/v4l2loopback.ko drivers/more/vimc_more.ko root/modules/
-cp "$here/init" root/init
-chmod +x root/init
 cp "k/boot/vmlinuz-$version" vmlinuz
 (cd root && find . | cpio -o -H newc --quiet) | gzip -1 >base.cpio.gz
 rm -rf k b h drivers root apt

@@ -43,8 +43,8 @@ static void exec_run(live_run *r, const char *args) {
   char *words[CAP_WORDS], *save = NULL;
   const char *bin = getenv("SV_BIN"), *emulate = getenv("SV_EMULATE");
   int n = 0, at = 0;
-  at += snprintf(text, sizeof text, "%s %s/subview run --preview %d --out %s/out ", emulate ? emulate : "",
-                 bin ? bin : "build/sim-x86/bin", r->port, r->folder);
+  at += snprintf(text, sizeof text, "%s %s/subview run --preview %s%d --out %s/out ", emulate ? emulate : "",
+                 bin ? bin : "build/sim-x86/bin", r->is_open ? "0.0.0.0:" : "", r->port, r->folder);
   for (; *args && at < (int)sizeof text - 310; args++)
     if (*args == '@') at += snprintf(text + at, sizeof text - (size_t)at, "%s", r->folder);
     else text[at++] = *args;
@@ -63,7 +63,9 @@ static void exec_run(live_run *r, const char *args) {
 }
 
 bool live_run_start(live_run *r, const char *folder, const char *args) {
+  bool is_open = r->is_open;
   memset(r, 0, sizeof *r);
+  r->is_open = is_open;
   snprintf(r->folder, sizeof r->folder, "%s", folder);
   char old[320];
   snprintf(old, sizeof old, "%s/stderr", folder);

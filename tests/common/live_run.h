@@ -13,6 +13,7 @@ extern "C" {
 #endif
 
 typedef struct {
+  bool is_open; // listens on all addresses, not on loopback; set before start
   pid_t pid;
   int port;
   char token[40], link[128], folder[300];

@@ -69,6 +69,15 @@ static bool check_frame(source_suite *s, stream *st, const sv_frame *f) {
   return true;
 }
 
+// A camera that was started again counts from 0, and says so before its next frame.
+static void note_restarts(source_suite *s, stream *st) {
+  sv_camera_event e;
+  while (s->source.event && s->source.event(s->source.self, &e) == SV_OK)
+    if ((e.kind == SV_CAMERA_RESTARTED || e.kind == SV_CAMERA_RETURNED) && e.i_camera >= 0 &&
+        e.i_camera < CAP_CAMERAS)
+      st->has_last[e.i_camera] = false;
+}
+
 static bool capture(source_suite *s, int n, bool is_balanced) {
   static sv_frame on_loan[CAP_LOAN];
   sv_source *src = &s->source;
@@ -87,6 +96,7 @@ static bool capture(source_suite *s, int n, bool is_balanced) {
     }
     if (!is_balanced && (r == SV_AGAIN || r == SV_END)) break;
     SAME(r, SV_OK, "dequeue");
+    if (s->may_lose) note_restarts(s, &st);
     if (!check_frame(s, &st, &f)) return false;
     if (!is_balanced) {
       CHECK(n_loan < CAP_LOAN, "the source has a bounded number of buffers");

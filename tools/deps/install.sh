@@ -5,6 +5,7 @@
 #   install.sh build    compiler and libraries of the programs
 #   install.sh test     the same, and what the tests use
 #   install.sh tidy     the same, and the static analysers
+#   install.sh board    for the build, and what the virtual ARM board needs
 #
 # Looks for files, not for packages, so it is done in an instant when everything is there, whoever installed
 # it. sudo is asked only when something is missing. What only makes some checks run (the others are then
@@ -48,6 +49,18 @@ wanted_header opengv/types.hpp libopengv-dev
 wanted_header eigen3/Eigen/Core libeigen3-dev
 case $what in
 build) ;;
+board)
+  optional aarch64-linux-gnu-gcc "gcc-aarch64-linux-gnu libc6-dev-arm64-cross"
+  optional aarch64-linux-gnu-g++ g++-aarch64-linux-gnu
+  optional qemu-system-aarch64 qemu-system-arm
+  optional mmdebstrap mmdebstrap
+  optional cpio cpio
+  optional bc bc
+  optional xz xz-utils
+  PATH=$PATH:/usr/sbin:/sbin
+  optional depmod kmod
+  [ -r /usr/share/keyrings/debian-archive-keyring.gpg ] || wanted="$wanted debian-archive-keyring"
+  ;;
 test | tidy)
   header cmocka.h libcmocka-dev
   optional clang-format clang-format
@@ -55,6 +68,7 @@ test | tidy)
   optional gnuplot gnuplot-nox # draws the plots of subview-lab tables
   if [ "$(uname -m)" = x86_64 ]; then # the ARM build, under emulation
     optional aarch64-linux-gnu-gcc "gcc-aarch64-linux-gnu libc6-dev-arm64-cross"
+    optional aarch64-linux-gnu-g++ g++-aarch64-linux-gnu # libcamera's shim
     optional qemu-aarch64-static qemu-user-static
     optional mmdebstrap mmdebstrap
     [ -r /usr/share/keyrings/debian-archive-keyring.gpg ] || wanted="$wanted debian-archive-keyring"
@@ -65,7 +79,7 @@ test | tidy)
   fi
   ;;
 *)
-  echo "install.sh: the first word is build, test or tidy, not $what" >&2
+  echo "install.sh: the first word is build, test, tidy or board, not $what" >&2
   exit 2
   ;;
 esac

@@ -7,6 +7,7 @@
 #include "src/format/ply.h"
 #include "src/splat/constants.h"
 #include "tools/lab/lab.h"
+#include "tools/lab/model_formats.h"
 
 // --- the model file ------------------------------------------------------------------------------
 
@@ -80,13 +81,15 @@ sv_status lab_model_read(lab_model *m, const char *path, sv_err *err) {
   memset(m, 0, sizeof *m);
   sv_status s = sv_file_read(path, &data, &bytes, err);
   if (s != SV_OK) return s;
-  s = sv_ply_open(&ply, path, data, bytes, err);
-  if (s == SV_OK && ply.kind != SV_PLY_GAUSSIANS)
+  bool is_ply = !lab_is_viewer_format(path, data, bytes);
+  if (!is_ply) s = lab_read_viewer_format(&m->g, &m->is_mip, &m->block, path, data, bytes, err);
+  else s = sv_ply_open(&ply, path, data, bytes, err);
+  if (is_ply && s == SV_OK && ply.kind != SV_PLY_GAUSSIANS)
     s = sv_fail(err, SV_E_FORMAT,
                 "%s: a point cloud; a model with scale_0, rot_0, opacity and f_dc_0 was expected", path);
-  if (s == SV_OK && (ply.n < 1 || ply.n > 4000000))
+  if (is_ply && s == SV_OK && (ply.n < 1 || ply.n > 4000000))
     s = sv_fail(err, SV_E_RANGE, "%s: has %u Gaussians; 1 to 4000000 were expected", path, ply.n);
-  if (s == SV_OK) s = fill(m, path, &ply, err);
+  if (is_ply && s == SV_OK) s = fill(m, path, &ply, err);
   free(data);
   if (s != SV_OK) {
     lab_model_free(m);
