@@ -67,6 +67,12 @@ static bool choose_sub_views(const char *list, const sv_rig *rig, uint64_t *mask
   return true;
 }
 
+// Sources either know all their rig's poses or none.
+static bool tells_poses(const sv_source *src) {
+  sv_pose pose;
+  return src->rig_pose && src->rig_pose(src->self, 0, &pose) >= 0;
+}
+
 static sv_app_cfg app_cfg(const run_options *o) {
   sv_app_cfg c = {.rig = run.src.rig,
                   .n_cameras = run.src.source.n_cameras,
@@ -81,6 +87,7 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .train = sv_train_defaults(),
                   .steps = (uint32_t)o->steps,
                   .time_limit_s = o->time_limit,
+                  .is_tracking = !o->is_live && !tells_poses(&run.src.source),
                   .has_bounds = run.src.has_bounds,
                   .bounds = run.src.bounds,
                   .is_resume = o->is_resume,
@@ -111,16 +118,24 @@ static sv_status carve_outputs(sv_arena *a, const sv_app_cfg *cfg, sv_err *err) 
   return a->status < 0 ? sv_fail(err, a->status, "no room for the preview") : SV_OK;
 }
 
+static void true_pose(void *self, sv_ns time_ns, sv_pose *rig_from_world) {
+  sv_sim_rig_pose(self, time_ns, rig_from_world);
+}
+
 // Mean PSNR over held-out views of the simulated scene; 0 where there is no truth.
 static sv_status heldout_psnr(double *psnr, int *n_views) {
   *psnr = 0;
   *n_views = 0;
+  sv_odometry *odo = &run.app.odometry;
+  sv_similarity q = {.s = 1};
   if (run.src.kind != SOURCE_SIM) return SV_OK;
+  if (odo->is_tracked) q = sv_odometry_from(odo, &run.app.exposures, true_pose, &run.src.u.sim);
   for (int i = 0; i < N_HELDOUT; i++) {
     sv_view v;
     double t, mse;
     sv_sim_heldout_view(&run.src.u.sim, i, N_HELDOUT, &v, &t);
     sv_sim_render(&run.src.u.sim, &v, t, run.truth, NULL);
+    if (odo->is_tracked) v = sv_odometry_view(&q, &v); // where that is in the world that was found
     sv_status s = sv_app_mse(&run.app, &v, run.truth, &mse);
     if (s < 0) return s;
     *psnr += -10.0 / 2.302585092994046 * sv_log(mse > 1e-12 ? mse : 1e-12) / N_HELDOUT;

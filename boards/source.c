@@ -33,7 +33,7 @@ static sv_status open_sim(board_source *s, const char *spec, int n_exposures, sv
   s->rig = sv_sim_rig(&s->u.sim);
   double c[3], radius;
   sv_sim_scene_bounds(&s->u.sim, c, &radius);
-  s->has_bounds = true;
+  s->has_bounds = !cfg.has_unknown_poses; // without poses nobody knows where that is
   s->bounds = (sv_bounds){{(float)c[0], (float)c[1], (float)c[2]}, (float)radius};
   return SV_OK;
 }

@@ -322,7 +322,9 @@ static sv_status src_requeue(void *self, const sv_frame *frame) {
 }
 
 static sv_status src_rig_pose(void *self, sv_ns host_ns, sv_pose *rig_from_world) {
-  sv_sim_rig_pose(self, host_ns, rig_from_world);
+  const sv_sim *s = self;
+  if (s->cfg.has_unknown_poses) return SV_E_NOT_FOUND;
+  sv_sim_rig_pose(s, host_ns, rig_from_world);
   return SV_OK;
 }
 

@@ -6,7 +6,8 @@
 // Time. Host time is the virtual clock's, in ns; scene time is (host - SV_SIM_EPOCH_NS) in seconds.
 // Slot k is the k-th period of the frame rate; its cameras expose at its middle, for an instant (there is
 // no motion blur; shutter_us only moves the arrival). With the default `step` trajectory the rig stands
-// still within a slot; with `path=smooth` it moves along the same path all the time.
+// still within a slot; with `path=smooth` it moves along the same path all the time, with `path=handheld` a
+// hand sways it besides: up to 7 cm and 1.5 degrees off the smooth path. `poses=unknown` keeps its places secret.
 // Space. World z is up, metres. The rig's frame is a camera's (x right, y down, z forward) whose z axis
 // meets the world's origin at SV_SIM_DISTANCE_M; every sub-view is aimed at that point.
 #ifndef SV_SIM_SIM_H
@@ -58,7 +59,9 @@ typedef struct {
   int n_exposures;          // stops of one round of the trajectory
   int n_frames;             // the cameras end after so many slots, 0 = never
   double arc_deg;           // azimuth covered by one round
-  bool is_smooth;
+  bool is_smooth;           // moves all the time, not in steps
+  bool is_handheld;         // smooth, and swayed by a hand
+  bool has_unknown_poses;   // the source does not tell where the rig is
   uint32_t seed;
   double noise_read, noise_shot;    // variance = read + shot x in linear light; both 0: no noise
   double skew_us;                   // true delay of the last camera behind the first; the others in between

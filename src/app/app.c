@@ -111,6 +111,10 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
                          .decoder = &app->port.decoder};
   sv_status s = sv_exposures_init(&app->exposures, &ec, a, err);
   if (s < 0) return s;
+  if (c->is_tracking && sv_odometry_can(c->rig, c->n_exposures))
+    s = sv_odometry_init(&app->odometry, c->rig, c->n_exposures, a->base ? &app->exposures : NULL, k,
+                         c->train.seed, a, err);
+  if (s < 0) return s;
   s = sv_trainer_init(&app->trainer, t, k, pool, a, err);
   if (s < 0) return s;
   sv_arena_part_begin(a, "start-up scratch");
@@ -200,22 +204,26 @@ static sv_status add_composites(sv_app *app, int e, sv_err *err) {
 
 static sv_status start_training(sv_app *app, sv_err *err) {
   sv_trainer *t = &app->trainer;
+  const bool is_tracked = app->odometry.is_tracked;
   for (int e = 0; e < app->exposures.n; e++) {
+    if (is_tracked && !app->exposures.exposure[e].has_pose) continue; // nobody knows where it was
     sv_status added = is_multiplexed(&app->cfg) ? add_composites(app, e, err) : add_pictures(app, e, err);
     if (added < 0) return added;
   }
-  sv_bounds b = app->cfg.has_bounds ? app->cfg.bounds : sv_bounds_of_views(app->views, app->n_views);
+  bool has_bounds = app->cfg.has_bounds && !is_tracked; // bounds are of a world that was not found
+  sv_bounds b = has_bounds ? app->cfg.bounds : sv_bounds_of_views(app->views, app->n_views);
+  if (is_tracked) b = sv_odometry_bounds(&app->odometry);
   sv_init_cfg init = {.kind = SV_INIT_SPHERE,
                       .centre = {b.centre[0], b.centre[1], b.centre[2]},
                       .radius = b.radius,
                       .opacity = 0.1f,
                       .scale_factor = 1.0f,
                       .seed = t->cfg.seed};
-  if (!app->cfg.has_bounds) {
-    init.kind = SV_INIT_POINTS;
-    sv_seed_points(t, &b, t->cfg.seed, app->points, t->g.n);
-  }
-  sv_status s = sv_train_start(t, &init, app->points, app->cfg.has_bounds ? 0 : t->g.n, &app->scratch);
+  int n_points = has_bounds ? 0 : t->g.n;
+  if (!has_bounds) init.kind = SV_INIT_POINTS;
+  if (is_tracked) n_points = sv_odometry_cloud(&app->odometry, app->points, t->g.n);
+  else if (!has_bounds) sv_seed_points(t, &b, t->cfg.seed, app->points, t->g.n);
+  sv_status s = sv_train_start(t, &init, app->points, n_points, &app->scratch);
   if (s < 0) return sv_fail(err, s, "no starting Gaussians: %s", sv_status_text(s));
   sv_train_set_scene(t, b.centre, b.radius);
   if (!app->cfg.is_resume) return SV_OK;
@@ -299,6 +307,7 @@ static sv_status save_all(sv_app *app, sv_err *err) {
 static sv_status run_all(sv_app *app, sv_err *err) {
   sv_status s = sv_app_capture(app, err), saved, ended;
   sv_err end_err;
+  if (s >= 0 && app->odometry.is_on) s = sv_app_track(app, err);
   if (s >= 0) s = sv_app_live_begin(app, err); // from here on cameras are served whatever takes how long
   if (s >= 0) s = start_training(app, err);
   bool is_begun = s >= 0;

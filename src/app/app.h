@@ -9,6 +9,7 @@
 
 #include "src/app/exposures.h"
 #include "src/app/governor.h"
+#include "src/app/odometry.h"
 #include "src/app/live.h"
 #include "src/base/str.h"
 #include "src/rig/bounds.h"
@@ -52,7 +53,8 @@ typedef struct {
   sv_train_cfg train;                            // caps and views are filled in by init
   uint32_t steps;                                // 0: until the time limit
   double time_limit_s;                           // of training; 0: none
-  bool has_bounds; // the scene lies in `bounds`: start there; else start from the pictures
+  bool is_tracking; // the source does not tell the rig's poses: find them from the pictures
+  bool has_bounds;  // the scene lies in `bounds`: start there; else start from the pictures
   sv_bounds bounds;
   bool is_resume;         // go on from checkpoint.bin when it is there
   double save_every_s;    // checkpoint and preview during training; 0: only at the end
@@ -81,6 +83,7 @@ struct sv_app {
   _Atomic bool is_capture_ending;
   sv_ns machine_ns; // up to which the cameras' virtual clock has followed the machine's
   sv_exposures exposures;
+  sv_odometry odometry; // with is_tracking
   sv_trainer trainer;
   sv_frame *frames;    // [n_cameras] of one exposure
   sv_point *points;    // [n_gaussians] starting points, when bounds are unknown
@@ -133,6 +136,9 @@ sv_status sv_app_live_begin(sv_app *app, sv_err *err) SV_MUST_USE;
 sv_status sv_app_live_turn(sv_app *app, bool *is_train, sv_err *err) SV_MUST_USE;
 void sv_app_live_trained(sv_app *app, double from_s, double now_s); // a training step has taken so long
 sv_status sv_app_live_end(sv_app *app, sv_err *err) SV_MUST_USE;
+
+// Places the exposures of a source without poses, before training (app.c says what it does with them).
+sv_status sv_app_track(sv_app *app, sv_err *err) SV_MUST_USE;
 
 // --- pieces (report.c, save.c, preview.c) ---------------------------------------------------------
 sv_status sv_app_save_model(sv_app *app, sv_err *err) SV_MUST_USE;      // model.ply

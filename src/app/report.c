@@ -102,6 +102,17 @@ static void add_settings(sv_str *s, const sv_app *app) {
              app->n_views, t->is_antialiased ? "true" : "false");
 }
 
+static void add_odometry(sv_str *s, const sv_app *app) {
+  const sv_odometry *o = &app->odometry;
+  const sv_track_summary *m = &o->summary;
+  if (!o->is_on || !m->n_exposures) return;
+  sv_str_add(s,
+             "  \"odometry\": {\"is_still\": %s, \"is_tracked\": %s, \"exposures\": %d, \"placed\": %d, "
+             "\"points\": %d, \"path_m\": %.4f, \"rms_px\": %.3f, \"scale_sigma\": %.5f},\n",
+             m->is_still ? "true" : "false", o->is_tracked ? "true" : "false", m->n_exposures, m->n_placed,
+             m->n_points, m->path_m, m->rms_px, m->scale_sigma);
+}
+
 static void add_timing(sv_str *s, const sv_app *app) {
   const sv_time_stats *t = &app->step_time;
   sv_str_add(s, "  \"seconds\": %.3f,\n  \"steps_per_second\": %.2f,\n", app->train_s,
@@ -127,6 +138,7 @@ sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) {
   sv_str_add(&s, "  \"relocated\": %u,\n  \"dropped_splats\": %u,\n  \"device_errors\": %llu,\n",
              app->trainer.n_relocated, app->trainer.render.stats.n_dropped,
              (unsigned long long)app->n_device_errors);
+  add_odometry(&s, app);
   add_timing(&s, app);
   add_live(&s, app);
   add_ledger(&s, app);

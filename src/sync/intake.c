@@ -142,8 +142,9 @@ static void hand_out(sv_intake *in) {
       continue;
     }
     sv_pose *pose = &head.exposure.rig_from_world;
-    if (in->source.rig_pose && in->source.rig_pose(in->source.self, head.exposure.time_ns, pose) < 0)
-      *pose = sv_pose_identity();
+    head.exposure.has_pose =
+        in->source.rig_pose && in->source.rig_pose(in->source.self, head.exposure.time_ns, pose) >= 0;
+    if (!head.exposure.has_pose) *pose = sv_pose_identity();
     memset(in->out, 0, in->elem_bytes);
     memcpy(in->out, &head, sizeof head);
     memcpy(in->out + HEAD_BYTES, in->frames, (size_t)in->cfg.n_cameras * sizeof(sv_frame));

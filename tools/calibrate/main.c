@@ -18,6 +18,16 @@ static const cal_command commands[] = {
      "every board, but all must be joined by boards seen together. The rig's frame is the first camera's.",
      "  subview-calibrate board --images 'left??.jpg' 'right??.jpg' --board 9x6 --spacing 0.025 --out rig",
      CAL_BOARD, cal_cmd_board},
+    {"pose", "--rig RIG --capture DIR --out POSES [options]",
+     "a moving rig's capture -> its pose in every exposure",
+     "Tracks the rig through a capture folder and writes POSES/poses.json (rig_from_world of every exposure "
+     "that\n"
+     "could be placed; the list is what \"poses\" of a capture.json holds) and POSES/points.ply (the sparse "
+     "cloud).\n"
+     "The world is the rig's frame at the first exposure; metres come from the rig's baseline, and how sure "
+     "that\n"
+     "is is said. A rig that stood still has the same pose everywhere.",
+     "  subview-calibrate pose --rig rig --capture capture --out poses", CAL_POSE, cal_cmd_pose},
 };
 #define N_COMMANDS ((int)(sizeof commands / sizeof *commands))
 
