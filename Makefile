@@ -320,6 +320,9 @@ $(BUILD)/sysroot-%/.complete: tools/deps/sysroot.sh
 install: programs ## copy the programs to PREFIX (and DESTDIR)
 	@install -d '$(DESTDIR)$(PREFIX)/bin'
 	@install $(PROGRAMS) '$(DESTDIR)$(PREFIX)/bin'
+	@install -d '$(DESTDIR)$(PREFIX)/share/bash-completion/completions'
+	@for p in subview subview-lab subview-calibrate; do install -m 644 tools/completion/subview.bash \
+	  "$(DESTDIR)$(PREFIX)/share/bash-completion/completions/$$p"; done
 clean: ## remove what was built for BOARD
 	@rm -rf $(O)
 help: ## this list
