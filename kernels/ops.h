@@ -6,6 +6,7 @@
 #include "kernels/adam/adam.h"
 #include "kernels/bin/bin.h"
 #include "kernels/color/color.h"
+#include "kernels/explore/explore.h"
 #include "kernels/fma_peak/fma_peak.h"
 #include "kernels/project/project.h"
 #include "kernels/raster/raster.h"

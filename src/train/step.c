@@ -121,6 +121,7 @@ sv_render_options sv_train_render_options(const sv_trainer *t, float progress, b
   sv_render_options o = {.sh_degree = t->cfg.sh_degree,
                          .near_z = SV_NEAR_FRACTION * t->radius,
                          .is_antialiased = t->cfg.is_antialiased,
+                         .dilation_px2 = t->cfg.dilation_px2,
                          .has_depth = has_depth};
   if (t->cfg.sh_step > 0.0f) o.sh_degree = sv_mini(t->cfg.sh_degree, (int)(progress / t->cfg.sh_step));
   if (t->cfg.background == SV_BG_WHITE) o.bg[0] = o.bg[1] = o.bg[2] = 1.0f;

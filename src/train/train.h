@@ -34,6 +34,7 @@ typedef struct {
   uint64_t seed;
   sv_background background; // matters for pictures with alpha; others are trained over black
   bool is_antialiased;
+  float dilation_px2;           // sv_render_options
   float weight_ssim;            // lambda of (1-l) L1 + l (1 - SSIM)
   float weight_tv;              // of the squared total variation of rendered sub-views
   float weight_tv_unseen;       // and of unseen views

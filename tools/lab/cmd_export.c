@@ -45,7 +45,7 @@ int lab_cmd_export(const lab_options *o) {
   if (s == SV_OK) s = lab_model_read(&m, o->model, &err);
   if (s == SV_OK)
     s = sv_str_eq(o->format, "splat") ? write_splat(&m.g, o->out, &err)
-                                      : lab_model_write(&m.g, m.is_mip, o->out, &err);
+                                      : lab_model_write(&m.g, m.is_mip, m.dilation_px2, o->out, &err);
   if (s != SV_OK) code = lab_failed(&se, &err);
   else lab_say(&se, "%s: %d Gaussians as %s", o->out, m.g.n, o->format);
   lab_session_stop(&se);

@@ -77,6 +77,7 @@ static void choose_objective(run *r) {
   if (o->unseen_px >= 8) c->unseen_px = (int)o->unseen_px;
   if (o->unseen_deg >= 0) c->unseen_rad = o->unseen_deg * (float)(SV_PI / 180);
   if (o->floor_px >= 0) c->floor_px = o->floor_px;
+  if (o->dilation_px2 > 0) c->dilation_px2 = o->dilation_px2;
   if (o->region_px >= 16) c->region_px = (int)o->region_px;
   if (o->opacity >= 0) c->reg_opacity = o->opacity;
   if (o->size >= 0) c->reg_scale = o->size;
@@ -289,6 +290,7 @@ static void report_settings(lab_report *j, const run *r) {
   lab_report_num(j, "loss_tv_unseen", (double)t->cfg.weight_tv_unseen);
   lab_report_int(j, "unseen_views", t->cfg.n_unseen);
   lab_report_num(j, "floor_px", (double)t->cfg.floor_px);
+  lab_report_num(j, "dilation_px2", (double)t->cfg.dilation_px2);
   lab_report_num(j, "loss_opacity", (double)t->cfg.reg_opacity);
   lab_report_num(j, "loss_scale", (double)t->cfg.reg_scale);
   lab_report_int(j, "seed", (long long)t->cfg.seed);
@@ -309,7 +311,9 @@ static sv_status save(run *r, sv_err *err) {
   char path[SV_CAP_PATH];
   lab_report j;
   sv_status s = sv_path_join(path, sizeof path, r->o->out, "model.ply", err);
-  if (s == SV_OK) s = lab_model_write(&r->plan.trainer.g, r->plan.trainer.cfg.is_antialiased, path, err);
+  if (s == SV_OK)
+    s = lab_model_write(&r->plan.trainer.g, r->plan.trainer.cfg.is_antialiased,
+                        r->plan.trainer.cfg.dilation_px2, path, err);
   if (s == SV_OK) s = sv_path_join(path, sizeof path, r->o->out, "train.json", err);
   if (s != SV_OK) return s;
   lab_report_begin(&j);

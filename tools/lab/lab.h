@@ -48,12 +48,14 @@ typedef struct {
   sv_gaussians g;
   void *block;
   bool is_mip;
-  uint64_t digest; // as sv_train_digest
+  float dilation_px2; // 0: not said
+  uint64_t digest;    // as sv_train_digest
 } lab_model;
 
 sv_status lab_model_read(lab_model *m, const char *path, sv_err *err) SV_MUST_USE;
 void lab_model_free(lab_model *m);
-sv_status lab_model_write(const sv_gaussians *g, bool is_mip, const char *path, sv_err *err) SV_MUST_USE;
+sv_status lab_model_write(const sv_gaussians *g, bool is_mip, float dilation_px2, const char *path,
+                          sv_err *err) SV_MUST_USE;
 
 // How a model was trained, as train.json beside it tells. Without that file: the defaults of
 // lab_settings_default.
@@ -63,6 +65,7 @@ typedef struct {
   int scale;
   int n_exposures; // trained on; 0: all
   bool is_antialiased;
+  float dilation_px2;
   float near_z;            // 0: from the model
   float centre[3], radius; // of the scene; radius 0: from the model
 } lab_settings;
