@@ -11,10 +11,12 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   // Lens images are coarser than the pictures that one looks at.
   if (is_grid) cfg->floor_px = 0.4f, cfg->dilation_px2 = SV_DILATION_AREA_PX2;
   if (s->n_exposures > FEW_EXPOSURES) return;
-  if (s->n_exposures * s->n_sub_views == 1)
+  if (s->n_exposures * s->n_sub_views == 1) {
     cfg->sh_step = 2.0f; // one view cannot tell how colour turns: never
-  // With parallax, transparent Gaussians in front of the surface can be told and are worth a price; from one
-  // view they cannot, and the price only thins what is right.
+    cfg->reg_opacity = 0.03f;
+  }
+  // With parallax, transparent Gaussians in front of the surface can be told and are worth a higher price; lens
+  // images are too coarse for it, there it eats into the surface.
   if (s->n_sub_views > 1) cfg->reg_opacity = is_grid ? 0.015f : 0.05f;
   if (!is_grid) return;
   cfg->weight_tv = 0.05f;
