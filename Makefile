@@ -54,6 +54,9 @@ HOST_CFLAGS   := $(COMMON) $(OPT) -D_GNU_SOURCE
 # Only here do board, platform and runtime meet, so only here the board's sizes are visible.
 BOARD_HDR     := -include boards/$(BOARD)/board.h
 LDFLAGS_ALL   := $(SANF) $(SYSROOT_FLAG) -Wl,--as-needed $(LDFLAGS)
+CXX := $(subst gcc,g++,$(CC))
+SOLVE_CFLAGS  := -std=c11 -g -I. $(filter-out -Wpedantic,$(WARN)) $(SANF) $(SYSROOT_FLAG) $(OPT) -D_GNU_SOURCE
+SOLVE_CXXFLAGS := -std=c++17 -g -I. -Wall -Wextra $(WERROR) $(SANF) $(SYSROOT_FLAG) $(OPT)
 LIBS          := $(BOARD_LIBS) -ljpeg -lpng -lz -lpthread -lm
 ISA_sse41  := -msse4.1
 ISA_avx2   := -mavx2 -mfma
@@ -61,33 +64,62 @@ ISA_avx512 := -mavx512f -mavx512dq -mavx512vl -mavx512bw -mfma -mprefer-vector-w
 ISA_neon   :=
 
 # --- sources --------------------------------------------------------------------------------------
-obj = $(patsubst %.c,$(O)/obj/%.o,$(1))
+obj = $(patsubst %.cc,$(O)/obj/%.o,$(patsubst %.c,$(O)/obj/%.o,$(1)))
 KERNEL_SRC := $(filter-out %_sse41.c %_avx2.c %_avx512.c %_neon.c,$(wildcard kernels/*.c kernels/*/*.c)) \
   $(foreach i,$(BOARD_ISAS),$(wildcard kernels/*/*_$(i).c))
 CORE_SRC   := $(wildcard src/*/*.c calib/*.c) $(KERNEL_SRC)
-PLAT_SRC   := $(foreach p,$(BOARD_PLATFORMS),$(wildcard platform/$(p)/*.c))
 MAIN_SRC   := $(wildcard boards/*.c)
+PREVIEW_SRC := $(wildcard platform/preview/*.c)
 TOOL_SRC   := $(wildcard tools/lab/*.c tools/common/*.c tools/import/*.c tools/metric/*.c)
 TEST_SRC   := $(wildcard tests/*/*.c)
+# Calibration's libraries come from the distribution. What is missing is left out: of calib/solve the files
+# named *_LIB.c or .cc need LIB, and *_LIB_none.c stands in for them and says so when it is called.
+INC_DIR    := $(SYSROOT)/usr/include
+have        = $(if $(filter $(words $(1)),$(words $(wildcard $(addprefix $(INC_DIR)/,$(1))))),1)
+HAVE_libcamera := $(if $(shell command -v $(CXX)),$(call have,libcamera/libcamera/libcamera.h))
+PLAT_SRC   := $(foreach p,$(BOARD_PLATFORMS),$(wildcard platform/$(p)/*.c $(if $(HAVE_$(p)),platform/$(p)/*.cc)))
+ifneq ($(filter libcamera,$(BOARD_PLATFORMS))$(HAVE_libcamera),libcamera)
+PLAT_SRC   := $(filter-out platform/libcamera/libcamera_none.c,$(PLAT_SRC))
+LIBS       += $(if $(HAVE_libcamera),-lcamera -lcamera-base -lstdc++)
+endif
+SOLVE_LIBS_mrcal     := -lmrcal -lcholmod
+SOLVE_LIBS_opencv    := -lopencv_calib3d -lopencv_features2d -lopencv_imgproc -lopencv_core
+SOLVE_LIBS_mrgingham := -lmrgingham -lopencv_core
+SOLVE_LIBS_opengv    := -lopengv
+HAVE_mrcal     := $(call have,mrcal/mrcal.h suitesparse/cholmod.h)
+HAVE_opencv    := $(call have,opencv4/opencv2/calib3d.hpp)
+HAVE_mrgingham := $(call have,mrgingham/mrgingham.hh opencv4/opencv2/core.hpp)
+HAVE_opengv    := $(call have,opengv/types.hpp eigen3/Eigen/Core)
+SOLVE_ALL  := mrcal opencv mrgingham opengv
+SOLVE_SRC  := $(filter-out $(foreach l,$(SOLVE_ALL),%_$(l).c %_$(l)_none.c),$(wildcard calib/solve/*.c)) \
+  $(foreach l,$(SOLVE_ALL),$(wildcard $(if $(HAVE_$(l)),calib/solve/*_$(l).c calib/solve/*_$(l).cc,\
+  calib/solve/*_$(l)_none.c)))
+SOLVE_LIBS := $(foreach l,$(SOLVE_ALL),$(if $(HAVE_$(l)),$(SOLVE_LIBS_$(l)))) \
+  $(if $(HAVE_opencv)$(HAVE_mrgingham)$(HAVE_opengv),-lstdc++)
+CAL_SRC    := $(wildcard tools/calibrate/*.c)
 # A file with main() is a program; the other files of its folder are linked to all programs of the folder.
 MAIN_RE    := ^(int )?main ?\(
-MAINS      := $(shell grep -lE '$(MAIN_RE)' /dev/null $(TOOL_SRC) $(TEST_SRC))
+MAINS      := $(shell grep -lE '$(MAIN_RE)' /dev/null $(TOOL_SRC) $(CAL_SRC) $(TEST_SRC))
 LAB_MAIN   := $(filter $(MAINS),$(wildcard tools/lab/*.c))
+CAL_MAIN   := $(filter $(MAINS),$(CAL_SRC))
 HELPER_SRC := $(filter-out $(MAINS),$(TOOL_SRC) $(wildcard tests/common/*.c))
 # The malloc interposer goes only to the programs that ask for it: anywhere else it would be picked up
 # unasked.
 HEAP_SRC   := $(filter-out $(MAINS),$(wildcard tests/fault/heap_*.c))
 HEAP_USERS := $(shell grep -lF '"tests/fault/heap_count.h"' /dev/null $(filter $(MAINS),$(TEST_SRC)))
-ALL_OBJ    := $(call obj,$(CORE_SRC) $(PLAT_SRC) $(MAIN_SRC) $(TOOL_SRC) $(TEST_SRC))
+# Tests of these parts are linked with their libraries.
+SOLVE_USERS := $(shell grep -lE '"(calib/solve|tools/calibrate)/' /dev/null $(filter $(MAINS),$(TEST_SRC)))
+ALL_OBJ    := $(call obj,$(CORE_SRC) $(PLAT_SRC) $(PREVIEW_SRC) $(MAIN_SRC) $(TOOL_SRC) $(CAL_SRC) $(SOLVE_SRC) $(TEST_SRC))
 
 CORE    := $(O)/libcore.a
 ARCHIVES := $(O)/libhelp.a $(O)/libplatform.a $(CORE)
-PROGRAMS := $(if $(MAIN_SRC),$(O)/bin/subview) $(if $(LAB_MAIN),$(O)/bin/subview-lab)
+PROGRAMS := $(if $(MAIN_SRC),$(O)/bin/subview) $(if $(PREVIEW_SRC),$(O)/bin/subview-preview) \
+  $(if $(LAB_MAIN),$(O)/bin/subview-lab) $(if $(CAL_MAIN),$(O)/bin/subview-calibrate)
 
 .DEFAULT_GOAL := all
 .DELETE_ON_ERROR:
 .PHONY: all programs tests-build demo test test-all check bench kernels-check grad scenario golden fault \
-  fuzz unit only headers lint format format-check tidy plan clean deps help install cross FORCE
+  fuzz unit only board-test headers lint format format-check tidy plan clean deps help install cross FORCE
 
 all: $(CORE) $(PROGRAMS) tests-build ## build the runtime, the tools and the tests for BOARD
 programs: $(CORE) $(PROGRAMS) ## build the runtime and the tools only
@@ -95,7 +127,7 @@ programs: $(CORE) $(PROGRAMS) ## build the runtime and the tools only
 # --- compiling ------------------------------------------------------------------------------------
 # Objects depend on this file, which changes when a flag does: no stale objects, no rebuild for a comment
 # here.
-FLAGS_NOW := $(CC) $(CORE_CFLAGS) $(KERNEL_CFLAGS) $(HOST_CFLAGS) $(LDFLAGS_ALL) $(LIBS) $(ISA_avx512)
+FLAGS_NOW := $(CC) $(CORE_CFLAGS) $(KERNEL_CFLAGS) $(HOST_CFLAGS) $(LDFLAGS_ALL) $(LIBS) $(ISA_avx512) $(SOLVE_LIBS)
 $(O)/flags: FORCE
 	@mkdir -p $(@D); echo '$(FLAGS_NOW)' | cmp -s - $@ || echo '$(FLAGS_NOW)' > $@
 $(ALL_OBJ): $(O)/flags | $(SYSROOT_STAMP)
@@ -108,6 +140,8 @@ endef
 $(foreach i,$(BOARD_ISAS),$(eval $(call isa_rule,$(i))))
 $(O)/obj/kernels/%.o: kernels/%.c
 	$(call compile,$(KERNEL_CFLAGS))
+$(O)/obj/platform/%.o: platform/%.cc
+	@mkdir -p $(@D); $(CXX) -MMD -MP $(SOLVE_CXXFLAGS) -isystem $(INC_DIR)/libcamera -c $< -o $@
 $(O)/obj/platform/%.o: platform/%.c
 	$(call compile,$(HOST_CFLAGS))
 $(O)/obj/boards/%.o: boards/%.c
@@ -116,10 +150,16 @@ $(O)/obj/tools/%.o: tools/%.c
 	$(call compile,$(HOST_CFLAGS) $(BOARD_HDR))
 $(O)/obj/tests/%.o: tests/%.c
 	$(call compile,$(HOST_CFLAGS) $(BOARD_HDR))
+$(O)/obj/calib/solve/%.o: calib/solve/%.c
+	$(call compile,$(SOLVE_CFLAGS))
+$(O)/obj/calib/solve/%.o: calib/solve/%.cc
+	@mkdir -p $(@D); $(CXX) -MMD -MP $(SOLVE_CXXFLAGS) -isystem $(INC_DIR)/opencv4 -isystem $(INC_DIR)/eigen3 \
+	  -c $< -o $@
 $(O)/obj/%.o: %.c
 	$(call compile,$(CORE_CFLAGS))
 -include $(ALL_OBJ:.o=.d)
-# A file that the assembler includes: the compiler does not list it.
+# Files that the assembler includes: the compiler does not list them.
+$(O)/obj/platform/preview/bundle.o: $(wildcard platform/preview/page/*)
 $(O)/obj/tools/metric/lpips_weights.o: tools/weights/lpips_squeeze.bin
 
 # An archive is made anew when its list of members changes, too: a deleted source must not live on in it.
@@ -132,14 +172,22 @@ endef
 $(eval $(call archive_rule,libcore,$(call obj,$(CORE_SRC))))
 $(eval $(call archive_rule,libplatform,$(call obj,$(PLAT_SRC))))
 $(eval $(call archive_rule,libhelp,$(call obj,$(HELPER_SRC))))
+$(eval $(call archive_rule,libcalibrate,$(call obj,$(filter-out $(MAINS),$(CAL_SRC)) $(SOLVE_SRC))))
 
 # --- programs -------------------------------------------------------------------------------------
+# Libraries that may be missing: the part then says so when it is called. Looked up when a program is linked, as the
+# sysroot may be made by the same make.
+has_lib = $(if $(wildcard $(SYSROOT)/usr/include/$(1)),$(2))
 link = @mkdir -p $(@D); $(if $(V),echo link $@;) $(CC) $(filter %.o,$^) $(filter %.a,$^) $(LDFLAGS_ALL) $(1) \
-  $(LIBS) -o $@
+  $(LIBS) $(call has_lib,zstd.h,-lzstd) -o $@
 $(O)/bin/subview: $(call obj,$(MAIN_SRC)) $(O)/libplatform.a $(CORE)
 	$(call link)
+$(O)/bin/subview-preview: $(call obj,$(PREVIEW_SRC)) $(O)/libplatform.a $(CORE)
+	$(call link,$(call has_lib,microhttpd.h,-lmicrohttpd) $(call has_lib,seccomp.h,-lseccomp))
 $(O)/bin/subview-lab: $(call obj,$(LAB_MAIN)) $(ARCHIVES)
 	$(call link)
+$(O)/bin/subview-calibrate: $(call obj,$(CAL_MAIN)) $(O)/libcalibrate.a $(ARCHIVES)
+	$(call link,$(SOLVE_LIBS))
 
 # --- tests ----------------------------------------------------------------------------------------
 GROUPS_PLAIN := unit grad golden fault scenario budget
@@ -148,10 +196,13 @@ define group_rules
 PROGS_$(1) := $(call progs_of,$(1))
 $(call progs_of,$(1)): $(O)/tests/$(1)/%: $(O)/obj/tests/$(1)/%.o \
   $(call obj,$(filter-out $(MAINS) $(HEAP_SRC),$(wildcard tests/$(1)/*.c))) $(ARCHIVES)
-	$$(call link,-lcmocka)
+	$$(call link,-lcmocka $$(SOLVE_LIBS_HERE))
 endef
 $(foreach g,$(GROUPS_PLAIN),$(if $(call progs_of,$(g)),$(eval $(call group_rules,$(g)))))
 $(patsubst %.c,$(O)/%,$(HEAP_USERS)): $(call obj,$(HEAP_SRC))
+
+$(patsubst %.c,$(O)/%,$(SOLVE_USERS)): SOLVE_LIBS_HERE = $(O)/libcalibrate.a $(ARCHIVES) $(SOLVE_LIBS)
+$(patsubst %.c,$(O)/%,$(SOLVE_USERS)): $(O)/libcalibrate.a
 
 KERNEL_TEST_SRC := $(wildcard tests/kernels/*.c)
 PROGS_kernels := $(if $(KERNEL_TEST_SRC),$(O)/tests/kernels-check)
@@ -164,8 +215,13 @@ $(PROGS_fuzz): $(O)/tests/fuzz/%: $(O)/obj/tests/fuzz/%.o \
   $(call obj,$(filter-out $(FUZZ_SRC),$(wildcard tests/fuzz/*.c))) $(ARCHIVES)
 	$(call link)
 
+# The source suite on cameras that are there; the virtual board runs it.
+PROGS_conform := $(O)/tests/source-check
+$(PROGS_conform): $(call obj,tests/conform/source_check.c) $(ARCHIVES)
+	$(call link)
+
 ALL_PROGS := $(foreach g,$(GROUPS_PLAIN) kernels fuzz,$(PROGS_$(g)))
-tests-build: $(ALL_PROGS)
+tests-build: $(ALL_PROGS) $(PROGS_conform)
 PROGS_lint := $(CORE)
 
 # What a group runs: one line "label<TAB>command" each. A leading "!" asks to be run with nothing beside it.
@@ -234,6 +290,12 @@ GROUPS ?= unit
 $(eval $(call run_rule,only,$(GROUPS)))
 cross: ## the fast tests and the digests for arm64, emulated
 	@BUILD='$(BUILD)' tests/run/cross.sh generic-arm64
+# The sysroot comes first: what it has decides what is built.
+board-test: ## capture and train on a virtual ARM board with cameras (QEMU); under 5 minutes, 4 more the first time
+	@tools/deps/install.sh board
+	@+$(MAKE) --no-print-directory '$(BUILD)/sysroot-arm64/.complete'
+	@+$(MAKE) --no-print-directory BOARD=generic-arm64 SAN= $(PARALLEL) programs
+	@tests/board/run.sh '$(BUILD)' '$(BUILD)/generic-arm64'
 bench: programs $(PROGS_kernels) ## time the kernels (also into kernels.csv) and the runtime
 	@$(if $(PROGS_kernels),$(EMULATE) $(PROGS_kernels) --bench | tee $(O)/kernels.csv)
 	@$(if $(MAIN_SRC),$(EMULATE) $(O)/bin/subview bench)
@@ -253,7 +315,7 @@ tidy: ## clang-tidy and cppcheck
 # --- the machine ----------------------------------------------------------------------------------
 deps: ## install what the build and the tests need from the distribution's packages
 	@tools/deps/install.sh test
-$(BUILD)/sysroot-%/.complete:
+$(BUILD)/sysroot-%/.complete: tools/deps/sysroot.sh
 	@tools/deps/sysroot.sh $* $(BUILD)/sysroot-$*
 install: programs ## copy the programs to PREFIX (and DESTDIR)
 	@install -d '$(DESTDIR)$(PREFIX)/bin'

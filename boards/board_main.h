@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// C only: the runtime's counters are atomic.
 // What the files of `subview` share: options, output without heap, sources. The files in this folder are the
 // only ones that see board, platform and runtime together.
 #ifndef SV_BOARDS_BOARD_MAIN_H
@@ -6,9 +7,13 @@
 
 #include <stdbool.h>
 
+#include "platform/camera/tiled.h"
+#include "platform/codec/codec.h"
+#include "platform/libcamera/libcamera.h"
 #include "platform/linux/linux.h"
 #include "platform/replay/replay.h"
 #include "platform/sim/sim.h"
+#include "platform/v4l2/v4l2.h"
 #include "src/app/app.h"
 #include "src/format/rig_file.h"
 
@@ -41,26 +46,38 @@ sv_arena board_arena(void);
 bool board_kernels(sv_kernels *k, uint32_t *mask);
 
 // --- sources -------------------------------------------------------------------------------------
-typedef enum { SOURCE_SIM, SOURCE_REPLAY } source_kind;
+typedef enum { SOURCE_NONE, SOURCE_SIM, SOURCE_REPLAY, SOURCE_V4L2, SOURCE_LIBCAMERA } source_kind;
 typedef struct {
   source_kind kind;
   union {
     sv_sim sim;
     sv_replay replay;
+    sv_v4l2 v4l2;
+    sv_libcamera *libcamera;
   } u;
-  sv_rig rig_read; // from files
-  const sv_rig *rig;
+  sv_tiled tiled;
+  sv_rig rig_read;      // from files, or assumed
+  const sv_rig *rig;    // NULL: none, and none was needed
   sv_camera_caps *caps; // [n_cameras]
   sv_source source;
   sv_clock clock;
+  sv_codec codec; // of compressed frames
+  sv_decoder decoder;
+  char note[256];  // what the user should know, or ""
+  bool is_virtual; // the clock is the source's own, not the machine's
   bool has_bounds;
   sv_bounds bounds;
   char rig_dir[SV_CAPTURE_CAP_PATH];
 } board_source;
 
-// Opens "sim:..." or "replay:..." inside the arena; the rig comes from rig_path (a folder) or the source.
+#define SOURCE_KINDS "sim:SCENE, replay:DIR, v4l2:/dev/videoN or libcamera:N"
+
+// Opens a source string (SOURCE_KINDS, several cameras separated by commas, then options) inside the arena; the rig
+// comes from rig_path (a folder) or the source. Options of all sources: tiles=CxR (each picture holds so many cameras),
+// fov=DEG (of a single camera without a rig, for which a pinhole lens is then assumed). needs_rig: without a rig
+// E_NOT_FOUND, else rig stays NULL.
 sv_status source_open(board_source *s, const char *spec, const char *rig_path, int n_exposures,
-                      sv_arena *arena, sv_err *err) SV_MUST_USE;
+                      bool needs_rig, sv_arena *arena, sv_err *err) SV_MUST_USE;
 void source_close(board_source *s);
 
 // Pictures of coverage that names tells of, decoded into the arena at footprint.coverage; dir is for sentences. What

@@ -6,9 +6,11 @@
 #include "platform/replay/capture_writer.h"
 #include "src/format/cameramodel.h"
 #include "src/format/rig_file.h"
-#include "src/sync/sync.h"
+#include "src/image/convert.h"
+#include "src/sync/camera_stats.h"
 
-#define QUEUE_LEN 4
+#define QUEUE_LEN  4
+#define TIMEOUT_NS (10 * SV_NS_PER_S) // without any exposure
 
 typedef struct {
   const char *source, *rig, *out;
@@ -21,7 +23,11 @@ static struct {
   board_source src;
   sv_sync sync;
   sv_sync_camera cameras[SV_CAP_SUB_VIEWS];
+  sv_camera_stat stats[SV_CAP_SUB_VIEWS];
+  sv_camera_caps caps[SV_CAP_SUB_VIEWS]; // of what is written
   sv_frame *frames;
+  sv_convert convert;
+  sv_kernels kernels;
   sv_capture_writer writer;
   sv_linux_console console;
   char rig_dir[SV_CAPTURE_CAP_PATH];
@@ -55,12 +61,40 @@ static sv_status write_rig(const char *dir, sv_arena *arena, sv_err *err) {
   return s;
 }
 
+// What a capture keeps as it comes; all else becomes RGB8.
+static bool is_kept(const sv_camera_caps *c) {
+  bool is_coded = sv_pixel(c->format)->layout == SV_LAYOUT_CODED;
+  return is_coded ? !c->coded_width_px
+                  : c->format == SV_PIX_RGB8 || c->format == SV_PIX_GREY8 || c->format == SV_PIX_RGB16;
+}
+
+static sv_status write_frame(const sv_frame *frame, sv_err *err) {
+  sv_frame f = *frame;
+  sv_image_u8 rgb;
+  sv_pool pool = sv_pool_serial();
+  if (!is_kept(&cap.src.caps[f.i_camera])) {
+    sv_status s = sv_convert_frame(&cap.convert, frame, &cap.kernels, &pool, &rgb, err);
+    if (s == SV_E_FORMAT || s == SV_E_CORRUPT) return SV_OK; // a damaged picture: its gap stays visible
+    if (s < 0) return s;
+    f.format = SV_PIX_RGB8;
+    f.data = rgb.px;
+    f.stride_bytes = rgb.stride_bytes;
+    f.data_bytes = (size_t)rgb.stride_bytes * (size_t)(rgb.height_px - 1) + 3 * (size_t)rgb.width_px;
+  }
+  return sv_capture_writer_add(&cap.writer, &f, err);
+}
+
 static sv_status save_exposure(const sv_exposure *ex, sv_err *err) {
   sv_pose pose;
   sv_status s = SV_OK;
+  sv_camera_stats_exposure(cap.stats, &cap.sync, ex, cap.frames);
   for (int i = 0; s >= 0 && i < cap.src.source.n_cameras; i++) {
     if (cap.frames[i].i_camera < 0) continue;
-    s = sv_capture_writer_add(&cap.writer, &cap.frames[i], err);
+    s = write_frame(&cap.frames[i], err);
+  }
+  sv_convert_forget(&cap.convert);
+  for (int i = 0; i < cap.src.source.n_cameras; i++) {
+    if (cap.frames[i].i_camera < 0) continue;
     sv_status r = cap.src.source.requeue(cap.src.source.self, &cap.frames[i]);
     if (s >= 0 && r < 0) s = sv_fail(err, r, "camera %d does not take its buffer back", i);
   }
@@ -83,27 +117,55 @@ static sv_status drain(long max, sv_err *err) {
   return s;
 }
 
+static void log_events(const sv_console *con) {
+  char line[256];
+  sv_camera_event e;
+  sv_source *src = &cap.src.source;
+  while (src->event && src->event(src->self, &e) == SV_OK) {
+    sv_str s = sv_str_make(line, sizeof line);
+    sv_camera_event_line(&s, &e, cap.src.caps, src->n_cameras);
+    con->log(con->self, SV_LOG_WARN, line);
+  }
+}
+
+static void log_live(const sv_console *con, double elapsed_s) {
+  char line[512];
+  sv_str s = sv_str_make(line, sizeof line);
+  sv_str_add(&s, "capture  %ld exposures  %.1f s", cap.n_exposures, elapsed_s);
+  sv_camera_stats_live(&s, cap.stats, &cap.sync, cap.src.caps);
+  con->log(con->self, SV_LOG_LIVE, line);
+}
+
 static sv_status record(const capture_options *o, sv_err *err) {
   sv_source *src = &cap.src.source;
   sv_clock *clk = &cap.src.clock;
   sv_console con = sv_linux_console_port(&cap.console);
   sv_ns begin = clk->now_ns(clk->self), end = begin + (sv_ns)(o->duration * 1e9);
   long max = o->exposures ? o->exposures : 1000000000;
-  char line[160];
+  sv_ns last_ns = begin;
+  long before = 0;
   for (sv_ns now = begin; cap.n_exposures < max && !con.is_stop_requested(con.self);
        now = clk->now_ns(clk->self)) {
     sv_frame f;
     if (o->duration > 0 && now >= end) break;
     sv_status s = src->dequeue(src->self, &f, now + 100 * SV_NS_PER_MS);
+    log_events(&con);
     if (s == SV_END) break;
-    if (s < 0) return sv_fail(err, s, "camera %d: %s", f.i_camera, sv_status_text(s));
-    if (s != SV_OK) continue;
+    if (s < 0 && !src->event) return sv_fail(err, s, "camera %d: %s", f.i_camera, sv_status_text(s));
+    if (cap.n_exposures > before) before = cap.n_exposures, last_ns = now;
+    if (now - last_ns > TIMEOUT_NS)
+      return sv_fail(
+          err, SV_E_TIMEOUT,
+          "no synchronized exposure came for %g s (%ld captured); is a camera missing or is the skew limit "
+          "of %ld ms too tight?",
+          sv_ns_to_s(now - last_ns), cap.n_exposures, o->skew_ms);
+    if (s != SV_OK) continue; // a camera that failed comes back by itself, the others go on
+    sv_camera_stats_frame(cap.stats, &f);
     s = sv_sync_push(&cap.sync, &f);
     if (s < 0)
       return sv_fail(err, s, "camera %d: its frame was not taken: %s", f.i_camera, sv_status_text(s));
     if ((s = drain(max, err)) < 0) return s;
-    sv_fmt(line, sizeof line, "capture  %ld exposures  %.1f s", cap.n_exposures, sv_ns_to_s(now - begin));
-    con.log(con.self, SV_LOG_LIVE, line);
+    log_live(&con, sv_ns_to_s(now - begin));
   }
   return SV_OK;
 }
@@ -123,14 +185,37 @@ static void print_ledger(const capture_options *o) {
         cap.n_exposures, o->out, (unsigned long long)l.captured, (unsigned long long)l.delivered,
         (unsigned long long)sv_ledger_dropped(&l), (double)sv_skew_percentile_ns(&cap.sync.skew, 99) * 1e-3,
         o->out);
+  if (o->is_json) return;
+  for (int i = 0; i < cap.src.source.n_cameras; i++) {
+    char line[512];
+    sv_str s = sv_str_make(line, sizeof line);
+    sv_camera_stats_line(&s, &cap.stats[i], sv_sync_ledger(&cap.sync, i), cap.src.caps[i].name);
+    say(1, "  %s\n", line);
+  }
+  if (!cap.src.rig)
+    say(1, "the capture has no rig: to train on it, calibrate the cameras and give --rig DIR\n");
+}
+
+static sv_status open_conversion(sv_arena *arena, sv_err *err) {
+  int n = cap.src.source.n_cameras;
+  uint32_t mask;
+  if (!board_kernels(&cap.kernels, &mask))
+    return sv_fail(err, SV_E_ARG, "SV_ISA names no kernels of this build");
+  static sv_camera_caps converted[SV_CAP_SUB_VIEWS]; // what is kept needs no conversion
+  for (int i = 0; i < n; i++) {
+    cap.caps[i] = converted[i] = cap.src.caps[i];
+    if (is_kept(&cap.src.caps[i])) converted[i].format = SV_PIX_RGB8;
+    else cap.caps[i].format = SV_PIX_RGB8;
+  }
+  sv_convert_cfg cc = {converted, n, 1, &cap.src.decoder};
+  return sv_convert_init(&cap.convert, &cc, arena, err);
 }
 
 static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err) {
-  sv_status s = source_open(&cap.src, o->source, o->rig, (int)o->exposures, arena, err);
+  sv_status s = source_open(&cap.src, o->source, o->rig, (int)o->exposures, false, arena, err);
   if (s < 0) return s;
   int n = cap.src.source.n_cameras;
-  for (int i = 0; i < n; i++)
-    cap.cameras[i] = (sv_sync_camera){.clock = cap.src.caps[i].clock, .stamp = cap.src.caps[i].stamp};
+  for (int i = 0; i < n; i++) cap.cameras[i] = sv_sync_camera_of(&cap.src.caps[i]);
   sv_sync_cfg sc = {.n_cameras = n,
                     .cameras = cap.cameras,
                     .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,
@@ -139,7 +224,8 @@ static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err
   cap.frames = SV_TAKE(arena, sv_frame, n);
   s = sv_sync_init(&cap.sync, &sc, arena);
   if (s < 0) return sv_fail(err, s, "no frame synchronisation for %d cameras: %s", n, sv_status_text(s));
-  if ((s = write_rig(o->out, arena, err)) < 0) return s;
+  if (cap.src.rig && (s = write_rig(o->out, arena, err)) < 0) return s;
+  if ((s = open_conversion(arena, err)) < 0) return s;
   double scene[6];
   for (int i = 0; i < 3; i++) {
     double h = (double)cap.src.bounds.radius / sqrt(3.0);
@@ -147,9 +233,9 @@ static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err
   }
   sv_capture_writer_cfg wc = {.dir = o->out,
                               .name = "",
-                              .rig = "rig",
+                              .rig = cap.src.rig ? "rig" : NULL,
                               .n_cameras = n,
-                              .caps = cap.src.caps,
+                              .caps = cap.caps,
                               .scene_m = cap.src.has_bounds ? scene : NULL};
   sv_arena_part_begin(arena, "writer");
   return sv_capture_writer_open(&cap.writer, &wc, arena, err);
@@ -183,7 +269,8 @@ static int capture_all(const capture_options *o) {
 int cmd_capture(int argc, char **argv) {
   capture_options o = {.skew_ms = 20};
   const opt list[] = {
-      {"--source", OPT_TEXT, &o.source, 0, 0, "S", "sim:SCENE[,rig=...] or replay:DIR"},
+      {"--source", OPT_TEXT, &o.source, 0, 0, "S",
+       SOURCE_KINDS ", with options (see 'subview cameras --help')"},
       {"--rig", OPT_TEXT, &o.rig, 0, 0, "DIR", "folder with rig.json, when the source brings none"},
       {"--exposures", OPT_INT, &o.exposures, 1, 1000000, "N", "end after so many exposures"},
       {"--duration", OPT_REAL, &o.duration, 0.001, 1e6, "SEC", "end after so many seconds"},

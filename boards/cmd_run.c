@@ -1,20 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // subview run: the main job.
 #include <string.h>
+#include <unistd.h>
 
 #include "boards/board_main.h"
+#include "boards/live_view.h"
+#include "boards/run_options.h"
 #include "platform/codec/codec.h"
 #include "src/base/mathx.h"
 
 #define SPIN_US   200 // a training step calls the pool every 100 us or so: sleeping in between costs more
 #define N_HELDOUT 8   // views of the simulator that are compared at the end
-
-typedef struct {
-  const char *source, *rig, *scene, *out, *sub_views;
-  long exposures, steps, gaussians, sh, threads, seed, skew_ms;
-  double time_limit, save_every;
-  bool is_resume, is_json, is_quiet;
-} run_options;
 
 // Everything that lives as long as the run; static, so that nothing large is on the stack.
 static struct {
@@ -22,6 +18,7 @@ static struct {
   sv_app app;
   sv_kernels k;
   sv_linux_pool pool;
+  sv_linux_background background;
   sv_linux_store store;
   sv_linux_console console;
   sv_codec codec;
@@ -49,56 +46,6 @@ static void publish_image(void *self, const char *name, int w, int h, const uint
   else if (st.commit(st.self, err) < 0) return;
 }
 
-static int parse(int argc, char **argv, run_options *o) {
-  *o = (run_options){.exposures = BOARD_EXPOSURES,
-                     .gaussians = BOARD_GAUSSIANS,
-                     .sh = BOARD_SH_DEGREE,
-                     .skew_ms = 20,
-                     .threads = BOARD_THREADS,
-                     .seed = 1,
-                     .save_every = 30,
-                     .scene = "static"};
-  const opt list[] = {
-      {"--source", OPT_TEXT, &o->source, 0, 0, "S",
-       "sim:SCENE[,rig=...] or replay:DIR (see 'subview cameras')"},
-      {"--rig", OPT_TEXT, &o->rig, 0, 0, "DIR", "folder with rig.json, when the source brings none"},
-      {"--scene", OPT_TEXT, &o->scene, 0, 0, "KIND", "static"},
-      {"--exposures", OPT_INT, &o->exposures, 1, 10000, "N", "exposures to capture and train on"},
-      {"--sub-views", OPT_TEXT, &o->sub_views, 0, 0, "A,B",
-       "train on these sub-views only (names); the others are captured"},
-      {"--steps", OPT_INT, &o->steps, 1, 10000000, "N",
-       "training steps (default 2000, unless a time limit is given)"},
-      {"--time-limit", OPT_REAL, &o->time_limit, 0.001, 1e6, "SEC", "end training after so many seconds"},
-      {"--gaussians", OPT_INT, &o->gaussians, 0, 4000000, "N", "Gaussians, a fixed number"},
-      {"--sh", OPT_INT, &o->sh, 0, 3, "D", "degree of the colour's spherical harmonics"},
-      {"--skew-limit", OPT_INT, &o->skew_ms, 1, 10000, "MS", "largest skew within an exposure (20 ms)"},
-      {"--threads", OPT_INT, &o->threads, 1, BOARD_CAP_THREADS, "N",
-       "threads; the result is the same for any number"},
-      {"--seed", OPT_INT, &o->seed, 0, 1e15, "N", "seed of everything random"},
-      {"--save-every", OPT_REAL, &o->save_every, 0, 1e6, "SEC",
-       "checkpoint and preview while training (30; 0: at the end)"},
-      {"--resume", OPT_FLAG, &o->is_resume, 0, 0, NULL, "go on from checkpoint.bin in the output folder"},
-      {"--out", OPT_TEXT, &o->out, 0, 0, "DIR", "where model.ply, run.json, preview.jpg, checkpoint.bin go"},
-      {"--json", OPT_FLAG, &o->is_json, 0, 0, NULL, "print the figures as one JSON object on stdout"},
-      {"--quiet", OPT_FLAG, &o->is_quiet, 0, 0, NULL, "no progress"},
-  };
-  int r = options_parse(
-      "run",
-      "Captures exposures (all sub-views of one instant), trains Gaussians on all of them, and saves the "
-      "model.",
-      "subview run --source sim:textured,rig=stereo --exposures 8 --out out/demo", list,
-      sizeof list / sizeof *list, argc, argv);
-  if (r) return r;
-  if (!o->source) return usage_error("run", "--source is missing");
-  if (!o->out) return usage_error("run", "--out is missing");
-  if (o->gaussians < 1) return usage_error("run", "--gaussians 0: expected at least 1");
-  if (!strcmp(o->scene, "dynamic"))
-    return usage_error("run", "--scene dynamic: moving scenes are not supported yet");
-  if (strcmp(o->scene, "static")) return usage_error("run", "--scene %s: expected static", o->scene);
-  if (!o->steps && !(o->time_limit > 0)) o->steps = 2000;
-  return 0;
-}
-
 // "left,right" -> bits of the rig's sub-views.
 static bool choose_sub_views(const char *list, const sv_rig *rig, uint64_t *mask) {
   while (*list) {
@@ -120,6 +67,12 @@ static bool choose_sub_views(const char *list, const sv_rig *rig, uint64_t *mask
   return true;
 }
 
+// Sources either know all their rig's poses or none.
+static bool tells_poses(const sv_source *src) {
+  sv_pose pose;
+  return src->rig_pose && src->rig_pose(src->self, 0, &pose) >= 0;
+}
+
 static sv_app_cfg app_cfg(const run_options *o) {
   sv_app_cfg c = {.rig = run.src.rig,
                   .n_cameras = run.src.source.n_cameras,
@@ -127,14 +80,22 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .source_name = o->source,
                   .n_exposures = (int)o->exposures,
                   .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,
+                  .sync_mode = (sv_intake_mode)o->i_sync,
+                  .is_live = o->is_live,
+                  .preview_every_s = 2,
                   .capture_timeout_ns = 10 * SV_NS_PER_S,
                   .train = sv_train_defaults(),
                   .steps = (uint32_t)o->steps,
                   .time_limit_s = o->time_limit,
+                  .is_tracking = !o->is_live && !tells_poses(&run.src.source),
                   .has_bounds = run.src.has_bounds,
                   .bounds = run.src.bounds,
                   .is_resume = o->is_resume,
-                  .save_every_s = o->save_every};
+                  .save_every_s = o->save_every,
+                  .picture_every_s = o->picture_every,
+                  .board_name = BOARD_NAME,
+                  .has_live_view = o->preview || o->has_feed,
+                  .is_session = o->is_session};
   c.train.n_gaussians = (int)o->gaussians;
   c.train.sh_degree = (int)o->sh;
   c.train.seed = (uint64_t)o->seed;
@@ -157,16 +118,24 @@ static sv_status carve_outputs(sv_arena *a, const sv_app_cfg *cfg, sv_err *err) 
   return a->status < 0 ? sv_fail(err, a->status, "no room for the preview") : SV_OK;
 }
 
+static void true_pose(void *self, sv_ns time_ns, sv_pose *rig_from_world) {
+  sv_sim_rig_pose(self, time_ns, rig_from_world);
+}
+
 // Mean PSNR over held-out views of the simulated scene; 0 where there is no truth.
 static sv_status heldout_psnr(double *psnr, int *n_views) {
   *psnr = 0;
   *n_views = 0;
+  sv_odometry *odo = &run.app.odometry;
+  sv_similarity q = {.s = 1};
   if (run.src.kind != SOURCE_SIM) return SV_OK;
+  if (odo->is_tracked) q = sv_odometry_from(odo, &run.app.exposures, true_pose, &run.src.u.sim);
   for (int i = 0; i < N_HELDOUT; i++) {
     sv_view v;
     double t, mse;
     sv_sim_heldout_view(&run.src.u.sim, i, N_HELDOUT, &v, &t);
     sv_sim_render(&run.src.u.sim, &v, t, run.truth, NULL);
+    if (odo->is_tracked) v = sv_odometry_view(&q, &v); // where that is in the world that was found
     sv_status s = sv_app_mse(&run.app, &v, run.truth, &mse);
     if (s < 0) return s;
     *psnr += -10.0 / 2.302585092994046 * sv_log(mse > 1e-12 ? mse : 1e-12) / N_HELDOUT;
@@ -208,49 +177,100 @@ static int report(const run_options *o, sv_err *err) {
   return 0;
 }
 
-static int run_all(const run_options *o) {
-  sv_err err = {0};
-  sv_arena arena = board_arena();
-  if (source_open(&run.src, o->source, o->rig, (int)o->exposures, &arena, &err) < 0) return fail_with(&err);
+// Opens source, outputs and app. What fails is told by err, and by *what for the list and the page.
+static sv_status set_up(const run_options *o, sv_arena *arena, const char **what, sv_err *err) {
+  *what = "cameras";
+  sv_status s = source_open(&run.src, o->source, o->rig, (int)o->exposures, true, arena, err);
+  if (s < 0 && run.src.source.n_cameras > 0) *what = "rig";
+  if (s < 0) return s;
+  if (run.src.note[0] && !o->is_quiet) say(2, "subview: %s\n", run.src.note);
   sv_app_cfg cfg = app_cfg(o);
-  if (carve_outputs(&arena, &cfg, &err) < 0) return fail_with(&err);
-  if (o->sub_views && !choose_sub_views(o->sub_views, run.src.rig, cfg.sub_view_mask)) return EXIT_USAGE;
-  sv_linux_console_init(&run.console, 2, o->is_quiet);
-  if (sv_linux_catch_signals(&err) < 0) return fail_with(&err);
-  if (sv_linux_pool_start(&run.pool, (int)o->threads, SPIN_US, &err) < 0) return fail_with(&err);
-  if (sv_linux_store_open(&run.store, o->out, &err) < 0) return fail_with(&err);
+  *what = "memory";
+  if ((s = carve_outputs(arena, &cfg, err)) < 0) return s;
+  *what = "options";
+  if (o->sub_views && !choose_sub_views(o->sub_views, run.src.rig, cfg.sub_view_mask)) return SV_E_ARG;
+  *what = "folder";
+  if ((s = sv_linux_store_open(&run.store, o->out, err)) < 0) return s;
   sv_port port = {.clock = run.src.clock,
                   .machine = sv_linux_clock(),
                   .pool = sv_linux_pool_port(&run.pool),
                   .source = run.src.source,
                   .store = sv_linux_store_port(&run.store),
                   .console = sv_linux_console_port(&run.console),
-                  .publish = {NULL, publish_image}};
+                  .publish = {.image = publish_image},
+                  .decoder = run.src.decoder};
+  // Cameras on real time get a thread; the simulator's and a recording's time waits for nobody.
+  if (!run.src.is_virtual) port.worker = sv_linux_worker_port(&run.background);
+  live_view_publish(&port.publish);
+  *what = "memory";
+  return sv_app_init(&run.app, &cfg, &run.k, &port, arena, err);
+}
+
+static bool is_first_run(const run_options *o) {
+  char path[SV_LINUX_CAP_PATH + 16];
+  sv_fmt(path, sizeof path, "%s/run.json", o->out);
+  return access(path, F_OK) != 0;
+}
+
+static int do_run(const run_options *o, bool *is_again) {
+  sv_err err = {0};
+  sv_status s = sv_app_run(&run.app, &err);
+  sv_linux_console_finish(&run.console);
+  *is_again = run.app.live.is_new_requested;
+  if (*is_again) return 0;
+  if (s == SV_E_INTERRUPTED && run.app.trainer.step) {
+    say(2, "subview: %s\n", err.text);
+    s = SV_OK;
+  }
+  if (s >= 0 && o->orbit && sv_app_publish_orbit(&run.app, (int)o->orbit) < 0)
+    s = sv_fail(&err, SV_E_RANGE, "the model could not be rendered for --orbit");
+  int code = s < 0 ? fail_with(&err) : report(o, &err);
+  if (!code && run.preview_err.status < 0) code = fail_with(&run.preview_err);
+  *is_again = sv_live_stay(&run.app) == SV_AGAIN;
+  return code;
+}
+
+// One run from its source on. *is_again: New was asked for on the page.
+static int run_once(const run_options *o, bool *is_again) {
+  sv_err err = {0};
+  const char *what;
+  sv_arena arena = board_arena();
+  sv_console console = sv_linux_console_port(&run.console);
+  run.store.dir_fd = run.store.fd = -1;
   int code = 0;
-  if (sv_app_init(&run.app, &cfg, &run.k, &port, &arena, &err) < 0) code = fail_with(&err);
-  if (!code) {
-    sv_status s = sv_app_run(&run.app, &err);
-    sv_linux_console_finish(&run.console);
-    if (s == SV_E_INTERRUPTED && run.app.trainer.step) {
-      say(2, "subview: %s\n", err.text);
-      s = SV_OK;
+  *is_again = false;
+  if (set_up(o, &arena, &what, &err) < 0) {
+    if (err.text[0]) { // the other failures have spoken
+      if (o->is_check) check_list_fails(what, err.text);
+      else fail_with(&err);
     }
-    code = s < 0 ? fail_with(&err) : report(o, &err);
-    if (!code && run.preview_err.status < 0) code = fail_with(&run.preview_err);
+    code = err.text[0] ? 1 : EXIT_USAGE;
+    sv_feed_lacks lacks = what[0] == 'c' ? SV_LACKS_CAMERA : what[0] == 'r' ? SV_LACKS_RIG : SV_LACKS_OTHER;
+    *is_again = live_view_failed(o, lacks, err.text, &console);
+  } else {
+    if (o->is_check || (run.console.is_terminal && !o->is_quiet && is_first_run(o)))
+      check_list(o, &run.src, &arena, &run.k);
+    if (!o->is_check) code = do_run(o, is_again);
   }
   sv_linux_store_close(&run.store);
-  sv_linux_pool_stop(&run.pool);
+  source_close(&run.src);
+  sv_codec_close(&run.codec);
   return code;
 }
 
 int cmd_run(int argc, char **argv) {
-  run_options o;
-  int r = parse(argc, argv, &o);
+  static run_options o;
+  sv_err err = {0};
+  int r = run_options_parse(argc, argv, &o);
   if (r) return r < 0 ? 0 : r;
   uint32_t mask;
   if (!board_kernels(&run.k, &mask)) return EXIT_USAGE;
-  int code = run_all(&o);
-  source_close(&run.src);
-  sv_codec_close(&run.codec);
+  sv_linux_console_init(&run.console, 2, o.is_quiet);
+  if (sv_linux_catch_signals(&err) < 0) return fail_with(&err);
+  if (sv_linux_pool_start(&run.pool, (int)o.threads, SPIN_US, &err) < 0) return fail_with(&err);
+  int code = live_view_open(&o, &err) < 0 ? fail_with(&err) : 0;
+  for (bool is_again = !code; is_again;) code = run_once(&o, &is_again);
+  live_view_close();
+  sv_linux_pool_stop(&run.pool);
   return code;
 }

@@ -5,6 +5,10 @@
 #include <unistd.h>
 
 #include "boards/board_main.h"
+#include "src/base/mathx.h"
+
+#define DEFAULT_FOV_DEG 60.0 // of a webcam or a phone, more or less
+#define CAP_SPEC        1024
 
 static sv_status read_caps(board_source *s, sv_arena *arena, sv_err *err) {
   s->caps = SV_TAKE(arena, sv_camera_caps, s->source.n_cameras);
@@ -29,7 +33,7 @@ static sv_status open_sim(board_source *s, const char *spec, int n_exposures, sv
   s->rig = sv_sim_rig(&s->u.sim);
   double c[3], radius;
   sv_sim_scene_bounds(&s->u.sim, c, &radius);
-  s->has_bounds = true;
+  s->has_bounds = !cfg.has_unknown_poses; // without poses nobody knows where that is
   s->bounds = (sv_bounds){{(float)c[0], (float)c[1], (float)c[2]}, (float)radius};
   return SV_OK;
 }
@@ -90,30 +94,168 @@ static sv_status open_replay(board_source *s, const char *spec, sv_arena *arena,
   return SV_OK;
 }
 
-sv_status source_open(board_source *s, const char *spec, const char *rig_path, int n_exposures,
-                      sv_arena *arena, sv_err *err) {
-  sv_status r;
-  memset(s, 0, sizeof *s);
-  sv_arena_part_begin(arena, "source");
+static sv_status open_v4l2(board_source *s, const char *spec, sv_arena *arena, sv_err *err) {
+  sv_camera_options o;
+  sv_v4l2_sys sys = sv_v4l2_linux();
+  s->clock = sv_linux_clock();
+  sv_status r = sv_camera_parse("v4l2", spec, &o, err);
+  if (r >= 0) r = sv_v4l2_init(&s->u.v4l2, &o, &sys, &s->clock, arena, err);
+  if (r >= 0) s->source = sv_v4l2_source(&s->u.v4l2);
+  return r;
+}
+
+static sv_status open_libcamera(board_source *s, const char *spec, sv_err *err) {
+  sv_camera_options o;
+  s->clock = sv_linux_clock();
+  sv_status r = sv_camera_parse("libcamera", spec, &o, err);
+  if (r >= 0) r = sv_libcamera_open(&s->u.libcamera, &o, &s->clock, err);
+  if (r >= 0) s->source = sv_libcamera_source(s->u.libcamera);
+  return r;
+}
+
+// --- options of all sources ----------------------------------------------------------------------
+typedef struct {
+  char spec[CAP_SPEC]; // without them
+  int cols, rows;      // 0: no tiles
+  double fov_deg;
+} common_options;
+
+static bool read_tiles(const char *v, size_t n, common_options *o) {
+  const char *x = memchr(v, 'x', n);
+  long long c, r;
+  if (!x || !sv_parse_int(v, (size_t)(x - v), &c) || !sv_parse_int(x + 1, n - (size_t)(x - v) - 1, &r))
+    return false;
+  if (c < 1 || r < 1 || c > SV_TILED_CAP_TILES || r > SV_TILED_CAP_TILES) return false;
+  o->cols = (int)c, o->rows = (int)r;
+  return true;
+}
+
+static sv_status take_options(const char *spec, common_options *o, sv_err *err) {
+  size_t at = 0;
+  *o = (common_options){.fov_deg = DEFAULT_FOV_DEG};
+  if (strlen(spec) >= sizeof o->spec)
+    return sv_fail(err, SV_E_ARG, "the source string is longer than %zu characters", sizeof o->spec - 1);
+  for (const char *p = spec; *p;) {
+    size_t n = strcspn(p + (*p == ','), ",") + (*p == ',');
+    const char *word = p + (*p == ',');
+    size_t len = n - (size_t)(word - p);
+    bool is_tiles = len > 6 && !memcmp(word, "tiles=", 6), is_fov = len > 4 && !memcmp(word, "fov=", 4);
+    if (is_tiles && !read_tiles(word + 6, len - 6, o))
+      return sv_fail(err, SV_E_ARG, "source option %.*s: expected tiles=CxR, columns and rows", (int)len,
+                     word);
+    if (is_fov &&
+        (!sv_parse_double(word + 4, len - 4, &o->fov_deg) || !(o->fov_deg >= 5 && o->fov_deg <= 150)))
+      return sv_fail(err, SV_E_ARG, "source option %.*s: expected a width of view of 5 to 150 degrees",
+                     (int)len, word);
+    if (!is_tiles && !is_fov) {
+      memcpy(o->spec + at, p, n);
+      at += n;
+    }
+    p += n;
+  }
+  o->spec[at] = 0;
+  return SV_OK;
+}
+
+// A single camera that nobody has calibrated: square pixels, the principal point in the middle, no distortion.
+static sv_status assume_rig(board_source *s, double fov_deg, sv_arena *arena, sv_err *err) {
+  const sv_camera_caps *c = &s->caps[0];
+  if (sv_rig_init(&s->rig_read, 1, arena) < 0) return sv_fail(err, SV_E_NOMEM, "no room for a rig");
+  double f = 0.5 * c->width_px / sv_tan(0.5 * fov_deg * SV_PI / 180);
+  sv_copy(s->rig_read.name, sizeof s->rig_read.name, "assumed");
+  s->rig_read.sub_views[0] = (sv_sub_view){.name = "camera",
+                                           .model = {.kind = SV_MODEL_PINHOLE,
+                                                     .width_px = c->width_px,
+                                                     .height_px = c->height_px,
+                                                     .p = {f, f, 0.5 * c->width_px, 0.5 * c->height_px}},
+                                           .cam_from_rig = sv_pose_identity()};
+  s->rig_read.n_sub_views = 1;
+  s->rig = &s->rig_read;
+  sv_fmt(s->note, sizeof s->note,
+         "no rig is given: a pinhole lens that sees %g degrees in width is assumed (fov=DEG in the source "
+         "string "
+         "changes it, --rig DIR names a calibrated one)",
+         fov_deg);
+  return SV_OK;
+}
+
+static sv_status decode(void *self, const uint8_t *data, size_t bytes, int w, int h, size_t stride,
+                        uint8_t *rgb, sv_err *err) {
+  sv_picture out = {w, h, stride, SV_PIX_RGB8, rgb};
+  return sv_codec_decode(self, data, bytes, &out, err);
+}
+
+static sv_status open_decoder(board_source *s, sv_arena *arena, sv_err *err) {
+  sv_codec_cfg cfg = {0};
+  for (int i = 0; i < s->source.n_cameras; i++) {
+    const sv_camera_caps *c = &s->caps[i];
+    if (sv_pixel(c->format)->layout != SV_LAYOUT_CODED) continue;
+    int w = c->coded_width_px ? c->coded_width_px : c->width_px;
+    int h = c->coded_height_px ? c->coded_height_px : c->height_px;
+    if (w > cfg.max_width_px) cfg.max_width_px = w;
+    if (h > cfg.max_height_px) cfg.max_height_px = h;
+  }
+  if (!cfg.max_width_px) return SV_OK;
+  sv_status r = sv_codec_init(&s->codec, &cfg, arena);
+  s->decoder = (sv_decoder){&s->codec, decode};
+  return r < 0
+             ? sv_fail(err, r, "no room to decode pictures of %dx%d px", cfg.max_width_px, cfg.max_height_px)
+             : r;
+}
+
+static sv_status open_kind(board_source *s, const char *spec, int n_exposures, sv_arena *arena, sv_err *err) {
   if (!strncmp(spec, "sim:", 4)) {
     s->kind = SOURCE_SIM;
-    r = open_sim(s, spec + 4, n_exposures, arena, err);
-  } else if (!strncmp(spec, "replay:", 7)) {
+    s->is_virtual = true;
+    return open_sim(s, spec + 4, n_exposures, arena, err);
+  }
+  if (!strncmp(spec, "replay:", 7)) {
     s->kind = SOURCE_REPLAY;
-    r = open_replay(s, spec + 7, arena, err);
-  } else return sv_fail(err, SV_E_ARG, "source \"%s\": expected sim:SCENE[,...] or replay:DIR", spec);
+    s->is_virtual = true;
+    return open_replay(s, spec + 7, arena, err);
+  }
+  if (!strncmp(spec, "v4l2:", 5)) {
+    s->kind = SOURCE_V4L2;
+    return open_v4l2(s, spec + 5, arena, err);
+  }
+  if (!strncmp(spec, "libcamera:", 10)) {
+    s->kind = SOURCE_LIBCAMERA;
+    return open_libcamera(s, spec + 10, err);
+  }
+  return sv_fail(err, SV_E_ARG, "source \"%s\": expected " SOURCE_KINDS, spec);
+}
+
+sv_status source_open(board_source *s, const char *spec, const char *rig_path, int n_exposures,
+                      bool needs_rig, sv_arena *arena, sv_err *err) {
+  common_options o;
+  memset(s, 0, sizeof *s);
+  sv_arena_part_begin(arena, "source");
+  sv_status r = take_options(spec, &o, err);
+  if (r >= 0) r = open_kind(s, o.spec, n_exposures, arena, err);
+  if (r >= 0 && o.cols) {
+    sv_source inner = s->source;
+    r = sv_tiled_init(&s->tiled, &inner, o.cols, o.rows, arena, err);
+    s->source = sv_tiled_source(&s->tiled);
+    s->rig = NULL; // that of the whole pictures
+  }
   if (r >= 0) r = read_caps(s, arena, err);
+  if (r >= 0) r = open_decoder(s, arena, err);
   if (r < 0) return r;
   sv_arena_part_begin(arena, "rig");
   if (rig_path) sv_copy(s->rig_dir, sizeof s->rig_dir, rig_path);
+  if (o.cols && !rig_path) s->rig_dir[0] = 0;
   if (s->rig_dir[0]) return read_rig(s, arena, err);
-  if (!s->rig)
-    return sv_fail(
-        err, SV_E_NOT_FOUND,
-        "source \"%s\" brings no rig; give its folder with --rig (rig.json and .cameramodel files)", spec);
-  return SV_OK;
+  if (s->rig || !needs_rig) return SV_OK;
+  if (s->source.n_cameras == 1) return assume_rig(s, o.fov_deg, arena, err);
+  return sv_fail(err, SV_E_NOT_FOUND,
+                 "source \"%s\" has %d cameras and brings no rig; give its folder with --rig (rig.json and "
+                 ".cameramodel files, as subview-calibrate makes them)",
+                 spec, s->source.n_cameras);
 }
 
 void source_close(board_source *s) {
   if (s->kind == SOURCE_REPLAY) sv_replay_close(&s->u.replay);
+  if (s->kind == SOURCE_V4L2) sv_v4l2_close(&s->u.v4l2);
+  if (s->kind == SOURCE_LIBCAMERA) sv_libcamera_close(s->u.libcamera);
+  sv_codec_close(&s->codec);
 }

@@ -16,6 +16,6 @@ BOARD_ISAS        := neon
 # What runs the board's programs on the building machine; -L and the sysroot are added.
 BOARD_RUN         := qemu-aarch64-static -cpu cortex-a76
 # Folders of platform/ to link.
-BOARD_PLATFORMS   := linux sim replay codec
+BOARD_PLATFORMS   := linux sim replay codec camera v4l2 libcamera
 # More libraries for the linker, when a platform of the list wants one.
 BOARD_LIBS        :=

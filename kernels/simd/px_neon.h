@@ -18,6 +18,16 @@ static inline void px_split4(const uint8_t *p, uint8_t *out) {
   vst1q_u8(out + 32, v.val[2]);
   vst1q_u8(out + 48, v.val[3]);
 }
+static inline void px_split2(const uint8_t *p, uint8_t *out) {
+  uint8x16x2_t v = vld2q_u8(p);
+  vst1q_u8(out, v.val[0]);
+  vst1q_u8(out + 16, v.val[1]);
+}
+static inline void px_zip2(const uint8_t *even, const uint8_t *odd, uint8_t *low, uint8_t *high) {
+  uint8x16x2_t v = vzipq_u8(vld1q_u8(even), vld1q_u8(odd));
+  vst1q_u8(low, v.val[0]);
+  vst1q_u8(high, v.val[1]);
+}
 static inline void px_join3(const uint8_t *in, uint8_t *p) {
   uint8x16x3_t v;
   v.val[0] = vld1q_u8(in);

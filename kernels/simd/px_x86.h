@@ -46,6 +46,21 @@ static inline void px_split4(const uint8_t *p, uint8_t *out) {
   px_store_(out + 48, _mm_unpackhi_epi64(ab1, cd1));
 }
 
+// 32 bytes -> the 16 even ones, the 16 odd ones.
+static inline void px_split2(const uint8_t *p, uint8_t *out) {
+  const __m128i by_parity = _mm_setr_epi8(0, 2, 4, 6, 8, 10, 12, 14, 1, 3, 5, 7, 9, 11, 13, 15);
+  __m128i a = _mm_shuffle_epi8(px_load_(p), by_parity), b = _mm_shuffle_epi8(px_load_(p + 16), by_parity);
+  px_store_(out, _mm_unpacklo_epi64(a, b));
+  px_store_(out + 16, _mm_unpackhi_epi64(a, b));
+}
+
+// even[16] and odd[16] alternating, in two halves of 16.
+static inline void px_zip2(const uint8_t *even, const uint8_t *odd, uint8_t *low, uint8_t *high) {
+  __m128i a = px_load_(even), b = px_load_(odd);
+  px_store_(low, _mm_unpacklo_epi8(a, b));
+  px_store_(high, _mm_unpackhi_epi8(a, b));
+}
+
 // in[3][16] -> 16 RGB pixels (48 bytes).
 static inline void px_join3(const uint8_t *in, uint8_t *p) {
   __m128i r = px_load_(in), g = px_load_(in + 16), b = px_load_(in + 32);

@@ -49,7 +49,14 @@ sv_status sv_codec_init(sv_codec *c, const sv_codec_cfg *cfg, sv_arena *arena) {
     c->state = NULL;
     return arena->status;
   }
-  return sv_jpeg_open(c);
+  sv_status s = sv_jpeg_open(c);
+  if (s < 0) return s;
+  // At its first use libjpeg-turbo reads about the processor, into memory from the heap: now, not while cameras run.
+  uint8_t px[3] = {0}, out[2048];
+  sv_picture dot = {.width_px = 1, .height_px = 1, .stride_bytes = 3, .format = SV_PIX_RGB8, .data = px};
+  size_t bytes;
+  sv_err err;
+  return sv_codec_encode_jpeg(c, &dot, 90, true, out, sizeof out, &bytes, &err);
 }
 
 void sv_codec_close(sv_codec *c) {

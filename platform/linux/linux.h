@@ -62,6 +62,15 @@ sv_status sv_linux_pool_start(sv_linux_pool *p, int n_threads, int spin_us, sv_e
 sv_pool sv_linux_pool_port(sv_linux_pool *p);
 void sv_linux_pool_stop(sv_linux_pool *p); // joins the threads
 
+// One thread more, for the cameras. Its stack is taken from the system when it starts.
+typedef struct {
+  pthread_t id;
+  void (*fn)(void *arg);
+  void *arg;
+  bool is_running;
+} sv_linux_background;
+sv_worker sv_linux_worker_port(sv_linux_background *b);
+
 // --- store ---------------------------------------------------------------------------------------
 #define SV_LINUX_CAP_PATH 512
 #define SV_LINUX_CAP_NAME 200

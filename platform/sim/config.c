@@ -73,6 +73,7 @@ static const number_option NUMBERS[] = {
     REAL("skew_us", skew_us, 0, 1e6),
     REAL("jitter_us", jitter_us, 0, 1e5),
     REAL("drift_ppm", drift_ppm, -1000, 1000),
+    REAL("rate_ppm", rate_ppm, -1000, 1000),
     REAL("offset_ms", offset_ms, -1e7, 1e7),
     REAL("delay_us", delay_us, 0, 1e6),
     REAL("delay_jitter_us", delay_jitter_us, 0, 1e6),
@@ -193,14 +194,19 @@ static sv_status read_option(sv_sim_config *c, word option, sv_err *err) {
     return SV_OK;
   }
   if (is(name, "path")) {
-    c->is_smooth = is(v, "smooth");
-    return c->is_smooth || is(v, "step") ? SV_OK : bad(err, "path", v, "step or smooth");
+    c->is_handheld = is(v, "handheld");
+    c->is_smooth = c->is_handheld || is(v, "smooth");
+    return c->is_smooth || is(v, "step") ? SV_OK : bad(err, "path", v, "step, smooth or handheld");
+  }
+  if (is(name, "poses")) {
+    c->has_unknown_poses = is(v, "unknown");
+    return c->has_unknown_poses || is(v, "known") ? SV_OK : bad(err, "poses", v, "known or unknown");
   }
   for (int i = 0; i < N_NUMBERS; i++)
     if (is(name, NUMBERS[i].name)) return read_number(c, &NUMBERS[i], v, err);
   char list[200];
   sv_str s = sv_str_make(list, sizeof list);
-  sv_str_add(&s, "rig, size, seed, grid, path, noise, fault");
+  sv_str_add(&s, "rig, size, seed, grid, path, poses, noise, fault");
   for (int i = 0; i < N_NUMBERS; i++) sv_str_add(&s, ", %s", NUMBERS[i].name);
   return sv_fail(err, SV_E_NOT_FOUND, "sim: no option '%.*s'; there are %s", (int)(name.n < 20 ? name.n : 20),
                  name.p, list);
@@ -296,8 +302,10 @@ void sv_sim_list(sv_str *out) {
   for (int i = 0; i < SV_SIM_N_SCENES; i++) sv_str_add(out, "sim:%-10s %s\n", SCENES[i], SCENE_TEXTS[i]);
   sv_str_add(out, "  options: rig=");
   for (int i = 0; i < SV_N_DEVICES; i++) sv_str_add(out, "%s%s", i ? "|" : "", RIGS[i]);
-  sv_str_add(out, ", grid=RxC, size=WxH, seed=N, path=step|smooth, noise=read:V:shot:V, "
-                  "fault=NAME[:CAMERA[:SLOT[:N]]][+...]");
+  sv_str_add(
+      out,
+      ", grid=RxC, size=WxH, seed=N, path=step|smooth|handheld, poses=known|unknown, noise=read:V:shot:V, "
+      "fault=NAME[:CAMERA[:SLOT[:N]]][+...]");
   for (int i = 0; i < N_NUMBERS; i++) sv_str_add(out, ", %s=", NUMBERS[i].name);
   sv_str_add(out, "\n  faults: ");
   for (int i = 0; i < SV_SIM_N_FAULTS; i++) sv_str_add(out, "%s%s", i ? ", " : "", FAULTS[i]);

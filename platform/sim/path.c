@@ -13,6 +13,9 @@
 #define WAVES          2.6   // rises a round: no small number of stops gets the same elevation twice
 #define GOLDEN         0.618 // a second round falls between the stops of the first
 #define HELDOUT_DEG    3.0
+#define SWAY_M         0.04 // of the hand, an axis
+#define AIM_M          0.08 // of the point it aims at
+#define ROLL           0.03
 
 sv_ns sv_sim_slot_ns(const sv_sim *sim, int64_t slot) {
   return SV_SIM_EPOCH_NS + slot * sim->period_ns + sim->period_ns / 2;
@@ -25,6 +28,25 @@ double sv_sim_slot_time_s(const sv_sim *sim, int64_t slot) {
 static int64_t slot_of(const sv_sim *sim, sv_ns host_ns) {
   sv_ns t = host_ns - SV_SIM_EPOCH_NS;
   return t < 0 ? 0 : t / sim->period_ns;
+}
+
+// What a hand adds: sums of slow swings, different for each axis.
+static double sway(double t_s, double phase) {
+  static const double hz[3] = {0.29, 0.71, 1.13}, share[3] = {0.55, 0.3, 0.15};
+  double s = 0;
+  for (int i = 0; i < 3; i++) {
+    double turns = hz[i] * t_s + phase * (i + 1);
+    s += share[i] * sv_sin(2 * SV_PI * (turns - floor(turns)));
+  }
+  return s;
+}
+
+static void sway_all(double t_s, double eye[3], double at[3], double up[3]) {
+  for (int i = 0; i < 3; i++) {
+    eye[i] += SWAY_M * sway(t_s, 0.17 + 0.31 * i);
+    at[i] += AIM_M * sway(t_s, 0.59 + 0.23 * i);
+    up[i] += ROLL * sway(t_s, 0.83 + 0.13 * i);
+  }
 }
 
 void sv_sim_rig_pose(const sv_sim *sim, sv_ns host_ns, sv_pose *rig_from_world) {
@@ -43,6 +65,7 @@ void sv_sim_rig_pose(const sv_sim *sim, sv_ns host_ns, sv_pose *rig_from_world) 
   double c = sv_cos(el) * SV_SIM_DISTANCE_M, a = (az - 360 * floor(az / 360)) * SV_PI / 180;
   double eye[3] = {c * sv_cos(a), c * sv_sin(a), sv_sin(el) * SV_SIM_DISTANCE_M}, at[3] = {0},
          up[3] = {0, 0, 1};
+  if (sim->cfg.is_handheld) sway_all(sv_ns_to_s(host_ns - SV_SIM_EPOCH_NS), eye, at, up);
   (void)sv_pose_look_at(rig_from_world, eye, at, up); // elevation stays below 90 degrees
 }
 

@@ -10,6 +10,8 @@
 
 #define LATE_NS (200 * SV_NS_PER_US) // a reordered frame or a second copy comes so long after the other one
 
+#define LINE_NS (10 * SV_NS_PER_US) // step in which a camera's frame length can be set
+
 static sv_ns from_us(double us) { return (sv_ns)floor(us * 1e3 + 0.5); }
 
 // --- memory --------------------------------------------------------------------------------------
@@ -80,9 +82,16 @@ static const sv_sim_fault *fault_at(const sv_sim *s, sv_sim_fault_kind kind, int
   return NULL;
 }
 
+// +1, -1, +1/2: rate errors of the cameras' oscillators, by which clocks and, apart from those, frames go wrong.
+static const double RATE_SHARE[SV_SIM_CAP_CAMERAS] = {1, -1, 0.5};
+
 static sv_ns true_time(const sv_sim *s, int i_camera, int64_t slot) {
+  const sv_sim_camera *c = &s->cameras[i_camera];
   double share = s->n_cameras > 1 ? (double)i_camera / (s->n_cameras - 1) : 0;
-  return sv_sim_slot_ns(s, slot) + from_us(s->cfg.skew_us * share);
+  sv_ns t_ns = sv_sim_slot_ns(s, slot);
+  if (s->is_triggered) return t_ns;
+  t_ns += from_us((double)(t_ns - SV_SIM_EPOCH_NS) * 1e-9 * s->cfg.rate_ppm * RATE_SHARE[i_camera]);
+  return t_ns + from_us(s->cfg.skew_us * share) + c->shift_ns + (slot - c->next_slot) * c->longer_ns;
 }
 
 static uint32_t dice(const sv_sim *s, int i_camera, int64_t slot, uint32_t what) {
@@ -95,11 +104,10 @@ static sv_ns arrival_time(const sv_sim *s, int i_camera, int64_t slot) {
 }
 
 static sv_ns camera_time(const sv_sim *s, int i_camera, int64_t slot) {
-  static const double share[SV_SIM_CAP_CAMERAS] = {1, -1, 0.5};
   sv_ns since = true_time(s, i_camera, slot) - SV_SIM_EPOCH_NS;
   sv_rng rng = sv_rng_make(s->cfg.seed, dice(s, i_camera, slot, 2));
   sv_ns t = SV_SIM_EPOCH_NS + since + from_us(s->cfg.offset_ms * 1e3 * (i_camera + 1));
-  t += from_us((double)since * 1e-9 * s->cfg.drift_ppm * share[i_camera]);
+  t += from_us((double)since * 1e-9 * s->cfg.drift_ppm * RATE_SHARE[i_camera]);
   if (s->cfg.jitter_us > 0) t += from_us((double)sv_rng_normal(&rng) * s->cfg.jitter_us);
   for (int i = 0; i < s->cfg.n_faults; i++) {
     const sv_sim_fault *f = &s->cfg.faults[i];
@@ -110,6 +118,11 @@ static sv_ns camera_time(const sv_sim *s, int i_camera, int64_t slot) {
 }
 
 static void send(sv_sim_camera *c, sv_sim_event e) { c->pending[c->n_pending++] = e; }
+
+static void skip_to(sv_sim_camera *c, int64_t slot) {
+  c->shift_ns += (slot - c->next_slot) * c->longer_ns;
+  c->next_slot = slot;
+}
 
 // Unplugged or stalled at this slot: skips the slots it sleeps through. False when it works.
 static bool rest(sv_sim *s, int i_camera, sv_sim_camera *c) {
@@ -122,12 +135,12 @@ static bool rest(sv_sim *s, int i_camera, sv_sim_camera *c) {
                            .slot = c->next_slot,
                            .arrival_ns = sv_sim_slot_ns(s, c->next_slot)});
     c->next_sequence = 0;
-    c->next_slot += gone->n;
+    skip_to(c, c->next_slot + gone->n);
     c->is_ended = gone->n == 0;
     return true;
   }
   if (!still || still->n == 0) return false;
-  c->next_slot += still->n;
+  skip_to(c, c->next_slot + still->n);
   return true;
 }
 
@@ -149,10 +162,10 @@ static void step_camera(sv_sim *s, int i_camera) {
                     .true_ns = true_time(s, i_camera, k),
                     .camera_ns = camera_time(s, i_camera, k),
                     .arrival_ns = arrival_time(s, i_camera, k)};
-  c->next_slot++;
   e.is_damaged = fault_at(s, SV_SIM_FAULT_ERROR, i_camera, k) != NULL;
   if (fault_at(s, SV_SIM_FAULT_REORDER, i_camera, k))
     e.arrival_ns = arrival_time(s, i_camera, k + 1) + LATE_NS;
+  skip_to(c, k + 1);
   if ((double)dice(s, i_camera, k, 3) * 0x1p-32 < s->cfg.drop) e.kind = SV_SIM_EVENT_LOST;
   send(c, e);
   if (e.kind != SV_SIM_EVENT_FRAME || !fault_at(s, SV_SIM_FAULT_DUP, i_camera, k)) return;
@@ -227,6 +240,7 @@ static sv_status src_caps(void *self, int i_camera, sv_camera_caps *out) {
                           .fps = s->cfg.fps,
                           .stamp = SV_STAMP_MIDDLE,
                           .frame_bytes = s->frame_bytes,
+                          .stamp_noise_ns = from_us(s->cfg.jitter_us),
                           .clock = has_own_clock(&s->cfg) ? SV_CLOCK_CAMERA : SV_CLOCK_MONOTONIC};
   (void)sv_copy(out->name, sizeof out->name, s->rig.forward == SV_FORWARD_DIRECT ? first->name : s->rig.name);
   return SV_OK;
@@ -240,7 +254,8 @@ static sv_status src_start(void *self) {
     slot = (s->now_ns - sv_sim_slot_ns(s, 0) + s->period_ns - 1) / s->period_ns;
   for (int i = 0; i < s->n_cameras; i++) {
     sv_sim_camera *c = &s->cameras[i];
-    c->next_slot = slot, c->next_sequence = 0, c->is_ended = false, c->n_pending = 0;
+    c->next_slot = slot, c->shift_ns = c->longer_ns = 0, c->next_sequence = 0, c->is_ended = false,
+    c->n_pending = 0;
   }
   s->is_running = true;
   return SV_OK;
@@ -307,12 +322,43 @@ static sv_status src_requeue(void *self, const sv_frame *frame) {
 }
 
 static sv_status src_rig_pose(void *self, sv_ns host_ns, sv_pose *rig_from_world) {
-  sv_sim_rig_pose(self, host_ns, rig_from_world);
+  const sv_sim *s = self;
+  if (s->cfg.has_unknown_poses) return SV_E_NOT_FOUND;
+  sv_sim_rig_pose(s, host_ns, rig_from_world);
+  return SV_OK;
+}
+
+// As of a camera's own: what is on its way already keeps its length, and lengths come in lines of 10 us.
+static sv_status src_set_control(void *self, int i_camera, sv_control control, int64_t value,
+                                 int64_t *actual) {
+  sv_sim *s = self;
+  if (i_camera < 0 || i_camera >= s->n_cameras) return SV_E_ARG;
+  if (control != SV_CONTROL_FRAME_DURATION_NS) return SV_E_UNSUPPORTED;
+  if (value < s->period_ns / 2 || value > 2 * s->period_ns) return SV_E_RANGE;
+  sv_ns *longer_ns = &s->cameras[i_camera].longer_ns;
+  *longer_ns = (value - s->period_ns) / LINE_NS * LINE_NS;
+  if (actual) *actual = s->period_ns + *longer_ns;
+  return SV_OK;
+}
+
+static sv_status src_trigger(void *self, bool is_external) {
+  sv_sim *s = self;
+  if (s->is_running) return SV_E_ARG;
+  s->is_triggered = is_external;
   return SV_OK;
 }
 
 sv_source sv_sim_source(sv_sim *s) {
-  return (sv_source){s, s->n_cameras, src_caps, src_start, src_dequeue, src_requeue, src_stop, src_rig_pose};
+  return (sv_source){.self = s,
+                     .n_cameras = s->n_cameras,
+                     .caps = src_caps,
+                     .start = src_start,
+                     .dequeue = src_dequeue,
+                     .requeue = src_requeue,
+                     .stop = src_stop,
+                     .rig_pose = src_rig_pose,
+                     .set_control = src_set_control,
+                     .trigger = src_trigger};
 }
 
 static sv_ns clock_now(void *self) { return ((sv_sim *)self)->now_ns; }

@@ -6,7 +6,8 @@
 // Time. Host time is the virtual clock's, in ns; scene time is (host - SV_SIM_EPOCH_NS) in seconds.
 // Slot k is the k-th period of the frame rate; its cameras expose at its middle, for an instant (there is
 // no motion blur; shutter_us only moves the arrival). With the default `step` trajectory the rig stands
-// still within a slot; with `path=smooth` it moves along the same path all the time.
+// still within a slot; with `path=smooth` it moves along the same path all the time, with `path=handheld` a
+// hand sways it besides: up to 7 cm and 1.5 degrees off the smooth path. `poses=unknown` keeps its places secret.
 // Space. World z is up, metres. The rig's frame is a camera's (x right, y down, z forward) whose z axis
 // meets the world's origin at SV_SIM_DISTANCE_M; every sub-view is aimed at that point.
 #ifndef SV_SIM_SIM_H
@@ -58,12 +59,15 @@ typedef struct {
   int n_exposures;          // stops of one round of the trajectory
   int n_frames;             // the cameras end after so many slots, 0 = never
   double arc_deg;           // azimuth covered by one round
-  bool is_smooth;
+  bool is_smooth;           // moves all the time, not in steps
+  bool is_handheld;         // smooth, and swayed by a hand
+  bool has_unknown_poses;   // the source does not tell where the rig is
   uint32_t seed;
   double noise_read, noise_shot;    // variance = read + shot x in linear light; both 0: no noise
   double skew_us;                   // true delay of the last camera behind the first; the others in between
-  double jitter_us;                 // standard deviation of a camera's timestamps
+  double jitter_us;                 // standard deviation of a camera's timestamps, told in its caps
   double drift_ppm;                 // rate error of camera clocks: +drift, -drift, +drift/2, ...
+  double rate_ppm;                  // rate error of the cameras' frames, in the same shares: they drift apart
   double offset_ms;                 // camera i's clock is (i + 1) offsets ahead at the epoch
   double delay_us, delay_jitter_us; // from the end of the exposure to the arrival: fixed, and uniform on top
   double shutter_us;
@@ -103,6 +107,8 @@ typedef struct { // something that reaches the host at arrival_ns
 
 typedef struct {
   int64_t next_slot;
+  sv_ns shift_ns,
+      longer_ns; // by how much the next slot's frame is late, and each later one more (frame_duration)
   uint32_t next_sequence;
   bool is_ended;
   int n_pending;
@@ -116,7 +122,8 @@ typedef struct {
 typedef struct {
   sv_sim_config cfg;
   sv_ns now_ns, period_ns;
-  bool is_running;
+  bool is_running,
+      is_triggered; // triggered: all cameras expose at the slot's instant, whatever skew and rate
   int n_cameras;
   size_t frame_bytes;
   sv_rig rig;

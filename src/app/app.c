@@ -11,6 +11,7 @@
 #include "src/train/seed.h"
 
 #define QUEUE_LEN   4
+#define CAP_READY   2   // exposures that may wait for a training step to end
 #define LIVE_PERIOD 0.5 // seconds between two live lines
 
 const char *sv_app_state_name(sv_app_state s) {
@@ -18,15 +19,15 @@ const char *sv_app_state_name(sv_app_state s) {
   return (unsigned)s < sizeof names / sizeof *names ? names[s] : "?";
 }
 
-static bool is_trained_on(const sv_app_cfg *c, int i_sub) {
+bool sv_app_is_trained_on(const sv_app_cfg *c, int i_sub) {
   uint64_t any = 0;
   for (size_t i = 0; i < sizeof c->sub_view_mask / sizeof *c->sub_view_mask; i++) any |= c->sub_view_mask[i];
   return !any || (c->sub_view_mask[i_sub / 64] >> (i_sub % 64) & 1);
 }
 
-static int n_trained_sub_views(const sv_app_cfg *c) {
+int sv_app_n_trained_sub_views(const sv_app_cfg *c) {
   int n = 0;
-  for (int i = 0; i < c->rig->n_sub_views; i++) n += is_trained_on(c, i);
+  for (int i = 0; i < c->rig->n_sub_views; i++) n += sv_app_is_trained_on(c, i);
   return n;
 }
 
@@ -48,7 +49,7 @@ static void plan_composites(const sv_app_cfg *c, sv_train_cfg *t) {
 
 sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
   sv_train_cfg t = c->train;
-  t.cap_views = c->n_exposures * n_trained_sub_views(c);
+  t.cap_views = c->n_exposures * sv_app_n_trained_sub_views(c);
   t.n_threads = n_threads;
   t.cap_width_px = t.cap_height_px = 1;
   t.cap_pixels = 0;
@@ -61,13 +62,13 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
     t.cap_height_px = sv_maxi(t.cap_height_px, m->height_px);
     if (px > t.cap_pixels) t.cap_pixels = px;
     float f = (float)m->p[0];
-    if (!is_trained_on(c, i)) continue;
+    if (!sv_app_is_trained_on(c, i)) continue;
     f_min = f_max > 0 ? sv_minf(f_min, f) : f;
     f_max = sv_maxf(f_max, f);
   }
   if (f_max > SV_MIP_FOCAL_RATIO * f_min) t.is_antialiased = true;
   sv_train_set_objective(&t, &(sv_sampling){.n_exposures = c->n_exposures,
-                                            .n_sub_views = n_trained_sub_views(c),
+                                            .n_sub_views = sv_app_n_trained_sub_views(c),
                                             .is_multiplexed = is_multiplexed(c)});
   if (c->steps) t.steps_hint = (int)c->steps;
   return t;
@@ -75,34 +76,44 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
 
 static size_t init_scratch_bytes(int n) { return sv_init_scratch_bytes(n, n) + 4096; }
 
-static sv_sync_cfg sync_cfg(const sv_app_cfg *c, const sv_sync_camera *cameras) {
-  return (sv_sync_cfg){.n_cameras = c->n_cameras,
-                       .cameras = cameras,
-                       .skew_limit_ns = c->skew_limit_ns,
-                       .queue_len = QUEUE_LEN};
+static void show_frame(void *self, const sv_frame *f) { sv_live_frame(self, f); }
+
+static sv_intake_cfg intake_cfg(const sv_app_cfg *c, sv_app *app) {
+  return (sv_intake_cfg){.n_cameras = c->n_cameras,
+                         .caps = c->caps,
+                         .skew_limit_ns = c->skew_limit_ns,
+                         .queue_len = QUEUE_LEN,
+                         .cap_ready = CAP_READY,
+                         .mode = c->sync_mode,
+                         .on_frame = c->has_live_view ? show_frame : NULL,
+                         .on_frame_self = app};
 }
 
 static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, const sv_kernels *k,
                        const sv_pool *pool, sv_arena *a, sv_err *err) {
   sv_arena_part_begin(a, "sync");
-  app->sync_cameras = SV_TAKE(a, sv_sync_camera, c->n_cameras);
   app->frames = SV_TAKE(a, sv_frame, c->n_cameras);
-  for (int i = 0; app->sync_cameras && i < c->n_cameras; i++)
-    app->sync_cameras[i] = (sv_sync_camera){.clock = c->caps[i].clock, .stamp = c->caps[i].stamp};
-  sv_sync_camera dry = {0};
-  sv_sync_cfg sc = sync_cfg(c, app->sync_cameras ? app->sync_cameras : &dry);
+  sv_intake_cfg ic = intake_cfg(c, app);
   if (a->base) {
-    sv_status s = sv_sync_init(&app->sync, &sc, a);
+    sv_status s = sv_intake_init(&app->intake, &ic, &app->port.source, &app->port.clock, a);
     if (s < 0)
       return sv_fail(err, s, "frame synchronisation for %d cameras with a skew limit of %g ms: %s",
                      c->n_cameras, sv_ns_to_ms(c->skew_limit_ns), sv_status_text(s));
   } else {
-    SV_TAKE(a, uint8_t, sv_sync_bytes(&sc));
+    SV_TAKE(a, uint8_t, sv_intake_bytes(&ic));
   }
   sv_arena_part_begin(a, "exposures");
-  sv_exposures_cfg ec = {
-      .rig = c->rig, .cap_exposures = c->n_exposures, .caps = c->caps, .n_cameras = c->n_cameras};
+  sv_exposures_cfg ec = {.rig = c->rig,
+                         .cap_exposures = c->n_exposures,
+                         .caps = c->caps,
+                         .n_cameras = c->n_cameras,
+                         .n_threads = t->n_threads,
+                         .decoder = &app->port.decoder};
   sv_status s = sv_exposures_init(&app->exposures, &ec, a, err);
+  if (s < 0) return s;
+  if (c->is_tracking && sv_odometry_can(c->rig, c->n_exposures))
+    s = sv_odometry_init(&app->odometry, c->rig, c->n_exposures, a->base ? &app->exposures : NULL, k,
+                         c->train.seed, a, err);
   if (s < 0) return s;
   s = sv_trainer_init(&app->trainer, t, k, pool, a, err);
   if (s < 0) return s;
@@ -119,6 +130,7 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
   int w, h;
   sv_app_preview_size(c, &w, &h);
   app->preview = SV_TAKE(a, uint8_t, (size_t)w * (size_t)h * 3);
+  sv_live_carve(&app->live, c->has_live_view, c->n_cameras, a);
   return a->status < 0 ? sv_fail(err, a->status, "the memory block is too small") : SV_OK;
 }
 
@@ -132,13 +144,13 @@ sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, c
                       sv_arena *arena, sv_err *err) {
   if (cfg->n_exposures < 1)
     return sv_fail(err, SV_E_ARG, "%d exposures asked for, expected at least 1", cfg->n_exposures);
-  if (is_multiplexed(cfg) && n_trained_sub_views(cfg) != cfg->rig->n_sub_views)
+  if (is_multiplexed(cfg) && sv_app_n_trained_sub_views(cfg) != cfg->rig->n_sub_views)
     return sv_fail(
         err, SV_E_UNSUPPORTED,
         "rig \"%s\" is multiplexed: its sub-views overlap on their sensor and can only be trained on "
         "together, not %d of %d",
-        cfg->rig->name, n_trained_sub_views(cfg), cfg->rig->n_sub_views);
-  if (!n_trained_sub_views(cfg))
+        cfg->rig->name, sv_app_n_trained_sub_views(cfg), cfg->rig->n_sub_views);
+  if (!sv_app_n_trained_sub_views(cfg))
     return sv_fail(err, SV_E_ARG, "none of the chosen sub-views is in rig \"%s\", which has %d",
                    cfg->rig->name, cfg->rig->n_sub_views);
   memset(app, 0, sizeof *app);
@@ -163,117 +175,12 @@ sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, c
   return s;
 }
 
-// --- capture -------------------------------------------------------------------------------------
-
-static void give_back(sv_app *app) {
-  sv_frame f;
-  while (sv_sync_pop_return(&app->sync, &f) == SV_OK) {
-    sv_status s = app->port.source.requeue(app->port.source.self, &f);
-    if (s < 0) app->n_device_errors++;
-  }
-}
-
-static sv_status take_exposures(sv_app *app, sv_err *err) {
-  sv_exposure ex;
-  sv_source *src = &app->port.source;
-  sv_status s = SV_OK;
-  while (app->exposures.n < app->cfg.n_exposures &&
-         sv_sync_pop_exposure(&app->sync, &ex, app->frames) == SV_OK) {
-    ex.rig_from_world = sv_pose_identity();
-    if (src->rig_pose && src->rig_pose(src->self, ex.time_ns, &ex.rig_from_world) < 0)
-      ex.rig_from_world = sv_pose_identity();
-    s = sv_exposures_add(&app->exposures, &ex, app->frames, app->k, &app->port.pool, err);
-    for (int i = 0; i < app->cfg.n_cameras; i++)
-      if (app->frames[i].i_camera >= 0 && src->requeue(src->self, &app->frames[i]) < 0)
-        app->n_device_errors++;
-    if (s < 0) return s;
-  }
-  give_back(app);
-  return s;
-}
-
-static void log_line(sv_app *app, sv_log_level level, const char *fmt, ...) SV_PRINTF(3, 4);
-static void log_line(sv_app *app, sv_log_level level, const char *fmt, ...) {
-  char line[256];
-  va_list ap;
-  va_start(ap, fmt);
-  sv_vfmt(line, sizeof line, fmt, ap);
-  va_end(ap);
-  if (app->port.console.log) app->port.console.log(app->port.console.self, level, line);
-}
-
-static bool is_stop_requested(const sv_app *app) {
-  const sv_console *c = &app->port.console;
-  return c->is_stop_requested && c->is_stop_requested(c->self);
-}
-
-static sv_status capture_loop(sv_app *app, sv_err *err) {
-  sv_source *src = &app->port.source;
-  sv_clock *clk = &app->port.clock;
-  sv_ns last_ns = clk->now_ns(clk->self);
-  while (app->exposures.n < app->cfg.n_exposures) {
-    sv_frame f;
-    sv_ns now = clk->now_ns(clk->self);
-    if (is_stop_requested(app)) return SV_E_INTERRUPTED;
-    if (now - last_ns > app->cfg.capture_timeout_ns)
-      return sv_fail(err, SV_E_TIMEOUT,
-                     "no synchronized exposure came for %g s (%d of %d captured); is a camera missing or is "
-                     "the skew limit of %g ms too tight?",
-                     sv_ns_to_s(now - last_ns), app->exposures.n, app->cfg.n_exposures,
-                     sv_ns_to_ms(app->cfg.skew_limit_ns));
-    sv_status s = src->dequeue(src->self, &f, now + 100 * SV_NS_PER_MS);
-    if (s == SV_END) break;
-    if (s == SV_AGAIN) continue;
-    if (s < 0) { // one camera failed; the others go on, and the timeout ends a capture that cannot complete
-      if (!app->n_device_errors++) log_line(app, SV_LOG_WARN, "camera %d: %s", f.i_camera, sv_status_text(s));
-      clk->sleep_until_ns(clk->self, now + SV_NS_PER_MS); // a source that only fails must not stop time
-      continue;
-    }
-    s = sv_sync_push(&app->sync, &f);
-    if (s < 0)
-      return sv_fail(err, s, "camera %d: its frame does not fit the rig's %d cameras", f.i_camera,
-                     app->cfg.n_cameras);
-    int before = app->exposures.n;
-    if ((s = take_exposures(app, err)) < 0) return s;
-    if (app->exposures.n > before) {
-      last_ns = clk->now_ns(clk->self);
-      log_line(app, SV_LOG_LIVE, "capture  %d/%d exposures, skew %.3f ms", app->exposures.n,
-               app->cfg.n_exposures, sv_ns_to_ms(app->exposures.exposure[app->exposures.n - 1].skew_ns));
-    }
-  }
-  return SV_OK;
-}
-
-static sv_status capture(sv_app *app, sv_err *err) {
-  sv_source *src = &app->port.source;
-  app->state = SV_APP_CAPTURING;
-  sv_status s = src->start(src->self), t;
-  if (s < 0) return sv_fail(err, s, "the cameras did not start: %s", sv_status_text(s));
-  s = capture_loop(app, err);
-  // Whatever still waits is dropped as `stopped`, so that the ledger closes.
-  while (sv_sync_flush(&app->sync) == SV_E_FULL) give_back(app);
-  give_back(app);
-  t = src->stop(src->self);
-  if (s >= 0 && t < 0) return sv_fail(err, t, "the cameras did not stop: %s", sv_status_text(t));
-  if (s >= 0 && app->exposures.n == 0)
-    return sv_fail(err, SV_E_NOT_FOUND,
-                   "the source ended without one synchronized exposure (skew limit %g ms)",
-                   sv_ns_to_ms(app->cfg.skew_limit_ns));
-  sv_ledger l = sv_sync_ledger_sum(&app->sync);
-  if (app->exposures.n)
-    log_line(app, SV_LOG_INFO,
-             "captured %d exposures of %d sub-views; frames: %llu captured = %llu delivered + %llu dropped",
-             app->exposures.n, app->cfg.rig->n_sub_views, (unsigned long long)l.captured,
-             (unsigned long long)l.delivered, (unsigned long long)sv_ledger_dropped(&l));
-  return s;
-}
-
 // --- training ------------------------------------------------------------------------------------
 
 static sv_status add_pictures(sv_app *app, int e, sv_err *err) {
   for (int i = 0; i < app->cfg.rig->n_sub_views; i++) {
     sv_image_u8 image;
-    if (!is_trained_on(&app->cfg, i)) continue;
+    if (!sv_app_is_trained_on(&app->cfg, i)) continue;
     sv_view *view = &app->views[app->n_views++];
     sv_exposures_get(&app->exposures, e, i, &image, view);
     sv_status s = sv_train_add_view(&app->trainer, view, &image, err);
@@ -297,27 +204,31 @@ static sv_status add_composites(sv_app *app, int e, sv_err *err) {
 
 static sv_status start_training(sv_app *app, sv_err *err) {
   sv_trainer *t = &app->trainer;
+  const bool is_tracked = app->odometry.is_tracked;
   for (int e = 0; e < app->exposures.n; e++) {
+    if (is_tracked && !app->exposures.exposure[e].has_pose) continue; // nobody knows where it was
     sv_status added = is_multiplexed(&app->cfg) ? add_composites(app, e, err) : add_pictures(app, e, err);
     if (added < 0) return added;
   }
-  sv_bounds b = app->cfg.has_bounds ? app->cfg.bounds : sv_bounds_of_views(app->views, app->n_views);
+  bool has_bounds = app->cfg.has_bounds && !is_tracked; // bounds are of a world that was not found
+  sv_bounds b = has_bounds ? app->cfg.bounds : sv_bounds_of_views(app->views, app->n_views);
+  if (is_tracked) b = sv_odometry_bounds(&app->odometry);
   sv_init_cfg init = {.kind = SV_INIT_SPHERE,
                       .centre = {b.centre[0], b.centre[1], b.centre[2]},
                       .radius = b.radius,
                       .opacity = 0.1f,
                       .scale_factor = 1.0f,
                       .seed = t->cfg.seed};
-  if (!app->cfg.has_bounds) {
-    init.kind = SV_INIT_POINTS;
-    sv_seed_points(t, &b, t->cfg.seed, app->points, t->g.n);
-  }
-  sv_status s = sv_train_start(t, &init, app->points, app->cfg.has_bounds ? 0 : t->g.n, &app->scratch);
+  int n_points = has_bounds ? 0 : t->g.n;
+  if (!has_bounds) init.kind = SV_INIT_POINTS;
+  if (is_tracked) n_points = sv_odometry_cloud(&app->odometry, app->points, t->g.n);
+  else if (!has_bounds) sv_seed_points(t, &b, t->cfg.seed, app->points, t->g.n);
+  sv_status s = sv_train_start(t, &init, app->points, n_points, &app->scratch);
   if (s < 0) return sv_fail(err, s, "no starting Gaussians: %s", sv_status_text(s));
   sv_train_set_scene(t, b.centre, b.radius);
   if (!app->cfg.is_resume) return SV_OK;
   s = sv_app_resume(app, err);
-  if (s == SV_OK) log_line(app, SV_LOG_INFO, "goes on at step %u of checkpoint.bin", t->step);
+  if (s == SV_OK) sv_app_log(app, SV_LOG_INFO, "goes on at step %u of checkpoint.bin", t->step);
   return s == SV_AGAIN ? SV_OK : s;
 }
 
@@ -330,11 +241,11 @@ static void live_line(sv_app *app, double elapsed_s, float progress) {
   double rate = elapsed_s > 0 ? (double)app->step_time.n / elapsed_s : 0;
   double eta = progress > 0.001f ? elapsed_s * (1 - (double)progress) / (double)progress : 0;
   if (app->cfg.steps)
-    log_line(app, SV_LOG_LIVE, "train  %u/%u steps  %.0f steps/s  loss %.4f  ETA %.0f s", app->trainer.step,
-             app->cfg.steps, rate, app->loss_mean, eta);
+    sv_app_log(app, SV_LOG_LIVE, "train  %u/%u steps  %.0f steps/s  loss %.4f  ETA %.0f s", app->trainer.step,
+               app->cfg.steps, rate, app->loss_mean, eta);
   else
-    log_line(app, SV_LOG_LIVE, "train  %u steps  %.0f steps/s  loss %.4f  %.0f of %.0f s", app->trainer.step,
-             rate, app->loss_mean, elapsed_s, app->cfg.time_limit_s);
+    sv_app_log(app, SV_LOG_LIVE, "train  %u steps  %.0f steps/s  loss %.4f  %.0f of %.0f s",
+               app->trainer.step, rate, app->loss_mean, elapsed_s, app->cfg.time_limit_s);
 }
 
 static sv_status save_running(sv_app *app, sv_err *err) {
@@ -345,19 +256,30 @@ static sv_status save_running(sv_app *app, sv_err *err) {
 
 static sv_status train_loop(sv_app *app, sv_err *err) {
   const sv_app_cfg *c = &app->cfg;
-  double t0 = seconds(app), last_live = t0, last_save = t0, now = t0;
+  double t0 = seconds(app), last_live = t0, last_save = t0, last_picture = t0, now = t0, paused;
   for (;;) {
     double elapsed = now - t0;
     float progress =
         c->steps ? (float)app->trainer.step / (float)c->steps : (float)(elapsed / c->time_limit_s);
     app->train_s = elapsed;
     if (progress >= 1.0f || (c->time_limit_s > 0 && elapsed >= c->time_limit_s)) return SV_OK;
-    if (is_stop_requested(app)) return SV_E_INTERRUPTED;
-    sv_status s = sv_train_step(&app->trainer, progress, &app->last);
+    if (sv_app_is_stop_requested(app)) return SV_E_INTERRUPTED;
+    bool is_train;
+    sv_status s = sv_live_between_steps(app, &paused, err);
+    t0 += paused, now += paused;
+    if (s >= 0) s = sv_app_live_turn(app, &is_train, err);
+    if (s < 0) return s;
+    if (!is_train) {
+      now = seconds(app);
+      continue;
+    }
+    now = app->is_capturing ? seconds(app) : now;
+    s = sv_train_step(&app->trainer, progress, &app->last);
     if (s < 0) return sv_fail(err, s, "training step %u failed: %s", app->trainer.step, sv_status_text(s));
     app->loss_mean = app->step_time.n ? 0.98 * app->loss_mean + 0.02 * app->last.loss : app->last.loss;
     double after = seconds(app);
     sv_time_stats_add(&app->step_time, after - now);
+    sv_app_live_trained(app, now, after);
     now = after;
     if (now - last_live >= LIVE_PERIOD) {
       live_line(app, now - t0, progress);
@@ -365,7 +287,11 @@ static sv_status train_loop(sv_app *app, sv_err *err) {
     }
     if (c->save_every_s > 0 && now - last_save >= c->save_every_s) {
       if ((s = save_running(app, err)) < 0) return s;
-      now = last_save = seconds(app);
+      now = last_save = last_picture = seconds(app);
+    }
+    if (c->picture_every_s > 0 && now - last_picture >= c->picture_every_s) {
+      if ((s = sv_app_publish_preview(app)) < 0) return s;
+      now = last_picture = seconds(app);
     }
   }
 }
@@ -378,13 +304,24 @@ static sv_status save_all(sv_app *app, sv_err *err) {
   return s;
 }
 
-sv_status sv_app_run(sv_app *app, sv_err *err) {
-  sv_status s = capture(app, err), saved;
+static sv_status run_all(sv_app *app, sv_err *err) {
+  sv_status s = sv_app_capture(app, err), saved, ended;
+  sv_err end_err;
+  if (s >= 0 && app->odometry.is_on) s = sv_app_track(app, err);
+  if (s >= 0) s = sv_app_live_begin(app, err); // from here on cameras are served whatever takes how long
   if (s >= 0) s = start_training(app, err);
+  bool is_begun = s >= 0;
   if (s >= 0) {
     app->state = SV_APP_TRAINING;
+    sv_live_show_model(app); // the first rough model, at once
+    sv_live_show(app, SV_SHOWS_TRAINING, NULL);
     s = train_loop(app, err);
-    if (s >= 0 || s == SV_E_INTERRUPTED) {
+  }
+  ended = sv_app_live_end(app, &end_err);
+  if (ended < 0 && s >= 0) s = ended, *err = end_err;
+  if (is_begun) {
+    if (s >= 0 || (s == SV_E_INTERRUPTED && !app->live.is_new_requested)) {
+      sv_live_show(app, SV_SHOWS_SAVING, NULL);
       saved = save_all(app, err);
       if (saved < 0) s = saved;
     }
@@ -398,5 +335,15 @@ sv_status sv_app_run(sv_app *app, sv_err *err) {
     return s;
   }
   app->state = s < 0 ? SV_APP_FAILED : SV_APP_DONE;
+  return s;
+}
+
+sv_status sv_app_run(sv_app *app, sv_err *err) {
+  sv_live_start(app);
+  sv_status s = run_all(app, err);
+  sv_live_show_model(app);
+  if (app->state == SV_APP_FAILED && !app->live.is_new_requested)
+    sv_live_show(app, SV_SHOWS_FAILED, err ? err->text : "");
+  else sv_live_show(app, SV_SHOWS_DONE, NULL);
   return s;
 }

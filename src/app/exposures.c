@@ -46,6 +46,9 @@ static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a
   }
   e->exposure_bytes = at;
   e->px = SV_TAKE(a, uint8_t, (size_t)cfg->cap_exposures * at);
+  sv_convert_cfg cc = {cfg->caps, cfg->n_cameras, sv_maxi(cfg->n_threads, 1), cfg->decoder};
+  sv_status s = sv_convert_init(&e->convert, &cc, a, err);
+  if (s < 0) return s;
   return a->status < 0
              ? sv_fail(err, a->status, "no room for %d exposures of %zu bytes", cfg->cap_exposures, at)
              : SV_OK;
@@ -72,7 +75,7 @@ sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_are
 typedef struct {
   const sv_exposures *e;
   const sv_kernels *k;
-  const sv_frame *frame;
+  const sv_image_u8 *image; // the sensor's, RGB8
   uint8_t *dst;
   int i_sub, n_tasks;
 } copy_job;
@@ -84,19 +87,18 @@ static void copy_task(void *arg, int i_task, int i_thread) {
   const sv_sub_view_store *s = &j->e->sub[j->i_sub];
   int w = s->pinhole.width_px, y0 = i_task * ROWS_PER_TASK,
       y1 = sv_mini(y0 + ROWS_PER_TASK, s->pinhole.height_px);
-  const uint8_t *src = j->frame->data + (size_t)sv->footprint.y0_px * (size_t)j->frame->stride_bytes +
-                       (size_t)sv->footprint.x0_px * 3;
+  const size_t stride = (size_t)j->image->stride_bytes;
+  const uint8_t *src = j->image->px + (size_t)sv->footprint.y0_px * stride + (size_t)sv->footprint.x0_px * 3;
   (void)i_thread;
   if (!s->map.entries) {
     for (int y = y0; y < y1; y++)
-      memcpy(j->dst + (size_t)y * (size_t)w * 3, src + (size_t)y * (size_t)j->frame->stride_bytes,
-             (size_t)w * 3);
+      memcpy(j->dst + (size_t)y * (size_t)w * 3, src + (size_t)y * stride, (size_t)w * 3);
     return;
   }
   sv_remap_args a = {.src = src,
                      .src_width_px = sv->model.width_px,
                      .src_height_px = sv->model.height_px,
-                     .src_stride_bytes = (size_t)j->frame->stride_bytes,
+                     .src_stride_bytes = stride,
                      .table = s->map.entries,
                      .dst = j->dst,
                      .dst_width_px = w,
@@ -110,9 +112,6 @@ static sv_status check_frame(const sv_exposures *e, int i_sub, const sv_frame *f
   const sv_sub_view *sv = &e->cfg.rig->sub_views[i_sub];
   int w = sv->footprint.x0_px + sv->model.width_px, h = sv->footprint.y0_px + sv->model.height_px;
   bool is_shared = sv->footprint.width_px > 0;
-  if (f->format != SV_PIX_RGB8)
-    return sv_fail(err, SV_E_UNSUPPORTED, "camera %d delivers pixel format %d; training takes RGB8 frames",
-                   sv->i_camera, (int)f->format);
   if (is_shared ? (f->width_px < w || f->height_px < h) : (f->width_px != w || f->height_px != h))
     return sv_fail(err, SV_E_RANGE,
                    "camera %d delivers %dx%d pixels, sub-view \"%s\" of the rig expects %dx%d", sv->i_camera,
@@ -127,13 +126,22 @@ static sv_status put_pictures(sv_exposures *e, int slot, const sv_frame *frame, 
     sv_status s = check_frame(e, i, &frame[rig->sub_views[i].i_camera], err);
     if (s < 0) return s;
   }
-  for (int i = 0; i < rig->n_sub_views; i++) {
-    copy_job j = {.e = e,
-                  .k = k,
-                  .frame = &frame[rig->sub_views[i].i_camera],
-                  .i_sub = i,
-                  .dst = e->px + (size_t)slot * e->exposure_bytes + e->sub[i].at};
-    sv_pool_run(pool, copy_task, &j, (e->sub[i].pinhole.height_px + ROWS_PER_TASK - 1) / ROWS_PER_TASK);
+  // Camera by camera: the converter holds one picture at a time.
+  for (int c = 0; c < e->cfg.n_cameras; c++) {
+    sv_image_u8 image = {0};
+    for (int i = 0; i < rig->n_sub_views; i++) {
+      if (rig->sub_views[i].i_camera != c) continue;
+      if (!image.px) {
+        sv_status s = sv_convert_frame(&e->convert, &frame[c], k, pool, &image, err);
+        if (s < 0) return s;
+      }
+      copy_job j = {.e = e,
+                    .k = k,
+                    .image = &image,
+                    .i_sub = i,
+                    .dst = e->px + (size_t)slot * e->exposure_bytes + e->sub[i].at};
+      sv_pool_run(pool, copy_task, &j, (e->sub[i].pinhole.height_px + ROWS_PER_TASK - 1) / ROWS_PER_TASK);
+    }
   }
   return SV_OK;
 }
@@ -143,6 +151,7 @@ sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const s
   const int slot = e->i_next;
   sv_status s = is_multiplexed(&e->cfg) ? sv_composites_put(&e->composites, slot, exposure, frame, pool, err)
                                         : put_pictures(e, slot, frame, k, pool, err);
+  sv_convert_forget(&e->convert);
   if (s < 0) return s;
   e->exposure[slot] = *exposure;
   e->i_next = (slot + 1) % e->cfg.cap_exposures;

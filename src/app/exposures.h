@@ -7,6 +7,7 @@
 #include "calib/remap.h"
 #include "kernels/kernels.h"
 #include "src/app/composites.h"
+#include "src/image/convert.h"
 #include "src/image/planes.h"
 #include "src/port/port.h"
 #include "src/rig/rig.h"
@@ -18,8 +19,9 @@ extern "C" {
 typedef struct {
   const sv_rig *rig;          // must outlive the pool
   int cap_exposures;          // a full pool replaces the oldest
-  const sv_camera_caps *caps; // [n_cameras], looked at for multiplexed rigs only
-  int n_cameras;
+  const sv_camera_caps *caps; // [n_cameras] sizes and formats; must outlive the pool
+  int n_cameras, n_threads;
+  const sv_decoder *decoder; // of compressed frames, or NULL; must outlive the pool
 } sv_exposures_cfg;
 
 typedef struct {
@@ -32,6 +34,7 @@ typedef struct {
   sv_exposures_cfg cfg;
   sv_composites composites; // of a multiplexed rig, without sensors for others
   sv_sub_view_store *sub;   // [n_sub_views], NULL for a multiplexed rig
+  sv_convert convert;       // frames of other formats than RGB8
   size_t exposure_bytes;
   uint8_t *px;           // [cap_exposures][exposure_bytes]
   sv_exposure *exposure; // [cap_exposures]
@@ -45,8 +48,9 @@ typedef struct {
 sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *arena,
                             sv_err *err) SV_MUST_USE;
 
-// Copies one synchronized set of RGB8 frames (frame[i_camera]; of multiplexed rigs RGB16 or RGB8) into the pool. The
-// frames are free afterwards. E_UNSUPPORTED for other pixel formats, E_RANGE when a frame's size is not the rig's.
+// Copies one synchronized set of frames (frame[i_camera]; of multiplexed rigs RGB16 or RGB8) into the pool, converted
+// to RGB8. The frames are free afterwards. E_UNSUPPORTED for other pixel formats, E_RANGE when a frame's size is not
+// the rig's, E_FORMAT or E_CORRUPT for a compressed picture that is damaged: nothing is kept then.
 sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const sv_frame *frame,
                            const sv_kernels *k, const sv_pool *pool, sv_err *err) SV_MUST_USE;
 

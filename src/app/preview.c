@@ -126,3 +126,85 @@ sv_status sv_app_publish_preview(sv_app *app) {
   if (app->trainer.n_composites > 0) return show_composite(app, &app->trainer.composites[0]);
   return app->trainer.n_views > 0 ? show_view(app, &app->trainer.views[0]) : SV_OK;
 }
+
+// --- for the live view ---------------------------------------------------------------------------
+
+static int fitting_step(int width_px, int height_px, int cap_w, int cap_h) {
+  return sv_maxi((width_px + cap_w - 1) / cap_w, (height_px + cap_h - 1) / cap_h);
+}
+
+static double psnr_of(double sum, double n) {
+  double mse = n > 0 ? sum / n : 0;
+  return -10.0 / 2.302585092994046 * sv_log(mse > 1e-12 ? mse : 1e-12);
+}
+
+static sv_status small_view(sv_app *app, const sv_train_view *tv, int cap_w, int cap_h, uint8_t *rgb,
+                            int *out_w, int *out_h, double *psnr) {
+  sv_render_options o = sv_train_render_options(&app->trainer, 1.0f, false);
+  sv_renderer *r = &app->trainer.render;
+  sv_status s = sv_render(r, app->k, &app->port.pool, &app->trainer.g, &tv->view, &o);
+  if (s < 0) return s;
+  const int w = tv->view.width_px, h = tv->view.height_px, n_ch = tv->image.n_channels;
+  int step = fitting_step(2 * w, h, cap_w, cap_h), sw = w / step, sh = h / step;
+  double sum = 0;
+  for (int y = 0; y < h; y++) {
+    const uint8_t *in = tv->image.px + (size_t)y * (size_t)tv->image.stride_bytes;
+    for (int x = 0; x < w; x++) {
+      uint8_t got[3];
+      put_pixel(got, &r->rgb, x, y);
+      for (int k = 0; k < 3; k++) {
+        double d = (double)got[k] - (double)in[n_ch * x + k];
+        sum += d * d;
+      }
+      if (x % step || y % step || x / step >= sw || y / step >= sh) continue;
+      uint8_t *left = rgb + 3 * ((size_t)(y / step) * 2 * (size_t)sw + (size_t)(x / step));
+      memcpy(left, in + n_ch * x, 3);
+      memcpy(left + 3 * (size_t)sw, got, 3);
+    }
+  }
+  *out_w = 2 * sw, *out_h = sh;
+  *psnr = psnr_of(sum / (255.0 * 255.0), 3.0 * w * h);
+  return SV_OK;
+}
+
+static sv_status small_composite(sv_app *app, const sv_train_composite *tc, int cap_w, int cap_h,
+                                 uint8_t *rgb, int *out_w, int *out_h, double *psnr) {
+  const sv_composite *c = &tc->model;
+  const int side = app->trainer.cfg.region_px, w = c->width_px, h = c->height_px;
+  const sv_planes *p = &app->trainer.forward.predicted;
+  sv_render_options o = sv_train_render_options(&app->trainer, 1.0f, false);
+  int step = fitting_step(2 * w, h, cap_w, cap_h), sw = w / step, sh = h / step;
+  double sum = 0;
+  for (int y0 = 0; y0 < h; y0 += side)
+    for (int x0 = 0; x0 < w; x0 += side) {
+      sv_region r = {x0, y0, sv_mini(x0 + side, w), sv_mini(y0 + side, h)};
+      sv_status s = sv_train_predict(&app->trainer, c, &r, &o, NULL, NULL);
+      if (s < 0) return s;
+      for (int y = y0; y < r.y1; y++)
+        for (int x = x0; x < r.x1; x++) {
+          const uint16_t *px = tc->px + 3 * ((size_t)y * (size_t)w + (size_t)x);
+          uint8_t got[3];
+          put_pixel(got, p, x - x0, y - y0);
+          for (int k = 0; k < 3; k++) {
+            double d = (double)got[k] / 255.0 - (double)px[k] / 65535.0;
+            sum += d * d;
+          }
+          if (x % step || y % step || x / step >= sw || y / step >= sh) continue;
+          uint8_t *left = rgb + 3 * ((size_t)(y / step) * 2 * (size_t)sw + (size_t)(x / step));
+          for (int k = 0; k < 3; k++) left[k] = (uint8_t)((px[k] + 128) / 257);
+          memcpy(left + 3 * (size_t)sw, got, 3);
+        }
+    }
+  *out_w = 2 * sw, *out_h = sh;
+  *psnr = psnr_of(sum, 3.0 * w * h);
+  return SV_OK;
+}
+
+sv_status sv_app_picture(sv_app *app, uint32_t i, int cap_w, int cap_h, uint8_t *rgb, int *w, int *h,
+                         double *psnr) {
+  const sv_trainer *t = &app->trainer;
+  if (t->n_composites > 0)
+    return small_composite(app, &t->composites[i % (uint32_t)t->n_composites], cap_w, cap_h, rgb, w, h, psnr);
+  if (t->n_views < 1) return SV_E_NOT_FOUND;
+  return small_view(app, &t->views[i % (uint32_t)t->n_views], cap_w, cap_h, rgb, w, h, psnr);
+}

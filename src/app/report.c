@@ -45,10 +45,32 @@ void sv_app_memory_map(sv_str *out, const sv_arena *a, bool is_json) {
 
 // --- run.json ------------------------------------------------------------------------------------
 
+// Of a live run: who got the time.
+static void add_live(sv_str *s, const sv_app *app) {
+  const sv_governor *g = &app->governor;
+  if (!app->cfg.is_live) return;
+  sv_str_add(s,
+             "  \"live\": {\"exposures_replaced\": %llu, \"previews\": %llu, \"preview_slowdown\": %d, "
+             "\"dequeue_ms\": {\"p50\": %.3f, \"p99\": %.3f, \"max\": %.3f}},\n",
+             (unsigned long long)app->exposures.n_replaced, (unsigned long long)g->n[SV_WORK_PREVIEW],
+             g->slowdown, sv_ns_to_ms(sv_skew_percentile_ns(&app->intake.latency, 50)),
+             sv_ns_to_ms(sv_skew_percentile_ns(&app->intake.latency, 99)),
+             sv_ns_to_ms(app->intake.latency.max_ns));
+}
+
+static void add_events(sv_str *s, const sv_sync_stream *st) {
+  sv_str_add(s, ", \"events\": {");
+  for (int k = 0, n = 0; k < SV_N_SYNC_EVENTS; k++)
+    if (st->events[k])
+      sv_str_add(s, "%s\"%s\": %llu", n++ ? ", " : "", sv_sync_event_name((sv_sync_event_kind)k),
+                 (unsigned long long)st->events[k]);
+  sv_str_add(s, "}");
+}
+
 static void add_ledger(sv_str *s, const sv_app *app) {
   sv_str_add(s, "  \"ledger\": [");
   for (int i = 0; i < app->cfg.n_cameras; i++) {
-    const sv_ledger *l = sv_sync_ledger(&app->sync, i);
+    const sv_ledger *l = sv_sync_ledger(&app->intake.sync, i);
     sv_str_add(s, "%s\n    {\"camera\": \"", i ? "," : "");
     sv_str_add_json(s, app->cfg.caps[i].name);
     sv_str_add(s, "\", \"captured\": %llu, \"delivered\": %llu, \"pending\": %llu, \"dropped\": {",
@@ -58,7 +80,9 @@ static void add_ledger(sv_str *s, const sv_app *app) {
       if (l->dropped[r])
         sv_str_add(s, "%s\"%s\": %llu", n++ ? ", " : "", sv_drop_name((sv_drop_reason)r),
                    (unsigned long long)l->dropped[r]);
-    sv_str_add(s, "}, \"is_exact\": %s}", sv_ledger_is_exact(l) ? "true" : "false");
+    sv_str_add(s, "}");
+    add_events(s, &app->intake.sync.streams[i]);
+    sv_str_add(s, ", \"is_exact\": %s}", sv_ledger_is_exact(l) ? "true" : "false");
   }
   sv_str_add(s, "\n  ],\n");
 }
@@ -78,6 +102,17 @@ static void add_settings(sv_str *s, const sv_app *app) {
              app->n_views, t->is_antialiased ? "true" : "false");
 }
 
+static void add_odometry(sv_str *s, const sv_app *app) {
+  const sv_odometry *o = &app->odometry;
+  const sv_track_summary *m = &o->summary;
+  if (!o->is_on || !m->n_exposures) return;
+  sv_str_add(s,
+             "  \"odometry\": {\"is_still\": %s, \"is_tracked\": %s, \"exposures\": %d, \"placed\": %d, "
+             "\"points\": %d, \"path_m\": %.4f, \"rms_px\": %.3f, \"scale_sigma\": %.5f},\n",
+             m->is_still ? "true" : "false", o->is_tracked ? "true" : "false", m->n_exposures, m->n_placed,
+             m->n_points, m->path_m, m->rms_px, m->scale_sigma);
+}
+
 static void add_timing(sv_str *s, const sv_app *app) {
   const sv_time_stats *t = &app->step_time;
   sv_str_add(s, "  \"seconds\": %.3f,\n  \"steps_per_second\": %.2f,\n", app->train_s,
@@ -86,8 +121,9 @@ static void add_timing(sv_str *s, const sv_app *app) {
              t->n ? 1e3 * t->sum_s / (double)t->n : 0.0, 1e3 * sv_time_stats_percentile_s(t, 50),
              1e3 * sv_time_stats_percentile_s(t, 99), 1e3 * t->max_s);
   sv_str_add(s, "  \"skew_us\": {\"p50\": %.1f, \"p99\": %.1f, \"max\": %.1f},\n",
-             (double)sv_skew_percentile_ns(&app->sync.skew, 50) * 1e-3,
-             (double)sv_skew_percentile_ns(&app->sync.skew, 99) * 1e-3, (double)app->sync.skew.max_ns * 1e-3);
+             (double)sv_skew_percentile_ns(&app->intake.sync.skew, 50) * 1e-3,
+             (double)sv_skew_percentile_ns(&app->intake.sync.skew, 99) * 1e-3,
+             (double)app->intake.sync.skew.max_ns * 1e-3);
 }
 
 sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) {
@@ -102,7 +138,9 @@ sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) {
   sv_str_add(&s, "  \"relocated\": %u,\n  \"dropped_splats\": %u,\n  \"device_errors\": %llu,\n",
              app->trainer.n_relocated, app->trainer.render.stats.n_dropped,
              (unsigned long long)app->n_device_errors);
+  add_odometry(&s, app);
   add_timing(&s, app);
+  add_live(&s, app);
   add_ledger(&s, app);
   sv_str_add(&s,
              "  \"memory\": {\"arena_bytes\": %zu, \"used_bytes\": %zu, \"high_bytes\": %zu, \"parts\": [",

@@ -12,7 +12,9 @@ extern "C" {
 #endif
 
 #define SV_GAUSSIAN_FLOATS 59
-#define SV_SH_C0           0.28209479177387814 // colour = 0.5 + C0 * DC coefficient
+// Of a model of that SH degree: the first so many floats of sv_gaussian.
+#define SV_GAUSSIAN_N_FLOATS(sh_degree) (11 + 3 * ((sh_degree) + 1) * ((sh_degree) + 1))
+#define SV_SH_C0                        0.28209479177387814 // colour = 0.5 + C0 * DC coefficient
 
 typedef struct {
   float mean[3];      // world units

@@ -29,3 +29,17 @@ float sv_splat_order(const sv_gaussian *g) {
   double s = (double)g->log_scale[0] + (double)g->log_scale[1] + (double)g->log_scale[2];
   return (float)(sv_exp(s) * sigmoid((double)g->opacity_logit));
 }
+
+void sv_splat_decode(const uint8_t in[SV_SPLAT_BYTES], sv_gaussian *g) {
+  *g = (sv_gaussian){0};
+  for (int i = 0; i < 3; i++) {
+    double s = (double)sv_lef32(in + 12 + 4 * i);
+    g->mean[i] = sv_lef32(in + 4 * i);
+    g->log_scale[i] = s > 1e-13 ? (float)sv_log(s) : -30.0f;
+    g->sh[0][i] = (float)((in[24 + i] / 255.0 - 0.5) / SV_SH_C0);
+  }
+  double a = in[27] / 255.0;
+  a = a > 1 - 1e-6 ? 1 - 1e-6 : a > 1e-6 ? a : 1e-6;
+  g->opacity_logit = (float)sv_log(a / (1 - a));
+  for (int i = 0; i < 4; i++) g->quat_wxyz[i] = (float)((in[28 + i] - 128) / 128.0);
+}

@@ -39,19 +39,60 @@ static inline void sv_pool_run(const sv_pool *p, sv_task_fn fn, void *arg, int n
   p->run(p->self, fn, arg, n_tasks);
 }
 
+// One more thread, beside the pool, for the cameras (a live run). start may be NULL: there is none.
+typedef struct {
+  void *self;
+  sv_status (*start)(void *self, void (*fn)(void *arg), void *arg); // one fn at a time
+  void (*join)(void *self);                                         // returns when fn has returned
+} sv_worker;
+
 // A pool without threads: runs the tasks in order on the caller.
 sv_pool sv_pool_serial(void);
 
 // --- cameras -------------------------------------------------------------------------------------
 typedef enum {
-  SV_PIX_NONE = 0,
-  SV_PIX_GREY8, // 1 byte a pixel
-  SV_PIX_RGB8,  // R,G,B
-  SV_PIX_RGBA8, // R,G,B,A straight alpha
-  SV_PIX_RGB16, // 3 x uint16 little endian, full range 0..65535
-  SV_PIX_JPEG,  // one JPEG image, data_bytes long
-  SV_PIX_PNG    // one PNG image, data_bytes long
+#define X(NAME, name, layout, bits, container_bits, phase) SV_PIX_##NAME,
+#include "src/port/pixel.inc"
+#undef X
+  SV_N_PIXEL_FORMATS
 } sv_pixel_format;
+
+typedef enum {
+  SV_LAYOUT_NONE = 0,
+  SV_LAYOUT_CODED, // compressed
+  SV_LAYOUT_GREY,
+  SV_LAYOUT_RGB,
+  SV_LAYOUT_BGR,
+  SV_LAYOUT_RGBX,
+  SV_LAYOUT_BGRX,
+  SV_LAYOUT_YUYV,
+  SV_LAYOUT_UYVY,
+  SV_LAYOUT_NV12,
+  SV_LAYOUT_BAYER
+} sv_pixel_layout;
+
+typedef struct {
+  const char *name; // "rggb10p"
+  sv_pixel_layout layout;
+  int bits, container_bits, phase; // see pixel.inc
+} sv_pixel_info;
+
+const sv_pixel_info *sv_pixel(sv_pixel_format f); // that of NONE for a number that is not in the list
+// Bytes of n pixels that begin at an even (packed formats: fourth) one; of NV12: in one plane. 0 for coded formats.
+size_t sv_pixel_row_bytes(sv_pixel_format f, int n_px);
+// Bytes of a whole frame without padding, the chroma plane included; 0 for coded formats.
+size_t sv_pixel_frame_bytes(sv_pixel_format f, int width_px, int height_px);
+
+// How Y'CbCr becomes R'G'B': matrix and range.
+typedef enum { SV_YUV_601 = 0, SV_YUV_601_FULL, SV_YUV_709, SV_YUV_709_FULL } sv_yuv_kind;
+
+// What samples of a sensor mean (Bayer, and grey of more than 8 bits): value = gain (sample - black), and when
+// is_linear the value is light, to be encoded by the sRGB curve. All zero: samples are display values.
+typedef struct {
+  int black;            // in samples
+  float gain_r, gain_b; // beside green; 0 counts as 1
+  bool is_linear;
+} sv_raw_tone;
 
 // Whose clock a timestamp is on, and what instant of the frame it names.
 typedef enum { SV_CLOCK_CAMERA = 0, SV_CLOCK_MONOTONIC, SV_CLOCK_BOOTTIME, SV_CLOCK_REALTIME } sv_clock_id;
@@ -64,7 +105,12 @@ typedef struct {
   double fps;
   sv_clock_id clock;
   sv_stamp_source stamp;
-  size_t frame_bytes; // the largest data_bytes of one frame
+  sv_ns stamp_noise_ns; // standard deviation of the stamps about the true instants; 0: exact, as far as known
+  size_t frame_bytes;   // the largest data_bytes of one frame
+  sv_yuv_kind yuv;      // of YUYV, UYVY, NV12
+  sv_raw_tone tone;     // of Bayer, and of grey with more than 8 bits
+  int coded_width_px,
+      coded_height_px; // of the compressed picture this camera is a part of; 0: it is all of it
 } sv_camera_caps;
 
 // One frame, on loan until it is handed back with requeue. `data` belongs to the source.
@@ -78,9 +124,35 @@ typedef struct {
   sv_pixel_format format;
   const uint8_t *data;
   size_t data_bytes;
-  bool is_error; // the driver delivered it, but says that it is damaged
-  int i_buffer;  // the source's own
+  const uint8_t *chroma; // NV12: [height / 2] rows of Cb,Cr; NULL: they follow the rows of Y
+  int chroma_stride_bytes;
+  int coded_x0_px, coded_y0_px; // where it lies in its compressed picture (caps.coded_*)
+  bool is_error;                // the driver delivered it, but says that it is damaged
+  int i_buffer;                 // the source's own
 } sv_frame;
+
+typedef enum {
+#define X(NAME, name, sentence) SV_CAMERA_##NAME,
+#include "src/port/camera_event.inc"
+#undef X
+  SV_N_CAMERA_EVENTS
+} sv_camera_event_kind;
+const char *sv_camera_event_name(sv_camera_event_kind k); // "short_frame"
+const char *sv_camera_event_sentence(sv_camera_event_kind k);
+
+typedef struct {
+  sv_camera_event_kind kind;
+  int i_camera;
+  sv_ns host_ns;
+  int64_t detail; // see camera_event.inc
+} sv_camera_event;
+
+// Settings of a camera that can be changed while it runs.
+typedef enum {
+  SV_CONTROL_EXPOSURE_NS = 0,
+  SV_CONTROL_GAIN_MILLI,       // 1000: none
+  SV_CONTROL_FRAME_DURATION_NS // of each frame from the next ones on; cameras count in lines, so *actual differs
+} sv_control;
 
 // A set of cameras that run together. open/enumeration belong to the platform; the runtime gets this.
 typedef struct {
@@ -97,7 +169,22 @@ typedef struct {
   // Where the rig was at a host time, when the source knows (simulator, a capture with poses). NULL or
   // E_NOT_FOUND: unknown, the runtime then takes the rig as standing still (rig_from_world = identity).
   sv_status (*rig_pose)(void *self, sv_ns host_ns, sv_pose *rig_from_world);
+  // The next thing that happened to a camera. NULL, or AGAIN: nothing. A full list overwrites its oldest entry.
+  sv_status (*event)(void *self, sv_camera_event *event);
+  // Sets a control; *actual (may be NULL) is what the camera took. NULL, or E_UNSUPPORTED: it has no such
+  // setting. E_RANGE: not this value.
+  sv_status (*set_control)(void *self, int i_camera, sv_control control, int64_t value, int64_t *actual);
+  // Before start: the cameras expose when a line tells them to (true), or freely (false). NULL: there is no such line.
+  sv_status (*trigger)(void *self, bool is_external);
 } sv_source;
+
+// Turns one compressed picture (JPEG or PNG) into RGB8; NULL decode: there is no decoder. rgb:
+// [height_px][stride_bytes]. E_RANGE when the picture has another size, E_FORMAT or E_CORRUPT for damage.
+typedef struct {
+  void *self;
+  sv_status (*decode)(void *self, const uint8_t *data, size_t bytes, int width_px, int height_px,
+                      size_t stride_bytes, uint8_t *rgb, sv_err *err);
+} sv_decoder;
 
 // --- store ---------------------------------------------------------------------------------------
 // Files of one run in one folder, by name without separators. A save is atomic: either the whole new
@@ -121,20 +208,40 @@ typedef struct {
 } sv_console;
 
 // --- publish -------------------------------------------------------------------------------------
+// What the person in front of the rig asks for, from the page of a live preview.
+typedef enum {
+  SV_COMMAND_NONE = 0,
+  SV_COMMAND_START, // also: go on after a pause
+  SV_COMMAND_PAUSE,
+  SV_COMMAND_SAVE,
+  SV_COMMAND_NEW
+} sv_command;
+
+typedef struct {
+  double temperature_c; // of the processor; NaN: not known
+  int is_throttled;     // 1: it is slowed down for heat or power now; -1: not known
+} sv_health;
+
 // Where a live preview picks its pictures up. Never blocks. rgb: [height][width][3] display values.
+struct sv_feed;
 typedef struct {
   void *self;
   void (*image)(void *self, const char *name, int width_px, int height_px, const uint8_t *rgb);
+  struct sv_feed *feed;              // src/port/feed.h; NULL: no live preview
+  sv_command (*command)(void *self); // the next one, NONE when there is none; may be NULL
+  sv_health (*health)(void *self);   // may be NULL
 } sv_publish;
 
 typedef struct {
   sv_clock clock;   // the cameras' host time; virtual in the simulator and in a replay at full speed
   sv_clock machine; // real time, for budgets and timings
   sv_pool pool;
+  sv_worker worker; // only with cameras on real time
   sv_source source;
   sv_store store;
   sv_console console;
   sv_publish publish; // image may be NULL
+  sv_decoder decoder; // of cameras that deliver compressed pictures; decode may be NULL
 } sv_port;
 
 #ifdef __cplusplus

@@ -70,6 +70,7 @@ typedef struct {
   sv_ns skew_ns;                           // largest difference between two cameras
   uint64_t present[SV_CAP_SUB_VIEWS / 64]; // one bit per camera
   sv_pose rig_from_world;
+  bool has_pose; // the source told it; else it is the identity until odometry finds it
 } sv_exposure;
 
 #ifdef __cplusplus

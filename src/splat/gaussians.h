@@ -18,6 +18,10 @@ typedef struct {
   int sh_degree; // 0..3, of the rows
   int n_rows;    // SV_N_ROWS(sh_degree)
   float *param;  // [cap/16][n_rows][16]
+  // Of a moving scene (src/deform): slots [0, n_moved) as they are at one time, laid out as param. Drawn in their
+  // place. NULL and 0: nothing moves.
+  const float *moved;
+  int n_moved;
 } sv_gaussians;
 
 // E_ARG unless 1 <= n <= 4,000,000 and 0 <= sh_degree <= 3.

@@ -86,7 +86,9 @@ static void project_task(void *arg, int i_task, int i_thread) {
   sv_renderer *r = j->r;
   int b0 = i_task * (RANGE / 16), b1 = b0 + RANGE / 16;
   if (b1 > j->n_blocks) b1 = j->n_blocks;
-  j->k->project(&r->project, b0, b1, thread_scratch(r, i_thread));
+  int moved = b1 < r->n_moved_blocks ? b1 : r->n_moved_blocks;
+  if (b0 < moved) j->k->project(&r->moved, b0, moved, thread_scratch(r, i_thread));
+  if (moved < b1) j->k->project(&r->project, b0 > moved ? b0 : moved, b1, thread_scratch(r, i_thread));
   uint32_t n = 0;
   sv_pair *out = r->tmp + (size_t)i_task * RANGE;
   for (int i = 16 * b0; i < 16 * b1; i++)
@@ -249,6 +251,9 @@ sv_status sv_render(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, co
                                  .view = make_kview(view, o),
                                  .splat = r->splat,
                                  .depth_key = r->depth_key};
+  r->moved = r->project;
+  r->moved.param = g->moved;
+  r->n_moved_blocks = g->moved ? (g->n_moved + 15) / 16 : 0;
   job j = {.r = r, .k = k, .n_blocks = (g->n + 15) / 16};
   int n_ranges = (g->n + RANGE - 1) / RANGE;
   sv_pool_run(pool, project_task, &j, n_ranges);
@@ -293,7 +298,7 @@ sv_status sv_render_bwd(sv_renderer *r, const sv_kernels *k, const sv_pool *pool
 
 uint32_t sv_render_bwd_block(const sv_renderer *r, const sv_kernels *k, int block, int i_thread,
                              const sv_regularisers *reg, float *grad, float *err, float *pose_grad) {
-  sv_project_bwd_args a = {.fwd = &r->project,
+  sv_project_bwd_args a = {.fwd = block < r->n_moved_blocks ? &r->moved : &r->project,
                            .rec = r->rec,
                            .slot = r->slot,
                            .pose_grad = pose_grad,

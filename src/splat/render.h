@@ -52,6 +52,8 @@ typedef struct {
   float *depth, *trans; // planes: sum of w z; 1 - alpha
   int n_tiles_x, n_tiles;
   sv_project_args project; // of the last forward pass
+  sv_project_args moved;   // the same for the blocks [0, n_moved_blocks), which are at other places
+  int n_moved_blocks;
   sv_raster_args raster;
   sv_render_stats stats;
 } sv_renderer;

@@ -13,7 +13,13 @@ void sv_clock_model_init(sv_clock_model *m, bool is_common, sv_ns step_limit_ns,
 
 static double line_at(const sv_clock_model *m, double x_s) { return m->offset_ns + m->drift * x_s * 1e9; }
 
+#define PRIOR_BLOCKS  12  // before that the slope from before a step is the better one
+#define RAISED_FACTOR 4   // times the usual distance
+#define SMALL_STEP    200 // of the limit: what a jump must have to be called a step
+#define FASTER_NS     5e5 // below the line by more: a jump, not just the fastest delivery so far
+
 static void start(sv_clock_model *m, sv_ns camera_ns, sv_ns offset_ns) {
+  if (m->is_started && m->n_blocks >= PRIOR_BLOCKS) m->prior_drift = m->drift, m->has_prior = true;
   m->is_started = true;
   m->ref_camera_ns = camera_ns;
   m->ref_offset_ns = offset_ns;
@@ -22,9 +28,11 @@ static void start(sv_clock_model *m, sv_ns camera_ns, sv_ns offset_ns) {
   m->n_blocks = 1;
   m->n_in_block = 1;
   m->blocks[0] = (sv_clock_point){0, 0};
-  m->block_residual_ns = 0;
+  m->n_raised = 0;
+  m->last_x_s = 0;
+  m->mean_residual_ns = 0;
   m->offset_ns = 0;
-  m->drift = 0;
+  m->drift = m->has_prior ? m->prior_drift : 0;
   m->is_estimating = !m->is_common || offset_ns - m->transport_ns > m->step_limit_ns ||
                      offset_ns - m->transport_ns < -m->step_limit_ns;
 }
@@ -48,7 +56,8 @@ static void fit(sv_clock_model *m) {
   while (e + 2 < n && hull[e + 1].x_s < mean) e++;
   double drift = 0;
   // One block says nothing about a slope.
-  if (n >= 2 && m->n_blocks >= 3)
+  if (m->has_prior && m->n_blocks < PRIOR_BLOCKS) drift = m->prior_drift;
+  else if (n >= 2 && m->n_blocks >= 3)
     drift = (hull[e + 1].d_ns - hull[e].d_ns) / ((hull[e + 1].x_s - hull[e].x_s) * 1e9);
   if (drift > m->max_drift) drift = m->max_drift;
   if (drift < -m->max_drift) drift = -m->max_drift;
@@ -61,31 +70,37 @@ static void fit(sv_clock_model *m) {
   m->drift = drift;
 }
 
-// A full block all of whose deliveries lie far above the line: the clock went back by a little, or the
-// path became slower for good. Either way the old line is of no use.
-static bool is_block_raised(const sv_clock_model *m) {
-  return m->n_blocks > 1 && m->n_in_block == SV_CLOCK_BLOCK_FRAMES &&
-         m->block_residual_ns > (double)(m->step_limit_ns / 4);
+// Deliveries in a row that all lie far above the line: the clock went back by a little, or the path became
+// slower for good. Either way the old line is of no use.
+static bool is_raised(sv_clock_model *m, double residual_ns, bool is_catching_up) {
+  double least = (double)(m->step_limit_ns / SMALL_STEP), usual = RAISED_FACTOR * m->mean_residual_ns;
+  if (m->n_pairs <= SV_CLOCK_BLOCK_FRAMES || residual_ns < (least > usual ? least : usual)) {
+    m->n_raised = 0;
+    m->mean_residual_ns += (residual_ns - m->mean_residual_ns) / SV_CLOCK_BLOCK_FRAMES;
+    return false;
+  }
+  if (is_catching_up) { // what a host that was held up gets all at once
+    m->n_raised = 0;
+    return false;
+  }
+  if (!m->n_raised++ || residual_ns < m->raised_ns) m->raised_ns = residual_ns;
+  return m->n_raised >= SV_CLOCK_RAISED_PAIRS;
 }
 
-static bool add_point(sv_clock_model *m, double x_s, double d_ns) {
-  double residual = d_ns - line_at(m, x_s);
+static void add_point(sv_clock_model *m, double x_s, double d_ns) {
   if (m->n_in_block == SV_CLOCK_BLOCK_FRAMES) {
     if (m->n_blocks == SV_CLOCK_CAP_BLOCKS) {
       for (int i = 1; i < SV_CLOCK_CAP_BLOCKS; i++) m->blocks[i - 1] = m->blocks[i];
       m->n_blocks--;
     }
     m->blocks[m->n_blocks++] = (sv_clock_point){x_s, d_ns};
-    m->block_residual_ns = residual;
     m->n_in_block = 1;
-  } else {
-    sv_clock_point *b = &m->blocks[m->n_blocks - 1];
-    // Measured against the line, so that drift within the block does not choose its first or last frame.
-    if (d_ns - m->drift * x_s * 1e9 < b->d_ns - m->drift * b->x_s * 1e9) *b = (sv_clock_point){x_s, d_ns};
-    if (residual < m->block_residual_ns) m->block_residual_ns = residual;
-    m->n_in_block++;
+    return;
   }
-  return is_block_raised(m);
+  sv_clock_point *b = &m->blocks[m->n_blocks - 1];
+  // Measured against the line, so that drift within the block does not choose its first or last frame.
+  if (d_ns - m->drift * x_s * 1e9 < b->d_ns - m->drift * b->x_s * 1e9) *b = (sv_clock_point){x_s, d_ns};
+  m->n_in_block++;
 }
 
 bool sv_clock_model_add(sv_clock_model *m, sv_ns camera_ns, sv_ns arrival_ns, sv_ns *step_ns) {
@@ -101,14 +116,24 @@ bool sv_clock_model_add(sv_clock_model *m, sv_ns camera_ns, sv_ns arrival_ns, sv
   double residual = d_ns - expected, limit = (double)m->step_limit_ns;
   // The first frames may have waited for the stream's start, so faster ones after them are no step.
   double low = m->is_estimating && m->n_pairs < SV_CLOCK_BLOCK_FRAMES ? -4 * limit : -limit;
+  // Later nothing is faster than the fastest by much, unless the clock has jumped ahead.
+  if (m->is_estimating && m->n_pairs > SV_CLOCK_BLOCK_FRAMES) low = -limit / SMALL_STEP;
   bool is_step = residual > limit || residual < low;
   sv_ns change_ns = offset_ns - m->last_offset_ns;
+  double last_x_s = m->last_x_s;
   m->n_pairs++;
+  m->last_x_s = x_s;
   m->last_offset_ns = offset_ns;
   if (!is_step && m->is_estimating) {
-    is_step = add_point(m, x_s, d_ns);
-    if (is_step) change_ns = (sv_ns)floor(m->block_residual_ns + 0.5);
-    else fit(m);
+    is_step = is_raised(m, residual, (double)change_ns < -0.5e9 * (x_s - last_x_s));
+    if (is_step) change_ns = (sv_ns)floor(m->raised_ns + 0.5);
+    else {
+      double faster = m->mean_residual_ns > FASTER_NS ? m->mean_residual_ns : FASTER_NS;
+      if (m->n_pairs > SV_CLOCK_BLOCK_FRAMES && residual < -faster) // too small to name: the line goes along
+        for (int i = 0; i < m->n_blocks; i++) m->blocks[i].d_ns += residual;
+      add_point(m, x_s, d_ns);
+      fit(m);
+    }
   }
   if (is_step) {
     *step_ns = -change_ns; // arrival - camera grows when the camera's clock goes back

@@ -22,6 +22,8 @@ extern "C" {
 
 #define SV_CLOCK_BLOCK_FRAMES 16 // the fastest delivery of so many frames is one point
 #define SV_CLOCK_CAP_BLOCKS   32 // 17 s at 30 fps
+#define SV_CLOCK_RAISED_PAIRS                                                                                \
+  8 // so many slow deliveries in a row are no delays: the camera's clock went back
 
 typedef struct {
   double x_s;  // camera time since the reference
@@ -37,18 +39,26 @@ typedef struct {
   bool is_started, is_estimating;
   sv_ns ref_camera_ns, ref_offset_ns; // the first pair since the last step
   sv_ns last_offset_ns;               // arrival - camera of the newest pair
+  double last_x_s;                    // and its camera time
   uint64_t n_pairs;                   // since the last step
   int n_blocks, n_in_block;           // the last block is being filled
   sv_clock_point blocks[SV_CLOCK_CAP_BLOCKS];
-  double block_residual_ns; // smallest distance of the block's points to the line before it
-  double offset_ns, drift;  // relative to ref_offset_ns; drift is dimensionless
+  int n_raised;            // deliveries in a row that lie far above the line
+  double raised_ns;        // smallest distance among those
+  double mean_residual_ns; // running mean of the distances: what is usual
+  double prior_drift;      // from before the last step; good until a slope of one's own is known
+  bool has_prior;
+  double offset_ns, drift; // relative to ref_offset_ns; drift is dimensionless
 } sv_clock_model;
 
 void sv_clock_model_init(sv_clock_model *m, bool is_common, sv_ns step_limit_ns, double max_drift,
                          sv_ns transport_ns);
 
 // Learns from one pair, in order of camera time. Returns true when the clock has stepped (*step_ns: by
-// how much the camera's clock jumped); the model then starts anew from this pair. A model that is common
+// how much the camera's clock jumped); the model then starts anew from this pair, but keeps the drift, which
+// setting a clock does not change. Steps beyond the limit, and forward ones beyond 1/200 of it, are seen at once;
+// backward ones beyond 1/200 of it after SV_CLOCK_RAISED_PAIRS pairs, unless delays usually vary by as much. The line
+// goes along with smaller steps forward; smaller ones backward count when the old pairs are forgotten. A model that is common
 // and finds stamps further than the limit from host time estimates until they agree again.
 bool sv_clock_model_add(sv_clock_model *m, sv_ns camera_ns, sv_ns arrival_ns, sv_ns *step_ns);
 

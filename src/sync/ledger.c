@@ -61,6 +61,15 @@ sv_ledger sv_sync_ledger_sum(const sv_sync *s) {
   return sum;
 }
 
+void sv_skew_add(sv_skew_stats *k, sv_ns skew_ns) {
+  uint64_t v = (uint64_t)skew_ns;
+  int octave = 0;
+  for (; v >= 16; v >>= 1) octave++;
+  k->bins[v < 8 ? (int)v : octave * 8 + (int)v]++;
+  k->n++;
+  if (skew_ns > k->max_ns) k->max_ns = skew_ns;
+}
+
 // Upper edge of a bin: bins 0..7 hold one value each, then eight bins an octave.
 static sv_ns bin_edge_ns(int i) {
   if (i < 8) return i;

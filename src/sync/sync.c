@@ -4,6 +4,7 @@
 #include <string.h>
 
 #define MAX_GAP_FRAMES  10000 // a larger leap of the sequence number is a restart, not a loss
+#define MOST_LATE       128   // after so many in a row the path is another one
 #define SEEN_FRAMES     64
 #define CAP_QUEUE       64
 #define MAX_STAMP_NS    (INT64_MAX / 4) // sums and differences of two stamps stay in range
@@ -65,6 +66,7 @@ sv_status sv_sync_init(sv_sync *s, const sv_sync_cfg *cfg, sv_arena *arena) {
     bool is_common = cfg->clock_mode == SV_SYNC_CLOCK_COMMON ||
                      (cfg->clock_mode == SV_SYNC_CLOCK_AUTO && cfg->cameras[c].clock == SV_CLOCK_MONOTONIC);
     s->streams[c].stamp = cfg->cameras[c].stamp;
+    sv_cadence_init(&s->streams[c].cadence, cfg->cameras[c].stamp_noise_ns);
     sv_clock_model_init(&s->streams[c].clock, is_common, s->cfg.step_limit_ns, s->cfg.max_drift,
                         cfg->cameras[c].transport_ns);
   }
@@ -109,9 +111,9 @@ static void drop_head(sv_sync *s, int c, sv_drop_reason reason) {
   give_back(s, &f, reason);
 }
 
-static sv_ns mid_host_ns(const sv_sync_stream *st, const sv_frame *f) {
+static sv_ns mid_host_ns(const sv_sync_stream *st, const sv_frame *f, sv_ns steady_ns) {
   sv_ns half_ns = f->exposure_ns > 0 && f->exposure_ns <= MAX_EXPOSURE_NS ? f->exposure_ns / 2 : 0;
-  sv_ns t_ns = sv_clock_model_host_ns(&st->clock, f->camera_ns);
+  sv_ns t_ns = sv_clock_model_host_ns(&st->clock, steady_ns);
   return st->stamp == SV_STAMP_START ? t_ns + half_ns : st->stamp == SV_STAMP_END ? t_ns - half_ns : t_ns;
 }
 
@@ -122,8 +124,14 @@ static bool stamps_are_possible(const sv_frame *f) {
 }
 
 // Whether the camera's clock was set between the last frame and this one, judged by the host's clock.
-static sv_ns clock_jump_ns(const sv_sync *s, const sv_sync_stream *st, const sv_frame *f) {
-  sv_ns jump_ns = (f->camera_ns - st->last_camera_ns) - (f->arrival_ns - st->last_arrival_ns);
+static sv_ns clock_jump_ns(const sv_sync *s, const sv_sync_stream *st, const sv_frame *f, uint32_t n_frames) {
+  sv_ns jump_ns = (f->camera_ns - st->last_camera_ns) - (f->arrival_ns - st->last_arrival_ns), off_ns;
+  // A known cadence tells smaller jumps: the stamp is off, and the frame did not come so much later or earlier.
+  if (sv_cadence_is_off(&st->cadence, f->camera_ns, n_frames, &off_ns)) {
+    sv_ns left_ns = jump_ns - off_ns;
+    if (left_ns < 0) left_ns = -left_ns;
+    if (left_ns < (off_ns < 0 ? -off_ns : off_ns) / 2) return off_ns;
+  }
   return jump_ns > s->cfg.step_limit_ns || jump_ns < -s->cfg.step_limit_ns ? jump_ns : 0;
 }
 
@@ -224,13 +232,13 @@ static void make_room(sv_sync *s, int c) {
   }
 }
 
-static sv_status enqueue(sv_sync *s, int c, const sv_frame *f) {
+static sv_status enqueue(sv_sync *s, int c, const sv_frame *f, sv_ns steady_ns) {
   sv_sync_stream *st = &s->streams[c];
   // Frames that wait get the better estimate too; in one epoch their order cannot change.
   if (st->clock.is_estimating)
     for (int i = 0; i < st->n_queued; i++)
-      entry(s, c, i)->mid_host_ns = mid_host_ns(st, &entry(s, c, i)->frame);
-  sv_ns mid_ns = mid_host_ns(st, f);
+      entry(s, c, i)->mid_host_ns = mid_host_ns(st, &entry(s, c, i)->frame, entry(s, c, i)->steady_ns);
+  sv_ns mid_ns = mid_host_ns(st, f, steady_ns);
   st->last_mid_host_ns = mid_ns;
   st->has_host = true;
   if (st->is_closed && mid_ns <= st->closed_ns) {
@@ -238,10 +246,31 @@ static sv_status enqueue(sv_sync *s, int c, const sv_frame *f) {
     return SV_DROPPED;
   }
   make_room(s, c);
-  *entry(s, c, st->n_queued) = (sv_sync_entry){*f, mid_ns};
+  *entry(s, c, st->n_queued) = (sv_sync_entry){*f, steady_ns, mid_ns};
   st->n_queued++;
   st->ledger.pending++;
   return SV_OK;
+}
+
+// By the numbers, counted from the last frame that the cadence has seen; 0 when they do not tell.
+static uint32_t frames_since_last(const sv_sync_stream *st, const sv_frame *f) {
+  int32_t delta = (int32_t)(f->sequence - st->last_sequence);
+  uint32_t n = f->sequence - st->cadence_sequence;
+  return st->has_last && delta > 0 && delta <= MAX_GAP_FRAMES && n <= 2 * MAX_GAP_FRAMES ? n : 0;
+}
+
+// A host that was held up gets frames late, by more than a step's limit. Their stamps go on as before, which those of
+// a clock that was set do not: such a frame is good, but tells nothing about the clock.
+static bool is_just_late(const sv_sync *s, sv_sync_stream *st, const sv_frame *f, uint32_t n_frames) {
+  double dt_ns = (double)(f->camera_ns - st->last_camera_ns), n = n_frames ? (double)n_frames : 1;
+  bool goes_on = st->has_last && st->interval_ns > 0 && dt_ns > 0.5 * n * st->interval_ns &&
+                 dt_ns < (n + 0.5) * st->interval_ns;
+  sv_ns host_ns = st->clock.is_started ? sv_clock_model_host_ns(&st->clock, f->camera_ns) : f->arrival_ns;
+  if (st->has_last && dt_ns > 0)
+    st->interval_ns += (dt_ns / n - st->interval_ns) / (st->interval_ns > 0 ? 16 : 1);
+  bool is_late = goes_on && f->arrival_ns - host_ns > s->cfg.step_limit_ns;
+  st->n_late = is_late ? st->n_late + 1 : 0;
+  return is_late && st->n_late <= MOST_LATE;
 }
 
 sv_status sv_sync_push(sv_sync *s, const sv_frame *f) {
@@ -252,16 +281,23 @@ sv_status sv_sync_push(sv_sync *s, const sv_frame *f) {
   st->ledger.captured++;
   if (f->is_error || !stamps_are_possible(f)) return drop_bad(s, c, f);
   if (f->arrival_ns > s->now_ns) s->now_ns = f->arrival_ns;
-  sv_ns jump_ns = st->has_last ? clock_jump_ns(s, st, f) : 0;
+  uint32_t n_frames = frames_since_last(st, f);
+  bool is_late = is_just_late(s, st, f, n_frames);
+  sv_ns jump_ns = st->has_last && !is_late ? clock_jump_ns(s, st, f, n_frames) : 0;
   sv_status status = check_order(s, c, f, jump_ns);
   if (status != SV_OK) return status;
   bool was_back = st->has_last && f->camera_ns <= st->last_camera_ns;
   st->has_last = true;
   st->last_camera_ns = f->camera_ns;
   st->last_arrival_ns = f->arrival_ns;
+  st->cadence_sequence = f->sequence;
   sv_ns step_ns = jump_ns;
-  if (was_back) sv_clock_model_restart(&st->clock, f->camera_ns, f->arrival_ns);
-  else if (!sv_clock_model_add(&st->clock, f->camera_ns, f->arrival_ns, &step_ns)) return enqueue(s, c, f);
+  if (jump_ns && sv_cadence_step(&st->cadence, f->camera_ns, n_frames)) return drop_step(s, c, f, step_ns);
+  sv_ns steady_ns = jump_ns ? f->camera_ns : sv_cadence_add(&st->cadence, f->camera_ns, n_frames);
+  if (is_late) return enqueue(s, c, f, steady_ns);
+  if (was_back) sv_clock_model_restart(&st->clock, steady_ns, f->arrival_ns);
+  else if (!sv_clock_model_add(&st->clock, steady_ns, f->arrival_ns, &step_ns))
+    return enqueue(s, c, f, steady_ns);
   return drop_step(s, c, f, step_ns);
 }
 
@@ -310,15 +346,6 @@ static bool next_is_nearer(const sv_sync *s, const group_t *g) {
   return g->second_ns != INT64_MAX && high_ns - low_ns < g->last_ns - g->first_ns;
 }
 
-static void count_skew(sv_skew_stats *k, sv_ns skew_ns) {
-  uint64_t v = (uint64_t)skew_ns;
-  int octave = 0;
-  for (; v >= 16; v >>= 1) octave++;
-  k->bins[v < 8 ? (int)v : octave * 8 + (int)v]++;
-  k->n++;
-  if (skew_ns > k->max_ns) k->max_ns = skew_ns;
-}
-
 // Later frames of the cameras that are not part of it come too late.
 static void close_without(sv_sync *s, int c, sv_ns t_ns) {
   sv_sync_stream *st = &s->streams[c];
@@ -345,7 +372,7 @@ static void deliver(sv_sync *s, const group_t *g, sv_exposure *e, sv_frame *fram
     e->present[c / 64] |= (uint64_t)1 << (c % 64);
   }
   e->time_ns = g->first_ns + sum_ns / g->n_present;
-  count_skew(&s->skew, e->skew_ns);
+  sv_skew_add(&s->skew, e->skew_ns);
 }
 
 static void close_open(sv_sync *s, const group_t *g, sv_ns waited_ns) {
@@ -381,6 +408,22 @@ sv_status sv_sync_pop_exposure(sv_sync *s, sv_exposure *e, sv_frame *frames) {
 }
 
 // --- the rest ------------------------------------------------------------------------------------
+sv_sync_camera sv_sync_camera_of(const sv_camera_caps *caps) {
+  return (sv_sync_camera){.clock = caps->clock, .stamp = caps->stamp, .stamp_noise_ns = caps->stamp_noise_ns};
+}
+
+void sv_sync_refuse(sv_sync *s, const sv_exposure *e, sv_drop_reason reason) {
+  for (int c = 0; c < s->cfg.n_cameras; c++) {
+    if (!(e->present[c / 64] >> (c % 64) & 1)) continue;
+    s->streams[c].ledger.delivered--;
+    s->streams[c].ledger.dropped[reason]++;
+  }
+}
+
+void sv_sync_lengthened(sv_sync *s, int c, sv_ns delta_ns) {
+  sv_cadence_lengthen(&s->streams[c].cadence, delta_ns);
+}
+
 sv_status sv_sync_pop_return(sv_sync *s, sv_frame *frame) {
   if (!s->n_returns) return SV_AGAIN;
   *frame = s->returns[s->i_return];

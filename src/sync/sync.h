@@ -18,6 +18,7 @@
 #include "src/base/arena.h"
 #include "src/port/port.h"
 #include "src/rig/rig.h"
+#include "src/sync/cadence.h"
 #include "src/sync/clock_model.h"
 
 #ifdef __cplusplus
@@ -66,7 +67,11 @@ typedef struct {
   sv_clock_id clock;     // caps.clock
   sv_stamp_source stamp; // caps.stamp
   sv_ns transport_ns;    // shortest delay from stamp to arrival if known, else 0
+  sv_ns stamp_noise_ns; // caps.stamp_noise_ns: by how much stamps scatter (standard deviation); 0: not at all
 } sv_sync_camera;
+
+// What a camera's caps say of its stamps.
+sv_sync_camera sv_sync_camera_of(const sv_camera_caps *caps);
 
 typedef struct {
   int n_cameras;                 // 1..SV_CAP_SUB_VIEWS
@@ -90,17 +95,21 @@ typedef struct {
   sv_ns max_ns;
 } sv_skew_stats;
 
+void sv_skew_add(sv_skew_stats *s, sv_ns skew_ns);                   // not negative
 sv_ns sv_skew_percentile_ns(const sv_skew_stats *s, double percent); // 0 when there are none
 
 #define SV_SYNC_CAP_EVENTS 64
 
 typedef struct {
   sv_frame frame;
+  sv_ns steady_ns;   // its stamp, freed of noise (cadence.h)
   sv_ns mid_host_ns; // middle of its exposure on the host's clock
 } sv_sync_entry;
 
 typedef struct {
   sv_clock_model clock;
+  sv_cadence cadence;
+  uint32_t cadence_sequence; // of its newest frame
   sv_stamp_source stamp;
   sv_sync_entry *queue; // [queue_len], a ring
   int i_head, n_queued;
@@ -108,6 +117,8 @@ typedef struct {
   uint32_t last_sequence;
   uint64_t seen; // bit k: last_sequence - k came in
   sv_ns last_camera_ns, last_arrival_ns;
+  double interval_ns;     // of its stamps, a frame; running mean
+  int n_late;             // frames in a row that came late by more than a step, with stamps that go on
   sv_ns last_mid_host_ns; // of the newest frame with a good stamp
   bool is_closed;
   sv_ns closed_ns; // exposures up to here went without this camera
@@ -139,6 +150,13 @@ sv_status sv_sync_push(sv_sync *s, const sv_frame *frame) SV_MUST_USE;
 // no data. The frames belong to the caller, who requeues them. rig_from_world is set to identity. AGAIN:
 // none is ready; E_FULL: drain pop_return first.
 sv_status sv_sync_pop_exposure(sv_sync *s, sv_exposure *exposure, sv_frame *frames) SV_MUST_USE;
+
+// An exposure just popped is left out as a whole after all: its frames (still the caller's to requeue) count as dropped
+// for this reason, not as delivered.
+void sv_sync_refuse(sv_sync *s, const sv_exposure *exposure, sv_drop_reason reason);
+
+// Camera i_camera was told to make each frame longer by so much (shorter: negative) from now on.
+void sv_sync_lengthened(sv_sync *s, int i_camera, sv_ns delta_ns);
 
 // The next frame to requeue. AGAIN: none.
 sv_status sv_sync_pop_return(sv_sync *s, sv_frame *frame) SV_MUST_USE;

@@ -8,6 +8,9 @@ typedef struct {
   uint32_t step, n_relocated;
   uint64_t rng_state, rng_inc;
   float centre[3], radius, jitter[2];
+  int32_t deform_kind, n_moving; // 0 for still scenes
+  float find_at, lo[3], inv[3];
+  uint32_t field_step;
 } head_t;
 
 static int n_items(const sv_trainer *t) { return t->n_views + t->n_regions; }
@@ -16,9 +19,40 @@ static size_t rows_bytes(const sv_trainer *t) {
   return (size_t)t->g.cap * (size_t)t->g.n_rows * sizeof(float);
 }
 
+// The motion's parameters and Adam's moments of them.
+typedef struct {
+  float *param, *m, *v;
+  size_t bytes;
+} motion_state;
+
+static motion_state motion_of(const sv_trainer *t) {
+  const sv_motion *mo = &t->deform.motion;
+  const sv_field *f = &t->deform.field;
+  if (t->deform.kind == SV_DEFORM_FIELD)
+    return (motion_state){f->param, f->m, f->v, f->n_param * sizeof(float)};
+  if (t->deform.kind == SV_DEFORM_NONE) return (motion_state){0};
+  return (motion_state){mo->param, mo->m, mo->v, (size_t)mo->cap * (size_t)mo->n_rows * sizeof(float)};
+}
+
+static sv_status put_motion(sv_sections_writer *w, const sv_trainer *t, sv_err *err) {
+  motion_state o = motion_of(t);
+  sv_status s = sv_sections_put(w, "MOTN", o.param, o.bytes, err);
+  if (s >= 0) s = sv_sections_put(w, "MOTM", o.m, o.bytes, err);
+  if (s >= 0) s = sv_sections_put(w, "MOTV", o.v, o.bytes, err);
+  return s >= 0 ? sv_sections_put(w, "MOVE", t->is_moving, (size_t)t->g.cap, err) : s;
+}
+
+static sv_status get_motion(const sv_sections *r, sv_trainer *t, sv_err *err) {
+  motion_state o = motion_of(t);
+  sv_status s = sv_sections_get(r, "MOTN", o.param, o.bytes, err);
+  if (s >= 0) s = sv_sections_get(r, "MOTM", o.m, o.bytes, err);
+  if (s >= 0) s = sv_sections_get(r, "MOTV", o.v, o.bytes, err);
+  return s >= 0 ? sv_sections_get(r, "MOVE", t->is_moving, (size_t)t->g.cap, err) : s;
+}
+
 size_t sv_checkpoint_bytes(const sv_trainer *t) {
-  return SV_SECTIONS_OVERHEAD_BYTES + 6 * 40 + sizeof(head_t) + 3 * rows_bytes(t) +
-         (size_t)t->g.cap * sizeof(float) + (size_t)n_items(t) * sizeof(int);
+  return SV_SECTIONS_OVERHEAD_BYTES + 10 * 40 + 3 * motion_of(t).bytes + (size_t)t->g.cap + sizeof(head_t) +
+         3 * rows_bytes(t) + (size_t)t->g.cap * sizeof(float) + (size_t)n_items(t) * sizeof(int);
 }
 
 sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
@@ -31,6 +65,12 @@ sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
   memcpy(h.centre, t->centre, sizeof h.centre);
   memcpy(h.jitter, t->jitter, sizeof h.jitter);
   h.radius = t->radius;
+  if (sv_train_is_dynamic(t)) {
+    h.deform_kind = (int32_t)t->deform.kind, h.n_moving = sv_deform_n_moving(&t->deform);
+    h.find_at = t->find_at, h.field_step = t->field_step;
+    memcpy(h.lo, t->deform.field.lo, sizeof h.lo);
+    memcpy(h.inv, t->deform.field.inv, sizeof h.inv);
+  }
   sv_status s = sv_sections_begin(&w, sink, SV_CHECKPOINT_KIND, SV_CHECKPOINT_VERSION, err);
   if (s >= 0) s = sv_sections_put(&w, "HEAD", &h, sizeof h, err);
   if (s >= 0) s = sv_sections_put(&w, "GAUS", t->g.param, rows_bytes(t), err);
@@ -38,6 +78,7 @@ sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
   if (s >= 0) s = sv_sections_put(&w, "ADAV", t->v, rows_bytes(t), err);
   if (s >= 0) s = sv_sections_put(&w, "ERRS", t->err, (size_t)t->g.cap * sizeof(float), err);
   if (s >= 0) s = sv_sections_put(&w, "ORDR", t->order, (size_t)n_items(t) * sizeof(int), err);
+  if (s >= 0 && sv_train_is_dynamic(t)) s = put_motion(&w, t, err);
   return s >= 0 ? sv_sections_end(&w, err) : s;
 }
 
@@ -71,6 +112,10 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
         h.n, h.sh_degree, h.n_items, t->g.n, t->g.sh_degree, n_items(t));
   if (!(h.jitter[0] >= 0 && h.jitter[0] < 1 && h.jitter[1] >= 0 && h.jitter[1] < 1))
     return sv_fail(err, SV_E_FORMAT, "%s: the shift of the regions is not in 0..1", name);
+  const bool is_dynamic = sv_train_is_dynamic(t);
+  if (h.deform_kind != (is_dynamic ? (int)t->deform.kind : 0) || h.n_moving < 0 || h.n_moving > h.n)
+    return sv_fail(err, SV_E_RANGE, "%s: made for another kind of scene (still or moving) than this run",
+                   name);
   if (!(h.radius > 0)) return sv_fail(err, SV_E_FORMAT, "%s: the scene radius is not positive", name);
   if ((s = check_order(&r, h.n_items, err)) < 0) return s;
   s = sv_sections_get(&r, "GAUS", t->g.param, rows_bytes(t), err);
@@ -78,7 +123,16 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
   if (s >= 0) s = sv_sections_get(&r, "ADAV", t->v, rows_bytes(t), err);
   if (s >= 0) s = sv_sections_get(&r, "ERRS", t->err, (size_t)t->g.cap * sizeof(float), err);
   if (s >= 0) s = sv_sections_get(&r, "ORDR", t->order, (size_t)h.n_items * sizeof(int), err);
+  if (s >= 0 && sv_train_is_dynamic(t)) s = get_motion(&r, t, err);
   if (s < 0) return s;
+  if (sv_train_is_dynamic(t)) {
+    sv_deform_set_moving(&t->deform, h.n_moving);
+    t->find_at = h.find_at, t->field_step = h.field_step;
+    if (t->deform.kind == SV_DEFORM_FIELD) {
+      memcpy(t->deform.field.lo, h.lo, sizeof h.lo);
+      memcpy(t->deform.field.inv, h.inv, sizeof h.inv);
+    }
+  }
   t->i_order = h.i_order, t->step = h.step, t->n_relocated = h.n_relocated;
   memcpy(t->jitter, h.jitter, sizeof t->jitter);
   t->rng = (sv_rng){h.rng_state, h.rng_inc};

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "src/train/objective.h"
 
+#include "src/base/mathx.h"
 #include "src/splat/constants.h"
 
 #define FEW_EXPOSURES 3 // beyond, camera motion pins geometry down by itself
@@ -11,6 +12,11 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   // Lens images are coarser than the pictures that one looks at.
   if (is_grid) cfg->floor_px = 0.4f, cfg->dilation_px2 = SV_DILATION_AREA_PX2;
   if (s->n_exposures > FEW_EXPOSURES) return;
+  if (s->is_moving) { // of a rig that stands still, also where there is but one camera
+    cfg->reg_opacity = 0.05f;
+    cfg->sh_step = 2.0f;
+    return;
+  }
   if (s->n_exposures * s->n_sub_views == 1) {
     cfg->sh_step = 2.0f; // one view cannot tell how colour turns: never
     cfg->reg_opacity = 0.03f;
@@ -24,4 +30,11 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   cfg->n_unseen = 1;
   cfg->unseen_every = 4;
   if (s->is_multiplexed) cfg->weight_ssim = 0.3f; // structure tells whose light a pixel holds
+}
+
+void sv_train_set_times(sv_train_cfg *cfg, int n_times) {
+  sv_dynamic_cfg *d = &cfg->dynamic;
+  d->n_pos = sv_clampi(n_times / 3, 1, 8);
+  d->n_rot = d->n_colour = sv_maxi(1, d->n_pos / 2);
+  d->window_start = sv_maxf(0.2f, 3.0f / (float)sv_maxi(n_times, 1));
 }

@@ -14,8 +14,12 @@ typedef struct {
   int n_exposures;
   int n_sub_views;     // of an exposure
   bool is_multiplexed; // their images overlap on the sensor
+  bool is_moving;      // the scene moves; n_exposures then counts the places that the rig was at
 } sv_sampling;
 
+// Clip mode: as many functions of time as n_times training times can bear (held-out times suffer from more), and
+// windows that hold several of them.
+void sv_train_set_times(sv_train_cfg *cfg, int n_times);
 // Sets weights, unseen views and least sizes in cfg. Captures of many exposures keep the defaults.
 void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s);
 

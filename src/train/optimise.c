@@ -8,8 +8,8 @@
 #include "src/splat/constants.h"
 #include "src/train/train.h"
 
-#define BLOCKS_PER_TASK 32
-#define ERR_KEEP        0.9f // running mean of the blended error over the views that see a Gaussian
+#define BLOCKS_PER_TASK SV_FIELD_TASK // a field sums by these tasks
+#define ERR_KEEP        0.9f          // running mean of the blended error over the views that see a Gaussian
 
 typedef struct {
   sv_trainer *t;
@@ -18,7 +18,11 @@ typedef struct {
   float noise_gain; // displacement in units of sigma^2
   sv_regularisers reg;
   int n_blocks;
-  bool has_err; // collect: the error, too
+  bool has_err;          // collect: the error, too
+  sv_motion_args motion; // of the last picture's time
+  sv_adam_args motion_adam;
+  sv_motion_values motion_f;
+  float motion_lr[SV_CAP_MROWS];
 } job;
 
 float sv_train_mean_lr(const sv_train_cfg *cfg, float progress) {
@@ -71,7 +75,7 @@ static void keep_above(const float *floor, float *log_scale) { // [16], [3][16]
 }
 
 static float *block_of(const job *j, int i_thread) {
-  return j->t->block + (size_t)i_thread * (SV_CAP_ROWS + 1) * 16;
+  return j->t->block + (size_t)i_thread * SV_TRAIN_BLOCK_FLOATS;
 }
 
 static void move(const job *j, int b, uint32_t touched, uint32_t with_err, const float *grad,
@@ -94,7 +98,11 @@ static void optimise_task(void *arg, int i_task, int i_thread) {
   uint32_t n = 0;
   for (int b = b0; b < b1; b++) {
     uint32_t touched = sv_render_bwd_block(&t->render, t->k, b, i_thread, &j->reg, grad, err, NULL);
+    if (b < t->render.n_moved_blocks && t->deform.kind == SV_DEFORM_FIELD)
+      sv_field_bwd_block(&t->deform.field, t->k, &t->g, b, i_thread, touched, grad);
     if (!touched) continue;
+    if (b < t->render.n_moved_blocks && t->deform.kind == SV_DEFORM_CLIP)
+      sv_train_move_block(t, &j->motion, &j->motion_adam, b, touched, grad, err + 16);
     move(j, b, touched, touched, grad, err);
     n += (uint32_t)__builtin_popcount(touched);
   }
@@ -201,7 +209,24 @@ static uint32_t run(sv_trainer *t, float progress, sv_task_fn task) {
                           .rsqrt_bias2 = (float)(1.0 / sqrt(bias2)),
                           .lr = j.lr,
                           .n_rows = SV_N_ROWS(t->render.project.sh_degree)};
+  if (t->deform.kind == SV_DEFORM_CLIP) {
+    j.motion_f = sv_motion_values_at(&t->deform.motion.cfg, t->time);
+    sv_train_motion_rates(t, mean_lr * t->radius, bias1, j.motion_lr);
+    j.motion = sv_motion_args_of(&t->deform.motion, &t->g, t->time, &j.motion_f);
+    float n = (float)t->g.n;
+    j.motion.reg_pos = t->cfg.dynamic.reg_pos / (n * t->radius);
+    j.motion.reg_rot = t->cfg.dynamic.reg_rot / n;
+    j.motion.reg_col = t->cfg.dynamic.reg_colour / n;
+    j.motion_adam = j.adam;
+    j.motion_adam.lr = j.motion_lr;
+    j.motion_adam.n_rows = t->deform.motion.n_rows;
+  }
   sv_pool_run(t->pool, task, &j, n_tasks(&j));
+  if (t->deform.kind == SV_DEFORM_FIELD && t->render.n_moved_blocks > 0) {
+    const sv_dynamic_cfg *d = &t->cfg.dynamic;
+    sv_field_step(&t->deform.field, t->k, t->pool, ++t->field_step, (progress - d->from) / (1.0f - d->from),
+                  t->radius);
+  }
   uint32_t n = 0;
   for (int i = 0; i < n_tasks(&j); i++) n += t->touched_of[i];
   return n;

@@ -104,6 +104,7 @@ uint32_t sv_train_relocate(sv_trainer *t) {
     copy_slot(t, i, t->source[i]);
     clear_moments(t, i);
     t->err[i] = t->err[t->source[i]];
+    if (sv_train_is_dynamic(t)) sv_train_copy_motion(t, i, t->source[i]);
     displace(t, i);
     n_done++;
   }

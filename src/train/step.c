@@ -133,6 +133,21 @@ static bool has_unseen(const sv_trainer *t) {
          t->step % (uint32_t)t->cfg.unseen_every == 0;
 }
 
+sv_status sv_train_residual(sv_trainer *t, int i_view, float progress) {
+  const sv_train_view *tv = &t->views[i_view];
+  sv_render_options o = sv_train_render_options(t, progress, false);
+  int scale = sv_maxi(sv_train_scale_at(t, &tv->view, progress),
+                      sv_train_scale_at(t, &tv->view, 0.99f * t->cfg.fine_at));
+  sv_view view = sv_view_scaled(&tv->view, scale);
+  sv_train_set_time(t, tv->view.time);
+  load_target(t, &tv->image, scale, o.bg);
+  sv_status s = sv_render(&t->render, t->k, t->pool, &t->g, &view, &o);
+  if (s < 0) return s;
+  sv_photometric_loss(&t->photometric, t->k, t->pool, &t->render.rgb, &t->target, &t->grad, t->err_plane,
+                      0.0f, NULL);
+  return SV_OK;
+}
+
 // Renders a sub-view and leaves its gradients in the renderer.
 static sv_status view_step(sv_trainer *t, int i, float progress, sv_render_options o, sv_step_stats *out) {
   const sv_train_view *tv = &t->views[i];
@@ -141,6 +156,7 @@ static sv_status view_step(sv_trainer *t, int i, float progress, sv_render_optio
   sv_view view = sv_view_scaled(&tv->view, out->scale);
   if (t->cfg.background == SV_BG_RANDOM && tv->image.n_channels == 4)
     for (int c = 0; c < 3; c++) o.bg[c] = sv_rng_f(&t->rng);
+  sv_train_set_time(t, tv->view.time);
   load_target(t, &tv->image, out->scale, o.bg);
   sv_status s = sv_render(&t->render, t->k, t->pool, &t->g, &view, &o);
   if (s < 0) return s;
@@ -258,10 +274,14 @@ static sv_status smooth_unseen(sv_trainer *t, const sv_render_options *o, double
 // --- a step --------------------------------------------------------------------------------------
 
 static void maybe_relocate(sv_trainer *t, float progress) {
+  const bool is_moving = sv_train_is_dynamic(t) && progress >= t->cfg.dynamic.from;
   if (t->cfg.relocate_every > 0 && t->step % (uint32_t)t->cfg.relocate_every == 0) sv_train_set_floors(t);
   if (t->cfg.relocate_every < 1 || progress < t->cfg.relocate_from || progress > t->cfg.relocate_until)
     return;
-  if (t->step % (uint32_t)t->cfg.relocate_every == 0) sv_train_relocate(t);
+  if (t->step % (uint32_t)t->cfg.relocate_every == 0) {
+    sv_train_relocate(t);
+    if (is_moving) sv_train_sort_moving(t);
+  }
 }
 
 sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
@@ -277,6 +297,10 @@ sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
   st.n_touched = is_sum ? sv_train_apply(t, progress) : sv_train_optimise(t, progress);
   t->step++;
   maybe_relocate(t, progress);
+  if (sv_train_is_dynamic(t) && progress >= t->find_at && progress <= t->cfg.dynamic.find_until) {
+    if ((s = sv_train_find_moving(t, progress)) < 0) return s;
+    t->find_at = progress + t->cfg.dynamic.find_every;
+  }
   if (out) *out = st;
   return SV_OK;
 }

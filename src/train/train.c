@@ -38,6 +38,24 @@ sv_train_cfg sv_train_defaults(void) {
                         .relocate_from = 0.05f,
                         .relocate_until = 0.8f,
                         .noise = 1.0f,
+                        .dynamic = {.from = 0.1f,
+                                    .find_every = 0.1f,
+                                    .find_until = 0.6f,
+                                    .window_start = 0.2f,
+                                    .unrest = 0.03f,
+                                    .n_pos = 6,
+                                    .n_rot = 3,
+                                    .n_colour = 3,
+                                    .pos = 5.0f,
+                                    .rot = 2e-3f,
+                                    .colour = 2e-3f,
+                                    .window = 0.02f,
+                                    .reg_pos = 0.01f,
+                                    .reg_rot = 1e-3f,
+                                    .reg_colour = 1e-3f,
+                                    .still_px = 0.25f,
+                                    .still_fade = 0.1f,
+                                    .still_colour = 0.01f},
                         .steps_hint = 3000};
 }
 
@@ -71,6 +89,25 @@ static sv_status carve_sum(sv_trainer *t, const sv_train_cfg *c, size_t cap, siz
   return sv_forward_init(&t->forward, &fc, t->k, t->pool, a);
 }
 
+static sv_status carve_dynamic(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
+  const sv_motion_cfg mc = {.functions = c->dynamic.functions,
+                            .n_pos = c->dynamic.n_pos,
+                            .n_rot = c->dynamic.n_rot,
+                            .n_colour = c->dynamic.n_colour,
+                            .has_grad = true};
+  sv_arena_part_begin(a, "motion");
+  t->is_moving = SV_TAKE(a, uint8_t, t->g.cap);
+  float **each[] = {&t->n_seen, &t->res_mean, &t->res_dev, &t->unrest, &t->weight};
+  for (size_t i = 0; i < sizeof each / sizeof *each; i++) *each[i] = SV_TAKE(a, float, t->g.cap);
+  t->deform.kind = c->dynamic.kind;
+  if (c->dynamic.kind == SV_DEFORM_FIELD) {
+    sv_field_cfg fc = c->dynamic.field;
+    fc.has_grad = true, fc.n_threads = c->n_threads;
+    return sv_field_init(&t->deform.field, &fc, &t->g, a);
+  }
+  return sv_motion_init(&t->deform.motion, &mc, &t->g, a);
+}
+
 static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   size_t px = cap_floats(c), cap = (size_t)(c->n_gaussians + 15) / 16 * 16;
   sv_arena_part_begin(a, "model");
@@ -80,12 +117,13 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   t->m = SV_TAKE(a, float, cap *(size_t)t->g.n_rows);
   t->v = SV_TAKE(a, float, cap *(size_t)t->g.n_rows);
   t->err = SV_TAKE(a, float, cap);
-  t->block = SV_TAKE(a, float, (size_t)c->n_threads *(SV_CAP_ROWS + 1) * 16);
+  t->block = SV_TAKE(a, float, (size_t)c->n_threads *SV_TRAIN_BLOCK_FLOATS);
   t->floor = c->floor_px > 0.0f ? SV_TAKE(a, float, cap) : NULL;
   t->cum = SV_TAKE(a, double, cap);
   t->copies = SV_TAKE(a, int32_t, cap);
   t->source = SV_TAKE(a, int32_t, cap);
   t->touched_of = SV_TAKE(a, uint32_t, cap / 16 + 1);
+  if (c->dynamic.kind != SV_DEFORM_NONE && (s = carve_dynamic(t, c, a)) < 0) return s;
   sv_arena_part_begin(a, "renderer");
   sv_renderer_cfg rc = renderer_cfg(c);
   if ((s = sv_renderer_init(&t->render, &rc, a)) < 0) return s;
@@ -139,6 +177,10 @@ static sv_status check(const sv_train_cfg *c, sv_err *err) {
                    c->cap_height_px);
   if (!(c->weight_ssim >= 0 && c->weight_ssim <= 1))
     return sv_fail(err, SV_E_ARG, "the SSIM weight is %g, expected 0 to 1", (double)c->weight_ssim);
+  if (c->dynamic.kind != SV_DEFORM_NONE && (c->cap_composites > 0 || c->n_unseen > 0))
+    return sv_fail(err, SV_E_UNSUPPORTED,
+                   "moving scenes are trained on whole pictures: not on multiplexed sensors, and without "
+                   "unseen views");
   if (c->start_scale != 1 && c->start_scale != 2 && c->start_scale != 4 && c->start_scale != 8)
     return sv_fail(err, SV_E_ARG, "the starting scale is %d, expected 1, 2, 4 or 8", c->start_scale);
   return SV_OK;
@@ -179,6 +221,8 @@ sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u
   t->i_order = 0; // a new epoch, with the new view in it
   return SV_OK;
 }
+
+void sv_train_replace_view(sv_trainer *t, int i_view, const sv_view *view) { t->views[i_view].view = *view; }
 
 // One more than fit, so that they can be shifted and still cover the sensor.
 static int n_regions_along(int side_px, int region_px) {
@@ -230,18 +274,28 @@ sv_status sv_train_start(sv_trainer *t, const sv_init_cfg *init, const sv_point 
     float centre[3], radius = sv_gaussians_radius(&t->g, scratch, centre);
     sv_train_set_scene(t, centre, radius);
   }
-  t->step = 0;
+  t->step = t->field_step = 0;
+  if (sv_train_is_dynamic(t)) {
+    sv_train_start_moving(t);
+    t->find_at = t->cfg.dynamic.from;
+  }
   sv_train_set_floors(t);
   return SV_OK;
 }
 
-uint64_t sv_train_digest(const sv_trainer *t) {
-  uint64_t h = 14695981039346656037ull;
-  size_t n = (size_t)t->g.cap * (size_t)t->g.n_rows;
+static uint64_t fnv1a(uint64_t h, const float *v, size_t n) {
   for (size_t i = 0; i < n; i++) {
     uint32_t b;
-    memcpy(&b, t->g.param + i, 4);
+    memcpy(&b, v + i, 4);
     for (int k = 0; k < 4; k++) h = (h ^ (b >> (8 * k) & 255)) * 1099511628211ull;
   }
   return h;
+}
+
+uint64_t sv_train_digest(const sv_trainer *t) {
+  uint64_t h = fnv1a(14695981039346656037ull, t->g.param, (size_t)t->g.cap * (size_t)t->g.n_rows);
+  if (!sv_train_is_dynamic(t)) return h;
+  if (t->deform.kind == SV_DEFORM_FIELD) return fnv1a(h, t->deform.field.param, t->deform.field.n_param);
+  return fnv1a(h, t->deform.motion.param,
+               (size_t)(t->deform.motion.n_moving + 15) / 16 * 16 * (size_t)t->deform.motion.n_rows);
 }

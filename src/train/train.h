@@ -6,6 +6,7 @@
 #ifndef SV_TRAIN_TRAIN_H
 #define SV_TRAIN_TRAIN_H
 
+#include "src/deform/deform.h"
 #include "src/loss/photometric.h"
 #include "src/loss/tv.h"
 #include "src/rig/forward.h"
@@ -21,6 +22,23 @@ typedef struct {
   float mean_start, mean_end; // times the scene radius; log-linear over the run
   float quat, scale, logit, sh0, sh_rest;
 } sv_learning_rates;
+
+#define SV_TRAIN_BLOCK_FLOATS ((SV_CAP_ROWS + 1 + SV_CAP_MROWS) * 16)
+
+// Moving scenes (src/deform).
+typedef struct {
+  sv_deform_kind kind;
+  float from; // progress at which things begin to move; before, one still model is trained on all times
+  sv_motion_functions_kind functions;
+  sv_field_cfg field;                 // of FIELD
+  float find_every, find_until;       // progress between two searches for what moves, and at the last
+  int n_pos, n_rot, n_colour;         // functions of clip mode
+  float pos, rot, colour, window;     // learning rates; of positions times that of the means
+  float reg_pos, reg_rot, reg_colour; // weights of the mean length of the coefficients; position per radius
+  float window_start; // half width of the windows that copies of moving slots begin with; 0: as their source
+  float unrest;       // who is off by so much more at some times than at others moves
+  float still_px, still_fade, still_colour; // who changes by less than all of these is still
+} sv_dynamic_cfg;
 
 typedef struct {
   int n_gaussians, sh_degree;
@@ -52,6 +70,7 @@ typedef struct {
   float noise;                         // multiplies the position noise of low-opacity Gaussians
   float floor_px; // least standard deviation, in pixels of the sharpest view of a Gaussian
   int steps_hint; // expected steps of the run: Adam's and the relocation's pace
+  sv_dynamic_cfg dynamic;
 } sv_train_cfg;
 
 typedef struct {
@@ -78,13 +97,21 @@ typedef struct {
   sv_gaussians g;
   float *m, *v; // Adam's moments, laid out as g.param
   float *err;   // [cap] running mean of each Gaussian's blended error
-  float *block; // [n_threads][SV_CAP_ROWS + 1][16] gradients of one block
+  float *block; // [n_threads][SV_TRAIN_BLOCK_FLOATS] gradients of one block: Gaussians, error, motion
   float *sum;   // [cap / 16][n_rows + 1][16] of a step with several pictures, last row: error. Or NULL
   uint32_t *sum_touched;    // [cap / 16][2] lanes with a gradient, lanes with an error
   float *floor;             // [cap] least log-scales, NULL without floor_px
   double *cum;              // [cap] cumulative relocation weights
   int32_t *copies, *source; // [cap] of a relocation
   uint32_t *touched_of;     // [cap / 16 / blocks a task + 1]
+  sv_deform deform;
+  float time;          // of the last picture
+  float find_at;       // progress of the next search
+  uint32_t field_step; // of the field's stage
+  uint8_t *is_moving;  // [cap]
+  // [cap] each, of the search for what moves: frames that saw a Gaussian, mean and squared deviations of its
+  // residual over them, largest deviation over the cameras; weight of the current frame
+  float *n_seen, *res_mean, *res_dev, *unrest, *weight;
   sv_renderer render;
   sv_photometric photometric;
   sv_tv tv;
@@ -112,6 +139,8 @@ sv_status sv_trainer_init(sv_trainer *t, const sv_train_cfg *cfg, const sv_kerne
 // E_FULL beyond cap_views, E_RANGE when picture and view differ in size or exceed the caps.
 sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u8 *image,
                             sv_err *err) SV_MUST_USE;
+// Picture i_view was replaced in place, by one of the same size from another pose.
+void sv_train_replace_view(sv_trainer *t, int i_view, const sv_view *view);
 // A sensor on which lens images overlap, with its measurement px[height][width][3], display values of 65535.
 sv_status sv_train_add_composite(sv_trainer *t, const sv_composite *model, const uint16_t *px,
                                  sv_err *err) SV_MUST_USE;
@@ -129,12 +158,32 @@ sv_render_options sv_train_render_options(const sv_trainer *t, float progress, b
 // A digest of all parameters, FNV-1a over their bits in slot order.
 uint64_t sv_train_digest(const sv_trainer *t);
 
+// Has t->g drawn as it is at a time 0..1. Nothing to do for still scenes.
+void sv_train_set_time(sv_trainer *t, float time);
+bool sv_train_is_dynamic(const sv_trainer *t);
+
 // --- pieces, for tests ---------------------------------------------------------------------------
 float sv_train_mean_lr(const sv_train_cfg *cfg, float progress); // per unit of scene radius
 int sv_train_scale_at(const sv_trainer *t, const sv_view *view, float progress);
 // Least log-scales from the views that see each Gaussian: the log of floor_px z / f at the highest f / z. What is
 // smaller was never measured (Mip-Splatting, Yu et al. 2024, eq. 7), and would look thin from nearer cameras.
 void sv_train_set_floors(sv_trainer *t);
+// At the start nothing moves.
+void sv_train_start_moving(sv_trainer *t);
+// A relocated slot gets the motion of its source, in a window of its own.
+void sv_train_copy_motion(sv_trainer *t, int to, int from);
+// Renders a training view, at half size at most, and leaves its residual in err_plane; no gradients.
+sv_status sv_train_residual(sv_trainer *t, int i_view, float progress) SV_MUST_USE;
+// Looks at every training time with the model as it is: a Gaussian whose residual changes with time, in any of
+// the cameras, by more than cfg.dynamic.unrest (root mean square, display values) is to move from now on.
+sv_status sv_train_find_moving(sv_trainer *t, float progress) SV_MUST_USE;
+// Who moves is learnt: slots whose motion is not worth it come to rest, the moving ones are put first.
+void sv_train_sort_moving(sv_trainer *t);
+// Gradients of a block of moving Gaussians, from those of the moved ones, and their step. touched: lanes.
+void sv_train_move_block(sv_trainer *t, const sv_motion_args *a, const sv_adam_args *adam, int block,
+                         uint32_t touched, const float *grad, float *scratch);
+// Adam's learning rates of the motion's rows, and the kernel's arguments, for one step.
+void sv_train_motion_rates(const sv_trainer *t, float mean_lr, double bias1, float lr[SV_CAP_MROWS]);
 // Relocates slots of opacity <= SV_OPACITY_DEAD; returns how many.
 uint32_t sv_train_relocate(sv_trainer *t);
 // Opacity and scale factor of n copies that together look like one Gaussian of opacity o: 1 - (1-o)^(1/n)

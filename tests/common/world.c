@@ -14,8 +14,9 @@ static _Alignas(SV_ARENA_ALIGN) uint8_t block[BLOCK_BYTES];
 static uint8_t file_block[WORLD_CAP_FILES + 1][WORLD_CAP_FILE]; // the last one: the file being written
 static uint8_t truth[640 * 480 * 3];
 
-static const char *const CALL_NAMES[WORLD_N_CALLS] = {"start", "dequeue", "requeue", "stop",
-                                                      "begin", "write",   "commit",  "read"};
+static const char *const CALL_NAMES[WORLD_N_CALLS] = {"start",    "dequeue",     "requeue", "stop",
+                                                      "rig_pose", "set_control", "trigger", "worker",
+                                                      "begin",    "write",       "commit",  "read"};
 const char *world_call_name(world_call c) { return CALL_NAMES[c]; }
 
 // True when this call is to fail.
@@ -39,12 +40,17 @@ static sv_status src_start(void *self) {
 }
 static sv_status src_dequeue(void *self, sv_frame *f, sv_ns until_ns) {
   world *w = self;
-  if (!fails(w, WORLD_DEQUEUE)) return w->inner.source.dequeue(w->inner.source.self, f, until_ns);
+  if (!fails(w, WORLD_DEQUEUE)) {
+    sv_status s = w->inner.source.dequeue(w->inner.source.self, f, until_ns);
+    w->n_out += s == SV_OK;
+    return s;
+  }
   memset(f, 0, sizeof *f);
   return SV_E_DEVICE;
 }
 static sv_status src_requeue(void *self, const sv_frame *f) {
   world *w = self;
+  w->n_back++;
   return fails(w, WORLD_REQUEUE) ? SV_E_DEVICE : w->inner.source.requeue(w->inner.source.self, f);
 }
 static sv_status src_stop(void *self) { // a failing stop still ends the stream, as a device that went away
@@ -54,7 +60,32 @@ static sv_status src_stop(void *self) { // a failing stop still ends the stream,
 }
 static sv_status src_rig_pose(void *self, sv_ns host_ns, sv_pose *rig_from_world) {
   world *w = self;
+  if (fails(w, WORLD_RIG_POSE)) return SV_E_IO;
   return w->inner.source.rig_pose(w->inner.source.self, host_ns, rig_from_world);
+}
+static sv_status src_set_control(void *self, int i_camera, sv_control c, int64_t value, int64_t *actual) {
+  world *w = self;
+  if (fails(w, WORLD_SET_CONTROL)) return SV_E_DEVICE;
+  return w->inner.source.set_control(w->inner.source.self, i_camera, c, value, actual);
+}
+static sv_status src_trigger(void *self, bool is_external) {
+  world *w = self;
+  return fails(w, WORLD_TRIGGER) ? SV_E_DEVICE : w->inner.source.trigger(w->inner.source.self, is_external);
+}
+
+// --- the cameras' thread -------------------------------------------------------------------------
+
+static sv_status worker_start(void *self, void (*fn)(void *arg), void *arg) {
+  world *w = self;
+  return fails(w, WORLD_WORKER) ? SV_E_IO : w->inner.worker.start(w->inner.worker.self, fn, arg);
+}
+static void worker_join(void *self) {
+  world *w = self;
+  w->inner.worker.join(w->inner.worker.self);
+}
+sv_worker world_worker(world *w) {
+  w->inner.worker = sv_linux_worker_port(&w->background);
+  return (sv_worker){w, worker_start, worker_join};
 }
 
 // --- store ---------------------------------------------------------------------------------------
@@ -180,10 +211,19 @@ static bool finish_open(world *w, sv_source source, sv_clock clock, const char *
   w->inner = (sv_port){.clock = clock, .pool = sv_linux_pool_port(&w->pool), .source = source};
   w->port = w->inner;
   w->port.machine = (sv_clock){w, machine_now, machine_sleep};
-  w->port.source = (sv_source){w, n, src_caps, src_start, src_dequeue, src_requeue, src_stop, src_rig_pose};
+  w->port.source = (sv_source){.self = w,
+                               .n_cameras = n,
+                               .caps = src_caps,
+                               .start = src_start,
+                               .dequeue = src_dequeue,
+                               .requeue = src_requeue,
+                               .stop = src_stop,
+                               .rig_pose = src_rig_pose,
+                               .set_control = source.set_control ? src_set_control : NULL,
+                               .trigger = source.trigger ? src_trigger : NULL};
   w->port.store = (sv_store){w, st_begin, st_write, st_commit, st_abandon, st_read};
   w->port.console = (sv_console){w, log_line, is_stop_requested};
-  w->port.publish = (sv_publish){w, publish};
+  w->port.publish = (sv_publish){.self = w, .image = publish};
   for (int i = 0; i < n; i++)
     if (src_caps(w, i, &w->caps[i]) < 0) return false;
   w->cfg = (sv_app_cfg){.n_cameras = n,

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// C only: the runtime's counters are atomic.
 // A whole runtime in a test: the simulator on its virtual clock, a store in memory, a machine clock that ticks by
 // itself, and a port that fails on demand. One world at a time: they share one block.
 #ifndef SV_TESTS_COMMON_WORLD_H
@@ -35,6 +36,10 @@ typedef enum {
   WORLD_DEQUEUE,
   WORLD_REQUEUE,
   WORLD_STOP,
+  WORLD_RIG_POSE,
+  WORLD_SET_CONTROL,
+  WORLD_TRIGGER,
+  WORLD_WORKER, // the start of the cameras' thread
   WORLD_BEGIN,
   WORLD_WRITE,
   WORLD_COMMIT,
@@ -64,6 +69,8 @@ typedef struct {
   sv_port port, inner; // the app's, and what it wraps
   world_store store;
   world_fault fault;
+  sv_linux_background background; // the cameras' thread, when the test sets port.worker = world_worker(w)
+  long n_out, n_back; // frames that dequeue gave, and that were handed back (whether or not that failed)
   sv_camera_caps caps[4];
   sv_err err;
   sv_ns machine_ns, machine_tick_ns; // each reading of the machine's clock adds a tick
@@ -84,6 +91,8 @@ sv_status world_init(world *w);                  // sv_app_init in what is left 
 sv_status world_init_in(world *w, size_t bytes); // the same in so many bytes of it
 // open, init and run; the run's status.
 sv_status world_run(world *w);
+// The cameras' thread for a live run; the simulator then runs as fast as it can beside the training.
+sv_worker world_worker(world *w);
 void world_close(world *w);                                     // ends the threads; the files stay
 void world_forget_files(world *w);                              // an empty store
 const world_file *world_find(const world *w, const char *name); // NULL: no such file

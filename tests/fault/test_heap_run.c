@@ -61,7 +61,7 @@ static void run_without_heap(const char *sim, int n_threads) {
   w.port.machine = sv_linux_clock();
   w.port.store = sv_linux_store_port(&store);
   w.port.console = sv_linux_console_port(&console);
-  w.port.publish = (sv_publish){NULL, publish_jpeg};
+  w.port.publish = (sv_publish){.image = publish_jpeg};
   w.cfg.train.n_gaussians = 300;
   w.cfg.train.relocate_every = 10;
   w.cfg.train.lr.logit = 0.3f;

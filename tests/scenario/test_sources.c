@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What every source of frames must do, on all that exist here: the simulator and a capture on disk. The request
-// counts are those of libcamera's compliance suite. A new source is one line in SOURCES.
+// What every source of frames must do (tests/common/source_suite.h), on all that exist here. A new source is one line
+// in SOURCES; cameras that are really there: tests/conform/source_check.c.
 // clang-format off
 #include <setjmp.h>
 #include <stdarg.h>
@@ -13,26 +13,77 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "platform/camera/tiled.h"
 #include "platform/replay/capture_writer.h"
+#include "platform/v4l2/v4l2.h"
 #include "src/format/cameramodel.h"
 #include "src/format/rig_file.h"
+#include "tests/common/fake_v4l2.h"
+#include "tests/common/source_suite.h"
 #include "tests/common/world.h"
 
 #define SPEC       "textured,rig=stereo,size=64x48,skew_us=300,drift_ppm=30,offset_ms=200"
 #define N_RECORDED 48 // frames of a camera in the capture
-#define N_COUNTS   10
-static const int COUNTS[N_COUNTS] = {1, 2, 3, 5, 8, 13, 21, 34, 55, 89};
 
 static world w;
 static char dir[256];
 
 static bool open_sim(void) { return world_open(&w, SPEC, 8, ~0u, 1); }
 static bool open_replay(void) { return world_open_replay(&w, dir, 8, ~0u, 1); }
+static void close_world(void) { world_close(&w); }
+static sv_source world_source(void) { return w.inner.source; }
+static sv_clock world_clock(void) { return w.inner.clock; }
+
+// V4L2 against a device of our own behind its system calls; by camera sets and formats.
+static fake_v4l2 fake;
+static sv_v4l2 v4l2;
+static bool open_v4l2_as(const char *spec) {
+  sv_camera_options o;
+  sv_arena arena = sv_arena_make(fake.block, sizeof fake.block);
+  sv_v4l2_sys sys = fake_v4l2_sys(&fake);
+  sv_clock clock = fake_v4l2_clock(&fake);
+  fake_v4l2_init(&fake, 3);
+  return sv_camera_parse("v4l2", spec, &o, &w.err) == SV_OK &&
+         sv_v4l2_init(&v4l2, &o, &sys, &clock, &arena, &w.err) == SV_OK;
+}
+static bool open_one(void) { return open_v4l2_as("/dev/video0"); }
+static bool open_three(void) { return open_v4l2_as("/dev/video0,/dev/video1,/dev/video2,buffers=4"); }
+static bool open_jpeg(void) { return open_v4l2_as("/dev/video0,/dev/video2,format=MJPG"); }
+static void close_v4l2(void) {
+  sv_v4l2_close(&v4l2);
+  assert_int_equal(fake_v4l2_n_open(&fake), 0);
+  assert_int_equal(fake_v4l2_n_mapped(&fake), 0);
+}
+static sv_source v4l2_source(void) { return sv_v4l2_source(&v4l2); }
+static sv_clock v4l2_clock(void) { return fake_v4l2_clock(&fake); }
+
+// Tiles of a simulator's picture and of a V4L2 camera's.
+static sv_tiled tiled;
+static uint8_t tiled_block[1 << 16];
+static bool tile(sv_source inner, int cols, int rows) {
+  sv_arena arena = sv_arena_make(tiled_block, sizeof tiled_block);
+  return sv_tiled_init(&tiled, &inner, cols, rows, &arena, &w.err) == SV_OK;
+}
+static bool open_tiled_sim(void) { return open_sim() && tile(w.inner.source, 2, 2); }
+static bool open_tiled_v4l2(void) { return open_one() && tile(sv_v4l2_source(&v4l2), 2, 1); }
+static bool open_tiled_jpeg(void) { return open_jpeg() && tile(sv_v4l2_source(&v4l2), 2, 2); }
+static sv_source tiled_source(void) { return sv_tiled_source(&tiled); }
+
 static const struct {
   const char *name;
   bool (*open)(void);
+  void (*close)(void);
+  sv_source (*source)(void);
+  sv_clock (*clock)(void);
   int n_frames; // after which it ends; 0: never
-} SOURCES[] = {{"sim", open_sim, 0}, {"replay", open_replay, 2 * N_RECORDED}};
+} SOURCES[] = {{"sim", open_sim, close_world, world_source, world_clock, 0},
+               {"replay", open_replay, close_world, world_source, world_clock, 2 * N_RECORDED},
+               {"v4l2", open_one, close_v4l2, v4l2_source, v4l2_clock, 0},
+               {"v4l2, three cameras", open_three, close_v4l2, v4l2_source, v4l2_clock, 0},
+               {"v4l2, MJPEG", open_jpeg, close_v4l2, v4l2_source, v4l2_clock, 0},
+               {"tiles of sim", open_tiled_sim, close_world, tiled_source, world_clock, 0},
+               {"tiles of v4l2", open_tiled_v4l2, close_v4l2, tiled_source, v4l2_clock, 0},
+               {"tiles of MJPEG", open_tiled_jpeg, close_v4l2, tiled_source, v4l2_clock, 0}};
 #define N_SOURCES ((int)(sizeof SOURCES / sizeof *SOURCES))
 
 // --- a capture of the simulator ------------------------------------------------------------------
@@ -105,125 +156,43 @@ static int remove_capture(void **state) {
   return system(command);
 }
 
-// --- what a frame must be ------------------------------------------------------------------------
+// --- the suite -----------------------------------------------------------------------------------
 
-typedef struct {
-  sv_ns last_arrival_ns;
-  bool has_last[4];
-  uint32_t last_sequence[4];
-  sv_ns last_camera_ns[4];
-} stream;
-
-static void check_frame(stream *st, const sv_frame *f) {
-  const sv_camera_caps *c;
-  assert_true(f->i_camera >= 0 && f->i_camera < w.inner.source.n_cameras);
-  c = &w.caps[f->i_camera];
-  assert_int_equal(f->width_px, c->width_px);
-  assert_int_equal(f->height_px, c->height_px);
-  assert_int_equal(f->format, c->format);
-  assert_true(f->stride_bytes >= f->width_px * 3);
-  assert_true(f->data && f->data_bytes <= c->frame_bytes);
-  assert_true(f->data_bytes >=
-              (size_t)f->stride_bytes * (size_t)(f->height_px - 1) + (size_t)f->width_px * 3);
-  assert_false(f->is_error);
-  assert_true(f->arrival_ns >= st->last_arrival_ns);
-  assert_true(f->arrival_ns <= w.inner.clock.now_ns(w.inner.clock.self));
-  if (st->has_last[f->i_camera]) {
-    assert_true(f->sequence > st->last_sequence[f->i_camera]);
-    assert_true(f->camera_ns > st->last_camera_ns[f->i_camera]);
-  }
-  uint32_t sum = 0; // every byte may be read, and it is a picture
-  for (size_t i = 0; i < f->data_bytes; i++) sum += f->data[i];
-  assert_true(sum > 0);
-  st->last_arrival_ns = f->arrival_ns;
-  st->has_last[f->i_camera] = true;
-  st->last_sequence[f->i_camera] = f->sequence;
-  st->last_camera_ns[f->i_camera] = f->camera_ns;
+static source_suite suite_of(int i) {
+  return (source_suite){
+      .source = SOURCES[i].source(), .clock = SOURCES[i].clock(), .n_frames = SOURCES[i].n_frames};
 }
 
-// start, n frames, stop. Frames are handed back at once, or not at all.
-static void capture(int i_source, int n, bool is_balanced) {
-  sv_source *src = &w.inner.source;
-  stream st = {.last_arrival_ns = INT64_MIN};
-  sv_frame f, on_loan[200];
-  int end = SOURCES[i_source].n_frames, n_loan = 0;
-  assert_int_equal(src->start(src->self), SV_OK);
-  for (int i = 0; i < n; i++) {
-    sv_ns until = w.inner.clock.now_ns(w.inner.clock.self) + 10 * SV_NS_PER_S;
-    sv_status s = src->dequeue(src->self, &f, until);
-    if (end && i >= end) {
-      assert_int_equal(s, SV_END);
-      continue;
+static void for_all(bool (*body)(source_suite *s, int n)) {
+  for (int i = 0; i < N_SOURCES; i++)
+    for (int k = 0; k < SOURCE_SUITE_N_COUNTS; k++) {
+      if (!SOURCES[i].open()) fail_msg("%s: %s", SOURCES[i].name, w.err.text);
+      source_suite s = suite_of(i);
+      if (!body(&s, source_suite_counts[k]))
+        fail_msg("%s, %d frames: %s", SOURCES[i].name, source_suite_counts[k], s.why);
+      SOURCES[i].close();
     }
-    if (!is_balanced && (s == SV_AGAIN || s == SV_END)) break; // no buffer is free: nothing can come
-    assert_int_equal(s, SV_OK);
-    check_frame(&st, &f);
-    if (!is_balanced) on_loan[n_loan++] = f;
-    else {
-      assert_int_equal(src->requeue(src->self, &f), SV_OK);
-      assert_true(src->requeue(src->self, &f) < 0); // twice is refused
-    }
-  }
-  for (int i = 0; i < n_loan; i++) // what is on loan keeps its pictures until the stop
-    for (int k = 0; k < i; k++) assert_true(on_loan[i].data != on_loan[k].data);
-  assert_int_equal(src->stop(src->self), SV_OK);
-  assert_int_equal(src->dequeue(src->self, &f, INT64_MAX), SV_END); // not running
-}
-
-static void for_all(void (*body)(int i_source, int n)) {
-  for (int s = 0; s < N_SOURCES; s++)
-    for (int i = 0; i < N_COUNTS; i++) {
-      if (!SOURCES[s].open()) fail_msg("%s: %s", SOURCES[s].name, w.err.text);
-      body(s, COUNTS[i]);
-      world_close(&w);
-    }
-}
-
-static void once(int s, int n) { capture(s, n, true); }
-static void thrice(int s, int n) {
-  for (int k = 0; k < 3; k++) capture(s, n, true);
-}
-static void unbalanced(int s, int n) {
-  sv_source *src = &w.inner.source;
-  assert_int_equal(src->stop(src->self), SV_OK); // before any start
-  capture(s, n, false);
-  assert_int_equal(src->stop(src->self), SV_OK); // a second time
-  capture(s, n, true);                           // the buffers are all there again
 }
 
 static void test_capture(void **state) {
   (void)state;
-  for_all(once);
+  for_all(source_suite_capture);
 }
 static void test_start_stop(void **state) {
   (void)state;
-  for_all(thrice);
+  for_all(source_suite_start_stop);
 }
 static void test_unbalanced_stop(void **state) {
   (void)state;
-  for_all(unbalanced);
+  for_all(source_suite_unbalanced);
 }
-
 static void test_bad_calls(void **state) {
   (void)state;
-  for (int s = 0; s < N_SOURCES; s++) {
-    if (!SOURCES[s].open()) fail_msg("%s: %s", SOURCES[s].name, w.err.text);
-    sv_source *src = &w.inner.source;
-    sv_camera_caps caps;
-    sv_frame f = {.i_camera = 0, .i_buffer = 0};
-    assert_true(src->caps(src->self, -1, &caps) < 0);
-    assert_true(src->caps(src->self, src->n_cameras, &caps) < 0);
-    assert_int_equal(src->start(src->self), SV_OK);
-    assert_true(src->requeue(src->self, &f) < 0); // not on loan
-    f.i_camera = 99;
-    assert_true(src->requeue(src->self, &f) < 0);
-    f.i_camera = 0, f.i_buffer = 1000;
-    assert_true(src->requeue(src->self, &f) < 0);
-    // Nothing comes before a time that has passed.
-    assert_int_equal(src->dequeue(src->self, &f, w.inner.clock.now_ns(w.inner.clock.self) - 1) == SV_E_DEVICE,
-                     0);
-    assert_int_equal(src->stop(src->self), SV_OK);
-    world_close(&w);
+  for (int i = 0; i < N_SOURCES; i++) {
+    if (!SOURCES[i].open()) fail_msg("%s: %s", SOURCES[i].name, w.err.text);
+    source_suite s = suite_of(i);
+    if (!source_suite_bad_calls(&s)) fail_msg("%s: %s", SOURCES[i].name, s.why);
+    SOURCES[i].close();
   }
 }
 

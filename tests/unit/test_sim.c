@@ -499,7 +499,7 @@ static void test_bad_specs(void **state) {
              {"thin,rig=multiplexed,size=16x16,grid=1x100", "do not fit"},
              {"thin,grid=2x2", "no grid"},
              {"thin,fps=1000,skew_us=900", "half a period"},
-             {"thin,path=crooked", "step or smooth"},
+             {"thin,path=crooked", "step, smooth or handheld"},
              {"thin,seed=-1", "whole number"},
              {"thin,drop=nan", "drop"},
              {"thin,,", "no option ''"}};

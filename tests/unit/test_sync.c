@@ -308,6 +308,34 @@ static void a_step_of_an_hour_relocks(void **state) {
     }
 }
 
+// A host that is held up for seconds and then gets everything at once: no clock has stepped.
+static void a_held_up_host_is_no_step(void **state) {
+  (void)state;
+  for (int mode = 0; mode < 2; mode++) {
+    world_t w = world3();
+    if (mode)
+      for (int c = 0; c < 3; c++) w.cam[c].drift = 0, w.cam[c].offset_ns = 1000 * SV_NS_PER_S;
+    bench_t b;
+    sv_rng r = sv_rng_make(5, 1);
+    bench_open(
+        &b, &w,
+        (sv_sync_cfg){.skew_limit_ns = 500000, .queue_len = 4, .clock_mode = mode ? SV_SYNC_CLOCK_COMMON : 0},
+        4000);
+    play(&b, &w, 1, 0, 300);
+    sv_ns until_ns = 1000 * SV_NS_PER_S + 380 * PERIOD_NS;
+    for (int k = 300; k < 380; k++)
+      for (int c = 0; c < 3; c++) {
+        sv_frame f = make_frame(&b, &w, &r, c, k);
+        f.arrival_ns = until_ns + k * 1000;
+        push(&b, f, true);
+      }
+    play(&b, &w, 2, 380, 300);
+    assert_int_equal(b.n_exposures, 680);
+    for (int c = 0; c < 3; c++) assert_int_equal(b.sync.streams[c].events[SV_SYNC_EVENT_CLOCK_STEP], 0);
+    bench_close(&b);
+  }
+}
+
 static void missing_camera_policies(void **state) {
   (void)state;
   world_t w = world3();
@@ -415,9 +443,9 @@ static void stamps_and_numbers_of_any_size(void **state) {
 
 static void middle_of_exposure_by_stamp_source(void **state) {
   (void)state;
-  sv_sync_camera cams[3] = {{SV_CLOCK_MONOTONIC, SV_STAMP_START, 0},
-                            {SV_CLOCK_MONOTONIC, SV_STAMP_MIDDLE, 0},
-                            {SV_CLOCK_MONOTONIC, SV_STAMP_END, 0}};
+  sv_sync_camera cams[3] = {{.clock = SV_CLOCK_MONOTONIC, .stamp = SV_STAMP_START},
+                            {.clock = SV_CLOCK_MONOTONIC, .stamp = SV_STAMP_MIDDLE},
+                            {.clock = SV_CLOCK_MONOTONIC, .stamp = SV_STAMP_END}};
   sv_sync_cfg cfg = {.n_cameras = 3, .cameras = cams, .skew_limit_ns = 10, .queue_len = 2};
   static _Alignas(64) uint8_t block[64 << 10];
   sv_arena a = sv_arena_make(block, sizeof block);
@@ -463,6 +491,7 @@ int main(void) {
       cmocka_unit_test(duplicates_and_swaps_are_named),
       cmocka_unit_test(everything_at_once_stays_exact),
       cmocka_unit_test(a_step_of_an_hour_relocks),
+      cmocka_unit_test(a_held_up_host_is_no_step),
       cmocka_unit_test(missing_camera_policies),
       cmocka_unit_test(late_frames_are_named),
       cmocka_unit_test(a_full_pool_drops_the_oldest_exposure),

@@ -5,6 +5,7 @@
 #   install.sh build    compiler and libraries of the programs
 #   install.sh test     the same, and what the tests use
 #   install.sh tidy     the same, and the static analysers
+#   install.sh board    for the build, and what the virtual ARM board needs
 #
 # Looks for files, not for packages, so it is done in an instant when everything is there, whoever installed
 # it. sudo is asked only when something is missing. What only makes some checks run (the others are then
@@ -22,6 +23,7 @@ has_header() {
 }
 header() { has_header "$1" || needed="$needed $2"; }
 command_() { command -v "$1" >/dev/null 2>&1 || needed="$needed $2"; }
+wanted_header() { has_header "$1" || wanted="$wanted $2"; }
 optional() { command -v "$1" >/dev/null 2>&1 || wanted="$wanted $2"; }
 
 command_ gcc build-essential
@@ -32,14 +34,41 @@ header jsmn.h libjsmn-dev
 header jpeglib.h libjpeg62-turbo-dev
 header png.h libpng-dev
 header zlib.h zlib1g-dev
+# The live view's server, and SPZ version 4; without them they say so
+wanted_header microhttpd.h libmicrohttpd-dev
+wanted_header seccomp.h libseccomp-dev
+wanted_header zstd.h libzstd-dev
+# cameras behind libcamera; without it V4L2 remains
+wanted_header libcamera/libcamera/libcamera.h "libcamera-dev libcamera-ipa"
+# subview-calibrate; without one of these it says what it cannot do
+wanted_header mrcal/mrcal.h libmrcal-dev
+wanted_header suitesparse/cholmod.h libsuitesparse-dev
+wanted_header mrgingham/mrgingham.hh libmrgingham-dev
+wanted_header opencv4/opencv2/calib3d.hpp libopencv-dev
+wanted_header opengv/types.hpp libopengv-dev
+wanted_header eigen3/Eigen/Core libeigen3-dev
 case $what in
 build) ;;
+board)
+  optional aarch64-linux-gnu-gcc "gcc-aarch64-linux-gnu libc6-dev-arm64-cross"
+  optional aarch64-linux-gnu-g++ g++-aarch64-linux-gnu
+  optional qemu-system-aarch64 qemu-system-arm
+  optional mmdebstrap mmdebstrap
+  optional cpio cpio
+  optional bc bc
+  optional xz xz-utils
+  PATH=$PATH:/usr/sbin:/sbin
+  optional depmod kmod
+  [ -r /usr/share/keyrings/debian-archive-keyring.gpg ] || wanted="$wanted debian-archive-keyring"
+  ;;
 test | tidy)
   header cmocka.h libcmocka-dev
   optional clang-format clang-format
+  optional chromium chromium   # opens the live view's page
   optional gnuplot gnuplot-nox # draws the plots of subview-lab tables
   if [ "$(uname -m)" = x86_64 ]; then # the ARM build, under emulation
     optional aarch64-linux-gnu-gcc "gcc-aarch64-linux-gnu libc6-dev-arm64-cross"
+    optional aarch64-linux-gnu-g++ g++-aarch64-linux-gnu # libcamera's shim
     optional qemu-aarch64-static qemu-user-static
     optional mmdebstrap mmdebstrap
     [ -r /usr/share/keyrings/debian-archive-keyring.gpg ] || wanted="$wanted debian-archive-keyring"
@@ -50,7 +79,7 @@ test | tidy)
   fi
   ;;
 *)
-  echo "install.sh: the first word is build, test or tidy, not $what" >&2
+  echo "install.sh: the first word is build, test, tidy or board, not $what" >&2
   exit 2
   ;;
 esac
@@ -109,6 +138,6 @@ if [ -n "$needed" ] && ! install_ $needed; then
   exit 1
 fi
 for package in $wanted; do
-  install_ "$package" || echo "install.sh: could not install $package; the checks that use it will be skipped"
+  install_ "$package" || echo "install.sh: could not install $package; what uses it is left out"
 done
 exit 0

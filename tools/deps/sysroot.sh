@@ -10,19 +10,25 @@
 set -eu
 arch=$1 folder=$2
 packages=libc6-dev,linux-libc-dev,libjpeg62-turbo-dev,libpng-dev,zlib1g-dev,libcmocka-dev,libjsmn-dev
+packages=$packages,libmicrohttpd-dev,libseccomp-dev,libzstd-dev,libcamera-dev,libcamera-ipa,libstdc++-12-dev
 
 fail() {
   echo "no sysroot for $arch: $*" >&2
   exit 1
 }
 
-[ -e "$folder/.complete" ] && exit 0
+# Complete, and of these packages.
+is_done() {
+  [ "$(cat "$folder/.complete" 2>/dev/null)" = "$packages" ] || return 1
+  touch "$folder/.complete"
+}
+is_done && exit 0
 command -v mmdebstrap >/dev/null || fail "mmdebstrap is not installed"
 command -v apt-get >/dev/null || fail "apt is not on this machine"
 mkdir -p "$(dirname "$folder")"
 exec 9>"$folder.lock"
 if command -v flock >/dev/null; then flock 9; fi # two builds may want it at the same time
-[ -e "$folder/.complete" ] && exit 0
+is_done && exit 0
 
 keyring=/usr/share/keyrings/debian-archive-keyring.gpg
 [ -r $keyring ] || fail "Debian's archive keyring is missing (package debian-archive-keyring)"
@@ -58,5 +64,5 @@ find "$folder.part" -type l -lname '/*' ! -path '*/etc/*' | while read -r link; 
 done
 rm -rf "$folder"
 mv "$folder.part" "$folder"
-date -u +%Y-%m-%dT%H:%M:%SZ >"$folder/.complete"
+echo "$packages" >"$folder/.complete"
 rm -f "$folder.log"

@@ -37,7 +37,11 @@ static const option table[] = {
      "training file (transforms_train.json, else transforms.json with every 8th view held out)", 0, 0, 0},
     {"exposures", OPT_INT, LAB_TRAIN, 0, AT(exposures), "N",
      "train on N exposures: the first by number, or else the N most dispersed views", 1, 1e6, 0},
-    {"model", OPT_WORD, LAB_TRAIN, 0, AT(method), "3dgs", "what is trained", 0, 0, "4dgs"},
+    {"model", OPT_WORD, LAB_TRAIN, 0, AT(method), "3dgs|4dgs",
+     "what is trained: still Gaussians, or such that move with the pictures' time (3dgs)", 0, 0, 0},
+    {"motion", OPT_TEXT, LAB_TRAIN, 0, AT(motion), "clip|field[,k=v...]",
+     "4dgs: each Gaussian for itself, or one field for all (clip); their settings, see below", 0, 0, 0},
+    {"camera", OPT_TEXT, LAB_EVAL, 0, AT(camera), "NAME", "only the views of this camera", 0, 0, 0},
     {"model", OPT_TEXT, LAB_EVAL | LAB_RENDER | LAB_EXPORT, LAB_EVAL | LAB_RENDER | LAB_EXPORT, AT(model),
      "FILE", "model PLY; settings are taken from train.json beside it", 0, 0, 0},
     {"prior", OPT_WORD, LAB_TRAIN, 0, AT(prior), "none", "sparse-view prior", 0, 0,
@@ -74,8 +78,10 @@ static const option table[] = {
      "also score only the pixels that training views have seen; train: with --eval", 0, 0, 0},
     {"lpips", OPT_FLAG, LAB_TRAIN | LAB_EVAL, 0, AT(has_lpips), 0,
      "also LPIPS (v0.1, SqueezeNet); train: with --eval", 0, 0, 0},
-    {"format", OPT_WORD, LAB_EXPORT, LAB_EXPORT, AT(format), "ply|splat", "of the file to write", 0, 0,
-     "spz|glb"},
+    {"format", OPT_WORD, LAB_EXPORT, LAB_EXPORT, AT(format), "ply|splat|spz|glb", "of the file to write", 0,
+     0, 0},
+    {"spz-version", OPT_INT, LAB_EXPORT, 0, AT(spz_version), "N",
+     "spz: 4 (zstd, newest), 3 or 2 (gzip, older viewers) (4)", 2, 4, 0},
     {"from", OPT_WORD, LAB_IMPORT, LAB_IMPORT, AT(from),
      "colmap|nerfstudio|blender|capture|lenslet|4cam-board|qca|sim", "what DIR is", 0, 0, 0},
     {"keep", OPT_INT, LAB_IMPORT, 0, AT(keep), "K", "lenslet: K x K inner sub-views (7 of 10 a side)", 1, 16,
@@ -188,6 +194,12 @@ static int check_required(const lab_command *c, const lab_options *o) {
     return lab_usage(c->name, "--steps and --time-limit exclude each other");
   if (c->bit == LAB_TRAIN && !o->is_eval && (o->mask || o->has_lpips))
     return lab_usage(c->name, "--%s needs --eval", o->mask ? "mask" : "lpips");
+  sv_train_cfg scratch = sv_train_defaults();
+  if (o->motion && !(o->method && strcmp(o->method, "4dgs") == 0))
+    return lab_usage(c->name, "--motion needs --model 4dgs");
+  if (o->motion && lab_parse_motion(o->motion, &scratch) != LAB_EXIT_OK)
+    return lab_usage(c->name, "--motion is clip or field, then settings ,name=number; not '%.80s'",
+                     o->motion);
   if (o->orbit >= 0 && o->split) return lab_usage(c->name, "--split and --orbit exclude each other");
   return LAB_EXIT_OK;
 }
@@ -251,6 +263,7 @@ int lab_args_parse(const lab_command *c, int argc, char **argv, lab_options *o) 
                      .threads = -1,
                      .orbit = -1,
                      .keep = -1,
+                     .spz_version = -1,
                      .baseline_m = -1,
                      .focal_px = -1,
                      .focus_m = -1,

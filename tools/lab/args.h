@@ -26,8 +26,8 @@ enum {
 // NULL and -1 stand for "not given"; a given number is inside its range.
 typedef struct {
   const char *data, *transforms, *model, *split, *out, *format, *from, *input;
-  const char *method, *prior, *init, *background, *loss, *mask, *noise, *antialias;
-  long exposures, gaussians, sh, steps, scale, seed, threads, orbit, keep;
+  const char *method, *motion, *camera, *prior, *init, *background, *loss, *mask, *noise, *antialias;
+  long exposures, gaussians, sh, steps, scale, seed, threads, orbit, keep, spz_version;
   double time_limit_s, baseline_m, focal_px, focus_m;
   bool is_eval, is_json, is_quiet, is_quick, has_depth, has_lpips, is_help, is_version;
   // Of --loss; below 0: not given
@@ -45,6 +45,8 @@ typedef struct {
 // LAB_EXIT_OK, or LAB_EXIT_USAGE after one line on stderr. Strings stay where argv has them.
 int lab_args_parse(const lab_command *c, int argc, char **argv, lab_options *o);
 void lab_args_help(const lab_command *c); // on stdout
+// Sets what --motion says in c->dynamic. text may be NULL: clip. LAB_EXIT_USAGE when it cannot be read.
+int lab_parse_motion(const char *text, sv_train_cfg *c);
 // One line: "subview-lab train: TEXT; try 'subview-lab train --help'". Returns LAB_EXIT_USAGE.
 int lab_usage(const char *command, const char *fmt, ...) SV_PRINTF(2, 3);
 

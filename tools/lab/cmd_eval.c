@@ -24,6 +24,7 @@ static sv_status evaluate(run *r, sv_err *err) {
   lab_source src = {.folder = r->o->data,
                     .transforms = r->settings.transforms,
                     .split = r->split,
+                    .camera = r->o->camera,
                     .n_exposures = sv_str_eq(r->split, "test_near") ? r->settings.n_exposures : 0,
                     .scale = r->settings.scale};
   if ((s = lab_views_open(&r->views, &src, &r->session.pool, err)) != SV_OK) return s;
@@ -36,6 +37,7 @@ static sv_status evaluate(run *r, sv_err *err) {
                       .scale = r->settings.scale};
   lab_eval_job job = {.session = &r->session,
                       .g = &r->model.g,
+                      .deform = r->model.deform.kind ? &r->model.deform : NULL,
                       .has_lpips = r->o->has_lpips,
                       .mask_from = r->o->mask ? &train : NULL,
                       .render = lab_render_options(&r->settings, r->model.g.sh_degree, r->views.has_depth)};

@@ -32,7 +32,10 @@ typedef struct {
   double loss; // of the last steps
   bool is_stopped, has_scores;
   sv_render_options render; // of the finished model
-  lab_scores scores;
+  lab_scores scores,
+      time_scores; // time_scores: of held-out times of the training cameras
+  bool has_time_scores;
+  bool is_standing; // the rig, while the scene moves
 } run;
 
 // --- settings ------------------------------------------------------------------------------------
@@ -44,6 +47,7 @@ static sv_train_cfg train_cfg(const lab_options *o) {
   c.seed = o->seed >= 0 ? (uint64_t)o->seed : 1;
   c.background = lab_background_by_name(o->background);
   if (o->steps > 0) c.steps_hint = (int)o->steps;
+  if (o->method && sv_str_eq(o->method, "4dgs")) lab_dynamic_cfg(o, &c);
   return c;
 }
 
@@ -64,10 +68,46 @@ static sv_sampling sampling_of(const lab_views *v) {
   return s;
 }
 
+static bool is_same_place(const lab_frame *a, const lab_frame *b) {
+  const sv_pose *p = &a->f.cam_from_world, *q = &b->f.cam_from_world;
+  double far2 = 0;
+  for (int i = 0; i < 9; i++) far2 += (p->r[i] - q->r[i]) * (p->r[i] - q->r[i]);
+  for (int i = 0; i < 3; i++) far2 += (p->t[i] - q->t[i]) * (p->t[i] - q->t[i]);
+  return far2 < 1e-8;
+}
+
+static int n_times(const lab_views *v) {
+  int n = 0;
+  for (int i = 0; i < v->n; i++) {
+    int k = 0;
+    while (k < i && v->frames[i].view.time != v->frames[k].view.time) k++;
+    n += k == i;
+  }
+  return n;
+}
+
+// Places that the cameras were at, for rigs that stand still while the scene moves.
+static int n_places(const lab_views *v) {
+  int n = 0;
+  for (int i = 0; i < v->n; i++) {
+    int k = 0;
+    while (k < i && !is_same_place(&v->frames[i], &v->frames[k])) k++;
+    n += k == i;
+  }
+  return n;
+}
+
 static void choose_objective(run *r) {
   const lab_options *o = r->o;
   sv_train_cfg *c = &r->cfg;
   sv_sampling s = sampling_of(&r->views);
+  s.is_moving = c->dynamic.kind != SV_DEFORM_NONE;
+  if (s.is_moving) {
+    sv_train_set_times(c, n_times(&r->views));
+    lab_dynamic_cfg(o, c); // what is asked for goes before
+  }
+  if (s.is_moving) s.n_exposures = (n_places(&r->views) + s.n_sub_views - 1) / s.n_sub_views;
+  r->is_standing = s.is_moving && s.n_exposures == 1;
   sv_train_set_objective(c, &s);
   if (o->ssim >= 0) c->weight_ssim = o->ssim;
   if (o->tv >= 0) c->weight_tv = o->tv;
@@ -86,8 +126,11 @@ static void choose_objective(run *r) {
 // The file of --init points:FILE, or the dataset's own; NULL: a random start.
 static const char *points_file(run *r) {
   const char *init = r->o->init;
-  if (init) return strncmp(init, "points:", 7) == 0 ? init + 7 : NULL;
-  if (!*r->views.points || r->o->exposures == 1) return NULL; // one exposure cannot have measured such points
+  if (init)
+    return strncmp(init, "points:", 7) == 0
+               ? init + 7
+               : NULL; // One exposure, or a rig that stands still, cannot have measured such points.
+  if (!*r->views.points || r->o->exposures == 1 || r->is_standing) return NULL;
   if (sv_path_exists(r->views.points)) return r->views.points;
   lab_say(&r->session, "%s: the points that the dataset names are missing; starting from random ones",
           r->views.points);
@@ -242,9 +285,23 @@ static sv_status evaluate(run *r, sv_err *err) {
                       .has_lpips = r->o->has_lpips,
                       .mask_from = r->o->mask ? &train : NULL};
   job.render.has_depth = v.has_depth;
+  job.deform = sv_train_is_dynamic(&r->plan.trainer) ? &r->plan.trainer.deform : NULL;
   if (s == SV_OK) s = lab_evaluate(&v, &job, &r->scores, err);
   lab_views_free(&v);
   r->has_scores = s == SV_OK;
+  if (s == SV_OK && job.deform) { // the paper's protocol: held-out frames of the training cameras
+    src.split = "test_time";
+    job.panel_folder = NULL;
+    job.mask_from = NULL;
+    s = lab_views_open(&v, &src, &r->session.pool, err);
+    if (s == SV_E_NOT_FOUND) s = SV_OK; // the file marks none
+    else if (s == SV_OK) {
+      job.render.has_depth = v.has_depth;
+      s = lab_evaluate(&v, &job, &r->time_scores, err);
+      r->has_time_scores = s == SV_OK;
+    }
+    lab_views_free(&v);
+  }
   r->eval_s = lab_seconds(&r->session) - t0;
   return s;
 }
@@ -255,6 +312,9 @@ static void report_figures(lab_report *j, const run *r) {
   if (r->has_scores) lab_report_text(j, "split", lab_default_split((int)r->o->exposures));
   if (r->has_scores) lab_scores_report(j, &r->scores);
   else lab_report_int(j, "views", r->views.n); // trained on; with scores: scored
+  if (r->has_time_scores) lab_time_scores_report(j, &r->time_scores);
+  if (sv_train_is_dynamic(&r->plan.trainer))
+    lab_report_int(j, "moving", sv_deform_n_moving(&r->plan.trainer.deform));
   lab_report_int(j, "training_views", r->views.n);
   lab_report_int(j, "steps", r->steps);
   lab_report_int(j, "gaussians", r->plan.trainer.g.n);
@@ -277,7 +337,7 @@ static void report_settings(lab_report *j, const run *r) {
   lab_report_text(j, "data", r->o->data);
   lab_report_text(j, "transforms", r->views.transforms);
   if (r->o->exposures > 0) lab_report_int(j, "exposures", r->o->exposures);
-  lab_report_text(j, "model", "3dgs");
+  lab_report_text(j, "model", sv_train_is_dynamic(t) ? "4dgs" : "3dgs");
   lab_report_text(j, "prior", "none");
   lab_report_int(j, "sh", t->cfg.sh_degree);
   if (r->n_steps > 0) lab_report_int(j, "steps_wanted", r->n_steps);
@@ -314,6 +374,8 @@ static sv_status save(run *r, sv_err *err) {
   if (s == SV_OK)
     s = lab_model_write(&r->plan.trainer.g, r->plan.trainer.cfg.is_antialiased,
                         r->plan.trainer.cfg.dilation_px2, path, err);
+  if (s == SV_OK && sv_train_is_dynamic(&r->plan.trainer))
+    s = lab_motion_write(&r->plan.trainer.deform, &r->plan.trainer.g, path, err);
   if (s == SV_OK) s = sv_path_join(path, sizeof path, r->o->out, "train.json", err);
   if (s != SV_OK) return s;
   lab_report_begin(&j);

@@ -124,6 +124,7 @@ static sv_status choose_frames(const file *f, const lab_source *src, const char 
     else if (is_train) is_in[i] = !held;
     else if (sv_str_eq(src->split, "test")) is_in[i] = held;
     else is_in[i] = marks && sv_str_eq(f->frames[i].split, src->split);
+    if (src->camera && !sv_str_eq(f->frames[i].camera, src->camera)) is_in[i] = false;
   }
   if (is_train && src->n_exposures > 0) {
     sv_status s = keep_exposures(f, src->n_exposures, is_in, err);

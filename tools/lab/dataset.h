@@ -45,8 +45,9 @@ typedef struct {
   const char *folder;
   const char *transforms; // NULL or empty: by the rule
   const char *split;
-  int n_exposures; // trained on, for the splits train and test_near; below 1: all. Frames with exposure
-                   // numbers: those of the lowest; else each frame is one, and the most dispersed are taken
+  const char *camera; // only frames of this camera; NULL: all
+  int n_exposures;    // trained on, for the splits train and test_near; below 1: all. Frames with exposure
+      // numbers: those of the lowest; else each frame is one, and the most dispersed are taken
   bool
       is_multiplexed; // where the file has measurements, lenses are known by them, else by their own pictures
   bool is_white;      // of two measurements, the one over white

@@ -122,6 +122,8 @@ static void load_task(void *arg, int i_task, int i_thread) {
 
 static sv_status render_slot(run *r, slot *s, const lab_frame *f, sv_err *err) {
   const sv_planes *p = &r->viewer.r.rgb;
+  if (r->job->deform)
+    sv_deform_at(r->job->deform, &r->job->session->k, &r->job->session->pool, r->job->g, f->view.time);
   sv_status st = sv_render(&r->viewer.r, &r->job->session->k, &r->job->session->pool, r->job->g, &f->view,
                            &r->job->render);
   if (st < 0) return sv_fail(err, st, "%s: the view cannot be rendered", f->path);

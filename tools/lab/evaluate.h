@@ -17,7 +17,8 @@ void lab_viewer_stop(lab_viewer *v);
 
 typedef struct {
   lab_session *session;
-  const sv_gaussians *g;
+  sv_gaussians *g;
+  sv_deform *deform;        // takes g to each view's time; NULL: nothing moves
   sv_render_options render; // has_depth: compare depth, too
   const char *panel_folder; // NULL, or where n_panels pictures "truth | render" (with masks: "| seen") go
   int n_panels;
@@ -47,6 +48,8 @@ sv_status lab_evaluate(const lab_views *v, const lab_eval_job *job, lab_scores *
 // The scores as keys of the report, and as a part of a printed line.
 void lab_scores_report(lab_report *j, const lab_scores *s);
 void lab_scores_print(const lab_scores *s);
+// Those of held-out times: keys with "time_" before them.
+void lab_time_scores_report(lab_report *j, const lab_scores *s);
 
 // Planes of a picture -> interleaved RGB bytes, clamped and rounded.
 void lab_to_bytes(const sv_planes *p, uint8_t *rgb);

@@ -4,6 +4,7 @@
 #define SV_TOOLS_LAB_LAB_H
 
 #include "platform/linux/linux.h"
+#include "src/deform/deform.h"
 #include "tools/common/fileio.h"
 #include "tools/lab/args.h"
 #include "tools/lab/dataset.h"
@@ -36,6 +37,8 @@ sv_status lab_session_start(lab_session *s, long n_threads, bool is_quiet, sv_er
 void lab_session_stop(lab_session *s);
 // Prints a failure as one sentence on stderr; returns LAB_EXIT_FAILED.
 int lab_failed(lab_session *s, const sv_err *err);
+// --model 4dgs: what --motion says (args.c has checked it), over the defaults.
+void lab_dynamic_cfg(const lab_options *o, sv_train_cfg *c);
 double lab_seconds(const lab_session *s); // since some moment
 long lab_peak_rss_bytes(void);
 // A line of progress, nothing with --quiet.
@@ -50,10 +53,15 @@ typedef struct {
   bool is_mip;
   float dilation_px2; // 0: not said
   uint64_t digest;    // as sv_train_digest
+  sv_deform deform;   // of motion.bin beside the model; kind NONE without
+  void *deform_block;
 } lab_model;
 
 sv_status lab_model_read(lab_model *m, const char *path, sv_err *err) SV_MUST_USE;
 void lab_model_free(lab_model *m);
+// motion.bin beside a model that was just written.
+sv_status lab_motion_write(const sv_deform *d, const sv_gaussians *g, const char *model_path,
+                           sv_err *err) SV_MUST_USE;
 sv_status lab_model_write(const sv_gaussians *g, bool is_mip, float dilation_px2, const char *path,
                           sv_err *err) SV_MUST_USE;
 

@@ -3,9 +3,11 @@
 #include <string.h>
 
 #include "src/base/str.h"
+#include "src/deform/deform_file.h"
 #include "src/format/ply.h"
 #include "src/splat/constants.h"
 #include "tools/lab/lab.h"
+#include "tools/lab/model_formats.h"
 
 // --- the model file ------------------------------------------------------------------------------
 
@@ -27,6 +29,52 @@ static sv_status fill(lab_model *m, const char *path, sv_ply *ply, sv_err *err) 
   return SV_OK;
 }
 
+static sv_status motion_path(char out[SV_CAP_PATH], const char *model_path, sv_err *err) {
+  char folder[SV_CAP_PATH];
+  sv_path_folder(folder, sizeof folder, model_path);
+  return sv_path_join(out, SV_CAP_PATH, folder, "motion.bin", err);
+}
+
+static sv_status take_motion(lab_model *m, const sv_sections *r, const sv_deform_head *h, sv_err *err) {
+  sv_arena dry = sv_arena_dry();
+  sv_deform *d = malloc(sizeof *d);
+  sv_status s = d ? sv_deform_carve(d, h, &m->g, SV_LINUX_CAP_THREADS, &dry) : SV_E_NOMEM;
+  size_t bytes = dry.used_bytes + SV_ARENA_ALIGN;
+  free(d);
+  if (s != SV_OK) return sv_fail(err, s, "%s: its sizes cannot be held", r->name);
+  if (!(m->deform_block = malloc(bytes)))
+    return sv_fail(err, SV_E_NOMEM, "%s: no memory for its motion", r->name);
+  sv_arena a = sv_arena_make(m->deform_block, bytes);
+  return sv_deform_read(&m->deform, r, h, &m->g, SV_LINUX_CAP_THREADS, &a, err);
+}
+
+static sv_status lab_motion_read(lab_model *m, const char *model_path, sv_err *err) {
+  char path[SV_CAP_PATH];
+  void *data;
+  size_t bytes;
+  sv_sections r;
+  sv_deform_head h;
+  sv_status s = motion_path(path, model_path, err);
+  if (s != SV_OK || !sv_path_exists(path)) return s;
+  if ((s = sv_file_read(path, &data, &bytes, err)) != SV_OK) return s;
+  s = sv_deform_open(&r, &h, path, data, bytes, err);
+  if (s == SV_OK) s = take_motion(m, &r, &h, err);
+  free(data);
+  return s;
+}
+
+sv_status lab_motion_write(const sv_deform *d, const sv_gaussians *g, const char *model_path, sv_err *err) {
+  char path[SV_CAP_PATH];
+  sv_file f;
+  sv_status s = motion_path(path, model_path, err);
+  if (s == SV_OK) s = sv_file_begin(&f, path, err);
+  if (s != SV_OK) return s;
+  if ((s = sv_deform_write(d, g, (sv_sink){&f, sv_file_append}, err)) == SV_OK)
+    return sv_file_commit(&f, err);
+  sv_file_abandon(&f);
+  return s;
+}
+
 sv_status lab_model_read(lab_model *m, const char *path, sv_err *err) {
   void *data;
   size_t bytes;
@@ -34,29 +82,36 @@ sv_status lab_model_read(lab_model *m, const char *path, sv_err *err) {
   memset(m, 0, sizeof *m);
   sv_status s = sv_file_read(path, &data, &bytes, err);
   if (s != SV_OK) return s;
-  s = sv_ply_open(&ply, path, data, bytes, err);
-  if (s == SV_OK && ply.kind != SV_PLY_GAUSSIANS)
+  bool is_ply = !lab_is_viewer_format(path, data, bytes);
+  if (!is_ply) s = lab_read_viewer_format(&m->g, &m->is_mip, &m->block, path, data, bytes, err);
+  else s = sv_ply_open(&ply, path, data, bytes, err);
+  if (is_ply && s == SV_OK && ply.kind != SV_PLY_GAUSSIANS)
     s = sv_fail(err, SV_E_FORMAT,
                 "%s: a point cloud; a model with scale_0, rot_0, opacity and f_dc_0 was expected", path);
-  if (s == SV_OK && (ply.n < 1 || ply.n > 4000000))
+  if (is_ply && s == SV_OK && (ply.n < 1 || ply.n > 4000000))
     s = sv_fail(err, SV_E_RANGE, "%s: has %u Gaussians; 1 to 4000000 were expected", path, ply.n);
-  if (s == SV_OK) s = fill(m, path, &ply, err);
+  if (is_ply && s == SV_OK) s = fill(m, path, &ply, err);
   free(data);
   if (s != SV_OK) {
     lab_model_free(m);
     return s;
   }
   sv_trainer *t = calloc(1, sizeof *t); // the digest is defined on a trainer's parameters
+  s = lab_motion_read(m, path, err);
   if (t) {
     t->g = m->g;
+    t->deform = m->deform;
+    t->cfg.dynamic.kind = m->deform.kind;
     m->digest = sv_train_digest(t);
   }
   free(t);
-  return SV_OK;
+  if (s != SV_OK) lab_model_free(m);
+  return s;
 }
 
 void lab_model_free(lab_model *m) {
   free(m->block);
+  free(m->deform_block);
   memset(m, 0, sizeof *m);
 }
 

@@ -33,3 +33,11 @@ void lab_scores_print(const lab_scores *s) {
   if (s->n_masked) printf(": mPSNR %.2f dB, mSSIM %.4f", s->mpsnr, s->mssim);
   if (s->n_masked && s->has_lpips) printf(", mLPIPS %.4f", s->mlpips);
 }
+
+void lab_time_scores_report(lab_report *j, const lab_scores *s) {
+  lab_report_num(j, "time_psnr", s->psnr);
+  lab_report_num(j, "time_ssim", s->ssim);
+  if (s->has_lpips) lab_report_num(j, "time_lpips_squeeze", s->lpips);
+  if (s->n_depth) lab_report_num(j, "time_abs_rel", s->abs_rel);
+  lab_report_int(j, "time_views", s->n);
+}

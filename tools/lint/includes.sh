@@ -4,6 +4,7 @@
 #   src/base -> src/base                     kernels  -> kernels
 #   calib    -> calib, kernels, src/base     platform -> platform, src/port, src/base, src/rig, calib/model.h,
 #                                                        src/image/noise.h (what a sensor does to light)
+#                                            platform/preview -> src/format, too: it hands files out
 #   src      -> src, calib, kernels/kernels.h          boards -> boards, platform, src
 #   calib/solve is for tools and tests only. tools and tests may include anything.
 # Our own headers are included with quotes and named from the root of the tree; quotes are for nothing else.
@@ -25,7 +26,7 @@ LC_ALL=C awk -f "$lint/strip.awk" $("$lint/sources.sh" c) /dev/null |
     if (starts(file, "src/")) return starts(to, "src/") || starts(to, "calib/") || to == "kernels/kernels.h"
     if (starts(file, "platform/"))
       return to ~ /^(platform|src\/port|src\/base|src\/rig)\// || to == "calib/model.h" ||
-             to == "src/image/noise.h"
+             to == "src/image/noise.h" || (starts(file, "platform/preview/") && starts(to, "src/format/"))
     if (starts(file, "boards/")) return to ~ /^(boards|platform|src)\//
     return 1
   }

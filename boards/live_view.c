@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "boards/live_view.h"
+
+#include <arpa/inet.h>
+#include <ifaddrs.h>
+#include <net/if.h>
+#include <string.h>
+#include <sys/statvfs.h>
+#include <unistd.h>
+
+#include "src/app/isa.h"
+
+static sv_linux_live live;
+static bool is_open;
+
+static bool is_any(const char *addr) { return !strcmp(addr, "0.0.0.0") || !strcmp(addr, "::"); }
+
+// "all addresses" is no place to go to: the link names those that other machines see.
+static void print_links(const run_options *o) {
+  struct ifaddrs *list = NULL;
+  int n = 0;
+  if (is_any(o->preview_addr) && getifaddrs(&list) == 0) {
+    for (const struct ifaddrs *i = list; i; i = i->ifa_next) {
+      char text[INET_ADDRSTRLEN];
+      if (!i->ifa_addr || i->ifa_addr->sa_family != AF_INET || i->ifa_flags & IFF_LOOPBACK) continue;
+      const struct sockaddr_in *a = (const struct sockaddr_in *)(const void *)i->ifa_addr;
+      if (!inet_ntop(AF_INET, &a->sin_addr, text, sizeof text)) continue;
+      say(2, "page: http://%s:%d/#%s\n", text, o->preview_port, live.token);
+      n++;
+    }
+    freeifaddrs(list);
+  }
+  if (n) return;
+  const char *addr = is_any(o->preview_addr) ? "127.0.0.1" : o->preview_addr;
+  say(2, strchr(addr, ':') ? "page: http://[%s]:%d/#%s\n" : "page: http://%s:%d/#%s\n", addr, o->preview_port,
+      live.token);
+}
+
+sv_status live_view_open(const run_options *o, sv_err *err) {
+  if (!o->preview && !o->has_feed) return SV_OK;
+  sv_status s = sv_linux_live_open(&live, (uint32_t)o->gaussians, (uint32_t)SV_GAUSSIAN_N_FLOATS(o->sh), err);
+  is_open = s >= 0;
+  if (s >= 0 && o->preview) s = sv_linux_live_serve(&live, NULL, o->preview_addr, o->preview_port, err);
+  if (s >= 0 && o->preview) print_links(o);
+  if (s >= 0 && o->has_feed && !o->preview)
+    say(2, "feed: subview-preview --attach %ld serves it\n", (long)getpid());
+  return s;
+}
+
+void live_view_publish(sv_publish *p) {
+  if (is_open) sv_linux_live_publish(&live, p);
+}
+
+bool live_view_failed(const run_options *o, sv_feed_lacks lacks, const char *sentence,
+                      const sv_console *console) {
+  if (!is_open) return false;
+  sv_publish p = {0};
+  sv_clock clock = sv_linux_clock();
+  live_view_publish(&p);
+  sv_live_show_failure(p.feed, lacks, BOARD_NAME, o->source, o->is_session, sentence);
+  while (o->is_session && !console->is_stop_requested(console->self)) {
+    if (p.command(p.self) == SV_COMMAND_NEW) return true;
+    clock.sleep_until_ns(clock.self, clock.now_ns(clock.self) + 50 * SV_NS_PER_MS);
+  }
+  return false;
+}
+
+void live_view_close(void) {
+  if (is_open) sv_linux_live_close(&live);
+  is_open = false;
+}
+
+// --- the first run -------------------------------------------------------------------------------
+
+void check_list_fails(const char *what, const char *sentence) { say(2, "[--] %s: %s\n", what, sentence); }
+
+void check_list(const run_options *o, const board_source *src, const sv_arena *arena, const sv_kernels *k) {
+  static const char *const formats[] = {"none", "grey", "RGB", "RGBA", "RGB of 16 bits", "JPEG", "PNG"};
+  struct statvfs fs;
+  say(2, "[ok] board %s: %ld threads, %s kernels\n", BOARD_NAME, o->threads, sv_isa_name(k->isa));
+  for (int i = 0; i < src->source.n_cameras; i++) {
+    const sv_camera_caps *c = &src->caps[i];
+    const char *format = (size_t)c->format < sizeof formats / sizeof *formats ? formats[c->format] : "raw";
+    say(2, "[ok] camera %d %s: %dx%d, %s, %.4g fps\n", i, c->name, c->width_px, c->height_px, format, c->fps);
+  }
+  say(2, "[ok] rig %s: %d sub-views\n", src->rig->name, src->rig->n_sub_views);
+  say(2, "[ok] memory: %.1f of %.1f MiB of the block\n", (double)arena->used_bytes / 1048576.0,
+      (double)arena->cap_bytes / 1048576.0);
+  if (statvfs(o->out, &fs) == 0)
+    say(2, "[ok] folder %s: can be written, %.1f GiB free\n", o->out,
+        (double)fs.f_bavail * (double)fs.f_frsize / 1073741824.0);
+  if (o->preview) say(2, "[ok] page: served on %s port %d\n", o->preview_addr, o->preview_port);
+}

@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+// The options of `subview run`.
+#ifndef SV_BOARDS_RUN_OPTIONS_H
+#define SV_BOARDS_RUN_OPTIONS_H
+
+#include <stdbool.h>
+
+typedef struct {
+  const char *source, *rig, *scene, *out, *sub_views, *sync, *preview;
+  long exposures, steps, gaussians, sh, threads, seed, skew_ms, orbit;
+  double time_limit, save_every, picture_every;
+  bool is_resume, is_live, is_json, is_quiet, is_session, has_feed, is_check;
+  char preview_addr[64];    // of --preview; port 0: none
+  int preview_port, i_sync; // of --sync, in the order of sv_intake_mode
+} run_options;
+
+// 0; the exit code after a message; -1 when --help was printed.
+int run_options_parse(int argc, char **argv, run_options *o);
+
+#endif

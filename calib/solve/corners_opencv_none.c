@@ -1,0 +1,10 @@
+// SPDX-License-Identifier: Apache-2.0
+// For builds without OpenCV.
+#include "calib/solve/corners.h"
+
+bool sv_corners_has_opencv(void) { return false; }
+
+bool sv_corners_opencv(const sv_corners_job *job, double *uv_px) {
+  (void)job, (void)uv_px;
+  return false;
+}

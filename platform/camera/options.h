@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+// What stands behind "v4l2:" and "libcamera:": a list of cameras, then options, separated by commas.
+//   size=WxH          frames of this size (else what the camera is set to)
+//   format=FOURCC     pixel format by V4L2's name (YUYV, NV12, GREY, RG10, pRAA, MJPG, ...; else the best one)
+//   fps=F             frames a second
+//   buffers=N         frames of a camera that can be in use at once, 3..32 (8)
+//   exposure=US gain=N wb=K    fixed shutter time in microseconds, gain and colour temperature; gain in the driver's
+//                     units (V4L2) or as a factor (libcamera)
+//   lock=on|off       exposure, gain and white balance hold still while the cameras run (on)
+//   settle=MS         the automatic controls' time to settle before they are locked (500)
+//   stall=MS          a camera without a frame for so long is started again (1000)
+//   clock=camera|monotonic|boottime|realtime, stamp=start|middle|end    what the stamps mean, if not as the driver says
+//   black=N red=F blue=F light=linear|display    of raw sensors: black level in samples, gains beside green, and
+//                     whether samples are light (Bayer) or display values (grey)
+//   dmabuf=on|off     V4L2 buffers are exported as DMABUF descriptors, too (off)
+//   sync=off|server|client     libcamera's rpi.sync between boards (off)
+#ifndef SV_PLATFORM_CAMERA_OPTIONS_H
+#define SV_PLATFORM_CAMERA_OPTIONS_H
+
+#include <stdbool.h>
+
+#include "src/port/port.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SV_CAMERA_CAP_CAMERAS 8
+#define SV_CAMERA_CAP_BUFFERS 32
+#define SV_CAMERA_CAP_NAME    128
+
+typedef enum { SV_RPI_SYNC_OFF = 0, SV_RPI_SYNC_SERVER, SV_RPI_SYNC_CLIENT } sv_rpi_sync;
+
+typedef struct {
+  int n_cameras;
+  char name[SV_CAMERA_CAP_CAMERAS][SV_CAMERA_CAP_NAME]; // "/dev/video0"; "0" or libcamera's id
+  int width_px, height_px;                              // 0: the camera's own
+  char format[5];                                       // "": the best
+  double fps;                                           // 0: the camera's own
+  int n_buffers;
+  sv_ns exposure_ns; // 0: not given
+  double gain;       // negative: not given
+  int white_k;       // 0: not given
+  bool is_unlocked;
+  sv_ns settle_ns, stall_ns;
+  bool has_clock, has_stamp, has_light;
+  sv_clock_id clock;
+  sv_stamp_source stamp;
+  sv_raw_tone tone; // is_linear counts when has_light
+  bool is_exported;
+  sv_rpi_sync sync;
+} sv_camera_options;
+
+sv_camera_options sv_camera_defaults(void);
+// `kind` ("v4l2") is for sentences. E_ARG with one.
+sv_status sv_camera_parse(const char *kind, const char *spec, sv_camera_options *out,
+                          sv_err *err) SV_MUST_USE;
+// The tone of a format under these options: Bayer samples are light unless told otherwise.
+sv_raw_tone sv_camera_tone(const sv_camera_options *o, sv_pixel_format f);
+
+// --- events of cameras, a ring -------------------------------------------------------------------
+#define SV_CAMERA_CAP_EVENTS 64
+typedef struct {
+  sv_camera_event event[SV_CAMERA_CAP_EVENTS];
+  int i_first, n;
+  uint64_t count[SV_N_CAMERA_EVENTS]; // since the start, overwritten ones included
+  uint64_t n_starved[SV_CAMERA_CAP_CAMERAS];
+  sv_ns starved_ns[SV_CAMERA_CAP_CAMERAS]; // when it was said last
+} sv_camera_events;
+
+void sv_camera_events_add(sv_camera_events *e, sv_camera_event_kind kind, int i_camera, sv_ns host_ns,
+                          int64_t detail);
+// STARVED, said once a second at most: a busy reader would have it with each frame.
+void sv_camera_events_starved(sv_camera_events *e, int i_camera, sv_ns host_ns);
+sv_status sv_camera_events_pop(sv_camera_events *e, sv_camera_event *out) SV_MUST_USE; // AGAIN: none
+
+// Size of a baseline or progressive JPEG by its header, and whether its end marker is there. False: not a JPEG.
+bool sv_camera_jpeg_look(const uint8_t *data, size_t bytes, int *width_px, int *height_px, bool *has_end);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "platform/codec/gzip.h"
+
+#include <stdlib.h>
+#include <zlib.h>
+
+#define WITH_GZIP_HEADER (16 + MAX_WBITS)
+
+sv_status sv_gzip(const sv_piece *piece, int n_pieces, uint8_t **out, size_t *bytes, sv_err *err) {
+  z_stream z = {0};
+  uLong total = 0;
+  *out = NULL;
+  for (int i = 0; i < n_pieces; i++) total += (uLong)piece[i].bytes;
+  if (total > 0x7fffffff ||
+      deflateInit2(&z, Z_DEFAULT_COMPRESSION, Z_DEFLATED, WITH_GZIP_HEADER, 8, Z_DEFAULT_STRATEGY))
+    return sv_fail(err, SV_E_NOMEM, "gzip: %lu bytes cannot be compressed", total);
+  uLong cap = deflateBound(&z, total);
+  uint8_t *o = malloc(cap);
+  int r = o ? Z_OK : Z_MEM_ERROR;
+  z.next_out = o, z.avail_out = (uInt)cap;
+  for (int i = 0; r == Z_OK && i < n_pieces; i++) {
+    z.next_in = (Bytef *)(uintptr_t)piece[i].data, z.avail_in = (uInt)piece[i].bytes;
+    r = deflate(&z, i + 1 < n_pieces ? Z_NO_FLUSH : Z_FINISH);
+  }
+  size_t n = z.total_out;
+  deflateEnd(&z);
+  if (r != Z_STREAM_END) {
+    free(o);
+    return sv_fail(err, SV_E_NOMEM, "gzip: no memory for %lu bytes", total);
+  }
+  *out = o, *bytes = n;
+  return SV_OK;
+}
+
+sv_status sv_gunzip(const char *name, const uint8_t *data, size_t n, size_t cap, uint8_t **out, size_t *bytes,
+                    sv_err *err) {
+  z_stream z = {.next_in = (Bytef *)(uintptr_t)data, .avail_in = (uInt)n};
+  size_t room = 4 * n + 4096;
+  *out = NULL;
+  if (n > 0x7fffffff || inflateInit2(&z, WITH_GZIP_HEADER))
+    return sv_fail(err, SV_E_NOMEM, "%s: cannot be read", name);
+  uint8_t *o = malloc(room);
+  int r = o ? Z_OK : Z_MEM_ERROR;
+  while (r == Z_OK) {
+    if (z.total_out == room) {
+      if (room >= cap) break;
+      room = room > cap / 2 ? cap : 2 * room;
+      uint8_t *larger = realloc(o, room);
+      if (!larger) break;
+      o = larger;
+    }
+    z.next_out = o + z.total_out;
+    z.avail_out = room - z.total_out > 1u << 30 ? 1u << 30 : (uInt)(room - z.total_out);
+    r = inflate(&z, Z_NO_FLUSH);
+    if (r == Z_BUF_ERROR && z.avail_out == 0) r = Z_OK;
+  }
+  size_t got = z.total_out;
+  inflateEnd(&z);
+  if (r == Z_STREAM_END && got <= cap) {
+    *out = o, *bytes = got;
+    return SV_OK;
+  }
+  free(o);
+  if (r == Z_OK) return sv_fail(err, SV_E_RANGE, "%s: holds more than the %zu bytes expected", name, cap);
+  return sv_fail(err, SV_E_FORMAT, "%s: its gzip stream is damaged or cut", name);
+}

@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+// The C++ shim over libcamera, 0.0.3 to current: what its two files share.
+#pragma once
+
+#include <libcamera/libcamera.h>
+#include <libcamera/version.h>
+
+#include <array>
+#include <condition_variable>
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "platform/libcamera/libcamera.h"
+
+// --- releases ------------------------------------------------------------------------------------
+#define SV_LIBCAMERA_SINCE(a, b, c)                                                                          \
+  (LIBCAMERA_VERSION_MAJOR * 10000 + LIBCAMERA_VERSION_MINOR * 100 + LIBCAMERA_VERSION_PATCH >=              \
+   (a)*10000 + (b)*100 + (c))
+
+#if defined(                                                                                                 \
+    LIBCAMERA_HAS_RPI_VENDOR_CONTROLS_SYNC_MODE) // since 0.5.2; the algorithm is in Raspberry Pi's builds
+#define SV_HAS_RPI_SYNC 1
+#else
+#define SV_HAS_RPI_SYNC 0
+#endif
+
+using libcamera::Camera;
+using libcamera::CameraConfiguration;
+using libcamera::CameraManager;
+using libcamera::FrameBuffer;
+using libcamera::FrameBufferAllocator;
+using libcamera::Request;
+using libcamera::Stream;
+
+// --- one camera ----------------------------------------------------------------------------------
+enum class RequestState { Idle, Queued, Done, OnLoan };
+
+struct Mapping {
+  uint8_t *p = nullptr;
+  size_t bytes = 0;
+};
+
+struct Slot {
+  std::unique_ptr<Request> request;
+  FrameBuffer *buffer = nullptr;
+  std::array<Mapping, 3> maps; // one per descriptor
+  std::array<uint8_t *, 3> plane = {};
+  size_t cap_bytes = 0; // of the first plane, up to the end of its mapping
+  RequestState state = RequestState::Idle;
+  sv_ns arrival_ns = 0;
+};
+
+struct Cam {
+  int i_camera = 0;
+  sv_libcamera *owner = nullptr;
+  std::shared_ptr<Camera> camera;
+  std::unique_ptr<CameraConfiguration> config;
+  std::unique_ptr<FrameBufferAllocator> allocator;
+  std::vector<Slot> slots;
+  Stream *stream = nullptr;
+  sv_camera_caps caps = {};
+  int stride_bytes = 0;
+  bool is_streaming = false, is_lost = false, has_failed = false, is_gone = false, is_starved = false;
+  bool is_synced = true;  // rpi.sync has said so, or is off
+  bool must_lock = false; // the next request carries the locked values
+  int32_t exposure_us = 0;
+  float gain = 0;
+  std::array<float, 2> white = {};
+  bool has_white = false;
+  sv_ns last_frame_ns = 0;
+  uint64_t n_restarts = 0;
+
+  void requestDone(Request *request);
+  void disconnected();
+};
+
+struct sv_libcamera {
+  std::unique_ptr<CameraManager> manager;
+  sv_camera_options cfg = {};
+  sv_clock clock = {};
+  std::vector<std::unique_ptr<Cam>> cams;
+  bool is_running = false;
+  sv_camera_events events = {};
+  std::mutex mutex; // of the slots' states and arrivals, and of is_gone
+  std::condition_variable arrived;
+};
+
+inline sv_ns now(const sv_libcamera *s) { return s->clock.now_ns(s->clock.self); }
+inline bool has(const Cam *c, const libcamera::ControlId &id) {
+  const libcamera::ControlInfoMap &m = c->camera->controls();
+  return m.find(id.id()) != m.end();
+}

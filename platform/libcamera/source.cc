@@ -1,0 +1,332 @@
+// SPDX-License-Identifier: Apache-2.0
+// libcamera, at work: requests out and in, stalls, and the source's calls.
+#include <cerrno>
+#include <chrono>
+#include <cstring>
+
+#include "platform/libcamera/shim.hpp"
+
+using namespace libcamera;
+
+static bool is_startup_frame(const FrameMetadata &m) {
+#if SV_LIBCAMERA_SINCE(0, 5, 2)
+  return m.status == FrameMetadata::FrameStartup;
+#else
+  (void)m;
+  return false;
+#endif
+}
+
+// --- one camera ------------------------------------------------------------------------------------
+// On libcamera's thread: only notes it.
+void Cam::requestDone(Request *request) {
+  sv_ns t_ns = now(owner);
+  std::lock_guard<std::mutex> lock(owner->mutex);
+  Slot &s = slots[request->cookie()];
+  bool is_cancelled = request->status() == Request::RequestCancelled;
+  s.state = is_cancelled ? RequestState::Idle : RequestState::Done;
+  s.arrival_ns = t_ns;
+  owner->arrived.notify_one();
+}
+
+void Cam::disconnected() {
+  std::lock_guard<std::mutex> lock(owner->mutex);
+  is_gone = true;
+  owner->arrived.notify_one();
+}
+
+static void set_sync(const sv_libcamera *s, ControlList *list) {
+#if SV_HAS_RPI_SYNC
+  if (s->cfg.sync == SV_RPI_SYNC_SERVER) list->set(controls::rpi::SyncMode, controls::rpi::SyncModeServer);
+  if (s->cfg.sync == SV_RPI_SYNC_CLIENT) list->set(controls::rpi::SyncMode, controls::rpi::SyncModeClient);
+#else
+  (void)s, (void)list;
+#endif
+}
+
+// Values that are given, or that the automatic control has found, and no automatic control from here on.
+static void set_fixed(const sv_libcamera *s, const Cam *c, ControlList *list) {
+  int32_t us = s->cfg.exposure_ns > 0 ? static_cast<int32_t>(s->cfg.exposure_ns / 1000) : c->exposure_us;
+  float gain = s->cfg.gain >= 0 ? static_cast<float>(s->cfg.gain) : c->gain;
+  if (us > 0 && has(c, controls::ExposureTime)) {
+    list->set(controls::ExposureTime, us);
+    if (has(c, controls::AeEnable)) list->set(controls::AeEnable, false);
+  }
+  if (gain > 0 && has(c, controls::AnalogueGain)) list->set(controls::AnalogueGain, gain);
+  if (c->has_white && has(c, controls::AwbEnable)) {
+    list->set(controls::AwbEnable, false);
+    list->set(controls::ColourGains, Span<const float, 2>(c->white));
+  }
+}
+
+static int queue(Cam *c, Slot *s) {
+  {
+    std::lock_guard<std::mutex> lock(c->owner->mutex);
+    s->state = RequestState::Queued;
+  }
+  if (c->must_lock) set_fixed(c->owner, c, &s->request->controls());
+  c->must_lock = false;
+  int r = c->camera->queueRequest(s->request.get());
+  if (r >= 0) return 0;
+  std::lock_guard<std::mutex> lock(c->owner->mutex);
+  s->state = RequestState::Idle;
+  return r;
+}
+
+static int stream_on(sv_libcamera *s, Cam *c) {
+  ControlList list(c->camera->controls());
+  if (s->cfg.fps > 0) {
+    auto us = static_cast<int64_t>(1e6 / s->cfg.fps + 0.5);
+    list.set(controls::FrameDurationLimits, {us, us});
+  }
+  if (!s->cfg.is_unlocked && (s->cfg.exposure_ns > 0 || c->exposure_us > 0)) set_fixed(s, c, &list);
+  set_sync(s, &list);
+  if (c->camera->start(&list) < 0) return -1;
+  c->is_streaming = true;
+  c->is_synced = s->cfg.sync == SV_RPI_SYNC_OFF;
+  c->last_frame_ns = now(s);
+  for (Slot &slot : c->slots)
+    if (slot.state == RequestState::Idle) {
+      slot.request->reuse(Request::ReuseBuffers);
+      if (queue(c, &slot) < 0) return -1;
+    }
+  return 0;
+}
+
+// libcamera completes what is queued as cancelled before it returns.
+static void stream_off(Cam *c) {
+  if (c->camera && c->is_streaming) c->camera->stop();
+  c->is_streaming = false;
+}
+
+static void lose(sv_libcamera *s, Cam *c) {
+  if (c->is_lost) return;
+  c->is_lost = c->has_failed = true;
+  sv_camera_events_add(&s->events, SV_CAMERA_LOST, c->i_camera, now(s), ENODEV);
+}
+
+static void service(sv_libcamera *s, Cam *c) {
+  sv_ns t_ns = now(s);
+  bool is_gone, is_hungry = true;
+  {
+    std::lock_guard<std::mutex> lock(s->mutex);
+    is_gone = c->is_gone;
+    for (const Slot &slot : c->slots) is_hungry = is_hungry && slot.state == RequestState::OnLoan;
+  }
+  if (is_gone) lose(s, c);
+  if (c->is_lost) return;
+  if (is_hungry) {
+    if (!c->is_starved) sv_camera_events_starved(&s->events, c->i_camera, t_ns);
+    c->is_starved = true;
+    c->last_frame_ns = t_ns;
+    return;
+  }
+  c->is_starved = false;
+  if (t_ns - c->last_frame_ns <= s->cfg.stall_ns) return;
+  sv_camera_events_add(&s->events, SV_CAMERA_STALLED, c->i_camera, t_ns, t_ns - c->last_frame_ns);
+  stream_off(c);
+  c->n_restarts++;
+  sv_camera_events_add(&s->events, SV_CAMERA_RESTARTED, c->i_camera, t_ns,
+                       static_cast<int64_t>(c->n_restarts));
+  if (stream_on(s, c) < 0) lose(s, c);
+}
+
+static void give_back(sv_libcamera *s, Cam *c, Slot *slot) {
+  if (!c->is_streaming || c->is_lost) {
+    std::lock_guard<std::mutex> lock(s->mutex);
+    slot->state = RequestState::Idle;
+    return;
+  }
+  slot->request->reuse(Request::ReuseBuffers);
+  if (queue(c, slot) < 0) lose(s, c);
+}
+
+// What the automatic controls have come to, and whether rpi.sync has.
+static void note_metadata(Cam *c, const ControlList &m) {
+  if (auto v = m.get(controls::ExposureTime)) c->exposure_us = *v;
+  if (auto v = m.get(controls::AnalogueGain)) c->gain = *v;
+  if (auto v = m.get(controls::ColourGains)) {
+    c->white = {(*v)[0], (*v)[1]};
+    c->has_white = true;
+  }
+#if SV_HAS_RPI_SYNC
+  if (auto v = m.get(controls::rpi::SyncReady)) c->is_synced = c->is_synced || *v;
+#endif
+}
+
+// False: the frame is none to be handed out (a start-up frame, or rpi.sync is not ready).
+static bool fill_frame(sv_libcamera *s, Cam *c, int i_slot, sv_frame *f) {
+  Slot &slot = c->slots[static_cast<size_t>(i_slot)];
+  const FrameMetadata &fm = slot.buffer->metadata();
+  const ControlList &m = slot.request->metadata();
+  note_metadata(c, m);
+  if (is_startup_frame(fm) || !c->is_synced) return false;
+  std::memset(f, 0, sizeof *f);
+  f->i_camera = c->i_camera;
+  f->sequence = fm.sequence;
+  auto stamp = m.get(controls::SensorTimestamp);
+  f->camera_ns = stamp ? *stamp : static_cast<sv_ns>(fm.timestamp);
+  f->arrival_ns = slot.arrival_ns;
+  f->exposure_ns = static_cast<sv_ns>(c->exposure_us) * 1000;
+  f->width_px = c->caps.width_px;
+  f->height_px = c->caps.height_px;
+  f->stride_bytes = c->stride_bytes;
+  f->format = c->caps.format;
+  f->data = slot.plane[0];
+  size_t used = 0;
+  for (const auto &p : fm.planes()) used += p.bytesused;
+  f->data_bytes = used < slot.cap_bytes ? used : slot.cap_bytes;
+  if (f->format == SV_PIX_NV12 && slot.plane[1])
+    f->chroma = slot.plane[1], f->chroma_stride_bytes = f->stride_bytes;
+  f->i_buffer = i_slot;
+  f->is_error = fm.status != FrameMetadata::FrameSuccess;
+  sv_camera_event_kind kind = SV_CAMERA_DAMAGED;
+  size_t least = static_cast<size_t>(f->stride_bytes) * static_cast<size_t>(f->height_px - 1) +
+                 sv_pixel_row_bytes(f->format, f->width_px);
+  int w = 0, h = 0;
+  bool has_end = false, is_jpeg = f->format == SV_PIX_JPEG;
+  if (!f->is_error && is_jpeg) {
+    bool is_read = sv_camera_jpeg_look(f->data, f->data_bytes, &w, &h, &has_end);
+    if (is_read && (w != f->width_px || h != f->height_px)) kind = SV_CAMERA_WRONG_SIZE;
+    else kind = SV_CAMERA_SHORT_FRAME;
+    f->is_error = !is_read || !has_end || kind == SV_CAMERA_WRONG_SIZE;
+  } else if (!f->is_error && f->data_bytes < least) f->is_error = true, kind = SV_CAMERA_SHORT_FRAME;
+  if (f->is_error) sv_camera_events_add(&s->events, kind, f->i_camera, f->arrival_ns, f->sequence);
+  return true;
+}
+
+static bool take_oldest(sv_libcamera *s, Cam **cam, int *i_slot) {
+  sv_ns oldest_ns = INT64_MAX;
+  *cam = nullptr;
+  std::lock_guard<std::mutex> lock(s->mutex);
+  for (auto &c : s->cams)
+    for (size_t i = 0; i < c->slots.size(); i++)
+      if (c->slots[i].state == RequestState::Done && c->slots[i].arrival_ns < oldest_ns) {
+        oldest_ns = c->slots[i].arrival_ns;
+        *cam = c.get();
+        *i_slot = static_cast<int>(i);
+      }
+  if (!*cam) return false;
+  (*cam)->slots[static_cast<size_t>(*i_slot)].state = RequestState::OnLoan;
+  return true;
+}
+
+// Until something has come, or 50 ms are over: stalls are looked at in between.
+static void wait_for_any(sv_libcamera *s, sv_ns until_ns) {
+  sv_ns ns = until_ns - now(s);
+  ns = ns < 0 ? 0 : ns > 50 * SV_NS_PER_MS ? 50 * SV_NS_PER_MS : ns;
+  std::unique_lock<std::mutex> lock(s->mutex);
+  for (auto &c : s->cams) {
+    if (c->is_gone && !c->is_lost) return;
+    for (const Slot &slot : c->slots)
+      if (slot.state == RequestState::Done) return;
+  }
+  s->arrived.wait_for(lock, std::chrono::nanoseconds(ns));
+}
+
+static sv_status source_dequeue(void *self, sv_frame *f, sv_ns until_ns) {
+  auto *s = static_cast<sv_libcamera *>(self);
+  std::memset(f, 0, sizeof *f);
+  f->i_camera = f->i_buffer = -1;
+  if (!s->is_running) return SV_END;
+  for (bool is_last = false;;) {
+    for (auto &c : s->cams) {
+      service(s, c.get());
+      if (!c->has_failed) continue;
+      c->has_failed = false;
+      f->i_camera = c->i_camera;
+      return SV_E_DEVICE;
+    }
+    Cam *c;
+    int i_slot = 0;
+    while (take_oldest(s, &c, &i_slot)) {
+      c->last_frame_ns = now(s);
+      if (fill_frame(s, c, i_slot, f)) return SV_OK;
+      give_back(s, c, &c->slots[static_cast<size_t>(i_slot)]);
+    }
+    if (is_last) return SV_AGAIN;
+    wait_for_any(s, until_ns);
+    is_last = now(s) >= until_ns;
+  }
+}
+
+static sv_status source_requeue(void *self, const sv_frame *f) {
+  auto *s = static_cast<sv_libcamera *>(self);
+  if (f->i_camera < 0 || f->i_camera >= static_cast<int>(s->cams.size())) return SV_E_ARG;
+  Cam *c = s->cams[static_cast<size_t>(f->i_camera)].get();
+  if (f->i_buffer < 0 || f->i_buffer >= static_cast<int>(c->slots.size())) return SV_E_ARG;
+  Slot *slot = &c->slots[static_cast<size_t>(f->i_buffer)];
+  {
+    std::lock_guard<std::mutex> lock(s->mutex);
+    if (slot->state != RequestState::OnLoan) return SV_E_ARG; // handed back twice, or never given
+  }
+  give_back(s, c, slot);
+  return SV_OK;
+}
+
+static sv_status source_stop(void *self) {
+  auto *s = static_cast<sv_libcamera *>(self);
+  for (auto &c : s->cams) {
+    stream_off(c.get());
+    std::lock_guard<std::mutex> lock(s->mutex);
+    for (Slot &slot : c->slots) slot.state = RequestState::Idle;
+    c->has_failed = false;
+  }
+  s->is_running = false;
+  return SV_OK;
+}
+
+// The automatic controls settle on the scene, then what they have found is fixed.
+static void settle(sv_libcamera *s) {
+  sv_ns end_ns = now(s) + s->cfg.settle_ns;
+  bool has_auto = false;
+  for (auto &c : s->cams)
+    has_auto = has_auto || has(c.get(), controls::AeEnable) || has(c.get(), controls::AwbEnable);
+  while (has_auto && now(s) < end_ns) {
+    sv_frame f;
+    if (source_dequeue(s, &f, end_ns) == SV_OK) (void)source_requeue(s, &f);
+  }
+  for (auto &c : s->cams) c->must_lock = has_auto;
+}
+
+static sv_status source_start(void *self) {
+  auto *s = static_cast<sv_libcamera *>(self);
+  int n_started = 0;
+  if (s->is_running) return SV_E_ARG;
+  for (auto &c : s->cams) {
+    c->n_restarts = 0;
+    if (!c->is_lost && stream_on(s, c.get()) >= 0) n_started++;
+    else lose(s, c.get());
+  }
+  s->is_running = true;
+  if (!n_started) {
+    (void)source_stop(s);
+    return SV_E_DEVICE;
+  }
+  if (!s->cfg.is_unlocked && s->cfg.settle_ns > 0) settle(s);
+  return SV_OK;
+}
+
+static sv_status source_caps(void *self, int i, sv_camera_caps *out) {
+  auto *s = static_cast<sv_libcamera *>(self);
+  if (i < 0 || i >= static_cast<int>(s->cams.size())) return SV_E_ARG;
+  *out = s->cams[static_cast<size_t>(i)]->caps;
+  return SV_OK;
+}
+
+static sv_status source_event(void *self, sv_camera_event *e) {
+  return sv_camera_events_pop(&static_cast<sv_libcamera *>(self)->events, e);
+}
+
+extern "C" sv_source sv_libcamera_source(sv_libcamera *s) {
+  sv_source source = {};
+  source.self = s;
+  source.n_cameras = static_cast<int>(s->cams.size());
+  source.caps = source_caps;
+  source.start = source_start;
+  source.dequeue = source_dequeue;
+  source.requeue = source_requeue;
+  source.stop = source_stop;
+  source.event = source_event;
+  return source;
+}

@@ -1,0 +1,266 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "platform/linux/live.h"
+
+#include <arpa/inet.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <linux/memfd.h>
+#include <math.h>
+#include <poll.h>
+#include <signal.h>
+#include <spawn.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/random.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "platform/linux/linux.h"
+#include "src/base/str.h"
+
+#ifndef F_SEAL_FUTURE_WRITE
+#define F_SEAL_FUTURE_WRITE 0x0010
+#endif
+
+#define LOOK_NS    (50 * SV_NS_PER_MS)
+#define HANG_NS    (5 * SV_NS_PER_S) // without a beat
+#define READY_NS   (3 * SV_NS_PER_S)
+#define RESTART_NS (100 * SV_NS_PER_MS) // from one start to the next at least
+
+extern char **environ;
+
+static sv_ns now_ns(void) {
+  sv_clock c = sv_linux_clock();
+  return c.now_ns(c.self);
+}
+
+// --- the feed ------------------------------------------------------------------------------------
+
+static sv_status make_feed(sv_linux_live *l, uint32_t cap_gaussians, uint32_t cap_floats, sv_err *err) {
+  l->block_bytes = sv_feed_bytes(cap_gaussians, cap_floats);
+  l->feed_fd = (int)syscall(SYS_memfd_create, "subview-feed", MFD_ALLOW_SEALING | MFD_CLOEXEC);
+  if (l->feed_fd < 0 || ftruncate(l->feed_fd, (off_t)l->block_bytes) < 0)
+    return sv_fail(err, SV_E_NOMEM, "live view: no shared memory of %zu bytes (%s)", l->block_bytes,
+                   sv_linux_reason(errno));
+  l->block = mmap(NULL, l->block_bytes, PROT_READ | PROT_WRITE, MAP_SHARED, l->feed_fd, 0);
+  if (l->block == MAP_FAILED) {
+    l->block = NULL;
+    return sv_fail(err, SV_E_NOMEM, "live view: %zu bytes cannot be mapped (%s)", l->block_bytes,
+                   sv_linux_reason(errno));
+  }
+  // Nobody else can write to it or change its size; kernels before 5.1 lack the first of the two.
+  if (fcntl(l->feed_fd, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_FUTURE_WRITE) < 0)
+    (void)fcntl(l->feed_fd, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW);
+  sv_status s = sv_feed_init(&l->feed, l->block, l->block_bytes, cap_gaussians, cap_floats);
+  return s < 0 ? sv_fail(err, s, "live view: the feed cannot be laid out") : s;
+}
+
+sv_status sv_linux_live_open(sv_linux_live *l, uint32_t cap_gaussians, uint32_t cap_floats, sv_err *err) {
+  *l = (sv_linux_live){.feed_fd = -1, .pipe_fd = {-1, -1}, .health_fd = -1, .throttled_fd = -1};
+  sv_status s = make_feed(l, cap_gaussians, cap_floats, err);
+  if (s >= 0 && pipe2(l->pipe_fd, O_NONBLOCK | O_CLOEXEC) < 0)
+    s = sv_fail(err, SV_E_DEVICE, "live view: no pipe (%s)", sv_linux_reason(errno));
+  if (s < 0) {
+    sv_linux_live_close(l);
+    return s;
+  }
+  l->feed.header->writer_pid = (int32_t)getpid();
+  l->feed.header->command_fd = l->pipe_fd[1];
+  l->health_fd = open("/sys/class/thermal/thermal_zone0/temp", O_RDONLY | O_CLOEXEC);
+  l->throttled_fd = open("/sys/devices/platform/soc/soc:firmware/get_throttled", O_RDONLY | O_CLOEXEC);
+  return SV_OK;
+}
+
+static long read_number(int fd, int base, long missing) {
+  char text[32];
+  ssize_t n = fd < 0 ? -1 : pread(fd, text, sizeof text - 1, 0);
+  if (n <= 0) return missing;
+  long v = 0;
+  int i = 0, sign = 1, digits = 0;
+  if (text[0] == '-') sign = -1, i = 1;
+  for (; i < n; i++, digits++) {
+    int d = text[i] >= '0' && text[i] <= '9'   ? text[i] - '0'
+            : text[i] >= 'a' && text[i] <= 'f' ? text[i] - 'a' + 10
+                                               : 99;
+    if (d >= base || digits > 12) break;
+    v = v * base + d;
+  }
+  return digits ? sign * v : missing;
+}
+
+// Bits 0 to 3 of the Raspberry Pi's get_throttled tell what is so now; elsewhere only the temperature is known.
+static sv_health health(void *self) {
+  const sv_linux_live *l = self;
+  long milli_c = read_number(l->health_fd, 10, -1000000), flags = read_number(l->throttled_fd, 16, -1);
+  return (sv_health){.temperature_c = milli_c > -1000000 ? (double)milli_c * 1e-3 : (double)NAN,
+                     .is_throttled = flags < 0 ? -1 : (flags & 0xf) != 0};
+}
+
+// --- the server ----------------------------------------------------------------------------------
+
+// vfork and exec by the library, without the heap: what the child is to find is put where it looks beforehand.
+static void start_server(sv_linux_live *l) {
+  posix_spawnattr_t attr;
+  sigset_t none, usual;
+  l->started_ns = l->beat_ns = now_ns();
+  l->next_start_ns = l->started_ns + RESTART_NS;
+  l->pid = 0;
+  if (posix_spawnattr_init(&attr)) return;
+  sigemptyset(&none);
+  sigemptyset(&usual);
+  sigaddset(&usual, SIGINT), sigaddset(&usual, SIGTERM);
+  posix_spawnattr_setsigmask(&attr, &none);
+  posix_spawnattr_setsigdefault(&attr, &usual);
+  posix_spawnattr_setpgroup(&attr, 0); // Ctrl-C is for us; we end it when we are done
+  posix_spawnattr_setflags(&attr, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETPGROUP);
+  pid_t pid;
+  fcntl(l->feed_fd, F_SETFD, 0), fcntl(l->pipe_fd[1], F_SETFD, 0);
+  if (posix_spawn(&pid, l->program, NULL, &attr, l->argv, environ) == 0) l->pid = pid;
+  fcntl(l->feed_fd, F_SETFD, FD_CLOEXEC), fcntl(l->pipe_fd[1], F_SETFD, FD_CLOEXEC);
+  posix_spawnattr_destroy(&attr);
+}
+
+static sv_command command_of(sv_linux_live *l, char byte) {
+  switch (byte) {
+  case SV_LIVE_START: return SV_COMMAND_START;
+  case SV_LIVE_PAUSE: return SV_COMMAND_PAUSE;
+  case SV_LIVE_SAVE: return SV_COMMAND_SAVE;
+  case SV_LIVE_NEW: return SV_COMMAND_NEW;
+  case SV_LIVE_REFUSED: l->is_refused = true; return SV_COMMAND_NONE;
+  case SV_LIVE_READY: l->is_served = true; return SV_COMMAND_NONE;
+  default: return SV_COMMAND_NONE;
+  }
+}
+
+static void look_after(sv_linux_live *l, sv_ns now) {
+  if (l->pid > 0) {
+    if (waitpid(l->pid, NULL, WNOHANG) == l->pid) l->pid = 0;
+    else if (now - l->beat_ns > HANG_NS) kill(l->pid, SIGKILL);
+  }
+  if (l->pid == 0 && l->program[0] && !l->is_refused && now >= l->next_start_ns) {
+    l->n_restarts++;
+    start_server(l);
+  }
+}
+
+static sv_command next_command(void *self) {
+  sv_linux_live *l = self;
+  sv_ns now = now_ns();
+  if (now < l->next_look_ns) return SV_COMMAND_NONE;
+  char byte;
+  while (read(l->pipe_fd[0], &byte, 1) == 1) {
+    l->beat_ns = now;
+    sv_command c = command_of(l, byte);
+    if (c != SV_COMMAND_NONE) return c; // the next one at the next call
+  }
+  l->next_look_ns = now + LOOK_NS;
+  look_after(l, now);
+  return SV_COMMAND_NONE;
+}
+
+static sv_status find_program(sv_linux_live *l, const char *program, sv_err *err) {
+  if (program) {
+    if (!sv_copy(l->program, sizeof l->program, program))
+      return sv_fail(err, SV_E_RANGE, "%s: too long a path", program);
+  } else {
+    ssize_t n = readlink("/proc/self/exe", l->program, sizeof l->program - 32);
+    if (n <= 0) return sv_fail(err, SV_E_NOT_FOUND, "live view: where subview-preview lies is not known");
+    while (n > 0 && l->program[n - 1] != '/') n--;
+    sv_copy(l->program + n, sizeof l->program - (size_t)n, "subview-preview");
+  }
+  if (access(l->program, X_OK) == 0) return SV_OK;
+  sv_fail(err, SV_E_NOT_FOUND, "%s: cannot be started (%s); it is built and installed beside subview",
+          l->program, sv_linux_reason(errno));
+  l->program[0] = 0;
+  return SV_E_NOT_FOUND;
+}
+
+static void make_token(char token[static 40]) {
+  static const char digits[] = "0123456789abcdef";
+  uint8_t r[16];
+  if (getrandom(r, sizeof r, 0) != (ssize_t)sizeof r) {
+    token[0] = 0; // then nothing can be asked for
+    return;
+  }
+  for (int i = 0; i < 16; i++) token[2 * i] = digits[r[i] >> 4], token[2 * i + 1] = digits[r[i] & 15];
+  token[32] = 0;
+}
+
+sv_status sv_linux_live_serve(sv_linux_live *l, const char *program, const char *addr, int port,
+                              sv_err *err) {
+  static char feed_text[16], pipe_text[16]; // argv's words outlive this call
+  sv_status s = find_program(l, program, err);
+  if (s < 0) return s;
+  sv_fmt(l->listen, sizeof l->listen, strchr(addr, ':') ? "[%s]:%d" : "%s:%d", addr, port);
+  sv_fmt(feed_text, sizeof feed_text, "%d", l->feed_fd);
+  sv_fmt(pipe_text, sizeof pipe_text, "%d", l->pipe_fd[1]);
+  make_token(l->token);
+  // Not among the words, which every user of the machine can read: the environment is the owner's.
+  if (setenv("SUBVIEW_PREVIEW_TOKEN", l->token, 1) != 0)
+    return sv_fail(err, SV_E_NOMEM, "live view: no room for its token");
+  char *argv[] = {l->program, "--listen", l->listen, "--feed-fd", feed_text, "--command-fd", pipe_text, NULL};
+  memcpy(l->argv, argv, sizeof argv);
+  start_server(l);
+  while (now_ns() - l->started_ns < READY_NS && !l->is_served && !l->is_refused && l->pid > 0) {
+    struct pollfd p = {.fd = l->pipe_fd[0], .events = POLLIN};
+    (void)poll(&p, 1, 50);
+    char byte;
+    while (read(l->pipe_fd[0], &byte, 1) == 1) (void)command_of(l, byte);
+    if (waitpid(l->pid, NULL, WNOHANG) == l->pid) l->pid = 0;
+  }
+  if (l->is_served) return SV_OK;
+  bool has_ended = l->pid == 0 || l->is_refused;
+  return sv_fail(err, SV_E_DEVICE, "live view: subview-preview %s on %s",
+                 has_ended ? "does not serve" : "did not answer within 3 s", l->listen);
+}
+
+void sv_linux_live_publish(sv_linux_live *l, sv_publish *p) {
+  p->feed = &l->feed;
+  p->self = l;
+  p->command = next_command;
+  p->health = health;
+}
+
+void sv_linux_live_close(sv_linux_live *l) {
+  if (l->pid > 0) {
+    kill(l->pid, SIGTERM);
+    for (int i = 0; i < 40 && l->pid > 0; i++) {
+      if (waitpid(l->pid, NULL, WNOHANG) == l->pid) l->pid = 0;
+      else poll(NULL, 0, 25);
+    }
+    if (l->pid > 0) {
+      kill(l->pid, SIGKILL);
+      waitpid(l->pid, NULL, 0);
+    }
+  }
+  if (l->block) munmap(l->block, l->block_bytes);
+  int *fds[] = {&l->feed_fd, &l->pipe_fd[0], &l->pipe_fd[1], &l->health_fd, &l->throttled_fd};
+  for (size_t i = 0; i < sizeof fds / sizeof *fds; i++) {
+    if (*fds[i] >= 0) close(*fds[i]);
+    *fds[i] = -1;
+  }
+  l->block = NULL, l->pid = 0;
+}
+
+sv_status sv_linux_live_parse(const char *text, char *addr, size_t cap_addr, int *port, sv_err *err) {
+  const char *colon = strrchr(text, ':'), *number = colon ? colon + 1 : text;
+  long long v;
+  unsigned char raw[16];
+  if (!sv_parse_int(number, strlen(number), &v) || v < 1 || v > 65535)
+    return sv_fail(err, SV_E_ARG, "%s: expected [ADDR:]PORT with a port from 1 to 65535", text);
+  *port = (int)v;
+  sv_copy(addr, cap_addr, "127.0.0.1");
+  if (!colon) return SV_OK;
+  const char *from = text, *to = colon;
+  if (from < to && *from == '[' && to[-1] == ']') from++, to--;
+  if ((size_t)(to - from) + 1 > cap_addr) return sv_fail(err, SV_E_ARG, "%s: the address is too long", text);
+  memcpy(addr, from, (size_t)(to - from));
+  addr[to - from] = 0;
+  if (sv_str_eq(addr, "localhost")) sv_copy(addr, cap_addr, "127.0.0.1");
+  if (inet_pton(AF_INET, addr, raw) != 1 && (from == text || inet_pton(AF_INET6, addr, raw) != 1))
+    return sv_fail(err, SV_E_ARG, "%s: expected [ADDR:]PORT with a numeric address, such as 0.0.0.0:8080",
+                   text);
+  return SV_OK;
+}

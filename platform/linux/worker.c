@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "platform/linux/linux.h"
+
+#include <signal.h>
+
+static void *body(void *arg) {
+  sv_linux_background *b = arg;
+  b->fn(b->arg);
+  return NULL;
+}
+
+static sv_status start(void *self, void (*fn)(void *arg), void *arg) {
+  sv_linux_background *b = self;
+  sigset_t all, old;
+  if (b->is_running) return SV_E_ARG;
+  b->fn = fn;
+  b->arg = arg;
+  sigfillset(&all); // Ctrl-C goes to the main thread
+  pthread_sigmask(SIG_SETMASK, &all, &old);
+  int e = pthread_create(&b->id, NULL, body, b);
+  pthread_sigmask(SIG_SETMASK, &old, NULL);
+  b->is_running = e == 0;
+  return e ? SV_E_IO : SV_OK;
+}
+
+static void join(void *self) {
+  sv_linux_background *b = self;
+  if (b->is_running) pthread_join(b->id, NULL);
+  b->is_running = false;
+}
+
+sv_worker sv_linux_worker_port(sv_linux_background *b) {
+  *b = (sv_linux_background){.is_running = false};
+  return (sv_worker){b, start, join};
+}

@@ -1,0 +1,198 @@
+// SPDX-License-Identifier: Apache-2.0
+// subview-preview: serves the page of a running subview.
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/prctl.h>
+#include <sys/random.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "platform/linux/linux.h"
+#include "platform/linux/live.h"
+#include "platform/preview/preview.h"
+
+#define DATA_BYTES (96u << 20) // beside what a snapshot of the model takes
+#define BEAT_MS    500
+#define USAGE      2
+
+typedef struct {
+  char addr[64];
+  int port, feed_fd, command_fd;
+  long attach_pid;
+} options;
+
+static void say(int fd, const char *fmt, ...) SV_PRINTF(2, 3);
+static void say(int fd, const char *fmt, ...) {
+  char text[4096];
+  va_list ap;
+  va_start(ap, fmt);
+  size_t n = sv_vfmt(text, sizeof text, fmt, ap);
+  va_end(ap);
+  if (write(fd, text, n < sizeof text ? n : sizeof text - 1) < 0) return;
+}
+
+static void help(void) {
+  say(1,
+      "usage: subview-preview --attach PID [--listen [ADDR:]PORT]\n"
+      "Serves the page of a running `subview run --feed` or `subview run --preview`: cameras, model, "
+      "curves,\n"
+      "downloads. It runs in a sandbox, reads shared memory only, and can be ended and started at any time.\n"
+      "`subview run --preview [ADDR:]PORT` starts one by itself.\n\n"
+      "options:\n"
+      "  --attach PID           process number of the subview to show\n"
+      "  --listen [ADDR:]PORT   where to listen (127.0.0.1:8080); other addresses than loopback can be "
+      "reached\n"
+      "                         by everyone on that network, and reading then takes the token, too\n"
+      "  --feed-fd N --command-fd N   used by subview itself\n"
+      "  --version              print the version\n"
+      "  --help                 this text\n\n"
+      "The token comes from SUBVIEW_PREVIEW_TOKEN or is made up; the printed link holds it.\n\n"
+      "example:\n  subview-preview --attach $(pidof subview) --listen 8081\n");
+}
+
+static int usage(const char *fmt, const char *what) {
+  say(2, "subview-preview: ");
+  say(2, fmt, what);
+  say(2, "; try 'subview-preview --help'\n");
+  return USAGE;
+}
+
+static int parse(int argc, char **argv, options *o, sv_err *err) {
+  *o = (options){.addr = "127.0.0.1", .port = 8080, .feed_fd = -1, .command_fd = -1};
+  for (int i = 1; i < argc; i++) {
+    long long v;
+    const char *value = i + 1 < argc ? argv[i + 1] : "";
+    if (!strcmp(argv[i], "--help") || !strcmp(argv[i], "-h")) {
+      help();
+      return -1;
+    }
+    if (!strcmp(argv[i], "--version")) {
+      say(1, "subview-preview 0.1.0 (feed version %u)\n", SV_FEED_VERSION);
+      return -1;
+    }
+    if (!strcmp(argv[i], "--listen")) {
+      if (sv_linux_live_parse(value, o->addr, sizeof o->addr, &o->port, err) < 0)
+        return usage("--listen %s", err->text);
+    } else if (!strcmp(argv[i], "--attach") || !strcmp(argv[i], "--feed-fd") ||
+               !strcmp(argv[i], "--command-fd")) {
+      if (!sv_parse_int(value, strlen(value), &v) || v < 1 || v > 1 << 30)
+        return usage("%s: a number was expected", argv[i]);
+      if (argv[i][2] == 'a') o->attach_pid = (long)v;
+      else *(argv[i][2] == 'f' ? &o->feed_fd : &o->command_fd) = (int)v;
+    } else return usage("unknown option '%s'", argv[i]);
+    i++;
+  }
+  if (o->feed_fd < 0 && !o->attach_pid) return usage("%s is missing", "--attach");
+  return 0;
+}
+
+// Finds the feed among the open files of another process, and the way its commands take.
+static sv_status attach(options *o, sv_err *err) {
+  char path[64], link[64];
+  sv_fmt(path, sizeof path, "/proc/%ld/fd", o->attach_pid);
+  int dir = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (dir < 0)
+    return sv_fail(err, SV_E_NOT_FOUND, "--attach %ld: this process cannot be looked into (%s)",
+                   o->attach_pid, sv_linux_reason(errno));
+  for (int fd = 3; fd < 256 && o->feed_fd < 0; fd++) {
+    sv_fmt(path, sizeof path, "%d", fd);
+    ssize_t n = readlinkat(dir, path, link, sizeof link - 1);
+    if (n > 0 && !strncmp(link, "/memfd:subview-feed", 19))
+      o->feed_fd = openat(dir, path, O_RDONLY | O_CLOEXEC);
+  }
+  sv_feed_header h;
+  if (o->feed_fd < 0 || pread(o->feed_fd, &h, sizeof h, 0) != (ssize_t)sizeof h) {
+    close(dir);
+    return sv_fail(err, SV_E_NOT_FOUND,
+                   "--attach %ld: no feed there; is it a `subview run --preview` or --feed?", o->attach_pid);
+  }
+  sv_fmt(path, sizeof path, "%d", h.command_fd);
+  o->command_fd = openat(dir, path, O_WRONLY | O_NONBLOCK | O_CLOEXEC);
+  close(dir);
+  return SV_OK;
+}
+
+static sv_status map_feed(const options *o, pv_source *s, sv_err *err) {
+  struct stat st;
+  if (fstat(o->feed_fd, &st) < 0) return sv_fail(err, SV_E_NOT_FOUND, "the feed is not open");
+  void *block = mmap(NULL, (size_t)st.st_size, PROT_READ, MAP_SHARED, o->feed_fd, 0);
+  if (block == MAP_FAILED)
+    return sv_fail(err, SV_E_NOMEM, "the feed cannot be mapped (%s)", sv_linux_reason(errno));
+  sv_status r = sv_feed_attach(&s->reader, block, (size_t)st.st_size, err);
+  close(o->feed_fd);
+  return r;
+}
+
+static void make_token(char token[40]) {
+  uint8_t r[16];
+  const char *given = getenv("SUBVIEW_PREVIEW_TOKEN");
+  token[0] = 0;
+  if (given && *given) {
+    sv_copy(token, 40, given);
+    return;
+  }
+  if (getrandom(r, sizeof r, 0) == (ssize_t)sizeof r)
+    for (int i = 0; i < 16; i++) sv_fmt(token + 2 * i, 3, "%x%x", r[i] >> 4, r[i] & 15);
+}
+
+static bool is_loopback(const char *addr) { return !strncmp(addr, "127.", 4) || !strcmp(addr, "::1"); }
+
+// What is on the way to the runtime is a byte; a full pipe means that it is not listening, which is its right.
+static bool tell(const options *o, char byte) {
+  return o->command_fd < 0 || write(o->command_fd, &byte, 1) == 1 || errno == EAGAIN || errno == EINTR;
+}
+
+static int serve(options *o, pv_source *source, sv_err *err) {
+  static char token[40];
+  bool is_child = !o->attach_pid;
+  pv_server *server;
+  make_token(token);
+  pv_server_cfg cfg = {.source = source,
+                       .addr = o->addr,
+                       .port = o->port,
+                       .command_fd = o->command_fd,
+                       .token = token,
+                       .is_private = !is_loopback(o->addr)};
+  long writer = source->reader.header->writer_pid;
+  sv_status s = pv_server_open(&server, &cfg, err);
+  if (s >= 0) s = pv_sandbox_enter(source->sandbox, sizeof source->sandbox, err);
+  if (s < 0) {
+    say(2, "subview-preview: %s\n", err->text);
+    if (is_child) (void)tell(o, SV_LIVE_REFUSED);
+    return 1;
+  }
+  if (is_child) (void)tell(o, SV_LIVE_READY);
+  else
+    say(2, "page: http://%s%s%s:%d/#%s\nsandbox: %s\n", strchr(o->addr, ':') ? "[" : "", o->addr,
+        strchr(o->addr, ':') ? "]" : "", o->port, token, source->sandbox);
+  for (;;) {
+    pv_server_step(server, BEAT_MS);
+    if (is_child ? !tell(o, SV_LIVE_BEAT) : kill((pid_t)writer, 0) != 0) return 0; // the runtime is gone
+  }
+}
+
+int main(int argc, char **argv) {
+  static pv_source source;
+  options o;
+  sv_err err = {0};
+  int r = parse(argc, argv, &o, &err);
+  if (r) return r < 0 ? 0 : r;
+  signal(SIGPIPE, SIG_IGN);
+  if (!o.attach_pid) prctl(PR_SET_PDEATHSIG, SIGKILL);
+  sv_status s = o.attach_pid ? attach(&o, &err) : SV_OK;
+  if (s >= 0) s = map_feed(&o, &source, &err);
+  if (s >= 0) pv_limits_set(DATA_BYTES + 6 * (size_t)source.reader.ring[SV_FEED_MODEL].slot_bytes);
+  if (s >= 0) s = pv_pictures_open(&source, &err);
+  if (s >= 0) s = pv_model_open(&source, &err);
+  if (s < 0) {
+    say(2, "subview-preview: %s\n", err.text);
+    if (!o.attach_pid) (void)tell(&o, SV_LIVE_REFUSED);
+    return 1;
+  }
+  return serve(&o, &source, &err);
+}

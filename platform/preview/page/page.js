@@ -1,0 +1,252 @@
+// SPDX-License-Identifier: Apache-2.0
+// The page's states and controls. Two long connections: the state (server-sent events) and the camera mosaic.
+"use strict";
+const $ = (id) => document.getElementById(id);
+const page = { token: location.hash.slice(1), state: null, points: [], model_seq: -1, picture_seq: -1, is_loading: false, started: 0 };
+if (page.token) document.cookie = "subview=" + page.token + "; path=/; SameSite=Strict";
+
+const titles = {
+  starting: ["Starting", "The runtime is being set up."],
+  waiting: ["Ready", "The cameras are live. Press Start to capture and train."],
+  capturing: ["Capturing", "Synchronized exposures are being taken."],
+  training: ["Training", "The first model is on its way."],
+  done: ["Done", ""],
+};
+const lacks = { camera: "No camera", rig: "No rig", other: "It could not go on" };
+
+const number = (v, digits) => (v === null || v === undefined ? "–" : v.toFixed(digits));
+const bytes = (v) => (v >= 1 << 30 ? (v / (1 << 30)).toFixed(2) + " GiB" : (v / (1 << 20)).toFixed(1) + " MiB");
+const micro = (us) => (us < 1000 ? us.toFixed(0) + " µs" : (us / 1000).toFixed(2) + " ms");
+function set(id, text) {
+  if ($(id).textContent !== text) $(id).textContent = text;
+}
+function element(name, text, type) {
+  const e = document.createElement(name);
+  if (text !== undefined) e.textContent = text;
+  if (type) e.className = type;
+  return e;
+}
+
+// --- model and picture ---
+let view = null;
+try {
+  view = new SplatView($("view"));
+} catch (e) {
+  $("notice").hidden = false;
+  set("notice", "The model cannot be drawn here: " + e.message + ". Downloads and camera pictures work.");
+}
+
+async function load_model(seq) {
+  if (!view || page.is_loading || seq === page.model_seq) return;
+  page.is_loading = true;
+  try {
+    const r = await fetch("/model?after=" + page.model_seq);
+    if (r.status === 200) {
+      const n = +r.headers.get("X-Subview-Seq");
+      if (view.load(await r.arrayBuffer())) page.model_seq = n;
+    } else if (r.status === 404) {
+      view.clear();
+      page.model_seq = seq;
+    }
+  } catch (e) {
+    // the next state asks again
+  } finally {
+    page.is_loading = false;
+  }
+}
+
+async function load_picture(seq) {
+  if (seq === page.picture_seq || page.is_picturing) return;
+  page.is_picturing = true;
+  try {
+    const r = await fetch("/picture.jpg");
+    const has = r.status === 200;
+    if (has) {
+      const old = $("picture").src;
+      $("picture").src = URL.createObjectURL(await r.blob());
+      if (old) URL.revokeObjectURL(old);
+    }
+    $("picture").hidden = $("picture-line").hidden = !has;
+    page.picture_seq = seq;
+  } catch (e) {
+    // likewise
+  } finally {
+    page.is_picturing = false;
+  }
+}
+
+async function load_history() {
+  try {
+    page.points = await (await fetch("/curve")).json();
+    plots.curve($("curve"), page.points);
+  } catch (e) {
+    page.points = [];
+  }
+}
+
+async function load_events() {
+  try {
+    const list = await (await fetch("/events")).json();
+    $("events").replaceChildren(
+      ...list.reverse().map((e) => element("li", e.seconds.toFixed(1) + " s  " + e.text, e.level < 2 ? "bad" : ""))
+    );
+  } catch (e) {
+    // the next state asks again
+  }
+}
+
+// --- what the state says ---
+function show_message(s) {
+  const has_model = view && view.n > 0;
+  let [title, text] = titles[s.state] || ["", ""];
+  if (s.state === "failed") (title = lacks[s.lacks] || lacks.other), (text = s.sentence);
+  $("message").hidden = has_model && s.state !== "failed";
+  set("message-title", title), set("message-text", text);
+  // Before there is a model the cameras are what there is to see.
+  const place = !has_model && s.cameras.length && s.state !== "failed" ? $("message") : $("cameras-box");
+  if ($("mosaic").parentNode !== place) place.append($("mosaic"));
+}
+
+function show_buttons(s) {
+  const may = page.token !== "" && !page.is_away, on = (id, is) => ($(id).disabled = !(may && is));
+  set("start", s.state === "paused" ? "Go on" : "Start");
+  on("start", s.state === "waiting" || s.state === "paused");
+  on("pause", s.state === "training");
+  on("save", s.state === "training" || s.state === "paused");
+  on("new", s.session && s.state !== "saving" && s.state !== "waiting");
+  $("start").classList.toggle("main", s.state === "waiting" || s.state === "paused");
+  for (const id of ["get-ply", "get-splat", "get-spz"]) $(id).classList.toggle("off", !(view ? view.n : s.step));
+  if (!page.token && $("notice").hidden) {
+    $("notice").hidden = false;
+    set("notice", "View only: open the link that subview printed to control the run.");
+  }
+}
+
+function show_cameras(s) {
+  const [columns, rows] = s.grid, count = Math.min(s.cameras.length, columns * rows);
+  $("cameras-box").hidden = count === 0;
+  set("skew", s.n_skew ? "skew " + micro(s.skew_p50_us) + " typical, " + micro(s.skew_max_us) + " most" : "");
+  const labels = $("labels");
+  while (labels.children.length > count) labels.lastChild.remove();
+  for (let i = 0; i < count; i++) {
+    const c = s.cameras[i], line = c.name + "  " + c.fps.toFixed(0) + " fps" + (c.dropped ? "  " + c.dropped + " dropped" : "");
+    if (!labels.children[i]) labels.append(element("div"));
+    const d = labels.children[i];
+    d.style.cssText = `left:${(100 * (i % columns)) / columns}%;top:${(100 * Math.floor(i / columns)) / rows}%;width:${100 / columns}%`;
+    if (d.textContent !== line) d.replaceChildren(element("span", line));
+    d.className = c.dropped > 0.05 * c.captured ? "late" : "";
+  }
+}
+
+function show_ledger(s) {
+  const reasons = [...new Set(s.cameras.flatMap((c) => Object.keys(c.dropped_by)))];
+  const row = (cells, name) => {
+    const r = element("tr");
+    r.append(...cells.map((c) => element(name, c)));
+    return r;
+  };
+  const text = (r) => r.replaceAll("_", " ");
+  $("ledger").replaceChildren(
+    row(["camera", "captured", "used", "waiting", ...reasons.map(text)], "th"),
+    ...s.cameras.map((c) => row([c.name, c.captured, c.delivered, c.pending, ...reasons.map((r) => c.dropped_by[r] || 0)], "td"))
+  );
+}
+
+function show_memory(s) {
+  const m = s.memory, hues = [32, 190, 110, 265, 350, 60, 220, 150, 300, 10];
+  $("memory").replaceChildren(
+    ...m.parts.map((p, i) => {
+      const e = element("i");
+      e.style.cssText = `width:${(100 * p.bytes) / (m.cap || 1)}%;background:hsl(${hues[i % 10]} 60% 55%)`;
+      e.title = p.name + ": " + bytes(p.bytes);
+      return e;
+    })
+  );
+  set("memory-line", m.cap ? bytes(m.used) + " of the block of " + bytes(m.cap) + " are used; it does not grow" : "");
+  const hot = s.throttled === 1 ? ", throttled" : "";
+  set("machine-line", [s.board, s.temperature !== null ? s.temperature.toFixed(0) + " °C" + hot : ""].filter(Boolean).join(", "));
+}
+
+function show(s) {
+  page.state = s;
+  set("state", s.state), ($("state").className = "chip " + s.state);
+  set("where", [s.source, s.rig && "rig " + s.rig].filter(Boolean).join("  ·  "));
+  const part = s.state === "done" ? 1 : s.steps ? s.step / s.steps : s.time_limit ? s.seconds / s.time_limit : 0;
+  const taken = s.cap_exposures ? s.exposures / s.cap_exposures : 0;
+  $("progress").style.width = 100 * Math.min(1, s.state === "capturing" ? taken : part) + "%";
+  set("f-psnr", s.psnr > 0 ? number(s.psnr, 1) : "–"), set("f-step", String(s.step));
+  set("f-rate", s.steps_per_s > 0 ? number(s.steps_per_s, 0) : "–"), set("f-count", String(view && view.n ? view.n : 0));
+  set("train-line", s.exposures + " of " + s.cap_exposures + " exposures" + (s.saves ? ", saved " + s.saves + " times" : ""));
+  set("fps", view && view.n && view.fps ? view.fps.toFixed(0) + " fps" : "");
+  set("sandbox", s.sandbox ? "server sandbox: " + s.sandbox : "");
+  set("skew-line", s.n_skew ? "skew of " + s.n_skew + " exposures: 50 % " + micro(s.skew_p50_us) + ", 99 % " + micro(s.skew_p99_us) : "no exposures yet");
+  show_message(s), show_buttons(s), show_cameras(s), show_ledger(s), show_memory(s);
+  plots.skew($("skew-plot"), s.skew);
+  load_model(s.model_seq), load_picture(s.picture_seq);
+  if (s.state !== page.last_state || Date.now() - page.started > 3000) {
+    page.started = Date.now(), page.last_state = s.state;
+    load_history(), load_events();
+  }
+}
+
+// --- connections ---
+function away(is) {
+  if (page.is_away === is) return;
+  page.is_away = is;
+  if (is) {
+    set("state", "not connected"), ($("state").className = "chip away");
+    $("message").hidden = !!(view && view.n);
+    set("message-title", "The rig does not answer"), set("message-text", "Trying again. Is subview still running?");
+    for (const id of ["start", "pause", "save", "new"]) $(id).disabled = true;
+  } else $("tiles").src = "/cameras?" + Date.now();
+}
+function connect() {
+  const events = new EventSource("/stream");
+  events.onmessage = (e) => {
+    away(false);
+    show(JSON.parse(e.data));
+  };
+  events.onerror = () => {
+    away(true);
+    if (events.readyState === EventSource.CLOSED) setTimeout(connect, 1000);
+  };
+}
+$("tiles").onerror = () => setTimeout(() => ($("tiles").src = "/cameras?" + Date.now()), 1000);
+
+async function ask(what) {
+  try {
+    const r = await fetch("/" + what, { method: "POST", headers: { "X-Subview-Token": page.token } });
+    if (r.ok) return;
+    $("notice").hidden = false;
+    set("notice", await r.text());
+  } catch (e) {
+    away(true);
+  }
+}
+for (const what of ["start", "pause", "save"]) $(what).onclick = () => ask(what);
+$("new").onclick = () => { // what the next run saves replaces what this one saved: twice
+  const b = $("new");
+  if (b.classList.toggle("sure")) {
+    b.textContent = "Discard?";
+    setTimeout(() => (b.classList.remove("sure"), (b.textContent = "New")), 3000);
+  } else {
+    b.textContent = "New";
+    ask("new");
+  }
+};
+$("home").onclick = () => view && view.reset();
+function theme(is_light) {
+  document.documentElement.classList.toggle("light", is_light);
+  if (page.state) plots.curve($("curve"), page.points), plots.skew($("skew-plot"), page.state.skew);
+}
+$("theme").onclick = () => {
+  const is_light = !document.documentElement.classList.contains("light");
+  theme(is_light);
+  try { localStorage.setItem("theme", is_light ? "light" : "dark"); } catch (e) { /* private mode */ }
+};
+let stored = null;
+try { stored = localStorage.getItem("theme"); } catch (e) { /* private mode */ }
+theme(stored ? stored === "light" : matchMedia("(prefers-color-scheme: light)").matches);
+away(false);
+$("tiles").src = "/cameras?" + Date.now();
+connect();

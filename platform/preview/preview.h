@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+// C only: the feed is.
+// subview-preview: a small HTTP server over the feed of a running subview, in a process and a sandbox of its own. It
+// reads the feed (src/port/feed.h) and writes single bytes into a pipe (platform/linux/live.h); it opens no file and
+// no other connection once it listens. One thread; everything that a client can make it hold is bounded.
+//
+//   GET  /            the page; /page.css /page.js /sorter.js belong to it
+//   GET  /state       JSON: what the runtime does; /curve /events: its history
+//   GET  /stream      the same as server-sent events, four a second
+//   GET  /cameras     all cameras' thumbnails as one picture, multipart/x-mixed-replace JPEG
+//   GET  /picture.jpg a training picture beside its rendering, made by the device
+//   GET  /model       the Gaussians, compact (model.c); 204 when ?after=N is the newest
+//   GET  /model.ply /model.splat /model.spz   downloads
+//   POST /start /pause /save /new             with the token in X-Subview-Token
+#ifndef SV_PLATFORM_PREVIEW_PREVIEW_H
+#define SV_PLATFORM_PREVIEW_PREVIEW_H
+
+#include "src/base/str.h"
+#include "src/port/feed.h"
+
+// --- limits --------------------------------------------------------------------------------------
+#define PV_CAP_CONNECTIONS 128
+#define PV_CAP_PER_ADDRESS 96
+#define PV_CONNECTION_MEM  (32u << 10)
+#define PV_IDLE_S          10 // without a byte
+#define PV_REQUEST_S       10 // until a request is whole
+#define PV_CAP_BODY        1024
+
+// --- bytes that several connections send at the same time ----------------------------------------
+typedef struct {
+  int n_users;
+  uint64_t seq;
+  size_t bytes;
+  uint8_t *data;
+} pv_blob;
+
+pv_blob *pv_blob_make(size_t bytes, uint64_t seq); // one user; NULL: no memory
+void pv_blob_drop(pv_blob *b);                     // NULL is fine
+
+// --- the feed and what is made of it -------------------------------------------------------------
+typedef enum { PV_PLY, PV_SPLAT, PV_SPZ, PV_N_FILES } pv_file;
+
+typedef struct {
+  sv_feed_reader reader;
+  sv_feed_state state;
+  uint64_t state_seq, tiles_seq, model_seq, picture_seq;
+  sv_feed_tiles *tiles;
+  uint8_t *model, *picture; // a snapshot each
+  size_t model_cap, picture_cap;
+  pv_blob *mosaic;  // a part of /cameras
+  pv_blob *compact; // /model
+  pv_blob *jpeg;    // /picture.jpg
+  pv_blob *file[PV_N_FILES];
+  void *codec; // sv_codec of the pictures
+  char sandbox[96];
+} pv_source;
+
+// tiles.c, model.c: memory for the largest snapshots of this feed. E_NOMEM.
+sv_status pv_pictures_open(pv_source *s, sv_err *err) SV_MUST_USE;
+sv_status pv_model_open(pv_source *s, sv_err *err) SV_MUST_USE;
+// Brings s->state up to date; true when it changed.
+bool pv_state_read(pv_source *s);
+// state, curve, events as one line of JSON; a number that is not finite is null.
+void pv_state_json(const pv_source *s, sv_str *out);
+void pv_curve_json(const pv_source *s, sv_str *out);
+void pv_events_json(const pv_source *s, sv_str *out);
+// New thumbnails -> s->mosaic, with the headers of its part; true when it changed.
+bool pv_mosaic_read(pv_source *s);
+void pv_mosaic_grid(int n_tiles, int *n_columns, int *n_rows);
+// The newest picture as JPEG, NULL: there is none.
+pv_blob *pv_picture_jpeg(pv_source *s);
+// The newest Gaussians: the compact form or a file. NULL: there are none.
+pv_blob *pv_model_compact(pv_source *s);
+pv_blob *pv_model_file(pv_source *s, pv_file kind);
+
+// --- the page ------------------------------------------------------------------------------------
+typedef struct {
+  const char *path, *type;
+  const char *text;
+  size_t bytes;
+} pv_page;
+// Page i of the bundle; NULL after the last.
+const pv_page *pv_bundle(int i);
+
+// --- server and sandbox --------------------------------------------------------------------------
+typedef struct {
+  pv_source *source;
+  const char *addr;
+  int port, command_fd;
+  const char *token; // empty: nothing can be changed
+  bool is_private;   // not on loopback: reading takes the token, too
+} pv_server_cfg;
+
+typedef struct pv_server pv_server;
+// Listens. The server is one of its process. E_DEVICE with the reason.
+sv_status pv_server_open(pv_server **server, const pv_server_cfg *cfg, sv_err *err) SV_MUST_USE;
+// Serves for at most timeout_ms.
+void pv_server_step(pv_server *s, int timeout_ms);
+
+// May a request with these headers be answered? host NULL: none was sent.
+bool pv_host_is_ours(const char *host, int port, const char *machine_name);
+bool pv_origin_is_ours(const char *origin, const char *host);
+bool pv_token_is(const char *given, const char *token); // in a time that does not depend on where they differ
+
+// From here on: no new privileges, no file, no new socket, no new process; Landlock where the kernel has it. What took
+// hold is written into text[cap]. E_DEVICE: the seccomp filter could not be set, then nothing may be served.
+sv_status pv_sandbox_enter(char *text, size_t cap, sv_err *err) SV_MUST_USE;
+void pv_limits_set(size_t data_bytes);
+
+#endif

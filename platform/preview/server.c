@@ -1,0 +1,443 @@
+// SPDX-License-Identifier: Apache-2.0
+// Routes and connections. libmicrohttpd runs in the one thread of the process (epoll, external loop); a stream that
+// has nothing new is suspended and resumed when the feed has moved. A path of a request is only ever compared with
+// the routes below.
+#include "platform/preview/preview.h"
+
+#if defined(__has_include) && __has_include(<microhttpd.h>)
+#include <arpa/inet.h>
+#include <errno.h>
+#include <microhttpd.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "platform/linux/linux.h"
+#include "platform/linux/live.h"
+
+#define CAP_JSON     (48u << 10)
+#define MOSAIC_NS    (100 * SV_NS_PER_MS)
+#define LOOP_STEP_NS (20 * SV_NS_PER_MS)
+
+typedef enum { STREAM_EVENTS, STREAM_CAMERAS, N_STREAMS } stream_kind;
+
+typedef struct stream {
+  struct MHD_Connection *connection;
+  stream_kind kind;
+  pv_blob *blob; // being sent
+  size_t at;
+  uint64_t seq; // of the newest that was sent
+  bool is_suspended;
+  struct stream *next, *previous;
+} stream;
+
+// A connection, from accept to close.
+typedef struct client {
+  struct MHD_Connection *connection;
+  sv_ns waits_since_ns; // for the rest of a request; 0: a request is being answered
+  size_t n_body;
+  struct client *next, *previous;
+} client;
+
+struct pv_server {
+  pv_server_cfg cfg;
+  struct MHD_Daemon *daemon;
+  int epoll_fd;
+  char machine[128];
+  client *clients;
+  stream *streams;
+  pv_blob *newest[N_STREAMS];
+  sv_ns next_mosaic_ns;
+  char json[CAP_JSON];
+};
+
+static struct pv_server the_server; // one of the process
+
+static sv_ns now_ns(void) {
+  sv_clock c = sv_linux_clock();
+  return c.now_ns(c.self);
+}
+
+// --- answers -------------------------------------------------------------------------------------
+
+static void add_headers(struct MHD_Response *r, const char *type) {
+  MHD_add_response_header(r, "Content-Type", type);
+  MHD_add_response_header(r, "Cache-Control", "no-store");
+  MHD_add_response_header(r, "X-Content-Type-Options", "nosniff");
+  MHD_add_response_header(r, "X-Frame-Options", "DENY");
+  MHD_add_response_header(r, "Referrer-Policy", "no-referrer");
+  MHD_add_response_header(r, "Cross-Origin-Resource-Policy", "same-origin");
+  MHD_add_response_header(r, "Content-Security-Policy",
+                          "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; "
+                          "connect-src 'self'; worker-src 'self'; base-uri 'none'; form-action 'none'; "
+                          "frame-ancestors 'none'");
+}
+
+static enum MHD_Result finish(struct MHD_Connection *c, unsigned code, struct MHD_Response *r,
+                              const char *type) {
+  if (!r) return MHD_NO;
+  add_headers(r, type);
+  enum MHD_Result done = MHD_queue_response(c, code, r);
+  MHD_destroy_response(r);
+  return done;
+}
+
+static enum MHD_Result say(struct MHD_Connection *c, unsigned code, const char *text) {
+  return finish(c, code,
+                MHD_create_response_from_buffer(strlen(text), (void *)(uintptr_t)text, MHD_RESPMEM_MUST_COPY),
+                "text/plain; charset=utf-8");
+}
+
+static void drop_blob(void *b) { pv_blob_drop(b); }
+
+static ssize_t read_blob(void *cls, uint64_t at, char *buf, size_t max) {
+  const pv_blob *b = cls;
+  if (at >= b->bytes) return MHD_CONTENT_READER_END_OF_STREAM;
+  size_t n = b->bytes - (size_t)at < max ? b->bytes - (size_t)at : max;
+  memcpy(buf, b->data + at, n);
+  return (ssize_t)n;
+}
+
+static struct MHD_Response *response_of(pv_blob *b) {
+  b->n_users++;
+  struct MHD_Response *r = MHD_create_response_from_callback(b->bytes, 32 << 10, read_blob, b, drop_blob);
+  if (!r) pv_blob_drop(b);
+  return r;
+}
+
+static enum MHD_Result send_blob(struct MHD_Connection *c, pv_blob *b, const char *type, const char *file) {
+  char text[96];
+  if (!b) return say(c, MHD_HTTP_NOT_FOUND, "there is nothing of this kind yet\n");
+  struct MHD_Response *r = response_of(b);
+  if (!r) return MHD_NO;
+  if (file) {
+    sv_fmt(text, sizeof text, "attachment; filename=\"subview-%llu.%s\"", (unsigned long long)b->seq, file);
+    MHD_add_response_header(r, "Content-Disposition", text);
+  } else {
+    sv_fmt(text, sizeof text, "%llu", (unsigned long long)b->seq);
+    MHD_add_response_header(r, "X-Subview-Seq", text);
+  }
+  return finish(c, MHD_HTTP_OK, r, type);
+}
+
+typedef void (*json_fn)(const pv_source *s, sv_str *o);
+static enum MHD_Result send_json(pv_server *s, struct MHD_Connection *c, json_fn fill) {
+  sv_str o = sv_str_make(s->json, sizeof s->json);
+  (void)pv_state_read(s->cfg.source);
+  fill(s->cfg.source, &o);
+  return finish(c, MHD_HTTP_OK, MHD_create_response_from_buffer(o.len, s->json, MHD_RESPMEM_MUST_COPY),
+                "application/json");
+}
+
+// --- streams -------------------------------------------------------------------------------------
+
+static ssize_t read_stream(void *cls, uint64_t pos, char *buf, size_t max) {
+  stream *t = cls;
+  (void)pos;
+  if (!t->blob) {
+    pv_blob *b = the_server.newest[t->kind];
+    if (!b || b->seq == t->seq) {
+      t->is_suspended = true;
+      MHD_suspend_connection(t->connection);
+      return 0;
+    }
+    b->n_users++;
+    t->blob = b, t->at = 0, t->seq = b->seq;
+  }
+  size_t n = t->blob->bytes - t->at < max ? t->blob->bytes - t->at : max;
+  memcpy(buf, t->blob->data + t->at, n);
+  t->at += n;
+  if (t->at == t->blob->bytes) {
+    pv_blob_drop(t->blob);
+    t->blob = NULL;
+  }
+  return (ssize_t)n;
+}
+
+static void end_stream(void *cls) {
+  stream *t = cls;
+  if (t->previous) t->previous->next = t->next;
+  else the_server.streams = t->next;
+  if (t->next) t->next->previous = t->previous;
+  pv_blob_drop(t->blob);
+  free(t);
+}
+
+static enum MHD_Result open_stream(pv_server *s, struct MHD_Connection *c, stream_kind kind,
+                                   const char *type) {
+  stream *t = calloc(1, sizeof *t);
+  if (!t) return MHD_NO;
+  *t = (stream){.connection = c, .kind = kind, .seq = UINT64_MAX, .next = s->streams};
+  if (t->next) t->next->previous = t;
+  s->streams = t;
+  return finish(c, MHD_HTTP_OK,
+                MHD_create_response_from_callback(MHD_SIZE_UNKNOWN, 16 << 10, read_stream, t, end_stream),
+                type);
+}
+
+static bool has_stream(const pv_server *s, stream_kind kind) {
+  for (const stream *t = s->streams; t; t = t->next)
+    if (t->kind == kind) return true;
+  return false;
+}
+
+static void resume(pv_server *s, stream_kind kind) {
+  for (stream *t = s->streams; t; t = t->next)
+    if (t->kind == kind && t->is_suspended) {
+      t->is_suspended = false;
+      MHD_resume_connection(t->connection);
+    }
+}
+
+static void renew_state(pv_server *s) {
+  (void)pv_state_read(s->cfg.source);
+  const pv_blob *newest = s->newest[STREAM_EVENTS];
+  if (!has_stream(s, STREAM_EVENTS) || (newest && newest->seq == s->cfg.source->state_seq)) return;
+  sv_str o = sv_str_make(s->json, sizeof s->json);
+  sv_str_add(&o, "data: ");
+  pv_state_json(s->cfg.source, &o);
+  sv_str_add(&o, "\n\n");
+  pv_blob *b = o.is_cut ? NULL : pv_blob_make(o.len, s->cfg.source->state_seq);
+  if (!b) return;
+  memcpy(b->data, s->json, o.len);
+  pv_blob_drop(s->newest[STREAM_EVENTS]);
+  s->newest[STREAM_EVENTS] = b;
+  resume(s, STREAM_EVENTS);
+}
+
+static void renew_cameras(pv_server *s, sv_ns now) {
+  if (now < s->next_mosaic_ns || !has_stream(s, STREAM_CAMERAS)) return;
+  pv_source *p = s->cfg.source;
+  s->next_mosaic_ns = now + MOSAIC_NS;
+  (void)pv_mosaic_read(p);
+  if (!p->mosaic || p->mosaic == s->newest[STREAM_CAMERAS]) return;
+  pv_blob_drop(s->newest[STREAM_CAMERAS]);
+  p->mosaic->n_users++;
+  s->newest[STREAM_CAMERAS] = p->mosaic;
+  resume(s, STREAM_CAMERAS);
+}
+
+// --- requests ------------------------------------------------------------------------------------
+
+static const char *header(struct MHD_Connection *c, const char *name) {
+  return MHD_lookup_connection_value(c, MHD_HEADER_KIND, name);
+}
+
+static bool has_token(const pv_server *s, struct MHD_Connection *c, bool is_to_read) {
+  if (pv_token_is(header(c, "X-Subview-Token"), s->cfg.token)) return true;
+  return is_to_read && pv_token_is(MHD_lookup_connection_value(c, MHD_COOKIE_KIND, "subview"), s->cfg.token);
+}
+
+static enum MHD_Result post(pv_server *s, struct MHD_Connection *c, const char *url) {
+  static const struct {
+    const char *url;
+    char byte;
+  } commands[] = {
+      {"/start", SV_LIVE_START}, {"/pause", SV_LIVE_PAUSE}, {"/save", SV_LIVE_SAVE}, {"/new", SV_LIVE_NEW}};
+  for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
+    if (!strcmp(url, commands[i].url)) {
+      if (!has_token(s, c, false))
+        return say(c, MHD_HTTP_FORBIDDEN,
+                   "the token is missing or wrong: open the link that subview printed\n");
+      if (write(s->cfg.command_fd, &commands[i].byte, 1) == 1) return say(c, MHD_HTTP_OK, "asked\n");
+      return say(c, MHD_HTTP_SERVICE_UNAVAILABLE, "the runtime does not take commands now\n");
+    }
+  return say(c, MHD_HTTP_NOT_FOUND, "there is nothing here\n");
+}
+
+static enum MHD_Result get_model(pv_server *s, struct MHD_Connection *c) {
+  const char *after = MHD_lookup_connection_value(c, MHD_GET_ARGUMENT_KIND, "after");
+  long long seen = -1;
+  if (after && !sv_parse_int(after, strlen(after), &seen)) seen = -1;
+  pv_blob *b = pv_model_compact(s->cfg.source);
+  if (b && seen >= 0 && (uint64_t)seen == b->seq)
+    return finish(c, MHD_HTTP_NO_CONTENT,
+                  MHD_create_response_from_buffer(0, (void *)(uintptr_t) "", MHD_RESPMEM_PERSISTENT),
+                  "application/octet-stream");
+  return send_blob(c, b, "application/octet-stream", NULL);
+}
+
+static enum MHD_Result get(pv_server *s, struct MHD_Connection *c, const char *url) {
+  pv_source *p = s->cfg.source;
+  const pv_page *page;
+  for (int i = 0; (page = pv_bundle(i)); i++)
+    if (!strcmp(url, page->path))
+      return finish(
+          c, MHD_HTTP_OK,
+          MHD_create_response_from_buffer(page->bytes, (void *)(uintptr_t)page->text, MHD_RESPMEM_PERSISTENT),
+          page->type);
+  static const char *const data[] = {"/state",       "/curve", "/events",    "/stream",      "/cameras",
+                                     "/picture.jpg", "/model", "/model.ply", "/model.splat", "/model.spz"};
+  size_t i = 0;
+  while (i < sizeof data / sizeof *data && strcmp(url, data[i])) i++;
+  if (i == sizeof data / sizeof *data) return say(c, MHD_HTTP_NOT_FOUND, "there is nothing here\n");
+  if (s->cfg.is_private && !has_token(s, c, true))
+    return say(c, MHD_HTTP_FORBIDDEN, "the token is missing or wrong: open the link that subview printed\n");
+  switch (i) {
+  case 0: return send_json(s, c, pv_state_json);
+  case 1: return send_json(s, c, pv_curve_json);
+  case 2: return send_json(s, c, pv_events_json);
+  case 3: return open_stream(s, c, STREAM_EVENTS, "text/event-stream");
+  case 4: return open_stream(s, c, STREAM_CAMERAS, "multipart/x-mixed-replace; boundary=frame");
+  case 5: return send_blob(c, pv_picture_jpeg(p), "image/jpeg", NULL);
+  case 6: return get_model(s, c);
+  case 7: return send_blob(c, pv_model_file(p, PV_PLY), "application/octet-stream", "ply");
+  case 8: return send_blob(c, pv_model_file(p, PV_SPLAT), "application/octet-stream", "splat");
+  default: return send_blob(c, pv_model_file(p, PV_SPZ), "application/octet-stream", "spz");
+  }
+}
+
+static client *client_of(struct MHD_Connection *c) {
+  const union MHD_ConnectionInfo *i = MHD_get_connection_info(c, MHD_CONNECTION_INFO_SOCKET_CONTEXT);
+  return i ? i->socket_context : NULL;
+}
+
+static enum MHD_Result answer(void *cls, struct MHD_Connection *c, const char *url, const char *method,
+                              const char *version, const char *body, size_t *n_body, void **request) {
+  static int seen;
+  pv_server *s = cls;
+  client *cl = client_of(c);
+  (void)version, (void)body;
+  if (!cl) return MHD_NO;
+  if (!*request) { // headers are here, a body may follow
+    *request = &seen;
+    cl->n_body = 0;
+    return MHD_YES;
+  }
+  if (*n_body) { // no request of ours has one
+    cl->n_body += *n_body;
+    *n_body = 0;
+    return cl->n_body > PV_CAP_BODY ? MHD_NO : MHD_YES;
+  }
+  cl->waits_since_ns = 0;
+  const char *host = header(c, "Host");
+  if (!pv_host_is_ours(host, s->cfg.port, s->machine))
+    return say(c, MHD_HTTP_FORBIDDEN, "not under this name: open the link that subview printed\n");
+  const char *site = header(c, "Sec-Fetch-Site");
+  if (!pv_origin_is_ours(header(c, "Origin"), host) ||
+      (site && !strcmp(site, "cross-site") && strcmp(url, "/")))
+    return say(c, MHD_HTTP_FORBIDDEN, "not for pages of other places\n");
+  if (!strcmp(method, "GET") || !strcmp(method, "HEAD")) return get(s, c, url);
+  if (!strcmp(method, "POST")) return post(s, c, url);
+  return say(c, MHD_HTTP_METHOD_NOT_ALLOWED, "GET or POST\n");
+}
+
+// --- connections ---------------------------------------------------------------------------------
+
+static void on_connection(void *cls, struct MHD_Connection *c, void **context,
+                          enum MHD_ConnectionNotificationCode code) {
+  pv_server *s = cls;
+  if (code == MHD_CONNECTION_NOTIFY_STARTED) {
+    client *cl = calloc(1, sizeof *cl);
+    *context = cl;
+    if (!cl) return;
+    *cl = (client){.connection = c, .waits_since_ns = now_ns(), .next = s->clients};
+    if (cl->next) cl->next->previous = cl;
+    s->clients = cl;
+    return;
+  }
+  client *cl = *context;
+  if (!cl) return;
+  if (cl->previous) cl->previous->next = cl->next;
+  else s->clients = cl->next;
+  if (cl->next) cl->next->previous = cl->previous;
+  free(cl);
+  *context = NULL;
+}
+
+static void on_completed(void *cls, struct MHD_Connection *c, void **request,
+                         enum MHD_RequestTerminationCode code) {
+  client *cl = client_of(c);
+  (void)cls, (void)request, (void)code;
+  if (cl) cl->waits_since_ns = now_ns(); // the next request of this connection
+}
+
+// The library's own time limit starts anew with every byte; a client that sends one now and then would stay.
+static void end_slow_clients(pv_server *s, sv_ns now) {
+  for (client *cl = s->clients; cl; cl = cl->next) {
+    if (!cl->waits_since_ns || now - cl->waits_since_ns < PV_REQUEST_S * SV_NS_PER_S) continue;
+    const union MHD_ConnectionInfo *i =
+        MHD_get_connection_info(cl->connection, MHD_CONNECTION_INFO_CONNECTION_FD);
+    if (i) shutdown(i->connect_fd, SHUT_RDWR);
+    cl->waits_since_ns = now; // once
+  }
+}
+
+// Paths are compared as they were sent: ours have nothing to unescape, and an escaped one is not ours.
+static size_t keep_escapes(void *cls, struct MHD_Connection *c, char *text) {
+  (void)cls, (void)c;
+  return strlen(text);
+}
+
+static void no_log(void *cls, const char *fmt, va_list ap) { (void)cls, (void)fmt, (void)ap; }
+
+static int listen_on(const pv_server_cfg *cfg, sv_err *err) {
+  bool is_v6 = strchr(cfg->addr, ':') != NULL;
+  struct sockaddr_in a4 = {.sin_family = AF_INET, .sin_port = htons((uint16_t)cfg->port)};
+  struct sockaddr_in6 a6 = {.sin6_family = AF_INET6, .sin6_port = htons((uint16_t)cfg->port)};
+  const void *where = is_v6 ? (const void *)&a6 : (const void *)&a4;
+  if (inet_pton(is_v6 ? AF_INET6 : AF_INET, cfg->addr,
+                is_v6 ? (void *)&a6.sin6_addr : (void *)&a4.sin_addr) != 1) {
+    sv_fail(err, SV_E_ARG, "%s: not a numeric address", cfg->addr);
+    return -1;
+  }
+  int fd = socket(is_v6 ? AF_INET6 : AF_INET, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0), on = 1;
+  if (fd >= 0) setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
+  if (fd >= 0 && bind(fd, where, is_v6 ? sizeof a6 : sizeof a4) == 0 && listen(fd, 64) == 0) return fd;
+  sv_fail(err, SV_E_DEVICE, "%s:%d: cannot be listened on (%s)", cfg->addr, cfg->port,
+          sv_linux_reason(errno));
+  if (fd >= 0) close(fd);
+  return -1;
+}
+
+sv_status pv_server_open(pv_server **out, const pv_server_cfg *cfg, sv_err *err) {
+  pv_server *s = *out = &the_server;
+  s->cfg = *cfg;
+  if (gethostname(s->machine, sizeof s->machine - 1) != 0) s->machine[0] = 0;
+  int fd = listen_on(cfg, err);
+  if (fd < 0) return SV_E_DEVICE;
+  s->daemon = MHD_start_daemon(
+      MHD_USE_EPOLL | MHD_ALLOW_SUSPEND_RESUME | MHD_USE_ERROR_LOG, (uint16_t)cfg->port, NULL, NULL, answer,
+      s, MHD_OPTION_EXTERNAL_LOGGER, no_log, NULL, MHD_OPTION_UNESCAPE_CALLBACK, keep_escapes, NULL,
+      MHD_OPTION_LISTEN_SOCKET, fd, MHD_OPTION_CONNECTION_LIMIT, (unsigned)PV_CAP_CONNECTIONS,
+      MHD_OPTION_PER_IP_CONNECTION_LIMIT, (unsigned)PV_CAP_PER_ADDRESS, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
+      (size_t)PV_CONNECTION_MEM, MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)PV_IDLE_S,
+      MHD_OPTION_NOTIFY_CONNECTION, on_connection, s, MHD_OPTION_NOTIFY_COMPLETED, on_completed, s,
+      MHD_OPTION_END);
+  const union MHD_DaemonInfo *i = s->daemon ? MHD_get_daemon_info(s->daemon, MHD_DAEMON_INFO_EPOLL_FD) : NULL;
+  if (!i) {
+    close(fd);
+    return sv_fail(err, SV_E_DEVICE, "%s:%d: the HTTP server did not start", cfg->addr, cfg->port);
+  }
+  s->epoll_fd = i->epoll_fd;
+  return SV_OK;
+}
+
+void pv_server_step(pv_server *s, int timeout_ms) {
+  sv_ns until = now_ns() + timeout_ms * SV_NS_PER_MS;
+  for (sv_ns now = now_ns(); now < until; now = now_ns()) {
+    struct pollfd p = {.fd = s->epoll_fd,
+                       .events = POLLIN}; // not epoll_wait: it would take the library's edges
+    MHD_UNSIGNED_LONG_LONG due;
+    int wait_ms = (int)(LOOP_STEP_NS / SV_NS_PER_MS);
+    if (MHD_get_timeout(s->daemon, &due) == MHD_YES && due < (MHD_UNSIGNED_LONG_LONG)wait_ms)
+      wait_ms = (int)due;
+    (void)poll(&p, 1, wait_ms);
+    renew_state(s);
+    renew_cameras(s, now);
+    end_slow_clients(s, now);
+    (void)MHD_run(s->daemon);
+  }
+}
+
+#else
+sv_status pv_server_open(pv_server **server, const pv_server_cfg *cfg, sv_err *err) {
+  (void)server, (void)cfg;
+  return sv_fail(err, SV_E_UNSUPPORTED, "this build has no HTTP server (libmicrohttpd was missing)");
+}
+void pv_server_step(pv_server *s, int timeout_ms) { (void)s, (void)timeout_ms; }
+#endif

@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+// One camera of the V4L2 source (inside of platform/v4l2).
+#ifndef SV_PLATFORM_V4L2_CAMERA_H
+#define SV_PLATFORM_V4L2_CAMERA_H
+
+#include "platform/v4l2/v4l2.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SV_V4L2_CAP_SLOTS    (2 * SV_CAMERA_CAP_BUFFERS) // frames of before a fault may still be on loan
+#define SV_V4L2_CAP_CONTROLS 12
+
+typedef enum {
+  SV_V4L2_EMPTY = 0, // no memory
+  SV_V4L2_IDLE,      // mapped, with us
+  SV_V4L2_QUEUED,    // with the driver
+  SV_V4L2_WAITING,   // filled, not yet handed out
+  SV_V4L2_ON_LOAN,
+  SV_V4L2_ORPHAN // on loan, of a device that is closed
+} sv_v4l2_slot_state;
+
+typedef struct {
+  uint8_t *map;
+  size_t bytes;
+  sv_v4l2_slot_state state;
+  uint32_t index; // the driver's number
+  int dma_fd;     // -1: not exported
+} sv_v4l2_slot;
+
+typedef struct {
+  uint32_t id;
+  int32_t before, locked; // values before we came, and while the cameras run
+  bool is_changed;
+} sv_v4l2_control;
+
+struct sv_v4l2_camera {
+  const sv_v4l2_sys *sys;
+  const sv_camera_options *cfg;
+  sv_camera_events *events;
+  int i_camera, fd; // -1: closed
+  char path[SV_CAMERA_CAP_NAME];
+  char card[32], bus[32]; // who it was, to know it again
+  bool is_mplane;
+  uint32_t buf_type, fourcc;
+  sv_camera_caps caps;
+  int stride_bytes;
+  size_t image_bytes;                     // the driver's size of a buffer
+  bool is_streaming, is_lost, has_failed; // has_failed: dequeue has yet to say so
+  sv_ns lost_ns, retry_ns, last_frame_ns;
+  int n_retries, n_stalls;
+  bool is_wrong; // came back with another format; said once
+  bool is_starved;
+  sv_v4l2_slot slot[SV_V4L2_CAP_SLOTS];
+  bool has_waiting;
+  sv_frame waiting;
+  bool has_last;
+  uint32_t last_driver_sequence, last_sequence;
+  sv_ns last_camera_ns;
+  int n_controls;
+  sv_v4l2_control control[SV_V4L2_CAP_CONTROLS];
+  sv_ns exposure_ns; // locked shutter time, 0: unknown
+  bool is_locked;
+  sv_v4l2_stats stats;
+};
+
+// device.c: open, agree on the format, map the buffers. On failure everything is closed.
+sv_status sv_v4l2_open_device(sv_v4l2_camera *c, sv_err *err) SV_MUST_USE;
+// Closes; buffers on loan become orphans, whose content stays.
+void sv_v4l2_close_device(sv_v4l2_camera *c);
+void sv_v4l2_free_slot(sv_v4l2_camera *c, sv_v4l2_slot *s);
+int sv_v4l2_call(const sv_v4l2_camera *c, unsigned long request, void *arg);
+
+// stream.c
+int sv_v4l2_stream_on(sv_v4l2_camera *c); // queues what is idle; 0 or a negative error number
+void sv_v4l2_stream_off(sv_v4l2_camera *c);
+int sv_v4l2_queue(sv_v4l2_camera *c, sv_v4l2_slot *s);
+// Takes one filled buffer into c->waiting. 1: it did; 0: none is ready; else a negative error number.
+int sv_v4l2_take(sv_v4l2_camera *c, sv_ns now_ns);
+int sv_v4l2_n_queued(const sv_v4l2_camera *c);
+void sv_v4l2_fault(sv_v4l2_camera *c, int error, sv_ns now_ns); // closes it, to be tried again
+void sv_v4l2_service(sv_v4l2_camera *c, sv_ns now_ns);          // retries and looks for stalls
+
+// controls.c
+bool sv_v4l2_has_auto(const sv_v4l2_camera *c); // some automatic control is at work
+// Switches the automatic controls off and sets what the options fix. First: notes the values before.
+void sv_v4l2_lock_controls(sv_v4l2_camera *c, sv_ns now_ns);
+void sv_v4l2_restore_controls(sv_v4l2_camera *c);
+sv_status sv_v4l2_set_exposure(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns);
+sv_status sv_v4l2_check_controls(const sv_v4l2_camera *c, sv_err *err); // can the options be kept?
+
+// A format's description for one node, of one API or the other.
+typedef struct {
+  uint32_t fourcc, width_px, height_px, stride_bytes, image_bytes;
+  uint32_t encoding, quantization, n_planes;
+} sv_v4l2_fmt;
+int sv_v4l2_get_fmt(const sv_v4l2_camera *c, sv_v4l2_fmt *f);
+int sv_v4l2_try_fmt(const sv_v4l2_camera *c, sv_v4l2_fmt *f, bool is_set);
+// Highest frame rate at a format and size; 0: not told.
+double sv_v4l2_max_fps(const sv_v4l2_camera *c, uint32_t fourcc, int width_px, int height_px);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,151 @@
+// SPDX-License-Identifier: Apache-2.0
+// Exposure, gain and white balance hold still while the cameras run: a shutter that moves moves the middle of the
+// exposure, and a gain that moves changes what a surface looks like from one exposure to the next.
+#include <errno.h>
+#include <linux/videodev2.h>
+
+#include "platform/v4l2/camera.h"
+
+#define EXPOSURE_UNIT_NS (100 * SV_NS_PER_US) // of V4L2_CID_EXPOSURE_ABSOLUTE
+
+// The automatic controls, and what switches them off.
+static const struct {
+  uint32_t id;
+  int32_t manual;
+} autos[] = {
+    {V4L2_CID_EXPOSURE_AUTO, V4L2_EXPOSURE_MANUAL},
+    {V4L2_CID_EXPOSURE_AUTO_PRIORITY, 0}, // else the frame rate follows the light
+    {V4L2_CID_AUTOGAIN, 0},
+    {V4L2_CID_AUTO_WHITE_BALANCE, 0},
+    {V4L2_CID_FOCUS_AUTO, 0},
+    {V4L2_CID_HUE_AUTO, 0},
+};
+#define N_AUTOS ((int)(sizeof autos / sizeof *autos))
+
+static bool has(const sv_v4l2_camera *c, uint32_t id, struct v4l2_queryctrl *q) {
+  *q = (struct v4l2_queryctrl){.id = id};
+  return sv_v4l2_call(c, VIDIOC_QUERYCTRL, q) >= 0 && !(q->flags & V4L2_CTRL_FLAG_DISABLED);
+}
+
+static bool get(const sv_v4l2_camera *c, uint32_t id, int32_t *value) {
+  struct v4l2_control v = {.id = id};
+  if (sv_v4l2_call(c, VIDIOC_G_CTRL, &v) < 0) return false;
+  *value = v.value;
+  return true;
+}
+
+static int set(const sv_v4l2_camera *c, uint32_t id, int32_t value) {
+  struct v4l2_control v = {.id = id, .value = value};
+  return sv_v4l2_call(c, VIDIOC_S_CTRL, &v);
+}
+
+static uint32_t gain_id(const sv_v4l2_camera *c) {
+  struct v4l2_queryctrl q;
+  return has(c, V4L2_CID_GAIN, &q)            ? V4L2_CID_GAIN
+         : has(c, V4L2_CID_ANALOGUE_GAIN, &q) ? V4L2_CID_ANALOGUE_GAIN
+                                              : 0;
+}
+
+bool sv_v4l2_has_auto(const sv_v4l2_camera *c) {
+  struct v4l2_queryctrl q;
+  int32_t v;
+  for (int i = 0; i < N_AUTOS; i++)
+    if (autos[i].id != V4L2_CID_EXPOSURE_AUTO_PRIORITY && has(c, autos[i].id, &q) &&
+        get(c, autos[i].id, &v) && v != autos[i].manual)
+      return true;
+  return false;
+}
+
+static sv_v4l2_control *noted(sv_v4l2_camera *c, uint32_t id) {
+  for (int i = 0; i < c->n_controls; i++)
+    if (c->control[i].id == id) return &c->control[i];
+  if (c->n_controls == SV_V4L2_CAP_CONTROLS) return NULL;
+  sv_v4l2_control *k = &c->control[c->n_controls];
+  *k = (sv_v4l2_control){.id = id};
+  if (!get(c, id, &k->before)) return NULL;
+  c->n_controls++;
+  return k;
+}
+
+static void hold(sv_v4l2_camera *c, uint32_t id, int32_t value, sv_ns now_ns) {
+  struct v4l2_queryctrl q;
+  int32_t got;
+  if (!has(c, id, &q)) return;
+  sv_v4l2_control *k = noted(c, id);
+  if (!k) return;
+  k->locked = value;
+  k->is_changed = true;
+  int r = set(c, id, value);
+  if (r < 0 || !get(c, id, &got) || got != value)
+    sv_camera_events_add(c->events, SV_CAMERA_CONTROL, c->i_camera, now_ns, (int64_t)id);
+}
+
+// The value given, else where the automatic control has brought it; the same again after the camera was away.
+static void hold_value(sv_v4l2_camera *c, uint32_t id, bool is_given, int32_t value, sv_ns now_ns) {
+  struct v4l2_queryctrl q;
+  if (!id || !has(c, id, &q)) return;
+  sv_v4l2_control *k = noted(c, id);
+  if (!k) return;
+  if (k->is_changed) value = k->locked;
+  else if (!is_given && !get(c, id, &value)) return;
+  hold(c, id, value, now_ns);
+}
+
+static int32_t clamped(const sv_v4l2_camera *c, uint32_t id, double v) {
+  struct v4l2_queryctrl q;
+  if (!has(c, id, &q)) return 0;
+  v = v < q.minimum ? q.minimum : v > q.maximum ? q.maximum : v;
+  return (int32_t)(v + (v < 0 ? -0.5 : 0.5));
+}
+
+void sv_v4l2_lock_controls(sv_v4l2_camera *c, sv_ns now_ns) {
+  const sv_camera_options *o = c->cfg;
+  int32_t v;
+  uint32_t gain = gain_id(c);
+  for (int i = 0; i < N_AUTOS; i++) hold(c, autos[i].id, autos[i].manual, now_ns);
+  hold_value(c, V4L2_CID_EXPOSURE_ABSOLUTE, o->exposure_ns > 0,
+             clamped(c, V4L2_CID_EXPOSURE_ABSOLUTE, (double)o->exposure_ns / EXPOSURE_UNIT_NS), now_ns);
+  hold_value(c, V4L2_CID_EXPOSURE, false, 0, now_ns);
+  if (gain) hold_value(c, gain, o->gain >= 0, clamped(c, gain, o->gain), now_ns);
+  hold_value(c, V4L2_CID_WHITE_BALANCE_TEMPERATURE, o->white_k > 0,
+             clamped(c, V4L2_CID_WHITE_BALANCE_TEMPERATURE, o->white_k), now_ns);
+  c->exposure_ns = get(c, V4L2_CID_EXPOSURE_ABSOLUTE, &v) && v > 0 ? v * EXPOSURE_UNIT_NS : 0;
+  c->is_locked = true;
+}
+
+void sv_v4l2_restore_controls(sv_v4l2_camera *c) {
+  // Values first: they cannot be written while the automatic control is on.
+  for (int i = c->n_controls - 1; i >= 0; i--)
+    if (c->control[i].is_changed && c->fd >= 0) (void)set(c, c->control[i].id, c->control[i].before);
+  c->n_controls = 0;
+  c->is_locked = false;
+}
+
+sv_status sv_v4l2_check_controls(const sv_v4l2_camera *c, sv_err *err) {
+  struct v4l2_queryctrl q;
+  const sv_camera_options *o = c->cfg;
+  if (o->exposure_ns > 0 && !has(c, V4L2_CID_EXPOSURE_ABSOLUTE, &q))
+    return sv_fail(err, SV_E_UNSUPPORTED, "%s: its exposure time cannot be set (exposure=)", c->path);
+  if (o->gain >= 0 && !gain_id(c))
+    return sv_fail(err, SV_E_UNSUPPORTED, "%s: its gain cannot be set (gain=)", c->path);
+  if (o->white_k > 0 && !has(c, V4L2_CID_WHITE_BALANCE_TEMPERATURE, &q))
+    return sv_fail(err, SV_E_UNSUPPORTED, "%s: its colour temperature cannot be set (wb=)", c->path);
+  return SV_OK;
+}
+
+sv_status sv_v4l2_set_exposure(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns) {
+  struct v4l2_queryctrl q;
+  int32_t v;
+  if (c->fd < 0) return SV_E_DEVICE;
+  if (!has(c, V4L2_CID_EXPOSURE_ABSOLUTE, &q)) return SV_E_UNSUPPORTED;
+  double want = (double)ns / (double)EXPOSURE_UNIT_NS;
+  if (want < q.minimum || want > q.maximum) return SV_E_RANGE;
+  sv_v4l2_control *k = noted(c, V4L2_CID_EXPOSURE_ABSOLUTE);
+  if (set(c, V4L2_CID_EXPOSURE_ABSOLUTE, (int32_t)(want + 0.5)) < 0 ||
+      !get(c, V4L2_CID_EXPOSURE_ABSOLUTE, &v))
+    return SV_E_DEVICE;
+  if (k) k->is_changed = true, k->locked = v;
+  c->exposure_ns = v * EXPOSURE_UNIT_NS;
+  if (actual_ns) *actual_ns = c->exposure_ns;
+  return SV_OK;
+}

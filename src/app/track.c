@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+// The step between capture and training of a run whose source tells no poses.
+#include "src/app/app.h"
+
+#define SCALE_DOUBT 0.02 // a relative standard deviation of the scale that is worth a warning
+
+static void tell(sv_app *app) {
+  const sv_track_summary *s = &app->odometry.summary;
+  if (s->is_still) {
+    sv_app_log(app, SV_LOG_INFO, "odometry: the rig stands still (the pictures move by %.2f px)",
+               s->still_px);
+    return;
+  }
+  if (!app->odometry.is_tracked) {
+    sv_app_log(
+        app, SV_LOG_WARN,
+        "odometry: %d of %d exposures placed, %d points: too few, so the rig is taken as standing still; "
+        "%s",
+        s->n_placed, s->n_exposures, s->n_points,
+        app->cfg.rig->n_sub_views < 2 ? "one camera alone does not tell how far it moves"
+                                      : "expected a textured scene and little motion between exposures");
+    return;
+  }
+  sv_app_log(app, SV_LOG_INFO,
+             "odometry: %d of %d exposures placed on a way of %.2f m, %d points, reprojection %.2f px, scale "
+             "+- %.2f %%",
+             s->n_placed, s->n_exposures, s->path_m, s->n_points, s->rms_px, 100 * s->scale_sigma);
+  if (s->n_placed < s->n_exposures)
+    sv_app_log(app, SV_LOG_WARN, "odometry: %d exposures could not be placed and are left out",
+               s->n_exposures - s->n_placed);
+  if (s->scale_sigma < 0 || s->scale_sigma > SCALE_DOUBT)
+    sv_app_log(
+        app, SV_LOG_WARN,
+        "odometry: the rig's baseline is too small for this scene to tell its size well: lengths may be "
+        "off by a factor; shape and views are not");
+}
+
+sv_status sv_app_track(sv_app *app, sv_err *err) {
+  sv_odometry *o = &app->odometry;
+  for (int e = 0; e < app->exposures.n; e++)
+    if (app->exposures.exposure[e].has_pose) return SV_OK; // the source knew after all
+  for (int e = 0; e < app->exposures.n; e++) {
+    if (sv_app_is_stop_requested(app)) return SV_E_INTERRUPTED;
+    sv_status s = sv_odometry_add(o, &app->exposures, e);
+    if (s < 0) return sv_fail(err, s, "odometry, exposure %d: %s", e, sv_status_text(s));
+    sv_app_log(app, SV_LOG_LIVE, "odometry %d/%d exposures", e + 1, app->exposures.n);
+  }
+  sv_odometry_finish(o, &app->exposures);
+  tell(app);
+  return SV_OK;
+}

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+// How the Gaussians of a moving scene get from the stored ones to those of a time: by a motion of their own each
+// (motion.h) or through one field that all share (field.h).
+#ifndef SV_DEFORM_DEFORM_H
+#define SV_DEFORM_DEFORM_H
+
+#include "src/deform/field.h"
+#include "src/deform/motion.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef enum { SV_DEFORM_NONE, SV_DEFORM_CLIP, SV_DEFORM_FIELD } sv_deform_kind;
+
+typedef struct {
+  sv_deform_kind kind;
+  sv_motion motion; // of CLIP
+  sv_field field;   // of FIELD
+} sv_deform;
+
+// Slots [0, n) move.
+static inline int sv_deform_n_moving(const sv_deform *d) {
+  return d->kind == SV_DEFORM_FIELD ? d->field.n_moving : d->motion.n_moving;
+}
+static inline void sv_deform_set_moving(sv_deform *d, int n) { d->field.n_moving = d->motion.n_moving = n; }
+
+static inline void sv_deform_at(sv_deform *d, const sv_kernels *k, const sv_pool *pool, sv_gaussians *g,
+                                float t) {
+  if (d->kind == SV_DEFORM_CLIP) sv_motion_at(&d->motion, k, pool, g, t);
+  if (d->kind == SV_DEFORM_FIELD) sv_field_at(&d->field, k, pool, g, t);
+}
+
+#ifdef __cplusplus
+}
+#endif
+#endif

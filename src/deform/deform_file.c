@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "src/deform/deform_file.h"
+
+#include <string.h>
+
+#define KIND    "MOTN"
+#define VERSION 1
+
+uint64_t sv_deform_model_digest(const sv_gaussians *g) {
+  uint64_t h = 14695981039346656037ull; // FNV-1a over the used slots: the file of a model has no others
+  for (int i = 0; i < g->n; i++)
+    for (int r = 0; r < g->n_rows; r++) {
+      uint32_t b;
+      memcpy(&b, sv_gaussians_at(g, i, r), 4);
+      for (int k = 0; k < 4; k++) h = (h ^ (b >> (8 * k) & 255)) * 1099511628211ull;
+    }
+  return h;
+}
+
+static size_t moving_bytes(int n_moving, int n_rows) {
+  return (size_t)((n_moving + 15) / 16) * 16 * (size_t)n_rows * sizeof(float);
+}
+
+static void head_of(const sv_deform *d, const sv_gaussians *g, sv_deform_head *h) {
+  const sv_motion_cfg *c = &d->motion.cfg;
+  const sv_field_cfg *f = &d->field.cfg;
+  memset(h, 0, sizeof *h); // padding, too, goes to the file
+  h->kind = (int32_t)d->kind, h->n_gaussians = g->n, h->n_moving = sv_deform_n_moving(d);
+  h->functions = (int32_t)c->functions, h->n_pos = c->n_pos, h->n_rot = c->n_rot, h->n_colour = c->n_colour;
+  h->t0 = c->t0;
+  h->n_channels = f->n_channels, h->n_levels = f->n_levels;
+  for (int l = 0; l < f->n_levels; l++) h->mult[l] = f->mult[l];
+  h->base = f->base, h->n_times = f->n_times, h->width = f->width;
+  h->is_shared = f->is_shared, h->has_colour = f->has_colour;
+  memcpy(h->lo, d->field.lo, sizeof h->lo);
+  memcpy(h->inv, d->field.inv, sizeof h->inv);
+  h->model_digest = sv_deform_model_digest(g);
+}
+
+static const void *rows_of(const sv_deform *d, size_t *bytes) {
+  if (d->kind == SV_DEFORM_FIELD) {
+    *bytes = d->field.n_param * sizeof(float);
+    return d->field.param;
+  }
+  *bytes = moving_bytes(d->motion.n_moving, d->motion.n_rows);
+  return d->motion.param;
+}
+
+sv_status sv_deform_write(const sv_deform *d, const sv_gaussians *g, sv_sink sink, sv_err *err) {
+  sv_sections_writer w;
+  sv_deform_head h;
+  size_t bytes;
+  const void *rows = rows_of(d, &bytes);
+  head_of(d, g, &h);
+  sv_status s = sv_sections_begin(&w, sink, KIND, VERSION, err);
+  if (s >= 0) s = sv_sections_put(&w, "HEAD", &h, sizeof h, err);
+  if (s >= 0) s = sv_sections_put(&w, "ROWS", rows, bytes, err);
+  return s >= 0 ? sv_sections_end(&w, err) : s;
+}
+
+static bool is_count(int32_t n) { return n >= 0 && n <= SV_CAP_MOTION_FUNCTIONS; }
+
+static bool is_good_clip(const sv_deform_head *h) {
+  return is_count(h->n_pos) && is_count(h->n_rot) && is_count(h->n_colour) &&
+         h->functions >= SV_MOTION_CHEBYSHEV && h->functions <= SV_MOTION_POWERS && h->t0 >= -1e9f &&
+         h->t0 <= 1e9f;
+}
+
+static bool is_good_field(const sv_deform_head *h) { // the sizes themselves are checked where they are used
+  for (int l = 0; l < SV_FIELD_CAP_LEVELS; l++)
+    if (h->mult[l] < (l < h->n_levels) || h->mult[l] > 16) return false;
+  for (int k = 0; k < 3; k++)
+    if (!(h->lo[k] >= -1e30f && h->lo[k] <= 1e30f && h->inv[k] > 0 && h->inv[k] <= 1e30f)) return false;
+  return true;
+}
+
+sv_status sv_deform_open(sv_sections *r, sv_deform_head *h, const char *name, const void *buf, size_t bytes,
+                         sv_err *err) {
+  sv_status s = sv_sections_open(r, name, buf, bytes, KIND, VERSION, err);
+  if (s >= 0) s = sv_sections_get(r, "HEAD", h, sizeof *h, err);
+  if (s < 0) return s;
+  if (h->kind != SV_DEFORM_CLIP && h->kind != SV_DEFORM_FIELD)
+    return sv_fail(err, SV_E_UNSUPPORTED, "%s: a motion of kind %d, which this program does not know", name,
+                   h->kind);
+  if (h->n_moving < 0 || h->n_moving > h->n_gaussians ||
+      !(h->kind == SV_DEFORM_CLIP ? is_good_clip(h) : is_good_field(h)))
+    return sv_fail(err, SV_E_FORMAT, "%s: its head has numbers that no motion has", name);
+  return SV_OK;
+}
+
+sv_status sv_deform_carve(sv_deform *d, const sv_deform_head *h, const sv_gaussians *g, int n_threads,
+                          sv_arena *arena) {
+  memset(d, 0, sizeof *d);
+  d->kind = (sv_deform_kind)h->kind;
+  if (d->kind == SV_DEFORM_CLIP) {
+    sv_motion_cfg c = {.functions = (sv_motion_functions_kind)h->functions,
+                       .n_pos = h->n_pos,
+                       .n_rot = h->n_rot,
+                       .n_colour = h->n_colour,
+                       .t0 = h->t0};
+    return sv_motion_init(&d->motion, &c, g, arena);
+  }
+  sv_field_cfg c = {.n_channels = h->n_channels,
+                    .n_levels = h->n_levels,
+                    .base = h->base,
+                    .n_times = h->n_times,
+                    .width = h->width,
+                    .is_shared = h->is_shared != 0,
+                    .has_colour = h->has_colour != 0,
+                    .n_threads = n_threads};
+  for (int l = 0; l < SV_FIELD_CAP_LEVELS; l++) c.mult[l] = h->mult[l];
+  return sv_field_init(&d->field, &c, g, arena);
+}
+
+sv_status sv_deform_read(sv_deform *d, const sv_sections *r, const sv_deform_head *h, const sv_gaussians *g,
+                         int n_threads, sv_arena *arena, sv_err *err) {
+  size_t bytes;
+  if (h->n_gaussians != g->n || h->model_digest != sv_deform_model_digest(g))
+    return sv_fail(err, SV_E_RANGE, "%s: belongs to another model of %d Gaussians, not to this one of %d",
+                   r->name, h->n_gaussians, g->n);
+  sv_status s = sv_deform_carve(d, h, g, n_threads, arena);
+  if (s < 0) return sv_fail(err, s, "%s: its sizes cannot be held", r->name);
+  if (d->kind == SV_DEFORM_CLIP) sv_motion_reset(&d->motion, 0);
+  memcpy(d->field.lo, h->lo, sizeof h->lo);
+  memcpy(d->field.inv, h->inv, sizeof h->inv);
+  sv_deform_set_moving(d, h->n_moving);
+  void *rows = (void *)(uintptr_t)rows_of(d, &bytes);
+  return sv_sections_get(r, "ROWS", rows, bytes, err);
+}

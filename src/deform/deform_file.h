@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+// The motion of a model as a file of its own beside the model's PLY, which stays one that every viewer opens: a
+// checksummed container (format/sections.h) of kind "MOTN".
+#ifndef SV_DEFORM_DEFORM_FILE_H
+#define SV_DEFORM_DEFORM_FILE_H
+
+#include "src/deform/deform.h"
+#include "src/format/sections.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+// What the file says about itself, and what memory a reader has to have.
+typedef struct {
+  int32_t kind, n_gaussians, n_moving;
+  int32_t functions, n_pos, n_rot, n_colour;
+  float t0; // Of a field: its sizes and its box.
+  int32_t n_channels, n_levels, mult[SV_FIELD_CAP_LEVELS], base, n_times, width, is_shared, has_colour;
+  float lo[3], inv[3];
+  uint64_t model_digest; // sv_deform_model_digest of the Gaussians that it belongs to
+} sv_deform_head;
+
+uint64_t sv_deform_model_digest(const sv_gaussians *g);
+sv_status sv_deform_write(const sv_deform *d, const sv_gaussians *g, sv_sink sink, sv_err *err) SV_MUST_USE;
+
+// Its memory, without moments; what sv_deform_read carves.
+sv_status sv_deform_carve(sv_deform *d, const sv_deform_head *head, const sv_gaussians *g, int n_threads,
+                          sv_arena *arena) SV_MUST_USE;
+// Verifies the whole buffer and reads its head. E_FORMAT, E_CORRUPT, E_UNSUPPORTED.
+sv_status sv_deform_open(sv_sections *r, sv_deform_head *head, const char *name, const void *buf,
+                         size_t bytes, sv_err *err) SV_MUST_USE;
+// Carves d for g as the head says, to be used with at most n_threads, and fills it. E_RANGE when the file belongs to other Gaussians than g.
+sv_status sv_deform_read(sv_deform *d, const sv_sections *r, const sv_deform_head *head,
+                         const sv_gaussians *g, int n_threads, sv_arena *arena, sv_err *err) SV_MUST_USE;
+
+#ifdef __cplusplus
+}
+#endif
+#endif

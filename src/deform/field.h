@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+// A deformation field that all moving Gaussians share, as in 4D Gaussian Splatting (Wu et al. 2024): six
+// multi-resolution planes over x y z t, their samples multiplied (HexPlane, Cao & Johnson 2023), a linear trunk and
+// heads of two layers, whose outputs are added to the stored values. Kernels: kernels/field/field.h.
+//
+// Differences from the paper's reference, both on purpose: time runs over the whole plane (there only its upper half
+// is used), and the box is that of the Gaussians when they begin to move.
+#ifndef SV_DEFORM_FIELD_H
+#define SV_DEFORM_FIELD_H
+
+#include "src/base/arena.h"
+#include "src/port/port.h"
+#include "src/splat/gaussians.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SV_FIELD_CAP_HEADS 5
+#define SV_FIELD_CAP_WIDTH 128
+#define SV_FIELD_TASK      32 // blocks whose gradients of the layers are summed together
+
+typedef enum { SV_FIELD_TV_CODED, SV_FIELD_TV_BOTH } sv_field_tv;
+
+typedef struct {
+  int n_channels; // 16 or 32 per level
+  int n_levels, mult[SV_FIELD_CAP_LEVELS];
+  int base, n_times; // points a side of level 1; points along time, the same on all levels
+  int width;         // of the layers, a multiple of 16
+  bool is_shared;    // one head for position, rotation and scale; else one each
+  bool has_colour;   // heads for opacity and SH, too; not with is_shared
+  float start;       // output weights begin with so much of Xavier's; the reference's is 1
+  // Weights: second differences (coded as in the reference: along one axis, of its mean square) or squared first
+  // differences along both; second differences along time; distance of time planes from 1.
+  sv_field_tv tv_kind;
+  float tv, smooth, l1_time;
+  float lr_planes, lr_planes_end, lr_layers, lr_layers_end; // times the scene's radius
+  bool has_grad;
+  int n_threads;
+} sv_field_cfg;
+
+// By name: tiny, small, dnerf, dynerf, hypernerf, dycheck, multiview (sizes and weights of the reference's
+// configurations; tiny and small are for boards). False for others; *cfg then is untouched.
+bool sv_field_preset(const char *name, sv_field_cfg *cfg);
+
+typedef struct {
+  int row, n;            // rows of a Gaussian that it moves
+  size_t w1, b1, w2, b2; // offsets into param
+} sv_field_head;
+
+typedef struct {
+  sv_field_cfg cfg;
+  int cap, n_gaussian_rows, n_moving, n_heads, n_feature;
+  sv_field_head head[SV_FIELD_CAP_HEADS];
+  size_t plane_at[SV_FIELD_CAP_LEVELS][SV_FIELD_PLANES], plane_n[SV_FIELD_CAP_LEVELS][SV_FIELD_PLANES];
+  size_t trunk_w, trunk_b, n_planes, n_param; // parameters: planes first, then the layers; multiples of 16
+  float *param, *m, *v;                       // [n_param]; moments NULL without has_grad
+  float *grad;                                // [n_planes] of the planes, of one step
+  float *layers;     // [cap / 16 / SV_FIELD_TASK + 1][n_param - n_planes] of the layers, by task
+  float *part;       // [cap/16][16][n_levels][6][n_channels] of the planes' samples
+  uint32_t *touched; // [cap/16]
+  float *coord;      // [cap/16][4][16] of the last sv_field_at
+  float *moved;      // [cap/16][n_gaussian_rows][16]
+  float *scratch;    // [n_threads][..]
+  size_t n_scratch;
+  float lo[3], inv[3]; // box: c = (x - lo) inv
+} sv_field;
+
+// E_ARG with sizes that are out of range.
+sv_status sv_field_init(sv_field *f, const sv_field_cfg *cfg, const sv_gaussians *g,
+                        sv_arena *arena) SV_MUST_USE;
+// Random layers, planes of space in 0.1..0.5, planes of time at 1; the box: mean and three standard deviations of g.
+void sv_field_reset(sv_field *f, const sv_gaussians *g, uint64_t seed);
+// As sv_motion_at.
+void sv_field_at(sv_field *f, const sv_kernels *k, const sv_pool *pool, sv_gaussians *g, float t);
+
+// Backward of one block, in the task of its number: grad [rows][16] of the moved ones gets what goes to their
+// places through the field; the field's own gradients are kept until sv_field_step. To be called by tasks of
+// SV_FIELD_TASK blocks, each from its first block on, also when touched is 0.
+void sv_field_bwd_block(sv_field *f, const sv_kernels *k, const sv_gaussians *g, int block, int i_thread,
+                        uint32_t touched, float *grad);
+// Adam on planes and layers after all blocks; step counts from 1; progress 0..1 of the stage.
+void sv_field_step(sv_field *f, const sv_kernels *k, const sv_pool *pool, uint32_t step, float progress,
+                   float radius);
+// Value of the plane losses and, with grad, their gradients for one plane of one level added to grad.
+double sv_field_plane_loss(const sv_field *f, int level, int plane, float *grad);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

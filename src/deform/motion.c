@@ -1,0 +1,184 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "src/deform/motion.h"
+
+#include <string.h>
+
+#include "src/base/mathx.h"
+
+#define BLOCKS_PER_TASK 64
+#define SHARPNESS_START (-4.0f) // ln: over the whole clip the window takes less than 0.01 from a logit
+#define SHARPNESS_NONE  (-60.0f)
+#define N_SAMPLES       17 // times at which an extent is looked at
+
+sv_status sv_motion_init(sv_motion *mo, const sv_motion_cfg *cfg, const sv_gaussians *g, sv_arena *arena) {
+  const int n[3] = {cfg->n_pos, cfg->n_rot, cfg->n_colour};
+  for (int i = 0; i < 3; i++)
+    if (n[i] < 0 || n[i] > SV_CAP_MOTION_FUNCTIONS) return SV_E_ARG;
+  *mo = (sv_motion){.cfg = *cfg,
+                    .cap = g->cap,
+                    .n_gaussian_rows = g->n_rows,
+                    .n_rows = SV_N_MROWS(cfg->n_pos, cfg->n_rot, cfg->n_colour)};
+  size_t n_param = (size_t)g->cap * (size_t)mo->n_rows;
+  mo->param = SV_TAKE(arena, float, n_param);
+  mo->moved = SV_TAKE(arena, float, (size_t)g->cap *(size_t)g->n_rows);
+  mo->m = cfg->has_grad ? SV_TAKE(arena, float, n_param) : NULL;
+  mo->v = cfg->has_grad ? SV_TAKE(arena, float, n_param) : NULL;
+  return arena->status < 0 ? arena->status : SV_OK;
+}
+
+static void rest(sv_motion *mo, int i, float sharpness) {
+  for (int r = 0; r < mo->n_rows; r++) *sv_motion_row(mo, i, r) = 0.0f;
+  *sv_motion_row(mo, i, SV_MROW_CENTRE) = 0.5f;
+  *sv_motion_row(mo, i, SV_MROW_SHARPNESS) = sharpness;
+  if (!mo->m) return;
+  long at = sv_motion_row(mo, i, 0) - mo->param;
+  for (int r = 0; r < mo->n_rows; r++) mo->m[at + 16 * r] = mo->v[at + 16 * r] = 0.0f;
+}
+
+void sv_motion_rest(sv_motion *mo, int i) { rest(mo, i, SHARPNESS_START); }
+
+void sv_motion_still(sv_motion *mo, int i) { rest(mo, i, SHARPNESS_NONE); }
+
+void sv_motion_reset(sv_motion *mo, int n) {
+  for (int i = 0; i < mo->cap; i++) rest(mo, i, i < n ? SHARPNESS_START : SHARPNESS_NONE);
+  mo->n_moving = n;
+}
+
+// Weights of the knots i-1 .. i+2 at a place u in 0..1 between knots i and i+1 (Catmull & Rom 1974).
+static void catmull_rom(float u, float w[4]) {
+  float u2 = u * u, u3 = u2 * u;
+  w[0] = 0.5f * (2.0f * u2 - u3 - u);
+  w[1] = 0.5f * (3.0f * u3 - 5.0f * u2 + 2.0f);
+  w[2] = 0.5f * (4.0f * u2 - 3.0f * u3 + u);
+  w[3] = 0.5f * (u3 - u2);
+}
+
+// Knot k is coefficient k - 1; knot 0 is at rest, and those outside go on straight from the last two.
+static void spline(int n, float t, float f[SV_CAP_MOTION_FUNCTIONS]) {
+  float x = sv_clampf(t, 0.0f, 1.0f) * (float)n, w[4];
+  int i = sv_mini((int)x, n - 1);
+  for (int k = 0; k < n; k++) f[k] = 0.0f;
+  catmull_rom(x - (float)i, w);
+  for (int k = 0; k < 4; k++) {
+    int knot = i - 1 + k;
+    if (knot > n) { // 2 K_n - K_(n-1)
+      f[n - 1] += 2.0f * w[k];
+      if (n > 1) f[n - 2] -= w[k];
+    } else if (knot < 0) f[0] -= w[k]; // 2 K_0 - K_1
+    else if (knot > 0) f[knot - 1] += w[k];
+  }
+}
+
+void sv_motion_functions(const sv_motion_cfg *cfg, int n, float t, float f[SV_CAP_MOTION_FUNCTIONS]) {
+  if (n < 1) return;
+  if (cfg->functions == SV_MOTION_SPLINE) {
+    spline(n, t, f);
+    return;
+  }
+  if (cfg->functions == SV_MOTION_POWERS) {
+    float x = t - cfg->t0, p = x;
+    for (int j = 0; j < n; j++, p *= x) f[j] = p;
+    return;
+  }
+  float x = 2.0f * t - 1.0f, before = 1.0f, now = x;
+  for (int j = 0; j < n; j++) {
+    f[j] = now;
+    float next = fmaf(2.0f * x, now, -before);
+    before = now, now = next;
+  }
+}
+
+sv_motion_values sv_motion_values_at(const sv_motion_cfg *cfg, float t) {
+  sv_motion_values v;
+  sv_motion_functions(cfg, cfg->n_pos, t, v.pos);
+  sv_motion_functions(cfg, cfg->n_rot, t, v.rot);
+  sv_motion_functions(cfg, cfg->n_colour, t, v.colour);
+  return v;
+}
+
+sv_motion_args sv_motion_args_of(const sv_motion *mo, const sv_gaussians *g, float t,
+                                 const sv_motion_values *f) {
+  return (sv_motion_args){.param = g->param,
+                          .motion = mo->param,
+                          .moved = mo->moved,
+                          .n_rows = g->n_rows,
+                          .n_pos = mo->cfg.n_pos,
+                          .n_rot = mo->cfg.n_rot,
+                          .n_colour = mo->cfg.n_colour,
+                          .f_pos = f->pos,
+                          .f_rot = f->rot,
+                          .f_colour = f->colour,
+                          .t = t};
+}
+
+typedef struct {
+  const sv_kernels *k;
+  sv_motion_args a;
+  int n_blocks;
+} job;
+
+static void move_task(void *arg, int i_task, int i_thread) {
+  job *j = arg;
+  int b0 = i_task * BLOCKS_PER_TASK;
+  (void)i_thread;
+  j->k->motion(&j->a, b0, sv_mini(b0 + BLOCKS_PER_TASK, j->n_blocks));
+}
+
+void sv_motion_at(sv_motion *mo, const sv_kernels *k, const sv_pool *pool, sv_gaussians *g, float t) {
+  sv_motion_values f = sv_motion_values_at(&mo->cfg, t);
+  job j = {.k = k, .a = sv_motion_args_of(mo, g, t, &f), .n_blocks = (mo->n_moving + 15) / 16};
+  sv_pool_run(pool, move_task, &j, (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
+  g->moved = mo->moved;
+  g->n_moved = mo->n_moving;
+}
+
+// Spread of what `width` sums of functions do over the clip: the largest distance from their mean.
+static float spread(const sv_motion *mo, int i, int row, int n, int width) {
+  float x[N_SAMPLES][4] = {{0}}, mean[4] = {0}, most = 0, f[SV_CAP_MOTION_FUNCTIONS];
+  for (int s = 0; s < N_SAMPLES; s++) {
+    sv_motion_functions(&mo->cfg, n, (float)s / (N_SAMPLES - 1), f);
+    for (int w = 0; w < width; w++) {
+      for (int j = 0; j < n; j++) x[s][w] += f[j] * *sv_motion_row(mo, i, row + width * j + w);
+      mean[w] += x[s][w] / N_SAMPLES;
+    }
+  }
+  for (int s = 0; s < N_SAMPLES; s++) {
+    float d2 = 0;
+    for (int w = 0; w < width; w++) d2 += (x[s][w] - mean[w]) * (x[s][w] - mean[w]);
+    most = sv_maxf(most, d2);
+  }
+  return sqrtf(most);
+}
+
+sv_motion_extent sv_motion_extent_of(const sv_motion *mo, int i) {
+  float centre = *sv_motion_row(mo, i, SV_MROW_CENTRE);
+  int pos = SV_MROW_FUNCTIONS, colour = pos + 3 * mo->cfg.n_pos + 4 * mo->cfg.n_rot;
+  float far = sv_maxf(centre * centre, (1.0f - centre) * (1.0f - centre));
+  return (sv_motion_extent){
+      .distance = spread(mo, i, pos, mo->cfg.n_pos, 3),
+      .colour = (float)SV_SH_C0 * spread(mo, i, colour, mo->cfg.n_colour, 3),
+      .fade = sv_minf(far * (float)sv_exp((double)*sv_motion_row(mo, i, SV_MROW_SHARPNESS)), SV_WINDOW_MAX)};
+}
+
+static void swap(float *a, float *b) {
+  float t = *a;
+  *a = *b, *b = t;
+}
+
+void sv_motion_swap(sv_motion *mo, int i, int j) {
+  long a = sv_motion_row(mo, i, 0) - mo->param, b = sv_motion_row(mo, j, 0) - mo->param;
+  for (int r = 0; r < mo->n_rows; r++) {
+    swap(mo->param + a + 16 * r, mo->param + b + 16 * r);
+    if (!mo->m) continue;
+    swap(mo->m + a + 16 * r, mo->m + b + 16 * r);
+    swap(mo->v + a + 16 * r, mo->v + b + 16 * r);
+  }
+}
+
+void sv_motion_copy(sv_motion *mo, int to, int from) {
+  long a = sv_motion_row(mo, to, 0) - mo->param, b = sv_motion_row(mo, from, 0) - mo->param;
+  for (int r = 0; r < mo->n_rows; r++) {
+    mo->param[a + 16 * r] = mo->param[b + 16 * r];
+    if (mo->m) mo->m[a + 16 * r] = mo->v[a + 16 * r] = 0.0f;
+  }
+}

@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: Apache-2.0
+// C only: C++ has no _Atomic.
+// The feed: what a running runtime shows, in one block of memory that other processes read. One writer; any
+// number of readers, which never hold it up and need no write access.
+//
+// The block is a header and, for each channel, a ring of slots. The writer fills the slot after the newest and
+// then moves the head; a reader copies the newest slot and looks whether it was overtaken meanwhile (a sequence
+// lock per slot: odd while it is written). With two slots a reader has a whole period of the channel for its copy.
+// The layout is the same for both sides as long as they are of one architecture and SV_FEED_VERSION.
+#ifndef SV_PORT_FEED_H
+#define SV_PORT_FEED_H
+
+#include <stdatomic.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "src/base/status.h"
+
+#define SV_FEED_MAGIC   0x64656673u // "sfed"
+#define SV_FEED_VERSION 1u
+
+#define SV_FEED_CAP_CAMERAS   64  // listed
+#define SV_FEED_CAP_TILES     16  // with a thumbnail
+#define SV_FEED_TILE_W        192 // largest thumbnail
+#define SV_FEED_TILE_H        144
+#define SV_FEED_CAP_PICTURE_W 1280 // largest device-side rendering
+#define SV_FEED_CAP_PICTURE_H 480
+#define SV_FEED_CAP_POINTS    512
+#define SV_FEED_CAP_EVENTS    64
+#define SV_FEED_CAP_PARTS     48
+#define SV_FEED_CAP_REASONS   16
+#define SV_FEED_SKEW_BINS     64
+
+typedef enum {
+  SV_FEED_STATE,   // sv_feed_state
+  SV_FEED_TILES,   // sv_feed_tiles
+  SV_FEED_MODEL,   // sv_feed_model, then its rows of floats
+  SV_FEED_PICTURE, // sv_feed_picture, then its pixels
+  SV_FEED_CURVE,   // sv_feed_curve
+  SV_FEED_EVENTS,  // sv_feed_events
+  SV_FEED_N_CHANNELS
+} sv_feed_channel;
+
+// --- what the channels hold ----------------------------------------------------------------------
+typedef enum {
+  SV_SHOWS_WAITING, // cameras are live, Start is waited for
+  SV_SHOWS_CAPTURING,
+  SV_SHOWS_TRAINING,
+  SV_SHOWS_PAUSED,
+  SV_SHOWS_SAVING,
+  SV_SHOWS_DONE,
+  SV_SHOWS_FAILED
+} sv_feed_shows;
+// What is missing, when it failed.
+typedef enum { SV_LACKS_NOTHING, SV_LACKS_CAMERA, SV_LACKS_RIG, SV_LACKS_OTHER } sv_feed_lacks;
+
+typedef struct {
+  char name[48];
+  int32_t width_px, height_px;
+  double fps;                                              // measured, 0 before the second frame
+  uint64_t captured, delivered, pending, dropped, n_tiles; // the ledger's; thumbnails made
+  uint64_t dropped_by[SV_FEED_CAP_REASONS];                // sv_drop_reason
+} sv_feed_camera;
+
+typedef struct {
+  char name[32];
+  uint64_t bytes;
+} sv_feed_part;
+
+typedef struct {
+  int32_t shows, lacks; // sv_feed_shows, sv_feed_lacks
+  char sentence[256];   // of a failure
+  char board[32], source[128], rig[32];
+  int32_t is_session; // Start and New are answered, and the end of a run is not the end of the program
+  int32_t n_cameras, n_exposures, cap_exposures, n_views;
+  uint32_t step, steps; // steps 0: until the time limit
+  double train_s, time_limit_s, steps_per_s, loss;
+  double psnr; // of one training picture a time, a running mean; 0: not yet
+  uint32_t n_gaussians, sh_degree;
+  uint64_t n_saves, n_device_errors, model_seq;
+  uint64_t arena_cap_bytes, arena_used_bytes;
+  double temperature_c; // NaN: not known
+  int32_t is_throttled; // -1: not known
+  uint64_t n_skew;
+  double skew_p50_us, skew_p99_us, skew_max_us;
+  uint32_t skew_bins[SV_FEED_SKEW_BINS]; // eighths of an octave in pairs: bin b starts at 2^(b/4) x 1 us
+  int32_t n_reasons, n_parts;
+  char reasons[SV_FEED_CAP_REASONS][24];
+  sv_feed_part parts[SV_FEED_CAP_PARTS];
+  sv_feed_camera cameras[SV_FEED_CAP_CAMERAS];
+} sv_feed_state;
+
+typedef struct {
+  int32_t n; // of the first n cameras
+  struct {
+    int32_t width_px, height_px; // 0: no frame yet
+    uint64_t n;                  // changes with each new thumbnail
+  } tile[SV_FEED_CAP_TILES];
+  uint8_t rgb[SV_FEED_CAP_TILES][SV_FEED_TILE_H * SV_FEED_TILE_W * 3]; // rows packed
+} sv_feed_tiles;
+
+// A snapshot of the Gaussians: n rows of n_floats floats each. The first 11 + 3 (sh_degree + 1)^2 are mean, quaternion
+// w x y z, log-scales, opacity logit, SH (coefficient-major), as sv_gaussian of src/format; n_motion more follow
+// for models that move (motion_kind says what they are; 0: a still model has none).
+typedef struct {
+  uint32_t n, sh_degree, n_floats, n_motion, motion_kind, is_mip, step, reserved;
+  float centre[3], radius;    // of the scene
+  float eye[3], up[3], fov_y; // a good first viewpoint (radians): the first training view
+  float time_min, time_max;   // of a model that moves
+} sv_feed_model;
+
+typedef struct {
+  int32_t width_px, height_px; // rgb follows, rows packed: what was measured beside its rendering
+  uint32_t step, reserved;
+} sv_feed_picture;
+
+typedef struct {
+  float seconds, loss, psnr, steps_per_s;
+  uint32_t step;
+} sv_feed_point;
+typedef struct {
+  uint32_t n, stride; // one point for so many periods
+  sv_feed_point point[SV_FEED_CAP_POINTS];
+} sv_feed_curve;
+
+typedef struct {
+  double seconds; // since the start
+  int32_t level;  // sv_log_level
+  char text[160];
+} sv_feed_event;
+typedef struct {
+  uint64_t n_total; // the newest min(n_total, cap) are kept: number i at i % cap
+  sv_feed_event event[SV_FEED_CAP_EVENTS];
+} sv_feed_events;
+
+// --- the block -----------------------------------------------------------------------------------
+typedef struct {
+  _Atomic uint64_t seq; // 2 k + 1 while snapshot k is written, 2 k + 2 when it is whole
+  uint64_t bytes;
+  uint64_t reserved[6];
+} sv_feed_slot;
+
+typedef struct {
+  _Atomic uint64_t head; // number of the newest snapshot, 0: none yet
+  uint64_t at, slot_bytes, n_slots;
+} sv_feed_ring;
+
+typedef struct {
+  uint32_t magic, version;
+  uint64_t bytes;
+  int32_t writer_pid, command_fd; // where a reader in another session finds the way back; -1: there is none
+  sv_feed_ring ring[SV_FEED_N_CHANNELS];
+} sv_feed_header;
+
+// --- writer --------------------------------------------------------------------------------------
+typedef struct sv_feed {
+  sv_feed_header *header;
+  uint64_t next[SV_FEED_N_CHANNELS];
+} sv_feed;
+
+// Bytes of a block that takes models of up to so many Gaussians of so many floats.
+size_t sv_feed_bytes(uint32_t cap_gaussians, uint32_t cap_floats);
+// Lays the block out. block: 64-byte aligned, sv_feed_bytes long, all zero. E_NOMEM when it is too small.
+sv_status sv_feed_init(sv_feed *f, void *block, size_t bytes, uint32_t cap_gaussians,
+                       uint32_t cap_floats) SV_MUST_USE;
+size_t sv_feed_cap(const sv_feed *f, sv_feed_channel c);
+// The slot to fill, sv_feed_cap bytes; then commit with what was filled. begin twice: the first is forgotten.
+void *sv_feed_begin(sv_feed *f, sv_feed_channel c);
+void sv_feed_commit(sv_feed *f, sv_feed_channel c, size_t bytes);
+// Number of the newest snapshot of a channel.
+uint64_t sv_feed_seq(const sv_feed *f, sv_feed_channel c);
+
+// --- reader --------------------------------------------------------------------------------------
+typedef struct {
+  const sv_feed_header *header;
+  sv_feed_ring ring[SV_FEED_N_CHANNELS]; // checked against the block's size; head is not used
+} sv_feed_reader;
+
+// E_FORMAT when it is no feed, E_UNSUPPORTED for another version. The block must outlive the reader.
+sv_status sv_feed_attach(sv_feed_reader *r, const void *block, size_t bytes, sv_err *err) SV_MUST_USE;
+// Copies the newest snapshot if its number is not *seq, into buf[cap]; *bytes is what it has, *seq its number. AGAIN:
+// nothing newer, or the writer was faster eight times; E_NOMEM: larger than cap.
+sv_status sv_feed_read(const sv_feed_reader *r, sv_feed_channel c, uint64_t *seq, void *buf, size_t cap,
+                       size_t *bytes) SV_MUST_USE;
+uint64_t sv_feed_newest(const sv_feed_reader *r, sv_feed_channel c);
+
+#endif

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a user watches while cameras run, a part of a line for each: frame rate, place within the last exposure, frames
+// dropped and why.
+#ifndef SV_SYNC_CAMERA_STATS_H
+#define SV_SYNC_CAMERA_STATS_H
+
+#include "src/base/str.h"
+#include "src/sync/sync.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct {
+  uint64_t n_frames;
+  sv_ns first_ns, last_ns; // arrivals
+  double interval_ns;      // running mean over about 16 frames
+  double offset_ns;        // middle of its exposure against the mean of the cameras, last exposure
+  double offset_max_ns;    // largest magnitude so far
+} sv_camera_stat;
+
+// stats: [n_cameras], cleared by the caller. A frame has come from the source.
+void sv_camera_stats_frame(sv_camera_stat *stats, const sv_frame *frame);
+// An exposure has come from sync; frames: [n_cameras].
+void sv_camera_stats_exposure(sv_camera_stat *stats, const sv_sync *sync, const sv_exposure *exposure,
+                              const sv_frame *frames);
+// "video0 25.0 fps +0.412 ms dropped 3 (no_partner 2, sequence_gap 1)".
+void sv_camera_stats_line(sv_str *out, const sv_camera_stat *stat, const sv_ledger *ledger, const char *name);
+// The whole as one line, for as many cameras as fit: " | " in between.
+void sv_camera_stats_live(sv_str *out, const sv_camera_stat *stats, const sv_sync *sync,
+                          const sv_camera_caps *caps);
+// "video0: stalled: no frame came for too long (1000000000)".
+void sv_camera_event_line(sv_str *out, const sv_camera_event *event, const sv_camera_caps *caps,
+                          int n_cameras);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

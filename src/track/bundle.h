@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+// Bundle adjustment of a rig: one pose per exposure, points, and where wanted small corrections of where the
+// cameras sit on the rig. Levenberg-Marquardt with Huber's loss; the points are eliminated by the Schur
+// complement (Triggs et al. 2000, "Bundle adjustment - a modern synthesis", section 6), what is left is solved
+// densely by Cholesky. Fixed size, no heap, sums in index order.
+//
+// Steps are left twists (omega, v):  R <- exp(omega) R, t <- exp(omega) t + v,  of rig_from_world and of
+// cam_from_rig. Residuals are in pixels of undistorted (pinhole) pictures: predicted - observed.
+#ifndef SV_TRACK_BUNDLE_H
+#define SV_TRACK_BUNDLE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "src/base/arena.h"
+#include "src/base/vec.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct {
+  int16_t i_pose, i_camera;
+  float uv_px[2];
+  float weight; // 1 / standard deviation [px]; 0: left out
+} sv_bundle_obs;
+
+typedef struct {
+  sv_pose cam_from_rig;
+  double fx, fy, cx, cy; // px, centre of the first pixel at 0.5
+} sv_bundle_camera;
+
+typedef struct {
+  int cap_poses, cap_cameras, cap_points, cap_obs;
+  bool has_extrinsics; // room for corrections of cam_from_rig
+} sv_bundle_cfg;
+
+typedef struct {
+  int max_iterations;
+  double huber_px;      // residuals (times weight) beyond count linearly
+  bool is_extrinsics;   // correct cam_from_rig, too; camera 0 stays (it defines the rig's place)
+  double sigma_rot_rad; // how far calibration is trusted, standard deviations of rotation
+  double sigma_trans_m; // and place of a camera
+} sv_bundle_options;
+
+typedef struct {
+  sv_bundle_cfg cfg;
+  // The problem, filled in by the caller.
+  int n_poses, n_cameras, n_points;
+  sv_pose *pose;            // [n_poses] rig_from_world; improved
+  bool *is_fixed;           // [n_poses]; at least one must be
+  sv_bundle_camera *camera; // [n_cameras]
+  sv_pose *calibrated;      // [n_cameras] cam_from_rig by calibration; only looked at with is_extrinsics
+  double (*point)[3];       // [n_points] world; improved
+  int *first;               // [n_points + 1] observations of point i: [first[i], first[i + 1])
+  sv_bundle_obs *obs;       // [first[n_points]]
+  // The solver's own.
+  sv_pose *pose_kept, *cam_kept; // before a step
+  double (*point_kept)[3], (*point_step)[3];
+  double *s, *g, *step; // [n n] reduced system, lower triangle; [n]
+  int *block_of;        // [cap_poses + cap_cameras] block of a pose or camera in s, -1: fixed
+  int *local, *in_use;  // [cap_poses + cap_cameras] of the point at hand
+  double (*w)[18];      // [cap_poses + cap_cameras] 6x3 blocks of the point at hand
+  int n_params;
+  double lambda;
+} sv_bundle;
+
+sv_status sv_bundle_init(sv_bundle *b, const sv_bundle_cfg *cfg, sv_arena *arena) SV_MUST_USE;
+
+typedef struct {
+  int n_iterations, n_obs;  // observations in use
+  double cost_before, cost; // sum of Huber's losses, px^2 / 2
+  double rms_px;            // of the residuals in use, one axis, not weighted
+} sv_bundle_result;
+
+// Improves poses, points and, with is_extrinsics, cameras. E_ARG: no fixed pose, or nothing to solve.
+sv_status sv_bundle_solve(sv_bundle *b, const sv_bundle_options *o, sv_bundle_result *out) SV_MUST_USE;
+
+// Relative standard deviation of the trajectory's size (root mean square distance of the rig's places from their
+// mean) at the solution: from the reduced system's inverse, scaled by the residuals. It is what the rig's
+// baseline tells about scale; without a baseline it is infinite, which comes back as -1.
+double sv_bundle_scale_sigma(sv_bundle *b, const sv_bundle_options *o);
+
+// --- pieces, for tests ---------------------------------------------------------------------------
+// Residual of an observation of x (world), not weighted, and its derivatives (each may be NULL):
+// dr_dpose, dr_dcam [2][6] by the twists, dr_dx [2][3]. False behind the camera.
+bool sv_bundle_residual(const sv_bundle *b, const sv_bundle_obs *obs, const double x[3], double r[2],
+                        double *dr_dpose, double *dr_dcam, double *dr_dx);
+// One damped step at the present values into b->step (blocks of six in the order of free poses, then cameras)
+// and b->point_step: (H + lambda diag H) d = -gradient. False when the system is singular.
+bool sv_bundle_linear_step(sv_bundle *b, const sv_bundle_options *o, double lambda);
+double sv_bundle_cost(const sv_bundle *b, const sv_bundle_options *o);
+// Applies a twist to a pose.
+void sv_pose_twist(sv_pose *p, const double twist[6]);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+// From the tracker's lists to a bundle and back.
+#include <string.h>
+
+#include "src/base/mathx.h"
+#include "src/track/tracker.h"
+
+#define HUBER_PX    1.0
+#define WRONG_PX    3.5                  // standard deviations; such an observation is given up
+#define SIGMA_ROT   (0.05 * SV_PI / 180) // what a good calibration leaves of doubt
+#define SIGMA_TRANS 0.002                // of the rig's largest distance between two cameras
+
+static double size_of_rig(const sv_tracker *t) {
+  double largest = 1e-3, a[3], b[3], d[3];
+  for (int i = 0; i < t->n_views; i++)
+    for (int k = 0; k < i; k++) {
+      sv_pose_centre(a, &t->cam[i].cam_from_rig);
+      sv_pose_centre(b, &t->cam[k].cam_from_rig);
+      sv_sub3(d, a, b);
+      if (sv_norm3(d) > largest) largest = sv_norm3(d);
+    }
+  return largest;
+}
+
+// Observations of a point within the window into the bundle. Returns how many.
+static int gather(sv_tracker *t, const sv_track_point *p, int first, int n, int at) {
+  sv_bundle *b = &t->bundle;
+  int count = 0;
+  for (int32_t i = p->first_obs; i >= 0; i = t->obs[i].next) {
+    const sv_track_obs *o = &t->obs[i];
+    if (o->i_exposure < first || o->i_exposure >= first + n || o->sigma_px <= 0 ||
+        !t->is_placed[o->i_exposure])
+      continue;
+    b->obs[at + count] = (sv_bundle_obs){
+        (int16_t)(o->i_exposure - first), o->i_view, {o->uv_px[0], o->uv_px[1]}, 1.0f / o->sigma_px};
+    t->bundle_obs[at + count++] = i;
+  }
+  return count;
+}
+
+static void fill(sv_tracker *t, int first, int n, int n_fixed) {
+  sv_bundle *b = &t->bundle;
+  int n_obs = 0;
+  bool has_fixed = false;
+  b->n_poses = n, b->n_cameras = t->n_views, b->n_points = 0;
+  for (int i = 0; i < n; i++) {
+    b->pose[i] = t->pose[first + i];
+    b->is_fixed[i] = i < n_fixed || !t->is_placed[first + i];
+    if (!has_fixed && t->is_placed[first + i]) has_fixed = b->is_fixed[i] = true; // the world's place
+  }
+  for (int i = 0; i < t->n_views; i++) {
+    b->camera[i] = t->cam[i];
+    b->calibrated[i] = t->cfg.rig->sub_views[t->sub_view[i]].cam_from_rig;
+  }
+  for (int i = 0; i < t->n_points; i++) {
+    const sv_track_point *p = &t->point[i];
+    if (!p->has_depth || (p->last_obs >= 0 && t->obs[p->last_obs].i_exposure < first)) continue;
+    int found = gather(t, p, first, n, n_obs);
+    if (found < 2) continue;
+    memcpy(b->point[b->n_points], p->x, sizeof p->x);
+    t->bundle_point[b->n_points] = i;
+    b->first[b->n_points++] = n_obs;
+    n_obs += found;
+  }
+  b->first[b->n_points] = n_obs;
+}
+
+static void give_up(sv_tracker *t, int32_t i_obs) {
+  sv_track_obs *o = &t->obs[i_obs];
+  sv_track_point *p = &t->point[o->i_point];
+  o->sigma_px = 0;
+  for (int v = 0; v < t->n_views; v++)
+    if (p->now[v] == i_obs) p->now[v] = -1;
+}
+
+// Takes the results over; observations that do not fit are given up, and points that keep fewer than two.
+static void take_back(sv_tracker *t, int first) {
+  sv_bundle *b = &t->bundle;
+  for (int i = 0; i < b->n_poses; i++) t->pose[first + i] = b->pose[i];
+  for (int i = 0; i < t->n_views; i++) t->cam[i].cam_from_rig = b->camera[i].cam_from_rig;
+  for (int i = 0; i < b->n_points; i++) {
+    sv_track_point *p = &t->point[t->bundle_point[i]];
+    int n_good = 0;
+    memcpy(p->x, b->point[i], sizeof p->x);
+    for (int k = b->first[i]; k < b->first[i + 1]; k++) {
+      double r[2], w = (double)b->obs[k].weight;
+      bool is_good = sv_bundle_residual(b, &b->obs[k], b->point[i], r, NULL, NULL, NULL) &&
+                     w * w * (r[0] * r[0] + r[1] * r[1]) < WRONG_PX * WRONG_PX;
+      if (!is_good) give_up(t, t->bundle_obs[k]);
+      n_good += is_good;
+    }
+    if (n_good < 2) p->has_depth = false;
+  }
+}
+
+static sv_bundle_options options(const sv_tracker *t, int max_iterations, bool is_extrinsics) {
+  return (sv_bundle_options){.max_iterations = max_iterations,
+                             .huber_px = HUBER_PX,
+                             .is_extrinsics = is_extrinsics,
+                             .sigma_rot_rad = SIGMA_ROT,
+                             .sigma_trans_m = SIGMA_TRANS * size_of_rig(t)};
+}
+
+sv_bundle_result sv_track_adjust(sv_tracker *t, int first, int n, int n_fixed, int max_iterations,
+                                 bool is_extrinsics) {
+  sv_bundle_result r = {0};
+  sv_bundle_options o = options(t, max_iterations, is_extrinsics);
+  fill(t, first, n, n_fixed);
+  if (t->bundle.n_points < 4 || sv_bundle_solve(&t->bundle, &o, &r) < 0) return r;
+  take_back(t, first);
+  return r;
+}

@@ -1,0 +1,191 @@
+// SPDX-License-Identifier: Apache-2.0
+// Training of moving scenes: what belongs to time in a step.
+#include <string.h>
+
+#include "src/base/mathx.h"
+#include "src/train/train.h"
+
+bool sv_train_is_dynamic(const sv_trainer *t) { return t->cfg.dynamic.kind != SV_DEFORM_NONE; }
+
+void sv_train_set_time(sv_trainer *t, float time) {
+  if (!sv_train_is_dynamic(t)) return;
+  t->time = time;
+  sv_deform_at(&t->deform, t->k, t->pool, &t->g, time);
+}
+
+void sv_train_motion_rates(const sv_trainer *t, float mean_lr, double bias1, float lr[SV_CAP_MROWS]) {
+  const sv_dynamic_cfg *d = &t->cfg.dynamic;
+  const sv_motion_cfg *mc = &t->deform.motion.cfg;
+  // What is not a position follows the means' schedule half as far (in the logarithm).
+  float late = sqrtf(mean_lr / (t->cfg.lr.mean_start * t->radius)), f = (float)(1.0 / bias1);
+  int rot = SV_MROW_FUNCTIONS + 3 * mc->n_pos, colour = rot + 4 * mc->n_rot;
+  for (int i = 0; i < t->deform.motion.n_rows; i++)
+    lr[i] = f * (i < SV_MROW_FUNCTIONS ? d->window * late
+                 : i < rot             ? d->pos * mean_lr
+                 : i < colour          ? d->rot * late
+                                       : d->colour * late);
+}
+
+void sv_train_move_block(sv_trainer *t, const sv_motion_args *a, const sv_adam_args *adam, int block,
+                         uint32_t touched, const float *grad, float *scratch) {
+  int left = t->deform.motion.n_moving - 16 * block;
+  if (left < 16) touched &= (1u << left) - 1; // the still ones of the last block stay still
+  t->k->motion_bwd(a, block, touched, grad, scratch);
+  size_t at = (size_t)block * (size_t)t->deform.motion.n_rows * 16;
+  t->k->adam(adam, touched, scratch, t->deform.motion.param + at, t->deform.motion.m + at,
+             t->deform.motion.v + at);
+}
+
+// --- who moves -----------------------------------------------------------------------------------
+
+// Pixels per world unit at a place, in the view that sees it largest.
+static float rate_at(const sv_trainer *t, const float x[3]) {
+  float most = 0;
+  for (int i = 0; i < t->n_views; i++) {
+    const sv_view *v = &t->views[i].view;
+    float z = v->r[6] * x[0] + v->r[7] * x[1] + v->r[8] * x[2] + v->t[2];
+    if (z > 0 && v->fx / z > most) most = v->fx / z;
+  }
+  return most;
+}
+
+static bool is_worth_it(const sv_trainer *t, int i) {
+  if (t->deform.kind != SV_DEFORM_CLIP) return true; // a field does not tell before it is asked
+  const sv_dynamic_cfg *d = &t->cfg.dynamic;
+  const float *p = sv_gaussians_at(&t->g, i, SV_ROW_MEAN), x[3] = {p[0], p[16], p[32]};
+  sv_motion_extent e = sv_motion_extent_of(&t->deform.motion, i);
+  return e.distance * rate_at(t, x) > d->still_px || e.fade > d->still_fade || e.colour > d->still_colour;
+}
+
+static void swap_f(float *a, float *b) {
+  float s = *a;
+  *a = *b, *b = s;
+}
+
+static void swap_slots(sv_trainer *t, int i, int j) {
+  long a = sv_gaussians_at(&t->g, i, 0) - t->g.param, b = sv_gaussians_at(&t->g, j, 0) - t->g.param;
+  for (int r = 0; r < t->g.n_rows; r++) {
+    swap_f(t->g.param + a + 16 * r, t->g.param + b + 16 * r);
+    swap_f(t->m + a + 16 * r, t->m + b + 16 * r);
+    swap_f(t->v + a + 16 * r, t->v + b + 16 * r);
+  }
+  swap_f(t->err + i, t->err + j);
+  if (t->floor) swap_f(t->floor + i, t->floor + j);
+  if (t->deform.kind == SV_DEFORM_CLIP) sv_motion_swap(&t->deform.motion, i, j);
+  uint8_t s = t->is_moving[i];
+  t->is_moving[i] = t->is_moving[j], t->is_moving[j] = s;
+}
+
+void sv_train_sort_moving(sv_trainer *t) {
+  for (int i = 0; i < t->g.n; i++) {
+    if (t->is_moving[i] == 1 && !is_worth_it(t, i)) t->is_moving[i] = 0;
+    if (t->is_moving[i] == 2) t->is_moving[i] = 1;
+    if (!t->is_moving[i] && t->deform.kind == SV_DEFORM_CLIP) sv_motion_still(&t->deform.motion, i);
+  }
+  int n = 0, j = t->g.n - 1;
+  for (;;) {
+    while (n <= j && t->is_moving[n]) n++;
+    while (j > n && !t->is_moving[j]) j--;
+    if (n >= j) break;
+    swap_slots(t, n, j);
+  }
+  sv_deform_set_moving(&t->deform, n);
+}
+
+// --- what moves ----------------------------------------------------------------------------------
+
+typedef struct {
+  sv_trainer *t;
+  int pass; // 0: weights, 1: residuals
+  int n_blocks;
+} find_job;
+
+#define BLOCKS_PER_TASK 64
+#define WEIGHT_MIN      1.0f // pixels: who covers less of a frame has no say about it
+
+static void sum_task(void *arg, int i_task, int i_thread) {
+  find_job *j = arg;
+  sv_trainer *t = j->t;
+  float *grad = t->block + (size_t)i_thread * SV_TRAIN_BLOCK_FLOATS, err[16];
+  int b1 = sv_mini((i_task + 1) * BLOCKS_PER_TASK, j->n_blocks);
+  for (int b = i_task * BLOCKS_PER_TASK; b < b1; b++) {
+    (void)sv_render_bwd_block(&t->render, t->k, b, i_thread, NULL, grad, err, NULL);
+    for (int k = 0; k < 16; k++) {
+      int i = 16 * b + k;
+      if (j->pass == 0) t->weight[i] = err[k];
+      if (j->pass == 0 || !(t->weight[i] > WEIGHT_MIN)) continue;
+      float x = err[k] / t->weight[i], d = x - t->res_mean[i]; // Welford's update
+      t->n_seen[i] += 1.0f;
+      t->res_mean[i] += d / t->n_seen[i];
+      t->res_dev[i] += d * (x - t->res_mean[i]);
+    }
+  }
+}
+
+static sv_status look_at(sv_trainer *t, int i_view, float progress) {
+  sv_status s = sv_train_residual(t, i_view, progress);
+  const size_t n = sv_plane_floats(t->grad.width_px, t->grad.height_px);
+  find_job j = {.t = t, .n_blocks = (t->g.n + 15) / 16};
+  for (; s >= 0 && j.pass < 2; j.pass++) {
+    float *err = j.pass ? t->err_plane : t->target.c[0]; // the target has done its duty
+    for (size_t p = 0; p < n && !j.pass; p++) err[p] = 1.0f;
+    s = sv_render_bwd(&t->render, t->k, t->pool, &t->grad, NULL, NULL, err);
+    sv_pool_run(t->pool, sum_task, &j, (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
+  }
+  sv_planes_clear(&t->target);
+  return s;
+}
+
+static void end_camera(sv_trainer *t) {
+  for (int i = 0; i < t->g.n; i++) {
+    if (t->n_seen[i] > 2.5f) t->unrest[i] = sv_maxf(t->unrest[i], sqrtf(t->res_dev[i] / t->n_seen[i]));
+    t->n_seen[i] = t->res_mean[i] = t->res_dev[i] = 0.0f;
+  }
+}
+
+sv_status sv_train_find_moving(sv_trainer *t, float progress) {
+  if (t->deform.kind == SV_DEFORM_FIELD && t->field_step == 0)
+    sv_field_reset(&t->deform.field, &t->g, t->cfg.seed); // the box is that of now
+  int n_cameras = 1;
+  for (int i = 0; i < t->n_views; i++) n_cameras = sv_maxi(n_cameras, t->views[i].view.i_sub_view + 1);
+  for (int i = 0; i < t->g.cap; i++) t->unrest[i] = t->n_seen[i] = t->res_mean[i] = t->res_dev[i] = 0.0f;
+  for (int c = 0; c < n_cameras; c++) {
+    for (int i = 0; i < t->n_views; i++) {
+      if (sv_maxi(t->views[i].view.i_sub_view, 0) != c) continue;
+      sv_status s = look_at(t, i, progress);
+      if (s < 0) return s;
+    }
+    end_camera(t);
+  }
+  for (int i = 0; i < t->g.n; i++) {
+    if (t->is_moving[i] || !(t->unrest[i] > t->cfg.dynamic.unrest)) continue;
+    t->is_moving[i] = 2; // from now on; what has moved before has to be worth it
+    if (t->deform.kind == SV_DEFORM_CLIP) sv_motion_rest(&t->deform.motion, i);
+  }
+  sv_train_sort_moving(t);
+  return SV_OK;
+}
+
+// --- the start -----------------------------------------------------------------------------------
+
+void sv_train_start_moving(sv_trainer *t) {
+  memset(t->is_moving, 0, (size_t)t->g.cap);
+  if (t->deform.kind == SV_DEFORM_CLIP)
+    for (int i = 0; i < t->g.cap; i++) sv_motion_still(&t->deform.motion, i);
+  else sv_field_reset(&t->deform.field, &t->g, t->cfg.seed);
+  sv_deform_set_moving(&t->deform, 0);
+}
+
+void sv_train_copy_motion(sv_trainer *t, int to, int from) {
+  const double w = (double)t->cfg.dynamic.window_start;
+  t->is_moving[to] = t->is_moving[from];
+  if (t->deform.kind != SV_DEFORM_CLIP) return;
+  sv_motion_copy(&t->deform.motion, to, from);
+  if (!t->is_moving[to]) return;
+  float *c = sv_motion_row(&t->deform.motion, to, SV_MROW_CENTRE), *sharpness = c + 16;
+  double half = sv_exp(-0.5 * (double)*sharpness); // where the window takes 1 from the logit
+  if (w > 0 && half > w) {
+    *c = sv_rng_f(&t->rng);
+    *sharpness = (float)sv_log(4.0 / (w * w));
+  } else *c = sv_clampf(*c + sv_rng_normal(&t->rng) * sv_minf(0.5f, 0.5f * (float)half), -0.1f, 1.1f);
+}

@@ -1,0 +1,185 @@
+#!/bin/busybox sh
+# SPDX-License-Identifier: Apache-2.0
+# Runs on the virtual board (run.sh starts it). One line a check: "@ ok NAME", "@ FAIL NAME  REASON", "@ skip NAME
+# REASON"; "@ note" lines are figures. The whole output is in the log of the serial line.
+only=$(cat only)
+out=/tmp/out
+mkdir -p $out
+n_failed=0
+
+ok() { echo "@ ok    board/$1"; }
+bad() {
+  echo "@ FAIL  board/$1  $2"
+  n_failed=$((n_failed + 1))
+  for log in "$out/log" "$out/json"; do tail -n 8 "$log" 2>/dev/null | sed 's/^/    | /'; done
+}
+note() { echo "@ note  $*"; }
+check() { # NAME, then a test's words; the rest of the reason is in the log
+  check_name=$1
+  shift
+  if [ "$@" ]; then ok "$check_name"; else bad "$check_name" "expected: $*"; fi
+}
+wanted() { [ -z "$only" ] || [ "$only" = "$1" ]; }
+# A number or word of the JSON object on one line: value KEY FILE.
+value() { sed -n "s/.*\"$1\": *\"\{0,1\}\([^,\"}]*\).*/\1/p" "$2" | head -n 1; }
+# Sum of a drop reason, or of all, of camera line $1 in the text of a capture.
+line_of() { grep -F "  $1 " "$2" | tail -n 1; }
+
+vivid=$(board_tool list vivid | cut -d ' ' -f 1 | head -n 3)
+vivid_list=$(echo $vivid | tr ' ' ,)
+set -- $vivid
+vivid0=$1 vivid1=$2 vivid2=$3
+loop=$(board_tool list 'v4l2 loopback' | cut -d ' ' -f 1 | head -n 3)
+set -- $loop
+loop0=$1 loop1=$2 loop2=$3
+board_tool list
+for device in $vivid; do
+  board_tool control $device timestamp_source 1 # stamps at the start of the frame: the default's lie in the future
+done
+
+# A rig for three cameras side by side.
+make_rig() { # FOLDER WIDTH HEIGHT
+  mkdir -p "$1"
+  for i in 0 1 2; do
+    printf "{\n 'lensmodel': 'LENSMODEL_PINHOLE',\n 'extrinsics': [0, 0, 0, -0.%d2, 0, 0],\n 'intrinsics': [%d, %d, %d.5, %d.5],\n 'imagersize': [%d, %d]\n}\n" \
+      $i "$2" "$2" $(($2 / 2 - 1)) $(($3 / 2 - 1)) "$2" "$3" >"$1/cam$i.cameramodel"
+  done
+  {
+    echo '{"version": 1, "name": "three", "forward": "direct", "sub_views": ['
+    echo '  {"name": "cam0", "model": "cam0.cameramodel", "camera": 0},'
+    echo '  {"name": "cam1", "model": "cam1.cameramodel", "camera": 1},'
+    echo '  {"name": "cam2", "model": "cam2.cameramodel", "camera": 2}'
+    echo ']}'
+  } >"$1/rig.json"
+}
+
+# captured = delivered + dropped in the summary of a capture.
+is_exact() {
+  set -- $(value captured "$1") $(value delivered "$1") $(value dropped "$1")
+  [ $# -eq 3 ] && [ "$1" -eq $(($2 + $3)) ]
+}
+
+# --- what is there -------------------------------------------------------------------------------
+subview cameras --source-kind v4l2 >$out/log 2>&1
+cat $out/log
+check cameras_v4l2 "$(grep -c '^v4l2:' $out/log)" -ge 3
+has_libcamera=no
+if subview cameras --source-kind libcamera >$out/log 2>&1; then has_libcamera=yes; fi
+cat $out/log
+if grep -qi 'not built\|no libcamera support\|built without' $out/log; then
+  echo "@ skip  board/libcamera  $(tail -n 1 $out/log)"
+else
+  check cameras_libcamera "$(grep -c '^libcamera:' $out/log)" -ge 3
+fi
+
+# --- capture and run -----------------------------------------------------------------------------
+# Heap calls between the cameras' start and stop: none of ours.
+heap_of() { # NAME LOG
+  note "$1: $(grep '^heap:' "$2" | tail -n 1)"
+  check "$1_heap" "$(sed -n 's/^heap: started 1, ours \([0-9]*\),.*/\1/p' "$2" | tail -n 1)" = 0
+}
+
+job() { # NAME SOURCE WIDTH HEIGHT
+  make_rig $out/rig "$3" "$4"
+  rm -rf $out/cap $out/run
+  LD_PRELOAD=/test/lib/heap_watch.so subview capture --source "$2" --rig $out/rig --exposures 5 --skew-limit 100 \
+    --out $out/cap --json --quiet >$out/json 2>$out/log
+  code=$?
+  cat $out/json $out/log
+  check "$1_capture" $code -eq 0 -a "$(value exposures $out/json)" = 5
+  if is_exact $out/json; then ok "$1_ledger"; else bad "$1_ledger" "captured = delivered + dropped"; fi
+  heap_of "$1_capture" $out/log
+  LD_PRELOAD=/test/lib/heap_watch.so subview run --source "$2" --rig $out/rig --exposures 2 --steps 3 --gaussians 100 \
+    --threads 1 --skew-limit 100 --out $out/run --json --quiet >$out/json 2>$out/log
+  code=$?
+  cat $out/json $out/log
+  check "$1_run" $code -eq 0 -a "$(value steps $out/json)" = 3 -a -s $out/run/model.ply
+  heap_of "$1_run" $out/log
+  subview run --source "$2" --rig $out/rig --exposures 2 --steps 8 --gaussians 100 --threads 1 --skew-limit 100 --live \
+    --out $out/run --json --quiet >$out/json 2>$out/log
+  code=$?
+  cat $out/json $out/log
+  note "$1 live: $(grep '"live"' $out/run/run.json)"
+  check "$1_live" $code -eq 0 -a "$(grep -c '"is_exact": true' $out/run/run.json)" = 3
+}
+
+if wanted v4l2; then job v4l2 "v4l2:$vivid_list,size=320x180" 320 180; fi
+# vimc's scaler makes widths of a multiple of six.
+if wanted libcamera && [ $has_libcamera = yes ]; then
+  export LIBCAMERA_LOG_LEVELS='*:ERROR'
+  job libcamera libcamera:0,1,2,size=318x240 318 240
+fi
+
+# --- skew through the kernel ---------------------------------------------------------------------
+skew() { # NAME DEVICE DEVICE US
+  board_tool feed 30 20 $loop0:0 $loop1:7 $loop2:14 >$out/feed 2>&1 &
+  feeder=$!
+  for second in 1 2 3 4 5 6 7 8 9 10; do
+    grep -q feeding $out/feed && break
+    sleep 1
+  done
+  subview capture --source "v4l2:$2,$3,lock=off,buffers=8,clock=monotonic" --exposures 40 --skew-limit 1 --out $out/skew --json --quiet \
+    >$out/json 2>$out/log
+  code=$?
+  kill $feeder 2>/dev/null
+  wait $feeder 2>/dev/null
+  cat $out/json $out/log $out/feed
+  rm -rf $out/skew
+  measured=$(value skew_us_p99 $out/json)
+  note "skew of $4 us through the kernel: measured ${measured:-nothing} us"
+  check "$1" $code -eq 0 -a "${measured%.*}" = "$4"
+}
+if wanted skew; then
+  skew skew_7_us $loop0 $loop1 7
+  skew skew_14_us $loop0 $loop2 14
+fi
+
+# --- faults --------------------------------------------------------------------------------------
+# A capture of three cameras, in the middle of which the first one is made to fail: the event is named, the others do
+# not notice, exposures go on afterwards, the ledger adds up.
+n_frames() { find $out/fault -name '0*.*' 2>/dev/null | wc -l; }
+fault() { # NAME CONTROL VALUE EVENT [CONTROL_AFTER VALUE_AFTER]
+  name=$(basename $vivid0)
+  rm -rf $out/fault
+  subview capture --source "v4l2:$vivid_list,size=320x180,stall=2500" --duration 7 --skew-limit 200 --out $out/fault \
+    >$out/json 2>$out/log &
+  capture=$!
+  for second in 1 2 3 4 5 6; do # until it runs
+    sleep 1
+    [ "$(n_frames)" -ge 6 ] && break
+  done
+  board_tool control $vivid0 "$2" "$3" || echo "control failed"
+  if [ -n "${5:-}" ]; then
+    sleep 1
+    board_tool control $vivid0 "$5" "$6"
+  fi
+  sleep 1
+  before=$(n_frames)
+  wait $capture
+  code=$?
+  cat $out/json
+  grep -v '^capture' $out/log
+  set -- "$1" "$2" "$3" "$4" $(sed -n 's/.*frames: \([0-9]*\) captured = \([0-9]*\) delivered + \([0-9]*\) dropped.*/\1 \2 \3/p' $out/json)
+  # Not clock_step: an emulated board that is held up for a second while the streams start can look like one.
+  others=$(grep -v "$name" $out/json $out/log | grep -c 'error_flag\|: lost\|: damaged')
+  note "$1: $(grep -F "  $name " $out/json | tail -n 1)"
+  check "fault_$1" $code -eq 0 -a "${5:-0}" -eq $((${6:-1} + ${7:-1})) -a "${5:-0}" -gt 0
+  check "fault_$1_recovers" "$(n_frames)" -ge $((before + 3))
+  check "fault_$1_others" "$others" = 0
+  if [ -n "$4" ]; then
+    if grep "$name" $out/json $out/log | grep -q "$4"; then ok "fault_$1_named"; else bad "fault_$1_named" "the word $4"; fi
+  fi
+}
+if wanted faults; then
+  fault dropped_buffers percentage_of_dropped_buffers 60 sequence_gap percentage_of_dropped_buffers 0
+  fault buf_flag_error inject_v4l2_buf_flag_error 1 damaged
+  fault disconnect disconnect 1 lost
+  fault fatal_error inject_fatal_streaming_error 1 lost
+  fault streamon_error inject_vidioc_streamon_error 1 lost inject_fatal_streaming_error 1
+  fault reqbufs_error inject_vidioc_reqbufs_error 1 lost inject_fatal_streaming_error 1
+  fault qbuf_error inject_vidioc_qbuf_error 1 lost
+  fault wrap_timestamp wrap_timestamp 1 '' wrap_timestamp 0
+  fault wrap_sequence wrap_sequence_number 1 '' wrap_sequence_number 0
+  fault timestamp_source timestamp_source 0 '' timestamp_source 1
+fi
+[ $n_failed -eq 0 ]

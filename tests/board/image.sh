@@ -1,0 +1,113 @@
+#!/bin/bash
+# SPDX-License-Identifier: Apache-2.0
+# The virtual ARM board's own parts, made once and kept: Debian's arm64 kernel, the camera drivers (vivid from the
+# kernel's package; vimc and v4l2loopback built from Debian's sources) and a small root file system.
+#
+#   image.sh FOLDER        leaves FOLDER/{vmlinuz,base.cpio.gz,.complete}; does nothing when they are there
+#
+# Packages come from where this machine's apt gets its own; nothing is installed and no foreign code runs. The last
+# line of a failure is the reason.
+set -euo pipefail
+here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+mkdir -p "$1"
+folder=$(cd "$1" && pwd)
+
+fail() {
+  echo "no virtual board: $*" >&2
+  exit 1
+}
+tries() { # mirrors that are being updated fail for a moment
+  local pause
+  for pause in 5 15 0; do
+    "$@" && return 0
+    sleep $pause
+  done
+  return 1
+}
+
+made_from=$(cat "$here/image.sh" "$here/vimc_more.c" | sha256sum)
+[ "$(cat "$folder/.complete" 2>/dev/null)" = "$made_from" ] && exit 0
+for tool in apt-get dpkg-deb depmod modprobe cpio aarch64-linux-gnu-gcc make bc xz; do
+  command -v $tool >/dev/null || PATH=$PATH:/usr/sbin:/sbin command -v $tool >/dev/null ||
+    fail "$tool is not installed (tools/deps/install.sh board)"
+done
+PATH=$PATH:/usr/sbin:/sbin
+cd "$folder"
+
+# An apt of its own, for arm64; the machine's package state stays as it is.
+keyring=/usr/share/keyrings/debian-archive-keyring.gpg
+[ -r $keyring ] || fail "Debian's archive keyring is missing (package debian-archive-keyring)"
+mkdir -p apt/lists/partial apt/cache/archives/partial debs
+# shellcheck disable=SC2016 # the dollars are apt's
+apt-get indextargets --format '$(ORIGIN)|deb [signed-by='$keyring'] $(REPO_URI) $(RELEASE) $(COMPONENT)' \
+  'Created-By: Packages' 2>/dev/null | grep '^Debian|' | cut -d '|' -f 2- | sort -u >apt/sources.list || true
+[ -s apt/sources.list ] || fail "apt knows no Debian repository (run apt-get update first)"
+cat >apt/apt.conf <<END
+APT::Architecture "arm64"; APT::Architectures {"arm64";}; APT::Sandbox::User "root"; Acquire::Languages "none";
+Acquire::Retries "5";
+Dir::Etc::sourcelist "$folder/apt/sources.list"; Dir::Etc::sourceparts "-"; Dir::State::lists "$folder/apt/lists";
+Dir::Cache "$folder/apt/cache"; Dir::State::status "/dev/null";
+END
+arm() { APT_CONFIG=$folder/apt/apt.conf "$@"; }
+update() { arm apt-get update -qq; }
+tries update >apt.log 2>&1 || fail "apt-get update: $(tail -n 1 apt.log)"
+
+kernel=$(arm apt-cache depends linux-image-arm64 | awk '/Depends: linux-image/ { print $2; exit }')
+version=${kernel#linux-image-}
+[ -n "$version" ] || fail "the distribution has no kernel linux-image-arm64"
+series=$(echo "$version" | cut -d . -f 1,2)
+headers="linux-headers-$version linux-headers-${version%-arm64}-common"
+echo "board: kernel $version"
+download() { (cd debs && arm apt-get download -qq "$@"); }
+# shellcheck disable=SC2086 # a list of words
+tries download "$kernel" $headers "linux-source-$series" v4l2loopback-dkms busybox-static >apt.log 2>&1 ||
+  fail "download: $(grep -m 1 '^E:' apt.log || tail -n 1 apt.log)"
+# The kernel's build scripts run here, so they are this machine's.
+download_here() { (cd debs && apt-get download -qq "linux-kbuild-$series"); }
+tries download_here >apt.log 2>&1 || fail "download of linux-kbuild-$series: $(tail -n 1 apt.log)"
+
+rm -rf k h b drivers
+dpkg-deb -x debs/"${kernel}"_*.deb k
+dpkg-deb -x debs/busybox-static_*.deb b
+for package in $headers "linux-kbuild-$series"; do dpkg-deb -x debs/"$package"_*.deb h; done
+depmod -b k "$version"
+tree=$folder/h/usr/src/linux-headers-$version
+sed -i "s#include /usr/src#include $folder/h/usr/src#" "$tree/Makefile"
+for link in "$tree"/scripts "$tree"/tools "$folder/h/usr/src/linux-headers-${version%-arm64}-common"/{scripts,tools}; do
+  [ -L "$link" ] && ln -sfn "$folder/h/usr/lib/linux-kbuild-$series/$(basename "$link")" "$link"
+done
+
+# The drivers that the kernel's package leaves out, and two more vimc devices (the module makes one).
+mkdir -p drivers/loop drivers/more
+(cd drivers && dpkg-deb --fsys-tarfile ../debs/linux-source-"$series"_*.deb |
+  tar -xO "./usr/src/linux-source-$series.tar.xz" |
+  tar -xJ --strip-components=4 "linux-source-$series/drivers/media/test-drivers/vimc")
+printf 'vimc-y := %s\nobj-m := vimc.o\n' "$(cd drivers/vimc && ls ./*.c | sed 's#^\./##; s/\.c$/.o/' | tr '\n' ' ')" \
+  >drivers/vimc/Makefile
+dpkg-deb -x debs/v4l2loopback-dkms_*.deb drivers/deb
+cp drivers/deb/usr/src/v4l2loopback-*/*.[ch] drivers/loop/
+echo 'obj-m := v4l2loopback.o' >drivers/loop/Kbuild
+cp "$here/vimc_more.c" drivers/more/
+echo 'obj-m := vimc_more.o' >drivers/more/Kbuild
+for driver in vimc loop more; do
+  make -s -j2 -C "$tree" M="$folder/drivers/$driver" ARCH=arm64 CROSS_COMPILE=aarch64-linux-gnu- modules \
+    >"drivers/$driver.log" 2>&1 || fail "driver $driver: $(grep -m 1 -i error "drivers/$driver.log")"
+done
+
+# The root file system: busybox and the modules, in the order of their loading. run.sh adds init and the tests.
+rm -rf root
+mkdir -p root/{bin,dev,proc,sys,tmp,run,etc,modules}
+cp b/bin/busybox root/bin/
+modprobe -d k -S "$version" --show-depends vivid | awk '/^insmod/ { print $2 }' >modules.txt
+modprobe -d k -S "$version" --show-depends videobuf2-dma-contig | awk '/^insmod/ { print $2 }' >>modules.txt
+awk '!seen[$0]++' modules.txt | while read -r module; do
+  cp "$module" root/modules/
+  basename "$module"
+done | grep -v '^vivid\.ko' >root/modules/order
+cp drivers/vimc/vimc.ko drivers/loop/v4l2loopback.ko drivers/more/vimc_more.ko root/modules/
+cp "k/boot/vmlinuz-$version" vmlinuz
+(cd root && find . | cpio -o -H newc --quiet) | gzip -1 >base.cpio.gz
+rm -rf k b h drivers root apt
+rm -f debs/linux-source-*
+echo "$made_from" >.complete
+echo "board: ready, $(du -h base.cpio.gz | cut -f 1) for the root file system"

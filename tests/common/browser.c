@@ -1,0 +1,219 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/common/browser.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <math.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdarg.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+#define ANSWER_MS 60000
+
+static double now_s(void) {
+  struct timespec t;
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+const char *browser_program(void) {
+  static const char *const paths[] = {"/usr/bin/chromium", "/usr/bin/chromium-browser",
+                                      "/usr/bin/google-chrome"};
+  for (size_t i = 0; i < sizeof paths / sizeof *paths; i++)
+    if (access(paths[i], X_OK) == 0) return paths[i];
+  return NULL;
+}
+
+static void exec_browser(const char *program, const char *folder, int w, int h) {
+  char profile[320], size[64], home[320];
+  snprintf(profile, sizeof profile, "--user-data-dir=%s", folder);
+  snprintf(size, sizeof size, "--window-size=%d,%d", w, h);
+  snprintf(home, sizeof home, "%s/home", folder);
+  setenv("HOME", home, 1);
+  int fd = open("/dev/null", O_RDWR);
+  if (fd >= 0) dup2(fd, 0), dup2(fd, 1), dup2(fd, 2);
+  execl(program, program, "--headless=new", "--remote-debugging-pipe", "--no-sandbox", "--use-gl=angle",
+        "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-first-run", "--disable-extensions",
+        "--disable-background-networking", "--disable-component-update", "--disable-dev-shm-usage",
+        "--hide-scrollbars", profile, size, "about:blank", (char *)NULL);
+  _exit(98);
+}
+
+// Sends {"id":N,"method":METHOD,"params":PARAMS} and reads until its answer is in b->message.
+static bool call(browser *b, const char *method, const char *params) {
+  static char text[64 << 10];
+  int id = ++b->i_message;
+  int n =
+      b->session[0]
+          ? snprintf(text, sizeof text, "{\"id\":%d,\"sessionId\":\"%s\",\"method\":\"%s\",\"params\":%s}",
+                     id, b->session, method, params)
+          : snprintf(text, sizeof text, "{\"id\":%d,\"method\":\"%s\",\"params\":%s}", id, method, params);
+  if (n < 0 || (size_t)n >= sizeof text || write(b->to_fd, text, (size_t)n + 1) != n + 1) return false;
+  char wanted[32];
+  snprintf(wanted, sizeof wanted, "{\"id\":%d,", id);
+  double until = now_s() + ANSWER_MS * 1e-3;
+  b->n_message = 0;
+  while (now_s() < until) {
+    struct pollfd p = {.fd = b->from_fd, .events = POLLIN};
+    if (poll(&p, 1, 200) <= 0) continue;
+    ssize_t got = read(b->from_fd, b->message + b->n_message, BROWSER_CAP_MESSAGE - 1 - b->n_message);
+    if (got <= 0) return false;
+    b->n_message += (size_t)got;
+    for (char *end; (end = memchr(b->message, 0, b->n_message));) {
+      size_t length = (size_t)(end - b->message) + 1;
+      if (!strncmp(b->message, wanted, strlen(wanted))) return !strstr(b->message, "\"error\":{\"code\"");
+      memmove(b->message, end + 1, b->n_message - length); // an event, or an answer that nobody waits for
+      b->n_message -= length;
+    }
+  }
+  return false;
+}
+
+// The text of "key":"..." in the last answer; escapes of JSON are undone.
+static bool text_of(const browser *b, const char *key, char *out, size_t cap) {
+  char mark[64];
+  snprintf(mark, sizeof mark, "\"%s\":\"", key);
+  const char *p = strstr(b->message, mark);
+  if (!p) return false;
+  size_t n = 0;
+  for (p += strlen(mark); *p && *p != '"' && n + 1 < cap; p++) {
+    if (*p == '\\') {
+      p++;
+      out[n++] = *p == 'n' ? '\n' : *p;
+    } else out[n++] = *p;
+  }
+  out[n] = 0;
+  return true;
+}
+
+bool browser_open(browser *b, const char *folder, int w, int h) {
+  int to[2], from[2];
+  memset(b, 0, sizeof *b);
+  snprintf(b->folder, sizeof b->folder, "%s", folder);
+  b->message = malloc(BROWSER_CAP_MESSAGE);
+  if (!b->message || pipe2(to, O_CLOEXEC) || pipe2(from, O_CLOEXEC)) return false;
+  signal(SIGPIPE, SIG_IGN);
+  b->pid = fork();
+  if (b->pid == 0) {
+    setpgid(0, 0);
+    int in = fcntl(to[0], F_DUPFD, 10), out = fcntl(from[1], F_DUPFD, 10);
+    dup2(in, 3), dup2(out, 4);
+    close(in), close(out);
+    exec_browser(browser_program(), folder, w, h);
+  }
+  close(to[0]), close(from[1]);
+  b->to_fd = to[1], b->from_fd = from[0];
+  char target[64], params[128];
+  if (!call(b, "Target.createTarget", "{\"url\":\"about:blank\"}") ||
+      !text_of(b, "targetId", target, sizeof target))
+    return false;
+  snprintf(params, sizeof params, "{\"targetId\":\"%s\",\"flatten\":true}", target);
+  if (!call(b, "Target.attachToTarget", params)) return false;
+  char session[64];
+  if (!text_of(b, "sessionId", session, sizeof session)) return false;
+  memcpy(b->session, session, sizeof session);
+  return browser_size(b, w, h, false);
+}
+
+bool browser_goto(browser *b, const char *url) {
+  char params[512];
+  snprintf(params, sizeof params, "{\"url\":\"%s\"}", url);
+  return call(b, "Page.navigate", params);
+}
+
+static void add_escaped(char *out, size_t cap, const char *text) {
+  size_t n = strlen(out);
+  for (; *text && n + 3 < cap; text++) {
+    if (*text == '"' || *text == '\\') out[n++] = '\\';
+    out[n++] = *text == '\n' ? ' ' : *text;
+  }
+  out[n] = 0;
+}
+
+bool browser_eval(browser *b, const char *expression, char *out, size_t cap) {
+  static char params[32 << 10];
+  snprintf(params, sizeof params,
+           "{\"awaitPromise\":true,\"returnByValue\":true,\"expression\":\"(async()=>String(await(");
+  add_escaped(params, sizeof params - 16, expression);
+  strcat(params, ")))()\"}");
+  out[0] = 0;
+  if (!call(b, "Runtime.evaluate", params) || strstr(b->message, "\"exceptionDetails\"")) return false;
+  return text_of(b, "value", out, cap);
+}
+
+double browser_number(browser *b, const char *expression) {
+  char text[64];
+  return browser_eval(b, expression, text, sizeof text) ? strtod(text, NULL) : (double)NAN;
+}
+
+bool browser_wait(browser *b, const char *expression, double seconds) {
+  char text[64];
+  for (double until = now_s() + seconds; now_s() < until;) {
+    if (browser_eval(b, expression, text, sizeof text) && !strcmp(text, "true")) return true;
+    poll(NULL, 0, 100);
+  }
+  return false;
+}
+
+static int digit(char c) {
+  static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  const char *p = c ? strchr(digits, c) : NULL;
+  return p ? (int)(p - digits) : -1;
+}
+
+bool browser_screenshot(browser *b, const char *path) {
+  if (!call(b, "Page.captureScreenshot", "{\"format\":\"png\"}")) return false;
+  const char *p = strstr(b->message, "\"data\":\"");
+  FILE *f = p ? fopen(path, "wb") : NULL;
+  if (!f) return false;
+  uint32_t bits = 0;
+  int n = 0;
+  for (p += 8; digit(*p) >= 0; p++) {
+    bits = bits << 6 | (uint32_t)digit(*p);
+    n += 6;
+    if (n >= 8) {
+      n -= 8;
+      fputc((int)(bits >> n & 255), f);
+    }
+  }
+  return fclose(f) == 0;
+}
+
+static bool mouse(browser *b, const char *type, double x, double y, bool is_down) {
+  char params[256];
+  snprintf(params, sizeof params,
+           "{\"type\":\"%s\",\"x\":%g,\"y\":%g,\"button\":\"%s\",\"buttons\":%d,\"clickCount\":1}", type, x,
+           y, "left", is_down);
+  return call(b, "Input.dispatchMouseEvent", params);
+}
+
+bool browser_drag(browser *b, double x0, double y0, double x1, double y1, int n) {
+  bool ok = mouse(b, "mousePressed", x0, y0, true);
+  for (int i = 1; ok && i <= n; i++)
+    ok = mouse(b, "mouseMoved", x0 + (x1 - x0) * i / n, y0 + (y1 - y0) * i / n, true);
+  return mouse(b, "mouseReleased", x1, y1, false) && ok;
+}
+
+bool browser_size(browser *b, int w, int h, bool is_phone) {
+  char params[256];
+  snprintf(params, sizeof params, "{\"width\":%d,\"height\":%d,\"deviceScaleFactor\":1,\"mobile\":%s}", w, h,
+           is_phone ? "true" : "false");
+  return call(b, "Emulation.setDeviceMetricsOverride", params);
+}
+
+void browser_close(browser *b) {
+  if (b->pid > 0) {
+    kill(-b->pid, SIGKILL); // its own group: all its processes
+    while (waitpid(b->pid, NULL, 0) < 0 && errno == EINTR) continue;
+    close(b->to_fd), close(b->from_fd);
+  }
+  free(b->message);
+  memset(b, 0, sizeof *b);
+}

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+// A small moving scene with known truth: a still wall of Gaussians and a cluster before it that swings sideways,
+// seen by a rig of two cameras that stands still, at N_TIMES times.
+#ifndef SV_TESTS_COMMON_MOVING_SCENE_H
+#define SV_TESTS_COMMON_MOVING_SCENE_H
+
+#include "src/train/train.h"
+
+#define MS_WIDTH   64
+#define MS_HEIGHT  64
+#define MS_TIMES   7
+#define MS_CAMERAS 2
+
+typedef struct {
+  uint8_t px[MS_TIMES][MS_CAMERAS][MS_HEIGHT * MS_WIDTH * 3];
+  sv_view view[MS_TIMES][MS_CAMERAS];
+} moving_scene;
+
+// Renders the truth; mem is workspace.
+void moving_scene_make(moving_scene *s, void *mem, size_t bytes);
+// A configuration for training on it, n Gaussians.
+sv_train_cfg moving_scene_cfg(sv_deform_kind kind, int n, int n_steps);
+// Trainer in mem, started, with all pictures but those of time `held_out` (below 0: all). False with a failure.
+bool moving_scene_start(const moving_scene *s, sv_trainer *t, const sv_train_cfg *cfg, const sv_kernels *k,
+                        const sv_pool *pool, int held_out, void *mem, size_t bytes);
+// PSNR of the trained model at one time, mean over the cameras; is_still: without its motion.
+double moving_scene_psnr(const moving_scene *s, sv_trainer *t, int i_time, bool is_still);
+
+#endif

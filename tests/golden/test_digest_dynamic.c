@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+// Training of a moving scene gives the same bits for any number of threads, for every instruction set with a fused
+// multiply-add, and on every machine, in both forms of motion.
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdio.h>
+
+#include <cmocka.h>
+
+#include "platform/linux/linux.h"
+#include "tests/common/moving_scene.h"
+
+#define N_STEPS      60
+#define CLIP_DIGEST  0xeaa57dff6b13d4fbull
+#define FIELD_DIGEST 0xffe3c0878088eba7ull
+
+static _Alignas(64) unsigned char block[64u << 20];
+static moving_scene scene;
+static sv_trainer trainer;
+
+static uint64_t run(sv_deform_kind kind, uint32_t isa_mask, int n_threads) {
+  sv_linux_pool threads;
+  sv_kernels k;
+  sv_err err;
+  sv_kernels_init(&k, isa_mask);
+  assert_int_equal(sv_linux_pool_start(&threads, n_threads, 0, &err), SV_OK);
+  sv_pool pool = sv_linux_pool_port(&threads);
+  sv_train_cfg c = moving_scene_cfg(kind, 700, N_STEPS);
+  c.relocate_every = 5;
+  c.lr.logit = 0.3f;
+  assert_true(moving_scene_start(&scene, &trainer, &c, &k, &pool, -1, block, sizeof block));
+  for (int i = 0; i < N_STEPS; i++) assert_true(sv_train_step(&trainer, (float)i / N_STEPS, NULL) >= 0);
+  assert_true(trainer.n_relocated > 0);
+  assert_true(sv_deform_n_moving(&trainer.deform) > 0);
+  sv_linux_pool_stop(&threads);
+  return sv_train_digest(&trainer);
+}
+
+static void expect(uint64_t digest, uint64_t expected, const char *what, int n) {
+  if (digest != expected)
+    fail_msg("%s %d: digest 0x%016llxull, expected 0x%016llxull", what, n, (unsigned long long)digest,
+             (unsigned long long)expected);
+}
+
+static void check(sv_deform_kind kind, uint64_t expected) {
+  for (int n = 1; n <= 4; n *= 2) expect(run(kind, ~0u, n), expected, "threads", n);
+  for (int isa = 0; isa < SV_N_ISAS; isa++)
+    if ((sv_cpu_isas() & SV_ISA_BIT(isa)) && isa != SV_ISA_SSE41)
+      expect(run(kind, sv_isa_only((sv_isa)isa), 2), expected, "instruction set", isa);
+}
+
+static void test_clip(void **state) {
+  (void)state;
+  check(SV_DEFORM_CLIP, CLIP_DIGEST);
+}
+static void test_field(void **state) {
+  (void)state;
+  check(SV_DEFORM_FIELD, FIELD_DIGEST);
+}
+
+static int setup(void **state) {
+  (void)state;
+  moving_scene_make(&scene, block, sizeof block);
+  return 0;
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_clip), cmocka_unit_test(test_field)};
+  return cmocka_run_group_tests(tests, setup, NULL);
+}

@@ -1,0 +1,148 @@
+// SPDX-License-Identifier: Apache-2.0
+// The whole runtime on V4L2 cameras (behind their table of system calls): what they deliver is converted, trained on
+// and accounted for; faults cost exposures, never the run.
+// clang-format off
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+// clang-format on
+#include <string.h>
+
+#include "platform/camera/tiled.h"
+#include "platform/codec/codec.h"
+#include "tests/common/fake_v4l2.h"
+#include "tests/common/world.h"
+
+static world w;
+static fake_v4l2 fake;
+static sv_v4l2 v4l2;
+static sv_tiled tiled;
+static sv_codec codec;
+static uint8_t tiled_block[1 << 16], codec_block[1 << 20];
+
+static sv_status decode(void *self, const uint8_t *data, size_t bytes, int width_px, int height_px,
+                        size_t stride, uint8_t *rgb, sv_err *err) {
+  sv_picture out = {width_px, height_px, stride, SV_PIX_RGB8, rgb};
+  return sv_codec_decode(self, data, bytes, &out, err);
+}
+
+// The simulator gives the rig, the cameras are ours. is_tiled: one camera, two sub-views side by side.
+static void open_cameras(const char *options, bool is_tiled) {
+  char spec[128];
+  sv_camera_options o;
+  sv_codec_cfg cc = {FAKE_V4L2_WIDTH_PX, FAKE_V4L2_HEIGHT_PX, false};
+  sv_arena arena = sv_arena_make(fake.block, sizeof fake.block);
+  sv_arena tiles = sv_arena_make(tiled_block, sizeof tiled_block),
+           decoder = sv_arena_make(codec_block, sizeof codec_block);
+  sv_v4l2_sys sys = fake_v4l2_sys(&fake);
+  sv_clock clock = fake_v4l2_clock(&fake);
+  fake_v4l2_init(&fake, 2);
+  if (!world_open(&w, is_tiled ? "textured,rig=stereo,size=32x48" : "textured,rig=stereo,size=64x48", 6, ~0u,
+                  2))
+    fail_msg("%s", w.err.text);
+  sv_fmt(spec, sizeof spec, "%s%s", is_tiled ? "/dev/video0" : "/dev/video0,/dev/video1", options);
+  if (sv_camera_parse("v4l2", spec, &o, &w.err) < 0 ||
+      sv_v4l2_init(&v4l2, &o, &sys, &clock, &arena, &w.err) < 0)
+    fail_msg("%s", w.err.text);
+  sv_source src = sv_v4l2_source(&v4l2);
+  if (is_tiled) {
+    if (sv_tiled_init(&tiled, &src, 2, 1, &tiles, &w.err) < 0) fail_msg("%s", w.err.text);
+    src = sv_tiled_source(&tiled);
+  }
+  assert_int_equal(sv_codec_init(&codec, &cc, &decoder), SV_OK);
+  w.inner.source = w.port.source = src;
+  w.inner.clock = w.port.clock = clock;
+  w.port.decoder = (sv_decoder){&codec, decode};
+  for (int i = 0; i < 2; i++) assert_int_equal(src.caps(src.self, i, &w.caps[i]), SV_OK);
+  w.cfg.train.n_gaussians = 100, w.cfg.steps = 5;
+}
+
+static void close_cameras(void) {
+  sv_v4l2_close(&v4l2);
+  assert_int_equal(fake_v4l2_n_open(&fake), 0);
+  assert_int_equal(fake_v4l2_n_mapped(&fake), 0);
+  sv_codec_close(&codec);
+  world_close(&w);
+}
+
+static void must_run(void) {
+  if (world_init(&w) < 0 || sv_app_run(&w.app, &w.err) < 0) fail_msg("%s", w.err.text);
+  assert_int_equal(w.app.exposures.n, 6);
+  assert_int_equal(w.app.trainer.step, 5);
+  for (int i = 0; i < 2; i++) assert_true(sv_ledger_is_exact(sv_sync_ledger(&w.app.intake.sync, i)));
+}
+
+static void each_kind_of_frame_is_trained_on(void **state) {
+  (void)state;
+  static const struct {
+    const char *options;
+    bool is_tiled;
+  } cases[] = {{"", false}, // NV12
+               {",format=YUYV", false},
+               {",format=pRAA", false},
+               {",format=Y16", false},
+               {",format=MJPG", false},
+               {",format=YUYV", true},
+               {",format=MJPG", true}};
+  for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+    open_cameras(cases[i].options, cases[i].is_tiled);
+    must_run();
+    assert_int_equal(w.app.n_bad_exposures, 0);
+    assert_true(world_has_line(&w, "25.0 fps")); // the statistics of a camera
+    close_cameras();
+  }
+}
+
+static void a_grey_frame_arrives_as_it_was(void **state) {
+  (void)state;
+  sv_image_u8 image;
+  sv_view view;
+  open_cameras(",format=GREY", false);
+  must_run();
+  sv_exposures_get(&w.app.exposures, 3, 1, &image, &view);
+  int v = image.px[0];
+  for (int i = 0; i < FAKE_V4L2_WIDTH_PX * FAKE_V4L2_HEIGHT_PX * 3; i++) assert_int_equal(image.px[i], v);
+  assert_true(v > 0);
+  close_cameras();
+}
+
+// The header and the end are there, what lies between is not a picture: only the decoder sees it.
+static void a_damaged_picture_costs_its_exposure(void **state) {
+  (void)state;
+  open_cameras(",format=MJPG", false);
+  size_t n = fake.jpeg_bytes[0], at = n / 2;
+  for (size_t i = at; i + 2 < n && i < at + 64; i++) fake.jpeg[0][i] = 0xff;
+  w.cfg.capture_timeout_ns = 2 * SV_NS_PER_S;
+  assert_int_equal(world_init(&w), SV_OK);
+  assert_int_equal(sv_app_run(&w.app, &w.err), SV_E_TIMEOUT); // none was whole: said, not trained on
+  assert_true(w.app.n_bad_exposures > 10);
+  assert_int_equal(w.app.exposures.n, 0);
+  assert_true(world_has_line(&w, "JPEG"));
+  for (int i = 0; i < 2; i++) assert_true(sv_ledger_is_exact(sv_sync_ledger(&w.app.intake.sync, i)));
+  close_cameras();
+}
+
+static void short_frames_are_dropped_by_name(void **state) {
+  (void)state;
+  open_cameras("", false);
+  fake.device[0].is_short = true;
+  w.cfg.capture_timeout_ns = SV_NS_PER_S;
+  assert_int_equal(world_init(&w), SV_OK);
+  assert_int_equal(sv_app_run(&w.app, &w.err), SV_E_TIMEOUT);
+  const sv_ledger *l = sv_sync_ledger(&w.app.intake.sync, 0);
+  assert_true(sv_ledger_is_exact(l));
+  assert_true(l->dropped[SV_DROP_ERROR_FLAG] > 10);
+  assert_int_equal(l->delivered, 0);
+  close_cameras();
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(each_kind_of_frame_is_trained_on),
+      cmocka_unit_test(a_grey_frame_arrives_as_it_was),
+      cmocka_unit_test(a_damaged_picture_costs_its_exposure),
+      cmocka_unit_test(short_frames_are_dropped_by_name),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: Apache-2.0
+// Capture that goes on while training: the newest exposures are what is trained on, each picture at its own pose; the
+// ledger stays exact; in turns on the virtual clock, and with a thread for the cameras.
+// clang-format off
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+// clang-format on
+#include <string.h>
+
+#include "tests/common/world.h"
+
+static world w;
+
+static void open_live(const char *spec, int n_exposures) {
+  if (!world_open(&w, spec, n_exposures, ~0u, 2)) fail_msg("%s: %s", spec, w.err.text);
+  w.cfg.train.n_gaussians = 200;
+  w.cfg.is_live = true;
+  w.cfg.preview_every_s = 0.2;
+}
+
+static void run_well(void) {
+  if (world_run(&w) < 0) fail_msg("%s: %s", w.cfg.source_name, w.err.text);
+  assert_int_equal(w.app.state, SV_APP_DONE);
+  assert_int_equal(w.n_out, w.n_back);
+  for (int i = 0; i < w.cfg.n_cameras; i++) {
+    const sv_ledger *l = sv_sync_ledger(&w.app.intake.sync, i);
+    assert_true(sv_ledger_is_exact(l) && l->pending == 0);
+    assert_int_equal(l->delivered, (uint64_t)w.app.exposures.n + w.app.exposures.n_replaced);
+  }
+}
+
+// Each training view: its exposure's picture (rendered again at the view's place it is the same), and its pose.
+static void check_views(void) {
+  static uint8_t rgb[64 * 48 * 3];
+  int n_sub = w.cfg.rig->n_sub_views;
+  assert_int_equal(w.app.trainer.n_views, w.app.exposures.n * n_sub);
+  for (int i = 0; i < w.app.trainer.n_views; i++) {
+    const sv_train_view *tv = &w.app.trainer.views[i];
+    const sv_exposure *e = &w.app.exposures.exposure[i / n_sub];
+    sv_image_u8 image;
+    sv_view view;
+    sv_exposures_get(&w.app.exposures, i / n_sub, i % n_sub, &image, &view);
+    assert_memory_equal(&tv->view, &view, sizeof view);
+    assert_true(tv->image.px == image.px);
+    sv_sim_render(&w.sim, &view, sv_ns_to_s(e->time_ns - SV_SIM_EPOCH_NS), rgb, NULL);
+    assert_memory_equal(rgb, image.px, sizeof rgb);
+  }
+}
+
+static void in_turns_on_the_virtual_clock(void **state) {
+  (void)state;
+  open_live("textured,rig=stereo,size=64x48,fps=30", 4);
+  w.machine_tick_ns = 4 * SV_NS_PER_MS;
+  w.cfg.steps = 200;
+  run_well();
+  print_message("%llu exposures replaced in %u steps, %d pictures published\n",
+                (unsigned long long)w.app.exposures.n_replaced, w.app.trainer.step, w.n_images);
+  assert_true(w.app.exposures.n_replaced >= 20);
+  assert_true(w.app.exposures.exposure[0].id >= 20); // the newest ones
+  assert_true(w.n_images >= 3);
+  assert_int_equal(w.app.trainer.step, 200);
+  check_views();
+  world_close(&w);
+}
+
+// Training that takes all of the time: exposures are left out as a whole, and counted.
+static void too_slow_for_its_cameras(void **state) {
+  (void)state;
+  open_live("textured,rig=stereo,size=64x48,fps=30,buffers=8", 4);
+  w.machine_tick_ns = 60 * SV_NS_PER_MS;
+  w.cfg.steps = 60;
+  run_well();
+  const sv_ledger *l = sv_sync_ledger(&w.app.intake.sync, 0), *r = sv_sync_ledger(&w.app.intake.sync, 1);
+  print_message("%llu of %llu frames left out\n", (unsigned long long)l->dropped[SV_DROP_OVERLOAD],
+                (unsigned long long)l->captured);
+  assert_true(l->dropped[SV_DROP_OVERLOAD] > 10);
+  assert_int_equal(l->dropped[SV_DROP_OVERLOAD], r->dropped[SV_DROP_OVERLOAD]);
+  assert_int_equal(w.app.governor.slowdown, SV_GOVERNOR_SLOWEST);
+  check_views();
+  world_close(&w);
+}
+
+// A thread of their own: as many exposures as the simulator makes, beside the training.
+static void with_a_thread(void **state) {
+  (void)state;
+  open_live("textured,rig=stereo,size=64x48,fps=30,frames=600,buffers=8", 4);
+  w.port.worker = world_worker(&w);
+  w.cfg.steps = 150;
+  run_well();
+  print_message("%llu exposures replaced in %u steps\n", (unsigned long long)w.app.exposures.n_replaced,
+                w.app.trainer.step);
+  assert_int_equal(w.app.trainer.step, 150);
+  check_views();
+  world_close(&w);
+}
+
+// A camera that goes, a source that ends, a stop request: training goes on with what is there.
+static void cameras_that_go(void **state) {
+  (void)state;
+  static const char *const specs[] = {
+      "textured,rig=stereo,size=64x48,fps=30,fault=unplug:1:12",
+      "textured,rig=stereo,size=64x48,fps=30,frames=10",
+      "textured,rig=stereo,size=64x48,fps=30,fault=error:0:8:5+dup:1:14:3+seqreset:0:20"};
+  for (int i = 0; i < 3; i++) {
+    open_live(specs[i], 4);
+    w.machine_tick_ns = 4 * SV_NS_PER_MS;
+    w.cfg.steps = 100;
+    run_well();
+    assert_int_equal(w.app.trainer.step, 100);
+    check_views();
+    world_close(&w);
+  }
+  open_live("textured,rig=stereo,size=64x48,fps=30", 4);
+  w.cfg.steps = 100;
+  w.stop_at_step = 30;
+  assert_int_equal(world_run(&w), SV_E_INTERRUPTED);
+  assert_int_equal(w.n_out, w.n_back);
+  assert_false(w.app.intake.is_running);
+  world_close(&w);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(in_turns_on_the_virtual_clock),
+      cmocka_unit_test(too_slow_for_its_cameras),
+      cmocka_unit_test(with_a_thread),
+      cmocka_unit_test(cameras_that_go),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,323 @@
+// SPDX-License-Identifier: Apache-2.0
+// The live view under attack while a run goes on: who may ask what, paths that are not there, damaged requests, slow
+// and many clients, a server that is killed again and again. The run must not notice: the same digest, an exact
+// ledger, no memory. SV_LONG=1 runs the long form (1,000,000 damaged requests, 16 clients for 60 s, 100 kills).
+// clang-format off
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+// clang-format on
+#include <errno.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "tests/common/live_run.h"
+
+#define BASE "--source sim:textured,rig=stereo,size=96x64 --exposures 4 --gaussians 1500 --threads 1 "
+
+static char root[256];
+static live_run r;
+static uint8_t answer[4u << 20];
+
+static bool is_long(void) { return getenv("SV_LONG") != NULL; }
+
+static double now_s(void) {
+  struct timespec t;
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static void start(const char *args) {
+  if (!live_run_start(&r, root, args)) fail_msg("the run does not start: %s", r.err);
+}
+
+static int code_of(const char *method, const char *path, const char *headers) {
+  live_run_request(&r, method, path, headers, answer, sizeof answer);
+  return live_run_code(answer);
+}
+
+// A value of the state's JSON.
+static bool state_has(const char *text) {
+  return code_of("GET", "/state", NULL) == 200 && strstr((const char *)answer, text) != NULL;
+}
+static bool wait_for(const char *text, double seconds) {
+  for (double until = now_s() + seconds; now_s() < until; poll(NULL, 0, 50))
+    if (state_has(text)) return true;
+  return false;
+}
+
+// --- who may ask ---------------------------------------------------------------------------------
+
+static void test_commands_need_the_token(void **state) {
+  (void)state;
+  static const char *const paths[] = {"/start", "/pause", "/save", "/new"};
+  char headers[256], wrong[40];
+  start(BASE "--steps 100 --session");
+  assert_true(wait_for("\"state\":\"waiting\"", 10));
+  snprintf(wrong, sizeof wrong, "%s", r.token);
+  wrong[31] = wrong[31] == '0' ? '1' : '0';
+  for (int i = 0; i < 4; i++) {
+    assert_int_equal(code_of("POST", paths[i], NULL), 403);
+    assert_int_equal(code_of("POST", paths[i], "X-Subview-Token: \r\n"), 403);
+    snprintf(headers, sizeof headers, "X-Subview-Token: %s\r\n", wrong);
+    assert_int_equal(code_of("POST", paths[i], headers), 403);
+    snprintf(headers, sizeof headers, "X-Subview-Token: %.31s\r\n", r.token);
+    assert_int_equal(code_of("POST", paths[i], headers), 403);
+    snprintf(headers, sizeof headers, "Cookie: subview=%s\r\n",
+             r.token); // what a browser sends by itself is no proof
+    assert_int_equal(code_of("POST", paths[i], headers), 403);
+    snprintf(headers, sizeof headers, "X-Subview-Token: %s\r\n", r.token);
+    assert_int_equal(code_of("GET", paths[i], headers), 404);
+    snprintf(headers, sizeof headers, "X-Subview-Token: %s\r\nOrigin: http://evil.example\r\n", r.token);
+    assert_int_equal(code_of("POST", paths[i], headers), 403);
+    snprintf(headers, sizeof headers, "X-Subview-Token: %s\r\nHost: evil.example:%d\r\n", r.token, r.port);
+    assert_int_equal(code_of("POST", paths[i], headers), 403);
+    snprintf(headers, sizeof headers, "X-Subview-Token: %s\r\nHost: 127.0.0.1:1\r\n", r.token);
+    assert_int_equal(code_of("POST", paths[i], headers), 403);
+    snprintf(headers, sizeof headers, "X-Subview-Token: %s\r\nSec-Fetch-Site: cross-site\r\n", r.token);
+    assert_int_equal(code_of("POST", paths[i], headers), 403);
+  }
+  assert_int_equal(code_of("GET", "/state", "Host: evil.example\r\n"), 403);
+  assert_int_equal(code_of("GET", "/state", "Origin: http://evil.example\r\n"), 403);
+  assert_int_equal(code_of("DELETE", "/state", NULL), 405);
+  poll(NULL, 0, 300);
+  assert_true(state_has("\"state\":\"waiting\"")); // nothing of all that did anything
+  assert_true(state_has("seccomp, no_new_privs"));
+  snprintf(headers, sizeof headers, "X-Subview-Token: %s\r\nOrigin: http://127.0.0.1:%d\r\n", r.token,
+           r.port);
+  assert_int_equal(code_of("POST", "/start", headers), 200);
+  assert_true(wait_for("\"state\":\"done\"", 60));
+  assert_int_equal(live_run_stop(&r), 0);
+}
+
+// On an address that others reach, reading takes the token, too.
+static void test_private(void **state) {
+  (void)state;
+  char headers[128];
+  r.is_open = true;
+  start(BASE "--steps 100 --session");
+  r.is_open = false;
+  assert_int_equal(code_of("GET", "/", NULL), 200);
+  assert_int_equal(code_of("GET", "/state", NULL), 403);
+  assert_int_equal(code_of("GET", "/cameras", NULL), 403);
+  assert_int_equal(code_of("GET", "/model.ply", NULL), 403);
+  snprintf(headers, sizeof headers, "Cookie: subview=%s\r\n", r.token);
+  assert_int_equal(code_of("GET", "/state", headers), 200);
+  live_run_stop(&r);
+}
+
+// --- paths that are not there --------------------------------------------------------------------
+
+static int n_paths;
+static void must_be_404(const char *path) {
+  n_paths++;
+  int code = code_of("GET", path, NULL);
+  if (code != 404 && code != 400) fail_msg("%s: %d, expected 404", path, code);
+}
+
+static void test_traversal(void **state) {
+  (void)state;
+  static const char *const up[] = {"../",   "..%2f",    "%2e%2e/", "%2e%2e%2f",       "..\\",
+                                   "..%5c", "..%c0%af", "....//",  "%252e%252e%252f", "..;/"};
+  static const char *const targets[] = {"etc/passwd", "proc/self/environ", "proc/self/maps", "etc/shadow",
+                                        "model.ply"};
+  char path[512];
+  start(BASE "--steps 100 --session");
+  n_paths = 0;
+  for (int u = 0; u < 10; u++)
+    for (int t = 0; t < 5; t++)
+      for (int depth = 1; depth <= 7; depth += 2) {
+        size_t n = 1;
+        path[0] = '/';
+        for (int d = 0; d < depth; d++) n += (size_t)snprintf(path + n, sizeof path - n, "%s", up[u]);
+        snprintf(path + n, sizeof path - n, "%s", targets[t]);
+        must_be_404(path);
+      }
+  static const char *const more[] = {
+      "//etc/passwd", "/./state",     "/state/",     "/state%00", "/page.js/../state",
+      "/%2fstate",    "/STATE",       "/model.ply/", "/model",    "/model.ply%20",
+      "/index.html",  "/.git/config", "/~root",      "/cgi-bin/x"};
+  for (size_t i = 0; i < sizeof more / sizeof *more; i++) must_be_404(more[i]);
+  print_message("%d paths, none is there\n", n_paths);
+  assert_true(n_paths >= 200);
+  assert_true(state_has("\"state\":\"waiting\""));
+  live_run_stop(&r);
+}
+
+// --- a run that must not notice ------------------------------------------------------------------
+
+static uint64_t rng = 88172645463325252ull;
+static uint32_t rnd(uint32_t n) {
+  rng ^= rng << 13, rng ^= rng >> 7, rng ^= rng << 17;
+  return (uint32_t)((rng >> 20) % n);
+}
+
+// Damaged requests: many in one connection until the server hangs up.
+static long send_damaged(double until_s, long most) {
+  static const char *const parts[] = {"GET ",
+                                      "POST ",
+                                      "/state",
+                                      "/start",
+                                      " HTTP/1.1",
+                                      "\r\n",
+                                      "Host: 127.0.0.1\r\n",
+                                      "Content-Length: 99999999\r\n",
+                                      "Transfer-Encoding: chunked\r\n",
+                                      "\r\n\r\n",
+                                      "%00",
+                                      "/../..",
+                                      "X-Subview-Token: ",
+                                      "Cookie: subview=",
+                                      "-1",
+                                      "ffffffff\r\n",
+                                      "?after=-9",
+                                      " HTTP/9.9\r\n"};
+  long n = 0;
+  while (now_s() < until_s && n < most) {
+    int fd = live_run_connect(&r);
+    if (fd < 0) {
+      poll(NULL, 0, 5);
+      continue;
+    }
+    for (int k = 0; k < 20 && n < most; k++, n++) {
+      char text[600];
+      size_t at = 0;
+      if (rnd(3))
+        at = (size_t)snprintf(text, sizeof text, "GET /state HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n", r.port);
+      for (uint32_t i = 0, m = 1 + rnd(5); i < m; i++)
+        at += (size_t)snprintf(text + at, sizeof text - at, "%s", parts[rnd(sizeof parts / sizeof *parts)]);
+      for (uint32_t i = 0, m = rnd(4); i < m; i++) text[rnd((uint32_t)at)] = (char)rnd(256);
+      if (rnd(2)) at += (size_t)snprintf(text + at, sizeof text - at, "\r\n\r\n");
+      if (send(fd, text, at, MSG_NOSIGNAL | MSG_DONTWAIT) < 0) break;
+      ssize_t got = recv(fd, answer, sizeof answer, MSG_DONTWAIT);
+      if (got == 0 || (got < 0 && errno != EAGAIN)) { // it has hung up, as it should
+        n++;
+        break;
+      }
+    }
+    close(fd);
+  }
+  return n;
+}
+
+// Reads "KEY": VALUE of the finished run's report.
+static void report_value(const char *folder, const char *key, char out[64]) {
+  char path[400], mark[64];
+  static char text[64 << 10];
+  snprintf(path, sizeof path, "%s/out/run.json", folder);
+  FILE *f = fopen(path, "rb");
+  size_t n = f ? fread(text, 1, sizeof text - 1, f) : 0;
+  if (f) fclose(f);
+  text[n] = 0;
+  snprintf(mark, sizeof mark, "\"%s\": ", key);
+  const char *p = strstr(text, mark);
+  snprintf(out, 64, "%.*s", p ? (int)strcspn(p + strlen(mark), ",\n}") : 0, p ? p + strlen(mark) : "");
+  if (strcmp(key, "is_exact") == 0 && strstr(text, "\"is_exact\": false")) snprintf(out, 64, "false");
+}
+
+static void test_the_run_does_not_notice(void **state) {
+  (void)state;
+  char want[64], got[64], args[256];
+  const double storm_s = is_long() ? 60 : 4;
+  snprintf(args, sizeof args, BASE "--steps %d", is_long() ? 60000 : 3000);
+  start(args); // the same run, in peace
+  assert_int_equal(live_run_wait(&r, is_long() ? 600 : 60), 0);
+  report_value(root, "digest", want);
+  start(args);
+  assert_true(wait_for("\"state\":\"training\"", 20));
+  long rss = live_run_rss_kib(&r), most_rss = rss, n_damaged = 0, n_good = 0;
+  int slow[64], readers[16], n_kills = 0, n_wanted = is_long() ? 100 : 5;
+  for (int i = 0; i < 64; i++) // begin a request and never end it
+    if ((slow[i] = live_run_connect(&r)) >= 0)
+      (void)!send(slow[i], "GET /state HTTP/1.1\r\nX: ", 24, MSG_NOSIGNAL);
+  for (int i = 0; i < 16; i++) { // open a stream and hardly read
+    char text[128];
+    int n = snprintf(text, sizeof text, "GET %s HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n\r\n",
+                     i % 2 ? "/stream" : "/cameras", r.port);
+    if ((readers[i] = live_run_connect(&r)) >= 0) (void)!send(readers[i], text, (size_t)n, MSG_NOSIGNAL);
+  }
+  double begin = now_s();
+  while (now_s() - begin < storm_s && r.pid > 0) {
+    n_damaged += send_damaged(now_s() + 0.3, is_long() ? 1000000 : 4000);
+    n_good += code_of("GET", "/state", NULL) == 200;
+    n_good += code_of("GET", "/model.ply", NULL) == 200;
+    for (int i = 0; i < 16; i++)
+      if (readers[i] >= 0) (void)!recv(readers[i], answer, 4096, MSG_DONTWAIT);
+    if (n_kills < n_wanted && now_s() - begin > storm_s * n_kills / n_wanted) {
+      pid_t server = live_run_server(&r);
+      if (server > 0 && kill(server, SIGKILL) == 0) n_kills++;
+    }
+    long now_rss = live_run_rss_kib(&r);
+    if (now_rss > most_rss) most_rss = now_rss;
+  }
+  for (int i = 0; i < 64; i++)
+    if (slow[i] >= 0) close(slow[i]);
+  for (int i = 0; i < 16; i++)
+    if (readers[i] >= 0) close(readers[i]);
+  assert_int_equal(live_run_wait(&r, is_long() ? 600 : 90), 0);
+  print_message(
+      "%ld damaged requests, %ld answered among them, %d kills; memory of subview %ld -> at most %ld KiB\n",
+      n_damaged, n_good, n_kills, rss, most_rss);
+  report_value(root, "digest", got);
+  assert_string_equal(got, want);
+  report_value(root, "is_exact", got);
+  assert_string_equal(got, "true");
+  assert_true(n_kills >= 2);
+  assert_true(n_good > 0);
+  assert_true(most_rss <= rss + 512); // pages of the block that had not been touched yet
+}
+
+// A server that hangs is replaced as well.
+static void test_hang(void **state) {
+  (void)state;
+  start(BASE "--steps 100 --session");
+  assert_true(wait_for("\"state\":\"waiting\"", 10));
+  pid_t first = live_run_server(&r);
+  assert_true(first > 0);
+  assert_int_equal(kill(first, SIGSTOP), 0);
+  double begin = now_s();
+  while (live_run_server(&r) == first && now_s() - begin < 20) poll(NULL, 0, 200);
+  assert_true(live_run_server(&r) != first);
+  assert_true(wait_for("\"state\":\"waiting\"", 10));
+  print_message("a hanging server was replaced after %.1f s\n", now_s() - begin);
+  live_run_stop(&r);
+}
+
+// --- setup ---------------------------------------------------------------------------------------
+
+static int make_root(void **state) {
+  (void)state;
+  const char *tmp = getenv("TMPDIR");
+  signal(SIGPIPE, SIG_IGN);
+  snprintf(root, sizeof root, "%s/sv_live_XXXXXX", tmp ? tmp : "/tmp");
+  return mkdtemp(root) ? 0 : -1;
+}
+static int stop(void **state) {
+  (void)state;
+  live_run_stop(&r);
+  return 0;
+}
+static int remove_root(void **state) {
+  char command[300];
+  (void)state;
+  snprintf(command, sizeof command, "rm -rf '%s'", root);
+  return system(command);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test_teardown(test_commands_need_the_token, stop),
+      cmocka_unit_test_teardown(test_private, stop),
+      cmocka_unit_test_teardown(test_traversal, stop),
+      cmocka_unit_test_teardown(test_the_run_does_not_notice, stop),
+      cmocka_unit_test_teardown(test_hang, stop),
+  };
+  return cmocka_run_group_tests(tests, make_root, remove_root);
+}

@@ -1,0 +1,232 @@
+// SPDX-License-Identifier: Apache-2.0
+// The page of a running simulator in a headless Chromium: what the person in front of the rig sees and does.
+// clang-format off
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+// clang-format on
+#include <errno.h>
+#include <fcntl.h>
+#include <math.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "src/format/ply.h"
+#include "tests/common/browser.h"
+#include "tests/common/live_run.h"
+
+#define GAUSSIANS 20000
+
+static char root[256];
+static live_run r;
+static browser b;
+
+static double now_s(void) {
+  struct timespec t;
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+// Pictures are kept where the environment variable says, for people to look at.
+static void picture(const char *name) {
+  char path[600];
+  const char *keep = getenv("SV_KEEP_PICTURES");
+  snprintf(path, sizeof path, "%s/%s.png", keep ? keep : root, name);
+  assert_true(browser_screenshot(&b, path));
+  struct stat st;
+  assert_int_equal(stat(path, &st), 0);
+  assert_true(st.st_size > 10000);
+}
+
+static bool skipped(void) {
+  if (!browser_program()) {
+    print_message("skip the page: no Chromium here (package chromium)\n");
+    return true;
+  }
+  return false;
+}
+
+#define MUST(expression, seconds)                                                                            \
+  do {                                                                                                       \
+    if (!browser_wait(&b, expression, seconds))                                                              \
+      fail_msg("not in %d s: %s; %s", (int)(seconds), expression, r.err);                                    \
+  } while (0)
+
+static void watch_and_start(void) {
+  double opened = now_s();
+  assert_true(browser_goto(&b, r.link));
+  MUST("document.querySelector('#tiles').naturalWidth > 0", 20);
+  print_message("first tile after %.2f s\n", now_s() - opened);
+  MUST("$('state').textContent === 'waiting' && !$('start').disabled", 10);
+  // The tiles move: the mosaic's pixels and the counters change.
+  double n = browser_number(&b, "page.state.cameras[0].tiles");
+  MUST("page.state.cameras[0].fps > 1", 20);
+  char text[96];
+  snprintf(text, sizeof text, "page.state.cameras.every((c) => c.tiles > %g)", n + 5);
+  MUST(text, 20);
+  picture("page-waiting");
+  double started = now_s();
+  assert_true(browser_eval(&b, "$('start').click()", (char[8]){0}, 8));
+  MUST("view.n > 0 && view.drawn > 0", 60);
+  print_message("first model %.2f s after Start\n", now_s() - started);
+}
+
+static void watch_training(void) {
+  char text[64];
+  MUST("$('state').textContent === 'training' && page.state.psnr > 0", 60);
+  double psnr = browser_number(&b, "page.state.psnr");
+  snprintf(text, sizeof text, "page.state.psnr > %g", psnr + 2);
+  MUST(text, 90);
+  assert_int_equal((int)browser_number(&b, "view.n"), GAUSSIANS);
+  MUST("page.points.length > 2 && !$('picture').hidden", 30);
+}
+
+// The drawn model's pixels change when it is turned; the share that is not empty.
+static const char coverage[] =
+    "(()=>{view.draw();const g=view.gl,w=view.canvas.width,h=view.canvas.height,p=new Uint8Array(4*w*h);"
+    "g.readPixels(0,0,w,h,g.RGBA,g.UNSIGNED_BYTE,p);let n=0,s=0;for(let i=3;i<p.length;i+=4){if(p[i]>127)n++;"
+    "s=(s*31+p[i-1]+7*p[i-2])%1000003;}return (n/(w*h)).toFixed(6)+' '+s})()";
+
+static void turn_it(void) {
+  char before[64], after[64];
+  assert_true(browser_eval(&b, coverage, before, sizeof before));
+  assert_true(strtod(before, NULL) > 0.05);
+  double yaw = browser_number(&b, "view.camera.yaw");
+  assert_true(browser_drag(&b, 200, 300, 520, 330, 8));
+  assert_true(fabs(browser_number(&b, "view.camera.yaw") - yaw) > 0.3);
+  assert_true(browser_eval(&b, coverage, after, sizeof after));
+  assert_true(strtod(after, NULL) > 0.05);
+  assert_string_not_equal(before, after);
+  double distance = browser_number(&b, "view.camera.distance");
+  browser_number(&b, "view.zoom(0.8)");
+  assert_true(browser_number(&b, "view.camera.distance") < distance);
+  // The rate of a steady turn, each picture waited for.
+  double fps = browser_number(
+      &b, "new Promise((done)=>{let n=0;const t0=performance.now(),p=new Uint8Array(4);"
+          "const go=()=>{view.turn(0.02,0);view.gl.readPixels(0,0,1,1,6408,5121,p);n++;"
+          "const t=performance.now()-t0;if(t>3000)done(1000*n/t);else requestAnimationFrame(go)};"
+          "go()})");
+  print_message("turning: %.1f pictures a second (software GL, %d Gaussians, %.0f %% of the pixels a side)\n",
+                fps, GAUSSIANS, 100 * browser_number(&b, "view.quality"));
+  assert_true(fps > 0.2); // a busy machine without a GPU; what it reaches is printed
+  browser_number(&b, "view.reset()");
+}
+
+static void pause_it(void) {
+  char text[16];
+  assert_true(browser_eval(&b, "$('pause').click()", text, sizeof text));
+  MUST("$('state').textContent === 'paused'", 20);
+}
+
+static void save_download(void) {
+  char text[96], head[300];
+  double step = browser_number(&b, "page.state.step");
+  poll(NULL, 0, 700);
+  assert_true(browser_number(&b, "page.state.step") == step);
+  picture("page-training");
+  assert_true(browser_eval(&b, "$('save').click()", text, sizeof text));
+  MUST("page.state.saves === 1 && page.state.state === 'paused'", 20);
+  snprintf(head, sizeof head, "%s/out/model.ply", root);
+  assert_int_equal(access(head, R_OK), 0);
+  // The download, byte by byte the header of a PLY; the whole file is read back below.
+  assert_true(browser_eval(&b, "(async()=>(await (await fetch($('get-ply').href)).text()).slice(0,3))()",
+                           text, sizeof text));
+  assert_string_equal(text, "ply");
+  assert_true(browser_eval(&b, "$('start').click()", text, sizeof text)); // "Go on"
+  snprintf(text, sizeof text, "page.state.step > %g || page.state.state === 'done'", step);
+  MUST(text, 30);
+}
+
+static void read_download(void) {
+  static uint8_t file[GAUSSIANS * 140];
+  size_t n = live_run_get(&r, "/model.ply", NULL, file, sizeof file);
+  const uint8_t *body = live_run_body(file, n);
+  assert_int_equal(live_run_code(file), 200);
+  assert_non_null(body);
+  sv_ply ply;
+  sv_err err;
+  if (sv_ply_open(&ply, "download", body, n - (size_t)(body - file), &err) < 0) fail_msg("%s", err.text);
+  assert_int_equal(ply.n, GAUSSIANS);
+  assert_int_equal(ply.kind, SV_PLY_GAUSSIANS);
+  sv_gaussian g;
+  for (uint32_t i = 0; i < ply.n; i++) assert_int_equal(sv_ply_read_gaussian(&ply, i, &g, &err), SV_OK);
+}
+
+static void test_page(void **state) {
+  (void)state;
+  char text[64], args[256];
+  if (skipped()) skip();
+  snprintf(args, sizeof args,
+           "--source sim:textured,rig=stereo --exposures 4 --steps 250 --gaussians %d --session", GAUSSIANS);
+  if (!live_run_start(&r, root, args)) fail_msg("the run does not start: %s", r.err);
+  assert_true(browser_open(&b, root, 1180, 760));
+  watch_and_start();
+  watch_training();
+  pause_it();
+  turn_it();
+  save_download();
+  read_download();
+  MUST("$('state').textContent === 'done'", 120);
+  MUST("$('new').disabled === false", 5);
+  assert_true(browser_size(&b, 390, 844, true));
+  poll(NULL, 0, 600);
+  picture("page-phone");
+  // New asks twice, then the cameras are live again.
+  assert_true(browser_eval(&b, "$('new').click()", text, sizeof text));
+  assert_true(browser_eval(&b, "$('new').textContent", text, sizeof text));
+  assert_string_equal(text, "Discard?");
+  assert_true(browser_eval(&b, "$('new').click()", text, sizeof text));
+  MUST("$('state').textContent === 'waiting' && view.n === 0", 20);
+  browser_close(&b);
+  assert_int_equal(live_run_stop(&r), 1); // stopped before anything was captured
+}
+
+// A rig that is not there: the page says what is missing, and New tries again.
+static void test_failed(void **state) {
+  (void)state;
+  if (skipped()) skip();
+  if (!live_run_start(&r, root, "--source replay:@/nowhere --session"))
+    fail_msg("the run does not start: %s", r.err);
+  assert_true(browser_open(&b, root, 900, 600));
+  assert_true(browser_goto(&b, r.link));
+  MUST("$('message-title').textContent === 'No camera' && $('message-text').textContent.includes('nowhere')",
+       20);
+  picture("page-no-camera");
+  browser_close(&b);
+  live_run_stop(&r);
+}
+
+static int make_root(void **state) {
+  (void)state;
+  const char *tmp = getenv("TMPDIR");
+  snprintf(root, sizeof root, "%s/sv_page_XXXXXX", tmp ? tmp : "/tmp");
+  return mkdtemp(root) ? 0 : -1;
+}
+static int clean(void **state) {
+  (void)state;
+  browser_close(&b);
+  live_run_stop(&r);
+  return 0;
+}
+static int remove_root(void **state) {
+  char command[300];
+  (void)state;
+  snprintf(command, sizeof command, "rm -rf '%s'", root);
+  return system(command);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test_teardown(test_page, clean),
+      cmocka_unit_test_teardown(test_failed, clean),
+  };
+  return cmocka_run_group_tests(tests, make_root, remove_root);
+}

@@ -1,0 +1,459 @@
+// SPDX-License-Identifier: Apache-2.0
+// The V4L2 source against cameras behind its table of system calls: formats, controls, and each fault with its named
+// event, the other camera untouched, and the way back.
+// clang-format off
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+// clang-format on
+#include <errno.h>
+#include <linux/videodev2.h>
+#include <string.h>
+
+#include "platform/v4l2/format.h"
+#include "tests/common/fake_v4l2.h"
+
+static fake_v4l2 fake;
+static sv_v4l2 v;
+static sv_source src;
+static sv_err err;
+static sv_arena arena;
+
+static sv_status open_spec(const char *spec) {
+  sv_camera_options o;
+  sv_v4l2_sys sys = fake_v4l2_sys(&fake);
+  sv_clock clock = fake_v4l2_clock(&fake);
+  arena = sv_arena_make(fake.block, sizeof fake.block);
+  sv_status s = sv_camera_parse("v4l2", spec, &o, &err);
+  if (s >= 0) s = sv_v4l2_init(&v, &o, &sys, &clock, &arena, &err);
+  if (s >= 0) src = sv_v4l2_source(&v);
+  return s;
+}
+
+static void must_open(const char *spec) {
+  if (open_spec(spec) < 0) fail_msg("%s", err.text);
+}
+
+static int clean(void **state) {
+  (void)state;
+  fake_v4l2_init(&fake, 2);
+  return 0;
+}
+
+static void close_all(void) {
+  sv_v4l2_close(&v);
+  assert_int_equal(fake_v4l2_n_open(&fake), 0);
+  assert_int_equal(fake_v4l2_n_mapped(&fake), 0);
+}
+
+static const sv_camera_caps *caps(int i) {
+  static sv_camera_caps c;
+  assert_int_equal(src.caps(src.self, i, &c), SV_OK);
+  return &c;
+}
+
+// Frames of each camera in so much time, each handed back at once; failures are counted, too.
+typedef struct {
+  int n[2], n_error[2], n_failed[2];
+  sv_ns first_ns[2]; // arrival of the first good frame
+} tally;
+static tally run_for(sv_ns ns) {
+  tally t = {{0}, {0}, {0}, {0}};
+  sv_frame f;
+  for (sv_ns end = fake.now_ns + ns; fake.now_ns < end;) {
+    sv_status s = src.dequeue(src.self, &f, end);
+    if (s == SV_E_DEVICE) t.n_failed[f.i_camera]++;
+    if (s != SV_OK) continue;
+    t.n_error[f.i_camera] += f.is_error;
+    if (!f.is_error && !t.n[f.i_camera]++) t.first_ns[f.i_camera] = f.arrival_ns;
+    assert_int_equal(src.requeue(src.self, &f), SV_OK);
+  }
+  return t;
+}
+
+// How many events of a kind camera 0 had; all are taken, and none may be of camera 1.
+static uint64_t n_events(sv_camera_event_kind kind, int64_t *detail) {
+  sv_camera_event e;
+  uint64_t n = 0;
+  while (src.event(src.self, &e) == SV_OK) {
+    assert_int_equal(e.i_camera, 0);
+    if (e.kind != kind) continue;
+    n++;
+    if (detail) *detail = e.detail;
+  }
+  return n;
+}
+
+#define BOTH   "/dev/video0,/dev/video1,settle=0"
+#define PERIOD FAKE_V4L2_PERIOD_NS
+
+// --- opening -------------------------------------------------------------------------------------
+static void every_format_is_described(void **state) {
+  (void)state;
+  for (int i = 0; i < sv_v4l2_n_formats; i++)
+    for (int is_mplane = 0; is_mplane < 2; is_mplane++) {
+      char spec[64];
+      const sv_v4l2_format *f = &sv_v4l2_formats[i];
+      if (f->format == SV_PIX_JPEG && strcmp(f->name, "MJPG") != 0) continue;
+      fake_v4l2_init(&fake, 1);
+      fake.device[0].is_mplane = is_mplane;
+      sv_fmt(spec, sizeof spec, "/dev/video0,settle=0,format=%.4s", f->name);
+      must_open(spec);
+      assert_int_equal(caps(0)->format, f->format);
+      assert_int_equal(caps(0)->width_px, FAKE_V4L2_WIDTH_PX);
+      size_t bytes = sv_pixel_frame_bytes(f->format, FAKE_V4L2_WIDTH_PX, FAKE_V4L2_HEIGHT_PX);
+      if (bytes) assert_int_equal(caps(0)->frame_bytes, bytes);
+      assert_int_equal(src.start(src.self), SV_OK);
+      sv_frame fr;
+      assert_int_equal(src.dequeue(src.self, &fr, fake.now_ns + SV_NS_PER_S), SV_OK);
+      assert_false(fr.is_error);
+      if (bytes) assert_int_equal(fr.data_bytes, bytes);
+      close_all();
+    }
+}
+
+static void stamps_and_rates_are_told(void **state) {
+  (void)state;
+  must_open("/dev/video0,settle=0");
+  assert_int_equal(caps(0)->clock, SV_CLOCK_MONOTONIC);
+  assert_int_equal(caps(0)->stamp, SV_STAMP_START);
+  assert_true(caps(0)->fps == 25);
+  assert_string_equal(caps(0)->name, "video0");
+  close_all();
+  must_open("/dev/video0,settle=0,clock=boottime,stamp=middle");
+  assert_int_equal(caps(0)->clock, SV_CLOCK_BOOTTIME);
+  assert_int_equal(caps(0)->stamp, SV_STAMP_MIDDLE);
+  close_all();
+}
+
+static void a_fast_enough_format_is_chosen(void **state) {
+  (void)state;
+  must_open("/dev/video0");
+  assert_int_equal(caps(0)->format, SV_PIX_NV12); // the preferred one
+  close_all();
+  fake.device[0].max_fps_raw = 5; // as USB 2 does at large sizes
+  must_open("/dev/video0");
+  assert_int_equal(caps(0)->format, SV_PIX_JPEG);
+  close_all();
+  must_open("/dev/video0,fps=5");
+  assert_int_equal(caps(0)->format, SV_PIX_NV12);
+  close_all();
+}
+
+static void what_cannot_be_opened_is_refused_with_a_sentence(void **state) {
+  (void)state;
+  static const struct {
+    const char *spec, *says;
+  } bad[] = {{"/dev/video7", "/dev/video7: the camera cannot be opened"},
+             {"/dev/video0,size=640x480", "no format of 640x480 px"},
+             {"/dev/video0,format=H264", "format H264 is not known"},
+             {"/dev/video0,/dev/video0", "named twice"},
+             {"size=640x480", "no camera is named"},
+             {"", "0 characters"},
+             {"/dev/video0,speed=1", "\"speed=1\" is not an option"},
+             {"/dev/video0,size=4x4", "\"size=4x4\""},
+             {"/dev/video0,buffers=2", "\"buffers=2\""},
+             {"/dev/video0,fps=nan", "\"fps=nan\""},
+             {"/dev/video0,sync=server", "libcamera only"}};
+  for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+    assert_true(open_spec(bad[i].spec) < 0);
+    if (!strstr(err.text, bad[i].says)) fail_msg("%s: %s", bad[i].spec, err.text);
+    assert_int_equal(fake_v4l2_n_open(&fake), 0);
+  }
+  fake.device[1].is_busy = true;
+  assert_true(open_spec(BOTH) < 0);
+  assert_non_null(strstr(err.text, "/dev/video1"));
+  assert_non_null(strstr(err.text, "another program uses it"));
+  assert_int_equal(fake_v4l2_n_mapped(&fake), 0);
+  fake.device[0].has_controls = false;
+  assert_true(open_spec("/dev/video0,exposure=5000") < 0);
+  assert_non_null(strstr(err.text, "exposure time cannot be set"));
+  assert_int_equal(fake_v4l2_n_open(&fake), 0);
+}
+
+static void cameras_are_listed(void **state) {
+  (void)state;
+  char text[2048];
+  sv_str s = sv_str_make(text, sizeof text);
+  sv_v4l2_sys sys = fake_v4l2_sys(&fake);
+  assert_int_equal(sv_v4l2_list(&s, &sys), 2);
+  assert_non_null(strstr(text, "v4l2:/dev/video1"));
+  assert_non_null(strstr(text, "fake camera (fake:0)  YUYV,GREY,MJPG 64x48@25\n"));
+  assert_int_equal(fake_v4l2_n_open(&fake), 0);
+}
+
+static void buffers_are_exported(void **state) {
+  (void)state;
+  sv_frame f;
+  must_open("/dev/video0,settle=0,dmabuf=on,buffers=4");
+  assert_int_equal(fake.n_exported, 4);
+  assert_int_equal(src.start(src.self), SV_OK);
+  assert_int_equal(src.dequeue(src.self, &f, fake.now_ns + SV_NS_PER_S), SV_OK);
+  assert_true(sv_v4l2_dmabuf(&v, &f) >= 0);
+  assert_int_equal(src.requeue(src.self, &f), SV_OK);
+  assert_int_equal(sv_v4l2_dmabuf(&v, &f), -1);
+  close_all();
+}
+
+// --- controls ------------------------------------------------------------------------------------
+static void controls_hold_still_and_are_given_back(void **state) {
+  (void)state;
+  int32_t before[FAKE_V4L2_N_CONTROLS];
+  fake_device *d = &fake.device[0];
+  memcpy(before, d->control, sizeof before);
+  must_open("/dev/video0,exposure=8000,settle=200");
+  sv_ns t0 = fake.now_ns;
+  assert_int_equal(src.start(src.self), SV_OK);
+  assert_true(fake.now_ns - t0 >= 200 * SV_NS_PER_MS); // time to settle
+  assert_int_equal(d->control[0], V4L2_EXPOSURE_MANUAL);
+  assert_int_equal(d->control[1], 80);
+  assert_int_equal(d->control[2], before[2]); // where the automatic control has left it
+  assert_int_equal(d->control[3], 0);
+  sv_frame f;
+  assert_int_equal(src.dequeue(src.self, &f, fake.now_ns + SV_NS_PER_S), SV_OK);
+  assert_int_equal(f.exposure_ns, 8 * SV_NS_PER_MS);
+  assert_int_equal(src.requeue(src.self, &f), SV_OK);
+  int64_t actual;
+  assert_int_equal(src.set_control(src.self, 0, SV_CONTROL_EXPOSURE_NS, 5 * SV_NS_PER_MS, &actual), SV_OK);
+  assert_int_equal(actual, 5 * SV_NS_PER_MS);
+  assert_int_equal(src.set_control(src.self, 0, SV_CONTROL_EXPOSURE_NS, 1, &actual), SV_E_RANGE);
+  assert_int_equal(src.set_control(src.self, 0, SV_CONTROL_GAIN_MILLI, 1, &actual), SV_E_UNSUPPORTED);
+  fake_v4l2_unplug(&fake, 0); // comes back with its own ideas
+  run_for(200 * SV_NS_PER_MS);
+  fake_v4l2_plug(&fake, 0);
+  run_for(200 * SV_NS_PER_MS);
+  assert_int_equal(d->control[0], V4L2_EXPOSURE_MANUAL);
+  assert_int_equal(d->control[1], 50);
+  assert_int_equal(d->control[3], 0);
+  close_all();
+  assert_memory_equal(d->control, before, sizeof before);
+}
+
+static void unlocked_controls_are_left_alone(void **state) {
+  (void)state;
+  int32_t before[FAKE_V4L2_N_CONTROLS];
+  memcpy(before, fake.device[0].control, sizeof before);
+  must_open("/dev/video0,lock=off");
+  assert_int_equal(src.start(src.self), SV_OK);
+  assert_memory_equal(fake.device[0].control, before, sizeof before);
+  close_all();
+}
+
+// --- faults --------------------------------------------------------------------------------------
+// In all of them camera 1 goes on: 25 frames a second, sequence without a gap, its stream started once.
+static void the_other_is_untouched(const tally *t, int n_frames) {
+  assert_in_range(t->n[1], n_frames - 1, n_frames + 1);
+  assert_int_equal(t->n_error[1] + t->n_failed[1], 0);
+  assert_int_equal(fake.device[1].n_streamons, 1);
+}
+
+static void an_unplugged_camera_comes_back(void **state) {
+  (void)state;
+  sv_frame held[3], other;
+  int64_t error = 0;
+  must_open(BOTH);
+  assert_int_equal(src.start(src.self), SV_OK);
+  for (int n = 0; n < 3;) { // three frames of camera 0 are in use when it goes
+    sv_frame *f = &held[n];
+    assert_int_equal(src.dequeue(src.self, f, fake.now_ns + SV_NS_PER_S), SV_OK);
+    if (f->i_camera == 0) n++;
+    else assert_int_equal(src.requeue(src.self, f), SV_OK);
+  }
+  fake_v4l2_unplug(&fake, 0);
+  tally t = run_for(SV_NS_PER_S);
+  the_other_is_untouched(&t, 25);
+  assert_int_equal(t.n[0], 0);
+  assert_int_equal(t.n_failed[0], 1); // said once
+  assert_int_equal(n_events(SV_CAMERA_LOST, &error), 1);
+  assert_int_equal(error, ENODEV);
+  for (int i = 0; i < 3; i++) assert_true(fake_v4l2_is_frame(held[i].data, 0, held[i].sequence));
+  assert_int_equal(src.requeue(src.self, &held[0]), SV_OK);
+  assert_true(src.requeue(src.self, &held[0]) < 0);
+  fake_v4l2_plug(&fake, 0);
+  sv_ns back_ns = fake.now_ns;
+  t = run_for(SV_NS_PER_S);
+  assert_true(t.first_ns[0] - back_ns <= 3 * PERIOD);
+  the_other_is_untouched(&t, 25);
+  assert_int_equal(n_events(SV_CAMERA_RETURNED, NULL), 1);
+  for (int i = 1; i < 3; i++) { // what is still held has not been written over
+    assert_true(fake_v4l2_is_frame(held[i].data, 0, held[i].sequence));
+    assert_int_equal(src.requeue(src.self, &held[i]), SV_OK);
+  }
+  assert_int_equal(src.dequeue(src.self, &other, fake.now_ns + SV_NS_PER_S), SV_OK);
+  close_all();
+}
+
+static void a_broken_queue_is_opened_again(void **state) {
+  (void)state;
+  must_open(BOTH);
+  assert_int_equal(src.start(src.self), SV_OK);
+  run_for(200 * SV_NS_PER_MS);
+  fake.device[0].is_fatal = true; // POLLERR, then EIO
+  sv_ns fault_ns = fake.now_ns;
+  tally t = run_for(SV_NS_PER_S);
+  assert_true(t.first_ns[0] - fault_ns <= 3 * PERIOD);
+  the_other_is_untouched(&t, 25);
+  int64_t error = 0;
+  assert_int_equal(n_events(SV_CAMERA_LOST, &error), 1);
+  assert_int_equal(error, EIO);
+  close_all();
+}
+
+static void a_camera_that_does_not_start_is_tried_again(void **state) {
+  (void)state;
+  must_open(BOTH);
+  fake.device[0].is_streamon_failing = true;
+  assert_int_equal(src.start(src.self), SV_OK); // the other one runs
+  tally t = run_for(SV_NS_PER_S);
+  assert_int_equal(t.n[0], 0);
+  the_other_is_untouched(&t, 25);
+  fake.device[0].is_streamon_failing = false;
+  sv_ns back_ns = fake.now_ns;
+  t = run_for(SV_NS_PER_S);
+  assert_true(t.first_ns[0] - back_ns <= 3 * PERIOD);
+  assert_int_equal(src.stop(src.self), SV_OK);
+  fake.device[0].is_streamon_failing = fake.device[1].is_streamon_failing = true;
+  assert_int_equal(src.start(src.self), SV_E_DEVICE); // none runs
+  close_all();
+}
+
+static void a_stalled_camera_is_started_again(void **state) {
+  (void)state;
+  int64_t ns = 0;
+  must_open(BOTH ",stall=300");
+  assert_int_equal(src.start(src.self), SV_OK);
+  run_for(200 * SV_NS_PER_MS);
+  fake.device[0].is_silent = true;
+  tally t = run_for(500 * SV_NS_PER_MS);
+  the_other_is_untouched(&t, 12);
+  assert_int_equal(n_events(SV_CAMERA_STALLED, &ns), 1);
+  assert_in_range(ns, 300 * SV_NS_PER_MS, 360 * SV_NS_PER_MS);
+  assert_int_equal(fake.device[0].n_streamons, 2);
+  run_for(SV_NS_PER_S); // longer: it is opened anew
+  assert_true(n_events(SV_CAMERA_LOST, NULL) >= 1);
+  fake.device[0].is_silent = false;
+  sv_ns back_ns = fake.now_ns;
+  t = run_for(SV_NS_PER_S);
+  assert_true(t.first_ns[0] - back_ns <= 3 * PERIOD);
+  close_all();
+}
+
+static void damaged_frames_are_named(void **state) {
+  (void)state;
+  static const struct {
+    const char *options;
+    size_t field;
+    sv_camera_event_kind kind;
+  } kinds[] = {{"", offsetof(fake_device, is_short), SV_CAMERA_SHORT_FRAME},
+               {"", offsetof(fake_device, is_flagged), SV_CAMERA_DAMAGED},
+               {",format=MJPG", offsetof(fake_device, is_short), SV_CAMERA_SHORT_FRAME},
+               {",format=MJPG", offsetof(fake_device, is_wrong_jpeg), SV_CAMERA_WRONG_SIZE}};
+  for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) {
+    char spec[64];
+    fake_v4l2_init(&fake, 2);
+    bool *is_on = (bool *)((char *)&fake.device[0] + kinds[i].field);
+    sv_fmt(spec, sizeof spec, "%s%s", BOTH, kinds[i].options);
+    must_open(spec);
+    assert_int_equal(src.start(src.self), SV_OK);
+    run_for(400 * SV_NS_PER_MS);
+    *is_on = true;
+    tally t = run_for(400 * SV_NS_PER_MS);
+    assert_int_equal(t.n[0], 0);
+    assert_in_range(t.n_error[0], 9, 11);
+    the_other_is_untouched(&t, 10);
+    assert_int_equal(n_events(kinds[i].kind, NULL), (uint64_t)t.n_error[0]); // each one, by its name
+    *is_on = false;
+    t = run_for(400 * SV_NS_PER_MS);
+    assert_in_range(t.n[0], 9, 11);
+    close_all();
+  }
+}
+
+static void another_size_is_not_taken(void **state) {
+  (void)state;
+  must_open(BOTH);
+  assert_int_equal(src.start(src.self), SV_OK);
+  fake_v4l2_unplug(&fake, 0);
+  run_for(200 * SV_NS_PER_MS);
+  fake_v4l2_plug(&fake, 0);
+  fake.device[0].is_other_size = true;
+  tally t = run_for(SV_NS_PER_S);
+  assert_int_equal(t.n[0], 0);
+  the_other_is_untouched(&t, 25);
+  assert_int_equal(n_events(SV_CAMERA_WRONG_SIZE, NULL), 1);
+  fake.device[0].is_other_size = false;
+  sv_ns back_ns = fake.now_ns;
+  t = run_for(SV_NS_PER_S);
+  assert_true(t.first_ns[0] - back_ns <= 3 * PERIOD);
+  close_all();
+}
+
+static void another_camera_is_not_taken(void **state) {
+  (void)state;
+  must_open(BOTH);
+  assert_int_equal(src.start(src.self), SV_OK);
+  fake_v4l2_unplug(&fake, 0);
+  run_for(200 * SV_NS_PER_MS);
+  fake_v4l2_plug(&fake, 0);
+  fake.device[0].is_other_camera = true;
+  assert_int_equal(run_for(SV_NS_PER_S).n[0], 0);
+  fake.device[0].is_other_camera = false;
+  assert_true(run_for(SV_NS_PER_S).n[0] > 20);
+  close_all();
+}
+
+static void a_hungry_reader_is_no_fault(void **state) {
+  (void)state;
+  sv_frame f[8];
+  must_open("/dev/video0,settle=0,buffers=8,stall=100");
+  assert_int_equal(src.start(src.self), SV_OK);
+  for (int i = 0; i < 8; i++)
+    assert_int_equal(src.dequeue(src.self, &f[i], fake.now_ns + SV_NS_PER_S), SV_OK);
+  assert_int_equal(src.dequeue(src.self, &f[0], fake.now_ns + SV_NS_PER_S), SV_AGAIN);
+  assert_int_equal(n_events(SV_CAMERA_STARVED, NULL), 1);
+  assert_int_equal(fake.device[0].n_streamons, 1);
+  sv_frame back = {.i_camera = 0, .i_buffer = f[1].i_buffer};
+  assert_int_equal(src.requeue(src.self, &back), SV_OK);
+  assert_int_equal(src.dequeue(src.self, &f[0], fake.now_ns + SV_NS_PER_S), SV_OK);
+  assert_true(f[0].sequence > 8); // the gap shows
+  close_all();
+}
+
+static void frames_are_counted_where_the_driver_does_not(void **state) {
+  (void)state;
+  sv_frame f;
+  fake.device[0].has_frozen_sequence = true;
+  must_open("/dev/video0,settle=0");
+  assert_int_equal(src.start(src.self), SV_OK);
+  for (uint32_t i = 0; i < 5; i++) {
+    assert_int_equal(src.dequeue(src.self, &f, fake.now_ns + SV_NS_PER_S), SV_OK);
+    assert_int_equal(f.sequence, i);
+    assert_int_equal(src.requeue(src.self, &f), SV_OK);
+  }
+  close_all();
+}
+
+int main(void) {
+#define T(f) cmocka_unit_test_setup(f, clean)
+  const struct CMUnitTest tests[] = {
+      T(every_format_is_described),
+      T(stamps_and_rates_are_told),
+      T(a_fast_enough_format_is_chosen),
+      T(what_cannot_be_opened_is_refused_with_a_sentence),
+      T(cameras_are_listed),
+      T(buffers_are_exported),
+      T(controls_hold_still_and_are_given_back),
+      T(unlocked_controls_are_left_alone),
+      T(an_unplugged_camera_comes_back),
+      T(a_broken_queue_is_opened_again),
+      T(a_camera_that_does_not_start_is_tried_again),
+      T(a_stalled_camera_is_started_again),
+      T(damaged_frames_are_named),
+      T(another_size_is_not_taken),
+      T(another_camera_is_not_taken),
+      T(a_hungry_reader_is_no_fault),
+      T(frames_are_counted_where_the_driver_does_not),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}

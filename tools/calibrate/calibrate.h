@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the commands of subview-calibrate share.
+#ifndef SV_TOOLS_CALIBRATE_CALIBRATE_H
+#define SV_TOOLS_CALIBRATE_CALIBRATE_H
+
+#include "calib/solve/boards.h"
+#include "src/rig/rig.h"
+#include "tools/calibrate/args.h"
+#include "tools/lab/lab.h"
+#include "tools/lab/report.h"
+
+#define CAL_VERSION LAB_VERSION
+
+int cal_cmd_board(const cal_options *o);
+int cal_cmd_pose(const cal_options *o);
+
+// --- pictures of boards (gather.c) -----------------------------------------------------------------------
+typedef struct {
+  char *path;
+  int i_frame;
+} cal_picture;
+
+typedef struct {
+  char name[32]; // from the pattern
+  int n_pictures, size_px[2];
+  cal_picture *pictures; // [n_pictures] in order of frames
+} cal_camera;
+
+typedef struct {
+  int n_cameras, n_frames, n_cols, n_rows;
+  cal_camera *cameras;
+  char **frames;            // [n_frames] what the wildcards stand for
+  const char **names;       // [n_cameras]
+  int (*size_px)[2];        // [n_cameras]
+  double *uv_px;            // [n_cameras][n_frames][n_rows][n_cols][2]
+  uint8_t *is_seen;         // [n_cameras][n_frames]
+  int n_searched, n_cached; // pictures searched for the board now, and taken from the cache
+} cal_boards;
+
+// Lists the pictures of --images by camera and frame. SV_E_NOT_FOUND for a pattern without pictures.
+sv_status cal_boards_list(cal_boards *b, const cal_options *o, sv_err *err) SV_MUST_USE;
+// Finds the corners in all pictures on all threads. cache: a file that remembers them by path, size and time of
+// change, read and written anew; NULL: none. Pictures of one camera must have one size.
+sv_status cal_boards_find(cal_boards *b, lab_session *s, const char *cache, sv_err *err) SV_MUST_USE;
+void cal_boards_free(cal_boards *b);
+
+// --- what the user is told (advice.c) --------------------------------------------------------------------
+#define CAL_CAP_ADVICE 64
+typedef struct {
+  int n;
+  char text[CAL_CAP_ADVICE][300];
+} cal_advice;
+void cal_advise(cal_advice *a, const char *fmt, ...) SV_PRINTF(2, 3);
+// Of a calibration: too few boards, parts of the picture without any, too little tilt, uncertain figures.
+void cal_advise_boards(cal_advice *a, const cal_boards *b, const sv_boards_result *r);
+
+// --- files (rig_out.c, plots.c) --------------------------------------------------------------------------
+// rig.json and one .cameramodel a sub-view into a folder that is made. coverage may be NULL.
+sv_status cal_rig_write(const char *folder, const sv_rig *rig, sv_err *err) SV_MUST_USE;
+// residuals.csv, and a picture per camera in folder/plots drawn by gnuplot (where it is installed).
+sv_status cal_plots_write(const char *folder, const cal_boards *b, const sv_boards_result *r, lab_session *s,
+                          sv_err *err) SV_MUST_USE;
+
+#endif

@@ -1,0 +1,249 @@
+// SPDX-License-Identifier: Apache-2.0
+// subview-calibrate pose: where a rig was for each exposure of a capture. The runtime's own tracker (src/track), with
+// OpenGV's absolute pose as a second opinion where it is installed.
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "calib/solve/rig_pose.h"
+#include "platform/linux/linux.h"
+#include "platform/replay/replay.h"
+#include "src/app/odometry.h"
+#include "src/format/rig_file.h"
+#include "src/sync/intake.h"
+#include "tools/calibrate/calibrate.h"
+#include "tools/common/fileio.h"
+
+#define BLOCK_BYTES ((size_t)6 << 30) // of address space; pages come when they are used
+#define SKEW_NS     (20 * SV_NS_PER_MS)
+#define LINE_BYTES  256
+
+static struct {
+  sv_arena arena;
+  sv_replay replay;
+  sv_source source;
+  sv_clock clock;
+  sv_rig rig;
+  sv_camera_caps *caps;
+  sv_frame *frames;
+  sv_intake intake;
+  sv_exposures pool; // of one exposure
+  sv_odometry odometry;
+  sv_tracker *tracker;
+  sv_kernels k;
+  sv_pool threads;
+  sv_ns *time_ns; // [n]
+  int n;
+} p;
+
+static int fail(const sv_err *e) {
+  fprintf(stderr, "subview-calibrate: %s\n", e->text);
+  return CAL_EXIT_FAILED;
+}
+
+// --- opening -------------------------------------------------------------------------------------
+
+static sv_status open_capture(const cal_options *o, sv_err *err) {
+  sv_replay_cfg cfg = {.speed = 0};
+  if (strlen(o->capture) >= sizeof cfg.dir) return sv_fail(err, SV_E_ARG, "--capture: the name is too long");
+  sv_copy(cfg.dir, sizeof cfg.dir, o->capture);
+  sv_status s = sv_replay_init(&p.replay, &cfg, &p.arena, err);
+  if (s < 0) return s;
+  p.source = sv_replay_source(&p.replay);
+  p.clock = sv_replay_clock(&p.replay);
+  p.caps = SV_TAKE(&p.arena, sv_camera_caps, p.source.n_cameras);
+  p.frames = SV_TAKE(&p.arena, sv_frame, p.source.n_cameras);
+  if (!p.caps || !p.frames) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its cameras", o->capture);
+  for (int i = 0; i < p.source.n_cameras; i++) {
+    if ((s = p.source.caps(p.source.self, i, &p.caps[i])) < 0)
+      return sv_fail(err, s, "%s: camera %d does not tell what it can do", o->capture, i);
+    int n = p.replay.capture.cameras[i].n_frames;
+    p.n = i == 0 || n < p.n ? n : p.n;
+  }
+  return p.n > 1 ? SV_OK : sv_fail(err, SV_E_RANGE, "%s: %d exposures, expected at least 2", o->capture, p.n);
+}
+
+static sv_status open_rig(const cal_options *o, sv_err *err) {
+  sv_file_reader files = {(void *)(uintptr_t)o->rig, sv_folder_read};
+  if (sv_rig_init(&p.rig, SV_CAP_SUB_VIEWS, &p.arena) < 0)
+    return sv_fail(err, SV_E_NOMEM, "%s: no memory for the rig", o->rig);
+  sv_status s = sv_rig_read(&p.rig, &files, "rig.json", p.source.n_cameras, &p.arena, err);
+  if (s < 0) return s;
+  return sv_odometry_can(&p.rig, p.n)
+             ? SV_OK
+             : sv_fail(err, SV_E_UNSUPPORTED,
+                       "%s: the lens images of a multiplexed rig overlap, they cannot be tracked", o->rig);
+}
+
+static sv_status open_tracker(sv_err *err) {
+  sv_intake_cfg ic = {.n_cameras = p.source.n_cameras,
+                      .caps = p.caps,
+                      .skew_limit_ns = SKEW_NS,
+                      .queue_len = 4,
+                      .cap_ready = 4};
+  sv_exposures_cfg ec = {
+      .rig = &p.rig, .cap_exposures = 1, .caps = p.caps, .n_cameras = p.source.n_cameras, .n_threads = 1};
+  sv_status s = sv_intake_init(&p.intake, &ic, &p.source, &p.clock, &p.arena);
+  if (s < 0) return sv_fail(err, s, "no synchronisation for %d cameras", p.source.n_cameras);
+  if ((s = sv_exposures_init(&p.pool, &ec, &p.arena, err)) < 0) return s;
+  sv_kernels_init(&p.k, ~0u);
+  p.threads = sv_pool_serial();
+  p.time_ns = SV_TAKE(&p.arena, sv_ns, p.n);
+  s = sv_odometry_init(&p.odometry, &p.rig, p.n, &p.pool, &p.k, 1, &p.arena, err);
+  p.tracker = &p.odometry.tracker;
+  p.tracker->cfg.has_extrinsics = false;
+  if (sv_rig_pose_has_opengv()) p.tracker->cfg.solver.absolute = sv_rig_pose_opengv;
+  return s;
+}
+
+// --- tracking ------------------------------------------------------------------------------------
+
+static sv_status take(const cal_options *o, int *n, sv_err *err) {
+  sv_intake_exposure t = {.frames = p.frames};
+  sv_status s = sv_intake_take(&p.intake, &t);
+  if (s != SV_OK) return s;
+  p.pool.i_next = 0;
+  s = sv_exposures_add(&p.pool, &t.exposure, t.frames, &p.k, &p.threads, err);
+  sv_intake_give_back(&p.intake, &t, true);
+  if (s < 0) return s == SV_E_FORMAT || s == SV_E_CORRUPT ? SV_DROPPED : s;
+  p.time_ns[*n] = t.exposure.time_ns;
+  s = sv_odometry_add(&p.odometry, &p.pool, 0);
+  if (s < 0) return sv_fail(err, s, "exposure %d: %s", *n, sv_status_text(s));
+  if (!o->is_quiet && (++*n % 10 == 0 || *n == p.n)) fprintf(stderr, "pose  %d/%d exposures\n", *n, p.n);
+  else if (o->is_quiet) ++*n;
+  return SV_OK;
+}
+
+static sv_status track(const cal_options *o, int *n, sv_err *err) {
+  sv_status s = sv_intake_start(&p.intake, err), got = SV_OK;
+  if (s < 0) return s;
+  while (*n < p.n && s != SV_END) {
+    s = sv_intake_step(&p.intake, p.clock.now_ns(p.clock.self) + SV_NS_PER_S);
+    while (*n < p.n && ((got = take(o, n, err)) == SV_OK || got == SV_DROPPED)) {
+    }
+    if (got < 0) break;
+  }
+  s = sv_intake_stop(&p.intake);
+  if (got < 0) return got;
+  if (s < 0) return sv_fail(err, s, "%s: the replay did not stop", o->capture);
+  return *n > 1 ? SV_OK
+                : sv_fail(err, SV_E_NOT_FOUND,
+                          "%s: %d synchronized exposures (skew limit %g ms), expected at least 2", o->capture,
+                          *n, sv_ns_to_ms(SKEW_NS));
+}
+
+// --- writing -------------------------------------------------------------------------------------
+
+static sv_status begin(sv_file *f, const cal_options *o, const char *name, sv_err *err) {
+  char path[SV_CAP_PATH];
+  sv_status s = sv_path_join(path, sizeof path, o->out, name, err);
+  return s < 0 ? s : sv_file_begin(f, path, err);
+}
+
+// The member "poses" of a capture.json, on its own.
+static sv_status write_poses(const cal_options *o, int n, sv_err *err) {
+  sv_file f;
+  char buf[LINE_BYTES * 2];
+  bool has = false;
+  sv_status s = begin(&f, o, "poses.json", err);
+  static const char head[] = "{\"version\": 1, \"poses\": [";
+  if (s >= 0) s = sv_file_append(&f, head, sizeof head - 1, err);
+  for (int i = 0; i < n && s >= 0; i++) {
+    const sv_pose *pose = &p.tracker->pose[i];
+    double q[4];
+    sv_str t = sv_str_make(buf, sizeof buf);
+    if (!p.tracker->is_placed[i]) continue;
+    sv_quat_from_mat(q, pose->r);
+    sv_str_add(
+        &t,
+        "%s\n  {\"time_ns\": %lld, \"rig_from_world\": [%.17g, %.17g, %.17g, %.17g, %.17g, %.17g, %.17g]}",
+        has ? "," : "", (long long)p.time_ns[i], q[0], q[1], q[2], q[3], pose->t[0], pose->t[1], pose->t[2]);
+    has = true;
+    s = sv_file_append(&f, t.buf, t.len, err);
+  }
+  if (s >= 0) s = sv_file_append(&f, "\n]}\n", 4, err);
+  return s < 0 ? s : sv_file_commit(&f, err);
+}
+
+static sv_status write_cloud(const cal_options *o, const sv_track_summary *m, sv_err *err) {
+  sv_file f;
+  char buf[LINE_BYTES];
+  sv_str t = sv_str_make(buf, sizeof buf);
+  sv_status s = begin(&f, o, "points.ply", err);
+  sv_str_add(
+      &t,
+      "ply\nformat ascii 1.0\nelement vertex %d\nproperty float x\nproperty float y\nproperty float z\n"
+      "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n",
+      m->n_points);
+  if (s >= 0) s = sv_file_append(&f, t.buf, t.len, err);
+  for (int i = 0; i < p.tracker->n_points && s >= 0; i++) {
+    const sv_track_point *x = &p.tracker->point[i];
+    if (!x->has_depth) continue;
+    t = sv_str_make(buf, sizeof buf);
+    sv_str_add(&t, "%.9g %.9g %.9g %d %d %d\n", x->x[0], x->x[1], x->x[2], x->rgb[0], x->rgb[1], x->rgb[2]);
+    s = sv_file_append(&f, t.buf, t.len, err);
+  }
+  return s < 0 ? s : sv_file_commit(&f, err);
+}
+
+static void tell(const cal_options *o, const sv_track_summary *m) {
+  if (o->is_json) {
+    printf("{\"exposures\": %d, \"placed\": %d, \"points\": %d, \"is_still\": %s, \"still_px\": %.3f, "
+           "\"path_m\": %.5f, "
+           "\"rms_px\": %.4f, \"scale_sigma\": %.6f, \"has_opengv\": %s}\n",
+           m->n_exposures, m->n_placed, m->n_points, m->is_still ? "true" : "false", m->still_px, m->path_m,
+           m->rms_px, m->scale_sigma, sv_rig_pose_has_opengv() ? "true" : "false");
+    return;
+  }
+  if (m->is_still)
+    printf("the rig stands still (background moves by %.2f px): %d exposures, %d points, reprojection RMS "
+           "%.2f px\n",
+           m->still_px, m->n_exposures, m->n_points, m->rms_px);
+  else
+    printf("%d of %d exposures placed on a way of %.3f m, %d points, reprojection RMS %.2f px, scale +- %.2f "
+           "%%\n",
+           m->n_placed, m->n_exposures, m->path_m, m->n_points, m->rms_px, 100 * m->scale_sigma);
+  if (!m->is_still && (m->scale_sigma < 0 || m->scale_sigma > 0.02))
+    printf("warning: the rig's baseline is too small for this scene to tell its size well\n");
+  printf("saved: %s/poses.json %s/points.ply\n", o->out, o->out);
+}
+
+static int run(const cal_options *o) {
+  sv_err err = {0};
+  sv_track_summary m;
+  int n = 0;
+  sv_status s = open_capture(o, &err);
+  if (s >= 0) s = open_rig(o, &err);
+  if (s >= 0) s = open_tracker(&err);
+  if (s >= 0) s = track(o, &n, &err);
+  if (s < 0) return fail(&err);
+  sv_tracker_finish(p.tracker, &m);
+  if (!m.is_still && m.n_placed < 2) {
+    s = sv_fail(
+        &err, SV_E_NOT_FOUND,
+        "%s: %d of %d exposures could be placed from %d points: expected a textured scene, little motion "
+        "between exposures, and cameras that see the same things",
+        o->capture, m.n_placed, n, m.n_points);
+    return fail(&err);
+  }
+  s = sv_path_make_folder(o->out, &err);
+  if (s >= 0) s = write_poses(o, n, &err);
+  if (s >= 0) s = write_cloud(o, &m, &err);
+  if (s < 0) return fail(&err);
+  tell(o, &m);
+  return CAL_EXIT_OK;
+}
+
+int cal_cmd_pose(const cal_options *o) {
+  void *block = malloc(BLOCK_BYTES);
+  if (!block) {
+    fprintf(stderr, "subview-calibrate: no memory\n");
+    return CAL_EXIT_FAILED;
+  }
+  memset(&p, 0, sizeof p);
+  p.arena = sv_arena_make(block, BLOCK_BYTES);
+  int code = run(o);
+  sv_replay_close(&p.replay);
+  free(block);
+  return code;
+}

@@ -1,0 +1,249 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/lab/model_formats.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "platform/codec/gzip.h"
+#include "src/base/str.h"
+#include "src/format/bytes.h"
+#include "src/format/glb.h"
+#include "src/format/splat_file.h"
+#include "src/format/spz.h"
+#include "tools/common/fileio.h"
+
+#if defined(__has_include) && __has_include(<zstd.h>)
+#include <zstd.h>
+#define HAS_ZSTD 1
+#else
+#define HAS_ZSTD 0
+#endif
+
+#define CAP_N 4000000u
+
+// --- .splat --------------------------------------------------------------------------------------
+
+typedef struct {
+  float order;
+  int i;
+} ranked;
+
+static int by_order(const void *a, const void *b) { // largest first; equal ones stay in the model's order
+  const ranked *x = a, *y = b;
+  return x->order > y->order ? -1 : x->order < y->order ? 1 : (x->i > y->i) - (x->i < y->i);
+}
+
+sv_status lab_write_splat(const sv_gaussians *g, const char *path, sv_err *err) {
+  ranked *rank = malloc((size_t)g->n * sizeof *rank);
+  uint8_t *out = malloc((size_t)g->n * SV_SPLAT_BYTES);
+  sv_status s = rank && out ? SV_OK : sv_fail(err, SV_E_NOMEM, "%s: no memory for %d Gaussians", path, g->n);
+  sv_gaussian v;
+  for (int i = 0; s == SV_OK && i < g->n; i++) {
+    sv_gaussians_get(g, i, &v);
+    rank[i] = (ranked){sv_splat_order(&v), i};
+  }
+  if (s == SV_OK) qsort(rank, (size_t)g->n, sizeof *rank, by_order);
+  for (int i = 0; s == SV_OK && i < g->n; i++) {
+    sv_gaussians_get(g, rank[i].i, &v);
+    sv_splat_encode(&v, out + (size_t)i * SV_SPLAT_BYTES);
+  }
+  if (s == SV_OK) s = sv_file_write(path, out, (size_t)g->n * SV_SPLAT_BYTES, err);
+  free(rank);
+  free(out);
+  return s;
+}
+
+// --- SPZ -----------------------------------------------------------------------------------------
+
+#if HAS_ZSTD
+static sv_status write_zstd(const sv_spz *z, const uint8_t *packed, const char *path, sv_err *err) {
+  uint64_t sizes[SV_SPZ_N_STREAMS] = {0};
+  uint8_t head[SV_SPZ_HEAD4_BYTES],
+      *body = malloc(ZSTD_compressBound(sv_spz_bytes(z)) + 1024 * SV_SPZ_N_STREAMS);
+  size_t n = 0, cap = ZSTD_compressBound(sv_spz_bytes(z)) + 1024 * SV_SPZ_N_STREAMS;
+  sv_status s = body ? SV_OK : sv_fail(err, SV_E_NOMEM, "%s: no memory", path);
+  for (int i = 0; s == SV_OK && i < SV_SPZ_N_STREAMS; i++) {
+    size_t at, bytes;
+    sv_spz_stream(z, i, &at, &bytes);
+    if (!bytes) continue;
+    size_t got = ZSTD_compress(body + n, cap - n, packed + at, bytes, 12);
+    if (ZSTD_isError(got)) s = sv_fail(err, SV_E_NOMEM, "%s: %s", path, ZSTD_getErrorName(got));
+    else sizes[i] = got, n += got;
+  }
+  sv_file f;
+  if (s == SV_OK) s = sv_file_begin(&f, path, err);
+  if (s == SV_OK) {
+    size_t n_head = sv_spz_head4(z, sizes, head);
+    s = sv_file_append(&f, head, n_head, err);
+    if (s == SV_OK) s = sv_file_append(&f, body, n, err);
+    if (s == SV_OK) s = sv_file_commit(&f, err);
+    else sv_file_abandon(&f);
+  }
+  free(body);
+  return s;
+}
+
+static sv_status unpack_zstd(sv_spz *z, const char *path, const uint8_t *data, size_t n, uint8_t **packed,
+                             sv_err *err) {
+  size_t at[SV_SPZ_N_STREAMS], compressed[SV_SPZ_N_STREAMS];
+  sv_status s = sv_spz_open4(z, path, data, n, at, compressed, err);
+  if (s < 0) return s;
+  if (z->n < 1 || z->n > CAP_N)
+    return sv_fail(err, SV_E_RANGE, "%s: %u Gaussians; 1 to %u were expected", path, z->n, CAP_N);
+  *packed = malloc(sv_spz_bytes(z));
+  if (!*packed) return sv_fail(err, SV_E_NOMEM, "%s: no memory for %u Gaussians", path, z->n);
+  for (int i = 0; i < SV_SPZ_N_STREAMS; i++) {
+    size_t to, bytes;
+    sv_spz_stream(z, i, &to, &bytes);
+    if (bytes && ZSTD_decompress(*packed + to, bytes, data + at[i], compressed[i]) != bytes)
+      return sv_fail(err, SV_E_FORMAT, "%s: stream %d is damaged", path, i);
+  }
+  return SV_OK;
+}
+#else
+static sv_status write_zstd(const sv_spz *z, const uint8_t *packed, const char *path, sv_err *err) {
+  (void)z, (void)packed;
+  return sv_fail(err, SV_E_UNSUPPORTED, "%s: this build has no zstd: SPZ version 2 or 3", path);
+}
+static sv_status unpack_zstd(sv_spz *z, const char *path, const uint8_t *data, size_t n, uint8_t **packed,
+                             sv_err *err) {
+  (void)z, (void)data, (void)n, (void)packed;
+  return sv_fail(err, SV_E_UNSUPPORTED, "%s: SPZ version 4, and this build has no zstd", path);
+}
+#endif
+
+sv_status lab_write_spz(const sv_gaussians *g, bool is_mip, int version, const char *path, sv_err *err) {
+  sv_spz z = {.version = version, .n = (uint32_t)g->n, .sh_degree = g->sh_degree, .is_mip = is_mip};
+  uint8_t header[SV_SPZ_HEADER_BYTES], *gz = NULL, *packed = malloc(sv_spz_bytes(&z));
+  size_t bytes;
+  if (!packed) return sv_fail(err, SV_E_NOMEM, "%s: no memory for %d Gaussians", path, g->n);
+  for (int i = 0; i < g->n; i++) {
+    sv_gaussian v;
+    sv_gaussians_get(g, i, &v);
+    sv_spz_put(&z, packed, (uint32_t)i, &v);
+  }
+  sv_spz_header(&z, header);
+  sv_piece pieces[2] = {{header, sizeof header}, {packed, sv_spz_bytes(&z)}};
+  sv_status s = version == 4 ? write_zstd(&z, packed, path, err) : sv_gzip(pieces, 2, &gz, &bytes, err);
+  if (s == SV_OK && version != 4) s = sv_file_write(path, gz, bytes, err);
+  free(packed);
+  free(gz);
+  return s;
+}
+
+// --- GLB -----------------------------------------------------------------------------------------
+
+sv_status lab_write_glb(const sv_gaussians *g, const char *path, sv_err *err) {
+  sv_glb z = {.sh_degree = g->sh_degree};
+  sv_gaussian v;
+  for (int i = 0; i < g->n; i++) {
+    sv_gaussians_get(g, i, &v);
+    sv_glb_extend(&z, &v);
+  }
+  uint8_t *file = malloc(sv_glb_bytes(&z));
+  if (!file) return sv_fail(err, SV_E_NOMEM, "%s: no memory for %d Gaussians", path, g->n);
+  sv_status s = sv_glb_head(&z, file, err);
+  for (int i = 0; s == SV_OK && i < g->n; i++) {
+    sv_gaussians_get(g, i, &v);
+    sv_glb_put(&z, file, (uint32_t)i, &v);
+  }
+  if (s == SV_OK) s = sv_file_write(path, file, sv_glb_bytes(&z), err);
+  free(file);
+  return s;
+}
+
+// --- reading -------------------------------------------------------------------------------------
+
+static sv_status make_room(sv_gaussians *g, void **block, const char *path, uint32_t n, int degree,
+                           sv_err *err) {
+  if (n < 1 || n > CAP_N)
+    return sv_fail(err, SV_E_RANGE, "%s: %u Gaussians; 1 to %u were expected", path, n, CAP_N);
+  size_t bytes = sv_gaussians_bytes((int)n, degree) + SV_ARENA_ALIGN;
+  *block = malloc(bytes);
+  if (!*block) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its %u Gaussians", path, n);
+  sv_arena a = sv_arena_make(*block, bytes);
+  sv_status s = sv_gaussians_init(g, (int)n, degree, &a);
+  return s < 0 ? sv_fail(err, s, "%s: %u Gaussians cannot be held", path, n) : SV_OK;
+}
+
+static sv_status read_splat(sv_gaussians *g, void **block, const char *path, const uint8_t *d, size_t bytes,
+                            sv_err *err) {
+  if (bytes % SV_SPLAT_BYTES)
+    return sv_fail(err, SV_E_FORMAT, "%s: %zu bytes; a multiple of %d was expected", path, bytes,
+                   SV_SPLAT_BYTES);
+  sv_status s = make_room(g, block, path, (uint32_t)(bytes / SV_SPLAT_BYTES), 0, err);
+  for (int i = 0; s == SV_OK && i < g->n; i++) {
+    sv_gaussian v;
+    sv_splat_decode(d + (size_t)i * SV_SPLAT_BYTES, &v);
+    sv_gaussians_put(g, i, &v);
+  }
+  return s;
+}
+
+static sv_status read_spz(sv_gaussians *g, bool *is_mip, void **block, const char *path, const uint8_t *d,
+                          size_t n, sv_err *err) {
+  sv_spz z;
+  uint8_t *raw = NULL, *packed = NULL;
+  size_t bytes;
+  sv_status s;
+  if (sv_spz_is_4(d, n)) s = unpack_zstd(&z, path, d, n, &packed, err);
+  else {
+    s = sv_gunzip(path, d, n, (size_t)CAP_N * 65 + SV_SPZ_HEADER_BYTES, &raw, &bytes, err);
+    if (s == SV_OK) s = sv_spz_open(&z, path, raw, bytes, err);
+  }
+  if (s == SV_OK) s = make_room(g, block, path, z.n, z.sh_degree, err);
+  for (int i = 0; s == SV_OK && i < g->n; i++) {
+    sv_gaussian v;
+    sv_spz_get(&z, packed ? packed : raw + SV_SPZ_HEADER_BYTES, (uint32_t)i, &v);
+    sv_gaussians_put(g, i, &v);
+  }
+  if (s == SV_OK) *is_mip = z.is_mip;
+  free(raw);
+  free(packed);
+  return s;
+}
+
+static sv_status read_glb(sv_gaussians *g, void **block, const char *path, const uint8_t *d, size_t bytes,
+                          sv_err *err) {
+  sv_glb_reader r;
+  jsmntok_t *tok = malloc(SV_GLB_CAP_TOKENS * sizeof *tok);
+  if (!tok) return sv_fail(err, SV_E_NOMEM, "%s: no memory", path);
+  sv_status s = sv_glb_open(&r, path, d, bytes, tok, err);
+  if (s == SV_OK) s = make_room(g, block, path, r.n, r.sh_degree, err);
+  for (int i = 0; s == SV_OK && i < g->n; i++) {
+    sv_gaussian v;
+    sv_glb_get(&r, (uint32_t)i, &v);
+    sv_gaussians_put(g, i, &v);
+  }
+  free(tok);
+  return s;
+}
+
+static bool is_glb(const uint8_t *d, size_t n) { return n >= 4 && !memcmp(d, "glTF", 4); }
+static bool is_spz(const uint8_t *d, size_t n) {
+  return sv_spz_is_4(d, n) || (n >= 2 && d[0] == 0x1f && d[1] == 0x8b);
+}
+
+bool lab_is_viewer_format(const char *path, const void *data, size_t bytes) {
+  return is_glb(data, bytes) || is_spz(data, bytes) || sv_str_eq(sv_path_extension(path), ".splat");
+}
+
+sv_status lab_read_viewer_format(sv_gaussians *g, bool *is_mip, void **block, const char *path,
+                                 const void *data, size_t bytes, sv_err *err) {
+  *is_mip = false;
+  *block = NULL;
+  sv_status s = is_glb(data, bytes)   ? read_glb(g, block, path, data, bytes, err)
+                : is_spz(data, bytes) ? read_spz(g, is_mip, block, path, data, bytes, err)
+                                      : read_splat(g, block, path, data, bytes, err);
+  // Numbers that no model has: a file of another kind, or damage that the format cannot show.
+  for (int i = 0; s == SV_OK && i < g->n; i++)
+    for (int k = 0; k < g->n_rows; k++) {
+      float v = *sv_gaussians_at(g, i, k);
+      if (!(v > -1e30f && v < 1e30f))
+        s = sv_fail(err, SV_E_FORMAT, "%s: Gaussian %d has values that are no numbers", path, i);
+    }
+  if (s == SV_OK) return s;
+  free(*block);
+  *block = NULL;
+  return s;
+}

@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+// Models in the formats of viewers: .splat, SPZ, GLB (src/format has the layouts; here is the memory and the
+// compressing).
+#ifndef SV_TOOLS_LAB_MODEL_FORMATS_H
+#define SV_TOOLS_LAB_MODEL_FORMATS_H
+
+#include <stdbool.h>
+
+#include "src/splat/gaussians.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+sv_status lab_write_splat(const sv_gaussians *g, const char *path, sv_err *err) SV_MUST_USE;
+// version 2, 3 (gzip) or 4 (zstd; E_UNSUPPORTED in a build without libzstd).
+sv_status lab_write_spz(const sv_gaussians *g, bool is_mip, int version, const char *path,
+                        sv_err *err) SV_MUST_USE;
+sv_status lab_write_glb(const sv_gaussians *g, const char *path, sv_err *err) SV_MUST_USE;
+
+// Is this one of these formats (by its first bytes; .splat by name)?
+bool lab_is_viewer_format(const char *path, const void *data, size_t bytes);
+// Reads it into Gaussians inside a block of malloc (*block, the caller's to free).
+sv_status lab_read_viewer_format(sv_gaussians *g, bool *is_mip, void **block, const char *path,
+                                 const void *data, size_t bytes, sv_err *err) SV_MUST_USE;
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+// --motion clip|field[,k=v...].
+#include <string.h>
+
+#include "src/base/str.h"
+#include "tools/lab/lab.h"
+
+typedef struct {
+  const char *name;
+  float *real;
+  int *whole;
+  double most;
+} setting;
+
+static int set_field(sv_dynamic_cfg *d, const char *name, size_t n) {
+  char preset[16];
+  if (n >= sizeof preset) return LAB_EXIT_USAGE;
+  memcpy(preset, name, n);
+  preset[n] = 0;
+  return sv_field_preset(preset, &d->field) ? LAB_EXIT_OK : LAB_EXIT_USAGE;
+}
+
+static int set_number(const setting *known, size_t n_known, const char *p, size_t k, size_t n) {
+  size_t i = 0;
+  double v;
+  while (i < n_known && !(strlen(known[i].name) == k && !strncmp(p, known[i].name, k))) i++;
+  if (k >= n || i == n_known || !sv_parse_double(p + k + 1, n - k - 1, &v) || !(v >= 0 && v <= known[i].most))
+    return LAB_EXIT_USAGE;
+  if (known[i].real) *known[i].real = (float)v;
+  else *known[i].whole = (int)v;
+  return LAB_EXIT_OK;
+}
+
+int lab_parse_motion(const char *text, sv_train_cfg *c) {
+  sv_dynamic_cfg *d = &c->dynamic;
+  int functions = (int)d->functions, tv_kind = SV_FIELD_TV_CODED;
+  const setting known[] = {{"from", &d->from, 0, 1},
+                           {"window", &d->window_start, 0, 10},
+                           {"functions", 0, &functions, 1},
+                           {"tv_kind", 0, &tv_kind, 1},
+                           {"unrest", &d->unrest, 0, 1},
+                           {"find_every", &d->find_every, 0, 1},
+                           {"find_until", &d->find_until, 0, 1},
+                           {"pos", 0, &d->n_pos, SV_CAP_MOTION_FUNCTIONS},
+                           {"rot", 0, &d->n_rot, SV_CAP_MOTION_FUNCTIONS},
+                           {"colour", 0, &d->n_colour, SV_CAP_MOTION_FUNCTIONS},
+                           {"lr_pos", &d->pos, 0, 1e3},
+                           {"lr_rot", &d->rot, 0, 1},
+                           {"lr_colour", &d->colour, 0, 1},
+                           {"lr_window", &d->window, 0, 1},
+                           {"reg_pos", &d->reg_pos, 0, 1e3},
+                           {"reg_rot", &d->reg_rot, 0, 1e3},
+                           {"reg_colour", &d->reg_colour, 0, 1e3},
+                           {"still_px", &d->still_px, 0, 1e3},
+                           {"still_fade", &d->still_fade, 0, 1e3},
+                           {"tv", &d->field.tv, 0, 1e3},
+                           {"smooth", &d->field.smooth, 0, 1e3},
+                           {"l1", &d->field.l1_time, 0, 1e3},
+                           {"start", &d->field.start, 0, 1},
+                           {"lr_planes", &d->field.lr_planes, 0, 1},
+                           {"lr_planes_end", &d->field.lr_planes_end, 0, 1},
+                           {"lr_layers", &d->field.lr_layers, 0, 1},
+                           {"lr_layers_end", &d->field.lr_layers_end, 0, 1},
+                           {"times", 0, &d->field.n_times, 1024},
+                           {"still_colour", &d->still_colour, 0, 1}};
+  const size_t n_known = sizeof known / sizeof *known;
+  size_t n = text ? strcspn(text, ",") : 0;
+  d->kind = SV_DEFORM_CLIP;
+  (void)sv_field_preset("small", &d->field);
+  if (n == 5 && !strncmp(text, "field", 5)) d->kind = SV_DEFORM_FIELD;
+  else if (text && !(n == 4 && !strncmp(text, "clip", 4))) return LAB_EXIT_USAGE;
+  for (const char *p = text ? text + n : ""; *p;) {
+    size_t k = strcspn(++p, "=");
+    n = strcspn(p, ",");
+    int e = k == 6 && k < n && !strncmp(p, "preset", 6) && d->kind == SV_DEFORM_FIELD
+                ? set_field(d, p + 7, n - 7)
+                : set_number(known, n_known, p, k, n);
+    if (e != LAB_EXIT_OK) return e;
+    p += n;
+  }
+  d->functions = (sv_motion_functions_kind)functions;
+  d->field.tv_kind = (sv_field_tv)tv_kind;
+  return LAB_EXIT_OK;
+}
+
+void lab_dynamic_cfg(const lab_options *o, sv_train_cfg *c) { (void)lab_parse_motion(o->motion, c); }
