@@ -44,12 +44,6 @@ static void fill_rates(job *j, float mean_lr, double bias1) {
   }
 }
 
-// About N(0,1) from one hash: the sum of four bytes (Irwin-Hall), variance 1.
-static float hash_normal(uint32_t h) {
-  uint32_t s = (h & 255) + (h >> 8 & 255) + (h >> 16 & 255) + (h >> 24);
-  return ((float)s - 510.0f) * (1.0f / 147.8f);
-}
-
 static int n_tasks(const job *j) { return (j->n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK; }
 
 // The mean of a Gaussian of opacity 0.076 and more stays where it is: the gate's opening is below 1e-3.
@@ -64,7 +58,7 @@ static void explore(const job *j, int block, uint32_t touched, float *p) {
     on |= 1u << k;
     for (uint32_t a = 0; a < 3; a++)
       eta[16 * a + (uint32_t)k] =
-          hash_normal(sv_hash3((uint32_t)(block * 16 + k), j->t->step, (uint32_t)j->t->cfg.seed * 4u + a));
+          sv_hash_normal(sv_hash3((uint32_t)(block * 16 + k), j->t->step, (uint32_t)j->t->cfg.seed * 4u + a));
   }
   if (on) j->t->k->explore(p, on, eta, j->noise_gain, SV_OPACITY_DEAD);
 }

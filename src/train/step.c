@@ -196,8 +196,11 @@ static sv_status region_step(sv_trainer *t, int i, const sv_render_options *o, s
   const sv_composite *c = &tc->model;
   sv_region region = sv_train_region(t, tc, i);
   sv_photometric_value loss;
+  t->forward.noise =
+      (sv_forward_noise){t->cfg.noise_read, t->cfg.noise_shot, sv_hash3((uint32_t)t->cfg.seed, t->step, 0)};
   sv_status s = sv_train_predict(t, c, &region, o, &last, &n_px);
   if (s < 0 || last < 0) return s;
+  t->forward.noise = (sv_forward_noise){0};
   load_region(t, tc, &region);
   sv_photometric_loss(&t->photometric, t->k, t->pool, &t->forward.predicted, &t->target, &t->grad,
                       t->err_plane, t->cfg.weight_ssim, &loss);
