@@ -8,7 +8,7 @@ static sv_status write_as(const lab_options *o, const lab_model *m, sv_err *err)
   if (sv_str_eq(o->format, "splat")) return lab_write_splat(&m->g, o->out, err);
   if (sv_str_eq(o->format, "spz")) return lab_write_spz(&m->g, m->is_mip, version, o->out, err);
   if (sv_str_eq(o->format, "glb")) return lab_write_glb(&m->g, o->out, err);
-  return lab_model_write(&m->g, m->is_mip, o->out, err);
+  return lab_model_write(&m->g, m->is_mip, m->dilation_px2, o->out, err);
 }
 
 int lab_cmd_export(const lab_options *o) {
