@@ -41,7 +41,7 @@ OBJDUMP := $(BOARD_CROSS)objdump
 # kernels/kernels.h).
 ARITH  := -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARN   := -Wall -Wextra -Wpedantic -Wshadow -Wvla -Walloca -Wstrict-prototypes \
-          -Wpointer-arith -Wno-unused-function $(WERROR)
+          -Wpointer-arith -Wno-unused-function -Wno-missing-field-initializers $(WERROR)
 SANF   := $(if $(SAN),-fsanitize=$(SAN) -fno-sanitize-recover=all -fno-omit-frame-pointer)
 OPT    ?= $(if $(SAN),-O1,-O2)
 OPT_KERNELS ?= $(if $(SAN),-O1,-O3)
@@ -83,7 +83,7 @@ PLAT_SRC   := $(filter-out platform/libcamera/libcamera_none.c,$(PLAT_SRC))
 LIBS       += $(if $(HAVE_libcamera),-lcamera -lcamera-base -lstdc++)
 endif
 SOLVE_LIBS_mrcal     := -lmrcal -lcholmod
-SOLVE_LIBS_opencv    := -lopencv_calib3d -lopencv_features2d -lopencv_imgproc -lopencv_core
+SOLVE_LIBS_opencv    := -lopencv_calib3d -lopencv_video -lopencv_features2d -lopencv_imgproc -lopencv_core
 SOLVE_LIBS_mrgingham := -lmrgingham -lopencv_core
 SOLVE_LIBS_opengv    := -lopengv
 HAVE_mrcal     := $(call have,mrcal/mrcal.h suitesparse/cholmod.h)
@@ -320,6 +320,9 @@ $(BUILD)/sysroot-%/.complete: tools/deps/sysroot.sh
 install: programs ## copy the programs to PREFIX (and DESTDIR)
 	@install -d '$(DESTDIR)$(PREFIX)/bin'
 	@install $(PROGRAMS) '$(DESTDIR)$(PREFIX)/bin'
+	@install -d '$(DESTDIR)$(PREFIX)/share/bash-completion/completions'
+	@for p in subview subview-lab subview-calibrate; do install -m 644 tools/completion/subview.bash \
+	  "$(DESTDIR)$(PREFIX)/share/bash-completion/completions/$$p"; done
 clean: ## remove what was built for BOARD
 	@rm -rf $(O)
 help: ## this list

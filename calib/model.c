@@ -33,6 +33,13 @@ bool sv_model_unproject(const sv_camera_model *m, const double uv[2], double ray
 
 const char *sv_model_name(sv_model_kind kind) { return is_known(kind) ? models[kind].name : "?"; }
 
+bool sv_model_is_straight(const sv_camera_model *m) {
+  if (m->kind == SV_MODEL_KB4 || m->kind == SV_MODEL_SPLINED) return false;
+  for (int i = 4; i < sv_model_n_params(m->kind); i++)
+    if (m->p[i] != 0) return false;
+  return true;
+}
+
 int sv_model_n_params(sv_model_kind kind) { return is_known(kind) ? models[kind].n_params : 0; }
 
 bool sv_model_by_name(const char *name, sv_model_kind *out) {

@@ -10,10 +10,10 @@
 #include <stddef.h>
 
 #include "calib/model_fn.h"
+#include "calib/poly.h"
 
-#define N_COEF  7    // polynomials of degree 6 in s
-#define MAX_S   1e12 // beyond 89.9999 degrees there is no image
-#define N_SPLIT 24
+#define N_COEF SV_POLY_COEF
+#define MAX_S  1e12 // beyond 89.9999 degrees there is no image
 
 typedef struct {
   double k1, k2, p1, p2, k3, k4, k5, k6;
@@ -26,42 +26,6 @@ static distortion read_terms(const sv_camera_model *m) {
   return (distortion){d[0], d[1], d[2], d[3], d[4], d[5], d[6], d[7]};
 }
 
-// Is the polynomial sum a_i s^i positive on all of [0, s_max]? Its Bernstein coefficients bound it from
-// below; where the bound does not decide, the interval is halved (de Casteljau), left half first.
-static bool is_positive(const double a[N_COEF], double s_max) {
-  // binomial(i, j) / binomial(6, j): from powers to the Bernstein basis on [0, 1]
-  static const double w[N_COEF][N_COEF] = {{1},
-                                           {1, 1.0 / 6},
-                                           {1, 2.0 / 6, 1.0 / 15},
-                                           {1, 3.0 / 6, 3.0 / 15, 1.0 / 20},
-                                           {1, 4.0 / 6, 6.0 / 15, 4.0 / 20, 1.0 / 15},
-                                           {1, 5.0 / 6, 10.0 / 15, 10.0 / 20, 5.0 / 15, 1.0 / 6},
-                                           {1, 1, 1, 1, 1, 1, 1}};
-  double stack[N_SPLIT + 1][N_COEF], pw = 1, scaled[N_COEF];
-  for (int j = 0; j < N_COEF; j++, pw *= s_max) scaled[j] = a[j] * pw;
-  for (int i = 0; i < N_COEF; i++) {
-    stack[0][i] = 0;
-    for (int j = 0; j <= i; j++) stack[0][i] += w[i][j] * scaled[j];
-  }
-  for (int top = 0, n_done = 0; top >= 0; n_done++) {
-    double *b = stack[top], lo = b[0];
-    for (int i = 1; i < N_COEF; i++)
-      if (!(b[i] >= lo)) lo = b[i]; // NaN stays
-    if (lo > 0) {
-      top--;
-      continue;
-    }
-    if (!(b[0] > 0 && b[N_COEF - 1] > 0) || top == N_SPLIT || n_done > 8 * N_SPLIT) return false;
-    double *left = stack[top + 1]; // b becomes the right half
-    for (int i = 0; i < N_COEF; i++) {
-      left[i] = b[0];
-      for (int j = 0; j < N_COEF - 1 - i; j++) b[j] = 0.5 * (b[j] + b[j + 1]);
-    }
-    top++;
-  }
-  return true;
-}
-
 // Does r c(r^2) grow strictly on the whole way from the axis to s = r^2? With c = N/D its derivative has
 // the sign of N D + 2 s (N' D - N D').
 static bool is_monotonic(const distortion *k, double s) {
@@ -70,7 +34,7 @@ static bool is_monotonic(const distortion *k, double s) {
   for (int i = 0; i < 4; i++)
     for (int j = 0; j < 4; j++) g[i + j] += n[i] * d[j] * (1 + 2 * (i - j));
   bool is_rational = k->k4 != 0 || k->k5 != 0 || k->k6 != 0;
-  return is_positive(g, s) && (!is_rational || is_positive(den, s));
+  return sv_poly_is_positive(g, s) && (!is_rational || sv_poly_is_positive(den, s));
 }
 
 typedef struct {

@@ -119,7 +119,8 @@ static sv_status optimise(sv_mrcal_problem *p, sv_err *err) {
   sel.do_optimize_calobject_warp = b->has_warp;
   for (int round = 0; round < CAP_ROUNDS && rms >= 0; round++) {
     rms = solve(p, sel);
-    if (rms < 0 || !reject(p)) break;
+    // The tail of good corners is beyond the limit, too: a few new ones do not change the solution.
+    if (rms < 0 || reject(p) * 1000 <= p->n_observations * (int)n_corners(b)) break;
   }
   p->sel = sel;
   if (!(rms >= 0)) return sv_fail(err, SV_E_FORMAT, "mrcal could not solve the calibration");

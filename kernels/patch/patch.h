@@ -13,6 +13,11 @@
 // and a step of the inverse compositional alignment, free of a change in brightness (Baker and Matthews 2004,
 // "Lucas-Kanade 20 years on", section 3.2): H d = (sum v p_x - sum p p_x, sum v p_y - sum p p_y), place -= d.
 // Exact for AVX2, AVX-512 and NEON; SSE4.1 rel = 1e-5.
+//
+// patch_compare sums what the same alignment needs for six parameters, place and affine map together, of values v
+// that patch_take has sampled through the map: with i, j the patch's pixels from its centre,
+//   sum v p, sum v^2, sum v p_x, sum v p_y, sum v p_x i, sum v p_y i, sum v p_x j, sum v p_y j
+// Exact for AVX2, AVX-512 and NEON; SSE4.1 rel = 1e-5.
 #ifndef SV_KERNELS_PATCH_H
 #define SV_KERNELS_PATCH_H
 
@@ -50,14 +55,27 @@ typedef struct {
   float (*out)[5]; // [n] the sums above
 } sv_patch_sums_args;
 
+typedef struct {
+  const float *v;        // [SV_PATCH_PIXELS] in the order of sv_patch
+  const sv_patch *patch; // with slopes
+  float out[8];
+} sv_patch_compare_args;
+
 typedef void (*sv_patch_take_fn)(sv_patch_take_args *a);
 typedef void (*sv_patch_sums_fn)(const sv_patch_sums_args *a);
+typedef void (*sv_patch_compare_fn)(sv_patch_compare_args *a);
 void sv_patch_take_ref(sv_patch_take_args *a);
 void sv_patch_sums_ref(const sv_patch_sums_args *a);
 void sv_patch_sums_sse41(const sv_patch_sums_args *a);
 void sv_patch_sums_avx2(const sv_patch_sums_args *a);
 void sv_patch_sums_avx512(const sv_patch_sums_args *a);
 void sv_patch_sums_neon(const sv_patch_sums_args *a);
+
+void sv_patch_compare_ref(sv_patch_compare_args *a);
+void sv_patch_compare_sse41(sv_patch_compare_args *a);
+void sv_patch_compare_avx2(sv_patch_compare_args *a);
+void sv_patch_compare_avx512(sv_patch_compare_args *a);
+void sv_patch_compare_neon(sv_patch_compare_args *a);
 
 #ifdef __cplusplus
 }

@@ -16,7 +16,6 @@ void pv_limits_set(size_t data_bytes) {
   struct rlimit data = {data_bytes, data_bytes};
   (void)setrlimit(RLIMIT_NOFILE, &files);
   (void)setrlimit(RLIMIT_CORE, &none);
-  (void)setrlimit(RLIMIT_FSIZE, &none);
   (void)setrlimit(RLIMIT_DATA, &data);
   (void)setpriority(PRIO_PROCESS, 0, 10); // after capture and training
 }

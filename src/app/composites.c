@@ -70,13 +70,12 @@ static void place(const sv_composites *c, sv_lens *lens, const sv_exposure *expo
 }
 
 static sv_status check_lens(const sv_rig *rig, const sv_sub_view *v, sv_err *err) {
-  for (int i = 4; i < sv_model_n_params(v->model.kind); i++)
-    if (v->model.p[i] != 0)
-      return sv_fail(
-          err, SV_E_UNSUPPORTED,
-          "rig \"%s\", sub-view \"%s\": lens images that add up on a sensor cannot be undistorted; a "
-          "pinhole model was expected",
-          rig->name, v->name);
+  if (!sv_model_is_straight(&v->model))
+    return sv_fail(
+        err, SV_E_UNSUPPORTED,
+        "rig \"%s\", sub-view \"%s\": lens images that add up on a sensor cannot be undistorted; a "
+        "pinhole model was expected",
+        rig->name, v->name);
   return SV_OK;
 }
 

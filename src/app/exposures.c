@@ -7,11 +7,7 @@
 
 #define ROWS_PER_TASK 16
 
-static bool has_distortion(const sv_camera_model *m) {
-  for (int i = 4; i < sv_model_n_params(m->kind); i++)
-    if (m->p[i] != 0) return true;
-  return false;
-}
+static bool has_distortion(const sv_camera_model *m) { return !sv_model_is_straight(m); }
 
 static bool is_multiplexed(const sv_exposures_cfg *cfg) {
   return cfg->rig->forward == SV_FORWARD_MULTIPLEXED;

@@ -170,21 +170,58 @@ static sv_status read_numbers(lexer *l, double *out, int cap, int *n) {
 typedef struct {
   bool has_model, has_intrinsics, has_extrinsics, has_size;
   sv_model_kind kind;
+  sv_lens_spline spline;
+  double *splined; // its intrinsics, then its control points
+  sv_arena *arena; // may be NULL
   int n_intrinsics;
   double intrinsics[SV_CAP_MODEL_PARAMS], extrinsics[6], size[2];
 } dict;
 
+// "_order=3_Nx=30_Ny=18_fov_x_deg=150" behind the model's name
+static bool read_config(const char *text, sv_lens_spline *s) {
+  static const char *const keys[4] = {"_order=", "_Nx=", "_Ny=", "_fov_x_deg="};
+  long long v[4];
+  for (int k = 0; k < 4; k++) {
+    size_t n = strlen(keys[k]), w = 0;
+    if (strncmp(text, keys[k], n) != 0) return false;
+    text += n;
+    while (text[w] && text[w] != '_') w++;
+    if (!sv_parse_int(text, w, &v[k])) return false;
+    text += w;
+  }
+  *s =
+      (sv_lens_spline){.order = 2 + (v[0] == 3), .nx = (int)v[1], .ny = (int)v[2], .fov_x_deg = (double)v[3]};
+  return !*text && (v[0] == 2 || v[0] == 3) && v[1] > v[0] && v[2] > v[0] && v[1] <= SV_CAP_SPLINE_SIDE &&
+         v[2] <= SV_CAP_SPLINE_SIDE && v[3] > 0 && v[3] < 360;
+}
+
+static sv_status read_splined(lexer *l, dict *d, const char *config) {
+  if (d->has_intrinsics) return bad(l, "the lens model of a splined lens must stand before its intrinsics");
+  if (!read_config(config, &d->spline))
+    return bad(l, "_order=2 or 3, _Nx=, _Ny= (order + 1 to 256) and _fov_x_deg= (1 to 359) were expected");
+  if (!d->arena) return bad(l, "a splined lens cannot be used here");
+  size_t n = 4 + 2 * (size_t)d->spline.nx * (size_t)d->spline.ny;
+  d->splined = SV_TAKE(d->arena, double, n);
+  if (!d->splined) return bad(l, "no memory is left for the lens's control points");
+  d->kind = SV_MODEL_SPLINED;
+  d->has_model = true;
+  return next(l);
+}
+
 static sv_status read_lensmodel(lexer *l, dict *d) {
-  char model[64];
+  char model[96];
+  const char *spline = sv_model_name(SV_MODEL_SPLINED);
   size_t n = l->to - l->from;
   if (d->has_model || l->kind != T_STRING || n >= sizeof model)
     return bad(l, "one lens model's name was expected");
   memcpy(model, l->text + l->from, n);
   model[n] = 0;
+  if (strncmp(model, spline, strlen(spline)) == 0) return read_splined(l, d, model + strlen(spline));
   if (!sv_model_by_name(model, &d->kind))
-    return sv_fail(l->err, SV_E_UNSUPPORTED,
-                   "%s:%d: %s is not supported; LENSMODEL_PINHOLE and OPENCV4, 5, 8 are", l->name, l->line,
-                   model);
+    return sv_fail(
+        l->err, SV_E_UNSUPPORTED,
+        "%s:%d: %s is not supported; LENSMODEL_PINHOLE, OPENCV4, 5, 8, KB4 and SPLINED_STEREOGRAPHIC are",
+        l->name, l->line, model);
   d->has_model = true;
   return next(l);
 }
@@ -203,7 +240,8 @@ static sv_status read_entry(lexer *l, dict *d) { // at the key
   if (is_text(&key, "intrinsics")) {
     if (d->has_intrinsics) return bad(l, "intrinsics are there twice");
     d->has_intrinsics = true;
-    return read_numbers(l, d->intrinsics, SV_CAP_MODEL_PARAMS, &d->n_intrinsics);
+    if (!d->splined) return read_numbers(l, d->intrinsics, SV_CAP_MODEL_PARAMS, &d->n_intrinsics);
+    return read_numbers(l, d->splined, 4 + 2 * d->spline.nx * d->spline.ny, &d->n_intrinsics);
   }
   if (is_text(&key, "extrinsics") || is_text(&key, "rt_cam_ref")) {
     if (d->has_extrinsics) return bad(l, "extrinsics are there twice");
@@ -227,7 +265,8 @@ static sv_status check(const lexer *l, const dict *d) {
                         : !d->has_size       ? "imagersize"
                                              : NULL;
   if (missing) return sv_fail(l->err, SV_E_NOT_FOUND, "%s: \"%s\" is missing", l->name, missing);
-  int n = sv_model_n_params(d->kind);
+  int n = d->splined ? 4 + 2 * d->spline.nx * d->spline.ny : sv_model_n_params(d->kind);
+  const double *p = d->splined ? d->splined : d->intrinsics;
   if (d->n_intrinsics != n)
     return sv_fail(l->err, SV_E_FORMAT, "%s: %s has %d intrinsics, %d were expected", l->name,
                    sv_model_name(d->kind), d->n_intrinsics, n);
@@ -235,13 +274,11 @@ static sv_status check(const lexer *l, const dict *d) {
     if (!(d->size[i] >= 1 && d->size[i] <= 32767 && d->size[i] == floor(d->size[i])))
       return sv_fail(l->err, SV_E_RANGE, "%s: imagersize %g is not a whole number of 1 to 32767", l->name,
                      d->size[i]);
-    if (!(d->intrinsics[i] > 0 && d->intrinsics[i] < 1e9))
-      return sv_fail(l->err, SV_E_RANGE, "%s: a focal length of %g px is not usable", l->name,
-                     d->intrinsics[i]);
+    if (!(p[i] > 0 && p[i] < 1e9))
+      return sv_fail(l->err, SV_E_RANGE, "%s: a focal length of %g px is not usable", l->name, p[i]);
   }
   for (int i = 0; i < n; i++)
-    if (!(fabs(d->intrinsics[i]) < 1e12))
-      return sv_fail(l->err, SV_E_RANGE, "%s: an intrinsic is out of range", l->name);
+    if (!(fabs(p[i]) < 1e12)) return sv_fail(l->err, SV_E_RANGE, "%s: an intrinsic is out of range", l->name);
   for (int i = 0; i < 6; i++) // a rotation vector of many turns is a slip of units
     if (!(fabs(d->extrinsics[i]) < (i < 3 ? 100 : 1e12)))
       return sv_fail(l->err, SV_E_RANGE, "%s: extrinsics %g is out of range", l->name, d->extrinsics[i]);
@@ -250,8 +287,22 @@ static sv_status check(const lexer *l, const dict *d) {
 
 sv_status sv_cameramodel_read(const char *name, const char *text, size_t bytes, sv_camera_model *model,
                               sv_pose *cam_from_ref, sv_err *err) {
+  return sv_cameramodel_read_splined(name, text, bytes, NULL, model, cam_from_ref, err);
+}
+
+static void take_model(const dict *d, sv_camera_model *model) {
+  *model = (sv_camera_model){.kind = d->kind, .width_px = (int)d->size[0], .height_px = (int)d->size[1]};
+  const double *p = d->splined ? d->splined : d->intrinsics;
+  int n = d->splined ? 4 : d->n_intrinsics;
+  for (int i = 0; i < n; i++) model->p[i] = p[i] + (i == 2 || i == 3 ? 0.5 : 0);
+  model->spline = d->spline;
+  if (d->splined) model->spline.control = d->splined + 4;
+}
+
+sv_status sv_cameramodel_read_splined(const char *name, const char *text, size_t bytes, sv_arena *splines,
+                                      sv_camera_model *model, sv_pose *cam_from_ref, sv_err *err) {
   lexer l = {.name = name, .text = text, .bytes = bytes, .line = 1, .err = err};
-  dict d = {0};
+  dict d = {.arena = splines};
   sv_status s = next(&l);
   if (s != SV_OK) return s;
   if (!is_punct(&l, '{')) return bad(&l, "not a .cameramodel: '{' was expected");
@@ -268,8 +319,7 @@ sv_status sv_cameramodel_read(const char *name, const char *text, size_t bytes, 
   if (l.kind != T_END) return bad(&l, "text after the end");
   s = check(&l, &d);
   if (s != SV_OK) return s;
-  *model = (sv_camera_model){.kind = d.kind, .width_px = (int)d.size[0], .height_px = (int)d.size[1]};
-  for (int i = 0; i < d.n_intrinsics; i++) model->p[i] = d.intrinsics[i] + (i == 2 || i == 3 ? 0.5 : 0);
+  take_model(&d, model);
   sv_rodrigues(cam_from_ref->r, d.extrinsics);
   for (int i = 0; i < 3; i++) cam_from_ref->t[i] = d.extrinsics[3 + i];
   return SV_OK;
@@ -279,9 +329,15 @@ sv_status sv_cameramodel_write(sv_str *out, const sv_camera_model *model, const 
   double rt[6];
   sv_rodrigues_inv(rt, cam_from_ref->r);
   for (int i = 0; i < 3; i++) rt[3 + i] = cam_from_ref->t[i];
-  sv_str_add(out, "{\n    'lensmodel': '%s',\n\n    'intrinsics': [", sv_model_name(model->kind));
+  sv_str_add(out, "{\n    'lensmodel': '%s", sv_model_name(model->kind));
+  const sv_lens_spline *s = &model->spline;
+  bool is_splined = model->kind == SV_MODEL_SPLINED;
+  if (is_splined)
+    sv_str_add(out, "_order=%d_Nx=%d_Ny=%d_fov_x_deg=%d", s->order, s->nx, s->ny, (int)s->fov_x_deg);
+  sv_str_add(out, "',\n\n    'intrinsics': [");
   for (int i = 0; i < sv_model_n_params(model->kind); i++)
     sv_str_add(out, " %.17g,", model->p[i] - (i == 2 || i == 3 ? 0.5 : 0)); // mrcal's centres are at integers
+  for (int i = 0; is_splined && i < 2 * s->nx * s->ny; i++) sv_str_add(out, " %.17g,", s->control[i]);
   sv_str_add(out, "],\n\n    # camera from reference: rotation vector, translation\n    'extrinsics': [");
   for (int i = 0; i < 6; i++) sv_str_add(out, " %.17g,", rt[i]);
   sv_str_add(out, "],\n\n    'imagersize': [ %d, %d,],\n}\n", model->width_px, model->height_px);

@@ -7,6 +7,7 @@
 #define SV_FORMAT_CAMERAMODEL_H
 
 #include "calib/model.h"
+#include "src/base/arena.h"
 #include "src/base/str.h"
 #include "src/base/vec.h"
 
@@ -19,7 +20,14 @@ extern "C" {
 sv_status sv_cameramodel_read(const char *name, const char *text, size_t bytes, sv_camera_model *model,
                               sv_pose *cam_from_ref, sv_err *err) SV_MUST_USE;
 
-// Appends the whole file to out. E_NOMEM when it does not fit (512 bytes do).
+// The same with room for the control points of LENSMODEL_SPLINED_STEREOGRAPHIC_order=.._Nx=.._Ny=.._fov_x_deg=..,
+// which are taken from `splines` (NULL: such a model is refused) and stay there. Its key must stand before the
+// intrinsics, as mrcal writes it. E_NOMEM, E_SEALED.
+sv_status sv_cameramodel_read_splined(const char *name, const char *text, size_t bytes, sv_arena *splines,
+                                      sv_camera_model *model, sv_pose *cam_from_ref, sv_err *err) SV_MUST_USE;
+
+// Appends the whole file to out. E_NOMEM when it does not fit (1 KiB does, and 25 bytes
+// for each number of a spline).
 sv_status sv_cameramodel_write(sv_str *out, const sv_camera_model *model,
                                const sv_pose *cam_from_ref) SV_MUST_USE;
 

@@ -20,11 +20,11 @@ static const struct {
     {"SIMPLE_RADIAL", SV_MODEL_OPENCV4, 4, {16, 2, 3, 4}},
     {"RADIAL", SV_MODEL_OPENCV4, 5, {16, 2, 3, 4, 5}},
     {"OPENCV", SV_MODEL_OPENCV4, 8, {0, 1, 2, 3, 4, 5, 6, 7}},
-    {"OPENCV_FISHEYE", SV_N_MODELS, 8, {0}},
+    {"OPENCV_FISHEYE", SV_MODEL_KB4, 8, {0, 1, 2, 3, 4, 5, 6, 7}},
     {"FULL_OPENCV", SV_MODEL_OPENCV8, 12, {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11}},
     {"FOV", SV_N_MODELS, 5, {0}},
-    {"SIMPLE_RADIAL_FISHEYE", SV_N_MODELS, 4, {0}},
-    {"RADIAL_FISHEYE", SV_N_MODELS, 5, {0}},
+    {"SIMPLE_RADIAL_FISHEYE", SV_MODEL_KB4, 4, {16, 2, 3, 4}},
+    {"RADIAL_FISHEYE", SV_MODEL_KB4, 5, {16, 2, 3, 4, 5}},
     {"THIN_PRISM_FISHEYE", SV_N_MODELS, 12, {0}},
 };
 #define N_COLMAP_MODELS ((int)(sizeof models / sizeof *models))

@@ -82,11 +82,13 @@ typedef struct {
 static sv_status read_model(const reader *r, const sv_json *j, int i_view, sv_sub_view *v, sv_err *err) {
   char file[96], *text;
   size_t bytes, mark = sv_arena_mark(r->scratch);
+  sv_arena *splines = r->rig->splines == r->scratch ? NULL : r->rig->splines; // scratch does not last
   sv_status s = required_string(j, i_view, "model", file, sizeof file, err);
   if (s == SV_OK) s = check_name(j, sv_json_get(j, i_view, "model"), file, err);
   if (s != SV_OK) return s;
   s = load(r->files, file, r->scratch, &text, &bytes, err);
-  if (s == SV_OK) s = sv_cameramodel_read(file, text, bytes, &v->model, &v->cam_from_rig, err);
+  if (s == SV_OK)
+    s = sv_cameramodel_read_splined(file, text, bytes, splines, &v->model, &v->cam_from_rig, err);
   sv_arena_reset(r->scratch, mark);
   if (s != SV_OK) return s;
   const sv_footprint *f = &v->footprint;

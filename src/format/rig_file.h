@@ -23,7 +23,7 @@ typedef struct {
 
 // Reads rig.json (json_name) and its models into a rig that sv_rig_init made. n_cameras: cameras of the
 // source, -1 when there is none yet. Scratch holds the files' text and the JSON tokens; it is reset to
-// where it was. The rig's count and content are undefined after a failure.
+// where it was; it must not be the rig's own arena when a lens is splined. The rig's count and content are undefined after a failure.
 sv_status sv_rig_read(sv_rig *rig, const sv_file_reader *files, const char *json_name, int n_cameras,
                       sv_arena *scratch, sv_err *err) SV_MUST_USE;
 

@@ -16,30 +16,31 @@ typedef struct {
   double v[N_KEYS];
   unsigned has; // bit per key
   long long w, h;
+  bool is_fisheye; // OPENCV_FISHEYE: k1 to k4 are Kannala and Brandt's
 } camera;
 
 #define HAS(cam, key) ((cam)->has >> (key)&1u)
 
-static sv_status check_model(const sv_json *j, int i_object, sv_err *err) {
+static sv_status check_model(const sv_json *j, int i_object, camera *c, sv_err *err) {
   char model[40];
   int i = sv_json_get(j, i_object, "camera_model"), i_fish = sv_json_get(j, i_object, "is_fisheye");
-  bool is_fisheye = false;
   if (i_fish >= 0) {
-    sv_status s = sv_json_bool(j, i_fish, &is_fisheye, err);
+    sv_status s = sv_json_bool(j, i_fish, &c->is_fisheye, err);
     if (s != SV_OK) return s;
   }
-  if (is_fisheye) return sv_json_fail(j, i_fish, err, SV_E_UNSUPPORTED, "fisheye cameras are not supported");
   sv_status s = sv_json_get_string(j, i_object, "camera_model", model, sizeof model, err);
   if (s < 0) return s;
-  if (s == SV_END || sv_str_eq(model, "OPENCV") || sv_str_eq(model, "PINHOLE") ||
+  if (s == SV_END) return SV_OK;
+  c->is_fisheye = sv_str_eq(model, "OPENCV_FISHEYE");
+  if (c->is_fisheye || sv_str_eq(model, "OPENCV") || sv_str_eq(model, "PINHOLE") ||
       sv_str_eq(model, "SIMPLE_PINHOLE"))
     return SV_OK;
   return sv_json_fail(j, i, err, SV_E_UNSUPPORTED,
-                      "camera model %s is not supported (PINHOLE and OPENCV are)", model);
+                      "camera model %s is not supported (PINHOLE, OPENCV and OPENCV_FISHEYE are)", model);
 }
 
 static sv_status read_camera(const sv_json *j, int i_object, camera *c, sv_err *err) {
-  sv_status s = check_model(j, i_object, err);
+  sv_status s = check_model(j, i_object, c, err);
   if (s != SV_OK) return s;
   unsigned own = 0;
   for (int k = 0; k < N_KEYS; k++) {
@@ -63,7 +64,7 @@ static sv_status read_camera(const sv_json *j, int i_object, camera *c, sv_err *
     if (HAS(c, k) && !(c->v[k] > 0 && c->v[k] < SV_PI))
       return sv_json_fail(j, i_object, err, SV_E_RANGE, "%s is %g, radians between 0 and pi were expected",
                           keys[k], c->v[k]);
-  if (HAS(c, K4) && c->v[K4] != 0)
+  if (HAS(c, K4) && c->v[K4] != 0 && !c->is_fisheye)
     return sv_json_fail(j, i_object, err, SV_E_UNSUPPORTED, "a lens with an r^8 term (k4) is not supported");
   return SV_OK;
 }
@@ -79,7 +80,12 @@ static void fill_model(sv_transforms_frame *f, const camera *c) {
   f->has_cx = HAS(c, CX), f->has_cy = HAS(c, CY);
   m->p[2] = f->has_cx ? c->v[CX] : 0;
   m->p[3] = f->has_cy ? c->v[CY] : 0;
-  static const int order[5] = {K1, K2, P1, P2, K3};
+  static const int order[5] = {K1, K2, P1, P2, K3}, fisheye[4] = {K1, K2, K3, K4};
+  if (c->is_fisheye) {
+    m->kind = SV_MODEL_KB4;
+    for (int i = 0; i < 4; i++) m->p[4 + i] = HAS(c, fisheye[i]) ? c->v[fisheye[i]] : 0;
+    return;
+  }
   for (int i = 0; i < 5; i++) {
     double v = HAS(c, order[i]) ? c->v[order[i]] : 0;
     m->p[4 + i] = v;

@@ -51,7 +51,8 @@ typedef struct {
 } sv_transforms;
 
 // Checks the file and its top level. sv_json_count tells how many tokens it takes; name, text and tok must
-// outlive t. E_NOT_FOUND without frames, E_UNSUPPORTED for fisheye and other models.
+// outlive t. E_NOT_FOUND without frames, E_UNSUPPORTED for models other than PINHOLE, OPENCV
+// and OPENCV_FISHEYE.
 sv_status sv_transforms_open(sv_transforms *t, const char *name, const char *text, size_t bytes,
                              jsmntok_t *tok, int cap_tok, sv_err *err) SV_MUST_USE;
 // All frames in the file's order into frames[t->n_frames] (cap is checked). Refused: matrices that are no

@@ -3,7 +3,7 @@
 
 sv_status sv_rig_init(sv_rig *rig, int cap, sv_arena *arena) {
   if (cap < 1 || cap > SV_CAP_SUB_VIEWS) return SV_E_ARG;
-  *rig = (sv_rig){.cap_sub_views = cap};
+  *rig = (sv_rig){.cap_sub_views = cap, .splines = arena};
   rig->sub_views = SV_TAKE(arena, sv_sub_view, cap);
   return arena->status < 0 ? arena->status : SV_OK;
 }

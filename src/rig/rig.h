@@ -40,8 +40,10 @@ typedef struct {
   sv_forward_kind forward;
   int n_sub_views, cap_sub_views;
   sv_sub_view *sub_views; // [cap_sub_views], in the arena
+  sv_arena *splines;      // where control points of splined lenses are kept while reading; NULL: refused
 } sv_rig;
 
+// `arena` is also where a reader puts control points of splined lenses (rig->splines).
 sv_status sv_rig_init(sv_rig *rig, int cap_sub_views, sv_arena *arena) SV_MUST_USE;
 
 // The largest angle between two sub-views as seen from a point in the rig's frame, radians:

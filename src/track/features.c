@@ -158,33 +158,12 @@ float sv_track_align(sv_tracker *t, const sv_track_plane *p, float *x, float *y)
 
 // --- with an affine map --------------------------------------------------------------------------
 
-typedef struct {
-  double h[36], mean[6], tt; // moments of the steepest descent pictures, centred; energy of the patch
-} affine_model;
-
 // Steepest descent pictures at pixel s: slopes times (1, i, j), i and j from the patch's centre.
 static void descent(const sv_patch *p, int s, double sd[6]) {
   int b = s >> 4;
   double i = b % 3 * 4 + (s & 3) - 5.5, j = b / 3 * 4 + (s >> 2 & 3) - 5.5;
   double gx = (double)p->v[1][s], gy = (double)p->v[2][s];
   sd[0] = gx, sd[1] = gy, sd[2] = gx * i, sd[3] = gy * i, sd[4] = gx * j, sd[5] = gy * j;
-}
-
-static affine_model model_of(const sv_patch *p) {
-  affine_model m = {.tt = 0};
-  for (int s = 0; s < SV_PATCH_PIXELS; s++) {
-    double sd[6];
-    descent(p, s, sd);
-    m.tt += (double)p->v[0][s] * (double)p->v[0][s];
-    for (int a = 0; a < 6; a++) {
-      m.mean[a] += sd[a] / SV_PATCH_PIXELS;
-      for (int b = 0; b <= a; b++) m.h[6 * a + b] += sd[a] * sd[b];
-    }
-  }
-  for (int a = 0; a < 6; a++)
-    for (int b = 0; b <= a; b++) m.h[6 * a + b] -= SV_PATCH_PIXELS * m.mean[a] * m.mean[b];
-  for (int a = 2; a < 6; a++) m.h[7 * a] *= 1 + AFFINE_DAMP;
-  return m;
 }
 
 static bool factor6(double a[36]) {
@@ -210,23 +189,36 @@ static void substitute6(const double a[36], double x[6]) {
   }
 }
 
-// What v is against the patch: the gradient of the squared difference by the six, at the picture's contrast.
-// Returns the correlation.
-static double compare(const affine_model *m, const sv_patch *p, const float *v, double b[6]) {
-  double vt = 0, vv = 0;
+void sv_track_prepare_ref(sv_track_ref *r) {
+  double mean[6] = {0}, sd[6];
+  memset(r->l, 0, sizeof r->l);
+  memset(r->tp, 0, sizeof r->tp);
+  r->tt = 0;
   for (int s = 0; s < SV_PATCH_PIXELS; s++) {
-    vt += (double)v[s] * (double)p->v[0][s];
-    vv += (double)v[s] * (double)v[s];
+    double v = (double)r->patch.v[0][s];
+    descent(&r->patch, s, sd);
+    r->tt += v * v;
+    for (int a = 0; a < 6; a++) {
+      mean[a] += sd[a] / SV_PATCH_PIXELS;
+      r->tp[a] += v * sd[a];
+      for (int b = 0; b <= a; b++) r->l[6 * a + b] += sd[a] * sd[b];
+    }
   }
-  if (!(vv > 1e-6) || !(vt > 0.2 * m->tt)) return -1;
-  double inv_gain = m->tt / vt;
-  for (int a = 0; a < 6; a++) b[a] = 0;
-  for (int s = 0; s < SV_PATCH_PIXELS; s++) {
-    double sd[6], e = (double)v[s] * inv_gain - (double)p->v[0][s];
-    descent(p, s, sd);
-    for (int a = 0; a < 6; a++) b[a] += e * sd[a];
-  }
-  return vt / sqrt(vv * m->tt);
+  for (int a = 0; a < 6; a++)
+    for (int b = 0; b <= a; b++) r->l[6 * a + b] -= SV_PATCH_PIXELS * mean[a] * mean[b];
+  for (int a = 2; a < 6; a++) r->l[7 * a] *= 1 + AFFINE_DAMP;
+  r->is_usable = factor6(r->l) && r->tt > 1e-6;
+}
+
+// The sampled values against the patch: the gradient of the squared difference by the six, at the picture's
+// contrast. Returns the correlation.
+static double compare(const sv_tracker *t, const sv_track_ref *r, const float *v, double b[6]) {
+  sv_patch_compare_args a = {.v = v, .patch = &r->patch};
+  t->k->patch_compare(&a);
+  double vt = (double)a.out[0], vv = (double)a.out[1];
+  if (!(vv > 1e-6) || !(vt > 0.2 * r->tt)) return -1;
+  for (int k = 0; k < 6; k++) b[k] = (double)a.out[2 + k] * (r->tt / vt) - r->tp[k];
+  return vt / sqrt(vv * r->tt);
 }
 
 // warp <- warp D^-1, place <- place - warp D^-1 d: the inverse compositional update.
@@ -250,8 +242,7 @@ float sv_track_spacing(const float warp[4]) {
 }
 
 float sv_track_align_affine(sv_tracker *t, int i_ref, int i_view, float uv_px[2], float warp[4]) {
-  const sv_patch *ref = &t->ref[i_ref];
-  affine_model m = model_of(ref);
+  const sv_track_ref *ref = &t->ref[i_ref];
   float uv[2] = {uv_px[0], uv_px[1]}, w[4] = {warp[0], warp[1], warp[2], warp[3]},
         space = sv_track_spacing(warp);
   int level = 0;
@@ -259,7 +250,7 @@ float sv_track_align_affine(sv_tracker *t, int i_ref, int i_view, float uv_px[2]
   float k = 1.0f / (float)(1 << level);
   sv_track_plane p = sv_track_level(t, true, i_view, level);
   double corr = -1, way = 1;
-  if (!factor6(m.h) || !(space > 0)) return -1.0f;
+  if (!ref->is_usable || !(space > 0)) return -1.0f;
   for (int it = 0; it <= AFFINE_ITER; it++) {
     sv_patch_take_args a = {.src = p.px,
                             .width_px = p.width_px,
@@ -271,9 +262,9 @@ float sv_track_align_affine(sv_tracker *t, int i_ref, int i_view, float uv_px[2]
                             .out = &t->patch[1]};
     double b[6];
     t->k->patch_take(&a);
-    if (!a.is_inside || (corr = compare(&m, ref, t->patch[1].v[0], b)) < 0) return -1.0f;
+    if (!a.is_inside || (corr = compare(t, ref, t->patch[1].v[0], b)) < 0) return -1.0f;
     if (way < 0.01 * (double)space || it == AFFINE_ITER) break;
-    substitute6(m.h, b);
+    substitute6(ref->l, b);
     if (!update(uv, w, b, &way)) return -1.0f;
     float dx = uv[0] - uv_px[0], dy = uv[1] - uv_px[1], now = sv_track_spacing(w);
     if (dx * dx + dy * dy > AFFINE_REACH * AFFINE_REACH * space * space || !(now > 0.6f * space) ||

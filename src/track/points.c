@@ -223,9 +223,10 @@ static bool take_ref(sv_tracker *t, int i_ref, int v, const float uv[2], int lev
                           .x = uv[0] * k,
                           .y = uv[1] * k,
                           .a = {1, 0, 0, 1},
-                          .out = &t->ref[i_ref],
+                          .out = &t->ref[i_ref].patch,
                           .has_slopes = true};
   t->k->patch_take(&a);
+  if (a.is_inside) sv_track_prepare_ref(&t->ref[i_ref]);
   return a.is_inside;
 }
 
@@ -242,6 +243,7 @@ static int32_t new_point(sv_tracker *t, int v, const float uv[2]) {
   for (int k = 0; k < SV_TRACK_CAP_VIEWS; k++) p->now[k] = -1;
   p->is_live = true;
   p->i_ref = t->free_ref[--t->n_free_refs];
+  t->ref[p->i_ref].is_usable = false;
   const sv_image_u8 *im = &t->image[v];
   memcpy(p->rgb, im->px + (size_t)uv[1] * (size_t)im->stride_bytes + 3 * (size_t)uv[0], 3);
   t->live[t->n_live++] = i;

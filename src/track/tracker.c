@@ -75,7 +75,7 @@ static void carve_lists(sv_tracker *t, sv_arena *a) {
   t->bundle_point = SV_TAKE(a, int32_t, t->cap_points);
   t->bundle_obs = SV_TAKE(a, int32_t, t->cap_obs);
   t->patch = SV_TAKE(a, sv_patch, 2);
-  t->ref = SV_TAKE(a, sv_patch, t->cap_refs);
+  t->ref = SV_TAKE(a, sv_track_ref, t->cap_refs);
   t->free_ref = SV_TAKE(a, int32_t, t->cap_refs);
   for (int i = 0; t->free_ref && i < t->cap_refs; i++) t->free_ref[t->n_free_refs++] = i;
   t->place_x = SV_TAKE(a, float, SV_TRACK_CAP_PLACES);

@@ -55,6 +55,13 @@ typedef struct {
   bool has_uv0[SV_TRACK_CAP_VIEWS];
 } sv_track_point;
 
+typedef struct { // what a point looked like when it was found
+  sv_patch patch;
+  double l[36], tp[6],
+      tt;         // Cholesky factor of the alignment's system; the patch against its slopes and itself
+  bool is_usable; // false: without structure
+} sv_track_ref;
+
 typedef struct sv_track_candidate {
   int32_t i_point;
   int i_view;
@@ -89,7 +96,7 @@ typedef struct {
   sv_corner *corner; // [cells of the largest picture]
   int32_t *order;    // [the same]
   sv_patch *patch;   // [2] one to compare with, one to compare
-  sv_patch *ref;     // [cap_refs] what live points looked like when they were found
+  sv_track_ref *ref; // [cap_refs] what live points looked like when they were found
   int32_t *free_ref; // [cap_refs] stack of free ones
   int n_free_refs, cap_refs;
   float *place_x, *place_y, (*sums)[5]; // [SV_TRACK_CAP_PLACES] along an epipolar line
@@ -148,7 +155,8 @@ float sv_track_align(sv_tracker *t, const sv_track_plane *p, float *x, float *y)
 // Aligns reference patch i_ref with a view of this exposure, place and affine map together, from where uv and warp
 // are. Returns the correlation there, -1: lost.
 float sv_track_align_affine(sv_tracker *t, int i_ref, int i_view, float uv_px[2], float warp[4]);
-float sv_track_spacing(const float warp[4]); // mean pixels of the view for one of the patch
+void sv_track_prepare_ref(sv_track_ref *ref); // after its patch was taken
+float sv_track_spacing(const float warp[4]);  // mean pixels of the view for one of the patch
 // Follows all live points from the exposure placed last into t->found, starting where `guess` sees them
 // (points.c).
 void sv_track_follow(sv_tracker *t, const sv_pose *guess);

@@ -26,6 +26,8 @@ static sv_linux_console console;
 static uint8_t *jpeg;
 static char dir[256];
 static int n_pictures;
+static sv_feed feed;
+static _Alignas(64) uint8_t feed_block[16u << 20];
 
 static void publish_jpeg(void *self, const char *name, int width_px, int height_px, const uint8_t *rgb) {
   sv_picture pic = {.width_px = width_px,
@@ -61,7 +63,10 @@ static void run_without_heap(const char *sim, int n_threads) {
   w.port.machine = sv_linux_clock();
   w.port.store = sv_linux_store_port(&store);
   w.port.console = sv_linux_console_port(&console);
-  w.port.publish = (sv_publish){.image = publish_jpeg};
+  memset(feed_block, 0, sizeof feed_block);
+  assert_int_equal(sv_feed_init(&feed, feed_block, sizeof feed_block, 300, 59), SV_OK);
+  w.port.publish = (sv_publish){.image = publish_jpeg, .feed = &feed};
+  w.cfg.has_live_view = true;
   w.cfg.train.n_gaussians = 300;
   w.cfg.train.relocate_every = 10;
   w.cfg.train.lr.logit = 0.3f;
@@ -82,6 +87,9 @@ static void run_without_heap(const char *sim, int n_threads) {
   if (run < 0 || shown < 0 || rated < 0 || told < 0) fail_msg("%s", w.err.text);
   assert_int_equal(sv_heap_count(), 0);
   assert_true(n_pictures >= 2);
+  assert_true(sv_feed_seq(&feed, SV_FEED_MODEL) >= 3); // the live view went along
+  assert_true(sv_feed_seq(&feed, SV_FEED_STATE) >= 3);
+  assert_true(sv_feed_seq(&feed, SV_FEED_PICTURE) >= 2);
   assert_int_equal(w.app.exposures.n, 4);
   assert_int_equal(w.app.trainer.step, 150);
   void *late = sv_arena_take(&w.arena, 1, 1); // the arena says no, too

@@ -92,11 +92,31 @@ static void check_take(ck *c) {
   }
 }
 
+static void check_compare(ck *c) {
+  for (int fill = 0; fill < CK_N_FILLS; fill++) {
+    if (fill >= CK_HUGE) continue; // sums of products of 1e18 overflow, and inf - inf has no order
+    ck_begin(c, "%s", ck_fill_name(fill));
+    sv_patch *p = ck_bytes(c, sizeof *p);
+    float *v = ck_floats_odd(c, SV_PATCH_PIXELS);
+    ck_fill(c, v, SV_PATCH_PIXELS, fill);
+    for (int k = 0; k < 3; k++) ck_fill(c, p->v[k], SV_PATCH_PIXELS, CK_SIGNED);
+    sv_patch_compare_args a = {.v = v, .patch = p}, b = a;
+    c->ref.patch_compare(&a);
+    c->var.patch_compare(&b);
+    ck_same(c, "sums", a.out, b.out, 8, 1e-4);
+    double sum = 0; // of v p_x j: the last row of pixels has j = 5.5
+    for (int s = 0; s < SV_PATCH_PIXELS; s++)
+      sum += (double)v[s] * (double)p->v[1][s] * ((s >> 4) / 3 * 4 + (s >> 2 & 3) - 5.5);
+    ck_true(c, fabs(sum - (double)b.out[6]) < 1e-3, "sum v p_x j is %g, expected %g", (double)b.out[6], sum);
+  }
+}
+
 typedef struct {
   sv_patch_sums_args s;
   sv_patch_take_args t;
 } bench_arg;
 static void run_sums(void *arg, const sv_kernels *k) { k->patch_sums(&((bench_arg *)arg)->s); }
+static void run_compare(void *arg, const sv_kernels *k) { k->patch_compare(arg); }
 static void run_take(void *arg, const sv_kernels *k) { k->patch_take(&((bench_arg *)arg)->t); }
 
 static bench_arg bench_args(ck *c) {
@@ -126,5 +146,12 @@ static void bench_take(ck *c) {
   bench_arg a = bench_args(c);
   ck_time(c, "one", 1, run_take, &a);
 }
+static void bench_compare(ck *c) {
+  ck_begin(c, "bench");
+  bench_arg b = bench_args(c);
+  sv_patch_compare_args a = {.v = b.t.out->v[0], .patch = b.t.out};
+  ck_time(c, "one", 1, run_compare, &a);
+}
+CK_REGISTER(patch_compare, check_compare, bench_compare)
 CK_REGISTER(patch_take, check_take, bench_take)
 CK_REGISTER(patch_sums, check_sums, bench_sums)

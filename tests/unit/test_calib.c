@@ -23,6 +23,7 @@ static const sv_camera_model lenses[] = {
      960,
      {687.76, 687.245, 277.279, 482.634, 0.0578421, -0.0805099, -0.00098, 0.000156}},
     {SV_MODEL_OPENCV5, 640, 480, {420, 421, 319, 241, -0.31, 0.12, 2e-4, 1e-4, -0.02}},
+    {SV_MODEL_KB4, 800, 600, {310, 311, 402, 298, -0.02, 0.005, -0.002, 0.0003}},
     // a phone's ultra-wide (about 120 degrees across) as a rational model
     {SV_MODEL_OPENCV8,
      4000,
@@ -147,12 +148,56 @@ static void test_wide(void **state) {
   assert_true(deg > 55 && deg < 80);
   double behind[3] = {0.1, 0, -1}, side[3] = {1, 0, 0}, nan3[3] = {NAN, 0, 1};
   for (int l = 0; l < N_LENSES; l++) {
-    assert_false(sv_model_project(&lenses[l], behind, uv, NULL, NULL));
-    assert_false(sv_model_project(&lenses[l], side, uv, NULL, NULL));
+    bool is_fisheye = lenses[l].kind == SV_MODEL_KB4; // sees to the side and behind
+    if (!is_fisheye) assert_false(sv_model_project(&lenses[l], behind, uv, NULL, NULL));
+    assert_true(sv_model_project(&lenses[l], side, uv, NULL, NULL) == is_fisheye);
     assert_false(sv_model_project(&lenses[l], nan3, uv, NULL, NULL));
     double bad[2] = {NAN, 1};
     assert_false(sv_model_unproject(&lenses[l], bad, ray));
   }
+}
+
+// Kannala and Brandt's model through libm; it sees more than a half sphere, to where d(t) turns.
+static void test_kb4(void **state) {
+  (void)state;
+  sv_camera_model m = {SV_MODEL_KB4, 2000, 2000, {600, 610, 1001, 999, 0.03, -0.01, 0.002, -0.0002}};
+  double uv[2], ray[3];
+  for (int i = 0; i < 500; i++) {
+    double t = 2.2 * i / 500, a = 0.1 * i, x[3] = {sin(t) * cos(a) * 3, sin(t) * sin(a) * 3, cos(t) * 3};
+    double d = t + m.p[4] * pow(t, 3) + m.p[5] * pow(t, 5) + m.p[6] * pow(t, 7) + m.p[7] * pow(t, 9);
+    assert_true(sv_model_project(&m, x, uv, NULL, NULL));
+    assert_true(fabs(uv[0] - (600 * d * cos(a) + 1001)) < 1e-9 &&
+                fabs(uv[1] - (610 * d * sin(a) + 999)) < 1e-9);
+    assert_true(sv_model_unproject(&m, uv, ray));
+    for (int k = 0; k < 3; k++) assert_true(fabs(ray[k] - x[k] / 3) < 1e-10);
+  }
+  sv_camera_model turns = {SV_MODEL_KB4, 2000, 2000, {600, 600, 1000, 1000, -0.2, 0, 0, 0}};
+  double edge = sqrt(1 / 0.6), in[3] = {sin(edge * 0.999), 0, cos(edge * 0.999)},
+         out[3] = {sin(edge * 1.001), 0, cos(edge * 1.001)};
+  assert_true(sv_model_project(&turns, in, uv, NULL, NULL));
+  assert_false(sv_model_project(&turns, out, uv, NULL, NULL));
+  double beyond[2] = {1000 + 600 * edge * (1 - 0.2 * edge * edge) + 1, 1000};
+  assert_false(sv_model_unproject(&turns, beyond, ray));
+  double back[3] = {0, 0, -1}, zero[3] = {0, 0, 0}, bad[2] = {NAN, 0};
+  assert_false(sv_model_project(&m, back, uv, NULL, NULL));
+  assert_false(sv_model_project(&m, zero, uv, NULL, NULL));
+  assert_false(sv_model_unproject(&m, bad, ray));
+}
+
+// A fisheye is undistorted by the same table as all others.
+static void test_fisheye_view(void **state) {
+  (void)state;
+  sv_camera_model m = {SV_MODEL_KB4, 160, 120, {60, 60, 80, 60, 0.01, 0, 0, 0}}, view;
+  static sv_remap_tap e[160 * 120];
+  sv_remap map;
+  assert_true(sv_pinhole_for_model(&m, SV_PINHOLE_CROP_TO_VALID, &view));
+  assert_int_equal(sv_remap_build(&map, &m, &view, e), SV_OK);
+  assert_int_equal(map.n_outside, 0);
+  double x[3] = {(20.5 - view.p[2]) / view.p[0], (30.5 - view.p[3]) / view.p[1], 1}, uv[2];
+  assert_true(sv_model_project(&m, x, uv, NULL, NULL));
+  const sv_remap_tap *t = &e[30 * 160 + 20];
+  assert_true(fabs(t->x + t->fx / 256.0 + 0.5 - uv[0]) < 1.0 / 500);
+  assert_true(fabs(t->y + t->fy / 256.0 + 0.5 - uv[1]) < 1.0 / 500);
 }
 
 static void test_pinhole_for_model(void **state) {
@@ -218,9 +263,10 @@ static void test_remap(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_names),      cmocka_unit_test(test_jacobians),
-      cmocka_unit_test(test_round_trip), cmocka_unit_test(test_fold),
-      cmocka_unit_test(test_wide),       cmocka_unit_test(test_pinhole_for_model),
+      cmocka_unit_test(test_names),        cmocka_unit_test(test_jacobians),
+      cmocka_unit_test(test_round_trip),   cmocka_unit_test(test_fold),
+      cmocka_unit_test(test_wide),         cmocka_unit_test(test_kb4),
+      cmocka_unit_test(test_fisheye_view), cmocka_unit_test(test_pinhole_for_model),
       cmocka_unit_test(test_remap)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

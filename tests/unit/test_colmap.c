@@ -128,7 +128,7 @@ static void test_refused(void **state) {
     const char *text, *word;
     sv_status s;
   } cases[] = {
-      {'c', "1 OPENCV_FISHEYE 10 10 1 1 1 1 0 0 0 0", "OPENCV_FISHEYE is not supported", SV_E_UNSUPPORTED},
+      {'c', "1 FOV 10 10 1 1 1 1 0", "FOV is not supported", SV_E_UNSUPPORTED},
       {'c', "1 WHAT 10 10 1", "WHAT", SV_E_UNSUPPORTED},
       {'c', "1 PINHOLE 10 10 1 1 1", "missing", SV_E_FORMAT},
       {'c', "1 PINHOLE 10 10 1 1 1 1 1", "too many", SV_E_FORMAT},

@@ -101,6 +101,16 @@ static void test_small_errors_are_corrected(void **state) {
   assert_true(fabs(frames[0].cam_from_world.r[0] - 0.8) < 2e-4);
 }
 
+static void test_fisheye(void **state) {
+  (void)state;
+  static const char text[] =
+      "{\"camera_model\":\"OPENCV_FISHEYE\",\"fl_x\":1,\"k1\":0.1,\"k2\":0.2,\"k3\":0.3,"
+      "\"k4\":0.4,\"frames\":[{\"file_path\":\"a\"," EYE "}]}";
+  assert_int_equal(read_text(text, sizeof text - 1), SV_OK);
+  assert_int_equal((int)frames[0].model.kind, SV_MODEL_KB4);
+  for (int i = 0; i < 4; i++) assert_true(frames[0].model.p[4 + i] == 0.1 * (i + 1) || i == 2);
+}
+
 static void test_refused(void **state) {
   (void)state;
 #define F(top, frame) "{\"fl_x\":1," top "\"frames\":[{\"file_path\":\"a\"," frame "}]}"
@@ -118,8 +128,8 @@ static void test_refused(void **state) {
       {"{\"frames\":[{\"file_path\":\"a\"," EYE "}]}", "camera_angle_x", SV_E_NOT_FOUND},
       {"{\"camera_angle_x\":3.2,\"frames\":[{\"file_path\":\"a\"," EYE "}]}", "radians", SV_E_RANGE},
       {F("", "\"x\":1"), "transform_matrix", SV_E_NOT_FOUND},
-      {F("\"camera_model\":\"OPENCV_FISHEYE\",", EYE), "OPENCV_FISHEYE is not supported", SV_E_UNSUPPORTED},
-      {F("\"is_fisheye\":true,", EYE), "fisheye", SV_E_UNSUPPORTED},
+      {F("\"camera_model\":\"EQUIRECTANGULAR\",", EYE), "EQUIRECTANGULAR is not supported", SV_E_UNSUPPORTED},
+      {F("\"is_fisheye\":3,", EYE), "true or false", SV_E_FORMAT},
       {F("\"k4\":0.1,", EYE), "r^8", SV_E_UNSUPPORTED},
       {F("\"w\":0,", EYE), "outside 1", SV_E_RANGE},
       {F("", "\"fl_x\":-1," EYE), "positive", SV_E_RANGE},
@@ -162,8 +172,11 @@ static void test_shared(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_axes), cmocka_unit_test(test_everything),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_axes),
+                                     cmocka_unit_test(test_everything),
                                      cmocka_unit_test(test_small_errors_are_corrected),
-                                     cmocka_unit_test(test_refused), cmocka_unit_test(test_shared)};
+                                     cmocka_unit_test(test_fisheye),
+                                     cmocka_unit_test(test_refused),
+                                     cmocka_unit_test(test_shared)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

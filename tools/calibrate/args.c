@@ -29,6 +29,20 @@ static const option table[] = {
      "per camera a quoted pattern ('left*.jpg') or a folder; what the wildcards stand for numbers the frames",
      0, 0},
     {"board", OPT_TEXT, CAL_BOARD, CAL_BOARD, AT(board), "WxH", "inner corners of the chessboard: 9x6", 0, 0},
+    {"isolated", OPT_TEXT, CAL_LENSLETS, CAL_LENSLETS, AT(isolated), "DIR",
+     "pictures with one lens open: LENS.png, LENS/*.png (exposures by name) or EXPOSURE/LENS.png", 0, 0},
+    {"white", OPT_TEXT, CAL_LENSLETS, CAL_LENSLETS, AT(white), "DIR",
+     "the same of an even bright field: LENS.png, one for each lens", 0, 0},
+    {"pitch", OPT_REAL, CAL_LENSLETS, 0, AT(pitch_m), "M",
+     "metres between neighbouring lenses: sets the scale (1, in unknown units)", 1e-9, 1e3},
+    {"focal", OPT_REAL, CAL_LENSLETS, 0, AT(focal_px), "PX",
+     "mean focal length of the lenses, when it is known (estimated; a narrow array knows it badly)", 1, 1e6},
+    {"dark", OPT_REAL, CAL_LENSLETS, 0, AT(dark), "V", "level of no light, 0 to 1 (measured)", 0, 1},
+    {"linear", OPT_FLAG, CAL_LENSLETS, 0, AT(is_linear), 0, "values are linear light, not sRGB-encoded", 0,
+     0},
+    {"board", OPT_TEXT, CAL_LENSLETS, 0, AT(board), "WxH",
+     "the object is a chessboard with so many inner corners, in several exposures", 0, 0},
+    {"spacing", OPT_REAL, CAL_LENSLETS, 0, AT(spacing_m), "M", "side of its squares in metres", 1e-6, 100},
     {"board", OPT_TEXT, CAL_CHECK, 0, AT(board), "WxH", "inner corners of the chessboard: 9x6", 0, 0},
     {"spacing", OPT_REAL, CAL_BOARD, CAL_BOARD, AT(spacing_m), "M", "side of a square in metres", 1e-6, 100},
     {"spacing", OPT_REAL, CAL_CHECK, 0, AT(spacing_m), "M", "side of a square in metres", 1e-6, 100},
@@ -37,14 +51,17 @@ static const option table[] = {
      "lens model (LENSMODEL_OPENCV5)", 0, 0},
     {"flat", OPT_FLAG, CAL_BOARD, 0, AT(is_flat), 0, "take the board as flat: do not estimate its bend", 0,
      0},
-    {"name", OPT_TEXT, CAL_BOARD, 0, AT(name), "NAME", "of the rig (the name of the folder)", 0, 0},
+    {"name", OPT_TEXT, CAL_BOARD | CAL_LENSLETS, 0, AT(name), "NAME", "of the rig (the name of the folder)",
+     0, 0},
+    {"rig", OPT_TEXT, CAL_CHECK, CAL_CHECK, AT(rig), "RIG", "rig: a folder with rig.json", 0, 0},
     {"threads", OPT_INT, ALL, 0, AT(threads), "N", "threads (all CPUs)", 1, 64},
     {"json", OPT_FLAG, ALL, 0, AT(is_json), 0, "print one JSON object on stdout", 0, 0},
     {"quiet", OPT_FLAG, ALL, 0, AT(is_quiet), 0, "no progress on stderr", 0, 0},
+    {"out", OPT_TEXT, CAL_BOARD | CAL_LENSLETS, CAL_BOARD | CAL_LENSLETS, AT(out), "RIG", "folder to write",
+     0, 0},
     {"rig", OPT_TEXT, CAL_POSE, CAL_POSE, AT(rig), "RIG", "folder with rig.json", 0, 0},
     {"capture", OPT_TEXT, CAL_POSE, CAL_POSE, AT(capture), "DIR", "capture folder", 0, 0},
     {"out", OPT_TEXT, CAL_POSE, CAL_POSE, AT(out), "POSES", "folder to write", 0, 0},
-    {"out", OPT_TEXT, CAL_BOARD, CAL_BOARD, AT(out), "RIG", "folder to write", 0, 0},
     {"help", OPT_FLAG, ALL, 0, AT(is_help), 0, "this text", 0, 0},
     {"version", OPT_FLAG, ALL, 0, AT(is_version), 0, "the version", 0, 0},
 };
@@ -157,7 +174,7 @@ static int parse_board(const cal_command *c, cal_options *o) {
 }
 
 int cal_args_parse(const cal_command *c, int argc, char **argv, cal_options *o) {
-  *o = (cal_options){.spacing_m = -1, .dark = -1, .threads = -1};
+  *o = (cal_options){.spacing_m = -1, .pitch_m = -1, .focal_px = -1, .dark = -1, .threads = -1};
   for (int i = 0; i < argc; i++) // help is given whatever else stands there
     if (strcmp(argv[i], "--help") == 0 || strcmp(argv[i], "-h") == 0) {
       o->is_help = true;
@@ -170,6 +187,8 @@ int cal_args_parse(const cal_command *c, int argc, char **argv, cal_options *o) 
   }
   if (o->is_version) return CAL_EXIT_OK;
   int e = check_required(c, o);
+  if (e == CAL_EXIT_OK && (o->board != NULL) != (o->spacing_m >= 0))
+    e = cal_usage(c->name, "--board and --spacing belong together");
   return e != CAL_EXIT_OK ? e : parse_board(c, o);
 }
 

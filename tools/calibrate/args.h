@@ -22,9 +22,9 @@ typedef struct {
   int n_images;
   const char *board, *model, *out, *name, *rig, *isolated, *white, *capture;
   int n_cols, n_rows; // of --board
-  double spacing_m, dark;
+  double spacing_m, pitch_m, focal_px, dark;
   long threads;
-  bool is_flat, is_json, is_quiet, is_help, is_version;
+  bool is_flat, is_linear, is_json, is_quiet, is_help, is_version;
 } cal_options;
 
 typedef struct {

@@ -12,6 +12,8 @@
 #define CAL_VERSION LAB_VERSION
 
 int cal_cmd_board(const cal_options *o);
+int cal_cmd_lenslets(const cal_options *o);
+int cal_cmd_check(const cal_options *o);
 int cal_cmd_pose(const cal_options *o);
 
 // --- pictures of boards (gather.c) -----------------------------------------------------------------------

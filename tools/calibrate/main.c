@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// subview-calibrate: rigs from pictures. Chessboards -> lenses and relative poses.
+// subview-calibrate: rigs from pictures. Chessboards -> lenses and relative poses, multiplexed
+// sensors -> footprints, lenses and poses.
 #include <stdio.h>
 #include <string.h>
 
@@ -18,6 +19,25 @@ static const cal_command commands[] = {
      "every board, but all must be joined by boards seen together. The rig's frame is the first camera's.",
      "  subview-calibrate board --images 'left??.jpg' 'right??.jpg' --board 9x6 --spacing 0.025 --out rig",
      CAL_BOARD, cal_cmd_board},
+    {"lenslets", "--isolated DIR --white DIR --out RIG [options]",
+     "multiplexed sensor -> footprints, lenses and poses",
+     "For sensors on which the images of several lenses overlap. Cover all lenses but one and take a "
+     "picture\n"
+     "of an even bright field (white) and of a still, textured object (isolated); so for each lens.\n"
+     "Footprints come from the white pictures; focal length, principal point and pose of each lens from\n"
+     "features of the object by bundle adjustment, or, much better, from a chessboard in several exposures\n"
+     "(--board, --spacing), which also gives the scale. The rig's frame is the first lens's.",
+     "  subview-calibrate lenslets --isolated isolated --white white --pitch 0.004 --out rig", CAL_LENSLETS,
+     cal_cmd_lenslets},
+    {"check", "--rig RIG [--images CAM0 CAM1 ... --board WxH --spacing M] [options]",
+     "does a rig still hold?",
+     "Tells what a rig is: its lenses, its angular baseline. With new pictures of a chessboard also how "
+     "well\n"
+     "each lens fits alone, how well all fit together, and how far corners are from their epipolar lines;\n"
+     "warns when a lens was touched or the rig was knocked. --images are in the order of the rig's "
+     "sub-views.",
+     "  subview-calibrate check --rig rig --images 'l*.png' 'r*.png' --board 9x6 --spacing 0.025", CAL_CHECK,
+     cal_cmd_check},
     {"pose", "--rig RIG --capture DIR --out POSES [options]",
      "a moving rig's capture -> its pose in every exposure",
      "Tracks the rig through a capture folder and writes POSES/poses.json (rig_from_world of every exposure "
@@ -34,7 +54,7 @@ static const cal_command commands[] = {
 static void help(void) {
   printf("usage: subview-calibrate COMMAND [options]\n\n"
          "Finds out what a rig's cameras are and how they stand to each other.\n\n");
-  for (int i = 0; i < N_COMMANDS; i++) printf("  %-8s %s\n", commands[i].name, commands[i].summary);
+  for (int i = 0; i < N_COMMANDS; i++) printf("  %-9s %s\n", commands[i].name, commands[i].summary);
   printf("\nsubview-calibrate COMMAND --help tells more.\n\nExample:\n%s\n", commands[0].example);
 }
 

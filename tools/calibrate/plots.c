@@ -102,7 +102,8 @@ static sv_status write_script(const char *folder, const char *file, const cal_bo
       "set size ratio %g\nset xrange [0:%d]\nset yrange [%d:0]\nset key off\n",
       name, name, q->rms_px, q->n_boards, q->n_outliers, (double)m->height_px / m->width_px, m->width_px,
       m->height_px);
-  put(&w, "set title 'corners (red: left out)'\nplot $in using 1:2 with dots linewidth 2 linecolor rgb "
+  put(&w, "set title 'corners (red: left out)'\nplot $in using 1:2 with points pointtype 7 pointsize 0.25 "
+          "linecolor rgb "
           "'#1f5fa8', "
           "$out using 1:2 with points pointtype 2 linecolor rgb '#d02020'\n");
   put(&w,
@@ -114,7 +115,7 @@ static sv_status write_script(const char *folder, const char *file, const cal_bo
           "image\n");
   put(&w,
       "set title 'residuals [px]'\nset size ratio 1\nset xrange [-%g:%g]\nset yrange [%g:-%g]\nset grid\n"
-      "plot $in using 3:4 with dots linewidth 2 linecolor rgb '#1f5fa8'\nunset multiplot\n",
+      "plot $in using 3:4 with points pointtype 7 pointsize 0.25 linecolor rgb '#1f5fa8'\nunset multiplot\n",
       4 * q->rms_px + 1e-6, 4 * q->rms_px + 1e-6, 4 * q->rms_px + 1e-6, 4 * q->rms_px + 1e-6);
   return end(&w);
 }

@@ -9,7 +9,8 @@
 #include "src/format/rig_file.h"
 #include "tools/lab/import.h"
 
-#define ARENA_BYTES ((size_t)1 << 30) // of address space; pages come when they are used
+#define RIG_SCRATCH_BYTES ((size_t)16 << 20)
+#define ARENA_BYTES       ((size_t)1 << 30) // of address space; pages come when they are used
 
 typedef struct {
   sv_capture capture;
@@ -90,8 +91,9 @@ static sv_status load(source *src, const char *dir, sv_err *err) {
   s = sv_path_join(rig_dir, sizeof rig_dir, dir, src->capture.rig, err);
   if (s == SV_OK && sv_rig_init(&src->rig, SV_CAP_SUB_VIEWS, &src->arena) != SV_OK)
     s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its rig", dir);
+  sv_arena scratch = sv_arena_sub(&src->arena, RIG_SCRATCH_BYTES);
   sv_file_reader files = {rig_dir, sv_folder_read};
-  if (s == SV_OK) s = sv_rig_read(&src->rig, &files, "rig.json", src->capture.n_cameras, &src->arena, err);
+  if (s == SV_OK) s = sv_rig_read(&src->rig, &files, "rig.json", src->capture.n_cameras, &scratch, err);
   if (s == SV_OK && src->rig.forward == SV_FORWARD_MULTIPLEXED)
     s = sv_fail(err, SV_E_UNSUPPORTED,
                 "%s: sub-views of a multiplexed sensor overlap; they cannot be cut out", rig_dir);

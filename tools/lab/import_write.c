@@ -161,6 +161,9 @@ typedef struct {
 
 static sv_status check_model(const lab_import_view *v, sv_err *err) {
   int n = sv_model_n_params(v->model.kind);
+  if (v->model.kind == SV_MODEL_SPLINED)
+    return sv_fail(err, SV_E_UNSUPPORTED, "%s: its lens is a spline, which transforms.json cannot say",
+                   v->source);
   for (int i = 9; i < n; i++)
     if (v->model.p[i] != 0)
       return sv_fail(err, SV_E_UNSUPPORTED,
@@ -179,13 +182,16 @@ static void put_pose(FILE *f, const sv_pose *cam_from_world) {
 }
 
 static void put_view(FILE *f, const lab_import_view *v) {
-  static const char *const names[] = {"fl_x", "fl_y", "cx", "cy", "k1", "k2", "p1", "p2", "k3"};
+  static const char *const opencv[] = {"fl_x", "fl_y", "cx", "cy", "k1", "k2", "p1", "p2", "k3"},
+                           *const fisheye[] = {"fl_x", "fl_y", "cx", "cy", "k1", "k2", "k3", "k4"};
+  const char *const *names = v->model.kind == SV_MODEL_KB4 ? fisheye : opencv;
   char text[6 * SV_TRANSFORMS_CAP_PATH], name[SV_TRANSFORMS_CAP_PATH + 16];
   sv_str s = sv_str_make(text, sizeof text);
   sv_str_add_json(&s, v->name);
   fprintf(f, "  {\"file_path\": \"images/%s\"", text);
   fprintf(f, ", \"w\": %d, \"h\": %d", v->model.width_px, v->model.height_px);
   int n = sv_model_n_params(v->model.kind);
+  if (v->model.kind == SV_MODEL_KB4) fprintf(f, ", \"camera_model\": \"OPENCV_FISHEYE\"");
   for (int i = 0; i < n && i < 9; i++) fprintf(f, ", \"%s\": %.17g", names[i], v->model.p[i]);
   if (v->exposure >= 0) fprintf(f, ", \"exposure\": %d", v->exposure);
   if (v->sub_view >= 0) fprintf(f, ", \"sub_view\": %d", v->sub_view);

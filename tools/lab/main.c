@@ -29,8 +29,12 @@ static const lab_command commands[] = {
      "  subview-lab render --data blender_tree --model tree/model.ply --orbit 60 --out turn", LAB_RENDER,
      lab_cmd_render},
     {"export", "--model FILE --format F --out FILE [options]", "write a model in another format",
-     "Converts a model PLY: ply (as 3DGS tools read it) or splat (32 bytes a Gaussian for web viewers,\n"
-     "most visible first, without view-dependent colour).",
+     "Converts a model (PLY, .splat, SPZ or GLB; told by its first bytes):\n"
+     "  ply    as 3DGS tools read it, floats\n"
+     "  splat  32 bytes a Gaussian, most visible first, without view-dependent colour\n"
+     "  spz    about a tenth of PLY; axes become right-up-back, as the format says\n"
+     "  glb    glTF with KHR_gaussian_splatting, floats; axes become left-up-forward\n"
+     "Models are taken as right-down-forward (COLMAP's axes).",
      "  subview-lab export --model tree/model.ply --format splat --out tree.splat", LAB_EXPORT,
      lab_cmd_export},
     {"import", "--from KIND DIR --out DIR [options]", "turn other data into a dataset",

@@ -15,7 +15,7 @@ sv_status lab_undistort_choose(lab_frame *f, sv_err *err) {
 
 bool lab_is_same_lens(const sv_camera_model *a, const sv_camera_model *b) {
   return a->kind == b->kind && a->width_px == b->width_px && a->height_px == b->height_px &&
-         memcmp(a->p, b->p, sizeof a->p) == 0;
+         memcmp(a->p, b->p, sizeof a->p) == 0 && a->spline.control == b->spline.control;
 }
 
 sv_status lab_undistort_map(lab_loader *l, const lab_frame *f, sv_err *err) {

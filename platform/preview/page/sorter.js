@@ -22,8 +22,12 @@ function order(f) { // f: forward direction
     counts[k + 1]++;
   }
   for (let k = 0; k < 65536; k++) counts[k + 1] += counts[k];
-  const out = new Uint32Array(n);
-  for (let i = 0; i < n; i++) out[counts[keys[i]]++] = i;
+  const out = new Uint32Array(6 * n); // two triangles each: vertex 4 i + corner
+  for (let i = 0, v = 0; i < n; i++, v += 4) {
+    const o = 6 * counts[keys[i]]++;
+    out[o] = v, out[o + 1] = v + 1, out[o + 2] = v + 2;
+    out[o + 3] = v + 2, out[o + 4] = v + 1, out[o + 5] = v + 3;
+  }
   return out;
 }
 

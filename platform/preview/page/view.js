@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The model in WebGL2: Gaussians as quads, sorted far to near (sorter.js), blended over. The compact stream
+// The model in WebGL2: Gaussians as quads, sorted far to near (sorter.js), blended over. The order is the index buffer
+// and the corner is in the vertex number: instances of four vertices cost far more where graphics are done in software. The compact stream
 // (platform/preview/model.c) goes into a texture as it comes. Axes are the camera's: x right, y down, z forward.
 "use strict";
 class SplatView {
@@ -32,18 +33,13 @@ class SplatView {
     const p = (this.program = gl.createProgram());
     gl.attachShader(p, shader(gl.VERTEX_SHADER, SplatView.vertex));
     gl.attachShader(p, shader(gl.FRAGMENT_SHADER, SplatView.fragment));
-    gl.bindAttribLocation(p, 0, "corner"), gl.bindAttribLocation(p, 1, "index");
     gl.linkProgram(p);
     if (!gl.getProgramParameter(p, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(p));
     gl.useProgram(p);
     this.at = {};
     for (const name of ["rotation", "eye", "focal", "size", "is_mip"]) this.at[name] = gl.getUniformLocation(p, name);
     gl.bindVertexArray(gl.createVertexArray());
-    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
-    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array([-1, -1, 1, -1, -1, 1, 1, 1]), gl.STATIC_DRAW);
-    gl.enableVertexAttribArray(0), gl.vertexAttribPointer(0, 2, gl.FLOAT, false, 0, 0);
-    gl.bindBuffer(gl.ARRAY_BUFFER, (this.order_buffer = gl.createBuffer()));
-    gl.enableVertexAttribArray(1), gl.vertexAttribIPointer(1, 1, gl.UNSIGNED_INT, 0, 0), gl.vertexAttribDivisor(1, 1);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
     gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
     for (const name of ["MIN_FILTER", "MAG_FILTER"]) gl.texParameteri(gl.TEXTURE_2D, gl["TEXTURE_" + name], gl.NEAREST);
     gl.enable(gl.BLEND), gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA), gl.disable(gl.DEPTH_TEST);
@@ -176,10 +172,9 @@ class SplatView {
   take_order(m) {
     const gl = this.gl;
     this.is_sorting = false;
-    if (m.list.length <= this.n) { // of this model, or of one of the same size just before it
-      gl.bindBuffer(gl.ARRAY_BUFFER, this.order_buffer);
-      gl.bufferData(gl.ARRAY_BUFFER, m.list, gl.DYNAMIC_DRAW);
-      this.drawn = m.list.length;
+    if (m.list.length <= 6 * this.n) { // of this model, or of one of the same size just before it
+      gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, m.list, gl.DYNAMIC_DRAW);
+      this.drawn = m.list.length / 6;
     }
     if (this.wants_sort || m.model !== this.model) this.sort();
     this.touch();
@@ -197,7 +192,7 @@ class SplatView {
     if (wanted !== this.scale) (this.scale = wanted), (this.is_dirty = true);
     if (!this.is_dirty || document.hidden) return;
     this.is_dirty = false;
-    const is_measured = is_moving && (this.n_moving = (this.n_moving || 0) + 1) % 3 === 0, begin = performance.now();
+    const is_measured = is_moving && ((this.n_moving = (this.n_moving || 0) + 1) % 3 === 0 || this.frame_ms > 60), begin = performance.now();
     this.draw();
     if (is_measured) this.adapt(begin);
   }
@@ -208,7 +203,7 @@ class SplatView {
     const ms = performance.now() - begin;
     this.frame_ms = this.frame_ms ? 0.6 * this.frame_ms + 0.4 * ms : ms;
     this.fps = Math.min(60, 1000 / this.frame_ms);
-    if (ms > 40 || ms < 12) this.quality = Math.max(0.25, Math.min(1, this.quality * Math.max(0.6, Math.min(1.15, Math.sqrt(25 / ms)))));
+    if (ms > 40 || ms < 12) this.quality = Math.max(0.25, Math.min(1, this.quality * Math.max(0.35, Math.min(1.15, Math.sqrt(25 / ms)))));
   }
 
   draw() {
@@ -222,7 +217,7 @@ class SplatView {
     for (let r = 0; r < 3; r++) for (let k = 0; k < 3; k++) m[3 * k + r] = rows[r][k];
     gl.uniformMatrix3fv(this.at.rotation, false, m), gl.uniform3fv(this.at.eye, f.eye);
     gl.uniform1f(this.at.focal, focal), gl.uniform2f(this.at.size, w, h), gl.uniform1i(this.at.is_mip, this.is_mip ? 1 : 0);
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.drawn);
+    gl.drawElements(gl.TRIANGLES, 6 * this.drawn, gl.UNSIGNED_INT, 0);
     this.frames = (this.frames || 0) + 1;
   }
 
@@ -245,12 +240,12 @@ uniform vec3 eye;
 uniform float focal;
 uniform vec2 size;
 uniform int is_mip;
-in vec2 corner;
-in uint index;
 out vec2 at;
 out vec4 colour;
 void main() {
-  ivec2 t = ivec2(int(index & 1023u) * 2, int(index >> 10));
+  int index = gl_VertexID >> 2;
+  vec2 corner = vec2(float(2 * (gl_VertexID & 1) - 1), float((gl_VertexID & 2) - 1));
+  ivec2 t = ivec2((index & 1023) * 2, index >> 10);
   uvec4 a = texelFetch(data, t, 0), b = texelFetch(data, t + ivec2(1, 0), 0);
   vec3 p = rotation * (uintBitsToFloat(a.xyz) - eye);
   gl_Position = vec4(0.0, 0.0, 2.0, 1.0);

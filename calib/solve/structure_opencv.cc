@@ -1,0 +1,341 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <opencv2/calib3d.hpp>
+#include <opencv2/features2d.hpp>
+#include <opencv2/video/tracking.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <numeric>
+
+#include "calib/solve/structure.h"
+
+namespace {
+
+constexpr int kFeatures = 800;
+constexpr size_t kNeighbours = 6; // that a view is matched with; tracks join further ones
+constexpr float kRatio = 0.8f;    // of the best to the second best match (D. Lowe, IJCV 2004)
+constexpr float kEpipolarPx = 1.5f;
+constexpr int kMinInliers = 12;
+constexpr float kMovePx = 2.0f;   // that refinement may move a feature
+constexpr float kReturnPx = 0.2f; // tracked there and back again
+
+struct Features {
+  cv::Mat image;
+  std::vector<cv::KeyPoint> keys;
+  cv::Mat descriptors;
+};
+
+Features describe(const sv_structure_view &v) {
+  Features f;
+  f.image = cv::Mat(v.height_px, v.width_px, CV_8UC1, const_cast<uint8_t *>(v.grey)).clone();
+  cv::Mat mask;
+  if (v.mask) mask = cv::Mat(v.height_px, v.width_px, CV_8UC1, const_cast<uint8_t *>(v.mask));
+  cv::SIFT::create(kFeatures, 3, 0.01, 10, 1.2)->detectAndCompute(f.image, mask, f.keys, f.descriptors);
+  for (int i = 0; i < f.descriptors.rows; i++) cv::normalize(f.descriptors.row(i), f.descriptors.row(i));
+  return f;
+}
+
+// The best match of each row where it clearly is the best; -1 elsewhere. score: products of unit descriptors.
+std::vector<int> nearest(const cv::Mat &score) {
+  std::vector<int> out(static_cast<size_t>(score.rows), -1);
+  for (int i = 0; i < score.rows; i++) {
+    const float *s = score.ptr<float>(i);
+    int best = 0;
+    float first = -1, second = -1;
+    for (int k = 0; k < score.cols; k++)
+      if (s[k] > first) second = first, first = s[k], best = k;
+      else if (s[k] > second) second = s[k];
+    // squared distances of unit vectors are 2 - 2 s
+    if (1 - first < kRatio * kRatio * (1 - second)) out[static_cast<size_t>(i)] = best;
+  }
+  return out;
+}
+
+struct Sets { // union and find
+  std::vector<int> up;
+  explicit Sets(size_t n) : up(n) { std::iota(up.begin(), up.end(), 0); }
+  int root(int i) {
+    while (up[static_cast<size_t>(i)] != i)
+      i = up[static_cast<size_t>(i)] = up[static_cast<size_t>(up[static_cast<size_t>(i)])];
+    return i;
+  }
+  void join(int a, int b) { up[static_cast<size_t>(root(a))] = root(b); }
+};
+
+// Joins what is matched both ways and lies on one epipolar geometry.
+void match(const Features &a, const Features &b, int first_a, int first_b, Sets &sets) {
+  if (a.keys.size() < kMinInliers || b.keys.size() < kMinInliers) return;
+  const cv::Mat score = a.descriptors * b.descriptors.t();
+  const std::vector<int> there = nearest(score), back = nearest(score.t());
+  std::vector<cv::Point2f> pa, pb;
+  std::vector<std::pair<int, int>> pairs;
+  for (size_t i = 0; i < there.size(); i++)
+    if (there[i] >= 0 && back[static_cast<size_t>(there[i])] == static_cast<int>(i)) {
+      pa.push_back(a.keys[i].pt), pb.push_back(b.keys[static_cast<size_t>(there[i])].pt);
+      pairs.emplace_back(static_cast<int>(i), there[i]);
+    }
+  if (pairs.size() < kMinInliers) return;
+  std::vector<uchar> is_good;
+  cv::findFundamentalMat(pa, pb, cv::FM_RANSAC, kEpipolarPx, 0.999, is_good);
+  if (is_good.size() != pairs.size()) return;
+  for (size_t i = 0; i < pairs.size(); i++)
+    if (is_good[i]) sets.join(first_a + pairs[i].first, first_b + pairs[i].second);
+}
+
+// Is b among the views nearest to a, or a among those nearest to b?
+bool are_neighbours(const sv_structure_view *v, size_t n, size_t a, size_t b) {
+  const double d = std::hypot(v[a].x - v[b].x, v[a].y - v[b].y);
+  size_t nearer_a = 0, nearer_b = 0;
+  for (size_t i = 0; i < n; i++) {
+    if (i == a || i == b) continue;
+    nearer_a += std::hypot(v[a].x - v[i].x, v[a].y - v[i].y) < d;
+    nearer_b += std::hypot(v[b].x - v[i].x, v[b].y - v[i].y) < d;
+  }
+  return nearer_a < kNeighbours || nearer_b < kNeighbours;
+}
+
+struct Seen {
+  int view;
+  cv::Point2f at;
+};
+
+// Follows the patch of the first view into the others: SIFT's places are good to some tenths of a pixel only.
+// What cannot be followed there and back is left out.
+void refine(const std::vector<Features> &f, std::vector<std::vector<Seen>> &tracks) {
+  const cv::Size window(13, 13);
+  const cv::TermCriteria end(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 50, 1e-4);
+  const int n = static_cast<int>(f.size());
+  for (int from = 0; from < n; from++)
+    for (int to = 0; to < n; to++) {
+      std::vector<cv::Point2f> a, b, c;
+      std::vector<std::pair<size_t, size_t>> whose;
+      for (size_t t = 0; t < tracks.size(); t++)
+        for (size_t k = 1; k < tracks[t].size(); k++)
+          if (tracks[t][0].view == from && tracks[t][k].view == to) {
+            a.push_back(tracks[t][0].at), b.push_back(tracks[t][k].at);
+            whose.emplace_back(t, k);
+          }
+      if (a.empty()) continue;
+      c = a;
+      std::vector<cv::Point2f> start = b;
+      std::vector<uchar> there, back;
+      std::vector<float> error;
+      const auto &ia = f[static_cast<size_t>(from)].image, &ib = f[static_cast<size_t>(to)].image;
+      cv::calcOpticalFlowPyrLK(ia, ib, a, b, there, error, window, 0, end, cv::OPTFLOW_USE_INITIAL_FLOW);
+      cv::calcOpticalFlowPyrLK(ib, ia, b, c, back, error, window, 0, end, cv::OPTFLOW_USE_INITIAL_FLOW);
+      for (size_t i = 0; i < a.size(); i++) {
+        const bool is_good =
+            there[i] && back[i] && cv::norm(b[i] - start[i]) < kMovePx && cv::norm(c[i] - a[i]) < kReturnPx;
+        Seen &s = tracks[whose[i].first][whose[i].second];
+        if (is_good) s.at = b[i];
+        else s.view = -1;
+      }
+    }
+}
+
+std::vector<std::vector<Seen>> gather(const std::vector<Features> &f, const std::vector<int> &first,
+                                      Sets &sets) {
+  std::vector<std::vector<Seen>> by_root(sets.up.size()), out;
+  for (size_t v = 0; v < f.size(); v++)
+    for (size_t k = 0; k < f[v].keys.size(); k++)
+      by_root[static_cast<size_t>(sets.root(first[v] + static_cast<int>(k)))].push_back(
+          {static_cast<int>(v), f[v].keys[k].pt});
+  for (auto &t : by_root) {
+    bool is_one_each = t.size() >= 3;
+    for (size_t k = 1; k < t.size() && is_one_each; k++)
+      is_one_each = t[k].view != t[k - 1].view; // in order of views
+    if (!is_one_each) continue;
+    std::swap(t[0], t[t.size() / 2]); // a view in the middle looks least different from the others
+    out.push_back(t);
+  }
+  return out;
+}
+
+} // namespace
+
+bool sv_structure_available(void) { return true; }
+
+int sv_structure_tracks(const sv_structure_view *views, int n_views, sv_array_observation **observations,
+                        int *n_points) {
+  *observations = nullptr, *n_points = 0;
+  try {
+    std::vector<Features> f;
+    std::vector<int> first;
+    int n_features = 0;
+    for (int v = 0; v < n_views; v++) {
+      f.push_back(describe(views[v]));
+      first.push_back(n_features);
+      n_features += static_cast<int>(f.back().keys.size());
+    }
+    Sets sets(static_cast<size_t>(n_features));
+    for (size_t a = 0; a < f.size(); a++)
+      for (size_t b = a + 1; b < f.size(); b++)
+        if (are_neighbours(views, f.size(), a, b)) match(f[a], f[b], first[a], first[b], sets);
+    auto tracks = gather(f, first, sets);
+    refine(f, tracks);
+    std::vector<sv_array_observation> all;
+    for (auto &t : tracks) {
+      t.erase(std::remove_if(t.begin(), t.end(), [](const Seen &s) { return s.view < 0; }), t.end());
+      if (t.size() < 3) continue;
+      for (const Seen &s : t) all.push_back({s.view, *n_points, {s.at.x + 0.5, s.at.y + 0.5}, false});
+      (*n_points)++;
+    }
+    if (all.empty()) return 0;
+    *observations =
+        static_cast<sv_array_observation *>(std::malloc(all.size() * sizeof(sv_array_observation)));
+    if (!*observations) return -1;
+    std::copy(all.begin(), all.end(), *observations);
+    return static_cast<int>(all.size());
+  } catch (const std::exception &) {
+    return -1;
+  }
+}
+
+// --- the start -------------------------------------------------------------------------------------------
+namespace {
+
+struct Rays { // observations by point, as directions on z = 1
+  std::vector<std::vector<std::pair<int, cv::Point2d>>> of;
+};
+
+Rays rays_of(const sv_lens_array *b) {
+  Rays r;
+  r.of.resize(static_cast<size_t>(b->n_points));
+  for (int i = 0; i < b->n_observations; i++) {
+    const sv_array_observation &o = b->observations[i];
+    const double *p = b->models[o.view].p;
+    r.of[static_cast<size_t>(o.point)].push_back(
+        {o.view, cv::Point2d((o.uv_px[0] - p[2]) / p[0], (o.uv_px[1] - p[3]) / p[1])});
+  }
+  return r;
+}
+
+const cv::Point2d *seen_by(const Rays &r, int point, int view) {
+  for (const auto &o : r.of[static_cast<size_t>(point)])
+    if (o.first == view) return &o.second;
+  return nullptr;
+}
+
+// Linear triangulation from all views that are placed. False when it lies behind one of them.
+bool triangulate(const Rays &r, int point, const std::vector<bool> &is_placed, const sv_pose *poses,
+                 double x[3]) {
+  cv::Mat a(0, 4, CV_64F);
+  for (const auto &o : r.of[static_cast<size_t>(point)]) {
+    if (!is_placed[static_cast<size_t>(o.first)]) continue;
+    const sv_pose &p = poses[o.first];
+    for (int k = 0; k < 2; k++) {
+      const double c = k ? o.second.y : o.second.x;
+      cv::Mat row(1, 4, CV_64F);
+      for (int j = 0; j < 3; j++) row.at<double>(j) = c * p.r[6 + j] - p.r[3 * k + j];
+      row.at<double>(3) = c * p.t[2] - p.t[k];
+      a.push_back(row);
+    }
+  }
+  if (a.rows < 4) return false;
+  cv::Mat h;
+  cv::SVD::solveZ(a, h);
+  const double w = h.at<double>(3);
+  if (std::fabs(w) < 1e-12) return false;
+  for (int k = 0; k < 3; k++) x[k] = h.at<double>(k) / w;
+  for (const auto &o : r.of[static_cast<size_t>(point)]) {
+    if (!is_placed[static_cast<size_t>(o.first)]) continue;
+    double c[3];
+    sv_pose_apply(c, &poses[o.first], x);
+    if (!(c[2] > 1e-9)) return false;
+  }
+  return true;
+}
+
+sv_pose pose_of(const cv::Mat &r, const cv::Mat &t) {
+  sv_pose p;
+  for (int i = 0; i < 9; i++) p.r[i] = r.at<double>(i / 3, i % 3);
+  for (int i = 0; i < 3; i++) p.t[i] = t.at<double>(i);
+  return p;
+}
+
+// View 0 and the partner with which most points are seen in front of both, from the far side of the array first.
+int first_pair(const sv_lens_array *b, const Rays &r, sv_pose *pose) {
+  int best = -1;
+  double best_score = 0;
+  const double f = b->models[0].p[0];
+  for (int v = 1; v < b->n_views; v++) {
+    std::vector<cv::Point2d> p, q;
+    for (int i = 0; i < b->n_points; i++) {
+      const cv::Point2d *a = seen_by(r, i, 0), *c = seen_by(r, i, v);
+      if (a && c) p.push_back(*a), q.push_back(*c);
+    }
+    if (p.size() < kMinInliers) continue;
+    cv::Mat mask, rot, t;
+    cv::Mat e = cv::findEssentialMat(p, q, 1.0, cv::Point2d(0, 0), cv::RANSAC, 0.9999, 1.0 / f, mask);
+    if (e.rows != 3 || e.cols != 3) continue;
+    const int n = cv::recoverPose(e, p, q, rot, t, 1.0, cv::Point2d(0, 0), mask);
+    std::vector<double> shift; // how far points moved about their mean: parallax
+    cv::Point2d mean(0, 0);
+    for (size_t i = 0; i < p.size(); i++) mean += (q[i] - p[i]) * (1.0 / static_cast<double>(p.size()));
+    for (size_t i = 0; i < p.size(); i++) shift.push_back(cv::norm(q[i] - p[i] - mean));
+    std::nth_element(shift.begin(), shift.begin() + static_cast<long>(shift.size() / 2), shift.end());
+    const double score = std::min(n, 150) * shift[shift.size() / 2];
+    if (n >= kMinInliers && score > best_score) best_score = score, best = v, *pose = pose_of(rot, t);
+  }
+  return best;
+}
+
+bool place(const sv_lens_array *b, const Rays &r, const std::vector<bool> &has_point, int view,
+           sv_pose *pose) {
+  std::vector<cv::Point3d> x;
+  std::vector<cv::Point2d> q;
+  for (int i = 0; i < b->n_points; i++) {
+    const cv::Point2d *a = seen_by(r, i, view);
+    if (!a || !has_point[static_cast<size_t>(i)]) continue;
+    x.emplace_back(b->points[i][0], b->points[i][1], b->points[i][2]);
+    q.push_back(*a);
+  }
+  if (x.size() < kMinInliers) return false;
+  cv::Mat rvec, t, rot;
+  std::vector<int> inliers;
+  if (!cv::solvePnPRansac(x, q, cv::Mat::eye(3, 3, CV_64F), cv::noArray(), rvec, t, false, 500,
+                          static_cast<float>(3 / b->models[view].p[0]), 0.999, inliers, cv::SOLVEPNP_EPNP))
+    return false;
+  if (inliers.size() < kMinInliers) return false;
+  cv::Rodrigues(rvec, rot);
+  *pose = pose_of(rot, t);
+  return true;
+}
+
+void spread_points(sv_lens_array *b, const Rays &r, const std::vector<bool> &is_placed,
+                   std::vector<bool> &has_point) {
+  for (int i = 0; i < b->n_points; i++)
+    has_point[static_cast<size_t>(i)] = triangulate(r, i, is_placed, b->cam_from_rig, b->points[i]);
+}
+
+} // namespace
+
+bool sv_structure_start(sv_lens_array *b) {
+  try {
+    const Rays r = rays_of(b);
+    std::vector<bool> is_placed(static_cast<size_t>(b->n_views)), has_point(static_cast<size_t>(b->n_points));
+    sv_pose second;
+    cv::setRNGSeed(1); // RANSAC draws the same on every run
+    const int v = first_pair(b, r, &second);
+    if (v < 0) return false;
+    b->cam_from_rig[0] = sv_pose_identity(), b->cam_from_rig[v] = second;
+    is_placed[0] = is_placed[static_cast<size_t>(v)] = true;
+    spread_points(b, r, is_placed, has_point);
+    for (int n = 2; n < b->n_views;) {
+      const int before = n;
+      for (int c = 0; c < b->n_views; c++)
+        if (!is_placed[static_cast<size_t>(c)] && place(b, r, has_point, c, &b->cam_from_rig[c]))
+          is_placed[static_cast<size_t>(c)] = true, n++;
+      if (n == before) return false;
+      spread_points(b, r, is_placed, has_point);
+    }
+    for (int i = 0; i < b->n_points; i++) // a point without a place: before view 0, all that sees it left out
+      if (!has_point[static_cast<size_t>(i)]) b->points[i][0] = b->points[i][1] = 0, b->points[i][2] = 1;
+    for (int i = 0; i < b->n_observations; i++)
+      b->observations[i].is_outlier = !has_point[static_cast<size_t>(b->observations[i].point)];
+    return true;
+  } catch (const std::exception &) {
+    return false;
+  }
+}

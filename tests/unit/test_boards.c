@@ -1,0 +1,304 @@
+// SPDX-License-Identifier: Apache-2.0
+// The chessboard solver on simulated rigs with 0.3 px of corner noise, and on inputs that cannot be solved; the real
+// stereo pairs and stills of the shared datasets through the command.
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#include "calib/solve/boards.h"
+#include "calib/solve/corners.h"
+#include "src/base/mathx.h"
+#include "src/base/rng.h"
+#include "src/rig/device.h"
+#include "tools/calibrate/calibrate.h"
+
+enum { COLS = 10, ROWS = 9, N_FRAMES = 60, CAP_VIEWS = 16 };
+#define SPACING_M  0.08
+#define DISTANCE_M 1.6
+#define NOISE_PX   0.3
+
+static sv_err err;
+
+typedef struct {
+  sv_sub_view views[CAP_VIEWS];
+  sv_rig rig;
+  int size[CAP_VIEWS][2];
+  const char *names[CAP_VIEWS];
+  double *uv;
+  uint8_t *seen;
+  sv_boards b;
+} world;
+
+static void make_rig(world *w, sv_device_id id, double angle_deg, int width_px, int height_px) {
+  sv_device_params p = sv_device_defaults(id);
+  p.width_px = width_px, p.height_px = height_px, p.focal_per_width = 1.0, p.distance_m = DISTANCE_M;
+  p.angle_rad = angle_deg * SV_PI / 180;
+  w->rig = (sv_rig){.cap_sub_views = CAP_VIEWS, .sub_views = w->views};
+  if (sv_device_build(&w->rig, &p, &err) != SV_OK) fail_msg("%s", err.text);
+}
+
+// Boards about the scene's centre, tilted by up to tilt_deg to all sides, within range metres; a negative range: every
+// second board within a third of it.
+static void make_boards(world *w, int n_frames, double tilt_deg, double range, uint64_t seed) {
+  sv_rng rng = sv_rng_make(seed, 1);
+  int n = w->rig.n_sub_views, corners = COLS * ROWS;
+  w->uv = calloc((size_t)n * (size_t)n_frames * (size_t)corners * 2, sizeof(double));
+  w->seen = calloc((size_t)n * (size_t)n_frames, 1);
+  for (int f = 0; f < n_frames; f++) {
+    double t = tilt_deg * SV_PI / 180, rot[3], at[3], span = range > 0 ? range : f % 2 ? -range : -range / 3;
+    for (int k = 0; k < 3; k++) rot[k] = (k < 2 ? 2 * t : 0.6) * ((double)sv_rng_f(&rng) - 0.5);
+    for (int k = 0; k < 3; k++) at[k] = span * ((double)sv_rng_f(&rng) - 0.5) * (k < 2 ? 0.9 : 0.7);
+    sv_pose p;
+    sv_rodrigues(p.r, rot);
+    double middle[3] = {0.5 * (COLS - 1) * SPACING_M, 0.5 * (ROWS - 1) * SPACING_M, 0};
+    sv_apply33(middle, p.r, middle);
+    for (int k = 0; k < 3; k++) p.t[k] = at[k] - middle[k] + (k == 2 ? DISTANCE_M : 0);
+    for (int c = 0; c < n; c++) {
+      double *uv = w->uv + 2 * corners * (c * n_frames + f);
+      bool is_in = true;
+      for (int k = 0; k < corners; k++) {
+        double x[3] = {k % COLS * SPACING_M, k / COLS * SPACING_M, 0};
+        sv_pose_apply(x, &p, x);
+        sv_pose_apply(x, &w->views[c].cam_from_rig, x);
+        const sv_camera_model *m = &w->views[c].model;
+        is_in = is_in && sv_model_project(m, x, uv + 2 * k, NULL, NULL) && uv[2 * k] > 0 &&
+                uv[2 * k + 1] > 0 && uv[2 * k] < m->width_px && uv[2 * k + 1] < m->height_px;
+        for (int a = 0; a < 2; a++) uv[2 * k + a] += NOISE_PX * (double)sv_rng_normal(&rng);
+      }
+      w->seen[c * n_frames + f] = is_in;
+    }
+  }
+  for (int c = 0; c < n; c++) {
+    w->names[c] = w->views[c].name;
+    w->size[c][0] = w->views[c].model.width_px, w->size[c][1] = w->views[c].model.height_px;
+  }
+  w->b = (sv_boards){
+      n,     n_frames, COLS, ROWS, SPACING_M, SV_MODEL_PINHOLE, false, w->names, (const int(*)[2])w->size,
+      w->uv, w->seen};
+}
+
+static void drop(world *w) { free(w->uv), free(w->seen); }
+
+static void need_mrcal(void) {
+  if (sv_boards_available(&err) == SV_OK && sv_corners_has_opencv()) return;
+  printf("skip  this build has no mrcal or OpenCV\n");
+  skip();
+}
+
+static void check_rig(world *w, const char *name) {
+  sv_boards_result r;
+  double focal = 0, rotation = 0, place = 0;
+  if (sv_boards_solve(&w->b, &r, &err) != SV_OK) fail_msg("%s: %s", name, err.text);
+  sv_pose back = sv_pose_inv(&w->views[0].cam_from_rig);
+  for (int c = 0; c < w->b.n_cameras; c++) {
+    sv_pose want = sv_pose_mul(&w->views[c].cam_from_rig, &back), inv = sv_pose_inv(&want);
+    double rot[9], v[3], d[3];
+    sv_mul33(rot, r.cam_from_rig[c].r, inv.r);
+    sv_rodrigues_inv(v, rot);
+    sv_sub3(d, r.cam_from_rig[c].t, want.t);
+    focal = fmax(focal, fabs(r.models[c].p[0] / w->views[c].model.p[0] - 1));
+    rotation = fmax(rotation, sv_norm3(v) * 180 / SV_PI), place = fmax(place, sv_norm3(d) / DISTANCE_M);
+    assert_true(r.cameras[c].fx_sd_px / r.models[c].p[0] < 0.001); // it knows how well it knows
+  }
+  printf("%s: %d boards, %.3f px RMS, focal length %.3f %%, rotation %.4f degrees, translation %.3f %%\n",
+         name, w->b.n_frames, r.rms_px, 100 * focal, rotation, 100 * place);
+  assert_true(fabs(r.rms_px / (NOISE_PX * sqrt(2)) - 1) < 0.05);
+  assert_true(focal < 0.001 && rotation < 0.02 && place < 0.002);
+  sv_boards_free(&r);
+}
+
+static void test_stereo(void **state) {
+  (void)state;
+  need_mrcal();
+  world w;
+  make_rig(&w, SV_DEVICE_STEREO, 15, 1280, 960);
+  make_boards(&w, N_FRAMES, 45, 0.9, 1);
+  check_rig(&w, "stereo");
+  drop(&w);
+}
+
+static void test_phone(void **state) {
+  (void)state;
+  need_mrcal();
+  world w;
+  make_rig(&w, SV_DEVICE_PHONE, 5, 4000, 3000);
+  // The long lens needs a board of its own size: it sees the whole only from afar.
+  for (int c = 0; c < w.rig.n_sub_views; c++)
+    if (strcmp(w.views[c].name, "tele") == 0) w.views[c].model.p[0] /= 2, w.views[c].model.p[1] /= 2;
+  make_boards(&w, 2 * N_FRAMES, 45, -2, 2); // far to the sides, too, for the widest lens
+  check_rig(&w, "phone");
+  drop(&w);
+}
+
+static void test_grid(void **state) {
+  (void)state;
+  need_mrcal();
+  world w;
+  make_rig(&w, SV_DEVICE_LIGHTFIELD, 10, 6000, 6000);
+  make_boards(&w, 40, 45, 0.7, 3);
+  check_rig(&w, "grid");
+  drop(&w);
+}
+
+static void refused(world *w, const char *word) {
+  sv_boards_result r;
+  if (sv_boards_solve(&w->b, &r, &err) == SV_OK) fail_msg("solved, but %s was expected", word);
+  if (!strstr(err.text, word)) fail_msg("'%s' was expected in: %s", word, err.text);
+}
+
+static void test_ill_posed(void **state) {
+  (void)state;
+  need_mrcal();
+  world w;
+  make_rig(&w, SV_DEVICE_STEREO, 15, 1280, 960);
+  make_boards(&w, 20, 0, 0.5, 4); // always frontal
+  refused(&w, "one direction");
+  drop(&w);
+  make_boards(&w, 20, 45, 0.5, 5);
+  for (int f = 0; f < 20; f++) w.seen[(f % 2) * 20 + f] = 0; // never together
+  refused(&w, "same instant");
+  for (int f = 2; f < 20; f++) w.seen[20 + f] = 0;
+  w.seen[20] = w.seen[0] = 1;
+  refused(&w, "at least 3");
+  drop(&w);
+}
+
+// Three boards can be solved, and are flagged.
+static void test_three_boards(void **state) {
+  (void)state;
+  need_mrcal();
+  world w;
+  sv_boards_result r;
+  make_rig(&w, SV_DEVICE_STEREO, 15, 1280, 960);
+  make_boards(&w, 3, 45, 0.3, 6);
+  cal_advice *a = calloc(1, sizeof *a);
+  cal_camera cameras[2] = {{.name = "left"}, {.name = "right"}};
+  char *frames[] = {"0", "1", "2"};
+  cal_boards b = {.n_cameras = 2,
+                  .n_frames = 3,
+                  .n_cols = COLS,
+                  .n_rows = ROWS,
+                  .cameras = cameras,
+                  .frames = frames,
+                  .is_seen = w.seen,
+                  .uv_px = w.uv};
+  if (sv_boards_solve(&w.b, &r, &err) == SV_OK) {
+    cal_advise_boards(a, &b, &r);
+    assert_true(a->n > 0);
+    assert_non_null(strstr(a->text[0], "left saw the board in only 3 pictures"));
+    sv_boards_free(&r);
+  }
+  free(a);
+  drop(&w);
+}
+
+static cal_options options_of(const char *model, const char *out) {
+  return (cal_options){.model = model, .out = out, .threads = 2, .is_quiet = true, .pitch_m = -1, .dark = -1};
+}
+
+static double focal_of(const char *folder, const char *name) {
+  char path[SV_CAP_PATH + 80];
+  void *data;
+  size_t bytes;
+  snprintf(path, sizeof path, "%s/%s.cameramodel", folder, name);
+  if (sv_file_read(path, &data, &bytes, &err) != SV_OK) fail_msg("%s", err.text);
+  double f = 0;
+  const char *at = strstr(data, "'intrinsics': [");
+  assert_non_null(at);
+  f = strtod(at + 15, NULL);
+  free(data);
+  return f;
+}
+
+static void in_shared(char *out, const char *path) {
+  const char *shared = getenv("SV_SHARED");
+  snprintf(out, SV_CAP_PATH, "%s/data/%s", shared ? shared : "../shared", path);
+}
+
+static void out_folder(char *out, const char *name) {
+  const char *tmp = getenv("TMPDIR");
+  snprintf(out, SV_CAP_PATH, "%s/subview-boards-%ld-%s", tmp ? tmp : "/tmp", (long)getpid(), name);
+}
+
+static void remove_folder(const char *folder) {
+  char command[SV_CAP_PATH + 20];
+  snprintf(command, sizeof command, "rm -rf '%s'", folder);
+  if (system(command) != 0) printf("%s stays\n", folder);
+}
+
+static void test_real_stereo(void **state) {
+  (void)state;
+  char left[SV_CAP_PATH], right[SV_CAP_PATH], out[SV_CAP_PATH], folder[SV_CAP_PATH];
+  need_mrcal();
+  in_shared(folder, "calib_stereo_chessboard");
+  if (!sv_path_is_folder(folder)) {
+    printf("skip  %s is not there\n", folder);
+    skip();
+  }
+  in_shared(left, "calib_stereo_chessboard/left*.jpg"),
+      in_shared(right, "calib_stereo_chessboard/right*.jpg");
+  out_folder(out, "stereo");
+  cal_options o = options_of("LENSMODEL_OPENCV5", out);
+  o.images[0] = left, o.images[1] = right, o.n_images = 2, o.n_cols = 9, o.n_rows = 6, o.spacing_m = 0.025;
+  assert_int_equal(cal_cmd_board(&o), CAL_EXIT_OK);
+  double l = focal_of(out, "left"), r = focal_of(out, "right");
+  assert_true(fabs(l / 534.803 - 1) < 0.01 &&
+              fabs(r / 534.803 - 1) < 0.01); // intrinsics.yml beside the pictures
+  char path[SV_CAP_PATH + 40];
+  void *data;
+  size_t bytes;
+  snprintf(path, sizeof path, "%s/calibration.json", out);
+  assert_int_equal(sv_file_read(path, &data, &bytes, &err), SV_OK);
+  double rms = strtod(strstr(data, "\"rms_px\": ") + 10, NULL);
+  assert_true(rms > 0.05 && rms < 0.35);
+  assert_non_null(strstr(data, "\"pictures\": 14, \"boards\": 13")); // all pairs; left.jpg shows no board
+  free(data);
+  assert_int_equal(cal_cmd_board(&o), CAL_EXIT_OK); // from corners.txt
+  assert_true(fabs(focal_of(out, "left") / l - 1) < 1e-9);
+  cal_options check = options_of(NULL, NULL);
+  check.rig = out, check.images[0] = left, check.images[1] = right, check.n_images = 2;
+  check.board = "9x6", check.n_cols = 9, check.n_rows = 6, check.spacing_m = 0.025;
+  assert_int_equal(cal_cmd_check(&check), CAL_EXIT_OK);
+  remove_folder(out);
+}
+
+static void test_real_stills(void **state) {
+  (void)state;
+  static const double want[4] = {107599.671875, 107118.695313, 107622.296875,
+                                 107215.039063}; // 1/64 px, full size
+  char folder[SV_CAP_PATH], images[SV_CAP_PATH], out[SV_CAP_PATH];
+  need_mrcal();
+  in_shared(folder, "replay_4cam_person/chessboard");
+  if (!sv_path_is_folder(folder)) {
+    printf("skip  %s is not there\n", folder);
+    skip();
+  }
+  for (int c = 0; c < 4; c++) {
+    char pattern[80], name[16];
+    snprintf(pattern, sizeof pattern, "replay_4cam_person/chessboard/cam0%d_*_int.jpg", c + 1);
+    snprintf(name, sizeof name, "cam0%d", c + 1);
+    in_shared(images, pattern);
+    out_folder(out, name);
+    cal_options o = options_of(NULL, out);
+    o.images[0] = images, o.n_images = 1, o.n_cols = 4, o.n_rows = 7, o.spacing_m = 0.06;
+    assert_int_equal(cal_cmd_board(&o), CAL_EXIT_OK);
+    assert_true(fabs(focal_of(out, name) / (want[c] / 128) - 1) < 0.015);
+    remove_folder(out);
+  }
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_stereo),       cmocka_unit_test(test_phone),
+                                     cmocka_unit_test(test_grid),         cmocka_unit_test(test_ill_posed),
+                                     cmocka_unit_test(test_three_boards), cmocka_unit_test(test_real_stereo),
+                                     cmocka_unit_test(test_real_stills)};
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// The pictures of a multiplexed sensor's calibration: one white picture a lens, and pictures of a textured object
+// with all lenses masked but one.
+#ifndef SV_TOOLS_CALIBRATE_LENSES_H
+#define SV_TOOLS_CALIBRATE_LENSES_H
+
+#include "src/rig/footprint.h"
+#include "tools/calibrate/calibrate.h"
+
+typedef struct {
+  char name[32]; // of the white picture, without extension
+  sv_footprint footprint;
+  sv_footprint_stats stats;
+  void *block;   // holds footprint.coverage
+  uint8_t *mask; // [height][width] of the footprint: 255 where it is well lit and not at its rim
+  uint8_t *
+      *grey; // [n_exposures] each [height][width] of the footprint, evened out by the coverage; NULL: none
+} cal_lens;
+
+typedef struct {
+  int n_lenses, n_exposures, width_px, height_px; // of the sensor
+  cal_lens *lenses;
+  float m_max; // lenses that meet in a pixel at most
+} cal_lenses;
+
+// Reads WHITE/<lens>.png, measures the footprints, and reads the isolated pictures: ISOLATED/<lens>.png,
+// ISOLATED/<lens>/*.png (exposures in order of names) or ISOLATED/<exposure>/<lens>.png. Values are taken as
+// sRGB-encoded light unless o->is_linear. Sentences name the picture.
+sv_status cal_lenses_read(cal_lenses *l, const cal_options *o, sv_err *err) SV_MUST_USE;
+void cal_lenses_free(cal_lenses *l);
+
+#endif
