@@ -8,6 +8,7 @@
 #include "kernels/color/color.h"
 #include "kernels/corner/corner.h"
 #include "kernels/demosaic/demosaic.h"
+#include "kernels/explore/explore.h"
 #include "kernels/field/field.h"
 #include "kernels/fma_peak/fma_peak.h"
 #include "kernels/luma/luma.h"

@@ -30,13 +30,11 @@ static inline bin_bounds bin_bounds_of(const sv_splat *s) {
 
 // Marks blocks c0..c1 of block row `row`.
 static inline void bin_mark(const sv_splat *s, int row, int c0, int c1, sv_rec *rec) {
-  int tx0 = s->bx0 >> 3, n_x = (s->bx1 >> 3) - tx0 + 1;
-  sv_rec *r = rec + s->first_rec + ((row >> 3) - (s->by0 >> 3)) * n_x;
-  for (int tx = c0 >> 3; tx <= c1 >> 3; tx++) {
-    int a = c0 > 8 * tx ? c0 - 8 * tx : 0, b = c1 < 8 * tx + 7 ? c1 - 8 * tx : 7;
-    uint64_t bits = ((2u << b) - 1u) & ~((1u << a) - 1u);
-    r[tx - tx0].mask |= bits << (8 * (row & 7));
-  }
+  int tx0 = s->bx0 >> 3, n_x = (s->bx1 >> 3) - tx0 + 1, shift = 8 * (row & 7);
+  sv_rec *r = rec + s->first_rec + ((row >> 3) - (s->by0 >> 3)) * n_x - tx0;
+  for (int tx = c0 >> 3; tx < c1 >> 3; tx++, c0 = 8 * tx)
+    r[tx].mask |= (uint64_t)(0x100u - (1u << (c0 & 7))) << shift;
+  r[c1 >> 3].mask |= (uint64_t)((2u << (c1 & 7)) - (1u << (c0 & 7))) << shift;
 }
 
 #endif

@@ -20,7 +20,8 @@ sv_status sv_app_save_model(sv_app *app, sv_err *err) {
   sv_store *st = &app->port.store;
   sv_status s = st->begin(st->self, "model.ply", err);
   if (s < 0) return s;
-  s = sv_model_write_ply(&app->trainer.g, app->trainer.cfg.is_antialiased, store_sink(st), &app->ply, err);
+  s = sv_model_write_ply(&app->trainer.g, app->trainer.cfg.is_antialiased, app->trainer.cfg.dilation_px2,
+                         store_sink(st), &app->ply, err);
   return finish(st, s, err);
 }
 

@@ -21,6 +21,11 @@ float sv_rng_f(sv_rng *r);                    // uniform in [0, 1), 24 bits
 float sv_rng_normal(sv_rng *r);               // N(0,1), Box-Muller, two draws each
 // A stateless hash of three numbers, for noise that must not depend on visiting order.
 uint32_t sv_hash3(uint32_t a, uint32_t b, uint32_t c);
+// About N(0,1) from one hash: the sum of its four bytes (Irwin-Hall), mean 0, variance 1, within 3.5.
+static inline float sv_hash_normal(uint32_t h) {
+  uint32_t s = (h & 255) + (h >> 8 & 255) + (h >> 16 & 255) + (h >> 24);
+  return ((float)s - 510.0f) * (1.0f / 147.8f);
+}
 
 #ifdef __cplusplus
 }

@@ -260,3 +260,56 @@ sv_status sv_colmap_next_point(sv_colmap *c, sv_colmap_point *out, sv_err *err) 
   c->i++;
   return s;
 }
+
+// --- frames --------------------------------------------------------------------------------------
+static sv_status add_data(const sv_colmap *c, sv_colmap_frame *f, bool is_camera, uint32_t sensor,
+                          uint64_t id, sv_err *err) {
+  if (!is_camera) return SV_OK;
+  if (f->n_images == SV_COLMAP_CAP_DATA) return fail_at(c, err, SV_E_FULL, "a frame of more than 256 images");
+  f->images[f->n_images].camera_id = sensor, f->images[f->n_images++].image_id = id;
+  return SV_OK;
+}
+
+static sv_status text_frame(sv_colmap *c, sv_colmap_frame *out, sv_err *err) {
+  sv_word line;
+  double v[7];
+  uint32_t n = 0, sensor;
+  if (!next_record(c, &line)) return SV_END;
+  bool ok = take_u32(&line, &out->id) && take_u32(&line, &out->rig_id);
+  for (int i = 0; i < 7; i++) ok = ok && take_double(&line, &v[i]);
+  if (!ok || !take_u32(&line, &n))
+    return fail_at(c, err, SV_E_FORMAT, "FRAME_ID RIG_ID QW QX QY QZ TX TY TZ NUM_DATA_IDS ... was expected");
+  sv_status s = make_pose(c, v, &out->rig_from_world, err);
+  out->n_images = 0;
+  for (uint32_t i = 0; i < n && s == SV_OK; i++) {
+    sv_word type = sv_word_next(&line);
+    bool is_camera = type.n == 6 && memcmp(type.t, "CAMERA", 6) == 0;
+    long long id = -1;
+    if (!type.n || !take_u32(&line, &sensor))
+      return fail_at(c, err, SV_E_FORMAT, "SENSOR_TYPE SENSOR_ID DATA_ID was expected for each of its data");
+    sv_word data = sv_word_next(&line);
+    if (!sv_parse_int(data.t, data.n, &id) || id < 0)
+      return fail_at(c, err, SV_E_FORMAT, "SENSOR_TYPE SENSOR_ID DATA_ID was expected for each of its data");
+    s = add_data(c, out, is_camera, sensor, (uint64_t)id, err);
+  }
+  return s;
+}
+
+sv_status sv_colmap_next_frame(sv_colmap *c, sv_colmap_frame *out, sv_err *err) {
+  if (!c->is_binary) return text_frame(c, out, err);
+  if (c->i == c->n) return end_of_binary(c, err);
+  const uint8_t *p = take(c, 68);
+  double v[7];
+  if (!p) return cut(c, err);
+  out->id = sv_le32(p), out->rig_id = sv_le32(p + 4), out->n_images = 0;
+  for (int i = 0; i < 7; i++) v[i] = sv_lef64(p + 8 + 8 * i);
+  uint32_t n = sv_le32(p + 64);
+  sv_status s = make_pose(c, v, &out->rig_from_world, err);
+  for (uint32_t i = 0; i < n && s == SV_OK; i++) {
+    p = take(c, 16);
+    if (!p) return cut(c, err);
+    s = add_data(c, out, sv_le32(p) == 0, sv_le32(p + 4), sv_le64(p + 8), err); // type 0: camera
+  }
+  c->i++;
+  return s;
+}

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// COLMAP models over buffers: cameras, images, points3D, each as .txt or .bin. Poses are
+// COLMAP models over buffers: cameras, images, points3D, frames, each as .txt or .bin. Poses are
 // cam_from_world with OpenCV's axes and pixel centres at 0.5, as inside this project. One reader walks one
 // file from front to back: _next gives SV_OK with a record, SV_END after the last, or a failure.
 #ifndef SV_FORMAT_COLMAP_H
@@ -19,7 +19,7 @@ extern "C" {
 
 typedef struct {
   uint32_t id;
-  sv_camera_model model; // SIMPLE_PINHOLE and PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV
+  sv_camera_model model; // SIMPLE_PINHOLE and PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV, fisheyes
 } sv_colmap_camera;
 
 typedef struct {
@@ -36,6 +36,18 @@ typedef struct {
   uint32_t n_track;
 } sv_colmap_point;
 
+// COLMAP 3.12 and later: one instant of a rig, and the images that it took.
+#define SV_COLMAP_CAP_DATA 256
+typedef struct {
+  uint32_t id, rig_id;
+  sv_pose rig_from_world;
+  int n_images;
+  struct {
+    uint32_t camera_id;
+    uint64_t image_id;
+  } images[SV_COLMAP_CAP_DATA]; // of cameras; other sensors' data are passed over
+} sv_colmap_frame;
+
 typedef struct {
   sv_text text;
   bool is_binary;
@@ -48,6 +60,8 @@ sv_status sv_colmap_open(sv_colmap *c, const char *name, const void *buf, size_t
 sv_status sv_colmap_next_camera(sv_colmap *c, sv_colmap_camera *out, sv_err *err) SV_MUST_USE;
 sv_status sv_colmap_next_image(sv_colmap *c, sv_colmap_image *out, sv_err *err) SV_MUST_USE;
 sv_status sv_colmap_next_point(sv_colmap *c, sv_colmap_point *out, sv_err *err) SV_MUST_USE;
+
+sv_status sv_colmap_next_frame(sv_colmap *c, sv_colmap_frame *out, sv_err *err) SV_MUST_USE;
 
 #ifdef __cplusplus
 }

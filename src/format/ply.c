@@ -147,8 +147,9 @@ static sv_status read_property(sv_ply *p, header *h, const sv_text *l, sv_word r
   return SV_OK;
 }
 
-static void read_comment(sv_ply *p, sv_word rest) { // the three that Brush writes; others are free text
-  static const char axis[] = "Vertical axis:", mode[] = "SplatRenderMode:";
+static void read_comment(sv_ply *p,
+                         sv_word rest) { // of those that Brush writes two, and our own; others are text
+  static const char axis[] = "Vertical axis:", mode[] = "SplatRenderMode:", dilation[] = "SplatDilation:";
   while (rest.n && (*rest.t == ' ' || *rest.t == '\t')) rest.t++, rest.n--;
   if (rest.n > sizeof axis - 1 && memcmp(rest.t, axis, sizeof axis - 1) == 0) {
     rest.t += sizeof axis - 1, rest.n -= sizeof axis - 1;
@@ -157,6 +158,11 @@ static void read_comment(sv_ply *p, sv_word rest) { // the three that Brush writ
   } else if (rest.n > sizeof mode - 1 && memcmp(rest.t, mode, sizeof mode - 1) == 0) {
     rest.t += sizeof mode - 1, rest.n -= sizeof mode - 1;
     p->is_mip = sv_word_is(sv_word_next(&rest), "mip");
+  } else if (rest.n > sizeof dilation - 1 && memcmp(rest.t, dilation, sizeof dilation - 1) == 0) {
+    rest.t += sizeof dilation - 1, rest.n -= sizeof dilation - 1;
+    sv_word v = sv_word_next(&rest);
+    double px2;
+    if (sv_parse_double(v.t, v.n, &px2) && px2 > 0 && px2 < 100) p->dilation_px2 = (float)px2;
   }
 }
 

@@ -32,8 +32,9 @@ typedef struct {
   int sh_degree;   // 0..3; 0 for points
   bool has_colour; // points only; without, sv_ply_read_point gives mid grey
   bool is_ascii;
-  bool is_mip;      // Brush's "SplatRenderMode: mip"
-  char vertical[4]; // Brush's "Vertical axis: y" ("y", "-y", "z", ...), empty when not said
+  bool is_mip;        // Brush's "SplatRenderMode: mip"
+  float dilation_px2; // our "SplatDilation: 0.1": low-pass it was trained with; 0 when not said
+  char vertical[4];   // Brush's "Vertical axis: y" ("y", "-y", "z", ...), empty when not said
 
   const char *name; // below: the reader's own
   const uint8_t *buf;
@@ -60,7 +61,8 @@ typedef struct {
   int sh_degree;
   const char *vertical; // e.g. "-y"; NULL leaves the comment out
   bool is_mip;
-  bool has_normals; // nx ny nz = 0, which some old readers count on
+  float dilation_px2; // 0 leaves the comment out
+  bool has_normals;   // nx ny nz = 0, which some old readers count on
 } sv_ply_options;
 
 typedef struct {

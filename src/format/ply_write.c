@@ -39,8 +39,12 @@ static bool header_line(const sv_ply_options *o, int i, char line[80]) {
     return true;
   case 3: return sv_fmt(line, 80, "comment SH degree: %d\n", o->sh_degree) > 0;
   case 4: return sv_fmt(line, 80, "comment SplatRenderMode: %s\n", o->is_mip ? "mip" : "default") > 0;
-  case 5: return sv_fmt(line, 80, "element vertex %u\n", o->n) > 0;
-  default: i -= 6;
+  case 5:
+    line[0] = 0;
+    if (o->dilation_px2 > 0) sv_fmt(line, 80, "comment SplatDilation: %.4g\n", (double)o->dilation_px2);
+    return true;
+  case 6: return sv_fmt(line, 80, "element vertex %u\n", o->n) > 0;
+  default: i -= 7;
   }
   for (size_t k = 0; k < sizeof props / sizeof *props; k++) {
     if (k >= 3 && k < 6 && !o->has_normals) continue;

@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "src/rig/forward.h"
 
+#include <math.h>
 #include <string.h>
+
+#include "src/base/mathx.h"
+#include "src/base/rng.h"
 
 #define ROWS 8 // of a task
 
@@ -167,22 +171,35 @@ void sv_forward_add(sv_forward *f, const sv_composite *c, const sv_crop *crop, c
   run_rows(f, add_task, &(job){.f = f, .c = c, .crop = crop, .rgb = rgb, .n_rows = crop->view.height_px});
 }
 
+// One row of one colour: value -> noisy value, slope times its derivative.
+static void add_noise(const sv_forward_noise *n, uint32_t i_row, float *value, float *slope, int w) {
+  for (int x = 0; x < w; x++) {
+    float e = sv_hash_normal(sv_hash3(n->key, i_row, (uint32_t)x));
+    float y = fmaf(fmaf(n->shot, value[x], n->read), e, value[x]);
+    slope[x] *= y > 0.0f && y < 1.0f ? fmaf(n->shot, e, 1.0f) : 0.0f;
+    value[x] = floorf(sv_clampf(y, 0.0f, 1.0f) * 16383.0f + 0.5f) * (1.0f / 16383.0f);
+  }
+}
+
 static void finish_task(void *arg, int i_task, int i_thread) {
   const job *j = arg;
   const int w = j->f->sum.width_px;
   const float scale = inv_max(j->c);
-  float *linear = thread_row(j->f, i_thread);
+  const sv_forward_noise *noise = &j->f->noise;
+  const bool is_noisy = noise->read > 0.0f || noise->shot > 0.0f;
+  float *value = thread_row(j->f, i_thread), *slope = value + scratch_stride(&j->f->cfg);
   for (int y = i_task * ROWS; y < least((i_task + 1) * ROWS, j->n_rows); y++)
     for (int k = 0; k < 3; k++) {
       float *sum = j->f->sum.c[k] + (size_t)y * (size_t)j->f->sum.stride;
       float *out = j->f->predicted.c[k] + (size_t)y * (size_t)j->f->predicted.stride;
-      if (!j->c->is_linear) {
-        for (int x = 0; x < w; x++) out[x] = sum[x] * scale, sum[x] = scale;
-        continue;
+      for (int x = 0; x < w; x++) value[x] = sum[x] * scale, slope[x] = scale;
+      if (is_noisy) add_noise(noise, (uint32_t)(3 * y + k), value, slope, w);
+      if (j->c->is_linear)
+        j->f->k->linear_to_srgb(&(sv_curve_args){.src = value, .dst = out, .slope = sum, .n = w});
+      for (int x = 0; x < w; x++) {
+        if (!j->c->is_linear) out[x] = value[x], sum[x] = 1.0f;
+        sum[x] *= slope[x];
       }
-      for (int x = 0; x < w; x++) linear[x] = sum[x] * scale;
-      j->f->k->linear_to_srgb(&(sv_curve_args){.src = linear, .dst = out, .slope = sum, .n = w});
-      for (int x = 0; x < w; x++) sum[x] *= scale;
     }
 }
 

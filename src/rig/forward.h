@@ -10,6 +10,10 @@
 // measurements that were made by adding display values have neither. The adjoint is
 //   dL/dI_m(x) = w_m(x) / M_max decode'(I_m(x)) encode'(s(x)) dL/dy(x)
 //
+// A sensor's noise may be laid over the prediction, as the authors' simulator does: after the sum, in the
+// measurement's light, y + (read + shot y) n with fresh n ~ N(0, 1), rounded to 14 bits, which gradients pass
+// through as if it were not there.
+//
 // Work is done on a region of the sensor: only the parts of lens images that fall into it are rendered, so
 // cost and memory depend on the region and on the overlap, not on the number of lenses.
 #ifndef SV_RIG_FORWARD_H
@@ -64,13 +68,20 @@ typedef struct {
   int n_threads;                   // of the pool that will be used
 } sv_forward_cfg;
 
+// Standard deviations, unlike the variances of src/image/noise.h. Off when both are 0.
+typedef struct {
+  float read, shot;
+  uint32_t key; // other keys give independent noise
+} sv_forward_noise;
+
 typedef struct {
   sv_forward_cfg cfg;
   const sv_kernels *k;
   const sv_pool *pool;
-  sv_planes sum;       // weighted sum; after finish: encode'(s) / M_max
-  sv_planes predicted; // the composite, set by finish
-  float *scratch;      // [n_threads][2][cap stride]
+  sv_planes sum;          // weighted sum; after finish: encode'(s) / M_max
+  sv_planes predicted;    // the composite, set by finish
+  sv_forward_noise noise; // the caller's; off after init
+  float *scratch;         // [n_threads][2][cap stride]
 } sv_forward;
 
 size_t sv_forward_bytes(const sv_forward_cfg *cfg);

@@ -218,7 +218,7 @@ static sv_kview make_kview(const sv_view *v, const sv_render_options *o) {
                 .cx = v->cx,
                 .cy = v->cy,
                 .near_z = o->near_z,
-                .dilation_px2 = SV_DILATION_PX2,
+                .dilation_px2 = o->dilation_px2 > 0.0f ? o->dilation_px2 : SV_DILATION_PX2,
                 .is_antialiased = o->is_antialiased};
   memcpy(k.r, v->r, sizeof k.r);
   memcpy(k.t, v->t, sizeof k.t);

@@ -65,6 +65,7 @@ typedef struct {
   int sh_degree;       // in use, at most the model's
   float near_z;        // world units
   bool is_antialiased; // Mip-Splatting's 2D compensation
+  float dilation_px2;  // low-pass of the pixel grid; 0: SV_DILATION_PX2
   bool has_depth;      // fill r->depth
   float bg[3];
 } sv_render_options;

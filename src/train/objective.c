@@ -2,25 +2,29 @@
 #include "src/train/objective.h"
 
 #include "src/base/mathx.h"
+#include "src/splat/constants.h"
 
 #define FEW_EXPOSURES 3 // beyond, camera motion pins geometry down by itself
 #define GRID_VIEWS    6 // more sub-views than a phone has: a lens grid, whose images are small
 
 void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   bool is_grid = s->n_sub_views >= GRID_VIEWS || s->is_multiplexed;
+  // Lens images are coarser than the pictures that one looks at.
+  if (is_grid) cfg->floor_px = 0.4f, cfg->dilation_px2 = SV_DILATION_AREA_PX2;
   if (s->n_exposures > FEW_EXPOSURES) return;
   if (s->is_moving) { // of a rig that stands still, also where there is but one camera
     cfg->reg_opacity = 0.05f;
     cfg->sh_step = 2.0f;
     return;
   }
-  if (s->n_exposures * s->n_sub_views == 1)
+  if (s->n_exposures * s->n_sub_views == 1) {
     cfg->sh_step = 2.0f; // one view cannot tell how colour turns: never
-  // With parallax, transparent Gaussians in front of the surface can be told and are worth a price; from one
-  // view they cannot, and the price only thins what is right.
-  if (s->n_sub_views > 1) cfg->reg_opacity = 0.05f;
+    cfg->reg_opacity = 0.03f;
+  }
+  // With parallax, transparent Gaussians in front of the surface can be told and are worth a higher price; lens
+  // images are too coarse for it, there it eats into the surface.
+  if (s->n_sub_views > 1) cfg->reg_opacity = is_grid ? 0.015f : 0.05f;
   if (!is_grid) return;
-  cfg->floor_px = 0.4f; // lens images are coarser than the pictures that one looks at
   cfg->weight_tv = 0.05f;
   cfg->weight_tv_unseen = s->is_multiplexed ? 0.5f : 0.1f;
   cfg->n_unseen = 1;

@@ -44,34 +44,23 @@ static void fill_rates(job *j, float mean_lr, double bias1) {
   }
 }
 
-static float fast_sigmoid(float x) { return (float)(1.0 / (1.0 + sv_exp(-(double)x))); }
-
-// About N(0,1) from one hash: the sum of four bytes (Irwin-Hall), variance 1.
-static float hash_normal(uint32_t h) {
-  uint32_t s = (h & 255) + (h >> 8 & 255) + (h >> 16 & 255) + (h >> 24);
-  return ((float)s - 510.0f) * (1.0f / 147.8f);
-}
-
 static int n_tasks(const job *j) { return (j->n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK; }
 
-// 3DGS-MCMC's exploration: mean += gate * gain * Sigma eta for nearly transparent Gaussians; per axis at most
-// one sigma, because budgets of thousands have large Gaussians.
-static void add_noise(const job *j, int block, uint32_t touched, float *p) {
+// The mean of a Gaussian of opacity 0.076 and more stays where it is: the gate's opening is below 1e-3.
+#define EXPLORE_BELOW -2.5f
+
+static void explore(const job *j, int block, uint32_t touched, float *p) {
+  float eta[48] = {0};
+  uint32_t on = 0;
   for (; touched; touched &= touched - 1) {
     int k = __builtin_ctz(touched);
-    if (p[16 * SV_ROW_LOGIT + k] > -2.2f) continue; // opacity above 0.1: the gate is shut (< 1e-4)
-    float gate = fast_sigmoid(-100.0f * (fast_sigmoid(p[16 * SV_ROW_LOGIT + k]) - SV_OPACITY_DEAD));
-    double q[4], r[9];
-    for (int i = 0; i < 4; i++) q[i] = (double)p[16 * (SV_ROW_QUAT + i) + k];
-    sv_quat_to_mat(r, q);
-    for (int a = 0; a < 3; a++) {
-      float s = (float)sv_exp((double)p[16 * (SV_ROW_SCALE + a) + k]);
-      uint32_t h =
-          sv_hash3((uint32_t)(block * 16 + k), j->t->step, (uint32_t)j->t->cfg.seed * 4u + (uint32_t)a);
-      float d = gate * sv_minf(j->noise_gain * s, 1.0f) * s * hash_normal(h);
-      for (int i = 0; i < 3; i++) p[16 * i + k] += (float)r[3 * i + a] * d;
-    }
+    if (p[16 * SV_ROW_LOGIT + k] > EXPLORE_BELOW) continue;
+    on |= 1u << k;
+    for (uint32_t a = 0; a < 3; a++)
+      eta[16 * a + (uint32_t)k] =
+          sv_hash_normal(sv_hash3((uint32_t)(block * 16 + k), j->t->step, (uint32_t)j->t->cfg.seed * 4u + a));
   }
+  if (on) j->t->k->explore(p, on, eta, j->noise_gain, SV_OPACITY_DEAD);
 }
 
 static void keep_above(const float *floor, float *log_scale) { // [16], [3][16]
@@ -91,7 +80,7 @@ static void move(const job *j, int b, uint32_t touched, uint32_t with_err, const
   t->k->adam(&j->adam, touched, grad, p, t->m + at, t->v + at);
   for (int k = 0; k < 16; k++)
     if (with_err >> k & 1) e[k] = ERR_KEEP * e[k] + (1.0f - ERR_KEEP) * err[k];
-  if (j->noise_gain > 0.0f) add_noise(j, b, touched, p);
+  if (j->noise_gain > 0.0f) explore(j, b, touched, p);
   if (t->floor) keep_above(t->floor + 16 * (size_t)b, p + 16 * SV_ROW_SCALE);
 }
 

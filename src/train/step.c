@@ -121,6 +121,7 @@ sv_render_options sv_train_render_options(const sv_trainer *t, float progress, b
   sv_render_options o = {.sh_degree = t->cfg.sh_degree,
                          .near_z = SV_NEAR_FRACTION * t->radius,
                          .is_antialiased = t->cfg.is_antialiased,
+                         .dilation_px2 = t->cfg.dilation_px2,
                          .has_depth = has_depth};
   if (t->cfg.sh_step > 0.0f) o.sh_degree = sv_mini(t->cfg.sh_degree, (int)(progress / t->cfg.sh_step));
   if (t->cfg.background == SV_BG_WHITE) o.bg[0] = o.bg[1] = o.bg[2] = 1.0f;
@@ -195,8 +196,11 @@ static sv_status region_step(sv_trainer *t, int i, const sv_render_options *o, s
   const sv_composite *c = &tc->model;
   sv_region region = sv_train_region(t, tc, i);
   sv_photometric_value loss;
+  t->forward.noise =
+      (sv_forward_noise){t->cfg.noise_read, t->cfg.noise_shot, sv_hash3((uint32_t)t->cfg.seed, t->step, 0)};
   sv_status s = sv_train_predict(t, c, &region, o, &last, &n_px);
   if (s < 0 || last < 0) return s;
+  t->forward.noise = (sv_forward_noise){0};
   load_region(t, tc, &region);
   sv_photometric_loss(&t->photometric, t->k, t->pool, &t->forward.predicted, &t->target, &t->grad,
                       t->err_plane, t->cfg.weight_ssim, &loss);

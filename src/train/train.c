@@ -15,6 +15,7 @@ sv_train_cfg sv_train_defaults(void) {
                         .n_threads = 1,
                         .seed = 1,
                         .background = SV_BG_BLACK,
+                        .dilation_px2 = SV_DILATION_PX2,
                         .weight_ssim = 0.2f,
                         .weight_tv = 0.0f,
                         .region_px = 128,

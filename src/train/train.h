@@ -52,9 +52,11 @@ typedef struct {
   uint64_t seed;
   sv_background background; // matters for pictures with alpha; others are trained over black
   bool is_antialiased;
+  float dilation_px2;           // sv_render_options
   float weight_ssim;            // lambda of (1-l) L1 + l (1 - SSIM)
   float weight_tv;              // of the squared total variation of rendered sub-views
   float weight_tv_unseen;       // and of unseen views
+  float noise_read, noise_shot; // laid over predicted composites (sv_forward_noise); 0: none
   int n_unseen;                 // unseen views of a step, 0: none
   int unseen_every;             // steps from one with unseen views to the next
   int unseen_px;                // their larger side is reduced to at most so many pixels

@@ -22,7 +22,12 @@ static sv_status to_memory(void *self, const void *data, size_t bytes, sv_err *e
 static size_t model_seed(int degree, uint8_t *buf, size_t cap) {
   static sv_ply_writer w;
   memory m = {buf, 0, cap};
-  sv_ply_options o = {3, degree, "y", degree > 1, degree == 1};
+  sv_ply_options o = {.n = 3,
+                      .sh_degree = degree,
+                      .vertical = "y",
+                      .is_mip = degree > 1,
+                      .dilation_px2 = degree == 3 ? 0.1f : 0.0f,
+                      .has_normals = degree == 1};
   sv_gaussian g = {{1, 2, 3}, {1, 0, 0, 0.5f}, {-1, -2, -3}, 0.25f, {{1, 2, 3}, {4, 5, 6}}};
   sv_status s = sv_ply_write_begin(&w, (sv_sink){&m, to_memory}, &o, NULL);
   for (int i = 0; i < 3 && s == SV_OK; i++) s = sv_ply_write_gaussian(&w, &g, NULL);

@@ -121,6 +121,43 @@ static void test_points(void **state) {
   check_points(&c);
 }
 
+static void check_frames(sv_colmap *c) {
+  sv_colmap_frame f;
+  assert_int_equal(sv_colmap_next_frame(c, &f, &err), SV_OK);
+  assert_true(f.id == 1 && f.rig_id == 4 && f.n_images == 2 && f.rig_from_world.t[2] == 3);
+  assert_true(f.images[0].camera_id == 1 && f.images[0].image_id == 11);
+  assert_true(f.images[1].camera_id == 2 && f.images[1].image_id == 12);
+  assert_int_equal(sv_colmap_next_frame(c, &f, &err), SV_OK);
+  assert_true(f.id == 9 && f.n_images == 0);
+  assert_int_equal(sv_colmap_next_frame(c, &f, &err), SV_END);
+}
+
+static void test_frames(void **state) {
+  (void)state;
+  static const char text[] =
+      "# Frame list\n1 4 1 0 0 0 1 2 3 3 CAMERA 1 11 IMU 7 5 CAMERA 2 12\n9 4 1 0 0 0 0 0 0 0\n";
+  sv_colmap c;
+  sv_colmap_frame f;
+  assert_int_equal(sv_colmap_open(&c, "frames.txt", text, sizeof text - 1, false, &err), SV_OK);
+  check_frames(&c);
+  n_bin = 0;
+  p64(2);
+  p32(1), p32(4), pd(1), pd(0), pd(0), pd(0), pd(1), pd(2), pd(3), p32(3);
+  p32(0), p32(1), p64(11), p32(1), p32(7), p64(5), p32(0), p32(2), p64(12);
+  p32(9), p32(4), pd(1), pd(0), pd(0), pd(0), pd(0), pd(0), pd(0), p32(0);
+  assert_int_equal(sv_colmap_open(&c, "frames.bin", bin, n_bin, true, &err), SV_OK);
+  check_frames(&c);
+  for (size_t n = 8; n < n_bin; n++) { // cut anywhere
+    assert_int_equal(sv_colmap_open(&c, "frames.bin", bin, n, true, &err), SV_OK);
+    sv_status s = SV_OK;
+    for (int i = 0; i < 3 && s == SV_OK; i++) s = sv_colmap_next_frame(&c, &f, &err);
+    assert_int_equal(s, SV_E_FORMAT);
+  }
+  static const char bad[] = "1 4 1 0 0 0 1 2 3 1 CAMERA 1\n";
+  assert_int_equal(sv_colmap_open(&c, "frames.txt", bad, sizeof bad - 1, false, &err), SV_OK);
+  assert_int_equal(sv_colmap_next_frame(&c, &f, &err), SV_E_FORMAT);
+}
+
 static void test_refused(void **state) {
   (void)state;
   static const struct {
@@ -158,6 +195,7 @@ static void test_refused(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_cameras), cmocka_unit_test(test_images),
-                                     cmocka_unit_test(test_points), cmocka_unit_test(test_refused)};
+                                     cmocka_unit_test(test_points), cmocka_unit_test(test_frames),
+                                     cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -294,7 +294,7 @@ static void test_independent(void **state) {
     path_of(back_path, kind == 1 ? "theirs.glb" : "back.ply");
     if (kind == 1) {
       path_of(path, "m.ply");
-      assert_int_equal(lab_model_write(&m.g, false, path, &err), SV_OK);
+      assert_int_equal(lab_model_write(&m.g, false, 0, path, &err), SV_OK);
     } else write_as(&m, kind, path);
     lab_model_free(&m);
     snprintf(command, sizeof command, "'%s' -w '%s' '%s' >'%s/log' 2>&1", tool, path, back_path, dir);

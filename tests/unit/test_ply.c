@@ -50,7 +50,12 @@ static void test_round_trip(void **state) {
       static sv_gaussian g[N];
       static sv_ply_writer w;
       sv_rng r = sv_rng_make(3, (uint64_t)degree);
-      sv_ply_options o = {N, degree, "-y", degree == 2, normals != 0};
+      sv_ply_options o = {.n = N,
+                          .sh_degree = degree,
+                          .vertical = "-y",
+                          .is_mip = degree == 2,
+                          .dilation_px2 = degree == 1 ? 0.1f : 0.0f,
+                          .has_normals = normals != 0};
       memset(&mem, 0, sizeof mem);
       assert_int_equal(sv_ply_write_begin(&w, (sv_sink){&mem, to_memory}, &o, &err), SV_OK);
       for (int i = 0; i < N; i++) {
@@ -65,6 +70,7 @@ static void test_round_trip(void **state) {
       assert_int_equal(p.n, N);
       assert_int_equal(p.sh_degree, degree);
       assert_int_equal(p.is_mip, degree == 2);
+      assert_float_equal(p.dilation_px2, o.dilation_px2, 1e-7);
       assert_string_equal(p.vertical, "-y");
       for (int i = N - 1; i >= 0; i--) {
         sv_gaussian back;
@@ -79,7 +85,7 @@ static void test_writer_failures(void **state) {
   (void)state;
   static sv_ply_writer w;
   sv_gaussian g = {.quat_wxyz = {1}};
-  sv_ply_options o = {40, 3, NULL, false, false};
+  sv_ply_options o = {.n = 40, .sh_degree = 3};
   for (int k = 1;; k++) {
     memset(&mem, 0, sizeof mem);
     mem.fail_at = k;

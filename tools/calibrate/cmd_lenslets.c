@@ -200,6 +200,64 @@ static void set_scale(job *j) {
 }
 
 // --- a chessboard ----------------------------------------------------------------------------------------
+static double mean_distance(const sv_pose *poses, int n) { // of the views' centres from the first
+  double sum = 0, c[3];
+  for (int i = 1; i < n; i++) {
+    sv_pose_centre(c, &poses[i]);
+    sum += sv_norm3(c) / (n - 1);
+  }
+  return sum;
+}
+
+static void take_corners(job *j, const sv_boards *b, const sv_boards_result *r) {
+  size_t n = (size_t)r->n_corners;
+  sv_lens_array *a = &j->bundle;
+  for (int e = 0; e < b->n_frames; e++)
+    for (size_t k = 0; k < n; k++, a->n_points++) {
+      double x[3];
+      sv_boards_corner(x, b, r->warp_m, (int)k % b->n_cols, (int)k / b->n_cols);
+      sv_pose_apply(a->points[a->n_points], &r->rig_from_board[e], x);
+      for (int i = 0; i < b->n_cameras; i++) {
+        size_t at = (size_t)i * (size_t)b->n_frames + (size_t)e;
+        const double *uv = b->uv_px + 2 * (at * n + k);
+        if (b->is_seen[at] && !r->is_outlier[at * n + k])
+          a->observations[a->n_observations++] =
+              (sv_array_observation){i, a->n_points, {uv[0], uv[1]}, false};
+      }
+    }
+}
+
+// The board gives the lenses' mean focal length and the size. What each lens has of its own follows from the corners
+// as free points with the array's spread as a prior: a small picture alone mixes up direction and principal point.
+static sv_status refine_board(job *j, const sv_boards *b, const sv_boards_result *r, sv_err *err) {
+  sv_lens_array *a = &j->bundle;
+  size_t n_points = (size_t)b->n_frames * (size_t)r->n_corners;
+  double focal = 0, size = mean_distance(r->cam_from_rig, b->n_cameras);
+  for (int i = 0; i < b->n_cameras; i++)
+    focal += 0.5 * (r->models[i].p[0] + r->models[i].p[1]) / b->n_cameras;
+  for (int i = 0; i < b->n_cameras; i++) {
+    sv_camera_model *m = &a->models[i];
+    *m = r->models[i];
+    m->p[0] = m->p[1] = focal, m->p[2] = a->centre_px[i][0], m->p[3] = a->centre_px[i][1];
+    a->cam_from_rig[i] = r->cam_from_rig[i];
+  }
+  a->points = calloc(n_points, sizeof *a->points);
+  a->observations = calloc(n_points * (size_t)b->n_cameras, sizeof *a->observations);
+  if (!a->points || !a->observations)
+    return sv_fail(err, SV_E_NOMEM, "%s: no memory for corners", j->o->isolated);
+  a->n_points = 0;
+  take_corners(j, b, r);
+  a->is_focal_known = true;
+  a->focal_sd = FOCAL_SD, a->centre_sd_px = CENTRE_SD * j->lenses.lenses[0].footprint.width_px;
+  sv_status s = sv_array_solve(a, 4, &j->stats, err);
+  double scale = s == SV_OK ? size / mean_distance(a->cam_from_rig, a->n_views) : 1;
+  for (int i = 0; i < a->n_views; i++)
+    for (int k = 0; k < 3; k++) a->cam_from_rig[i].t[k] *= scale;
+  j->rms_px = j->stats.rms_px, j->n_used = a->n_observations - j->stats.n_outliers;
+  j->rotation_sd_deg = j->stats.rotation_sd_deg, j->focal_sd_px = j->stats.focal_sd_px;
+  return s;
+}
+
 static sv_status calibrate_board(job *j, sv_err *err) {
   cal_lenses *l = &j->lenses;
   const char *names[SV_CAP_SUB_VIEWS];
@@ -232,17 +290,12 @@ static sv_status calibrate_board(job *j, sv_err *err) {
                  (const int(*)[2])size,
                  uv,
                  seen};
-  if (s == SV_OK) s = sv_boards_solve(&b, &r, err);
-  free(uv), free(seen);
-  if (s != SV_OK) return s;
-  for (int i = 0; i < l->n_lenses; i++) {
-    j->bundle.models[i] = r.models[i], j->bundle.cam_from_rig[i] = r.cam_from_rig[i];
-    j->rotation_sd_deg = fmax(j->rotation_sd_deg, r.cameras[i].rotation_sd_deg);
-    j->focal_sd_px = fmax(j->focal_sd_px, r.cameras[i].fx_sd_px);
+  if (s == SV_OK && (s = sv_boards_solve(&b, &r, err)) == SV_OK) {
+    s = refine_board(j, &b, &r, err);
+    sv_boards_free(&r);
   }
-  j->rms_px = r.rms_px, j->n_used = r.n_points;
-  sv_boards_free(&r);
-  return SV_OK;
+  free(uv), free(seen);
+  return s;
 }
 
 // --- the result ------------------------------------------------------------------------------------------

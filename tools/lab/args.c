@@ -60,10 +60,11 @@ static const option table[] = {
      "behind transparent pictures (black); evaluation takes black for random", 0, 0, 0},
     {"scale", OPT_INT, DATA, 0, AT(scale), "K", "pictures at 1/K of their size (1)", 1, 64, 0},
     {"loss", OPT_TEXT, LAB_TRAIN, 0, AT(loss), "k=v,...",
-     "ssim, tv, opacity, scale, tv_unseen; unseen[_every|_px|_deg], region, floor", 0, 0, 0},
-    {"noise", OPT_TEXT, LAB_TRAIN | LAB_TABLES, 0, AT(noise), "read=V,shot=V",
-     "sensor noise on the training pictures: variance read + shot x of linear light x, then 14 bits", 0, 0,
-     0},
+     "ssim, tv, opacity, scale, tv_unseen; unseen[_every|_px|_deg], region, floor, dilation", 0, 0, 0},
+    {"noise", OPT_TEXT, LAB_TRAIN | LAB_TABLES, 0, AT(noise), "[prediction,]read=V,shot=V",
+     "sensor noise on the training pictures: variance read + shot x of linear light x, then 14 bits; with "
+     "prediction: on predicted multiplexed measurements in each step, standard deviation read + shot x",
+     0, 0, 0},
     {"antialias", OPT_WORD, LAB_TRAIN, 0, AT(antialias), "auto|on|off",
      "Mip-Splatting's compensation; auto: on when focal lengths differ by more than 1.5 (auto)", 0, 0, 0},
     {"seed", OPT_INT, LAB_TRAIN | LAB_BENCH | LAB_TABLES, 0, AT(seed), "N", "of all random numbers (1)", 0,
@@ -221,6 +222,7 @@ static int parse_loss(const lab_command *c, lab_options *o) {
                {"unseen_deg", &o->unseen_deg, 180},
                {"region", &o->region_px, 4096},
                {"floor", &o->floor_px, 10},
+               {"dilation", &o->dilation_px2, 10},
                {"opacity", &o->opacity, 1e6},
                {"scale", &o->size, 1e6}};
   enum { N = sizeof known / sizeof *known };
@@ -232,7 +234,7 @@ static int parse_loss(const lab_command *c, lab_options *o) {
     if (k >= n || i == N)
       return lab_usage(c->name,
                        "--loss is a list of ssim=, tv=, tv_unseen=, unseen=, unseen_every=, unseen_px=, "
-                       "unseen_deg=, region=, floor=, opacity= and scale=, not '%.80s'",
+                       "unseen_deg=, region=, floor=, dilation=, opacity= and scale=, not '%.80s'",
                        o->loss);
     if (!sv_parse_double(p + k + 1, n - k - 1, &v) || !(v >= 0 && v <= known[i].most))
       return lab_usage(c->name, "--loss %s needs a number from 0 to %g", known[i].name, known[i].most);
@@ -247,8 +249,14 @@ static int parse_noise(const lab_command *c, lab_options *o) {
     size_t n = strcspn(p, ",");
     bool is_read = strncmp(p, "read=", 5) == 0, is_shot = strncmp(p, "shot=", 5) == 0;
     double v;
+    if (n == 10 && strncmp(p, "prediction", n) == 0) {
+      o->is_noise_on_prediction = true;
+      p += n + (p[n] == ',');
+      continue;
+    }
     if ((!is_read && !is_shot) || !sv_parse_double(p + 5, n - 5, &v) || !(v >= 0 && v <= 1))
-      return lab_usage(c->name, "--noise is read=V,shot=V with variances from 0 to 1, not '%.80s'", o->noise);
+      return lab_usage(c->name, "--noise is [prediction,]read=V,shot=V with values from 0 to 1, not '%.80s'",
+                       o->noise);
     *(is_read ? &o->noise_read : &o->noise_shot) = (float)v;
     p += n + (p[n] == ',');
   }

@@ -10,7 +10,7 @@ static sv_status write_as(const lab_options *o, lab_model *m, const lab_session 
   if (sv_str_eq(o->format, "delta"))
     return lab_write_delta(m, se, o->frames > 0 ? (int)o->frames : 25, o->out, err);
   if (sv_str_eq(o->format, "glb")) return lab_write_glb(&m->g, o->out, err);
-  return lab_model_write(&m->g, m->is_mip, o->out, err);
+  return lab_model_write(&m->g, m->is_mip, m->dilation_px2, o->out, err);
 }
 
 int lab_cmd_export(const lab_options *o) {

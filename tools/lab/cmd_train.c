@@ -117,6 +117,8 @@ static void choose_objective(run *r) {
   if (o->unseen_px >= 8) c->unseen_px = (int)o->unseen_px;
   if (o->unseen_deg >= 0) c->unseen_rad = o->unseen_deg * (float)(SV_PI / 180);
   if (o->floor_px >= 0) c->floor_px = o->floor_px;
+  if (o->is_noise_on_prediction) c->noise_read = o->noise_read, c->noise_shot = o->noise_shot;
+  if (o->dilation_px2 > 0) c->dilation_px2 = o->dilation_px2;
   if (o->region_px >= 16) c->region_px = (int)o->region_px;
   if (o->opacity >= 0) c->reg_opacity = o->opacity;
   if (o->size >= 0) c->reg_scale = o->size;
@@ -173,6 +175,12 @@ static void choose_antialiasing(run *r) {
 static sv_status add_noise(run *r, sv_err *err) {
   sv_noise_model m = {r->o->noise_read, r->o->noise_shot};
   if (!r->o->noise) return SV_OK;
+  if (r->o->is_noise_on_prediction)
+    return r->views.n_measurements ? SV_OK
+                                   : sv_fail(err, SV_E_ARG,
+                                             "%s: no multiplexed measurements; --noise prediction is for "
+                                             "those, expected read=V,shot=V",
+                                             r->o->data);
   return lab_noise_add(&r->views, &r->plan, &m, r->cfg.seed, r->cfg.background, &r->session.pool, err);
 }
 
@@ -349,12 +357,14 @@ static void report_settings(lab_report *j, const run *r) {
   lab_report_num(j, "loss_tv_unseen", (double)t->cfg.weight_tv_unseen);
   lab_report_int(j, "unseen_views", t->cfg.n_unseen);
   lab_report_num(j, "floor_px", (double)t->cfg.floor_px);
+  lab_report_num(j, "dilation_px2", (double)t->cfg.dilation_px2);
   lab_report_num(j, "loss_opacity", (double)t->cfg.reg_opacity);
   lab_report_num(j, "loss_scale", (double)t->cfg.reg_scale);
   lab_report_int(j, "seed", (long long)t->cfg.seed);
   lab_report_text(j, "antialias", r->o->antialias ? r->o->antialias : "auto");
   lab_report_bool(j, "antialiased", t->cfg.is_antialiased);
   if (r->o->noise) {
+    lab_report_bool(j, "noise_on_prediction", r->o->is_noise_on_prediction);
     lab_report_num(j, "noise_read", (double)r->o->noise_read);
     lab_report_num(j, "noise_shot", (double)r->o->noise_shot);
   }
@@ -369,7 +379,9 @@ static sv_status save(run *r, sv_err *err) {
   char path[SV_CAP_PATH];
   lab_report j;
   sv_status s = sv_path_join(path, sizeof path, r->o->out, "model.ply", err);
-  if (s == SV_OK) s = lab_model_write(&r->plan.trainer.g, r->plan.trainer.cfg.is_antialiased, path, err);
+  if (s == SV_OK)
+    s = lab_model_write(&r->plan.trainer.g, r->plan.trainer.cfg.is_antialiased,
+                        r->plan.trainer.cfg.dilation_px2, path, err);
   if (s == SV_OK && sv_train_is_dynamic(&r->plan.trainer))
     s = lab_motion_write(&r->plan.trainer.deform, &r->plan.trainer.g, path, err);
   if (s == SV_OK) s = sv_path_join(path, sizeof path, r->o->out, "train.json", err);

@@ -15,6 +15,7 @@ typedef struct {
   sv_depth_kind depth_kind;
   double depth_unit, time;    // time -1: not said
   int exposure, sub_view;     // -1: not said
+  uint64_t source_id;         // the image's number in the source
   char camera[32], split[16]; // empty: not said
 } lab_import_view;
 

@@ -77,6 +77,7 @@ static sv_status add_image(lab_import *im, const char *dir, const char *model_pa
   if (!v) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its images", model_path);
   v->model = cameras[c].model;
   v->cam_from_world = g->cam_from_world;
+  v->source_id = g->id;
   snprintf(v->camera, sizeof v->camera, "%u", g->camera_id);
   if (g->name[0] == '/' || strstr(g->name, "..") || !sv_copy(v->name, sizeof v->name, g->name))
     return sv_fail(err, SV_E_FORMAT, "%s: the image name %s leaves the folder", model_path, g->name);
@@ -84,6 +85,48 @@ static sv_status add_image(lab_import *im, const char *dir, const char *model_pa
   return s == SV_OK ? sv_path_join(v->source, sizeof v->source, sv_path_is_folder(pictures) ? pictures : dir,
                                    g->name, err)
                     : s;
+}
+
+// Rigs: images of one frame are one exposure, and the sub-view is the camera's place among the rig's cameras. A
+// model without frames, or with one image a frame, says nothing about that.
+typedef struct {
+  uint32_t rig, camera;
+} seat; // of a rig, in order of first appearance
+
+static int seat_of(seat *seats, int *n, uint32_t rig, uint32_t camera) {
+  int place = 0;
+  for (int i = 0; i < *n; i++) {
+    if (seats[i].rig != rig) continue;
+    if (seats[i].camera == camera) return place;
+    place++;
+  }
+  if (*n < SV_COLMAP_CAP_DATA) seats[(*n)++] = (seat){rig, camera};
+  return place;
+}
+
+static sv_status read_frames(lab_import *im, const char *folder, sv_err *err) {
+  part p;
+  seat seats[SV_COLMAP_CAP_DATA];
+  int n_seats = 0, n_frames = 0;
+  bool is_rig = false;
+  sv_colmap_frame *f = malloc(sizeof *f);
+  sv_status s = f ? open_part(&p, folder, "frames", err) : SV_E_NOMEM;
+  if (!f) return sv_fail(err, s, "%s: no memory for its frames", folder);
+  bool is_absent = s == SV_E_NOT_FOUND;
+  while (s == SV_OK && (s = sv_colmap_next_frame(&p.c, f, err)) == SV_OK) {
+    for (int k = 0; k < f->n_images; k++)
+      for (int i = 0; i < im->n; i++)
+        if (im->views[i].source_id == f->images[k].image_id) {
+          im->views[i].exposure = n_frames;
+          im->views[i].sub_view = seat_of(seats, &n_seats, f->rig_id, f->images[k].camera_id);
+        }
+    is_rig = is_rig || f->n_images > 1;
+    n_frames++;
+  }
+  for (int i = 0; i < im->n && !is_rig; i++) im->views[i].exposure = im->views[i].sub_view = -1;
+  free(p.data);
+  free(f);
+  return is_absent || s == SV_END ? SV_OK : s;
 }
 
 static int by_name(const void *a, const void *b) {
@@ -133,6 +176,7 @@ sv_status lab_import_colmap(lab_import *im, const char *dir, sv_err *err) {
                    dir);
   sv_status s = read_cameras(folder, &cameras, &n_cameras, err);
   if (s == SV_OK) s = read_images(im, dir, folder, cameras, n_cameras, err);
+  if (s == SV_OK) s = read_frames(im, folder, err);
   if (s == SV_OK) s = read_points(im, folder, err);
   free(cameras);
   return s;

@@ -51,8 +51,9 @@ typedef struct {
   sv_gaussians g;
   void *block;
   bool is_mip;
-  uint64_t digest;  // as sv_train_digest
-  sv_deform deform; // of motion.bin beside the model; kind NONE without
+  float dilation_px2; // 0: not said
+  uint64_t digest;    // as sv_train_digest
+  sv_deform deform;   // of motion.bin beside the model; kind NONE without
   void *deform_block;
 } lab_model;
 
@@ -61,7 +62,8 @@ void lab_model_free(lab_model *m);
 // motion.bin beside a model that was just written.
 sv_status lab_motion_write(const sv_deform *d, const sv_gaussians *g, const char *model_path,
                            sv_err *err) SV_MUST_USE;
-sv_status lab_model_write(const sv_gaussians *g, bool is_mip, const char *path, sv_err *err) SV_MUST_USE;
+sv_status lab_model_write(const sv_gaussians *g, bool is_mip, float dilation_px2, const char *path,
+                          sv_err *err) SV_MUST_USE;
 
 // How a model was trained, as train.json beside it tells. Without that file: the defaults of
 // lab_settings_default.
@@ -71,6 +73,7 @@ typedef struct {
   int scale;
   int n_exposures; // trained on; 0: all
   bool is_antialiased;
+  float dilation_px2;
   float near_z;            // 0: from the model
   float centre[3], radius; // of the scene; radius 0: from the model
 } lab_settings;

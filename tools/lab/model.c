@@ -25,6 +25,7 @@ static sv_status fill(lab_model *m, const char *path, sv_ply *ply, sv_err *err) 
     sv_gaussians_put(&m->g, (int)i, &g);
   }
   m->is_mip = ply->is_mip;
+  m->dilation_px2 = ply->dilation_px2;
   return SV_OK;
 }
 
@@ -114,10 +115,12 @@ void lab_model_free(lab_model *m) {
   memset(m, 0, sizeof *m);
 }
 
-sv_status lab_model_write(const sv_gaussians *g, bool is_mip, const char *path, sv_err *err) {
+sv_status lab_model_write(const sv_gaussians *g, bool is_mip, float dilation_px2, const char *path,
+                          sv_err *err) {
   sv_file f;
   sv_ply_writer w;
-  sv_ply_options o = {.n = (uint32_t)g->n, .sh_degree = g->sh_degree, .is_mip = is_mip};
+  sv_ply_options o = {
+      .n = (uint32_t)g->n, .sh_degree = g->sh_degree, .is_mip = is_mip, .dilation_px2 = dilation_px2};
   sv_status s = sv_file_begin(&f, path, err);
   if (s != SV_OK) return s;
   s = sv_ply_write_begin(&w, (sv_sink){&f, sv_file_append}, &o, err);
@@ -167,6 +170,7 @@ static sv_status settings_parse(lab_settings *st, const sv_json *j, sv_err *err)
   if (s >= 0) s = sv_json_get_string(j, 0, "transforms", st->transforms, sizeof st->transforms, err);
   int i = sv_json_get(j, 0, "antialiased"), k = sv_json_get(j, 0, "scene_centre");
   if (s >= 0 && i >= 0) s = sv_json_bool(j, i, &st->is_antialiased, err);
+  if (s >= 0) s = get_float(j, "dilation_px2", &st->dilation_px2, err);
   if (s >= 0) s = get_float(j, "near_z", &st->near_z, err);
   if (s >= 0) s = get_float(j, "scene_radius", &st->radius, err);
   if (s >= 0 && k >= 0 && (s = sv_json_doubles(j, k, c, 3, err)) == SV_OK)
@@ -200,6 +204,7 @@ sv_status lab_settings_read(lab_settings *out, const char *model_path, sv_err *e
 sv_status lab_settings_for(lab_settings *st, const lab_options *o, const lab_model *m, sv_err *err) {
   *st = lab_settings_default();
   st->is_antialiased = m->is_mip;
+  st->dilation_px2 = m->dilation_px2;
   sv_status s = lab_settings_read(st, o->model, err);
   if (s != SV_OK) return s;
   if (o->background) st->background = lab_background_by_name(o->background);
@@ -227,6 +232,7 @@ sv_render_options lab_render_options(const lab_settings *st, int sh_degree, bool
   return (sv_render_options){.sh_degree = sh_degree,
                              .near_z = st->near_z,
                              .is_antialiased = st->is_antialiased,
+                             .dilation_px2 = st->dilation_px2,
                              .has_depth = has_depth,
                              .bg = {bg, bg, bg}};
 }
