@@ -77,15 +77,18 @@ static sv_status write_frames(lab_model *m, const lab_session *se, sv_file *f, i
 }
 
 sv_status lab_write_delta(lab_model *m, const lab_session *se, int n_frames, const char *path, sv_err *err) {
-  const sv_ply_options o = {
-      .n = (uint32_t)m->g.n, .sh_degree = m->g.sh_degree, .is_mip = m->is_mip, .has_normals = true};
+  const sv_ply_options o = {.n = (uint32_t)m->g.n,
+                            .sh_degree = m->g.sh_degree,
+                            .is_mip = m->is_mip,
+                            .dilation_px2 = m->dilation_px2,
+                            .has_normals = true};
   sv_ply_writer w;
   sv_file f;
   if (!m->deform.kind)
     return sv_fail(err, SV_E_NOT_FOUND, "the model does not move: there is no motion.bin beside it");
   memory base = {.cap = sv_ply_file_bytes(&o) + 64};
   if (!(base.data = malloc(base.cap))) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its base", path);
-  sv_status s = sv_model_write_ply(&m->g, m->is_mip, (sv_sink){&base, append}, &w, err);
+  sv_status s = sv_model_write_ply(&m->g, m->is_mip, m->dilation_px2, (sv_sink){&base, append}, &w, err);
   if (s == SV_OK && (s = sv_file_begin(&f, path, err)) == SV_OK) {
     s = write_header(&base, &f, m->g.n, n_frames, err);
     if (s == SV_OK) s = write_frames(m, se, &f, n_frames, err);
