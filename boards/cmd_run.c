@@ -82,12 +82,14 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,
                   .sync_mode = (sv_intake_mode)o->i_sync,
                   .is_live = o->is_live,
+                  .is_dynamic = o->is_dynamic,
+                  .exposure_s = o->exposure_s,
                   .preview_every_s = 2,
                   .capture_timeout_ns = 10 * SV_NS_PER_S,
                   .train = sv_train_defaults(),
                   .steps = (uint32_t)o->steps,
                   .time_limit_s = o->time_limit,
-                  .is_tracking = !o->is_live && !tells_poses(&run.src.source),
+                  .is_tracking = !o->is_live && !o->is_dynamic && !tells_poses(&run.src.source),
                   .has_bounds = run.src.has_bounds,
                   .bounds = run.src.bounds,
                   .is_resume = o->is_resume,
@@ -128,12 +130,14 @@ static sv_status heldout_psnr(double *psnr, int *n_views) {
   *n_views = 0;
   sv_odometry *odo = &run.app.odometry;
   sv_similarity q = {.s = 1};
-  if (run.src.kind != SOURCE_SIM) return SV_OK;
+  // A live model of a moving scene is that of the last moments: the held-out views are of others.
+  if (run.src.kind != SOURCE_SIM || (run.app.cfg.is_dynamic && run.app.cfg.is_live)) return SV_OK;
   if (odo->is_tracked) q = sv_odometry_from(odo, &run.app.exposures, true_pose, &run.src.u.sim);
   for (int i = 0; i < N_HELDOUT; i++) {
     sv_view v;
     double t, mse;
     sv_sim_heldout_view(&run.src.u.sim, i, N_HELDOUT, &v, &t);
+    v.time = sv_app_time_of(&run.app, sv_sim_slot_ns(&run.src.u.sim, v.i_exposure));
     sv_sim_render(&run.src.u.sim, &v, t, run.truth, NULL);
     if (odo->is_tracked) v = sv_odometry_view(&q, &v); // where that is in the world that was found
     sv_status s = sv_app_mse(&run.app, &v, run.truth, &mse);

@@ -12,7 +12,10 @@ static const opt list[] = {
     {"--source", OPT_TEXT, &g.source, 0, 0, "S",
      SOURCE_KINDS ", with options (see 'subview cameras --help')"},
     {"--rig", OPT_TEXT, &g.rig, 0, 0, "DIR", "folder with rig.json, when the source brings none"},
-    {"--scene", OPT_TEXT, &g.scene, 0, 0, "KIND", "static"},
+    {"--scene", OPT_TEXT, &g.scene, 0, 0, "KIND",
+     "static, or dynamic: what is seen moves (with --live: exposure by exposure)"},
+    {"--exposure-time", OPT_REAL, &g.exposure_s, 0.01, 3600, "SEC",
+     "dynamic and live: training time of each exposure (0.45)"},
     {"--exposures", OPT_INT, &g.exposures, 1, 10000, "N", "exposures to capture and train on"},
     {"--sub-views", OPT_TEXT, &g.sub_views, 0, 0, "A,B",
      "train on these sub-views only (names); the others are captured"},
@@ -60,9 +63,11 @@ static int check(run_options *o) {
   if (!o->source) return usage_error("run", "--source is missing");
   if (!o->out) return usage_error("run", "--out is missing");
   if (o->gaussians < 1) return usage_error("run", "--gaussians 0: expected at least 1");
-  if (!strcmp(o->scene, "dynamic"))
-    return usage_error("run", "--scene dynamic: moving scenes are not supported yet");
-  if (strcmp(o->scene, "static")) return usage_error("run", "--scene %s: expected static", o->scene);
+  o->is_dynamic = !strcmp(o->scene, "dynamic");
+  if (!o->is_dynamic && strcmp(o->scene, "static"))
+    return usage_error("run", "--scene %s: expected static or dynamic", o->scene);
+  if (o->is_dynamic && o->is_live && o->is_resume)
+    return usage_error("run", "--resume: a live run of a moving scene has no past to go on from");
   o->i_sync = sync_mode(o->sync);
   if (o->i_sync < 0) return usage_error("run", "--sync %s: expected free, frame-length or trigger", o->sync);
   if (o->preview &&
@@ -83,6 +88,7 @@ int run_options_parse(int argc, char **argv, run_options *o) {
                     .seed = 1,
                     .save_every = 30,
                     .picture_every = 5,
+                    .exposure_s = 0.45,
                     .scene = "static",
                     .sync = "free"};
   int r = options_parse(

@@ -68,8 +68,10 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
   }
   if (f_max > SV_MIP_FOCAL_RATIO * f_min) t.is_antialiased = true;
   sv_train_set_objective(&t, &(sv_sampling){.n_exposures = c->n_exposures,
+                                            .is_moving = c->is_dynamic,
                                             .n_sub_views = sv_app_n_trained_sub_views(c),
                                             .is_multiplexed = is_multiplexed(c)});
+  if (c->is_dynamic) sv_app_plan_moving(c, &t);
   if (c->steps) t.steps_hint = (int)c->steps;
   return t;
 }
@@ -183,6 +185,7 @@ static sv_status add_pictures(sv_app *app, int e, sv_err *err) {
     if (!sv_app_is_trained_on(&app->cfg, i)) continue;
     sv_view *view = &app->views[app->n_views++];
     sv_exposures_get(&app->exposures, e, i, &image, view);
+    view->time = sv_app_time_of(app, app->exposures.exposure[e].time_ns);
     sv_status s = sv_train_add_view(&app->trainer, view, &image, err);
     if (s < 0) return s;
   }
@@ -205,6 +208,7 @@ static sv_status add_composites(sv_app *app, int e, sv_err *err) {
 static sv_status start_training(sv_app *app, sv_err *err) {
   sv_trainer *t = &app->trainer;
   const bool is_tracked = app->odometry.is_tracked;
+  sv_app_begin_moving(app);
   for (int e = 0; e < app->exposures.n; e++) {
     if (is_tracked && !app->exposures.exposure[e].has_pose) continue; // nobody knows where it was
     sv_status added = is_multiplexed(&app->cfg) ? add_composites(app, e, err) : add_pictures(app, e, err);
@@ -299,6 +303,7 @@ static sv_status train_loop(sv_app *app, sv_err *err) {
 static sv_status save_all(sv_app *app, sv_err *err) {
   app->state = SV_APP_SAVING;
   sv_status s = sv_app_save_model(app, err);
+  if (s >= 0 && app->cfg.is_dynamic) s = sv_app_save_motion(app, err);
   if (s >= 0) s = sv_app_save_checkpoint(app, err);
   if (s >= 0) s = sv_app_publish_preview(app);
   return s;

@@ -47,6 +47,8 @@ typedef struct {
   sv_ns skew_limit_ns;
   sv_intake_mode sync_mode; // who makes the cameras expose together
   bool is_live;             // capture goes on while training: new exposures take the place of the oldest
+  bool is_dynamic;          // the scene moves
+  double exposure_s;        // live and moving: training time of each exposure
   double preview_every_s;   // of a live run, when there is time; 0: none
   sv_ns capture_timeout_ns; // host time without any exposure after which capture gives up
   uint64_t sub_view_mask[SV_CAP_SUB_VIEWS / 64]; // train on these only; all zero: on all
@@ -92,8 +94,12 @@ struct sv_app {
   char *report;        // [SV_APP_REPORT_BYTES]
   uint8_t *checkpoint; // [checkpoint_bytes] read buffer for resume
   size_t checkpoint_bytes;
-  uint8_t *preview; // sv_app_preview_size, RGB
-  int n_views;      // trained on, lens images included
+  uint8_t *preview;             // sv_app_preview_size, RGB
+  int n_views;                  // trained on, lens images included
+  sv_ns first_ns, last_ns;      // of a moving scene: times of the exposures that its own time runs between
+  sv_ns exposure_ns;            // machine time at which the newest one came in
+  uint64_t n_entered, n_scored; // live: exposures taken in; scored at the end of their time
+  double psnr_sum, psnr_late;   // of these; the running mean of the last fifty or so
   sv_ply_writer ply;
   sv_time_stats step_time;
   sv_step_stats last;
@@ -139,6 +145,17 @@ sv_status sv_app_live_end(sv_app *app, sv_err *err) SV_MUST_USE;
 
 // Places the exposures of a source without poses, before training (app.c says what it does with them).
 sv_status sv_app_track(sv_app *app, sv_err *err) SV_MUST_USE;
+
+// --- moving scenes (moving.c) --------------------------------------------------------------------
+void sv_app_plan_moving(const sv_app_cfg *cfg, sv_train_cfg *t);
+// The model's time of a moment of the cameras' host time.
+float sv_app_time_of(const sv_app *app, sv_ns time_ns);
+void sv_app_begin_moving(sv_app *app); // the exposures are there, training begins
+// Whether the newest exposure has had its time; always, where nothing moves.
+bool sv_app_is_exposure_due(const sv_app *app);
+sv_status sv_app_leave_exposure(sv_app *app) SV_MUST_USE;
+sv_status sv_app_enter_exposure(sv_app *app, int slot, float progress) SV_MUST_USE;
+sv_status sv_app_save_motion(sv_app *app, sv_err *err) SV_MUST_USE; // motion.bin (save.c)
 
 // --- pieces (report.c, save.c, preview.c) ---------------------------------------------------------
 sv_status sv_app_save_model(sv_app *app, sv_err *err) SV_MUST_USE;      // model.ply

@@ -183,7 +183,9 @@ static void catch_up(sv_app *app) {
 // The newest exposure takes the place of the oldest, in the pool and in what is trained on.
 static sv_status replace_oldest(sv_app *app, sv_err *err) {
   int slot = app->exposures.i_next, i_view = 0, n = sv_app_n_trained_sub_views(&app->cfg);
-  sv_status s = keep_exposure(app, err);
+  sv_status s = sv_app_leave_exposure(app);
+  if (s < 0) return s;
+  s = keep_exposure(app, err);
   if (s != SV_OK || app->cfg.rig->forward == SV_FORWARD_MULTIPLEXED)
     return s; // lenses are in the pool itself
   for (int i = 0; i < app->cfg.rig->n_sub_views; i++) {
@@ -191,9 +193,10 @@ static sv_status replace_oldest(sv_app *app, sv_err *err) {
     sv_view *view = &app->views[slot * n + i_view];
     if (!sv_app_is_trained_on(&app->cfg, i)) continue;
     sv_exposures_get(&app->exposures, slot, i, &image, view);
+    view->time = sv_app_time_of(app, app->exposures.exposure[slot].time_ns);
     sv_train_replace_view(&app->trainer, slot * n + i_view++, view);
   }
-  return SV_OK;
+  return sv_app_enter_exposure(app, slot, 0.5f);
 }
 
 sv_status sv_app_live_turn(sv_app *app, bool *is_train, sv_err *err) {
@@ -204,7 +207,8 @@ sv_status sv_app_live_turn(sv_app *app, bool *is_train, sv_err *err) {
   note_errors(app);
   tell_events(app);
   sv_ns from_ns = m->now_ns(m->self);
-  sv_work work = sv_governor_next(&app->governor, from_ns, sv_intake_n_ready(&app->intake) > 0);
+  bool is_ready = sv_intake_n_ready(&app->intake) > 0 && sv_app_is_exposure_due(app);
+  sv_work work = sv_governor_next(&app->governor, from_ns, is_ready);
   *is_train = work == SV_WORK_TRAIN;
   if (*is_train) return SV_OK;
   sv_status s = work == SV_WORK_EXPOSURE ? replace_oldest(app, err) : sv_app_publish_preview(app);

@@ -4,6 +4,7 @@
 
 #include "src/app/app.h"
 #include "src/base/mathx.h"
+#include "src/deform/deform_file.h"
 #include "src/train/checkpoint.h"
 
 static sv_sink store_sink(sv_store *st) { return (sv_sink){.self = st->self, .write = st->write}; }
@@ -22,6 +23,13 @@ sv_status sv_app_save_model(sv_app *app, sv_err *err) {
   s = sv_model_write_ply(&app->trainer.g, app->trainer.cfg.is_antialiased, app->trainer.cfg.dilation_px2,
                          store_sink(st), &app->ply, err);
   return finish(st, s, err);
+}
+
+sv_status sv_app_save_motion(sv_app *app, sv_err *err) {
+  sv_store *st = &app->port.store;
+  sv_status s = st->begin(st->self, "motion.bin", err);
+  if (s < 0) return s;
+  return finish(st, sv_deform_write(&app->trainer.deform, &app->trainer.g, store_sink(st), err), err);
 }
 
 sv_status sv_app_save_checkpoint(sv_app *app, sv_err *err) {
@@ -48,6 +56,7 @@ sv_status sv_app_resume(sv_app *app, sv_err *err) {
 sv_status sv_app_mse(sv_app *app, const sv_view *view, const uint8_t *rgb, double *mse) {
   sv_render_options o = sv_train_render_options(&app->trainer, 1.0f, false);
   sv_renderer *r = &app->trainer.render;
+  sv_train_set_time(&app->trainer, view->time);
   sv_status s = sv_render(r, app->k, &app->port.pool, &app->trainer.g, view, &o);
   if (s < 0) return s;
   double sum = 0;

@@ -35,7 +35,10 @@ static void rest(sv_motion *mo, int i, float sharpness) {
   for (int r = 0; r < mo->n_rows; r++) mo->m[at + 16 * r] = mo->v[at + 16 * r] = 0.0f;
 }
 
-void sv_motion_rest(sv_motion *mo, int i) { rest(mo, i, SHARPNESS_START); }
+// Where time has no end, no window may close by itself.
+void sv_motion_rest(sv_motion *mo, int i) {
+  rest(mo, i, mo->cfg.functions == SV_MOTION_POWERS ? SHARPNESS_NONE : SHARPNESS_START);
+}
 
 void sv_motion_still(sv_motion *mo, int i) { rest(mo, i, SHARPNESS_NONE); }
 
@@ -96,6 +99,30 @@ sv_motion_values sv_motion_values_at(const sv_motion_cfg *cfg, float t) {
   return v;
 }
 
+// Taylor shift by h of one value and its n coefficients (Horner's scheme: each pass leaves one of the new ones).
+static void shift(float *value, const sv_motion *mo, int i, int row, int n, int width, int w, float h) {
+  for (int first = 0; first < n; first++)
+    for (int j = n - 1; j >= first; j--) {
+      float up = *sv_motion_row(mo, i, row + width * j + w);
+      float *to = j > 0 ? sv_motion_row(mo, i, row + width * (j - 1) + w) : value;
+      *to += h * up;
+    }
+}
+
+void sv_motion_advance(sv_motion *mo, sv_gaussians *g, float t0) {
+  const sv_motion_cfg *c = &mo->cfg;
+  float h = t0 - c->t0;
+  int rot = SV_MROW_FUNCTIONS + 3 * c->n_pos, colour = rot + 4 * c->n_rot;
+  for (int i = 0; i < mo->n_moving; i++) {
+    for (int w = 0; w < 3; w++)
+      shift(sv_gaussians_at(g, i, SV_ROW_MEAN + w), mo, i, SV_MROW_FUNCTIONS, c->n_pos, 3, w, h);
+    for (int w = 0; w < 4; w++) shift(sv_gaussians_at(g, i, SV_ROW_QUAT + w), mo, i, rot, c->n_rot, 4, w, h);
+    for (int w = 0; w < 3; w++)
+      shift(sv_gaussians_at(g, i, SV_ROW_SH + w), mo, i, colour, c->n_colour, 3, w, h);
+  }
+  mo->cfg.t0 = t0;
+}
+
 sv_motion_args sv_motion_args_of(const sv_motion *mo, const sv_gaussians *g, float t,
                                  const sv_motion_values *f) {
   return (sv_motion_args){.param = g->param,
@@ -136,7 +163,8 @@ void sv_motion_at(sv_motion *mo, const sv_kernels *k, const sv_pool *pool, sv_ga
 static float spread(const sv_motion *mo, int i, int row, int n, int width) {
   float x[N_SAMPLES][4] = {{0}}, mean[4] = {0}, most = 0, f[SV_CAP_MOTION_FUNCTIONS];
   for (int s = 0; s < N_SAMPLES; s++) {
-    sv_motion_functions(&mo->cfg, n, (float)s / (N_SAMPLES - 1), f);
+    float t = (float)s / (N_SAMPLES - 1);
+    sv_motion_functions(&mo->cfg, n, mo->cfg.functions == SV_MOTION_POWERS ? mo->cfg.t0 - t : t, f);
     for (int w = 0; w < width; w++) {
       for (int j = 0; j < n; j++) x[s][w] += f[j] * *sv_motion_row(mo, i, row + width * j + w);
       mean[w] += x[s][w] / N_SAMPLES;

@@ -35,6 +35,7 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
 void sv_train_set_times(sv_train_cfg *cfg, int n_times) {
   sv_dynamic_cfg *d = &cfg->dynamic;
   d->n_pos = sv_clampi(n_times / 3, 1, 8);
-  d->n_rot = d->n_colour = sv_maxi(1, d->n_pos / 2);
-  d->window_start = sv_maxf(0.2f, 3.0f / (float)sv_maxi(n_times, 1));
+  d->n_rot = sv_maxi(1, d->n_pos / 2);
+  d->n_colour = sv_maxi(1, d->n_pos / 4);
+  d->window_start = sv_maxf(0.4f, 3.0f / (float)sv_maxi(n_times, 1));
 }

@@ -159,7 +159,7 @@ static void test_bad_input(void **state) {
       {"run " SMALL "--steps 99999999999999999999 --out @/bad", "--steps", 2},
       {"run " SMALL "--time-limit nan --out @/bad", "--time-limit", 2},
       {"run " SMALL "--threads 0 --out @/bad", "--threads", 2},
-      {"run " SMALL "--scene dynamic --out @/bad", "dynamic", 2},
+      {"run " SMALL "--scene wobbly --out @/bad", "wobbly", 2},
       {"run " SMALL "--sub-views left,middle --out @/bad", "middle", 2},
       {"run " SMALL "--colour blue --out @/bad", "--colour", 2},
       {"run " SMALL "--json=yes --out @/bad", "--json", 2},

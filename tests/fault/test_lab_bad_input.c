@@ -168,7 +168,6 @@ static const bad_case cases[] = {
     {2, "train --data good --out o --lpips", "--eval"},
     {2, "train --data good --out o --mask covisible", "--eval"},
     {2, "render --data good --model m.ply --out o --orbit 3 --split test", "exclude"},
-    {2, "export --model m.ply --format spz --out o", "not supported yet"},
     {2, "export --model m.ply --format obj --out o", "--format"},
     {2, "import --from colmap --out o", "folder"},
     {2, "import --from tape good --out o", "--from"},

@@ -28,7 +28,7 @@ typedef struct {
   const char *data, *transforms, *model, *split, *out, *format, *from, *input;
   const char *method, *motion, *camera, *prior, *init, *background, *loss, *mask, *noise, *antialias;
   bool is_noise_on_prediction;
-  long exposures, gaussians, sh, steps, scale, seed, threads, orbit, keep, spz_version;
+  long exposures, gaussians, sh, steps, scale, seed, threads, orbit, frames, keep, spz_version;
   double time_limit_s, baseline_m, focal_px, focus_m;
   bool is_eval, is_json, is_quiet, is_quick, has_depth, has_lpips, is_help, is_version;
   // Of --loss; below 0: not given

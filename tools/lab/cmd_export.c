@@ -3,10 +3,12 @@
 #include "tools/lab/lab.h"
 #include "tools/lab/model_formats.h"
 
-static sv_status write_as(const lab_options *o, const lab_model *m, sv_err *err) {
+static sv_status write_as(const lab_options *o, lab_model *m, const lab_session *se, sv_err *err) {
   int version = o->spz_version > 0 ? (int)o->spz_version : 4;
   if (sv_str_eq(o->format, "splat")) return lab_write_splat(&m->g, o->out, err);
   if (sv_str_eq(o->format, "spz")) return lab_write_spz(&m->g, m->is_mip, version, o->out, err);
+  if (sv_str_eq(o->format, "delta"))
+    return lab_write_delta(m, se, o->frames > 0 ? (int)o->frames : 25, o->out, err);
   if (sv_str_eq(o->format, "glb")) return lab_write_glb(&m->g, o->out, err);
   return lab_model_write(&m->g, m->is_mip, m->dilation_px2, o->out, err);
 }
@@ -18,7 +20,7 @@ int lab_cmd_export(const lab_options *o) {
   int code = LAB_EXIT_OK;
   sv_status s = lab_session_start(&se, 1, o->is_quiet, &err);
   if (s == SV_OK) s = lab_model_read(&m, o->model, &err);
-  if (s == SV_OK) s = write_as(o, &m, &err);
+  if (s == SV_OK) s = write_as(o, &m, &se, &err);
   if (s != SV_OK) code = lab_failed(&se, &err);
   else lab_say(&se, "%s: %d Gaussians as %s", o->out, m.g.n, o->format);
   lab_session_stop(&se);

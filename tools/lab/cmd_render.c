@@ -6,8 +6,10 @@
 #include "src/base/mathx.h"
 #include "src/base/str.h"
 #include "tools/lab/evaluate.h"
+#include "tools/lab/movie.h"
 #include "tools/lab/report.h"
 
+#define FILM_FPS        12
 #define DEPTH_ALPHA_MIN 0.5f // a pixel that is mostly background has no depth
 
 typedef struct {
@@ -38,7 +40,7 @@ static sv_status orbit_view(const run *r, const lab_scene *sc, int i, sv_view *o
   double axis[3] = {fabs(up[0]) < 0.9, fabs(up[0]) >= 0.9, 0}; // any direction across `up`
   sv_cross3(side, up, axis);
   double n = sv_norm3(side), flat = sqrt(d * d - height * height),
-         angle = 2 * SV_PI * i / (double)r->o->orbit;
+         angle = 2 * SV_PI * i / (double)(r->o->frames > 0 ? r->o->frames : r->o->orbit);
   for (int k = 0; k < 3; k++) side[k] /= n;
   sv_cross3(ahead, up, side);
   for (int k = 0; k < 3; k++)
@@ -110,6 +112,10 @@ static sv_status render_view(run *r, const sv_view *v, const char *name, sv_err 
 
 // A name for each view: that of its picture; with the camera's folder when two pictures share one.
 static void view_name(const run *r, int i, char *out, size_t cap) {
+  if (r->o->frames > 0) {
+    snprintf(out, cap, "frame_%04d", i);
+    return;
+  }
   if (r->o->orbit > 0) {
     snprintf(out, cap, "orbit_%04d", i);
     return;
@@ -154,15 +160,20 @@ static sv_status render_all(run *r, sv_err *err) {
   sv_console *c = &r->session.console;
   sv_status s = prepare(r, &scene, err);
   if (s != SV_OK) return s;
-  int n = r->o->orbit > 0 ? (int)r->o->orbit : r->views.n;
+  const bool is_film = r->o->frames > 0;
+  int n = is_film ? (int)r->o->frames : r->o->orbit > 0 ? (int)r->o->orbit : r->views.n;
+  if (is_film && !r->model.deform.kind)
+    return sv_fail(err, SV_E_NOT_FOUND,
+                   "%s: does not move (no motion.bin beside it), so --frames has no sense", r->o->model);
   lab_report_begin(&r->list);
   if (r->o->has_depth) lab_report_num(&r->list, "depth_unit_scale_factor", r->depth_unit);
   lab_report_array(&r->list, "views");
   for (int i = 0; i < n; i++) {
-    sv_view v = r->views.frames[r->o->orbit > 0 ? 0 : i].view;
+    sv_view v = r->views.frames[r->o->orbit > 0 || is_film ? 0 : i].view;
     if (c->is_stop_requested(c->self))
       return sv_fail(err, SV_E_INTERRUPTED, "stopped by request at view %d of %d", i, n);
     if (r->o->orbit > 0 && (s = orbit_view(r, &scene, i, &v, err)) != SV_OK) return s;
+    if (is_film) v.time = (float)i / (float)(n - 1);
     view_name(r, i, name, sizeof name);
     if ((s = render_view(r, &v, name, err)) != SV_OK) return s;
     snprintf(name, sizeof name, "rendered %d of %d views", i + 1, n);
@@ -177,7 +188,7 @@ static sv_status render_all(run *r, sv_err *err) {
             "%d views in %s; a step of a depth PNG is %g scene units along the optical axis, 0 is no depth",
             n, r->o->out, r->depth_unit);
   else lab_say(&r->session, "%d views in %s", n, r->o->out);
-  return SV_OK;
+  return is_film ? lab_movie_make(&r->session, r->o->out, n, FILM_FPS, err) : SV_OK;
 }
 
 int lab_cmd_render(const lab_options *o) {

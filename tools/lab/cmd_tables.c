@@ -29,6 +29,15 @@ static sv_status work(tables *t, sv_err *err) {
   sv_status s = sv_linux_catch_signals(err);
   if (s == SV_OK) s = know_program(t, err);
   if (s == SV_OK) s = tables_scan(t, t->o->data, err);
+  int n_dynamic = 0;
+  for (int i = 0; s == SV_OK && i < t->n_scenes; i++) n_dynamic += t->scenes[i].is_dynamic;
+  if (n_dynamic > 0 && n_dynamic < t->n_scenes)
+    return sv_fail(err, SV_E_UNSUPPORTED, "%s: moving and still scenes have different tables; name one kind",
+                   t->o->data);
+  if (n_dynamic > 0) {
+    s = sv_path_make_folder(t->o->out, err);
+    return s == SV_OK ? tables_dynamic(t, &t->n_runs, err) : s;
+  }
   if (s == SV_OK) s = tables_plan(t, err);
   if (s == SV_OK && t->n_runs == 0)
     s = sv_fail(err, SV_E_NOT_FOUND, "%s: no device has an exposure to train on", t->o->data);

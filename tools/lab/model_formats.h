@@ -4,6 +4,7 @@
 #ifndef SV_TOOLS_LAB_MODEL_FORMATS_H
 #define SV_TOOLS_LAB_MODEL_FORMATS_H
 
+#include "tools/lab/lab.h"
 #include <stdbool.h>
 
 #include "src/splat/gaussians.h"
@@ -27,4 +28,8 @@ sv_status lab_read_viewer_format(sv_gaussians *g, bool *is_mip, void **block, co
 #ifdef __cplusplus
 }
 #endif
+// A moving model: base and differences at n_frames times, evenly from 0 to 1 (export_delta.c).
+sv_status lab_write_delta(lab_model *m, const lab_session *se, int n_frames, const char *path,
+                          sv_err *err) SV_MUST_USE;
+
 #endif

@@ -47,8 +47,8 @@ typedef struct {
   char folder[SV_CAP_PATH]; // without links
   char name[TABLES_CAP_NAME];
   int n_views[TABLES_N_SPLITS], width_px, height_px; // held out
-  bool has_depth;
-  uint64_t digest; // of a held-out picture of each split
+  bool has_depth, is_dynamic;                        // dynamic: the held-out views have times
+  uint64_t digest;                                   // of a held-out picture of each split
   tables_capture of[TABLES_N_DEVICES];
 } tables_scene;
 
@@ -139,6 +139,10 @@ const tables_file *tables_file_of(const tables *t, const tables_setting *s);
 // Makes the runs that have no result yet, one after the other. E_INTERRUPTED when a stop was requested: what is
 // done stays.
 sv_status tables_run_all(tables *t, sv_err *err) SV_MUST_USE;
+
+// The tables of moving scenes, instead of all others: OUT/tables.md and OUT/dynamic.csv. What was run before is
+// taken from OUT/runs.
+sv_status tables_dynamic(tables *t, int *n_runs, sv_err *err) SV_MUST_USE;
 
 // A child process of this program with the arguments argv[1..], NULL at the end. Its stdout (at most cap - 1
 // bytes, terminated) is returned, its stderr goes to `log`. `tick` is called a few times a second.

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+// Runs on a moving scene: a clip, and live, exposure by exposure, both on virtual clocks.
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdio.h>
+
+#include <cmocka.h>
+
+#include "src/base/mathx.h"
+#include "tests/common/world.h"
+
+#define SPEC  "moving,rig=stereo,size=96x72,arc=0,fps=8"
+#define STEPS 500
+
+static world w;
+
+static void open_world(int n_exposures, int n_threads) {
+  if (!world_open(&w, SPEC, n_exposures, ~0u, n_threads)) fail_msg("%s", w.err.text);
+  w.cfg.train.n_gaussians = 1200;
+  w.cfg.train.sh_degree = 0;
+  w.cfg.steps = STEPS;
+}
+
+static double training_psnr(void) {
+  double psnr;
+  assert_int_equal(sv_app_training_psnr(&w.app, &psnr), SV_OK);
+  return psnr;
+}
+
+static void test_clip_beats_still(void **state) {
+  (void)state;
+  double psnr[2];
+  uint64_t digest[2];
+  for (int i = 0; i < 2; i++) {
+    open_world(10, 2);
+    w.cfg.is_dynamic = i;
+    if (world_run(&w) < 0) fail_msg("%s", w.err.text);
+    psnr[i] = training_psnr();
+    assert_true((world_find(&w, "motion.bin") != NULL) == (i == 1));
+    digest[0] = sv_train_digest(&w.app.trainer);
+    world_close(&w);
+    world_forget_files(&w);
+  }
+  open_world(10, 1);
+  w.cfg.is_dynamic = true;
+  if (world_run(&w) < 0) fail_msg("%s", w.err.text);
+  digest[1] = sv_train_digest(&w.app.trainer);
+  world_close(&w);
+  world_forget_files(&w);
+  print_message("clip: %.2f dB, taken as still %.2f dB\n", psnr[1], psnr[0]);
+  assert_true(psnr[1] > psnr[0] + 1.5);
+  assert_true(digest[0] == digest[1]); // one thread or two
+}
+
+// Every exposure gets its time, what comes meanwhile is left out and counted, and the memory stays what it was.
+static void test_live(void **state) {
+  (void)state;
+  open_world(3, 2);
+  w.cfg.is_dynamic = w.cfg.is_live = true;
+  w.cfg.exposure_s = 0.3;
+  w.cfg.steps = 900;
+  if (world_init(&w) < 0) fail_msg("%s", w.err.text);
+  size_t high = w.arena.high_bytes;
+  if (sv_app_run(&w.app, &w.err) < 0) fail_msg("%s", w.err.text);
+  assert_true(w.arena.high_bytes == high && w.arena.is_sealed);
+  sv_ledger l = sv_sync_ledger_sum(&w.app.intake.sync);
+  print_message("live: %d replaced, PSNR %.2f dB; %d frames captured, %d dropped\n",
+                (int)w.app.exposures.n_replaced, w.app.psnr_sum / (double)w.app.n_scored, (int)l.captured,
+                (int)sv_ledger_dropped(&l));
+  assert_true(sv_ledger_is_exact(&l) && sv_ledger_dropped(&l) > 0);
+  assert_true(w.app.exposures.n_replaced >= 5 && w.app.n_scored == w.app.exposures.n_replaced);
+  assert_int_equal(w.app.trainer.g.n, 1200);
+  assert_true(w.app.psnr_sum / (double)w.app.n_scored > 17);
+  assert_true(world_find(&w, "motion.bin") != NULL);
+  world_close(&w);
+  world_forget_files(&w);
+}
+
+// Moving on to another time changes nothing of what is drawn.
+static void test_advance(void **state) {
+  (void)state;
+  static _Alignas(64) unsigned char block[1 << 20];
+  sv_arena a = sv_arena_make(block, sizeof block);
+  sv_kernels k;
+  sv_gaussians g;
+  sv_motion mo;
+  sv_pool pool = sv_pool_serial();
+  sv_rng rng = sv_rng_make(2, 2);
+  float before[16 * 14];
+  sv_motion_cfg c = {.functions = SV_MOTION_POWERS, .n_pos = 3, .n_rot = 2, .n_colour = 1, .t0 = 4.0f};
+  sv_kernels_init(&k, ~0u);
+  assert_int_equal(sv_gaussians_init(&g, 16, 0, &a), SV_OK);
+  assert_int_equal(sv_motion_init(&mo, &c, &g, &a), SV_OK);
+  sv_motion_reset(&mo, 16);
+  for (int i = 0; i < 16 * g.n_rows; i++) g.param[i] = sv_rng_f(&rng);
+  for (int i = 0; i < 16; i++)
+    for (int r = SV_MROW_FUNCTIONS; r < mo.n_rows; r++) *sv_motion_row(&mo, i, r) = sv_rng_f(&rng) - 0.5f;
+  sv_motion_at(&mo, &k, &pool, &g, 4.4f);
+  for (int i = 0; i < 16 * 14; i++) before[i] = g.moved[i];
+  sv_motion_advance(&mo, &g, 5.5f);
+  sv_motion_at(&mo, &k, &pool, &g, 4.4f);
+  for (int i = 0; i < 16 * 14; i++) assert_true(fabsf(g.moved[i] - before[i]) < 1e-4f);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_clip_beats_still), cmocka_unit_test(test_live),
+                                     cmocka_unit_test(test_advance)};
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}

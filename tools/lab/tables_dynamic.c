@@ -1,0 +1,226 @@
+// SPDX-License-Identifier: Apache-2.0
+// The tables `dynamic`: moving scenes, each device against its own monocular stream, in both forms of motion. Every
+// model is scored on the held-out cameras over all times, and on the held-out times of the camera that all devices
+// share, the monocular one (the paper's protocol).
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "src/base/str.h"
+#include "tools/lab/tables.h"
+
+enum { MODE_CLIP, MODE_FIELD, N_MODES };
+static const char *const mode_names[N_MODES] = {"clip", "field"};
+static const int devices[] = {TABLES_MONO, TABLES_STEREO, TABLES_PHONE};
+#define N_DEVICES ((int)(sizeof devices / sizeof *devices))
+
+typedef struct {
+  int i_scene, device, mode;
+  tables_figures novel, time;
+  tables_result train;
+} row;
+
+typedef struct {
+  tables *t;
+  row *rows;
+  int n, i_now;
+  const char *doing;
+  char out[16 << 10], folder[SV_CAP_PATH], log[SV_CAP_PATH], model[SV_CAP_PATH];
+} job;
+
+static void tick(void *self) {
+  const job *j = self;
+  const row *r = &j->rows[j->i_now];
+  const sv_console *c = &j->t->session.console;
+  char line[200];
+  snprintf(line, sizeof line, "run %d of %d: %s, %s, %s: %s", j->i_now + 1, j->n,
+           j->t->scenes[r->i_scene].name, tables_device_words[r->device], mode_names[r->mode], j->doing);
+  c->log(c->self, SV_LOG_LIVE, line);
+}
+
+static const char *file_of(const tables *t, int i_scene, int device) {
+  const tables_capture *c = &t->scenes[i_scene].of[device];
+  return c->files[c->i_main].transforms;
+}
+
+// Runs a command of this program, or takes what it printed when it was run before; kept in FOLDER/name.
+static sv_status child(job *j, const char *name, char **argv, const char *doing, sv_err *err) {
+  char path[SV_CAP_PATH];
+  void *text;
+  size_t bytes;
+  j->doing = doing;
+  sv_status s = sv_path_join(path, sizeof path, j->folder, name, err);
+  if (s == SV_OK && sv_path_exists(path) && sv_file_read(path, &text, &bytes, err) == SV_OK) {
+    size_t n = bytes < sizeof j->out - 1 ? bytes : sizeof j->out - 1;
+    memcpy(j->out, text, n);
+    j->out[n] = 0;
+    free(text);
+    return SV_OK;
+  }
+  tables_child c = {j->t->program, j->log, argv, &j->t->session, tick, j};
+  if (s == SV_OK) s = tables_child_run(&c, j->out, sizeof j->out, err);
+  return s == SV_OK ? sv_file_write(path, j->out, strlen(j->out), err) : s;
+}
+
+static sv_status train(job *j, row *r, sv_err *err) {
+  const tables *t = j->t;
+  char n_gaussians[24], n_steps[24], seed[24], threads[24];
+  snprintf(n_gaussians, sizeof n_gaussians, "%ld", t->n_gaussians);
+  snprintf(n_steps, sizeof n_steps, "%ld", t->n_steps);
+  snprintf(seed, sizeof seed, "%ld", t->seed);
+  snprintf(threads, sizeof threads, "%ld", t->o->threads);
+  const char *argv[] = {"subview-lab",  "train",
+                        "--data",       t->scenes[r->i_scene].folder,
+                        "--transforms", file_of(t, r->i_scene, r->device),
+                        "--model",      "4dgs",
+                        "--motion",     mode_names[r->mode],
+                        "--gaussians",  n_gaussians,
+                        "--steps",      n_steps,
+                        "--seed",       seed,
+                        "--init",       "sphere",
+                        "--eval",       "--lpips",
+                        "--json",       "--out",
+                        j->folder,      t->o->threads > 0 ? "--threads" : NULL,
+                        threads,        NULL};
+  sv_status s = child(j, "train.out.json", (char **)(uintptr_t)argv, "training", err);
+  if (s == SV_OK) s = tables_result_train(&r->train, j->out, err);
+  return s == SV_OK ? tables_result_eval(&r->novel, j->out, err) : s;
+}
+
+static sv_status score_time(job *j, row *r, sv_err *err) {
+  const tables *t = j->t;
+  const char *argv[] = {"subview-lab",
+                        "eval",
+                        "--data",
+                        t->scenes[r->i_scene].folder,
+                        "--transforms",
+                        file_of(t, r->i_scene, TABLES_MONO),
+                        "--model",
+                        j->model,
+                        "--split",
+                        "test_time",
+                        "--lpips",
+                        "--json",
+                        NULL};
+  sv_status s = child(j, "time.out.json", (char **)(uintptr_t)argv, "scoring held-out times", err);
+  return s == SV_OK ? tables_result_eval(&r->time, j->out, err) : s;
+}
+
+static sv_status measure(job *j, row *r, sv_err *err) {
+  const tables *t = j->t;
+  const tables_capture *c = &t->scenes[r->i_scene].of[r->device];
+  char name[200];
+  snprintf(name, sizeof name, "runs/dynamic_%s_%s_%s_g%ld_s%ld_seed%ld_%08x", t->scenes[r->i_scene].name,
+           tables_device_names[r->device], mode_names[r->mode], t->n_gaussians, t->n_steps, t->seed,
+           (unsigned)c->files[c->i_main].digest);
+  sv_status s = sv_path_join(j->folder, sizeof j->folder, t->o->out, name, err);
+  if (s == SV_OK) s = sv_path_make_folder(j->folder, err);
+  if (s == SV_OK) s = sv_path_join(j->log, sizeof j->log, j->folder, "log.txt", err);
+  if (s == SV_OK) s = sv_path_join(j->model, sizeof j->model, j->folder, "model.ply", err);
+  if (s == SV_OK) s = train(j, r, err);
+  if (s == SV_OK) s = score_time(j, r, err);
+  if (s == SV_OK)
+    lab_say(&j->t->session,
+            "run %d of %d: %s, %s, %s: held-out cameras %.2f dB, held-out times %.2f dB, %.1f s",
+            j->i_now + 1, j->n, t->scenes[r->i_scene].name, tables_device_words[r->device],
+            mode_names[r->mode], r->novel.of[TABLES_PSNR], r->time.of[TABLES_PSNR], r->train.seconds);
+  return s;
+}
+
+// --- what is written -----------------------------------------------------------------------------
+
+static const row *mono_of(const job *j, const row *r) {
+  for (int i = 0; i < j->n; i++)
+    if (j->rows[i].i_scene == r->i_scene && j->rows[i].mode == r->mode && j->rows[i].device == TABLES_MONO)
+      return &j->rows[i];
+  return NULL;
+}
+
+static void put_row(FILE *f, const job *j, const row *r, bool is_csv) {
+  const char *sep = is_csv ? "," : " | ";
+  const row *m = mono_of(j, r);
+  char v[12][32];
+  for (int k = 0; k < 4; k++) tables_format(v[k], sizeof v[k], k, r->novel.of[k]);
+  for (int k = 0; k < 3; k++) tables_format(v[4 + k], sizeof v[0], k, r->time.of[k]);
+  bool has_mono = m && m != r;
+  tables_format(v[7], sizeof v[7], TABLES_PSNR, has_mono ? r->novel.of[0] - m->novel.of[0] : NAN);
+  tables_format(v[8], sizeof v[8], TABLES_PSNR, has_mono ? r->time.of[0] - m->time.of[0] : NAN);
+  tables_format(v[9], sizeof v[9], TABLES_PSNR,
+                has_mono ? r->novel.of[TABLES_ABS_REL] / m->novel.of[TABLES_ABS_REL] : NAN);
+  snprintf(v[10], sizeof v[10], "%.1f", r->train.seconds);
+  snprintf(v[11], sizeof v[11], "%.1f", r->train.arena_bytes * 1e-6);
+  fprintf(f, "%s%s%s%s%s%s", is_csv ? "" : "| ", j->t->scenes[r->i_scene].name, sep,
+          tables_device_words[r->device], sep, mode_names[r->mode]);
+  for (int k = 0; k < 12; k++) fprintf(f, "%s%s", sep, v[k]);
+  fprintf(f, is_csv ? "\n" : " |\n");
+}
+
+static void put_all(FILE *f, const job *j, bool is_csv) {
+  static const char *const head[] = {"scene",
+                                     "device",
+                                     "motion",
+                                     "cameras PSNR",
+                                     "SSIM",
+                                     "LPIPS",
+                                     "AbsRel",
+                                     "times PSNR",
+                                     "SSIM",
+                                     "LPIPS",
+                                     "cameras dB over mono",
+                                     "times dB over mono",
+                                     "AbsRel of mono's",
+                                     "s",
+                                     "MB"};
+  const int n = sizeof head / sizeof *head;
+  for (int k = 0; k < n; k++)
+    fprintf(f, "%s%s%s", is_csv ? (k ? "," : "") : "| ", head[k], is_csv ? "" : " ");
+  fprintf(f, is_csv ? "\n" : "|\n");
+  for (int k = 0; k < n && !is_csv; k++) fprintf(f, k < 3 ? "|---" : "|--:");
+  if (!is_csv) fprintf(f, "|\n");
+  for (int i = 0; i < j->n; i++) put_row(f, j, &j->rows[i], is_csv);
+}
+
+static sv_status write_file(const job *j, const char *name, bool is_csv, sv_err *err) {
+  char path[SV_CAP_PATH];
+  sv_status s = sv_path_join(path, sizeof path, j->t->o->out, name, err);
+  FILE *f = s == SV_OK ? fopen(path, "w") : NULL;
+  if (s != SV_OK) return s;
+  if (!f) return sv_fail(err, SV_E_DEVICE, "%s: cannot be written", path);
+  if (!is_csv)
+    fprintf(f,
+            "# Moving scenes: one camera, stereo, phone\n\n"
+            "Written by `subview-lab tables`: %ld Gaussians, %ld steps, random start. \"Cameras\": held-out "
+            "cameras "
+            "over all times. \"Times\": held-out frames of the camera that all devices share. \"clip\": each "
+            "Gaussian moves for itself; \"field\": one deformation field (HexPlane and layers), as in 4DGS. "
+            "`s` is "
+            "the time of training, `MB` its one memory block.\n\n",
+            j->t->n_gaussians, j->t->n_steps);
+  put_all(f, j, is_csv);
+  bool is_bad = ferror(f) != 0;
+  return fclose(f) != 0 || is_bad ? sv_fail(err, SV_E_DEVICE, "%s: writing failed", path) : SV_OK;
+}
+
+sv_status tables_dynamic(tables *t, int *n_runs, sv_err *err) {
+  job *j = calloc(1, sizeof *j);
+  if (j) j->rows = calloc((size_t)t->n_scenes * N_MODES * TABLES_N_DEVICES, sizeof *j->rows);
+  if (!j || !j->rows) {
+    free(j);
+    return sv_fail(err, SV_E_NOMEM, "no memory for the runs");
+  }
+  j->t = t;
+  for (int i = 0; i < t->n_scenes; i++)
+    for (int m = 0; m < N_MODES; m++)
+      for (int d = 0; d < N_DEVICES; d++)
+        if (t->scenes[i].of[devices[d]].n)
+          j->rows[j->n++] = (row){.i_scene = i, .device = devices[d], .mode = m};
+  sv_status s = SV_OK;
+  for (j->i_now = 0; j->i_now < j->n && s == SV_OK; j->i_now++) s = measure(j, &j->rows[j->i_now], err);
+  if (s == SV_OK) s = write_file(j, "dynamic.csv", true, err);
+  if (s == SV_OK) s = write_file(j, "tables.md", false, err);
+  *n_runs = j->n;
+  free(j->rows);
+  free(j);
+  return s;
+}
