@@ -109,6 +109,8 @@ static sv_status import(const lab_options *o, lab_session *se, sv_err *err) {
   if (s == SV_OK && im.n == 0) s = sv_fail(err, SV_E_NOT_FOUND, "%s: there are no views in it", o->input);
   if (s == SV_OK) s = lab_import_write(&im, se, o->out, err);
   if (s == SV_OK) lab_say(se, "%s: %d views, %d points", o->out, im.n, im.n_points);
+  if (s == SV_OK && im.n_from_rig) lab_say(se, "%d of the views have their pose from the rig", im.n_from_rig);
+  if (s == SV_OK && im.n_lost) lab_say(se, "%d pictures of the rig were not found", im.n_lost);
   lab_import_free(&im);
   return s;
 }

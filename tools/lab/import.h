@@ -24,6 +24,7 @@ typedef struct {
   int n, cap;
   sv_point *points;
   int n_points, cap_points;
+  int n_from_rig, n_lost; // views that were placed by their rig only; pictures of the rig that were not found
 } lab_import;
 
 // Room for one more, cleared ("not said" everywhere); NULL without memory.
