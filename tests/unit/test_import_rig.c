@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rigs at import: COLMAP models whose frames place images that are not registered.
+// Rigs at import: COLMAP models whose frames place images that are not registered, and poses of one camera that
+// place all sub-views of a rig.
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -12,7 +13,7 @@
 #include <cmocka.h>
 
 #include "tools/common/imageio.h"
-#include "tools/lab/lab.h"
+#include "tools/lab/import.h"
 
 static char folder[] = "/tmp/subview-import-rig-XXXXXX";
 static sv_err err;
@@ -65,6 +66,22 @@ static void open_dataset(lab_views *v, const char *name) {
   snprintf(path, sizeof path, "%s/%s", folder, name);
   lab_source src = {.folder = path, .transforms = "transforms.json", .split = "all", .scale = 1};
   if (lab_views_open(v, &src, &serial, &err) != SV_OK) fail_msg("%s", err.text);
+}
+
+static int import_stream(const char *in, const char *out, const char *rig, const char *stream,
+                         double unit_m) {
+  char from_path[256], to_path[256], rig_path[256];
+  snprintf(from_path, sizeof from_path, "%s/%s", folder, in);
+  snprintf(to_path, sizeof to_path, "%s/%s", folder, out);
+  snprintf(rig_path, sizeof rig_path, "%s/%s", folder, rig);
+  lab_options o = {.from = "nerfstudio",
+                   .input = from_path,
+                   .out = to_path,
+                   .rig = rig_path,
+                   .stream = stream,
+                   .unit_m = unit_m,
+                   .is_quiet = true};
+  return lab_cmd_import(&o);
 }
 
 static int import(const char *from, const char *in, const char *out) {
@@ -145,6 +162,96 @@ static void test_colmap_one_folder(void **state) {
   lab_views_free(&v);
 }
 
+// Left stands at x = -0.1 in the rig, right at x = 0.1 and turned by a quarter about its axis, top at y = -0.3.
+static void put_rig(void) {
+  static sv_sub_view views[3] = {
+      {.name = "left", .i_camera = 0}, {.name = "right", .i_camera = 1}, {.name = "top"}};
+  sv_rig rig = {.name = "three", .n_sub_views = 3, .cap_sub_views = 3, .sub_views = views};
+  static const double quarter[9] = {0, -1, 0, 1, 0, 0, 0, 0, 1};
+  char path[256];
+  for (int i = 0; i < 3; i++) {
+    views[i].i_camera = i;
+    views[i].model =
+        (sv_camera_model){.kind = SV_MODEL_PINHOLE, .width_px = 16, .height_px = 12, .p = {30 + i, 30, 8, 6}};
+    views[i].cam_from_rig = sv_pose_identity();
+  }
+  views[0].cam_from_rig.t[0] = 0.1;
+  memcpy(views[1].cam_from_rig.r, quarter, sizeof quarter);
+  views[1].cam_from_rig.t[1] = -0.1;
+  views[2].cam_from_rig.t[1] = 0.3;
+  snprintf(path, sizeof path, "%s/rig", folder);
+  if (lab_rig_write(&rig, path, &err) != SV_OK) fail_msg("%s", err.text);
+}
+
+// OpenGL's camera-to-world: the camera at z = 4 looks along -z, that at x = 1 likewise turned by a quarter about y.
+static void put_stream(void) {
+  put("s/transforms.json",
+      "{\"fl_x\": 25, \"fl_y\": 25, \"cx\": 8, \"cy\": 6, \"w\": 16, \"h\": 12, \"ply_file_path\": "
+      "\"p.ply\", "
+      "\"frames\": [\n"
+      "{\"file_path\": \"images/left/0.png\", \"split\": \"test\", "
+      "\"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]},\n"
+      "{\"file_path\": \"images/right/0.png\", " // what it says about this one is replaced
+      "\"transform_matrix\": [[1,0,0,9],[0,1,0,9],[0,0,1,9],[0,0,0,1]]},\n"
+      "{\"file_path\": \"images/left/1.png\", "
+      "\"transform_matrix\": [[0,0,1,1],[0,1,0,0],[-1,0,0,0],[0,0,0,1]]}]}\n");
+  put("s/p.ply",
+      "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
+      "end_header\n1 2 3\n-1 0 1\n");
+  put_picture("s/images/left/0.png", 10), put_picture("s/images/left/1.png", 20);
+  put_picture("s/images/right/0.png", 30), put_picture("s/images/right/1.png", 40);
+  put_picture("s/images/top/1.png", 50);
+}
+
+static void test_stream(void **state) {
+  (void)state;
+  lab_views v;
+  float centre[3], radius;
+  sv_point *points;
+  int n;
+  put_rig();
+  put_stream();
+  assert_int_equal(import_stream("s", "s_out", "rig", "left", 2), LAB_EXIT_OK);
+  open_dataset(&v, "s_out");
+  assert_int_equal(v.n, 5); // top has no picture of exposure 0
+  check_view(&v, "left/0", (double[3]){0, 0, 8}, 0, 0, 10);
+  check_view(&v, "right/0", (double[3]){0.2, 0, 8}, 0, 1, 30); // the baseline is the rig's, not scaled
+  check_view(&v, "left/1", (double[3]){2, 0, 0}, 1, 0, 20);
+  // Its right is -z of the world, its down -y. Top: 0.1 to the right and 0.3 up.
+  check_view(&v, "right/1", (double[3]){2, 0, -0.2}, 1, 1, 40);
+  check_view(&v, "top/1", (double[3]){2, 0.3, -0.1}, 1, 2, 50);
+  assert_true(view_of(&v, "left/0")->f.model.p[0] == 25 && view_of(&v, "right/0")->f.model.p[0] == 31);
+  assert_string_equal(view_of(&v, "right/0")->f.split, "test"); // what is held out stays so in all sub-views
+  assert_string_equal(view_of(&v, "top/1")->f.camera, "top");
+  // right is left turned by a quarter about the axis: what is to the right of left is below for right.
+  double at[3], x[3] = {0.2 + 0.5, 0, 6};
+  sv_pose_apply(at, &view_of(&v, "right/0")->f.cam_from_world, x);
+  assert_true(fabs(at[0]) < 1e-9 && fabs(at[1] - 0.5) < 1e-9 && fabs(at[2] - 2) < 1e-9);
+  assert_int_equal(lab_points_read(v.points, &points, &n, centre, &radius, &err), SV_OK);
+  assert_true(n == 2 && points[0].mean[2] == 6);
+  free(points);
+  lab_views_free(&v);
+}
+
+static void test_stream_refused(void **state) {
+  (void)state;
+  char command[256];
+  assert_int_equal(import_stream("s", "t_out", "rig", "middle", 1), LAB_EXIT_FAILED); // not in the rig
+  assert_int_equal(import_stream("s", "t_out", "s", "left", 1), LAB_EXIT_FAILED);     // no rig there
+  assert_int_equal(import_stream("s", "t_out", "rig", "top", 1), LAB_EXIT_FAILED);    // no view of it
+  assert_int_equal(import_stream("s", "t_out", "rig", NULL, 1), LAB_EXIT_USAGE);
+  lab_options o = {.from = "capture", .input = folder, .out = folder, .rig = folder, .stream = "left"};
+  assert_int_equal(lab_cmd_import(&o), LAB_EXIT_USAGE);
+  snprintf(command, sizeof command, "cd '%s/s/images' && cp ../p.ply right/0.png", folder);
+  assert_int_equal(system(command), 0);
+  assert_int_equal(import_stream("s", "t_out", "rig", "left", 1), LAB_EXIT_FAILED); // no picture
+  snprintf(command, sizeof command, "cd '%s/s/images' && rm -r right top", folder);
+  assert_int_equal(system(command), 0);
+  put("s/transforms.json", "{\"fl_x\": 25, \"frames\": [{\"file_path\": \"images/left/0.png\", "
+                           "\"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}]}");
+  assert_int_equal(import_stream("s", "t_out", "rig", "left", 1), LAB_EXIT_FAILED); // nothing to place
+}
+
 static int make_folder(void **state) {
   (void)state;
   return mkdtemp(folder) ? 0 : -1;
@@ -159,6 +266,7 @@ static int remove_folder(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_colmap), cmocka_unit_test(test_colmap_without),
-                                     cmocka_unit_test(test_colmap_one_folder)};
+                                     cmocka_unit_test(test_colmap_one_folder), cmocka_unit_test(test_stream),
+                                     cmocka_unit_test(test_stream_refused)};
   return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }

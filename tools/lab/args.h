@@ -30,6 +30,8 @@ typedef struct {
   bool is_noise_on_prediction;
   long exposures, gaussians, sh, steps, scale, seed, threads, orbit, frames, keep, spz_version;
   double time_limit_s, baseline_m, focal_px, focus_m;
+  const char *rig, *stream;
+  double unit_m; // 0: not given
   bool is_eval, is_json, is_quiet, is_quick, has_depth, has_lpips, is_help, is_version;
   // Of --loss; below 0: not given
   float ssim, tv, opacity, size, tv_unseen, n_unseen, unseen_every, unseen_px, unseen_deg, region_px,

@@ -40,6 +40,13 @@ sv_status lab_rig_write(const sv_rig *rig, const char *folder, sv_err *err) SV_M
 // Kalibr's camchain.yaml -> a rig folder.
 sv_status lab_import_kalibr(const char *file, const char *out, int *n_cameras, sv_err *err) SV_MUST_USE;
 
+// Views of one camera of a rig (`stream`, a sub-view's name that stands in the paths of its pictures) -> views of
+// all sub-views, by the rig's relative poses. The stream keeps its poses and lenses; views of other cameras are
+// dropped; what has no number of its exposure gets one, in order. unit_m: metres for one unit of the poses given.
+// n_from_rig and n_lost count. `im` is left alone on failure.
+sv_status lab_import_propagate(lab_import *im, const char *rig_folder, const char *stream, double unit_m,
+                               sv_err *err) SV_MUST_USE;
+
 sv_status lab_import_transforms(lab_import *im, const char *dir, sv_err *err) SV_MUST_USE;
 sv_status lab_import_colmap(lab_import *im, const char *dir, sv_err *err) SV_MUST_USE;
 // A whole dataset from the simulator: SCENE or a source string's part behind `sim:` -> transforms_train_RIG.json

@@ -45,7 +45,10 @@ static const lab_command commands[] = {
      "white.png of an even field; values are kept as they are, the rig also goes to rig/). 4cam-board and "
      "qca\n"
      "make a capture folder with a rig instead, from recordings\n"
-     "with camera_array.toml or a Qualisys calibration; kalibr makes a rig folder from a camchain.yaml.",
+     "with camera_array.toml or a Qualisys calibration; kalibr makes a rig folder from a camchain.yaml.\n"
+     "With --rig and --stream the poses are those of one camera of a rig: all its sub-views are placed. "
+     "Their\n"
+     "pictures have its paths with the other names in them (left/0007.png, right/0007.png).",
      "  subview-lab import --from colmap garden --out garden_data\n"
      "  subview-lab train --data garden_data --scale 4 --eval --out garden",
      LAB_IMPORT, lab_cmd_import},
