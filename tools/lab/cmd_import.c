@@ -84,6 +84,12 @@ static sv_status import(const lab_options *o, lab_session *se, sv_err *err) {
       lab_say(se, "%s: five devices on simulated pictures, with held-out views and depth", o->out);
     return s;
   }
+  if (sv_str_eq(o->from, "kalibr")) {
+    int n = 0;
+    sv_status s = lab_import_kalibr(o->input, o->out, &n, err);
+    if (s == SV_OK) lab_say(se, "%s: a rig of %d cameras; 'subview run --rig' reads it", o->out, n);
+    return s;
+  }
   if (!sv_path_is_folder(o->input))
     return sv_fail(err, SV_E_NOT_FOUND, "%s: there is no such folder", o->input);
   if (sv_str_eq(o->from, "4cam-board") || sv_str_eq(o->from, "qca")) {

@@ -34,6 +34,11 @@ void lab_import_free(lab_import *im);
 // Copies the pictures and writes transforms.json and points3d.ply into `out`.
 sv_status lab_import_write(const lab_import *im, lab_session *s, const char *out, sv_err *err) SV_MUST_USE;
 
+// A rig folder: rig.json and lens files. Coverage pictures are not written.
+sv_status lab_rig_write(const sv_rig *rig, const char *folder, sv_err *err) SV_MUST_USE;
+// Kalibr's camchain.yaml -> a rig folder.
+sv_status lab_import_kalibr(const char *file, const char *out, int *n_cameras, sv_err *err) SV_MUST_USE;
+
 sv_status lab_import_transforms(lab_import *im, const char *dir, sv_err *err) SV_MUST_USE;
 sv_status lab_import_colmap(lab_import *im, const char *dir, sv_err *err) SV_MUST_USE;
 // A whole dataset from the simulator: SCENE or a source string's part behind `sim:` -> transforms_train_RIG.json

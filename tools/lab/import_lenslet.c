@@ -7,8 +7,6 @@
 
 #include "src/base/mathx.h"
 #include "src/base/str.h"
-#include "src/format/cameramodel.h"
-#include "src/format/rig_file.h"
 #include "src/rig/lenslet.h"
 #include "tools/common/imageio.h"
 #include "tools/lab/import.h"
@@ -94,28 +92,6 @@ static sv_status read_white(job *j, const sv_names *names, sv_err *err) {
 
 // --- rig -----------------------------------------------------------------------------------------
 
-static sv_status write_text(const char *folder, const char *name, const sv_str *text, sv_err *err) {
-  char path[SV_CAP_PATH];
-  sv_status s = sv_path_join(path, sizeof path, folder, name, err);
-  return s == SV_OK ? sv_file_write(path, text->buf, text->len, err) : s;
-}
-
-static sv_status write_rig(const job *j, sv_err *err) {
-  static char text[SV_CAP_SUB_VIEWS * 256];
-  char folder[SV_CAP_PATH], name[64];
-  sv_status s = sv_path_join(folder, sizeof folder, j->o->out, "rig", err);
-  if (s == SV_OK) s = sv_path_make_folder(folder, err);
-  for (int i = -1; s == SV_OK && i < j->rig.n_sub_views; i++) {
-    const sv_sub_view *v = &j->rig.sub_views[i < 0 ? 0 : i];
-    sv_str out = sv_str_make(text, sizeof text);
-    snprintf(name, sizeof name, i < 0 ? "rig.json" : "%s.cameramodel", v->name);
-    s = i < 0 ? sv_rig_json_write(&out, &j->rig) : sv_cameramodel_write(&out, &v->model, &v->cam_from_rig);
-    s = s == SV_OK ? write_text(folder, name, &out, err)
-                   : sv_fail(err, s, "%s/%s: the rig does not fit its text", folder, name);
-  }
-  return s;
-}
-
 static sv_status make_rig(job *j, sv_err *err) {
   sv_lenslet_optics optics = {.focal_px = j->o->focal_px > 0 ? j->o->focal_px : j->plan.width_px,
                               .baseline_m = j->o->baseline_m > 0 ? j->o->baseline_m : DEFAULT_BASELINE_M,
@@ -129,7 +105,9 @@ static sv_status make_rig(job *j, sv_err *err) {
   if (!(j->o->focal_px > 0 && j->o->baseline_m > 0))
     lab_say(j->se, "assumed: --focal %.6g px, --baseline %.6g m%s", optics.focal_px, optics.baseline_m,
             optics.focus_m > 0 ? "" : ", focus at infinity");
-  return write_rig(j, err);
+  char folder[SV_CAP_PATH];
+  sv_status s = sv_path_join(folder, sizeof folder, j->o->out, "rig", err);
+  return s == SV_OK ? lab_rig_write(&j->rig, folder, err) : s;
 }
 
 // --- sub-views -----------------------------------------------------------------------------------

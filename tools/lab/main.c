@@ -50,7 +50,7 @@ static const lab_command commands[] = {
       "white.png of an even field; values are kept as they are, the rig also goes to rig/). 4cam-board and "
       "qca\n"
       "make a capture folder with a rig instead, from recordings\n"
-      "with camera_array.toml or a Qualisys calibration.",
+      "with camera_array.toml or a Qualisys calibration; kalibr makes a rig folder from a camchain.yaml.",
       "  subview-lab import --from colmap garden --out garden_data\n"
       "  subview-lab train --data garden_data --scale 4 --eval --out garden",
       LAB_IMPORT},
