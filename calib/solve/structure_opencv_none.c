@@ -2,6 +2,8 @@
 // For builds without OpenCV.
 #include "calib/solve/structure.h"
 
+#include <stddef.h>
+
 bool sv_structure_available(void) { return false; }
 
 int sv_structure_tracks(const sv_structure_view *views, int n_views, sv_array_observation **observations,

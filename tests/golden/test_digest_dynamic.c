@@ -5,15 +5,16 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdio.h>
+#include <stdlib.h>
 
 #include <cmocka.h>
 
 #include "platform/linux/linux.h"
 #include "tests/common/moving_scene.h"
 
-#define N_STEPS      60
-#define CLIP_DIGEST  0xa22b36f969c6f0a1ull
-#define FIELD_DIGEST 0x9851ac7fbabe9426ull
+#define N_STEPS      20
+#define CLIP_DIGEST  0xf66d4191044b52d8ull
+#define FIELD_DIGEST 0x0a7c20977e2e0c0dull
 
 static _Alignas(64) unsigned char block[64u << 20];
 static moving_scene scene;
@@ -43,7 +44,13 @@ static void expect(uint64_t digest, uint64_t expected, const char *what, int n) 
              (unsigned long long)expected);
 }
 
+// An emulator is asked once: it is a hundred times slower, and one thread and the reference are the native run's.
 static void check(sv_deform_kind kind, uint64_t expected) {
+  const char *emulator = getenv("SV_EMULATE");
+  if (emulator && *emulator) {
+    expect(run(kind, ~0u, 2), expected, "emulated, threads", 2);
+    return;
+  }
   for (int n = 1; n <= 4; n *= 2) expect(run(kind, ~0u, n), expected, "threads", n);
   for (int isa = 0; isa < SV_N_ISAS; isa++)
     if ((sv_cpu_isas() & SV_ISA_BIT(isa)) && isa != SV_ISA_SSE41)

@@ -338,7 +338,7 @@ static void test_bad_input(void **state) {
       {"--out b", 2, "--data is missing"},
       {"--data ../s --steps 0 --out b", 2, "--steps needs a whole number"},
       {"--data ../s --gaussians 1000000 --out b", 2, "--gaussians needs a whole number"},
-      {"--data ../s --noise loud --out b", 2, "--noise is read=V,shot=V"},
+      {"--data ../s --noise loud --out b", 2, "--noise is [prediction,]read=V,shot=V"},
       {"--data ../s --json --out b", 2, "unknown option '--json'"},
       {"--data ../s extra --out b", 2, "unexpected argument 'extra'"},
       {"--data nowhere --out b", 1, "nowhere: there is no such folder"},
