@@ -337,6 +337,44 @@ sv_status sv_capture_load(sv_capture *c, const char *dir, sv_arena *arena, sv_er
   return s < 0 ? s : sv_capture_parse(c, text, bytes, path, arena, err);
 }
 
+static sv_status parse_poses(sv_capture *c, const char *path, char *text, size_t bytes, sv_arena *arena,
+                             sv_err *err) {
+  size_t n_tokens, n_objects;
+  int64_t version;
+  if (!count(text, bytes, &n_tokens, &n_objects))
+    return sv_fail(err, SV_E_FORMAT, "%s: nested deeper than %d levels", path, MAX_DEPTH);
+  sv_capture with = *c; // the old poses stay when these are refused
+  with.poses = SV_TAKE(arena, sv_capture_pose, n_objects + 1);
+  size_t mark = sv_arena_mark(arena);
+  json_t j = {text, path, SV_TAKE(arena, jsmntok_t, n_tokens), 0, err};
+  if (arena->status < 0)
+    return sv_fail(err, arena->status, "%s: its %zu poses do not fit into the memory left", path, n_objects);
+  jsmn_parser parser;
+  jsmn_init(&parser);
+  j.n_tokens = jsmn_parse(&parser, text, bytes, j.tokens, (unsigned)n_tokens);
+  sv_status s = SV_OK;
+  if (j.n_tokens < 1 || j.tokens[0].type != JSMN_OBJECT)
+    s = sv_fail(err, SV_E_FORMAT, "%s: expected one JSON object with \"poses\"", path);
+  if (s == SV_OK) s = get_int(&j, 0, "version", 1, 1, 0, &version, "1, the only version there is");
+  int v = s == SV_OK ? find(&j, 0, "poses") : -1;
+  if (s == SV_OK && (v < 0 || j.tokens[v].type != JSMN_ARRAY || j.tokens[v].size < 1))
+    s = bad(&j, v < 0 ? 0 : v, "poses", "a list of at least one pose");
+  if (s == SV_OK) s = read_poses(&j, v, &with);
+  sv_arena_reset(arena, mark);
+  if (s == SV_OK) *c = with;
+  return s;
+}
+
+sv_status sv_capture_load_poses(sv_capture *c, const char *path, sv_arena *arena, sv_err *err) {
+  char *text = NULL;
+  size_t bytes = 0;
+  int fd = open(path, O_RDONLY | O_CLOEXEC);
+  if (fd < 0) return sv_fail(err, SV_E_NOT_FOUND, "%s: cannot be opened: %s", path, sv_linux_reason(errno));
+  sv_status s = read_text(fd, path, &text, &bytes, arena, err);
+  close(fd);
+  return s < 0 ? s : parse_poses(c, path, text, bytes, arena, err);
+}
+
 // --- poses ---------------------------------------------------------------------------------------
 static void slerp(double out[4], const double a[4], const double b_in[4], double u) {
   double dot = 0, b[4], wa = 1 - u, wb = u;

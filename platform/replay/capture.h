@@ -78,6 +78,10 @@ sv_status sv_capture_load(sv_capture *c, const char *dir, sv_arena *arena, sv_er
 sv_status sv_capture_parse(sv_capture *c, char *text, size_t bytes, const char *where, sv_arena *arena,
                            sv_err *err) SV_MUST_USE;
 
+// The poses of the capture are replaced by those of a file {"version": 1, "poses": [as above, at least one]}, which
+// `subview-calibrate pose` writes. Text and list go into the arena.
+sv_status sv_capture_load_poses(sv_capture *c, const char *path, sv_arena *arena, sv_err *err) SV_MUST_USE;
+
 // Where the rig was: between poses the rotation is interpolated on the sphere, the position on a line;
 // before the first and after the last pose it stands still. E_NOT_FOUND: the capture has no poses.
 sv_status sv_capture_pose_at(const sv_capture *c, sv_ns host_ns, sv_pose *rig_from_world) SV_MUST_USE;

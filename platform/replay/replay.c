@@ -32,11 +32,15 @@ static sv_status read_option(const char *p, size_t n, sv_replay_cfg *cfg, sv_err
     else is_good = sv_parse_double(v, nv, &cfg->speed) && cfg->speed >= 0.001 && cfg->speed <= 1000;
   } else if (nk == 4 && !memcmp(p, "from", 4)) is_good = read_count(v, nv, 0, &cfg->from);
   else if (nk == 5 && !memcmp(p, "count", 5)) is_good = read_count(v, nv, 1, &cfg->count);
+  else if (nk == 5 && !memcmp(p, "poses", 5) && nv > 0 && nv < sizeof cfg->poses) {
+    memcpy(cfg->poses, v, nv);
+    cfg->poses[nv] = 0, is_good = true;
+  }
   if (is_good) return SV_OK;
-  return sv_fail(
-      err, SV_E_ARG,
-      "replay: \"%.*s\" is not an option; there are speed=max|realtime|0.001..1000, from=N and count=N",
-      (int)n, p);
+  return sv_fail(err, SV_E_ARG,
+                 "replay: \"%.*s\" is not an option; there are speed=max|realtime|0.001..1000, from=N, "
+                 "count=N, poses=FILE",
+                 (int)n, p);
 }
 
 sv_status sv_replay_parse(const char *spec, sv_replay_cfg *cfg, sv_err *err) {
@@ -105,6 +109,7 @@ static void find_first(sv_replay *r) {
 static sv_status init(sv_replay *r, sv_arena *arena, sv_err *err) {
   sv_arena_part_begin(arena, "replay");
   sv_status s = sv_capture_load(&r->capture, r->cfg.dir, arena, err);
+  if (s >= 0 && *r->cfg.poses) s = sv_capture_load_poses(&r->capture, r->cfg.poses, arena, err);
   if (s < 0) {
     r->capture.n_cameras = 0;
     return s;

@@ -16,14 +16,15 @@ extern "C" {
 
 typedef struct {
   char dir[SV_CAPTURE_CAP_PATH];
-  double speed;  // 0: max (virtual clock); 1: realtime; else a factor of it
-  int from;      // first frame of each camera, by its place in the list
-  int count;     // frames of each camera from there; 0: all
-  int n_buffers; // frames of a camera that can be on loan at once, 1..64; 0: 8
+  double speed;                    // 0: max (virtual clock); 1: realtime; else a factor of it
+  int from;                        // first frame of each camera, by its place in the list
+  int count;                       // frames of each camera from there; 0: all
+  char poses[SV_CAPTURE_CAP_PATH]; // file of the rig's poses, instead of the capture's own; empty: none
+  int n_buffers;                   // frames of a camera that can be on loan at once, 1..64; 0: 8
 } sv_replay_cfg;
 
-// "DIR[,speed=max|realtime|X][,from=N][,count=N]" (what follows "replay:"). The folder's name must not
-// hold a comma. n_buffers is left at 0.
+// "DIR[,speed=max|realtime|X][,from=N][,count=N][,poses=FILE]" (what follows "replay:"). Names must not hold a
+// comma. FILE is relative to the working folder: poses.json of `subview-calibrate pose` (capture.h). n_buffers is left at 0.
 sv_status sv_replay_parse(const char *spec, sv_replay_cfg *cfg, sv_err *err) SV_MUST_USE;
 
 typedef struct {

@@ -261,6 +261,75 @@ sv_status sv_colmap_next_point(sv_colmap *c, sv_colmap_point *out, sv_err *err) 
   return s;
 }
 
+// --- rigs ----------------------------------------------------------------------------------------
+// pose: quaternion and translation, NULL when the file has none.
+static sv_status add_sensor(const sv_colmap *c, sv_colmap_rig *g, bool is_camera, uint32_t id,
+                            const double *pose, sv_err *err) {
+  if (!is_camera) return SV_OK;
+  if (g->n_cameras == SV_COLMAP_CAP_DATA) return fail_at(c, err, SV_E_FULL, "a rig of more than 256 cameras");
+  for (int i = 0; i < g->n_cameras; i++)
+    if (g->cameras[i].camera_id == id) return fail_at(c, err, SV_E_FORMAT, "a camera is in the rig twice");
+  int i = g->n_cameras++;
+  g->cameras[i].camera_id = id, g->cameras[i].has_pose = pose != NULL;
+  g->cameras[i].cam_from_rig = sv_pose_identity();
+  return pose ? make_pose(c, pose, &g->cameras[i].cam_from_rig, err) : SV_OK;
+}
+
+static const double reference_pose[7] = {1};
+
+static bool take_sensor(sv_word *line, bool *is_camera, uint32_t *id) {
+  sv_word type = sv_word_next(line);
+  *is_camera = sv_word_is(type, "CAMERA");
+  return type.n && take_u32(line, id);
+}
+
+static sv_status text_rig(sv_colmap *c, sv_colmap_rig *out, sv_err *err) {
+  sv_word line;
+  uint32_t n = 0, id, has_pose;
+  bool is_camera;
+  double v[7];
+  if (!next_record(c, &line)) return SV_END;
+  if (!take_u32(&line, &out->id) || !take_u32(&line, &n))
+    return fail_at(c, err, SV_E_FORMAT, "RIG_ID NUM_SENSORS REF_SENSOR_TYPE REF_SENSOR_ID ... was expected");
+  out->n_cameras = 0;
+  for (uint32_t i = 0; i < n; i++) {
+    bool ok = take_sensor(&line, &is_camera, &id);
+    has_pose = 1;
+    if (i) ok = ok && take_u32(&line, &has_pose) && has_pose <= 1;
+    for (int k = 0; i && has_pose && k < 7; k++) ok = ok && take_double(&line, &v[k]);
+    if (!ok)
+      return fail_at(c, err, SV_E_FORMAT,
+                     i ? "SENSOR_TYPE SENSOR_ID HAS_POSE [QW QX QY QZ TX TY TZ] was expected for each sensor"
+                       : "REF_SENSOR_TYPE REF_SENSOR_ID was expected after the number of sensors");
+    sv_status s = add_sensor(c, out, is_camera, id, !i ? reference_pose : has_pose ? v : NULL, err);
+    if (s != SV_OK) return s;
+  }
+  if (sv_word_next(&line).n) return fail_at(c, err, SV_E_FORMAT, "more sensors than NUM_SENSORS says");
+  return SV_OK;
+}
+
+sv_status sv_colmap_next_rig(sv_colmap *c, sv_colmap_rig *out, sv_err *err) {
+  if (!c->is_binary) return text_rig(c, out, err);
+  if (c->i == c->n) return end_of_binary(c, err);
+  const uint8_t *p = take(c, 8);
+  double v[7];
+  if (!p) return cut(c, err);
+  out->id = sv_le32(p), out->n_cameras = 0;
+  uint32_t n = sv_le32(p + 4);
+  for (uint32_t i = 0; i < n; i++) {
+    p = take(c, i ? 9 : 8); // the reference sensor is only named
+    if (!p) return cut(c, err);
+    const uint8_t *pose = i && p[8] ? take(c, 56) : NULL;
+    if (i && p[8] && !pose) return cut(c, err);
+    for (int k = 0; pose && k < 7; k++) v[k] = sv_lef64(pose + 8 * k);
+    const double *at = !i ? reference_pose : pose ? v : NULL;
+    sv_status s = add_sensor(c, out, sv_le32(p) == 0, sv_le32(p + 4), at, err); // type 0: camera
+    if (s != SV_OK) return s;
+  }
+  c->i++;
+  return SV_OK;
+}
+
 // --- frames --------------------------------------------------------------------------------------
 static sv_status add_data(const sv_colmap *c, sv_colmap_frame *f, bool is_camera, uint32_t sensor,
                           uint64_t id, sv_err *err) {
@@ -282,10 +351,9 @@ static sv_status text_frame(sv_colmap *c, sv_colmap_frame *out, sv_err *err) {
   sv_status s = make_pose(c, v, &out->rig_from_world, err);
   out->n_images = 0;
   for (uint32_t i = 0; i < n && s == SV_OK; i++) {
-    sv_word type = sv_word_next(&line);
-    bool is_camera = type.n == 6 && memcmp(type.t, "CAMERA", 6) == 0;
+    bool is_camera;
     long long id = -1;
-    if (!type.n || !take_u32(&line, &sensor))
+    if (!take_sensor(&line, &is_camera, &sensor))
       return fail_at(c, err, SV_E_FORMAT, "SENSOR_TYPE SENSOR_ID DATA_ID was expected for each of its data");
     sv_word data = sv_word_next(&line);
     if (!sv_parse_int(data.t, data.n, &id) || id < 0)

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// COLMAP models over buffers: cameras, images, points3D, frames, each as .txt or .bin. Poses are
+// COLMAP models over buffers: cameras, images, points3D, rigs, frames, each as .txt or .bin. Poses are
 // cam_from_world with OpenCV's axes and pixel centres at 0.5, as inside this project. One reader walks one
 // file from front to back: _next gives SV_OK with a record, SV_END after the last, or a failure.
 #ifndef SV_FORMAT_COLMAP_H
@@ -48,6 +48,17 @@ typedef struct {
   } images[SV_COLMAP_CAP_DATA]; // of cameras; other sensors' data are passed over
 } sv_colmap_frame;
 
+// COLMAP 3.12 and later: cameras that are fixed to one another. The rig's frame is that of its reference sensor.
+typedef struct {
+  uint32_t id;
+  int n_cameras;
+  struct {
+    uint32_t camera_id;
+    bool has_pose;               // false: COLMAP does not know it
+    sv_pose cam_from_rig;        // the reference camera's is the identity
+  } cameras[SV_COLMAP_CAP_DATA]; // other sensors are passed over
+} sv_colmap_rig;
+
 typedef struct {
   sv_text text;
   bool is_binary;
@@ -60,7 +71,7 @@ sv_status sv_colmap_open(sv_colmap *c, const char *name, const void *buf, size_t
 sv_status sv_colmap_next_camera(sv_colmap *c, sv_colmap_camera *out, sv_err *err) SV_MUST_USE;
 sv_status sv_colmap_next_image(sv_colmap *c, sv_colmap_image *out, sv_err *err) SV_MUST_USE;
 sv_status sv_colmap_next_point(sv_colmap *c, sv_colmap_point *out, sv_err *err) SV_MUST_USE;
-
+sv_status sv_colmap_next_rig(sv_colmap *c, sv_colmap_rig *out, sv_err *err) SV_MUST_USE;
 sv_status sv_colmap_next_frame(sv_colmap *c, sv_colmap_frame *out, sv_err *err) SV_MUST_USE;
 
 #ifdef __cplusplus

@@ -19,6 +19,7 @@
 #include <unistd.h>
 
 #include "tests/common/live_run.h"
+#include "tests/common/temp_folder.h"
 
 #define BASE "--source sim:textured,rig=stereo,size=96x64 --exposures 4 --gaussians 1500 --threads 1 "
 
@@ -294,10 +295,8 @@ static void test_hang(void **state) {
 
 static int make_root(void **state) {
   (void)state;
-  const char *tmp = getenv("TMPDIR");
   signal(SIGPIPE, SIG_IGN);
-  snprintf(root, sizeof root, "%s/sv_live_XXXXXX", tmp ? tmp : "/tmp");
-  return mkdtemp(root) ? 0 : -1;
+  return temp_folder_make(root, sizeof root, "live");
 }
 static int stop(void **state) {
   (void)state;
@@ -305,10 +304,8 @@ static int stop(void **state) {
   return 0;
 }
 static int remove_root(void **state) {
-  char command[300];
   (void)state;
-  snprintf(command, sizeof command, "rm -rf '%s'", root);
-  return system(command);
+  return temp_folder_remove(root);
 }
 
 int main(void) {

@@ -22,6 +22,7 @@
 #include "src/format/ply.h"
 #include "tests/common/browser.h"
 #include "tests/common/live_run.h"
+#include "tests/common/temp_folder.h"
 
 #define GAUSSIANS 20000
 
@@ -211,9 +212,7 @@ static void test_failed(void **state) {
 
 static int make_root(void **state) {
   (void)state;
-  const char *tmp = getenv("TMPDIR");
-  snprintf(root, sizeof root, "%s/sv_page_XXXXXX", tmp ? tmp : "/tmp");
-  return mkdtemp(root) ? 0 : -1;
+  return temp_folder_make(root, sizeof root, "page");
 }
 static int clean(void **state) {
   (void)state;
@@ -222,10 +221,8 @@ static int clean(void **state) {
   return 0;
 }
 static int remove_root(void **state) {
-  char command[300];
   (void)state;
-  snprintf(command, sizeof command, "rm -rf '%s'", root);
-  return system(command);
+  return temp_folder_remove(root);
 }
 
 int main(void) {

@@ -158,6 +158,55 @@ static void test_frames(void **state) {
   assert_int_equal(sv_colmap_next_frame(&c, &f, &err), SV_E_FORMAT);
 }
 
+static void check_rigs(sv_colmap *c) {
+  static sv_colmap_rig g;
+  double x[3], at[3] = {1, 0, 0};
+  if (sv_colmap_next_rig(c, &g, &err) != SV_OK) fail_msg("%s", err.text);
+  assert_true(g.id == 1 && g.n_cameras == 3);
+  assert_true(g.cameras[0].camera_id == 5 && g.cameras[0].has_pose);
+  sv_pose_apply(x, &g.cameras[0].cam_from_rig, at);
+  assert_true(x[0] == 1 && x[1] == 0 && x[2] == 0);
+  assert_true(g.cameras[1].camera_id == 2 && g.cameras[1].has_pose);
+  sv_pose_apply(x, &g.cameras[1].cam_from_rig, at); // a quarter turn about z, then 1, 2, 3
+  assert_true(fabs(x[0] - 1) < 1e-6 && fabs(x[1] - 3) < 1e-6 && fabs(x[2] - 3) < 1e-6);
+  assert_true(g.cameras[2].camera_id == 3 && !g.cameras[2].has_pose);
+  assert_int_equal(sv_colmap_next_rig(c, &g, &err), SV_OK);
+  assert_true(g.id == 2 && g.n_cameras == 1 && g.cameras[0].camera_id == 4);
+  assert_int_equal(sv_colmap_next_rig(c, &g, &err), SV_OK);
+  assert_true(g.id == 7 && g.n_cameras == 0);
+  assert_int_equal(sv_colmap_next_rig(c, &g, &err), SV_END);
+}
+
+static void test_rigs(void **state) {
+  (void)state;
+  static const char text[] =
+      "# Rig calib list\n1 4 CAMERA 5 CAMERA 2 1 0.70710678 0 0 0.70710678 1 2 3 IMU 2 0 CAMERA 3 0\n"
+      "2 1 CAMERA 4\n7 0\n";
+  sv_colmap c;
+  assert_int_equal(sv_colmap_open(&c, "rigs.txt", text, sizeof text - 1, false, &err), SV_OK);
+  check_rigs(&c);
+  n_bin = 0;
+  p64(3);
+  p32(1), p32(4), p32(0), p32(5);
+  p32(0), p32(2), bin[n_bin++] = 1;
+  pd(0.70710678), pd(0), pd(0), pd(0.70710678), pd(1), pd(2), pd(3);
+  p32(1), p32(2), bin[n_bin++] = 0;
+  p32(0), p32(3), bin[n_bin++] = 0;
+  p32(2), p32(1), p32(0), p32(4);
+  p32(7), p32(0);
+  assert_int_equal(sv_colmap_open(&c, "rigs.bin", bin, n_bin, true, &err), SV_OK);
+  check_rigs(&c);
+  for (size_t n = 8; n < n_bin; n++) { // cut anywhere
+    static sv_colmap_rig g;
+    uint8_t *copy = malloc(n);
+    memcpy(copy, bin, n);
+    sv_status s = sv_colmap_open(&c, "rigs.bin", copy, n, true, &err);
+    for (int i = 0; i < 4 && s == SV_OK; i++) s = sv_colmap_next_rig(&c, &g, &err);
+    free(copy);
+    assert_int_equal(s, SV_E_FORMAT);
+  }
+}
+
 static void test_refused(void **state) {
   (void)state;
   static const struct {
@@ -175,6 +224,13 @@ static void test_refused(void **state) {
       {'i', "1 1 0 0 0 0 0 0 1", "no name", SV_E_FORMAT},
       {'i', "1 2 0 0 0 0 0 0 1 a", "length 1", SV_E_RANGE},
       {'i', "1 1 0 0 0 0 0 0 x a", "IMAGE_ID", SV_E_FORMAT},
+      {'r', "1 2 CAMERA 1", "SENSOR_TYPE SENSOR_ID HAS_POSE", SV_E_FORMAT},
+      {'r', "1 1", "REF_SENSOR_TYPE", SV_E_FORMAT},
+      {'r', "1 2 CAMERA 1 CAMERA 2 2", "HAS_POSE", SV_E_FORMAT},
+      {'r', "1 2 CAMERA 1 CAMERA 2 1 1 0 0 0 0 0", "HAS_POSE", SV_E_FORMAT},
+      {'r', "1 2 CAMERA 1 CAMERA 2 1 2 0 0 0 0 0 0", "length 1", SV_E_RANGE},
+      {'r', "1 2 CAMERA 1 CAMERA 1 0", "twice", SV_E_FORMAT},
+      {'r', "1 1 CAMERA 1 CAMERA 2 0", "more sensors", SV_E_FORMAT},
       {'p', "1 1 2 3 256 0 0 1", "POINT3D_ID", SV_E_FORMAT},
       {'p', "1 1 2 3 0 0 0 1 5", "pairs", SV_E_FORMAT},
       {'p', "1 1 2 1e99 0 0 0 1", "finite", SV_E_RANGE},
@@ -184,9 +240,11 @@ static void test_refused(void **state) {
     sv_colmap_camera k;
     sv_colmap_image m;
     sv_colmap_point p;
+    static sv_colmap_rig g;
     assert_int_equal(sv_colmap_open(&c, "cameras.txt", cases[i].text, strlen(cases[i].text), false, &err),
                      SV_OK);
     sv_status s = cases[i].kind == 'c'   ? sv_colmap_next_camera(&c, &k, &err)
+                  : cases[i].kind == 'r' ? sv_colmap_next_rig(&c, &g, &err)
                   : cases[i].kind == 'i' ? sv_colmap_next_image(&c, &m, &err)
                                          : sv_colmap_next_point(&c, &p, &err);
     if (s != cases[i].s || !strstr(err.text, cases[i].word)) fail_msg("case %zu: %d %s", i, s, err.text);
@@ -195,7 +253,7 @@ static void test_refused(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_cameras), cmocka_unit_test(test_images),
-                                     cmocka_unit_test(test_points), cmocka_unit_test(test_frames),
-                                     cmocka_unit_test(test_refused)};
+                                     cmocka_unit_test(test_points),  cmocka_unit_test(test_frames),
+                                     cmocka_unit_test(test_rigs),    cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

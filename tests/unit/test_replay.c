@@ -64,8 +64,8 @@ static void options_are_read(void **state) {
   assert_int_equal(sv_replay_parse("x", &c, &err), SV_OK);
   assert_true(c.speed == 1);
   static const char *const bad[] = {
-      "",          ",speed=max", "x,",         "x,speed",  "x,speed=",  "x,speed=-1", "x,speed=nan",
-      "x,from=-1", "x,count=0",  "x,count=1x", "x,what=1", "x,speed=0", "x,,"};
+      "",         ",speed=max", "x,",        "x,speed",    "x,speed=", "x,speed=-1", "x,speed=nan",
+      "x,poses=", "x,from=-1",  "x,count=0", "x,count=1x", "x,what=1", "x,speed=0",  "x,,"};
   for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++)
     assert_int_equal(sv_replay_parse(bad[i], &c, &err), SV_E_ARG);
 }
@@ -116,6 +116,53 @@ static void tiny_plays_in_order(void **state) {
   assert_true(fabs(p.t[1] - 0.15) < 1e-9);
   assert_string_equal(g_replay.capture.rig, "rig");
   assert_true(g_replay.capture.has_scene);
+  sv_replay_close(&g_replay);
+}
+
+static sv_status open_with_poses(const char *text, sv_err *err) {
+  char path[128], spec[256];
+  snprintf(path, sizeof path, "%s/poses.json", g_dir);
+  FILE *f = fopen(path, "w");
+  assert_non_null(f);
+  fputs(text, f);
+  fclose(f);
+  snprintf(spec, sizeof spec, TINY ",speed=max,poses=%s", path);
+  return open_replay(spec, err);
+}
+
+static void poses_from_a_file(void **state) {
+  (void)state;
+  sv_err err = {.text = ""};
+  sv_pose p;
+  assert_int_equal(open_with_poses("{\"version\": 1, \"poses\": [\n {\"time_ns\": 1000000000, "
+                                   "\"rig_from_world\": [1, 0, 0, 0, 4, 5, 6]},\n {\"time_ns\": 1200000000, "
+                                   "\"rig_from_world\": [1, 0, 0, 0, 6, 5, 6]}\n]}\n",
+                                   &err),
+                   SV_OK);
+  sv_source s = sv_replay_source(&g_replay);
+  assert_int_equal(s.rig_pose(s.self, 1100000000, &p), SV_OK);
+  assert_true(fabs(p.t[0] - 5) < 1e-9 && p.t[1] == 5 && p.t[2] == 6); // not the capture's own
+  sv_replay_close(&g_replay);
+  static const struct {
+    const char *text, *word;
+  } bad[] = {
+      {"", "JSON object"},
+      {"[]", "JSON object"},
+      {"{\"version\": 2, \"poses\": []}", "version"},
+      {"{\"version\": 1}", "poses"},
+      {"{\"version\": 1, \"poses\": []}", "at least one"},
+      {"{\"version\": 1, \"poses\": [7]}", "poses"},
+      {"{\"version\": 1, \"poses\": [{\"time_ns\": 1, \"rig_from_world\": [2,0,0,0,0,0,0]}]}", "quaternion"},
+      {"{\"version\": 1, \"poses\": [{\"time_ns\": 1, \"rig_from_world\": [1,0,0,0,0,0,0]}, "
+       "{\"time_ns\": 1, \"rig_from_world\": [1,0,0,0,0,0,0]}]}",
+       "order of time"}};
+  for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+    if (open_with_poses(bad[i].text, &err) != SV_E_FORMAT || !strstr(err.text, bad[i].word) ||
+        !strstr(err.text, "poses.json"))
+      fail_msg("case %zu: %s", i, err.text);
+    sv_replay_close(&g_replay);
+  }
+  assert_int_equal(open_replay(TINY ",poses=/nowhere/poses.json", &err), SV_E_NOT_FOUND);
   sv_replay_close(&g_replay);
 }
 
@@ -449,6 +496,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(options_are_read),
       cmocka_unit_test(tiny_plays_in_order),
+      cmocka_unit_test(poses_from_a_file),
       cmocka_unit_test(ranges_and_starving),
       cmocka_unit_test(realtime_keeps_the_time),
       cmocka_unit_test(no_heap_call_a_frame),

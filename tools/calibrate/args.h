@@ -1,25 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
-// The options of all commands, in one table (args.c). A command accepts the rows that carry its bit; parsing,
-// range checks and --help come from the same rows.
+// The options of all commands, in one table (args.c) for tools/common/options.h, and what goes together.
 #ifndef SV_TOOLS_CALIBRATE_ARGS_H
 #define SV_TOOLS_CALIBRATE_ARGS_H
 
 #include <stdbool.h>
 
-#include "src/base/status.h"
+#include "tools/common/options.h"
 
-#define CAL_EXIT_OK     0
+#define CAL_EXIT_OK     SV_OPTIONS_OK
 #define CAL_EXIT_FAILED 1
-#define CAL_EXIT_USAGE  2
-
-#define CAL_CAP_IMAGES 256
+#define CAL_EXIT_USAGE  SV_OPTIONS_USAGE
 
 enum { CAL_BOARD = 1, CAL_LENSLETS = 2, CAL_POSE = 4, CAL_CHECK = 8 };
 
 // NULL and -1 stand for "not given"; a given number is inside its range.
 typedef struct {
-  const char *images[CAL_CAP_IMAGES]; // all words behind --images, up to the next option
-  int n_images;
+  sv_option_list images; // of --images: one for each camera
   const char *board, *model, *out, *name, *rig, *isolated, *white, *capture;
   int n_cols, n_rows; // of --board
   double spacing_m, pitch_m, focal_px, dark;
@@ -28,14 +24,13 @@ typedef struct {
 } cal_options;
 
 typedef struct {
-  const char *name, *args, *summary, *text, *example;
-  int bit;
+  sv_tool_command c;
   int (*run)(const cal_options *o);
 } cal_command;
 
 // CAL_EXIT_OK, or CAL_EXIT_USAGE after one line on stderr. Strings stay where argv has them.
-int cal_args_parse(const cal_command *c, int argc, char **argv, cal_options *o);
-void cal_args_help(const cal_command *c); // on stdout
+int cal_args_parse(const sv_tool_command *c, int argc, char **argv, cal_options *o);
+void cal_args_help(const sv_tool_command *c); // on stdout
 // One line: "subview-calibrate board: TEXT; try 'subview-calibrate board --help'". Returns CAL_EXIT_USAGE.
 int cal_usage(const char *command, const char *fmt, ...) SV_PRINTF(2, 3);
 

@@ -30,14 +30,14 @@ static sv_boards problem_of(const cal_boards *b, const cal_options *o) {
 // Shell-expanded patterns would make each picture a camera.
 static int check_words(const cal_options *o) {
   int n_plain = 0;
-  for (int i = 0; i < o->n_images; i++) {
+  for (int i = 0; i < o->images.n; i++) {
     struct stat st;
-    n_plain += stat(o->images[i], &st) == 0 && !S_ISDIR(st.st_mode);
+    n_plain += stat(o->images.of[i], &st) == 0 && !S_ISDIR(st.st_mode);
   }
-  if (n_plain && o->n_images > 1)
+  if (n_plain && o->images.n > 1)
     return cal_usage("board",
                      "'%.80s' is a single picture: --images takes one quoted pattern or folder per camera",
-                     o->images[0]);
+                     o->images.of[0]);
   return CAL_EXIT_OK;
 }
 

@@ -108,10 +108,10 @@ static void advise(cal_advice *a, const cal_check *c) {
 
 static sv_status check_images(const cal_options *o, lab_session *se, const sv_rig *rig, cal_boards *b,
                               cal_check *c, sv_err *err) {
-  if (o->n_images != rig->n_sub_views)
+  if (o->images.n != rig->n_sub_views)
     return sv_fail(err, SV_E_ARG,
                    "%s has %d sub-views, --images names %d cameras: one each, in the rig's order", o->rig,
-                   rig->n_sub_views, o->n_images);
+                   rig->n_sub_views, o->images.n);
   sv_status s = sv_corners_available(o->n_cols, o->n_rows, err);
   if (s == SV_OK) s = cal_boards_list(b, o, err);
   if (s == SV_OK) s = cal_boards_find(b, se, NULL, err);
@@ -119,7 +119,7 @@ static sv_status check_images(const cal_options *o, lab_session *se, const sv_ri
     const sv_camera_model *m = &rig->sub_views[i].model;
     if (b->size_px[i][0] != m->width_px || b->size_px[i][1] != m->height_px)
       s = sv_fail(err, SV_E_FORMAT, "%s: pictures of %dx%d pixels, but the rig's %s is for %dx%d",
-                  o->images[i], b->size_px[i][0], b->size_px[i][1], rig->sub_views[i].name, m->width_px,
+                  o->images.of[i], b->size_px[i][0], b->size_px[i][1], rig->sub_views[i].name, m->width_px,
                   m->height_px);
   }
   return s == SV_OK ? cal_check_boards(c, rig, b, o->spacing_m, err) : s;
@@ -146,7 +146,7 @@ static sv_status check(const cal_options *o, lab_session *se, cal_boards *b, voi
   cal_advice *a = calloc(1, sizeof *a);
   double centre[3];
   sv_status s = a ? read_rig(&rig, o->rig, block, err) : sv_fail(err, SV_E_NOMEM, "no memory");
-  bool has_images = o->n_images > 0;
+  bool has_images = o->images.n > 0;
   if (s == SV_OK && has_images) s = check_images(o, se, &rig, b, &c, err);
   if (s == SV_OK) {
     const cal_check *found = has_images ? &c : NULL;
@@ -174,7 +174,7 @@ int cal_cmd_check(const cal_options *o) {
   cal_boards b = {0};
   sv_err err = {0};
   void *block = malloc(RIG_BYTES);
-  if (o->n_images > 0 && !o->board)
+  if (o->images.n > 0 && !o->board)
     return free(block), cal_usage("check", "--images needs --board and --spacing");
   sv_status s = lab_session_start(&se, o->threads, o->is_quiet, &err);
   if (s == SV_OK && !block) s = sv_fail(&err, SV_E_NOMEM, "no memory for a rig");

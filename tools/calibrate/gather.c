@@ -124,14 +124,14 @@ static sv_status sort_frames(entries *e, cal_boards *b, sv_err *err) {
 
 sv_status cal_boards_list(cal_boards *b, const cal_options *o, sv_err *err) {
   entries e = {0};
-  size_t nc = (size_t)o->n_images;
-  *b = (cal_boards){.n_cameras = o->n_images, .n_cols = o->n_cols, .n_rows = o->n_rows};
+  size_t nc = (size_t)o->images.n;
+  *b = (cal_boards){.n_cameras = o->images.n, .n_cols = o->n_cols, .n_rows = o->n_rows};
   b->cameras = calloc(nc, sizeof *b->cameras);
   b->names = calloc(nc, sizeof *b->names);
   b->size_px = calloc(nc, sizeof *b->size_px);
   sv_status s =
       b->cameras && b->names && b->size_px ? SV_OK : sv_fail(err, SV_E_NOMEM, "no memory for cameras");
-  for (int c = 0; c < o->n_images && s == SV_OK; c++) s = add_camera(&e, b, c, o->images[c], err);
+  for (int c = 0; c < o->images.n && s == SV_OK; c++) s = add_camera(&e, b, c, o->images.of[c], err);
   if (s == SV_OK) s = sort_frames(&e, b, err);
   size_t n = (size_t)b->n_cols * (size_t)b->n_rows;
   if (s == SV_OK) {

@@ -6,7 +6,7 @@
 
 #include "src/base/str.h"
 #include "tools/calibrate/calibrate.h"
-#include "tools/calibrate/gnuplot.h"
+#include "tools/common/gnuplot.h"
 
 typedef struct {
   sv_file file;
@@ -130,7 +130,7 @@ sv_status cal_plots_write(const char *folder, const cal_boards *b, const sv_boar
     sv_fmt(file, sizeof file, "%s.gp", b->cameras[c].name);
     s = write_script(plots, file, b, r, c, err);
     if (s == SV_OK && code != 127) {
-      code = cal_gnuplot(plots, file);
+      code = sv_gnuplot(plots, file, c == 0);
       if (code == 127) lab_say(se, "gnuplot is not installed: no plots, only their scripts in %s", plots);
       else if (code)
         lab_say(se, "gnuplot could not draw %s/%s; its messages are in gnuplot.log there", plots, file);

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The options of all commands, in one table (args.c). A command accepts the rows that carry its bit; parsing,
-// range checks and --help come from the same rows.
+// The options of all commands, in one table (args.c) for tools/common/options.h, and what goes together.
 #ifndef SV_TOOLS_LAB_ARGS_H
 #define SV_TOOLS_LAB_ARGS_H
 
@@ -8,10 +7,11 @@
 #include <stdint.h>
 
 #include "src/train/train.h"
+#include "tools/common/options.h"
 
-#define LAB_EXIT_OK     0
+#define LAB_EXIT_OK     SV_OPTIONS_OK
 #define LAB_EXIT_FAILED 1
-#define LAB_EXIT_USAGE  2
+#define LAB_EXIT_USAGE  SV_OPTIONS_USAGE
 
 enum {
   LAB_TRAIN = 1,
@@ -30,6 +30,8 @@ typedef struct {
   bool is_noise_on_prediction;
   long exposures, gaussians, sh, steps, scale, seed, threads, orbit, frames, keep, spz_version;
   double time_limit_s, baseline_m, focal_px, focus_m;
+  const char *rig, *stream;
+  double unit_m; // 0: not given
   bool is_eval, is_json, is_quiet, is_quick, has_depth, has_lpips, is_help, is_version;
   // Of --loss; below 0: not given
   float ssim, tv, opacity, size, tv_unseen, n_unseen, unseen_every, unseen_px, unseen_deg, region_px,
@@ -38,14 +40,13 @@ typedef struct {
 } lab_options;
 
 typedef struct {
-  const char *name, *args, *summary, *text, *example;
-  int bit;
+  sv_tool_command c;
   int (*run)(const lab_options *o);
 } lab_command;
 
 // LAB_EXIT_OK, or LAB_EXIT_USAGE after one line on stderr. Strings stay where argv has them.
-int lab_args_parse(const lab_command *c, int argc, char **argv, lab_options *o);
-void lab_args_help(const lab_command *c); // on stdout
+int lab_args_parse(const sv_tool_command *c, int argc, char **argv, lab_options *o);
+void lab_args_help(const sv_tool_command *c); // on stdout
 // Sets what --motion says in c->dynamic. text may be NULL: clip. LAB_EXIT_USAGE when it cannot be read.
 int lab_parse_motion(const char *text, sv_train_cfg *c);
 // One line: "subview-lab train: TEXT; try 'subview-lab train --help'". Returns LAB_EXIT_USAGE.

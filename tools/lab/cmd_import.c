@@ -107,8 +107,14 @@ static sv_status import(const lab_options *o, lab_session *se, sv_err *err) {
                 : sv_str_eq(o->from, "capture") ? lab_import_capture(&im, o->input, err)
                                                 : lab_import_transforms(&im, o->input, err);
   if (s == SV_OK && im.n == 0) s = sv_fail(err, SV_E_NOT_FOUND, "%s: there are no views in it", o->input);
+  double unit_m = o->unit_m > 0 ? o->unit_m : 1;
+  if (s == SV_OK && o->rig) s = lab_import_propagate(&im, o->rig, o->stream, unit_m, err);
+  if (s == SV_OK && o->rig)
+    lab_say(se, "one unit of %s's poses is taken as %.6g m; --unit says otherwise", o->stream, unit_m);
   if (s == SV_OK) s = lab_import_write(&im, se, o->out, err);
   if (s == SV_OK) lab_say(se, "%s: %d views, %d points", o->out, im.n, im.n_points);
+  if (s == SV_OK && im.n_from_rig) lab_say(se, "%d of the views have their pose from the rig", im.n_from_rig);
+  if (s == SV_OK && im.n_lost) lab_say(se, "%d pictures of the rig were not found", im.n_lost);
   lab_import_free(&im);
   return s;
 }
@@ -117,6 +123,12 @@ int lab_cmd_import(const lab_options *o) {
   sv_err err = {0};
   lab_session se;
   int code = LAB_EXIT_OK;
+  bool has_stream =
+      sv_str_eq(o->from, "colmap") || sv_str_eq(o->from, "nerfstudio") || sv_str_eq(o->from, "blender");
+  if (!o->rig != !o->stream || (o->unit_m > 0 && !o->rig))
+    return lab_usage("import", "--rig and --stream belong together, and --unit to them");
+  if (o->rig && !has_stream)
+    return lab_usage("import", "--rig and --stream belong to --from colmap, nerfstudio and blender");
   sv_status s = lab_session_start(&se, 0, o->is_quiet, &err);
   if (s == SV_OK) s = import(o, &se, &err);
   if (s != SV_OK) code = lab_failed(&se, &err);

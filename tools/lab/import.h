@@ -24,6 +24,7 @@ typedef struct {
   int n, cap;
   sv_point *points;
   int n_points, cap_points;
+  int n_from_rig, n_lost; // views that were placed by their rig only; pictures of the rig that were not found
 } lab_import;
 
 // Room for one more, cleared ("not said" everywhere); NULL without memory.
@@ -38,6 +39,13 @@ sv_status lab_import_write(const lab_import *im, lab_session *s, const char *out
 sv_status lab_rig_write(const sv_rig *rig, const char *folder, sv_err *err) SV_MUST_USE;
 // Kalibr's camchain.yaml -> a rig folder.
 sv_status lab_import_kalibr(const char *file, const char *out, int *n_cameras, sv_err *err) SV_MUST_USE;
+
+// Views of one camera of a rig (`stream`, a sub-view's name that stands in the paths of its pictures) -> views of
+// all sub-views, by the rig's relative poses. The stream keeps its poses and lenses; views of other cameras are
+// dropped; what has no number of its exposure gets one, in order. unit_m: metres for one unit of the poses given.
+// n_from_rig and n_lost count. `im` is left alone on failure.
+sv_status lab_import_propagate(lab_import *im, const char *rig_folder, const char *stream, double unit_m,
+                               sv_err *err) SV_MUST_USE;
 
 sv_status lab_import_transforms(lab_import *im, const char *dir, sv_err *err) SV_MUST_USE;
 sv_status lab_import_colmap(lab_import *im, const char *dir, sv_err *err) SV_MUST_USE;

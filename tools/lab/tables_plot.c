@@ -1,14 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // OUT/plots: a gnuplot script with its data inside for each plot; gnuplot, when it is there, draws SVG and PNG.
-#include <errno.h>
-#include <fcntl.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include "src/base/str.h"
+#include "tools/common/gnuplot.h"
 #include "tools/lab/tables.h"
 
 typedef struct {
@@ -143,34 +140,17 @@ static sv_status write_bars(const tables *t, int figure, const char *name, bool 
 
 // --- gnuplot -------------------------------------------------------------------------------------
 
-// Exit code of `gnuplot SCRIPT` in the folder; 127: there is no such program.
-static int run_gnuplot(const char *folder, const char *script) {
-  int status = 0;
-  pid_t pid = fork();
-  if (pid == 0) {
-    if (chdir(folder) != 0) _exit(126);
-    int null = open("/dev/null", O_RDWR), log = open("gnuplot.log", O_WRONLY | O_CREAT | O_TRUNC, 0666);
-    if (null < 0 || log < 0 || dup2(null, 0) < 0 || dup2(null, 1) < 0 || dup2(log, 2) < 0) _exit(126);
-    execlp("gnuplot", "gnuplot", script, (char *)NULL);
-    _exit(127);
-  }
-  if (pid < 0) return 126;
-  while (waitpid(pid, &status, 0) < 0)
-    if (errno != EINTR) return 126;
-  return WIFEXITED(status) ? WEXITSTATUS(status) : 126;
-}
-
 typedef struct {
   char folder[SV_CAP_PATH];
   bool is_missing, is_failed; // gnuplot; said once
-  int n_drawn;
+  int n_tried, n_drawn;
 } drawing;
 
 static void draw(tables *t, drawing *d, const char *name) {
   char script[80];
   if (d->is_missing) return;
   snprintf(script, sizeof script, "%s.gp", name);
-  int code = run_gnuplot(d->folder, script);
+  int code = sv_gnuplot(d->folder, script, d->n_tried++ == 0);
   if (code == 0) d->n_drawn++;
   else if (code == 127) {
     d->is_missing = true;

@@ -4,14 +4,15 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "tools/calibrate/gnuplot.h"
+#include "tools/common/gnuplot.h"
 
-int cal_gnuplot(const char *folder, const char *script) {
+int sv_gnuplot(const char *folder, const char *script, bool is_first) {
   int status = 0;
   pid_t pid = fork();
   if (pid == 0) {
     if (chdir(folder) != 0) _exit(126);
-    int null = open("/dev/null", O_RDWR), log = open("gnuplot.log", O_WRONLY | O_CREAT | O_APPEND, 0666);
+    int null = open("/dev/null", O_RDWR);
+    int log = open("gnuplot.log", O_WRONLY | O_CREAT | O_APPEND | (is_first ? O_TRUNC : 0), 0666);
     if (null < 0 || log < 0 || dup2(null, 0) < 0 || dup2(null, 1) < 0 || dup2(log, 2) < 0) _exit(126);
     execlp("gnuplot", "gnuplot", script, (char *)NULL);
     _exit(127);
