@@ -19,7 +19,7 @@ void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
   d->n_pos = d->n_rot = d->n_colour = 1; // exposures of a ring are too few for more
   d->pos = 3;                            // rates are per second, not per clip
   d->window = d->window_start = 0;       // windows in a time that has no end
-  d->from = 0;
+  d->from = d->grow_until = 0;
   d->find_every = d->find_until = 0; // by exposures instead
   // Every exposure is like the last one: nothing cools down.
   t->lr.mean_start = t->lr.mean_end = 1.6e-4f;

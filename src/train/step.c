@@ -290,6 +290,7 @@ static void maybe_relocate(sv_trainer *t, float progress) {
 sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
   if (t->n_views + t->n_regions < 1) return SV_E_ARG;
   int i = next_item(t);
+  while (i < t->n_views && !sv_train_has_time(t, t->views[i].view.time, progress)) i = next_item(t);
   bool is_region = i >= t->n_views, is_sum = is_region || has_unseen(t);
   sv_step_stats st = {.i_view = i, .scale = 1};
   sv_render_options o = sv_train_render_options(t, progress, false);
