@@ -6,9 +6,8 @@
 
 #include "platform/v4l2/camera.h"
 
-#define RETRY_NS       (50 * SV_NS_PER_MS)  // less than two frames at 25 fps
-#define LATER_RETRY_NS (200 * SV_NS_PER_MS) // when it stays away
-#define N_RETRIES      100                  // of the former
+#define MOST_RETRY_NS  (50 * SV_NS_PER_MS)
+#define LEAST_RETRY_NS (10 * SV_NS_PER_MS)
 
 static void event(sv_v4l2_camera *c, sv_camera_event_kind kind, sv_ns now_ns, int64_t detail) {
   sv_camera_events_add(c->events, kind, c->i_camera, now_ns, detail);
@@ -185,7 +184,12 @@ void sv_v4l2_fault(sv_v4l2_camera *c, int error, sv_ns now_ns) {
     event(c, SV_CAMERA_LOST, now_ns, error < 0 ? -error : error);
   }
   sv_v4l2_close_device(c);
-  c->retry_ns = now_ns + (c->n_retries++ < N_RETRIES ? RETRY_NS : LATER_RETRY_NS);
+  // At once, for most failures are over when the device is closed; then every frame's time, however long it is away.
+  double frame_ns = c->caps.fps > 0 ? 1e9 / c->caps.fps : (double)MOST_RETRY_NS;
+  sv_ns wait_ns = frame_ns > (double)MOST_RETRY_NS    ? MOST_RETRY_NS
+                  : frame_ns < (double)LEAST_RETRY_NS ? LEAST_RETRY_NS
+                                                      : (sv_ns)frame_ns;
+  c->retry_ns = c->n_retries++ ? now_ns + wait_ns : now_ns;
 }
 
 static void reopen(sv_v4l2_camera *c, sv_ns now_ns) {
