@@ -118,7 +118,7 @@ PROGRAMS := $(if $(MAIN_SRC),$(O)/bin/subview) $(if $(PREVIEW_SRC),$(O)/bin/subv
 
 .DEFAULT_GOAL := all
 .DELETE_ON_ERROR:
-.PHONY: all programs tests-build conform demo test test-all check bench kernels-check grad scenario golden fault \
+.PHONY: all programs tests-build conform demo test test-all check bench accept-counts mca kernels-check grad scenario golden fault \
   fuzz unit only board-test headers lint format format-check tidy plan clean deps help install cross FORCE
 
 all: $(CORE) $(PROGRAMS) tests-build ## build the runtime, the tools and the tests for BOARD
@@ -299,9 +299,11 @@ board-test: ## capture and train on a virtual ARM board with cameras (QEMU); und
 	@+$(MAKE) --no-print-directory '$(BUILD)/sysroot-arm64/.complete'
 	@+$(MAKE) --no-print-directory BOARD=generic-arm64 SAN= $(PARALLEL) programs conform
 	@tests/board/run.sh '$(BUILD)' '$(BUILD)/generic-arm64'
-bench: programs $(PROGS_kernels) ## time the kernels (also into kernels.csv) and the runtime
+bench: programs $(PROGS_kernels) ## time the kernels (also into kernels.csv), whole steps and their stages
 	@$(if $(PROGS_kernels),$(EMULATE) $(PROGS_kernels) --bench | tee $(O)/kernels.csv)
-	@$(if $(MAIN_SRC),$(EMULATE) $(O)/bin/subview bench)
+	@$(if $(LAB_MAIN),$(EMULATE) $(O)/bin/subview-lab bench)
+accept-counts: $(O)/tests/budget/test_budget_counts ## take the instructions counted now as those a step may take
+	@$< --accept
 plan: $(O)/bin/subview ## the board's memory map; fails when it does not fit
 	@$(EMULATE) $< plan
 
