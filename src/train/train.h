@@ -40,6 +40,7 @@ typedef struct {
   // picture, where a model of all times at once would smear it. grow_until 0: all times from the start.
   float grow_start, grow_until;
   float window_start; // half width of the windows that copies of moving slots begin with; 0: as their source
+  int newest_every;   // every so many steps the view is one of the newest time; 0: all in turn
   float unrest;       // who is off by so much more at some times than at others moves
   float still_px, still_fade, still_colour; // who changes by less than all of these is still
 } sv_dynamic_cfg;
@@ -111,6 +112,7 @@ typedef struct {
   uint32_t *touched_of;     // [cap / 16 / blocks a task + 1]
   sv_deform deform;
   float time;          // of the last picture
+  float newest;        // largest time of a picture
   float middle;        // time of a picture, the closest to 0.5
   float find_at;       // progress of the next search
   uint32_t field_step; // of the field's stage
