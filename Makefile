@@ -296,9 +296,9 @@ board-test: ## capture and train on a virtual ARM board with cameras (QEMU); und
 	@+$(MAKE) --no-print-directory '$(BUILD)/sysroot-arm64/.complete'
 	@+$(MAKE) --no-print-directory BOARD=generic-arm64 SAN= $(PARALLEL) programs
 	@tests/board/run.sh '$(BUILD)' '$(BUILD)/generic-arm64'
-bench: programs $(PROGS_kernels) ## time the kernels (also into kernels.csv) and the runtime
+bench: programs $(PROGS_kernels) ## time the kernels (also into kernels.csv), whole steps and their stages
 	@$(if $(PROGS_kernels),$(EMULATE) $(PROGS_kernels) --bench | tee $(O)/kernels.csv)
-	@$(if $(MAIN_SRC),$(EMULATE) $(O)/bin/subview bench)
+	@$(if $(LAB_MAIN),$(EMULATE) $(O)/bin/subview-lab bench)
 plan: $(O)/bin/subview ## the board's memory map; fails when it does not fit
 	@$(EMULATE) $< plan
 
