@@ -8,7 +8,7 @@
 //   n x 3 ((d+1)^2 - 1) i8   higher SH of degree d, coefficient-major, in units of `sh unit`; padded to 4 bytes
 //   n_moving x n_motion f32  motion of the first n_moving (src/port/feed.h)
 // Header: u32 magic "SVG2", n, step, sequence number (low), is_mip, SH degree, n_moving, n_motion, motion, n_pos, n_rot,
-// n_colour, 4 x 0; f32 centre 3, radius, eye 3, up 3, fov_y, time_min, time_max, seconds, t0, sh unit.
+// n_colour; f32 low-pass in square pixels; 3 x 0; f32 centre 3, radius, eye 3, up 3, fov_y, time_min, time_max, seconds, t0, sh unit.
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -118,6 +118,7 @@ static void put_header(uint8_t *o, const sv_feed_model *m, uint64_t seq, float u
                             m->time_max,  m->seconds,   m->t0,        unit};
   memset(o, 0, HEADER_BYTES);
   for (int i = 0; i < 12; i++) sv_put_le32(o + 4 * i, words[i]);
+  sv_put_lef32(o + 48, m->dilation_px2);
   for (int i = 0; i < 16; i++) sv_put_lef32(o + 64 + 4 * i, floats[i]);
 }
 

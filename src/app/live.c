@@ -6,6 +6,7 @@
 
 #include "src/app/app.h"
 #include "src/base/mathx.h"
+#include "src/splat/constants.h"
 
 #define STATE_PERIOD_S 0.25
 #define MODEL_PERIOD_S 1.0
@@ -240,6 +241,7 @@ static void publish_model(sv_app *app) {
   memset(m, 0, sizeof *m);
   m->n = (uint32_t)t->g.n, m->sh_degree = (uint32_t)t->g.sh_degree, m->n_floats = (uint32_t)n_floats;
   m->is_mip = t->cfg.is_antialiased, m->step = t->step;
+  m->dilation_px2 = t->cfg.dilation_px2 > 0 ? t->cfg.dilation_px2 : SV_DILATION_PX2;
   fill_viewpoint(app, m);
   float *row = (float *)(m + 1);
   for (int i = 0; i < t->g.n; i++, row += n_floats) {

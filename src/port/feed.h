@@ -110,6 +110,7 @@ typedef struct {
   uint32_t n_moving, n_motion, motion; // sv_feed_motion
   uint32_t n_pos, n_rot, n_colour;
   float t0;                          // of powers
+  float dilation_px2;                // low-pass of the splats
   float centre[3], radius;           // of the scene
   float eye[3], up[3], fov_y;        // a good first viewpoint (radians): the first training view
   float time_min, time_max, seconds; // of a model that moves: its exposures' times, and how long they took

@@ -39,7 +39,7 @@ class GraphicsPainter {
     if (!gl.getProgramParameter(p, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(p));
     gl.useProgram(p);
     this.at = {};
-    for (const name of ["rotation", "eye", "focal", "size", "is_mip", "data", "colours"]) this.at[name] = gl.getUniformLocation(p, name);
+    for (const name of ["rotation", "eye", "focal", "size", "is_mip", "dilation", "data", "colours"]) this.at[name] = gl.getUniformLocation(p, name);
     gl.uniform1i(this.at.data, 0), gl.uniform1i(this.at.colours, 1);
   }
 
@@ -67,7 +67,7 @@ class GraphicsPainter {
     this.model = a.model, this.n = a.n, this.drawn = a.list.length / 6;
   }
 
-  draw(f, focal, w, h, is_mip) {
+  draw(f, focal, w, h, model) {
     const gl = this.gl, c = this.canvas;
     if (c.width !== w || c.height !== h) (c.width = w), (c.height = h);
     gl.viewport(0, 0, w, h), gl.clearColor(0, 0, 0, 0), gl.clear(gl.COLOR_BUFFER_BIT);
@@ -75,7 +75,7 @@ class GraphicsPainter {
     const rows = [f.right, f.down, f.forward], m = new Float32Array(9);
     for (let r = 0; r < 3; r++) for (let k = 0; k < 3; k++) m[3 * k + r] = rows[r][k];
     gl.uniformMatrix3fv(this.at.rotation, false, m), gl.uniform3fv(this.at.eye, f.eye);
-    gl.uniform1f(this.at.focal, focal), gl.uniform2f(this.at.size, w, h), gl.uniform1i(this.at.is_mip, is_mip ? 1 : 0);
+    gl.uniform1f(this.at.focal, focal), gl.uniform2f(this.at.size, w, h), gl.uniform1i(this.at.is_mip, model.is_mip ? 1 : 0), gl.uniform1f(this.at.dilation, model.dilation);
     gl.drawElements(gl.TRIANGLES, 6 * this.drawn, gl.UNSIGNED_INT, 0);
   }
 
@@ -85,7 +85,7 @@ class GraphicsPainter {
   }
 }
 
-// EWA projection (Zwicker et al. 2001) as in 3D Gaussian Splatting: cov2d = J R S S R' J' + 0.3.
+// EWA projection (Zwicker et al. 2001) as in 3D Gaussian Splatting: cov2d = J R S S R' J' + low-pass.
 GraphicsPainter.vertex = `#version 300 es
 precision highp float;
 precision highp int;
@@ -96,6 +96,7 @@ uniform vec3 eye;
 uniform float focal;
 uniform vec2 size;
 uniform int is_mip;
+uniform float dilation;
 out vec2 at;
 out vec4 colour;
 void main() {
@@ -120,7 +121,7 @@ void main() {
   vec3 ux = jx * v, uy = jy * v;
   float xx = dot(ux, ux), xy = dot(ux, uy), yy = dot(uy, uy);
   float before = max(0.0, xx * yy - xy * xy);
-  xx += 0.3, yy += 0.3;
+  xx += dilation, yy += dilation;
   if (is_mip != 0) rgba.a *= sqrt(before / (xx * yy - xy * xy));
   if (rgba.a < 1.0 / 255.0) return;
   float mid = 0.5 * (xx + yy), d = length(vec2(0.5 * (xx - yy), xy));

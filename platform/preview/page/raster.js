@@ -54,7 +54,7 @@ function raster(m, look) {
       (xx += ux * ux), (xy += ux * uy), (yy += uy * uy);
     }
     const before = Math.max(0, xx * yy - xy * xy);
-    (xx += 0.3), (yy += 0.3);
+    (xx += m.dilation), (yy += m.dilation);
     let opacity = m.rgba[o + 3] / 255;
     if (m.is_mip) opacity *= Math.sqrt(before / (xx * yy - xy * xy));
     if (opacity * 255 > 1.0001) cover(canvas, w, h, focal * tx + 0.5 * w, focal * ty + 0.5 * h, xx, xy, yy, m.rgba, o, opacity);

@@ -37,7 +37,7 @@ class SplatView {
     if (buffer.byteLength < 128 || u(0) !== 0x32475653) return false;
     const n = u(1), sh = (3 * ((u(5) + 1) ** 2 - 1) * n + 3) & ~3;
     if (u(5) > 3 || buffer.byteLength < 128 + 34 * n + sh + 4 * u(6) * u(7)) return false;
-    this.n = n, this.step = u(2), this.is_mip = u(4), this.model++;
+    this.n = n, this.step = u(2), this.is_mip = u(4), this.dilation = head.getFloat32(48, true), this.model++;
     this.clip = u(8) ? { first: f(11), last: f(12), seconds: f(13) } : null;
     const home = { target: [f(0), f(1), f(2)], radius: f(3), eye: [f(4), f(5), f(6)], up: [f(7), f(8), f(9)], fov: f(10) };
     this.sorter.postMessage({ buffer, model: this.model }, [buffer]); // which takes it away from here
@@ -219,7 +219,7 @@ class SplatView {
 
   draw() {
     const s = this.size();
-    this.graphics.draw(this.n && this.camera ? this.frame() : null, s.focal, s.width, s.height, this.is_mip);
+    this.graphics.draw(this.n && this.camera ? this.frame() : null, s.focal, s.width, s.height, this);
     this.frames++;
   }
 
