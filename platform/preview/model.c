@@ -15,15 +15,17 @@
 
 #include "platform/codec/gzip.h"
 #include "platform/preview/preview.h"
+#include "src/format/axes.h"
 #include "src/format/bytes.h"
 #include "src/format/ply.h"
 #include "src/format/splat_file.h"
 #include "src/format/spz.h"
 
-#define HEADER_BYTES 128
-#define N_HALVES     11 // 16-bit values of a Gaussian
-#define MAGIC        0x32475653u
-#define CAP_SH       4.0f // higher SH beyond are cut: nothing that is seen has them
+#define HEADER_BYTES     128
+#define N_HALVES         11 // 16-bit values of a Gaussian
+#define MAGIC            0x32475653u
+#define DILATION_OF_3DGS 0.3f // which files need not tell
+#define CAP_SH           4.0f // higher SH beyond are cut: nothing that is seen has them
 
 sv_status pv_model_open(pv_source *s, sv_err *err) {
   s->model_cap = (size_t)s->reader.ring[SV_FEED_MODEL].slot_bytes;
@@ -158,8 +160,12 @@ static sv_status append(void *self, const void *data, size_t bytes, sv_err *err)
 static pv_blob *make_ply(const sv_feed_model *m) {
   static sv_ply_writer w;
   sv_err err;
-  sv_ply_options o = {
-      .n = m->n, .sh_degree = (int)m->sh_degree, .is_mip = m->is_mip != 0, .has_normals = true};
+  sv_ply_options o = {.n = m->n,
+                      .sh_degree = (int)m->sh_degree,
+                      .is_mip = m->is_mip != 0,
+                      .has_normals = true,
+                      .dilation_px2 = m->dilation_px2 == DILATION_OF_3DGS ? 0 : m->dilation_px2,
+                      .up = sv_up_name(m->up)};
   pv_blob *b = pv_blob_make(sv_ply_file_bytes(&o), 0);
   if (!b) return NULL;
   sv_status s = sv_ply_write_begin(&w, (sv_sink){b, append}, &o, &err);
@@ -210,10 +216,13 @@ static pv_blob *make_spz(const sv_feed_model *m) { // version 3: what most viewe
   uint8_t header[SV_SPZ_HEADER_BYTES], *packed = malloc(sv_spz_bytes(&z)), *gz = NULL;
   size_t bytes = 0;
   sv_err err;
+  sv_turn turn;
+  sv_turn_upright(&turn, sv_up_name(m->up));
   if (!packed) return NULL;
   for (uint32_t i = 0; i < m->n; i++) {
     sv_gaussian g;
     get(m, i, &g);
+    sv_gaussian_turn_by(&g, &turn);
     sv_spz_put(&z, packed, i, &g);
   }
   sv_spz_header(&z, header);
