@@ -295,9 +295,9 @@ static storm attack(double seconds, long n_damaged, int n_kills, double at_most_
     if (readers[i] >= 0) close(readers[i]);
   print_message(
       "%.0f s: %ld damaged requests, %ld answered among them, %d slow clients and readers came again, "
-      "%d kills; memory of subview %ld -> at most %ld KiB\n",
-      t.seconds, t.n_damaged, t.n_good, t.n_reopened, t.n_kills, t.rss_kib, t.most_rss_kib);
-  assert_true(t.n_kills >= 2);
+      "%d kills; memory of subview %ld KiB, half way %ld, in the end %ld\n",
+      t.seconds, t.n_damaged, t.n_good, t.n_reopened, t.n_kills, t.rss_kib, t.half_rss_kib, t.most_rss_kib);
+  assert_true(t.n_kills >= n_kills);
   assert_true(t.n_good > 0);
   assert_true(t.half_rss_kib <= t.rss_kib + 2048); // pages of the block that had not been touched yet
   assert_true(t.most_rss_kib <= t.half_rss_kib + 128);
@@ -308,13 +308,13 @@ static void test_the_run_does_not_notice(void **state) {
   (void)state;
   char want[64], got[64], args[256];
   const double storm_s = is_long() ? 60 : 4;
-  snprintf(args, sizeof args, BASE "--steps %d", steps_for((is_long() ? 3 : 1.5) * storm_s));
+  snprintf(args, sizeof args, BASE "--steps %d", steps_for(3 * storm_s));
   start(args); // the same run, in peace
   assert_int_equal(live_run_wait(&r, is_long() ? 900 : 60), 0);
   report_value(root, "digest", want);
   start(args);
   assert_true(wait_for("\"state\":\"training\"", 20));
-  (void)attack(storm_s, 0, is_long() ? 100 : 5, is_long() ? 120 : storm_s);
+  (void)attack(storm_s, 0, is_long() ? 100 : 2, is_long() ? 170 : 10);
   assert_int_equal(live_run_wait(&r, is_long() ? 900 : 90), 0);
   report_value(root, "digest", got);
   assert_string_equal(got, want);
@@ -342,7 +342,7 @@ static void test_capture_meets_its_deadlines(void **state) {
   start("--source replay:@/recording,speed=realtime --live --exposures 4 --gaussians 1500 --threads 1 "
         "--time-limit 3600");
   assert_true(wait_for("\"state\":\"training\"", 20));
-  storm t = attack(storm_s, is_long() ? 1000000 : 0, is_long() ? 100 : 5, is_long() ? 840 : storm_s);
+  storm t = attack(storm_s, is_long() ? 1000000 : 0, is_long() ? 100 : 2, is_long() ? 840 : 12);
   assert_int_equal(live_run_stop(&r), 0);
   if (is_long()) assert_true(t.n_damaged >= 1000000);
   report_value(root, "is_exact", got);
