@@ -118,10 +118,17 @@ function show_message(s) {
   let [title, text] = titles[s.state] || ["", ""];
   if (s.state === "failed") (title = lacks[s.lacks] || lacks.other), (text = s.sentence);
   $("message").hidden = has_model && s.state !== "failed";
+  if (s.state === "failed" && s.session) text += ". Put it right and press New to try again.";
   set("message-title", title), set("message-text", text);
+  $("figures").hidden = $("tools").hidden = !has_model;
   // Before there is a model the cameras are what there is to see.
   const place = !has_model && s.cameras.length && s.state !== "failed" ? $("message") : $("cameras-box");
   if ($("mosaic").parentNode !== place) place.append($("mosaic"));
+  $("cameras-box").hidden = place === $("message") || !s.cameras.length;
+  // What cannot say anything yet takes no room.
+  $("training-box").hidden = !s.cameras.length || (s.step === 0 && !has_model && s.state === "waiting");
+  $("files-box").hidden = !has_model && !s.step;
+  $("machine-box").hidden = $("frames-box").hidden = !s.cameras.length;
 }
 
 function show_buttons(s) {
@@ -141,7 +148,6 @@ function show_buttons(s) {
 
 function show_cameras(s) {
   const [columns, rows] = s.grid, count = Math.min(s.cameras.length, columns * rows);
-  $("cameras-box").hidden = count === 0;
   set("skew", s.n_skew ? "skew " + micro(s.skew_p50_us) + " typical, " + micro(s.skew_max_us) + " most" : "");
   const labels = $("labels");
   while (labels.children.length > count) labels.lastChild.remove();
