@@ -45,7 +45,7 @@ static bool header_line(const sv_ply_options *o, int i, char line[80]) {
     return true;
   case 6:
     line[0] = 0;
-    if (o->up) sv_fmt(line, 80, "comment SplatUp: %.3s\n", o->up);
+    if (o->up) sv_fmt(line, 80, "comment SplatUp: %-2.2s\n", o->up);
     return true;
   case 7: return sv_fmt(line, 80, "element vertex %u\n", o->n) > 0;
   default: i -= 8;
