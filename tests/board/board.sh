@@ -98,8 +98,8 @@ job() { # NAME SOURCE WIDTH HEIGHT
   cat $out/json $out/log
   check "$1_run" $code -eq 0 -a "$(value steps $out/json)" = 3 -a -s $out/run/model.ply
   heap_of "$1_run" $out/log
-  subview run --source "$2" --rig $out/rig --exposures 2 --steps 8 --gaussians 100 --threads 1 --skew-limit 100 --live \
-    --out $out/run --json --quiet >$out/json 2>$out/log
+  LD_PRELOAD=/test/lib/heap_watch.so subview run --source "$2" --rig $out/rig --exposures 2 --steps 8 --gaussians 100 \
+    --threads 1 --skew-limit 100 --live --out $out/run --json --quiet >$out/json 2>$out/log
   code=$?
   cat $out/json $out/log
   note "$1 live: $(grep '"live"' $out/run/run.json)"
