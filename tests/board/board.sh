@@ -19,7 +19,10 @@ check() { # NAME, then a test's words; the rest of the reason is in the log
   shift
   if [ "$@" ]; then ok "$check_name"; else bad "$check_name" "expected: $*"; fi
 }
-wanted() { [ -z "$only" ] || [ "$only" = "$1" ]; }
+wanted() { # and when it began, since the board's start
+  [ -z "$only" ] || [ "$only" = "$1" ] || return 1
+  note "$1 at $(cut -d . -f 1 /proc/uptime) s"
+}
 # A number or word of the JSON object on one line: value KEY FILE.
 value() { sed -n "s/.*\"$1\": *\"\{0,1\}\([^,\"}]*\).*/\1/p" "$2" | head -n 1; }
 # Sum of a drop reason, or of all, of camera line $1 in the text of a capture.
@@ -98,11 +101,12 @@ job() { # NAME SOURCE WIDTH HEIGHT
   cat $out/json $out/log
   check "$1_run" $code -eq 0 -a "$(value steps $out/json)" = 3 -a -s $out/run/model.ply
   heap_of "$1_run" $out/log
-  LD_PRELOAD=/test/lib/heap_watch.so subview run --source "$2" --rig $out/rig --exposures 2 --steps 8 --gaussians 100 \
+  LD_PRELOAD=/test/lib/heap_watch.so subview run --source "$2" --rig $out/rig --exposures 2 --steps 5 --gaussians 100 \
     --threads 1 --skew-limit 100 --live --out $out/run --json --quiet >$out/json 2>$out/log
   code=$?
   cat $out/json $out/log
   note "$1 live: $(grep '"live"' $out/run/run.json)"
+  heap_of "$1_live" $out/log
   check "$1_live" $code -eq 0 -a "$(grep -c '"is_exact": true' $out/run/run.json)" = 3
 }
 
