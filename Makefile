@@ -304,6 +304,8 @@ bench: programs $(PROGS_kernels) ## time the kernels (also into kernels.csv), wh
 	@$(if $(LAB_MAIN),$(EMULATE) $(O)/bin/subview-lab bench)
 accept-counts: $(O)/tests/budget/test_budget_counts ## take the instructions counted now as those a step may take
 	@$< --accept
+mca: ## predicted cycles of the kernels on ARM cores, and the steps that follow (llvm-mca)
+	@tools/mca/mca.sh $(if $(V),-v)
 plan: $(O)/bin/subview ## the board's memory map; fails when it does not fit
 	@$(EMULATE) $< plan
 

@@ -76,7 +76,8 @@ static const lab_command commands[] = {
     {{"bench", "[options]", "time whole steps and kernels",
       "Times training steps, their stages and renderings of a synthetic scene for several sizes, on one\n"
       "thread, two and all, and each kernel in each variant that this CPU runs: medians with quartiles, and\n"
-      "the least. Ratios, shares and growth are of the least times. The bound is what the step's operations\n"
+      "the least. One thread and kernels are timed by CPU time, pools by real time. Ratios, shares and "
+      "growth are of the least times. The bound is what the step's operations\n"
       "take at the measured peak of fused multiply-adds, or its bytes at the measured rate of copying,\n"
       "whichever is longer; useful pairs are those that were blended.",
       "  subview-lab bench --json", LAB_BENCH},
