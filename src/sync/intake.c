@@ -242,9 +242,8 @@ sv_status sv_intake_step(sv_intake *in, sv_ns until_ns) {
   return result;
 }
 
-sv_status sv_intake_start(sv_intake *in, sv_err *err) {
-  sv_source *src = &in->source;
-  sv_status s = SV_OK;
+sv_status sv_intake_check(const sv_intake *in, sv_err *err) {
+  const sv_source *src = &in->source;
   if (in->cfg.mode == SV_INTAKE_TRIGGER && !src->trigger)
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "the cameras of this source have no trigger line; expected --sync free or frame-length");
@@ -252,6 +251,13 @@ sv_status sv_intake_start(sv_intake *in, sv_err *err) {
     return sv_fail(err, SV_E_UNSUPPORTED, "the cameras of this source %s; expected --sync free",
                    src->set_control ? "do not tell their frame rate (fps= gives it)"
                                     : "cannot be told the length of their frames");
+  return SV_OK;
+}
+
+sv_status sv_intake_start(sv_intake *in, sv_err *err) {
+  sv_source *src = &in->source;
+  sv_status s = sv_intake_check(in, err);
+  if (s < 0) return s;
   if (src->trigger) s = src->trigger(src->self, in->cfg.mode == SV_INTAKE_TRIGGER);
   if (s < 0)
     return sv_fail(err, s, "the cameras cannot be switched to their trigger line: %s", sv_status_text(s));
