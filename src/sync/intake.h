@@ -61,6 +61,9 @@ typedef struct {
   sv_ring ready, done;   // exposures to the user; from the user
   int n_with_user;       // capture side: handed over and not given back
   sv_skew_stats latency; // from a frame's arrival to its dequeue
+  sv_ns
+      deadline_ns; // the shortest frame period: when the next frame is there, this one has to be taken; 0: not known
+  uint64_t n_missed; // frames that were taken later
   bool is_running;
   _Atomic uint64_t n_device_errors; // of dequeue and requeue
   _Atomic int i_broken;             // camera of the newest one
