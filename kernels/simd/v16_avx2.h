@@ -42,6 +42,22 @@ static inline v16 v16_load4x4(const float *p, long stride) {
                    _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p + 2 * stride)),
                                         _mm_loadu_ps(p + 3 * stride), 1));
 }
+static inline v16 v16_load_quads(const float *p0, const float *p1, const float *p2, const float *p3) {
+  return v16_make_(_mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p0)), _mm_loadu_ps(p1), 1),
+                   _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p2)), _mm_loadu_ps(p3), 1));
+}
+static inline v16 v16_dup4_0(v16 x) {
+  return v16_make_(_mm256_permute_ps(x.a, 0x00), _mm256_permute_ps(x.b, 0x00));
+}
+static inline v16 v16_dup4_1(v16 x) {
+  return v16_make_(_mm256_permute_ps(x.a, 0x55), _mm256_permute_ps(x.b, 0x55));
+}
+static inline v16 v16_dup4_2(v16 x) {
+  return v16_make_(_mm256_permute_ps(x.a, 0xaa), _mm256_permute_ps(x.b, 0xaa));
+}
+static inline v16 v16_dup4_3(v16 x) {
+  return v16_make_(_mm256_permute_ps(x.a, 0xff), _mm256_permute_ps(x.b, 0xff));
+}
 static inline void v16_store4x4(float *p, long stride, v16 x) {
   _mm_storeu_ps(p, _mm256_castps256_ps128(x.a));
   _mm_storeu_ps(p + stride, _mm256_extractf128_ps(x.a, 1));

@@ -22,6 +22,16 @@ static inline v16 v16_load4x4(const float *p, long stride) {
   a = _mm512_insertf32x4(a, _mm_loadu_ps(p + 2 * stride), 2);
   return _mm512_insertf32x4(a, _mm_loadu_ps(p + 3 * stride), 3);
 }
+static inline v16 v16_load_quads(const float *p0, const float *p1, const float *p2, const float *p3) {
+  v16 a = _mm512_castps128_ps512(_mm_loadu_ps(p0));
+  a = _mm512_insertf32x4(a, _mm_loadu_ps(p1), 1);
+  a = _mm512_insertf32x4(a, _mm_loadu_ps(p2), 2);
+  return _mm512_insertf32x4(a, _mm_loadu_ps(p3), 3);
+}
+static inline v16 v16_dup4_0(v16 a) { return _mm512_permute_ps(a, 0x00); }
+static inline v16 v16_dup4_1(v16 a) { return _mm512_permute_ps(a, 0x55); }
+static inline v16 v16_dup4_2(v16 a) { return _mm512_permute_ps(a, 0xaa); }
+static inline v16 v16_dup4_3(v16 a) { return _mm512_permute_ps(a, 0xff); }
 static inline void v16_store4x4(float *p, long stride, v16 a) {
   _mm_storeu_ps(p, _mm512_castps512_ps128(a));
   _mm_storeu_ps(p + stride, _mm512_extractf32x4_ps(a, 1));

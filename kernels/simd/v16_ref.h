@@ -38,6 +38,19 @@ static inline v16 v16_iota(void) { V16_EACH((float)k); }
 static inline v16 v16_load(const float *p) { V16_EACH(p[k]); } // any alignment
 static inline void v16_store(float *p, v16 a) { memcpy(p, a.l, 64); }
 static inline v16 v16_load4x4(const float *p, long stride) { V16_EACH(p[(k >> 2) * stride + (k & 3)]); }
+// Group i of four lanes from p_i[0..3].
+static inline v16 v16_load_quads(const float *p0, const float *p1, const float *p2, const float *p3) {
+  const float *p[4] = {p0, p1, p2, p3};
+  V16_EACH(p[k >> 2][k & 3]);
+}
+// v16_dup4_i: lane i of each group of four, in all four.
+#define V16_DUP4(i)                                                                                          \
+  static inline v16 v16_dup4_##i(v16 a) { V16_EACH(a.l[(k & 12) + i]); }
+V16_DUP4(0)
+V16_DUP4(1)
+V16_DUP4(2)
+V16_DUP4(3)
+#undef V16_DUP4
 static inline void v16_store4x4(float *p, long stride, v16 a) {
   for (int k = 0; k < 16; k++) p[(k >> 2) * stride + (k & 3)] = a.l[k];
 }

@@ -35,6 +35,14 @@ static inline void v16_store(float *p, v16 x) {
   for (int i = 0; i < 4; i++) _mm_storeu_ps(p + 4 * i, x.q[i]);
 }
 static inline v16 v16_load4x4(const float *p, long stride) { V16_EACH(v16, _mm_loadu_ps(p + i * stride)); }
+static inline v16 v16_load_quads(const float *p0, const float *p1, const float *p2, const float *p3) {
+  v16 r = {{_mm_loadu_ps(p0), _mm_loadu_ps(p1), _mm_loadu_ps(p2), _mm_loadu_ps(p3)}};
+  return r;
+}
+static inline v16 v16_dup4_0(v16 x) { V16_EACH(v16, _mm_shuffle_ps(x.q[i], x.q[i], 0x00)); }
+static inline v16 v16_dup4_1(v16 x) { V16_EACH(v16, _mm_shuffle_ps(x.q[i], x.q[i], 0x55)); }
+static inline v16 v16_dup4_2(v16 x) { V16_EACH(v16, _mm_shuffle_ps(x.q[i], x.q[i], 0xaa)); }
+static inline v16 v16_dup4_3(v16 x) { V16_EACH(v16, _mm_shuffle_ps(x.q[i], x.q[i], 0xff)); }
 static inline void v16_store4x4(float *p, long stride, v16 x) {
   V16_UNROLL
   for (int i = 0; i < 4; i++) _mm_storeu_ps(p + i * stride, x.q[i]);
