@@ -29,7 +29,8 @@ static inline int bin_clamp8(int x) { return x < 0 ? 0 : x > 8 ? 8 : x; }
 static inline int bin_is_bar(const sv_splat *s) { return s->bx0 == s->bx1 || s->by0 == s->by1; }
 static inline uint64_t bin_bar(const sv_splat *s, int col, int row) {
   uint64_t bits = bin_row_bits(bin_clamp8(s->bx0 - col), bin_clamp8(s->bx1 + 1 - col));
-  int r0 = bin_clamp8(s->by0 - row), r1 = bin_clamp8(s->by1 + 1 - row); // r0 < r1: the tile is under the splat
+  int r0 = bin_clamp8(s->by0 - row),
+      r1 = bin_clamp8(s->by1 + 1 - row); // r0 < r1: the tile is under the splat
   return bits * 0x0101010101010101u >> 8 * (8 - (r1 - r0)) << 8 * r0;
 }
 

@@ -37,8 +37,8 @@ void sv_bin_ref(const sv_splat *splat, const uint32_t *id, uint32_t n, int n_til
     sv_rec *r = rec + s->first_rec;
     for (int ty = s->by0 >> 3; ty <= s->by1 >> 3; ty++)
       for (int tx = s->bx0 >> 3; tx <= s->bx1 >> 3; tx++)
-        *r++ = (sv_rec){(uint32_t)(ty * n_tiles_x + tx), id[i],
-                        bin_is_bar(s) ? bin_bar(s, 8 * tx, 8 * ty) : 0};
+        *r++ =
+            (sv_rec){(uint32_t)(ty * n_tiles_x + tx), id[i], bin_is_bar(s) ? bin_bar(s, 8 * tx, 8 * ty) : 0};
     int n_x = (s->bx1 >> 3) - (s->bx0 >> 3) + 1;
     for (int row = s->by0; row <= s->by1 && !bin_is_bar(s); row++)
       mark_row(s, row, rec + s->first_rec + ((row >> 3) - (s->by0 >> 3)) * n_x);
