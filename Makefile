@@ -118,7 +118,7 @@ PROGRAMS := $(if $(MAIN_SRC),$(O)/bin/subview) $(if $(PREVIEW_SRC),$(O)/bin/subv
 
 .DEFAULT_GOAL := all
 .DELETE_ON_ERROR:
-.PHONY: all programs tests-build demo test test-all check bench kernels-check grad scenario golden fault \
+.PHONY: all programs tests-build conform demo test test-all check bench accept-counts mca kernels-check grad scenario golden fault \
   fuzz unit only board-test headers lint format format-check tidy plan clean deps help install cross FORCE
 
 all: $(CORE) $(PROGRAMS) tests-build ## build the runtime, the tools and the tests for BOARD
@@ -215,13 +215,16 @@ $(PROGS_fuzz): $(O)/tests/fuzz/%: $(O)/obj/tests/fuzz/%.o \
   $(call obj,$(filter-out $(FUZZ_SRC),$(wildcard tests/fuzz/*.c))) $(ARCHIVES)
 	$(call link)
 
-# The source suite on cameras that are there; the virtual board runs it.
-PROGS_conform := $(O)/tests/source-check
-$(PROGS_conform): $(call obj,tests/conform/source_check.c) $(ARCHIVES)
+# The source suite and faults on cameras that are there; the virtual board runs them.
+PROGS_conform := $(O)/tests/source-check $(O)/tests/source-faults
+$(O)/tests/source-check: $(call obj,tests/conform/source_check.c) $(ARCHIVES)
+	$(call link)
+$(O)/tests/source-faults: $(call obj,tests/conform/source_faults.c tests/conform/inject.c) $(ARCHIVES)
 	$(call link)
 
 ALL_PROGS := $(foreach g,$(GROUPS_PLAIN) kernels fuzz,$(PROGS_$(g)))
 tests-build: $(ALL_PROGS) $(PROGS_conform)
+conform: $(PROGS_conform)
 PROGS_lint := $(CORE)
 
 # What a group runs: one line "label<TAB>command" each. A leading "!" asks to be run with nothing beside it.
@@ -294,11 +297,13 @@ cross: ## the fast tests and the digests for arm64, emulated
 board-test: ## capture and train on a virtual ARM board with cameras (QEMU); under 5 minutes, 4 more the first time
 	@tools/deps/install.sh board
 	@+$(MAKE) --no-print-directory '$(BUILD)/sysroot-arm64/.complete'
-	@+$(MAKE) --no-print-directory BOARD=generic-arm64 SAN= $(PARALLEL) programs
+	@+$(MAKE) --no-print-directory BOARD=generic-arm64 SAN= $(PARALLEL) programs conform
 	@tests/board/run.sh '$(BUILD)' '$(BUILD)/generic-arm64'
-bench: programs $(PROGS_kernels) ## time the kernels (also into kernels.csv) and the runtime
+bench: programs $(PROGS_kernels) ## time the kernels (also into kernels.csv), whole steps and their stages
 	@$(if $(PROGS_kernels),$(EMULATE) $(PROGS_kernels) --bench | tee $(O)/kernels.csv)
-	@$(if $(MAIN_SRC),$(EMULATE) $(O)/bin/subview bench)
+	@$(if $(LAB_MAIN),$(EMULATE) $(O)/bin/subview-lab bench)
+accept-counts: $(O)/tests/budget/test_budget_counts ## take the instructions counted now as those a step may take
+	@$< --accept
 plan: $(O)/bin/subview ## the board's memory map; fails when it does not fit
 	@$(EMULATE) $< plan
 

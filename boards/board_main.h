@@ -35,6 +35,8 @@ int options_parse(const char *command, const char *summary, const char *example,
                   int argc, char **argv);
 // One line "subview COMMAND: TEXT; try 'subview COMMAND --help'" on stderr. Returns EXIT_USAGE.
 int usage_error(const char *command, const char *fmt, ...) SV_PRINTF(2, 3);
+// --sync: a sv_intake_mode; -1: it is none.
+int sync_mode_of(const char *name);
 // Text to a file descriptor in one write, without stdio's buffers.
 void say(int fd, const char *fmt, ...) SV_PRINTF(2, 3);
 // "subview: TEXT" on stderr. Returns 1.

@@ -68,7 +68,7 @@ int cmd_bench(int argc, char **argv) {
   int r =
       options_parse("bench",
                     "Times training steps of several sizes and the kernels of a step, in the board's block.\n"
-                    "bound is the time of a step's pixel arithmetic at the measured peak of multiply-adds.",
+                    "bound is what a step takes at the measured peaks of multiply-adds and of copying.",
                     "subview bench --json", list, sizeof list / sizeof *list, argc, argv);
   if (r) return r < 0 ? 0 : r;
   if (!board_kernels(&b.k, &b.isa_mask)) return EXIT_USAGE;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // subview capture: records synchronized exposures into a folder that replays.
+#include <stdatomic.h>
 #include <string.h>
 
 #include "boards/board_main.h"
@@ -8,22 +9,29 @@
 #include "src/format/rig_file.h"
 #include "src/image/convert.h"
 #include "src/sync/camera_stats.h"
+#include "src/sync/intake.h"
 
 #define QUEUE_LEN  4
+#define CAP_READY  2                  // exposures that wait to be written
 #define TIMEOUT_NS (10 * SV_NS_PER_S) // without any exposure
+#define LOOK_NS    (2 * SV_NS_PER_MS) // the thread of the cameras is looked at so often
 
 typedef struct {
-  const char *source, *rig, *out;
+  const char *source, *rig, *out, *sync;
   long exposures, skew_ms;
+  int i_sync; // sv_intake_mode
   double duration;
   bool is_json, is_quiet;
 } capture_options;
 
 static struct {
   board_source src;
-  sv_sync sync;
-  sv_sync_camera cameras[SV_CAP_SUB_VIEWS];
-  sv_camera_stat stats[SV_CAP_SUB_VIEWS];
+  sv_intake in;
+  sv_linux_background background; // the thread of the cameras, when they are real
+  sv_worker worker;
+  _Atomic int started; // sv_status of it; 1: not yet known
+  _Atomic bool is_ending, is_at_end;
+  sv_err start_err;
   sv_camera_caps caps[SV_CAP_SUB_VIEWS]; // of what is written
   sv_frame *frames;
   sv_convert convert;
@@ -84,112 +92,132 @@ static sv_status write_frame(const sv_frame *frame, sv_err *err) {
   return sv_capture_writer_add(&cap.writer, &f, err);
 }
 
-static sv_status save_exposure(const sv_exposure *ex, sv_err *err) {
-  sv_pose pose;
+static sv_status save_exposure(sv_intake_exposure *t, sv_err *err) {
   sv_status s = SV_OK;
-  sv_camera_stats_exposure(cap.stats, &cap.sync, ex, cap.frames);
-  for (int i = 0; s >= 0 && i < cap.src.source.n_cameras; i++) {
-    if (cap.frames[i].i_camera < 0) continue;
-    s = write_frame(&cap.frames[i], err);
-  }
+  for (int i = 0; s >= 0 && i < cap.src.source.n_cameras; i++)
+    if (t->frames[i].i_camera >= 0) s = write_frame(&t->frames[i], err);
   sv_convert_forget(&cap.convert);
-  for (int i = 0; i < cap.src.source.n_cameras; i++) {
-    if (cap.frames[i].i_camera < 0) continue;
-    sv_status r = cap.src.source.requeue(cap.src.source.self, &cap.frames[i]);
-    if (s >= 0 && r < 0) s = sv_fail(err, r, "camera %d does not take its buffer back", i);
-  }
-  if (s >= 0 && cap.src.source.rig_pose &&
-      cap.src.source.rig_pose(cap.src.source.self, ex->time_ns, &pose) == SV_OK)
-    s = sv_capture_writer_add_pose(&cap.writer, ex->time_ns, &pose, err);
+  if (s >= 0 && t->exposure.has_pose)
+    s = sv_capture_writer_add_pose(&cap.writer, t->exposure.time_ns, &t->exposure.rig_from_world, err);
+  sv_intake_give_back(&cap.in, t, true);
   if (s >= 0) cap.n_exposures++;
-  return s;
-}
-
-static sv_status drain(long max, sv_err *err) {
-  sv_exposure ex;
-  sv_frame f;
-  sv_status s = SV_OK;
-  while (s >= 0 && cap.n_exposures < max && sv_sync_pop_exposure(&cap.sync, &ex, cap.frames) == SV_OK)
-    s = save_exposure(&ex, err);
-  while (sv_sync_pop_return(&cap.sync, &f) == SV_OK)
-    if (cap.src.source.requeue(cap.src.source.self, &f) < 0 && s >= 0)
-      s = sv_fail(err, SV_E_DEVICE, "camera %d does not take its buffer back", f.i_camera);
   return s;
 }
 
 static void log_events(const sv_console *con) {
   char line[256];
   sv_camera_event e;
-  sv_source *src = &cap.src.source;
-  while (src->event && src->event(src->self, &e) == SV_OK) {
+  while (sv_intake_pop_event(&cap.in, &e) == SV_OK) {
     sv_str s = sv_str_make(line, sizeof line);
-    sv_camera_event_line(&s, &e, cap.src.caps, src->n_cameras);
+    sv_camera_event_line(&s, &e, cap.src.caps, cap.src.source.n_cameras);
     con->log(con->self, SV_LOG_WARN, line);
   }
 }
 
 static void log_live(const sv_console *con, double elapsed_s) {
-  char line[512];
+  char line[640];
   sv_str s = sv_str_make(line, sizeof line);
   sv_str_add(&s, "capture  %ld exposures  %.1f s", cap.n_exposures, elapsed_s);
-  sv_camera_stats_live(&s, cap.stats, &cap.sync, cap.src.caps);
-  con->log(con->self, SV_LOG_LIVE, line);
+  if (sv_intake_line(&cap.in, &s) == SV_OK) con->log(con->self, SV_LOG_LIVE, line);
+}
+
+// Cameras are served the moment their frames come, however long a disk takes; what it cannot take is left out as whole
+// exposures. Where time is the source's own there is no thread: nothing comes meanwhile.
+static void capture_thread(void *arg) {
+  sv_clock *clk = &cap.src.clock;
+  (void)arg;
+  atomic_store(&cap.started, sv_intake_start(&cap.in, &cap.start_err));
+  while (atomic_load(&cap.started) == SV_OK && !atomic_load(&cap.is_ending)) {
+    sv_status s = sv_intake_step(&cap.in, clk->now_ns(clk->self) + 20 * SV_NS_PER_MS);
+    if (s == SV_END) break;
+  }
+  atomic_store(&cap.is_at_end, true);
+}
+
+static sv_status start(sv_err *err) {
+  sv_clock *clk = &cap.src.clock;
+  if (cap.src.is_virtual) return sv_intake_start(&cap.in, err);
+  cap.worker = sv_linux_worker_port(&cap.background);
+  atomic_store(&cap.started, 1);
+  sv_status s = cap.worker.start(cap.worker.self, capture_thread, NULL);
+  if (s < 0) return sv_fail(err, s, "no thread for the cameras: %s", sv_status_text(s));
+  while (atomic_load(&cap.started) == 1) clk->sleep_until_ns(clk->self, clk->now_ns(clk->self) + LOOK_NS);
+  s = (sv_status)atomic_load(&cap.started);
+  if (s < 0) {
+    cap.worker.join(cap.worker.self);
+    *err = cap.start_err;
+  }
+  return s;
+}
+
+static sv_status stop(sv_err *err) {
+  atomic_store(&cap.is_ending, true);
+  if (cap.worker.join) cap.worker.join(cap.worker.self);
+  sv_status s = sv_intake_stop(&cap.in);
+  return s < 0 ? sv_fail(err, s, "the cameras did not stop: %s", sv_status_text(s)) : s;
+}
+
+// Lets time go on for a moment; END when the source is at its end.
+static sv_status wait_a_moment(sv_ns now) {
+  sv_clock *clk = &cap.src.clock;
+  if (cap.src.is_virtual) return sv_intake_step(&cap.in, now + 100 * SV_NS_PER_MS);
+  if (atomic_load(&cap.is_at_end)) return SV_END;
+  if (!sv_intake_n_ready(&cap.in)) clk->sleep_until_ns(clk->self, now + LOOK_NS);
+  return SV_OK;
 }
 
 static sv_status record(const capture_options *o, sv_err *err) {
-  sv_source *src = &cap.src.source;
   sv_clock *clk = &cap.src.clock;
   sv_console con = sv_linux_console_port(&cap.console);
-  sv_ns begin = clk->now_ns(clk->self), end = begin + (sv_ns)(o->duration * 1e9);
+  sv_ns begin = clk->now_ns(clk->self), end = begin + (sv_ns)(o->duration * 1e9), last_ns = begin;
   long max = o->exposures ? o->exposures : 1000000000;
-  sv_ns last_ns = begin;
-  long before = 0;
-  for (sv_ns now = begin; cap.n_exposures < max && !con.is_stop_requested(con.self);
+  bool is_at_end = false;
+  for (sv_ns now = begin; cap.n_exposures < max && !is_at_end && !con.is_stop_requested(con.self);
        now = clk->now_ns(clk->self)) {
-    sv_frame f;
     if (o->duration > 0 && now >= end) break;
-    sv_status s = src->dequeue(src->self, &f, now + 100 * SV_NS_PER_MS);
+    is_at_end = wait_a_moment(now) == SV_END;
     log_events(&con);
-    if (s == SV_END) break;
-    if (s < 0 && !src->event) return sv_fail(err, s, "camera %d: %s", f.i_camera, sv_status_text(s));
-    if (cap.n_exposures > before) before = cap.n_exposures, last_ns = now;
+    if (!cap.src.source.event && atomic_load(&cap.in.n_device_errors))
+      return sv_fail(err, atomic_load(&cap.in.broken_status), "camera %d: %s", atomic_load(&cap.in.i_broken),
+                     sv_status_text(atomic_load(&cap.in.broken_status)));
+    sv_intake_exposure t = {.frames = cap.frames};
+    long before = cap.n_exposures;
+    while (cap.n_exposures < max && sv_intake_take(&cap.in, &t) == SV_OK) {
+      sv_status s = save_exposure(&t, err);
+      if (s < 0) return s;
+    }
+    if (cap.n_exposures > before) last_ns = now, log_live(&con, sv_ns_to_s(now - begin));
     if (now - last_ns > TIMEOUT_NS)
       return sv_fail(
           err, SV_E_TIMEOUT,
           "no synchronized exposure came for %g s (%ld captured); is a camera missing or is the skew limit "
           "of %ld ms too tight?",
           sv_ns_to_s(now - last_ns), cap.n_exposures, o->skew_ms);
-    if (s != SV_OK) continue; // a camera that failed comes back by itself, the others go on
-    sv_camera_stats_frame(cap.stats, &f);
-    s = sv_sync_push(&cap.sync, &f);
-    if (s < 0)
-      return sv_fail(err, s, "camera %d: its frame was not taken: %s", f.i_camera, sv_status_text(s));
-    if ((s = drain(max, err)) < 0) return s;
-    log_live(&con, sv_ns_to_s(now - begin));
   }
   return SV_OK;
 }
 
 static void print_ledger(const capture_options *o) {
-  sv_ledger l = sv_sync_ledger_sum(&cap.sync);
+  sv_ledger l = sv_sync_ledger_sum(&cap.in.sync);
   if (o->is_json)
     say(1,
         "{\"exposures\": %ld, \"captured\": %llu, \"delivered\": %llu, \"dropped\": %llu, \"skew_us_p99\": "
         "%.1f}\n",
         cap.n_exposures, (unsigned long long)l.captured, (unsigned long long)l.delivered,
-        (unsigned long long)sv_ledger_dropped(&l), (double)sv_skew_percentile_ns(&cap.sync.skew, 99) * 1e-3);
+        (unsigned long long)sv_ledger_dropped(&l),
+        (double)sv_skew_percentile_ns(&cap.in.sync.skew, 99) * 1e-3);
   else
     say(1,
         "%ld exposures in %s; frames: %llu captured = %llu delivered + %llu dropped; skew p99 %.1f us\n"
         "replay them with --source replay:%s\n",
         cap.n_exposures, o->out, (unsigned long long)l.captured, (unsigned long long)l.delivered,
-        (unsigned long long)sv_ledger_dropped(&l), (double)sv_skew_percentile_ns(&cap.sync.skew, 99) * 1e-3,
-        o->out);
+        (unsigned long long)sv_ledger_dropped(&l),
+        (double)sv_skew_percentile_ns(&cap.in.sync.skew, 99) * 1e-3, o->out);
   if (o->is_json) return;
   for (int i = 0; i < cap.src.source.n_cameras; i++) {
     char line[512];
     sv_str s = sv_str_make(line, sizeof line);
-    sv_camera_stats_line(&s, &cap.stats[i], sv_sync_ledger(&cap.sync, i), cap.src.caps[i].name);
+    sv_camera_stats_line(&s, &cap.in.stats[i], sv_sync_ledger(&cap.in.sync, i), cap.src.caps[i].name);
     say(1, "  %s\n", line);
   }
   if (!cap.src.rig)
@@ -215,14 +243,15 @@ static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err
   sv_status s = source_open(&cap.src, o->source, o->rig, (int)o->exposures, false, arena, err);
   if (s < 0) return s;
   int n = cap.src.source.n_cameras;
-  for (int i = 0; i < n; i++) cap.cameras[i] = sv_sync_camera_of(&cap.src.caps[i]);
-  sv_sync_cfg sc = {.n_cameras = n,
-                    .cameras = cap.cameras,
-                    .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,
-                    .queue_len = QUEUE_LEN};
+  sv_intake_cfg ic = {.n_cameras = n,
+                      .caps = cap.src.caps,
+                      .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,
+                      .queue_len = QUEUE_LEN,
+                      .cap_ready = CAP_READY,
+                      .mode = (sv_intake_mode)o->i_sync};
   sv_arena_part_begin(arena, "sync");
   cap.frames = SV_TAKE(arena, sv_frame, n);
-  s = sv_sync_init(&cap.sync, &sc, arena);
+  s = sv_intake_init(&cap.in, &ic, &cap.src.source, &cap.src.clock, arena);
   if (s < 0) return sv_fail(err, s, "no frame synchronisation for %d cameras: %s", n, sv_status_text(s));
   if (cap.src.rig && (s = write_rig(o->out, arena, err)) < 0) return s;
   if ((s = open_conversion(arena, err)) < 0) return s;
@@ -247,15 +276,10 @@ static int capture_all(const capture_options *o) {
   sv_linux_console_init(&cap.console, 2, o->is_quiet);
   if (sv_linux_catch_signals(&err) < 0 || open_all(o, &arena, &err) < 0) return fail_with(&err);
   sv_arena_seal(&arena);
-  sv_source *src = &cap.src.source;
-  sv_status s = src->start(src->self);
-  if (s < 0) sv_fail(&err, s, "the cameras did not start: %s", sv_status_text(s));
-  else {
+  sv_status s = start(&err);
+  if (s >= 0) {
     s = record(o, &err);
-    while (sv_sync_flush(&cap.sync) == SV_E_FULL && drain(0, &close_err) >= 0) {
-    }
-    if (drain(0, &close_err) < 0 && s >= 0) s = close_err.status, err = close_err;
-    if (src->stop(src->self) < 0 && s >= 0) s = sv_fail(&err, SV_E_DEVICE, "the cameras did not stop");
+    if (stop(&close_err) < 0 && s >= 0) s = close_err.status, err = close_err;
   }
   sv_linux_console_finish(&cap.console);
   if (sv_capture_writer_close(&cap.writer, &close_err) < 0 && s >= 0) s = close_err.status, err = close_err;
@@ -267,7 +291,7 @@ static int capture_all(const capture_options *o) {
 }
 
 int cmd_capture(int argc, char **argv) {
-  capture_options o = {.skew_ms = 20};
+  capture_options o = {.skew_ms = 20, .sync = "free"};
   const opt list[] = {
       {"--source", OPT_TEXT, &o.source, 0, 0, "S",
        SOURCE_KINDS ", with options (see 'subview cameras --help')"},
@@ -275,6 +299,8 @@ int cmd_capture(int argc, char **argv) {
       {"--exposures", OPT_INT, &o.exposures, 1, 1000000, "N", "end after so many exposures"},
       {"--duration", OPT_REAL, &o.duration, 0.001, 1e6, "SEC", "end after so many seconds"},
       {"--skew-limit", OPT_INT, &o.skew_ms, 1, 10000, "MS", "largest skew within an exposure (20 ms)"},
+      {"--sync", OPT_TEXT, &o.sync, 0, 0, "HOW",
+       "what makes the cameras expose together: free (nothing), frame-length (software), trigger (a line)"},
       {"--out", OPT_TEXT, &o.out, 0, 0, "DIR", "the capture folder"},
       {"--json", OPT_FLAG, &o.is_json, 0, 0, NULL, "print the figures as one JSON object on stdout"},
       {"--quiet", OPT_FLAG, &o.is_quiet, 0, 0, NULL, "no progress"},
@@ -286,6 +312,9 @@ int cmd_capture(int argc, char **argv) {
   if (r) return r < 0 ? 0 : r;
   if (!o.source) return usage_error("capture", "--source is missing");
   if (!o.out) return usage_error("capture", "--out is missing");
+  o.i_sync = sync_mode_of(o.sync);
+  if (o.i_sync < 0)
+    return usage_error("capture", "--sync %s: expected free, frame-length or trigger", o.sync);
   if (!o.exposures && !(o.duration > 0)) return usage_error("capture", "give --exposures or --duration");
   int code = capture_all(&o);
   source_close(&cap.src);

@@ -51,13 +51,6 @@ static const opt list[] = {
     {"--quiet", OPT_FLAG, &g.is_quiet, 0, 0, NULL, "no progress"},
 };
 
-static int sync_mode(const char *name) {
-  static const char *const names[] = {"free", "frame-length", "trigger"}; // in the order of sv_intake_mode
-  for (int i = 0; i < 3; i++)
-    if (!strcmp(name, names[i])) return i;
-  return -1;
-}
-
 static int check(run_options *o) {
   sv_err err;
   if (!o->source) return usage_error("run", "--source is missing");
@@ -68,7 +61,7 @@ static int check(run_options *o) {
     return usage_error("run", "--scene %s: expected static or dynamic", o->scene);
   if (o->is_dynamic && o->is_live && o->is_resume)
     return usage_error("run", "--resume: a live run of a moving scene has no past to go on from");
-  o->i_sync = sync_mode(o->sync);
+  o->i_sync = sync_mode_of(o->sync);
   if (o->i_sync < 0) return usage_error("run", "--sync %s: expected free, frame-length or trigger", o->sync);
   if (o->preview &&
       sv_linux_live_parse(o->preview, o->preview_addr, sizeof o->preview_addr, &o->preview_port, &err) < 0)

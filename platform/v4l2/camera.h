@@ -21,9 +21,10 @@ typedef enum {
   SV_V4L2_ORPHAN // on loan, of a device that is closed
 } sv_v4l2_slot_state;
 
+#define SV_V4L2_CAP_PLANES 2
 typedef struct {
-  uint8_t *map;
-  size_t bytes;
+  uint8_t *map[SV_V4L2_CAP_PLANES];
+  size_t bytes[SV_V4L2_CAP_PLANES];
   sv_v4l2_slot_state state;
   uint32_t index; // the driver's number
   int dma_fd;     // -1: not exported
@@ -45,7 +46,8 @@ struct sv_v4l2_camera {
   bool is_mplane;
   uint32_t buf_type, fourcc;
   sv_camera_caps caps;
-  int stride_bytes;
+  int n_planes;
+  int stride_bytes, chroma_stride_bytes;  // the latter of two planes
   size_t image_bytes;                     // the driver's size of a buffer
   bool is_streaming, is_lost, has_failed; // has_failed: dequeue has yet to say so
   sv_ns lost_ns, retry_ns, last_frame_ns;
@@ -72,6 +74,12 @@ void sv_v4l2_close_device(sv_v4l2_camera *c);
 void sv_v4l2_free_slot(sv_v4l2_camera *c, sv_v4l2_slot *s);
 int sv_v4l2_call(const sv_v4l2_camera *c, unsigned long request, void *arg);
 
+// signal.c: inputs that have a signal of their own (HDMI): its timings set the size.
+sv_status sv_v4l2_follow_signal(sv_v4l2_camera *c, sv_err *err) SV_MUST_USE;
+void sv_v4l2_want_events(sv_v4l2_camera *c);
+// Takes what the driver has to tell; a camera whose signal is another one now is closed, to be tried again.
+void sv_v4l2_take_events(sv_v4l2_camera *c, sv_ns now_ns);
+
 // stream.c
 int sv_v4l2_stream_on(sv_v4l2_camera *c); // queues what is idle; 0 or a negative error number
 void sv_v4l2_stream_off(sv_v4l2_camera *c);
@@ -88,12 +96,15 @@ bool sv_v4l2_has_auto(const sv_v4l2_camera *c); // some automatic control is at 
 void sv_v4l2_lock_controls(sv_v4l2_camera *c, sv_ns now_ns);
 void sv_v4l2_restore_controls(sv_v4l2_camera *c);
 sv_status sv_v4l2_set_exposure(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns);
+// Length of the frames from now on, by the sensor's blanking lines or, where there are none, by the frame interval.
+sv_status sv_v4l2_set_frame_duration(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns);
 sv_status sv_v4l2_check_controls(const sv_v4l2_camera *c, sv_err *err); // can the options be kept?
 
 // A format's description for one node, of one API or the other.
 typedef struct {
   uint32_t fourcc, width_px, height_px, stride_bytes, image_bytes;
   uint32_t encoding, quantization, n_planes;
+  uint32_t stride1_bytes; // of the second plane
 } sv_v4l2_fmt;
 int sv_v4l2_get_fmt(const sv_v4l2_camera *c, sv_v4l2_fmt *f);
 int sv_v4l2_try_fmt(const sv_v4l2_camera *c, sv_v4l2_fmt *f, bool is_set);

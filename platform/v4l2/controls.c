@@ -149,3 +149,68 @@ sv_status sv_v4l2_set_exposure(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns
   if (actual_ns) *actual_ns = c->exposure_ns;
   return SV_OK;
 }
+
+// --- frame length --------------------------------------------------------------------------------
+#define MOST_OFF 0.02 // of the frame rate told: else the sensor's mode is another one than the frames' size
+
+static bool pixel_rate(const sv_v4l2_camera *c, double *hz) {
+  struct v4l2_ext_control x = {.id = V4L2_CID_PIXEL_RATE};
+  struct v4l2_ext_controls xs = {.which = V4L2_CTRL_WHICH_CUR_VAL, .count = 1, .controls = &x};
+  if (sv_v4l2_call(c, VIDIOC_G_EXT_CTRLS, &xs) < 0 || x.value64 <= 0) return false;
+  *hz = (double)x.value64;
+  return true;
+}
+
+// A sensor reads lines of (width + hblank) pixels, (height + vblank) of them a frame. Where the driver shows these
+// controls beside the pictures, vblank sets the length of a frame to a line's time.
+static sv_status set_lines(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns) {
+  struct v4l2_queryctrl q;
+  int32_t hblank, vblank;
+  double hz;
+  if (!has(c, V4L2_CID_VBLANK, &q) || (q.flags & V4L2_CTRL_FLAG_READ_ONLY) ||
+      !get(c, V4L2_CID_HBLANK, &hblank) || !get(c, V4L2_CID_VBLANK, &vblank) || !pixel_rate(c, &hz))
+    return SV_E_UNSUPPORTED;
+  sv_v4l2_control *k = noted(c, V4L2_CID_VBLANK);
+  if (k) vblank = k->before; // that of the rate told
+  double line_ns = (c->caps.width_px + hblank) * 1e9 / hz, was_ns = line_ns * (c->caps.height_px + vblank);
+  double told_ns = c->caps.fps > 0 ? 1e9 / c->caps.fps : was_ns;
+  if (!(line_ns > 0) || was_ns < (1 - MOST_OFF) * told_ns || was_ns > (1 + MOST_OFF) * told_ns)
+    return SV_E_UNSUPPORTED;
+  double lines = (double)ns / line_ns - c->caps.height_px;
+  if (lines < q.minimum - 0.5 || lines > q.maximum + 0.5) return SV_E_RANGE;
+  if (set(c, V4L2_CID_VBLANK, (int32_t)(lines + 0.5)) < 0 || !get(c, V4L2_CID_VBLANK, &vblank))
+    return SV_E_DEVICE;
+  if (k) k->is_changed = true, k->locked = vblank;
+  if (actual_ns) *actual_ns = (int64_t)(line_ns * (c->caps.height_px + vblank) + 0.5);
+  return SV_OK;
+}
+
+static int set_interval(sv_v4l2_camera *c, struct v4l2_fract t, double *ns) {
+  struct v4l2_streamparm p = {.type = c->buf_type};
+  p.parm.capture.timeperframe = t;
+  int r = sv_v4l2_call(c, VIDIOC_S_PARM, &p);
+  t = p.parm.capture.timeperframe;
+  *ns = t.denominator ? (double)t.numerator * 1e9 / t.denominator : 0;
+  return r;
+}
+
+sv_status sv_v4l2_set_frame_duration(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns) {
+  struct v4l2_streamparm p = {.type = c->buf_type};
+  double took_ns;
+  if (c->fd < 0) return SV_E_DEVICE;
+  if (ns < 1 || ns > 4 * SV_NS_PER_S) return SV_E_RANGE;
+  sv_status s = set_lines(c, ns, actual_ns);
+  if (s != SV_E_UNSUPPORTED) return s;
+  // Most cameras refuse this while they run, and many know only a few rates: then things stay as they are.
+  if (sv_v4l2_call(c, VIDIOC_G_PARM, &p) < 0 || !(p.parm.capture.capability & V4L2_CAP_TIMEPERFRAME))
+    return SV_E_UNSUPPORTED;
+  struct v4l2_fract was = p.parm.capture.timeperframe;
+  if (set_interval(c, (struct v4l2_fract){(uint32_t)ns, 1000000000}, &took_ns) < 0) return SV_E_UNSUPPORTED;
+  double off_ns = took_ns - (double)ns;
+  if (off_ns < -1e-3 * (double)ns || off_ns > 1e-3 * (double)ns) {
+    (void)set_interval(c, was, &took_ns);
+    return SV_E_UNSUPPORTED;
+  }
+  if (actual_ns) *actual_ns = (int64_t)(took_ns + 0.5);
+  return SV_OK;
+}

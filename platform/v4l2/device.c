@@ -25,7 +25,8 @@ static void from_v4l2(const sv_v4l2_camera *c, const struct v4l2_format *f, sv_v
                          p->plane_fmt[0].sizeimage,
                          p->ycbcr_enc,
                          p->quantization,
-                         p->num_planes};
+                         p->num_planes,
+                         p->plane_fmt[1].bytesperline};
     return;
   }
   const struct v4l2_pix_format *p = &f->fmt.pix;
@@ -47,7 +48,7 @@ int sv_v4l2_try_fmt(const sv_v4l2_camera *c, sv_v4l2_fmt *io, bool is_set) {
     f.fmt.pix_mp.width = io->width_px;
     f.fmt.pix_mp.height = io->height_px;
     f.fmt.pix_mp.field = V4L2_FIELD_NONE;
-    f.fmt.pix_mp.num_planes = 1;
+    f.fmt.pix_mp.num_planes = (uint8_t)sv_v4l2_format_planes(io->fourcc);
   } else {
     f.fmt.pix.pixelformat = io->fourcc;
     f.fmt.pix.width = io->width_px;
@@ -77,7 +78,7 @@ double sv_v4l2_max_fps(const sv_v4l2_camera *c, uint32_t fourcc, int w, int h) {
 static bool takes(const sv_v4l2_camera *c, uint32_t fourcc, int w, int h) {
   sv_v4l2_fmt f = {.fourcc = fourcc, .width_px = (uint32_t)w, .height_px = (uint32_t)h};
   return sv_v4l2_try_fmt(c, &f, false) >= 0 && f.fourcc == fourcc && f.width_px == (uint32_t)w &&
-         f.height_px == (uint32_t)h && f.n_planes == 1;
+         f.height_px == (uint32_t)h && f.n_planes == sv_v4l2_format_planes(fourcc);
 }
 
 // The preferred format that reaches the rate wanted; else the fastest.
@@ -117,17 +118,24 @@ static sv_status agree(sv_v4l2_camera *c, sv_err *err) {
   if (r < 0)
     return sv_fail(err, SV_E_DEVICE, "%s: does not take %s at %dx%d px: %s", c->path, name, w, h,
                    r == -EBUSY ? "another program uses it" : sv_linux_reason(-r));
-  if (f.fourcc != fourcc || f.width_px != (uint32_t)w || f.height_px != (uint32_t)h || f.n_planes != 1) {
+  uint32_t n_planes = sv_v4l2_format_planes(fourcc);
+  if (f.fourcc != fourcc || f.width_px != (uint32_t)w || f.height_px != (uint32_t)h ||
+      f.n_planes != n_planes) {
     char got[5];
     sv_v4l2_fourcc_name(f.fourcc, got);
-    return sv_fail(err, SV_E_RANGE, "%s: offers %s at %ux%u px in %u planes, expected %s at %dx%d px in one",
-                   c->path, got, f.width_px, f.height_px, f.n_planes, name, w, h);
+    return sv_fail(err, SV_E_RANGE, "%s: offers %s at %ux%u px in %u planes, expected %s at %dx%d px in %u",
+                   c->path, got, f.width_px, f.height_px, f.n_planes, name, w, h, n_planes);
   }
+  if (n_planes > 1 && o->is_exported)
+    return sv_fail(err, SV_E_UNSUPPORTED, "%s: dmabuf=on exports frames of one plane, expected format=NV12",
+                   c->path);
+  c->n_planes = (int)n_planes;
   c->fourcc = fourcc;
   c->caps.width_px = w, c->caps.height_px = h;
   c->caps.format = sv_v4l2_formats[i].format;
   size_t row = sv_pixel_row_bytes(c->caps.format, w);
   c->stride_bytes = f.stride_bytes >= row ? (int)f.stride_bytes : (int)row;
+  c->chroma_stride_bytes = f.stride1_bytes >= row ? (int)f.stride1_bytes : (int)row;
   c->image_bytes = f.image_bytes;
   // Without a word from the driver: BT.601 of limited range, as V4L2 has it for cameras.
   bool is_full = f.quantization == V4L2_QUANTIZATION_FULL_RANGE, is_709 = f.encoding == V4L2_YCBCR_ENC_709;
@@ -150,14 +158,16 @@ static void set_rate(sv_v4l2_camera *c) {
 }
 
 // --- buffers -------------------------------------------------------------------------------------
-static int query(const sv_v4l2_camera *c, uint32_t index, size_t *bytes, int64_t *offset, uint32_t *flags) {
+static int query(const sv_v4l2_camera *c, uint32_t index, size_t bytes[], int64_t offset[], uint32_t *flags) {
   struct v4l2_plane plane[VIDEO_MAX_PLANES] = {{0}};
   struct v4l2_buffer b = {.type = c->buf_type, .memory = V4L2_MEMORY_MMAP, .index = index};
-  if (c->is_mplane) b.m.planes = plane, b.length = 1;
+  if (c->is_mplane) b.m.planes = plane, b.length = (uint32_t)c->n_planes;
   int r = sv_v4l2_call(c, VIDIOC_QUERYBUF, &b);
   if (r < 0) return r;
-  *bytes = c->is_mplane ? plane[0].length : b.length;
-  *offset = c->is_mplane ? plane[0].m.mem_offset : b.m.offset;
+  for (int i = 0; i < c->n_planes; i++) {
+    bytes[i] = c->is_mplane ? plane[i].length : b.length;
+    offset[i] = c->is_mplane ? plane[i].m.mem_offset : b.m.offset;
+  }
   *flags = b.flags;
   return 0;
 }
@@ -171,15 +181,19 @@ static void note_stamps(sv_v4l2_camera *c, uint32_t flags) {
 
 static int map_one(sv_v4l2_camera *c, uint32_t index) {
   sv_v4l2_slot *s = NULL;
-  int64_t offset;
+  int64_t offset[SV_V4L2_CAP_PLANES];
   uint32_t flags;
   for (int i = 0; i < SV_V4L2_CAP_SLOTS && !s; i++)
     if (c->slot[i].state == SV_V4L2_EMPTY) s = &c->slot[i];
   if (!s) return -ENOMEM;
-  int r = query(c, index, &s->bytes, &offset, &flags);
+  int r = query(c, index, s->bytes, offset, &flags);
   if (r < 0) return r;
-  s->map = c->sys->map(c->sys->self, c->fd, s->bytes, offset);
-  if (!s->map) return -ENOMEM;
+  for (int i = 0; i < c->n_planes; i++) {
+    s->map[i] = c->sys->map(c->sys->self, c->fd, s->bytes[i], offset[i]);
+    if (s->map[i]) continue;
+    sv_v4l2_free_slot(c, s);
+    return -ENOMEM;
+  }
   s->state = SV_V4L2_IDLE;
   s->index = index;
   s->dma_fd = -1;
@@ -207,19 +221,22 @@ static sv_status map_buffers(sv_v4l2_camera *c, sv_err *err) {
   const sv_camera_caps *k = &c->caps;
   size_t least = sv_pixel_row_bytes(k->format, k->width_px);
   bool is_coded = sv_pixel(k->format)->layout == SV_LAYOUT_CODED;
-  size_t rows = (size_t)k->height_px + (k->format == SV_PIX_NV12 ? (size_t)(k->height_px + 1) / 2 : 0);
+  size_t rows = (size_t)k->height_px, chroma_rows = (rows + 1) / 2, least1 = 0;
+  if (c->n_planes > 1) least1 = (size_t)c->chroma_stride_bytes * (chroma_rows - 1) + least;
+  else if (k->format == SV_PIX_NV12) rows += chroma_rows;
   least = is_coded ? 1 : (size_t)c->stride_bytes * (rows - 1) + least;
   for (int i = 0; i < SV_V4L2_CAP_SLOTS; i++)
-    if (c->slot[i].state == SV_V4L2_IDLE && c->slot[i].bytes < least)
+    if (c->slot[i].state == SV_V4L2_IDLE && (c->slot[i].bytes[0] < least || c->slot[i].bytes[1] < least1))
       return sv_fail(err, SV_E_DEVICE, "%s: buffers of %zu bytes, expected at least %zu", c->path,
-                     c->slot[i].bytes, least);
+                     c->slot[i].bytes[0] + c->slot[i].bytes[1], least + least1);
   c->caps.frame_bytes = is_coded ? c->image_bytes : (size_t)c->stride_bytes * rows;
   return SV_OK;
 }
 
 void sv_v4l2_free_slot(sv_v4l2_camera *c, sv_v4l2_slot *s) {
   if (s->dma_fd >= 0 && s->state != SV_V4L2_EMPTY) c->sys->close(c->sys->self, s->dma_fd);
-  if (s->map) c->sys->unmap(c->sys->self, s->map, s->bytes);
+  for (int i = 0; i < SV_V4L2_CAP_PLANES; i++)
+    if (s->map[i]) c->sys->unmap(c->sys->self, s->map[i], s->bytes[i]);
   *s = (sv_v4l2_slot){.dma_fd = -1};
 }
 
@@ -276,11 +293,13 @@ static sv_status find(sv_v4l2_camera *c, sv_err *err) {
 sv_status sv_v4l2_open_device(sv_v4l2_camera *c, sv_err *err) {
   sv_status s = find(c, err);
   if (s < 0) return s;
-  s = agree(c, err);
+  s = sv_v4l2_follow_signal(c, err);
+  if (s >= 0) s = agree(c, err);
   if (s >= 0) set_rate(c);
   if (s >= 0) s = map_buffers(c, err);
   if (s >= 0) s = sv_v4l2_check_controls(c, err);
   if (s < 0) sv_v4l2_close_device(c);
+  else sv_v4l2_want_events(c);
   return s;
 }
 
@@ -291,7 +310,8 @@ void sv_v4l2_close_device(sv_v4l2_camera *c) {
     sv_v4l2_slot *s = &c->slot[i];
     if (s->state == SV_V4L2_ON_LOAN || s->state == SV_V4L2_WAITING) {
       // The reader keeps its frame. Where even the copy fails the mapping itself stays until it is handed back.
-      (void)c->sys->detach(c->sys->self, s->map, s->bytes);
+      for (int k = 0; k < SV_V4L2_CAP_PLANES; k++)
+        if (s->map[k]) (void)c->sys->detach(c->sys->self, s->map[k], s->bytes[k]);
       s->state = SV_V4L2_ORPHAN;
     } else if (s->state == SV_V4L2_IDLE || s->state == SV_V4L2_QUEUED) sv_v4l2_free_slot(c, s);
   }

@@ -1,17 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "platform/v4l2/format.h"
 
+#include <linux/videodev2.h>
+
 const sv_v4l2_format sv_v4l2_formats[] = {
-    {"NV12", SV_PIX_NV12},    {"YUYV", SV_PIX_YUYV},    {"UYVY", SV_PIX_UYVY},    {"RGB3", SV_PIX_RGB8},
-    {"BGR3", SV_PIX_BGR8},    {"XR24", SV_PIX_BGRX8},   {"MJPG", SV_PIX_JPEG},    {"JPEG", SV_PIX_JPEG},
-    {"RGGB", SV_PIX_RGGB8},   {"GRBG", SV_PIX_GRBG8},   {"GBRG", SV_PIX_GBRG8},   {"BA81", SV_PIX_BGGR8},
-    {"pRAA", SV_PIX_RGGB10P}, {"pgAA", SV_PIX_GRBG10P}, {"pGAA", SV_PIX_GBRG10P}, {"pBAA", SV_PIX_BGGR10P},
-    {"RG10", SV_PIX_RGGB10},  {"BA10", SV_PIX_GRBG10},  {"GB10", SV_PIX_GBRG10},  {"BG10", SV_PIX_BGGR10},
-    {"pRCC", SV_PIX_RGGB12P}, {"pgCC", SV_PIX_GRBG12P}, {"pGCC", SV_PIX_GBRG12P}, {"pBCC", SV_PIX_BGGR12P},
-    {"RG12", SV_PIX_RGGB12},  {"BA12", SV_PIX_GRBG12},  {"GB12", SV_PIX_GBRG12},  {"BG12", SV_PIX_BGGR12},
-    {"RG16", SV_PIX_RGGB16},  {"GR16", SV_PIX_GRBG16},  {"GB16", SV_PIX_GBRG16},  {"BYR2", SV_PIX_BGGR16},
-    {"GREY", SV_PIX_GREY8},   {"Y10P", SV_PIX_GREY10P}, {"Y12P", SV_PIX_GREY12P}, {"Y10 ", SV_PIX_GREY10},
-    {"Y12 ", SV_PIX_GREY12},  {"Y16 ", SV_PIX_GREY16},
+    {"NV12", SV_PIX_NV12},    {"NM12", SV_PIX_NV12},    {"YUYV", SV_PIX_YUYV},    {"UYVY", SV_PIX_UYVY},
+    {"RGB3", SV_PIX_RGB8},    {"BGR3", SV_PIX_BGR8},    {"XR24", SV_PIX_BGRX8},   {"MJPG", SV_PIX_JPEG},
+    {"JPEG", SV_PIX_JPEG},    {"RGGB", SV_PIX_RGGB8},   {"GRBG", SV_PIX_GRBG8},   {"GBRG", SV_PIX_GBRG8},
+    {"BA81", SV_PIX_BGGR8},   {"pRAA", SV_PIX_RGGB10P}, {"pgAA", SV_PIX_GRBG10P}, {"pGAA", SV_PIX_GBRG10P},
+    {"pBAA", SV_PIX_BGGR10P}, {"RG10", SV_PIX_RGGB10},  {"BA10", SV_PIX_GRBG10},  {"GB10", SV_PIX_GBRG10},
+    {"BG10", SV_PIX_BGGR10},  {"pRCC", SV_PIX_RGGB12P}, {"pgCC", SV_PIX_GRBG12P}, {"pGCC", SV_PIX_GBRG12P},
+    {"pBCC", SV_PIX_BGGR12P}, {"RG12", SV_PIX_RGGB12},  {"BA12", SV_PIX_GRBG12},  {"GB12", SV_PIX_GBRG12},
+    {"BG12", SV_PIX_BGGR12},  {"RG16", SV_PIX_RGGB16},  {"GR16", SV_PIX_GRBG16},  {"GB16", SV_PIX_GBRG16},
+    {"BYR2", SV_PIX_BGGR16},  {"GREY", SV_PIX_GREY8},   {"Y10P", SV_PIX_GREY10P}, {"Y12P", SV_PIX_GREY12P},
+    {"Y10 ", SV_PIX_GREY10},  {"Y12 ", SV_PIX_GREY12},  {"Y16 ", SV_PIX_GREY16},
 };
 const int sv_v4l2_n_formats = sizeof sv_v4l2_formats / sizeof *sv_v4l2_formats;
 
@@ -34,3 +36,5 @@ int sv_v4l2_format_index(uint32_t fourcc) {
     if (sv_v4l2_fourcc(sv_v4l2_formats[i].name) == fourcc) return i;
   return -1;
 }
+
+uint32_t sv_v4l2_format_planes(uint32_t fourcc) { return fourcc == V4L2_PIX_FMT_NV12M ? 2 : 1; }

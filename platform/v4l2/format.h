@@ -22,6 +22,8 @@ extern const int sv_v4l2_n_formats;
 uint32_t sv_v4l2_fourcc(const char name[5]);
 void sv_v4l2_fourcc_name(uint32_t fourcc, char out[5]);
 int sv_v4l2_format_index(uint32_t fourcc); // -1: not known
+// Buffers that a frame consists of: 2 of NV12M, else 1.
+uint32_t sv_v4l2_format_planes(uint32_t fourcc);
 
 #ifdef __cplusplus
 }

@@ -63,6 +63,7 @@ static bool look(sv_v4l2_camera *c) {
   memcpy(c->card, cap.card, sizeof c->card);
   memcpy(c->bus, cap.bus_info, sizeof c->bus);
   c->card[31] = c->bus[31] = 0;
+  c->n_planes = 1;
   return (can & (V4L2_CAP_VIDEO_CAPTURE | V4L2_CAP_VIDEO_CAPTURE_MPLANE)) != 0;
 }
 

@@ -74,7 +74,7 @@ static int wait_once(sv_v4l2 *v, sv_ns until_ns) {
     if (c->fd < 0 && c->retry_ns < until_ns) until_ns = c->retry_ns;
     // A camera without a buffer of the driver's would report an error that is none.
     if (c->fd < 0 || !c->is_streaming || c->has_waiting || !sv_v4l2_n_queued(c)) continue;
-    fds[n] = (struct pollfd){.fd = c->fd, .events = POLLIN};
+    fds[n] = (struct pollfd){.fd = c->fd, .events = POLLIN | POLLPRI};
     of[n++] = c;
   }
   sv_ns wait_ns = until_ns - now(v);
@@ -86,7 +86,8 @@ static int wait_once(sv_v4l2 *v, sv_ns until_ns) {
   for (int i = 0; i < n; i++) {
     if (!fds[i].revents) continue;
     int got = sv_v4l2_take(of[i], t_ns);
-    if (got == 0 && (fds[i].revents & (POLLERR | POLLHUP | POLLNVAL))) got = -EIO;
+    if (got >= 0 && (fds[i].revents & POLLPRI)) sv_v4l2_take_events(of[i], t_ns);
+    if (got == 0 && of[i]->fd >= 0 && (fds[i].revents & (POLLERR | POLLHUP | POLLNVAL))) got = -EIO;
     if (got < 0) sv_v4l2_fault(of[i], got, t_ns);
   }
   return 0;
@@ -226,6 +227,8 @@ static sv_status source_event(void *self, sv_camera_event *e) {
 static sv_status source_control(void *self, int i, sv_control control, int64_t value, int64_t *actual) {
   sv_v4l2 *v = self;
   if (i < 0 || i >= v->n_cameras) return SV_E_ARG;
+  if (control == SV_CONTROL_FRAME_DURATION_NS)
+    return sv_v4l2_set_frame_duration(&v->cameras[i], value, actual);
   if (control != SV_CONTROL_EXPOSURE_NS) return SV_E_UNSUPPORTED; // gains are in units of each driver
   return sv_v4l2_set_exposure(&v->cameras[i], value, actual);
 }

@@ -6,9 +6,8 @@
 
 #include "platform/v4l2/camera.h"
 
-#define RETRY_NS       (50 * SV_NS_PER_MS)  // less than two frames at 25 fps
-#define LATER_RETRY_NS (200 * SV_NS_PER_MS) // when it stays away
-#define N_RETRIES      100                  // of the former
+#define MOST_RETRY_NS  (50 * SV_NS_PER_MS)
+#define LEAST_RETRY_NS (10 * SV_NS_PER_MS)
 
 static void event(sv_v4l2_camera *c, sv_camera_event_kind kind, sv_ns now_ns, int64_t detail) {
   sv_camera_events_add(c->events, kind, c->i_camera, now_ns, detail);
@@ -23,7 +22,7 @@ int sv_v4l2_n_queued(const sv_v4l2_camera *c) {
 int sv_v4l2_queue(sv_v4l2_camera *c, sv_v4l2_slot *s) {
   struct v4l2_plane plane[VIDEO_MAX_PLANES] = {{0}};
   struct v4l2_buffer b = {.type = c->buf_type, .memory = V4L2_MEMORY_MMAP, .index = s->index};
-  if (c->is_mplane) b.m.planes = plane, b.length = 1;
+  if (c->is_mplane) b.m.planes = plane, b.length = (uint32_t)c->n_planes;
   int r = sv_v4l2_call(c, VIDIOC_QBUF, &b);
   s->state = r < 0 ? SV_V4L2_IDLE : SV_V4L2_QUEUED;
   return r < 0 ? r : 0;
@@ -75,7 +74,8 @@ static bool check_frame(sv_v4l2_camera *c, const sv_frame *f, size_t cap, sv_ns 
     return false;
   }
   if (sv_pixel(f->format)->layout == SV_LAYOUT_CODED) return check_jpeg(c, f, now_ns);
-  size_t rows = (size_t)f->height_px + (f->format == SV_PIX_NV12 ? (size_t)(f->height_px + 1) / 2 : 0);
+  size_t rows = (size_t)f->height_px;
+  if (f->format == SV_PIX_NV12 && !f->chroma) rows += (rows + 1) / 2;
   size_t least = (size_t)f->stride_bytes * (rows - 1) + sv_pixel_row_bytes(f->format, f->width_px);
   if (f->data_bytes >= least) return true;
   event(c, SV_CAMERA_SHORT_FRAME, now_ns, (int64_t)f->data_bytes);
@@ -94,12 +94,26 @@ static uint32_t sequence_of(sv_v4l2_camera *c, uint32_t driver_sequence, sv_ns c
   return s;
 }
 
+// The second plane of two. False: it is not all there.
+static bool fill_chroma(sv_v4l2_camera *c, const sv_v4l2_slot *s, const struct v4l2_plane *plane) {
+  sv_frame *f = &c->waiting;
+  size_t offset = plane->data_offset <= s->bytes[1] ? plane->data_offset : s->bytes[1];
+  size_t least = (size_t)c->chroma_stride_bytes * ((size_t)(f->height_px + 1) / 2 - 1) +
+                 sv_pixel_row_bytes(f->format, f->width_px);
+  bool is_whole =
+      plane->bytesused <= s->bytes[1] && plane->bytesused >= offset && plane->bytesused - offset >= least;
+  f->chroma = s->map[1] + (is_whole ? offset : 0); // readable in any case
+  f->chroma_stride_bytes = c->chroma_stride_bytes;
+  return is_whole;
+}
+
 static void fill_frame(sv_v4l2_camera *c, int i_slot, const struct v4l2_buffer *b,
                        const struct v4l2_plane *plane, sv_ns now_ns) {
   const sv_v4l2_slot *s = &c->slot[i_slot];
   size_t offset = c->is_mplane ? plane->data_offset : 0;
   size_t used = c->is_mplane ? plane->bytesused : b->bytesused;
-  if (offset > s->bytes) offset = s->bytes;
+  size_t cap = s->bytes[0];
+  if (offset > cap) offset = cap;
   sv_frame *f = &c->waiting;
   *f = (sv_frame){.i_camera = c->i_camera,
                   .camera_ns =
@@ -110,12 +124,17 @@ static void fill_frame(sv_v4l2_camera *c, int i_slot, const struct v4l2_buffer *
                   .height_px = c->caps.height_px,
                   .stride_bytes = c->stride_bytes,
                   .format = c->caps.format,
-                  .data = s->map + offset,
+                  .data = s->map[0] + offset,
                   .data_bytes = used >= offset ? used - offset : 0,
                   .i_buffer = i_slot};
   f->sequence = sequence_of(c, b->sequence, f->camera_ns);
-  f->is_error = !check_frame(c, f, s->bytes - offset, now_ns);
-  if (f->is_error) f->data_bytes = f->data_bytes < s->bytes - offset ? f->data_bytes : s->bytes - offset;
+  bool has_chroma = c->n_planes < 2 || fill_chroma(c, s, &plane[1]);
+  f->is_error = !check_frame(c, f, cap - offset, now_ns);
+  if (!f->is_error && !has_chroma) {
+    event(c, SV_CAMERA_SHORT_FRAME, now_ns, (int64_t)plane[1].bytesused);
+    f->is_error = true;
+  }
+  if (f->is_error) f->data_bytes = f->data_bytes < cap - offset ? f->data_bytes : cap - offset;
   if (b->flags & V4L2_BUF_FLAG_ERROR) {
     if (!f->is_error) event(c, SV_CAMERA_DAMAGED, now_ns, f->sequence);
     f->is_error = true;
@@ -165,7 +184,12 @@ void sv_v4l2_fault(sv_v4l2_camera *c, int error, sv_ns now_ns) {
     event(c, SV_CAMERA_LOST, now_ns, error < 0 ? -error : error);
   }
   sv_v4l2_close_device(c);
-  c->retry_ns = now_ns + (c->n_retries++ < N_RETRIES ? RETRY_NS : LATER_RETRY_NS);
+  // At once, for most failures are over when the device is closed; then every frame's time, however long it is away.
+  double frame_ns = c->caps.fps > 0 ? 1e9 / c->caps.fps : (double)MOST_RETRY_NS;
+  sv_ns wait_ns = frame_ns > (double)MOST_RETRY_NS    ? MOST_RETRY_NS
+                  : frame_ns < (double)LEAST_RETRY_NS ? LEAST_RETRY_NS
+                                                      : (sv_ns)frame_ns;
+  c->retry_ns = c->n_retries++ ? now_ns + wait_ns : now_ns;
 }
 
 static void reopen(sv_v4l2_camera *c, sv_ns now_ns) {

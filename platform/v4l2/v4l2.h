@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Cameras behind Linux's V4L2 as one source. Frames are the driver's own buffers, mapped once (no copy, no heap); they
 // stay readable until requeue, also when their camera is unplugged meanwhile. A camera that fails (POLLERR, ENODEV,
-// EIO, silence) is closed and opened again by itself, every 50 ms at first, while the others run on; what happened
+// EIO, silence) is closed and opened again by itself, every 50 ms or frame, while the others run on; what happened
 // is told by the source's events. Exposure, gain and white balance are locked at start and restored at close.
 #ifndef SV_PLATFORM_V4L2_V4L2_H
 #define SV_PLATFORM_V4L2_V4L2_H

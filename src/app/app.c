@@ -244,12 +244,17 @@ static double seconds(const sv_app *app) {
 static void live_line(sv_app *app, double elapsed_s, float progress) {
   double rate = elapsed_s > 0 ? (double)app->step_time.n / elapsed_s : 0;
   double eta = progress > 0.001f ? elapsed_s * (1 - (double)progress) / (double)progress : 0;
-  if (app->cfg.steps)
-    sv_app_log(app, SV_LOG_LIVE, "train  %u/%u steps  %.0f steps/s  loss %.4f  ETA %.0f s", app->trainer.step,
-               app->cfg.steps, rate, app->loss_mean, eta);
-  else
-    sv_app_log(app, SV_LOG_LIVE, "train  %u steps  %.0f steps/s  loss %.4f  %.0f of %.0f s",
-               app->trainer.step, rate, app->loss_mean, elapsed_s, app->cfg.time_limit_s);
+  char line[768];
+  sv_str s = sv_str_make(line, sizeof line);
+  sv_str_add(&s, "train  %u", app->trainer.step);
+  if (app->cfg.steps) sv_str_add(&s, "/%u", app->cfg.steps);
+  sv_str_add(&s, " steps  %.0f steps/s  loss %.4f  ", rate, app->loss_mean);
+  if (app->cfg.steps) sv_str_add(&s, "ETA %.0f s", eta);
+  else sv_str_add(&s, "%.0f of %.0f s", elapsed_s, app->cfg.time_limit_s);
+  // A live run's cameras, as they were at the last such line.
+  sv_status has_cameras = app->is_capturing ? sv_intake_line(&app->intake, &s) : SV_AGAIN;
+  (void)has_cameras; // not yet: the line goes without
+  if (app->port.console.log) app->port.console.log(app->port.console.self, SV_LOG_LIVE, line);
 }
 
 static sv_status save_running(sv_app *app, sv_err *err) {

@@ -3,7 +3,6 @@
 #include <string.h>
 
 #include "src/app/bench.h"
-#include "src/base/str.h"
 
 #define N_GAUSSIANS 5000
 #define N_BLOCKS    ((N_GAUSSIANS + 15) / 16)
@@ -23,6 +22,7 @@ typedef struct {
   sv_pair *pair; // [N_GAUSSIANS]
   float *block;  // [SV_CAP_ROWS + 1][16]
   const uint8_t *picture;
+  sv_bench_counts counts;
 } ctx;
 
 static void run_project(ctx *c) { c->k->project(&c->t->render.project, 0, N_BLOCKS, c->t->render.scratch); }
@@ -32,8 +32,10 @@ static void run_bin(ctx *c) {
 }
 static void run_sort(ctx *c) {
   sv_renderer *r = &c->t->render;
-  for (uint32_t i = 0; i < N_GAUSSIANS; i++) c->pair[i] = (sv_pair){r->depth_key[i], i};
-  c->k->sort(c->pair, r->tmp, N_GAUSSIANS, r->hist);
+  uint32_t n = 0;
+  for (uint32_t i = 0; i < N_GAUSSIANS; i++)
+    if (r->splat[i].n_recs) c->pair[n++] = (sv_pair){r->depth_key[i], i};
+  c->k->sort(c->pair, r->tmp, n, r->hist);
 }
 static void run_raster(ctx *c) {
   sv_renderer *r = &c->t->render;
@@ -73,54 +75,105 @@ static void run_unpack(ctx *c) {
 }
 
 typedef void (*run_fn)(ctx *c);
-typedef enum { ITEM_GAUSSIAN, ITEM_RECORD, ITEM_PAIR, ITEM_PIXEL } item_kind;
-static const char *const item_names[] = {"Gaussian", "record", "pixel-splat pair", "pixel"};
-
-// How each op of a step is run here; names as in variants.inc. The order keeps every op's input whole.
-static const struct {
-  const char *op;
-  run_fn run;
-  item_kind item;
-} cases[] = {{"project", run_project, ITEM_GAUSSIAN},
-             {"sort", run_sort, ITEM_GAUSSIAN},
-             {"raster", run_raster, ITEM_PAIR},
-             {"raster_bwd", run_raster_bwd, ITEM_PAIR},
-             {"project_bwd", run_project_bwd, ITEM_GAUSSIAN},
-             {"unpack", run_unpack, ITEM_PIXEL},
-             {"bin", run_bin, ITEM_RECORD},
-             {"adam", run_adam, ITEM_GAUSSIAN}};
-
-static double time_case(ctx *c, run_fn run, const sv_clock *clock) {
-  double best_ns = 1e30, sum_ns = 0;
-  for (int i = 0; i < 1000 && (i < 3 || sum_ns < 1e9 * CASE_S); i++) { // the best: interruptions only add
-    sv_ns t0 = clock->now_ns(clock->self);
-    run(c);
-    double dt = (double)(clock->now_ns(clock->self) - t0);
-    sum_ns += dt;
-    if (dt < best_ns) best_ns = dt;
+static sv_ssim_args ssim_args(ctx *c, int channel) {
+  sv_photometric *p = &c->t->photometric;
+  return (sv_ssim_args){.x = c->t->render.rgb.c[channel],
+                        .y = c->t->target.c[channel],
+                        .width_px = WIDTH_PX,
+                        .height_px = HEIGHT_PX,
+                        .stride = c->t->target.stride,
+                        .row1 = HEIGHT_PX,
+                        .dm1 = p->map[0],
+                        .ds1 = p->map[1],
+                        .ds12 = p->map[2],
+                        .row_ssim = p->row_ssim,
+                        .scratch = p->scratch[0]};
+}
+static void run_ssim(ctx *c) {
+  for (int i = 0; i < 3; i++) {
+    sv_ssim_args a = ssim_args(c, i);
+    c->k->ssim(&a);
   }
-  return best_ns;
+}
+static void run_ssim_bwd(ctx *c) { // of the last channel's maps
+  for (int i = 0; i < 3; i++) {
+    sv_ssim_args f = ssim_args(c, i);
+    sv_ssim_bwd_args a = {.x = f.x,
+                          .y = f.y,
+                          .dm1 = f.dm1,
+                          .ds1 = f.ds1,
+                          .ds12 = f.ds12,
+                          .width_px = WIDTH_PX,
+                          .height_px = HEIGHT_PX,
+                          .stride = f.stride,
+                          .row1 = HEIGHT_PX,
+                          .w_l1 = 0.8f,
+                          .w_ssim = -0.2f,
+                          .grad = c->t->grad.c[i],
+                          .err = c->t->err_plane,
+                          .err_scale = 0.33f,
+                          .is_err_add = i > 0,
+                          .row_l1 = c->t->photometric.row_l1,
+                          .scratch = f.scratch};
+    c->k->ssim_bwd(&a);
+  }
 }
 
-static double n_items(const ctx *c, item_kind item) {
-  const sv_renderer *r = &c->t->render;
-  switch (item) {
-  case ITEM_RECORD: return r->stats.n_recs;
-  case ITEM_PAIR: return (double)sv_render_count_pairs(r);
-  case ITEM_PIXEL: return WIDTH_PX * HEIGHT_PX;
-  default: return N_GAUSSIANS;
+typedef void (*run_fn)(ctx *c);
+
+// How each op of a step is run here. The order keeps every op's input whole: binning widens the masks again, and
+// projecting forgets which records are whose.
+static const struct {
+  sv_bench_op op;
+  run_fn run;
+} cases[] = {{SV_BENCH_SORT, run_sort},
+             {SV_BENCH_RASTER, run_raster},
+             {SV_BENCH_RASTER_BWD, run_raster_bwd},
+             {SV_BENCH_SSIM, run_ssim},
+             {SV_BENCH_SSIM_BWD, run_ssim_bwd},
+             {SV_BENCH_PROJECT_BWD, run_project_bwd},
+             {SV_BENCH_ADAM, run_adam},
+             {SV_BENCH_UNPACK, run_unpack},
+             {SV_BENCH_BIN, run_bin},
+             {SV_BENCH_PROJECT, run_project}};
+
+static sv_bench_times time_case(sv_bench *b, ctx *c, run_fn run) {
+  const sv_clock *clock = &b->cfg.clock;
+  double *ns = b->samples.step, sum_ns = 0;
+  int n = 0;
+  for (; n < SV_BENCH_CAP_SAMPLES && (n < 5 || sum_ns < 1e9 * CASE_S); n++) {
+    sv_ns t0 = clock->now_ns(clock->self);
+    run(c);
+    ns[n] = (double)(clock->now_ns(clock->self) - t0);
+    sum_ns += ns[n];
+  }
+  return sv_bench_times_of(ns + 1, n - 1); // the first warms the caches up
+}
+
+static double n_items(sv_bench_op op, const sv_bench_counts *n) {
+  switch (op) {
+  case SV_BENCH_SORT: return n->n_visible;
+  case SV_BENCH_BIN: return n->n_recs;
+  case SV_BENCH_RASTER:
+  case SV_BENCH_RASTER_BWD: return (double)n->pairs;
+  case SV_BENCH_UNPACK:
+  case SV_BENCH_SSIM:
+  case SV_BENCH_SSIM_BWD: return n->n_pixels;
+  default: return n->n_gaussians;
   }
 }
 
 static void time_all(sv_bench *b, ctx *c, sv_isa isa) {
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
-    if (!sv_kernel_exists(cases[i].op, isa)) continue;
-    double items = n_items(c, cases[i].item), ns = time_case(c, cases[i].run, &b->cfg.clock);
-    sv_bench_kernel r = {.op = cases[i].op,
-                         .item = item_names[cases[i].item],
+    sv_bench_op op = cases[i].op;
+    if (!sv_kernel_exists(sv_bench_op_name(op), isa)) continue;
+    double items = n_items(op, &c->counts), per = items > 0 ? 1 / items : 0;
+    sv_bench_cost cost = sv_bench_cost_of(op, &c->counts);
+    sv_bench_times t = time_case(b, c, cases[i].run);
+    sv_bench_kernel r = {.op = op,
                          .isa = isa,
-                         .ns_per_item = items > 0 ? ns / items : 0,
-                         .is_pairs = cases[i].item == ITEM_PAIR};
+                         .ns = {t.median * per, t.least * per, t.q1 * per, t.q3 * per},
+                         .cost = {cost.flop * per, cost.bytes * per}};
     sv_bench_put_kernel(b, &r);
   }
 }
@@ -142,6 +195,8 @@ static sv_status prepare(ctx *c, sv_bench_scene *scene, sv_arena *a, sv_err *err
   memset(c->block, 0, BLOCK_FLOATS * sizeof(float));
   sv_status s = sv_train_step(t, 1.0f, &st);
   if (s < 0) return sv_fail(err, s, "the step to be timed failed");
+  c->counts = sv_bench_count(t);
+  c->counts.n_touched = st.n_touched;
   c->t = t;
   c->picture = scene->picture;
   c->bwd = (sv_raster_bwd_args){.fwd = &t->render.raster,

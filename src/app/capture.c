@@ -42,11 +42,11 @@ static void tell_events(sv_app *app) {
 }
 
 static void tell_live(sv_app *app) {
-  char line[512];
+  char line[640];
   sv_str s = sv_str_make(line, sizeof line);
   sv_str_add(&s, "capture  %d/%d exposures", app->exposures.n, app->cfg.n_exposures);
-  sv_camera_stats_live(&s, app->intake.stats, &app->intake.sync, app->cfg.caps);
-  if (app->port.console.log) app->port.console.log(app->port.console.self, SV_LOG_LIVE, line);
+  if (sv_intake_line(&app->intake, &s) == SV_OK && app->port.console.log)
+    app->port.console.log(app->port.console.self, SV_LOG_LIVE, line);
 }
 
 // The next exposure into the pool. AGAIN: none is ready; DROPPED: there was one, but damaged.

@@ -18,7 +18,9 @@ static double line_at(const sv_clock_model *m, double x_s) { return m->offset_ns
 #define SMALL_STEP    200 // of the limit: what a jump must have to be called a step
 #define FASTER_NS     5e5 // below the line by more: a jump, not just the fastest delivery so far
 
-static void start(sv_clock_model *m, sv_ns camera_ns, sv_ns offset_ns) {
+// is_set: the clock was seen to be set, so stamps far from host time are another clock's. Without that only stamps from
+// the future are: those from the past may have waited in a host that was held up.
+static void start(sv_clock_model *m, sv_ns camera_ns, sv_ns offset_ns, bool is_set) {
   if (m->is_started && m->n_blocks >= PRIOR_BLOCKS) m->prior_drift = m->drift, m->has_prior = true;
   m->is_started = true;
   m->ref_camera_ns = camera_ns;
@@ -33,8 +35,8 @@ static void start(sv_clock_model *m, sv_ns camera_ns, sv_ns offset_ns) {
   m->mean_residual_ns = 0;
   m->offset_ns = 0;
   m->drift = m->has_prior ? m->prior_drift : 0;
-  m->is_estimating = !m->is_common || offset_ns - m->transport_ns > m->step_limit_ns ||
-                     offset_ns - m->transport_ns < -m->step_limit_ns;
+  m->is_estimating = !m->is_common || offset_ns - m->transport_ns < -m->step_limit_ns ||
+                     (is_set && offset_ns - m->transport_ns > m->step_limit_ns);
 }
 
 // The lower hull's edge over the mean time; a slope beyond what a crystal does is noise of a short
@@ -103,17 +105,23 @@ static void add_point(sv_clock_model *m, double x_s, double d_ns) {
   m->n_in_block++;
 }
 
-bool sv_clock_model_add(sv_clock_model *m, sv_ns camera_ns, sv_ns arrival_ns, sv_ns *step_ns) {
+bool sv_clock_model_add(sv_clock_model *m, sv_ns camera_ns, sv_ns arrival_ns, sv_ns most_set_ns,
+                        sv_ns *step_ns) {
   sv_ns offset_ns = arrival_ns - camera_ns;
   *step_ns = 0;
   if (!m->is_started) {
-    start(m, camera_ns, offset_ns);
+    start(m, camera_ns, offset_ns, false);
     return false;
   }
   double x_s = (double)(camera_ns - m->ref_camera_ns) * 1e-9;
   double d_ns = (double)(offset_ns - m->ref_offset_ns);
   double expected = m->is_estimating ? line_at(m, x_s) : (double)(m->transport_ns - m->ref_offset_ns);
   double residual = d_ns - expected, limit = (double)m->step_limit_ns;
+  // Much faster than all before, and the stamps do not say why: those before were held up, and tell nothing.
+  if (m->is_estimating && residual < -limit / SMALL_STEP && (double)most_set_ns < -0.5 * residual) {
+    start(m, camera_ns, offset_ns, false);
+    return false;
+  }
   // The first frames may have waited for the stream's start, so faster ones after them are no step.
   double low = m->is_estimating && m->n_pairs < SV_CLOCK_BLOCK_FRAMES ? -4 * limit : -limit;
   // Later nothing is faster than the fastest by much, unless the clock has jumped ahead.
@@ -137,13 +145,13 @@ bool sv_clock_model_add(sv_clock_model *m, sv_ns camera_ns, sv_ns arrival_ns, sv
   }
   if (is_step) {
     *step_ns = -change_ns; // arrival - camera grows when the camera's clock goes back
-    start(m, camera_ns, offset_ns);
+    start(m, camera_ns, offset_ns, true);
   }
   return is_step;
 }
 
 void sv_clock_model_restart(sv_clock_model *m, sv_ns camera_ns, sv_ns arrival_ns) {
-  start(m, camera_ns, arrival_ns - camera_ns);
+  start(m, camera_ns, arrival_ns - camera_ns, true);
 }
 
 sv_ns sv_clock_model_host_ns(const sv_clock_model *m, sv_ns camera_ns) {

@@ -54,13 +54,17 @@ typedef struct {
 void sv_clock_model_init(sv_clock_model *m, bool is_common, sv_ns step_limit_ns, double max_drift,
                          sv_ns transport_ns);
 
-// Learns from one pair, in order of camera time. Returns true when the clock has stepped (*step_ns: by
-// how much the camera's clock jumped); the model then starts anew from this pair, but keeps the drift, which
-// setting a clock does not change. Steps beyond the limit, and forward ones beyond 1/200 of it, are seen at once;
+// Learns from one pair, in order of camera time. most_set_ns: by how much the camera's clock can have been set since
+// the last pair, as the spacing of its stamps tells; INT64_MAX: not known. Returns true when the clock has stepped
+// (*step_ns: by how much the camera's clock jumped); the model then starts anew from this pair, but keeps the drift,
+// which setting a clock does not change. Steps beyond the limit, and forward ones beyond 1/200 of it, are seen at once;
 // backward ones beyond 1/200 of it after SV_CLOCK_RAISED_PAIRS pairs, unless delays usually vary by as much. The line
 // goes along with smaller steps forward; smaller ones backward count when the old pairs are forgotten. A model that is common
-// and finds stamps further than the limit from host time estimates until they agree again.
-bool sv_clock_model_add(sv_clock_model *m, sv_ns camera_ns, sv_ns arrival_ns, sv_ns *step_ns);
+// and finds stamps further than the limit from host time estimates until they agree again. A first pair that is late
+// by more than the limit is taken for a delay. A delivery that is faster than all before while the clock cannot have
+// been set starts the model anew without a step: what came before was held up on its way.
+bool sv_clock_model_add(sv_clock_model *m, sv_ns camera_ns, sv_ns arrival_ns, sv_ns most_set_ns,
+                        sv_ns *step_ns);
 
 // Starts anew from this pair: the caller knows by other signs that the clock was set.
 void sv_clock_model_restart(sv_clock_model *m, sv_ns camera_ns, sv_ns arrival_ns);

@@ -30,6 +30,8 @@ static sv_ns period_ns(const sv_intake_cfg *c) {
 typedef struct {
   sv_frame_length frame_length;
   sv_camera_stat *stats;
+  sv_camera_caps *caps;
+  char *line;
   sv_frame *frames;
   uint8_t *out, *back;
   size_t elem_bytes;
@@ -54,6 +56,8 @@ static sv_status carve(parts_t *p, sv_sync *sync, const sv_intake_cfg *c, sv_are
   }
   p->elem_bytes = HEAD_BYTES + n * sizeof(sv_frame);
   p->stats = SV_TAKE(a, sv_camera_stat, n);
+  p->caps = SV_TAKE(a, sv_camera_caps, n);
+  p->line = SV_TAKE(a, char, SV_INTAKE_LINE_BYTES);
   p->frames = SV_TAKE(a, sv_frame, n);
   p->out = SV_TAKE(a, uint8_t, p->elem_bytes);
   p->back = SV_TAKE(a, uint8_t, p->elem_bytes);
@@ -91,6 +95,9 @@ sv_status sv_intake_init(sv_intake *in, const sv_intake_cfg *cfg, const sv_sourc
   in->frame_length = p.frame_length;
   in->stats = p.stats;
   if (in->stats) memset(in->stats, 0, sizeof *in->stats * (size_t)cfg->n_cameras);
+  in->caps = p.caps;
+  if (in->caps) memcpy(in->caps, cfg->caps, sizeof *in->caps * (size_t)cfg->n_cameras);
+  in->line = p.line;
   in->frames = p.frames;
   in->out = p.out;
   in->back = p.back;
@@ -195,9 +202,19 @@ static void collect_events(sv_intake *in) {
   }
 }
 
+enum { LINE_NONE, LINE_WANTED, LINE_READY };
+
+static void make_line(sv_intake *in) {
+  if (atomic_load(&in->line_state) != LINE_WANTED) return;
+  sv_str s = sv_str_make(in->line, SV_INTAKE_LINE_BYTES);
+  sv_camera_stats_live(&s, in->stats, &in->sync, in->caps);
+  atomic_store(&in->line_state, LINE_READY);
+}
+
 sv_status sv_intake_step(sv_intake *in, sv_ns until_ns) {
   sv_status result = SV_AGAIN;
   collect_done(in);
+  make_line(in);
   for (int n = 0; n < MOST_FRAMES; n++) {
     sv_frame f = {.i_camera = -1};
     sv_status s = in->source.dequeue(in->source.self, &f, n ? in->clock.now_ns(in->clock.self) : until_ns);
@@ -222,6 +239,10 @@ sv_status sv_intake_start(sv_intake *in, sv_err *err) {
   if (in->cfg.mode == SV_INTAKE_TRIGGER && !src->trigger)
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "the cameras of this source have no trigger line; expected --sync free or frame-length");
+  if (in->cfg.mode == SV_INTAKE_FRAME_LENGTH && !(src->set_control && in->frame_length.cameras))
+    return sv_fail(err, SV_E_UNSUPPORTED, "the cameras of this source %s; expected --sync free",
+                   src->set_control ? "do not tell their frame rate (fps= gives it)"
+                                    : "cannot be told the length of their frames");
   if (src->trigger) s = src->trigger(src->self, in->cfg.mode == SV_INTAKE_TRIGGER);
   if (s < 0)
     return sv_fail(err, s, "the cameras cannot be switched to their trigger line: %s", sv_status_text(s));
@@ -269,6 +290,13 @@ void sv_intake_give_back(sv_intake *in, sv_intake_exposure *t, bool is_used) {
   memcpy(in->back + HEAD_BYTES, t->frames, (size_t)in->cfg.n_cameras * sizeof(sv_frame));
   // The ring holds more than can be under way, so it takes this one.
   if (sv_ring_push(&in->done, in->back) != SV_OK) count_error(in, -1, SV_E_FULL);
+}
+
+sv_status sv_intake_line(sv_intake *in, sv_str *out) {
+  int state = atomic_load(&in->line_state);
+  if (state == LINE_READY) sv_str_add(out, "%s", in->line);
+  if (state != LINE_WANTED) atomic_store(&in->line_state, LINE_WANTED); // the next one is made meanwhile
+  return state == LINE_READY ? SV_OK : SV_AGAIN;
 }
 
 int sv_intake_n_ready(sv_intake *in) { return (int)sv_ring_count(&in->ready); }

@@ -23,6 +23,8 @@
 // are left alone); a trigger line.
 typedef enum { SV_INTAKE_FREE = 0, SV_INTAKE_FRAME_LENGTH, SV_INTAKE_TRIGGER } sv_intake_mode;
 
+#define SV_INTAKE_LINE_BYTES 512
+
 typedef struct {
   int n_cameras;
   const sv_camera_caps *caps; // [n_cameras], read by init only
@@ -49,9 +51,12 @@ typedef struct {
   sv_sync sync;
   sv_frame_length frame_length;
   sv_camera_stat *stats; // [n_cameras]
-  sv_ring events;        // sv_camera_event, to the user
-  sv_frame *frames;      // [n_cameras] workspace of the capture side
-  uint8_t *out, *back;   // one ring element, workspace of the capture side and of the user
+  sv_camera_caps *caps;  // [n_cameras] a copy, for names
+  char *line;            // [SV_INTAKE_LINE_BYTES] of statistics, the capture side's until it is ready
+  _Atomic int line_state;
+  sv_ring events;      // sv_camera_event, to the user
+  sv_frame *frames;    // [n_cameras] workspace of the capture side
+  uint8_t *out, *back; // one ring element, workspace of the capture side and of the user
   size_t elem_bytes;
   sv_ring ready, done;   // exposures to the user; from the user
   int n_with_user;       // capture side: handed over and not given back
@@ -67,7 +72,7 @@ size_t sv_intake_bytes(const sv_intake_cfg *cfg);
 sv_status sv_intake_init(sv_intake *in, const sv_intake_cfg *cfg, const sv_source *source,
                          const sv_clock *clock, sv_arena *arena) SV_MUST_USE;
 
-// Starts the cameras. E_UNSUPPORTED: a trigger was asked for, and the source has none.
+// Starts the cameras. E_UNSUPPORTED: a trigger, or frame lengths, were asked for, and the source has none.
 sv_status sv_intake_start(sv_intake *in, sv_err *err) SV_MUST_USE;
 // Waits until until_host_ns at most for a frame, then takes all that are there. OK, AGAIN (none came), END; E_DEVICE
 // of one camera (counted; the others go on; the host's clock is moved on by 1 ms, so that a source that only fails
@@ -82,6 +87,9 @@ sv_status sv_intake_take(sv_intake *in, sv_intake_exposure *t) SV_MUST_USE;
 // The frames go back to their cameras. Not used: they count as dropped for `overload`.
 void sv_intake_give_back(sv_intake *in, sv_intake_exposure *t, bool is_used);
 int sv_intake_n_ready(sv_intake *in);
+// " | video0 25.0 fps +0.412 ms dropped 3 (no_partner 2, ...) | ..." is added to out: what a user watches. The first
+// call asks for it, the capture side makes it at its next step, and a later call brings it. AGAIN: not yet.
+sv_status sv_intake_line(sv_intake *in, sv_str *out) SV_MUST_USE;
 // What happened to a camera, for the user's side. AGAIN: nothing. When nobody asks, the newest are left out.
 sv_status sv_intake_pop_event(sv_intake *in, sv_camera_event *event) SV_MUST_USE;
 

@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "src/sync/sync.h"
 
+#include <math.h>
 #include <string.h>
 
 #define MAX_GAP_FRAMES  10000 // a larger leap of the sequence number is a restart, not a loss
 #define MOST_LATE       128   // after so many in a row the path is another one
+#define MOST_LATE_FIRST 16    // the same when none has come in time yet
+#define MOST_ODD        3     // spacings in a row after which the frame rate is another one
 #define SEEN_FRAMES     64
 #define CAP_QUEUE       64
 #define MAX_STAMP_NS    (INT64_MAX / 4) // sums and differences of two stamps stay in range
@@ -124,7 +127,8 @@ static bool stamps_are_possible(const sv_frame *f) {
 }
 
 // Whether the camera's clock was set between the last frame and this one, judged by the host's clock.
-static sv_ns clock_jump_ns(const sv_sync *s, const sv_sync_stream *st, const sv_frame *f, uint32_t n_frames) {
+static sv_ns clock_jump_ns(const sv_sync *s, const sv_sync_stream *st, const sv_frame *f, uint32_t n_frames,
+                           bool goes_on) {
   sv_ns jump_ns = (f->camera_ns - st->last_camera_ns) - (f->arrival_ns - st->last_arrival_ns), off_ns;
   // A known cadence tells smaller jumps: the stamp is off, and the frame did not come so much later or earlier.
   if (sv_cadence_is_off(&st->cadence, f->camera_ns, n_frames, &off_ns)) {
@@ -132,7 +136,8 @@ static sv_ns clock_jump_ns(const sv_sync *s, const sv_sync_stream *st, const sv_
     if (left_ns < 0) left_ns = -left_ns;
     if (left_ns < (off_ns < 0 ? -off_ns : off_ns) / 2) return off_ns;
   }
-  return jump_ns > s->cfg.step_limit_ns || jump_ns < -s->cfg.step_limit_ns ? jump_ns : 0;
+  // The last one may have been late, and this one in time: then nothing was set.
+  return !goes_on && (jump_ns > s->cfg.step_limit_ns || jump_ns < -s->cfg.step_limit_ns) ? jump_ns : 0;
 }
 
 static void advance_sequence(sv_sync *s, int c, const sv_frame *f, uint32_t delta) {
@@ -235,9 +240,8 @@ static void make_room(sv_sync *s, int c) {
 static sv_status enqueue(sv_sync *s, int c, const sv_frame *f, sv_ns steady_ns) {
   sv_sync_stream *st = &s->streams[c];
   // Frames that wait get the better estimate too; in one epoch their order cannot change.
-  if (st->clock.is_estimating)
-    for (int i = 0; i < st->n_queued; i++)
-      entry(s, c, i)->mid_host_ns = mid_host_ns(st, &entry(s, c, i)->frame, entry(s, c, i)->steady_ns);
+  for (int i = 0; i < st->n_queued; i++)
+    entry(s, c, i)->mid_host_ns = mid_host_ns(st, &entry(s, c, i)->frame, entry(s, c, i)->steady_ns);
   sv_ns mid_ns = mid_host_ns(st, f, steady_ns);
   st->last_mid_host_ns = mid_ns;
   st->has_host = true;
@@ -259,18 +263,35 @@ static uint32_t frames_since_last(const sv_sync_stream *st, const sv_frame *f) {
   return st->has_last && delta > 0 && delta <= MAX_GAP_FRAMES && n <= 2 * MAX_GAP_FRAMES ? n : 0;
 }
 
-// A host that was held up gets frames late, by more than a step's limit. Their stamps go on as before, which those of
-// a clock that was set do not: such a frame is good, but tells nothing about the clock.
-static bool is_just_late(const sv_sync *s, sv_sync_stream *st, const sv_frame *f, uint32_t n_frames) {
+// Do the stamps go on as before, by the frames' spacing? Then by how much the clock can have been set meanwhile;
+// INT64_MAX: they do not, or nothing is known.
+static sv_ns most_set_ns(sv_sync_stream *st, const sv_frame *f, uint32_t n_frames) {
+  if (!st->has_last) return INT64_MAX;
   double dt_ns = (double)(f->camera_ns - st->last_camera_ns), n = n_frames ? (double)n_frames : 1;
-  bool goes_on = st->has_last && st->interval_ns > 0 && dt_ns > 0.5 * n * st->interval_ns &&
-                 dt_ns < (n + 0.5) * st->interval_ns;
+  double was_ns = st->interval_ns, off_ns = fabs(dt_ns - n * was_ns);
+  if (!(dt_ns > 0)) return INT64_MAX;
+  if (!(was_ns > 0)) { // the second frame: any rate will do
+    st->interval_ns = dt_ns / n;
+    return dt_ns < n * SV_NS_PER_S ? 0 : INT64_MAX;
+  }
+  bool goes_on = dt_ns > 0.5 * n * was_ns && dt_ns < (n + 0.5) * was_ns;
+  st->n_odd = goes_on ? 0 : st->n_odd + 1;
+  if (goes_on) st->interval_ns += (dt_ns / n - was_ns) / 16;
+  else if (st->n_odd >= MOST_ODD) st->interval_ns = dt_ns / n;
+  return goes_on ? (sv_ns)floor(off_ns + 0.5) : INT64_MAX;
+}
+
+// A host that was held up gets frames late, by more than a step's limit. Their stamps go on as before, which those of
+// a clock that was set do not: such a frame is good, but tells nothing about the clock. Those that come faster than
+// they were taken are what has piled up meanwhile, however many they are.
+static bool is_just_late(const sv_sync *s, sv_sync_stream *st, const sv_frame *f, bool goes_on) {
   sv_ns host_ns = st->clock.is_started ? sv_clock_model_host_ns(&st->clock, f->camera_ns) : f->arrival_ns;
-  if (st->has_last && dt_ns > 0)
-    st->interval_ns += (dt_ns / n - st->interval_ns) / (st->interval_ns > 0 ? 16 : 1);
-  bool is_late = goes_on && f->arrival_ns - host_ns > s->cfg.step_limit_ns;
-  st->n_late = is_late ? st->n_late + 1 : 0;
-  return is_late && st->n_late <= MOST_LATE;
+  if (!goes_on || f->arrival_ns - host_ns <= s->cfg.step_limit_ns) {
+    st->n_late = 0;
+    return false;
+  }
+  if (f->arrival_ns - st->last_arrival_ns > (f->camera_ns - st->last_camera_ns) / 2) st->n_late++;
+  return st->n_late <= (st->clock.n_pairs > 1 ? MOST_LATE : MOST_LATE_FIRST);
 }
 
 sv_status sv_sync_push(sv_sync *s, const sv_frame *f) {
@@ -282,8 +303,9 @@ sv_status sv_sync_push(sv_sync *s, const sv_frame *f) {
   if (f->is_error || !stamps_are_possible(f)) return drop_bad(s, c, f);
   if (f->arrival_ns > s->now_ns) s->now_ns = f->arrival_ns;
   uint32_t n_frames = frames_since_last(st, f);
-  bool is_late = is_just_late(s, st, f, n_frames);
-  sv_ns jump_ns = st->has_last && !is_late ? clock_jump_ns(s, st, f, n_frames) : 0;
+  sv_ns set_ns = most_set_ns(st, f, n_frames);
+  bool goes_on = set_ns < INT64_MAX, is_late = is_just_late(s, st, f, goes_on);
+  sv_ns jump_ns = st->has_last && !is_late ? clock_jump_ns(s, st, f, n_frames, goes_on) : 0;
   sv_status status = check_order(s, c, f, jump_ns);
   if (status != SV_OK) return status;
   bool was_back = st->has_last && f->camera_ns <= st->last_camera_ns;
@@ -296,7 +318,7 @@ sv_status sv_sync_push(sv_sync *s, const sv_frame *f) {
   sv_ns steady_ns = jump_ns ? f->camera_ns : sv_cadence_add(&st->cadence, f->camera_ns, n_frames);
   if (is_late) return enqueue(s, c, f, steady_ns);
   if (was_back) sv_clock_model_restart(&st->clock, steady_ns, f->arrival_ns);
-  else if (!sv_clock_model_add(&st->clock, steady_ns, f->arrival_ns, &step_ns))
+  else if (!sv_clock_model_add(&st->clock, steady_ns, f->arrival_ns, set_ns, &step_ns))
     return enqueue(s, c, f, steady_ns);
   return drop_step(s, c, f, step_ns);
 }

@@ -117,8 +117,9 @@ typedef struct {
   uint32_t last_sequence;
   uint64_t seen; // bit k: last_sequence - k came in
   sv_ns last_camera_ns, last_arrival_ns;
-  double interval_ns;     // of its stamps, a frame; running mean
-  int n_late;             // frames in a row that came late by more than a step, with stamps that go on
+  double interval_ns; // of its stamps, a frame; running mean
+  int n_odd;          // frames in a row whose spacing is another one
+  int n_late;         // that came late by more than a step, with stamps that go on, and are not catching up
   sv_ns last_mid_host_ns; // of the newest frame with a good stamp
   bool is_closed;
   sv_ns closed_ns; // exposures up to here went without this camera

@@ -6,7 +6,7 @@
 #   run.sh BUILD PROGRAMS        e.g. run.sh build build/generic-arm64; needs BUILD/sysroot-arm64
 #
 # What does not change is kept in BUILD/board. BOARD_CPU=cortex-a76 is the Pi 5's core (cortex-a72: the Pi 4's).
-# BOARD_ONLY=NAME runs one part of board.sh (v4l2, libcamera, skew, faults). BOARD_TIMEOUT=SEC ends a board that hangs.
+# BOARD_ONLY=NAME runs one part of board.sh (v4l2, libcamera, skew, suite, faults). BOARD_TIMEOUT=SEC ends a board that hangs.
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 build=$1 programs=$2 sysroot=$1/sysroot-arm64
@@ -29,7 +29,7 @@ mkdir -p "$test/bin" "$test/lib" "$work/files/lib" "$work/files/usr/lib/aarch64-
 cc() { aarch64-linux-gnu-gcc --sysroot="$sysroot" -std=gnu11 -O2 -Wall -Wextra "$@"; }
 cc -o "$test/bin/board_tool" "$here/board_tool.c"
 cc -fPIC -shared -o "$test/lib/heap_watch.so" "$here/heap_watch.c"
-cp "$programs/bin/subview" "$test/bin/"
+cp "$programs/bin/subview" "$programs/tests/source-check" "$programs/tests/source-faults" "$test/bin/"
 cp "$here/board.sh" "$test/"
 cp "$here/init" "$work/files/init"
 chmod +x "$work/files/init"
@@ -51,8 +51,7 @@ need() { # recursively, what a file is linked to
     need "$path"
   done
 }
-need "$test/bin/subview"
-need "$test/bin/board_tool"
+for program in "$test"/bin/*; do need "$program"; done
 for ipa in "$work"/files/usr/lib/aarch64-linux-gnu/libcamera/*.so; do [ ! -e "$ipa" ] || need "$ipa"; done
 loader=$(find "$sysroot" -name ld-linux-aarch64.so.1 | head -n 1)
 cp -L "$loader" "$work/files/lib/"
@@ -63,7 +62,7 @@ cat "$work/image/base.cpio.gz" "$work/tests.cpio.gz" >"$work/initrd"
 # No image of a disk, no network, no share: results come back on the serial line.
 started=$(date +%s)
 timeout -k 5 "${BOARD_TIMEOUT:-480}" qemu-system-aarch64 -M virt -cpu "${BOARD_CPU:-cortex-a72}" -smp 2 -m 1536 -nographic -no-reboot \
-  -nic none -kernel "$work/image/vmlinuz" -initrd "$work/initrd" -append "console=ttyAMA0 quiet panic=-1" \
+  -nic none -kernel "$work/image/vmlinuz" -initrd "$work/initrd" -append "console=ttyAMA0 quiet panic=-1 print-fatal-signals=1" \
   </dev/null >"$work/console.log" 2>&1 || echo "board: QEMU ended with $?" >>"$work/console.log"
 tr -d '\r' <"$work/console.log" | sed -n 's/^.*@ //p' >"$work/results"
 echo "board: $(($(date +%s) - started)) s on the virtual board (log: $work/console.log)"

@@ -11,11 +11,13 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
 
 #define ANSWER_MS 60000
+#define TRIES     3 // a loaded machine starts it late at times
 
 static double now_s(void) {
   struct timespec t;
@@ -32,13 +34,16 @@ const char *browser_program(void) {
 }
 
 static void exec_browser(const char *program, const char *folder, int w, int h) {
-  char profile[320], size[64], home[320];
+  char profile[320], size[64], home[320], log[320];
   snprintf(profile, sizeof profile, "--user-data-dir=%s", folder);
   snprintf(size, sizeof size, "--window-size=%d,%d", w, h);
   snprintf(home, sizeof home, "%s/home", folder);
+  snprintf(log, sizeof log, "%s/browser.log", folder);
   setenv("HOME", home, 1);
   int fd = open("/dev/null", O_RDWR);
-  if (fd >= 0) dup2(fd, 0), dup2(fd, 1), dup2(fd, 2);
+  if (fd >= 0) dup2(fd, 0), dup2(fd, 1);
+  int words = open(log, O_WRONLY | O_CREAT | O_TRUNC, 0600);
+  if (words >= 0) dup2(words, 2);
   execl(program, program, "--headless=new", "--remote-debugging-pipe", "--no-sandbox", "--use-gl=angle",
         "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-first-run", "--disable-extensions",
         "--disable-background-networking", "--disable-component-update", "--disable-dev-shm-usage",
@@ -93,10 +98,9 @@ static bool text_of(const browser *b, const char *key, char *out, size_t cap) {
   return true;
 }
 
-bool browser_open(browser *b, const char *folder, int w, int h) {
+static bool open_once(browser *b, const char *folder, int w, int h) {
   int to[2], from[2];
   memset(b, 0, sizeof *b);
-  snprintf(b->folder, sizeof b->folder, "%s", folder);
   b->message = malloc(BROWSER_CAP_MESSAGE);
   if (!b->message || pipe2(to, O_CLOEXEC) || pipe2(from, O_CLOEXEC)) return false;
   signal(SIGPIPE, SIG_IGN);
@@ -120,6 +124,29 @@ bool browser_open(browser *b, const char *folder, int w, int h) {
   if (!text_of(b, "sessionId", session, sizeof session)) return false;
   memcpy(b->session, session, sizeof session);
   return browser_size(b, w, h, false);
+}
+
+// What the browser itself says last, or that it said nothing.
+static void last_words(const char *folder, char *why, size_t cap) {
+  char path[320], line[400];
+  snprintf(path, sizeof path, "%s/browser.log", folder);
+  snprintf(why, cap, "it says nothing");
+  FILE *f = fopen(path, "r");
+  while (f && fgets(line, sizeof line, f))
+    if (line[0] != '\n') snprintf(why, cap, "%.*s", (int)strcspn(line, "\n"), line);
+  if (f) fclose(f);
+}
+
+bool browser_open(browser *b, const char *folder, int w, int h, char *why, size_t cap) {
+  for (int i = 0; i < TRIES; i++) {
+    char own[300];
+    snprintf(own, sizeof own, "%s/browser%d", folder, i);
+    mkdir(own, 0700);
+    if (open_once(b, own, w, h)) return true;
+    browser_close(b);
+    last_words(own, why, cap);
+  }
+  return false;
 }
 
 bool browser_goto(browser *b, const char *url) {

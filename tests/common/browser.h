@@ -16,15 +16,15 @@ extern "C" {
 typedef struct {
   pid_t pid;
   int to_fd, from_fd, i_message;
-  char session[64], folder[300];
+  char session[64];
   char *message; // [BROWSER_CAP_MESSAGE] the last answer
   size_t n_message;
 } browser;
 
 // The program's path, NULL when there is none.
 const char *browser_program(void);
-// Starts it with a window of that size. folder: an empty one for its profile. False: it does not start.
-bool browser_open(browser *b, const char *folder, int width_px, int height_px);
+// Starts it with a window of that size, a profile below the folder. False: it does not start; why: its last words.
+bool browser_open(browser *b, const char *folder, int width_px, int height_px, char *why, size_t cap_why);
 bool browser_goto(browser *b, const char *url);
 // What an expression (or its promise) gives, as text. False when it throws.
 bool browser_eval(browser *b, const char *expression, char *out, size_t cap);

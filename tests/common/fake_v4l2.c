@@ -43,15 +43,18 @@ static size_t image_bytes(const fake_device *d) {
   return n ? n : sizeof((fake_v4l2 *)0)->jpeg[0];
 }
 
+static sv_ns period_ns(const fake_device *d) { return d->interval_ns ? d->interval_ns : FAKE_V4L2_PERIOD_NS; }
+
 static void fill(fake_v4l2 *f, fake_device *d, fake_buffer *b) {
   int i = (int)(d - f->device);
-  uint8_t *p = f->page[b->i_page];
+  uint8_t *p = f->page[b->i_page[0]];
   b->flags = d->is_flagged ? V4L2_BUF_FLAG_ERROR : 0;
   b->bytes = (uint32_t)image_bytes(d);
   if (d->fourcc == V4L2_PIX_FMT_MJPEG) {
     b->bytes = (uint32_t)f->jpeg_bytes[d->is_wrong_jpeg];
     memcpy(p, f->jpeg[d->is_wrong_jpeg], b->bytes);
   } else memset(p, mark(i, d->sequence), b->bytes);
+  if (d->fourcc == V4L2_PIX_FMT_NV12M) memset(f->page[b->i_page[1]], mark(i, d->sequence), b->bytes / 2);
   if (d->is_short) b->bytes /= 2;
 }
 
@@ -72,7 +75,7 @@ static void advance(fake_v4l2 *f) {
         }
         d->sequence++;
       }
-      d->next_ns += FAKE_V4L2_PERIOD_NS;
+      d->next_ns += period_ns(d);
     }
   }
 }
@@ -101,11 +104,16 @@ static const struct v4l2_queryctrl controls[FAKE_V4L2_N_CONTROLS] = {
     {.id = V4L2_CID_GAIN, .maximum = 255, .default_value = 64},
     {.id = V4L2_CID_AUTO_WHITE_BALANCE, .maximum = 1, .default_value = 1},
     {.id = V4L2_CID_WHITE_BALANCE_TEMPERATURE, .minimum = 2800, .maximum = 6500, .default_value = 4600},
+    {.id = V4L2_CID_HBLANK, .minimum = 56, .maximum = 56, .default_value = 56},
+    {.id = V4L2_CID_VBLANK, .minimum = 4, .maximum = 4000, .default_value = 52},
 };
+#define I_HBLANK   5
+#define I_VBLANK   6
+#define PIXEL_RATE ((64 + 56) * (48 + 52) * 25) // 400 us a line
 
 static int control_index(const fake_device *d, uint32_t id) {
   for (int i = 0; d->has_controls && i < FAKE_V4L2_N_CONTROLS; i++)
-    if (controls[i].id == id) return i;
+    if (controls[i].id == id) return i >= I_HBLANK && !d->has_blanking ? -1 : i;
   return -1;
 }
 
@@ -122,6 +130,7 @@ static int do_control(fake_device *d, unsigned long request, void *arg) {
   if (request == VIDIOC_S_CTRL) {
     if (c->value < controls[i].minimum || c->value > controls[i].maximum) return -ERANGE;
     d->control[i] = c->value;
+    if (i == I_VBLANK) d->interval_ns = (48 + c->value) * 400 * SV_NS_PER_US;
   }
   c->value = d->control[i];
   return 0;
@@ -130,6 +139,7 @@ static int do_control(fake_device *d, unsigned long request, void *arg) {
 static void reset_device(fake_device *d) {
   d->fourcc = V4L2_PIX_FMT_YUYV;
   d->width_px = FAKE_V4L2_WIDTH_PX, d->height_px = FAKE_V4L2_HEIGHT_PX;
+  d->interval_ns = 0;
   for (int i = 0; i < FAKE_V4L2_N_CONTROLS; i++) d->control[i] = controls[i].default_value;
 }
 
@@ -138,7 +148,9 @@ static int do_format(fake_device *d, unsigned long request, struct v4l2_format *
   bool is_get = request == VIDIOC_G_FMT;
   uint32_t fourcc = is_get ? d->fourcc : d->is_mplane ? f->fmt.pix_mp.pixelformat : f->fmt.pix.pixelformat;
   fake_device wanted = *d;
-  if (sv_v4l2_format_index(fourcc) < 0 || fourcc == V4L2_PIX_FMT_JPEG) fourcc = V4L2_PIX_FMT_YUYV;
+  if (sv_v4l2_format_index(fourcc) < 0 || fourcc == V4L2_PIX_FMT_JPEG ||
+      (fourcc == V4L2_PIX_FMT_NV12M && !d->is_mplane))
+    fourcc = V4L2_PIX_FMT_YUYV;
   wanted.fourcc = fourcc;
   if (!is_get && d->is_other_size) wanted.width_px = FAKE_V4L2_WIDTH_PX / 2;
   if (request == VIDIOC_S_FMT) {
@@ -151,8 +163,11 @@ static int do_format(fake_device *d, unsigned long request, struct v4l2_format *
   if (d->is_mplane) {
     f->fmt.pix_mp =
         (struct v4l2_pix_format_mplane){.width = w, .height = h, .pixelformat = fourcc, .num_planes = 1};
-    f->fmt.pix_mp.plane_fmt[0].bytesperline = row;
-    f->fmt.pix_mp.plane_fmt[0].sizeimage = bytes;
+    f->fmt.pix_mp.num_planes = (uint8_t)sv_v4l2_format_planes(fourcc);
+    for (int p = 0; p < f->fmt.pix_mp.num_planes; p++) {
+      f->fmt.pix_mp.plane_fmt[p].bytesperline = row;
+      f->fmt.pix_mp.plane_fmt[p].sizeimage = p ? bytes / 2 : bytes;
+    }
   } else
     f->fmt.pix = (struct v4l2_pix_format){
         .width = w, .height = h, .pixelformat = fourcc, .bytesperline = row, .sizeimage = bytes};
@@ -162,7 +177,7 @@ static int do_format(fake_device *d, unsigned long request, struct v4l2_format *
 static int do_reqbufs(fake_device *d, struct v4l2_requestbuffers *r) {
   if (r->count && d->is_busy) return -EBUSY;
   memset(d->buffer, 0, sizeof d->buffer);
-  for (int k = 0; k < FAKE_V4L2_CAP_BUFFERS; k++) d->buffer[k].i_page = -1;
+  for (int k = 0; k < FAKE_V4L2_CAP_BUFFERS; k++) d->buffer[k].i_page[0] = d->buffer[k].i_page[1] = -1;
   d->n_buffers = (int)(r->count < FAKE_V4L2_CAP_BUFFERS ? r->count : FAKE_V4L2_CAP_BUFFERS);
   return 0;
 }
@@ -176,9 +191,11 @@ static void put_buffer(const fake_v4l2 *f, const fake_device *d, uint32_t i, str
   b->timestamp.tv_usec = k->stamp_ns % SV_NS_PER_S / SV_NS_PER_US;
   uint32_t offset = (uint32_t)(d - f->device) * 4096 * 64 + i * 4096;
   if (d->is_mplane) {
-    b->m.planes[0].length = FAKE_V4L2_PAGE_BYTES;
-    b->m.planes[0].m.mem_offset = offset;
-    b->m.planes[0].bytesused = k->bytes;
+    for (uint32_t p = 0; p < sv_v4l2_format_planes(d->fourcc); p++) {
+      b->m.planes[p].length = FAKE_V4L2_PAGE_BYTES;
+      b->m.planes[p].m.mem_offset = offset + p * FAKE_V4L2_CAP_BUFFERS * 4096;
+      b->m.planes[p].bytesused = p ? k->bytes / (d->has_short_chroma ? 4 : 2) : k->bytes;
+    }
   } else b->length = FAKE_V4L2_PAGE_BYTES, b->m.offset = offset, b->bytesused = k->bytes;
 }
 
@@ -194,6 +211,7 @@ static int do_buffer(fake_v4l2 *f, fake_device *d, unsigned long request, struct
     return 0;
   }
   if (b->index >= (uint32_t)d->n_buffers) return -EINVAL;
+  if (d->is_mplane && b->length < sv_v4l2_format_planes(d->fourcc)) return -EINVAL;
   if (request == VIDIOC_QBUF) {
     fake_buffer *k = &d->buffer[b->index];
     if (k->is_queued) return -EINVAL;
@@ -211,7 +229,7 @@ static int do_stream(fake_v4l2 *f, fake_device *d, bool is_on) {
   if (is_on) {
     d->sequence = 0;
     d->n_streamons++;
-    d->next_ns = f->now_ns + FAKE_V4L2_PERIOD_NS + (d - f->device) * SV_NS_PER_MS;
+    d->next_ns = f->now_ns + period_ns(d) + (d - f->device) * SV_NS_PER_MS;
     return 0;
   }
   d->is_fatal = false;
@@ -253,6 +271,65 @@ static int do_capability(const fake_v4l2 *f, const fake_device *d, struct v4l2_c
   return 0;
 }
 
+static int do_interval_now(fake_device *d, unsigned long request, struct v4l2_streamparm *p) {
+  struct v4l2_captureparm *c = &p->parm.capture;
+  if (request == VIDIOC_S_PARM) {
+    if (d->is_streaming && !d->can_set_rate) return -EBUSY;
+    sv_ns ns = (sv_ns)c->timeperframe.numerator * SV_NS_PER_S / c->timeperframe.denominator;
+    d->interval_ns = d->is_coarse && ns != FAKE_V4L2_PERIOD_NS ? 2 * FAKE_V4L2_PERIOD_NS : ns;
+  }
+  c->capability = d->can_set_rate ? V4L2_CAP_TIMEPERFRAME : 0;
+  c->timeperframe = (struct v4l2_fract){(uint32_t)period_ns(d), 1000000000};
+  return 0;
+}
+
+static int do_pixel_rate(const fake_device *d, struct v4l2_ext_controls *x) {
+  if (!d->has_blanking || x->count != 1 || x->controls[0].id != V4L2_CID_PIXEL_RATE) return -EINVAL;
+  x->controls[0].value64 = PIXEL_RATE;
+  return 0;
+}
+
+// --- a signal at its input -----------------------------------------------------------------------
+static int do_signal(fake_device *d, unsigned long request, void *arg) {
+  struct v4l2_dv_timings *t = arg;
+  int width_px = d->signal_width_px ? d->signal_width_px : FAKE_V4L2_WIDTH_PX;
+  if (request == VIDIOC_SUBSCRIBE_EVENT) {
+    d->is_subscribed = true;
+    return 0;
+  }
+  if (request == VIDIOC_DQEVENT) {
+    if (!d->has_event) return -ENOENT;
+    d->has_event = false;
+    ((struct v4l2_event *)arg)->type = V4L2_EVENT_SOURCE_CHANGE;
+    return 0;
+  }
+  if (request == VIDIOC_G_INPUT) {
+    *(int *)arg = 0;
+    return 0;
+  }
+  if (request == VIDIOC_ENUMINPUT) {
+    ((struct v4l2_input *)arg)->capabilities = d->is_hdmi ? V4L2_IN_CAP_DV_TIMINGS : 0;
+    return 0;
+  }
+  if (!d->is_hdmi) return -ENODATA;
+  if (request == VIDIOC_QUERY_DV_TIMINGS && d->signal_errno) return -d->signal_errno;
+  if (request == VIDIOC_S_DV_TIMINGS) {
+    if (d->n_buffers) return -EBUSY;
+    d->width_px = (int)t->bt.width;
+    return 0;
+  }
+  memset(t, 0, sizeof *t);
+  t->bt.width = (uint32_t)(request == VIDIOC_G_DV_TIMINGS ? d->width_px : width_px);
+  t->bt.height = FAKE_V4L2_HEIGHT_PX;
+  return 0;
+}
+
+void fake_v4l2_signal(fake_v4l2 *f, int i, int width_px, int error) {
+  f->device[i].signal_width_px = width_px;
+  f->device[i].signal_errno = error;
+  f->device[i].has_event = f->device[i].is_subscribed;
+}
+
 // --- the table -----------------------------------------------------------------------------------
 static int do_ioctl(fake_v4l2 *f, fake_device *d, unsigned long request, void *arg) {
   if (d->is_unplugged) return -ENODEV;
@@ -265,9 +342,15 @@ static int do_ioctl(fake_v4l2 *f, fake_device *d, unsigned long request, void *a
   case VIDIOC_TRY_FMT:
   case VIDIOC_S_FMT: return do_format(d, request, arg);
   case VIDIOC_G_PARM:
-    ((struct v4l2_streamparm *)arg)->parm.capture.timeperframe = (struct v4l2_fract){1, 25};
-    return 0;
-  case VIDIOC_S_PARM: return 0;
+  case VIDIOC_S_PARM: return do_interval_now(d, request, arg);
+  case VIDIOC_G_EXT_CTRLS: return do_pixel_rate(d, arg);
+  case VIDIOC_G_INPUT:
+  case VIDIOC_ENUMINPUT:
+  case VIDIOC_QUERY_DV_TIMINGS:
+  case VIDIOC_G_DV_TIMINGS:
+  case VIDIOC_S_DV_TIMINGS:
+  case VIDIOC_SUBSCRIBE_EVENT:
+  case VIDIOC_DQEVENT: return do_signal(d, request, arg);
   case VIDIOC_REQBUFS: return do_reqbufs(d, arg);
   case VIDIOC_QUERYBUF:
   case VIDIOC_QBUF:
@@ -315,12 +398,13 @@ static int sys_ioctl(void *self, int fd, unsigned long request, void *arg) {
 static void *sys_map(void *self, int fd, size_t bytes, int64_t offset) {
   fake_v4l2 *f = self;
   fake_device *d = &f->device[fd - FD_DEVICE];
-  int k = (int)(offset / 4096 % 64);
+  int k = (int)(offset / 4096 % 64), plane = k / FAKE_V4L2_CAP_BUFFERS;
+  k %= FAKE_V4L2_CAP_BUFFERS;
   if (must_fail(f, fd - FD_DEVICE) || bytes > FAKE_V4L2_PAGE_BYTES || k >= d->n_buffers) return NULL;
   for (int i = 0; i < FAKE_V4L2_CAP_PAGES; i++)
     if (!f->page_state[i]) {
       f->page_state[i] = 1;
-      d->buffer[k].i_page = i;
+      d->buffer[k].i_page[plane] = i;
       return f->page[i];
     }
   return NULL;
@@ -357,6 +441,7 @@ static int sys_poll(void *self, struct pollfd *fds, int n, int timeout_ms) {
       fds[i].revents = 0;
       if (d->is_unplugged || d->is_fatal) fds[i].revents = POLLERR;
       else if (oldest_done(d)) fds[i].revents = POLLIN;
+      if (d->has_event) fds[i].revents |= fds[i].events & POLLPRI;
       n_ready += fds[i].revents != 0;
     }
     if (n_ready || f->now_ns >= end_ns) return n_ready;

@@ -14,11 +14,11 @@
 #define FAKE_V4L2_WIDTH_PX    64
 #define FAKE_V4L2_HEIGHT_PX   48
 #define FAKE_V4L2_PERIOD_NS   (40 * SV_NS_PER_MS)
-#define FAKE_V4L2_N_CONTROLS  5
+#define FAKE_V4L2_N_CONTROLS  7
 
 typedef struct {
   bool is_queued, is_done, is_dequeued;
-  int i_page; // -1: not mapped
+  int i_page[2]; // of each plane; -1: not mapped
   uint32_t sequence, flags, bytes;
   sv_ns stamp_ns;
 } fake_buffer;
@@ -35,11 +35,22 @@ typedef struct {
   bool has_frozen_sequence, is_short, is_flagged, is_wrong_jpeg;
   double max_fps_raw; // of formats that are not compressed; 0: as all
   bool has_controls, is_mplane;
+  bool
+      has_blanking; // the sensor's blanking can be set: 64 + 56 pixels a line, 48 + 52 lines a frame at 25 fps
+  bool can_set_rate;     // its frame interval can be set while it runs
+  bool is_coarse;        // but only to one of a few
+  bool has_short_chroma; // the second plane has half of its bytes
+  // an input with a signal of its own
+  bool is_hdmi;
+  int signal_errno;              // 0: there is one
+  int signal_width_px;           // 0: as set
+  bool has_event, is_subscribed; // SOURCE_CHANGE waits
   // what it does
   int n_open, fd;
   bool is_streaming;
   uint32_t fourcc;
   int width_px, height_px;
+  sv_ns interval_ns; // of its frames, when it was set
   int n_buffers;
   fake_buffer buffer[FAKE_V4L2_CAP_BUFFERS];
   uint32_t sequence;
@@ -71,6 +82,8 @@ int fake_v4l2_n_open(const fake_v4l2 *f);   // descriptors, exported buffers inc
 int fake_v4l2_n_mapped(const fake_v4l2 *f); // pages, detached ones included
 void fake_v4l2_unplug(fake_v4l2 *f, int i); // frames in the driver are gone
 void fake_v4l2_plug(fake_v4l2 *f, int i);   // back, with all settings as new
+// The signal at input i is another one (width 0: the old one again; an error number: none), and the driver says so.
+void fake_v4l2_signal(fake_v4l2 *f, int i, int width_px, int error);
 // Was the picture written by frame number `sequence` of device i, and is it still so?
 bool fake_v4l2_is_frame(const uint8_t *data, int i, uint32_t sequence);
 

@@ -14,9 +14,9 @@ static _Alignas(SV_ARENA_ALIGN) uint8_t block[BLOCK_BYTES];
 static uint8_t file_block[WORLD_CAP_FILES + 1][WORLD_CAP_FILE]; // the last one: the file being written
 static uint8_t truth[640 * 480 * 3];
 
-static const char *const CALL_NAMES[WORLD_N_CALLS] = {"start",    "dequeue",     "requeue", "stop",
-                                                      "rig_pose", "set_control", "trigger", "worker",
-                                                      "begin",    "write",       "commit",  "read"};
+static const char *const CALL_NAMES[WORLD_N_CALLS] = {"start", "dequeue",     "requeue", "stop",   "rig_pose",
+                                                      "event", "set_control", "trigger", "worker", "begin",
+                                                      "write", "commit",      "read",    "decode"};
 const char *world_call_name(world_call c) { return CALL_NAMES[c]; }
 
 // True when this call is to fail.
@@ -63,6 +63,11 @@ static sv_status src_rig_pose(void *self, sv_ns host_ns, sv_pose *rig_from_world
   if (fails(w, WORLD_RIG_POSE)) return SV_E_IO;
   return w->inner.source.rig_pose(w->inner.source.self, host_ns, rig_from_world);
 }
+static sv_status src_event(void *self, sv_camera_event *e) {
+  world *w = self;
+  if (fails(w, WORLD_EVENT)) return SV_E_DEVICE;
+  return w->inner.source.event ? w->inner.source.event(w->inner.source.self, e) : SV_AGAIN;
+}
 static sv_status src_set_control(void *self, int i_camera, sv_control c, int64_t value, int64_t *actual) {
   world *w = self;
   if (fails(w, WORLD_SET_CONTROL)) return SV_E_DEVICE;
@@ -71,6 +76,18 @@ static sv_status src_set_control(void *self, int i_camera, sv_control c, int64_t
 static sv_status src_trigger(void *self, bool is_external) {
   world *w = self;
   return fails(w, WORLD_TRIGGER) ? SV_E_DEVICE : w->inner.source.trigger(w->inner.source.self, is_external);
+}
+
+static sv_status decode(void *self, const uint8_t *data, size_t bytes, int width_px, int height_px,
+                        size_t stride_bytes, uint8_t *rgb, sv_err *err) {
+  world *w = self;
+  if (fails(w, WORLD_DECODE)) return sv_fail(err, SV_E_CORRUPT, "a picture cannot be decoded: made to fail");
+  return w->inner.decoder.decode(w->inner.decoder.self, data, bytes, width_px, height_px, stride_bytes, rgb,
+                                 err);
+}
+sv_decoder world_decoder(world *w, const sv_decoder *inner) {
+  w->inner.decoder = *inner;
+  return (sv_decoder){w, decode};
 }
 
 // --- the cameras' thread -------------------------------------------------------------------------
@@ -219,6 +236,7 @@ static bool finish_open(world *w, sv_source source, sv_clock clock, const char *
                                .requeue = src_requeue,
                                .stop = src_stop,
                                .rig_pose = src_rig_pose,
+                               .event = src_event,
                                .set_control = source.set_control ? src_set_control : NULL,
                                .trigger = source.trigger ? src_trigger : NULL};
   w->port.store = (sv_store){w, st_begin, st_write, st_commit, st_abandon, st_read};

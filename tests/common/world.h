@@ -37,6 +37,7 @@ typedef enum {
   WORLD_REQUEUE,
   WORLD_STOP,
   WORLD_RIG_POSE,
+  WORLD_EVENT,
   WORLD_SET_CONTROL,
   WORLD_TRIGGER,
   WORLD_WORKER, // the start of the cameras' thread
@@ -44,6 +45,7 @@ typedef enum {
   WORLD_WRITE,
   WORLD_COMMIT,
   WORLD_READ,
+  WORLD_DECODE, // when the test sets port.decoder = world_decoder(w)
   WORLD_N_CALLS
 } world_call;
 const char *world_call_name(world_call c);
@@ -93,6 +95,8 @@ sv_status world_init_in(world *w, size_t bytes); // the same in so many bytes of
 sv_status world_run(world *w);
 // The cameras' thread for a live run; the simulator then runs as fast as it can beside the training.
 sv_worker world_worker(world *w);
+// A decoder of compressed frames that can fail; `inner` does the work.
+sv_decoder world_decoder(world *w, const sv_decoder *inner);
 void world_close(world *w);                                     // ends the threads; the files stay
 void world_forget_files(world *w);                              // an empty store
 const world_file *world_find(const world *w, const char *name); // NULL: no such file

@@ -137,12 +137,60 @@ static void short_frames_are_dropped_by_name(void **state) {
   close_cameras();
 }
 
+// A host that is held up for seconds while the streams start, or at any of the first frames: no clock has stepped.
+static sv_source held_inner;
+static int n_dequeues, i_held;
+static sv_ns held_ns;
+static sv_status held_dequeue(void *self, sv_frame *f, sv_ns until_ns) {
+  (void)self;
+  if (n_dequeues++ == i_held) fake.now_ns += held_ns;
+  return held_inner.dequeue(held_inner.self, f, until_ns > fake.now_ns ? until_ns : fake.now_ns);
+}
+static sv_status held_requeue(void *self, const sv_frame *f) {
+  (void)self;
+  return held_inner.requeue(held_inner.self, f);
+}
+static sv_status held_start(void *self) {
+  (void)self;
+  return held_inner.start(held_inner.self);
+}
+static sv_status held_stop(void *self) {
+  (void)self;
+  return held_inner.stop(held_inner.self);
+}
+
+static void a_host_held_up_at_the_start_costs_no_exposure(void **state) {
+  (void)state;
+  static const char *const clocks[] = {",settle=0", ",settle=0,clock=boottime"};
+  for (int k = 0; k < 2 * 7 * 2; k++) {
+    i_held = k % 7, held_ns = (k / 7 % 2 ? 5000 : 1400) * SV_NS_PER_MS;
+    open_cameras(clocks[k / 14], false);
+    held_inner = w.port.source;
+    w.port.source = (sv_source){.n_cameras = 2,
+                                .caps = w.port.source.caps,
+                                .start = held_start,
+                                .dequeue = held_dequeue,
+                                .requeue = held_requeue,
+                                .stop = held_stop};
+    n_dequeues = 0;
+    w.cfg.skew_limit_ns = 10 * SV_NS_PER_MS;
+    must_run();
+    for (int i = 0; i < 2; i++) {
+      const sv_ledger *l = sv_sync_ledger(&w.app.intake.sync, i);
+      if (l->dropped[SV_DROP_CLOCK_STEP]) fail_msg("held up at frame %d: a false clock_step", i_held);
+      assert_int_equal(w.app.intake.sync.streams[i].events[SV_SYNC_EVENT_CLOCK_STEP], 0);
+    }
+    close_cameras();
+  }
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(each_kind_of_frame_is_trained_on),
       cmocka_unit_test(a_grey_frame_arrives_as_it_was),
       cmocka_unit_test(a_damaged_picture_costs_its_exposure),
       cmocka_unit_test(short_frames_are_dropped_by_name),
+      cmocka_unit_test(a_host_held_up_at_the_start_costs_no_exposure),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

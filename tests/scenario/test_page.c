@@ -55,6 +55,15 @@ static bool skipped(void) {
   return false;
 }
 
+// A machine may have the program and still not let it run (sandboxes): that is as good as not having it.
+static void open_browser(int w, int h) {
+  char why[200];
+  if (browser_open(&b, root, w, h, why, sizeof why)) return;
+  live_run_stop(&r);
+  print_message("skip the page: Chromium does not start here: %s\n", why);
+  skip();
+}
+
 #define MUST(expression, seconds)                                                                            \
   do {                                                                                                       \
     if (!browser_wait(&b, expression, seconds))                                                              \
@@ -80,12 +89,14 @@ static void watch_and_start(void) {
   print_message("first model %.2f s after Start\n", now_s() - started);
 }
 
+// Pause is pressed by the page itself as soon as the PSNR has risen: a fast machine is done soon after.
 static void watch_training(void) {
-  char text[64];
-  MUST("$('state').textContent === 'training' && page.state.psnr > 0", 60);
-  double psnr = browser_number(&b, "page.state.psnr");
-  snprintf(text, sizeof text, "page.state.psnr > %g", psnr + 2);
-  MUST(text, 90);
+  MUST("page.state.psnr > 0", 60);
+  assert_true(browser_eval(&b,
+                           "(()=>{const p=page.state.psnr;window.watch=setInterval(()=>{"
+                           "if(page.state.psnr>p+2){clearInterval(watch);$('pause').click()}},10)})()",
+                           (char[16]){0}, 16));
+  MUST("$('state').textContent === 'paused'", 90);
   assert_int_equal((int)browser_number(&b, "view.n"), GAUSSIANS);
   MUST("page.points.length > 2 && !$('picture').hidden", 30);
 }
@@ -123,12 +134,6 @@ static void measure_rate(void) {
   print_message("turning: %.1f pictures a second (software GL, %d Gaussians, %.0f %% of the pixels a side)\n",
                 fps, GAUSSIANS, 100 * browser_number(&b, "view.quality"));
   assert_true(fps > 0); // a busy machine without a GPU; what it reaches is printed
-}
-
-static void pause_it(void) {
-  char text[16];
-  assert_true(browser_eval(&b, "$('pause').click()", text, sizeof text));
-  MUST("$('state').textContent === 'paused'", 20);
 }
 
 static void save_download(void) {
@@ -170,16 +175,15 @@ static void test_page(void **state) {
   char text[64], args[256];
   if (skipped()) skip();
   snprintf(args, sizeof args,
-           "--source sim:textured,rig=stereo --exposures 4 --steps 250 --gaussians %d --session", GAUSSIANS);
+           "--source sim:textured,rig=stereo --exposures 4 --steps 1500 --gaussians %d --session", GAUSSIANS);
   if (!live_run_start(&r, root, args)) fail_msg("the run does not start: %s", r.err);
-  assert_true(browser_open(&b, root, 1180, 760));
+  open_browser(1180, 760);
   watch_and_start();
   watch_training();
-  pause_it();
   turn_it();
   save_download();
   read_download();
-  MUST("$('state').textContent === 'done'", 120);
+  MUST("$('state').textContent === 'done'", 180);
   MUST("$('new').disabled === false", 5);
   measure_rate();
   assert_true(browser_size(&b, 390, 844, true));
@@ -201,7 +205,7 @@ static void test_failed(void **state) {
   if (skipped()) skip();
   if (!live_run_start(&r, root, "--source replay:@/nowhere --session"))
     fail_msg("the run does not start: %s", r.err);
-  assert_true(browser_open(&b, root, 900, 600));
+  open_browser(900, 600);
   assert_true(browser_goto(&b, r.link));
   MUST("$('message-title').textContent === 'No camera' && $('message-text').textContent.includes('nowhere')",
        20);

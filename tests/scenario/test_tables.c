@@ -115,6 +115,8 @@ static int setup(void **state) {
            SIDE_PX);
   if (run(command) != 0) return -1;
   // Two angles, so that there is a curve over them.
+  // All frames of one time, as renderers write them: a still scene all the same.
+  if (run("sed -i 's/\"file_path\"/\"time\": 0.0, \"file_path\"/' ../s/transforms_*.json") != 0) return -1;
   if (run("for d in stereo lightfield; do mv ../s/transforms_train_$d.json "
           "../s/transforms_train_${d}_theta10.json; "
           "cp ../s/transforms_train_${d}_theta10.json ../s/transforms_train_${d}_theta2.json; done") != 0)

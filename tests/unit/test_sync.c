@@ -336,6 +336,53 @@ static void a_held_up_host_is_no_step(void **state) {
   }
 }
 
+// The same while the streams start, before anything is known of clocks and rates: the first frames wait, as many as
+// there are buffers; what comes meanwhile is lost; then all arrive at once.
+static void hold_up_at(int mode, int i_first, sv_ns held_ns, int n_buffers) {
+  world_t w = world3();
+  if (mode)
+    for (int c = 0; c < 3; c++) w.cam[c].drift = 0, w.cam[c].offset_ns = 1000 * SV_NS_PER_S;
+  bench_t b;
+  sv_rng r = sv_rng_make(5, 1);
+  sv_sync_cfg cfg = {.skew_limit_ns = mode ? 500000 : 8000000,
+                     .queue_len = 4,
+                     .clock_mode = mode ? SV_SYNC_CLOCK_COMMON : 0};
+  bench_open(&b, &w, cfg, 4000);
+  int n_held = (int)(held_ns / PERIOD_NS), n_kept = n_held < n_buffers ? n_held : n_buffers;
+  sv_ns until_ns = 1000 * SV_NS_PER_S + i_first * PERIOD_NS + held_ns;
+  play(&b, &w, 1, 0, i_first);
+  for (int k = i_first; k < i_first + n_kept; k++)
+    for (int c = 0; c < 3; c++) {
+      sv_frame f = make_frame(&b, &w, &r, c, k);
+      f.arrival_ns = until_ns + (k * 3 + c) * 20000;
+      push(&b, f, true);
+    }
+  for (int c = 0; c < 3; c++) b.seq[c] += (uint32_t)(n_held - n_kept);
+  play(&b, &w, 2, i_first + n_held, 200);
+  for (int c = 0; c < 3; c++) {
+    if (b.sync.streams[c].events[SV_SYNC_EVENT_CLOCK_STEP])
+      fail_msg("mode %d, frame %d held up for %lld ms, %d buffers: camera %d's clock has stepped", mode,
+               i_first, (long long)(held_ns / SV_NS_PER_MS), n_buffers, c);
+    const sv_ledger *l = sv_sync_ledger(&b.sync, c);
+    assert_int_equal(l->dropped[SV_DROP_CLOCK_STEP], 0);
+    assert_int_equal(l->dropped[SV_DROP_SEQUENCE_GAP], (uint64_t)(n_held - n_kept));
+    // Where all clocks are one, nothing at all is lost. Else the first ones have no common time yet.
+    if (mode) assert_int_equal(l->delivered, (uint64_t)(i_first + n_kept + 200));
+    else assert_true(l->delivered >= 195);
+  }
+  bench_close(&b);
+}
+
+static void a_host_held_up_at_the_start_is_no_step(void **state) {
+  (void)state;
+  static const sv_ns held_ns[] = {1300 * SV_NS_PER_MS, 3 * SV_NS_PER_S, 6 * SV_NS_PER_S};
+  for (int mode = 0; mode < 2; mode++)
+    for (int i_first = 0; i_first < 5; i_first++)
+      for (int h = 0; h < 3; h++)
+        for (int n_buffers = 1; n_buffers <= 32; n_buffers *= 2)
+          hold_up_at(mode, i_first, held_ns[h], n_buffers);
+}
+
 static void missing_camera_policies(void **state) {
   (void)state;
   world_t w = world3();
@@ -492,6 +539,7 @@ int main(void) {
       cmocka_unit_test(everything_at_once_stays_exact),
       cmocka_unit_test(a_step_of_an_hour_relocks),
       cmocka_unit_test(a_held_up_host_is_no_step),
+      cmocka_unit_test(a_host_held_up_at_the_start_is_no_step),
       cmocka_unit_test(missing_camera_policies),
       cmocka_unit_test(late_frames_are_named),
       cmocka_unit_test(a_full_pool_drops_the_oldest_exposure),

@@ -74,10 +74,11 @@ static const lab_command commands[] = {
       LAB_TABLES},
      lab_cmd_tables},
     {{"bench", "[options]", "time whole steps and kernels",
-      "Times training steps and renderings of a synthetic scene for several sizes, and each kernel in each\n"
-      "variant that this CPU runs. bound_ms is the time the step's pixel arithmetic would take at the "
-      "measured peak\n"
-      "of fused multiply-adds.",
+      "Times training steps, their stages and renderings of a synthetic scene for several sizes, on one\n"
+      "thread, two and all, and each kernel in each variant that this CPU runs: medians with quartiles, and\n"
+      "the least. Ratios, shares and growth are of the least times. The bound is what the step's operations\n"
+      "take at the measured peak of fused multiply-adds, or its bytes at the measured rate of copying,\n"
+      "whichever is longer; useful pairs are those that were blended.",
       "  subview-lab bench --json", LAB_BENCH},
      lab_cmd_bench},
 };

@@ -47,7 +47,7 @@ typedef struct {
   char folder[SV_CAP_PATH]; // without links
   char name[TABLES_CAP_NAME];
   int n_views[TABLES_N_SPLITS], width_px, height_px; // held out
-  bool has_depth, is_dynamic;                        // dynamic: the held-out views have times
+  bool has_depth, is_dynamic;                        // dynamic: the held-out views are of several times
   uint64_t digest;                                   // of a held-out picture of each split
   tables_capture of[TABLES_N_DEVICES];
 } tables_scene;

@@ -114,7 +114,7 @@ static sv_status read_split(tables_scene *sc, const char *transforms, int split,
   sc->n_views[split] = v.n;
   sc->width_px = v.cap_width_px, sc->height_px = v.cap_height_px;
   sc->has_depth = v.has_depth;
-  sc->is_dynamic = v.frames[0].f.time >= 0;
+  for (int i = 1; i < v.n; i++) sc->is_dynamic |= v.frames[i].f.time != v.frames[0].f.time;
   s = tables_hash_file(&sc->digest, v.frames[0].path, err);
   lab_views_free(&v);
   return s;

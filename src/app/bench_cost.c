@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a step asks for, counted, and the least time it can take.
+#include "src/app/bench.h"
+
+#include "src/base/mathx.h"
+
+static const sv_bench_op ops_of[SV_N_STAGES][2] = {
+    [SV_STAGE_TARGET] = {SV_BENCH_UNPACK, SV_N_BENCH_OPS},
+    [SV_STAGE_PROJECT] = {SV_BENCH_PROJECT, SV_N_BENCH_OPS},
+    [SV_STAGE_ORDER] = {SV_BENCH_SORT, SV_BENCH_BIN},
+    [SV_STAGE_RASTER] = {SV_BENCH_RASTER, SV_N_BENCH_OPS},
+    [SV_STAGE_LOSS] = {SV_BENCH_SSIM, SV_BENCH_SSIM_BWD},
+    [SV_STAGE_RASTER_BWD] = {SV_BENCH_RASTER_BWD, SV_N_BENCH_OPS},
+    [SV_STAGE_OPTIMISE] = {SV_BENCH_PROJECT_BWD, SV_BENCH_ADAM},
+};
+
+// Operations of one pair, kernels/raster/raster_vec.inc without depth: offset 1, quadric 4, 2^x 11, min 1, weight and
+// transmittance 4, three colours 6; and backward the same but for the colours, then 6 + 2 gradients of colour and
+// error, 5 for their product, 2 suffix, 2 quotient, 4 to dL/d(ln alpha), 5 moments.
+#define FORWARD_FLOP  27.0
+#define BACKWARD_FLOP 47.0
+
+// One channel of one pixel, kernels/ssim/ssim_vec.inc: four maps blurred along columns 108 and rows 64, the point 27;
+// backward three maps of two blurs of 16, and 11.
+#define SSIM_FLOP     199.0
+#define SSIM_BWD_FLOP 107.0
+
+// One Gaussian, kernels/project/project_vec.inc: geometry 270 (four 2^x among it), the splat 66, a colour 6 a
+// coefficient; backward the geometry again, screen 29, camera 94, shape 140, place 31, colour 17 a coefficient.
+#define PROJECT_FLOP     336.0
+#define PROJECT_BWD_FLOP 564.0
+#define BIN_ROW_FLOP     35.0 // two chords of an ellipse
+#define ADAM_FLOP        13.0
+#define SORT_PASSES      2.0
+
+sv_bench_cost sv_bench_cost_of(sv_bench_op op, const sv_bench_counts *n) {
+  const double px = n->n_pixels, all = n->n_gaussians, visible = n->n_visible, recs = n->n_recs;
+  const double touched = n->n_touched, rows = n->n_rows, pairs = (double)n->pairs;
+  const double coef = (rows - SV_ROW_SH) / 3.0, record = sizeof(sv_rec) + sizeof(uint32_t);
+  const double slot = SV_SLOT_FLOATS * sizeof(float);
+  switch (op) {
+  case SV_BENCH_UNPACK: return (sv_bench_cost){3 * px, (3 + 12) * px};
+  case SV_BENCH_PROJECT:
+    return (sv_bench_cost){(PROJECT_FLOP + 6 * coef) * all,
+                           4 * rows * all + sizeof(sv_splat) * all + 4 * visible};
+  case SV_BENCH_SORT: return (sv_bench_cost){0, 2 * SORT_PASSES * sizeof(sv_pair) * visible};
+  case SV_BENCH_BIN:
+    return (sv_bench_cost){BIN_ROW_FLOP * (double)n->rows, sizeof(sv_splat) * visible + record * recs};
+  case SV_BENCH_RASTER:
+    return (sv_bench_cost){FORWARD_FLOP * pairs, (record + 8) * recs + sizeof(sv_splat) * visible + 16 * px};
+  case SV_BENCH_SSIM: return (sv_bench_cost){3 * SSIM_FLOP * px, 3 * (8 + 12) * px};
+  case SV_BENCH_SSIM_BWD: return (sv_bench_cost){3 * SSIM_BWD_FLOP * px, 3 * (8 + 12 + 4) * px + 4 * px};
+  case SV_BENCH_RASTER_BWD:
+    return (sv_bench_cost){BACKWARD_FLOP * pairs,
+                           (record + slot) * recs + sizeof(sv_splat) * visible + 28 * px};
+  case SV_BENCH_PROJECT_BWD:
+    return (sv_bench_cost){(PROJECT_BWD_FLOP + 17 * coef) * touched + SV_SLOT_ERR * recs,
+                           (sizeof(sv_rec) + slot) * recs + sizeof(sv_splat) * visible + 4 * rows * touched};
+  case SV_BENCH_ADAM: return (sv_bench_cost){ADAM_FLOP * rows * touched, 6 * 4 * rows * touched};
+  default: return (sv_bench_cost){0, 0};
+  }
+}
+
+double sv_bench_bound_s(const sv_bench_peak *peak, sv_bench_cost cost, double working_bytes) {
+  double flop_s = peak->flop_per_s > 0 ? cost.flop / peak->flop_per_s : 0, rate = 0;
+  // The largest block that is not larger than the step's: nothing is copied faster out of larger ones.
+  for (int i = 0; i < peak->n_copy_sizes; i++)
+    if (i == 0 || (double)peak->copy_bytes[i] <= working_bytes) rate = peak->copy_bytes_per_s[i];
+  double bytes_s = rate > 0 ? cost.bytes / rate : 0;
+  return flop_s > bytes_s ? flop_s : bytes_s;
+}
+
+void sv_bench_bound(sv_bench_step *r, const sv_bench_peak *peak) {
+  double working = 0, flop = (double)r->n.pairs * (FORWARD_FLOP + BACKWARD_FLOP);
+  for (int op = 0; op < SV_N_BENCH_OPS; op++) working += sv_bench_cost_of((sv_bench_op)op, &r->n).bytes;
+  r->bound_ms = 0;
+  for (int s = 0; s < SV_N_STAGES; s++) {
+    r->stage_bound_ms[s] = 0;
+    for (int i = 0; i < 2; i++)
+      r->stage_bound_ms[s] += 1e3 * sv_bench_bound_s(peak, sv_bench_cost_of(ops_of[s][i], &r->n), working);
+    r->bound_ms += r->stage_bound_ms[s];
+  }
+  r->pixel_bound_ms = peak->flop_per_s > 0 ? 1e3 * flop / peak->flop_per_s : 0;
+}
+
+// --- useful lanes --------------------------------------------------------------------------------
+
+// Light that a splat leaves of t at a pixel; negative when the pixel stops. *blended: whether it took part.
+static float blend(const sv_splat *s, float dx, float dy, float t, bool *blended) {
+  float power = s->qa * dx * dx + s->qb * dx * dy + s->qc * dy * dy + s->lo;
+  *blended = false;
+  if (t < 0.0f || power < SV_LOG2_ALPHA_MIN) return t;
+  float a = (float)sv_exp((double)power * 0.693147180559945), next;
+  if (a > SV_ALPHA_MAX) a = SV_ALPHA_MAX;
+  next = t * (1.0f - a);
+  *blended = next >= SV_T_MIN;
+  return *blended ? next : -t;
+}
+
+// Pixel by pixel, whatever shapes the kernels work on.
+static uint64_t count_useful(const sv_renderer *r, const sv_splat *s) {
+  uint64_t n = 0;
+  for (int y = 4 * s->by0; y < 4 * s->by1 + 4 && y < r->rgb.height_px; y++)
+    for (int x = 4 * s->bx0; x < 4 * s->bx1 + 4 && x < r->rgb.width_px; x++) {
+      float *t = r->depth + (size_t)y * (size_t)r->rgb.stride + x;
+      bool blended;
+      *t = blend(s, s->u_px - ((float)x + 0.5f), s->v_px - ((float)y + 0.5f), *t, &blended);
+      n += blended;
+    }
+  return n;
+}
+
+sv_bench_counts sv_bench_count(sv_trainer *t) {
+  sv_renderer *r = &t->render;
+  sv_bench_counts n = {.pairs = sv_render_count_pairs(r),
+                       .n_gaussians = (uint32_t)t->g.n,
+                       .n_visible = r->stats.n_visible,
+                       .n_recs = r->stats.n_recs,
+                       .n_pixels = (uint32_t)(r->rgb.width_px * r->rgb.height_px),
+                       .n_rows = t->g.n_rows};
+  for (int i = 0; i < r->rgb.stride * r->rgb.rows_padded; i++) r->depth[i] = 1.0f;
+  for (uint32_t i = 0; i < r->stats.n_visible; i++) {
+    const sv_splat *s = r->splat + r->order[i];
+    if (!s->n_recs) continue;
+    n.rows += (uint64_t)(s->by1 - s->by0 + 1);
+    n.useful += count_useful(r, s);
+  }
+  return n;
+}

@@ -1,0 +1,97 @@
+// SPDX-License-Identifier: Apache-2.0
+// The bench's own arithmetic: sorted times, growth, bounds and counts. Its times are not tested here.
+// clang-format off
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+// clang-format on
+#include <math.h>
+#include <stdlib.h>
+
+#include "src/app/bench.h"
+
+static void test_times(void **state) {
+  (void)state;
+  double v[] = {5, 1, 4, 2, 3}, one[] = {7}, two[] = {4, 2};
+  sv_bench_times t = sv_bench_times_of(v, 5);
+  assert_true(t.least == 1 && t.q1 == 2 && t.median == 3 && t.q3 == 4);
+  t = sv_bench_times_of(one, 1);
+  assert_true(t.least == 7 && t.median == 7 && t.q3 == 7);
+  assert_true(sv_bench_times_of(two, 2).median == 3);
+  assert_true(sv_bench_times_of(one, 0).median == 0);
+}
+
+static sv_bench_step case_of(int n, int px, double ms) {
+  return (sv_bench_step){.n_gaussians = n, .n = {.n_pixels = (uint32_t)px}, .step_ms = {.least = ms}};
+}
+
+static void test_growth(void **state) {
+  (void)state;
+  sv_bench_step r[6];
+  const int n[] = {1000, 8000}, px[] = {10000, 40000, 160000};
+  for (int i = 0; i < 6; i++) r[i] = case_of(n[i / 3], px[i % 3], 0.5 + 40e-6 * n[i / 3] + 20e-6 * px[i % 3]);
+  sv_bench_growth g = sv_bench_growth_of(r, 6);
+  assert_true(fabs(g.fixed_ms - 0.5) < 1e-9 && fabs(g.ns_per_gaussian - 40) < 1e-6);
+  assert_true(fabs(g.ns_per_pixel - 20) < 1e-6 && g.worst < 1e-9);
+  for (int i = 0; i < 6; i++) r[i].step_ms.least = 1e-6 * sqrt(n[i / 3]) * px[i % 3]; // powers
+  g = sv_bench_growth_of(r, 6);
+  assert_true(fabs(g.by_gaussians - 0.5) < 1e-9 && fabs(g.by_pixels - 1) < 1e-9 && g.worst > 0.01);
+  r[2].step_ms.least = 0; // a clock that stands still says nothing
+  assert_true(sv_bench_growth_of(r, 6).worst == 0);
+  for (int i = 0; i < 3; i++) r[i] = case_of(1000, 10000, 1); // one size has no growth
+  assert_true(sv_bench_growth_of(r, 3).ns_per_pixel == 0);
+}
+
+static void test_bound(void **state) {
+  (void)state;
+  sv_bench_peak p = {
+      .flop_per_s = 1e9, .n_copy_sizes = 2, .copy_bytes = {1000, 4000}, .copy_bytes_per_s = {4e9, 1e9}};
+  sv_bench_cost c = {1e9, 1e9};
+  assert_true(sv_bench_bound_s(&p, c, 1000) == 1);                       // arithmetic
+  assert_true(sv_bench_bound_s(&p, (sv_bench_cost){0, 8e9}, 3999) == 2); // out of the cache
+  assert_true(sv_bench_bound_s(&p, (sv_bench_cost){0, 8e9}, 4000) == 8); // out of memory
+  assert_true(sv_bench_bound_s(&(sv_bench_peak){0}, c, 1000) == 0);      // nothing measured
+  sv_bench_step r = {.n = {.pairs = 1000000, .n_gaussians = 10, .n_pixels = 100, .n_rows = 23}};
+  double sum = 0;
+  sv_bench_bound(&r, &p);
+  for (int s = 0; s < SV_N_STAGES; s++) sum += r.stage_bound_ms[s];
+  assert_true(fabs(r.pixel_bound_ms - 74) < 1e-9 && r.bound_ms >= r.pixel_bound_ms &&
+              fabs(sum - r.bound_ms) < 1e-9);
+}
+
+// The light that the count leaves at each pixel is what the kernels left there.
+static void test_count(void **state) {
+  (void)state;
+  sv_bench_step size = {.n_gaussians = 300, .width_px = 90, .height_px = 50, .n_threads = 1};
+  static sv_bench_scene scene;
+  sv_kernels k;
+  sv_pool pool = sv_pool_serial();
+  sv_step_stats st;
+  size_t bytes = sv_bench_scene_bytes(&size) + SV_ARENA_ALIGN;
+  void *block = malloc(bytes);
+  assert_non_null(block);
+  sv_arena a = sv_arena_make(block, bytes);
+  sv_kernels_init(&k, ~0u);
+  assert_true(sv_bench_scene_make(&scene, &size, &k, &pool, 1, &a, NULL) >= 0);
+  uint64_t before = sv_train_digest(&scene.t);
+  assert_int_equal(sv_train_step(&scene.t, 0.5f, &st), SV_OK);
+  assert_true(sv_train_digest(&scene.t) == before); // every step is the same work
+  sv_bench_counts n = sv_bench_count(&scene.t);
+  const sv_renderer *r = &scene.t.render;
+  assert_true(n.useful > 0 && n.useful <= n.pairs && n.pairs % 16 == 0 && n.n_pixels == 90 * 50);
+  int n_off = 0;
+  for (int y = 0; y < 50; y++)
+    for (int x = 0; x < 90; x++) {
+      int at = y * r->rgb.stride + x;
+      n_off += fabsf(fabsf(r->depth[at]) - r->trans[at]) > 1e-3f;
+    }
+  assert_true(n_off < 5); // a splat at the very edge of 1/255 may go either way
+  free(block);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_times), cmocka_unit_test(test_growth),
+                                     cmocka_unit_test(test_bound), cmocka_unit_test(test_count)};
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
