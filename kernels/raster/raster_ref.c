@@ -98,8 +98,9 @@ static void load_state(const sv_raster_bwd_args *a, long at, tile_state *st) {
   }
 }
 
-// One block of a splat: sums per lane into m[SLOT][16].
-static void block_bwd(const sv_splat *s, float u, float v, int b, const tile_state *st, float m[11][16]) {
+// One block of a splat: sums per lane into row and m[SLOT][16].
+static void block_bwd(const sv_splat *s, float u, float v, int b, const tile_state *st, float row[2][16],
+                      float m[11][16]) {
   for (int k = 0; k < 16; k++) {
     int i = 16 * b + k;
     pair_eval e = evaluate(s, u, v, b, k);
@@ -117,21 +118,31 @@ static void block_bwd(const sv_splat *s, float u, float v, int b, const tile_sta
     dot = fmaf(s->z, st->g_depth[i], dot);
     float suffix = fmaf(-w, dot, st->suffix[i]);
     float g_a = fmaf(t, dot, -(suffix / (1.0f - e.a)));
-    float g = e.a_raw <= SV_ALPHA_MAX ? e.a_raw * g_a : 0.0f, gx = g * e.dx, gy = g * e.dy;
+    float g = e.a_raw <= SV_ALPHA_MAX ? e.a_raw * g_a : 0.0f, gx = g * e.dx;
     st->suffix[i] = suffix;
     st->trans[i] = t - w;
-    m[SV_SLOT_G][k] += g;
-    m[SV_SLOT_GX][k] += gx;
-    m[SV_SLOT_GY][k] += gy;
+    row[0][k] += g;
+    row[1][k] += gx;
     m[SV_SLOT_GXX][k] = fmaf(gx, e.dx, m[SV_SLOT_GXX][k]);
-    m[SV_SLOT_GXY][k] = fmaf(gx, e.dy, m[SV_SLOT_GXY][k]);
-    m[SV_SLOT_GYY][k] = fmaf(gy, e.dy, m[SV_SLOT_GYY][k]);
   }
 }
 
 static void splat_bwd(const sv_splat *s, float u, float v, uint64_t mask, const tile_state *st, float *slot) {
   float m[11][16] = {{0}};
-  for (; mask; mask &= mask - 1) block_bwd(s, u, v, __builtin_ctzll(mask), st, m);
+  for (int by = 0; by < 8; by++) {
+    float row[2][16] = {{0}};
+    uint64_t bits = mask >> (8 * by) & 255;
+    if (!bits) continue;
+    for (; bits; bits &= bits - 1) block_bwd(s, u, v, 8 * by + __builtin_ctzll(bits), st, row, m);
+    for (int k = 0; k < 16; k++) { // within a lane's row dy is constant
+      float dy = v - ((float)(4 * by + (k >> 2)) + 0.5f);
+      m[SV_SLOT_G][k] += row[0][k];
+      m[SV_SLOT_GX][k] += row[1][k];
+      m[SV_SLOT_GY][k] = fmaf(row[0][k], dy, m[SV_SLOT_GY][k]);
+      m[SV_SLOT_GXY][k] = fmaf(row[1][k], dy, m[SV_SLOT_GXY][k]);
+      m[SV_SLOT_GYY][k] = fmaf(row[0][k] * dy, dy, m[SV_SLOT_GYY][k]);
+    }
+  }
   for (int i = 0; i < 11; i++) slot[i] = s1_sum16(m[i]);
   for (int i = 11; i < SV_SLOT_FLOATS; i++) slot[i] = 0.0f;
 }
