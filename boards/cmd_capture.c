@@ -253,6 +253,7 @@ static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err
   cap.frames = SV_TAKE(arena, sv_frame, n);
   s = sv_intake_init(&cap.in, &ic, &cap.src.source, &cap.src.clock, arena);
   if (s < 0) return sv_fail(err, s, "no frame synchronisation for %d cameras: %s", n, sv_status_text(s));
+  if ((s = sv_intake_check(&cap.in, err)) < 0) return s;
   if (cap.src.rig && (s = write_rig(o->out, arena, err)) < 0) return s;
   if ((s = open_conversion(arena, err)) < 0) return s;
   double scene[6];

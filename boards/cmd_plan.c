@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // subview plan: the memory map of a run on this board, and what else would fit.
 #include "boards/board_main.h"
+#include "src/app/arrays.h"
 
 typedef struct {
   long gaussians, sh, images, threads, arena_mib;
@@ -30,6 +31,13 @@ static size_t bytes_of(const plan_options *o, long gaussians, int sh, long image
   c.train.sh_degree = sh;
   p.dry = sv_arena_dry();
   return sv_app_plan(&p.app, &c, (int)o->threads, &p.dry, NULL) < 0 ? 0 : p.dry.used_bytes;
+}
+
+static sv_arrays arrays_of(const plan_options *o) {
+  sv_train_cfg c = sv_train_defaults();
+  c.sh_degree = (int)o->sh;
+  if (o->grid) c.cap_composites = c.cap_regions = 1;
+  return sv_arrays_of(&c);
 }
 
 // Largest n in [0, max] with bytes(n) <= cap.
@@ -68,8 +76,12 @@ static void print_text(const plan_options *o, size_t cap, size_t used, int w, in
   say(1, "in this block, with %ld pictures: at most %ld Gaussians at SH 0, %ld at SH 1, %ld at SH 3\n",
       o->images, largest(o, cap, 0, false, 4000000), largest(o, cap, 1, false, 4000000),
       largest(o, cap, 3, false, 4000000));
-  say(1, "in this block, with %ld Gaussians at SH %ld: at most %ld pictures\n", o->gaussians, o->sh,
+  say(1, "in this block, with %ld Gaussians at SH %ld: at most %ld pictures\n\n", o->gaussians, o->sh,
       largest(o, cap, 0, true, 100000));
+  sv_arrays f = arrays_of(o);
+  s = sv_str_make(text, sizeof text);
+  sv_arrays_print(&s, &f, false);
+  say(1, "%s", text);
 }
 
 static void print_json(const plan_options *o, size_t cap, size_t used, int w, int h) {
@@ -84,7 +96,12 @@ static void print_json(const plan_options *o, size_t cap, size_t used, int w, in
       BOARD_NAME, o->gaussians, o->sh, o->images, w, h, o->threads, cap, used, used <= cap ? "true" : "false",
       largest(o, cap, (int)o->sh, false, 4000000), largest(o, cap, 0, true, 100000));
   bytes_of(o, o->gaussians, (int)o->sh, o->images); // the searches have used the dry arena
-  say(1, "\"parts\": [%s]}\n", text);
+  say(1, "\"parts\": [%s], ", text);
+  sv_arrays f = arrays_of(o);
+  s = sv_str_make(text, sizeof text);
+  sv_arrays_print(&s, &f, true);
+  say(1, "\"bytes_per_gaussian\": %.2f, \"bytes_per_pixel\": %.3f, \"arrays\": [%s]}\n", f.per_gaussian,
+      f.per_pixel, text);
 }
 
 static int make_rig(const plan_options *o, int w, int h) {

@@ -57,10 +57,11 @@ const char *sv_bench_op_name(sv_bench_op op); // as in kernels/variants.inc
 typedef struct {
   const sv_kernels *k; // whole steps run with these
   uint32_t isa_mask;   // variants that are timed one by one
-  sv_clock clock;      // real time: port.machine
+  sv_clock clock;      // real time, or CPU time of the caller where it is the only thread
   sv_console console;  // progress, and the request to stop
   uint64_t seed;
-  bool is_json; // one JSON object, else lines of text
+  bool is_cpu_time; // what `clock` is, for the output
+  bool is_json;     // one JSON object, else lines of text
   void *out;
   void (*write)(void *out, const char *text); // takes the output, piece by piece
 } sv_bench_cfg;
@@ -110,6 +111,7 @@ typedef struct {
 
 typedef struct {
   int n_threads;
+  bool is_cpu_time;
   sv_bench_peak peak;
   sv_bench_growth growth;
 } sv_bench_pool;

@@ -44,9 +44,12 @@ static double pairs_per_s(const sv_bench_step *r) {
 
 void sv_bench_put_peak(sv_bench *b, int n_threads) {
   const int n = b->n_pools;
-  if (n < SV_BENCH_CAP_POOLS) b->pools[n] = (sv_bench_pool){.n_threads = n_threads, .peak = b->peak};
+  if (n < SV_BENCH_CAP_POOLS)
+    b->pools[n] = (sv_bench_pool){.n_threads = n_threads, .is_cpu_time = b->cfg.is_cpu_time, .peak = b->peak};
   if (b->cfg.is_json) return; // at the end
-  sv_bench_put(b, "peak of %d threads: %.1f GFLOP/s; copies at", n_threads, 1e-9 * b->peak.flop_per_s);
+  sv_bench_put(b, "peak of %d threads (%s): %.1f GFLOP/s; copies at", n_threads,
+               b->cfg.is_cpu_time ? "times are CPU times" : "times are real times",
+               1e-9 * b->peak.flop_per_s);
   for (int i = 0; i < b->peak.n_copy_sizes; i++)
     sv_bench_put(b, "%s %.1f GB/s (%zu KiB)", i ? "," : "", 1e-9 * b->peak.copy_bytes_per_s[i],
                  b->peak.copy_bytes[i] >> 10);
@@ -164,7 +167,8 @@ void sv_bench_begin(sv_bench *b, const sv_bench_cfg *cfg, sv_arena *arena) {
 
 static void put_pool(sv_bench *b, const sv_bench_pool *p) {
   const sv_bench_growth *g = &p->growth;
-  sv_bench_put(b, "{\"threads\": %d, \"flop_per_s\": %.0f, \"copies\": [", p->n_threads, p->peak.flop_per_s);
+  sv_bench_put(b, "{\"threads\": %d, \"clock\": \"%s\", \"flop_per_s\": %.0f, \"copies\": [", p->n_threads,
+               p->is_cpu_time ? "cpu" : "real", p->peak.flop_per_s);
   for (int i = 0; i < p->peak.n_copy_sizes; i++)
     sv_bench_put(b, "%s{\"bytes\": %zu, \"bytes_per_s\": %.0f}", i ? ", " : "", p->peak.copy_bytes[i],
                  p->peak.copy_bytes_per_s[i]);

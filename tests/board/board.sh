@@ -19,7 +19,10 @@ check() { # NAME, then a test's words; the rest of the reason is in the log
   shift
   if [ "$@" ]; then ok "$check_name"; else bad "$check_name" "expected: $*"; fi
 }
-wanted() { [ -z "$only" ] || [ "$only" = "$1" ]; }
+wanted() { # and when it began, since the board's start
+  [ -z "$only" ] || [ "$only" = "$1" ] || return 1
+  note "$1 at $(cut -d . -f 1 /proc/uptime) s"
+}
 # A number or word of the JSON object on one line: value KEY FILE.
 value() { sed -n "s/.*\"$1\": *\"\{0,1\}\([^,\"}]*\).*/\1/p" "$2" | head -n 1; }
 # Sum of a drop reason, or of all, of camera line $1 in the text of a capture.
@@ -60,6 +63,8 @@ is_exact() {
   [ $# -eq 3 ] && [ "$1" -eq $(($2 + $3)) ]
 }
 
+n_frames() { find $out/fault -name '0*.*' 2>/dev/null | wc -l; } # of a capture with a fault
+
 # --- what is there -------------------------------------------------------------------------------
 subview cameras --source-kind v4l2 >$out/log 2>&1
 cat $out/log
@@ -96,19 +101,61 @@ job() { # NAME SOURCE WIDTH HEIGHT
   cat $out/json $out/log
   check "$1_run" $code -eq 0 -a "$(value steps $out/json)" = 3 -a -s $out/run/model.ply
   heap_of "$1_run" $out/log
-  subview run --source "$2" --rig $out/rig --exposures 2 --steps 8 --gaussians 100 --threads 1 --skew-limit 100 --live \
-    --out $out/run --json --quiet >$out/json 2>$out/log
+  LD_PRELOAD=/test/lib/heap_watch.so subview run --source "$2" --rig $out/rig --exposures 2 --steps 5 --gaussians 100 \
+    --threads 1 --skew-limit 100 --live --out $out/run --json --quiet >$out/json 2>$out/log
   code=$?
   cat $out/json $out/log
   note "$1 live: $(grep '"live"' $out/run/run.json)"
+  heap_of "$1_live" $out/log
   check "$1_live" $code -eq 0 -a "$(grep -c '"is_exact": true' $out/run/run.json)" = 3
 }
 
 if wanted v4l2; then job v4l2 "v4l2:$vivid_list,size=320x180" 320 180; fi
+if wanted v4l2; then
+  subview capture --source "v4l2:$hdmi,format=NM12,buffers=4" --exposures 8 --out $out/hdmi --json --quiet >$out/json 2>$out/log
+  code=$?
+  cat $out/json $out/log
+  check v4l2_two_planes $code -eq 0 -a "$(value exposures $out/json)" = 8
+  rm -rf $out/hdmi
+fi
 # vimc's scaler makes widths of a multiple of six.
 if wanted libcamera && [ $has_libcamera = yes ]; then
   export LIBCAMERA_LOG_LEVELS='*:ERROR'
   job libcamera libcamera:0,1,2,size=318x240 318 240
+fi
+
+# A camera whose driver loses it and finds it again (tests/board/refuse.c): libcamera's own virtual cameras cannot be
+# unplugged, its handler takes no note of it.
+if wanted lost && [ $has_libcamera = yes ]; then
+  export LIBCAMERA_LOG_LEVELS='*:ERROR'
+  node=$(grep -l 'RGB/YUV Capture' /sys/devices/platform/vimc.1/video4linux/video*/name)
+  rm -rf $out/fault
+  REFUSE_DEVICE=/dev/$(basename "$(dirname "$node")") REFUSE_WHILE=$out/refuse LD_PRELOAD=/test/lib/refuse.so \
+    subview capture --source libcamera:0,1,2,size=318x240,stall=4000 --duration 24 --skew-limit 300 --out $out/fault \
+    >$out/text 2>$out/log &
+  capture=$!
+  for second in 1 2 3 4 5 6 7 8 9 10; do # until it runs
+    sleep 1
+    [ "$(n_frames)" -ge 9 ] && break
+  done
+  touch $out/refuse
+  for second in 1 2 3 4 5 6 7 8 9 10; do # until it is told
+    sleep 1
+    grep -q ': lost: ' $out/log && break
+  done
+  rm $out/refuse
+  sleep 3
+  before=$(n_frames)
+  wait $capture
+  code=$?
+  cat $out/text $out/log
+  check libcamera_lost $code -eq 0 -a "$(grep -c 'camera1: lost: ' $out/log)" = 1
+  check libcamera_returned "$(grep -c 'camera1: returned: ' $out/log)" = 1 -a "$(n_frames)" -gt "$before"
+  note "libcamera lost: $(grep 'camera1: returned: ' $out/log)"
+  check libcamera_lost_others "$(grep '^warning' $out/log | grep -v 'camera1' | grep -c ': lost: \|: damaged: ')" = 0
+  set -- $(sed -n 's/.*frames: \([0-9]*\) captured = \([0-9]*\) delivered + \([0-9]*\) dropped.*/\1 \2 \3/p' $out/text)
+  check libcamera_lost_ledger "${1:-0}" -eq $((${2:-1} + ${3:-1})) -a "${1:-0}" -gt 0
+  rm -rf $out/fault
 fi
 
 # --- skew through the kernel ---------------------------------------------------------------------
@@ -146,7 +193,6 @@ suite() { # NAME SPEC
 }
 if wanted suite; then
   suite suite_v4l2 "v4l2:$vivid_list,size=320x180,buffers=4,dmabuf=on"
-  suite suite_v4l2_two_planes "v4l2:$hdmi,format=NM12"
   [ $has_libcamera = yes ] && suite suite_libcamera libcamera:0,1,2,size=318x240,buffers=4
 fi
 

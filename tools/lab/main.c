@@ -38,7 +38,8 @@ static const lab_command commands[] = {
       "  splat  32 bytes a Gaussian, most visible first, without view-dependent colour\n"
       "  spz    about a tenth of PLY; axes become right-up-back, as the format says\n"
       "  glb    glTF with KHR_gaussian_splatting, floats; axes become left-up-forward\n"
-      "Models are taken as right-down-forward (COLMAP's axes).",
+      "Models are taken as right-down-forward (COLMAP's axes) unless they say or --up says what is up:\n"
+      "spz and glb then stand upright.",
       "  subview-lab export --model tree/model.ply --format splat --out tree.splat", LAB_EXPORT},
      lab_cmd_export},
     {{"import", "--from KIND DIR --out DIR [options]", "turn other data into a dataset",
@@ -76,7 +77,8 @@ static const lab_command commands[] = {
     {{"bench", "[options]", "time whole steps and kernels",
       "Times training steps, their stages and renderings of a synthetic scene for several sizes, on one\n"
       "thread, two and all, and each kernel in each variant that this CPU runs: medians with quartiles, and\n"
-      "the least. Ratios, shares and growth are of the least times. The bound is what the step's operations\n"
+      "the least. One thread and kernels are timed by CPU time, pools by real time. Ratios, shares and "
+      "growth are of the least times. The bound is what the step's operations\n"
       "take at the measured peak of fused multiply-adds, or its bytes at the measured rate of copying,\n"
       "whichever is longer; useful pairs are those that were blended.",
       "  subview-lab bench --json", LAB_BENCH},
