@@ -122,6 +122,11 @@ fi
 if wanted libcamera && [ $has_libcamera = yes ]; then
   export LIBCAMERA_LOG_LEVELS='*:ERROR'
   job libcamera libcamera:0,1,2,size=318x240 318 240
+  # What these cameras cannot do is refused, and said.
+  subview capture --source libcamera:0,size=318x240,sync=client --exposures 1 --quiet --out $out/cap 2>$out/log
+  check libcamera_sync_refused $? -eq 1 -a "$(grep -c 'no rpi.sync with libcamera' $out/log)" = 1
+  subview capture --source libcamera:0,size=318x240 --sync frame-length --exposures 1 --quiet --out $out/cap 2>$out/log
+  check libcamera_length_refused $? -eq 1 -a "$(grep -c 'do not tell their frame rate' $out/log)" = 1
 fi
 
 # A camera whose driver loses it and finds it again (tests/board/refuse.c): libcamera's own virtual cameras cannot be
