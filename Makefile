@@ -119,7 +119,7 @@ PROGRAMS := $(if $(MAIN_SRC),$(O)/bin/subview) $(if $(PREVIEW_SRC),$(O)/bin/subv
 .DEFAULT_GOAL := all
 .DELETE_ON_ERROR:
 .PHONY: all programs tests-build conform demo test test-all check bench accept-counts mca kernels-check grad scenario golden fault \
-  fuzz unit only board-test headers lint format format-check tidy plan clean deps help install cross FORCE
+  fuzz unit only board-test headers lint format format-check tidy plan clean deps help install man cross FORCE
 
 all: $(CORE) $(PROGRAMS) tests-build ## build the runtime, the tools and the tests for BOARD
 programs: $(CORE) $(PROGRAMS) ## build the runtime and the tools only
@@ -324,9 +324,13 @@ deps: ## install what the build and the tests need from the distribution's packa
 	@tools/deps/install.sh test
 $(BUILD)/sysroot-%/.complete: tools/deps/sysroot.sh
 	@tools/deps/sysroot.sh $* $(BUILD)/sysroot-$*
-install: programs ## copy the programs to PREFIX (and DESTDIR)
+man: programs ## man pages from the programs' own --help, in build/BOARD/man
+	@EMULATE='$(EMULATE)' tools/man/man.sh $(O)/bin $(O)/man
+install: programs man ## copy the programs and their man pages to PREFIX (and DESTDIR)
 	@install -d '$(DESTDIR)$(PREFIX)/bin'
 	@install $(PROGRAMS) '$(DESTDIR)$(PREFIX)/bin'
+	@install -d '$(DESTDIR)$(PREFIX)/share/man/man1'
+	@install -m 644 $(O)/man/*.1 '$(DESTDIR)$(PREFIX)/share/man/man1'
 	@install -d '$(DESTDIR)$(PREFIX)/share/bash-completion/completions'
 	@for p in subview subview-lab subview-calibrate; do install -m 644 tools/completion/subview.bash \
 	  "$(DESTDIR)$(PREFIX)/share/bash-completion/completions/$$p"; done

@@ -38,7 +38,12 @@ static void print_links(const run_options *o) {
 
 sv_status live_view_open(const run_options *o, sv_err *err) {
   if (!o->preview && !o->has_feed) return SV_OK;
-  sv_status s = sv_linux_live_open(&live, (uint32_t)o->gaussians, (uint32_t)SV_GAUSSIAN_N_FLOATS(o->sh), err);
+  const sv_app_cfg planned = {
+      .n_exposures = (int)o->exposures, .is_dynamic = o->is_dynamic, .is_live = o->is_live};
+  sv_train_cfg train = sv_train_defaults();
+  if (o->is_dynamic) sv_app_plan_moving(&planned, &train);
+  size_t n_floats = SV_GAUSSIAN_N_FLOATS((size_t)o->sh) + sv_live_motion_floats(&train);
+  sv_status s = sv_linux_live_open(&live, (uint32_t)o->gaussians, (uint32_t)n_floats, err);
   is_open = s >= 0;
   if (s >= 0 && o->preview) s = sv_linux_live_serve(&live, NULL, o->preview_addr, o->preview_port, err);
   if (s >= 0 && o->preview) print_links(o);

@@ -211,8 +211,9 @@ static sv_status open_kind(board_source *s, const char *spec, int n_exposures, s
   }
   if (!strncmp(spec, "replay:", 7)) {
     s->kind = SOURCE_REPLAY;
-    s->is_virtual = true;
-    return open_replay(s, spec + 7, arena, err);
+    sv_status r = open_replay(s, spec + 7, arena, err);
+    s->is_virtual = r >= 0 && s->u.replay.cfg.speed == 0;
+    return r;
   }
   if (!strncmp(spec, "v4l2:", 5)) {
     s->kind = SOURCE_V4L2;

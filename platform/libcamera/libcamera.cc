@@ -96,25 +96,28 @@ static sv_status configure(sv_libcamera *s, Cam *c, const char *name, sv_err *er
   if (!c->config || c->config->size() != 1)
     return sv_fail(err, SV_E_UNSUPPORTED, "libcamera:%s: it has no stream for video", name);
   StreamConfiguration &sc = c->config->at(0);
-  int k = choose_format(sc, o.format);
+  bool is_again = c->i_format >= 0; // back after a fault: only what was agreed on will do
+  int k = choose_format(sc, is_again ? known[c->i_format].name : o.format);
+  int want_w = is_again ? c->caps.width_px : o.width_px, want_h = is_again ? c->caps.height_px : o.height_px;
   if (k < 0)
     return sv_fail(err, SV_E_UNSUPPORTED, "libcamera:%s: it does not offer %s", name,
                    o.format[0] ? o.format : "a format that is known here");
   sc.pixelFormat = known[k].pixel;
-  if (o.width_px) sc.size = Size(static_cast<unsigned>(o.width_px), static_cast<unsigned>(o.height_px));
+  if (want_w) sc.size = Size(static_cast<unsigned>(want_w), static_cast<unsigned>(want_h));
   sc.bufferCount = static_cast<unsigned>(o.n_buffers);
   if (c->config->validate() == CameraConfiguration::Invalid)
-    return sv_fail(err, SV_E_RANGE, "libcamera:%s: no such mode", name);
+    return sv_fail(err, is_again ? SV_E_DEVICE : SV_E_RANGE, "libcamera:%s: no such mode", name);
   int got = known_index(sc.pixelFormat), w = static_cast<int>(sc.size.width);
   int h = static_cast<int>(sc.size.height);
   if (got != k)
     return sv_fail(err, SV_E_RANGE, "libcamera:%s: offers %s at %dx%d px, expected %s", name,
                    sc.pixelFormat.toString().c_str(), w, h, known[k].name);
-  if (o.width_px && (w != o.width_px || h != o.height_px))
+  if (want_w && (w != want_w || h != want_h))
     return sv_fail(err, SV_E_RANGE, "libcamera:%s: offers %dx%d px, expected %dx%d; size=%dx%d would do",
-                   name, w, h, o.width_px, o.height_px, w, h);
+                   name, w, h, want_w, want_h, w, h);
   if (c->camera->configure(c->config.get()) < 0)
     return sv_fail(err, SV_E_DEVICE, "libcamera:%s: it cannot be configured", name);
+  c->i_format = k;
   c->stream = sc.stream();
   c->stride_bytes = static_cast<int>(sc.stride);
   c->caps.width_px = w, c->caps.height_px = h;
@@ -155,15 +158,23 @@ static bool map_buffer(Slot *s) {
   return n > 0;
 }
 
+void sv_libcamera_free_slot(Slot *slot) {
+  for (Mapping &m : slot->maps)
+    if (m.p) munmap(m.p, m.bytes);
+  *slot = Slot();
+}
+
 static sv_status make_requests(Cam *c, const char *name, sv_err *err) {
-  c->allocator = std::make_unique<FrameBufferAllocator>(c->camera);
+  c->allocator.emplace(c->camera);
   if (c->allocator->allocate(c->stream) < 0)
     return sv_fail(err, SV_E_DEVICE, "libcamera:%s: gives no buffers", name);
   const auto &buffers = c->allocator->buffers(c->stream);
-  c->slots.resize(buffers.size());
-  for (size_t i = 0; i < buffers.size(); i++) {
+  size_t n = 0;
+  for (size_t i = 0; i < c->slots.size() && n < buffers.size() && n < SV_CAMERA_CAP_BUFFERS; i++) {
     Slot &s = c->slots[i];
-    s.buffer = buffers[i].get();
+    if (s.state != RequestState::Empty) continue;
+    s.state = RequestState::Idle;
+    s.buffer = buffers[n++].get();
     s.request = c->camera->createRequest(i);
     if (!s.request || s.request->addBuffer(c->stream, s.buffer) < 0 || !map_buffer(&s))
       return sv_fail(err, SV_E_DEVICE, "libcamera:%s: a buffer cannot be mapped", name);
@@ -173,9 +184,9 @@ static sv_status make_requests(Cam *c, const char *name, sv_err *err) {
       return sv_fail(err, SV_E_DEVICE, "libcamera:%s: buffers of %zu bytes, expected at least %zu", name,
                      s.cap_bytes, least);
   }
-  if (c->slots.size() < 3)
+  if (n < 3)
     return sv_fail(err, SV_E_DEVICE, "libcamera:%s: gives %d buffers, expected at least 3", name,
-                   static_cast<int>(c->slots.size()));
+                   static_cast<int>(n));
   return SV_OK;
 }
 
@@ -189,6 +200,13 @@ static sv_clock_id stamp_clock() {
   return d_ns < SV_NS_PER_MS ? SV_CLOCK_MONOTONIC : SV_CLOCK_BOOTTIME;
 }
 
+// By name: releases and builds differ in whether they have it, and in how their headers say so.
+static unsigned id_of(const char *name) {
+  for (const auto &c : controls::controls)
+    if (c.second->name() == name) return c.second->id();
+  return 0;
+}
+
 static sv_status check_controls(const sv_libcamera *s, const Cam *c, const char *name, sv_err *err) {
   const sv_camera_options &o = s->cfg;
   const char *missing = o.exposure_ns > 0 && !has(c, controls::ExposureTime)  ? "exposure="
@@ -198,10 +216,48 @@ static sv_status check_controls(const sv_libcamera *s, const Cam *c, const char 
                         : o.is_exported                                       ? "dmabuf="
                                                                               : nullptr;
   if (missing) return sv_fail(err, SV_E_UNSUPPORTED, "libcamera:%s: this cannot be set: %s", name, missing);
-  if (o.sync != SV_RPI_SYNC_OFF && !SV_HAS_RPI_SYNC)
-    return sv_fail(err, SV_E_UNSUPPORTED, "libcamera %d.%d.%d has no rpi.sync controls (sync=)",
+  const ControlInfoMap &m = c->camera->controls();
+  if (o.sync != SV_RPI_SYNC_OFF && (!s->sync_mode_id || m.find(s->sync_mode_id) == m.end()))
+    return sv_fail(err, SV_E_UNSUPPORTED, "libcamera:%s: no rpi.sync with libcamera %d.%d.%d (sync=)", name,
                    LIBCAMERA_VERSION_MAJOR, LIBCAMERA_VERSION_MINOR, LIBCAMERA_VERSION_PATCH);
   return SV_OK;
+}
+
+sv_status sv_libcamera_attach(sv_libcamera *s, Cam *c, std::shared_ptr<Camera> camera, sv_err *err) {
+  const char *name = s->cfg.name[c->i_camera];
+  if (camera->acquire() < 0) return sv_fail(err, SV_E_DEVICE, "libcamera:%s: another program uses it", name);
+  c->camera = std::move(camera);
+  sv_status r = configure(s, c, name, err);
+  if (r >= 0) r = check_controls(s, c, name, err);
+  if (r >= 0) r = make_requests(c, name, err);
+  if (r < 0) {
+    sv_libcamera_detach(c);
+    return r;
+  }
+  c->is_gone = false;
+  c->camera->requestCompleted.connect(c, &Cam::requestDone);
+  c->camera->disconnected.connect(c, &Cam::disconnected);
+  return SV_OK;
+}
+
+void sv_libcamera_detach(Cam *c) {
+  if (!c->camera) return;
+  if (c->is_streaming) c->camera->stop(); // completes what is queued as cancelled before it returns
+  c->is_streaming = false;
+  c->camera->requestCompleted.disconnect(c);
+  c->camera->disconnected.disconnect(c);
+  for (Slot &slot : c->slots) {
+    if (slot.state == RequestState::Empty || slot.state == RequestState::Orphan) continue;
+    bool is_on_loan = slot.state == RequestState::OnLoan;
+    slot.request.reset();
+    slot.buffer = nullptr;
+    if (is_on_loan) slot.state = RequestState::Orphan; // the mapping holds the memory
+    else sv_libcamera_free_slot(&slot);
+  }
+  c->allocator.reset();
+  c->config.reset();
+  c->camera->release();
+  c->camera.reset();
 }
 
 static sv_status open_camera(sv_libcamera *s, int i, sv_err *err) {
@@ -212,18 +268,13 @@ static sv_status open_camera(sv_libcamera *s, int i, sv_err *err) {
   c->owner = s;
   auto camera = find_camera(s, name, err);
   if (!camera) return SV_E_NOT_FOUND;
-  if (camera->acquire() < 0) return sv_fail(err, SV_E_DEVICE, "libcamera:%s: another program uses it", name);
-  c->camera = camera;
-  sv_status r = configure(s, c, name, err);
-  if (r >= 0) r = check_controls(s, c, name, err);
-  if (r >= 0) r = make_requests(c, name, err);
+  c->id = camera->id();
+  sv_status r = sv_libcamera_attach(s, c, std::move(camera), err);
   if (r < 0) return r;
   sv_fmt(c->caps.name, sizeof c->caps.name, "camera%d", i);
   c->caps.fps = s->cfg.fps;
   c->caps.clock = s->cfg.has_clock ? s->cfg.clock : stamp_clock();
   c->caps.stamp = s->cfg.has_stamp ? s->cfg.stamp : SV_STAMP_START; // of the first row
-  c->camera->requestCompleted.connect(c, &Cam::requestDone);
-  c->camera->disconnected.connect(c, &Cam::disconnected);
   return SV_OK;
 }
 
@@ -240,6 +291,8 @@ extern "C" sv_status sv_libcamera_open(sv_libcamera **self, const sv_camera_opti
     s->manager.reset();
     r = sv_fail(err, SV_E_DEVICE, "libcamera: its camera manager does not start");
   }
+  s->sync_mode_id = id_of("SyncMode");
+  s->sync_ready_id = id_of("SyncReady");
   for (int i = 0; r >= 0 && i < cfg->n_cameras; i++) r = open_camera(s, i, err);
   if (r < 0) {
     sv_libcamera_close(s);
@@ -252,19 +305,8 @@ extern "C" sv_status sv_libcamera_open(sv_libcamera **self, const sv_camera_opti
 extern "C" void sv_libcamera_close(sv_libcamera *s) {
   if (!s) return;
   for (auto &c : s->cams) {
-    if (!c->camera) continue;
-    if (c->is_streaming) c->camera->stop();
-    c->camera->requestCompleted.disconnect(c.get());
-    c->camera->disconnected.disconnect(c.get());
-    for (Slot &slot : c->slots) {
-      for (Mapping &m : slot.maps)
-        if (m.p) munmap(m.p, m.bytes);
-      slot.request.reset();
-    }
-    c->slots.clear();
-    c->allocator.reset();
-    c->camera->release();
-    c->camera.reset();
+    sv_libcamera_detach(c.get());
+    for (Slot &slot : c->slots) sv_libcamera_free_slot(&slot);
   }
   s->cams.clear();
   if (s->manager) s->manager->stop();

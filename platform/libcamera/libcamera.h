@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Cameras behind libcamera as one source. The shim is one C++ file (libcamera has no C interface); it is built where
 // libcamera's headers are, else a few lines of C say that it is missing. libcamera allocates inside of its own
-// library while it runs; nothing on our side of it does after init. Requests and buffers are made once and reused.
+// library while it runs; nothing on our side of it does after init. Requests and buffers are made once and reused. A
+// camera that is lost is looked for by its id and opened again, which libcamera learns from udev; this goes through
+// templates of libcamera's that allocate.
 #ifndef SV_PLATFORM_LIBCAMERA_LIBCAMERA_H
 #define SV_PLATFORM_LIBCAMERA_LIBCAMERA_H
 

@@ -9,6 +9,8 @@
 #include <condition_variable>
 #include <memory>
 #include <mutex>
+#include <optional>
+#include <string>
 #include <vector>
 
 #include "platform/libcamera/libcamera.h"
@@ -17,13 +19,6 @@
 #define SV_LIBCAMERA_SINCE(a, b, c)                                                                          \
   (LIBCAMERA_VERSION_MAJOR * 10000 + LIBCAMERA_VERSION_MINOR * 100 + LIBCAMERA_VERSION_PATCH >=              \
    (a)*10000 + (b)*100 + (c))
-
-#if defined(                                                                                                 \
-    LIBCAMERA_HAS_RPI_VENDOR_CONTROLS_SYNC_MODE) // since 0.5.2; the algorithm is in Raspberry Pi's builds
-#define SV_HAS_RPI_SYNC 1
-#else
-#define SV_HAS_RPI_SYNC 0
-#endif
 
 using libcamera::Camera;
 using libcamera::CameraConfiguration;
@@ -34,7 +29,8 @@ using libcamera::Request;
 using libcamera::Stream;
 
 // --- one camera ----------------------------------------------------------------------------------
-enum class RequestState { Idle, Queued, Done, OnLoan };
+// Orphan: on loan, of a camera that is gone; only its pictures are left.
+enum class RequestState { Empty, Idle, Queued, Done, OnLoan, Orphan };
 
 struct Mapping {
   uint8_t *p = nullptr;
@@ -47,7 +43,7 @@ struct Slot {
   std::array<Mapping, 3> maps; // one per descriptor
   std::array<uint8_t *, 3> plane = {};
   size_t cap_bytes = 0; // of the first plane, up to the end of its mapping
-  RequestState state = RequestState::Idle;
+  RequestState state = RequestState::Empty;
   sv_ns arrival_ns = 0;
 };
 
@@ -56,12 +52,18 @@ struct Cam {
   sv_libcamera *owner = nullptr;
   std::shared_ptr<Camera> camera;
   std::unique_ptr<CameraConfiguration> config;
-  std::unique_ptr<FrameBufferAllocator> allocator;
-  std::vector<Slot> slots;
+  std::optional<FrameBufferAllocator> allocator;
+  std::array<Slot, 2 * SV_CAMERA_CAP_BUFFERS> slots; // frames of before a fault may still be on loan
+  std::string id;                                    // to know it again
+  int i_format = -1;                                 // agreed on, with the size in caps; -1: not yet
   Stream *stream = nullptr;
   sv_camera_caps caps = {};
   int stride_bytes = 0;
   bool is_streaming = false, is_lost = false, has_failed = false, is_gone = false, is_starved = false;
+  bool is_away = false;  // was lost, and has not delivered since
+  bool is_wrong = false; // came back with another format; said once
+  sv_ns lost_ns = 0, retry_ns = 0;
+  int64_t frame_us = 0;   // length of its frames, for the next request
   bool is_synced = true;  // rpi.sync has said so, or is off
   bool must_lock = false; // the next request carries the locked values
   int32_t exposure_us = 0;
@@ -81,10 +83,17 @@ struct sv_libcamera {
   sv_clock clock = {};
   std::vector<std::unique_ptr<Cam>> cams;
   bool is_running = false;
+  unsigned sync_mode_id = 0, sync_ready_id = 0; // of rpi.sync; 0: this libcamera has none
   sv_camera_events events = {};
   std::mutex mutex; // of the slots' states and arrivals, and of is_gone
   std::condition_variable arrived;
 };
+
+// Takes a camera into use as told, or as agreed on before. On failure it is let go again.
+sv_status sv_libcamera_attach(sv_libcamera *s, Cam *c, std::shared_ptr<Camera> camera, sv_err *err);
+// Lets it go; frames on loan become orphans, whose pictures stay.
+void sv_libcamera_detach(Cam *c);
+void sv_libcamera_free_slot(Slot *slot);
 
 inline sv_ns now(const sv_libcamera *s) { return s->clock.now_ns(s->clock.self); }
 inline bool has(const Cam *c, const libcamera::ControlId &id) {

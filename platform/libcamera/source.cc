@@ -8,6 +8,9 @@
 
 using namespace libcamera;
 
+#define RETRY_NS       (20 * SV_NS_PER_MS) // while libcamera does not know it
+#define LATER_RETRY_NS (200 * SV_NS_PER_MS)
+
 static bool is_startup_frame(const FrameMetadata &m) {
 #if SV_LIBCAMERA_SINCE(0, 5, 2)
   return m.status == FrameMetadata::FrameStartup;
@@ -35,13 +38,10 @@ void Cam::disconnected() {
   owner->arrived.notify_one();
 }
 
+// controls::rpi::SyncMode: 0 off, 1 server, 2 client.
 static void set_sync(const sv_libcamera *s, ControlList *list) {
-#if SV_HAS_RPI_SYNC
-  if (s->cfg.sync == SV_RPI_SYNC_SERVER) list->set(controls::rpi::SyncMode, controls::rpi::SyncModeServer);
-  if (s->cfg.sync == SV_RPI_SYNC_CLIENT) list->set(controls::rpi::SyncMode, controls::rpi::SyncModeClient);
-#else
-  (void)s, (void)list;
-#endif
+  if (s->cfg.sync == SV_RPI_SYNC_OFF) return; // else open has looked whether there is such a control
+  list->set(s->sync_mode_id, ControlValue(static_cast<int32_t>(s->cfg.sync == SV_RPI_SYNC_SERVER ? 1 : 2)));
 }
 
 // Values that are given, or that the automatic control has found, and no automatic control from here on.
@@ -66,6 +66,8 @@ static int queue(Cam *c, Slot *s) {
   }
   if (c->must_lock) set_fixed(c->owner, c, &s->request->controls());
   c->must_lock = false;
+  if (c->frame_us) s->request->controls().set(controls::FrameDurationLimits, {c->frame_us, c->frame_us});
+  c->frame_us = 0;
   int r = c->camera->queueRequest(s->request.get());
   if (r >= 0) return 0;
   std::lock_guard<std::mutex> lock(c->owner->mutex);
@@ -99,10 +101,44 @@ static void stream_off(Cam *c) {
   c->is_streaming = false;
 }
 
+// Lets it go, to be looked for again.
 static void lose(sv_libcamera *s, Cam *c) {
-  if (c->is_lost) return;
-  c->is_lost = c->has_failed = true;
-  sv_camera_events_add(&s->events, SV_CAMERA_LOST, c->i_camera, now(s), ENODEV);
+  sv_ns t_ns = now(s);
+  if (!c->is_away) {
+    c->has_failed = c->is_away = true;
+    c->lost_ns = t_ns;
+    c->is_wrong = false;
+    sv_camera_events_add(&s->events, SV_CAMERA_LOST, c->i_camera, t_ns, ENODEV);
+  }
+  c->is_lost = true;
+  c->retry_ns = t_ns + RETRY_NS;
+  sv_libcamera_detach(c);
+}
+
+// libcamera makes a new object of a camera that was plugged in again; its id, which tells the place, is the same.
+static void reopen(sv_libcamera *s, Cam *c) {
+  sv_err err;
+  sv_camera_caps before = c->caps;
+  c->retry_ns = now(s) + RETRY_NS;
+  auto camera = s->manager->get(c->id);
+  if (!camera) return;
+  c->retry_ns = now(s) + LATER_RETRY_NS; // where it is there and cannot be used, libcamera says so each time
+  sv_status r = sv_libcamera_attach(s, c, std::move(camera), &err);
+  c->caps = before; // what the runtime was told at the start must hold
+  if (r == SV_E_RANGE && !c->is_wrong) {
+    c->is_wrong = true;
+    sv_camera_events_add(&s->events, SV_CAMERA_WRONG_SIZE, c->i_camera, now(s),
+                         static_cast<int64_t>(before.width_px) << 16 | before.height_px);
+  }
+  if (r < 0) return;
+  if (stream_on(s, c) < 0) {
+    sv_libcamera_detach(c);
+    return;
+  }
+  c->is_lost = false;
+  c->n_restarts++;
+  sv_camera_events_add(&s->events, SV_CAMERA_RESTARTED, c->i_camera, now(s),
+                       static_cast<int64_t>(c->n_restarts));
 }
 
 static void service(sv_libcamera *s, Cam *c) {
@@ -111,10 +147,15 @@ static void service(sv_libcamera *s, Cam *c) {
   {
     std::lock_guard<std::mutex> lock(s->mutex);
     is_gone = c->is_gone;
-    for (const Slot &slot : c->slots) is_hungry = is_hungry && slot.state == RequestState::OnLoan;
+    for (const Slot &slot : c->slots)
+      is_hungry = is_hungry && (slot.state == RequestState::OnLoan || slot.state == RequestState::Empty ||
+                                slot.state == RequestState::Orphan);
   }
-  if (is_gone) lose(s, c);
-  if (c->is_lost) return;
+  if (is_gone && !c->is_lost) lose(s, c);
+  if (c->is_lost) {
+    if (t_ns >= c->retry_ns) reopen(s, c);
+    return;
+  }
   if (is_hungry) {
     if (!c->is_starved) sv_camera_events_starved(&s->events, c->i_camera, t_ns);
     c->is_starved = true;
@@ -149,9 +190,9 @@ static void note_metadata(Cam *c, const ControlList &m) {
     c->white = {(*v)[0], (*v)[1]};
     c->has_white = true;
   }
-#if SV_HAS_RPI_SYNC
-  if (auto v = m.get(controls::rpi::SyncReady)) c->is_synced = c->is_synced || *v;
-#endif
+  unsigned id = c->owner->sync_ready_id;
+  if (id && m.contains(id) && m.get(id).type() == ControlTypeBool && m.get(id).get<bool>())
+    c->is_synced = true;
 }
 
 // False: the frame is none to be handed out (a start-up frame, or rpi.sync is not ready).
@@ -218,6 +259,7 @@ static void wait_for_any(sv_libcamera *s, sv_ns until_ns) {
   std::unique_lock<std::mutex> lock(s->mutex);
   for (auto &c : s->cams) {
     if (c->is_gone && !c->is_lost) return;
+    if (c->is_lost && c->retry_ns < until_ns && ns > 10 * SV_NS_PER_MS) ns = 10 * SV_NS_PER_MS;
     for (const Slot &slot : c->slots)
       if (slot.state == RequestState::Done) return;
   }
@@ -241,6 +283,10 @@ static sv_status source_dequeue(void *self, sv_frame *f, sv_ns until_ns) {
     int i_slot = 0;
     while (take_oldest(s, &c, &i_slot)) {
       c->last_frame_ns = now(s);
+      if (c->is_away) {
+        c->is_away = false;
+        sv_camera_events_add(&s->events, SV_CAMERA_RETURNED, c->i_camera, now(s), now(s) - c->lost_ns);
+      }
       if (fill_frame(s, c, i_slot, f)) return SV_OK;
       give_back(s, c, &c->slots[static_cast<size_t>(i_slot)]);
     }
@@ -258,6 +304,10 @@ static sv_status source_requeue(void *self, const sv_frame *f) {
   Slot *slot = &c->slots[static_cast<size_t>(f->i_buffer)];
   {
     std::lock_guard<std::mutex> lock(s->mutex);
+    if (slot->state == RequestState::Orphan) {
+      sv_libcamera_free_slot(slot);
+      return SV_OK;
+    }
     if (slot->state != RequestState::OnLoan) return SV_E_ARG; // handed back twice, or never given
   }
   give_back(s, c, slot);
@@ -269,7 +319,10 @@ static sv_status source_stop(void *self) {
   for (auto &c : s->cams) {
     stream_off(c.get());
     std::lock_guard<std::mutex> lock(s->mutex);
-    for (Slot &slot : c->slots) slot.state = RequestState::Idle;
+    for (Slot &slot : c->slots) {
+      if (slot.state == RequestState::Orphan) sv_libcamera_free_slot(&slot);
+      else if (slot.state != RequestState::Empty) slot.state = RequestState::Idle;
+    }
     c->has_failed = false;
   }
   s->is_running = false;
@@ -295,6 +348,7 @@ static sv_status source_start(void *self) {
   if (s->is_running) return SV_E_ARG;
   for (auto &c : s->cams) {
     c->n_restarts = 0;
+    c->is_away = c->is_lost;
     if (!c->is_lost && stream_on(s, c.get()) >= 0) n_started++;
     else lose(s, c.get());
   }
@@ -318,6 +372,24 @@ static sv_status source_event(void *self, sv_camera_event *e) {
   return sv_camera_events_pop(&static_cast<sv_libcamera *>(self)->events, e);
 }
 
+static sv_status source_control(void *self, int i, sv_control control, int64_t value, int64_t *actual) {
+  auto *s = static_cast<sv_libcamera *>(self);
+  if (i < 0 || i >= static_cast<int>(s->cams.size())) return SV_E_ARG;
+  Cam *c = s->cams[static_cast<size_t>(i)].get();
+  if (!c->camera) return SV_E_DEVICE;
+  // Exposure and gain are fixed at the start: changing them breaks rpi.sync.
+  if (control != SV_CONTROL_FRAME_DURATION_NS) return SV_E_UNSUPPORTED;
+  const ControlInfoMap &m = c->camera->controls();
+  auto limits = m.find(&controls::FrameDurationLimits);
+  if (limits == m.end()) return SV_E_UNSUPPORTED;
+  int64_t us = (value + 500) / 1000;
+  if (us < 1 || us < limits->second.min().get<int64_t>() || us > limits->second.max().get<int64_t>())
+    return SV_E_RANGE;
+  c->frame_us = us;
+  if (actual) *actual = us * 1000;
+  return SV_OK;
+}
+
 extern "C" sv_source sv_libcamera_source(sv_libcamera *s) {
   sv_source source = {};
   source.self = s;
@@ -328,5 +400,6 @@ extern "C" sv_source sv_libcamera_source(sv_libcamera *s) {
   source.requeue = source_requeue;
   source.stop = source_stop;
   source.event = source_event;
+  source.set_control = source_control;
   return source;
 }

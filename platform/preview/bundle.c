@@ -18,7 +18,9 @@ EMBED(page_css, "page.css");
 EMBED(page_js, "page.js");
 EMBED(view_js, "view.js");
 EMBED(plots_js, "plots.js");
+EMBED(paint_js, "paint.js");
 EMBED(sorter_js, "sorter.js");
+EMBED(raster_js, "raster.js");
 EMBED(icon_svg, "icon.svg");
 
 const pv_page *pv_bundle(int i) {
@@ -27,10 +29,13 @@ const pv_page *pv_bundle(int i) {
                             {"/page.js", "text/javascript; charset=utf-8", pv_page_js, 0},
                             {"/view.js", "text/javascript; charset=utf-8", pv_view_js, 0},
                             {"/plots.js", "text/javascript; charset=utf-8", pv_plots_js, 0},
+                            {"/paint.js", "text/javascript; charset=utf-8", pv_paint_js, 0},
+                            {"/raster.js", "text/javascript; charset=utf-8", pv_raster_js, 0},
                             {"/sorter.js", "text/javascript; charset=utf-8", pv_sorter_js, 0},
                             {"/icon.svg", "image/svg+xml", pv_icon_svg, 0}};
-  static const char *const ends[] = {pv_page_html_end, pv_page_css_end,  pv_page_js_end, pv_view_js_end,
-                                     pv_plots_js_end,  pv_sorter_js_end, pv_icon_svg_end};
+  static const char *const ends[] = {pv_page_html_end, pv_page_css_end,  pv_page_js_end,
+                                     pv_view_js_end,   pv_plots_js_end,  pv_paint_js_end,
+                                     pv_raster_js_end, pv_sorter_js_end, pv_icon_svg_end};
   if (i < 0 || i >= (int)(sizeof pages / sizeof *pages)) return NULL;
   pages[i].bytes = (size_t)(ends[i] - pages[i].text);
   return &pages[i];

@@ -6,8 +6,7 @@
 #include "platform/codec/codec.h"
 #include "platform/preview/preview.h"
 
-#define QUALITY     80
-#define PART_HEADER 160
+#define QUALITY 80
 
 // All thumbnails in one picture, so that a page needs one connection for all cameras.
 enum { CAP_COLUMNS = 4, CAP_W = CAP_COLUMNS * SV_FEED_TILE_W, CAP_H = CAP_COLUMNS * SV_FEED_TILE_H };
@@ -82,15 +81,11 @@ bool pv_mosaic_read(pv_source *s) {
       put_tile(p->canvas, width_px, i % columns, i / columns, s->tiles->rgb[i], w, h);
   }
   bytes = encode(p, p->canvas, width_px, height_px);
-  pv_blob *b = bytes ? pv_blob_make(bytes + PART_HEADER, s->tiles_seq) : NULL;
+  static const char next[] = "\r\n" PV_PART_HEAD;
+  pv_blob *b = bytes ? pv_blob_make(bytes + sizeof next - 1, s->tiles_seq) : NULL;
   if (!b) return false;
-  size_t head =
-      sv_fmt((char *)b->data, PART_HEADER,
-             "--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %zu\r\nX-Subview-Tiles: %llu\r\n\r\n",
-             bytes, (unsigned long long)s->tiles_seq);
-  memcpy(b->data + head, p->jpeg, bytes);
-  memcpy(b->data + head + bytes, "\r\n", 2);
-  b->bytes = head + bytes + 2;
+  memcpy(b->data, p->jpeg, bytes);
+  memcpy(b->data + bytes, next, sizeof next - 1);
   pv_blob_drop(s->mosaic);
   s->mosaic = b;
   return true;

@@ -4,7 +4,7 @@
 // reads the feed (src/port/feed.h) and writes single bytes into a pipe (platform/linux/live.h); it opens no file and
 // no other connection once it listens. One thread; everything that a client can make it hold is bounded.
 //
-//   GET  /            the page; /page.css /page.js /sorter.js belong to it
+//   GET  /            the page; /page.css, the scripts and /icon.svg belong to it
 //   GET  /state       JSON: what the runtime does; /curve /events: its history
 //   GET  /stream      the same as server-sent events, four a second
 //   GET  /cameras     all cameras' thumbnails as one picture, multipart/x-mixed-replace JPEG
@@ -64,7 +64,9 @@ bool pv_state_read(pv_source *s);
 void pv_state_json(const pv_source *s, sv_str *out);
 void pv_curve_json(const pv_source *s, sv_str *out);
 void pv_events_json(const pv_source *s, sv_str *out);
-// New thumbnails -> s->mosaic, with the headers of its part; true when it changed.
+// New thumbnails -> s->mosaic, as a part of a multipart stream, and the head of the next one: browsers show a picture
+// when they have seen that. True when it changed.
+#define PV_PART_HEAD "--frame\r\nContent-Type: image/jpeg\r\n\r\n"
 bool pv_mosaic_read(pv_source *s);
 void pv_mosaic_grid(int n_tiles, int *n_columns, int *n_rows);
 // The newest picture as JPEG, NULL: there is none.

@@ -31,7 +31,7 @@ typedef struct stream {
   pv_blob *blob; // being sent
   size_t at;
   uint64_t seq; // of the newest that was sent
-  bool is_suspended;
+  bool is_begun, is_suspended;
   struct stream *next, *previous;
 } stream;
 
@@ -137,7 +137,13 @@ static enum MHD_Result send_json(pv_server *s, struct MHD_Connection *c, json_fn
 
 static ssize_t read_stream(void *cls, uint64_t pos, char *buf, size_t max) {
   stream *t = cls;
+  static const char opening[] = PV_PART_HEAD; // of the first part; each part brings that of the next one
   (void)pos;
+  if (!t->is_begun && t->kind == STREAM_CAMERAS && max >= sizeof opening) {
+    t->is_begun = true;
+    memcpy(buf, opening, sizeof opening - 1);
+    return sizeof opening - 1;
+  }
   if (!t->blob) {
     pv_blob *b = the_server.newest[t->kind];
     if (!b || b->seq == t->seq) {

@@ -58,7 +58,7 @@ struct sv_v4l2_camera {
   bool has_waiting;
   sv_frame waiting;
   bool has_last;
-  uint32_t last_driver_sequence, last_sequence;
+  uint32_t last_driver_sequence, n_uncounted;
   sv_ns last_camera_ns;
   int n_controls;
   sv_v4l2_control control[SV_V4L2_CAP_CONTROLS];

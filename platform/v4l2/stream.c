@@ -82,16 +82,14 @@ static bool check_frame(sv_v4l2_camera *c, const sv_frame *f, size_t cap, sv_ns 
   return false;
 }
 
-// Some drivers do not count: their number stands still while the stamp moves. Then we count.
+// Some drivers do not count, or not always: their number stands still while the stamp moves. Then we count.
 static uint32_t sequence_of(sv_v4l2_camera *c, uint32_t driver_sequence, sv_ns camera_ns) {
-  bool is_frozen =
-      c->has_last && driver_sequence == c->last_driver_sequence && camera_ns != c->last_camera_ns;
-  uint32_t s = is_frozen ? c->last_sequence + 1 : driver_sequence;
+  if (!c->has_last) c->n_uncounted = 0;
+  else if (driver_sequence == c->last_driver_sequence && camera_ns != c->last_camera_ns) c->n_uncounted++;
   c->has_last = true;
   c->last_driver_sequence = driver_sequence;
   c->last_camera_ns = camera_ns;
-  c->last_sequence = s;
-  return s;
+  return driver_sequence + c->n_uncounted;
 }
 
 // The second plane of two. False: it is not all there.

@@ -116,6 +116,15 @@ static void tell_ledger(sv_app *app) {
   }
 }
 
+static void tell_deadlines(sv_app *app) {
+  const sv_intake *in = &app->intake;
+  if (in->deadline_ns > 0)
+    sv_app_log(app, in->n_missed ? SV_LOG_WARN : SV_LOG_INFO,
+               "frames taken later than their deadline of %.1f ms: %llu (typical %.2f ms, at most %.2f ms)",
+               sv_ns_to_ms(in->deadline_ns), (unsigned long long)in->n_missed,
+               sv_ns_to_ms(sv_skew_percentile_ns(&in->latency, 50)), sv_ns_to_ms(in->latency.max_ns));
+}
+
 static sv_status stop(sv_app *app, sv_err *err) {
   sv_status s = sv_intake_stop(&app->intake);
   note_errors(app);
@@ -229,5 +238,6 @@ sv_status sv_app_live_end(sv_app *app, sv_err *err) {
   app->is_capturing = false;
   sv_status s = stop(app, err);
   tell_ledger(app);
+  tell_deadlines(app);
   return s;
 }

@@ -6,6 +6,7 @@
 
 #include "src/app/app.h"
 #include "src/base/mathx.h"
+#include "src/splat/constants.h"
 
 #define STATE_PERIOD_S 0.25
 #define MODEL_PERIOD_S 1.0
@@ -198,16 +199,49 @@ static void fill_viewpoint(const sv_app *app, sv_feed_model *m) {
   m->fov_y = 2 * (float)sv_atan2(0.5 * v->height_px, (double)v->fy);
 }
 
+size_t sv_live_motion_floats(const sv_train_cfg *t) {
+  const sv_dynamic_cfg *d = &t->dynamic;
+  return d->kind == SV_DEFORM_CLIP ? (size_t)SV_N_MROWS(d->n_pos, d->n_rot, d->n_colour) : 0;
+}
+
+// Which times there are pictures of.
+static void fill_times(const sv_app *app, sv_feed_model *m) {
+  const sv_exposures *e = &app->exposures;
+  sv_ns first_ns = e->exposure[0].time_ns, last_ns = first_ns;
+  for (int i = 1; i < e->n; i++) {
+    if (e->exposure[i].time_ns < first_ns) first_ns = e->exposure[i].time_ns;
+    if (e->exposure[i].time_ns > last_ns) last_ns = e->exposure[i].time_ns;
+  }
+  m->time_min = sv_app_time_of(app, first_ns), m->time_max = sv_app_time_of(app, last_ns);
+  m->seconds = (float)sv_ns_to_s(last_ns - first_ns);
+}
+
+static void fill_motion(const sv_app *app, sv_feed_model *m, float *row) {
+  const sv_motion *mo = &app->trainer.deform.motion;
+  m->n_moving = (uint32_t)mo->n_moving, m->n_motion = (uint32_t)mo->n_rows;
+  m->motion = mo->cfg.functions == SV_MOTION_CHEBYSHEV ? SV_FEED_CHEBYSHEV
+              : mo->cfg.functions == SV_MOTION_SPLINE  ? SV_FEED_SPLINE
+                                                       : SV_FEED_POWERS;
+  m->n_pos = (uint32_t)mo->cfg.n_pos, m->n_rot = (uint32_t)mo->cfg.n_rot;
+  m->n_colour = (uint32_t)mo->cfg.n_colour, m->t0 = mo->cfg.t0;
+  fill_times(app, m);
+  for (int i = 0; i < mo->n_moving; i++)
+    for (int r = 0; r < mo->n_rows; r++) *row++ = *sv_motion_row(mo, i, r);
+}
+
 static void publish_model(sv_app *app) {
   const sv_trainer *t = &app->trainer;
   sv_feed *feed = app->live.feed;
+  const bool is_moving = t->deform.kind == SV_DEFORM_CLIP;
   const size_t n_floats = SV_GAUSSIAN_N_FLOATS(t->g.sh_degree);
-  const size_t bytes = sizeof(sv_feed_model) + sizeof(float) * n_floats * (size_t)t->g.n;
+  const size_t n_motion = is_moving ? (size_t)t->deform.motion.n_rows * (size_t)t->deform.motion.n_moving : 0;
+  const size_t bytes = sizeof(sv_feed_model) + sizeof(float) * (n_floats * (size_t)t->g.n + n_motion);
   if (!t->g.n || bytes > sv_feed_cap(feed, SV_FEED_MODEL)) return;
   sv_feed_model *m = sv_feed_begin(feed, SV_FEED_MODEL);
   memset(m, 0, sizeof *m);
   m->n = (uint32_t)t->g.n, m->sh_degree = (uint32_t)t->g.sh_degree, m->n_floats = (uint32_t)n_floats;
-  m->is_mip = t->cfg.is_antialiased, m->step = t->step, m->time_max = 1;
+  m->is_mip = t->cfg.is_antialiased, m->step = t->step;
+  m->dilation_px2 = t->cfg.dilation_px2 > 0 ? t->cfg.dilation_px2 : SV_DILATION_PX2;
   fill_viewpoint(app, m);
   float *row = (float *)(m + 1);
   for (int i = 0; i < t->g.n; i++, row += n_floats) {
@@ -215,6 +249,7 @@ static void publish_model(sv_app *app) {
     sv_gaussians_get(&t->g, i, &g);
     memcpy(row, &g, n_floats * sizeof *row);
   }
+  if (is_moving) fill_motion(app, m, row);
   sv_feed_commit(feed, SV_FEED_MODEL, bytes);
 }
 

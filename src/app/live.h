@@ -11,6 +11,7 @@
 #include "src/port/feed.h"
 #include "src/port/port.h"
 #include "src/sync/sync.h"
+#include "src/train/train.h"
 
 typedef struct sv_app sv_app;
 
@@ -47,6 +48,8 @@ typedef struct {
   sv_feed_shows shows;
 } sv_live;
 
+// Floats of each Gaussian's motion in the feed, beside SV_GAUSSIAN_N_FLOATS; 0: nothing moves.
+size_t sv_live_motion_floats(const sv_train_cfg *t);
 void sv_live_carve(sv_live *l, bool is_on, int n_cameras, sv_arena *arena);
 void sv_live_start(sv_app *app); // the run begins: the clock of the page starts
 

@@ -143,6 +143,7 @@ static sv_status small_view(sv_app *app, const sv_train_view *tv, int cap_w, int
                             int *out_w, int *out_h, double *psnr) {
   sv_render_options o = sv_train_render_options(&app->trainer, 1.0f, false);
   sv_renderer *r = &app->trainer.render;
+  sv_train_set_time(&app->trainer, tv->view.time);
   sv_status s = sv_render(r, app->k, &app->port.pool, &app->trainer.g, &tv->view, &o);
   if (s < 0) return s;
   const int w = tv->view.width_px, h = tv->view.height_px, n_ch = tv->image.n_channels;

@@ -55,11 +55,13 @@ static void add_live(sv_str *s, const sv_app *app) {
   if (!app->cfg.is_live) return;
   sv_str_add(s,
              "  \"live\": {\"exposures_replaced\": %llu, \"previews\": %llu, \"preview_slowdown\": %d, "
-             "\"dequeue_ms\": {\"p50\": %.3f, \"p99\": %.3f, \"max\": %.3f}},\n",
+             "\"dequeue_ms\": {\"p50\": %.3f, \"p99\": %.3f, \"max\": %.3f}, \"deadline_ms\": %.3f, "
+             "\"deadline_misses\": %llu},\n",
              (unsigned long long)app->exposures.n_replaced, (unsigned long long)g->n[SV_WORK_PREVIEW],
              g->slowdown, sv_ns_to_ms(sv_skew_percentile_ns(&app->intake.latency, 50)),
              sv_ns_to_ms(sv_skew_percentile_ns(&app->intake.latency, 99)),
-             sv_ns_to_ms(app->intake.latency.max_ns));
+             sv_ns_to_ms(app->intake.latency.max_ns), sv_ns_to_ms(app->intake.deadline_ns),
+             (unsigned long long)app->intake.n_missed);
 }
 
 static void add_events(sv_str *s, const sv_sync_stream *st) {

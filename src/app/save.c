@@ -5,6 +5,7 @@
 #include "src/app/app.h"
 #include "src/base/mathx.h"
 #include "src/deform/deform_file.h"
+#include "src/format/axes.h"
 #include "src/train/checkpoint.h"
 
 static sv_sink store_sink(sv_store *st) { return (sv_sink){.self = st->self, .write = st->write}; }
@@ -20,8 +21,12 @@ sv_status sv_app_save_model(sv_app *app, sv_err *err) {
   sv_store *st = &app->port.store;
   sv_status s = st->begin(st->self, "model.ply", err);
   if (s < 0) return s;
-  s = sv_model_write_ply(&app->trainer.g, app->trainer.cfg.is_antialiased, app->trainer.cfg.dilation_px2,
-                         store_sink(st), &app->ply, err);
+  float up[3];
+  sv_app_up(app, up);
+  const sv_model_notes notes = {.is_mip = app->trainer.cfg.is_antialiased,
+                                .dilation_px2 = app->trainer.cfg.dilation_px2,
+                                .up = sv_up_name(up)};
+  s = sv_model_write_ply(&app->trainer.g, &notes, store_sink(st), &app->ply, err);
   return finish(st, s, err);
 }
 

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Half turns of a Gaussian about one axis, for files whose axes differ from ours in two signs. Positions and the
+// How worlds are turned. Half turns of a Gaussian about one axis, for files whose axes differ from ours in two signs. Positions and the
 // vector part of the quaternion change the same two signs; an SH coefficient changes its sign when its polynomial is
 // odd in the two axes together. The three half turns are proper rotations: nothing is mirrored.
 #ifndef SV_FORMAT_AXES_H
 #define SV_FORMAT_AXES_H
+
+#include <stdbool.h>
 
 #include "src/format/gaussian.h"
 
@@ -19,6 +21,26 @@ typedef enum {
 
 // Its own inverse.
 void sv_gaussian_turn(sv_gaussian *g, sv_half_turn turn);
+
+// Which way is up in a model's world: one of the six. Models whose file does not say have the axes of COLMAP.
+#define SV_UP_DEFAULT "-y"
+// "x", "-x", "y", ... False for other words.
+bool sv_up_axis(const char *name, double up[3]);
+// The axis nearest to a direction.
+const char *sv_up_name(const float up[3]);
+
+// A rotation of a whole model: places, rotations, SH.
+typedef struct {
+  bool is_none;
+  double r[9], q_wxyz[4];
+  double sh[3][49]; // of degrees 1, 2, 3: [2 l + 1][2 l + 1]
+} sv_turn;
+// Any rotation matrix.
+void sv_turn_make(sv_turn *t, const double r[9]);
+// The smallest rotation that takes a world with this way up to one with SV_UP_DEFAULT, as the writers of SPZ and GLB
+// expect it. NULL or a word that is no axis: none.
+void sv_turn_upright(sv_turn *t, const char *up);
+void sv_gaussian_turn_by(sv_gaussian *g, const sv_turn *t);
 
 #ifdef __cplusplus
 }

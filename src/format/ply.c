@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "src/format/ply.h"
 
+#include "src/format/axes.h"
+
 #include <float.h>
 #include <math.h>
 #include <string.h>
@@ -149,12 +151,20 @@ static sv_status read_property(sv_ply *p, header *h, const sv_text *l, sv_word r
 
 static void read_comment(sv_ply *p,
                          sv_word rest) { // of those that Brush writes two, and our own; others are text
-  static const char axis[] = "Vertical axis:", mode[] = "SplatRenderMode:", dilation[] = "SplatDilation:";
+  static const char axis[] = "Vertical axis:", mode[] = "SplatRenderMode:", dilation[] = "SplatDilation:",
+                    up[] = "SplatUp:";
   while (rest.n && (*rest.t == ' ' || *rest.t == '\t')) rest.t++, rest.n--;
   if (rest.n > sizeof axis - 1 && memcmp(rest.t, axis, sizeof axis - 1) == 0) {
     rest.t += sizeof axis - 1, rest.n -= sizeof axis - 1;
     sv_word v = sv_word_next(&rest);
     if (v.n && v.n < sizeof p->vertical) memcpy(p->vertical, v.t, v.n), p->vertical[v.n] = 0;
+  } else if (rest.n > sizeof up - 1 && memcmp(rest.t, up, sizeof up - 1) == 0) {
+    rest.t += sizeof up - 1, rest.n -= sizeof up - 1;
+    sv_word v = sv_word_next(&rest);
+    char word[4] = "";
+    double ignored[3];
+    if (v.n && v.n < sizeof word) memcpy(word, v.t, v.n);
+    if (sv_up_axis(word, ignored)) memcpy(p->up, word, sizeof word);
   } else if (rest.n > sizeof mode - 1 && memcmp(rest.t, mode, sizeof mode - 1) == 0) {
     rest.t += sizeof mode - 1, rest.n -= sizeof mode - 1;
     p->is_mip = sv_word_is(sv_word_next(&rest), "mip");

@@ -34,6 +34,7 @@ typedef struct {
   bool is_ascii;
   bool is_mip;        // Brush's "SplatRenderMode: mip"
   float dilation_px2; // our "SplatDilation: 0.1": low-pass it was trained with; 0 when not said
+  char up[4];         // our "SplatUp: z": the axis that points up (src/format/axes.h); empty when not said
   char vertical[4];   // Brush's "Vertical axis: y" ("y", "-y", "z", ...), empty when not said
 
   const char *name; // below: the reader's own
@@ -60,6 +61,7 @@ typedef struct {
   uint32_t n;
   int sh_degree;
   const char *vertical; // e.g. "-y"; NULL leaves the comment out
+  const char *up;       // likewise: "SplatUp: z"
   bool is_mip;
   float dilation_px2; // 0 leaves the comment out
   bool has_normals;   // nx ny nz = 0, which some old readers count on

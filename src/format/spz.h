@@ -11,7 +11,7 @@
 //   rotation   version 2: x y z in 8 bits, w >= 0 follows (0.01 rad, but up to 0.2 near w = 0); from 3: the three
 //              smallest in 10 bits each (0.004 rad)
 //   SH         5 bits (degree 1) or 4 bits of [-1, 1), after 8: 4.5/128, 8.5/128
-// The file's axes are right-up-back (RUB). Models are taken as right-down-forward, as 3DGS PLY files of COLMAP
+// The file's axes are right-up-back (RUB). Models are taken as right-down-forward, up being -y, as 3DGS PLY files of COLMAP
 // scenes have them, and turned by half a turn about x. Readers that keep the file's numbers show y and z negated.
 #ifndef SV_FORMAT_SPZ_H
 #define SV_FORMAT_SPZ_H

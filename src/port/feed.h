@@ -18,7 +18,7 @@
 #include "src/base/status.h"
 
 #define SV_FEED_MAGIC   0x64656673u // "sfed"
-#define SV_FEED_VERSION 1u
+#define SV_FEED_VERSION 2u
 
 #define SV_FEED_CAP_CAMERAS   64  // listed
 #define SV_FEED_CAP_TILES     16  // with a thumbnail
@@ -100,14 +100,20 @@ typedef struct {
   uint8_t rgb[SV_FEED_CAP_TILES][SV_FEED_TILE_H * SV_FEED_TILE_W * 3]; // rows packed
 } sv_feed_tiles;
 
-// A snapshot of the Gaussians: n rows of n_floats floats each. The first 11 + 3 (sh_degree + 1)^2 are mean, quaternion
-// w x y z, log-scales, opacity logit, SH (coefficient-major), as sv_gaussian of src/format; n_motion more follow
-// for models that move (motion_kind says what they are; 0: a still model has none).
+// A snapshot of the Gaussians: n rows of n_floats floats each, as sv_gaussian of src/format up to the model's degree
+// (mean, quaternion w x y z, log-scales, opacity logit, SH coefficient-major). Of a model that moves, n_moving rows of
+// n_motion floats follow: the motion of the first n_moving Gaussians (rows of kernels/motion/motion.h; which functions
+// of time: src/deform/motion.h).
+typedef enum { SV_FEED_STILL, SV_FEED_CHEBYSHEV, SV_FEED_SPLINE, SV_FEED_POWERS } sv_feed_motion;
 typedef struct {
-  uint32_t n, sh_degree, n_floats, n_motion, motion_kind, is_mip, step, reserved;
-  float centre[3], radius;    // of the scene
-  float eye[3], up[3], fov_y; // a good first viewpoint (radians): the first training view
-  float time_min, time_max;   // of a model that moves
+  uint32_t n, sh_degree, n_floats, is_mip, step;
+  uint32_t n_moving, n_motion, motion; // sv_feed_motion
+  uint32_t n_pos, n_rot, n_colour;
+  float t0;                          // of powers
+  float dilation_px2;                // low-pass of the splats
+  float centre[3], radius;           // of the scene
+  float eye[3], up[3], fov_y;        // a good first viewpoint (radians): the first training view
+  float time_min, time_max, seconds; // of a model that moves: its exposures' times, and how long they took
 } sv_feed_model;
 
 typedef struct {

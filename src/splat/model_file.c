@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "src/splat/model_file.h"
 
-sv_status sv_model_write_ply(const sv_gaussians *g, bool is_mip, float dilation_px2, sv_sink sink,
+sv_status sv_model_write_ply(const sv_gaussians *g, const sv_model_notes *notes, sv_sink sink,
                              sv_ply_writer *w, sv_err *err) {
   sv_gaussian v;
   sv_ply_options o = {.n = (uint32_t)g->n,
                       .sh_degree = g->sh_degree,
-                      .is_mip = is_mip,
-                      .dilation_px2 = dilation_px2,
+                      .is_mip = notes->is_mip,
+                      .dilation_px2 = notes->dilation_px2,
+                      .up = notes->up,
                       .has_normals = true};
   sv_status s = sv_ply_write_begin(w, sink, &o, err);
   for (int i = 0; s >= 0 && i < g->n; i++) {

@@ -12,9 +12,15 @@
 extern "C" {
 #endif
 
-// w: workspace of the call. is_mip: the model was trained with anti-aliasing (Brush's "SplatRenderMode:
-// mip"), dilation_px2: and with this low-pass.
-sv_status sv_model_write_ply(const sv_gaussians *g, bool is_mip, float dilation_px2, sv_sink sink,
+// What a file says beside the Gaussians: trained with anti-aliasing (Brush's "SplatRenderMode: mip"), and with this
+// low-pass (0: not said); up in the world (src/format/axes.h; NULL: not said).
+typedef struct {
+  bool is_mip;
+  float dilation_px2;
+  const char *up;
+} sv_model_notes;
+// w: workspace of the call.
+sv_status sv_model_write_ply(const sv_gaussians *g, const sv_model_notes *notes, sv_sink sink,
                              sv_ply_writer *w, sv_err *err) SV_MUST_USE;
 // From an opened file into slots that sv_gaussians_init made for ply->n Gaussians of ply->sh_degree.
 sv_status sv_model_read_ply(sv_gaussians *g, sv_ply *ply, sv_err *err) SV_MUST_USE;

@@ -26,6 +26,13 @@ static sv_ns period_ns(const sv_intake_cfg *c) {
   return fps > 0 ? (sv_ns)floor(1e9 / fps + 0.5) : 0;
 }
 
+static sv_ns deadline_ns(const sv_intake_cfg *c) {
+  double fps = 0;
+  for (int i = 0; i < c->n_cameras; i++)
+    if (c->caps[i].fps > fps) fps = c->caps[i].fps;
+  return fps > 0 ? (sv_ns)floor(1e9 / fps + 0.5) : 0;
+}
+
 // What the arena holds; sv_intake itself is too large for a stack frame.
 typedef struct {
   sv_frame_length frame_length;
@@ -102,6 +109,7 @@ sv_status sv_intake_init(sv_intake *in, const sv_intake_cfg *cfg, const sv_sourc
   in->out = p.out;
   in->back = p.back;
   in->elem_bytes = p.elem_bytes;
+  in->deadline_ns = deadline_ns(cfg);
   in->cfg.caps = NULL;
   return s;
 }
@@ -166,8 +174,13 @@ static void align(sv_intake *in, int c) {
   if (!in->source.set_control || !fl->cameras || !in->sync.streams[c].has_host) return;
   if (!sv_frame_length_frame(fl, c, in->sync.streams[c].last_mid_host_ns, &wanted_ns)) return;
   was_ns = fl->cameras[c].set_ns;
-  if (in->source.set_control(in->source.self, c, SV_CONTROL_FRAME_DURATION_NS, wanted_ns, &set_ns) < 0)
+  sv_status s = in->source.set_control(in->source.self, c, SV_CONTROL_FRAME_DURATION_NS, wanted_ns, &set_ns);
+  if (s < 0) { // once: it is left alone from now on
+    sv_camera_event e = {SV_CAMERA_FREE, c, in->clock.now_ns(in->clock.self), s};
     set_ns = 0;
+    s = sv_ring_push(&in->events, &e);
+    (void)s; // full: nobody asks
+  }
   sv_frame_length_set(fl, c, set_ns);
   if (set_ns > 0) sv_sync_lengthened(&in->sync, c, set_ns - was_ns);
 }
@@ -179,6 +192,7 @@ static void take_frame(sv_intake *in, const sv_frame *f) {
   sv_ns late_ns = in->clock.now_ns(in->clock.self) - f->arrival_ns;
   sv_status s = sv_sync_push(&in->sync, f);
   sv_skew_add(&in->latency, late_ns > 0 ? late_ns : 0);
+  in->n_missed += in->deadline_ns > 0 && late_ns > in->deadline_ns;
   if (s < 0) { // a frame of no camera of ours, or with a full return queue, which is drained after each frame
     count_error(in, c, s);
     requeue(in, f);
@@ -233,9 +247,8 @@ sv_status sv_intake_step(sv_intake *in, sv_ns until_ns) {
   return result;
 }
 
-sv_status sv_intake_start(sv_intake *in, sv_err *err) {
-  sv_source *src = &in->source;
-  sv_status s = SV_OK;
+sv_status sv_intake_check(const sv_intake *in, sv_err *err) {
+  const sv_source *src = &in->source;
   if (in->cfg.mode == SV_INTAKE_TRIGGER && !src->trigger)
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "the cameras of this source have no trigger line; expected --sync free or frame-length");
@@ -243,6 +256,13 @@ sv_status sv_intake_start(sv_intake *in, sv_err *err) {
     return sv_fail(err, SV_E_UNSUPPORTED, "the cameras of this source %s; expected --sync free",
                    src->set_control ? "do not tell their frame rate (fps= gives it)"
                                     : "cannot be told the length of their frames");
+  return SV_OK;
+}
+
+sv_status sv_intake_start(sv_intake *in, sv_err *err) {
+  sv_source *src = &in->source;
+  sv_status s = sv_intake_check(in, err);
+  if (s < 0) return s;
   if (src->trigger) s = src->trigger(src->self, in->cfg.mode == SV_INTAKE_TRIGGER);
   if (s < 0)
     return sv_fail(err, s, "the cameras cannot be switched to their trigger line: %s", sv_status_text(s));

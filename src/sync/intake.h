@@ -61,6 +61,9 @@ typedef struct {
   sv_ring ready, done;   // exposures to the user; from the user
   int n_with_user;       // capture side: handed over and not given back
   sv_skew_stats latency; // from a frame's arrival to its dequeue
+  sv_ns
+      deadline_ns; // the shortest frame period: when the next frame is there, this one has to be taken; 0: not known
+  uint64_t n_missed; // frames that were taken later
   bool is_running;
   _Atomic uint64_t n_device_errors; // of dequeue and requeue
   _Atomic int i_broken;             // camera of the newest one
@@ -72,7 +75,9 @@ size_t sv_intake_bytes(const sv_intake_cfg *cfg);
 sv_status sv_intake_init(sv_intake *in, const sv_intake_cfg *cfg, const sv_source *source,
                          const sv_clock *clock, sv_arena *arena) SV_MUST_USE;
 
-// Starts the cameras. E_UNSUPPORTED: a trigger, or frame lengths, were asked for, and the source has none.
+// Can the source do what the mode asks for? E_UNSUPPORTED: it has no trigger line, or takes no frame lengths.
+sv_status sv_intake_check(const sv_intake *in, sv_err *err) SV_MUST_USE;
+// Starts the cameras, when the mode suits them.
 sv_status sv_intake_start(sv_intake *in, sv_err *err) SV_MUST_USE;
 // Waits until until_host_ns at most for a frame, then takes all that are there. OK, AGAIN (none came), END; E_DEVICE
 // of one camera (counted; the others go on; the host's clock is moved on by 1 ms, so that a source that only fails

@@ -19,7 +19,10 @@ check() { # NAME, then a test's words; the rest of the reason is in the log
   shift
   if [ "$@" ]; then ok "$check_name"; else bad "$check_name" "expected: $*"; fi
 }
-wanted() { [ -z "$only" ] || [ "$only" = "$1" ]; }
+wanted() { # and when it began, since the board's start
+  [ -z "$only" ] || [ "$only" = "$1" ] || return 1
+  note "$1 at $(cut -d . -f 1 /proc/uptime) s"
+}
 # A number or word of the JSON object on one line: value KEY FILE.
 value() { sed -n "s/.*\"$1\": *\"\{0,1\}\([^,\"}]*\).*/\1/p" "$2" | head -n 1; }
 # Sum of a drop reason, or of all, of camera line $1 in the text of a capture.
@@ -60,6 +63,8 @@ is_exact() {
   [ $# -eq 3 ] && [ "$1" -eq $(($2 + $3)) ]
 }
 
+n_frames() { find $out/fault -name '0*.*' 2>/dev/null | wc -l; } # of a capture with a fault
+
 # --- what is there -------------------------------------------------------------------------------
 subview cameras --source-kind v4l2 >$out/log 2>&1
 cat $out/log
@@ -96,19 +101,66 @@ job() { # NAME SOURCE WIDTH HEIGHT
   cat $out/json $out/log
   check "$1_run" $code -eq 0 -a "$(value steps $out/json)" = 3 -a -s $out/run/model.ply
   heap_of "$1_run" $out/log
-  subview run --source "$2" --rig $out/rig --exposures 2 --steps 8 --gaussians 100 --threads 1 --skew-limit 100 --live \
-    --out $out/run --json --quiet >$out/json 2>$out/log
+  LD_PRELOAD=/test/lib/heap_watch.so subview run --source "$2" --rig $out/rig --exposures 2 --steps 5 --gaussians 100 \
+    --threads 1 --skew-limit 100 --live --out $out/run --json --quiet >$out/json 2>$out/log
   code=$?
   cat $out/json $out/log
   note "$1 live: $(grep '"live"' $out/run/run.json)"
+  heap_of "$1_live" $out/log
   check "$1_live" $code -eq 0 -a "$(grep -c '"is_exact": true' $out/run/run.json)" = 3
 }
 
 if wanted v4l2; then job v4l2 "v4l2:$vivid_list,size=320x180" 320 180; fi
+if wanted v4l2; then
+  subview capture --source "v4l2:$hdmi,format=NM12,buffers=4" --exposures 8 --out $out/hdmi --json --quiet >$out/json 2>$out/log
+  code=$?
+  cat $out/json $out/log
+  check v4l2_two_planes $code -eq 0 -a "$(value exposures $out/json)" = 8
+  rm -rf $out/hdmi
+fi
 # vimc's scaler makes widths of a multiple of six.
 if wanted libcamera && [ $has_libcamera = yes ]; then
   export LIBCAMERA_LOG_LEVELS='*:ERROR'
   job libcamera libcamera:0,1,2,size=318x240 318 240
+  # What these cameras cannot do is refused, and said.
+  subview capture --source libcamera:0,size=318x240,sync=client --exposures 1 --quiet --out $out/cap 2>$out/log
+  check libcamera_sync_refused $? -eq 1 -a "$(grep -c 'no rpi.sync with libcamera' $out/log)" = 1
+  subview capture --source libcamera:0,size=318x240 --sync frame-length --exposures 1 --quiet --out $out/cap 2>$out/log
+  check libcamera_length_refused $? -eq 1 -a "$(grep -c 'do not tell their frame rate' $out/log)" = 1
+fi
+
+# A camera whose driver loses it and finds it again (tests/board/refuse.c): libcamera's own virtual cameras cannot be
+# unplugged, its handler takes no note of it.
+if wanted lost && [ $has_libcamera = yes ]; then
+  export LIBCAMERA_LOG_LEVELS='*:ERROR'
+  node=$(grep -l 'RGB/YUV Capture' /sys/devices/platform/vimc.1/video4linux/video*/name)
+  rm -rf $out/fault
+  REFUSE_DEVICE=/dev/$(basename "$(dirname "$node")") REFUSE_WHILE=$out/refuse LD_PRELOAD=/test/lib/refuse.so \
+    subview capture --source libcamera:0,1,2,size=318x240,stall=4000 --duration 24 --skew-limit 300 --out $out/fault \
+    >$out/text 2>$out/log &
+  capture=$!
+  for second in 1 2 3 4 5 6 7 8 9 10; do # until it runs
+    sleep 1
+    [ "$(n_frames)" -ge 9 ] && break
+  done
+  touch $out/refuse
+  for second in 1 2 3 4 5 6 7 8 9 10; do # until it is told
+    sleep 1
+    grep -q ': lost: ' $out/log && break
+  done
+  rm $out/refuse
+  sleep 3
+  before=$(n_frames)
+  wait $capture
+  code=$?
+  cat $out/text $out/log
+  check libcamera_lost $code -eq 0 -a "$(grep -c 'camera1: lost: ' $out/log)" = 1
+  check libcamera_returned "$(grep -c 'camera1: returned: ' $out/log)" = 1 -a "$(n_frames)" -gt "$before"
+  note "libcamera lost: $(grep 'camera1: returned: ' $out/log)"
+  check libcamera_lost_others "$(grep '^warning' $out/log | grep -v 'camera1' | grep -c ': lost: \|: damaged: ')" = 0
+  set -- $(sed -n 's/.*frames: \([0-9]*\) captured = \([0-9]*\) delivered + \([0-9]*\) dropped.*/\1 \2 \3/p' $out/text)
+  check libcamera_lost_ledger "${1:-0}" -eq $((${2:-1} + ${3:-1})) -a "${1:-0}" -gt 0
+  rm -rf $out/fault
 fi
 
 # --- skew through the kernel ---------------------------------------------------------------------
@@ -146,7 +198,6 @@ suite() { # NAME SPEC
 }
 if wanted suite; then
   suite suite_v4l2 "v4l2:$vivid_list,size=320x180,buffers=4,dmabuf=on"
-  suite suite_v4l2_two_planes "v4l2:$hdmi,format=NM12"
   [ $has_libcamera = yes ] && suite suite_libcamera libcamera:0,1,2,size=318x240,buffers=4
 fi
 
@@ -178,5 +229,54 @@ if wanted faults; then
   faults fault "v4l2:$vivid_list,size=320x180" 13
   faults hdmi "hdmi:$hdmi,$vivid1" 5
   faults loop "loop:$loop0,$loop1,$loop2,lock=off,clock=monotonic" 3
+fi
+
+# --- the page ------------------------------------------------------------------------------------
+# Its server in its sandbox, on the kernel that boards have.
+get() { wget -q -O - "$@"; }
+base=http://127.0.0.1:8080
+state_is() { # STATE SECONDS
+  tries=0
+  until get $base/state | grep -q "\"state\":\"$1\""; do
+    tries=$((tries + 1))
+    [ $tries -lt $2 ] || return 1
+    sleep 1
+  done
+}
+# NAME, then a command that has to succeed (or with "not" to fail).
+holds() {
+  holds_name=$1
+  shift
+  if [ "$1" = not ]; then
+    shift
+    "$@" >/dev/null && bad "$holds_name" "it was answered" || ok "$holds_name"
+  else
+    "$@" >/dev/null && ok "$holds_name" || bad "$holds_name" "not so: $*"
+  fi
+}
+if wanted page; then
+  ifconfig lo 127.0.0.1 up
+  subview run --source sim:textured,rig=stereo,size=64x48 --exposures 2 --steps 60 --gaussians 500 --threads 1 \
+    --preview 8080 --session --out $out/page >$out/text 2>$out/log &
+  run=$!
+  holds page_waiting state_is waiting 60
+  note "page: $(get $base/state | sed -n 's/.*"sandbox":"\([^"]*\)".*/\1/p')"
+  get $base/state >$out/state
+  holds page_sandbox grep -q 'seccomp, no_new_privs' $out/state
+  holds page_token not get --post-data= $base/start
+  holds page_traversal not get $base/%2e%2e/%2e%2e/etc/passwd
+  token=$(sed -n 's/.*#//p' $out/log | head -n 1)
+  holds page_start get --header "X-Subview-Token: $token" --post-data= $base/start
+  holds page_done state_is done 120
+  get $base/model.ply | head -c 3 >$out/ply
+  check page_download "$(cat $out/ply)" = ply
+  server=$(pidof subview-preview)
+  kill -9 $server
+  sleep 4
+  holds page_again state_is done 30
+  check page_restarted "$(pidof subview-preview)" != "$server"
+  kill -INT $run
+  wait $run
+  check page_end $? -eq 0
 fi
 [ $n_failed -eq 0 ]

@@ -9,12 +9,15 @@
 // clang-format on
 #include <stdio.h>
 #include <stdlib.h>
+#include <time.h>
 
+#include "platform/codec/codec.h"
 #include "tests/common/world.h"
 
-#define STEP_BUDGET_MS  40.0  // 20,000 Gaussians, 320x240, two threads
-#define FRAME_BUDGET_MS 40.0  // one simulated frame, 320x240, one thread
-#define SAVE_BUDGET_MS  400.0 // model and checkpoint of 20,000 Gaussians into memory
+#define STEP_BUDGET_MS       40.0  // 20,000 Gaussians, 320x240, two threads
+#define FRAME_BUDGET_MS      40.0  // one simulated frame, 320x240, one thread
+#define SAVE_BUDGET_MS       400.0 // model and checkpoint of 20,000 Gaussians into memory
+#define MJPEG_BUDGET_PERCENT 25.0  // of one core: three webcams
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 #define IS_SANITIZED 1
@@ -87,8 +90,46 @@ static void test_frame(void **state) {
   world_close(&w);
 }
 
+// Motion JPEG of three webcams at 640x480 and 30 frames a second, in processor time.
+static void test_mjpeg(void **state) {
+  (void)state;
+  enum { N = 90, N_PICTURES = 6, W = 640, H = 480, CAP = 1 << 18 };
+  static uint8_t rgb[W * H * 3], jpeg[N_PICTURES][CAP], block[8 << 20];
+  size_t bytes[N_PICTURES], sum = 0;
+  sv_codec codec;
+  sv_codec_cfg cfg = {W, H, false};
+  sv_arena a = sv_arena_make(block, sizeof block);
+  sv_picture picture = {W, H, W * 3, SV_PIX_RGB8, rgb};
+  if (!world_open(&w, "textured,size=640x480", 1, ~0u, 1)) fail_msg("%s", w.err.text);
+  assert_int_equal(sv_codec_init(&codec, &cfg, &a), SV_OK);
+  for (int i = 0; i < N_PICTURES; i++) {
+    sv_view v;
+    double t;
+    sv_sim_heldout_view(&w.sim, i, N_PICTURES, &v, &t);
+    sv_sim_render(&w.sim, &v, t, rgb, NULL);
+    for (int k = 0; k < W * H * 3; k++)
+      rgb[k] = (uint8_t)(rgb[k] / 8 * 7 + (k * 2654435761u >> 28)); // a sensor's noise
+    assert_int_equal(sv_codec_encode_jpeg(&codec, &picture, 85, false, jpeg[i], CAP, &bytes[i], NULL), SV_OK);
+    sum += bytes[i];
+  }
+  struct timespec from, to;
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &from);
+  for (int i = 0; i < N; i++)
+    assert_int_equal(sv_codec_decode(&codec, jpeg[i % N_PICTURES], bytes[i % N_PICTURES], &picture, NULL),
+                     SV_OK);
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &to);
+  double ms = (double)(to.tv_sec - from.tv_sec) * 1e3 + (double)(to.tv_nsec - from.tv_nsec) * 1e-6;
+  print_message(
+      "motion JPEG: 90 pictures of 640x480 (%zu KiB each) in %.0f ms: %.0f %% of one core (budget %.0f)\n",
+      sum / N_PICTURES / 1024, ms, ms / 10, MJPEG_BUDGET_PERCENT);
+  if (!IS_SANITIZED) assert_true(ms / 10 < MJPEG_BUDGET_PERCENT);
+  sv_codec_close(&codec);
+  world_close(&w);
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_step), cmocka_unit_test(test_frame)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_step), cmocka_unit_test(test_frame),
+                                     cmocka_unit_test(test_mjpeg)};
   const char *emulator = getenv("SV_EMULATE");
   if (IS_SANITIZED || (emulator && *emulator)) {
     printf("time says nothing about the program under a sanitizer or an emulator\n");

@@ -49,6 +49,13 @@ static void check_views(void) {
   }
 }
 
+static bool has_live_line(const char *begin, const char *part) {
+  for (int i = 0; i < w.n_lines; i++)
+    if (w.level[i] == SV_LOG_LIVE && !strncmp(w.line[i], begin, strlen(begin)) && strstr(w.line[i], part))
+      return true;
+  return false;
+}
+
 static void in_turns_on_the_virtual_clock(void **state) {
   (void)state;
   open_live("textured,rig=stereo,size=64x48,fps=30", 4);
@@ -61,6 +68,9 @@ static void in_turns_on_the_virtual_clock(void **state) {
   assert_true(w.app.exposures.exposure[0].id >= 20); // the newest ones
   assert_true(w.n_images >= 3);
   assert_int_equal(w.app.trainer.step, 200);
+  assert_true(has_live_line("capture  ", " | right 30.0 fps "));
+  assert_true(
+      has_live_line("train  ", " | left 30.0 fps +0.000 ms dropped ")); // the cameras, while it trains
   check_views();
   world_close(&w);
 }

@@ -234,56 +234,141 @@ static int steps_for(double seconds) {
   return (int)(n * seconds / (now_s() - begin)) + n;
 }
 
+#define N_SLOW    64
+#define N_READERS 16
+
+typedef struct {
+  long n_damaged, n_good, rss_kib, half_rss_kib,
+      most_rss_kib; // at first; at most in the first half, and at all
+  int n_kills, n_reopened;
+  double seconds;
+} storm;
+
+static void begin_slow(int *fd) { // begins a request and never ends it
+  *fd = live_run_connect(&r);
+  if (*fd >= 0) (void)!send(*fd, "GET /state HTTP/1.1\r\nX: ", 24, MSG_NOSIGNAL);
+}
+
+static void begin_reader(int *fd, int i) { // opens a stream and hardly reads
+  char text[128];
+  int n = snprintf(text, sizeof text, "GET %s HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n\r\n",
+                   i % 2 ? "/stream" : "/cameras", r.port);
+  if ((*fd = live_run_connect(&r)) >= 0) (void)!send(*fd, text, (size_t)n, MSG_NOSIGNAL);
+}
+
+// The server hangs up on those that are too slow, and dies at times: they come again.
+static void keep_clients(int *slow, int *readers, storm *t) {
+  for (int i = 0; i < N_SLOW + N_READERS; i++) {
+    int *fd = i < N_SLOW ? &slow[i] : &readers[i - N_SLOW];
+    ssize_t got = *fd < 0 ? 0 : recv(*fd, answer, 4096, MSG_DONTWAIT);
+    if (got > 0 || (got < 0 && (errno == EAGAIN || errno == EWOULDBLOCK))) continue;
+    if (*fd >= 0) close(*fd);
+    if (i < N_SLOW) begin_slow(fd);
+    else begin_reader(fd, i);
+    t->n_reopened++;
+  }
+}
+
+// All of it at once on the run that is under way: at least so long, so many damaged requests and kills.
+static storm attack(double seconds, long n_damaged, int n_kills, double at_most_s) {
+  storm t = {.rss_kib = live_run_rss_kib(&r)};
+  int slow[N_SLOW], readers[N_READERS];
+  for (int i = 0; i < N_SLOW; i++) begin_slow(&slow[i]);
+  for (int i = 0; i < N_READERS; i++) begin_reader(&readers[i], i);
+  for (double begin = now_s(); t.seconds < at_most_s; t.seconds = now_s() - begin) {
+    if (t.seconds >= seconds && t.n_damaged >= n_damaged && t.n_kills >= n_kills) break;
+    t.n_damaged += send_damaged(now_s() + 0.3, is_long() ? 1000000 : 4000);
+    t.n_good += code_of("GET", "/state", NULL) == 200;
+    t.n_good += code_of("GET", "/model.ply", NULL) == 200;
+    keep_clients(slow, readers, &t);
+    if (t.n_kills < n_kills && t.seconds > seconds * t.n_kills / n_kills) {
+      pid_t server = live_run_server(&r);
+      if (server > 0 && kill(server, SIGKILL) == 0) t.n_kills++;
+    }
+    long rss = live_run_rss_kib(&r);
+    if (rss > t.most_rss_kib) t.most_rss_kib = rss;
+    if (t.seconds < seconds / 2) t.half_rss_kib = t.most_rss_kib;
+  }
+  for (int i = 0; i < N_SLOW; i++)
+    if (slow[i] >= 0) close(slow[i]);
+  for (int i = 0; i < N_READERS; i++)
+    if (readers[i] >= 0) close(readers[i]);
+  print_message(
+      "%.0f s: %ld damaged requests, %ld answered among them, %d slow clients and readers came again, "
+      "%d kills; memory of subview %ld KiB, half way %ld, in the end %ld\n",
+      t.seconds, t.n_damaged, t.n_good, t.n_reopened, t.n_kills, t.rss_kib, t.half_rss_kib, t.most_rss_kib);
+  assert_true(t.n_kills >= n_kills);
+  assert_true(t.n_good > 0);
+  assert_true(t.half_rss_kib <= t.rss_kib + 2048); // pages of the block that had not been touched yet
+  assert_true(t.most_rss_kib <= t.half_rss_kib + 128);
+  return t;
+}
+
 static void test_the_run_does_not_notice(void **state) {
   (void)state;
   char want[64], got[64], args[256];
   const double storm_s = is_long() ? 60 : 4;
-  snprintf(args, sizeof args, BASE "--steps %d", steps_for(1.5 * storm_s));
+  snprintf(args, sizeof args, BASE "--steps %d", steps_for(3 * storm_s));
   start(args); // the same run, in peace
-  assert_int_equal(live_run_wait(&r, is_long() ? 600 : 60), 0);
+  assert_int_equal(live_run_wait(&r, is_long() ? 900 : 60), 0);
   report_value(root, "digest", want);
   start(args);
   assert_true(wait_for("\"state\":\"training\"", 20));
-  long rss = live_run_rss_kib(&r), most_rss = rss, n_damaged = 0, n_good = 0;
-  int slow[64], readers[16], n_kills = 0, n_wanted = is_long() ? 100 : 5;
-  for (int i = 0; i < 64; i++) // begin a request and never end it
-    if ((slow[i] = live_run_connect(&r)) >= 0)
-      (void)!send(slow[i], "GET /state HTTP/1.1\r\nX: ", 24, MSG_NOSIGNAL);
-  for (int i = 0; i < 16; i++) { // open a stream and hardly read
-    char text[128];
-    int n = snprintf(text, sizeof text, "GET %s HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n\r\n",
-                     i % 2 ? "/stream" : "/cameras", r.port);
-    if ((readers[i] = live_run_connect(&r)) >= 0) (void)!send(readers[i], text, (size_t)n, MSG_NOSIGNAL);
-  }
-  double begin = now_s();
-  while (now_s() - begin < storm_s && r.pid > 0) {
-    n_damaged += send_damaged(now_s() + 0.3, is_long() ? 1000000 : 4000);
-    n_good += code_of("GET", "/state", NULL) == 200;
-    n_good += code_of("GET", "/model.ply", NULL) == 200;
-    for (int i = 0; i < 16; i++)
-      if (readers[i] >= 0) (void)!recv(readers[i], answer, 4096, MSG_DONTWAIT);
-    if (n_kills < n_wanted && now_s() - begin > storm_s * n_kills / n_wanted) {
-      pid_t server = live_run_server(&r);
-      if (server > 0 && kill(server, SIGKILL) == 0) n_kills++;
-    }
-    long now_rss = live_run_rss_kib(&r);
-    if (now_rss > most_rss) most_rss = now_rss;
-  }
-  for (int i = 0; i < 64; i++)
-    if (slow[i] >= 0) close(slow[i]);
-  for (int i = 0; i < 16; i++)
-    if (readers[i] >= 0) close(readers[i]);
-  assert_int_equal(live_run_wait(&r, is_long() ? 600 : 90), 0);
-  print_message(
-      "%ld damaged requests, %ld answered among them, %d kills; memory of subview %ld -> at most %ld KiB\n",
-      n_damaged, n_good, n_kills, rss, most_rss);
+  (void)attack(storm_s, 0, is_long() ? 100 : 2, is_long() ? 170 : 10);
+  assert_int_equal(live_run_wait(&r, is_long() ? 900 : 90), 0);
   report_value(root, "digest", got);
   assert_string_equal(got, want);
   report_value(root, "is_exact", got);
   assert_string_equal(got, "true");
-  assert_true(n_kills >= 2);
-  assert_true(n_good > 0);
-  assert_true(most_rss <= rss + 512); // pages of the block that had not been touched yet
+}
+
+// Cameras on real time (a recording at its own speed, on the thread that cameras get) while the run trains and the
+// server is under attack: every frame is taken before the next one comes, and the ledger closes.
+static void test_capture_meets_its_deadlines(void **state) {
+  (void)state;
+  char command[700], got[64];
+  const char *bin = getenv("SV_BIN"), *emulate = getenv("SV_EMULATE");
+  const double storm_s = is_long() ? 60 : 4;
+  if (emulate && *emulate) {
+    print_message("skip deadlines: emulated programs have no real time\n");
+    skip();
+  }
+  snprintf(command, sizeof command,
+           "%s/subview capture --source sim:textured,rig=stereo,size=96x64,fps=30 --exposures %d --out "
+           "%s/recording "
+           "--quiet >/dev/null 2>&1",
+           bin ? bin : "build/sim-x86/bin", is_long() ? 27000 : 450, root);
+  assert_int_equal(system(command), 0);
+  start("--source replay:@/recording,speed=realtime --live --exposures 4 --gaussians 1500 --threads 1 "
+        "--time-limit 3600");
+  assert_true(wait_for("\"state\":\"training\"", 20));
+  storm t = attack(storm_s, is_long() ? 1000000 : 0, is_long() ? 100 : 2, is_long() ? 840 : 12);
+  assert_int_equal(live_run_stop(&r), 0);
+  if (is_long()) assert_true(t.n_damaged >= 1000000);
+  report_value(root, "is_exact", got);
+  assert_string_equal(got, "true");
+  report_value(root, "exposures_replaced", got);
+  print_message("%s exposures replaced; ", got);
+  assert_true(strtol(got, NULL, 10) > 2 * storm_s);
+  report_value(root, "deadline_misses", got);
+  print_message("deadlines of 33 ms missed: %s\n", got);
+  assert_string_equal(got, "0");
+}
+
+// What is missing is told apart: no camera, no rig.
+static void test_what_is_missing(void **state) {
+  (void)state;
+  char command[600];
+  snprintf(command, sizeof command,
+           "cp -r tests/data/capture_tiny %s/norig && sed -i '/\"rig\":/d' %s/norig/capture.json", root,
+           root);
+  assert_int_equal(system(command), 0);
+  start("--source replay:@/norig --session");
+  assert_true(wait_for("\"state\":\"failed\",\"lacks\":\"rig\"", 10));
+  live_run_stop(&r);
+  start("--source replay:@/nowhere --session");
+  assert_true(wait_for("\"state\":\"failed\",\"lacks\":\"camera\"", 10));
+  live_run_stop(&r);
 }
 
 // A server that hangs is replaced as well.
@@ -325,6 +410,8 @@ int main(void) {
       cmocka_unit_test_teardown(test_private, stop),
       cmocka_unit_test_teardown(test_traversal, stop),
       cmocka_unit_test_teardown(test_the_run_does_not_notice, stop),
+      cmocka_unit_test_teardown(test_capture_meets_its_deadlines, stop),
+      cmocka_unit_test_teardown(test_what_is_missing, stop),
       cmocka_unit_test_teardown(test_hang, stop),
   };
   return cmocka_run_group_tests(tests, make_root, remove_root);

@@ -127,8 +127,8 @@ static void path_of(char out[400], const char *name) { snprintf(out, 400, "%s/%s
 static void write_as(const lab_model *m, int kind, const char *path) {
   sv_err err;
   sv_status s = kind == 0   ? lab_write_splat(&m->g, path, &err)
-                : kind == 1 ? lab_write_glb(&m->g, path, &err)
-                            : lab_write_spz(&m->g, m->is_mip, kind, path, &err);
+                : kind == 1 ? lab_write_glb(&m->g, NULL, path, &err)
+                            : lab_write_spz(&m->g, m->is_mip, kind, NULL, path, &err);
   if (s == SV_E_UNSUPPORTED && kind == 4) skip();
   if (s != SV_OK) fail_msg("%s", err.text);
 }
@@ -213,6 +213,112 @@ static void test_turns(void **state) {
     }
 }
 
+// The covariance of a Gaussian.
+static void covariance(const sv_gaussian *g, double out[9]) {
+  double q[4], r[9];
+  for (int k = 0; k < 4; k++) q[k] = (double)g->quat_wxyz[k];
+  sv_quat_to_mat(r, q);
+  for (int a = 0; a < 3; a++)
+    for (int b = 0; b < 3; b++) {
+      out[3 * a + b] = 0;
+      for (int k = 0; k < 3; k++)
+        out[3 * a + b] += r[3 * a + k] * r[3 * b + k] * exp(2 * (double)g->log_scale[k]);
+    }
+}
+
+// A turned world seen from turned places is the same: places, covariances, colours of the real SH in any direction.
+static void must_be_turned(const sv_gaussian *g, const sv_gaussian *was, const double r[9]) {
+  double x[3], want[3], c[9], c0[9], d[3] = {0.36, -0.48, 0.8}, turned[3];
+  for (int k = 0; k < 3; k++) x[k] = (double)was->mean[k];
+  sv_apply33(want, r, x), sv_apply33(turned, r, d);
+  for (int k = 0; k < 3; k++) must_be_near("turned place", (double)g->mean[k], want[k], 1e-5);
+  covariance(g, c), covariance(was, c0);
+  for (int a = 0; a < 3; a++)
+    for (int b = 0; b < 3; b++) {
+      double v = 0;
+      for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) v += r[3 * a + i] * c0[3 * i + j] * r[3 * b + j];
+      must_be_near("turned covariance", c[3 * a + b], v, 2e-5);
+    }
+  // The norms of the functions, which `colour` leaves out.
+  static const double norm[16] = {1,      -0.4886, 0.4886, -0.4886, 1.0925,  -1.0925, 0.31539, -1.0925,
+                                  0.5463, -0.5900, 2.8906, -0.4570, 0.37318, -0.4570, 1.4453,  -0.5900};
+  sv_gaussian a = *g, b = *was;
+  for (int k = 0; k < 16; k++)
+    for (int ch = 0; ch < 3; ch++) a.sh[k][ch] *= (float)norm[k], b.sh[k][ch] *= (float)norm[k];
+  for (int ch = 0; ch < 3; ch++)
+    must_be_near("turned colour", colour(&a, ch, turned), colour(&b, ch, d), 2e-3);
+}
+
+static void test_any_turn(void **state) {
+  (void)state;
+  sv_rng rng = sv_rng_make(5, 5);
+  for (int n = 0; n < 20; n++) {
+    double r[9];
+    const double w[3] = {(double)span(&rng, -2, 2), (double)span(&rng, -2, 2), (double)span(&rng, -2, 2)};
+    sv_turn turn;
+    sv_rodrigues(r, w);
+    sv_turn_make(&turn, r);
+    for (int i = 0; i < N; i++) {
+      sv_gaussian g = fixture[i];
+      sv_gaussian_turn_by(&g, &turn);
+      must_be_turned(&g, &fixture[i], r);
+    }
+  }
+}
+
+// Models of worlds with each way up stand upright in the formats that say where up is, and lie as they did in PLY.
+static void test_up(void **state) {
+  (void)state;
+  static const char *const ups[] = {"x", "y", "z", "-x", "-y", "-z"};
+  char path[400];
+  sv_err err;
+  for (int u = 0; u < 6; u++) {
+    double up[3], turned[3];
+    sv_turn turn;
+    assert_true(sv_up_axis(ups[u], up));
+    const float near[3] = {(float)up[0] * 0.9f + 0.2f, (float)up[1] * 0.9f - 0.1f,
+                           (float)up[2] * 0.9f + 0.3f};
+    assert_string_equal(sv_up_name(near), ups[u]);
+    sv_turn_upright(&turn, ups[u]);
+    assert_int_equal(turn.is_none, u == 4);
+    if (turn.is_none) continue;
+    sv_apply33(turned, turn.r, up);
+    must_be_near("up", turned[1], -1, 1e-12);
+    for (int kind = 1; kind < 4; kind++) {
+      lab_model m = make_model(3), back;
+      path_of(path, names[kind]);
+      if (kind == 1) assert_int_equal(lab_write_glb(&m.g, ups[u], path, &err), SV_OK);
+      else assert_int_equal(lab_write_spz(&m.g, true, kind, ups[u], path, &err), SV_OK);
+      if (lab_model_read(&back, path, &err) < 0) fail_msg("%s", err.text);
+      for (int i = 0; i < N; i++) {
+        sv_gaussian got, want = fixture[i];
+        sv_gaussians_get(&back.g, i, &got);
+        sv_gaussian_turn_by(&want, &turn);
+        // SH of degree 3 can leave the range of SPZ's bytes when they are turned.
+        for (int k = 0; k < 48; k++) (&want.sh[0][0])[k] = fminf(fmaxf((&want.sh[0][0])[k], -0.99f), 0.99f);
+        for (int k = 0; k < 3; k++) want.sh[0][k] = fixture[i].sh[0][k];
+        if (kind == 1)
+          for (int k = 0; k < 48; k++)
+            (&got.sh[0][0])[k] = k < 3 ? (&got.sh[0][0])[k] : fminf(fmaxf((&got.sh[0][0])[k], -0.99f), 0.99f);
+        compare(&got, &want, 3, limits_of[kind]);
+      }
+      lab_model_free(&back);
+      lab_model_free(&m);
+    }
+    lab_model m = make_model(1), back;
+    path_of(path, "up.ply");
+    assert_int_equal(lab_model_write(&m.g, &(sv_model_notes){.up = ups[u]}, path, &err), SV_OK);
+    assert_int_equal(lab_model_read(&back, path, &err), SV_OK);
+    assert_string_equal(back.up, ups[u]);
+    sv_gaussian got;
+    sv_gaussians_get(&back.g, 7, &got);
+    assert_true((double)got.mean[0] == (double)fixture[7].mean[0]);
+    lab_model_free(&back);
+    lab_model_free(&m);
+  }
+}
+
 // Cut anywhere, and changed anywhere in the head: refused with a sentence, or at least read without a fault.
 static void test_damage(void **state) {
   (void)state;
@@ -294,7 +400,7 @@ static void test_independent(void **state) {
     path_of(back_path, kind == 1 ? "theirs.glb" : "back.ply");
     if (kind == 1) {
       path_of(path, "m.ply");
-      assert_int_equal(lab_model_write(&m.g, false, 0, path, &err), SV_OK);
+      assert_int_equal(lab_model_write(&m.g, &(sv_model_notes){.is_mip = false}, path, &err), SV_OK);
     } else write_as(&m, kind, path);
     lab_model_free(&m);
     snprintf(command, sizeof command, "'%s' -w '%s' '%s' >'%s/log' 2>&1", tool, path, back_path, dir);
@@ -332,9 +438,10 @@ static int remove_dir(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_turns),  cmocka_unit_test(test_splat),       cmocka_unit_test(test_glb),
-      cmocka_unit_test(test_spz2),   cmocka_unit_test(test_spz3),        cmocka_unit_test(test_spz4),
-      cmocka_unit_test(test_damage), cmocka_unit_test(test_independent),
+      cmocka_unit_test(test_turns),       cmocka_unit_test(test_any_turn), cmocka_unit_test(test_up),
+      cmocka_unit_test(test_splat),       cmocka_unit_test(test_glb),      cmocka_unit_test(test_spz2),
+      cmocka_unit_test(test_spz3),        cmocka_unit_test(test_spz4),     cmocka_unit_test(test_damage),
+      cmocka_unit_test(test_independent),
   };
   return cmocka_run_group_tests(tests, make_dir, remove_dir);
 }

@@ -432,6 +432,11 @@ static void frames_are_counted_where_the_driver_does_not(void **state) {
     assert_int_equal(f.sequence, i);
     assert_int_equal(src.requeue(src.self, &f), SV_OK);
   }
+  // It starts to count after all: with its next number ours goes on.
+  fake.device[0].has_frozen_sequence = false;
+  fake.device[0].sequence = 1;
+  assert_int_equal(src.dequeue(src.self, &f, fake.now_ns + SV_NS_PER_S), SV_OK);
+  assert_int_equal(f.sequence, 5);
   close_all();
 }
 

@@ -23,7 +23,8 @@ _subview() {
     COMPREPLY=($(compgen -W "$("$program" cameras 2>/dev/null | awk '{ print $1 }') replay:" -- "$word"))
     return
     ;;
-  --format) COMPREPLY=($(compgen -W 'ply splat spz glb' -- "$word")) && return ;;
+  --format) COMPREPLY=($(compgen -W 'ply splat spz glb delta' -- "$word")) && return ;;
+  --up) COMPREPLY=($(compgen -W 'x y z -x -y -z' -- "$word")) && return ;;
   esac
   if [[ -z $command || $COMP_CWORD -eq 1 ]]; then
     COMPREPLY=($(compgen -W "$(_subview_words "$program" | grep -v '^--') --help --version" -- "$word"))

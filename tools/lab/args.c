@@ -70,6 +70,8 @@ static const sv_option table[] = {
      "also LPIPS (v0.1, SqueezeNet); train: with --eval", 0, 0, 0},
     {"format", SV_OPT_WORD, LAB_EXPORT, LAB_EXPORT, AT(format), "ply|splat|spz|glb|delta",
      "of the file to write", 0, 0, 0},
+    {"up", SV_OPT_WORD, LAB_EXPORT, 0, AT(up), "x|y|z|-x|-y|-z",
+     "up in the model's world (what the file says, else -y): spz and glb stand upright by it", 0, 0, 0},
     {"spz-version", SV_OPT_INT, LAB_EXPORT, 0, AT(spz_version), "N",
      "spz: 4 (zstd, newest), 3 or 2 (gzip, older viewers) (4)", 2, 4, 0},
     {"from", SV_OPT_WORD, LAB_IMPORT, LAB_IMPORT, AT(from),

@@ -4,13 +4,15 @@
 #include "tools/lab/model_formats.h"
 
 static sv_status write_as(const lab_options *o, lab_model *m, const lab_session *se, sv_err *err) {
+  if (o->up) sv_copy(m->up, sizeof m->up, o->up); // better known than said in the file
+  const sv_model_notes notes = lab_model_notes(m);
   int version = o->spz_version > 0 ? (int)o->spz_version : 4;
   if (sv_str_eq(o->format, "splat")) return lab_write_splat(&m->g, o->out, err);
-  if (sv_str_eq(o->format, "spz")) return lab_write_spz(&m->g, m->is_mip, version, o->out, err);
+  if (sv_str_eq(o->format, "spz")) return lab_write_spz(&m->g, m->is_mip, version, notes.up, o->out, err);
   if (sv_str_eq(o->format, "delta"))
     return lab_write_delta(m, se, o->frames > 0 ? (int)o->frames : 25, o->out, err);
-  if (sv_str_eq(o->format, "glb")) return lab_write_glb(&m->g, o->out, err);
-  return lab_model_write(&m->g, m->is_mip, m->dilation_px2, o->out, err);
+  if (sv_str_eq(o->format, "glb")) return lab_write_glb(&m->g, notes.up, o->out, err);
+  return lab_model_write(&m->g, &notes, o->out, err);
 }
 
 int lab_cmd_export(const lab_options *o) {

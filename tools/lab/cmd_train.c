@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "src/base/mathx.h"
+#include "src/format/axes.h"
 #include "src/base/str.h"
 #include "src/train/objective.h"
 #include "src/splat/constants.h"
@@ -378,10 +379,11 @@ static void report_settings(lab_report *j, const run *r) {
 static sv_status save(run *r, sv_err *err) {
   char path[SV_CAP_PATH];
   lab_report j;
+  const sv_model_notes notes = {.is_mip = r->plan.trainer.cfg.is_antialiased,
+                                .dilation_px2 = r->plan.trainer.cfg.dilation_px2,
+                                .up = sv_up_name(r->scene.up)};
   sv_status s = sv_path_join(path, sizeof path, r->o->out, "model.ply", err);
-  if (s == SV_OK)
-    s = lab_model_write(&r->plan.trainer.g, r->plan.trainer.cfg.is_antialiased,
-                        r->plan.trainer.cfg.dilation_px2, path, err);
+  if (s == SV_OK) s = lab_model_write(&r->plan.trainer.g, &notes, path, err);
   if (s == SV_OK && sv_train_is_dynamic(&r->plan.trainer))
     s = lab_motion_write(&r->plan.trainer.deform, &r->plan.trainer.g, path, err);
   if (s == SV_OK) s = sv_path_join(path, sizeof path, r->o->out, "train.json", err);

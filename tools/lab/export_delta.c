@@ -81,6 +81,7 @@ sv_status lab_write_delta(lab_model *m, const lab_session *se, int n_frames, con
                             .sh_degree = m->g.sh_degree,
                             .is_mip = m->is_mip,
                             .dilation_px2 = m->dilation_px2,
+                            .up = m->up[0] ? m->up : NULL,
                             .has_normals = true};
   sv_ply_writer w;
   sv_file f;
@@ -88,7 +89,8 @@ sv_status lab_write_delta(lab_model *m, const lab_session *se, int n_frames, con
     return sv_fail(err, SV_E_NOT_FOUND, "the model does not move: there is no motion.bin beside it");
   memory base = {.cap = sv_ply_file_bytes(&o) + 64};
   if (!(base.data = malloc(base.cap))) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its base", path);
-  sv_status s = sv_model_write_ply(&m->g, m->is_mip, m->dilation_px2, (sv_sink){&base, append}, &w, err);
+  const sv_model_notes notes = lab_model_notes(m);
+  sv_status s = sv_model_write_ply(&m->g, &notes, (sv_sink){&base, append}, &w, err);
   if (s == SV_OK && (s = sv_file_begin(&f, path, err)) == SV_OK) {
     s = write_header(&base, &f, m->g.n, n_frames, err);
     if (s == SV_OK) s = write_frames(m, se, &f, n_frames, err);

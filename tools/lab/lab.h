@@ -5,6 +5,7 @@
 
 #include "platform/linux/linux.h"
 #include "src/deform/deform.h"
+#include "src/splat/model_file.h"
 #include "tools/common/fileio.h"
 #include "tools/lab/args.h"
 #include "tools/lab/dataset.h"
@@ -52,6 +53,7 @@ typedef struct {
   void *block;
   bool is_mip;
   float dilation_px2; // 0: not said
+  char up[4];         // empty: not said
   uint64_t digest;    // as sv_train_digest
   sv_deform deform;   // of motion.bin beside the model; kind NONE without
   void *deform_block;
@@ -62,8 +64,9 @@ void lab_model_free(lab_model *m);
 // motion.bin beside a model that was just written.
 sv_status lab_motion_write(const sv_deform *d, const sv_gaussians *g, const char *model_path,
                            sv_err *err) SV_MUST_USE;
-sv_status lab_model_write(const sv_gaussians *g, bool is_mip, float dilation_px2, const char *path,
+sv_status lab_model_write(const sv_gaussians *g, const sv_model_notes *notes, const char *path,
                           sv_err *err) SV_MUST_USE;
+sv_model_notes lab_model_notes(const lab_model *m);
 
 // How a model was trained, as train.json beside it tells. Without that file: the defaults of
 // lab_settings_default.

@@ -38,7 +38,8 @@ static const lab_command commands[] = {
       "  splat  32 bytes a Gaussian, most visible first, without view-dependent colour\n"
       "  spz    about a tenth of PLY; axes become right-up-back, as the format says\n"
       "  glb    glTF with KHR_gaussian_splatting, floats; axes become left-up-forward\n"
-      "Models are taken as right-down-forward (COLMAP's axes).",
+      "Models are taken as right-down-forward (COLMAP's axes) unless they say or --up says what is up:\n"
+      "spz and glb then stand upright.",
       "  subview-lab export --model tree/model.ply --format splat --out tree.splat", LAB_EXPORT},
      lab_cmd_export},
     {{"import", "--from KIND DIR --out DIR [options]", "turn other data into a dataset",

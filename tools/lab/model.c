@@ -26,6 +26,7 @@ static sv_status fill(lab_model *m, const char *path, sv_ply *ply, sv_err *err) 
   }
   m->is_mip = ply->is_mip;
   m->dilation_px2 = ply->dilation_px2;
+  memcpy(m->up, ply->up, sizeof m->up);
   return SV_OK;
 }
 
@@ -115,26 +116,20 @@ void lab_model_free(lab_model *m) {
   memset(m, 0, sizeof *m);
 }
 
-sv_status lab_model_write(const sv_gaussians *g, bool is_mip, float dilation_px2, const char *path,
-                          sv_err *err) {
+sv_model_notes lab_model_notes(const lab_model *m) {
+  return (sv_model_notes){
+      .is_mip = m->is_mip, .dilation_px2 = m->dilation_px2, .up = m->up[0] ? m->up : NULL};
+}
+
+sv_status lab_model_write(const sv_gaussians *g, const sv_model_notes *notes, const char *path, sv_err *err) {
   sv_file f;
   sv_ply_writer w;
-  sv_ply_options o = {
-      .n = (uint32_t)g->n, .sh_degree = g->sh_degree, .is_mip = is_mip, .dilation_px2 = dilation_px2};
   sv_status s = sv_file_begin(&f, path, err);
   if (s != SV_OK) return s;
-  s = sv_ply_write_begin(&w, (sv_sink){&f, sv_file_append}, &o, err);
-  for (int i = 0; s == SV_OK && i < g->n; i++) {
-    sv_gaussian v;
-    sv_gaussians_get(g, i, &v);
-    s = sv_ply_write_gaussian(&w, &v, err);
-  }
-  if (s == SV_OK) s = sv_ply_write_end(&w, err);
-  if (s != SV_OK) {
-    sv_file_abandon(&f);
-    return s;
-  }
-  return sv_file_commit(&f, err);
+  s = sv_model_write_ply(g, notes, (sv_sink){&f, sv_file_append}, &w, err);
+  if (s == SV_OK) return sv_file_commit(&f, err);
+  sv_file_abandon(&f);
+  return s;
 }
 
 // --- the settings beside it ----------------------------------------------------------------------

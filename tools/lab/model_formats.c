@@ -6,6 +6,7 @@
 
 #include "platform/codec/gzip.h"
 #include "src/base/str.h"
+#include "src/format/axes.h"
 #include "src/format/bytes.h"
 #include "src/format/glb.h"
 #include "src/format/splat_file.h"
@@ -112,14 +113,18 @@ static sv_status unpack_zstd(sv_spz *z, const char *path, const uint8_t *data, s
 }
 #endif
 
-sv_status lab_write_spz(const sv_gaussians *g, bool is_mip, int version, const char *path, sv_err *err) {
+sv_status lab_write_spz(const sv_gaussians *g, bool is_mip, int version, const char *up, const char *path,
+                        sv_err *err) {
   sv_spz z = {.version = version, .n = (uint32_t)g->n, .sh_degree = g->sh_degree, .is_mip = is_mip};
   uint8_t header[SV_SPZ_HEADER_BYTES], *gz = NULL, *packed = malloc(sv_spz_bytes(&z));
   size_t bytes;
+  sv_turn turn;
+  sv_turn_upright(&turn, up);
   if (!packed) return sv_fail(err, SV_E_NOMEM, "%s: no memory for %d Gaussians", path, g->n);
   for (int i = 0; i < g->n; i++) {
     sv_gaussian v;
     sv_gaussians_get(g, i, &v);
+    sv_gaussian_turn_by(&v, &turn);
     sv_spz_put(&z, packed, (uint32_t)i, &v);
   }
   sv_spz_header(&z, header);
@@ -133,11 +138,14 @@ sv_status lab_write_spz(const sv_gaussians *g, bool is_mip, int version, const c
 
 // --- GLB -----------------------------------------------------------------------------------------
 
-sv_status lab_write_glb(const sv_gaussians *g, const char *path, sv_err *err) {
+sv_status lab_write_glb(const sv_gaussians *g, const char *up, const char *path, sv_err *err) {
   sv_glb z = {.sh_degree = g->sh_degree};
   sv_gaussian v;
+  sv_turn turn;
+  sv_turn_upright(&turn, up);
   for (int i = 0; i < g->n; i++) {
     sv_gaussians_get(g, i, &v);
+    sv_gaussian_turn_by(&v, &turn);
     sv_glb_extend(&z, &v);
   }
   uint8_t *file = malloc(sv_glb_bytes(&z));
@@ -145,6 +153,7 @@ sv_status lab_write_glb(const sv_gaussians *g, const char *path, sv_err *err) {
   sv_status s = sv_glb_head(&z, file, err);
   for (int i = 0; s == SV_OK && i < g->n; i++) {
     sv_gaussians_get(g, i, &v);
+    sv_gaussian_turn_by(&v, &turn);
     sv_glb_put(&z, file, (uint32_t)i, &v);
   }
   if (s == SV_OK) s = sv_file_write(path, file, sv_glb_bytes(&z), err);

@@ -14,10 +14,11 @@ extern "C" {
 #endif
 
 sv_status lab_write_splat(const sv_gaussians *g, const char *path, sv_err *err) SV_MUST_USE;
+// Both formats say which way is up: the model is turned there from `up` (src/format/axes.h; NULL: the default).
 // version 2, 3 (gzip) or 4 (zstd; E_UNSUPPORTED in a build without libzstd).
-sv_status lab_write_spz(const sv_gaussians *g, bool is_mip, int version, const char *path,
+sv_status lab_write_spz(const sv_gaussians *g, bool is_mip, int version, const char *up, const char *path,
                         sv_err *err) SV_MUST_USE;
-sv_status lab_write_glb(const sv_gaussians *g, const char *path, sv_err *err) SV_MUST_USE;
+sv_status lab_write_glb(const sv_gaussians *g, const char *up, const char *path, sv_err *err) SV_MUST_USE;
 
 // Is this one of these formats (by its first bytes; .splat by name)?
 bool lab_is_viewer_format(const char *path, const void *data, size_t bytes);

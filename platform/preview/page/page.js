@@ -2,8 +2,9 @@
 // The page's states and controls. Two long connections: the state (server-sent events) and the camera mosaic.
 "use strict";
 const $ = (id) => document.getElementById(id);
-const page = { token: location.hash.slice(1), state: null, points: [], model_seq: -1, picture_seq: -1, is_loading: false, started: 0 };
+const page = { token: location.hash.slice(1), state: null, points: [], model_seq: -1, picture_seq: -1, is_loading: false, is_away: false, started: 0 };
 if (page.token) document.cookie = "subview=" + page.token + "; path=/; SameSite=Strict";
+$("tiles").src = "/cameras"; // first of all
 
 const titles = {
   starting: ["Starting", "The runtime is being set up."],
@@ -28,15 +29,20 @@ function element(name, text, type) {
 }
 
 // --- model and picture ---
-let view = null;
-try {
-  view = new SplatView($("view"));
-} catch (e) {
-  $("notice").hidden = false;
-  set("notice", "The model cannot be drawn here: " + e.message + ". Downloads and camera pictures work.");
+let view = null; // made when there is something to draw: what it takes must not hold up the cameras
+function open_view() {
+  if (view || page.has_no_view || typeof SplatView === "undefined") return;
+  try {
+    view = new SplatView($("view"));
+    view.on_time = show_clip;
+  } catch (e) {
+    page.has_no_view = true, ($("notice").hidden = false);
+    set("notice", "The model cannot be drawn here: " + e.message + ". Downloads and camera pictures work.");
+  }
 }
 
 async function load_model(seq) {
+  open_view();
   if (!view || page.is_loading || seq === page.model_seq) return;
   page.is_loading = true;
   try {
@@ -48,11 +54,22 @@ async function load_model(seq) {
       view.clear();
       page.model_seq = seq;
     }
+    show_clip();
   } catch (e) {
     // the next state asks again
   } finally {
     page.is_loading = false;
   }
+}
+
+// The time slider, of a model that moves.
+function show_clip() {
+  const clip = view && view.n ? view.clip : null;
+  $("clip").hidden = !clip;
+  if (!clip) return;
+  set("play", view.is_playing ? "\u25a0" : "\u25b6"), set("moment-line", (view.time * clip.seconds).toFixed(2) + " of " + clip.seconds.toFixed(2) + " s");
+  const at = String(Math.round(1000 * view.time));
+  if ($("moment").value !== at) $("moment").value = at;
 }
 
 async function load_picture(seq) {
@@ -101,10 +118,17 @@ function show_message(s) {
   let [title, text] = titles[s.state] || ["", ""];
   if (s.state === "failed") (title = lacks[s.lacks] || lacks.other), (text = s.sentence);
   $("message").hidden = has_model && s.state !== "failed";
+  if (s.state === "failed" && s.session) text += ". Put it right and press New to try again.";
   set("message-title", title), set("message-text", text);
+  $("figures").hidden = $("tools").hidden = !has_model;
   // Before there is a model the cameras are what there is to see.
   const place = !has_model && s.cameras.length && s.state !== "failed" ? $("message") : $("cameras-box");
   if ($("mosaic").parentNode !== place) place.append($("mosaic"));
+  $("cameras-box").hidden = place === $("message") || !s.cameras.length;
+  // What cannot say anything yet takes no room.
+  $("training-box").hidden = !s.cameras.length || (s.step === 0 && !has_model && s.state === "waiting");
+  $("files-box").hidden = !has_model && !s.step;
+  $("machine-box").hidden = $("frames-box").hidden = !s.cameras.length;
 }
 
 function show_buttons(s) {
@@ -124,7 +148,6 @@ function show_buttons(s) {
 
 function show_cameras(s) {
   const [columns, rows] = s.grid, count = Math.min(s.cameras.length, columns * rows);
-  $("cameras-box").hidden = count === 0;
   set("skew", s.n_skew ? "skew " + micro(s.skew_p50_us) + " typical, " + micro(s.skew_max_us) + " most" : "");
   const labels = $("labels");
   while (labels.children.length > count) labels.lastChild.remove();
@@ -234,6 +257,8 @@ $("new").onclick = () => { // what the next run saves replaces what this one sav
     ask("new");
   }
 };
+$("play").onclick = () => (view.play(!view.is_playing), show_clip());
+$("moment").oninput = () => (view.play(false), view.set_time($("moment").value / 1000), show_clip());
 $("home").onclick = () => view && view.reset();
 function theme(is_light) {
   document.documentElement.classList.toggle("light", is_light);
@@ -247,6 +272,4 @@ $("theme").onclick = () => {
 let stored = null;
 try { stored = localStorage.getItem("theme"); } catch (e) { /* private mode */ }
 theme(stored ? stored === "light" : matchMedia("(prefers-color-scheme: light)").matches);
-away(false);
-$("tiles").src = "/cameras?" + Date.now();
-connect();
+addEventListener("DOMContentLoaded", connect); // the other scripts are there then

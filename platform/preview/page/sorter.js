@@ -1,46 +1,180 @@
 // SPDX-License-Identifier: Apache-2.0
-// Depth order of the Gaussians, far to near, by a counting sort over 2^16 depths, away from the thread that draws.
+// What a model looks like from a place at a time, beside the page's thread: decodes the compact stream
+// (platform/preview/model.c), moves what moves (src/deform/motion.h), turns SH into colours, orders by depth, and either
+// hands all that to WebGL2 (paint.js) or draws it here (raster.js).
 "use strict";
-let positions = new Float32Array(0), n = 0, model = 0;
-let keys = new Uint16Array(0);
-const counts = new Uint32Array(65537);
+importScripts("/raster.js");
 
-function order(f) { // f: forward direction
+let m = null; // the model
+const half = new Float32Array(65536);
+for (let i = 0; i < 65536; i++) {
+  const e = (i >> 10) & 31, f = i & 1023;
+  half[i] = (i & 32768 ? -1 : 1) * (e ? 2 ** (e - 15) * (1 + f / 1024) : (2 ** -14 * f) / 1024);
+}
+
+// --- the model ---
+function decode(buffer, id) {
+  const head = new DataView(buffer), u = (i) => head.getUint32(4 * i, true), n = u(1), degree = u(5);
+  const n_sh = 3 * ((degree + 1) ** 2 - 1), moving = u(6), n_motion = u(7);
+  const at = 128 + 34 * n, motion_at = (at + n * n_sh + 3) & ~3;
+  const model = {
+    id, n, degree, n_sh, moving, n_motion, kind: u(8), n_pos: u(9), n_rot: u(10), n_colour: u(11),
+    is_mip: u(4) !== 0, t0: head.getFloat32(64 + 56, true), unit: head.getFloat32(64 + 60, true), dilation: head.getFloat32(48, true), time: null,
+    still: new Float32Array(buffer, 128, 3 * n), halves: new Uint16Array(buffer, 128 + 12 * n, 11 * n),
+    sh: new Int8Array(buffer, at, n * n_sh), motion: new Float32Array(buffer, motion_at, moving * n_motion),
+    place: new Float32Array(3 * n), scale: new Float32Array(3 * n), turn: new Float32Array(4 * n),
+    colour: new Float32Array(3 * n), logit: new Float32Array(n), rgba: new Uint8Array(4 * n),
+    keys: new Uint16Array(n), depth: new Float32Array(n), order: new Uint32Array(n), has_texels: false,
+  };
+  const signed = new Int16Array(model.halves.buffer, model.halves.byteOffset, 11 * n);
+  model.place.set(model.still);
+  for (let i = 0, h = 0; i < n; i++, h += 11) {
+    for (let k = 0; k < 3; k++) {
+      model.scale[3 * i + k] = half[model.halves[h + k]];
+      model.colour[3 * i + k] = half[model.halves[h + 7 + k]];
+    }
+    for (let k = 0; k < 4; k++) model.turn[4 * i + k] = signed[h + 3 + k] / 32767;
+    model.logit[i] = half[model.halves[h + 10]];
+  }
+  model.turn0 = model.turn.slice(0, 4 * moving), model.colour0 = model.colour.slice(0, 3 * moving);
+  model.logit0 = model.logit.slice(0, moving);
+  return model;
+}
+
+// --- motion: values at a time of the functions that all share ---
+function functions(kind, n, t, t0) {
+  const f = new Float64Array(n);
+  if (kind === 2 && n) { // Catmull-Rom; knot k is coefficient k - 1, knot 0 is at rest, outside it goes on straight
+    const x = Math.min(1, Math.max(0, t)) * n, i = Math.min(Math.floor(x), n - 1), u = x - i, u2 = u * u, u3 = u2 * u;
+    const w = [0.5 * (2 * u2 - u3 - u), 0.5 * (3 * u3 - 5 * u2 + 2), 0.5 * (4 * u2 - 3 * u3 + u), 0.5 * (u3 - u2)];
+    w.forEach((v, k) => {
+      const knot = i - 1 + k;
+      if (knot > n) (f[n - 1] += 2 * v), n > 1 && (f[n - 2] -= v);
+      else if (knot < 0) f[0] -= v;
+      else if (knot > 0) f[knot - 1] += v;
+    });
+  } else if (kind === 3) for (let j = 0, p = t - t0; j < n; j++, p *= t - t0) f[j] = p;
+  else for (let j = 0, x = 2 * t - 1, before = 1, now = x; j < n; j++) (f[j] = now), ([before, now] = [now, 2 * x * now - before]);
+  return f;
+}
+
+function move(t) {
+  const f = [m.n_pos, m.n_rot, m.n_colour].map((n) => functions(m.kind, n, t, m.t0));
+  const add = (out, start, i, width, row, values) => {
+    for (let k = 0; k < width; k++) {
+      let v = start[width * i + k];
+      for (let j = 0; j < values.length; j++) v += values[j] * m.motion[row + width * j + k];
+      out[width * i + k] = v;
+    }
+  };
+  for (let i = 0, row = 0; i < m.moving; i++, row += m.n_motion) {
+    add(m.place, m.still, i, 3, row + 2, f[0]);
+    add(m.turn, m.turn0, i, 4, row + 2 + 3 * m.n_pos, f[1]);
+    add(m.colour, m.colour0, i, 3, row + 2 + 3 * m.n_pos + 4 * m.n_rot, f[2]);
+    const q = m.turn, o = 4 * i, s = 1 / (Math.hypot(q[o], q[o + 1], q[o + 2], q[o + 3]) || 1);
+    (q[o] *= s), (q[o + 1] *= s), (q[o + 2] *= s), (q[o + 3] *= s);
+    const d = t - m.motion[row];
+    m.logit[i] = m.logit0[i] - Math.min(30, Math.exp(m.motion[row + 1]) * d * d);
+  }
+  m.time = t;
+}
+
+// --- colours, as 3D Gaussian Splatting (Kerbl et al. 2023) has its SH ---
+const basis = new Float64Array(15);
+function fill_basis(degree, x, y, z) {
+  const b = basis, C1 = 0.4886025119029199;
+  (b[0] = -C1 * y), (b[1] = C1 * z), (b[2] = -C1 * x);
+  if (degree < 2) return;
+  const xx = x * x, yy = y * y, zz = z * z;
+  (b[3] = 1.0925484305920792 * x * y), (b[4] = -1.0925484305920792 * y * z), (b[5] = 0.31539156525252005 * (2 * zz - xx - yy));
+  (b[6] = -1.0925484305920792 * x * z), (b[7] = 0.5462742152960396 * (xx - yy));
+  if (degree < 3) return;
+  (b[8] = -0.5900435899266435 * y * (3 * xx - yy)), (b[9] = 2.890611442640554 * x * y * z);
+  (b[10] = -0.4570457994644658 * y * (4 * zz - xx - yy)), (b[11] = 0.3731763325901154 * z * (2 * zz - 3 * xx - 3 * yy));
+  (b[12] = -0.4570457994644658 * x * (4 * zz - xx - yy)), (b[13] = 1.445305721320277 * z * (xx - yy));
+  b[14] = -0.5900435899266435 * x * (xx - 3 * yy);
+}
+
+function shade(eye) {
+  const sh = m.sh, n_basis = m.n_sh / 3;
+  for (let i = 0, p = 0, o = 0; i < m.n; i++, p += 3, o += 4) {
+    let r = 0, g = 0, b = 0;
+    if (n_basis) {
+      const x = m.place[p] - eye[0], y = m.place[p + 1] - eye[1], z = m.place[p + 2] - eye[2], s = 1 / (Math.sqrt(x * x + y * y + z * z) || 1);
+      fill_basis(m.degree, x * s, y * s, z * s);
+      for (let k = 0, c = i * m.n_sh; k < n_basis; k++, c += 3) (r += basis[k] * sh[c]), (g += basis[k] * sh[c + 1]), (b += basis[k] * sh[c + 2]);
+    }
+    const C0 = 0.28209479177387814, to = (v) => (v > 255 ? 255 : v > 0 ? v + 0.5 : 0);
+    m.rgba[o] = to(255 * (0.5 + C0 * m.colour[p] + m.unit * r));
+    m.rgba[o + 1] = to(255 * (0.5 + C0 * m.colour[p + 1] + m.unit * g));
+    m.rgba[o + 2] = to(255 * (0.5 + C0 * m.colour[p + 2] + m.unit * b));
+    m.rgba[o + 3] = to(255 / (1 + Math.exp(-m.logit[i])));
+  }
+}
+
+// --- order: a counting sort by depth in 16 bits, far to near ---
+const counts = new Uint32Array(65537);
+function sort(f) { // f: forward direction
   let lo = Infinity, hi = -Infinity;
-  const depth = new Float32Array(n);
-  for (let i = 0, p = 0; i < n; i++, p += 3) {
-    const d = f[0] * positions[p] + f[1] * positions[p + 1] + f[2] * positions[p + 2];
-    depth[i] = d;
+  for (let i = 0, p = 0; i < m.n; i++, p += 3) {
+    const d = f[0] * m.place[p] + f[1] * m.place[p + 1] + f[2] * m.place[p + 2];
+    m.depth[i] = d;
     if (d < lo) lo = d;
     if (d > hi) hi = d;
   }
   const scale = hi > lo ? 65535 / (hi - lo) : 0;
   counts.fill(0);
-  for (let i = 0; i < n; i++) {
-    const k = 65535 - ((depth[i] - lo) * scale | 0);
-    keys[i] = k;
-    counts[k + 1]++;
-  }
+  for (let i = 0; i < m.n; i++) counts[(m.keys[i] = 65535 - (((m.depth[i] - lo) * scale) | 0)) + 1]++;
   for (let k = 0; k < 65536; k++) counts[k + 1] += counts[k];
-  const out = new Uint32Array(6 * n); // two triangles each: vertex 4 i + corner
-  for (let i = 0, v = 0; i < n; i++, v += 4) {
-    const o = 6 * counts[keys[i]]++;
-    out[o] = v, out[o + 1] = v + 1, out[o + 2] = v + 2;
-    out[o + 3] = v + 2, out[o + 4] = v + 1, out[o + 5] = v + 3;
+  for (let i = 0; i < m.n; i++) m.order[counts[m.keys[i]]++] = i;
+}
+
+// Two triangles each: vertex 4 i + corner.
+function triangles() {
+  const out = new Uint32Array(6 * m.n);
+  for (let k = 0, o = 0; k < m.n; k++, o += 6) {
+    const v = 4 * m.order[k];
+    (out[o] = v), (out[o + 1] = out[o + 4] = v + 1), (out[o + 2] = out[o + 3] = v + 2), (out[o + 5] = v + 3);
   }
   return out;
 }
 
+// Two RGBA32UI texels a Gaussian of [0, end): f32 place | f16 scale x y, z and i16 w, x and y, z of the quaternion.
+function texels(end) {
+  const out = new Uint32Array(8 * end), floats = new Float32Array(out.buffer), q = (v) => Math.round(v * 32767) & 65535;
+  for (let i = 0, o = 0, h = 0, t = 0; i < end; i++, o += 8, h += 11, t += 4) {
+    for (let k = 0; k < 3; k++) floats[o + k] = m.place[3 * i + k];
+    out[o + 4] = m.halves[h] | (m.halves[h + 1] << 16);
+    out[o + 5] = m.halves[h + 2] | (q(m.turn[t]) << 16);
+    out[o + 6] = q(m.turn[t + 1]) | (q(m.turn[t + 2]) << 16);
+    out[o + 7] = q(m.turn[t + 3]);
+  }
+  return out;
+}
+
+// look: forward, right, down, eye, time; of a picture that is drawn here also width, height, focal.
+function see(look) {
+  const begin = performance.now(), is_moved = m.moving > 0 && look.time !== m.time, is_new = !m.is_shaded;
+  if (is_moved) move(look.time);
+  const is_shaded = is_new || is_moved || m.n_sh > 0;
+  if (is_shaded) shade(look.eye);
+  m.is_shaded = true;
+  sort(look.forward);
+  const answer = { model: m.id, n: m.n };
+  if (look.width) {
+    answer.picture = raster(m, look), (answer.width = look.width), (answer.height = look.height);
+    answer.ms = performance.now() - begin;
+    return postMessage(answer, [answer.picture.buffer]);
+  }
+  answer.list = triangles();
+  const parts = [answer.list.buffer];
+  if (!m.has_texels || is_moved) (answer.texels = texels(m.has_texels ? m.moving : m.n)), parts.push(answer.texels.buffer);
+  if (is_shaded) (answer.colours = m.rgba.slice()), parts.push(answer.colours.buffer);
+  m.has_texels = true;
+  postMessage(answer, parts);
+}
+
 onmessage = (e) => {
-  const m = e.data;
-  if (m.positions) {
-    positions = m.positions;
-    n = positions.length / 3;
-    model = m.model;
-    if (keys.length < n) keys = new Uint16Array(n);
-  }
-  if (m.forward) {
-    const list = order(m.forward);
-    postMessage({ list, model }, [list.buffer]);
-  }
+  if (e.data.buffer) m = decode(e.data.buffer, e.data.model);
+  if (e.data.look && m) see(e.data.look);
 };
