@@ -340,6 +340,25 @@ static void a_stalled_camera_is_started_again(void **state) {
   close_all();
 }
 
+static void a_host_held_up_is_no_stall(void **state) {
+  (void)state;
+  must_open(BOTH ",stall=300");
+  assert_int_equal(src.start(src.self), SV_OK);
+  run_for(200 * SV_NS_PER_MS);
+  fake.now_ns += 5 * SV_NS_PER_S; // frames wait in the driver meanwhile
+  tally t = run_for(400 * SV_NS_PER_MS);
+  assert_true(t.n[0] > 10 && t.n[1] > 10);
+  assert_int_equal(n_events(SV_CAMERA_STALLED, NULL), 0);
+  assert_int_equal(fake.device[0].n_streamons, 1);
+  fake.device[0].is_silent = true; // a real one, seen by a reader who seldom looks
+  for (int i = 0; i < 6; i++) {
+    fake.now_ns += 400 * SV_NS_PER_MS;
+    run_for(2 * SV_NS_PER_MS);
+  }
+  assert_true(n_events(SV_CAMERA_STALLED, NULL) >= 1);
+  close_all();
+}
+
 static void damaged_frames_are_named(void **state) {
   (void)state;
   static const struct {
@@ -580,6 +599,7 @@ int main(void) {
       T(a_broken_queue_is_opened_again),
       T(a_camera_that_does_not_start_is_tried_again),
       T(a_stalled_camera_is_started_again),
+      T(a_host_held_up_is_no_stall),
       T(damaged_frames_are_named),
       T(another_size_is_not_taken),
       T(another_camera_is_not_taken),
