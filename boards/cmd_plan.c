@@ -3,8 +3,11 @@
 #include "boards/board_main.h"
 #include "src/app/arrays.h"
 
+#define CAP_TRACKED 16 // cameras of a plan with odometry
+
 typedef struct {
   long gaussians, sh, images, threads, arena_mib;
+  long odometry; // sub-views of a rig whose poses are not known; 0: they are
   const char *size, *grid;
   bool is_json;
 } plan_options;
@@ -14,16 +17,18 @@ static struct {
   sv_arena dry;
   sv_sub_view sub[SV_CAP_SUB_VIEWS];
   sv_rig rig;
-  sv_camera_caps caps;
+  sv_camera_caps caps[CAP_TRACKED];
 } p;
 
 // Bytes of a run with so many Gaussians and pictures; 0 when the settings are refused.
 static size_t bytes_of(const plan_options *o, long gaussians, int sh, long images) {
+  int n = o->odometry > 0 ? (int)o->odometry : 1;
   sv_app_cfg c = {.rig = &p.rig,
-                  .n_cameras = 1,
-                  .caps = &p.caps,
+                  .n_cameras = n,
+                  .caps = p.caps,
                   .source_name = "plan",
-                  .n_exposures = (int)images,
+                  .n_exposures = (int)((images + n - 1) / n),
+                  .is_tracking = o->odometry > 0,
                   .skew_limit_ns = 20 * SV_NS_PER_MS,
                   .train = sv_train_defaults(),
                   .steps = 1};
@@ -107,12 +112,20 @@ static void print_json(const plan_options *o, size_t cap, size_t used, int w, in
 static int make_rig(const plan_options *o, int w, int h) {
   sv_device_params d = sv_device_defaults(SV_DEVICE_MULTIPLEXED);
   sv_err err;
-  p.caps = (sv_camera_caps){.width_px = w, .height_px = h};
-  p.sub[0] = (sv_sub_view){
-      .name = "plan",
-      .model = {.kind = SV_MODEL_PINHOLE, .width_px = w, .height_px = h, .p = {w, w, 0.5 * w, 0.5 * h}},
-      .cam_from_rig = sv_pose_identity()};
-  p.rig = (sv_rig){.name = "plan", .n_sub_views = 1, .cap_sub_views = SV_CAP_SUB_VIEWS, .sub_views = p.sub};
+  int n = o->odometry > 0 ? (int)o->odometry : 1;
+  for (int i = 0; i < n; i++) {
+    p.caps[i] = (sv_camera_caps){.width_px = w, .height_px = h};
+    p.sub[i] = (sv_sub_view){
+        .name = "plan",
+        .i_camera = i,
+        .model = {.kind = SV_MODEL_PINHOLE, .width_px = w, .height_px = h, .p = {w, w, 0.5 * w, 0.5 * h}},
+        .cam_from_rig = sv_pose_identity()};
+    p.sub[i].cam_from_rig.t[0] = -i;
+  }
+  p.rig = (sv_rig){.name = "plan", .n_sub_views = n, .cap_sub_views = SV_CAP_SUB_VIEWS, .sub_views = p.sub};
+  if (o->grid && o->odometry)
+    return usage_error("plan",
+                       "--odometry: the rig of a multiplexed sensor is not tracked, its lens images overlap");
   if (!o->grid) return 0;
   if (!parse_size(o->grid, &d.rows, &d.cols))
     return usage_error("plan", "--multiplexed %s: expected RxC, lenses in rows and columns", o->grid);
@@ -136,6 +149,8 @@ int cmd_plan(int argc, char **argv) {
       {"--size", OPT_TEXT, &o.size, 0, 0, "WxH", "their size in pixels (640x480)"},
       {"--multiplexed", OPT_TEXT, &o.grid, 0, 0, "RxC",
        "so many lenses that overlap twice on a sensor of that size; images are exposures then"},
+      {"--odometry", OPT_INT, &o.odometry, 0, CAP_TRACKED, "N",
+       "find the poses of a rig of N sub-views before training (the source does not tell them)"},
       {"--threads", OPT_INT, &o.threads, 1, BOARD_CAP_THREADS, "N", "threads (each has scratch of its own)"},
       {"--arena", OPT_INT, &o.arena_mib, 1, 65536, "MIB", "size of the block (default: the board's)"},
       {"--json", OPT_FLAG, &o.is_json, 0, 0, NULL, "print one JSON object"},

@@ -139,6 +139,7 @@ static void eliminate(const work *w, int p, const int *views, int n_seen) {
       size_t row = (size_t)views[a] * N_CAM + i;
       w->g[row] -= y[0] * gp[0] + y[1] * gp[1] + y[2] * gp[2];
       for (int c = 0; c < n_seen; c++) {
+        if (views[c] > views[a]) continue; // the lower triangle is all that is looked at
         const double *wc = w->w + (size_t)c * N_CAM * 3;
         double *s = w->s + row * n + (size_t)views[c] * N_CAM;
         for (size_t j = 0; j < N_CAM; j++)
@@ -305,7 +306,7 @@ static int minimise(work *w, state *old) {
     move_views(w);
     double next = cost(w);
     if (next < now) {
-      bool is_done = now - next < 1e-9 * now;
+      bool is_done = now - next < 1e-7 * now;
       now = next, lambda = lambda > 1e-9 ? 0.2 * lambda : lambda;
       if (is_done) break;
     } else {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Structure from motion over the views of one instant, all of one textured, still object: features (SIFT),
-// matches refined by Lucas and Kanade's tracker, a first pair by the essential matrix, the others by PnP with
+// matches refined by alignment (align.h), a first pair by the essential matrix, the others by PnP with
 // RANSAC; OpenCV's. It makes the start of the bundle adjustment. Tools and tests only: heap, C++.
 #ifndef SV_CALIB_SOLVE_STRUCTURE_H
 #define SV_CALIB_SOLVE_STRUCTURE_H

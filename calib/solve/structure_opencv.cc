@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <opencv2/calib3d.hpp>
 #include <opencv2/features2d.hpp>
-#include <opencv2/video/tracking.hpp>
 
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <numeric>
 
+#include "calib/solve/align.h"
 #include "calib/solve/structure.h"
 
 namespace {
@@ -17,8 +17,8 @@ constexpr size_t kNeighbours = 6; // that a view is matched with; tracks join fu
 constexpr float kRatio = 0.8f;    // of the best to the second best match (D. Lowe, IJCV 2004)
 constexpr float kEpipolarPx = 1.5f;
 constexpr int kMinInliers = 12;
-constexpr float kMovePx = 2.0f;   // that refinement may move a feature
-constexpr float kReturnPx = 0.2f; // tracked there and back again
+constexpr double kMovePx = 2.0;    // that refinement may move a feature
+constexpr double kLikeness = 0.95; // correlation of its patch in two views
 
 struct Features {
   cv::Mat image;
@@ -36,18 +36,17 @@ Features describe(const sv_structure_view &v) {
   return f;
 }
 
-// The best match of each row where it clearly is the best; -1 elsewhere. score: products of unit descriptors.
-std::vector<int> nearest(const cv::Mat &score) {
-  std::vector<int> out(static_cast<size_t>(score.rows), -1);
-  for (int i = 0; i < score.rows; i++) {
-    const float *s = score.ptr<float>(i);
+// The best match of each row where it clearly is the best; -1 elsewhere. squared: distances of descriptors.
+std::vector<int> nearest(const cv::Mat &squared) {
+  std::vector<int> out(static_cast<size_t>(squared.rows), -1);
+  for (int i = 0; i < squared.rows; i++) {
+    const float *d = squared.ptr<float>(i);
     int best = 0;
-    float first = -1, second = -1;
-    for (int k = 0; k < score.cols; k++)
-      if (s[k] > first) second = first, first = s[k], best = k;
-      else if (s[k] > second) second = s[k];
-    // squared distances of unit vectors are 2 - 2 s
-    if (1 - first < kRatio * kRatio * (1 - second)) out[static_cast<size_t>(i)] = best;
+    float first = INFINITY, second = INFINITY;
+    for (int k = 0; k < squared.cols; k++)
+      if (d[k] < first) second = first, first = d[k], best = k;
+      else if (d[k] < second) second = d[k];
+    if (first < kRatio * kRatio * second) out[static_cast<size_t>(i)] = best;
   }
   return out;
 }
@@ -66,8 +65,9 @@ struct Sets { // union and find
 // Joins what is matched both ways and lies on one epipolar geometry.
 void match(const Features &a, const Features &b, int first_a, int first_b, Sets &sets) {
   if (a.keys.size() < kMinInliers || b.keys.size() < kMinInliers) return;
-  const cv::Mat score = a.descriptors * b.descriptors.t();
-  const std::vector<int> there = nearest(score), back = nearest(score.t());
+  cv::Mat squared;
+  cv::batchDistance(a.descriptors, b.descriptors, squared, CV_32F, cv::noArray(), cv::NORM_L2SQR);
+  const std::vector<int> there = nearest(squared), back = nearest(squared.t());
   std::vector<cv::Point2f> pa, pb;
   std::vector<std::pair<int, int>> pairs;
   for (size_t i = 0; i < there.size(); i++)
@@ -97,41 +97,25 @@ bool are_neighbours(const sv_structure_view *v, size_t n, size_t a, size_t b) {
 
 struct Seen {
   int view;
-  cv::Point2f at;
+  cv::Point2d at;
 };
 
-// Follows the patch of the first view into the others: SIFT's places are good to some tenths of a pixel only.
-// What cannot be followed there and back is left out.
+sv_align_image image_of(const Features &f) { return {f.image.cols, f.image.rows, f.image.ptr<uint8_t>()}; }
+
+// Aligns the patch of the first view with the others: SIFT's places are good to some tenths of a pixel only.
+// What does not look like it there is left out.
 void refine(const std::vector<Features> &f, std::vector<std::vector<Seen>> &tracks) {
-  const cv::Size window(13, 13);
-  const cv::TermCriteria end(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 50, 1e-4);
-  const int n = static_cast<int>(f.size());
-  for (int from = 0; from < n; from++)
-    for (int to = 0; to < n; to++) {
-      std::vector<cv::Point2f> a, b, c;
-      std::vector<std::pair<size_t, size_t>> whose;
-      for (size_t t = 0; t < tracks.size(); t++)
-        for (size_t k = 1; k < tracks[t].size(); k++)
-          if (tracks[t][0].view == from && tracks[t][k].view == to) {
-            a.push_back(tracks[t][0].at), b.push_back(tracks[t][k].at);
-            whose.emplace_back(t, k);
-          }
-      if (a.empty()) continue;
-      c = a;
-      std::vector<cv::Point2f> start = b;
-      std::vector<uchar> there, back;
-      std::vector<float> error;
-      const auto &ia = f[static_cast<size_t>(from)].image, &ib = f[static_cast<size_t>(to)].image;
-      cv::calcOpticalFlowPyrLK(ia, ib, a, b, there, error, window, 0, end, cv::OPTFLOW_USE_INITIAL_FLOW);
-      cv::calcOpticalFlowPyrLK(ib, ia, b, c, back, error, window, 0, end, cv::OPTFLOW_USE_INITIAL_FLOW);
-      for (size_t i = 0; i < a.size(); i++) {
-        const bool is_good =
-            there[i] && back[i] && cv::norm(b[i] - start[i]) < kMovePx && cv::norm(c[i] - a[i]) < kReturnPx;
-        Seen &s = tracks[whose[i].first][whose[i].second];
-        if (is_good) s.at = b[i];
-        else s.view = -1;
-      }
+  for (auto &t : tracks) {
+    const sv_align_image from = image_of(f[static_cast<size_t>(t[0].view)]);
+    const double at[2] = {t[0].at.x, t[0].at.y};
+    for (size_t k = 1; k < t.size(); k++) {
+      const sv_align_image to = image_of(f[static_cast<size_t>(t[k].view)]);
+      double uv[2] = {t[k].at.x, t[k].at.y}, warp[4] = {1, 0, 0, 1};
+      const double like = sv_align_patch(&from, at, &to, uv, warp);
+      if (like < kLikeness || std::hypot(uv[0] - t[k].at.x, uv[1] - t[k].at.y) > kMovePx) t[k].view = -1;
+      else t[k].at = cv::Point2d(uv[0], uv[1]);
     }
+  }
 }
 
 std::vector<std::vector<Seen>> gather(const std::vector<Features> &f, const std::vector<int> &first,

@@ -17,8 +17,9 @@ static void tell(sv_app *app) {
         "odometry: %d of %d exposures placed, %d points: too few, so the rig is taken as standing still; "
         "%s",
         s->n_placed, s->n_exposures, s->n_points,
-        app->cfg.rig->n_sub_views < 2 ? "one camera alone does not tell how far it moves"
-                                      : "expected a textured scene and little motion between exposures");
+        app->cfg.rig->n_sub_views < 2
+            ? "one camera alone does not tell how far it moves"
+            : "expected a textured scene, and exposures at most about 12 degrees apart on the rig's way");
     return;
   }
   sv_app_log(app, SV_LOG_INFO,
@@ -26,8 +27,11 @@ static void tell(sv_app *app) {
              "+- %.2f %%",
              s->n_placed, s->n_exposures, s->path_m, s->n_points, s->rms_px, 100 * s->scale_sigma);
   if (s->n_placed < s->n_exposures)
-    sv_app_log(app, SV_LOG_WARN, "odometry: %d exposures could not be placed and are left out",
-               s->n_exposures - s->n_placed);
+    sv_app_log(
+        app, SV_LOG_WARN,
+        "odometry: %d exposures could not be placed and are left out: move slower, or take more exposures on "
+        "the same way",
+        s->n_exposures - s->n_placed);
   if (s->scale_sigma < 0 || s->scale_sigma > SCALE_DOUBT)
     sv_app_log(
         app, SV_LOG_WARN,

@@ -179,6 +179,7 @@ static void test_bad_input(void **state) {
       {"plan --size 640", "640", 2},
       {"plan --size 640x480x3", "640x480x3", 2},
       {"plan --images 0", "--images", 2},
+      {"plan --odometry 2 --multiplexed 3x3", "--odometry", 2},
       {"plan --multiplexed 4", "--multiplexed 4", 2},
       {"plan --multiplexed 90x90", "256", 2},
       {"plan --arena 1", "MiB", 1},

@@ -15,6 +15,7 @@
 
 #include "src/format/rig_file.h"
 #include "src/rig/lenslet.h"
+#include "tests/common/temp_folder.h"
 #include "tools/common/imageio.h"
 #include "tools/lab/lab.h"
 
@@ -26,7 +27,7 @@ enum { W = 300, H = 280, KEEP = 5 };
 #define FOCUS_M    0.5
 #define PLANE_M    0.3
 
-static char folder[] = "/tmp/subview-lenslet-XXXXXX";
+static char folder[96];
 static sv_err err;
 
 static double texture(double x_m, double y_m, int channel) {
@@ -163,14 +164,12 @@ static void test_refusals(void **state) {
 
 static int make_folder(void **state) {
   (void)state;
-  return mkdtemp(folder) ? 0 : -1;
+  return temp_folder_make(folder, sizeof folder, "import_lenslet");
 }
 
 static int remove_folder(void **state) {
   (void)state;
-  char command[128];
-  snprintf(command, sizeof command, "rm -r '%s'", folder);
-  return system(command);
+  return temp_folder_remove(folder);
 }
 
 int main(void) {

@@ -12,10 +12,11 @@
 
 #include <cmocka.h>
 
+#include "tests/common/temp_folder.h"
 #include "tools/common/imageio.h"
 #include "tools/lab/import.h"
 
-static char folder[] = "/tmp/subview-import-rig-XXXXXX";
+static char folder[96];
 static sv_err err;
 
 static void put(const char *name, const char *text) {
@@ -254,14 +255,12 @@ static void test_stream_refused(void **state) {
 
 static int make_folder(void **state) {
   (void)state;
-  return mkdtemp(folder) ? 0 : -1;
+  return temp_folder_make(folder, sizeof folder, "import_rig");
 }
 
 static int remove_folder(void **state) {
   (void)state;
-  char command[128];
-  snprintf(command, sizeof command, "rm -r '%s'", folder);
-  return system(command);
+  return temp_folder_remove(folder);
 }
 
 int main(void) {

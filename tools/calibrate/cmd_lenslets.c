@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "calib/solve/align.h"
 #include "calib/solve/corners.h"
 #include "calib/solve/structure.h"
 #include "src/base/mathx.h"
@@ -10,9 +11,11 @@
 #include "tools/calibrate/lenses.h"
 
 #define FEW_OBSERVATIONS 40 // of a lens
-#define GOOD_SD_DEG      0.05
+#define GOOD_SD_DEG      0.025
 #define FOCAL_SD         0.01   // lenses of one array: spread of their focal lengths
-#define CAP_GUESS_POINTS 1500   // that the first focal length is found with
+#define CAP_GUESS_POINTS 400    // that the first focal length is found with
+#define LIKENESS         0.95   // correlation of a corner's patch in two lenses
+#define MOVE_PX          1.5    // that alignment may move a corner
 #define CENTRE_SD        0.0003 // spread of principal points about the middle of what they light, of its width
 
 typedef struct {
@@ -209,21 +212,45 @@ static double mean_distance(const sv_pose *poses, int n) { // of the views' cent
   return sum;
 }
 
+static const double *corner(const sv_boards *b, const sv_boards_result *r, int lens, int e, size_t k) {
+  size_t n = (size_t)r->n_corners, at = (size_t)lens * (size_t)b->n_frames + (size_t)e;
+  return b->is_seen[at] && !r->is_outlier[at * n + k] ? b->uv_px + 2 * (at * n + k) : NULL;
+}
+
+// A corner as the lenses see it: found in one of the middle, its patch aligned with the others. What a detector finds
+// in each by itself is worse by some times.
+static void take_corner(job *j, const sv_boards *b, const sv_boards_result *r, int e, size_t k) {
+  sv_lens_array *a = &j->bundle;
+  const double *ref = NULL;
+  int i_ref = 0, n = b->n_cameras;
+  for (int d = 0; d < n && !ref; d++) {
+    i_ref = (n / 2 + (d % 2 ? -(d + 1) / 2 : d / 2) + n) % n;
+    ref = corner(b, r, i_ref, e, k);
+  }
+  if (!ref) return;
+  const sv_footprint *f = &j->lenses.lenses[i_ref].footprint;
+  const sv_align_image from = {f->width_px, f->height_px, j->lenses.lenses[i_ref].grey[e]};
+  for (int i = 0; i < n; i++) {
+    const double *uv = corner(b, r, i, e, k), at[2] = {ref[0] - 0.5, ref[1] - 0.5};
+    if (!uv) continue;
+    f = &j->lenses.lenses[i].footprint;
+    const sv_align_image to = {f->width_px, f->height_px, j->lenses.lenses[i].grey[e]};
+    double found[2] = {uv[0] - 0.5, uv[1] - 0.5}, warp[4] = {1, 0, 0, 1};
+    if (i != i_ref && sv_align_patch(&from, at, &to, found, warp) < LIKENESS) continue;
+    if (hypot(found[0] + 0.5 - uv[0], found[1] + 0.5 - uv[1]) > MOVE_PX) continue;
+    a->observations[a->n_observations++] =
+        (sv_array_observation){i, a->n_points, {found[0] + 0.5, found[1] + 0.5}, false};
+  }
+}
+
 static void take_corners(job *j, const sv_boards *b, const sv_boards_result *r) {
-  size_t n = (size_t)r->n_corners;
   sv_lens_array *a = &j->bundle;
   for (int e = 0; e < b->n_frames; e++)
-    for (size_t k = 0; k < n; k++, a->n_points++) {
+    for (size_t k = 0; k < (size_t)r->n_corners; k++, a->n_points++) {
       double x[3];
       sv_boards_corner(x, b, r->warp_m, (int)k % b->n_cols, (int)k / b->n_cols);
       sv_pose_apply(a->points[a->n_points], &r->rig_from_board[e], x);
-      for (int i = 0; i < b->n_cameras; i++) {
-        size_t at = (size_t)i * (size_t)b->n_frames + (size_t)e;
-        const double *uv = b->uv_px + 2 * (at * n + k);
-        if (b->is_seen[at] && !r->is_outlier[at * n + k])
-          a->observations[a->n_observations++] =
-              (sv_array_observation){i, a->n_points, {uv[0], uv[1]}, false};
-      }
+      take_corner(j, b, r, e, k);
     }
 }
 

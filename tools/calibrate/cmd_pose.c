@@ -205,6 +205,11 @@ static void tell(const cal_options *o, const sv_track_summary *m) {
            m->n_placed, m->n_exposures, m->path_m, m->n_points, m->rms_px, 100 * m->scale_sigma);
   if (!m->is_still && (m->scale_sigma < 0 || m->scale_sigma > 0.02))
     printf("warning: the rig's baseline is too small for this scene to tell its size well\n");
+  if (m->n_placed < m->n_exposures)
+    printf("warning: %d exposures could not be placed and are left out: move slower, or record more "
+           "exposures on the "
+           "same way (at most about 12 degrees apart)\n",
+           m->n_exposures - m->n_placed);
   printf("saved: %s/poses.json %s/points.ply\n", o->out, o->out);
 }
 
@@ -219,11 +224,13 @@ static int run(const cal_options *o) {
   if (s < 0) return fail(&err);
   sv_tracker_finish(p.tracker, &m);
   if (!m.is_still && m.n_placed < 2) {
-    s = sv_fail(
-        &err, SV_E_NOT_FOUND,
-        "%s: %d of %d exposures could be placed from %d points: expected a textured scene, little motion "
-        "between exposures, and cameras that see the same things",
-        o->capture, m.n_placed, n, m.n_points);
+    s = sv_fail(&err, SV_E_NOT_FOUND,
+                "%s: %d of %d exposures could be placed from %d points: expected a textured scene, cameras "
+                "that see the "
+                "same things, and exposures at most about 12 degrees apart: record more of them on the same "
+                "way, or move "
+                "slower",
+                o->capture, m.n_placed, n, m.n_points);
     return fail(&err);
   }
   s = sv_path_make_folder(o->out, &err);
