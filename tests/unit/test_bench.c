@@ -10,6 +10,8 @@
 #include <stdlib.h>
 
 #include "src/app/bench.h"
+#include "src/base/str.h"
+#include "src/format/json.h"
 
 static void test_times(void **state) {
   (void)state;
@@ -90,8 +92,52 @@ static void test_count(void **state) {
   free(block);
 }
 
+static void collect(void *out, const char *text) { sv_str_add(out, "%s", text); }
+
+// Everything that is printed is one JSON object, whatever was skipped.
+static void test_json(void **state) {
+  (void)state;
+  enum { CAP = 800 };
+  static char text[16384];
+  static jsmntok_t tok[CAP];
+  static sv_bench b;
+  sv_kernels k;
+  sv_err err;
+  sv_json j;
+  sv_str s = sv_str_make(text, sizeof text);
+  sv_kernels_init(&k, ~0u);
+  sv_bench_cfg cfg = {.k = &k, .is_json = true, .out = &s, .write = collect};
+  sv_bench_step r = {.n_gaussians = 1000, .width_px = 128, .height_px = 128, .n_threads = 2};
+  sv_bench_growth g = {.fixed_ms = 1};
+  sv_bench_kernel kernel = {.op = SV_BENCH_RASTER, .ns = {1, 1, 1, 1}, .cost = {27, 1}};
+  for (int i = 0; i < 2; i++) { // with and without anything in it
+    s = sv_str_make(text, sizeof text);
+    sv_bench_begin(&b, &cfg, NULL);
+    b.peak = (sv_bench_peak){.flop_per_s = 1e9, .n_copy_sizes = 2};
+    for (int n = 0; n < 2 * i; n++) {
+      sv_bench_put_peak(&b, 1);
+      sv_bench_put_step(&b, &r);
+      sv_bench_put_growth(&b, &g, 1);
+      sv_bench_put_skipped(&b, &r);
+    }
+    sv_bench_put_kernels_begin(&b);
+    for (int n = 0; n < 2 * i; n++) sv_bench_put_kernel(&b, &kernel);
+    sv_bench_end(&b, "\"extra\": 1");
+    assert_false(s.is_cut);
+    if (sv_json_parse(&j, "bench", text, s.len, tok, CAP, &err) < 0) fail_msg("%s\n%s", err.text, text);
+    static const char *const lists[] = {"steps", "kernels", "pools", "skipped"};
+    for (int l = 0; l < 4; l++) {
+      int at = sv_json_get(&j, 0, lists[l]);
+      assert_true(sv_json_is_array(&j, at));
+      assert_int_equal(sv_json_size(&j, at), 2 * i);
+    }
+    assert_true(sv_json_is_number(&j, sv_json_get(&j, 0, "extra")));
+  }
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_times), cmocka_unit_test(test_growth),
-                                     cmocka_unit_test(test_bound), cmocka_unit_test(test_count)};
+                                     cmocka_unit_test(test_bound), cmocka_unit_test(test_count),
+                                     cmocka_unit_test(test_json)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
