@@ -330,7 +330,7 @@ static sv_status save_all(sv_app *app, sv_err *err) {
 static sv_status run_all(sv_app *app, sv_err *err) {
   sv_status s = sv_app_capture(app, err), saved, ended;
   sv_err end_err;
-  if (s >= 0 && app->odometry.is_on) s = sv_app_track(app, err);
+  if (s >= 0) s = sv_app_track(app, err);
   if (s >= 0) s = sv_app_live_begin(app, err); // from here on cameras are served whatever takes how long
   if (s >= 0) s = start_training(app, err);
   bool is_begun = s >= 0;

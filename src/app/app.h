@@ -144,7 +144,8 @@ sv_status sv_app_live_turn(sv_app *app, bool *is_train, sv_err *err) SV_MUST_USE
 void sv_app_live_trained(sv_app *app, double from_s, double now_s); // a training step has taken so long
 sv_status sv_app_live_end(sv_app *app, sv_err *err) SV_MUST_USE;
 
-// Places the exposures of a source without poses, before training (app.c says what it does with them).
+// Places the exposures of a source without poses, before training (app.c says what it does with them). Without
+// odometry says that the rig is taken as standing still.
 sv_status sv_app_track(sv_app *app, sv_err *err) SV_MUST_USE;
 
 // With is_refining: training's poses into the pool, how far they moved into the log, all of them into poses.json, as
