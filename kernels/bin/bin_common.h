@@ -5,14 +5,6 @@
 
 #include "kernels/project/project.h"
 
-// Empty records of a splat, tiles row by row.
-static inline void bin_clear(const sv_splat *s, uint32_t id, int n_tiles_x, sv_rec *rec) {
-  sv_rec *r = rec + s->first_rec;
-  for (int ty = s->by0 >> 3; ty <= s->by1 >> 3; ty++)
-    for (int tx = s->bx0 >> 3; tx <= s->bx1 >> 3; tx++)
-      *r++ = (sv_rec){(uint32_t)(ty * n_tiles_x + tx), id, 0};
-}
-
 // From a real column to the first or last pixel inside: 0.99 to round up, less 0.5 for the pixel's centre;
 // 0.02 px of slack cover rounding errors.
 #define BIN_ROUND_LO (0.99f - 0.5f - 0.02f)
@@ -28,13 +20,18 @@ static inline bin_bounds bin_bounds_of(const sv_splat *s) {
   return b;
 }
 
-// Marks blocks c0..c1 of block row `row`.
-static inline void bin_mark(const sv_splat *s, int row, int c0, int c1, sv_rec *rec) {
-  int tx0 = s->bx0 >> 3, n_x = (s->bx1 >> 3) - tx0 + 1, shift = 8 * (row & 7);
-  sv_rec *r = rec + s->first_rec + ((row >> 3) - (s->by0 >> 3)) * n_x - tx0;
-  for (int tx = c0 >> 3; tx < c1 >> 3; tx++, c0 = 8 * tx)
-    r[tx].mask |= (uint64_t)(0x100u - (1u << (c0 & 7))) << shift;
-  r[c1 >> 3].mask |= (uint64_t)((2u << (c1 & 7)) - (1u << (c0 & 7))) << shift;
+// Block columns from..to - 1 of one row of a tile, 0..8.
+static inline uint32_t bin_row_bits(int from, int to) { return from < to ? (1u << to) - (1u << from) : 0; }
+
+static inline int bin_clamp8(int x) { return x < 0 ? 0 : x > 8 ? 8 : x; }
+
+// A splat one block wide or high fills its bounds: its mask in the tile at block (col, row).
+static inline int bin_is_bar(const sv_splat *s) { return s->bx0 == s->bx1 || s->by0 == s->by1; }
+static inline uint64_t bin_bar(const sv_splat *s, int col, int row) {
+  uint64_t bits = bin_row_bits(bin_clamp8(s->bx0 - col), bin_clamp8(s->bx1 + 1 - col));
+  int r0 = bin_clamp8(s->by0 - row),
+      r1 = bin_clamp8(s->by1 + 1 - row); // r0 < r1: the tile is under the splat
+  return bits * 0x0101010101010101u >> 8 * (8 - (r1 - r0)) << 8 * r0;
 }
 
 #endif

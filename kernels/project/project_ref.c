@@ -160,8 +160,10 @@ static void project_one(const sv_project_args *a, int id, const float *p) {
   s->bx0 = s->bx1 = s->by0 = s->by1 = 0;
   s->n_recs = 0;
   if (!is_visible) return;
-  s->bx0 = (uint16_t)(x0 * 0.25f), s->bx1 = (uint16_t)(x1 * 0.25f);
-  s->by0 = (uint16_t)(y0 * 0.25f), s->by1 = (uint16_t)(y1 * 0.25f);
+  int px0 = (int)(x0 + SV_ROUND_UP), px1 = (int)x1, py0 = (int)(y0 + SV_ROUND_UP), py1 = (int)y1;
+  if (px0 > px1 || py0 > py1) return; // between the pixels' centres
+  s->bx0 = (uint16_t)(px0 / 4), s->bx1 = (uint16_t)(px1 / 4);
+  s->by0 = (uint16_t)(py0 / 4), s->by1 = (uint16_t)(py1 / 4);
   s->n_recs = (uint32_t)((s->bx1 >> 3) - (s->bx0 >> 3) + 1) * (uint32_t)((s->by1 >> 3) - (s->by0 >> 3) + 1);
   a->depth_key[id] = s1_bits(g.t[2]);
 }

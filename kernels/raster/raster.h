@@ -7,6 +7,8 @@
 //   power = qa dx^2 + qb dx dy + qc dy^2 + lo;  skipped when power < log2(1/255)
 //   a = min(0.99, 2^power);  T' = T (1 - a);  T' < 1e-4 ends the pixel, that splat is not blended
 //   colour += a T rgb;  depth += a T z;  T = T'
+// Pixels that have ended stay in their vectors: before every SV_RASTER_LOOK-th record it is looked which blocks have
+// ended as a whole, and the masks from there on leave them out.
 // Planes are planar floats, `stride` apart per row, stride and padded height multiples of 32.
 #ifndef SV_KERNELS_RASTER_H
 #define SV_KERNELS_RASTER_H
@@ -17,12 +19,13 @@
 extern "C" {
 #endif
 
-#define SV_TILE_BLOCKS           64                            // 4x4 blocks of a tile
+#define SV_TILE_BLOCKS           64 // 4x4 blocks of a tile
+#define SV_RASTER_LOOK           32
 #define SV_RASTER_SCRATCH_FLOATS (8 * SV_TILE_PX * SV_TILE_PX) // per thread
 
 typedef struct {
   const sv_splat *splat;
-  sv_rec *rec; // masks are narrowed to the blocks that were really blended
+  sv_rec *rec; // masks are narrowed to the blocks that were blended
   int n_tiles_x;
   int stride; // floats
   float bg[3];

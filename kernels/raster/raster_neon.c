@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "kernels/simd/v16_neon.h"
 
-#define V(name) name##_neon
+#define V_LOOKS_AHEAD 0 // a vector is four registers
+#define V(name)       name##_neon
 #include "kernels/raster/raster_vec.inc"

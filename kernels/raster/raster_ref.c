@@ -30,6 +30,13 @@ static void tile_origin(const sv_raster_args *a, uint32_t tile, float *x, float 
   *offset = (long)ty * SV_TILE_PX * a->stride + tx * SV_TILE_PX;
 }
 
+// Blocks of which at least one pixel goes on.
+static uint64_t find_alive(const float *trans) {
+  uint64_t alive = 0;
+  for (int i = 0; i < 1024; i++) alive |= (uint64_t) !(trans[i] < 0.0f) << (i / 16);
+  return alive;
+}
+
 void sv_raster_ref(const sv_raster_args *a, uint32_t tile, const uint32_t *list, uint32_t n, float *scratch) {
   float *trans = scratch, *acc[4], x0, y0;
   long at;
@@ -42,9 +49,10 @@ void sv_raster_ref(const sv_raster_args *a, uint32_t tile, const uint32_t *list,
     sv_rec *r = a->rec + list[i];
     const sv_splat *s = a->splat + r->id;
     float u = s->u_px - x0, v = s->v_px - y0;
+    if (i && i % SV_RASTER_LOOK == 0) alive = find_alive(trans);
     uint64_t mask = r->mask &= alive;
     for (; mask; mask &= mask - 1) {
-      int b = __builtin_ctzll(mask), n_stopped = 0;
+      int b = __builtin_ctzll(mask);
       for (int k = 0; k < 16; k++) {
         float *t = trans + 16 * b + k;
         pair_eval e = evaluate(s, u, v, b, k);
@@ -56,9 +64,7 @@ void sv_raster_ref(const sv_raster_args *a, uint32_t tile, const uint32_t *list,
             *t = *t - w;
           } else *t = -*t;
         }
-        n_stopped += *t < 0.0f;
       }
-      if (n_stopped == 16) alive &= ~(1ull << b);
     }
   }
   for (int i = 0; i < 1024; i++) {
@@ -92,7 +98,7 @@ static void load_state(const sv_raster_bwd_args *a, long at, tile_state *st) {
   }
 }
 
-// One block row of a splat: sums per lane into m[SLOT][16].
+// One block of a splat: sums per lane into row and m[SLOT][16].
 static void block_bwd(const sv_splat *s, float u, float v, int b, const tile_state *st, float row[2][16],
                       float m[11][16]) {
   for (int k = 0; k < 16; k++) {

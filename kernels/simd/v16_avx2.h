@@ -42,6 +42,22 @@ static inline v16 v16_load4x4(const float *p, long stride) {
                    _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p + 2 * stride)),
                                         _mm_loadu_ps(p + 3 * stride), 1));
 }
+static inline v16 v16_load_quads(const float *p0, const float *p1, const float *p2, const float *p3) {
+  return v16_make_(_mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p0)), _mm_loadu_ps(p1), 1),
+                   _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p2)), _mm_loadu_ps(p3), 1));
+}
+static inline v16 v16_dup4_0(v16 x) {
+  return v16_make_(_mm256_permute_ps(x.a, 0x00), _mm256_permute_ps(x.b, 0x00));
+}
+static inline v16 v16_dup4_1(v16 x) {
+  return v16_make_(_mm256_permute_ps(x.a, 0x55), _mm256_permute_ps(x.b, 0x55));
+}
+static inline v16 v16_dup4_2(v16 x) {
+  return v16_make_(_mm256_permute_ps(x.a, 0xaa), _mm256_permute_ps(x.b, 0xaa));
+}
+static inline v16 v16_dup4_3(v16 x) {
+  return v16_make_(_mm256_permute_ps(x.a, 0xff), _mm256_permute_ps(x.b, 0xff));
+}
 static inline void v16_store4x4(float *p, long stride, v16 x) {
   _mm_storeu_ps(p, _mm256_castps256_ps128(x.a));
   _mm_storeu_ps(p + stride, _mm256_extractf128_ps(x.a, 1));
@@ -76,6 +92,9 @@ static inline v16 v16_fma(v16 x, v16 y, v16 z) {
 static inline v16 v16_fnma(v16 x, v16 y, v16 z) {
   return v16_make_(_mm256_fnmadd_ps(x.a, y.a, z.a), _mm256_fnmadd_ps(x.b, y.b, z.b));
 }
+static inline v16 v16_fms(v16 x, v16 y, v16 z) {
+  return v16_make_(_mm256_fmsub_ps(x.a, y.a, z.a), _mm256_fmsub_ps(x.b, y.b, z.b));
+}
 static inline v16 v16_sqrt(v16 x) { return v16_make_(_mm256_sqrt_ps(x.a), _mm256_sqrt_ps(x.b)); }
 static inline v16 v16_abs(v16 x) {
   __m256 s = _mm256_set1_ps(-0.0f);
@@ -106,6 +125,7 @@ static inline v16m v16m_andnot(v16m x, v16m y) {
 static inline uint32_t v16m_bits(v16m x) {
   return (uint32_t)_mm256_movemask_ps(x.a) | (uint32_t)_mm256_movemask_ps(x.b) << 8;
 }
+static inline int v16m_all(v16m x) { return v16m_bits(x) == 0xffff; }
 static inline v16m v16m_from_bits(uint32_t bits) {
   __m256i n = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
   __m256i a = _mm256_and_si256(_mm256_set1_epi32((int)bits), n);
@@ -118,6 +138,10 @@ static inline v16 v16_sel(v16m m, v16 x, v16 y) {
 }
 static inline v16 v16_keep(v16m m, v16 x) {
   return v16_make_(_mm256_and_ps(m.a, x.a), _mm256_and_ps(m.b, x.b));
+}
+static inline v16 v16_neg_abs(v16m m, v16 x) {
+  __m256 s = _mm256_set1_ps(-0.0f);
+  return v16_make_(_mm256_or_ps(x.a, _mm256_and_ps(m.a, s)), _mm256_or_ps(x.b, _mm256_and_ps(m.b, s)));
 }
 static inline v16i v16i_set1(int32_t x) { return v16i_make_(_mm256_set1_epi32(x), _mm256_set1_epi32(x)); }
 static inline v16i v16_bits(v16 x) { return v16i_make_(_mm256_castps_si256(x.a), _mm256_castps_si256(x.b)); }

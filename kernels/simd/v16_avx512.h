@@ -22,6 +22,16 @@ static inline v16 v16_load4x4(const float *p, long stride) {
   a = _mm512_insertf32x4(a, _mm_loadu_ps(p + 2 * stride), 2);
   return _mm512_insertf32x4(a, _mm_loadu_ps(p + 3 * stride), 3);
 }
+static inline v16 v16_load_quads(const float *p0, const float *p1, const float *p2, const float *p3) {
+  v16 a = _mm512_castps128_ps512(_mm_loadu_ps(p0));
+  a = _mm512_insertf32x4(a, _mm_loadu_ps(p1), 1);
+  a = _mm512_insertf32x4(a, _mm_loadu_ps(p2), 2);
+  return _mm512_insertf32x4(a, _mm_loadu_ps(p3), 3);
+}
+static inline v16 v16_dup4_0(v16 a) { return _mm512_permute_ps(a, 0x00); }
+static inline v16 v16_dup4_1(v16 a) { return _mm512_permute_ps(a, 0x55); }
+static inline v16 v16_dup4_2(v16 a) { return _mm512_permute_ps(a, 0xaa); }
+static inline v16 v16_dup4_3(v16 a) { return _mm512_permute_ps(a, 0xff); }
 static inline void v16_store4x4(float *p, long stride, v16 a) {
   _mm_storeu_ps(p, _mm512_castps512_ps128(a));
   _mm_storeu_ps(p + stride, _mm512_extractf32x4_ps(a, 1));
@@ -41,6 +51,7 @@ static inline v16 v16_mul(v16 a, v16 b) { return _mm512_mul_ps(a, b); }
 static inline v16 v16_div(v16 a, v16 b) { return _mm512_div_ps(a, b); }
 static inline v16 v16_fma(v16 a, v16 b, v16 c) { return _mm512_fmadd_ps(a, b, c); }
 static inline v16 v16_fnma(v16 a, v16 b, v16 c) { return _mm512_fnmadd_ps(a, b, c); }
+static inline v16 v16_fms(v16 a, v16 b, v16 c) { return _mm512_fmsub_ps(a, b, c); }
 static inline v16 v16_min(v16 a, v16 b) { return _mm512_min_ps(a, b); }
 static inline v16 v16_max(v16 a, v16 b) { return _mm512_max_ps(a, b); }
 static inline v16 v16_sqrt(v16 a) { return _mm512_sqrt_ps(a); }
@@ -54,9 +65,11 @@ static inline v16m v16m_and(v16m a, v16m b) { return (v16m)(a & b); }
 static inline v16m v16m_or(v16m a, v16m b) { return (v16m)(a | b); }
 static inline v16m v16m_andnot(v16m a, v16m b) { return (v16m)(a & ~b); }
 static inline uint32_t v16m_bits(v16m a) { return a; }
+static inline int v16m_all(v16m a) { return a == 0xffff; }
 static inline v16m v16m_from_bits(uint32_t b) { return (v16m)b; }
 static inline v16 v16_sel(v16m m, v16 a, v16 b) { return _mm512_mask_mov_ps(b, m, a); }
 static inline v16 v16_keep(v16m m, v16 a) { return _mm512_maskz_mov_ps(m, a); }
+static inline v16 v16_neg_abs(v16m m, v16 a) { return _mm512_mask_or_ps(a, m, a, _mm512_set1_ps(-0.0f)); }
 static inline v16i v16i_set1(int32_t x) { return _mm512_set1_epi32(x); }
 static inline v16i v16_bits(v16 a) { return _mm512_castps_si512(a); }
 static inline v16 v16_from_bits(v16i a) { return _mm512_castsi512_ps(a); }

@@ -35,6 +35,14 @@ static inline void v16_store(float *p, v16 x) {
   for (int i = 0; i < 4; i++) vst1q_f32(p + 4 * i, x.q[i]);
 }
 static inline v16 v16_load4x4(const float *p, long stride) { V16_EACH(v16, vld1q_f32(p + i * stride)); }
+static inline v16 v16_load_quads(const float *p0, const float *p1, const float *p2, const float *p3) {
+  v16 r = {{vld1q_f32(p0), vld1q_f32(p1), vld1q_f32(p2), vld1q_f32(p3)}};
+  return r;
+}
+static inline v16 v16_dup4_0(v16 x) { V16_EACH(v16, vdupq_laneq_f32(x.q[i], 0)); }
+static inline v16 v16_dup4_1(v16 x) { V16_EACH(v16, vdupq_laneq_f32(x.q[i], 1)); }
+static inline v16 v16_dup4_2(v16 x) { V16_EACH(v16, vdupq_laneq_f32(x.q[i], 2)); }
+static inline v16 v16_dup4_3(v16 x) { V16_EACH(v16, vdupq_laneq_f32(x.q[i], 3)); }
 static inline void v16_store4x4(float *p, long stride, v16 x) {
   V16_UNROLL
   for (int i = 0; i < 4; i++) vst1q_f32(p + i * stride, x.q[i]);
@@ -68,6 +76,9 @@ static inline v16 v16_mul(v16 x, v16 y) { V16_EACH(v16, vmulq_f32(x.q[i], y.q[i]
 static inline v16 v16_div(v16 x, v16 y) { V16_EACH(v16, vdivq_f32(x.q[i], y.q[i])); }
 static inline v16 v16_fma(v16 x, v16 y, v16 z) { V16_EACH(v16, vfmaq_f32(z.q[i], x.q[i], y.q[i])); }
 static inline v16 v16_fnma(v16 x, v16 y, v16 z) { V16_EACH(v16, vfmsq_f32(z.q[i], x.q[i], y.q[i])); }
+static inline v16 v16_fms(v16 x, v16 y, v16 z) {
+  V16_EACH(v16, vfmaq_f32(vnegq_f32(z.q[i]), x.q[i], y.q[i]));
+}
 static inline v16 v16_sqrt(v16 x) { V16_EACH(v16, vsqrtq_f32(x.q[i])); }
 static inline v16 v16_abs(v16 x) { V16_EACH(v16, vabsq_f32(x.q[i])); }
 static inline v16 v16_neg(v16 x) { V16_EACH(v16, vnegq_f32(x.q[i])); }
@@ -84,6 +95,9 @@ static inline uint32_t v16m_bits(v16m x) {
   return vaddvq_u32(vandq_u32(x.q[0], n)) | vaddvq_u32(vandq_u32(x.q[1], n)) << 4 |
          vaddvq_u32(vandq_u32(x.q[2], n)) << 8 | vaddvq_u32(vandq_u32(x.q[3], n)) << 12;
 }
+static inline int v16m_all(v16m x) {
+  return vminvq_u32(vandq_u32(vandq_u32(x.q[0], x.q[1]), vandq_u32(x.q[2], x.q[3]))) != 0;
+}
 static inline v16m v16m_from_bits(uint32_t bits) {
   static const uint32_t w[4] = {1, 2, 4, 8};
   V16_EACH(v16m, vtstq_u32(vdupq_n_u32(bits >> (4 * i)), vld1q_u32(w)));
@@ -91,6 +105,10 @@ static inline v16m v16m_from_bits(uint32_t bits) {
 static inline v16 v16_sel(v16m m, v16 x, v16 y) { V16_EACH(v16, vbslq_f32(m.q[i], x.q[i], y.q[i])); }
 static inline v16 v16_keep(v16m m, v16 x) {
   V16_EACH(v16, vreinterpretq_f32_u32(vandq_u32(m.q[i], vreinterpretq_u32_f32(x.q[i]))));
+}
+static inline v16 v16_neg_abs(v16m m, v16 x) {
+  uint32x4_t sign = vdupq_n_u32(0x80000000u);
+  V16_EACH(v16, vreinterpretq_f32_u32(vorrq_u32(vreinterpretq_u32_f32(x.q[i]), vandq_u32(m.q[i], sign))));
 }
 static inline v16i v16i_set1(int32_t x) { V16_EACH(v16i, vdupq_n_s32(x)); }
 static inline v16i v16_bits(v16 x) { V16_EACH(v16i, vreinterpretq_s32_f32(x.q[i])); }

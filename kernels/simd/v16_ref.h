@@ -38,6 +38,19 @@ static inline v16 v16_iota(void) { V16_EACH((float)k); }
 static inline v16 v16_load(const float *p) { V16_EACH(p[k]); } // any alignment
 static inline void v16_store(float *p, v16 a) { memcpy(p, a.l, 64); }
 static inline v16 v16_load4x4(const float *p, long stride) { V16_EACH(p[(k >> 2) * stride + (k & 3)]); }
+// Group i of four lanes from p_i[0..3].
+static inline v16 v16_load_quads(const float *p0, const float *p1, const float *p2, const float *p3) {
+  const float *p[4] = {p0, p1, p2, p3};
+  V16_EACH(p[k >> 2][k & 3]);
+}
+// v16_dup4_i: lane i of each group of four, in all four.
+#define V16_DUP4(i)                                                                                          \
+  static inline v16 v16_dup4_##i(v16 a) { V16_EACH(a.l[(k & 12) + i]); }
+V16_DUP4(0)
+V16_DUP4(1)
+V16_DUP4(2)
+V16_DUP4(3)
+#undef V16_DUP4
 static inline void v16_store4x4(float *p, long stride, v16 a) {
   for (int k = 0; k < 16; k++) p[(k >> 2) * stride + (k & 3)] = a.l[k];
 }
@@ -55,6 +68,7 @@ static inline v16 v16_mul(v16 a, v16 b) { V16_EACH(a.l[k] * b.l[k]); }
 static inline v16 v16_div(v16 a, v16 b) { V16_EACH(a.l[k] / b.l[k]); }
 static inline v16 v16_fma(v16 a, v16 b, v16 c) { V16_EACH(fmaf(a.l[k], b.l[k], c.l[k])); }   // a b + c
 static inline v16 v16_fnma(v16 a, v16 b, v16 c) { V16_EACH(fmaf(-a.l[k], b.l[k], c.l[k])); } // c - a b
+static inline v16 v16_fms(v16 a, v16 b, v16 c) { V16_EACH(fmaf(a.l[k], b.l[k], -c.l[k])); }  // a b - c
 static inline v16 v16_min(v16 a, v16 b) { V16_EACH(a.l[k] < b.l[k] ? a.l[k] : b.l[k]); }
 static inline v16 v16_max(v16 a, v16 b) { V16_EACH(a.l[k] > b.l[k] ? a.l[k] : b.l[k]); }
 static inline v16 v16_sqrt(v16 a) { V16_EACH(sqrtf(a.l[k])); }
@@ -68,9 +82,12 @@ static inline v16m v16m_and(v16m a, v16m b) { return a & b; }
 static inline v16m v16m_or(v16m a, v16m b) { return a | b; }
 static inline v16m v16m_andnot(v16m a, v16m b) { return a & ~b; }
 static inline uint32_t v16m_bits(v16m a) { return a; } // bit k = lane k
+static inline int v16m_all(v16m a) { return a == 0xffffu; }
 static inline v16m v16m_from_bits(uint32_t b) { return b & 0xffffu; }
 static inline v16 v16_sel(v16m m, v16 a, v16 b) { V16_EACH((m >> k & 1) ? a.l[k] : b.l[k]); }
 static inline v16 v16_keep(v16m m, v16 a) { V16_EACH((m >> k & 1) ? a.l[k] : 0.0f); }
+// -|a| in the lanes of m, a in the others.
+static inline v16 v16_neg_abs(v16m m, v16 a) { V16_EACH((m >> k & 1) ? -fabsf(a.l[k]) : a.l[k]); }
 static inline v16i v16i_set1(int32_t x) { V16I_EACH(x); }
 static inline v16i v16_bits(v16 a) {
   v16i r;

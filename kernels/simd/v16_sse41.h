@@ -35,6 +35,14 @@ static inline void v16_store(float *p, v16 x) {
   for (int i = 0; i < 4; i++) _mm_storeu_ps(p + 4 * i, x.q[i]);
 }
 static inline v16 v16_load4x4(const float *p, long stride) { V16_EACH(v16, _mm_loadu_ps(p + i * stride)); }
+static inline v16 v16_load_quads(const float *p0, const float *p1, const float *p2, const float *p3) {
+  v16 r = {{_mm_loadu_ps(p0), _mm_loadu_ps(p1), _mm_loadu_ps(p2), _mm_loadu_ps(p3)}};
+  return r;
+}
+static inline v16 v16_dup4_0(v16 x) { V16_EACH(v16, _mm_shuffle_ps(x.q[i], x.q[i], 0x00)); }
+static inline v16 v16_dup4_1(v16 x) { V16_EACH(v16, _mm_shuffle_ps(x.q[i], x.q[i], 0x55)); }
+static inline v16 v16_dup4_2(v16 x) { V16_EACH(v16, _mm_shuffle_ps(x.q[i], x.q[i], 0xaa)); }
+static inline v16 v16_dup4_3(v16 x) { V16_EACH(v16, _mm_shuffle_ps(x.q[i], x.q[i], 0xff)); }
 static inline void v16_store4x4(float *p, long stride, v16 x) {
   V16_UNROLL
   for (int i = 0; i < 4; i++) _mm_storeu_ps(p + i * stride, x.q[i]);
@@ -66,6 +74,9 @@ static inline v16 v16_fma(v16 x, v16 y, v16 z) {
 static inline v16 v16_fnma(v16 x, v16 y, v16 z) {
   V16_EACH(v16, _mm_sub_ps(z.q[i], _mm_mul_ps(x.q[i], y.q[i])));
 }
+static inline v16 v16_fms(v16 x, v16 y, v16 z) {
+  V16_EACH(v16, _mm_sub_ps(_mm_mul_ps(x.q[i], y.q[i]), z.q[i]));
+}
 static inline v16 v16_min(v16 x, v16 y) { V16_EACH(v16, _mm_min_ps(x.q[i], y.q[i])); }
 static inline v16 v16_max(v16 x, v16 y) { V16_EACH(v16, _mm_max_ps(x.q[i], y.q[i])); }
 static inline v16 v16_sqrt(v16 x) { V16_EACH(v16, _mm_sqrt_ps(x.q[i])); }
@@ -82,6 +93,7 @@ static inline uint32_t v16m_bits(v16m x) {
   return (uint32_t)(_mm_movemask_ps(x.q[0]) | _mm_movemask_ps(x.q[1]) << 4 | _mm_movemask_ps(x.q[2]) << 8 |
                     _mm_movemask_ps(x.q[3]) << 12);
 }
+static inline int v16m_all(v16m x) { return v16m_bits(x) == 0xffff; }
 static inline v16m v16m_from_bits(uint32_t bits) {
   __m128i n = _mm_setr_epi32(1, 2, 4, 8);
   V16_EACH(v16m,
@@ -89,6 +101,9 @@ static inline v16m v16m_from_bits(uint32_t bits) {
 }
 static inline v16 v16_sel(v16m m, v16 x, v16 y) { V16_EACH(v16, _mm_blendv_ps(y.q[i], x.q[i], m.q[i])); }
 static inline v16 v16_keep(v16m m, v16 x) { V16_EACH(v16, _mm_and_ps(m.q[i], x.q[i])); }
+static inline v16 v16_neg_abs(v16m m, v16 x) {
+  V16_EACH(v16, _mm_or_ps(x.q[i], _mm_and_ps(m.q[i], _mm_set1_ps(-0.0f))));
+}
 static inline v16i v16i_set1(int32_t x) { V16_EACH(v16i, _mm_set1_epi32(x)); }
 static inline v16i v16_bits(v16 x) { V16_EACH(v16i, _mm_castps_si128(x.q[i])); }
 static inline v16 v16_from_bits(v16i x) { V16_EACH(v16, _mm_castsi128_ps(x.q[i])); }

@@ -38,13 +38,10 @@ void Cam::disconnected() {
   owner->arrived.notify_one();
 }
 
+// controls::rpi::SyncMode: 0 off, 1 server, 2 client.
 static void set_sync(const sv_libcamera *s, ControlList *list) {
-#if SV_HAS_RPI_SYNC
-  if (s->cfg.sync == SV_RPI_SYNC_SERVER) list->set(controls::rpi::SyncMode, controls::rpi::SyncModeServer);
-  if (s->cfg.sync == SV_RPI_SYNC_CLIENT) list->set(controls::rpi::SyncMode, controls::rpi::SyncModeClient);
-#else
-  (void)s, (void)list;
-#endif
+  if (s->cfg.sync == SV_RPI_SYNC_OFF) return; // else open has looked whether there is such a control
+  list->set(s->sync_mode_id, ControlValue(static_cast<int32_t>(s->cfg.sync == SV_RPI_SYNC_SERVER ? 1 : 2)));
 }
 
 // Values that are given, or that the automatic control has found, and no automatic control from here on.
@@ -193,9 +190,9 @@ static void note_metadata(Cam *c, const ControlList &m) {
     c->white = {(*v)[0], (*v)[1]};
     c->has_white = true;
   }
-#if SV_HAS_RPI_SYNC
-  if (auto v = m.get(controls::rpi::SyncReady)) c->is_synced = c->is_synced || *v;
-#endif
+  unsigned id = c->owner->sync_ready_id;
+  if (id && m.contains(id) && m.get(id).type() == ControlTypeBool && m.get(id).get<bool>())
+    c->is_synced = true;
 }
 
 // False: the frame is none to be handed out (a start-up frame, or rpi.sync is not ready).
