@@ -83,6 +83,7 @@ struct sv_libcamera {
   sv_clock clock = {};
   std::vector<std::unique_ptr<Cam>> cams;
   bool is_running = false;
+  sv_ns looked_ns = 0;                          // when somebody last asked for frames
   unsigned sync_mode_id = 0, sync_ready_id = 0; // of rpi.sync; 0: this libcamera has none
   sv_camera_events events = {};
   std::mutex mutex; // of the slots' states and arrivals, and of is_gone

@@ -10,6 +10,7 @@ using namespace libcamera;
 
 #define RETRY_NS       (20 * SV_NS_PER_MS) // while libcamera does not know it
 #define LATER_RETRY_NS (200 * SV_NS_PER_MS)
+#define MOST_GAP_NS    (200 * SV_NS_PER_MS) // between two looks
 
 static bool is_startup_frame(const FrameMetadata &m) {
 #if SV_LIBCAMERA_SINCE(0, 5, 2)
@@ -141,12 +142,21 @@ static void reopen(sv_libcamera *s, Cam *c) {
                        static_cast<int64_t>(c->n_restarts));
 }
 
+// While nobody looked, no camera was silent: a host that was held up finds its frames waiting.
+static void mind_absence(sv_libcamera *s) {
+  sv_ns t_ns = now(s), gap_ns = t_ns - s->looked_ns;
+  for (auto &c : s->cams)
+    if (gap_ns > MOST_GAP_NS) c->last_frame_ns += gap_ns - MOST_GAP_NS;
+  s->looked_ns = t_ns;
+}
+
 static void service(sv_libcamera *s, Cam *c) {
   sv_ns t_ns = now(s);
-  bool is_gone, is_hungry = true;
+  bool is_gone, is_hungry = true, has_frame = false;
   {
     std::lock_guard<std::mutex> lock(s->mutex);
     is_gone = c->is_gone;
+    for (const Slot &slot : c->slots) has_frame = has_frame || slot.state == RequestState::Done;
     for (const Slot &slot : c->slots)
       is_hungry = is_hungry && (slot.state == RequestState::OnLoan || slot.state == RequestState::Empty ||
                                 slot.state == RequestState::Orphan);
@@ -163,7 +173,7 @@ static void service(sv_libcamera *s, Cam *c) {
     return;
   }
   c->is_starved = false;
-  if (t_ns - c->last_frame_ns <= s->cfg.stall_ns) return;
+  if (has_frame || t_ns - c->last_frame_ns <= s->cfg.stall_ns) return;
   sv_camera_events_add(&s->events, SV_CAMERA_STALLED, c->i_camera, t_ns, t_ns - c->last_frame_ns);
   stream_off(c);
   c->n_restarts++;
@@ -272,6 +282,7 @@ static sv_status source_dequeue(void *self, sv_frame *f, sv_ns until_ns) {
   f->i_camera = f->i_buffer = -1;
   if (!s->is_running) return SV_END;
   for (bool is_last = false;;) {
+    mind_absence(s);
     for (auto &c : s->cams) {
       service(s, c.get());
       if (!c->has_failed) continue;
@@ -353,6 +364,7 @@ static sv_status source_start(void *self) {
     else lose(s, c.get());
   }
   s->is_running = true;
+  s->looked_ns = now(s);
   if (!n_started) {
     (void)source_stop(s);
     return SV_E_DEVICE;
