@@ -11,10 +11,11 @@
 #include "src/sync/camera_stats.h"
 #include "src/sync/intake.h"
 
-#define QUEUE_LEN  4
-#define CAP_READY  2                  // exposures that wait to be written
-#define TIMEOUT_NS (10 * SV_NS_PER_S) // without any exposure
-#define LOOK_NS    (2 * SV_NS_PER_MS) // the thread of the cameras is looked at so often
+#define QUEUE_LEN   4
+#define CAP_READY   2                  // exposures that wait to be written
+#define CAP_VIRTUAL 8                  // where time stands still meanwhile, and nothing may be left out
+#define TIMEOUT_NS  (10 * SV_NS_PER_S) // without any exposure
+#define LOOK_NS     (2 * SV_NS_PER_MS) // the thread of the cameras is looked at so often
 
 typedef struct {
   const char *source, *rig, *out, *sync;
@@ -247,7 +248,7 @@ static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err
                       .caps = cap.src.caps,
                       .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,
                       .queue_len = QUEUE_LEN,
-                      .cap_ready = CAP_READY,
+                      .cap_ready = cap.src.is_virtual ? CAP_VIRTUAL : CAP_READY,
                       .mode = (sv_intake_mode)o->i_sync};
   sv_arena_part_begin(arena, "sync");
   cap.frames = SV_TAKE(arena, sv_frame, n);

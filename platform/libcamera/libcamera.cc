@@ -200,6 +200,13 @@ static sv_clock_id stamp_clock() {
   return d_ns < SV_NS_PER_MS ? SV_CLOCK_MONOTONIC : SV_CLOCK_BOOTTIME;
 }
 
+// By name: releases and builds differ in whether they have it, and in how their headers say so.
+static unsigned id_of(const char *name) {
+  for (const auto &c : controls::controls)
+    if (c.second->name() == name) return c.second->id();
+  return 0;
+}
+
 static sv_status check_controls(const sv_libcamera *s, const Cam *c, const char *name, sv_err *err) {
   const sv_camera_options &o = s->cfg;
   const char *missing = o.exposure_ns > 0 && !has(c, controls::ExposureTime)  ? "exposure="
@@ -209,8 +216,9 @@ static sv_status check_controls(const sv_libcamera *s, const Cam *c, const char 
                         : o.is_exported                                       ? "dmabuf="
                                                                               : nullptr;
   if (missing) return sv_fail(err, SV_E_UNSUPPORTED, "libcamera:%s: this cannot be set: %s", name, missing);
-  if (o.sync != SV_RPI_SYNC_OFF && !SV_HAS_RPI_SYNC)
-    return sv_fail(err, SV_E_UNSUPPORTED, "libcamera %d.%d.%d has no rpi.sync controls (sync=)",
+  const ControlInfoMap &m = c->camera->controls();
+  if (o.sync != SV_RPI_SYNC_OFF && (!s->sync_mode_id || m.find(s->sync_mode_id) == m.end()))
+    return sv_fail(err, SV_E_UNSUPPORTED, "libcamera:%s: no rpi.sync with libcamera %d.%d.%d (sync=)", name,
                    LIBCAMERA_VERSION_MAJOR, LIBCAMERA_VERSION_MINOR, LIBCAMERA_VERSION_PATCH);
   return SV_OK;
 }
@@ -283,6 +291,8 @@ extern "C" sv_status sv_libcamera_open(sv_libcamera **self, const sv_camera_opti
     s->manager.reset();
     r = sv_fail(err, SV_E_DEVICE, "libcamera: its camera manager does not start");
   }
+  s->sync_mode_id = id_of("SyncMode");
+  s->sync_ready_id = id_of("SyncReady");
   for (int i = 0; r >= 0 && i < cfg->n_cameras; i++) r = open_camera(s, i, err);
   if (r < 0) {
     sv_libcamera_close(s);

@@ -20,13 +20,6 @@
   (LIBCAMERA_VERSION_MAJOR * 10000 + LIBCAMERA_VERSION_MINOR * 100 + LIBCAMERA_VERSION_PATCH >=              \
    (a)*10000 + (b)*100 + (c))
 
-#if defined(                                                                                                 \
-    LIBCAMERA_HAS_RPI_VENDOR_CONTROLS_SYNC_MODE) // since 0.5.2; the algorithm is in Raspberry Pi's builds
-#define SV_HAS_RPI_SYNC 1
-#else
-#define SV_HAS_RPI_SYNC 0
-#endif
-
 using libcamera::Camera;
 using libcamera::CameraConfiguration;
 using libcamera::CameraManager;
@@ -90,6 +83,8 @@ struct sv_libcamera {
   sv_clock clock = {};
   std::vector<std::unique_ptr<Cam>> cams;
   bool is_running = false;
+  sv_ns looked_ns = 0;                          // when somebody last asked for frames
+  unsigned sync_mode_id = 0, sync_ready_id = 0; // of rpi.sync; 0: this libcamera has none
   sv_camera_events events = {};
   std::mutex mutex; // of the slots' states and arrivals, and of is_gone
   std::condition_variable arrived;

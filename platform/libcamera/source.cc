@@ -10,6 +10,7 @@ using namespace libcamera;
 
 #define RETRY_NS       (20 * SV_NS_PER_MS) // while libcamera does not know it
 #define LATER_RETRY_NS (200 * SV_NS_PER_MS)
+#define MOST_GAP_NS    (200 * SV_NS_PER_MS) // between two looks
 
 static bool is_startup_frame(const FrameMetadata &m) {
 #if SV_LIBCAMERA_SINCE(0, 5, 2)
@@ -38,13 +39,10 @@ void Cam::disconnected() {
   owner->arrived.notify_one();
 }
 
+// controls::rpi::SyncMode: 0 off, 1 server, 2 client.
 static void set_sync(const sv_libcamera *s, ControlList *list) {
-#if SV_HAS_RPI_SYNC
-  if (s->cfg.sync == SV_RPI_SYNC_SERVER) list->set(controls::rpi::SyncMode, controls::rpi::SyncModeServer);
-  if (s->cfg.sync == SV_RPI_SYNC_CLIENT) list->set(controls::rpi::SyncMode, controls::rpi::SyncModeClient);
-#else
-  (void)s, (void)list;
-#endif
+  if (s->cfg.sync == SV_RPI_SYNC_OFF) return; // else open has looked whether there is such a control
+  list->set(s->sync_mode_id, ControlValue(static_cast<int32_t>(s->cfg.sync == SV_RPI_SYNC_SERVER ? 1 : 2)));
 }
 
 // Values that are given, or that the automatic control has found, and no automatic control from here on.
@@ -144,12 +142,21 @@ static void reopen(sv_libcamera *s, Cam *c) {
                        static_cast<int64_t>(c->n_restarts));
 }
 
+// While nobody looked, no camera was silent: a host that was held up finds its frames waiting.
+static void mind_absence(sv_libcamera *s) {
+  sv_ns t_ns = now(s), gap_ns = t_ns - s->looked_ns;
+  for (auto &c : s->cams)
+    if (gap_ns > MOST_GAP_NS) c->last_frame_ns += gap_ns - MOST_GAP_NS;
+  s->looked_ns = t_ns;
+}
+
 static void service(sv_libcamera *s, Cam *c) {
   sv_ns t_ns = now(s);
-  bool is_gone, is_hungry = true;
+  bool is_gone, is_hungry = true, has_frame = false;
   {
     std::lock_guard<std::mutex> lock(s->mutex);
     is_gone = c->is_gone;
+    for (const Slot &slot : c->slots) has_frame = has_frame || slot.state == RequestState::Done;
     for (const Slot &slot : c->slots)
       is_hungry = is_hungry && (slot.state == RequestState::OnLoan || slot.state == RequestState::Empty ||
                                 slot.state == RequestState::Orphan);
@@ -166,7 +173,7 @@ static void service(sv_libcamera *s, Cam *c) {
     return;
   }
   c->is_starved = false;
-  if (t_ns - c->last_frame_ns <= s->cfg.stall_ns) return;
+  if (has_frame || t_ns - c->last_frame_ns <= s->cfg.stall_ns) return;
   sv_camera_events_add(&s->events, SV_CAMERA_STALLED, c->i_camera, t_ns, t_ns - c->last_frame_ns);
   stream_off(c);
   c->n_restarts++;
@@ -193,9 +200,9 @@ static void note_metadata(Cam *c, const ControlList &m) {
     c->white = {(*v)[0], (*v)[1]};
     c->has_white = true;
   }
-#if SV_HAS_RPI_SYNC
-  if (auto v = m.get(controls::rpi::SyncReady)) c->is_synced = c->is_synced || *v;
-#endif
+  unsigned id = c->owner->sync_ready_id;
+  if (id && m.contains(id) && m.get(id).type() == ControlTypeBool && m.get(id).get<bool>())
+    c->is_synced = true;
 }
 
 // False: the frame is none to be handed out (a start-up frame, or rpi.sync is not ready).
@@ -275,6 +282,7 @@ static sv_status source_dequeue(void *self, sv_frame *f, sv_ns until_ns) {
   f->i_camera = f->i_buffer = -1;
   if (!s->is_running) return SV_END;
   for (bool is_last = false;;) {
+    mind_absence(s);
     for (auto &c : s->cams) {
       service(s, c.get());
       if (!c->has_failed) continue;
@@ -356,6 +364,7 @@ static sv_status source_start(void *self) {
     else lose(s, c.get());
   }
   s->is_running = true;
+  s->looked_ns = now(s);
   if (!n_started) {
     (void)source_stop(s);
     return SV_E_DEVICE;

@@ -21,11 +21,10 @@
 #include "src/format/splat_file.h"
 #include "src/format/spz.h"
 
-#define HEADER_BYTES     128
-#define N_HALVES         11 // 16-bit values of a Gaussian
-#define MAGIC            0x32475653u
-#define DILATION_OF_3DGS 0.3f // which files need not tell
-#define CAP_SH           4.0f // higher SH beyond are cut: nothing that is seen has them
+#define HEADER_BYTES 128
+#define N_HALVES     11 // 16-bit values of a Gaussian
+#define MAGIC        0x32475653u
+#define CAP_SH       4.0f // higher SH beyond are cut: nothing that is seen has them
 
 sv_status pv_model_open(pv_source *s, sv_err *err) {
   s->model_cap = (size_t)s->reader.ring[SV_FEED_MODEL].slot_bytes;
@@ -164,7 +163,7 @@ static pv_blob *make_ply(const sv_feed_model *m) {
                       .sh_degree = (int)m->sh_degree,
                       .is_mip = m->is_mip != 0,
                       .has_normals = true,
-                      .dilation_px2 = m->dilation_px2 == DILATION_OF_3DGS ? 0 : m->dilation_px2,
+                      .dilation_px2 = m->dilation_px2,
                       .up = sv_up_name(m->up)};
   pv_blob *b = pv_blob_make(sv_ply_file_bytes(&o), 0);
   if (!b) return NULL;

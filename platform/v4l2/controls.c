@@ -3,6 +3,7 @@
 // exposure, and a gain that moves changes what a surface looks like from one exposure to the next.
 #include <errno.h>
 #include <linux/videodev2.h>
+#include <math.h>
 
 #include "platform/v4l2/camera.h"
 
@@ -206,8 +207,8 @@ sv_status sv_v4l2_set_frame_duration(sv_v4l2_camera *c, int64_t ns, int64_t *act
     return SV_E_UNSUPPORTED;
   struct v4l2_fract was = p.parm.capture.timeperframe;
   if (set_interval(c, (struct v4l2_fract){(uint32_t)ns, 1000000000}, &took_ns) < 0) return SV_E_UNSUPPORTED;
-  double off_ns = took_ns - (double)ns;
-  if (off_ns < -1e-3 * (double)ns || off_ns > 1e-3 * (double)ns) {
+  double was_ns = was.denominator ? (double)was.numerator * 1e9 / was.denominator : 0;
+  if (fabs(took_ns - (double)ns) > 0.25 * fabs((double)ns - was_ns)) { // nearer to another of its rates
     (void)set_interval(c, was, &took_ns);
     return SV_E_UNSUPPORTED;
   }

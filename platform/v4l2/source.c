@@ -93,6 +93,14 @@ static int wait_once(sv_v4l2 *v, sv_ns until_ns) {
   return 0;
 }
 
+// While nobody looked, no camera was silent: a host that was held up finds its frames waiting.
+static void mind_absence(sv_v4l2 *v, sv_ns t_ns) {
+  sv_ns gap_ns = t_ns - v->looked_ns;
+  for (int i = 0; gap_ns > 2 * MAX_WAIT_NS && i < v->n_cameras; i++)
+    v->cameras[i].last_frame_ns += gap_ns - 2 * MAX_WAIT_NS;
+  v->looked_ns = t_ns;
+}
+
 static sv_v4l2_camera *oldest_waiting(sv_v4l2 *v) {
   sv_v4l2_camera *best = NULL;
   for (int i = 0; i < v->n_cameras; i++) {
@@ -111,6 +119,7 @@ static sv_status source_dequeue(void *self, sv_frame *f, sv_ns until_ns) {
   if (!v->is_running) return SV_END;
   for (bool is_last = false;;) {
     sv_ns t_ns = now(v);
+    mind_absence(v, t_ns);
     for (int i = 0; i < v->n_cameras; i++) {
       sv_v4l2_camera *c = &v->cameras[i];
       sv_v4l2_service(c, t_ns);
@@ -188,6 +197,7 @@ static sv_status source_start(void *self) {
     else n_started++;
   }
   v->is_running = true;
+  v->looked_ns = now(v);
   if (!n_started) {
     (void)source_stop(v);
     return SV_E_DEVICE;

@@ -28,6 +28,7 @@ typedef struct {
   sv_v4l2_camera *cameras; // [n_cameras]
   int n_cameras;
   bool is_running;
+  sv_ns looked_ns; // when somebody last asked for frames
   sv_camera_events events;
 } sv_v4l2;
 

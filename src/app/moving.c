@@ -7,6 +7,7 @@
 #include "src/base/mathx.h"
 #include "src/train/objective.h"
 
+#define LIVE_HASTE 3.0f
 #define FIND_EVERY 16 // exposures between two searches for what moves
 
 void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
@@ -19,10 +20,13 @@ void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
   d->n_pos = d->n_rot = d->n_colour = 1; // exposures of a ring are too few for more
   d->pos = 3;                            // rates are per second, not per clip
   d->window = d->window_start = 0;       // windows in a time that has no end
-  d->from = 0;
+  d->from = d->grow_until = 0;
   d->find_every = d->find_until = 0; // by exposures instead
-  // Every exposure is like the last one: nothing cools down.
-  t->lr.mean_start = t->lr.mean_end = 1.6e-4f;
+  // Every exposure is like the last one: nothing cools down, and there are but a few dozen steps for what is new in
+  // it. Half of them see the newest exposure, the others those of the ring in turn.
+  t->lr.mean_start = t->lr.mean_end = 4.8e-4f;
+  t->lr.quat *= LIVE_HASTE, t->lr.scale *= LIVE_HASTE, t->lr.sh0 *= LIVE_HASTE;
+  d->newest_every = 2;
   t->start_scale = 1;
   t->relocate_until = 1;
   t->noise = 0;
@@ -78,7 +82,10 @@ sv_status sv_app_leave_exposure(sv_app *app) {
 sv_status sv_app_enter_exposure(sv_app *app, int slot, float progress) {
   const sv_clock *m = &app->port.machine;
   if (!app->cfg.is_dynamic) return SV_OK;
-  app->exposure_ns = m->now_ns(m->self);
+  // Turns of equal length, what it takes to change exposures included; who is late by a whole turn starts anew.
+  const sv_ns now_ns = m->now_ns(m->self), turn_ns = (sv_ns)(app->cfg.exposure_s * 1e9);
+  app->exposure_ns += turn_ns;
+  if (now_ns - app->exposure_ns >= turn_ns) app->exposure_ns = now_ns;
   app->last_ns = app->exposures.exposure[slot].time_ns;
   sv_motion_advance(&app->trainer.deform.motion, &app->trainer.g, sv_app_time_of(app, app->last_ns));
   if (++app->n_entered % FIND_EVERY) return SV_OK;

@@ -174,8 +174,13 @@ static void align(sv_intake *in, int c) {
   if (!in->source.set_control || !fl->cameras || !in->sync.streams[c].has_host) return;
   if (!sv_frame_length_frame(fl, c, in->sync.streams[c].last_mid_host_ns, &wanted_ns)) return;
   was_ns = fl->cameras[c].set_ns;
-  if (in->source.set_control(in->source.self, c, SV_CONTROL_FRAME_DURATION_NS, wanted_ns, &set_ns) < 0)
+  sv_status s = in->source.set_control(in->source.self, c, SV_CONTROL_FRAME_DURATION_NS, wanted_ns, &set_ns);
+  if (s < 0) { // once: it is left alone from now on
+    sv_camera_event e = {SV_CAMERA_FREE, c, in->clock.now_ns(in->clock.self), s};
     set_ns = 0;
+    s = sv_ring_push(&in->events, &e);
+    (void)s; // full: nobody asks
+  }
   sv_frame_length_set(fl, c, set_ns);
   if (set_ns > 0) sv_sync_lengthened(&in->sync, c, set_ns - was_ns);
 }

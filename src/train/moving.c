@@ -13,6 +13,14 @@ void sv_train_set_time(sv_trainer *t, float time) {
   sv_deform_at(&t->deform, t->k, t->pool, &t->g, time);
 }
 
+bool sv_train_has_time(const sv_trainer *t, float time, float progress) {
+  const sv_dynamic_cfg *d = &t->cfg.dynamic;
+  if (!sv_train_is_dynamic(t) || progress >= d->grow_until) return true;
+  float x = sv_clampf((progress - d->from) / (d->grow_until - d->from), 0.0f, 1.0f);
+  float most = sv_maxf(t->middle, 1.0f - t->middle);
+  return fabsf(time - t->middle) <= sv_maxf(d->grow_start, 1e-6f) + (most - d->grow_start) * x;
+}
+
 void sv_train_motion_rates(const sv_trainer *t, float mean_lr, double bias1, float lr[SV_CAP_MROWS]) {
   const sv_dynamic_cfg *d = &t->cfg.dynamic;
   const sv_motion_cfg *mc = &t->deform.motion.cfg;
@@ -152,6 +160,7 @@ sv_status sv_train_find_moving(sv_trainer *t, float progress) {
   for (int c = 0; c < n_cameras; c++) {
     for (int i = 0; i < t->n_views; i++) {
       if (sv_maxi(t->views[i].view.i_sub_view, 0) != c) continue;
+      if (!sv_train_has_time(t, t->views[i].view.time, progress)) continue;
       sv_status s = look_at(t, i, progress);
       if (s < 0) return s;
     }

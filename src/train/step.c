@@ -36,6 +36,21 @@ static int next_item(sv_trainer *t) {
   return i;
 }
 
+static bool is_newest_due(const sv_trainer *t) {
+  const int every = t->cfg.dynamic.newest_every;
+  return every > 0 && t->n_views > 0 && t->step % (uint32_t)every == 0;
+}
+
+// One of the sub-views of the newest time, in turn.
+static int newest_view(const sv_trainer *t) {
+  int n = 0, k = 0;
+  for (int i = 0; i < t->n_views; i++) n += t->views[i].view.time >= t->newest;
+  if (n == 0) return 0; // its picture was replaced by an older one
+  uint32_t turn = t->step / (uint32_t)t->cfg.dynamic.newest_every % (uint32_t)n;
+  while (t->views[k].view.time < t->newest || turn-- > 0) k++;
+  return k;
+}
+
 // Regions lie side by side and reach beyond the sensor by less than one; the jitter shares that out between the
 // two ends, and the outer ones are pushed back onto the sensor.
 static void span(int side, int n, int region_px, float jitter, int i, int *from, int *to) {
@@ -289,7 +304,8 @@ static void maybe_relocate(sv_trainer *t, float progress) {
 
 sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
   if (t->n_views + t->n_regions < 1) return SV_E_ARG;
-  int i = next_item(t);
+  int i = is_newest_due(t) ? newest_view(t) : next_item(t);
+  while (i < t->n_views && !sv_train_has_time(t, t->views[i].view.time, progress)) i = next_item(t);
   bool is_region = i >= t->n_views, is_sum = is_region || has_unseen(t);
   sv_step_stats st = {.i_view = i, .scale = 1};
   sv_render_options o = sv_train_render_options(t, progress, false);

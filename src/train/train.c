@@ -39,14 +39,16 @@ sv_train_cfg sv_train_defaults(void) {
                         .relocate_until = 0.8f,
                         .noise = 1.0f,
                         .dynamic = {.from = 0.1f,
-                                    .find_every = 0.1f,
+                                    .find_every = 0.04f,
                                     .find_until = 0.6f,
+                                    .grow_start = 0.02f,
+                                    .grow_until = 0.5f,
                                     .window_start = 0.4f,
-                                    .unrest = 0.03f,
+                                    .unrest = 0.01f,
                                     .n_pos = 6,
                                     .n_rot = 3,
                                     .n_colour = 1,
-                                    .pos = 20.0f,
+                                    .pos = 30.0f,
                                     .rot = 2e-3f,
                                     .colour = 2e-3f,
                                     .window = 0.01f,
@@ -217,12 +219,17 @@ sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u
     return sv_fail(err, SV_E_RANGE, "a view of %dx%d is larger than the planned %dx%d", view->width_px,
                    view->height_px, t->cfg.cap_width_px, t->cfg.cap_height_px);
   t->views[t->n_views] = (sv_train_view){*view, *image};
+  if (t->n_views == 0 || fabsf(view->time - 0.5f) < fabsf(t->middle - 0.5f)) t->middle = view->time;
+  if (t->n_views == 0 || view->time > t->newest) t->newest = view->time;
   t->n_views++;
   t->i_order = 0; // a new epoch, with the new view in it
   return SV_OK;
 }
 
-void sv_train_replace_view(sv_trainer *t, int i_view, const sv_view *view) { t->views[i_view].view = *view; }
+void sv_train_replace_view(sv_trainer *t, int i_view, const sv_view *view) {
+  t->views[i_view].view = *view;
+  t->newest = sv_maxf(t->newest, view->time);
+}
 
 // One more than fit, so that they can be shifted and still cover the sensor.
 static int n_regions_along(int side_px, int region_px) {

@@ -28,14 +28,19 @@ typedef struct {
 // Moving scenes (src/deform).
 typedef struct {
   sv_deform_kind kind;
-  float from; // progress at which things begin to move; before, one still model is trained on all times
+  float from; // progress at which things begin to move; before, one still model is trained
   sv_motion_functions_kind functions;
   sv_field_cfg field;                 // of FIELD
   float find_every, find_until;       // progress between two searches for what moves, and at the last
   int n_pos, n_rot, n_colour;         // functions of clip mode
   float pos, rot, colour, window;     // learning rates; of positions times that of the means
   float reg_pos, reg_rot, reg_colour; // weights of the mean length of the coefficients; position per radius
+  // Progress: until `from` one time in the middle (and what is within grow_start of it) is all there is; then others
+  // come in to both sides of it, and at grow_until there are all. What moves fast is followed from picture to
+  // picture, where a model of all times at once would smear it. grow_until 0: all times from the start.
+  float grow_start, grow_until;
   float window_start; // half width of the windows that copies of moving slots begin with; 0: as their source
+  int newest_every;   // every so many steps the view is one of the newest time; 0: all in turn
   float unrest;       // who is off by so much more at some times than at others moves
   float still_px, still_fade, still_colour; // who changes by less than all of these is still
 } sv_dynamic_cfg;
@@ -107,6 +112,8 @@ typedef struct {
   uint32_t *touched_of;     // [cap / 16 / blocks a task + 1]
   sv_deform deform;
   float time;          // of the last picture
+  float newest;        // largest time of a picture
+  float middle;        // time of a picture, the closest to 0.5
   float find_at;       // progress of the next search
   uint32_t field_step; // of the field's stage
   uint8_t *is_moving;  // [cap]
@@ -175,6 +182,8 @@ void sv_train_start_moving(sv_trainer *t);
 void sv_train_copy_motion(sv_trainer *t, int to, int from);
 // Renders a training view, at half size at most, and leaves its residual in err_plane; no gradients.
 sv_status sv_train_residual(sv_trainer *t, int i_view, float progress) SV_MUST_USE;
+// Whether a time is trained on already.
+bool sv_train_has_time(const sv_trainer *t, float time, float progress);
 // Looks at every training time with the model as it is: a Gaussian whose residual changes with time, in any of
 // the cameras, by more than cfg.dynamic.unrest (root mean square, display values) is to move from now on.
 sv_status sv_train_find_moving(sv_trainer *t, float progress) SV_MUST_USE;

@@ -122,6 +122,11 @@ fi
 if wanted libcamera && [ $has_libcamera = yes ]; then
   export LIBCAMERA_LOG_LEVELS='*:ERROR'
   job libcamera libcamera:0,1,2,size=318x240 318 240
+  # What these cameras cannot do is refused, and said.
+  subview capture --source libcamera:0,size=318x240,sync=client --exposures 1 --quiet --out $out/cap 2>$out/log
+  check libcamera_sync_refused $? -eq 1 -a "$(grep -c 'no rpi.sync with libcamera' $out/log)" = 1
+  subview capture --source libcamera:0,size=318x240 --sync frame-length --exposures 1 --quiet --out $out/cap 2>$out/log
+  check libcamera_length_refused $? -eq 1 -a "$(grep -c 'do not tell their frame rate' $out/log)" = 1
 fi
 
 # A camera whose driver loses it and finds it again (tests/board/refuse.c): libcamera's own virtual cameras cannot be
@@ -224,5 +229,54 @@ if wanted faults; then
   faults fault "v4l2:$vivid_list,size=320x180" 13
   faults hdmi "hdmi:$hdmi,$vivid1" 5
   faults loop "loop:$loop0,$loop1,$loop2,lock=off,clock=monotonic" 3
+fi
+
+# --- the page ------------------------------------------------------------------------------------
+# Its server in its sandbox, on the kernel that boards have.
+get() { wget -q -O - "$@"; }
+base=http://127.0.0.1:8080
+state_is() { # STATE SECONDS
+  tries=0
+  until get $base/state | grep -q "\"state\":\"$1\""; do
+    tries=$((tries + 1))
+    [ $tries -lt $2 ] || return 1
+    sleep 1
+  done
+}
+# NAME, then a command that has to succeed (or with "not" to fail).
+holds() {
+  holds_name=$1
+  shift
+  if [ "$1" = not ]; then
+    shift
+    "$@" >/dev/null && bad "$holds_name" "it was answered" || ok "$holds_name"
+  else
+    "$@" >/dev/null && ok "$holds_name" || bad "$holds_name" "not so: $*"
+  fi
+}
+if wanted page; then
+  ifconfig lo 127.0.0.1 up
+  subview run --source sim:textured,rig=stereo,size=64x48 --exposures 2 --steps 60 --gaussians 500 --threads 1 \
+    --preview 8080 --session --out $out/page >$out/text 2>$out/log &
+  run=$!
+  holds page_waiting state_is waiting 60
+  note "page: $(get $base/state | sed -n 's/.*"sandbox":"\([^"]*\)".*/\1/p')"
+  get $base/state >$out/state
+  holds page_sandbox grep -q 'seccomp, no_new_privs' $out/state
+  holds page_token not get --post-data= $base/start
+  holds page_traversal not get $base/%2e%2e/%2e%2e/etc/passwd
+  token=$(sed -n 's/.*#//p' $out/log | head -n 1)
+  holds page_start get --header "X-Subview-Token: $token" --post-data= $base/start
+  holds page_done state_is done 120
+  get $base/model.ply | head -c 3 >$out/ply
+  check page_download "$(cat $out/ply)" = ply
+  server=$(pidof subview-preview)
+  kill -9 $server
+  sleep 4
+  holds page_again state_is done 30
+  check page_restarted "$(pidof subview-preview)" != "$server"
+  kill -INT $run
+  wait $run
+  check page_end $? -eq 0
 fi
 [ $n_failed -eq 0 ]

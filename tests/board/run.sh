@@ -6,7 +6,7 @@
 #   run.sh BUILD PROGRAMS        e.g. run.sh build build/generic-arm64; needs BUILD/sysroot-arm64
 #
 # What does not change is kept in BUILD/board. BOARD_CPU=cortex-a76 is the Pi 5's core (cortex-a72: the Pi 4's).
-# BOARD_ONLY=NAME runs one part of board.sh (v4l2, libcamera, lost, skew, suite, faults). BOARD_TIMEOUT=SEC ends a board that hangs.
+# BOARD_ONLY=NAME runs one part of board.sh (v4l2, libcamera, lost, skew, suite, faults, page). BOARD_TIMEOUT=SEC ends a board that hangs.
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 build=$1 programs=$2 sysroot=$1/sysroot-arm64
@@ -30,7 +30,7 @@ cc() { aarch64-linux-gnu-gcc --sysroot="$sysroot" -std=gnu11 -O2 -Wall -Wextra "
 cc -o "$test/bin/board_tool" "$here/board_tool.c"
 cc -fPIC -shared -o "$test/lib/heap_watch.so" "$here/heap_watch.c"
 cc -fPIC -shared -o "$test/lib/refuse.so" "$here/refuse.c"
-cp "$programs/bin/subview" "$programs/tests/source-check" "$programs/tests/source-faults" "$test/bin/"
+cp "$programs/bin/subview" "$programs/bin/subview-preview" "$programs/tests/source-check" "$programs/tests/source-faults" "$test/bin/"
 cp "$here/board.sh" "$test/"
 cp "$here/init" "$work/files/init"
 chmod +x "$work/files/init"

@@ -177,6 +177,7 @@ static bool run_with(world_call c, long at, bool is_lasting) {
       fail_msg("%s, call %ld failed and the run did not tell", world_call_name(c), at);
     // Seen and counted. Without a pose the rig stands still; a camera that takes no frame length is left alone.
     if (c == WORLD_DEQUEUE || c == WORLD_REQUEUE) assert_true(w.app.n_device_errors > 0);
+    if (c == WORLD_SET_CONTROL) assert_true(world_has_line(&w, "free_running"));
     if (c == WORLD_DECODE) assert_true(w.app.n_bad_exposures > 0); // and costs its exposure only
   }
   bool has_old_files = kind_of_run == WORLD_N_CALLS;

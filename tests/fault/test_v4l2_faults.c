@@ -60,11 +60,14 @@ static void run(sv_source *src, sv_ns ns, int n[2]) {
     for (int i = 0; i < n_held[c]; i++) assert_int_equal(src->requeue(src->self, &held[c][i]), SV_OK);
 }
 
-// One session with a failure at call `at` of camera 0. False: the session has fewer calls.
+// One session with a failure at call `at` of camera 0. False: the session has fewer calls. is_hdmi: camera 0 has a signal
+// of its own, and frames of two planes.
+static bool is_hdmi;
 static bool session(long at, bool is_lasting, int error) {
   fake_v4l2_init(&fake, 2);
+  fake.device[0].is_hdmi = fake.device[0].is_mplane = fake.device[1].is_mplane = is_hdmi;
   fake.fail_at = at, fake.is_lasting = is_lasting, fake.fail_errno = error;
-  sv_status s = open_spec(SPEC);
+  sv_status s = open_spec(is_hdmi ? SPEC ",format=NM12" : SPEC);
   if (s >= 0) {
     sv_source src = sv_v4l2_source(&v);
     bool was_hit_before = fake.was_hit;
@@ -108,6 +111,18 @@ static void every_call_fails_from_there_on(void **state) {
   assert_true(n > 100);
 }
 
+static void every_call_of_a_receiver_fails(void **state) {
+  (void)state;
+  is_hdmi = true;
+  for (int is_lasting = 0; is_lasting < 2; is_lasting++) {
+    long n = 1;
+    while (session(n, is_lasting, ENODEV)) n++;
+    assert_true(n > 100);
+    printf("%ld calls of a receiver failed\n", n - 1);
+  }
+  is_hdmi = false;
+}
+
 static void no_heap_call_while_cameras_come_and_go(void **state) {
   (void)state;
   static uint8_t block[2 << 20], rgb[FAKE_V4L2_WIDTH_PX * FAKE_V4L2_HEIGHT_PX * 3];
@@ -143,6 +158,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(every_call_fails_once),
       cmocka_unit_test(every_call_fails_from_there_on),
+      cmocka_unit_test(every_call_of_a_receiver_fails),
       cmocka_unit_test(no_heap_call_while_cameras_come_and_go),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

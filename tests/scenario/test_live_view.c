@@ -355,6 +355,22 @@ static void test_capture_meets_its_deadlines(void **state) {
   assert_string_equal(got, "0");
 }
 
+// What is missing is told apart: no camera, no rig.
+static void test_what_is_missing(void **state) {
+  (void)state;
+  char command[600];
+  snprintf(command, sizeof command,
+           "cp -r tests/data/capture_tiny %s/norig && sed -i '/\"rig\":/d' %s/norig/capture.json", root,
+           root);
+  assert_int_equal(system(command), 0);
+  start("--source replay:@/norig --session");
+  assert_true(wait_for("\"state\":\"failed\",\"lacks\":\"rig\"", 10));
+  live_run_stop(&r);
+  start("--source replay:@/nowhere --session");
+  assert_true(wait_for("\"state\":\"failed\",\"lacks\":\"camera\"", 10));
+  live_run_stop(&r);
+}
+
 // A server that hangs is replaced as well.
 static void test_hang(void **state) {
   (void)state;
@@ -395,6 +411,7 @@ int main(void) {
       cmocka_unit_test_teardown(test_traversal, stop),
       cmocka_unit_test_teardown(test_the_run_does_not_notice, stop),
       cmocka_unit_test_teardown(test_capture_meets_its_deadlines, stop),
+      cmocka_unit_test_teardown(test_what_is_missing, stop),
       cmocka_unit_test_teardown(test_hang, stop),
   };
   return cmocka_run_group_tests(tests, make_root, remove_root);

@@ -19,6 +19,7 @@
 #include "tests/common/temp_folder.h"
 #include "tools/lab/evaluate.h"
 #include "tools/lab/lab.h"
+#include "tools/lab/model_formats.h"
 
 #define STEP    6   // every sixth pixel each way is compared
 #define CAP_W   900 // of the drawn picture
@@ -162,6 +163,36 @@ static void look(const char *draw, bool is_moving) {
   must("!view.is_playing && view.time === 0.25 && $('moment-line').textContent.includes(' of ')", 5);
 }
 
+static void must_download(const char *url, const char *path) {
+  static uint8_t answer[2u << 20];
+  void *file;
+  size_t bytes;
+  sv_err err;
+  size_t n = live_run_get(&r, url, NULL, answer, sizeof answer);
+  const uint8_t *body = live_run_body(answer, n);
+  if (sv_file_read(path, &file, &bytes, &err) < 0) fail_msg("%s", err.text);
+  assert_non_null(body);
+  assert_int_equal(n - (size_t)(body - answer), bytes);
+  assert_memory_equal(body, file, bytes);
+  free(file);
+}
+
+// What the page hands out is, byte by byte, what the run has saved, and what the host tool exports from that: the
+// simulator's worlds have z up, so SPZ is turned.
+static void check_downloads(void) {
+  char path[400];
+  sv_err err;
+  assert_string_equal(model.up, "z");
+  snprintf(path, sizeof path, "%s/out/model.ply", root);
+  must_download("/model.ply", path);
+  snprintf(path, sizeof path, "%s/model.spz", root);
+  assert_int_equal(lab_write_spz(&model.g, model.is_mip, 3, model.up, path, &err), SV_OK);
+  must_download("/model.spz", path);
+  snprintf(path, sizeof path, "%s/model.splat", root);
+  assert_int_equal(lab_write_splat(&model.g, path, &err), SV_OK);
+  must_download("/model.splat", path);
+}
+
 static void run_and_look(const char *args, bool is_moving) {
   if (skipped()) skip();
   if (!live_run_start(&r, root, args)) fail_msg("the run does not start: %s", r.err);
@@ -173,6 +204,7 @@ static void run_and_look(const char *args, bool is_moving) {
   assert_true(browser_goto(&b, r.link));
   must("page.state && page.state.state === 'done'", 120);
   open_model();
+  check_downloads();
   look("flat", is_moving);
   look("gl", is_moving);
   close_model();

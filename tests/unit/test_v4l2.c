@@ -12,81 +12,7 @@
 #include <string.h>
 
 #include "platform/v4l2/format.h"
-#include "tests/common/fake_v4l2.h"
-
-static fake_v4l2 fake;
-static sv_v4l2 v;
-static sv_source src;
-static sv_err err;
-static sv_arena arena;
-
-static sv_status open_spec(const char *spec) {
-  sv_camera_options o;
-  sv_v4l2_sys sys = fake_v4l2_sys(&fake);
-  sv_clock clock = fake_v4l2_clock(&fake);
-  arena = sv_arena_make(fake.block, sizeof fake.block);
-  sv_status s = sv_camera_parse("v4l2", spec, &o, &err);
-  if (s >= 0) s = sv_v4l2_init(&v, &o, &sys, &clock, &arena, &err);
-  if (s >= 0) src = sv_v4l2_source(&v);
-  return s;
-}
-
-static void must_open(const char *spec) {
-  if (open_spec(spec) < 0) fail_msg("%s", err.text);
-}
-
-static int clean(void **state) {
-  (void)state;
-  fake_v4l2_init(&fake, 2);
-  return 0;
-}
-
-static void close_all(void) {
-  sv_v4l2_close(&v);
-  assert_int_equal(fake_v4l2_n_open(&fake), 0);
-  assert_int_equal(fake_v4l2_n_mapped(&fake), 0);
-}
-
-static const sv_camera_caps *caps(int i) {
-  static sv_camera_caps c;
-  assert_int_equal(src.caps(src.self, i, &c), SV_OK);
-  return &c;
-}
-
-// Frames of each camera in so much time, each handed back at once; failures are counted, too.
-typedef struct {
-  int n[2], n_error[2], n_failed[2];
-  sv_ns first_ns[2]; // arrival of the first good frame
-} tally;
-static tally run_for(sv_ns ns) {
-  tally t = {{0}, {0}, {0}, {0}};
-  sv_frame f;
-  for (sv_ns end = fake.now_ns + ns; fake.now_ns < end;) {
-    sv_status s = src.dequeue(src.self, &f, end);
-    if (s == SV_E_DEVICE) t.n_failed[f.i_camera]++;
-    if (s != SV_OK) continue;
-    t.n_error[f.i_camera] += f.is_error;
-    if (!f.is_error && !t.n[f.i_camera]++) t.first_ns[f.i_camera] = f.arrival_ns;
-    assert_int_equal(src.requeue(src.self, &f), SV_OK);
-  }
-  return t;
-}
-
-// How many events of a kind camera 0 had; all are taken, and none may be of camera 1.
-static uint64_t n_events(sv_camera_event_kind kind, int64_t *detail) {
-  sv_camera_event e;
-  uint64_t n = 0;
-  while (src.event(src.self, &e) == SV_OK) {
-    assert_int_equal(e.i_camera, 0);
-    if (e.kind != kind) continue;
-    n++;
-    if (detail) *detail = e.detail;
-  }
-  return n;
-}
-
-#define BOTH   "/dev/video0,/dev/video1,settle=0"
-#define PERIOD FAKE_V4L2_PERIOD_NS
+#include "tests/unit/v4l2_bench.h"
 
 // --- opening -------------------------------------------------------------------------------------
 static void every_format_is_described(void **state) {
@@ -242,13 +168,6 @@ static void unlocked_controls_are_left_alone(void **state) {
 }
 
 // --- faults --------------------------------------------------------------------------------------
-// In all of them camera 1 goes on: 25 frames a second, sequence without a gap, its stream started once.
-static void the_other_is_untouched(const tally *t, int n_frames) {
-  assert_in_range(t->n[1], n_frames - 1, n_frames + 1);
-  assert_int_equal(t->n_error[1] + t->n_failed[1], 0);
-  assert_int_equal(fake.device[1].n_streamons, 1);
-}
-
 static void an_unplugged_camera_comes_back(void **state) {
   (void)state;
   sv_frame held[3], other;
@@ -337,6 +256,25 @@ static void a_stalled_camera_is_started_again(void **state) {
   sv_ns back_ns = fake.now_ns;
   t = run_for(SV_NS_PER_S);
   assert_true(t.first_ns[0] - back_ns <= 3 * PERIOD);
+  close_all();
+}
+
+static void a_host_held_up_is_no_stall(void **state) {
+  (void)state;
+  must_open(BOTH ",stall=300");
+  assert_int_equal(src.start(src.self), SV_OK);
+  run_for(200 * SV_NS_PER_MS);
+  fake.now_ns += 5 * SV_NS_PER_S; // frames wait in the driver meanwhile
+  tally t = run_for(400 * SV_NS_PER_MS);
+  assert_true(t.n[0] > 10 && t.n[1] > 10);
+  assert_int_equal(n_events(SV_CAMERA_STALLED, NULL), 0);
+  assert_int_equal(fake.device[0].n_streamons, 1);
+  fake.device[0].is_silent = true; // a real one, seen by a reader who seldom looks
+  for (int i = 0; i < 6; i++) {
+    fake.now_ns += 400 * SV_NS_PER_MS;
+    run_for(2 * SV_NS_PER_MS);
+  }
+  assert_true(n_events(SV_CAMERA_STALLED, NULL) >= 1);
   close_all();
 }
 
@@ -440,131 +378,6 @@ static void frames_are_counted_where_the_driver_does_not(void **state) {
   close_all();
 }
 
-// --- two planes ----------------------------------------------------------------------------------
-static void two_planes_are_one_frame(void **state) {
-  (void)state;
-  sv_frame f;
-  size_t y_bytes = FAKE_V4L2_WIDTH_PX * FAKE_V4L2_HEIGHT_PX;
-  fake.device[0].is_mplane = true;
-  must_open("/dev/video0,settle=0,format=NM12,buffers=4");
-  assert_int_equal(caps(0)->format, SV_PIX_NV12);
-  assert_int_equal(caps(0)->frame_bytes, y_bytes);
-  assert_int_equal(fake_v4l2_n_mapped(&fake), 8);
-  assert_int_equal(src.start(src.self), SV_OK);
-  assert_int_equal(src.dequeue(src.self, &f, fake.now_ns + SV_NS_PER_S), SV_OK);
-  assert_false(f.is_error);
-  assert_true(fake_v4l2_is_frame(f.data, 0, f.sequence));
-  for (size_t i = 0; i < y_bytes / 2; i++) assert_int_equal(f.chroma[i], f.data[0]);
-  assert_int_equal(f.chroma_stride_bytes, FAKE_V4L2_WIDTH_PX);
-  fake_v4l2_unplug(&fake, 0); // both stay readable
-  run_for(100 * SV_NS_PER_MS);
-  assert_true(fake_v4l2_is_frame(f.data, 0, f.sequence));
-  assert_int_equal(f.chroma[y_bytes / 2 - 1], f.data[0]);
-  fake_v4l2_plug(&fake, 0);
-  assert_int_equal(src.requeue(src.self, &f), SV_OK);
-  assert_true(run_for(400 * SV_NS_PER_MS).n[0] > 5);
-  assert_int_equal(n_events(SV_CAMERA_SHORT_FRAME, NULL), 0);
-  fake.device[0].has_short_chroma = true;
-  tally t = run_for(200 * SV_NS_PER_MS);
-  assert_int_equal(t.n[0], 0);
-  assert_int_equal(n_events(SV_CAMERA_SHORT_FRAME, NULL), (uint64_t)t.n_error[0]);
-  close_all();
-  assert_true(open_spec("/dev/video0,format=NM12,dmabuf=on") < 0);
-  assert_non_null(strstr(err.text, "one plane"));
-  fake.device[0].is_mplane = false;
-  assert_true(open_spec("/dev/video0,format=NM12") < 0);
-  assert_int_equal(fake_v4l2_n_open(&fake), 0);
-}
-
-// --- a signal of its own -------------------------------------------------------------------------
-static void a_signal_that_changes_or_goes_is_named(void **state) {
-  (void)state;
-  static const int gone[] = {ENOLINK, ENOLCK, ERANGE};
-  int64_t detail = -1, error = 0;
-  fake.device[0].is_hdmi = true;
-  must_open(BOTH);
-  assert_int_equal(src.start(src.self), SV_OK);
-  run_for(200 * SV_NS_PER_MS);
-  for (int i = 0; i < 4; i++) { // none; another size
-    if (i < 3) fake_v4l2_signal(&fake, 0, 0, gone[i]);
-    else fake_v4l2_signal(&fake, 0, 32, 0);
-    tally t = run_for(SV_NS_PER_S);
-    assert_int_equal(t.n[0], 0);
-    assert_int_equal(t.n_failed[0], 1);
-    the_other_is_untouched(&t, 25);
-    sv_camera_event e;
-    int n_signal = 0, n_wrong = 0;
-    while (src.event(src.self, &e) == SV_OK) {
-      assert_int_equal(e.i_camera, 0);
-      if (e.kind == SV_CAMERA_SIGNAL) n_signal++, detail = e.detail;
-      if (e.kind == SV_CAMERA_LOST) error = e.detail;
-      n_wrong += e.kind == SV_CAMERA_WRONG_SIZE;
-    }
-    assert_int_equal(n_signal, 1);
-    assert_int_equal(detail, i < 3 ? 0 : 32 << 16 | FAKE_V4L2_HEIGHT_PX);
-    assert_int_equal(error, i < 3 ? gone[i] : ESTALE);
-    assert_int_equal(n_wrong, i == 3); // sizes that were told at the start must hold
-    fake_v4l2_signal(&fake, 0, 0, 0);
-    sv_ns back_ns = fake.now_ns;
-    t = run_for(SV_NS_PER_S);
-    assert_true(t.n[0] > 20 && t.first_ns[0] - back_ns <= 3 * PERIOD);
-    assert_int_equal(n_events(SV_CAMERA_RETURNED, NULL), 1);
-  }
-  fake_v4l2_signal(&fake, 0, 0, 0); // something else has changed, such as colours: no fault
-  tally t = run_for(SV_NS_PER_S);
-  the_other_is_untouched(&t, 25);
-  assert_in_range(t.n[0], 24, 26);
-  assert_int_equal(n_events(SV_CAMERA_LOST, NULL), 0);
-  close_all();
-  fake_v4l2_signal(&fake, 0, 0, ENOLINK);
-  assert_true(open_spec(BOTH) < 0);
-  assert_non_null(strstr(err.text, "/dev/video0: there is no signal at its input"));
-  assert_int_equal(fake_v4l2_n_open(&fake), 0);
-  // The size follows the signal that is there.
-  fake_v4l2_signal(&fake, 0, 32, 0);
-  must_open("/dev/video0");
-  assert_int_equal(caps(0)->width_px, 32);
-  close_all();
-}
-
-// --- frame length --------------------------------------------------------------------------------
-static sv_status set_duration(int64_t ns, int64_t *actual) {
-  *actual = 0;
-  return src.set_control(src.self, 0, SV_CONTROL_FRAME_DURATION_NS, ns, actual);
-}
-
-static void the_length_of_frames_can_be_set(void **state) {
-  (void)state;
-  int64_t actual;
-  must_open(BOTH); // neither blanking nor a rate that can be set
-  assert_int_equal(src.start(src.self), SV_OK);
-  assert_int_equal(set_duration(40 * SV_NS_PER_MS, &actual), SV_E_UNSUPPORTED);
-  close_all();
-  fake.device[0].has_blanking = true; // lines of 400 us
-  must_open(BOTH);
-  assert_int_equal(src.start(src.self), SV_OK);
-  assert_int_equal(set_duration(41 * SV_NS_PER_MS + 100000, &actual), SV_OK);
-  assert_int_equal(actual, 41200 * SV_NS_PER_US);
-  tally t = run_for(100 * actual);
-  assert_in_range(t.n[0], 99, 101);
-  assert_int_equal(set_duration(SV_NS_PER_MS, &actual), SV_E_RANGE);
-  assert_int_equal(set_duration(3 * SV_NS_PER_S, &actual), SV_E_RANGE);
-  close_all();
-  assert_int_equal(fake.device[0].control[6], 52); // as it was before
-  fake_v4l2_init(&fake, 2);
-  fake.device[0].can_set_rate = true;
-  must_open(BOTH);
-  assert_int_equal(src.start(src.self), SV_OK);
-  assert_int_equal(set_duration(40020 * SV_NS_PER_US, &actual), SV_OK);
-  assert_int_equal(actual, 40020 * SV_NS_PER_US);
-  assert_int_equal(set_duration(FAKE_V4L2_PERIOD_NS, &actual), SV_OK);
-  fake.device[0].is_coarse = true; // would double it
-  assert_int_equal(set_duration(40030 * SV_NS_PER_US, &actual), SV_E_UNSUPPORTED);
-  t = run_for(SV_NS_PER_S);
-  assert_in_range(t.n[0], 24, 26);
-  close_all();
-}
-
 int main(void) {
 #define T(f) cmocka_unit_test_setup(f, clean)
   const struct CMUnitTest tests[] = {
@@ -580,14 +393,12 @@ int main(void) {
       T(a_broken_queue_is_opened_again),
       T(a_camera_that_does_not_start_is_tried_again),
       T(a_stalled_camera_is_started_again),
+      T(a_host_held_up_is_no_stall),
       T(damaged_frames_are_named),
       T(another_size_is_not_taken),
       T(another_camera_is_not_taken),
       T(a_hungry_reader_is_no_fault),
       T(frames_are_counted_where_the_driver_does_not),
-      T(two_planes_are_one_frame),
-      T(a_signal_that_changes_or_goes_is_named),
-      T(the_length_of_frames_can_be_set),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

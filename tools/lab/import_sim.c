@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Datasets of the simulator's scenes, laid out as those of the paper's experiment: for each device the pictures
-// of a few exposures, and held-out views with depth beside the first exposure and all around.
+// of a few exposures, and held-out views with depth beside the first exposure and all around. Of a moving scene: a rig
+// that stands still, its camera alone, held-out times of all cameras, and held-out cameras over all times.
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -13,6 +14,8 @@
 #define N_EXPOSURES 3
 #define N_TEST      40
 #define DEPTH_UNIT  (1.0 / 8000)
+#define N_TIMES     25 // of moving scenes
+#define N_NOVEL     4
 #define ANGLE_DEG   "10" // the paper's, unless the specification says another
 #define SIZE        "400x400"
 #define GOLDEN_DEG  137.50776405003785
@@ -21,21 +24,28 @@ typedef struct {
   const char *out;
   sv_sim sim;
   void *block;
-  FILE *f; // transforms file
+  FILE *f;           // transforms file
+  const char *split; // of the next frame, moving scenes only
   int n_written;
   uint8_t *rgb; // [height][width][3]
   float *depth; // [height][width]
   sv_err *err;
 } job;
 
+static bool is_moving(const char *spec) {
+  static const char name[] = "moving";
+  return strncmp(spec, name, sizeof name - 1) == 0 && strchr(",", spec[sizeof name - 1]);
+}
+
 static sv_status start(job *j, const char *spec, const char *rig) {
   char text[400];
   sv_sim_config cfg;
-  snprintf(text, sizeof text, "%.300s,rig=%s%s%s", spec, rig,
-           strstr(spec, "angle=") ? "" : ",angle=" ANGLE_DEG, strstr(spec, "size=") ? "" : ",size=" SIZE);
+  snprintf(text, sizeof text, "%.300s,rig=%s%s%s%s", spec, rig,
+           strstr(spec, "angle=") ? "" : ",angle=" ANGLE_DEG, strstr(spec, "size=") ? "" : ",size=" SIZE,
+           is_moving(spec) && !strstr(spec, "arc=") ? ",arc=0" : "");
   sv_status s = sv_sim_parse(&cfg, text, j->err);
   if (s < 0) return s;
-  cfg.n_exposures = N_EXPOSURES;
+  cfg.n_exposures = is_moving(spec) ? N_TIMES : N_EXPOSURES;
   size_t bytes = sv_sim_bytes(&cfg) + SV_ARENA_ALIGN, px = (size_t)cfg.width_px * (size_t)cfg.height_px;
   j->block = malloc(bytes);
   j->rgb = malloc(3 * px);
@@ -92,6 +102,9 @@ static void put_frame(job *j, const char *picture, const char *depth, const sv_v
   fprintf(j->f, ", \"exposure\": %d, \"sub_view\": %d, \"camera\": \"%s\"", v->i_exposure, v->i_sub_view,
           camera);
   if (depth) fprintf(j->f, ", \"depth_path\": \"%s\"", depth);
+  if (j->split)
+    fprintf(j->f, ", \"time\": %.9g, \"frame\": %d, \"split\": \"%s\"", (double)v->time, v->i_exposure,
+            j->split);
   if (on_sensor)
     fprintf(j->f, ", \"footprint\": [%d, %d, %d, %d]", on_sensor->x0_px, on_sensor->y0_px,
             on_sensor->width_px, on_sensor->height_px);
@@ -109,21 +122,21 @@ static sv_status write_png(job *j, const char *name, const sv_bitmap *b) {
   return s < 0 ? s : sv_bitmap_write_png(path, b, j->err);
 }
 
-// A held-out view: clean picture and depth.
-static sv_status write_view(job *j, const char *stem, const sv_view *v) {
+// A clean picture with depth.
+static sv_status write_view(job *j, const char *stem, const sv_view *v, double time_s, const char *camera) {
   char picture[200], depth[200];
   size_t px = (size_t)v->width_px * (size_t)v->height_px;
   snprintf(picture, sizeof picture, "%s.png", stem);
   snprintf(depth, sizeof depth, "%s_depth.png", stem);
   uint16_t *units = malloc(px * sizeof *units);
   if (!units) return sv_fail(j->err, SV_E_NOMEM, "no memory for a depth picture");
-  sv_sim_render(&j->sim, v, 0, j->rgb, j->depth);
+  sv_sim_render(&j->sim, v, time_s, j->rgb, j->depth);
   for (size_t i = 0; i < px; i++) units[i] = (uint16_t)fmin(65535, (double)j->depth[i] / DEPTH_UNIT + 0.5);
   sv_bitmap colour = {v->width_px, v->height_px, 3, 8, j->rgb, NULL},
             grey = {v->width_px, v->height_px, 1, 16, NULL, units};
   sv_status s = write_png(j, picture, &colour);
   if (s >= 0) s = write_png(j, depth, &grey);
-  if (s >= 0) put_frame(j, picture, depth, v, "test", NULL);
+  if (s >= 0) put_frame(j, picture, depth, v, camera, NULL);
   free(units);
   return s;
 }
@@ -227,7 +240,7 @@ static sv_status write_test_near(job *j) {
       d[k] = sv_cos(rho) * axis[k] + sv_sin(rho) * (sv_cos(phi) * right[k] + sv_sin(phi) * above[k]);
     sv_view v = view_from(j, d, i);
     snprintf(stem, sizeof stem, "test_near/r_%03d", i);
-    s = write_view(j, stem, &v);
+    s = write_view(j, stem, &v, 0, "test");
   }
   return close_transforms(j, s);
 }
@@ -242,15 +255,110 @@ write_test(job *j) { // a spiral from 60 down to 5 degrees of elevation, uniform
     double phi = i * GOLDEN_DEG * SV_PI / 180, r = sqrt(1 - z * z);
     sv_view v = view_from(j, (double[3]){r * sv_cos(phi), r * sv_sin(phi), z}, i);
     snprintf(stem, sizeof stem, "test/r_%03d", i);
-    s = write_view(j, stem, &v);
+    s = write_view(j, stem, &v, 0, "test");
   }
   return close_transforms(j, s);
+}
+
+// --- moving scenes -------------------------------------------------------------------------------
+
+static sv_pose pose_of(const sv_view *v) {
+  sv_pose p;
+  for (int i = 0; i < 9; i++) p.r[i] = (double)v->r[i];
+  for (int i = 0; i < 3; i++) p.t[i] = (double)v->t[i];
+  return p;
+}
+
+static void place(sv_view *v, const sv_pose *p) {
+  for (int i = 0; i < 9; i++) v->r[i] = (float)p->r[i];
+  for (int i = 0; i < 3; i++) v->t[i] = (float)p->t[i];
+}
+
+// Every camera of a view list at every time; of those of a device, one time in four is held out.
+static sv_status write_times(job *j, const char *folder, sv_view *views, const char *const *names, int n,
+                             bool is_device) {
+  sv_status s = SV_OK;
+  for (int k = 0; k < N_TIMES && s >= 0; k++)
+    for (int i = 0; i < n && s >= 0; i++) {
+      char stem[100];
+      snprintf(stem, sizeof stem, "frames/%s_%s/f%03d", folder, names[i], k);
+      views[i].time = (float)k / (N_TIMES - 1);
+      views[i].i_exposure = k, views[i].i_sub_view = i;
+      j->split = !is_device ? "test_view" : k % 4 == 2 ? "test_time" : "train";
+      s = write_view(j, stem, &views[i], sv_sim_slot_time_s(&j->sim, k), names[i]);
+    }
+  return s;
+}
+
+// A device whose camera i_shared is where `shared` is; only that camera when is_alone.
+static sv_status write_standing(job *j, const char *spec, const char *rig, int i_shared, sv_pose *shared,
+                                bool is_alone) {
+  char name[100];
+  const char *names[SV_SIM_CAP_CAMERAS];
+  sv_view views[SV_SIM_CAP_CAMERAS];
+  double time_s;
+  sv_status s = start(j, spec, rig);
+  int n = s >= 0 ? j->sim.rig.n_sub_views : 0;
+  for (int i = 0; i < n; i++) sv_sim_view(&j->sim, 0, i, &views[i], &time_s);
+  if (n && is_alone) *shared = pose_of(&views[i_shared]);
+  sv_pose here = n ? pose_of(&views[i_shared]) : sv_pose_identity(), back = sv_pose_inv(&here);
+  for (int i = 0; i < n; i++) { // the rig as a whole goes there
+    sv_pose p = pose_of(&views[i]), other = sv_pose_mul(&p, &back);
+    p = sv_pose_mul(&other, shared);
+    place(&views[i], &p);
+    names[i] = j->sim.rig.sub_views[i].name;
+  }
+  snprintf(name, sizeof name, "transforms_train_%s.json", is_alone ? "mono" : rig);
+  if (s >= 0) s = open_transforms(j, name, "");
+  if (s >= 0)
+    s = is_alone ? write_times(j, "mono", views + i_shared, names + i_shared, 1, true)
+                 : write_times(j, rig, views, names, n, true);
+  s = close_transforms(j, s);
+  stop(j);
+  return s;
+}
+
+// 7.6 to 11.8 degrees off the stereo rig's middle.
+static sv_status write_novel(job *j, const char *spec) {
+  static const double off_deg[N_NOVEL] = {9.3, 8.3, 7.6, 11.8}, at_deg[N_NOVEL] = {80, 200, 320, 140};
+  static const char *const names[N_NOVEL] = {"novel0", "novel1", "novel2", "novel3"};
+  sv_view views[N_NOVEL];
+  sv_pose rig, inverse;
+  sv_status s = start(j, spec, "stereo");
+  if (s < 0) return s;
+  sv_sim_rig_pose(&j->sim, sv_sim_slot_ns(&j->sim, 0), &rig);
+  inverse = sv_pose_inv(&rig);
+  for (int i = 0; i < N_NOVEL; i++) {
+    double rho = off_deg[i] * SV_PI / 180, phi = at_deg[i] * SV_PI / 180, d[3];
+    for (int k = 0; k < 3; k++) // the rig's z axis points at the scene
+      d[k] = -sv_cos(rho) * inverse.r[3 * k + 2] +
+             sv_sin(rho) * (sv_cos(phi) * inverse.r[3 * k] + sv_sin(phi) * inverse.r[3 * k + 1]);
+    views[i] = view_from(j, d, i);
+  }
+  s = open_transforms(j, "transforms_test.json", "");
+  if (s >= 0) s = write_times(j, "test", views, names, N_NOVEL, false);
+  return close_transforms(j, s);
+}
+
+static sv_status import_moving(job *j, const char *spec) {
+  sv_pose shared;
+  if (strstr(spec, ",noise="))
+    return sv_fail(j->err, SV_E_UNSUPPORTED,
+                   "sim:%.200s: pictures of moving scenes are written without noise; train --noise adds it",
+                   spec);
+  sv_status s = write_standing(j, spec, "stereo", 1, &shared, true);
+  if (s >= 0) s = write_standing(j, spec, "stereo", 1, &shared, false);
+  if (s >= 0) s = write_standing(j, spec, "phone", 0, &shared, false);
+  if (s >= 0) s = write_novel(j, spec);
+  stop(j);
+  return s;
 }
 
 sv_status lab_import_sim(const char *spec, const char *out, sv_err *err) {
   static const char *const rigs[] = {"mono", "stereo", "phone", "lightfield", "multiplexed"};
   job j = {.out = out, .err = err};
   sv_status s = sv_path_make_folder(out, err);
+  if (s >= 0 && is_moving(spec)) return import_moving(&j, spec);
   for (int i = 0; i < 5 && s >= 0; i++) s = write_device(&j, spec, rigs[i]);
   if (s < 0) return s;
   s = start(&j, spec, "mono");

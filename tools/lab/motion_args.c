@@ -36,6 +36,8 @@ int lab_parse_motion(const char *text, sv_train_cfg *c) {
   int functions = (int)d->functions, tv_kind = SV_FIELD_TV_CODED;
   const setting known[] = {{"from", &d->from, 0, 1},
                            {"window", &d->window_start, 0, 10},
+                           {"grow_start", &d->grow_start, 0, 1},
+                           {"grow_until", &d->grow_until, 0, 1},
                            {"functions", 0, &functions, 1},
                            {"tv_kind", 0, &tv_kind, 1},
                            {"unrest", &d->unrest, 0, 1},

@@ -3,6 +3,13 @@
 // row by row, and none behind what is opaque already.
 "use strict";
 let canvas = new Float32Array(0); // r g b and transmittance
+// exp(x) for -8 < x < 8 from a table, to 2e-5 of itself.
+const EXP_STEPS = 128, exp_table = new Float64Array(16 * EXP_STEPS + 2);
+for (let i = 0; i < exp_table.length; i++) exp_table[i] = Math.exp(i / EXP_STEPS - 8);
+function quick_exp(x) {
+  const t = (x + 8) * EXP_STEPS, i = t | 0;
+  return i >= 0 && i < 16 * EXP_STEPS ? exp_table[i] + (t - i) * (exp_table[i + 1] - exp_table[i]) : Math.exp(x);
+}
 
 // One Gaussian at (px, py) of a covariance (xx, xy, yy) in pixels. Along a row the exponent is quadratic, so its
 // exponential goes on by two multiplications a pixel.
@@ -17,7 +24,7 @@ function cover(out, w, h, px, py, xx, xy, yy, rgba, o, opacity) {
     const x0 = Math.max(0, Math.ceil(mid - rx - 0.5)), x1 = Math.min(w - 1, Math.floor(mid + rx - 0.5));
     if (x0 > x1) continue;
     const d = x0 + 0.5 - mid; // the exponent is -(a d^2 + dy^2 / yy) / 2
-    let value = opacity * Math.exp(-0.5 * (a * d * d + (dy * dy) / yy)), rate = Math.exp(-a * (d + 0.5));
+    let value = opacity * quick_exp(-0.5 * (a * d * d + (dy * dy) / yy)), rate = quick_exp(-a * (d + 0.5));
     for (let x = x0, i = 4 * (y * w + x0); x <= x1; x++, i += 4) {
       const left = out[i + 3];
       if (left > 0.004) {

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+// motion.bin, in both forms: opened, and read for the model that it belongs to.
+#include <string.h>
+
+#include "src/deform/deform_file.h"
+#include "tests/fuzz/fuzz.h"
+
+#define N 20
+
+typedef struct {
+  uint8_t *buf;
+  size_t n, cap;
+} memory;
+
+static _Alignas(64) uint8_t block[4u << 20], model[1u << 16];
+
+static sv_status to_memory(void *self, const void *data, size_t bytes, sv_err *err) {
+  memory *m = self;
+  if (bytes > m->cap - m->n) return sv_fail(err, SV_E_NOMEM, "full");
+  memcpy(m->buf + m->n, data, bytes);
+  m->n += bytes;
+  return SV_OK;
+}
+
+static bool make_model(sv_gaussians *g) {
+  sv_arena a = sv_arena_make(model, sizeof model);
+  if (sv_gaussians_init(g, N, 0, &a) < 0) return false;
+  memset(g->param, 0, (size_t)g->cap * (size_t)g->n_rows * sizeof *g->param);
+  return true;
+}
+
+size_t fuzz_seed(int i, uint8_t *buf, size_t cap) {
+  sv_gaussians g;
+  sv_deform d = {.kind = i < 2 ? SV_DEFORM_CLIP : SV_DEFORM_FIELD};
+  sv_arena a = sv_arena_make(block, sizeof block);
+  memory m = {buf, 0, cap};
+  if (i > 2 || !make_model(&g)) return 0;
+  sv_motion_cfg mc = {.functions = i ? SV_MOTION_POWERS : SV_MOTION_CHEBYSHEV, .n_pos = 2, .n_rot = 1};
+  sv_field_cfg fc = {.n_channels = 16, .n_levels = 1, .mult = {1}, .base = 2, .n_times = 2, .width = 16};
+  fc.is_shared = true, fc.n_threads = 1;
+  sv_status s = i < 2 ? sv_motion_init(&d.motion, &mc, &g, &a) : sv_field_init(&d.field, &fc, &g, &a);
+  if (s < 0) return 0;
+  if (i < 2) sv_motion_reset(&d.motion, N / 2);
+  else sv_field_reset(&d.field, &g, 1), d.field.n_moving = N / 2;
+  return sv_deform_write(&d, &g, (sv_sink){&m, to_memory}, NULL) == SV_OK ? m.n : 0;
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t bytes) {
+  sv_sections r;
+  sv_deform_head h;
+  sv_deform d;
+  sv_gaussians g;
+  sv_err err;
+  sv_arena a = sv_arena_make(block, sizeof block);
+  if (!make_model(&g) || sv_deform_open(&r, &h, "f", data, bytes, &err) != SV_OK) return 0;
+  if (sv_deform_read(&d, &r, &h, &g, 1, &a, &err) != SV_OK) return 0;
+  FUZZ_CHECK(sv_deform_n_moving(&d) >= 0 && sv_deform_n_moving(&d) <= N);
+  return 0;
+}
