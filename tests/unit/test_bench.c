@@ -170,8 +170,8 @@ static void test_json(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_times), cmocka_unit_test(test_growth),
-                                     cmocka_unit_test(test_bound), cmocka_unit_test(test_count),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_times),  cmocka_unit_test(test_growth),
+                                     cmocka_unit_test(test_bound),  cmocka_unit_test(test_count),
                                      cmocka_unit_test(test_stages), cmocka_unit_test(test_json)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
