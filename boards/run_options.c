@@ -29,6 +29,8 @@ static const opt list[] = {
      "what makes the cameras expose together: free (nothing), frame-length (software), trigger (a line)"},
     {"--live", OPT_FLAG, &g.is_live, 0, 0, NULL,
      "go on capturing while training: new exposures take the place of the oldest"},
+    {"--refine-poses", OPT_FLAG, &g.is_refining, 0, 0, NULL,
+     "training corrects where the rig was, when its poses are known to be off; poses.json has the result"},
     {"--threads", OPT_INT, &g.threads, 1, BOARD_CAP_THREADS, "N",
      "threads; the result is the same for any number"},
     {"--seed", OPT_INT, &g.seed, 0, 1e15, "N", "seed of everything random"},
@@ -61,6 +63,8 @@ static int check(run_options *o) {
     return usage_error("run", "--scene %s: expected static or dynamic", o->scene);
   if (o->is_dynamic && o->is_live && o->is_resume)
     return usage_error("run", "--resume: a live run of a moving scene has no past to go on from");
+  if (o->is_refining && (o->is_live || o->is_dynamic || o->is_resume))
+    return usage_error("run", "--refine-poses: not with --live, --scene dynamic or --resume");
   o->i_sync = sync_mode_of(o->sync);
   if (o->i_sync < 0) return usage_error("run", "--sync %s: expected free, frame-length or trigger", o->sync);
   if (o->preview &&

@@ -10,7 +10,7 @@ typedef struct {
   long exposures, steps, gaussians, sh, threads, seed, skew_ms, orbit;
   double time_limit, save_every, picture_every;
   double exposure_s;
-  bool is_dynamic;
+  bool is_dynamic, is_refining;
   bool is_resume, is_live, is_json, is_quiet, is_session, has_feed, is_check;
   char preview_addr[64];    // of --preview; port 0: none
   int preview_port, i_sync; // of --sync, in the order of sv_intake_mode

@@ -71,6 +71,13 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
                                             .is_moving = c->is_dynamic,
                                             .n_sub_views = sv_app_n_trained_sub_views(c),
                                             .is_multiplexed = is_multiplexed(c)});
+  if (c->is_refining) // rates from trials on poses that were off by a quarter of a degree
+    t.poses = (sv_train_poses_cfg){.cap_poses = c->n_exposures,
+                                   .rot_rad = 2e-3f,
+                                   .place = 2e-3f,
+                                   .decay = 0.01f,
+                                   .from = 0.05f,
+                                   .until = 1};
   if (c->is_dynamic) sv_app_plan_moving(c, &t);
   if (c->steps) t.steps_hint = (int)c->steps;
   return t;
@@ -188,6 +195,11 @@ static sv_status add_pictures(sv_app *app, int e, sv_err *err) {
     view->time = sv_app_time_of(app, app->exposures.exposure[e].time_ns);
     sv_status s = sv_train_add_view(&app->trainer, view, &image, err);
     if (s < 0) return s;
+    if (app->cfg.is_refining)
+      sv_train_refine_view(&app->trainer, app->trainer.n_views - 1, e,
+                           &app->cfg.rig->sub_views[i].cam_from_rig,
+                           &app->exposures.exposure[e].rig_from_world,
+                           app->trainer.views[0].view.i_exposure == view->i_exposure);
   }
   return SV_OK;
 }
@@ -309,6 +321,7 @@ static sv_status save_all(sv_app *app, sv_err *err) {
   app->state = SV_APP_SAVING;
   sv_status s = sv_app_save_model(app, err);
   if (s >= 0 && app->cfg.is_dynamic) s = sv_app_save_motion(app, err);
+  if (s >= 0 && app->cfg.is_refining) s = sv_app_save_poses(app, err);
   if (s >= 0) s = sv_app_save_checkpoint(app, err);
   if (s >= 0) s = sv_app_publish_preview(app);
   return s;
@@ -317,7 +330,7 @@ static sv_status save_all(sv_app *app, sv_err *err) {
 static sv_status run_all(sv_app *app, sv_err *err) {
   sv_status s = sv_app_capture(app, err), saved, ended;
   sv_err end_err;
-  if (s >= 0 && app->odometry.is_on) s = sv_app_track(app, err);
+  if (s >= 0) s = sv_app_track(app, err);
   if (s >= 0) s = sv_app_live_begin(app, err); // from here on cameras are served whatever takes how long
   if (s >= 0) s = start_training(app, err);
   bool is_begun = s >= 0;

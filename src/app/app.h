@@ -55,6 +55,7 @@ typedef struct {
   sv_train_cfg train;                            // caps and views are filled in by init
   uint32_t steps;                                // 0: until the time limit
   double time_limit_s;                           // of training; 0: none
+  bool is_refining; // training refines the rig's poses, those of the first exposure held
   bool is_tracking; // the source does not tell the rig's poses: find them from the pictures
   bool has_bounds;  // the scene lies in `bounds`: start there; else start from the pictures
   sv_bounds bounds;
@@ -143,8 +144,13 @@ sv_status sv_app_live_turn(sv_app *app, bool *is_train, sv_err *err) SV_MUST_USE
 void sv_app_live_trained(sv_app *app, double from_s, double now_s); // a training step has taken so long
 sv_status sv_app_live_end(sv_app *app, sv_err *err) SV_MUST_USE;
 
-// Places the exposures of a source without poses, before training (app.c says what it does with them).
+// Places the exposures of a source without poses, before training (app.c says what it does with them). Without
+// odometry says that the rig is taken as standing still.
 sv_status sv_app_track(sv_app *app, sv_err *err) SV_MUST_USE;
+
+// With is_refining: training's poses into the pool, how far they moved into the log, all of them into poses.json, as
+// subview-calibrate pose writes them.
+sv_status sv_app_save_poses(sv_app *app, sv_err *err) SV_MUST_USE;
 
 // --- moving scenes (moving.c) --------------------------------------------------------------------
 void sv_app_plan_moving(const sv_app_cfg *cfg, sv_train_cfg *t);

@@ -39,8 +39,25 @@ static void tell(sv_app *app) {
         "off by a factor; shape and views are not");
 }
 
+// Runs that are not tracked: a rig on a tripod is meant to be so, one in a hand should know.
+static void tell_untracked(sv_app *app) {
+  const sv_app_cfg *c = &app->cfg;
+  if (c->n_exposures < 2) return;
+  for (int e = 0; e < app->exposures.n; e++)
+    if (app->exposures.exposure[e].has_pose) return;
+  sv_app_log(app, SV_LOG_INFO, "the source tells no poses and %s: the rig is taken as standing still",
+             c->is_live                                  ? "a live run does not look for them"
+             : c->is_dynamic                             ? "a moving scene hides them"
+             : c->rig->forward == SV_FORWARD_MULTIPLEXED ? "a multiplexed sensor is not tracked"
+                                                         : "tracking is off");
+}
+
 sv_status sv_app_track(sv_app *app, sv_err *err) {
   sv_odometry *o = &app->odometry;
+  if (!o->is_on) {
+    tell_untracked(app);
+    return SV_OK;
+  }
   for (int e = 0; e < app->exposures.n; e++)
     if (app->exposures.exposure[e].has_pose) return SV_OK; // the source knew after all
   for (int e = 0; e < app->exposures.n; e++) {

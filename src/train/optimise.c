@@ -19,6 +19,7 @@ typedef struct {
   sv_regularisers reg;
   int n_blocks;
   bool has_err;          // collect: the error, too
+  bool has_pose;         // sum dL/d(twist) of the picture's pose
   sv_motion_args motion; // of the last picture's time
   sv_adam_args motion_adam;
   sv_motion_values motion_f;
@@ -42,6 +43,10 @@ static void fill_rates(job *j, float mean_lr, double bias1) {
                                   : lr->sh_rest;
     j->lr[i] = r * f;
   }
+}
+
+int sv_train_n_tasks(const sv_trainer *t) {
+  return ((t->g.n + 15) / 16 + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK;
 }
 
 static int n_tasks(const job *j) { return (j->n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK; }
@@ -68,6 +73,15 @@ static void keep_above(const float *floor, float *log_scale) { // [16], [3][16]
     if (log_scale[i] < floor[i & 15]) log_scale[i] = floor[i & 15];
 }
 
+// Adds a block's pose gradient to its task's.
+static void add_pose(const job *j, int i_task, const float pose[6]) {
+  for (int k = 0; k < 6 && j->has_pose; k++) j->t->poses.sum[i_task][k] += pose[k];
+}
+
+static void begin_pose(const job *j, int i_task) {
+  for (int k = 0; k < 6 && j->has_pose; k++) j->t->poses.sum[i_task][k] = 0.0f;
+}
+
 static float *block_of(const job *j, int i_thread) {
   return j->t->block + (size_t)i_thread * SV_TRAIN_BLOCK_FLOATS;
 }
@@ -90,8 +104,12 @@ static void optimise_task(void *arg, int i_task, int i_thread) {
   float *grad = block_of(j, i_thread), *err = grad + SV_CAP_ROWS * 16;
   int b0 = i_task * BLOCKS_PER_TASK, b1 = sv_mini(b0 + BLOCKS_PER_TASK, j->n_blocks);
   uint32_t n = 0;
+  float pose[6];
+  begin_pose(j, i_task);
   for (int b = b0; b < b1; b++) {
-    uint32_t touched = sv_render_bwd_block(&t->render, t->k, b, i_thread, &j->reg, grad, err, NULL);
+    uint32_t touched =
+        sv_render_bwd_block(&t->render, t->k, b, i_thread, &j->reg, grad, err, j->has_pose ? pose : NULL);
+    add_pose(j, i_task, pose);
     if (b < t->render.n_moved_blocks && t->deform.kind == SV_DEFORM_FIELD)
       sv_field_bwd_block(&t->deform.field, t->k, &t->g, b, i_thread, touched, grad);
     if (!touched) continue;
@@ -114,8 +132,12 @@ static void collect_task(void *arg, int i_task, int i_thread) {
   sv_trainer *t = j->t;
   float *grad = block_of(j, i_thread), *err = grad + SV_CAP_ROWS * 16;
   int b0 = i_task * BLOCKS_PER_TASK, b1 = sv_mini(b0 + BLOCKS_PER_TASK, j->n_blocks);
+  float pose[6];
+  begin_pose(j, i_task);
   for (int b = b0; b < b1; b++) {
-    uint32_t touched = sv_render_bwd_block(&t->render, t->k, b, i_thread, &j->reg, grad, err, NULL);
+    uint32_t touched =
+        sv_render_bwd_block(&t->render, t->k, b, i_thread, &j->reg, grad, err, j->has_pose ? pose : NULL);
+    add_pose(j, i_task, pose);
     if (!touched) continue;
     float *sum = sum_of(t, b);
     for (int i = 0; i < 16 * j->adam.n_rows; i++) sum[i] += grad[i]; // lanes that were not touched are 0
@@ -194,6 +216,7 @@ static uint32_t run(sv_trainer *t, float progress, sv_task_fn task) {
   float mean_lr = sv_train_mean_lr(&t->cfg, progress);
   bool is_noisy = progress < t->cfg.relocate_until;
   job j = {.t = t, .n_blocks = (t->g.n + 15) / 16, .reg = regularisers(t, 1.0f)};
+  j.has_pose = t->cfg.poses.cap_poses > 0 && task == optimise_task;
   double bias1 = 1.0 - sv_pow(0.9, step), bias2 = 1.0 - sv_pow(0.999, step);
   j.noise_gain = is_noisy ? t->cfg.noise * 5e5f * mean_lr / t->radius : 0.0f;
   fill_rates(&j, mean_lr * t->radius, bias1);
@@ -232,6 +255,7 @@ uint32_t sv_train_apply(sv_trainer *t, float progress) { return run(t, progress,
 
 void sv_train_collect(sv_trainer *t, float reg_share, bool has_err) {
   job j = {.t = t, .n_blocks = (t->g.n + 15) / 16, .reg = regularisers(t, reg_share), .has_err = has_err};
+  j.has_pose = t->cfg.poses.cap_poses > 0 && has_err;
   j.adam.n_rows = SV_N_ROWS(t->render.project.sh_degree);
   sv_pool_run(t->pool, collect_task, &j, n_tasks(&j));
 }

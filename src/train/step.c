@@ -311,9 +311,13 @@ sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
   sv_render_options o = sv_train_render_options(t, progress, false);
   sv_status s = is_region ? region_step(t, i - t->n_views, &o, &st) : view_step(t, i, progress, o, &st);
   if (s < 0) return s;
-  if (is_sum && !is_region) sv_train_collect(t, 1.0f, true);
+  if (is_sum && !is_region) {
+    sv_train_collect(t, 1.0f, true);
+    sv_train_move_pose(t, i, progress, sv_train_n_tasks(t));
+  }
   if (has_unseen(t) && (s = smooth_unseen(t, &o, &st.loss)) < 0) return s;
   st.n_touched = is_sum ? sv_train_apply(t, progress) : sv_train_optimise(t, progress);
+  if (!is_sum) sv_train_move_pose(t, i, progress, sv_train_n_tasks(t));
   t->step++;
   maybe_relocate(t, progress);
   if (sv_train_is_dynamic(t) && progress >= t->find_at && progress <= t->cfg.dynamic.find_until) {

@@ -149,6 +149,12 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   t->views = SV_TAKE(a, sv_train_view, c->cap_views);
   t->composites = SV_TAKE(a, sv_train_composite, c->cap_composites);
   t->order = SV_TAKE(a, int, c->cap_views + c->cap_regions);
+  if (c->poses.cap_poses > 0) {
+    t->poses.pose = SV_TAKE(a, sv_train_pose, c->poses.cap_poses);
+    t->poses.pose_of = SV_TAKE(a, int32_t, c->cap_views);
+    t->poses.cam_from_rig = SV_TAKE(a, sv_pose, c->cap_views);
+    t->poses.sum = sv_arena_take(a, cap / 16 + 1, sizeof *t->poses.sum);
+  }
   return a->status < 0 ? a->status : SV_OK;
 }
 
@@ -183,6 +189,10 @@ static sv_status check(const sv_train_cfg *c, sv_err *err) {
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "moving scenes are trained on whole pictures: not on multiplexed sensors, and without "
                    "unseen views");
+  if (c->poses.cap_poses > 0 && (c->dynamic.kind != SV_DEFORM_NONE || c->cap_composites > 0))
+    return sv_fail(err, SV_E_UNSUPPORTED,
+                   "poses are refined with still scenes and whole pictures: not with moving ones, and not on "
+                   "multiplexed sensors");
   if (c->start_scale != 1 && c->start_scale != 2 && c->start_scale != 4 && c->start_scale != 8)
     return sv_fail(err, SV_E_ARG, "the starting scale is %d, expected 1, 2, 4 or 8", c->start_scale);
   return SV_OK;
@@ -219,6 +229,7 @@ sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u
     return sv_fail(err, SV_E_RANGE, "a view of %dx%d is larger than the planned %dx%d", view->width_px,
                    view->height_px, t->cfg.cap_width_px, t->cfg.cap_height_px);
   t->views[t->n_views] = (sv_train_view){*view, *image};
+  if (t->cfg.poses.cap_poses > 0) t->poses.pose_of[t->n_views] = -1;
   if (t->n_views == 0 || fabsf(view->time - 0.5f) < fabsf(t->middle - 0.5f)) t->middle = view->time;
   if (t->n_views == 0 || view->time > t->newest) t->newest = view->time;
   t->n_views++;

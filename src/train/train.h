@@ -11,6 +11,7 @@
 #include "src/loss/tv.h"
 #include "src/rig/forward.h"
 #include "src/splat/render.h"
+#include "src/train/poses.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -77,6 +78,7 @@ typedef struct {
   float floor_px; // least standard deviation, in pixels of the sharpest view of a Gaussian
   int steps_hint; // expected steps of the run: Adam's and the relocation's pace
   sv_dynamic_cfg dynamic;
+  sv_train_poses_cfg poses;
 } sv_train_cfg;
 
 typedef struct {
@@ -124,6 +126,7 @@ typedef struct {
   sv_photometric photometric;
   sv_tv tv;
   sv_forward forward; // of regions
+  sv_train_poses poses;
   sv_planes target, grad;
   sv_planes aux; // gradient of one picture of several
   float *err_plane, *aux_err, *unpack_scratch;
@@ -149,6 +152,10 @@ sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u
                             sv_err *err) SV_MUST_USE;
 // Picture i_view was replaced in place, by one of the same size from another pose.
 void sv_train_replace_view(sv_trainer *t, int i_view, const sv_view *view);
+// View i_view, added before, is one of exposure i_pose, whose pose training refines. Of each exposure all views; of one
+// the pose is held. Kept apart from the view's own pose: cam_from_rig and rig_from_world as they are now.
+void sv_train_refine_view(sv_trainer *t, int i_view, int i_pose, const sv_pose *cam_from_rig,
+                          const sv_pose *rig_from_world, bool is_held);
 // A sensor on which lens images overlap, with its measurement px[height][width][3], display values of 65535.
 sv_status sv_train_add_composite(sv_trainer *t, const sv_composite *model, const uint16_t *px,
                                  sv_err *err) SV_MUST_USE;
@@ -216,6 +223,9 @@ uint32_t sv_train_optimise(sv_trainer *t, float progress);
 // the regularisers, to the sum; then use the sum.
 void sv_train_collect(sv_trainer *t, float reg_share, bool has_err);
 uint32_t sv_train_apply(sv_trainer *t, float progress);
+// Moves the pose of the view that was the last picture, by the first n_sums of poses.sum (poses.c).
+void sv_train_move_pose(sv_trainer *t, int i_view, float progress, int n_sums);
+int sv_train_n_tasks(const sv_trainer *t); // of an optimiser's step
 
 #ifdef __cplusplus
 }

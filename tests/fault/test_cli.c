@@ -144,6 +144,8 @@ static void test_bad_input(void **state) {
       {"run --source sim:textured,rig=octopus --out @/bad", "octopus", 1},
       {"run --source sim:textured,size=0x0 --out @/bad", "size", 1},
       {"run --source sim:textured,fault=rain --out @/bad", "rain", 1},
+      {"run --source sim:textured --live --refine-poses --out @/bad", "--refine-poses", 2},
+      {"run --source sim:textured,rig=multiplexed --refine-poses --out @/bad", "multiplexed", 1},
       {"run --source usb:0 --out @/bad", "usb:0", 1},
       {"run --source replay:@/nowhere --out @/bad", "nowhere", 1},
       {"run --source replay:@/cut --out @/bad", "capture.json", 1},

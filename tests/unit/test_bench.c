@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The bench's own arithmetic: sorted times, growth, bounds and counts. Its times are not tested here.
+// The bench's own arithmetic: sorted times, growth, bounds and counts. Real times are not tested here.
 // clang-format off
 #include <setjmp.h>
 #include <stdarg.h>
@@ -92,6 +92,40 @@ static void test_count(void **state) {
   free(block);
 }
 
+// Each look at this clock is a tenth of a second later.
+static sv_ns tick(void *self) {
+  sv_ns *now = self;
+  return *now += SV_NS_PER_S / 10;
+}
+
+// Every stage is between two looks at the clock, and is as long as they are apart.
+static void test_stages(void **state) {
+  (void)state;
+  static sv_bench b;
+  sv_ns now = 0;
+  sv_bench_step r = {.n_gaussians = 300, .width_px = 90, .height_px = 50, .n_threads = 1};
+  sv_kernels k;
+  sv_pool pool = sv_pool_serial();
+  size_t bytes = sv_bench_scene_bytes(&r) + SV_ARENA_ALIGN;
+  void *block = malloc(bytes);
+  assert_non_null(block);
+  sv_arena a = sv_arena_make(block, bytes);
+  sv_kernels_init(&k, ~0u);
+  b.cfg = (sv_bench_cfg){.k = &k, .clock = {.self = &now, .now_ns = tick}};
+  assert_true(sv_bench_scene_make(&b.scene, &r, &k, &pool, 1, &a, NULL) >= 0);
+  uint64_t before = sv_train_digest(&b.scene.t);
+  assert_int_equal(sv_bench_time_scene(&b, &pool, &r), SV_OK);
+  assert_true(sv_train_digest(&b.scene.t) == before);
+  assert_int_equal(r.n_samples, 4); // of five, as time is up
+  assert_true(fabs(r.step_ms.median - 100) < 1e-6 && fabs(r.render_ms.least - 100) < 1e-6);
+  for (int s = 0; s < SV_N_STAGES; s++)
+    assert_true(fabs(r.stage_ms[s].median - (s == SV_STAGE_ORDER ? 0 : 100)) <
+                1e-6); // the rest of a rendering
+  assert_true(r.n.n_touched > 100 && r.n.n_touched <= 300 && r.n.n_recs > 0 &&
+              r.n.n_visible >= r.n.n_touched);
+  free(block);
+}
+
 static void collect(void *out, const char *text) { sv_str_add(out, "%s", text); }
 
 // Everything that is printed is one JSON object, whatever was skipped.
@@ -138,6 +172,6 @@ static void test_json(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_times), cmocka_unit_test(test_growth),
                                      cmocka_unit_test(test_bound), cmocka_unit_test(test_count),
-                                     cmocka_unit_test(test_json)};
+                                     cmocka_unit_test(test_stages), cmocka_unit_test(test_json)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
