@@ -44,6 +44,10 @@ static bool find_quads(const cv::Mat &image, cv::Size board, std::vector<cv::Poi
 
 bool sv_corners_opencv(const sv_corners_job *job, double *uv_px) {
   try {
+    // The first detector looks for neighbours in random trees: whatever was searched before, on whichever thread,
+    // a picture's corners shall be the same.
+    cv::setNumThreads(1);
+    cv::setRNGSeed(1);
     cv::Mat image(job->height_px, job->width_px, CV_8UC1, const_cast<uint8_t *>(job->grey));
     const cv::Size board(job->n_cols, job->n_rows);
     std::vector<cv::Point2f> p;

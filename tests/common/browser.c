@@ -33,13 +33,14 @@ const char *browser_program(void) {
   return NULL;
 }
 
-static void exec_browser(const char *program, const char *folder, int w, int h) {
+static void exec_browser(const browser *b, const char *program, const char *folder, int w, int h) {
   char profile[320], size[64], home[320], log[320];
   snprintf(profile, sizeof profile, "--user-data-dir=%s", folder);
   snprintf(size, sizeof size, "--window-size=%d,%d", w, h);
   snprintf(home, sizeof home, "%s/home", folder);
   snprintf(log, sizeof log, "%s/browser.log", folder);
   setenv("HOME", home, 1);
+  setenv("TMPDIR", b->sockets, 1);
   int fd = open("/dev/null", O_RDWR);
   if (fd >= 0) dup2(fd, 0), dup2(fd, 1);
   int words = open(log, O_WRONLY | O_CREAT | O_TRUNC, 0600);
@@ -102,6 +103,8 @@ static bool open_once(browser *b, const char *folder, int w, int h) {
   int to[2], from[2];
   memset(b, 0, sizeof *b);
   b->message = malloc(BROWSER_CAP_MESSAGE);
+  snprintf(b->sockets, sizeof b->sockets, "/tmp/sv_browser_XXXXXX");
+  if (!mkdtemp(b->sockets)) return false;
   if (!b->message || pipe2(to, O_CLOEXEC) || pipe2(from, O_CLOEXEC)) return false;
   signal(SIGPIPE, SIG_IGN);
   b->pid = fork();
@@ -110,7 +113,7 @@ static bool open_once(browser *b, const char *folder, int w, int h) {
     int in = fcntl(to[0], F_DUPFD, 10), out = fcntl(from[1], F_DUPFD, 10);
     dup2(in, 3), dup2(out, 4);
     close(in), close(out);
-    exec_browser(browser_program(), folder, w, h);
+    exec_browser(b, browser_program(), folder, w, h);
   }
   close(to[0]), close(from[1]);
   b->to_fd = to[1], b->from_fd = from[0];
@@ -241,6 +244,9 @@ void browser_close(browser *b) {
     while (waitpid(b->pid, NULL, 0) < 0 && errno == EINTR) continue;
     close(b->to_fd), close(b->from_fd);
   }
+  char command[64];
+  snprintf(command, sizeof command, "rm -rf '%s'", b->sockets);
+  if (b->sockets[0] && system(command) != 0) perror(b->sockets);
   free(b->message);
   memset(b, 0, sizeof *b);
 }

@@ -17,7 +17,8 @@ typedef struct {
   pid_t pid;
   int to_fd, from_fd, i_message;
   char session[64];
-  char *message; // [BROWSER_CAP_MESSAGE] the last answer
+  char sockets[32]; // a folder with a short name: the path of a socket has room for 108 characters
+  char *message;    // [BROWSER_CAP_MESSAGE] the last answer
   size_t n_message;
 } browser;
 

@@ -27,7 +27,7 @@ enum { W = 300, H = 280, KEEP = 5 };
 #define FOCUS_M    0.5
 #define PLANE_M    0.3
 
-static char folder[96];
+static char folder[256];
 static sv_err err;
 
 static double texture(double x_m, double y_m, int channel) {
@@ -38,7 +38,7 @@ static double texture(double x_m, double y_m, int channel) {
 // A lenslet's pixel sees the plane along the ray through its place in the aperture.
 static void expose(const char *name, int n_channels, bool is_white) {
   sv_bitmap b = {.width_px = W, .height_px = H, .n_channels = n_channels, .bits = 16};
-  char path[128];
+  char path[440];
   double cs = cos(TURN_RAD), sn = sin(TURN_RAD);
   b.u16 = malloc(2 * (size_t)(W * H * n_channels));
   for (int i = 0; i < W * H * n_channels; i++) {
@@ -79,7 +79,7 @@ static double check_views(const char *out, const sv_rig *rig, double scale) {
   int n = 0;
   for (int i = 0; i < rig->n_sub_views; i++) {
     const sv_sub_view *s = &rig->sub_views[i];
-    char path[256];
+    char path[440];
     sv_bitmap b;
     snprintf(path, sizeof path, "%s/images/%s/000000.png", out, s->name);
     if (sv_bitmap_read(path, &b, &err) != SV_OK) fail_msg("%s", err.text);
@@ -109,7 +109,7 @@ static double check_views(const char *out, const sv_rig *rig, double scale) {
 static void test_import(void **state) {
   (void)state;
   static uint8_t rig_block[64 << 10], scratch_block[256 << 10];
-  char out[128], path[256];
+  char out[400], path[440];
   expose("white.png", 1, true);
   expose("raw_a.png", 3, false);
   snprintf(out, sizeof out, "%s/out", folder);
@@ -149,7 +149,7 @@ static void test_import(void **state) {
 
 static void test_refusals(void **state) {
   (void)state;
-  char out[128], path[256];
+  char out[400], path[440];
   snprintf(out, sizeof out, "%s/out2", folder);
   lab_options o = {.from = "lenslet", .input = folder, .out = out, .keep = 15, .is_quiet = true};
   assert_int_equal(lab_cmd_import(&o), LAB_EXIT_FAILED); // 15 samples do not fit in 10 px

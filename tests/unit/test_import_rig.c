@@ -16,11 +16,11 @@
 #include "tools/common/imageio.h"
 #include "tools/lab/import.h"
 
-static char folder[96];
+static char folder[256];
 static sv_err err;
 
 static void put(const char *name, const char *text) {
-  char path[256], up[256];
+  char path[400], up[400];
   snprintf(path, sizeof path, "%s/%s", folder, name);
   sv_path_folder(up, sizeof up, path);
   assert_int_equal(sv_path_make_folder(up, &err), SV_OK);
@@ -28,7 +28,7 @@ static void put(const char *name, const char *text) {
 }
 
 static void put_picture(const char *name, int value) {
-  char path[256];
+  char path[400];
   sv_bitmap b = {.width_px = 16, .height_px = 12, .n_channels = 3, .bits = 8};
   put(name, ""); // makes the folder
   snprintf(path, sizeof path, "%s/%s", folder, name);
@@ -62,7 +62,7 @@ static void check_view(const lab_views *v, const char *name, const double centre
 }
 
 static void open_dataset(lab_views *v, const char *name) {
-  static char path[256];
+  static char path[400];
   sv_pool serial = sv_pool_serial();
   snprintf(path, sizeof path, "%s/%s", folder, name);
   lab_source src = {.folder = path, .transforms = "transforms.json", .split = "all", .scale = 1};
@@ -71,7 +71,7 @@ static void open_dataset(lab_views *v, const char *name) {
 
 static int import_stream(const char *in, const char *out, const char *rig, const char *stream,
                          double unit_m) {
-  char from_path[256], to_path[256], rig_path[256];
+  char from_path[400], to_path[400], rig_path[400];
   snprintf(from_path, sizeof from_path, "%s/%s", folder, in);
   snprintf(to_path, sizeof to_path, "%s/%s", folder, out);
   snprintf(rig_path, sizeof rig_path, "%s/%s", folder, rig);
@@ -86,7 +86,7 @@ static int import_stream(const char *in, const char *out, const char *rig, const
 }
 
 static int import(const char *from, const char *in, const char *out) {
-  char from_path[256], to_path[256];
+  char from_path[400], to_path[400];
   snprintf(from_path, sizeof from_path, "%s/%s", folder, in);
   snprintf(to_path, sizeof to_path, "%s/%s", folder, out);
   lab_options o = {.from = from, .input = from_path, .out = to_path, .is_quiet = true};
@@ -127,7 +127,7 @@ static void test_colmap(void **state) {
 static void test_colmap_without(void **state) {
   (void)state;
   lab_views v;
-  char command[256];
+  char command[600];
   put("a/sparse/0/rigs.txt", "1 2 CAMERA 5 CAMERA 9 0\n"); // the rig's pose is not known
   assert_int_equal(import("colmap", "a", "b_out"), LAB_EXIT_OK);
   open_dataset(&v, "b_out");
@@ -169,7 +169,7 @@ static void put_rig(void) {
       {.name = "left", .i_camera = 0}, {.name = "right", .i_camera = 1}, {.name = "top"}};
   sv_rig rig = {.name = "three", .n_sub_views = 3, .cap_sub_views = 3, .sub_views = views};
   static const double quarter[9] = {0, -1, 0, 1, 0, 0, 0, 0, 1};
-  char path[256];
+  char path[400];
   for (int i = 0; i < 3; i++) {
     views[i].i_camera = i;
     views[i].model =
@@ -236,7 +236,7 @@ static void test_stream(void **state) {
 
 static void test_stream_refused(void **state) {
   (void)state;
-  char command[256];
+  char command[600];
   assert_int_equal(import_stream("s", "t_out", "rig", "middle", 1), LAB_EXIT_FAILED); // not in the rig
   assert_int_equal(import_stream("s", "t_out", "s", "left", 1), LAB_EXIT_FAILED);     // no rig there
   assert_int_equal(import_stream("s", "t_out", "rig", "top", 1), LAB_EXIT_FAILED);    // no view of it
