@@ -105,14 +105,18 @@ static sv_status save_exposure(sv_intake_exposure *t, sv_err *err) {
   return s;
 }
 
-static void log_events(const sv_console *con) {
+// True when a camera has come back: it gets the time that all had at the start.
+static bool log_events(const sv_console *con) {
   char line[256];
   sv_camera_event e;
+  bool is_back = false;
   while (sv_intake_pop_event(&cap.in, &e) == SV_OK) {
     sv_str s = sv_str_make(line, sizeof line);
     sv_camera_event_line(&s, &e, cap.src.caps, cap.src.source.n_cameras);
     con->log(con->self, SV_LOG_WARN, line);
+    is_back |= e.kind == SV_CAMERA_RETURNED;
   }
+  return is_back;
 }
 
 static void log_live(const sv_console *con, double elapsed_s) {
@@ -177,7 +181,7 @@ static sv_status record(const capture_options *o, sv_err *err) {
        now = clk->now_ns(clk->self)) {
     if (o->duration > 0 && now >= end) break;
     is_at_end = wait_a_moment(now) == SV_END;
-    log_events(&con);
+    if (log_events(&con)) last_ns = now;
     if (!cap.src.source.event && atomic_load(&cap.in.n_device_errors))
       return sv_fail(err, atomic_load(&cap.in.broken_status), "camera %d: %s", atomic_load(&cap.in.i_broken),
                      sv_status_text(atomic_load(&cap.in.broken_status)));
