@@ -221,18 +221,11 @@ static sv_status add_composites(sv_app *app, int e, sv_err *err) {
   return SV_OK;
 }
 
-// Where the first Gaussians are: on the surface where views overlap, or else on odometry's points, in the known
-// bounds, or on rays through the pictures.
-static sv_status choose_start(sv_app *app, const sv_bounds *b, sv_init_cfg *init, int *n_points) {
+// Where the first Gaussians are, without a look at the surface: on odometry's points, in the known bounds, or on rays
+// through the pictures.
+static void choose_blind(sv_app *app, const sv_bounds *b, sv_init_cfg *init, int *n_points) {
   sv_trainer *t = &app->trainer;
   bool is_tracked = app->odometry.is_tracked;
-  int n_maps;
-  sv_status s = sv_stereo_points(t, b, &app->scratch, app->points, t->g.n, n_points, &n_maps);
-  if (s == SV_OK) {
-    *init = sv_stereo_init(b, t->cfg.seed);
-    sv_app_log(app, SV_LOG_INFO, "starts from %d points, of depth maps of %d views", *n_points, n_maps);
-  }
-  if (s != SV_AGAIN) return s;
   *init = (sv_init_cfg){.kind = app->cfg.has_bounds && !is_tracked ? SV_INIT_SPHERE : SV_INIT_POINTS,
                         .centre = {b->centre[0], b->centre[1], b->centre[2]},
                         .radius = b->radius,
@@ -242,14 +235,28 @@ static sv_status choose_start(sv_app *app, const sv_bounds *b, sv_init_cfg *init
   *n_points = init->kind == SV_INIT_POINTS ? t->g.n : 0;
   if (is_tracked) *n_points = sv_odometry_cloud(&app->odometry, app->points, t->g.n);
   else if (*n_points) sv_seed_points(t, b, t->cfg.seed, app->points, t->g.n);
+}
+
+// is_measured: on the surface, where views overlap.
+static sv_status first_model(sv_app *app, const sv_bounds *b, bool is_measured, sv_err *err) {
+  sv_trainer *t = &app->trainer;
+  sv_init_cfg init;
+  int n_points, n_maps;
+  sv_status s = SV_AGAIN;
+  if (is_measured) s = sv_stereo_points(t, b, &app->scratch, app->points, t->g.n, &n_points, &n_maps);
+  if (s == SV_OK) {
+    init = sv_stereo_init(b, t->cfg.seed);
+    sv_app_log(app, SV_LOG_INFO, "starts from %d points, of depth maps of %d views", n_points, n_maps);
+  }
+  if (s == SV_AGAIN) choose_blind(app, b, &init, &n_points);
+  if (s >= 0) s = sv_train_start(t, &init, app->points, n_points, &app->scratch);
+  if (s < 0) return sv_fail(err, s, "no starting Gaussians: %s", sv_status_text(s));
+  sv_train_set_scene(t, b->centre, b->radius);
   return SV_OK;
 }
 
 static sv_status start_training(sv_app *app, sv_err *err) {
-  sv_trainer *t = &app->trainer;
   const bool is_tracked = app->odometry.is_tracked;
-  sv_init_cfg init;
-  int n_points;
   sv_app_begin_moving(app);
   for (int e = 0; e < app->exposures.n; e++) {
     if (is_tracked && !app->exposures.exposure[e].has_pose) continue; // nobody knows where it was
@@ -259,14 +266,11 @@ static sv_status start_training(sv_app *app, sv_err *err) {
   bool has_bounds = app->cfg.has_bounds && !is_tracked; // bounds are of a world that was not found
   sv_bounds b = has_bounds ? app->cfg.bounds : sv_bounds_of_views(app->views, app->n_views);
   if (is_tracked) b = sv_odometry_bounds(&app->odometry);
-  sv_status s = choose_start(app, &b, &init, &n_points);
-  if (s >= 0) s = sv_train_start(t, &init, app->points, n_points, &app->scratch);
-  if (s < 0) return sv_fail(err, s, "no starting Gaussians: %s", sv_status_text(s));
-  sv_train_set_scene(t, b.centre, b.radius);
-  if (!app->cfg.is_resume) return SV_OK;
-  s = sv_app_resume(app, err);
-  if (s == SV_OK) sv_app_log(app, SV_LOG_INFO, "goes on at step %u of checkpoint.bin", t->step);
-  return s == SV_AGAIN ? SV_OK : s;
+  if (!app->cfg.is_resume) return first_model(app, &b, true, err);
+  sv_status s = first_model(app, &b, false, err); // a checkpoint replaces it
+  if (s >= 0) s = sv_app_resume(app, err);
+  if (s == SV_OK) sv_app_log(app, SV_LOG_INFO, "goes on at step %u of checkpoint.bin", app->trainer.step);
+  return s == SV_AGAIN ? first_model(app, &b, true, err) : s;
 }
 
 static double seconds(const sv_app *app) {
