@@ -393,6 +393,38 @@ static void test_interrupt_saves(void **state) {
 
 // --- set-up --------------------------------------------------------------------------------------
 
+// --- a slow disk ---------------------------------------------------------------------------------
+
+// A pipe in the place of the first picture: writing it lasts until somebody opens its other end, after `ms`. The
+// replay's cameras go on meanwhile, at four times their speed, as does the capture's time.
+static int capture_to_slow_disk(const char *name, const char *options, long ms) {
+  char path[600], line[700];
+  shell("mkdir -p '%s/%s/left' && mkfifo '%s/%s/left/000000.jpg'", g_root, name, g_root, name);
+  snprintf(line, sizeof line, "capture --source replay:@/long,speed=4 %s --out @/%s --json --quiet", options,
+           name);
+  pid_t pid = start(line);
+  sleep_ms(ms);
+  snprintf(path, sizeof path, "%s/%s/left/000000.jpg", g_root, name);
+  int fd = open(path, O_RDONLY | O_NONBLOCK);
+  assert_true(fd >= 0);
+  int code = finish(pid, NULL);
+  close(fd);
+  return code;
+}
+
+static void test_capture_on_a_slow_disk(void **state) {
+  (void)state;
+  assert_int_equal(
+      run("capture --source sim:textured,rig=stereo,size=32x24,fps=10 --exposures 200 --out @/long --quiet"),
+      0);
+  // The time that a picture took is none in which no exposure came: 12 s of the capture's, more than it waits.
+  int code = capture_to_slow_disk("slow", "--exposures 5", 3000);
+  if (code || !strstr(g_out, "\"exposures\": 5,")) fail_msg("exit %d: %s%s", code, g_out, g_err);
+  // It ends when it is told to, although exposures are ready that the disk has kept waiting.
+  code = capture_to_slow_disk("short", "--duration 2", 1500);
+  if (code || !strstr(g_out, "\"exposures\": 1,")) fail_msg("exit %d: %s%s", code, g_out, g_err);
+}
+
 static void make_captures(void) {
   static const char *const names[] = {"tiny", "cut", "wrong_size", "no_rig", "no_frames"};
   for (size_t i = 0; i < sizeof names / sizeof *names; i++)
@@ -431,6 +463,7 @@ int main(void) {
       cmocka_unit_test(test_json_and_digest),
       cmocka_unit_test(test_memory),
       cmocka_unit_test(test_shared_sensor),
+      cmocka_unit_test(test_capture_on_a_slow_disk),
       cmocka_unit_test(test_killed_run_goes_on),
       cmocka_unit_test(test_interrupt_saves),
   };
