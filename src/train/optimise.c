@@ -11,6 +11,9 @@
 #define BLOCKS_PER_TASK SV_FIELD_TASK // a field sums by these tasks
 #define ERR_KEEP        0.9f          // running mean of the blended error over the views that see a Gaussian
 
+#define UNHURRIED_STEPS 2000.0 // runs of fewer steps learn faster (docs/speed.md)
+#define CAP_HASTE       2.5f
+
 typedef struct {
   sv_trainer *t;
   sv_adam_args adam;
@@ -26,20 +29,27 @@ typedef struct {
   float motion_lr[SV_CAP_MROWS];
 } job;
 
+float sv_train_haste(const sv_train_cfg *c) {
+  if (c->dynamic.kind != SV_DEFORM_NONE || c->steps_hint < 1) return 1.0f;
+  double h = sqrt(UNHURRIED_STEPS / (double)c->steps_hint);
+  return sv_clampf((float)h, 1.0f, CAP_HASTE);
+}
+
 float sv_train_mean_lr(const sv_train_cfg *cfg, float progress) {
-  double a = sv_log((double)cfg->lr.mean_start), b = sv_log((double)cfg->lr.mean_end);
+  double haste = (double)sv_train_haste(cfg);
+  double a = sv_log((double)cfg->lr.mean_start), b = sv_log((double)cfg->lr.mean_end * haste * haste);
   return (float)sv_exp(a + (b - a) * (double)sv_clampf(progress, 0.0f, 1.0f));
 }
 
 static void fill_rates(job *j, float mean_lr, double bias1) {
   const sv_learning_rates *lr = &j->t->cfg.lr;
-  float f = (float)(1.0 / bias1);
+  float f = (float)(1.0 / bias1), haste = sv_train_haste(&j->t->cfg);
   for (int i = 0; i < SV_CAP_ROWS; i++) {
     float r = i < SV_ROW_QUAT     ? mean_lr
               : i < SV_ROW_SCALE  ? lr->quat
-              : i < SV_ROW_LOGIT  ? lr->scale
-              : i < SV_ROW_SH     ? lr->logit
-              : i < SV_ROW_SH + 3 ? lr->sh0
+              : i < SV_ROW_LOGIT  ? lr->scale * haste
+              : i < SV_ROW_SH     ? lr->logit * haste
+              : i < SV_ROW_SH + 3 ? lr->sh0 * haste
                                   : lr->sh_rest;
     j->lr[i] = r * f;
   }

@@ -76,7 +76,7 @@ typedef struct {
   float relocate_from, relocate_until; // progress
   float noise;                         // multiplies the position noise of low-opacity Gaussians
   float floor_px; // least standard deviation, in pixels of the sharpest view of a Gaussian
-  int steps_hint; // expected steps of the run: Adam's and the relocation's pace
+  int steps_hint; // expected steps of the run: sets the pace (sv_train_haste)
   sv_dynamic_cfg dynamic;
   sv_train_poses_cfg poses;
 } sv_train_cfg;
@@ -179,6 +179,9 @@ bool sv_train_is_dynamic(const sv_trainer *t);
 
 // --- pieces, for tests ---------------------------------------------------------------------------
 float sv_train_mean_lr(const sv_train_cfg *cfg, float progress); // per unit of scene radius
+// Runs of less than 2,000 steps, of scenes that stand still, have higher rates of scales, opacities and colours, and
+// end with higher ones of means: by sqrt(2000 / steps_hint), at most 2.5; the means' by its square.
+float sv_train_haste(const sv_train_cfg *cfg);
 int sv_train_scale_at(const sv_trainer *t, const sv_view *view, float progress);
 // Least log-scales from the views that see each Gaussian: the log of floor_px z / f at the highest f / z. What is
 // smaller was never measured (Mip-Splatting, Yu et al. 2024, eq. 7), and would look thin from nearer cameras.
