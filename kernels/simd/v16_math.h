@@ -52,4 +52,13 @@ V16_INLINE v16 v16_log2(v16 x) {
   return v16_fma(p, s, e);
 }
 
+// Lane k = sum of a[k], as v16_sum16; lanes 11 to 15 are 0.
+#ifndef V16_HAS_SUM11
+static inline v16 v16_sum11(const v16 a[11]) {
+  v16 all[16];
+  for (int k = 0; k < 16; k++) all[k] = k < 11 ? a[k] : v16_zero();
+  return v16_sum16(all);
+}
+#endif
+
 #endif
