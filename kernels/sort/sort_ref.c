@@ -16,16 +16,22 @@ static digits digits_of(uint32_t min, uint32_t max) {
   return (digits){min, (1u << width) - 1, width, n_passes};
 }
 
-// Histograms of all digits, read once. n_passes is a constant where this is called.
+// Histograms of all digits, read once. n_passes is a constant where this is called. Memory that the passes will write
+// here and there is fetched meanwhile, as nobody could foresee where.
 static inline void count(const sv_sort_args *a, const digits *d, int n_passes) {
   const uint32_t min = d->min, mask = d->mask;
   const int width = d->width;
   uint32_t *hist[CAP_PASSES];
+  uint32_t n = 0;
   for (int p = 0; p < n_passes; p++) hist[p] = a->hist + (size_t)p * ((size_t)mask + 1);
   for (uint32_t r = 0; r < a->n_runs; r++) {
     const sv_pair *run = a->run + (size_t)r * a->stride, *end = run + a->n_in_run[r];
-    for (; run < end; run++) {
+    for (; run < end; run++, n++) {
       uint32_t key = run->key - min;
+      if (n % 8 == 0) {
+        if (n_passes > 1) __builtin_prefetch(a->tmp + n, 1);
+        __builtin_prefetch(a->order + n, 1);
+      }
       for (int p = 0; p < n_passes; p++) hist[p][key >> p * width & mask]++;
     }
   }
