@@ -39,7 +39,15 @@ typedef struct {
   // Progress: until `from` one time in the middle (and what is within grow_start of it) is all there is; then others
   // come in to both sides of it, and at grow_until there are all. What moves fast is followed from picture to
   // picture, where a model of all times at once would smear it. grow_until 0: all times from the start.
-  float grow_start, grow_until;
+  // Half of the steps until then go to the times that came in last (every front_every-th), whose pictures are taken at
+  // reduced size for a progress of coarse_for. Polynomials: of higher degrees no more take part than what is there can
+  // tell.
+  float grow_start, grow_until, coarse_for;
+  int front_every;
+  // Lengths of the position coefficients, those of function j counted j + 1 times, shrink by so much of the learning
+  // rate in each step: what gradients do not ask for steadily stays straight, slow, still. Adam would let it wander.
+  float shrink_pos;
+  float least_share;  // of the turns, for the views of the narrowest lenses (sv_train_share)
   float window_start; // half width of the windows that copies of moving slots begin with; 0: as their source
   int newest_every;   // every so many steps the view is one of the newest time; 0: all in turn
   float unrest;       // who is off by so much more at some times than at others moves
@@ -116,6 +124,7 @@ typedef struct {
   float time;          // of the last picture
   float newest;        // largest time of a picture
   float middle;        // time of a picture, the closest to 0.5
+  float usual_sr;      // solid angle of the pictures, their median, in the small-angle form
   float find_at;       // progress of the next search
   uint32_t field_step; // of the field's stage
   uint8_t *is_moving;  // [cap]
@@ -191,6 +200,12 @@ void sv_train_copy_motion(sv_trainer *t, int to, int from);
 sv_status sv_train_residual(sv_trainer *t, int i_view, float progress) SV_MUST_USE;
 // Whether a time is trained on already.
 bool sv_train_has_time(const sv_trainer *t, float time, float progress);
+// Reduction at which the pictures of a time that came in a moment ago are taken; 1: as progress says.
+int sv_train_new_time_scale(const sv_trainer *t, float time, float progress);
+// A picture of a moving scene whose lens sees less of it than is usual gets fewer turns: the square root of its share,
+// at least cfg.dynamic.least_share of a turn. A phone's long lens would take a third of the steps for a ninth of what
+// is to be seen.
+float sv_train_share(const sv_trainer *t, const sv_view *view);
 // Looks at every training time with the model as it is: a Gaussian whose residual changes with time, in any of
 // the cameras, by more than cfg.dynamic.unrest (root mean square, display values) is to move from now on.
 sv_status sv_train_find_moving(sv_trainer *t, float progress) SV_MUST_USE;
@@ -200,7 +215,8 @@ void sv_train_sort_moving(sv_trainer *t);
 void sv_train_move_block(sv_trainer *t, const sv_motion_args *a, const sv_adam_args *adam, int block,
                          uint32_t touched, const float *grad, float *scratch);
 // Adam's learning rates of the motion's rows, and the kernel's arguments, for one step.
-void sv_train_motion_rates(const sv_trainer *t, float mean_lr, double bias1, float lr[SV_CAP_MROWS]);
+void sv_train_motion_rates(const sv_trainer *t, float progress, float mean_lr, double bias1,
+                           float lr[SV_CAP_MROWS]);
 // Relocates slots of opacity <= SV_OPACITY_DEAD; returns how many.
 uint32_t sv_train_relocate(sv_trainer *t);
 // Opacity and scale factor of n copies that together look like one Gaussian of opacity o: 1 - (1-o)^(1/n)
