@@ -162,23 +162,27 @@ static sv_status stop(sv_err *err) {
   return s < 0 ? sv_fail(err, s, "the cameras did not stop: %s", sv_status_text(s)) : s;
 }
 
-// Lets time go on for a moment; END when the source is at its end.
+// Lets time go on for a moment, unless an exposure is ready; END when there is none and the source is at its end.
 static sv_status wait_a_moment(sv_ns now) {
   sv_clock *clk = &cap.src.clock;
+  bool is_at_end = atomic_load(&cap.is_at_end); // before the look at what is ready: the last ones are taken
+  if (sv_intake_n_ready(&cap.in)) return SV_OK;
   if (cap.src.is_virtual) return sv_intake_step(&cap.in, now + 100 * SV_NS_PER_MS);
-  if (atomic_load(&cap.is_at_end)) return SV_END;
-  if (!sv_intake_n_ready(&cap.in)) clk->sleep_until_ns(clk->self, now + LOOK_NS);
+  if (is_at_end) return SV_END;
+  clk->sleep_until_ns(clk->self, now + LOOK_NS);
   return SV_OK;
 }
 
+// One exposure at a time: where the disk is slower than the cameras one is always ready, and time goes on meanwhile,
+// the capture's as well as that of the person who stops it.
 static sv_status record(const capture_options *o, sv_err *err) {
   sv_clock *clk = &cap.src.clock;
   sv_console con = sv_linux_console_port(&cap.console);
   sv_ns begin = clk->now_ns(clk->self), end = begin + (sv_ns)(o->duration * 1e9), last_ns = begin;
   long max = o->exposures ? o->exposures : 1000000000;
   bool is_at_end = false;
-  for (sv_ns now = begin; cap.n_exposures < max && !is_at_end && !con.is_stop_requested(con.self);
-       now = clk->now_ns(clk->self)) {
+  while (cap.n_exposures < max && !is_at_end && !con.is_stop_requested(con.self)) {
+    sv_ns now = clk->now_ns(clk->self);
     if (o->duration > 0 && now >= end) break;
     is_at_end = wait_a_moment(now) == SV_END;
     if (log_events(&con)) last_ns = now;
@@ -186,13 +190,12 @@ static sv_status record(const capture_options *o, sv_err *err) {
       return sv_fail(err, atomic_load(&cap.in.broken_status), "camera %d: %s", atomic_load(&cap.in.i_broken),
                      sv_status_text(atomic_load(&cap.in.broken_status)));
     sv_intake_exposure t = {.frames = cap.frames};
-    long before = cap.n_exposures;
-    while (cap.n_exposures < max && sv_intake_take(&cap.in, &t) == SV_OK) {
+    if (sv_intake_take(&cap.in, &t) == SV_OK) {
       sv_status s = save_exposure(&t, err);
       if (s < 0) return s;
-    }
-    if (cap.n_exposures > before) last_ns = now, log_live(&con, sv_ns_to_s(now - begin));
-    if (now - last_ns > TIMEOUT_NS)
+      last_ns = clk->now_ns(clk->self); // only from here on nothing comes: saving took its time
+      log_live(&con, sv_ns_to_s(last_ns - begin));
+    } else if (now - last_ns > TIMEOUT_NS)
       return sv_fail(
           err, SV_E_TIMEOUT,
           "no synchronized exposure came for %g s (%ld captured); is a camera missing or is the skew limit "

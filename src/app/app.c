@@ -9,6 +9,7 @@
 #include "src/train/checkpoint.h"
 #include "src/train/objective.h"
 #include "src/train/seed.h"
+#include "src/train/stereo.h"
 
 #define QUEUE_LEN   4
 #define CAP_READY   2   // exposures that may wait for a training step to end
@@ -83,7 +84,10 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
   return t;
 }
 
-static size_t init_scratch_bytes(int n) { return sv_init_scratch_bytes(n, n) + 4096; }
+static size_t init_scratch_bytes(const sv_train_cfg *t) {
+  size_t fill = sv_init_scratch_bytes(t->n_gaussians, t->n_gaussians), sweep = sv_sweep_bytes(t);
+  return (fill > sweep ? fill : sweep) + 4096;
+}
 
 static void show_frame(void *self, const sv_frame *f) { sv_live_frame(self, f); }
 
@@ -129,7 +133,7 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
   sv_arena_part_begin(a, "start-up scratch");
   app->points = SV_TAKE(a, sv_point, t->n_gaussians);
   app->views = SV_TAKE(a, sv_view, (size_t)c->n_exposures * (size_t)c->rig->n_sub_views);
-  app->scratch = sv_arena_sub(a, init_scratch_bytes(t->n_gaussians));
+  app->scratch = sv_arena_sub(a, init_scratch_bytes(t));
   sv_arena_part_begin(a, "checkpoint and report");
   app->report = SV_TAKE(a, char, SV_APP_REPORT_BYTES);
   sv_trainer sized = app->trainer;
@@ -217,8 +221,41 @@ static sv_status add_composites(sv_app *app, int e, sv_err *err) {
   return SV_OK;
 }
 
-static sv_status start_training(sv_app *app, sv_err *err) {
+// Where the first Gaussians are, without a look at the surface: on odometry's points, in the known bounds, or on rays
+// through the pictures.
+static void choose_blind(sv_app *app, const sv_bounds *b, sv_init_cfg *init, int *n_points) {
   sv_trainer *t = &app->trainer;
+  bool is_tracked = app->odometry.is_tracked;
+  *init = (sv_init_cfg){.kind = app->cfg.has_bounds && !is_tracked ? SV_INIT_SPHERE : SV_INIT_POINTS,
+                        .centre = {b->centre[0], b->centre[1], b->centre[2]},
+                        .radius = b->radius,
+                        .opacity = 0.1f,
+                        .scale_factor = 1.0f,
+                        .seed = t->cfg.seed};
+  *n_points = init->kind == SV_INIT_POINTS ? t->g.n : 0;
+  if (is_tracked) *n_points = sv_odometry_cloud(&app->odometry, app->points, t->g.n);
+  else if (*n_points) sv_seed_points(t, b, t->cfg.seed, app->points, t->g.n);
+}
+
+// is_measured: on the surface, where views overlap.
+static sv_status first_model(sv_app *app, const sv_bounds *b, bool is_measured, sv_err *err) {
+  sv_trainer *t = &app->trainer;
+  sv_init_cfg init;
+  int n_points, n_maps;
+  sv_status s = SV_AGAIN;
+  if (is_measured) s = sv_stereo_points(t, b, &app->scratch, app->points, t->g.n, &n_points, &n_maps);
+  if (s == SV_OK) {
+    init = sv_stereo_init(b, t->cfg.seed);
+    sv_app_log(app, SV_LOG_INFO, "starts from %d points, of depth maps of %d views", n_points, n_maps);
+  }
+  if (s == SV_AGAIN) choose_blind(app, b, &init, &n_points);
+  if (s >= 0) s = sv_train_start(t, &init, app->points, n_points, &app->scratch);
+  if (s < 0) return sv_fail(err, s, "no starting Gaussians: %s", sv_status_text(s));
+  sv_train_set_scene(t, b->centre, b->radius);
+  return SV_OK;
+}
+
+static sv_status start_training(sv_app *app, sv_err *err) {
   const bool is_tracked = app->odometry.is_tracked;
   sv_app_begin_moving(app);
   for (int e = 0; e < app->exposures.n; e++) {
@@ -229,23 +266,11 @@ static sv_status start_training(sv_app *app, sv_err *err) {
   bool has_bounds = app->cfg.has_bounds && !is_tracked; // bounds are of a world that was not found
   sv_bounds b = has_bounds ? app->cfg.bounds : sv_bounds_of_views(app->views, app->n_views);
   if (is_tracked) b = sv_odometry_bounds(&app->odometry);
-  sv_init_cfg init = {.kind = SV_INIT_SPHERE,
-                      .centre = {b.centre[0], b.centre[1], b.centre[2]},
-                      .radius = b.radius,
-                      .opacity = 0.1f,
-                      .scale_factor = 1.0f,
-                      .seed = t->cfg.seed};
-  int n_points = has_bounds ? 0 : t->g.n;
-  if (!has_bounds) init.kind = SV_INIT_POINTS;
-  if (is_tracked) n_points = sv_odometry_cloud(&app->odometry, app->points, t->g.n);
-  else if (!has_bounds) sv_seed_points(t, &b, t->cfg.seed, app->points, t->g.n);
-  sv_status s = sv_train_start(t, &init, app->points, n_points, &app->scratch);
-  if (s < 0) return sv_fail(err, s, "no starting Gaussians: %s", sv_status_text(s));
-  sv_train_set_scene(t, b.centre, b.radius);
-  if (!app->cfg.is_resume) return SV_OK;
-  s = sv_app_resume(app, err);
-  if (s == SV_OK) sv_app_log(app, SV_LOG_INFO, "goes on at step %u of checkpoint.bin", t->step);
-  return s == SV_AGAIN ? SV_OK : s;
+  if (!app->cfg.is_resume) return first_model(app, &b, true, err);
+  sv_status s = first_model(app, &b, false, err); // a checkpoint replaces it
+  if (s >= 0) s = sv_app_resume(app, err);
+  if (s == SV_OK) sv_app_log(app, SV_LOG_INFO, "goes on at step %u of checkpoint.bin", app->trainer.step);
+  return s == SV_AGAIN ? first_model(app, &b, true, err) : s;
 }
 
 static double seconds(const sv_app *app) {

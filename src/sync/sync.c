@@ -397,11 +397,22 @@ static void deliver(sv_sync *s, const group_t *g, sv_exposure *e, sv_frame *fram
   sv_skew_add(&s->skew, e->skew_ns);
 }
 
+// How far after the oldest head a frame belongs to its exposure and to no later one: half way to that camera's next
+// frame. A skew limit may be many frames long, and what is given up must not take later exposures with it: a camera
+// that comes back would find all of its frames late for ever, where queues are full before the limit is over.
+static sv_ns reach_ns(const sv_sync *s, const group_t *g) {
+  const sv_sync_stream *st = &s->streams[g->i_first];
+  double next_ns =
+      st->n_queued > 1 ? (double)(entry(s, g->i_first, 1)->mid_host_ns - g->first_ns) : st->interval_ns;
+  return next_ns > 0 && next_ns < 2 * (double)s->cfg.skew_limit_ns ? (sv_ns)(next_ns / 2)
+                                                                   : s->cfg.skew_limit_ns;
+}
+
 static void close_open(sv_sync *s, const group_t *g, sv_ns waited_ns) {
   event(s, SV_SYNC_EVENT_PARTNER_TIMEOUT, g->i_open, s->now_ns, waited_ns);
+  sv_ns end_ns = g->first_ns + reach_ns(s, g);
   for (int c = 0; c < s->cfg.n_cameras; c++) {
     const sv_sync_stream *st = &s->streams[c];
-    sv_ns end_ns = g->first_ns + s->cfg.skew_limit_ns;
     if (!st->n_queued && !(st->has_host && st->last_mid_host_ns > end_ns)) close_without(s, c, end_ns);
   }
 }
@@ -422,7 +433,10 @@ sv_status sv_sync_pop_exposure(sv_sync *s, sv_exposure *e, sv_frame *frames) {
       if (waited_ns <= s->cfg.max_wait_ns && s->streams[g.i_first].n_queued < s->cfg.queue_len)
         return SV_AGAIN;
       close_open(s, &g, waited_ns);
-      continue;
+      if (g.n_present < s->cfg.min_cameras) {
+        drop_head(s, g.i_first, SV_DROP_NO_PARTNER);
+        continue;
+      }
     }
     deliver(s, &g, e, frames);
     return SV_OK;

@@ -82,7 +82,8 @@ typedef struct {
   int queue_len;       // frames of one camera that may wait, 2..64
   int min_cameras;     // 0 or n_cameras: whole exposures only; less: cameras may be missing
   sv_ns max_wait_ns;   // a frame waits so long (host time) for a silent camera; 0: 500 ms. A full queue
-                       // ends the wait earlier
+                       // ends the wait earlier. What that camera still brings is late when it belongs to
+                       // what was given up; it is not where it belongs to a later frame, at any skew limit
   sv_ns step_limit_ns; // 0: 1 s. See clock_model.h
   double max_drift;    // 0: 1e-3
 } sv_sync_cfg;

@@ -348,19 +348,29 @@ static bool wait_for(const char *name, pid_t pid) {
   return exists(name);
 }
 
+// It has said where it goes on, however slowly it started.
+static bool wait_for_resume(void) {
+  for (int i = 0; i < 3000; i++, sleep_ms(10)) {
+    slurp("stderr", g_err, sizeof g_err);
+    if (strstr(g_err, "goes on at step ")) return true;
+  }
+  return false;
+}
+
 static void test_killed_run_goes_on(void **state) {
   (void)state;
   long last_step = 0;
   for (int i = 0; i < 6; i++) {
     pid_t pid = start(LONG_RUN "--steps 5000000 --resume --out @/killed");
     if (!wait_for("killed/checkpoint.bin", pid)) fail_msg("no checkpoint came");
+    if (i > 0 && !wait_for_resume()) fail_msg("it began anew: %s", g_err);
     sleep_ms(60 + 37 * i);
     assert_int_equal(kill(pid, SIGKILL), 0);
     assert_int_equal(finish(pid, NULL), 128 + SIGKILL);
     assert_false(exists("killed/model.ply")); // it was not the end
     if (i == 0) continue;
     const char *at = strstr(g_err, "goes on at step ");
-    if (!at) fail_msg("it began anew: %s", g_err);
+    assert_non_null(at);
     long step = atol(at + strlen("goes on at step "));
     if (step < last_step) fail_msg("step %ld after step %ld", step, last_step);
     last_step = step;
@@ -392,6 +402,38 @@ static void test_interrupt_saves(void **state) {
 }
 
 // --- set-up --------------------------------------------------------------------------------------
+
+// --- a slow disk ---------------------------------------------------------------------------------
+
+// A pipe in the place of the first picture: writing it lasts until somebody opens its other end, after `ms`. The
+// replay's cameras go on meanwhile, at four times their speed, as does the capture's time.
+static int capture_to_slow_disk(const char *name, const char *options, long ms) {
+  char path[600], line[700];
+  shell("mkdir -p '%s/%s/left' && mkfifo '%s/%s/left/000000.jpg'", g_root, name, g_root, name);
+  snprintf(line, sizeof line, "capture --source replay:@/long,speed=4 %s --out @/%s --json --quiet", options,
+           name);
+  pid_t pid = start(line);
+  sleep_ms(ms);
+  snprintf(path, sizeof path, "%s/%s/left/000000.jpg", g_root, name);
+  int fd = open(path, O_RDONLY | O_NONBLOCK);
+  assert_true(fd >= 0);
+  int code = finish(pid, NULL);
+  close(fd);
+  return code;
+}
+
+static void test_capture_on_a_slow_disk(void **state) {
+  (void)state;
+  assert_int_equal(
+      run("capture --source sim:textured,rig=stereo,size=32x24,fps=10 --exposures 200 --out @/long --quiet"),
+      0);
+  // The time that a picture took is none in which no exposure came: 12 s of the capture's, more than it waits.
+  int code = capture_to_slow_disk("slow", "--exposures 5", 3000);
+  if (code || !strstr(g_out, "\"exposures\": 5,")) fail_msg("exit %d: %s%s", code, g_out, g_err);
+  // It ends when it is told to, although exposures are ready that the disk has kept waiting.
+  code = capture_to_slow_disk("short", "--duration 2", 1500);
+  if (code || !strstr(g_out, "\"exposures\": 1,")) fail_msg("exit %d: %s%s", code, g_out, g_err);
+}
 
 static void make_captures(void) {
   static const char *const names[] = {"tiny", "cut", "wrong_size", "no_rig", "no_frames"};
@@ -431,6 +473,7 @@ int main(void) {
       cmocka_unit_test(test_json_and_digest),
       cmocka_unit_test(test_memory),
       cmocka_unit_test(test_shared_sensor),
+      cmocka_unit_test(test_capture_on_a_slow_disk),
       cmocka_unit_test(test_killed_run_goes_on),
       cmocka_unit_test(test_interrupt_saves),
   };

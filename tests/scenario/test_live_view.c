@@ -10,7 +10,9 @@
 // clang-format on
 #include <errno.h>
 #include <poll.h>
+#include <pthread.h>
 #include <signal.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -120,7 +122,7 @@ static int n_paths;
 static void must_be_404(const char *path) {
   n_paths++;
   int code = code_of("GET", path, NULL);
-  if (code != 404 && code != 400) fail_msg("%s: %d, expected 404", path, code);
+  if (code != 404) fail_msg("%s: %d, expected 404", path, code);
 }
 
 static void test_traversal(void **state) {
@@ -154,14 +156,14 @@ static void test_traversal(void **state) {
 
 // --- a run that must not notice ------------------------------------------------------------------
 
-static uint64_t rng = 88172645463325252ull;
+static _Thread_local uint64_t rng = 88172645463325252ull;
 static uint32_t rnd(uint32_t n) {
   rng ^= rng << 13, rng ^= rng >> 7, rng ^= rng << 17;
   return (uint32_t)((rng >> 20) % n);
 }
 
-// Damaged requests: many in one connection until the server hangs up.
-static long send_damaged(double until_s, long most) {
+// Damaged requests: many in one connection until the server hangs up. Counted as they go.
+static void send_damaged(atomic_long *n) {
   static const char *const parts[] = {"GET ",
                                       "POST ",
                                       "/state",
@@ -180,32 +182,26 @@ static long send_damaged(double until_s, long most) {
                                       "ffffffff\r\n",
                                       "?after=-9",
                                       " HTTP/9.9\r\n"};
-  long n = 0;
-  while (now_s() < until_s && n < most) {
-    int fd = live_run_connect(&r);
-    if (fd < 0) {
-      poll(NULL, 0, 5);
-      continue;
-    }
-    for (int k = 0; k < 20 && n < most; k++, n++) {
-      char text[600];
-      size_t at = 0;
-      if (rnd(3))
-        at = (size_t)snprintf(text, sizeof text, "GET /state HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n", r.port);
-      for (uint32_t i = 0, m = 1 + rnd(5); i < m; i++)
-        at += (size_t)snprintf(text + at, sizeof text - at, "%s", parts[rnd(sizeof parts / sizeof *parts)]);
-      for (uint32_t i = 0, m = rnd(4); i < m; i++) text[rnd((uint32_t)at)] = (char)rnd(256);
-      if (rnd(2)) at += (size_t)snprintf(text + at, sizeof text - at, "\r\n\r\n");
-      if (send(fd, text, at, MSG_NOSIGNAL | MSG_DONTWAIT) < 0) break;
-      ssize_t got = recv(fd, answer, sizeof answer, MSG_DONTWAIT);
-      if (got == 0 || (got < 0 && errno != EAGAIN)) { // it has hung up, as it should
-        n++;
-        break;
-      }
-    }
-    close(fd);
+  int fd = live_run_connect(&r);
+  if (fd < 0) {
+    poll(NULL, 0, 5);
+    return;
   }
-  return n;
+  for (int k = 0; k < 20; k++) {
+    char text[600], back[4096];
+    size_t at = 0;
+    if (rnd(3))
+      at = (size_t)snprintf(text, sizeof text, "GET /state HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n", r.port);
+    for (uint32_t i = 0, m = 1 + rnd(5); i < m; i++)
+      at += (size_t)snprintf(text + at, sizeof text - at, "%s", parts[rnd(sizeof parts / sizeof *parts)]);
+    for (uint32_t i = 0, m = rnd(4); i < m; i++) text[rnd((uint32_t)at)] = (char)rnd(256);
+    if (rnd(2)) at += (size_t)snprintf(text + at, sizeof text - at, "\r\n\r\n");
+    if (send(fd, text, at, MSG_NOSIGNAL | MSG_DONTWAIT) < 0) break;
+    atomic_fetch_add(n, 1);
+    ssize_t got = recv(fd, back, sizeof back, MSG_DONTWAIT);
+    if (got == 0 || (got < 0 && errno != EAGAIN)) break; // it has hung up, as it should
+  }
+  close(fd);
 }
 
 // Reads "KEY": VALUE of the finished run's report.
@@ -269,28 +265,66 @@ static void keep_clients(int *slow, int *readers, storm *t) {
   }
 }
 
+// Those that send damaged requests and the one that kills have threads of their own: a client may have to wait for
+// its turn, and holds up nobody else then.
+#define N_SENDERS 4
+typedef struct {
+  double gap_s; // from one kill to the next
+  int n_kills_wanted, n_started;
+  atomic_int n_kills, n_seeds;
+  atomic_long n_damaged;
+  atomic_bool is_over;
+  pthread_t threads[N_SENDERS + 1];
+} attackers;
+
+static void *send_on_and_on(void *context) {
+  attackers *a = context;
+  rng += (uint64_t)atomic_fetch_add(&a->n_seeds, 1) << 32; // every sender its own
+  while (!atomic_load(&a->is_over)) send_damaged(&a->n_damaged);
+  return NULL;
+}
+
+static void *kill_servers(void *context) {
+  attackers *a = context;
+  while (!atomic_load(&a->is_over) && atomic_load(&a->n_kills) < a->n_kills_wanted) {
+    pid_t server = live_run_server(&r);
+    if (server > 0 && kill(server, SIGKILL) == 0) atomic_fetch_add(&a->n_kills, 1);
+    poll(NULL, 0, (int)(1000 * a->gap_s));
+  }
+  return NULL;
+}
+
+static void attackers_start(attackers *a) {
+  const int n_senders = is_long() ? N_SENDERS : 1;
+  for (int i = 0; i <= n_senders; i++)
+    assert_int_equal(pthread_create(&a->threads[a->n_started++], NULL, i ? send_on_and_on : kill_servers, a),
+                     0);
+}
+static void attackers_stop(attackers *a) {
+  atomic_store(&a->is_over, true);
+  while (a->n_started > 0) pthread_join(a->threads[--a->n_started], NULL);
+}
+
 // All of it at once on the run that is under way: at least so long, so many damaged requests and kills.
 static storm attack(double seconds, long n_damaged, int n_kills, double at_most_s) {
   storm t = {.rss_kib = live_run_rss_kib(&r)};
-  int slow[N_SLOW], readers[N_READERS], i_round = 0;
+  int slow[N_SLOW], readers[N_READERS];
+  attackers a = {.gap_s = seconds / n_kills, .n_kills_wanted = n_kills};
   for (int i = 0; i < N_SLOW; i++) begin_slow(&slow[i]);
   for (int i = 0; i < N_READERS; i++) begin_reader(&readers[i], i);
+  attackers_start(&a);
   for (double begin = now_s(); t.seconds < at_most_s; t.seconds = now_s() - begin) {
+    t.n_damaged = atomic_load(&a.n_damaged), t.n_kills = atomic_load(&a.n_kills);
     if (t.seconds >= seconds && t.n_damaged >= n_damaged && t.n_kills >= n_kills) break;
-    t.n_damaged += send_damaged(now_s() + 0.3, is_long() ? 1000000 : 4000);
-    if (i_round++ % (is_long() ? 8 : 1) == 0) { // they wait for their turn, and the kills with them
-      t.n_good += code_of("GET", "/state", NULL) == 200;
-      t.n_good += code_of("GET", "/model.ply", NULL) == 200;
-    }
+    t.n_good += code_of("GET", "/state", NULL) == 200;
+    t.n_good += code_of("GET", "/model.ply", NULL) == 200;
     keep_clients(slow, readers, &t);
-    if (t.n_kills < n_kills && t.seconds > seconds * t.n_kills / n_kills) {
-      pid_t server = live_run_server(&r);
-      if (server > 0 && kill(server, SIGKILL) == 0) t.n_kills++;
-    }
+    poll(NULL, 0, 300);
     long rss = live_run_rss_kib(&r);
     if (rss > t.most_rss_kib) t.most_rss_kib = rss;
     if (t.seconds < seconds / 2) t.half_rss_kib = t.most_rss_kib;
   }
+  attackers_stop(&a);
   for (int i = 0; i < N_SLOW; i++)
     if (slow[i] >= 0) close(slow[i]);
   for (int i = 0; i < N_READERS; i++)
@@ -300,6 +334,7 @@ static storm attack(double seconds, long n_damaged, int n_kills, double at_most_
       "%d kills; memory of subview %ld KiB, half way %ld, in the end %ld\n",
       t.seconds, t.n_damaged, t.n_good, t.n_reopened, t.n_kills, t.rss_kib, t.half_rss_kib, t.most_rss_kib);
   assert_true(t.n_kills >= n_kills);
+  assert_true(t.n_damaged >= n_damaged);
   assert_true(t.n_good > 0);
   assert_true(t.half_rss_kib <= t.rss_kib + 2048); // pages of the block that had not been touched yet
   assert_true(t.most_rss_kib <= t.half_rss_kib + 128);
@@ -310,13 +345,13 @@ static void test_the_run_does_not_notice(void **state) {
   (void)state;
   char want[64], got[64], args[256];
   const double storm_s = is_long() ? 60 : 4;
-  snprintf(args, sizeof args, BASE "--steps %d", steps_for(3 * storm_s));
+  snprintf(args, sizeof args, BASE "--steps %d", steps_for(is_long() ? 300 : 12));
   start(args); // the same run, in peace
   assert_int_equal(live_run_wait(&r, is_long() ? 900 : 60), 0);
   report_value(root, "digest", want);
   start(args);
   assert_true(wait_for("\"state\":\"training\"", 20));
-  (void)attack(storm_s, 0, is_long() ? 100 : 2, is_long() ? 170 : 10);
+  (void)attack(storm_s, is_long() ? 1000000 : 0, is_long() ? 100 : 2, is_long() ? 840 : 10);
   assert_int_equal(live_run_wait(&r, is_long() ? 900 : 90), 0);
   report_value(root, "digest", got);
   assert_string_equal(got, want);
@@ -344,9 +379,8 @@ static void test_capture_meets_its_deadlines(void **state) {
   start("--source replay:@/recording,speed=realtime --live --exposures 4 --gaussians 1500 --threads 1 "
         "--time-limit 3600");
   assert_true(wait_for("\"state\":\"training\"", 20));
-  storm t = attack(storm_s, is_long() ? 1000000 : 0, is_long() ? 100 : 2, is_long() ? 840 : 12);
+  (void)attack(storm_s, is_long() ? 1000000 : 0, is_long() ? 100 : 2, is_long() ? 840 : 12);
   assert_int_equal(live_run_stop(&r), 0);
-  if (is_long()) assert_true(t.n_damaged >= 1000000);
   report_value(root, "is_exact", got);
   assert_string_equal(got, "true");
   report_value(root, "exposures_replaced", got);

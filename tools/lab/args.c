@@ -40,9 +40,11 @@ static const sv_option table[] = {
     {"steps", SV_OPT_INT, LAB_TABLES, 0, AT(steps), "N", "of each run (2000; with --quick 400)", 1, 1e7, 0},
     {"time-limit", SV_OPT_REAL, LAB_TRAIN, 0, AT(time_limit_s), "SEC",
      "the same in seconds, instead of --steps", 0.01, 1e7, 0},
-    {"init", SV_OPT_TEXT, LAB_TRAIN, 0, AT(init), "sphere|cube|points:FILE",
-     "start (the dataset's points; with --exposures up to 3, or without points: random ones in a sphere)", 0,
-     0, 0},
+    {"init", SV_OPT_TEXT, LAB_TRAIN, 0, AT(init), "stereo|sphere|cube|points:FILE",
+     "start (the dataset's points, not with --exposures up to 3; else stereo: depth where views overlap, "
+     "else random "
+     "points in a sphere)",
+     0, 0, 0},
     {"background", SV_OPT_WORD, DATA, 0, AT(background), "black|white|random",
      "behind transparent pictures (black); evaluation takes black for random", 0, 0, 0},
     {"scale", SV_OPT_INT, DATA, 0, AT(scale), "K", "pictures at 1/K of their size (1)", 1, 64, 0},

@@ -7,6 +7,7 @@
 #include "src/format/axes.h"
 #include "src/base/str.h"
 #include "src/train/objective.h"
+#include "src/train/stereo.h"
 #include "src/splat/constants.h"
 #include "tools/lab/evaluate.h"
 #include "tools/lab/measurement.h"
@@ -37,6 +38,7 @@ typedef struct {
       time_scores; // time_scores: of held-out times of the training cameras
   bool has_time_scores;
   bool is_standing; // the rig, while the scene moves
+  bool is_stereo;   // starts from depth maps of its own views
 } run;
 
 // --- settings ------------------------------------------------------------------------------------
@@ -129,22 +131,21 @@ static void choose_objective(run *r) {
   if (o->size >= 0) c->reg_scale = o->size;
 }
 
-// The file of --init points:FILE, or the dataset's own; NULL: a random start.
+// The file of --init points:FILE, or the dataset's own; NULL: another start.
 static const char *points_file(run *r) {
   const char *init = r->o->init;
   const long n = r->o->exposures;
   if (init) return strncmp(init, "points:", 7) == 0 ? init + 7 : NULL;
   if (!*r->views.points || r->is_standing) return NULL; // such a rig cannot have measured them
-  // Nor can so few views, which lie as far apart as can be. The paper's start, the same for all devices.
+  // Nor can so few views, which lie as far apart as can be. What a device measures by itself is the stereo start's.
   if (n > 0 && n <= SV_FEW_EXPOSURES) {
     if (n > 1)
-      lab_say(&r->session,
-              "%ld exposures do not measure the dataset's points: a random start (--init points:%s)", n,
-              r->views.points);
+      lab_say(&r->session, "%ld exposures cannot have measured the dataset's points; starting without them",
+              n);
     return NULL;
   }
   if (sv_path_exists(r->views.points)) return r->views.points;
-  lab_say(&r->session, "%s: the points that the dataset names are missing; starting from random ones",
+  lab_say(&r->session, "%s: the points that the dataset names are missing; starting without them",
           r->views.points);
   return NULL;
 }
@@ -159,6 +160,7 @@ static sv_status choose_start(run *r, sv_err *err) {
                           .seed = r->cfg.seed};
   memcpy(r->init.centre, r->scene.centre, sizeof r->init.centre);
   if (init && sv_str_eq(init, "cube")) r->init.kind = SV_INIT_CUBE;
+  r->is_stereo = init ? sv_str_eq(init, "stereo") : !file;
   if (!file) return SV_OK;
   r->init.kind = SV_INIT_POINTS;
   r->init.opacity = 0.5f, r->init.scale_factor = 0.5f;
@@ -167,9 +169,10 @@ static sv_status choose_start(run *r, sv_err *err) {
 
 static int check_init(const lab_options *o) {
   const char *i = o->init;
-  if (!i || sv_str_eq(i, "sphere") || sv_str_eq(i, "cube") || (strncmp(i, "points:", 7) == 0 && i[7]))
+  if (!i || sv_str_eq(i, "sphere") || sv_str_eq(i, "cube") || sv_str_eq(i, "stereo") ||
+      (strncmp(i, "points:", 7) == 0 && i[7]))
     return LAB_EXIT_OK;
-  return lab_usage("train", "--init is sphere, cube or points:FILE, not '%.80s'", i);
+  return lab_usage("train", "--init is stereo, sphere, cube or points:FILE, not '%.80s'", i);
 }
 
 static void choose_antialiasing(run *r) {
@@ -232,6 +235,43 @@ static sv_status load_pictures(run *r, sv_err *err) {
   return s == SV_OK ? add_noise(r, err) : s;
 }
 
+// Points from the views themselves, where they overlap; else the random start stays.
+static sv_status measure_points(run *r, sv_err *err) {
+  sv_trainer *t = &r->plan.trainer;
+  const int n = t->g.n;
+  sv_bounds b = {.radius = r->init.radius};
+  double t0 = lab_seconds(&r->session);
+  int n_maps;
+  memcpy(b.centre, r->init.centre, sizeof b.centre);
+  if (!(r->points = malloc((size_t)n * sizeof *r->points)))
+    return sv_fail(err, SV_E_NOMEM, "no memory for %d points", n);
+  sv_status s = sv_stereo_points(t, &b, &r->plan.scratch, r->points, n, &r->n_points, &n_maps);
+  if (s == SV_OK) {
+    r->init = sv_stereo_init(&b, r->cfg.seed);
+    lab_say(&r->session, "%d points from depth maps of %d views in %.2f s", r->n_points, n_maps,
+            lab_seconds(&r->session) - t0);
+    return SV_OK;
+  }
+  r->is_stereo = false;
+  r->n_points = 0;
+  if (s < 0) return sv_fail(err, s, "no depth maps for the start: %s", sv_status_text(s));
+  if (r->o->init)
+    lab_say(&r->session, "--init stereo: the views share too little; starting from random points");
+  return SV_OK;
+}
+
+static sv_status start(run *r, sv_err *err) {
+  sv_trainer *t = &r->plan.trainer;
+  sv_status s = r->is_stereo ? measure_points(r, err) : SV_OK;
+  if (s != SV_OK) return s;
+  s = sv_train_start(t, &r->init, r->points, r->n_points, &r->plan.scratch);
+  if (s != SV_OK) return sv_fail(err, s, "the start could not be made from %d points", r->n_points);
+  if (r->is_stereo) sv_train_set_scene(t, r->init.centre, r->init.radius);
+  free(r->points);
+  r->points = NULL;
+  return SV_OK;
+}
+
 static sv_status load(run *r, sv_err *err) {
   double t0 = lab_seconds(&r->session);
   lab_source src = {.folder = r->o->data,
@@ -248,12 +288,9 @@ static sv_status load(run *r, sv_err *err) {
   if (s == SV_OK) s = load_pictures(r, err);
   if (s == SV_OK) s = add_views(r, err);
   if (s == SV_OK) s = add_measurements(r, err);
-  if (s != SV_OK) return s;
-  s = sv_train_start(&r->plan.trainer, &r->init, r->points, r->n_points, &r->plan.scratch);
-  free(r->points);
-  r->points = NULL;
+  if (s == SV_OK) s = start(r, err);
   r->load_s = lab_seconds(&r->session) - t0;
-  return s == SV_OK ? SV_OK : sv_fail(err, s, "the start could not be made from %d points", r->n_points);
+  return s;
 }
 
 static sv_status train(run *r, sv_err *err) {
@@ -360,7 +397,7 @@ static void report_settings(lab_report *j, const run *r) {
   lab_report_int(j, "sh", t->cfg.sh_degree);
   if (r->n_steps > 0) lab_report_int(j, "steps_wanted", r->n_steps);
   else lab_report_num(j, "time_limit", r->limit_s);
-  lab_report_text(j, "init", kinds[r->init.kind]);
+  lab_report_text(j, "init", r->is_stereo ? "stereo" : kinds[r->init.kind]);
   lab_report_text(j, "background", lab_background_name(t->cfg.background));
   lab_report_int(j, "scale", r->views.scale);
   lab_report_num(j, "loss_ssim", (double)t->cfg.weight_ssim);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/lab/plan.h"
 
+#include "src/train/sweep.h"
 #include "tools/lab/measurement.h"
 
 #include <stdlib.h>
@@ -12,7 +13,9 @@ static size_t padded(size_t n) { return (n + SV_ARENA_ALIGN - 1) & ~(size_t)(SV_
 static size_t start_bytes(const sv_train_cfg *cfg, int n_points) {
   size_t fill = sv_init_scratch_bytes(cfg->n_gaussians, n_points);
   size_t radius = padded((size_t)cfg->n_gaussians * sizeof(float));
-  return (fill > radius ? fill : radius) + SV_ARENA_ALIGN;
+  size_t sweep = sv_sweep_bytes(cfg);
+  if (fill < radius) fill = radius;
+  return (fill > sweep ? fill : sweep) + SV_ARENA_ALIGN;
 }
 
 static size_t total_bytes(const lab_views *v, const sv_train_cfg *cfg, int n_points) {

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "src/train/stereo.h"
+
+#include "src/base/mathx.h"
+
+#define LEAST_SHARE 16   // of the Gaussians: fewer points leave most of the scene empty
+#define OPACITY     0.3f // neither covers what is behind a wrong depth nor is faded before it is tried
+#define SCALE       0.8f // with half of the distance to the neighbours, surfaces start with holes (docs/speed.md)
+
+// Mean colour of the pixels that a map's pixel was reduced from; false where they are transparent.
+static bool colour(const sv_image_u8 *im, int k, int x, int y, float rgb[3]) {
+  uint32_t sum[4] = {0};
+  for (int j = 0; j < k * k; j++) {
+    const uint8_t *p = im->px + (size_t)(y * k + j / k) * (size_t)im->stride_bytes +
+                       (size_t)((x * k + j % k) * im->n_channels);
+    for (int c = 0; c < im->n_channels; c++) sum[c] += p[c];
+  }
+  for (int c = 0; c < 3; c++) rgb[c] = (float)sum[im->n_channels < 3 ? 0 : c] / (255.0f * (float)(k * k));
+  return im->n_channels < 4 || sum[3] >= 128u * (uint32_t)(k * k);
+}
+
+static void back_project(const sv_view *v, float x, float y, float z, float out[3]) {
+  float c[3] = {(x - v->cx) / v->fx * z - v->t[0], (y - v->cy) / v->fy * z - v->t[1], z - v->t[2]};
+  for (int i = 0; i < 3; i++) out[i] = v->r[i] * c[0] + v->r[3 + i] * c[1] + v->r[6 + i] * c[2];
+}
+
+typedef struct { // takes n of n_all, evenly over their order
+  int64_t n_all, i_all;
+  sv_point *point;
+  int n, n_out;
+} sampler;
+
+static bool is_next_taken(sampler *s) {
+  int64_t i = s->i_all++;
+  return s->n_all <= s->n || (i + 1) * s->n / s->n_all > i * s->n / s->n_all;
+}
+
+// All pixels of a map with a depth: counted when there is no room, else into it.
+static void sample(const sv_trainer *t, const sv_depth_map *m, sampler *s) {
+  const sv_image_u8 *image = &t->views[m->i_view].image;
+  for (int y = 0; y < m->view.height_px; y++)
+    for (int x = 0; x < m->view.width_px; x++) {
+      float z = sv_sweep_depth(m, x, y), rgb[3];
+      if (!(z > 0) || !colour(image, m->k, x, y, rgb)) continue;
+      if (!s->point) {
+        s->n_all++;
+        continue;
+      }
+      if (!is_next_taken(s)) continue;
+      sv_point *p = &s->point[s->n_out++];
+      back_project(&m->view, (float)x + 0.5f, (float)y + 0.5f, z, p->mean);
+      for (int k = 0; k < 3; k++) p->rgb[k] = rgb[k];
+    }
+}
+
+sv_status sv_stereo_points(const sv_trainer *t, const sv_bounds *bounds, sv_arena *scratch, sv_point *point,
+                           int n, int *n_points, int *n_maps) {
+  sv_sweep sweep;
+  size_t mark = sv_arena_mark(scratch);
+  sv_status s = sv_sweep_run(&sweep, t, bounds, scratch);
+  sampler all = {.n = n};
+  for (int i = 0; s == SV_OK && i < sweep.n; i++) sample(t, &sweep.map[i], &all);
+  if (s == SV_OK && all.n_all * LEAST_SHARE < n) s = SV_AGAIN;
+  all.point = point;
+  for (int i = 0; s == SV_OK && i < sweep.n; i++) sample(t, &sweep.map[i], &all);
+  *n_points = all.n_out, *n_maps = sweep.n;
+  sv_arena_reset(scratch, mark);
+  return s;
+}
+
+sv_init_cfg sv_stereo_init(const sv_bounds *b, uint64_t seed) {
+  return (sv_init_cfg){.kind = SV_INIT_POINTS,
+                       .centre = {b->centre[0], b->centre[1], b->centre[2]},
+                       .radius = b->radius,
+                       .opacity = OPACITY,
+                       .scale_factor = SCALE,
+                       .seed = seed};
+}

@@ -1,0 +1,564 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "src/train/sweep.h"
+
+#include <string.h>
+
+#include "src/base/mathx.h"
+
+#define CAP_K        64
+#define CAP_PX       48000  // of a map: more points than Gaussians are not needed
+#define CAP_TOTAL_PX 384000 // of all maps
+#define GROUP        4      // neighbours that are taken together when there are too many views
+#define RADIUS       2      // of the windows that are compared
+#define BAND         16     // rows of a task
+#define ROWS         (BAND + 2 * RADIUS)
+#define BEST_DEG     8.0 // between two views: less tells depth badly, more and surfaces look different
+#define LEAST_DEG    0.2
+#define MOST_DEG     35.0
+#define LEAST_VAR    4.0f  // of the window, levels of 255 squared: less is noise
+#define LEAST_SLOPE2 4.0f  // of the pixel: beside an edge, an even ground would be put at the edge's depth
+#define LEAST_CORR2  0.49f // squared correlation
+#define ALONE        0.05f // less for a place that one other view sees alone
+#define NOT_SEEN     (-2.0f)
+#define CAP_GAP      10        // pixels that are filled in between measured ones
+#define EDGE         (4 * 256) // of neighbours: two surfaces
+#define LEFT         32        // columns before a row
+#define AGREE        1.5f      // planes that two maps may differ by
+
+// --- choice of views -----------------------------------------------------------------------------
+
+static int n_maps(int n_views) { return sv_mini(n_views, SV_SWEEP_CAP_VIEWS); }
+
+static int reduction(int w, int h, int n) {
+  int k = 1;
+  while (k < CAP_K && (w / k) * (h / k) > sv_mini(CAP_PX, CAP_TOTAL_PX / n)) k++;
+  return k;
+}
+
+// Squared distance of two views: of place, in distances to the scene, and of direction.
+static double apart(const sv_view *a, const sv_view *b, double distance) {
+  float ca[3], cb[3];
+  double d2 = 0;
+  sv_view_centre(ca, a);
+  sv_view_centre(cb, b);
+  for (int i = 0; i < 3; i++) {
+    double c = ((double)ca[i] - cb[i]) / distance, f = (double)a->r[6 + i] - b->r[6 + i];
+    d2 += c * c + f * f;
+  }
+  return d2;
+}
+
+static double distance_to(const sv_view *v, const sv_bounds *b) {
+  float c[3];
+  sv_view_centre(c, v);
+  double d[3] = {(double)b->centre[0] - c[0], (double)b->centre[1] - c[1], (double)b->centre[2] - c[2]};
+  return sv_maxf((float)sv_norm3(d), b->radius);
+}
+
+typedef struct {
+  const sv_trainer *t;
+  sv_sweep *s;
+  sv_bounds bounds;
+  double distance;
+} choice;
+
+static bool is_chosen(const choice *c, int i) {
+  for (int k = 0; k < c->s->n; k++)
+    if (c->s->map[k].i_view == i) return true;
+  return false;
+}
+
+static bool is_eligible(const choice *c, int i) {
+  return !sv_train_is_dynamic(c->t) || c->t->views[i].view.time == c->t->middle;
+}
+
+// The view farthest from all that are chosen, or (is_near) nearest to the one chosen as number `to`; -1: none left.
+static int next_view(const choice *c, bool is_near, int to) {
+  int best = -1;
+  double best_d = 0;
+  for (int i = 0; i < c->t->n_views; i++) {
+    if (!is_eligible(c, i) || is_chosen(c, i)) continue;
+    double d = 1e30;
+    for (int k = is_near ? to : 0; k < (is_near ? to + 1 : c->s->n); k++) {
+      double here = apart(&c->t->views[i].view, &c->t->views[c->s->map[k].i_view].view, c->distance);
+      if (here < d) d = here;
+    }
+    if (best < 0 || (is_near ? d < best_d : d > best_d)) best = i, best_d = d;
+  }
+  return best;
+}
+
+static void choose_views(choice *c) {
+  int n_eligible = 0;
+  for (int i = 0; i < c->t->n_views; i++) n_eligible += is_eligible(c, i);
+  bool is_all = n_eligible <= SV_SWEEP_CAP_VIEWS;
+  while (c->s->n < sv_mini(n_eligible, SV_SWEEP_CAP_VIEWS)) {
+    int in_group = c->s->n % GROUP;
+    int i = next_view(c, !is_all && in_group > 0, c->s->n - in_group);
+    c->s->map[c->s->n++] = (sv_depth_map){.i_view = i};
+  }
+}
+
+// Focal lengths of all pictures become alike, within a factor of two: coarse is compared with coarse.
+static void choose_sizes(sv_sweep *s, const sv_trainer *t) {
+  float least = 0;
+  for (int i = 0; i < s->n; i++) {
+    const sv_view *v = &t->views[s->map[i].i_view].view;
+    s->map[i].k = reduction(v->width_px, v->height_px, s->n);
+    float f = v->fx / (float)s->map[i].k;
+    if (i == 0 || f < least) least = f;
+  }
+  for (int i = 0; i < s->n; i++) {
+    sv_depth_map *m = &s->map[i];
+    const sv_view *v = &t->views[m->i_view].view;
+    while (m->k < CAP_K && v->fx > 2.0f * least * (float)m->k) m->k++;
+    m->view = sv_view_scaled(v, m->k);
+  }
+}
+
+// How well b tells depth in a: 0 not at all.
+static double worth(const sv_view *a, const sv_view *b, double z) {
+  float ca[3], cb[3];
+  double p[3], q[3];
+  sv_view_centre(ca, a);
+  sv_view_centre(cb, b);
+  for (int i = 0; i < 3; i++) p[i] = z * (double)a->r[6 + i], q[i] = p[i] + (double)ca[i] - cb[i];
+  double deg = sv_angle_between(p, q) * (180 / SV_PI);
+  double ahead = (double)b->r[6] * q[0] + (double)b->r[7] * q[1] + (double)b->r[8] * q[2];
+  if (deg < LEAST_DEG || deg > MOST_DEG || ahead < 0.7 * sv_norm3(q)) return 0;
+  return deg < BEST_DEG ? deg / BEST_DEG : BEST_DEG / deg;
+}
+
+static void choose_sources(sv_sweep *s, int i, double z) {
+  sv_depth_map *m = &s->map[i];
+  double w[SV_SWEEP_CAP_SOURCES];
+  for (int k = 0; k < s->n; k++) {
+    double here = k == i ? 0 : worth(&m->view, &s->map[k].view, z);
+    if (!(here > 0)) continue;
+    int at = m->n_sources < SV_SWEEP_CAP_SOURCES ? m->n_sources++ : SV_SWEEP_CAP_SOURCES;
+    for (; at > 0 && w[at - 1] < here; at--)
+      if (at < SV_SWEEP_CAP_SOURCES) w[at] = w[at - 1], m->source[at] = m->source[at - 1];
+    if (at < SV_SWEEP_CAP_SOURCES) w[at] = here, m->source[at] = k;
+  }
+}
+
+// --- geometry ------------------------------------------------------------------------------------
+
+// Pixel x of a at inverse depth w is seen by b at h x + w e (homogeneous).
+typedef struct {
+  float h[9], e[3];
+} transfer;
+
+static transfer transfer_to(const sv_view *b, const sv_view *a) {
+  double r[9], t[3], kb[9] = {b->fx, 0, b->cx, 0, b->fy, b->cy, 0, 0, 1};
+  double ka_inv[9] = {
+      1 / (double)a->fx, 0, -(double)a->cx / a->fx, 0, 1 / (double)a->fy, -(double)a->cy / a->fy, 0, 0, 1};
+  transfer out;
+  for (int i = 0; i < 3; i++)
+    for (int j = 0; j < 3; j++)
+      r[3 * i + j] = (double)b->r[3 * i] * a->r[3 * j] + (double)b->r[3 * i + 1] * a->r[3 * j + 1] +
+                     (double)b->r[3 * i + 2] * a->r[3 * j + 2];
+  for (int i = 0; i < 3; i++)
+    t[i] = (double)b->t[i] - (r[3 * i] * a->t[0] + r[3 * i + 1] * a->t[1] + r[3 * i + 2] * a->t[2]);
+  sv_mul33(r, r, ka_inv);
+  sv_mul33(r, kb, r);
+  sv_apply33(t, kb, t);
+  for (int i = 0; i < 9; i++) out.h[i] = (float)r[i];
+  for (int i = 0; i < 3; i++) out.e[i] = (float)t[i];
+  return out;
+}
+
+static bool see(const transfer *q, float x, float y, float w, float *u, float *v, float *z) {
+  *z = q->h[6] * x + q->h[7] * y + q->h[8] + w * q->e[2];
+  if (!(*z > 1e-6f)) return false;
+  *u = (q->h[0] * x + q->h[1] * y + q->h[2] + w * q->e[0]) / *z;
+  *v = (q->h[3] * x + q->h[4] * y + q->h[5] + w * q->e[1]) / *z;
+  return true;
+}
+
+// Planes at equal steps of inverse depth, about a pixel apart in the view that shifts most.
+static void choose_planes(sv_sweep *s, int i, const sv_bounds *b) {
+  sv_depth_map *m = &s->map[i];
+  const sv_view *v = &m->view;
+  float zc = v->r[6] * b->centre[0] + v->r[7] * b->centre[1] + v->r[8] * b->centre[2] + v->t[2];
+  float near = sv_maxf(0.4f * zc, 0.1f * b->radius), far = sv_maxf(zc, 0) + 8 * b->radius, most = 1;
+  m->w0 = 1 / far;
+  float span = 1 / near - m->w0;
+  for (int k = 0; k < m->n_sources; k++) {
+    transfer q = transfer_to(&s->map[m->source[k]].view, v);
+    float x = 0.5f * (float)v->width_px, y = 0.5f * (float)v->height_px, u[2], w[2], z;
+    float at = zc > near ? 1 / zc : 1 / near, d = 0.01f * span; // shift a unit of w, where the scene is
+    if (!see(&q, x, y, at, &u[0], &w[0], &z) || !see(&q, x, y, at + d, &u[1], &w[1], &z)) continue;
+    most = sv_maxf(most, 100 * (float)sqrt((double)(u[1] - u[0]) * (u[1] - u[0]) +
+                                           (double)(w[1] - w[0]) * (w[1] - w[0])));
+  }
+  m->n_planes = sv_clampi((int)(most + 1.5f), 16, SV_SWEEP_CAP_PLANES);
+  m->dw = span / (float)(m->n_planes - 1);
+}
+
+// --- pictures ------------------------------------------------------------------------------------
+
+static uint32_t luma(const uint8_t *p, int n_channels) {
+  uint32_t y = n_channels < 3 ? 256u * p[0] : 77u * p[0] + 150u * p[1] + 29u * p[2];
+  return n_channels == 4 ? y * p[3] / 255u : y;
+}
+
+static void load_grey(const sv_trainer *t, sv_depth_map *m) {
+  const sv_image_u8 *im = &t->views[m->i_view].image;
+  const int k = m->k, w = m->view.width_px;
+  for (int y = 0; y < m->view.height_px; y++)
+    for (int x = 0; x < w; x++) {
+      uint32_t sum = 0;
+      for (int j = 0; j < k; j++)
+        for (int i = 0; i < k; i++)
+          sum += luma(im->px + (size_t)(y * k + j) * (size_t)im->stride_bytes +
+                          (size_t)((x * k + i) * im->n_channels),
+                      im->n_channels);
+      m->grey[(size_t)y * (size_t)w + (size_t)x] = (uint16_t)(sum / (uint32_t)(k * k));
+    }
+}
+
+// --- the sweep of one band -----------------------------------------------------------------------
+
+// Planes of floats in rows of `stride`, those of pictures with RADIUS rows above and below and LEFT columns before.
+typedef struct {
+  float *ref, *warped, *sum[3], *mean, *norm, *is_in, *first, *second, *last, *best, *before, *after, *plane;
+} lane;
+
+typedef struct {
+  const sv_trainer *t;
+  sv_sweep *s;
+  lane *lanes;
+  int cap_stride, bands_of_map;
+} job;
+
+typedef struct { // what one task does
+  const sv_depth_map *m;
+  lane *l;
+  int y0, x0, x1, stride; // columns [x0, x1) have structure; both are multiples of 16
+} band;
+
+static int stride_of(int width_px) { return (width_px + 15) / 16 * 16 + 2 * LEFT; }
+
+static void carve_lane(lane *l, int stride, sv_arena *a) {
+  float **tall[] = {&l->ref, &l->warped, &l->sum[0], &l->sum[1], &l->sum[2]};
+  float **low[] = {&l->mean, &l->norm, &l->is_in,  &l->first, &l->second,
+                   &l->last, &l->best, &l->before, &l->after, &l->plane};
+  for (size_t i = 0; i < sizeof tall / sizeof *tall; i++) *tall[i] = SV_TAKE(a, float, ROWS *stride);
+  for (size_t i = 0; i < sizeof low / sizeof *low; i++) *low[i] = SV_TAKE(a, float, BAND *stride);
+}
+
+// The map's picture; the outermost pixels are repeated.
+static void load_rows(const band *b) {
+  const sv_depth_map *m = b->m;
+  const int w = m->view.width_px;
+  for (int r = 0; r < ROWS; r++) {
+    const uint16_t *row =
+        m->grey + (size_t)sv_clampi(b->y0 - RADIUS + r, 0, m->view.height_px - 1) * (size_t)w;
+    for (int x = -LEFT; x < b->stride - LEFT; x++)
+      b->l->ref[r * b->stride + LEFT + x] = (float)row[sv_clampi(x, 0, w - 1)] * (1.0f / 256.0f) - 128.0f;
+  }
+}
+
+static inline float bilinear(const uint16_t *grey, int w, float x, float y) {
+  int x0 = (int)x, y0 = (int)y;
+  float fx = x - (float)x0, fy = y - (float)y0;
+  const uint16_t *p = grey + y0 * w + x0;
+  float a = (float)p[0] + fx * ((float)p[1] - (float)p[0]),
+        b = (float)p[w] + fx * ((float)p[w + 1] - (float)p[w]);
+  return (a + fy * (b - a)) * (1.0f / 256.0f) - 128.0f;
+}
+
+// Sixteen pixels of a row of another picture, as the map sees them on a plane. in: may be NULL.
+static void warp16(const sv_depth_map *src, const float h[3], const float base[3], float x, float *out,
+                   float *in) {
+  const float right = (float)src->view.width_px, bottom = (float)src->view.height_px;
+  float u[16], v[16], is_in[16];
+  for (int i = 0; i < 16; i++) {
+    float c = x + (float)i, z = h[2] * c + base[2], f = 1.0f / (z > 1e-6f ? z : 1e-6f);
+    u[i] = (h[0] * c + base[0]) * f, v[i] = (h[1] * c + base[1]) * f;
+    is_in[i] = (z > 1e-6f) & (u[i] >= 0) & (u[i] <= right) & (v[i] >= 0) & (v[i] <= bottom) ? 1.0f : 0.0f;
+    u[i] = sv_clampf(u[i] - 0.5f, 0, right - 1.001f), v[i] = sv_clampf(v[i] - 0.5f, 0, bottom - 1.001f);
+  }
+  for (int i = 0; i < 16; i++) out[i] = bilinear(src->grey, src->view.width_px, u[i], v[i]);
+  for (int i = 0; in && i < 16; i++) in[i] = is_in[i];
+}
+
+static void warp(const band *b, const sv_depth_map *src, const transfer *q, float w) {
+  const float h[3] = {q->h[0], q->h[3], q->h[6]};
+  for (int r = 0; r < ROWS; r++) {
+    const bool is_inner = r >= RADIUS && r < RADIUS + BAND;
+    float y = (float)(b->y0 - RADIUS + r) + 0.5f, base[3];
+    for (int i = 0; i < 3; i++) base[i] = q->h[3 * i + 1] * y + q->h[3 * i + 2] + w * q->e[i];
+    for (int x = b->x0 - 16; x < b->x1 + 16; x += 16)
+      warp16(src, h, base, (float)x + 0.5f, b->l->warped + r * b->stride + LEFT + x,
+             is_inner ? b->l->is_in + (r - RADIUS) * b->stride + LEFT + x : NULL);
+  }
+}
+
+// Sums over 2 RADIUS + 1 pixels of each row of p, p p and p q.
+static void sum_rows(const band *b, const float *p, const float *q) {
+  for (int r = 0; r < ROWS; r++)
+    for (int x = b->x0; x < b->x1; x += 16) {
+      const int at = r * b->stride + LEFT + x;
+      const float *restrict c = p + at, *restrict d = q + at;
+      float *restrict s0 = b->l->sum[0] + at, *restrict s1 = b->l->sum[1] + at,
+                      *restrict s2 = b->l->sum[2] + at;
+      for (int i = 0; i < 16; i++) {
+        s0[i] = c[i - 2] + c[i - 1] + c[i] + c[i + 1] + c[i + 2];
+        s1[i] = c[i - 2] * c[i - 2] + c[i - 1] * c[i - 1] + c[i] * c[i] + c[i + 1] * c[i + 1] +
+                c[i + 2] * c[i + 2];
+        s2[i] = c[i - 2] * d[i - 2] + c[i - 1] * d[i - 1] + c[i] * d[i] + c[i + 1] * d[i + 1] +
+                c[i + 2] * d[i + 2];
+      }
+    }
+}
+
+static inline float down(const float *s, int stride) {
+  return s[0] + s[stride] + s[2 * stride] + s[3 * stride] + s[4 * stride];
+}
+
+#define N_WINDOW ((float)((2 * RADIUS + 1) * (2 * RADIUS + 1)))
+
+// Mean and 1 / (sum of squared deviations) of the windows of the map's own picture, 0 without structure; and the
+// columns that have some.
+static void describe(band *b) {
+  lane *l = b->l;
+  const int n = b->m->view.width_px;
+  int first = n, last = -1;
+  b->x0 = 0, b->x1 = (n + 15) / 16 * 16;
+  sum_rows(b, l->ref, l->ref);
+  for (int i = 0; i < BAND; i++)
+    for (int x = 0; x < b->x1; x++) {
+      int at = i * b->stride + LEFT + x;
+      float s1 = down(l->sum[0] + at, b->stride),
+            dev = down(l->sum[1] + at, b->stride) - s1 * s1 * (1 / N_WINDOW);
+      const float *c = l->ref + at + RADIUS * b->stride;
+      float dx = c[1] - c[-1], dy = c[b->stride] - c[-b->stride];
+      bool is_used = x < n && b->y0 + i < b->m->view.height_px && dev > LEAST_VAR * N_WINDOW &&
+                     dx * dx + dy * dy > LEAST_SLOPE2;
+      l->mean[at] = s1 * (1 / N_WINDOW);
+      l->norm[at] = is_used ? 1 / dev : 0;
+      if (is_used) first = sv_mini(first, x), last = sv_maxi(last, x);
+    }
+  b->x0 = last < 0 ? 0 : first / 16 * 16, b->x1 = (last + 16) / 16 * 16;
+}
+
+// Correlations with one warped picture, squared with their sign, into the best two so far.
+static void correlate(const band *b) {
+  const int stride = b->stride;
+  sum_rows(b, b->l->warped, b->l->ref);
+  for (int i = 0; i < BAND; i++)
+    for (int x = b->x0; x < b->x1; x += 16) {
+      const int at = i * stride + LEFT + x;
+      const float *restrict s0 = b->l->sum[0] + at, *restrict s1 = b->l->sum[1] + at,
+                            *restrict s2 = b->l->sum[2] + at;
+      const float *restrict mean = b->l->mean + at, *restrict norm = b->l->norm + at,
+                            *restrict in = b->l->is_in + at;
+      float *restrict first = b->l->first + at, *restrict second = b->l->second + at;
+      for (int k = 0; k < 16; k++) {
+        float sum = down(s0 + k, stride), dev = down(s1 + k, stride) - sum * sum * (1 / N_WINDOW);
+        float cov = down(s2 + k, stride) - sum * mean[k], floor = 0.5f * LEAST_VAR * N_WINDOW;
+        float c = cov * (cov < 0 ? -cov : cov) * norm[k] / (dev > floor ? dev : floor);
+        c = in[k] > 0 ? c : NOT_SEEN;
+        float low = c < first[k] ? c : first[k];
+        second[k] = second[k] > low ? second[k] : low;
+        first[k] = first[k] > c ? first[k] : c;
+      }
+    }
+}
+
+// Where the other picture does not see a place, one has to do.
+static void keep_best(const band *b, int plane) {
+  const lane *l = b->l;
+  for (int i = 0; i < BAND; i++)
+    for (int x = b->x0; x < b->x1; x++) {
+      int at = i * b->stride + LEFT + x;
+      float c = l->second[at] > NOT_SEEN ? 0.5f * (l->first[at] + l->second[at]) : l->first[at] - ALONE;
+      if (l->plane[at] == (float)(plane - 1)) l->after[at] = c;
+      if (c > l->best[at]) l->best[at] = c, l->plane[at] = (float)plane, l->before[at] = l->last[at];
+      l->last[at] = c;
+    }
+}
+
+static void write_codes(const band *b) {
+  const sv_depth_map *m = b->m;
+  const lane *l = b->l;
+  const int w = m->view.width_px;
+  for (int i = 0; i < BAND && b->y0 + i < m->view.height_px; i++) {
+    uint16_t *out = m->code + (size_t)(b->y0 + i) * (size_t)w;
+    for (int x = 0; x < w; x++) out[x] = 0;
+    for (int x = b->x0; x < sv_mini(b->x1, w); x++) {
+      int at = i * b->stride + LEFT + x;
+      float p = l->plane[at], before = l->before[at], best = l->best[at], after = l->after[at];
+      float bend = 2 * best - before - after;
+      if (!(l->norm[at] > 0) || best < LEAST_CORR2 || p < 1 || p > (float)(m->n_planes - 2)) continue;
+      if (bend > 1e-6f) p += sv_clampf(0.5f * (after - before) / bend, -0.5f, 0.5f);
+      out[x] = (uint16_t)(1.5f + 256 * p);
+    }
+  }
+}
+
+static void fill(float *p, int n, float value) {
+  for (int i = 0; i < n; i++) p[i] = value;
+}
+
+static void sweep_task(void *arg, int i_task, int i_thread) {
+  job *j = arg;
+  const sv_depth_map *m = &j->s->map[i_task / j->bands_of_map];
+  lane *l = &j->lanes[i_thread];
+  band b = {.m = m, .l = l, .y0 = i_task % j->bands_of_map * BAND, .stride = stride_of(m->view.width_px)};
+  transfer q[SV_SWEEP_CAP_SOURCES];
+  const int n = BAND * b.stride;
+  if (b.y0 >= m->view.height_px) return;
+  for (int k = 0; k < m->n_sources; k++) q[k] = transfer_to(&j->s->map[m->source[k]].view, &m->view);
+  load_rows(&b);
+  describe(&b);
+  fill(l->best, n, NOT_SEEN), fill(l->last, n, NOT_SEEN), fill(l->before, n, NOT_SEEN),
+      fill(l->after, n, NOT_SEEN);
+  fill(l->plane, n, -2);
+  for (int p = 0; p < m->n_planes && b.x1 > b.x0; p++) {
+    fill(l->first, n, NOT_SEEN), fill(l->second, n, NOT_SEEN);
+    for (int k = 0; k < m->n_sources; k++) {
+      warp(&b, &j->s->map[m->source[k]], &q[k], m->w0 + (float)p * m->dw);
+      correlate(&b);
+    }
+    keep_best(&b, p);
+  }
+  write_codes(&b);
+}
+
+// --- the other side ------------------------------------------------------------------------------
+
+static inline float inverse_depth(const sv_depth_map *m, uint16_t code) {
+  return m->w0 + m->dw * ((float)(code - 1) * (1.0f / 256.0f));
+}
+
+// Whether another map has the same surface there. Codes are read as they were measured: `keep` is written later.
+static bool is_confirmed(const sv_sweep *s, const sv_depth_map *m, const transfer *q, int x, int y, float w) {
+  for (int k = 0; k < m->n_sources; k++) {
+    const sv_depth_map *o = &s->map[m->source[k]];
+    float u, v, z;
+    if (!see(&q[k], (float)x + 0.5f, (float)y + 0.5f, w, &u, &v, &z)) continue;
+    if (!(u >= 0 && u < (float)o->view.width_px && v >= 0 && v < (float)o->view.height_px)) continue;
+    uint16_t code = o->code[(size_t)(int)v * (size_t)o->view.width_px + (size_t)(int)u];
+    if (code && fabsf(inverse_depth(o, code) - w / z) <= AGREE * o->dw) return true;
+  }
+  return false;
+}
+
+// The pictures are done with: what is confirmed takes their place.
+static void confirm_task(void *arg, int i_task, int i_thread) {
+  job *j = arg;
+  sv_depth_map *m = &j->s->map[i_task];
+  transfer q[SV_SWEEP_CAP_SOURCES];
+  (void)i_thread;
+  for (int k = 0; k < m->n_sources; k++) q[k] = transfer_to(&j->s->map[m->source[k]].view, &m->view);
+  for (int y = 0; y < m->view.height_px; y++)
+    for (int x = 0; x < m->view.width_px; x++) {
+      size_t at = (size_t)y * (size_t)m->view.width_px + (size_t)x;
+      uint16_t c = m->code[at];
+      bool is_kept = c && is_confirmed(j->s, m, q, x, y, inverse_depth(m, c));
+      m->grey[at] = is_kept ? c : 0;
+      m->n_measured += is_kept;
+    }
+}
+
+// --- between -------------------------------------------------------------------------------------
+
+// A gap between two measured places: on one surface what lies between, at an edge the one behind.
+static uint16_t between(uint16_t a, uint16_t b, int at, int gap) {
+  int d = (int)b - (int)a;
+  if (d > EDGE || d < -EDGE) return a < b ? a : b;
+  return (uint16_t)((int)a + d * (at + 1) / (gap + 1));
+}
+
+// Fills the gaps of one line of `n` pixels, `step` apart: `from` has what was measured, `to` gets it and the rest.
+static void fill_line(const uint16_t *from, uint16_t *to, int n, int step) {
+  int last = -1;
+  for (int i = 0; i < n; i++) {
+    if (!from[i * step]) continue;
+    int gap = i - last - 1;
+    for (int k = 0; last >= 0 && k < gap && gap <= CAP_GAP; k++) {
+      uint16_t c = between(from[last * step], from[i * step], k, gap), *at = &to[(last + 1 + k) * step];
+      *at = *at ? between(*at, c, 0, 1) : c;
+    }
+    last = i;
+  }
+}
+
+static void fill_task(void *arg, int i_task, int i_thread) {
+  sv_depth_map *m = &((job *)arg)->s->map[i_task];
+  const int w = m->view.width_px, h = m->view.height_px;
+  (void)i_thread;
+  memset(m->code, 0, (size_t)w * (size_t)h * sizeof *m->code);
+  for (int y = 0; y < h; y++) fill_line(m->grey + y * w, m->code + y * w, w, 1);
+  for (int x = 0; x < w; x++) fill_line(m->grey + x, m->code + x, h, w);
+  for (int i = 0; i < w * h; i++)
+    if (m->grey[i]) m->code[i] = m->grey[i];
+}
+
+float sv_sweep_depth(const sv_depth_map *m, int x, int y) {
+  uint16_t c = m->code[(size_t)y * (size_t)m->view.width_px + (size_t)x];
+  return c ? 1.0f / inverse_depth(m, c) : 0.0f;
+}
+
+// --- all of it -----------------------------------------------------------------------------------
+
+static size_t cap_total_px(const sv_train_cfg *c, int n) {
+  size_t each = sv_mini(CAP_PX, CAP_TOTAL_PX / n), all = (size_t)c->cap_width_px * (size_t)c->cap_height_px;
+  return (size_t)n * (all < each ? all : each);
+}
+
+size_t sv_sweep_bytes(const sv_train_cfg *cfg) {
+  sv_arena dry = sv_arena_dry();
+  int n = n_maps(cfg->cap_views);
+  lane l;
+  if (n < 2) return 0;
+  SV_TAKE(&dry, sv_depth_map, SV_SWEEP_CAP_VIEWS);
+  SV_TAKE(&dry, uint16_t, cap_total_px(cfg, n));
+  SV_TAKE(&dry, uint16_t, cap_total_px(cfg, n));
+  SV_TAKE(&dry, lane, cfg->n_threads);
+  for (int i = 0; i < cfg->n_threads; i++) carve_lane(&l, stride_of(cfg->cap_width_px), &dry);
+  return dry.used_bytes;
+}
+
+sv_status sv_sweep_run(sv_sweep *s, const sv_trainer *t, const sv_bounds *bounds, sv_arena *scratch) {
+  choice c = {.t = t, .s = s, .bounds = *bounds};
+  job j = {.t = t, .s = s};
+  *s = (sv_sweep){0};
+  if (t->n_views < 2) return SV_AGAIN;
+  s->map = SV_TAKE(scratch, sv_depth_map, SV_SWEEP_CAP_VIEWS);
+  size_t used = 0, cap = cap_total_px(&t->cfg, n_maps(t->cfg.cap_views));
+  uint16_t *grey = SV_TAKE(scratch, uint16_t, cap), *code = SV_TAKE(scratch, uint16_t, cap);
+  j.lanes = SV_TAKE(scratch, lane, t->cfg.n_threads);
+  if (scratch->status < 0) return scratch->status;
+  for (int i = 0; i < t->n_views; i++) c.distance += distance_to(&t->views[i].view, bounds) / t->n_views;
+  choose_views(&c);
+  choose_sizes(s, t);
+  for (int i = 0; i < s->n; i++) {
+    sv_depth_map *m = &s->map[i];
+    const float *x = m->view.r;
+    double z = (double)x[6] * bounds->centre[0] + (double)x[7] * bounds->centre[1] +
+               (double)x[8] * bounds->centre[2] + m->view.t[2];
+    size_t px = (size_t)m->view.width_px * (size_t)m->view.height_px;
+    if (px > cap - used || m->view.width_px < 16 || m->view.height_px < 16) return SV_AGAIN;
+    m->grey = grey + used, m->code = code + used;
+    used += px;
+    load_grey(t, m);
+    choose_sources(s, i, sv_maxf((float)z, bounds->radius));
+    choose_planes(s, i, bounds);
+    j.cap_stride = sv_maxi(j.cap_stride, stride_of(m->view.width_px));
+    j.bands_of_map = sv_maxi(j.bands_of_map, (m->view.height_px + BAND - 1) / BAND);
+  }
+  for (int i = 0; i < t->cfg.n_threads; i++) carve_lane(&j.lanes[i], j.cap_stride, scratch);
+  if (scratch->status < 0) return scratch->status;
+  sv_pool_run(t->pool, sweep_task, &j, s->n * j.bands_of_map);
+  sv_pool_run(t->pool, confirm_task, &j, s->n);
+  sv_pool_run(t->pool, fill_task, &j, s->n);
+  int n = 0;
+  for (int i = 0; i < s->n; i++) {
+    n += s->map[i].n_measured;
+  }
+  return n > 0 ? SV_OK : SV_AGAIN;
+}
