@@ -31,14 +31,18 @@ static void note_errors(sv_app *app) {
   app->n_device_errors = n;
 }
 
-static void tell_events(sv_app *app) {
+// True when a camera has come back: it gets the time that all had at the start.
+static bool tell_events(sv_app *app) {
   char line[256];
   sv_camera_event e;
+  bool is_back = false;
   while (sv_intake_pop_event(&app->intake, &e) == SV_OK) {
     sv_str s = sv_str_make(line, sizeof line);
     sv_camera_event_line(&s, &e, app->cfg.caps, app->cfg.n_cameras);
     sv_app_log(app, SV_LOG_WARN, "%s", line);
+    is_back |= e.kind == SV_CAMERA_RETURNED;
   }
+  return is_back;
 }
 
 static void tell_live(sv_app *app) {
@@ -86,7 +90,7 @@ static sv_status capture_loop(sv_app *app, sv_err *err) {
                      sv_ns_to_ms(app->cfg.skew_limit_ns));
     sv_status s = sv_intake_step(&app->intake, now + WAIT_NS);
     note_errors(app);
-    tell_events(app);
+    if (tell_events(app)) last_ns = now;
     if (s == SV_END) break;
     if (s != SV_OK && s != SV_E_DEVICE) continue;
     int before = app->exposures.n;
@@ -214,7 +218,7 @@ sv_status sv_app_live_turn(sv_app *app, bool *is_train, sv_err *err) {
   if (!app->is_capturing) return SV_OK;
   catch_up(app);
   note_errors(app);
-  tell_events(app);
+  (void)tell_events(app);
   sv_ns from_ns = m->now_ns(m->self);
   bool is_ready = sv_intake_n_ready(&app->intake) > 0 && sv_app_is_exposure_due(app);
   sv_work work = sv_governor_next(&app->governor, from_ns, is_ready);

@@ -21,6 +21,7 @@ void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
   d->pos = 3;                            // rates are per second, not per clip
   d->window = d->window_start = 0;       // windows in a time that has no end
   d->from = d->grow_until = 0;
+  d->shrink_pos = 0;
   d->find_every = d->find_until = 0; // by exposures instead
   // Every exposure is like the last one: nothing cools down, and there are but a few dozen steps for what is new in
   // it. Half of them see the newest exposure, the others those of the ring in turn.

@@ -13,25 +13,86 @@ void sv_train_set_time(sv_trainer *t, float time) {
   sv_deform_at(&t->deform, t->k, t->pool, &t->g, time);
 }
 
+// 0..1 while the times come in, to both sides of the middle one; 1 when there is nothing to wait for.
+static float grown(const sv_dynamic_cfg *d, float progress) {
+  if (!(d->grow_until > d->from) || progress >= d->grow_until) return 1.0f;
+  return sv_maxf((progress - d->from) / (d->grow_until - d->from), 0.0f);
+}
+
+static float farthest(const sv_trainer *t) { return sv_maxf(t->middle, 1.0f - t->middle); }
+
 bool sv_train_has_time(const sv_trainer *t, float time, float progress) {
   const sv_dynamic_cfg *d = &t->cfg.dynamic;
   if (!sv_train_is_dynamic(t) || progress >= d->grow_until) return true;
-  float x = sv_clampf((progress - d->from) / (d->grow_until - d->from), 0.0f, 1.0f);
-  float most = sv_maxf(t->middle, 1.0f - t->middle);
-  return fabsf(time - t->middle) <= sv_maxf(d->grow_start, 1e-6f) + (most - d->grow_start) * x;
+  float reach = sv_maxf(d->grow_start, 1e-6f) + (farthest(t) - d->grow_start) * grown(d, progress);
+  return fabsf(time - t->middle) <= reach;
 }
 
-void sv_train_motion_rates(const sv_trainer *t, float mean_lr, double bias1, float lr[SV_CAP_MROWS]) {
+int sv_train_new_time_scale(const sv_trainer *t, float time, float progress) {
+  const sv_dynamic_cfg *d = &t->cfg.dynamic;
+  if (!sv_train_is_dynamic(t) || !(d->grow_until > d->from) || progress <= d->from) return 1;
+  float x = (fabsf(time - t->middle) - d->grow_start) / (farthest(t) - d->grow_start);
+  float age = progress - d->from - (d->grow_until - d->from) * sv_maxf(x, 0.0f);
+  if (x <= 0 || age >= d->coarse_for) return 1;
+  return age < 0.5f * d->coarse_for ? t->cfg.start_scale : sv_mini(2, t->cfg.start_scale);
+}
+
+static float solid_angle(const sv_view *v) {
+  return (float)v->width_px * (float)v->height_px / (v->fx * v->fy);
+}
+
+float sv_train_share(const sv_trainer *t, const sv_view *view) {
+  if (!sv_train_is_dynamic(t) || !(t->usual_sr > 0)) return 1.0f;
+  float share = sqrtf(solid_angle(view) / t->usual_sr);
+  return share < t->cfg.dynamic.least_share ? t->cfg.dynamic.least_share : share;
+}
+
+static void set_usual_view(sv_trainer *t) {
+  t->usual_sr = 0.0f;
+  for (int i = 0; i < t->n_views; i++) {
+    float here = solid_angle(&t->views[i].view);
+    int n_less = 0, n_same = 0;
+    for (int j = 0; j < t->n_views; j++) {
+      float there = solid_angle(&t->views[j].view);
+      n_less += there < here, n_same += there == here;
+    }
+    if (n_less > t->n_views / 2 || n_less + n_same <= t->n_views / 2) continue;
+    t->usual_sr = here;
+    return;
+  }
+}
+
+void sv_train_motion_rates(const sv_trainer *t, float progress, float mean_lr, double bias1,
+                           float lr[SV_CAP_MROWS]) {
   const sv_dynamic_cfg *d = &t->cfg.dynamic;
   const sv_motion_cfg *mc = &t->deform.motion.cfg;
   // What is not a position follows the means' schedule half as far (in the logarithm).
   float late = sqrtf(mean_lr / (t->cfg.lr.mean_start * t->radius)), f = (float)(1.0 / bias1);
+  int n_on =
+      mc->functions == SV_MOTION_CHEBYSHEV ? 1 + (int)((float)mc->n_pos * grown(d, progress)) : mc->n_pos;
   int rot = SV_MROW_FUNCTIONS + 3 * mc->n_pos, colour = rot + 4 * mc->n_rot;
+  int off = SV_MROW_FUNCTIONS + 3 * sv_mini(n_on, mc->n_pos);
   for (int i = 0; i < t->deform.motion.n_rows; i++)
     lr[i] = f * (i < SV_MROW_FUNCTIONS ? d->window * late
-                 : i < rot             ? d->pos * mean_lr
+                 : i < off             ? d->pos * mean_lr
+                 : i < rot             ? 0.0f
                  : i < colour          ? d->rot * late
                                        : d->colour * late);
+}
+
+// A step of length `by` down the length of each touched lane's coefficients c[n][3][16], function j's times j + 1:
+// the group lasso's, beside Adam as in AdamW (Loshchilov & Hutter 2019), so that it is not normalised away.
+static void shrink(float *c, int n, float by, uint32_t touched) {
+  float len2[16] = {0}, share[16];
+  for (int j = 0; j < n; j++) {
+    float w = (float)((j + 1) * (j + 1));
+    for (int i = 0; i < 48; i++) len2[i & 15] += w * (c[48 * j + i] * c[48 * j + i]);
+  }
+  for (int k = 0; k < 16; k++) share[k] = (touched >> k & 1) && len2[k] > 0 ? by / sqrtf(len2[k]) : 0.0f;
+  for (int j = 0; j < n; j++) {
+    float w = (float)((j + 1) * (j + 1));
+    for (int i = 0; i < 48; i++) c[48 * j + i] -= c[48 * j + i] * sv_minf(1.0f, w * share[i & 15]);
+  }
 }
 
 void sv_train_move_block(sv_trainer *t, const sv_motion_args *a, const sv_adam_args *adam, int block,
@@ -40,8 +101,11 @@ void sv_train_move_block(sv_trainer *t, const sv_motion_args *a, const sv_adam_a
   if (left < 16) touched &= (1u << left) - 1; // the still ones of the last block stay still
   t->k->motion_bwd(a, block, touched, grad, scratch);
   size_t at = (size_t)block * (size_t)t->deform.motion.n_rows * 16;
-  t->k->adam(adam, touched, scratch, t->deform.motion.param + at, t->deform.motion.m + at,
-             t->deform.motion.v + at);
+  float *p = t->deform.motion.param + at;
+  t->k->adam(adam, touched, scratch, p, t->deform.motion.m + at, t->deform.motion.v + at);
+  if (t->cfg.dynamic.shrink_pos > 0 && a->n_pos > 0)
+    shrink(p + 16 * SV_MROW_FUNCTIONS, a->n_pos, t->cfg.dynamic.shrink_pos * adam->lr[SV_MROW_FUNCTIONS],
+           touched);
 }
 
 // --- who moves -----------------------------------------------------------------------------------
@@ -178,6 +242,7 @@ sv_status sv_train_find_moving(sv_trainer *t, float progress) {
 // --- the start -----------------------------------------------------------------------------------
 
 void sv_train_start_moving(sv_trainer *t) {
+  set_usual_view(t);
   memset(t->is_moving, 0, (size_t)t->g.cap);
   if (t->deform.kind == SV_DEFORM_CLIP)
     for (int i = 0; i < t->g.cap; i++) sv_motion_still(&t->deform.motion, i);

@@ -238,7 +238,7 @@ static uint32_t run(sv_trainer *t, float progress, sv_task_fn task) {
                           .n_rows = SV_N_ROWS(t->render.project.sh_degree)};
   if (t->deform.kind == SV_DEFORM_CLIP) {
     j.motion_f = sv_motion_values_at(&t->deform.motion.cfg, t->time);
-    sv_train_motion_rates(t, mean_lr * t->radius, bias1, j.motion_lr);
+    sv_train_motion_rates(t, progress, mean_lr * t->radius, bias1, j.motion_lr);
     j.motion = sv_motion_args_of(&t->deform.motion, &t->g, t->time, &j.motion_f);
     float n = (float)t->g.n;
     j.motion.reg_pos = t->cfg.dynamic.reg_pos / (n * t->radius);

@@ -12,8 +12,9 @@
 
 int sv_train_scale_at(const sv_trainer *t, const sv_view *view, float progress) {
   int k = t->cfg.start_scale;
-  if (progress >= t->cfg.fine_at) return 1;
   if (k == 4 && progress >= 0.5f * t->cfg.fine_at) k = 2;
+  if (progress >= t->cfg.fine_at) k = 1;
+  k = sv_maxi(k, sv_train_new_time_scale(t, view->time, progress));
   // Below about 64 pixels a side there is nothing left to learn from.
   while (k > 1 && (view->width_px / k < 64 || view->height_px / k < 64)) k /= 2;
   return k;
@@ -49,6 +50,41 @@ static int newest_view(const sv_trainer *t) {
   uint32_t turn = t->step / (uint32_t)t->cfg.dynamic.newest_every % (uint32_t)n;
   while (t->views[k].view.time < t->newest || turn-- > 0) k++;
   return k;
+}
+
+// In clip mode now and then one of the views whose time came in last, on either side. -1: none is due. (A network that
+// all times share would forget the others.)
+static int front_view(sv_trainer *t, float progress) {
+  const sv_dynamic_cfg *d = &t->cfg.dynamic;
+  if (t->deform.kind != SV_DEFORM_CLIP || d->front_every < 1 || t->step % (uint32_t)d->front_every) return -1;
+  if (progress < d->from || progress >= d->grow_until) return -1;
+  float first = t->middle, last = t->middle;
+  for (int i = 0; i < t->n_views; i++) {
+    float time = t->views[i].view.time;
+    if (!sv_train_has_time(t, time, progress)) continue;
+    first = sv_minf(first, time), last = sv_maxf(last, time);
+  }
+  int n = 0, k = 0;
+  for (int i = 0; i < t->n_views; i++) n += t->views[i].view.time == first || t->views[i].view.time == last;
+  if (n == 0) return -1;
+  int turn = (int)sv_rng_below(&t->rng, (uint32_t)n);
+  while ((t->views[k].view.time != first && t->views[k].view.time != last) || turn-- > 0) k++;
+  return k;
+}
+
+static bool is_passed_over(sv_trainer *t, int i, float progress) {
+  if (i >= t->n_views || !sv_train_is_dynamic(t)) return false;
+  if (!sv_train_has_time(t, t->views[i].view.time, progress)) return true;
+  float share = sv_train_share(t, &t->views[i].view);
+  return share < 1.0f && sv_rng_f(&t->rng) >= share;
+}
+
+static int choose_view(sv_trainer *t, float progress) {
+  int i = is_newest_due(t) ? newest_view(t) : front_view(t, progress);
+  if (i >= 0 && !is_passed_over(t, i, progress)) return i;
+  do i = next_item(t);
+  while (is_passed_over(t, i, progress));
+  return i;
 }
 
 // Regions lie side by side and reach beyond the sensor by less than one; the jitter shares that out between the
@@ -173,13 +209,16 @@ static sv_status view_step(sv_trainer *t, int i, float progress, sv_render_optio
     for (int c = 0; c < 3; c++) o.bg[c] = sv_rng_f(&t->rng);
   sv_train_set_time(t, tv->view.time);
   load_target(t, &tv->image, out->scale, o.bg);
-  sv_status s = sv_render(&t->render, t->k, t->pool, &t->g, &view, &o);
+  const bool is_fine = sv_train_is_supersampled(t, out->scale, progress);
+  const sv_planes *x;
+  sv_status s = sv_train_measure(t, &view, &o, is_fine, &x);
   if (s < 0) return s;
-  sv_photometric_loss(&t->photometric, t->k, t->pool, &t->render.rgb, &t->target, &t->grad, t->err_plane,
+  sv_photometric_loss(&t->photometric, t->k, t->pool, x, &t->target, &t->grad, t->err_plane,
                       t->cfg.weight_ssim, &loss);
   out->loss = loss.loss, out->l1 = loss.l1, out->ssim = loss.ssim;
   if (t->cfg.weight_tv > 0.0f)
-    out->loss += sv_tv_loss(&t->tv, t->k, t->pool, &t->render.rgb, &t->grad, SV_TV_SQUARED, t->cfg.weight_tv);
+    out->loss += sv_tv_loss(&t->tv, t->k, t->pool, x, &t->grad, SV_TV_SQUARED, t->cfg.weight_tv);
+  if (is_fine) return sv_train_supersample_bwd(t);
   return sv_render_bwd(&t->render, t->k, t->pool, &t->grad, NULL, NULL, t->err_plane);
 }
 
@@ -304,8 +343,7 @@ static void maybe_relocate(sv_trainer *t, float progress) {
 
 sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
   if (t->n_views + t->n_regions < 1) return SV_E_ARG;
-  int i = is_newest_due(t) ? newest_view(t) : next_item(t);
-  while (i < t->n_views && !sv_train_has_time(t, t->views[i].view.time, progress)) i = next_item(t);
+  int i = choose_view(t, progress);
   bool is_region = i >= t->n_views, is_sum = is_region || has_unseen(t);
   sv_step_stats st = {.i_view = i, .scale = 1};
   sv_render_options o = sv_train_render_options(t, progress, false);

@@ -39,7 +39,15 @@ typedef struct {
   // Progress: until `from` one time in the middle (and what is within grow_start of it) is all there is; then others
   // come in to both sides of it, and at grow_until there are all. What moves fast is followed from picture to
   // picture, where a model of all times at once would smear it. grow_until 0: all times from the start.
-  float grow_start, grow_until;
+  // Half of the steps until then go to the times that came in last (every front_every-th), whose pictures are taken at
+  // reduced size for a progress of coarse_for. Polynomials: of higher degrees no more take part than what is there can
+  // tell.
+  float grow_start, grow_until, coarse_for;
+  int front_every;
+  // Lengths of the position coefficients, those of function j counted j + 1 times, shrink by so much of the learning
+  // rate in each step: what gradients do not ask for steadily stays straight, slow, still. Adam would let it wander.
+  float shrink_pos;
+  float least_share;  // of the turns, for the views of the narrowest lenses (sv_train_share)
   float window_start; // half width of the windows that copies of moving slots begin with; 0: as their source
   int newest_every;   // every so many steps the view is one of the newest time; 0: all in turn
   float unrest;       // who is off by so much more at some times than at others moves
@@ -59,6 +67,8 @@ typedef struct {
   sv_background background; // matters for pictures with alpha; others are trained over black
   bool is_antialiased;
   float dilation_px2;           // sv_render_options
+  bool is_supersampled;         // pixels of whole pictures are means of 2 x 2 samples (supersample.c)
+  float supersample_from;       // progress; one sample a pixel before
   float weight_ssim;            // lambda of (1-l) L1 + l (1 - SSIM)
   float weight_tv;              // of the squared total variation of rendered sub-views
   float weight_tv_unseen;       // and of unseen views
@@ -99,6 +109,12 @@ typedef struct {
 } sv_step_stats;
 
 typedef struct {
+  sv_planes mean; // the last picture, of the size of its target
+  sv_planes grad; // of its samples
+  float *err;     // the same
+} sv_supersample;
+
+typedef struct {
   sv_train_cfg cfg;
   const sv_kernels *k;
   const sv_pool *pool;
@@ -116,6 +132,7 @@ typedef struct {
   float time;          // of the last picture
   float newest;        // largest time of a picture
   float middle;        // time of a picture, the closest to 0.5
+  float usual_sr;      // solid angle of the pictures, their median, in the small-angle form
   float find_at;       // progress of the next search
   uint32_t field_step; // of the field's stage
   uint8_t *is_moving;  // [cap]
@@ -126,6 +143,7 @@ typedef struct {
   sv_photometric photometric;
   sv_tv tv;
   sv_forward forward; // of regions
+  sv_supersample supersample;
   sv_train_poses poses;
   sv_planes target, grad;
   sv_planes aux; // gradient of one picture of several
@@ -194,6 +212,12 @@ void sv_train_copy_motion(sv_trainer *t, int to, int from);
 sv_status sv_train_residual(sv_trainer *t, int i_view, float progress) SV_MUST_USE;
 // Whether a time is trained on already.
 bool sv_train_has_time(const sv_trainer *t, float time, float progress);
+// Reduction at which the pictures of a time that came in a moment ago are taken; 1: as progress says.
+int sv_train_new_time_scale(const sv_trainer *t, float time, float progress);
+// A picture of a moving scene whose lens sees less of it than is usual gets fewer turns: the square root of its share,
+// at least cfg.dynamic.least_share of a turn. A phone's long lens would take a third of the steps for a ninth of what
+// is to be seen.
+float sv_train_share(const sv_trainer *t, const sv_view *view);
 // Looks at every training time with the model as it is: a Gaussian whose residual changes with time, in any of
 // the cameras, by more than cfg.dynamic.unrest (root mean square, display values) is to move from now on.
 sv_status sv_train_find_moving(sv_trainer *t, float progress) SV_MUST_USE;
@@ -203,7 +227,8 @@ void sv_train_sort_moving(sv_trainer *t);
 void sv_train_move_block(sv_trainer *t, const sv_motion_args *a, const sv_adam_args *adam, int block,
                          uint32_t touched, const float *grad, float *scratch);
 // Adam's learning rates of the motion's rows, and the kernel's arguments, for one step.
-void sv_train_motion_rates(const sv_trainer *t, float mean_lr, double bias1, float lr[SV_CAP_MROWS]);
+void sv_train_motion_rates(const sv_trainer *t, float progress, float mean_lr, double bias1,
+                           float lr[SV_CAP_MROWS]);
 // Relocates slots of opacity <= SV_OPACITY_DEAD; returns how many.
 uint32_t sv_train_relocate(sv_trainer *t);
 // Opacity and scale factor of n copies that together look like one Gaussian of opacity o: 1 - (1-o)^(1/n)
@@ -218,6 +243,20 @@ sv_region sv_train_region(const sv_trainer *t, const sv_train_composite *c, int 
 // be NULL.
 sv_status sv_train_predict(sv_trainer *t, const sv_composite *c, const sv_region *region,
                            const sv_render_options *o, int *last, size_t *n_px) SV_MUST_USE;
+// Of a trainer with these settings.
+sv_renderer_cfg sv_train_renderer_cfg(const sv_train_cfg *c);
+// Supersampling (supersample.c). Whether a picture at 1/scale has more than one sample a pixel.
+bool sv_train_is_supersampled(const sv_trainer *t, int scale, float progress);
+void sv_train_supersample_carve(sv_supersample *s, size_t px,
+                                sv_arena *a); // px: of the largest picture, padded
+// Renders 2 x 2 samples a pixel of a view; their means go to t->supersample.mean.
+sv_status sv_train_supersample(sv_trainer *t, const sv_view *view, const sv_render_options *o) SV_MUST_USE;
+// A view as it is measured at this progress, with one sample a pixel or more. *out is the trainer's, until it renders
+// again.
+sv_status sv_train_measure(sv_trainer *t, const sv_view *view, const sv_render_options *o,
+                           bool is_supersampled, const sv_planes **out) SV_MUST_USE;
+// From t->grad and t->err_plane, of the means, back to the Gaussians.
+sv_status sv_train_supersample_bwd(sv_trainer *t) SV_MUST_USE;
 // A view from beside those that were taken, turned about the scene's centre; reduced in size.
 sv_view sv_train_unseen_view(sv_trainer *t);
 // Gradients of the last picture -> parameters for all touched blocks; returns the touched Gaussians.

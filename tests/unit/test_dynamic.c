@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Moving scenes: what is learnt of motion, who is found to move, and what is saved of it.
+#include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -88,6 +89,85 @@ static void test_still_is_still(void **state) {
       assert_true(trainer.g.moved[at] == trainer.g.param[at]);
     }
   for (int i = 0; i < N_GAUSS; i++) assert_int_equal(trainer.is_moving[i] != 0, i < n);
+}
+
+// Times come in to both sides of the middle one, small at first, and the newest of them have half of the steps.
+static void test_times_come_in(void **state) {
+  (void)state;
+  sv_train_cfg c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, 4000);
+  c.dynamic.from = 0.1f, c.dynamic.grow_until = 0.5f, c.dynamic.grow_start = 0.02f,
+  c.dynamic.coarse_for = 0.1f;
+  c.start_scale = 4, c.relocate_every = 0, c.dynamic.find_until = 0;
+  assert_true(moving_scene_start(&scene, &trainer, &c, &kernels, &pool, -1, block, sizeof block));
+  const sv_trainer *t = &trainer;
+  assert_true(sv_train_has_time(t, 0.5f, 0.0f) && !sv_train_has_time(t, 0.65f, 0.1f));
+  assert_true(sv_train_has_time(t, 0.65f, 0.22f) && sv_train_has_time(t, 0.35f, 0.22f));
+  assert_false(sv_train_has_time(t, 0.8f, 0.22f));
+  assert_int_equal(sv_train_new_time_scale(t, 0.5f, 0.11f), 1); // was there before
+  assert_int_equal(sv_train_new_time_scale(t, 0.65f, 0.22f), 4);
+  assert_int_equal(sv_train_new_time_scale(t, 0.65f, 0.28f), 2);
+  assert_int_equal(sv_train_new_time_scale(t, 0.65f, 0.32f), 1);
+  assert_int_equal(sv_train_new_time_scale(t, 1.0f, 0.7f), 1);
+  int n_front = 0;
+  for (int i = 0; i < 60; i++) { // five of seven times are there, those 1/3 from the middle are new
+    sv_step_stats st;
+    assert_true(sv_train_step(&trainer, 0.4f, &st) >= 0);
+    float away = fabsf(t->views[st.i_view].view.time - 0.5f);
+    assert_true(away < 0.34f);
+    n_front += away > 0.3f;
+  }
+  assert_in_range(n_front, 34, 54); // every second step, and two fifths of the others
+}
+
+// The long lens of a phone sees a ninth of a ninth: it gets fewer turns, the others the same.
+static void test_long_lens(void **state) {
+  (void)state;
+  sv_train_cfg c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, 4000);
+  static moving_scene phone;
+  phone = scene;
+  for (int i = 0; i < MS_TIMES; i++) phone.view[i][1].fx *= 5, phone.view[i][1].fy *= 5;
+  c.relocate_every = 0, c.dynamic.find_until = 0;
+  assert_true(moving_scene_start(&phone, &trainer, &c, &kernels, &pool, -1, block, sizeof block));
+  assert_true(fabsf(sv_train_share(&trainer, &phone.view[0][1]) - 0.2f) < 1e-6f);
+  assert_true(sv_train_share(&trainer, &phone.view[0][0]) == 1.0f);
+  int n_long = 0;
+  for (int i = 0; i < 120; i++) {
+    sv_step_stats st;
+    assert_true(sv_train_step(&trainer, 0.9f, &st) >= 0);
+    n_long += trainer.views[st.i_view].view.i_sub_view == 1;
+  }
+  assert_in_range(n_long, 8, 35); // a sixth of them
+}
+
+// What gradients do not ask for comes to rest, the higher functions first.
+static void test_motion_shrinks(void **state) {
+  (void)state;
+  enum { N_POS = 3, N_MOTION = SV_N_MROWS(N_POS, 1, 1) };
+  sv_train_cfg c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, N_STEPS);
+  c.dynamic.n_pos = N_POS, c.dynamic.n_rot = c.dynamic.n_colour = 1;
+  c.dynamic.reg_pos = 0;
+  assert_true(moving_scene_start(&scene, &trainer, &c, &kernels, &pool, -1, block, sizeof block));
+  sv_motion *mo = &trainer.deform.motion;
+  sv_deform_set_moving(&trainer.deform, 16);
+  for (int i = 0; i < 16; i++)
+    for (int j = 0; j < N_POS; j++) *sv_motion_row(mo, i, SV_MROW_FUNCTIONS + 3 * j) = 0.1f;
+  float lr[SV_CAP_MROWS] = {0}, grad[SV_CAP_ROWS * 16] = {0}, scratch[SV_CAP_MROWS * 16];
+  lr[SV_MROW_FUNCTIONS] = 0.01f;
+  sv_motion_values f = sv_motion_values_at(&mo->cfg, 0.3f);
+  sv_motion_args a = sv_motion_args_of(mo, &trainer.g, 0.3f, &f);
+  const sv_adam_args adam = {
+      .beta1 = 0.9f, .beta2 = 0.999f, .eps = 1e-15f, .rsqrt_bias2 = 1, .lr = lr, .n_rows = N_MOTION};
+  sv_train_move_block(&trainer, &a, &adam, 0, 0x7fff, grad, scratch);
+  float first = *sv_motion_row(mo, 0, SV_MROW_FUNCTIONS),
+        third = *sv_motion_row(mo, 0, SV_MROW_FUNCTIONS + 6);
+  // by = 0.1 x 0.01 of the length 0.1 sqrt(1 + 4 + 9), times 1 and 9
+  assert_true(fabsf(first - (0.1f - 0.1f * 1e-3f / 0.374166f)) < 1e-7f);
+  assert_true(fabsf(third - (0.1f - 0.9f * 1e-3f / 0.374166f)) < 1e-7f);
+  assert_true(*sv_motion_row(mo, 15, SV_MROW_FUNCTIONS) == 0.1f); // was not touched
+  for (int n = 0; n < 2000; n++) sv_train_move_block(&trainer, &a, &adam, 0, 0xffff, grad, scratch);
+  for (int i = 0; i < 16; i++)
+    for (int r = 0; r < 3 * N_POS; r++)
+      assert_true(fabsf(*sv_motion_row(mo, i, SV_MROW_FUNCTIONS + r)) < 2e-3f);
 }
 
 typedef struct {
@@ -181,7 +261,9 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_clip_learns),    cmocka_unit_test(test_field_learns),
       cmocka_unit_test(test_still_is_still), cmocka_unit_test(test_resume),
-      cmocka_unit_test(test_motion_file),    cmocka_unit_test(test_memory),
+      cmocka_unit_test(test_times_come_in),  cmocka_unit_test(test_long_lens),
+      cmocka_unit_test(test_motion_shrinks), cmocka_unit_test(test_motion_file),
+      cmocka_unit_test(test_memory),
   };
   return cmocka_run_group_tests(tests, setup, NULL);
 }
