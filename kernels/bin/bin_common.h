@@ -12,11 +12,10 @@
 
 typedef struct {
   float min, max; // pixel columns of the splat's blocks: [min, max)
-  float dy_right; // height (v minus y) of the ellipse's rightmost point; the leftmost is at its negative
 } bin_bounds;
 
 static inline bin_bounds bin_bounds_of(const sv_splat *s) {
-  bin_bounds b = {(float)(4 * s->bx0), (float)(4 * s->bx1 + 4), s->qb * s->ex_px / (2.0f * s->qc)};
+  bin_bounds b = {(float)(4 * s->bx0), (float)(4 * s->bx1 + 4)};
   return b;
 }
 

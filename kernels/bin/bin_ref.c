@@ -6,7 +6,7 @@
 
 // Columns of the ellipse at height dy (v minus the pixel's y): centre *c and half-width *h, false outside it.
 static int chord(const sv_splat *s, float dy, float *c, float *h) {
-  float bdy = s->qb * dy, inv2a = 0.5f / s->qa; // inv2a < 0
+  float bdy = s->qb * dy, inv2a = s->inv_2qa; // < 0
   float level = fmaf(s->qc * dy, dy, s->lo - SV_LOG2_ALPHA_MIN);
   float disc = fmaf(bdy, bdy, -4.0f * s->qa * level);
   *c = fmaf(bdy, inv2a, s->u_px);
@@ -20,9 +20,9 @@ static void mark_row(const sv_splat *s, int row, sv_rec *rec) {
   // The rows' pixel centres span dy in [top - 3, top]; the ellipse is widest there at the height nearest to its
   // own extreme.
   float top = s->v_px - ((float)(4 * row) + 0.5f), bottom = top - 3.0f, c, h;
-  int is_in = chord(s, s1_min(s1_max(-b.dy_right, bottom), top), &c, &h);
+  int is_in = chord(s, s1_min(s1_max(-s->dy_right, bottom), top), &c, &h);
   float lo = s1_min(s1_max(c - h + BIN_ROUND_LO, b.min), b.max);
-  is_in &= chord(s, s1_min(s1_max(b.dy_right, bottom), top), &c, &h);
+  is_in &= chord(s, s1_min(s1_max(s->dy_right, bottom), top), &c, &h);
   float hi = s1_min(s1_max(c + h + BIN_ROUND_HI, 0.0f), b.max - 1.0f);
   int from = (int)(lo * 0.25f), to = (int)(hi * 0.25f) + 1;
   if (!is_in) return;

@@ -40,8 +40,10 @@ typedef struct {
   float u_px, v_px;
   float qa, qb, qc, lo;
   float rgb[3];
-  float z;                     // camera depth of the centre
-  float ex_px, ey_px;          // half-widths of the region where alpha >= 1/255
+  float z; // camera depth of the centre
+  float
+      dy_right; // of the ellipse alpha = 1/255: height (v minus y) of its rightmost point, the leftmost is at its negative
+  float inv_2qa;               // 0.5 / qa
   uint16_t bx0, bx1, by0, by1; // that region in 4x4 blocks of the image, inclusive
   uint32_t n_recs;             // tiles under it; 0: not visible
   uint32_t first_rec;          // its first record; written by the binning

@@ -143,11 +143,12 @@ static void project_one(const sv_project_args *a, int id, const float *p) {
   s->qc = -0.5f * LOG2E * g.conic[2];
   s->lo = lo;
   s->z = g.t[2];
-  s->ex_px = sqrtf(tau * g.ca);
-  s->ey_px = sqrtf(tau * g.cc);
+  float ex = sqrtf(tau * g.ca), ey = sqrtf(tau * g.cc); // half-widths of the region where alpha >= 1/255
+  s->dy_right = s->qb * ex / (2.0f * s->qc);
+  s->inv_2qa = 0.5f / s->qa;
   float w1 = (float)(v->width_px - 1), h1 = (float)(v->height_px - 1);
-  float x0 = s1_max(0.0f, s->u_px - s->ex_px - 0.5f), x1 = s1_min(s->u_px + s->ex_px - 0.5f, w1);
-  float y0 = s1_max(0.0f, s->v_px - s->ey_px - 0.5f), y1 = s1_min(s->v_px + s->ey_px - 0.5f, h1);
+  float x0 = s1_max(0.0f, s->u_px - ex - 0.5f), x1 = s1_min(s->u_px + ex - 0.5f, w1);
+  float y0 = s1_max(0.0f, s->v_px - ey - 0.5f), y1 = s1_min(s->v_px + ey - 0.5f, h1);
   // A NaN anywhere makes x0 or y0 a NaN, and a form that is not negative an infinite splat: not visible.
   int is_visible = g.t[2] > v->near_z && level > 0.0f && x0 <= x1 && y0 <= y1 && id < a->n_gaussians;
   is_visible = is_visible && s->qa < 0.0f && s->qc < 0.0f;

@@ -41,3 +41,13 @@ void sv_half_ref(const sv_resize_args *a) {
     for (int x = a->dst_width_px; x < a->dst_stride; x++) dst[x] = 0.0f;
   }
 }
+
+void sv_half_bwd_ref(const sv_half_bwd_args *a) {
+  for (int y = a->row0; y < a->row1; y++) {
+    const float *g = a->grad + (size_t)y * (size_t)a->stride;
+    float *p = a->src_grad + (size_t)(2 * y) * (size_t)a->src_stride, *q = p + a->src_stride;
+    for (int x = 0; x < a->width_px; x++) p[2 * x] = p[2 * x + 1] = 0.25f * g[x];
+    for (int x = 2 * a->width_px; x < a->src_stride; x++) p[x] = 0.0f;
+    for (int x = 0; x < a->src_stride; x++) q[x] = p[x];
+  }
+}

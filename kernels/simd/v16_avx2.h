@@ -199,6 +199,12 @@ static inline v16 v16_sum16(const v16 x[16]) {
   return v16_make_(_mm256_insertf128_ps(_mm256_castps128_ps256(v16_sum4_(x)), v16_sum4_(x + 4), 1),
                    _mm256_insertf128_ps(_mm256_castps128_ps256(v16_sum4_(x + 8)), v16_sum4_(x + 12), 1));
 }
+#define V16_HAS_SUM11 1
+static inline v16 v16_sum11(const v16 x[11]) {
+  v16 last[4] = {x[8], x[9], x[10], v16_zero()};
+  return v16_make_(_mm256_insertf128_ps(_mm256_castps128_ps256(v16_sum4_(x)), v16_sum4_(x + 4), 1),
+                   _mm256_zextps128_ps256(v16_sum4_(last)));
+}
 // 8x8 transpose of the rows r[0..7].
 static inline void v16_tr8_(__m256 r[8]) {
   __m256 t[8], s[8];

@@ -104,18 +104,35 @@ static inline void v16_tr4_(v16 a, v16 b, v16 c, v16 d, v16 out[4]) {
   out[2] = _mm512_shuffle_ps(ab1, cd1, 0x44);
   out[3] = _mm512_shuffle_ps(ab1, cd1, 0xee);
 }
+// Two vectors are folded at once by exchanging halves: a blend goes through either of two ports, where each of two
+// shuffles would go through the same one.
 static inline v16 v16_fold2_(v16 a, v16 b) { // [a: lanes i + (i+8)] [b: the same]
-  return _mm512_add_ps(_mm512_shuffle_f32x4(a, b, 0x44), _mm512_shuffle_f32x4(a, b, 0xee));
+  return _mm512_add_ps(_mm512_mask_mov_ps(a, 0xff00, b), _mm512_shuffle_f32x4(a, b, 0x4e));
 }
-static inline v16 v16_fold4_(v16 a, v16 b, v16 c, v16 d) {
-  v16 ab = v16_fold2_(a, b), cd = v16_fold2_(c, d);
+static inline v16 v16_fold1_(v16 a) { // the same with b = 0
+  return _mm512_zextps256_ps512(_mm256_add_ps(_mm512_castps512_ps256(a), _mm512_extractf32x8_ps(a, 1)));
+}
+static inline v16 v16_fold4_(v16 ab, v16 cd) { // [a: four lanes left] [b] [c] [d]
   return _mm512_add_ps(_mm512_shuffle_f32x4(ab, cd, 0x88), _mm512_shuffle_f32x4(ab, cd, 0xdd));
 }
+// Lane 4 q + k: the sum of group q of x_k.
+static inline v16 v16_fold16_(v16 x0, v16 x1, v16 x2, v16 x3) {
+  v16 a = _mm512_add_ps(_mm512_mask_mov_ps(x0, 0xcccc, x1), _mm512_shuffle_ps(x0, x1, 0x4e));
+  v16 b = _mm512_add_ps(_mm512_mask_mov_ps(x2, 0xcccc, x3), _mm512_shuffle_ps(x2, x3, 0x4e));
+  return _mm512_add_ps(_mm512_shuffle_ps(a, b, 0x88), _mm512_shuffle_ps(a, b, 0xdd));
+}
 static inline v16 v16_sum16(const v16 a[16]) {
-  v16 c[4];
-  v16_tr4_(v16_fold4_(a[0], a[4], a[8], a[12]), v16_fold4_(a[1], a[5], a[9], a[13]),
-           v16_fold4_(a[2], a[6], a[10], a[14]), v16_fold4_(a[3], a[7], a[11], a[15]), c);
-  return _mm512_add_ps(_mm512_add_ps(c[0], c[2]), _mm512_add_ps(c[1], c[3]));
+  return v16_fold16_(v16_fold4_(v16_fold2_(a[0], a[4]), v16_fold2_(a[8], a[12])),
+                     v16_fold4_(v16_fold2_(a[1], a[5]), v16_fold2_(a[9], a[13])),
+                     v16_fold4_(v16_fold2_(a[2], a[6]), v16_fold2_(a[10], a[14])),
+                     v16_fold4_(v16_fold2_(a[3], a[7]), v16_fold2_(a[11], a[15])));
+}
+#define V16_HAS_SUM11 1
+static inline v16 v16_sum11(const v16 a[11]) {
+  return v16_fold16_(v16_fold4_(v16_fold2_(a[0], a[4]), v16_fold1_(a[8])),
+                     v16_fold4_(v16_fold2_(a[1], a[5]), v16_fold1_(a[9])),
+                     v16_fold4_(v16_fold2_(a[2], a[6]), v16_fold1_(a[10])),
+                     v16_fold4_(v16_fold2_(a[3], a[7]), v16_zero()));
 }
 static inline void v16_transpose(v16 a[16]) {
   v16 t[16];

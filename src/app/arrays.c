@@ -33,6 +33,7 @@ sv_arrays sv_arrays_of(const sv_train_cfg *c) {
   const double rows = SV_N_ROWS(c->sh_degree), rec = sizeof(sv_rec) + sizeof(uint32_t),
                slot = SV_SLOT_FLOATS * sizeof(float);
   const double recs_g = c->cap_recs ? 0 : RECS_PER_GAUSSIAN, recs_px = c->cap_recs ? 0 : RECS_PER_PIXEL;
+  const double samples = c->is_supersampled ? 4 : 1; // of a pixel
   const bool has_sum = c->cap_composites > 0 || c->n_unseen > 0;
   add(&f, "parameters", 4 * rows, 0);
   add(&f, "Adam's moments", 8 * rows, 0);
@@ -41,10 +42,11 @@ sv_arrays sv_arrays_of(const sv_train_cfg *c) {
   add(&f, "sum of several pictures", has_sum ? 4 * (rows + 1) + 0.5 : 0, has_sum ? 16 : 0);
   add(&f, "splats", sizeof(sv_splat), 0);
   add(&f, "depth sort", 4 + 2 * sizeof(sv_pair) + 4, 0);
-  add(&f, "records of tiles", rec * recs_g, rec * recs_px);
-  add(&f, "gradients of records", slot * recs_g, slot * recs_px);
-  add(&f, "lists of tiles", 0, 4.0 * (2 + SV_RENDER_CHUNKS) / (SV_TILE_PX * SV_TILE_PX));
-  add(&f, "picture, depth, light left", 0, 20);
+  add(&f, "records of tiles", rec * recs_g, samples * rec * recs_px);
+  add(&f, "gradients of records", slot * recs_g, samples * slot * recs_px);
+  add(&f, "lists of tiles", 0, samples * 4.0 * (2 + SV_RENDER_CHUNKS) / (SV_TILE_PX * SV_TILE_PX));
+  add(&f, "picture, depth, light left", 0, samples * 20);
+  add(&f, "means, their gradients", 0, c->is_supersampled ? 12 + samples * 16 : 0);
   add(&f, "target", 0, 12);
   add(&f, "gradient and error", 0, 16);
   add(&f, "SSIM maps", 0, c->weight_ssim > 0.0f ? 12 : 0);

@@ -31,7 +31,7 @@ static const sv_bench_op ops_of[SV_N_STAGES][2] = {
 #define PROJECT_BWD_FLOP 564.0
 #define BIN_ROW_FLOP     35.0 // two chords of an ellipse
 #define ADAM_FLOP        13.0
-#define SORT_PASSES      2.0
+#define SORT_PASSES      3.0
 
 sv_bench_cost sv_bench_cost_of(sv_bench_op op, const sv_bench_counts *n) {
   const double px = n->n_pixels, all = n->n_gaussians, visible = n->n_visible, recs = n->n_recs;

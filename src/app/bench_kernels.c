@@ -33,9 +33,21 @@ static void run_bin(ctx *c) {
 static void run_sort(ctx *c) {
   sv_renderer *r = &c->t->render;
   uint32_t n = 0;
-  for (uint32_t i = 0; i < N_GAUSSIANS; i++)
-    if (r->splat[i].n_recs) c->pair[n++] = (sv_pair){r->depth_key[i], i};
-  c->k->sort(c->pair, r->tmp, n, r->hist);
+  sv_sort_args a = {.run = c->pair,
+                    .n_in_run = &n,
+                    .n_runs = 1,
+                    .min_key = UINT32_MAX,
+                    .tmp = r->tmp,
+                    .hist = r->hist,
+                    .order = r->order};
+  for (uint32_t i = 0; i < N_GAUSSIANS; i++) {
+    const uint32_t key = r->depth_key[i];
+    if (!r->splat[i].n_recs) continue;
+    c->pair[n++] = (sv_pair){key, i};
+    a.min_key = key < a.min_key ? key : a.min_key;
+    a.max_key = key > a.max_key ? key : a.max_key;
+  }
+  c->k->sort(&a);
 }
 static void run_raster(ctx *c) {
   sv_renderer *r = &c->t->render;

@@ -43,18 +43,24 @@ void sv_app_preview_size(const sv_app_cfg *c, int *width_px, int *height_px) {
 
 // --- a sub-view's picture ------------------------------------------------------------------------
 
+// As its camera would see it.
+static sv_status measure(sv_app *app, const sv_view *view, const sv_planes **out) {
+  sv_trainer *t = &app->trainer;
+  sv_render_options o = sv_train_render_options(t, 1.0f, false);
+  sv_train_set_time(t, view->time);
+  return sv_train_measure(t, view, &o, sv_train_is_supersampled(t, 1, 1.0f), out);
+}
+
 static sv_status show_view(sv_app *app, const sv_train_view *tv) {
   const sv_publish *p = &app->port.publish;
-  sv_render_options o = sv_train_render_options(&app->trainer, 1.0f, false);
-  sv_renderer *r = &app->trainer.render;
-  sv_train_set_time(&app->trainer, tv->view.time);
-  sv_status s = sv_render(r, app->k, &app->port.pool, &app->trainer.g, &tv->view, &o);
+  const sv_planes *measured;
+  sv_status s = measure(app, &tv->view, &measured);
   if (s < 0) return s;
   int w = tv->view.width_px, h = tv->view.height_px;
   for (int y = 0; y < h; y++) {
     uint8_t *left = app->preview + (size_t)y * (size_t)w * 6, *right = left + (size_t)w * 3;
     memcpy(left, tv->image.px + (size_t)y * (size_t)tv->image.stride_bytes, (size_t)w * 3);
-    for (int x = 0; x < w; x++) put_pixel(right + 3 * x, &r->rgb, x, y);
+    for (int x = 0; x < w; x++) put_pixel(right + 3 * x, measured, x, y);
   }
   p->image(p->self, "preview", 2 * w, h, app->preview);
   return SV_OK;
@@ -141,10 +147,8 @@ static double psnr_of(double sum, double n) {
 
 static sv_status small_view(sv_app *app, const sv_train_view *tv, int cap_w, int cap_h, uint8_t *rgb,
                             int *out_w, int *out_h, double *psnr) {
-  sv_render_options o = sv_train_render_options(&app->trainer, 1.0f, false);
-  sv_renderer *r = &app->trainer.render;
-  sv_train_set_time(&app->trainer, tv->view.time);
-  sv_status s = sv_render(r, app->k, &app->port.pool, &app->trainer.g, &tv->view, &o);
+  const sv_planes *measured;
+  sv_status s = measure(app, &tv->view, &measured);
   if (s < 0) return s;
   const int w = tv->view.width_px, h = tv->view.height_px, n_ch = tv->image.n_channels;
   int step = fitting_step(2 * w, h, cap_w, cap_h), sw = w / step, sh = h / step;
@@ -153,7 +157,7 @@ static sv_status small_view(sv_app *app, const sv_train_view *tv, int cap_w, int
     const uint8_t *in = tv->image.px + (size_t)y * (size_t)tv->image.stride_bytes;
     for (int x = 0; x < w; x++) {
       uint8_t got[3];
-      put_pixel(got, &r->rgb, x, y);
+      put_pixel(got, measured, x, y);
       for (int k = 0; k < 3; k++) {
         double d = (double)got[k] - (double)in[n_ch * x + k];
         sum += d * d;

@@ -59,16 +59,17 @@ sv_status sv_app_resume(sv_app *app, sv_err *err) {
 }
 
 sv_status sv_app_mse(sv_app *app, const sv_view *view, const uint8_t *rgb, double *mse) {
-  sv_render_options o = sv_train_render_options(&app->trainer, 1.0f, false);
-  sv_renderer *r = &app->trainer.render;
-  sv_train_set_time(&app->trainer, view->time);
-  sv_status s = sv_render(r, app->k, &app->port.pool, &app->trainer.g, view, &o);
+  sv_trainer *t = &app->trainer;
+  sv_render_options o = sv_train_render_options(t, 1.0f, false);
+  const sv_planes *p;
+  sv_train_set_time(t, view->time);
+  sv_status s = sv_train_measure(t, view, &o, sv_train_is_supersampled(t, 1, 1.0f), &p);
   if (s < 0) return s;
   double sum = 0;
   for (int y = 0; y < view->height_px; y++)
     for (int x = 0; x < view->width_px; x++)
       for (int c = 0; c < 3; c++) {
-        double d = (double)sv_clampf(r->rgb.c[c][(long)y * r->rgb.stride + x], 0.0f, 1.0f) -
+        double d = (double)sv_clampf(p->c[c][(long)y * p->stride + x], 0.0f, 1.0f) -
                    rgb[((size_t)y * (size_t)view->width_px + (size_t)x) * 3 + (size_t)c] / 255.0;
         sum += d * d;
       }

@@ -122,7 +122,14 @@ static uint64_t pictures(const sv_kernels *k, pictures_work *w) {
   h = fold(h, w->out, 64 * 33 * sizeof(float));
   z.dst_width_px = WIDTH / 2, z.dst_height_px = HEIGHT / 2, z.row1 = HEIGHT / 2;
   k->half(&z);
-  return fold(h, w->out, 64 * (HEIGHT / 2) * sizeof(float));
+  h = fold(h, w->out, 64 * (HEIGHT / 2) * sizeof(float));
+  k->half_bwd(&(sv_half_bwd_args){.grad = w->plane[1],
+                                  .width_px = WIDTH / 2,
+                                  .stride = STRIDE,
+                                  .src_grad = w->out,
+                                  .src_stride = STRIDE,
+                                  .row1 = HEIGHT / 2});
+  return fold(h, w->out, STRIDE * (HEIGHT / 2 * 2) * sizeof(float));
 }
 
 static void compare(sv_selftest *t, sv_selftest_line l, const sv_selftest_line *ref, const char *what,

@@ -45,3 +45,11 @@ sv_view sv_view_scaled(const sv_view *v, int k) {
   s.fx *= f, s.fy *= f, s.cx *= f, s.cy *= f;
   return s;
 }
+
+sv_view sv_view_enlarged(const sv_view *v, int k) {
+  sv_view s = *v;
+  const float f = (float)k;
+  s.width_px *= k, s.height_px *= k;
+  s.fx *= f, s.fy *= f, s.cx *= f, s.cy *= f;
+  return s;
+}

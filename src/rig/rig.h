@@ -64,6 +64,8 @@ sv_view sv_view_make(int width_px, int height_px, double fx, double fy, double c
 void sv_view_centre(float out[3], const sv_view *v); // camera centre in the world
 // The same view with 1/k of the pixels a side (k >= 1); sizes are rounded down, at least 1.
 sv_view sv_view_scaled(const sv_view *v, int k);
+// The same view with k times the pixels a side.
+sv_view sv_view_enlarged(const sv_view *v, int k);
 
 // One synchronized set of frames. Missing sub-views (a drop policy that allows them) have bit 0.
 typedef struct {

@@ -6,6 +6,7 @@
 #include "src/splat/constants.h"
 
 #define RANGE 1024 // slots projected by one task
+#define BATCH 128  // splats binned at a time
 
 static int n_tiles_of(int w, int h) {
   return (sv_plane_pad(w) / SV_TILE_PX) * (sv_plane_pad(h) / SV_TILE_PX);
@@ -34,6 +35,8 @@ static void carve(sv_renderer *r, const sv_renderer_cfg *cfg, sv_arena *a) {
   r->order = SV_TAKE(a, uint32_t, cap);
   r->hist = SV_TAKE(a, uint32_t, SV_SORT_CAP_BUCKETS);
   r->n_in_range = SV_TAKE(a, uint32_t, cap / RANGE + 1);
+  r->min_key = SV_TAKE(a, uint32_t, cap / RANGE + 1);
+  r->max_key = SV_TAKE(a, uint32_t, cap / RANGE + 1);
   r->rec = SV_TAKE(a, sv_rec, recs);
   r->list = SV_TAKE(a, uint32_t, recs);
   r->tile_begin = SV_TAKE(a, uint32_t, n_tiles + 1);
@@ -89,22 +92,35 @@ static void project_task(void *arg, int i_task, int i_thread) {
   int moved = b1 < r->n_moved_blocks ? b1 : r->n_moved_blocks;
   if (b0 < moved) j->k->project(&r->moved, b0, moved, thread_scratch(r, i_thread));
   if (moved < b1) j->k->project(&r->project, b0 > moved ? b0 : moved, b1, thread_scratch(r, i_thread));
-  uint32_t n = 0;
-  sv_pair *out = r->tmp + (size_t)i_task * RANGE;
-  for (int i = 16 * b0; i < 16 * b1; i++)
-    if (r->splat[i].n_recs) out[n++] = (sv_pair){r->depth_key[i], (uint32_t)i};
+  uint32_t n = 0, min = UINT32_MAX, max = 0;
+  sv_pair *out = r->pair + (size_t)i_task * RANGE;
+  for (int i = 16 * b0; i < 16 * b1; i++) {
+    if (!r->splat[i].n_recs) continue;
+    const uint32_t key = r->depth_key[i];
+    out[n++] = (sv_pair){key, (uint32_t)i};
+    min = key < min ? key : min;
+    max = key > max ? key : max;
+  }
   r->n_in_range[i_task] = n;
+  r->min_key[i_task] = min;
+  r->max_key[i_task] = max;
 }
 
-// Visible splats front to back. Slots are compacted in index order, so the stable sort breaks ties by slot.
+// Visible splats front to back. The ranges hold them in index order, so the stable sort breaks ties by slot.
 static uint32_t sort_visible(sv_renderer *r, const sv_kernels *k, int n_ranges) {
-  uint32_t n = 0;
+  sv_sort_args a = {.run = r->pair,
+                    .n_in_run = r->n_in_range,
+                    .n_runs = (uint32_t)n_ranges,
+                    .stride = RANGE,
+                    .min_key = UINT32_MAX,
+                    .tmp = r->tmp,
+                    .hist = r->hist,
+                    .order = r->order};
   for (int i = 0; i < n_ranges; i++) {
-    memcpy(r->pair + n, r->tmp + (size_t)i * RANGE, r->n_in_range[i] * sizeof(sv_pair));
-    n += r->n_in_range[i];
+    a.min_key = r->min_key[i] < a.min_key ? r->min_key[i] : a.min_key;
+    a.max_key = r->max_key[i] > a.max_key ? r->max_key[i] : a.max_key;
   }
-  k->sort(r->pair, r->tmp, n, r->hist);
-  return n;
+  return k->sort(&a);
 }
 
 static uint32_t chunk_begin(uint32_t n, int chunk) {
@@ -118,8 +134,7 @@ static void count_task(void *arg, int c, int i_thread) {
   uint64_t sum = 0;
   (void)i_thread;
   for (uint32_t i = chunk_begin(j->n_visible, c); i < end; i++) {
-    if (i + 8 < end) __builtin_prefetch(r->splat + r->pair[i + 8].value);
-    r->order[i] = r->pair[i].value;
+    if (i + 8 < end) __builtin_prefetch(r->splat + r->order[i + 8]);
     sum += r->splat[r->order[i]].n_recs;
   }
   r->chunk_rec[c + 1] = sum < r->cfg.cap_recs ? (uint32_t)sum : r->cfg.cap_recs;
@@ -128,20 +143,24 @@ static void count_task(void *arg, int c, int i_thread) {
 static void bin_task(void *arg, int c, int i_thread) {
   job *j = arg;
   sv_renderer *r = j->r;
-  uint32_t at = r->chunk_rec[c], begin = chunk_begin(j->n_visible, c), end = chunk_begin(j->n_visible, c + 1);
+  uint32_t at = r->chunk_rec[c], i = chunk_begin(j->n_visible, c), end = chunk_begin(j->n_visible, c + 1);
   uint32_t *count = r->chunk_at + (size_t)c * (size_t)r->n_tiles, dropped = 0;
   (void)i_thread;
-  for (uint32_t i = begin; i < end; i++) {
-    sv_splat *s = r->splat + r->order[i];
-    // When the pool is full the farthest go: from the first that does not fit, all.
-    if (dropped || s->n_recs > r->cfg.cap_recs - at) s->n_recs = 0, dropped++;
-    s->first_rec = at;
-    at += s->n_recs;
-  }
   memset(count, 0, (size_t)r->n_tiles * sizeof *count);
-  j->k->bin(r->splat, r->order + begin, end - begin, r->n_tiles_x, r->rec);
-  for (uint32_t i = r->chunk_rec[c]; i < at; i++)
-    if (r->rec[i].mask) count[r->rec[i].tile]++;
+  while (i < end) { // so few at a time that they stay in the nearest cache
+    const uint32_t begin = i, last = i + BATCH < end ? i + BATCH : end;
+    uint32_t rec = at;
+    for (; i < last; i++) {
+      sv_splat *s = r->splat + r->order[i];
+      if (i + 8 < end) __builtin_prefetch(r->splat + r->order[i + 8], 1);
+      // When the pool is full the farthest go: from the first that does not fit, all.
+      if (dropped || s->n_recs > r->cfg.cap_recs - at) s->n_recs = 0, dropped++;
+      s->first_rec = at;
+      at += s->n_recs;
+    }
+    j->k->bin(r->splat, r->order + begin, last - begin, r->n_tiles_x, r->rec);
+    for (; rec < at; rec++) count[r->rec[rec].tile] += r->rec[rec].mask != 0;
+  }
   r->chunk_end[c] = at;
   r->chunk_dropped[c] = dropped;
 }

@@ -33,17 +33,18 @@ typedef struct {
 
 typedef struct {
   sv_renderer_cfg cfg;
-  sv_splat *splat;      // [cap]
-  uint32_t *depth_key;  // [cap]
-  sv_pair *pair, *tmp;  // [cap] visible ones; in depth order after the sort
-  uint32_t *order;      // [cap] Gaussian of each rank
-  uint32_t *hist;       // [SV_SORT_CAP_BUCKETS]
-  uint32_t *n_in_range; // [cap/1024] visible per range of 1024 slots
-  sv_rec *rec;          // [cap_recs]
-  uint32_t *list;       // [cap_recs] records by tile, front to back
-  uint32_t *tile_begin; // [n_tiles + 1]
-  uint32_t *tile_order; // [n_tiles] longest list first, so that threads end together
-  uint32_t *chunk_at;   // [SV_RENDER_CHUNKS][n_tiles] counts, then write positions
+  sv_splat *splat;             // [cap]
+  uint32_t *depth_key;         // [cap]
+  sv_pair *pair, *tmp;         // [cap] visible ones, by ranges of 1024 slots; scratch of the sort
+  uint32_t *order;             // [cap] Gaussian of each rank
+  uint32_t *hist;              // [SV_SORT_CAP_BUCKETS]
+  uint32_t *n_in_range;        // [cap/1024 + 1] visible per range of 1024 slots
+  uint32_t *min_key, *max_key; // [cap/1024 + 1] their depths
+  sv_rec *rec;                 // [cap_recs]
+  uint32_t *list;              // [cap_recs] records by tile, front to back
+  uint32_t *tile_begin;        // [n_tiles + 1]
+  uint32_t *tile_order;        // [n_tiles] longest list first, so that threads end together
+  uint32_t *chunk_at;          // [SV_RENDER_CHUNKS][n_tiles] counts, then write positions
   uint32_t chunk_rec[SV_RENDER_CHUNKS + 1], chunk_end[SV_RENDER_CHUNKS]; // records of a chunk: [rec, end)
   uint32_t chunk_dropped[SV_RENDER_CHUNKS];
   float *slot;          // [cap_recs][16], NULL without has_grad

@@ -10,6 +10,9 @@
 extern "C" {
 #endif
 
+// Up to so many exposures are few: beyond, camera motion pins geometry down by itself.
+#define SV_FEW_EXPOSURES 3
+
 typedef struct {
   int n_exposures;
   int n_sub_views;     // of an exposure
@@ -20,7 +23,7 @@ typedef struct {
 // Clip mode: as many functions of time as n_times training times can bear (held-out times suffer from more), and
 // windows that hold several of them.
 void sv_train_set_times(sv_train_cfg *cfg, int n_times);
-// Sets weights, unseen views and least sizes in cfg. Captures of many exposures keep the defaults.
+// Sets weights, unseen views, least sizes and supersampling in cfg. Captures of many exposures keep the defaults.
 void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s);
 
 #ifdef __cplusplus

@@ -209,13 +209,16 @@ static sv_status view_step(sv_trainer *t, int i, float progress, sv_render_optio
     for (int c = 0; c < 3; c++) o.bg[c] = sv_rng_f(&t->rng);
   sv_train_set_time(t, tv->view.time);
   load_target(t, &tv->image, out->scale, o.bg);
-  sv_status s = sv_render(&t->render, t->k, t->pool, &t->g, &view, &o);
+  const bool is_fine = sv_train_is_supersampled(t, out->scale, progress);
+  const sv_planes *x;
+  sv_status s = sv_train_measure(t, &view, &o, is_fine, &x);
   if (s < 0) return s;
-  sv_photometric_loss(&t->photometric, t->k, t->pool, &t->render.rgb, &t->target, &t->grad, t->err_plane,
+  sv_photometric_loss(&t->photometric, t->k, t->pool, x, &t->target, &t->grad, t->err_plane,
                       t->cfg.weight_ssim, &loss);
   out->loss = loss.loss, out->l1 = loss.l1, out->ssim = loss.ssim;
   if (t->cfg.weight_tv > 0.0f)
-    out->loss += sv_tv_loss(&t->tv, t->k, t->pool, &t->render.rgb, &t->grad, SV_TV_SQUARED, t->cfg.weight_tv);
+    out->loss += sv_tv_loss(&t->tv, t->k, t->pool, x, &t->grad, SV_TV_SQUARED, t->cfg.weight_tv);
+  if (is_fine) return sv_train_supersample_bwd(t);
   return sv_render_bwd(&t->render, t->k, t->pool, &t->grad, NULL, NULL, t->err_plane);
 }
 

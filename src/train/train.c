@@ -65,16 +65,6 @@ sv_train_cfg sv_train_defaults(void) {
                         .steps_hint = 3000};
 }
 
-static sv_renderer_cfg renderer_cfg(const sv_train_cfg *c) {
-  return (sv_renderer_cfg){.cap_gaussians = c->n_gaussians,
-                           .cap_width_px = c->cap_width_px,
-                           .cap_height_px = c->cap_height_px,
-                           .cap_pixels = c->cap_pixels,
-                           .cap_recs = c->cap_recs,
-                           .n_threads = c->n_threads,
-                           .has_grad = true};
-}
-
 static size_t cap_floats(const sv_train_cfg *c) {
   return c->cap_pixels ? c->cap_pixels : sv_plane_floats(c->cap_width_px, c->cap_height_px);
 }
@@ -131,7 +121,7 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   t->touched_of = SV_TAKE(a, uint32_t, cap / 16 + 1);
   if (c->dynamic.kind != SV_DEFORM_NONE && (s = carve_dynamic(t, c, a)) < 0) return s;
   sv_arena_part_begin(a, "renderer");
-  sv_renderer_cfg rc = renderer_cfg(c);
+  sv_renderer_cfg rc = sv_train_renderer_cfg(c);
   if ((s = sv_renderer_init(&t->render, &rc, a)) < 0) return s;
   sv_arena_part_begin(a, "loss");
   sv_photometric_cfg pc = {.cap_width_px = c->cap_width_px,
@@ -148,6 +138,7 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   t->err_plane = SV_TAKE(a, float, px);
   t->unpack_scratch =
       SV_TAKE(a, float, (size_t)c->n_threads *SV_UNPACK_SCRATCH_FLOATS((size_t)c->cap_width_px));
+  if (c->is_supersampled) sv_train_supersample_carve(&t->supersample, px, a);
   if ((s = carve_sum(t, c, cap, px, a)) < 0) return s;
   sv_arena_part_begin(a, "views");
   t->views = SV_TAKE(a, sv_train_view, c->cap_views);
@@ -187,6 +178,9 @@ static sv_status check(const sv_train_cfg *c, sv_err *err) {
   if (c->cap_width_px < 1 || c->cap_height_px < 1 || c->cap_width_px > 16384 || c->cap_height_px > 16384)
     return sv_fail(err, SV_E_ARG, "a view of %dx%d pixels, expected sides of 1 to 16384", c->cap_width_px,
                    c->cap_height_px);
+  if (c->is_supersampled && (c->cap_width_px > 8192 || c->cap_height_px > 8192))
+    return sv_fail(err, SV_E_ARG, "a view of %dx%d pixels with 2x2 samples each, expected sides of 1 to 8192",
+                   c->cap_width_px, c->cap_height_px);
   if (!(c->weight_ssim >= 0 && c->weight_ssim <= 1))
     return sv_fail(err, SV_E_ARG, "the SSIM weight is %g, expected 0 to 1", (double)c->weight_ssim);
   if (c->dynamic.kind != SV_DEFORM_NONE && (c->cap_composites > 0 || c->n_unseen > 0))

@@ -67,6 +67,8 @@ typedef struct {
   sv_background background; // matters for pictures with alpha; others are trained over black
   bool is_antialiased;
   float dilation_px2;           // sv_render_options
+  bool is_supersampled;         // pixels of whole pictures are means of 2 x 2 samples (supersample.c)
+  float supersample_from;       // progress; one sample a pixel before
   float weight_ssim;            // lambda of (1-l) L1 + l (1 - SSIM)
   float weight_tv;              // of the squared total variation of rendered sub-views
   float weight_tv_unseen;       // and of unseen views
@@ -107,6 +109,12 @@ typedef struct {
 } sv_step_stats;
 
 typedef struct {
+  sv_planes mean; // the last picture, of the size of its target
+  sv_planes grad; // of its samples
+  float *err;     // the same
+} sv_supersample;
+
+typedef struct {
   sv_train_cfg cfg;
   const sv_kernels *k;
   const sv_pool *pool;
@@ -135,6 +143,7 @@ typedef struct {
   sv_photometric photometric;
   sv_tv tv;
   sv_forward forward; // of regions
+  sv_supersample supersample;
   sv_train_poses poses;
   sv_planes target, grad;
   sv_planes aux; // gradient of one picture of several
@@ -231,6 +240,20 @@ sv_region sv_train_region(const sv_trainer *t, const sv_train_composite *c, int 
 // be NULL.
 sv_status sv_train_predict(sv_trainer *t, const sv_composite *c, const sv_region *region,
                            const sv_render_options *o, int *last, size_t *n_px) SV_MUST_USE;
+// Of a trainer with these settings.
+sv_renderer_cfg sv_train_renderer_cfg(const sv_train_cfg *c);
+// Supersampling (supersample.c). Whether a picture at 1/scale has more than one sample a pixel.
+bool sv_train_is_supersampled(const sv_trainer *t, int scale, float progress);
+void sv_train_supersample_carve(sv_supersample *s, size_t px,
+                                sv_arena *a); // px: of the largest picture, padded
+// Renders 2 x 2 samples a pixel of a view; their means go to t->supersample.mean.
+sv_status sv_train_supersample(sv_trainer *t, const sv_view *view, const sv_render_options *o) SV_MUST_USE;
+// A view as it is measured at this progress, with one sample a pixel or more. *out is the trainer's, until it renders
+// again.
+sv_status sv_train_measure(sv_trainer *t, const sv_view *view, const sv_render_options *o,
+                           bool is_supersampled, const sv_planes **out) SV_MUST_USE;
+// From t->grad and t->err_plane, of the means, back to the Gaussians.
+sv_status sv_train_supersample_bwd(sv_trainer *t) SV_MUST_USE;
 // A view from beside those that were taken, turned about the scene's centre; reduced in size.
 sv_view sv_train_unseen_view(sv_trainer *t);
 // Gradients of the last picture -> parameters for all touched blocks; returns the touched Gaussians.

@@ -91,6 +91,10 @@ static void make_files(void) {
   put("points/p.ply",
       "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\n"
       "end_header\n1 2 3\n4 5\n");
+  dataset("known", ANGLE "\"ply_file_path\": \"p.ply\",", GOOD_FRAMES);
+  put("known/p.ply",
+      "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\n"
+      "end_header\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 1 0\n");
   folder("unfinished");
   put("unfinished/transforms.json", "{\"frames\": [{\"file_path\": \"../a.png\", ");
   folder("nothing");
@@ -282,6 +286,35 @@ static double json_number(const char *key) {
   return v;
 }
 
+static bool started_from(const char *word) {
+  char path[1024], want[64];
+  void *data;
+  size_t bytes;
+  sv_err err;
+  snprintf(path, sizeof path, "%s/known_model/train.json", g_root);
+  snprintf(want, sizeof want, "\"init\": \"%s\"", word);
+  assert_int_equal(sv_file_read(path, &data, &bytes, &err), SV_OK);
+  bool is_there = strstr(data, want) != NULL;
+  free(data);
+  return is_there;
+}
+
+// The dataset's points start a run, but not one of so few exposures that they cannot have measured them: that is said,
+// and points that are asked for are taken all the same.
+static void test_start(void **state) {
+  char text[4096];
+  (void)state;
+#define TRAIN "train --data known --gaussians 50 --steps 5 --json --out known_model "
+  assert_int_equal(run_lab(TRAIN, text, sizeof text), 0);
+  assert_true(started_from("points"));
+  assert_null(strstr(text, "cannot have measured"));
+  assert_int_equal(run_lab(TRAIN "--exposures 2", text, sizeof text), 0);
+  assert_false(started_from("points"));
+  assert_non_null(strstr(text, "2 exposures cannot have measured the dataset's points"));
+  assert_int_equal(run_lab(TRAIN "--exposures 2 --init points:known/p.ply", text, sizeof text), 0);
+  assert_true(started_from("points"));
+}
+
 // The file holds the whole model: scores before and after it agree.
 static void test_model_file(void **state) {
   char text[4096];
@@ -353,7 +386,8 @@ static int tear_down(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_good_input), cmocka_unit_test(test_bad_input),
-                                     cmocka_unit_test(test_model_file), cmocka_unit_test(test_stop)};
+                                     cmocka_unit_test(test_model_file), cmocka_unit_test(test_start),
+                                     cmocka_unit_test(test_stop)};
   signal(SIGPIPE, SIG_IGN);
   if (set_up(NULL) != 0) return 1;
   if (access(g_lab, X_OK) != 0) {

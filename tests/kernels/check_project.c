@@ -27,7 +27,7 @@ static void compare_splats(ck *c, const sv_splat *a, const sv_splat *b, const sc
     ck_same_abs(c, "u v", &a[i].u_px, &b[i].u_px, 2, 1e-6 * s->project.view.width_px);
     ck_same(c, "quadratic form", &a[i].qa, &b[i].qa, 4, 2e-4);
     ck_same(c, "colour, z", a[i].rgb, b[i].rgb, 4, 1e-5);
-    ck_same(c, "half-widths", &a[i].ex_px, &b[i].ex_px, 2, 2e-4);
+    ck_same(c, "ellipse", &a[i].dy_right, &b[i].dy_right, 2, 2e-4);
   }
   ck_true(c, n_other <= 1 + n / 20, "%d of %d splats have other bounds", n_other, n);
 }

@@ -59,8 +59,37 @@ static void check_half(ck *c) {
     }
 }
 
+static void check_half_bwd(ck *c) {
+  for (int w = 1; w < 37; w++)
+    for (int fill = 0; fill < CK_N_FILLS; fill++) {
+      int h = 1 + w % 5;
+      size_t n = (size_t)(pad(2 * w) * 2 * h);
+      ck_begin(c, "%dx%d %s", w, h, ck_fill_name(fill));
+      sv_half_bwd_args a = {.grad = source(c, w, h, fill),
+                            .width_px = w,
+                            .stride = pad(w),
+                            .src_stride = pad(2 * w),
+                            .row1 = h},
+                       b = a;
+      a.src_grad = ck_floats(c, n), b.src_grad = ck_floats(c, n);
+      c->ref.half_bwd(&a);
+      b.row1 = h / 2;
+      c->var.half_bwd(&b);
+      b.row0 = h / 2, b.row1 = h;
+      c->var.half_bwd(&b);
+      ck_same_bytes(c, "gradient", a.src_grad, b.src_grad, sizeof(float) * n);
+      // The mean of what it spreads is a quarter of what it was given; a quarter of a power of two is exact.
+      sv_resize_args back = make_args(c, a.src_grad, 2 * w, 2 * h, w, h);
+      c->ref.half(&back);
+      for (int k = 0; k < w * h && fill == CK_UNIT; k++)
+        ck_true(c, back.dst[k / w * pad(w) + k % w] == 0.25f * a.grad[k / w * pad(w) + k % w],
+                "pixel %d did not get all of its gradient", k);
+    }
+}
+
 static void run_resize(void *arg, const sv_kernels *k) { k->resize(arg); }
 static void run_half(void *arg, const sv_kernels *k) { k->half(arg); }
+static void run_half_bwd(void *arg, const sv_kernels *k) { k->half_bwd(arg); }
 static void bench_resize(ck *c) {
   ck_begin(c, "bench");
   float *src = source(c, 320, 240, CK_UNIT);
@@ -75,4 +104,15 @@ static void bench_half(ck *c) {
   ck_time(c, "640x480", 640 * 480, run_half, &a);
 }
 CK_REGISTER(resize, check_resize, bench_resize)
+static void bench_half_bwd(ck *c) {
+  ck_begin(c, "bench");
+  sv_half_bwd_args a = {.grad = source(c, 320, 240, CK_UNIT),
+                        .width_px = 320,
+                        .stride = 320,
+                        .src_grad = ck_floats(c, 640 * 480),
+                        .src_stride = 640,
+                        .row1 = 240};
+  ck_time(c, "640x480", 640 * 480, run_half_bwd, &a);
+}
 CK_REGISTER(half, check_half, bench_half)
+CK_REGISTER(half_bwd, check_half_bwd, bench_half_bwd)

@@ -102,12 +102,17 @@ void sc_project(ck *c, sc_scene *s) { c->ref.project(&s->project, 0, s->n_blocks
 
 static void sort_by_depth(ck *c, sc_scene *s) {
   size_t n = 16 * (size_t)s->n_blocks;
-  sv_pair *pair = ck_bytes(c, n * sizeof *pair), *tmp = ck_bytes(c, n * sizeof *tmp);
-  for (uint32_t i = 0; i < n; i++)
-    if (s->project.splat[i].n_recs) pair[s->n_visible++] = (sv_pair){s->project.depth_key[i], i};
-  c->ref.sort(pair, tmp, s->n_visible, ck_bytes(c, SV_SORT_CAP_BUCKETS * 4));
   s->order = ck_bytes(c, n * 4);
-  for (uint32_t i = 0; i < s->n_visible; i++) s->order[i] = pair[i].value;
+  sv_sort_args a = {.run = ck_bytes(c, n * sizeof(sv_pair)),
+                    .n_in_run = &s->n_visible,
+                    .n_runs = 1,
+                    .max_key = UINT32_MAX,
+                    .tmp = ck_bytes(c, n * sizeof(sv_pair)),
+                    .hist = ck_bytes(c, SV_SORT_CAP_BUCKETS * sizeof(uint32_t)),
+                    .order = s->order};
+  for (uint32_t i = 0; i < n; i++)
+    if (s->project.splat[i].n_recs) a.run[s->n_visible++] = (sv_pair){s->project.depth_key[i], i};
+  c->ref.sort(&a);
 }
 
 void sc_bin(ck *c, sc_scene *s) {

@@ -39,6 +39,8 @@ static void test_rows_add_up(void **state) {
     check(&c, "floors");
     c.n_unseen = 2;
     check(&c, "unseen views");
+    c.is_supersampled = true;
+    check(&c, "supersampled");
     c.cap_recs = 100000;
     check(&c, "a fixed number of records");
   }

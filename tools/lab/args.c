@@ -41,13 +41,17 @@ static const sv_option table[] = {
     {"time-limit", SV_OPT_REAL, LAB_TRAIN, 0, AT(time_limit_s), "SEC",
      "the same in seconds, instead of --steps", 0.01, 1e7, 0},
     {"init", SV_OPT_TEXT, LAB_TRAIN, 0, AT(init), "stereo|sphere|cube|points:FILE",
-     "start (the dataset's points, else stereo: depth where views overlap, else random points in a sphere)",
+     "start (the dataset's points, not with --exposures up to 3; else stereo: depth where views overlap, "
+     "else random "
+     "points in a sphere)",
      0, 0, 0},
     {"background", SV_OPT_WORD, DATA, 0, AT(background), "black|white|random",
      "behind transparent pictures (black); evaluation takes black for random", 0, 0, 0},
     {"scale", SV_OPT_INT, DATA, 0, AT(scale), "K", "pictures at 1/K of their size (1)", 1, 64, 0},
     {"loss", SV_OPT_TEXT, LAB_TRAIN, 0, AT(loss), "k=v,...",
-     "ssim, tv, opacity, scale, tv_unseen; unseen[_every|_px|_deg], region, floor, dilation", 0, 0, 0},
+     "ssim, tv, opacity, scale, tv_unseen; unseen[_every|_px|_deg], region, floor, dilation, supersample "
+     "(share of the run)",
+     0, 0, 0},
     {"noise", SV_OPT_TEXT, LAB_TRAIN | LAB_TABLES, 0, AT(noise), "[prediction,]read=V,shot=V",
      "sensor noise on the training pictures: variance read + shot x of linear light x, then 14 bits; with "
      "prediction: on predicted multiplexed measurements in each step, standard deviation read + shot x",
@@ -153,6 +157,7 @@ static int parse_loss(const sv_tool_command *c, lab_options *o) {
                {"region", &o->region_px, 4096},
                {"floor", &o->floor_px, 10},
                {"dilation", &o->dilation_px2, 10},
+               {"supersample", &o->supersample, 1},
                {"opacity", &o->opacity, 1e6},
                {"scale", &o->size, 1e6}};
   enum { N = sizeof known / sizeof *known };
@@ -162,10 +167,11 @@ static int parse_loss(const sv_tool_command *c, lab_options *o) {
     double v;
     while (i < N && !(strlen(known[i].name) == k && strncmp(p, known[i].name, k) == 0)) i++;
     if (k >= n || i == N)
-      return lab_usage(c->name,
-                       "--loss is a list of ssim=, tv=, tv_unseen=, unseen=, unseen_every=, unseen_px=, "
-                       "unseen_deg=, region=, floor=, dilation=, opacity= and scale=, not '%.80s'",
-                       o->loss);
+      return lab_usage(
+          c->name,
+          "--loss is a list of ssim=, tv=, tv_unseen=, unseen=, unseen_every=, unseen_px=, "
+          "unseen_deg=, region=, floor=, dilation=, supersample=, opacity= and scale=, not '%.80s'",
+          o->loss);
     if (!sv_parse_double(p + k + 1, n - k - 1, &v) || !(v >= 0 && v <= known[i].most))
       return lab_usage(c->name, "--loss %s needs a number from 0 to %g", known[i].name, known[i].most);
     *known[i].to = (float)v;
@@ -216,6 +222,7 @@ int lab_args_parse(const sv_tool_command *c, int argc, char **argv, lab_options 
                      .unseen_deg = -1,
                      .region_px = -1,
                      .floor_px = -1,
+                     .supersample = -1,
                      .ssim = -1,
                      .tv = -1,
                      .opacity = -1,

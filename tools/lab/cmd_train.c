@@ -122,6 +122,10 @@ static void choose_objective(run *r) {
   if (o->floor_px >= 0) c->floor_px = o->floor_px;
   if (o->is_noise_on_prediction) c->noise_read = o->noise_read, c->noise_shot = o->noise_shot;
   if (o->dilation_px2 > 0) c->dilation_px2 = o->dilation_px2;
+  if (o->supersample >= 0) {
+    c->is_supersampled = o->supersample > 0;
+    c->supersample_from = 1.0f - o->supersample;
+  }
   if (o->region_px >= 16) c->region_px = (int)o->region_px;
   if (o->opacity >= 0) c->reg_opacity = o->opacity;
   if (o->size >= 0) c->reg_scale = o->size;
@@ -130,11 +134,16 @@ static void choose_objective(run *r) {
 // The file of --init points:FILE, or the dataset's own; NULL: another start.
 static const char *points_file(run *r) {
   const char *init = r->o->init;
-  if (init)
-    return strncmp(init, "points:", 7) == 0
-               ? init + 7
-               : NULL; // One exposure, or a rig that stands still, cannot have measured such points.
-  if (!*r->views.points || r->o->exposures == 1 || r->is_standing) return NULL;
+  const long n = r->o->exposures;
+  if (init) return strncmp(init, "points:", 7) == 0 ? init + 7 : NULL;
+  if (!*r->views.points || r->is_standing) return NULL; // such a rig cannot have measured them
+  // Nor can so few views, which lie as far apart as can be. What a device measures by itself is the stereo start's.
+  if (n > 0 && n <= SV_FEW_EXPOSURES) {
+    if (n > 1)
+      lab_say(&r->session, "%ld exposures cannot have measured the dataset's points; starting without them",
+              n);
+    return NULL;
+  }
   if (sv_path_exists(r->views.points)) return r->views.points;
   lab_say(&r->session, "%s: the points that the dataset names are missing; starting without them",
           r->views.points);
@@ -395,6 +404,7 @@ static void report_settings(lab_report *j, const run *r) {
   lab_report_num(j, "loss_tv", (double)t->cfg.weight_tv);
   lab_report_num(j, "loss_tv_unseen", (double)t->cfg.weight_tv_unseen);
   lab_report_int(j, "unseen_views", t->cfg.n_unseen);
+  lab_report_num(j, "supersample", t->cfg.is_supersampled ? 1.0 - (double)t->cfg.supersample_from : 0);
   lab_report_num(j, "floor_px", (double)t->cfg.floor_px);
   lab_report_num(j, "dilation_px2", (double)t->cfg.dilation_px2);
   lab_report_num(j, "loss_opacity", (double)t->cfg.reg_opacity);
