@@ -18,16 +18,17 @@ void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
   if (!c->is_live) return;
   d->functions = SV_MOTION_POWERS;
   d->n_pos = d->n_rot = d->n_colour = 1; // exposures of a ring are too few for more
-  d->pos = 3;                            // rates are per second, not per clip
+  d->pos = 1;                            // rates are per second, not per clip
   d->window = d->window_start = 0;       // windows in a time that has no end
   d->from = d->grow_until = 0;
-  d->shrink_pos = 0;
   d->find_every = d->find_until = 0; // by exposures instead
   // Every exposure is like the last one: nothing cools down, and there are but a few dozen steps for what is new in
-  // it. Half of them see the newest exposure, the others those of the ring in turn.
+  // it. Three of four see the newest exposure, the others those of the ring in turn. What appears and disappears does
+  // so by opacity and colour, faster than it could travel.
   t->lr.mean_start = t->lr.mean_end = 4.8e-4f;
-  t->lr.quat *= LIVE_HASTE, t->lr.scale *= LIVE_HASTE, t->lr.sh0 *= LIVE_HASTE;
-  d->newest_every = 2;
+  t->lr.quat *= LIVE_HASTE, t->lr.scale *= LIVE_HASTE;
+  t->lr.sh0 *= 2 * LIVE_HASTE, t->lr.logit *= 2;
+  d->older_every = 4;
   t->start_scale = 1;
   t->relocate_until = 1;
   t->noise = 0;

@@ -38,8 +38,8 @@ static int next_item(sv_trainer *t) {
 }
 
 static bool is_newest_due(const sv_trainer *t) {
-  const int every = t->cfg.dynamic.newest_every;
-  return every > 0 && t->n_views > 0 && t->step % (uint32_t)every == 0;
+  const int every = t->cfg.dynamic.older_every;
+  return every > 0 && t->n_views > 0 && t->step % (uint32_t)every != 0;
 }
 
 // One of the sub-views of the newest time, in turn.
@@ -47,7 +47,7 @@ static int newest_view(const sv_trainer *t) {
   int n = 0, k = 0;
   for (int i = 0; i < t->n_views; i++) n += t->views[i].view.time >= t->newest;
   if (n == 0) return 0; // its picture was replaced by an older one
-  uint32_t turn = t->step / (uint32_t)t->cfg.dynamic.newest_every % (uint32_t)n;
+  uint32_t turn = (t->step - t->step / (uint32_t)t->cfg.dynamic.older_every) % (uint32_t)n;
   while (t->views[k].view.time < t->newest || turn-- > 0) k++;
   return k;
 }

@@ -49,8 +49,8 @@ typedef struct {
   float shrink_pos;
   float least_share;  // of the turns, for the views of the narrowest lenses (sv_train_share)
   float window_start; // half width of the windows that copies of moving slots begin with; 0: as their source
-  int newest_every;   // every so many steps the view is one of the newest time; 0: all in turn
-  float unrest;       // who is off by so much more at some times than at others moves
+  int older_every; // live: every so many steps the view is one of all in turn, else of the newest time; 0: all in turn
+  float unrest;                             // who is off by so much more at some times than at others moves
   float still_px, still_fade, still_colour; // who changes by less than all of these is still
 } sv_dynamic_cfg;
 

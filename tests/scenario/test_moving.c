@@ -71,7 +71,7 @@ static void test_live(void **state) {
   assert_true(sv_ledger_is_exact(&l) && sv_ledger_dropped(&l) > 0);
   assert_true(w.app.exposures.n_replaced >= 5 && w.app.n_scored == w.app.exposures.n_replaced);
   assert_int_equal(w.app.trainer.g.n, 1200);
-  assert_true(w.app.psnr_sum / (double)w.app.n_scored > 17);
+  assert_true(w.app.psnr_sum / (double)w.app.n_scored > 25);
   assert_true(world_find(&w, "motion.bin") != NULL);
   world_close(&w);
   world_forget_files(&w);
