@@ -6,7 +6,7 @@
 #define CASE_S   0.5  // a case is repeated for so long,
 #define LEAST    5    // and at least so often
 #define PROGRESS 0.5f // full size, all SH degrees, and exploration: what most steps are
-#define RANGE    64   // blocks a task, as sv_render projects
+#define RANGE    32   // blocks a task, as sv_render projects
 #define ROWS     16   // of pixels a task
 
 typedef struct {

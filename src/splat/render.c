@@ -5,8 +5,8 @@
 
 #include "src/splat/constants.h"
 
-#define RANGE 1024 // slots projected by one task
-#define BATCH 128  // splats binned at a time
+#define RANGE 512 // slots projected by one task
+#define BATCH 128 // splats binned at a time
 
 static int n_tiles_of(int w, int h) {
   return (sv_plane_pad(w) / SV_TILE_PX) * (sv_plane_pad(h) / SV_TILE_PX);

@@ -35,11 +35,11 @@ typedef struct {
   sv_renderer_cfg cfg;
   sv_splat *splat;             // [cap]
   uint32_t *depth_key;         // [cap]
-  sv_pair *pair, *tmp;         // [cap] visible ones, by ranges of 1024 slots; scratch of the sort
+  sv_pair *pair, *tmp;         // [cap] visible ones, by ranges of 512 slots; scratch of the sort
   uint32_t *order;             // [cap] Gaussian of each rank
   uint32_t *hist;              // [SV_SORT_CAP_BUCKETS]
-  uint32_t *n_in_range;        // [cap/1024 + 1] visible per range of 1024 slots
-  uint32_t *min_key, *max_key; // [cap/1024 + 1] their depths
+  uint32_t *n_in_range;        // [cap/512 + 1] visible per range of 512 slots
+  uint32_t *min_key, *max_key; // [cap/512 + 1] their depths
   sv_rec *rec;                 // [cap_recs]
   uint32_t *list;              // [cap_recs] records by tile, front to back
   uint32_t *tile_begin;        // [n_tiles + 1]
