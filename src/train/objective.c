@@ -10,10 +10,10 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   bool is_grid = s->n_sub_views >= GRID_VIEWS || s->is_multiplexed;
   // Lens images are coarser than the pictures that one looks at.
   if (is_grid) cfg->floor_px = 0.4f, cfg->dilation_px2 = SV_DILATION_AREA_PX2;
-  // What the splats are like within a pixel matters once they are in place: the first half is none the worse for one
-  // sample, and cheaper.
+  // What the splats are like within a pixel matters once they are in place: before, one sample is none the worse, and
+  // a quarter of the work.
   cfg->is_supersampled = is_grid && !s->is_multiplexed;
-  cfg->supersample_from = 0.5f;
+  cfg->supersample_from = 0.7f;
   if (s->n_exposures > SV_FEW_EXPOSURES) return;
   if (s->is_moving) { // of a rig that stands still, also where there is but one camera
     cfg->reg_opacity = 0.05f;
