@@ -265,7 +265,8 @@ static sv_status start(run *r, sv_err *err) {
   sv_status s = r->is_stereo ? measure_points(r, err) : SV_OK;
   if (s != SV_OK) return s;
   s = sv_train_start(t, &r->init, r->points, r->n_points, &r->plan.scratch);
-  if (s != SV_OK) return sv_fail(err, s, "the start could not be made from %d points", r->n_points);
+  if (s != SV_OK)
+    return sv_fail(err, s, "the start could not be made from %d points: %s", r->n_points, sv_status_text(s));
   if (r->is_stereo) sv_train_set_scene(t, r->init.centre, r->init.radius);
   free(r->points);
   r->points = NULL;
@@ -284,7 +285,8 @@ static sv_status load(run *r, sv_err *err) {
   sv_status s = lab_views_open(&r->views, &src, &r->session.pool, err);
   if (s == SV_OK) choose_antialiasing(r), choose_objective(r);
   if (s == SV_OK) s = choose_start(r, err);
-  if (s == SV_OK) s = lab_plan_make(&r->plan, &r->session, &r->views, r->cfg, r->n_points, err);
+  int most_points = r->is_stereo ? r->cfg.n_gaussians : r->n_points; // depth maps give up to one for each
+  if (s == SV_OK) s = lab_plan_make(&r->plan, &r->session, &r->views, r->cfg, most_points, err);
   if (s == SV_OK) s = load_pictures(r, err);
   if (s == SV_OK) s = add_views(r, err);
   if (s == SV_OK) s = add_measurements(r, err);
