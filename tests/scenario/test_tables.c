@@ -367,8 +367,20 @@ static void test_bad_input(void **state) {
   }
 }
 
+// Many more Gaussians than depth maps give points: the plan has room for what depth maps give, however many are asked for.
+static void test_many_start_on_the_surface(void **state) {
+  (void)state;
+  need_program();
+  if (run("@ train --data ../s --transforms transforms_train_stereo_theta10.json --exposures 1 "
+          "--gaussians 18000 --init stereo --steps 1 --out many") != 0)
+    fail_msg("%s", g_said);
+  if (!strstr(g_said, "points from depth maps of 2 views")) fail_msg("%s", g_said);
+  assert_true(exists("many/model.ply"));
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_rows),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_many_start_on_the_surface),
+                                     cmocka_unit_test(test_rows),
                                      cmocka_unit_test(test_protocol),
                                      cmocka_unit_test(test_markdown),
                                      cmocka_unit_test(test_pictures),
