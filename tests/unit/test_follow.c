@@ -85,13 +85,12 @@ static void start(int n_cams) {
   static const sv_init_cfg init = {
       .kind = SV_INIT_POINTS, .radius = 2, .opacity = 0.95f, .scale_factor = 1.0f, .seed = 1};
   sv_train_cfg c = sv_train_defaults();
-  sv_err err = {{0}};
-  sv_arena a;
+  sv_err err;
+  sv_arena a = sv_arena_make(block, sizeof block);
   c.n_gaussians = N, c.sh_degree = 0, c.cap_views = N_TIMES * N_CAMS, c.cap_width_px = W, c.cap_height_px = H;
   c.start_scale = 1;
   c.dynamic.kind = SV_DEFORM_CLIP;
   c.dynamic.n_pos = 2, c.dynamic.n_rot = c.dynamic.n_colour = 1;
-  sv_arena_init(&a, block, sizeof block);
   assert_int_equal(sv_trainer_init(&trainer, &c, &kernels, &pool, &a, &err), SV_OK);
   for (int t = 0; t < N_TIMES; t++)
     for (int k = 0; k < n_cams; k++) {
