@@ -110,7 +110,7 @@ job() { # NAME SOURCE WIDTH HEIGHT DEG
   if is_exact $out/json; then ok "$1_ledger"; else bad "$1_ledger" "captured = delivered + dropped"; fi
   heap_of "$1_capture" $out/log
   LD_PRELOAD=/test/lib/heap_watch.so subview run --source "$2" --rig $out/rig --exposures 2 --steps 3 --gaussians 100 \
-    --threads 1 --skew-limit 100 --out $out/run --json --quiet >$out/json 2>$out/log
+    --threads 2 --skew-limit 100 --out $out/run --json --quiet >$out/json 2>$out/log
   code=$?
   cat $out/json $out/log
   check "$1_run" $code -eq 0 -a "$(value steps $out/json)" = 3 -a -s $out/run/model.ply
@@ -281,13 +281,13 @@ if wanted page; then
   holds page_traversal not get $base/%2e%2e/%2e%2e/etc/passwd
   token=$(sed -n 's/.*#//p' $out/log | head -n 1)
   holds page_start get --header "X-Subview-Token: $token" --post-data= $base/start
-  holds page_done until_so 120 state_is done
+  holds page_done until_so 120 state_is "done"
   get $base/model.ply | head -c 3 >$out/ply
   check page_download "$(cat $out/ply)" = ply
   server=$(pidof subview-preview)
   kill -9 $server
   holds page_restarted until_so 30 is_another "$server"
-  holds page_again until_so 30 state_is done
+  holds page_again until_so 30 state_is "done"
   kill -INT $run
   wait $run
   check page_end $? -eq 0
