@@ -391,6 +391,7 @@ static void open_training(const sv_composite *c, const sv_kernels *k, const sv_p
   sv_rng rng = sv_rng_make(9, 9);
   sv_err err;
   sv_train_cfg cfg = sv_train_defaults();
+  cfg.optimizer = SV_OPTIMIZER_ADAM; // whose kernel keeps the gradients here
   cfg.n_gaussians = N_GAUSSIANS;
   cfg.cap_views = 0, cfg.cap_composites = 1, cfg.region_px = REGION_PX;
   cfg.cap_regions = sv_train_n_regions(W, H, REGION_PX);

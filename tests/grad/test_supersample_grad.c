@@ -76,6 +76,7 @@ static void open_training(const sv_kernels *k, const sv_pool *pool, sv_train_cfg
 
 static sv_train_cfg settings(void) {
   sv_train_cfg cfg = sv_train_defaults();
+  cfg.optimizer = SV_OPTIMIZER_ADAM; // whose kernel keeps the gradients here
   cfg.is_supersampled = true;
   cfg.sh_step = 0;
   return cfg;
