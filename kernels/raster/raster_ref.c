@@ -50,7 +50,8 @@ void sv_raster_ref(const sv_raster_args *a, uint32_t tile, const uint32_t *list,
     const sv_splat *s = a->splat + r->id;
     float u = s->u_px - x0, v = s->v_px - y0;
     if (i && i % SV_RASTER_LOOK == 0) alive = find_alive(trans);
-    uint64_t mask = r->mask &= alive;
+    uint64_t mask = r->mask & alive;
+    if (mask != r->mask) r->mask = mask;
     for (; mask; mask &= mask - 1) {
       int b = __builtin_ctzll(mask);
       for (int k = 0; k < 16; k++) {

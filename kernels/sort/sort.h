@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stable ascending radix sort of (key, value) pairs that lie in runs: depth order of the visible splats.
+// Stable ascending radix sort of (key, value) pairs: depth order of the splats on a tile.
 #ifndef SV_KERNELS_SORT_H
 #define SV_KERNELS_SORT_H
 
@@ -16,21 +16,19 @@ typedef struct {
 } sv_pair;
 
 typedef struct {
-  sv_pair *run;             // n_runs runs, each `stride` pairs after the one before; overwritten
-  const uint32_t *n_in_run; // [n_runs] at most stride
-  uint32_t n_runs, stride;
-  uint32_t min_key, max_key; // of all pairs
-  sv_pair *tmp;              // [pairs] scratch
+  sv_pair *pair; // [n] overwritten
+  uint32_t n;
+  uint32_t min_key, max_key; // of all pairs, or beyond
+  sv_pair *tmp;              // [n] scratch
   uint32_t *hist;            // [SV_SORT_CAP_BUCKETS] scratch
-  uint32_t *order;           // [pairs] out: values by rising key, equal keys in the order of the runs
+  uint32_t *order;           // [n] out: values by rising key, equal keys in the order in which they came
 } sv_sort_args;
 
-// Digits are at most 11 bits of the range max - min: depth keys (float bits) usually take three passes of 8, which go
-// through few enough buckets to stay in the nearest cache. Returns the
-// number of pairs. exact.
-typedef uint32_t (*sv_sort_fn)(const sv_sort_args *a);
+// By digits of at most 8 bits of the range max - min, 11 of long lists: depth keys (float bits) usually take three passes
+// of 8. exact.
+typedef void (*sv_sort_fn)(const sv_sort_args *a);
 
-uint32_t sv_sort_ref(const sv_sort_args *a);
+void sv_sort_ref(const sv_sort_args *a);
 
 #ifdef __cplusplus
 }

@@ -33,29 +33,35 @@ typedef struct {
   sv_linux_pool *pool;
   pthread_t id;
   int i_thread;
+  // Tasks of the present job that are left of this thread's share: job << 32 | first << 16 | end. Its owner takes them
+  // from the front, a thread that is done with its own from the back.
+  SV_LINUX_ATOMIC(uint64_t) left;
+  char apart[128 - 40]; // words of two threads on one line of the cache would slow both down
 } sv_linux_worker;
 
-// One job at a time. `ticket` holds the job's number in its high half and the next task in its low
-// half, so a worker that wakes late can never take a task of a job it did not read: no worker has to
-// report in, and a sleeping one costs the caller nothing.
+// One job at a time. A share's word holds the job's number beside its tasks, so a worker that wakes late can never take
+// a task of a job it did not read: no worker has to report in, and a sleeping one costs the caller nothing but that its
+// share is taken by the others.
 struct sv_linux_pool {
   int n_threads;   // the caller included
   int64_t spin_ns; // how long an idle thread looks before it sleeps
-  SV_LINUX_ATOMIC(uint64_t) ticket;
+  uint32_t n_jobs; // the caller's own
   SV_LINUX_ATOMIC(sv_task_fn) fn;
   SV_LINUX_ATOMIC(void *) arg;
-  SV_LINUX_ATOMIC(int) n_tasks;
-  SV_LINUX_ATOMIC(uint32_t) n_done;    // tasks finished; the caller sleeps on it
-  SV_LINUX_ATOMIC(uint32_t) is_waited; // the caller sleeps
-  SV_LINUX_ATOMIC(uint32_t) i_job;     // changes with each job; idle workers sleep on it
-  SV_LINUX_ATOMIC(uint32_t) n_started;
+  SV_LINUX_ATOMIC(uint32_t) i_job; // changes with each job; idle workers sleep on it
   SV_LINUX_ATOMIC(uint32_t) n_asleep;
+  SV_LINUX_ATOMIC(uint32_t) n_started;
   SV_LINUX_ATOMIC(bool) is_stopping;
-  sv_linux_worker workers[SV_LINUX_CAP_THREADS];
+  char apart[64];
+  SV_LINUX_ATOMIC(uint32_t)
+  n_done; // tasks that threads which found no more have finished; the caller sleeps on it
+  SV_LINUX_ATOMIC(uint32_t) n_tasks;             // of the present job
+  SV_LINUX_ATOMIC(uint32_t) is_waited;           // the caller sleeps
+  sv_linux_worker workers[SV_LINUX_CAP_THREADS]; // [0]: the caller
 };
 
 // Makes n_threads - 1 threads (1..SV_LINUX_CAP_THREADS; with 1 none is made and tasks run in order on
-// the caller). Idle threads spin spin_us before they sleep (-1: 50; it is 0 on a machine with a single
+// the caller). Idle threads spin spin_us before they sleep (-1: 200; it is 0 on a machine with a single
 // core). Their signals are blocked: Ctrl-C goes to the main thread.
 sv_status sv_linux_pool_start(sv_linux_pool *p, int n_threads, int spin_us, sv_err *err) SV_MUST_USE;
 // The port's view of it. run() must not be called from inside a task nor by two threads at once.

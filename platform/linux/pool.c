@@ -11,8 +11,13 @@
 
 // Core code keeps its frames under 4 KiB and does not recurse.
 #define STACK_BYTES (512u << 10)
+// Longer than the pieces of a training step that one thread does alone, and than its longest task on a fast machine: to
+// wake a sleeper takes 20 to 60 us.
+#define SPIN_US 200
 // Looks at the time only every so many spins: reading the clock costs more than a look.
 #define SPINS_PER_LOOK 64
+// A task's number is 16 bits of a share's word; of longer jobs so many are run at a time.
+#define CAP_TASKS 65535
 
 static void relax(void) {
 #if defined(__x86_64__) || defined(__i386__)
@@ -50,45 +55,63 @@ static bool spin_for_change(_Atomic uint32_t *word, uint32_t seen, int64_t spin_
   return false;
 }
 
-// Takes tasks of the present job until there are none left. fn, arg and n_tasks are read before the
-// ticket is taken: if another job began in between, the exchange fails and what was read is unused.
-static void work(sv_linux_pool *p, int i_thread) {
+typedef struct {
+  sv_task_fn fn;
+  void *arg;
+  int i_task;
+} taken;
+
+// Takes a task of what is left of w's share: its first, or its last one. fn and arg are read before the share's word is
+// exchanged: if another job began in between, the exchange fails and what was read is unused.
+static bool take(sv_linux_pool *p, sv_linux_worker *w, bool is_own, taken *t) {
+  uint64_t left = atomic_load_explicit(&w->left, memory_order_acquire);
   for (;;) {
-    uint64_t ticket = atomic_load_explicit(&p->ticket, memory_order_acquire);
-    uint32_t i_task = (uint32_t)ticket;
-    sv_task_fn fn = atomic_load_explicit(&p->fn, memory_order_acquire);
-    void *arg = atomic_load_explicit(&p->arg, memory_order_acquire);
-    uint32_t n_tasks = (uint32_t)atomic_load_explicit(&p->n_tasks, memory_order_acquire);
-    if (i_task >= n_tasks) {
-      // Only a ticket that did not change meanwhile tells that its own job is empty.
-      if (atomic_load_explicit(&p->ticket, memory_order_acquire) == ticket) return;
-      continue;
-    }
-    if (!atomic_compare_exchange_weak_explicit(&p->ticket, &ticket, ticket + 1, memory_order_acq_rel,
-                                               memory_order_relaxed))
-      continue;
-    fn(arg, (int)i_task, i_thread);
-    uint32_t n_done = atomic_fetch_add(&p->n_done, 1) + 1;
-    if (n_done == n_tasks && atomic_load(&p->is_waited)) futex_wake(&p->n_done, 1);
+    const uint32_t first = (uint32_t)(left >> 16) & 0xffff, end = (uint32_t)left & 0xffff;
+    if (first >= end) return false;
+    t->fn = atomic_load_explicit(&p->fn, memory_order_acquire);
+    t->arg = atomic_load_explicit(&p->arg, memory_order_acquire);
+    t->i_task = (int)(is_own ? first : end - 1);
+    if (atomic_compare_exchange_weak_explicit(&w->left, &left, is_own ? left + (1u << 16) : left - 1,
+                                              memory_order_acq_rel, memory_order_acquire))
+      return true;
   }
+}
+
+// The thread's own share first: what it worked on in the last job is in its cache. Then what others have left.
+static bool take_any(sv_linux_pool *p, int i_thread, taken *t) {
+  for (int k = 0; k < p->n_threads; k++)
+    if (take(p, &p->workers[(i_thread + k) % p->n_threads], k == 0, t)) return true;
+  return false;
+}
+
+// Works until there are no tasks left. A job ends when all threads that did some of it have said so here, so what is
+// counted belongs to one job.
+static void work(sv_linux_pool *p, int i_thread) {
+  uint32_t n = 0;
+  for (taken t; take_any(p, i_thread, &t); n++) t.fn(t.arg, t.i_task, i_thread);
+  if (n == 0) return;
+  const uint32_t n_tasks = atomic_load(&p->n_tasks);
+  if (atomic_fetch_add(&p->n_done, n) + n == n_tasks && atomic_load(&p->is_waited)) futex_wake(&p->n_done, 1);
 }
 
 static void *worker_main(void *arg) {
   sv_linux_worker *w = arg;
   sv_linux_pool *p = w->pool;
+  uint32_t seen = 0; // no job; what the pool is made of is not read before the first one
   atomic_fetch_add(&p->n_started, 1);
   futex_wake(&p->n_started, 1);
-  while (!atomic_load_explicit(&p->is_stopping, memory_order_acquire)) {
-    uint32_t seen = atomic_load_explicit(&p->i_job, memory_order_acquire);
+  for (;;) {
+    if (!spin_for_change(&p->i_job, seen, p->spin_ns)) {
+      // The count goes up before the kernel compares i_job again: either the caller of the next job sees
+      // a sleeper, or the sleeper sees the next job.
+      atomic_fetch_add(&p->n_asleep, 1);
+      if (atomic_load(&p->i_job) == seen) futex_wait(&p->i_job, seen);
+      atomic_fetch_sub(&p->n_asleep, 1);
+    }
+    if (atomic_load_explicit(&p->is_stopping, memory_order_acquire)) return NULL;
+    seen = atomic_load_explicit(&p->i_job, memory_order_acquire);
     work(p, w->i_thread);
-    if (spin_for_change(&p->i_job, seen, p->spin_ns)) continue;
-    // The count goes up before the kernel compares i_job again: either the caller of the next job sees
-    // a sleeper, or the sleeper sees the next job.
-    atomic_fetch_add(&p->n_asleep, 1);
-    if (atomic_load(&p->i_job) == seen) futex_wait(&p->i_job, seen);
-    atomic_fetch_sub(&p->n_asleep, 1);
   }
-  return NULL;
 }
 
 static void wait_done(sv_linux_pool *p, uint32_t n_tasks) {
@@ -102,27 +125,50 @@ static void wait_done(sv_linux_pool *p, uint32_t n_tasks) {
   }
 }
 
+// At most CAP_TASKS tasks, from `first` on.
+typedef struct {
+  sv_task_fn fn;
+  void *arg;
+  int first;
+} part;
+
+static void run_of_part(void *arg, int i_task, int i_thread) {
+  const part *of = arg;
+  of->fn(of->arg, of->first + i_task, i_thread);
+}
+
+static void run_some(sv_linux_pool *p, sv_task_fn fn, void *arg, int n_tasks) {
+  const uint64_t i_job = ++p->n_jobs;
+  atomic_store_explicit(&p->fn, fn, memory_order_relaxed); // all shares are empty: nobody uses these
+  atomic_store_explicit(&p->arg, arg, memory_order_relaxed);
+  atomic_store_explicit(&p->n_tasks, (uint32_t)n_tasks, memory_order_relaxed);
+  atomic_store_explicit(&p->n_done, 0, memory_order_relaxed);
+  for (int k = 0; k < p->n_threads; k++) {
+    uint64_t first = (uint64_t)sv_pool_share(n_tasks, k, p->n_threads);
+    uint64_t end = (uint64_t)sv_pool_share(n_tasks, k + 1, p->n_threads);
+    atomic_store_explicit(&p->workers[k].left, i_job << 32 | first << 16 | end, memory_order_release);
+  }
+  atomic_fetch_add(&p->i_job, 1);
+  uint32_t n_asleep = atomic_load(&p->n_asleep);
+  if (n_asleep) futex_wake(&p->i_job, n_tasks - 1 < (int)n_asleep ? n_tasks - 1 : (int)n_asleep);
+  work(p, 0);
+  wait_done(p, (uint32_t)n_tasks);
+}
+
 static void run(void *self, sv_task_fn fn, void *arg, int n_tasks) {
   sv_linux_pool *p = self;
   if (p->n_threads == 1 || n_tasks <= 1) {
     for (int i = 0; i < n_tasks; i++) fn(arg, i, 0);
     return;
   }
-  // The old ticket is closed before anything of the new job can be seen: otherwise a late worker could
-  // hold the old ticket against the new, larger number of tasks and take one that is not there. The
-  // release stores keep that order.
-  uint64_t i_job = (atomic_load_explicit(&p->ticket, memory_order_relaxed) >> 32) + 1;
-  atomic_store_explicit(&p->ticket, i_job << 32 | UINT32_MAX, memory_order_relaxed);
-  atomic_store_explicit(&p->fn, fn, memory_order_release);
-  atomic_store_explicit(&p->arg, arg, memory_order_release);
-  atomic_store_explicit(&p->n_tasks, n_tasks, memory_order_release);
-  atomic_store_explicit(&p->n_done, 0, memory_order_relaxed);
-  atomic_store_explicit(&p->ticket, i_job << 32, memory_order_release);
-  atomic_fetch_add(&p->i_job, 1);
-  uint32_t n_asleep = atomic_load(&p->n_asleep);
-  if (n_asleep) futex_wake(&p->i_job, n_tasks - 1 < (int)n_asleep ? n_tasks - 1 : (int)n_asleep);
-  work(p, 0);
-  wait_done(p, (uint32_t)n_tasks);
+  if (n_tasks <= CAP_TASKS) {
+    run_some(p, fn, arg, n_tasks);
+    return;
+  }
+  for (part some = {fn, arg, 0}; some.first < n_tasks; some.first += CAP_TASKS) {
+    int left = n_tasks - some.first;
+    run_some(p, run_of_part, &some, left < CAP_TASKS ? left : CAP_TASKS);
+  }
 }
 
 static sv_status start_worker(sv_linux_pool *p, int i_thread) {
@@ -142,9 +188,8 @@ sv_status sv_linux_pool_start(sv_linux_pool *p, int n_threads, int spin_us, sv_e
   memset(p, 0, sizeof *p);
   p->n_threads = 1;
   // On a single core a spinning thread only keeps the one it waits for from running.
-  if (spin_us < 0) spin_us = sysconf(_SC_NPROCESSORS_ONLN) > 1 ? 50 : 0;
+  if (spin_us < 0) spin_us = sysconf(_SC_NPROCESSORS_ONLN) > 1 ? SPIN_US : 0;
   p->spin_ns = (int64_t)spin_us * SV_NS_PER_US;
-  atomic_store(&p->ticket, (uint64_t)UINT32_MAX);
   sigset_t all, old;
   sigfillset(&all);
   pthread_sigmask(SIG_SETMASK, &all, &old); // threads inherit the mask

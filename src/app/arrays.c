@@ -41,9 +41,9 @@ sv_arrays sv_arrays_of(const sv_train_cfg *c) {
   add(&f, "relocation", sizeof(double) + 2 * sizeof(int32_t), 0);
   add(&f, "sum of several pictures", has_sum ? 4 * (rows + 1) + 0.5 : 0, has_sum ? 16 : 0);
   add(&f, "splats", sizeof(sv_splat), 0);
-  add(&f, "depth sort", 4 + 2 * sizeof(sv_pair) + 4, 0);
+  add(&f, "depths", 4, 0);
   add(&f, "records of tiles", rec * recs_g, samples * rec * recs_px);
-  add(&f, "gradients of records", slot * recs_g, samples * slot * recs_px);
+  add(&f, "gradients of records, sort", slot * recs_g, samples * slot * recs_px);
   add(&f, "lists of tiles", 0, samples * 4.0 * (2 + SV_RENDER_CHUNKS) / (SV_TILE_PX * SV_TILE_PX));
   add(&f, "picture, depth, light left", 0, samples * 20);
   add(&f, "means, their gradients", 0, c->is_supersampled ? 12 + samples * 16 : 0);

@@ -31,7 +31,6 @@ static const sv_bench_op ops_of[SV_N_STAGES][2] = {
 #define PROJECT_BWD_FLOP 564.0
 #define BIN_ROW_FLOP     35.0 // two chords of an ellipse
 #define ADAM_FLOP        13.0
-#define SORT_PASSES      3.0
 
 sv_bench_cost sv_bench_cost_of(sv_bench_op op, const sv_bench_counts *n) {
   const double px = n->n_pixels, all = n->n_gaussians, visible = n->n_visible, recs = n->n_recs;
@@ -43,7 +42,7 @@ sv_bench_cost sv_bench_cost_of(sv_bench_op op, const sv_bench_counts *n) {
   case SV_BENCH_PROJECT:
     return (sv_bench_cost){(PROJECT_FLOP + 6 * coef) * all,
                            4 * rows * all + sizeof(sv_splat) * all + 4 * visible};
-  case SV_BENCH_SORT: return (sv_bench_cost){0, 2 * SORT_PASSES * sizeof(sv_pair) * visible};
+  case SV_BENCH_SORT: return (sv_bench_cost){0, (2 * sizeof(sv_pair) + sizeof(uint32_t)) * recs};
   case SV_BENCH_BIN:
     return (sv_bench_cost){BIN_ROW_FLOP * (double)n->rows, sizeof(sv_splat) * visible + record * recs};
   case SV_BENCH_RASTER:
@@ -97,11 +96,13 @@ static float blend(const sv_splat *s, float dx, float dy, float t, bool *blended
   return *blended ? next : -t;
 }
 
-// Pixel by pixel, whatever shapes the kernels work on.
-static uint64_t count_useful(const sv_renderer *r, const sv_splat *s) {
+// Pixel by pixel of a splat on a tile, whatever shapes the kernels work on.
+static uint64_t count_useful(const sv_renderer *r, const sv_splat *s, int tx, int ty) {
+  const int x0 = sv_maxi(4 * s->bx0, SV_TILE_PX * tx), x1 = sv_mini(4 * s->bx1 + 4, SV_TILE_PX * (tx + 1));
+  const int y0 = sv_maxi(4 * s->by0, SV_TILE_PX * ty), y1 = sv_mini(4 * s->by1 + 4, SV_TILE_PX * (ty + 1));
   uint64_t n = 0;
-  for (int y = 4 * s->by0; y < 4 * s->by1 + 4 && y < r->rgb.height_px; y++)
-    for (int x = 4 * s->bx0; x < 4 * s->bx1 + 4 && x < r->rgb.width_px; x++) {
+  for (int y = y0; y < y1 && y < r->rgb.height_px; y++)
+    for (int x = x0; x < x1 && x < r->rgb.width_px; x++) {
       float *t = r->depth + (size_t)y * (size_t)r->rgb.stride + x;
       bool blended;
       *t = blend(s, s->u_px - ((float)x + 0.5f), s->v_px - ((float)y + 0.5f), *t, &blended);
@@ -119,11 +120,10 @@ sv_bench_counts sv_bench_count(sv_trainer *t) {
                        .n_pixels = (uint32_t)(r->rgb.width_px * r->rgb.height_px),
                        .n_rows = t->g.n_rows};
   for (int i = 0; i < r->rgb.stride * r->rgb.rows_padded; i++) r->depth[i] = 1.0f;
-  for (uint32_t i = 0; i < r->stats.n_visible; i++) {
-    const sv_splat *s = r->splat + r->order[i];
-    if (!s->n_recs) continue;
-    n.rows += (uint64_t)(s->by1 - s->by0 + 1);
-    n.useful += count_useful(r, s);
-  }
+  for (int i = 0; i < t->g.n; i++)
+    if (r->splat[i].n_recs) n.rows += (uint64_t)(r->splat[i].by1 - r->splat[i].by0 + 1);
+  for (int k = 0; k < r->n_tiles; k++)
+    for (uint32_t i = r->tile_begin[k]; i < r->tile_begin[k + 1]; i++)
+      n.useful += count_useful(r, r->splat + r->rec[r->list[i]].id, k % r->n_tiles_x, k / r->n_tiles_x);
   return n;
 }

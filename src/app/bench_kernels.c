@@ -8,6 +8,7 @@
 #define N_BLOCKS    ((N_GAUSSIANS + 15) / 16)
 #define WIDTH_PX    320
 #define HEIGHT_PX   240
+#define N_TILES     (WIDTH_PX * HEIGHT_PX / (SV_TILE_PX * SV_TILE_PX) + WIDTH_PX + HEIGHT_PX)
 #define CASE_S      0.03
 
 static const sv_bench_step size = {
@@ -19,8 +20,10 @@ typedef struct {
   sv_raster_bwd_args bwd;
   sv_adam_args adam;
   float lr[SV_CAP_ROWS];
-  sv_pair *pair; // [N_GAUSSIANS]
-  float *block;  // [SV_CAP_ROWS + 1][16]
+  uint32_t *id; // [N_GAUSSIANS] visible ones
+  uint32_t *at; // [tiles]
+  uint32_t min_key, max_key;
+  float *block; // [SV_CAP_ROWS + 1][16]
   const uint8_t *picture;
   sv_bench_counts counts;
 } ctx;
@@ -28,26 +31,27 @@ typedef struct {
 static void run_project(ctx *c) { c->k->project(&c->t->render.project, 0, N_BLOCKS, c->t->render.scratch); }
 static void run_bin(ctx *c) {
   sv_renderer *r = &c->t->render;
-  c->k->bin(r->splat, r->order, r->stats.n_visible, r->n_tiles_x, r->rec);
+  c->k->bin(r->splat, c->id, r->stats.n_visible, r->n_tiles_x, r->rec);
 }
+// The lists of the tiles, from pairs in the order of the records. The slots hold the pairs: they are filled again by
+// run_raster_bwd.
 static void run_sort(ctx *c) {
   sv_renderer *r = &c->t->render;
-  uint32_t n = 0;
-  sv_sort_args a = {.run = c->pair,
-                    .n_in_run = &n,
-                    .n_runs = 1,
-                    .min_key = UINT32_MAX,
-                    .tmp = r->tmp,
-                    .hist = r->hist,
-                    .order = r->order};
-  for (uint32_t i = 0; i < N_GAUSSIANS; i++) {
-    const uint32_t key = r->depth_key[i];
-    if (!r->splat[i].n_recs) continue;
-    c->pair[n++] = (sv_pair){key, i};
-    a.min_key = key < a.min_key ? key : a.min_key;
-    a.max_key = key > a.max_key ? key : a.max_key;
+  for (int t = 0; t < r->n_tiles; t++) c->at[t] = r->tile_begin[t];
+  for (uint32_t i = 0; i < r->stats.n_visible; i++) {
+    const sv_splat *s = r->splat + c->id[i];
+    const uint32_t key = r->depth_key[c->id[i]];
+    for (uint32_t k = s->first_rec; k < s->first_rec + s->n_recs; k++)
+      if (r->rec[k].mask) r->pair[c->at[r->rec[k].tile]++] = (sv_pair){key, k};
   }
-  c->k->sort(&a);
+  for (int t = 0; t < r->n_tiles; t++)
+    c->k->sort(&(sv_sort_args){.pair = r->pair + r->tile_begin[t],
+                               .n = c->at[t] - r->tile_begin[t],
+                               .min_key = c->min_key,
+                               .max_key = c->max_key,
+                               .tmp = r->tmp + r->tile_begin[t],
+                               .hist = (uint32_t *)(void *)r->scratch,
+                               .order = r->list + r->tile_begin[t]});
 }
 static void run_raster(ctx *c) {
   sv_renderer *r = &c->t->render;
@@ -164,7 +168,7 @@ static sv_bench_times time_case(sv_bench *b, ctx *c, run_fn run) {
 
 static double n_items(sv_bench_op op, const sv_bench_counts *n) {
   switch (op) {
-  case SV_BENCH_SORT: return n->n_visible;
+  case SV_BENCH_SORT:
   case SV_BENCH_BIN: return n->n_recs;
   case SV_BENCH_RASTER:
   case SV_BENCH_RASTER_BWD: return (double)n->pairs;
@@ -193,15 +197,28 @@ static void time_all(sv_bench *b, ctx *c, sv_isa isa) {
 #define BLOCK_FLOATS ((SV_CAP_ROWS + 1) * 16)
 
 size_t sv_bench_kernel_bytes(void) {
-  return sv_bench_scene_bytes(&size) + N_GAUSSIANS * sizeof(sv_pair) + BLOCK_FLOATS * sizeof(float) +
-         2 * SV_ARENA_ALIGN;
+  return sv_bench_scene_bytes(&size) + (N_GAUSSIANS + N_TILES) * sizeof(uint32_t) +
+         BLOCK_FLOATS * sizeof(float) + 3 * SV_ARENA_ALIGN;
+}
+
+static void list_visible(ctx *c) {
+  const sv_renderer *r = &c->t->render;
+  uint32_t n = 0;
+  c->min_key = UINT32_MAX, c->max_key = 0;
+  for (uint32_t i = 0; i < N_GAUSSIANS; i++) {
+    if (!r->splat[i].n_recs) continue;
+    c->id[n++] = i;
+    if (r->depth_key[i] < c->min_key) c->min_key = r->depth_key[i];
+    if (r->depth_key[i] > c->max_key) c->max_key = r->depth_key[i];
+  }
 }
 
 // One real step leaves the data that the kernels are timed on.
 static sv_status prepare(ctx *c, sv_bench_scene *scene, sv_arena *a, sv_err *err) {
   sv_trainer *t = &scene->t;
   sv_step_stats st;
-  c->pair = SV_TAKE(a, sv_pair, N_GAUSSIANS);
+  c->id = SV_TAKE(a, uint32_t, N_GAUSSIANS);
+  c->at = SV_TAKE(a, uint32_t, N_TILES);
   c->block = SV_TAKE(a, float, BLOCK_FLOATS);
   if (a->status < 0) return sv_fail(err, a->status, "no room to time the kernels");
   memset(c->block, 0, BLOCK_FLOATS * sizeof(float));
@@ -210,6 +227,7 @@ static sv_status prepare(ctx *c, sv_bench_scene *scene, sv_arena *a, sv_err *err
   c->counts = sv_bench_count(t);
   c->counts.n_touched = st.n_touched;
   c->t = t;
+  list_visible(c);
   c->picture = scene->picture;
   c->bwd = (sv_raster_bwd_args){.fwd = &t->render.raster,
                                 .g_rgb = {t->grad.c[0], t->grad.c[1], t->grad.c[2]},

@@ -39,6 +39,13 @@ static inline void sv_pool_run(const sv_pool *p, sv_task_fn fn, void *arg, int n
   p->run(p->self, fn, arg, n_tasks);
 }
 
+// How tasks are best laid out: thread k begins with those from share(k) up to share(k + 1), in rising order, and when it
+// is done takes from the others' ends. Neighbours among the tasks then find what they share in one core's cache, and so
+// do the same tasks of the next job.
+static inline int sv_pool_share(int n_tasks, int k, int n_threads) {
+  return (int)(((int64_t)n_tasks * k + n_threads - 1) / n_threads);
+}
+
 // One more thread, beside the pool, for the cameras (a live run). start may be NULL: there is none.
 typedef struct {
   void *self;

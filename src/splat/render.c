@@ -6,7 +6,10 @@
 #include "src/splat/constants.h"
 
 #define RANGE 512 // slots projected by one task
-#define BATCH 128 // splats binned at a time
+#define BATCH 64  // slots binned at a time
+
+#define PAIRS_FLOATS (2 * sizeof(sv_pair) / sizeof(float)) // of a record, with the sort's scratch
+_Static_assert(PAIRS_FLOATS <= SV_SLOT_FLOATS, "pairs and scratch lie in the slots");
 
 static int n_tiles_of(int w, int h) {
   return (sv_plane_pad(w) / SV_TILE_PX) * (sv_plane_pad(h) / SV_TILE_PX);
@@ -30,11 +33,8 @@ static void carve(sv_renderer *r, const sv_renderer_cfg *cfg, sv_arena *a) {
   size_t n_tiles = px / (SV_TILE_PX * SV_TILE_PX);
   r->splat = SV_TAKE(a, sv_splat, cap);
   r->depth_key = SV_TAKE(a, uint32_t, cap);
-  r->pair = SV_TAKE(a, sv_pair, cap);
-  r->tmp = SV_TAKE(a, sv_pair, cap);
-  r->order = SV_TAKE(a, uint32_t, cap);
-  r->hist = SV_TAKE(a, uint32_t, SV_SORT_CAP_BUCKETS);
   r->n_in_range = SV_TAKE(a, uint32_t, cap / RANGE + 1);
+  r->recs_in_range = SV_TAKE(a, uint32_t, cap / RANGE + 1);
   r->min_key = SV_TAKE(a, uint32_t, cap / RANGE + 1);
   r->max_key = SV_TAKE(a, uint32_t, cap / RANGE + 1);
   r->rec = SV_TAKE(a, sv_rec, recs);
@@ -42,7 +42,11 @@ static void carve(sv_renderer *r, const sv_renderer_cfg *cfg, sv_arena *a) {
   r->tile_begin = SV_TAKE(a, uint32_t, n_tiles + 1);
   r->tile_order = SV_TAKE(a, uint32_t, n_tiles);
   r->chunk_at = SV_TAKE(a, uint32_t, n_tiles * SV_RENDER_CHUNKS);
-  r->slot = cfg->has_grad ? SV_TAKE(a, float, recs *SV_SLOT_FLOATS) : NULL;
+  // The pairs are sorted before the slots are filled, which are emptied before the next pairs are made.
+  float *slot = SV_TAKE(a, float, recs *(cfg->has_grad ? SV_SLOT_FLOATS : PAIRS_FLOATS));
+  r->slot = cfg->has_grad ? slot : NULL;
+  r->pair = (sv_pair *)(void *)slot;
+  r->tmp = r->pair ? r->pair + recs : NULL;
   r->scratch = SV_TAKE(a, float, (size_t)cfg->n_threads *SV_RASTER_SCRATCH_FLOATS);
   for (int c = 0; c < 3; c++) r->rgb.c[c] = SV_TAKE(a, float, px);
   r->depth = SV_TAKE(a, float, px);
@@ -70,6 +74,7 @@ sv_status sv_renderer_init(sv_renderer *r, const sv_renderer_cfg *cfg, sv_arena 
 
 // One block of scratch serves all stages of a thread.
 _Static_assert(SV_PROJECT_SCRATCH_FLOATS <= SV_RASTER_SCRATCH_FLOATS, "scratch is too small");
+_Static_assert(SV_SORT_CAP_BUCKETS <= SV_RASTER_SCRATCH_FLOATS, "scratch is too small");
 static float *thread_scratch(const sv_renderer *r, int i_thread) {
   return r->scratch + (size_t)i_thread * SV_RASTER_SCRATCH_FLOATS;
 }
@@ -80,8 +85,8 @@ typedef struct {
   sv_renderer *r;
   const sv_kernels *k;
   const sv_raster_bwd_args *bwd;
-  int n_blocks;
-  uint32_t n_visible;
+  int n_blocks, n_ranges;
+  uint32_t min_key, max_key; // of all visible splats
 } job;
 
 static void project_task(void *arg, int i_task, int i_thread) {
@@ -92,77 +97,108 @@ static void project_task(void *arg, int i_task, int i_thread) {
   int moved = b1 < r->n_moved_blocks ? b1 : r->n_moved_blocks;
   if (b0 < moved) j->k->project(&r->moved, b0, moved, thread_scratch(r, i_thread));
   if (moved < b1) j->k->project(&r->project, b0 > moved ? b0 : moved, b1, thread_scratch(r, i_thread));
-  uint32_t n = 0, min = UINT32_MAX, max = 0;
-  sv_pair *out = r->pair + (size_t)i_task * RANGE;
+  uint32_t n = 0, n_recs = 0, min = UINT32_MAX, max = 0;
   for (int i = 16 * b0; i < 16 * b1; i++) {
     if (!r->splat[i].n_recs) continue;
     const uint32_t key = r->depth_key[i];
-    out[n++] = (sv_pair){key, (uint32_t)i};
+    n++;
+    n_recs += r->splat[i].n_recs;
     min = key < min ? key : min;
     max = key > max ? key : max;
   }
   r->n_in_range[i_task] = n;
+  r->recs_in_range[i_task] = n_recs;
   r->min_key[i_task] = min;
   r->max_key[i_task] = max;
 }
 
-// Visible splats front to back. The ranges hold them in index order, so the stable sort breaks ties by slot.
-static uint32_t sort_visible(sv_renderer *r, const sv_kernels *k, int n_ranges) {
-  sv_sort_args a = {.run = r->pair,
-                    .n_in_run = r->n_in_range,
-                    .n_runs = (uint32_t)n_ranges,
-                    .stride = RANGE,
-                    .min_key = UINT32_MAX,
-                    .tmp = r->tmp,
-                    .hist = r->hist,
-                    .order = r->order};
-  for (int i = 0; i < n_ranges; i++) {
-    a.min_key = r->min_key[i] < a.min_key ? r->min_key[i] : a.min_key;
-    a.max_key = r->max_key[i] > a.max_key ? r->max_key[i] : a.max_key;
-  }
-  return k->sort(&a);
+// Ranges [range_begin(c), range_begin(c + 1)) belong to chunk c.
+static int range_begin(const job *j, int chunk) {
+  return sv_pool_share(j->n_ranges, chunk, SV_RENDER_CHUNKS);
 }
 
-static uint32_t chunk_begin(uint32_t n, int chunk) {
-  return (uint32_t)((uint64_t)n * (uint64_t)chunk / SV_RENDER_CHUNKS);
+static void slots_of(const job *j, int chunk, uint32_t *begin, uint32_t *end) {
+  const uint32_t n = 16 * (uint32_t)j->n_blocks;
+  *begin = (uint32_t)range_begin(j, chunk) * RANGE;
+  *end = (uint32_t)range_begin(j, chunk + 1) * RANGE;
+  if (*end > n) *end = n;
 }
 
-static void count_task(void *arg, int c, int i_thread) {
-  job *j = arg;
+// Records and depths of all ranges; a chunk's records follow those of the chunks before.
+static uint64_t add_up(job *j) {
   sv_renderer *r = j->r;
-  uint32_t end = chunk_begin(j->n_visible, c + 1);
   uint64_t sum = 0;
-  (void)i_thread;
-  for (uint32_t i = chunk_begin(j->n_visible, c); i < end; i++) {
-    if (i + 8 < end) __builtin_prefetch(r->splat + r->order[i + 8]);
-    sum += r->splat[r->order[i]].n_recs;
+  r->stats.n_visible = 0;
+  j->min_key = UINT32_MAX;
+  j->max_key = 0;
+  for (int c = 0; c < SV_RENDER_CHUNKS; c++) {
+    r->chunk_rec[c] = (uint32_t)sum;
+    for (int i = range_begin(j, c); i < range_begin(j, c + 1); i++) {
+      sum += r->recs_in_range[i];
+      r->stats.n_visible += r->n_in_range[i];
+      j->min_key = r->min_key[i] < j->min_key ? r->min_key[i] : j->min_key;
+      j->max_key = r->max_key[i] > j->max_key ? r->max_key[i] : j->max_key;
+    }
   }
-  r->chunk_rec[c + 1] = sum < r->cfg.cap_recs ? (uint32_t)sum : r->cfg.cap_recs;
+  r->chunk_rec[SV_RENDER_CHUNKS] = (uint32_t)sum;
+  return sum;
 }
 
+// When the pool of records is full the farthest splats go: front to back, equal depths by slot, from the first that does
+// not fit, all. Finds its key digit by digit, then its place among equal ones. Rare, so one thread does it.
+static void drop_farthest(job *j) {
+  enum { DIGIT = 8, DIGITS = 1 << DIGIT };
+  sv_renderer *r = j->r;
+  const uint32_t n = 16 * (uint32_t)j->n_blocks;
+  uint64_t left = r->cfg.cap_recs, sum[DIGITS];
+  uint32_t key = 0, known = 0; // the digits that are known, and their mask
+  for (int shift = 32 - DIGIT; shift >= 0; shift -= DIGIT) {
+    uint32_t d = 0;
+    memset(sum, 0, sizeof sum);
+    for (uint32_t i = 0; i < n; i++)
+      if (r->splat[i].n_recs && (r->depth_key[i] & known) == key)
+        sum[r->depth_key[i] >> shift & (DIGITS - 1)] += r->splat[i].n_recs;
+    for (; d < DIGITS - 1 && sum[d] <= left; d++) left -= sum[d];
+    key |= d << shift;
+    known |= (uint32_t)(DIGITS - 1) << shift;
+  }
+  bool is_full = false;
+  for (uint32_t i = 0; i < n; i++) {
+    sv_splat *s = r->splat + i;
+    if (!s->n_recs || r->depth_key[i] < key) continue;
+    if (r->depth_key[i] == key && !is_full && s->n_recs <= left) {
+      left -= s->n_recs;
+      continue;
+    }
+    is_full = is_full || r->depth_key[i] == key;
+    r->recs_in_range[i / RANGE] -= s->n_recs;
+    r->stats.n_dropped++;
+    s->n_recs = 0;
+  }
+}
+
+// Places in the pool of records, marks of the touched blocks, and the tiles' counts, a few slots at a time so that they
+// stay in the nearest cache.
 static void bin_task(void *arg, int c, int i_thread) {
   job *j = arg;
   sv_renderer *r = j->r;
-  uint32_t at = r->chunk_rec[c], i = chunk_begin(j->n_visible, c), end = chunk_begin(j->n_visible, c + 1);
-  uint32_t *count = r->chunk_at + (size_t)c * (size_t)r->n_tiles, dropped = 0;
+  uint32_t at = r->chunk_rec[c], rec = at, i, end, id[BATCH];
+  uint32_t *count = r->chunk_at + (size_t)c * (size_t)r->n_tiles;
   (void)i_thread;
+  slots_of(j, c, &i, &end);
   memset(count, 0, (size_t)r->n_tiles * sizeof *count);
-  while (i < end) { // so few at a time that they stay in the nearest cache
-    const uint32_t begin = i, last = i + BATCH < end ? i + BATCH : end;
-    uint32_t rec = at;
-    for (; i < last; i++) {
-      sv_splat *s = r->splat + r->order[i];
-      if (i + 8 < end) __builtin_prefetch(r->splat + r->order[i + 8], 1);
-      // When the pool is full the farthest go: from the first that does not fit, all.
-      if (dropped || s->n_recs > r->cfg.cap_recs - at) s->n_recs = 0, dropped++;
+  while (i < end) {
+    uint32_t n = 0;
+    for (const uint32_t last = i + BATCH < end ? i + BATCH : end; i < last; i++) {
+      sv_splat *s = r->splat + i;
       s->first_rec = at;
       at += s->n_recs;
+      id[n] = i; // kept when it is visible, which cannot be predicted
+      n += s->n_recs != 0;
     }
-    j->k->bin(r->splat, r->order + begin, last - begin, r->n_tiles_x, r->rec);
+    j->k->bin(r->splat, id, n, r->n_tiles_x, r->rec);
     for (; rec < at; rec++) count[r->rec[rec].tile] += r->rec[rec].mask != 0;
   }
-  r->chunk_end[c] = at;
-  r->chunk_dropped[c] = dropped;
 }
 
 static void scatter_task(void *arg, int c, int i_thread) {
@@ -170,11 +206,13 @@ static void scatter_task(void *arg, int c, int i_thread) {
   sv_renderer *r = j->r;
   uint32_t *at = r->chunk_at + (size_t)c * (size_t)r->n_tiles;
   (void)i_thread;
-  for (uint32_t i = r->chunk_rec[c]; i < r->chunk_end[c]; i++)
-    if (r->rec[i].mask) r->list[at[r->rec[i].tile]++] = i;
+  for (uint32_t i = r->chunk_rec[c]; i < r->chunk_rec[c + 1]; i++) {
+    const sv_rec *rec = r->rec + i;
+    if (rec->mask) r->pair[at[rec->tile]++] = (sv_pair){r->depth_key[rec->id], i};
+  }
 }
 
-// Counts per (chunk, tile) -> write positions: tile by tile, chunks in depth order.
+// Counts per (chunk, tile) -> write positions: tile by tile, chunks in the order of their slots.
 static void place_tiles(sv_renderer *r) {
   uint32_t sum = 0;
   for (int t = 0; t < r->n_tiles; t++) {
@@ -190,43 +228,57 @@ static void place_tiles(sv_renderer *r) {
 
 static void bin_all(job *j, const sv_pool *pool) {
   sv_renderer *r = j->r;
-  r->chunk_rec[0] = 0;
-  sv_pool_run(pool, count_task, j, SV_RENDER_CHUNKS);
-  for (int c = 0; c < SV_RENDER_CHUNKS; c++) {
-    uint64_t next = (uint64_t)r->chunk_rec[c] + r->chunk_rec[c + 1];
-    r->chunk_rec[c + 1] = next > r->cfg.cap_recs ? r->cfg.cap_recs : (uint32_t)next;
+  r->stats.n_dropped = 0;
+  if (add_up(j) > r->cfg.cap_recs) {
+    drop_farthest(j);
+    (void)add_up(j);
   }
   sv_pool_run(pool, bin_task, j, SV_RENDER_CHUNKS);
   place_tiles(r);
   sv_pool_run(pool, scatter_task, j, SV_RENDER_CHUNKS);
   r->stats.n_recs = r->tile_begin[r->n_tiles];
-  r->stats.n_dropped = 0;
-  for (int c = 0; c < SV_RENDER_CHUNKS; c++) r->stats.n_dropped += r->chunk_dropped[c];
 }
 
-// Tiles with long lists first (by power of two of the length), so that no thread is left with one at the end.
-static void order_tiles(sv_renderer *r) {
-  uint32_t count[33] = {0};
-  for (int pass = 0; pass < 2; pass++) {
-    for (int t = 0; t < r->n_tiles; t++) {
-      uint32_t n = r->tile_begin[t + 1] - r->tile_begin[t], bucket = n ? (uint32_t)__builtin_clz(n) : 32;
-      if (pass == 0) count[bucket]++;
-      else r->tile_order[count[bucket]++] = (uint32_t)t;
-    }
-    if (pass) break;
-    for (uint32_t b = 0, sum = 0; b < 33; b++) {
-      uint32_t n = count[b];
-      count[b] = sum;
-      sum += n;
-    }
+// Steps of a quarter octave: the longest lists first.
+static uint32_t length_bucket(uint32_t n) {
+  if (n < 4) return 131 - n;
+  const uint32_t zeros = (uint32_t)__builtin_clz(n), next = n << zeros >> 29 & 3;
+  return 4 * zeros + 3 - next;
+}
+
+// Each thread begins with tiles that lie together, as they share splats, the longest lists first; it helps others out
+// from the end, where lists are short, so that all are done at the same time.
+static void order_share(sv_renderer *r, int begin, int end) {
+  uint32_t count[132] = {0};
+  for (int t = begin; t < end; t++) count[length_bucket(r->tile_begin[t + 1] - r->tile_begin[t])]++;
+  for (uint32_t b = 0, sum = (uint32_t)begin; b < 132; b++) {
+    uint32_t n = count[b];
+    count[b] = sum;
+    sum += n;
   }
+  for (int t = begin; t < end; t++)
+    r->tile_order[count[length_bucket(r->tile_begin[t + 1] - r->tile_begin[t])]++] = (uint32_t)t;
 }
 
+static void order_tiles(sv_renderer *r, int n_threads) {
+  for (int k = 0; k < n_threads; k++)
+    order_share(r, sv_pool_share(r->n_tiles, k, n_threads), sv_pool_share(r->n_tiles, k + 1, n_threads));
+}
+
+// Front to back, equal depths by slot: the sort is stable.
 static void raster_task(void *arg, int i_task, int i_thread) {
   job *j = arg;
   sv_renderer *r = j->r;
-  uint32_t t = r->tile_order[i_task], begin = r->tile_begin[t];
-  j->k->raster(&r->raster, t, r->list + begin, r->tile_begin[t + 1] - begin, thread_scratch(r, i_thread));
+  const uint32_t t = r->tile_order[i_task], begin = r->tile_begin[t], n = r->tile_begin[t + 1] - begin;
+  float *scratch = thread_scratch(r, i_thread);
+  j->k->sort(&(sv_sort_args){.pair = r->pair + begin,
+                             .n = n,
+                             .min_key = j->min_key,
+                             .max_key = j->max_key,
+                             .tmp = r->tmp + begin,
+                             .hist = (uint32_t *)(void *)scratch,
+                             .order = r->list + begin});
+  j->k->raster(&r->raster, t, r->list + begin, n, scratch);
 }
 
 static sv_kview make_kview(const sv_view *v, const sv_render_options *o) {
@@ -273,12 +325,10 @@ sv_status sv_render(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, co
   r->moved = r->project;
   r->moved.param = g->moved;
   r->n_moved_blocks = g->moved ? (g->n_moved + 15) / 16 : 0;
-  job j = {.r = r, .k = k, .n_blocks = (g->n + 15) / 16};
-  int n_ranges = (g->n + RANGE - 1) / RANGE;
-  sv_pool_run(pool, project_task, &j, n_ranges);
-  j.n_visible = r->stats.n_visible = sort_visible(r, k, n_ranges);
+  job j = {.r = r, .k = k, .n_blocks = (g->n + 15) / 16, .n_ranges = (g->n + RANGE - 1) / RANGE};
+  sv_pool_run(pool, project_task, &j, j.n_ranges);
   bin_all(&j, pool);
-  order_tiles(r);
+  order_tiles(r, pool->n_threads);
   r->raster = (sv_raster_args){.splat = r->splat,
                                .rec = r->rec,
                                .n_tiles_x = r->n_tiles_x,

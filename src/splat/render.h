@@ -15,7 +15,7 @@
 extern "C" {
 #endif
 
-#define SV_RENDER_CHUNKS 16 // ranges of the depth order that are binned independently
+#define SV_RENDER_CHUNKS 16 // ranges of Gaussians that are binned independently
 
 typedef struct {
   int cap_gaussians;
@@ -33,24 +33,24 @@ typedef struct {
 
 typedef struct {
   sv_renderer_cfg cfg;
-  sv_splat *splat;             // [cap]
-  uint32_t *depth_key;         // [cap]
-  sv_pair *pair, *tmp;         // [cap] visible ones, by ranges of 512 slots; scratch of the sort
-  uint32_t *order;             // [cap] Gaussian of each rank
-  uint32_t *hist;              // [SV_SORT_CAP_BUCKETS]
-  uint32_t *n_in_range;        // [cap/512 + 1] visible per range of 512 slots
+  sv_splat *splat;     // [cap]
+  uint32_t *depth_key; // [cap]
+  uint32_t *n_in_range,
+      *recs_in_range;          // [cap/512 + 1] visible splats per range of 512 slots, and their records
   uint32_t *min_key, *max_key; // [cap/512 + 1] their depths
-  sv_rec *rec;                 // [cap_recs]
-  uint32_t *list;              // [cap_recs] records by tile, front to back
-  uint32_t *tile_begin;        // [n_tiles + 1]
-  uint32_t *tile_order;        // [n_tiles] longest list first, so that threads end together
-  uint32_t *chunk_at;          // [SV_RENDER_CHUNKS][n_tiles] counts, then write positions
-  uint32_t chunk_rec[SV_RENDER_CHUNKS + 1], chunk_end[SV_RENDER_CHUNKS]; // records of a chunk: [rec, end)
-  uint32_t chunk_dropped[SV_RENDER_CHUNKS];
-  float *slot;          // [cap_recs][16], NULL without has_grad
-  float *scratch;       // [n_threads][SV_RASTER_SCRATCH_FLOATS]
-  sv_planes rgb;        // the last picture
-  float *depth, *trans; // planes: sum of w z; 1 - alpha
+  sv_rec *rec;                 // [cap_recs] by Gaussian, each splat's own side by side
+  sv_pair *pair,
+      *tmp; // [cap_recs] (depth, record) by tile, to be sorted; scratch of the sort. Both lie in `slot`,
+            // which only the way back fills
+  uint32_t *list;                           // [cap_recs] records by tile, front to back
+  uint32_t *tile_begin;                     // [n_tiles + 1]
+  uint32_t *tile_order;                     // [n_tiles] tile of each task of the rasterization
+  uint32_t *chunk_at;                       // [SV_RENDER_CHUNKS][n_tiles] counts, then write positions
+  uint32_t chunk_rec[SV_RENDER_CHUNKS + 1]; // first record of a chunk; where they end
+  float *slot;                              // [cap_recs][16], NULL without has_grad
+  float *scratch;                           // [n_threads][SV_RASTER_SCRATCH_FLOATS]
+  sv_planes rgb;                            // the last picture
+  float *depth, *trans;                     // planes: sum of w z; 1 - alpha
   int n_tiles_x, n_tiles;
   sv_project_args project; // of the last forward pass
   sv_project_args moved;   // the same for the blocks [0, n_moved_blocks), which are at other places

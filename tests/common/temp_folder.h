@@ -12,6 +12,8 @@ extern "C" {
 // Makes sv_NAME_ and six characters and writes its path. 0; -1: it cannot be made, or cap is too small.
 int temp_folder_make(char *path, size_t cap, const char *name);
 int temp_folder_remove(const char *path); // with all that is in it; 0 when it is gone
+// A file below it, ended by a zero; the caller frees it. Fails the test when it cannot be read.
+char *temp_folder_read(const char *path, const char *name);
 
 #ifdef __cplusplus
 }

@@ -17,6 +17,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "tests/common/temp_folder.h"
 #include "tools/common/fileio.h"
 #include "tools/common/imageio.h"
 
@@ -272,30 +273,20 @@ static void test_bad_input(void **state) {
 
 // A key of a number in the JSON object on stdout of the last run.
 static double json_number(const char *key) {
-  char path[1024], want[64];
-  void *data;
-  size_t bytes;
-  sv_err err;
-  snprintf(path, sizeof path, "%s/out.txt", g_root);
-  assert_int_equal(sv_file_read(path, &data, &bytes, &err), SV_OK);
+  char want[64], *text = temp_folder_read(g_root, "out.txt");
   snprintf(want, sizeof want, "\"%s\": ", key);
-  const char *p = strstr(data, want);
+  const char *p = strstr(text, want);
   assert_non_null(p);
   double v = strtod(p + strlen(want), NULL);
-  free(data);
+  free(text);
   return v;
 }
 
 static bool started_from(const char *word) {
-  char path[1024], want[64];
-  void *data;
-  size_t bytes;
-  sv_err err;
-  snprintf(path, sizeof path, "%s/known_model/train.json", g_root);
+  char want[64], *text = temp_folder_read(g_root, "known_model/train.json");
   snprintf(want, sizeof want, "\"init\": \"%s\"", word);
-  assert_int_equal(sv_file_read(path, &data, &bytes, &err), SV_OK);
-  bool is_there = strstr(data, want) != NULL;
-  free(data);
+  bool is_there = strstr(text, want) != NULL;
+  free(text);
   return is_there;
 }
 

@@ -9,12 +9,14 @@
 #include <cmocka.h>
 // clang-format on
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "platform/linux/linux.h"
 #include "src/base/mathx.h"
 #include "src/train/train.h"
+#include "tests/common/step_gradient.h"
 
 #define W        90
 #define H        70
@@ -366,131 +368,41 @@ static void test_same_bits(void **state) {
 
 // --- a training step -----------------------------------------------------------------------------
 
-#define N_GAUSSIANS 20
-#define REGION_PX   32
+#define REGION_PX 32
 
 static sv_trainer t;
 static uint16_t measured[3 * W * H];
-static float caught[N_GAUSSIANS][SV_CAP_ROWS];
-static int n_rows;
-
-// In Adam's place: keeps the gradients, and the parameters as they are.
-static void catch_gradients(const sv_adam_args *a, uint32_t touched, const float *grad, float *p, float *m,
-                            float *v) {
-  int block_of_16 = (int)((p - t.g.param) / (16 * t.g.n_rows));
-  (void)m, (void)v;
-  n_rows = a->n_rows;
-  for (int i = 0; i < a->n_rows; i++)
-    for (int k = 0; k < 16; k++)
-      if ((touched >> k & 1) && 16 * block_of_16 + k < N_GAUSSIANS)
-        caught[16 * block_of_16 + k][i] = grad[16 * i + k];
-}
 
 static void open_training(const sv_composite *c, const sv_kernels *k, const sv_pool *pool, float tv) {
   sv_arena a = sv_arena_make(block, sizeof block);
-  sv_rng rng = sv_rng_make(9, 9);
   sv_err err;
   sv_train_cfg cfg = sv_train_defaults();
-  cfg.optimizer = SV_OPTIMIZER_ADAM; // whose kernel keeps the gradients here
-  cfg.n_gaussians = N_GAUSSIANS;
+  step_gradient_settings(&cfg);
   cfg.cap_views = 0, cfg.cap_composites = 1, cfg.region_px = REGION_PX;
   cfg.cap_regions = sv_train_n_regions(W, H, REGION_PX);
   cfg.cap_width_px = cfg.cap_height_px = REGION_PX;
   cfg.n_threads = pool->n_threads;
-  cfg.reg_opacity = cfg.reg_scale = cfg.noise = 0;
-  cfg.relocate_every = 0;
-  cfg.sh_step = 0;
   cfg.weight_tv = tv;
   if (sv_trainer_init(&t, &cfg, k, pool, &a, &err) < 0) fail_msg("%s", err.text);
   // The nearest and the farthest value there are: the absolute difference does not bend in between.
   for (int i = 0; i < 3 * W * H; i++) measured[i] = i / 40 % 2 ? 65535 : 0;
   if (sv_train_add_composite(&t, c, measured, &err) < 0) fail_msg("%s", err.text);
-  sv_arena scratch = sv_arena_sub(&a, 1 << 20);
-  sv_init_cfg init = {.kind = SV_INIT_SPHERE, .radius = 1, .opacity = 0.5f, .scale_factor = 1, .seed = 1};
-  assert_int_equal(sv_train_start(&t, &init, NULL, 0, &scratch), SV_OK);
-  // So large and faint that no splat ends, is clamped or stops the others within a lens image: without these jumps
-  // of the renderer the loss is smooth.
-  for (int i = 0; i < N_GAUSSIANS; i++) {
-    sv_gaussian g = {.opacity_logit = -1.5f + 0.5f * sv_rng_normal(&rng)};
-    for (int q = 0; q < 4; q++) g.quat_wxyz[q] = sv_rng_normal(&rng);
-    for (int q = 0; q < 3; q++) {
-      g.mean[q] = sv_rng_f(&rng) - 0.5f;
-      g.log_scale[q] = 0.9f + 0.2f * sv_rng_normal(&rng);
-      g.sh[0][q] = 0.8f * (sv_rng_f(&rng) - 0.4f);
-    }
-    sv_gaussians_put(&t.g, i, &g);
-  }
-}
-
-// The loss of the next region in the order; the trainer is where it was before.
-static double loss_of(const sv_trainer *before) {
-  sv_step_stats st;
-  t.rng = before->rng, t.i_order = before->i_order, t.step = before->step;
-  memcpy(t.jitter, before->jitter, sizeof t.jitter);
-  memset(caught, 0, sizeof caught);
-  assert_int_equal(sv_train_step(&t, 0.5f, &st), SV_OK);
-  return st.loss;
-}
-
-typedef struct {
-  double diff2, size2;
-  int n, n_jumps;
-} deviation;
-
-static double quotient(const sv_trainer *before, float *p, float h) {
-  float kept = *p;
-  *p = kept + h;
-  double up_at = (double)*p, up = loss_of(before);
-  *p = kept - h;
-  double down_at = (double)*p, down = loss_of(before);
-  *p = kept;
-  return (up - down) / (up_at - down_at);
-}
-
-// A quotient that depends on its step straddles a jump: splats end where they fall below 1/255, change places in
-// depth, or are clamped at 0.99. Dropped and counted.
-static void compare(const sv_trainer *before, float *p, double is, deviation *d) {
-  double expected = quotient(before, p, 0.01f), wide = quotient(before, p, 0.02f);
-  bool is_jump = fabs(expected - wide) > 0.03 * fabs(expected) + 5e-7;
-  d->n += expected != 0, d->n_jumps += is_jump;
-  if (is_jump) return;
-  d->diff2 += (is - expected) * (is - expected), d->size2 += expected * expected;
-}
-
-// Colours cannot move such jumps, and must fit best.
-static void check_region(const sv_trainer *before, deviation *colour, deviation *shape) {
-  static float grad[N_GAUSSIANS][SV_CAP_ROWS];
-  (void)loss_of(before);
-  memcpy(grad, caught, sizeof grad);
-  for (int i = 0; i < N_GAUSSIANS; i++)
-    for (int r = 0; r < n_rows; r++)
-      compare(before, sv_gaussians_at(&t.g, i, r), (double)grad[i][r], r < SV_ROW_SH ? shape : colour);
+  step_gradient_start(&t, 0.9f, &a);
 }
 
 static void check_training(bool is_linear, float tv) {
   sv_kernels k;
   sv_pool pool = sv_pool_serial();
   sv_composite c = make_composite(is_linear);
-  deviation colour = {0, 0, 0, 0}, shape = {0, 0, 0, 0};
-  sv_kernels_init(&k, ~0u);
-  k.adam = catch_gradients;
+  step_gradient sum = {0};
+  char what[80];
+  step_gradient_kernels(&k);
   open_training(&c, &k, &pool, tv);
   int n = t.n_regions;
   assert_int_equal(n, 3 * 3);
-  for (int i = 0; i < n; i++) {
-    static sv_trainer before;
-    before = t;
-    check_region(&before, &colour, &shape);
-    (void)loss_of(&before); // and on to the next
-  }
-  double of_colour = sqrt(colour.diff2 / colour.size2), of_shape = sqrt(shape.diff2 / shape.size2);
-  print_message("region step, %s, tv %g: %d colours off by %.2g (%d jumps), %d shapes by %.2g (%d jumps)\n",
-                is_linear ? "light" : "display values", (double)tv, colour.n, of_colour, colour.n_jumps,
-                shape.n, of_shape, shape.n_jumps);
-  assert_true(colour.n > 300 && shape.n > 500);
-  assert_true(colour.n_jumps < 20 && shape.n_jumps < shape.n / 10);
-  assert_true(of_colour < 2e-3);
-  assert_true(of_shape < 0.015);
+  for (int i = 0; i < n; i++) step_gradient_check(&t, &sum);
+  snprintf(what, sizeof what, "region step, %s, tv %g", is_linear ? "light" : "display values", (double)tv);
+  step_gradient_agrees(&sum, what, 300, 500, 10);
 }
 
 static void test_training_step(void **state) {

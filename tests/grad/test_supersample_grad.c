@@ -8,46 +8,27 @@
 #include <cmocka.h>
 // clang-format on
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "platform/linux/linux.h"
 #include "src/base/mathx.h"
 #include "src/splat/render.h"
-#include "src/train/train.h"
+#include "tests/common/step_gradient.h"
 
-#define W           37
-#define H           26
-#define N_GAUSSIANS 20
+#define W 37
+#define H 26
 
 static uint8_t block[24 << 20] __attribute__((aligned(64)));
 static uint8_t picture[2][H * W * 3];
 static sv_trainer t;
-static float caught[N_GAUSSIANS][SV_CAP_ROWS];
-static int n_rows;
-
-// In Adam's place: keeps the gradients, and the parameters as they are.
-static void catch_gradients(const sv_adam_args *a, uint32_t touched, const float *grad, float *p, float *m,
-                            float *v) {
-  int block_of_16 = (int)((p - t.g.param) / (16 * t.g.n_rows));
-  (void)m, (void)v;
-  n_rows = a->n_rows;
-  for (int i = 0; i < a->n_rows; i++)
-    for (int k = 0; k < 16; k++)
-      if ((touched >> k & 1) && 16 * block_of_16 + k < N_GAUSSIANS)
-        caught[16 * block_of_16 + k][i] = grad[16 * i + k];
-}
-
 static void open_training(const sv_kernels *k, const sv_pool *pool, sv_train_cfg cfg, float log_scale) {
   sv_arena a = sv_arena_make(block, sizeof block);
-  sv_rng rng = sv_rng_make(9, 9);
   sv_err err;
-  cfg.n_gaussians = N_GAUSSIANS;
+  step_gradient_settings(&cfg);
   cfg.cap_views = 2, cfg.cap_width_px = W, cfg.cap_height_px = H;
   cfg.n_threads = pool->n_threads;
-  cfg.reg_opacity = cfg.reg_scale = cfg.noise = 0;
-  cfg.relocate_every = 0;
-  cfg.start_scale = 1;
   if (sv_trainer_init(&t, &cfg, k, pool, &a, &err) < 0) fail_msg("%s", err.text);
   for (int i = 0; i < 2; i++) {
     // The nearest and the farthest value there are: the absolute difference does not bend in between.
@@ -59,26 +40,12 @@ static void open_training(const sv_kernels *k, const sv_pool *pool, sv_train_cfg
     sv_image_u8 im = {picture[i], W, H, 3, W * 3};
     if (sv_train_add_view(&t, &view, &im, &err) < 0) fail_msg("%s", err.text);
   }
-  sv_arena scratch = sv_arena_sub(&a, 1 << 20);
-  sv_init_cfg init = {.kind = SV_INIT_SPHERE, .radius = 1, .opacity = 0.5f, .scale_factor = 1, .seed = 1};
-  assert_int_equal(sv_train_start(&t, &init, NULL, 0, &scratch), SV_OK);
-  for (int i = 0; i < N_GAUSSIANS; i++) {
-    sv_gaussian g = {.opacity_logit = -1.5f + 0.5f * sv_rng_normal(&rng)};
-    for (int q = 0; q < 4; q++) g.quat_wxyz[q] = sv_rng_normal(&rng);
-    for (int q = 0; q < 3; q++) {
-      g.mean[q] = sv_rng_f(&rng) - 0.5f;
-      g.log_scale[q] = log_scale + 0.2f * sv_rng_normal(&rng);
-      g.sh[0][q] = 0.8f * (sv_rng_f(&rng) - 0.4f);
-    }
-    sv_gaussians_put(&t.g, i, &g);
-  }
+  step_gradient_start(&t, log_scale, &a);
 }
 
 static sv_train_cfg settings(void) {
   sv_train_cfg cfg = sv_train_defaults();
-  cfg.optimizer = SV_OPTIMIZER_ADAM; // whose kernel keeps the gradients here
   cfg.is_supersampled = true;
-  cfg.sh_step = 0;
   return cfg;
 }
 
@@ -126,69 +93,19 @@ static void test_value(void **state) {
 
 // --- gradient ------------------------------------------------------------------------------------
 
-// The loss of the next view in the order; the trainer is where it was before.
-static double loss_of(const sv_trainer *before) {
-  sv_step_stats st;
-  t.rng = before->rng, t.i_order = before->i_order, t.step = before->step;
-  memset(caught, 0, sizeof caught);
-  assert_int_equal(sv_train_step(&t, 0.5f, &st), SV_OK);
-  return st.loss;
-}
-
-typedef struct {
-  double diff2, size2;
-  int n, n_jumps;
-} deviation;
-
-static double quotient(const sv_trainer *before, float *p, float h) {
-  float kept = *p;
-  *p = kept + h;
-  double up_at = (double)*p, up = loss_of(before);
-  *p = kept - h;
-  double down_at = (double)*p, down = loss_of(before);
-  *p = kept;
-  return (up - down) / (up_at - down_at);
-}
-
-// A quotient that depends on its step straddles a jump (a splat's end, its place in depth): dropped and counted.
-static void compare(const sv_trainer *before, float *p, double is, deviation *d) {
-  double expected = quotient(before, p, 0.01f), wide = quotient(before, p, 0.02f);
-  bool is_jump = fabs(expected - wide) > 0.03 * fabs(expected) + 5e-7;
-  d->n += expected != 0, d->n_jumps += is_jump;
-  if (is_jump) return;
-  d->diff2 += (is - expected) * (is - expected), d->size2 += expected * expected;
-}
-
 static void check_gradients(float tv, bool has_unseen) {
-  static float grad[N_GAUSSIANS][SV_CAP_ROWS];
-  static sv_trainer before;
   sv_kernels k;
   sv_pool pool = sv_pool_serial();
   sv_train_cfg cfg = settings();
-  deviation colour = {0, 0, 0, 0}, shape = {0, 0, 0, 0};
-  sv_kernels_init(&k, ~0u);
-  k.adam = catch_gradients;
+  step_gradient sum = {0};
+  char what[80];
+  step_gradient_kernels(&k);
   cfg.weight_tv = tv;
   if (has_unseen) cfg.n_unseen = 1, cfg.weight_tv_unseen = 200.0f, cfg.unseen_px = 30;
   open_training(&k, &pool, cfg, 0.9f);
-  for (int i = 0; i < 2; i++) {
-    before = t;
-    (void)loss_of(&before);
-    memcpy(grad, caught, sizeof grad);
-    for (int g = 0; g < N_GAUSSIANS; g++)
-      for (int r = 0; r < n_rows; r++)
-        compare(&before, sv_gaussians_at(&t.g, g, r), (double)grad[g][r], r < SV_ROW_SH ? &shape : &colour);
-    (void)loss_of(&before); // and on to the next
-  }
-  double of_colour = sqrt(colour.diff2 / colour.size2), of_shape = sqrt(shape.diff2 / shape.size2);
-  print_message(
-      "supersampled step, tv %g%s: %d colours off by %.2g (%d jumps), %d shapes by %.2g (%d jumps)\n",
-      (double)tv, has_unseen ? ", unseen views" : "", colour.n, of_colour, colour.n_jumps, shape.n, of_shape,
-      shape.n_jumps);
-  assert_true(colour.n > 100 && shape.n > 300);
-  assert_true(colour.n_jumps < 20 && shape.n_jumps < shape.n / 8);
-  assert_true(of_colour < 2e-3);
-  assert_true(of_shape < 0.015);
+  for (int i = 0; i < 2; i++) step_gradient_check(&t, &sum);
+  snprintf(what, sizeof what, "supersampled step, tv %g%s", (double)tv, has_unseen ? ", unseen views" : "");
+  step_gradient_agrees(&sum, what, 100, 300, 8);
 }
 
 static void test_gradients(void **state) {

@@ -103,15 +103,14 @@ void sc_project(ck *c, sc_scene *s) { c->ref.project(&s->project, 0, s->n_blocks
 static void sort_by_depth(ck *c, sc_scene *s) {
   size_t n = 16 * (size_t)s->n_blocks;
   s->order = ck_bytes(c, n * 4);
-  sv_sort_args a = {.run = ck_bytes(c, n * sizeof(sv_pair)),
-                    .n_in_run = &s->n_visible,
-                    .n_runs = 1,
+  sv_sort_args a = {.pair = ck_bytes(c, n * sizeof(sv_pair)),
                     .max_key = UINT32_MAX,
                     .tmp = ck_bytes(c, n * sizeof(sv_pair)),
                     .hist = ck_bytes(c, SV_SORT_CAP_BUCKETS * sizeof(uint32_t)),
                     .order = s->order};
   for (uint32_t i = 0; i < n; i++)
-    if (s->project.splat[i].n_recs) a.run[s->n_visible++] = (sv_pair){s->project.depth_key[i], i};
+    if (s->project.splat[i].n_recs) a.pair[a.n++] = (sv_pair){s->project.depth_key[i], i};
+  s->n_visible = a.n;
   c->ref.sort(&a);
 }
 

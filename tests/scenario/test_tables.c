@@ -9,16 +9,14 @@
 #include <cmocka.h>
 // clang-format on
 #include <math.h>
-#include <signal.h>
 #include <stdbool.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/wait.h>
-#include <time.h>
-#include <unistd.h>
 
+#include "tests/common/lab_shell.h"
+#include "tests/common/temp_folder.h"
 #include "tools/common/fileio.h"
 #include "tools/common/imageio.h"
 
@@ -26,32 +24,11 @@
 #define N_RUNS  21
 #define SETTING "--data ../s --quick --steps 3 --gaussians 40"
 
-static char g_root[256], g_lab[512], g_said[64 << 10];
-static bool g_is_ready;
+// Commands run in w, beside the dataset s.
+static lab_shell shell = {.cwd = "", .is_stdout_apart = true};
 
-// --- running -------------------------------------------------------------------------------------
-
-// A shell command in the test's folder; @ stands for the program. Its exit code; g_said is its stderr.
-static int run(const char *line) {
-  char command[4096];
-  size_t at = (size_t)snprintf(command, sizeof command, "cd '%s/w' && { ", g_root);
-  for (; *line && at + sizeof g_lab < sizeof command; line++) {
-    if (*line == '@') at += (size_t)snprintf(command + at, sizeof command - at, "'%s'", g_lab);
-    else command[at++] = *line;
-  }
-  snprintf(command + at, sizeof command - at, "; } 2>&1 >out.txt </dev/null");
-  FILE *p = popen(command, "r");
-  assert_non_null(p);
-  size_t n = fread(g_said, 1, sizeof g_said - 1, p);
-  g_said[n] = 0;
-  int code = pclose(p);
-  return WIFEXITED(code) ? WEXITSTATUS(code) : 128 + WTERMSIG(code);
-}
-
-static void run_well(const char *line) {
-  int code = run(line);
-  if (code != 0) fail_msg("%s: exit %d: %s", line, code, g_said);
-}
+static int run(const char *line) { return lab_shell_run(&shell, line); }
+static void run_well(const char *line) { lab_shell_run_well(&shell, line); }
 
 static int count(const char *text, const char *word) {
   int n = 0;
@@ -59,20 +36,15 @@ static int count(const char *text, const char *word) {
   return n;
 }
 
-// A file of the test's folder; the caller frees it.
 static char *slurp(const char *name) {
-  char path[900];
-  void *data;
-  size_t bytes;
-  sv_err err;
-  snprintf(path, sizeof path, "%s/w/%.500s", g_root, name);
-  if (sv_file_read(path, &data, &bytes, &err) != SV_OK) fail_msg("%s", err.text);
-  return data;
+  char path[600];
+  snprintf(path, sizeof path, "w/%.500s", name);
+  return temp_folder_read(shell.root, path);
 }
 
 static bool exists(const char *name) {
   char path[900];
-  snprintf(path, sizeof path, "%s/w/%.500s", g_root, name);
+  snprintf(path, sizeof path, "%s/w/%.500s", shell.root, name);
   return sv_path_exists(path);
 }
 
@@ -101,16 +73,12 @@ static void figures_of(const char *name, char *out, size_t cap) {
 }
 
 static int setup(void **state) {
-  const char *bin = getenv("SV_BIN"), *emulate = getenv("SV_EMULATE"), *tmp = getenv("TMPDIR");
-  char here[256], command[700];
+  char command[80];
   (void)state;
-  if (!bin || (emulate && *emulate) || !getcwd(here, sizeof here)) return 0;
-  snprintf(g_lab, sizeof g_lab, "%s%s%s/subview-lab", *bin == '/' ? "" : here, *bin == '/' ? "" : "/", bin);
-  if (access(g_lab, X_OK) != 0) return 0;
-  snprintf(g_root, sizeof g_root, "%.200s/tables_XXXXXX", tmp ? tmp : "/tmp");
-  if (!mkdtemp(g_root)) return -1;
-  snprintf(command, sizeof command, "mkdir '%s/w'", g_root);
-  if (system(command) != 0) return -1;
+  int code = lab_shell_open(&shell, "tables");
+  if (code != 0) return code < 0 ? code : 0;
+  if (run("mkdir w") != 0) return -1;
+  shell.cwd = "w";
   snprintf(command, sizeof command, "@ import --from sim textured,size=%dx%d --out ../s --quiet", SIDE_PX,
            SIDE_PX);
   if (run(command) != 0) return -1;
@@ -122,24 +90,16 @@ static int setup(void **state) {
           "cp ../s/transforms_train_${d}_theta10.json ../s/transforms_train_${d}_theta2.json; done") != 0)
     return -1;
   if (run("@ tables " SETTING " --out a") != 0) {
-    fprintf(stderr, "%s", g_said);
+    fprintf(stderr, "%s", shell.said);
     return -1;
   }
-  g_is_ready = true;
+  shell.is_ready = true;
   return 0;
 }
 
 static int teardown(void **state) {
-  char command[300];
   (void)state;
-  snprintf(command, sizeof command, "rm -rf '%s'", g_root);
-  return *g_root ? system(command) : 0;
-}
-
-static void need_program(void) {
-  if (g_is_ready) return;
-  print_message("skipped: subview-lab is not built for this machine (SV_BIN), or runs under emulation\n");
-  skip();
+  return lab_shell_close(&shell);
 }
 
 // --- what is written -----------------------------------------------------------------------------
@@ -151,7 +111,7 @@ static void test_rows(void **state) {
   } files[] = {{"a/summary.csv", 10}, {"a/depth.csv", 10}, {"a/angle.csv", 5},  {"a/exposures.csv", 6},
                {"a/init.csv", 4},     {"a/tv.csv", 4},     {"a/count.csv", 12}, {"a/scenes.csv", 10}};
   (void)state;
-  need_program();
+  lab_shell_need(&shell);
   for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
     char *text = slurp(files[i].file), *line = text;
     if (count(text, "\n") != files[i].n_rows + 1)
@@ -173,7 +133,7 @@ static void test_rows(void **state) {
 static void test_protocol(void **state) {
   char cell[3][40];
   (void)state;
-  need_program();
+  lab_shell_need(&shell);
   for (int is_curve = 0; is_curve < 2; is_curve++) {
     char *text = slurp(is_curve ? "a/exposures.csv" : "a/summary.csv"), *line = text;
     for (line += strcspn(line, "\n") + 1; *line; line += strcspn(line, "\n") + 1) {
@@ -200,7 +160,7 @@ static void test_markdown(void **state) {
                                       "sheet_s.png",
                                       "What differs from the paper"};
   (void)state;
-  need_program();
+  lab_shell_need(&shell);
   char *text = slurp("a/tables.md");
   for (size_t i = 0; i < sizeof words / sizeof *words; i++)
     if (!strstr(text, words[i])) fail_msg("tables.md does not say '%s'", words[i]);
@@ -221,8 +181,8 @@ static void test_pictures(void **state) {
   sv_bitmap b;
   sv_err err;
   (void)state;
-  need_program();
-  snprintf(path, sizeof path, "%s/w/a/sheet_s.png", g_root);
+  lab_shell_need(&shell);
+  snprintf(path, sizeof path, "%s/w/a/sheet_s.png", shell.root);
   assert_int_equal(sv_bitmap_read(path, &b, &err), SV_OK);
   assert_int_equal(b.width_px, 5 * (SIDE_PX + 4) - 4);
   assert_int_equal(b.height_px, 5 * (SIDE_PX + 4) - 4);
@@ -246,9 +206,9 @@ static void test_pictures(void **state) {
 
 static void test_without_gnuplot(void **state) {
   (void)state;
-  need_program();
+  lab_shell_need(&shell);
   run_well("cp -r a g && rm -f g/plots/*.png g/plots/*.svg && PATH=/nowhere @ tables " SETTING " --out g");
-  assert_int_equal(count(g_said, "gnuplot is not installed"), 1);
+  assert_int_equal(count(shell.said, "gnuplot is not installed"), 1);
   assert_true(exists("g/plots/summary_psnr.gp"));
   assert_false(exists("g/plots/summary_psnr.png"));
   char *text = slurp("g/tables.md");
@@ -261,13 +221,13 @@ static void test_without_gnuplot(void **state) {
 static void assert_done(int n_before, int n_made) {
   char text[80];
   snprintf(text, sizeof text, "%d runs, %d of them done before", N_RUNS, n_before);
-  if (!strstr(g_said, text)) fail_msg("'%s' is not in: %s", text, g_said);
-  assert_int_equal(count(g_said, "PSNR"), n_made);
+  if (!strstr(shell.said, text)) fail_msg("'%s' is not in: %s", text, shell.said);
+  assert_int_equal(count(shell.said, "PSNR"), n_made);
 }
 
 static void test_nothing_is_done_twice(void **state) {
   (void)state;
-  need_program();
+  lab_shell_need(&shell);
   char *before = slurp("a/runs.csv");
   run_well("@ tables " SETTING " --out a");
   assert_done(N_RUNS, 0);
@@ -277,14 +237,14 @@ static void test_nothing_is_done_twice(void **state) {
   free(after);
   run_well(
       "cp -r a n && @ tables --data ../s --quick --steps 2 --gaussians 40 --out n --quiet"); // other settings: others
-  assert_string_equal(g_said, "");
+  assert_string_equal(shell.said, "");
 }
 
 // Cut, changed, taken from another run, taken away, without its pictures, with scores missing.
 static void test_damage(void **state) {
   static char before[8192], after[8192];
   (void)state;
-  need_program();
+  lab_shell_need(&shell);
   figures_of("a/summary.csv", before, sizeof before);
   run_well("cp -r a d && rm d/summary.csv && cd d/runs && truncate -s -40 "
            "s_stereo_theta10_e1_g40_s3_[0-9a-f]*/result.json && "
@@ -295,9 +255,9 @@ static void test_damage(void **state) {
            "truncate -s 0 s_mono_e1_g200_s3_[0-9a-f]*/result.json");
   run_well("@ tables " SETTING " --out d");
   assert_done(N_RUNS - 6, 6);
-  assert_int_equal(count(g_said, "is damaged; it is measured again"), 3);
-  assert_int_equal(count(g_said, "is the result of another run"), 1);
-  assert_int_equal(count(g_said, "its pictures are missing"), 1);
+  assert_int_equal(count(shell.said, "is damaged; it is measured again"), 3);
+  assert_int_equal(count(shell.said, "is the result of another run"), 1);
+  assert_int_equal(count(shell.said, "its pictures are missing"), 1);
   figures_of("d/summary.csv", after, sizeof after);
   assert_string_equal(before, after);
 }
@@ -305,7 +265,7 @@ static void test_damage(void **state) {
 // A dataset with the same poses and other pictures is another one.
 static void test_other_pictures(void **state) {
   (void)state;
-  need_program();
+  lab_shell_need(&shell);
   run_well("cp -r ../s ../other && rm -r ../other/test_near && cp -r ../other/test ../other/test_near && "
            "mkdir -p o && cp -r a/runs o && mkdir -p x && mv ../other x/s && "
            "@ tables --data x/s --quick --steps 3 --gaussians 40 --out o");
@@ -314,13 +274,14 @@ static void test_other_pictures(void **state) {
 
 static void test_stop(void **state) {
   (void)state;
-  need_program();
+  lab_shell_need(&shell);
   // The first run is long enough to be stopped in; SIGTERM reaches the program only, Ctrl-C would do the same.
   int code = run("@ tables --data ../s --quick --steps 2000000 --gaussians 40 --out i & p=$!; "
                  "for i in $(seq 200); do ls i/runs/*/log.txt >/dev/null 2>&1 && break; sleep 0.05; done; "
                  "sleep 0.3; kill -TERM $p; wait $p");
   assert_int_equal(code, 1);
-  assert_int_equal(count(g_said, "stopped by request with 0 of 21 runs done; the same command goes on"), 1);
+  assert_int_equal(count(shell.said, "stopped by request with 0 of 21 runs done; the same command goes on"),
+                   1);
   assert_false(exists("i/tables.md"));
   assert_int_equal(run("ls i/runs/*/result.json"), 2); // none
   // No child is left: each would hold its log open.
@@ -353,7 +314,7 @@ static void test_bad_input(void **state) {
       {"--data ../s --quick --steps 3 --gaussians 40 --out file", 1, "file"},
   };
   (void)state;
-  need_program();
+  lab_shell_need(&shell);
   run_well("mkdir bad_json && echo '{\"frames\": [' > bad_json/transforms_train_mono.json && "
            "cp -r ../s no_picture && rm no_picture/train/mono/e01_s00.png && "
            "mkdir no_test && cp -r ../s/train ../s/transforms_train_mono.json no_test && : > file");
@@ -361,8 +322,8 @@ static void test_bad_input(void **state) {
     char line[300];
     snprintf(line, sizeof line, "@ tables %s", cases[i].args);
     int code = run(line);
-    if (code != cases[i].code || count(g_said, "\n") != 1 || !strstr(g_said, cases[i].says))
-      fail_msg("%s: exit %d, not %d with '%s': %s", line, code, cases[i].code, cases[i].says, g_said);
+    if (code != cases[i].code || count(shell.said, "\n") != 1 || !strstr(shell.said, cases[i].says))
+      fail_msg("%s: exit %d, not %d with '%s': %s", line, code, cases[i].code, cases[i].says, shell.said);
     assert_false(exists("b"));
   }
 }
@@ -370,11 +331,11 @@ static void test_bad_input(void **state) {
 // Many more Gaussians than depth maps give points: the plan has room for what depth maps give, however many are asked for.
 static void test_many_start_on_the_surface(void **state) {
   (void)state;
-  need_program();
+  lab_shell_need(&shell);
   if (run("@ train --data ../s --transforms transforms_train_stereo_theta10.json --exposures 1 "
           "--gaussians 18000 --init stereo --steps 1 --out many") != 0)
-    fail_msg("%s", g_said);
-  if (!strstr(g_said, "points from depth maps of 2 views")) fail_msg("%s", g_said);
+    fail_msg("%s", shell.said);
+  if (!strstr(shell.said, "points from depth maps of 2 views")) fail_msg("%s", shell.said);
   assert_true(exists("many/model.ply"));
 }
 

@@ -386,32 +386,57 @@ static void test_nothing_visible(void **state) {
   for (int i = 0; i < s.g.cap * s.g.n_rows; i++) assert_true(s.row[i] == 0);
 }
 
-// Leaves only the n_kept nearest of the visible ones of a finished picture.
-static void keep_nearest(scene *s, uint32_t n_visible, uint32_t n_kept, const uint32_t *order) {
-  for (uint32_t i = n_kept; i < n_visible; i++) *sv_gaussians_at(&s->g, (int)order[i], SV_ROW_LOGIT) = -30;
+static const sv_renderer *sorted; // by_depth sorts slots of it
+
+static int by_depth(const void *a, const void *b) {
+  const uint32_t i = *(const uint32_t *)a, k = *(const uint32_t *)b;
+  const uint32_t z = sorted->depth_key[i], w = sorted->depth_key[k];
+  return z != w ? (z < w ? -1 : 1) : i < k ? -1 : i > k;
+}
+
+// Visible slots front to back, equal depths by slot.
+static uint32_t list_visible(const scene *s, uint32_t order[N]) {
+  uint32_t n = 0;
+  for (uint32_t i = 0; i < N; i++)
+    if (s->r.splat[i].n_recs) order[n++] = i;
+  sorted = &s->r;
+  qsort(order, n, sizeof *order, by_depth);
+  return n;
+}
+
+// Three at each place, so that the pool ends among equal depths, too.
+static void pile_up(scene *s) {
+  for (int i = 0; i < N; i++)
+    for (int k = 0; k < 3; k++) *sv_gaussians_at(&s->g, i, k) = *sv_gaussians_at(&s->g, i - i % 3, k);
 }
 
 static void test_full_pool(void **state) {
   (void)state;
-  static const uint32_t caps[] = {1, 2, 50, 400, 1500};
+  static const uint32_t caps[] = {1, 2, 50, 51, 52, 53, 400, 1500};
   sv_kernels k;
   sv_pool pool = sv_pool_serial();
   sv_kernels_init(&k, ~0u);
-  for (int c = 0; c < 5; c++) {
+  for (int c = 0; c < 16; c++) {
     sv_arena a = fresh();
     static scene s, few;
     static uint32_t order[N];
-    make_scene(&s, &a, N, caps[c], 1);
-    render_both(&s, &k, &pool);
-    uint32_t n = s.r.stats.n_visible, n_kept = n - s.r.stats.n_dropped;
-    assert_true(s.r.stats.n_dropped > 0 && s.r.stats.n_recs <= caps[c]);
-    assert_true(caps[c] < 50 || n_kept > 0);
-    memcpy(order, s.r.order, n * sizeof *order);
-    make_scene(&few, &a, N, 0, 1); // plenty of room, but only those that were kept
-    keep_nearest(&few, n, n_kept, order);
+    const uint32_t cap = caps[c / 2];
+    make_scene(&few, &a, N, 0, 1); // plenty of room
+    if (c & 1) pile_up(&few);
     render_both(&few, &k, &pool);
+    uint32_t n = list_visible(&few, order), n_kept = 0, n_recs = 0;
+    while (n_kept < n && few.r.splat[order[n_kept]].n_recs <= cap - n_recs)
+      n_recs += few.r.splat[order[n_kept++]].n_recs;
+    assert_true(few.r.stats.n_dropped == 0 && n_kept < n && (cap < 50 || n_kept > 0));
+    for (uint32_t i = n_kept; i < n; i++) *sv_gaussians_at(&few.g, (int)order[i], SV_ROW_LOGIT) = -30;
+    render_both(&few, &k, &pool); // only the nearest
     assert_int_equal(few.r.stats.n_visible, n_kept);
-    assert_int_equal(few.r.stats.n_dropped, 0);
+    make_scene(&s, &a, N, cap, 1);
+    if (c & 1) pile_up(&s);
+    render_both(&s, &k, &pool);
+    assert_int_equal(s.r.stats.n_visible, n);
+    assert_int_equal(s.r.stats.n_dropped, n - n_kept);
+    assert_true(s.r.stats.n_recs <= cap);
     assert_true(digest_of(&s) == digest_of(&few));
   }
 }
