@@ -198,7 +198,7 @@ static sv_status record(const capture_options *o, sv_err *err) {
     } else if (now - last_ns > TIMEOUT_NS)
       return sv_fail(
           err, SV_E_TIMEOUT,
-          "no synchronized exposure came for %g s (%ld captured); is a camera missing or is the skew limit "
+          "no synchronized exposure came for %.0f s (%ld captured); is a camera missing or is the skew limit "
           "of %ld ms too tight?",
           sv_ns_to_s(now - last_ns), cap.n_exposures, o->skew_ms);
   }

@@ -5,6 +5,7 @@
 
 #include "boards/board_main.h"
 #include "platform/linux/live.h"
+#include "src/train/train.h"
 
 static run_options g; // what the list below points at
 
@@ -24,6 +25,8 @@ static const opt list[] = {
     {"--time-limit", OPT_REAL, &g.time_limit, 0.001, 1e6, "SEC", "end training after so many seconds"},
     {"--gaussians", OPT_INT, &g.gaussians, 0, 4000000, "N", "Gaussians, a fixed number"},
     {"--sh", OPT_INT, &g.sh, 0, 3, "D", "degree of the colour's spherical harmonics"},
+    {"--optimizer", OPT_TEXT, &g.optimizer, 0, 0, "NAME",
+     "adam or gauss-newton (gauss-newton; where lens images overlap adam)"},
     {"--skew-limit", OPT_INT, &g.skew_ms, 1, 10000, "MS", "largest skew within an exposure (20 ms)"},
     {"--sync", OPT_TEXT, &g.sync, 0, 0, "HOW",
      "what makes the cameras expose together: free (nothing), frame-length (software), trigger (a line)"},
@@ -67,6 +70,9 @@ static int check(run_options *o) {
     return usage_error("run", "--refine-poses: not with --live, --scene dynamic or --resume");
   o->i_sync = sync_mode_of(o->sync);
   if (o->i_sync < 0) return usage_error("run", "--sync %s: expected free, frame-length or trigger", o->sync);
+  o->i_optimizer = o->optimizer ? sv_optimizer_by_name(o->optimizer) : -1;
+  if (o->optimizer && o->i_optimizer < 0)
+    return usage_error("run", "--optimizer %s: expected adam or gauss-newton", o->optimizer);
   if (o->preview &&
       sv_linux_live_parse(o->preview, o->preview_addr, sizeof o->preview_addr, &o->preview_port, &err) < 0)
     return usage_error("run", "--preview %s", err.text);

@@ -10,6 +10,8 @@ typedef struct {
   long exposures, steps, gaussians, sh, threads, seed, skew_ms, orbit;
   double time_limit, save_every, picture_every;
   double exposure_s;
+  const char *optimizer; // NULL: the one that suits the exposures
+  int i_optimizer;       // an sv_optimizer, -1
   bool is_dynamic, is_refining;
   bool is_resume, is_live, is_json, is_quiet, is_session, has_feed, is_check;
   char preview_addr[64];    // of --preview; port 0: none

@@ -13,6 +13,7 @@
 #include "kernels/fma_peak/fma_peak.h"
 #include "kernels/luma/luma.h"
 #include "kernels/motion/motion.h"
+#include "kernels/newton/newton.h"
 #include "kernels/patch/patch.h"
 #include "kernels/project/project.h"
 #include "kernels/raster/raster.h"

@@ -72,6 +72,7 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
                                             .is_moving = c->is_dynamic,
                                             .n_sub_views = sv_app_n_trained_sub_views(c),
                                             .is_multiplexed = is_multiplexed(c)});
+  if (c->optimizer > 0) t.optimizer = (sv_optimizer)(c->optimizer - 1);
   if (c->is_refining) // rates from trials on poses that were off by a quarter of a degree
     t.poses = (sv_train_poses_cfg){.cap_poses = c->n_exposures,
                                    .rot_rad = 2e-3f,

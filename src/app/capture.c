@@ -83,11 +83,12 @@ static sv_status capture_loop(sv_app *app, sv_err *err) {
     sv_ns now = clk->now_ns(clk->self);
     if (sv_app_is_stop_requested(app) || sv_live_tick(app) < 0) return SV_E_INTERRUPTED;
     if (now - last_ns > app->cfg.capture_timeout_ns)
-      return sv_fail(err, SV_E_TIMEOUT,
-                     "no synchronized exposure came for %g s (%d of %d captured); is a camera missing or is "
-                     "the skew limit of %g ms too tight?",
-                     sv_ns_to_s(now - last_ns), app->exposures.n, app->cfg.n_exposures,
-                     sv_ns_to_ms(app->cfg.skew_limit_ns));
+      return sv_fail(
+          err, SV_E_TIMEOUT,
+          "no synchronized exposure came for %.0f s (%d of %d captured); is a camera missing or is "
+          "the skew limit of %g ms too tight?",
+          sv_ns_to_s(now - last_ns), app->exposures.n, app->cfg.n_exposures,
+          sv_ns_to_ms(app->cfg.skew_limit_ns));
     sv_status s = sv_intake_step(&app->intake, now + WAIT_NS);
     note_errors(app);
     if (tell_events(app)) last_ns = now;

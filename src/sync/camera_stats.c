@@ -53,6 +53,9 @@ void sv_camera_stats_live(sv_str *out, const sv_camera_stat *stats, const sv_syn
 
 void sv_camera_event_line(sv_str *out, const sv_camera_event *e, const sv_camera_caps *caps, int n_cameras) {
   bool is_known = e->i_camera >= 0 && e->i_camera < n_cameras;
-  sv_str_add(out, "%s: %s: %s (%lld)", is_known ? caps[e->i_camera].name : "?", sv_camera_event_name(e->kind),
-             sv_camera_event_sentence(e->kind), (long long)e->detail);
+  bool is_time = e->kind == SV_CAMERA_STALLED || e->kind == SV_CAMERA_RETURNED;
+  sv_str_add(out, "%s: %s: %s (", is_known ? caps[e->i_camera].name : "?", sv_camera_event_name(e->kind),
+             sv_camera_event_sentence(e->kind));
+  if (is_time) sv_str_add(out, "after %.0f ms)", sv_ns_to_ms(e->detail));
+  else sv_str_add(out, "%s%lld)", e->kind == SV_CAMERA_LOST ? "error " : "", (long long)e->detail);
 }

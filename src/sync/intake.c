@@ -259,6 +259,17 @@ sv_status sv_intake_check(const sv_intake *in, sv_err *err) {
   return SV_OK;
 }
 
+// The source's first event names the camera and what is wrong with it.
+static sv_status not_started(sv_intake *in, sv_status s, sv_err *err) {
+  char text[256];
+  sv_str why = sv_str_make(text, sizeof text);
+  sv_camera_event e;
+  if (in->source.event && in->source.event(in->source.self, &e) == SV_OK)
+    sv_camera_event_line(&why, &e, in->caps, in->cfg.n_cameras);
+  else sv_str_add(&why, "%s", sv_status_text(s));
+  return sv_fail(err, s, "the cameras did not start: %s", text);
+}
+
 sv_status sv_intake_start(sv_intake *in, sv_err *err) {
   sv_source *src = &in->source;
   sv_status s = sv_intake_check(in, err);
@@ -267,7 +278,7 @@ sv_status sv_intake_start(sv_intake *in, sv_err *err) {
   if (s < 0)
     return sv_fail(err, s, "the cameras cannot be switched to their trigger line: %s", sv_status_text(s));
   s = src->start(src->self);
-  if (s < 0) return sv_fail(err, s, "the cameras did not start: %s", sv_status_text(s));
+  if (s < 0) return not_started(in, s, err);
   in->is_running = true;
   return SV_OK;
 }

@@ -10,7 +10,7 @@ typedef struct {
   float centre[3], radius, jitter[2];
   int32_t deform_kind, n_moving; // 0 for still scenes
   float find_at, lo[3], inv[3];
-  uint32_t field_step;
+  uint32_t field_step, optimizer;
 } head_t;
 
 static int n_items(const sv_trainer *t) { return t->n_views + t->n_regions; }
@@ -65,6 +65,7 @@ sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
   memcpy(h.centre, t->centre, sizeof h.centre);
   memcpy(h.jitter, t->jitter, sizeof h.jitter);
   h.radius = t->radius;
+  h.optimizer = (uint32_t)t->cfg.optimizer;
   if (sv_train_is_dynamic(t)) {
     h.deform_kind = (int32_t)t->deform.kind, h.n_moving = sv_deform_n_moving(&t->deform);
     h.find_at = t->find_at, h.field_step = t->field_step;
@@ -110,6 +111,9 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
         err, SV_E_RANGE,
         "%s: made for %d Gaussians of SH degree %d on %d views, this run has %d of degree %d on %d", name,
         h.n, h.sh_degree, h.n_items, t->g.n, t->g.sh_degree, n_items(t));
+  if (h.optimizer != (uint32_t)t->cfg.optimizer)
+    return sv_fail(err, SV_E_RANGE, "%s: made with another optimizer, this run has --optimizer %s", name,
+                   sv_optimizer_name(t->cfg.optimizer));
   if (!(h.jitter[0] >= 0 && h.jitter[0] < 1 && h.jitter[1] >= 0 && h.jitter[1] < 1))
     return sv_fail(err, SV_E_FORMAT, "%s: the shift of the regions is not in 0..1", name);
   const bool is_dynamic = sv_train_is_dynamic(t);

@@ -11,14 +11,17 @@
 #define BLOCKS_PER_TASK SV_FIELD_TASK // a field sums by these tasks
 #define ERR_KEEP        0.9f          // running mean of the blended error over the views that see a Gaussian
 
+#define KEEP_GRADIENT 0.9f // of its running mean, a step
+
 #define UNHURRIED_STEPS 2000.0 // runs of fewer steps learn faster (docs/speed.md)
 #define CAP_HASTE       2.5f
 
 typedef struct {
   sv_trainer *t;
   sv_adam_args adam;
-  float lr[SV_CAP_ROWS];
-  float noise_gain; // displacement in units of sigma^2
+  sv_newton_args newton;
+  float lr[SV_CAP_ROWS]; // of Adam; with Gauss-Newton the longest steps
+  float noise_gain;      // displacement in units of sigma^2
   sv_regularisers reg;
   int n_blocks;
   bool has_err;          // collect: the error, too
@@ -41,9 +44,8 @@ float sv_train_mean_lr(const sv_train_cfg *cfg, float progress) {
   return (float)sv_exp(a + (b - a) * (double)sv_clampf(progress, 0.0f, 1.0f));
 }
 
-static void fill_rates(job *j, float mean_lr, double bias1) {
+static void fill_rates(job *j, float mean_lr, float f, float haste) {
   const sv_learning_rates *lr = &j->t->cfg.lr;
-  float f = (float)(1.0 / bias1), haste = sv_train_haste(&j->t->cfg);
   for (int i = 0; i < SV_CAP_ROWS; i++) {
     float r = i < SV_ROW_QUAT     ? mean_lr
               : i < SV_ROW_SCALE  ? lr->quat
@@ -53,6 +55,33 @@ static void fill_rates(job *j, float mean_lr, double bias1) {
                                   : lr->sh_rest;
     j->lr[i] = r * f;
   }
+}
+
+static sv_adam_args adam_args(job *j, float mean_lr, double bias1, double bias2) {
+  fill_rates(j, mean_lr, (float)(1.0 / bias1), sv_train_haste(&j->t->cfg));
+  return (sv_adam_args){.beta1 = KEEP_GRADIENT,
+                        .beta2 = 0.999f,
+                        .eps = 1e-15f,
+                        .rsqrt_bias2 = (float)(1.0 / sqrt(bias2)),
+                        .lr = j->lr,
+                        .n_rows = SV_N_ROWS(j->t->render.project.sh_degree)};
+}
+
+static float newton_rate(const sv_train_cfg *c, float progress) {
+  double haste = (double)sv_train_haste(c), a = sv_log((double)c->newton.rate_start);
+  double b = sv_log((double)c->newton.rate_end * haste * haste);
+  return (float)sv_exp(a + ((b < a ? b : a) - a) * (double)sv_clampf(progress, 0.0f, 1.0f));
+}
+
+static sv_newton_args newton_args(job *j, float mean_lr, float progress) {
+  const sv_newton_cfg *c = &j->t->cfg.newton;
+  fill_rates(j, mean_lr, c->cap, 1.0f);
+  for (int i = SV_ROW_SCALE; i < SV_ROW_LOGIT; i++) j->lr[i] = c->cap_scale * j->t->cfg.lr.scale;
+  return (sv_newton_args){.beta1 = KEEP_GRADIENT,
+                          .rate = newton_rate(&j->t->cfg, progress),
+                          .damping = c->damping,
+                          .cap = j->lr,
+                          .n_rows = SV_N_ROWS(j->t->render.project.sh_degree)};
 }
 
 int sv_train_n_tasks(const sv_trainer *t) {
@@ -101,7 +130,8 @@ static void move(const job *j, int b, uint32_t touched, uint32_t with_err, const
   sv_trainer *t = j->t;
   size_t at = (size_t)b * (size_t)t->g.n_rows * 16;
   float *p = t->g.param + at, *e = t->err + 16 * (size_t)b;
-  t->k->adam(&j->adam, touched, grad, p, t->m + at, t->v + at);
+  if (t->cfg.optimizer == SV_OPTIMIZER_ADAM) t->k->adam(&j->adam, touched, grad, p, t->m + at, t->v + at);
+  else t->k->newton(&j->newton, touched, grad, t->v + at, p, t->m + at);
   for (int k = 0; k < 16; k++)
     if (with_err >> k & 1) e[k] = ERR_KEEP * e[k] + (1.0f - ERR_KEEP) * err[k];
   if (j->noise_gain > 0.0f) explore(j, b, touched, p);
@@ -229,13 +259,9 @@ static uint32_t run(sv_trainer *t, float progress, sv_task_fn task) {
   j.has_pose = t->cfg.poses.cap_poses > 0 && task == optimise_task;
   double bias1 = 1.0 - sv_pow(0.9, step), bias2 = 1.0 - sv_pow(0.999, step);
   j.noise_gain = is_noisy ? t->cfg.noise * 5e5f * mean_lr / t->radius : 0.0f;
-  fill_rates(&j, mean_lr * t->radius, bias1);
-  j.adam = (sv_adam_args){.beta1 = 0.9f,
-                          .beta2 = 0.999f,
-                          .eps = 1e-15f,
-                          .rsqrt_bias2 = (float)(1.0 / sqrt(bias2)),
-                          .lr = j.lr,
-                          .n_rows = SV_N_ROWS(t->render.project.sh_degree)};
+  j.adam = adam_args(&j, mean_lr * t->radius, bias1, bias2); // motion's, too
+  if (t->cfg.optimizer == SV_OPTIMIZER_GAUSS_NEWTON)
+    j.newton = newton_args(&j, mean_lr * t->radius, progress);
   if (t->deform.kind == SV_DEFORM_CLIP) {
     j.motion_f = sv_motion_values_at(&t->deform.motion.cfg, t->time);
     sv_train_motion_rates(t, progress, mean_lr * t->radius, bias1, j.motion_lr);

@@ -36,7 +36,14 @@ static int draw(const double *cum, int n, double x) {
 
 static void clear_moments(sv_trainer *t, int i) {
   long at = sv_gaussians_at(&t->g, i, 0) - t->g.param;
-  for (int row = 0; row < t->g.n_rows; row++) t->m[at + 16 * row] = t->v[at + 16 * row] = 0.0f;
+  for (int row = 0; row < t->g.n_rows; row++) t->m[at + 16 * row] = 0.0f;
+  for (int row = 0; row < t->g.n_rows && t->cfg.optimizer == SV_OPTIMIZER_ADAM; row++)
+    t->v[at + 16 * row] = 0.0f;
+}
+
+static void copy_curvature(sv_trainer *t, int to, int from) {
+  long a = sv_gaussians_at(&t->g, to, 0) - t->g.param, b = sv_gaussians_at(&t->g, from, 0) - t->g.param;
+  for (int row = 0; row < t->g.n_rows; row++) t->v[a + 16 * row] = t->v[b + 16 * row];
 }
 
 static void copy_slot(sv_trainer *t, int to, int from) {
@@ -103,6 +110,7 @@ uint32_t sv_train_relocate(sv_trainer *t) {
     if (t->source[i] < 0) continue;
     copy_slot(t, i, t->source[i]);
     clear_moments(t, i);
+    if (t->cfg.optimizer == SV_OPTIMIZER_GAUSS_NEWTON) copy_curvature(t, i, t->source[i]);
     t->err[i] = t->err[t->source[i]];
     if (sv_train_is_dynamic(t)) sv_train_copy_motion(t, i, t->source[i]);
     displace(t, i);

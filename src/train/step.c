@@ -199,6 +199,11 @@ sv_status sv_train_residual(sv_trainer *t, int i_view, float progress) {
   return SV_OK;
 }
 
+static sv_status picture_bwd(sv_trainer *t, bool is_supersampled, const sv_planes *grad, const float *err) {
+  if (is_supersampled) return sv_train_supersample_bwd(t, grad, err);
+  return sv_render_bwd(&t->render, t->k, t->pool, grad, NULL, NULL, err);
+}
+
 // Renders a sub-view and leaves its gradients in the renderer.
 static sv_status view_step(sv_trainer *t, int i, float progress, sv_render_options o, sv_step_stats *out) {
   const sv_train_view *tv = &t->views[i];
@@ -218,8 +223,12 @@ static sv_status view_step(sv_trainer *t, int i, float progress, sv_render_optio
   out->loss = loss.loss, out->l1 = loss.l1, out->ssim = loss.ssim;
   if (t->cfg.weight_tv > 0.0f)
     out->loss += sv_tv_loss(&t->tv, t->k, t->pool, x, &t->grad, SV_TV_SQUARED, t->cfg.weight_tv);
-  if (is_fine) return sv_train_supersample_bwd(t);
-  return sv_render_bwd(&t->render, t->k, t->pool, &t->grad, NULL, NULL, t->err_plane);
+  if (sv_train_is_probe_due(t)) {
+    sv_train_make_probe(t, loss.l1);
+    if ((s = picture_bwd(t, is_fine, &t->target, NULL)) < 0) return s;
+    sv_train_curvature(t);
+  }
+  return picture_bwd(t, is_fine, &t->grad, t->err_plane);
 }
 
 sv_status sv_train_predict(sv_trainer *t, const sv_composite *c, const sv_region *region,
@@ -238,6 +247,24 @@ sv_status sv_train_predict(sv_trainer *t, const sv_composite *c, const sv_region
   if (n_px) *n_px = sum_px;
   if (s >= 0) sv_forward_finish(&t->forward, c);
   return s;
+}
+
+// The curvature of a region's loss. *held: the lens whose part the renderer holds, before and after.
+static sv_status probe_region(sv_trainer *t, const sv_composite *c, const sv_region *region,
+                              const sv_render_options *o, double l1, int *held) {
+  sv_train_make_probe(t, l1);
+  for (int m = *held; m >= 0; m--) {
+    sv_crop crop;
+    sv_status s = SV_OK;
+    if (!sv_composite_crop(c, m, region, &crop)) continue;
+    if (m != *held && (s = sv_render(&t->render, t->k, t->pool, &t->g, &crop.view, o)) < 0) return s;
+    *held = m;
+    sv_forward_bwd(&t->forward, c, &crop, &t->render.rgb, &t->target, NULL, &t->aux, NULL);
+    if ((s = sv_render_bwd(&t->render, t->k, t->pool, &t->aux, NULL, NULL, NULL)) < 0) return s;
+    sv_train_collect_curvature(t);
+  }
+  sv_train_apply_curvature(t);
+  return SV_OK;
 }
 
 // The crops are rendered twice: once for their sum, once for their gradients, so that one renderer is enough.
@@ -259,10 +286,13 @@ static sv_status region_step(sv_trainer *t, int i, const sv_render_options *o, s
   sv_photometric_loss(&t->photometric, t->k, t->pool, &t->forward.predicted, &t->target, &t->grad,
                       t->err_plane, t->cfg.weight_ssim, &loss);
   out->loss = loss.loss, out->l1 = loss.l1, out->ssim = loss.ssim;
+  int held = last;
+  if (sv_train_is_probe_due(t) && (s = probe_region(t, c, &region, o, loss.l1, &held)) < 0) return s;
   for (int m = last; m >= 0; m--) {
     sv_crop crop;
     if (!sv_composite_crop(c, m, &region, &crop)) continue;
-    if (m != last && (s = sv_render(&t->render, t->k, t->pool, &t->g, &crop.view, o)) < 0) return s;
+    if (m != held && (s = sv_render(&t->render, t->k, t->pool, &t->g, &crop.view, o)) < 0) return s;
+    held = m;
     sv_forward_bwd(&t->forward, c, &crop, &t->render.rgb, &t->grad, t->err_plane, &t->aux, t->aux_err);
     float share = (float)((double)crop.view.width_px * (double)crop.view.height_px / (double)n_px);
     if (t->cfg.weight_tv > 0.0f)

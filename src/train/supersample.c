@@ -45,6 +45,8 @@ static void size(sv_planes *p, int w, int h) {
 
 typedef struct {
   sv_trainer *t;
+  const sv_planes *grad; // backward
+  const float *err;
 } job;
 
 static void mean_task(void *arg, int i_channel, int i_thread) {
@@ -73,7 +75,7 @@ sv_status sv_train_supersample(sv_trainer *t, const sv_view *view, const sv_rend
   if (s->grad.width_px != fine.width_px || s->grad.height_px != fine.height_px)
     memset(s->err, 0, sv_plane_floats(fine.width_px, fine.height_px) * sizeof *s->err);
   size(&s->grad, fine.width_px, fine.height_px);
-  sv_pool_run(t->pool, mean_task, &(job){t}, 3);
+  sv_pool_run(t->pool, mean_task, &(job){.t = t}, 3);
   return SV_OK;
 }
 
@@ -86,10 +88,11 @@ sv_status sv_train_measure(sv_trainer *t, const sv_view *view, const sv_render_o
 
 // Three channels of the gradient, then the error, which a Gaussian gets in the same shares.
 static void spread_task(void *arg, int i_plane, int i_thread) {
-  sv_trainer *t = ((job *)arg)->t;
-  const sv_planes *from = &t->grad, *to = &t->supersample.grad;
+  const job *j = arg;
+  sv_trainer *t = j->t;
+  const sv_planes *from = j->grad, *to = &t->supersample.grad;
   (void)i_thread;
-  t->k->half_bwd(&(sv_half_bwd_args){.grad = i_plane < 3 ? from->c[i_plane] : t->err_plane,
+  t->k->half_bwd(&(sv_half_bwd_args){.grad = i_plane < 3 ? from->c[i_plane] : j->err,
                                      .width_px = from->width_px,
                                      .stride = from->stride,
                                      .src_grad = i_plane < 3 ? to->c[i_plane] : t->supersample.err,
@@ -97,7 +100,8 @@ static void spread_task(void *arg, int i_plane, int i_thread) {
                                      .row1 = from->height_px});
 }
 
-sv_status sv_train_supersample_bwd(sv_trainer *t) {
-  sv_pool_run(t->pool, spread_task, &(job){t}, 4);
-  return sv_render_bwd(&t->render, t->k, t->pool, &t->supersample.grad, NULL, NULL, t->supersample.err);
+sv_status sv_train_supersample_bwd(sv_trainer *t, const sv_planes *grad, const float *err) {
+  sv_pool_run(t->pool, spread_task, &(job){t, grad, err}, err ? 4 : 3);
+  return sv_render_bwd(&t->render, t->k, t->pool, &t->supersample.grad, NULL, NULL,
+                       err ? t->supersample.err : NULL);
 }

@@ -4,65 +4,85 @@
 #include <string.h>
 
 #include "src/base/mathx.h"
+#include "src/base/str.h"
 #include "src/splat/constants.h"
 
 sv_train_cfg sv_train_defaults(void) {
-  return (sv_train_cfg){.n_gaussians = 20000,
-                        .sh_degree = 1,
-                        .cap_views = 64,
-                        .cap_width_px = 640,
-                        .cap_height_px = 480,
-                        .n_threads = 1,
-                        .seed = 1,
-                        .background = SV_BG_BLACK,
-                        .dilation_px2 = SV_DILATION_PX2,
-                        .weight_ssim = 0.2f,
-                        .weight_tv = 0.0f,
-                        .region_px = 128,
-                        .unseen_every = 1,
-                        .unseen_px = 100,
-                        .unseen_rad = 0.35f,
-                        .reg_opacity = 0.01f,
-                        .reg_scale = 0.01f,
-                        .lr = {.mean_start = 1.6e-4f,
-                               .mean_end = 1.6e-6f,
-                               .quat = 1e-3f,
-                               .scale = 1e-2f, // twice the usual: runs are short (docs/speed.md)
-                               .logit = 0.05f,
-                               .sh0 = 2.5e-3f,
-                               .sh_rest = 2.5e-3f / 20.0f},
-                        .start_scale = 4,
-                        .fine_at = 0.3f,
-                        .sh_step = 0.2f,
-                        .relocate_every = 100,
-                        .relocate_from = 0.05f,
-                        .relocate_until = 0.8f,
-                        .noise = 1.0f,
-                        .dynamic = {.from = 0.1f,
-                                    .find_every = 0.04f,
-                                    .find_until = 0.6f,
-                                    .grow_start = 0.02f,
-                                    .grow_until = 0.5f,
-                                    .coarse_for = 0.1f,
-                                    .front_every = 2,
-                                    .shrink_pos = 0.1f,
-                                    .least_share = 0.2f,
-                                    .window_start = 0.4f,
-                                    .unrest = 0.01f,
-                                    .n_pos = 6,
-                                    .n_rot = 3,
-                                    .n_colour = 1,
-                                    .pos = 60.0f,
-                                    .rot = 2e-3f,
-                                    .colour = 2e-3f,
-                                    .window = 0.01f,
-                                    .reg_pos = 0.01f,
-                                    .reg_rot = 1e-3f,
-                                    .reg_colour = 1e-3f,
-                                    .still_px = 0.25f,
-                                    .still_fade = 0.1f,
-                                    .still_colour = 0.01f},
-                        .steps_hint = 3000};
+  return (sv_train_cfg){
+      .n_gaussians = 20000,
+      .sh_degree = 1,
+      .cap_views = 64,
+      .cap_width_px = 640,
+      .cap_height_px = 480,
+      .n_threads = 1,
+      .seed = 1,
+      .background = SV_BG_BLACK,
+      .dilation_px2 = SV_DILATION_PX2,
+      .weight_ssim = 0.2f,
+      .weight_tv = 0.0f,
+      .region_px = 128,
+      .unseen_every = 1,
+      .unseen_px = 100,
+      .unseen_rad = 0.35f,
+      .reg_opacity = 0.01f,
+      .reg_scale = 0.01f,
+      .lr = {.mean_start = 1.6e-4f,
+             .mean_end = 1.6e-6f,
+             .quat = 1e-3f,
+             .scale = 1e-2f, // twice the usual: runs are short (docs/speed.md)
+             .logit = 0.05f,
+             .sh0 = 2.5e-3f,
+             .sh_rest = 2.5e-3f / 20.0f},
+      .optimizer = SV_OPTIMIZER_GAUSS_NEWTON,
+      .newton = {.every = 5, // no divisor of what repeats otherwise: all kinds of views have turns
+                 .keep = 0.9f,
+                 .rate_start = 0.1f,
+                 .rate_end = 0.02f,
+                 .damping = 1.0f,
+                 .cap = 5.0f,
+                 .cap_scale = 2.5f},
+      .start_scale = 4,
+      .fine_at = 0.3f,
+      .sh_step = 0.2f,
+      .relocate_every = 100,
+      .relocate_from = 0.05f,
+      .relocate_until = 0.8f,
+      .noise = 1.0f,
+      .dynamic = {.from = 0.1f,
+                  .find_every = 0.04f,
+                  .find_until = 0.6f,
+                  .grow_start = 0.02f,
+                  .grow_until = 0.5f,
+                  .coarse_for = 0.1f,
+                  .front_every = 2,
+                  .shrink_pos = 0.1f,
+                  .least_share = 0.2f,
+                  .window_start = 0.4f,
+                  .unrest = 0.01f,
+                  .n_pos = 6,
+                  .n_rot = 3,
+                  .n_colour = 1,
+                  .pos = 60.0f,
+                  .rot = 2e-3f,
+                  .colour = 2e-3f,
+                  .window = 0.01f,
+                  .reg_pos = 0.01f,
+                  .reg_rot = 1e-3f,
+                  .reg_colour = 1e-3f,
+                  .still_px = 0.25f,
+                  .still_fade = 0.1f,
+                  .still_colour = 0.01f},
+      .steps_hint = 3000};
+}
+
+static const char *const optimizer_names[] = {"adam", "gauss-newton"};
+
+const char *sv_optimizer_name(sv_optimizer o) { return optimizer_names[o]; }
+
+int sv_optimizer_by_name(const char *name) {
+  for (int i = 0; i < 2; i++)
+    if (sv_str_eq(name, optimizer_names[i])) return i;
+  return -1;
 }
 
 static size_t cap_floats(const sv_train_cfg *c) {
@@ -191,6 +211,11 @@ static sv_status check(const sv_train_cfg *c, sv_err *err) {
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "poses are refined with still scenes and whole pictures: not with moving ones, and not on "
                    "multiplexed sensors");
+  if (c->optimizer == SV_OPTIMIZER_GAUSS_NEWTON &&
+      (c->newton.every < 1 || !(c->newton.rate_start > 0) || !(c->newton.rate_end > 0)))
+    return sv_fail(err, SV_E_ARG,
+                   "an estimate of the curvature every %d steps, and rates of %g to %g, expected more than 0",
+                   c->newton.every, (double)c->newton.rate_start, (double)c->newton.rate_end);
   if (c->start_scale != 1 && c->start_scale != 2 && c->start_scale != 4 && c->start_scale != 8)
     return sv_fail(err, SV_E_ARG, "the starting scale is %d, expected 1, 2, 4 or 8", c->start_scale);
   return SV_OK;

@@ -24,6 +24,22 @@ typedef struct {
   float quat, scale, logit, sh0, sh_rest;
 } sv_learning_rates;
 
+// What moves the Gaussians. Motion and poses are always Adam's.
+typedef enum { SV_OPTIMIZER_ADAM, SV_OPTIMIZER_GAUSS_NEWTON } sv_optimizer;
+const char *sv_optimizer_name(sv_optimizer o); // "adam", "gauss-newton"
+int sv_optimizer_by_name(const char *name);    // -1 when unknown
+
+// Diagonal Gauss-Newton (curvature.c): p -= rate m / (h + damping mean(h)), m the running mean of the gradient, h that of
+// the estimates of the diagonal. No step is longer than so many of Adam's.
+typedef struct {
+  int every;  // steps from one estimate to the next
+  float keep; // of the running mean, an estimate
+  float rate_start,
+      rate_end;         // log-linear over the run; rate_end times sv_train_haste's square, at most rate_start
+  float damping;        // of the mean over 16 Gaussians
+  float cap, cap_scale; // Adam's longest steps; of log-scales
+} sv_newton_cfg;
+
 #define SV_TRAIN_BLOCK_FLOATS ((SV_CAP_ROWS + 1 + SV_CAP_MROWS) * 16)
 
 // Moving scenes (src/deform).
@@ -79,6 +95,8 @@ typedef struct {
   float unseen_rad;             // how far they are turned about the scene from a view that was taken
   float reg_opacity, reg_scale; // weights of mean opacity and mean scale (3DGS-MCMC)
   sv_learning_rates lr;
+  sv_optimizer optimizer;
+  sv_newton_cfg newton;
   int start_scale;                     // coarse to fine: first pictures at 1/start_scale (1, 2 or 4)
   float fine_at;                       // progress at which full size is reached
   float sh_step;                       // progress between two SH degrees
@@ -119,7 +137,8 @@ typedef struct {
   const sv_kernels *k;
   const sv_pool *pool;
   sv_gaussians g;
-  float *m, *v; // Adam's moments, laid out as g.param
+  float *m,
+      *v; // laid out as g.param: running means of the gradient, and of its squares (Adam) or the curvature
   float *err;   // [cap] running mean of each Gaussian's blended error
   float *block; // [n_threads][SV_TRAIN_BLOCK_FLOATS] gradients of one block: Gaussians, error, motion
   float *sum;   // [cap / 16][n_rows + 1][16] of a step with several pictures, last row: error. Or NULL
@@ -197,8 +216,8 @@ bool sv_train_is_dynamic(const sv_trainer *t);
 
 // --- pieces, for tests ---------------------------------------------------------------------------
 float sv_train_mean_lr(const sv_train_cfg *cfg, float progress); // per unit of scene radius
-// Runs of less than 2,000 steps, of scenes that stand still, have higher rates of scales, opacities and colours, and
-// end with higher ones of means: by sqrt(2000 / steps_hint), at most 2.5; the means' by its square.
+// Runs of less than 2,000 steps, of scenes that stand still, have higher rates of scales, opacities and colours (with
+// Adam alone), and end with higher ones of means: by sqrt(2000 / steps_hint), at most 2.5; the means' by its square.
 float sv_train_haste(const sv_train_cfg *cfg);
 int sv_train_scale_at(const sv_trainer *t, const sv_view *view, float progress);
 // Least log-scales from the views that see each Gaussian: the log of floor_px z / f at the highest f / z. What is
@@ -247,6 +266,15 @@ sv_status sv_train_predict(sv_trainer *t, const sv_composite *c, const sv_region
 sv_renderer_cfg sv_train_renderer_cfg(const sv_train_cfg *c);
 // Supersampling (supersample.c). Whether a picture at 1/scale has more than one sample a pixel.
 bool sv_train_is_supersampled(const sv_trainer *t, int scale, float progress);
+// Whether this step estimates the curvature.
+bool sv_train_is_probe_due(const sv_trainer *t);
+// After the loss: the target, which has done its duty, becomes the probe of a picture whose mean |residual| is l1. Its
+// gradients (sv_render_bwd) are squared into the running means by sv_train_curvature; those of several pictures that
+// together are one measurement by collect for each and apply.
+void sv_train_make_probe(sv_trainer *t, double l1);
+void sv_train_curvature(sv_trainer *t);
+void sv_train_collect_curvature(sv_trainer *t);
+void sv_train_apply_curvature(sv_trainer *t);
 void sv_train_supersample_carve(sv_supersample *s, size_t px,
                                 sv_arena *a); // px: of the largest picture, padded
 // Renders 2 x 2 samples a pixel of a view; their means go to t->supersample.mean.
@@ -255,8 +283,8 @@ sv_status sv_train_supersample(sv_trainer *t, const sv_view *view, const sv_rend
 // again.
 sv_status sv_train_measure(sv_trainer *t, const sv_view *view, const sv_render_options *o,
                            bool is_supersampled, const sv_planes **out) SV_MUST_USE;
-// From t->grad and t->err_plane, of the means, back to the Gaussians.
-sv_status sv_train_supersample_bwd(sv_trainer *t) SV_MUST_USE;
+// From the gradient and the error (or NULL) of the means back to the Gaussians.
+sv_status sv_train_supersample_bwd(sv_trainer *t, const sv_planes *grad, const float *err) SV_MUST_USE;
 // A view from beside those that were taken, turned about the scene's centre; reduced in size.
 sv_view sv_train_unseen_view(sv_trainer *t);
 // Gradients of the last picture -> parameters for all touched blocks; returns the touched Gaussians.

@@ -51,7 +51,7 @@ bool counts_write(const counts_table *t, const char *path) {
   fprintf(
       f,
       "# SPDX-License-Identifier: Apache-2.0\n"
-      "# Instructions of three training steps, counted by callgrind; make accept-counts writes this file.\n"
+      "# Instructions of five training steps, counted by callgrind; make accept-counts writes this file.\n"
       "# compiler %s\nisa,function,instructions\n",
       t->compiler);
   for (int i = 0; i < t->n_rows; i++)

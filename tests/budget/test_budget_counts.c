@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Instructions of three training steps against tests/budget/counts.csv. The program runs itself under callgrind:
+// Instructions of five training steps against tests/budget/counts.csv. The program runs itself under callgrind:
 //
 //   test_budget_counts            compares
 //   test_budget_counts --accept   measures, and writes the record anew (make accept-counts)
@@ -20,7 +20,7 @@
 #include "tests/common/temp_folder.h"
 
 #define RECORD  "tests/budget/counts.csv"
-#define N_STEPS 3
+#define N_STEPS 5 // one of them estimates the curvature
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__) || !defined(__OPTIMIZE__)
 #define IS_OTHER_CODE 1

@@ -34,6 +34,7 @@ void step_gradient_kernels(sv_kernels *k) {
 
 void step_gradient_settings(sv_train_cfg *cfg) {
   cfg->n_gaussians = N;
+  cfg->optimizer = SV_OPTIMIZER_ADAM; // whose kernel keeps the gradients
   cfg->reg_opacity = cfg->reg_scale = cfg->noise = 0;
   cfg->relocate_every = 0;
   cfg->start_scale = 1;

@@ -53,6 +53,7 @@ int main(int argc, char **argv) {
   source_suite s;
   sv_err err;
   int n_passed = 0, n_failed = 0;
+  setvbuf(stdout, NULL, _IOLBF, 0);
   if (argc != 2) {
     fprintf(stderr, "usage: source-check v4l2:/dev/videoN[,...] | libcamera:N[,...]\n");
     return 2;

@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "platform/v4l2/format.h"
+#include "src/sync/intake.h"
 #include "tests/unit/v4l2_bench.h"
 
 // --- opening -------------------------------------------------------------------------------------
@@ -238,6 +239,31 @@ static void a_camera_that_does_not_start_is_tried_again(void **state) {
   close_all();
 }
 
+// Through the runtime's capture side: what a user reads.
+static void what_is_wrong_is_said_of_each_camera(void **state) {
+  (void)state;
+  static uint8_t block[1 << 18];
+  static sv_intake in;
+  sv_camera_caps both[2];
+  sv_clock clock = fake_v4l2_clock(&fake);
+  sv_arena own = sv_arena_make(block, sizeof block);
+  char text[200];
+  must_open("/dev/video0,/dev/video1,settle=0");
+  both[0] = *caps(0), both[1] = *caps(1);
+  sv_intake_cfg cfg = {
+      .n_cameras = 2, .caps = both, .skew_limit_ns = SV_NS_PER_MS, .queue_len = 4, .cap_ready = 2};
+  assert_int_equal(sv_intake_init(&in, &cfg, &src, &clock, &own), SV_OK);
+  fake.device[0].is_streamon_failing = fake.device[1].is_streamon_failing = true;
+  assert_int_equal(sv_intake_start(&in, &err), SV_E_DEVICE);
+  assert_string_equal(err.text,
+                      "the cameras did not start: video0: lost: the device failed or is gone (error 5)");
+  sv_str line = sv_str_make(text, sizeof text);
+  sv_camera_event e = {.kind = SV_CAMERA_STALLED, .i_camera = 1, .detail = 1127744960};
+  sv_camera_event_line(&line, &e, both, 2);
+  assert_string_equal(text, "video1: stalled: no frame came for too long (after 1128 ms)");
+  close_all();
+}
+
 static void a_stalled_camera_is_started_again(void **state) {
   (void)state;
   int64_t ns = 0;
@@ -392,6 +418,7 @@ int main(void) {
       T(an_unplugged_camera_comes_back),
       T(a_broken_queue_is_opened_again),
       T(a_camera_that_does_not_start_is_tried_again),
+      T(what_is_wrong_is_said_of_each_camera),
       T(a_stalled_camera_is_started_again),
       T(a_host_held_up_is_no_stall),
       T(damaged_frames_are_named),

@@ -112,6 +112,7 @@ static void choose_objective(run *r) {
   if (s.is_moving) s.n_exposures = (n_places(&r->views) + s.n_sub_views - 1) / s.n_sub_views;
   r->is_standing = s.is_moving && s.n_exposures == 1;
   sv_train_set_objective(c, &s);
+  if (o->optimizer) c->optimizer = (sv_optimizer)sv_optimizer_by_name(o->optimizer);
   if (o->ssim >= 0) c->weight_ssim = o->ssim;
   if (o->tv >= 0) c->weight_tv = o->tv;
   if (o->tv_unseen >= 0) c->weight_tv_unseen = o->tv_unseen;
@@ -411,6 +412,7 @@ static void report_settings(lab_report *j, const run *r) {
   lab_report_num(j, "dilation_px2", (double)t->cfg.dilation_px2);
   lab_report_num(j, "loss_opacity", (double)t->cfg.reg_opacity);
   lab_report_num(j, "loss_scale", (double)t->cfg.reg_scale);
+  lab_report_text(j, "optimizer", sv_optimizer_name(t->cfg.optimizer));
   lab_report_int(j, "seed", (long long)t->cfg.seed);
   lab_report_text(j, "antialias", r->o->antialias ? r->o->antialias : "auto");
   lab_report_bool(j, "antialiased", t->cfg.is_antialiased);

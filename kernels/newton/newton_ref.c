@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "kernels/newton/newton.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "kernels/simd/s1_math.h"
+
+void sv_probe_ref(const sv_probe_args *a) {
+  for (int row = a->row0; row < a->row1; row++) {
+    const long at = (long)row * a->stride;
+    for (int i = 0; i < (a->width_px + 15) / 16 * 16; i++) {
+      uint32_t bits = sv_probe_bits((uint32_t)i / 32, (uint32_t)row, a->key);
+      a->plane[at + i] = i >= a->width_px ? 0.0f : bits >> (i & 31) & 1 ? -a->size : a->size;
+    }
+  }
+}
+
+void sv_curvature_ref(float keep, int n_rows, uint32_t touched, const float *square, float *diag) {
+  for (int i = 0; i < 16 * n_rows; i++)
+    if (touched >> (i & 15) & 1)
+      diag[i] = diag[i] > 0.0f ? fmaf(keep, diag[i], (1.0f - keep) * square[i]) : square[i];
+}
+
+void sv_newton_ref(const sv_newton_args *a, uint32_t touched, const float *grad, const float *diag, float *p,
+                   float *m) {
+  float c1 = 1.0f - a->beta1;
+  for (int row = 0; row < a->n_rows; row++) {
+    float lanes[16], cap = a->cap[row];
+    memcpy(lanes, diag + 16 * row, sizeof lanes);
+    float ridge = a->damping * (s1_sum16(lanes) * (1.0f / 16.0f));
+    for (int k = 0; k < 16; k++) {
+      int i = 16 * row + k;
+      if (!(touched >> k & 1)) continue;
+      m[i] = fmaf(a->beta1, m[i], c1 * grad[i]);
+      if (!(diag[i] > 0.0f)) continue;
+      float step = a->rate * m[i] / (diag[i] + ridge);
+      p[i] -= s1_max(s1_min(step, cap), -cap);
+    }
+  }
+}

@@ -1,0 +1,126 @@
+// SPDX-License-Identifier: Apache-2.0
+// Diagonal Gauss-Newton: the estimate of the loss's curvature. The photometric loss is a mean of |r| over n values, and
+// bends like that of weighted squares r^2 / (2 w), w = |r| (iteratively reweighted least squares). With the picture's
+// mean for w the Gauss-Newton matrix is J^T J / (n w). Every few steps one more backward pass, with random signs of size
+// 1 / sqrt(n w) in the place of the gradient, estimates its diagonal by squares (kernels/newton/newton.h). SSIM's share of
+// the loss is taken to bend like the rest; smoothing of views, measured or unseen, and regularisers do not count. The
+// running mean stands where Adam has its second moment.
+#include <string.h>
+
+#include "src/base/mathx.h"
+#include "src/train/train.h"
+
+#define BLOCKS_PER_TASK 64
+#define ROWS_PER_TASK   16
+#define MIN_RESIDUAL    1e-4 // display values; below, a picture is as good as its eight bits
+
+bool sv_train_is_probe_due(const sv_trainer *t) {
+  return t->cfg.optimizer == SV_OPTIMIZER_GAUSS_NEWTON && t->step % (uint32_t)t->cfg.newton.every == 0;
+}
+
+typedef struct {
+  sv_trainer *t;
+  sv_probe_args probe[3];
+  int n_rows, n_bands;
+  int n_blocks;
+} job;
+
+static void probe_task(void *arg, int i_task, int i_thread) {
+  const job *j = arg;
+  sv_probe_args a = j->probe[i_task / j->n_bands];
+  (void)i_thread;
+  a.row0 = i_task % j->n_bands * ROWS_PER_TASK;
+  a.row1 = sv_mini(a.row0 + ROWS_PER_TASK, j->n_rows);
+  j->t->k->probe(&a);
+}
+
+void sv_train_make_probe(sv_trainer *t, double l1) {
+  const sv_planes *p = &t->target;
+  const double n = 3.0 * p->width_px * p->height_px;
+  job j = {.t = t, .n_rows = p->height_px, .n_bands = (p->height_px + ROWS_PER_TASK - 1) / ROWS_PER_TASK};
+  for (uint32_t c = 0; c < 3; c++)
+    j.probe[c] = (sv_probe_args){.plane = p->c[c],
+                                 .width_px = p->width_px,
+                                 .stride = p->stride,
+                                 .size = (float)(1.0 / sqrt(n * (l1 > MIN_RESIDUAL ? l1 : MIN_RESIDUAL))),
+                                 .key = sv_hash3((uint32_t)t->cfg.seed, t->step, c)};
+  sv_pool_run(t->pool, probe_task, &j, 3 * j.n_bands);
+}
+
+static job blocks_job(sv_trainer *t) {
+  return (job){.t = t, .n_rows = SV_N_ROWS(t->render.project.sh_degree), .n_blocks = (t->g.n + 15) / 16};
+}
+
+static int n_tasks(const job *j) { return (j->n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK; }
+
+// Squares of a block's gradients of the last picture. Returns the touched lanes.
+static uint32_t squares_of(const job *j, int b, int i_thread, float *grad) {
+  sv_trainer *t = j->t;
+  uint32_t touched =
+      sv_render_bwd_block(&t->render, t->k, b, i_thread, NULL, grad, grad + SV_CAP_ROWS * 16, NULL);
+  for (int i = 0; i < 16 * j->n_rows && touched; i++) grad[i] *= grad[i];
+  return touched;
+}
+
+static void single_task(void *arg, int i_task, int i_thread) {
+  const job *j = arg;
+  sv_trainer *t = j->t;
+  float *grad = t->block + (size_t)i_thread * SV_TRAIN_BLOCK_FLOATS;
+  int b1 = sv_mini((i_task + 1) * BLOCKS_PER_TASK, j->n_blocks);
+  for (int b = i_task * BLOCKS_PER_TASK; b < b1; b++) {
+    uint32_t touched = squares_of(j, b, i_thread, grad);
+    if (touched)
+      t->k->curvature(t->cfg.newton.keep, j->n_rows, touched, grad,
+                      t->v + (size_t)b * (size_t)t->g.n_rows * 16);
+  }
+}
+
+void sv_train_curvature(sv_trainer *t) {
+  job j = blocks_job(t);
+  sv_pool_run(t->pool, single_task, &j, n_tasks(&j));
+}
+
+// --- several pictures ----------------------------------------------------------------------------
+
+static float *sum_of(const sv_trainer *t, int b) {
+  return t->sum + (size_t)b * (size_t)(t->g.n_rows + 1) * 16;
+}
+
+static void collect_task(void *arg, int i_task, int i_thread) {
+  const job *j = arg;
+  sv_trainer *t = j->t;
+  float *grad = t->block + (size_t)i_thread * SV_TRAIN_BLOCK_FLOATS;
+  int b1 = sv_mini((i_task + 1) * BLOCKS_PER_TASK, j->n_blocks);
+  for (int b = i_task * BLOCKS_PER_TASK; b < b1; b++) {
+    uint32_t touched = squares_of(j, b, i_thread, grad);
+    float *sum = sum_of(t, b);
+    for (int i = 0; i < 16 * j->n_rows && touched; i++) sum[i] += grad[i];
+    t->sum_touched[2 * b] |= touched;
+  }
+}
+
+static void apply_task(void *arg, int i_task, int i_thread) {
+  const job *j = arg;
+  sv_trainer *t = j->t;
+  int b1 = sv_mini((i_task + 1) * BLOCKS_PER_TASK, j->n_blocks);
+  (void)i_thread;
+  for (int b = i_task * BLOCKS_PER_TASK; b < b1; b++) {
+    uint32_t *touched = t->sum_touched + 2 * b;
+    float *sum = sum_of(t, b);
+    if (!touched[0]) continue;
+    t->k->curvature(t->cfg.newton.keep, j->n_rows, touched[0], sum,
+                    t->v + (size_t)b * (size_t)t->g.n_rows * 16);
+    memset(sum, 0, (size_t)j->n_rows * 16 * sizeof *sum);
+    touched[0] = 0;
+  }
+}
+
+void sv_train_collect_curvature(sv_trainer *t) {
+  job j = blocks_job(t);
+  sv_pool_run(t->pool, collect_task, &j, n_tasks(&j));
+}
+
+void sv_train_apply_curvature(sv_trainer *t) {
+  job j = blocks_job(t);
+  sv_pool_run(t->pool, apply_task, &j, n_tasks(&j));
+}

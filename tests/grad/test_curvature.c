@@ -1,0 +1,224 @@
+// SPDX-License-Identifier: Apache-2.0
+// The estimate of the Gauss-Newton diagonal: its mean over many probes against diag(J^T J) / (n w) whose rows of J are
+// gradients of single pixel values, of pictures with one sample a pixel and with four, and of a measurement through
+// its forward model; then how a step uses it.
+// clang-format off
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+// clang-format on
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "platform/linux/linux.h"
+#include "src/base/mathx.h"
+#include "src/train/train.h"
+
+#define W           21
+#define H           18
+#define N_GAUSSIANS 20
+#define N_PROBES    1500
+#define N_ROWS      23 // SH of degree 1
+
+static uint8_t block[32 << 20] __attribute__((aligned(64)));
+static uint8_t picture[H * W * 3];
+static uint16_t measured[H * W * 3];
+static sv_trainer t;
+static sv_lens lenses[2];
+
+// --- a scene -------------------------------------------------------------------------------------
+
+static sv_view view_from(int i) {
+  sv_pose pose;
+  double eye[3] = {3, i - 0.5, 0.7}, at[3] = {0, 0, 0}, up[3] = {0, 0, 1};
+  assert_true(sv_pose_look_at(&pose, eye, at, up));
+  return sv_view_make(W, H, 24, 25, 10, 9.5, &pose);
+}
+
+static void place_gaussians(void) {
+  sv_rng rng = sv_rng_make(9, 9);
+  for (int i = 0; i < N_GAUSSIANS; i++) {
+    sv_gaussian g = {.opacity_logit = 0.5f * sv_rng_normal(&rng)};
+    for (int q = 0; q < 4; q++) g.quat_wxyz[q] = sv_rng_normal(&rng);
+    for (int q = 0; q < 3; q++) {
+      g.mean[q] = sv_rng_f(&rng) - 0.5f;
+      g.log_scale[q] = -1.8f + 0.3f * sv_rng_normal(&rng);
+      for (int k = 0; k < 4; k++) g.sh[k][q] = 0.4f * (sv_rng_f(&rng) - (k ? 0.5f : 0.2f));
+    }
+    sv_gaussians_put(&t.g, i, &g);
+  }
+}
+
+static void add_measurement(sv_err *err) {
+  for (int i = 0; i < 2; i++) lenses[i] = (sv_lens){view_from(i), {0, 0, W, H, NULL}};
+  for (int i = 0; i < H * W * 3; i++) measured[i] = (uint16_t)(i * 977 % 65536);
+  sv_composite c = {
+      .width_px = W, .height_px = H, .n_lenses = 2, .lenses = lenses, .m_max = 2, .is_linear = true};
+  if (sv_train_add_composite(&t, &c, measured, err) < 0) fail_msg("%s", err->text);
+}
+
+// No parameter moves, so that each step looks at the same.
+static void open_training(sv_train_cfg cfg, bool is_measurement) {
+  static sv_kernels k;
+  static sv_pool pool;
+  sv_arena a = sv_arena_make(block, sizeof block);
+  sv_err err;
+  sv_kernels_init(&k, ~0u);
+  pool = sv_pool_serial();
+  cfg.n_gaussians = N_GAUSSIANS, cfg.sh_degree = 1, cfg.sh_step = 0;
+  cfg.cap_views = !is_measurement, cfg.cap_composites = cfg.cap_regions = is_measurement;
+  cfg.cap_width_px = cfg.cap_height_px = cfg.region_px = 32; // one region is the whole sensor
+  cfg.reg_opacity = cfg.reg_scale = cfg.noise = 0;
+  cfg.relocate_every = 0, cfg.start_scale = 1;
+  cfg.newton.every = 1, cfg.newton.cap = cfg.newton.cap_scale = 0;
+  if (sv_trainer_init(&t, &cfg, &k, &pool, &a, &err) < 0) fail_msg("%s", err.text);
+  for (int px = 0; px < W * H * 3; px++) picture[px] = (px / 20) % 2 ? 255 : 0;
+  sv_view view = view_from(0);
+  sv_image_u8 im = {picture, W, H, 3, W * 3};
+  if (is_measurement) add_measurement(&err);
+  else if (sv_train_add_view(&t, &view, &im, &err) < 0) fail_msg("%s", err.text);
+  sv_arena scratch = sv_arena_sub(&a, 1 << 20);
+  sv_init_cfg init = {.kind = SV_INIT_SPHERE, .radius = 1, .opacity = 0.5f, .scale_factor = 1, .seed = 1};
+  assert_int_equal(sv_train_start(&t, &init, NULL, 0, &scratch), SV_OK);
+  place_gaussians();
+}
+
+// --- the exact diagonal --------------------------------------------------------------------------
+
+static double exact[N_GAUSSIANS][N_ROWS];
+
+// Adds the squares of the gradients that the renderer holds.
+static void add_squares(void) {
+  float grad[SV_CAP_ROWS * 16], err[16];
+  for (int b = 0; b < (N_GAUSSIANS + 15) / 16; b++) {
+    if (!sv_render_bwd_block(&t.render, t.k, b, 0, NULL, grad, err, NULL)) continue;
+    for (int r = 0; r < N_ROWS; r++)
+      for (int k = 0; k < 16 && 16 * b + k < N_GAUSSIANS; k++)
+        exact[16 * b + k][r] += (double)grad[16 * r + k] * (double)grad[16 * r + k];
+  }
+}
+
+static void add_view_pixel(void) {
+  if (t.cfg.is_supersampled) assert_int_equal(sv_train_supersample_bwd(&t, &t.grad, NULL), SV_OK);
+  else assert_int_equal(sv_render_bwd(&t.render, t.k, t.pool, &t.grad, NULL, NULL, NULL), SV_OK);
+  add_squares();
+}
+
+static void add_lens_pixel(const sv_crop *crop) {
+  sv_forward_bwd(&t.forward, &t.composites[0].model, crop, &t.render.rgb, &t.grad, NULL, &t.aux, NULL);
+  assert_int_equal(sv_render_bwd(&t.render, t.k, t.pool, &t.aux, NULL, NULL, NULL), SV_OK);
+  add_squares();
+}
+
+// One pixel value after the other has the gradient 1 and all others 0.
+static void add_all_pixels(const sv_crop *crop) {
+  sv_planes_clear(&t.grad);
+  for (int c = 0; c < 3; c++)
+    for (int i = 0; i < W * H; i++) {
+      float *one = t.grad.c[c] + i / W * t.grad.stride + i % W;
+      *one = 1;
+      if (crop) add_lens_pixel(crop);
+      else add_view_pixel();
+      *one = 0;
+    }
+}
+
+static void find_exact(double l1) {
+  memset(exact, 0, sizeof exact);
+  if (!t.n_composites) add_all_pixels(NULL); // the renderer holds the step's picture
+  for (int m = 0; t.n_composites && m < 2; m++) {
+    sv_crop crop;
+    const sv_region whole = {0, 0, W, H};
+    const sv_render_options o = sv_train_render_options(&t, 1, false);
+    assert_true(sv_composite_crop(&t.composites[0].model, m, &whole, &crop));
+    assert_int_equal(sv_render(&t.render, t.k, t.pool, &t.g, &crop.view, &o), SV_OK);
+    add_all_pixels(&crop);
+  }
+  for (int i = 0; i < N_GAUSSIANS; i++)
+    for (int r = 0; r < N_ROWS; r++) exact[i][r] /= 3.0 * W * H * l1;
+}
+
+static float estimate_of(int i, int row) { return t.v[sv_gaussians_at(&t.g, i, row) - t.g.param]; }
+
+// A mean of n squares of about normal numbers scatters by sqrt(2 / n) = 3.7 % of itself.
+static void compare(const char *what) {
+  double sum = 0, worst = 0, largest[N_ROWS] = {0};
+  int n = 0;
+  for (int i = 0; i < N_GAUSSIANS; i++)
+    for (int r = 0; r < N_ROWS; r++) largest[r] = exact[i][r] > largest[r] ? exact[i][r] : largest[r];
+  for (int i = 0; i < N_GAUSSIANS; i++)
+    for (int r = 0; r < N_ROWS; r++) {
+      if (!(exact[i][r] > 1e-3 * largest[r])) continue;
+      double ratio = (double)estimate_of(i, r) / exact[i][r];
+      sum += ratio, n++;
+      worst = fabs(ratio - 1) > worst ? fabs(ratio - 1) : worst;
+    }
+  print_message("%s: %d entries, mean ratio %.4f, worst deviation %.3f\n", what, n, sum / n, worst);
+  assert_true(n > N_GAUSSIANS * N_ROWS / 2);
+  assert_true(fabs(sum / n - 1) < 0.02);
+  assert_true(worst < 0.25);
+}
+
+static void check_estimate(const char *what, sv_train_cfg cfg, bool is_measurement) {
+  sv_step_stats st;
+  open_training(cfg, is_measurement);
+  for (int k = 1; k <= N_PROBES; k++) {
+    t.cfg.newton.keep = 1.0f - 1.0f / (float)k; // the plain mean
+    assert_int_equal(sv_train_step(&t, 0.9f, &st), SV_OK);
+  }
+  find_exact(st.l1);
+  compare(what);
+}
+
+static void test_picture(void **state) {
+  (void)state;
+  check_estimate("picture", sv_train_defaults(), false);
+}
+
+static void test_supersampled(void **state) {
+  sv_train_cfg cfg = sv_train_defaults();
+  (void)state;
+  cfg.is_supersampled = true;
+  check_estimate("four samples a pixel", cfg, false);
+}
+
+// Light is added, of which each lens gives half: the curves and the share of both are in J.
+static void test_measurement(void **state) {
+  (void)state;
+  check_estimate("measurement of two lenses", sv_train_defaults(), true);
+}
+
+// --- what a step does with it --------------------------------------------------------------------
+
+// Rows without an estimate rest; after the first step with one no Gaussian has moved by more than the cap.
+static void test_step(void **state) {
+  static float before[2 * 16 * N_ROWS];
+  sv_train_cfg cfg = sv_train_defaults();
+  (void)state;
+  open_training(cfg, false);
+  t.cfg.newton = cfg.newton;
+  t.step = 1; // no estimate is due
+  memcpy(before, t.g.param, sizeof before);
+  assert_int_equal(sv_train_step(&t, 0.5f, NULL), SV_OK);
+  assert_memory_equal(before, t.g.param, sizeof before);
+  t.step = (uint32_t)cfg.newton.every;
+  assert_int_equal(sv_train_step(&t, 0.5f, NULL), SV_OK);
+  int n_moved = 0;
+  float most = 0;
+  for (int i = 0; i < N_GAUSSIANS; i++) {
+    const float *p = sv_gaussians_at(&t.g, i, SV_ROW_LOGIT);
+    float by = fabsf(*p - before[p - t.g.param]);
+    n_moved += by > 0;
+    most = by > most ? by : most;
+  }
+  assert_true(n_moved > N_GAUSSIANS / 2);
+  assert_true(most <= 1.001f * cfg.newton.cap * cfg.lr.logit);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_picture), cmocka_unit_test(test_supersampled),
+                                     cmocka_unit_test(test_measurement), cmocka_unit_test(test_step)};
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}

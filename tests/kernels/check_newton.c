@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <math.h>
+#include <string.h>
+
+#include "tests/kernels/check.h"
+
+static const int rows[] = {1, 2, 14, 23, 38, 59};
+static const uint32_t masks[] = {0xffff, 0, 1, 0x8000, 0x5555, 0xaaaa, 0x00ff, 0xff00, 0x7fff, 0x1248};
+#define N_ROWS  (sizeof rows / sizeof *rows)
+#define N_MASKS (sizeof masks / sizeof *masks)
+
+// --- the probe -----------------------------------------------------------------------------------
+
+static void check_probe(ck *c) {
+  enum { N_ROWS_OF_PLANE = 5, ROW0 = 1, ROW1 = 4 };
+  for (int width = 1; width < 100; width++) {
+    ck_begin(c, "width %d", width);
+    const int stride = (width + 15) / 16 * 16;
+    const size_t n = (size_t)stride * N_ROWS_OF_PLANE;
+    sv_probe_args a = {ck_floats(c, n), width, stride, ROW0, ROW1, 0.25f, 77u + (uint32_t)width}, b = a;
+    b.plane = ck_floats(c, n);
+    memset(a.plane, 0, n * sizeof *a.plane);
+    memset(b.plane, 0, n * sizeof *b.plane);
+    c->ref.probe(&a);
+    c->var.probe(&b);
+    ck_same(c, "plane", a.plane, b.plane, n, 0);
+    for (size_t i = 0; i < n; i++) {
+      bool is_in = i >= (size_t)(ROW0 * stride) && i < (size_t)(ROW1 * stride) && (int)i % stride < width;
+      ck_true(c, fabsf(b.plane[i]) == (is_in ? 0.25f : 0.0f), "%g at %zu", (double)b.plane[i], i);
+    }
+  }
+}
+
+// Signs that do not know of each other: as many plus as minus, and neighbours, rows and keys that agree half the time.
+static void check_signs(ck *c) {
+  enum { SIDE = 512 };
+  static const float limit = 4.0f / SIDE; // four standard deviations of a mean of SIDE^2 signs
+  ck_begin(c, "statistics of the signs");
+  sv_probe_args a = {ck_floats(c, SIDE * SIDE), SIDE, SIDE, 0, SIDE, 1.0f, 5}, b = a;
+  b.plane = ck_floats(c, SIDE * SIDE), b.key = 6;
+  c->var.probe(&a);
+  c->var.probe(&b);
+  const int shift[] = {1, 16, 32, SIDE, SIDE + 1, 7 * SIDE};
+  double sum = 0, keys = 0;
+  for (int i = 0; i < SIDE * SIDE; i++) sum += (double)a.plane[i], keys += (double)(a.plane[i] * b.plane[i]);
+  ck_true(c, fabs(sum) < (double)(limit * SIDE * SIDE), "the sum is %g", sum);
+  ck_true(c, fabs(keys) < (double)(limit * SIDE * SIDE), "two keys agree by %g", keys);
+  for (size_t k = 0; k < sizeof shift / sizeof *shift; k++) {
+    double same = 0;
+    for (int i = 0; i + shift[k] < SIDE * SIDE; i++) same += (double)(a.plane[i] * a.plane[i + shift[k]]);
+    ck_true(c, fabs(same) < (double)(limit * SIDE * SIDE), "signs %d apart agree by %g", shift[k], same);
+  }
+}
+
+static void check_probe_all(ck *c) {
+  check_probe(c);
+  check_signs(c);
+}
+
+static void run_probe(void *arg, const sv_kernels *k) { k->probe(arg); }
+
+static void bench_probe(ck *c) {
+  ck_begin(c, "bench");
+  sv_probe_args a = {ck_floats(c, 320 * 240), 320, 320, 0, 240, 1.0f, 1};
+  ck_time(c, "320x240; per pixel", 320 * 240, run_probe, &a);
+}
+
+CK_REGISTER(probe, check_probe_all, bench_probe)
+
+// --- the running mean ----------------------------------------------------------------------------
+
+typedef struct {
+  float *square, *diag;
+  uint32_t touched;
+  int n_rows;
+} curvature_job;
+
+static curvature_job make_curvature(ck *c, int n_rows, int fill, uint32_t touched) {
+  size_t n = 16 * (size_t)n_rows;
+  curvature_job j = {ck_floats(c, n), ck_floats(c, n), touched, n_rows};
+  ck_fill(c, j.square, n, fill);
+  ck_fill(c, j.diag, n, fill);
+  for (size_t i = 0; i < n; i++)
+    j.square[i] = fabsf(j.square[i]), j.diag[i] = i % 5 ? fabsf(j.diag[i]) : 0.0f;
+  return j;
+}
+
+static void check_curvature(ck *c) {
+  for (size_t r = 0; r < N_ROWS; r++)
+    for (size_t k = 0; k < N_MASKS; k++)
+      for (int fill = 0; fill < CK_N_FILLS; fill++) {
+        if (!c->is_exact && fill >= CK_DENORM) continue;
+        ck_begin(c, "rows %d mask %04x %s", rows[r], masks[k], ck_fill_name(fill));
+        size_t n = 16 * (size_t)rows[r];
+        curvature_job j = make_curvature(c, rows[r], fill, masks[k]);
+        float *a = ck_floats(c, n), *b = ck_floats(c, n);
+        memcpy(a, j.diag, n * sizeof *a);
+        memcpy(b, j.diag, n * sizeof *b);
+        c->ref.curvature(0.9f, j.n_rows, j.touched, j.square, a);
+        c->var.curvature(0.9f, j.n_rows, j.touched, j.square, b);
+        ck_same(c, "diag", a, b, n, 1e-6);
+        for (size_t i = 0; i < n; i++)
+          ck_true(c, (masks[k] >> i % 16 & 1) || b[i] == j.diag[i], "lane %zu is not touched, but changed",
+                  i % 16);
+      }
+}
+
+static void run_curvature(void *arg, const sv_kernels *k) {
+  curvature_job *j = arg;
+  k->curvature(0.9f, j->n_rows, j->touched, j->square, j->diag);
+}
+
+static void bench_curvature(ck *c) {
+  ck_begin(c, "bench");
+  curvature_job j = make_curvature(c, 23, CK_UNIT, 0xffff);
+  ck_time(c, "23 rows; per Gaussian", 16, run_curvature, &j);
+}
+
+CK_REGISTER(curvature, check_curvature, bench_curvature)
+
+// --- the step ------------------------------------------------------------------------------------
+
+typedef struct {
+  float *cap, *grad, *diag, *p, *m;
+  sv_newton_args args;
+  uint32_t touched;
+} newton_job;
+
+static newton_job make_newton(ck *c, int n_rows, int fill, uint32_t touched) {
+  size_t n = 16 * (size_t)n_rows;
+  newton_job j = {ck_floats(c, (size_t)n_rows),
+                  ck_floats(c, n),
+                  ck_floats(c, n),
+                  ck_floats(c, n),
+                  ck_floats(c, n),
+                  .touched = touched};
+  for (int i = 0; i < n_rows; i++) j.cap[i] = 1e-2f * (float)(1 + i % 7);
+  ck_fill(c, j.grad, n, fill);
+  ck_fill(c, j.diag, n, fill);
+  ck_fill(c, j.p, n, CK_SIGNED);
+  ck_fill(c, j.m, n, fill);
+  for (size_t i = 0; i < n; i++) j.diag[i] = i % 7 ? fabsf(j.diag[i]) : 0.0f;
+  j.args = (sv_newton_args){.beta1 = 0.9f, .rate = 0.1f, .damping = 1.0f, .cap = j.cap, .n_rows = n_rows};
+  return j;
+}
+
+static void check_newton(ck *c) {
+  for (size_t r = 0; r < N_ROWS; r++)
+    for (size_t k = 0; k < N_MASKS; k++)
+      for (int fill = 0; fill < CK_N_FILLS; fill++) {
+        if (!c->is_exact && fill >= CK_DENORM) continue;
+        ck_begin(c, "rows %d mask %04x %s", rows[r], masks[k], ck_fill_name(fill));
+        size_t n = 16 * (size_t)rows[r];
+        newton_job j = make_newton(c, rows[r], fill, masks[k]);
+        float *p = ck_floats(c, n), *m = ck_floats(c, n);
+        memcpy(p, j.p, n * sizeof *p);
+        memcpy(m, j.m, n * sizeof *m);
+        c->ref.newton(&j.args, j.touched, j.grad, j.diag, p, m);
+        float *q = ck_floats(c, n);
+        memcpy(q, j.p, n * sizeof *q);
+        c->var.newton(&j.args, j.touched, j.grad, j.diag, q, j.m);
+        ck_same(c, "p", p, q, n, 1e-5);
+        ck_same(c, "m", m, j.m, n, 1e-6);
+        for (size_t i = 0; i < n; i++) {
+          bool is_still = !(masks[k] >> i % 16 & 1) || !(j.diag[i] > 0);
+          ck_true(c, !is_still || q[i] == j.p[i], "lane %zu of row %zu moved", i % 16, i / 16);
+          ck_true(c, fabsf(q[i] - j.p[i]) <= 1.001f * j.cap[i / 16], "lane %zu of row %zu moved too far",
+                  i % 16, i / 16);
+        }
+      }
+}
+
+static void run_newton(void *arg, const sv_kernels *k) {
+  newton_job *j = arg;
+  k->newton(&j->args, j->touched, j->grad, j->diag, j->p, j->m);
+}
+
+static void bench_newton(ck *c) {
+  ck_begin(c, "bench");
+  newton_job a = make_newton(c, 59, CK_SIGNED, 0xffff), b = make_newton(c, 14, CK_SIGNED, 0xffff);
+  ck_time(c, "59 rows; per Gaussian", 16, run_newton, &a);
+  ck_time(c, "14 rows; per Gaussian", 16, run_newton, &b);
+}
+
+CK_REGISTER(newton, check_newton, bench_newton)
