@@ -371,6 +371,12 @@ static void maybe_relocate(sv_trainer *t, float progress) {
   }
 }
 
+// A search renders all views, at half their size: about half a step each. In what progress has been per step, so that
+// searches never take more than half of a run, be it one of many views and little time.
+static float search_costs(const sv_trainer *t, float progress) {
+  return 0.5f * (float)t->n_views * progress / (float)t->step;
+}
+
 sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
   if (t->n_views + t->n_regions < 1) return SV_E_ARG;
   int i = choose_view(t, progress);
@@ -392,7 +398,7 @@ sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
   t->followed = progress;
   if (sv_train_is_dynamic(t) && progress >= t->find_at && progress <= t->cfg.dynamic.find_until) {
     if ((s = sv_train_find_moving(t, progress)) < 0) return s;
-    t->find_at = progress + t->cfg.dynamic.find_every;
+    t->find_at = progress + sv_maxf(t->cfg.dynamic.find_every, search_costs(t, progress));
   }
   if (out) *out = st;
   return SV_OK;
