@@ -352,7 +352,7 @@ static void test_resume_is_bit_exact(void **state) {
 
 static void test_resume_refuses_other_settings(void **state) {
   (void)state;
-  for (int i = 0; i < 3; i++) {
+  for (int i = 0; i < 4; i++) {
     open_resume(); // the checkpoint of the test before, or a new one
     w.cfg.steps = 3;
     run_well();
@@ -362,6 +362,7 @@ static void test_resume_refuses_other_settings(void **state) {
     if (i == 0) w.cfg.train.n_gaussians = 500;
     if (i == 1) w.cfg.train.sh_degree = 2;
     if (i == 2) w.cfg.n_exposures = 2;
+    if (i == 3) w.cfg.optimizer = 1 + SV_OPTIMIZER_ADAM;
     sv_status s = world_run(&w);
     if (s != SV_E_RANGE) fail_msg("%d: %s", s, w.err.text);
     assert_true(world_is_one_sentence(w.err.text));
