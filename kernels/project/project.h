@@ -87,7 +87,7 @@ typedef struct {
   int n_gaussians;       // slots from here on are never visible
   sv_kview view;
   sv_splat *splat;     // [n_blocks * 16] out
-  uint32_t *depth_key; // [n_blocks * 16] out, bits of z, only for visible ones
+  uint32_t *depth_key; // [n_blocks * 16] out, bits of z; of slots that are not visible anything
 } sv_project_args;
 
 // 64-byte aligned working memory of either direction, one per thread, contents free.

@@ -64,7 +64,7 @@ static ssim_point point(float m1, float m2, float e, float p) {
 void sv_ssim_ref(const sv_ssim_args *a) {
   const int w = a->width_px, w16 = (w + 15) & ~15;
   float *t[4], *zero = a->scratch + (size_t)4 * (size_t)(a->stride + 2 * SSIM_BORDER);
-  memset(a->scratch, 0, sizeof(float) * (size_t)SV_SSIM_SCRATCH_FLOATS(a->stride));
+  memset(a->scratch, 0, sizeof(float) * 5 * (size_t)(a->stride + 2 * SSIM_BORDER));
   for (int m = 0; m < 4; m++) t[m] = scratch_row(a->scratch, a->stride, m);
   for (int r = a->row0; r < a->row1; r++) {
     const float *xr[11], *yr[11];
@@ -117,7 +117,7 @@ static void bwd_row(const sv_ssim_bwd_args *a, int r, float *const t[3]) {
 void sv_ssim_bwd_ref(const sv_ssim_bwd_args *a) {
   const float *map[3] = {a->dm1, a->ds1, a->ds12};
   float *t[3], *zero = a->scratch + (size_t)4 * (size_t)(a->stride + 2 * SSIM_BORDER);
-  memset(a->scratch, 0, sizeof(float) * (size_t)SV_SSIM_SCRATCH_FLOATS(a->stride));
+  memset(a->scratch, 0, sizeof(float) * 5 * (size_t)(a->stride + 2 * SSIM_BORDER));
   for (int m = 0; m < 3; m++) t[m] = scratch_row(a->scratch, a->stride, m);
   for (int r = a->row0; r < a->row1; r++) {
     for (int m = 0; m < 3 && a->dm1 && a->grad; m++) {

@@ -91,7 +91,9 @@ static bool read_words(const pair *p, sv_camera_options *o) {
 static sv_status read_item(const char *kind, const char *item, size_t n, sv_camera_options *o, sv_err *err) {
   const char *eq = memchr(item, '=', n);
   if (!eq || item[0] == '/') { // ids of cameras may hold anything but a comma
-    if (!n || n >= SV_CAMERA_CAP_NAME)
+    if (!n)
+      return sv_fail(err, SV_E_ARG, "%s: no camera is named, expected names with commas between them", kind);
+    if (n >= SV_CAMERA_CAP_NAME)
       return sv_fail(err, SV_E_ARG, "%s: the name of a camera has %zu characters, expected 1 to %d", kind, n,
                      SV_CAMERA_CAP_NAME - 1);
     if (o->n_cameras == SV_CAMERA_CAP_CAMERAS)

@@ -5,7 +5,7 @@
 
 #include "src/base/mathx.h"
 
-#define BANDS_PER_THREAD 2 // a little slack when a core is busy elsewhere; rows do not depend on it
+#define BANDS_PER_THREAD 5 // a little slack when a core is busy elsewhere; rows do not depend on it
 #define MIN_BAND_ROWS    8 // each band reads ten rows of its neighbours
 
 static void carve(sv_photometric *p, const sv_photometric_cfg *cfg, sv_arena *a) {

@@ -98,13 +98,12 @@ static void project_task(void *arg, int i_task, int i_thread) {
   if (b0 < moved) j->k->project(&r->moved, b0, moved, thread_scratch(r, i_thread));
   if (moved < b1) j->k->project(&r->project, b0 > moved ? b0 : moved, b1, thread_scratch(r, i_thread));
   uint32_t n = 0, n_recs = 0, min = UINT32_MAX, max = 0;
-  for (int i = 16 * b0; i < 16 * b1; i++) {
-    if (!r->splat[i].n_recs) continue;
-    const uint32_t key = r->depth_key[i];
-    n++;
-    n_recs += r->splat[i].n_recs;
-    min = key < min ? key : min;
-    max = key > max ? key : max;
+  for (int i = 16 * b0; i < 16 * b1; i++) { // without branches: who is visible cannot be predicted
+    const uint32_t recs = r->splat[i].n_recs, key = r->depth_key[i], hidden = recs ? 0 : UINT32_MAX;
+    n += recs != 0;
+    n_recs += recs;
+    min = (key | hidden) < min ? (key | hidden) : min;
+    max = (key & ~hidden) > max ? (key & ~hidden) : max;
   }
   r->n_in_range[i_task] = n;
   r->recs_in_range[i_task] = n_recs;

@@ -5,12 +5,13 @@
 
 void sv_camera_stats_frame(sv_camera_stat *stats, const sv_frame *f) {
   sv_camera_stat *s = &stats[f->i_camera];
-  if (!s->n_frames++) s->first_ns = f->arrival_ns;
-  else {
-    double d = (double)(f->arrival_ns - s->last_ns), n = (double)(s->n_frames - 1);
+  if (s->n_frames++) {
+    // By the stamps: frames that waited for a host that was busy arrive at once. A clock that stepped back says nothing.
+    double d = (double)(f->camera_ns - s->last_stamp_ns), n = (double)(s->n_frames - 1);
+    if (d <= 0) d = (double)(f->arrival_ns - s->last_ns);
     s->interval_ns += (d - s->interval_ns) / (n < MEAN_FRAMES ? n : MEAN_FRAMES);
   }
-  s->last_ns = f->arrival_ns;
+  s->last_stamp_ns = f->camera_ns, s->last_ns = f->arrival_ns;
 }
 
 void sv_camera_stats_exposure(sv_camera_stat *stats, const sv_sync *sync, const sv_exposure *exposure,

@@ -13,10 +13,11 @@ extern "C" {
 
 typedef struct {
   uint64_t n_frames;
-  sv_ns first_ns, last_ns; // arrivals
-  double interval_ns;      // running mean over about 16 frames
-  double offset_ns;        // middle of its exposure against the mean of the cameras, last exposure
-  double offset_max_ns;    // largest magnitude so far
+  sv_ns last_ns;        // arrival
+  sv_ns last_stamp_ns;  // on the camera's clock
+  double interval_ns;   // running mean over about 16 frames
+  double offset_ns;     // middle of its exposure against the mean of the cameras, last exposure
+  double offset_max_ns; // largest magnitude so far
 } sv_camera_stat;
 
 // stats: [n_cameras], cleared by the caller. A frame has come from the source.

@@ -9,7 +9,7 @@ typedef struct {
   uint64_t rng_state, rng_inc;
   float centre[3], radius, jitter[2];
   int32_t deform_kind, n_moving; // 0 for still scenes
-  float find_at, lo[3], inv[3];
+  float find_at, followed, lo[3], inv[3];
   uint32_t field_step, optimizer;
 } head_t;
 
@@ -68,7 +68,7 @@ sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
   h.optimizer = (uint32_t)t->cfg.optimizer;
   if (sv_train_is_dynamic(t)) {
     h.deform_kind = (int32_t)t->deform.kind, h.n_moving = sv_deform_n_moving(&t->deform);
-    h.find_at = t->find_at, h.field_step = t->field_step;
+    h.find_at = t->find_at, h.followed = t->followed, h.field_step = t->field_step;
     memcpy(h.lo, t->deform.field.lo, sizeof h.lo);
     memcpy(h.inv, t->deform.field.inv, sizeof h.inv);
   }
@@ -131,7 +131,7 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
   if (s < 0) return s;
   if (sv_train_is_dynamic(t)) {
     sv_deform_set_moving(&t->deform, h.n_moving);
-    t->find_at = h.find_at, t->field_step = h.field_step;
+    t->find_at = h.find_at, t->followed = h.followed, t->field_step = h.field_step;
     if (t->deform.kind == SV_DEFORM_FIELD) {
       memcpy(t->deform.field.lo, h.lo, sizeof h.lo);
       memcpy(t->deform.field.inv, h.inv, sizeof h.inv);

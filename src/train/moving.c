@@ -62,16 +62,21 @@ static void set_usual_view(sv_trainer *t) {
   }
 }
 
+int sv_train_n_functions(const sv_trainer *t, float progress) {
+  const sv_motion_cfg *mc = &t->deform.motion.cfg;
+  if (mc->functions != SV_MOTION_CHEBYSHEV) return mc->n_pos;
+  return sv_mini(mc->n_pos, 1 + (int)((float)mc->n_pos * grown(&t->cfg.dynamic, progress)));
+}
+
 void sv_train_motion_rates(const sv_trainer *t, float progress, float mean_lr, double bias1,
                            float lr[SV_CAP_MROWS]) {
   const sv_dynamic_cfg *d = &t->cfg.dynamic;
   const sv_motion_cfg *mc = &t->deform.motion.cfg;
   // What is not a position follows the means' schedule half as far (in the logarithm).
   float late = sqrtf(mean_lr / (t->cfg.lr.mean_start * t->radius)), f = (float)(1.0 / bias1);
-  int n_on =
-      mc->functions == SV_MOTION_CHEBYSHEV ? 1 + (int)((float)mc->n_pos * grown(d, progress)) : mc->n_pos;
+  int n_on = sv_train_n_functions(t, progress);
   int rot = SV_MROW_FUNCTIONS + 3 * mc->n_pos, colour = rot + 4 * mc->n_rot;
-  int off = SV_MROW_FUNCTIONS + 3 * sv_mini(n_on, mc->n_pos);
+  int off = SV_MROW_FUNCTIONS + 3 * n_on;
   for (int i = 0; i < t->deform.motion.n_rows; i++)
     lr[i] = f * (i < SV_MROW_FUNCTIONS ? d->window * late
                  : i < off             ? d->pos * mean_lr

@@ -136,7 +136,7 @@ static void unpack_task(void *arg, int i_task, int i_thread) {
 }
 
 // The sub-view's picture as planes at 1/scale, laid over the background.
-static void load_target(sv_trainer *t, const sv_image_u8 *im, int scale, const float bg[3]) {
+void sv_train_load_target(sv_trainer *t, const sv_image_u8 *im, int scale, const float bg[3]) {
   int w = im->width_px / scale, h = im->height_px / scale;
   size_target(t, w, h);
   unpack_job j = {.t = t,
@@ -191,7 +191,7 @@ sv_status sv_train_residual(sv_trainer *t, int i_view, float progress) {
                       sv_train_scale_at(t, &tv->view, 0.99f * t->cfg.fine_at));
   sv_view view = sv_view_scaled(&tv->view, scale);
   sv_train_set_time(t, tv->view.time);
-  load_target(t, &tv->image, scale, o.bg);
+  sv_train_load_target(t, &tv->image, scale, o.bg);
   sv_status s = sv_render(&t->render, t->k, t->pool, &t->g, &view, &o);
   if (s < 0) return s;
   sv_photometric_loss(&t->photometric, t->k, t->pool, &t->render.rgb, &t->target, &t->grad, t->err_plane,
@@ -213,7 +213,7 @@ static sv_status view_step(sv_trainer *t, int i, float progress, sv_render_optio
   if (t->cfg.background == SV_BG_RANDOM && tv->image.n_channels == 4)
     for (int c = 0; c < 3; c++) o.bg[c] = sv_rng_f(&t->rng);
   sv_train_set_time(t, tv->view.time);
-  load_target(t, &tv->image, out->scale, o.bg);
+  sv_train_load_target(t, &tv->image, out->scale, o.bg);
   const bool is_fine = sv_train_is_supersampled(t, out->scale, progress);
   const sv_planes *x;
   sv_status s = sv_train_measure(t, &view, &o, is_fine, &x);
@@ -388,6 +388,8 @@ sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
   if (!is_sum) sv_train_move_pose(t, i, progress, sv_train_n_tasks(t));
   t->step++;
   maybe_relocate(t, progress);
+  if ((s = sv_train_follow(t, t->followed, progress)) < 0) return s;
+  t->followed = progress;
   if (sv_train_is_dynamic(t) && progress >= t->find_at && progress <= t->cfg.dynamic.find_until) {
     if ((s = sv_train_find_moving(t, progress)) < 0) return s;
     t->find_at = progress + t->cfg.dynamic.find_every;

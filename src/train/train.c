@@ -55,6 +55,7 @@ sv_train_cfg sv_train_defaults(void) {
                   .grow_until = 0.5f,
                   .coarse_for = 0.1f,
                   .front_every = 2,
+                  .is_followed = true,
                   .shrink_pos = 0.1f,
                   .least_share = 0.2f,
                   .window_start = 0.4f,
@@ -62,7 +63,7 @@ sv_train_cfg sv_train_defaults(void) {
                   .n_pos = 6,
                   .n_rot = 3,
                   .n_colour = 1,
-                  .pos = 60.0f,
+                  .pos = 30.0f,
                   .rot = 2e-3f,
                   .colour = 2e-3f,
                   .window = 0.01f,
@@ -115,6 +116,8 @@ static sv_status carve_dynamic(sv_trainer *t, const sv_train_cfg *c, sv_arena *a
   t->is_moving = SV_TAKE(a, uint8_t, t->g.cap);
   float **each[] = {&t->n_seen, &t->res_mean, &t->res_dev, &t->unrest, &t->weight};
   for (size_t i = 0; i < sizeof each / sizeof *each; i++) *each[i] = SV_TAKE(a, float, t->g.cap);
+  bool is_followed = c->dynamic.kind == SV_DEFORM_CLIP && c->dynamic.is_followed && c->dynamic.grow_until > 0;
+  t->follow = is_followed ? SV_TAKE(a, sv_follow_sum, t->g.cap) : NULL;
   t->deform.kind = c->dynamic.kind;
   if (c->dynamic.kind == SV_DEFORM_FIELD) {
     sv_field_cfg fc = c->dynamic.field;
@@ -316,6 +319,7 @@ sv_status sv_train_start(sv_trainer *t, const sv_init_cfg *init, const sv_point 
     sv_train_set_scene(t, centre, radius);
   }
   t->step = t->field_step = 0;
+  t->followed = 0.0f;
   if (sv_train_is_dynamic(t)) {
     sv_train_start_moving(t);
     t->find_at = t->cfg.dynamic.from;

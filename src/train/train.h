@@ -61,6 +61,7 @@ typedef struct {
   // tell.
   float grow_start, grow_until, coarse_for;
   int front_every;
+  bool is_followed; // what moves is looked for in the pictures of a time that comes in (follow.c); clip mode
   // Lengths of the position coefficients, those of function j counted j + 1 times, shrink by so much of the learning
   // rate in each step: what gradients do not ask for steadily stays straight, slow, still. Adam would let it wander.
   float shrink_pos;
@@ -133,6 +134,12 @@ typedef struct {
   float *err;     // the same
 } sv_supersample;
 
+// Of one Gaussian, over the cameras: normal equations of its displacement in pixels, 3 x 3 symmetric by rows.
+typedef struct {
+  float a[6], b[3], r2;
+  int n; // cameras
+} sv_follow_sum;
+
 typedef struct {
   sv_train_cfg cfg;
   const sv_kernels *k;
@@ -159,6 +166,8 @@ typedef struct {
   // [cap] each, of the search for what moves: frames that saw a Gaussian, mean and squared deviations of its
   // residual over them, largest deviation over the cameras; weight of the current frame
   float *n_seen, *res_mean, *res_dev, *unrest, *weight;
+  sv_follow_sum *follow; // [cap], NULL unless times come in one by one
+  float followed;        // progress up to which the times that came in were followed
   sv_renderer render;
   sv_photometric photometric;
   sv_tv tv;
@@ -226,6 +235,13 @@ int sv_train_scale_at(const sv_trainer *t, const sv_view *view, float progress);
 void sv_train_set_floors(sv_trainer *t);
 // At the start nothing moves.
 void sv_train_start_moving(sv_trainer *t);
+// When times come in between the progresses `before` and `progress`, what moves is looked for in their pictures from
+// the times next to them (follow.c).
+sv_status sv_train_follow(sv_trainer *t, float before, float progress) SV_MUST_USE;
+// Functions of position that take part: no more than the times that are there can tell.
+int sv_train_n_functions(const sv_trainer *t, float progress);
+// A picture as planes at 1/scale in t->target, laid over the background; t->grad gets its size.
+void sv_train_load_target(sv_trainer *t, const sv_image_u8 *im, int scale, const float bg[3]);
 // A relocated slot gets the motion of its source, in a window of its own.
 void sv_train_copy_motion(sv_trainer *t, int to, int from);
 // Renders a training view, at half size at most, and leaves its residual in err_plane; no gradients.

@@ -12,6 +12,7 @@
 
 #include "src/base/mathx.h"
 #include "src/base/rng.h"
+#include "src/sync/camera_stats.h"
 #include "src/sync/sync.h"
 
 #define CAP_CAMERAS 4
@@ -559,6 +560,18 @@ static void bad_configs_are_refused(void **state) {
   assert_int_equal(sv_sync_init(&s, &good, &a), SV_E_NOMEM);
 }
 
+static void rates_are_those_of_the_stamps(void **state) {
+  (void)state;
+  sv_camera_stat stat[1] = {{0}};
+  sv_frame f = {.camera_ns = 7 * HOUR_NS};
+  // A burst: all of them arrive at once, 40 ms apart by their stamps; then the camera's clock steps back.
+  for (int i = 0; i < 20; i++, f.camera_ns += 40000000, f.arrival_ns += 1000) sv_camera_stats_frame(stat, &f);
+  assert_true(stat[0].interval_ns > 39.99e6 && stat[0].interval_ns < 40.01e6);
+  f.camera_ns -= HOUR_NS, f.arrival_ns += 40000000 - 1000;
+  sv_camera_stats_frame(stat, &f);
+  assert_true(stat[0].interval_ns > 39.99e6 && stat[0].interval_ns < 40.01e6);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(perfect_streams_lose_nothing),
@@ -577,6 +590,7 @@ int main(void) {
       cmocka_unit_test(a_full_return_queue_refuses_without_counting),
       cmocka_unit_test(stamps_and_numbers_of_any_size),
       cmocka_unit_test(middle_of_exposure_by_stamp_source),
+      cmocka_unit_test(rates_are_those_of_the_stamps),
       cmocka_unit_test(bad_configs_are_refused),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

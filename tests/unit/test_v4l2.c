@@ -78,7 +78,7 @@ static void what_cannot_be_opened_is_refused_with_a_sentence(void **state) {
              {"/dev/video0,format=H264", "format H264 is not known"},
              {"/dev/video0,/dev/video0", "named twice"},
              {"size=640x480", "no camera is named"},
-             {"", "0 characters"},
+             {"", "no camera is named, expected names"},
              {"/dev/video0,speed=1", "\"speed=1\" is not an option"},
              {"/dev/video0,size=4x4", "\"size=4x4\""},
              {"/dev/video0,buffers=2", "\"buffers=2\""},

@@ -33,13 +33,14 @@ static int set_number(const setting *known, size_t n_known, const char *p, size_
 
 int lab_parse_motion(const char *text, sv_train_cfg *c) {
   sv_dynamic_cfg *d = &c->dynamic;
-  int functions = (int)d->functions, tv_kind = SV_FIELD_TV_CODED;
+  int functions = (int)d->functions, tv_kind = SV_FIELD_TV_CODED, is_followed = d->is_followed;
   const setting known[] = {{"from", &d->from, 0, 1},
                            {"window", &d->window_start, 0, 10},
                            {"grow_start", &d->grow_start, 0, 1},
                            {"grow_until", &d->grow_until, 0, 1},
                            {"coarse_for", &d->coarse_for, 0, 1},
                            {"front", 0, &d->front_every, 1000},
+                           {"follow", 0, &is_followed, 1},
                            {"shrink", &d->shrink_pos, 0, 10},
                            {"least_share", &d->least_share, 0, 1},
                            {"functions", 0, &functions, 1},
@@ -85,6 +86,7 @@ int lab_parse_motion(const char *text, sv_train_cfg *c) {
     p += n;
   }
   d->functions = (sv_motion_functions_kind)functions;
+  d->is_followed = is_followed > 0;
   d->field.tv_kind = (sv_field_tv)tv_kind;
   return LAB_EXIT_OK;
 }

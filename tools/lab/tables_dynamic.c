@@ -78,7 +78,6 @@ static sv_status train(job *j, row *r, sv_err *err) {
                         "--gaussians",  n_gaussians,
                         "--steps",      n_steps,
                         "--seed",       seed,
-                        "--init",       "sphere",
                         "--eval",       "--lpips",
                         "--json",       "--out",
                         j->folder,      t->o->threads > 0 ? "--threads" : NULL,
@@ -190,7 +189,8 @@ static sv_status write_file(const job *j, const char *name, bool is_csv, sv_err 
   if (!is_csv)
     fprintf(f,
             "# Moving scenes: one camera, stereo, phone\n\n"
-            "Written by `subview-lab tables`: %ld Gaussians, %ld steps, random start. \"Cameras\": held-out "
+            "Written by `subview-lab tables`: %ld Gaussians, %ld steps; devices of several cameras start "
+            "from depth maps of theirs. \"Cameras\": held-out "
             "cameras "
             "over all times. \"Times\": held-out frames of the camera that all devices share. \"clip\": each "
             "Gaussian moves for itself; \"field\": one deformation field (HexPlane and layers), as in 4DGS. "

@@ -1,0 +1,338 @@
+// SPDX-License-Identifier: Apache-2.0
+// Following: when a time comes in, the pictures tell where to what is seen at its neighbour moves.
+//
+// Each Gaussian in front takes the patch of the neighbour's picture around it and looks for it in the new one (sum of
+// squared differences over the patch, all places within a radius, then a parabola through the three best along x and
+// y; Lucas & Kanade's residual, searched instead of linearised, as fast things move by more than their texture). What
+// its cameras saw is solved for one displacement in space, damped where none can tell; the motion is then bent to
+// pass there, and at the times before as little as it can.
+#include <string.h>
+
+#include "src/base/mathx.h"
+#include "src/splat/constants.h"
+#include "src/train/train.h"
+
+#define RADIUS          3       // of a patch
+#define PATCH_VALUES    147     // 3 x 7 x 7
+#define SIDE_PX         200     // pictures are reduced to at most so many pixels a side, where unpack can
+#define REACH           10      // 1/REACH of the larger side is searched
+#define LEAST_TEXTURE   0.0147f // squared differences to the patch one pixel beside: 0.01 a value
+#define STILL           0.25f   // times that: within half a pixel of where it was
+#define MOST_MISMATCH   2.0f    // times that: a match that is worse is none
+#define BETTER          0.5f    // a place must differ so much less than the old one
+#define BACK_PX         1       // looked for from there, the old place is found within so much
+#define LEAST_LOGIT     -2.5f   // fainter ones are not what is seen
+#define IN_FRONT        0.03f   // of the depth: seen
+#define LEAST_PX        0.3f    // displacements below are left to the gradients
+#define MOVES_PX        1.0f    // who stood still and is displaced by more moves
+#define APART_PX        2.0f    // cameras that disagree by more have followed something else
+#define DAMPING         0.01f   // of the mean diagonal: where no camera can tell, things go on as they did
+#define BEND            1e-3    // price of a function's coefficient, times its number squared
+#define BLOCKS_PER_TASK 4
+
+#define CAP_TERMS (1 + SV_CAP_MOTION_FUNCTIONS)
+
+typedef struct {
+  sv_trainer *t;
+  sv_planes prev, next; // reduced
+  sv_view from, to;
+  sv_motion_values f;    // at the new time
+  float gain[CAP_TERMS]; // of the mean and the coefficients, for a displacement of 1
+  int n_blocks, reach;
+} job;
+
+// --- matching ------------------------------------------------------------------------------------
+
+static bool is_inside(const sv_planes *p, int x, int y) {
+  return x >= RADIUS && y >= RADIUS && x < p->width_px - RADIUS && y < p->height_px - RADIUS;
+}
+
+// Stops when it exceeds most.
+static float mismatch(const sv_planes *a, int xa, int ya, const sv_planes *b, int xb, int yb, float most) {
+  float sum = 0;
+  for (int j = -RADIUS; j <= RADIUS && sum <= most; j++)
+    for (int c = 0; c < 3; c++) {
+      const float *p = a->c[c] + (long)(ya + j) * a->stride + xa - RADIUS;
+      const float *q = b->c[c] + (long)(yb + j) * b->stride + xb - RADIUS;
+      for (int i = 0; i < 2 * RADIUS + 1; i++) sum += (p[i] - q[i]) * (p[i] - q[i]);
+    }
+  return sum;
+}
+
+// How much the patch differs from its neighbours: the least over both directions.
+static float texture(const sv_planes *p, int x, int y) {
+  if (!is_inside(p, x - 1, y - 1) || !is_inside(p, x + 1, y + 1)) return 0;
+  return sv_minf(mismatch(p, x, y, p, x + 1, y, 1e30f), mismatch(p, x, y, p, x, y + 1, 1e30f));
+}
+
+// Best place within reach of (x, y) in b for the patch of a at (xa, ya).
+static float search(const sv_planes *a, int xa, int ya, const sv_planes *b, int reach, int *x, int *y) {
+  const int x0 = *x, y0 = *y;
+  float best = is_inside(b, x0, y0) ? mismatch(a, xa, ya, b, x0, y0, 1e30f) : 1e30f;
+  for (int j = -reach; j <= reach; j++)
+    for (int i = -reach; i <= reach; i++) {
+      if (!is_inside(b, x0 + i, y0 + j)) continue;
+      float here = mismatch(a, xa, ya, b, x0 + i, y0 + j, best);
+      if (here < best) best = here, *x = x0 + i, *y = y0 + j;
+    }
+  return best;
+}
+
+static int abs_i(int x) { return x < 0 ? -x : x; }
+
+// Offset of the least of a parabola through three values, the middle one the least.
+static float vertex(float l, float m, float r) {
+  float curve = l - 2 * m + r;
+  return curve > 0 ? sv_clampf(0.5f * (l - r) / curve, -0.5f, 0.5f) : 0;
+}
+
+// Where the patch at (x, y) of the old picture is in the new one; false: cannot be told.
+static bool follow(const job *j, int x, int y, float d[2]) {
+  const sv_planes *a = &j->prev, *b = &j->next;
+  float here, unlike = texture(a, x, y);
+  int u = x, v = y, back_x, back_y;
+  if (unlike < LEAST_TEXTURE) return false;
+  here = mismatch(a, x, y, b, x, y, 1e30f);
+  if (here > STILL * unlike) {
+    float best = search(a, x, y, b, j->reach, &u, &v);
+    if (best > MOST_MISMATCH * unlike || ((u != x || v != y) && best > BETTER * here)) return false;
+    back_x = u, back_y = v;
+    search(b, u, v, a, j->reach, &back_x, &back_y);
+    if (abs_i(back_x - x) > BACK_PX || abs_i(back_y - y) > BACK_PX) return false;
+  }
+  d[0] = (float)(u - x), d[1] = (float)(v - y);
+  if (!is_inside(b, u - 1, v - 1) || !is_inside(b, u + 1, v + 1)) return true;
+  float m = mismatch(a, x, y, b, u, v, 1e30f);
+  d[0] += vertex(mismatch(a, x, y, b, u - 1, v, 1e30f), m, mismatch(a, x, y, b, u + 1, v, 1e30f));
+  d[1] += vertex(mismatch(a, x, y, b, u, v - 1, 1e30f), m, mismatch(a, x, y, b, u, v + 1, 1e30f));
+  return true;
+}
+
+// --- one camera ----------------------------------------------------------------------------------
+
+// Pixel and depth; false: behind the camera. jac [2][3]: dpixel/dx, or NULL.
+static bool project(const sv_view *v, const float x[3], float px[2], float *z, float *jac) {
+  float c[3];
+  for (int r = 0; r < 3; r++)
+    c[r] = v->r[3 * r] * x[0] + v->r[3 * r + 1] * x[1] + v->r[3 * r + 2] * x[2] + v->t[r];
+  *z = c[2];
+  if (!(c[2] > 1e-6f)) return false;
+  px[0] = v->fx * c[0] / c[2] + v->cx, px[1] = v->fy * c[1] / c[2] + v->cy;
+  for (int k = 0; k < 3 && jac; k++) {
+    jac[k] = v->fx / c[2] * (v->r[k] - c[0] / c[2] * v->r[6 + k]);
+    jac[3 + k] = v->fy / c[2] * (v->r[3 + k] - c[1] / c[2] * v->r[6 + k]);
+  }
+  return true;
+}
+
+// Where slot i is at the time of the last picture, and at the new time as its motion has it.
+static void places(const job *j, int i, float now[3], float then[3]) {
+  const sv_trainer *t = j->t;
+  const sv_motion *mo = &t->deform.motion;
+  const bool is_moving = i < mo->n_moving;
+  for (int k = 0; k < 3; k++) {
+    then[k] = *sv_gaussians_at(&t->g, i, SV_ROW_MEAN + k);
+    now[k] =
+        is_moving ? mo->moved[((long)(i >> 4) * t->g.n_rows + SV_ROW_MEAN + k) * 16 + (i & 15)] : then[k];
+    for (int f = 0; f < mo->cfg.n_pos && is_moving; f++)
+      then[k] += j->f.pos[f] * *sv_motion_row(mo, i, SV_MROW_FUNCTIONS + 3 * f + k);
+  }
+}
+
+static bool is_in_front(const job *j, int x, int y, float z) {
+  const sv_renderer *r = &j->t->render;
+  long at = (long)y * r->rgb.stride + x;
+  float alpha = 1.0f - r->trans[at];
+  return alpha > 0.5f && fabsf(r->depth[at] / alpha - z) < IN_FRONT * z;
+}
+
+static void follow_slot(const job *j, int i) {
+  sv_follow_sum *s = &j->t->follow[i];
+  float now[3], then[3], px[2], at[2], jac[6], z, d[2];
+  if (!(*sv_gaussians_at(&j->t->g, i, SV_ROW_LOGIT) > LEAST_LOGIT)) return;
+  places(j, i, now, then);
+  if (!project(&j->from, now, px, &z, NULL)) return;
+  if (!(px[0] >= 0 && px[0] < (float)j->prev.width_px && px[1] >= 0 && px[1] < (float)j->prev.height_px))
+    return;
+  int x = (int)px[0], y = (int)px[1];
+  if (!is_inside(&j->prev, x, y) || !is_in_front(j, x, y, z) || !follow(j, x, y, d)) return;
+  if (!project(&j->to, then, at, &z, jac)) return;
+  float r[2] = {px[0] + d[0] - at[0], px[1] + d[1] - at[1]};
+  for (int e = 0; e < 2; e++) {
+    const float *g = jac + 3 * e;
+    const float a[6] = {g[0] * g[0], g[0] * g[1], g[0] * g[2], g[1] * g[1], g[1] * g[2], g[2] * g[2]};
+    for (int k = 0; k < 6; k++) s->a[k] += a[k];
+    for (int k = 0; k < 3; k++) s->b[k] += g[k] * r[e];
+    s->r2 += r[e] * r[e];
+  }
+  s->n++;
+}
+
+static void follow_task(void *arg, int i_task, int i_thread) {
+  const job *j = arg;
+  (void)i_thread;
+  int i1 = sv_mini(16 * BLOCKS_PER_TASK * (i_task + 1), j->t->g.n);
+  for (int i = 16 * BLOCKS_PER_TASK * i_task; i < i1; i++) follow_slot(j, i);
+}
+
+static sv_status look(job *j, int i_from, int i_to, float progress) {
+  sv_trainer *t = j->t;
+  const sv_train_view *a = &t->views[i_from], *b = &t->views[i_to];
+  int side = sv_maxi(a->view.width_px, a->view.height_px), k = 1;
+  while (k < SV_UNPACK_CAP_K && side / k > SIDE_PX) k++;
+  sv_render_options o = sv_train_render_options(t, progress, true);
+  j->from = sv_view_scaled(&a->view, k), j->to = sv_view_scaled(&b->view, k);
+  j->reach = sv_maxi(j->from.width_px, j->from.height_px) / REACH;
+  sv_train_set_time(t, a->view.time);
+  sv_train_load_target(t, &b->image, k, o.bg);
+  for (int c = 0; c < 3; c++)
+    memcpy(t->grad.c[c], t->target.c[c], (size_t)t->grad.stride * (size_t)t->grad.height_px * sizeof(float));
+  sv_train_load_target(t, &a->image, k, o.bg);
+  sv_status s = sv_render(&t->render, t->k, t->pool, &t->g, &j->from, &o);
+  j->prev = t->target, j->next = t->grad;
+  if (s >= 0) sv_pool_run(t->pool, follow_task, j, (j->n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
+  return s;
+}
+
+// --- displacement --------------------------------------------------------------------------------
+
+static bool solve3(const float a[6], const float b[3], float x[3]) {
+  float c[6] = {a[3] * a[5] - a[4] * a[4], a[2] * a[4] - a[1] * a[5], a[1] * a[4] - a[2] * a[3],
+                a[0] * a[5] - a[2] * a[2], a[1] * a[2] - a[0] * a[4], a[0] * a[3] - a[1] * a[1]};
+  float det = a[0] * c[0] + a[1] * c[1] + a[2] * c[2];
+  if (!(det > 0)) return false;
+  x[0] = (c[0] * b[0] + c[1] * b[1] + c[2] * b[2]) / det;
+  x[1] = (c[1] * b[0] + c[3] * b[1] + c[4] * b[2]) / det;
+  x[2] = (c[2] * b[0] + c[4] * b[1] + c[5] * b[2]) / det;
+  return true;
+}
+
+// Pixels by which the cameras see slot i displaced from where its motion has it; 0: nothing to do.
+static float displacement(const sv_follow_sum *s, float d[3]) {
+  float a[6], most = 0;
+  if (!s->n) return 0;
+  memcpy(a, s->a, sizeof a);
+  float ridge = DAMPING * 0.5f * (a[0] + a[3] + a[5]) + 1e-20f;
+  a[0] += ridge, a[3] += ridge, a[5] += ridge;
+  if (!solve3(a, s->b, d)) return 0;
+  float fit = d[0] * s->b[0] + d[1] * s->b[1] + d[2] * s->b[2];
+  if (s->r2 - fit > APART_PX * APART_PX * (float)s->n) return 0;
+  most = fit / (float)s->n;
+  return most > 0 ? sqrtf(most) : 0;
+}
+
+static void bend(const job *j, int i, const float d[3]) {
+  const sv_motion *mo = &j->t->deform.motion;
+  for (int k = 0; k < 3; k++) {
+    *sv_gaussians_at(&j->t->g, i, SV_ROW_MEAN + k) += j->gain[0] * d[k];
+    for (int f = 0; f < mo->cfg.n_pos; f++)
+      *sv_motion_row(mo, i, SV_MROW_FUNCTIONS + 3 * f + k) += j->gain[1 + f] * d[k];
+  }
+}
+
+static void bend_all(job *j) {
+  sv_trainer *t = j->t;
+  for (int i = 0; i < t->g.n; i++) {
+    float d[3], px = displacement(&t->follow[i], d);
+    if (px < (t->is_moving[i] ? LEAST_PX : MOVES_PX)) continue;
+    if (!t->is_moving[i]) {
+      t->is_moving[i] = 2;
+      sv_motion_rest(&t->deform.motion, i);
+    }
+    bend(j, i, d);
+  }
+}
+
+// --- how motion bends ----------------------------------------------------------------------------
+
+static bool is_first_of_its_time(const sv_trainer *t, int i) {
+  for (int k = 0; k < i; k++)
+    if (t->views[k].view.time == t->views[i].view.time) return false;
+  return true;
+}
+
+// a x = b in place, a positive definite: no pivots.
+static void solve(int m, double a[CAP_TERMS][CAP_TERMS], double x[CAP_TERMS]) {
+  for (int p = 0; p < m; p++)
+    for (int q = p + 1; q < m; q++) {
+      double w = a[q][p] / a[p][p];
+      for (int r = p; r < m; r++) a[q][r] -= w * a[p][r];
+      x[q] -= w * x[p];
+    }
+  for (int p = m - 1; p >= 0; p--) {
+    for (int q = p + 1; q < m; q++) x[p] -= a[p][q] * x[q];
+    x[p] /= a[p][p];
+  }
+}
+
+// Change of the mean and the coefficients for a displacement of 1 at the new time: least at all times before, and
+// the less the higher the function. n: functions in use.
+static void make_gain(job *j, float new_time, float progress, int n) {
+  const sv_trainer *t = j->t;
+  const sv_motion_cfg *mc = &t->deform.motion.cfg;
+  const int m = 1 + n;
+  double a[CAP_TERMS][CAP_TERMS] = {{0}}, x[CAP_TERMS], at = 0;
+  float f[CAP_TERMS] = {1.0f};
+  for (int p = 0; p < m; p++) a[p][p] = BEND * (p * p) + 1e-9;
+  for (int i = 0; i < t->n_views; i++) {
+    float time = t->views[i].view.time;
+    if (time == new_time || !sv_train_has_time(t, time, progress) || !is_first_of_its_time(t, i)) continue;
+    sv_motion_functions(mc, mc->n_pos, time, f + 1);
+    for (int p = 0; p < m; p++)
+      for (int q = 0; q < m; q++) a[p][q] += (double)f[p] * (double)f[q];
+  }
+  sv_motion_functions(mc, mc->n_pos, new_time, f + 1);
+  for (int p = 0; p < m; p++) x[p] = (double)f[p];
+  solve(m, a, x);
+  for (int p = 0; p < m; p++) at += (double)f[p] * x[p];
+  memset(j->gain, 0, sizeof j->gain);
+  for (int p = 0; p < m; p++) j->gain[p] = (float)(x[p] / at);
+}
+
+// --- a new time ----------------------------------------------------------------------------------
+
+// The time next to it that was there before; -1: none.
+static float neighbour_of(const sv_trainer *t, float time, float before) {
+  float best = -1;
+  for (int i = 0; i < t->n_views; i++) {
+    float here = t->views[i].view.time;
+    if (here != time && sv_train_has_time(t, here, before) &&
+        (best < 0 || fabsf(here - time) < fabsf(best - time)))
+      best = here;
+  }
+  return best;
+}
+
+static sv_status follow_to(sv_trainer *t, float from, float to, float progress) {
+  job j = {.t = t, .n_blocks = (t->g.n + 15) / 16};
+  memset(t->follow, 0, (size_t)t->g.cap * sizeof *t->follow);
+  j.f = sv_motion_values_at(&t->deform.motion.cfg, to);
+  make_gain(&j, to, progress, sv_train_n_functions(t, progress));
+  for (int a = 0; a < t->n_views; a++)
+    for (int b = 0; b < t->n_views; b++) {
+      const sv_view *p = &t->views[a].view, *q = &t->views[b].view;
+      if (p->time != from || q->time != to || p->i_sub_view != q->i_sub_view) continue;
+      if (p->width_px != q->width_px || p->height_px != q->height_px) continue;
+      sv_status s = look(&j, a, b, progress);
+      if (s < 0) return s;
+    }
+  sv_planes_clear(&t->grad);
+  bend_all(&j);
+  sv_train_sort_moving(t);
+  return SV_OK;
+}
+
+sv_status sv_train_follow(sv_trainer *t, float before, float progress) {
+  if (!t->follow) return SV_OK;
+  for (int i = 0; i < t->n_views; i++) {
+    float time = t->views[i].view.time;
+    if (sv_train_has_time(t, time, before) || !sv_train_has_time(t, time, progress) ||
+        !is_first_of_its_time(t, i))
+      continue;
+    float from = neighbour_of(t, time, before);
+    if (from < 0) continue;
+    sv_status s = follow_to(t, from, time, progress);
+    if (s < 0) return s;
+  }
+  return SV_OK;
+}
