@@ -33,8 +33,9 @@ typedef enum {
   SV_STAGE_ORDER,      // depth sort and lists of the tiles
   SV_STAGE_RASTER,     // blending
   SV_STAGE_LOSS,       // with its gradient
+  SV_STAGE_CURVATURE,  // probe, its gradients and their squares: every few steps, a step's share
   SV_STAGE_RASTER_BWD, // gradients of the splats
-  SV_STAGE_OPTIMISE,   // back to the parameters, and Adam
+  SV_STAGE_OPTIMISE,   // back to the parameters, and the Gauss-Newton step
   SV_N_STAGES
 } sv_bench_stage;
 const char *sv_bench_stage_name(sv_bench_stage s);
@@ -49,7 +50,7 @@ typedef enum {
   SV_BENCH_SSIM_BWD,
   SV_BENCH_RASTER_BWD,
   SV_BENCH_PROJECT_BWD,
-  SV_BENCH_ADAM,
+  SV_BENCH_NEWTON,
   SV_N_BENCH_OPS
 } sv_bench_op;
 const char *sv_bench_op_name(sv_bench_op op); // as in kernels/variants.inc
@@ -77,7 +78,8 @@ typedef struct {
   uint64_t rows;   // rows of 4x4 blocks under the visible splats
   uint32_t n_gaussians, n_visible, n_recs, n_touched;
   uint32_t n_pixels;
-  int n_rows; // floats of a Gaussian
+  int n_rows;        // floats of a Gaussian
+  int n_probe_steps; // from one estimate of the curvature to the next
 } sv_bench_counts;
 
 typedef struct {

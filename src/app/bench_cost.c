@@ -10,8 +10,9 @@ static const sv_bench_op ops_of[SV_N_STAGES][2] = {
     [SV_STAGE_ORDER] = {SV_BENCH_SORT, SV_BENCH_BIN},
     [SV_STAGE_RASTER] = {SV_BENCH_RASTER, SV_N_BENCH_OPS},
     [SV_STAGE_LOSS] = {SV_BENCH_SSIM, SV_BENCH_SSIM_BWD},
+    [SV_STAGE_CURVATURE] = {SV_BENCH_RASTER_BWD, SV_BENCH_PROJECT_BWD},
     [SV_STAGE_RASTER_BWD] = {SV_BENCH_RASTER_BWD, SV_N_BENCH_OPS},
-    [SV_STAGE_OPTIMISE] = {SV_BENCH_PROJECT_BWD, SV_BENCH_ADAM},
+    [SV_STAGE_OPTIMISE] = {SV_BENCH_PROJECT_BWD, SV_BENCH_NEWTON},
 };
 
 // Operations of one pair, kernels/raster/raster_vec.inc without depth: offset 1, quadric 4, 2^x 11, min 1, weight and
@@ -30,7 +31,7 @@ static const sv_bench_op ops_of[SV_N_STAGES][2] = {
 #define PROJECT_FLOP     336.0
 #define PROJECT_BWD_FLOP 564.0
 #define BIN_ROW_FLOP     35.0 // two chords of an ellipse
-#define ADAM_FLOP        13.0
+#define NEWTON_FLOP      10.0
 
 sv_bench_cost sv_bench_cost_of(sv_bench_op op, const sv_bench_counts *n) {
   const double px = n->n_pixels, all = n->n_gaussians, visible = n->n_visible, recs = n->n_recs;
@@ -55,7 +56,7 @@ sv_bench_cost sv_bench_cost_of(sv_bench_op op, const sv_bench_counts *n) {
   case SV_BENCH_PROJECT_BWD:
     return (sv_bench_cost){(PROJECT_BWD_FLOP + 17 * coef) * touched + SV_SLOT_ERR * recs,
                            (sizeof(sv_rec) + slot) * recs + sizeof(sv_splat) * visible + 4 * rows * touched};
-  case SV_BENCH_ADAM: return (sv_bench_cost){ADAM_FLOP * rows * touched, 6 * 4 * rows * touched};
+  case SV_BENCH_NEWTON: return (sv_bench_cost){NEWTON_FLOP * rows * touched, 5 * 4 * rows * touched};
   default: return (sv_bench_cost){0, 0};
   }
 }
@@ -70,13 +71,15 @@ double sv_bench_bound_s(const sv_bench_peak *peak, sv_bench_cost cost, double wo
 }
 
 void sv_bench_bound(sv_bench_step *r, const sv_bench_peak *peak) {
-  double working = 0, flop = (double)r->n.pairs * (FORWARD_FLOP + BACKWARD_FLOP);
+  const double probes = r->n.n_probe_steps > 0 ? 1.0 / r->n.n_probe_steps : 0; // a step
+  double working = 0, flop = (double)r->n.pairs * (FORWARD_FLOP + (1 + probes) * BACKWARD_FLOP);
   for (int op = 0; op < SV_N_BENCH_OPS; op++) working += sv_bench_cost_of((sv_bench_op)op, &r->n).bytes;
   r->bound_ms = 0;
   for (int s = 0; s < SV_N_STAGES; s++) {
     r->stage_bound_ms[s] = 0;
     for (int i = 0; i < 2; i++)
       r->stage_bound_ms[s] += 1e3 * sv_bench_bound_s(peak, sv_bench_cost_of(ops_of[s][i], &r->n), working);
+    if (s == SV_STAGE_CURVATURE) r->stage_bound_ms[s] *= probes;
     r->bound_ms += r->stage_bound_ms[s];
   }
   r->pixel_bound_ms = peak->flop_per_s > 0 ? 1e3 * flop / peak->flop_per_s : 0;
@@ -118,7 +121,8 @@ sv_bench_counts sv_bench_count(sv_trainer *t) {
                        .n_visible = r->stats.n_visible,
                        .n_recs = r->stats.n_recs,
                        .n_pixels = (uint32_t)(r->rgb.width_px * r->rgb.height_px),
-                       .n_rows = t->g.n_rows};
+                       .n_rows = t->g.n_rows,
+                       .n_probe_steps = t->cfg.newton.every};
   for (int i = 0; i < r->rgb.stride * r->rgb.rows_padded; i++) r->depth[i] = 1.0f;
   for (int i = 0; i < t->g.n; i++)
     if (r->splat[i].n_recs) n.rows += (uint64_t)(r->splat[i].by1 - r->splat[i].by0 + 1);

@@ -18,10 +18,10 @@ typedef struct {
   sv_trainer *t;
   const sv_kernels *k; // the variant that is timed
   sv_raster_bwd_args bwd;
-  sv_adam_args adam;
-  float lr[SV_CAP_ROWS];
-  uint32_t *id; // [N_GAUSSIANS] visible ones
-  uint32_t *at; // [tiles]
+  sv_newton_args newton;
+  float cap[SV_CAP_ROWS]; // 0: nothing moves
+  uint32_t *id;           // [N_GAUSSIANS] visible ones
+  uint32_t *at;           // [tiles]
   uint32_t min_key, max_key;
   float *block; // [SV_CAP_ROWS + 1][16]
   const uint8_t *picture;
@@ -69,11 +69,11 @@ static void run_project_bwd(ctx *c) {
   for (int b = 0; b < N_BLOCKS; b++)
     sv_render_bwd_block(&c->t->render, c->k, b, 0, NULL, c->block, c->block + 16 * SV_CAP_ROWS, NULL);
 }
-static void run_adam(ctx *c) {
+static void run_newton(ctx *c) {
   sv_gaussians *g = &c->t->g;
   for (int b = 0; b < N_BLOCKS; b++) {
     size_t at = (size_t)b * (size_t)g->n_rows * 16;
-    c->k->adam(&c->adam, 0xffff, c->block, g->param + at, c->t->m + at, c->t->v + at);
+    c->k->newton(&c->newton, 0xffff, c->block, c->t->v + at, g->param + at, c->t->m + at);
   }
 }
 static void run_unpack(ctx *c) {
@@ -148,7 +148,7 @@ static const struct {
              {SV_BENCH_SSIM, run_ssim},
              {SV_BENCH_SSIM_BWD, run_ssim_bwd},
              {SV_BENCH_PROJECT_BWD, run_project_bwd},
-             {SV_BENCH_ADAM, run_adam},
+             {SV_BENCH_NEWTON, run_newton},
              {SV_BENCH_UNPACK, run_unpack},
              {SV_BENCH_BIN, run_bin},
              {SV_BENCH_PROJECT, run_project}};
@@ -233,8 +233,8 @@ static sv_status prepare(ctx *c, sv_bench_scene *scene, sv_arena *a, sv_err *err
                                 .g_rgb = {t->grad.c[0], t->grad.c[1], t->grad.c[2]},
                                 .err = t->err_plane,
                                 .slot = t->render.slot};
-  c->adam = (sv_adam_args){
-      .beta1 = 0.9f, .beta2 = 0.999f, .eps = 1e-15f, .rsqrt_bias2 = 1, .lr = c->lr, .n_rows = t->g.n_rows};
+  c->newton =
+      (sv_newton_args){.beta1 = 0.9f, .rate = 0.1f, .damping = 1, .cap = c->cap, .n_rows = t->g.n_rows};
   return SV_OK;
 }
 

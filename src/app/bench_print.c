@@ -7,9 +7,9 @@
 #define CAP_LINE 500
 
 static const char *const stage_names[SV_N_STAGES] = {
-    [SV_STAGE_TARGET] = "target",    [SV_STAGE_PROJECT] = "project", [SV_STAGE_ORDER] = "order",
-    [SV_STAGE_RASTER] = "raster",    [SV_STAGE_LOSS] = "loss",       [SV_STAGE_RASTER_BWD] = "raster_bwd",
-    [SV_STAGE_OPTIMISE] = "optimise"};
+    [SV_STAGE_TARGET] = "target",     [SV_STAGE_PROJECT] = "project",    [SV_STAGE_ORDER] = "order",
+    [SV_STAGE_RASTER] = "raster",     [SV_STAGE_LOSS] = "loss",          [SV_STAGE_RASTER_BWD] = "raster_bwd",
+    [SV_STAGE_OPTIMISE] = "optimise", [SV_STAGE_CURVATURE] = "curvature"};
 
 static const struct {
   const char *name, *item;
@@ -22,7 +22,7 @@ static const struct {
                          [SV_BENCH_SSIM_BWD] = {"ssim_bwd", "pixel"},
                          [SV_BENCH_RASTER_BWD] = {"raster_bwd", "pair"},
                          [SV_BENCH_PROJECT_BWD] = {"project_bwd", "Gaussian"},
-                         [SV_BENCH_ADAM] = {"adam", "Gaussian"}};
+                         [SV_BENCH_NEWTON] = {"newton", "Gaussian"}};
 
 const char *sv_bench_stage_name(sv_bench_stage s) { return stage_names[s]; }
 const char *sv_bench_op_name(sv_bench_op op) { return ops[op].name; }

@@ -19,6 +19,7 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   cfg->is_supersampled = is_grid && !s->is_multiplexed;
   cfg->supersample_from = 0.7f;
   if (s->n_exposures > SV_FEW_EXPOSURES) return;
+  cfg->newton.is_hasty = true;
   if (s->is_moving) { // of a rig that stands still, also where there is but one camera
     cfg->reg_opacity = 0.05f;
     cfg->sh_step = 2.0f;

@@ -68,8 +68,9 @@ static sv_adam_args adam_args(job *j, float mean_lr, double bias1, double bias2)
 }
 
 static float newton_rate(const sv_train_cfg *c, float progress) {
-  double haste = (double)sv_train_haste(c), a = sv_log((double)c->newton.rate_start);
-  double b = sv_log((double)c->newton.rate_end * haste * haste);
+  double haste = (double)sv_train_haste(c), more = c->newton.is_hasty ? haste : 1.0;
+  double a = sv_log((double)c->newton.rate_start * more);
+  double b = sv_log((double)c->newton.rate_end * haste * haste * more);
   return (float)sv_exp(a + ((b < a ? b : a) - a) * (double)sv_clampf(progress, 0.0f, 1.0f));
 }
 

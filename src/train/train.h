@@ -36,6 +36,7 @@ typedef struct {
   float keep; // of the running mean, an estimate
   float rate_start,
       rate_end;         // log-linear over the run; rate_end times sv_train_haste's square, at most rate_start
+  bool is_hasty;        // both rates times sv_train_haste: few pictures, whose gradients agree
   float damping;        // of the mean over 16 Gaussians
   float cap, cap_scale; // Adam's longest steps; of log-scales
 } sv_newton_cfg;

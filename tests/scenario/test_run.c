@@ -44,12 +44,15 @@ typedef struct {
   const char *spec;
   int n_exposures;
   double floor_db, margin_db; // of both sub-views; over one of them alone
+  int optimizer;              // as in sv_app_cfg
+  uint32_t steps;
 } quality;
 
 static double train_quality(const quality *q, uint64_t mask) {
   open_world(q->spec, q->n_exposures);
   w.cfg.train.n_gaussians = 3000;
-  w.cfg.steps = 800;
+  w.cfg.steps = q->steps ? q->steps : 800;
+  w.cfg.optimizer = q->optimizer;
   w.cfg.sub_view_mask[0] = mask;
   run_well();
   assert_ledger();
@@ -74,6 +77,20 @@ static void test_stereo_beats_one_sub_view(void **state) {
     assert_true(both > runs[i].floor_db);
     assert_true(both > left + runs[i].margin_db);
   }
+}
+
+static void test_gauss_newton_beats_adam(void **state) {
+  (void)state;
+  quality q = {.spec = "textured,rig=stereo,size=160x120", .n_exposures = 8, .steps = 300};
+  double psnr[2];
+  for (int i = 0; i < 2; i++) {
+    q.optimizer = 1 + i;
+    psnr[i] = train_quality(&q, 0);
+    assert_int_equal(w.app.trainer.cfg.optimizer, i);
+  }
+  print_message("held-out after 300 steps: %s %.2f dB, %s %.2f dB\n", sv_optimizer_name(SV_OPTIMIZER_ADAM),
+                psnr[0], sv_optimizer_name(SV_OPTIMIZER_GAUSS_NEWTON), psnr[1]);
+  assert_true(psnr[1] > psnr[0] + 1.5);
 }
 
 // --- cameras in time -----------------------------------------------------------------------------
@@ -352,7 +369,7 @@ static void test_resume_is_bit_exact(void **state) {
 
 static void test_resume_refuses_other_settings(void **state) {
   (void)state;
-  for (int i = 0; i < 3; i++) {
+  for (int i = 0; i < 4; i++) {
     open_resume(); // the checkpoint of the test before, or a new one
     w.cfg.steps = 3;
     run_well();
@@ -362,6 +379,7 @@ static void test_resume_refuses_other_settings(void **state) {
     if (i == 0) w.cfg.train.n_gaussians = 500;
     if (i == 1) w.cfg.train.sh_degree = 2;
     if (i == 2) w.cfg.n_exposures = 2;
+    if (i == 3) w.cfg.optimizer = 1 + SV_OPTIMIZER_ADAM;
     sv_status s = world_run(&w);
     if (s != SV_E_RANGE) fail_msg("%d: %s", s, w.err.text);
     assert_true(world_is_one_sentence(w.err.text));
@@ -504,6 +522,7 @@ static void test_report(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_stereo_beats_one_sub_view),
+      cmocka_unit_test(test_gauss_newton_beats_adam),
       cmocka_unit_test(test_bad_timing),
       cmocka_unit_test(test_skew_beyond_the_limit),
       cmocka_unit_test(test_unplugged_camera),

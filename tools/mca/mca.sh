@@ -37,7 +37,7 @@ fi
 
 compile() { # core, compiler, isa, flags: the kernels' own flags, as in the Makefile
   upper=$(echo "$3" | tr a-z A-Z)
-  for op in raster ssim adam project; do
+  for op in raster ssim newton project; do
     # shellcheck disable=SC2086 # flags are words
     "$2" -std=c11 -O3 -I. -ffp-contract=off -fno-math-errno -fno-trapping-math "-DSV_HAVE_$upper=1" $4 \
       -S "kernels/$op/${op}_$3.c" -o "$work/$1.$op.s" || exit 1

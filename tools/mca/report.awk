@@ -3,7 +3,7 @@
 # tools/mca/mca.sh.
 #
 # A step: pixel-splat pairs blended and gone back through, three channels of loss, Gaussians projected, gone back through
-# and optimised (23 rows of SH degree 1), and what is scalar: sort, lists and target, by instructions that callgrind
+# and optimised (23 rows of SH degree 1), a fifth of the way back once more for the curvature (GRADIENTS), and what is scalar: sort, lists and target, by instructions that callgrind
 # counted on x86, at SCALAR_IPC. DERATE: measured over predicted cycles of the same loops on x86 (1.2), and some for what
 # the small cores hide worse: caches, branches, the end of each stage.
 function of(core, op) { return cyc[core, op] / 16 }
@@ -22,11 +22,11 @@ $1 == "step" { n_steps++; step[n_steps] = $2 " Gaussians, " $3; n_g[n_steps] = $
 $1 == "board" { boards++; board[boards] = $2; for (i = 3; i <= NF; i++) word[boards, i] = $i; words[boards] = NF }
 function step_cycles(c, s) {
   scalar = (SORT * visible[s] + BIN * recs[s] + TARGET * n_px[s]) / (c == "A76" ? 1.5 : 1)
-  return pairs[s] * (of(c, "raster") + of(c, "raster_bwd")) + 3 * n_px[s] * (of(c, "ssim") + of(c, "ssim_bwd")) \
-    + n_g[s] * (of(c, "project") + of(c, "project_bwd") + 23 * of(c, "adam")) + scalar
+  return pairs[s] * (of(c, "raster") + GRADIENTS * of(c, "raster_bwd")) + 3 * n_px[s] * (of(c, "ssim") + of(c, "ssim_bwd")) \
+    + n_g[s] * (of(c, "project") + GRADIENTS * of(c, "project_bwd") + 23 * of(c, "newton")) + scalar
 }
 END {
-  SORT = 86; BIN = 250; TARGET = 8; DERATE = 1.5
+  SORT = 86; BIN = 250; TARGET = 8; DERATE = 1.5; GRADIENTS = 1.2
   printf "%-12s", ""
   for (c = 1; c <= n; c++) printf " %22s", core[c]
   print ""
