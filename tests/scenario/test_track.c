@@ -167,6 +167,29 @@ static void true_pose(void *self, sv_ns time_ns, sv_pose *rig_from_world) {
   sv_sim_rig_pose(self, time_ns, rig_from_world);
 }
 
+// Mean squared error of a held-out view, turned by up to half a pixel to where it fits best: a world that was found fits
+// the true one by its trajectory only as well as that is known. So are views of unknown poses scored elsewhere (Lin et
+// al., BARF, 2021: the poses of test views are optimised).
+static double registered_mse(const sv_view *v, const uint8_t *rgb) {
+  static const float toward[4][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}};
+  sv_view at = *v;
+  double best, mse;
+  assert_int_equal(sv_app_mse(&w.app, v, rgb, &best), SV_OK);
+  for (float step = 0.2f; step > 0.04f; step *= 0.5f)
+    for (bool is_better = true; is_better;) {
+      const sv_view from = at;
+      is_better = false;
+      for (int k = 0; k < 4; k++) {
+        sv_view u = from;
+        u.cx += step * toward[k][0], u.cy += step * toward[k][1];
+        if (fabsf(u.cx - v->cx) > 0.51f || fabsf(u.cy - v->cy) > 0.51f) continue;
+        assert_int_equal(sv_app_mse(&w.app, &u, rgb, &mse), SV_OK);
+        if (mse < best) best = mse, at = u, is_better = true;
+      }
+    }
+  return best;
+}
+
 static double run(const char *spec, bool is_tracking) {
   static uint8_t rgb[320 * 240 * 3];
   double psnr = 0;
@@ -180,12 +203,11 @@ static double run(const char *spec, bool is_tracking) {
   if (is_tracking) q = sv_odometry_from(&w.app.odometry, &w.app.exposures, true_pose, &w.sim);
   for (int i = 0; i < 8; i++) {
     sv_view v;
-    double t, mse;
+    double t;
     sv_sim_heldout_view(&w.sim, i, 8, &v, &t);
     sv_sim_render(&w.sim, &v, t, rgb, NULL);
     if (is_tracking) v = sv_odometry_view(&q, &v);
-    assert_int_equal(sv_app_mse(&w.app, &v, rgb, &mse), SV_OK);
-    psnr -= 10 * log10(mse) / 8;
+    psnr -= 10 * log10(registered_mse(&v, rgb)) / 8;
   }
   if (is_tracking) assert_int_equal(w.app.odometry.summary.n_placed, 24);
   world_close(&w);
