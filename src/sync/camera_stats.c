@@ -6,9 +6,11 @@
 void sv_camera_stats_frame(sv_camera_stat *stats, const sv_frame *f) {
   sv_camera_stat *s = &stats[f->i_camera];
   if (s->n_frames++) {
-    // By the stamps: frames that waited for a host that was busy arrive at once. A clock that stepped back says nothing.
+    // By the stamps: frames that waited for a host that was busy arrive at once, though not those of more than a
+    // second. A clock that was stepped says nothing.
     double d = (double)(f->camera_ns - s->last_stamp_ns), n = (double)(s->n_frames - 1);
-    if (d <= 0) d = (double)(f->arrival_ns - s->last_ns);
+    double gap = (double)(f->arrival_ns - s->last_ns);
+    if (d <= 0 || d > gap + (double)SV_NS_PER_S) d = gap;
     s->interval_ns += (d - s->interval_ns) / (n < MEAN_FRAMES ? n : MEAN_FRAMES);
   }
   s->last_stamp_ns = f->camera_ns, s->last_ns = f->arrival_ns;
