@@ -96,8 +96,8 @@ static void check_curvature(ck *c) {
         float *a = ck_floats(c, n), *b = ck_floats(c, n);
         memcpy(a, j.diag, n * sizeof *a);
         memcpy(b, j.diag, n * sizeof *b);
-        c->ref.curvature(0.9f, j.n_rows, j.touched, j.square, a);
-        c->var.curvature(0.9f, j.n_rows, j.touched, j.square, b);
+        c->ref.curvature(0.9f, j.n_rows, j.touched, j.square, (int)k % 2, a);
+        c->var.curvature(0.9f, j.n_rows, j.touched, j.square, (int)k % 2, b);
         ck_same(c, "diag", a, b, n, 1e-6);
         for (size_t i = 0; i < n; i++)
           ck_true(c, (masks[k] >> i % 16 & 1) || b[i] == j.diag[i], "lane %zu is not touched, but changed",
@@ -107,7 +107,7 @@ static void check_curvature(ck *c) {
 
 static void run_curvature(void *arg, const sv_kernels *k) {
   curvature_job *j = arg;
-  k->curvature(0.9f, j->n_rows, j->touched, j->square, j->diag);
+  k->curvature(0.9f, j->n_rows, j->touched, j->square, 0, j->diag);
 }
 
 static void bench_curvature(ck *c) {
