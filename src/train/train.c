@@ -91,7 +91,9 @@ static size_t cap_floats(const sv_train_cfg *c) {
 }
 
 // Steps of several pictures need their gradients' sum.
-static bool has_sum(const sv_train_cfg *c) { return c->cap_composites > 0 || c->n_unseen > 0; }
+static bool has_sum(const sv_train_cfg *c) {
+  return c->cap_composites > 0 || c->n_unseen > 0 || c->prior.cap_pseudo > 0;
+}
 
 static sv_status carve_sum(sv_trainer *t, const sv_train_cfg *c, size_t cap, size_t px, sv_arena *a) {
   if (!has_sum(c)) return SV_OK;
@@ -163,6 +165,7 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
       SV_TAKE(a, float, (size_t)c->n_threads *SV_UNPACK_SCRATCH_FLOATS((size_t)c->cap_width_px));
   if (c->is_supersampled) sv_train_supersample_carve(&t->supersample, px, a);
   if ((s = carve_sum(t, c, cap, px, a)) < 0) return s;
+  if ((s = sv_prior_init(&t->prior, &c->prior, px, c->seed, a)) < 0) return s;
   sv_arena_part_begin(a, "views");
   t->views = SV_TAKE(a, sv_train_view, c->cap_views);
   t->composites = SV_TAKE(a, sv_train_composite, c->cap_composites);
@@ -214,6 +217,16 @@ static sv_status check(const sv_train_cfg *c, sv_err *err) {
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "poses are refined with still scenes and whole pictures: not with moving ones, and not on "
                    "multiplexed sensors");
+  if ((c->prior.cap_pseudo > 0 || c->prior.cap_depths > 0) &&
+      (c->dynamic.kind != SV_DEFORM_NONE || c->cap_composites > 0))
+    return sv_fail(
+        err, SV_E_UNSUPPORTED,
+        "sparse-view priors are for still scenes and whole pictures: not for moving ones, and not on "
+        "multiplexed sensors");
+  if (c->prior.cap_pseudo < 0 || c->prior.cap_depths < 0 || (c->prior.cap_pseudo > 0 && c->prior.every < 1))
+    return sv_fail(err, SV_E_ARG,
+                   "%d pseudo-views, one every %d steps, and %d depth maps, expected 0 or more",
+                   c->prior.cap_pseudo, c->prior.every, c->prior.cap_depths);
   if (c->optimizer == SV_OPTIMIZER_GAUSS_NEWTON &&
       (c->newton.every < 1 || !(c->newton.rate_start > 0) || !(c->newton.rate_end > 0)))
     return sv_fail(err, SV_E_ARG,

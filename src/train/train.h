@@ -9,6 +9,7 @@
 #include "src/deform/deform.h"
 #include "src/loss/photometric.h"
 #include "src/loss/tv.h"
+#include "src/prior/prior.h"
 #include "src/rig/forward.h"
 #include "src/splat/render.h"
 #include "src/train/poses.h"
@@ -109,6 +110,7 @@ typedef struct {
   int steps_hint; // expected steps of the run: sets the pace (sv_train_haste)
   sv_dynamic_cfg dynamic;
   sv_train_poses_cfg poses;
+  sv_prior_cfg prior; // pseudo-views and depth maps from outside
 } sv_train_cfg;
 
 typedef struct {
@@ -174,6 +176,7 @@ typedef struct {
   sv_forward forward; // of regions
   sv_supersample supersample;
   sv_train_poses poses;
+  sv_prior prior;
   sv_planes target, grad;
   sv_planes aux; // gradient of one picture of several
   float *err_plane, *aux_err, *unpack_scratch;
@@ -309,6 +312,10 @@ sv_status sv_train_measure(sv_trainer *t, const sv_view *view, const sv_render_o
 sv_status sv_train_supersample_bwd(sv_trainer *t, const sv_planes *grad, const float *err) SV_MUST_USE;
 // A view from beside those that were taken, turned about the scene's centre; reduced in size.
 sv_view sv_train_unseen_view(sv_trainer *t);
+// A view turned about the scene's centre by up to `rad`, in any direction.
+sv_view sv_train_turned_view(const sv_trainer *t, const sv_view *v, float rad, sv_rng *rng);
+// t->target and t->grad for a picture of this size, their padding cleared.
+void sv_train_size_target(sv_trainer *t, int width_px, int height_px);
 // Gradients of the last picture -> parameters for all touched blocks; returns the touched Gaussians.
 uint32_t sv_train_optimise(sv_trainer *t, float progress);
 // The same in two halves, for steps with several pictures: add the last picture's gradients, with reg_share of
