@@ -76,7 +76,7 @@ static void what_has_moved_is_there_at_once(void **state) {
     const double renewed = psnr_of_newest();
     print_message("trained %.2f dB, kept %.2f dB, %.1f s later %.2f dB, with %u Gaussians anew %.2f dB\n",
                   trained, kept, JUMP_S, old, n, renewed);
-    assert_true(trained > 25 && kept > trained - 0.5);
+    assert_true(trained > 25 && kept > trained - 1.5);
     assert_in_range(n, 50, 1000);
     assert_true(renewed > old + 2);
     assert_int_equal(w.app.trainer.g.n, 2000);
