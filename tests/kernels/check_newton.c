@@ -84,8 +84,8 @@ static void check_curvature_rows(ck *c, int n_rows, int fill, uint32_t touched) 
   size_t n = 16 * (size_t)n_rows;
   curvature_job j = make_curvature(c, n_rows, fill, touched);
   float *a = ck_copy(c, j.diag, n), *b = ck_copy(c, j.diag, n);
-  c->ref.curvature(0.9f, j.n_rows, j.touched, j.square, a);
-  c->var.curvature(0.9f, j.n_rows, j.touched, j.square, b);
+  c->ref.curvature(0.9f, j.n_rows, j.touched, j.square, n_rows % 2, a);
+  c->var.curvature(0.9f, j.n_rows, j.touched, j.square, n_rows % 2, b);
   ck_same(c, "diag", a, b, n, 1e-6);
   ck_untouched(c, touched, j.diag, b, n);
 }
@@ -94,7 +94,7 @@ static void check_curvature(ck *c) { ck_each_rows(c, check_curvature_rows); }
 
 static void run_curvature(void *arg, const sv_kernels *k) {
   curvature_job *j = arg;
-  k->curvature(0.9f, j->n_rows, j->touched, j->square, j->diag);
+  k->curvature(0.9f, j->n_rows, j->touched, j->square, 0, j->diag);
 }
 
 static void bench_curvature(ck *c) {
