@@ -118,7 +118,7 @@ static sv_status carve_dynamic(sv_trainer *t, const sv_train_cfg *c, sv_arena *a
                             .has_grad = true};
   sv_arena_part_begin(a, "motion");
   t->is_moving = SV_TAKE(a, uint8_t, t->g.cap);
-  float **each[] = {&t->n_seen, &t->res_mean, &t->res_dev, &t->unrest, &t->weight};
+  float **each[] = {&t->n_seen, &t->res_mean, &t->res_dev, &t->unrest, &t->weight, &t->residual};
   for (size_t i = 0; i < sizeof each / sizeof *each; i++) *each[i] = SV_TAKE(a, float, t->g.cap);
   bool is_followed = c->dynamic.kind == SV_DEFORM_CLIP && c->dynamic.is_followed && c->dynamic.grow_until > 0;
   t->follow = is_followed ? SV_TAKE(a, sv_follow_sum, t->g.cap) : NULL;
@@ -334,7 +334,7 @@ sv_status sv_train_start(sv_trainer *t, const sv_init_cfg *init, const sv_point 
     float centre[3], radius = sv_gaussians_radius(&t->g, scratch, centre);
     sv_train_set_scene(t, centre, radius);
   }
-  t->step = t->field_step = 0;
+  t->step = t->field_step = t->n_renewed = 0;
   t->followed = 0.0f;
   if (sv_train_is_dynamic(t)) {
     sv_train_start_moving(t);

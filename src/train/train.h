@@ -167,8 +167,8 @@ typedef struct {
   uint32_t field_step; // of the field's stage
   uint8_t *is_moving;  // [cap]
   // [cap] each, of the search for what moves: frames that saw a Gaussian, mean and squared deviations of its
-  // residual over them, largest deviation over the cameras; weight of the current frame
-  float *n_seen, *res_mean, *res_dev, *unrest, *weight;
+  // residual over them, largest deviation over the cameras; pixels of the current frame, their residuals' sum
+  float *n_seen, *res_mean, *res_dev, *unrest, *weight, *residual;
   sv_follow_sum *follow; // [cap], NULL unless times come in one by one
   float followed;        // progress up to which the times that came in were followed
   sv_renderer render;
@@ -188,7 +188,7 @@ typedef struct {
   float jitter[2];         // this epoch's shift of the regions, of a region
   float centre[3], radius; // of the scene
   uint32_t step;
-  uint32_t n_relocated; // ever
+  uint32_t n_relocated, n_renewed; // ever
   sv_rng rng;
 } sv_trainer;
 
@@ -250,6 +250,11 @@ void sv_train_load_target(sv_trainer *t, const sv_image_u8 *im, int scale, const
 void sv_train_copy_motion(sv_trainer *t, int to, int from);
 // Renders a training view, at half size at most, and leaves its residual in err_plane; no gradients.
 sv_status sv_train_residual(sv_trainer *t, int i_view, float progress) SV_MUST_USE;
+// Adds each Gaussian's share of that picture, in pixels, to t->weight, and of its residual to t->residual. The target
+// is gone afterwards.
+#define SV_TRAIN_WEIGHT_MIN 1.0f // pixels: who covers less of a picture has no say about it
+sv_status sv_train_share_residual(sv_trainer *t) SV_MUST_USE;
+void sv_train_clear_shares(sv_trainer *t);
 // Whether a time is trained on already.
 bool sv_train_has_time(const sv_trainer *t, float time, float progress);
 // Reduction at which the pictures of a time that came in a moment ago are taken; 1: as progress says.
