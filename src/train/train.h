@@ -178,6 +178,7 @@ typedef struct {
   sv_supersample supersample;
   sv_train_poses poses;
   sv_prior prior;
+  float tended; // progress up to which what the prior does of its own is done
   sv_planes target, grad;
   sv_planes aux; // gradient of one picture of several
   float *err_plane, *aux_err, *unpack_scratch;
@@ -276,6 +277,8 @@ void sv_train_motion_rates(const sv_trainer *t, float progress, float mean_lr, d
                            float lr[SV_CAP_MROWS]);
 // Relocates slots of opacity <= SV_OPACITY_DEAD; returns how many.
 uint32_t sv_train_relocate(sv_trainer *t);
+// A slot becomes a copy of another, with running means of its own.
+void sv_train_copy_slot(sv_trainer *t, int to, int from);
 // Opacity and scale factor of n copies that together look like one Gaussian of opacity o: 1 - (1-o)^(1/n)
 // and o / K (3DGS-MCMC eq. 9).
 void sv_relocation_split(double o, int n, double *o_new, double *scale_factor);
