@@ -11,6 +11,7 @@
 #include "src/loss/tv.h"
 #include "src/rig/forward.h"
 #include "src/splat/render.h"
+#include "src/train/neighbours.h"
 #include "src/train/poses.h"
 
 #ifdef __cplusplus
@@ -167,6 +168,7 @@ typedef struct {
   // residual over them, largest deviation over the cameras; weight of the current frame
   float *n_seen, *res_mean, *res_dev, *unrest, *weight;
   sv_follow_sum *follow; // [cap], NULL unless times come in one by one
+  sv_neighbours near;    // as follow
   float followed;        // progress up to which the times that came in were followed
   sv_renderer render;
   sv_photometric photometric;
