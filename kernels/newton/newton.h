@@ -37,9 +37,10 @@ static inline uint32_t sv_probe_bits(uint32_t i_col, uint32_t row, uint32_t key)
 // exact.
 typedef void (*sv_probe_fn)(const sv_probe_args *a);
 
-// diag [n_rows][16], updated in the lanes of touched with a new estimate square [n_rows][16] >= 0:
-// diag = keep diag + (1 - keep) square, and where it was 0 (none yet) diag = square. exact.
-typedef void (*sv_curvature_fn)(float keep, int n_rows, uint32_t touched, const float *square, float *diag);
+// diag [n_rows][16], updated in the lanes of touched with a new estimate s, the squares of x [n_rows][16], or x >= 0
+// itself where it is_square: diag = keep diag + (1 - keep) s, and where it was 0 (none yet) diag = s. exact.
+typedef void (*sv_curvature_fn)(float keep, int n_rows, uint32_t touched, const float *x, int is_square,
+                                float *diag);
 
 typedef struct {
   float beta1;
@@ -57,7 +58,8 @@ typedef void (*sv_newton_fn)(const sv_newton_args *a, uint32_t touched, const fl
 
 #define SV_DECLARE(isa)                                                                                      \
   void sv_probe_##isa(const sv_probe_args *a);                                                               \
-  void sv_curvature_##isa(float keep, int n_rows, uint32_t touched, const float *square, float *diag);       \
+  void sv_curvature_##isa(float keep, int n_rows, uint32_t touched, const float *x, int is_square,           \
+                          float *diag);                                                                      \
   void sv_newton_##isa(const sv_newton_args *a, uint32_t touched, const float *grad, const float *diag,      \
                        float *p, float *m);
 SV_DECLARE(ref)

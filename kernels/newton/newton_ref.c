@@ -16,10 +16,12 @@ void sv_probe_ref(const sv_probe_args *a) {
   }
 }
 
-void sv_curvature_ref(float keep, int n_rows, uint32_t touched, const float *square, float *diag) {
-  for (int i = 0; i < 16 * n_rows; i++)
-    if (touched >> (i & 15) & 1)
-      diag[i] = diag[i] > 0.0f ? fmaf(keep, diag[i], (1.0f - keep) * square[i]) : square[i];
+void sv_curvature_ref(float keep, int n_rows, uint32_t touched, const float *x, int is_square, float *diag) {
+  for (int i = 0; i < 16 * n_rows; i++) {
+    if (!(touched >> (i & 15) & 1)) continue;
+    const float s = is_square ? x[i] : x[i] * x[i];
+    diag[i] = diag[i] > 0.0f ? fmaf(keep, diag[i], (1.0f - keep) * s) : s;
+  }
 }
 
 void sv_newton_ref(const sv_newton_args *a, uint32_t touched, const float *grad, const float *diag, float *p,

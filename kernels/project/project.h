@@ -98,7 +98,7 @@ typedef void (*sv_project_fn)(const sv_project_args *a, int block0, int block1, 
 
 typedef struct {
   const sv_project_args *fwd; // the same as in the forward pass
-  const sv_rec *rec;          // a record with mask 0 has no slot
+  const sv_rec *rec;          // those of a block's Gaussians follow one another; one with mask 0 has no slot
   const float *slot;          // [n_recs][16]
   float *pose_grad; // [6] out, this block's sum of dL/d(omega, v) of a twist on cam_from_world; or NULL
   float reg_opacity,

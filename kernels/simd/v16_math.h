@@ -9,11 +9,27 @@
 // back in every inner loop, and one chain of operations waits where others could run beside it.
 #define V16_INLINE static inline __attribute__((always_inline))
 
+// x minus the whole number nearest to it, of two the even one; |x| < 2^22.
+#ifndef V16_HAS_REST
+V16_INLINE v16 v16_rest(v16 x) {
+  const v16 magic = v16_set1(12582912.0f);
+  return v16_sub(x, v16_sub(v16_add(x, magic), magic));
+}
+#endif
+
+// The light t behind a splat that takes w of it, w = 0 where not go: t - w where go; -|t| where `in` and not go, which
+// is the sign of an end; elsewhere t.
+#ifndef V16_HAS_PASS
+V16_INLINE v16 v16_pass(v16m in, v16m go, v16 t, v16 w) {
+  return v16_neg_abs(v16m_andnot(in, go), v16_sub(t, w));
+}
+#endif
+
 // 2^x for x in [-126, 126], relative error 3.6e-6 (degree 4 on [-0.5, 0.5]). Outside the range the result
 // is meaningless but finite or infinite bits: mask it. Forward and backward rasterization use this one.
 V16_INLINE v16 v16_exp2(v16 x) {
   const v16 magic = v16_set1(12582912.0f);
-  v16 t = v16_add(x, magic), f = v16_sub(x, v16_sub(t, magic));
+  v16 t = v16_add(x, magic), f = v16_rest(x);
   v16 p = v16_set1(0.00966636852f);
   p = v16_fma(p, f, v16_set1(0.0559219758f));
   p = v16_fma(p, f, v16_set1(0.24022349f));
@@ -26,7 +42,7 @@ V16_INLINE v16 v16_exp2(v16 x) {
 V16_INLINE v16 v16_exp2_fine(v16 x) {
   const v16 magic = v16_set1(12582912.0f);
   x = v16_min(v16_max(x, v16_set1(-126.0f)), v16_set1(126.0f));
-  v16 t = v16_add(x, magic), f = v16_sub(x, v16_sub(t, magic));
+  v16 t = v16_add(x, magic), f = v16_rest(x);
   v16 p = v16_set1(1.5403530e-4f);
   p = v16_fma(p, f, v16_set1(1.3333558e-3f));
   p = v16_fma(p, f, v16_set1(9.6181291e-3f));

@@ -24,8 +24,8 @@ typedef struct {
   uint32_t *order;           // [n] out: values by rising key, equal keys in the order in which they came
 } sv_sort_args;
 
-// By digits of at most 8 bits of the range max - min, 11 of long lists: depth keys (float bits) usually take three passes
-// of 8. exact.
+// Two passes over digits of the leading bits of the range max - min, of at most 8 bits, 11 of long lists; what shares
+// them is put in order by insertion, or, if that is much, by passes over all bits. exact.
 typedef void (*sv_sort_fn)(const sv_sort_args *a);
 
 void sv_sort_ref(const sv_sort_args *a);

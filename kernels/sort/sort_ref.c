@@ -3,29 +3,32 @@
 
 #include <string.h>
 
-// FEW pairs are sorted by insertion; of fewer than MANY, adding up the buckets of long digits would take longest.
-enum { CAP_PASSES = 4, FEW = 24, MANY = 2048 };
+// FEW pairs are sorted by insertion. Buckets of longer digits take longer to add up than lists of less than LONG, or MANY,
+// pairs take to be moved. MOVES places a pair and more, and two more passes are less work.
+enum { CAP_PASSES = 4, FEW = 24, LONG = 1024, MANY = 2048, MOVES = 2 };
 
 typedef struct {
   uint32_t min, mask;
-  int width, n_passes;
+  int shift, width, n_passes; // digits from the bit `shift` on
 } digits;
 
-static digits digits_of(uint32_t n, uint32_t min, uint32_t max) {
-  const int most = n < MANY ? 8 : 11;
-  int bits = max > min ? 32 - __builtin_clz(max - min) : 1, n_passes = (bits + most - 1) / most;
-  int width = (bits + n_passes - 1) / n_passes;
-  return (digits){min, (1u << width) - 1, width, n_passes};
+// Of all bits of the range, or of as many of the leading ones as two digits hold.
+static digits digits_of(const sv_sort_args *a, int is_leading) {
+  const int bits = a->max_key > a->min_key ? 32 - __builtin_clz(a->max_key - a->min_key) : 1;
+  const int most = a->n >= MANY ? 11 : a->n >= LONG || !is_leading ? 8 : 7;
+  const int shift = is_leading && bits > 2 * most ? bits - 2 * most : 0;
+  const int n_passes = (bits - shift + most - 1) / most, width = (bits - shift + n_passes - 1) / n_passes;
+  return (digits){a->min_key, (1u << width) - 1, shift, width, n_passes};
 }
 
 // Histograms of all digits, read once. n_passes is a constant where this is called.
-static inline void count(const sv_sort_args *a, const digits *d, int n_passes) {
+static inline void count(const sv_pair *pair, uint32_t n, const digits *d, uint32_t *all, int n_passes) {
   const uint32_t min = d->min, mask = d->mask;
-  const int width = d->width;
+  const int width = d->width, shift = d->shift;
   uint32_t *hist[CAP_PASSES];
-  for (int p = 0; p < n_passes; p++) hist[p] = a->hist + (size_t)p * ((size_t)mask + 1);
-  for (uint32_t i = 0; i < a->n; i++) {
-    const uint32_t key = a->pair[i].key - min;
+  for (int p = 0; p < n_passes; p++) hist[p] = all + (size_t)p * ((size_t)mask + 1);
+  for (uint32_t i = 0; i < n; i++) {
+    const uint32_t key = (pair[i].key - min) >> shift;
     for (int p = 0; p < n_passes; p++) hist[p][key >> p * width & mask]++;
   }
 }
@@ -40,49 +43,58 @@ static void add_up(uint32_t *hist, uint32_t n_buckets) {
   }
 }
 
-static void find_places(const sv_sort_args *a, const digits *d) {
+static void find_places(const sv_pair *pair, uint32_t n, const digits *d, uint32_t *hist) {
   const uint32_t n_buckets = d->mask + 1;
-  memset(a->hist, 0, (size_t)n_buckets * (size_t)d->n_passes * sizeof *a->hist);
-  if (d->n_passes == 1) count(a, d, 1);
-  else if (d->n_passes == 2) count(a, d, 2);
-  else if (d->n_passes == 3) count(a, d, 3);
-  else count(a, d, 4);
-  for (int p = 0; p < d->n_passes; p++) add_up(a->hist + (size_t)p * n_buckets, n_buckets);
+  memset(hist, 0, (size_t)n_buckets * (size_t)d->n_passes * sizeof *hist);
+  if (d->n_passes == 1) count(pair, n, d, hist, 1);
+  else if (d->n_passes == 2) count(pair, n, d, hist, 2);
+  else if (d->n_passes == 3) count(pair, n, d, hist, 3);
+  else count(pair, n, d, hist, 4);
+  for (int p = 0; p < d->n_passes; p++) add_up(hist + (size_t)p * n_buckets, n_buckets);
 }
 
-// One pass over n pairs; `to`, or the values alone to `order`.
-static void pass(const sv_pair *from, uint32_t n, const digits *d, int p, uint32_t *hist, sv_pair *to,
-                 uint32_t *order) {
-  const int shift = p * d->width;
+// Sorts by the digits; returns which of the two arrays holds the result.
+static sv_pair *by_digits(const sv_sort_args *a, sv_pair *from, const digits *d) {
   const uint32_t min = d->min, mask = d->mask;
-  if (to)
-    for (uint32_t i = 0; i < n; i++) to[hist[(from[i].key - min) >> shift & mask]++] = from[i];
-  else
-    for (uint32_t i = 0; i < n; i++) order[hist[(from[i].key - min) >> shift & mask]++] = from[i].value;
-}
-
-static void insert(const sv_sort_args *a) {
-  sv_pair *pair = a->pair;
-  for (uint32_t i = 1; i < a->n; i++) {
-    const sv_pair p = pair[i];
-    uint32_t k = i;
-    for (; k > 0 && pair[k - 1].key > p.key; k--) pair[k] = pair[k - 1];
-    pair[k] = p;
-  }
-  for (uint32_t i = 0; i < a->n; i++) a->order[i] = pair[i].value;
-}
-
-void sv_sort_ref(const sv_sort_args *a) {
-  if (a->n <= FEW) {
-    insert(a);
-    return;
-  }
-  const digits d = digits_of(a->n, a->min_key, a->max_key);
-  find_places(a, &d);
-  sv_pair *from = a->pair;
-  for (int p = 0; p < d.n_passes; p++) {
-    sv_pair *to = p == d.n_passes - 1 ? NULL : from == a->pair ? a->tmp : a->pair;
-    pass(from, a->n, &d, p, a->hist + ((size_t)d.mask + 1) * (size_t)p, to, a->order);
+  find_places(from, a->n, d, a->hist);
+  for (int p = 0; p < d->n_passes; p++) {
+    sv_pair *to = from == a->pair ? a->tmp : a->pair;
+    uint32_t *at = a->hist + ((size_t)mask + 1) * (size_t)p;
+    const int shift = d->shift + p * d->width;
+    for (uint32_t i = 0; i < a->n; i++) to[at[(from[i].key - min) >> shift & mask]++] = from[i];
     from = to;
   }
+  return from;
+}
+
+// By insertion, and the values to `order`; gives up after `left` moves, and what it leaves is as stable as what it got.
+static int insert(sv_pair *pair, uint32_t n, uint64_t left, uint32_t *order) {
+  for (uint32_t i = 0; i < n; i++) {
+    const sv_pair p = pair[i];
+    uint32_t k = i;
+    for (; k > 0 && pair[k - 1].key > p.key; k--) {
+      pair[k] = pair[k - 1];
+      order[k] = order[k - 1];
+    }
+    if (k < i) pair[k] = p;
+    order[k] = p.value;
+    if (i - k > left) return 0;
+    left -= i - k;
+  }
+  return 1;
+}
+
+// Two passes leave few out of place, unless depths crowd in a small part of the range.
+void sv_sort_ref(const sv_sort_args *a) {
+  sv_pair *sorted = a->pair;
+  uint64_t moves = (uint64_t)a->n * a->n;
+  if (a->n > FEW) {
+    const digits leading = digits_of(a, 1);
+    sorted = by_digits(a, sorted, &leading);
+    moves = (uint64_t)a->n * MOVES;
+  }
+  if (insert(sorted, a->n, moves, a->order)) return;
+  const digits all = digits_of(a, 0);
+  sorted = by_digits(a, sorted, &all);
+  for (uint32_t i = 0; i < a->n; i++) a->order[i] = sorted[i].value;
 }

@@ -64,7 +64,7 @@ static void fill_cameras(const sv_app *app, sv_feed_state *s) {
     memset(c, 0, sizeof *c);
     sv_copy(c->name, sizeof c->name, app->cfg.caps[i].name);
     c->width_px = app->cfg.caps[i].width_px, c->height_px = app->cfg.caps[i].height_px;
-    c->fps = lc->period_s > 0 ? 1.0 / lc->period_s : 0;
+    c->fps = lc->fps;
     c->n_tiles = lc->n_tiles;
     c->captured = l->captured, c->delivered = l->delivered, c->pending = l->pending;
     c->dropped = sv_ledger_dropped(l);

@@ -10,6 +10,7 @@
 #include "src/image/planes.h"
 #include "src/port/feed.h"
 #include "src/port/port.h"
+#include "src/sync/camera_stats.h"
 #include "src/sync/sync.h"
 #include "src/train/train.h"
 
@@ -17,10 +18,9 @@ typedef struct sv_app sv_app;
 
 // Written by whoever takes the cameras' frames, which may be another thread than the one that publishes the rest.
 typedef struct {
-  sv_ns last_ns; // arrival of its last frame
-  uint64_t n_frames;
+  sv_camera_stat stat;
   double next_tile_s;
-  _Atomic double period_s; // running mean
+  _Atomic double fps;
   _Atomic uint64_t n_tiles;
 } sv_live_camera;
 

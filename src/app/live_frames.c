@@ -54,10 +54,8 @@ void sv_live_frame(sv_app *app, const sv_frame *f) {
   sv_live *l = &app->live;
   if (!l->feed || f->i_camera < 0 || f->i_camera >= app->cfg.n_cameras) return;
   sv_live_camera *c = &l->cameras[f->i_camera];
-  double gap = sv_ns_to_s(f->arrival_ns - c->last_ns), period = c->period_s;
-  if (c->n_frames > 0 && gap > 0) c->period_s = period + (gap - period) * (c->n_frames == 1 ? 1.0 : 0.1);
-  c->last_ns = f->arrival_ns;
-  c->n_frames++;
+  sv_camera_stat_frame(&c->stat, f);
+  c->fps = sv_camera_stat_fps(&c->stat);
   double now = machine_s(app);
   copy_counts(app, now);
   if (f->i_camera >= l->tiles->n || f->is_error || now < c->next_tile_s) return;

@@ -2,10 +2,11 @@
 // Moving scenes in a run. A clip: exposures are captured first, their times run from 0 to 1, and the motion is a few
 // functions of that time. Live: exposures stream through a ring; times are seconds, and the motion is a power series
 // about the newest exposure, which is moved on with each new one, so that the last model's motion is the start of the
-// next. Each exposure gets a fixed time; what came meanwhile is left out as whole exposures (src/sync/intake.h).
+// next; what is not there gets Gaussians from the newest exposure's depth maps. Each exposure gets a fixed time; what came meanwhile is left out as whole exposures (src/sync/intake.h).
 #include "src/app/app.h"
 #include "src/base/mathx.h"
 #include "src/train/objective.h"
+#include "src/train/renew.h"
 
 #define LIVE_HASTE 3.0f
 #define FIND_EVERY 16 // exposures between two searches for what moves
@@ -23,12 +24,13 @@ void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
   d->from = d->grow_until = 0;
   d->find_every = d->find_until = 0; // by exposures instead
   // Every exposure is like the last one: nothing cools down, and there are but a few dozen steps for what is new in
-  // it. Three of four see the newest exposure, the others those of the ring in turn. What appears and disappears does
-  // so by opacity and colour, faster than it could travel.
+  // it. Five of six see the newest exposure, the others those of the ring in turn: they keep the shape of what is still,
+  // and would drag back what moves fast. What appears and disappears does so by opacity and colour, faster than it could
+  // travel; what the newest pictures show elsewhere is put there (src/train/renew.h).
   t->lr.mean_start = t->lr.mean_end = 4.8e-4f;
   t->lr.quat *= LIVE_HASTE, t->lr.scale *= LIVE_HASTE;
   t->lr.sh0 *= 2 * LIVE_HASTE, t->lr.logit *= 2;
-  d->older_every = 4;
+  d->older_every = 6;
   t->start_scale = 1;
   t->relocate_until = 1;
   t->noise = 0;
@@ -90,6 +92,7 @@ sv_status sv_app_enter_exposure(sv_app *app, int slot, float progress) {
   if (now_ns - app->exposure_ns >= turn_ns) app->exposure_ns = now_ns;
   app->last_ns = app->exposures.exposure[slot].time_ns;
   sv_motion_advance(&app->trainer.deform.motion, &app->trainer.g, sv_app_time_of(app, app->last_ns));
-  if (++app->n_entered % FIND_EVERY) return SV_OK;
+  sv_status s = sv_train_renew(&app->trainer, progress, &app->scratch);
+  if (s < 0 || ++app->n_entered % FIND_EVERY) return s;
   return sv_train_find_moving(&app->trainer, progress);
 }

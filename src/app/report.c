@@ -48,7 +48,9 @@ void sv_app_memory_map(sv_str *out, const sv_arena *a, bool is_json) {
 // Of a live run: who got the time.
 static void add_live(sv_str *s, const sv_app *app) {
   const sv_governor *g = &app->governor;
-  if (app->cfg.is_dynamic) sv_str_add(s, "  \"moving\": %d,\n", sv_deform_n_moving(&app->trainer.deform));
+  if (app->cfg.is_dynamic)
+    sv_str_add(s, "  \"moving\": %d, \"renewed\": %u,\n", sv_deform_n_moving(&app->trainer.deform),
+               app->trainer.n_renewed);
   if (app->n_scored)
     sv_str_add(s, "  \"live_psnr\": %.3f, \"live_psnr_late\": %.3f, \"live_exposures\": %llu,\n",
                app->psnr_sum / (double)app->n_scored, app->psnr_late, (unsigned long long)app->n_scored);

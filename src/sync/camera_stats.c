@@ -3,8 +3,7 @@
 
 #define MEAN_FRAMES 16.0
 
-void sv_camera_stats_frame(sv_camera_stat *stats, const sv_frame *f) {
-  sv_camera_stat *s = &stats[f->i_camera];
+void sv_camera_stat_frame(sv_camera_stat *s, const sv_frame *f) {
   if (s->n_frames++) {
     // By the stamps: frames that waited for a host that was busy arrive at once, though not those of more than a
     // second. A clock that was stepped says nothing.
@@ -15,6 +14,8 @@ void sv_camera_stats_frame(sv_camera_stat *stats, const sv_frame *f) {
   }
   s->last_stamp_ns = f->camera_ns, s->last_ns = f->arrival_ns;
 }
+
+double sv_camera_stat_fps(const sv_camera_stat *s) { return s->interval_ns > 0 ? 1e9 / s->interval_ns : 0; }
 
 void sv_camera_stats_exposure(sv_camera_stat *stats, const sv_sync *sync, const sv_exposure *exposure,
                               const sv_frame *frames) {
@@ -33,7 +34,7 @@ void sv_camera_stats_exposure(sv_camera_stat *stats, const sv_sync *sync, const 
 }
 
 void sv_camera_stats_line(sv_str *out, const sv_camera_stat *s, const sv_ledger *l, const char *name) {
-  double fps = s->interval_ns > 0 ? 1e9 / s->interval_ns : 0;
+  double fps = sv_camera_stat_fps(s);
   unsigned long long dropped = (unsigned long long)sv_ledger_dropped(l);
   sv_str_add(out, "%s %.1f fps %s%.3f ms dropped %llu", name, fps, s->offset_ns < 0 ? "" : "+",
              s->offset_ns * 1e-6, dropped);

@@ -20,11 +20,13 @@ typedef struct {
   double offset_max_ns; // largest magnitude so far
 } sv_camera_stat;
 
-// stats: [n_cameras], cleared by the caller. A frame has come from the source.
-void sv_camera_stats_frame(sv_camera_stat *stats, const sv_frame *frame);
-// An exposure has come from sync; frames: [n_cameras].
+// A frame of its camera has come from the source; stat is cleared by the caller before the first one.
+void sv_camera_stat_frame(sv_camera_stat *stat, const sv_frame *frame);
+// An exposure has come from sync; stats, frames: [n_cameras].
 void sv_camera_stats_exposure(sv_camera_stat *stats, const sv_sync *sync, const sv_exposure *exposure,
                               const sv_frame *frames);
+// Frames a second, 0 before the second frame.
+double sv_camera_stat_fps(const sv_camera_stat *stat);
 // "video0 25.0 fps +0.412 ms dropped 3 (no_partner 2, sequence_gap 1)".
 void sv_camera_stats_line(sv_str *out, const sv_camera_stat *stat, const sv_ledger *ledger, const char *name);
 // The whole as one line, for as many cameras as fit: " | " in between.

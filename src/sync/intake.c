@@ -198,7 +198,7 @@ static void take_frame(sv_intake *in, const sv_frame *f) {
     requeue(in, f);
     return;
   }
-  sv_camera_stats_frame(in->stats, f);
+  sv_camera_stat_frame(&in->stats[c], f);
   if (in->frame_length.cameras) {
     if (in->sync.streams[c].events[SV_SYNC_EVENT_CLOCK_STEP] != n_steps)
       sv_frame_length_forget(&in->frame_length, c);

@@ -53,13 +53,9 @@ static job blocks_job(sv_trainer *t) {
 
 static int n_tasks(const job *j) { return (j->n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK; }
 
-// Squares of a block's gradients of the last picture. Returns the touched lanes.
-static uint32_t squares_of(const job *j, int b, int i_thread, float *grad) {
-  sv_trainer *t = j->t;
-  uint32_t touched =
-      sv_render_bwd_block(&t->render, t->k, b, i_thread, NULL, grad, grad + SV_CAP_ROWS * 16, NULL);
-  for (int i = 0; i < 16 * j->n_rows && touched; i++) grad[i] *= grad[i];
-  return touched;
+// A block's gradients of the last picture. Returns the touched lanes.
+static uint32_t gradients_of(const job *j, int b, int i_thread, float *grad) {
+  return sv_render_bwd_block(&j->t->render, j->t->k, b, i_thread, NULL, grad, grad + SV_CAP_ROWS * 16, NULL);
 }
 
 static void single_task(void *arg, int i_task, int i_thread) {
@@ -68,9 +64,9 @@ static void single_task(void *arg, int i_task, int i_thread) {
   float *grad = t->block + (size_t)i_thread * SV_TRAIN_BLOCK_FLOATS;
   int b1 = sv_mini((i_task + 1) * BLOCKS_PER_TASK, j->n_blocks);
   for (int b = i_task * BLOCKS_PER_TASK; b < b1; b++) {
-    uint32_t touched = squares_of(j, b, i_thread, grad);
+    uint32_t touched = gradients_of(j, b, i_thread, grad);
     if (touched)
-      t->k->curvature(t->cfg.newton.keep, j->n_rows, touched, grad,
+      t->k->curvature(t->cfg.newton.keep, j->n_rows, touched, grad, 0,
                       t->v + (size_t)b * (size_t)t->g.n_rows * 16);
   }
 }
@@ -92,9 +88,9 @@ static void collect_task(void *arg, int i_task, int i_thread) {
   float *grad = t->block + (size_t)i_thread * SV_TRAIN_BLOCK_FLOATS;
   int b1 = sv_mini((i_task + 1) * BLOCKS_PER_TASK, j->n_blocks);
   for (int b = i_task * BLOCKS_PER_TASK; b < b1; b++) {
-    uint32_t touched = squares_of(j, b, i_thread, grad);
+    uint32_t touched = gradients_of(j, b, i_thread, grad);
     float *sum = sum_of(t, b);
-    for (int i = 0; i < 16 * j->n_rows && touched; i++) sum[i] += grad[i];
+    for (int i = 0; i < 16 * j->n_rows && touched; i++) sum[i] += grad[i] * grad[i];
     t->sum_touched[2 * b] |= touched;
   }
 }
@@ -108,7 +104,7 @@ static void apply_task(void *arg, int i_task, int i_thread) {
     uint32_t *touched = t->sum_touched + 2 * b;
     float *sum = sum_of(t, b);
     if (!touched[0]) continue;
-    t->k->curvature(t->cfg.newton.keep, j->n_rows, touched[0], sum,
+    t->k->curvature(t->cfg.newton.keep, j->n_rows, touched[0], sum, 1,
                     t->v + (size_t)b * (size_t)t->g.n_rows * 16);
     memset(sum, 0, (size_t)j->n_rows * 16 * sizeof *sum);
     touched[0] = 0;

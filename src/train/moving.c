@@ -173,43 +173,54 @@ void sv_train_sort_moving(sv_trainer *t) {
 
 typedef struct {
   sv_trainer *t;
-  int pass; // 0: weights, 1: residuals
+  float *sum;
   int n_blocks;
-} find_job;
+} share_job;
 
 #define BLOCKS_PER_TASK 64
-#define WEIGHT_MIN      1.0f // pixels: who covers less of a frame has no say about it
 
-static void sum_task(void *arg, int i_task, int i_thread) {
-  find_job *j = arg;
+static void share_task(void *arg, int i_task, int i_thread) {
+  const share_job *j = arg;
   sv_trainer *t = j->t;
   float *grad = t->block + (size_t)i_thread * SV_TRAIN_BLOCK_FLOATS, err[16];
   int b1 = sv_mini((i_task + 1) * BLOCKS_PER_TASK, j->n_blocks);
   for (int b = i_task * BLOCKS_PER_TASK; b < b1; b++) {
     (void)sv_render_bwd_block(&t->render, t->k, b, i_thread, NULL, grad, err, NULL);
-    for (int k = 0; k < 16; k++) {
-      int i = 16 * b + k;
-      if (j->pass == 0) t->weight[i] = err[k];
-      if (j->pass == 0 || !(t->weight[i] > WEIGHT_MIN)) continue;
-      float x = err[k] / t->weight[i], d = x - t->res_mean[i]; // Welford's update
-      t->n_seen[i] += 1.0f;
-      t->res_mean[i] += d / t->n_seen[i];
-      t->res_dev[i] += d * (x - t->res_mean[i]);
-    }
+    for (int k = 0; k < 16; k++) j->sum[16 * b + k] += err[k];
   }
+}
+
+static sv_status share_out(sv_trainer *t, const float *plane, float *sum) {
+  share_job j = {.t = t, .sum = sum, .n_blocks = (t->g.n + 15) / 16};
+  sv_status s = sv_render_bwd(&t->render, t->k, t->pool, &t->grad, NULL, NULL, plane);
+  if (s >= 0) sv_pool_run(t->pool, share_task, &j, (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
+  return s;
+}
+
+void sv_train_clear_shares(sv_trainer *t) {
+  for (int i = 0; i < t->g.cap; i++) t->weight[i] = t->residual[i] = 0.0f;
+}
+
+sv_status sv_train_share_residual(sv_trainer *t) {
+  float *one = t->target.c[0]; // the target has done its duty
+  for (size_t p = 0; p < sv_plane_floats(t->grad.width_px, t->grad.height_px); p++) one[p] = 1.0f;
+  sv_status s = share_out(t, one, t->weight);
+  if (s >= 0) s = share_out(t, t->err_plane, t->residual);
+  sv_planes_clear(&t->target);
+  return s;
 }
 
 static sv_status look_at(sv_trainer *t, int i_view, float progress) {
   sv_status s = sv_train_residual(t, i_view, progress);
-  const size_t n = sv_plane_floats(t->grad.width_px, t->grad.height_px);
-  find_job j = {.t = t, .n_blocks = (t->g.n + 15) / 16};
-  for (; s >= 0 && j.pass < 2; j.pass++) {
-    float *err = j.pass ? t->err_plane : t->target.c[0]; // the target has done its duty
-    for (size_t p = 0; p < n && !j.pass; p++) err[p] = 1.0f;
-    s = sv_render_bwd(&t->render, t->k, t->pool, &t->grad, NULL, NULL, err);
-    sv_pool_run(t->pool, sum_task, &j, (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
+  sv_train_clear_shares(t);
+  if (s >= 0) s = sv_train_share_residual(t);
+  for (int i = 0; i < t->g.n && s >= 0; i++) {
+    if (!(t->weight[i] > SV_TRAIN_WEIGHT_MIN)) continue;
+    float x = t->residual[i] / t->weight[i], d = x - t->res_mean[i]; // Welford's update
+    t->n_seen[i] += 1.0f;
+    t->res_mean[i] += d / t->n_seen[i];
+    t->res_dev[i] += d * (x - t->res_mean[i]);
   }
-  sv_planes_clear(&t->target);
   return s;
 }
 

@@ -133,8 +133,10 @@ static void move(const job *j, int b, uint32_t touched, uint32_t with_err, const
   float *p = t->g.param + at, *e = t->err + 16 * (size_t)b;
   if (t->cfg.optimizer == SV_OPTIMIZER_ADAM) t->k->adam(&j->adam, touched, grad, p, t->m + at, t->v + at);
   else t->k->newton(&j->newton, touched, grad, t->v + at, p, t->m + at);
-  for (int k = 0; k < 16; k++)
-    if (with_err >> k & 1) e[k] = ERR_KEEP * e[k] + (1.0f - ERR_KEEP) * err[k];
+  for (int k = 0; k < 16; k++) { // without branches: who is touched cannot be predicted
+    const float next = ERR_KEEP * e[k] + (1.0f - ERR_KEEP) * err[k];
+    e[k] = with_err >> k & 1 ? next : e[k];
+  }
   if (j->noise_gain > 0.0f) explore(j, b, touched, p);
   if (t->floor) keep_above(t->floor + 16 * (size_t)b, p + 16 * SV_ROW_SCALE);
 }

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "src/base/mathx.h"
+#include "src/prior/views.h"
 #include "src/splat/constants.h"
 #include "src/train/train.h"
 
@@ -111,7 +112,7 @@ static void set_size(sv_planes *p, int w, int h) {
   p->rows_padded = sv_plane_pad(h);
 }
 
-static void size_target(sv_trainer *t, int w, int h) {
+void sv_train_size_target(sv_trainer *t, int w, int h) {
   if (t->grad.width_px == w && t->grad.height_px == h) return;
   set_size(&t->target, w, h);
   set_size(&t->grad, w, h);
@@ -138,7 +139,7 @@ static void unpack_task(void *arg, int i_task, int i_thread) {
 // The sub-view's picture as planes at 1/scale, laid over the background.
 void sv_train_load_target(sv_trainer *t, const sv_image_u8 *im, int scale, const float bg[3]) {
   int w = im->width_px / scale, h = im->height_px / scale;
-  size_target(t, w, h);
+  sv_train_size_target(t, w, h);
   unpack_job j = {.t = t,
                   .n_rows = h,
                   .a = {.src = im->px,
@@ -156,7 +157,7 @@ void sv_train_load_target(sv_trainer *t, const sv_image_u8 *im, int scale, const
 
 static void load_region(sv_trainer *t, const sv_train_composite *c, const sv_region *r) {
   const int w = r->x1 - r->x0, h = r->y1 - r->y0;
-  size_target(t, w, h);
+  sv_train_size_target(t, w, h);
   for (int y = 0; y < h; y++) {
     const uint16_t *src = c->px + 3 * ((size_t)(r->y0 + y) * (size_t)c->model.width_px + (size_t)r->x0);
     for (int k = 0; k < 3; k++) {
@@ -215,6 +216,9 @@ static sv_status view_step(sv_trainer *t, int i, float progress, sv_render_optio
   sv_train_set_time(t, tv->view.time);
   sv_train_load_target(t, &tv->image, out->scale, o.bg);
   const bool is_fine = sv_train_is_supersampled(t, out->scale, progress);
+  // Depth has one value a pixel: with several samples, late in the run, it has done its duty.
+  const sv_prior_depth *depth = is_fine ? NULL : sv_prior_depth_of(t, i, &tv->view);
+  o.has_depth = depth != NULL;
   const sv_planes *x;
   sv_status s = sv_train_measure(t, &view, &o, is_fine, &x);
   if (s < 0) return s;
@@ -228,7 +232,9 @@ static sv_status view_step(sv_trainer *t, int i, float progress, sv_render_optio
     if ((s = picture_bwd(t, is_fine, &t->target, NULL)) < 0) return s;
     sv_train_curvature(t);
   }
-  return picture_bwd(t, is_fine, &t->grad, t->err_plane);
+  if (!depth) return picture_bwd(t, is_fine, &t->grad, t->err_plane);
+  out->loss += sv_prior_depth_loss(t, depth, out->scale, 1.0f);
+  return sv_render_bwd(&t->render, t->k, t->pool, &t->grad, t->prior.g_depth, t->prior.g_trans, t->err_plane);
 }
 
 sv_status sv_train_predict(sv_trainer *t, const sv_composite *c, const sv_region *region,
@@ -318,27 +324,32 @@ static sv_view any_view(sv_trainer *t) {
   return t->composites[i].model.lenses[v].view;
 }
 
-sv_view sv_train_unseen_view(sv_trainer *t) {
-  sv_view v = any_view(t), out = v;
+sv_view sv_train_turned_view(const sv_trainer *t, const sv_view *v, float rad, sv_rng *rng) {
+  sv_view out = *v;
   double axis[3], q[4], turn[9], norm;
   do {
-    for (int i = 0; i < 3; i++) axis[i] = 2.0 * (double)sv_rng_f(&t->rng) - 1.0;
+    for (int i = 0; i < 3; i++) axis[i] = 2.0 * (double)sv_rng_f(rng) - 1.0;
     norm = sv_norm3(axis);
   } while (norm > 1.0 || norm < 0.1); // uniform on the sphere
-  double half = 0.5 * (double)t->cfg.unseen_rad * (double)sv_rng_f(&t->rng), s = sv_sin(half) / norm;
+  double half = 0.5 * (double)rad * (double)sv_rng_f(rng), s = sv_sin(half) / norm;
   q[0] = sv_cos(half), q[1] = s * axis[0], q[2] = s * axis[1], q[3] = s * axis[2];
   sv_quat_to_mat(turn, q);
   // The camera goes round with the world: R' = R Q, and the scene's centre keeps its place in the picture.
   for (int i = 0; i < 3; i++) {
-    double at = (double)v.t[i];
+    double at = (double)v->t[i];
     for (int k = 0; k < 3; k++) {
       double r = 0;
-      for (int j = 0; j < 3; j++) r += (double)v.r[3 * i + j] * turn[3 * j + k];
+      for (int j = 0; j < 3; j++) r += (double)v->r[3 * i + j] * turn[3 * j + k];
       out.r[3 * i + k] = (float)r;
-      at += ((double)v.r[3 * i + k] - r) * (double)t->centre[k];
+      at += ((double)v->r[3 * i + k] - r) * (double)t->centre[k];
     }
     out.t[i] = (float)at;
   }
+  return out;
+}
+
+sv_view sv_train_unseen_view(sv_trainer *t) {
+  sv_view v = any_view(t), out = sv_train_turned_view(t, &v, t->cfg.unseen_rad, &t->rng);
   int side = sv_maxi(v.width_px, v.height_px);
   return sv_view_scaled(&out, (side + t->cfg.unseen_px - 1) / t->cfg.unseen_px);
 }
@@ -380,7 +391,8 @@ static float search_costs(const sv_trainer *t, float progress) {
 sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
   if (t->n_views + t->n_regions < 1) return SV_E_ARG;
   int i = choose_view(t, progress);
-  bool is_region = i >= t->n_views, is_sum = is_region || has_unseen(t);
+  const bool is_region = i >= t->n_views, has_pseudo = sv_prior_is_due(t, progress);
+  const bool is_sum = is_region || has_pseudo || has_unseen(t);
   sv_step_stats st = {.i_view = i, .scale = 1};
   sv_render_options o = sv_train_render_options(t, progress, false);
   sv_status s = is_region ? region_step(t, i - t->n_views, &o, &st) : view_step(t, i, progress, o, &st);
@@ -390,6 +402,7 @@ sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
     sv_train_move_pose(t, i, progress, sv_train_n_tasks(t));
   }
   if (has_unseen(t) && (s = smooth_unseen(t, &o, &st.loss)) < 0) return s;
+  if (has_pseudo && (s = sv_prior_step(t, progress, &o, &st.loss)) < 0) return s;
   st.n_touched = is_sum ? sv_train_apply(t, progress) : sv_train_optimise(t, progress);
   if (!is_sum) sv_train_move_pose(t, i, progress, sv_train_n_tasks(t));
   t->step++;

@@ -24,6 +24,13 @@ static void back_project(const sv_view *v, float x, float y, float z, float out[
   for (int i = 0; i < 3; i++) out[i] = v->r[i] * c[0] + v->r[3 + i] * c[1] + v->r[6 + i] * c[2];
 }
 
+bool sv_stereo_point(const sv_trainer *t, const sv_depth_map *m, int x, int y, sv_point *out, float *z) {
+  *z = sv_sweep_depth(m, x, y);
+  if (!(*z > 0) || !colour(&t->views[m->i_view].image, m->k, x, y, out->rgb)) return false;
+  back_project(&m->view, (float)x + 0.5f, (float)y + 0.5f, *z, out->mean);
+  return true;
+}
+
 typedef struct { // takes n of n_all, evenly over their order
   int64_t n_all, i_all;
   sv_point *point;
@@ -37,19 +44,16 @@ static bool is_next_taken(sampler *s) {
 
 // All pixels of a map with a depth: counted when there is no room, else into it.
 static void sample(const sv_trainer *t, const sv_depth_map *m, sampler *s) {
-  const sv_image_u8 *image = &t->views[m->i_view].image;
   for (int y = 0; y < m->view.height_px; y++)
     for (int x = 0; x < m->view.width_px; x++) {
-      float z = sv_sweep_depth(m, x, y), rgb[3];
-      if (!(z > 0) || !colour(image, m->k, x, y, rgb)) continue;
+      sv_point here;
+      float z;
+      if (!sv_stereo_point(t, m, x, y, &here, &z)) continue;
       if (!s->point) {
         s->n_all++;
         continue;
       }
-      if (!is_next_taken(s)) continue;
-      sv_point *p = &s->point[s->n_out++];
-      back_project(&m->view, (float)x + 0.5f, (float)y + 0.5f, z, p->mean);
-      for (int k = 0; k < 3; k++) p->rgb[k] = rgb[k];
+      if (is_next_taken(s)) s->point[s->n_out++] = here;
     }
 }
 

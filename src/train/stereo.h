@@ -16,6 +16,8 @@ extern "C" {
 // views do not overlap or are without structure; transparent pixels give none. Scratch: sv_sweep_bytes.
 sv_status sv_stereo_points(const sv_trainer *t, const sv_bounds *bounds, sv_arena *scratch, sv_point *point,
                            int n, int *n_points, int *n_maps) SV_MUST_USE;
+// The point of a map's pixel, *z its depth; false: not measured, or transparent.
+bool sv_stereo_point(const sv_trainer *t, const sv_depth_map *m, int x, int y, sv_point *out, float *z);
 // How Gaussians start at such points. Points lie about as far apart as they should be large.
 sv_init_cfg sv_stereo_init(const sv_bounds *bounds, uint64_t seed);
 

@@ -91,7 +91,9 @@ static size_t cap_floats(const sv_train_cfg *c) {
 }
 
 // Steps of several pictures need their gradients' sum.
-static bool has_sum(const sv_train_cfg *c) { return c->cap_composites > 0 || c->n_unseen > 0; }
+static bool has_sum(const sv_train_cfg *c) {
+  return c->cap_composites > 0 || c->n_unseen > 0 || c->prior.cap_pseudo > 0;
+}
 
 static sv_status carve_sum(sv_trainer *t, const sv_train_cfg *c, size_t cap, size_t px, sv_arena *a) {
   if (!has_sum(c)) return SV_OK;
@@ -114,7 +116,7 @@ static sv_status carve_dynamic(sv_trainer *t, const sv_train_cfg *c, sv_arena *a
                             .has_grad = true};
   sv_arena_part_begin(a, "motion");
   t->is_moving = SV_TAKE(a, uint8_t, t->g.cap);
-  float **each[] = {&t->n_seen, &t->res_mean, &t->res_dev, &t->unrest, &t->weight};
+  float **each[] = {&t->n_seen, &t->res_mean, &t->res_dev, &t->unrest, &t->weight, &t->residual};
   for (size_t i = 0; i < sizeof each / sizeof *each; i++) *each[i] = SV_TAKE(a, float, t->g.cap);
   bool is_followed = c->dynamic.kind == SV_DEFORM_CLIP && c->dynamic.is_followed && c->dynamic.grow_until > 0;
   t->follow = is_followed ? SV_TAKE(a, sv_follow_sum, t->g.cap) : NULL;
@@ -164,6 +166,7 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
       SV_TAKE(a, float, (size_t)c->n_threads *SV_UNPACK_SCRATCH_FLOATS((size_t)c->cap_width_px));
   if (c->is_supersampled) sv_train_supersample_carve(&t->supersample, px, a);
   if ((s = carve_sum(t, c, cap, px, a)) < 0) return s;
+  if ((s = sv_prior_init(&t->prior, &c->prior, px, c->seed, a)) < 0) return s;
   sv_arena_part_begin(a, "views");
   t->views = SV_TAKE(a, sv_train_view, c->cap_views);
   t->composites = SV_TAKE(a, sv_train_composite, c->cap_composites);
@@ -215,6 +218,16 @@ static sv_status check(const sv_train_cfg *c, sv_err *err) {
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "poses are refined with still scenes and whole pictures: not with moving ones, and not on "
                    "multiplexed sensors");
+  if ((c->prior.cap_pseudo > 0 || c->prior.cap_depths > 0) &&
+      (c->dynamic.kind != SV_DEFORM_NONE || c->cap_composites > 0))
+    return sv_fail(
+        err, SV_E_UNSUPPORTED,
+        "sparse-view priors are for still scenes and whole pictures: not for moving ones, and not on "
+        "multiplexed sensors");
+  if (c->prior.cap_pseudo < 0 || c->prior.cap_depths < 0 || (c->prior.cap_pseudo > 0 && c->prior.every < 1))
+    return sv_fail(err, SV_E_ARG,
+                   "%d pseudo-views, one every %d steps, and %d depth maps, expected 0 or more",
+                   c->prior.cap_pseudo, c->prior.every, c->prior.cap_depths);
   if (c->optimizer == SV_OPTIMIZER_GAUSS_NEWTON &&
       (c->newton.every < 1 || !(c->newton.rate_start > 0) || !(c->newton.rate_end > 0)))
     return sv_fail(err, SV_E_ARG,
@@ -319,7 +332,7 @@ sv_status sv_train_start(sv_trainer *t, const sv_init_cfg *init, const sv_point 
     float centre[3], radius = sv_gaussians_radius(&t->g, scratch, centre);
     sv_train_set_scene(t, centre, radius);
   }
-  t->step = t->field_step = 0;
+  t->step = t->field_step = t->n_renewed = 0;
   t->followed = 0.0f;
   if (sv_train_is_dynamic(t)) {
     sv_train_start_moving(t);

@@ -9,6 +9,7 @@
 #include "src/deform/deform.h"
 #include "src/loss/photometric.h"
 #include "src/loss/tv.h"
+#include "src/prior/prior.h"
 #include "src/rig/forward.h"
 #include "src/splat/render.h"
 #include "src/train/neighbours.h"
@@ -110,6 +111,7 @@ typedef struct {
   int steps_hint; // expected steps of the run: sets the pace (sv_train_haste)
   sv_dynamic_cfg dynamic;
   sv_train_poses_cfg poses;
+  sv_prior_cfg prior; // pseudo-views and depth maps from outside
 } sv_train_cfg;
 
 typedef struct {
@@ -165,8 +167,8 @@ typedef struct {
   uint32_t field_step; // of the field's stage
   uint8_t *is_moving;  // [cap]
   // [cap] each, of the search for what moves: frames that saw a Gaussian, mean and squared deviations of its
-  // residual over them, largest deviation over the cameras; weight of the current frame
-  float *n_seen, *res_mean, *res_dev, *unrest, *weight;
+  // residual over them, largest deviation over the cameras; pixels of the current frame, their residuals' sum
+  float *n_seen, *res_mean, *res_dev, *unrest, *weight, *residual;
   sv_follow_sum *follow; // [cap], NULL unless times come in one by one
   sv_neighbours near;    // as follow
   float followed;        // progress up to which the times that came in were followed
@@ -176,6 +178,7 @@ typedef struct {
   sv_forward forward; // of regions
   sv_supersample supersample;
   sv_train_poses poses;
+  sv_prior prior;
   sv_planes target, grad;
   sv_planes aux; // gradient of one picture of several
   float *err_plane, *aux_err, *unpack_scratch;
@@ -186,7 +189,7 @@ typedef struct {
   float jitter[2];         // this epoch's shift of the regions, of a region
   float centre[3], radius; // of the scene
   uint32_t step;
-  uint32_t n_relocated; // ever
+  uint32_t n_relocated, n_renewed; // ever
   sv_rng rng;
 } sv_trainer;
 
@@ -248,6 +251,11 @@ void sv_train_load_target(sv_trainer *t, const sv_image_u8 *im, int scale, const
 void sv_train_copy_motion(sv_trainer *t, int to, int from);
 // Renders a training view, at half size at most, and leaves its residual in err_plane; no gradients.
 sv_status sv_train_residual(sv_trainer *t, int i_view, float progress) SV_MUST_USE;
+// Adds each Gaussian's share of that picture, in pixels, to t->weight, and of its residual to t->residual. The target
+// is gone afterwards.
+#define SV_TRAIN_WEIGHT_MIN 1.0f // pixels: who covers less of a picture has no say about it
+sv_status sv_train_share_residual(sv_trainer *t) SV_MUST_USE;
+void sv_train_clear_shares(sv_trainer *t);
 // Whether a time is trained on already.
 bool sv_train_has_time(const sv_trainer *t, float time, float progress);
 // Reduction at which the pictures of a time that came in a moment ago are taken; 1: as progress says.
@@ -306,6 +314,10 @@ sv_status sv_train_measure(sv_trainer *t, const sv_view *view, const sv_render_o
 sv_status sv_train_supersample_bwd(sv_trainer *t, const sv_planes *grad, const float *err) SV_MUST_USE;
 // A view from beside those that were taken, turned about the scene's centre; reduced in size.
 sv_view sv_train_unseen_view(sv_trainer *t);
+// A view turned about the scene's centre by up to `rad`, in any direction.
+sv_view sv_train_turned_view(const sv_trainer *t, const sv_view *v, float rad, sv_rng *rng);
+// t->target and t->grad for a picture of this size, their padding cleared.
+void sv_train_size_target(sv_trainer *t, int width_px, int height_px);
 // Gradients of the last picture -> parameters for all touched blocks; returns the touched Gaussians.
 uint32_t sv_train_optimise(sv_trainer *t, float progress);
 // The same in two halves, for steps with several pictures: add the last picture's gradients, with reg_share of

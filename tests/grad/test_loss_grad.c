@@ -13,6 +13,7 @@
 #include <cmocka.h>
 
 #include "src/base/rng.h"
+#include "src/loss/depth.h"
 #include "src/loss/pearson.h"
 #include "src/loss/photometric.h"
 #include "src/loss/tv.h"
@@ -347,6 +348,72 @@ static void pearson_flat(void) { // no contrast, too few pixels: finite, no grad
 static void check_pearson(void) {
   for (int i = 0; i < 4; i++) pearson_case(i & 1, i >> 1);
   pearson_flat();
+}
+
+// --- depth ---------------------------------------------------------------------------------------
+enum { DEPTH_W = 13, DEPTH_H = 7, DEPTH_S = 32, DEPTH_N = 32 * DEPTH_S };
+
+// The loss as a function of what the rasterizer gives, sum of w z and what light is left, in double.
+static double depth_double(const double *depth, const double *trans, const float *prior, const uint8_t *known,
+                           bool is_inverse) {
+  double sum = 0, n = 0;
+  for (int y = 0; y < DEPTH_H; y++)
+    for (int x = 0; x < DEPTH_W; x++) {
+      const int i = y * DEPTH_S + x;
+      const double alpha = 1 - trans[i], e = depth[i] / alpha;
+      if (!known[i] || alpha < 0.5) continue;
+      sum += fabs((is_inverse ? 1 / e : e) - (double)prior[i]);
+      n++;
+    }
+  return 0.3 * sum / (n * 1.7);
+}
+
+static void depth_case(bool is_inverse) {
+  static float depth[DEPTH_N], trans[DEPTH_N], prior[DEPTH_N], out[DEPTH_N], g[DEPTH_N], g_depth[DEPTH_N],
+      g_trans[DEPTH_N];
+  static double d[DEPTH_N], t[DEPTH_N];
+  static uint8_t known[DEPTH_N], mask[DEPTH_N];
+  sv_rng r = sv_rng_make(21, 2);
+  for (int i = 0; i < DEPTH_N; i++) {
+    trans[i] = 0.7f * sv_rng_f(&r);
+    depth[i] = (1.0f - trans[i]) * (1.0f + sv_rng_f(&r));
+    prior[i] = is_inverse ? 0.4f + 0.6f * sv_rng_f(&r) : 1.0f + sv_rng_f(&r);
+    known[i] = mask[i] = sv_rng_below(&r, 6) != 0;
+    d[i] = (double)depth[i], t[i] = (double)trans[i];
+    g[i] = 0;
+  }
+  const sv_depth_input in = {depth, trans, DEPTH_W, DEPTH_H, DEPTH_S, 0.5f, is_inverse};
+  sv_depth_expected(&in, out, mask);
+  const double got = sv_depth_loss(out, prior, mask, DEPTH_W, DEPTH_H, DEPTH_S, 1.7f, 0.3f, g);
+  const double want = depth_double(d, t, prior, known, is_inverse), step = 1e-6;
+  if (fabs(got - want) > 1e-6 * want) fail_msg("depth: value %.9g, in double %.9g", got, want);
+  sv_depth_expected_bwd(&in, out, mask, g, 32, g_depth, g_trans);
+  for (int i = 0; i < DEPTH_N; i++) {
+    if (i % DEPTH_S >= DEPTH_W || i / DEPTH_S >= DEPTH_H) {
+      assert_true(g_depth[i] == 0 && g_trans[i] == 0);
+      continue;
+    }
+    for (int k = 0; k < 2; k++) {
+      double *x = k ? &t[i] : &d[i], keep = *x;
+      *x = keep + step;
+      const double plus = depth_double(d, t, prior, known, is_inverse);
+      *x = keep - step;
+      const double numeric = (plus - depth_double(d, t, prior, known, is_inverse)) / (2 * step),
+                   analytic = (double)(k ? g_trans[i] : g_depth[i]);
+      *x = keep;
+      if (fabs(numeric - analytic) > 1e-8 + 1e-4 * fabs(numeric))
+        fail_msg("depth inverse %d pixel %d by %s: gradient %.8g, numeric %.8g", is_inverse, i,
+                 k ? "trans" : "depth", analytic, numeric);
+    }
+  }
+}
+
+static void check_depth(void) {
+  depth_case(false);
+  depth_case(true);
+  float none = 3, grad = 0;
+  uint8_t mask = 0;
+  assert_true(sv_depth_loss(&none, &none, &mask, 1, 1, 1, 1, 1, &grad) == 0 && grad == 0);
 }
 
 // --- memory --------------------------------------------------------------------------------------

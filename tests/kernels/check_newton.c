@@ -2,12 +2,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "tests/kernels/check.h"
-
-static const int rows[] = {1, 2, 14, 23, 38, 59};
-static const uint32_t masks[] = {0xffff, 0, 1, 0x8000, 0x5555, 0xaaaa, 0x00ff, 0xff00, 0x7fff, 0x1248};
-#define N_ROWS  (sizeof rows / sizeof *rows)
-#define N_MASKS (sizeof masks / sizeof *masks)
+#include "tests/kernels/parameter_rows.h"
 
 // --- the probe -----------------------------------------------------------------------------------
 
@@ -85,29 +80,21 @@ static curvature_job make_curvature(ck *c, int n_rows, int fill, uint32_t touche
   return j;
 }
 
-static void check_curvature(ck *c) {
-  for (size_t r = 0; r < N_ROWS; r++)
-    for (size_t k = 0; k < N_MASKS; k++)
-      for (int fill = 0; fill < CK_N_FILLS; fill++) {
-        if (!c->is_exact && fill >= CK_DENORM) continue;
-        ck_begin(c, "rows %d mask %04x %s", rows[r], masks[k], ck_fill_name(fill));
-        size_t n = 16 * (size_t)rows[r];
-        curvature_job j = make_curvature(c, rows[r], fill, masks[k]);
-        float *a = ck_floats(c, n), *b = ck_floats(c, n);
-        memcpy(a, j.diag, n * sizeof *a);
-        memcpy(b, j.diag, n * sizeof *b);
-        c->ref.curvature(0.9f, j.n_rows, j.touched, j.square, a);
-        c->var.curvature(0.9f, j.n_rows, j.touched, j.square, b);
-        ck_same(c, "diag", a, b, n, 1e-6);
-        for (size_t i = 0; i < n; i++)
-          ck_true(c, (masks[k] >> i % 16 & 1) || b[i] == j.diag[i], "lane %zu is not touched, but changed",
-                  i % 16);
-      }
+static void check_curvature_rows(ck *c, int n_rows, int fill, uint32_t touched) {
+  size_t n = 16 * (size_t)n_rows;
+  curvature_job j = make_curvature(c, n_rows, fill, touched);
+  float *a = ck_copy(c, j.diag, n), *b = ck_copy(c, j.diag, n);
+  c->ref.curvature(0.9f, j.n_rows, j.touched, j.square, n_rows % 2, a);
+  c->var.curvature(0.9f, j.n_rows, j.touched, j.square, n_rows % 2, b);
+  ck_same(c, "diag", a, b, n, 1e-6);
+  ck_untouched(c, touched, j.diag, b, n);
 }
+
+static void check_curvature(ck *c) { ck_each_rows(c, check_curvature_rows); }
 
 static void run_curvature(void *arg, const sv_kernels *k) {
   curvature_job *j = arg;
-  k->curvature(0.9f, j->n_rows, j->touched, j->square, j->diag);
+  k->curvature(0.9f, j->n_rows, j->touched, j->square, 0, j->diag);
 }
 
 static void bench_curvature(ck *c) {
@@ -144,31 +131,23 @@ static newton_job make_newton(ck *c, int n_rows, int fill, uint32_t touched) {
   return j;
 }
 
-static void check_newton(ck *c) {
-  for (size_t r = 0; r < N_ROWS; r++)
-    for (size_t k = 0; k < N_MASKS; k++)
-      for (int fill = 0; fill < CK_N_FILLS; fill++) {
-        if (!c->is_exact && fill >= CK_DENORM) continue;
-        ck_begin(c, "rows %d mask %04x %s", rows[r], masks[k], ck_fill_name(fill));
-        size_t n = 16 * (size_t)rows[r];
-        newton_job j = make_newton(c, rows[r], fill, masks[k]);
-        float *p = ck_floats(c, n), *m = ck_floats(c, n);
-        memcpy(p, j.p, n * sizeof *p);
-        memcpy(m, j.m, n * sizeof *m);
-        c->ref.newton(&j.args, j.touched, j.grad, j.diag, p, m);
-        float *q = ck_floats(c, n);
-        memcpy(q, j.p, n * sizeof *q);
-        c->var.newton(&j.args, j.touched, j.grad, j.diag, q, j.m);
-        ck_same(c, "p", p, q, n, 1e-5);
-        ck_same(c, "m", m, j.m, n, 1e-6);
-        for (size_t i = 0; i < n; i++) {
-          bool is_still = !(masks[k] >> i % 16 & 1) || !(j.diag[i] > 0);
-          ck_true(c, !is_still || q[i] == j.p[i], "lane %zu of row %zu moved", i % 16, i / 16);
-          ck_true(c, fabsf(q[i] - j.p[i]) <= 1.001f * j.cap[i / 16], "lane %zu of row %zu moved too far",
-                  i % 16, i / 16);
-        }
-      }
+static void check_newton_rows(ck *c, int n_rows, int fill, uint32_t touched) {
+  size_t n = 16 * (size_t)n_rows;
+  newton_job j = make_newton(c, n_rows, fill, touched);
+  float *p = ck_copy(c, j.p, n), *m = ck_copy(c, j.m, n), *q = ck_copy(c, j.p, n);
+  c->ref.newton(&j.args, j.touched, j.grad, j.diag, p, m);
+  c->var.newton(&j.args, j.touched, j.grad, j.diag, q, j.m);
+  ck_same(c, "p", p, q, n, 1e-5);
+  ck_same(c, "m", m, j.m, n, 1e-6);
+  ck_untouched(c, touched, j.p, q, n);
+  for (size_t i = 0; i < n; i++) {
+    ck_true(c, j.diag[i] > 0 || q[i] == j.p[i], "lane %zu of row %zu moved", i % 16, i / 16);
+    ck_true(c, fabsf(q[i] - j.p[i]) <= 1.001f * j.cap[i / 16], "lane %zu of row %zu moved too far", i % 16,
+            i / 16);
+  }
 }
+
+static void check_newton(ck *c) { ck_each_rows(c, check_newton_rows); }
 
 static void run_newton(void *arg, const sv_kernels *k) {
   newton_job *j = arg;

@@ -85,8 +85,12 @@ static void make_slots(ck *c, sc_scene *s, int fill, float **slot) {
   s->rec = ck_bytes(c, n * sizeof *s->rec);
   *slot = ck_floats(c, n * SV_SLOT_FLOATS);
   ck_fill(c, *slot, n * SV_SLOT_FLOATS, fill);
+  for (uint32_t i = 0; i < 16 * (uint32_t)s->n_blocks; i++) {
+    const sv_splat *p = s->project.splat + i;
+    for (uint32_t r = p->first_rec; r < p->first_rec + p->n_recs; r++) s->rec[r].id = i;
+  }
   for (size_t i = 0; i < n; i++) {
-    s->rec[i] = (sv_rec){0, 0, sv_rng_below(&c->rng, 3) ? 1 + sv_rng_u32(&c->rng) : 0};
+    s->rec[i].mask = sv_rng_below(&c->rng, 3) ? 1 + sv_rng_u32(&c->rng) : 0;
     for (int k = 11; k < SV_SLOT_FLOATS; k++) (*slot)[i * SV_SLOT_FLOATS + (size_t)k] = 0;
     if (!s->rec[i].mask)
       memset(*slot + i * SV_SLOT_FLOATS, 0xff, SV_SLOT_FLOATS * 4); // NaN: must not be read

@@ -4,7 +4,7 @@
 
 #include "tests/kernels/check.h"
 
-enum { EQUAL, TWO, BITS_12, BITS_13, BITS_24, BITS_25, BITS_32, DEPTHS, FALLING, RISING, N_KEYS };
+enum { EQUAL, TWO, BITS_12, BITS_13, BITS_24, BITS_25, BITS_32, DEPTHS, FALLING, RISING, CROWDED, N_KEYS };
 
 static uint32_t depth_bits(float z) {
   uint32_t b;
@@ -24,6 +24,7 @@ static uint32_t make_key(ck *c, int kind, uint32_t i) {
   case BITS_32: return r;
   case FALLING: return 1000000 - 3 * (i / 2);
   case RISING: return 5 * (i / 3);
+  case CROWDED: return i ? 0x3f000000 + (r & 0x3ff) : UINT32_MAX; // leading bits tell nothing
   default: return depth_bits(0.5f + 4.0f * sv_rng_f(&c->rng));
   }
 }

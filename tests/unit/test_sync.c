@@ -565,12 +565,12 @@ static void rates_are_those_of_the_stamps(void **state) {
   sv_camera_stat stat[1] = {{0}};
   sv_frame f = {.camera_ns = 7 * HOUR_NS};
   // A burst: all of them arrive at once, 40 ms apart by their stamps; then the camera's clock steps, back and forth.
-  for (int i = 0; i < 20; i++, f.camera_ns += 40000000, f.arrival_ns += 1000) sv_camera_stats_frame(stat, &f);
+  for (int i = 0; i < 20; i++, f.camera_ns += 40000000, f.arrival_ns += 1000) sv_camera_stat_frame(stat, &f);
   assert_true(stat[0].interval_ns > 39.99e6 && stat[0].interval_ns < 40.01e6);
   f.camera_ns -= HOUR_NS, f.arrival_ns += 40000000 - 1000;
-  sv_camera_stats_frame(stat, &f);
+  sv_camera_stat_frame(stat, &f);
   f.camera_ns += HOUR_NS, f.arrival_ns += 40000000;
-  sv_camera_stats_frame(stat, &f);
+  sv_camera_stat_frame(stat, &f);
   assert_true(stat[0].interval_ns > 39.99e6 && stat[0].interval_ns < 40.01e6);
 }
 

@@ -33,6 +33,8 @@ typedef struct {
   double time_limit_s, baseline_m, focal_px, focus_m;
   const char *rig, *stream;
   double unit_m; // 0: not given
+  long prior_views, prior_calls;
+  double prior_limit_s, prior_weight;
   bool is_eval, is_json, is_quiet, is_quick, has_depth, has_lpips, is_help, is_version;
   // Of --loss; below 0: not given
   float ssim, tv, opacity, size, tv_unseen, n_unseen, unseen_every, unseen_px, unseen_deg, region_px,

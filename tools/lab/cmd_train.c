@@ -13,6 +13,7 @@
 #include "tools/lab/measurement.h"
 #include "tools/lab/noise.h"
 #include "tools/lab/plan.h"
+#include "tools/lab/prior.h"
 #include "tools/lab/progress.h"
 #include "tools/lab/report.h"
 
@@ -29,6 +30,7 @@ typedef struct {
   int n_points;
   sv_train_cfg cfg;
   lab_plan plan;
+  lab_prior prior;
   long steps, n_steps; // done, wanted (0: by time)
   double limit_s, load_s, train_s, eval_s;
   double loss; // of the last steps
@@ -133,6 +135,7 @@ static void choose_objective(run *r) {
   if (o->region_px >= 16) c->region_px = (int)o->region_px;
   if (o->opacity >= 0) c->reg_opacity = o->opacity;
   if (o->size >= 0) c->reg_scale = o->size;
+  lab_prior_cfg(o, &r->views, c);
 }
 
 // The file of --init points:FILE, or the dataset's own; NULL: another start.
@@ -304,12 +307,13 @@ static sv_status train(run *r, sv_err *err) {
   lab_session *se = &r->session;
   lab_progress p;
   lab_progress_start(&p, se);
-  double t0 = p.t0_s;
+  const double t0 = p.t0_s, waited_s = r->prior.seconds;
   while (!(r->is_stopped = se->console.is_stop_requested(se->console.self))) {
-    double elapsed = lab_seconds(se) - t0;
+    double elapsed = lab_seconds(se) - t0 - (r->prior.seconds - waited_s); // what others take does not count
     if (r->n_steps > 0 ? r->steps >= r->n_steps : elapsed >= r->limit_s) break;
     double progress = r->n_steps > 0 ? (double)r->steps / (double)r->n_steps : elapsed / r->limit_s;
     sv_step_stats st;
+    lab_prior_tick(&r->prior, (float)progress);
     sv_status s = sv_train_step(t, (float)progress, &st);
     if (s < 0) return sv_fail(err, s, "training stopped at step %ld: %s", r->steps, sv_status_text(s));
     r->steps++;
@@ -376,6 +380,7 @@ static void report_figures(lab_report *j, const run *r) {
   if (r->has_time_scores) lab_time_scores_report(j, &r->time_scores);
   if (sv_train_is_dynamic(&r->plan.trainer))
     lab_report_int(j, "moving", sv_deform_n_moving(&r->plan.trainer.deform));
+  lab_prior_report(j, &r->prior);
   lab_report_int(j, "training_views", r->views.n);
   lab_report_int(j, "steps", r->steps);
   lab_report_int(j, "gaussians", r->plan.trainer.g.n);
@@ -399,7 +404,7 @@ static void report_settings(lab_report *j, const run *r) {
   lab_report_text(j, "transforms", r->views.transforms);
   if (r->o->exposures > 0) lab_report_int(j, "exposures", r->o->exposures);
   lab_report_text(j, "model", sv_train_is_dynamic(t) ? "4dgs" : "3dgs");
-  lab_report_text(j, "prior", "none");
+  lab_report_text(j, "prior", r->o->prior ? r->o->prior : "none");
   lab_report_int(j, "sh", t->cfg.sh_degree);
   if (r->n_steps > 0) lab_report_int(j, "steps_wanted", r->n_steps);
   else lab_report_num(j, "time_limit", r->limit_s);
@@ -487,7 +492,8 @@ static sv_status stages(run *r, sv_err *err) {
   lab_say(&r->session, "%d views of up to %dx%d%s, %d Gaussians, %.1f MB, loaded in %.2f s", r->views.n,
           r->views.cap_width_px, r->views.cap_height_px, r->views.is_undistorted ? " (undistorted)" : "",
           r->plan.trainer.g.n, 1e-6 * (double)r->plan.bytes, r->load_s);
-  if ((s = train(r, err)) != SV_OK) return s;
+  s = lab_prior_begin(&r->prior, &r->session, r->o, &r->views, &r->plan.trainer, err);
+  if (s != SV_OK || (s = train(r, err)) != SV_OK) return s;
   if ((s = save(r, err)) != SV_OK) return s; // whatever comes later, the model is there
   if (r->o->is_eval && !r->is_stopped) {
     if ((s = evaluate(r, err)) != SV_OK) return s;
@@ -501,6 +507,7 @@ static sv_status stages(run *r, sv_err *err) {
 int lab_cmd_train(const lab_options *o) {
   sv_err err = {0};
   int code = check_init(o);
+  if (code == LAB_EXIT_OK) code = lab_prior_check(o);
   if (code != LAB_EXIT_OK) return code;
   run *r = calloc(1, sizeof *r);
   if (!r) return LAB_EXIT_FAILED;
@@ -516,6 +523,7 @@ int lab_cmd_train(const lab_options *o) {
   if (s != SV_OK) code = lab_failed(&r->session, &err);
   lab_session_stop(&r->session);
   free(r->points);
+  lab_prior_end(&r->prior);
   lab_views_free(&r->views);
   lab_plan_free(&r->plan);
   free(r);

@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "src/prior/prior.h"
+
+#include <string.h>
+
+#define PATCHES 64 // of a patch-wise correlation
+
+static bool has_any(const sv_prior_cfg *c) { return c->cap_pseudo > 0 || c->cap_depths > 0; }
+
+sv_status sv_prior_init(sv_prior *p, const sv_prior_cfg *cfg, size_t cap_pixels, uint64_t seed, sv_arena *a) {
+  float **planes[] = {&p->expected, &p->prior, &p->g_depth, &p->g_trans, &p->g_expected, &p->share};
+  const sv_pearson_cfg pc = {.cap_patches = PATCHES};
+  memset(p, 0, sizeof *p);
+  p->cfg = *cfg;
+  p->cap_pixels = cap_pixels;
+  p->rng = sv_rng_make(seed, 11);
+  if (!has_any(cfg)) return SV_OK;
+  if (cfg->cap_pseudo < 0 || cfg->cap_depths < 0 || (cfg->cap_pseudo > 0 && cfg->every < 1)) return SV_E_ARG;
+  sv_arena_part_begin(a, "priors");
+  p->views = SV_TAKE(a, sv_prior_view, cfg->cap_pseudo);
+  p->depths = SV_TAKE(a, sv_prior_depth, cfg->cap_depths);
+  for (int i = 0; i < cfg->cap_pseudo; i++) {
+    uint8_t *px = SV_TAKE(a, uint8_t, 4 * cap_pixels);
+    if (p->views) p->views[i] = (sv_prior_view){.rgba = px};
+  }
+  for (int i = 0; i < cfg->cap_depths; i++) {
+    float *map = SV_TAKE(a, float, cap_pixels);
+    if (p->depths) p->depths[i] = (sv_prior_depth){.id = -1, .map = map};
+  }
+  for (size_t i = 0; i < sizeof planes / sizeof *planes; i++) *planes[i] = SV_TAKE(a, float, cap_pixels);
+  p->mask = SV_TAKE(a, uint8_t, cap_pixels);
+  sv_status s = sv_pearson_init(&p->pearson, &pc, a);
+  return s < 0 ? s : a->status < 0 ? a->status : SV_OK;
+}
+
+sv_status sv_prior_submit_view(sv_prior *p, const sv_view *view, const sv_image_u8 *im, float weight,
+                               float until, int *id) {
+  const int n = im->n_channels;
+  if (p->cfg.cap_pseudo < 1) return SV_E_FULL;
+  if (im->width_px != view->width_px || im->height_px != view->height_px || view->width_px < 1 ||
+      view->height_px < 1 || (n != 3 && n != 4) || !(weight >= 0.0f) ||
+      sv_plane_floats(view->width_px, view->height_px) > p->cap_pixels)
+    return SV_E_RANGE;
+  sv_prior_view *v = &p->views[p->n_views % p->cfg.cap_pseudo];
+  v->view = *view;
+  v->weight = weight, v->until = until;
+  v->id = SV_PRIOR_FIRST_PSEUDO + p->n_views++;
+  for (int y = 0; y < im->height_px; y++) {
+    const uint8_t *src = im->px + (size_t)y * (size_t)im->stride_bytes;
+    uint8_t *dst = v->rgba + 4 * (size_t)y * (size_t)im->width_px;
+    for (int x = 0; x < im->width_px; x++) {
+      memcpy(dst + 4 * x, src + n * x, 3);
+      dst[4 * x + 3] = n == 4 ? src[4 * x + 3] : 255;
+    }
+  }
+  *id = v->id;
+  return SV_OK;
+}
+
+static sv_prior_depth *place_of(sv_prior *p, int id) {
+  for (int i = 0; i < p->cfg.cap_depths; i++)
+    if (p->depths[i].id == id) return &p->depths[i];
+  return &p->depths[p->n_depths++ % p->cfg.cap_depths];
+}
+
+sv_status sv_prior_submit_depth(sv_prior *p, int id, const float *map, int width_px, int height_px,
+                                sv_prior_depth_kind kind, float weight) {
+  if (p->cfg.cap_depths < 1) return SV_E_FULL;
+  if (id < 0 || width_px < 1 || height_px < 1 || !(weight >= 0.0f) ||
+      sv_plane_floats(width_px, height_px) > p->cap_pixels)
+    return SV_E_RANGE;
+  sv_prior_depth *d = place_of(p, id);
+  d->id = id, d->width_px = width_px, d->height_px = height_px;
+  d->kind = kind, d->weight = weight;
+  memcpy(d->map, map, (size_t)width_px * (size_t)height_px * sizeof *map);
+  return SV_OK;
+}
+
+const sv_prior_depth *sv_prior_find_depth(const sv_prior *p, int id, const sv_view *view) {
+  for (int i = 0; i < p->cfg.cap_depths; i++) {
+    const sv_prior_depth *d = &p->depths[i];
+    if (d->id == id && d->weight > 0.0f && d->width_px == view->width_px && d->height_px == view->height_px)
+      return d;
+  }
+  return NULL;
+}
+
+int sv_prior_n_alive(const sv_prior *p, float progress) {
+  int n = 0;
+  for (int i = 0; i < p->cfg.cap_pseudo; i++) n += p->views[i].id > 0 && p->views[i].until > progress;
+  return n;
+}

@@ -1,0 +1,184 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "src/prior/views.h"
+
+#include <string.h>
+
+#include "src/base/mathx.h"
+#include "src/loss/depth.h"
+
+#define BAND_ROWS 16
+
+// --- views ---------------------------------------------------------------------------------------
+
+sv_status sv_prior_request_views(sv_trainer *t, float turn_rad, int n, sv_view *out) {
+  if (t->n_views < 1) return SV_E_UNSUPPORTED;
+  for (int i = 0; i < n; i++) {
+    const sv_view *v = &t->views[sv_rng_below(&t->prior.rng, (uint32_t)t->n_views)].view;
+    out[i] = sv_train_turned_view(t, v, turn_rad, &t->prior.rng);
+    out[i].i_exposure = out[i].i_sub_view = -1;
+  }
+  return SV_OK;
+}
+
+static sv_depth_input depth_input(const sv_trainer *t, bool is_inverse) {
+  const sv_planes *p = &t->render.rgb;
+  return (sv_depth_input){.depth = t->render.depth,
+                          .trans = t->render.trans,
+                          .width_px = p->width_px,
+                          .height_px = p->height_px,
+                          .stride = p->stride,
+                          .alpha_min = SV_PRIOR_ALPHA_MIN,
+                          .is_inverse = is_inverse};
+}
+
+sv_status sv_prior_render(sv_trainer *t, const sv_view *view, float progress) {
+  sv_render_options o = sv_train_render_options(t, progress, true);
+  sv_status s = sv_render(&t->render, t->k, t->pool, &t->g, view, &o);
+  if (s < 0) return s;
+  sv_depth_input in = depth_input(t, false);
+  memset(t->prior.mask, 1, (size_t)in.height_px * (size_t)in.stride);
+  sv_depth_expected(&in, t->prior.expected, t->prior.mask);
+  return SV_OK;
+}
+
+int sv_prior_nearest(const sv_trainer *t, const sv_view *view) {
+  float from[3], to[3];
+  double best = -2, a[3], b[3];
+  int i_best = 0;
+  sv_view_centre(from, view);
+  for (int k = 0; k < 3; k++) a[k] = (double)from[k] - (double)t->centre[k];
+  for (int i = 0; i < t->n_views; i++) {
+    sv_view_centre(to, &t->views[i].view);
+    double dot = 0;
+    for (int k = 0; k < 3; k++) {
+      b[k] = (double)to[k] - (double)t->centre[k];
+      dot += a[k] * b[k];
+    }
+    dot /= sv_norm3(a) * sv_norm3(b) + 1e-30;
+    if (dot > best) best = dot, i_best = i;
+  }
+  return i_best;
+}
+
+// --- depth ---------------------------------------------------------------------------------------
+
+const sv_prior_depth *sv_prior_depth_of(const sv_trainer *t, int id, const sv_view *full) {
+  return t->prior.cfg.cap_depths > 0 ? sv_prior_find_depth(&t->prior, id, full) : NULL;
+}
+
+// The map's middle sample of each block of scale x scale; what it does not know is masked out.
+static void load_map(sv_prior *p, const sv_prior_depth *d, int scale, const sv_planes *size) {
+  for (int y = 0; y < size->height_px; y++)
+    for (int x = 0; x < size->width_px; x++) {
+      const int sx = sv_mini(x * scale + scale / 2, d->width_px - 1),
+                sy = sv_mini(y * scale + scale / 2, d->height_px - 1);
+      const float v = d->map[(size_t)sy * (size_t)d->width_px + (size_t)sx];
+      const size_t i = (size_t)y * (size_t)size->stride + (size_t)x;
+      p->mask[i] = v >= 0.0f;
+      p->prior[i] = v >= 0.0f ? v : 0.0f;
+    }
+}
+
+double sv_prior_depth_loss(sv_trainer *t, const sv_prior_depth *d, int scale, float weight) {
+  sv_prior *p = &t->prior;
+  const sv_planes *size = &t->render.rgb;
+  sv_depth_input in = depth_input(t, d->kind == SV_PRIOR_INVERSE);
+  weight *= d->weight;
+  load_map(p, d, scale, size);
+  sv_depth_expected(&in, p->expected, p->mask);
+  memset(p->g_expected, 0, (size_t)size->rows_padded * (size_t)size->stride * sizeof *p->g_expected);
+  const sv_pearson_input pearson = {.depth = p->expected,
+                                    .prior = p->prior,
+                                    .mask = p->mask,
+                                    .width_px = size->width_px,
+                                    .height_px = size->height_px,
+                                    .stride = size->stride,
+                                    .weight = weight};
+  const double loss = d->kind == SV_PRIOR_METRIC
+                          ? sv_depth_loss(p->expected, p->prior, p->mask, size->width_px, size->height_px,
+                                          size->stride, t->radius, weight, p->g_expected)
+                          : sv_pearson_loss(&p->pearson, t->pool, &pearson, p->g_expected);
+  sv_depth_expected_bwd(&in, p->expected, p->mask, p->g_expected, size->rows_padded, p->g_depth, p->g_trans);
+  p->last_depth_loss = loss;
+  return loss;
+}
+
+// --- pseudo-views --------------------------------------------------------------------------------
+
+bool sv_prior_is_due(const sv_trainer *t, float progress) {
+  const sv_prior_cfg *c = &t->prior.cfg;
+  return c->cap_pseudo > 0 && t->step % (uint32_t)c->every == 0 && sv_prior_n_alive(&t->prior, progress) > 0;
+}
+
+static const sv_prior_view *choose(sv_prior *p, float progress) {
+  uint32_t turn = sv_rng_below(&p->rng, (uint32_t)sv_prior_n_alive(p, progress));
+  int i = 0;
+  for (;; i++) {
+    if (p->views[i].id <= 0 || p->views[i].until <= progress) continue;
+    if (turn-- == 0) return &p->views[i];
+  }
+}
+
+typedef struct {
+  sv_trainer *t;
+  const sv_prior_view *v;
+  int scale;
+} load_job;
+
+// The picture at 1/scale; where it does not count, the rendering stands in for it, so that there is nothing to learn.
+static void load_rows(void *arg, int i_task, int i_thread) {
+  const load_job *j = arg;
+  sv_trainer *t = j->t;
+  const sv_planes *x = &t->render.rgb;
+  const int k = j->scale, y1 = sv_mini((i_task + 1) * BAND_ROWS, x->height_px);
+  (void)i_thread;
+  for (int y = i_task * BAND_ROWS; y < y1; y++)
+    for (int col = 0; col < x->width_px; col++) {
+      uint32_t sum[4] = {0};
+      for (int i = 0; i < k * k; i++) {
+        const size_t row = (size_t)(y * k + i / k) * (size_t)j->v->view.width_px;
+        const uint8_t *px = j->v->rgba + 4 * (row + (size_t)(col * k + i % k));
+        for (int c = 0; c < 3; c++) sum[c] += (uint32_t)px[c] * px[3];
+        sum[3] += px[3];
+      }
+      const size_t at = (size_t)y * (size_t)x->stride + (size_t)col;
+      const float share = (float)sum[3] / (255.0f * (float)(k * k));
+      t->prior.share[at] = share;
+      for (int c = 0; c < 3; c++) {
+        const float seen = sum[3] ? (float)sum[c] / (255.0f * (float)sum[3]) : 0.0f, now = x->c[c][at];
+        t->target.c[c][at] = now + share * (seen - now);
+      }
+    }
+}
+
+static void weigh_gradient(sv_trainer *t, float weight) {
+  const sv_planes *g = &t->grad;
+  for (int y = 0; y < g->height_px; y++)
+    for (int x = 0; x < g->width_px; x++) {
+      const size_t at = (size_t)y * (size_t)g->stride + (size_t)x;
+      const float w = weight * t->prior.share[at];
+      for (int c = 0; c < 3; c++) g->c[c][at] *= w;
+    }
+}
+
+sv_status sv_prior_step(sv_trainer *t, float progress, const sv_render_options *o, double *loss) {
+  const sv_prior_view *v = choose(&t->prior, progress);
+  const sv_prior_depth *d = sv_prior_depth_of(t, v->id, &v->view);
+  const int scale = sv_train_scale_at(t, &v->view, progress);
+  sv_view view = sv_view_scaled(&v->view, scale);
+  sv_render_options with = *o;
+  with.has_depth = d != NULL;
+  sv_status s = sv_render(&t->render, t->k, t->pool, &t->g, &view, &with);
+  if (s < 0) return s;
+  load_job j = {t, v, scale};
+  sv_train_size_target(t, view.width_px, view.height_px);
+  sv_pool_run(t->pool, load_rows, &j, (view.height_px + BAND_ROWS - 1) / BAND_ROWS);
+  *loss += (double)v->weight * sv_photometric_loss(&t->photometric, t->k, t->pool, &t->render.rgb, &t->target,
+                                                   &t->grad, NULL, t->cfg.weight_ssim, NULL);
+  weigh_gradient(t, v->weight);
+  if (d) *loss += sv_prior_depth_loss(t, d, scale, 1.0f);
+  s = sv_render_bwd(&t->render, t->k, t->pool, &t->grad, d ? t->prior.g_depth : NULL,
+                    d ? t->prior.g_trans : NULL, NULL);
+  if (s >= 0) sv_train_collect(t, 0.0f, false);
+  return s;
+}

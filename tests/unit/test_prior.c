@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: Apache-2.0
+// The rings of pseudo-views and depth maps, their memory, and what a trainer makes of them.
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "src/base/mathx.h"
+#include "src/prior/views.h"
+
+enum { W = 64, H = 64, N = 300 };
+
+static _Alignas(64) unsigned char block[8 << 20], again[8 << 20];
+static unsigned char px[H][W][3], brighter[H][W][4];
+static sv_trainer trainer, other;
+static sv_kernels kernels;
+
+static void run_in_order(void *self, sv_task_fn fn, void *arg, int n_tasks) {
+  (void)self;
+  for (int i = 0; i < n_tasks; i++) fn(arg, i, 0);
+}
+
+static void run_backwards(void *self, sv_task_fn fn, void *arg, int n_tasks) {
+  (void)self;
+  for (int i = n_tasks; i-- > 0;) fn(arg, i, i % 3);
+}
+
+static const sv_pool in_order = {NULL, 1, run_in_order}, backwards = {NULL, 3, run_backwards};
+
+static sv_view view_at(float x) {
+  return (sv_view){W, H, 60, 60, W / 2.0f, H / 2.0f, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {-x, 0, 3}, 0, 0, 0};
+}
+
+static sv_train_cfg config(void) {
+  sv_train_cfg c = sv_train_defaults();
+  c.n_gaussians = N, c.cap_views = 2, c.cap_width_px = W, c.cap_height_px = H, c.n_threads = 3;
+  c.prior = (sv_prior_cfg){.cap_pseudo = 3, .cap_depths = 2, .every = 2};
+  return c;
+}
+
+static void make(sv_trainer *t, const sv_pool *pool, void *memory, size_t bytes) {
+  sv_arena a = sv_arena_make(memory, bytes);
+  sv_err err = {0};
+  sv_train_cfg c = config();
+  sv_init_cfg init = {.kind = SV_INIT_SPHERE, .radius = 1, .opacity = 0.3f, .scale_factor = 1, .seed = 4};
+  assert_int_equal(sv_trainer_init(t, &c, &kernels, pool, &a, &err), SV_OK);
+  for (int i = 0; i < 2; i++) {
+    const sv_view v = view_at(0.3f * (float)i);
+    const sv_image_u8 im = {&px[0][0][0], W, H, 3, 3 * W};
+    assert_int_equal(sv_train_add_view(t, &v, &im, &err), SV_OK);
+  }
+  assert_int_equal(sv_train_start(t, &init, NULL, 0, &a), SV_OK);
+}
+
+static int setup(void **state) {
+  (void)state;
+  sv_kernels_init(&kernels, ~0u);
+  for (int i = 0; i < W * H * 3; i++) px[i / 3 / W][i / 3 % W][i % 3] = (unsigned char)(40 + i * 7 % 90);
+  memset(brighter, 255, sizeof brighter);
+  return 0;
+}
+
+static void test_rings(void **state) {
+  static sv_prior p;
+  static float map[W * H];
+  sv_arena a = sv_arena_make(block, sizeof block);
+  const sv_prior_cfg cfg = {.cap_pseudo = 3, .cap_depths = 2, .every = 1};
+  const sv_view v = view_at(0);
+  const sv_image_u8 im = {&px[0][0][0], W, H, 3, 3 * W}, small = {&px[0][0][0], W - 1, H, 3, 3 * W};
+  int id, first = 0;
+  (void)state;
+  assert_int_equal(sv_prior_init(&p, &cfg, sv_plane_floats(W, H), 1, &a), SV_OK);
+  assert_int_equal(sv_prior_n_alive(&p, 0), 0);
+  assert_int_equal(sv_prior_submit_view(&p, &v, &small, 1, 1, &id), SV_E_RANGE);
+  assert_int_equal(sv_prior_submit_view(&p, &v, &im, -1, 1, &id), SV_E_RANGE);
+  for (int i = 0; i < 5; i++) { // the oldest two go
+    assert_int_equal(sv_prior_submit_view(&p, &v, &im, 1, 0.1f * (float)(i + 1), &id), SV_OK);
+    if (i == 0) first = id;
+  }
+  assert_int_equal(id, first + 4);
+  assert_int_equal(sv_prior_n_alive(&p, 0), 3);
+  assert_int_equal(sv_prior_n_alive(&p, 0.35f), 2); // expired
+  assert_int_equal(sv_prior_n_alive(&p, 0.6f), 0);
+  assert_int_equal(p.views[0].rgba[3], 255); // without alpha all counts
+  assert_int_equal(sv_prior_submit_depth(&p, -1, map, W, H, SV_PRIOR_METRIC, 1), SV_E_RANGE);
+  assert_int_equal(sv_prior_submit_depth(&p, 0, map, W, 2 * H, SV_PRIOR_METRIC, 1), SV_E_RANGE);
+  for (int i = 0; i < 3; i++) {
+    map[0] = (float)i;
+    assert_int_equal(sv_prior_submit_depth(&p, i, map, W, H, SV_PRIOR_METRIC, 1), SV_OK);
+  }
+  assert_null(sv_prior_find_depth(&p, 0, &v)); // the oldest one's place was taken
+  map[0] = 9;
+  assert_int_equal(sv_prior_submit_depth(&p, 2, map, W, H, SV_PRIOR_RELATIVE, 1), SV_OK);
+  assert_non_null(sv_prior_find_depth(&p, 1, &v)); // a second map of a view replaces its first
+  assert_true(sv_prior_find_depth(&p, 2, &v)->map[0] == 9);
+  const sv_view half = sv_view_scaled(&v, 2);
+  assert_null(sv_prior_find_depth(&p, 1, &half));
+}
+
+static void test_memory(void **state) {
+  sv_train_cfg c = config(), none = config();
+  sv_err err = {0};
+  const size_t with = sv_trainer_bytes(&c), px_floats = sv_plane_floats(W, H);
+  (void)state;
+  none.prior = (sv_prior_cfg){0};
+  assert_true(with > sv_trainer_bytes(&none) + (3 + 2 + 6) * 4 * px_floats);
+  sv_arena a = sv_arena_make(block, with), b = sv_arena_make(block, with - 1);
+  assert_int_equal(sv_trainer_init(&trainer, &c, &kernels, &in_order, &a, &err), SV_OK);
+  assert_int_equal(sv_trainer_init(&trainer, &c, &kernels, &in_order, &b, &err), SV_E_NOMEM);
+  c.prior.every = 0;
+  a = sv_arena_make(block, with);
+  assert_int_equal(sv_trainer_init(&trainer, &c, &kernels, &in_order, &a, &err), SV_E_ARG);
+  c = config(), c.dynamic.kind = SV_DEFORM_CLIP;
+  assert_int_equal(sv_trainer_init(&trainer, &c, &kernels, &in_order, &a, &err), SV_E_UNSUPPORTED);
+}
+
+static void test_views(void **state) {
+  sv_view v[20];
+  bool is_other = false;
+  (void)state;
+  make(&trainer, &in_order, block, sizeof block);
+  assert_int_equal(sv_prior_request_views(&trainer, 0.4f, 20, v), SV_OK);
+  for (int i = 0; i < 20; i++) {
+    float eye[3], x[3], was[3];
+    sv_view_centre(eye, &v[i]);
+    for (int k = 0; k < 3; k++) { // the scene's centre stays where it was in the picture of one of the views
+      x[k] = v[i].t[k];
+      for (int j = 0; j < 3; j++) x[k] += v[i].r[3 * k + j] * trainer.centre[j];
+    }
+    const float off = fabsf(x[0] - trainer.centre[0]) < 0.01f ? 0 : 0.3f;
+    assert_true(fabsf(x[0] + off - trainer.centre[0]) < 1e-4f && fabsf(x[2] - 3 - trainer.centre[2]) < 1e-4f);
+    const int near = sv_prior_nearest(&trainer, &v[i]);
+    sv_view_centre(was, &trainer.views[near].view);
+    is_other |= near == 1;
+    assert_true(fabsf(eye[0] - was[0]) < 1.5f);
+  }
+  assert_true(is_other);
+  assert_int_equal(sv_prior_render(&trainer, &v[0], 1.0f), SV_OK);
+  int n_seen = 0;
+  for (int y = 0; y < H; y++)
+    for (int x = 0; x < W; x++) n_seen += trainer.prior.expected[y * trainer.render.rgb.stride + x] > 1.0f;
+  assert_true(n_seen > 100);
+}
+
+static uint64_t train(sv_trainer *t, bool has_prior) {
+  static float map[W * H];
+  const sv_view v = view_at(-0.5f);
+  const sv_image_u8 im = {&brighter[0][0][0], W, H, 4, 4 * W};
+  int id = 0;
+  for (int i = 0; i < W * H; i++) map[i] = i % 9 ? 2.0f + 0.02f * (float)(i % W) : -1.0f;
+  for (int i = 0; i < W * H; i++) brighter[i / W][i % W][3] = i % W < W / 2 ? 255 : 0;
+  if (has_prior) {
+    assert_int_equal(sv_prior_submit_view(&t->prior, &v, &im, 1, 2, &id), SV_OK);
+    assert_int_equal(sv_prior_submit_depth(&t->prior, id, map, W, H, SV_PRIOR_INVERSE, 0.1f), SV_OK);
+    assert_int_equal(sv_prior_submit_depth(&t->prior, 0, map, W, H, SV_PRIOR_RELATIVE, 0.1f), SV_OK);
+  }
+  for (int i = 0; i < 40; i++) assert_int_equal(sv_train_step(t, (float)i / 40, NULL), SV_OK);
+  return sv_train_digest(t);
+}
+
+static double mean_of(sv_trainer *t, int x0, int x1) {
+  const sv_view v = view_at(-0.5f);
+  double sum = 0;
+  assert_int_equal(sv_prior_render(t, &v, 1), SV_OK);
+  for (int y = 0; y < H; y++)
+    for (int x = x0; x < x1; x++) sum += (double)t->render.rgb.c[1][y * t->render.rgb.stride + x];
+  return sum / (H * (x1 - x0));
+}
+
+// A pseudo-view draws what is left of its mask's edge to itself; all of it with the same bits in any order of tasks.
+static void test_steps(void **state) {
+  (void)state;
+  make(&trainer, &in_order, block, sizeof block);
+  (void)train(&trainer, false);
+  const double left = mean_of(&trainer, 0, W / 2);
+  make(&trainer, &in_order, block, sizeof block);
+  make(&other, &backwards, again, sizeof again);
+  const uint64_t digest = train(&trainer, true);
+  assert_true(digest == train(&other, true));
+  assert_true(mean_of(&trainer, 0, W / 2) > left + 0.05);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_rings), cmocka_unit_test(test_memory),
+                                     cmocka_unit_test(test_views), cmocka_unit_test(test_steps)};
+  return cmocka_run_group_tests(tests, setup, NULL);
+}
