@@ -23,13 +23,16 @@ typedef struct {
   float u[3], slope[9];
 } affine;
 
-void sv_neighbours_carve(sv_neighbours *b, int cap, sv_arena *a) {
-  b->of = SV_TAKE(a, sv_neighbour, cap);
-  b->order = SV_TAKE(a, uint32_t, cap);
-  b->at = SV_TAKE(a, int32_t, cap);
-  b->pair = SV_TAKE(a, sv_pair, cap);
-  b->tmp = SV_TAKE(a, sv_pair, cap);
-  b->hist = SV_TAKE(a, uint32_t, SV_SORT_CAP_BUCKETS);
+sv_neighbours *sv_neighbours_carve(int cap, sv_arena *a) {
+  sv_neighbours b = {.of = SV_TAKE(a, sv_neighbour, cap),
+                     .order = SV_TAKE(a, uint32_t, cap),
+                     .at = SV_TAKE(a, int32_t, cap),
+                     .pair = SV_TAKE(a, sv_pair, cap),
+                     .tmp = SV_TAKE(a, sv_pair, cap),
+                     .hist = SV_TAKE(a, uint32_t, SV_SORT_CAP_BUCKETS)};
+  sv_neighbours *out = SV_TAKE(a, sv_neighbours, 1);
+  if (out) *out = b;
+  return out;
 }
 
 static uint32_t spread_bits(uint32_t x) { // bit b to bit 3 b

@@ -27,7 +27,8 @@ typedef struct {
   int n;
 } sv_neighbours;
 
-void sv_neighbours_carve(sv_neighbours *b, int cap, sv_arena *a);
+// NULL on a dry arena and when the block is too small.
+sv_neighbours *sv_neighbours_carve(int cap, sv_arena *a);
 // Makes neighbours of the n slots b->order; their places lie within 2 half of the centre, or are taken as there.
 void sv_neighbours_find(sv_neighbours *b, const sv_kernels *k, int n, const float centre[3], float half);
 // Displacement of slot i, one of those found, as the others have it that know theirs. False: too few are near.
