@@ -68,7 +68,8 @@ int cmd_bench(int argc, char **argv) {
   int r =
       options_parse("bench",
                     "Times training steps of several sizes and the kernels of a step, in the board's block.\n"
-                    "bound is what a step takes at the measured peaks of multiply-adds and of copying.",
+                    "bound is what a step takes at the measured peaks of multiply-adds and of copying;\n"
+                    "by ports counts all instructions of blending, not its multiply-adds alone.",
                     "subview bench --json", list, sizeof list / sizeof *list, argc, argv);
   if (r) return r < 0 ? 0 : r;
   if (!board_kernels(&b.k, &b.isa_mask)) return EXIT_USAGE;

@@ -102,10 +102,12 @@ static void load_state(const sv_raster_bwd_args *a, long at, tile_state *st) {
 // One block of a splat: sums per lane into row and m[SLOT][16].
 static void block_bwd(const sv_splat *s, float u, float v, int b, const tile_state *st, float row[2][16],
                       float m[11][16]) {
+  const int is_free = s->lo <= SV_LOG2_ALPHA_FREE;
   for (int k = 0; k < 16; k++) {
     int i = 16 * b + k;
     pair_eval e = evaluate(s, u, v, b, k);
     float t = st->trans[i];
+    if (is_free) e.a = e.a_raw;
     if (!(e.power >= SV_LOG2_ALPHA_MIN && t > 0.0f)) continue;
     float w = e.a * t, next = fmaf(-e.a, t, t);
     if (!(next >= SV_T_MIN)) {
@@ -117,9 +119,10 @@ static void block_bwd(const sv_splat *s, float u, float v, int b, const tile_sta
     m[SV_SLOT_ERR][k] = fmaf(w, st->err[i], m[SV_SLOT_ERR][k]);
     float dot = fmaf(s->rgb[2], st->g[2][i], fmaf(s->rgb[1], st->g[1][i], s->rgb[0] * st->g[0][i]));
     dot = fmaf(s->z, st->g_depth[i], dot);
-    float suffix = fmaf(-w, dot, st->suffix[i]);
-    float g_a = fmaf(t, dot, -(suffix / (1.0f - e.a)));
-    float g = e.a_raw <= SV_ALPHA_MAX ? e.a_raw * g_a : 0.0f, gx = g * e.dx;
+    float part = w * dot, suffix = st->suffix[i] - part;
+    float g = fmaf(-suffix, e.a / (1.0f - e.a), part), gx;
+    if (!is_free && !(e.a_raw <= SV_ALPHA_MAX)) g = 0.0f;
+    gx = g * e.dx;
     st->suffix[i] = suffix;
     st->trans[i] = t - w;
     row[0][k] += g;

@@ -137,9 +137,9 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
   app->scratch = sv_arena_sub(a, init_scratch_bytes(t));
   sv_arena_part_begin(a, "checkpoint and report");
   app->report = SV_TAKE(a, char, SV_APP_REPORT_BYTES);
-  sv_trainer sized = app->trainer;
-  sized.n_views = t->cap_views, sized.n_regions = t->cap_regions;
-  app->checkpoint_bytes = c->is_resume ? sv_checkpoint_bytes(&sized) : 0;
+  app->trainer.n_views = t->cap_views, app->trainer.n_regions = t->cap_regions; // the most that there will be
+  app->checkpoint_bytes = c->is_resume ? sv_checkpoint_bytes(&app->trainer) : 0;
+  app->trainer.n_views = app->trainer.n_regions = 0;
   app->checkpoint = SV_TAKE(a, uint8_t, app->checkpoint_bytes);
   int w, h;
   sv_app_preview_size(c, &w, &h);

@@ -11,6 +11,10 @@
 // the measured peak of multiply-adds (which the CPU runs nothing else at), and bytes that must move (each array once)
 // at the measured rate of copying a block of the step's size. Operations are counted as written in the kernels, a
 // multiply-add as two; blended pairs are those that the kernels evaluate, whole blocks of 16 lanes.
+//
+// That bound takes every operation for half of a multiply-add. Blending cannot be written so: comparisons, minimum,
+// conversions and sums of two terms go through the same ports and do one operation or none that is counted. The bound
+// by ports takes for blending the instructions that AVX-512 needs, one a vector, at the rate of multiply-adds.
 #ifndef SV_APP_BENCH_H
 #define SV_APP_BENCH_H
 
@@ -101,6 +105,7 @@ typedef struct {
   sv_bench_times step_ms, render_ms, stage_ms[SV_N_STAGES];
   double bound_ms, stage_bound_ms[SV_N_STAGES]; // the model bound, see above
   double pixel_bound_ms;                        // blending alone, forward and backward, arithmetic alone
+  double slot_bound_ms;                         // the bound by ports, see above
   sv_bench_counts n;
 } sv_bench_step;
 
@@ -178,7 +183,7 @@ sv_bench_counts sv_bench_count(sv_trainer *t);
 sv_bench_cost sv_bench_cost_of(sv_bench_op op, const sv_bench_counts *n);
 // Seconds that `cost` takes at the peak at least; working_bytes: of the whole step, which says what caches can hold.
 double sv_bench_bound_s(const sv_bench_peak *peak, sv_bench_cost cost, double working_bytes);
-// Fills bound_ms, stage_bound_ms and pixel_bound_ms of a case from its counts.
+// Fills bound_ms, stage_bound_ms, pixel_bound_ms and slot_bound_ms of a case from its counts.
 void sv_bench_bound(sv_bench_step *r, const sv_bench_peak *peak);
 // Measures a pool. Copies are between halves of what is free in the arena, at most 64 MiB.
 sv_bench_peak sv_bench_peak_of(const sv_kernels *k, const sv_pool *pool, const sv_clock *clock,

@@ -82,9 +82,10 @@ static void put_step_json(sv_bench *b, const sv_bench_step *r) {
   put_times(b, "step", &r->step_ms);
   put_times(b, "render", &r->render_ms);
   sv_bench_put(b,
-               "\"bound_ms\": %g, \"pixel_bound_ms\": %g, \"step_per_bound\": %g, \"step_per_render\": %g, ",
-               r->bound_ms, r->pixel_bound_ms, ratio(r->step_ms.least, r->bound_ms),
-               ratio(r->step_ms.least, r->render_ms.least));
+               "\"bound_ms\": %g, \"pixel_bound_ms\": %g, \"slot_bound_ms\": %g, \"step_per_bound\": %g, "
+               "\"step_per_slot_bound\": %g, \"step_per_render\": %g, ",
+               r->bound_ms, r->pixel_bound_ms, r->slot_bound_ms, ratio(r->step_ms.least, r->bound_ms),
+               ratio(r->step_ms.least, r->slot_bound_ms), ratio(r->step_ms.least, r->render_ms.least));
   sv_bench_put(b,
                "\"pairs\": %llu, \"useful_pairs\": %llu, \"visible\": %u, \"records\": %u, \"touched\": %u, "
                "\"pairs_per_s\": %.0f,\n      \"stages\": [",
@@ -101,9 +102,11 @@ static void put_step_text(sv_bench *b, const sv_bench_step *r) {
   put_size(b, r);
   sv_bench_put(
       b,
-      "step %7.2f ms (%.2f to %.2f, least %.2f), render %7.2f (least %.2f), bound %6.2f, step/bound %.1f\n",
+      "step %7.2f ms (%.2f to %.2f, least %.2f), render %7.2f (least %.2f), bound %6.2f, step/bound %.1f, "
+      "by ports %.2f, %.1f\n",
       r->step_ms.median, r->step_ms.q1, r->step_ms.q3, r->step_ms.least, r->render_ms.median,
-      r->render_ms.least, r->bound_ms, ratio(r->step_ms.least, r->bound_ms));
+      r->render_ms.least, r->bound_ms, ratio(r->step_ms.least, r->bound_ms), r->slot_bound_ms,
+      ratio(r->step_ms.least, r->slot_bound_ms));
   sv_bench_put(b, "      %llu pairs, %.0f %% of them useful, %.0f pairs/s;", (unsigned long long)r->n.pairs,
                100 * ratio((double)r->n.useful, (double)r->n.pairs), pairs_per_s(r));
   for (int i = 0; i < SV_N_STAGES; i++) sv_bench_put(b, " %s %.0f %%", stage_names[i], 100 * share_of(r, i));

@@ -6,7 +6,7 @@
 // y; Lucas & Kanade's residual, searched instead of linearised, as fast things move by more than their texture). It is
 // looked for around its old place and around the one that it was going to. What its cameras saw is solved for one
 // displacement in space, damped where none can tell; what none saw, and what disagrees with its neighbours, goes as
-// they do (neighbours.h). The motion is then bent to pass there, and at the times before as little as it can.
+// they do (local_motion.h). The motion is then bent to pass there, and at the times before as little as it can.
 #include <string.h>
 
 #include "src/base/mathx.h"
@@ -264,21 +264,21 @@ static void make_neighbours(const job *j) {
   sv_trainer *t = j->t;
   int n = 0;
   for (int i = 0; i < t->g.n; i++) {
-    sv_neighbour *o = &t->near->of[i];
+    sv_displaced *o = &t->near->of[i];
     float d[3] = {0}, then[3], px = displacement(&t->follow[i], d);
     places(j, i, o->x, then);
     o->is_known = px >= 0;
     for (int k = 0; k < 3 && o->is_known; k++) o->u[k] = then[k] + d[k] - o->x[k];
     if (t->is_moving[i] || px >= MOVES_PX) t->near->order[n++] = (uint32_t)i;
   }
-  sv_neighbours_find(t->near, t->k, n, t->centre, t->radius);
+  sv_local_motion_find(t->near, t->k, n, t->centre, t->radius);
 }
 
 // As displacement, but what no camera saw, or what seems to have gone another way than its neighbours, goes with them.
 static float agreed(const job *j, int i, float d[3]) {
-  const sv_neighbour *o = &j->t->near->of[i];
+  const sv_displaced *o = &j->t->near->of[i];
   float px = displacement(&j->t->follow[i], d), now[3], then[3], u[3], off2 = 0, d2 = 0;
-  if (!j->t->is_moving[i] || !sv_neighbours_say(j->t->near, i, u)) return px;
+  if (!j->t->is_moving[i] || !sv_local_motion_say(j->t->near, i, u)) return px;
   for (int k = 0; k < 3; k++) off2 += (u[k] - o->u[k]) * (u[k] - o->u[k]);
   if (o->is_known && j->px_per_unit * sqrtf(off2) < DISAGREES_PX) return px;
   places(j, i, now, then);

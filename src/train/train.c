@@ -120,7 +120,7 @@ static sv_status carve_dynamic(sv_trainer *t, const sv_train_cfg *c, sv_arena *a
   for (size_t i = 0; i < sizeof each / sizeof *each; i++) *each[i] = SV_TAKE(a, float, t->g.cap);
   bool is_followed = c->dynamic.kind == SV_DEFORM_CLIP && c->dynamic.is_followed && c->dynamic.grow_until > 0;
   t->follow = is_followed ? SV_TAKE(a, sv_follow_sum, t->g.cap) : NULL;
-  t->near = is_followed ? sv_neighbours_carve(t->g.cap, a) : NULL;
+  t->near = is_followed ? sv_local_motion_carve(t->g.cap, a) : NULL;
   t->deform.kind = c->dynamic.kind;
   if (c->dynamic.kind == SV_DEFORM_FIELD) {
     sv_field_cfg fc = c->dynamic.field;
@@ -166,7 +166,7 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
       SV_TAKE(a, float, (size_t)c->n_threads *SV_UNPACK_SCRATCH_FLOATS((size_t)c->cap_width_px));
   if (c->is_supersampled) sv_train_supersample_carve(&t->supersample, px, a);
   if ((s = carve_sum(t, c, cap, px, a)) < 0) return s;
-  if ((s = sv_prior_init(&t->prior, &c->prior, px, c->seed, a)) < 0) return s;
+  if ((s = sv_prior_init(&t->prior, &c->prior, px, c->n_gaussians, c->seed, a)) < 0) return s;
   sv_arena_part_begin(a, "views");
   t->views = SV_TAKE(a, sv_train_view, c->cap_views);
   t->composites = SV_TAKE(a, sv_train_composite, c->cap_composites);
@@ -218,7 +218,7 @@ static sv_status check(const sv_train_cfg *c, sv_err *err) {
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "poses are refined with still scenes and whole pictures: not with moving ones, and not on "
                    "multiplexed sensors");
-  if ((c->prior.cap_pseudo > 0 || c->prior.cap_depths > 0) &&
+  if ((c->prior.cap_pseudo > 0 || c->prior.cap_depths > 0 || c->prior.method) &&
       (c->dynamic.kind != SV_DEFORM_NONE || c->cap_composites > 0))
     return sv_fail(
         err, SV_E_UNSUPPORTED,
@@ -333,7 +333,7 @@ sv_status sv_train_start(sv_trainer *t, const sv_init_cfg *init, const sv_point 
     sv_train_set_scene(t, centre, radius);
   }
   t->step = t->field_step = t->n_renewed = 0;
-  t->followed = 0.0f;
+  t->followed = t->tended = 0.0f;
   if (sv_train_is_dynamic(t)) {
     sv_train_start_moving(t);
     t->find_at = t->cfg.dynamic.from;

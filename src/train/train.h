@@ -12,7 +12,7 @@
 #include "src/prior/prior.h"
 #include "src/rig/forward.h"
 #include "src/splat/render.h"
-#include "src/train/neighbours.h"
+#include "src/train/local_motion.h"
 #include "src/train/poses.h"
 
 #ifdef __cplusplus
@@ -170,7 +170,7 @@ typedef struct {
   // residual over them, largest deviation over the cameras; pixels of the current frame, their residuals' sum
   float *n_seen, *res_mean, *res_dev, *unrest, *weight, *residual;
   sv_follow_sum *follow; // [cap], NULL unless times come in one by one
-  sv_neighbours *near;   // as follow
+  sv_local_motion *near; // as follow
   float followed;        // progress up to which the times that came in were followed
   sv_renderer render;
   sv_photometric photometric;
@@ -179,6 +179,7 @@ typedef struct {
   sv_supersample supersample;
   sv_train_poses poses;
   sv_prior prior;
+  float tended; // progress up to which what the prior does of its own is done
   sv_planes target, grad;
   sv_planes aux; // gradient of one picture of several
   float *err_plane, *aux_err, *unpack_scratch;
@@ -277,6 +278,8 @@ void sv_train_motion_rates(const sv_trainer *t, float progress, float mean_lr, d
                            float lr[SV_CAP_MROWS]);
 // Relocates slots of opacity <= SV_OPACITY_DEAD; returns how many.
 uint32_t sv_train_relocate(sv_trainer *t);
+// A slot becomes a copy of another, with running means of its own.
+void sv_train_copy_slot(sv_trainer *t, int to, int from);
 // Opacity and scale factor of n copies that together look like one Gaussian of opacity o: 1 - (1-o)^(1/n)
 // and o / K (3DGS-MCMC eq. 9).
 void sv_relocation_split(double o, int n, double *o_new, double *scale_factor);

@@ -212,12 +212,12 @@ static void test_neighbours(void **state) {
   sv_rng rng = sv_rng_make(1, 1);
   sv_arena a = sv_arena_make(block, sizeof block);
   (void)state;
-  sv_neighbours *near = sv_neighbours_carve(N_BODY, &a);
+  sv_local_motion *near = sv_local_motion_carve(N_BODY, &a);
   assert_non_null(near);
   sv_quat_to_mat(r, turn);
   float truth[N_BODY][3];
   for (int i = 0; i < N_BODY; i++) {
-    sv_neighbour *o = &near->of[i];
+    sv_displaced *o = &near->of[i];
     double x[3] = {(double)sv_rng_normal(&rng), (double)sv_rng_normal(&rng), (double)sv_rng_normal(&rng)};
     double n = sv_norm3(x);
     for (int k = 0; k < 3; k++) x[k] *= 0.5 / n;
@@ -230,10 +230,10 @@ static void test_neighbours(void **state) {
     if (i % 7 == 1) o->u[i % 3] += 0.5f;
     near->order[i] = (uint32_t)(N_BODY - 1 - i);
   }
-  sv_neighbours_find(near, &kernels, N_BODY, centre, 1.0f);
+  sv_local_motion_find(near, &kernels, N_BODY, centre, 1.0f);
   for (int i = 0; i < N_BODY; i++) {
     float off2 = 0;
-    assert_true(sv_neighbours_say(near, i, u));
+    assert_true(sv_local_motion_say(near, i, u));
     for (int k = 0; k < 3; k++) off2 += (u[k] - truth[i][k]) * (u[k] - truth[i][k]);
     wrong += (float)(off2 > 0.05f * 0.05f), most = sv_maxf(most, sqrtf(off2));
   }
@@ -246,14 +246,14 @@ static void test_few_neighbours(void **state) {
   float u[3];
   sv_arena a = sv_arena_make(block, sizeof block);
   (void)state;
-  sv_neighbours *near = sv_neighbours_carve(4, &a);
+  sv_local_motion *near = sv_local_motion_carve(4, &a);
   assert_non_null(near);
   for (int i = 0; i < 4; i++) {
-    near->of[i] = (sv_neighbour){.x = {1e30f, 0, (float)i}, .u = {1, 0, 0}, .is_known = true};
+    near->of[i] = (sv_displaced){.x = {1e30f, 0, (float)i}, .u = {1, 0, 0}, .is_known = true};
     near->order[i] = (uint32_t)i;
   }
-  sv_neighbours_find(near, &kernels, 4, centre, 1.0f); // far outside of the grid
-  assert_false(sv_neighbours_say(near, 0, u));
+  sv_local_motion_find(near, &kernels, 4, centre, 1.0f); // far outside of the grid
+  assert_false(sv_local_motion_say(near, 0, u));
 }
 
 int main(void) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "src/train/neighbours.h"
+#include "src/train/local_motion.h"
 
 #include <string.h>
 
@@ -14,7 +14,7 @@
 
 typedef struct {
   int n;
-  const sv_neighbour *of[N_NEAR]; // by rising distance
+  const sv_displaced *of[N_NEAR]; // by rising distance
   float d2[N_NEAR], w[N_NEAR];
 } near_list;
 
@@ -23,14 +23,14 @@ typedef struct {
   float u[3], slope[9];
 } affine;
 
-sv_neighbours *sv_neighbours_carve(int cap, sv_arena *a) {
-  sv_neighbours b = {.of = SV_TAKE(a, sv_neighbour, cap),
-                     .order = SV_TAKE(a, uint32_t, cap),
-                     .at = SV_TAKE(a, int32_t, cap),
-                     .pair = SV_TAKE(a, sv_pair, cap),
-                     .tmp = SV_TAKE(a, sv_pair, cap),
-                     .hist = SV_TAKE(a, uint32_t, SV_SORT_CAP_BUCKETS)};
-  sv_neighbours *out = SV_TAKE(a, sv_neighbours, 1);
+sv_local_motion *sv_local_motion_carve(int cap, sv_arena *a) {
+  sv_local_motion b = {.of = SV_TAKE(a, sv_displaced, cap),
+                       .order = SV_TAKE(a, uint32_t, cap),
+                       .at = SV_TAKE(a, int32_t, cap),
+                       .pair = SV_TAKE(a, sv_pair, cap),
+                       .tmp = SV_TAKE(a, sv_pair, cap),
+                       .hist = SV_TAKE(a, uint32_t, SV_SORT_CAP_BUCKETS)};
+  sv_local_motion *out = SV_TAKE(a, sv_local_motion, 1);
   if (out) *out = b;
   return out;
 }
@@ -41,7 +41,7 @@ static uint32_t spread_bits(uint32_t x) { // bit b to bit 3 b
   return y;
 }
 
-void sv_neighbours_find(sv_neighbours *b, const sv_kernels *k, int n, const float centre[3], float half) {
+void sv_local_motion_find(sv_local_motion *b, const sv_kernels *k, int n, const float centre[3], float half) {
   const float cells = (float)(1 << BITS);
   b->n = n;
   for (int p = 0; p < n; p++) {
@@ -61,19 +61,19 @@ void sv_neighbours_find(sv_neighbours *b, const sv_kernels *k, int n, const floa
   for (int p = 0; p < n; p++) b->at[b->order[p]] = p;
 }
 
-static void add_near(near_list *l, const sv_neighbour *o, float d2) {
+static void add_near(near_list *l, const sv_displaced *o, float d2) {
   if (l->n == N_NEAR && d2 >= l->d2[N_NEAR - 1]) return;
   int at = l->n < N_NEAR ? l->n++ : N_NEAR - 1;
   for (; at > 0 && l->d2[at - 1] > d2; at--) l->of[at] = l->of[at - 1], l->d2[at] = l->d2[at - 1];
   l->of[at] = o, l->d2[at] = d2;
 }
 
-static void find_near(const sv_neighbours *b, int i, near_list *l) {
+static void find_near(const sv_local_motion *b, int i, near_list *l) {
   const int at = b->at[i], last = sv_mini(at + SIDE, b->n - 1);
   const float *x = b->of[i].x;
   l->n = 0;
   for (int p = sv_maxi(at - SIDE, 0); p <= last; p++) {
-    const sv_neighbour *o = &b->of[b->order[p]];
+    const sv_displaced *o = &b->of[b->order[p]];
     if (p == at || !o->is_known) continue;
     float y[3] = {o->x[0] - x[0], o->x[1] - x[1], o->x[2] - x[2]};
     add_near(l, o, y[0] * y[0] + y[1] * y[1] + y[2] * y[2]);
@@ -94,7 +94,7 @@ bool sv_solve3(const float a[6], const float b[3], float x[3]) {
 static bool fit(const float x[3], const near_list *l, affine *f) {
   float sum = 0, y[3] = {0}, u[3] = {0}, yy[6] = {0}, uy[3][3] = {{0}}; // means, then covariances
   for (int n = 0; n < l->n; n++) {
-    const sv_neighbour *o = l->of[n];
+    const sv_displaced *o = l->of[n];
     float w = l->w[n], dy[3];
     sum += w;
     for (int k = 0; k < 3; k++) dy[k] = o->x[k] - x[k], y[k] += w * dy[k], u[k] += w * o->u[k];
@@ -123,7 +123,7 @@ static bool fit(const float x[3], const near_list *l, affine *f) {
 static float misfit(const float x[3], const near_list *l, const affine *f, float r2[N_NEAR]) {
   float sum = 0, of = 0;
   for (int n = 0; n < l->n; n++) {
-    const sv_neighbour *o = l->of[n];
+    const sv_displaced *o = l->of[n];
     r2[n] = 0;
     for (int m = 0; m < 3; m++) {
       float u = f->u[m];
@@ -135,7 +135,7 @@ static float misfit(const float x[3], const near_list *l, const affine *f, float
   return sum / of;
 }
 
-bool sv_neighbours_say(const sv_neighbours *b, int i, float u[3]) {
+bool sv_local_motion_say(const sv_local_motion *b, int i, float u[3]) {
   const float *x = b->of[i].x;
   near_list l;
   affine f;
