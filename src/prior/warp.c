@@ -154,7 +154,7 @@ sv_status sv_prior_warp(sv_trainer *t, float progress) {
 sv_status sv_prior_measure(sv_trainer *t, const sv_bounds *bounds, sv_arena *scratch, int *n_maps) {
   sv_sweep sweep;
   const size_t mark = sv_arena_mark(scratch);
-  sv_status s = sv_sweep_run(&sweep, t, bounds, scratch);
+  sv_status s = sv_sweep_run(&sweep, t, bounds, SV_SWEEP_CAP_PX, scratch);
   *n_maps = 0;
   for (int i = 0; s == SV_OK && i < sweep.n; i++) {
     const sv_depth_map *m = &sweep.map[i];
