@@ -337,6 +337,7 @@ sv_status sv_train_start(sv_trainer *t, const sv_init_cfg *init, const sv_point 
   }
   t->step = t->field_step = t->n_renewed = 0;
   t->followed = t->tended = 0.0f;
+  sv_prior_clear(&t->prior);
   if (sv_train_is_dynamic(t)) {
     sv_train_start_moving(t);
     t->find_at = t->cfg.dynamic.from;
