@@ -22,6 +22,8 @@ double sv_atan2(double y, double x); // abs. error < 1e-15
 double sv_acos(double x);            // through atan2: full accuracy near 1 and -1
 
 static inline float sv_minf(float a, float b) { return a < b ? a : b; }
+static inline double sv_mind(double a, double b) { return a < b ? a : b; }
+static inline double sv_maxd(double a, double b) { return a > b ? a : b; }
 static inline float sv_maxf(float a, float b) { return a > b ? a : b; }
 static inline float sv_clampf(float x, float lo, float hi) { return x < lo ? lo : x > hi ? hi : x; }
 static inline int sv_mini(int a, int b) { return a < b ? a : b; }

@@ -156,6 +156,15 @@ static bool ends_in_image(const char *path) {
   return false;
 }
 
+static sv_status read_prior(const sv_json *j, int i_frame, sv_transforms_frame *f, sv_err *err) {
+  sv_status s = get_path(j, i_frame, "depth_prior", f->prior_path, err);
+  if (s == SV_OK) f->prior_kind = SV_TRANSFORMS_DEPTH;
+  if (s != SV_END) return s;
+  s = get_path(j, i_frame, "disparity_prior", f->prior_path, err);
+  if (s == SV_OK) f->prior_kind = SV_TRANSFORMS_DISPARITY;
+  return s == SV_END ? SV_OK : s;
+}
+
 static sv_status read_depth(const sv_json *j, int i_frame, sv_transforms_frame *f, sv_err *err) {
   static const struct {
     const char *key;
@@ -225,6 +234,7 @@ static sv_status read_frame(const sv_json *j, int i_frame, const camera *common,
   s = read_pose(j, i_frame, &f->cam_from_world, err);
   if (s == SV_OK) s = read_labels(j, i_frame, f, err);
   if (s == SV_OK) s = read_depth(j, i_frame, f, err);
+  if (s == SV_OK) s = read_prior(j, i_frame, f, err);
   return s;
 }
 

@@ -24,11 +24,16 @@ typedef enum {
   SV_DEPTH_RAY // along the pixel's ray
 } sv_depth_kind;
 
+// Estimated depth, of some scale and offset: file key depth_prior, or disparity_prior for inverse depth.
+typedef enum { SV_TRANSFORMS_NO_PRIOR = 0, SV_TRANSFORMS_DEPTH, SV_TRANSFORMS_DISPARITY } sv_transforms_prior;
+
 typedef struct {
   char file_path[SV_TRANSFORMS_CAP_PATH];  // as in the file, without a leading "./"; may lack its extension
   char depth_path[SV_TRANSFORMS_CAP_PATH]; // empty when depth_kind is NONE
   bool has_extension;                      // false: the reader tries .png, .jpg, ...
   sv_depth_kind depth_kind;
+  char prior_path[SV_TRANSFORMS_CAP_PATH]; // depth that somebody estimated; empty when prior_kind is NONE
+  sv_transforms_prior prior_kind;
   double depth_unit;      // scene units for one step of the depth image, 0 when not said
   char camera[32];        // empty when not said
   char split[16];         // "train", "test", ...; empty when not said

@@ -3,13 +3,45 @@
 
 #include <string.h>
 
-#define PATCHES 64 // of a patch-wise correlation
+#define METHOD_VIEWS 8 // warped pseudo-views kept
+
+size_t sv_prior_scratch_bytes(int n_gaussians) {
+  const size_t unpool = sv_prior_unpool_bytes(n_gaussians), prune = sv_prior_prune_bytes(n_gaussians);
+  return SV_ARENA_ALIGN + (unpool > prune ? unpool : prune);
+}
+
+void sv_prior_set_method(sv_prior_cfg *c, sv_prior_method method, int n_views) {
+  c->method = method;
+  c->prune_at[0] = c->prune_at[1] = 2.0f;
+  if (method == SV_PRIOR_NONE) return;
+  c->cap_pseudo += METHOD_VIEWS;
+  c->cap_depths += METHOD_VIEWS + n_views;
+  c->depth_weight = 0.05f;
+  c->late_from = 2.0f, c->late_factor = 1.0f;
+  c->warp_until = 2.0f;
+  if (method == SV_PRIOR_FSGS) { // Zhu et al. 2024, in shares of 10,000 steps
+    c->every = 10, c->warp_every = 10;
+    c->late_from = 0.95f, c->late_factor = 0.02f;
+    c->warp_from = 0.2f, c->warp_until = 0.95f, c->warp_ramp = 0.05f;
+    c->warp_depth = 0.5f;
+    c->unpool_from = 0.05f, c->unpool_until = 1.0f;
+    c->unpool_distance = 3.0f, c->unpool_share = 0.02f;
+    return;
+  }
+  // Xiong et al. 2023, in shares of 30,000 steps.
+  c->patch_weight = 3.0f, c->patch_side = 0.25f, c->patch_share = 0.5f;
+  c->every = 3, c->warp_every = 12;
+  c->warp_from = 1.0f / 6.0f, c->warp_ramp = 0.01f;
+  c->warp_colour = 0.1f;
+  c->prune_at[0] = 2.0f / 3.0f;
+}
 
 static bool has_any(const sv_prior_cfg *c) { return c->cap_pseudo > 0 || c->cap_depths > 0; }
 
-sv_status sv_prior_init(sv_prior *p, const sv_prior_cfg *cfg, size_t cap_pixels, uint64_t seed, sv_arena *a) {
+sv_status sv_prior_init(sv_prior *p, const sv_prior_cfg *cfg, size_t cap_pixels, int n_gaussians,
+                        uint64_t seed, sv_arena *a) {
   float **planes[] = {&p->expected, &p->prior, &p->g_depth, &p->g_trans, &p->g_expected, &p->share};
-  const sv_pearson_cfg pc = {.cap_patches = PATCHES};
+  const sv_pearson_cfg pc = {.cap_patches = SV_PRIOR_PATCHES};
   memset(p, 0, sizeof *p);
   p->cfg = *cfg;
   p->cap_pixels = cap_pixels;
@@ -29,8 +61,20 @@ sv_status sv_prior_init(sv_prior *p, const sv_prior_cfg *cfg, size_t cap_pixels,
   }
   for (size_t i = 0; i < sizeof planes / sizeof *planes; i++) *planes[i] = SV_TAKE(a, float, cap_pixels);
   p->mask = SV_TAKE(a, uint8_t, cap_pixels);
+  if (cfg->method) {
+    p->warped = SV_TAKE(a, uint8_t, 4 * cap_pixels);
+    p->scratch = SV_TAKE(a, sv_arena, 1);
+    const sv_arena scratch = sv_arena_sub(a, sv_prior_scratch_bytes(n_gaussians));
+    if (p->scratch) *p->scratch = scratch;
+  }
   sv_status s = sv_pearson_init(&p->pearson, &pc, a);
   return s < 0 ? s : a->status < 0 ? a->status : SV_OK;
+}
+
+void sv_prior_clear(sv_prior *p) {
+  for (int i = 0; i < p->cfg.cap_pseudo; i++) p->views[i].id = 0;
+  for (int i = 0; i < p->cfg.cap_depths; i++) p->depths[i].id = -1;
+  p->n_views = p->n_depths = p->n_unpooled = p->n_pruned = p->n_warped = 0;
 }
 
 sv_status sv_prior_submit_view(sv_prior *p, const sv_view *view, const sv_image_u8 *im, float weight,
@@ -57,10 +101,18 @@ sv_status sv_prior_submit_view(sv_prior *p, const sv_view *view, const sv_image_
   return SV_OK;
 }
 
+// The map that this view already has, a place that nobody needs (never used, or of a pseudo-view that is gone), else the
+// next in turn: maps of training views stay while there is room.
 static sv_prior_depth *place_of(sv_prior *p, int id) {
-  for (int i = 0; i < p->cfg.cap_depths; i++)
-    if (p->depths[i].id == id) return &p->depths[i];
-  return &p->depths[p->n_depths++ % p->cfg.cap_depths];
+  sv_prior_depth *unused = NULL;
+  for (int i = 0; i < p->cfg.cap_depths; i++) {
+    sv_prior_depth *d = &p->depths[i];
+    const bool is_gone =
+        d->id >= SV_PRIOR_FIRST_PSEUDO && d->id - SV_PRIOR_FIRST_PSEUDO < p->n_views - p->cfg.cap_pseudo;
+    if (d->id == id) return d;
+    if (!unused && (d->id < 0 || is_gone)) unused = d;
+  }
+  return unused ? unused : &p->depths[p->n_depths++ % p->cfg.cap_depths];
 }
 
 sv_status sv_prior_submit_depth(sv_prior *p, int id, const float *map, int width_px, int height_px,

@@ -24,12 +24,32 @@ typedef enum {
   SV_PRIOR_METRIC    // depth itself, in world units: mean absolute difference in scene radii
 } sv_prior_depth_kind;
 
+typedef enum { SV_PRIOR_NONE, SV_PRIOR_FSGS, SV_PRIOR_SPARSEGS } sv_prior_method;
+
 typedef struct {
   int cap_pseudo; // pseudo-views kept at a time; 0: none are ever submitted
   int cap_depths; // depth maps kept at a time; 0: none
   int every;      // steps from one that also takes a pseudo-view to the next
+  // What the trainer does of its own (sv_prior_set_method), at these progresses and with these weights.
+  sv_prior_method method;
+  float depth_weight;            // of the rig's own depth maps
+  float late_from, late_factor;  // from there on depth counts so many times of it
+  float patch_weight;            // of the patch-wise correlation, beside 1 of the whole picture's; 0: none
+  float patch_side, patch_share; // of the picture's longer side; of its area, that patches are drawn for
+  int warp_every;                // steps from one warped pseudo-view to the next
+  float warp_from, warp_until, warp_ramp;
+  float warp_colour, warp_depth; // weights of a warped pseudo-view's colours and of its depth, after the ramp
+  float unpool_from, unpool_until; // 0, 0: none
+  float unpool_distance;           // times the median of the mean distance to the three neighbours
+  float unpool_share;              // of the Gaussians, at most, in one go
+  float prune_at[2];               // 2: never
 } sv_prior_cfg;
 
+// Weights and schedules of a method (prior.c names their source), with rings for n_views training views. Adds to what
+// cfg has room for.
+void sv_prior_set_method(sv_prior_cfg *cfg, sv_prior_method method, int n_views);
+
+#define SV_PRIOR_PATCHES      16         // of a patch-wise correlation, at most
 #define SV_PRIOR_FIRST_PSEUDO 0x40000000 // their numbers go on from here; those of training views lie below
 
 typedef struct {
@@ -53,11 +73,15 @@ typedef struct {
   size_t cap_pixels;
   sv_prior_view *views;   // [cap_pseudo] ring
   sv_prior_depth *depths; // [cap_depths] ring
-  int n_views, n_depths;  // ever submitted
+  int n_views, n_depths;  // ever submitted; places that were taken from others
   // Planes of the last picture's size, [cap_pixels] each: expected depth or its inverse, its prior, gradients of the sum
   // of w z, of what light is left, of the expected depth; share of each pixel that counts.
   float *expected, *prior, *g_depth, *g_trans, *g_expected, *share;
   uint8_t *mask;
+  uint8_t *warped;                    // [cap_pixels][4], with a method
+  sv_arena *scratch;                  // of unpooling and pruning
+  int n_unpooled, n_pruned, n_warped; // ever
+  double last_dip;                    // of the last pruning, mean over the views
   sv_pearson pearson;
   sv_rng rng;
   double last_depth_loss; // of the last step that had one
@@ -65,8 +89,16 @@ typedef struct {
 
 // Assigns all pointers; cap_pixels: padded floats of the largest view (sv_plane_floats). Takes nothing when both
 // capacities are 0.
-sv_status sv_prior_init(sv_prior *p, const sv_prior_cfg *cfg, size_t cap_pixels, uint64_t seed,
-                        sv_arena *arena) SV_MUST_USE;
+sv_status sv_prior_init(sv_prior *p, const sv_prior_cfg *cfg, size_t cap_pixels, int n_gaussians,
+                        uint64_t seed, sv_arena *arena) SV_MUST_USE;
+
+// Scratch of the methods' own work (unpool.c, floaters.c).
+size_t sv_prior_scratch_bytes(int n_gaussians);
+size_t sv_prior_unpool_bytes(int n_gaussians);
+size_t sv_prior_prune_bytes(int n_gaussians);
+
+// Forgets what was submitted, and counts anew.
+void sv_prior_clear(sv_prior *p);
 
 // A picture (3 channels, or 4 with what counts in alpha) of a view that no camera took; copied. Returns its number;
 // the oldest one's place is taken when the ring is full. E_RANGE for a size that is not the view's or beyond the
@@ -74,7 +106,7 @@ sv_status sv_prior_init(sv_prior *p, const sv_prior_cfg *cfg, size_t cap_pixels,
 sv_status sv_prior_submit_view(sv_prior *p, const sv_view *view, const sv_image_u8 *picture, float weight,
                                float until, int *id) SV_MUST_USE;
 // A depth map of view `id`, of width x height floats without padding, copied; below 0: nothing is known. A map of the
-// same view is replaced, else the oldest.
+// same view is replaced, else one of a pseudo-view that is gone, else the next in turn.
 sv_status sv_prior_submit_depth(sv_prior *p, int id, const float *map, int width_px, int height_px,
                                 sv_prior_depth_kind kind, float weight) SV_MUST_USE;
 // NULL when there is none, or its size is not the view's.

@@ -79,6 +79,25 @@ static void load_map(sv_prior *p, const sv_prior_depth *d, int scale, const sv_p
     }
 }
 
+// Correlation over patches drawn at random, beside that of the whole picture (SparseGS).
+static double patch_loss(sv_trainer *t, sv_pearson_input in) {
+  sv_prior *p = &t->prior;
+  sv_pearson_patch patches[SV_PRIOR_PATCHES];
+  const int side = sv_maxi(4, (int)(p->cfg.patch_side * (float)sv_maxi(in.width_px, in.height_px)));
+  const int w = sv_mini(side, in.width_px), h = sv_mini(side, in.height_px);
+  const float n = p->cfg.patch_share * (float)(in.width_px * in.height_px) / (float)(w * h);
+  in.n_patches = sv_clampi((int)(n + 0.5f), 1, SV_PRIOR_PATCHES);
+  for (int i = 0; i < in.n_patches; i++) {
+    sv_pearson_patch *q = &patches[i];
+    q->x0 = (int)sv_rng_below(&p->rng, (uint32_t)(in.width_px - w + 1));
+    q->y0 = (int)sv_rng_below(&p->rng, (uint32_t)(in.height_px - h + 1));
+    q->x1 = q->x0 + w, q->y1 = q->y0 + h;
+  }
+  in.patches = patches;
+  in.weight *= p->cfg.patch_weight;
+  return sv_pearson_loss(&p->pearson, t->pool, &in, p->g_expected);
+}
+
 double sv_prior_depth_loss(sv_trainer *t, const sv_prior_depth *d, int scale, float weight) {
   sv_prior *p = &t->prior;
   const sv_planes *size = &t->render.rgb;
@@ -94,16 +113,22 @@ double sv_prior_depth_loss(sv_trainer *t, const sv_prior_depth *d, int scale, fl
                                     .height_px = size->height_px,
                                     .stride = size->stride,
                                     .weight = weight};
-  const double loss = d->kind == SV_PRIOR_METRIC
-                          ? sv_depth_loss(p->expected, p->prior, p->mask, size->width_px, size->height_px,
-                                          size->stride, t->radius, weight, p->g_expected)
-                          : sv_pearson_loss(&p->pearson, t->pool, &pearson, p->g_expected);
+  double loss = d->kind == SV_PRIOR_METRIC
+                    ? sv_depth_loss(p->expected, p->prior, p->mask, size->width_px, size->height_px,
+                                    size->stride, t->radius, weight, p->g_expected)
+                    : sv_pearson_loss(&p->pearson, t->pool, &pearson, p->g_expected);
+  if (d->kind != SV_PRIOR_METRIC && p->cfg.patch_weight > 0.0f) loss += patch_loss(t, pearson);
   sv_depth_expected_bwd(&in, p->expected, p->mask, p->g_expected, size->rows_padded, p->g_depth, p->g_trans);
   p->last_depth_loss = loss;
   return loss;
 }
 
 // --- pseudo-views --------------------------------------------------------------------------------
+
+float sv_prior_depth_share(const sv_trainer *t, float progress) {
+  const sv_prior_cfg *c = &t->prior.cfg;
+  return c->method && progress > c->late_from ? c->late_factor : 1.0f;
+}
 
 bool sv_prior_is_due(const sv_trainer *t, float progress) {
   const sv_prior_cfg *c = &t->prior.cfg;
@@ -176,7 +201,7 @@ sv_status sv_prior_step(sv_trainer *t, float progress, const sv_render_options *
   *loss += (double)v->weight * sv_photometric_loss(&t->photometric, t->k, t->pool, &t->render.rgb, &t->target,
                                                    &t->grad, NULL, t->cfg.weight_ssim, NULL);
   weigh_gradient(t, v->weight);
-  if (d) *loss += sv_prior_depth_loss(t, d, scale, 1.0f);
+  if (d) *loss += sv_prior_depth_loss(t, d, scale, sv_prior_depth_share(t, progress));
   s = sv_render_bwd(&t->render, t->k, t->pool, &t->grad, d ? t->prior.g_depth : NULL,
                     d ? t->prior.g_trans : NULL, NULL);
   if (s >= 0) sv_train_collect(t, 0.0f, false);

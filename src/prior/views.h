@@ -32,6 +32,8 @@ const sv_prior_depth *sv_prior_depth_of(const sv_trainer *t, int id, const sv_vi
 // Loss of the last picture's depth (rendered with has_depth) against a map at 1/scale. Its gradient, times `weight`, is
 // left in t->prior.g_depth and g_trans, for sv_render_bwd.
 double sv_prior_depth_loss(sv_trainer *t, const sv_prior_depth *d, int scale, float weight);
+// What share of its weight depth has at a progress.
+float sv_prior_depth_share(const sv_trainer *t, float progress);
 // Renders one of the pseudo-views and adds its gradients to the step's sum.
 sv_status sv_prior_step(sv_trainer *t, float progress, const sv_render_options *o, double *loss) SV_MUST_USE;
 

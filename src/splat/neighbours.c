@@ -3,8 +3,6 @@
 // axis stored for that position; no nodes, no recursion.
 #include "src/splat/neighbours.h"
 
-#include <stdint.h>
-
 typedef struct {
   const float *xyz;
   int *index;
@@ -71,14 +69,15 @@ static void build(tree *t, int n) {
 
 typedef struct {
   float d2[3]; // ascending
+  int of[3];
   int n;
 } best3;
 
-static void offer(best3 *b, float d2) {
+static void offer(best3 *b, float d2, int of) {
   if (b->n == 3 && d2 >= b->d2[2]) return;
   int i = b->n < 3 ? b->n++ : 2;
-  for (; i > 0 && b->d2[i - 1] > d2; i--) b->d2[i] = b->d2[i - 1];
-  b->d2[i] = d2;
+  for (; i > 0 && b->d2[i - 1] > d2; i--) b->d2[i] = b->d2[i - 1], b->of[i] = b->of[i - 1];
+  b->d2[i] = d2, b->of[i] = of;
 }
 
 static best3 query(const tree *t, int n, int self) {
@@ -86,7 +85,7 @@ static best3 query(const tree *t, int n, int self) {
     range r;
     float d2; // squared distance from the point to the half-space that holds r
   } stack[CAP_STACK];
-  best3 best = {{0, 0, 0}, 0};
+  best3 best = {{0, 0, 0}, {-1, -1, -1}, 0};
   const float *p = t->xyz + 3 * self;
   int depth = 0;
   stack[depth].r = (range){0, n};
@@ -98,7 +97,7 @@ static best3 query(const tree *t, int n, int self) {
     const float *q = t->xyz + 3 * t->index[mid];
     if (t->index[mid] != self) {
       float dx = p[0] - q[0], dy = p[1] - q[1], dz = p[2] - q[2];
-      offer(&best, dx * dx + dy * dy + dz * dz);
+      offer(&best, dx * dx + dy * dy + dz * dz, t->index[mid]);
     }
     if (r.hi - r.lo < 2) continue;
     float off = p[t->axis[mid]] - q[t->axis[mid]];
@@ -119,6 +118,10 @@ size_t sv_neighbours_bytes(int n) {
 }
 
 sv_status sv_neighbours(const float *xyz, int n, float *dist2, sv_arena *scratch) {
+  return sv_neighbours_find(xyz, n, dist2, NULL, scratch);
+}
+
+sv_status sv_neighbours_find(const float *xyz, int n, float *dist2, int32_t *nearest, sv_arena *scratch) {
   size_t mark = sv_arena_mark(scratch);
   tree t = {xyz, SV_TAKE(scratch, int, n), SV_TAKE(scratch, uint8_t, n)};
   if (scratch->status < 0) {
@@ -131,6 +134,7 @@ sv_status sv_neighbours(const float *xyz, int n, float *dist2, sv_arena *scratch
     best3 b = query(&t, n, i);
     dist2[i] = 0;
     for (int k = 0; k < b.n; k++) dist2[i] += b.d2[k] / (float)b.n;
+    for (int k = 0; k < 3 && nearest; k++) nearest[3 * i + k] = b.of[k];
   }
   sv_arena_reset(scratch, mark);
   return SV_OK;

@@ -52,6 +52,13 @@ static void copy_slot(sv_trainer *t, int to, int from) {
   for (int row = 0; row < t->g.n_rows; row++) a[16 * row] = b[16 * row];
 }
 
+void sv_train_copy_slot(sv_trainer *t, int to, int from) {
+  copy_slot(t, to, from);
+  clear_moments(t, to);
+  if (t->cfg.optimizer == SV_OPTIMIZER_GAUSS_NEWTON) copy_curvature(t, to, from);
+  t->err[to] = t->err[from];
+}
+
 // Opacity and scale of the copies of one source; the copies are also spread along the source's own axes.
 static void apply_split(sv_trainer *t, int i, int n) {
   double o_new, factor;
@@ -108,10 +115,7 @@ uint32_t sv_train_relocate(sv_trainer *t) {
   }
   for (int i = 0; i < t->g.n; i++) {
     if (t->source[i] < 0) continue;
-    copy_slot(t, i, t->source[i]);
-    clear_moments(t, i);
-    if (t->cfg.optimizer == SV_OPTIMIZER_GAUSS_NEWTON) copy_curvature(t, i, t->source[i]);
-    t->err[i] = t->err[t->source[i]];
+    sv_train_copy_slot(t, i, t->source[i]);
     if (sv_train_is_dynamic(t)) sv_train_copy_motion(t, i, t->source[i]);
     displace(t, i);
     n_done++;

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "src/base/mathx.h"
+#include "src/prior/methods.h"
 #include "src/prior/views.h"
 #include "src/splat/constants.h"
 #include "src/train/train.h"
@@ -233,7 +234,7 @@ static sv_status view_step(sv_trainer *t, int i, float progress, sv_render_optio
     sv_train_curvature(t);
   }
   if (!depth) return picture_bwd(t, is_fine, &t->grad, t->err_plane);
-  out->loss += sv_prior_depth_loss(t, depth, out->scale, 1.0f);
+  out->loss += sv_prior_depth_loss(t, depth, out->scale, sv_prior_depth_share(t, progress));
   return sv_render_bwd(&t->render, t->k, t->pool, &t->grad, t->prior.g_depth, t->prior.g_trans, t->err_plane);
 }
 
@@ -406,6 +407,8 @@ sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
   st.n_touched = is_sum ? sv_train_apply(t, progress) : sv_train_optimise(t, progress);
   if (!is_sum) sv_train_move_pose(t, i, progress, sv_train_n_tasks(t));
   t->step++;
+  if ((s = sv_prior_tend(t, t->tended, progress)) < 0) return s;
+  t->tended = progress;
   maybe_relocate(t, progress);
   if ((s = sv_train_follow(t, t->followed, progress)) < 0) return s;
   t->followed = progress;

@@ -34,7 +34,9 @@ sv_train_cfg sv_train_defaults(void) {
              .sh0 = 2.5e-3f,
              .sh_rest = 2.5e-3f / 20.0f},
       .optimizer = SV_OPTIMIZER_GAUSS_NEWTON,
-      .newton = {.every = 5, // no divisor of what repeats otherwise: all kinds of views have turns
+      .newton = {.first_every = 5, // no divisors of what repeats otherwise: all kinds of views have turns
+                 .first_steps = 300,
+                 .every = 9,
                  .keep = 0.9f,
                  .rate_start = 0.1f,
                  .rate_end = 0.02f,
@@ -165,7 +167,7 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
       SV_TAKE(a, float, (size_t)c->n_threads *SV_UNPACK_SCRATCH_FLOATS((size_t)c->cap_width_px));
   if (c->is_supersampled) sv_train_supersample_carve(&t->supersample, px, a);
   if ((s = carve_sum(t, c, cap, px, a)) < 0) return s;
-  if ((s = sv_prior_init(&t->prior, &c->prior, px, c->seed, a)) < 0) return s;
+  if ((s = sv_prior_init(&t->prior, &c->prior, px, c->n_gaussians, c->seed, a)) < 0) return s;
   sv_arena_part_begin(a, "views");
   t->views = SV_TAKE(a, sv_train_view, c->cap_views);
   t->composites = SV_TAKE(a, sv_train_composite, c->cap_composites);
@@ -217,7 +219,7 @@ static sv_status check(const sv_train_cfg *c, sv_err *err) {
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "poses are refined with still scenes and whole pictures: not with moving ones, and not on "
                    "multiplexed sensors");
-  if ((c->prior.cap_pseudo > 0 || c->prior.cap_depths > 0) &&
+  if ((c->prior.cap_pseudo > 0 || c->prior.cap_depths > 0 || c->prior.method) &&
       (c->dynamic.kind != SV_DEFORM_NONE || c->cap_composites > 0))
     return sv_fail(
         err, SV_E_UNSUPPORTED,
@@ -227,11 +229,12 @@ static sv_status check(const sv_train_cfg *c, sv_err *err) {
     return sv_fail(err, SV_E_ARG,
                    "%d pseudo-views, one every %d steps, and %d depth maps, expected 0 or more",
                    c->prior.cap_pseudo, c->prior.every, c->prior.cap_depths);
-  if (c->optimizer == SV_OPTIMIZER_GAUSS_NEWTON &&
-      (c->newton.every < 1 || !(c->newton.rate_start > 0) || !(c->newton.rate_end > 0)))
-    return sv_fail(err, SV_E_ARG,
-                   "an estimate of the curvature every %d steps, and rates of %g to %g, expected more than 0",
-                   c->newton.every, (double)c->newton.rate_start, (double)c->newton.rate_end);
+  if (c->optimizer == SV_OPTIMIZER_GAUSS_NEWTON && (c->newton.every < 1 || c->newton.first_every < 1 ||
+                                                    !(c->newton.rate_start > 0) || !(c->newton.rate_end > 0)))
+    return sv_fail(
+        err, SV_E_ARG,
+        "an estimate of the curvature every %d and %d steps, and rates of %g to %g, expected more than 0",
+        c->newton.first_every, c->newton.every, (double)c->newton.rate_start, (double)c->newton.rate_end);
   if (c->start_scale != 1 && c->start_scale != 2 && c->start_scale != 4 && c->start_scale != 8)
     return sv_fail(err, SV_E_ARG, "the starting scale is %d, expected 1, 2, 4 or 8", c->start_scale);
   return SV_OK;
@@ -332,7 +335,8 @@ sv_status sv_train_start(sv_trainer *t, const sv_init_cfg *init, const sv_point 
     sv_train_set_scene(t, centre, radius);
   }
   t->step = t->field_step = t->n_renewed = 0;
-  t->followed = 0.0f;
+  t->followed = t->tended = 0.0f;
+  sv_prior_clear(&t->prior);
   if (sv_train_is_dynamic(t)) {
     sv_train_start_moving(t);
     t->find_at = t->cfg.dynamic.from;

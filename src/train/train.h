@@ -33,8 +33,9 @@ int sv_optimizer_by_name(const char *name);    // -1 when unknown
 // Diagonal Gauss-Newton (curvature.c): p -= rate m / (h + damping mean(h)), m the running mean of the gradient, h that of
 // the estimates of the diagonal. No step is longer than so many of Adam's.
 typedef struct {
-  int every;  // steps from one estimate to the next
-  float keep; // of the running mean, an estimate
+  int first_every, first_steps; // steps from one estimate to the next, at first and for how many steps
+  int every;                    // and from there on
+  float keep;                   // of the running mean, an estimate
   float rate_start,
       rate_end;         // log-linear over the run; rate_end times sv_train_haste's square, at most rate_start
   bool is_hasty;        // both rates times sv_train_haste: few pictures, whose gradients agree
@@ -177,6 +178,7 @@ typedef struct {
   sv_supersample supersample;
   sv_train_poses poses;
   sv_prior prior;
+  float tended; // progress up to which what the prior does of its own is done
   sv_planes target, grad;
   sv_planes aux; // gradient of one picture of several
   float *err_plane, *aux_err, *unpack_scratch;
@@ -275,6 +277,8 @@ void sv_train_motion_rates(const sv_trainer *t, float progress, float mean_lr, d
                            float lr[SV_CAP_MROWS]);
 // Relocates slots of opacity <= SV_OPACITY_DEAD; returns how many.
 uint32_t sv_train_relocate(sv_trainer *t);
+// A slot becomes a copy of another, with running means of its own.
+void sv_train_copy_slot(sv_trainer *t, int to, int from);
 // Opacity and scale factor of n copies that together look like one Gaussian of opacity o: 1 - (1-o)^(1/n)
 // and o / K (3DGS-MCMC eq. 9).
 void sv_relocation_split(double o, int n, double *o_new, double *scale_factor);

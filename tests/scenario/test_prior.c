@@ -217,12 +217,95 @@ static void test_failures(void **state) {
   assert_non_null(strstr(shell.said, "9x9 pixels, expected the 96x72"));
 }
 
+// FSGS and SparseGS on a stereo pair, whose views tell of depth themselves; and on one camera with estimated depth, from a
+// program or from files that the dataset names.
+static void test_methods(void **state) {
+  (void)state;
+  lab_shell_need(&shell);
+  static const char *const names[] = {"fsgs", "sparsegs"};
+  for (int i = 0; i < 2; i++) {
+    char line[512];
+    snprintf(line, sizeof line,
+             "@ train --data s --transforms transforms_train_stereo.json --exposures 1 --gaussians 1500 "
+             "--steps 300 --quiet "
+             "--json --eval --out m --prior %s",
+             names[i]);
+    lab_shell_run_well(&shell, line);
+    assert_int_equal((int)number("prior_depth_maps"), 2);
+    assert_true(number("prior_warped") > 10);
+    assert_true(i == 0 ? number("prior_pruned") == 0 : number("prior_pruned") > 0 && number("prior_dip") > 0);
+    print_message("stereo, %s: PSNR %.2f dB, AbsRel %.4f\n", names[i], number("psnr"), number("abs_rel"));
+    assert_true(number("psnr") > 23);
+    lab_shell_run_well(&shell, i ? "grep -q '\"prior\": \"sparsegs\"' m/train.json"
+                                 : "grep -q '\"prior\": \"fsgs\"' m/train.json");
+  }
+  (void)psnr_of("n", "");
+  const double off = number("abs_rel");
+  (void)psnr_of("d", "--prior 'fsgs,external:# disparity' --prior-calls 1 --prior-views 1");
+  assert_int_equal((int)number("prior_depths"), 1);
+  const double prior_off = number("abs_rel");
+  print_message("one camera: AbsRel %.4f, with FSGS and estimated depth %.4f\n", off, prior_off);
+  assert_true(prior_off < 0.8 * off);
+  lab_shell_run_well(&shell, "cp d/prior/call_00/answer_000_disparity.png s/e0.png && sed "
+                             "'s/\"camera\"/\"disparity_prior\": \"e0.png\", \"camera\"/' "
+                             "s/transforms_train_mono.json > s/with.json");
+  lab_shell_run_well(
+      &shell, "@ train --data s --transforms with.json --exposures 1 --gaussians 1500 --steps 30 --quiet "
+              "--json --out w --prior sparsegs");
+  assert_int_equal((int)number("prior_depth_files"), 1);
+  assert_int_equal(
+      lab_shell_run(&shell, "rm s/e0.png; @ train --data s --transforms with.json --exposures 1 --steps 30 "
+                            "--quiet --out w --prior sparsegs"),
+      1);
+  assert_non_null(strstr(shell.said, "e0.png"));
+}
+
+// The runtime itself, on the simulator: the same model from any number of threads, in the block that was planned.
+static void test_run(void **state) {
+  static const char *const methods[] = {"fsgs", "sparsegs"};
+  char line[600];
+  (void)state;
+  lab_shell_need(&shell);
+  for (int i = 0; i < 2; i++) {
+    for (int n = 1; n <= 2; n++) {
+      snprintf(
+          line, sizeof line,
+          "$(dirname @)/subview run --source sim:textured,rig=stereo,size=96x72 --exposures 2 --steps 120 "
+          "--gaussians "
+          "800 --threads %d --prior %s --out r%d --quiet && grep -h '\"digest\"' r%d/run.json > digest%d",
+          n, methods[i], n, n, n);
+      lab_shell_run_well(&shell, line);
+    }
+    lab_shell_run_well(&shell, "test -s digest1 && cmp digest1 digest2");
+    snprintf(line, sizeof line, "grep -q '\"prior\": \"%s\"' r1/run.json && grep -q '\"priors\"' r1/run.json",
+             methods[i]);
+    lab_shell_run_well(&shell, line);
+    snprintf(line, sizeof line, "$(dirname @)/subview plan --prior %s | grep priors", methods[i]);
+    lab_shell_run_well(&shell, line);
+  }
+  assert_int_equal(
+      lab_shell_run(&shell, "$(dirname @)/subview run --source sim:textured,rig=multiplexed --exposures 1 "
+                            "--steps 5 --gaussians 500 --prior fsgs --out r1 --quiet"),
+      1);
+  assert_non_null(strstr(shell.said, "not on multiplexed sensors"));
+  assert_int_equal(
+      lab_shell_run(&shell, "$(dirname @)/subview run --source sim:textured --prior fsgs --live --out r1"),
+      2);
+  assert_int_equal(
+      lab_shell_run(&shell, "$(dirname @)/subview run --source sim:textured --prior magic --out r1"), 2);
+}
+
 static void test_refusals(void **state) {
   (void)state;
   lab_shell_need(&shell);
   assert_int_equal(lab_shell_run(&shell,
                                  "@ train --data s --transforms transforms_train_multiplexed.json --steps 5 "
                                  "--quiet --out m --prior external:true"),
+                   1);
+  assert_non_null(strstr(shell.said, "not on multiplexed sensors"));
+  assert_int_equal(lab_shell_run(&shell,
+                                 "@ train --data s --transforms transforms_train_multiplexed.json --steps 5 "
+                                 "--quiet --out m --prior fsgs"),
                    1);
   assert_non_null(strstr(shell.said, "not on multiplexed sensors"));
   assert_int_equal(train("f", "--prior external:"), 2);
@@ -234,8 +317,9 @@ static void test_refusals(void **state) {
 
 int main(int argc, char **argv) {
   if (argc == 4 && strcmp(argv[1], "--fix") == 0) return fix(argv[2], argv[3]);
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_pictures), cmocka_unit_test(test_depth),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_pictures),  cmocka_unit_test(test_depth),
                                      cmocka_unit_test(test_same_bits), cmocka_unit_test(test_failures),
+                                     cmocka_unit_test(test_methods),   cmocka_unit_test(test_run),
                                      cmocka_unit_test(test_refusals)};
   return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -4,12 +4,16 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include <cmocka.h>
 
 #include "src/base/mathx.h"
+#include "src/prior/methods.h"
 #include "src/prior/views.h"
+#include "src/splat/constants.h"
+#include "src/splat/neighbours.h"
 
 enum { W = 64, H = 64, N = 300 };
 
@@ -41,11 +45,17 @@ static sv_train_cfg config(void) {
   return c;
 }
 
-static void make(sv_trainer *t, const sv_pool *pool, void *memory, size_t bytes) {
+// method NONE: rings alone.
+static void make_with(sv_trainer *t, sv_prior_method method, const sv_pool *pool, void *memory,
+                      size_t bytes) {
   sv_arena a = sv_arena_make(memory, bytes);
   sv_err err = {0};
   sv_train_cfg c = config();
   sv_init_cfg init = {.kind = SV_INIT_SPHERE, .radius = 1, .opacity = 0.3f, .scale_factor = 1, .seed = 4};
+  if (method) {
+    c.prior = (sv_prior_cfg){0};
+    sv_prior_set_method(&c.prior, method, 2);
+  }
   assert_int_equal(sv_trainer_init(t, &c, &kernels, pool, &a, &err), SV_OK);
   for (int i = 0; i < 2; i++) {
     const sv_view v = view_at(0.3f * (float)i);
@@ -53,6 +63,10 @@ static void make(sv_trainer *t, const sv_pool *pool, void *memory, size_t bytes)
     assert_int_equal(sv_train_add_view(t, &v, &im, &err), SV_OK);
   }
   assert_int_equal(sv_train_start(t, &init, NULL, 0, &a), SV_OK);
+}
+
+static void make(sv_trainer *t, const sv_pool *pool, void *memory, size_t bytes) {
+  make_with(t, SV_PRIOR_NONE, pool, memory, bytes);
 }
 
 static int setup(void **state) {
@@ -72,7 +86,7 @@ static void test_rings(void **state) {
   const sv_image_u8 im = {&px[0][0][0], W, H, 3, 3 * W}, small = {&px[0][0][0], W - 1, H, 3, 3 * W};
   int id, first = 0;
   (void)state;
-  assert_int_equal(sv_prior_init(&p, &cfg, sv_plane_floats(W, H), 1, &a), SV_OK);
+  assert_int_equal(sv_prior_init(&p, &cfg, sv_plane_floats(W, H), N, 1, &a), SV_OK);
   assert_int_equal(sv_prior_n_alive(&p, 0), 0);
   assert_int_equal(sv_prior_submit_view(&p, &v, &small, 1, 1, &id), SV_E_RANGE);
   assert_int_equal(sv_prior_submit_view(&p, &v, &im, -1, 1, &id), SV_E_RANGE);
@@ -96,6 +110,15 @@ static void test_rings(void **state) {
   assert_int_equal(sv_prior_submit_depth(&p, 2, map, W, H, SV_PRIOR_RELATIVE, 1), SV_OK);
   assert_non_null(sv_prior_find_depth(&p, 1, &v)); // a second map of a view replaces its first
   assert_true(sv_prior_find_depth(&p, 2, &v)->map[0] == 9);
+  assert_int_equal(sv_prior_submit_depth(&p, id, map, W, H, SV_PRIOR_METRIC, 1), SV_OK);
+  const int kept = sv_prior_find_depth(&p, 1, &v) ? 1 : 2;
+  for (int i = 0; i < 9; i++) { // maps of pseudo-views that are gone give their places to those of later ones
+    for (int k = 0; k < 3; k++) assert_int_equal(sv_prior_submit_view(&p, &v, &im, 1, 1, &id), SV_OK);
+    assert_int_equal(sv_prior_submit_depth(&p, id, map, W, H, SV_PRIOR_METRIC, 1), SV_OK);
+    assert_non_null(sv_prior_find_depth(&p, id, &v));
+    assert_non_null(sv_prior_find_depth(&p, kept, &v));
+  }
+  assert_int_equal(sv_prior_submit_depth(&p, 1, map, W, H, SV_PRIOR_METRIC, 1), SV_OK);
   const sv_view half = sv_view_scaled(&v, 2);
   assert_null(sv_prior_find_depth(&p, 1, &half));
 }
@@ -183,8 +206,154 @@ static void test_steps(void **state) {
   assert_true(mean_of(&trainer, 0, W / 2) > left + 0.05);
 }
 
+// --- methods -------------------------------------------------------------------------------------
+
+static double dip_of(float *v, int n) {
+  static int32_t hull[2 * 4096];
+  sv_prior_sort(v, n);
+  for (int i = 1; i < n; i++) assert_true(v[i - 1] <= v[i]);
+  return sv_prior_dip(v, n, hull);
+}
+
+// Known values: evenly spaced ones 1/(2n), two equal heaps 1/4; what is unimodal has a dip of about the resolution of
+// its distribution function, what is not has half of the trough's share.
+static void test_dip(void **state) {
+  static float v[4096];
+  sv_rng r = sv_rng_make(5, 5);
+  (void)state;
+  for (int n = 2; n < 40; n++) {
+    for (int i = 0; i < n; i++) v[i] = (float)(7 * i % n); // any order
+    if (n % 7) assert_true(fabs(dip_of(v, n) - 0.5 / n) < 1e-12);
+  }
+  for (int i = 0; i < 1000; i++) v[i] = (i & 1 ? 100.0f : 0.0f) + 1e-3f * sv_rng_f(&r);
+  assert_true(fabs(dip_of(v, 1000) - 0.25) < 0.002);
+  for (int i = 0; i < 4000; i++) v[i] = sv_rng_normal(&r);
+  assert_true(dip_of(v, 4000) < 0.01);
+  for (int i = 0; i < 4000; i++) v[i] = sv_rng_f(&r) * sv_rng_f(&r); // steep, one mode
+  assert_true(dip_of(v, 4000) < 0.01);
+  for (int i = 0; i < 1000; i++) v[i] = (i % 5 == 0 ? 100.0f : 0.0f) + 1e-3f * sv_rng_f(&r); // a fifth apart
+  assert_true(fabs(dip_of(v, 1000) - 0.1) < 0.002);
+  for (int i = 0; i < 100; i++) v[i] = 3;
+  assert_true(dip_of(v, 100) == 0.5 / 100);
+}
+
+static void test_neighbours(void **state) {
+  static float xyz[3 * 200], dist2[200];
+  static int32_t nearest[3 * 200];
+  sv_rng r = sv_rng_make(6, 1);
+  sv_arena a = sv_arena_make(block, sizeof block);
+  (void)state;
+  for (int i = 0; i < 600; i++) xyz[i] = sv_rng_f(&r);
+  assert_int_equal(sv_neighbours_find(xyz, 200, dist2, nearest, &a), SV_OK);
+  for (int i = 0; i < 200; i++) { // nobody else is nearer than the third
+    float d[3];
+    int n_nearer = 0;
+    for (int k = 0; k < 3; k++) {
+      const float *p = xyz + 3 * i, *q = xyz + 3 * nearest[3 * i + k];
+      d[k] = (p[0] - q[0]) * (p[0] - q[0]) + (p[1] - q[1]) * (p[1] - q[1]) + (p[2] - q[2]) * (p[2] - q[2]);
+    }
+    assert_true(d[0] <= d[1] && d[1] <= d[2] && fabsf(dist2[i] - (d[0] + d[1] + d[2]) / 3) < 1e-6f);
+    for (int j = 0; j < 200; j++) {
+      const float *p = xyz + 3 * i, *q = xyz + 3 * j;
+      n_nearer +=
+          (p[0] - q[0]) * (p[0] - q[0]) + (p[1] - q[1]) * (p[1] - q[1]) + (p[2] - q[2]) * (p[2] - q[2]) <
+          d[2];
+    }
+    assert_int_equal(n_nearer, 3); // itself, and two
+  }
+}
+
+static void put(int i, float x, float y, float z, float log_scale, float opacity_logit) {
+  float *p = sv_gaussians_at(&trainer.g, i, 0);
+  p[0] = x, p[16] = y, p[32] = z;
+  for (int k = 0; k < 3; k++) p[16 * (SV_ROW_SCALE + k)] = log_scale;
+  p[16 * SV_ROW_LOGIT] = opacity_logit;
+}
+
+// A lattice with a far-off point: new ones come to the middles of the edges to its neighbours, in dead slots alone.
+static void test_unpool(void **state) {
+  (void)state;
+  make_with(&trainer, SV_PRIOR_FSGS, &in_order, block, sizeof block);
+  trainer.prior.cfg.unpool_share = 1;
+  for (int i = 0; i < N; i++)
+    put(i, 0.1f * (float)(i % 7), 0.1f * (float)(i / 7 % 7), 0.1f * (float)(i / 49), -3,
+        i < 290 ? 2.0f : -9.0f);
+  put(0, 9, 9, 9, -3, 2);
+  assert_int_equal(sv_prior_unpool(&trainer), 3);
+  for (int i = 290; i < 293; i++) {
+    assert_true(*sv_gaussians_at(&trainer.g, i, 0) > 4 && *sv_gaussians_at(&trainer.g, i, 0) < 6);
+    assert_true(*sv_gaussians_at(&trainer.g, i, SV_ROW_LOGIT) == 2.0f);
+  }
+  assert_true(*sv_gaussians_at(&trainer.g, 293, SV_ROW_LOGIT) == -9.0f);
+  for (int i = 0; i < N; i++) *sv_gaussians_at(&trainer.g, i, SV_ROW_LOGIT) = 2.0f;
+  assert_int_equal(sv_prior_unpool(&trainer), 0); // no slot to be had
+}
+
+// A wall, and before a small part of it a heavy veil that leaves a bit of the wall to be seen: the veil is taken.
+static void test_prune(void **state) {
+  uint32_t n_pruned;
+  (void)state;
+  make_with(&trainer, SV_PRIOR_SPARSEGS, &in_order, block, sizeof block);
+  for (int i = 0; i < 256; i++) put(i, 0.16f * (float)(i % 16 - 8), 0.16f * (float)(i / 16 - 8), 1, -2.2f, 5);
+  for (int i = 256; i < N; i++)
+    put(i, 0.05f * (float)(i % 6 - 3), 0.05f * (float)(i / 6 % 7 - 3), -1.5f, -3, 0.2f);
+  assert_int_equal(sv_prior_prune(&trainer, &n_pruned), SV_OK);
+  int n_veil = 0, n_wall = 0;
+  for (int i = 0; i < N; i++)
+    if (*sv_gaussians_at(&trainer.g, i, SV_ROW_LOGIT) < -5) n_veil += i >= 256, n_wall += i < 256;
+  assert_int_equal(n_veil + n_wall, n_pruned);
+  assert_true(n_veil > 10 && n_wall < 10);
+}
+
+// A method's run: the same bits in any order of tasks; relocation puts pruned slots to use.
+static void test_methods(void **state) {
+  (void)state;
+  for (int m = SV_PRIOR_FSGS; m <= SV_PRIOR_SPARSEGS; m++) {
+    static float map[W * H];
+    for (int i = 0; i < W * H; i++) map[i] = 1.0f + 0.01f * (float)(i % W);
+    make_with(&trainer, (sv_prior_method)m, &in_order, block, sizeof block);
+    make_with(&other, (sv_prior_method)m, &backwards, again, sizeof again);
+    for (int k = 0; k < 2; k++) {
+      sv_trainer *t = k ? &other : &trainer;
+      t->cfg.relocate_every = 10;
+      t->prior.cfg.unpool_distance = 1.2f;
+      for (int i = 0; i < 30; i++) *sv_gaussians_at(&t->g, 9 * i, SV_ROW_LOGIT) = -9;
+      assert_int_equal(sv_prior_submit_depth(&t->prior, 0, map, W, H, SV_PRIOR_RELATIVE, 0.05f), SV_OK);
+      for (int i = 0; i < 120; i++) assert_int_equal(sv_train_step(t, (float)i / 120, NULL), SV_OK);
+    }
+    assert_true(sv_train_digest(&trainer) == sv_train_digest(&other));
+    assert_true(trainer.prior.n_warped > 3);
+    if (m == SV_PRIOR_FSGS) assert_true(trainer.prior.n_unpooled > 0);
+    else assert_true(trainer.prior.n_pruned > 0 && trainer.n_relocated > 0);
+  }
+}
+
+// Carried by true depth, a picture is where it belongs.
+static void test_warp(void **state) {
+  static float map[W * H];
+  (void)state;
+  make_with(&trainer, SV_PRIOR_SPARSEGS, &in_order, block, sizeof block);
+  for (int i = 0; i < W * H; i++) map[i] = 3;
+  for (int i = 0; i < 2; i++)
+    assert_int_equal(sv_prior_submit_depth(&trainer.prior, i, map, W, H, SV_PRIOR_METRIC, 1), SV_OK);
+  trainer.cfg.unseen_rad = 0; // the same view again
+  assert_int_equal(sv_prior_warp(&trainer, 1), SV_OK);
+  const uint8_t *rgba = trainer.prior.views[0].rgba;
+  int n_same = 0;
+  for (int y = 4; y < H - 4; y++)
+    for (int x = 4; x < W - 4; x++) {
+      const uint8_t *p = rgba + 4 * (y * W + x);
+      assert_int_equal(p[3], 255);
+      n_same += p[0] == px[y][x][0];
+    }
+  assert_true(n_same > (H - 8) * (W - 8) * 9 / 10);
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_rings), cmocka_unit_test(test_memory),
-                                     cmocka_unit_test(test_views), cmocka_unit_test(test_steps)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_rings),  cmocka_unit_test(test_memory),
+                                     cmocka_unit_test(test_views),  cmocka_unit_test(test_steps),
+                                     cmocka_unit_test(test_dip),    cmocka_unit_test(test_neighbours),
+                                     cmocka_unit_test(test_unpool), cmocka_unit_test(test_prune),
+                                     cmocka_unit_test(test_warp),   cmocka_unit_test(test_methods)};
   return cmocka_run_group_tests(tests, setup, NULL);
 }

@@ -242,14 +242,19 @@ static sv_status load_pictures(run *r, sv_err *err) {
   return s == SV_OK ? add_noise(r, err) : s;
 }
 
+static sv_bounds bounds_of(const run *r) {
+  sv_bounds b = {.radius = r->init.radius};
+  memcpy(b.centre, r->init.centre, sizeof b.centre);
+  return b;
+}
+
 // Points from the views themselves, where they overlap; else the random start stays.
 static sv_status measure_points(run *r, sv_err *err) {
   sv_trainer *t = &r->plan.trainer;
   const int n = t->g.n;
-  sv_bounds b = {.radius = r->init.radius};
+  const sv_bounds b = bounds_of(r);
   double t0 = lab_seconds(&r->session);
   int n_maps;
-  memcpy(b.centre, r->init.centre, sizeof b.centre);
   if (!(r->points = malloc((size_t)n * sizeof *r->points)))
     return sv_fail(err, SV_E_NOMEM, "no memory for %d points", n);
   sv_status s = sv_stereo_points(t, &b, &r->plan.scratch, r->points, n, &r->n_points, &n_maps);
@@ -492,7 +497,8 @@ static sv_status stages(run *r, sv_err *err) {
   lab_say(&r->session, "%d views of up to %dx%d%s, %d Gaussians, %.1f MB, loaded in %.2f s", r->views.n,
           r->views.cap_width_px, r->views.cap_height_px, r->views.is_undistorted ? " (undistorted)" : "",
           r->plan.trainer.g.n, 1e-6 * (double)r->plan.bytes, r->load_s);
-  s = lab_prior_begin(&r->prior, &r->session, r->o, &r->views, &r->plan.trainer, err);
+  const sv_bounds b = bounds_of(r);
+  s = lab_prior_begin(&r->prior, &r->session, r->o, &r->views, &r->plan.trainer, &b, &r->plan.scratch, err);
   if (s != SV_OK || (s = train(r, err)) != SV_OK) return s;
   if ((s = save(r, err)) != SV_OK) return s; // whatever comes later, the model is there
   if (r->o->is_eval && !r->is_stopped) {

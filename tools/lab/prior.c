@@ -22,34 +22,52 @@
   0.5f // of cfg.unseen_rad, and how much more at the end: a model learns to be seen from afar
 #define TURN_MORE 1.0f
 
+// [METHOD,]external:CMD
 static const char *command_of(const char *prior) {
   static const char key[] = "external:";
-  return prior && strncmp(prior, key, sizeof key - 1) == 0 ? prior + sizeof key - 1 : NULL;
+  const char *more = prior ? strchr(prior, ',') : NULL;
+  if (!prior) return NULL;
+  if (strncmp(prior, key, sizeof key - 1) == 0) return prior + sizeof key - 1;
+  return more && strncmp(more + 1, key, sizeof key - 1) == 0 ? more + sizeof key : NULL;
+}
+
+// -1: no such method.
+static int method_of(const char *prior) {
+  const size_t n = prior ? strcspn(prior, ",") : 0;
+  if (!prior || strncmp(prior, "external:", 9) == 0) return SV_PRIOR_NONE;
+  for (int m = SV_PRIOR_NONE; m <= SV_PRIOR_SPARSEGS; m++) {
+    const char *name = sv_prior_method_name((sv_prior_method)m);
+    if (strlen(name) == n && strncmp(prior, name, n) == 0 && (!prior[n] || command_of(prior))) return m;
+  }
+  return -1;
 }
 
 int lab_prior_check(const lab_options *o) {
   const char *command = command_of(o->prior);
   const bool has_more =
       o->prior_views >= 0 || o->prior_calls >= 0 || o->prior_limit_s >= 0 || o->prior_weight >= 0;
-  if (o->prior && (sv_str_eq(o->prior, "fsgs") || sv_str_eq(o->prior, "sparsegs")))
-    return lab_usage("train", "--prior %s is not supported yet", o->prior);
-  if (o->prior && !sv_str_eq(o->prior, "none") && !(command && *command))
-    return lab_usage("train", "--prior is none or external:CMD, not '%.80s'", o->prior);
+  if (method_of(o->prior) < 0 || (command && !*command))
+    return lab_usage(
+        "train", "--prior is none, fsgs, sparsegs, external:CMD or fsgs,external:CMD, not '%.80s'", o->prior);
   if (has_more && !command)
     return lab_usage("train",
                      "--prior-views, --prior-calls, --prior-weight and --prior-limit belong to --prior "
                      "external:CMD");
-  if (command && o->method && sv_str_eq(o->method, "4dgs"))
+  if ((command || method_of(o->prior) > 0) && o->method && sv_str_eq(o->method, "4dgs"))
     return lab_usage("train", "--prior is for still scenes, not with --model 4dgs");
   return LAB_EXIT_OK;
 }
 
 void lab_prior_cfg(const lab_options *o, const lab_views *v, sv_train_cfg *c) {
   const int n = o->prior_views > 0 ? (int)o->prior_views : LAB_PRIOR_VIEWS;
-  if (!command_of(o->prior)) return;
-  c->prior.cap_pseudo = KEPT_CALLS * n;
-  c->prior.cap_depths = c->prior.cap_pseudo + v->n;
-  c->prior.every = PSEUDO_EVERY;
+  if (command_of(o->prior)) {
+    c->prior.cap_pseudo = KEPT_CALLS * n;
+    c->prior.cap_depths = c->prior.cap_pseudo + v->n;
+    c->prior.every = PSEUDO_EVERY;
+  }
+  const int every = c->prior.every;
+  sv_train_set_prior(c, (sv_prior_method)method_of(o->prior), v->n);
+  if (every > 0) c->prior.every = every, c->prior.warp_every = 0; // mended views instead of warped ones
 }
 
 // --- what a call is given ------------------------------------------------------------------------
@@ -204,23 +222,46 @@ static void set_depth_unit(lab_prior *p) {
   p->depth_unit = (farthest + 4.0 * (double)t->radius) / 65535.0; // well behind the scene
 }
 
-sv_status lab_prior_begin(lab_prior *p, lab_session *se, const lab_options *o, const lab_views *v,
-                          sv_trainer *t, sv_err *err) {
-  *p = (lab_prior){.o = o, .session = se, .trainer = t, .views = v, .command = command_of(o->prior)};
-  if (!p->command) return SV_OK;
-  const size_t px = v->cap_floats;
+// What the pictures themselves tell of depth, for the views that nobody else told of.
+static sv_status measure(lab_prior *p, const sv_bounds *bounds, sv_arena *scratch, sv_err *err) {
+  sv_status s = sv_prior_measure(p->trainer, bounds, scratch, &p->n_maps);
+  if (s < 0) return sv_fail(err, s, "no depth maps for --prior: %s", sv_status_text(s));
+  if (p->n_maps > 0) lab_say(p->session, "depth maps of %d views from where they overlap", p->n_maps);
+  if (p->n_maps + p->n_files + p->n_depths == 0)
+    lab_say(p->session,
+            "--prior %s: no depth maps (the views do not overlap, the dataset has no depth_prior); going on "
+            "without a loss "
+            "of depth",
+            sv_prior_method_name(p->method));
+  return SV_OK;
+}
+
+static sv_status begin_calls(lab_prior *p, sv_err *err) {
+  const lab_options *o = p->o;
   p->n_views = o->prior_views > 0 ? (int)o->prior_views : LAB_PRIOR_VIEWS;
   p->limit_s = o->prior_limit_s > 0 ? o->prior_limit_s : LAB_PRIOR_LIMIT_S;
   p->next = FIRST_CALL;
-  p->request = malloc((size_t)p->n_views * sizeof *p->request);
-  p->rgba = malloc(4 * px), p->units = malloc(px * sizeof *p->units), p->map = malloc(px * sizeof *p->map);
-  if (!p->request || !p->rgba || !p->units || !p->map)
-    return sv_fail(err, SV_E_NOMEM, "no memory for the pictures of --prior");
+  if (!(p->request = malloc((size_t)p->n_views * sizeof *p->request)))
+    return sv_fail(err, SV_E_NOMEM, "no memory for the views of --prior");
   set_depth_unit(p);
   sv_status s = call_with_pictures(p, err);
   if (s == SV_OK && p->n_depths > 0)
-    lab_say(se, "depth maps of %d of %d views from '%.80s'", p->n_depths, v->n, p->command);
+    lab_say(p->session, "depth maps of %d of %d views from '%.80s'", p->n_depths, p->views->n, p->command);
   return s;
+}
+
+sv_status lab_prior_begin(lab_prior *p, lab_session *se, const lab_options *o, const lab_views *v,
+                          sv_trainer *t, const sv_bounds *bounds, sv_arena *scratch, sv_err *err) {
+  *p = (lab_prior){.o = o, .session = se, .trainer = t, .views = v, .command = command_of(o->prior)};
+  p->method = (sv_prior_method)method_of(o->prior);
+  if (!p->command && !p->method) return SV_OK;
+  const size_t px = v->cap_floats;
+  p->rgba = malloc(4 * px), p->units = malloc(px * sizeof *p->units), p->map = malloc(px * sizeof *p->map);
+  if (!p->rgba || !p->units || !p->map)
+    return sv_fail(err, SV_E_NOMEM, "no memory for the pictures of --prior");
+  sv_status s = lab_prior_load(p, err);
+  if (s == SV_OK && p->command) s = begin_calls(p, err);
+  return s == SV_OK && p->method ? measure(p, bounds, scratch, err) : s;
 }
 
 void lab_prior_tick(lab_prior *p, float progress) {
@@ -238,6 +279,16 @@ void lab_prior_tick(lab_prior *p, float progress) {
 }
 
 void lab_prior_report(lab_report *j, const lab_prior *p) {
+  if (p->command || p->method) {
+    lab_report_int(j, "prior_depth_files", p->n_files);
+    lab_report_int(j, "prior_depth_maps", p->n_maps);
+  }
+  if (p->method) {
+    lab_report_int(j, "prior_warped", p->trainer->prior.n_warped);
+    lab_report_int(j, "prior_unpooled", p->trainer->prior.n_unpooled);
+    lab_report_int(j, "prior_pruned", p->trainer->prior.n_pruned);
+    lab_report_num(j, "prior_dip", p->trainer->prior.last_dip);
+  }
   if (!p->command) return;
   lab_report_int(j, "prior_calls", p->n_calls);
   lab_report_int(j, "prior_pictures", p->n_pictures);

@@ -4,6 +4,7 @@
 #ifndef SV_TOOLS_LAB_PRIOR_H
 #define SV_TOOLS_LAB_PRIOR_H
 
+#include "src/prior/methods.h"
 #include "src/prior/views.h"
 #include "tools/lab/lab.h"
 #include "tools/lab/report.h"
@@ -16,12 +17,14 @@ typedef struct {
   lab_session *session;
   sv_trainer *trainer;
   const lab_views *views;
+  sv_prior_method method;
   const char *command; // of external:, else NULL
   int n_views;         // of a call
   double limit_s, depth_unit;
   float next; // progress of the next call
   int n_calls, n_pictures, n_depths;
-  bool is_off; // a call failed; training goes on without
+  int n_files, n_maps; // depth maps of the dataset, and of the views themselves
+  bool is_off;         // a call failed; training goes on without
   double seconds;
   sv_view *request;  // [n_views] of the last call
   uint8_t *rgba;     // [cap_pixels][4]
@@ -34,9 +37,10 @@ typedef struct {
 int lab_prior_check(const lab_options *o);
 // Room for what the prior will hand in. n_views: that are trained on.
 void lab_prior_cfg(const lab_options *o, const lab_views *v, sv_train_cfg *c);
-// The first call, with the training pictures, before the first step: a command that fails here stops the run.
+// Depth maps of the dataset, then the first call, with the training pictures, then what a method needs: before the first
+// step. A command that fails here stops the run. bounds, scratch: as for a stereo start.
 sv_status lab_prior_begin(lab_prior *p, lab_session *s, const lab_options *o, const lab_views *v,
-                          sv_trainer *t, sv_err *err) SV_MUST_USE;
+                          sv_trainer *t, const sv_bounds *bounds, sv_arena *scratch, sv_err *err) SV_MUST_USE;
 // Before a step: calls when it is time. A call that fails is told in a line, and is the last.
 void lab_prior_tick(lab_prior *p, float progress);
 void lab_prior_report(lab_report *j, const lab_prior *p); // what came of it
@@ -49,5 +53,7 @@ sv_status lab_prior_run(const char *command, const char *folder, const char *log
                         const sv_console *console, sv_err *err) SV_MUST_USE;
 // What came back for view i of a call (prior_answer.c): `id` of a view that has a number, -1: one of the request.
 sv_status lab_prior_take(lab_prior *p, int i, int id, float until, sv_err *err) SV_MUST_USE;
+// The depth maps that the dataset names (depth_prior, disparity_prior).
+sv_status lab_prior_load(lab_prior *p, sv_err *err) SV_MUST_USE;
 
 #endif

@@ -18,7 +18,7 @@ static bool find(const lab_prior *p, int i, const char *what, char *path) {
 
 static sv_status check_size(const char *path, int w, int h, const sv_view *v, sv_err *err) {
   if (w == v->width_px && h == v->height_px) return SV_OK;
-  return sv_fail(err, SV_E_FORMAT, "%s: %dx%d pixels, expected the %dx%d that were asked for", path, w, h,
+  return sv_fail(err, SV_E_FORMAT, "%s: %dx%d pixels, expected the %dx%d that are trained on", path, w, h,
                  v->width_px, v->height_px);
 }
 
@@ -123,4 +123,30 @@ sv_status lab_prior_take(lab_prior *p, int i, int id, float until, sv_err *err) 
     if (s != SV_OK) return s;
   }
   return take_depth(p, i, id, v, err);
+}
+
+sv_status lab_prior_load(lab_prior *p, sv_err *err) {
+  for (int i = 0; i < p->views->n; i++) {
+    const lab_frame *f = &p->views->frames[i];
+    sv_prior_depth_kind kind =
+        f->f.prior_kind == SV_TRANSFORMS_DISPARITY ? SV_PRIOR_INVERSE : SV_PRIOR_RELATIVE;
+    char path[SV_CAP_PATH];
+    sv_status s;
+    if (!f->f.prior_kind) continue;
+    if ((s = sv_path_join(path, sizeof path, p->o->data, f->f.prior_path, err)) != SV_OK) return s;
+    if (f->is_distorted)
+      return sv_fail(err, SV_E_UNSUPPORTED,
+                     "%s: depth priors of distorted pictures are not supported, expected a pinhole "
+                     "camera",
+                     path);
+    if (strcmp(sv_path_extension(path), ".pfm") == 0)
+      kind = SV_PRIOR_METRIC, s = read_pfm(p, path, &f->view, err);
+    else s = read_png(p, path, &f->view, kind == SV_PRIOR_INVERSE, err);
+    if (s != SV_OK) return s;
+    s = sv_prior_submit_depth(&p->trainer->prior, i, p->map, f->view.width_px, f->view.height_px, kind,
+                              DEPTH_WEIGHT);
+    if (s != SV_OK) return sv_fail(err, s, "%s: %s", path, sv_status_text(s));
+    p->n_files++;
+  }
+  return SV_OK;
 }

@@ -1,0 +1,207 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <string.h>
+
+#include "src/base/mathx.h"
+#include "src/base/str.h"
+#include "src/prior/methods.h"
+#include "src/prior/views.h"
+#include "src/splat/constants.h"
+#include "src/train/sweep.h"
+
+#define LEAST_PIXELS 64    // for a fit of two numbers
+#define EDGE         0.05f // relative step of depth to the next pixel: between two surfaces there is nothing
+#define SAME         0.02f // relative: the first of two that fall on a pixel stays
+
+static const char *const names[] = {"none", "fsgs", "sparsegs"};
+
+const char *sv_prior_method_name(sv_prior_method m) { return names[m]; }
+
+int sv_prior_method_by_name(const char *name) {
+  for (int i = 0; i < 3; i++)
+    if (sv_str_eq(name, names[i])) return i;
+  return -1;
+}
+
+void sv_train_set_prior(sv_train_cfg *c, sv_prior_method method, int n_views) {
+  sv_prior_set_method(&c->prior, method, n_views);
+  // One exposure cannot tell how colour turns: what was switched off stays off.
+  if (method == SV_PRIOR_FSGS && c->sh_step <= 1.0f) c->sh_step = 0.05f;
+}
+
+// --- depth of the source -------------------------------------------------------------------------
+
+typedef struct {
+  double a, b; // what the rendering has = a map + b
+  bool is_inverse, is_good;
+} fit;
+
+static float value_at(const sv_prior_depth *d, int x, int y) {
+  return d->map[(size_t)y * (size_t)d->width_px + (size_t)x];
+}
+
+// Least squares over the pixels that both know.
+static fit align(const sv_trainer *t, const sv_prior_depth *d) {
+  const sv_planes *size = &t->render.rgb;
+  double n = 0, mm = 0, mr = 0, vm = 0, c = 0;
+  fit f = {.a = 1, .is_inverse = d->kind == SV_PRIOR_INVERSE, .is_good = d->kind == SV_PRIOR_METRIC};
+  if (f.is_good) return f;
+  for (int pass = 0; pass < 2; pass++) {
+    for (int y = 0; y < size->height_px; y++)
+      for (int x = 0; x < size->width_px; x++) {
+        const float e = t->prior.expected[(size_t)y * (size_t)size->stride + (size_t)x],
+                    v = value_at(d, x, y);
+        if (!(e > 0.0f) || v < 0.0f) continue;
+        const double r = f.is_inverse ? 1.0 / (double)e : (double)e, m = (double)v;
+        if (pass == 0) n++, mm += m, mr += r;
+        else vm += (m - mm) * (m - mm), c += (m - mm) * (r - mr);
+      }
+    if (pass == 0 && n > 0) mm /= n, mr /= n;
+  }
+  if (n < LEAST_PIXELS || !(vm > 0) || !(c > 0)) return f;
+  f.a = c / vm, f.b = mr - f.a * mm;
+  f.is_good = true;
+  return f;
+}
+
+// Depth of the source's pixels in place of the rendering's, 0 where it is not known.
+static void bring_to_scale(sv_trainer *t, const sv_prior_depth *d) {
+  const sv_planes *size = &t->render.rgb;
+  const fit f = align(t, d);
+  for (int y = 0; y < size->height_px && f.is_good; y++)
+    for (int x = 0; x < size->width_px; x++) {
+      float *e = &t->prior.expected[(size_t)y * (size_t)size->stride + (size_t)x];
+      const float v = value_at(d, x, y);
+      const double z = f.a * (double)v + f.b;
+      *e = v < 0.0f || !(z > 0) ? 0.0f : (float)(f.is_inverse ? 1 / z : z);
+    }
+}
+
+// --- splatting -----------------------------------------------------------------------------------
+
+typedef struct {
+  const sv_view *from, *to;
+  float *z;      // [height][width] of `to`, -1: nothing there
+  uint8_t *rgba; // the same
+} splat_job;
+
+static void put(const splat_job *j, int x, int y, float z, const uint8_t *rgb) {
+  if (x < 0 || y < 0 || x >= j->to->width_px || y >= j->to->height_px) return;
+  const size_t at = (size_t)y * (size_t)j->to->width_px + (size_t)x;
+  if (j->z[at] > 0.0f && z > j->z[at] * (1.0f - SAME)) return;
+  j->z[at] = z;
+  memcpy(j->rgba + 4 * at, rgb, 3);
+  j->rgba[4 * at + 3] = 255;
+}
+
+// One pixel of the source goes to where it falls; in a second round also to the two by two pixels around, for what is
+// still empty there or farther away: no holes at small turns.
+static void carry(const splat_job *j, int x, int y, float z, const uint8_t *rgb, bool is_around) {
+  const sv_view *a = j->from, *b = j->to;
+  const float c[3] = {((float)x + 0.5f - a->cx) / a->fx * z - a->t[0],
+                      ((float)y + 0.5f - a->cy) / a->fy * z - a->t[1], z - a->t[2]};
+  float w[3], p[3];
+  for (int k = 0; k < 3; k++) w[k] = a->r[k] * c[0] + a->r[3 + k] * c[1] + a->r[6 + k] * c[2];
+  for (int k = 0; k < 3; k++)
+    p[k] = b->r[3 * k] * w[0] + b->r[3 * k + 1] * w[1] + b->r[3 * k + 2] * w[2] + b->t[k];
+  if (!(p[2] > 0.1f * z)) return;
+  const float u = b->fx * p[0] / p[2] + b->cx - 0.5f, v = b->fy * p[1] / p[2] + b->cy - 0.5f;
+  if (!(u > -2.0f && v > -2.0f && u < (float)b->width_px + 1.0f && v < (float)b->height_px + 1.0f)) return;
+  if (!is_around) {
+    put(j, (int)floorf(u + 0.5f), (int)floorf(v + 0.5f), p[2], rgb);
+    return;
+  }
+  const int iu = (int)floorf(u), iv = (int)floorf(v);
+  for (int k = 0; k < 4; k++) put(j, iu + (k & 1), iv + (k >> 1), p[2], rgb);
+}
+
+static bool is_edge(const float *e, long step) {
+  return fabsf(e[step] - e[0]) > EDGE * e[0] || fabsf(e[-step] - e[0]) > EDGE * e[0];
+}
+
+static void splat_all(const sv_trainer *t, const splat_job *j, const sv_image_u8 *im, bool is_around) {
+  const long stride = t->render.rgb.stride;
+  for (int y = 1; y < im->height_px - 1; y++)
+    for (int x = 1; x < im->width_px - 1; x++) {
+      const float *e = t->prior.expected + (long)y * stride + x;
+      const uint8_t *px = im->px + (size_t)y * (size_t)im->stride_bytes + (size_t)(x * im->n_channels);
+      if (!(e[0] > 0.0f) || is_edge(e, 1) || is_edge(e, stride)) continue;
+      if (im->n_channels == 4 && px[3] < 128) continue;
+      carry(j, x, y, e[0], px, is_around);
+    }
+}
+
+static float ramp(const sv_prior_cfg *c, float progress) {
+  return sv_clampf((progress - c->warp_from) / c->warp_ramp, 0.0f, 1.0f);
+}
+
+sv_status sv_prior_warp(sv_trainer *t, float progress) {
+  sv_prior *p = &t->prior;
+  const int i = (int)sv_rng_below(&p->rng, (uint32_t)t->n_views);
+  const sv_train_view *from = &t->views[i];
+  const sv_view to = sv_train_turned_view(t, &from->view, t->cfg.unseen_rad, &p->rng);
+  const size_t n = (size_t)to.width_px * (size_t)to.height_px;
+  const float up = ramp(&p->cfg, progress);
+  const splat_job j = {.from = &from->view, .to = &to, .z = p->g_expected, .rgba = p->warped};
+  const sv_image_u8 out = {p->warped, to.width_px, to.height_px, 4, 4 * to.width_px};
+  int id;
+  const sv_prior_depth *d = sv_prior_depth_of(t, i, &from->view);
+  if (!d && !(p->cfg.warp_colour > 0.0f))
+    return SV_OK; // its own depth would teach a model nothing but itself
+  sv_status s = sv_prior_render(t, &from->view, progress);
+  if (s < 0) return s;
+  if (d) bring_to_scale(t, d);
+  for (size_t k = 0; k < n; k++) j.z[k] = -1.0f;
+  memset(p->warped, 0, 4 * n);
+  for (int k = 0; k < 2; k++) splat_all(t, &j, &from->image, k == 1);
+  s = sv_prior_submit_view(p, &to, &out, up * p->cfg.warp_colour, 2.0f, &id);
+  if (s >= 0 && p->cfg.warp_depth > 0.0f)
+    s = sv_prior_submit_depth(p, id, j.z, to.width_px, to.height_px, SV_PRIOR_RELATIVE,
+                              up * p->cfg.warp_depth);
+  p->n_warped++;
+  return s;
+}
+
+// --- depth maps of the views themselves ----------------------------------------------------------
+
+sv_status sv_prior_measure(sv_trainer *t, const sv_bounds *bounds, sv_arena *scratch, int *n_maps) {
+  sv_sweep sweep;
+  const size_t mark = sv_arena_mark(scratch);
+  sv_status s = sv_sweep_run(&sweep, t, bounds, SV_SWEEP_CAP_PX, scratch);
+  *n_maps = 0;
+  for (int i = 0; s == SV_OK && i < sweep.n; i++) {
+    const sv_depth_map *m = &sweep.map[i];
+    const sv_view *v = &t->views[m->i_view].view;
+    float *map = t->prior.g_expected;
+    if (m->n_measured < LEAST_PIXELS || sv_prior_depth_of(t, m->i_view, v)) continue;
+    for (int y = 0; y < v->height_px; y++)
+      for (int x = 0; x < v->width_px; x++) {
+        const float z = x / m->k < m->view.width_px && y / m->k < m->view.height_px
+                            ? sv_sweep_depth(m, x / m->k, y / m->k)
+                            : 0.0f;
+        map[(size_t)y * (size_t)v->width_px + (size_t)x] = z > 0.0f ? z : -1.0f;
+      }
+    s = sv_prior_submit_depth(&t->prior, m->i_view, map, v->width_px, v->height_px, SV_PRIOR_RELATIVE,
+                              t->prior.cfg.depth_weight);
+    *n_maps += s == SV_OK;
+  }
+  sv_arena_reset(scratch, mark);
+  return s == SV_AGAIN ? SV_OK : s;
+}
+
+// --- when ----------------------------------------------------------------------------------------
+
+sv_status sv_prior_tend(sv_trainer *t, float before, float progress) {
+  const sv_prior_cfg *c = &t->prior.cfg;
+  const uint32_t every = (uint32_t)sv_maxi(t->cfg.relocate_every, 1);
+  uint32_t n_pruned;
+  sv_status s = SV_OK;
+  if (!c->method || t->n_views < 1) return SV_OK;
+  for (int i = 0; i < 2 && s >= 0; i++)
+    if (before < c->prune_at[i] && progress >= c->prune_at[i]) s = sv_prior_prune(t, &n_pruned);
+  if (progress >= c->unpool_from && progress < sv_minf(c->unpool_until, t->cfg.relocate_until) &&
+      t->step % every == 0)
+    (void)sv_prior_unpool(t); // before relocation takes the dead slots
+  const bool is_warped = c->warp_every > 0 && progress > c->warp_from && progress <= c->warp_until;
+  if (s >= 0 && is_warped && t->step % (uint32_t)c->warp_every == 0) s = sv_prior_warp(t, progress);
+  return s;
+}
