@@ -122,6 +122,7 @@ static sv_status carve_dynamic(sv_trainer *t, const sv_train_cfg *c, sv_arena *a
   for (size_t i = 0; i < sizeof each / sizeof *each; i++) *each[i] = SV_TAKE(a, float, t->g.cap);
   bool is_followed = c->dynamic.kind == SV_DEFORM_CLIP && c->dynamic.is_followed && c->dynamic.grow_until > 0;
   t->follow = is_followed ? SV_TAKE(a, sv_follow_sum, t->g.cap) : NULL;
+  t->near = is_followed ? sv_local_motion_carve(t->g.cap, a) : NULL;
   t->deform.kind = c->dynamic.kind;
   if (c->dynamic.kind == SV_DEFORM_FIELD) {
     sv_field_cfg fc = c->dynamic.field;

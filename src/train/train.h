@@ -12,6 +12,7 @@
 #include "src/prior/prior.h"
 #include "src/rig/forward.h"
 #include "src/splat/render.h"
+#include "src/train/local_motion.h"
 #include "src/train/poses.h"
 
 #ifdef __cplusplus
@@ -170,6 +171,7 @@ typedef struct {
   // residual over them, largest deviation over the cameras; pixels of the current frame, their residuals' sum
   float *n_seen, *res_mean, *res_dev, *unrest, *weight, *residual;
   sv_follow_sum *follow; // [cap], NULL unless times come in one by one
+  sv_local_motion *near; // as follow
   float followed;        // progress up to which the times that came in were followed
   sv_renderer render;
   sv_photometric photometric;
