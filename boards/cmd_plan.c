@@ -2,13 +2,14 @@
 // subview plan: the memory map of a run on this board, and what else would fit.
 #include "boards/board_main.h"
 #include "src/app/arrays.h"
+#include "src/prior/methods.h"
 
 #define CAP_TRACKED 16 // cameras of a plan with odometry
 
 typedef struct {
   long gaussians, sh, images, threads, arena_mib;
   long odometry; // sub-views of a rig whose poses are not known; 0: they are
-  const char *size, *grid;
+  const char *size, *grid, *prior;
   bool is_json;
 } plan_options;
 
@@ -30,6 +31,7 @@ static size_t bytes_of(const plan_options *o, long gaussians, int sh, long image
                   .n_exposures = (int)((images + n - 1) / n),
                   .is_tracking = o->odometry > 0,
                   .skew_limit_ns = 20 * SV_NS_PER_MS,
+                  .prior = (sv_prior_method)sv_prior_method_by_name(o->prior),
                   .train = sv_train_defaults(),
                   .steps = 1};
   c.train.n_gaussians = (int)gaussians;
@@ -141,6 +143,7 @@ int cmd_plan(int argc, char **argv) {
                     .images = 2 * BOARD_EXPOSURES,
                     .threads = BOARD_THREADS,
                     .arena_mib = (long)(BOARD_ARENA_BYTES >> 20),
+                    .prior = "none",
                     .size = "640x480"};
   const opt list[] = {
       {"--gaussians", OPT_INT, &o.gaussians, 0, 4000000, "N", "Gaussians"},
@@ -151,6 +154,7 @@ int cmd_plan(int argc, char **argv) {
        "so many lenses that overlap twice on a sensor of that size; images are exposures then"},
       {"--odometry", OPT_INT, &o.odometry, 0, CAP_TRACKED, "N",
        "find the poses of a rig of N sub-views before training (the source does not tell them)"},
+      {"--prior", OPT_TEXT, &o.prior, 0, 0, "METHOD", "with a sparse-view prior: fsgs or sparsegs"},
       {"--threads", OPT_INT, &o.threads, 1, BOARD_CAP_THREADS, "N", "threads (each has scratch of its own)"},
       {"--arena", OPT_INT, &o.arena_mib, 1, 65536, "MIB", "size of the block (default: the board's)"},
       {"--json", OPT_FLAG, &o.is_json, 0, 0, NULL, "print one JSON object"},
@@ -165,6 +169,9 @@ int cmd_plan(int argc, char **argv) {
     return usage_error("plan", "--size %s: expected WxH with sides of 1 to 16384", o.size);
   if (o.gaussians < 1) return usage_error("plan", "--gaussians 0: expected at least 1");
   if (o.images < 1) return usage_error("plan", "--images 0: expected at least 1");
+  if (sv_prior_method_by_name(o.prior) < 0 || (sv_prior_method_by_name(o.prior) > 0 && o.grid))
+    return usage_error(
+        "plan", "--prior %s: expected none, fsgs or sparsegs, the latter not with --multiplexed", o.prior);
   if ((r = make_rig(&o, w, h)) != 0) return r;
   size_t cap = (size_t)o.arena_mib << 20, used = bytes_of(&o, o.gaussians, (int)o.sh, o.images);
   if (!used) {

@@ -90,6 +90,7 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .steps = (uint32_t)o->steps,
                   .time_limit_s = o->time_limit,
                   .is_tracking = !o->is_live && !o->is_dynamic && !tells_poses(&run.src.source),
+                  .prior = (sv_prior_method)o->i_prior,
                   .optimizer = o->i_optimizer + 1,
                   .is_refining = o->is_refining,
                   .has_bounds = run.src.has_bounds,

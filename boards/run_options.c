@@ -5,7 +5,7 @@
 
 #include "boards/board_main.h"
 #include "platform/linux/live.h"
-#include "src/train/train.h"
+#include "src/prior/methods.h"
 
 static run_options g; // what the list below points at
 
@@ -27,6 +27,8 @@ static const opt list[] = {
     {"--sh", OPT_INT, &g.sh, 0, 3, "D", "degree of the colour's spherical harmonics"},
     {"--optimizer", OPT_TEXT, &g.optimizer, 0, 0, "NAME",
      "adam or gauss-newton (gauss-newton; adam where lens images overlap, and of a single view)"},
+    {"--prior", OPT_TEXT, &g.prior, 0, 0, "METHOD",
+     "for few views of a scene that stands still: none, fsgs or sparsegs (docs/priors.md)"},
     {"--skew-limit", OPT_INT, &g.skew_ms, 1, 10000, "MS", "largest skew within an exposure (20 ms)"},
     {"--sync", OPT_TEXT, &g.sync, 0, 0, "HOW",
      "what makes the cameras expose together: free (nothing), frame-length (software), trigger (a line)"},
@@ -73,6 +75,10 @@ static int check(run_options *o) {
   o->i_optimizer = o->optimizer ? sv_optimizer_by_name(o->optimizer) : -1;
   if (o->optimizer && o->i_optimizer < 0)
     return usage_error("run", "--optimizer %s: expected adam or gauss-newton", o->optimizer);
+  o->i_prior = sv_prior_method_by_name(o->prior);
+  if (o->i_prior < 0) return usage_error("run", "--prior %s: expected none, fsgs or sparsegs", o->prior);
+  if (o->i_prior > 0 && (o->is_live || o->is_dynamic || o->is_resume))
+    return usage_error("run", "--prior: not with --live, --scene dynamic or --resume");
   if (o->preview &&
       sv_linux_live_parse(o->preview, o->preview_addr, sizeof o->preview_addr, &o->preview_port, &err) < 0)
     return usage_error("run", "--preview %s", err.text);
@@ -92,6 +98,7 @@ int run_options_parse(int argc, char **argv, run_options *o) {
                     .save_every = 30,
                     .picture_every = 5,
                     .exposure_s = 0.45,
+                    .prior = "none",
                     .scene = "static",
                     .sync = "free"};
   int r = options_parse(

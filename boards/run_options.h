@@ -11,7 +11,9 @@ typedef struct {
   double time_limit, save_every, picture_every;
   double exposure_s;
   const char *optimizer; // NULL: the one that suits the exposures
-  int i_optimizer;       // an sv_optimizer, -1
+  const char *prior;
+  int i_prior;     // an sv_prior_method
+  int i_optimizer; // an sv_optimizer, -1
   bool is_dynamic, is_refining;
   bool is_resume, is_live, is_json, is_quiet, is_session, has_feed, is_check;
   char preview_addr[64];    // of --preview; port 0: none

@@ -12,7 +12,8 @@
 //   dm1 = (m2 (D - C) - m1 ssim (B - A)) / (A B)   ds1 = -ssim / B   ds12 = C / (A B)
 //
 // Both work on the rows [row0, row1) and read five rows more on each side, so threads may own bands;
-// every row's result depends on the inputs only, never on the banding.
+// every row's result depends on the inputs only, never on the banding. Maps may be of a band alone: they begin with the
+// picture's row map_row0.
 // Tolerance: exact (same bits) for AVX2, AVX-512 and NEON on finite inputs; SSE4.1 abs = 1e-4 on the sum
 // of a row per 16 pixels and 2e-3 of the largest value on the maps (no fused multiply-add under C2).
 #ifndef SV_KERNELS_SSIM_H
@@ -29,17 +30,20 @@ typedef struct {
   const float *x, *y; // [height][stride]; columns >= width are never used
   int width_px, height_px, stride;
   int row0, row1;
-  // Gradient maps [height][stride], all three NULL (value only) or all set. The columns from width to
+  // Gradient maps [row1 - map_row0][stride], all three NULL (value only) or all set. The columns from width to
   // the next multiple of 16 become 0. May not overlap x, y or each other.
   float *dm1, *ds1, *ds12;
+  int map_row0;    // <= row0
   float *row_ssim; // [height]: the sum of the row's ssim; lane k adds the columns k mod 16, then the tree
   float *scratch;
 } sv_ssim_args;
 
 // grad (+)= w_l1 sign(x - y) + w_ssim d(sum ssim)/dx,   err (+)= err_scale |x - y|
 typedef struct {
-  const float *x, *y;            // as above
-  const float *dm1, *ds1, *ds12; // from sv_ssim over all rows; all NULL: the L1 part alone
+  const float *x, *y; // as above
+  // From sv_ssim over the rows from row0 - 5 to row1 + 5 that the picture has; all NULL: the L1 part alone.
+  const float *dm1, *ds1, *ds12;
+  int map_row0; // the first of them, or one above
   int width_px, height_px, stride;
   int row0, row1;
   float w_l1, w_ssim;

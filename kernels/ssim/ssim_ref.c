@@ -14,12 +14,12 @@ static float *scratch_row(float *scratch, int stride, int i) {
   return scratch + (size_t)i * (size_t)(stride + 2 * SSIM_BORDER) + SSIM_BORDER;
 }
 
-// The eleven rows around r; rows outside the image are the zero row.
-static void rows_around(const float *row[11], const float *plane, int r, int height, int stride,
+// The eleven rows around r of a plane that begins with row0; rows outside the image are the zero row.
+static void rows_around(const float *row[11], const float *plane, int row0, int r, int height, int stride,
                         const float *zero) {
   for (int k = -SSIM_R; k <= SSIM_R; k++) {
     int j = r + k;
-    row[k + SSIM_R] = j >= 0 && j < height ? plane + (size_t)j * (size_t)stride : zero;
+    row[k + SSIM_R] = j >= 0 && j < height ? plane + (size_t)(j - row0) * (size_t)stride : zero;
   }
 }
 
@@ -69,9 +69,9 @@ void sv_ssim_ref(const sv_ssim_args *a) {
   for (int r = a->row0; r < a->row1; r++) {
     const float *xr[11], *yr[11];
     float lanes[16] = {0};
-    size_t at = (size_t)r * (size_t)a->stride;
-    rows_around(xr, a->x, r, a->height_px, a->stride, zero);
-    rows_around(yr, a->y, r, a->height_px, a->stride, zero);
+    size_t at = (size_t)(r - a->map_row0) * (size_t)a->stride;
+    rows_around(xr, a->x, 0, r, a->height_px, a->stride, zero);
+    rows_around(yr, a->y, 0, r, a->height_px, a->stride, zero);
     for (int i = 0; i < w; i++) {
       float v[4];
       blur_column(xr, yr, i, v);
@@ -122,7 +122,7 @@ void sv_ssim_bwd_ref(const sv_ssim_bwd_args *a) {
   for (int r = a->row0; r < a->row1; r++) {
     for (int m = 0; m < 3 && a->dm1 && a->grad; m++) {
       const float *row[11];
-      rows_around(row, map[m], r, a->height_px, a->stride, zero);
+      rows_around(row, map[m], a->map_row0, r, a->height_px, a->stride, zero);
       for (int i = 0; i < a->width_px; i++) {
         float s = row[5][i] * g[0];
         for (int k = 1; k <= SSIM_R; k++) s = fmaf(row[5 - k][i] + row[5 + k][i], g[k], s);

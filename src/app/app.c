@@ -6,6 +6,7 @@
 
 #include "src/base/mathx.h"
 #include "src/splat/constants.h"
+#include "src/prior/methods.h"
 #include "src/train/checkpoint.h"
 #include "src/train/objective.h"
 #include "src/train/seed.h"
@@ -73,6 +74,7 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
                                             .n_sub_views = sv_app_n_trained_sub_views(c),
                                             .is_multiplexed = is_multiplexed(c)});
   if (c->optimizer > 0) t.optimizer = (sv_optimizer)(c->optimizer - 1);
+  if (c->prior) sv_train_set_prior(&t, c->prior, t.cap_views);
   if (c->is_refining) // rates from trials on poses that were off by a quarter of a degree
     t.poses = (sv_train_poses_cfg){.cap_poses = c->n_exposures,
                                    .rot_rad = 2e-3f,
@@ -253,6 +255,11 @@ static sv_status first_model(sv_app *app, const sv_bounds *b, bool is_measured, 
   if (s >= 0) s = sv_train_start(t, &init, app->points, n_points, &app->scratch);
   if (s < 0) return sv_fail(err, s, "no starting Gaussians: %s", sv_status_text(s));
   sv_train_set_scene(t, b->centre, b->radius);
+  if (!app->cfg.prior) return SV_OK;
+  if ((s = sv_prior_measure(t, b, &app->scratch, &n_maps)) < 0)
+    return sv_fail(err, s, "no depth maps for the prior: %s", sv_status_text(s));
+  sv_app_log(app, SV_LOG_INFO, "prior %s with depth maps of %d views", sv_prior_method_name(app->cfg.prior),
+             n_maps);
   return SV_OK;
 }
 

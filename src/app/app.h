@@ -55,6 +55,7 @@ typedef struct {
   sv_train_cfg train;                            // caps and views are filled in by init
   uint32_t steps;                                // 0: until the time limit
   double time_limit_s;                           // of training; 0: none
+  sv_prior_method prior;                         // of sparse views
   int optimizer;                                 // 1 + an sv_optimizer; 0: the one that suits the exposures
   bool is_refining; // training refines the rig's poses, those of the first exposure held
   bool is_tracking; // the source does not tell the rig's poses: find them from the pictures

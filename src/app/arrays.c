@@ -49,7 +49,6 @@ sv_arrays sv_arrays_of(const sv_train_cfg *c) {
   add(&f, "means, their gradients", 0, c->is_supersampled ? 12 + samples * 16 : 0);
   add(&f, "target", 0, 12);
   add(&f, "gradient and error", 0, 16);
-  add(&f, "SSIM maps", 0, c->weight_ssim > 0.0f ? 12 : 0);
   measure(c, &f.per_gaussian, &f.per_pixel);
   double other_g = f.per_gaussian, other_px = f.per_pixel;
   for (int i = 0; i < f.n_rows; i++) other_g -= f.row[i].per_gaussian, other_px -= f.row[i].per_pixel;

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "src/app/bench.h"
+#include "src/base/mathx.h"
 
 #define N_GAUSSIANS 5000
 #define N_BLOCKS    ((N_GAUSSIANS + 15) / 16)
@@ -91,48 +92,58 @@ static void run_unpack(ctx *c) {
 }
 
 typedef void (*run_fn)(ctx *c);
-static sv_ssim_args ssim_args(ctx *c, int channel) {
+// In bands, as the loss does it.
+enum { BAND_ROWS = 60, REACH = 5 };
+static sv_ssim_args ssim_args(ctx *c, int channel, int row0) {
   sv_photometric *p = &c->t->photometric;
+  const size_t map = (size_t)p->cap_map_rows * (size_t)c->t->target.stride;
   return (sv_ssim_args){.x = c->t->render.rgb.c[channel],
                         .y = c->t->target.c[channel],
                         .width_px = WIDTH_PX,
                         .height_px = HEIGHT_PX,
                         .stride = c->t->target.stride,
-                        .row1 = HEIGHT_PX,
-                        .dm1 = p->map[0],
-                        .ds1 = p->map[1],
-                        .ds12 = p->map[2],
+                        .row0 = row0,
+                        .row1 = sv_mini(HEIGHT_PX, row0 + BAND_ROWS),
+                        .dm1 = p->map,
+                        .ds1 = p->map + map,
+                        .ds12 = p->map + 2 * map,
+                        .map_row0 = row0,
                         .row_ssim = p->row_ssim,
                         .scratch = p->scratch[0]};
 }
 static void run_ssim(ctx *c) {
-  for (int i = 0; i < 3; i++) {
-    sv_ssim_args a = ssim_args(c, i);
-    c->k->ssim(&a);
-  }
+  for (int row = 0; row < HEIGHT_PX; row += BAND_ROWS)
+    for (int i = 0; i < 3; i++) {
+      sv_ssim_args a = ssim_args(c, i, row);
+      c->k->ssim(&a);
+    }
 }
-static void run_ssim_bwd(ctx *c) { // of the last channel's maps
-  for (int i = 0; i < 3; i++) {
-    sv_ssim_args f = ssim_args(c, i);
-    sv_ssim_bwd_args a = {.x = f.x,
-                          .y = f.y,
-                          .dm1 = f.dm1,
-                          .ds1 = f.ds1,
-                          .ds12 = f.ds12,
-                          .width_px = WIDTH_PX,
-                          .height_px = HEIGHT_PX,
-                          .stride = f.stride,
-                          .row1 = HEIGHT_PX,
-                          .w_l1 = 0.8f,
-                          .w_ssim = -0.2f,
-                          .grad = c->t->grad.c[i],
-                          .err = c->t->err_plane,
-                          .err_scale = 0.33f,
-                          .is_err_add = i > 0,
-                          .row_l1 = c->t->photometric.row_l1,
-                          .scratch = f.scratch};
-    c->k->ssim_bwd(&a);
-  }
+static void bwd_band(ctx *c, int channel, int row0) { // of maps that are there
+  sv_ssim_args f = ssim_args(c, channel, row0);
+  sv_ssim_bwd_args a = {.x = f.x,
+                        .y = f.y,
+                        .dm1 = f.dm1,
+                        .ds1 = f.ds1,
+                        .ds12 = f.ds12,
+                        .map_row0 = sv_maxi(0, row0 - REACH),
+                        .width_px = WIDTH_PX,
+                        .height_px = HEIGHT_PX,
+                        .stride = f.stride,
+                        .row0 = f.row0,
+                        .row1 = f.row1,
+                        .w_l1 = 0.8f,
+                        .w_ssim = -0.2f,
+                        .grad = c->t->grad.c[channel],
+                        .err = c->t->err_plane,
+                        .err_scale = 0.33f,
+                        .is_err_add = channel > 0,
+                        .row_l1 = c->t->photometric.row_l1,
+                        .scratch = f.scratch};
+  c->k->ssim_bwd(&a);
+}
+static void run_ssim_bwd(ctx *c) {
+  for (int row = 0; row < HEIGHT_PX; row += BAND_ROWS)
+    for (int i = 0; i < 3; i++) bwd_band(c, i, row);
 }
 
 typedef void (*run_fn)(ctx *c);

@@ -27,7 +27,7 @@ void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
   // it. Five of six see the newest exposure, the others those of the ring in turn: they keep the shape of what is still,
   // and would drag back what moves fast. What appears and disappears does so by opacity and colour, faster than it could
   // travel; what the newest pictures show elsewhere is put there (src/train/renew.h).
-  t->lr.mean_start = t->lr.mean_end = 4.8e-4f;
+  t->lr.mean_start = t->lr.mean_end = 9.6e-4f;
   t->lr.quat *= LIVE_HASTE, t->lr.scale *= LIVE_HASTE;
   t->lr.sh0 *= 2 * LIVE_HASTE, t->lr.logit *= 2;
   d->older_every = 6;

@@ -2,6 +2,7 @@
 // run.json and the memory map: what a run did, in numbers that add up.
 #include <string.h>
 
+#include "src/prior/methods.h"
 #include "src/app/app.h"
 #include "src/base/mathx.h"
 
@@ -103,9 +104,10 @@ static void add_settings(sv_str *s, const sv_app *app) {
   sv_str_add_json(s, app->cfg.rig->name);
   sv_str_add(s,
              "\",\n  \"gaussians\": %d,\n  \"sh_degree\": %d,\n  \"seed\": %llu,\n  \"threads\": %d,\n  "
-             "\"isa\": \"%s\",\n  \"optimizer\": \"%s\",\n",
+             "\"isa\": \"%s\",\n  \"optimizer\": \"%s\",\n  \"prior\": \"%s\",\n",
              t->n_gaussians, t->sh_degree, (unsigned long long)t->seed, t->n_threads,
-             sv_isa_name(app->k->isa), sv_optimizer_name(t->optimizer));
+             sv_isa_name(app->k->isa), sv_optimizer_name(t->optimizer),
+             sv_prior_method_name(t->prior.method));
   sv_str_add(s, "  \"exposures\": %d,\n  \"views\": %d,\n  \"is_antialiased\": %s,\n", app->exposures.n,
              app->n_views, t->is_antialiased ? "true" : "false");
 }

@@ -5,14 +5,23 @@
 
 #include "src/base/mathx.h"
 
-#define BANDS_PER_THREAD 5 // a little slack when a core is busy elsewhere; rows do not depend on it
-#define MIN_BAND_ROWS    8 // each band reads ten rows of its neighbours
+// A band's maps stay in the cache; each band finds five rows beyond both of its ends once more.
+#define CAP_BAND_ROWS 64
+#define MIN_BAND_ROWS 16
+#define REACH         5
+
+static int band_rows_of(int height, int n_threads) {
+  return sv_clampi((height + n_threads - 1) / n_threads, MIN_BAND_ROWS, CAP_BAND_ROWS);
+}
 
 static void carve(sv_photometric *p, const sv_photometric_cfg *cfg, sv_arena *a) {
-  const size_t rows = (size_t)sv_plane_pad(cfg->cap_height_px),
+  const size_t rows = (size_t)sv_plane_pad(cfg->cap_height_px), threads = (size_t)cfg->n_threads,
                stride = (size_t)sv_plane_pad(cfg->cap_width_px);
+  p->cap_map_rows = sv_mini(CAP_BAND_ROWS + 2 * REACH, cfg->cap_height_px);
   // Without SSIM the kernels still want their scratch rows; a gradient is always there.
-  for (int m = 0; m < 3; m++) p->map[m] = cfg->has_ssim ? SV_TAKE(a, float, rows *stride) : NULL;
+  const size_t maps = cfg->has_ssim ? 3 * (size_t)p->cap_map_rows * stride : 0;
+  p->map = cfg->has_ssim ? SV_TAKE(a, float, threads *maps) : NULL;
+  p->map_ssim = cfg->has_ssim ? SV_TAKE(a, float, threads *rows) : NULL;
   p->row_ssim = SV_TAKE(a, float, 3 * rows);
   p->row_l1 = SV_TAKE(a, float, 3 * rows);
   p->scratch = SV_TAKE(a, float *, cfg->n_threads);
@@ -45,54 +54,68 @@ typedef struct {
   float *err;
   float w_l1, w_ssim;
   bool has_ssim;
-  int i_channel, n_bands;
+  int n_bands;
 } photometric_job;
 
-static void band_rows(const photometric_job *j, int i_band, int *row0, int *row1) {
-  *row0 = (int)((int64_t)j->x->height_px * i_band / j->n_bands);
-  *row1 = (int)((int64_t)j->x->height_px * (i_band + 1) / j->n_bands);
+static int band_begin(const photometric_job *j, int i_band) {
+  return (int)((int64_t)j->x->height_px * i_band / j->n_bands);
 }
 
-static void forward_task(void *arg, int i_band, int i_thread) {
-  const photometric_job *j = arg;
+// SSIM of a band, whose maps also need the rows next to it. Those rows' sums are their own band's to keep.
+static void forward(const photometric_job *j, int c, int row0, int row1, int i_thread, sv_ssim_bwd_args *b) {
   sv_photometric *p = j->p;
-  const int c = j->i_channel;
+  const int h = j->x->height_px;
+  const size_t cap_rows = (size_t)sv_plane_pad(p->cfg.cap_height_px);
+  float *sum = p->map_ssim + (size_t)i_thread * cap_rows;
   sv_ssim_args a = {
-      .x = j->x->c[c],
-      .y = j->y->c[c],
-      .width_px = j->x->width_px,
-      .height_px = j->x->height_px,
-      .stride = j->x->stride,
-      .row_ssim = p->row_ssim + (size_t)c * (size_t)j->x->rows_padded,
-      .scratch = p->scratch[i_thread],
+      .x = b->x,
+      .y = b->y,
+      .width_px = b->width_px,
+      .height_px = h,
+      .stride = b->stride,
+      .row0 = row0,
+      .row1 = row1,
+      .row_ssim = sum,
+      .scratch = b->scratch,
   };
-  if (j->grad) a.dm1 = p->map[0], a.ds1 = p->map[1], a.ds12 = p->map[2];
-  band_rows(j, i_band, &a.row0, &a.row1);
+  if (j->grad) {
+    const size_t one = (size_t)p->cap_map_rows * (size_t)a.stride;
+    a.row0 = sv_maxi(0, row0 - REACH), a.row1 = sv_mini(h, row1 + REACH);
+    a.map_row0 = b->map_row0 = a.row0;
+    a.dm1 =
+        p->map + 3 * (size_t)i_thread * (size_t)p->cap_map_rows * (size_t)sv_plane_pad(p->cfg.cap_width_px);
+    a.ds1 = a.dm1 + one, a.ds12 = a.ds1 + one;
+    b->dm1 = a.dm1, b->ds1 = a.ds1, b->ds12 = a.ds12;
+  }
   j->k->ssim(&a);
+  memcpy(p->row_ssim + (size_t)c * (size_t)j->x->rows_padded + row0, sum + row0,
+         sizeof(float) * (size_t)(row1 - row0));
 }
 
-static void backward_task(void *arg, int i_band, int i_thread) {
+static void band_task(void *arg, int i_band, int i_thread) {
   const photometric_job *j = arg;
   sv_photometric *p = j->p;
-  const int c = j->i_channel;
-  sv_ssim_bwd_args a = {
-      .x = j->x->c[c],
-      .y = j->y->c[c],
-      .width_px = j->x->width_px,
-      .height_px = j->x->height_px,
-      .stride = j->x->stride,
-      .w_l1 = j->w_l1,
-      .w_ssim = j->w_ssim,
-      .grad = j->grad ? j->grad->c[c] : NULL,
-      .err = j->err,
-      .err_scale = 1.0f / 3.0f,
-      .is_err_add = c > 0,
-      .row_l1 = p->row_l1 + (size_t)c * (size_t)j->x->rows_padded,
-      .scratch = p->scratch[i_thread],
-  };
-  if (j->has_ssim && j->grad) a.dm1 = p->map[0], a.ds1 = p->map[1], a.ds12 = p->map[2];
-  band_rows(j, i_band, &a.row0, &a.row1);
-  j->k->ssim_bwd(&a);
+  for (int c = 0; c < 3; c++) {
+    sv_ssim_bwd_args a = {
+        .x = j->x->c[c],
+        .y = j->y->c[c],
+        .width_px = j->x->width_px,
+        .height_px = j->x->height_px,
+        .stride = j->x->stride,
+        .row0 = band_begin(j, i_band),
+        .row1 = band_begin(j, i_band + 1),
+        .w_l1 = j->w_l1,
+        .w_ssim = j->w_ssim,
+        .grad = j->grad ? j->grad->c[c] : NULL,
+        .err = j->err,
+        .err_scale = 1.0f / 3.0f,
+        .is_err_add = c > 0,
+        .row_l1 = p->row_l1 + (size_t)c * (size_t)j->x->rows_padded,
+        .scratch = p->scratch[i_thread],
+    };
+    if (j->has_ssim) forward(j, c, a.row0, a.row1, i_thread, &a);
+    j->k->ssim_bwd(&a);
+  }
 }
 
 static double fold(const float *rows, const sv_planes *x) {
@@ -123,13 +146,9 @@ double sv_photometric_loss(sv_photometric *p, const sv_kernels *k, const sv_pool
       .w_ssim = (float)(-(double)weight_ssim / n),
       .has_ssim = p->cfg.has_ssim && weight_ssim != 0.0f,
   };
-  j.n_bands = sv_clampi(render->height_px / MIN_BAND_ROWS, 1,
-                        pool->n_threads > 1 ? BANDS_PER_THREAD * pool->n_threads : 1);
-  for (j.i_channel = 0; j.i_channel < 3;
-       j.i_channel++) { // one channel's maps at a time: they stay in the cache
-    if (j.has_ssim) sv_pool_run(pool, forward_task, &j, j.n_bands);
-    sv_pool_run(pool, backward_task, &j, j.n_bands);
-  }
+  const int band_rows = band_rows_of(render->height_px, pool->n_threads);
+  j.n_bands = (render->height_px + band_rows - 1) / band_rows;
+  sv_pool_run(pool, band_task, &j, j.n_bands);
   for (int c = 0; c < 3 && grad; c++) clear_rows_below(grad->c[c], render);
   if (err_plane) clear_rows_below(err_plane, render);
   sv_photometric_value v = {.l1 = fold(p->row_l1, render),

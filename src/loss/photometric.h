@@ -23,7 +23,9 @@ typedef struct {
 
 typedef struct {
   sv_photometric_cfg cfg;
-  float *map[3];   // dm1, ds1, ds12 of one channel; [cap rows][cap stride]. NULL without SSIM
+  int cap_map_rows; // of a band and what its gradient reads beyond it
+  float *map; // [n_threads][3: dm1, ds1, ds12 of one channel][cap_map_rows][cap stride]. NULL without SSIM
+  float *map_ssim; // [n_threads][cap rows]
   float *row_ssim; // [3][cap rows]
   float *row_l1;   // [3][cap rows]
   float **scratch; // [n_threads]

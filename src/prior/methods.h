@@ -14,6 +14,10 @@ extern "C" {
 #endif
 
 const char *sv_prior_method_name(sv_prior_method m); // "none", "fsgs", "sparsegs"
+int sv_prior_method_by_name(const char *name);       // -1 when unknown
+// What a method needs, after the objective was set (objective.h): sv_prior_set_method, and FSGS's early SH degrees where
+// any are wanted.
+void sv_train_set_prior(sv_train_cfg *cfg, sv_prior_method method, int n_views);
 
 // Depth maps from the training views themselves, where they overlap (sweep.h), for those that have none yet; *n_maps is
 // their number, 0 when the views share too little. Scratch: sv_sweep_bytes.

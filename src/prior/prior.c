@@ -71,6 +71,12 @@ sv_status sv_prior_init(sv_prior *p, const sv_prior_cfg *cfg, size_t cap_pixels,
   return s < 0 ? s : a->status < 0 ? a->status : SV_OK;
 }
 
+void sv_prior_clear(sv_prior *p) {
+  for (int i = 0; i < p->cfg.cap_pseudo; i++) p->views[i].id = 0;
+  for (int i = 0; i < p->cfg.cap_depths; i++) p->depths[i].id = -1;
+  p->n_views = p->n_depths = p->n_unpooled = p->n_pruned = p->n_warped = 0;
+}
+
 sv_status sv_prior_submit_view(sv_prior *p, const sv_view *view, const sv_image_u8 *im, float weight,
                                float until, int *id) {
   const int n = im->n_channels;

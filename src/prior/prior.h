@@ -97,6 +97,9 @@ size_t sv_prior_scratch_bytes(int n_gaussians);
 size_t sv_prior_unpool_bytes(int n_gaussians);
 size_t sv_prior_prune_bytes(int n_gaussians);
 
+// Forgets what was submitted, and counts anew.
+void sv_prior_clear(sv_prior *p);
+
 // A picture (3 channels, or 4 with what counts in alpha) of a view that no camera took; copied. Returns its number;
 // the oldest one's place is taken when the ring is full. E_RANGE for a size that is not the view's or beyond the
 // capacity, a weight below 0; E_FULL without a ring.

@@ -16,6 +16,18 @@ static const char *const names[] = {"none", "fsgs", "sparsegs"};
 
 const char *sv_prior_method_name(sv_prior_method m) { return names[m]; }
 
+int sv_prior_method_by_name(const char *name) {
+  for (int i = 0; i < 3; i++)
+    if (sv_str_eq(name, names[i])) return i;
+  return -1;
+}
+
+void sv_train_set_prior(sv_train_cfg *c, sv_prior_method method, int n_views) {
+  sv_prior_set_method(&c->prior, method, n_views);
+  // One exposure cannot tell how colour turns: what was switched off stays off.
+  if (method == SV_PRIOR_FSGS && c->sh_step <= 1.0f) c->sh_step = 0.05f;
+}
+
 // --- depth of the source -------------------------------------------------------------------------
 
 typedef struct {
@@ -154,7 +166,7 @@ sv_status sv_prior_warp(sv_trainer *t, float progress) {
 sv_status sv_prior_measure(sv_trainer *t, const sv_bounds *bounds, sv_arena *scratch, int *n_maps) {
   sv_sweep sweep;
   const size_t mark = sv_arena_mark(scratch);
-  sv_status s = sv_sweep_run(&sweep, t, bounds, scratch);
+  sv_status s = sv_sweep_run(&sweep, t, bounds, SV_SWEEP_CAP_PX, scratch);
   *n_maps = 0;
   for (int i = 0; s == SV_OK && i < sweep.n; i++) {
     const sv_depth_map *m = &sweep.map[i];

@@ -15,7 +15,9 @@
 #define MIN_RESIDUAL    1e-4 // display values; below, a picture is as good as its eight bits
 
 bool sv_train_is_probe_due(const sv_trainer *t) {
-  return t->cfg.optimizer == SV_OPTIMIZER_GAUSS_NEWTON && t->step % (uint32_t)t->cfg.newton.every == 0;
+  const sv_newton_cfg *c = &t->cfg.newton;
+  const int every = t->step < (uint32_t)c->first_steps ? c->first_every : c->every;
+  return t->cfg.optimizer == SV_OPTIMIZER_GAUSS_NEWTON && t->step % (uint32_t)every == 0;
 }
 
 typedef struct {

@@ -3,9 +3,10 @@
 //
 // Each Gaussian in front takes the patch of the neighbour's picture around it and looks for it in the new one (sum of
 // squared differences over the patch, all places within a radius, then a parabola through the three best along x and
-// y; Lucas & Kanade's residual, searched instead of linearised, as fast things move by more than their texture). What
-// its cameras saw is solved for one displacement in space, damped where none can tell; the motion is then bent to
-// pass there, and at the times before as little as it can.
+// y; Lucas & Kanade's residual, searched instead of linearised, as fast things move by more than their texture). It is
+// looked for around its old place and around the one that it was going to. What its cameras saw is solved for one
+// displacement in space, damped where none can tell; what none saw, and what disagrees with its neighbours, goes as
+// they do (local_motion.h). The motion is then bent to pass there, and at the times before as little as it can.
 #include <string.h>
 
 #include "src/base/mathx.h"
@@ -26,6 +27,8 @@
 #define LEAST_PX        0.3f    // displacements below are left to the gradients
 #define MOVES_PX        1.0f    // who stood still and is displaced by more moves
 #define APART_PX        2.0f    // cameras that disagree by more have followed something else
+#define DISAGREES_PX    2.0f    // with its neighbours: it has followed something else
+#define FAR_PX          1e4f    // no picture is so large
 #define DAMPING         0.01f   // of the mean diagonal: where no camera can tell, things go on as they did
 #define BEND            1e-3    // price of a function's coefficient, times its number squared
 #define BLOCKS_PER_TASK 4
@@ -36,9 +39,12 @@ typedef struct {
   sv_trainer *t;
   sv_planes prev, next; // reduced
   sv_view from, to;
-  sv_motion_values f;    // at the new time
-  float gain[CAP_TERMS]; // of the mean and the coefficients, for a displacement of 1
+  sv_motion_values f;        // at the new time
+  float gain[CAP_TERMS];     // of the mean and the coefficients, for a displacement of 1
+  sv_motion_values f_before; // at the time before the last
+  float lead; // from the last to the new time, in spans from the time before to the last; 0: none before
   int n_blocks, reach;
+  float px_per_unit; // at the scene's centre
 } job;
 
 // --- matching ------------------------------------------------------------------------------------
@@ -86,19 +92,32 @@ static float vertex(float l, float m, float r) {
   return curve > 0 ? sv_clampf(0.5f * (l - r) / curve, -0.5f, 0.5f) : 0;
 }
 
-// Where the patch at (x, y) of the old picture is in the new one; false: cannot be told.
-static bool follow(const job *j, int x, int y, float d[2]) {
+// The place in the new picture, from near (u, v), of the old one's patch at (x, y), if looking back finds it.
+static bool look_near(const job *j, int x, int y, int reach, int *u, int *v, float *unlike) {
+  const int du = *u - x, dv = *v - y;
+  *unlike = search(&j->prev, x, y, &j->next, reach, u, v);
+  if (!is_inside(&j->next, *u, *v)) return false;
+  int back_x = *u - du, back_y = *v - dv;
+  search(&j->next, *u, *v, &j->prev, reach, &back_x, &back_y);
+  return abs_i(back_x - x) <= BACK_PX && abs_i(back_y - y) <= BACK_PX;
+}
+
+// Where the patch at (x, y) of the old picture is in the new one, where it was, near it or near where it was going to
+// (by p); false: cannot be told.
+static bool follow(const job *j, int x, int y, const float p[2], float d[2]) {
   const sv_planes *a = &j->prev, *b = &j->next;
   float here, unlike = texture(a, x, y);
-  int u = x, v = y, back_x, back_y;
+  int u = x, v = y;
   if (unlike < LEAST_TEXTURE) return false;
   here = mismatch(a, x, y, b, x, y, 1e30f);
   if (here > STILL * unlike) {
-    float best = search(a, x, y, b, j->reach, &u, &v);
-    if (best > MOST_MISMATCH * unlike || ((u != x || v != y) && best > BETTER * here)) return false;
-    back_x = u, back_y = v;
-    search(b, u, v, a, j->reach, &back_x, &back_y);
-    if (abs_i(back_x - x) > BACK_PX || abs_i(back_y - y) > BACK_PX) return false;
+    float best, ahead = 1e30f;
+    int u2 = x + (int)floorf(p[0] + 0.5f), v2 = y + (int)floorf(p[1] + 0.5f);
+    bool is_found = look_near(j, x, y, j->reach, &u, &v, &best);
+    bool is_ahead = u2 != x || v2 != y ? look_near(j, x, y, j->reach / 2, &u2, &v2, &ahead) : false;
+    if (is_ahead && (!is_found || ahead <= best)) is_found = true, best = ahead, u = u2, v = v2;
+    if (!is_found || best > MOST_MISMATCH * unlike || ((u != x || v != y) && best > BETTER * here))
+      return false;
   }
   d[0] = (float)(u - x), d[1] = (float)(v - y);
   if (!is_inside(b, u - 1, v - 1) || !is_inside(b, u + 1, v + 1)) return true;
@@ -139,6 +158,23 @@ static void places(const job *j, int i, float now[3], float then[3]) {
   }
 }
 
+// Pixels that slot i is displaced by at the new time when it goes on as it went from the time before to the last.
+static void go_on(const job *j, int i, const float now[3], const float px[2], float ahead[2]) {
+  const sv_trainer *t = j->t;
+  const sv_motion *mo = &t->deform.motion;
+  float x[3], to[2], z;
+  ahead[0] = ahead[1] = 0;
+  if (i >= mo->n_moving || !(j->lead > 0)) return;
+  for (int k = 0; k < 3; k++) {
+    x[k] = *sv_gaussians_at(&t->g, i, SV_ROW_MEAN + k);
+    for (int f = 0; f < mo->cfg.n_pos; f++)
+      x[k] += j->f_before.pos[f] * *sv_motion_row(mo, i, SV_MROW_FUNCTIONS + 3 * f + k);
+    x[k] = now[k] + j->lead * (now[k] - x[k]);
+  }
+  if (!project(&j->to, x, to, &z, NULL)) return;
+  for (int k = 0; k < 2; k++) ahead[k] = fabsf(to[k] - px[k]) < FAR_PX ? to[k] - px[k] : 0;
+}
+
 static bool is_in_front(const job *j, int x, int y, float z) {
   const sv_renderer *r = &j->t->render;
   long at = (long)y * r->rgb.stride + x;
@@ -148,14 +184,16 @@ static bool is_in_front(const job *j, int x, int y, float z) {
 
 static void follow_slot(const job *j, int i) {
   sv_follow_sum *s = &j->t->follow[i];
-  float now[3], then[3], px[2], at[2], jac[6], z, d[2];
+  float now[3], then[3], px[2], at[2], ahead[2], jac[6], z, d[2];
   if (!(*sv_gaussians_at(&j->t->g, i, SV_ROW_LOGIT) > LEAST_LOGIT)) return;
   places(j, i, now, then);
   if (!project(&j->from, now, px, &z, NULL)) return;
   if (!(px[0] >= 0 && px[0] < (float)j->prev.width_px && px[1] >= 0 && px[1] < (float)j->prev.height_px))
     return;
   int x = (int)px[0], y = (int)px[1];
-  if (!is_inside(&j->prev, x, y) || !is_in_front(j, x, y, z) || !follow(j, x, y, d)) return;
+  if (!is_inside(&j->prev, x, y) || !is_in_front(j, x, y, z)) return;
+  go_on(j, i, now, px, ahead);
+  if (!follow(j, x, y, ahead, d)) return;
   if (!project(&j->to, then, at, &z, jac)) return;
   float r[2] = {px[0] + d[0] - at[0], px[1] + d[1] - at[1]};
   for (int e = 0; e < 2; e++) {
@@ -196,27 +234,16 @@ static sv_status look(job *j, int i_from, int i_to, float progress) {
 
 // --- displacement --------------------------------------------------------------------------------
 
-static bool solve3(const float a[6], const float b[3], float x[3]) {
-  float c[6] = {a[3] * a[5] - a[4] * a[4], a[2] * a[4] - a[1] * a[5], a[1] * a[4] - a[2] * a[3],
-                a[0] * a[5] - a[2] * a[2], a[1] * a[2] - a[0] * a[4], a[0] * a[3] - a[1] * a[1]};
-  float det = a[0] * c[0] + a[1] * c[1] + a[2] * c[2];
-  if (!(det > 0)) return false;
-  x[0] = (c[0] * b[0] + c[1] * b[1] + c[2] * b[2]) / det;
-  x[1] = (c[1] * b[0] + c[3] * b[1] + c[4] * b[2]) / det;
-  x[2] = (c[2] * b[0] + c[4] * b[1] + c[5] * b[2]) / det;
-  return true;
-}
-
-// Pixels by which the cameras see slot i displaced from where its motion has it; 0: nothing to do.
+// Pixels by which the cameras see slot i displaced from where its motion has it; -1: not known.
 static float displacement(const sv_follow_sum *s, float d[3]) {
   float a[6], most = 0;
-  if (!s->n) return 0;
+  if (!s->n) return -1;
   memcpy(a, s->a, sizeof a);
   float ridge = DAMPING * 0.5f * (a[0] + a[3] + a[5]) + 1e-20f;
   a[0] += ridge, a[3] += ridge, a[5] += ridge;
-  if (!solve3(a, s->b, d)) return 0;
+  if (!sv_solve3(a, s->b, d)) return -1;
   float fit = d[0] * s->b[0] + d[1] * s->b[1] + d[2] * s->b[2];
-  if (s->r2 - fit > APART_PX * APART_PX * (float)s->n) return 0;
+  if (s->r2 - fit > APART_PX * APART_PX * (float)s->n) return -1;
   most = fit / (float)s->n;
   return most > 0 ? sqrtf(most) : 0;
 }
@@ -230,10 +257,42 @@ static void bend(const job *j, int i, const float d[3]) {
   }
 }
 
-static void bend_all(job *j) {
+// --- neighbours ----------------------------------------------------------------------------------
+
+// What is to be followed, and how far the cameras saw it go.
+static void make_neighbours(const job *j) {
   sv_trainer *t = j->t;
+  int n = 0;
   for (int i = 0; i < t->g.n; i++) {
-    float d[3], px = displacement(&t->follow[i], d);
+    sv_displaced *o = &t->near->of[i];
+    float d[3] = {0}, then[3], px = displacement(&t->follow[i], d);
+    places(j, i, o->x, then);
+    o->is_known = px >= 0;
+    for (int k = 0; k < 3 && o->is_known; k++) o->u[k] = then[k] + d[k] - o->x[k];
+    if (t->is_moving[i] || px >= MOVES_PX) t->near->order[n++] = (uint32_t)i;
+  }
+  sv_local_motion_find(t->near, t->k, n, t->centre, t->radius);
+}
+
+// As displacement, but what no camera saw, or what seems to have gone another way than its neighbours, goes with them.
+static float agreed(const job *j, int i, float d[3]) {
+  const sv_displaced *o = &j->t->near->of[i];
+  float px = displacement(&j->t->follow[i], d), now[3], then[3], u[3], off2 = 0, d2 = 0;
+  if (!j->t->is_moving[i] || !sv_local_motion_say(j->t->near, i, u)) return px;
+  for (int k = 0; k < 3; k++) off2 += (u[k] - o->u[k]) * (u[k] - o->u[k]);
+  if (o->is_known && j->px_per_unit * sqrtf(off2) < DISAGREES_PX) return px;
+  places(j, i, now, then);
+  for (int k = 0; k < 3; k++) d[k] = now[k] + u[k] - then[k], d2 += d[k] * d[k];
+  return j->px_per_unit * sqrtf(d2);
+}
+
+static void bend_task(void *arg, int i_task, int i_thread) {
+  const job *j = arg;
+  sv_trainer *t = j->t;
+  (void)i_thread;
+  int i1 = sv_mini(16 * BLOCKS_PER_TASK * (i_task + 1), t->g.n);
+  for (int i = 16 * BLOCKS_PER_TASK * i_task; i < i1; i++) {
+    float d[3], px = agreed(j, i, d);
     if (px < (t->is_moving[i] ? LEAST_PX : MOVES_PX)) continue;
     if (!t->is_moving[i]) {
       t->is_moving[i] = 2;
@@ -303,10 +362,25 @@ static float neighbour_of(const sv_trainer *t, float time, float before) {
   return best;
 }
 
+static void set_lead(job *j, float from, float to, float before) {
+  const sv_trainer *t = j->t;
+  float last = -1;
+  for (int i = 0; i < t->n_views; i++) {
+    float here = t->views[i].view.time;
+    bool is_before = to > from ? here < from : here > from;
+    if (is_before && sv_train_has_time(t, here, before) &&
+        (last < 0 || fabsf(here - from) < fabsf(last - from)))
+      last = here;
+  }
+  j->lead = last < 0 ? 0 : (to - from) / (from - last);
+  if (last >= 0) j->f_before = sv_motion_values_at(&t->deform.motion.cfg, last);
+}
+
 static sv_status follow_to(sv_trainer *t, float from, float to, float progress) {
   job j = {.t = t, .n_blocks = (t->g.n + 15) / 16};
   memset(t->follow, 0, (size_t)t->g.cap * sizeof *t->follow);
   j.f = sv_motion_values_at(&t->deform.motion.cfg, to);
+  set_lead(&j, from, to, progress);
   make_gain(&j, to, progress, sv_train_n_functions(t, progress));
   for (int a = 0; a < t->n_views; a++)
     for (int b = 0; b < t->n_views; b++) {
@@ -317,7 +391,11 @@ static sv_status follow_to(sv_trainer *t, float from, float to, float progress) 
       if (s < 0) return s;
     }
   sv_planes_clear(&t->grad);
-  bend_all(&j);
+  float px[2], z;
+  j.px_per_unit =
+      j.to.fx / (project(&j.to, t->centre, px, &z, NULL) ? sv_maxf(z, 0.1f * t->radius) : t->radius);
+  make_neighbours(&j);
+  sv_pool_run(t->pool, bend_task, &j, (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
   sv_train_sort_moving(t);
   return SV_OK;
 }

@@ -5,9 +5,10 @@
 #include "src/splat/constants.h"
 #include "src/train/stereo.h"
 
-// Chosen by trials on the simulator's moving scene (docs/speed.md).
+// Chosen by trials on the simulator's moving scene, 30 and 60 steps an exposure.
 #define OFF     0.1f // mean residual over the channels, display values: not what is there
 #define OPACITY 0.7  // depth is measured from both sides: it may cover what is behind it
+#define MAP_PX  2    // pixels of a depth map per Gaussian: each exposure gets its maps
 #define SPREAD  0.6f // standard deviation, in distances to the neighbours
 
 // Mean residual over a map's pixel; k: pixels of the whole picture a side of a residual's.
@@ -92,7 +93,7 @@ sv_status sv_train_renew(sv_trainer *t, float progress, sv_arena *scratch) {
   sv_sweep w;
   int n_off = 0, n_stale = 0;
   t->middle = t->newest; // depth maps are of that time
-  sv_status s = sv_sweep_run(&w, t, &b, scratch);
+  sv_status s = sv_sweep_run(&w, t, &b, sv_mini(MAP_PX * t->g.n, SV_SWEEP_CAP_PX), scratch);
   sv_train_clear_shares(t);
   for (int i = 0; s == SV_OK && i < w.n; i++) s = compare(t, &w.map[i], progress, &n_off);
   if (s == SV_OK) {

@@ -61,7 +61,7 @@ sv_status sv_stereo_points(const sv_trainer *t, const sv_bounds *bounds, sv_aren
                            int n, int *n_points, int *n_maps) {
   sv_sweep sweep;
   size_t mark = sv_arena_mark(scratch);
-  sv_status s = sv_sweep_run(&sweep, t, bounds, scratch);
+  sv_status s = sv_sweep_run(&sweep, t, bounds, SV_SWEEP_CAP_PX, scratch);
   sampler all = {.n = n};
   for (int i = 0; s == SV_OK && i < sweep.n; i++) sample(t, &sweep.map[i], &all);
   if (s == SV_OK && all.n_all * LEAST_SHARE < n) s = SV_AGAIN;

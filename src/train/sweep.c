@@ -6,7 +6,6 @@
 #include "src/base/mathx.h"
 
 #define CAP_K        64
-#define CAP_PX       48000  // of a map: more points than Gaussians are not needed
 #define CAP_TOTAL_PX 384000 // of all maps
 #define GROUP        4      // neighbours that are taken together when there are too many views
 #define RADIUS       2      // of the windows that are compared
@@ -29,9 +28,9 @@
 
 static int n_maps(int n_views) { return sv_mini(n_views, SV_SWEEP_CAP_VIEWS); }
 
-static int reduction(int w, int h, int n) {
+static int reduction(int w, int h, int n, int cap_px) {
   int k = 1;
-  while (k < CAP_K && (w / k) * (h / k) > sv_mini(CAP_PX, CAP_TOTAL_PX / n)) k++;
+  while (k < CAP_K && (w / k) * (h / k) > sv_mini(cap_px, CAP_TOTAL_PX / n)) k++;
   return k;
 }
 
@@ -100,11 +99,11 @@ static void choose_views(choice *c) {
 }
 
 // Focal lengths of all pictures become alike, within a factor of two: coarse is compared with coarse.
-static void choose_sizes(sv_sweep *s, const sv_trainer *t) {
+static void choose_sizes(sv_sweep *s, const sv_trainer *t, int cap_px) {
   float least = 0;
   for (int i = 0; i < s->n; i++) {
     const sv_view *v = &t->views[s->map[i].i_view].view;
-    s->map[i].k = reduction(v->width_px, v->height_px, s->n);
+    s->map[i].k = reduction(v->width_px, v->height_px, s->n, cap_px);
     float f = v->fx / (float)s->map[i].k;
     if (i == 0 || f < least) least = f;
   }
@@ -506,7 +505,8 @@ float sv_sweep_depth(const sv_depth_map *m, int x, int y) {
 // --- all of it -----------------------------------------------------------------------------------
 
 static size_t cap_total_px(const sv_train_cfg *c, int n) {
-  size_t each = sv_mini(CAP_PX, CAP_TOTAL_PX / n), all = (size_t)c->cap_width_px * (size_t)c->cap_height_px;
+  size_t each = sv_mini(SV_SWEEP_CAP_PX, CAP_TOTAL_PX / n),
+         all = (size_t)c->cap_width_px * (size_t)c->cap_height_px;
   return (size_t)n * (all < each ? all : each);
 }
 
@@ -523,7 +523,8 @@ size_t sv_sweep_bytes(const sv_train_cfg *cfg) {
   return dry.used_bytes;
 }
 
-sv_status sv_sweep_run(sv_sweep *s, const sv_trainer *t, const sv_bounds *bounds, sv_arena *scratch) {
+sv_status sv_sweep_run(sv_sweep *s, const sv_trainer *t, const sv_bounds *bounds, int cap_px,
+                       sv_arena *scratch) {
   choice c = {.t = t, .s = s, .bounds = *bounds};
   job j = {.t = t, .s = s};
   *s = (sv_sweep){0};
@@ -535,7 +536,7 @@ sv_status sv_sweep_run(sv_sweep *s, const sv_trainer *t, const sv_bounds *bounds
   if (scratch->status < 0) return scratch->status;
   for (int i = 0; i < t->n_views; i++) c.distance += distance_to(&t->views[i].view, bounds) / t->n_views;
   choose_views(&c);
-  choose_sizes(s, t);
+  choose_sizes(s, t, cap_px);
   for (int i = 0; i < s->n; i++) {
     sv_depth_map *m = &s->map[i];
     const float *x = m->view.r;

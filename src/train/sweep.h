@@ -16,6 +16,7 @@ extern "C" {
 #define SV_SWEEP_CAP_VIEWS   32 // views that get a depth map
 #define SV_SWEEP_CAP_SOURCES 4  // others that each is compared with
 #define SV_SWEEP_CAP_PLANES  128
+#define SV_SWEEP_CAP_PX      48000 // of a map: more points than Gaussians are not needed
 
 typedef struct {
   int i_view;                                  // of the trainer's views
@@ -38,8 +39,9 @@ typedef struct {
 size_t sv_sweep_bytes(const sv_train_cfg *cfg);
 // Depth maps of up to SV_SWEEP_CAP_VIEWS of the trainer's views; of a moving scene, of those at its middle time. More
 // views than that are taken as groups of neighbours from all sides. The planes reach from the near side of `bounds`
-// to far behind it. The maps lie in scratch, which the caller resets. AGAIN: no two views see the same.
-sv_status sv_sweep_run(sv_sweep *s, const sv_trainer *t, const sv_bounds *bounds,
+// to far behind it. A map has at most cap_px pixels, of up to SV_SWEEP_CAP_PX. The maps lie in scratch, which the caller
+// resets. AGAIN: no two views see the same.
+sv_status sv_sweep_run(sv_sweep *s, const sv_trainer *t, const sv_bounds *bounds, int cap_px,
                        sv_arena *scratch) SV_MUST_USE;
 // Depth along the optical axis, world units; 0: not measured.
 float sv_sweep_depth(const sv_depth_map *m, int x, int y);

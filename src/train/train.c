@@ -34,7 +34,9 @@ sv_train_cfg sv_train_defaults(void) {
              .sh0 = 2.5e-3f,
              .sh_rest = 2.5e-3f / 20.0f},
       .optimizer = SV_OPTIMIZER_GAUSS_NEWTON,
-      .newton = {.every = 5, // no divisor of what repeats otherwise: all kinds of views have turns
+      .newton = {.first_every = 5, // no divisors of what repeats otherwise: all kinds of views have turns
+                 .first_steps = 300,
+                 .every = 9,
                  .keep = 0.9f,
                  .rate_start = 0.1f,
                  .rate_end = 0.02f,
@@ -120,6 +122,7 @@ static sv_status carve_dynamic(sv_trainer *t, const sv_train_cfg *c, sv_arena *a
   for (size_t i = 0; i < sizeof each / sizeof *each; i++) *each[i] = SV_TAKE(a, float, t->g.cap);
   bool is_followed = c->dynamic.kind == SV_DEFORM_CLIP && c->dynamic.is_followed && c->dynamic.grow_until > 0;
   t->follow = is_followed ? SV_TAKE(a, sv_follow_sum, t->g.cap) : NULL;
+  t->near = is_followed ? sv_local_motion_carve(t->g.cap, a) : NULL;
   t->deform.kind = c->dynamic.kind;
   if (c->dynamic.kind == SV_DEFORM_FIELD) {
     sv_field_cfg fc = c->dynamic.field;
@@ -227,11 +230,12 @@ static sv_status check(const sv_train_cfg *c, sv_err *err) {
     return sv_fail(err, SV_E_ARG,
                    "%d pseudo-views, one every %d steps, and %d depth maps, expected 0 or more",
                    c->prior.cap_pseudo, c->prior.every, c->prior.cap_depths);
-  if (c->optimizer == SV_OPTIMIZER_GAUSS_NEWTON &&
-      (c->newton.every < 1 || !(c->newton.rate_start > 0) || !(c->newton.rate_end > 0)))
-    return sv_fail(err, SV_E_ARG,
-                   "an estimate of the curvature every %d steps, and rates of %g to %g, expected more than 0",
-                   c->newton.every, (double)c->newton.rate_start, (double)c->newton.rate_end);
+  if (c->optimizer == SV_OPTIMIZER_GAUSS_NEWTON && (c->newton.every < 1 || c->newton.first_every < 1 ||
+                                                    !(c->newton.rate_start > 0) || !(c->newton.rate_end > 0)))
+    return sv_fail(
+        err, SV_E_ARG,
+        "an estimate of the curvature every %d and %d steps, and rates of %g to %g, expected more than 0",
+        c->newton.first_every, c->newton.every, (double)c->newton.rate_start, (double)c->newton.rate_end);
   if (c->start_scale != 1 && c->start_scale != 2 && c->start_scale != 4 && c->start_scale != 8)
     return sv_fail(err, SV_E_ARG, "the starting scale is %d, expected 1, 2, 4 or 8", c->start_scale);
   return SV_OK;
@@ -333,6 +337,7 @@ sv_status sv_train_start(sv_trainer *t, const sv_init_cfg *init, const sv_point 
   }
   t->step = t->field_step = t->n_renewed = 0;
   t->followed = t->tended = 0.0f;
+  sv_prior_clear(&t->prior);
   if (sv_train_is_dynamic(t)) {
     sv_train_start_moving(t);
     t->find_at = t->cfg.dynamic.from;

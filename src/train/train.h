@@ -12,6 +12,7 @@
 #include "src/prior/prior.h"
 #include "src/rig/forward.h"
 #include "src/splat/render.h"
+#include "src/train/local_motion.h"
 #include "src/train/poses.h"
 
 #ifdef __cplusplus
@@ -33,8 +34,9 @@ int sv_optimizer_by_name(const char *name);    // -1 when unknown
 // Diagonal Gauss-Newton (curvature.c): p -= rate m / (h + damping mean(h)), m the running mean of the gradient, h that of
 // the estimates of the diagonal. No step is longer than so many of Adam's.
 typedef struct {
-  int every;  // steps from one estimate to the next
-  float keep; // of the running mean, an estimate
+  int first_every, first_steps; // steps from one estimate to the next, at first and for how many steps
+  int every;                    // and from there on
+  float keep;                   // of the running mean, an estimate
   float rate_start,
       rate_end;         // log-linear over the run; rate_end times sv_train_haste's square, at most rate_start
   bool is_hasty;        // both rates times sv_train_haste: few pictures, whose gradients agree
@@ -169,6 +171,7 @@ typedef struct {
   // residual over them, largest deviation over the cameras; pixels of the current frame, their residuals' sum
   float *n_seen, *res_mean, *res_dev, *unrest, *weight, *residual;
   sv_follow_sum *follow; // [cap], NULL unless times come in one by one
+  sv_local_motion *near; // as follow
   float followed;        // progress up to which the times that came in were followed
   sv_renderer render;
   sv_photometric photometric;

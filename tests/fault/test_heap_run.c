@@ -48,7 +48,7 @@ static void publish_jpeg(void *self, const char *name, int width_px, int height_
 
 #define REPLAY NULL // instead of a simulator's name
 
-static void run_without_heap(const char *sim, int n_threads) {
+static void run_with(const char *sim, int n_threads, sv_prior_method prior) {
   bool is_open = sim ? world_open(&w, sim, 4, ~0u, n_threads)
                      : world_open_replay(&w, "tests/data/capture_tiny", 4, ~0u, n_threads);
   if (!is_open) fail_msg("%s", w.err.text);
@@ -68,6 +68,7 @@ static void run_without_heap(const char *sim, int n_threads) {
   w.port.publish = (sv_publish){.image = publish_jpeg, .feed = &feed};
   w.cfg.has_live_view = true;
   w.cfg.train.n_gaussians = 300;
+  w.cfg.prior = prior;
   w.cfg.train.relocate_every = 10;
   w.cfg.train.lr.logit = 0.3f;
   w.cfg.steps = 150;
@@ -101,6 +102,8 @@ static void run_without_heap(const char *sim, int n_threads) {
   world_close(&w);
 }
 
+static void run_without_heap(const char *sim, int n_threads) { run_with(sim, n_threads, SV_PRIOR_NONE); }
+
 static int make_dir(void **state) {
   (void)state;
   const char *tmp = getenv("TMPDIR");
@@ -125,6 +128,14 @@ static void test_sim_2(void **state) {
   (void)state;
   run_without_heap(STEREO, 2);
 }
+static void test_fsgs(void **state) {
+  (void)state;
+  run_with(STEREO, 2, SV_PRIOR_FSGS);
+}
+static void test_sparsegs(void **state) {
+  (void)state;
+  run_with(STEREO, 2, SV_PRIOR_SPARSEGS);
+}
 static void test_multiplexed_1(void **state) {
   (void)state;
   run_without_heap(MULTIPLEXED, 1);
@@ -145,6 +156,7 @@ static void test_replay_2(void **state) {
 #define CASE(name) cmocka_unit_test_setup_teardown(name, make_dir, remove_dir)
 int main(void) {
   const struct CMUnitTest tests[] = {CASE(test_sim_1),         CASE(test_sim_2),    CASE(test_multiplexed_1),
-                                     CASE(test_multiplexed_2), CASE(test_replay_1), CASE(test_replay_2)};
+                                     CASE(test_multiplexed_2), CASE(test_replay_1), CASE(test_replay_2),
+                                     CASE(test_fsgs),          CASE(test_sparsegs)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -72,7 +72,7 @@ static void open_training(sv_train_cfg cfg, bool is_measurement) {
   cfg.cap_width_px = cfg.cap_height_px = cfg.region_px = 32; // one region is the whole sensor
   cfg.reg_opacity = cfg.reg_scale = cfg.noise = 0;
   cfg.relocate_every = 0, cfg.start_scale = 1;
-  cfg.newton.every = 1, cfg.newton.cap = cfg.newton.cap_scale = 0;
+  cfg.newton.first_every = cfg.newton.every = 1, cfg.newton.cap = cfg.newton.cap_scale = 0;
   if (sv_trainer_init(&t, &cfg, &k, &pool, &a, &err) < 0) fail_msg("%s", err.text);
   for (int px = 0; px < W * H * 3; px++) picture[px] = (px / 20) % 2 ? 255 : 0;
   sv_view view = view_from(0);
@@ -203,7 +203,7 @@ static void test_step(void **state) {
   memcpy(before, t.g.param, sizeof before);
   assert_int_equal(sv_train_step(&t, 0.5f, NULL), SV_OK);
   assert_memory_equal(before, t.g.param, sizeof before);
-  t.step = (uint32_t)cfg.newton.every;
+  t.step = (uint32_t)cfg.newton.first_every;
   assert_int_equal(sv_train_step(&t, 0.5f, NULL), SV_OK);
   int n_moved = 0;
   float most = 0;

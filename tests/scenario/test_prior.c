@@ -260,6 +260,41 @@ static void test_methods(void **state) {
   assert_non_null(strstr(shell.said, "e0.png"));
 }
 
+// The runtime itself, on the simulator: the same model from any number of threads, in the block that was planned.
+static void test_run(void **state) {
+  static const char *const methods[] = {"fsgs", "sparsegs"};
+  char line[600];
+  (void)state;
+  lab_shell_need(&shell);
+  for (int i = 0; i < 2; i++) {
+    for (int n = 1; n <= 2; n++) {
+      snprintf(
+          line, sizeof line,
+          "$(dirname @)/subview run --source sim:textured,rig=stereo,size=96x72 --exposures 2 --steps 120 "
+          "--gaussians "
+          "800 --threads %d --prior %s --out r%d --quiet && grep -h '\"digest\"' r%d/run.json > digest%d",
+          n, methods[i], n, n, n);
+      lab_shell_run_well(&shell, line);
+    }
+    lab_shell_run_well(&shell, "test -s digest1 && cmp digest1 digest2");
+    snprintf(line, sizeof line, "grep -q '\"prior\": \"%s\"' r1/run.json && grep -q '\"priors\"' r1/run.json",
+             methods[i]);
+    lab_shell_run_well(&shell, line);
+    snprintf(line, sizeof line, "$(dirname @)/subview plan --prior %s | grep priors", methods[i]);
+    lab_shell_run_well(&shell, line);
+  }
+  assert_int_equal(
+      lab_shell_run(&shell, "$(dirname @)/subview run --source sim:textured,rig=multiplexed --exposures 1 "
+                            "--steps 5 --gaussians 500 --prior fsgs --out r1 --quiet"),
+      1);
+  assert_non_null(strstr(shell.said, "not on multiplexed sensors"));
+  assert_int_equal(
+      lab_shell_run(&shell, "$(dirname @)/subview run --source sim:textured --prior fsgs --live --out r1"),
+      2);
+  assert_int_equal(
+      lab_shell_run(&shell, "$(dirname @)/subview run --source sim:textured --prior magic --out r1"), 2);
+}
+
 static void test_refusals(void **state) {
   (void)state;
   lab_shell_need(&shell);
@@ -284,6 +319,7 @@ int main(int argc, char **argv) {
   if (argc == 4 && strcmp(argv[1], "--fix") == 0) return fix(argv[2], argv[3]);
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_pictures),  cmocka_unit_test(test_depth),
                                      cmocka_unit_test(test_same_bits), cmocka_unit_test(test_failures),
-                                     cmocka_unit_test(test_methods),   cmocka_unit_test(test_refusals)};
+                                     cmocka_unit_test(test_methods),   cmocka_unit_test(test_run),
+                                     cmocka_unit_test(test_refusals)};
   return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -45,11 +45,17 @@ static sv_train_cfg config(void) {
   return c;
 }
 
-static void make(sv_trainer *t, const sv_pool *pool, void *memory, size_t bytes) {
+// method NONE: rings alone.
+static void make_with(sv_trainer *t, sv_prior_method method, const sv_pool *pool, void *memory,
+                      size_t bytes) {
   sv_arena a = sv_arena_make(memory, bytes);
   sv_err err = {0};
   sv_train_cfg c = config();
   sv_init_cfg init = {.kind = SV_INIT_SPHERE, .radius = 1, .opacity = 0.3f, .scale_factor = 1, .seed = 4};
+  if (method) {
+    c.prior = (sv_prior_cfg){0};
+    sv_prior_set_method(&c.prior, method, 2);
+  }
   assert_int_equal(sv_trainer_init(t, &c, &kernels, pool, &a, &err), SV_OK);
   for (int i = 0; i < 2; i++) {
     const sv_view v = view_at(0.3f * (float)i);
@@ -57,6 +63,10 @@ static void make(sv_trainer *t, const sv_pool *pool, void *memory, size_t bytes)
     assert_int_equal(sv_train_add_view(t, &v, &im, &err), SV_OK);
   }
   assert_int_equal(sv_train_start(t, &init, NULL, 0, &a), SV_OK);
+}
+
+static void make(sv_trainer *t, const sv_pool *pool, void *memory, size_t bytes) {
+  make_with(t, SV_PRIOR_NONE, pool, memory, bytes);
 }
 
 static int setup(void **state) {
@@ -251,22 +261,6 @@ static void test_neighbours(void **state) {
     }
     assert_int_equal(n_nearer, 3); // itself, and two
   }
-}
-
-static void make_with(sv_trainer *t, sv_prior_method m, const sv_pool *pool, void *memory, size_t bytes) {
-  sv_arena a = sv_arena_make(memory, bytes);
-  sv_err err = {0};
-  sv_train_cfg c = config();
-  sv_init_cfg init = {.kind = SV_INIT_SPHERE, .radius = 1, .opacity = 0.3f, .scale_factor = 1, .seed = 4};
-  c.prior = (sv_prior_cfg){0};
-  sv_prior_set_method(&c.prior, m, 2);
-  assert_int_equal(sv_trainer_init(t, &c, &kernels, pool, &a, &err), SV_OK);
-  for (int i = 0; i < 2; i++) {
-    const sv_view v = view_at(0.3f * (float)i);
-    const sv_image_u8 im = {&px[0][0][0], W, H, 3, 3 * W};
-    assert_int_equal(sv_train_add_view(t, &v, &im, &err), SV_OK);
-  }
-  assert_int_equal(sv_train_start(t, &init, NULL, 0, &a), SV_OK);
 }
 
 static void put(int i, float x, float y, float z, float log_scale, float opacity_logit) {

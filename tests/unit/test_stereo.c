@@ -140,7 +140,7 @@ static void test_many_views(void **state) {
   sv_sweep s;
   sv_arena a = scratch_of(0);
   bool is_taken[80] = {false};
-  assert_int_equal(sv_sweep_run(&s, &w.app.trainer, &w.cfg.bounds, &a), SV_OK);
+  assert_int_equal(sv_sweep_run(&s, &w.app.trainer, &w.cfg.bounds, SV_SWEEP_CAP_PX, &a), SV_OK);
   assert_int_equal(s.n, SV_SWEEP_CAP_VIEWS);
   for (int i = 0; i < s.n; i++) {
     assert_in_range(s.map[i].i_view, 0, 79);

@@ -29,9 +29,11 @@ static const sv_option table[] = {
     {"camera", SV_OPT_TEXT, LAB_EVAL, 0, AT(camera), "NAME", "only the views of this camera", 0, 0, 0},
     {"model", SV_OPT_TEXT, LAB_EVAL | LAB_RENDER | LAB_EXPORT, LAB_EVAL | LAB_RENDER | LAB_EXPORT, AT(model),
      "FILE", "model PLY; settings are taken from train.json beside it", 0, 0, 0},
-    {"prior", SV_OPT_TEXT, LAB_TRAIN, 0, AT(prior), "none|external:CMD",
-     "sparse-view prior: a program that mends renderings or tells depth, called with a folder (none)", 0, 0,
-     0},
+    {"prior", SV_OPT_TEXT, LAB_TRAIN, 0, AT(prior), "none|fsgs|sparsegs|[METHOD,]external:CMD",
+     "for few views: depth losses, unpooling or pruning of these methods; a program that mends renderings or "
+     "tells "
+     "depth, called with a folder (none)",
+     0, 0, 0},
     {"prior-views", SV_OPT_INT, LAB_TRAIN, 0, AT(prior_views), "N",
      "of --prior external: views of a call (8)", 1, 256, 0},
     {"prior-calls", SV_OPT_INT, LAB_TRAIN, 0, AT(prior_calls), "N",

@@ -66,10 +66,8 @@ void lab_prior_cfg(const lab_options *o, const lab_views *v, sv_train_cfg *c) {
     c->prior.every = PSEUDO_EVERY;
   }
   const int every = c->prior.every;
-  sv_prior_set_method(&c->prior, (sv_prior_method)method_of(o->prior), v->n);
+  sv_train_set_prior(c, (sv_prior_method)method_of(o->prior), v->n);
   if (every > 0) c->prior.every = every, c->prior.warp_every = 0; // mended views instead of warped ones
-  // One exposure cannot tell how colour turns: what was switched off stays off.
-  if (c->prior.method == SV_PRIOR_FSGS && c->sh_step <= 1.0f) c->sh_step = 0.05f;
 }
 
 // --- what a call is given ------------------------------------------------------------------------
