@@ -26,7 +26,7 @@ static const opt list[] = {
     {"--gaussians", OPT_INT, &g.gaussians, 0, 4000000, "N", "Gaussians, a fixed number"},
     {"--sh", OPT_INT, &g.sh, 0, 3, "D", "degree of the colour's spherical harmonics"},
     {"--optimizer", OPT_TEXT, &g.optimizer, 0, 0, "NAME",
-     "adam or gauss-newton (gauss-newton; adam where lens images overlap, and of a single view)"},
+     "adam or gauss-newton (gauss-newton; where lens images overlap adam)"},
     {"--prior", OPT_TEXT, &g.prior, 0, 0, "METHOD",
      "for few views of a scene that stands still: none, fsgs or sparsegs (docs/priors.md)"},
     {"--skew-limit", OPT_INT, &g.skew_ms, 1, 10000, "MS", "largest skew within an exposure (20 ms)"},

@@ -11,11 +11,8 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   // Lens images are coarser than the pictures that one looks at.
   if (is_grid) cfg->floor_px = 0.4f, cfg->dilation_px2 = SV_DILATION_AREA_PX2;
   // Where several lenses share a pixel, whose light it is settles better in Adam's even steps (docs/speed.md).
-  // So does what is seen at some times only, whose curvature of a step ago was another picture's, and what one view
-  // alone sees, which starts from random points.
-  bool is_one_view = s->n_exposures * s->n_sub_views == 1;
-  bool is_adam = s->is_multiplexed || s->is_moving || is_one_view;
-  cfg->optimizer = is_adam ? SV_OPTIMIZER_ADAM : SV_OPTIMIZER_GAUSS_NEWTON;
+  // So does what is seen at some times only, whose curvature of a step ago was another picture's.
+  cfg->optimizer = s->is_multiplexed || s->is_moving ? SV_OPTIMIZER_ADAM : SV_OPTIMIZER_GAUSS_NEWTON;
   if (s->is_moving) cfg->newton.rate_end = cfg->newton.rate_start; // what comes in last has as much to learn
   // What the splats are like within a pixel matters once they are in place: before, one sample is none the worse, and
   // a quarter of the work.
@@ -28,9 +25,9 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
     cfg->sh_step = 2.0f;
     return;
   }
-  if (is_one_view) {
-    cfg->sh_step = 2.0f; // one view cannot tell how colour turns: never
-    cfg->reg_opacity = 0.03f;
+  if (s->n_exposures * s->n_sub_views == 1) {
+    cfg->sh_step = 2.0f;     // one view cannot tell how colour turns: never
+    cfg->reg_opacity = 0.1f; // what it does not need is seen from elsewhere as haze
   }
   // With parallax, transparent Gaussians in front of the surface can be told and are worth a higher price; lens
   // images are too coarse for it, there it eats into the surface.

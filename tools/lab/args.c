@@ -70,9 +70,8 @@ static const sv_option table[] = {
     {"antialias", SV_OPT_WORD, LAB_TRAIN, 0, AT(antialias), "auto|on|off",
      "Mip-Splatting's compensation; auto: on when focal lengths differ by more than 1.5 (auto)", 0, 0, 0},
     {"optimizer", SV_OPT_WORD, LAB_TRAIN, 0, AT(optimizer), "adam|gauss-newton",
-     "what moves the Gaussians (gauss-newton; adam where lens images overlap, in moving scenes, of a single "
-     "view, from "
-     "--init sphere or cube)",
+     "what moves the Gaussians (gauss-newton; adam where lens images overlap, in moving scenes, from --init "
+     "sphere or cube)",
      0, 0, 0},
     {"seed", SV_OPT_INT, LAB_TRAIN | LAB_BENCH | LAB_TABLES, 0, AT(seed), "N", "of all random numbers (1)", 0,
      4294967295.0, 0},

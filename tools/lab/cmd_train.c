@@ -114,9 +114,9 @@ static void choose_objective(run *r) {
   if (s.is_moving) s.n_exposures = (n_places(&r->views) + s.n_sub_views - 1) / s.n_sub_views;
   r->is_standing = s.is_moving && s.n_exposures == 1;
   sv_train_set_objective(c, &s);
-  // Asked to start far from the surface: Adam's even steps come nearer.
+  // Asked to start far from the surface that several views could have measured: Adam's even steps come nearer.
   bool is_far = o->init && (sv_str_eq(o->init, "sphere") || sv_str_eq(o->init, "cube"));
-  if (is_far) c->optimizer = SV_OPTIMIZER_ADAM;
+  if (is_far && s.n_exposures * s.n_sub_views > 1) c->optimizer = SV_OPTIMIZER_ADAM;
   if (o->optimizer) c->optimizer = (sv_optimizer)sv_optimizer_by_name(o->optimizer);
   if (o->ssim >= 0) c->weight_ssim = o->ssim;
   if (o->tv >= 0) c->weight_tv = o->tv;
