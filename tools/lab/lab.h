@@ -40,6 +40,8 @@ void lab_session_stop(lab_session *s);
 int lab_failed(lab_session *s, const sv_err *err);
 // --model 4dgs: what --motion says (args.c has checked it), over the defaults.
 void lab_dynamic_cfg(const lab_options *o, sv_train_cfg *c);
+// The last line of a program's log, without a leading "error: "; empty when there is none.
+void lab_last_line(const char *path, char *out, size_t cap);
 double lab_seconds(const lab_session *s); // since some moment
 long lab_peak_rss_bytes(void);
 // A line of progress, nothing with --quiet.

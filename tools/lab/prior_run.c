@@ -55,20 +55,6 @@ static sv_status start(const char *command, const char *folder, const char *log,
   return e ? sv_fail(err, SV_E_DEVICE, "'%.80s' cannot be started: %s", command, sv_linux_reason(e)) : SV_OK;
 }
 
-// The last line that it wrote.
-static void last_line(const char *log, char *out, size_t cap) {
-  void *data;
-  size_t n;
-  out[0] = 0;
-  if (sv_file_read(log, &data, &n, NULL) != SV_OK) return;
-  const char *text = data;
-  while (n && (text[n - 1] == '\n' || text[n - 1] == ' ')) n--;
-  size_t at = n;
-  while (at && text[at - 1] != '\n') at--;
-  snprintf(out, cap, "%.*s", (int)(n - at < cap ? n - at : cap - 1), text + at);
-  free(data);
-}
-
 // Asks, waits a little, then does not ask any more.
 static void finish(pid_t pid) {
   const struct timespec tick = {0, TICK_NS};
@@ -105,7 +91,7 @@ sv_status lab_prior_run(const char *command, const char *folder, const char *log
   if (WIFSIGNALED(status))
     return sv_fail(err, SV_E_DEVICE, "'%.80s' was ended by signal %d; its output: %.120s", command,
                    WTERMSIG(status), log);
-  last_line(log, said, sizeof said);
+  lab_last_line(log, said, sizeof said);
   return sv_fail(err, SV_E_DEVICE, "'%.80s' failed with exit code %d: %s", command, WEXITSTATUS(status),
                  *said ? said : "it said nothing");
 }

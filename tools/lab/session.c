@@ -57,3 +57,19 @@ void lab_say(lab_session *s, const char *fmt, ...) {
   va_end(ap);
   s->console.log(s->console.self, SV_LOG_INFO, line);
 }
+
+void lab_last_line(const char *path, char *out, size_t cap) {
+  void *data;
+  size_t n;
+  out[0] = 0;
+  if (sv_file_read(path, &data, &n, NULL) != SV_OK) return;
+  const char *text = data;
+  while (n && (text[n - 1] == '\n' || text[n - 1] == ' ')) n--;
+  size_t at = n;
+  while (at && text[at - 1] != '\n' && text[at - 1] != '\r') at--;
+  if (n - at > 7 && strncmp(text + at, "error: ", 7) == 0) at += 7;
+  size_t k = n - at < cap - 1 ? n - at : cap - 1;
+  memcpy(out, text + at, k);
+  out[k] = 0;
+  free(data);
+}

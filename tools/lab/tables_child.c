@@ -54,23 +54,6 @@ static void collect(const tables_child *c, pid_t pid, int fd, char *out, size_t 
   out[n] = 0;
 }
 
-// The last line of the log: what the child said about its failure, without its name.
-static void last_line(const char *path, char *out, size_t cap) {
-  void *data;
-  size_t n;
-  out[0] = 0;
-  if (sv_file_read(path, &data, &n, NULL) != SV_OK) return;
-  const char *text = data;
-  while (n && (text[n - 1] == '\n' || text[n - 1] == ' ')) n--;
-  size_t at = n;
-  while (at && text[at - 1] != '\n' && text[at - 1] != '\r') at--;
-  if (n - at > 7 && strncmp(text + at, "error: ", 7) == 0) at += 7;
-  size_t k = n - at < cap - 1 ? n - at : cap - 1;
-  memcpy(out, text + at, k);
-  out[k] = 0;
-  free(data);
-}
-
 static sv_status judge(const tables_child *c, int status, sv_err *err) {
   const sv_console *con = &c->session->console;
   char said[CAP_SENTENCE];
@@ -81,7 +64,7 @@ static sv_status judge(const tables_child *c, int status, sv_err *err) {
                    WTERMSIG(status), c->log);
   if (WEXITSTATUS(status) == 127)
     return sv_fail(err, SV_E_DEVICE, "%.120s could not be started again to %s", c->program, c->argv[1]);
-  last_line(c->log, said, sizeof said);
+  lab_last_line(c->log, said, sizeof said);
   return sv_fail(err, SV_E_DEVICE, "%s: %s", c->argv[1], *said ? said : "failed without a word");
 }
 
