@@ -15,7 +15,8 @@ extern "C" {
 
 typedef struct {
   float x[3], u[3]; // place at one time and displacement to another, world units
-  bool is_known;    // u
+  bool is_known;    // u and a
+  float a[6];       // how sure u is: squared pixels, as the cameras see them, per squared unit; 3 x 3 by rows
 } sv_displaced;
 
 typedef struct {

@@ -1,0 +1,436 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "src/train/rigid.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "src/base/mathx.h"
+#include "src/base/rng.h"
+
+#define N_STEPS    12    // of Gauss-Newton, at most
+#define N_WIDE     4     // of these with a tolerance wider by 16, 8, 4, 2 when the start is not known
+#define DAMPING    1e-4  // of the mean diagonal: what the pictures leave open does not change
+#define SETTLED    1e-10 // squared step, rad^2 and in radii of the body
+#define N_TRIALS   256   // triples a body
+#define N_REFINED  24    // of these, at most, are refined
+#define SIDE       32    // neighbours before and after a seed that a triple must explain
+#define LEAST_NEAR 0.4f  // share of them that must agree
+#define MOST_TURN  0.6f  // |vector part| of q: more between two times is no motion, 74 degrees
+#define GAP        3.0f  // times the usual distance to the next of a body: what is farther is another
+#define N_FAILED   4     // winners that are no body, until the search ends
+#define VOTERS     8     // nearest that say which body a stray belongs to
+#define MAJORITY   5     // of them
+#define UNANIMITY  7     // of them, where a stray goes by itself
+#define MOST_STRAY 4.0f  // tolerances: off by more is to go by itself
+
+typedef struct {
+  const sv_displaced *of;
+  const uint32_t *slot;
+  int n;
+  const float *c;
+} cloud;
+
+typedef struct {
+  double h[6][6], g[6]; // normal equations, upper triangle; dofs: d, then the turn
+} normal;
+
+// --- one motion ----------------------------------------------------------------------------------
+
+static void turn(const float q[4], const float v[3], float y[3]) { // v + 2 w (u x v) + 2 u x (u x v)
+  float a = q[2] * v[2] - q[3] * v[1], b = q[3] * v[0] - q[1] * v[2], c = q[1] * v[1] - q[2] * v[0];
+  y[0] = v[0] + 2 * (q[0] * a + (q[2] * c - q[3] * b));
+  y[1] = v[1] + 2 * (q[0] * b + (q[3] * a - q[1] * c));
+  y[2] = v[2] + 2 * (q[0] * c + (q[1] * b - q[2] * a));
+}
+
+void sv_rigid_apply(const sv_rigid *m, const float c[3], const float x[3], float y[3]) {
+  float v[3] = {x[0] - c[0], x[1] - c[1], x[2] - c[2]}, w[3];
+  turn(m->q, v, w);
+  for (int k = 0; k < 3; k++) y[k] = w[k] + c[k] + m->d[k];
+}
+
+static float square(const float a[6], const float e[3]) {
+  return a[0] * e[0] * e[0] + a[3] * e[1] * e[1] + a[5] * e[2] * e[2] +
+         2 * (a[1] * e[0] * e[1] + a[2] * e[0] * e[2] + a[4] * e[1] * e[2]);
+}
+
+// Squared pixels by which m is off for o; e: in space.
+static float off2(const sv_displaced *o, const sv_rigid *m, const float c[3], float e[3]) {
+  sv_rigid_apply(m, c, o->x, e);
+  for (int k = 0; k < 3; k++) e[k] -= o->x[k] + o->u[k];
+  return square(o->a, e);
+}
+
+// --- fit -----------------------------------------------------------------------------------------
+
+static void add_normal(normal *s, const sv_displaced *o, const float arm[3], const float e[3], double w) {
+  // dy/d(d, turn) = [I, -[arm]x]
+  const double j[3][6] = {{1, 0, 0, 0, (double)arm[2], -(double)arm[1]},
+                          {0, 1, 0, -(double)arm[2], 0, (double)arm[0]},
+                          {0, 0, 1, (double)arm[1], -(double)arm[0], 0}};
+  const float *a = o->a;
+  const double f[3][3] = {{(double)a[0], (double)a[1], (double)a[2]},
+                          {(double)a[1], (double)a[3], (double)a[4]},
+                          {(double)a[2], (double)a[4], (double)a[5]}};
+  double aj[3][6];
+  for (int r = 0; r < 3; r++)
+    for (int p = 0; p < 6; p++) aj[r][p] = w * (f[r][0] * j[0][p] + f[r][1] * j[1][p] + f[r][2] * j[2][p]);
+  for (int p = 0; p < 6; p++) {
+    for (int q = p; q < 6; q++) s->h[p][q] += j[0][p] * aj[0][q] + j[1][p] * aj[1][q] + j[2][p] * aj[2][q];
+    s->g[p] += aj[0][p] * (double)e[0] + aj[1][p] * (double)e[1] + aj[2][p] * (double)e[2];
+  }
+}
+
+// h x = g in place by Cholesky, x in g. False where h is not positive definite.
+static bool solve6(double h[6][6], double g[6]) {
+  for (int p = 0; p < 6; p++) {
+    for (int r = 0; r < p; r++) h[p][p] -= h[r][p] * h[r][p];
+    if (!(h[p][p] > 0)) return false;
+    h[p][p] = sqrt(h[p][p]);
+    for (int q = p + 1; q < 6; q++) {
+      for (int r = 0; r < p; r++) h[p][q] -= h[r][p] * h[r][q];
+      h[p][q] /= h[p][p];
+    }
+    for (int r = 0; r < p; r++) g[p] -= h[r][p] * g[r];
+    g[p] /= h[p][p];
+  }
+  for (int p = 5; p >= 0; p--) {
+    for (int q = p + 1; q < 6; q++) g[p] -= h[p][q] * g[q];
+    g[p] /= h[p][p];
+  }
+  return true;
+}
+
+static void turn_by(float q[4], const double w[3]) { // about small vectors: half the vector, normalised
+  double s[4] = {1, 0.5 * w[0], 0.5 * w[1], 0.5 * w[2]},
+         b[4] = {(double)q[0], (double)q[1], (double)q[2], (double)q[3]};
+  double r[4] = {s[0] * b[0] - s[1] * b[1] - s[2] * b[2] - s[3] * b[3],
+                 s[0] * b[1] + s[1] * b[0] + s[2] * b[3] - s[3] * b[2],
+                 s[0] * b[2] - s[1] * b[3] + s[2] * b[0] + s[3] * b[1],
+                 s[0] * b[3] + s[1] * b[2] - s[2] * b[1] + s[3] * b[0]};
+  double norm = sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2] + r[3] * r[3]);
+  for (int k = 0; k < 4; k++) q[k] = (float)(r[k] / norm);
+}
+
+// One step of m with weights for tolerance; moved2: its squared size, a turn and in radii. False: singular.
+static bool step(const cloud *p, float tolerance, sv_rigid *m, double *moved2) {
+  normal s = {{{0}}, {0}};
+  double arm2 = 0, sum = 0, tr = 0, rot = 0;
+  for (int i = 0; i < p->n; i++) {
+    const sv_displaced *o = &p->of[p->slot[i]];
+    float e[3], arm[3];
+    if (!o->is_known) continue;
+    float agrees = tolerance * tolerance, r2 = off2(o, m, p->c, e);
+    agrees /= agrees + r2;
+    for (int k = 0; k < 3; k++) arm[k] = e[k] + o->u[k] + o->x[k] - p->c[k] - m->d[k];
+    double w = (double)(agrees * agrees);
+    add_normal(&s, o, arm, e, w);
+    arm2 += w * (double)(arm[0] * arm[0] + arm[1] * arm[1] + arm[2] * arm[2]), sum += w;
+  }
+  for (int k = 0; k < 3; k++) tr += s.h[k][k] / 3, rot += s.h[3 + k][3 + k] / 3;
+  for (int k = 0; k < 3; k++) s.h[k][k] += DAMPING * tr + 1e-30, s.h[3 + k][3 + k] += DAMPING * rot + 1e-30;
+  if (!(sum > 0) || !solve6(s.h, s.g)) return false;
+  double w[3], size2 = 0;
+  for (int k = 0; k < 3; k++) {
+    m->d[k] -= (float)s.g[k], w[k] = -s.g[3 + k];
+    size2 += s.g[k] * s.g[k];
+  }
+  *moved2 = size2 / (arm2 / sum + 1e-30) + w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
+  turn_by(m->q, w);
+  return true;
+}
+
+// From m, with tolerances that end as given and start wider by 2^n_wide.
+static bool settle(const cloud *p, float tolerance, int n_wide, int n_steps, sv_rigid *m) {
+  for (int i = 0; i < n_steps; i++) {
+    double moved2 = 0;
+    float wider = i < n_wide ? (float)(1 << (n_wide - i)) : 1.0f;
+    if (!step(p, tolerance * wider, m, &moved2)) return false;
+    if (!(moved2 < 1e6)) return false;
+    if (i >= n_wide && moved2 < SETTLED) break;
+  }
+  return true;
+}
+
+static int n_agreeing(const cloud *p, const sv_rigid *m, float tolerance) {
+  int n = 0;
+  for (int i = 0; i < p->n; i++) {
+    const sv_displaced *o = &p->of[p->slot[i]];
+    float e[3];
+    n += o->is_known && off2(o, m, p->c, e) < tolerance * tolerance;
+  }
+  return n;
+}
+
+static int shift_by_mean(const cloud *p, sv_rigid *m) {
+  int n = 0;
+  *m = SV_RIGID_IDENTITY;
+  for (int i = 0; i < p->n; i++) {
+    const sv_displaced *o = &p->of[p->slot[i]];
+    if (!o->is_known) continue;
+    for (int k = 0; k < 3; k++) m->d[k] += o->u[k];
+    n++;
+  }
+  for (int k = 0; k < 3 && n; k++) m->d[k] /= (float)n;
+  return n;
+}
+
+bool sv_rigid_fit(const sv_displaced *of, const uint32_t *slot, int n, const float c[3], float tolerance_px,
+                  const sv_rigid *start, sv_rigid *out, int *n_agree) {
+  const cloud p = {of, slot, n, c};
+  sv_rigid m;
+  if (n_agree) *n_agree = 0;
+  if (shift_by_mean(&p, &m) < 3) return false;
+  if (start) m = *start;
+  if (!settle(&p, tolerance_px, start ? 1 : N_WIDE, N_STEPS, &m)) return false;
+  int agree = n_agreeing(&p, &m, tolerance_px);
+  if (agree < 3) return false;
+  *out = m;
+  if (n_agree) *n_agree = agree;
+  return true;
+}
+
+// --- search --------------------------------------------------------------------------------------
+
+typedef struct {
+  const sv_rigid_search *s;
+  sv_rng rng;
+  int n;           // known slots without a body, as in order: s->list [0, n)
+  uint32_t *found; // [s->n] slots of a motion
+} search;
+
+static float length2(const float v[3]) { return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]; }
+
+static float apart2(const sv_displaced *a, const sv_displaced *b) {
+  float y[3] = {a->x[0] - b->x[0], a->x[1] - b->x[1], a->x[2] - b->x[2]};
+  return length2(y);
+}
+
+static void list_free(search *q) {
+  const sv_rigid_search *s = q->s;
+  q->n = 0;
+  for (int i = 0; i < s->n; i++) {
+    uint32_t slot = s->order[i];
+    if (!s->label[slot] && s->of[slot].is_known) s->list[q->n++] = slot;
+  }
+}
+
+static bool moves(const sv_rigid_search *s, uint32_t slot) {
+  return square(s->of[slot].a, s->of[slot].u) > s->least_px * s->least_px;
+}
+
+static bool is_moved(const sv_rigid_search *s, uint32_t slot, const sv_rigid *m, const float c[3]) {
+  const sv_displaced *o = &s->of[slot];
+  float y[3];
+  sv_rigid_apply(m, c, o->x, y);
+  for (int k = 0; k < 3; k++) y[k] -= o->x[k];
+  return square(o->a, y) > s->least_px * s->least_px;
+}
+
+// Two others near place at, three different ones in all.
+static bool draw(search *q, int at, int side, uint32_t slot[3]) {
+  int lo = sv_maxi(at - side, 0), n = sv_mini(at + side, q->n - 1) - lo + 1;
+  if (n < 3) return false;
+  int a = lo + (int)sv_rng_below(&q->rng, (uint32_t)n), b = lo + (int)sv_rng_below(&q->rng, (uint32_t)n);
+  slot[0] = q->s->list[at], slot[1] = q->s->list[a], slot[2] = q->s->list[b];
+  return a != at && b != at && a != b;
+}
+
+static void slots_within(const search *q, const sv_rigid *m, const float c[3], float tolerance, int *n) {
+  *n = 0;
+  for (int i = 0; i < q->n; i++) {
+    float e[3];
+    uint32_t slot = q->s->list[i];
+    if (off2(&q->s->of[slot], m, c, e) < tolerance * tolerance) q->found[(*n)++] = slot;
+  }
+}
+
+// A motion that three neighbours propose and those around them agree to; c: the first's place.
+static bool propose(search *q, int side, sv_rigid *m, float c[3]) {
+  const sv_rigid_search *s = q->s;
+  uint32_t slot[3];
+  const int at = (int)sv_rng_below(&q->rng, (uint32_t)q->n);
+  if (!moves(s, s->list[at]) || !draw(q, at, side, slot)) return false;
+  memcpy(c, s->of[slot[0]].x, 3 * sizeof *c);
+  const cloud three = {s->of, slot, 3, c};
+  shift_by_mean(&three, m);
+  if (!settle(&three, 64.0f * s->tolerance_px, 0, N_STEPS / 2, m)) return false;
+  if (n_agreeing(&three, m, s->tolerance_px) < 3) return false;
+  const int lo = sv_maxi(at - side, 0), hi = sv_mini(at + side, q->n - 1);
+  const cloud near = {s->of, s->list + lo, hi - lo + 1, c};
+  if ((float)n_agreeing(&near, m, 2 * s->tolerance_px) < LEAST_NEAR * (float)near.n) return false;
+  return settle(&near, s->tolerance_px, 1, N_STEPS / 2, m) && is_moved(s, slot[0], m, c) &&
+         length2(m->q + 1) < MOST_TURN * MOST_TURN;
+}
+
+// All that go along with m, in q->found, after m was fitted to them.
+static int widen(search *q, sv_rigid *m, const float c[3]) {
+  const sv_rigid_search *s = q->s;
+  int n = 0;
+  for (int round = 0; round < 3; round++) {
+    slots_within(q, m, c, round < 2 ? 2 * s->tolerance_px : s->tolerance_px, &n);
+    const cloud p = {s->of, q->found, n, c};
+    if (n < 3 || (round < 2 && !settle(&p, s->tolerance_px, 0, N_STEPS / 2, m))) return 0;
+  }
+  return length2(m->q + 1) < MOST_TURN * MOST_TURN ? n : 0;
+}
+
+// The motion that most go along with, and its centre of turning; how many.
+static int best_motion(search *q, sv_rigid *best, float c[3]) {
+  int most = 0;
+  for (int trial = 0, refined = 0; trial < N_TRIALS && refined < N_REFINED; trial++) {
+    sv_rigid m;
+    float at[3];
+    if (!propose(q, SIDE >> trial % 4, &m, at)) continue;
+    refined++;
+    int n = widen(q, &m, at);
+    if (n > most) most = n, *best = m, memcpy(c, at, sizeof at);
+  }
+  return most;
+}
+
+// --- what hangs together -------------------------------------------------------------------------
+
+// Mean distance of the n slots to the nearest other, over some of them; a share of their spread if that is more.
+static float usual_gap(const sv_displaced *of, const uint32_t *slot, int n) {
+  const int every = sv_maxi(n / 64, 1);
+  float sum = 0;
+  int count = 0;
+  for (int i = 0; i < n; i += every, count++) {
+    float least = 1e30f;
+    for (int j = 0; j < n; j++)
+      if (j != i) least = sv_minf(least, apart2(&of[slot[i]], &of[slot[j]]));
+    sum += sqrtf(least);
+  }
+  return sum / (float)count;
+}
+
+// The largest set of the n slots in which each is near another of it, moved to the front. Returns its size.
+static int largest_part(const sv_displaced *of, uint32_t *slot, int n) {
+  const float gap = GAP * usual_gap(of, slot, n), gap2 = gap * gap;
+  int first = 0, most = 0, begin = 0;
+  while (begin < n) {
+    int end = begin + 1; // of the part that grows from slot[begin]
+    for (int i = begin; i < end; i++)
+      for (int j = end; j < n; j++) {
+        if (!(apart2(&of[slot[i]], &of[slot[j]]) < gap2)) continue;
+        uint32_t keep = slot[end];
+        slot[end++] = slot[j], slot[j] = keep;
+      }
+    if (end - begin > most) most = end - begin, first = begin;
+    begin = end;
+  }
+  memmove(slot, slot + first, (size_t)most * sizeof *slot);
+  return most;
+}
+
+static bool most_move(const sv_rigid_search *s, const uint32_t *slot, int n, const sv_rigid *m,
+                      const float c[3]) {
+  int count = 0;
+  for (int i = 0; i < n; i++) count += is_moved(s, slot[i], m, c);
+  return 2 * count > n;
+}
+
+// m about another centre.
+static void recentre(sv_rigid *m, const float from[3], const float to[3]) {
+  float y[3];
+  sv_rigid_apply(m, from, to, y);
+  for (int k = 0; k < 3; k++) m->d[k] = y[k] - to[k];
+}
+
+static int members(search *q, sv_rigid *m, float c[3]) {
+  const sv_rigid_search *s = q->s;
+  sv_rigid fitted = *m;
+  float centre[3] = {0};
+  int n;
+  slots_within(q, m, c, s->tolerance_px, &n);
+  if (n >= 3) n = largest_part(s->of, q->found, n);
+  if (n < sv_maxi(s->least_members, 3)) return 0;
+  for (int i = 0; i < n; i++)
+    for (int k = 0; k < 3; k++) centre[k] += s->of[q->found[i]].x[k] / (float)n;
+  recentre(&fitted, c, centre);
+  const cloud p = {s->of, q->found, n, centre};
+  if (!settle(&p, s->tolerance_px, 0, N_STEPS, &fitted) || !most_move(s, q->found, n, &fitted, centre))
+    return 0;
+  *m = fitted;
+  memcpy(c, centre, sizeof centre);
+  return n;
+}
+
+// --- strays --------------------------------------------------------------------------------------
+
+typedef struct {
+  int n;
+  uint32_t slot[VOTERS];
+  float d2[VOTERS];
+} voters;
+
+static void add_voter(voters *v, uint32_t slot, float d2) {
+  if (v->n == VOTERS && d2 >= v->d2[VOTERS - 1]) return;
+  int at = v->n < VOTERS ? v->n++ : VOTERS - 1;
+  for (; at > 0 && v->d2[at - 1] > d2; at--) v->slot[at] = v->slot[at - 1], v->d2[at] = v->d2[at - 1];
+  v->slot[at] = slot, v->d2[at] = d2;
+}
+
+// Nearest of those before and after at in the order that are of a body, or stand still.
+static void find_voters(const sv_rigid_search *s, int at, voters *v) {
+  const int last = sv_mini(at + SIDE, s->n - 1);
+  v->n = 0;
+  for (int i = sv_maxi(at - SIDE, 0); i <= last; i++) {
+    uint32_t slot = s->order[i];
+    if (i == at || !s->of[slot].is_known) continue;
+    if (s->label[slot] || !moves(s, slot)) add_voter(v, slot, apart2(&s->of[s->order[at]], &s->of[slot]));
+  }
+}
+
+// The new body that slot order[at] is amid; -1: none.
+static int body_around(const sv_rigid_search *s, int at, const sv_rigid *motion, float centre[][3],
+                       int n_bodies) {
+  const uint32_t slot = s->order[at];
+  const sv_displaced *o = &s->of[slot];
+  voters v;
+  find_voters(s, at, &v);
+  for (int b = 0; b < n_bodies; b++) {
+    int votes = 0, least = MAJORITY;
+    float e[3], most = MOST_STRAY * s->tolerance_px;
+    for (int i = 0; i < v.n; i++) votes += s->label[v.slot[i]] == s->first_label + b;
+    if (votes < MAJORITY) continue;
+    if (o->is_known && off2(o, &motion[b], centre[b], e) > most * most) {
+      if (!moves(s, slot)) return -1; // still: what lies behind or beside it
+      least = UNANIMITY;
+    }
+    return votes >= least ? b : -1;
+  }
+  return -1;
+}
+
+static void take_strays(search *q, const sv_rigid *motion, float centre[][3], int n_bodies) {
+  const sv_rigid_search *s = q->s;
+  int n = 0; // they do not vote themselves: slot and label side by side, then taken together
+  for (int i = 0; i < s->n; i++) {
+    if (s->label[s->order[i]]) continue;
+    int b = body_around(s, i, motion, centre, n_bodies);
+    if (b >= 0) s->list[n++] = (uint32_t)i, s->list[n++] = (uint32_t)b;
+  }
+  for (int i = 0; i < n; i += 2)
+    s->label[s->order[s->list[i]]] = (uint8_t)(s->first_label + (int)s->list[i + 1]);
+}
+
+int sv_rigid_find(const sv_rigid_search *s, sv_rigid *motion, float centre[][3]) {
+  search q = {.s = s, .rng = sv_rng_make(s->seed, 0), .found = s->list + s->n};
+  int n_bodies = 0;
+  for (int failed = 0; n_bodies < s->cap_bodies && failed < N_FAILED;) {
+    float c[3];
+    list_free(&q);
+    if (q.n < s->least_members || !best_motion(&q, &motion[n_bodies], c)) break;
+    int n = members(&q, &motion[n_bodies], c);
+    if (!n) {
+      failed++;
+      continue;
+    }
+    for (int i = 0; i < n; i++) s->label[q.found[i]] = (uint8_t)(s->first_label + n_bodies);
+    memcpy(centre[n_bodies++], c, sizeof c);
+  }
+  take_strays(&q, motion, centre, n_bodies);
+  return n_bodies;
+}

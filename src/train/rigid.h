@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// Rigid bodies among what was displaced from one time to another: y = R(q) (x - c) + c + d.
+//
+// A displacement is known in the pictures, not in space: along the rays of its cameras it is poor (two cameras close
+// together) or free (one camera). So what is fitted is the squared distance in pixels, (y - x - u)^T a (y - x - u),
+// by Gauss-Newton over q and d, with Geman & McClure's weights against those that followed something else. Bodies are
+// found by sequential RANSAC (Fischler & Bolles 1981) with the winners refined (Chum, Matas & Kittler 2003): three
+// neighbours propose a motion, those around them and then all that go along with it refine it, and what hangs
+// together with the largest body's seed becomes the next body.
+#ifndef SV_TRAIN_RIGID_H
+#define SV_TRAIN_RIGID_H
+
+#include "src/train/local_motion.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct {
+  float q[4], d[3]; // unit quaternion w x y z; world units
+} sv_rigid;
+
+#define SV_RIGID_IDENTITY ((sv_rigid){.q = {1, 0, 0, 0}})
+
+// y = R(q) (x - c) + c + d; y may be x.
+void sv_rigid_apply(const sv_rigid *m, const float c[3], const float x[3], float y[3]);
+
+// The motion about c that those of the n slots have that are known, from start, or from how they move in the mean
+// when that is NULL. What the pictures leave open (points in a line, or few) stays as in start, or turns least.
+// tolerance_px: who is off by so much counts a quarter. n_agree (may be NULL): who is off by less.
+// False, and *out as it was: fewer than three are known, or no motion of theirs is found.
+bool sv_rigid_fit(const sv_displaced *of, const uint32_t *slot, int n, const float c[3], float tolerance_px,
+                  const sv_rigid *start, sv_rigid *out, int *n_agree);
+
+typedef struct {
+  const sv_displaced *of; // by slot
+  const uint32_t *order;  // [n] slots, neighbours mostly side by side (sv_local_motion_find)
+  uint8_t *label;         // by slot; 0: of no body yet. In and out
+  uint32_t *list;         // [2 n] scratch
+  int n;
+  int first_label, cap_bodies; // bodies get first_label, first_label + 1, ...
+  int least_members;
+  float least_px;     // a body's members move by more, in the median
+  float tolerance_px; // its members are off by less
+  uint64_t seed;
+} sv_rigid_search;
+
+// Finds bodies among slots of no body, largest first; motion [cap_bodies] and centre [cap_bodies][3] (the members'
+// mean place) are theirs. Slots that are not known, or have followed something else, join the body they are amid.
+// Returns how many there are. The same for the same input on every machine.
+int sv_rigid_find(const sv_rigid_search *s, sv_rigid *motion, float centre[][3]);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
