@@ -12,6 +12,7 @@
 #define DAMPING    1e-4  // of the mean diagonal: what the pictures leave open does not change
 #define SETTLED    1e-10 // squared step, rad^2 and in radii of the body
 #define N_TRIALS   256   // triples a body
+#define N_DRAWS      64    // for one that moves
 #define N_REFINED  24    // of these, at most, are refined
 #define SIDE       32    // neighbours before and after a seed that a triple must explain
 #define LEAST_NEAR 0.4f  // share of them that must agree
@@ -227,6 +228,15 @@ static bool is_moved(const sv_rigid_search *s, uint32_t slot, const sv_rigid *m,
   return square(o->a, y) > s->least_px * s->least_px;
 }
 
+// Where in the list one is that moves; -1: they are few.
+static int draw_mover(search *q) {
+  for (int i = 0; i < N_DRAWS; i++) {
+    int at = (int)sv_rng_below(&q->rng, (uint32_t)q->n);
+    if (moves(q->s, q->s->list[at])) return at;
+  }
+  return -1;
+}
+
 // Two others near place at, three different ones in all.
 static bool draw(search *q, int at, int side, uint32_t slot[3]) {
   int lo = sv_maxi(at - side, 0), n = sv_mini(at + side, q->n - 1) - lo + 1;
@@ -249,8 +259,8 @@ static void slots_within(const search *q, const sv_rigid *m, const float c[3], f
 static bool propose(search *q, int side, sv_rigid *m, float c[3]) {
   const sv_rigid_search *s = q->s;
   uint32_t slot[3];
-  const int at = (int)sv_rng_below(&q->rng, (uint32_t)q->n);
-  if (!moves(s, s->list[at]) || !draw(q, at, side, slot)) return false;
+  const int at = draw_mover(q);
+  if (at < 0 || !draw(q, at, side, slot)) return false;
   memcpy(c, s->of[slot[0]].x, 3 * sizeof *c);
   const cloud three = {s->of, slot, 3, c};
   shift_by_mean(&three, m);
