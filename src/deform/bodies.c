@@ -1,0 +1,208 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "src/deform/bodies.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "src/base/mathx.h"
+
+void sv_quat_mul(const float a[4], const float b[4], float out[4]) {
+  out[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3];
+  out[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2];
+  out[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1];
+  out[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0];
+}
+
+// y = x + 2 w (v x x) + 2 v x (v x x) of the unit quaternion (w, v).
+static void turn(const float q[4], const float x[3], float y[3]) {
+  const float a[3] = {q[2] * x[2] - q[3] * x[1], q[3] * x[0] - q[1] * x[2], q[1] * x[1] - q[2] * x[0]};
+  const float b[3] = {q[2] * a[2] - q[3] * a[1], q[3] * a[0] - q[1] * a[2], q[1] * a[1] - q[2] * a[0]};
+  for (int k = 0; k < 3; k++) y[k] = x[k] + 2.0f * (q[0] * a[k] + b[k]);
+}
+
+void sv_rigid_apply(const sv_rigid *m, const float c[3], const float x[3], float y[3]) {
+  float from[3] = {x[0] - c[0], x[1] - c[1], x[2] - c[2]}, to[3];
+  turn(m->q, from, to);
+  for (int k = 0; k < 3; k++) y[k] = to[k] + c[k] + m->d[k];
+}
+
+void sv_rigid_undo(const sv_rigid *m, const float c[3], const float y[3], float x[3]) {
+  const float back[4] = {m->q[0], -m->q[1], -m->q[2], -m->q[3]};
+  float from[3], to[3];
+  for (int k = 0; k < 3; k++) from[k] = y[k] - c[k] - m->d[k];
+  turn(back, from, to);
+  for (int k = 0; k < 3; k++) x[k] = to[k] + c[k];
+}
+
+sv_rigid sv_rigid_then(const sv_rigid *a, const sv_rigid *b) {
+  sv_rigid m;
+  sv_quat_mul(b->q, a->q, m.q);
+  for (int k = 0; k < 3; k++) m.d[k] = a->d[k] + b->d[k];
+  return m;
+}
+
+// --- knots ---------------------------------------------------------------------------------------
+
+sv_status sv_bodies_init(sv_bodies *b, int cap, int cap_knots, bool has_grad, sv_arena *arena) {
+  memset(b, 0, sizeof *b);
+  if (cap_knots < 0 || cap_knots > SV_CAP_KNOTS) return SV_E_ARG;
+  if (cap_knots == 0) return SV_OK;
+  const size_t n = (size_t)SV_CAP_BODIES * (size_t)cap_knots;
+  b->cap_knots = cap_knots, b->n = 1;
+  b->time = SV_TAKE(arena, float, cap_knots);
+  b->knot = SV_TAKE(arena, sv_rigid, n);
+  b->of = SV_TAKE(arena, uint8_t, cap);
+  if (!has_grad) return arena->status < 0 ? arena->status : SV_OK;
+  b->m = sv_arena_take(arena, n, sizeof *b->m);
+  b->v = sv_arena_take(arena, n, sizeof *b->v);
+  b->n_steps = SV_TAKE(arena, uint32_t, n);
+  return arena->status < 0 ? arena->status : SV_OK;
+}
+
+static void clear_moments(sv_bodies *b, long at) {
+  if (!b->m) return;
+  memset(b->m[at], 0, sizeof b->m[at]);
+  memset(b->v[at], 0, sizeof b->v[at]);
+  b->n_steps[at] = 0;
+}
+
+void sv_bodies_reset(sv_bodies *b, int cap) {
+  if (!b->of) return;
+  memset(b->of, 0, (size_t)cap);
+  memset(b->centre, 0, sizeof b->centre);
+  b->n = 1, b->n_knots = 0;
+  for (long i = 0; i < (long)SV_CAP_BODIES * b->cap_knots; i++) {
+    b->knot[i] = SV_RIGID_IDENTITY;
+    clear_moments(b, i);
+  }
+  for (int i = 0; i < SV_CAP_BODIES; i++) b->now[i] = SV_RIGID_IDENTITY;
+}
+
+int sv_bodies_find_knot(const sv_bodies *b, float time) {
+  for (int i = 0; i < b->n_knots; i++)
+    if (b->time[i] == time) return i;
+  return -1;
+}
+
+// The turn q, `share` times.
+static void turn_by(const float q[4], float share, float out[4]) {
+  double s = sqrt((double)q[1] * (double)q[1] + (double)q[2] * (double)q[2] + (double)q[3] * (double)q[3]);
+  double half = sv_atan2(s, (double)q[0]);
+  if (half > 1.5707963267948966) half -= 3.141592653589793; // the shorter way
+  double by = half * (double)share, f = s > 1e-12 ? sv_sin(by) / s : 0.0;
+  out[0] = (float)sv_cos(by);
+  for (int k = 1; k < 4; k++) out[k] = (float)(f * (double)q[k]);
+}
+
+static void normalise(float q[4]) {
+  float n = 1.0f / sqrtf(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+  for (int k = 0; k < 4; k++) q[k] *= n;
+}
+
+// Where a body goes that was at a, then at b, `share` times the way from a to b behind b.
+static sv_rigid go_on(const sv_rigid *a, const sv_rigid *b, float share) {
+  const float back[4] = {a->q[0], -a->q[1], -a->q[2], -a->q[3]};
+  float by[4], more[4];
+  sv_rigid m;
+  sv_quat_mul(b->q, back, by);
+  turn_by(by, share, more);
+  sv_quat_mul(more, b->q, m.q);
+  normalise(m.q);
+  for (int k = 0; k < 3; k++) m.d[k] = b->d[k] + share * (b->d[k] - a->d[k]);
+  return m;
+}
+
+int sv_bodies_add_knot(sv_bodies *b, float time) {
+  int at = 0, there = sv_bodies_find_knot(b, time);
+  if (there >= 0) return there;
+  if (b->n_knots >= b->cap_knots) return -1;
+  while (at < b->n_knots && b->time[at] < time) at++;
+  sv_rigid before[SV_CAP_BODIES];
+  const bool is_last = at == b->n_knots && b->n_knots > 1, is_first = at == 0 && b->n_knots > 1;
+  sv_bodies_at(b, time, before);
+  for (int body = 1; body < b->n && (is_last || is_first); body++) {
+    const int i1 = is_last ? at - 1 : 0, i0 = is_last ? at - 2 : 1;
+    before[body] = go_on(sv_bodies_knot(b, body, i0), sv_bodies_knot(b, body, i1),
+                         (time - b->time[i1]) / (b->time[i1] - b->time[i0]));
+  }
+  const int n_behind = b->n_knots - at;
+  memmove(b->time + at + 1, b->time + at, (size_t)n_behind * sizeof *b->time);
+  b->time[at] = time;
+  for (int body = 0; body < SV_CAP_BODIES; body++) {
+    const long i = (long)body * b->cap_knots + at;
+    memmove(b->knot + i + 1, b->knot + i, (size_t)n_behind * sizeof *b->knot);
+    b->knot[i] = body > 0 && body < b->n ? before[body] : SV_RIGID_IDENTITY;
+    if (!b->m) continue;
+    memmove(b->m + i + 1, b->m + i, (size_t)n_behind * sizeof *b->m);
+    memmove(b->v + i + 1, b->v + i, (size_t)n_behind * sizeof *b->v);
+    memmove(b->n_steps + i + 1, b->n_steps + i, (size_t)n_behind * sizeof *b->n_steps);
+    clear_moments(b, i);
+  }
+  b->n_knots++;
+  return at;
+}
+
+// --- between knots -------------------------------------------------------------------------------
+
+// Weights of the knots i-1 .. i+2 at a time between knots i and i+1: the cubic of Hermite whose tangents are those of
+// the parabolas through three knots, or, at the ends, of the one through the last three (or of the line through two).
+static void weights(const sv_bodies *b, int i, float t, float w[4]) {
+  const int n = b->n_knots;
+  const float h = b->time[i + 1] - b->time[i], u = (t - b->time[i]) / h;
+  const float u2 = u * u, u3 = u2 * u, m0 = u3 - 2 * u2 + u, m1 = u3 - u2; // of h times the tangents
+  w[0] = w[3] = 0, w[1] = 2 * u3 - 3 * u2 + 1, w[2] = 3 * u2 - 2 * u3;
+  const float before = i > 0 ? b->time[i] - b->time[i - 1] : 0;
+  const float behind = i + 2 < n ? b->time[i + 2] - b->time[i + 1] : 0;
+  // The slope at knot i: (before s + h s_before)/(before + h), s the slope from i to i+1; in units of 1/h.
+  if (before > 0) {
+    const float a = m0 * before / (before + h), c = m0 * h / (before + h) * h / before;
+    w[1] += c - a, w[2] += a, w[0] -= c;
+  }
+  if (behind > 0) {
+    const float a = m1 * behind / (behind + h), c = m1 * h / (behind + h) * h / behind;
+    w[1] -= a, w[2] += a - c, w[3] += c;
+  }
+  if (!(before > 0)) { // 2 s - the other end's
+    const float f = m0;
+    w[1] -= 2 * f, w[2] += 2 * f;
+    if (behind > 0) {
+      const float a = f * behind / (behind + h), c = f * h / (behind + h) * h / behind;
+      w[1] += a, w[2] -= a - c, w[3] -= c;
+    } else w[1] += f, w[2] -= f;
+  }
+  if (!(behind > 0)) {
+    const float f = m1;
+    w[1] -= 2 * f, w[2] += 2 * f;
+    if (before > 0) {
+      const float a = f * before / (before + h), c = f * h / (before + h) * h / before;
+      w[1] -= c - a, w[2] -= a, w[0] += c;
+    } else w[1] += f, w[2] -= f;
+  }
+}
+
+static sv_rigid between(const sv_bodies *b, int body, int i, const float w[4]) {
+  const sv_rigid *at = sv_bodies_knot(b, body, i);
+  sv_rigid m = {{0}, {0}};
+  for (int k = 0; k < 4; k++) {
+    const sv_rigid *o = at + k - 1;
+    if (w[k] == 0) continue;
+    float dot = 0;
+    for (int e = 0; e < 4; e++) dot += o->q[e] * at->q[e];
+    for (int e = 0; e < 4; e++) m.q[e] += (dot < 0 ? -w[k] : w[k]) * o->q[e];
+    for (int e = 0; e < 3; e++) m.d[e] += w[k] * o->d[e];
+  }
+  normalise(m.q);
+  return m;
+}
+
+void sv_bodies_at(const sv_bodies *b, float time, sv_rigid out[SV_CAP_BODIES]) {
+  float w[4];
+  int i = 0;
+  for (int body = 0; body < SV_CAP_BODIES; body++) out[body] = SV_RIGID_IDENTITY;
+  if (b->n_knots < 1 || b->n < 2) return;
+  while (i < b->n_knots - 1 && b->time[i + 1] <= time) i++;
+  const bool is_at = time <= b->time[i] || i == b->n_knots - 1;
+  if (!is_at) weights(b, i, time, w);
+  for (int body = 1; body < b->n; body++)
+    out[body] = is_at ? *sv_bodies_knot(b, body, i) : between(b, body, i, w);
+}

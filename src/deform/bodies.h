@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+// Rigid bodies of a clip: Gaussians that move as one.
+//
+// At a time that was measured (a knot) body b is displaced by d_b and turned by q_b about its centre c_b:
+//   x(t) = R(q_b) (x - c_b) + c_b + d_b,   quaternion(t) = q_b * quaternion,
+// where x and the quaternion are those of the body's own frame, what a Gaussian has of its own motion (motion.h) added.
+// Between knots d and q follow cubics with the tangents of the parabola through three knots (uneven spacing), q with
+// its sign aligned and normalised; before the first and after the last knot bodies rest. Body 0 never moves.
+#ifndef SV_DEFORM_BODIES_H
+#define SV_DEFORM_BODIES_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "src/base/arena.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SV_CAP_BODIES 16  // with number 0
+#define SV_CAP_KNOTS  256 // distinct times of a clip
+
+typedef struct {
+  float q[4], d[3]; // unit quaternion w x y z; world units
+} sv_rigid;
+
+#define SV_RIGID_IDENTITY ((sv_rigid){.q = {1, 0, 0, 0}})
+
+// y = R(q) (x - c) + c + d; y may be x.
+void sv_rigid_apply(const sv_rigid *m, const float c[3], const float x[3], float y[3]);
+// The reverse: x from y. x may be y.
+void sv_rigid_undo(const sv_rigid *m, const float c[3], const float y[3], float x[3]);
+// First a about c, then b about c + a->d, as one motion about c.
+sv_rigid sv_rigid_then(const sv_rigid *a, const sv_rigid *b);
+// out = a b; out may be neither.
+void sv_quat_mul(const float a[4], const float b[4], float out[4]);
+
+typedef struct {
+  int cap_knots, n_knots;
+  int n;                        // bodies in use are 1 .. n - 1; 0 when there can be none
+  float centre[SV_CAP_BODIES][3];
+  float *time;                  // [cap_knots] rising
+  sv_rigid *knot;               // [SV_CAP_BODIES][cap_knots]
+  uint8_t *of;                  // [cap] body of a slot; NULL without knots
+  // Adam's moments of turn and displacement, by body and knot, and its steps; NULL without has_grad.
+  float (*m)[6], (*v)[6];       // [SV_CAP_BODIES * cap_knots]
+  uint32_t *n_steps;
+  sv_rigid now[SV_CAP_BODIES];  // of the last sv_motion_at
+} sv_bodies;
+
+// cap: slots. cap_knots 0: no bodies.
+sv_status sv_bodies_init(sv_bodies *b, int cap, int cap_knots, bool has_grad, sv_arena *arena) SV_MUST_USE;
+// No body, no knot.
+void sv_bodies_reset(sv_bodies *b, int cap);
+static inline sv_rigid *sv_bodies_knot(const sv_bodies *b, int body, int i_knot) {
+  return b->knot + (long)body * b->cap_knots + i_knot;
+}
+// Number of the knot of this very time; -1: there is none.
+int sv_bodies_find_knot(const sv_bodies *b, float time);
+// Makes a knot of a time, where all bodies go on as they went between the two knots next to it on one side (or rest).
+// Returns its number; the one that is there already, or -1 when all are taken.
+int sv_bodies_add_knot(sv_bodies *b, float time);
+// Poses of all bodies in use at a time.
+void sv_bodies_at(const sv_bodies *b, float time, sv_rigid out[SV_CAP_BODIES]);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
