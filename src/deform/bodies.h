@@ -38,15 +38,15 @@ void sv_quat_mul(const float a[4], const float b[4], float out[4]);
 
 typedef struct {
   int cap_knots, n_knots;
-  int n;                        // bodies in use are 1 .. n - 1; 0 when there can be none
+  int n; // bodies in use are 1 .. n - 1; 0 when there can be none
   float centre[SV_CAP_BODIES][3];
-  float *time;                  // [cap_knots] rising
-  sv_rigid *knot;               // [SV_CAP_BODIES][cap_knots]
-  uint8_t *of;                  // [cap] body of a slot; NULL without knots
+  float *time;    // [cap_knots] rising
+  sv_rigid *knot; // [SV_CAP_BODIES][cap_knots]
+  uint8_t *of;    // [cap] body of a slot; NULL without knots
   // Adam's moments of turn and displacement, by body and knot, and its steps; NULL without has_grad.
-  float (*m)[6], (*v)[6];       // [SV_CAP_BODIES * cap_knots]
+  float (*m)[6], (*v)[6]; // [SV_CAP_BODIES * cap_knots]
   uint32_t *n_steps;
-  sv_rigid now[SV_CAP_BODIES];  // of the last sv_motion_at
+  sv_rigid now[SV_CAP_BODIES]; // of the last sv_motion_at
 } sv_bodies;
 
 // cap: slots. cap_knots 0: no bodies.

@@ -12,7 +12,7 @@
 #define DAMPING    1e-4  // of the mean diagonal: what the pictures leave open does not change
 #define SETTLED    1e-10 // squared step, rad^2 and in radii of the body
 #define N_TRIALS   256   // triples a body
-#define N_DRAWS      64    // for one that moves
+#define N_DRAWS    64    // for one that moves
 #define N_REFINED  24    // of these, at most, are refined
 #define SIDE       32    // neighbours before and after a seed that a triple must explain
 #define LEAST_NEAR 0.4f  // share of them that must agree
@@ -36,19 +36,6 @@ typedef struct {
 } normal;
 
 // --- one motion ----------------------------------------------------------------------------------
-
-static void turn(const float q[4], const float v[3], float y[3]) { // v + 2 w (u x v) + 2 u x (u x v)
-  float a = q[2] * v[2] - q[3] * v[1], b = q[3] * v[0] - q[1] * v[2], c = q[1] * v[1] - q[2] * v[0];
-  y[0] = v[0] + 2 * (q[0] * a + (q[2] * c - q[3] * b));
-  y[1] = v[1] + 2 * (q[0] * b + (q[3] * a - q[1] * c));
-  y[2] = v[2] + 2 * (q[0] * c + (q[1] * b - q[2] * a));
-}
-
-void sv_rigid_apply(const sv_rigid *m, const float c[3], const float x[3], float y[3]) {
-  float v[3] = {x[0] - c[0], x[1] - c[1], x[2] - c[2]}, w[3];
-  turn(m->q, v, w);
-  for (int k = 0; k < 3; k++) y[k] = w[k] + c[k] + m->d[k];
-}
 
 static float square(const float a[6], const float e[3]) {
   return a[0] * e[0] * e[0] + a[3] * e[1] * e[1] + a[5] * e[2] * e[2] +

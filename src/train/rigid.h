@@ -10,20 +10,12 @@
 #ifndef SV_TRAIN_RIGID_H
 #define SV_TRAIN_RIGID_H
 
+#include "src/deform/bodies.h"
 #include "src/train/local_motion.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-typedef struct {
-  float q[4], d[3]; // unit quaternion w x y z; world units
-} sv_rigid;
-
-#define SV_RIGID_IDENTITY ((sv_rigid){.q = {1, 0, 0, 0}})
-
-// y = R(q) (x - c) + c + d; y may be x.
-void sv_rigid_apply(const sv_rigid *m, const float c[3], const float x[3], float y[3]);
 
 // The motion about c that those of the n slots have that are known, from start, or from how they move in the mean
 // when that is NULL. What the pictures leave open (points in a line, or few) stays as in start, or turns least.
