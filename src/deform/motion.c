@@ -23,10 +23,13 @@ sv_status sv_motion_init(sv_motion *mo, const sv_motion_cfg *cfg, const sv_gauss
   mo->moved = SV_TAKE(arena, float, (size_t)g->cap *(size_t)g->n_rows);
   mo->m = cfg->has_grad ? SV_TAKE(arena, float, n_param) : NULL;
   mo->v = cfg->has_grad ? SV_TAKE(arena, float, n_param) : NULL;
+  sv_status s = sv_bodies_init(&mo->bodies, g->cap, cfg->cap_knots, cfg->has_grad, arena);
+  if (s < 0) return s;
   return arena->status < 0 ? arena->status : SV_OK;
 }
 
 static void rest(sv_motion *mo, int i, float sharpness) {
+  if (mo->bodies.of) mo->bodies.of[i] = 0;
   for (int r = 0; r < mo->n_rows; r++) *sv_motion_row(mo, i, r) = 0.0f;
   *sv_motion_row(mo, i, SV_MROW_CENTRE) = 0.5f;
   *sv_motion_row(mo, i, SV_MROW_SHARPNESS) = sharpness;
@@ -45,6 +48,7 @@ void sv_motion_still(sv_motion *mo, int i) { rest(mo, i, SHARPNESS_NONE); }
 void sv_motion_reset(sv_motion *mo, int n) {
   for (int i = 0; i < mo->cap; i++) rest(mo, i, i < n ? SHARPNESS_START : SHARPNESS_NONE);
   mo->n_moving = n;
+  sv_bodies_reset(&mo->bodies, mo->cap);
 }
 
 // Weights of the knots i-1 .. i+2 at a place u in 0..1 between knots i and i+1 (Catmull & Rom 1974).
@@ -138,8 +142,67 @@ sv_motion_args sv_motion_args_of(const sv_motion *mo, const sv_gaussians *g, flo
                           .t = t};
 }
 
+// --- bodies --------------------------------------------------------------------------------------
+
+static float *moved_row(const sv_motion *mo, int i, int row) {
+  return mo->moved + ((long)(i >> 4) * mo->n_gaussian_rows + row) * 16 + (i & 15);
+}
+
+static void go_with_bodies(const sv_motion *mo, int i0, int i1) {
+  const sv_bodies *b = &mo->bodies;
+  for (int i = i0; i < i1; i++) {
+    const int body = b->of[i];
+    if (!body) continue;
+    float *x = moved_row(mo, i, SV_ROW_MEAN), *p = moved_row(mo, i, SV_ROW_QUAT);
+    float at[3] = {x[0], x[16], x[32]}, q[4] = {p[0], p[16], p[32], p[48]}, out[4];
+    sv_rigid_apply(&b->now[body], b->centre[body], at, at);
+    sv_quat_mul(b->now[body].q, q, out);
+    for (int k = 0; k < 3; k++) x[16 * k] = at[k];
+    for (int k = 0; k < 4; k++) p[16 * k] = out[k];
+  }
+}
+
+static void bwd_slot(const sv_motion *mo, int i, float *grad, float sum[6]) {
+  const sv_bodies *b = &mo->bodies;
+  const int body = b->of[i];
+  const float *x = moved_row(mo, i, SV_ROW_MEAN), *p = moved_row(mo, i, SV_ROW_QUAT);
+  const float *c = b->centre[body], *d = b->now[body].d;
+  const float back[4] = {b->now[body].q[0], -b->now[body].q[1], -b->now[body].q[2], -b->now[body].q[3]};
+  float *gx = grad + 16 * SV_ROW_MEAN, *gp = grad + 16 * SV_ROW_QUAT;
+  const float g[3] = {gx[0], gx[16], gx[32]}, gq[4] = {gp[0], gp[16], gp[32], gp[48]};
+  float to[4];
+  const sv_rigid turn_back = {.q = {back[0], back[1], back[2], back[3]}};
+  if (sum) {
+    const float y[3] = {x[0] - c[0] - d[0], x[16] - c[1] - d[1], x[32] - c[2] - d[2]};
+    const float q[4] = {p[0], p[16], p[32], p[48]};
+    sum[0] += y[1] * g[2] - y[2] * g[1], sum[1] += y[2] * g[0] - y[0] * g[2];
+    sum[2] += y[0] * g[1] - y[1] * g[0];
+    // d(quaternion)/d(turn_k) = e_k quaternion / 2
+    sum[0] += 0.5f * (-q[1] * gq[0] + q[0] * gq[1] - q[3] * gq[2] + q[2] * gq[3]);
+    sum[1] += 0.5f * (-q[2] * gq[0] + q[3] * gq[1] + q[0] * gq[2] - q[1] * gq[3]);
+    sum[2] += 0.5f * (-q[3] * gq[0] - q[2] * gq[1] + q[1] * gq[2] + q[0] * gq[3]);
+    for (int k = 0; k < 3; k++) sum[3 + k] += g[k];
+  }
+  const float none[3] = {0};
+  sv_rigid_apply(&turn_back, none, g, to);
+  for (int k = 0; k < 3; k++) gx[16 * k] = to[k];
+  sv_quat_mul(back, gq, to);
+  for (int k = 0; k < 4; k++) gp[16 * k] = to[k];
+}
+
+void sv_motion_bodies_bwd(const sv_motion *mo, int block, uint32_t touched, float *grad, float (*sum)[6]) {
+  if (mo->bodies.n < 2) return;
+  for (; touched; touched &= touched - 1) {
+    const int k = __builtin_ctz(touched), i = 16 * block + k;
+    if (mo->bodies.of[i]) bwd_slot(mo, i, grad + k, sum ? sum[mo->bodies.of[i]] : NULL);
+  }
+}
+
+// --- a time --------------------------------------------------------------------------------------
+
 typedef struct {
   const sv_kernels *k;
+  const sv_motion *mo;
   sv_motion_args a;
   int n_blocks;
 } job;
@@ -148,12 +211,15 @@ static void move_task(void *arg, int i_task, int i_thread) {
   job *j = arg;
   int b0 = i_task * BLOCKS_PER_TASK;
   (void)i_thread;
-  j->k->motion(&j->a, b0, sv_mini(b0 + BLOCKS_PER_TASK, j->n_blocks));
+  int b1 = sv_mini(b0 + BLOCKS_PER_TASK, j->n_blocks);
+  j->k->motion(&j->a, b0, b1);
+  if (j->mo->bodies.n > 1) go_with_bodies(j->mo, 16 * b0, sv_mini(16 * b1, j->mo->n_moving));
 }
 
 void sv_motion_at(sv_motion *mo, const sv_kernels *k, const sv_pool *pool, sv_gaussians *g, float t) {
   sv_motion_values f = sv_motion_values_at(&mo->cfg, t);
-  job j = {.k = k, .a = sv_motion_args_of(mo, g, t, &f), .n_blocks = (mo->n_moving + 15) / 16};
+  job j = {.k = k, .mo = mo, .a = sv_motion_args_of(mo, g, t, &f), .n_blocks = (mo->n_moving + 15) / 16};
+  if (mo->bodies.n > 1) sv_bodies_at(&mo->bodies, t, mo->bodies.now);
   sv_pool_run(pool, move_task, &j, (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
   g->moved = mo->moved;
   g->n_moved = mo->n_moving;
@@ -183,7 +249,7 @@ sv_motion_extent sv_motion_extent_of(const sv_motion *mo, int i) {
   int pos = SV_MROW_FUNCTIONS, colour = pos + 3 * mo->cfg.n_pos + 4 * mo->cfg.n_rot;
   float far = sv_maxf(centre * centre, (1.0f - centre) * (1.0f - centre));
   return (sv_motion_extent){
-      .distance = spread(mo, i, pos, mo->cfg.n_pos, 3),
+      .distance = mo->bodies.of && mo->bodies.of[i] ? 1e30f : spread(mo, i, pos, mo->cfg.n_pos, 3),
       .colour = (float)SV_SH_C0 * spread(mo, i, colour, mo->cfg.n_colour, 3),
       .fade = sv_minf(far * (float)sv_exp((double)*sv_motion_row(mo, i, SV_MROW_SHARPNESS)), SV_WINDOW_MAX)};
 }
@@ -195,6 +261,10 @@ static void swap(float *a, float *b) {
 
 void sv_motion_swap(sv_motion *mo, int i, int j) {
   long a = sv_motion_row(mo, i, 0) - mo->param, b = sv_motion_row(mo, j, 0) - mo->param;
+  if (mo->bodies.of) {
+    uint8_t of = mo->bodies.of[i];
+    mo->bodies.of[i] = mo->bodies.of[j], mo->bodies.of[j] = of;
+  }
   for (int r = 0; r < mo->n_rows; r++) {
     swap(mo->param + a + 16 * r, mo->param + b + 16 * r);
     if (!mo->m) continue;
@@ -205,6 +275,7 @@ void sv_motion_swap(sv_motion *mo, int i, int j) {
 
 void sv_motion_copy(sv_motion *mo, int to, int from) {
   long a = sv_motion_row(mo, to, 0) - mo->param, b = sv_motion_row(mo, from, 0) - mo->param;
+  if (mo->bodies.of) mo->bodies.of[to] = mo->bodies.of[from];
   for (int r = 0; r < mo->n_rows; r++) {
     mo->param[a + 16 * r] = mo->param[b + 16 * r];
     if (mo->m) mo->m[a + 16 * r] = mo->v[a + 16 * r] = 0.0f;

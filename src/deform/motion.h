@@ -9,6 +9,7 @@
 #define SV_DEFORM_MOTION_H
 
 #include "src/base/arena.h"
+#include "src/deform/bodies.h"
 #include "src/port/port.h"
 #include "src/splat/gaussians.h"
 
@@ -27,6 +28,7 @@ typedef struct {
   int n_pos, n_rot, n_colour; // 0..SV_CAP_MOTION_FUNCTIONS; together 0: nothing moves
   float t0;                   // of powers
   bool has_grad;              // room for Adam's moments
+  int cap_knots;              // of rigid bodies (bodies.h); 0: there are none
 } sv_motion_cfg;
 
 typedef struct {
@@ -36,6 +38,7 @@ typedef struct {
   float *param; // [cap/16][n_rows][16]
   float *m, *v; // Adam's moments, laid out as param; NULL without has_grad
   float *moved; // [cap/16][n_gaussian_rows][16] Gaussians of the last sv_motion_at
+  sv_bodies bodies;
 } sv_motion;
 
 // E_ARG when a number of functions is out of range.
@@ -64,6 +67,11 @@ sv_motion_args sv_motion_args_of(const sv_motion *mo, const sv_gaussians *g, flo
                                  const sv_motion_values *f);
 // Makes the moving Gaussians of time t and has g drawn with them (g->moved, g->n_moved), until the next call.
 void sv_motion_at(sv_motion *mo, const sv_kernels *k, const sv_pool *pool, sv_gaussians *g, float t);
+
+// From the gradient of the moved Gaussians of one block to that in their bodies' frames, in place; with sum, also to
+// what the last poses of the bodies get: sum[body] += dL/d(turn about the moved centre, rad; displacement).
+void sv_motion_bodies_bwd(const sv_motion *mo, int block, uint32_t touched, float *grad,
+                          float (*sum)[6]);
 
 // How far slot i gets from where it is on average, in world units, and by how much its opacity's logit and its
 // colour change, over times 0..1 (or the span before t0 for powers).

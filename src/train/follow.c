@@ -30,6 +30,7 @@
 #define DISAGREES_PX    2.0f    // with its neighbours: it has followed something else
 #define FAR_PX          1e4f    // no picture is so large
 #define DAMPING         0.01f   // of the mean diagonal: where no camera can tell, things go on as they did
+#define FREE_DAMPING    1e-4f   // for bodies, whose parts tell together where they go
 #define BEND            1e-3    // price of a function's coefficient, times its number squared
 #define BLOCKS_PER_TASK 4
 
@@ -42,6 +43,7 @@ typedef struct {
   sv_motion_values f;        // at the new time
   float gain[CAP_TERMS];     // of the mean and the coefficients, for a displacement of 1
   sv_motion_values f_before; // at the time before the last
+  sv_rigid body[SV_CAP_BODIES], body_before[SV_CAP_BODIES]; // as f and f_before
   float lead; // from the last to the new time, in spans from the time before to the last; 0: none before
   int n_blocks, reach;
   float px_per_unit; // at the scene's centre
@@ -156,6 +158,8 @@ static void places(const job *j, int i, float now[3], float then[3]) {
     for (int f = 0; f < mo->cfg.n_pos && is_moving; f++)
       then[k] += j->f.pos[f] * *sv_motion_row(mo, i, SV_MROW_FUNCTIONS + 3 * f + k);
   }
+  const int body = sv_train_body_of(t, i);
+  if (body) sv_rigid_apply(&j->body[body], mo->bodies.centre[body], then, then);
 }
 
 // Pixels that slot i is displaced by at the new time when it goes on as it went from the time before to the last.
@@ -169,8 +173,10 @@ static void go_on(const job *j, int i, const float now[3], const float px[2], fl
     x[k] = *sv_gaussians_at(&t->g, i, SV_ROW_MEAN + k);
     for (int f = 0; f < mo->cfg.n_pos; f++)
       x[k] += j->f_before.pos[f] * *sv_motion_row(mo, i, SV_MROW_FUNCTIONS + 3 * f + k);
-    x[k] = now[k] + j->lead * (now[k] - x[k]);
   }
+  const int body = sv_train_body_of(t, i);
+  if (body) places(j, i, (float[3]){0}, x); // as it is expected
+  else for (int k = 0; k < 3; k++) x[k] = now[k] + j->lead * (now[k] - x[k]);
   if (!project(&j->to, x, to, &z, NULL)) return;
   for (int k = 0; k < 2; k++) ahead[k] = fabsf(to[k] - px[k]) < FAR_PX ? to[k] - px[k] : 0;
 }
@@ -235,11 +241,11 @@ static sv_status look(job *j, int i_from, int i_to, float progress) {
 // --- displacement --------------------------------------------------------------------------------
 
 // Pixels by which the cameras see slot i displaced from where its motion has it; -1: not known.
-static float displacement(const sv_follow_sum *s, float d[3]) {
+static float displacement(const sv_follow_sum *s, float damping, float d[3]) {
   float a[6], most = 0;
   if (!s->n) return -1;
   memcpy(a, s->a, sizeof a);
-  float ridge = DAMPING * 0.5f * (a[0] + a[3] + a[5]) + 1e-20f;
+  float ridge = damping * 0.5f * (a[0] + a[3] + a[5]) + 1e-20f;
   a[0] += ridge, a[3] += ridge, a[5] += ridge;
   if (!sv_solve3(a, s->b, d)) return -1;
   float fit = d[0] * s->b[0] + d[1] * s->b[1] + d[2] * s->b[2];
@@ -259,16 +265,26 @@ static void bend(const job *j, int i, const float d[3]) {
 
 // --- neighbours ----------------------------------------------------------------------------------
 
+// How a slot was displaced, with so much damping along the rays.
+static void fill(const job *j, float damping) {
+  sv_trainer *t = j->t;
+  for (int i = 0; i < t->g.n; i++) {
+    sv_displaced *o = &t->near->of[i];
+    const sv_follow_sum *s = &t->follow[i];
+    float d[3] = {0}, then[3], px = displacement(s, damping, d);
+    places(j, i, o->x, then);
+    o->is_known = px >= 0;
+    for (int k = 0; k < 3 && o->is_known; k++) o->u[k] = then[k] + d[k] - o->x[k];
+    for (int k = 0; k < 6 && o->is_known; k++) o->a[k] = s->a[k] / (float)s->n;
+  }
+}
+
 // What is to be followed, and how far the cameras saw it go.
 static void make_neighbours(const job *j) {
   sv_trainer *t = j->t;
   int n = 0;
   for (int i = 0; i < t->g.n; i++) {
-    sv_displaced *o = &t->near->of[i];
-    float d[3] = {0}, then[3], px = displacement(&t->follow[i], d);
-    places(j, i, o->x, then);
-    o->is_known = px >= 0;
-    for (int k = 0; k < 3 && o->is_known; k++) o->u[k] = then[k] + d[k] - o->x[k];
+    float d[3] = {0}, px = displacement(&t->follow[i], DAMPING, d);
     if (t->is_moving[i] || px >= MOVES_PX) t->near->order[n++] = (uint32_t)i;
   }
   sv_local_motion_find(t->near, t->k, n, t->centre, t->radius);
@@ -277,7 +293,7 @@ static void make_neighbours(const job *j) {
 // As displacement, but what no camera saw, or what seems to have gone another way than its neighbours, goes with them.
 static float agreed(const job *j, int i, float d[3]) {
   const sv_displaced *o = &j->t->near->of[i];
-  float px = displacement(&j->t->follow[i], d), now[3], then[3], u[3], off2 = 0, d2 = 0;
+  float px = displacement(&j->t->follow[i], DAMPING, d), now[3], then[3], u[3], off2 = 0, d2 = 0;
   if (!j->t->is_moving[i] || !sv_local_motion_say(j->t->near, i, u)) return px;
   for (int k = 0; k < 3; k++) off2 += (u[k] - o->u[k]) * (u[k] - o->u[k]);
   if (o->is_known && j->px_per_unit * sqrtf(off2) < DISAGREES_PX) return px;
@@ -292,6 +308,7 @@ static void bend_task(void *arg, int i_task, int i_thread) {
   (void)i_thread;
   int i1 = sv_mini(16 * BLOCKS_PER_TASK * (i_task + 1), t->g.n);
   for (int i = 16 * BLOCKS_PER_TASK * i_task; i < i1; i++) {
+    if (sv_train_body_of(t, i)) continue; // goes with its body
     float d[3], px = agreed(j, i, d);
     if (px < (t->is_moving[i] ? LEAST_PX : MOVES_PX)) continue;
     if (!t->is_moving[i]) {
@@ -378,6 +395,7 @@ static void set_lead(job *j, float from, float to, float before) {
 
 static sv_status follow_to(sv_trainer *t, float from, float to, float progress) {
   job j = {.t = t, .n_blocks = (t->g.n + 15) / 16};
+  sv_bodies_at(&t->deform.motion.bodies, to, j.body);
   memset(t->follow, 0, (size_t)t->g.cap * sizeof *t->follow);
   j.f = sv_motion_values_at(&t->deform.motion.cfg, to);
   set_lead(&j, from, to, progress);
@@ -394,7 +412,10 @@ static sv_status follow_to(sv_trainer *t, float from, float to, float progress) 
   float px[2], z;
   j.px_per_unit =
       j.to.fx / (project(&j.to, t->centre, px, &z, NULL) ? sv_maxf(z, 0.1f * t->radius) : t->radius);
+  fill(&j, FREE_DAMPING);
   make_neighbours(&j);
+  sv_train_follow_bodies(t, from, to, j.px_per_unit);
+  fill(&j, DAMPING);
   sv_pool_run(t->pool, bend_task, &j, (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
   sv_train_sort_moving(t);
   return SV_OK;
@@ -409,6 +430,7 @@ sv_status sv_train_follow(sv_trainer *t, float before, float progress) {
       continue;
     float from = neighbour_of(t, time, before);
     if (from < 0) continue;
+    sv_train_expect_bodies(t, time, before);
     sv_status s = follow_to(t, from, time, progress);
     if (s < 0) return s;
   }

@@ -101,9 +101,11 @@ static void shrink(float *c, int n, float by, uint32_t touched) {
 }
 
 void sv_train_move_block(sv_trainer *t, const sv_motion_args *a, const sv_adam_args *adam, int block,
-                         uint32_t touched, const float *grad, float *scratch) {
+                         uint32_t touched, float *grad, float *scratch) {
   int left = t->deform.motion.n_moving - 16 * block;
   if (left < 16) touched &= (1u << left) - 1; // the still ones of the last block stay still
+  if (t->deform.motion.bodies.n > 1)
+    sv_motion_bodies_bwd(&t->deform.motion, block, touched, grad, t->body_sum[block / SV_FIELD_TASK]);
   t->k->motion_bwd(a, block, touched, grad, scratch);
   size_t at = (size_t)block * (size_t)t->deform.motion.n_rows * 16;
   float *p = t->deform.motion.param + at;
@@ -261,7 +263,7 @@ void sv_train_start_moving(sv_trainer *t) {
   set_usual_view(t);
   memset(t->is_moving, 0, (size_t)t->g.cap);
   if (t->deform.kind == SV_DEFORM_CLIP)
-    for (int i = 0; i < t->g.cap; i++) sv_motion_still(&t->deform.motion, i);
+    sv_motion_reset(&t->deform.motion, 0);
   else sv_field_reset(&t->deform.field, &t->g, t->cfg.seed);
   sv_deform_set_moving(&t->deform, 0);
 }

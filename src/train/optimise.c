@@ -277,7 +277,9 @@ static uint32_t run(sv_trainer *t, float progress, sv_task_fn task) {
     j.motion_adam.lr = j.motion_lr;
     j.motion_adam.n_rows = t->deform.motion.n_rows;
   }
+  sv_train_clear_body_sums(t);
   sv_pool_run(t->pool, task, &j, n_tasks(&j));
+  if (t->deform.kind == SV_DEFORM_CLIP) sv_train_move_bodies(t, mean_lr * t->radius);
   if (t->deform.kind == SV_DEFORM_FIELD && t->render.n_moved_blocks > 0) {
     const sv_dynamic_cfg *d = &t->cfg.dynamic;
     sv_field_step(&t->deform.field, t->k, t->pool, ++t->field_step, (progress - d->from) / (1.0f - d->from),

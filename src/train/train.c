@@ -57,6 +57,8 @@ sv_train_cfg sv_train_defaults(void) {
                   .grow_until = 0.5f,
                   .coarse_for = 0.1f,
                   .front_every = 2,
+                  .n_bodies = SV_CAP_BODIES - 1,
+                  .body = 10.0f,
                   .is_followed = true,
                   .shrink_pos = 0.1f,
                   .least_share = 0.2f,
@@ -110,12 +112,19 @@ static sv_status carve_sum(sv_trainer *t, const sv_train_cfg *c, size_t cap, siz
   return sv_forward_init(&t->forward, &fc, t->k, t->pool, a);
 }
 
+bool sv_train_has_bodies(const sv_train_cfg *c) {
+  const sv_dynamic_cfg *d = &c->dynamic;
+  return d->kind == SV_DEFORM_CLIP && d->is_followed && d->grow_until > 0 && d->n_bodies > 0 &&
+         d->functions == SV_MOTION_CHEBYSHEV;
+}
+
 static sv_status carve_dynamic(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   const sv_motion_cfg mc = {.functions = c->dynamic.functions,
                             .n_pos = c->dynamic.n_pos,
                             .n_rot = c->dynamic.n_rot,
                             .n_colour = c->dynamic.n_colour,
-                            .has_grad = true};
+                            .has_grad = true,
+                            .cap_knots = sv_train_has_bodies(c) ? sv_mini(c->cap_views, SV_CAP_KNOTS) : 0};
   sv_arena_part_begin(a, "motion");
   t->is_moving = SV_TAKE(a, uint8_t, t->g.cap);
   float **each[] = {&t->n_seen, &t->res_mean, &t->res_dev, &t->unrest, &t->weight, &t->residual};
@@ -123,6 +132,8 @@ static sv_status carve_dynamic(sv_trainer *t, const sv_train_cfg *c, sv_arena *a
   bool is_followed = c->dynamic.kind == SV_DEFORM_CLIP && c->dynamic.is_followed && c->dynamic.grow_until > 0;
   t->follow = is_followed ? SV_TAKE(a, sv_follow_sum, t->g.cap) : NULL;
   t->near = is_followed ? sv_local_motion_carve(t->g.cap, a) : NULL;
+  if (sv_train_has_bodies(c))
+    t->body_sum = sv_arena_take(a, (size_t)t->g.cap / 16 / SV_FIELD_TASK + 1, sizeof *t->body_sum);
   t->deform.kind = c->dynamic.kind;
   if (c->dynamic.kind == SV_DEFORM_FIELD) {
     sv_field_cfg fc = c->dynamic.field;

@@ -64,6 +64,8 @@ typedef struct {
   // tell.
   float grow_start, grow_until, coarse_for;
   int front_every;
+  int n_bodies;     // rigid bodies that are looked for, at most; with is_followed
+  float body;       // learning rate of their poses, times that of the means
   bool is_followed; // what moves is looked for in the pictures of a time that comes in (follow.c); clip mode
   // Lengths of the position coefficients, those of function j counted j + 1 times, shrink by so much of the learning
   // rate in each step: what gradients do not ask for steadily stays straight, slow, still. Adam would let it wander.
@@ -172,6 +174,7 @@ typedef struct {
   float *n_seen, *res_mean, *res_dev, *unrest, *weight, *residual;
   sv_follow_sum *follow; // [cap], NULL unless times come in one by one
   sv_local_motion *near; // as follow
+  float (*body_sum)[SV_CAP_BODIES][6]; // [tasks of the optimiser] gradients of the poses; NULL without bodies
   float followed;        // progress up to which the times that came in were followed
   sv_renderer render;
   sv_photometric photometric;
@@ -273,7 +276,20 @@ sv_status sv_train_find_moving(sv_trainer *t, float progress) SV_MUST_USE;
 void sv_train_sort_moving(sv_trainer *t);
 // Gradients of a block of moving Gaussians, from those of the moved ones, and their step. touched: lanes.
 void sv_train_move_block(sv_trainer *t, const sv_motion_args *a, const sv_adam_args *adam, int block,
-                         uint32_t touched, const float *grad, float *scratch);
+                         uint32_t touched, float *grad, float *scratch);
+// Rigid bodies (bodies.c, where the formulas are). Whether a run of this kind looks for them.
+bool sv_train_has_bodies(const sv_train_cfg *c);
+static inline int sv_train_body_of(const sv_trainer *t, int i) {
+  const sv_bodies *b = &t->deform.motion.bodies;
+  return b->n > 1 ? b->of[i] : 0;
+}
+// Knots for all times that are there, and for a new one, at which all bodies go on as they went.
+void sv_train_expect_bodies(sv_trainer *t, float to, float progress);
+// From t->near, places at time `from` and displacements to `to`: the bodies' poses at `to`, and new bodies.
+void sv_train_follow_bodies(sv_trainer *t, float from, float to, float px_per_unit);
+// One step of the bodies' poses at the time of the last picture, from t->body_sum, which is cleared before.
+void sv_train_clear_body_sums(sv_trainer *t);
+void sv_train_move_bodies(sv_trainer *t, float mean_lr);
 // Adam's learning rates of the motion's rows, and the kernel's arguments, for one step.
 void sv_train_motion_rates(const sv_trainer *t, float progress, float mean_lr, double bias1,
                            float lr[SV_CAP_MROWS]);

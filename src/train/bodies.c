@@ -1,0 +1,271 @@
+// SPDX-License-Identifier: Apache-2.0
+// Rigid bodies in training: found among what a new time's pictures show displaced (rigid.h), followed from time to
+// time, and refined by the pictures' gradients: dL/dd = sum g, dL/d(turn) = sum (x - c - d) x g and the quaternions'
+// part, over the members.
+#include <string.h>
+
+#include "src/base/mathx.h"
+#include "src/train/rigid.h"
+#include "src/train/train.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#define SV_DBG(...) do { if (getenv("BDBG")) fprintf(stderr, __VA_ARGS__); } while (0)
+#define TOLERANCE_PX  0.7f
+#define LEAST_PX      1.0f
+#define LEAST_MEMBERS 12
+#define NEAR_RADII    1.6f // of a body: who joins it
+#define JOIN_PX       2.0f // and moves by more
+
+// --- bodies --------------------------------------------------------------------------------------
+
+#define KEEP1 0.8f // of Adam's moments: each knot has a view but every so often
+#define KEEP2 0.95f
+
+static void move_knot(sv_trainer *t, int body, int i_knot, const float g[6], float lr) {
+  sv_bodies *b = &t->deform.motion.bodies;
+  const long at = (long)body * b->cap_knots + i_knot;
+  sv_rigid *knot = b->knot + at;
+  double n = (double)++b->n_steps[at];
+  float step[6], f1 = (float)(1.0 - sv_pow((double)KEEP1, n)), f2 = (float)(1.0 - sv_pow((double)KEEP2, n));
+  for (int k = 0; k < 6; k++) {
+    float *m = &b->m[at][k], *v = &b->v[at][k];
+    *m = KEEP1 * *m + (1.0f - KEEP1) * g[k];
+    *v = KEEP2 * *v + (1.0f - KEEP2) * (g[k] * g[k]);
+    step[k] = -lr * (*m / f1) / (sqrtf(*v / f2) + 1e-15f);
+    if (k < 3) step[k] /= b->radius[body];
+  }
+  const float turn[4] = {1.0f, 0.5f * step[0], 0.5f * step[1], 0.5f * step[2]};
+  float q[4], len2 = 0;
+  sv_quat_mul(turn, knot->q, q);
+  for (int k = 0; k < 4; k++) len2 += q[k] * q[k];
+  for (int k = 0; k < 4; k++) knot->q[k] = q[k] / sqrtf(len2);
+  for (int k = 0; k < 3; k++) knot->d[k] += step[3 + k];
+}
+
+void sv_train_clear_body_sums(sv_trainer *t) {
+  if (t->body_sum) memset(t->body_sum, 0, (size_t)sv_train_n_tasks(t) * sizeof *t->body_sum);
+}
+
+void sv_train_move_bodies(sv_trainer *t, float mean_lr) {
+  sv_bodies *b = &t->deform.motion.bodies;
+  const int i_knot = t->body_sum && b->n > 1 ? sv_bodies_find_knot(b, t->time) : -1;
+  if (i_knot < 0 || t->time == t->middle) return; // there they are at rest
+  for (int body = 1; body < b->n; body++) {
+    float g[6] = {0}, any = 0;
+    for (int i = 0; i < sv_train_n_tasks(t); i++)
+      for (int k = 0; k < 6; k++) g[k] += t->body_sum[i][body][k];
+    for (int k = 0; k < 6; k++) any += fabsf(g[k]);
+    if (any > 0) move_knot(t, body, i_knot, g, t->cfg.dynamic.body * mean_lr);
+  }
+}
+
+// --- following -----------------------------------------------------------------------------------
+
+void sv_train_expect_bodies(sv_trainer *t, float to, float before) {
+  sv_bodies *b = &t->deform.motion.bodies;
+  if (!b->of) return;
+  for (int i = 0; i < t->n_views; i++)
+    if (sv_train_has_time(t, t->views[i].view.time, before)) (void)sv_bodies_add_knot(b, t->views[i].view.time);
+  (void)sv_bodies_add_knot(b, to);
+}
+
+static sv_rigid relative(const sv_rigid *from, const sv_rigid *to) {
+  const float back[4] = {from->q[0], -from->q[1], -from->q[2], -from->q[3]};
+  sv_rigid m;
+  sv_quat_mul(to->q, back, m.q);
+  for (int k = 0; k < 3; k++) m.d[k] = to->d[k] - from->d[k];
+  return m;
+}
+
+static uint32_t *members(const sv_trainer *t, int body, int *n) {
+  uint32_t *list = (uint32_t *)t->near->tmp;
+  *n = 0;
+  for (int i = 0; i < t->g.n; i++)
+    if (t->deform.motion.bodies.of[i] == body) list[(*n)++] = (uint32_t)i;
+  return list;
+}
+
+static void follow_known(sv_trainer *t, int i_from, int i_to) {
+  sv_bodies *b = &t->deform.motion.bodies;
+  for (int body = 1; body < b->n; body++) {
+    int n, n_agree = 0;
+    const uint32_t *list = members(t, body, &n);
+    const sv_rigid *from = sv_bodies_knot(b, body, i_from);
+    sv_rigid *to = sv_bodies_knot(b, body, i_to), rel = relative(from, to), found;
+    float c[3];
+    for (int k = 0; k < 3; k++) c[k] = b->centre[body][k] + from->d[k];
+    if (!sv_rigid_fit(t->near->of, list, n, c, TOLERANCE_PX, &rel, &found, &n_agree)) {
+      SV_DBG("  body %d: %d members, no fit\n", body, n);
+      continue;
+    }
+    *to = sv_rigid_then(from, &found);
+    int n_known = 0;
+    for (int i = 0; i < n; i++) n_known += t->near->of[list[i]].is_known;
+    SV_DBG("  body %d: %d members, %d known, %d agree; d %.3f %.3f %.3f expected %.3f %.3f %.3f turn %.3f\n", body, n, n_known,
+           n_agree, (double)found.d[0], (double)found.d[1], (double)found.d[2], (double)rel.d[0], (double)rel.d[1], (double)rel.d[2], (double)sqrtf(found.q[1] * found.q[1] + found.q[2] * found.q[2] + found.q[3] * found.q[3]) * 2);
+  }
+}
+
+// --- new bodies ----------------------------------------------------------------------------------
+
+// Place and quaternion of a slot by its own functions.
+static void own_place(const sv_trainer *t, int i, const sv_motion_values *f, float x[3], float q[4]) {
+  const sv_motion *mo = &t->deform.motion;
+  const sv_motion_cfg *c = &mo->cfg;
+  const bool is_moving = i < mo->n_moving;
+  for (int k = 0; k < 3; k++) {
+    x[k] = *sv_gaussians_at(&t->g, i, SV_ROW_MEAN + k);
+    for (int j = 0; j < c->n_pos && is_moving; j++)
+      x[k] += f->pos[j] * *sv_motion_row(mo, i, SV_MROW_FUNCTIONS + 3 * j + k);
+  }
+  for (int k = 0; k < 4 && q; k++) {
+    q[k] = *sv_gaussians_at(&t->g, i, SV_ROW_QUAT + k);
+    for (int j = 0; j < c->n_rot && is_moving; j++)
+      q[k] += f->rot[j] * *sv_motion_row(mo, i, SV_MROW_FUNCTIONS + 3 * c->n_pos + 4 * j + k);
+  }
+}
+
+// Slot i stays at x, q of its body's frame.
+static void settle(sv_trainer *t, int i, int body, const float x[3], const float q[4]) {
+  sv_motion *mo = &t->deform.motion;
+  const sv_motion_cfg *c = &mo->cfg;
+  if (!t->is_moving[i]) {
+    sv_motion_rest(mo, i);
+    t->is_moving[i] = 2;
+  }
+  for (int k = 0; k < 3; k++) *sv_gaussians_at(&t->g, i, SV_ROW_MEAN + k) = x[k];
+  for (int k = 0; k < 4; k++) *sv_gaussians_at(&t->g, i, SV_ROW_QUAT + k) = q[k];
+  long at = sv_motion_row(mo, i, SV_MROW_FUNCTIONS) - mo->param;
+  for (int r = 0; r < 3 * c->n_pos + 4 * c->n_rot; r++)
+    mo->param[at + 16 * r] = mo->m[at + 16 * r] = mo->v[at + 16 * r] = 0.0f;
+  mo->bodies.of[i] = (uint8_t)body;
+}
+
+// Where body `body`, of those in list, was at the times before, by its members' own motion.
+static void find_past(sv_trainer *t, int body, const uint32_t *list, int n, int i_to, float px_per_unit) {
+  sv_bodies *b = &t->deform.motion.bodies;
+  const sv_motion_values mid = sv_motion_values_at(&t->deform.motion.cfg, t->middle);
+  for (int i_knot = 0; i_knot < b->n_knots; i_knot++) {
+    if (i_knot == i_to || b->time[i_knot] == t->middle) continue;
+    const sv_motion_values f = sv_motion_values_at(&t->deform.motion.cfg, b->time[i_knot]);
+    for (int p = 0; p < n; p++) {
+      sv_displaced *o = &t->near->of[list[p]];
+      float y[3];
+      own_place(t, (int)list[p], &mid, o->x, NULL);
+      own_place(t, (int)list[p], &f, y, NULL);
+      for (int k = 0; k < 3; k++) o->u[k] = y[k] - o->x[k];
+      for (int k = 0; k < 6; k++) o->a[k] = k == 0 || k == 3 || k == 5 ? px_per_unit * px_per_unit : 0;
+      o->is_known = true;
+    }
+    sv_rigid found = SV_RIGID_IDENTITY;
+    int n_agree = 0;
+    if (sv_rigid_fit(t->near->of, list, n, b->centre[body], TOLERANCE_PX, NULL, &found, &n_agree))
+      *sv_bodies_knot(b, body, i_knot) = found;
+    SV_DBG("    past %.3f: %d of %d agree, d %.3f %.3f %.3f turn %.3f\n", (double)b->time[i_knot], n_agree, n, (double)found.d[0], (double)found.d[1], (double)found.d[2], (double)sqrtf(found.q[1] * found.q[1] + found.q[2] * found.q[2] + found.q[3] * found.q[3]) * 2);
+  }
+}
+
+static void make_body(sv_trainer *t, int body, const sv_rigid *motion, const float from_centre[3], int i_from,
+                      int i_to, float px_per_unit) {
+  sv_bodies *b = &t->deform.motion.bodies;
+  const sv_motion_values mid = sv_motion_values_at(&t->deform.motion.cfg, t->middle);
+  int n;
+  const uint32_t *list = members(t, body, &n);
+  float *c = b->centre[body], x[3], q[4];
+  c[0] = c[1] = c[2] = 0;
+  for (int p = 0; p < n; p++) {
+    own_place(t, (int)list[p], &mid, x, NULL);
+    for (int k = 0; k < 3; k++) c[k] += x[k] / (float)n;
+  }
+  float sum = 0;
+  for (int p = 0; p < n; p++) {
+    own_place(t, (int)list[p], &mid, x, NULL);
+    for (int k = 0; k < 3; k++) sum += (x[k] - c[k]) * (x[k] - c[k]);
+  }
+  b->radius[body] = sqrtf(sum / (float)n) + 1e-6f * t->radius;
+  for (int i = 0; i < b->n_knots; i++) *sv_bodies_knot(b, body, i) = SV_RIGID_IDENTITY;
+  find_past(t, body, list, n, i_to, px_per_unit);
+  const sv_rigid *from = sv_bodies_knot(b, body, i_from);
+  sv_rigid *to = sv_bodies_knot(b, body, i_to);
+  float at[3], goes[3];
+  for (int k = 0; k < 3; k++) at[k] = c[k] + from->d[k];
+  sv_rigid_apply(motion, from_centre, at, goes);
+  sv_quat_mul(motion->q, from->q, to->q);
+  for (int k = 0; k < 3; k++) to->d[k] = goes[k] - c[k];
+  SV_DBG("  new body %d: %d members, at %.2f %.2f %.2f radius %.3f d %.3f %.3f %.3f turn %.3f\n", body, n, (double)c[0], (double)c[1], (double)c[2], (double)b->radius[body], (double)to->d[0],
+         (double)to->d[1], (double)to->d[2], (double)sqrtf(motion->q[1] * motion->q[1] + motion->q[2] * motion->q[2] + motion->q[3] * motion->q[3]) * 2);
+  for (int p = 0; p < n; p++) {
+    own_place(t, (int)list[p], &mid, x, q);
+    settle(t, (int)list[p], body, x, q);
+  }
+}
+
+// --- who joins -----------------------------------------------------------------------------------
+
+static float off2(const sv_displaced *o, const float y[3]) {
+  const float *a = o->a, e[3] = {y[0] - o->x[0] - o->u[0], y[1] - o->x[1] - o->u[1], y[2] - o->x[2] - o->u[2]};
+  return a[0] * e[0] * e[0] + a[3] * e[1] * e[1] + a[5] * e[2] * e[2] +
+         2 * (a[1] * e[0] * e[1] + a[2] * e[0] * e[2] + a[4] * e[1] * e[2]);
+}
+
+static void join(sv_trainer *t, int i_from, int i_to) {
+  sv_bodies *b = &t->deform.motion.bodies;
+  int n_joined = 0;
+  for (int p = 0; p < t->near->n; p++) {
+    const int i = (int)t->near->order[p];
+    const sv_displaced *o = &t->near->of[i];
+    if (b->of[i] || !o->is_known || off2(o, o->x) < JOIN_PX * JOIN_PX) continue;
+    int best = 0;
+    float least = TOLERANCE_PX * TOLERANCE_PX, x[3], y[3];
+    for (int body = 1; body < b->n; body++) {
+      const sv_rigid *from = sv_bodies_knot(b, body, i_from), *to = sv_bodies_knot(b, body, i_to);
+      float r2 = 0;
+      sv_rigid_undo(from, b->centre[body], o->x, x);
+      for (int k = 0; k < 3; k++) r2 += (x[k] - b->centre[body][k]) * (x[k] - b->centre[body][k]);
+      if (r2 > NEAR_RADII * NEAR_RADII * b->radius[body] * b->radius[body]) continue;
+      sv_rigid_apply(to, b->centre[body], x, y);
+      float here = off2(o, y);
+      if (here < least) least = here, best = body;
+    }
+    if (!best) continue;
+    const sv_rigid *from = sv_bodies_knot(b, best, i_from);
+    const sv_motion_values f = sv_motion_values_at(&t->deform.motion.cfg, b->time[i_from]);
+    const float back[4] = {from->q[0], -from->q[1], -from->q[2], -from->q[3]};
+    float q[4], own[4];
+    own_place(t, i, &f, y, own);
+    sv_quat_mul(back, own, q);
+    sv_rigid_undo(from, b->centre[best], o->x, x);
+    settle(t, i, best, x, q);
+    n_joined++;
+  }
+  SV_DBG("  %d joined\n", n_joined);
+}
+
+void sv_train_follow_bodies(sv_trainer *t, float from, float to, float px_per_unit) {
+  sv_bodies *b = &t->deform.motion.bodies;
+  if (!b->of) return;
+  const int i_from = sv_bodies_find_knot(b, from), i_to = sv_bodies_find_knot(b, to);
+  if (i_from < 0 || i_to < 0) return;
+  SV_DBG("%.3f -> %.3f, %d bodies, %d in order\n", (double)from, (double)to, b->n - 1, t->near->n);
+  follow_known(t, i_from, i_to);
+  join(t, i_from, i_to);
+  const int room = sv_mini(t->cfg.dynamic.n_bodies, SV_CAP_BODIES - 1) + 1 - b->n;
+  if (room < 1) return;
+  sv_rigid motion[SV_CAP_BODIES];
+  float centre[SV_CAP_BODIES][3];
+  const sv_rigid_search s = {.of = t->near->of,
+                             .order = t->near->order,
+                             .label = b->of,
+                             .list = (uint32_t *)t->near->tmp,
+                             .n = t->near->n,
+                             .first_label = b->n,
+                             .cap_bodies = room,
+                             .least_members = LEAST_MEMBERS,
+                             .least_px = LEAST_PX,
+                             .tolerance_px = TOLERANCE_PX,
+                             .seed = t->cfg.seed};
+  const int n = sv_rigid_find(&s, motion, centre), first = b->n;
+  b->n += n;
+  for (int k = 0; k < n; k++) make_body(t, first + k, &motion[k], centre[k], i_from, i_to, px_per_unit);
+}
