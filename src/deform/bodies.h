@@ -40,10 +40,10 @@ typedef struct {
   int cap_knots, n_knots;
   int n; // bodies in use are 1 .. n - 1; 0 when there can be none
   float centre[SV_CAP_BODIES][3];
-  float radius[SV_CAP_BODIES];  // of their members about the centre: root of the mean square
-  float *time;    // [cap_knots] rising
-  sv_rigid *knot; // [SV_CAP_BODIES][cap_knots]
-  uint8_t *of;    // [cap] body of a slot; NULL without knots
+  float radius[SV_CAP_BODIES]; // of their members about the centre: root of the mean square
+  float *time;                 // [cap_knots] rising
+  sv_rigid *knot;              // [SV_CAP_BODIES][cap_knots]
+  uint8_t *of;                 // [cap] body of a slot; NULL without knots
   // Adam's moments of turn and displacement, by body and knot, and its steps; NULL without has_grad.
   float (*m)[6], (*v)[6]; // [SV_CAP_BODIES * cap_knots]
   uint32_t *n_steps;
