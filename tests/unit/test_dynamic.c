@@ -272,7 +272,7 @@ static void test_bodies_file(void **state) {
   sv_err err;
   (void)state;
   assert_true(moving_scene_start(&scene, &trainer, &c, &kernels, &pool, -1, block, sizeof block));
-  train(&trainer, 0, 120);
+  train(&trainer, 0, N_STEPS);
   assert_true(of->motion.n_moving > 3);
   sv_bodies_reset(b, of->motion.cap);
   assert_int_equal(sv_deform_write(of, &trainer.g, (sv_sink){&without, append}, &err), SV_OK);
