@@ -1,10 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "src/deform/deform_file.h"
 
+#include <stddef.h>
 #include <string.h>
 
-#define KIND    "MOTN"
-#define VERSION 1
+#define KIND           "MOTN"
+#define VERSION        1 // as every reader knows
+#define VERSION_BODIES 2
+#define HEAD_BYTES     offsetof(sv_deform_head, n_bodies)
+#define MOST           1e9f // places and times beyond are not measured
+
+typedef struct {
+  int32_t n_bodies, n_knots;
+  float centre[SV_CAP_BODIES][3]; // n_bodies go to the file
+} bodies_head;
 
 uint64_t sv_deform_model_digest(const sv_gaussians *g) {
   uint64_t h = 14695981039346656037ull; // FNV-1a over the used slots: the file of a model has no others
@@ -46,15 +55,35 @@ static const void *rows_of(const sv_deform *d, size_t *bytes) {
   return d->motion.param;
 }
 
+static bool has_bodies(const sv_deform *d) { return d->kind == SV_DEFORM_CLIP && d->motion.bodies.n > 1; }
+
+static size_t bodies_head_bytes(int n_bodies) {
+  return offsetof(bodies_head, centre) + (size_t)n_bodies * 3 * sizeof(float);
+}
+
+static sv_status write_bodies(const sv_motion *mo, sv_sections_writer *w, sv_err *err) {
+  const sv_bodies *b = &mo->bodies;
+  bodies_head h = {.n_bodies = b->n, .n_knots = b->n_knots};
+  memcpy(h.centre, b->centre, (size_t)b->n * sizeof *h.centre);
+  const size_t row = (size_t)b->n_knots * sizeof(sv_rigid);
+  sv_status s = sv_sections_put(w, "BODY", &h, bodies_head_bytes(b->n), err);
+  if (s >= 0) s = sv_sections_put(w, "TIME", b->time, (size_t)b->n_knots * sizeof *b->time, err);
+  if (s >= 0) s = sv_sections_section_begin(w, "KNOT", (uint64_t)b->n * row, err);
+  for (int i = 0; i < b->n && s >= 0; i++) s = sv_sections_write(w, sv_bodies_knot(b, i, 0), row, err);
+  if (s >= 0) s = sv_sections_section_end(w, err);
+  return s >= 0 ? sv_sections_put(w, "OF  ", b->of, (size_t)mo->n_moving, err) : s;
+}
+
 sv_status sv_deform_write(const sv_deform *d, const sv_gaussians *g, sv_sink sink, sv_err *err) {
   sv_sections_writer w;
   sv_deform_head h;
   size_t bytes;
   const void *rows = rows_of(d, &bytes);
   head_of(d, g, &h);
-  sv_status s = sv_sections_begin(&w, sink, KIND, VERSION, err);
-  if (s >= 0) s = sv_sections_put(&w, "HEAD", &h, sizeof h, err);
+  sv_status s = sv_sections_begin(&w, sink, KIND, has_bodies(d) ? VERSION_BODIES : VERSION, err);
+  if (s >= 0) s = sv_sections_put(&w, "HEAD", &h, HEAD_BYTES, err);
   if (s >= 0) s = sv_sections_put(&w, "ROWS", rows, bytes, err);
+  if (s >= 0 && has_bodies(d)) s = write_bodies(&d->motion, &w, err);
   return s >= 0 ? sv_sections_end(&w, err) : s;
 }
 
@@ -74,10 +103,35 @@ static bool is_good_field(const sv_deform_head *h) { // the sizes themselves are
   return true;
 }
 
+static bool is_measured(const float *x, int n) {
+  for (int k = 0; k < n; k++)
+    if (!(x[k] >= -MOST && x[k] <= MOST)) return false;
+  return true;
+}
+
+// How many bodies and knots, before there is memory for them.
+static sv_status find_bodies(const sv_sections *r, int32_t kind, bodies_head *b, sv_err *err) {
+  const void *data;
+  size_t bytes;
+  sv_status s = sv_sections_find(r, "BODY", &data, &bytes, err);
+  if (s < 0) return s;
+  memset(b, 0, sizeof *b);
+  memcpy(b, data, sizeof *b < bytes ? sizeof *b : bytes);
+  if (kind != SV_DEFORM_CLIP || b->n_bodies < 2 || b->n_bodies > SV_CAP_BODIES || b->n_knots < 1 ||
+      b->n_knots > SV_CAP_KNOTS || bytes != bodies_head_bytes(b->n_bodies) ||
+      !is_measured(*b->centre, 3 * b->n_bodies))
+    return sv_fail(
+        err, SV_E_FORMAT,
+        "%s: section \"BODY\" has numbers that no bodies have (2 to %d of them, 1 to %d knots, in a clip)",
+        r->name, SV_CAP_BODIES, SV_CAP_KNOTS);
+  return SV_OK;
+}
+
 sv_status sv_deform_open(sv_sections *r, sv_deform_head *h, const char *name, const void *buf, size_t bytes,
                          sv_err *err) {
-  sv_status s = sv_sections_open(r, name, buf, bytes, KIND, VERSION, err);
-  if (s >= 0) s = sv_sections_get(r, "HEAD", h, sizeof *h, err);
+  sv_status s = sv_sections_open(r, name, buf, bytes, KIND, VERSION_BODIES, err);
+  memset(h, 0, sizeof *h);
+  if (s >= 0) s = sv_sections_get(r, "HEAD", h, HEAD_BYTES, err);
   if (s < 0) return s;
   if (h->kind != SV_DEFORM_CLIP && h->kind != SV_DEFORM_FIELD)
     return sv_fail(err, SV_E_UNSUPPORTED, "%s: a motion of kind %d, which this program does not know", name,
@@ -85,6 +139,10 @@ sv_status sv_deform_open(sv_sections *r, sv_deform_head *h, const char *name, co
   if (h->n_moving < 0 || h->n_moving > h->n_gaussians ||
       !(h->kind == SV_DEFORM_CLIP ? is_good_clip(h) : is_good_field(h)))
     return sv_fail(err, SV_E_FORMAT, "%s: its head has numbers that no motion has", name);
+  if (r->version < VERSION_BODIES) return SV_OK;
+  bodies_head b;
+  if ((s = find_bodies(r, h->kind, &b, err)) < 0) return s;
+  h->n_bodies = b.n_bodies, h->n_knots = b.n_knots;
   return SV_OK;
 }
 
@@ -97,7 +155,8 @@ sv_status sv_deform_carve(sv_deform *d, const sv_deform_head *h, const sv_gaussi
                        .n_pos = h->n_pos,
                        .n_rot = h->n_rot,
                        .n_colour = h->n_colour,
-                       .t0 = h->t0};
+                       .t0 = h->t0,
+                       .cap_knots = h->n_knots};
     return sv_motion_init(&d->motion, &c, g, arena);
   }
   sv_field_cfg c = {.n_channels = h->n_channels,
@@ -110,6 +169,43 @@ sv_status sv_deform_carve(sv_deform *d, const sv_deform_head *h, const sv_gaussi
                     .n_threads = n_threads};
   for (int l = 0; l < SV_FIELD_CAP_LEVELS; l++) c.mult[l] = h->mult[l];
   return sv_field_init(&d->field, &c, g, arena);
+}
+
+static bool is_motion(const sv_rigid *m) {
+  float n2 = m->q[0] * m->q[0] + m->q[1] * m->q[1] + m->q[2] * m->q[2] + m->q[3] * m->q[3];
+  return n2 > 0.99f && n2 < 1.01f && is_measured(m->d, 3);
+}
+
+static sv_status check_bodies(const sv_motion *mo, const char *name, sv_err *err) {
+  const sv_bodies *b = &mo->bodies;
+  for (int i = 0; i < b->n_knots; i++)
+    if (!is_measured(&b->time[i], 1) || (i && !(b->time[i] > b->time[i - 1])))
+      return sv_fail(err, SV_E_FORMAT, "%s: knot %d of its bodies is not later than the one before", name, i);
+  for (int i = 0; i < b->n * b->n_knots; i++)
+    if (!is_motion(sv_bodies_knot(b, i / b->n_knots, i % b->n_knots)))
+      return sv_fail(err, SV_E_FORMAT, "%s: knot %d of body %d is no rigid motion", name, i % b->n_knots,
+                     i / b->n_knots);
+  for (int i = 0; i < mo->n_moving; i++)
+    if (b->of[i] >= b->n)
+      return sv_fail(err, SV_E_FORMAT, "%s: Gaussian %d is of body %d, there are %d", name, i, b->of[i],
+                     b->n);
+  return SV_OK;
+}
+
+static sv_status read_bodies(sv_motion *mo, const sv_sections *r, sv_err *err) {
+  sv_bodies *b = &mo->bodies; // its rows are as long as the file's: cap_knots is n_knots
+  bodies_head bh;
+  sv_status s = find_bodies(r, SV_DEFORM_CLIP, &bh, err);
+  if (s < 0) return s;
+  memcpy(b->centre, bh.centre, sizeof b->centre);
+  s = sv_sections_get(r, "TIME", b->time, (size_t)bh.n_knots * sizeof *b->time, err);
+  if (s >= 0)
+    s = sv_sections_get(r, "KNOT", b->knot, (size_t)(bh.n_bodies * bh.n_knots) * sizeof *b->knot, err);
+  if (s >= 0) s = sv_sections_get(r, "OF  ", b->of, (size_t)mo->n_moving, err);
+  if (s < 0) return s;
+  b->n = bh.n_bodies, b->n_knots = bh.n_knots;
+  if ((s = check_bodies(mo, r->name, err)) < 0) sv_bodies_reset(b, mo->cap);
+  return s;
 }
 
 sv_status sv_deform_read(sv_deform *d, const sv_sections *r, const sv_deform_head *h, const sv_gaussians *g,
@@ -125,5 +221,6 @@ sv_status sv_deform_read(sv_deform *d, const sv_sections *r, const sv_deform_hea
   memcpy(d->field.inv, h->inv, sizeof h->inv);
   sv_deform_set_moving(d, h->n_moving);
   void *rows = (void *)(uintptr_t)rows_of(d, &bytes);
-  return sv_sections_get(r, "ROWS", rows, bytes, err);
+  s = sv_sections_get(r, "ROWS", rows, bytes, err);
+  return s >= 0 && h->n_bodies ? read_bodies(&d->motion, r, err) : s;
 }

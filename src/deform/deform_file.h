@@ -1,6 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // The motion of a model as a file of its own beside the model's PLY, which stays one that every viewer opens: a
-// checksummed container (format/sections.h) of kind "MOTN".
+// checksummed container (format/sections.h) of kind "MOTN". Little endian, float32:
+//   "HEAD"  sv_deform_head up to n_bodies
+//   "ROWS"  of a clip [ceil(n_moving/16)][rows of kernels/motion/motion.h][16], of a field its parameters (field.h)
+// Version 2, a clip with rigid bodies (bodies.h), has besides
+//   "BODY"  i32 n_bodies (number 0, which rests, among them), n_knots; centres [n_bodies][3]
+//   "TIME"  [n_knots] rising
+//   "KNOT"  [n_bodies][n_knots] of quaternion w x y z, displacement
+//   "OF  "  u8 [n_moving] body of each Gaussian that moves
 #ifndef SV_DEFORM_DEFORM_FILE_H
 #define SV_DEFORM_DEFORM_FILE_H
 
@@ -18,7 +25,8 @@ typedef struct {
   float t0; // Of a field: its sizes and its box.
   int32_t n_channels, n_levels, mult[SV_FIELD_CAP_LEVELS], base, n_times, width, is_shared, has_colour;
   float lo[3], inv[3];
-  uint64_t model_digest; // sv_deform_model_digest of the Gaussians that it belongs to
+  uint64_t model_digest;     // sv_deform_model_digest of the Gaussians that it belongs to
+  int32_t n_bodies, n_knots; // of "BODY"; 0 without
 } sv_deform_head;
 
 uint64_t sv_deform_model_digest(const sv_gaussians *g);

@@ -70,8 +70,7 @@ void sv_motion_at(sv_motion *mo, const sv_kernels *k, const sv_pool *pool, sv_ga
 
 // From the gradient of the moved Gaussians of one block to that in their bodies' frames, in place; with sum, also to
 // what the last poses of the bodies get: sum[body] += dL/d(turn about the moved centre, rad; displacement).
-void sv_motion_bodies_bwd(const sv_motion *mo, int block, uint32_t touched, float *grad,
-                          float (*sum)[6]);
+void sv_motion_bodies_bwd(const sv_motion *mo, int block, uint32_t touched, float *grad, float (*sum)[6]);
 
 // How far slot i gets from where it is on average, in world units, and by how much its opacity's logit and its
 // colour change, over times 0..1 (or the span before t0 for powers).

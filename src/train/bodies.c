@@ -10,13 +10,19 @@
 
 #include <stdio.h>
 #include <stdlib.h>
-#define SV_DBG(...) do { if (getenv("BDBG")) fprintf(stderr, __VA_ARGS__); } while (0)
-static float K(const char *n, float d) { const char *e = getenv(n); return e ? (float)atof(e) : d; }
-#define TOLERANCE_PX  K("TOL",0.7f)
-#define LEAST_PX      K("LEAST",1.0f)
-#define LEAST_MEMBERS (int)K("LEASTM",12)
-#define NEAR_RADII    K("NEAR",1.6f) // of a body: who joins it
-#define JOIN_PX       2.0f // and moves by more
+#define SV_DBG(...)                                                                                          \
+  do {                                                                                                       \
+    if (getenv("BDBG")) fprintf(stderr, __VA_ARGS__);                                                        \
+  } while (0)
+static float K(const char *n, float d) {
+  const char *e = getenv(n);
+  return e ? (float)atof(e) : d;
+}
+#define TOLERANCE_PX  K("TOL", 0.7f)
+#define LEAST_PX      K("LEAST", 1.0f)
+#define LEAST_MEMBERS (int)K("LEASTM", 12)
+#define NEAR_RADII    K("NEAR", 1.6f) // of a body: who joins it
+#define JOIN_PX       2.0f            // and moves by more
 
 // --- bodies --------------------------------------------------------------------------------------
 
@@ -68,7 +74,8 @@ void sv_train_expect_bodies(sv_trainer *t, float to, float before) {
   sv_bodies *b = &t->deform.motion.bodies;
   if (!b->of) return;
   for (int i = 0; i < t->n_views; i++)
-    if (sv_train_has_time(t, t->views[i].view.time, before)) (void)sv_bodies_add_knot(b, t->views[i].view.time);
+    if (sv_train_has_time(t, t->views[i].view.time, before))
+      (void)sv_bodies_add_knot(b, t->views[i].view.time);
   (void)sv_bodies_add_knot(b, to);
 }
 
@@ -103,9 +110,12 @@ static void follow_known(sv_trainer *t, int i_from, int i_to) {
     }
     int n_known = 0;
     for (int i = 0; i < n; i++) n_known += t->near->of[list[i]].is_known;
-    if (n_agree >= K("AGREE", 3) && n_agree >= K("SHARE", 0) * (float)n_known) *to = sv_rigid_then(from, &found);
-    SV_DBG("  body %d: %d members, %d known, %d agree; d %.3f %.3f %.3f expected %.3f %.3f %.3f turn %.3f\n", body, n, n_known,
-           n_agree, (double)found.d[0], (double)found.d[1], (double)found.d[2], (double)rel.d[0], (double)rel.d[1], (double)rel.d[2], (double)sqrtf(found.q[1] * found.q[1] + found.q[2] * found.q[2] + found.q[3] * found.q[3]) * 2);
+    if (n_agree >= K("AGREE", 3) && n_agree >= K("SHARE", 0) * (float)n_known)
+      *to = sv_rigid_then(from, &found);
+    SV_DBG("  body %d: %d members, %d known, %d agree; d %.3f %.3f %.3f expected %.3f %.3f %.3f turn %.3f\n",
+           body, n, n_known, n_agree, (double)found.d[0], (double)found.d[1], (double)found.d[2],
+           (double)rel.d[0], (double)rel.d[1], (double)rel.d[2],
+           (double)sqrtf(found.q[1] * found.q[1] + found.q[2] * found.q[2] + found.q[3] * found.q[3]) * 2);
   }
 }
 
@@ -164,7 +174,9 @@ static void find_past(sv_trainer *t, int body, const uint32_t *list, int n, int 
     int n_agree = 0;
     if (sv_rigid_fit(t->near->of, list, n, b->centre[body], TOLERANCE_PX, NULL, &found, &n_agree))
       *sv_bodies_knot(b, body, i_knot) = found;
-    SV_DBG("    past %.3f: %d of %d agree, d %.3f %.3f %.3f turn %.3f\n", (double)b->time[i_knot], n_agree, n, (double)found.d[0], (double)found.d[1], (double)found.d[2], (double)sqrtf(found.q[1] * found.q[1] + found.q[2] * found.q[2] + found.q[3] * found.q[3]) * 2);
+    SV_DBG("    past %.3f: %d of %d agree, d %.3f %.3f %.3f turn %.3f\n", (double)b->time[i_knot], n_agree, n,
+           (double)found.d[0], (double)found.d[1], (double)found.d[2],
+           (double)sqrtf(found.q[1] * found.q[1] + found.q[2] * found.q[2] + found.q[3] * found.q[3]) * 2);
   }
 }
 
@@ -195,8 +207,12 @@ static void make_body(sv_trainer *t, int body, const sv_rigid *motion, const flo
   sv_rigid_apply(motion, from_centre, at, goes);
   sv_quat_mul(motion->q, from->q, to->q);
   for (int k = 0; k < 3; k++) to->d[k] = goes[k] - c[k];
-  SV_DBG("  new body %d: %d members, at %.2f %.2f %.2f radius %.3f d %.3f %.3f %.3f turn %.3f\n", body, n, (double)c[0], (double)c[1], (double)c[2], (double)b->radius[body], (double)to->d[0],
-         (double)to->d[1], (double)to->d[2], (double)sqrtf(motion->q[1] * motion->q[1] + motion->q[2] * motion->q[2] + motion->q[3] * motion->q[3]) * 2);
+  SV_DBG(
+      "  new body %d: %d members, at %.2f %.2f %.2f radius %.3f d %.3f %.3f %.3f turn %.3f\n", body, n,
+      (double)c[0], (double)c[1], (double)c[2], (double)b->radius[body], (double)to->d[0], (double)to->d[1],
+      (double)to->d[2],
+      (double)sqrtf(motion->q[1] * motion->q[1] + motion->q[2] * motion->q[2] + motion->q[3] * motion->q[3]) *
+          2);
   for (int p = 0; p < n; p++) {
     own_place(t, (int)list[p], &mid, x, q);
     settle(t, (int)list[p], body, x, q);
@@ -206,7 +222,8 @@ static void make_body(sv_trainer *t, int body, const sv_rigid *motion, const flo
 // --- who joins -----------------------------------------------------------------------------------
 
 static float off2(const sv_displaced *o, const float y[3]) {
-  const float *a = o->a, e[3] = {y[0] - o->x[0] - o->u[0], y[1] - o->x[1] - o->u[1], y[2] - o->x[2] - o->u[2]};
+  const float *a = o->a,
+              e[3] = {y[0] - o->x[0] - o->u[0], y[1] - o->x[1] - o->u[1], y[2] - o->x[2] - o->u[2]};
   return a[0] * e[0] * e[0] + a[3] * e[1] * e[1] + a[5] * e[2] * e[2] +
          2 * (a[1] * e[0] * e[1] + a[2] * e[0] * e[2] + a[4] * e[1] * e[2]);
 }

@@ -176,7 +176,8 @@ static void go_on(const job *j, int i, const float now[3], const float px[2], fl
   }
   const int body = sv_train_body_of(t, i);
   if (body) places(j, i, (float[3]){0}, x); // as it is expected
-  else for (int k = 0; k < 3; k++) x[k] = now[k] + j->lead * (now[k] - x[k]);
+  else
+    for (int k = 0; k < 3; k++) x[k] = now[k] + j->lead * (now[k] - x[k]);
   if (!project(&j->to, x, to, &z, NULL)) return;
   for (int k = 0; k < 2; k++) ahead[k] = fabsf(to[k] - px[k]) < FAR_PX ? to[k] - px[k] : 0;
 }

@@ -274,8 +274,7 @@ sv_status sv_train_find_moving(sv_trainer *t, float progress) {
 void sv_train_start_moving(sv_trainer *t) {
   set_usual_view(t);
   memset(t->is_moving, 0, (size_t)t->g.cap);
-  if (t->deform.kind == SV_DEFORM_CLIP)
-    sv_motion_reset(&t->deform.motion, 0);
+  if (t->deform.kind == SV_DEFORM_CLIP) sv_motion_reset(&t->deform.motion, 0);
   else sv_field_reset(&t->deform.field, &t->g, t->cfg.seed);
   sv_deform_set_moving(&t->deform, 0);
 }

@@ -20,6 +20,7 @@
 #define GAP        3.0f  // times the usual distance to the next of a body: what is farther is another
 #define N_FAILED   4     // winners that are no body, until the search ends
 #define VOTERS     8     // nearest that say which body a stray belongs to
+#define NEAR       0.7f  // of a body's size: who votes for it is no farther
 #define MAJORITY   5     // of them
 #define UNANIMITY  7     // of them, where a stray goes by itself
 #define MOST_STRAY 4.0f  // tolerances: off by more is to go by itself
@@ -380,9 +381,20 @@ static void find_voters(const sv_rigid_search *s, int at, voters *v) {
   }
 }
 
+// Mean squared distance of body b's members from its centre.
+static float size2(const sv_rigid_search *s, int label, const float c[3]) {
+  float sum = 0, n = 0;
+  for (int i = 0; i < s->n; i++) {
+    if (s->label[s->order[i]] != label) continue;
+    const float *x = s->of[s->order[i]].x, y[3] = {x[0] - c[0], x[1] - c[1], x[2] - c[2]};
+    sum += length2(y), n += 1;
+  }
+  return sum / n;
+}
+
 // The new body that slot order[at] is amid; -1: none.
 static int body_around(const sv_rigid_search *s, int at, const sv_rigid *motion, float centre[][3],
-                       int n_bodies) {
+                       const float *near2, int n_bodies) {
   const uint32_t slot = s->order[at];
   const sv_displaced *o = &s->of[slot];
   voters v;
@@ -390,7 +402,7 @@ static int body_around(const sv_rigid_search *s, int at, const sv_rigid *motion,
   for (int b = 0; b < n_bodies; b++) {
     int votes = 0, least = MAJORITY;
     float e[3], most = MOST_STRAY * s->tolerance_px;
-    for (int i = 0; i < v.n; i++) votes += s->label[v.slot[i]] == s->first_label + b;
+    for (int i = 0; i < v.n; i++) votes += s->label[v.slot[i]] == s->first_label + b && v.d2[i] < near2[b];
     if (votes < MAJORITY) continue;
     if (o->is_known && off2(o, &motion[b], centre[b], e) > most * most) {
       if (!moves(s, slot)) return -1; // still: what lies behind or beside it
@@ -403,10 +415,12 @@ static int body_around(const sv_rigid_search *s, int at, const sv_rigid *motion,
 
 static void take_strays(search *q, const sv_rigid *motion, float centre[][3], int n_bodies) {
   const sv_rigid_search *s = q->s;
+  float near2[SV_CAP_BODIES];
+  for (int b = 0; b < n_bodies; b++) near2[b] = NEAR * NEAR * size2(s, s->first_label + b, centre[b]);
   int n = 0; // they do not vote themselves: slot and label side by side, then taken together
   for (int i = 0; i < s->n; i++) {
     if (s->label[s->order[i]]) continue;
-    int b = body_around(s, i, motion, centre, n_bodies);
+    int b = body_around(s, i, motion, centre, near2, n_bodies);
     if (b >= 0) s->list[n++] = (uint32_t)i, s->list[n++] = (uint32_t)b;
   }
   for (int i = 0; i < n; i += 2)

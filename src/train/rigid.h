@@ -30,7 +30,7 @@ typedef struct {
   uint8_t *label;         // by slot; 0: of no body yet. In and out
   uint32_t *list;         // [2 n] scratch
   int n;
-  int first_label, cap_bodies; // bodies get first_label, first_label + 1, ...
+  int first_label, cap_bodies; // bodies get first_label, first_label + 1, ...; fewer than SV_CAP_BODIES
   int least_members;
   float least_px;     // a body's members move by more, in the median
   float tolerance_px; // its members are off by less

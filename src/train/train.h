@@ -172,10 +172,10 @@ typedef struct {
   // [cap] each, of the search for what moves: frames that saw a Gaussian, mean and squared deviations of its
   // residual over them, largest deviation over the cameras; pixels of the current frame, their residuals' sum
   float *n_seen, *res_mean, *res_dev, *unrest, *weight, *residual;
-  sv_follow_sum *follow; // [cap], NULL unless times come in one by one
-  sv_local_motion *near; // as follow
+  sv_follow_sum *follow;               // [cap], NULL unless times come in one by one
+  sv_local_motion *near;               // as follow
   float (*body_sum)[SV_CAP_BODIES][6]; // [tasks of the optimiser] gradients of the poses; NULL without bodies
-  float followed;        // progress up to which the times that came in were followed
+  float followed;                      // progress up to which the times that came in were followed
   sv_renderer render;
   sv_photometric photometric;
   sv_tv tv;

@@ -232,6 +232,69 @@ static void round_trip(sv_deform_kind kind) {
   assert_int_equal(sv_deform_open(&r, &h, "memory", file, m.n, &err), SV_E_CORRUPT);
 }
 
+// A few of the moving Gaussians made two bodies by hand, at three knots.
+static void make_bodies(sv_motion *mo) {
+  sv_bodies *b = &mo->bodies;
+  b->n = 3;
+  for (int i = 0; i < 3; i++) assert_int_equal(sv_bodies_add_knot(b, 0.5f * (float)i), i);
+  for (int body = 1; body < 3; body++)
+    for (int i = 0; i < 3; i++) {
+      b->centre[body][i] = 0.1f * (float)(body + i);
+      *sv_bodies_knot(b, body, i) = (sv_rigid){{0.8f, 0, 0.6f, 0}, {0.1f * (float)i, 0, 0.2f * (float)body}};
+    }
+  for (int i = 0; i < mo->n_moving; i++) b->of[i] = (uint8_t)(i % 3);
+}
+
+static sv_status reread(sv_deform *d, size_t bytes, sv_err *err) {
+  sv_sections r;
+  sv_deform_head h;
+  sv_arena a = sv_arena_make(other, sizeof other);
+  sv_status s = sv_deform_open(&r, &h, "memory", file, bytes, err);
+  return s < 0 ? s : sv_deform_read(d, &r, &h, &trainer.g, 1, &a, err);
+}
+
+static void check_refused(const sv_deform *d, const char *sentence) {
+  mem_sink m = {0};
+  sv_deform out;
+  sv_err err;
+  assert_int_equal(sv_deform_write(d, &trainer.g, (sv_sink){&m, append}, &err), SV_OK);
+  assert_int_equal(reread(&out, m.n, &err), SV_E_FORMAT);
+  assert_non_null(strstr(err.text, sentence));
+}
+
+// What has bodies is of a later version; what has none is as it was. What no bodies are is refused.
+static void test_bodies_file(void **state) {
+  enum { AT_VERSION = 12 };
+  sv_train_cfg c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, N_STEPS);
+  mem_sink m = {0}, without = {0};
+  sv_deform d, *of = &trainer.deform;
+  sv_bodies *b = &of->motion.bodies;
+  sv_err err;
+  (void)state;
+  assert_true(moving_scene_start(&scene, &trainer, &c, &kernels, &pool, -1, block, sizeof block));
+  train(&trainer, 0, N_STEPS);
+  assert_true(of->motion.n_moving > 3);
+  sv_bodies_reset(b, of->motion.cap);
+  assert_int_equal(sv_deform_write(of, &trainer.g, (sv_sink){&without, append}, &err), SV_OK);
+  assert_int_equal(file[AT_VERSION], 1);
+  assert_int_equal(reread(&d, without.n, &err), SV_OK);
+  assert_true(d.motion.bodies.n < 2);
+  make_bodies(&of->motion);
+  assert_int_equal(sv_deform_write(of, &trainer.g, (sv_sink){&m, append}, &err), SV_OK);
+  assert_int_equal(file[AT_VERSION], 2);
+  assert_int_equal(reread(&d, m.n, &err), SV_OK);
+  sv_gaussians g = trainer.g;
+  sv_train_set_time(&trainer, 0.3f);
+  sv_deform_at(&d, &kernels, &pool, &g, 0.3f);
+  size_t n = (size_t)(g.n_moved + 15) / 16 * 16 * (size_t)g.n_rows * sizeof(float);
+  assert_memory_equal(g.moved, trainer.g.moved, n);
+  b->of[1] = 3, check_refused(of, "is of body 3"), b->of[1] = 1;
+  b->time[2] = 0.5f, check_refused(of, "knot 2 of its bodies is not later"), b->time[2] = 1;
+  sv_bodies_knot(b, 2, 1)->q[0] = NAN, check_refused(of, "knot 1 of body 2 is no rigid motion");
+  sv_bodies_knot(b, 2, 1)->q[0] = 0.8f, b->centre[1][2] = 1e30f,
+                       check_refused(of, "numbers that no bodies have");
+}
+
 static void test_motion_file(void **state) {
   (void)state;
   round_trip(SV_DEFORM_CLIP);
@@ -263,7 +326,7 @@ int main(void) {
       cmocka_unit_test(test_still_is_still), cmocka_unit_test(test_resume),
       cmocka_unit_test(test_times_come_in),  cmocka_unit_test(test_long_lens),
       cmocka_unit_test(test_motion_shrinks), cmocka_unit_test(test_motion_file),
-      cmocka_unit_test(test_memory),
+      cmocka_unit_test(test_bodies_file),    cmocka_unit_test(test_memory),
   };
   return cmocka_run_group_tests(tests, setup, NULL);
 }
