@@ -53,17 +53,8 @@ sv_status sv_bodies_init(sv_bodies *b, int cap, int cap_knots, bool has_grad, sv
   b->knot = SV_TAKE(arena, sv_rigid, n);
   b->of = SV_TAKE(arena, uint8_t, cap);
   if (!has_grad) return arena->status < 0 ? arena->status : SV_OK;
-  b->m = sv_arena_take(arena, n, sizeof *b->m);
-  b->v = sv_arena_take(arena, n, sizeof *b->v);
-  b->n_steps = SV_TAKE(arena, uint32_t, n);
+  b->adam = SV_TAKE(arena, sv_knot_adam, n);
   return arena->status < 0 ? arena->status : SV_OK;
-}
-
-static void clear_moments(sv_bodies *b, long at) {
-  if (!b->m) return;
-  memset(b->m[at], 0, sizeof b->m[at]);
-  memset(b->v[at], 0, sizeof b->v[at]);
-  b->n_steps[at] = 0;
 }
 
 void sv_bodies_reset(sv_bodies *b, int cap) {
@@ -73,7 +64,7 @@ void sv_bodies_reset(sv_bodies *b, int cap) {
   b->n = 1, b->n_knots = 0;
   for (long i = 0; i < (long)SV_CAP_BODIES * b->cap_knots; i++) {
     b->knot[i] = SV_RIGID_IDENTITY;
-    clear_moments(b, i);
+    if (b->adam) b->adam[i] = (sv_knot_adam){.n_steps = 0};
   }
   for (int i = 0; i < SV_CAP_BODIES; i++) b->now[i] = SV_RIGID_IDENTITY;
 }
@@ -132,14 +123,23 @@ int sv_bodies_add_knot(sv_bodies *b, float time) {
     const long i = (long)body * b->cap_knots + at;
     memmove(b->knot + i + 1, b->knot + i, (size_t)n_behind * sizeof *b->knot);
     b->knot[i] = body > 0 && body < b->n ? before[body] : SV_RIGID_IDENTITY;
-    if (!b->m) continue;
-    memmove(b->m + i + 1, b->m + i, (size_t)n_behind * sizeof *b->m);
-    memmove(b->v + i + 1, b->v + i, (size_t)n_behind * sizeof *b->v);
-    memmove(b->n_steps + i + 1, b->n_steps + i, (size_t)n_behind * sizeof *b->n_steps);
-    clear_moments(b, i);
+    if (!b->adam) continue;
+    memmove(b->adam + i + 1, b->adam + i, (size_t)n_behind * sizeof *b->adam);
+    b->adam[i] = (sv_knot_adam){.n_steps = 0};
   }
   b->n_knots++;
   return at;
+}
+
+float sv_bodies_reach(const sv_bodies *b, int body) {
+  float most = 0;
+  for (int i = 0; i < b->n_knots; i++) {
+    const sv_rigid *m = sv_bodies_knot(b, body, i);
+    float d2 = 0, turn2 = 0;
+    for (int k = 0; k < 3; k++) d2 += m->d[k] * m->d[k], turn2 += m->q[1 + k] * m->q[1 + k];
+    most = sv_maxf(most, sqrtf(d2) + 2.0f * sqrtf(turn2) * b->radius[body]);
+  }
+  return most;
 }
 
 // --- between knots -------------------------------------------------------------------------------

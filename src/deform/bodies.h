@@ -37,6 +37,11 @@ sv_rigid sv_rigid_then(const sv_rigid *a, const sv_rigid *b);
 void sv_quat_mul(const float a[4], const float b[4], float out[4]);
 
 typedef struct {
+  float m[6], v[6]; // running means of the gradient and of its squares: of the turn, of the displacement
+  uint32_t n_steps;
+} sv_knot_adam;
+
+typedef struct {
   int cap_knots, n_knots;
   int n; // bodies in use are 1 .. n - 1; 0 when there can be none
   float centre[SV_CAP_BODIES][3];
@@ -44,9 +49,7 @@ typedef struct {
   float *time;                 // [cap_knots] rising
   sv_rigid *knot;              // [SV_CAP_BODIES][cap_knots]
   uint8_t *of;                 // [cap] body of a slot; NULL without knots
-  // Adam's moments of turn and displacement, by body and knot, and its steps; NULL without has_grad.
-  float (*m)[6], (*v)[6]; // [SV_CAP_BODIES * cap_knots]
-  uint32_t *n_steps;
+  sv_knot_adam *adam;          // as knot; NULL without has_grad
   sv_rigid now[SV_CAP_BODIES]; // of the last sv_motion_at
 } sv_bodies;
 
@@ -62,6 +65,8 @@ int sv_bodies_find_knot(const sv_bodies *b, float time);
 // Makes a knot of a time, where all bodies go on as they went between the two knots next to it on one side (or rest).
 // Returns its number; the one that is there already, or -1 when all are taken.
 int sv_bodies_add_knot(sv_bodies *b, float time);
+// How far a body's members get from where they are at rest, at most, as seen from about its radius.
+float sv_bodies_reach(const sv_bodies *b, int body);
 // Poses of all bodies in use at a time.
 void sv_bodies_at(const sv_bodies *b, float time, sv_rigid out[SV_CAP_BODIES]);
 

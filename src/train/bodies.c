@@ -14,25 +14,30 @@
   do {                                                                                                       \
     if (getenv("BDBG")) fprintf(stderr, __VA_ARGS__);                                                        \
   } while (0)
-#define TOLERANCE_PX  0.7f
-#define LEAST_PX      1.0f
-#define LEAST_MEMBERS 12
-#define NEAR_RADII    1.6f // of a body: who joins it
-#define JOIN_PX       2.0f // and moves by more
+static float K(const char *n, float d) {
+  const char *e = getenv(n);
+  return e ? (float)atof(e) : d;
+}
+#define TOLERANCE_PX  K("TOL", 0.7f)
+#define LEAST_PX      K("LEAST", 1.0f)
+#define LEAST_MEMBERS (int)K("LEASTM", 12)
+#define NEAR_RADII    K("NEAR", 1.6f) // of a body: who joins it
+#define JOIN_PX       2.0f            // and moves by more
 
 // --- bodies --------------------------------------------------------------------------------------
 
-#define KEEP1 0.8f // of Adam's moments: each knot has a view but every so often
-#define KEEP2 0.95f
+#define KEEP1 K("KEEP1", 0.8f) // of Adam's moments: each knot has a view but every so often
+#define KEEP2 K("KEEP2", 0.95f)
 
 static void move_knot(sv_trainer *t, int body, int i_knot, const float g[6], float lr) {
   sv_bodies *b = &t->deform.motion.bodies;
   const long at = (long)body * b->cap_knots + i_knot;
   sv_rigid *knot = b->knot + at;
-  double n = (double)++b->n_steps[at];
+  sv_knot_adam *adam = b->adam + at;
+  double n = (double)++adam->n_steps;
   float step[6], f1 = (float)(1.0 - sv_pow((double)KEEP1, n)), f2 = (float)(1.0 - sv_pow((double)KEEP2, n));
   for (int k = 0; k < 6; k++) {
-    float *m = &b->m[at][k], *v = &b->v[at][k];
+    float *m = &adam->m[k], *v = &adam->v[k];
     *m = KEEP1 * *m + (1.0f - KEEP1) * g[k];
     *v = KEEP2 * *v + (1.0f - KEEP2) * (g[k] * g[k]);
     step[k] = -lr * (*m / f1) / (sqrtf(*v / f2) + 1e-15f);
@@ -103,9 +108,10 @@ static void follow_known(sv_trainer *t, int i_from, int i_to) {
       SV_DBG("  body %d: %d members, no fit\n", body, n);
       continue;
     }
-    *to = sv_rigid_then(from, &found);
     int n_known = 0;
     for (int i = 0; i < n; i++) n_known += t->near->of[list[i]].is_known;
+    if (n_agree >= K("AGREE", 3) && n_agree >= K("SHARE", 0) * (float)n_known)
+      *to = sv_rigid_then(from, &found);
     SV_DBG("  body %d: %d members, %d known, %d agree; d %.3f %.3f %.3f expected %.3f %.3f %.3f turn %.3f\n",
            body, n, n_known, n_agree, (double)found.d[0], (double)found.d[1], (double)found.d[2],
            (double)rel.d[0], (double)rel.d[1], (double)rel.d[2],

@@ -34,12 +34,64 @@ static motion_state motion_of(const sv_trainer *t) {
   return (motion_state){mo->param, mo->m, mo->v, (size_t)mo->cap * (size_t)mo->n_rows * sizeof(float)};
 }
 
+// Rigid bodies: their number and sizes; then BTIM, BKNO, BADM, BSLO.
+typedef struct {
+  int32_t n, n_knots, cap_knots;
+  float centre[SV_CAP_BODIES][3], radius[SV_CAP_BODIES];
+} bodies_head;
+
+static size_t knots_of(const sv_bodies *b) { return (size_t)SV_CAP_BODIES * (size_t)b->cap_knots; }
+
+static size_t bodies_bytes(const sv_trainer *t) {
+  const sv_bodies *b = &t->deform.motion.bodies;
+  if (t->deform.kind != SV_DEFORM_CLIP || !b->of) return 0;
+  return 5 * 40 + sizeof(bodies_head) + (size_t)b->cap_knots * sizeof(float) +
+         knots_of(b) * (sizeof *b->knot + sizeof *b->adam) + (size_t)t->g.cap;
+}
+
+static sv_status put_bodies(sv_sections_writer *w, const sv_trainer *t, sv_err *err) {
+  const sv_bodies *b = &t->deform.motion.bodies;
+  bodies_head h = {.n = b->n, .n_knots = b->n_knots, .cap_knots = b->cap_knots};
+  memcpy(h.centre, b->centre, sizeof h.centre);
+  memcpy(h.radius, b->radius, sizeof h.radius);
+  sv_status s = sv_sections_put(w, "BODY", &h, sizeof h, err);
+  if (s >= 0) s = sv_sections_put(w, "BTIM", b->time, (size_t)b->cap_knots * sizeof(float), err);
+  if (s >= 0) s = sv_sections_put(w, "BKNO", b->knot, knots_of(b) * sizeof *b->knot, err);
+  if (s >= 0) s = sv_sections_put(w, "BADM", b->adam, knots_of(b) * sizeof *b->adam, err);
+  return s >= 0 ? sv_sections_put(w, "BSLO", b->of, (size_t)t->g.cap, err) : s;
+}
+
+static sv_status get_bodies(const sv_sections *r, sv_trainer *t, sv_err *err) {
+  sv_bodies *b = &t->deform.motion.bodies;
+  bodies_head h;
+  sv_status s = sv_sections_get(r, "BODY", &h, sizeof h, err);
+  if (s < 0) return s;
+  if (h.cap_knots != b->cap_knots || h.n_knots < 0 || h.n_knots > h.cap_knots || h.n < 1 ||
+      h.n > SV_CAP_BODIES)
+    return sv_fail(err, SV_E_FORMAT, "%s: %d rigid bodies at %d of %d times, expected at most %d at %d",
+                   r->name, h.n - 1, h.n_knots, h.cap_knots, SV_CAP_BODIES - 1, b->cap_knots);
+  s = sv_sections_get(r, "BTIM", b->time, (size_t)b->cap_knots * sizeof(float), err);
+  if (s >= 0) s = sv_sections_get(r, "BKNO", b->knot, knots_of(b) * sizeof *b->knot, err);
+  if (s >= 0) s = sv_sections_get(r, "BADM", b->adam, knots_of(b) * sizeof *b->adam, err);
+  if (s >= 0) s = sv_sections_get(r, "BSLO", b->of, (size_t)t->g.cap, err);
+  for (int i = 0; i < t->g.cap && s >= 0; i++)
+    if (b->of[i] >= h.n)
+      s = sv_fail(err, SV_E_FORMAT, "%s: Gaussian %d belongs to rigid body %d of %d", r->name, i, b->of[i],
+                  h.n - 1);
+  if (s < 0) return s;
+  b->n = h.n, b->n_knots = h.n_knots;
+  memcpy(b->centre, h.centre, sizeof h.centre);
+  memcpy(b->radius, h.radius, sizeof h.radius);
+  return SV_OK;
+}
+
 static sv_status put_motion(sv_sections_writer *w, const sv_trainer *t, sv_err *err) {
   motion_state o = motion_of(t);
   sv_status s = sv_sections_put(w, "MOTN", o.param, o.bytes, err);
   if (s >= 0) s = sv_sections_put(w, "MOTM", o.m, o.bytes, err);
   if (s >= 0) s = sv_sections_put(w, "MOTV", o.v, o.bytes, err);
-  return s >= 0 ? sv_sections_put(w, "MOVE", t->is_moving, (size_t)t->g.cap, err) : s;
+  if (s >= 0) s = sv_sections_put(w, "MOVE", t->is_moving, (size_t)t->g.cap, err);
+  return s >= 0 && bodies_bytes(t) ? put_bodies(w, t, err) : s;
 }
 
 static sv_status get_motion(const sv_sections *r, sv_trainer *t, sv_err *err) {
@@ -47,11 +99,12 @@ static sv_status get_motion(const sv_sections *r, sv_trainer *t, sv_err *err) {
   sv_status s = sv_sections_get(r, "MOTN", o.param, o.bytes, err);
   if (s >= 0) s = sv_sections_get(r, "MOTM", o.m, o.bytes, err);
   if (s >= 0) s = sv_sections_get(r, "MOTV", o.v, o.bytes, err);
-  return s >= 0 ? sv_sections_get(r, "MOVE", t->is_moving, (size_t)t->g.cap, err) : s;
+  if (s >= 0) s = sv_sections_get(r, "MOVE", t->is_moving, (size_t)t->g.cap, err);
+  return s >= 0 && bodies_bytes(t) ? get_bodies(r, t, err) : s;
 }
 
 size_t sv_checkpoint_bytes(const sv_trainer *t) {
-  return SV_SECTIONS_OVERHEAD_BYTES + 10 * 40 + 3 * motion_of(t).bytes + (size_t)t->g.cap + sizeof(head_t) +
+  return SV_SECTIONS_OVERHEAD_BYTES + 10 * 40 + 3 * motion_of(t).bytes + bodies_bytes(t) + (size_t)t->g.cap + sizeof(head_t) +
          3 * rows_bytes(t) + (size_t)t->g.cap * sizeof(float) + (size_t)n_items(t) * sizeof(int);
 }
 

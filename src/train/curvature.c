@@ -57,7 +57,12 @@ static int n_tasks(const job *j) { return (j->n_blocks + BLOCKS_PER_TASK - 1) / 
 
 // A block's gradients of the last picture. Returns the touched lanes.
 static uint32_t gradients_of(const job *j, int b, int i_thread, float *grad) {
-  return sv_render_bwd_block(&j->t->render, j->t->k, b, i_thread, NULL, grad, grad + SV_CAP_ROWS * 16, NULL);
+  const sv_trainer *t = j->t;
+  uint32_t touched =
+      sv_render_bwd_block(&t->render, t->k, b, i_thread, NULL, grad, grad + SV_CAP_ROWS * 16, NULL);
+  if (t->deform.kind == SV_DEFORM_CLIP && b < t->render.n_moved_blocks)
+    sv_motion_bodies_bwd(&t->deform.motion, b, touched, grad, NULL);
+  return touched;
 }
 
 static void single_task(void *arg, int i_task, int i_thread) {

@@ -370,6 +370,16 @@ uint64_t sv_train_digest(const sv_trainer *t) {
   uint64_t h = fnv1a(14695981039346656037ull, t->g.param, (size_t)t->g.cap * (size_t)t->g.n_rows);
   if (!sv_train_is_dynamic(t)) return h;
   if (t->deform.kind == SV_DEFORM_FIELD) return fnv1a(h, t->deform.field.param, t->deform.field.n_param);
-  return fnv1a(h, t->deform.motion.param,
-               (size_t)(t->deform.motion.n_moving + 15) / 16 * 16 * (size_t)t->deform.motion.n_rows);
+  const sv_bodies *b = &t->deform.motion.bodies;
+  h = fnv1a(h, t->deform.motion.param,
+            (size_t)(t->deform.motion.n_moving + 15) / 16 * 16 * (size_t)t->deform.motion.n_rows);
+  for (int body = 1; body < b->n; body++) {
+    h = fnv1a(h, b->centre[body], 3);
+    for (int i = 0; i < b->n_knots; i++) {
+      const sv_rigid *m = sv_bodies_knot(b, body, i);
+      h = fnv1a(fnv1a(h, m->q, 4), m->d, 3);
+    }
+  }
+  for (int i = 0; i < t->deform.motion.n_moving && b->n > 1; i++) h = (h ^ b->of[i]) * 1099511628211ull;
+  return h;
 }

@@ -41,6 +41,8 @@ int lab_parse_motion(const char *text, sv_train_cfg *c) {
                            {"coarse_for", &d->coarse_for, 0, 1},
                            {"front", 0, &d->front_every, 1000},
                            {"follow", 0, &is_followed, 1},
+                           {"bodies", 0, &d->n_bodies, SV_CAP_BODIES - 1},
+                           {"lr_body", &d->body, 0, 1e3},
                            {"shrink", &d->shrink_pos, 0, 10},
                            {"least_share", &d->least_share, 0, 1},
                            {"functions", 0, &functions, 1},
