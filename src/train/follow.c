@@ -11,27 +11,25 @@
 
 #include "src/base/mathx.h"
 #include "src/splat/constants.h"
+#include "src/train/patch.h"
 #include "src/train/train.h"
 
-#define RADIUS          3       // of a patch
-#define PATCH_VALUES    147     // 3 x 7 x 7
-#define SIDE_PX         200     // pictures are reduced to at most so many pixels a side, where unpack can
-#define REACH           10      // 1/REACH of the larger side is searched
-#define LEAST_TEXTURE   0.0147f // squared differences to the patch one pixel beside: 0.01 a value
-#define STILL           0.25f   // times that: within half a pixel of where it was
-#define MOST_MISMATCH   2.0f    // times that: a match that is worse is none
-#define BETTER          0.5f    // a place must differ so much less than the old one
-#define BACK_PX         1       // looked for from there, the old place is found within so much
-#define LEAST_LOGIT     -2.5f   // fainter ones are not what is seen
-#define IN_FRONT        0.03f   // of the depth: seen
-#define LEAST_PX        0.3f    // displacements below are left to the gradients
-#define MOVES_PX        1.0f    // who stood still and is displaced by more moves
-#define APART_PX        2.0f    // cameras that disagree by more have followed something else
-#define DISAGREES_PX    2.0f    // with its neighbours: it has followed something else
-#define FAR_PX          1e4f    // no picture is so large
-#define DAMPING         0.01f   // of the mean diagonal: where no camera can tell, things go on as they did
-#define FREE_DAMPING    1e-4f   // for bodies, whose parts tell together where they go
-#define BEND            1e-3    // price of a function's coefficient, times its number squared
+#define SIDE_PX         200   // pictures are reduced to at most so many pixels a side, where unpack can
+#define REACH           10    // 1/REACH of the larger side is searched
+#define STILL           0.25f // times that: within half a pixel of where it was
+#define MOST_MISMATCH   2.0f  // times that: a match that is worse is none
+#define BETTER          0.5f  // a place must differ so much less than the old one
+#define BACK_PX         1     // looked for from there, the old place is found within so much
+#define LEAST_LOGIT     -2.5f // fainter ones are not what is seen
+#define IN_FRONT        0.03f // of the depth: seen
+#define LEAST_PX        0.3f  // displacements below are left to the gradients
+#define MOVES_PX        1.0f  // who stood still and is displaced by more moves
+#define APART_PX        2.0f  // cameras that disagree by more have followed something else
+#define DISAGREES_PX    2.0f  // with its neighbours: it has followed something else
+#define FAR_PX          1e4f  // no picture is so large
+#define DAMPING         0.01f // of the mean diagonal: where no camera can tell, things go on as they did
+#define FREE_DAMPING    1e-4f // for bodies, whose parts tell together where they go
+#define BEND            1e-3  // price of a function's coefficient, times its number squared
 #define BLOCKS_PER_TASK 4
 
 #define CAP_TERMS (1 + SV_CAP_MOTION_FUNCTIONS)
@@ -51,56 +49,15 @@ typedef struct {
 
 // --- matching ------------------------------------------------------------------------------------
 
-static bool is_inside(const sv_planes *p, int x, int y) {
-  return x >= RADIUS && y >= RADIUS && x < p->width_px - RADIUS && y < p->height_px - RADIUS;
-}
-
-// Stops when it exceeds most.
-static float mismatch(const sv_planes *a, int xa, int ya, const sv_planes *b, int xb, int yb, float most) {
-  float sum = 0;
-  for (int j = -RADIUS; j <= RADIUS && sum <= most; j++)
-    for (int c = 0; c < 3; c++) {
-      const float *p = a->c[c] + (long)(ya + j) * a->stride + xa - RADIUS;
-      const float *q = b->c[c] + (long)(yb + j) * b->stride + xb - RADIUS;
-      for (int i = 0; i < 2 * RADIUS + 1; i++) sum += (p[i] - q[i]) * (p[i] - q[i]);
-    }
-  return sum;
-}
-
-// How much the patch differs from its neighbours: the least over both directions.
-static float texture(const sv_planes *p, int x, int y) {
-  if (!is_inside(p, x - 1, y - 1) || !is_inside(p, x + 1, y + 1)) return 0;
-  return sv_minf(mismatch(p, x, y, p, x + 1, y, 1e30f), mismatch(p, x, y, p, x, y + 1, 1e30f));
-}
-
-// Best place within reach of (x, y) in b for the patch of a at (xa, ya).
-static float search(const sv_planes *a, int xa, int ya, const sv_planes *b, int reach, int *x, int *y) {
-  const int x0 = *x, y0 = *y;
-  float best = is_inside(b, x0, y0) ? mismatch(a, xa, ya, b, x0, y0, 1e30f) : 1e30f;
-  for (int j = -reach; j <= reach; j++)
-    for (int i = -reach; i <= reach; i++) {
-      if (!is_inside(b, x0 + i, y0 + j)) continue;
-      float here = mismatch(a, xa, ya, b, x0 + i, y0 + j, best);
-      if (here < best) best = here, *x = x0 + i, *y = y0 + j;
-    }
-  return best;
-}
-
 static int abs_i(int x) { return x < 0 ? -x : x; }
-
-// Offset of the least of a parabola through three values, the middle one the least.
-static float vertex(float l, float m, float r) {
-  float curve = l - 2 * m + r;
-  return curve > 0 ? sv_clampf(0.5f * (l - r) / curve, -0.5f, 0.5f) : 0;
-}
 
 // The place in the new picture, from near (u, v), of the old one's patch at (x, y), if looking back finds it.
 static bool look_near(const job *j, int x, int y, int reach, int *u, int *v, float *unlike) {
   const int du = *u - x, dv = *v - y;
-  *unlike = search(&j->prev, x, y, &j->next, reach, u, v);
-  if (!is_inside(&j->next, *u, *v)) return false;
+  *unlike = sv_patch_search(&j->prev, x, y, &j->next, reach, u, v);
+  if (!sv_patch_is_inside(&j->next, *u, *v)) return false;
   int back_x = *u - du, back_y = *v - dv;
-  search(&j->next, *u, *v, &j->prev, reach, &back_x, &back_y);
+  sv_patch_search(&j->next, *u, *v, &j->prev, reach, &back_x, &back_y);
   return abs_i(back_x - x) <= BACK_PX && abs_i(back_y - y) <= BACK_PX;
 }
 
@@ -108,10 +65,10 @@ static bool look_near(const job *j, int x, int y, int reach, int *u, int *v, flo
 // (by p); false: cannot be told.
 static bool follow(const job *j, int x, int y, const float p[2], float d[2]) {
   const sv_planes *a = &j->prev, *b = &j->next;
-  float here, unlike = texture(a, x, y);
+  float here, unlike = sv_patch_texture(a, x, y);
   int u = x, v = y;
-  if (unlike < LEAST_TEXTURE) return false;
-  here = mismatch(a, x, y, b, x, y, 1e30f);
+  if (unlike < SV_PATCH_LEAST_TEXTURE) return false;
+  here = sv_patch_mismatch(a, x, y, b, x, y, 1e30f);
   if (here > STILL * unlike) {
     float best, ahead = 1e30f;
     int u2 = x + (int)floorf(p[0] + 0.5f), v2 = y + (int)floorf(p[1] + 0.5f);
@@ -122,29 +79,13 @@ static bool follow(const job *j, int x, int y, const float p[2], float d[2]) {
       return false;
   }
   d[0] = (float)(u - x), d[1] = (float)(v - y);
-  if (!is_inside(b, u - 1, v - 1) || !is_inside(b, u + 1, v + 1)) return true;
-  float m = mismatch(a, x, y, b, u, v, 1e30f);
-  d[0] += vertex(mismatch(a, x, y, b, u - 1, v, 1e30f), m, mismatch(a, x, y, b, u + 1, v, 1e30f));
-  d[1] += vertex(mismatch(a, x, y, b, u, v - 1, 1e30f), m, mismatch(a, x, y, b, u, v + 1, 1e30f));
+  float more[2];
+  sv_patch_offset(a, x, y, b, u, v, more);
+  d[0] += more[0], d[1] += more[1];
   return true;
 }
 
 // --- one camera ----------------------------------------------------------------------------------
-
-// Pixel and depth; false: behind the camera. jac [2][3]: dpixel/dx, or NULL.
-static bool project(const sv_view *v, const float x[3], float px[2], float *z, float *jac) {
-  float c[3];
-  for (int r = 0; r < 3; r++)
-    c[r] = v->r[3 * r] * x[0] + v->r[3 * r + 1] * x[1] + v->r[3 * r + 2] * x[2] + v->t[r];
-  *z = c[2];
-  if (!(c[2] > 1e-6f)) return false;
-  px[0] = v->fx * c[0] / c[2] + v->cx, px[1] = v->fy * c[1] / c[2] + v->cy;
-  for (int k = 0; k < 3 && jac; k++) {
-    jac[k] = v->fx / c[2] * (v->r[k] - c[0] / c[2] * v->r[6 + k]);
-    jac[3 + k] = v->fy / c[2] * (v->r[3 + k] - c[1] / c[2] * v->r[6 + k]);
-  }
-  return true;
-}
 
 // Where slot i is at the time of the last picture, and at the new time as its motion has it.
 static void places(const job *j, int i, float now[3], float then[3]) {
@@ -178,7 +119,7 @@ static void go_on(const job *j, int i, const float now[3], const float px[2], fl
   if (body) places(j, i, (float[3]){0}, x); // as it is expected
   else
     for (int k = 0; k < 3; k++) x[k] = now[k] + j->lead * (now[k] - x[k]);
-  if (!project(&j->to, x, to, &z, NULL)) return;
+  if (!sv_patch_project(&j->to, x, to, &z, NULL)) return;
   for (int k = 0; k < 2; k++) ahead[k] = fabsf(to[k] - px[k]) < FAR_PX ? to[k] - px[k] : 0;
 }
 
@@ -189,20 +130,7 @@ static bool is_in_front(const job *j, int x, int y, float z) {
   return alpha > 0.5f && fabsf(r->depth[at] / alpha - z) < IN_FRONT * z;
 }
 
-static void follow_slot(const job *j, int i) {
-  sv_follow_sum *s = &j->t->follow[i];
-  float now[3], then[3], px[2], at[2], ahead[2], jac[6], z, d[2];
-  if (!(*sv_gaussians_at(&j->t->g, i, SV_ROW_LOGIT) > LEAST_LOGIT)) return;
-  places(j, i, now, then);
-  if (!project(&j->from, now, px, &z, NULL)) return;
-  if (!(px[0] >= 0 && px[0] < (float)j->prev.width_px && px[1] >= 0 && px[1] < (float)j->prev.height_px))
-    return;
-  int x = (int)px[0], y = (int)px[1];
-  if (!is_inside(&j->prev, x, y) || !is_in_front(j, x, y, z)) return;
-  go_on(j, i, now, px, ahead);
-  if (!follow(j, x, y, ahead, d)) return;
-  if (!project(&j->to, then, at, &z, jac)) return;
-  float r[2] = {px[0] + d[0] - at[0], px[1] + d[1] - at[1]};
+void sv_train_add_seen(sv_follow_sum *s, const float jac[6], const float r[2]) {
   for (int e = 0; e < 2; e++) {
     const float *g = jac + 3 * e;
     const float a[6] = {g[0] * g[0], g[0] * g[1], g[0] * g[2], g[1] * g[1], g[1] * g[2], g[2] * g[2]};
@@ -211,6 +139,23 @@ static void follow_slot(const job *j, int i) {
     s->r2 += r[e] * r[e];
   }
   s->n++;
+}
+
+static void follow_slot(const job *j, int i) {
+  sv_follow_sum *s = &j->t->follow[i];
+  float now[3], then[3], px[2], at[2], ahead[2], jac[6], z, d[2];
+  if (!(*sv_gaussians_at(&j->t->g, i, SV_ROW_LOGIT) > LEAST_LOGIT)) return;
+  places(j, i, now, then);
+  if (!sv_patch_project(&j->from, now, px, &z, NULL)) return;
+  if (!(px[0] >= 0 && px[0] < (float)j->prev.width_px && px[1] >= 0 && px[1] < (float)j->prev.height_px))
+    return;
+  int x = (int)px[0], y = (int)px[1];
+  if (!sv_patch_is_inside(&j->prev, x, y) || !is_in_front(j, x, y, z)) return;
+  go_on(j, i, now, px, ahead);
+  if (!follow(j, x, y, ahead, d)) return;
+  if (!sv_patch_project(&j->to, then, at, &z, jac)) return;
+  const float r[2] = {px[0] + d[0] - at[0], px[1] + d[1] - at[1]};
+  sv_train_add_seen(s, jac, r);
 }
 
 static void follow_task(void *arg, int i_task, int i_thread) {
@@ -412,7 +357,7 @@ static sv_status follow_to(sv_trainer *t, float from, float to, float progress) 
   sv_planes_clear(&t->grad);
   float px[2], z;
   j.px_per_unit =
-      j.to.fx / (project(&j.to, t->centre, px, &z, NULL) ? sv_maxf(z, 0.1f * t->radius) : t->radius);
+      j.to.fx / (sv_patch_project(&j.to, t->centre, px, &z, NULL) ? sv_maxf(z, 0.1f * t->radius) : t->radius);
   fill(&j, FREE_DAMPING);
   make_neighbours(&j);
   sv_train_follow_bodies(t, from, to, j.px_per_unit);
@@ -432,7 +377,8 @@ sv_status sv_train_follow(sv_trainer *t, float before, float progress) {
     float from = neighbour_of(t, time, before);
     if (from < 0) continue;
     sv_train_expect_bodies(t, time, before);
-    sv_status s = follow_to(t, from, time, progress);
+    sv_status s = sv_train_track_bodies(t, time, progress);
+    if (s >= 0) s = follow_to(t, from, time, progress);
     if (s < 0) return s;
   }
   return SV_OK;

@@ -286,6 +286,10 @@ static inline int sv_train_body_of(const sv_trainer *t, int i) {
 // Knots for all times that are there, and for a new one, at which all bodies go on as they went.
 void sv_train_expect_bodies(sv_trainer *t, float to, float progress);
 // From t->near, places at time `from` and displacements to `to`: the bodies' poses at `to`, and new bodies.
+// Adds what one camera saw of a displacement: r pixels, with dpixel/dplace jac [2][3].
+void sv_train_add_seen(sv_follow_sum *s, const float jac[6], const float r[2]);
+// Moves the poses of the bodies at a time, expected there, to what its pictures show (track.c).
+sv_status sv_train_track_bodies(sv_trainer *t, float time, float progress) SV_MUST_USE;
 void sv_train_follow_bodies(sv_trainer *t, float from, float to, float px_per_unit);
 // One step of the bodies' poses at the time of the last picture, from t->body_sum, which is cleared before.
 void sv_train_clear_body_sums(sv_trainer *t);

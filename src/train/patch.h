@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+// Square patches of pictures, looked for in others: the sum of squared differences over 7 x 7 pixels and three colours,
+// at all places within a radius, then a parabola through the three best along x and y.
+#ifndef SV_TRAIN_PATCH_H
+#define SV_TRAIN_PATCH_H
+
+#include <stdbool.h>
+
+#include "src/image/planes.h"
+#include "src/rig/rig.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SV_PATCH_LEAST_TEXTURE 0.0147f // of a patch that can be found again: 0.01 a value
+
+bool sv_patch_is_inside(const sv_planes *p, int x, int y); // the whole patch around pixel (x, y)
+// Between the patches around (xa, ya) and (xb, yb), both inside; stops when it exceeds most.
+float sv_patch_mismatch(const sv_planes *a, int xa, int ya, const sv_planes *b, int xb, int yb, float most);
+// How much the patch differs from those one pixel beside: the least over both directions. 0 at the rim.
+float sv_patch_texture(const sv_planes *p, int x, int y);
+// Best place within reach of (*x, *y) in b for the patch of a at (xa, ya), and its mismatch.
+float sv_patch_search(const sv_planes *a, int xa, int ya, const sv_planes *b, int reach, int *x, int *y);
+// Offset, within half a pixel, of the best place from (x, y) in b; 0 where a neighbour is outside.
+void sv_patch_offset(const sv_planes *a, int xa, int ya, const sv_planes *b, int x, int y, float d[2]);
+
+// Pixel and depth of a place; false: behind the camera. jac [2][3]: dpixel/dx, or NULL.
+bool sv_patch_project(const sv_view *v, const float x[3], float px[2], float *z, float *jac);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

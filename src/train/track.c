@@ -1,0 +1,184 @@
+// SPDX-License-Identifier: Apache-2.0
+// Tracking rigid bodies from the model to the picture: at a new time a body is expected where its motion takes it. What
+// the model looks like there has the body's turn and size, so patches of the rendering around its members are found in
+// the picture close by, and how they are displaced says by what the expected pose was off. What leaves the
+// picture hardly better explained than the expected pose is not taken.
+#include <string.h>
+
+#include "src/base/mathx.h"
+#include "src/train/patch.h"
+#include "src/train/rigid.h"
+#include "src/train/train.h"
+
+#define SIDE_PX         200   // pictures are reduced to at most so many pixels a side, where unpack can
+#define LEAST_LOGIT     -2.5f // fainter ones are not what is seen
+#define IN_FRONT        0.03f // of the depth: seen
+#define BETTER          0.7f  // a place must differ so much less than the expected one
+#define DAMPING         1e-4f // of the mean diagonal
+#define MOST_RADII      4.0f  // of a body: it is not off by more
+#define KEPT            0.9f  // of the mismatch at the expected pose: what leaves more is not taken
+#define LEAST_AGREE     8
+#define LEAST_SHARE     0.3f // of those that were found
+#define BLOCKS_PER_TASK 4
+
+typedef struct {
+  int reach;                   // pixels that are searched
+  float wide_px, tolerance_px; // of the fit, first and last
+} round_of;
+
+// The last only looks what is left.
+enum { N_ROUNDS = 3 };
+static const round_of ROUNDS[N_ROUNDS + 1] = {{16, 8, 1.5f}, {4, 2, 1}, {2, 1.4f, 0.7f}, {0, 0, 0}};
+
+typedef struct {
+  sv_trainer *t;
+  sv_view view;
+  int reach;
+} job;
+
+static bool is_in_front(const sv_renderer *r, int x, int y, float z) {
+  const long at = (long)y * r->rgb.stride + x;
+  const float alpha = 1.0f - r->trans[at];
+  return alpha > 0.5f && fabsf(r->depth[at] / alpha - z) < IN_FRONT * z;
+}
+
+// Pixels by which the picture has what the model shows at (x, y) elsewhere; off_by: mismatch there as it is.
+static bool find(const job *j, int x, int y, float d[2], float *off_by) {
+  const sv_planes *a = &j->t->render.rgb, *b = &j->t->target;
+  int u = x, v = y;
+  if (sv_patch_texture(a, x, y) < SV_PATCH_LEAST_TEXTURE) return false;
+  const float here = sv_patch_mismatch(a, x, y, b, x, y, 1e30f);
+  *off_by += here;
+  if (!j->reach) return false;
+  const float best = sv_patch_search(a, x, y, b, j->reach, &u, &v);
+  const int off = sv_maxi(sv_maxi(u - x, x - u), sv_maxi(v - y, y - v));
+  if (off == j->reach || (off > 1 && best > BETTER * here)) return false;
+  sv_patch_offset(a, x, y, b, u, v, d);
+  d[0] += (float)(u - x), d[1] += (float)(v - y);
+  return true;
+}
+
+static void place(const sv_trainer *t, int i, float x[3]) {
+  const sv_motion *mo = &t->deform.motion;
+  for (int k = 0; k < 3; k++)
+    x[k] = mo->moved[((long)(i >> 4) * t->g.n_rows + SV_ROW_MEAN + k) * 16 + (i & 15)];
+}
+
+static void track_slot(const job *j, int i) {
+  sv_trainer *t = j->t;
+  float x[3], px[2], jac[6], z, d[2];
+  if (!t->deform.motion.bodies.of[i] || !(*sv_gaussians_at(&t->g, i, SV_ROW_LOGIT) > LEAST_LOGIT)) return;
+  place(t, i, x);
+  if (!sv_patch_project(&j->view, x, px, &z, jac)) return;
+  if (!(px[0] >= 0 && px[0] < (float)j->view.width_px && px[1] >= 0 && px[1] < (float)j->view.height_px))
+    return;
+  const int u = (int)px[0], v = (int)px[1];
+  if (!sv_patch_is_inside(&t->target, u, v) || !is_in_front(&t->render, u, v, z) ||
+      !find(j, u, v, d, &t->weight[i]))
+    return;
+  sv_train_add_seen(&t->follow[i], jac, d);
+}
+
+static void track_task(void *arg, int i_task, int i_thread) {
+  const job *j = arg;
+  (void)i_thread;
+  const int i1 = sv_mini(16 * BLOCKS_PER_TASK * (i_task + 1), j->t->deform.motion.n_moving);
+  for (int i = 16 * BLOCKS_PER_TASK * i_task; i < i1; i++) track_slot(j, i);
+}
+
+static sv_status look(sv_trainer *t, int i_view, int reach, float progress) {
+  const sv_train_view *v = &t->views[i_view];
+  const sv_render_options o = sv_train_render_options(t, progress, true);
+  const int n_blocks = (t->deform.motion.n_moving + 15) / 16;
+  int k = 1;
+  while (k < SV_UNPACK_CAP_K && sv_maxi(v->view.width_px, v->view.height_px) / k > SIDE_PX) k++;
+  job j = {.t = t, .view = sv_view_scaled(&v->view, k), .reach = reach};
+  sv_train_set_time(t, v->view.time);
+  sv_train_load_target(t, &v->image, k, o.bg);
+  sv_status s = sv_render(&t->render, t->k, t->pool, &t->g, &j.view, &o);
+  if (s >= 0) sv_pool_run(t->pool, track_task, &j, (n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
+  return s;
+}
+
+// All pictures of a time: t->follow and, in t->weight, the mismatch of each member.
+static sv_status look_all(sv_trainer *t, float time, int reach, float progress) {
+  sv_status s = SV_OK;
+  memset(t->follow, 0, (size_t)t->g.cap * sizeof *t->follow);
+  memset(t->weight, 0, (size_t)t->g.cap * sizeof *t->weight);
+  for (int i = 0; i < t->n_views && s >= 0; i++)
+    if (t->views[i].view.time == time) s = look(t, i, reach, progress);
+  return s;
+}
+
+// --- poses ---------------------------------------------------------------------------------------
+
+// By how much slot i of a body, in its frame, is displaced.
+static void fill(sv_trainer *t, int i, const sv_rigid *pose, const float c[3]) {
+  sv_displaced *o = &t->near->of[i];
+  const sv_follow_sum *s = &t->follow[i];
+  float x[3], d[3], a[6];
+  o->is_known = false;
+  if (!s->n) return;
+  place(t, i, x);
+  sv_rigid_undo(pose, c, x, o->x);
+  memcpy(a, s->a, sizeof a);
+  const float ridge = DAMPING * 0.5f * (a[0] + a[3] + a[5]) + 1e-20f;
+  a[0] += ridge, a[3] += ridge, a[5] += ridge;
+  if (!sv_solve3(a, s->b, d)) return;
+  for (int k = 0; k < 6; k++) o->a[k] = a[k] / (float)s->n;
+  for (int k = 0; k < 3; k++) o->u[k] = x[k] + d[k] - o->x[k];
+  o->is_known = true;
+}
+
+static bool is_far(const sv_rigid *a, const sv_rigid *b, float most) {
+  const float d[3] = {a->d[0] - b->d[0], a->d[1] - b->d[1], a->d[2] - b->d[2]};
+  return d[0] * d[0] + d[1] * d[1] + d[2] * d[2] > most * most;
+}
+
+static void move_body(sv_trainer *t, int body, int i_knot, const round_of *r) {
+  sv_bodies *b = &t->deform.motion.bodies;
+  sv_rigid *knot = sv_bodies_knot(b, body, i_knot), m = *knot;
+  uint32_t *list = (uint32_t *)t->near->tmp;
+  int n = 0, n_agree = 0;
+  for (int i = 0; i < t->deform.motion.n_moving; i++) {
+    if (b->of[i] != body) continue;
+    fill(t, i, knot, b->centre[body]);
+    if (t->near->of[i].is_known) list[n++] = (uint32_t)i;
+  }
+  if (n < LEAST_AGREE) return;
+  for (float px = r->wide_px;; px = sv_maxf(0.5f * px, r->tolerance_px)) {
+    if (!sv_rigid_fit(t->near->of, list, n, b->centre[body], px, &m, &m, &n_agree)) return;
+    if (px <= r->tolerance_px) break;
+  }
+  if (n_agree < LEAST_AGREE || (float)n_agree < LEAST_SHARE * (float)n) return;
+  if (!is_far(&m, knot, MOST_RADII * b->radius[body])) *knot = m;
+}
+
+// Mean mismatch of each body's members that are seen, as they are drawn; no one seen: much.
+static void mismatches(const sv_trainer *t, float out[SV_CAP_BODIES]) {
+  const sv_bodies *b = &t->deform.motion.bodies;
+  float n[SV_CAP_BODIES] = {0};
+  memset(out, 0, SV_CAP_BODIES * sizeof *out);
+  for (int i = 0; i < t->deform.motion.n_moving; i++)
+    if (b->of[i] && t->weight[i] > 0) out[b->of[i]] += t->weight[i], n[b->of[i]] += 1;
+  for (int body = 0; body < b->n; body++) out[body] = n[body] > 0 ? out[body] / n[body] : 1e30f;
+}
+
+sv_status sv_train_track_bodies(sv_trainer *t, float time, float progress) {
+  const sv_bodies *b = &t->deform.motion.bodies;
+  const int i_knot = b->n > 1 ? sv_bodies_find_knot(b, time) : -1;
+  sv_rigid expected[SV_CAP_BODIES];
+  float before[SV_CAP_BODIES], after[SV_CAP_BODIES];
+  if (i_knot < 0 || time == t->middle) return SV_OK; // there they rest
+  for (int body = 1; body < b->n; body++) expected[body] = *sv_bodies_knot(b, body, i_knot);
+  for (int round = 0; round <= N_ROUNDS; round++) {
+    sv_status s = look_all(t, time, ROUNDS[round].reach, progress);
+    if (s < 0) return s;
+    if (round == 0) mismatches(t, before);
+    for (int body = 1; body < b->n && round < N_ROUNDS; body++) move_body(t, body, i_knot, &ROUNDS[round]);
+  }
+  mismatches(t, after);
+  for (int body = 1; body < b->n; body++)
+    if (!(after[body] < KEPT * before[body])) *sv_bodies_knot(b, body, i_knot) = expected[body];
+  return SV_OK;
+}
