@@ -42,7 +42,9 @@ sv_status live_view_open(const run_options *o, sv_err *err) {
       .n_exposures = (int)o->exposures, .is_dynamic = o->is_dynamic, .is_live = o->is_live};
   sv_train_cfg train = sv_train_defaults();
   if (o->is_dynamic) sv_app_plan_moving(&planned, &train);
-  size_t n_floats = SV_GAUSSIAN_N_FLOATS((size_t)o->sh) + sv_live_motion_floats(&train);
+  const size_t n = o->gaussians > 0 ? (size_t)o->gaussians : 1;
+  size_t n_floats = SV_GAUSSIAN_N_FLOATS((size_t)o->sh) + sv_live_motion_floats(&train) +
+                    (sv_live_bodies_floats(&train) + n - 1) / n;
   sv_status s = sv_linux_live_open(&live, (uint32_t)o->gaussians, (uint32_t)n_floats, err);
   is_open = s >= 0;
   if (s >= 0 && o->preview) s = sv_linux_live_serve(&live, NULL, o->preview_addr, o->preview_port, err);

@@ -6,9 +6,9 @@
 //   n x 11 u16         f16 scale x y z (linear) | i16 quaternion w x y z of 32767 | f16 SH degree 0 of R G B |
 //                      f16 opacity logit
 //   n x 3 ((d+1)^2 - 1) i8   higher SH of degree d, coefficient-major, in units of `sh unit`; padded to 4 bytes
-//   n_moving x n_motion f32  motion of the first n_moving (src/port/feed.h)
+//   n_moving x n_motion f32  motion of the first n_moving (src/port/feed.h), with bodies theirs behind it
 // Header: u32 magic "SVG2", n, step, sequence number (low), is_mip, SH degree, n_moving, n_motion, motion, n_pos, n_rot,
-// n_colour; f32 low-pass in square pixels; 3 x 0; f32 centre 3, radius, eye 3, up 3, fov_y, time_min, time_max, seconds, t0, sh unit.
+// n_colour; f32 low-pass in square pixels; n_bodies, n_knots, 0; f32 centre 3, radius, eye 3, up 3, fov_y, time_min, time_max, seconds, t0, sh unit.
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -41,6 +41,12 @@ static void forget(pv_source *s) {
   }
 }
 
+// Floats of motion, those of the bodies among them.
+static uint64_t n_motion(const sv_feed_model *m) {
+  return (uint64_t)m->n_moving * m->n_motion +
+         (m->n_bodies ? SV_FEED_BODIES_FLOATS(m->n_bodies, m->n_knots, m->n_moving) : 0);
+}
+
 // The newest snapshot, NULL when there is none that is whole.
 static const sv_feed_model *newest(pv_source *s) {
   size_t bytes;
@@ -49,9 +55,9 @@ static const sv_feed_model *newest(pv_source *s) {
     forget(s);
     bool is_whole = bytes >= sizeof *m && m->sh_degree <= 3 && m->n_motion <= 256 &&
                     m->n_floats == SV_GAUSSIAN_N_FLOATS(m->sh_degree) && m->n_moving <= m->n &&
+                    m->n_bodies <= SV_FEED_CAP_BODIES && m->n_knots <= SV_FEED_CAP_KNOTS &&
                     m->n <= (bytes - sizeof *m) / sizeof(float) / m->n_floats &&
-                    (uint64_t)m->n * m->n_floats + (uint64_t)m->n_moving * m->n_motion <=
-                        (bytes - sizeof *m) / sizeof(float);
+                    (uint64_t)m->n * m->n_floats + n_motion(m) <= (bytes - sizeof *m) / sizeof(float);
     if (!is_whole) memset(s->model, 0, sizeof *m);
   }
   return s->model_seq && m->n > 0 ? m : NULL;
@@ -120,16 +126,17 @@ static void put_header(uint8_t *o, const sv_feed_model *m, uint64_t seq, float u
   memset(o, 0, HEADER_BYTES);
   for (int i = 0; i < 12; i++) sv_put_le32(o + 4 * i, words[i]);
   sv_put_lef32(o + 48, m->dilation_px2);
+  sv_put_le32(o + 52, m->n_bodies), sv_put_le32(o + 56, m->n_knots);
   for (int i = 0; i < 16; i++) sv_put_lef32(o + 64 + 4 * i, floats[i]);
 }
 
 pv_blob *pv_model_compact(pv_source *s) {
   const sv_feed_model *m = newest(s);
   if (!m || s->compact) return m ? s->compact : NULL;
-  const size_t n = m->n, n_sh = 3 * (size_t)n_higher(m), n_motion = (size_t)m->n_moving * m->n_motion;
+  const size_t n = m->n, n_sh = 3 * (size_t)n_higher(m), n_moves = (size_t)n_motion(m);
   const size_t sh_at = HEADER_BYTES + n * (12 + 2 * N_HALVES), sh_end = sh_at + n * n_sh;
   const size_t motion_at = (sh_end + 3) & ~(size_t)3;
-  pv_blob *b = pv_blob_make(motion_at + 4 * n_motion, s->model_seq);
+  pv_blob *b = pv_blob_make(motion_at + 4 * n_moves, s->model_seq);
   if (!b) return NULL;
   const float unit = sh_unit(m);
   put_header(b->data, m, s->model_seq, unit);
@@ -142,7 +149,7 @@ pv_blob *pv_model_compact(pv_source *s) {
     put_higher((int8_t *)b->data + sh_at + n_sh * i, &g, n_higher(m), unit);
   }
   const float *row = (const float *)(m + 1) + n * m->n_floats;
-  for (size_t i = 0; i < n_motion; i++) sv_put_lef32(b->data + motion_at + 4 * i, row[i]);
+  for (size_t i = 0; i < n_moves; i++) sv_put_lef32(b->data + motion_at + 4 * i, row[i]);
   return s->compact = b;
 }
 

@@ -201,7 +201,12 @@ static void fill_viewpoint(const sv_app *app, sv_feed_model *m) {
 
 size_t sv_live_motion_floats(const sv_train_cfg *t) {
   const sv_dynamic_cfg *d = &t->dynamic;
-  return d->kind == SV_DEFORM_CLIP ? (size_t)SV_N_MROWS(d->n_pos, d->n_rot, d->n_colour) : 0;
+  const size_t rows = d->kind == SV_DEFORM_CLIP ? (size_t)SV_N_MROWS(d->n_pos, d->n_rot, d->n_colour) : 0;
+  return rows + sv_train_has_bodies(t); // and which body
+}
+
+size_t sv_live_bodies_floats(const sv_train_cfg *t) {
+  return sv_train_has_bodies(t) ? SV_FEED_BODIES_FLOATS(SV_CAP_BODIES, SV_CAP_KNOTS, 0) : 0;
 }
 
 // Which times there are pictures of.
@@ -216,6 +221,22 @@ static void fill_times(const sv_app *app, sv_feed_model *m) {
   m->seconds = (float)sv_ns_to_s(last_ns - first_ns);
 }
 
+_Static_assert(SV_FEED_CAP_BODIES >= SV_CAP_BODIES && SV_FEED_CAP_KNOTS >= SV_CAP_KNOTS,
+               "what the page takes");
+
+static void fill_bodies(const sv_motion *mo, sv_feed_model *m, float *out) {
+  const sv_bodies *b = &mo->bodies;
+  m->n_bodies = (uint32_t)b->n, m->n_knots = (uint32_t)b->n_knots;
+  memcpy(out, b->centre, (size_t)b->n * sizeof *b->centre), out += 3 * b->n;
+  memcpy(out, b->time, (size_t)b->n_knots * sizeof *b->time), out += b->n_knots;
+  for (int i = 0; i < b->n * b->n_knots; i++, out += 7) {
+    const sv_rigid *knot = sv_bodies_knot(b, i / b->n_knots, i % b->n_knots);
+    memcpy(out, knot->q, sizeof knot->q);
+    memcpy(out + 4, knot->d, sizeof knot->d);
+  }
+  for (int i = 0; i < mo->n_moving; i++) *out++ = (float)b->of[i];
+}
+
 static void fill_motion(const sv_app *app, sv_feed_model *m, float *row) {
   const sv_motion *mo = &app->trainer.deform.motion;
   m->n_moving = (uint32_t)mo->n_moving, m->n_motion = (uint32_t)mo->n_rows;
@@ -227,6 +248,14 @@ static void fill_motion(const sv_app *app, sv_feed_model *m, float *row) {
   fill_times(app, m);
   for (int i = 0; i < mo->n_moving; i++)
     for (int r = 0; r < mo->n_rows; r++) *row++ = *sv_motion_row(mo, i, r);
+  if (mo->bodies.n > 1) fill_bodies(mo, m, row);
+}
+
+static size_t motion_floats(const sv_trainer *t) {
+  const sv_motion *mo = &t->deform.motion;
+  if (t->deform.kind != SV_DEFORM_CLIP) return 0;
+  return (size_t)mo->n_rows * (size_t)mo->n_moving +
+         (mo->bodies.n > 1 ? SV_FEED_BODIES_FLOATS(mo->bodies.n, mo->bodies.n_knots, mo->n_moving) : 0);
 }
 
 static void publish_model(sv_app *app) {
@@ -234,8 +263,7 @@ static void publish_model(sv_app *app) {
   sv_feed *feed = app->live.feed;
   const bool is_moving = t->deform.kind == SV_DEFORM_CLIP;
   const size_t n_floats = SV_GAUSSIAN_N_FLOATS(t->g.sh_degree);
-  const size_t n_motion = is_moving ? (size_t)t->deform.motion.n_rows * (size_t)t->deform.motion.n_moving : 0;
-  const size_t bytes = sizeof(sv_feed_model) + sizeof(float) * (n_floats * (size_t)t->g.n + n_motion);
+  const size_t bytes = sizeof(sv_feed_model) + sizeof(float) * (n_floats * (size_t)t->g.n + motion_floats(t));
   if (!t->g.n || bytes > sv_feed_cap(feed, SV_FEED_MODEL)) return;
   sv_feed_model *m = sv_feed_begin(feed, SV_FEED_MODEL);
   memset(m, 0, sizeof *m);

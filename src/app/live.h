@@ -50,6 +50,8 @@ typedef struct {
 
 // Floats of each Gaussian's motion in the feed, beside SV_GAUSSIAN_N_FLOATS; 0: nothing moves.
 size_t sv_live_motion_floats(const sv_train_cfg *t);
+// Floats of its rigid bodies, once for the whole model; 0: there are none.
+size_t sv_live_bodies_floats(const sv_train_cfg *t);
 void sv_live_carve(sv_live *l, bool is_on, int n_cameras, sv_arena *arena);
 void sv_live_start(sv_app *app); // the run begins: the clock of the page starts
 

@@ -103,18 +103,25 @@ typedef struct {
 // A snapshot of the Gaussians: n rows of n_floats floats each, as sv_gaussian of src/format up to the model's degree
 // (mean, quaternion w x y z, log-scales, opacity logit, SH coefficient-major). Of a model that moves, n_moving rows of
 // n_motion floats follow: the motion of the first n_moving Gaussians (rows of kernels/motion/motion.h; which functions
-// of time: src/deform/motion.h).
+// of time: src/deform/motion.h). With rigid bodies (src/deform/bodies.h) floats follow of n_bodies, number 0 among them:
+// centres [n_bodies][3], times [n_knots], knots [n_bodies][n_knots][7] (w x y z, displacement), the body of each of
+// the n_moving.
 typedef enum { SV_FEED_STILL, SV_FEED_CHEBYSHEV, SV_FEED_SPLINE, SV_FEED_POWERS } sv_feed_motion;
 typedef struct {
   uint32_t n, sh_degree, n_floats, is_mip, step;
   uint32_t n_moving, n_motion, motion; // sv_feed_motion
   uint32_t n_pos, n_rot, n_colour;
+  uint32_t n_bodies, n_knots;        // together 0: no bodies
   float t0;                          // of powers
   float dilation_px2;                // low-pass of the splats
   float centre[3], radius;           // of the scene
   float eye[3], up[3], fov_y;        // a good first viewpoint (radians): the first training view
   float time_min, time_max, seconds; // of a model that moves: its exposures' times, and how long they took
 } sv_feed_model;
+#define SV_FEED_CAP_BODIES 16
+#define SV_FEED_CAP_KNOTS  256
+#define SV_FEED_BODIES_FLOATS(n_bodies, n_knots, n_moving)                                                   \
+  ((size_t)(n_bodies) * (3 + 7 * (size_t)(n_knots)) + (size_t)(n_knots) + (size_t)(n_moving))
 
 typedef struct {
   int32_t width_px, height_px; // rgb follows, rows packed: what was measured beside its rendering

@@ -13,6 +13,13 @@ for (let i = 0; i < 65536; i++) {
 }
 
 // --- the model ---
+// Rigid bodies (src/deform/bodies.h): centre of each, times of the knots, w x y z and displacement at each knot.
+function bodies_of(buffer, at, moving, n, knots) {
+  if (!n) return null;
+  const take = (count) => new Float32Array(buffer, (at += 4 * count) - 4 * count, count);
+  return { n, knots, centre: take(3 * n), time: take(knots), knot: take(7 * n * knots), of: take(moving), now: new Float64Array(7 * n) };
+}
+
 function decode(buffer, id) {
   const head = new DataView(buffer), u = (i) => head.getUint32(4 * i, true), n = u(1), degree = u(5);
   const n_sh = 3 * ((degree + 1) ** 2 - 1), moving = u(6), n_motion = u(7);
@@ -26,6 +33,7 @@ function decode(buffer, id) {
     colour: new Float32Array(3 * n), logit: new Float32Array(n), rgba: new Uint8Array(4 * n),
     keys: new Uint16Array(n), depth: new Float32Array(n), order: new Uint32Array(n), has_texels: false,
   };
+  model.bodies = bodies_of(buffer, motion_at + 4 * moving * n_motion, moving, u(13), u(14));
   const signed = new Int16Array(model.halves.buffer, model.halves.byteOffset, 11 * n);
   model.place.set(model.still);
   for (let i = 0, h = 0; i < n; i++, h += 11) {
@@ -58,7 +66,54 @@ function functions(kind, n, t, t0) {
   return f;
 }
 
+// Cubic between knots i and i + 1 with the slopes of the parabolas through three knots; at the ends of the outermost.
+function weights(time, i, t) {
+  const h = time[i + 1] - time[i], u = (t - time[i]) / h, u2 = u * u, u3 = u2 * u;
+  const w = [0, 2 * u3 - 3 * u2 + 1, 3 * u2 - 2 * u3, 0]; // of knots i - 1 .. i + 2
+  const middle = (k) => { // slope at knot i + k (0, 1) in units of 1/h, as weights; null: it is an end
+    const a = time[i + k] - time[i + k - 1], b = time[i + k + 1] - time[i + k], out = [0, 0, 0, 0];
+    if (!(i + k > 0 && i + k + 1 < time.length)) return null;
+    (out[k] -= (h * b) / a / (a + b)), (out[k + 1] += (h * b) / a / (a + b));
+    (out[k + 1] -= (h * a) / b / (a + b)), (out[k + 2] += (h * a) / b / (a + b));
+    return out;
+  };
+  const line = [0, -1, 1, 0], first = middle(0), last = middle(1), other = (s) => (s ? line.map((v, k) => 2 * v - s[k]) : line);
+  const s0 = first || other(last), s1 = last || other(first);
+  return w.map((v, k) => v + (u3 - 2 * u2 + u) * s0[k] + (u3 - u2) * s1[k]);
+}
+
+function pose_bodies(b, t) {
+  let i = 0;
+  while (i < b.knots - 1 && b.time[i + 1] <= t) i++;
+  const is_at = t <= b.time[i] || i === b.knots - 1, w = is_at ? [0, 1, 0, 0] : weights(b.time, i, t);
+  b.now.fill(0);
+  for (let body = 0; body < b.n; body++) {
+    const o = 7 * body, at = 7 * (body * b.knots + i), k = b.knot;
+    for (let j = 0; j < 4; j++) {
+      const p = at + 7 * (j - 1);
+      if (!w[j]) continue;
+      const dot = k[p] * k[at] + k[p + 1] * k[at + 1] + k[p + 2] * k[at + 2] + k[p + 3] * k[at + 3];
+      for (let e = 0; e < 7; e++) b.now[o + e] += (e < 4 && dot < 0 ? -w[j] : w[j]) * k[p + e];
+    }
+    const s = 1 / (Math.hypot(b.now[o], b.now[o + 1], b.now[o + 2], b.now[o + 3]) || 1);
+    for (let e = 0; e < 4; e++) b.now[o + e] *= s;
+  }
+}
+
+// Place and quaternion of Gaussian i with its body.
+function go_with_body(b, i) {
+  const body = b.of[i], o = 7 * body, c = 3 * body, x = m.place, q = m.turn, p = 3 * i, r = 4 * i;
+  const w = b.now[o], a = b.now[o + 1], e = b.now[o + 2], f = b.now[o + 3];
+  const dx = x[p] - b.centre[c], dy = x[p + 1] - b.centre[c + 1], dz = x[p + 2] - b.centre[c + 2];
+  const u = 2 * (e * dz - f * dy), v = 2 * (f * dx - a * dz), n = 2 * (a * dy - e * dx);
+  x[p] += w * u + e * n - f * v + b.now[o + 4], x[p + 1] += w * v + f * u - a * n + b.now[o + 5], x[p + 2] += w * n + a * v - e * u + b.now[o + 6];
+  const [Q, A, E, F] = q.subarray(r, r + 4);
+  q[r] = w * Q - a * A - e * E - f * F, q[r + 1] = w * A + a * Q + e * F - f * E;
+  q[r + 2] = w * E - a * F + e * Q + f * A, q[r + 3] = w * F + a * E - e * A + f * Q;
+}
+
 function move(t) {
+  if (m.bodies) pose_bodies(m.bodies, t);
   const f = [m.n_pos, m.n_rot, m.n_colour].map((n) => functions(m.kind, n, t, m.t0));
   const add = (out, start, i, width, row, values) => {
     for (let k = 0; k < width; k++) {
@@ -71,6 +126,7 @@ function move(t) {
     add(m.place, m.still, i, 3, row + 2, f[0]);
     add(m.turn, m.turn0, i, 4, row + 2 + 3 * m.n_pos, f[1]);
     add(m.colour, m.colour0, i, 3, row + 2 + 3 * m.n_pos + 4 * m.n_rot, f[2]);
+    if (m.bodies && m.bodies.of[i]) go_with_body(m.bodies, i);
     const q = m.turn, o = 4 * i, s = 1 / (Math.hypot(q[o], q[o + 1], q[o + 2], q[o + 3]) || 1);
     (q[o] *= s), (q[o + 1] *= s), (q[o + 2] *= s), (q[o + 3] *= s);
     const d = t - m.motion[row];
