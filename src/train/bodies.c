@@ -12,7 +12,7 @@
 #define LEAST_PX      1.0f // a new body's members move by more
 #define LEAST_MEMBERS 12   // of a new body
 #define LEAST_AGREE   6    // members that tell where a body went
-#define LEAST_SHARE   0.5f // of those that know, else it goes on as it went
+#define LEAST_SHARE   0.4f // of those that know, else it goes on as it went
 #define NEAR_RADII    1.6f // of a body: who joins it
 #define JOIN_PX       2.0f // and moves by more
 
