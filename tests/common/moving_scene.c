@@ -96,6 +96,21 @@ bool moving_scene_start(const moving_scene *s, sv_trainer *t, const sv_train_cfg
   return sv_train_start(t, &init, NULL, 0, &scratch) >= 0;
 }
 
+void moving_scene_plant_body(sv_trainer *t) {
+  sv_bodies *b = &t->deform.motion.bodies;
+  for (int i = 0; i < t->n_views; i++) (void)sv_bodies_add_knot(b, t->views[i].view.time);
+  b->n = 2;
+  b->radius[1] = 0.3f;
+  for (int k = 0; k < 3; k++) b->centre[1][k] = *sv_gaussians_at(&t->g, 0, SV_ROW_MEAN + k);
+  for (int i = 0; i < b->n_knots; i++) {
+    const float far = b->time[i] - t->middle, w = sqrtf(1.0f - 0.05f * far * far);
+    if (far != 0)
+      *sv_bodies_knot(b, 1, i) =
+          (sv_rigid){{w, 0.2f * far, 0, 0.1f * far}, {0.05f * far, -0.02f * far, 0.01f * far}};
+  }
+  for (int i = 0; i < t->deform.motion.n_moving; i += 2) b->of[i] = 1;
+}
+
 double moving_scene_psnr(const moving_scene *s, sv_trainer *t, int i_time, bool is_still) {
   double sum = 0;
   sv_render_options o = sv_train_render_options(t, 1.0f, false);

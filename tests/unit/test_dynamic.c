@@ -187,6 +187,7 @@ static void resume(sv_deform_kind kind) {
   sv_err err;
   assert_true(moving_scene_start(&scene, &trainer, &c, &kernels, &pool, -1, block, sizeof block));
   train(&trainer, 0, 90);
+  if (kind == SV_DEFORM_CLIP) moving_scene_plant_body(&trainer);
   assert_int_equal(sv_checkpoint_write(&trainer, (sv_sink){&m, append}, &err), SV_OK);
   assert_true(m.n <= sv_checkpoint_bytes(&trainer));
   assert_true(moving_scene_start(&scene, &second, &c, &kernels, &pool, -1, other, sizeof other));
