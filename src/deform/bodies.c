@@ -49,6 +49,9 @@ sv_status sv_bodies_init(sv_bodies *b, int cap, int cap_knots, bool has_grad, sv
   if (cap_knots == 0) return SV_OK;
   const size_t n = (size_t)SV_CAP_BODIES * (size_t)cap_knots;
   b->cap_knots = cap_knots, b->n = 1;
+  b->centre = sv_arena_take(arena, SV_CAP_BODIES, sizeof *b->centre);
+  b->radius = SV_TAKE(arena, float, SV_CAP_BODIES);
+  b->now = SV_TAKE(arena, sv_rigid, SV_CAP_BODIES);
   b->time = SV_TAKE(arena, float, cap_knots);
   b->knot = SV_TAKE(arena, sv_rigid, n);
   b->of = SV_TAKE(arena, uint8_t, cap);
@@ -60,7 +63,8 @@ sv_status sv_bodies_init(sv_bodies *b, int cap, int cap_knots, bool has_grad, sv
 void sv_bodies_reset(sv_bodies *b, int cap) {
   if (!b->of) return;
   memset(b->of, 0, (size_t)cap);
-  memset(b->centre, 0, sizeof b->centre);
+  memset(b->centre, 0, SV_CAP_BODIES * sizeof *b->centre);
+  memset(b->radius, 0, SV_CAP_BODIES * sizeof *b->radius);
   b->n = 1, b->n_knots = 0;
   for (long i = 0; i < (long)SV_CAP_BODIES * b->cap_knots; i++) {
     b->knot[i] = SV_RIGID_IDENTITY;

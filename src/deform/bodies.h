@@ -43,14 +43,14 @@ typedef struct {
 
 typedef struct {
   int cap_knots, n_knots;
-  int n; // bodies in use are 1 .. n - 1; 0 when there can be none
-  float centre[SV_CAP_BODIES][3];
-  float radius[SV_CAP_BODIES]; // of their members about the centre: root of the mean square
-  float *time;                 // [cap_knots] rising
-  sv_rigid *knot;              // [SV_CAP_BODIES][cap_knots]
-  uint8_t *of;                 // [cap] body of a slot; NULL without knots
-  sv_knot_adam *adam;          // as knot; NULL without has_grad
-  sv_rigid now[SV_CAP_BODIES]; // of the last sv_motion_at
+  int n;              // bodies in use are 1 .. n - 1; 0 when there can be none
+  float (*centre)[3]; // [SV_CAP_BODIES]
+  float *radius;      // [SV_CAP_BODIES] of their members about the centre: root of the mean square
+  float *time;        // [cap_knots] rising
+  sv_rigid *knot;     // [SV_CAP_BODIES][cap_knots]
+  uint8_t *of;        // [cap] body of a slot; NULL without knots
+  sv_knot_adam *adam; // as knot; NULL without has_grad
+  sv_rigid *now;      // [SV_CAP_BODIES] of the last sv_motion_at
 } sv_bodies;
 
 // cap: slots. cap_knots 0: no bodies.

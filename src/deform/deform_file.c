@@ -197,7 +197,7 @@ static sv_status read_bodies(sv_motion *mo, const sv_sections *r, sv_err *err) {
   bodies_head bh;
   sv_status s = find_bodies(r, SV_DEFORM_CLIP, &bh, err);
   if (s < 0) return s;
-  memcpy(b->centre, bh.centre, sizeof b->centre);
+  memcpy(b->centre, bh.centre, sizeof bh.centre);
   s = sv_sections_get(r, "TIME", b->time, (size_t)bh.n_knots * sizeof *b->time, err);
   if (s >= 0)
     s = sv_sections_get(r, "KNOT", b->knot, (size_t)(bh.n_bodies * bh.n_knots) * sizeof *b->knot, err);

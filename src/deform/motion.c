@@ -250,8 +250,7 @@ sv_motion_extent sv_motion_extent_of(const sv_motion *mo, int i) {
   float far = sv_maxf(centre * centre, (1.0f - centre) * (1.0f - centre));
   const int body = mo->bodies.n > 1 ? mo->bodies.of[i] : 0;
   return (sv_motion_extent){
-      .distance =
-          spread(mo, i, pos, mo->cfg.n_pos, 3) + (body ? sv_bodies_reach(&mo->bodies, body) : 0.0f),
+      .distance = spread(mo, i, pos, mo->cfg.n_pos, 3) + (body ? sv_bodies_reach(&mo->bodies, body) : 0.0f),
       .colour = (float)SV_SH_C0 * spread(mo, i, colour, mo->cfg.n_colour, 3),
       .fade = sv_minf(far * (float)sv_exp((double)*sv_motion_row(mo, i, SV_MROW_SHARPNESS)), SV_WINDOW_MAX)};
 }

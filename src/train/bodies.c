@@ -8,26 +8,18 @@
 #include "src/train/rigid.h"
 #include "src/train/train.h"
 
-#include <stdio.h>
-#include <stdlib.h>
-#define SV_DBG(...)                                                                                          \
-  do {                                                                                                       \
-    if (getenv("BDBG")) fprintf(stderr, __VA_ARGS__);                                                        \
-  } while (0)
-static float K(const char *n, float d) {
-  const char *e = getenv(n);
-  return e ? (float)atof(e) : d;
-}
-#define TOLERANCE_PX  K("TOL", 0.7f)
-#define LEAST_PX      K("LEAST", 1.0f)
-#define LEAST_MEMBERS (int)K("LEASTM", 12)
-#define NEAR_RADII    K("NEAR", 1.6f) // of a body: who joins it
-#define JOIN_PX       2.0f            // and moves by more
+#define TOLERANCE_PX  0.7f // a member is off by less
+#define LEAST_PX      1.0f // a new body's members move by more
+#define LEAST_MEMBERS 12   // of a new body
+#define LEAST_AGREE   6    // members that tell where a body went
+#define LEAST_SHARE   0.4f // of those that know, else it goes on as it went
+#define NEAR_RADII    1.6f // of a body: who joins it
+#define JOIN_PX       2.0f // and moves by more
 
-// --- bodies --------------------------------------------------------------------------------------
+#define KEEP1 0.8f // of Adam's moments: each knot has a view but every so often
+#define KEEP2 0.95f
 
-#define KEEP1 K("KEEP1", 0.8f) // of Adam's moments: each knot has a view but every so often
-#define KEEP2 K("KEEP2", 0.95f)
+// --- refining -------------------------------------------------------------------------------------
 
 static void move_knot(sv_trainer *t, int body, int i_knot, const float g[6], float lr) {
   sv_bodies *b = &t->deform.motion.bodies;
@@ -79,6 +71,7 @@ void sv_train_expect_bodies(sv_trainer *t, float to, float before) {
   (void)sv_bodies_add_knot(b, to);
 }
 
+// The motion about the centre as moved by from, after which it is as by to.
 static sv_rigid relative(const sv_rigid *from, const sv_rigid *to) {
   const float back[4] = {from->q[0], -from->q[1], -from->q[2], -from->q[3]};
   sv_rigid m;
@@ -87,7 +80,8 @@ static sv_rigid relative(const sv_rigid *from, const sv_rigid *to) {
   return m;
 }
 
-static uint32_t *members(const sv_trainer *t, int body, int *n) {
+// Slots of a body, in scratch memory of t->near.
+static const uint32_t *members(const sv_trainer *t, int body, int *n) {
   uint32_t *list = (uint32_t *)t->near->tmp;
   *n = 0;
   for (int i = 0; i < t->g.n; i++)
@@ -95,6 +89,7 @@ static uint32_t *members(const sv_trainer *t, int body, int *n) {
   return list;
 }
 
+// Poses of the known bodies at a new time. Where too few tell, they go on as they went.
 static void follow_known(sv_trainer *t, int i_from, int i_to) {
   sv_bodies *b = &t->deform.motion.bodies;
   for (int body = 1; body < b->n; body++) {
@@ -104,18 +99,11 @@ static void follow_known(sv_trainer *t, int i_from, int i_to) {
     sv_rigid *to = sv_bodies_knot(b, body, i_to), rel = relative(from, to), found;
     float c[3];
     for (int k = 0; k < 3; k++) c[k] = b->centre[body][k] + from->d[k];
-    if (!sv_rigid_fit(t->near->of, list, n, c, TOLERANCE_PX, &rel, &found, &n_agree)) {
-      SV_DBG("  body %d: %d members, no fit\n", body, n);
-      continue;
-    }
+    if (!sv_rigid_fit(t->near->of, list, n, c, TOLERANCE_PX, &rel, &found, &n_agree)) continue;
     int n_known = 0;
     for (int i = 0; i < n; i++) n_known += t->near->of[list[i]].is_known;
-    if (n_agree >= K("AGREE", 3) && n_agree >= K("SHARE", 0) * (float)n_known)
+    if (n_agree >= LEAST_AGREE && (float)n_agree >= LEAST_SHARE * (float)n_known)
       *to = sv_rigid_then(from, &found);
-    SV_DBG("  body %d: %d members, %d known, %d agree; d %.3f %.3f %.3f expected %.3f %.3f %.3f turn %.3f\n",
-           body, n, n_known, n_agree, (double)found.d[0], (double)found.d[1], (double)found.d[2],
-           (double)rel.d[0], (double)rel.d[1], (double)rel.d[2],
-           (double)sqrtf(found.q[1] * found.q[1] + found.q[2] * found.q[2] + found.q[3] * found.q[3]) * 2);
   }
 }
 
@@ -170,49 +158,45 @@ static void find_past(sv_trainer *t, int body, const uint32_t *list, int n, int 
       for (int k = 0; k < 6; k++) o->a[k] = k == 0 || k == 3 || k == 5 ? px_per_unit * px_per_unit : 0;
       o->is_known = true;
     }
-    sv_rigid found = SV_RIGID_IDENTITY;
-    int n_agree = 0;
-    if (sv_rigid_fit(t->near->of, list, n, b->centre[body], TOLERANCE_PX, NULL, &found, &n_agree))
+    sv_rigid found;
+    if (sv_rigid_fit(t->near->of, list, n, b->centre[body], TOLERANCE_PX, NULL, &found, NULL))
       *sv_bodies_knot(b, body, i_knot) = found;
-    SV_DBG("    past %.3f: %d of %d agree, d %.3f %.3f %.3f turn %.3f\n", (double)b->time[i_knot], n_agree, n,
-           (double)found.d[0], (double)found.d[1], (double)found.d[2],
-           (double)sqrtf(found.q[1] * found.q[1] + found.q[2] * found.q[2] + found.q[3] * found.q[3]) * 2);
   }
 }
 
+// Centre and radius of a new body, by its members' places at the middle time.
+static void measure(sv_trainer *t, int body, const uint32_t *list, int n, const sv_motion_values *mid) {
+  float *c = t->deform.motion.bodies.centre[body], x[3], sum = 0;
+  c[0] = c[1] = c[2] = 0;
+  for (int p = 0; p < n; p++) {
+    own_place(t, (int)list[p], mid, x, NULL);
+    for (int k = 0; k < 3; k++) c[k] += x[k] / (float)n;
+  }
+  for (int p = 0; p < n; p++) {
+    own_place(t, (int)list[p], mid, x, NULL);
+    for (int k = 0; k < 3; k++) sum += (x[k] - c[k]) * (x[k] - c[k]);
+  }
+  t->deform.motion.bodies.radius[body] = sqrtf(sum / (float)n) + 1e-6f * t->radius;
+}
+
+// A body of those that bear its number, which goes from where it was by motion about from_centre.
 static void make_body(sv_trainer *t, int body, const sv_rigid *motion, const float from_centre[3], int i_from,
                       int i_to, float px_per_unit) {
   sv_bodies *b = &t->deform.motion.bodies;
   const sv_motion_values mid = sv_motion_values_at(&t->deform.motion.cfg, t->middle);
   int n;
   const uint32_t *list = members(t, body, &n);
-  float *c = b->centre[body], x[3], q[4];
-  c[0] = c[1] = c[2] = 0;
-  for (int p = 0; p < n; p++) {
-    own_place(t, (int)list[p], &mid, x, NULL);
-    for (int k = 0; k < 3; k++) c[k] += x[k] / (float)n;
-  }
-  float sum = 0;
-  for (int p = 0; p < n; p++) {
-    own_place(t, (int)list[p], &mid, x, NULL);
-    for (int k = 0; k < 3; k++) sum += (x[k] - c[k]) * (x[k] - c[k]);
-  }
-  b->radius[body] = sqrtf(sum / (float)n) + 1e-6f * t->radius;
+  const float *c = b->centre[body];
+  measure(t, body, list, n, &mid);
   for (int i = 0; i < b->n_knots; i++) *sv_bodies_knot(b, body, i) = SV_RIGID_IDENTITY;
   find_past(t, body, list, n, i_to, px_per_unit);
   const sv_rigid *from = sv_bodies_knot(b, body, i_from);
   sv_rigid *to = sv_bodies_knot(b, body, i_to);
-  float at[3], goes[3];
-  for (int k = 0; k < 3; k++) at[k] = c[k] + from->d[k];
-  sv_rigid_apply(motion, from_centre, at, goes);
+  float x[3], q[4];
+  for (int k = 0; k < 3; k++) x[k] = c[k] + from->d[k];
+  sv_rigid_apply(motion, from_centre, x, x);
   sv_quat_mul(motion->q, from->q, to->q);
-  for (int k = 0; k < 3; k++) to->d[k] = goes[k] - c[k];
-  SV_DBG(
-      "  new body %d: %d members, at %.2f %.2f %.2f radius %.3f d %.3f %.3f %.3f turn %.3f\n", body, n,
-      (double)c[0], (double)c[1], (double)c[2], (double)b->radius[body], (double)to->d[0], (double)to->d[1],
-      (double)to->d[2],
-      (double)sqrtf(motion->q[1] * motion->q[1] + motion->q[2] * motion->q[2] + motion->q[3] * motion->q[3]) *
-          2);
+  for (int k = 0; k < 3; k++) to->d[k] = x[k] - c[k];
   for (int p = 0; p < n; p++) {
     own_place(t, (int)list[p], &mid, x, q);
     settle(t, (int)list[p], body, x, q);
@@ -221,6 +205,7 @@ static void make_body(sv_trainer *t, int body, const sv_rigid *motion, const flo
 
 // --- who joins -----------------------------------------------------------------------------------
 
+// Squared pixels by which y is off from where o was seen to go.
 static float off2(const sv_displaced *o, const float y[3]) {
   const float *a = o->a,
               e[3] = {y[0] - o->x[0] - o->u[0], y[1] - o->x[1] - o->u[1], y[2] - o->x[2] - o->u[2]};
@@ -228,37 +213,43 @@ static float off2(const sv_displaced *o, const float y[3]) {
          2 * (a[1] * e[0] * e[1] + a[2] * e[0] * e[2] + a[4] * e[1] * e[2]);
 }
 
+// The body that slot i went with, of those that it is close to; 0: none.
+static int body_of(const sv_trainer *t, int i, int i_from, int i_to) {
+  const sv_bodies *b = &t->deform.motion.bodies;
+  const sv_displaced *o = &t->near->of[i];
+  float least = TOLERANCE_PX * TOLERANCE_PX, x[3], y[3];
+  int best = 0;
+  for (int body = 1; body < b->n; body++) {
+    const float *c = b->centre[body];
+    float r2 = 0;
+    sv_rigid_undo(sv_bodies_knot(b, body, i_from), c, o->x, x);
+    for (int k = 0; k < 3; k++) r2 += (x[k] - c[k]) * (x[k] - c[k]);
+    if (r2 > NEAR_RADII * NEAR_RADII * b->radius[body] * b->radius[body]) continue;
+    sv_rigid_apply(sv_bodies_knot(b, body, i_to), c, x, y);
+    float here = off2(o, y);
+    if (here < least) least = here, best = body;
+  }
+  return best;
+}
+
+// Who was seen to go with a body, and far, becomes one of its members.
 static void join(sv_trainer *t, int i_from, int i_to) {
   sv_bodies *b = &t->deform.motion.bodies;
-  int n_joined = 0;
+  const sv_motion_values f = sv_motion_values_at(&t->deform.motion.cfg, b->time[i_from]);
   for (int p = 0; p < t->near->n; p++) {
     const int i = (int)t->near->order[p];
     const sv_displaced *o = &t->near->of[i];
     if (b->of[i] || !o->is_known || off2(o, o->x) < JOIN_PX * JOIN_PX) continue;
-    int best = 0;
-    float least = TOLERANCE_PX * TOLERANCE_PX, x[3], y[3];
-    for (int body = 1; body < b->n; body++) {
-      const sv_rigid *from = sv_bodies_knot(b, body, i_from), *to = sv_bodies_knot(b, body, i_to);
-      float r2 = 0;
-      sv_rigid_undo(from, b->centre[body], o->x, x);
-      for (int k = 0; k < 3; k++) r2 += (x[k] - b->centre[body][k]) * (x[k] - b->centre[body][k]);
-      if (r2 > NEAR_RADII * NEAR_RADII * b->radius[body] * b->radius[body]) continue;
-      sv_rigid_apply(to, b->centre[body], x, y);
-      float here = off2(o, y);
-      if (here < least) least = here, best = body;
-    }
-    if (!best) continue;
-    const sv_rigid *from = sv_bodies_knot(b, best, i_from);
-    const sv_motion_values f = sv_motion_values_at(&t->deform.motion.cfg, b->time[i_from]);
+    const int body = body_of(t, i, i_from, i_to);
+    if (!body) continue;
+    const sv_rigid *from = sv_bodies_knot(b, body, i_from);
     const float back[4] = {from->q[0], -from->q[1], -from->q[2], -from->q[3]};
-    float q[4], own[4];
-    own_place(t, i, &f, y, own);
+    float x[3], q[4], own[4];
+    own_place(t, i, &f, x, own);
     sv_quat_mul(back, own, q);
-    sv_rigid_undo(from, b->centre[best], o->x, x);
-    settle(t, i, best, x, q);
-    n_joined++;
+    sv_rigid_undo(from, b->centre[body], o->x, x);
+    settle(t, i, body, x, q);
   }
-  SV_DBG("  %d joined\n", n_joined);
 }
 
 void sv_train_follow_bodies(sv_trainer *t, float from, float to, float px_per_unit) {
@@ -266,7 +257,6 @@ void sv_train_follow_bodies(sv_trainer *t, float from, float to, float px_per_un
   if (!b->of) return;
   const int i_from = sv_bodies_find_knot(b, from), i_to = sv_bodies_find_knot(b, to);
   if (i_from < 0 || i_to < 0) return;
-  SV_DBG("%.3f -> %.3f, %d bodies, %d in order\n", (double)from, (double)to, b->n - 1, t->near->n);
   follow_known(t, i_from, i_to);
   join(t, i_from, i_to);
   const int room = sv_mini(t->cfg.dynamic.n_bodies, SV_CAP_BODIES - 1) + 1 - b->n;

@@ -104,8 +104,9 @@ static sv_status get_motion(const sv_sections *r, sv_trainer *t, sv_err *err) {
 }
 
 size_t sv_checkpoint_bytes(const sv_trainer *t) {
-  return SV_SECTIONS_OVERHEAD_BYTES + 10 * 40 + 3 * motion_of(t).bytes + bodies_bytes(t) + (size_t)t->g.cap + sizeof(head_t) +
-         3 * rows_bytes(t) + (size_t)t->g.cap * sizeof(float) + (size_t)n_items(t) * sizeof(int);
+  return SV_SECTIONS_OVERHEAD_BYTES + 10 * 40 + 3 * motion_of(t).bytes + bodies_bytes(t) + (size_t)t->g.cap +
+         sizeof(head_t) + 3 * rows_bytes(t) + (size_t)t->g.cap * sizeof(float) +
+         (size_t)n_items(t) * sizeof(int);
 }
 
 sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {

@@ -38,10 +38,10 @@ typedef struct {
   sv_trainer *t;
   sv_planes prev, next; // reduced
   sv_view from, to;
-  sv_motion_values f;        // at the new time
-  float gain[CAP_TERMS];     // of the mean and the coefficients, for a displacement of 1
-  sv_motion_values f_before; // at the time before the last
-  sv_rigid body[SV_CAP_BODIES], body_before[SV_CAP_BODIES]; // as f and f_before
+  sv_motion_values f;           // at the new time
+  float gain[CAP_TERMS];        // of the mean and the coefficients, for a displacement of 1
+  sv_motion_values f_before;    // at the time before the last
+  sv_rigid body[SV_CAP_BODIES]; // at the new time, as expected
   float lead; // from the last to the new time, in spans from the time before to the last; 0: none before
   int n_blocks, reach;
   float px_per_unit; // at the scene's centre

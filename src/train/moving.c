@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Training of moving scenes: what belongs to time in a step.
 #include <string.h>
-#include <stdlib.h>
 
 #include "src/base/mathx.h"
 #include "src/train/train.h"
@@ -108,17 +107,6 @@ void sv_train_move_block(sv_trainer *t, const sv_motion_args *a, const sv_adam_a
   if (t->deform.motion.bodies.n > 1)
     sv_motion_bodies_bwd(&t->deform.motion, block, touched, grad, t->body_sum[block / SV_FIELD_TASK]);
   t->k->motion_bwd(a, block, touched, grad, scratch);
-  if (t->deform.motion.bodies.n > 1) {
-    const sv_motion *mo = &t->deform.motion;
-    static float f = -1, fr;
-    if (f < 0) f = getenv("OWN") ? (float)atof(getenv("OWN")) : 1, fr = getenv("OWNR") ? (float)atof(getenv("OWNR")) : 1;
-    if (f == 0 || fr == 0)
-      for (int k = 0; k < 16; k++) {
-        if (!mo->bodies.of[16 * block + k]) continue;
-        for (int r = 0; r < 3 * a->n_pos && f == 0; r++) scratch[16 * (SV_MROW_FUNCTIONS + r) + k] = 0;
-        for (int r = 0; r < 4 * a->n_rot && fr == 0; r++) scratch[16 * (SV_MROW_FUNCTIONS + 3 * a->n_pos + r) + k] = 0;
-      }
-  }
   size_t at = (size_t)block * (size_t)t->deform.motion.n_rows * 16;
   float *p = t->deform.motion.param + at;
   t->k->adam(adam, touched, scratch, p, t->deform.motion.m + at, t->deform.motion.v + at);

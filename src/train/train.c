@@ -8,7 +8,7 @@
 #include "src/splat/constants.h"
 
 sv_train_cfg sv_train_defaults(void) {
-  return (sv_train_cfg){
+  sv_train_cfg c = {
       .n_gaussians = 20000,
       .sh_degree = 1,
       .cap_views = 64,
@@ -78,6 +78,8 @@ sv_train_cfg sv_train_defaults(void) {
                   .still_fade = 0.1f,
                   .still_colour = 0.01f},
       .steps_hint = 3000};
+  (void)sv_field_preset("small", &c.dynamic.field);
+  return c;
 }
 
 static const char *const optimizer_names[] = {"adam", "gauss-newton"};
@@ -193,11 +195,16 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   return a->status < 0 ? a->status : SV_OK;
 }
 
-size_t sv_trainer_bytes(const sv_train_cfg *cfg) {
+// Apart, so that trainer and arena do not share a stack frame.
+static __attribute__((noinline)) size_t carved_bytes(sv_trainer *t, const sv_train_cfg *cfg) {
   sv_arena dry = sv_arena_dry();
+  return carve(t, cfg, &dry) < 0 ? 0 : dry.used_bytes;
+}
+
+size_t sv_trainer_bytes(const sv_train_cfg *cfg) {
   sv_trainer t;
   memset(&t, 0, sizeof t);
-  return carve(&t, cfg, &dry) < 0 ? 0 : dry.used_bytes;
+  return carved_bytes(&t, cfg);
 }
 
 static sv_status check(const sv_train_cfg *c, sv_err *err) {
@@ -227,6 +234,7 @@ static sv_status check(const sv_train_cfg *c, sv_err *err) {
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "moving scenes are trained on whole pictures: not on multiplexed sensors, and without "
                    "unseen views");
+  if (c->dynamic.kind == SV_DEFORM_FIELD && sv_field_check(&c->dynamic.field, err) < 0) return SV_E_ARG;
   if (c->poses.cap_poses > 0 && (c->dynamic.kind != SV_DEFORM_NONE || c->cap_composites > 0))
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "poses are refined with still scenes and whole pictures: not with moving ones, and not on "

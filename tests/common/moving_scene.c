@@ -71,8 +71,8 @@ sv_train_cfg moving_scene_cfg(sv_deform_kind kind, int n, int n_steps) {
   c.reg_opacity = 0.05f;
   c.steps_hint = n_steps;
   c.dynamic.kind = kind;
-  sv_train_set_times(&c, MS_TIMES - 1);
   (void)sv_field_preset("tiny", &c.dynamic.field);
+  sv_train_set_times(&c, MS_TIMES - 1);
   return c;
 }
 
@@ -94,6 +94,21 @@ bool moving_scene_start(const moving_scene *s, sv_trainer *t, const sv_train_cfg
   sv_init_cfg init = {.kind = SV_INIT_SPHERE, .radius = 1.3f, .opacity = 0.1f, .scale_factor = 1, .seed = 1};
   sv_arena scratch = sv_arena_sub(&a, sv_init_scratch_bytes(c.n_gaussians, 1) + 4096);
   return sv_train_start(t, &init, NULL, 0, &scratch) >= 0;
+}
+
+void moving_scene_plant_body(sv_trainer *t) {
+  sv_bodies *b = &t->deform.motion.bodies;
+  for (int i = 0; i < t->n_views; i++) (void)sv_bodies_add_knot(b, t->views[i].view.time);
+  b->n = 2;
+  b->radius[1] = 0.3f;
+  for (int k = 0; k < 3; k++) b->centre[1][k] = *sv_gaussians_at(&t->g, 0, SV_ROW_MEAN + k);
+  for (int i = 0; i < b->n_knots; i++) {
+    const float far = b->time[i] - t->middle, w = sqrtf(1.0f - 0.05f * far * far);
+    if (far != 0)
+      *sv_bodies_knot(b, 1, i) =
+          (sv_rigid){{w, 0.2f * far, 0, 0.1f * far}, {0.05f * far, -0.02f * far, 0.01f * far}};
+  }
+  for (int i = 0; i < t->deform.motion.n_moving; i += 2) b->of[i] = 1;
 }
 
 double moving_scene_psnr(const moving_scene *s, sv_trainer *t, int i_time, bool is_still) {

@@ -23,6 +23,9 @@ sv_train_cfg moving_scene_cfg(sv_deform_kind kind, int n, int n_steps);
 // Trainer in mem, started, with all pictures but those of time `held_out` (below 0: all). False with a failure.
 bool moving_scene_start(const moving_scene *s, sv_trainer *t, const sv_train_cfg *cfg, const sv_kernels *k,
                         const sv_pool *pool, int held_out, void *mem, size_t bytes);
+// Has every other one of the Gaussians that move go with a body, whose poses at all times are made up. To be called
+// between two steps of a run that has bodies.
+void moving_scene_plant_body(sv_trainer *t);
 // PSNR of the trained model at one time, mean over the cameras; is_still: without its motion.
 double moving_scene_psnr(const moving_scene *s, sv_trainer *t, int i_time, bool is_still);
 
