@@ -83,12 +83,15 @@ static void make_points(void) {
       point[n++] = (sv_point){.mean = {HALF * (2.0f * (float)i / (SIDE2 - 1) - 1),
                                        HALF * (2.0f * (float)j / (SIDE2 - 1) - 1), Z_SQUARE},
                               .rgb = {0.5f, 0.5f, 0.5f}};
+  for (int i = 0; i < n; i++)
+    for (uint32_t k = 0; k < 3; k++)
+      point[i].rgb[k] = shade(point[i].mean[0], point[i].mean[1], (point[i].mean[2] < Z_WALL ? 7 : 1) + k);
 }
 
 // A trainer that knows the wall and the square of the middle time, and what it takes to follow to the others.
 static void start(int n_cams, int first, int last, int n_bodies) {
   static const sv_init_cfg init = {
-      .kind = SV_INIT_POINTS, .radius = 2, .opacity = 0.95f, .scale_factor = 1.0f, .seed = 1};
+      .kind = SV_INIT_POINTS, .radius = 2, .opacity = 0.95f, .scale_factor = 0.4f, .seed = 1};
   sv_train_cfg c = sv_train_defaults();
   sv_err err;
   sv_arena a = sv_arena_make(block, sizeof block);
@@ -194,6 +197,45 @@ static void test_nothing_new(void **state) {
   assert_int_equal(trainer.deform.motion.n_moving, 0);
 }
 
+// Mean distance in camera 0 of the square's middle from where it belongs at the time after the middle.
+static float off_px(void) {
+  float sum = 0, n = 0;
+  for (int i = 0; i < N; i++) {
+    const float at = -0.5f * BASE;
+    float x[3], y[3];
+    place(i, 0.25f * MIDDLE, x);
+    if (trainer.deform.motion.bodies.of[i] != 1 || fabsf(x[2] - Z_SQUARE) > 0.1f) continue;
+    place(i, 0.25f * (MIDDLE + 1), y);
+    const float dx = F * ((y[0] - at) / y[2] - (x[0] + square_x(MIDDLE + 1) - at) / x[2]);
+    const float dy = F * (y[1] / y[2] - x[1] / x[2]);
+    sum += sqrtf(dx * dx + dy * dy), n += 1;
+  }
+  return sum / n;
+}
+
+// A body that is expected 4 px and 8 degrees beside where the pictures show it is moved there; one that is expected
+// where nothing of it can be seen stays.
+static void test_track(void **state) {
+  (void)state;
+  for (int n_cams = 1; n_cams <= N_CAMS; n_cams++) {
+    start(n_cams, 1, 3, 1);
+    follow_all();
+    const sv_bodies *b = &trainer.deform.motion.bodies;
+    assert_int_equal(b->n, 2);
+    sv_rigid *knot = sv_bodies_knot(b, 1, sv_bodies_find_knot(b, 0.75f)), was = *knot;
+    const sv_rigid beside = {{0.9976f, 0, 0, 0.0698f}, {0.1f, -0.06f, 0}}, away = {{1, 0, 0, 0}, {0, 0.8f, 0}};
+    *knot = sv_rigid_then(knot, &beside);
+    const float before = off_px();
+    assert_int_equal(sv_train_track_bodies(&trainer, 0.75f, 0.9f), SV_OK);
+    const float after = off_px();
+    print_message("%d cameras: from %.2f to %.2f px\n", n_cams, (double)before, (double)after);
+    assert_true(before > 3 && after < 0.6f);
+    const sv_rigid far = *knot = sv_rigid_then(&was, &away);
+    assert_int_equal(sv_train_track_bodies(&trainer, 0.75f, 0.9f), SV_OK);
+    assert_memory_equal(knot, &far, sizeof far);
+  }
+}
+
 // The second jump is farther than is looked for around the old place: what moved is looked for where it was going.
 static void test_ahead(void **state) {
   (void)state;
@@ -267,9 +309,10 @@ static void test_few_neighbours(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_two_cameras), cmocka_unit_test(test_one_camera),
-      cmocka_unit_test(test_nothing_new), cmocka_unit_test(test_ahead),
-      cmocka_unit_test(test_neighbours),  cmocka_unit_test(test_few_neighbours),
+      cmocka_unit_test(test_two_cameras),    cmocka_unit_test(test_one_camera),
+      cmocka_unit_test(test_nothing_new),    cmocka_unit_test(test_ahead),
+      cmocka_unit_test(test_track),          cmocka_unit_test(test_neighbours),
+      cmocka_unit_test(test_few_neighbours),
   };
   return cmocka_run_group_tests(tests, setup, NULL);
 }
