@@ -7,29 +7,32 @@
 #include "src/base/mathx.h"
 #include "src/base/rng.h"
 
-#define N_STEPS    12    // of Gauss-Newton, at most
-#define N_WIDE     4     // of these with a tolerance wider by 16, 8, 4, 2 when the start is not known
-#define DAMPING    1e-4  // of the mean diagonal: what the pictures leave open does not change
-#define SETTLED    1e-10 // squared step, rad^2 and in radii of the body
-#define N_TRIALS   256   // triples a body
-#define N_DRAWS    64    // for one that moves
-#define N_REFINED  24    // of these, at most, are refined
-#define SIDE       32    // neighbours before and after a seed that a triple must explain
-#define LEAST_NEAR 0.4f  // share of them that must agree
-#define MOST_TURN  0.6f  // |vector part| of q: more between two times is no motion, 74 degrees
-#define GAP        3.0f  // times the usual distance to the next of a body: what is farther is another
-#define N_FAILED   4     // winners that are no body, until the search ends
-#define VOTERS     8     // nearest that say which body a stray belongs to
-#define NEAR       0.7f  // of a body's size: who votes for it is no farther
-#define MAJORITY   5     // of them
-#define UNANIMITY  7     // of them, where a stray goes by itself
-#define MOST_STRAY 4.0f  // tolerances: off by more is to go by itself
+#define N_STEPS      12    // of Gauss-Newton, at most
+#define N_WIDE       4     // of these with a tolerance wider by 16, 8, 4, 2 when the start is not known
+#define DAMPING      1e-4  // of the mean diagonal: what the pictures leave open does not change
+#define LIKELY_TURN  0.15  // rad, standard deviation of a turn from the one expected,
+#define LIKELY_SHIFT 0.5   // and of a shift, in radii of the body
+#define SETTLED      1e-10 // squared step, rad^2 and in radii of the body
+#define N_TRIALS     256   // triples a body
+#define N_DRAWS      64    // for one that moves
+#define N_REFINED    24    // of these, at most, are refined
+#define SIDE         32    // neighbours before and after a seed that a triple must explain
+#define LEAST_NEAR   0.4f  // share of them that must agree
+#define MOST_TURN    0.6f  // |vector part| of q: more between two times is no motion, 74 degrees
+#define GAP          3.0f  // times the usual distance to the next of a body: what is farther is another
+#define N_FAILED     4     // winners that are no body, until the search ends
+#define VOTERS       8     // nearest that say which body a stray belongs to
+#define NEAR         0.7f  // of a body's size: who votes for it is no farther
+#define MAJORITY     5     // of them
+#define UNANIMITY    7     // of them, where a stray goes by itself
+#define MOST_STRAY   4.0f  // tolerances: off by more is to go by itself
 
 typedef struct {
   const sv_displaced *of;
   const uint32_t *slot;
   int n;
   const float *c;
+  const sv_rigid *start; // what is expected, within LIKELY_TURN and LIKELY_SHIFT; NULL: anything
 } cloud;
 
 typedef struct {
@@ -101,6 +104,20 @@ static void turn_by(float q[4], const double w[3]) { // about small vectors: hal
   for (int k = 0; k < 4; k++) q[k] = (float)(r[k] / norm);
 }
 
+// What is expected counts as one measurement off by the tolerance at the standard deviations. It matters where pictures
+// hardly tell: how near a small thing is that one camera sees.
+static void expect(normal *s, const sv_rigid *m, const sv_rigid *start, double tolerance, double radius2) {
+  const float back[4] = {start->q[0], -start->q[1], -start->q[2], -start->q[3]};
+  float by[4];
+  sv_quat_mul(m->q, back, by);
+  const double turn = tolerance * tolerance / (LIKELY_TURN * LIKELY_TURN), to = by[0] < 0 ? -2 : 2;
+  const double shift = tolerance * tolerance / (LIKELY_SHIFT * LIKELY_SHIFT * radius2 + 1e-30);
+  for (int k = 0; k < 3; k++) {
+    s->h[k][k] += shift, s->h[3 + k][3 + k] += turn;
+    s->g[k] += shift * (double)(m->d[k] - start->d[k]), s->g[3 + k] += turn * to * (double)by[1 + k];
+  }
+}
+
 // One step of m with weights for tolerance; moved2: its squared size, a turn and in radii. False: singular.
 static bool step(const cloud *p, float tolerance, sv_rigid *m, double *moved2) {
   normal s = {{{0}}, {0}};
@@ -118,6 +135,7 @@ static bool step(const cloud *p, float tolerance, sv_rigid *m, double *moved2) {
   }
   for (int k = 0; k < 3; k++) tr += s.h[k][k] / 3, rot += s.h[3 + k][3 + k] / 3;
   for (int k = 0; k < 3; k++) s.h[k][k] += DAMPING * tr + 1e-30, s.h[3 + k][3 + k] += DAMPING * rot + 1e-30;
+  if (p->start) expect(&s, m, p->start, (double)tolerance, arm2 / sum);
   if (!(sum > 0) || !solve6(s.h, s.g)) return false;
   double w[3], size2 = 0;
   for (int k = 0; k < 3; k++) {
@@ -166,7 +184,7 @@ static int shift_by_mean(const cloud *p, sv_rigid *m) {
 
 bool sv_rigid_fit(const sv_displaced *of, const uint32_t *slot, int n, const float c[3], float tolerance_px,
                   const sv_rigid *start, sv_rigid *out, int *n_agree) {
-  const cloud p = {of, slot, n, c};
+  const cloud p = {of, slot, n, c, start};
   sv_rigid m;
   if (n_agree) *n_agree = 0;
   if (shift_by_mean(&p, &m) < 3) return false;
@@ -250,12 +268,12 @@ static bool propose(search *q, int side, sv_rigid *m, float c[3]) {
   const int at = draw_mover(q);
   if (at < 0 || !draw(q, at, side, slot)) return false;
   memcpy(c, s->of[slot[0]].x, 3 * sizeof *c);
-  const cloud three = {s->of, slot, 3, c};
+  const cloud three = {s->of, slot, 3, c, NULL};
   shift_by_mean(&three, m);
   if (!settle(&three, 64.0f * s->tolerance_px, 0, N_STEPS / 2, m)) return false;
   if (n_agreeing(&three, m, s->tolerance_px) < 3) return false;
   const int lo = sv_maxi(at - side, 0), hi = sv_mini(at + side, q->n - 1);
-  const cloud near = {s->of, s->list + lo, hi - lo + 1, c};
+  const cloud near = {s->of, s->list + lo, hi - lo + 1, c, NULL};
   if ((float)n_agreeing(&near, m, 2 * s->tolerance_px) < LEAST_NEAR * (float)near.n) return false;
   return settle(&near, s->tolerance_px, 1, N_STEPS / 2, m) && is_moved(s, slot[0], m, c) &&
          length2(m->q + 1) < MOST_TURN * MOST_TURN;
@@ -267,7 +285,7 @@ static int widen(search *q, sv_rigid *m, const float c[3]) {
   int n = 0;
   for (int round = 0; round < 3; round++) {
     slots_within(q, m, c, round < 2 ? 2 * s->tolerance_px : s->tolerance_px, &n);
-    const cloud p = {s->of, q->found, n, c};
+    const cloud p = {s->of, q->found, n, c, NULL};
     if (n < 3 || (round < 2 && !settle(&p, s->tolerance_px, 0, N_STEPS / 2, m))) return 0;
   }
   return length2(m->q + 1) < MOST_TURN * MOST_TURN ? n : 0;
@@ -347,7 +365,7 @@ static int members(search *q, sv_rigid *m, float c[3]) {
   for (int i = 0; i < n; i++)
     for (int k = 0; k < 3; k++) centre[k] += s->of[q->found[i]].x[k] / (float)n;
   recentre(&fitted, c, centre);
-  const cloud p = {s->of, q->found, n, centre};
+  const cloud p = {s->of, q->found, n, centre, NULL};
   if (!settle(&p, s->tolerance_px, 0, N_STEPS, &fitted) || !most_move(s, q->found, n, &fitted, centre))
     return 0;
   *m = fitted;

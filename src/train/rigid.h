@@ -17,8 +17,9 @@
 extern "C" {
 #endif
 
-// The motion about c that those of the n slots have that are known, from start, or from how they move in the mean
-// when that is NULL. What the pictures leave open (points in a line, or few) stays as in start, or turns least.
+// The motion about c that those of the n slots have that are known: near start, which is what is expected and matters
+// where pictures hardly tell (to 0.15 rad and half the body's radius, as one measurement off by the tolerance), or from
+// how they move in the mean when that is NULL; what is left open then (points in a line, or few) turns least.
 // tolerance_px: who is off by so much counts a quarter. n_agree (may be NULL): who is off by less.
 // False, and *out as it was: fewer than three are known, or no motion of theirs is found.
 bool sv_rigid_fit(const sv_displaced *of, const uint32_t *slot, int n, const float c[3], float tolerance_px,

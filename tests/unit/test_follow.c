@@ -223,7 +223,8 @@ static void test_track(void **state) {
     const sv_bodies *b = &trainer.deform.motion.bodies;
     assert_int_equal(b->n, 2);
     sv_rigid *knot = sv_bodies_knot(b, 1, sv_bodies_find_knot(b, 0.75f)), was = *knot;
-    const sv_rigid beside = {{0.9976f, 0, 0, 0.0698f}, {0.1f, -0.06f, 0}}, away = {{1, 0, 0, 0}, {0, 0.8f, 0}};
+    const sv_rigid beside = {{0.9976f, 0, 0, 0.0698f}, {0.1f, -0.06f, 0}},
+                   away = {{1, 0, 0, 0}, {0, 0.8f, 0}};
     *knot = sv_rigid_then(knot, &beside);
     const float before = off_px();
     assert_int_equal(sv_train_track_bodies(&trainer, 0.75f, 0.9f), SV_OK);
