@@ -7,7 +7,7 @@
 // Columns of the ellipse at height dy (v minus the pixel's y): centre *c and half-width *h, false outside it.
 static int chord(const sv_splat *s, float dy, float *c, float *h) {
   float bdy = s->qb * dy, inv2a = s->inv_2qa; // < 0
-  float level = fmaf(s->qc * dy, dy, s->lo - SV_LOG2_ALPHA_MIN);
+  float level = fmaf(s->qc * dy, dy, s->lo - SV_POWER_MIN);
   float disc = fmaf(bdy, bdy, -4.0f * s->qa * level);
   *c = fmaf(bdy, inv2a, s->u_px);
   *h = sqrtf(s1_max(disc, 0.0f)) * -inv2a;
