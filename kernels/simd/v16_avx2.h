@@ -154,6 +154,15 @@ static inline v16i v16i_and(v16i x, v16i y) {
 static inline v16i v16i_or(v16i x, v16i y) {
   return v16i_make_(_mm256_or_si256(x.a, y.a), _mm256_or_si256(x.b, y.b));
 }
+static inline v16i v16i_shl8(v16i x) {
+  return v16i_make_(_mm256_slli_epi32(x.a, 8), _mm256_slli_epi32(x.b, 8));
+}
+static inline v16i v16i_shr8(v16i x) {
+  return v16i_make_(_mm256_srli_epi32(x.a, 8), _mm256_srli_epi32(x.b, 8));
+}
+static inline v16i v16i_shl16(v16i x) {
+  return v16i_make_(_mm256_slli_epi32(x.a, 16), _mm256_slli_epi32(x.b, 16));
+}
 static inline v16i v16i_shl23(v16i x) {
   return v16i_make_(_mm256_slli_epi32(x.a, 23), _mm256_slli_epi32(x.b, 23));
 }

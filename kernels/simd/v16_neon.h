@@ -113,6 +113,11 @@ static inline v16 v16_from_bits(v16i x) { V16_EACH(v16, vreinterpretq_f32_s32(x.
 static inline v16i v16i_add(v16i x, v16i y) { V16_EACH(v16i, vaddq_s32(x.q[i], y.q[i])); }
 static inline v16i v16i_and(v16i x, v16i y) { V16_EACH(v16i, vandq_s32(x.q[i], y.q[i])); }
 static inline v16i v16i_or(v16i x, v16i y) { V16_EACH(v16i, vorrq_s32(x.q[i], y.q[i])); }
+static inline v16i v16i_shl8(v16i x) { V16_EACH(v16i, vshlq_n_s32(x.q[i], 8)); }
+static inline v16i v16i_shr8(v16i x) {
+  V16_EACH(v16i, vreinterpretq_s32_u32(vshrq_n_u32(vreinterpretq_u32_s32(x.q[i]), 8)));
+}
+static inline v16i v16i_shl16(v16i x) { V16_EACH(v16i, vshlq_n_s32(x.q[i], 16)); }
 static inline v16i v16i_shl23(v16i x) { V16_EACH(v16i, vshlq_n_s32(x.q[i], 23)); }
 static inline v16i v16i_shr23(v16i x) {
   V16_EACH(v16i, vreinterpretq_s32_u32(vshrq_n_u32(vreinterpretq_u32_s32(x.q[i]), 23)));

@@ -94,18 +94,32 @@ static int n_tasks(const job *j) { return (j->n_blocks + BLOCKS_PER_TASK - 1) / 
 // The mean of a Gaussian of opacity 0.076 and more stays where it is: the gate's opening is below 1e-3.
 #define EXPLORE_BELOW -2.5f
 
-static void explore(const job *j, int block, uint32_t touched, float *p) {
-  float eta[48] = {0};
-  uint32_t on = 0;
+// Those of a task that wander, sixteen at a time: few of a block do.
+typedef struct {
+  float p[SV_ROW_SH][16], eta[3][16];
+  float *mean[16]; // of the model; the rows are 16 floats apart
+  int n;
+} wanderers;
+
+static void explore(const job *j, wanderers *w) {
+  if (w->n == 0) return;
+  j->t->k->explore(w->p[0], (1u << w->n) - 1, w->eta[0], j->noise_gain, SV_OPACITY_DEAD);
+  for (int i = 0; i < w->n; i++)
+    for (int a = 0; a < 3; a++) w->mean[i][16 * a] = w->p[SV_ROW_MEAN + a][i];
+  w->n = 0;
+}
+
+static void add_wanderers(const job *j, int block, uint32_t touched, float *p, wanderers *w) {
   for (; touched; touched &= touched - 1) {
-    int k = __builtin_ctz(touched);
+    const int k = __builtin_ctz(touched), i = w->n;
     if (p[16 * SV_ROW_LOGIT + k] > EXPLORE_BELOW) continue;
-    on |= 1u << k;
+    for (int row = 0; row < SV_ROW_SH; row++) w->p[row][i] = p[16 * row + k];
     for (uint32_t a = 0; a < 3; a++)
-      eta[16 * a + (uint32_t)k] =
+      w->eta[a][i] =
           sv_hash_normal(sv_hash3((uint32_t)(block * 16 + k), j->t->step, (uint32_t)j->t->cfg.seed * 4u + a));
+    w->mean[i] = p + 16 * SV_ROW_MEAN + k;
+    if (++w->n == 16) explore(j, w);
   }
-  if (on) j->t->k->explore(p, on, eta, j->noise_gain, SV_OPACITY_DEAD);
 }
 
 static void keep_above(const float *floor, float *log_scale) { // [16], [3][16]
@@ -127,7 +141,7 @@ static float *block_of(const job *j, int i_thread) {
 }
 
 static void move(const job *j, int b, uint32_t touched, uint32_t with_err, const float *grad,
-                 const float *err) {
+                 const float *err, wanderers *w) {
   sv_trainer *t = j->t;
   size_t at = (size_t)b * (size_t)t->g.n_rows * 16;
   float *p = t->g.param + at, *e = t->err + 16 * (size_t)b;
@@ -137,7 +151,7 @@ static void move(const job *j, int b, uint32_t touched, uint32_t with_err, const
     const float next = ERR_KEEP * e[k] + (1.0f - ERR_KEEP) * err[k];
     e[k] = with_err >> k & 1 ? next : e[k];
   }
-  if (j->noise_gain > 0.0f) explore(j, b, touched, p);
+  if (j->noise_gain > 0.0f) add_wanderers(j, b, touched, p, w);
   if (t->floor) keep_above(t->floor + 16 * (size_t)b, p + 16 * SV_ROW_SCALE);
 }
 
@@ -148,6 +162,7 @@ static void optimise_task(void *arg, int i_task, int i_thread) {
   int b0 = i_task * BLOCKS_PER_TASK, b1 = sv_mini(b0 + BLOCKS_PER_TASK, j->n_blocks);
   uint32_t n = 0;
   float pose[6];
+  wanderers w = {.n = 0};
   begin_pose(j, i_task);
   for (int b = b0; b < b1; b++) {
     uint32_t touched =
@@ -158,9 +173,10 @@ static void optimise_task(void *arg, int i_task, int i_thread) {
     if (!touched) continue;
     if (b < t->render.n_moved_blocks && t->deform.kind == SV_DEFORM_CLIP)
       sv_train_move_block(t, &j->motion, &j->motion_adam, b, touched, grad, err + 16);
-    move(j, b, touched, touched, grad, err);
+    move(j, b, touched, touched, grad, err, &w);
     n += (uint32_t)__builtin_popcount(touched);
   }
+  explore(j, &w);
   t->touched_of[i_task] = n;
 }
 
@@ -196,16 +212,18 @@ static void apply_task(void *arg, int i_task, int i_thread) {
   sv_trainer *t = j->t;
   int b0 = i_task * BLOCKS_PER_TASK, b1 = sv_mini(b0 + BLOCKS_PER_TASK, j->n_blocks);
   uint32_t n = 0;
+  wanderers w = {.n = 0};
   (void)i_thread;
   for (int b = b0; b < b1; b++) {
     uint32_t *touched = t->sum_touched + 2 * b;
     if (!touched[0]) continue;
     float *sum = sum_of(t, b);
-    move(j, b, touched[0], touched[1], sum, sum + 16 * t->g.n_rows);
+    move(j, b, touched[0], touched[1], sum, sum + 16 * t->g.n_rows, &w);
     n += (uint32_t)__builtin_popcount(touched[0]);
     memset(sum, 0, (size_t)(t->g.n_rows + 1) * 16 * sizeof *sum);
     touched[0] = touched[1] = 0;
   }
+  explore(j, &w);
   t->touched_of[i_task] = n;
 }
 

@@ -59,8 +59,11 @@ static void bin_case(ck *c, const sc_cfg *cfg, share *sum) {
   sc_project(c, &s);
   sc_bin(c, &s);
   sv_rec *rec = ck_bytes(c, s.n_recs * sizeof *rec);
-  for (uint32_t i = 0; i < s.n_visible; i += 5)
-    c->var.bin(s.project.splat, s.order + i, s.n_visible - i < 5 ? s.n_visible - i : 5, s.n_tiles_x, rec);
+  for (uint32_t i = 0, n = 5; i < s.n_visible;
+       i += n, n = 3 * n + 2) { // less than a vector, and more than one
+    if (n > s.n_visible - i) n = s.n_visible - i;
+    c->var.bin(s.project.splat, s.order + i, n, s.n_tiles_x, rec);
+  }
   if (c->is_exact) ck_same_bytes(c, "records", s.rec, rec, s.n_recs * sizeof *rec);
   check_fields(c, &s, rec);
   // Where the form's terms are huge against their sum, float cannot place the border to 0.02 px.

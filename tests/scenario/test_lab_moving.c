@@ -63,6 +63,32 @@ static void test_tables(void **state) {
   says("head -1 t/dynamic.csv", "times dB over mono");
 }
 
+// A bar for each device, a group for each form of motion; pictures where there is gnuplot, and the page shows them.
+static void test_plots(void **state) {
+  static const char *const plots[] = {"dynamic_cameras_psnr", "dynamic_frames_psnr"};
+  char line[200];
+  (void)state;
+  lab_shell_need(&shell);
+  bool has_gnuplot = run("command -v gnuplot") == 0;
+  for (int i = 0; i < 2; i++) {
+    snprintf(line, sizeof line, "grep -cE '^\"s, (clip|field)\"( [0-9.]+){3}$' t/plots/%s.gp", plots[i]);
+    says(line, "2");
+    snprintf(line, sizeof line, "ls t/plots/%s.* | wc -l", plots[i]);
+    says(line, has_gnuplot ? "3" : "1");
+    snprintf(line, sizeof line, "grep -c '!\\[%s.png\\](plots/%s.png)' t/tables.md", plots[i], plots[i]);
+    if (has_gnuplot) says(line, "1");
+  }
+  // The PSNR of the plot is that of the table.
+  says("v=$(sed -n 's/^\"s, field\" [0-9.]* \\([0-9.]*\\) .*/\\1/p' t/plots/dynamic_frames_psnr.gp) && "
+       "awk -F, -v v=$v '$2 == \"stereo\" && $3 == \"field\" { d = $8 - v; exit !(d < 0.01 && d > -0.01) }' "
+       "t/dynamic.csv && echo the same",
+       "the same");
+  run_well("cp -r t g && rm -f g/plots/*.png g/plots/*.svg && "
+           "PATH=/nowhere @ tables --data s --steps 3 --gaussians 60 --out g");
+  if (!strstr(shell.said, "gnuplot is not installed")) fail_msg("nothing about gnuplot: %s", shell.said);
+  says("ls g/plots; cat g/tables.md", "gnuplot was not there");
+}
+
 static void test_frames(void **state) {
   (void)state;
   lab_shell_need(&shell);
@@ -85,6 +111,7 @@ static void test_film(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_dataset), cmocka_unit_test(test_tables),
-                                     cmocka_unit_test(test_frames), cmocka_unit_test(test_film)};
+                                     cmocka_unit_test(test_plots), cmocka_unit_test(test_frames),
+                                     cmocka_unit_test(test_film)};
   return cmocka_run_group_tests(tests, setup, teardown);
 }

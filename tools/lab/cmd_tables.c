@@ -64,8 +64,8 @@ int lab_cmd_tables(const lab_options *o) {
   sv_linux_console_finish(&t->session.lines);
   if (s != SV_OK) code = lab_failed(&t->session, &err);
   else
-    lab_say(&t->session, "%s/tables.md: %d runs; also CSV files, plots and contact sheets", o->out,
-            t->n_runs);
+    lab_say(&t->session, "%s/tables.md: %d runs; also CSV files%s", o->out, t->n_runs,
+            t->n_scenes > 0 && t->scenes[0].is_dynamic ? " and plots" : ", plots and contact sheets");
   lab_session_stop(&t->session);
   tables_free(t);
   free(t);

@@ -140,8 +140,8 @@ const tables_file *tables_file_of(const tables *t, const tables_setting *s);
 // done stays.
 sv_status tables_run_all(tables *t, sv_err *err) SV_MUST_USE;
 
-// The tables of moving scenes, instead of all others: OUT/tables.md and OUT/dynamic.csv. What was run before is
-// taken from OUT/runs.
+// The tables of moving scenes, instead of all others: OUT/tables.md, OUT/dynamic.csv and plots of
+// PSNR in OUT/plots. What was run before is taken from OUT/runs.
 sv_status tables_dynamic(tables *t, int *n_runs, sv_err *err) SV_MUST_USE;
 
 // A child process of this program with the arguments argv[1..], NULL at the end. Its stdout (at most cap - 1

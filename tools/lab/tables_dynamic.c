@@ -8,7 +8,7 @@
 #include <string.h>
 
 #include "src/base/str.h"
-#include "tools/lab/tables.h"
+#include "tools/lab/tables_plot.h"
 
 enum { MODE_CLIP, MODE_FIELD, N_MODES };
 static const char *const mode_names[N_MODES] = {"clip", "field"};
@@ -129,16 +129,16 @@ static sv_status measure(job *j, row *r, sv_err *err) {
 
 // --- what is written -----------------------------------------------------------------------------
 
-static const row *mono_of(const job *j, const row *r) {
+static const row *row_of(const job *j, int i_scene, int mode, int device) {
   for (int i = 0; i < j->n; i++)
-    if (j->rows[i].i_scene == r->i_scene && j->rows[i].mode == r->mode && j->rows[i].device == TABLES_MONO)
+    if (j->rows[i].i_scene == i_scene && j->rows[i].mode == mode && j->rows[i].device == device)
       return &j->rows[i];
   return NULL;
 }
 
 static void put_row(FILE *f, const job *j, const row *r, bool is_csv) {
   const char *sep = is_csv ? "," : " | ";
-  const row *m = mono_of(j, r);
+  const row *m = row_of(j, r->i_scene, r->mode, TABLES_MONO);
   char v[12][32];
   for (int k = 0; k < 4; k++) tables_format(v[k], sizeof v[k], k, r->novel.of[k]);
   for (int k = 0; k < 3; k++) tables_format(v[4 + k], sizeof v[0], k, r->time.of[k]);
@@ -180,7 +180,50 @@ static void put_all(FILE *f, const job *j, bool is_csv) {
   for (int i = 0; i < j->n; i++) put_row(f, j, &j->rows[i], is_csv);
 }
 
-static sv_status write_file(const job *j, const char *name, bool is_csv, sv_err *err) {
+// A group of bars for each scene and form of motion, a bar for each device.
+static sv_status write_bars(const job *j, const char *name, bool is_time, sv_err *err) {
+  char text[1000];
+  sv_str plot = sv_str_make(text, sizeof text);
+  FILE *f = tables_script_open(j->t, name, err);
+  if (!f) return SV_E_IO;
+  fprintf(
+      f,
+      "set title \"Moving scenes, %s\"\nset ylabel 'PSNR (dB)'\nset grid y\nset style data histograms\n"
+      "set style histogram clustered gap 1\nset style fill solid 0.8\nset yrange [0:*]\n"
+      "set xtics rotate by -30 noenhanced\nset key outside right\nset datafile missing '?'\n$bars << EOD\n",
+      is_time ? "held-out frames of the camera that all devices share" : "held-out cameras over all times");
+  const row *last = NULL;
+  for (int i = 0; i < j->n; last = &j->rows[i++]) {
+    const row *r = &j->rows[i];
+    if (last && last->i_scene == r->i_scene && last->mode == r->mode) continue;
+    fprintf(f, "\"%s, %s\"", j->t->scenes[r->i_scene].name, mode_names[r->mode]);
+    for (int d = 0; d < N_DEVICES; d++) {
+      const row *of = row_of(j, r->i_scene, r->mode, devices[d]);
+      double v = of ? (is_time ? &of->time : &of->novel)->of[TABLES_PSNR] : NAN;
+      if (isnan(v)) fprintf(f, " ?");
+      else fprintf(f, " %.7g", v);
+    }
+    fprintf(f, "\n");
+  }
+  fprintf(f, "EOD\n");
+  for (int d = 0; d < N_DEVICES; d++)
+    sv_str_add(&plot, "%s$bars using %d%s lc rgb '#%06x' title '%s'", d ? ", " : "plot ", 2 + d,
+               d ? "" : ":xtic(1)", (unsigned)tables_device_colours[devices[d]],
+               tables_device_words[devices[d]]);
+  return tables_script_close(f, name, text, err);
+}
+
+static sv_status write_plots(const job *j, bool *has_pictures, sv_err *err) {
+  static const char *const names[] = {"dynamic_cameras_psnr", "dynamic_frames_psnr"};
+  tables_drawing d;
+  sv_status s = tables_drawing_begin(j->t, &d, err);
+  for (int i = 0; i < 2 && s == SV_OK; i++)
+    if ((s = write_bars(j, names[i], i == 1, err)) == SV_OK) tables_draw(j->t, &d, names[i]);
+  *has_pictures = s == SV_OK && d.n_drawn > 0;
+  return s;
+}
+
+static sv_status write_file(const job *j, const char *name, bool is_csv, bool has_plots, sv_err *err) {
   char path[SV_CAP_PATH];
   sv_status s = sv_path_join(path, sizeof path, j->t->o->out, name, err);
   FILE *f = s == SV_OK ? fopen(path, "w") : NULL;
@@ -198,6 +241,7 @@ static sv_status write_file(const job *j, const char *name, bool is_csv, sv_err 
             "the time of training, `MB` its one memory block.\n\n",
             j->t->n_gaussians, j->t->n_steps);
   put_all(f, j, is_csv);
+  if (!is_csv) tables_put_plots(f, j->t, has_plots);
   bool is_bad = ferror(f) != 0;
   return fclose(f) != 0 || is_bad ? sv_fail(err, SV_E_DEVICE, "%s: writing failed", path) : SV_OK;
 }
@@ -217,8 +261,10 @@ sv_status tables_dynamic(tables *t, int *n_runs, sv_err *err) {
           j->rows[j->n++] = (row){.i_scene = i, .device = devices[d], .mode = m};
   sv_status s = SV_OK;
   for (j->i_now = 0; j->i_now < j->n && s == SV_OK; j->i_now++) s = measure(j, &j->rows[j->i_now], err);
-  if (s == SV_OK) s = write_file(j, "dynamic.csv", true, err);
-  if (s == SV_OK) s = write_file(j, "tables.md", false, err);
+  bool has_pictures = false;
+  if (s == SV_OK) s = write_file(j, "dynamic.csv", true, false, err);
+  if (s == SV_OK) s = write_plots(j, &has_pictures, err);
+  if (s == SV_OK) s = write_file(j, "tables.md", false, has_pictures, err);
   *n_runs = j->n;
   free(j->rows);
   free(j);

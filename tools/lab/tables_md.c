@@ -4,7 +4,7 @@
 #include <stdio.h>
 
 #include "src/base/str.h"
-#include "tools/lab/tables.h"
+#include "tools/lab/tables_plot.h"
 
 typedef struct {
   const tables *t;
@@ -235,23 +235,6 @@ static void put_tv_sentence(const page *p) {
 
 // --- pictures and runs ---------------------------------------------------------------------------
 
-static void put_plots(const page *p, bool has_plots) {
-  char path[SV_CAP_PATH];
-  sv_names names;
-  fprintf(p->f, "\n## Plots\n\n");
-  if (!has_plots) {
-    fprintf(p->f, "gnuplot was not there when this was written; `gnuplot *.gp` in `plots/` draws them.\n");
-    return;
-  }
-  if (sv_path_join(path, sizeof path, p->t->o->out, "plots", NULL) != SV_OK ||
-      sv_folder_list(path, &names, NULL) != SV_OK)
-    return;
-  for (int i = 0; i < names.n; i++)
-    if (sv_str_eq(sv_path_extension(names.names[i]), ".png"))
-      fprintf(p->f, "![%s](plots/%s)\n", names.names[i], names.names[i]);
-  sv_names_free(&names);
-}
-
 static void put_sheets(const page *p) {
   fprintf(p->f, "\n## Renderings\n\nOne exposure. Rows: ");
   for (int d = 0; d < TABLES_N_DEVICES; d++) fprintf(p->f, "%s%s", d ? ", " : "", tables_device_words[d]);
@@ -299,7 +282,7 @@ sv_status tables_write_markdown(const tables *t, bool has_plots, sv_err *err) {
     put_table(&p, id);
     if (id == TABLE_TV) put_tv_sentence(&p);
   }
-  put_plots(&p, has_plots);
+  tables_put_plots(p.f, t, has_plots);
   put_sheets(&p);
   put_runs(&p);
   bool is_bad = ferror(p.f) != 0;

@@ -6,7 +6,7 @@
 
 #include "src/base/str.h"
 #include "tools/common/gnuplot.h"
-#include "tools/lab/tables.h"
+#include "tools/lab/tables_plot.h"
 
 typedef struct {
   const char *name, *title, *x_label;
@@ -25,7 +25,7 @@ static const curve_plot curves[] = {
      false},
     {"exposures_abs_rel", "Depth error over the number of exposures", "exposures", TABLE_EXPOSURES,
      TABLES_ABS_REL, false}};
-static const int colours[TABLES_N_DEVICES] = {0x555555, 0x0072b2, 0x009e73, 0xe69f00, 0xd55e00};
+const int tables_device_colours[TABLES_N_DEVICES] = {0x555555, 0x0072b2, 0x009e73, 0xe69f00, 0xd55e00};
 static const struct {
   int figure;
   const char *name;
@@ -35,7 +35,7 @@ static const char *axis_word(int figure) {
   return figure == TABLES_PSNR ? "PSNR (dB)" : tables_figure_words[figure];
 }
 
-static FILE *open_script(const tables *t, const char *name, sv_err *err) {
+FILE *tables_script_open(const tables *t, const char *name, sv_err *err) {
   char path[SV_CAP_PATH], file[80];
   snprintf(file, sizeof file, "plots/%s.gp", name);
   if (sv_path_join(path, sizeof path, t->o->out, file, err) != SV_OK) return NULL;
@@ -49,7 +49,7 @@ static FILE *open_script(const tables *t, const char *name, sv_err *err) {
 }
 
 // The plot command, once for each picture.
-static sv_status close_script(FILE *f, const char *name, const char *plot, sv_err *err) {
+sv_status tables_script_close(FILE *f, const char *name, const char *plot, sv_err *err) {
   fprintf(f, "set terminal svg size 800,500 background 'white'\nset output '%s.svg'\n%s\n", name, plot);
   fprintf(f, "set terminal pngcairo size 800,500\nset output '%s.png'\n%s\nset output\n", name, plot);
   bool is_bad = ferror(f) != 0;
@@ -87,14 +87,15 @@ static void add_curve(sv_str *plot, const curve_plot *c, int device, int n_expos
   if (c->table == TABLE_ANGLE && device == TABLES_MONO) // one point: the same for every angle
     sv_str_add(plot, "real(word($mono_%d[1], 2)) with lines", n_exposures);
   else sv_str_add(plot, "$%s_%d with linespoints pt 7 ps 0.6", tables_device_names[device], n_exposures);
-  sv_str_add(plot, " lw 2 dt %d lc rgb '#%06x' title '%s'", n_exposures == 1 ? 2 : 1, colours[device], title);
+  sv_str_add(plot, " lw 2 dt %d lc rgb '#%06x' title '%s'", n_exposures == 1 ? 2 : 1,
+             tables_device_colours[device], title);
 }
 
 static sv_status write_curve(const tables *t, const curve_plot *c, bool *is_written, sv_err *err) {
   char text[2000];
   sv_str plot = sv_str_make(text, sizeof text);
   bool is_angle = c->table == TABLE_ANGLE;
-  FILE *f = open_script(t, c->name, err);
+  FILE *f = tables_script_open(t, c->name, err);
   if (!f) return SV_E_IO;
   fprintf(f, "set title \"%s\"\nset xlabel '%s'\nset ylabel '%s'\nset grid\nset key outside right\n",
           c->title, c->x_label, axis_word(c->figure));
@@ -107,14 +108,14 @@ static sv_status write_curve(const tables *t, const curve_plot *c, bool *is_writ
       if (n > n_most) n_most = n;
     }
   *is_written = n_most > 0 && !plot.is_cut && !(is_angle && n_most < 2);
-  return close_script(f, c->name, *is_written ? text : "# nothing to draw", err);
+  return tables_script_close(f, c->name, *is_written ? text : "# nothing to draw", err);
 }
 
 // --- bars: ours and the paper's ------------------------------------------------------------------
 
 static sv_status write_bars(const tables *t, int figure, const char *name, bool *is_written, sv_err *err) {
   const tables_table *b = &t->tables[TABLE_SUMMARY];
-  FILE *f = open_script(t, name, err);
+  FILE *f = tables_script_open(t, name, err);
   if (!f) return SV_E_IO;
   fprintf(f,
           "set title \"%s, ours beside the paper's (other scenes)\"\nset ylabel '%s'\nset grid y\n"
@@ -131,22 +132,22 @@ static sv_status write_bars(const tables *t, int figure, const char *name, bool 
     *is_written = true;
   }
   fprintf(f, "EOD\n");
-  return close_script(f, name,
-                      *is_written ? "plot $bars using 2:xtic(1) lc rgb '#0072b2' title 'ours', "
-                                    "$bars using 3 lc rgb '#bbbbbb' title 'paper'"
-                                  : "# nothing to draw",
-                      err);
+  return tables_script_close(f, name,
+                             *is_written ? "plot $bars using 2:xtic(1) lc rgb '#0072b2' title 'ours', "
+                                           "$bars using 3 lc rgb '#bbbbbb' title 'paper'"
+                                         : "# nothing to draw",
+                             err);
 }
 
 // --- gnuplot -------------------------------------------------------------------------------------
 
-typedef struct {
-  char folder[SV_CAP_PATH];
-  bool is_missing, is_failed; // gnuplot; said once
-  int n_tried, n_drawn;
-} drawing;
+sv_status tables_drawing_begin(const tables *t, tables_drawing *d, sv_err *err) {
+  *d = (tables_drawing){.n_drawn = 0};
+  sv_status s = sv_path_join(d->folder, sizeof d->folder, t->o->out, "plots", err);
+  return s == SV_OK ? sv_path_make_folder(d->folder, err) : s;
+}
 
-static void draw(tables *t, drawing *d, const char *name) {
+void tables_draw(tables *t, tables_drawing *d, const char *name) {
   char script[80];
   if (d->is_missing) return;
   snprintf(script, sizeof script, "%s.gp", name);
@@ -163,17 +164,33 @@ static void draw(tables *t, drawing *d, const char *name) {
 }
 
 sv_status tables_write_plots(tables *t, bool *has_pictures, sv_err *err) {
-  drawing d = {.n_drawn = 0};
+  tables_drawing d;
   bool is_written;
   *has_pictures = false;
-  sv_status s = sv_path_join(d.folder, sizeof d.folder, t->o->out, "plots", err);
-  if (s == SV_OK) s = sv_path_make_folder(d.folder, err);
+  sv_status s = tables_drawing_begin(t, &d, err);
   for (size_t i = 0; i < sizeof curves / sizeof *curves && s == SV_OK; i++)
     if ((s = write_curve(t, &curves[i], &is_written, err)) == SV_OK && is_written)
-      draw(t, &d, curves[i].name);
+      tables_draw(t, &d, curves[i].name);
   for (size_t i = 0; i < sizeof bars / sizeof *bars && s == SV_OK; i++)
     if ((s = write_bars(t, bars[i].figure, bars[i].name, &is_written, err)) == SV_OK && is_written)
-      draw(t, &d, bars[i].name);
+      tables_draw(t, &d, bars[i].name);
   *has_pictures = d.n_drawn > 0;
   return s;
+}
+
+void tables_put_plots(FILE *f, const tables *t, bool has_plots) {
+  char path[SV_CAP_PATH];
+  sv_names names;
+  fprintf(f, "\n## Plots\n\n");
+  if (!has_plots) {
+    fprintf(f, "gnuplot was not there when this was written; `gnuplot *.gp` in `plots/` draws them.\n");
+    return;
+  }
+  if (sv_path_join(path, sizeof path, t->o->out, "plots", NULL) != SV_OK ||
+      sv_folder_list(path, &names, NULL) != SV_OK)
+    return;
+  for (int i = 0; i < names.n; i++)
+    if (sv_str_eq(sv_path_extension(names.names[i]), ".png"))
+      fprintf(f, "![%s](plots/%s)\n", names.names[i], names.names[i]);
+  sv_names_free(&names);
 }
