@@ -8,6 +8,8 @@
 #include "src/base/str.h"
 
 #define BLOCKS_PER_TASK 16
+#define CAP_BASE        512
+#define CAP_TIMES       1024
 
 static const int axes[SV_FIELD_PLANES][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
 
@@ -92,11 +94,26 @@ static void lay_out(sv_field *f) {
   f->n_param = at;
 }
 
+sv_status sv_field_check(const sv_field_cfg *c, sv_err *err) {
+  if (c->base < 2 || c->base > CAP_BASE || c->n_times < 2 || c->n_times > CAP_TIMES || c->n_levels < 1 ||
+      c->n_levels > SV_FIELD_CAP_LEVELS)
+    return sv_fail(
+        err, SV_E_ARG,
+        "a field of %d levels, the first of %d points a side, and %d along time; expected 1 to %d, "
+        "2 to %d, 2 to %d",
+        c->n_levels, c->base, c->n_times, SV_FIELD_CAP_LEVELS, CAP_BASE, CAP_TIMES);
+  if ((c->n_channels != 16 && c->n_channels != 32) || c->width < 16 || c->width > SV_FIELD_CAP_WIDTH ||
+      c->width % 16)
+    return sv_fail(
+        err, SV_E_ARG,
+        "a field of %d channels and layers of %d; expected 16 or 32, and a multiple of 16 up to %d",
+        c->n_channels, c->width, SV_FIELD_CAP_WIDTH);
+  return SV_OK;
+}
+
 sv_status sv_field_init(sv_field *f, const sv_field_cfg *cfg, const sv_gaussians *g, sv_arena *a) {
-  if ((cfg->n_channels != 16 && cfg->n_channels != 32) || cfg->n_levels < 1 ||
-      cfg->n_levels > SV_FIELD_CAP_LEVELS || cfg->width < 16 || cfg->width > SV_FIELD_CAP_WIDTH ||
-      cfg->width % 16 || cfg->base < 2 || cfg->base > 512 || cfg->n_times < 2 || cfg->n_times > 1024)
-    return SV_E_ARG;
+  sv_status s = sv_field_check(cfg, NULL);
+  if (s < 0) return s;
   memset(f, 0, sizeof *f);
   f->cfg = *cfg;
   f->cap = g->cap, f->n_gaussian_rows = g->n_rows;

@@ -25,11 +25,13 @@ typedef enum { SV_FIELD_TV_CODED, SV_FIELD_TV_BOTH } sv_field_tv;
 typedef struct {
   int n_channels; // 16 or 32 per level
   int n_levels, mult[SV_FIELD_CAP_LEVELS];
-  int base, n_times; // points a side of level 1; points along time, the same on all levels
-  int width;         // of the layers, a multiple of 16
-  bool is_shared;    // one head for position, rotation and scale; else one each
-  bool has_colour;   // heads for opacity and SH, too; not with is_shared
-  float start;       // output weights begin with so much of Xavier's; the reference's is 1
+  int base,
+      n_times; // points a side of level 1; points along time, the same on all levels: about as many as there
+               // are training times. With more, those between two of them are held by smoothness alone.
+  int width;   // of the layers, a multiple of 16
+  bool is_shared;  // one head for position, rotation and scale; else one each
+  bool has_colour; // heads for opacity and SH, too; not with is_shared
+  float start;     // output weights begin with so much of Xavier's; the reference's is 1
   // Weights: second differences (coded as in the reference: along one axis, of its mean square) or squared first
   // differences along both; second differences along time; distance of time planes from 1.
   sv_field_tv tv_kind;
@@ -40,7 +42,8 @@ typedef struct {
 } sv_field_cfg;
 
 // By name: tiny, small, dnerf, dynerf, hypernerf, dycheck, multiview (sizes and weights of the reference's
-// configurations; tiny and small are for boards). False for others; *cfg then is untouched.
+// configurations; tiny and small are for boards; n_times is sv_train_set_times' business). False for others; *cfg then is
+// untouched.
 bool sv_field_preset(const char *name, sv_field_cfg *cfg);
 
 typedef struct {
@@ -66,7 +69,9 @@ typedef struct {
   float lo[3], inv[3]; // box: c = (x - lo) inv
 } sv_field;
 
-// E_ARG with sizes that are out of range.
+// E_ARG: says in err which size is out of range.
+sv_status sv_field_check(const sv_field_cfg *cfg, sv_err *err) SV_MUST_USE;
+// E_ARG as sv_field_check.
 sv_status sv_field_init(sv_field *f, const sv_field_cfg *cfg, const sv_gaussians *g,
                         sv_arena *arena) SV_MUST_USE;
 // Random layers, planes of space in 0.1..0.5, planes of time at 1; the box: mean and three standard deviations of g.

@@ -4,6 +4,8 @@
 #include "src/base/mathx.h"
 #include "src/splat/constants.h"
 
+#define CAP_FIELD_TIMES 150 // the most of the reference's configurations
+
 #define GRID_VIEWS 6 // more sub-views than a phone has: a lens grid, whose images are small
 
 void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
@@ -46,4 +48,5 @@ void sv_train_set_times(sv_train_cfg *cfg, int n_times) {
   d->n_rot = sv_maxi(1, d->n_pos / 2);
   d->n_colour = sv_maxi(1, d->n_pos / 4);
   d->window_start = sv_maxf(0.4f, 3.0f / (float)sv_maxi(n_times, 1));
+  d->field.n_times = sv_clampi(n_times, 4, CAP_FIELD_TIMES);
 }

@@ -8,7 +8,7 @@
 #include "src/splat/constants.h"
 
 sv_train_cfg sv_train_defaults(void) {
-  return (sv_train_cfg){
+  sv_train_cfg c = {
       .n_gaussians = 20000,
       .sh_degree = 1,
       .cap_views = 64,
@@ -76,6 +76,8 @@ sv_train_cfg sv_train_defaults(void) {
                   .still_fade = 0.1f,
                   .still_colour = 0.01f},
       .steps_hint = 3000};
+  (void)sv_field_preset("small", &c.dynamic.field);
+  return c;
 }
 
 static const char *const optimizer_names[] = {"adam", "gauss-newton"};
@@ -216,6 +218,7 @@ static sv_status check(const sv_train_cfg *c, sv_err *err) {
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "moving scenes are trained on whole pictures: not on multiplexed sensors, and without "
                    "unseen views");
+  if (c->dynamic.kind == SV_DEFORM_FIELD && sv_field_check(&c->dynamic.field, err) < 0) return SV_E_ARG;
   if (c->poses.cap_poses > 0 && (c->dynamic.kind != SV_DEFORM_NONE || c->cap_composites > 0))
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "poses are refined with still scenes and whole pictures: not with moving ones, and not on "

@@ -71,8 +71,8 @@ sv_train_cfg moving_scene_cfg(sv_deform_kind kind, int n, int n_steps) {
   c.reg_opacity = 0.05f;
   c.steps_hint = n_steps;
   c.dynamic.kind = kind;
-  sv_train_set_times(&c, MS_TIMES - 1);
   (void)sv_field_preset("tiny", &c.dynamic.field);
+  sv_train_set_times(&c, MS_TIMES - 1);
   return c;
 }
 

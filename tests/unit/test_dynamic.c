@@ -12,6 +12,7 @@
 
 #include "src/deform/deform_file.h"
 #include "src/train/checkpoint.h"
+#include "src/train/objective.h"
 #include "tests/common/moving_scene.h"
 
 #define N_STEPS    600
@@ -70,7 +71,19 @@ static void test_clip_learns(void **state) {
 static void test_field_learns(void **state) {
   (void)state;
   skip_where_emulated();
-  learn(SV_DEFORM_FIELD, 24, 1);
+  learn(SV_DEFORM_FIELD, 26.5, 1);
+}
+
+// Points along time come from the data: those that no picture reaches would be held by smoothness alone.
+static void test_field_times(void **state) {
+  static const int n[][2] = {{1, 4}, {19, 19}, {400, 150}}; // times, points
+  sv_train_cfg c = sv_train_defaults();
+  (void)state;
+  for (int i = 0; i < 3; i++) {
+    sv_train_set_times(&c, n[i][0]);
+    assert_int_equal(c.dynamic.field.n_times, n[i][1]);
+    assert_int_equal(sv_field_check(&c.dynamic.field, NULL), SV_OK);
+  }
 }
 
 // Who does not move is drawn from the stored values themselves.
@@ -259,11 +272,11 @@ static void test_memory(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_clip_learns),    cmocka_unit_test(test_field_learns),
-      cmocka_unit_test(test_still_is_still), cmocka_unit_test(test_resume),
-      cmocka_unit_test(test_times_come_in),  cmocka_unit_test(test_long_lens),
-      cmocka_unit_test(test_motion_shrinks), cmocka_unit_test(test_motion_file),
-      cmocka_unit_test(test_memory),
+      cmocka_unit_test(test_clip_learns), cmocka_unit_test(test_field_learns),
+      cmocka_unit_test(test_field_times), cmocka_unit_test(test_still_is_still),
+      cmocka_unit_test(test_resume),      cmocka_unit_test(test_times_come_in),
+      cmocka_unit_test(test_long_lens),   cmocka_unit_test(test_motion_shrinks),
+      cmocka_unit_test(test_motion_file), cmocka_unit_test(test_memory),
   };
   return cmocka_run_group_tests(tests, setup, NULL);
 }

@@ -13,11 +13,14 @@ typedef struct {
 } setting;
 
 static int set_field(sv_dynamic_cfg *d, const char *name, size_t n) {
+  const int n_times = d->field.n_times; // by the data's, not by the preset
   char preset[16];
   if (n >= sizeof preset) return LAB_EXIT_USAGE;
   memcpy(preset, name, n);
   preset[n] = 0;
-  return sv_field_preset(preset, &d->field) ? LAB_EXIT_OK : LAB_EXIT_USAGE;
+  if (!sv_field_preset(preset, &d->field)) return LAB_EXIT_USAGE;
+  d->field.n_times = n_times;
+  return LAB_EXIT_OK;
 }
 
 static int set_number(const setting *known, size_t n_known, const char *p, size_t k, size_t n) {
@@ -69,11 +72,14 @@ int lab_parse_motion(const char *text, sv_train_cfg *c) {
                            {"lr_layers", &d->field.lr_layers, 0, 1},
                            {"lr_layers_end", &d->field.lr_layers_end, 0, 1},
                            {"times", 0, &d->field.n_times, 1024},
+                           {"base", 0, &d->field.base, 512},
+                           {"width", 0, &d->field.width, SV_FIELD_CAP_WIDTH},
+                           {"channels", 0, &d->field.n_channels, 32},
+                           {"levels", 0, &d->field.n_levels, 3},
                            {"still_colour", &d->still_colour, 0, 1}};
   const size_t n_known = sizeof known / sizeof *known;
   size_t n = text ? strcspn(text, ",") : 0;
   d->kind = SV_DEFORM_CLIP;
-  (void)sv_field_preset("small", &d->field);
   if (n == 5 && !strncmp(text, "field", 5)) d->kind = SV_DEFORM_FIELD;
   else if (text && !(n == 4 && !strncmp(text, "clip", 4))) return LAB_EXIT_USAGE;
   for (const char *p = text ? text + n : ""; *p;) {
