@@ -44,7 +44,7 @@ typedef struct {
   int n_in, n_out, is_relu;
 } sv_linear_args;
 typedef void (*sv_linear_fn)(const sv_linear_args *a, const float *x, float *y); // exact
-// dx [n_in][16] is overwritten; dw and db are added to. exact.
+// dx [n_in][16] is overwritten; dw and db are added to, dw Gaussian by Gaussian. exact.
 typedef void (*sv_linear_bwd_fn)(const sv_linear_args *a, const float *x, const float *dy, float *dx,
                                  float *dw, float *db);
 

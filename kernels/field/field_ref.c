@@ -101,11 +101,12 @@ void sv_linear_bwd_ref(const sv_linear_args *a, const float *x, const float *dy,
     memcpy(lanes, dy + 16 * o, sizeof lanes);
     db[o] += s1_sum16(lanes);
     for (int i = 0; i < a->n_in; i++) {
+      float s = dw[o * a->n_in + i];
       for (int k = 0; k < 16; k++) {
         float v = x[16 * i + k];
-        lanes[k] = dy[16 * o + k] * (a->is_relu ? s1_max(v, 0.0f) : v);
+        s = fmaf(dy[16 * o + k], a->is_relu ? s1_max(v, 0.0f) : v, s);
       }
-      dw[o * a->n_in + i] += s1_sum16(lanes);
+      dw[o * a->n_in + i] = s;
     }
   }
 }

@@ -306,57 +306,93 @@ void sv_field_bwd_block(sv_field *f, const sv_kernels *k, const sv_gaussians *g,
 
 // --- plane losses --------------------------------------------------------------------------------
 
-// weight times the mean square of second differences along rows (stride: floats from one to the next).
-static double second_differences(const float *p, int n_lines, int n, size_t line, size_t stride, int n_f,
-                                 float weight, float *grad) {
-  if (n < 3) return 0;
-  double sum = 0, count = (double)n_lines * (n - 2) * n_f;
-  float scale = (float)(2.0 * (double)weight / count);
-  for (int i = 0; i < n_lines; i++)
-    for (int j = 0; j + 2 < n; j++)
-      for (int ch = 0; ch < n_f; ch++) {
-        size_t at = (size_t)i * line + (size_t)j * stride + (size_t)ch;
-        float d = p[at + 2 * stride] - 2.0f * p[at + stride] + p[at], s = scale * d;
+// Values along one axis of a plane: n_lines lines of n points, `stride` floats from one to the next.
+typedef struct {
+  const float *p;
+  int n_lines, n, n_channels;
+  size_t line, stride;
+} along;
+
+// weight times the mean square of first or second differences (order 1, 2) along lines.
+static double differences(const along *a, int order, float weight) {
+  double sum = 0, count = (double)a->n_lines * (a->n - order) * a->n_channels;
+  if (a->n <= order) return 0;
+  for (int i = 0; i < a->n_lines; i++)
+    for (int j = 0; j + order < a->n; j++)
+      for (int ch = 0; ch < a->n_channels; ch++) {
+        const float *p = a->p + (size_t)i * a->line + (size_t)j * a->stride + ch;
+        float d = p[a->stride] - p[0];
+        if (order == 2) d = p[2 * a->stride] - 2.0f * p[a->stride] + p[0];
         sum += (double)d * (double)d;
-        if (!grad) continue;
-        grad[at] += s, grad[at + stride] -= 2.0f * s, grad[at + 2 * stride] += s;
       }
   return (double)weight * sum / count;
 }
 
-static double first_differences(const float *p, int n_lines, int n, size_t line, size_t stride, int n_f,
-                                float weight, float *grad) {
-  double sum = 0, count = (double)n_lines * (n - 1) * n_f;
-  float scale = (float)(2.0 * (double)weight / count);
-  for (int i = 0; i < n_lines; i++)
-    for (int j = 0; j + 1 < n; j++)
-      for (int ch = 0; ch < n_f; ch++) {
-        size_t at = (size_t)i * line + (size_t)j * stride + (size_t)ch;
-        float d = p[at + stride] - p[at];
-        sum += (double)d * (double)d;
-        if (grad) grad[at + stride] += scale * d, grad[at] -= scale * d;
-      }
-  return (double)weight * sum / count;
+// Their gradient, added. Apart from the value, which training does not ask for: this is of every step.
+static void differences_bwd(const along *a, int order, float weight, float *restrict grad) {
+  if (a->n <= order) return;
+  const size_t st = a->stride;
+  float scale = (float)(2.0 * (double)weight / ((double)a->n_lines * (a->n - order) * a->n_channels));
+  for (int i = 0; i < a->n_lines; i++)
+    for (int j = 0; j + order < a->n; j++) {
+      const float *restrict p = a->p + (size_t)i * a->line + (size_t)j * st;
+      float *restrict g = grad + (p - a->p);
+      if (order == 1)
+        for (int ch = 0; ch < a->n_channels; ch++) {
+          float s = scale * (p[st + (size_t)ch] - p[ch]);
+          g[ch] -= s, g[st + (size_t)ch] += s;
+        }
+      else
+        for (int ch = 0; ch < a->n_channels; ch++) {
+          size_t mid = st + (size_t)ch, far = st + mid;
+          float s = scale * (p[far] - 2.0f * p[mid] + p[ch]);
+          g[ch] += s, g[mid] -= 2.0f * s, g[far] += s;
+        }
+    }
 }
 
-double sv_field_plane_loss(const sv_field *f, int l, int plane, float *grad) {
+static void l1_bwd(const float *p, size_t n, float step, float *grad) {
+  for (size_t i = 0; i < n; i++) grad[i] += p[i] > 1.0f ? step : p[i] < 1.0f ? -step : 0.0f;
+}
+
+static double l1(const float *p, size_t n) {
+  double sum = 0;
+  for (size_t i = 0; i < n; i++) sum += fabs(1.0 - (double)p[i]);
+  return sum / (double)n;
+}
+
+// Along the second axis of a plane and along the first one.
+static void lines_of(const sv_field *f, int l, int plane, along *second, along *first) {
   const sv_field_cfg *c = &f->cfg;
-  const float *p = f->param + f->plane_at[l][plane];
   int n0 = res_of(c, l, axes[plane][0]), n1 = res_of(c, l, axes[plane][1]), n_f = c->n_channels;
-  size_t first = (size_t)n_f, second = (size_t)n0 * (size_t)n_f, n = f->plane_n[l][plane];
-  if (axes[plane][1] != 3) {
-    if (c->tv_kind == SV_FIELD_TV_CODED)
-      return second_differences(p, n0, n1, first, second, n_f, c->tv, grad);
-    return first_differences(p, n0, n1, first, second, n_f, 2.0f * c->tv, grad) +
-           first_differences(p, n1, n0, second, first, n_f, 2.0f * c->tv, grad);
+  size_t point = (size_t)n_f, row = (size_t)n0 * point;
+  *second = (along){f->param + f->plane_at[l][plane], n0, n1, n_f, point, row};
+  *first = (along){second->p, n1, n0, n_f, row, point};
+}
+
+double sv_field_plane_loss(const sv_field *f, int l, int plane) {
+  const sv_field_cfg *c = &f->cfg;
+  along second, first;
+  lines_of(f, l, plane, &second, &first);
+  if (axes[plane][1] == 3)
+    return differences(&second, 2, c->smooth) + (double)c->l1_time * l1(second.p, f->plane_n[l][plane]);
+  if (c->tv_kind == SV_FIELD_TV_CODED) return differences(&second, 2, c->tv);
+  return differences(&second, 1, 2.0f * c->tv) + differences(&first, 1, 2.0f * c->tv);
+}
+
+void sv_field_plane_loss_bwd(const sv_field *f, int l, int plane, float *grad) {
+  const sv_field_cfg *c = &f->cfg;
+  const size_t n = f->plane_n[l][plane];
+  along second, first;
+  lines_of(f, l, plane, &second, &first);
+  if (axes[plane][1] == 3) {
+    differences_bwd(&second, 2, c->smooth, grad);
+    l1_bwd(second.p, n, c->l1_time / (float)n, grad);
+  } else if (c->tv_kind == SV_FIELD_TV_CODED) differences_bwd(&second, 2, c->tv, grad);
+  else {
+    differences_bwd(&second, 1, 2.0f * c->tv, grad);
+    differences_bwd(&first, 1, 2.0f * c->tv, grad);
   }
-  double loss = second_differences(p, n0, n1, first, second, n_f, c->smooth, grad), sum = 0;
-  float step = c->l1_time / (float)n;
-  for (size_t i = 0; i < n; i++) {
-    sum += fabs(1.0 - (double)p[i]);
-    if (grad) grad[i] += p[i] > 1.0f ? step : p[i] < 1.0f ? -step : 0.0f;
-  }
-  return loss + (double)c->l1_time * sum / (double)n;
 }
 
 // --- a step --------------------------------------------------------------------------------------
@@ -396,7 +432,7 @@ static void plane_task(void *arg, int i_task, int i_thread) {
     if (f->touched[b])
       j->k->planes_add(&j->planes, l, p, f->coord + 64 * (size_t)b, f->touched[b],
                        f->part + (size_t)b * 96 * (size_t)f->n_feature, grad);
-  (void)sv_field_plane_loss(f, l, p, grad);
+  sv_field_plane_loss_bwd(f, l, p, grad);
   adam_run(j, f->plane_at[l][p], f->plane_n[l][p], grad, j->lr_planes);
 }
 

@@ -87,8 +87,9 @@ void sv_field_bwd_block(sv_field *f, const sv_kernels *k, const sv_gaussians *g,
 // Adam on planes and layers after all blocks; step counts from 1; progress 0..1 of the stage.
 void sv_field_step(sv_field *f, const sv_kernels *k, const sv_pool *pool, uint32_t step, float progress,
                    float radius);
-// Value of the plane losses and, with grad, their gradients for one plane of one level added to grad.
-double sv_field_plane_loss(const sv_field *f, int level, int plane, float *grad);
+// The plane losses of one plane of one level; their gradient is added to grad [plane_n].
+double sv_field_plane_loss(const sv_field *f, int level, int plane);
+void sv_field_plane_loss_bwd(const sv_field *f, int level, int plane, float *grad);
 
 #ifdef __cplusplus
 }
