@@ -52,7 +52,7 @@ static sv_train_cfg train_cfg(const lab_options *o) {
   c.seed = o->seed >= 0 ? (uint64_t)o->seed : 1;
   c.background = lab_background_by_name(o->background);
   if (o->steps > 0) c.steps_hint = (int)o->steps;
-  if (o->method && sv_str_eq(o->method, "4dgs")) lab_dynamic_cfg(o, &c);
+  if (o->method && sv_str_eq(o->method, "4dgs")) lab_dynamic_cfg(o, 0, &c);
   return c;
 }
 
@@ -107,10 +107,7 @@ static void choose_objective(run *r) {
   sv_train_cfg *c = &r->cfg;
   sv_sampling s = sampling_of(&r->views);
   s.is_moving = c->dynamic.kind != SV_DEFORM_NONE;
-  if (s.is_moving) {
-    sv_train_set_times(c, n_times(&r->views));
-    lab_dynamic_cfg(o, c); // what is asked for goes before
-  }
+  if (s.is_moving) lab_dynamic_cfg(o, n_times(&r->views), c);
   if (s.is_moving) s.n_exposures = (n_places(&r->views) + s.n_sub_views - 1) / s.n_sub_views;
   r->is_standing = s.is_moving && s.n_exposures == 1;
   sv_train_set_objective(c, &s);
