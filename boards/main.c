@@ -10,7 +10,10 @@
 
 static _Alignas(SV_ARENA_ALIGN) uint8_t block[BOARD_ARENA_BYTES];
 
-sv_arena board_arena(void) { return sv_arena_make(block, sizeof block); }
+sv_arena board_arena(void) {
+  sv_linux_large_pages(block, sizeof block);
+  return sv_arena_make(block, sizeof block);
+}
 
 bool board_kernels(sv_kernels *k, uint32_t *mask) {
   sv_err err;

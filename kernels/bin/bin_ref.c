@@ -15,7 +15,7 @@ typedef struct {
 static ellipse ellipse_of(const sv_splat *s) {
   const float m4a = -4.0f * s->qa, r = 0.25f * s->inv_2qa;
   return (ellipse){.k = fmaf(s->qb, s->qb, m4a * s->qc),
-                   .l = m4a * (s->lo - SV_LOG2_ALPHA_MIN),
+                   .l = m4a * (s->lo - SV_POWER_MIN),
                    .b = s->qb * r,
                    .lo = 0.25f * (s->u_px + BIN_ROUND_LO),
                    .hi = 0.25f * (s->u_px + BIN_ROUND_HI),

@@ -28,13 +28,16 @@ extern "C" {
 
 // log2(1/255): where a splat's alpha falls under 1/255 it is not evaluated.
 #define SV_LOG2_ALPHA_MIN (-7.99435344f)
+// Splats keep log2(alpha) less this, so that its fraction above the floor is exact, whatever is rounded on the way.
+#define SV_POWER_SHIFT 8.0f
+#define SV_POWER_MIN   (SV_LOG2_ALPHA_MIN - SV_POWER_SHIFT)
 // Added to the real column (row) of an ellipse's edge before it is cut to the first pixel inside; 0.03 px of slack
 // cover rounding errors.
 #define SV_ROUND_UP  0.97f
 #define SV_ALPHA_MAX 0.99f
-#define SV_T_MIN     1e-4f
+#define SV_T_MIN     1e-4f // of the light left: the pixel has ended
 
-// One Gaussian on the screen of one view, 64 bytes. alpha(p) = 2^(qa dx^2 + qb dx dy + qc dy^2 + lo) with
+// One Gaussian on the screen of one view, 64 bytes. alpha(p) = 2^(8 + qa dx^2 + qb dx dy + qc dy^2 + lo) with
 // (dx, dy) = (u, v) - p: conic and opacity folded into base 2.
 typedef struct {
   float u_px, v_px;

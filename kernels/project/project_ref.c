@@ -141,7 +141,7 @@ static void project_one(const sv_project_args *a, int id, const float *p) {
   s->qa = -0.5f * LOG2E * g.conic[0];
   s->qb = -LOG2E * g.conic[1];
   s->qc = -0.5f * LOG2E * g.conic[2];
-  s->lo = lo;
+  s->lo = lo - SV_POWER_SHIFT;
   s->z = g.t[2];
   float ex = sqrtf(tau * g.ca), ey = sqrtf(tau * g.cc); // half-widths of the region where alpha >= 1/255
   s->dy_right = s->qb * ex / (2.0f * s->qc);

@@ -4,11 +4,12 @@
 // per-pixel lists.
 //
 // Per pixel and splat, front to back:
-//   power = qa dx^2 + qb dx dy + qc dy^2 + lo;  skipped when power < log2(1/255)
-//   a = min(0.99, 2^power);  T' = T (1 - a);  T' < 1e-4 ends the pixel, that splat is not blended
-//   colour += a T rgb;  depth += a T z;  T = T'
+//   power = qa dx^2 + qb dx dy + qc dy^2 + lo, log2 of alpha less 8;  skipped when alpha < 1/255
+//   a = min(0.99, 2^(8 + power));  colour += a T rgb;  depth += a T z;  T -= a T;  T < 1e-4 ends the pixel
+// (Kerbl's program leaves out the splat that would take T below 1e-4: here it is the last one. Either way 1e-4 of the
+// light is at stake, but this asks for nothing that has to be found first.)
 // Backward, with the picture's gradient dot = rgb . dL/drgb + z dL/ddepth and w = a T:
-//   S -= w dot;  dL/d(ln 2^power) = w dot - S a / (1 - a);  0 where 2^power > 0.99
+//   S -= w dot;  dL/d(ln a) = w dot - S a / (1 - a);  0 where 2^(8 + power) > 0.99
 // S, the suffix, begins at the pixel's colour . dL/drgb and so on: what lies behind the splat. The quotient depends on
 // the splat alone, so nothing waits for it. Splats that cannot reach the limit of 0.99 are not compared with it.
 // Pixels that have ended stay in their vectors: before every SV_RASTER_LOOK-th record it is looked which blocks have
@@ -26,7 +27,7 @@ extern "C" {
 #define SV_TILE_BLOCKS 64 // 4x4 blocks of a tile
 #define SV_RASTER_LOOK 32
 // Splats of an opacity up to 2^this, 0.98, stay below SV_ALPHA_MAX whatever is rounded on the way.
-#define SV_LOG2_ALPHA_FREE       -0.0291463f
+#define SV_POWER_FREE            (-0.0291463f - SV_POWER_SHIFT)
 #define SV_RASTER_SCRATCH_FLOATS (8 * SV_TILE_PX * SV_TILE_PX) // per thread
 
 typedef struct {

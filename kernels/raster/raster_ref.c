@@ -9,12 +9,13 @@ typedef struct {
   float dx, dy, power, a_raw, a;
 } pair_eval;
 
-static pair_eval evaluate(const sv_splat *s, float u, float v, int block, int lane) {
+// x0, y0: the tile's corner.
+static pair_eval evaluate(const sv_splat *s, float x0, float y0, int block, int lane) {
   pair_eval e;
-  e.dx = u - ((float)(4 * (block & 7) + (lane & 3)) + 0.5f);
-  e.dy = v - ((float)(4 * (block >> 3) + (lane >> 2)) + 0.5f);
+  e.dx = s->u_px - (x0 + ((float)(4 * (block & 7) + (lane & 3)) + 0.5f));
+  e.dy = s->v_px - (y0 + ((float)(4 * (block >> 3) + (lane >> 2)) + 0.5f));
   e.power = fmaf(fmaf(s->qa, e.dx, s->qb * e.dy), e.dx, fmaf(s->qc * e.dy, e.dy, s->lo));
-  e.a_raw = s1_exp2(e.power);
+  e.a_raw = s1_exp2_up8(e.power);
   e.a = s1_min(SV_ALPHA_MAX, e.a_raw);
   return e;
 }
@@ -33,7 +34,7 @@ static void tile_origin(const sv_raster_args *a, uint32_t tile, float *x, float 
 // Blocks of which at least one pixel goes on.
 static uint64_t find_alive(const float *trans) {
   uint64_t alive = 0;
-  for (int i = 0; i < 1024; i++) alive |= (uint64_t) !(trans[i] < 0.0f) << (i / 16);
+  for (int i = 0; i < 1024; i++) alive |= (uint64_t) !(trans[i] < SV_T_MIN) << (i / 16);
   return alive;
 }
 
@@ -48,7 +49,6 @@ void sv_raster_ref(const sv_raster_args *a, uint32_t tile, const uint32_t *list,
   for (uint32_t i = 0; i < n; i++) {
     sv_rec *r = a->rec + list[i];
     const sv_splat *s = a->splat + r->id;
-    float u = s->u_px - x0, v = s->v_px - y0;
     if (i && i % SV_RASTER_LOOK == 0) alive = find_alive(trans);
     uint64_t mask = r->mask & alive;
     if (mask != r->mask) r->mask = mask;
@@ -56,21 +56,18 @@ void sv_raster_ref(const sv_raster_args *a, uint32_t tile, const uint32_t *list,
       int b = __builtin_ctzll(mask);
       for (int k = 0; k < 16; k++) {
         float *t = trans + 16 * b + k;
-        pair_eval e = evaluate(s, u, v, b, k);
-        if (e.power >= SV_LOG2_ALPHA_MIN && *t > 0.0f) {
-          float w = e.a * *t, next = fmaf(-e.a, *t, *t);
-          if (next >= SV_T_MIN) {
-            for (int c = 0; c < 3; c++) acc[c][16 * b + k] = fmaf(w, s->rgb[c], acc[c][16 * b + k]);
-            acc[3][16 * b + k] = fmaf(w, s->z, acc[3][16 * b + k]);
-            *t = *t - w;
-          } else *t = -*t;
-        }
+        pair_eval e = evaluate(s, x0, y0, b, k);
+        if (!(e.power >= SV_POWER_MIN && *t >= SV_T_MIN)) continue;
+        float w = e.a * *t;
+        for (int c = 0; c < 3; c++) acc[c][16 * b + k] = fmaf(w, s->rgb[c], acc[c][16 * b + k]);
+        acc[3][16 * b + k] = fmaf(w, s->z, acc[3][16 * b + k]);
+        *t = *t - w;
       }
     }
   }
   for (int i = 0; i < 1024; i++) {
     long o = at + pixel_offset(i / 16, i % 16, a->stride);
-    float t = fabsf(trans[i]);
+    float t = trans[i];
     for (int c = 0; c < 3; c++) a->rgb[c][o] = fmaf(t, a->bg[c], acc[c][i]);
     if (a->depth) a->depth[o] = acc[3][i];
     a->trans[o] = t;
@@ -100,20 +97,16 @@ static void load_state(const sv_raster_bwd_args *a, long at, tile_state *st) {
 }
 
 // One block of a splat: sums per lane into row and m[SLOT][16].
-static void block_bwd(const sv_splat *s, float u, float v, int b, const tile_state *st, float row[2][16],
+static void block_bwd(const sv_splat *s, float x0, float y0, int b, const tile_state *st, float row[2][16],
                       float m[11][16]) {
-  const int is_free = s->lo <= SV_LOG2_ALPHA_FREE;
+  const int is_free = s->lo <= SV_POWER_FREE;
   for (int k = 0; k < 16; k++) {
     int i = 16 * b + k;
-    pair_eval e = evaluate(s, u, v, b, k);
+    pair_eval e = evaluate(s, x0, y0, b, k);
     float t = st->trans[i];
     if (is_free) e.a = e.a_raw;
-    if (!(e.power >= SV_LOG2_ALPHA_MIN && t > 0.0f)) continue;
-    float w = e.a * t, next = fmaf(-e.a, t, t);
-    if (!(next >= SV_T_MIN)) {
-      st->trans[i] = -t;
-      continue;
-    }
+    if (!(e.power >= SV_POWER_MIN && t >= SV_T_MIN)) continue;
+    float w = e.a * t;
     for (int c = 0; c < 3; c++) m[SV_SLOT_RGB + c][k] = fmaf(w, st->g[c][i], m[SV_SLOT_RGB + c][k]);
     m[SV_SLOT_Z][k] = fmaf(w, st->g_depth[i], m[SV_SLOT_Z][k]);
     m[SV_SLOT_ERR][k] = fmaf(w, st->err[i], m[SV_SLOT_ERR][k]);
@@ -131,15 +124,16 @@ static void block_bwd(const sv_splat *s, float u, float v, int b, const tile_sta
   }
 }
 
-static void splat_bwd(const sv_splat *s, float u, float v, uint64_t mask, const tile_state *st, float *slot) {
+static void splat_bwd(const sv_splat *s, float x0, float y0, uint64_t mask, const tile_state *st,
+                      float *slot) {
   float m[11][16] = {{0}};
   for (int by = 0; by < 8; by++) {
     float row[2][16] = {{0}};
     uint64_t bits = mask >> (8 * by) & 255;
     if (!bits) continue;
-    for (; bits; bits &= bits - 1) block_bwd(s, u, v, 8 * by + __builtin_ctzll(bits), st, row, m);
+    for (; bits; bits &= bits - 1) block_bwd(s, x0, y0, 8 * by + __builtin_ctzll(bits), st, row, m);
     for (int k = 0; k < 16; k++) { // within a lane's row dy is constant
-      float dy = v - ((float)(4 * by + (k >> 2)) + 0.5f);
+      float dy = s->v_px - (y0 + ((float)(4 * by + (k >> 2)) + 0.5f));
       m[SV_SLOT_G][k] += row[0][k];
       m[SV_SLOT_GX][k] += row[1][k];
       m[SV_SLOT_GY][k] = fmaf(row[0][k], dy, m[SV_SLOT_GY][k]);
@@ -165,7 +159,6 @@ void sv_raster_bwd_ref(const sv_raster_bwd_args *a, uint32_t tile, const uint32_
   for (uint32_t i = 0; i < n; i++) {
     const sv_rec *r = a->fwd->rec + list[i];
     const sv_splat *s = a->fwd->splat + r->id;
-    if (r->mask)
-      splat_bwd(s, s->u_px - x0, s->v_px - y0, r->mask, &st, a->slot + (long)list[i] * SV_SLOT_FLOATS);
+    if (r->mask) splat_bwd(s, x0, y0, r->mask, &st, a->slot + (long)list[i] * SV_SLOT_FLOATS);
   }
 }

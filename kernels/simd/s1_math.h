@@ -21,14 +21,15 @@ static inline float s1_from_bits(uint32_t b) {
 static inline float s1_min(float a, float b) { return a < b ? a : b; }
 static inline float s1_max(float a, float b) { return a > b ? a : b; }
 
-static inline float s1_exp2(float x) {
-  float t = x + 12582912.0f, f = x - (t - 12582912.0f);
-  float p = 0.00966636852f;
-  p = fmaf(p, f, 0.0559219758f);
-  p = fmaf(p, f, 0.24022349f);
-  p = fmaf(p, f, 0.693121045f);
-  p = fmaf(p, f, 1.0f);
-  return s1_from_bits(s1_bits(p) + (s1_bits(t) << 23));
+static inline float s1_exp2_up8(float x) {
+  float n = floorf(x), f = x - n;
+  float p = 256 * 0.0135557475f;
+  p = fmaf(p, f, 256 * 0.0520323701f);
+  p = fmaf(p, f, 256 * 0.241379768f);
+  p = fmaf(p, f, 256 * 0.693032146f);
+  p = fmaf(p, f, 256.0f);
+  // What lies below the range is masked; it must be convertible, too.
+  return s1_from_bits(s1_bits(p) + ((uint32_t)(int32_t)s1_min(s1_max(n, -1000.0f), 1000.0f) << 23));
 }
 
 static inline float s1_exp2_fine(float x) {

@@ -96,6 +96,7 @@ static inline v16 v16_fms(v16 x, v16 y, v16 z) {
   return v16_make_(_mm256_fmsub_ps(x.a, y.a, z.a), _mm256_fmsub_ps(x.b, y.b, z.b));
 }
 static inline v16 v16_sqrt(v16 x) { return v16_make_(_mm256_sqrt_ps(x.a), _mm256_sqrt_ps(x.b)); }
+static inline v16 v16_floor(v16 x) { return v16_make_(_mm256_floor_ps(x.a), _mm256_floor_ps(x.b)); }
 static inline v16 v16_abs(v16 x) {
   __m256 s = _mm256_set1_ps(-0.0f);
   return v16_make_(_mm256_andnot_ps(s, x.a), _mm256_andnot_ps(s, x.b));
@@ -138,10 +139,6 @@ static inline v16 v16_sel(v16m m, v16 x, v16 y) {
 }
 static inline v16 v16_keep(v16m m, v16 x) {
   return v16_make_(_mm256_and_ps(m.a, x.a), _mm256_and_ps(m.b, x.b));
-}
-static inline v16 v16_neg_abs(v16m m, v16 x) {
-  __m256 s = _mm256_set1_ps(-0.0f);
-  return v16_make_(_mm256_or_ps(x.a, _mm256_and_ps(m.a, s)), _mm256_or_ps(x.b, _mm256_and_ps(m.b, s)));
 }
 static inline v16i v16i_set1(int32_t x) { return v16i_make_(_mm256_set1_epi32(x), _mm256_set1_epi32(x)); }
 static inline v16i v16_bits(v16 x) { return v16i_make_(_mm256_castps_si256(x.a), _mm256_castps_si256(x.b)); }

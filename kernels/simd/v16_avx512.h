@@ -56,6 +56,7 @@ static inline v16 v16_fms(v16 a, v16 b, v16 c) { return _mm512_fmsub_ps(a, b, c)
 static inline v16 v16_min(v16 a, v16 b) { return _mm512_min_ps(a, b); }
 static inline v16 v16_max(v16 a, v16 b) { return _mm512_max_ps(a, b); }
 static inline v16 v16_sqrt(v16 a) { return _mm512_sqrt_ps(a); }
+static inline v16 v16_floor(v16 a) { return _mm512_roundscale_ps(a, _MM_FROUND_TO_NEG_INF); }
 static inline v16 v16_abs(v16 a) { return _mm512_andnot_ps(_mm512_set1_ps(-0.0f), a); }
 static inline v16 v16_neg(v16 a) { return _mm512_xor_ps(_mm512_set1_ps(-0.0f), a); }
 static inline v16m v16_lt(v16 a, v16 b) { return _mm512_cmp_ps_mask(a, b, _CMP_LT_OQ); }
@@ -70,13 +71,11 @@ static inline int v16m_all(v16m a) { return a == 0xffff; }
 static inline v16m v16m_from_bits(uint32_t b) { return (v16m)b; }
 static inline v16 v16_sel(v16m m, v16 a, v16 b) { return _mm512_mask_mov_ps(b, m, a); }
 static inline v16 v16_keep(v16m m, v16 a) { return _mm512_maskz_mov_ps(m, a); }
-static inline v16 v16_neg_abs(v16m m, v16 a) { return _mm512_mask_or_ps(a, m, a, _mm512_set1_ps(-0.0f)); }
 #define V16_HAS_REST 1
 static inline v16 v16_rest(v16 x) { return _mm512_reduce_ps(x, 0); }
-#define V16_HAS_PASS 1 // the sign is ready before `go` is, and masks need no operation of their own
-static inline v16 v16_pass(v16m in, v16m go, v16 t, v16 w) {
-  return _mm512_mask_sub_ps(v16_neg_abs(in, t), go, t, w);
-}
+#define V16_HAS_SCALE 1
+static inline v16 v16_above_floor(v16 x) { return _mm512_reduce_ps(x, _MM_FROUND_TO_NEG_INF); }
+static inline v16 v16_scale(v16 p, v16 x) { return _mm512_scalef_ps(p, x); } // p 2^floor(x)
 static inline v16i v16i_set1(int32_t x) { return _mm512_set1_epi32(x); }
 static inline v16i v16_bits(v16 a) { return _mm512_castps_si512(a); }
 static inline v16 v16_from_bits(v16i a) { return _mm512_castsi512_ps(a); }

@@ -17,28 +17,27 @@ V16_INLINE v16 v16_rest(v16 x) {
 }
 #endif
 
-// The light t behind a splat that takes w of it, w = 0 where not go: t - w where go; -|t| where `in` and not go, which
-// is the sign of an end; elsewhere t.
-#ifndef V16_HAS_PASS
-V16_INLINE v16 v16_pass(v16m in, v16m go, v16 t, v16 w) {
-  return v16_neg_abs(v16m_andnot(in, go), v16_sub(t, w));
-}
+// 2^(8 + x) for x in [-126, -0.5], relative error 3.4e-6: x less its floor is exact there, degree 4 on [0, 1), 1 and 2
+// at its ends. Elsewhere the result means nothing: mask it. Forward and backward rasterization use this one.
+V16_INLINE v16 v16_exp2_up8(v16 x) {
+#ifdef V16_HAS_SCALE
+  v16 f = v16_above_floor(x);
+#else
+  v16 n = v16_floor(x), f = v16_sub(x, n);
 #endif
-
-// 2^x for x in [-126, 126], relative error 3.6e-6 (degree 4 on [-0.5, 0.5]). Outside the range the result
-// is meaningless but finite or infinite bits: mask it. Forward and backward rasterization use this one.
-V16_INLINE v16 v16_exp2(v16 x) {
-  const v16 magic = v16_set1(12582912.0f);
-  v16 t = v16_add(x, magic), f = v16_rest(x);
-  v16 p = v16_set1(0.00966636852f);
-  p = v16_fma(p, f, v16_set1(0.0559219758f));
-  p = v16_fma(p, f, v16_set1(0.24022349f));
-  p = v16_fma(p, f, v16_set1(0.693121045f));
-  p = v16_fma(p, f, v16_set1(1.0f));
-  return v16_from_bits(v16i_add(v16_bits(p), v16i_shl23(v16_bits(t))));
+  v16 p = v16_set1(256 * 0.0135557475f);
+  p = v16_fma(p, f, v16_set1(256 * 0.0520323701f));
+  p = v16_fma(p, f, v16_set1(256 * 0.241379768f));
+  p = v16_fma(p, f, v16_set1(256 * 0.693032146f));
+  p = v16_fma(p, f, v16_set1(256.0f));
+#ifdef V16_HAS_SCALE
+  return v16_scale(p, x);
+#else
+  return v16_from_bits(v16i_add(v16_bits(p), v16i_shl23(v16_trunc_i(n))));
+#endif
 }
 
-// The same with degree 6, relative error 2.2e-7; x is clamped to [-126, 126]. For parameters.
+// 2^x, degree 6 on [-0.5, 0.5], relative error 2.2e-7; x is clamped to [-126, 126]. For parameters.
 V16_INLINE v16 v16_exp2_fine(v16 x) {
   const v16 magic = v16_set1(12582912.0f);
   x = v16_min(v16_max(x, v16_set1(-126.0f)), v16_set1(126.0f));

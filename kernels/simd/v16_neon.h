@@ -80,6 +80,7 @@ static inline v16 v16_fms(v16 x, v16 y, v16 z) {
   V16_EACH(v16, vfmaq_f32(vnegq_f32(z.q[i]), x.q[i], y.q[i]));
 }
 static inline v16 v16_sqrt(v16 x) { V16_EACH(v16, vsqrtq_f32(x.q[i])); }
+static inline v16 v16_floor(v16 x) { V16_EACH(v16, vrndmq_f32(x.q[i])); }
 static inline v16 v16_abs(v16 x) { V16_EACH(v16, vabsq_f32(x.q[i])); }
 static inline v16 v16_neg(v16 x) { V16_EACH(v16, vnegq_f32(x.q[i])); }
 static inline v16m v16_lt(v16 x, v16 y) { V16_EACH(v16m, vcltq_f32(x.q[i], y.q[i])); }
@@ -105,10 +106,6 @@ static inline v16m v16m_from_bits(uint32_t bits) {
 static inline v16 v16_sel(v16m m, v16 x, v16 y) { V16_EACH(v16, vbslq_f32(m.q[i], x.q[i], y.q[i])); }
 static inline v16 v16_keep(v16m m, v16 x) {
   V16_EACH(v16, vreinterpretq_f32_u32(vandq_u32(m.q[i], vreinterpretq_u32_f32(x.q[i]))));
-}
-static inline v16 v16_neg_abs(v16m m, v16 x) {
-  uint32x4_t sign = vdupq_n_u32(0x80000000u);
-  V16_EACH(v16, vreinterpretq_f32_u32(vorrq_u32(vreinterpretq_u32_f32(x.q[i]), vandq_u32(m.q[i], sign))));
 }
 static inline v16i v16i_set1(int32_t x) { V16_EACH(v16i, vdupq_n_s32(x)); }
 static inline v16i v16_bits(v16 x) { V16_EACH(v16i, vreinterpretq_s32_f32(x.q[i])); }

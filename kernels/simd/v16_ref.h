@@ -72,6 +72,7 @@ static inline v16 v16_fms(v16 a, v16 b, v16 c) { V16_EACH(fmaf(a.l[k], b.l[k], -
 static inline v16 v16_min(v16 a, v16 b) { V16_EACH(a.l[k] < b.l[k] ? a.l[k] : b.l[k]); }
 static inline v16 v16_max(v16 a, v16 b) { V16_EACH(a.l[k] > b.l[k] ? a.l[k] : b.l[k]); }
 static inline v16 v16_sqrt(v16 a) { V16_EACH(sqrtf(a.l[k])); }
+static inline v16 v16_floor(v16 a) { V16_EACH(floorf(a.l[k])); }
 static inline v16 v16_abs(v16 a) { V16_EACH(fabsf(a.l[k])); }
 static inline v16 v16_neg(v16 a) { V16_EACH(-a.l[k]); }
 static inline v16m v16_lt(v16 a, v16 b) { V16M_EACH(a.l[k] < b.l[k]); }
@@ -87,7 +88,6 @@ static inline v16m v16m_from_bits(uint32_t b) { return b & 0xffffu; }
 static inline v16 v16_sel(v16m m, v16 a, v16 b) { V16_EACH((m >> k & 1) ? a.l[k] : b.l[k]); }
 static inline v16 v16_keep(v16m m, v16 a) { V16_EACH((m >> k & 1) ? a.l[k] : 0.0f); }
 // -|a| in the lanes of m, a in the others.
-static inline v16 v16_neg_abs(v16m m, v16 a) { V16_EACH((m >> k & 1) ? -fabsf(a.l[k]) : a.l[k]); }
 static inline v16i v16i_set1(int32_t x) { V16I_EACH(x); }
 static inline v16i v16_bits(v16 a) {
   v16i r;

@@ -80,6 +80,7 @@ static inline v16 v16_fms(v16 x, v16 y, v16 z) {
 static inline v16 v16_min(v16 x, v16 y) { V16_EACH(v16, _mm_min_ps(x.q[i], y.q[i])); }
 static inline v16 v16_max(v16 x, v16 y) { V16_EACH(v16, _mm_max_ps(x.q[i], y.q[i])); }
 static inline v16 v16_sqrt(v16 x) { V16_EACH(v16, _mm_sqrt_ps(x.q[i])); }
+static inline v16 v16_floor(v16 x) { V16_EACH(v16, _mm_floor_ps(x.q[i])); }
 static inline v16 v16_abs(v16 x) { V16_EACH(v16, _mm_andnot_ps(_mm_set1_ps(-0.0f), x.q[i])); }
 static inline v16 v16_neg(v16 x) { V16_EACH(v16, _mm_xor_ps(_mm_set1_ps(-0.0f), x.q[i])); }
 static inline v16m v16_lt(v16 x, v16 y) { V16_EACH(v16m, _mm_cmplt_ps(x.q[i], y.q[i])); }
@@ -101,9 +102,6 @@ static inline v16m v16m_from_bits(uint32_t bits) {
 }
 static inline v16 v16_sel(v16m m, v16 x, v16 y) { V16_EACH(v16, _mm_blendv_ps(y.q[i], x.q[i], m.q[i])); }
 static inline v16 v16_keep(v16m m, v16 x) { V16_EACH(v16, _mm_and_ps(m.q[i], x.q[i])); }
-static inline v16 v16_neg_abs(v16m m, v16 x) {
-  V16_EACH(v16, _mm_or_ps(x.q[i], _mm_and_ps(m.q[i], _mm_set1_ps(-0.0f))));
-}
 static inline v16i v16i_set1(int32_t x) { V16_EACH(v16i, _mm_set1_epi32(x)); }
 static inline v16i v16_bits(v16 x) { V16_EACH(v16i, _mm_castps_si128(x.q[i])); }
 static inline v16 v16_from_bits(v16i x) { V16_EACH(v16, _mm_castsi128_ps(x.q[i])); }

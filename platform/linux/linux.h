@@ -25,6 +25,11 @@ extern "C" {
 // CLOCK_MONOTONIC. sleep_until_ns returns early when a signal comes (so that Ctrl-C is seen at once).
 sv_clock sv_linux_clock(void);
 
+// --- memory --------------------------------------------------------------------------------------
+// Asks for pages of 2 MiB in a block that nobody has touched yet (transparent huge pages): what goes over the whole
+// block at every step then seldom waits for a page's address. A kernel that has none goes on with its usual pages.
+void sv_linux_large_pages(void *block, size_t bytes);
+
 // --- threads -------------------------------------------------------------------------------------
 #define SV_LINUX_CAP_THREADS 64
 

@@ -16,18 +16,18 @@ static const sv_bench_op ops_of[SV_N_STAGES][2] = {
 };
 
 // Operations of one pair, kernels/raster/raster_vec.inc without depth: offset 1, quadric 4, 2^x 11, min 1, weight and
-// transmittance 4, three colours 6; and backward the same but for the colours and the min, then 6 + 2 gradients of
+// transmittance 2, three colours 6; and backward the same but for the colours and the min, then 6 + 2 gradients of
 // colour and error, 5 for their product, 2 suffix, 2 quotient, 2 to dL/d(ln alpha), 5 moments.
-#define FORWARD_FLOP  27.0
-#define BACKWARD_FLOP 44.0
+#define FORWARD_FLOP  25.0
+#define BACKWARD_FLOP 42.0
 
 // The instructions for that through the ports of the multiply-adds, a vector of pairs each, with AVX-512: offset 1,
-// quadric 2, 2^x 8, min 1, comparisons 2, weight and transmittance 4, colours 3; and backward the same but for the last
+// quadric 2, 2^x 6, min 1, comparisons 2, weight and transmittance 2, colours 3; and backward the same but for the last
 // and the min, then 3 + 1 gradients, 3, 2, 4 (a division takes the place of three), 1, 4. What a row of blocks has
 // in common once a row: 4 of the quadric, and backward 5 of the moments, too. Loads, stores, and what is done once for a
 // record are free here.
-#define FORWARD_SLOTS      21.0
-#define BACKWARD_SLOTS     35.0
+#define FORWARD_SLOTS      17.0
+#define BACKWARD_SLOTS     31.0
 #define FORWARD_ROW_SLOTS  4.0
 #define BACKWARD_ROW_SLOTS 9.0
 #define BLOCK_PX           16.0
@@ -112,12 +112,11 @@ void sv_bench_bound(sv_bench_step *r, const sv_bench_peak *peak) {
 static float blend(const sv_splat *s, float dx, float dy, float t, bool *blended) {
   float power = s->qa * dx * dx + s->qb * dx * dy + s->qc * dy * dy + s->lo;
   *blended = false;
-  if (t < 0.0f || power < SV_LOG2_ALPHA_MIN) return t;
-  float a = (float)sv_exp((double)power * 0.693147180559945), next;
+  if (t < SV_T_MIN || power < SV_POWER_MIN) return t;
+  float a = (float)sv_exp((double)(power + SV_POWER_SHIFT) * 0.693147180559945);
   if (a > SV_ALPHA_MAX) a = SV_ALPHA_MAX;
-  next = t * (1.0f - a);
-  *blended = next >= SV_T_MIN;
-  return *blended ? next : -t;
+  *blended = true;
+  return t * (1.0f - a);
 }
 
 // Pixel by pixel of a splat on a tile, whatever shapes the kernels work on.

@@ -6,14 +6,11 @@
 #include "src/prior/views.h"
 #include "src/splat/constants.h"
 
-#define SAMPLES     4096 // of a view, for the dip and the percentile
-#define SHARPNESS   7.5  // SparseGS: percentile 98 exp(-7.5 dip), at least 80
-#define MOST_Q      98.0
-#define LEAST_Q     80.0
-#define NEAR_2      (-5.7707802f) // log2 of e^-4: a Gaussian covers a pixel where its falloff is more
-#define ALPHA_MIN_2 (-7.9943534f) // log2 of 1/255
-#define ALPHA_MAX   0.99f
-#define T_MIN       1e-4f
+#define SAMPLES   4096 // of a view, for the dip and the percentile
+#define SHARPNESS 7.5  // SparseGS: percentile 98 exp(-7.5 dip), at least 80
+#define MOST_Q    98.0
+#define LEAST_Q   80.0
+#define NEAR_2    (-5.7707802f) // log2 of e^-4: a Gaussian covers a pixel where its falloff is more
 
 typedef struct {
   float *sample; // [SAMPLES] ascending
@@ -43,7 +40,7 @@ static pair evaluate(const sv_splat *s, float x, float y) {
   const float dx = s->u_px - x, dy = s->v_px - y;
   pair p;
   p.falloff = fmaf(fmaf(s->qa, dx, s->qb * dy), dx, s->qc * dy * dy);
-  p.power = p.falloff + s->lo;
+  p.power = p.falloff + s->lo + SV_POWER_SHIFT;
   return p;
 }
 
@@ -55,12 +52,11 @@ static int find_mode(const sv_renderer *r, uint32_t begin, uint32_t end, float x
   for (uint32_t i = begin; i < end; i++) {
     const sv_splat *s = r->splat + r->rec[r->list[i]].id;
     const pair p = evaluate(s, x, y);
-    if (p.power < ALPHA_MIN_2) continue;
-    const float a = sv_minf(ALPHA_MAX, (float)sv_exp((double)p.power * 0.6931471805599453)), w = a * trans;
-    if (trans - w < T_MIN) break;
+    if (p.power < SV_LOG2_ALPHA_MIN) continue;
+    const float a = sv_minf(SV_ALPHA_MAX, (float)sv_exp((double)p.power * 0.6931471805599453)), w = a * trans;
     if (w > most) most = w, mode = (int)i, *z = s->z;
     trans -= w;
-    if (trans < most) break; // nothing behind can weigh more
+    if (trans < most || trans < SV_T_MIN) break; // nothing behind can weigh more, or the pixel has ended
   }
   return mode;
 }
@@ -146,7 +142,7 @@ static void mark_pixel(sv_trainer *t, int x, int y) {
   for (int i = (int)begin; i <= mode; i++) {
     const uint32_t id = r->rec[r->list[i]].id;
     const pair p = evaluate(r->splat + id, px, py);
-    if (p.power >= ALPHA_MIN_2 && p.falloff > NEAR_2) t->copies[id] = -1;
+    if (p.power >= SV_LOG2_ALPHA_MIN && p.falloff > NEAR_2) t->copies[id] = -1;
   }
 }
 

@@ -11,6 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/prctl.h>
 #include <sys/socket.h>
 #include <sys/time.h>
 #include <sys/wait.h>
@@ -39,6 +40,7 @@ static void read_err(live_run *r) {
 }
 
 static void exec_run(live_run *r, const char *args) {
+  prctl(PR_SET_THP_DISABLE, 1, 0, 0, 0); // the run is weighed: what it has touched, not the pages around that
   static char text[2048];
   char *words[CAP_WORDS], *save = NULL;
   const char *bin = getenv("SV_BIN"), *emulate = getenv("SV_EMULATE");

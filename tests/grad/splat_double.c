@@ -155,14 +155,11 @@ static pixel shade(const screen *g, int n, double x, double y, double err, dr_sh
     if (raw < 1.0 / 255) continue;
     double next = q.trans * (1 - a), w = a * q.trans;
     q.margin = fmin(q.margin, fabs(next * 1e4 - 1));
-    if (next < 1e-4) {
-      q.is_stopped = true;
-      break;
-    }
     for (int c = 0; c < 3; c++) q.rgb[c] += w * g[i].rgb[c];
     q.depth += w * g[i].z;
     q.trans = next;
     if (share) share[g[i].i].weight += w, share[g[i].i].err += w * err;
+    if ((q.is_stopped = next < 1e-4)) break; // the last one
   }
   return q;
 }

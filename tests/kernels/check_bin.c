@@ -17,7 +17,7 @@ static bool is_needed(const sv_splat *s, const sv_kview *v, int bx, int by, doub
     double dx = (double)s->u_px - (x + 0.5), dy = (double)s->v_px - (y + 0.5);
     double power =
         (double)s->qa * dx * dx + (double)s->qb * dx * dy + (double)s->qc * dy * dy + (double)s->lo;
-    if (power >= (double)SV_LOG2_ALPHA_MIN + slack) return true;
+    if (power >= (double)SV_POWER_MIN + slack) return true;
   }
   return false;
 }

@@ -67,6 +67,7 @@ static sv_status bench(lab_session *se, const lab_options *o, sv_err *err) {
   size_t bytes = sv_bench_bytes(se->n_threads);
   void *block = malloc(bytes);
   sv_bench *b = calloc(1, sizeof *b);
+  if (block) sv_linux_large_pages(block, bytes);
   sv_arena arena = sv_arena_make(block, block ? bytes : 0);
   sv_status s = block && b
                     ? time_all(se, o, b, &arena, err)

@@ -80,6 +80,7 @@ sv_status lab_plan_make(lab_plan *p, lab_session *s, const lab_views *v, sv_trai
     return sv_fail(err, SV_E_NOMEM, "the system does not give the %zu bytes that this training needs",
                    p->bytes);
   }
+  sv_linux_large_pages(p->block, p->bytes);
   p->arena = sv_arena_make(p->block, p->bytes);
   sv_status st = carve(p, s, v, &cfg, n_points, err);
   if (st != SV_OK) {
