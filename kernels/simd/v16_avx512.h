@@ -17,6 +17,9 @@ static inline v16 v16_iota(void) {
 }
 static inline v16 v16_load(const float *p) { return _mm512_loadu_ps(p); }
 static inline void v16_store(float *p, v16 a) { _mm512_storeu_ps(p, a); }
+#define V16_HAS_SHIFT_IN 1 // the 16 floats from the one at k of a, b side by side
+#define v16_shift_in(a, b, k)                                                                                \
+  _mm512_castsi512_ps(_mm512_alignr_epi32(_mm512_castps_si512(b), _mm512_castps_si512(a), k))
 static inline v16 v16_load4x4(const float *p, long stride) {
   v16 a = _mm512_castps128_ps512(_mm_loadu_ps(p));
   a = _mm512_insertf32x4(a, _mm_loadu_ps(p + stride), 1);

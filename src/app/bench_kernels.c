@@ -92,8 +92,9 @@ static void run_unpack(ctx *c) {
 }
 
 typedef void (*run_fn)(ctx *c);
-// In bands, as the loss does it.
-enum { BAND_ROWS = 60, REACH = 5 };
+// A few rows at a time, as the loss does it: those whose maps, and five more on either side, there is room for.
+enum { REACH = 5 };
+static int band_rows(const ctx *c) { return c->t->photometric.cap_map_rows - 2 * REACH; }
 static sv_ssim_args ssim_args(ctx *c, int channel, int row0) {
   sv_photometric *p = &c->t->photometric;
   const size_t map = (size_t)p->cap_map_rows * (size_t)c->t->target.stride;
@@ -103,7 +104,7 @@ static sv_ssim_args ssim_args(ctx *c, int channel, int row0) {
                         .height_px = HEIGHT_PX,
                         .stride = c->t->target.stride,
                         .row0 = row0,
-                        .row1 = sv_mini(HEIGHT_PX, row0 + BAND_ROWS),
+                        .row1 = sv_mini(HEIGHT_PX, row0 + band_rows(c)),
                         .dm1 = p->map,
                         .ds1 = p->map + map,
                         .ds12 = p->map + 2 * map,
@@ -112,7 +113,7 @@ static sv_ssim_args ssim_args(ctx *c, int channel, int row0) {
                         .scratch = p->scratch[0]};
 }
 static void run_ssim(ctx *c) {
-  for (int row = 0; row < HEIGHT_PX; row += BAND_ROWS)
+  for (int row = 0; row < HEIGHT_PX; row += band_rows(c))
     for (int i = 0; i < 3; i++) {
       sv_ssim_args a = ssim_args(c, i, row);
       c->k->ssim(&a);
@@ -142,7 +143,7 @@ static void bwd_band(ctx *c, int channel, int row0) { // of maps that are there
   c->k->ssim_bwd(&a);
 }
 static void run_ssim_bwd(ctx *c) {
-  for (int row = 0; row < HEIGHT_PX; row += BAND_ROWS)
+  for (int row = 0; row < HEIGHT_PX; row += band_rows(c))
     for (int i = 0; i < 3; i++) bwd_band(c, i, row);
 }
 

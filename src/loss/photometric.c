@@ -5,9 +5,11 @@
 
 #include "src/base/mathx.h"
 
-// A band's maps stay in the cache; each band finds five rows beyond both of its ends once more.
-#define CAP_BAND_ROWS 64
+// Each band finds five rows of maps beyond both of its ends once more, so bands are as high as the number of threads
+// allows. Within a band SSIM runs ahead of its gradient by a few rows, whose maps stay in the cache.
+#define CAP_BAND_ROWS 256
 #define MIN_BAND_ROWS 16
+#define AHEAD_ROWS    32
 #define REACH         5
 
 static int band_rows_of(int height, int n_threads) {
@@ -17,7 +19,7 @@ static int band_rows_of(int height, int n_threads) {
 static void carve(sv_photometric *p, const sv_photometric_cfg *cfg, sv_arena *a) {
   const size_t rows = (size_t)sv_plane_pad(cfg->cap_height_px), threads = (size_t)cfg->n_threads,
                stride = (size_t)sv_plane_pad(cfg->cap_width_px);
-  p->cap_map_rows = sv_mini(CAP_BAND_ROWS + 2 * REACH, cfg->cap_height_px);
+  p->cap_map_rows = sv_mini(AHEAD_ROWS + 2 * REACH, cfg->cap_height_px);
   // Without SSIM the kernels still want their scratch rows; a gradient is always there.
   const size_t maps = cfg->has_ssim ? 3 * (size_t)p->cap_map_rows * stride : 0;
   p->map = cfg->has_ssim ? SV_TAKE(a, float, threads *maps) : NULL;
@@ -61,33 +63,58 @@ static int band_begin(const photometric_job *j, int i_band) {
   return (int)((int64_t)j->x->height_px * i_band / j->n_bands);
 }
 
-// SSIM of a band, whose maps also need the rows next to it. Those rows' sums are their own band's to keep.
-static void forward(const photometric_job *j, int c, int row0, int row1, int i_thread, sv_ssim_bwd_args *b) {
+// SSIM of the rows from the first one that has no maps yet up to row1, without a gradient without maps; *b gets them.
+static void forward(const photometric_job *j, int row0, int row1, int i_thread, sv_ssim_bwd_args *b) {
   sv_photometric *p = j->p;
-  const int h = j->x->height_px;
-  const size_t cap_rows = (size_t)sv_plane_pad(p->cfg.cap_height_px);
-  float *sum = p->map_ssim + (size_t)i_thread * cap_rows;
   sv_ssim_args a = {
       .x = b->x,
       .y = b->y,
       .width_px = b->width_px,
-      .height_px = h,
+      .height_px = b->height_px,
       .stride = b->stride,
       .row0 = row0,
       .row1 = row1,
-      .row_ssim = sum,
+      .map_row0 = b->map_row0,
+      .row_ssim = p->map_ssim + (size_t)i_thread * (size_t)sv_plane_pad(p->cfg.cap_height_px),
       .scratch = b->scratch,
   };
   if (j->grad) {
     const size_t one = (size_t)p->cap_map_rows * (size_t)a.stride;
-    a.row0 = sv_maxi(0, row0 - REACH), a.row1 = sv_mini(h, row1 + REACH);
-    a.map_row0 = b->map_row0 = a.row0;
     a.dm1 =
         p->map + 3 * (size_t)i_thread * (size_t)p->cap_map_rows * (size_t)sv_plane_pad(p->cfg.cap_width_px);
     a.ds1 = a.dm1 + one, a.ds12 = a.ds1 + one;
     b->dm1 = a.dm1, b->ds1 = a.ds1, b->ds12 = a.ds12;
   }
   j->k->ssim(&a);
+}
+
+// The maps of the rows [row0, row1) come first.
+static void slide(const photometric_job *j, int row0, int row1, int i_thread, sv_ssim_bwd_args *b) {
+  const sv_photometric *p = j->p;
+  const size_t stride = (size_t)b->stride, one = (size_t)p->cap_map_rows * stride,
+               from = (size_t)(row0 - b->map_row0) * stride, n = (size_t)(row1 - row0) * stride;
+  float *map =
+      p->map + 3 * (size_t)i_thread * (size_t)p->cap_map_rows * (size_t)sv_plane_pad(p->cfg.cap_width_px);
+  for (int m = 0; m < 3; m++, map += one) memmove(map, map + from, n * sizeof(float));
+  b->map_row0 = row0;
+}
+
+// A band's loss and gradient with SSIM. The maps also need the rows next to it, whose sums are their own band's to keep.
+static void ssim_band(const photometric_job *j, int c, int row0, int row1, int i_thread,
+                      sv_ssim_bwd_args *b) {
+  const sv_photometric *p = j->p;
+  const size_t cap_rows = (size_t)sv_plane_pad(p->cfg.cap_height_px);
+  const float *sum = p->map_ssim + (size_t)i_thread * cap_rows;
+  const int h = b->height_px, reach = j->grad ? REACH : 0;
+  int done = b->map_row0 = sv_maxi(0, row0 - reach);
+  for (int r = row0; r < row1; r = b->row1) {
+    b->row0 = r, b->row1 = sv_mini(r + AHEAD_ROWS, row1);
+    if (j->grad && r > row0) slide(j, r - REACH, done, i_thread, b);
+    const int until = sv_mini(h, b->row1 + reach);
+    forward(j, done, until, i_thread, b);
+    done = until;
+    j->k->ssim_bwd(b);
+  }
   memcpy(p->row_ssim + (size_t)c * (size_t)j->x->rows_padded + row0, sum + row0,
          sizeof(float) * (size_t)(row1 - row0));
 }
@@ -113,8 +140,8 @@ static void band_task(void *arg, int i_band, int i_thread) {
         .row_l1 = p->row_l1 + (size_t)c * (size_t)j->x->rows_padded,
         .scratch = p->scratch[i_thread],
     };
-    if (j->has_ssim) forward(j, c, a.row0, a.row1, i_thread, &a);
-    j->k->ssim_bwd(&a);
+    if (j->has_ssim) ssim_band(j, c, a.row0, a.row1, i_thread, &a);
+    else j->k->ssim_bwd(&a);
   }
 }
 

@@ -23,7 +23,7 @@ typedef struct {
 
 typedef struct {
   sv_photometric_cfg cfg;
-  int cap_map_rows; // of a band and what its gradient reads beyond it
+  int cap_map_rows; // whose maps are kept at a time
   float *map; // [n_threads][3: dm1, ds1, ds12 of one channel][cap_map_rows][cap stride]. NULL without SSIM
   float *map_ssim; // [n_threads][cap rows]
   float *row_ssim; // [3][cap rows]

@@ -6,6 +6,14 @@
 
 #define CAP_FIELD_TIMES 150 // the most of the reference's configurations
 
+// What a field has learnt of a time does not carry over to the next one as a motion of its own does: the longer a run,
+// the more slowly times come in; but so many steps at its end see all of them.
+#define FIELD_SETTLE_STEPS 900.0f
+#define FIELD_GROW_LEAST   0.4f
+#define FIELD_GROW_MOST    0.7f
+// And a short run cannot afford to slow down as much: the last rates of a field are for so many steps.
+#define FIELD_STEPS 3000.0f
+
 #define GRID_VIEWS 6 // more sub-views than a phone has: a lens grid, whose images are small
 
 void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
@@ -49,4 +57,12 @@ void sv_train_set_times(sv_train_cfg *cfg, int n_times) {
   d->n_colour = sv_maxi(1, d->n_pos / 4);
   d->window_start = sv_maxf(0.4f, 3.0f / (float)sv_maxi(n_times, 1));
   d->field.n_times = sv_clampi(n_times, 4, CAP_FIELD_TIMES);
+  if (d->kind != SV_DEFORM_FIELD || cfg->steps_hint < 1) return;
+  d->grow_until =
+      sv_clampf(1.0f - FIELD_SETTLE_STEPS / (float)cfg->steps_hint, FIELD_GROW_LEAST, FIELD_GROW_MOST);
+  d->find_until = sv_maxf(d->find_until, d->grow_until);
+  sv_field_cfg *f = &d->field;
+  const float haste = FIELD_STEPS / (float)cfg->steps_hint;
+  f->lr_planes_end = sv_minf(f->lr_planes, haste * f->lr_planes_end);
+  f->lr_layers_end = sv_minf(f->lr_layers, haste * f->lr_layers_end);
 }

@@ -21,7 +21,8 @@ typedef struct {
 } sv_sampling;
 
 // Clip mode: as many functions of time as n_times training times can bear (held-out times suffer from more), and
-// windows that hold several of them. A field: as many points along time.
+// windows that hold several of them. A field: as many points along time, and a
+// pace at which times come in that suits steps_hint.
 void sv_train_set_times(sv_train_cfg *cfg, int n_times);
 // Sets weights, unseen views, least sizes and supersampling in cfg. Captures of many exposures keep the defaults.
 void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s);

@@ -110,9 +110,10 @@ static void explore(const job *j, wanderers *w) {
 }
 
 static void add_wanderers(const job *j, int block, uint32_t touched, float *p, wanderers *w) {
-  for (; touched; touched &= touched - 1) {
-    const int k = __builtin_ctz(touched), i = w->n;
-    if (p[16 * SV_ROW_LOGIT + k] > EXPLORE_BELOW) continue;
+  uint32_t on = 0;
+  for (int k = 0; k < 16; k++) on |= (uint32_t) !(p[16 * SV_ROW_LOGIT + k] > EXPLORE_BELOW) << k;
+  for (on &= touched; on; on &= on - 1) {
+    const int k = __builtin_ctz(on), i = w->n;
     for (int row = 0; row < SV_ROW_SH; row++) w->p[row][i] = p[16 * row + k];
     for (uint32_t a = 0; a < 3; a++)
       w->eta[a][i] =

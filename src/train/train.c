@@ -36,7 +36,7 @@ sv_train_cfg sv_train_defaults(void) {
       .optimizer = SV_OPTIMIZER_GAUSS_NEWTON,
       .newton = {.first_every = 5, // no divisors of what repeats otherwise: all kinds of views have turns
                  .first_steps = 300,
-                 .every = 9,
+                 .every = 17,
                  .keep = 0.9f,
                  .rate_start = 0.1f,
                  .rate_end = 0.02f,

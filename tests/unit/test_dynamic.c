@@ -74,7 +74,8 @@ static void test_field_learns(void **state) {
   learn(SV_DEFORM_FIELD, 26.5, 1);
 }
 
-// Points along time come from the data: those that no picture reaches would be held by smoothness alone.
+// Points along time come from the data: those that no picture reaches would be held by smoothness alone. In a longer run
+// times come in more slowly, and the last rates are lower, never above the first ones.
 static void test_field_times(void **state) {
   static const int n[][2] = {{1, 4}, {19, 19}, {400, 150}}; // times, points
   sv_train_cfg c = sv_train_defaults();
@@ -84,6 +85,18 @@ static void test_field_times(void **state) {
     assert_int_equal(c.dynamic.field.n_times, n[i][1]);
     assert_int_equal(sv_field_check(&c.dynamic.field, NULL), SV_OK);
   }
+  float grow = 0, end = 1;
+  for (int steps = 100; steps < 30000; steps *= 3) {
+    c = sv_train_defaults();
+    c.dynamic.kind = SV_DEFORM_FIELD, c.steps_hint = steps;
+    sv_train_set_times(&c, 20);
+    const sv_field_cfg *f = &c.dynamic.field;
+    assert_true(c.dynamic.grow_until >= grow && c.dynamic.grow_until <= c.dynamic.find_until);
+    assert_true(f->lr_planes_end <= end && f->lr_planes_end <= f->lr_planes &&
+                f->lr_layers_end <= f->lr_layers);
+    grow = c.dynamic.grow_until, end = f->lr_planes_end;
+  }
+  assert_true(grow < 0.8f && end > 0);
 }
 
 // Who does not move is drawn from the stored values themselves.

@@ -19,6 +19,9 @@
 
 #define N_PANELS 4
 
+#define FIELD_STEPS                                                                                          \
+  6000 // twice as many as others: a network learns motion more slowly than it is learnt one by one
+
 // One training run, from the options to what is saved.
 typedef struct {
   const lab_options *o;
@@ -51,8 +54,9 @@ static sv_train_cfg train_cfg(const lab_options *o) {
   c.sh_degree = o->sh >= 0 ? (int)o->sh : 1;
   c.seed = o->seed >= 0 ? (uint64_t)o->seed : 1;
   c.background = lab_background_by_name(o->background);
+  if (o->method && sv_str_eq(o->method, "4dgs")) lab_dynamic_cfg(o, 0, &c);
+  if (c.dynamic.kind == SV_DEFORM_FIELD) c.steps_hint = FIELD_STEPS;
   if (o->steps > 0) c.steps_hint = (int)o->steps;
-  if (o->method && sv_str_eq(o->method, "4dgs")) lab_dynamic_cfg(o, &c);
   return c;
 }
 
@@ -107,10 +111,7 @@ static void choose_objective(run *r) {
   sv_train_cfg *c = &r->cfg;
   sv_sampling s = sampling_of(&r->views);
   s.is_moving = c->dynamic.kind != SV_DEFORM_NONE;
-  if (s.is_moving) {
-    sv_train_set_times(c, n_times(&r->views));
-    lab_dynamic_cfg(o, c); // what is asked for goes before
-  }
+  if (s.is_moving) lab_dynamic_cfg(o, n_times(&r->views), c);
   if (s.is_moving) s.n_exposures = (n_places(&r->views) + s.n_sub_views - 1) / s.n_sub_views;
   r->is_standing = s.is_moving && s.n_exposures == 1;
   sv_train_set_objective(c, &s);
@@ -519,7 +520,7 @@ int lab_cmd_train(const lab_options *o) {
   if (!r) return LAB_EXIT_FAILED;
   r->o = o;
   r->cfg = train_cfg(o);
-  r->n_steps = o->time_limit_s > 0 ? 0 : o->steps > 0 ? o->steps : 3000;
+  r->n_steps = o->time_limit_s > 0 ? 0 : r->cfg.steps_hint;
   r->limit_s = o->time_limit_s;
   sv_status s = lab_session_start(&r->session, o->threads, o->is_quiet, &err);
   if (s == SV_OK) s = sv_linux_catch_signals(&err);

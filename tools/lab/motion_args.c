@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "src/base/str.h"
+#include "src/train/objective.h"
 #include "tools/lab/lab.h"
 
 typedef struct {
@@ -13,14 +14,11 @@ typedef struct {
 } setting;
 
 static int set_field(sv_dynamic_cfg *d, const char *name, size_t n) {
-  const int n_times = d->field.n_times; // by the data's, not by the preset
   char preset[16];
   if (n >= sizeof preset) return LAB_EXIT_USAGE;
   memcpy(preset, name, n);
   preset[n] = 0;
-  if (!sv_field_preset(preset, &d->field)) return LAB_EXIT_USAGE;
-  d->field.n_times = n_times;
-  return LAB_EXIT_OK;
+  return sv_field_preset(preset, &d->field) ? LAB_EXIT_OK : LAB_EXIT_USAGE;
 }
 
 static int set_number(const setting *known, size_t n_known, const char *p, size_t k, size_t n) {
@@ -34,7 +32,7 @@ static int set_number(const setting *known, size_t n_known, const char *p, size_
   return LAB_EXIT_OK;
 }
 
-int lab_parse_motion(const char *text, sv_train_cfg *c) {
+static int parse(const char *text, bool with_preset, sv_train_cfg *c) {
   sv_dynamic_cfg *d = &c->dynamic;
   int functions = (int)d->functions, tv_kind = SV_FIELD_TV_CODED, is_followed = d->is_followed;
   const setting known[] = {{"from", &d->from, 0, 1},
@@ -88,7 +86,7 @@ int lab_parse_motion(const char *text, sv_train_cfg *c) {
     size_t k = strcspn(++p, "=");
     n = strcspn(p, ",");
     int e = k == 6 && k < n && !strncmp(p, "preset", 6) && d->kind == SV_DEFORM_FIELD
-                ? set_field(d, p + 7, n - 7)
+                ? (with_preset ? set_field(d, p + 7, n - 7) : LAB_EXIT_OK)
                 : set_number(known, n_known, p, k, n);
     if (e != LAB_EXIT_OK) return e;
     p += n;
@@ -99,4 +97,11 @@ int lab_parse_motion(const char *text, sv_train_cfg *c) {
   return LAB_EXIT_OK;
 }
 
-void lab_dynamic_cfg(const lab_options *o, sv_train_cfg *c) { (void)lab_parse_motion(o->motion, c); }
+int lab_parse_motion(const char *text, sv_train_cfg *c) { return parse(text, true, c); }
+
+void lab_dynamic_cfg(const lab_options *o, int n_times, sv_train_cfg *c) {
+  (void)parse(o->motion, true, c);
+  if (n_times < 1) return;
+  sv_train_set_times(c, n_times);
+  (void)parse(o->motion, false, c); // what is asked for goes before what the times ask for; presets do not
+}
