@@ -14,14 +14,11 @@
 #include "src/train/patch.h"
 #include "src/train/train.h"
 
-#define SIDE_PX         200   // pictures are reduced to at most so many pixels a side, where unpack can
 #define REACH           10    // 1/REACH of the larger side is searched
 #define STILL           0.25f // times that: within half a pixel of where it was
 #define MOST_MISMATCH   2.0f  // times that: a match that is worse is none
 #define BETTER          0.5f  // a place must differ so much less than the old one
 #define BACK_PX         1     // looked for from there, the old place is found within so much
-#define LEAST_LOGIT     -2.5f // fainter ones are not what is seen
-#define IN_FRONT        0.03f // of the depth: seen
 #define LEAST_PX        0.3f  // displacements below are left to the gradients
 #define MOVES_PX        1.0f  // who stood still and is displaced by more moves
 #define APART_PX        2.0f  // cameras that disagree by more have followed something else
@@ -123,13 +120,6 @@ static void go_on(const job *j, int i, const float now[3], const float px[2], fl
   for (int k = 0; k < 2; k++) ahead[k] = fabsf(to[k] - px[k]) < FAR_PX ? to[k] - px[k] : 0;
 }
 
-static bool is_in_front(const job *j, int x, int y, float z) {
-  const sv_renderer *r = &j->t->render;
-  long at = (long)y * r->rgb.stride + x;
-  float alpha = 1.0f - r->trans[at];
-  return alpha > 0.5f && fabsf(r->depth[at] / alpha - z) < IN_FRONT * z;
-}
-
 void sv_train_add_seen(sv_follow_sum *s, const float jac[6], const float r[2]) {
   for (int e = 0; e < 2; e++) {
     const float *g = jac + 3 * e;
@@ -144,13 +134,13 @@ void sv_train_add_seen(sv_follow_sum *s, const float jac[6], const float r[2]) {
 static void follow_slot(const job *j, int i) {
   sv_follow_sum *s = &j->t->follow[i];
   float now[3], then[3], px[2], at[2], ahead[2], jac[6], z, d[2];
-  if (!(*sv_gaussians_at(&j->t->g, i, SV_ROW_LOGIT) > LEAST_LOGIT)) return;
+  if (!(*sv_gaussians_at(&j->t->g, i, SV_ROW_LOGIT) > SV_PATCH_LEAST_LOGIT)) return;
   places(j, i, now, then);
   if (!sv_patch_project(&j->from, now, px, &z, NULL)) return;
   if (!(px[0] >= 0 && px[0] < (float)j->prev.width_px && px[1] >= 0 && px[1] < (float)j->prev.height_px))
     return;
   int x = (int)px[0], y = (int)px[1];
-  if (!sv_patch_is_inside(&j->prev, x, y) || !is_in_front(j, x, y, z)) return;
+  if (!sv_patch_is_inside(&j->prev, x, y) || !sv_patch_is_in_front(&j->t->render, x, y, z)) return;
   go_on(j, i, now, px, ahead);
   if (!follow(j, x, y, ahead, d)) return;
   if (!sv_patch_project(&j->to, then, at, &z, jac)) return;
@@ -168,8 +158,7 @@ static void follow_task(void *arg, int i_task, int i_thread) {
 static sv_status look(job *j, int i_from, int i_to, float progress) {
   sv_trainer *t = j->t;
   const sv_train_view *a = &t->views[i_from], *b = &t->views[i_to];
-  int side = sv_maxi(a->view.width_px, a->view.height_px), k = 1;
-  while (k < SV_UNPACK_CAP_K && side / k > SIDE_PX) k++;
+  const int k = sv_patch_scale(&a->view);
   sv_render_options o = sv_train_render_options(t, progress, true);
   j->from = sv_view_scaled(&a->view, k), j->to = sv_view_scaled(&b->view, k);
   j->reach = sv_maxi(j->from.width_px, j->from.height_px) / REACH;

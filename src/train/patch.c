@@ -3,7 +3,21 @@
 
 #include "src/base/mathx.h"
 
-#define RADIUS 3
+#define RADIUS   3
+#define SIDE_PX  200
+#define IN_FRONT 0.03f // of the depth
+
+int sv_patch_scale(const sv_view *v) {
+  int k = 1;
+  while (k < SV_UNPACK_CAP_K && sv_maxi(v->width_px, v->height_px) / k > SIDE_PX) k++;
+  return k;
+}
+
+bool sv_patch_is_in_front(const sv_renderer *r, int x, int y, float z) {
+  const long at = (long)y * r->rgb.stride + x;
+  const float alpha = 1.0f - r->trans[at];
+  return alpha > 0.5f && fabsf(r->depth[at] / alpha - z) < IN_FRONT * z;
+}
 
 bool sv_patch_is_inside(const sv_planes *p, int x, int y) {
   return x >= RADIUS && y >= RADIUS && x < p->width_px - RADIUS && y < p->height_px - RADIUS;

@@ -8,12 +8,19 @@
 
 #include "src/image/planes.h"
 #include "src/rig/rig.h"
+#include "src/splat/render.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
 #define SV_PATCH_LEAST_TEXTURE 0.0147f // of a patch that can be found again: 0.01 a value
+#define SV_PATCH_LEAST_LOGIT   -2.5f   // fainter Gaussians are not what is seen
+
+// By how much pictures of this size are reduced: to at most 200 pixels a side, where unpack can.
+int sv_patch_scale(const sv_view *v);
+// Whether a place of depth z at pixel (x, y) of the last rendering, which has depths, is what is seen there.
+bool sv_patch_is_in_front(const sv_renderer *r, int x, int y, float z);
 
 bool sv_patch_is_inside(const sv_planes *p, int x, int y); // the whole patch around pixel (x, y)
 // Between the patches around (xa, ya) and (xb, yb), both inside; stops when it exceeds most.

@@ -2,11 +2,11 @@
 // Rigid bodies among what was displaced from one time to another: y = R(q) (x - c) + c + d.
 //
 // A displacement is known in the pictures, not in space: along the rays of its cameras it is poor (two cameras close
-// together) or free (one camera). So what is fitted is the squared distance in pixels, (y - x - u)^T a (y - x - u),
-// by Gauss-Newton over q and d, with Geman & McClure's weights against those that followed something else. Bodies are
-// found by sequential RANSAC (Fischler & Bolles 1981) with the winners refined (Chum, Matas & Kittler 2003): three
-// neighbours propose a motion, those around them and then all that go along with it refine it, and what hangs
-// together with the largest body's seed becomes the next body.
+// together), along those of a single camera unknown. So what is fitted is the squared distance in pixels,
+// (y - x - u)^T a (y - x - u), by Gauss-Newton over q and d, with Geman & McClure's weights against those that followed
+// something else. Bodies are found by sequential RANSAC (Fischler & Bolles 1981) with the winners refined (Chum, Matas
+// & Kittler 2003): three neighbours propose a motion, those around them and then all that go along with it refine it,
+// and what hangs together with the largest body's seed becomes the next body.
 #ifndef SV_TRAIN_RIGID_H
 #define SV_TRAIN_RIGID_H
 

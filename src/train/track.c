@@ -10,9 +10,6 @@
 #include "src/train/rigid.h"
 #include "src/train/train.h"
 
-#define SIDE_PX         200   // pictures are reduced to at most so many pixels a side, where unpack can
-#define LEAST_LOGIT     -2.5f // fainter ones are not what is seen
-#define IN_FRONT        0.03f // of the depth: seen
 #define BETTER          0.7f  // a place must differ so much less than the expected one
 #define DAMPING         1e-4f // of the mean diagonal
 #define MOST_RADII      4.0f  // of a body: it is not off by more
@@ -35,12 +32,6 @@ typedef struct {
   sv_view view;
   int reach;
 } job;
-
-static bool is_in_front(const sv_renderer *r, int x, int y, float z) {
-  const long at = (long)y * r->rgb.stride + x;
-  const float alpha = 1.0f - r->trans[at];
-  return alpha > 0.5f && fabsf(r->depth[at] / alpha - z) < IN_FRONT * z;
-}
 
 // Pixels by which the picture has what the model shows at (x, y) elsewhere; off_by: mismatch there as it is.
 static bool find(const job *j, int x, int y, float d[2], float *off_by) {
@@ -67,13 +58,14 @@ static void place(const sv_trainer *t, int i, float x[3]) {
 static void track_slot(const job *j, int i) {
   sv_trainer *t = j->t;
   float x[3], px[2], jac[6], z, d[2];
-  if (!t->deform.motion.bodies.of[i] || !(*sv_gaussians_at(&t->g, i, SV_ROW_LOGIT) > LEAST_LOGIT)) return;
+  if (!t->deform.motion.bodies.of[i] || !(*sv_gaussians_at(&t->g, i, SV_ROW_LOGIT) > SV_PATCH_LEAST_LOGIT))
+    return;
   place(t, i, x);
   if (!sv_patch_project(&j->view, x, px, &z, jac)) return;
   if (!(px[0] >= 0 && px[0] < (float)j->view.width_px && px[1] >= 0 && px[1] < (float)j->view.height_px))
     return;
   const int u = (int)px[0], v = (int)px[1];
-  if (!sv_patch_is_inside(&t->target, u, v) || !is_in_front(&t->render, u, v, z) ||
+  if (!sv_patch_is_inside(&t->target, u, v) || !sv_patch_is_in_front(&t->render, u, v, z) ||
       !find(j, u, v, d, &t->weight[i]))
     return;
   sv_train_add_seen(&t->follow[i], jac, d);
@@ -90,8 +82,7 @@ static sv_status look(sv_trainer *t, int i_view, int reach, float progress) {
   const sv_train_view *v = &t->views[i_view];
   const sv_render_options o = sv_train_render_options(t, progress, true);
   const int n_blocks = (t->deform.motion.n_moving + 15) / 16;
-  int k = 1;
-  while (k < SV_UNPACK_CAP_K && sv_maxi(v->view.width_px, v->view.height_px) / k > SIDE_PX) k++;
+  const int k = sv_patch_scale(&v->view);
   job j = {.t = t, .view = sv_view_scaled(&v->view, k), .reach = reach};
   sv_train_set_time(t, v->view.time);
   sv_train_load_target(t, &v->image, k, o.bg);
