@@ -24,7 +24,7 @@ extern "C" {
 #endif
 
 // Floats of scratch for planes of this stride; 64-byte aligned, one per thread, contents free.
-#define SV_SSIM_SCRATCH_FLOATS(stride) (13 * ((stride) + 32))
+#define SV_SSIM_SCRATCH_FLOATS(stride) (17 * ((stride) + 32))
 
 typedef struct {
   const float *x, *y; // [height][stride]; columns >= width are never used

@@ -31,8 +31,8 @@ static void blur_column(const float *const xr[11], const float *const yr[11], in
     float a = xr[5 - k][i], b = xr[5 + k][i], c = yr[5 - k][i], d = yr[5 + k][i];
     mx = fmaf(a + b, g[k], mx);
     my = fmaf(c + d, g[k], my);
-    e = fmaf(fmaf(d, d, fmaf(c, c, fmaf(b, b, a * a))), g[k], e);
-    p = fmaf(fmaf(b, d, a * c), g[k], p);
+    e = fmaf(fmaf(c, c, a * a) + fmaf(d, d, b * b), g[k], e);
+    p = fmaf(a * c + b * d, g[k], p);
   }
   out[0] = mx, out[1] = my, out[2] = e, out[3] = p;
 }
