@@ -264,6 +264,9 @@ static void order_tiles(sv_renderer *r, int n_threads) {
     order_share(r, sv_pool_share(r->n_tiles, k, n_threads), sv_pool_share(r->n_tiles, k + 1, n_threads));
 }
 
+// Pairs that the sort can move to and fro within a thread's scratch, behind its buckets; most lists are shorter.
+#define NEAR_PAIRS ((uint32_t)((SV_RASTER_SCRATCH_FLOATS - SV_SORT_CAP_BUCKETS) * sizeof(float) / sizeof(sv_pair)))
+
 // Front to back, equal depths by slot: the sort is stable.
 static void raster_task(void *arg, int i_task, int i_thread) {
   job *j = arg;
@@ -274,7 +277,7 @@ static void raster_task(void *arg, int i_task, int i_thread) {
                              .n = n,
                              .min_key = j->min_key,
                              .max_key = j->max_key,
-                             .tmp = r->tmp + begin,
+                             .tmp = n <= NEAR_PAIRS ? (sv_pair *)(void *)(scratch + SV_SORT_CAP_BUCKETS) : r->tmp + begin,
                              .hist = (uint32_t *)(void *)scratch,
                              .order = r->list + begin});
   j->k->raster(&r->raster, t, r->list + begin, n, scratch);
