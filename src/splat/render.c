@@ -265,7 +265,8 @@ static void order_tiles(sv_renderer *r, int n_threads) {
 }
 
 // Pairs that the sort can move to and fro within a thread's scratch, behind its buckets; most lists are shorter.
-#define NEAR_PAIRS ((uint32_t)((SV_RASTER_SCRATCH_FLOATS - SV_SORT_CAP_BUCKETS) * sizeof(float) / sizeof(sv_pair)))
+#define NEAR_PAIRS                                                                                           \
+  ((uint32_t)((SV_RASTER_SCRATCH_FLOATS - SV_SORT_CAP_BUCKETS) * sizeof(float) / sizeof(sv_pair)))
 
 // Front to back, equal depths by slot: the sort is stable.
 static void raster_task(void *arg, int i_task, int i_thread) {
@@ -277,7 +278,8 @@ static void raster_task(void *arg, int i_task, int i_thread) {
                              .n = n,
                              .min_key = j->min_key,
                              .max_key = j->max_key,
-                             .tmp = n <= NEAR_PAIRS ? (sv_pair *)(void *)(scratch + SV_SORT_CAP_BUCKETS) : r->tmp + begin,
+                             .tmp = n <= NEAR_PAIRS ? (sv_pair *)(void *)(scratch + SV_SORT_CAP_BUCKETS)
+                                                    : r->tmp + begin,
                              .hist = (uint32_t *)(void *)scratch,
                              .order = r->list + begin});
   j->k->raster(&r->raster, t, r->list + begin, n, scratch);
