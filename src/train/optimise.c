@@ -141,17 +141,30 @@ static float *block_of(const job *j, int i_thread) {
   return j->t->block + (size_t)i_thread * SV_TRAIN_BLOCK_FLOATS;
 }
 
+// err, e: [16]. Of bits, as compilers make branches of a choice, and who is touched cannot be predicted.
+static void blend_errors(uint32_t on, const float *err, float *e) {
+  static const uint32_t bit[16] = {1,      1 << 1, 1 << 2,  1 << 3,  1 << 4,  1 << 5,  1 << 6,  1 << 7,
+                                   1 << 8, 1 << 9, 1 << 10, 1 << 11, 1 << 12, 1 << 13, 1 << 14, 1 << 15};
+  float next[16];
+  uint32_t is[16], will[16];
+  for (int k = 0; k < 16; k++) next[k] = ERR_KEEP * e[k] + (1.0f - ERR_KEEP) * err[k];
+  memcpy(is, e, sizeof is);
+  memcpy(will, next, sizeof will);
+  for (int k = 0; k < 16; k++) {
+    const uint32_t keep = (on & bit[k]) == 0 ? ~0u : 0u;
+    is[k] = (is[k] & keep) | (will[k] & ~keep);
+  }
+  memcpy(e, is, sizeof is);
+}
+
 static void move(const job *j, int b, uint32_t touched, uint32_t with_err, const float *grad,
                  const float *err, wanderers *w) {
   sv_trainer *t = j->t;
   size_t at = (size_t)b * (size_t)t->g.n_rows * 16;
-  float *p = t->g.param + at, *e = t->err + 16 * (size_t)b;
+  float *p = t->g.param + at;
   if (t->cfg.optimizer == SV_OPTIMIZER_ADAM) t->k->adam(&j->adam, touched, grad, p, t->m + at, t->v + at);
   else t->k->newton(&j->newton, touched, grad, t->v + at, p, t->m + at);
-  for (int k = 0; k < 16; k++) { // without branches: who is touched cannot be predicted
-    const float next = ERR_KEEP * e[k] + (1.0f - ERR_KEEP) * err[k];
-    e[k] = with_err >> k & 1 ? next : e[k];
-  }
+  blend_errors(with_err, err, t->err + 16 * (size_t)b);
   if (j->noise_gain > 0.0f) add_wanderers(j, b, touched, p, w);
   if (t->floor) keep_above(t->floor + 16 * (size_t)b, p + 16 * SV_ROW_SCALE);
 }
