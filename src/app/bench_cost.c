@@ -20,6 +20,11 @@ static const sv_bench_op ops_of[SV_N_STAGES][2] = {
 // colour and error, 5 for their product, 2 suffix, 2 quotient, 2 to dL/d(ln alpha), 5 moments.
 #define FORWARD_FLOP  25.0
 #define BACKWARD_FLOP 42.0
+// A row of blocks, each of its lanes: offset 1, its terms of the quadric 4; backward the moments 9 as well. A record: its
+// eleven sums of sixteen lanes.
+#define FORWARD_ROW_FLOP     5.0
+#define BACKWARD_ROW_FLOP    14.0
+#define BACKWARD_RECORD_FLOP 165.0
 
 // The instructions for that through the ports of the multiply-adds, a vector of pairs each, with AVX-512: offset 1,
 // quadric 2, 2^x 6, min 1, comparisons 2, weight and transmittance 2, colours 3; and backward the same but for the last
@@ -47,6 +52,7 @@ static const sv_bench_op ops_of[SV_N_STAGES][2] = {
 sv_bench_cost sv_bench_cost_of(sv_bench_op op, const sv_bench_counts *n) {
   const double px = n->n_pixels, all = n->n_gaussians, visible = n->n_visible, recs = n->n_recs;
   const double touched = n->n_touched, rows = n->n_rows, pairs = (double)n->pairs;
+  const double row_lanes = BLOCK_PX * (double)n->block_rows;
   const double coef = (rows - SV_ROW_SH) / 3.0, record = sizeof(sv_rec) + sizeof(uint32_t);
   const double slot = SV_SLOT_FLOATS * sizeof(float);
   switch (op) {
@@ -58,11 +64,13 @@ sv_bench_cost sv_bench_cost_of(sv_bench_op op, const sv_bench_counts *n) {
   case SV_BENCH_BIN:
     return (sv_bench_cost){BIN_ROW_FLOP * (double)n->rows, sizeof(sv_splat) * visible + record * recs};
   case SV_BENCH_RASTER:
-    return (sv_bench_cost){FORWARD_FLOP * pairs, (record + 8) * recs + sizeof(sv_splat) * visible + 16 * px};
+    return (sv_bench_cost){FORWARD_FLOP * pairs + FORWARD_ROW_FLOP * row_lanes,
+                           (record + 8) * recs + sizeof(sv_splat) * visible + 16 * px};
   case SV_BENCH_SSIM: return (sv_bench_cost){3 * SSIM_FLOP * px, 3 * (8 + 12) * px};
   case SV_BENCH_SSIM_BWD: return (sv_bench_cost){3 * SSIM_BWD_FLOP * px, 3 * (8 + 12 + 4) * px + 4 * px};
   case SV_BENCH_RASTER_BWD:
-    return (sv_bench_cost){BACKWARD_FLOP * pairs,
+    return (sv_bench_cost){BACKWARD_FLOP * pairs + BACKWARD_ROW_FLOP * row_lanes +
+                               BACKWARD_RECORD_FLOP * recs,
                            (record + slot) * recs + sizeof(sv_splat) * visible + 28 * px};
   case SV_BENCH_PROJECT_BWD:
     return (sv_bench_cost){(PROJECT_BWD_FLOP + 17 * coef) * touched + SV_SLOT_ERR * recs,
@@ -84,14 +92,16 @@ double sv_bench_bound_s(const sv_bench_peak *peak, sv_bench_cost cost, double wo
 // By how much the ports hold up blending for longer than its bound says.
 static double more_ms(const sv_bench_step *r, const sv_bench_peak *peak, sv_bench_stage stage, double a_pair,
                       double a_row) {
-  double slots = a_pair * (double)r->n.pairs + a_row * BLOCK_PX * (double)r->n.rows;
+  double slots = a_pair * (double)r->n.pairs + a_row * BLOCK_PX * (double)r->n.block_rows;
   double ms = peak->flop_per_s > 0 ? 1e3 * slots / (0.5 * peak->flop_per_s) : 0;
   return ms > r->stage_bound_ms[stage] ? ms - r->stage_bound_ms[stage] : 0;
 }
 
 void sv_bench_bound(sv_bench_step *r, const sv_bench_peak *peak) {
   const double probes = r->n.n_probe_steps > 0 ? 1.0 / r->n.n_probe_steps : 0; // a step
-  double working = 0, flop = (double)r->n.pairs * (FORWARD_FLOP + (1 + probes) * BACKWARD_FLOP);
+  const double flop = sv_bench_cost_of(SV_BENCH_RASTER, &r->n).flop +
+                      (1 + probes) * sv_bench_cost_of(SV_BENCH_RASTER_BWD, &r->n).flop;
+  double working = 0;
   for (int op = 0; op < SV_N_BENCH_OPS; op++) working += sv_bench_cost_of((sv_bench_op)op, &r->n).bytes;
   r->bound_ms = 0;
   for (int s = 0; s < SV_N_STAGES; s++) {
@@ -134,6 +144,13 @@ static uint64_t count_useful(const sv_renderer *r, const sv_splat *s, int tx, in
   return n;
 }
 
+// Rows of the tile that have blocks.
+static uint32_t count_rows(uint64_t mask) {
+  uint32_t n = 0;
+  for (; mask; mask >>= 8) n += (mask & 255) != 0;
+  return n;
+}
+
 sv_bench_counts sv_bench_count(sv_trainer *t) {
   sv_renderer *r = &t->render;
   sv_bench_counts n = {.pairs = sv_render_count_pairs(r),
@@ -147,7 +164,10 @@ sv_bench_counts sv_bench_count(sv_trainer *t) {
   for (int i = 0; i < t->g.n; i++)
     if (r->splat[i].n_recs) n.rows += (uint64_t)(r->splat[i].by1 - r->splat[i].by0 + 1);
   for (int k = 0; k < r->n_tiles; k++)
-    for (uint32_t i = r->tile_begin[k]; i < r->tile_begin[k + 1]; i++)
-      n.useful += count_useful(r, r->splat + r->rec[r->list[i]].id, k % r->n_tiles_x, k / r->n_tiles_x);
+    for (uint32_t i = r->tile_begin[k]; i < r->tile_begin[k + 1]; i++) {
+      const sv_rec *rec = r->rec + r->list[i];
+      n.useful += count_useful(r, r->splat + rec->id, k % r->n_tiles_x, k / r->n_tiles_x);
+      n.block_rows += count_rows(rec->mask);
+    }
   return n;
 }
