@@ -51,9 +51,7 @@ float sv_train_share(const sv_trainer *t, const sv_view *view) {
   return share < t->cfg.dynamic.least_share ? t->cfg.dynamic.least_share : share;
 }
 
-float sv_train_weight(const sv_trainer *t, const sv_view *view) {
-  return sv_minf(width_of(t, view), 1.0f);
-}
+float sv_train_weight(const sv_trainer *t, const sv_view *view) { return sv_minf(width_of(t, view), 1.0f); }
 
 typedef struct {
   float *plane[4];

@@ -165,7 +165,8 @@ static void test_long_lens(void **state) {
     n_long += trainer.views[st.i_view].view.i_sub_view == 1;
   }
   assert_in_range(n_long, 8, 35); // a sixth of them
-  float before[4], *const at[4] = {trainer.grad.c[0], trainer.grad.c[1], trainer.grad.c[2], trainer.err_plane};
+  float before[4], *const at[4] = {trainer.grad.c[0], trainer.grad.c[1], trainer.grad.c[2],
+                                   trainer.err_plane};
   for (int k = 0; k < 4; k++) at[k][5] = before[k] = (float)k - 1.5f;
   sv_train_weigh(&trainer, 1.0f);
   sv_train_weigh(&trainer, 0.5f);
@@ -370,14 +371,12 @@ static void test_memory(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_clip_learns), cmocka_unit_test(test_field_learns),
-      cmocka_unit_test(test_field_times), cmocka_unit_test(test_still_is_still),
-      cmocka_unit_test(test_resume),      cmocka_unit_test(test_times_come_in),
-      cmocka_unit_test(test_long_lens),
-      cmocka_unit_test(test_short_lens),
-      cmocka_unit_test(test_motion_shrinks),
-      cmocka_unit_test(test_motion_file), cmocka_unit_test(test_bodies_file),
-      cmocka_unit_test(test_memory),
+      cmocka_unit_test(test_clip_learns),    cmocka_unit_test(test_field_learns),
+      cmocka_unit_test(test_field_times),    cmocka_unit_test(test_still_is_still),
+      cmocka_unit_test(test_resume),         cmocka_unit_test(test_times_come_in),
+      cmocka_unit_test(test_long_lens),      cmocka_unit_test(test_short_lens),
+      cmocka_unit_test(test_motion_shrinks), cmocka_unit_test(test_motion_file),
+      cmocka_unit_test(test_bodies_file),    cmocka_unit_test(test_memory),
   };
   return cmocka_run_group_tests(tests, setup, NULL);
 }
