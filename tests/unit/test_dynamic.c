@@ -181,9 +181,9 @@ static void test_short_lens(void **state) {
   phone = scene;
   for (int i = 0; i < MS_TIMES; i++) phone.view[i][1].fx *= 0.5f, phone.view[i][1].fy *= 0.5f;
   assert_true(moving_scene_start(&phone, &trainer, &c, &kernels, &pool, -1, block, sizeof block));
-  const float wide = sv_train_share(&trainer, &phone.view[0][1]);
-  const float other = sv_train_share(&trainer, &phone.view[0][0]);
-  assert_true(fabsf(wide * other - 0.5f) < 1e-6f); // one of them is the usual one
+  const float short_share = sv_train_share(&trainer, &phone.view[0][1]);
+  const float long_share = sv_train_share(&trainer, &phone.view[0][0]);
+  assert_true(fabsf(short_share * long_share - 0.5f) < 1e-6f); // one of them is the usual one
   assert_true(sv_train_weight(&trainer, &phone.view[0][1]) == 1.0f);
 }
 
