@@ -74,7 +74,7 @@ void sv_train_weigh(sv_trainer *t, float weight) {
 }
 
 static void set_usual_view(sv_trainer *t) {
-  t->usual_sr = 0.0f;
+  t->usual_sr = t->usual_fx_px = 0.0f;
   for (int i = 0; i < t->n_views; i++) {
     float here = solid_angle(&t->views[i].view);
     int n_less = 0, n_same = 0;
@@ -83,7 +83,7 @@ static void set_usual_view(sv_trainer *t) {
       n_less += there < here, n_same += there == here;
     }
     if (n_less > t->n_views / 2 || n_less + n_same <= t->n_views / 2) continue;
-    t->usual_sr = here;
+    t->usual_sr = here, t->usual_fx_px = t->views[i].view.fx;
     return;
   }
 }

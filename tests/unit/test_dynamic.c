@@ -13,6 +13,7 @@
 #include "src/deform/deform_file.h"
 #include "src/train/checkpoint.h"
 #include "src/train/objective.h"
+#include "src/train/patch.h"
 #include "tests/common/moving_scene.h"
 
 #define N_STEPS    600
@@ -185,6 +186,14 @@ static void test_short_lens(void **state) {
   const float long_share = sv_train_share(&trainer, &phone.view[0][0]);
   assert_true(fabsf(short_share * long_share - 0.5f) < 1e-6f); // one of them is the usual one
   assert_true(sv_train_weight(&trainer, &phone.view[0][1]) == 1.0f);
+  sv_view v = phone.view[0][0]; // for patches it is reduced until its pixels are as coarse as the usual one's
+  v.width_px = 800, v.height_px = 600, v.fx = 1000;
+  assert_int_equal(sv_patch_scale(&v, 0), 4);
+  assert_int_equal(sv_patch_scale(&v, 1000), 4);
+  assert_int_equal(sv_patch_scale(&v, 3000), 2);
+  assert_int_equal(sv_patch_scale(&v, 500), 4);
+  v.fx = 250;
+  assert_int_equal(sv_patch_scale(&v, 1000), 1);
 }
 
 // What gradients do not ask for comes to rest, the higher functions first.
