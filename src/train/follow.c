@@ -158,10 +158,10 @@ static void follow_task(void *arg, int i_task, int i_thread) {
 static sv_status look(job *j, int i_from, int i_to, float progress) {
   sv_trainer *t = j->t;
   const sv_train_view *a = &t->views[i_from], *b = &t->views[i_to];
-  const int k = sv_patch_scale(&a->view);
+  const int k = sv_patch_scale(&a->view, t->usual_fx_px), k_size = sv_patch_scale(&a->view, 0);
   sv_render_options o = sv_train_render_options(t, progress, true);
   j->from = sv_view_scaled(&a->view, k), j->to = sv_view_scaled(&b->view, k);
-  j->reach = sv_maxi(j->from.width_px, j->from.height_px) / REACH;
+  j->reach = sv_maxi(a->view.width_px, a->view.height_px) / k_size / REACH;
   sv_train_set_time(t, a->view.time);
   sv_train_load_target(t, &b->image, k, o.bg);
   for (int c = 0; c < 3; c++)

@@ -41,14 +41,40 @@ static float solid_angle(const sv_view *v) {
   return (float)v->width_px * (float)v->height_px / (v->fx * v->fy);
 }
 
+// Square root of a view's solid angle, in that of the usual picture; 1 for still scenes.
+static float width_of(const sv_trainer *t, const sv_view *view) {
+  return sv_train_is_dynamic(t) && t->usual_sr > 0 ? sqrtf(solid_angle(view) / t->usual_sr) : 1.0f;
+}
+
 float sv_train_share(const sv_trainer *t, const sv_view *view) {
-  if (!sv_train_is_dynamic(t) || !(t->usual_sr > 0)) return 1.0f;
-  float share = sqrtf(solid_angle(view) / t->usual_sr);
+  float width = width_of(t, view), share = width > 1.0f ? 1.0f / width : width;
   return share < t->cfg.dynamic.least_share ? t->cfg.dynamic.least_share : share;
 }
 
+float sv_train_weight(const sv_trainer *t, const sv_view *view) { return sv_minf(width_of(t, view), 1.0f); }
+
+typedef struct {
+  float *plane[4];
+  size_t n;
+  float weight;
+} weigh_job;
+
+static void weigh_task(void *arg, int i_plane, int i_thread) {
+  const weigh_job *j = arg;
+  (void)i_thread;
+  for (size_t i = 0; i < j->n; i++) j->plane[i_plane][i] *= j->weight;
+}
+
+void sv_train_weigh(sv_trainer *t, float weight) {
+  const sv_planes *g = &t->grad;
+  weigh_job j = {.plane = {g->c[0], g->c[1], g->c[2], t->err_plane},
+                 .n = (size_t)g->stride * (size_t)g->rows_padded,
+                 .weight = weight};
+  if (weight < 1.0f) sv_pool_run(t->pool, weigh_task, &j, 4);
+}
+
 static void set_usual_view(sv_trainer *t) {
-  t->usual_sr = 0.0f;
+  t->usual_sr = t->usual_fx_px = 0.0f;
   for (int i = 0; i < t->n_views; i++) {
     float here = solid_angle(&t->views[i].view);
     int n_less = 0, n_same = 0;
@@ -57,7 +83,7 @@ static void set_usual_view(sv_trainer *t) {
       n_less += there < here, n_same += there == here;
     }
     if (n_less > t->n_views / 2 || n_less + n_same <= t->n_views / 2) continue;
-    t->usual_sr = here;
+    t->usual_sr = here, t->usual_fx_px = t->views[i].view.fx;
     return;
   }
 }

@@ -7,9 +7,11 @@
 #define SIDE_PX  200
 #define IN_FRONT 0.03f // of the depth
 
-int sv_patch_scale(const sv_view *v) {
+int sv_patch_scale(const sv_view *v, float usual_fx_px) {
   int k = 1;
   while (k < SV_UNPACK_CAP_K && sv_maxi(v->width_px, v->height_px) / k > SIDE_PX) k++;
+  const float most = 1.0001f * usual_fx_px / (float)k;
+  while (k > 1 && v->fx / (float)(k - 1) <= most) k--;
   return k;
 }
 

@@ -18,7 +18,8 @@ extern "C" {
 #define SV_PATCH_LEAST_LOGIT   -2.5f   // fainter Gaussians are not what is seen
 
 // By how much pictures of this size are reduced: to at most 200 pixels a side, where unpack can.
-int sv_patch_scale(const sv_view *v);
+// A picture of a lens shorter than the usual one (usual_fx_px, 0: none is) less, so that its pixels are no coarser.
+int sv_patch_scale(const sv_view *v, float usual_fx_px);
 // Whether a place of depth z at pixel (x, y) of the last rendering, which has depths, is what is seen there.
 bool sv_patch_is_in_front(const sv_renderer *r, int x, int y, float z);
 

@@ -226,10 +226,12 @@ static sv_status view_step(sv_trainer *t, int i, float progress, sv_render_optio
   sv_photometric_loss(&t->photometric, t->k, t->pool, x, &t->target, &t->grad, t->err_plane,
                       t->cfg.weight_ssim, &loss);
   out->loss = loss.loss, out->l1 = loss.l1, out->ssim = loss.ssim;
+  const float weight = sv_train_weight(t, &tv->view);
+  sv_train_weigh(t, weight);
   if (t->cfg.weight_tv > 0.0f)
     out->loss += sv_tv_loss(&t->tv, t->k, t->pool, x, &t->grad, SV_TV_SQUARED, t->cfg.weight_tv);
   if (sv_train_is_probe_due(t)) {
-    sv_train_make_probe(t, loss.l1);
+    sv_train_make_probe(t, loss.l1 / (double)weight); // whose squares are to have the weight once
     if ((s = picture_bwd(t, is_fine, &t->target, NULL)) < 0) return s;
     sv_train_curvature(t);
   }

@@ -82,7 +82,7 @@ static sv_status look(sv_trainer *t, int i_view, int reach, float progress) {
   const sv_train_view *v = &t->views[i_view];
   const sv_render_options o = sv_train_render_options(t, progress, true);
   const int n_blocks = (t->deform.motion.n_moving + 15) / 16;
-  const int k = sv_patch_scale(&v->view);
+  const int k = sv_patch_scale(&v->view, t->usual_fx_px);
   job j = {.t = t, .view = sv_view_scaled(&v->view, k), .reach = reach};
   sv_train_set_time(t, v->view.time);
   sv_train_load_target(t, &v->image, k, o.bg);

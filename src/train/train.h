@@ -70,7 +70,7 @@ typedef struct {
   // Lengths of the position coefficients, those of function j counted j + 1 times, shrink by so much of the learning
   // rate in each step: what gradients do not ask for steadily stays straight, slow, still. Adam would let it wander.
   float shrink_pos;
-  float least_share;  // of the turns, for the views of the narrowest lenses (sv_train_share)
+  float least_share;  // of the turns, for views of unusual lenses (sv_train_share)
   float window_start; // half width of the windows that copies of moving slots begin with; 0: as their source
   int older_every; // live: every so many steps the view is one of all in turn, else of the newest time; 0: all in turn
   float unrest;                             // who is off by so much more at some times than at others moves
@@ -165,6 +165,7 @@ typedef struct {
   float time;          // of the last picture
   float newest;        // largest time of a picture
   float middle;        // time of a picture, the closest to 0.5
+  float usual_fx_px;   // of the picture that is:
   float usual_sr;      // solid angle of the pictures, their median, in the small-angle form
   float find_at;       // progress of the next search
   uint32_t field_step; // of the field's stage
@@ -265,10 +266,16 @@ void sv_train_clear_shares(sv_trainer *t);
 bool sv_train_has_time(const sv_trainer *t, float time, float progress);
 // Reduction at which the pictures of a time that came in a moment ago are taken; 1: as progress says.
 int sv_train_new_time_scale(const sv_trainer *t, float time, float progress);
-// A picture of a moving scene whose lens sees less of it than is usual gets fewer turns: the square root of its share,
-// at least cfg.dynamic.least_share of a turn. A phone's long lens would take a third of the steps for a ninth of what
-// is to be seen.
+// A picture of a moving scene whose lens sees less of it than is usual, or sees it smaller, gets fewer turns: the ratio
+// of its focal length to the usual one, or the reverse, at least cfg.dynamic.least_share of a turn. A phone's long lens
+// would take a third of the steps for a ninth of what is to be seen, and what its short one sees another sees larger.
 float sv_train_share(const sv_trainer *t, const sv_view *view);
+// In a turn a picture counts by the same ratio where its lens is narrower than is usual, else in full. A loss is the
+// mean of a picture's pixels, so a long lens says as much of a ninth of what is seen as others say of all: Adam's steps
+// and relocation would follow it, and shorten the steps for the others.
+float sv_train_weight(const sv_trainer *t, const sv_view *view);
+// Multiplies t->grad and t->err_plane.
+void sv_train_weigh(sv_trainer *t, float weight);
 // Looks at every training time with the model as it is: a Gaussian whose residual changes with time, in any of
 // the cameras, by more than cfg.dynamic.unrest (root mean square, display values) is to move from now on.
 sv_status sv_train_find_moving(sv_trainer *t, float progress) SV_MUST_USE;

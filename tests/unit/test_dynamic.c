@@ -13,6 +13,7 @@
 #include "src/deform/deform_file.h"
 #include "src/train/checkpoint.h"
 #include "src/train/objective.h"
+#include "src/train/patch.h"
 #include "tests/common/moving_scene.h"
 
 #define N_STEPS    600
@@ -145,7 +146,7 @@ static void test_times_come_in(void **state) {
   assert_in_range(n_front, 34, 54); // every second step, and two fifths of the others
 }
 
-// The long lens of a phone sees a ninth of a ninth: it gets fewer turns, the others the same.
+// The long lens of a phone sees a 25th: it gets fewer turns, in which it counts less, the others the same.
 static void test_long_lens(void **state) {
   (void)state;
   sv_train_cfg c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, 4000);
@@ -155,7 +156,9 @@ static void test_long_lens(void **state) {
   c.relocate_every = 0, c.dynamic.find_until = 0;
   assert_true(moving_scene_start(&phone, &trainer, &c, &kernels, &pool, -1, block, sizeof block));
   assert_true(fabsf(sv_train_share(&trainer, &phone.view[0][1]) - 0.2f) < 1e-6f);
+  assert_true(fabsf(sv_train_weight(&trainer, &phone.view[0][1]) - 0.2f) < 1e-6f);
   assert_true(sv_train_share(&trainer, &phone.view[0][0]) == 1.0f);
+  assert_true(sv_train_weight(&trainer, &phone.view[0][0]) == 1.0f);
   int n_long = 0;
   for (int i = 0; i < 120; i++) {
     sv_step_stats st;
@@ -163,6 +166,34 @@ static void test_long_lens(void **state) {
     n_long += trainer.views[st.i_view].view.i_sub_view == 1;
   }
   assert_in_range(n_long, 8, 35); // a sixth of them
+  float before[4], *const at[4] = {trainer.grad.c[0], trainer.grad.c[1], trainer.grad.c[2],
+                                   trainer.err_plane};
+  for (int k = 0; k < 4; k++) at[k][5] = before[k] = (float)k - 1.5f;
+  sv_train_weigh(&trainer, 1.0f);
+  sv_train_weigh(&trainer, 0.5f);
+  for (int k = 0; k < 4; k++) assert_true(at[k][5] == 0.5f * before[k]);
+}
+
+// The short lens shows small what another shows large: it gets fewer turns, and counts in full.
+static void test_short_lens(void **state) {
+  (void)state;
+  sv_train_cfg c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, 4000);
+  static moving_scene phone;
+  phone = scene;
+  for (int i = 0; i < MS_TIMES; i++) phone.view[i][1].fx *= 0.5f, phone.view[i][1].fy *= 0.5f;
+  assert_true(moving_scene_start(&phone, &trainer, &c, &kernels, &pool, -1, block, sizeof block));
+  const float short_share = sv_train_share(&trainer, &phone.view[0][1]);
+  const float long_share = sv_train_share(&trainer, &phone.view[0][0]);
+  assert_true(fabsf(short_share * long_share - 0.5f) < 1e-6f); // one of them is the usual one
+  assert_true(sv_train_weight(&trainer, &phone.view[0][1]) == 1.0f);
+  sv_view v = phone.view[0][0]; // for patches it is reduced until its pixels are as coarse as the usual one's
+  v.width_px = 800, v.height_px = 600, v.fx = 1000;
+  assert_int_equal(sv_patch_scale(&v, 0), 4);
+  assert_int_equal(sv_patch_scale(&v, 1000), 4);
+  assert_int_equal(sv_patch_scale(&v, 3000), 2);
+  assert_int_equal(sv_patch_scale(&v, 500), 4);
+  v.fx = 250;
+  assert_int_equal(sv_patch_scale(&v, 1000), 1);
 }
 
 // What gradients do not ask for comes to rest, the higher functions first.
@@ -349,12 +380,12 @@ static void test_memory(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_clip_learns), cmocka_unit_test(test_field_learns),
-      cmocka_unit_test(test_field_times), cmocka_unit_test(test_still_is_still),
-      cmocka_unit_test(test_resume),      cmocka_unit_test(test_times_come_in),
-      cmocka_unit_test(test_long_lens),   cmocka_unit_test(test_motion_shrinks),
-      cmocka_unit_test(test_motion_file), cmocka_unit_test(test_bodies_file),
-      cmocka_unit_test(test_memory),
+      cmocka_unit_test(test_clip_learns),    cmocka_unit_test(test_field_learns),
+      cmocka_unit_test(test_field_times),    cmocka_unit_test(test_still_is_still),
+      cmocka_unit_test(test_resume),         cmocka_unit_test(test_times_come_in),
+      cmocka_unit_test(test_long_lens),      cmocka_unit_test(test_short_lens),
+      cmocka_unit_test(test_motion_shrinks), cmocka_unit_test(test_motion_file),
+      cmocka_unit_test(test_bodies_file),    cmocka_unit_test(test_memory),
   };
   return cmocka_run_group_tests(tests, setup, NULL);
 }
