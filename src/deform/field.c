@@ -263,6 +263,13 @@ void sv_field_at(sv_field *f, const sv_kernels *k, const sv_pool *pool, sv_gauss
   g->n_moved = f->n_moving;
 }
 
+void sv_field_at_block(sv_field *f, const sv_kernels *k, const sv_gaussians *g, int block, int i_thread,
+                       float t) {
+  job j = {.f = f, .k = k, .g = g, .planes = planes_of(f), .t = t};
+  work w = work_of(f, i_thread);
+  at_block(&j, block, &w);
+}
+
 // --- backward ------------------------------------------------------------------------------------
 
 static float *layer_grad(sv_field *f, int task, size_t at) {

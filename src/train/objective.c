@@ -57,7 +57,7 @@ void sv_train_set_times(sv_train_cfg *cfg, int n_times) {
   d->n_colour = sv_maxi(1, d->n_pos / 4);
   d->window_start = sv_maxf(0.4f, 3.0f / (float)sv_maxi(n_times, 1));
   d->field.n_times = sv_clampi(n_times, 4, CAP_FIELD_TIMES);
-  if (d->kind != SV_DEFORM_FIELD || cfg->steps_hint < 1) return;
+  if (d->kind != SV_DEFORM_FIELD || d->clip > 0 || cfg->steps_hint < 1) return;
   d->grow_until =
       sv_clampf(1.0f - FIELD_SETTLE_STEPS / (float)cfg->steps_hint, FIELD_GROW_LEAST, FIELD_GROW_MOST);
   d->find_until = sv_maxf(d->find_until, d->grow_until);

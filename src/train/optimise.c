@@ -301,8 +301,10 @@ static uint32_t run(sv_trainer *t, float progress, sv_task_fn task) {
   if (t->deform.kind == SV_DEFORM_CLIP) sv_train_move_bodies(t, mean_lr * t->radius);
   if (t->deform.kind == SV_DEFORM_FIELD && t->render.n_moved_blocks > 0) {
     const sv_dynamic_cfg *d = &t->cfg.dynamic;
-    sv_field_step(&t->deform.field, t->k, t->pool, ++t->field_step, (progress - d->from) / (1.0f - d->from),
-                  t->radius);
+    const float from = d->clip > 0 ? d->resume : d->from, rate = d->clip > 0 ? d->picture_rate : 1.0f;
+    sv_field_step(&t->deform.field, t->k, t->pool, ++t->field_step, (progress - from) / (1.0f - from),
+                  t->radius * rate);
+    if (d->clip > 0 && d->held > 0) sv_train_hold_field(t, progress);
   }
   uint32_t n = 0;
   for (int i = 0; i < n_tasks(&j); i++) n += t->touched_of[i];
