@@ -21,6 +21,7 @@ bool sv_field_preset(const char *name, sv_field_cfg *cfg) {
     float tv, smooth;
   } all[] = {{"tiny", 16, 1, 32, 32, 32, true, false, 1e-4f, 0.01f},
              {"small", 16, 1, 48, 48, 64, true, false, 1e-4f, 0.01f},
+             {"medium", 16, 2, 48, 48, 64, true, false, 1e-4f, 0.01f},
              {"dnerf", 32, 2, 64, 100, 64, false, false, 1e-4f, 0.01f},
              {"dynerf", 16, 2, 64, 150, 128, false, true, 2e-4f, 0.001f},
              {"hypernerf", 16, 3, 64, 150, 128, false, false, 2e-4f, 0.001f},

@@ -41,8 +41,8 @@ typedef struct {
   int n_threads;
 } sv_field_cfg;
 
-// By name: tiny, small, dnerf, dynerf, hypernerf, dycheck, multiview (sizes and weights of the reference's
-// configurations; tiny and small are for boards; n_times is sv_train_set_times' business). False for others; *cfg then is
+// By name: tiny, small, medium, dnerf, dynerf, hypernerf, dycheck, multiview (sizes and weights of the reference's
+// configurations; the first three are for boards; n_times is sv_train_set_times' business). False for others; *cfg then is
 // untouched.
 bool sv_field_preset(const char *name, sv_field_cfg *cfg);
 

@@ -266,7 +266,7 @@ void sv_train_start_moving(sv_trainer *t) {
   memset(t->is_moving, 0, (size_t)t->g.cap);
   if (sv_train_has_clip(&t->cfg)) t->deform.kind = SV_DEFORM_CLIP;
   if (t->deform.kind == SV_DEFORM_CLIP) sv_motion_reset(&t->deform.motion, 0);
-  else sv_field_reset(&t->deform.field, &t->g, t->cfg.seed);
+  if (t->cfg.dynamic.kind == SV_DEFORM_FIELD) sv_field_reset(&t->deform.field, &t->g, t->cfg.seed);
   sv_deform_set_moving(&t->deform, 0);
 }
 

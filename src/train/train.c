@@ -52,11 +52,8 @@ sv_train_cfg sv_train_defaults(void) {
       .noise = 1.0f,
       .dynamic = {.from = 0.1f,
                   .clip = 0.5f,
-                  .resume = 0.5f,
                   .fit = 0.33f,
-                  .held = 1e-5f,
-                  .fit_rate = 4.0f,
-                  .picture_rate = 0.5f,
+                  .held = 1e-4f,
                   .find_every = 0.04f,
                   .find_until = 0.6f,
                   .grow_start = 0.02f,
@@ -84,7 +81,7 @@ sv_train_cfg sv_train_defaults(void) {
                   .still_fade = 0.1f,
                   .still_colour = 0.01f},
       .steps_hint = 3000};
-  (void)sv_field_preset("small", &c.dynamic.field);
+  (void)sv_field_preset("medium", &c.dynamic.field);
   return c;
 }
 

@@ -52,12 +52,11 @@ typedef struct {
   float from; // progress at which things begin to move; before, one still model is trained
   sv_motion_functions_kind functions;
   sv_field_cfg field;                 // of FIELD
-  // FIELD: so much of the run is trained as a clip, whose motion the field then is fitted to (handover.c), and its
-  // schedules go on from `resume`; 0: the field begins at rest, with a still model.
-  float clip, resume;
-  float fit;  // steps of the fit, of those of the run
-  float held; // price of a pixel by which the field is off the clip, of one moving Gaussian, while pictures go on
-  float fit_rate, picture_rate;
+  // FIELD: so much of the run is trained as a clip, to whose motion the field then is fitted (handover.h); 0: it begins
+  // at rest, with a still model, as the paper's does.
+  float clip;
+  float fit;  // steps of the fit, of those that the run has
+  float held; // price of a pixel that a Gaussian of the field is off the clip, while pictures go on
   float find_every, find_until;       // progress between two searches for what moves, and at the last
   int n_pos, n_rot, n_colour;         // functions of clip mode
   float pos, rot, colour, window;     // learning rates; of positions times that of the means
@@ -251,12 +250,6 @@ int sv_train_scale_at(const sv_trainer *t, const sv_view *view, float progress);
 void sv_train_set_floors(sv_trainer *t);
 // Whether the run begins as a clip: motion of each Gaussian for itself.
 bool sv_train_has_clip(const sv_train_cfg *c);
-// Progress of the present stage's schedules, of a run that has two stages.
-float sv_train_stage_progress(const sv_trainer *t, float progress);
-// From a clip's motion to a field's (handover.c).
-void sv_train_hand_over(sv_trainer *t);
-// A step of the field towards the clip's motion, beside one by a picture.
-void sv_train_hold_field(sv_trainer *t, float progress);
 // At the start nothing moves.
 void sv_train_start_moving(sv_trainer *t);
 // When times come in between the progresses `before` and `progress`, what moves is looked for in their pictures from

@@ -38,12 +38,8 @@ static int parse(const char *text, bool with_preset, sv_train_cfg *c) {
   const setting known[] = {{"from", &d->from, 0, 1},
                            {"window", &d->window_start, 0, 10},
                            {"clip", &d->clip, 0, 0.9},
-                           {"resume", &d->resume, 0, 1},
                            {"fit", &d->fit, 0, 10},
                            {"held", &d->held, 0, 1},
-                           {"fit_rate", &d->fit_rate, 0, 100},
-                           {"picture_rate", &d->picture_rate, 0, 100},
-
                            {"grow_start", &d->grow_start, 0, 1},
                            {"grow_until", &d->grow_until, 0, 1},
                            {"coarse_for", &d->coarse_for, 0, 1},
