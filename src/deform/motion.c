@@ -213,7 +213,8 @@ static void move_task(void *arg, int i_task, int i_thread) {
   (void)i_thread;
   int b1 = sv_mini(b0 + BLOCKS_PER_TASK, j->n_blocks);
   j->k->motion(&j->a, b0, b1);
-  if (j->mo->bodies.n > 1) sv_motion_go_with_bodies(j->mo, j->mo->bodies.now, 16 * b0, sv_mini(16 * b1, j->mo->n_moving));
+  if (j->mo->bodies.n > 1)
+    sv_motion_go_with_bodies(j->mo, j->mo->bodies.now, 16 * b0, sv_mini(16 * b1, j->mo->n_moving));
 }
 
 void sv_motion_at(sv_motion *mo, const sv_kernels *k, const sv_pool *pool, sv_gaussians *g, float t) {

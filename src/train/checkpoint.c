@@ -122,9 +122,8 @@ static sv_status get_motion(const sv_sections *r, sv_trainer *t, sv_err *err) {
 
 size_t sv_checkpoint_bytes(const sv_trainer *t) {
   return SV_SECTIONS_OVERHEAD_BYTES + 13 * 40 + 3 * motion_of(t).bytes +
-         (has_both(t) ? 3 * field_of(t).bytes : 0) + bodies_bytes(t) + (size_t)t->g.cap +
-         sizeof(head_t) + 3 * rows_bytes(t) + (size_t)t->g.cap * sizeof(float) +
-         (size_t)n_items(t) * sizeof(int);
+         (has_both(t) ? 3 * field_of(t).bytes : 0) + bodies_bytes(t) + (size_t)t->g.cap + sizeof(head_t) +
+         3 * rows_bytes(t) + (size_t)t->g.cap * sizeof(float) + (size_t)n_items(t) * sizeof(int);
 }
 
 sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
@@ -188,7 +187,8 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
                    sv_optimizer_name(t->cfg.optimizer));
   if (!(h.jitter[0] >= 0 && h.jitter[0] < 1 && h.jitter[1] >= 0 && h.jitter[1] < 1))
     return sv_fail(err, SV_E_FORMAT, "%s: the shift of the regions is not in 0..1", name);
-  const bool is_kind = h.deform_kind == (int)t->cfg.dynamic.kind || (has_both(t) && h.deform_kind == SV_DEFORM_CLIP);
+  const bool is_kind =
+      h.deform_kind == (int)t->cfg.dynamic.kind || (has_both(t) && h.deform_kind == SV_DEFORM_CLIP);
   if (!is_kind || h.n_moving < 0 || h.n_moving > h.n)
     return sv_fail(err, SV_E_RANGE, "%s: made for another kind of scene (still or moving) than this run",
                    name);

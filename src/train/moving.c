@@ -77,7 +77,8 @@ void sv_train_motion_rates(const sv_trainer *t, float progress, float mean_lr, d
   int n_on = sv_train_n_functions(t, progress);
   int rot = SV_MROW_FUNCTIONS + 3 * mc->n_pos, colour = rot + 4 * mc->n_rot;
   // What a field is to begin with neither comes and goes nor changes its colour.
-  const float window = d->kind == SV_DEFORM_CLIP ? d->window : 0, dye = d->kind == SV_DEFORM_CLIP ? d->colour : 0;
+  const float window = d->kind == SV_DEFORM_CLIP ? d->window : 0,
+              dye = d->kind == SV_DEFORM_CLIP ? d->colour : 0;
   int off = SV_MROW_FUNCTIONS + 3 * n_on;
   for (int i = 0; i < t->deform.motion.n_rows; i++)
     lr[i] = f * (i < SV_MROW_FUNCTIONS ? window * late

@@ -299,8 +299,7 @@ static uint32_t run(sv_trainer *t, float progress, sv_task_fn task) {
   sv_train_clear_body_sums(t);
   sv_pool_run(t->pool, task, &j, n_tasks(&j));
   if (t->deform.kind == SV_DEFORM_CLIP) sv_train_move_bodies(t, mean_lr * t->radius);
-  if (t->deform.kind == SV_DEFORM_FIELD && t->render.n_moved_blocks > 0)
-    sv_train_step_field(t, progress);
+  if (t->deform.kind == SV_DEFORM_FIELD && t->render.n_moved_blocks > 0) sv_train_step_field(t, progress);
   uint32_t n = 0;
   for (int i = 0; i < n_tasks(&j); i++) n += t->touched_of[i];
   return n;

@@ -51,7 +51,7 @@ typedef struct {
   sv_deform_kind kind;
   float from; // progress at which things begin to move; before, one still model is trained
   sv_motion_functions_kind functions;
-  sv_field_cfg field;                 // of FIELD
+  sv_field_cfg field; // of FIELD
   // FIELD: so much of the run is trained as a clip, to whose motion the field then is fitted (handover.h); 0: it begins
   // at rest, with a still model, as the paper's does.
   float clip;
