@@ -21,6 +21,7 @@ bool sv_field_preset(const char *name, sv_field_cfg *cfg) {
     float tv, smooth;
   } all[] = {{"tiny", 16, 1, 32, 32, 32, true, false, 1e-4f, 0.01f},
              {"small", 16, 1, 48, 48, 64, true, false, 1e-4f, 0.01f},
+             {"medium", 16, 2, 48, 48, 64, true, false, 1e-4f, 0.01f},
              {"dnerf", 32, 2, 64, 100, 64, false, false, 1e-4f, 0.01f},
              {"dynerf", 16, 2, 64, 150, 128, false, true, 2e-4f, 0.001f},
              {"hypernerf", 16, 3, 64, 150, 128, false, false, 2e-4f, 0.001f},
@@ -261,6 +262,13 @@ void sv_field_at(sv_field *f, const sv_kernels *k, const sv_pool *pool, sv_gauss
   sv_pool_run(pool, at_task, &j, (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
   g->moved = f->moved;
   g->n_moved = f->n_moving;
+}
+
+void sv_field_at_block(sv_field *f, const sv_kernels *k, const sv_gaussians *g, int block, int i_thread,
+                       float t) {
+  job j = {.f = f, .k = k, .g = g, .planes = planes_of(f), .t = t};
+  work w = work_of(f, i_thread);
+  at_block(&j, block, &w);
 }
 
 // --- backward ------------------------------------------------------------------------------------

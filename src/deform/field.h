@@ -41,8 +41,8 @@ typedef struct {
   int n_threads;
 } sv_field_cfg;
 
-// By name: tiny, small, dnerf, dynerf, hypernerf, dycheck, multiview (sizes and weights of the reference's
-// configurations; tiny and small are for boards; n_times is sv_train_set_times' business). False for others; *cfg then is
+// By name: tiny, small, medium, dnerf, dynerf, hypernerf, dycheck, multiview (sizes and weights of the reference's
+// configurations; the first three are for boards; n_times is sv_train_set_times' business). False for others; *cfg then is
 // untouched.
 bool sv_field_preset(const char *name, sv_field_cfg *cfg);
 
@@ -78,6 +78,9 @@ sv_status sv_field_init(sv_field *f, const sv_field_cfg *cfg, const sv_gaussians
 void sv_field_reset(sv_field *f, const sv_gaussians *g, uint64_t seed);
 // As sv_motion_at.
 void sv_field_at(sv_field *f, const sv_kernels *k, const sv_pool *pool, sv_gaussians *g, float t);
+// One block of it, at a time of its own: f->moved and f->coord. For sv_field_bwd_block, whose places are those.
+void sv_field_at_block(sv_field *f, const sv_kernels *k, const sv_gaussians *g, int block, int i_thread,
+                       float t);
 
 // Backward of one block, in the task of its number: grad [rows][16] of the moved ones gets what goes to their
 // places through the field; the field's own gradients are kept until sv_field_step. To be called by tasks of

@@ -148,15 +148,15 @@ static float *moved_row(const sv_motion *mo, int i, int row) {
   return mo->moved + ((long)(i >> 4) * mo->n_gaussian_rows + row) * 16 + (i & 15);
 }
 
-static void go_with_bodies(const sv_motion *mo, int i0, int i1) {
+void sv_motion_go_with_bodies(const sv_motion *mo, const sv_rigid *now, int i0, int i1) {
   const sv_bodies *b = &mo->bodies;
   for (int i = i0; i < i1; i++) {
     const int body = b->of[i];
     if (!body) continue;
     float *x = moved_row(mo, i, SV_ROW_MEAN), *p = moved_row(mo, i, SV_ROW_QUAT);
     float at[3] = {x[0], x[16], x[32]}, q[4] = {p[0], p[16], p[32], p[48]}, out[4];
-    sv_rigid_apply(&b->now[body], b->centre[body], at, at);
-    sv_quat_mul(b->now[body].q, q, out);
+    sv_rigid_apply(&now[body], b->centre[body], at, at);
+    sv_quat_mul(now[body].q, q, out);
     for (int k = 0; k < 3; k++) x[16 * k] = at[k];
     for (int k = 0; k < 4; k++) p[16 * k] = out[k];
   }
@@ -213,7 +213,8 @@ static void move_task(void *arg, int i_task, int i_thread) {
   (void)i_thread;
   int b1 = sv_mini(b0 + BLOCKS_PER_TASK, j->n_blocks);
   j->k->motion(&j->a, b0, b1);
-  if (j->mo->bodies.n > 1) go_with_bodies(j->mo, 16 * b0, sv_mini(16 * b1, j->mo->n_moving));
+  if (j->mo->bodies.n > 1)
+    sv_motion_go_with_bodies(j->mo, j->mo->bodies.now, 16 * b0, sv_mini(16 * b1, j->mo->n_moving));
 }
 
 void sv_motion_at(sv_motion *mo, const sv_kernels *k, const sv_pool *pool, sv_gaussians *g, float t) {

@@ -68,6 +68,9 @@ sv_motion_args sv_motion_args_of(const sv_motion *mo, const sv_gaussians *g, flo
 // Makes the moving Gaussians of time t and has g drawn with them (g->moved, g->n_moved), until the next call.
 void sv_motion_at(sv_motion *mo, const sv_kernels *k, const sv_pool *pool, sv_gaussians *g, float t);
 
+// Slots [i0, i1) of mo->moved, as they are by their own functions, go with their bodies, whose poses are now.
+void sv_motion_go_with_bodies(const sv_motion *mo, const sv_rigid *now, int i0, int i1);
+
 // From the gradient of the moved Gaussians of one block to that in their bodies' frames, in place; with sum, also to
 // what the last poses of the bodies get: sum[body] += dL/d(turn about the moved centre, rad; displacement).
 void sv_motion_bodies_bwd(const sv_motion *mo, int block, uint32_t touched, float *grad, float (*sum)[6]);

@@ -25,13 +25,22 @@ typedef struct {
   size_t bytes;
 } motion_state;
 
+static motion_state field_of(const sv_trainer *t) {
+  const sv_field *f = &t->deform.field;
+  return (motion_state){f->param, f->m, f->v, f->n_param * sizeof(float)};
+}
+
+// Sections MOTN, MOTM, MOTV: the clip's, or a field's that has none.
 static motion_state motion_of(const sv_trainer *t) {
   const sv_motion *mo = &t->deform.motion;
-  const sv_field *f = &t->deform.field;
-  if (t->deform.kind == SV_DEFORM_FIELD)
-    return (motion_state){f->param, f->m, f->v, f->n_param * sizeof(float)};
-  if (t->deform.kind == SV_DEFORM_NONE) return (motion_state){0};
+  if (!sv_train_is_dynamic(t)) return (motion_state){0};
+  if (!sv_train_has_clip(&t->cfg)) return field_of(t);
   return (motion_state){mo->param, mo->m, mo->v, (size_t)mo->cap * (size_t)mo->n_rows * sizeof(float)};
+}
+
+// Sections FLDN, FLDM, FLDV: of a field that begins with a clip.
+static bool has_both(const sv_trainer *t) {
+  return t->cfg.dynamic.kind == SV_DEFORM_FIELD && sv_train_has_clip(&t->cfg);
 }
 
 // Rigid bodies: their number and sizes; then BTIM, BKNO, BADM, BSLO.
@@ -44,7 +53,7 @@ static size_t knots_of(const sv_bodies *b) { return (size_t)SV_CAP_BODIES * (siz
 
 static size_t bodies_bytes(const sv_trainer *t) {
   const sv_bodies *b = &t->deform.motion.bodies;
-  if (t->deform.kind != SV_DEFORM_CLIP || !b->of) return 0;
+  if (!b->of) return 0;
   return 5 * 40 + sizeof(bodies_head) + (size_t)b->cap_knots * sizeof(float) +
          knots_of(b) * (sizeof *b->knot + sizeof *b->adam) + (size_t)t->g.cap;
 }
@@ -90,6 +99,10 @@ static sv_status put_motion(sv_sections_writer *w, const sv_trainer *t, sv_err *
   sv_status s = sv_sections_put(w, "MOTN", o.param, o.bytes, err);
   if (s >= 0) s = sv_sections_put(w, "MOTM", o.m, o.bytes, err);
   if (s >= 0) s = sv_sections_put(w, "MOTV", o.v, o.bytes, err);
+  if (has_both(t)) o = field_of(t);
+  if (s >= 0 && has_both(t)) s = sv_sections_put(w, "FLDN", o.param, o.bytes, err);
+  if (s >= 0 && has_both(t)) s = sv_sections_put(w, "FLDM", o.m, o.bytes, err);
+  if (s >= 0 && has_both(t)) s = sv_sections_put(w, "FLDV", o.v, o.bytes, err);
   if (s >= 0) s = sv_sections_put(w, "MOVE", t->is_moving, (size_t)t->g.cap, err);
   return s >= 0 && bodies_bytes(t) ? put_bodies(w, t, err) : s;
 }
@@ -99,14 +112,18 @@ static sv_status get_motion(const sv_sections *r, sv_trainer *t, sv_err *err) {
   sv_status s = sv_sections_get(r, "MOTN", o.param, o.bytes, err);
   if (s >= 0) s = sv_sections_get(r, "MOTM", o.m, o.bytes, err);
   if (s >= 0) s = sv_sections_get(r, "MOTV", o.v, o.bytes, err);
+  if (has_both(t)) o = field_of(t);
+  if (s >= 0 && has_both(t)) s = sv_sections_get(r, "FLDN", o.param, o.bytes, err);
+  if (s >= 0 && has_both(t)) s = sv_sections_get(r, "FLDM", o.m, o.bytes, err);
+  if (s >= 0 && has_both(t)) s = sv_sections_get(r, "FLDV", o.v, o.bytes, err);
   if (s >= 0) s = sv_sections_get(r, "MOVE", t->is_moving, (size_t)t->g.cap, err);
   return s >= 0 && bodies_bytes(t) ? get_bodies(r, t, err) : s;
 }
 
 size_t sv_checkpoint_bytes(const sv_trainer *t) {
-  return SV_SECTIONS_OVERHEAD_BYTES + 10 * 40 + 3 * motion_of(t).bytes + bodies_bytes(t) + (size_t)t->g.cap +
-         sizeof(head_t) + 3 * rows_bytes(t) + (size_t)t->g.cap * sizeof(float) +
-         (size_t)n_items(t) * sizeof(int);
+  return SV_SECTIONS_OVERHEAD_BYTES + 13 * 40 + 3 * motion_of(t).bytes +
+         (has_both(t) ? 3 * field_of(t).bytes : 0) + bodies_bytes(t) + (size_t)t->g.cap + sizeof(head_t) +
+         3 * rows_bytes(t) + (size_t)t->g.cap * sizeof(float) + (size_t)n_items(t) * sizeof(int);
 }
 
 sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
@@ -170,8 +187,9 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
                    sv_optimizer_name(t->cfg.optimizer));
   if (!(h.jitter[0] >= 0 && h.jitter[0] < 1 && h.jitter[1] >= 0 && h.jitter[1] < 1))
     return sv_fail(err, SV_E_FORMAT, "%s: the shift of the regions is not in 0..1", name);
-  const bool is_dynamic = sv_train_is_dynamic(t);
-  if (h.deform_kind != (is_dynamic ? (int)t->deform.kind : 0) || h.n_moving < 0 || h.n_moving > h.n)
+  const bool is_kind =
+      h.deform_kind == (int)t->cfg.dynamic.kind || (has_both(t) && h.deform_kind == SV_DEFORM_CLIP);
+  if (!is_kind || h.n_moving < 0 || h.n_moving > h.n)
     return sv_fail(err, SV_E_RANGE, "%s: made for another kind of scene (still or moving) than this run",
                    name);
   if (!(h.radius > 0)) return sv_fail(err, SV_E_FORMAT, "%s: the scene radius is not positive", name);
@@ -184,6 +202,7 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
   if (s >= 0 && sv_train_is_dynamic(t)) s = get_motion(&r, t, err);
   if (s < 0) return s;
   if (sv_train_is_dynamic(t)) {
+    t->deform.kind = (sv_deform_kind)h.deform_kind;
     sv_deform_set_moving(&t->deform, h.n_moving);
     t->find_at = h.find_at, t->followed = h.followed, t->field_step = h.field_step;
     if (t->deform.kind == SV_DEFORM_FIELD) {

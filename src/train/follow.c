@@ -357,7 +357,7 @@ static sv_status follow_to(sv_trainer *t, float from, float to, float progress) 
 }
 
 sv_status sv_train_follow(sv_trainer *t, float before, float progress) {
-  if (!t->follow) return SV_OK;
+  if (!t->follow || t->deform.kind != SV_DEFORM_CLIP) return SV_OK;
   for (int i = 0; i < t->n_views; i++) {
     float time = t->views[i].view.time;
     if (sv_train_has_time(t, time, before) || !sv_train_has_time(t, time, progress) ||

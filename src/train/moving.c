@@ -102,13 +102,16 @@ void sv_train_motion_rates(const sv_trainer *t, float progress, float mean_lr, d
   float late = sqrtf(mean_lr / (t->cfg.lr.mean_start * t->radius)), f = (float)(1.0 / bias1);
   int n_on = sv_train_n_functions(t, progress);
   int rot = SV_MROW_FUNCTIONS + 3 * mc->n_pos, colour = rot + 4 * mc->n_rot;
+  // What a field is to begin with neither comes and goes nor changes its colour.
+  const float window = d->kind == SV_DEFORM_CLIP ? d->window : 0,
+              dye = d->kind == SV_DEFORM_CLIP ? d->colour : 0;
   int off = SV_MROW_FUNCTIONS + 3 * n_on;
   for (int i = 0; i < t->deform.motion.n_rows; i++)
-    lr[i] = f * (i < SV_MROW_FUNCTIONS ? d->window * late
+    lr[i] = f * (i < SV_MROW_FUNCTIONS ? window * late
                  : i < off             ? d->pos * mean_lr
                  : i < rot             ? 0.0f
                  : i < colour          ? d->rot * late
-                                       : d->colour * late);
+                                       : dye * late);
 }
 
 // A step of length `by` down the length of each touched lane's coefficients c[n][3][16], function j's times j + 1:
@@ -176,7 +179,7 @@ static void swap_slots(sv_trainer *t, int i, int j) {
   }
   swap_f(t->err + i, t->err + j);
   if (t->floor) swap_f(t->floor + i, t->floor + j);
-  if (t->deform.kind == SV_DEFORM_CLIP) sv_motion_swap(&t->deform.motion, i, j);
+  if (sv_train_has_clip(&t->cfg)) sv_motion_swap(&t->deform.motion, i, j);
   uint8_t s = t->is_moving[i];
   t->is_moving[i] = t->is_moving[j], t->is_moving[j] = s;
 }
@@ -288,17 +291,18 @@ sv_status sv_train_find_moving(sv_trainer *t, float progress) {
 void sv_train_start_moving(sv_trainer *t) {
   set_usual_view(t);
   memset(t->is_moving, 0, (size_t)t->g.cap);
+  if (sv_train_has_clip(&t->cfg)) t->deform.kind = SV_DEFORM_CLIP;
   if (t->deform.kind == SV_DEFORM_CLIP) sv_motion_reset(&t->deform.motion, 0);
-  else sv_field_reset(&t->deform.field, &t->g, t->cfg.seed);
+  if (t->cfg.dynamic.kind == SV_DEFORM_FIELD) sv_field_reset(&t->deform.field, &t->g, t->cfg.seed);
   sv_deform_set_moving(&t->deform, 0);
 }
 
 void sv_train_copy_motion(sv_trainer *t, int to, int from) {
   const double w = (double)t->cfg.dynamic.window_start;
   t->is_moving[to] = t->is_moving[from];
-  if (t->deform.kind != SV_DEFORM_CLIP) return;
+  if (!sv_train_has_clip(&t->cfg)) return;
   sv_motion_copy(&t->deform.motion, to, from);
-  if (!t->is_moving[to]) return;
+  if (!t->is_moving[to] || t->cfg.dynamic.kind != SV_DEFORM_CLIP) return;
   float *c = sv_motion_row(&t->deform.motion, to, SV_MROW_CENTRE), *sharpness = c + 16;
   double half = sv_exp(-0.5 * (double)*sharpness); // where the window takes 1 from the logit
   if (w > 0 && half > w) {

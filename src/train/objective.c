@@ -14,6 +14,9 @@
 // And a short run cannot afford to slow down as much: the last rates of a field are for so many steps.
 #define FIELD_STEPS 3000.0f
 
+#define CLIP_TIMES                                                                                           \
+  2 // points along time for each that there is, of a field that a clip tells what is between them
+
 #define GRID_VIEWS 6 // more sub-views than a phone has: a lens grid, whose images are small
 
 void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
@@ -59,6 +62,10 @@ void sv_train_set_times(sv_train_cfg *cfg, int n_times) {
   d->n_colour = sv_maxi(1, d->n_pos / 4);
   d->window_start = sv_maxf(0.4f, 3.0f / (float)sv_maxi(n_times, 1));
   d->field.n_times = sv_clampi(n_times, 4, CAP_FIELD_TIMES);
+  if (d->kind == SV_DEFORM_FIELD && d->clip > 0) {
+    d->field.n_times = sv_clampi(CLIP_TIMES * n_times, 4, CAP_FIELD_TIMES);
+    return;
+  }
   if (d->kind != SV_DEFORM_FIELD || cfg->steps_hint < 1) return;
   d->grow_until =
       sv_clampf(1.0f - FIELD_SETTLE_STEPS / (float)cfg->steps_hint, FIELD_GROW_LEAST, FIELD_GROW_MOST);

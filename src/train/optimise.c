@@ -6,7 +6,7 @@
 
 #include "src/base/mathx.h"
 #include "src/splat/constants.h"
-#include "src/train/train.h"
+#include "src/train/handover.h"
 
 #define BLOCKS_PER_TASK SV_FIELD_TASK // a field sums by these tasks
 #define ERR_KEEP        0.9f          // running mean of the blended error over the views that see a Gaussian
@@ -322,11 +322,7 @@ static uint32_t run(sv_trainer *t, float progress, sv_task_fn task) {
   sv_train_clear_body_sums(t);
   sv_pool_run(t->pool, task, &j, n_tasks(&j));
   if (t->deform.kind == SV_DEFORM_CLIP) sv_train_move_bodies(t, mean_lr * t->radius);
-  if (t->deform.kind == SV_DEFORM_FIELD && t->render.n_moved_blocks > 0) {
-    const sv_dynamic_cfg *d = &t->cfg.dynamic;
-    sv_field_step(&t->deform.field, t->k, t->pool, ++t->field_step, (progress - d->from) / (1.0f - d->from),
-                  t->radius);
-  }
+  if (t->deform.kind == SV_DEFORM_FIELD && t->render.n_moved_blocks > 0) sv_train_step_field(t, progress);
   uint32_t n = 0;
   for (int i = 0; i < n_tasks(&j); i++) n += t->touched_of[i];
   return n;

@@ -6,7 +6,7 @@
 #include "src/prior/methods.h"
 #include "src/prior/views.h"
 #include "src/splat/constants.h"
-#include "src/train/train.h"
+#include "src/train/handover.h"
 
 #define UNPACK_ROWS 16 // rows a task
 
@@ -393,6 +393,8 @@ static float search_costs(const sv_trainer *t, float progress) {
 
 sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
   if (t->n_views + t->n_regions < 1) return SV_E_ARG;
+  if (t->deform.kind != t->cfg.dynamic.kind && progress >= t->cfg.dynamic.clip) sv_train_hand_over(t);
+  progress = sv_train_stage_progress(t, progress);
   int i = choose_view(t, progress);
   const bool is_region = i >= t->n_views, has_pseudo = sv_prior_is_due(t, progress);
   const bool is_sum = is_region || has_pseudo || has_unseen(t);

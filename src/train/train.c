@@ -51,6 +51,9 @@ sv_train_cfg sv_train_defaults(void) {
       .relocate_until = 0.8f,
       .noise = 1.0f,
       .dynamic = {.from = 0.1f,
+                  .clip = 0.5f,
+                  .fit = 0.33f,
+                  .held = 1e-4f,
                   .find_every = 0.04f,
                   .find_until = 0.6f,
                   .grow_start = 0.02f,
@@ -78,7 +81,7 @@ sv_train_cfg sv_train_defaults(void) {
                   .still_fade = 0.1f,
                   .still_colour = 0.01f},
       .steps_hint = 3000};
-  (void)sv_field_preset("small", &c.dynamic.field);
+  (void)sv_field_preset("medium", &c.dynamic.field);
   return c;
 }
 
@@ -114,9 +117,13 @@ static sv_status carve_sum(sv_trainer *t, const sv_train_cfg *c, size_t cap, siz
   return sv_forward_init(&t->forward, &fc, t->k, t->pool, a);
 }
 
+bool sv_train_has_clip(const sv_train_cfg *c) {
+  return c->dynamic.kind == SV_DEFORM_CLIP || (c->dynamic.kind == SV_DEFORM_FIELD && c->dynamic.clip > 0);
+}
+
 bool sv_train_has_bodies(const sv_train_cfg *c) {
   const sv_dynamic_cfg *d = &c->dynamic;
-  return d->kind == SV_DEFORM_CLIP && d->is_followed && d->grow_until > 0 && d->n_bodies > 0 &&
+  return sv_train_has_clip(c) && d->is_followed && d->grow_until > 0 && d->n_bodies > 0 &&
          d->functions == SV_MOTION_CHEBYSHEV;
 }
 
@@ -131,7 +138,7 @@ static sv_status carve_dynamic(sv_trainer *t, const sv_train_cfg *c, sv_arena *a
   t->is_moving = SV_TAKE(a, uint8_t, t->g.cap);
   float **each[] = {&t->n_seen, &t->res_mean, &t->res_dev, &t->unrest, &t->weight, &t->residual};
   for (size_t i = 0; i < sizeof each / sizeof *each; i++) *each[i] = SV_TAKE(a, float, t->g.cap);
-  bool is_followed = c->dynamic.kind == SV_DEFORM_CLIP && c->dynamic.is_followed && c->dynamic.grow_until > 0;
+  bool is_followed = sv_train_has_clip(c) && c->dynamic.is_followed && c->dynamic.grow_until > 0;
   t->follow = is_followed ? SV_TAKE(a, sv_follow_sum, t->g.cap) : NULL;
   t->near = is_followed ? sv_local_motion_carve(t->g.cap, a) : NULL;
   if (sv_train_has_bodies(c))
@@ -140,7 +147,9 @@ static sv_status carve_dynamic(sv_trainer *t, const sv_train_cfg *c, sv_arena *a
   if (c->dynamic.kind == SV_DEFORM_FIELD) {
     sv_field_cfg fc = c->dynamic.field;
     fc.has_grad = true, fc.n_threads = c->n_threads;
-    return sv_field_init(&t->deform.field, &fc, &t->g, a);
+    sv_status s = sv_field_init(&t->deform.field, &fc, &t->g, a);
+    if (s < 0 || !sv_train_has_clip(c)) return s;
+    t->deform.kind = SV_DEFORM_CLIP;
   }
   return sv_motion_init(&t->deform.motion, &mc, &t->g, a);
 }

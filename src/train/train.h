@@ -51,7 +51,12 @@ typedef struct {
   sv_deform_kind kind;
   float from; // progress at which things begin to move; before, one still model is trained
   sv_motion_functions_kind functions;
-  sv_field_cfg field;                 // of FIELD
+  sv_field_cfg field; // of FIELD
+  // FIELD: so much of the run is trained as a clip, to whose motion the field then is fitted (handover.h); 0: it begins
+  // at rest, with a still model, as the paper's does.
+  float clip;
+  float fit;  // steps of the fit, of those that the run has
+  float held; // price of a pixel that a Gaussian of the field is off the clip, while pictures go on
   float find_every, find_until;       // progress between two searches for what moves, and at the last
   int n_pos, n_rot, n_colour;         // functions of clip mode
   float pos, rot, colour, window;     // learning rates; of positions times that of the means
@@ -244,6 +249,8 @@ int sv_train_scale_at(const sv_trainer *t, const sv_view *view, float progress);
 // Least log-scales from the views that see each Gaussian: the log of floor_px z / f at the highest f / z. What is
 // smaller was never measured (Mip-Splatting, Yu et al. 2024, eq. 7), and would look thin from nearer cameras.
 void sv_train_set_floors(sv_trainer *t);
+// Whether the run begins as a clip: motion of each Gaussian for itself.
+bool sv_train_has_clip(const sv_train_cfg *c);
 // At the start nothing moves.
 void sv_train_start_moving(sv_trainer *t);
 // When times come in between the progresses `before` and `progress`, what moves is looked for in their pictures from

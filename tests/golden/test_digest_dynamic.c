@@ -10,18 +10,20 @@
 #include <cmocka.h>
 
 #include "platform/linux/linux.h"
+#include "src/train/objective.h"
 #include "tests/common/moving_scene.h"
 
 #define N_STEPS      20
 #define CLIP_DIGEST  0x85495261d18d470eull
 #define BODY_DIGEST  0xa8f31625a890fd69ull
 #define FIELD_DIGEST 0x18849a9fd498e8cbull
+#define START_DIGEST 0xce3e9aa68f69a4c0ull // of a field that begins with a clip's motion
 
 static _Alignas(64) unsigned char block[64u << 20];
 static moving_scene scene;
 static sv_trainer trainer;
 
-static uint64_t run(sv_deform_kind kind, bool has_body, uint32_t isa_mask, int n_threads) {
+static uint64_t run(sv_deform_kind kind, float clip, bool has_body, uint32_t isa_mask, int n_threads) {
   sv_linux_pool threads;
   sv_kernels k;
   sv_err err;
@@ -30,6 +32,7 @@ static uint64_t run(sv_deform_kind kind, bool has_body, uint32_t isa_mask, int n
   sv_pool pool = sv_linux_pool_port(&threads);
   sv_train_cfg c = moving_scene_cfg(kind, 700, N_STEPS);
   c.relocate_every = 5;
+  c.dynamic.clip = clip, sv_train_set_times(&c, MS_TIMES - 1);
   c.lr.logit = 0.3f;
   c.dynamic.find_every = 0.4f; // two searches: each renders every view, which takes its time on the reference
   assert_true(moving_scene_start(&scene, &trainer, &c, &k, &pool, -1, block, sizeof block));
@@ -50,29 +53,33 @@ static void expect(uint64_t digest, uint64_t expected, const char *what, int n) 
 }
 
 // An emulator is asked once: it is a hundred times slower, and one thread and the reference are the native run's.
-static void check(sv_deform_kind kind, bool has_body, uint64_t expected) {
+static void check(sv_deform_kind kind, float clip, bool has_body, uint64_t expected) {
   const char *emulator = getenv("SV_EMULATE");
   if (emulator && *emulator) {
-    expect(run(kind, has_body, ~0u, 2), expected, "emulated, threads", 2);
+    expect(run(kind, clip, has_body, ~0u, 2), expected, "emulated, threads", 2);
     return;
   }
-  for (int n = 1; n <= 4; n *= 2) expect(run(kind, has_body, ~0u, n), expected, "threads", n);
+  for (int n = 1; n <= 4; n *= 2) expect(run(kind, clip, has_body, ~0u, n), expected, "threads", n);
   for (int isa = 0; isa < SV_N_ISAS; isa++)
     if ((sv_cpu_isas() & SV_ISA_BIT(isa)) && isa != SV_ISA_SSE41)
-      expect(run(kind, has_body, sv_isa_only((sv_isa)isa), 2), expected, "instruction set", isa);
+      expect(run(kind, clip, has_body, sv_isa_only((sv_isa)isa), 2), expected, "instruction set", isa);
 }
 
 static void test_clip(void **state) {
   (void)state;
-  check(SV_DEFORM_CLIP, false, CLIP_DIGEST);
+  check(SV_DEFORM_CLIP, 0, false, CLIP_DIGEST);
 }
 static void test_bodies(void **state) {
   (void)state;
-  check(SV_DEFORM_CLIP, true, BODY_DIGEST);
+  check(SV_DEFORM_CLIP, 0, true, BODY_DIGEST);
 }
 static void test_field(void **state) {
   (void)state;
-  check(SV_DEFORM_FIELD, false, FIELD_DIGEST);
+  check(SV_DEFORM_FIELD, 0, false, FIELD_DIGEST);
+}
+static void test_field_start(void **state) {
+  (void)state;
+  check(SV_DEFORM_FIELD, 0.7f, true, START_DIGEST);
 }
 
 static int setup(void **state) {
@@ -83,6 +90,6 @@ static int setup(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_clip), cmocka_unit_test(test_bodies),
-                                     cmocka_unit_test(test_field)};
+                                     cmocka_unit_test(test_field), cmocka_unit_test(test_field_start)};
   return cmocka_run_group_tests(tests, setup, NULL);
 }

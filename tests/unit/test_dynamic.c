@@ -40,8 +40,9 @@ static void train(sv_trainer *t, int from, int to) {
   for (int i = from; i < to; i++) assert_true(sv_train_step(t, (float)i / N_STEPS, NULL) >= 0);
 }
 
-static void learn(sv_deform_kind kind, double least_psnr, double least_gain) {
+static void learn(sv_deform_kind kind, float clip, double least_psnr, double least_gain) {
   sv_train_cfg c = moving_scene_cfg(kind, N_GAUSS, N_STEPS);
+  c.dynamic.clip = clip, sv_train_set_times(&c, MS_TIMES - 1);
   assert_true(moving_scene_start(&scene, &trainer, &c, &kernels, &pool, HELD_OUT, block, sizeof block));
   train(&trainer, 0, N_STEPS);
   int n_moving = sv_deform_n_moving(&trainer.deform);
@@ -67,12 +68,13 @@ static void skip_where_emulated(void) {
 static void test_clip_learns(void **state) {
   (void)state;
   skip_where_emulated();
-  learn(SV_DEFORM_CLIP, 26, 2);
+  learn(SV_DEFORM_CLIP, 0, 26, 2);
 }
 static void test_field_learns(void **state) {
   (void)state;
   skip_where_emulated();
-  learn(SV_DEFORM_FIELD, 26.5, 1);
+  learn(SV_DEFORM_FIELD, 0, 26.5, 1);
+  learn(SV_DEFORM_FIELD, 0.5f, 26.5, 1);
 }
 
 // Points along time come from the data: those that no picture reaches would be held by smoothness alone. In a longer run
@@ -89,7 +91,7 @@ static void test_field_times(void **state) {
   float grow = 0, end = 1;
   for (int steps = 100; steps < 30000; steps *= 3) {
     c = sv_train_defaults();
-    c.dynamic.kind = SV_DEFORM_FIELD, c.steps_hint = steps;
+    c.dynamic.kind = SV_DEFORM_FIELD, c.dynamic.clip = 0, c.steps_hint = steps;
     sv_train_set_times(&c, 20);
     const sv_field_cfg *f = &c.dynamic.field;
     assert_true(c.dynamic.grow_until >= grow && c.dynamic.grow_until <= c.dynamic.find_until);
@@ -238,13 +240,14 @@ static sv_status append(void *self, const void *data, size_t bytes, sv_err *err)
   return SV_OK;
 }
 
-static void resume(sv_deform_kind kind) {
+static void resume(sv_deform_kind kind, float clip) {
   sv_train_cfg c = moving_scene_cfg(kind, N_GAUSS, N_STEPS);
+  c.dynamic.clip = clip, sv_train_set_times(&c, MS_TIMES - 1);
   mem_sink m = {0};
   sv_err err;
   assert_true(moving_scene_start(&scene, &trainer, &c, &kernels, &pool, -1, block, sizeof block));
   train(&trainer, 0, 90);
-  if (kind == SV_DEFORM_CLIP) moving_scene_plant_body(&trainer);
+  if (trainer.deform.kind == SV_DEFORM_CLIP) moving_scene_plant_body(&trainer);
   assert_int_equal(sv_checkpoint_write(&trainer, (sv_sink){&m, append}, &err), SV_OK);
   assert_true(m.n <= sv_checkpoint_bytes(&trainer));
   assert_true(moving_scene_start(&scene, &second, &c, &kernels, &pool, -1, other, sizeof other));
@@ -260,8 +263,11 @@ static void resume(sv_deform_kind kind) {
 static void test_resume(void **state) {
   (void)state;
   skip_where_emulated();
-  resume(SV_DEFORM_CLIP);
-  resume(SV_DEFORM_FIELD);
+  resume(SV_DEFORM_CLIP, 0);
+  resume(SV_DEFORM_FIELD, 0);
+  resume(SV_DEFORM_FIELD, 0.5f);  // while it is a clip
+  resume(SV_DEFORM_FIELD, 0.18f); // which at the next steps hands over
+  resume(SV_DEFORM_FIELD, 0.1f);  // afterwards
 }
 
 static void round_trip(sv_deform_kind kind) {

@@ -25,7 +25,11 @@ static const sv_option table[] = {
     {"model", SV_OPT_WORD, LAB_TRAIN, 0, AT(method), "3dgs|4dgs",
      "what is trained: still Gaussians, or such that move with the pictures' time (3dgs)", 0, 0, 0},
     {"motion", SV_OPT_TEXT, LAB_TRAIN, 0, AT(motion), "clip|field[,k=v...]",
-     "4dgs: each Gaussian for itself, or one field for all (clip); their settings, see below", 0, 0, 0},
+     "4dgs: each Gaussian for itself, or one field for all, which begins with a clip's motion (clip); "
+     "settings are "
+     "numbers: field,clip=0 begins with a still model, as the paper's does, clip=0.5 is a clip for half of "
+     "the run",
+     0, 0, 0},
     {"camera", SV_OPT_TEXT, LAB_EVAL, 0, AT(camera), "NAME", "only the views of this camera", 0, 0, 0},
     {"model", SV_OPT_TEXT, LAB_EVAL | LAB_RENDER | LAB_EXPORT, LAB_EVAL | LAB_RENDER | LAB_EXPORT, AT(model),
      "FILE", "model PLY; settings are taken from train.json beside it", 0, 0, 0},

@@ -37,6 +37,9 @@ static int parse(const char *text, bool with_preset, sv_train_cfg *c) {
   int functions = (int)d->functions, tv_kind = SV_FIELD_TV_CODED, is_followed = d->is_followed;
   const setting known[] = {{"from", &d->from, 0, 1},
                            {"window", &d->window_start, 0, 10},
+                           {"clip", &d->clip, 0, 0.9},
+                           {"fit", &d->fit, 0, 10},
+                           {"held", &d->held, 0, 1},
                            {"grow_start", &d->grow_start, 0, 1},
                            {"grow_until", &d->grow_until, 0, 1},
                            {"coarse_for", &d->coarse_for, 0, 1},

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+// From a clip to a field. A field does not find large motion by the pictures' gradients, so it begins with motion that a
+// clip has found: planes and layers are fitted to it by regression, at times between the pictures', too, before they
+// go on with pictures; and while they do, they are held to it, as pictures say nothing about the times between them.
+// The stored Gaussians, from which a field's offsets count, are those of the clip's middle time.
+#ifndef SV_TRAIN_HANDOVER_H
+#define SV_TRAIN_HANDOVER_H
+
+#include "src/train/train.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+// Prices of a squared error of each row, those of the means in 1/unit^2; scale: of the loss.
+typedef struct {
+  float price[SV_ROW_LOGIT], scale;
+} sv_fit_prices;
+
+// Of one block of 16 Gaussians that is at `is` [rows][16] and should be at `want`, e = is - want, o the opacity of is:
+//   L = scale sum_i o_i (sqrt(1 + price |e_mean|^2) - 1 + sum_(other rows) price e^2 / 2),
+// so that those for which a field has no room do not outvote the others. Rows from SV_ROW_LOGIT on do not take part.
+double sv_fit_loss(const sv_fit_prices *p, const float *is, const float *want);
+// dL/d(is) [n_rows][16]; opacity is not asked to give way.
+void sv_fit_loss_bwd(const sv_fit_prices *p, const float *is, const float *want, int n_rows, float *grad);
+
+// Progress of the present stage's schedules, of a run that has two.
+float sv_train_stage_progress(const sv_trainer *t, float progress);
+// The stored Gaussians become the clip's of the middle time, the field is fitted, and is what moves them from now on.
+void sv_train_hand_over(sv_trainer *t);
+// The field's step after a picture, at a progress of its stage.
+void sv_train_step_field(sv_trainer *t, float progress);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: Apache-2.0
+// A field is fitted to a clip's motion that is known: the loss and its gradient, how much of the motion is left over, what
+// is drawn at the middle time, and the same bits for any number of threads.
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "platform/linux/linux.h"
+#include "src/train/handover.h"
+#include "tests/common/moving_scene.h"
+
+#define N_GAUSS 480
+#define N_STEPS 600
+
+static _Alignas(64) unsigned char block[96u << 20];
+static moving_scene scene;
+static sv_trainer trainer;
+static sv_kernels kernels;
+static sv_pool pool;
+
+static int setup(void **state) {
+  (void)state;
+  moving_scene_make(&scene, block, sizeof block);
+  sv_kernels_init(&kernels, ~0u);
+  pool = sv_pool_serial();
+  return 0;
+}
+
+static void test_loss(void **state) {
+  enum { N_ROWS = SV_ROW_SH + 3 };
+  sv_fit_prices p = {.scale = 0.7f};
+  float is[N_ROWS * 16], want[N_ROWS * 16], grad[N_ROWS * 16];
+  sv_rng rng = sv_rng_make(5, 1);
+  (void)state;
+  for (int r = 0; r < SV_ROW_LOGIT; r++) p.price[r] = r < SV_ROW_QUAT ? 20.0f : 1.0f + (float)r;
+  for (int i = 0; i < N_ROWS * 16; i++) is[i] = 2 * sv_rng_f(&rng) - 1, want[i] = 2 * sv_rng_f(&rng) - 1;
+  assert_true(sv_fit_loss(&p, is, is) == 0.0);
+  sv_fit_loss_bwd(&p, is, want, N_ROWS, grad);
+  for (int i = 0; i < 16 * SV_ROW_LOGIT; i++) {
+    const float h = 1e-2f, was = is[i];
+    is[i] = was + h;
+    double up = sv_fit_loss(&p, is, want), step = (double)is[i];
+    is[i] = was - h;
+    up -= sv_fit_loss(&p, is, want), step -= (double)is[i];
+    is[i] = was;
+    assert_true(fabs(up / step - (double)grad[i]) < 1e-3 * (1.0 + fabs(up / step)));
+  }
+  for (int i = 16 * SV_ROW_LOGIT; i < 16 * N_ROWS; i++) assert_true(grad[i] == 0.0f);
+}
+
+// A trainer whose Gaussians move by polynomials: all as their place tells, far to one side and with a bend; half of
+// them are of a body besides that turns.
+static void start(const sv_pool *with) {
+  sv_train_cfg c = moving_scene_cfg(SV_DEFORM_FIELD, N_GAUSS, N_STEPS);
+  c.dynamic.n_pos = 3, c.dynamic.fit = 1.0f;
+  assert_true(moving_scene_start(&scene, &trainer, &c, &kernels, with, -1, block, sizeof block));
+  sv_motion *mo = &trainer.deform.motion;
+  sv_deform_set_moving(&trainer.deform, N_GAUSS);
+  for (int i = 0; i < N_GAUSS; i++) {
+    const float *x = sv_gaussians_at(&trainer.g, i, SV_ROW_MEAN);
+    sv_motion_rest(mo, i);
+    trainer.is_moving[i] = 1;
+    *sv_motion_row(mo, i, SV_MROW_FUNCTIONS) = 0.4f + 0.2f * x[16];
+    *sv_motion_row(mo, i, SV_MROW_FUNCTIONS + 4) = 0.2f - 0.1f * x[0];
+  }
+  moving_scene_plant_body(&trainer);
+  for (int i = 0; i < N_GAUSS; i++) mo->bodies.of[i] = *sv_gaussians_at(&trainer.g, i, SV_ROW_MEAN) < -0.1f;
+}
+
+// Places of all at a time.
+static void places(float time, float x[N_GAUSS][3]) {
+  sv_train_set_time(&trainer, time);
+  for (int i = 0; i < N_GAUSS; i++)
+    for (int k = 0; k < 3; k++)
+      x[i][k] =
+          trainer.g.moved[((size_t)(i / 16) * (size_t)trainer.g.n_rows + (size_t)k) * 16 + (size_t)(i % 16)];
+}
+
+static void test_fit(void **state) {
+  enum { N_TIMES = 9 }; // every other one has no picture
+  static float before[N_TIMES][N_GAUSS][3], after[N_GAUSS][3], middle[N_GAUSS][3];
+  double off = 0, far = 0;
+  (void)state;
+  start(&pool);
+  for (int n = 0; n < N_TIMES; n++) places(0.04f + 0.92f * (float)n / (N_TIMES - 1), before[n]);
+  places(trainer.middle, middle);
+  sv_train_hand_over(&trainer);
+  assert_int_equal(trainer.deform.kind, SV_DEFORM_FIELD);
+  assert_int_equal(trainer.deform.field.n_moving, N_GAUSS);
+  for (int i = 0; i < N_GAUSS; i++)
+    for (int k = 0; k < 3; k++) assert_true(*sv_gaussians_at(&trainer.g, i, k) == middle[i][k]);
+  for (int n = 0; n < N_TIMES; n++) {
+    places(0.04f + 0.92f * (float)n / (N_TIMES - 1), after);
+    for (int i = 0; i < N_GAUSS; i++)
+      for (int k = 0; k < 3; k++) {
+        const double e = (double)after[i][k] - (double)before[n][i][k];
+        const double d = (double)before[n][i][k] - (double)middle[i][k];
+        off += e * e, far += d * d;
+      }
+  }
+  print_message("root mean square of motion %.3f, left over %.4f\n", sqrt(far / (N_TIMES * N_GAUSS)),
+                sqrt(off / (N_TIMES * N_GAUSS)));
+  assert_true(sqrt(off) < 0.06 * sqrt(far));
+}
+
+static void test_threads(void **state) {
+  uint64_t digest[2];
+  (void)state;
+  for (int n = 1; n <= 2; n++) {
+    sv_linux_pool threads;
+    sv_err err;
+    assert_int_equal(sv_linux_pool_start(&threads, n, 0, &err), SV_OK);
+    sv_pool with = sv_linux_pool_port(&threads);
+    start(&with);
+    trainer.cfg.dynamic.fit = 0.1f;
+    for (int i = 0; i < 20; i++) assert_true(sv_train_step(&trainer, 0.6f + 0.01f * (float)i, NULL) >= 0);
+    assert_int_equal(trainer.deform.kind, SV_DEFORM_FIELD);
+    digest[n - 1] = sv_train_digest(&trainer);
+    sv_linux_pool_stop(&threads);
+  }
+  assert_true(digest[0] == digest[1]);
+}
+
+// Nothing moves: there is nothing to fit, and pictures go on.
+static void test_still(void **state) {
+  (void)state;
+  sv_train_cfg c = moving_scene_cfg(SV_DEFORM_FIELD, N_GAUSS, N_STEPS);
+  assert_true(moving_scene_start(&scene, &trainer, &c, &kernels, &pool, -1, block, sizeof block));
+  for (int i = 0; i < 3; i++) assert_true(sv_train_step(&trainer, 0.6f, NULL) >= 0);
+  assert_int_equal(trainer.deform.kind, SV_DEFORM_FIELD);
+  for (int i = 0; i < N_GAUSS; i++) assert_true(isfinite(*sv_gaussians_at(&trainer.g, i, SV_ROW_MEAN)));
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_loss), cmocka_unit_test(test_fit),
+                                     cmocka_unit_test(test_threads), cmocka_unit_test(test_still)};
+  return cmocka_run_group_tests(tests, setup, NULL);
+}
