@@ -14,8 +14,8 @@
 // And a short run cannot afford to slow down as much: the last rates of a field are for so many steps.
 #define FIELD_STEPS 3000.0f
 
-#define CLIP_TIMES                                                                                           \
-  2 // points along time for each that there is, of a field that a clip tells what is between them
+// Points along time for each that there is, of a field that a clip tells what is between them.
+#define CLIP_TIMES 2
 
 #define GRID_VIEWS 6 // more sub-views than a phone has: a lens grid, whose images are small
 

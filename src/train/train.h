@@ -170,8 +170,8 @@ typedef struct {
   float time;          // of the last picture
   float newest;        // largest time of a picture
   float middle;        // time of a picture, the closest to 0.5
-  float usual_fx_px;   // of the picture that is:
   float usual_sr;      // solid angle of the pictures, their median, in the small-angle form
+  float usual_fx_px;   // focal length of that picture
   float find_at;       // progress of the next search
   uint32_t field_step; // of the field's stage
   uint8_t *is_moving;  // [cap]
