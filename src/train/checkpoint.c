@@ -10,7 +10,7 @@ typedef struct {
   float centre[3], radius, jitter[2];
   int32_t deform_kind, n_moving; // 0 for still scenes
   float find_at, followed, lo[3], inv[3];
-  uint32_t field_step, optimizer;
+  uint32_t field_step, fit_left, optimizer;
 } head_t;
 
 static int n_items(const sv_trainer *t) { return t->n_views + t->n_regions; }
@@ -140,6 +140,7 @@ sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
   if (sv_train_is_dynamic(t)) {
     h.deform_kind = (int32_t)t->deform.kind, h.n_moving = sv_deform_n_moving(&t->deform);
     h.find_at = t->find_at, h.followed = t->followed, h.field_step = t->field_step;
+    h.fit_left = t->fit_left;
     memcpy(h.lo, t->deform.field.lo, sizeof h.lo);
     memcpy(h.inv, t->deform.field.inv, sizeof h.inv);
   }
@@ -205,6 +206,7 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
     t->deform.kind = (sv_deform_kind)h.deform_kind;
     sv_deform_set_moving(&t->deform, h.n_moving);
     t->find_at = h.find_at, t->followed = h.followed, t->field_step = h.field_step;
+    t->fit_left = h.fit_left;
     if (t->deform.kind == SV_DEFORM_FIELD) {
       memcpy(t->deform.field.lo, h.lo, sizeof h.lo);
       memcpy(t->deform.field.inv, h.inv, sizeof h.inv);

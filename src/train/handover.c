@@ -12,6 +12,8 @@
 #define PRICE_SCALE     9.0f          // of ln
 #define FIT_RATE        4.0f          // the fit's rates at first, of the field's
 #define FIT_END         0.05f         // and at its end, of those at first
+#define FIT_TURN        25            // steps of the fit in one call
+#define FIT_MOST        0.5f          // of the time after the clip, in a run of so many seconds
 #define PICTURE_RATE    0.5f          // with pictures, what is there already is not to be lost
 #define RESUME          0.8f          // of the Gaussians' schedules: they are in place
 
@@ -149,6 +151,10 @@ float sv_train_stage_progress(const sv_trainer *t, float progress) {
   return RESUME + (1.0f - RESUME) * (progress - d->clip) / (1.0f - d->clip);
 }
 
+static int n_fit_steps(const sv_train_cfg *c) {
+  return sv_maxi(1, (int)(c->dynamic.fit * (float)c->steps_hint));
+}
+
 void sv_train_hand_over(sv_trainer *t) {
   const sv_motion *mo = &t->deform.motion;
   sv_field *f = &t->deform.field;
@@ -160,14 +166,23 @@ void sv_train_hand_over(sv_trainer *t) {
   if (mo->n_moving > 0) moving.n = mo->n_moving; // the box is theirs
   sv_field_reset(f, &moving, t->cfg.seed);
   f->n_moving = mo->n_moving;
+  t->deform.kind = SV_DEFORM_FIELD, t->field_step = 0;
+  t->fit_left = mo->n_moving > 0 ? (uint32_t)n_fit_steps(&t->cfg) : 0;
+}
+
+void sv_train_fit(sv_trainer *t, float progress) {
+  const float clip = t->cfg.dynamic.clip;
+  sv_field *f = &t->deform.field;
   job j = job_of(t, 1.0f);
-  const int n_steps = sv_maxi(1, (int)(t->cfg.dynamic.fit * (float)t->cfg.steps_hint));
-  for (int i = 1; i <= n_steps && j.n_blocks > 0; i++) {
+  const int n_steps = n_fit_steps(&t->cfg);
+  for (int k = 0; k < FIT_TURN && t->fit_left > 0; k++) {
+    const int i = sv_maxi(1, n_steps - (int)--t->fit_left);
     const double x = (double)i / (double)n_steps;
     fit_step(&j, (uint32_t)i, 0.0f, FIT_RATE * (float)sv_pow((double)FIT_END, x));
   }
+  if (progress > clip + FIT_MOST * (1.0f - clip)) t->fit_left = 0;
+  if (t->fit_left > 0) return;
   memset(f->m, 0, f->n_param * sizeof *f->m); // of another loss
   memset(f->v, 0, f->n_param * sizeof *f->v);
-  t->deform.kind = SV_DEFORM_FIELD, t->field_step = 0;
   sv_train_set_time(t, t->middle);
 }

@@ -26,8 +26,12 @@ void sv_fit_loss_bwd(const sv_fit_prices *p, const float *is, const float *want,
 
 // Progress of the present stage's schedules, of a run that has two.
 float sv_train_stage_progress(const sv_trainer *t, float progress);
-// The stored Gaussians become the clip's of the middle time, the field is fitted, and is what moves them from now on.
+// The stored Gaussians become the clip's of the middle time, and the field, still at rest, is what moves them from now
+// on; t->fit_left steps of the fit are to come.
 void sv_train_hand_over(sv_trainer *t);
+// Some of them, a tenth of a second or less. progress is the run's: of one with a time limit the fit takes half of what
+// is left at most.
+void sv_train_fit(sv_trainer *t, float progress);
 // The field's step after a picture, at a progress of its stage.
 void sv_train_step_field(sv_trainer *t, float progress);
 

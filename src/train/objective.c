@@ -36,7 +36,8 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   if (s->n_exposures > SV_FEW_EXPOSURES) return;
   cfg->newton.is_hasty = true;
   if (s->is_moving) { // of a rig that stands still, also where there is but one camera
-    cfg->reg_opacity = 0.05f;
+    // One camera alone cannot tell what is in front of the surface; of it a low price leaves more.
+    cfg->reg_opacity = s->n_sub_views > 1 ? 0.03f : 0.05f;
     cfg->sh_step = 2.0f;
     return;
   }

@@ -394,6 +394,11 @@ static float search_costs(const sv_trainer *t, float progress) {
 sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
   if (t->n_views + t->n_regions < 1) return SV_E_ARG;
   if (t->deform.kind != t->cfg.dynamic.kind && progress >= t->cfg.dynamic.clip) sv_train_hand_over(t);
+  if (t->fit_left > 0) {
+    sv_train_fit(t, progress);
+    if (out) *out = (sv_step_stats){.i_view = -1};
+    return SV_OK;
+  }
   progress = sv_train_stage_progress(t, progress);
   int i = choose_view(t, progress);
   const bool is_region = i >= t->n_views, has_pseudo = sv_prior_is_due(t, progress);

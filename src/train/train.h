@@ -134,7 +134,7 @@ typedef struct {
 } sv_train_composite;
 
 typedef struct {
-  int i_view, scale;     // i_view: of the views, then of the regions
+  int i_view, scale;     // i_view: of the views, then of the regions; -1: no picture, a field was fitted to a clip
   double loss, l1, ssim; // of this step's sub-view or region
   uint32_t n_touched;
 } sv_step_stats;
@@ -174,6 +174,7 @@ typedef struct {
   float usual_fx_px;   // focal length of that picture
   float find_at;       // progress of the next search
   uint32_t field_step; // of the field's stage
+  uint32_t fit_left;   // steps of the field's fit to a clip (handover.h)
   uint8_t *is_moving;  // [cap]
   // [cap] each, of the search for what moves: frames that saw a Gaussian, mean and squared deviations of its
   // residual over them, largest deviation over the cameras; pixels of the current frame, their residuals' sum
@@ -228,7 +229,8 @@ sv_status sv_train_start(sv_trainer *t, const sv_init_cfg *init, const sv_point 
 // Known scene bounds instead of what the start gave.
 void sv_train_set_scene(sv_trainer *t, const float centre[3], float radius);
 
-// One step. progress in [0, 1]: step/steps, or time/time limit. E_ARG without views and composites.
+// One step. progress in [0, 1]: step/steps, or time/time limit. E_ARG without views and composites. A field that follows
+// a clip is fitted to it first, in several calls that are no steps (i_view -1).
 sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) SV_MUST_USE;
 
 // Options with which a view is rendered at a progress (1 for evaluation).

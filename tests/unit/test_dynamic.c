@@ -267,6 +267,7 @@ static void test_resume(void **state) {
   resume(SV_DEFORM_FIELD, 0);
   resume(SV_DEFORM_FIELD, 0.5f);  // while it is a clip
   resume(SV_DEFORM_FIELD, 0.18f); // which at the next steps hands over
+  resume(SV_DEFORM_FIELD, 0.14f); // while it is fitted
   resume(SV_DEFORM_FIELD, 0.1f);  // afterwards
 }
 

@@ -92,6 +92,9 @@ static void test_fit(void **state) {
   sv_train_hand_over(&trainer);
   assert_int_equal(trainer.deform.kind, SV_DEFORM_FIELD);
   assert_int_equal(trainer.deform.field.n_moving, N_GAUSS);
+  int n_calls = 0;
+  for (; trainer.fit_left > 0; n_calls++) sv_train_fit(&trainer, trainer.cfg.dynamic.clip);
+  assert_true(n_calls > 1); // a stop or a time limit is looked at between them
   for (int i = 0; i < N_GAUSS; i++)
     for (int k = 0; k < 3; k++) assert_true(*sv_gaussians_at(&trainer.g, i, k) == middle[i][k]);
   for (int n = 0; n < N_TIMES; n++) {
@@ -126,6 +129,21 @@ static void test_threads(void **state) {
   assert_true(digest[0] == digest[1]);
 }
 
+// A run of so many seconds: half of what is left at the hand-over, and pictures go on.
+static void test_time_limit(void **state) {
+  sv_step_stats st;
+  (void)state;
+  start(&pool);
+  const float clip = trainer.cfg.dynamic.clip, most = 0.5f + 0.5f * clip;
+  assert_true(sv_train_step(&trainer, clip, &st) >= 0);
+  assert_true(st.i_view == -1 && trainer.fit_left > 0);
+  const uint32_t step = trainer.step;
+  assert_true(sv_train_step(&trainer, most + 0.01f, &st) >= 0);
+  assert_true(st.i_view == -1 && trainer.fit_left == 0 && trainer.step == step);
+  assert_true(sv_train_step(&trainer, most + 0.02f, &st) >= 0);
+  assert_true(st.i_view >= 0 && trainer.step == step + 1);
+}
+
 // Nothing moves: there is nothing to fit, and pictures go on.
 static void test_still(void **state) {
   (void)state;
@@ -138,6 +156,7 @@ static void test_still(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_loss), cmocka_unit_test(test_fit),
-                                     cmocka_unit_test(test_threads), cmocka_unit_test(test_still)};
+                                     cmocka_unit_test(test_threads), cmocka_unit_test(test_time_limit),
+                                     cmocka_unit_test(test_still)};
   return cmocka_run_group_tests(tests, setup, NULL);
 }

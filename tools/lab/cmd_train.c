@@ -322,6 +322,7 @@ static sv_status train(run *r, sv_err *err) {
     lab_prior_tick(&r->prior, (float)progress);
     sv_status s = sv_train_step(t, (float)progress, &st);
     if (s < 0) return sv_fail(err, s, "training stopped at step %ld: %s", r->steps, sv_status_text(s));
+    if (st.i_view < 0) continue;
     r->steps++;
     lab_progress_step(&p, r->steps, r->n_steps, r->limit_s, st.loss);
   }
