@@ -134,7 +134,8 @@ typedef struct {
 } sv_train_composite;
 
 typedef struct {
-  int i_view, scale;     // i_view: of the views, then of the regions; -1: no picture, a field was fitted to a clip
+  int i_view,
+      scale; // i_view: of the views, then of the regions; -1: no picture, a field was fitted to a clip
   double loss, l1, ssim; // of this step's sub-view or region
   uint32_t n_touched;
 } sv_step_stats;
