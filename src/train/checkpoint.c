@@ -3,6 +3,8 @@
 
 #include <string.h>
 
+#include "src/train/handover.h"
+
 typedef struct {
   int32_t n, sh_degree, n_items, i_order;
   uint32_t step, n_relocated;
@@ -103,11 +105,12 @@ static sv_status put_motion(sv_sections_writer *w, const sv_trainer *t, sv_err *
   if (s >= 0 && has_both(t)) s = sv_sections_put(w, "FLDN", o.param, o.bytes, err);
   if (s >= 0 && has_both(t)) s = sv_sections_put(w, "FLDM", o.m, o.bytes, err);
   if (s >= 0 && has_both(t)) s = sv_sections_put(w, "FLDV", o.v, o.bytes, err);
+  if (s >= 0 && sv_train_is_taught(t)) s = sv_sections_put(w, "TEAC", t->teacher.param, rows_bytes(t), err);
   if (s >= 0) s = sv_sections_put(w, "MOVE", t->is_moving, (size_t)t->g.cap, err);
   return s >= 0 && bodies_bytes(t) ? put_bodies(w, t, err) : s;
 }
 
-static sv_status get_motion(const sv_sections *r, sv_trainer *t, sv_err *err) {
+static sv_status get_motion(const sv_sections *r, sv_trainer *t, bool is_taught, sv_err *err) {
   motion_state o = motion_of(t);
   sv_status s = sv_sections_get(r, "MOTN", o.param, o.bytes, err);
   if (s >= 0) s = sv_sections_get(r, "MOTM", o.m, o.bytes, err);
@@ -116,14 +119,16 @@ static sv_status get_motion(const sv_sections *r, sv_trainer *t, sv_err *err) {
   if (s >= 0 && has_both(t)) s = sv_sections_get(r, "FLDN", o.param, o.bytes, err);
   if (s >= 0 && has_both(t)) s = sv_sections_get(r, "FLDM", o.m, o.bytes, err);
   if (s >= 0 && has_both(t)) s = sv_sections_get(r, "FLDV", o.v, o.bytes, err);
+  if (s >= 0 && is_taught) s = sv_sections_get(r, "TEAC", t->teacher.param, rows_bytes(t), err);
   if (s >= 0) s = sv_sections_get(r, "MOVE", t->is_moving, (size_t)t->g.cap, err);
   return s >= 0 && bodies_bytes(t) ? get_bodies(r, t, err) : s;
 }
 
 size_t sv_checkpoint_bytes(const sv_trainer *t) {
-  return SV_SECTIONS_OVERHEAD_BYTES + 13 * 40 + 3 * motion_of(t).bytes +
-         (has_both(t) ? 3 * field_of(t).bytes : 0) + bodies_bytes(t) + (size_t)t->g.cap + sizeof(head_t) +
-         3 * rows_bytes(t) + (size_t)t->g.cap * sizeof(float) + (size_t)n_items(t) * sizeof(int);
+  return SV_SECTIONS_OVERHEAD_BYTES + 14 * 40 + 3 * motion_of(t).bytes +
+         (has_both(t) ? 3 * field_of(t).bytes + rows_bytes(t) : 0) + bodies_bytes(t) + (size_t)t->g.cap +
+         sizeof(head_t) + 3 * rows_bytes(t) + (size_t)t->g.cap * sizeof(float) +
+         (size_t)n_items(t) * sizeof(int);
 }
 
 sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
@@ -200,7 +205,8 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
   if (s >= 0) s = sv_sections_get(&r, "ADAV", t->v, rows_bytes(t), err);
   if (s >= 0) s = sv_sections_get(&r, "ERRS", t->err, (size_t)t->g.cap * sizeof(float), err);
   if (s >= 0) s = sv_sections_get(&r, "ORDR", t->order, (size_t)h.n_items * sizeof(int), err);
-  if (s >= 0 && sv_train_is_dynamic(t)) s = get_motion(&r, t, err);
+  if (s >= 0 && sv_train_is_dynamic(t))
+    s = get_motion(&r, t, has_both(t) && h.deform_kind == SV_DEFORM_FIELD, err);
   if (s < 0) return s;
   if (sv_train_is_dynamic(t)) {
     t->deform.kind = (sv_deform_kind)h.deform_kind;

@@ -90,10 +90,10 @@ static float px_per_unit(const sv_trainer *t) {
   return most > 0 ? most : 100.0f / t->radius;
 }
 
-static job job_of(sv_trainer *t, float scale) {
+static job job_of(sv_trainer *t) {
   job j = {.t = t,
            .middle = sv_motion_values_at(&t->deform.motion.cfg, t->middle),
-           .prices = {.scale = scale},
+           .prices = {.scale = 1.0f},
            .n_blocks = (t->deform.field.n_moving + 15) / 16};
   const float px = px_per_unit(t);
   for (int r = 0; r < SV_ROW_LOGIT; r++)
@@ -131,15 +131,36 @@ static void fit_step(job *j, uint32_t n, float progress, float rate) {
   sv_field_step(&t->deform.field, t->k, t->pool, n, progress, rate * t->radius);
 }
 
-void sv_train_step_field(sv_trainer *t, float progress) {
-  const sv_dynamic_cfg *d = &t->cfg.dynamic;
-  const bool has_clip = sv_train_has_clip(&t->cfg);
-  const float from = has_clip ? RESUME : d->from, rate = has_clip ? PICTURE_RATE : 1.0f;
-  const float stage = (progress - from) / (1.0f - from);
-  sv_field_step(&t->deform.field, t->k, t->pool, ++t->field_step, stage, rate * t->radius);
-  if (!has_clip || !(d->held > 0)) return;
-  job j = job_of(t, d->held);
-  fit_step(&j, ++t->field_step, stage, rate);
+// --- pictures of the clip ------------------------------------------------------------------------
+
+bool sv_train_is_taught(const sv_trainer *t) {
+  return t->deform.kind == SV_DEFORM_FIELD && sv_train_has_clip(&t->cfg);
+}
+
+float sv_train_time_between(const sv_trainer *t, float time, float share) {
+  float next = INFINITY, last = -INFINITY;
+  for (int i = 0; i < t->n_views; i++) {
+    const float x = t->views[i].view.time;
+    if (x > time && x < next) next = x;
+    if (x < time && x > last) last = x;
+  }
+  if (next == INFINITY) next = last;
+  return next == -INFINITY ? time : time + share * (next - time);
+}
+
+float sv_train_lesson_time(sv_trainer *t, float time) {
+  if (!sv_train_is_taught(t) || sv_rng_f(&t->rng) >= t->cfg.dynamic.taught) return time;
+  return sv_train_time_between(t, time, 0.25f + 0.5f * sv_rng_f(&t->rng));
+}
+
+sv_status sv_train_load_lesson(sv_trainer *t, const sv_view *view, const sv_render_options *o) {
+  sv_motion_at(&t->deform.motion, t->k, t->pool, &t->teacher, view->time);
+  sv_status s = sv_render(&t->render, t->k, t->pool, &t->teacher, view, o);
+  if (s < 0) return s;
+  sv_train_size_target(t, view->width_px, view->height_px);
+  const size_t n = (size_t)t->target.stride * (size_t)t->target.rows_padded;
+  for (int c = 0; c < 3; c++) memcpy(t->target.c[c], t->render.rgb.c[c], n * sizeof(float));
+  return SV_OK;
 }
 
 // --- the hand-over -------------------------------------------------------------------------------
@@ -155,10 +176,18 @@ static int n_fit_steps(const sv_train_cfg *c) {
   return sv_maxi(1, (int)(c->dynamic.fit * (float)c->steps_hint));
 }
 
+void sv_train_step_field(sv_trainer *t, float progress) {
+  const bool is_taught = sv_train_is_taught(t);
+  const float from = is_taught ? RESUME : t->cfg.dynamic.from, rate = is_taught ? PICTURE_RATE : 1.0f;
+  const float stage = (progress - from) / (1.0f - from);
+  sv_field_step(&t->deform.field, t->k, t->pool, ++t->field_step, stage, rate * t->radius);
+}
+
 void sv_train_hand_over(sv_trainer *t) {
   const sv_motion *mo = &t->deform.motion;
   sv_field *f = &t->deform.field;
   const size_t n = (size_t)((mo->n_moving + 15) / 16) * 16 * (size_t)t->g.n_rows;
+  memcpy(t->teacher.param, t->g.param, (size_t)t->g.cap * (size_t)t->g.n_rows * sizeof *t->g.param);
   sv_train_set_time(t, t->middle);
   memcpy(t->g.param, mo->moved, n * sizeof *t->g.param);
   memset(t->m, 0, n * sizeof *t->m); // of places that were others
@@ -173,7 +202,7 @@ void sv_train_hand_over(sv_trainer *t) {
 void sv_train_fit(sv_trainer *t, float progress) {
   const float clip = t->cfg.dynamic.clip;
   sv_field *f = &t->deform.field;
-  job j = job_of(t, 1.0f);
+  job j = job_of(t);
   const int n_steps = n_fit_steps(&t->cfg);
   for (int k = 0; k < FIT_TURN && t->fit_left > 0; k++) {
     const int i = sv_maxi(1, n_steps - (int)--t->fit_left);

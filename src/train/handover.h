@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // From a clip to a field. A field does not find large motion by the pictures' gradients, so it begins with motion that a
 // clip has found: planes and layers are fitted to it by regression, at times between the pictures', too, before they
-// go on with pictures; and while they do, they are held to it, as pictures say nothing about the times between them.
+// go on with pictures. These say nothing about the times between them, so the clip, which stays as it was, goes on
+// teaching what is there: a share of the steps is held against its picture of such a time.
 // The stored Gaussians, from which a field's offsets count, are those of the clip's middle time.
 #ifndef SV_TRAIN_HANDOVER_H
 #define SV_TRAIN_HANDOVER_H
@@ -32,6 +33,14 @@ void sv_train_hand_over(sv_trainer *t);
 // Some of them, a tenth of a second or less. progress is the run's: of one with a time limit the fit takes half of what
 // is left at most.
 void sv_train_fit(sv_trainer *t, float progress);
+// Whether a field moves the Gaussians that a clip has taught, and still does.
+bool sv_train_is_taught(const sv_trainer *t);
+// Between a training time and the next one, or the one before the last; `time` itself where there is no other.
+float sv_train_time_between(const sv_trainer *t, float time, float share);
+// The time of the next step on a picture of `time`: another one when it is to be the clip's.
+float sv_train_lesson_time(sv_trainer *t, float time);
+// The clip's picture of a view at its time as the target.
+sv_status sv_train_load_lesson(sv_trainer *t, const sv_view *view, const sv_render_options *o) SV_MUST_USE;
 // The field's step after a picture, at a progress of its stage.
 void sv_train_step_field(sv_trainer *t, float progress);
 

@@ -179,7 +179,7 @@ static void swap_slots(sv_trainer *t, int i, int j) {
   }
   swap_f(t->err + i, t->err + j);
   if (t->floor) swap_f(t->floor + i, t->floor + j);
-  if (sv_train_has_clip(&t->cfg)) sv_motion_swap(&t->deform.motion, i, j);
+  if (t->deform.kind == SV_DEFORM_CLIP) sv_motion_swap(&t->deform.motion, i, j);
   uint8_t s = t->is_moving[i];
   t->is_moving[i] = t->is_moving[j], t->is_moving[j] = s;
 }
@@ -300,7 +300,7 @@ void sv_train_start_moving(sv_trainer *t) {
 void sv_train_copy_motion(sv_trainer *t, int to, int from) {
   const double w = (double)t->cfg.dynamic.window_start;
   t->is_moving[to] = t->is_moving[from];
-  if (!sv_train_has_clip(&t->cfg)) return;
+  if (t->deform.kind != SV_DEFORM_CLIP) return;
   sv_motion_copy(&t->deform.motion, to, from);
   if (!t->is_moving[to] || t->cfg.dynamic.kind != SV_DEFORM_CLIP) return;
   float *c = sv_motion_row(&t->deform.motion, to, SV_MROW_CENTRE), *sharpness = c + 16;

@@ -214,15 +214,18 @@ static sv_status view_step(sv_trainer *t, int i, float progress, sv_render_optio
   sv_view view = sv_view_scaled(&tv->view, out->scale);
   if (t->cfg.background == SV_BG_RANDOM && tv->image.n_channels == 4)
     for (int c = 0; c < 3; c++) o.bg[c] = sv_rng_f(&t->rng);
-  sv_train_set_time(t, tv->view.time);
-  sv_train_load_target(t, &tv->image, out->scale, o.bg);
+  view.time = sv_train_lesson_time(t, tv->view.time);
+  const bool is_lesson = view.time != tv->view.time;
+  sv_status s = is_lesson ? sv_train_load_lesson(t, &view, &o) : SV_OK;
+  if (s < 0) return s;
+  if (!is_lesson) sv_train_load_target(t, &tv->image, out->scale, o.bg);
+  sv_train_set_time(t, view.time);
   const bool is_fine = sv_train_is_supersampled(t, out->scale, progress);
   // Depth has one value a pixel: with several samples, late in the run, it has done its duty.
-  const sv_prior_depth *depth = is_fine ? NULL : sv_prior_depth_of(t, i, &tv->view);
+  const sv_prior_depth *depth = is_fine || is_lesson ? NULL : sv_prior_depth_of(t, i, &tv->view);
   o.has_depth = depth != NULL;
   const sv_planes *x;
-  sv_status s = sv_train_measure(t, &view, &o, is_fine, &x);
-  if (s < 0) return s;
+  if ((s = sv_train_measure(t, &view, &o, is_fine, &x)) < 0) return s;
   sv_photometric_loss(&t->photometric, t->k, t->pool, x, &t->target, &t->grad, t->err_plane,
                       t->cfg.weight_ssim, &loss);
   out->loss = loss.loss, out->l1 = loss.l1, out->ssim = loss.ssim;
@@ -375,6 +378,7 @@ static sv_status smooth_unseen(sv_trainer *t, const sv_render_options *o, double
 // --- a step --------------------------------------------------------------------------------------
 
 static void maybe_relocate(sv_trainer *t, float progress) {
+  if (sv_train_is_taught(t)) return; // by a clip of as many that move
   const bool is_moving = sv_train_is_dynamic(t) && progress >= t->cfg.dynamic.from;
   if (t->cfg.relocate_every > 0 && t->step % (uint32_t)t->cfg.relocate_every == 0) sv_train_set_floors(t);
   if (t->cfg.relocate_every < 1 || progress < t->cfg.relocate_from || progress > t->cfg.relocate_until)
@@ -421,7 +425,8 @@ sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
   maybe_relocate(t, progress);
   if ((s = sv_train_follow(t, t->followed, progress)) < 0) return s;
   t->followed = progress;
-  if (sv_train_is_dynamic(t) && progress >= t->find_at && progress <= t->cfg.dynamic.find_until) {
+  if (sv_train_is_dynamic(t) && !sv_train_is_taught(t) && progress >= t->find_at &&
+      progress <= t->cfg.dynamic.find_until) {
     if ((s = sv_train_find_moving(t, progress)) < 0) return s;
     t->find_at = progress + sv_maxf(t->cfg.dynamic.find_every, search_costs(t, progress));
   }

@@ -51,9 +51,9 @@ sv_train_cfg sv_train_defaults(void) {
       .relocate_until = 0.8f,
       .noise = 1.0f,
       .dynamic = {.from = 0.1f,
-                  .clip = 0.5f,
-                  .fit = 0.33f,
-                  .held = 1e-4f,
+                  .clip = 0.33f,
+                  .fit = 0.22f,
+                  .taught = 0.25f,
                   .find_every = 0.04f,
                   .find_until = 0.6f,
                   .grow_start = 0.02f,
@@ -150,6 +150,8 @@ static sv_status carve_dynamic(sv_trainer *t, const sv_train_cfg *c, sv_arena *a
     sv_status s = sv_field_init(&t->deform.field, &fc, &t->g, a);
     if (s < 0 || !sv_train_has_clip(c)) return s;
     t->deform.kind = SV_DEFORM_CLIP;
+    t->teacher = t->g;
+    t->teacher.param = SV_TAKE(a, float, (size_t)t->g.cap *(size_t)t->g.n_rows);
   }
   return sv_motion_init(&t->deform.motion, &mc, &t->g, a);
 }

@@ -55,8 +55,8 @@ typedef struct {
   // FIELD: so much of the run is trained as a clip, to whose motion the field then is fitted (handover.h); 0: it begins
   // at rest, with a still model, as the paper's does.
   float clip;
-  float fit;  // steps of the fit, of those that the run has
-  float held; // price of a pixel that a Gaussian of the field is off the clip, while pictures go on
+  float fit;    // steps of the fit, of those that the run has
+  float taught; // share of the steps after it on pictures of the clip, of times between those of the others
   float find_every, find_until;       // progress between two searches for what moves, and at the last
   int n_pos, n_rot, n_colour;         // functions of clip mode
   float pos, rot, colour, window;     // learning rates; of positions times that of the means
@@ -168,15 +168,16 @@ typedef struct {
   int32_t *copies, *source; // [cap] of a relocation
   uint32_t *touched_of;     // [cap / 16 / blocks a task + 1]
   sv_deform deform;
-  float time;          // of the last picture
-  float newest;        // largest time of a picture
-  float middle;        // time of a picture, the closest to 0.5
-  float usual_sr;      // solid angle of the pictures, their median, in the small-angle form
-  float usual_fx_px;   // focal length of that picture
-  float find_at;       // progress of the next search
-  uint32_t field_step; // of the field's stage
-  uint32_t fit_left;   // steps of the field's fit to a clip (handover.h)
-  uint8_t *is_moving;  // [cap]
+  sv_gaussians teacher; // the clip's, as they were when it handed over (handover.h)
+  float time;           // of the last picture
+  float newest;         // largest time of a picture
+  float middle;         // time of a picture, the closest to 0.5
+  float usual_sr;       // solid angle of the pictures, their median, in the small-angle form
+  float usual_fx_px;    // focal length of that picture
+  float find_at;        // progress of the next search
+  uint32_t field_step;  // of the field's stage
+  uint32_t fit_left;    // steps of the field's fit to a clip (handover.h)
+  uint8_t *is_moving;   // [cap]
   // [cap] each, of the search for what moves: frames that saw a Gaussian, mean and squared deviations of its
   // residual over them, largest deviation over the cameras; pixels of the current frame, their residuals' sum
   float *n_seen, *res_mean, *res_dev, *unrest, *weight, *residual;

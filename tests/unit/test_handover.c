@@ -129,6 +129,37 @@ static void test_threads(void **state) {
   assert_true(digest[0] == digest[1]);
 }
 
+// After the hand-over the clip shows the same as before it, at times between those of the pictures.
+static void test_lesson(void **state) {
+  static float before[3][SV_TILE_PX * 8 * SV_TILE_PX * 8];
+  (void)state;
+  start(&pool);
+  const sv_train_view *tv = &trainer.views[0];
+  sv_view view = tv->view;
+  const sv_render_options o = sv_train_render_options(&trainer, 1.0f, false);
+  view.time = sv_train_time_between(&trainer, view.time, 0.5f);
+  assert_true(view.time != tv->view.time);
+  for (int i = 0; i < trainer.n_views; i++) assert_true(view.time != trainer.views[i].view.time);
+  assert_true(sv_train_lesson_time(&trainer, tv->view.time) == tv->view.time); // a clip needs none
+  sv_train_set_time(&trainer, view.time);
+  assert_true(sv_render(&trainer.render, &kernels, &pool, &trainer.g, &view, &o) >= 0);
+  const size_t n = (size_t)trainer.render.rgb.stride * (size_t)trainer.render.rgb.rows_padded;
+  assert_true(n <= sizeof before[0] / sizeof before[0][0]);
+  for (int c = 0; c < 3; c++) memcpy(before[c], trainer.render.rgb.c[c], n * sizeof(float));
+  sv_train_hand_over(&trainer);
+  while (trainer.fit_left > 0) sv_train_fit(&trainer, trainer.cfg.dynamic.clip);
+  int n_lessons = 0;
+  for (int i = 0; i < 400; i++) {
+    const float time = sv_train_lesson_time(&trainer, tv->view.time);
+    n_lessons += time != tv->view.time;
+    for (int k = 0; k < trainer.n_views && time != tv->view.time; k++)
+      assert_true(time != trainer.views[k].view.time);
+  }
+  assert_in_range(n_lessons, 60, 140); // a quarter
+  assert_true(sv_train_load_lesson(&trainer, &view, &o) >= 0);
+  for (int c = 0; c < 3; c++) assert_memory_equal(before[c], trainer.target.c[c], n * sizeof(float));
+}
+
 // A run of so many seconds: half of what is left at the hand-over, and pictures go on.
 static void test_time_limit(void **state) {
   sv_step_stats st;
@@ -155,8 +186,8 @@ static void test_still(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_loss), cmocka_unit_test(test_fit),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_loss),    cmocka_unit_test(test_fit),
                                      cmocka_unit_test(test_threads), cmocka_unit_test(test_time_limit),
-                                     cmocka_unit_test(test_still)};
+                                     cmocka_unit_test(test_lesson),  cmocka_unit_test(test_still)};
   return cmocka_run_group_tests(tests, setup, NULL);
 }

@@ -52,7 +52,7 @@ static const sv_option table[] = {
      "Gaussians of each run (20000; with --quick 8000); one table has 5 times as many", 1, 8e5, 0},
     {"sh", SV_OPT_INT, LAB_TRAIN, 0, AT(sh), "D", "degree of the view-dependent colour, 0 to 3 (1)", 0, 3, 0},
     {"steps", SV_OPT_INT, LAB_TRAIN, 0, AT(steps), "N",
-     "length of the training (3000, with --motion field 6000)", 1, 1e9, 0},
+     "length of the training (3000, with --motion field 9000)", 1, 1e9, 0},
     {"steps", SV_OPT_INT, LAB_TABLES, 0, AT(steps), "N", "of each run (2000; with --quick 400)", 1, 1e7, 0},
     {"time-limit", SV_OPT_REAL, LAB_TRAIN, 0, AT(time_limit_s), "SEC",
      "the same in seconds, instead of --steps", 0.01, 1e7, 0},

@@ -39,7 +39,7 @@ static int parse(const char *text, bool with_preset, sv_train_cfg *c) {
                            {"window", &d->window_start, 0, 10},
                            {"clip", &d->clip, 0, 0.9},
                            {"fit", &d->fit, 0, 10},
-                           {"held", &d->held, 0, 1},
+                           {"taught", &d->taught, 0, 1},
                            {"grow_start", &d->grow_start, 0, 1},
                            {"grow_until", &d->grow_until, 0, 1},
                            {"coarse_for", &d->coarse_for, 0, 1},
