@@ -6,7 +6,7 @@
 #include "src/splat/constants.h"
 
 #define RANGE 512 // slots projected by one task
-#define BATCH 128 // slots binned at a time
+#define BATCH 512 // slots binned at a time
 
 #define PAIRS_FLOATS (2 * sizeof(sv_pair) / sizeof(float)) // of a record, with the sort's scratch
 _Static_assert(PAIRS_FLOATS <= SV_SLOT_FLOATS, "pairs and scratch lie in the slots");
