@@ -29,6 +29,8 @@ typedef struct {
 typedef void (*sv_sort_fn)(const sv_sort_args *a);
 
 void sv_sort_ref(const sv_sort_args *a);
+void sv_sort_avx2(const sv_sort_args *a);
+void sv_sort_avx512(const sv_sort_args *a);
 
 #ifdef __cplusplus
 }
