@@ -14,13 +14,25 @@ typedef struct {
   int shift, width, n_passes; // digits from the bit `shift` on
 } digits;
 
+// Bits of the range of the keys, at least 1; n > 0.
+static int range_bits(const sv_pair *pair, uint32_t n, uint32_t *min_key) {
+  uint32_t min = UINT32_MAX, max = 0;
+  for (uint32_t i = 0; i < n; i++) {
+    min = pair[i].key < min ? pair[i].key : min;
+    max = pair[i].key > max ? pair[i].key : max;
+  }
+  *min_key = min;
+  return max > min ? 32 - __builtin_clz(max - min) : 1;
+}
+
 // Of all bits of the range, or of as many of the leading ones as two digits hold.
-static digits digits_of(const sv_sort_args *a, int is_leading) {
-  const int bits = a->max_key > a->min_key ? 32 - __builtin_clz(a->max_key - a->min_key) : 1;
+static digits digits_of(const sv_sort_args *a, const sv_pair *pair, int is_leading) {
+  uint32_t min;
+  const int bits = range_bits(pair, a->n, &min);
   const int most = a->n >= MANY ? 11 : a->n >= LONG || !is_leading ? 8 : 7;
   const int shift = is_leading && bits > 2 * most ? bits - 2 * most : 0;
   const int n_passes = (bits - shift + most - 1) / most, width = (bits - shift + n_passes - 1) / n_passes;
-  return (digits){a->min_key, (1u << width) - 1, shift, width, n_passes};
+  return (digits){min, (1u << width) - 1, shift, width, n_passes};
 }
 
 // Histograms of all digits, read once. n_passes is a constant where this is called.
@@ -74,12 +86,12 @@ void sv_sort_ref(const sv_sort_args *a) {
   sv_pair *sorted = a->pair;
   uint64_t moves = (uint64_t)a->n * a->n;
   if (a->n > FEW) {
-    const digits leading = digits_of(a, 1);
+    const digits leading = digits_of(a, sorted, 1);
     sorted = by_digits(a, sorted, &leading);
     moves = (uint64_t)a->n * MOVES;
   }
   if (sort_insert(sorted, a->n, moves, a->order)) return;
-  const digits all = digits_of(a, 0);
+  const digits all = digits_of(a, sorted, 0);
   sorted = by_digits(a, sorted, &all);
   for (uint32_t i = 0; i < a->n; i++) a->order[i] = sorted[i].value;
 }
