@@ -10,8 +10,9 @@
 extern "C" {
 #endif
 
-// Writes the n_recs records of each splat id[0..n), at rec + splat[id].first_rec: its tiles row by row,
-// mask 0 where the ellipse misses the tile. The mask may hold a block too many, never one too few. exact.
+// Writes the n_recs records, one or more, of each splat id[0..n), at rec + splat[id].first_rec, which follow those of the
+// splat before: its tiles row by row, mask 0 where the ellipse misses the tile. The mask may hold a block too many, never
+// one too few. exact.
 typedef void (*sv_bin_fn)(const sv_splat *splat, const uint32_t *id, uint32_t n, int n_tiles_x, sv_rec *rec);
 
 void sv_bin_ref(const sv_splat *splat, const uint32_t *id, uint32_t n, int n_tiles_x, sv_rec *rec);

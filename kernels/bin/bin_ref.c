@@ -6,53 +6,50 @@
 #include "kernels/bin/bin_common.h"
 #include "kernels/simd/s1_math.h"
 
-// The ellipse, its columns in blocks.
+// The ellipse, its columns in blocks from the first tile's first one on.
 typedef struct {
   float k, l;         // discriminant k dy^2 + l
   float b, lo, hi, r; // edges: lo + b dy + r root, and hi + b dy - r root, the discriminant's root; r < 0
 } ellipse;
 
 static ellipse ellipse_of(const sv_splat *s) {
-  const float m4a = -4.0f * s->qa, r = 0.25f * s->inv_2qa;
+  const float m4a = -4.0f * s->qa, r = 0.25f * s->inv_2qa, col = (float)(s->bx0 & ~7);
   return (ellipse){.k = fmaf(s->qb, s->qb, m4a * s->qc),
                    .l = m4a * (s->lo - SV_POWER_MIN),
                    .b = s->qb * r,
-                   .lo = 0.25f * (s->u_px + BIN_ROUND_LO),
-                   .hi = 0.25f * (s->u_px + BIN_ROUND_HI),
+                   .lo = fmaf(0.25f, s->u_px + BIN_ROUND_LO, -col),
+                   .hi = fmaf(0.25f, s->u_px + BIN_ROUND_HI, -col),
                    .r = BIN_ROOT_UP * r};
 }
 
-static float bits_to_root(float x) {
+static float root(float disc) {
   int32_t bits;
-  float y, half = 0.5f * x;
-  memcpy(&bits, &x, sizeof bits);
+  float y, x;
+  memcpy(&bits, &disc, sizeof bits);
   bits = (int32_t)fmaf(-0.5f, (float)bits, BIN_ROOT_BITS);
   memcpy(&y, &bits, sizeof y);
-  for (int i = 0; i < 2; i++) y *= fmaf(-(half * y), y, 1.5f);
-  return x * y;
+  x = disc * y;
+  return x * fmaf(-0.5f, x * y, 1.5f);
 }
 
-// Half the chord at height dy (v minus the pixel's y), in units of r; *is_in: 0 outside.
-static float root(const ellipse *e, float dy, int *is_in) {
-  float disc = fmaf(e->k * dy, dy, e->l);
-  *is_in &= disc > 0.0f;
-  return bits_to_root(s1_max(disc, BIN_ROOT_MIN));
-}
+// Half the chord at height dy (v minus the pixel's y), in units of r, is the discriminant's root.
+static float disc_at(const ellipse *e, float dy) { return fmaf(e->k * dy, dy, e->l); }
 
 // Marks a splat's blocks of one block row, in that row's tiles.
 static void mark_row(const sv_splat *s, int row, sv_rec *rec) {
   const ellipse e = ellipse_of(s);
-  const float min = (float)s->bx0, max = (float)(s->bx1 + 1);
+  const int col = s->bx0 & ~7;
+  const float min = (float)(s->bx0 - col), max = (float)(s->bx1 + 1 - col);
   // The rows' pixel centres span dy in [top - 3, top]; the ellipse is widest there at the height nearest to its
-  // own extreme.
+  // own extreme. Both of these heights are on the ellipse, or neither.
   float top = s->v_px - ((float)(4 * row) + 0.5f), bottom = top - 3.0f;
   float left = s1_min(s1_max(-s->dy_right, bottom), top), right = s1_min(s1_max(s->dy_right, bottom), top);
-  int is_in = 1;
-  float lo = fmaf(e.r, root(&e, left, &is_in), fmaf(e.b, left, e.lo));
-  float hi = fmaf(-e.r, root(&e, right, &is_in), fmaf(e.b, right, e.hi));
+  float disc = disc_at(&e, left);
+  if (!(disc > 0.0f)) return;
+  float lo = fmaf(e.r, root(disc), fmaf(e.b, left, e.lo));
+  float hi = fmaf(-e.r, root(disc_at(&e, right)), fmaf(e.b, right, e.hi));
   int from = (int)s1_min(s1_max(lo, min), max), to = (int)s1_min(s1_max(hi, 0.0f), max - 0.25f) + 1;
-  if (!is_in) return;
-  for (int tx = s->bx0 >> 3; tx <= s->bx1 >> 3; tx++, rec++)
+  for (int tx = 0; tx <= (s->bx1 - col) >> 3; tx++, rec++)
     rec->mask |= (uint64_t)bin_row_bits(bin_clamp8(from - 8 * tx), bin_clamp8(to - 8 * tx)) << 8 * (row & 7);
 }
 

@@ -151,6 +151,9 @@ static inline v16i v16i_add(v16i x, v16i y) {
 static inline v16i v16i_and(v16i x, v16i y) {
   return v16i_make_(_mm256_and_si256(x.a, y.a), _mm256_and_si256(x.b, y.b));
 }
+static inline v16i v16i_andnot(v16i x, v16i y) {
+  return v16i_make_(_mm256_andnot_si256(y.a, x.a), _mm256_andnot_si256(y.b, x.b));
+}
 static inline v16i v16i_or(v16i x, v16i y) {
   return v16i_make_(_mm256_or_si256(x.a, y.a), _mm256_or_si256(x.b, y.b));
 }

@@ -84,6 +84,7 @@ static inline v16i v16_bits(v16 a) { return _mm512_castps_si512(a); }
 static inline v16 v16_from_bits(v16i a) { return _mm512_castsi512_ps(a); }
 static inline v16i v16i_add(v16i a, v16i b) { return _mm512_add_epi32(a, b); }
 static inline v16i v16i_and(v16i a, v16i b) { return _mm512_and_si512(a, b); }
+static inline v16i v16i_andnot(v16i a, v16i b) { return _mm512_andnot_si512(b, a); }
 static inline v16i v16i_or(v16i a, v16i b) { return _mm512_or_si512(a, b); }
 static inline v16i v16i_shl8(v16i a) { return _mm512_slli_epi32(a, 8); }
 static inline v16i v16i_shr8(v16i a) { return _mm512_srli_epi32(a, 8); }

@@ -37,6 +37,15 @@ V16_INLINE v16 v16_exp2_up8(v16 x) {
 #endif
 }
 
+// p 2^floor(x), p and the result normal numbers.
+V16_INLINE v16 v16_pow2_floor(v16 p, v16 x) {
+#ifdef V16_HAS_SCALE
+  return v16_scale(p, x);
+#else
+  return v16_from_bits(v16i_add(v16_bits(p), v16i_shl23(v16_trunc_i(v16_floor(x)))));
+#endif
+}
+
 // 2^x, degree 6 on [-0.5, 0.5], relative error 2.2e-7; x is clamped to [-126, 126]. For parameters.
 V16_INLINE v16 v16_exp2_fine(v16 x) {
   const v16 magic = v16_set1(12582912.0f);

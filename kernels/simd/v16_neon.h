@@ -112,6 +112,7 @@ static inline v16i v16_bits(v16 x) { V16_EACH(v16i, vreinterpretq_s32_f32(x.q[i]
 static inline v16 v16_from_bits(v16i x) { V16_EACH(v16, vreinterpretq_f32_s32(x.q[i])); }
 static inline v16i v16i_add(v16i x, v16i y) { V16_EACH(v16i, vaddq_s32(x.q[i], y.q[i])); }
 static inline v16i v16i_and(v16i x, v16i y) { V16_EACH(v16i, vandq_s32(x.q[i], y.q[i])); }
+static inline v16i v16i_andnot(v16i x, v16i y) { V16_EACH(v16i, vbicq_s32(x.q[i], y.q[i])); }
 static inline v16i v16i_or(v16i x, v16i y) { V16_EACH(v16i, vorrq_s32(x.q[i], y.q[i])); }
 static inline v16i v16i_shl8(v16i x) { V16_EACH(v16i, vshlq_n_s32(x.q[i], 8)); }
 static inline v16i v16i_shr8(v16i x) {

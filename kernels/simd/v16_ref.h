@@ -101,6 +101,7 @@ static inline v16 v16_from_bits(v16i a) {
 }
 static inline v16i v16i_add(v16i a, v16i b) { V16I_EACH((uint32_t)a.l[k] + (uint32_t)b.l[k]); }
 static inline v16i v16i_and(v16i a, v16i b) { V16I_EACH(a.l[k] & b.l[k]); }
+static inline v16i v16i_andnot(v16i a, v16i b) { V16I_EACH(a.l[k] & ~b.l[k]); }
 static inline v16i v16i_or(v16i a, v16i b) { V16I_EACH(a.l[k] | b.l[k]); }
 static inline v16i v16i_shl8(v16i a) { V16I_EACH((uint32_t)a.l[k] << 8); }
 static inline v16i v16i_shr8(v16i a) { V16I_EACH((uint32_t)a.l[k] >> 8); } // zeros come in

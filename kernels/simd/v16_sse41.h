@@ -107,6 +107,7 @@ static inline v16i v16_bits(v16 x) { V16_EACH(v16i, _mm_castps_si128(x.q[i])); }
 static inline v16 v16_from_bits(v16i x) { V16_EACH(v16, _mm_castsi128_ps(x.q[i])); }
 static inline v16i v16i_add(v16i x, v16i y) { V16_EACH(v16i, _mm_add_epi32(x.q[i], y.q[i])); }
 static inline v16i v16i_and(v16i x, v16i y) { V16_EACH(v16i, _mm_and_si128(x.q[i], y.q[i])); }
+static inline v16i v16i_andnot(v16i x, v16i y) { V16_EACH(v16i, _mm_andnot_si128(y.q[i], x.q[i])); }
 static inline v16i v16i_or(v16i x, v16i y) { V16_EACH(v16i, _mm_or_si128(x.q[i], y.q[i])); }
 static inline v16i v16i_shl8(v16i x) { V16_EACH(v16i, _mm_slli_epi32(x.q[i], 8)); }
 static inline v16i v16i_shr8(v16i x) { V16_EACH(v16i, _mm_srli_epi32(x.q[i], 8)); }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stable ascending radix sort of (key, value) pairs: depth order of the splats on a tile.
+// Stable ascending sort of (key, value) pairs: depth order of the splats on a tile.
 #ifndef SV_KERNELS_SORT_H
 #define SV_KERNELS_SORT_H
 
@@ -18,17 +18,19 @@ typedef struct {
 typedef struct {
   sv_pair *pair; // [n] overwritten
   uint32_t n;
-  uint32_t min_key, max_key; // of all pairs, or beyond
-  sv_pair *tmp;              // [n] scratch
-  uint32_t *hist;            // [SV_SORT_CAP_BUCKETS] scratch
-  uint32_t *order;           // [n] out: values by rising key, equal keys in the order in which they came
+  sv_pair *tmp;    // [n] scratch
+  uint32_t *hist;  // [SV_SORT_CAP_BUCKETS] scratch
+  uint32_t *order; // [n] out: values by rising key, equal keys in the order in which they came
 } sv_sort_args;
 
-// Two passes over digits of the leading bits of the range max - min, of at most 8 bits, 11 of long lists; what shares
-// them is put in order by insertion, or, if that is much, by passes over all bits. exact.
+// There is one such order, so each variant may sort as it is fastest. The reference: two passes over digits of the leading
+// bits of the range of the keys, of at most 8 bits, 11 of long lists; what shares them is put in order by insertion, or,
+// if that is much, by passes over all bits. exact.
 typedef void (*sv_sort_fn)(const sv_sort_args *a);
 
 void sv_sort_ref(const sv_sort_args *a);
+void sv_sort_avx2(const sv_sort_args *a);
+void sv_sort_avx512(const sv_sort_args *a);
 
 #ifdef __cplusplus
 }

@@ -3,6 +3,8 @@
 
 #include <string.h>
 
+#include "kernels/sort/sort_insert.h"
+
 // FEW pairs are sorted by insertion. Buckets of longer digits take longer to add up than lists of less than LONG, or MANY,
 // pairs take to be moved. MOVES places a pair and more, and two more passes are less work.
 enum { CAP_PASSES = 4, FEW = 24, LONG = 1024, MANY = 2048, MOVES = 2 };
@@ -12,13 +14,25 @@ typedef struct {
   int shift, width, n_passes; // digits from the bit `shift` on
 } digits;
 
+// Bits of the range of the keys, at least 1; n > 0.
+static int range_bits(const sv_pair *pair, uint32_t n, uint32_t *min_key) {
+  uint32_t min = UINT32_MAX, max = 0;
+  for (uint32_t i = 0; i < n; i++) {
+    min = pair[i].key < min ? pair[i].key : min;
+    max = pair[i].key > max ? pair[i].key : max;
+  }
+  *min_key = min;
+  return max > min ? 32 - __builtin_clz(max - min) : 1;
+}
+
 // Of all bits of the range, or of as many of the leading ones as two digits hold.
-static digits digits_of(const sv_sort_args *a, int is_leading) {
-  const int bits = a->max_key > a->min_key ? 32 - __builtin_clz(a->max_key - a->min_key) : 1;
+static digits digits_of(const sv_sort_args *a, const sv_pair *pair, int is_leading) {
+  uint32_t min;
+  const int bits = range_bits(pair, a->n, &min);
   const int most = a->n >= MANY ? 11 : a->n >= LONG || !is_leading ? 8 : 7;
   const int shift = is_leading && bits > 2 * most ? bits - 2 * most : 0;
   const int n_passes = (bits - shift + most - 1) / most, width = (bits - shift + n_passes - 1) / n_passes;
-  return (digits){a->min_key, (1u << width) - 1, shift, width, n_passes};
+  return (digits){min, (1u << width) - 1, shift, width, n_passes};
 }
 
 // Histograms of all digits, read once. n_passes is a constant where this is called.
@@ -67,34 +81,17 @@ static sv_pair *by_digits(const sv_sort_args *a, sv_pair *from, const digits *d)
   return from;
 }
 
-// By insertion, and the values to `order`; gives up after `left` moves, and what it leaves is as stable as what it got.
-static int insert(sv_pair *pair, uint32_t n, uint64_t left, uint32_t *order) {
-  for (uint32_t i = 0; i < n; i++) {
-    const sv_pair p = pair[i];
-    uint32_t k = i;
-    for (; k > 0 && pair[k - 1].key > p.key; k--) {
-      pair[k] = pair[k - 1];
-      order[k] = order[k - 1];
-    }
-    if (k < i) pair[k] = p;
-    order[k] = p.value;
-    if (i - k > left) return 0;
-    left -= i - k;
-  }
-  return 1;
-}
-
 // Two passes leave few out of place, unless depths crowd in a small part of the range.
 void sv_sort_ref(const sv_sort_args *a) {
   sv_pair *sorted = a->pair;
   uint64_t moves = (uint64_t)a->n * a->n;
   if (a->n > FEW) {
-    const digits leading = digits_of(a, 1);
+    const digits leading = digits_of(a, sorted, 1);
     sorted = by_digits(a, sorted, &leading);
     moves = (uint64_t)a->n * MOVES;
   }
-  if (insert(sorted, a->n, moves, a->order)) return;
-  const digits all = digits_of(a, 0);
+  if (sort_insert(sorted, a->n, moves, a->order)) return;
+  const digits all = digits_of(a, sorted, 0);
   sorted = by_digits(a, sorted, &all);
   for (uint32_t i = 0; i < a->n; i++) a->order[i] = sorted[i].value;
 }

@@ -23,8 +23,7 @@ typedef struct {
   float cap[SV_CAP_ROWS]; // 0: nothing moves
   uint32_t *id;           // [N_GAUSSIANS] visible ones
   uint32_t *at;           // [tiles]
-  uint32_t min_key, max_key;
-  float *block; // [SV_CAP_ROWS + 1][16]
+  float *block;           // [SV_CAP_ROWS + 1][16]
   const uint8_t *picture;
   sv_bench_counts counts;
 } ctx;
@@ -48,8 +47,6 @@ static void run_sort(ctx *c) {
   for (int t = 0; t < r->n_tiles; t++)
     c->k->sort(&(sv_sort_args){.pair = r->pair + r->tile_begin[t],
                                .n = c->at[t] - r->tile_begin[t],
-                               .min_key = c->min_key,
-                               .max_key = c->max_key,
                                .tmp = r->tmp + r->tile_begin[t],
                                .hist = (uint32_t *)(void *)r->scratch,
                                .order = r->list + r->tile_begin[t]});
@@ -216,12 +213,9 @@ size_t sv_bench_kernel_bytes(void) {
 static void list_visible(ctx *c) {
   const sv_renderer *r = &c->t->render;
   uint32_t n = 0;
-  c->min_key = UINT32_MAX, c->max_key = 0;
   for (uint32_t i = 0; i < N_GAUSSIANS; i++) {
     if (!r->splat[i].n_recs) continue;
     c->id[n++] = i;
-    if (r->depth_key[i] < c->min_key) c->min_key = r->depth_key[i];
-    if (r->depth_key[i] > c->max_key) c->max_key = r->depth_key[i];
   }
 }
 

@@ -6,7 +6,7 @@
 #include "src/splat/constants.h"
 
 #define RANGE 512 // slots projected by one task
-#define BATCH 128 // slots binned at a time
+#define BATCH 512 // slots binned at a time
 
 #define PAIRS_FLOATS (2 * sizeof(sv_pair) / sizeof(float)) // of a record, with the sort's scratch
 _Static_assert(PAIRS_FLOATS <= SV_SLOT_FLOATS, "pairs and scratch lie in the slots");
@@ -35,8 +35,6 @@ static void carve(sv_renderer *r, const sv_renderer_cfg *cfg, sv_arena *a) {
   r->depth_key = SV_TAKE(a, uint32_t, cap);
   r->n_in_range = SV_TAKE(a, uint32_t, cap / RANGE + 1);
   r->recs_in_range = SV_TAKE(a, uint32_t, cap / RANGE + 1);
-  r->min_key = SV_TAKE(a, uint32_t, cap / RANGE + 1);
-  r->max_key = SV_TAKE(a, uint32_t, cap / RANGE + 1);
   r->rec = SV_TAKE(a, sv_rec, recs);
   r->list = SV_TAKE(a, uint32_t, recs);
   r->tile_begin = SV_TAKE(a, uint32_t, n_tiles + 1);
@@ -86,7 +84,6 @@ typedef struct {
   const sv_kernels *k;
   const sv_raster_bwd_args *bwd;
   int n_blocks, n_ranges;
-  uint32_t min_key, max_key; // of all visible splats
 } job;
 
 static void project_task(void *arg, int i_task, int i_thread) {
@@ -97,18 +94,13 @@ static void project_task(void *arg, int i_task, int i_thread) {
   int moved = b1 < r->n_moved_blocks ? b1 : r->n_moved_blocks;
   if (b0 < moved) j->k->project(&r->moved, b0, moved, thread_scratch(r, i_thread));
   if (moved < b1) j->k->project(&r->project, b0 > moved ? b0 : moved, b1, thread_scratch(r, i_thread));
-  uint32_t n = 0, n_recs = 0, min = UINT32_MAX, max = 0;
-  for (int i = 16 * b0; i < 16 * b1; i++) { // without branches: who is visible cannot be predicted
-    const uint32_t recs = r->splat[i].n_recs, key = r->depth_key[i], hidden = recs ? 0 : UINT32_MAX;
-    n += recs != 0;
-    n_recs += recs;
-    min = (key | hidden) < min ? (key | hidden) : min;
-    max = (key & ~hidden) > max ? (key & ~hidden) : max;
+  uint32_t n = 0, n_recs = 0;
+  for (int i = 16 * b0; i < 16 * b1; i++) {
+    n += r->splat[i].n_recs != 0;
+    n_recs += r->splat[i].n_recs;
   }
   r->n_in_range[i_task] = n;
   r->recs_in_range[i_task] = n_recs;
-  r->min_key[i_task] = min;
-  r->max_key[i_task] = max;
 }
 
 // Ranges [range_begin(c), range_begin(c + 1)) belong to chunk c.
@@ -128,15 +120,11 @@ static uint64_t add_up(job *j) {
   sv_renderer *r = j->r;
   uint64_t sum = 0;
   r->stats.n_visible = 0;
-  j->min_key = UINT32_MAX;
-  j->max_key = 0;
   for (int c = 0; c < SV_RENDER_CHUNKS; c++) {
     r->chunk_rec[c] = (uint32_t)sum;
     for (int i = range_begin(j, c); i < range_begin(j, c + 1); i++) {
       sum += r->recs_in_range[i];
       r->stats.n_visible += r->n_in_range[i];
-      j->min_key = r->min_key[i] < j->min_key ? r->min_key[i] : j->min_key;
-      j->max_key = r->max_key[i] > j->max_key ? r->max_key[i] : j->max_key;
     }
   }
   r->chunk_rec[SV_RENDER_CHUNKS] = (uint32_t)sum;
@@ -276,8 +264,6 @@ static void raster_task(void *arg, int i_task, int i_thread) {
   float *scratch = thread_scratch(r, i_thread);
   j->k->sort(&(sv_sort_args){.pair = r->pair + begin,
                              .n = n,
-                             .min_key = j->min_key,
-                             .max_key = j->max_key,
                              .tmp = n <= NEAR_PAIRS ? (sv_pair *)(void *)(scratch + SV_SORT_CAP_BUCKETS)
                                                     : r->tmp + begin,
                              .hist = (uint32_t *)(void *)scratch,

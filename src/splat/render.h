@@ -36,9 +36,8 @@ typedef struct {
   sv_splat *splat;     // [cap]
   uint32_t *depth_key; // [cap]
   uint32_t *n_in_range,
-      *recs_in_range;          // [cap/512 + 1] visible splats per range of 512 slots, and their records
-  uint32_t *min_key, *max_key; // [cap/512 + 1] their depths
-  sv_rec *rec;                 // [cap_recs] by Gaussian, each splat's own side by side
+      *recs_in_range; // [cap/512 + 1] visible splats per range of 512 slots, and their records
+  sv_rec *rec;        // [cap_recs] by Gaussian, each splat's own side by side
   sv_pair *pair,
       *tmp; // [cap_recs] (depth, record) by tile, to be sorted; scratch of the sort. Both lie in `slot`,
             // which only the way back fills

@@ -52,12 +52,8 @@ void sv_local_motion_find(sv_local_motion *b, const sv_kernels *k, int n, const 
       b->pair[p].key |= spread_bits((uint32_t)sv_clampf(u, 0.0f, cells - 1.0f)) << e;
     }
   }
-  k->sort(&(sv_sort_args){.pair = b->pair,
-                          .n = (uint32_t)n,
-                          .max_key = (1u << (3 * BITS)) - 1,
-                          .tmp = b->tmp,
-                          .hist = b->hist,
-                          .order = b->order});
+  k->sort(
+      &(sv_sort_args){.pair = b->pair, .n = (uint32_t)n, .tmp = b->tmp, .hist = b->hist, .order = b->order});
   for (int p = 0; p < n; p++) b->at[b->order[p]] = p;
 }
 

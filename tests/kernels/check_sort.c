@@ -35,23 +35,13 @@ static int by_key_then_value(const void *a, const void *b) {
   return p->value < q->value ? -1 : p->value > q->value;
 }
 
-// The range of keys as it is, or wider, as that of a whole picture is for one tile.
-static void sort(ck *c, const sv_pair *in, uint32_t n, uint32_t wider, uint32_t *order) {
+static void sort(ck *c, const sv_pair *in, uint32_t n, uint32_t *order) {
   sv_sort_args a = {.pair = ck_bytes(c, n * sizeof(sv_pair)),
                     .n = n,
-                    .min_key = UINT32_MAX,
                     .tmp = ck_bytes(c, n * sizeof(sv_pair)),
                     .hist = ck_bytes(c, SV_SORT_CAP_BUCKETS * sizeof(uint32_t)),
                     .order = order};
-  for (uint32_t i = 0; i < n; i++) {
-    a.pair[i] = in[i];
-    a.min_key = in[i].key < a.min_key ? in[i].key : a.min_key;
-    a.max_key = in[i].key > a.max_key ? in[i].key : a.max_key;
-  }
-  if (n) {
-    a.min_key -= a.min_key < wider ? a.min_key : wider;
-    a.max_key += UINT32_MAX - a.max_key < wider ? UINT32_MAX - a.max_key : wider;
-  }
+  for (uint32_t i = 0; i < n; i++) a.pair[i] = in[i];
   c->var.sort(&a);
 }
 
@@ -65,7 +55,7 @@ static void check_sort(ck *c) {
       for (uint32_t i = 0; i < n; i++) want[i] = in[i] = (sv_pair){make_key(c, kind, i), i};
       if (n) qsort(want, n, sizeof *want, by_key_then_value); // values rise in the input: stable = this order
       uint32_t *order = ck_bytes(c, n * sizeof *order);
-      sort(c, in, n, kind % 2 ? 0 : 5000, order);
+      sort(c, in, n, order);
       for (uint32_t i = 0; i < n; i++) ck_true(c, order[i] == want[i].value, "rank %u: %u", i, order[i]);
     }
 }
@@ -88,8 +78,6 @@ static void bench_sort(ck *c) {
   sort_job j = {.from = ck_bytes(c, bytes),
                 .a = {.pair = ck_bytes(c, bytes),
                       .n = N_BENCH,
-                      .min_key = depth_bits(0.5f),
-                      .max_key = depth_bits(4.5f),
                       .tmp = ck_bytes(c, bytes),
                       .hist = ck_bytes(c, SV_SORT_CAP_BUCKETS * 4),
                       .order = ck_bytes(c, N_BENCH * 4)}};

@@ -104,7 +104,6 @@ static void sort_by_depth(ck *c, sc_scene *s) {
   size_t n = 16 * (size_t)s->n_blocks;
   s->order = ck_bytes(c, n * 4);
   sv_sort_args a = {.pair = ck_bytes(c, n * sizeof(sv_pair)),
-                    .max_key = UINT32_MAX,
                     .tmp = ck_bytes(c, n * sizeof(sv_pair)),
                     .hist = ck_bytes(c, SV_SORT_CAP_BUCKETS * sizeof(uint32_t)),
                     .order = s->order};
