@@ -16,27 +16,29 @@ void sv_probe_ref(const sv_probe_args *a) {
   }
 }
 
-void sv_curvature_ref(float keep, int n_rows, uint32_t touched, const float *x, int is_square, float *diag) {
+void sv_curvature_ref(float keep, int n_rows, uint32_t touched, const float *x, int is_square,
+                      uint16_t *diag) {
   for (int i = 0; i < 16 * n_rows; i++) {
     if (!(touched >> (i & 15) & 1)) continue;
-    const float s = is_square ? x[i] : x[i] * x[i];
-    diag[i] = diag[i] > 0.0f ? fmaf(keep, diag[i], (1.0f - keep) * s) : s;
+    const float s = is_square ? x[i] : x[i] * x[i], d = s1_from_high(diag[i]);
+    diag[i] = s1_high(d > 0.0f ? fmaf(keep, d, (1.0f - keep) * s) : s);
   }
 }
 
-void sv_newton_ref(const sv_newton_args *a, uint32_t touched, const float *grad, const float *diag, float *p,
-                   float *m) {
+void sv_newton_ref(const sv_newton_args *a, uint32_t touched, const float *grad, const uint16_t *diag,
+                   float *p, uint16_t *m) {
   float c1 = 1.0f - a->beta1;
   for (int row = 0; row < a->n_rows; row++) {
-    float lanes[16], cap = a->cap[row];
-    memcpy(lanes, diag + 16 * row, sizeof lanes);
+    float d[16], lanes[16], cap = a->cap[row];
+    for (int k = 0; k < 16; k++) d[k] = lanes[k] = s1_from_high(diag[16 * row + k]);
     float ridge = a->damping * (s1_sum16(lanes) * (1.0f / 16.0f));
     for (int k = 0; k < 16; k++) {
       int i = 16 * row + k;
       if (!(touched >> k & 1)) continue;
-      m[i] = fmaf(a->beta1, m[i], c1 * grad[i]);
-      if (!(diag[i] > 0.0f)) continue;
-      float step = a->rate * m[i] / (diag[i] + ridge);
+      float mean = fmaf(a->beta1, s1_from_high(m[i]), c1 * grad[i]);
+      m[i] = s1_high(mean);
+      if (!(d[k] > 0.0f)) continue;
+      float step = a->rate * mean / (d[k] + ridge);
       p[i] -= s1_max(s1_min(step, cap), -cap);
     }
   }

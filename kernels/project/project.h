@@ -59,7 +59,7 @@ typedef struct {
   uint64_t mask;
 } sv_rec;
 
-// What rasterization backward leaves per record, 16 floats: moments of g = dL/d(ln alpha) over the pixels
+// What rasterization backward leaves per record, 32 bytes (s1_store11 in kernels/simd/s1_math.h: 24 bits a value, of the last 16): moments of g = dL/d(ln alpha) over the pixels
 // (sum g, g dx, g dy, g dx^2, g dx dy, g dy^2), dL/drgb (3), dL/dz, sum of weight * |residual|.
 enum {
   SV_SLOT_G,
@@ -71,7 +71,8 @@ enum {
   SV_SLOT_RGB,
   SV_SLOT_Z = 9,
   SV_SLOT_ERR,
-  SV_SLOT_FLOATS = 16
+  SV_SLOT_VALUES,
+  SV_SLOT_BYTES = 32
 };
 
 typedef struct {
@@ -102,7 +103,7 @@ typedef void (*sv_project_fn)(const sv_project_args *a, int block0, int block1, 
 typedef struct {
   const sv_project_args *fwd; // the same as in the forward pass
   const sv_rec *rec;          // those of a block's Gaussians follow one another; one with mask 0 has no slot
-  const float *slot;          // [n_recs][16]
+  const uint8_t *slot;        // [n_recs][32]
   float *pose_grad; // [6] out, this block's sum of dL/d(omega, v) of a twist on cam_from_world; or NULL
   float reg_opacity,
       reg_scale; // added to touched lanes: reg_opacity o (1-o) on the logit, reg_scale s on each

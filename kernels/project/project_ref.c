@@ -333,12 +333,13 @@ uint32_t sv_project_bwd_ref(const sv_project_bwd_args *args, int block, float *g
   for (int i = 0; i < n_used * SV_LANES; i++) grad[i] = 0.0f;
   for (int k = 0; k < SV_LANES; k++) {
     const sv_splat *s = a->splat + block * SV_LANES + k;
-    float m[SV_SLOT_FLOATS] = {0}, one[6];
+    float m[SV_SLOT_VALUES] = {0}, of_rec[SV_SLOT_VALUES], one[6];
     int is_touched = 0;
     for (uint32_t r = s->first_rec; r < s->first_rec + s->n_recs; r++) {
       if (!args->rec[r].mask) continue;
       is_touched = 1;
-      for (int i = 0; i < SV_SLOT_FLOATS; i++) m[i] += args->slot[(long)r * SV_SLOT_FLOATS + i];
+      s1_load11(args->slot + (long)r * SV_SLOT_BYTES, of_rec);
+      for (int i = 0; i < SV_SLOT_VALUES; i++) m[i] += of_rec[i];
     }
     err[k] = m[SV_SLOT_ERR];
     if (!is_touched) continue;

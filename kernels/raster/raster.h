@@ -51,7 +51,7 @@ typedef struct {
   const float *g_depth;      // dL/ddepth, or NULL
   const float *g_trans;      // dL/dtrans, or NULL (alpha = 1 - trans)
   const float *err;          // weight * err is summed per splat; or NULL
-  float *slot;               // [n_recs][16] out, see SV_SLOT_*; only for records whose mask is not 0
+  uint8_t *slot;             // [n_recs][32] out, see SV_SLOT_*; only for records whose mask is not 0
 } sv_raster_bwd_args;
 
 // exact.

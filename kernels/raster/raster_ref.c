@@ -125,7 +125,7 @@ static void block_bwd(const sv_splat *s, float x0, float y0, int b, const tile_s
 }
 
 static void splat_bwd(const sv_splat *s, float x0, float y0, uint64_t mask, const tile_state *st,
-                      float *slot) {
+                      uint8_t *slot) {
   float m[11][16] = {{0}};
   for (int by = 0; by < 8; by++) {
     float row[2][16] = {{0}};
@@ -141,8 +141,9 @@ static void splat_bwd(const sv_splat *s, float x0, float y0, uint64_t mask, cons
       m[SV_SLOT_GYY][k] = fmaf(row[0][k] * dy, dy, m[SV_SLOT_GYY][k]);
     }
   }
-  for (int i = 0; i < 11; i++) slot[i] = s1_sum16(m[i]);
-  for (int i = 11; i < SV_SLOT_FLOATS; i++) slot[i] = 0.0f;
+  float sum[SV_SLOT_VALUES];
+  for (int i = 0; i < SV_SLOT_VALUES; i++) sum[i] = s1_sum16(m[i]);
+  s1_store11(slot, sum);
 }
 
 void sv_raster_bwd_ref(const sv_raster_bwd_args *a, uint32_t tile, const uint32_t *list, uint32_t n,
@@ -159,6 +160,6 @@ void sv_raster_bwd_ref(const sv_raster_bwd_args *a, uint32_t tile, const uint32_
   for (uint32_t i = 0; i < n; i++) {
     const sv_rec *r = a->fwd->rec + list[i];
     const sv_splat *s = a->fwd->splat + r->id;
-    if (r->mask) splat_bwd(s, x0, y0, r->mask, &st, a->slot + (long)list[i] * SV_SLOT_FLOATS);
+    if (r->mask) splat_bwd(s, x0, y0, r->mask, &st, a->slot + (long)list[i] * SV_SLOT_BYTES);
   }
 }

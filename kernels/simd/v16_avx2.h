@@ -180,6 +180,38 @@ static inline void v16i_store(int32_t *p, v16i x) {
   _mm256_storeu_si256((__m256i *)p, x.a);
   _mm256_storeu_si256((__m256i *)(p + 8), x.b);
 }
+static inline v16 v16_load_high(const uint16_t *p) {
+  __m256i a = _mm256_cvtepu16_epi32(_mm_loadu_si128((const __m128i *)p));
+  __m256i b = _mm256_cvtepu16_epi32(_mm_loadu_si128((const __m128i *)(p + 8)));
+  return v16_make_(_mm256_castsi256_ps(_mm256_slli_epi32(a, 16)),
+                   _mm256_castsi256_ps(_mm256_slli_epi32(b, 16)));
+}
+static inline void v16i_store_high(uint16_t *p, v16i x) {
+  __m256i q = _mm256_packus_epi32(_mm256_srli_epi32(x.a, 16), _mm256_srli_epi32(x.b, 16));
+  _mm256_storeu_si256((__m256i *)p, _mm256_permute4x64_epi64(q, 0xd8));
+}
+static inline void v16_store11(uint8_t *p, v16 x) {
+  const int no = (int)0x80808080;
+  const __m256i of_a =
+      _mm256_setr_epi32(0x07060302, 0x0f0e0b0a, 0x0d090501, no, 0x07060302, 0x0f0e0b0a, 0x0d090501, no);
+  const __m128i of_b = _mm_setr_epi32(0x07060302, 0x05010b0a, no, no);
+  __m256i a = _mm256_add_epi32(_mm256_castps_si256(x.a), _mm256_set1_epi32(0x80));
+  __m128i b = _mm_add_epi32(_mm256_castsi256_si128(_mm256_castps_si256(x.b)), _mm_set1_epi32(0x80));
+  a = _mm256_permutevar8x32_epi32(_mm256_shuffle_epi8(a, of_a), _mm256_setr_epi32(0, 1, 2, 4, 5, 6, 0, 0));
+  _mm256_storeu_si256((__m256i *)p, a);
+  _mm_storel_epi64((__m128i *)(p + 24), _mm_shuffle_epi8(b, of_b));
+}
+static inline v16 v16_load11(const uint8_t *p) {
+  const int no = (int)0x80808080;
+  const __m256i of_a = _mm256_setr_epi32(0x01000880, 0x03020980, 0x05040a80, 0x07060b80, 0x01000880,
+                                         0x03020980, 0x05040a80, 0x07060b80);
+  const __m128i of_b = _mm_setr_epi32(0x01000680, 0x03020780, 0x05048080, no);
+  __m256i a = _mm256_permutevar8x32_epi32(_mm256_loadu_si256((const __m256i *)p),
+                                          _mm256_setr_epi32(0, 1, 2, 2, 3, 4, 5, 5));
+  __m128i b = _mm_shuffle_epi8(_mm_loadl_epi64((const __m128i *)(p + 24)), of_b);
+  return v16_make_(_mm256_castsi256_ps(_mm256_shuffle_epi8(a, of_a)),
+                   _mm256_castsi256_ps(_mm256_zextsi128_si256(b)));
+}
 static inline __m256 v16_min4_(__m256 x) {
   __m256 y = _mm256_min_ps(x, _mm256_permute_ps(x, 0x4e));
   return _mm256_min_ps(y, _mm256_permute_ps(y, 0xb1));

@@ -94,6 +94,31 @@ static inline v16i v16i_shr23(v16i a) { return _mm512_srli_epi32(a, 23); }
 static inline v16 v16i_to_f(v16i a) { return _mm512_cvtepi32_ps(a); }
 static inline v16i v16_trunc_i(v16 a) { return _mm512_cvttps_epi32(a); }
 static inline void v16i_store(int32_t *p, v16i a) { _mm512_storeu_si512(p, a); }
+static inline v16 v16_load_high(const uint16_t *p) {
+  return _mm512_castsi512_ps(
+      _mm512_slli_epi32(_mm512_cvtepu16_epi32(_mm256_loadu_si256((const __m256i *)p)), 16));
+}
+static inline void v16i_store_high(uint16_t *p, v16i a) {
+  _mm256_storeu_si256((__m256i *)p, _mm512_cvtepi32_epi16(_mm512_srli_epi32(a, 16)));
+}
+static inline void v16_store11(uint8_t *p, v16 a) {
+  const int no = (int)0x80808080;
+  const __m512i bytes = _mm512_setr_epi32(0x07060302, 0x0f0e0b0a, 0x0d090501, no, 0x07060302, 0x0f0e0b0a,
+                                          0x0d090501, no, 0x07060302, 0x05010b0a, no, no, no, no, no, no);
+  const __m512i words = _mm512_setr_epi32(0, 1, 2, 4, 5, 6, 8, 9, 0, 0, 0, 0, 0, 0, 0, 0);
+  __m512i x = _mm512_add_epi32(_mm512_castps_si512(a), _mm512_set1_epi32(0x80));
+  x = _mm512_permutexvar_epi32(words, _mm512_shuffle_epi8(x, bytes));
+  _mm256_storeu_si256((__m256i *)p, _mm512_castsi512_si256(x));
+}
+static inline v16 v16_load11(const uint8_t *p) {
+  const int no = (int)0x80808080;
+  const __m512i bytes =
+      _mm512_setr_epi32(0x01000880, 0x03020980, 0x05040a80, 0x07060b80, 0x01000880, 0x03020980, 0x05040a80,
+                        0x07060b80, 0x01000680, 0x03020780, (int)0x05048080, no, no, no, no, no);
+  const __m512i words = _mm512_setr_epi32(0, 1, 2, 2, 3, 4, 5, 5, 6, 7, 7, 7, 7, 7, 7, 7);
+  __m512i x = _mm512_zextsi256_si512(_mm256_loadu_si256((const __m256i *)p));
+  return _mm512_castsi512_ps(_mm512_shuffle_epi8(_mm512_permutexvar_epi32(words, x), bytes));
+}
 static inline v16 v16_min4(v16 a) {
   v16 b = _mm512_min_ps(a, _mm512_permute_ps(a, 0x4e));
   return _mm512_min_ps(b, _mm512_permute_ps(b, 0xb1));

@@ -9,6 +9,13 @@
 // back in every inner loop, and one chain of operations waits where others could run beside it.
 #define V16_INLINE static inline __attribute__((always_inline))
 
+// Rounded to the nearest number of 16 bits, of two the one farther from 0.
+#ifndef V16_HAS_STORE_HIGH
+V16_INLINE void v16_store_high(uint16_t *p, v16 a) {
+  v16i_store_high(p, v16i_add(v16_bits(a), v16i_set1(0x8000)));
+}
+#endif
+
 // x minus the whole number nearest to it, of two the even one; |x| < 2^22.
 #ifndef V16_HAS_REST
 V16_INLINE v16 v16_rest(v16 x) {

@@ -129,6 +129,38 @@ static inline void v16i_store(int32_t *p, v16i x) {
   V16_UNROLL
   for (int i = 0; i < 4; i++) vst1q_s32(p + 4 * i, x.q[i]);
 }
+static inline v16 v16_load_high(const uint16_t *p) {
+  V16_EACH(v16, vreinterpretq_f32_u32(vshll_n_u16(vld1_u16(p + 4 * i), 16)));
+}
+static inline void v16i_store_high(uint16_t *p, v16i x) {
+  V16_UNROLL
+  for (int i = 0; i < 4; i++) vst1_u16(p + 4 * i, vshrn_n_u32(vreinterpretq_u32_s32(x.q[i]), 16));
+}
+#define V16_HAS_STORE_HIGH 1
+static inline void v16_store_high(uint16_t *p, v16 x) {
+  V16_UNROLL
+  for (int i = 0; i < 4; i++) vst1_u16(p + 4 * i, vrshrn_n_u32(vreinterpretq_u32_f32(x.q[i]), 16));
+}
+static inline void v16_store11(uint8_t *p, v16 x) {
+  static const uint8_t four[16] = {2, 3, 6, 7, 10, 11, 14, 15, 1, 5, 9, 13, 255, 255, 255, 255},
+                       three[8] = {2, 3, 6, 7, 10, 11, 1, 5};
+  uint8x16_t q[3], m = vld1q_u8(four);
+  V16_UNROLL
+  for (int i = 0; i < 3; i++)
+    q[i] = vreinterpretq_u8_u32(vaddq_u32(vreinterpretq_u32_f32(x.q[i]), vdupq_n_u32(0x80)));
+  vst1q_u8(p, vqtbl1q_u8(q[0], m)); // each store leaves four bytes for the next
+  vst1q_u8(p + 12, vqtbl1q_u8(q[1], m));
+  vst1_u8(p + 24, vqtbl1_u8(q[2], vld1_u8(three)));
+}
+static inline v16 v16_load11(const uint8_t *p) {
+  static const uint8_t four[16] = {255, 8, 0, 1, 255, 9, 2, 3, 255, 10, 4, 5, 255, 11, 6, 7},
+                       three[16] = {255, 6, 0, 1, 255, 7, 2, 3, 255, 255, 4, 5, 255, 255, 255, 255};
+  uint8x16_t m = vld1q_u8(four), last = vcombine_u8(vld1_u8(p + 24), vdup_n_u8(0));
+  v16 r = {{vreinterpretq_f32_u8(vqtbl1q_u8(vld1q_u8(p), m)),
+            vreinterpretq_f32_u8(vqtbl1q_u8(vld1q_u8(p + 12), m)),
+            vreinterpretq_f32_u8(vqtbl1q_u8(last, vld1q_u8(three))), vdupq_n_f32(0.0f)}};
+  return r;
+}
 static inline v16 v16_min4(v16 x) { V16_EACH(v16, vdupq_n_f32(vminvq_f32(x.q[i]))); }
 static inline v16 v16_max4(v16 x) { V16_EACH(v16, vdupq_n_f32(vmaxvq_f32(x.q[i]))); }
 static inline float32x4_t v16_fold4_(v16 x) {

@@ -11,6 +11,8 @@
 #include <stdint.h>
 #include <string.h>
 
+#include "kernels/simd/s1_math.h"
+
 typedef struct {
   float l[16];
 } v16;
@@ -111,6 +113,21 @@ static inline v16i v16i_shr23(v16i a) { V16I_EACH((uint32_t)a.l[k] >> 23); }
 static inline v16 v16i_to_f(v16i a) { V16_EACH((float)a.l[k]); }
 static inline v16i v16_trunc_i(v16 a) { V16I_EACH(a.l[k]); } // towards zero; |a| < 2^31
 static inline void v16i_store(int32_t *p, v16i a) { memcpy(p, a.l, 64); }
+// Numbers of 16 bits are the upper halves of floats (bfloat16): sign, exponent, 7 bits of fraction.
+static inline v16 v16_load_high(const uint16_t *p) { // any alignment
+  v16i r;
+  for (int k = 0; k < 16; k++) r.l[k] = (int32_t)((uint32_t)p[k] << 16);
+  return v16_from_bits(r);
+}
+static inline void v16i_store_high(uint16_t *p, v16i a) { // the lower halves are lost
+  for (int k = 0; k < 16; k++) p[k] = (uint16_t)((uint32_t)a.l[k] >> 16);
+}
+static inline void v16_store11(uint8_t *p, v16 a) { s1_store11(p, a.l); }
+static inline v16 v16_load11(const uint8_t *p) {
+  v16 r = v16_zero();
+  s1_load11(p, r.l);
+  return r;
+}
 static inline float v16_lo_(float a, float b) { return a < b ? a : b; }
 static inline float v16_hi_(float a, float b) { return a > b ? a : b; }
 static inline v16 v16_min4(v16 a) { // the smallest of each group of four lanes, in all four

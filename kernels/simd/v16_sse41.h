@@ -120,6 +120,42 @@ static inline void v16i_store(int32_t *p, v16i x) {
   V16_UNROLL
   for (int i = 0; i < 4; i++) _mm_storeu_si128((__m128i *)(p + 4 * i), x.q[i]);
 }
+static inline v16 v16_load_high(const uint16_t *p) {
+  __m128i a = _mm_loadu_si128((const __m128i *)p), b = _mm_loadu_si128((const __m128i *)(p + 8)),
+          z = _mm_setzero_si128();
+  v16 r = {{_mm_castsi128_ps(_mm_unpacklo_epi16(z, a)), _mm_castsi128_ps(_mm_unpackhi_epi16(z, a)),
+            _mm_castsi128_ps(_mm_unpacklo_epi16(z, b)), _mm_castsi128_ps(_mm_unpackhi_epi16(z, b))}};
+  return r;
+}
+static inline void v16i_store_high(uint16_t *p, v16i x) {
+  __m128i h[4];
+  V16_UNROLL
+  for (int i = 0; i < 4; i++) h[i] = _mm_srli_epi32(x.q[i], 16);
+  _mm_storeu_si128((__m128i *)p, _mm_packus_epi32(h[0], h[1]));
+  _mm_storeu_si128((__m128i *)(p + 8), _mm_packus_epi32(h[2], h[3]));
+}
+static inline void v16_store11(uint8_t *p, v16 x) {
+  const int no = (int)0x80808080;
+  const __m128i four = _mm_setr_epi32(0x07060302, 0x0f0e0b0a, 0x0d090501, no),
+                three = _mm_setr_epi32(0x07060302, 0x05010b0a, no, no), half = _mm_set1_epi32(0x80);
+  __m128i q[3];
+  V16_UNROLL
+  for (int i = 0; i < 3; i++)
+    q[i] = _mm_shuffle_epi8(_mm_add_epi32(_mm_castps_si128(x.q[i]), half), i < 2 ? four : three);
+  _mm_storeu_si128((__m128i *)p, q[0]); // each store leaves four bytes for the next
+  _mm_storeu_si128((__m128i *)(p + 12), q[1]);
+  _mm_storel_epi64((__m128i *)(p + 24), q[2]);
+}
+static inline v16 v16_load11(const uint8_t *p) {
+  const int no = (int)0x80808080;
+  const __m128i four = _mm_setr_epi32(0x01000880, 0x03020980, 0x05040a80, 0x07060b80),
+                three = _mm_setr_epi32(0x01000680, 0x03020780, 0x05048080, no);
+  v16 r = {{_mm_castsi128_ps(_mm_shuffle_epi8(_mm_loadu_si128((const __m128i *)p), four)),
+            _mm_castsi128_ps(_mm_shuffle_epi8(_mm_loadu_si128((const __m128i *)(p + 12)), four)),
+            _mm_castsi128_ps(_mm_shuffle_epi8(_mm_loadl_epi64((const __m128i *)(p + 24)), three)),
+            _mm_setzero_ps()}};
+  return r;
+}
 static inline __m128 v16_min4_(__m128 x) {
   __m128 y = _mm_min_ps(x, _mm_shuffle_ps(x, x, 0x4e));
   return _mm_min_ps(y, _mm_shuffle_ps(y, y, 0xb1));

@@ -30,13 +30,12 @@ static void measure(const sv_train_cfg *cfg, double *per_gaussian, double *per_p
 
 sv_arrays sv_arrays_of(const sv_train_cfg *c) {
   sv_arrays f = {0};
-  const double rows = SV_N_ROWS(c->sh_degree), rec = sizeof(sv_rec) + sizeof(uint32_t),
-               slot = SV_SLOT_FLOATS * sizeof(float);
+  const double rows = SV_N_ROWS(c->sh_degree), rec = sizeof(sv_rec) + sizeof(uint32_t), slot = SV_SLOT_BYTES;
   const double recs_g = c->cap_recs ? 0 : RECS_PER_GAUSSIAN, recs_px = c->cap_recs ? 0 : RECS_PER_PIXEL;
   const double samples = c->is_supersampled ? 4 : 1; // of a pixel
   const bool has_sum = c->cap_composites > 0 || c->n_unseen > 0;
   add(&f, "parameters", 4 * rows, 0);
-  add(&f, c->optimizer == SV_OPTIMIZER_ADAM ? "Adam's moments" : "mean gradient, curvature", 8 * rows, 0);
+  add(&f, c->optimizer == SV_OPTIMIZER_ADAM ? "Adam's moments" : "mean gradient, curvature", 4 * rows, 0);
   add(&f, "errors, floors, touched", 4 + (c->floor_px > 0.0f ? 4 : 0) + 0.25, 0);
   add(&f, "relocation", sizeof(double) + 2 * sizeof(int32_t), 0);
   add(&f, "sum of several pictures", has_sum ? 4 * (rows + 1) + 0.5 : 0, has_sum ? 16 : 0);

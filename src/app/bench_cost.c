@@ -54,7 +54,7 @@ sv_bench_cost sv_bench_cost_of(sv_bench_op op, const sv_bench_counts *n) {
   const double touched = n->n_touched, rows = n->n_rows, pairs = (double)n->pairs;
   const double row_lanes = BLOCK_PX * (double)n->block_rows;
   const double coef = (rows - SV_ROW_SH) / 3.0, record = sizeof(sv_rec) + sizeof(uint32_t);
-  const double slot = SV_SLOT_FLOATS * sizeof(float);
+  const double slot = SV_SLOT_BYTES;
   switch (op) {
   case SV_BENCH_UNPACK: return (sv_bench_cost){3 * px, (3 + 12) * px};
   case SV_BENCH_PROJECT:
@@ -75,7 +75,8 @@ sv_bench_cost sv_bench_cost_of(sv_bench_op op, const sv_bench_counts *n) {
   case SV_BENCH_PROJECT_BWD:
     return (sv_bench_cost){(PROJECT_BWD_FLOP + 17 * coef) * touched + SV_SLOT_ERR * recs,
                            (sizeof(sv_rec) + slot) * recs + sizeof(sv_splat) * visible + 4 * rows * touched};
-  case SV_BENCH_NEWTON: return (sv_bench_cost){NEWTON_FLOP * rows * touched, 5 * 4 * rows * touched};
+  case SV_BENCH_NEWTON:
+    return (sv_bench_cost){NEWTON_FLOP * rows * touched, (2 * 4 + 3 * 2) * rows * touched};
   default: return (sv_bench_cost){0, 0};
   }
 }

@@ -52,7 +52,7 @@ sv_status sv_app_resume(sv_app *app, sv_err *err) {
   if (s == SV_E_NOMEM)
     return sv_fail(err, SV_E_RANGE,
                    "checkpoint.bin is larger than this run's %zu bytes: it was made with other "
-                   "settings",
+                   "settings or by an older version",
                    app->checkpoint_bytes);
   if (s < 0) return s;
   return sv_checkpoint_read(&app->trainer, "checkpoint.bin", app->checkpoint, bytes, err);

@@ -126,8 +126,8 @@ sv_status sv_field_init(sv_field *f, const sv_field_cfg *cfg, const sv_gaussians
   f->coord = SV_TAKE(a, float, n_blocks * 64);
   f->scratch = SV_TAKE(a, float, (size_t)cfg->n_threads * f->n_scratch);
   if (!cfg->has_grad) return a->status < 0 ? a->status : SV_OK;
-  f->m = SV_TAKE(a, float, f->n_param);
-  f->v = SV_TAKE(a, float, f->n_param);
+  f->m = SV_TAKE(a, uint16_t, f->n_param);
+  f->v = SV_TAKE(a, uint16_t, f->n_param);
   f->grad = SV_TAKE(a, float, f->n_planes);
   f->layers = SV_TAKE(a, float, (n_blocks / SV_FIELD_TASK + 1) * (f->n_param - f->n_planes));
   f->part = SV_TAKE(a, float, n_blocks * 96 * (size_t)f->n_feature);
@@ -453,7 +453,11 @@ void sv_field_step(sv_field *f, const sv_kernels *k, const sv_pool *pool, uint32
       .f = f,
       .k = k,
       .planes = planes_of(f),
-      .adam = {.beta1 = 0.9f, .beta2 = 0.999f, .eps = 1e-15f, .rsqrt_bias2 = (float)(1.0 / sqrt(bias2))},
+      .adam = {.beta1 = 0.9f,
+               .beta2 = 0.999f,
+               .eps = 1e-15f,
+               .step = step,
+               .rsqrt_bias2 = (float)(1.0 / sqrt(bias2))},
       .lr_planes = (float)(r * (double)c->lr_planes * sv_pow((double)(c->lr_planes_end / c->lr_planes), x)),
       .lr_layers = (float)(r * (double)c->lr_layers * sv_pow((double)(c->lr_layers_end / c->lr_layers), x)),
       .n_blocks = (f->n_moving + 15) / 16};

@@ -57,7 +57,8 @@ typedef struct {
   sv_field_head head[SV_FIELD_CAP_HEADS];
   size_t plane_at[SV_FIELD_CAP_LEVELS][SV_FIELD_PLANES], plane_n[SV_FIELD_CAP_LEVELS][SV_FIELD_PLANES];
   size_t trunk_w, trunk_b, n_planes, n_param; // parameters: planes first, then the layers; multiples of 16
-  float *param, *m, *v;                       // [n_param]; moments NULL without has_grad
+  float *param;                               // [n_param]
+  uint16_t *m, *v;                            // [n_param] as in kernels/adam/adam.h; NULL without has_grad
   float *grad;                                // [n_planes] of the planes, of one step
   float *layers;     // [cap / 16 / SV_FIELD_TASK + 1][n_param - n_planes] of the layers, by task
   float *part;       // [cap/16][16][n_levels][6][n_channels] of the planes' samples

@@ -21,8 +21,8 @@ sv_status sv_motion_init(sv_motion *mo, const sv_motion_cfg *cfg, const sv_gauss
   size_t n_param = (size_t)g->cap * (size_t)mo->n_rows;
   mo->param = SV_TAKE(arena, float, n_param);
   mo->moved = SV_TAKE(arena, float, (size_t)g->cap *(size_t)g->n_rows);
-  mo->m = cfg->has_grad ? SV_TAKE(arena, float, n_param) : NULL;
-  mo->v = cfg->has_grad ? SV_TAKE(arena, float, n_param) : NULL;
+  mo->m = cfg->has_grad ? SV_TAKE(arena, uint16_t, n_param) : NULL;
+  mo->v = cfg->has_grad ? SV_TAKE(arena, uint16_t, n_param) : NULL;
   sv_status s = sv_bodies_init(&mo->bodies, g->cap, cfg->cap_knots, cfg->has_grad, arena);
   if (s < 0) return s;
   return arena->status < 0 ? arena->status : SV_OK;
@@ -35,7 +35,7 @@ static void rest(sv_motion *mo, int i, float sharpness) {
   *sv_motion_row(mo, i, SV_MROW_SHARPNESS) = sharpness;
   if (!mo->m) return;
   long at = sv_motion_row(mo, i, 0) - mo->param;
-  for (int r = 0; r < mo->n_rows; r++) mo->m[at + 16 * r] = mo->v[at + 16 * r] = 0.0f;
+  for (int r = 0; r < mo->n_rows; r++) mo->m[at + 16 * r] = mo->v[at + 16 * r] = 0;
 }
 
 // Where time has no end, no window may close by itself.
@@ -256,6 +256,11 @@ sv_motion_extent sv_motion_extent_of(const sv_motion *mo, int i) {
       .fade = sv_minf(far * (float)sv_exp((double)*sv_motion_row(mo, i, SV_MROW_SHARPNESS)), SV_WINDOW_MAX)};
 }
 
+static void swap_h(uint16_t *a, uint16_t *b) {
+  uint16_t s = *a;
+  *a = *b, *b = s;
+}
+
 static void swap(float *a, float *b) {
   float t = *a;
   *a = *b, *b = t;
@@ -270,8 +275,8 @@ void sv_motion_swap(sv_motion *mo, int i, int j) {
   for (int r = 0; r < mo->n_rows; r++) {
     swap(mo->param + a + 16 * r, mo->param + b + 16 * r);
     if (!mo->m) continue;
-    swap(mo->m + a + 16 * r, mo->m + b + 16 * r);
-    swap(mo->v + a + 16 * r, mo->v + b + 16 * r);
+    swap_h(mo->m + a + 16 * r, mo->m + b + 16 * r);
+    swap_h(mo->v + a + 16 * r, mo->v + b + 16 * r);
   }
 }
 
@@ -280,6 +285,6 @@ void sv_motion_copy(sv_motion *mo, int to, int from) {
   if (mo->bodies.of) mo->bodies.of[to] = mo->bodies.of[from];
   for (int r = 0; r < mo->n_rows; r++) {
     mo->param[a + 16 * r] = mo->param[b + 16 * r];
-    if (mo->m) mo->m[a + 16 * r] = mo->v[a + 16 * r] = 0.0f;
+    if (mo->m) mo->m[a + 16 * r] = mo->v[a + 16 * r] = 0;
   }
 }

@@ -34,10 +34,10 @@ typedef struct {
 typedef struct {
   sv_motion_cfg cfg;
   int cap, n_rows, n_gaussian_rows;
-  int n_moving; // slots [0, n_moving) move
-  float *param; // [cap/16][n_rows][16]
-  float *m, *v; // Adam's moments, laid out as param; NULL without has_grad
-  float *moved; // [cap/16][n_gaussian_rows][16] Gaussians of the last sv_motion_at
+  int n_moving;    // slots [0, n_moving) move
+  float *param;    // [cap/16][n_rows][16]
+  uint16_t *m, *v; // Adam's moments, laid out as param; NULL without has_grad
+  float *moved;    // [cap/16][n_gaussian_rows][16] Gaussians of the last sv_motion_at
   sv_bodies bodies;
 } sv_motion;
 

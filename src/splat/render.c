@@ -8,8 +8,8 @@
 #define RANGE 512 // slots projected by one task
 #define BATCH 512 // slots binned at a time
 
-#define PAIRS_FLOATS (2 * sizeof(sv_pair) / sizeof(float)) // of a record, with the sort's scratch
-_Static_assert(PAIRS_FLOATS <= SV_SLOT_FLOATS, "pairs and scratch lie in the slots");
+#define PAIRS_BYTES (2 * sizeof(sv_pair)) // of a record, with the sort's scratch
+_Static_assert(PAIRS_BYTES <= SV_SLOT_BYTES, "pairs and scratch lie in the slots");
 
 static int n_tiles_of(int w, int h) {
   return (sv_plane_pad(w) / SV_TILE_PX) * (sv_plane_pad(h) / SV_TILE_PX);
@@ -41,7 +41,7 @@ static void carve(sv_renderer *r, const sv_renderer_cfg *cfg, sv_arena *a) {
   r->tile_order = SV_TAKE(a, uint32_t, n_tiles);
   r->chunk_at = SV_TAKE(a, uint32_t, n_tiles * SV_RENDER_CHUNKS);
   // The pairs are sorted before the slots are filled, which are emptied before the next pairs are made.
-  float *slot = SV_TAKE(a, float, recs *(cfg->has_grad ? SV_SLOT_FLOATS : PAIRS_FLOATS));
+  uint8_t *slot = SV_TAKE(a, uint8_t, recs * (cfg->has_grad ? SV_SLOT_BYTES : PAIRS_BYTES));
   r->slot = cfg->has_grad ? slot : NULL;
   r->pair = (sv_pair *)(void *)slot;
   r->tmp = r->pair ? r->pair + recs : NULL;

@@ -46,7 +46,7 @@ typedef struct {
   uint32_t *tile_order;                     // [n_tiles] tile of each task of the rasterization
   uint32_t *chunk_at;                       // [SV_RENDER_CHUNKS][n_tiles] counts, then write positions
   uint32_t chunk_rec[SV_RENDER_CHUNKS + 1]; // first record of a chunk; where they end
-  float *slot;                              // [cap_recs][16], NULL without has_grad
+  uint8_t *slot;                            // [cap_recs][SV_SLOT_BYTES], NULL without has_grad
   float *scratch;                           // [n_threads][SV_RASTER_SCRATCH_FLOATS]
   sv_planes rgb;                            // the last picture
   float *depth, *trans;                     // planes: sum of w z; 1 - alpha

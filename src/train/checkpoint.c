@@ -21,15 +21,20 @@ static size_t rows_bytes(const sv_trainer *t) {
   return (size_t)t->g.cap * (size_t)t->g.n_rows * sizeof(float);
 }
 
+static size_t moments_bytes(const sv_trainer *t) { return rows_bytes(t) / sizeof(float) * sizeof *t->m; }
+
 // The motion's parameters and Adam's moments of them.
 typedef struct {
-  float *param, *m, *v;
-  size_t bytes;
+  float *param;
+  uint16_t *m, *v;
+  size_t n;
 } motion_state;
+
+static size_t motion_bytes(motion_state s) { return s.n * (sizeof *s.param + sizeof *s.m + sizeof *s.v); }
 
 static motion_state field_of(const sv_trainer *t) {
   const sv_field *f = &t->deform.field;
-  return (motion_state){f->param, f->m, f->v, f->n_param * sizeof(float)};
+  return (motion_state){f->param, f->m, f->v, f->n_param};
 }
 
 // Sections MOTN, MOTM, MOTV: the clip's, or a field's that has none.
@@ -37,7 +42,7 @@ static motion_state motion_of(const sv_trainer *t) {
   const sv_motion *mo = &t->deform.motion;
   if (!sv_train_is_dynamic(t)) return (motion_state){0};
   if (!sv_train_has_clip(&t->cfg)) return field_of(t);
-  return (motion_state){mo->param, mo->m, mo->v, (size_t)mo->cap * (size_t)mo->n_rows * sizeof(float)};
+  return (motion_state){mo->param, mo->m, mo->v, (size_t)mo->cap * (size_t)mo->n_rows};
 }
 
 // Sections FLDN, FLDM, FLDV: of a field that begins with a clip.
@@ -98,13 +103,13 @@ static sv_status get_bodies(const sv_sections *r, sv_trainer *t, sv_err *err) {
 
 static sv_status put_motion(sv_sections_writer *w, const sv_trainer *t, sv_err *err) {
   motion_state o = motion_of(t);
-  sv_status s = sv_sections_put(w, "MOTN", o.param, o.bytes, err);
-  if (s >= 0) s = sv_sections_put(w, "MOTM", o.m, o.bytes, err);
-  if (s >= 0) s = sv_sections_put(w, "MOTV", o.v, o.bytes, err);
+  sv_status s = sv_sections_put(w, "MOTN", o.param, o.n * sizeof *o.param, err);
+  if (s >= 0) s = sv_sections_put(w, "MOTM", o.m, o.n * sizeof *o.m, err);
+  if (s >= 0) s = sv_sections_put(w, "MOTV", o.v, o.n * sizeof *o.v, err);
   if (has_both(t)) o = field_of(t);
-  if (s >= 0 && has_both(t)) s = sv_sections_put(w, "FLDN", o.param, o.bytes, err);
-  if (s >= 0 && has_both(t)) s = sv_sections_put(w, "FLDM", o.m, o.bytes, err);
-  if (s >= 0 && has_both(t)) s = sv_sections_put(w, "FLDV", o.v, o.bytes, err);
+  if (s >= 0 && has_both(t)) s = sv_sections_put(w, "FLDN", o.param, o.n * sizeof *o.param, err);
+  if (s >= 0 && has_both(t)) s = sv_sections_put(w, "FLDM", o.m, o.n * sizeof *o.m, err);
+  if (s >= 0 && has_both(t)) s = sv_sections_put(w, "FLDV", o.v, o.n * sizeof *o.v, err);
   if (s >= 0 && sv_train_is_taught(t)) s = sv_sections_put(w, "TEAC", t->teacher.param, rows_bytes(t), err);
   if (s >= 0) s = sv_sections_put(w, "MOVE", t->is_moving, (size_t)t->g.cap, err);
   return s >= 0 && bodies_bytes(t) ? put_bodies(w, t, err) : s;
@@ -112,22 +117,22 @@ static sv_status put_motion(sv_sections_writer *w, const sv_trainer *t, sv_err *
 
 static sv_status get_motion(const sv_sections *r, sv_trainer *t, bool is_taught, sv_err *err) {
   motion_state o = motion_of(t);
-  sv_status s = sv_sections_get(r, "MOTN", o.param, o.bytes, err);
-  if (s >= 0) s = sv_sections_get(r, "MOTM", o.m, o.bytes, err);
-  if (s >= 0) s = sv_sections_get(r, "MOTV", o.v, o.bytes, err);
+  sv_status s = sv_sections_get(r, "MOTN", o.param, o.n * sizeof *o.param, err);
+  if (s >= 0) s = sv_sections_get(r, "MOTM", o.m, o.n * sizeof *o.m, err);
+  if (s >= 0) s = sv_sections_get(r, "MOTV", o.v, o.n * sizeof *o.v, err);
   if (has_both(t)) o = field_of(t);
-  if (s >= 0 && has_both(t)) s = sv_sections_get(r, "FLDN", o.param, o.bytes, err);
-  if (s >= 0 && has_both(t)) s = sv_sections_get(r, "FLDM", o.m, o.bytes, err);
-  if (s >= 0 && has_both(t)) s = sv_sections_get(r, "FLDV", o.v, o.bytes, err);
+  if (s >= 0 && has_both(t)) s = sv_sections_get(r, "FLDN", o.param, o.n * sizeof *o.param, err);
+  if (s >= 0 && has_both(t)) s = sv_sections_get(r, "FLDM", o.m, o.n * sizeof *o.m, err);
+  if (s >= 0 && has_both(t)) s = sv_sections_get(r, "FLDV", o.v, o.n * sizeof *o.v, err);
   if (s >= 0 && is_taught) s = sv_sections_get(r, "TEAC", t->teacher.param, rows_bytes(t), err);
   if (s >= 0) s = sv_sections_get(r, "MOVE", t->is_moving, (size_t)t->g.cap, err);
   return s >= 0 && bodies_bytes(t) ? get_bodies(r, t, err) : s;
 }
 
 size_t sv_checkpoint_bytes(const sv_trainer *t) {
-  return SV_SECTIONS_OVERHEAD_BYTES + 14 * 40 + 3 * motion_of(t).bytes +
-         (has_both(t) ? 3 * field_of(t).bytes + rows_bytes(t) : 0) + bodies_bytes(t) + (size_t)t->g.cap +
-         sizeof(head_t) + 3 * rows_bytes(t) + (size_t)t->g.cap * sizeof(float) +
+  return SV_SECTIONS_OVERHEAD_BYTES + 14 * 40 + motion_bytes(motion_of(t)) +
+         (has_both(t) ? motion_bytes(field_of(t)) + rows_bytes(t) : 0) + bodies_bytes(t) + (size_t)t->g.cap +
+         sizeof(head_t) + rows_bytes(t) + 2 * moments_bytes(t) + (size_t)t->g.cap * sizeof(float) +
          (size_t)n_items(t) * sizeof(int);
 }
 
@@ -152,8 +157,8 @@ sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
   sv_status s = sv_sections_begin(&w, sink, SV_CHECKPOINT_KIND, SV_CHECKPOINT_VERSION, err);
   if (s >= 0) s = sv_sections_put(&w, "HEAD", &h, sizeof h, err);
   if (s >= 0) s = sv_sections_put(&w, "GAUS", t->g.param, rows_bytes(t), err);
-  if (s >= 0) s = sv_sections_put(&w, "ADAM", t->m, rows_bytes(t), err);
-  if (s >= 0) s = sv_sections_put(&w, "ADAV", t->v, rows_bytes(t), err);
+  if (s >= 0) s = sv_sections_put(&w, "ADAM", t->m, moments_bytes(t), err);
+  if (s >= 0) s = sv_sections_put(&w, "ADAV", t->v, moments_bytes(t), err);
   if (s >= 0) s = sv_sections_put(&w, "ERRS", t->err, (size_t)t->g.cap * sizeof(float), err);
   if (s >= 0) s = sv_sections_put(&w, "ORDR", t->order, (size_t)n_items(t) * sizeof(int), err);
   if (s >= 0 && sv_train_is_dynamic(t)) s = put_motion(&w, t, err);
@@ -180,6 +185,9 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
   sv_sections r;
   head_t h;
   sv_status s = sv_sections_open(&r, name, buf, bytes, SV_CHECKPOINT_KIND, SV_CHECKPOINT_VERSION, err);
+  if (s >= 0 && r.version != SV_CHECKPOINT_VERSION)
+    return sv_fail(err, SV_E_UNSUPPORTED, "%s: a checkpoint of version %u, expected %u; begin a new run",
+                   name, r.version, SV_CHECKPOINT_VERSION);
   if (s >= 0) s = sv_sections_get(&r, "HEAD", &h, sizeof h, err);
   if (s < 0) return s;
   if (h.n != t->g.n || h.sh_degree != t->g.sh_degree || h.n_items != n_items(t) || h.i_order < 0 ||
@@ -201,8 +209,8 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
   if (!(h.radius > 0)) return sv_fail(err, SV_E_FORMAT, "%s: the scene radius is not positive", name);
   if ((s = check_order(&r, h.n_items, err)) < 0) return s;
   s = sv_sections_get(&r, "GAUS", t->g.param, rows_bytes(t), err);
-  if (s >= 0) s = sv_sections_get(&r, "ADAM", t->m, rows_bytes(t), err);
-  if (s >= 0) s = sv_sections_get(&r, "ADAV", t->v, rows_bytes(t), err);
+  if (s >= 0) s = sv_sections_get(&r, "ADAM", t->m, moments_bytes(t), err);
+  if (s >= 0) s = sv_sections_get(&r, "ADAV", t->v, moments_bytes(t), err);
   if (s >= 0) s = sv_sections_get(&r, "ERRS", t->err, (size_t)t->g.cap * sizeof(float), err);
   if (s >= 0) s = sv_sections_get(&r, "ORDR", t->order, (size_t)h.n_items * sizeof(int), err);
   if (s >= 0 && sv_train_is_dynamic(t))

@@ -170,12 +170,17 @@ static void swap_f(float *a, float *b) {
   *a = *b, *b = s;
 }
 
+static void swap_h(uint16_t *a, uint16_t *b) {
+  uint16_t s = *a;
+  *a = *b, *b = s;
+}
+
 static void swap_slots(sv_trainer *t, int i, int j) {
   long a = sv_gaussians_at(&t->g, i, 0) - t->g.param, b = sv_gaussians_at(&t->g, j, 0) - t->g.param;
   for (int r = 0; r < t->g.n_rows; r++) {
     swap_f(t->g.param + a + 16 * r, t->g.param + b + 16 * r);
-    swap_f(t->m + a + 16 * r, t->m + b + 16 * r);
-    swap_f(t->v + a + 16 * r, t->v + b + 16 * r);
+    swap_h(t->m + a + 16 * r, t->m + b + 16 * r);
+    swap_h(t->v + a + 16 * r, t->v + b + 16 * r);
   }
   swap_f(t->err + i, t->err + j);
   if (t->floor) swap_f(t->floor + i, t->floor + j);

@@ -64,6 +64,7 @@ static sv_adam_args adam_args(job *j, float mean_lr, double bias1, double bias2)
                         .eps = 1e-15f,
                         .rsqrt_bias2 = (float)(1.0 / sqrt(bias2)),
                         .lr = j->lr,
+                        .step = j->t->step,
                         .n_rows = SV_N_ROWS(j->t->render.project.sh_degree)};
 }
 
@@ -142,8 +143,8 @@ static float *block_of(const job *j, int i_thread) {
 }
 
 // Always inline: GCC takes a function that only prefetches for one without effects and drops its calls.
-static inline __attribute__((always_inline)) void prefetch_rows(const float *block, int n_rows) {
-  for (int row = 0; row < n_rows; row++) __builtin_prefetch(block + 16 * row);
+static inline __attribute__((always_inline)) void prefetch_lines(const void *block, size_t bytes) {
+  for (size_t i = 0; i < bytes; i += 64) __builtin_prefetch((const char *)block + i);
 }
 
 // err, e: [16]. Of bits, as compilers make branches of a choice, and who is touched cannot be predicted.
@@ -182,13 +183,14 @@ static void optimise_task(void *arg, int i_task, int i_thread) {
   uint32_t n = 0;
   float pose[6];
   wanderers w = {.n = 0};
+  const size_t rows = 16 * (size_t)j->adam.n_rows;
   begin_pose(j, i_task);
   for (int b = b0; b < b1; b++) {
     const size_t at = (size_t)b * (size_t)t->g.n_rows * 16;
     // They have left the near caches since the last step. One after the other: row by row was slower.
-    prefetch_rows(t->m + at, j->adam.n_rows);
-    prefetch_rows(t->v + at, j->adam.n_rows);
-    prefetch_rows(t->g.param + at, j->adam.n_rows);
+    prefetch_lines(t->m + at, rows * sizeof *t->m);
+    prefetch_lines(t->v + at, rows * sizeof *t->v);
+    prefetch_lines(t->g.param + at, rows * sizeof *t->g.param);
     uint32_t touched =
         sv_render_bwd_block(&t->render, t->k, b, i_thread, &j->reg, grad, err, j->has_pose ? pose : NULL);
     add_pose(j, i_task, pose);

@@ -36,9 +36,9 @@ static int draw(const double *cum, int n, double x) {
 
 static void clear_moments(sv_trainer *t, int i) {
   long at = sv_gaussians_at(&t->g, i, 0) - t->g.param;
-  for (int row = 0; row < t->g.n_rows; row++) t->m[at + 16 * row] = 0.0f;
+  for (int row = 0; row < t->g.n_rows; row++) t->m[at + 16 * row] = 0;
   for (int row = 0; row < t->g.n_rows && t->cfg.optimizer == SV_OPTIMIZER_ADAM; row++)
-    t->v[at + 16 * row] = 0.0f;
+    t->v[at + 16 * row] = 0;
 }
 
 static void copy_curvature(sv_trainer *t, int to, int from) {

@@ -56,7 +56,7 @@ static void place(sv_trainer *t, int i, const sv_point *p, float sigma) {
   for (int c = 0; c < 3; c++) g.sh[0][c] = (p->rgb[c] - 0.5f) / (float)SV_SH_C0;
   sv_gaussians_put(&t->g, i, &g);
   const long at = sv_gaussians_at(&t->g, i, 0) - t->g.param;
-  for (int r = 0; r < t->g.n_rows; r++) t->m[at + 16 * r] = t->v[at + 16 * r] = 0.0f;
+  for (int r = 0; r < t->g.n_rows; r++) t->m[at + 16 * r] = t->v[at + 16 * r] = 0;
   t->err[i] = 0.0f;
   t->is_moving[i] = 0;
 }

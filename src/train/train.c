@@ -162,8 +162,8 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   sv_status s = sv_gaussians_init(&t->g, c->n_gaussians, c->sh_degree, a);
   if (s < 0) return s;
   sv_arena_part_begin(a, "optimiser");
-  t->m = SV_TAKE(a, float, cap *(size_t)t->g.n_rows);
-  t->v = SV_TAKE(a, float, cap *(size_t)t->g.n_rows);
+  t->m = SV_TAKE(a, uint16_t, cap * (size_t)t->g.n_rows);
+  t->v = SV_TAKE(a, uint16_t, cap * (size_t)t->g.n_rows);
   t->err = SV_TAKE(a, float, cap);
   t->block = SV_TAKE(a, float, (size_t)c->n_threads *SV_TRAIN_BLOCK_FLOATS);
   t->floor = c->floor_px > 0.0f ? SV_TAKE(a, float, cap) : NULL;

@@ -157,8 +157,8 @@ typedef struct {
   const sv_kernels *k;
   const sv_pool *pool;
   sv_gaussians g;
-  float *m,
-      *v; // laid out as g.param: running means of the gradient, and of its squares (Adam) or the curvature
+  uint16_t *m,
+      *v; // bfloat16, laid out as g.param: running means of the gradient, of its squares (Adam) or the curvature
   float *err;   // [cap] running mean of each Gaussian's blended error
   float *block; // [n_threads][SV_TRAIN_BLOCK_FLOATS] gradients of one block: Gaussians, error, motion
   float *sum;   // [cap / 16][n_rows + 1][16] of a step with several pictures, last row: error. Or NULL

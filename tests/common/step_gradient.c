@@ -17,8 +17,8 @@ static const sv_trainer *watched;
 static float caught[N][SV_CAP_ROWS];
 static int n_rows;
 
-static void keep_gradients(const sv_adam_args *a, uint32_t touched, const float *grad, float *p, float *m,
-                           float *v) {
+static void keep_gradients(const sv_adam_args *a, uint32_t touched, const float *grad, float *p, uint16_t *m,
+                           uint16_t *v) {
   int block_of_16 = (int)((p - watched->g.param) / (16 * watched->g.n_rows));
   (void)m, (void)v;
   n_rows = a->n_rows;

@@ -16,6 +16,7 @@
 
 #include "kernels/kernels.h"
 #include "src/base/rng.h"
+#include "kernels/simd/s1_math.h"
 #include "src/splat/render.h"
 #include "tests/grad/splat_double.h"
 
@@ -339,7 +340,7 @@ static void gradient_errors(const scene_case *c, const dr_scene *s, const truth 
   }
 }
 
-// Touched bits, exact zeros of what is not seen, and the weighted residuals.
+// Touched bits, exact zeros of what is not seen, and the weighted residuals (16 bits of a record's).
 static void check_shares(const scene_case *c, const dr_scene *s, const truth *t, const run *q, double slack) {
   int n_hidden = 0;
   for (int i = 0; i < q->g.cap; i++) {
@@ -352,7 +353,7 @@ static void check_shares(const scene_case *c, const dr_scene *s, const truth *t,
     n_hidden += is_hidden;
     for (int row = 0; is_hidden && row < SV_N_ROWS(c->sh_used); row++)
       assert_true(q->grad[i / 16][row][i % 16] == 0); // -0 is fine, NaN is not
-    double err = i < s->n ? h->err : 0, tol = slack * (1e-3 * err + 0.02 * t->n_near + 1e-6);
+    double err = i < s->n ? h->err : 0, tol = slack * (8e-3 * err + 0.02 * t->n_near + 1e-6);
     if (fabs((double)q->err_sum[i / 16][i % 16] - err) > tol)
       fail_msg("%s: Gaussian %d: err %.7g, expected %.7g", c->name, i, (double)q->err_sum[i / 16][i % 16],
                err);
@@ -426,52 +427,68 @@ static void test_cases(void **state) {
 
 // --- Adam ----------------------------------------------------------------------------------------
 
+// Of each step of 300: parameters against the same step in double, m to the nearest of 16 bits, v to one of both
+// neighbours. Of all: v, as its rounding has no bias, against the mean of squares without rounding.
 typedef struct {
-  double p, m, v;
-} adam_double;
+  double p, m, v; // largest differences, relative ones of m and v
+  double share;   // mean of v's ratio to the unrounded one
+} adam_errors;
 
-static void adam_steps(const sv_kernels *k, double *worst) {
-  enum { N_ROWS = 59, N_STEPS = 300 };
-  static float p[N_ROWS * 16], m[N_ROWS * 16], v[N_ROWS * 16], g[N_ROWS * 16];
-  static adam_double d[N_ROWS * 16];
+static adam_errors adam_steps(const sv_kernels *k) {
+  enum { N_ROWS = 59, N = 16 * N_ROWS, N_STEPS = 300 };
+  static float p[N], g[N];
+  static uint16_t m[N], v[N];
+  static double exact[N], before[3][N];
   const double b1 = 0.9f, b2 = 0.999f, eps = 1e-15f;
+  adam_errors e = {0};
   sv_rng r = sv_rng_make(3, 9);
-  for (int i = 0; i < N_ROWS * 16; i++)
-    p[i] = sv_rng_normal(&r), m[i] = v[i] = 0, d[i] = (adam_double){(double)p[i], 0, 0};
+  for (int i = 0; i < N; i++) p[i] = sv_rng_normal(&r), m[i] = v[i] = 0, exact[i] = 0;
   for (int t = 1; t <= N_STEPS; t++) {
     float lr[N_ROWS];
+    const double bias2 = sqrt(1 - pow(b2, t));
     uint32_t touched = t % 7 ? sv_rng_u32(&r) & 0xffff : 0xffff;
     for (int i = 0; i < N_ROWS; i++) lr[i] = (float)(1e-3 * (1 + i % 5) / (1 - pow(b1, t)));
-    for (int i = 0; i < N_ROWS * 16; i++)
+    for (int i = 0; i < N; i++) {
       g[i] = (touched >> i % 16 & 1) ? sv_rng_normal(&r) * powf(10, (float)(i % 9 - 6)) : 0;
+      before[0][i] = (double)p[i];
+      before[1][i] = (double)s1_from_high(m[i]), before[2][i] = (double)s1_from_high(v[i]);
+    }
     sv_adam_args a = {.beta1 = 0.9f,
                       .beta2 = 0.999f,
                       .eps = 1e-15f,
-                      .rsqrt_bias2 = (float)(1 / sqrt(1 - pow(b2, t))),
+                      .rsqrt_bias2 = (float)(1 / bias2),
                       .lr = lr,
-                      .n_rows = N_ROWS};
+                      .n_rows = N_ROWS,
+                      .step = (uint32_t)t};
     k->adam(&a, touched, g, p, m, v);
-    for (int i = 0; i < N_ROWS * 16; i++) {
+    for (int i = 0; i < N; i++) {
       if (!(touched >> i % 16 & 1)) continue;
-      d[i].m = b1 * d[i].m + (1 - b1) * (double)g[i];
-      d[i].v = b2 * d[i].v + (1 - b2) * (double)g[i] * (double)g[i];
-      d[i].p -= (double)lr[i / 16] * d[i].m / (sqrt(d[i].v) / sqrt(1 - pow(b2, t)) + eps);
+      const double g2 = (double)g[i] * (double)g[i], m1 = b1 * before[1][i] + (1 - b1) * (double)g[i],
+                   v1 = b2 * before[2][i] + (1 - b2) * g2;
+      const double p1 = before[0][i] - (double)lr[i / 16] * m1 / (sqrt(v1) / bias2 + eps);
+      exact[i] = b2 * exact[i] + (1 - b2) * g2;
+      e.p = fmax(e.p, fabs((double)p[i] - p1));
+      e.m = fmax(e.m, fabs((double)s1_from_high(m[i]) - m1) / (fabs(m1) + 1e-30));
+      e.v = fmax(e.v, fabs((double)s1_from_high(v[i]) - v1) / (v1 + 1e-30));
     }
   }
-  *worst = 0;
-  for (int i = 0; i < N_ROWS * 16; i++) *worst = fmax(*worst, fabs((double)p[i] - d[i].p));
+  for (int i = 0; i < N; i++) e.share += (double)s1_from_high(v[i]) / exact[i] / N;
+  return e;
 }
 
 static void test_adam(void **state) {
   (void)state;
   for (int isa = 0; isa < SV_N_ISAS; isa++) {
     sv_kernels k;
-    double worst;
     if (!(sv_cpu_isas() & SV_ISA_BIT(isa))) continue;
     sv_kernels_init(&k, sv_isa_only((sv_isa)isa));
-    adam_steps(&k, &worst);
-    printf("  adam %s: 300 steps, largest difference %.1e\n", sv_isa_name((sv_isa)isa), worst);
-    assert_true(worst < 3e-5); // parameters of size 1, rounded 300 times, moved by up to 0.3
+    adam_errors e = adam_steps(&k);
+    printf("  adam %s: 300 steps, p off by %.1e, m by %.2g, v by %.2g of itself, its mean by %.1e\n",
+           sv_isa_name((sv_isa)isa), e.p, e.m, e.v, e.share - 1);
+    assert_true(e.p < 1e-6);       // of size 1, rounded once
+    assert_true(e.m < 1.01 / 256); // half of the last of 8 bits
+    assert_true(e.v < 1.01 / 128); // all of it
+    assert_true(fabs(e.share - 1) < 0.01);
   }
 }
 

@@ -15,6 +15,8 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "kernels/simd/s1_math.h"
+
 #define GUARD_BYTES 128
 #define CAP_BUFS    64
 #define GUARD_BYTE  0xd7
@@ -106,6 +108,18 @@ void *ck_bytes_at_end(ck *c, size_t bytes) {
 void *ck_bytes(ck *c, size_t bytes) { return (void)c, take(bytes, 0); }
 float *ck_floats(ck *c, size_t n) { return (void)c, take(n * sizeof(float), 0); }
 float *ck_floats_odd(ck *c, size_t n) { return (void)c, take(n * sizeof(float), 4); }
+
+uint16_t *ck_highs(ck *c, const float *from, size_t n) {
+  uint16_t *to = ck_bytes(c, n * sizeof *to);
+  for (size_t i = 0; i < n; i++) to[i] = s1_high(from[i]);
+  return to;
+}
+
+float *ck_wide(ck *c, const uint16_t *from, size_t n) {
+  float *to = ck_floats(c, n);
+  for (size_t i = 0; i < n; i++) to[i] = s1_from_high(from[i]);
+  return to;
+}
 
 void ck_begin(ck *c, const char *fmt, ...) {
   va_list ap;

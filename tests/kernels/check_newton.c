@@ -65,29 +65,32 @@ CK_REGISTER(probe, check_probe_all, bench_probe)
 // --- the running mean ----------------------------------------------------------------------------
 
 typedef struct {
-  float *square, *diag;
+  float *square;
+  uint16_t *diag;
   uint32_t touched;
   int n_rows;
 } curvature_job;
 
 static curvature_job make_curvature(ck *c, int n_rows, int fill, uint32_t touched) {
   size_t n = 16 * (size_t)n_rows;
-  curvature_job j = {ck_floats(c, n), ck_floats(c, n), touched, n_rows};
+  curvature_job j = {ck_floats(c, n), NULL, touched, n_rows};
+  float *diag = ck_floats(c, n);
   ck_fill(c, j.square, n, fill);
-  ck_fill(c, j.diag, n, fill);
-  for (size_t i = 0; i < n; i++)
-    j.square[i] = fabsf(j.square[i]), j.diag[i] = i % 5 ? fabsf(j.diag[i]) : 0.0f;
+  ck_fill(c, diag, n, fill);
+  for (size_t i = 0; i < n; i++) j.square[i] = fabsf(j.square[i]), diag[i] = i % 5 ? fabsf(diag[i]) : 0.0f;
+  j.diag = ck_highs(c, diag, n);
   return j;
 }
 
 static void check_curvature_rows(ck *c, int n_rows, int fill, uint32_t touched) {
   size_t n = 16 * (size_t)n_rows;
   curvature_job j = make_curvature(c, n_rows, fill, touched);
-  float *a = ck_copy(c, j.diag, n), *b = ck_copy(c, j.diag, n);
+  const float *before = ck_wide(c, j.diag, n);
+  uint16_t *a = ck_highs(c, before, n), *b = ck_highs(c, before, n);
   c->ref.curvature(0.9f, j.n_rows, j.touched, j.square, n_rows % 2, a);
   c->var.curvature(0.9f, j.n_rows, j.touched, j.square, n_rows % 2, b);
-  ck_same(c, "diag", a, b, n, 1e-6);
-  ck_untouched(c, touched, j.diag, b, n);
+  ck_same(c, "diag", ck_wide(c, a, n), ck_wide(c, b, n), n, CK_HIGH_TOL);
+  ck_untouched(c, touched, before, ck_wide(c, b, n), n);
 }
 
 static void check_curvature(ck *c) { ck_each_rows(c, check_curvature_rows); }
@@ -108,25 +111,24 @@ CK_REGISTER(curvature, check_curvature, bench_curvature)
 // --- the step ------------------------------------------------------------------------------------
 
 typedef struct {
-  float *cap, *grad, *diag, *p, *m;
+  float *cap, *grad, *p;
+  uint16_t *diag, *m;
   sv_newton_args args;
   uint32_t touched;
 } newton_job;
 
 static newton_job make_newton(ck *c, int n_rows, int fill, uint32_t touched) {
   size_t n = 16 * (size_t)n_rows;
-  newton_job j = {ck_floats(c, (size_t)n_rows),
-                  ck_floats(c, n),
-                  ck_floats(c, n),
-                  ck_floats(c, n),
-                  ck_floats(c, n),
-                  .touched = touched};
+  newton_job j = {ck_floats(c, (size_t)n_rows), ck_floats(c, n), ck_floats(c, n), .touched = touched};
+  float *diag = ck_floats(c, n), *m = ck_floats(c, n);
   for (int i = 0; i < n_rows; i++) j.cap[i] = 1e-2f * (float)(1 + i % 7);
   ck_fill(c, j.grad, n, fill);
-  ck_fill(c, j.diag, n, fill);
+  ck_fill(c, diag, n, fill);
   ck_fill(c, j.p, n, CK_SIGNED);
-  ck_fill(c, j.m, n, fill);
-  for (size_t i = 0; i < n; i++) j.diag[i] = i % 7 ? fabsf(j.diag[i]) : 0.0f;
+  ck_fill(c, m, n, fill);
+  for (size_t i = 0; i < n; i++) diag[i] = i % 7 ? fabsf(diag[i]) : 0.0f;
+  j.diag = ck_highs(c, diag, n);
+  j.m = ck_highs(c, m, n);
   j.args = (sv_newton_args){.beta1 = 0.9f, .rate = 0.1f, .damping = 1.0f, .cap = j.cap, .n_rows = n_rows};
   return j;
 }
@@ -134,12 +136,15 @@ static newton_job make_newton(ck *c, int n_rows, int fill, uint32_t touched) {
 static void check_newton_rows(ck *c, int n_rows, int fill, uint32_t touched) {
   size_t n = 16 * (size_t)n_rows;
   newton_job j = make_newton(c, n_rows, fill, touched);
-  float *p = ck_copy(c, j.p, n), *m = ck_copy(c, j.m, n), *q = ck_copy(c, j.p, n);
+  float *p = ck_copy(c, j.p, n), *q = ck_copy(c, j.p, n);
+  const float *before = ck_wide(c, j.m, n);
+  uint16_t *m = ck_highs(c, before, n);
   c->ref.newton(&j.args, j.touched, j.grad, j.diag, p, m);
   c->var.newton(&j.args, j.touched, j.grad, j.diag, q, j.m);
   ck_same(c, "p", p, q, n, 1e-5);
-  ck_same(c, "m", m, j.m, n, 1e-6);
+  ck_same(c, "m", ck_wide(c, m, n), ck_wide(c, j.m, n), n, CK_HIGH_TOL);
   ck_untouched(c, touched, j.p, q, n);
+  ck_untouched(c, touched, before, ck_wide(c, j.m, n), n);
   for (size_t i = 0; i < n; i++) {
     ck_true(c, j.diag[i] > 0 || q[i] == j.p[i], "lane %zu of row %zu moved", i % 16, i / 16);
     ck_true(c, fabsf(q[i] - j.p[i]) <= 1.001f * j.cap[i / 16], "lane %zu of row %zu moved too far", i % 16,

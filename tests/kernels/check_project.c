@@ -2,6 +2,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "kernels/simd/s1_math.h"
 #include "tests/kernels/splat_scene.h"
 
 static const int degrees[][2] = {{0, 0}, {1, 1}, {2, 2}, {3, 3}, {3, 0}, {2, 1}}; // of the rows, in use
@@ -75,7 +76,7 @@ static void check_project(ck *c) {
 // --- backward ------------------------------------------------------------------------------------
 
 // Slots as rasterization would leave them, but of any size; a third of the records has none.
-static void make_slots(ck *c, sc_scene *s, int fill, float **slot) {
+static void make_slots(ck *c, sc_scene *s, int fill, uint8_t **slot) {
   for (int i = 0; i < 16 * s->n_blocks; i++) {
     s->project.splat[i].first_rec = s->n_recs;
     if (s->project.splat[i].n_recs > 40) s->project.splat[i].n_recs = 40;
@@ -83,17 +84,17 @@ static void make_slots(ck *c, sc_scene *s, int fill, float **slot) {
   }
   size_t n = s->n_recs;
   s->rec = ck_bytes(c, n * sizeof *s->rec);
-  *slot = ck_floats(c, n * SV_SLOT_FLOATS);
-  ck_fill(c, *slot, n * SV_SLOT_FLOATS, fill);
+  float *values = ck_floats(c, n * SV_SLOT_VALUES);
+  ck_fill(c, values, n * SV_SLOT_VALUES, fill);
+  *slot = ck_bytes(c, n * SV_SLOT_BYTES);
   for (uint32_t i = 0; i < 16 * (uint32_t)s->n_blocks; i++) {
     const sv_splat *p = s->project.splat + i;
     for (uint32_t r = p->first_rec; r < p->first_rec + p->n_recs; r++) s->rec[r].id = i;
   }
   for (size_t i = 0; i < n; i++) {
     s->rec[i].mask = sv_rng_below(&c->rng, 3) ? 1 + sv_rng_u32(&c->rng) : 0;
-    for (int k = 11; k < SV_SLOT_FLOATS; k++) (*slot)[i * SV_SLOT_FLOATS + (size_t)k] = 0;
-    if (!s->rec[i].mask)
-      memset(*slot + i * SV_SLOT_FLOATS, 0xff, SV_SLOT_FLOATS * 4); // NaN: must not be read
+    s1_store11(*slot + i * SV_SLOT_BYTES, values + i * SV_SLOT_VALUES);
+    if (!s->rec[i].mask) memset(*slot + i * SV_SLOT_BYTES, 0xff, SV_SLOT_BYTES); // NaN: must not be read
   }
 }
 
@@ -111,7 +112,8 @@ static void bwd_case(ck *c, const sc_cfg *cfg, int fill) {
   ck_begin(c, "%s n %d SH %d/%d aa %d slots %s", sc_name(cfg->kind), cfg->n_gaussians, cfg->sh_used,
            cfg->sh_rows, cfg->is_antialiased, ck_fill_name(fill));
   sc_scene s;
-  float *slot, *g[2], *err[2], *pose[2];
+  uint8_t *slot;
+  float *g[2], *err[2], *pose[2];
   sc_init(c, &s, cfg);
   sc_project(c, &s);
   make_slots(c, &s, fill, &slot);
@@ -185,7 +187,7 @@ static void bench_project(ck *c) {
 static void bench_project_bwd(ck *c) {
   for (int degree = 0; degree < 4; degree += 3) {
     project_job j = make_job(c, degree);
-    float *slot;
+    uint8_t *slot;
     sc_project(c, &j.s);
     make_slots(c, &j.s, CK_SIGNED, &slot);
     j.grad = ck_floats(c, 16 * SV_CAP_ROWS), j.err = ck_floats(c, 16), j.pose = ck_floats(c, 6);

@@ -57,6 +57,19 @@ static void every_word(ck *c) {
     }
 }
 
+// To the nearest; what 16 bits hold stays as it is.
+static void rounding(ck *c) {
+  ck_begin(c, "16 bits");
+  for (uint32_t i = 0; i < 0x7f80; i++) {
+    const float x = s1_from_high((uint16_t)i), up = s1_from_high((uint16_t)(i + 1));
+    ck_true(c, s1_high(x) == i && s1_high(-x) == (i | 0x8000), "%g of 16 bits does not stay", (double)x);
+    if (i + 1 == 0x7f80) break; // next is infinity
+    const float below = s1_from_bits((i << 16) + 0x7fff), above = s1_from_bits((i << 16) + 0x8001);
+    ck_true(c, s1_high(below) == i && s1_from_high(s1_high(above)) == up, "near %g: not to the nearest",
+            (double)x);
+  }
+}
+
 #define EXP2_WORD "v16_exp2_up8(v16_max(v16_sub(v16_set1(-0.5f), p), v16_set1(-126.0f)))"
 
 // Worst errors of the three functions through the probe, whose inputs are shaped to their domains.
@@ -127,6 +140,6 @@ static void twins(ck *c) {
 static void check_v16(ck *c) {
   every_word(c);
   accuracy(c);
-  if (c->isa == SV_ISA_REF) twins(c);
+  if (c->isa == SV_ISA_REF) twins(c), rounding(c);
 }
 CK_REGISTER(v16, check_v16, NULL)

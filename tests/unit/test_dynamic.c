@@ -260,6 +260,20 @@ static void resume(sv_deform_kind kind, float clip) {
   assert_int_equal(sv_checkpoint_read(&second, "memory", file, m.n, &err), SV_E_RANGE);
 }
 
+// What an older version wrote is laid out in another way.
+static void test_old_checkpoint(void **state) {
+  (void)state;
+  mem_sink m = {0};
+  sv_sections_writer w;
+  sv_err err;
+  assert_int_equal(
+      sv_sections_begin(&w, (sv_sink){&m, append}, SV_CHECKPOINT_KIND, SV_CHECKPOINT_VERSION - 1, &err),
+      SV_OK);
+  assert_int_equal(sv_sections_end(&w, &err), SV_OK);
+  assert_int_equal(sv_checkpoint_read(&trainer, "memory", file, m.n, &err), SV_E_UNSUPPORTED);
+  assert_string_equal(err.text, "memory: a checkpoint of version 5, expected 6; begin a new run");
+}
+
 static void test_resume(void **state) {
   (void)state;
   skip_where_emulated();
@@ -387,12 +401,13 @@ static void test_memory(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_clip_learns),    cmocka_unit_test(test_field_learns),
-      cmocka_unit_test(test_field_times),    cmocka_unit_test(test_still_is_still),
-      cmocka_unit_test(test_resume),         cmocka_unit_test(test_times_come_in),
-      cmocka_unit_test(test_long_lens),      cmocka_unit_test(test_short_lens),
-      cmocka_unit_test(test_motion_shrinks), cmocka_unit_test(test_motion_file),
-      cmocka_unit_test(test_bodies_file),    cmocka_unit_test(test_memory),
+      cmocka_unit_test(test_clip_learns),   cmocka_unit_test(test_field_learns),
+      cmocka_unit_test(test_field_times),   cmocka_unit_test(test_still_is_still),
+      cmocka_unit_test(test_resume),        cmocka_unit_test(test_old_checkpoint),
+      cmocka_unit_test(test_times_come_in), cmocka_unit_test(test_long_lens),
+      cmocka_unit_test(test_short_lens),    cmocka_unit_test(test_motion_shrinks),
+      cmocka_unit_test(test_motion_file),   cmocka_unit_test(test_bodies_file),
+      cmocka_unit_test(test_memory),
   };
   return cmocka_run_group_tests(tests, setup, NULL);
 }
