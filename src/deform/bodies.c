@@ -151,50 +151,70 @@ float sv_bodies_reach(const sv_bodies *b, int body) {
 #define N_AROUND 6    // knots that a pose between two of them is found from, at most
 #define MOST_SUM 2.5f // of the weights' sizes: where knots lie unevenly, fewer are taken
 
-// Weights of up to N_AROUND knots, half of them on either side, at a time between knots i and i + 1: Lagrange's, of the
-// polynomial through all. Returns how many, from *first on.
-static int weights(const sv_bodies *b, int i, float t, int *first, float w[N_AROUND]) {
-  int from = sv_maxi(i - N_AROUND / 2 + 1, 0), to = sv_mini(i + N_AROUND / 2, b->n_knots - 1);
+typedef struct {
+  int n, at[N_AROUND]; // knots, rising
+  float w[N_AROUND];
+} blend;
+
+// Lagrange's weights at a time t, of the polynomial through the knots of l, of those left of which there are n_before.
+static void weigh(const sv_bodies *b, float t, int n_before, blend *l) {
   for (;;) {
     float sum = 0;
-    for (int k = from; k <= to; k++) {
-      float p = 1;
-      for (int o = from; o <= to; o++)
-        if (o != k) p *= (t - b->time[o]) / (b->time[k] - b->time[o]);
-      w[k - from] = p, sum += fabsf(p);
+    for (int k = 0; k < l->n; k++) {
+      float p = 1, here = b->time[l->at[k]];
+      for (int o = 0; o < l->n; o++)
+        if (o != k) p *= (t - b->time[l->at[o]]) / (here - b->time[l->at[o]]);
+      l->w[k] = p, sum += fabsf(p);
     }
-    if (to - from < 2 || sum <= MOST_SUM) break;
-    if (from < i && (to == i + 1 || t - b->time[from] >= b->time[to] - t)) from++;
-    else to--;
+    if (l->n < 3 || sum <= MOST_SUM) return;
+    const float before = t - b->time[l->at[0]], behind = b->time[l->at[l->n - 1]] - t;
+    l->n--;
+    if (n_before < 2 || (n_before < l->n && before < behind)) continue;
+    memmove(l->at, l->at + 1, (size_t)l->n * sizeof *l->at);
+    n_before--;
   }
-  *first = from;
-  return to - from + 1;
 }
 
 // Signs of quaternions go along from knot to knot, so that turns of more than half a circle within the knots are told.
-static sv_rigid between(const sv_bodies *b, int body, int first, int n, const float w[N_AROUND]) {
-  const sv_rigid *at = sv_bodies_knot(b, body, first);
+static sv_rigid mix(const sv_bodies *b, int body, const blend *l) {
   sv_rigid m = {{0}, {0}};
   float sign = 1;
-  for (int k = 0; k < n; k++) {
+  for (int k = 0; k < l->n; k++) {
+    const sv_rigid *here = sv_bodies_knot(b, body, l->at[k]);
     float dot = 0;
-    for (int e = 0; e < 4 && k; e++) dot += at[k].q[e] * at[k - 1].q[e];
+    for (int e = 0; e < 4 && k; e++) dot += here->q[e] * sv_bodies_knot(b, body, l->at[k - 1])->q[e];
     if (dot < 0) sign = -sign;
-    for (int e = 0; e < 4; e++) m.q[e] += sign * w[k] * at[k].q[e];
-    for (int e = 0; e < 3; e++) m.d[e] += w[k] * at[k].d[e];
+    for (int e = 0; e < 4; e++) m.q[e] += sign * l->w[k] * here->q[e];
+    for (int e = 0; e < 3; e++) m.d[e] += l->w[k] * here->d[e];
   }
   normalise(m.q);
   return m;
 }
 
+// At a time between knots i - 1 and j: the knots around it.
+static blend around(const sv_bodies *b, float t, int i, int j) {
+  blend l = {.n = 0};
+  const int from = sv_maxi(i - N_AROUND / 2, 0), to = sv_mini(j + N_AROUND / 2, b->n_knots);
+  for (int k = from; k < i; k++) l.at[l.n++] = k;
+  for (int k = j; k < to; k++) l.at[l.n++] = k;
+  weigh(b, t, i - from, &l);
+  return l;
+}
+
+bool sv_bodies_among(const sv_bodies *b, int body, int i_knot, sv_rigid *out) {
+  if (i_knot < 1 || i_knot > b->n_knots - 2 || b->n_knots < 5) return false;
+  const blend l = around(b, b->time[i_knot], i_knot, i_knot + 1);
+  *out = mix(b, body, &l);
+  return true;
+}
+
 void sv_bodies_at(const sv_bodies *b, float time, sv_rigid out[SV_CAP_BODIES]) {
-  float w[N_AROUND];
-  int i = 0, first = 0, n = 0;
+  blend l = {.n = 0};
+  int i = 0;
   for (int body = 0; body < SV_CAP_BODIES; body++) out[body] = SV_RIGID_IDENTITY;
   if (b->n_knots < 1 || b->n < 2) return;
   while (i < b->n_knots - 1 && b->time[i + 1] <= time) i++;
   const bool is_at = time <= b->time[i] || i == b->n_knots - 1;
-  if (!is_at) n = weights(b, i, time, &first, w);
-  for (int body = 1; body < b->n; body++)
-    out[body] = is_at ? *sv_bodies_knot(b, body, i) : between(b, body, first, n, w);
+  if (!is_at) l = around(b, time, i + 1, i + 1);
+  for (int body = 1; body < b->n; body++) out[body] = is_at ? *sv_bodies_knot(b, body, i) : mix(b, body, &l);
 }
