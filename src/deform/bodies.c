@@ -149,7 +149,7 @@ float sv_bodies_reach(const sv_bodies *b, int body) {
 // --- between knots -------------------------------------------------------------------------------
 
 #define N_AROUND 6    // knots that a pose between two of them is found from, at most
-#define MOST_SUM 2.5f // of the weights' sizes: where knots lie unevenly, fewer are taken
+#define MOST_SUM 4.0f // of the weights' sizes: where knots lie unevenly, fewer are taken
 
 typedef struct {
   int n, at[N_AROUND]; // knots, rising

@@ -3,9 +3,8 @@
 //
 // In a search for what moves (moving.c), which looks at all pictures anyway, the colour of each Gaussian that is seen is
 // compared with the pictures' at the places where it is, and where it would be as a part of the bodies near it (or, being
-// a part, at rest), at the times at which its window is open. A motion that leaves less of a difference is taken over.
-// Bodies found in parts grow together so, parts that followed what is behind are let go, and thin things, too thin to be
-// followed by themselves, go with what they hang from.
+// a part, at rest), at the times at which its window is open. A motion that clearly leaves less of a difference is taken
+// over: what was followed by too few patches to be a part becomes one, what lies behind is let go.
 #include <string.h>
 
 #include "src/base/mathx.h"

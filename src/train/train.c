@@ -61,7 +61,7 @@ sv_train_cfg sv_train_defaults(void) {
                   .coarse_for = 0.1f,
                   .front_every = 2,
                   .n_bodies = SV_CAP_BODIES - 1,
-                  .body = 10.0f,
+                  .body = 20.0f,
                   .is_followed = true,
                   .shrink_pos = 0.1f,
                   .least_share = 0.2f,

@@ -76,7 +76,7 @@ function weights(time, i, t) {
       for (let o = from; o <= to; o++) if (o !== k) p *= (t - time[o]) / (time[k] - time[o]);
       w.push(p);
     }
-    if (w.length < 3 || w.reduce((s, v) => s + Math.abs(v), 0) <= 2.5) return { from, w };
+    if (w.length < 3 || w.reduce((s, v) => s + Math.abs(v), 0) <= 4) return { from, w };
     const is_last = before < 2 || (before < w.length - 1 && t - time[from] < time[to] - t);
     if (is_last) to--;
     else from++, before--;
