@@ -148,65 +148,73 @@ float sv_bodies_reach(const sv_bodies *b, int body) {
 
 // --- between knots -------------------------------------------------------------------------------
 
-// Weights of the knots i-1 .. i+2 at a time between knots i and i+1: the cubic of Hermite whose tangents are those of
-// the parabolas through three knots, or, at the ends, of the one through the last three (or of the line through two).
-static void weights(const sv_bodies *b, int i, float t, float w[4]) {
-  const int n = b->n_knots;
-  const float h = b->time[i + 1] - b->time[i], u = (t - b->time[i]) / h;
-  const float u2 = u * u, u3 = u2 * u, m0 = u3 - 2 * u2 + u, m1 = u3 - u2; // of h times the tangents
-  w[0] = w[3] = 0, w[1] = 2 * u3 - 3 * u2 + 1, w[2] = 3 * u2 - 2 * u3;
-  const float before = i > 0 ? b->time[i] - b->time[i - 1] : 0;
-  const float behind = i + 2 < n ? b->time[i + 2] - b->time[i + 1] : 0;
-  // The slope at knot i: (before s + h s_before)/(before + h), s the slope from i to i+1; in units of 1/h.
-  if (before > 0) {
-    const float a = m0 * before / (before + h), c = m0 * h / (before + h) * h / before;
-    w[1] += c - a, w[2] += a, w[0] -= c;
-  }
-  if (behind > 0) {
-    const float a = m1 * behind / (behind + h), c = m1 * h / (behind + h) * h / behind;
-    w[1] -= a, w[2] += a - c, w[3] += c;
-  }
-  if (!(before > 0)) { // 2 s - the other end's
-    const float f = m0;
-    w[1] -= 2 * f, w[2] += 2 * f;
-    if (behind > 0) {
-      const float a = f * behind / (behind + h), c = f * h / (behind + h) * h / behind;
-      w[1] += a, w[2] -= a - c, w[3] -= c;
-    } else w[1] += f, w[2] -= f;
-  }
-  if (!(behind > 0)) {
-    const float f = m1;
-    w[1] -= 2 * f, w[2] += 2 * f;
-    if (before > 0) {
-      const float a = f * before / (before + h), c = f * h / (before + h) * h / before;
-      w[1] -= c - a, w[2] -= a, w[0] += c;
-    } else w[1] += f, w[2] -= f;
+#define N_AROUND 6    // knots that a pose between two of them is found from, at most
+#define MOST_SUM 4.0f // of the weights' sizes: where knots lie unevenly, fewer are taken
+
+typedef struct {
+  int n, at[N_AROUND]; // knots, rising
+  float w[N_AROUND];
+} blend;
+
+// Lagrange's weights at a time t, of the polynomial through the knots of l, of those left of which there are n_before.
+static void weigh(const sv_bodies *b, float t, int n_before, blend *l) {
+  for (;;) {
+    float sum = 0;
+    for (int k = 0; k < l->n; k++) {
+      float p = 1, here = b->time[l->at[k]];
+      for (int o = 0; o < l->n; o++)
+        if (o != k) p *= (t - b->time[l->at[o]]) / (here - b->time[l->at[o]]);
+      l->w[k] = p, sum += fabsf(p);
+    }
+    if (l->n < 3 || sum <= MOST_SUM) return;
+    const float before = t - b->time[l->at[0]], behind = b->time[l->at[l->n - 1]] - t;
+    l->n--;
+    if (n_before < 2 || (n_before < l->n && before < behind)) continue;
+    memmove(l->at, l->at + 1, (size_t)l->n * sizeof *l->at);
+    n_before--;
   }
 }
 
-static sv_rigid between(const sv_bodies *b, int body, int i, const float w[4]) {
-  const sv_rigid *at = sv_bodies_knot(b, body, i);
+// Signs of quaternions go along from knot to knot, so that turns of more than half a circle within the knots are told.
+static sv_rigid mix(const sv_bodies *b, int body, const blend *l) {
   sv_rigid m = {{0}, {0}};
-  for (int k = 0; k < 4; k++) {
-    const sv_rigid *o = at + k - 1;
-    if (w[k] == 0) continue;
+  float sign = 1;
+  for (int k = 0; k < l->n; k++) {
+    const sv_rigid *here = sv_bodies_knot(b, body, l->at[k]);
     float dot = 0;
-    for (int e = 0; e < 4; e++) dot += o->q[e] * at->q[e];
-    for (int e = 0; e < 4; e++) m.q[e] += (dot < 0 ? -w[k] : w[k]) * o->q[e];
-    for (int e = 0; e < 3; e++) m.d[e] += w[k] * o->d[e];
+    for (int e = 0; e < 4 && k; e++) dot += here->q[e] * sv_bodies_knot(b, body, l->at[k - 1])->q[e];
+    if (dot < 0) sign = -sign;
+    for (int e = 0; e < 4; e++) m.q[e] += sign * l->w[k] * here->q[e];
+    for (int e = 0; e < 3; e++) m.d[e] += l->w[k] * here->d[e];
   }
   normalise(m.q);
   return m;
 }
 
+// At a time between knots i - 1 and j: the knots around it.
+static blend around(const sv_bodies *b, float t, int i, int j) {
+  blend l = {.n = 0};
+  const int from = sv_maxi(i - N_AROUND / 2, 0), to = sv_mini(j + N_AROUND / 2, b->n_knots);
+  for (int k = from; k < i; k++) l.at[l.n++] = k;
+  for (int k = j; k < to; k++) l.at[l.n++] = k;
+  weigh(b, t, i - from, &l);
+  return l;
+}
+
+bool sv_bodies_among(const sv_bodies *b, int body, int i_knot, sv_rigid *out) {
+  if (i_knot < 1 || i_knot > b->n_knots - 2 || b->n_knots < 5) return false;
+  const blend l = around(b, b->time[i_knot], i_knot, i_knot + 1);
+  *out = mix(b, body, &l);
+  return true;
+}
+
 void sv_bodies_at(const sv_bodies *b, float time, sv_rigid out[SV_CAP_BODIES]) {
-  float w[4];
+  blend l = {.n = 0};
   int i = 0;
   for (int body = 0; body < SV_CAP_BODIES; body++) out[body] = SV_RIGID_IDENTITY;
   if (b->n_knots < 1 || b->n < 2) return;
   while (i < b->n_knots - 1 && b->time[i + 1] <= time) i++;
   const bool is_at = time <= b->time[i] || i == b->n_knots - 1;
-  if (!is_at) weights(b, i, time, w);
-  for (int body = 1; body < b->n; body++)
-    out[body] = is_at ? *sv_bodies_knot(b, body, i) : between(b, body, i, w);
+  if (!is_at) l = around(b, time, i + 1, i + 1);
+  for (int body = 1; body < b->n; body++) out[body] = is_at ? *sv_bodies_knot(b, body, i) : mix(b, body, &l);
 }

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Rigid bodies in training: found among what a new time's pictures show displaced (rigid.h), followed from time to
 // time, and refined by the pictures' gradients: dL/dd = sum g, dL/d(turn) = sum (x - c - d) x g and the quaternions'
-// part, over the members.
+// part, over the members. Beside that each step takes a pose towards the polynomial through those before and behind, as
+// far as a share of the learning rate: what pictures do not ask for steadily is smooth in time.
 #include <string.h>
 
 #include "src/base/mathx.h"
@@ -18,8 +19,34 @@
 
 #define KEEP1 0.8f // of Adam's moments: each knot has a view but every so often
 #define KEEP2 0.95f
+#define PULL                                                                                                 \
+  0.5f // of the learning rate: how far a step takes a pose towards what those before and behind say
 
 // --- refining -------------------------------------------------------------------------------------
+
+// Turned by f v rad, which is little.
+static void turn_knot(sv_rigid *knot, float f, const float v[3]) {
+  const float turn[4] = {1.0f, 0.5f * f * v[0], 0.5f * f * v[1], 0.5f * f * v[2]};
+  float q[4], len2 = 0;
+  sv_quat_mul(turn, knot->q, q);
+  for (int k = 0; k < 4; k++) len2 += q[k] * q[k];
+  for (int k = 0; k < 4; k++) knot->q[k] = q[k] / sqrtf(len2);
+}
+
+// By so much at most, rad and world units, towards `to`.
+static void pull(sv_rigid *knot, const sv_rigid *to, float most_turn, float most_shift) {
+  const float back[4] = {knot->q[0], -knot->q[1], -knot->q[2], -knot->q[3]};
+  float by[4], turn2 = 0, shift2 = 0;
+  sv_quat_mul(to->q, back, by);
+  for (int k = 0; k < 3; k++) {
+    turn2 += 4 * by[1 + k] * by[1 + k];
+    shift2 += (to->d[k] - knot->d[k]) * (to->d[k] - knot->d[k]);
+  }
+  const float turn = sv_minf(1, most_turn / (sqrtf(turn2) + 1e-20f));
+  const float shift = sv_minf(1, most_shift / (sqrtf(shift2) + 1e-20f));
+  turn_knot(knot, (by[0] < 0 ? -2 : 2) * turn, by + 1);
+  for (int k = 0; k < 3; k++) knot->d[k] += shift * (to->d[k] - knot->d[k]);
+}
 
 static void move_knot(sv_trainer *t, int body, int i_knot, const float g[6], float lr) {
   sv_bodies *b = &t->deform.motion.bodies;
@@ -35,12 +62,10 @@ static void move_knot(sv_trainer *t, int body, int i_knot, const float g[6], flo
     step[k] = -lr * (*m / f1) / (sqrtf(*v / f2) + 1e-15f);
     if (k < 3) step[k] /= b->radius[body];
   }
-  const float turn[4] = {1.0f, 0.5f * step[0], 0.5f * step[1], 0.5f * step[2]};
-  float q[4], len2 = 0;
-  sv_quat_mul(turn, knot->q, q);
-  for (int k = 0; k < 4; k++) len2 += q[k] * q[k];
-  for (int k = 0; k < 4; k++) knot->q[k] = q[k] / sqrtf(len2);
+  turn_knot(knot, 1, step);
   for (int k = 0; k < 3; k++) knot->d[k] += step[3 + k];
+  sv_rigid smooth;
+  if (sv_bodies_among(b, body, i_knot, &smooth)) pull(knot, &smooth, PULL * lr / b->radius[body], PULL * lr);
 }
 
 void sv_train_clear_body_sums(sv_trainer *t) {
@@ -109,8 +134,7 @@ static void follow_known(sv_trainer *t, int i_from, int i_to) {
 
 // --- new bodies ----------------------------------------------------------------------------------
 
-// Place and quaternion of a slot by its own functions.
-static void own_place(const sv_trainer *t, int i, const sv_motion_values *f, float x[3], float q[4]) {
+void sv_train_own_place(const sv_trainer *t, int i, const sv_motion_values *f, float x[3], float q[4]) {
   const sv_motion *mo = &t->deform.motion;
   const sv_motion_cfg *c = &mo->cfg;
   const bool is_moving = i < mo->n_moving;
@@ -126,8 +150,7 @@ static void own_place(const sv_trainer *t, int i, const sv_motion_values *f, flo
   }
 }
 
-// Slot i stays at x, q of its body's frame.
-static void settle(sv_trainer *t, int i, int body, const float x[3], const float q[4]) {
+void sv_train_settle(sv_trainer *t, int i, int body, const float x[3], const float q[4]) {
   sv_motion *mo = &t->deform.motion;
   const sv_motion_cfg *c = &mo->cfg;
   if (!t->is_moving[i]) {
@@ -152,8 +175,8 @@ static void find_past(sv_trainer *t, int body, const uint32_t *list, int n, int 
     for (int p = 0; p < n; p++) {
       sv_displaced *o = &t->near->of[list[p]];
       float y[3];
-      own_place(t, (int)list[p], &mid, o->x, NULL);
-      own_place(t, (int)list[p], &f, y, NULL);
+      sv_train_own_place(t, (int)list[p], &mid, o->x, NULL);
+      sv_train_own_place(t, (int)list[p], &f, y, NULL);
       for (int k = 0; k < 3; k++) o->u[k] = y[k] - o->x[k];
       for (int k = 0; k < 6; k++) o->a[k] = k == 0 || k == 3 || k == 5 ? px_per_unit * px_per_unit : 0;
       o->is_known = true;
@@ -169,11 +192,11 @@ static void measure(sv_trainer *t, int body, const uint32_t *list, int n, const 
   float *c = t->deform.motion.bodies.centre[body], x[3], sum = 0;
   c[0] = c[1] = c[2] = 0;
   for (int p = 0; p < n; p++) {
-    own_place(t, (int)list[p], mid, x, NULL);
+    sv_train_own_place(t, (int)list[p], mid, x, NULL);
     for (int k = 0; k < 3; k++) c[k] += x[k] / (float)n;
   }
   for (int p = 0; p < n; p++) {
-    own_place(t, (int)list[p], mid, x, NULL);
+    sv_train_own_place(t, (int)list[p], mid, x, NULL);
     for (int k = 0; k < 3; k++) sum += (x[k] - c[k]) * (x[k] - c[k]);
   }
   t->deform.motion.bodies.radius[body] = sqrtf(sum / (float)n) + 1e-6f * t->radius;
@@ -198,8 +221,8 @@ static void make_body(sv_trainer *t, int body, const sv_rigid *motion, const flo
   sv_quat_mul(motion->q, from->q, to->q);
   for (int k = 0; k < 3; k++) to->d[k] = x[k] - c[k];
   for (int p = 0; p < n; p++) {
-    own_place(t, (int)list[p], &mid, x, q);
-    settle(t, (int)list[p], body, x, q);
+    sv_train_own_place(t, (int)list[p], &mid, x, q);
+    sv_train_settle(t, (int)list[p], body, x, q);
   }
 }
 
@@ -245,10 +268,10 @@ static void join(sv_trainer *t, int i_from, int i_to) {
     const sv_rigid *from = sv_bodies_knot(b, body, i_from);
     const float back[4] = {from->q[0], -from->q[1], -from->q[2], -from->q[3]};
     float x[3], q[4], own[4];
-    own_place(t, i, &f, x, own);
+    sv_train_own_place(t, i, &f, x, own);
     sv_quat_mul(back, own, q);
     sv_rigid_undo(from, b->centre[body], o->x, x);
-    settle(t, i, body, x, q);
+    sv_train_settle(t, i, body, x, q);
   }
 }
 

@@ -5,6 +5,9 @@
 #include "src/base/mathx.h"
 #include "src/train/train.h"
 
+#define PART_SHRINK                                                                                          \
+  3.0f // what a body's part does of its own has to be asked for more: the body should have done it
+
 bool sv_train_is_dynamic(const sv_trainer *t) { return t->cfg.dynamic.kind != SV_DEFORM_NONE; }
 
 void sv_train_set_time(sv_trainer *t, float time) {
@@ -115,14 +118,17 @@ void sv_train_motion_rates(const sv_trainer *t, float progress, float mean_lr, d
 }
 
 // A step of length `by` down the length of each touched lane's coefficients c[n][3][16], function j's times j + 1:
-// the group lasso's, beside Adam as in AdamW (Loshchilov & Hutter 2019), so that it is not normalised away.
-static void shrink(float *c, int n, float by, uint32_t touched) {
+// the group lasso's, beside Adam as in AdamW (Loshchilov & Hutter 2019), so that it is not normalised away. Parts of
+// bodies (of, or NULL): PART_SHRINK as long.
+static void shrink(float *c, int n, float by, uint32_t touched, const uint8_t *of) {
   float len2[16] = {0}, share[16];
   for (int j = 0; j < n; j++) {
     float w = (float)((j + 1) * (j + 1));
     for (int i = 0; i < 48; i++) len2[i & 15] += w * (c[48 * j + i] * c[48 * j + i]);
   }
-  for (int k = 0; k < 16; k++) share[k] = (touched >> k & 1) && len2[k] > 0 ? by / sqrtf(len2[k]) : 0.0f;
+  for (int k = 0; k < 16; k++)
+    share[k] =
+        (touched >> k & 1) && len2[k] > 0 ? (of && of[k] ? PART_SHRINK : 1.0f) * by / sqrtf(len2[k]) : 0.0f;
   for (int j = 0; j < n; j++) {
     float w = (float)((j + 1) * (j + 1));
     for (int i = 0; i < 48; i++) c[48 * j + i] -= c[48 * j + i] * sv_minf(1.0f, w * share[i & 15]);
@@ -141,7 +147,7 @@ void sv_train_move_block(sv_trainer *t, const sv_motion_args *a, const sv_adam_a
   t->k->adam(adam, touched, scratch, p, t->deform.motion.m + at, t->deform.motion.v + at);
   if (t->cfg.dynamic.shrink_pos > 0 && a->n_pos > 0)
     shrink(p + 16 * SV_MROW_FUNCTIONS, a->n_pos, t->cfg.dynamic.shrink_pos * adam->lr[SV_MROW_FUNCTIONS],
-           touched);
+           touched, t->deform.motion.bodies.of ? t->deform.motion.bodies.of + 16 * block : NULL);
 }
 
 // --- who moves -----------------------------------------------------------------------------------
@@ -249,6 +255,7 @@ sv_status sv_train_share_residual(sv_trainer *t) {
 static sv_status look_at(sv_trainer *t, int i_view, float progress) {
   sv_status s = sv_train_residual(t, i_view, progress);
   sv_train_clear_shares(t);
+  if (s >= 0) sv_train_look_at_members(t, i_view);
   if (s >= 0) s = sv_train_share_residual(t);
   for (int i = 0; i < t->g.n && s >= 0; i++) {
     if (!(t->weight[i] > SV_TRAIN_WEIGHT_MIN)) continue;
@@ -273,6 +280,7 @@ sv_status sv_train_find_moving(sv_trainer *t, float progress) {
   int n_cameras = 1;
   for (int i = 0; i < t->n_views; i++) n_cameras = sv_maxi(n_cameras, t->views[i].view.i_sub_view + 1);
   for (int i = 0; i < t->g.cap; i++) t->unrest[i] = t->n_seen[i] = t->res_mean[i] = t->res_dev[i] = 0.0f;
+  sv_train_begin_members(t);
   for (int c = 0; c < n_cameras; c++) {
     for (int i = 0; i < t->n_views; i++) {
       if (sv_maxi(t->views[i].view.i_sub_view, 0) != c) continue;
@@ -282,6 +290,7 @@ sv_status sv_train_find_moving(sv_trainer *t, float progress) {
     }
     end_camera(t);
   }
+  sv_train_end_members(t);
   for (int i = 0; i < t->g.n; i++) {
     if (t->is_moving[i] || !(t->unrest[i] > t->cfg.dynamic.unrest)) continue;
     t->is_moving[i] = 2; // from now on; what has moved before has to be worth it

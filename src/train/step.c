@@ -188,7 +188,7 @@ static bool has_unseen(const sv_trainer *t) {
 
 sv_status sv_train_residual(sv_trainer *t, int i_view, float progress) {
   const sv_train_view *tv = &t->views[i_view];
-  sv_render_options o = sv_train_render_options(t, progress, false);
+  sv_render_options o = sv_train_render_options(t, progress, t->member != NULL);
   int scale = sv_maxi(sv_train_scale_at(t, &tv->view, progress),
                       sv_train_scale_at(t, &tv->view, 0.99f * t->cfg.fine_at));
   sv_view view = sv_view_scaled(&tv->view, scale);

@@ -61,7 +61,7 @@ sv_train_cfg sv_train_defaults(void) {
                   .coarse_for = 0.1f,
                   .front_every = 2,
                   .n_bodies = SV_CAP_BODIES - 1,
-                  .body = 10.0f,
+                  .body = 20.0f,
                   .is_followed = true,
                   .shrink_pos = 0.1f,
                   .least_share = 0.2f,
@@ -141,6 +141,7 @@ static sv_status carve_dynamic(sv_trainer *t, const sv_train_cfg *c, sv_arena *a
   bool is_followed = sv_train_has_clip(c) && c->dynamic.is_followed && c->dynamic.grow_until > 0;
   t->follow = is_followed ? SV_TAKE(a, sv_follow_sum, t->g.cap) : NULL;
   t->near = is_followed ? sv_local_motion_carve(t->g.cap, a) : NULL;
+  t->member = sv_train_has_bodies(c) ? SV_TAKE(a, sv_member, t->g.cap) : NULL;
   if (sv_train_has_bodies(c))
     t->body_sum = sv_arena_take(a, (size_t)t->g.cap / 16 / SV_FIELD_TASK + 1, sizeof *t->body_sum);
   t->deform.kind = c->dynamic.kind;

@@ -152,6 +152,14 @@ typedef struct {
   int n; // cameras
 } sv_follow_sum;
 
+// Of one Gaussian (member.c): where it is (world) at a knot, the bodies near it (0: no more), and by what its colour
+// differs from the pictures', summed over n of them, with its own motion (a body's part: at rest) and as a part of each.
+#define SV_MEMBER_BODIES 3
+typedef struct {
+  float x[3], err[1 + SV_MEMBER_BODIES], n[1 + SV_MEMBER_BODIES];
+  uint8_t body[SV_MEMBER_BODIES], knot;
+} sv_member;
+
 typedef struct {
   sv_train_cfg cfg;
   const sv_kernels *k;
@@ -184,6 +192,7 @@ typedef struct {
   sv_follow_sum *follow;               // [cap], NULL unless times come in one by one
   sv_local_motion *near;               // as follow
   float (*body_sum)[SV_CAP_BODIES][6]; // [tasks of the optimiser] gradients of the poses; NULL without bodies
+  sv_member *member;                   // [cap], NULL without bodies
   float followed;                      // progress up to which the times that came in were followed
   sv_renderer render;
   sv_photometric photometric;
@@ -306,6 +315,15 @@ void sv_train_expect_bodies(sv_trainer *t, float to, float progress);
 // From t->near, places at time `from` and displacements to `to`: the bodies' poses at `to`, and new bodies.
 // Adds what one camera saw of a displacement: r pixels, with dpixel/dplace jac [2][3].
 void sv_train_add_seen(sv_follow_sum *s, const float jac[6], const float r[2]);
+// Place (world) and quaternion (or NULL) of slot i by its own functions, whose values are f.
+void sv_train_own_place(const sv_trainer *t, int i, const sv_motion_values *f, float x[3], float q[4]);
+// Slot i becomes a part of a body, at x and q of its frame and with no motion of its own; of body 0: at rest.
+void sv_train_settle(sv_trainer *t, int i, int body, const float x[3], const float q[4]);
+// Who is a part of which body (member.c): before the first picture of a search, after each was rendered with depth and
+// with its target, after the last.
+void sv_train_begin_members(sv_trainer *t);
+void sv_train_look_at_members(sv_trainer *t, int i_view);
+void sv_train_end_members(sv_trainer *t);
 // Moves the poses of the bodies at a time, expected there, to what its pictures show (track.c).
 sv_status sv_train_track_bodies(sv_trainer *t, float time, float progress) SV_MUST_USE;
 void sv_train_follow_bodies(sv_trainer *t, float from, float to, float px_per_unit);

@@ -83,6 +83,46 @@ static void test_between(void **state) {
   }
 }
 
+// A fast swing between knots of which every fourth time is missing; and what a knot should be as those beside it have it.
+static void test_swing(void **state) {
+  (void)state;
+  start(32);
+  for (int i = 0; i < 25; i++)
+    if (i % 4 != 2) (void)sv_bodies_add_knot(&b, (float)i / 24);
+  b.n = 2;
+  for (int i = 0; i < b.n_knots; i++)
+    *sv_bodies_knot(&b, 1, i) = (sv_rigid){.q = {1, 0, 0, 0}, .d = {sinf(24 * 0.45f * b.time[i]), 0, 0}};
+  for (int i = 6; i < 22; i += 4) {
+    sv_rigid out[SV_CAP_BODIES];
+    sv_bodies_at(&b, (float)i / 24, out);
+    assert_true(fabsf(out[1].d[0] - sinf(0.45f * (float)i)) < 1e-3f);
+  }
+  sv_rigid m;
+  assert_false(sv_bodies_among(&b, 1, 0, &m) || sv_bodies_among(&b, 1, b.n_knots - 1, &m));
+  for (int i = 3; i < b.n_knots - 3; i++) {
+    sv_rigid *knot = sv_bodies_knot(&b, 1, i), was = *knot;
+    knot->d[0] = 7; // has no say
+    assert_true(sv_bodies_among(&b, 1, i, &m) && fabsf(m.d[0] - was.d[0]) < 5e-3f);
+    *knot = was;
+  }
+}
+
+// Knots that lie very unevenly: no swing between them.
+static void test_uneven(void **state) {
+  (void)state;
+  static const float at[] = {0, 0.01f, 0.02f, 0.9f, 0.91f, 0.92f};
+  start(8);
+  for (int i = 0; i < 6; i++) (void)sv_bodies_add_knot(&b, at[i]);
+  b.n = 2;
+  for (int i = 0; i < 6; i++)
+    *sv_bodies_knot(&b, 1, i) = (sv_rigid){.q = {1, 0, 0, 0}, .d = {i % 2 ? 0.01f : -0.01f, 0, 0}};
+  for (int s = 0; s <= 92; s++) {
+    sv_rigid out[SV_CAP_BODIES];
+    sv_bodies_at(&b, 0.01f * (float)s, out);
+    assert_true(fabsf(out[1].d[0]) < 0.03f);
+  }
+}
+
 static void test_few_knots(void **state) {
   (void)state;
   sv_rigid out[SV_CAP_BODIES];
@@ -159,7 +199,8 @@ static void test_reach(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_between), cmocka_unit_test(test_few_knots),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_between),  cmocka_unit_test(test_swing),
+                                     cmocka_unit_test(test_uneven),   cmocka_unit_test(test_few_knots),
                                      cmocka_unit_test(test_new_knot), cmocka_unit_test(test_motions),
                                      cmocka_unit_test(test_reach)};
   return cmocka_run_group_tests(tests, NULL, NULL);

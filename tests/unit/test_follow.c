@@ -237,6 +237,54 @@ static void test_track(void **state) {
   }
 }
 
+// Half of the square's parts were taken for others that stand still, and some of the wall, before which the square goes,
+// for parts of the square: the pictures say whose they are.
+static void test_members(void **state) {
+  (void)state;
+  int n_lost = 0, n_back = 0, n_wall = 0, n_let_go = 0, n_kept = 0, n_square = 0;
+  bool was_lost[N] = {false}, was_taken[N] = {false};
+  start(N_CAMS, 1, 3, 1);
+  follow_all();
+  sv_motion *mo = &trainer.deform.motion;
+  sv_bodies *b = &mo->bodies;
+  assert_int_equal(b->n, 2);
+  const sv_motion_values mid = sv_motion_values_at(&mo->cfg, 0.5f);
+  for (int i = 0; i < N; i++) {
+    float x[3], q[4];
+    sv_train_own_place(&trainer, i, &mid, x, q);
+    const bool is_inside =
+        fabsf(x[0]) < 0.7f * HALF && fabsf(x[1]) < 0.7f * HALF && fabsf(x[2] - Z_SQUARE) < 0.1f;
+    const bool is_beside = fabsf(x[0]) > 1.3f && fabsf(x[0]) < 1.6f && fabsf(x[1]) < 1.0f && x[2] > 3.5f;
+    if (i < mo->n_moving && b->of[i] == 1 && is_inside && i % 2) {
+      sv_train_settle(&trainer, i, 0, x, q);
+      was_lost[i] = true, n_lost++;
+    } else if (is_beside && !(i < mo->n_moving && b->of[i])) {
+      sv_train_settle(&trainer, i, 1, x, q);
+      was_taken[i] = true, n_wall++;
+    } else n_square += is_inside && i < mo->n_moving && b->of[i] == 1;
+  }
+  sv_deform_set_moving(&trainer.deform, N); // all that have just begun to move, too
+  sv_train_begin_members(&trainer);
+  for (int i = 0; i < trainer.n_views; i++) {
+    assert_int_equal(sv_train_residual(&trainer, i, 0.9f), SV_OK);
+    sv_train_look_at_members(&trainer, i);
+  }
+  sv_train_end_members(&trainer);
+  for (int i = 0; i < N; i++) {
+    n_back += was_lost[i] && b->of[i] == 1;
+    n_let_go += was_taken[i] && b->of[i] == 0;
+    float x[3];
+    sv_train_own_place(&trainer, i, &mid, x, NULL);
+    n_kept += !was_lost[i] && b->of[i] == 1 && fabsf(x[0]) < 0.7f * HALF && fabsf(x[1]) < 0.7f * HALF &&
+              fabsf(x[2] - Z_SQUARE) < 0.1f;
+  }
+  print_message("%d of %d came back, %d of %d were let go, %d of %d stayed\n", n_back, n_lost, n_let_go,
+                n_wall, n_kept, n_square);
+  assert_true(n_lost > 20 && n_back > n_lost * 8 / 10);
+  assert_true(n_wall > 20 && n_let_go > n_wall * 6 / 10);
+  assert_true(n_square > 20 && n_kept > n_square * 9 / 10);
+}
+
 // The second jump is farther than is looked for around the old place: what moved is looked for where it was going.
 static void test_ahead(void **state) {
   (void)state;
@@ -310,10 +358,10 @@ static void test_few_neighbours(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_two_cameras),    cmocka_unit_test(test_one_camera),
-      cmocka_unit_test(test_nothing_new),    cmocka_unit_test(test_ahead),
-      cmocka_unit_test(test_track),          cmocka_unit_test(test_neighbours),
-      cmocka_unit_test(test_few_neighbours),
+      cmocka_unit_test(test_two_cameras), cmocka_unit_test(test_one_camera),
+      cmocka_unit_test(test_nothing_new), cmocka_unit_test(test_ahead),
+      cmocka_unit_test(test_track),       cmocka_unit_test(test_members),
+      cmocka_unit_test(test_neighbours),  cmocka_unit_test(test_few_neighbours),
   };
   return cmocka_run_group_tests(tests, setup, NULL);
 }

@@ -66,34 +66,34 @@ function functions(kind, n, t, t0) {
   return f;
 }
 
-// Cubic between knots i and i + 1 with the slopes of the parabolas through three knots; at the ends of the outermost.
+// Lagrange's weights of up to three knots on either side of a time between knots i and i + 1 (src/deform/bodies.c).
 function weights(time, i, t) {
-  const h = time[i + 1] - time[i], u = (t - time[i]) / h, u2 = u * u, u3 = u2 * u;
-  const w = [0, 2 * u3 - 3 * u2 + 1, 3 * u2 - 2 * u3, 0]; // of knots i - 1 .. i + 2
-  const middle = (k) => { // slope at knot i + k (0, 1) in units of 1/h, as weights; null: it is an end
-    const a = time[i + k] - time[i + k - 1], b = time[i + k + 1] - time[i + k], out = [0, 0, 0, 0];
-    if (!(i + k > 0 && i + k + 1 < time.length)) return null;
-    (out[k] -= (h * b) / a / (a + b)), (out[k + 1] += (h * b) / a / (a + b));
-    (out[k + 1] -= (h * a) / b / (a + b)), (out[k + 2] += (h * a) / b / (a + b));
-    return out;
-  };
-  const line = [0, -1, 1, 0], first = middle(0), last = middle(1), other = (s) => (s ? line.map((v, k) => 2 * v - s[k]) : line);
-  const s0 = first || other(last), s1 = last || other(first);
-  return w.map((v, k) => v + (u3 - 2 * u2 + u) * s0[k] + (u3 - u2) * s1[k]);
+  let from = Math.max(i - 2, 0), to = Math.min(i + 3, time.length - 1), w, before = i + 1 - from;
+  for (;;) {
+    w = [];
+    for (let k = from; k <= to; k++) {
+      let p = 1;
+      for (let o = from; o <= to; o++) if (o !== k) p *= (t - time[o]) / (time[k] - time[o]);
+      w.push(p);
+    }
+    if (w.length < 3 || w.reduce((s, v) => s + Math.abs(v), 0) <= 4) return { from, w };
+    const is_last = before < 2 || (before < w.length - 1 && t - time[from] < time[to] - t);
+    if (is_last) to--;
+    else from++, before--;
+  }
 }
 
 function pose_bodies(b, t) {
   let i = 0;
   while (i < b.knots - 1 && b.time[i + 1] <= t) i++;
-  const is_at = t <= b.time[i] || i === b.knots - 1, w = is_at ? [0, 1, 0, 0] : weights(b.time, i, t);
+  const is_at = t <= b.time[i] || i === b.knots - 1, { from, w } = is_at ? { from: i, w: [1] } : weights(b.time, i, t);
   b.now.fill(0);
   for (let body = 0; body < b.n; body++) {
-    const o = 7 * body, at = 7 * (body * b.knots + i), k = b.knot;
-    for (let j = 0; j < 4; j++) {
-      const p = at + 7 * (j - 1);
-      if (!w[j]) continue;
-      const dot = k[p] * k[at] + k[p + 1] * k[at + 1] + k[p + 2] * k[at + 2] + k[p + 3] * k[at + 3];
-      for (let e = 0; e < 7; e++) b.now[o + e] += (e < 4 && dot < 0 ? -w[j] : w[j]) * k[p + e];
+    const o = 7 * body, k = b.knot;
+    let sign = 1; // goes along from knot to knot
+    for (let j = 0, p = 7 * (body * b.knots + from); j < w.length; j++, p += 7) {
+      if (j && k[p] * k[p - 7] + k[p + 1] * k[p - 6] + k[p + 2] * k[p - 5] + k[p + 3] * k[p - 4] < 0) sign = -sign;
+      for (let e = 0; e < 7; e++) b.now[o + e] += (e < 4 ? sign * w[j] : w[j]) * k[p + e];
     }
     const s = 1 / (Math.hypot(b.now[o], b.now[o + 1], b.now[o + 2], b.now[o + 3]) || 1);
     for (let e = 0; e < 4; e++) b.now[o + e] *= s;
