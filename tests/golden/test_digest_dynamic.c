@@ -15,9 +15,9 @@
 
 #define N_STEPS      20
 #define CLIP_DIGEST  0x83c24e1e714bfa5eull
-#define BODY_DIGEST  0xe7f0b1ab293a32fcull
+#define BODY_DIGEST  0x42d8511801e942d1ull
 #define FIELD_DIGEST 0x5c2eba57976210a7ull
-#define START_DIGEST 0x850e951142de35ceull // of a field that begins with a clip's motion
+#define START_DIGEST 0x739e2b14947d0530ull // of a field that begins with a clip's motion
 
 static _Alignas(64) unsigned char block[64u << 20];
 static moving_scene scene;
