@@ -174,20 +174,28 @@ if wanted lost && [ $has_libcamera = yes ]; then
 fi
 
 # --- skew through the kernel ---------------------------------------------------------------------
-skew() { # NAME DEVICE DEVICE US
+# On a slow host the capture may come too late for a frame, which it says. The loopback's buffers are the writer's and the
+# reader's at once, so the stamps of such frames are not the ones that were written: measured again.
+play_skew() { # DEVICE DEVICE
   board_tool feed 30 20 $loop0:0 $loop1:7 $loop2:14 >$out/feed 2>&1 &
   feeder=$!
   for second in 1 2 3 4 5 6 7 8 9 10; do
     grep -q feeding $out/feed && break
     sleep 1
   done
-  subview capture --source "v4l2:$2,$3,lock=off,buffers=8,clock=monotonic" --exposures 40 --skew-limit 1 --out $out/skew --json --quiet \
+  subview capture --source "v4l2:$1,$2,lock=off,buffers=8,clock=monotonic" --exposures 40 --skew-limit 1 --out $out/skew --json --quiet \
     >$out/json 2>$out/log
   code=$?
   kill $feeder 2>/dev/null
   wait $feeder 2>/dev/null
   cat $out/json $out/log $out/feed
   rm -rf $out/skew
+}
+skew() { # NAME DEVICE DEVICE US
+  for attempt in 1 2 3; do
+    play_skew "$2" "$3"
+    grep -q ': starved: ' $out/log || break
+  done
   measured=$(value skew_us_p99 $out/json)
   note "skew of $4 us through the kernel: measured ${measured:-nothing} us"
   check "$1" $code -eq 0 -a "${measured%.*}" = "$4"
