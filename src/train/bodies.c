@@ -19,8 +19,8 @@
 
 #define KEEP1 0.8f // of Adam's moments: each knot has a view but every so often
 #define KEEP2 0.95f
-#define PULL                                                                                                 \
-  0.5f // of the learning rate: how far a step takes a pose towards what those before and behind say
+// Of the learning rate: how far a step takes a pose towards what those before and behind say.
+#define PULL 0.5f
 
 // --- refining -------------------------------------------------------------------------------------
 

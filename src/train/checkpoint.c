@@ -101,29 +101,32 @@ static sv_status get_bodies(const sv_sections *r, sv_trainer *t, sv_err *err) {
   return SV_OK;
 }
 
+static const char *const of_motion[3] = {"MOTN", "MOTM", "MOTV"};
+static const char *const of_field[3] = {"FLDN", "FLDM", "FLDV"};
+
+static sv_status put_state(sv_sections_writer *w, const char *const name[3], motion_state o, sv_err *err) {
+  sv_status s = sv_sections_put(w, name[0], o.param, o.n * sizeof *o.param, err);
+  if (s >= 0) s = sv_sections_put(w, name[1], o.m, o.n * sizeof *o.m, err);
+  return s >= 0 ? sv_sections_put(w, name[2], o.v, o.n * sizeof *o.v, err) : s;
+}
+
 static sv_status put_motion(sv_sections_writer *w, const sv_trainer *t, sv_err *err) {
-  motion_state o = motion_of(t);
-  sv_status s = sv_sections_put(w, "MOTN", o.param, o.n * sizeof *o.param, err);
-  if (s >= 0) s = sv_sections_put(w, "MOTM", o.m, o.n * sizeof *o.m, err);
-  if (s >= 0) s = sv_sections_put(w, "MOTV", o.v, o.n * sizeof *o.v, err);
-  if (has_both(t)) o = field_of(t);
-  if (s >= 0 && has_both(t)) s = sv_sections_put(w, "FLDN", o.param, o.n * sizeof *o.param, err);
-  if (s >= 0 && has_both(t)) s = sv_sections_put(w, "FLDM", o.m, o.n * sizeof *o.m, err);
-  if (s >= 0 && has_both(t)) s = sv_sections_put(w, "FLDV", o.v, o.n * sizeof *o.v, err);
+  sv_status s = put_state(w, of_motion, motion_of(t), err);
+  if (s >= 0 && has_both(t)) s = put_state(w, of_field, field_of(t), err);
   if (s >= 0 && sv_train_is_taught(t)) s = sv_sections_put(w, "TEAC", t->teacher.param, rows_bytes(t), err);
   if (s >= 0) s = sv_sections_put(w, "MOVE", t->is_moving, (size_t)t->g.cap, err);
   return s >= 0 && bodies_bytes(t) ? put_bodies(w, t, err) : s;
 }
 
+static sv_status get_state(const sv_sections *r, const char *const name[3], motion_state o, sv_err *err) {
+  sv_status s = sv_sections_get(r, name[0], o.param, o.n * sizeof *o.param, err);
+  if (s >= 0) s = sv_sections_get(r, name[1], o.m, o.n * sizeof *o.m, err);
+  return s >= 0 ? sv_sections_get(r, name[2], o.v, o.n * sizeof *o.v, err) : s;
+}
+
 static sv_status get_motion(const sv_sections *r, sv_trainer *t, bool is_taught, sv_err *err) {
-  motion_state o = motion_of(t);
-  sv_status s = sv_sections_get(r, "MOTN", o.param, o.n * sizeof *o.param, err);
-  if (s >= 0) s = sv_sections_get(r, "MOTM", o.m, o.n * sizeof *o.m, err);
-  if (s >= 0) s = sv_sections_get(r, "MOTV", o.v, o.n * sizeof *o.v, err);
-  if (has_both(t)) o = field_of(t);
-  if (s >= 0 && has_both(t)) s = sv_sections_get(r, "FLDN", o.param, o.n * sizeof *o.param, err);
-  if (s >= 0 && has_both(t)) s = sv_sections_get(r, "FLDM", o.m, o.n * sizeof *o.m, err);
-  if (s >= 0 && has_both(t)) s = sv_sections_get(r, "FLDV", o.v, o.n * sizeof *o.v, err);
+  sv_status s = get_state(r, of_motion, motion_of(t), err);
+  if (s >= 0 && has_both(t)) s = get_state(r, of_field, field_of(t), err);
   if (s >= 0 && is_taught) s = sv_sections_get(r, "TEAC", t->teacher.param, rows_bytes(t), err);
   if (s >= 0) s = sv_sections_get(r, "MOVE", t->is_moving, (size_t)t->g.cap, err);
   return s >= 0 && bodies_bytes(t) ? get_bodies(r, t, err) : s;

@@ -28,7 +28,7 @@ double sv_fit_loss(const sv_fit_prices *p, const float *is, const float *want) {
     }
     sum += o * (sqrt(1.0 + e2) - 1.0 + rest);
   }
-  return (double)p->scale * sum;
+  return sum;
 }
 
 void sv_fit_loss_bwd(const sv_fit_prices *p, const float *is, const float *want, int n_rows, float *grad) {
@@ -40,7 +40,7 @@ void sv_fit_loss_bwd(const sv_fit_prices *p, const float *is, const float *want,
       const float e = is[16 * r + k] - want[16 * r + k];
       e2 += e * e;
     }
-    weight[k] = p->scale / (1.0f + (float)sv_exp(-(double)is[16 * SV_ROW_LOGIT + k]));
+    weight[k] = 1.0f / (1.0f + (float)sv_exp(-(double)is[16 * SV_ROW_LOGIT + k]));
     mean[k] = weight[k] / sqrtf(1.0f + p->price[SV_ROW_MEAN] * e2);
   }
   for (int i = 0; i < 16 * SV_ROW_LOGIT; i++)
@@ -93,7 +93,6 @@ static float px_per_unit(const sv_trainer *t) {
 static job job_of(sv_trainer *t) {
   job j = {.t = t,
            .middle = sv_motion_values_at(&t->deform.motion.cfg, t->middle),
-           .prices = {.scale = 1.0f},
            .n_blocks = (t->deform.field.n_moving + 15) / 16};
   const float px = px_per_unit(t);
   for (int r = 0; r < SV_ROW_LOGIT; r++)
@@ -204,8 +203,9 @@ void sv_train_fit(sv_trainer *t, float progress) {
   sv_field *f = &t->deform.field;
   job j = job_of(t);
   const int n_steps = n_fit_steps(&t->cfg);
+  if (t->fit_left > (uint32_t)n_steps) t->fit_left = (uint32_t)n_steps; // of a checkpoint of a longer run
   for (int k = 0; k < FIT_TURN && t->fit_left > 0; k++) {
-    const int i = sv_maxi(1, n_steps - (int)--t->fit_left);
+    const int i = n_steps - (int)--t->fit_left;
     const double x = (double)i / (double)n_steps;
     fit_step(&j, (uint32_t)i, 0.0f, FIT_RATE * (float)sv_pow((double)FIT_END, x));
   }

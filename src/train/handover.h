@@ -13,13 +13,13 @@
 extern "C" {
 #endif
 
-// Prices of a squared error of each row, those of the means in 1/unit^2; scale: of the loss.
+// Prices of a squared error of each row, those of the means in 1/unit^2.
 typedef struct {
-  float price[SV_ROW_LOGIT], scale;
+  float price[SV_ROW_LOGIT];
 } sv_fit_prices;
 
 // Of one block of 16 Gaussians that is at `is` [rows][16] and should be at `want`, e = is - want, o the opacity of is:
-//   L = scale sum_i o_i (sqrt(1 + price |e_mean|^2) - 1 + sum_(other rows) price e^2 / 2),
+//   L = sum_i o_i (sqrt(1 + price |e_mean|^2) - 1 + sum_(other rows) price e^2 / 2),
 // so that those for which a field has no room do not outvote the others. Rows from SV_ROW_LOGIT on do not take part.
 double sv_fit_loss(const sv_fit_prices *p, const float *is, const float *want);
 // dL/d(is) [n_rows][16]; opacity is not asked to give way.

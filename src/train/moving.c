@@ -5,8 +5,8 @@
 #include "src/base/mathx.h"
 #include "src/train/train.h"
 
-#define PART_SHRINK                                                                                          \
-  3.0f // what a body's part does of its own has to be asked for more: the body should have done it
+// What a body's part does of its own has to be asked for more: the body should have done it.
+#define PART_SHRINK 3.0f
 
 bool sv_train_is_dynamic(const sv_trainer *t) { return t->cfg.dynamic.kind != SV_DEFORM_NONE; }
 

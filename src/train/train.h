@@ -134,8 +134,8 @@ typedef struct {
 } sv_train_composite;
 
 typedef struct {
-  int i_view,
-      scale; // i_view: of the views, then of the regions; -1: no picture, a field was fitted to a clip
+  int i_view; // of the views, then of the regions; -1: no picture, a field was fitted to a clip
+  int scale;
   double loss, l1, ssim; // of this step's sub-view or region
   uint32_t n_touched;
 } sv_step_stats;
@@ -165,8 +165,8 @@ typedef struct {
   const sv_kernels *k;
   const sv_pool *pool;
   sv_gaussians g;
-  uint16_t *m,
-      *v; // bfloat16, laid out as g.param: running means of the gradient, of its squares (Adam) or the curvature
+  // bfloat16, laid out as g.param: running means of the gradient, and of its squares (Adam) or the curvature
+  uint16_t *m, *v;
   float *err;   // [cap] running mean of each Gaussian's blended error
   float *block; // [n_threads][SV_TRAIN_BLOCK_FLOATS] gradients of one block: Gaussians, error, motion
   float *sum;   // [cap / 16][n_rows + 1][16] of a step with several pictures, last row: error. Or NULL

@@ -33,7 +33,7 @@ static int setup(void **state) {
 
 static void test_loss(void **state) {
   enum { N_ROWS = SV_ROW_SH + 3 };
-  sv_fit_prices p = {.scale = 0.7f};
+  sv_fit_prices p;
   float is[N_ROWS * 16], want[N_ROWS * 16], grad[N_ROWS * 16];
   sv_rng rng = sv_rng_make(5, 1);
   (void)state;
