@@ -59,8 +59,8 @@ SOLVE_CFLAGS  := -std=c11 -g -I. $(filter-out -Wpedantic,$(WARN)) $(SANF) $(SYSR
 SOLVE_CXXFLAGS := -std=c++17 -g -I. -Wall -Wextra $(WERROR) $(SANF) $(SYSROOT_FLAG) $(OPT)
 LIBS          := $(BOARD_LIBS) -ljpeg -lpng -lz -lpthread -lm
 ISA_sse41  := -msse4.1
-ISA_avx2   := -mavx2 -mfma
-ISA_avx512 := -mavx512f -mavx512dq -mavx512vl -mavx512bw -mfma -mprefer-vector-width=512
+ISA_avx2   := -mavx2 -mfma -mbmi -mbmi2 -mlzcnt -mpopcnt
+ISA_avx512 := -mavx512f -mavx512dq -mavx512vl -mavx512bw -mfma -mbmi -mbmi2 -mlzcnt -mpopcnt -mprefer-vector-width=512
 ISA_neon   :=
 
 # --- sources --------------------------------------------------------------------------------------

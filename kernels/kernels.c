@@ -24,9 +24,11 @@ uint32_t sv_cpu_isas(void) {
 #if SV_HAVE_SSE41 || SV_HAVE_AVX2 || SV_HAVE_AVX512
   __builtin_cpu_init();
   if (SV_HAVE_SSE41 && __builtin_cpu_supports("sse4.1")) mask |= SV_ISA_BIT(SV_ISA_SSE41);
-  if (SV_HAVE_AVX2 && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
+  const bool has_bits = __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2") &&
+                        __builtin_cpu_supports("lzcnt") && __builtin_cpu_supports("popcnt");
+  if (SV_HAVE_AVX2 && has_bits && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
     mask |= SV_ISA_BIT(SV_ISA_AVX2);
-  if (SV_HAVE_AVX512 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+  if (SV_HAVE_AVX512 && has_bits && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
       __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw"))
     mask |= SV_ISA_BIT(SV_ISA_AVX512);
 #endif

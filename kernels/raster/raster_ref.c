@@ -97,8 +97,8 @@ static void load_state(const sv_raster_bwd_args *a, long at, tile_state *st) {
 }
 
 // One block of a splat: sums per lane into row and m[SLOT][16].
-static void block_bwd(const sv_splat *s, float x0, float y0, int b, const tile_state *st, float row[2][16],
-                      float m[11][16]) {
+static void block_bwd(const sv_splat *s, float x0, float y0, int b, const tile_state *st, int is_small,
+                      float row[2][16], float m[11][16]) {
   const int is_free = s->lo <= SV_POWER_FREE;
   for (int k = 0; k < 16; k++) {
     int i = 16 * b + k;
@@ -118,21 +118,31 @@ static void block_bwd(const sv_splat *s, float x0, float y0, int b, const tile_s
     gx = g * e.dx;
     st->suffix[i] = suffix;
     st->trans[i] = t - w;
-    row[0][k] += g;
-    row[1][k] += gx;
     m[SV_SLOT_GXX][k] = fmaf(gx, e.dx, m[SV_SLOT_GXX][k]);
+    if (is_small) {
+      float gy = g * e.dy;
+      m[SV_SLOT_G][k] += g;
+      m[SV_SLOT_GX][k] += gx;
+      m[SV_SLOT_GY][k] += gy;
+      m[SV_SLOT_GXY][k] = fmaf(gx, e.dy, m[SV_SLOT_GXY][k]);
+      m[SV_SLOT_GYY][k] = fmaf(gy, e.dy, m[SV_SLOT_GYY][k]);
+    } else {
+      row[0][k] += g;
+      row[1][k] += gx;
+    }
   }
 }
 
 static void splat_bwd(const sv_splat *s, float x0, float y0, uint64_t mask, const tile_state *st,
                       uint8_t *slot) {
+  const int is_small = __builtin_popcountll(mask) <= SV_RASTER_SMALL;
   float m[11][16] = {{0}};
   for (int by = 0; by < 8; by++) {
     float row[2][16] = {{0}};
     uint64_t bits = mask >> (8 * by) & 255;
     if (!bits) continue;
-    for (; bits; bits &= bits - 1) block_bwd(s, x0, y0, 8 * by + __builtin_ctzll(bits), st, row, m);
-    for (int k = 0; k < 16; k++) { // within a lane's row dy is constant
+    for (; bits; bits &= bits - 1) block_bwd(s, x0, y0, 8 * by + __builtin_ctzll(bits), st, is_small, row, m);
+    for (int k = 0; k < 16 && !is_small; k++) { // within a lane's row dy is constant
       float dy = s->v_px - (y0 + ((float)(4 * by + (k >> 2)) + 0.5f));
       m[SV_SLOT_G][k] += row[0][k];
       m[SV_SLOT_GX][k] += row[1][k];

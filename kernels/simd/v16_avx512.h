@@ -119,6 +119,15 @@ static inline v16 v16_load11(const uint8_t *p) {
   __m512i x = _mm512_zextsi256_si512(_mm256_loadu_si256((const __m256i *)p));
   return _mm512_castsi512_ps(_mm512_shuffle_epi8(_mm512_permutexvar_epi32(words, x), bytes));
 }
+// Bit b: not all of the 16 floats at p + n b are below the limit; b < 64.
+#define V16_HAS_NOT_BELOW 1
+static inline uint64_t v16_not_below(const float *p, long n, v16 limit) {
+  uint16_t lanes[64];
+  for (int b = 0; b < 64; b++)
+    lanes[b] = (uint16_t)_mm512_cmp_ps_mask(_mm512_loadu_ps(p + n * b), limit, _CMP_NLT_UQ);
+  __m512i lo = _mm512_loadu_si512(lanes), hi = _mm512_loadu_si512(lanes + 32);
+  return (uint64_t)_mm512_test_epi16_mask(lo, lo) | (uint64_t)_mm512_test_epi16_mask(hi, hi) << 32;
+}
 static inline v16 v16_min4(v16 a) {
   v16 b = _mm512_min_ps(a, _mm512_permute_ps(a, 0x4e));
   return _mm512_min_ps(b, _mm512_permute_ps(b, 0xb1));
