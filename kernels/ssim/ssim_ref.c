@@ -14,12 +14,12 @@ static float *scratch_row(float *scratch, int stride, int i) {
   return scratch + (size_t)i * (size_t)(stride + 2 * SSIM_BORDER) + SSIM_BORDER;
 }
 
-// The eleven rows around r of a plane that begins with row0; rows outside the image are the zero row.
-static void rows_around(const float *row[11], const float *plane, int row0, int r, int height, int stride,
+// The eleven rows around r of a plane; rows outside the image are the zero row.
+static void rows_around(const float *row[11], const float *plane, int r, int height, int stride,
                         const float *zero) {
   for (int k = -SSIM_R; k <= SSIM_R; k++) {
     int j = r + k;
-    row[k + SSIM_R] = j >= 0 && j < height ? plane + (size_t)(j - row0) * (size_t)stride : zero;
+    row[k + SSIM_R] = j >= 0 && j < height ? plane + (size_t)j * (size_t)stride : zero;
   }
 }
 
@@ -70,8 +70,8 @@ void sv_ssim_ref(const sv_ssim_args *a) {
     const float *xr[11], *yr[11];
     float lanes[16] = {0};
     size_t at = (size_t)(r - a->map_row0) * (size_t)a->stride;
-    rows_around(xr, a->x, 0, r, a->height_px, a->stride, zero);
-    rows_around(yr, a->y, 0, r, a->height_px, a->stride, zero);
+    rows_around(xr, a->x, 2 * r + a->phase, a->height_px, a->stride, zero);
+    rows_around(yr, a->y, 2 * r + a->phase, a->height_px, a->stride, zero);
     for (int i = 0; i < w; i++) {
       float v[4];
       blur_column(xr, yr, i, v);
@@ -114,21 +114,30 @@ static void bwd_row(const sv_ssim_bwd_args *a, int r, float *const t[3]) {
   a->row_l1[r] = s1_sum16(lanes);
 }
 
+// Column i of the maps of the windows about the picture's row r, blurred along the column: those at even distances when
+// a window stands on it, else those at odd ones.
+static float blur_map(const sv_ssim_bwd_args *a, const float *map, int r, int i) {
+  const int n = (a->height_px - a->phase + 1) / 2, is_off = (r - a->phase) & 1;
+  float s = 0;
+  for (int k = is_off; k <= SSIM_R; k += 2) {
+    const int up = (r - k - a->phase) / 2, down = (r + k - a->phase) / 2; // up is not used where it was cut to 0
+    const float above = r - k >= a->phase ? map[(size_t)(up - a->map_row0) * (size_t)a->stride + (size_t)i] : 0;
+    const float below = down < n ? map[(size_t)(down - a->map_row0) * (size_t)a->stride + (size_t)i] : 0;
+    if (k == 0) s = above * g[0];
+    else if (k == 1) s = (above + below) * g[1];
+    else s = fmaf(above + below, g[k], s);
+  }
+  return s;
+}
+
 void sv_ssim_bwd_ref(const sv_ssim_bwd_args *a) {
   const float *map[3] = {a->dm1, a->ds1, a->ds12};
-  float *t[3], *zero = a->scratch + (size_t)4 * (size_t)(a->stride + 2 * SSIM_BORDER);
-  memset(a->scratch, 0, sizeof(float) * 5 * (size_t)(a->stride + 2 * SSIM_BORDER));
+  float *t[3];
+  memset(a->scratch, 0, sizeof(float) * 3 * (size_t)(a->stride + 2 * SSIM_BORDER));
   for (int m = 0; m < 3; m++) t[m] = scratch_row(a->scratch, a->stride, m);
   for (int r = a->row0; r < a->row1; r++) {
-    for (int m = 0; m < 3 && a->dm1 && a->grad; m++) {
-      const float *row[11];
-      rows_around(row, map[m], a->map_row0, r, a->height_px, a->stride, zero);
-      for (int i = 0; i < a->width_px; i++) {
-        float s = row[5][i] * g[0];
-        for (int k = 1; k <= SSIM_R; k++) s = fmaf(row[5 - k][i] + row[5 + k][i], g[k], s);
-        t[m][i] = s;
-      }
-    }
+    for (int m = 0; m < 3 && a->dm1 && a->grad; m++)
+      for (int i = 0; i < a->width_px; i++) t[m][i] = blur_map(a, map[m], r, i);
     bwd_row(a, r, t);
   }
 }
