@@ -28,15 +28,15 @@ extern "C" {
 #endif
 
 // Floats of scratch for planes of this stride; 64-byte aligned, one per thread, contents free.
-#define SV_SSIM_SCRATCH_FLOATS(stride) (17 * ((stride) + 32))
+#define SV_SSIM_SCRATCH_FLOATS(stride) (20 * ((stride) + 32))
 
 typedef struct {
   const float *x, *y; // [height][stride]; columns >= width are never used
   int width_px, height_px, stride;
   int phase;      // 0 or 1
   int row0, row1; // of windows
-  // Gradient maps [row1 - map_row0][stride], all three NULL (value only) or all set. The columns from width to
-  // the next multiple of 16 become 0. May not overlap x, y or each other.
+  // Gradient maps [row1 - map_row0][stride], blurred along their rows, all three NULL (value only) or all set. The columns
+  // from width to the next multiple of 16 become anything. May not overlap x, y or each other.
   float *dm1, *ds1, *ds12;
   int map_row0;    // <= row0
   float *row_ssim; // [(height - phase + 1) / 2]: the sum of the row's ssim; lane k adds the columns k mod 16, then the tree

@@ -63,9 +63,9 @@ static ssim_point point(float m1, float m2, float e, float p) {
 
 void sv_ssim_ref(const sv_ssim_args *a) {
   const int w = a->width_px, w16 = (w + 15) & ~15;
-  float *t[4], *zero = a->scratch + (size_t)4 * (size_t)(a->stride + 2 * SSIM_BORDER);
-  memset(a->scratch, 0, sizeof(float) * 5 * (size_t)(a->stride + 2 * SSIM_BORDER));
-  for (int m = 0; m < 4; m++) t[m] = scratch_row(a->scratch, a->stride, m);
+  float *t[7], *zero = a->scratch + (size_t)7 * (size_t)(a->stride + 2 * SSIM_BORDER);
+  memset(a->scratch, 0, sizeof(float) * 8 * (size_t)(a->stride + 2 * SSIM_BORDER));
+  for (int m = 0; m < 7; m++) t[m] = scratch_row(a->scratch, a->stride, m);
   for (int r = a->row0; r < a->row1; r++) {
     const float *xr[11], *yr[11];
     float lanes[16] = {0};
@@ -81,41 +81,20 @@ void sv_ssim_ref(const sv_ssim_args *a) {
       ssim_point s = {0};
       if (i < w) s = point(blur_row(t[0] + i), blur_row(t[1] + i), blur_row(t[2] + i), blur_row(t[3] + i));
       lanes[i & 15] += s.ssim;
-      if (!a->dm1) continue;
-      a->dm1[at + (size_t)i] = s.dm1;
-      a->ds1[at + (size_t)i] = s.ds1;
-      a->ds12[at + (size_t)i] = s.ds12;
+      t[4][i] = s.dm1, t[5][i] = s.ds1, t[6][i] = s.ds12;
+    }
+    for (int i = 0; i < w && a->dm1; i++) {
+      a->dm1[at + (size_t)i] = blur_row(t[4] + i);
+      a->ds1[at + (size_t)i] = blur_row(t[5] + i);
+      a->ds12[at + (size_t)i] = blur_row(t[6] + i);
     }
     a->row_ssim[r] = s1_sum16(lanes);
   }
 }
 
 // --- gradient ------------------------------------------------------------------------------------
-static void bwd_row(const sv_ssim_bwd_args *a, int r, float *const t[3]) {
-  const size_t at = (size_t)r * (size_t)a->stride;
-  const float w2 = 2.0f * a->w_ssim;
-  float lanes[16] = {0};
-  for (int i = 0; i < a->width_px; i++) {
-    float x = a->x[at + (size_t)i], y = a->y[at + (size_t)i], d = x - y, e = fabsf(d);
-    float grad = (d > 0.0f ? a->w_l1 : 0.0f) - (d < 0.0f ? a->w_l1 : 0.0f);
-    if (a->dm1 && a->grad) {
-      float b0 = blur_row(t[0] + i), b1 = blur_row(t[1] + i), b2 = blur_row(t[2] + i);
-      grad = fmaf(w2, fmaf(y, b2, fmaf(x, b1, b0)), grad);
-    }
-    lanes[i & 15] += e;
-    float *pg = a->grad ? a->grad + at + (size_t)i : NULL, *pe = a->err ? a->err + at + (size_t)i : NULL;
-    if (pg) *pg = a->is_grad_add ? *pg + grad : grad;
-    if (pe) *pe = a->is_err_add ? fmaf(e, a->err_scale, *pe) : e * a->err_scale;
-  }
-  for (int i = a->width_px; i < a->stride; i++) {
-    if (a->grad && !a->is_grad_add) a->grad[at + (size_t)i] = 0.0f;
-    if (a->err && !a->is_err_add) a->err[at + (size_t)i] = 0.0f;
-  }
-  a->row_l1[r] = s1_sum16(lanes);
-}
-
-// Column i of the maps of the windows about the picture's row r, blurred along the column: those at even distances when
-// a window stands on it, else those at odd ones.
+// A map about column i of the picture's row r, blurred along the column: windows at even distances when one stands
+// on the row, else those at odd ones.
 static float blur_map(const sv_ssim_bwd_args *a, const float *map, int r, int i) {
   const int n = (a->height_px - a->phase + 1) / 2, is_off = (r - a->phase) & 1;
   float s = 0;
@@ -130,14 +109,29 @@ static float blur_map(const sv_ssim_bwd_args *a, const float *map, int r, int i)
   return s;
 }
 
-void sv_ssim_bwd_ref(const sv_ssim_bwd_args *a) {
-  const float *map[3] = {a->dm1, a->ds1, a->ds12};
-  float *t[3];
-  memset(a->scratch, 0, sizeof(float) * 3 * (size_t)(a->stride + 2 * SSIM_BORDER));
-  for (int m = 0; m < 3; m++) t[m] = scratch_row(a->scratch, a->stride, m);
-  for (int r = a->row0; r < a->row1; r++) {
-    for (int m = 0; m < 3 && a->dm1 && a->grad; m++)
-      for (int i = 0; i < a->width_px; i++) t[m][i] = blur_map(a, map[m], r, i);
-    bwd_row(a, r, t);
+static void bwd_row(const sv_ssim_bwd_args *a, int r) {
+  const size_t at = (size_t)r * (size_t)a->stride;
+  const float w2 = 2.0f * a->w_ssim;
+  float lanes[16] = {0};
+  for (int i = 0; i < a->width_px; i++) {
+    float x = a->x[at + (size_t)i], y = a->y[at + (size_t)i], d = x - y, e = fabsf(d);
+    float grad = (d > 0.0f ? a->w_l1 : 0.0f) - (d < 0.0f ? a->w_l1 : 0.0f);
+    if (a->dm1 && a->grad) {
+      float b0 = blur_map(a, a->dm1, r, i), b1 = blur_map(a, a->ds1, r, i), b2 = blur_map(a, a->ds12, r, i);
+      grad = fmaf(w2, fmaf(y, b2, fmaf(x, b1, b0)), grad);
+    }
+    lanes[i & 15] += e;
+    float *pg = a->grad ? a->grad + at + (size_t)i : NULL, *pe = a->err ? a->err + at + (size_t)i : NULL;
+    if (pg) *pg = a->is_grad_add ? *pg + grad : grad;
+    if (pe) *pe = a->is_err_add ? fmaf(e, a->err_scale, *pe) : e * a->err_scale;
   }
+  for (int i = a->width_px; i < a->stride; i++) {
+    if (a->grad && !a->is_grad_add) a->grad[at + (size_t)i] = 0.0f;
+    if (a->err && !a->is_err_add) a->err[at + (size_t)i] = 0.0f;
+  }
+  a->row_l1[r] = s1_sum16(lanes);
+}
+
+void sv_ssim_bwd_ref(const sv_ssim_bwd_args *a) {
+  for (int r = a->row0; r < a->row1; r++) bwd_row(a, r);
 }

@@ -57,10 +57,8 @@ static const int sizes[][2] = {{1, 1},   {2, 3},  {5, 11},  {15, 4},  {16, 16}, 
 #define N_SIZES ((int)(sizeof sizes / sizeof *sizes))
 
 static void compare_maps(ck *c, const char *name, const float *a, const float *b, const pair *p, int n_rows) {
-  // only the columns up to a multiple of 16 are written
-  int w16 = (p->w + 15) & ~15;
-  for (int r = 0; r < n_rows; r++)
-    ck_same_abs(c, name, a + r * p->stride, b + r * p->stride, (size_t)w16,
+  for (int r = 0; r < n_rows; r++) // behind the width there may be anything
+    ck_same_abs(c, name, a + r * p->stride, b + r * p->stride, (size_t)p->w,
                 2e-3 * (1 + largest(a, (size_t)(n_rows * p->stride))));
 }
 
