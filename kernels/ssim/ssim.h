@@ -38,8 +38,9 @@ typedef struct {
   // Gradient maps [row1 - map_row0][stride], blurred along their rows, all three NULL (value only) or all set. The columns
   // from width to the next multiple of 16 become anything. May not overlap x, y or each other.
   float *dm1, *ds1, *ds12;
-  int map_row0;    // <= row0
-  float *row_ssim; // [(height - phase + 1) / 2]: the sum of the row's ssim; lane k adds the columns k mod 16, then the tree
+  int map_row0; // <= row0
+  float *
+      row_ssim; // [(height - phase + 1) / 2]: the sum of the row's ssim; lane k adds the columns k mod 16, then the tree
   float *scratch;
 } sv_ssim_args;
 

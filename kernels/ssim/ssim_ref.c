@@ -99,8 +99,10 @@ static float blur_map(const sv_ssim_bwd_args *a, const float *map, int r, int i)
   const int n = (a->height_px - a->phase + 1) / 2, is_off = (r - a->phase) & 1;
   float s = 0;
   for (int k = is_off; k <= SSIM_R; k += 2) {
-    const int up = (r - k - a->phase) / 2, down = (r + k - a->phase) / 2; // up is not used where it was cut to 0
-    const float above = r - k >= a->phase ? map[(size_t)(up - a->map_row0) * (size_t)a->stride + (size_t)i] : 0;
+    const int up = (r - k - a->phase) / 2,
+              down = (r + k - a->phase) / 2; // up is not used where it was cut to 0
+    const float above =
+        r - k >= a->phase ? map[(size_t)(up - a->map_row0) * (size_t)a->stride + (size_t)i] : 0;
     const float below = down < n ? map[(size_t)(down - a->map_row0) * (size_t)a->stride + (size_t)i] : 0;
     if (k == 0) s = above * g[0];
     else if (k == 1) s = (above + below) * g[1];

@@ -23,7 +23,7 @@ typedef struct {
 
 typedef struct {
   sv_photometric_cfg cfg;
-  int phase;        // 0 or 1: SSIM's windows stand on the rows 2 j + phase; the caller may change it between calls
+  int phase; // 0 or 1: SSIM's windows stand on the rows 2 j + phase; the caller may change it between calls
   int cap_map_rows; // rows of windows whose maps are kept at a time
   float *map; // [n_threads][3: dm1, ds1, ds12 of one channel][cap_map_rows][cap stride]. NULL without SSIM
   float *map_ssim; // [n_threads][cap rows]

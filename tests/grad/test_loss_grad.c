@@ -141,7 +141,8 @@ static void photometric_case(int w, int h, int phase, float lambda) {
   sv_kernels k;
   sv_kernels_init(&k, ~0u);
   double got = sv_photometric_loss(&p, &k, &pool, &s.x, &s.y, &s.grad, s.err, lambda, &v);
-  double *x = to_double(&s.x), *y = to_double(&s.y), want = photometric_double(x, y, w, h, phase, (double)lambda);
+  double *x = to_double(&s.x), *y = to_double(&s.y),
+         want = photometric_double(x, y, w, h, phase, (double)lambda);
   if (fabs(got - want) > 2e-6)
     fail_msg("%dx%d l %g: value %.9g, in double %.9g", w, h, (double)lambda, got, want);
   const double n = 3.0 * w * h, step = 1e-6;

@@ -111,7 +111,8 @@ static sv_ssim_bwd_args backward_args(ck *c, const pair *p, const sv_ssim_args *
 }
 
 static void backward_case(ck *c, int w, int h, int fill, int mode, int phase, bool has_ssim) {
-  ck_begin(c, "%dx%d %s mode %d phase %d%s", w, h, ck_fill_name(fill), mode, phase, has_ssim ? "" : " L1 only");
+  ck_begin(c, "%dx%d %s mode %d phase %d%s", w, h, ck_fill_name(fill), mode, phase,
+           has_ssim ? "" : " L1 only");
   pair p = make_pair(c, w, h, fill);
   for (int r = 0; r < h; r += 3)
     for (int i = 0; i < w; i += 5) p.y[r * p.stride + i] = p.x[r * p.stride + i]; // sign(0)
@@ -152,7 +153,8 @@ static void check_ssim_bwd(ck *c) {
     for (int fill = 0; fill < CK_N_FILLS; fill++) {
       if (!c->is_exact && fill >= CK_HUGE) continue;
       for (int mode = 0; mode < 8; mode++)
-        backward_case(c, sizes[s][0], sizes[s][1], fill, mode, sizes[s][1] > 1 ? (mode + s) & 1 : 0, mode % 3 != 2);
+        backward_case(c, sizes[s][0], sizes[s][1], fill, mode, sizes[s][1] > 1 ? (mode + s) & 1 : 0,
+                      mode % 3 != 2);
     }
 }
 
