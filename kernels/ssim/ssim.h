@@ -11,9 +11,13 @@
 // Gradient of sum(ssim) by x: 2 (g*dm1 + x . g*ds1 + y . g*ds12) with the maps
 //   dm1 = (m2 (D - C) - m1 ssim (B - A)) / (A B)   ds1 = -ssim / B   ds12 = C / (A B)
 //
-// Both work on the rows [row0, row1) and read five rows more on each side, so threads may own bands;
+// Windows stand on every second row, 2 j + phase: a blur of 1.5 px leaves little that differs from row to row, so those
+// between say the same, and the phase may change from step to step. `ssim` counts rows of windows, j, of which a picture
+// has (height - phase + 1) / 2; `ssim_bwd` counts rows of the picture.
+//
+// Both work on the rows [row0, row1) and read what five rows on each side reach, so threads may own bands;
 // every row's result depends on the inputs only, never on the banding. Maps may be of a band alone: they begin with the
-// picture's row map_row0.
+// row of windows map_row0.
 // Tolerance: exact (same bits) for AVX2, AVX-512 and NEON on finite inputs; SSE4.1 abs = 1e-4 on the sum
 // of a row per 16 pixels and 2e-3 of the largest value on the maps (no fused multiply-add under C2).
 #ifndef SV_KERNELS_SSIM_H
@@ -24,27 +28,30 @@ extern "C" {
 #endif
 
 // Floats of scratch for planes of this stride; 64-byte aligned, one per thread, contents free.
-#define SV_SSIM_SCRATCH_FLOATS(stride) (17 * ((stride) + 32))
+#define SV_SSIM_SCRATCH_FLOATS(stride) (20 * ((stride) + 32))
 
 typedef struct {
   const float *x, *y; // [height][stride]; columns >= width are never used
   int width_px, height_px, stride;
-  int row0, row1;
-  // Gradient maps [row1 - map_row0][stride], all three NULL (value only) or all set. The columns from width to
-  // the next multiple of 16 become 0. May not overlap x, y or each other.
+  int phase;      // 0 or 1
+  int row0, row1; // of windows
+  // Gradient maps [row1 - map_row0][stride], blurred along their rows, all three NULL (value only) or all set. The columns
+  // from width to the next multiple of 16 become anything. May not overlap x, y or each other.
   float *dm1, *ds1, *ds12;
-  int map_row0;    // <= row0
-  float *row_ssim; // [height]: the sum of the row's ssim; lane k adds the columns k mod 16, then the tree
+  int map_row0; // <= row0
+  float *
+      row_ssim; // [(height - phase + 1) / 2]: the sum of the row's ssim; lane k adds the columns k mod 16, then the tree
   float *scratch;
 } sv_ssim_args;
 
 // grad (+)= w_l1 sign(x - y) + w_ssim d(sum ssim)/dx,   err (+)= err_scale |x - y|
 typedef struct {
   const float *x, *y; // as above
-  // From sv_ssim over the rows from row0 - 5 to row1 + 5 that the picture has; all NULL: the L1 part alone.
+  // From sv_ssim over the windows that stand on the rows from row0 - 5 to row1 + 4; all NULL: the L1 part alone.
   const float *dm1, *ds1, *ds12;
   int map_row0; // the first of them, or one above
   int width_px, height_px, stride;
+  int phase; // as above
   int row0, row1;
   float w_l1, w_ssim;
   float *grad;     // [height][stride]; columns [width, stride) become 0 (kept when adding);

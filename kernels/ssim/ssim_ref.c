@@ -14,12 +14,12 @@ static float *scratch_row(float *scratch, int stride, int i) {
   return scratch + (size_t)i * (size_t)(stride + 2 * SSIM_BORDER) + SSIM_BORDER;
 }
 
-// The eleven rows around r of a plane that begins with row0; rows outside the image are the zero row.
-static void rows_around(const float *row[11], const float *plane, int row0, int r, int height, int stride,
+// The eleven rows around r of a plane; rows outside the image are the zero row.
+static void rows_around(const float *row[11], const float *plane, int r, int height, int stride,
                         const float *zero) {
   for (int k = -SSIM_R; k <= SSIM_R; k++) {
     int j = r + k;
-    row[k + SSIM_R] = j >= 0 && j < height ? plane + (size_t)(j - row0) * (size_t)stride : zero;
+    row[k + SSIM_R] = j >= 0 && j < height ? plane + (size_t)j * (size_t)stride : zero;
   }
 }
 
@@ -63,15 +63,15 @@ static ssim_point point(float m1, float m2, float e, float p) {
 
 void sv_ssim_ref(const sv_ssim_args *a) {
   const int w = a->width_px, w16 = (w + 15) & ~15;
-  float *t[4], *zero = a->scratch + (size_t)4 * (size_t)(a->stride + 2 * SSIM_BORDER);
-  memset(a->scratch, 0, sizeof(float) * 5 * (size_t)(a->stride + 2 * SSIM_BORDER));
-  for (int m = 0; m < 4; m++) t[m] = scratch_row(a->scratch, a->stride, m);
+  float *t[7], *zero = a->scratch + (size_t)7 * (size_t)(a->stride + 2 * SSIM_BORDER);
+  memset(a->scratch, 0, sizeof(float) * 8 * (size_t)(a->stride + 2 * SSIM_BORDER));
+  for (int m = 0; m < 7; m++) t[m] = scratch_row(a->scratch, a->stride, m);
   for (int r = a->row0; r < a->row1; r++) {
     const float *xr[11], *yr[11];
     float lanes[16] = {0};
     size_t at = (size_t)(r - a->map_row0) * (size_t)a->stride;
-    rows_around(xr, a->x, 0, r, a->height_px, a->stride, zero);
-    rows_around(yr, a->y, 0, r, a->height_px, a->stride, zero);
+    rows_around(xr, a->x, 2 * r + a->phase, a->height_px, a->stride, zero);
+    rows_around(yr, a->y, 2 * r + a->phase, a->height_px, a->stride, zero);
     for (int i = 0; i < w; i++) {
       float v[4];
       blur_column(xr, yr, i, v);
@@ -81,17 +81,37 @@ void sv_ssim_ref(const sv_ssim_args *a) {
       ssim_point s = {0};
       if (i < w) s = point(blur_row(t[0] + i), blur_row(t[1] + i), blur_row(t[2] + i), blur_row(t[3] + i));
       lanes[i & 15] += s.ssim;
-      if (!a->dm1) continue;
-      a->dm1[at + (size_t)i] = s.dm1;
-      a->ds1[at + (size_t)i] = s.ds1;
-      a->ds12[at + (size_t)i] = s.ds12;
+      t[4][i] = s.dm1, t[5][i] = s.ds1, t[6][i] = s.ds12;
+    }
+    for (int i = 0; i < w && a->dm1; i++) {
+      a->dm1[at + (size_t)i] = blur_row(t[4] + i);
+      a->ds1[at + (size_t)i] = blur_row(t[5] + i);
+      a->ds12[at + (size_t)i] = blur_row(t[6] + i);
     }
     a->row_ssim[r] = s1_sum16(lanes);
   }
 }
 
 // --- gradient ------------------------------------------------------------------------------------
-static void bwd_row(const sv_ssim_bwd_args *a, int r, float *const t[3]) {
+// A map about column i of the picture's row r, blurred along the column: windows at even distances when one stands
+// on the row, else those at odd ones.
+static float blur_map(const sv_ssim_bwd_args *a, const float *map, int r, int i) {
+  const int n = (a->height_px - a->phase + 1) / 2, is_off = (r - a->phase) & 1;
+  float s = 0;
+  for (int k = is_off; k <= SSIM_R; k += 2) {
+    const int up = (r - k - a->phase) / 2,
+              down = (r + k - a->phase) / 2; // up is not used where it was cut to 0
+    const float above =
+        r - k >= a->phase ? map[(size_t)(up - a->map_row0) * (size_t)a->stride + (size_t)i] : 0;
+    const float below = down < n ? map[(size_t)(down - a->map_row0) * (size_t)a->stride + (size_t)i] : 0;
+    if (k == 0) s = above * g[0];
+    else if (k == 1) s = (above + below) * g[1];
+    else s = fmaf(above + below, g[k], s);
+  }
+  return s;
+}
+
+static void bwd_row(const sv_ssim_bwd_args *a, int r) {
   const size_t at = (size_t)r * (size_t)a->stride;
   const float w2 = 2.0f * a->w_ssim;
   float lanes[16] = {0};
@@ -99,7 +119,7 @@ static void bwd_row(const sv_ssim_bwd_args *a, int r, float *const t[3]) {
     float x = a->x[at + (size_t)i], y = a->y[at + (size_t)i], d = x - y, e = fabsf(d);
     float grad = (d > 0.0f ? a->w_l1 : 0.0f) - (d < 0.0f ? a->w_l1 : 0.0f);
     if (a->dm1 && a->grad) {
-      float b0 = blur_row(t[0] + i), b1 = blur_row(t[1] + i), b2 = blur_row(t[2] + i);
+      float b0 = blur_map(a, a->dm1, r, i), b1 = blur_map(a, a->ds1, r, i), b2 = blur_map(a, a->ds12, r, i);
       grad = fmaf(w2, fmaf(y, b2, fmaf(x, b1, b0)), grad);
     }
     lanes[i & 15] += e;
@@ -115,20 +135,5 @@ static void bwd_row(const sv_ssim_bwd_args *a, int r, float *const t[3]) {
 }
 
 void sv_ssim_bwd_ref(const sv_ssim_bwd_args *a) {
-  const float *map[3] = {a->dm1, a->ds1, a->ds12};
-  float *t[3], *zero = a->scratch + (size_t)4 * (size_t)(a->stride + 2 * SSIM_BORDER);
-  memset(a->scratch, 0, sizeof(float) * 5 * (size_t)(a->stride + 2 * SSIM_BORDER));
-  for (int m = 0; m < 3; m++) t[m] = scratch_row(a->scratch, a->stride, m);
-  for (int r = a->row0; r < a->row1; r++) {
-    for (int m = 0; m < 3 && a->dm1 && a->grad; m++) {
-      const float *row[11];
-      rows_around(row, map[m], a->map_row0, r, a->height_px, a->stride, zero);
-      for (int i = 0; i < a->width_px; i++) {
-        float s = row[5][i] * g[0];
-        for (int k = 1; k <= SSIM_R; k++) s = fmaf(row[5 - k][i] + row[5 + k][i], g[k], s);
-        t[m][i] = s;
-      }
-    }
-    bwd_row(a, r, t);
-  }
+  for (int r = a->row0; r < a->row1; r++) bwd_row(a, r);
 }

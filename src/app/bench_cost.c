@@ -37,10 +37,10 @@ static const sv_bench_op ops_of[SV_N_STAGES][2] = {
 #define BACKWARD_ROW_SLOTS 9.0
 #define BLOCK_PX           16.0
 
-// One channel of one pixel, kernels/ssim/ssim_vec.inc: squares and product 4, four maps of two blurs of 16, the point 27;
-// backward three maps of two blurs, and 11.
-#define SSIM_FLOP     159.0
-#define SSIM_BWD_FLOP 107.0
+// One channel of one pixel, kernels/ssim/ssim_vec.inc: squares and product 4; on every second row four maps of two blurs of
+// 16, the point 27; backward three maps of a blur of 7.5 and one of 16, and 11.
+#define SSIM_FLOP     81.5
+#define SSIM_BWD_FLOP 81.5
 
 // One Gaussian, kernels/project/project_vec.inc: geometry 270 (four 2^x among it), the splat 66, a colour 6 a
 // coefficient; backward the geometry again, screen 29, camera 94, shape 140, place 31, colour 17 a coefficient.

@@ -89,9 +89,10 @@ static void run_unpack(ctx *c) {
 }
 
 typedef void (*run_fn)(ctx *c);
-// A few rows at a time, as the loss does it: those whose maps, and five more on either side, there is room for.
+// A few rows at a time, as the loss does it: those whose maps, and those that five more on either side have, there is
+// room for.
 enum { REACH = 5 };
-static int band_rows(const ctx *c) { return c->t->photometric.cap_map_rows - 2 * REACH; }
+static int band_rows(const ctx *c) { return 2 * c->t->photometric.cap_map_rows - 2 * REACH; }
 static sv_ssim_args ssim_args(ctx *c, int channel, int row0) {
   sv_photometric *p = &c->t->photometric;
   const size_t map = (size_t)p->cap_map_rows * (size_t)c->t->target.stride;
@@ -100,12 +101,12 @@ static sv_ssim_args ssim_args(ctx *c, int channel, int row0) {
                         .width_px = WIDTH_PX,
                         .height_px = HEIGHT_PX,
                         .stride = c->t->target.stride,
-                        .row0 = row0,
-                        .row1 = sv_mini(HEIGHT_PX, row0 + band_rows(c)),
+                        .row0 = row0 / 2,
+                        .row1 = sv_mini(HEIGHT_PX, row0 + band_rows(c)) / 2,
                         .dm1 = p->map,
                         .ds1 = p->map + map,
                         .ds12 = p->map + 2 * map,
-                        .map_row0 = row0,
+                        .map_row0 = row0 / 2,
                         .row_ssim = p->row_ssim,
                         .scratch = p->scratch[0]};
 }
@@ -123,12 +124,12 @@ static void bwd_band(ctx *c, int channel, int row0) { // of maps that are there
                         .dm1 = f.dm1,
                         .ds1 = f.ds1,
                         .ds12 = f.ds12,
-                        .map_row0 = sv_maxi(0, row0 - REACH),
+                        .map_row0 = (sv_maxi(0, row0 - REACH) + 1) / 2,
                         .width_px = WIDTH_PX,
                         .height_px = HEIGHT_PX,
                         .stride = f.stride,
-                        .row0 = f.row0,
-                        .row1 = f.row1,
+                        .row0 = row0,
+                        .row1 = sv_mini(HEIGHT_PX, row0 + band_rows(c)),
                         .w_l1 = 0.8f,
                         .w_ssim = -0.2f,
                         .grad = c->t->grad.c[channel],

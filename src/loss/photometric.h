@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The photometric loss of Gaussian splatting (Kerbl et al. 2023, eq. 7) with its gradient:
 //   L = (1 - l) mean |x - y| + l (1 - mean SSIM(x, y))      means over pixels and channels
-// SSIM as in kernels/ssim/ssim.h. The result does not depend on the number of threads: each row has its own
+// SSIM as in kernels/ssim/ssim.h, its mean over windows on every second row. The result does not depend on the number of threads: each row has its own
 // sum, and rows are added in index order.
 #ifndef SV_LOSS_PHOTOMETRIC_H
 #define SV_LOSS_PHOTOMETRIC_H
@@ -23,7 +23,8 @@ typedef struct {
 
 typedef struct {
   sv_photometric_cfg cfg;
-  int cap_map_rows; // whose maps are kept at a time
+  int phase; // 0 or 1: SSIM's windows stand on the rows 2 j + phase; the caller may change it between calls
+  int cap_map_rows; // rows of windows whose maps are kept at a time
   float *map; // [n_threads][3: dm1, ds1, ds12 of one channel][cap_map_rows][cap stride]. NULL without SSIM
   float *map_ssim; // [n_threads][cap rows]
   float *row_ssim; // [3][cap rows]

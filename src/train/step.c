@@ -409,6 +409,7 @@ sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
   const bool is_sum = is_region || has_pseudo || has_unseen(t);
   sv_step_stats st = {.i_view = i, .scale = 1};
   sv_render_options o = sv_train_render_options(t, progress, false);
+  t->photometric.phase = (int)(t->step & 1); // rows on which windows of SSIM stand, in turn
   sv_status s = is_region ? region_step(t, i - t->n_views, &o, &st) : view_step(t, i, progress, o, &st);
   if (s < 0) return s;
   if (is_sum && !is_region) {
