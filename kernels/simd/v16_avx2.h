@@ -231,6 +231,13 @@ static inline float v16_sum(v16 x) {
   q = _mm_add_ps(q, _mm_movehl_ps(q, q));
   return _mm_cvtss_f32(_mm_add_ss(q, _mm_shuffle_ps(q, q, 1)));
 }
+static inline __m256 v16_sum2_(v16 x, v16 y) { // the sum of x in four lanes, that of y in the others
+  __m256 a = _mm256_add_ps(x.a, x.b), b = _mm256_add_ps(y.a, y.b);
+  a = _mm256_add_ps(_mm256_permute2f128_ps(a, b, 0x20), _mm256_permute2f128_ps(a, b, 0x31));
+  a = _mm256_add_ps(a, _mm256_permute_ps(a, 0x4e));
+  return _mm256_add_ps(a, _mm256_permute_ps(a, 0xb1));
+}
+static inline v16 v16_sum4(v16 a, v16 b, v16 c, v16 d) { return v16_make_(v16_sum2_(a, b), v16_sum2_(c, d)); }
 static inline __m128 v16_sum4_(const v16 *x) {
   __m128 a = v16_fold4_(x[0]), b = v16_fold4_(x[1]), c = v16_fold4_(x[2]), d = v16_fold4_(x[3]);
   _MM_TRANSPOSE4_PS(a, b, c, d);

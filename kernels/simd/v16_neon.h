@@ -171,6 +171,15 @@ static inline float v16_sum(v16 x) {
   float32x2_t h = vadd_f32(vget_low_f32(q), vget_high_f32(q));
   return vget_lane_f32(h, 0) + vget_lane_f32(h, 1);
 }
+static inline float32x4_t v16_sum_(v16 x) {
+  float32x4_t q = v16_fold4_(x);
+  q = vaddq_f32(q, vextq_f32(q, q, 2));
+  return vaddq_f32(q, vrev64q_f32(q));
+}
+static inline v16 v16_sum4(v16 a, v16 b, v16 c, v16 d) {
+  v16 r = {{v16_sum_(a), v16_sum_(b), v16_sum_(c), v16_sum_(d)}};
+  return r;
+}
 static inline void v16_tr4_(float32x4_t *a, float32x4_t *b, float32x4_t *c, float32x4_t *d) {
   float32x4x2_t ab = vtrnq_f32(*a, *b), cd = vtrnq_f32(*c, *d);
   *a = vcombine_f32(vget_low_f32(ab.val[0]), vget_low_f32(cd.val[0]));

@@ -141,6 +141,11 @@ static inline float v16_sum(v16 a) {
     for (int k = 0; k < h; k++) a.l[k] += a.l[k + h];
   return a.l[0];
 }
+// Group i of four lanes: the sum of the i-th vector in all four.
+static inline v16 v16_sum4(v16 a, v16 b, v16 c, v16 d) {
+  const float s[4] = {v16_sum(a), v16_sum(b), v16_sum(c), v16_sum(d)};
+  V16_EACH(s[k >> 2]);
+}
 static inline v16 v16_sum16(const v16 a[16]) { V16_EACH(v16_sum(a[k])); } // lane k = sum of a[k]
 static inline void v16_transpose(v16 a[16]) {
   for (int i = 0; i < 16; i++)

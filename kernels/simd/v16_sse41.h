@@ -174,6 +174,15 @@ static inline float v16_sum(v16 x) {
   q = _mm_add_ps(q, _mm_movehl_ps(q, q));
   return _mm_cvtss_f32(_mm_add_ss(q, _mm_shuffle_ps(q, q, 1)));
 }
+static inline __m128 v16_sum_(v16 x) {
+  __m128 q = v16_fold4_(x);
+  q = _mm_add_ps(q, _mm_shuffle_ps(q, q, 0x4e));
+  return _mm_add_ps(q, _mm_shuffle_ps(q, q, 0xb1));
+}
+static inline v16 v16_sum4(v16 a, v16 b, v16 c, v16 d) {
+  v16 r = {{v16_sum_(a), v16_sum_(b), v16_sum_(c), v16_sum_(d)}};
+  return r;
+}
 static inline __m128 v16_sum4_(const v16 *x) {
   __m128 a = v16_fold4_(x[0]), b = v16_fold4_(x[1]), c = v16_fold4_(x[2]), d = v16_fold4_(x[3]);
   _MM_TRANSPOSE4_PS(a, b, c, d);
