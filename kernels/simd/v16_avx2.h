@@ -253,6 +253,20 @@ static inline v16 v16_sum11(const v16 x[11]) {
   return v16_make_(_mm256_insertf128_ps(_mm256_castps128_ps256(v16_sum4_(x)), v16_sum4_(x + 4), 1),
                    _mm256_zextps128_ps256(v16_sum4_(last)));
 }
+static inline void v16_tr4_(__m256 a, __m256 b, __m256 c, __m256 d, __m256 out[4]) {
+  __m256 ab0 = _mm256_unpacklo_ps(a, b), ab1 = _mm256_unpackhi_ps(a, b);
+  __m256 cd0 = _mm256_unpacklo_ps(c, d), cd1 = _mm256_unpackhi_ps(c, d);
+  out[0] = _mm256_shuffle_ps(ab0, cd0, 0x44);
+  out[1] = _mm256_shuffle_ps(ab0, cd0, 0xee);
+  out[2] = _mm256_shuffle_ps(ab1, cd1, 0x44);
+  out[3] = _mm256_shuffle_ps(ab1, cd1, 0xee);
+}
+static inline void v16_tr4(v16 a, v16 b, v16 c, v16 d, v16 out[4]) {
+  __m256 lo[4], hi[4];
+  v16_tr4_(a.a, b.a, c.a, d.a, lo);
+  v16_tr4_(a.b, b.b, c.b, d.b, hi);
+  for (int k = 0; k < 4; k++) out[k] = v16_make_(lo[k], hi[k]);
+}
 // 8x8 transpose of the rows r[0..7].
 static inline void v16_tr8_(__m256 r[8]) {
   __m256 t[8], s[8];

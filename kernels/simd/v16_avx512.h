@@ -138,8 +138,7 @@ static inline float v16_sum(v16 a) {
   q = _mm_add_ps(q, _mm_movehl_ps(q, q));
   return _mm_cvtss_f32(_mm_add_ss(q, _mm_shuffle_ps(q, q, 1)));
 }
-// 4x4 transposes inside each 128-bit group: out[k] holds element k of a, b, c, d.
-static inline void v16_tr4_(v16 a, v16 b, v16 c, v16 d, v16 out[4]) {
+static inline void v16_tr4(v16 a, v16 b, v16 c, v16 d, v16 out[4]) {
   v16 ab0 = _mm512_unpacklo_ps(a, b), ab1 = _mm512_unpackhi_ps(a, b);
   v16 cd0 = _mm512_unpacklo_ps(c, d), cd1 = _mm512_unpackhi_ps(c, d);
   out[0] = _mm512_shuffle_ps(ab0, cd0, 0x44);
@@ -184,7 +183,7 @@ static inline v16 v16_sum11(const v16 a[11]) {
 }
 static inline void v16_transpose(v16 a[16]) {
   v16 t[16];
-  for (int g = 0; g < 4; g++) v16_tr4_(a[4 * g], a[4 * g + 1], a[4 * g + 2], a[4 * g + 3], t + 4 * g);
+  for (int g = 0; g < 4; g++) v16_tr4(a[4 * g], a[4 * g + 1], a[4 * g + 2], a[4 * g + 3], t + 4 * g);
   for (int k = 0; k < 4; k++) { // t[4g+k] group q = element 4q+k of rows 4g..4g+3
     v16 x0 = _mm512_shuffle_f32x4(t[k], t[4 + k], 0x44), x1 = _mm512_shuffle_f32x4(t[k], t[4 + k], 0xee);
     v16 y0 = _mm512_shuffle_f32x4(t[8 + k], t[12 + k], 0x44),

@@ -187,6 +187,11 @@ static inline void v16_tr4_(float32x4_t *a, float32x4_t *b, float32x4_t *c, floa
   *c = vcombine_f32(vget_high_f32(ab.val[0]), vget_high_f32(cd.val[0]));
   *d = vcombine_f32(vget_high_f32(ab.val[1]), vget_high_f32(cd.val[1]));
 }
+static inline void v16_tr4(v16 a, v16 b, v16 c, v16 d, v16 out[4]) {
+  V16_UNROLL
+  for (int i = 0; i < 4; i++) v16_tr4_(&a.q[i], &b.q[i], &c.q[i], &d.q[i]);
+  out[0] = a, out[1] = b, out[2] = c, out[3] = d;
+}
 static inline float32x4_t v16_sum4_(const v16 *x) {
   float32x4_t a = v16_fold4_(x[0]), b = v16_fold4_(x[1]), c = v16_fold4_(x[2]), d = v16_fold4_(x[3]);
   v16_tr4_(&a, &b, &c, &d);

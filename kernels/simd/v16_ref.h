@@ -147,6 +147,12 @@ static inline v16 v16_sum4(v16 a, v16 b, v16 c, v16 d) {
   V16_EACH(s[k >> 2]);
 }
 static inline v16 v16_sum16(const v16 a[16]) { V16_EACH(v16_sum(a[k])); } // lane k = sum of a[k]
+// 4x4 transposes in each group of four lanes: lane 4 g + i of out[k] is lane 4 g + k of the i-th vector.
+static inline void v16_tr4(v16 a, v16 b, v16 c, v16 d, v16 out[4]) {
+  const v16 in[4] = {a, b, c, d};
+  for (int k = 0; k < 4; k++)
+    for (int i = 0; i < 16; i++) out[k].l[i] = in[i & 3].l[(i & 12) + k];
+}
 static inline void v16_transpose(v16 a[16]) {
   for (int i = 0; i < 16; i++)
     for (int j = i + 1; j < 16; j++) {

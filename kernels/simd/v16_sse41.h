@@ -183,6 +183,11 @@ static inline v16 v16_sum4(v16 a, v16 b, v16 c, v16 d) {
   v16 r = {{v16_sum_(a), v16_sum_(b), v16_sum_(c), v16_sum_(d)}};
   return r;
 }
+static inline void v16_tr4(v16 a, v16 b, v16 c, v16 d, v16 out[4]) {
+  V16_UNROLL
+  for (int i = 0; i < 4; i++) _MM_TRANSPOSE4_PS(a.q[i], b.q[i], c.q[i], d.q[i]);
+  out[0] = a, out[1] = b, out[2] = c, out[3] = d;
+}
 static inline __m128 v16_sum4_(const v16 *x) {
   __m128 a = v16_fold4_(x[0]), b = v16_fold4_(x[1]), c = v16_fold4_(x[2]), d = v16_fold4_(x[3]);
   _MM_TRANSPOSE4_PS(a, b, c, d);
