@@ -95,6 +95,9 @@ static inline v16 v16_fnma(v16 x, v16 y, v16 z) {
 static inline v16 v16_fms(v16 x, v16 y, v16 z) {
   return v16_make_(_mm256_fmsub_ps(x.a, y.a, z.a), _mm256_fmsub_ps(x.b, y.b, z.b));
 }
+static inline v16 v16_fnms(v16 x, v16 y, v16 z) {
+  return v16_make_(_mm256_fnmsub_ps(x.a, y.a, z.a), _mm256_fnmsub_ps(x.b, y.b, z.b));
+}
 static inline v16 v16_sqrt(v16 x) { return v16_make_(_mm256_sqrt_ps(x.a), _mm256_sqrt_ps(x.b)); }
 static inline v16 v16_floor(v16 x) { return v16_make_(_mm256_floor_ps(x.a), _mm256_floor_ps(x.b)); }
 static inline v16 v16_abs(v16 x) {

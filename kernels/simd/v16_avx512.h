@@ -56,6 +56,7 @@ static inline v16 v16_div(v16 a, v16 b) { return _mm512_div_ps(a, b); }
 static inline v16 v16_fma(v16 a, v16 b, v16 c) { return _mm512_fmadd_ps(a, b, c); }
 static inline v16 v16_fnma(v16 a, v16 b, v16 c) { return _mm512_fnmadd_ps(a, b, c); }
 static inline v16 v16_fms(v16 a, v16 b, v16 c) { return _mm512_fmsub_ps(a, b, c); }
+static inline v16 v16_fnms(v16 a, v16 b, v16 c) { return _mm512_fnmsub_ps(a, b, c); }
 static inline v16 v16_min(v16 a, v16 b) { return _mm512_min_ps(a, b); }
 static inline v16 v16_max(v16 a, v16 b) { return _mm512_max_ps(a, b); }
 static inline v16 v16_sqrt(v16 a) { return _mm512_sqrt_ps(a); }
@@ -102,8 +103,8 @@ static inline v16 v16_load_high(const uint16_t *p) {
   return _mm512_castsi512_ps(_mm512_maskz_permutexvar_epi16(0xaaaaaaaa, to, x));
 }
 static inline void v16i_store_high(uint16_t *p, v16i a) {
-  const __m512i from = _mm512_setr_epi32(0x00030001, 0x00070005, 0x000b0009, 0x000f000d, 0x00130011, 0x00170015,
-                                         0x001b0019, 0x001f001d, 0, 0, 0, 0, 0, 0, 0, 0);
+  const __m512i from = _mm512_setr_epi32(0x00030001, 0x00070005, 0x000b0009, 0x000f000d, 0x00130011,
+                                         0x00170015, 0x001b0019, 0x001f001d, 0, 0, 0, 0, 0, 0, 0, 0);
   _mm256_storeu_si256((__m256i *)p, _mm512_castsi512_si256(_mm512_permutexvar_epi16(from, a)));
 }
 static inline void v16_store11(uint8_t *p, v16 a) {

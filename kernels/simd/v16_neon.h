@@ -79,6 +79,9 @@ static inline v16 v16_fnma(v16 x, v16 y, v16 z) { V16_EACH(v16, vfmsq_f32(z.q[i]
 static inline v16 v16_fms(v16 x, v16 y, v16 z) {
   V16_EACH(v16, vfmaq_f32(vnegq_f32(z.q[i]), x.q[i], y.q[i]));
 }
+static inline v16 v16_fnms(v16 x, v16 y, v16 z) {
+  V16_EACH(v16, vfmsq_f32(vnegq_f32(z.q[i]), x.q[i], y.q[i]));
+}
 static inline v16 v16_sqrt(v16 x) { V16_EACH(v16, vsqrtq_f32(x.q[i])); }
 static inline v16 v16_floor(v16 x) { V16_EACH(v16, vrndmq_f32(x.q[i])); }
 static inline v16 v16_abs(v16 x) { V16_EACH(v16, vabsq_f32(x.q[i])); }

@@ -68,9 +68,10 @@ static inline v16 v16_add(v16 a, v16 b) { V16_EACH(a.l[k] + b.l[k]); }
 static inline v16 v16_sub(v16 a, v16 b) { V16_EACH(a.l[k] - b.l[k]); }
 static inline v16 v16_mul(v16 a, v16 b) { V16_EACH(a.l[k] * b.l[k]); }
 static inline v16 v16_div(v16 a, v16 b) { V16_EACH(a.l[k] / b.l[k]); }
-static inline v16 v16_fma(v16 a, v16 b, v16 c) { V16_EACH(fmaf(a.l[k], b.l[k], c.l[k])); }   // a b + c
-static inline v16 v16_fnma(v16 a, v16 b, v16 c) { V16_EACH(fmaf(-a.l[k], b.l[k], c.l[k])); } // c - a b
-static inline v16 v16_fms(v16 a, v16 b, v16 c) { V16_EACH(fmaf(a.l[k], b.l[k], -c.l[k])); }  // a b - c
+static inline v16 v16_fma(v16 a, v16 b, v16 c) { V16_EACH(fmaf(a.l[k], b.l[k], c.l[k])); }    // a b + c
+static inline v16 v16_fnma(v16 a, v16 b, v16 c) { V16_EACH(fmaf(-a.l[k], b.l[k], c.l[k])); }  // c - a b
+static inline v16 v16_fms(v16 a, v16 b, v16 c) { V16_EACH(fmaf(a.l[k], b.l[k], -c.l[k])); }   // a b - c
+static inline v16 v16_fnms(v16 a, v16 b, v16 c) { V16_EACH(fmaf(-a.l[k], b.l[k], -c.l[k])); } // -a b - c
 static inline v16 v16_min(v16 a, v16 b) { V16_EACH(a.l[k] < b.l[k] ? a.l[k] : b.l[k]); }
 static inline v16 v16_max(v16 a, v16 b) { V16_EACH(a.l[k] > b.l[k] ? a.l[k] : b.l[k]); }
 static inline v16 v16_sqrt(v16 a) { V16_EACH(sqrtf(a.l[k])); }

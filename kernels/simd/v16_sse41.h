@@ -77,6 +77,9 @@ static inline v16 v16_fnma(v16 x, v16 y, v16 z) {
 static inline v16 v16_fms(v16 x, v16 y, v16 z) {
   V16_EACH(v16, _mm_sub_ps(_mm_mul_ps(x.q[i], y.q[i]), z.q[i]));
 }
+static inline v16 v16_fnms(v16 x, v16 y, v16 z) {
+  V16_EACH(v16, _mm_sub_ps(_mm_mul_ps(_mm_xor_ps(_mm_set1_ps(-0.0f), x.q[i]), y.q[i]), z.q[i]));
+}
 static inline v16 v16_min(v16 x, v16 y) { V16_EACH(v16, _mm_min_ps(x.q[i], y.q[i])); }
 static inline v16 v16_max(v16 x, v16 y) { V16_EACH(v16, _mm_max_ps(x.q[i], y.q[i])); }
 static inline v16 v16_sqrt(v16 x) { V16_EACH(v16, _mm_sqrt_ps(x.q[i])); }
