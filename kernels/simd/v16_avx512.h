@@ -184,8 +184,9 @@ static inline v16 v16_sum11(const v16 a[11]) {
 }
 static inline void v16_transpose(v16 a[16]) {
   v16 t[16];
-  for (int g = 0; g < 4; g++) v16_tr4(a[4 * g], a[4 * g + 1], a[4 * g + 2], a[4 * g + 3], t + 4 * g);
-  for (int k = 0; k < 4; k++) { // t[4g+k] group q = element 4q+k of rows 4g..4g+3
+  _Pragma("GCC unroll 4") for (int g = 0; g < 4; g++)
+      v16_tr4(a[4 * g], a[4 * g + 1], a[4 * g + 2], a[4 * g + 3], t + 4 * g);
+  _Pragma("GCC unroll 4") for (int k = 0; k < 4; k++) { // t[4g+k] group q = element 4q+k of rows 4g..4g+3
     v16 x0 = _mm512_shuffle_f32x4(t[k], t[4 + k], 0x44), x1 = _mm512_shuffle_f32x4(t[k], t[4 + k], 0xee);
     v16 y0 = _mm512_shuffle_f32x4(t[8 + k], t[12 + k], 0x44),
         y1 = _mm512_shuffle_f32x4(t[8 + k], t[12 + k], 0xee);
