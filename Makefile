@@ -51,6 +51,9 @@ COMMON := -std=c11 -g -I. $(ARITH) $(WARN) $(HAVE) $(SANF) $(SYSROOT_FLAG) $(BOA
 CORE_CFLAGS   := $(COMMON) $(OPT) -fstack-usage
 KERNEL_CFLAGS := $(COMMON) $(OPT_KERNELS) -fstack-usage
 HOST_CFLAGS   := $(COMMON) $(OPT) -D_GNU_SOURCE
+# Long functions without loops, of more vectors than there are registers: ordered before registers are given out, more of
+# their chains run side by side.
+PROJECT_CFLAGS := -fschedule-insns -fsched-pressure
 # Only here do board, platform and runtime meet, so only here the board's sizes are visible.
 BOARD_HDR     := -include boards/$(BOARD)/board.h
 LDFLAGS_ALL   := $(SANF) $(SYSROOT_FLAG) -Wl,--as-needed $(LDFLAGS)
@@ -127,7 +130,7 @@ programs: $(CORE) $(PROGRAMS) ## build the runtime and the tools only
 # --- compiling ------------------------------------------------------------------------------------
 # Objects depend on this file, which changes when a flag does: no stale objects, no rebuild for a comment
 # here.
-FLAGS_NOW := $(CC) $(CORE_CFLAGS) $(KERNEL_CFLAGS) $(HOST_CFLAGS) $(LDFLAGS_ALL) $(LIBS) $(ISA_avx512) $(SOLVE_LIBS)
+FLAGS_NOW := $(CC) $(CORE_CFLAGS) $(KERNEL_CFLAGS) $(PROJECT_CFLAGS) $(HOST_CFLAGS) $(LDFLAGS_ALL) $(LIBS) $(ISA_avx512) $(SOLVE_LIBS)
 $(O)/flags: FORCE
 	@mkdir -p $(@D); echo '$(FLAGS_NOW)' | cmp -s - $@ || echo '$(FLAGS_NOW)' > $@
 $(ALL_OBJ): $(O)/flags | $(SYSROOT_STAMP)
@@ -140,6 +143,7 @@ endef
 $(foreach i,$(BOARD_ISAS),$(eval $(call isa_rule,$(i))))
 $(O)/obj/kernels/%.o: kernels/%.c
 	$(call compile,$(KERNEL_CFLAGS))
+$(O)/obj/kernels/project/%.o: KERNEL_CFLAGS += $(PROJECT_CFLAGS)
 $(O)/obj/platform/%.o: platform/%.cc
 	@mkdir -p $(@D); $(CXX) -MMD -MP $(SOLVE_CXXFLAGS) -isystem $(INC_DIR)/libcamera -c $< -o $@
 $(O)/obj/platform/%.o: platform/%.c

@@ -17,7 +17,14 @@ extern "C" {
 // times eta, because budgets of thousands have large Gaussians. Needs finite parameters. exact.
 typedef void (*sv_explore_fn)(float *p, uint32_t on, const float *eta, float gain, float dead);
 
+// After a step, of a block's lanes in on: the running mean of their errors, e = keep e + (1 - keep) err, both [16].
+// Returns all lanes whose logit [16] is not above `limit`: those that may wander. exact.
+typedef uint32_t (*sv_blend_errors_fn)(uint32_t on, float keep, const float *err, float *e,
+                                       const float *logit, float limit);
+
 #define SV_DECLARE(isa)                                                                                      \
+  uint32_t sv_blend_errors_##isa(uint32_t on, float keep, const float *err, float *e, const float *logit,    \
+                                 float limit);                                                               \
   void sv_explore_##isa(float *p, uint32_t on, const float *eta, float gain, float dead);
 SV_DECLARE(ref)
 SV_DECLARE(sse41)

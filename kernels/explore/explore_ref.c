@@ -24,3 +24,13 @@ void sv_explore_ref(float *p, uint32_t on, const float *eta, float gain, float d
   for (int k = 0; k < 16; k++)
     if (on >> k & 1) explore_one(p + k, eta + k, gain, dead);
 }
+
+uint32_t sv_blend_errors_ref(uint32_t on, float keep, const float *err, float *e, const float *logit,
+                             float limit) {
+  uint32_t below = 0;
+  for (int k = 0; k < 16; k++) {
+    if (on >> k & 1) e[k] = keep * e[k] + (1.0f - keep) * err[k];
+    below |= (uint32_t) !(logit[k] > limit) << k;
+  }
+  return below;
+}

@@ -83,7 +83,17 @@ typedef struct {
   float near_z;         // Gaussians nearer than this are not drawn
   float dilation_px2;   // added to both variances, 0.3
   int is_antialiased;
+  float least_x, most_x, least_y,
+      most_y; // of x / z and y / z that ellipses are found with: sv_kview_set_limits
 } sv_kview;
+
+// From size, focal lengths and principal point: 0.3 of half a picture beyond its edges (Kerbl et al. 2023).
+static inline void sv_kview_set_limits(sv_kview *v) {
+  const float w = (float)v->width_px, h = (float)v->height_px;
+  const float more_x = 0.3f * (0.5f * w / v->fx), more_y = 0.3f * (0.5f * h / v->fy);
+  v->least_x = -(v->cx / v->fx + more_x), v->most_x = (w - v->cx) / v->fx + more_x;
+  v->least_y = -(v->cy / v->fy + more_y), v->most_y = (h - v->cy) / v->fy + more_y;
+}
 
 typedef struct {
   const float *param;    // [n_blocks][n_rows][16]

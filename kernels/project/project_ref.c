@@ -18,19 +18,17 @@ typedef struct {
   int is_comp_floor;
 } geom;
 
-static float limit_hi(float size, float f, float c) { return (size - c) / f + 0.3f * (0.5f * size / f); }
-static float limit_lo(float size, float f, float c) { return -(c / f + 0.3f * (0.5f * size / f)); }
-
 static void rotation(const float q[4], float r[9]) {
   float w = q[0], x = q[1], y = q[2], z = q[3];
+  float x2 = x + x, y2 = y + y, z2 = z + z;
   r[0] = fmaf(-2.0f, fmaf(y, y, z * z), 1.0f);
-  r[1] = 2.0f * fmaf(x, y, -(w * z));
-  r[2] = 2.0f * fmaf(x, z, w * y);
-  r[3] = 2.0f * fmaf(x, y, w * z);
+  r[1] = fmaf(x2, y, -(w * z2));
+  r[2] = fmaf(x2, z, w * y2);
+  r[3] = fmaf(x2, y, w * z2);
   r[4] = fmaf(-2.0f, fmaf(x, x, z * z), 1.0f);
-  r[5] = 2.0f * fmaf(y, z, -(w * x));
-  r[6] = 2.0f * fmaf(x, z, -(w * y));
-  r[7] = 2.0f * fmaf(y, z, w * x);
+  r[5] = fmaf(y2, z, -(w * x2));
+  r[6] = fmaf(x2, z, -(w * y2));
+  r[7] = fmaf(y2, z, w * x2);
   r[8] = fmaf(-2.0f, fmaf(x, x, y * y), 1.0f);
 }
 
@@ -41,12 +39,10 @@ static void geometry(const sv_kview *v, const float *p, geom *g) {
   g->iz = 1.0f / g->t[2];
   g->xz = g->t[0] * g->iz;
   g->yz = g->t[1] * g->iz;
-  float hx = limit_hi((float)v->width_px, v->fx, v->cx), lx = limit_lo((float)v->width_px, v->fx, v->cx);
-  float hy = limit_hi((float)v->height_px, v->fy, v->cy), ly = limit_lo((float)v->height_px, v->fy, v->cy);
-  g->clamp_x = g->xz > hx || g->xz < lx;
-  g->clamp_y = g->yz > hy || g->yz < ly;
-  g->rx = s1_min(s1_max(g->xz, lx), hx);
-  g->ry = s1_min(s1_max(g->yz, ly), hy);
+  g->clamp_x = g->xz > v->most_x || g->xz < v->least_x;
+  g->clamp_y = g->yz > v->most_y || g->yz < v->least_y;
+  g->rx = s1_min(s1_max(g->xz, v->least_x), v->most_x);
+  g->ry = s1_min(s1_max(g->yz, v->least_y), v->most_y);
   const float *q = p + 16 * SV_ROW_QUAT;
   float n2 = fmaf(q[0], q[0], fmaf(q[16], q[16], fmaf(q[32], q[32], q[48] * q[48])));
   g->rn = 1.0f / sqrtf(s1_max(n2, 1e-20f));
@@ -203,20 +199,21 @@ static void sh_basis_grad(int degree, float x, float y, float z, float bx[16], f
   bx[15] = -3.0f * SH3A * d, by[15] = 6.0f * SH3A * xy;
 }
 
-// Conic and opacity moments -> gradient of the 2D covariance [xx, xy (matrix entry), yy] and of the logit.
+// Conic and opacity moments -> twice the gradient of the 2D covariance [xx, xy (matrix entry), yy], and that of the
+// logit. (The moments are -2 times the gradient of the conic: no factor is left.)
 static float screen_bwd(const sv_kview *v, const geom *g, const float *m, float vs[3]) {
-  float ga = -0.5f * m[SV_SLOT_GXX], gb = -0.5f * m[SV_SLOT_GXY], gc = -0.5f * m[SV_SLOT_GYY];
+  float ga = m[SV_SLOT_GXX], gb = m[SV_SLOT_GXY], gc = m[SV_SLOT_GYY];
   float A = g->conic[0], B = g->conic[1], C = g->conic[2];
   float q00 = fmaf(A, ga, B * gb), q01 = fmaf(A, gb, B * gc), q10 = fmaf(B, ga, C * gb),
         q11 = fmaf(B, gb, C * gc);
-  vs[0] = fmaf(-q00, A, -(q01 * B));
-  vs[1] = fmaf(-q00, B, -(q01 * C));
-  vs[2] = fmaf(-q10, B, -(q11 * C));
+  vs[0] = fmaf(q00, A, q01 * B);
+  vs[1] = fmaf(q00, B, q01 * C);
+  vs[2] = fmaf(q10, B, q11 * C);
   float v_oe = m[SV_SLOT_G] / g->oe, v_o = v_oe * g->comp;
   if (v->is_antialiased && !g->is_comp_floor) {
     // h d(comp^2)/dS, by the adjugate: the textbook form (1 - comp^2) Q - 0.3 det Q I is a difference of
     // equals.
-    float h = 0.5f * (v_oe * g->o) / g->comp * v->dilation_px2, bb = B * B;
+    float h = v_oe * g->o / g->comp * v->dilation_px2, bb = B * B;
     vs[0] = fmaf(h, fmaf(A, g->syy * g->inv_d, bb), vs[0]);
     vs[1] = fmaf(h, B * ((g->sxx + g->cc) * g->inv_d), vs[1]);
     vs[2] = fmaf(h, fmaf(C, g->sxx * g->inv_d, bb), vs[2]);
@@ -230,8 +227,7 @@ static void camera_bwd(const geom *g, const float *m, const float vs[3], float v
   float vv = fmaf(-g->conic[1], m[SV_SLOT_GX], -(g->conic[2] * m[SV_SLOT_GY]));
   float j00 = 0, j02 = 0, j11 = 0, j12 = 0;
   for (int j = 0; j < 3; j++) {
-    float va = 2.0f * fmaf(vs[0], g->a[j], vs[1] * g->b[j]),
-          vb = 2.0f * fmaf(vs[1], g->a[j], vs[2] * g->b[j]);
+    float va = fmaf(vs[0], g->a[j], vs[1] * g->b[j]), vb = fmaf(vs[1], g->a[j], vs[2] * g->b[j]);
     float pa = g->ja * va, pb = g->jb * vb;
     vw[j] = pa;
     vw[3 + j] = pb;
@@ -266,12 +262,13 @@ static void shape_bwd(const sv_kview *v, const geom *g, const float vw[9], float
   float w = g->q[0], x = g->q[1], y = g->q[2], z = g->q[3], vq[4];
   float dx = r[7] - r[5], dy = r[2] - r[6], dz = r[3] - r[1], pxy = r[3] + r[1], pxz = r[6] + r[2],
         pyz = r[7] + r[5];
-  vq[0] = 2.0f * fmaf(x, dx, fmaf(y, dy, z * dz));
-  vq[1] = 2.0f * fmaf(-2.0f * x, r[4] + r[8], fmaf(y, pxy, fmaf(z, pxz, w * dx)));
-  vq[2] = 2.0f * fmaf(-2.0f * y, r[0] + r[8], fmaf(x, pxy, fmaf(z, pyz, w * dy)));
-  vq[3] = 2.0f * fmaf(-2.0f * z, r[0] + r[4], fmaf(x, pxz, fmaf(y, pyz, w * dz)));
+  float rn2 = g->rn + g->rn; // vq: half of the gradient of the unit quaternion
+  vq[0] = fmaf(x, dx, fmaf(y, dy, z * dz));
+  vq[1] = fmaf(-2.0f * x, r[4] + r[8], fmaf(y, pxy, fmaf(z, pxz, w * dx)));
+  vq[2] = fmaf(-2.0f * y, r[0] + r[8], fmaf(x, pxy, fmaf(z, pyz, w * dy)));
+  vq[3] = fmaf(-2.0f * z, r[0] + r[4], fmaf(x, pxz, fmaf(y, pyz, w * dz)));
   float dot = fmaf(vq[0], w, fmaf(vq[1], x, fmaf(vq[2], y, vq[3] * z)));
-  for (int i = 0; i < 4; i++) grad[16 * (SV_ROW_QUAT + i)] = fmaf(dot, -g->q[i], vq[i]) * g->rn;
+  for (int i = 0; i < 4; i++) grad[16 * (SV_ROW_QUAT + i)] = fmaf(dot, -g->q[i], vq[i]) * rn2;
 }
 
 // SH rows of grad; returns dL/dmean through the viewing direction in vm.

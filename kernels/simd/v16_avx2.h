@@ -95,6 +95,9 @@ static inline v16 v16_fnma(v16 x, v16 y, v16 z) {
 static inline v16 v16_fms(v16 x, v16 y, v16 z) {
   return v16_make_(_mm256_fmsub_ps(x.a, y.a, z.a), _mm256_fmsub_ps(x.b, y.b, z.b));
 }
+static inline v16 v16_fnms(v16 x, v16 y, v16 z) {
+  return v16_make_(_mm256_fnmsub_ps(x.a, y.a, z.a), _mm256_fnmsub_ps(x.b, y.b, z.b));
+}
 static inline v16 v16_sqrt(v16 x) { return v16_make_(_mm256_sqrt_ps(x.a), _mm256_sqrt_ps(x.b)); }
 static inline v16 v16_floor(v16 x) { return v16_make_(_mm256_floor_ps(x.a), _mm256_floor_ps(x.b)); }
 static inline v16 v16_abs(v16 x) {
@@ -231,6 +234,13 @@ static inline float v16_sum(v16 x) {
   q = _mm_add_ps(q, _mm_movehl_ps(q, q));
   return _mm_cvtss_f32(_mm_add_ss(q, _mm_shuffle_ps(q, q, 1)));
 }
+static inline __m256 v16_sum2_(v16 x, v16 y) { // the sum of x in four lanes, that of y in the others
+  __m256 a = _mm256_add_ps(x.a, x.b), b = _mm256_add_ps(y.a, y.b);
+  a = _mm256_add_ps(_mm256_permute2f128_ps(a, b, 0x20), _mm256_permute2f128_ps(a, b, 0x31));
+  a = _mm256_add_ps(a, _mm256_permute_ps(a, 0x4e));
+  return _mm256_add_ps(a, _mm256_permute_ps(a, 0xb1));
+}
+static inline v16 v16_sum4(v16 a, v16 b, v16 c, v16 d) { return v16_make_(v16_sum2_(a, b), v16_sum2_(c, d)); }
 static inline __m128 v16_sum4_(const v16 *x) {
   __m128 a = v16_fold4_(x[0]), b = v16_fold4_(x[1]), c = v16_fold4_(x[2]), d = v16_fold4_(x[3]);
   _MM_TRANSPOSE4_PS(a, b, c, d);
@@ -245,6 +255,20 @@ static inline v16 v16_sum11(const v16 x[11]) {
   v16 last[4] = {x[8], x[9], x[10], v16_zero()};
   return v16_make_(_mm256_insertf128_ps(_mm256_castps128_ps256(v16_sum4_(x)), v16_sum4_(x + 4), 1),
                    _mm256_zextps128_ps256(v16_sum4_(last)));
+}
+static inline void v16_tr4_(__m256 a, __m256 b, __m256 c, __m256 d, __m256 out[4]) {
+  __m256 ab0 = _mm256_unpacklo_ps(a, b), ab1 = _mm256_unpackhi_ps(a, b);
+  __m256 cd0 = _mm256_unpacklo_ps(c, d), cd1 = _mm256_unpackhi_ps(c, d);
+  out[0] = _mm256_shuffle_ps(ab0, cd0, 0x44);
+  out[1] = _mm256_shuffle_ps(ab0, cd0, 0xee);
+  out[2] = _mm256_shuffle_ps(ab1, cd1, 0x44);
+  out[3] = _mm256_shuffle_ps(ab1, cd1, 0xee);
+}
+static inline void v16_tr4(v16 a, v16 b, v16 c, v16 d, v16 out[4]) {
+  __m256 lo[4], hi[4];
+  v16_tr4_(a.a, b.a, c.a, d.a, lo);
+  v16_tr4_(a.b, b.b, c.b, d.b, hi);
+  for (int k = 0; k < 4; k++) out[k] = v16_make_(lo[k], hi[k]);
 }
 // 8x8 transpose of the rows r[0..7].
 static inline void v16_tr8_(__m256 r[8]) {

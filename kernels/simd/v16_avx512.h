@@ -56,6 +56,7 @@ static inline v16 v16_div(v16 a, v16 b) { return _mm512_div_ps(a, b); }
 static inline v16 v16_fma(v16 a, v16 b, v16 c) { return _mm512_fmadd_ps(a, b, c); }
 static inline v16 v16_fnma(v16 a, v16 b, v16 c) { return _mm512_fnmadd_ps(a, b, c); }
 static inline v16 v16_fms(v16 a, v16 b, v16 c) { return _mm512_fmsub_ps(a, b, c); }
+static inline v16 v16_fnms(v16 a, v16 b, v16 c) { return _mm512_fnmsub_ps(a, b, c); }
 static inline v16 v16_min(v16 a, v16 b) { return _mm512_min_ps(a, b); }
 static inline v16 v16_max(v16 a, v16 b) { return _mm512_max_ps(a, b); }
 static inline v16 v16_sqrt(v16 a) { return _mm512_sqrt_ps(a); }
@@ -95,11 +96,16 @@ static inline v16 v16i_to_f(v16i a) { return _mm512_cvtepi32_ps(a); }
 static inline v16i v16_trunc_i(v16 a) { return _mm512_cvttps_epi32(a); }
 static inline void v16i_store(int32_t *p, v16i a) { _mm512_storeu_si512(p, a); }
 static inline v16 v16_load_high(const uint16_t *p) {
-  return _mm512_castsi512_ps(
-      _mm512_slli_epi32(_mm512_cvtepu16_epi32(_mm256_loadu_si256((const __m256i *)p)), 16));
+  const __m512i to = _mm512_setr_epi32(0x00000000, 0x00010000, 0x00020000, 0x00030000, 0x00040000, 0x00050000,
+                                       0x00060000, 0x00070000, 0x00080000, 0x00090000, 0x000a0000, 0x000b0000,
+                                       0x000c0000, 0x000d0000, 0x000e0000, 0x000f0000);
+  __m512i x = _mm512_zextsi256_si512(_mm256_loadu_si256((const __m256i *)p));
+  return _mm512_castsi512_ps(_mm512_maskz_permutexvar_epi16(0xaaaaaaaa, to, x));
 }
 static inline void v16i_store_high(uint16_t *p, v16i a) {
-  _mm256_storeu_si256((__m256i *)p, _mm512_cvtepi32_epi16(_mm512_srli_epi32(a, 16)));
+  const __m512i from = _mm512_setr_epi32(0x00030001, 0x00070005, 0x000b0009, 0x000f000d, 0x00130011,
+                                         0x00170015, 0x001b0019, 0x001f001d, 0, 0, 0, 0, 0, 0, 0, 0);
+  _mm256_storeu_si256((__m256i *)p, _mm512_castsi512_si256(_mm512_permutexvar_epi16(from, a)));
 }
 static inline void v16_store11(uint8_t *p, v16 a) {
   const int no = (int)0x80808080;
@@ -142,8 +148,7 @@ static inline float v16_sum(v16 a) {
   q = _mm_add_ps(q, _mm_movehl_ps(q, q));
   return _mm_cvtss_f32(_mm_add_ss(q, _mm_shuffle_ps(q, q, 1)));
 }
-// 4x4 transposes inside each 128-bit group: out[k] holds element k of a, b, c, d.
-static inline void v16_tr4_(v16 a, v16 b, v16 c, v16 d, v16 out[4]) {
+static inline void v16_tr4(v16 a, v16 b, v16 c, v16 d, v16 out[4]) {
   v16 ab0 = _mm512_unpacklo_ps(a, b), ab1 = _mm512_unpackhi_ps(a, b);
   v16 cd0 = _mm512_unpacklo_ps(c, d), cd1 = _mm512_unpackhi_ps(c, d);
   out[0] = _mm512_shuffle_ps(ab0, cd0, 0x44);
@@ -168,6 +173,11 @@ static inline v16 v16_fold16_(v16 x0, v16 x1, v16 x2, v16 x3) {
   v16 b = _mm512_add_ps(_mm512_mask_mov_ps(x2, 0xcccc, x3), _mm512_shuffle_ps(x2, x3, 0x4e));
   return _mm512_add_ps(_mm512_shuffle_ps(a, b, 0x88), _mm512_shuffle_ps(a, b, 0xdd));
 }
+static inline v16 v16_sum4(v16 a, v16 b, v16 c, v16 d) {
+  v16 x = v16_fold4_(v16_fold2_(a, b), v16_fold2_(c, d));
+  x = _mm512_add_ps(x, _mm512_permute_ps(x, 0x4e));
+  return _mm512_add_ps(x, _mm512_permute_ps(x, 0xb1));
+}
 static inline v16 v16_sum16(const v16 a[16]) {
   return v16_fold16_(v16_fold4_(v16_fold2_(a[0], a[4]), v16_fold2_(a[8], a[12])),
                      v16_fold4_(v16_fold2_(a[1], a[5]), v16_fold2_(a[9], a[13])),
@@ -183,8 +193,9 @@ static inline v16 v16_sum11(const v16 a[11]) {
 }
 static inline void v16_transpose(v16 a[16]) {
   v16 t[16];
-  for (int g = 0; g < 4; g++) v16_tr4_(a[4 * g], a[4 * g + 1], a[4 * g + 2], a[4 * g + 3], t + 4 * g);
-  for (int k = 0; k < 4; k++) { // t[4g+k] group q = element 4q+k of rows 4g..4g+3
+  _Pragma("GCC unroll 4") for (int g = 0; g < 4; g++)
+      v16_tr4(a[4 * g], a[4 * g + 1], a[4 * g + 2], a[4 * g + 3], t + 4 * g);
+  _Pragma("GCC unroll 4") for (int k = 0; k < 4; k++) { // t[4g+k] group q = element 4q+k of rows 4g..4g+3
     v16 x0 = _mm512_shuffle_f32x4(t[k], t[4 + k], 0x44), x1 = _mm512_shuffle_f32x4(t[k], t[4 + k], 0xee);
     v16 y0 = _mm512_shuffle_f32x4(t[8 + k], t[12 + k], 0x44),
         y1 = _mm512_shuffle_f32x4(t[8 + k], t[12 + k], 0xee);

@@ -79,6 +79,9 @@ static inline v16 v16_fnma(v16 x, v16 y, v16 z) { V16_EACH(v16, vfmsq_f32(z.q[i]
 static inline v16 v16_fms(v16 x, v16 y, v16 z) {
   V16_EACH(v16, vfmaq_f32(vnegq_f32(z.q[i]), x.q[i], y.q[i]));
 }
+static inline v16 v16_fnms(v16 x, v16 y, v16 z) {
+  V16_EACH(v16, vfmsq_f32(vnegq_f32(z.q[i]), x.q[i], y.q[i]));
+}
 static inline v16 v16_sqrt(v16 x) { V16_EACH(v16, vsqrtq_f32(x.q[i])); }
 static inline v16 v16_floor(v16 x) { V16_EACH(v16, vrndmq_f32(x.q[i])); }
 static inline v16 v16_abs(v16 x) { V16_EACH(v16, vabsq_f32(x.q[i])); }
@@ -171,12 +174,26 @@ static inline float v16_sum(v16 x) {
   float32x2_t h = vadd_f32(vget_low_f32(q), vget_high_f32(q));
   return vget_lane_f32(h, 0) + vget_lane_f32(h, 1);
 }
+static inline float32x4_t v16_sum_(v16 x) {
+  float32x4_t q = v16_fold4_(x);
+  q = vaddq_f32(q, vextq_f32(q, q, 2));
+  return vaddq_f32(q, vrev64q_f32(q));
+}
+static inline v16 v16_sum4(v16 a, v16 b, v16 c, v16 d) {
+  v16 r = {{v16_sum_(a), v16_sum_(b), v16_sum_(c), v16_sum_(d)}};
+  return r;
+}
 static inline void v16_tr4_(float32x4_t *a, float32x4_t *b, float32x4_t *c, float32x4_t *d) {
   float32x4x2_t ab = vtrnq_f32(*a, *b), cd = vtrnq_f32(*c, *d);
   *a = vcombine_f32(vget_low_f32(ab.val[0]), vget_low_f32(cd.val[0]));
   *b = vcombine_f32(vget_low_f32(ab.val[1]), vget_low_f32(cd.val[1]));
   *c = vcombine_f32(vget_high_f32(ab.val[0]), vget_high_f32(cd.val[0]));
   *d = vcombine_f32(vget_high_f32(ab.val[1]), vget_high_f32(cd.val[1]));
+}
+static inline void v16_tr4(v16 a, v16 b, v16 c, v16 d, v16 out[4]) {
+  V16_UNROLL
+  for (int i = 0; i < 4; i++) v16_tr4_(&a.q[i], &b.q[i], &c.q[i], &d.q[i]);
+  out[0] = a, out[1] = b, out[2] = c, out[3] = d;
 }
 static inline float32x4_t v16_sum4_(const v16 *x) {
   float32x4_t a = v16_fold4_(x[0]), b = v16_fold4_(x[1]), c = v16_fold4_(x[2]), d = v16_fold4_(x[3]);

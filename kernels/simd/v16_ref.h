@@ -68,9 +68,10 @@ static inline v16 v16_add(v16 a, v16 b) { V16_EACH(a.l[k] + b.l[k]); }
 static inline v16 v16_sub(v16 a, v16 b) { V16_EACH(a.l[k] - b.l[k]); }
 static inline v16 v16_mul(v16 a, v16 b) { V16_EACH(a.l[k] * b.l[k]); }
 static inline v16 v16_div(v16 a, v16 b) { V16_EACH(a.l[k] / b.l[k]); }
-static inline v16 v16_fma(v16 a, v16 b, v16 c) { V16_EACH(fmaf(a.l[k], b.l[k], c.l[k])); }   // a b + c
-static inline v16 v16_fnma(v16 a, v16 b, v16 c) { V16_EACH(fmaf(-a.l[k], b.l[k], c.l[k])); } // c - a b
-static inline v16 v16_fms(v16 a, v16 b, v16 c) { V16_EACH(fmaf(a.l[k], b.l[k], -c.l[k])); }  // a b - c
+static inline v16 v16_fma(v16 a, v16 b, v16 c) { V16_EACH(fmaf(a.l[k], b.l[k], c.l[k])); }    // a b + c
+static inline v16 v16_fnma(v16 a, v16 b, v16 c) { V16_EACH(fmaf(-a.l[k], b.l[k], c.l[k])); }  // c - a b
+static inline v16 v16_fms(v16 a, v16 b, v16 c) { V16_EACH(fmaf(a.l[k], b.l[k], -c.l[k])); }   // a b - c
+static inline v16 v16_fnms(v16 a, v16 b, v16 c) { V16_EACH(fmaf(-a.l[k], b.l[k], -c.l[k])); } // -a b - c
 static inline v16 v16_min(v16 a, v16 b) { V16_EACH(a.l[k] < b.l[k] ? a.l[k] : b.l[k]); }
 static inline v16 v16_max(v16 a, v16 b) { V16_EACH(a.l[k] > b.l[k] ? a.l[k] : b.l[k]); }
 static inline v16 v16_sqrt(v16 a) { V16_EACH(sqrtf(a.l[k])); }
@@ -141,7 +142,18 @@ static inline float v16_sum(v16 a) {
     for (int k = 0; k < h; k++) a.l[k] += a.l[k + h];
   return a.l[0];
 }
+// Group i of four lanes: the sum of the i-th vector in all four.
+static inline v16 v16_sum4(v16 a, v16 b, v16 c, v16 d) {
+  const float s[4] = {v16_sum(a), v16_sum(b), v16_sum(c), v16_sum(d)};
+  V16_EACH(s[k >> 2]);
+}
 static inline v16 v16_sum16(const v16 a[16]) { V16_EACH(v16_sum(a[k])); } // lane k = sum of a[k]
+// 4x4 transposes in each group of four lanes: lane 4 g + i of out[k] is lane 4 g + k of the i-th vector.
+static inline void v16_tr4(v16 a, v16 b, v16 c, v16 d, v16 out[4]) {
+  const v16 in[4] = {a, b, c, d};
+  for (int k = 0; k < 4; k++)
+    for (int i = 0; i < 16; i++) out[k].l[i] = in[i & 3].l[(i & 12) + k];
+}
 static inline void v16_transpose(v16 a[16]) {
   for (int i = 0; i < 16; i++)
     for (int j = i + 1; j < 16; j++) {

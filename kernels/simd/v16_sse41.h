@@ -77,6 +77,9 @@ static inline v16 v16_fnma(v16 x, v16 y, v16 z) {
 static inline v16 v16_fms(v16 x, v16 y, v16 z) {
   V16_EACH(v16, _mm_sub_ps(_mm_mul_ps(x.q[i], y.q[i]), z.q[i]));
 }
+static inline v16 v16_fnms(v16 x, v16 y, v16 z) {
+  V16_EACH(v16, _mm_sub_ps(_mm_mul_ps(_mm_xor_ps(_mm_set1_ps(-0.0f), x.q[i]), y.q[i]), z.q[i]));
+}
 static inline v16 v16_min(v16 x, v16 y) { V16_EACH(v16, _mm_min_ps(x.q[i], y.q[i])); }
 static inline v16 v16_max(v16 x, v16 y) { V16_EACH(v16, _mm_max_ps(x.q[i], y.q[i])); }
 static inline v16 v16_sqrt(v16 x) { V16_EACH(v16, _mm_sqrt_ps(x.q[i])); }
@@ -173,6 +176,20 @@ static inline float v16_sum(v16 x) {
   __m128 q = v16_fold4_(x);
   q = _mm_add_ps(q, _mm_movehl_ps(q, q));
   return _mm_cvtss_f32(_mm_add_ss(q, _mm_shuffle_ps(q, q, 1)));
+}
+static inline __m128 v16_sum_(v16 x) {
+  __m128 q = v16_fold4_(x);
+  q = _mm_add_ps(q, _mm_shuffle_ps(q, q, 0x4e));
+  return _mm_add_ps(q, _mm_shuffle_ps(q, q, 0xb1));
+}
+static inline v16 v16_sum4(v16 a, v16 b, v16 c, v16 d) {
+  v16 r = {{v16_sum_(a), v16_sum_(b), v16_sum_(c), v16_sum_(d)}};
+  return r;
+}
+static inline void v16_tr4(v16 a, v16 b, v16 c, v16 d, v16 out[4]) {
+  V16_UNROLL
+  for (int i = 0; i < 4; i++) _MM_TRANSPOSE4_PS(a.q[i], b.q[i], c.q[i], d.q[i]);
+  out[0] = a, out[1] = b, out[2] = c, out[3] = d;
 }
 static inline __m128 v16_sum4_(const v16 *x) {
   __m128 a = v16_fold4_(x[0]), b = v16_fold4_(x[1]), c = v16_fold4_(x[2]), d = v16_fold4_(x[3]);

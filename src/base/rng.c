@@ -36,10 +36,3 @@ float sv_rng_normal(sv_rng *r) {
   double v = (double)(sv_rng_u32(r) >> 8) * 0x1p-24;
   return (float)(sqrt(-2.0 * sv_log(u)) * sv_cos(2.0 * SV_PI * v));
 }
-
-uint32_t sv_hash3(uint32_t a, uint32_t b, uint32_t c) {
-  uint64_t x = a + 0x9e3779b97f4a7c15ull * ((uint64_t)b + 0x632be59bd9b4e019ull * ((uint64_t)c + 1));
-  x ^= x >> 30, x *= 0xbf58476d1ce4e5b9ull;
-  x ^= x >> 27, x *= 0x94d049bb133111ebull;
-  return (uint32_t)(x ^ (x >> 31));
-}

@@ -284,6 +284,7 @@ static sv_kview make_kview(const sv_view *v, const sv_render_options *o) {
   memcpy(k.r, v->r, sizeof k.r);
   memcpy(k.t, v->t, sizeof k.t);
   sv_view_centre(k.centre, v);
+  sv_kview_set_limits(&k);
   return k;
 }
 

@@ -110,11 +110,10 @@ static void explore(const job *j, wanderers *w) {
   w->n = 0;
 }
 
-static void add_wanderers(const job *j, int block, uint32_t touched, float *p, wanderers *w) {
-  uint32_t on = 0;
-  for (int k = 0; k < 16; k++) on |= (uint32_t) !(p[16 * SV_ROW_LOGIT + k] > EXPLORE_BELOW) << k;
-  for (on &= touched; on; on &= on - 1) {
+static void add_wanderers(const job *j, int block, uint32_t on, float *p, wanderers *w) {
+  for (; on; on &= on - 1) {
     const int k = __builtin_ctz(on), i = w->n;
+#pragma GCC unroll 11
     for (int row = 0; row < SV_ROW_SH; row++) w->p[row][i] = p[16 * row + k];
     for (uint32_t a = 0; a < 3; a++)
       w->eta[a][i] =
@@ -144,23 +143,12 @@ static float *block_of(const job *j, int i_thread) {
 
 // Always inline: GCC takes a function that only prefetches for one without effects and drops its calls.
 static inline __attribute__((always_inline)) void prefetch_lines(const void *block, size_t bytes) {
-  for (size_t i = 0; i < bytes; i += 64) __builtin_prefetch((const char *)block + i);
-}
-
-// err, e: [16]. Of bits, as compilers make branches of a choice, and who is touched cannot be predicted.
-static void blend_errors(uint32_t on, const float *err, float *e) {
-  static const uint32_t bit[16] = {1,      1 << 1, 1 << 2,  1 << 3,  1 << 4,  1 << 5,  1 << 6,  1 << 7,
-                                   1 << 8, 1 << 9, 1 << 10, 1 << 11, 1 << 12, 1 << 13, 1 << 14, 1 << 15};
-  float next[16];
-  uint32_t is[16], will[16];
-  for (int k = 0; k < 16; k++) next[k] = ERR_KEEP * e[k] + (1.0f - ERR_KEEP) * err[k];
-  memcpy(is, e, sizeof is);
-  memcpy(will, next, sizeof will);
-  for (int k = 0; k < 16; k++) {
-    const uint32_t keep = (on & bit[k]) == 0 ? ~0u : 0u;
-    is[k] = (is[k] & keep) | (will[k] & ~keep);
+  for (const char *p = block, *end = p + bytes; p < end; p += 256) { // up to three lines more
+    __builtin_prefetch(p);
+    __builtin_prefetch(p + 64);
+    __builtin_prefetch(p + 128);
+    __builtin_prefetch(p + 192);
   }
-  memcpy(e, is, sizeof is);
 }
 
 static void move(const job *j, int b, uint32_t touched, uint32_t with_err, const float *grad,
@@ -170,8 +158,9 @@ static void move(const job *j, int b, uint32_t touched, uint32_t with_err, const
   float *p = t->g.param + at;
   if (t->cfg.optimizer == SV_OPTIMIZER_ADAM) t->k->adam(&j->adam, touched, grad, p, t->m + at, t->v + at);
   else t->k->newton(&j->newton, touched, grad, t->v + at, p, t->m + at);
-  blend_errors(with_err, err, t->err + 16 * (size_t)b);
-  if (j->noise_gain > 0.0f) add_wanderers(j, b, touched, p, w);
+  const uint32_t below = t->k->blend_errors(with_err, ERR_KEEP, err, t->err + 16 * (size_t)b,
+                                            p + 16 * SV_ROW_LOGIT, EXPLORE_BELOW);
+  if (j->noise_gain > 0.0f) add_wanderers(j, b, below & touched, p, w);
   if (t->floor) keep_above(t->floor + 16 * (size_t)b, p + 16 * SV_ROW_SCALE);
 }
 
@@ -182,7 +171,8 @@ static void optimise_task(void *arg, int i_task, int i_thread) {
   int b0 = i_task * BLOCKS_PER_TASK, b1 = sv_mini(b0 + BLOCKS_PER_TASK, j->n_blocks);
   uint32_t n = 0;
   float pose[6];
-  wanderers w = {.n = 0};
+  wanderers w;
+  w.n = 0; // the rest is filled before it is read
   const size_t rows = 16 * (size_t)j->adam.n_rows;
   begin_pose(j, i_task);
   for (int b = b0; b < b1; b++) {
@@ -238,7 +228,8 @@ static void apply_task(void *arg, int i_task, int i_thread) {
   sv_trainer *t = j->t;
   int b0 = i_task * BLOCKS_PER_TASK, b1 = sv_mini(b0 + BLOCKS_PER_TASK, j->n_blocks);
   uint32_t n = 0;
-  wanderers w = {.n = 0};
+  wanderers w;
+  w.n = 0; // the rest is filled before it is read
   (void)i_thread;
   for (int b = b0; b < b1; b++) {
     uint32_t *touched = t->sum_touched + 2 * b;

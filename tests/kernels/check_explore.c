@@ -81,3 +81,51 @@ static void bench_explore(ck *c) {
 }
 
 CK_REGISTER(explore, check_explore, bench_explore)
+
+// --- errors --------------------------------------------------------------------------------------
+
+typedef struct {
+  float *err, *e, *logit;
+} errors_job;
+
+static errors_job make_errors(ck *c) {
+  errors_job j = {ck_floats(c, 16), ck_floats(c, 16), ck_floats(c, 16)};
+  ck_fill(c, j.err, 16, CK_SIGNED);
+  ck_fill(c, j.e, 16, CK_SIGNED);
+  ck_fill(c, j.logit, 16, CK_SIGNED);
+  j.logit[3] = NAN, j.logit[9] = -0.25f; // may wander, as what lies on the limit
+  return j;
+}
+
+static void check_errors(ck *c) {
+  for (size_t m = 0; m < sizeof masks / sizeof *masks; m++) {
+    ck_begin(c, "mask %04x", masks[m]);
+    errors_job j = make_errors(c);
+    float *a = ck_floats(c, 16), *b = ck_floats(c, 16);
+    memcpy(a, j.e, 16 * sizeof *a);
+    memcpy(b, j.e, 16 * sizeof *b);
+    uint32_t low = c->ref.blend_errors(masks[m], 0.9f, j.err, a, j.logit, -0.25f);
+    uint32_t of_var = c->var.blend_errors(masks[m], 0.9f, j.err, b, j.logit, -0.25f);
+    ck_true(c, low == of_var, "lanes %04x, reference %04x", of_var, low);
+    ck_same(c, "e", a, b, 16, 0);
+    for (int k = 0; k < 16; k++) {
+      const double mean = 0.9 * (double)j.e[k] + 0.1 * (double)j.err[k];
+      const bool is_on = masks[m] >> k & 1;
+      ck_true(c, is_on ? fabs((double)b[k] - mean) < 1e-6 * (1 + fabs(mean)) : b[k] == j.e[k], "entry %d", k);
+      ck_true(c, (low >> k & 1) == !(j.logit[k] > -0.25f), "lane %d", k);
+    }
+  }
+}
+
+static void run_errors(void *arg, const sv_kernels *k) {
+  errors_job *j = arg;
+  (void)k->blend_errors(0xffff, 0.9f, j->err, j->e, j->logit, -0.25f);
+}
+
+static void bench_errors(ck *c) {
+  ck_begin(c, "bench");
+  errors_job j = make_errors(c);
+  ck_time(c, "per Gaussian", 16, run_errors, &j);
+}
+
+CK_REGISTER(blend_errors, check_errors, bench_errors)

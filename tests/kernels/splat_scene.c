@@ -71,6 +71,7 @@ static sv_kview make_view(const sc_cfg *cfg) {
                  2 * (x * z - w * y),     2 * (y * z + w * x),     1 - 2 * (x * x + y * y)};
   for (int i = 0; i < 9; i++) v.r[i] = (float)r[i];
   for (int i = 0; i < 3; i++) v.centre[i] = -(v.r[i] * v.t[0] + v.r[3 + i] * v.t[1] + v.r[6 + i] * v.t[2]);
+  sv_kview_set_limits(&v);
   return v;
 }
 
