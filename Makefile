@@ -64,7 +64,8 @@ LIBS          := $(BOARD_LIBS) -ljpeg -lpng -lz -lpthread -lm
 ISA_sse41  := -msse4.1
 ISA_avx2   := -mavx2 -mfma -mbmi -mbmi2 -mlzcnt -mpopcnt
 ISA_avx512 := -mavx512f -mavx512dq -mavx512vl -mavx512bw -mfma -mbmi -mbmi2 -mlzcnt -mpopcnt -mprefer-vector-width=512
-ISA_neon   :=
+# GCC for AArch64 orders instructions before registers are given out; vectors of four registers then go to the stack.
+ISA_neon   := -fno-schedule-insns
 
 # --- sources --------------------------------------------------------------------------------------
 obj = $(patsubst %.cc,$(O)/obj/%.o,$(patsubst %.c,$(O)/obj/%.o,$(1)))
@@ -130,7 +131,7 @@ programs: $(CORE) $(PROGRAMS) ## build the runtime and the tools only
 # --- compiling ------------------------------------------------------------------------------------
 # Objects depend on this file, which changes when a flag does: no stale objects, no rebuild for a comment
 # here.
-FLAGS_NOW := $(CC) $(CORE_CFLAGS) $(KERNEL_CFLAGS) $(PROJECT_CFLAGS) $(HOST_CFLAGS) $(LDFLAGS_ALL) $(LIBS) $(ISA_avx512) $(SOLVE_LIBS)
+FLAGS_NOW := $(CC) $(CORE_CFLAGS) $(KERNEL_CFLAGS) $(PROJECT_CFLAGS) $(HOST_CFLAGS) $(LDFLAGS_ALL) $(LIBS) $(ISA_avx512) $(ISA_neon) $(SOLVE_LIBS)
 $(O)/flags: FORCE
 	@mkdir -p $(@D); echo '$(FLAGS_NOW)' | cmp -s - $@ || echo '$(FLAGS_NOW)' > $@
 $(ALL_OBJ): $(O)/flags | $(SYSROOT_STAMP)
@@ -138,7 +139,7 @@ $(ALL_OBJ): $(O)/flags | $(SYSROOT_STAMP)
 compile = @mkdir -p $(@D); $(if $(V),echo $(CC) $(1) $<;) $(CC) -MMD -MP $(1) -c $< -o $@
 define isa_rule
 $(O)/obj/kernels/%_$(1).o: kernels/%_$(1).c
-	$$(call compile,$$(KERNEL_CFLAGS) $$(ISA_$(1)))
+	$$(call compile,$$(ISA_$(1)) $$(KERNEL_CFLAGS))
 endef
 $(foreach i,$(BOARD_ISAS),$(eval $(call isa_rule,$(i))))
 $(O)/obj/kernels/%.o: kernels/%.c
@@ -309,7 +310,7 @@ bench: programs $(PROGS_kernels) ## time the kernels (also into kernels.csv), wh
 accept-counts: $(O)/tests/budget/test_budget_counts ## take the instructions counted now as those a step may take
 	@$< --accept
 mca: ## predicted cycles of the kernels on ARM cores, and the steps that follow (llvm-mca)
-	@tools/mca/mca.sh $(if $(V),-v)
+	@neon='$(ISA_neon)' avx2='$(ISA_avx2)' avx512='$(ISA_avx512)' project='$(PROJECT_CFLAGS)' tools/mca/mca.sh $(if $(V),-v)
 plan: $(O)/bin/subview ## the board's memory map; fails when it does not fit
 	@$(EMULATE) $< plan
 

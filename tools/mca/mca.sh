@@ -11,6 +11,7 @@
 set -u
 root=$(readlink -f "$(dirname "$0")/../..")
 cd "$root" || exit 2
+: "${neon=}" "${avx2=-mavx2}" "${avx512=-mavx512bw}" "${project=}" # flags, from the Makefile
 here=tools/mca verbose=${1:-}
 mca=$(ls -d /usr/lib/llvm-*/bin/llvm-mca 2>/dev/null | sort -t- -k2 -n | tail -n 1)
 [ -n "$mca" ] || mca=$(command -v llvm-mca) || { echo "llvm-mca is not installed (package llvm, better llvm-19)"; exit 77; }
@@ -24,22 +25,24 @@ trap 'rm -rf "$work"' EXIT
 # Columns: name, compiler, instruction set, its flags, triple, model.
 flags_of() { sed -n 's/^BOARD_CFLAGS *:= *//p' "boards/$1/board.mk"; }
 cat >"$work/cores" <<END
-A72|$cross|neon|$(flags_of rpi4)|aarch64|cortex-a72
-A76|$cross|neon|$(flags_of rpi5)|aarch64|neoverse-n1
-A55|$cross|neon|$(flags_of rock5b)|aarch64|cortex-a55
+A72|$cross|neon|$(flags_of rpi4) $neon|aarch64|cortex-a72
+A76|$cross|neon|$(flags_of rpi5) $neon|aarch64|neoverse-n1
+A55|$cross|neon|$(flags_of rock5b) $neon|aarch64|cortex-a55
 END
 if [ "$(uname -m)" = x86_64 ]; then
   cat >>"$work/cores" <<END
-AVX2|gcc|avx2|-mavx2 -mfma|x86_64|sapphirerapids
-AVX512|gcc|avx512|-mavx512f -mavx512dq -mavx512vl -mavx512bw -mfma -mprefer-vector-width=512|x86_64|sapphirerapids
+AVX2|gcc|avx2|$avx2|x86_64|sapphirerapids
+AVX512|gcc|avx512|$avx512|x86_64|sapphirerapids
 END
 fi
 
 compile() { # core, compiler, isa, flags: the kernels' own flags, as in the Makefile
   upper=$(echo "$3" | tr a-z A-Z)
   for op in raster ssim newton project; do
+    own=
+    [ $op = project ] && own=$project
     # shellcheck disable=SC2086 # flags are words
-    "$2" -std=c11 -O3 -I. -ffp-contract=off -fno-math-errno -fno-trapping-math "-DSV_HAVE_$upper=1" $4 \
+    "$2" -std=c11 -O3 -I. -ffp-contract=off -fno-math-errno -fno-trapping-math "-DSV_HAVE_$upper=1" $4 $own \
       -S "kernels/$op/${op}_$3.c" -o "$work/$1.$op.s" || exit 1
   done
 }

@@ -22,7 +22,7 @@ $1 == "step" { n_steps++; step[n_steps] = $2 " Gaussians, " $3; n_g[n_steps] = $
 $1 == "board" { boards++; board[boards] = $2; for (i = 3; i <= NF; i++) word[boards, i] = $i; words[boards] = NF }
 function step_cycles(c, s) {
   scalar = (SORT * visible[s] + BIN * recs[s] + TARGET * n_px[s]) / (c == "A76" ? 1.5 : 1)
-  return pairs[s] * (of(c, "raster") + GRADIENTS * of(c, "raster_bwd")) + 3 * n_px[s] * (of(c, "ssim") + of(c, "ssim_bwd")) \
+  return pairs[s] * (of(c, "raster") + GRADIENTS * of(c, "raster_bwd")) + 3 * n_px[s] * (of(c, "ssim") / 2 + of(c, "ssim_bwd")) \
     + n_g[s] * (of(c, "project") + GRADIENTS * of(c, "project_bwd") + 23 * of(c, "newton")) + scalar
 }
 END {
