@@ -5,7 +5,8 @@
 // steps (once per pool), kernels, end.
 //
 // Machines are noisy: every time is the median of repeated runs, with the least and the quartiles beside it. Ratios,
-// shares and growth are those of the least times, as the peaks are, which other programs disturbed least.
+// shares and growth are those of the least times, as the peaks are, which other programs disturbed least; peaks are
+// measured before and behind the steps.
 //
 // The model bound of a step is the sum over its operations of the longer of two times: floating-point operations at
 // the measured peak of multiply-adds (which the CPU runs nothing else at), and bytes that must move (each array once)
