@@ -131,7 +131,7 @@ programs: $(CORE) $(PROGRAMS) ## build the runtime and the tools only
 # --- compiling ------------------------------------------------------------------------------------
 # Objects depend on this file, which changes when a flag does: no stale objects, no rebuild for a comment
 # here.
-FLAGS_NOW := $(CC) $(CORE_CFLAGS) $(KERNEL_CFLAGS) $(PROJECT_CFLAGS) $(HOST_CFLAGS) $(LDFLAGS_ALL) $(LIBS) $(ISA_avx512) $(ISA_neon) $(SOLVE_LIBS)
+FLAGS_NOW := $(CC) $(CORE_CFLAGS) $(KERNEL_CFLAGS) $(PROJECT_CFLAGS) $(HOST_CFLAGS) $(LDFLAGS_ALL) $(LIBS) $(ISA_avx2) $(ISA_avx512) $(ISA_neon) $(SOLVE_LIBS)
 $(O)/flags: FORCE
 	@mkdir -p $(@D); echo '$(FLAGS_NOW)' | cmp -s - $@ || echo '$(FLAGS_NOW)' > $@
 $(ALL_OBJ): $(O)/flags | $(SYSROOT_STAMP)

@@ -83,8 +83,8 @@ typedef struct {
   float near_z;         // Gaussians nearer than this are not drawn
   float dilation_px2;   // added to both variances, 0.3
   int is_antialiased;
-  float least_x, most_x, least_y,
-      most_y; // of x / z and y / z that ellipses are found with: sv_kview_set_limits
+  // x / z and y / z that ellipses are found with, at the least and the most: sv_kview_set_limits.
+  float least_x, most_x, least_y, most_y;
 } sv_kview;
 
 // From size, focal lengths and principal point: 0.3 of half a picture beyond its edges (Kerbl et al. 2023).

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The photometric loss of Gaussian splatting (Kerbl et al. 2023, eq. 7) with its gradient:
 //   L = (1 - l) mean |x - y| + l (1 - mean SSIM(x, y))      means over pixels and channels
-// SSIM as in kernels/ssim/ssim.h, its mean over windows on every second row. The result does not depend on the number of threads: each row has its own
-// sum, and rows are added in index order.
+// SSIM as in kernels/ssim/ssim.h, its mean over windows on every second row. The result does not depend on the number of
+// threads: each row has its own sum, and rows are added in index order.
 #ifndef SV_LOSS_PHOTOMETRIC_H
 #define SV_LOSS_PHOTOMETRIC_H
 

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # Predicted cycles of the kernels' inner loops (llvm-mca on the compiler's assembler output), for 16 lanes:
 #
-#   mca.sh [-v]     a table: operation, instructions, vectors kept on the stack, cycles on each core, and the steps that
-#                   follow from it on boards. -v: each region, too
+#   make mca [V=1]  a table: operation, instructions, vectors kept on the stack, cycles on each core, and the steps that
+#                   follow from it on boards. V=1: each region, too
 #
 # A model of the core alone: every load hits the first cache, no branch is mispredicted, nothing else runs. LLVM has no
 # model of the Cortex-A76; that of the Neoverse N1, the same core for servers, stands in (LLVM 17 and later). Exit 77 with
@@ -11,7 +11,7 @@
 set -u
 root=$(readlink -f "$(dirname "$0")/../..")
 cd "$root" || exit 2
-: "${neon=}" "${avx2=-mavx2}" "${avx512=-mavx512bw}" "${project=}" # flags, from the Makefile
+: "${neon?by make mca, which knows the flags}" "${avx2?}" "${avx512?}" "${project?}"
 here=tools/mca verbose=${1:-}
 mca=$(ls -d /usr/lib/llvm-*/bin/llvm-mca 2>/dev/null | sort -t- -k2 -n | tail -n 1)
 [ -n "$mca" ] || mca=$(command -v llvm-mca) || { echo "llvm-mca is not installed (package llvm, better llvm-19)"; exit 77; }
