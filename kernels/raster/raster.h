@@ -5,15 +5,14 @@
 //
 // Per pixel and splat, front to back:
 //   power = qa dx^2 + qb dx dy + qc dy^2 + lo, log2 of alpha less 8;  skipped when alpha < 1/255
-//   a = min(0.99, 2^(8 + power));  colour += a T rgb;  depth += a T z;  T -= a T;  T < 1e-4 ends the pixel
-// (Kerbl's program leaves out the splat that would take T below 1e-4: here it is the last one. Either way 1e-4 of the
-// light is at stake, but this asks for nothing that has to be found first.)
+//   a = min(0.99, 2^(8 + power));  colour += a T rgb;  depth += a T z;  T -= a T
+// Lists are blended in groups of SV_RASTER_GROUP records. Blocks of 4x4 pixels of which none has 1e-4 of the light left
+// before a group have ended: they are taken from its records' masks. (Kerbl's program ends each pixel, at the splat that
+// would take T below 1e-4. A pixel that goes on beside brighter ones gains less than that.)
 // Backward, with the picture's gradient dot = rgb . dL/drgb + z dL/ddepth and w = a T:
 //   S -= w dot;  dL/d(ln a) = w dot - S a / (1 - a);  0 where 2^(8 + power) > 0.99
 // S, the suffix, begins at the pixel's colour . dL/drgb and so on: what lies behind the splat. The quotient depends on
 // the splat alone, so nothing waits for it. Splats that cannot reach the limit of 0.99 are not compared with it.
-// Pixels that have ended stay in their vectors: before every SV_RASTER_LOOK-th record it is looked which blocks have
-// ended as a whole, and the masks from there on leave them out.
 // Planes are planar floats, `stride` apart per row, stride and padded height multiples of 32.
 #ifndef SV_KERNELS_RASTER_H
 #define SV_KERNELS_RASTER_H
@@ -25,7 +24,7 @@ extern "C" {
 #endif
 
 #define SV_TILE_BLOCKS 64 // 4x4 blocks of a tile
-#define SV_RASTER_LOOK 32
+#define SV_RASTER_GROUP  64
 // The moments of records of at most so many blocks are summed block by block, of larger ones by rows of blocks first.
 #define SV_RASTER_SMALL 8
 // Splats of an opacity up to 2^this, 0.98, stay below SV_ALPHA_MAX whatever is rounded on the way.

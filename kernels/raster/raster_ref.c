@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The specification of `raster`: pixel after pixel inside each marked block. Pixel state is kept as
-// [block][16], lane = 4 (y mod 4) + (x mod 4); a stopped pixel has its T stored negative.
+// [block][16], lane = 4 (y mod 4) + (x mod 4).
 #include "kernels/raster/raster.h"
 
 #include "kernels/simd/s1_math.h"
@@ -31,11 +31,11 @@ static void tile_origin(const sv_raster_args *a, uint32_t tile, float *x, float 
   *offset = (long)ty * SV_TILE_PX * a->stride + tx * SV_TILE_PX;
 }
 
-// Blocks of which at least one pixel goes on.
-static uint64_t find_alive(const float *trans) {
-  uint64_t alive = 0;
-  for (int i = 0; i < 1024; i++) alive |= (uint64_t) !(trans[i] < SV_T_MIN) << (i / 16);
-  return alive;
+// Blocks of which no pixel goes on.
+static uint64_t find_ended(const float *trans) {
+  uint64_t goes_on = 0;
+  for (int i = 0; i < 1024; i++) goes_on |= (uint64_t)(trans[i] >= SV_T_MIN) << (i / 16);
+  return ~goes_on;
 }
 
 void sv_raster_ref(const sv_raster_args *a, uint32_t tile, const uint32_t *list, uint32_t n, float *scratch) {
@@ -45,19 +45,19 @@ void sv_raster_ref(const sv_raster_args *a, uint32_t tile, const uint32_t *list,
   for (int i = 0; i < 1024; i++) trans[i] = 1.0f;
   for (int i = 0; i < 4 * 1024; i++) acc[0][i] = 0.0f;
   tile_origin(a, tile, &x0, &y0, &at);
-  uint64_t alive = ~0ull;
+  uint64_t ended = 0;
   for (uint32_t i = 0; i < n; i++) {
     sv_rec *r = a->rec + list[i];
     const sv_splat *s = a->splat + r->id;
-    if (i && i % SV_RASTER_LOOK == 0) alive = find_alive(trans);
-    uint64_t mask = r->mask & alive;
-    if (mask != r->mask) r->mask = mask;
+    if (i % SV_RASTER_GROUP == 0) ended = find_ended(trans);
+    uint64_t mask = r->mask & ~ended;
+    r->mask = mask;
     for (; mask; mask &= mask - 1) {
       int b = __builtin_ctzll(mask);
       for (int k = 0; k < 16; k++) {
         float *t = trans + 16 * b + k;
         pair_eval e = evaluate(s, x0, y0, b, k);
-        if (!(e.power >= SV_POWER_MIN && *t >= SV_T_MIN)) continue;
+        if (!(e.power >= SV_POWER_MIN)) continue;
         float w = e.a * *t;
         for (int c = 0; c < 3; c++) acc[c][16 * b + k] = fmaf(w, s->rgb[c], acc[c][16 * b + k]);
         acc[3][16 * b + k] = fmaf(w, s->z, acc[3][16 * b + k]);
@@ -105,7 +105,7 @@ static void block_bwd(const sv_splat *s, float x0, float y0, int b, const tile_s
     pair_eval e = evaluate(s, x0, y0, b, k);
     float t = st->trans[i];
     if (is_free) e.a = e.a_raw;
-    if (!(e.power >= SV_POWER_MIN && t >= SV_T_MIN)) continue;
+    if (!(e.power >= SV_POWER_MIN)) continue;
     float w = e.a * t;
     for (int c = 0; c < 3; c++) m[SV_SLOT_RGB + c][k] = fmaf(w, st->g[c][i], m[SV_SLOT_RGB + c][k]);
     m[SV_SLOT_Z][k] = fmaf(w, st->g_depth[i], m[SV_SLOT_Z][k]);

@@ -125,14 +125,34 @@ static inline v16 v16_load11(const uint8_t *p) {
   __m512i x = _mm512_zextsi256_si512(_mm256_loadu_si256((const __m256i *)p));
   return _mm512_castsi512_ps(_mm512_shuffle_epi8(_mm512_permutexvar_epi32(words, x), bytes));
 }
-// Bit b: not all of the 16 floats at p + n b are below the limit; b < 64.
-#define V16_HAS_NOT_BELOW 1
-static inline uint64_t v16_not_below(const float *p, long n, v16 limit) {
-  uint16_t lanes[64];
-  for (int b = 0; b < 64; b++)
-    lanes[b] = (uint16_t)_mm512_cmp_ps_mask(_mm512_loadu_ps(p + n * b), limit, _CMP_NLT_UQ);
-  __m512i lo = _mm512_loadu_si512(lanes), hi = _mm512_loadu_si512(lanes + 32);
-  return (uint64_t)_mm512_test_epi16_mask(lo, lo) | (uint64_t)_mm512_test_epi16_mask(hi, hi) << 32;
+// Bit 8 x + y of a[i] to bit i of out[8 y + x], 64 words each: swaps of blocks of bits between words, then words, then bits.
+#define V16_HAS_TRANSPOSE64 1
+static inline void v16_swap_bits(__m512i *a, __m512i *b, int shift, uint64_t low) {
+  __m512i t = _mm512_and_si512(_mm512_xor_si512(_mm512_srli_epi64(*a, (unsigned)shift), *b),
+                               _mm512_set1_epi64((long long)low));
+  *b = _mm512_xor_si512(*b, t);
+  *a = _mm512_xor_si512(*a, _mm512_slli_epi64(t, (unsigned)shift));
+}
+static inline void v16_transpose64(uint64_t *out, const uint64_t *a) {
+  __m512i r[8], t[8];
+  for (int i = 0; i < 8; i++) r[i] = _mm512_loadu_si512(a + 8 * i);
+  for (int i = 0; i < 4; i++) v16_swap_bits(r + i, r + i + 4, 32, 0x00000000ffffffffull);
+  for (int i = 0; i < 8; i += i % 2 ? 3 : 1) v16_swap_bits(r + i, r + i + 2, 16, 0x0000ffff0000ffffull);
+  for (int i = 0; i < 8; i += 2) v16_swap_bits(r + i, r + i + 1, 8, 0x00ff00ff00ff00ffull);
+  for (int i = 0; i < 8; i += 2) {
+    t[i] = _mm512_unpacklo_epi64(r[i], r[i + 1]);
+    t[i + 1] = _mm512_unpackhi_epi64(r[i], r[i + 1]);
+  }
+  for (int i = 0; i < 2; i++) { // t[i]: rows 0, 1 of column 2 k + i in the lane k; t[2 + i]: rows 2, 3, ...
+    __m512i p = _mm512_shuffle_i64x2(t[i], t[2 + i], 0x88), q = _mm512_shuffle_i64x2(t[i], t[2 + i], 0xdd);
+    __m512i u = _mm512_shuffle_i64x2(t[4 + i], t[6 + i], 0x88), v = _mm512_shuffle_i64x2(t[4 + i], t[6 + i], 0xdd);
+    r[i] = _mm512_shuffle_i64x2(p, u, 0x88), r[4 + i] = _mm512_shuffle_i64x2(p, u, 0xdd);
+    r[2 + i] = _mm512_shuffle_i64x2(q, v, 0x88), r[6 + i] = _mm512_shuffle_i64x2(q, v, 0xdd);
+  }
+  for (int i = 0; i < 4; i++) v16_swap_bits(r + i, r + i + 4, 4, 0x0f0f0f0f0f0f0f0full);
+  for (int i = 0; i < 8; i += i % 2 ? 3 : 1) v16_swap_bits(r + i, r + i + 2, 2, 0x3333333333333333ull);
+  for (int i = 0; i < 8; i += 2) v16_swap_bits(r + i, r + i + 1, 1, 0x5555555555555555ull);
+  for (int i = 0; i < 8; i++) _mm512_storeu_si512(out + 8 * i, r[i]);
 }
 static inline v16 v16_min4(v16 a) {
   v16 b = _mm512_min_ps(a, _mm512_permute_ps(a, 0x4e));

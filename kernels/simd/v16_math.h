@@ -87,8 +87,8 @@ V16_INLINE v16 v16_log2(v16 x) {
 #define V16_REGISTERS 8 // v16s that the registers hold
 #endif
 
-#ifndef V16_HAS_NOT_BELOW
-#define V16_HAS_NOT_BELOW 0
+#ifndef V16_HAS_TRANSPOSE64
+#define V16_HAS_TRANSPOSE64 0
 #endif
 
 // Lane k = sum of a[k], as v16_sum16; lanes 11 to 15 are 0.

@@ -140,11 +140,10 @@ static int prepare(const dr_scene *s, screen *out) {
 
 typedef struct {
   double rgb[3], depth, trans, margin;
-  bool is_stopped;
 } pixel;
 
 static pixel shade(const screen *g, int n, double x, double y, double err, dr_share *share) {
-  pixel q = {{0, 0, 0}, 0, 1, 1, false};
+  pixel q = {{0, 0, 0}, 0, 1, 1};
   for (int i = 0; i < n; i++) {
     double dx = g[i].u - x, dy = g[i].v - y;
     double sigma = 0.5 * (g[i].conic[0] * dx * dx + g[i].conic[2] * dy * dy) + g[i].conic[1] * dx * dy;
@@ -153,13 +152,11 @@ static pixel shade(const screen *g, int n, double x, double y, double err, dr_sh
     q.margin = fmin(q.margin, fabs(raw * 255 - 1));
     if (share && share[g[i].i].peak_alpha < raw) share[g[i].i].peak_alpha = raw;
     if (raw < 1.0 / 255) continue;
-    double next = q.trans * (1 - a), w = a * q.trans;
-    q.margin = fmin(q.margin, fabs(next * 1e4 - 1));
+    double w = a * q.trans;
     for (int c = 0; c < 3; c++) q.rgb[c] += w * g[i].rgb[c];
     q.depth += w * g[i].z;
-    q.trans = next;
+    q.trans *= 1 - a;
     if (share) share[g[i].i].weight += w, share[g[i].i].err += w * err;
-    if ((q.is_stopped = next < 1e-4)) break; // the last one
   }
   return q;
 }
@@ -178,7 +175,6 @@ void dr_render(const dr_scene *s, const dr_picture *out, const double *err, dr_s
       if (out->depth) out->depth[o] = q.depth;
       if (out->trans) out->trans[o] = q.trans;
       if (out->margin) out->margin[o] = q.margin;
-      if (out->n_stopped) *out->n_stopped += q.is_stopped;
     }
 }
 

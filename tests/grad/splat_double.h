@@ -7,7 +7,7 @@
 
 #include <stdbool.h>
 
-#define DR_CAP_GAUSSIANS 64
+#define DR_CAP_GAUSSIANS 160
 #define DR_N_PARAMS      59 // mean 3, quaternion wxyz 4, log-scale 3, logit, SH [16][3]
 
 typedef struct {
@@ -29,8 +29,7 @@ typedef struct {
 // Planes without padding, [height][width]; any may be NULL.
 typedef struct {
   double *rgb[3], *depth, *trans;
-  double *margin; // smallest relative distance of a contribution to the 1/255 skip or the 1e-4 stop
-  int *n_stopped; // pixels that the 1e-4 stop ended
+  double *margin; // smallest relative distance of a contribution to the 1/255 skip
 } dr_picture;
 
 typedef struct {
