@@ -145,7 +145,8 @@ static inline void v16_transpose64(uint64_t *out, const uint64_t *a) {
   }
   for (int i = 0; i < 2; i++) { // t[i]: rows 0, 1 of column 2 k + i in the lane k; t[2 + i]: rows 2, 3, ...
     __m512i p = _mm512_shuffle_i64x2(t[i], t[2 + i], 0x88), q = _mm512_shuffle_i64x2(t[i], t[2 + i], 0xdd);
-    __m512i u = _mm512_shuffle_i64x2(t[4 + i], t[6 + i], 0x88), v = _mm512_shuffle_i64x2(t[4 + i], t[6 + i], 0xdd);
+    __m512i u = _mm512_shuffle_i64x2(t[4 + i], t[6 + i], 0x88),
+            v = _mm512_shuffle_i64x2(t[4 + i], t[6 + i], 0xdd);
     r[i] = _mm512_shuffle_i64x2(p, u, 0x88), r[4 + i] = _mm512_shuffle_i64x2(p, u, 0xdd);
     r[2 + i] = _mm512_shuffle_i64x2(q, v, 0x88), r[6 + i] = _mm512_shuffle_i64x2(q, v, 0xdd);
   }

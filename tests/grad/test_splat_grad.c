@@ -304,8 +304,8 @@ static double value_error(const scene_case *c, const truth *t, const run *q, dou
   for (int y = 0; y < c->height_px; y++)
     for (int x = 0; x < c->width_px; x++) {
       int i = y * c->width_px + x, o = y * q->r.rgb.stride + x;
-      double tol = (t->margin[i] < band(c->is_hard) ? 0.03 : tol_value(c->is_hard)) *
-                   slack; // a splat of alpha 1/255
+      double tol =
+          (t->margin[i] < band(c->is_hard) ? 0.03 : tol_value(c->is_hard)) * slack; // a splat of alpha 1/255
       for (int k = 0; k < 3; k++) worst = fmax(worst, fabs((double)q->r.rgb.c[k][o] - t->rgb[k][i]) / tol);
       worst = fmax(worst, fabs((double)q->r.trans[o] - t->trans[i]) / tol);
       if (!c->has_depth) continue;
@@ -401,9 +401,8 @@ static void check_case(const scene_case *c) {
   make_truth(c, &s, &t);
   make_differences(c, &s, &t);
   dr_weights w = weights_of(c, &t);
-  printf(
-      "  %s: of %d pixels %d near the cut-off; %d Gaussians clamped; %d of %d quotients dropped\n",
-      c->name, t.n_px, t.n_near, t.n_clamped, t.n_dropped, t.n_quotients);
+  printf("  %s: of %d pixels %d near the cut-off; %d Gaussians clamped; %d of %d quotients dropped\n",
+         c->name, t.n_px, t.n_near, t.n_clamped, t.n_dropped, t.n_quotients);
   if (c->kind == LAYERS) assert_true(t.n_clamped >= 3);
   assert_true(t.n_near <= 0.06 * t.n_px);
   assert_true(t.n_dropped <= 0.02 * t.n_quotients);
