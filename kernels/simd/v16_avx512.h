@@ -125,7 +125,8 @@ static inline v16 v16_load11(const uint8_t *p) {
   __m512i x = _mm512_zextsi256_si512(_mm256_loadu_si256((const __m256i *)p));
   return _mm512_castsi512_ps(_mm512_shuffle_epi8(_mm512_permutexvar_epi32(words, x), bytes));
 }
-// Bit 8 x + y of a[i] to bit i of out[8 y + x], 64 words each: swaps of blocks of bits between words, then words, then bits.
+// Bit 8 y + x of a[i] to bit i of out[8 x + y], 64 words each: swaps of bits between words far apart, a transpose of
+// words, swaps again.
 #define V16_HAS_TRANSPOSE64 1
 static inline void v16_swap_bits(__m512i *a, __m512i *b, int shift, uint64_t low) {
   __m512i t = _mm512_and_si512(_mm512_xor_si512(_mm512_srli_epi64(*a, (unsigned)shift), *b),

@@ -59,7 +59,7 @@ static const scene_case cases[] = {
     {"tiny, needle-like and huge", SHAPES, 14, 70, 45, 2, 2, false, true, 0, 0, true, 11},
     {"tiny, needle-like and huge, antialiased", SHAPES, 14, 70, 45, 0, 0, true, true, 0, 0, true, 12},
     {"saturated layers, clamped alpha", LAYERS, 40, 14, 12, 0, 0, false, true, 0, 0, true, 18},
-    {"saturated layers of three groups", LAYERS, 150, 14, 12, 0, 0, false, true, 0, 0, true, 19},
+    {"saturated layers of two groups", LAYERS, 150, 14, 12, 0, 0, false, true, 0, 0, true, 19},
     {"invisible ones", HIDDEN, 20, 37, 29, 1, 1, false, true, 0, 0, false, 14},
     {"everything", EVERYTHING, 20, 70, 45, 3, 3, true, true, 0.1, 0.1, true, 15},
 };
