@@ -13,7 +13,7 @@
 #include "tests/common/world.h"
 
 #define STEPS  60
-#define DIGEST 0xca08c73bdcbc8babull
+#define DIGEST 0xfb4544b366d1d213ull
 
 static world w;
 
