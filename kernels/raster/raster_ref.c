@@ -105,7 +105,7 @@ static void block_bwd(const sv_splat *s, float x0, float y0, int b, const tile_s
     pair_eval e = evaluate(s, x0, y0, b, k);
     float t = st->trans[i];
     if (is_free) e.a = e.a_raw;
-    if (!(e.power >= SV_POWER_MIN)) continue;
+    if (!(e.power >= SV_POWER_MIN && t >= SV_T_MIN)) continue;
     float w = e.a * t;
     for (int c = 0; c < 3; c++) m[SV_SLOT_RGB + c][k] = fmaf(w, st->g[c][i], m[SV_SLOT_RGB + c][k]);
     m[SV_SLOT_Z][k] = fmaf(w, st->g_depth[i], m[SV_SLOT_Z][k]);

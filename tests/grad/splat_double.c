@@ -140,10 +140,26 @@ static int prepare(const dr_scene *s, screen *out) {
 
 typedef struct {
   double rgb[3], depth, trans, margin;
+  bool is_low;
 } pixel;
 
-static pixel shade(const screen *g, int n, double x, double y, double err, dr_share *share) {
-  pixel q = {{0, 0, 0}, 0, 1, 1};
+// All of a pixel as seen through `trans`: front + trans * rest.
+static void add_rest(pixel *q, const dr_rest *rest) {
+  for (int c = 0; c < 3; c++) q->rgb[c] += q->trans * rest->rgb[c];
+  q->depth += q->trans * rest->depth;
+  q->trans *= rest->trans;
+}
+
+static dr_rest rest_of(const pixel *front, const pixel *all) {
+  dr_rest r = {.depth = (all->depth - front->depth) / front->trans, .trans = all->trans / front->trans};
+  for (int c = 0; c < 3; c++) r.rgb[c] = (all->rgb[c] - front->rgb[c]) / front->trans;
+  return r;
+}
+
+// given: the rest that is not looked at again, or NULL; rest: that of this pixel, or NULL.
+static pixel shade(const screen *g, int n, double x, double y, double err, dr_share *share,
+                   const dr_rest *given, dr_rest *rest) {
+  pixel q = {{0, 0, 0}, 0, 1, 1, false}, front = q;
   for (int i = 0; i < n; i++) {
     double dx = g[i].u - x, dy = g[i].v - y;
     double sigma = 0.5 * (g[i].conic[0] * dx * dx + g[i].conic[2] * dy * dy) + g[i].conic[1] * dx * dy;
@@ -156,8 +172,17 @@ static pixel shade(const screen *g, int n, double x, double y, double err, dr_sh
     for (int c = 0; c < 3; c++) q.rgb[c] += w * g[i].rgb[c];
     q.depth += w * g[i].z;
     q.trans *= 1 - a;
+    if (q.is_low) continue;
     if (share) share[g[i].i].weight += w, share[g[i].i].err += w * err;
+    q.margin = fmin(q.margin, fabs(q.trans * 1e4 - 1));
+    q.is_low = q.trans < 1e-4;
+    if (q.is_low) front = q;
+    if (q.is_low && given) {
+      add_rest(&q, given);
+      return q;
+    }
   }
+  if (rest && q.is_low) *rest = rest_of(&front, &q);
   return q;
 }
 
@@ -169,12 +194,14 @@ void dr_render(const dr_scene *s, const dr_picture *out, const double *err, dr_s
   for (int y = 0; y < s->view.height_px; y++)
     for (int x = 0; x < s->view.width_px; x++) {
       int o = y * s->view.width_px + x;
-      pixel q = shade(g, n, x + 0.5, y + 0.5, err ? err[o] : 0, share);
+      pixel q =
+          shade(g, n, x + 0.5, y + 0.5, err ? err[o] : 0, share, NULL, out->rest ? out->rest + o : NULL);
       for (int c = 0; c < 3; c++)
         if (out->rgb[c]) out->rgb[c][o] = q.rgb[c] + q.trans * s->view.bg[c];
       if (out->depth) out->depth[o] = q.depth;
       if (out->trans) out->trans[o] = q.trans;
       if (out->margin) out->margin[o] = q.margin;
+      if (out->n_low) *out->n_low += q.is_low;
     }
 }
 
@@ -185,7 +212,7 @@ double dr_loss(const dr_scene *s, const dr_weights *w) {
   for (int y = 0; y < s->view.height_px; y++)
     for (int x = 0; x < s->view.width_px; x++) {
       int o = y * s->view.width_px + x;
-      pixel q = shade(g, n, x + 0.5, y + 0.5, 0, 0);
+      pixel q = shade(g, n, x + 0.5, y + 0.5, 0, NULL, w->rest ? w->rest + o : NULL, NULL);
       for (int c = 0; c < 3; c++) sum += w->rgb[c][o] * (q.rgb[c] + q.trans * s->view.bg[c]);
       if (w->depth) sum += w->depth[o] * q.depth;
       if (w->trans) sum += w->trans[o] * q.trans;

@@ -26,17 +26,24 @@ typedef struct {
   dr_view view;
 } dr_scene;
 
+// What lies behind the Gaussian that takes a pixel's light below 1e-4, in terms of that light: gradients take it for given.
+typedef struct {
+  double rgb[3], depth, trans;
+} dr_rest;
+
 // Planes without padding, [height][width]; any may be NULL.
 typedef struct {
   double *rgb[3], *depth, *trans;
-  double *margin; // smallest relative distance of a contribution to the 1/255 skip
+  double *margin; // smallest relative distance of a contribution to the 1/255 skip, or of the light to 1e-4
+  dr_rest *rest;
+  int *n_low; // pixels with less than 1e-4 of the light left
 } dr_picture;
 
 typedef struct {
   bool is_drawn;     // in front of the near plane and above 1/255 at its peak
   double peak_alpha; // largest alpha at any pixel, before the clamp
-  double err;        // sum over pixels of weight x err
-  double weight;     // sum over pixels of weight
+  double err;        // sum over pixels of weight x err, where the light is not low
+  double weight;     // sum over them of weight
 } dr_share;
 
 // err: [height][width] or NULL; share: [n] or NULL.
@@ -45,6 +52,7 @@ void dr_render(const dr_scene *s, const dr_picture *out, const double *err, dr_s
 // Sum over pixels of w_rgb . rgb + w_depth depth + w_trans trans; planes as above, NULL counts as 0.
 typedef struct {
   double *rgb[3], *depth, *trans;
+  const dr_rest *rest; // as dr_render left it
 } dr_weights;
 double dr_loss(const dr_scene *s, const dr_weights *w);
 
