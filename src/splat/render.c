@@ -188,11 +188,17 @@ static void bin_task(void *arg, int c, int i_thread) {
   }
 }
 
+// The lines of the chunk's places are fetched first: slots were written there since the last pairs, and a store whose line
+// has yet to come holds up those behind it.
 static void scatter_task(void *arg, int c, int i_thread) {
   job *j = arg;
   sv_renderer *r = j->r;
   uint32_t *at = r->chunk_at + (size_t)c * (size_t)r->n_tiles;
   (void)i_thread;
+  for (int t = 0; t < r->n_tiles; t++) {
+    const uint32_t end = c + 1 < SV_RENDER_CHUNKS ? at[r->n_tiles + t] : r->tile_begin[t + 1];
+    for (uint32_t p = at[t]; p < end; p += 64 / sizeof(sv_pair)) __builtin_prefetch(r->pair + p, 1);
+  }
   for (uint32_t i = r->chunk_rec[c]; i < r->chunk_rec[c + 1]; i++) {
     const sv_rec *rec = r->rec + i;
     if (rec->mask) r->pair[at[rec->tile]++] = (sv_pair){r->depth_key[rec->id], i};
