@@ -40,6 +40,7 @@ static void carve(sv_renderer *r, const sv_renderer_cfg *cfg, sv_arena *a) {
   r->tile_begin = SV_TAKE(a, uint32_t, n_tiles + 1);
   r->tile_order = SV_TAKE(a, uint32_t, n_tiles);
   r->chunk_at = SV_TAKE(a, uint32_t, n_tiles * SV_RENDER_CHUNKS);
+  r->chunk_end = SV_TAKE(a, uint32_t, n_tiles * SV_RENDER_CHUNKS);
   // The pairs are sorted before the slots are filled, which are emptied before the next pairs are made.
   uint8_t *slot = SV_TAKE(a, uint8_t, recs * (cfg->has_grad ? SV_SLOT_BYTES : PAIRS_BYTES));
   r->slot = cfg->has_grad ? slot : NULL;
@@ -188,17 +189,21 @@ static void bin_task(void *arg, int c, int i_thread) {
   }
 }
 
-// The lines of the chunk's places are fetched first: slots were written there since the last pairs, and a store whose line
-// has yet to come holds up those behind it.
+// The lines that the chunk's pairs go to: slots were written there since the last ones, and a store whose line has yet to
+// come holds up those behind it. Inlined always: compilers drop calls of what only fetches.
+static inline __attribute__((always_inline)) void fetch_places(const sv_renderer *r, int c) {
+  const uint32_t *at = r->chunk_at + (size_t)c * (size_t)r->n_tiles;
+  const uint32_t *end = r->chunk_end + (size_t)c * (size_t)r->n_tiles;
+  for (int t = 0; t < r->n_tiles; t++)
+    for (uint32_t p = at[t]; p < end[t]; p += 64 / sizeof(sv_pair)) __builtin_prefetch(r->pair + p, 1);
+}
+
 static void scatter_task(void *arg, int c, int i_thread) {
   job *j = arg;
   sv_renderer *r = j->r;
   uint32_t *at = r->chunk_at + (size_t)c * (size_t)r->n_tiles;
   (void)i_thread;
-  for (int t = 0; t < r->n_tiles; t++) {
-    const uint32_t end = c + 1 < SV_RENDER_CHUNKS ? at[r->n_tiles + t] : r->tile_begin[t + 1];
-    for (uint32_t p = at[t]; p < end; p += 64 / sizeof(sv_pair)) __builtin_prefetch(r->pair + p, 1);
-  }
+  fetch_places(r, c);
   for (uint32_t i = r->chunk_rec[c]; i < r->chunk_rec[c + 1]; i++) {
     const sv_rec *rec = r->rec + i;
     if (rec->mask) r->pair[at[rec->tile]++] = (sv_pair){r->depth_key[rec->id], i};
@@ -214,6 +219,7 @@ static void place_tiles(sv_renderer *r) {
       uint32_t *p = r->chunk_at + (size_t)c * (size_t)r->n_tiles + t, n = *p;
       *p = sum;
       sum += n;
+      r->chunk_end[(size_t)c * (size_t)r->n_tiles + t] = sum;
     }
   }
   r->tile_begin[r->n_tiles] = sum;

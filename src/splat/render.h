@@ -45,6 +45,7 @@ typedef struct {
   uint32_t *tile_begin;                     // [n_tiles + 1]
   uint32_t *tile_order;                     // [n_tiles] tile of each task of the rasterization
   uint32_t *chunk_at;                       // [SV_RENDER_CHUNKS][n_tiles] counts, then write positions
+  uint32_t *chunk_end;                      // the same, where the positions end
   uint32_t chunk_rec[SV_RENDER_CHUNKS + 1]; // first record of a chunk; where they end
   uint8_t *slot;                            // [cap_recs][SV_SLOT_BYTES], NULL without has_grad
   float *scratch;                           // [n_threads][SV_RASTER_SCRATCH_FLOATS]
