@@ -93,15 +93,11 @@ static void project_task(void *arg, int i_task, int i_thread) {
   int b0 = i_task * (RANGE / 16), b1 = b0 + RANGE / 16;
   if (b1 > j->n_blocks) b1 = j->n_blocks;
   int moved = b1 < r->n_moved_blocks ? b1 : r->n_moved_blocks;
-  if (b0 < moved) j->k->project(&r->moved, b0, moved, thread_scratch(r, i_thread));
-  if (moved < b1) j->k->project(&r->project, b0 > moved ? b0 : moved, b1, thread_scratch(r, i_thread));
-  uint32_t n = 0, n_recs = 0;
-  for (int i = 16 * b0; i < 16 * b1; i++) {
-    n += r->splat[i].n_recs != 0;
-    n_recs += r->splat[i].n_recs;
-  }
-  r->n_in_range[i_task] = n;
-  r->recs_in_range[i_task] = n_recs;
+  sv_project_counts n = {0, 0}, rest = {0, 0};
+  if (b0 < moved) n = j->k->project(&r->moved, b0, moved, thread_scratch(r, i_thread));
+  if (moved < b1) rest = j->k->project(&r->project, b0 > moved ? b0 : moved, b1, thread_scratch(r, i_thread));
+  r->n_in_range[i_task] = n.n_visible + rest.n_visible;
+  r->recs_in_range[i_task] = n.n_recs + rest.n_recs;
 }
 
 // Ranges [range_begin(c), range_begin(c + 1)) belong to chunk c.
