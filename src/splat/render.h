@@ -41,17 +41,16 @@ typedef struct {
   sv_pair *pair,
       *tmp; // [cap_recs] (depth, record) by tile, to be sorted; scratch of the sort. Both lie in `slot`,
             // which only the way back fills
-  uint32_t *list;       // [cap_recs] records by tile, front to back
-  uint32_t *tile_begin; // [n_tiles + 1]
-  uint32_t *tile_order; // [n_tiles] tile of each task of the rasterization
-  uint32_t *chunk_at;   // [SV_RENDER_CHUNKS][n_tiles] counts, then write positions
-  uint32_t *chunk_end;  // the same, where the positions end
-  uint32_t chunk_rec[SV_RENDER_CHUNKS +
-                     1]; // first record of a chunk; where they end, each chunk's slack behind them
-  uint8_t *slot;         // as rec, [SV_SLOT_BYTES] each, NULL without has_grad
-  float *scratch;        // [n_threads][SV_RASTER_SCRATCH_FLOATS]
-  sv_planes rgb;         // the last picture
-  float *depth, *trans;  // planes: sum of w z; 1 - alpha
+  uint32_t *list;                           // [cap_recs] records by tile, front to back
+  uint32_t *tile_begin;                     // [n_tiles + 1]
+  uint32_t *tile_order;                     // [n_tiles] tile of each task of the rasterization
+  uint32_t *chunk_at;                       // [SV_RENDER_CHUNKS][n_tiles] counts, then write positions
+  uint32_t *chunk_end;                      // the same, where the positions end
+  uint32_t chunk_rec[SV_RENDER_CHUNKS + 1]; // a chunk's first record; where they and their slack end
+  uint8_t *slot;                            // as rec, [SV_SLOT_BYTES] each, NULL without has_grad
+  float *scratch;                           // [n_threads][SV_RASTER_SCRATCH_FLOATS]
+  sv_planes rgb;                            // the last picture
+  float *depth, *trans;                     // planes: sum of w z; 1 - alpha
   int n_tiles_x, n_tiles;
   sv_project_args project; // of the last forward pass
   sv_project_args moved;   // the same for the blocks [0, n_moved_blocks), which are at other places
