@@ -107,8 +107,12 @@ typedef struct {
 // 64-byte aligned working memory of either direction, one per thread, contents free.
 #define SV_PROJECT_SCRATCH_FLOATS 2048
 
-// Blocks [block0, block1). exact.
-typedef void (*sv_project_fn)(const sv_project_args *a, int block0, int block1, float *scratch);
+typedef struct {
+  uint32_t n_visible, n_recs;
+} sv_project_counts;
+
+// Blocks [block0, block1). Returns how many of their Gaussians are visible, and the sum of their n_recs. exact.
+typedef sv_project_counts (*sv_project_fn)(const sv_project_args *a, int block0, int block1, float *scratch);
 
 typedef struct {
   const sv_project_args *fwd; // the same as in the forward pass
@@ -127,7 +131,7 @@ typedef uint32_t (*sv_project_bwd_fn)(const sv_project_bwd_args *a, int block, f
                                       float *scratch);
 
 #define SV_DECLARE(isa)                                                                                      \
-  void sv_project_##isa(const sv_project_args *a, int block0, int block1, float *scratch);                   \
+  sv_project_counts sv_project_##isa(const sv_project_args *a, int block0, int block1, float *scratch);      \
   uint32_t sv_project_bwd_##isa(const sv_project_bwd_args *a, int block, float *grad, float *err,            \
                                 float *scratch);
 SV_DECLARE(ref)

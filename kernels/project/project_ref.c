@@ -165,11 +165,17 @@ static void project_one(const sv_project_args *a, int id, const float *p) {
   a->depth_key[id] = s1_bits(g.t[2]);
 }
 
-void sv_project_ref(const sv_project_args *a, int block0, int block1, float *scratch) {
+sv_project_counts sv_project_ref(const sv_project_args *a, int block0, int block1, float *scratch) {
+  sv_project_counts n = {0, 0};
   (void)scratch; // the scalar form needs none
   for (int b = block0; b < block1; b++)
-    for (int k = 0; k < SV_LANES; k++)
-      project_one(a, b * SV_LANES + k, a->param + (long)b * a->n_rows * SV_LANES + k);
+    for (int k = 0; k < SV_LANES; k++) {
+      const int id = b * SV_LANES + k;
+      project_one(a, id, a->param + (long)b * a->n_rows * SV_LANES + k);
+      n.n_visible += a->splat[id].n_recs != 0;
+      n.n_recs += a->splat[id].n_recs;
+    }
+  return n;
 }
 
 // Here no result of fmaf is negated: compilers make one instruction of the two, and that gives the other zero.

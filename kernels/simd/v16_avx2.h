@@ -169,6 +169,11 @@ static inline v16i v16i_shr8(v16i x) {
 static inline v16i v16i_shl16(v16i x) {
   return v16i_make_(_mm256_slli_epi32(x.a, 16), _mm256_slli_epi32(x.b, 16));
 }
+#define V16_HAS_SHL_BY 1
+static inline v16i v16i_shl_by(v16i x, v16 n) {
+  return v16i_make_(_mm256_sllv_epi32(x.a, _mm256_cvttps_epi32(n.a)),
+                    _mm256_sllv_epi32(x.b, _mm256_cvttps_epi32(n.b)));
+}
 static inline v16i v16i_shl23(v16i x) {
   return v16i_make_(_mm256_slli_epi32(x.a, 23), _mm256_slli_epi32(x.b, 23));
 }

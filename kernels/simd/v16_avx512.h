@@ -91,6 +91,8 @@ static inline v16i v16i_shl8(v16i a) { return _mm512_slli_epi32(a, 8); }
 static inline v16i v16i_shr8(v16i a) { return _mm512_srli_epi32(a, 8); }
 static inline v16i v16i_shl16(v16i a) { return _mm512_slli_epi32(a, 16); }
 static inline v16i v16i_shl23(v16i a) { return _mm512_slli_epi32(a, 23); }
+#define V16_HAS_SHL_BY 1
+static inline v16i v16i_shl_by(v16i a, v16 n) { return _mm512_sllv_epi32(a, _mm512_cvttps_epi32(n)); }
 static inline v16i v16i_shr23(v16i a) { return _mm512_srli_epi32(a, 23); }
 static inline v16 v16i_to_f(v16i a) { return _mm512_cvtepi32_ps(a); }
 static inline v16i v16_trunc_i(v16 a) { return _mm512_cvttps_epi32(a); }

@@ -52,6 +52,9 @@ V16_INLINE v16 v16_pow2_floor(v16 p, v16 x) {
   return v16_from_bits(v16i_add(v16_bits(p), v16i_shl23(v16_trunc_i(v16_floor(x)))));
 #endif
 }
+#ifndef V16_HAS_SHL_BY
+V16_INLINE v16i v16i_shl_by(v16i a, v16 n) { return v16_trunc_i(v16_pow2_floor(v16i_to_f(a), n)); }
+#endif
 
 // 2^x, degree 6 on [-0.5, 0.5], relative error 2.2e-7; x is clamped to [-126, 126]. For parameters.
 V16_INLINE v16 v16_exp2_fine(v16 x) {

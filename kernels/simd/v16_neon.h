@@ -122,6 +122,8 @@ static inline v16i v16i_shr8(v16i x) {
   V16_EACH(v16i, vreinterpretq_s32_u32(vshrq_n_u32(vreinterpretq_u32_s32(x.q[i]), 8)));
 }
 static inline v16i v16i_shl16(v16i x) { V16_EACH(v16i, vshlq_n_s32(x.q[i], 16)); }
+#define V16_HAS_SHL_BY 1
+static inline v16i v16i_shl_by(v16i x, v16 n) { V16_EACH(v16i, vshlq_s32(x.q[i], vcvtq_s32_f32(n.q[i]))); }
 static inline v16i v16i_shl23(v16i x) { V16_EACH(v16i, vshlq_n_s32(x.q[i], 23)); }
 static inline v16i v16i_shr23(v16i x) {
   V16_EACH(v16i, vreinterpretq_s32_u32(vshrq_n_u32(vreinterpretq_u32_s32(x.q[i]), 23)));

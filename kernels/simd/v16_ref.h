@@ -111,6 +111,9 @@ static inline v16i v16i_shr8(v16i a) { V16I_EACH((uint32_t)a.l[k] >> 8); } // ze
 static inline v16i v16i_shl16(v16i a) { V16I_EACH((uint32_t)a.l[k] << 16); }
 static inline v16i v16i_shl23(v16i a) { V16I_EACH((uint32_t)a.l[k] << 23); }
 static inline v16i v16i_shr23(v16i a) { V16I_EACH((uint32_t)a.l[k] >> 23); }
+// a 2^n, n cut to a whole number, of a small a and 0 <= n < 30; beyond that anything.
+#define V16_HAS_SHL_BY 1
+static inline v16i v16i_shl_by(v16i a, v16 n) { V16I_EACH((uint32_t)a.l[k] << ((int32_t)n.l[k] & 31)); }
 static inline v16 v16i_to_f(v16i a) { V16_EACH((float)a.l[k]); }
 static inline v16i v16_trunc_i(v16 a) { V16I_EACH(a.l[k]); } // towards zero; |a| < 2^31
 static inline void v16i_store(int32_t *p, v16i a) { memcpy(p, a.l, 64); }

@@ -43,7 +43,7 @@ sv_arrays sv_arrays_of(const sv_train_cfg *c) {
   add(&f, "depths", 4, 0);
   add(&f, "records of tiles", rec * recs_g, samples * rec * recs_px);
   add(&f, "gradients of records, sort", slot * recs_g, samples * slot * recs_px);
-  add(&f, "lists of tiles", 0, samples * 4.0 * (2 + SV_RENDER_CHUNKS) / (SV_TILE_PX * SV_TILE_PX));
+  add(&f, "lists of tiles", 0, samples * 4.0 * (2 + 2 * SV_RENDER_CHUNKS) / (SV_TILE_PX * SV_TILE_PX));
   add(&f, "picture, depth, light left", 0, samples * 20);
   add(&f, "means, their gradients", 0, c->is_supersampled ? 12 + samples * 16 : 0);
   add(&f, "target", 0, 12);

@@ -30,18 +30,19 @@ static uint32_t cap_recs_of(const sv_renderer_cfg *cfg) {
 
 static void carve(sv_renderer *r, const sv_renderer_cfg *cfg, sv_arena *a) {
   size_t cap = (size_t)(cfg->cap_gaussians + 15) / 16 * 16, px = cap_pixels_of(cfg), recs = cap_recs_of(cfg);
-  size_t n_tiles = px / (SV_TILE_PX * SV_TILE_PX);
+  size_t n_tiles = px / (SV_TILE_PX * SV_TILE_PX), places = recs + SV_RENDER_CHUNKS * SV_BIN_SLACK;
   r->splat = SV_TAKE(a, sv_splat, cap);
   r->depth_key = SV_TAKE(a, uint32_t, cap);
   r->n_in_range = SV_TAKE(a, uint32_t, cap / RANGE + 1);
   r->recs_in_range = SV_TAKE(a, uint32_t, cap / RANGE + 1);
-  r->rec = SV_TAKE(a, sv_rec, recs);
+  r->rec = SV_TAKE(a, sv_rec, places);
   r->list = SV_TAKE(a, uint32_t, recs);
   r->tile_begin = SV_TAKE(a, uint32_t, n_tiles + 1);
   r->tile_order = SV_TAKE(a, uint32_t, n_tiles);
   r->chunk_at = SV_TAKE(a, uint32_t, n_tiles * SV_RENDER_CHUNKS);
+  r->chunk_end = SV_TAKE(a, uint32_t, n_tiles * SV_RENDER_CHUNKS);
   // The pairs are sorted before the slots are filled, which are emptied before the next pairs are made.
-  uint8_t *slot = SV_TAKE(a, uint8_t, recs * (cfg->has_grad ? SV_SLOT_BYTES : PAIRS_BYTES));
+  uint8_t *slot = SV_TAKE(a, uint8_t, cfg->has_grad ? places * SV_SLOT_BYTES : recs * PAIRS_BYTES);
   r->slot = cfg->has_grad ? slot : NULL;
   r->pair = (sv_pair *)(void *)slot;
   r->tmp = r->pair ? r->pair + recs : NULL;
@@ -92,15 +93,11 @@ static void project_task(void *arg, int i_task, int i_thread) {
   int b0 = i_task * (RANGE / 16), b1 = b0 + RANGE / 16;
   if (b1 > j->n_blocks) b1 = j->n_blocks;
   int moved = b1 < r->n_moved_blocks ? b1 : r->n_moved_blocks;
-  if (b0 < moved) j->k->project(&r->moved, b0, moved, thread_scratch(r, i_thread));
-  if (moved < b1) j->k->project(&r->project, b0 > moved ? b0 : moved, b1, thread_scratch(r, i_thread));
-  uint32_t n = 0, n_recs = 0;
-  for (int i = 16 * b0; i < 16 * b1; i++) {
-    n += r->splat[i].n_recs != 0;
-    n_recs += r->splat[i].n_recs;
-  }
-  r->n_in_range[i_task] = n;
-  r->recs_in_range[i_task] = n_recs;
+  sv_project_counts n = {0, 0}, rest = {0, 0};
+  if (b0 < moved) n = j->k->project(&r->moved, b0, moved, thread_scratch(r, i_thread));
+  if (moved < b1) rest = j->k->project(&r->project, b0 > moved ? b0 : moved, b1, thread_scratch(r, i_thread));
+  r->n_in_range[i_task] = n.n_visible + rest.n_visible;
+  r->recs_in_range[i_task] = n.n_recs + rest.n_recs;
 }
 
 // Ranges [range_begin(c), range_begin(c + 1)) belong to chunk c.
@@ -115,19 +112,19 @@ static void slots_of(const job *j, int chunk, uint32_t *begin, uint32_t *end) {
   if (*end > n) *end = n;
 }
 
-// Records and depths of all ranges; a chunk's records follow those of the chunks before.
+// Records of all ranges; a chunk's follow those of the chunks before and the binning's slack.
 static uint64_t add_up(job *j) {
   sv_renderer *r = j->r;
   uint64_t sum = 0;
   r->stats.n_visible = 0;
   for (int c = 0; c < SV_RENDER_CHUNKS; c++) {
-    r->chunk_rec[c] = (uint32_t)sum;
+    r->chunk_rec[c] = (uint32_t)sum + (uint32_t)c * SV_BIN_SLACK;
     for (int i = range_begin(j, c); i < range_begin(j, c + 1); i++) {
       sum += r->recs_in_range[i];
       r->stats.n_visible += r->n_in_range[i];
     }
   }
-  r->chunk_rec[SV_RENDER_CHUNKS] = (uint32_t)sum;
+  r->chunk_rec[SV_RENDER_CHUNKS] = (uint32_t)sum + SV_RENDER_CHUNKS * SV_BIN_SLACK;
   return sum;
 }
 
@@ -188,12 +185,22 @@ static void bin_task(void *arg, int c, int i_thread) {
   }
 }
 
+// The lines that the chunk's pairs go to: slots were written there since the last ones, and a store whose line has yet to
+// come holds up those behind it. Inlined always: compilers drop calls of what only fetches.
+static inline __attribute__((always_inline)) void fetch_places(const sv_renderer *r, int c) {
+  const uint32_t *at = r->chunk_at + (size_t)c * (size_t)r->n_tiles;
+  const uint32_t *end = r->chunk_end + (size_t)c * (size_t)r->n_tiles;
+  for (int t = 0; t < r->n_tiles; t++)
+    for (uint32_t p = at[t]; p < end[t]; p += 64 / sizeof(sv_pair)) __builtin_prefetch(r->pair + p, 1);
+}
+
 static void scatter_task(void *arg, int c, int i_thread) {
   job *j = arg;
   sv_renderer *r = j->r;
   uint32_t *at = r->chunk_at + (size_t)c * (size_t)r->n_tiles;
   (void)i_thread;
-  for (uint32_t i = r->chunk_rec[c]; i < r->chunk_rec[c + 1]; i++) {
+  fetch_places(r, c);
+  for (uint32_t i = r->chunk_rec[c]; i < r->chunk_rec[c + 1] - SV_BIN_SLACK; i++) {
     const sv_rec *rec = r->rec + i;
     if (rec->mask) r->pair[at[rec->tile]++] = (sv_pair){r->depth_key[rec->id], i};
   }
@@ -208,6 +215,7 @@ static void place_tiles(sv_renderer *r) {
       uint32_t *p = r->chunk_at + (size_t)c * (size_t)r->n_tiles + t, n = *p;
       *p = sum;
       sum += n;
+      r->chunk_end[(size_t)c * (size_t)r->n_tiles + t] = sum;
     }
   }
   r->tile_begin[r->n_tiles] = sum;

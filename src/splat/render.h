@@ -37,7 +37,7 @@ typedef struct {
   uint32_t *depth_key; // [cap]
   uint32_t *n_in_range,
       *recs_in_range; // [cap/512 + 1] visible splats per range of 512 slots, and their records
-  sv_rec *rec;        // [cap_recs] by Gaussian, each splat's own side by side
+  sv_rec *rec;        // [cap_recs and some slack] by Gaussian, each splat's own side by side
   sv_pair *pair,
       *tmp; // [cap_recs] (depth, record) by tile, to be sorted; scratch of the sort. Both lie in `slot`,
             // which only the way back fills
@@ -45,8 +45,9 @@ typedef struct {
   uint32_t *tile_begin;                     // [n_tiles + 1]
   uint32_t *tile_order;                     // [n_tiles] tile of each task of the rasterization
   uint32_t *chunk_at;                       // [SV_RENDER_CHUNKS][n_tiles] counts, then write positions
-  uint32_t chunk_rec[SV_RENDER_CHUNKS + 1]; // first record of a chunk; where they end
-  uint8_t *slot;                            // [cap_recs][SV_SLOT_BYTES], NULL without has_grad
+  uint32_t *chunk_end;                      // the same, where the positions end
+  uint32_t chunk_rec[SV_RENDER_CHUNKS + 1]; // a chunk's first record; where they and their slack end
+  uint8_t *slot;                            // as rec, [SV_SLOT_BYTES] each, NULL without has_grad
   float *scratch;                           // [n_threads][SV_RASTER_SCRATCH_FLOATS]
   sv_planes rgb;                            // the last picture
   float *depth, *trans;                     // planes: sum of w z; 1 - alpha

@@ -58,7 +58,7 @@ static void bin_case(ck *c, const sc_cfg *cfg, share *sum) {
   sc_init(c, &s, cfg);
   sc_project(c, &s);
   sc_bin(c, &s);
-  sv_rec *rec = ck_bytes(c, s.n_recs * sizeof *rec);
+  sv_rec *rec = ck_bytes(c, (s.n_recs + SV_BIN_SLACK) * sizeof *rec);
   for (uint32_t i = 0, n = 5; i < s.n_visible;
        i += n, n = 3 * n + 2) { // less than a vector, and more than one
     if (n > s.n_visible - i) n = s.n_visible - i;

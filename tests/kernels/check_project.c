@@ -42,9 +42,14 @@ static void project_case(ck *c, const sc_cfg *cfg) {
   sv_project_args v = s.project;
   v.splat = ck_bytes(c, n * sizeof *v.splat);
   v.depth_key = ck_bytes(c, n * 4);
-  c->ref.project(&s.project, 0, s.n_blocks, sc_scratch());
-  c->var.project(&v, s.n_blocks / 2, s.n_blocks, sc_scratch()); // in two ranges, the last first
-  c->var.project(&v, 0, s.n_blocks / 2, sc_scratch());
+  const sv_project_counts all = c->ref.project(&s.project, 0, s.n_blocks, sc_scratch());
+  const sv_project_counts last =
+      c->var.project(&v, s.n_blocks / 2, s.n_blocks, sc_scratch()); // in two ranges
+  const sv_project_counts first = c->var.project(&v, 0, s.n_blocks / 2, sc_scratch());
+  if (c->is_exact)
+    ck_true(c, first.n_visible + last.n_visible == all.n_visible && first.n_recs + last.n_recs == all.n_recs,
+            "%u and %u visible ones, not %u; %u and %u records, not %u", first.n_visible, last.n_visible,
+            all.n_visible, first.n_recs, last.n_recs, all.n_recs);
   compare_splats(c, s.project.splat, v.splat, &s);
   for (size_t i = 0; i < n; i++)
     if (s.project.splat[i].n_recs && v.splat[i].n_recs && c->is_exact)

@@ -121,7 +121,7 @@ void sc_bin(ck *c, sc_scene *s) {
     p->first_rec = s->n_recs;
     s->n_recs += p->n_recs;
   }
-  s->rec = ck_bytes(c, s->n_recs * sizeof *s->rec);
+  s->rec = ck_bytes(c, (s->n_recs + SV_BIN_SLACK) * sizeof *s->rec);
   c->ref.bin(s->project.splat, s->order, s->n_visible, s->n_tiles_x, s->rec);
   s->list = ck_bytes(c, (size_t)s->n_recs * 4);
   s->tile_begin = ck_bytes(c, ((size_t)s->n_tiles + 1) * 4);

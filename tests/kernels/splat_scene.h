@@ -20,7 +20,7 @@ typedef struct {
   int n_blocks, n_tiles_x, n_tiles, n_rows;
   uint32_t n_visible, n_recs, n_listed;
   uint32_t *order;      // [n_visible] front to back
-  sv_rec *rec;          // [n_recs]
+  sv_rec *rec;          // [n_recs + SV_BIN_SLACK]
   uint32_t *list;       // [n_listed] records by tile, front to back
   uint32_t *tile_begin; // [n_tiles + 1]
 } sc_scene;
