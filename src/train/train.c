@@ -29,7 +29,7 @@ sv_train_cfg sv_train_defaults(void) {
       .lr = {.mean_start = 1.6e-4f,
              .mean_end = 1.6e-6f,
              .quat = 1e-3f,
-             .scale = 1e-2f, // twice the usual: runs are short (docs/speed.md)
+             .scale = 1e-2f, // twice the usual: runs are short (docs/time_to_quality.md)
              .logit = 0.05f,
              .sh0 = 2.5e-3f,
              .sh_rest = 2.5e-3f / 20.0f},
