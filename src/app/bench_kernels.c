@@ -133,9 +133,6 @@ static void bwd_band(ctx *c, int channel, int row0) { // of maps that are there
                         .w_l1 = 0.8f,
                         .w_ssim = -0.2f,
                         .grad = c->t->grad.c[channel],
-                        .err = c->t->err_plane,
-                        .err_scale = 0.33f,
-                        .is_err_add = channel > 0,
                         .row_l1 = c->t->photometric.row_l1,
                         .scratch = f.scratch};
   c->k->ssim_bwd(&a);
@@ -236,10 +233,8 @@ static sv_status prepare(ctx *c, sv_bench_scene *scene, sv_arena *a, sv_err *err
   c->t = t;
   list_visible(c);
   c->picture = scene->picture;
-  c->bwd = (sv_raster_bwd_args){.fwd = &t->render.raster,
-                                .g_rgb = {t->grad.c[0], t->grad.c[1], t->grad.c[2]},
-                                .err = t->err_plane,
-                                .slot = t->render.slot};
+  c->bwd = (sv_raster_bwd_args){
+      .fwd = &t->render.raster, .g_rgb = {t->grad.c[0], t->grad.c[1], t->grad.c[2]}, .slot = t->render.slot};
   c->newton =
       (sv_newton_args){.beta1 = 0.9f, .rate = 0.1f, .damping = 1, .cap = c->cap, .n_rows = t->g.n_rows};
   return SV_OK;

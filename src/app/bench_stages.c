@@ -81,7 +81,8 @@ static sv_status time_rest(sv_bench *b, const sv_pool *pool, const sv_render_opt
   sv_status s = sv_render(&t->render, j->k, pool, &t->g, &t->views[0].view, o);
   if (s < 0) return s;
   double t2 = now_ms(b);
-  sv_photometric_loss(&t->photometric, j->k, pool, &t->render.rgb, &t->target, &t->grad, t->err_plane,
+  float *const errors = sv_train_is_error_due(t, PROGRESS) ? t->err_plane : NULL;
+  sv_photometric_loss(&t->photometric, j->k, pool, &t->render.rgb, &t->target, &t->grad, errors,
                       t->cfg.weight_ssim, NULL);
   double t3 = now_ms(b);
   m->stage[SV_STAGE_LOSS][i] = t3 - t2;
@@ -91,7 +92,7 @@ static sv_status time_rest(sv_bench *b, const sv_pool *pool, const sv_render_opt
   m->stage[SV_STAGE_CURVATURE][i] = (now_ms(b) - t3) / t->cfg.newton.every;
   if (s < 0) return s;
   t3 = now_ms(b);
-  s = sv_render_bwd(&t->render, j->k, pool, &t->grad, NULL, NULL, t->err_plane);
+  s = sv_render_bwd(&t->render, j->k, pool, &t->grad, NULL, NULL, errors);
   double t4 = now_ms(b);
   if (s < 0) return s;
   *n_touched = sv_train_optimise(t, PROGRESS);

@@ -68,12 +68,12 @@ static void weigh_task(void *arg, int i_plane, int i_thread) {
   for (size_t i = 0; i < j->n; i++) j->plane[i_plane][i] *= j->weight;
 }
 
-void sv_train_weigh(sv_trainer *t, float weight) {
+void sv_train_weigh(sv_trainer *t, float weight, float *err) {
   const sv_planes *g = &t->grad;
-  weigh_job j = {.plane = {g->c[0], g->c[1], g->c[2], t->err_plane},
+  weigh_job j = {.plane = {g->c[0], g->c[1], g->c[2], err},
                  .n = (size_t)g->stride * (size_t)g->rows_padded,
                  .weight = weight};
-  if (weight < 1.0f) sv_pool_run(t->pool, weigh_task, &j, 4);
+  if (weight < 1.0f) sv_pool_run(t->pool, weigh_task, &j, err ? 4 : 3);
 }
 
 static void set_usual_view(sv_trainer *t) {

@@ -11,6 +11,8 @@
 #define BLOCKS_PER_TASK SV_FIELD_TASK // a field sums by these tasks
 #define ERR_KEEP        0.9f          // running mean of the blended error over the views that see a Gaussian
 
+#define ERR_EVERY 4u // steps, one of which adds to it
+
 #define KEEP_GRADIENT 0.9f // of its running mean, a step
 
 #define UNHURRIED_STEPS 2000.0 // runs of fewer steps learn faster (docs/time_to_quality.md)
@@ -24,13 +26,19 @@ typedef struct {
   float noise_gain;      // displacement in units of sigma^2
   sv_regularisers reg;
   int n_blocks;
-  bool has_err;          // collect: the error, too
+  bool has_err; // collect: the error, too
+  bool is_error_due;
   bool has_pose;         // sum dL/d(twist) of the picture's pose
   sv_motion_args motion; // of the last picture's time
   sv_adam_args motion_adam;
   sv_motion_values motion_f;
   float motion_lr[SV_CAP_MROWS];
 } job;
+
+bool sv_train_is_error_due(const sv_trainer *t, float progress) {
+  if (t->cfg.relocate_every < 1 || progress > t->cfg.relocate_until) return false;
+  return t->step % ERR_EVERY == sv_hash3((uint32_t)t->cfg.seed, t->step / ERR_EVERY, 0) % ERR_EVERY;
+}
 
 float sv_train_haste(const sv_train_cfg *c) {
   if (c->dynamic.kind != SV_DEFORM_NONE || c->steps_hint < 1) return 1.0f;
@@ -158,8 +166,8 @@ static void move(const job *j, int b, uint32_t touched, uint32_t with_err, const
   float *p = t->g.param + at;
   if (t->cfg.optimizer == SV_OPTIMIZER_ADAM) t->k->adam(&j->adam, touched, grad, p, t->m + at, t->v + at);
   else t->k->newton(&j->newton, touched, grad, t->v + at, p, t->m + at);
-  const uint32_t below = t->k->blend_errors(with_err, ERR_KEEP, err, t->err + 16 * (size_t)b,
-                                            p + 16 * SV_ROW_LOGIT, EXPLORE_BELOW);
+  const uint32_t below = t->k->blend_errors(j->is_error_due ? with_err : 0, ERR_KEEP, err,
+                                            t->err + 16 * (size_t)b, p + 16 * SV_ROW_LOGIT, EXPLORE_BELOW);
   if (j->noise_gain > 0.0f) add_wanderers(j, b, below & touched, p, w);
   if (t->floor) keep_above(t->floor + 16 * (size_t)b, p + 16 * SV_ROW_SCALE);
 }
@@ -295,6 +303,7 @@ static uint32_t run(sv_trainer *t, float progress, sv_task_fn task) {
   bool is_noisy = progress < t->cfg.relocate_until;
   job j = {.t = t, .n_blocks = (t->g.n + 15) / 16, .reg = regularisers(t, 1.0f)};
   j.has_pose = t->cfg.poses.cap_poses > 0 && task == optimise_task;
+  j.is_error_due = sv_train_is_error_due(t, progress);
   double bias1 = 1.0 - sv_pow(0.9, step), bias2 = 1.0 - sv_pow(0.999, step);
   j.noise_gain = is_noisy ? t->cfg.noise * 5e5f * mean_lr / t->radius : 0.0f;
   j.adam = adam_args(&j, mean_lr * t->radius, bias1, bias2); // motion's, too

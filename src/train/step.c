@@ -201,6 +201,11 @@ sv_status sv_train_residual(sv_trainer *t, int i_view, float progress) {
   return SV_OK;
 }
 
+// Where a step's errors go, if anybody will ask for them.
+static float *errors_of(const sv_trainer *t, float progress) {
+  return sv_train_is_error_due(t, progress) ? t->err_plane : NULL;
+}
+
 static sv_status picture_bwd(sv_trainer *t, bool is_supersampled, const sv_planes *grad, const float *err) {
   if (is_supersampled) return sv_train_supersample_bwd(t, grad, err);
   return sv_render_bwd(&t->render, t->k, t->pool, grad, NULL, NULL, err);
@@ -225,12 +230,13 @@ static sv_status view_step(sv_trainer *t, int i, float progress, sv_render_optio
   const sv_prior_depth *depth = is_fine || is_lesson ? NULL : sv_prior_depth_of(t, i, &tv->view);
   o.has_depth = depth != NULL;
   const sv_planes *x;
+  float *const errors = errors_of(t, progress);
   if ((s = sv_train_measure(t, &view, &o, is_fine, &x)) < 0) return s;
-  sv_photometric_loss(&t->photometric, t->k, t->pool, x, &t->target, &t->grad, t->err_plane,
-                      t->cfg.weight_ssim, &loss);
+  sv_photometric_loss(&t->photometric, t->k, t->pool, x, &t->target, &t->grad, errors, t->cfg.weight_ssim,
+                      &loss);
   out->loss = loss.loss, out->l1 = loss.l1, out->ssim = loss.ssim;
   const float weight = sv_train_weight(t, &tv->view);
-  sv_train_weigh(t, weight);
+  sv_train_weigh(t, weight, errors);
   if (t->cfg.weight_tv > 0.0f)
     out->loss += sv_tv_loss(&t->tv, t->k, t->pool, x, &t->grad, SV_TV_SQUARED, t->cfg.weight_tv);
   if (sv_train_is_probe_due(t)) {
@@ -238,9 +244,9 @@ static sv_status view_step(sv_trainer *t, int i, float progress, sv_render_optio
     if ((s = picture_bwd(t, is_fine, &t->target, NULL)) < 0) return s;
     sv_train_curvature(t);
   }
-  if (!depth) return picture_bwd(t, is_fine, &t->grad, t->err_plane);
+  if (!depth) return picture_bwd(t, is_fine, &t->grad, errors);
   out->loss += sv_prior_depth_loss(t, depth, out->scale, sv_prior_depth_share(t, progress));
-  return sv_render_bwd(&t->render, t->k, t->pool, &t->grad, t->prior.g_depth, t->prior.g_trans, t->err_plane);
+  return sv_render_bwd(&t->render, t->k, t->pool, &t->grad, t->prior.g_depth, t->prior.g_trans, errors);
 }
 
 sv_status sv_train_predict(sv_trainer *t, const sv_composite *c, const sv_region *region,
@@ -280,7 +286,8 @@ static sv_status probe_region(sv_trainer *t, const sv_composite *c, const sv_reg
 }
 
 // The crops are rendered twice: once for their sum, once for their gradients, so that one renderer is enough.
-static sv_status region_step(sv_trainer *t, int i, const sv_render_options *o, sv_step_stats *out) {
+static sv_status region_step(sv_trainer *t, int i, float progress, const sv_render_options *o,
+                             sv_step_stats *out) {
   int i_c = 0, last;
   size_t n_px;
   for (; i >= t->composites[i_c].n_x * t->composites[i_c].n_y; i_c++)
@@ -295,8 +302,9 @@ static sv_status region_step(sv_trainer *t, int i, const sv_render_options *o, s
   if (s < 0 || last < 0) return s;
   t->forward.noise = (sv_forward_noise){0};
   load_region(t, tc, &region);
-  sv_photometric_loss(&t->photometric, t->k, t->pool, &t->forward.predicted, &t->target, &t->grad,
-                      t->err_plane, t->cfg.weight_ssim, &loss);
+  float *const errors = errors_of(t, progress), *const crop_errors = errors ? t->aux_err : NULL;
+  sv_photometric_loss(&t->photometric, t->k, t->pool, &t->forward.predicted, &t->target, &t->grad, errors,
+                      t->cfg.weight_ssim, &loss);
   out->loss = loss.loss, out->l1 = loss.l1, out->ssim = loss.ssim;
   int held = last;
   if (sv_train_is_probe_due(t) && (s = probe_region(t, c, &region, o, loss.l1, &held)) < 0) return s;
@@ -305,12 +313,12 @@ static sv_status region_step(sv_trainer *t, int i, const sv_render_options *o, s
     if (!sv_composite_crop(c, m, &region, &crop)) continue;
     if (m != held && (s = sv_render(&t->render, t->k, t->pool, &t->g, &crop.view, o)) < 0) return s;
     held = m;
-    sv_forward_bwd(&t->forward, c, &crop, &t->render.rgb, &t->grad, t->err_plane, &t->aux, t->aux_err);
+    sv_forward_bwd(&t->forward, c, &crop, &t->render.rgb, &t->grad, errors, &t->aux, crop_errors);
     float share = (float)((double)crop.view.width_px * (double)crop.view.height_px / (double)n_px);
     if (t->cfg.weight_tv > 0.0f)
       out->loss +=
           sv_tv_loss(&t->tv, t->k, t->pool, &t->render.rgb, &t->aux, SV_TV_SQUARED, t->cfg.weight_tv * share);
-    s = sv_render_bwd(&t->render, t->k, t->pool, &t->aux, NULL, NULL, t->aux_err);
+    s = sv_render_bwd(&t->render, t->k, t->pool, &t->aux, NULL, NULL, crop_errors);
     if (s < 0) return s;
     sv_train_collect(t, 1.0f / c->m_max, true); // about M_max crops see a Gaussian
   }
@@ -410,7 +418,8 @@ sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
   sv_step_stats st = {.i_view = i, .scale = 1};
   sv_render_options o = sv_train_render_options(t, progress, false);
   t->photometric.phase = (int)(t->step & 1); // rows on which windows of SSIM stand, in turn
-  sv_status s = is_region ? region_step(t, i - t->n_views, &o, &st) : view_step(t, i, progress, o, &st);
+  sv_status s =
+      is_region ? region_step(t, i - t->n_views, progress, &o, &st) : view_step(t, i, progress, o, &st);
   if (s < 0) return s;
   if (is_sum && !is_region) {
     sv_train_collect(t, 1.0f, true);

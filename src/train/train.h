@@ -294,8 +294,8 @@ float sv_train_share(const sv_trainer *t, const sv_view *view);
 // mean of a picture's pixels, so a long lens says as much of a ninth of what is seen as others say of all: Adam's steps
 // and relocation would follow it, and shorten the steps for the others.
 float sv_train_weight(const sv_trainer *t, const sv_view *view);
-// Multiplies t->grad and t->err_plane.
-void sv_train_weigh(sv_trainer *t, float weight);
+// Multiplies t->grad, and the errors of the picture, where they are not NULL.
+void sv_train_weigh(sv_trainer *t, float weight, float *err);
 // Looks at every training time with the model as it is: a Gaussian whose residual changes with time, in any of
 // the cameras, by more than cfg.dynamic.unrest (root mean square, display values) is to move from now on.
 sv_status sv_train_find_moving(sv_trainer *t, float progress) SV_MUST_USE;
@@ -353,6 +353,9 @@ sv_status sv_train_predict(sv_trainer *t, const sv_composite *c, const sv_region
 sv_renderer_cfg sv_train_renderer_cfg(const sv_train_cfg *c);
 // Supersampling (supersample.c). Whether a picture at 1/scale has more than one sample a pixel.
 bool sv_train_is_supersampled(const sv_trainer *t, int scale, float progress);
+// Whether this step's errors are added to the Gaussians' running means, which relocation asks for. One step of each
+// four, drawn: the means change slowly, and a backward pass without them is shorter. None when nobody relocates any more.
+bool sv_train_is_error_due(const sv_trainer *t, float progress);
 // Whether this step estimates the curvature.
 bool sv_train_is_probe_due(const sv_trainer *t);
 // After the loss: the target, which has done its duty, becomes the probe of a picture whose mean |residual| is l1. Its

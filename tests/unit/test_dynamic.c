@@ -171,8 +171,8 @@ static void test_long_lens(void **state) {
   float before[4], *const at[4] = {trainer.grad.c[0], trainer.grad.c[1], trainer.grad.c[2],
                                    trainer.err_plane};
   for (int k = 0; k < 4; k++) at[k][5] = before[k] = (float)k - 1.5f;
-  sv_train_weigh(&trainer, 1.0f);
-  sv_train_weigh(&trainer, 0.5f);
+  sv_train_weigh(&trainer, 1.0f, trainer.err_plane);
+  sv_train_weigh(&trainer, 0.5f, trainer.err_plane);
   for (int k = 0; k < 4; k++) assert_true(at[k][5] == 0.5f * before[k]);
 }
 
