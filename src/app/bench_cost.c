@@ -17,8 +17,7 @@ static const sv_bench_op ops_of[SV_N_STAGES][2] = {
 
 // Operations of one pair, kernels/raster/raster_vec.inc without depth: offset 1, quadric 4, 2^x 11, min 1, weight and
 // transmittance 2, three colours 6; and backward the same but for the colours and the min, then 6 gradients of colour, 5
-// for their product, 2 suffix, 2 quotient, 2 to dL/d(ln alpha), 5 moments. Errors, which one step of four sums, are not
-// counted anywhere.
+// for their product, 2 suffix, 2 quotient, 2 to dL/d(ln alpha), 5 moments. Errors: ERROR_FLOP.
 #define FORWARD_FLOP  25.0
 #define BACKWARD_FLOP 40.0
 // A row of blocks, each of its lanes: offset 1, its terms of the quadric 4; backward the moments 9 as well. A record: its
@@ -26,6 +25,9 @@ static const sv_bench_op ops_of[SV_N_STAGES][2] = {
 #define FORWARD_ROW_FLOP     5.0
 #define BACKWARD_ROW_FLOP    14.0
 #define BACKWARD_RECORD_FLOP 150.0
+// What a step with errors asks for besides: of a pair, a record, a channel of a pixel.
+#define ERROR_FLOP        2.0
+#define ERROR_RECORD_FLOP 15.0
 
 // The instructions for that through the ports of the multiply-adds, a vector of pairs each, with AVX-512: offset 1,
 // quadric 2, 2^x 6, min 1, comparisons 2, weight and transmittance 2, colours 3; and backward the same but for the last
@@ -99,6 +101,12 @@ static double more_ms(const sv_bench_step *r, const sv_bench_peak *peak, sv_benc
   return ms > r->stage_bound_ms[stage] ? ms - r->stage_bound_ms[stage] : 0;
 }
 
+// A step's share of the time of errors.
+static double errors_ms(const sv_bench_step *r, const sv_bench_peak *peak) {
+  double flop = ERROR_FLOP * ((double)r->n.pairs + 3.0 * r->n.n_pixels) + ERROR_RECORD_FLOP * r->n.n_recs;
+  return peak->flop_per_s > 0 ? 1e3 * flop / peak->flop_per_s / SV_TRAIN_ERROR_EVERY : 0;
+}
+
 void sv_bench_bound(sv_bench_step *r, const sv_bench_peak *peak) {
   const double probes = r->n.n_probe_steps > 0 ? 1.0 / r->n.n_probe_steps : 0; // a step
   const double flop = sv_bench_cost_of(SV_BENCH_RASTER, &r->n).flop +
@@ -111,6 +119,7 @@ void sv_bench_bound(sv_bench_step *r, const sv_bench_peak *peak) {
     for (int i = 0; i < 2; i++)
       r->stage_bound_ms[s] += 1e3 * sv_bench_bound_s(peak, sv_bench_cost_of(ops_of[s][i], &r->n), working);
     if (s == SV_STAGE_CURVATURE) r->stage_bound_ms[s] *= probes;
+    if (s == SV_STAGE_RASTER_BWD) r->stage_bound_ms[s] += errors_ms(r, peak);
     r->bound_ms += r->stage_bound_ms[s];
   }
   r->pixel_bound_ms = peak->flop_per_s > 0 ? 1e3 * flop / peak->flop_per_s : 0;

@@ -11,8 +11,6 @@
 #define BLOCKS_PER_TASK SV_FIELD_TASK // a field sums by these tasks
 #define ERR_KEEP        0.9f          // running mean of the blended error over the views that see a Gaussian
 
-#define ERR_EVERY 4u // steps, one of which adds to it
-
 #define KEEP_GRADIENT 0.9f // of its running mean, a step
 
 #define UNHURRIED_STEPS 2000.0 // runs of fewer steps learn faster (docs/time_to_quality.md)
@@ -37,7 +35,8 @@ typedef struct {
 
 bool sv_train_is_error_due(const sv_trainer *t, float progress) {
   if (t->cfg.relocate_every < 1 || progress > t->cfg.relocate_until) return false;
-  return t->step % ERR_EVERY == sv_hash3((uint32_t)t->cfg.seed, t->step / ERR_EVERY, 0) % ERR_EVERY;
+  const uint32_t drawn = sv_hash3((uint32_t)t->cfg.seed, t->step / SV_TRAIN_ERROR_EVERY, 0);
+  return t->step % SV_TRAIN_ERROR_EVERY == drawn % SV_TRAIN_ERROR_EVERY;
 }
 
 float sv_train_haste(const sv_train_cfg *c) {

@@ -355,6 +355,7 @@ sv_renderer_cfg sv_train_renderer_cfg(const sv_train_cfg *c);
 bool sv_train_is_supersampled(const sv_trainer *t, int scale, float progress);
 // Whether this step's errors are added to the Gaussians' running means, which relocation asks for. One step of each
 // four, drawn: the means change slowly, and a backward pass without them is shorter. None when nobody relocates any more.
+#define SV_TRAIN_ERROR_EVERY 4u
 bool sv_train_is_error_due(const sv_trainer *t, float progress);
 // Whether this step estimates the curvature.
 bool sv_train_is_probe_due(const sv_trainer *t);
