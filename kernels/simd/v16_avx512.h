@@ -130,7 +130,8 @@ static inline v16 v16_load11(const uint8_t *p) {
 // a + x where i and j are equal, else x; a | b where any of the bits is set, else 0.
 #define V16_HAS_ADD_SAME 1
 static inline v16 v16_add_same(v16 a, v16 x, uint32_t i, uint32_t j) {
-  return _mm512_mask_add_ps(x, _mm512_cmpeq_epi32_mask(_mm512_set1_epi32((int)i), _mm512_set1_epi32((int)j)), x, a);
+  return _mm512_mask_add_ps(x, _mm512_cmpeq_epi32_mask(_mm512_set1_epi32((int)i), _mm512_set1_epi32((int)j)),
+                            x, a);
 }
 static inline v16i v16i_or_if(uint64_t bits, v16i a, v16i b) {
   const __m512i on = _mm512_set1_epi64((long long)bits);
