@@ -127,6 +127,16 @@ static inline v16 v16_load11(const uint8_t *p) {
   __m512i x = _mm512_zextsi256_si512(_mm256_loadu_si256((const __m256i *)p));
   return _mm512_castsi512_ps(_mm512_shuffle_epi8(_mm512_permutexvar_epi32(words, x), bytes));
 }
+// a + x where i and j are equal, else x; a | b where any of the bits is set, else 0.
+#define V16_HAS_ADD_SAME 1
+static inline v16 v16_add_same(v16 a, v16 x, uint32_t i, uint32_t j) {
+  return _mm512_mask_add_ps(x, _mm512_cmpeq_epi32_mask(_mm512_set1_epi32((int)i), _mm512_set1_epi32((int)j)),
+                            x, a);
+}
+static inline v16i v16i_or_if(uint64_t bits, v16i a, v16i b) {
+  const __m512i on = _mm512_set1_epi64((long long)bits);
+  return _mm512_maskz_or_epi64(_mm512_test_epi64_mask(on, on), a, b);
+}
 // Bit 8 y + x of a[i] to bit i of out[8 x + y], 64 words each: swaps of bits between words far apart, a transpose of
 // words, swaps again.
 #define V16_HAS_TRANSPOSE64 1

@@ -171,6 +171,9 @@ static void move(const job *j, int b, uint32_t touched, uint32_t with_err, const
   if (t->floor) keep_above(t->floor + 16 * (size_t)b, p + 16 * SV_ROW_SCALE);
 }
 
+// How many blocks ahead lines are fetched, in three parts: as many as a block has at once are waited for.
+#define AHEAD 2
+
 static void optimise_task(void *arg, int i_task, int i_thread) {
   job *j = arg;
   sv_trainer *t = j->t;
@@ -183,20 +186,22 @@ static void optimise_task(void *arg, int i_task, int i_thread) {
   const size_t rows = 16 * (size_t)j->adam.n_rows;
   begin_pose(j, i_task);
   for (int b = b0; b < b1; b++) {
-    const size_t at = (size_t)b * (size_t)t->g.n_rows * 16;
     // They have left the near caches since the last step. One after the other: row by row was slower.
-    prefetch_lines(t->m + at, rows * sizeof *t->m);
-    prefetch_lines(t->v + at, rows * sizeof *t->v);
+    const int next = b + AHEAD < j->n_blocks ? b + AHEAD : b;
+    const size_t at = (size_t)next * (size_t)t->g.n_rows * 16;
+    __builtin_prefetch(t->render.splat + 16 * next); // the first and the last know where the records are
+    __builtin_prefetch(t->render.splat + 16 * next + 15);
     prefetch_lines(t->g.param + at, rows * sizeof *t->g.param);
     uint32_t touched =
         sv_render_bwd_block(&t->render, t->k, b, i_thread, &j->reg, grad, err, j->has_pose ? pose : NULL);
     add_pose(j, i_task, pose);
+    prefetch_lines(t->m + at, rows * sizeof *t->m);
     if (b < t->render.n_moved_blocks && t->deform.kind == SV_DEFORM_FIELD)
       sv_field_bwd_block(&t->deform.field, t->k, &t->g, b, i_thread, touched, grad);
-    if (!touched) continue;
-    if (b < t->render.n_moved_blocks && t->deform.kind == SV_DEFORM_CLIP)
+    if (touched && b < t->render.n_moved_blocks && t->deform.kind == SV_DEFORM_CLIP)
       sv_train_move_block(t, &j->motion, &j->motion_adam, b, touched, grad, err + 16);
-    move(j, b, touched, touched, grad, err, &w);
+    if (touched) move(j, b, touched, touched, grad, err, &w);
+    prefetch_lines(t->v + at, rows * sizeof *t->v);
     n += (uint32_t)__builtin_popcount(touched);
   }
   explore(j, &w);
