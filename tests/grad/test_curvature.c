@@ -22,7 +22,7 @@
 #define N_GAUSSIANS 20
 #define N_PROBES    1500 // of all tiles
 #define N_HALVES    3750 // of half of them, for the same scatter
-#define N_ROWS      23 // SH of degree 1
+#define N_ROWS      23   // SH of degree 1
 
 static uint8_t block[32 << 20] __attribute__((aligned(64)));
 static uint8_t picture[H * W * 3];
@@ -267,8 +267,8 @@ static void test_step(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_picture),     cmocka_unit_test(test_half),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_picture),      cmocka_unit_test(test_half),
                                      cmocka_unit_test(test_supersampled), cmocka_unit_test(test_measurement),
-                                     cmocka_unit_test(test_chessboard),  cmocka_unit_test(test_step)};
+                                     cmocka_unit_test(test_chessboard),   cmocka_unit_test(test_step)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
