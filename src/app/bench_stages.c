@@ -86,9 +86,7 @@ static sv_status time_rest(sv_bench *b, const sv_pool *pool, const sv_render_opt
                       t->cfg.weight_ssim, NULL);
   double t3 = now_ms(b);
   m->stage[SV_STAGE_LOSS][i] = t3 - t2;
-  sv_train_make_probe(t, 0.1);
-  s = sv_render_bwd(&t->render, j->k, pool, &t->target, NULL, NULL, NULL);
-  sv_train_curvature(t);
+  s = sv_train_curvature(t, 0.1, false);
   m->stage[SV_STAGE_CURVATURE][i] = (now_ms(b) - t3) / t->cfg.newton.every;
   if (s < 0) return s;
   t3 = now_ms(b);

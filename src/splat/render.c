@@ -85,6 +85,7 @@ typedef struct {
   const sv_kernels *k;
   const sv_raster_bwd_args *bwd;
   int n_blocks, n_ranges;
+  uint32_t colour; // backward on half of the tiles: theirs
 } job;
 
 static void project_task(void *arg, int i_task, int i_thread) {
@@ -349,6 +350,24 @@ static void raster_bwd_task(void *arg, int i_task, int i_thread) {
   j->k->raster_bwd(j->bwd, t, r->list + begin, r->tile_begin[t + 1] - begin, thread_scratch(r, i_thread));
 }
 
+// Who is in such tiles alone is as touched as ever, by gradients of 0. Slots of records without a mask may be anything.
+static void clear_slots(sv_renderer *r, uint32_t tile) {
+  for (uint32_t i = r->tile_begin[tile]; i < r->tile_begin[tile + 1]; i++)
+    memset(r->slot + (size_t)r->list[i] * SV_SLOT_BYTES, 0, SV_SLOT_BYTES);
+}
+
+static bool is_of_colour(const sv_renderer *r, uint32_t tile, uint32_t colour) {
+  const uint32_t n_x = (uint32_t)r->n_tiles_x;
+  return ((tile / n_x + tile % n_x) & 1) == colour;
+}
+
+static void raster_bwd_half_task(void *arg, int i_task, int i_thread) {
+  job *j = arg;
+  const uint32_t tile = j->r->tile_order[i_task];
+  if (is_of_colour(j->r, tile, j->colour)) raster_bwd_task(arg, i_task, i_thread);
+  else clear_slots(j->r, tile);
+}
+
 sv_status sv_render_bwd(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, const sv_planes *g_rgb,
                         const float *g_depth, const float *g_trans, const float *err) {
   if (!r->slot || g_rgb->stride != r->rgb.stride || g_rgb->rows_padded != r->rgb.rows_padded) return SV_E_ARG;
@@ -361,6 +380,16 @@ sv_status sv_render_bwd(sv_renderer *r, const sv_kernels *k, const sv_pool *pool
                           .slot = r->slot};
   job j = {.r = r, .k = k, .bwd = &a};
   sv_pool_run(pool, raster_bwd_task, &j, r->n_tiles);
+  return SV_OK;
+}
+
+sv_status sv_render_bwd_half(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, const sv_planes *g_rgb,
+                             uint32_t colour) {
+  if (!r->slot || g_rgb->stride != r->rgb.stride || g_rgb->rows_padded != r->rgb.rows_padded) return SV_E_ARG;
+  sv_raster_bwd_args a = {
+      .fwd = &r->raster, .g_rgb = {g_rgb->c[0], g_rgb->c[1], g_rgb->c[2]}, .slot = r->slot};
+  job j = {.r = r, .k = k, .bwd = &a, .colour = colour};
+  sv_pool_run(pool, raster_bwd_half_task, &j, r->n_tiles);
   return SV_OK;
 }
 

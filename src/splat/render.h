@@ -79,6 +79,10 @@ sv_status sv_render(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, co
 // have the picture's stride; padding must be 0. Then sv_render_bwd_block per block of 16 Gaussians.
 sv_status sv_render_bwd(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, const sv_planes *g_rgb,
                         const float *g_depth, const float *g_trans, const float *err) SV_MUST_USE;
+// The same of the tiles of one colour, laid out as a chessboard's fields, at half the price: 0, that of the first tile, or
+// 1. The slots of the others' records are 0, as if g_rgb were 0 there.
+sv_status sv_render_bwd_half(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, const sv_planes *g_rgb,
+                             uint32_t colour) SV_MUST_USE;
 // Regularisers added to the gradients of touched Gaussians: opacity sum(o) + scale sum(s).
 typedef struct {
   float opacity, scale;

@@ -12,6 +12,7 @@
 
 #define BLOCKS_PER_TASK 64
 #define ROWS_PER_TASK   16
+#define HALF_KEY        3    // of the hash; the channels' probes have 0 to 2
 #define MIN_RESIDUAL    1e-4 // display values; below, a picture is as good as its eight bits
 
 bool sv_train_is_probe_due(const sv_trainer *t) {
@@ -36,9 +37,9 @@ static void probe_task(void *arg, int i_task, int i_thread) {
   j->t->k->probe(&a);
 }
 
-void sv_train_make_probe(sv_trainer *t, double l1) {
+// Of a picture with so many values in the tiles that are looked at.
+static void make_probe(sv_trainer *t, double l1, double n) {
   const sv_planes *p = &t->target;
-  const double n = 3.0 * p->width_px * p->height_px;
   job j = {.t = t, .n_rows = p->height_px, .n_bands = (p->height_px + ROWS_PER_TASK - 1) / ROWS_PER_TASK};
   for (uint32_t c = 0; c < 3; c++)
     j.probe[c] = (sv_probe_args){.plane = p->c[c],
@@ -48,6 +49,10 @@ void sv_train_make_probe(sv_trainer *t, double l1) {
                                  .key = sv_hash3((uint32_t)t->cfg.seed, t->step, c)};
   sv_pool_run(t->pool, probe_task, &j, 3 * j.n_bands);
 }
+
+static double n_values(const sv_planes *p) { return 3.0 * p->width_px * p->height_px; }
+
+void sv_train_make_probe(sv_trainer *t, double l1) { make_probe(t, l1, n_values(&t->target)); }
 
 static job blocks_job(sv_trainer *t) {
   return (job){.t = t, .n_rows = SV_N_ROWS(t->render.project.sh_degree), .n_blocks = (t->g.n + 15) / 16};
@@ -78,9 +83,21 @@ static void single_task(void *arg, int i_task, int i_thread) {
   }
 }
 
-void sv_train_curvature(sv_trainer *t) {
+// Each tile is looked at with a probability of one half, then with twice the squares: no bias.
+static sv_status probe_bwd(sv_trainer *t, const sv_planes *probe, bool is_half) {
+  if (!is_half) return sv_render_bwd(&t->render, t->k, t->pool, probe, NULL, NULL, NULL);
+  const uint32_t colour = sv_hash3((uint32_t)t->cfg.seed, t->step, HALF_KEY) & 1;
+  return sv_render_bwd_half(&t->render, t->k, t->pool, probe, colour);
+}
+
+sv_status sv_train_curvature(sv_trainer *t, double l1, bool is_supersampled) {
+  const bool is_half = t->step >= (uint32_t)t->cfg.newton.first_steps;
+  make_probe(t, l1, n_values(&t->target) * (is_half ? 0.5 : 1.0));
+  sv_status s = probe_bwd(t, is_supersampled ? sv_train_spread(t, &t->target, NULL) : &t->target, is_half);
+  if (s < 0) return s;
   job j = blocks_job(t);
   sv_pool_run(t->pool, single_task, &j, n_tasks(&j));
+  return SV_OK;
 }
 
 // --- several pictures ----------------------------------------------------------------------------

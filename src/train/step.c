@@ -206,11 +206,6 @@ static float *errors_of(const sv_trainer *t, float progress) {
   return sv_train_is_error_due(t, progress) ? t->err_plane : NULL;
 }
 
-static sv_status picture_bwd(sv_trainer *t, bool is_supersampled, const sv_planes *grad, const float *err) {
-  if (is_supersampled) return sv_train_supersample_bwd(t, grad, err);
-  return sv_render_bwd(&t->render, t->k, t->pool, grad, NULL, NULL, err);
-}
-
 // Renders a sub-view and leaves its gradients in the renderer.
 static sv_status view_step(sv_trainer *t, int i, float progress, sv_render_options o, sv_step_stats *out) {
   const sv_train_view *tv = &t->views[i];
@@ -240,11 +235,11 @@ static sv_status view_step(sv_trainer *t, int i, float progress, sv_render_optio
   if (t->cfg.weight_tv > 0.0f)
     out->loss += sv_tv_loss(&t->tv, t->k, t->pool, x, &t->grad, SV_TV_SQUARED, t->cfg.weight_tv);
   if (sv_train_is_probe_due(t)) {
-    sv_train_make_probe(t, loss.l1 / (double)weight); // whose squares are to have the weight once
-    if ((s = picture_bwd(t, is_fine, &t->target, NULL)) < 0) return s;
-    sv_train_curvature(t);
+    const double l1 = loss.l1 / (double)weight; // the squares are to have the weight once
+    if ((s = sv_train_curvature(t, l1, is_fine)) < 0) return s;
   }
-  if (!depth) return picture_bwd(t, is_fine, &t->grad, errors);
+  if (is_fine) return sv_train_supersample_bwd(t, &t->grad, errors);
+  if (!depth) return sv_render_bwd(&t->render, t->k, t->pool, &t->grad, NULL, NULL, errors);
   out->loss += sv_prior_depth_loss(t, depth, out->scale, sv_prior_depth_share(t, progress));
   return sv_render_bwd(&t->render, t->k, t->pool, &t->grad, t->prior.g_depth, t->prior.g_trans, errors);
 }

@@ -100,8 +100,12 @@ static void spread_task(void *arg, int i_plane, int i_thread) {
                                      .row1 = from->height_px});
 }
 
-sv_status sv_train_supersample_bwd(sv_trainer *t, const sv_planes *grad, const float *err) {
+const sv_planes *sv_train_spread(sv_trainer *t, const sv_planes *grad, const float *err) {
   sv_pool_run(t->pool, spread_task, &(job){t, grad, err}, err ? 4 : 3);
-  return sv_render_bwd(&t->render, t->k, t->pool, &t->supersample.grad, NULL, NULL,
-                       err ? t->supersample.err : NULL);
+  return &t->supersample.grad;
+}
+
+sv_status sv_train_supersample_bwd(sv_trainer *t, const sv_planes *grad, const float *err) {
+  const sv_planes *spread = sv_train_spread(t, grad, err);
+  return sv_render_bwd(&t->render, t->k, t->pool, spread, NULL, NULL, err ? t->supersample.err : NULL);
 }

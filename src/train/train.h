@@ -35,7 +35,7 @@ int sv_optimizer_by_name(const char *name);    // -1 when unknown
 // the estimates of the diagonal. No step is longer than so many of Adam's.
 typedef struct {
   int first_every, first_steps; // steps from one estimate to the next, at first and for how many steps
-  int every;                    // and from there on
+  int every;                    // and from there on, of half of the tiles
   float keep;                   // of the running mean, an estimate
   float rate_start,
       rate_end;         // log-linear over the run; rate_end times sv_train_haste's square, at most rate_start
@@ -359,11 +359,12 @@ bool sv_train_is_supersampled(const sv_trainer *t, int scale, float progress);
 bool sv_train_is_error_due(const sv_trainer *t, float progress);
 // Whether this step estimates the curvature.
 bool sv_train_is_probe_due(const sv_trainer *t);
-// After the loss: the target, which has done its duty, becomes the probe of a picture whose mean |residual| is l1. Its
-// gradients (sv_render_bwd) are squared into the running means by sv_train_curvature; those of several pictures that
-// together are one measurement by collect for each and apply.
+// After the loss of a picture whose mean |residual| is l1: the target, which has done its duty, becomes the probe, whose
+// gradients are squared into the running means. Those of all tiles in the first steps (sv_newton_cfg), later of half.
+sv_status sv_train_curvature(sv_trainer *t, double l1, bool is_supersampled) SV_MUST_USE;
+// The same of several pictures that together are one measurement, always of all: the probe, then for each its gradients
+// (sv_render_bwd) and collect, then apply.
 void sv_train_make_probe(sv_trainer *t, double l1);
-void sv_train_curvature(sv_trainer *t);
 void sv_train_collect_curvature(sv_trainer *t);
 void sv_train_apply_curvature(sv_trainer *t);
 void sv_train_supersample_carve(sv_supersample *s, size_t px,
@@ -374,7 +375,9 @@ sv_status sv_train_supersample(sv_trainer *t, const sv_view *view, const sv_rend
 // again.
 sv_status sv_train_measure(sv_trainer *t, const sv_view *view, const sv_render_options *o,
                            bool is_supersampled, const sv_planes **out) SV_MUST_USE;
-// From the gradient and the error (or NULL) of the means back to the Gaussians.
+// Spreads the gradient, returned, and the error (or NULL) of the means over the samples.
+const sv_planes *sv_train_spread(sv_trainer *t, const sv_planes *grad, const float *err);
+// From them back to the Gaussians.
 sv_status sv_train_supersample_bwd(sv_trainer *t, const sv_planes *grad, const float *err) SV_MUST_USE;
 // A view from beside those that were taken, turned about the scene's centre; reduced in size.
 sv_view sv_train_unseen_view(sv_trainer *t);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The estimate of the Gauss-Newton diagonal: its mean over many probes against diag(J^T J) / (n w) whose rows of J are
-// gradients of single pixel values, of pictures with one sample a pixel and with four, and of a measurement through
-// its forward model; then how a step uses it.
+// gradients of single pixel values, of pictures with one sample a pixel and with four, of all tiles and of half of them,
+// and of a measurement through its forward model; then how a step uses it.
 // clang-format off
 #include <setjmp.h>
 #include <stdarg.h>
@@ -17,11 +17,12 @@
 #include "src/base/mathx.h"
 #include "src/train/train.h"
 
-#define W           21
-#define H           18
+#define W           45 // two by two tiles
+#define H           38
 #define N_GAUSSIANS 20
-#define N_PROBES    1500
-#define N_ROWS      23 // SH of degree 1
+#define N_PROBES    1500 // of all tiles
+#define N_HALVES    3750 // of half of them, for the same scatter
+#define N_ROWS      23   // SH of degree 1
 
 static uint8_t block[32 << 20] __attribute__((aligned(64)));
 static uint8_t picture[H * W * 3];
@@ -35,7 +36,7 @@ static sv_view view_from(int i) {
   sv_pose pose;
   double eye[3] = {3, i - 0.5, 0.7}, at[3] = {0, 0, 0}, up[3] = {0, 0, 1};
   assert_true(sv_pose_look_at(&pose, eye, at, up));
-  return sv_view_make(W, H, 24, 25, 10, 9.5, &pose);
+  return sv_view_make(W, H, 51, 53, 22, 20, &pose);
 }
 
 static void place_gaussians(void) {
@@ -70,7 +71,7 @@ static void open_training(sv_train_cfg cfg, bool is_measurement) {
   pool = sv_pool_serial();
   cfg.n_gaussians = N_GAUSSIANS, cfg.sh_degree = 1, cfg.sh_step = 0;
   cfg.cap_views = !is_measurement, cfg.cap_composites = cfg.cap_regions = is_measurement;
-  cfg.cap_width_px = cfg.cap_height_px = cfg.region_px = 32; // one region is the whole sensor
+  cfg.cap_width_px = cfg.cap_height_px = cfg.region_px = 64; // one region is the whole sensor
   cfg.reg_opacity = cfg.reg_scale = cfg.noise = 0;
   cfg.relocate_every = 0, cfg.start_scale = 1;
   cfg.newton.first_every = cfg.newton.every = 1, cfg.newton.cap = cfg.newton.cap_scale = 0;
@@ -141,15 +142,16 @@ static void find_exact(double l1) {
     for (int r = 0; r < N_ROWS; r++) exact[i][r] /= 3.0 * W * H * l1;
 }
 
-static double estimate[N_GAUSSIANS][N_ROWS]; // the mean of N_PROBES, each of which is kept as 16 bits
+static double estimate[N_GAUSSIANS][N_ROWS]; // the mean of many, each of which is kept as 16 bits
 
-static void add_estimate(void) {
+static void add_estimate(int n) {
   for (int i = 0; i < N_GAUSSIANS; i++)
     for (int r = 0; r < N_ROWS; r++)
-      estimate[i][r] += (double)s1_from_high(t.v[sv_gaussians_at(&t.g, i, r) - t.g.param]) / N_PROBES;
+      estimate[i][r] += (double)s1_from_high(t.v[sv_gaussians_at(&t.g, i, r) - t.g.param]) / n;
 }
 
-// A mean of n squares of about normal numbers scatters by sqrt(2 / n) = 3.7 % of itself.
+// A mean of n squares of about normal numbers scatters by sqrt(2 / n) = 3.7 % of itself. With twice the squares of what
+// is in half of the tiles by sqrt(5 / n) at most, where all is in one tile.
 static void compare(const char *what) {
   double sum = 0, worst = 0, largest[N_ROWS] = {0};
   int n = 0;
@@ -168,14 +170,16 @@ static void compare(const char *what) {
   assert_true(worst < 0.25);
 }
 
-static void check_estimate(const char *what, sv_train_cfg cfg, bool is_measurement) {
+static void check_estimate(const char *what, sv_train_cfg cfg, bool is_measurement, bool is_half) {
+  const int n = is_half ? N_HALVES : N_PROBES;
   sv_step_stats st;
+  cfg.newton.first_steps = is_half ? 0 : n;
   open_training(cfg, is_measurement);
   memset(estimate, 0, sizeof estimate);
   t.cfg.newton.keep = 0.0f;
-  for (int k = 0; k < N_PROBES; k++) {
+  for (int k = 0; k < n; k++) {
     assert_int_equal(sv_train_step(&t, 0.9f, &st), SV_OK);
-    add_estimate();
+    add_estimate(n);
   }
   find_exact(st.l1);
   compare(what);
@@ -183,20 +187,56 @@ static void check_estimate(const char *what, sv_train_cfg cfg, bool is_measureme
 
 static void test_picture(void **state) {
   (void)state;
-  check_estimate("picture", sv_train_defaults(), false);
+  check_estimate("picture", sv_train_defaults(), false, false);
+}
+
+static void test_half(void **state) {
+  (void)state;
+  check_estimate("half of the tiles", sv_train_defaults(), false, true);
 }
 
 static void test_supersampled(void **state) {
   sv_train_cfg cfg = sv_train_defaults();
   (void)state;
   cfg.is_supersampled = true;
-  check_estimate("four samples a pixel", cfg, false);
+  check_estimate("four samples a pixel", cfg, false, false);
+  check_estimate("four samples a pixel, half of the tiles", cfg, false, true);
 }
 
 // Light is added, of which each lens gives half: the curves and the share of both are in J.
 static void test_measurement(void **state) {
   (void)state;
-  check_estimate("measurement of two lenses", sv_train_defaults(), true);
+  check_estimate("measurement of two lenses", sv_train_defaults(), true, true); // of all, ever
+}
+
+// --- backward on half of the tiles ---------------------------------------------------------------
+
+static bool is_left_out(int i_px, uint32_t colour) {
+  return ((uint32_t)(i_px % t.grad.stride / SV_TILE_PX + i_px / t.grad.stride / SV_TILE_PX) & 1) != colour;
+}
+
+// The same bits as of a gradient that is 0 in the other half, and the same Gaussians are touched.
+static void test_chessboard(void **state) {
+  static float half[SV_CAP_ROWS * 16], whole[SV_CAP_ROWS * 16], probe[3][64 * 64];
+  float err[16];
+  (void)state;
+  open_training(sv_train_defaults(), false);
+  assert_int_equal(sv_train_step(&t, 0.9f, NULL), SV_OK);
+  const int n_px = t.grad.stride * t.grad.rows_padded;
+  assert_int_equal(n_px, 64 * 64);
+  for (int c = 0; c < 3; c++) memcpy(probe[c], t.grad.c[c], sizeof probe[c]);
+  for (uint32_t colour = 0; colour < 2; colour++)
+    for (int b = 0; b < (N_GAUSSIANS + 15) / 16; b++) {
+      for (int c = 0; c < 3; c++) memcpy(t.grad.c[c], probe[c], sizeof probe[c]);
+      assert_int_equal(sv_render_bwd_half(&t.render, t.k, t.pool, &t.grad, colour), SV_OK);
+      uint32_t touched = sv_render_bwd_block(&t.render, t.k, b, 0, NULL, half, err, NULL);
+      for (int i = 0; i < 3 * n_px; i++)
+        if (is_left_out(i % n_px, colour)) t.grad.c[i / n_px][i % n_px] = 0;
+      assert_int_equal(sv_render_bwd(&t.render, t.k, t.pool, &t.grad, NULL, NULL, NULL), SV_OK);
+      assert_int_equal(sv_render_bwd_block(&t.render, t.k, b, 0, NULL, whole, err, NULL), touched);
+      assert_true(touched != 0);
+      for (int i = 0; i < 16 * N_ROWS; i++) assert_true(half[i] == whole[i]);
+    }
 }
 
 // --- what a step does with it --------------------------------------------------------------------
@@ -227,7 +267,8 @@ static void test_step(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_picture), cmocka_unit_test(test_supersampled),
-                                     cmocka_unit_test(test_measurement), cmocka_unit_test(test_step)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_picture),      cmocka_unit_test(test_half),
+                                     cmocka_unit_test(test_supersampled), cmocka_unit_test(test_measurement),
+                                     cmocka_unit_test(test_chessboard),   cmocka_unit_test(test_step)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
