@@ -55,8 +55,8 @@ static sv_train_cfg train_cfg(const sv_bench_step *size) {
   c.n_gaussians = size->n_gaussians, c.cap_views = 1;
   c.cap_width_px = size->width_px, c.cap_height_px = size->height_px;
   c.n_threads = size->n_threads;
-  c.relocate_every = INT_MAX; // a step without its rare work
-  c.newton.first_steps = 0;
+  c.relocate_every = INT_MAX;                    // a step without its rare work
+  c.newton.first_steps = c.newton.half_from = 0; // as in long runs
   c.lr = (sv_learning_rates){1e-25f, 1e-25f, 1e-25f, 1e-25f, 1e-25f, 1e-25f, 1e-25f}; // nothing moves
   c.cap_recs = 64u * (uint32_t)c.n_gaussians + 40000u; // nothing may be left out of what is timed
   return c;

@@ -91,7 +91,7 @@ static sv_status probe_bwd(sv_trainer *t, const sv_planes *probe, bool is_half) 
 }
 
 sv_status sv_train_curvature(sv_trainer *t, double l1, bool is_supersampled) {
-  const bool is_half = t->step >= (uint32_t)t->cfg.newton.first_steps;
+  const bool is_half = t->step >= (uint32_t)t->cfg.newton.half_from;
   make_probe(t, l1, n_values(&t->target) * (is_half ? 0.5 : 1.0));
   sv_status s = probe_bwd(t, is_supersampled ? sv_train_spread(t, &t->target, NULL) : &t->target, is_half);
   if (s < 0) return s;

@@ -37,6 +37,7 @@ sv_train_cfg sv_train_defaults(void) {
       .newton = {.first_every = 5, // no divisors of what repeats otherwise: all kinds of views have turns
                  .first_steps = 300,
                  .every = 17,
+                 .half_from = 1000, // earlier they may not scatter more (docs/time_to_quality.md)
                  .keep = 0.9f,
                  .rate_start = 0.1f,
                  .rate_end = 0.02f,

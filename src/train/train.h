@@ -35,7 +35,8 @@ int sv_optimizer_by_name(const char *name);    // -1 when unknown
 // the estimates of the diagonal. No step is longer than so many of Adam's.
 typedef struct {
   int first_every, first_steps; // steps from one estimate to the next, at first and for how many steps
-  int every;                    // and from there on, of half of the tiles
+  int every;                    // and from there on
+  int half_from;                // step from which they look at half of the tiles
   float keep;                   // of the running mean, an estimate
   float rate_start,
       rate_end;         // log-linear over the run; rate_end times sv_train_haste's square, at most rate_start
@@ -360,7 +361,7 @@ bool sv_train_is_error_due(const sv_trainer *t, float progress);
 // Whether this step estimates the curvature.
 bool sv_train_is_probe_due(const sv_trainer *t);
 // After the loss of a picture whose mean |residual| is l1: the target, which has done its duty, becomes the probe, whose
-// gradients are squared into the running means. Those of all tiles in the first steps (sv_newton_cfg), later of half.
+// gradients are squared into the running means. Those of all tiles, from cfg.newton.half_from on of half.
 sv_status sv_train_curvature(sv_trainer *t, double l1, bool is_supersampled) SV_MUST_USE;
 // The same of several pictures that together are one measurement, always of all: the probe, then for each its gradients
 // (sv_render_bwd) and collect, then apply.

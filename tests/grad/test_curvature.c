@@ -173,7 +173,7 @@ static void compare(const char *what) {
 static void check_estimate(const char *what, sv_train_cfg cfg, bool is_measurement, bool is_half) {
   const int n = is_half ? N_HALVES : N_PROBES;
   sv_step_stats st;
-  cfg.newton.first_steps = is_half ? 0 : n;
+  cfg.newton.half_from = is_half ? 0 : n;
   open_training(cfg, is_measurement);
   memset(estimate, 0, sizeof estimate);
   t.cfg.newton.keep = 0.0f;
