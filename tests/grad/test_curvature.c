@@ -170,9 +170,10 @@ static void compare(const char *what) {
   assert_true(worst < 0.25);
 }
 
-// n estimates, of half of the tiles where such are made.
-static void check_estimate(const char *what, sv_train_cfg cfg, bool is_measurement, int n) {
+// n estimates, of half of the tiles or of all.
+static void check_estimate(const char *what, sv_train_cfg cfg, bool is_measurement, bool is_half, int n) {
   sv_step_stats st;
+  cfg.newton.half_from = is_half ? 0 : n;
   open_training(cfg, is_measurement);
   memset(estimate, 0, sizeof estimate);
   t.cfg.newton.keep = 0.0f;
@@ -185,32 +186,26 @@ static void check_estimate(const char *what, sv_train_cfg cfg, bool is_measureme
 }
 
 static void test_picture(void **state) {
-  sv_train_cfg cfg = sv_train_defaults();
   (void)state;
-  cfg.newton.half_from = N_PROBES;
-  check_estimate("picture", cfg, false, N_PROBES);
+  check_estimate("picture", sv_train_defaults(), false, false, N_PROBES);
 }
 
 static void test_half(void **state) {
-  sv_train_cfg cfg = sv_train_defaults();
   (void)state;
-  cfg.newton.half_from = 0;
-  check_estimate("half of the tiles", cfg, false, N_HALVES);
+  check_estimate("half of the tiles", sv_train_defaults(), false, true, N_HALVES);
 }
 
 static void test_supersampled(void **state) {
   sv_train_cfg cfg = sv_train_defaults();
   (void)state;
-  cfg.is_supersampled = true, cfg.newton.half_from = 0;
-  check_estimate("four samples a pixel, half of the tiles", cfg, false, N_HALVES);
+  cfg.is_supersampled = true;
+  check_estimate("four samples a pixel, half of the tiles", cfg, false, true, N_HALVES);
 }
 
 // Light is added, of which each lens gives half: the curves and the share of both are in J. Always of all tiles.
 static void test_measurement(void **state) {
-  sv_train_cfg cfg = sv_train_defaults();
   (void)state;
-  cfg.newton.half_from = 0;
-  check_estimate("measurement of two lenses", cfg, true, N_PROBES);
+  check_estimate("measurement of two lenses", sv_train_defaults(), true, true, N_PROBES);
 }
 
 // --- backward on half of the tiles ---------------------------------------------------------------
