@@ -42,6 +42,23 @@ static inline void v16_store4x4(float *p, long stride, v16 a) {
   _mm_storeu_ps(p + 2 * stride, _mm512_extractf32x4_ps(a, 2));
   _mm_storeu_ps(p + 3 * stride, _mm512_extractf32x4_ps(a, 3));
 }
+// The quads of four vectors transposed: out[i] has quad i of each.
+static inline void v16_swap_quads_(v16 out[4], const v16 a[4]) {
+  v16 p = _mm512_shuffle_f32x4(a[0], a[1], 0x44), q = _mm512_shuffle_f32x4(a[2], a[3], 0x44);
+  v16 r = _mm512_shuffle_f32x4(a[0], a[1], 0xee), s = _mm512_shuffle_f32x4(a[2], a[3], 0xee);
+  out[0] = _mm512_shuffle_f32x4(p, q, 0x88), out[1] = _mm512_shuffle_f32x4(p, q, 0xdd);
+  out[2] = _mm512_shuffle_f32x4(r, s, 0x88), out[3] = _mm512_shuffle_f32x4(r, s, 0xdd);
+}
+#define V16_HAS_4X16 1 // four 4x4 blocks side by side: whole vectors go to and from memory
+static inline void v16_load4x16(v16 out[4], const float *p, long stride) {
+  v16 rows[4] = {v16_load(p), v16_load(p + stride), v16_load(p + 2 * stride), v16_load(p + 3 * stride)};
+  v16_swap_quads_(out, rows);
+}
+static inline void v16_store4x16(float *p, long stride, const v16 a[4]) {
+  v16 rows[4];
+  v16_swap_quads_(rows, a);
+  for (int i = 0; i < 4; i++) v16_store(p + i * stride, rows[i]);
+}
 static inline v16 v16_load_u8(const uint8_t *p) {
   return _mm512_cvtepi32_ps(_mm512_cvtepu8_epi32(_mm_loadu_si128((const __m128i *)p)));
 }

@@ -90,6 +90,10 @@ V16_INLINE v16 v16_log2(v16 x) {
 #define V16_REGISTERS 8 // v16s that the registers hold
 #endif
 
+#ifndef V16_HAS_4X16
+#define V16_HAS_4X16 0
+#endif
+
 #ifndef V16_HAS_TRANSPOSE64
 #define V16_HAS_TRANSPOSE64 0
 #endif
