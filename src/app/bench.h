@@ -10,8 +10,8 @@
 //
 // The model bound of a step is the sum over its operations of the longer of two times: floating-point operations at
 // the measured peak of multiply-adds (which the CPU runs nothing else at), and bytes that must move (each array once)
-// at the measured rate of copying a block of the step's size. Operations are counted as written in the kernels, a
-// multiply-add as two; blended pairs are those that the kernels evaluate, whole blocks of 16 lanes.
+// at the measured rate of copying a block as large as all arrays of the step together. Operations are counted as written
+// in the kernels, a multiply-add as two; blended pairs are those that the kernels evaluate, whole blocks of 16 lanes.
 //
 // That bound takes every operation for half of a multiply-add. Blending cannot be written so: comparisons, minimum,
 // conversions and sums of two terms go through the same ports and do one operation or none that is counted. The bound
@@ -29,7 +29,7 @@ extern "C" {
 #define SV_BENCH_CAP_CASES   12 // sizes of one pool
 #define SV_BENCH_CAP_SKIPPED 48
 #define SV_BENCH_CAP_POOLS   4
-#define SV_BENCH_COPY_SIZES  5
+#define SV_BENCH_COPY_SIZES  9
 
 // Stages of a step, each with the operations of the kernel table that it runs.
 typedef enum {
@@ -183,8 +183,11 @@ sv_bench_times sv_bench_times_of(double *v, int n);
 // Counts of the trainer's last picture, which has no depth: the plane of depths is overwritten. n_touched is left 0.
 sv_bench_counts sv_bench_count(sv_trainer *t);
 sv_bench_cost sv_bench_cost_of(sv_bench_op op, const sv_bench_counts *n);
-// Seconds that `cost` takes at the peak at least; working_bytes: of the whole step, which says what caches can hold.
-double sv_bench_bound_s(const sv_bench_peak *peak, sv_bench_cost cost, double working_bytes);
+// Bytes of all arrays that a step works on.
+double sv_bench_arrays_bytes(const sv_bench_counts *n);
+// Seconds that `cost` takes at the peak at least; arrays_bytes: of the whole step, which says what caches can hold. Between
+// the sizes that were copied, rates are interpolated over the logarithm of the size.
+double sv_bench_bound_s(const sv_bench_peak *peak, sv_bench_cost cost, double arrays_bytes);
 // Fills bound_ms, stage_bound_ms, pixel_bound_ms and slot_bound_ms of a case from its counts.
 void sv_bench_bound(sv_bench_step *r, const sv_bench_peak *peak);
 // Measures a pool. Copies are between halves of what is free in the arena, at most 64 MiB.

@@ -84,12 +84,32 @@ sv_bench_cost sv_bench_cost_of(sv_bench_op op, const sv_bench_counts *n) {
   }
 }
 
-double sv_bench_bound_s(const sv_bench_peak *peak, sv_bench_cost cost, double working_bytes) {
-  double flop_s = peak->flop_per_s > 0 ? cost.flop / peak->flop_per_s : 0, rate = 0;
-  // The largest block that is not larger than the step's: nothing is copied faster out of larger ones.
-  for (int i = 0; i < peak->n_copy_sizes; i++)
-    if (i == 0 || (double)peak->copy_bytes[i] <= working_bytes) rate = peak->copy_bytes_per_s[i];
-  double bytes_s = rate > 0 ? cost.bytes / rate : 0;
+double sv_bench_arrays_bytes(const sv_bench_counts *n) {
+  // parameters and two moments of 16 bits; record, its place in a list, pair to sort, slot
+  const double gaussian = (4 + 2 * 2) * n->n_rows + (double)sizeof(sv_splat);
+  const double record = sizeof(sv_rec) + sizeof(uint32_t) + sizeof(sv_pair) + SV_SLOT_BYTES;
+  const double pixel =
+      3 + 4 * (3 + 3 + 3 + 2); // the picture; planes of it, of the rendering, its gradient, T, errors
+  return gaussian * n->n_gaussians + record * n->n_recs + pixel * n->n_pixels;
+}
+
+// Nothing is copied slower out of a smaller block than out of a larger one, unless something disturbed it.
+static double copy_rate(const sv_bench_peak *p, double bytes) {
+  double above = 0, size_above = 0; // of the next larger size
+  for (int i = p->n_copy_sizes - 1; i >= 0; i--) {
+    const double size = (double)p->copy_bytes[i], rate = sv_maxd(p->copy_bytes_per_s[i], above);
+    if (bytes >= size) {
+      if (size_above <= 0) return rate;
+      return rate + (above - rate) * sv_log(bytes / size) / sv_log(size_above / size);
+    }
+    above = rate, size_above = size;
+  }
+  return above;
+}
+
+double sv_bench_bound_s(const sv_bench_peak *peak, sv_bench_cost cost, double arrays_bytes) {
+  double flop_s = peak->flop_per_s > 0 ? cost.flop / peak->flop_per_s : 0;
+  double rate = copy_rate(peak, arrays_bytes), bytes_s = rate > 0 ? cost.bytes / rate : 0;
   return flop_s > bytes_s ? flop_s : bytes_s;
 }
 
@@ -112,8 +132,7 @@ void sv_bench_bound(sv_bench_step *r, const sv_bench_peak *peak) {
       blended = 0.5 * probes;                                                  // each on half of the tiles
   const double flop = sv_bench_cost_of(SV_BENCH_RASTER, &r->n).flop +
                       (1 + blended) * sv_bench_cost_of(SV_BENCH_RASTER_BWD, &r->n).flop;
-  double working = 0;
-  for (int op = 0; op < SV_N_BENCH_OPS; op++) working += sv_bench_cost_of((sv_bench_op)op, &r->n).bytes;
+  const double arrays_bytes = sv_bench_arrays_bytes(&r->n);
   r->bound_ms = 0;
   for (int s = 0; s < SV_N_STAGES; s++) {
     r->stage_bound_ms[s] = 0;
@@ -122,7 +141,7 @@ void sv_bench_bound(sv_bench_step *r, const sv_bench_peak *peak) {
                            : ops_of[s][i] == SV_BENCH_RASTER_BWD ? blended
                                                                  : probes;
       const sv_bench_cost cost = sv_bench_cost_of(ops_of[s][i], &r->n);
-      r->stage_bound_ms[s] += 1e3 * share * sv_bench_bound_s(peak, cost, working);
+      r->stage_bound_ms[s] += 1e3 * share * sv_bench_bound_s(peak, cost, arrays_bytes);
     }
     if (s == SV_STAGE_RASTER_BWD) r->stage_bound_ms[s] += errors_ms(r, peak);
     r->bound_ms += r->stage_bound_ms[s];

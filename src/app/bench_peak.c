@@ -8,7 +8,7 @@
 #define LEAST    4 // runs
 #define LEAST_S  0.05
 #define SMALLEST                                                                                             \
-  ((size_t)256 << 10) // bytes of a copy, read and written together; each size is four times the last
+  ((size_t)256 << 10) // bytes of a copy, read and written together; each size is twice the last
 
 static void fma_task(void *arg, int i_task, int i_thread) {
   const sv_kernels *k = arg;
@@ -50,7 +50,7 @@ sv_bench_peak sv_bench_peak_of(const sv_kernels *k, const sv_pool *pool, const s
   size_t mark = sv_arena_mark(arena), bytes = SMALLEST;
   p.flop_per_s =
       (double)SV_FMA_PEAK_FLOPS * N_ROUNDS * pool->n_threads / best_s(pool, fma_task, &table, clock);
-  for (int i = 0; i < SV_BENCH_COPY_SIZES; i++, bytes *= 4) {
+  for (int i = 0; i < SV_BENCH_COPY_SIZES; i++, bytes *= 2) {
     copy_job j = {.from = SV_TAKE(arena, uint8_t, bytes / 2), .to = SV_TAKE(arena, uint8_t, bytes / 2)};
     if (arena->status >= 0) {
       j.part_bytes = bytes / 2 / (size_t)pool->n_threads;

@@ -50,16 +50,24 @@ static void test_bound(void **state) {
   sv_bench_peak p = {
       .flop_per_s = 1e9, .n_copy_sizes = 2, .copy_bytes = {1000, 4000}, .copy_bytes_per_s = {4e9, 1e9}};
   sv_bench_cost c = {1e9, 1e9};
-  assert_true(sv_bench_bound_s(&p, c, 1000) == 1);                       // arithmetic
-  assert_true(sv_bench_bound_s(&p, (sv_bench_cost){0, 8e9}, 3999) == 2); // out of the cache
-  assert_true(sv_bench_bound_s(&p, (sv_bench_cost){0, 8e9}, 4000) == 8); // out of memory
-  assert_true(sv_bench_bound_s(&(sv_bench_peak){0}, c, 1000) == 0);      // nothing measured
+  assert_true(sv_bench_bound_s(&p, c, 1000) == 1); // arithmetic
+  const sv_bench_cost moves = {0, 8e9};
+  assert_true(sv_bench_bound_s(&p, moves, 10) == 2 &&
+              sv_bench_bound_s(&p, moves, 1000) == 2);                // out of the cache
+  assert_true(fabs(sv_bench_bound_s(&p, moves, 2000) - 3.2) < 1e-12); // partly
+  assert_true(sv_bench_bound_s(&p, moves, 4000) == 8 &&
+              sv_bench_bound_s(&p, moves, 9e9) == 8); // out of memory
+  sv_bench_peak disturbed = p;
+  disturbed.copy_bytes_per_s[0] = 0.5e9;
+  assert_true(sv_bench_bound_s(&disturbed, moves, 1000) == 8);
+  assert_true(sv_bench_bound_s(&(sv_bench_peak){0}, c, 1000) == 0); // nothing measured
   sv_bench_step r = {.n = {.pairs = 1000000,
                            .block_rows = 1000,
                            .n_recs = 100,
                            .n_gaussians = 10,
                            .n_pixels = 100,
                            .n_rows = 23}};
+  assert_true(sv_bench_arrays_bytes(&r.n) == 10 * (23 * 8 + 64) + 100 * (16 + 4 + 8 + 32) + 100 * 47);
   double sum = 0;
   sv_bench_bound(&r, &p);
   for (int s = 0; s < SV_N_STAGES; s++) sum += r.stage_bound_ms[s];
