@@ -27,7 +27,7 @@ extern "C" {
 #define SV_TILE_BLOCKS  64 // 4x4 blocks of a tile
 #define SV_RASTER_GROUP 128
 // The moments of records of at most so many blocks are summed block by block, of larger ones by rows of blocks first.
-#define SV_RASTER_SMALL 8
+#define SV_RASTER_SMALL 16
 // Splats of an opacity up to 2^this, 0.98, stay below SV_ALPHA_MAX whatever is rounded on the way.
 #define SV_POWER_FREE            (-0.0291463f - SV_POWER_SHIFT)
 #define SV_RASTER_SCRATCH_FLOATS (9 * SV_TILE_PX * SV_TILE_PX + 256) // per thread
