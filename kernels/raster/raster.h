@@ -39,8 +39,8 @@ typedef struct {
   int stride; // floats
   float bg[3];
   float *rgb[3]; // out, background included
-  float *depth;  // out, sum of a T z; may be NULL
-  float *trans;  // out, what is left of T
+  float *depth;  // out, sum of a T z; or NULL
+  float *trans;  // out, what is left of T; where depth is NULL nobody's
 } sv_raster_args;
 
 // One tile; list[n]: its records, front to back. exact.

@@ -336,7 +336,7 @@ sv_status sv_render(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, co
                                .bg = {o->bg[0], o->bg[1], o->bg[2]},
                                .rgb = {r->rgb.c[0], r->rgb.c[1], r->rgb.c[2]},
                                .depth = o->has_depth ? r->depth : NULL,
-                               .trans = r->trans};
+                               .trans = o->has_depth ? r->trans : NULL};
   sv_pool_run(pool, raster_task, &j, r->n_tiles);
   return SV_OK;
 }
@@ -371,7 +371,7 @@ static void raster_bwd_half_task(void *arg, int i_task, int i_thread) {
 sv_status sv_render_bwd(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, const sv_planes *g_rgb,
                         const float *g_depth, const float *g_trans, const float *err) {
   if (!r->slot || g_rgb->stride != r->rgb.stride || g_rgb->rows_padded != r->rgb.rows_padded) return SV_E_ARG;
-  if (g_depth && !r->raster.depth) return SV_E_ARG;
+  if ((g_depth || g_trans) && !r->raster.depth) return SV_E_ARG;
   sv_raster_bwd_args a = {.fwd = &r->raster,
                           .g_rgb = {g_rgb->c[0], g_rgb->c[1], g_rgb->c[2]},
                           .g_depth = g_depth,

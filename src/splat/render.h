@@ -67,16 +67,16 @@ typedef struct {
   float near_z;        // world units
   bool is_antialiased; // Mip-Splatting's 2D compensation
   float dilation_px2;  // low-pass of the pixel grid; 0: SV_DILATION_PX2
-  bool has_depth;      // fill r->depth
+  bool has_depth;      // fill r->depth and r->trans
   float bg[3];
 } sv_render_options;
 
-// Renders into r->rgb, r->depth, r->trans. E_RANGE when the view is larger than the caps.
+// Renders into r->rgb; with has_depth, into r->depth and r->trans, too. E_RANGE when the view is larger than the caps.
 sv_status sv_render(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, const sv_gaussians *g,
                     const sv_view *view, const sv_render_options *o) SV_MUST_USE;
 
-// Gradients of the last picture's planes -> slots per record. g_depth, g_trans, err may be NULL. The planes
-// have the picture's stride; padding must be 0. Then sv_render_bwd_block per block of 16 Gaussians.
+// Gradients of the last picture's planes -> slots per record. g_depth and g_trans, of pictures with has_depth only, and err
+// may be NULL. The planes have the picture's stride; padding must be 0. Then sv_render_bwd_block per block of 16 Gaussians.
 sv_status sv_render_bwd(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, const sv_planes *g_rgb,
                         const float *g_depth, const float *g_trans, const float *err) SV_MUST_USE;
 // The same of the tiles of one colour, laid out as a chessboard's fields, at half the price: 0, that of the first tile, or

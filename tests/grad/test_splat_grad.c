@@ -235,7 +235,7 @@ static void render_float(const scene_case *c, const dr_scene *s, const sv_view *
   assert_int_equal(sv_planes_init(&q->g_rgb, c->width_px, c->height_px, &a), SV_OK);
   for (int i = 0; i < 3; i++) q->g_rgb.c[i] = plane(&a, &q->g_rgb, w->rgb[i]);
   q->g_depth = c->has_depth ? plane(&a, &q->g_rgb, w->depth) : NULL;
-  q->g_trans = plane(&a, &q->g_rgb, w->trans);
+  q->g_trans = c->has_depth ? plane(&a, &q->g_rgb, w->trans) : NULL;
   q->err = plane(&a, &q->g_rgb, err);
   q->expected_depth = plane(&a, &q->g_rgb, NULL);
   if (c->has_depth) sv_render_expected_depth(&q->r, 1e-3f, q->expected_depth);
@@ -272,7 +272,7 @@ static void make_truth(const scene_case *c, const dr_scene *s, truth *t) {
     t->n_near += is_near;
     for (int k = 0; k < 3; k++) t->w_rgb[k][i] = is_near ? 0 : (float)uniform(&r, -1, 1);
     t->w_depth[i] = is_near ? 0 : (float)uniform(&r, -0.3, 0.3);
-    t->w_trans[i] = is_near ? 0 : (float)uniform(&r, -0.5, 0.5);
+    t->w_trans[i] = is_near || !c->has_depth ? 0 : (float)uniform(&r, -0.5, 0.5);
   }
 }
 
@@ -309,8 +309,8 @@ static double value_error(const scene_case *c, const truth *t, const run *q, dou
       double tol = (t->margin[i] < band(c->is_hard) ? 0.03 : tol_value(c->is_hard)) *
                    slack; // a splat of alpha 1/255, or the light's end
       for (int k = 0; k < 3; k++) worst = fmax(worst, fabs((double)q->r.rgb.c[k][o] - t->rgb[k][i]) / tol);
-      worst = fmax(worst, fabs((double)q->r.trans[o] - t->trans[i]) / tol);
       if (!c->has_depth) continue;
+      worst = fmax(worst, fabs((double)q->r.trans[o] - t->trans[i]) / tol);
       worst = fmax(worst, fabs((double)q->r.depth[o] - t->depth[i]) / (5 * tol));
       double alpha = 1 - t->trans[i], expected = alpha > 1e-3 ? t->depth[i] / fmax(alpha, 1e-10) : 0;
       if (alpha > 0.002) // under 1/255 nothing is drawn

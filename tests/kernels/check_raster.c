@@ -43,7 +43,7 @@ static void set_forward(ck *c, raster_job *j, const sv_rec *rec, bool has_depth)
                              .bg = {0.2f, 0.7f, 0.4f}};
   for (int i = 0; i < 3; i++) j->args.rgb[i] = ck_floats(c, j->n_px);
   j->args.depth = has_depth ? ck_floats(c, j->n_px) : NULL;
-  j->args.trans = ck_floats(c, j->n_px);
+  j->args.trans = has_depth ? ck_floats(c, j->n_px) : NULL;
   j->scratch = ck_floats(c, SV_RASTER_SCRATCH_FLOATS);
 }
 
@@ -83,8 +83,10 @@ static void compare_plane(ck *c, const char *name, const float *a, const float *
 
 static void compare_forward(ck *c, const raster_job *a, const raster_job *b) {
   for (int i = 0; i < 3; i++) compare_plane(c, "rgb", a->args.rgb[i], b->args.rgb[i], a->n_px, 3);
-  if (a->args.depth) compare_plane(c, "depth", a->args.depth, b->args.depth, a->n_px, 4);
-  compare_plane(c, "trans", a->args.trans, b->args.trans, a->n_px, 1);
+  if (a->args.depth) {
+    compare_plane(c, "depth", a->args.depth, b->args.depth, a->n_px, 4);
+    compare_plane(c, "trans", a->args.trans, b->args.trans, a->n_px, 1);
+  }
   if (c->is_exact) ck_same_bytes(c, "records", a->args.rec, b->args.rec, a->s.n_recs * sizeof *a->args.rec);
 }
 
@@ -108,7 +110,7 @@ static void raster_case(ck *c, int kind, int n, int size, int masks, int flags, 
   }
   a.bwd = (sv_raster_bwd_args){.fwd = &a.args,
                                .g_depth = flags & 2 && flags & 1 ? plane(c, &a, fill, 1) : NULL,
-                               .g_trans = flags & 4 ? plane(c, &a, fill, 1) : NULL,
+                               .g_trans = flags & 4 && flags & 1 ? plane(c, &a, fill, 1) : NULL,
                                .err = flags & 8 ? plane(c, &a, CK_UNIT, 1) : NULL};
   for (int i = 0; i < 3; i++) a.bwd.g_rgb[i] = plane(c, &a, fill, 1);
   b.bwd = a.bwd;
