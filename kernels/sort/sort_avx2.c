@@ -11,18 +11,18 @@ static inline key16 key16_make(__m256i a, __m256i b) {
   key16 r = {a, b};
   return r;
 }
-static inline key16 key16_load(const int32_t *p) {
+static inline key16 key16_load(const uint32_t *p) {
   return key16_make(_mm256_loadu_si256((const __m256i *)p), _mm256_loadu_si256((const __m256i *)(p + 8)));
 }
-static inline void key16_store(int32_t *p, key16 x) {
+static inline void key16_store(uint32_t *p, key16 x) {
   _mm256_storeu_si256((__m256i *)p, x.a);
   _mm256_storeu_si256((__m256i *)(p + 8), x.b);
 }
 static inline key16 key16_min(key16 x, key16 y) {
-  return key16_make(_mm256_min_epi32(x.a, y.a), _mm256_min_epi32(x.b, y.b));
+  return key16_make(_mm256_min_epu32(x.a, y.a), _mm256_min_epu32(x.b, y.b));
 }
 static inline key16 key16_max(key16 x, key16 y) {
-  return key16_make(_mm256_max_epi32(x.a, y.a), _mm256_max_epi32(x.b, y.b));
+  return key16_make(_mm256_max_epu32(x.a, y.a), _mm256_max_epu32(x.b, y.b));
 }
 static inline __m256i reverse8(__m256i a) {
   return _mm256_permutevar8x32_epi32(a, _mm256_setr_epi32(7, 6, 5, 4, 3, 2, 1, 0));
@@ -30,7 +30,7 @@ static inline __m256i reverse8(__m256i a) {
 static inline key16 key16_reverse(key16 x) { return key16_make(reverse8(x.b), reverse8(x.a)); }
 
 // upper: the lanes of a half that take the larger word.
-#define ORDER(x, y, upper) _mm256_blend_epi32(_mm256_min_epi32(x, y), _mm256_max_epi32(x, y), upper)
+#define ORDER(x, y, upper) _mm256_blend_epi32(_mm256_min_epu32(x, y), _mm256_max_epu32(x, y), upper)
 #define STEP(name, upper, other)                                                                             \
   static inline __m256i name##_half(__m256i a) { return ORDER(a, other, upper); }                            \
   static inline key16 name(key16 x) { return key16_make(name##_half(x.a), name##_half(x.b)); }
@@ -41,11 +41,11 @@ STEP(flip_3, 0xcc, _mm256_shuffle_epi32(a, 0x1b))
 STEP(flip_7, 0xf0, reverse8(a))
 #define flip_1 step_1
 static inline key16 step_8(key16 x) {
-  return key16_make(_mm256_min_epi32(x.a, x.b), _mm256_max_epi32(x.a, x.b));
+  return key16_make(_mm256_min_epu32(x.a, x.b), _mm256_max_epu32(x.a, x.b));
 }
 static inline key16 flip_15(key16 x) {
   const __m256i b = reverse8(x.b);
-  return key16_make(_mm256_min_epi32(x.a, b), reverse8(_mm256_max_epi32(x.a, b)));
+  return key16_make(_mm256_min_epu32(x.a, b), reverse8(_mm256_max_epu32(x.a, b)));
 }
 
 #include "kernels/sort/sort_vec.inc"

@@ -3,8 +3,6 @@
 
 #include <string.h>
 
-#include "kernels/sort/sort_insert.h"
-
 // FEW pairs are sorted by insertion. Buckets of longer digits take longer to add up than lists of less than LONG, or MANY,
 // pairs take to be moved. MOVES places a pair and more, and two more passes are less work.
 enum { CAP_PASSES = 4, FEW = 24, LONG = 1024, MANY = 2048, MOVES = 2 };
@@ -81,6 +79,23 @@ static sv_pair *by_digits(const sv_sort_args *a, sv_pair *from, const digits *d)
   return from;
 }
 
+// And the values to `order`; gives up after `left` moves, and what it leaves is as stable as what it got.
+static int by_insertion(sv_pair *pair, uint32_t n, uint64_t left, uint32_t *order) {
+  for (uint32_t i = 0; i < n; i++) {
+    const sv_pair p = pair[i];
+    uint32_t k = i;
+    for (; k > 0 && pair[k - 1].key > p.key; k--) {
+      pair[k] = pair[k - 1];
+      order[k] = order[k - 1];
+    }
+    if (k < i) pair[k] = p;
+    order[k] = p.value;
+    if (i - k > left) return 0;
+    left -= i - k;
+  }
+  return 1;
+}
+
 // Two passes leave few out of place, unless depths crowd in a small part of the range.
 void sv_sort_ref(const sv_sort_args *a) {
   sv_pair *sorted = a->pair;
@@ -90,7 +105,7 @@ void sv_sort_ref(const sv_sort_args *a) {
     sorted = by_digits(a, sorted, &leading);
     moves = (uint64_t)a->n * MOVES;
   }
-  if (sort_insert(sorted, a->n, moves, a->order)) return;
+  if (by_insertion(sorted, a->n, moves, a->order)) return;
   const digits all = digits_of(a, sorted, 0);
   sorted = by_digits(a, sorted, &all);
   for (uint32_t i = 0; i < a->n; i++) a->order[i] = sorted[i].value;
