@@ -209,17 +209,25 @@ static void scatter_task(void *arg, int c, int i_thread) {
 
 // Counts per (chunk, tile) -> write positions: tile by tile, chunks in the order of their slots.
 static void place_tiles(sv_renderer *r) {
-  uint32_t sum = 0;
-  for (int t = 0; t < r->n_tiles; t++) {
-    r->tile_begin[t] = sum;
-    for (int c = 0; c < SV_RENDER_CHUNKS; c++) {
-      uint32_t *p = r->chunk_at + (size_t)c * (size_t)r->n_tiles + t, n = *p;
-      *p = sum;
-      sum += n;
-      r->chunk_end[(size_t)c * (size_t)r->n_tiles + t] = sum;
-    }
+  const size_t n_tiles = (size_t)r->n_tiles;
+  uint32_t *begin = r->tile_begin, sum = 0;
+  memset(begin, 0, (n_tiles + 1) * sizeof *begin);
+  for (size_t c = 0; c < SV_RENDER_CHUNKS; c++)
+    for (size_t t = 0; t < n_tiles; t++) begin[t] += r->chunk_at[c * n_tiles + t];
+  for (size_t t = 0; t <= n_tiles; t++) {
+    const uint32_t n = begin[t];
+    begin[t] = sum;
+    sum += n;
   }
-  r->tile_begin[r->n_tiles] = sum;
+  const uint32_t *from = begin; // where the chunk in front ends
+  for (size_t c = 0; c < SV_RENDER_CHUNKS; c++) {
+    uint32_t *at = r->chunk_at + c * n_tiles, *end = r->chunk_end + c * n_tiles;
+    for (size_t t = 0; t < n_tiles; t++) {
+      end[t] = from[t] + at[t];
+      at[t] = from[t];
+    }
+    from = end;
+  }
 }
 
 static void bin_all(job *j, const sv_pool *pool) {
