@@ -68,7 +68,7 @@ sv_bench_cost sv_bench_cost_of(sv_bench_op op, const sv_bench_counts *n) {
     return (sv_bench_cost){BIN_ROW_FLOP * (double)n->rows, sizeof(sv_splat) * visible + record * recs};
   case SV_BENCH_RASTER:
     return (sv_bench_cost){FORWARD_FLOP * pairs + FORWARD_ROW_FLOP * row_lanes,
-                           (record + 8) * recs + sizeof(sv_splat) * visible + 16 * px};
+                           (record + 8) * recs + sizeof(sv_splat) * visible + 12 * px};
   case SV_BENCH_SSIM: return (sv_bench_cost){3 * SSIM_FLOP * px, 3 * (8 + 6) * px};
   case SV_BENCH_SSIM_BWD: return (sv_bench_cost){3 * SSIM_BWD_FLOP * px, 3 * (8 + 6 + 4) * px};
   case SV_BENCH_RASTER_BWD:
@@ -89,7 +89,7 @@ double sv_bench_arrays_bytes(const sv_bench_counts *n) {
   const double gaussian = (4 + 2 * 2) * n->n_rows + (double)sizeof(sv_splat);
   const double record = sizeof(sv_rec) + sizeof(uint32_t) + sizeof(sv_pair) + SV_SLOT_BYTES;
   const double pixel =
-      3 + 4 * (3 + 3 + 3 + 2); // the picture; planes of it, of the rendering, its gradient, T, errors
+      3 + 4 * (3 + 3 + 3 + 1); // the picture; planes of it, of the rendering, its gradient, errors
   return gaussian * n->n_gaussians + record * n->n_recs + pixel * n->n_pixels;
 }
 
