@@ -149,8 +149,6 @@ static inline v16 v16_load11(const uint8_t *p) {
 static inline v16 v16_add_same(v16 a, v16 x, v16i i, v16i j) {
   return _mm512_mask_add_ps(x, _mm512_cmpeq_epi32_mask(i, j), x, a);
 }
-// From memory, which takes no way through the other registers.
-static inline v16i v16i_load1(const uint32_t *p) { return _mm512_broadcastd_epi32(_mm_loadu_si32(p)); }
 static inline v16i v16i_or_if(uint64_t bits, v16i a, v16i b) {
   const __m512i on = _mm512_set1_epi64((long long)bits);
   return _mm512_maskz_or_epi64(_mm512_test_epi64_mask(on, on), a, b);
