@@ -40,7 +40,7 @@ typedef struct {
   float bg[3];
   float *rgb[3]; // out, background included
   float *depth;  // out, sum of a T z; or NULL
-  float *trans;  // out, what is left of T; where depth is NULL nobody's
+  float *trans;  // out, what is left of T; not written where depth is NULL
 } sv_raster_args;
 
 // One tile; list[n]: its records, front to back. exact.

@@ -79,7 +79,7 @@ static sv_pair *by_digits(const sv_sort_args *a, sv_pair *from, const digits *d)
   return from;
 }
 
-// And the values to `order`; gives up after `left` moves, and what it leaves is as stable as what it got.
+// Sorts the pairs, and puts their values into `order`; gives up after `left` moves, and what it leaves is as stable as what it got.
 static int by_insertion(sv_pair *pair, uint32_t n, uint64_t left, uint32_t *order) {
   for (uint32_t i = 0; i < n; i++) {
     const sv_pair p = pair[i];

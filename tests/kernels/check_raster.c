@@ -92,7 +92,7 @@ static void compare_forward(ck *c, const raster_job *a, const raster_job *b) {
 
 static const int tile_counts[][2] = {{1, 1}, {3, 1}, {1, 2}, {2, 2}};
 
-// flags: 1 depth, 2 dL/ddepth, 4 dL/dtrans, 8 err.
+// flags: 1 depth, and with it only 2 dL/ddepth, 4 dL/dtrans; 8 err.
 static void raster_case(ck *c, int kind, int n, int size, int masks, int flags, int fill, bool has_bwd) {
   sc_cfg cfg = {n, 0, 0, 32 * tile_counts[size][0] - 5, 32 * tile_counts[size][1] - 3, kind, (n & 1) != 0};
   ck_begin(c, "%s n %d %dx%d masks %s planes %d gradients %s", sc_name(kind), n, cfg.width_px, cfg.height_px,
