@@ -100,8 +100,10 @@ typedef struct {
   int n_rows, sh_degree; // sh_degree: the degree in use, at most that of the rows
   int n_gaussians;       // slots from here on are never visible
   sv_kview view;
-  sv_splat *splat;     // [n_blocks * 16] out
-  uint32_t *depth_key; // [n_blocks * 16] out, bits of z; of slots that are not visible anything
+  sv_splat *splat;          // [n_blocks * 16] out
+  uint32_t *depth_key;      // [n_blocks * 16] out, bits of z; of slots that are not visible anything
+  const uint16_t *left_out; // [n_blocks] lanes that are not drawn, though they could be seen; NULL: none
+  float log2_gain; // opacities of the others are raised by 2^this, also beyond 1 (alpha has its limit)
 } sv_project_args;
 
 // 64-byte aligned working memory of either direction, one per thread, contents free.

@@ -130,7 +130,7 @@ static void project_one(const sv_project_args *a, int id, const float *p) {
   sv_splat *s = a->splat + id;
   geom g;
   geometry(v, p, &g);
-  float lo = s1_log2(g.oe), level = lo - SV_LOG2_ALPHA_MIN;
+  float lo = s1_log2(g.oe) + a->log2_gain, level = lo - SV_LOG2_ALPHA_MIN;
   float tau = 1.38629436f * s1_max(level, 0.0f); // 2 ln(255 o)
   s->u_px = fmaf(v->fx, g.xz, v->cx);
   s->v_px = fmaf(v->fy, g.yz, v->cy);
@@ -148,6 +148,7 @@ static void project_one(const sv_project_args *a, int id, const float *p) {
   // A NaN anywhere makes x0 or y0 a NaN, and a form that is not negative an infinite splat: not visible.
   int is_visible = g.t[2] > v->near_z && level > 0.0f && x0 <= x1 && y0 <= y1 && id < a->n_gaussians;
   is_visible = is_visible && s->qa < 0.0f && s->qc < 0.0f;
+  is_visible = is_visible && !(a->left_out && (a->left_out[id / SV_LANES] >> id % SV_LANES & 1));
   int n_coef = (a->sh_degree + 1) * (a->sh_degree + 1);
   float d[3], b[16];
   direction(v, p, d);

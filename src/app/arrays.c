@@ -40,7 +40,7 @@ sv_arrays sv_arrays_of(const sv_train_cfg *c) {
   add(&f, "relocation", sizeof(double) + 2 * sizeof(int32_t), 0);
   add(&f, "sum of several pictures", has_sum ? 4 * (rows + 1) + 0.5 : 0, has_sum ? 16 : 0);
   add(&f, "splats", sizeof(sv_splat), 0);
-  add(&f, "depths", 4, 0);
+  add(&f, "depths, who is left out", 4 + 0.125, 0);
   add(&f, "records of tiles", rec * recs_g, samples * rec * recs_px);
   add(&f, "gradients of records, sort", slot * recs_g, samples * slot * recs_px);
   add(&f, "lists of tiles", 0, samples * 4.0 * (2 + 2 * SV_RENDER_CHUNKS) / (SV_TILE_PX * SV_TILE_PX));

@@ -3,6 +3,8 @@
 
 #include <string.h>
 
+#include "src/base/mathx.h"
+#include "src/base/rng.h"
 #include "src/splat/constants.h"
 
 #define RANGE 512 // slots projected by one task
@@ -35,6 +37,7 @@ static void carve(sv_renderer *r, const sv_renderer_cfg *cfg, sv_arena *a) {
   r->depth_key = SV_TAKE(a, uint32_t, cap);
   r->n_in_range = SV_TAKE(a, uint32_t, cap / RANGE + 1);
   r->recs_in_range = SV_TAKE(a, uint32_t, cap / RANGE + 1);
+  r->left_out = SV_TAKE(a, uint16_t, cap / 16);
   r->rec = SV_TAKE(a, sv_rec, places);
   r->list = SV_TAKE(a, uint32_t, recs);
   r->tile_begin = SV_TAKE(a, uint32_t, n_tiles + 1);
@@ -85,8 +88,24 @@ typedef struct {
   const sv_kernels *k;
   const sv_raster_bwd_args *bwd;
   int n_blocks, n_ranges;
+  int dropout; // in steps of 1 / DROPOUT_STEPS
+  uint32_t dropout_seed;
   uint32_t colour; // backward on half of the tiles: theirs
 } job;
+
+#define DROPOUT_BITS  8
+#define DROPOUT_STEPS (1 << DROPOUT_BITS)
+
+// Sixteen bits, each of which is set with the probability share / DROPOUT_STEPS: from its last digit on, a random bit
+// halves what was there, and adds a half where the digit is 1.
+static uint16_t draw16(int share, uint32_t block, uint32_t seed) {
+  uint32_t bits = 0;
+  for (uint32_t digit = 0; digit < DROPOUT_BITS; digit++) {
+    const uint32_t random = sv_hash3(block, seed, digit);
+    bits = share >> digit & 1 ? bits | random : bits & random;
+  }
+  return (uint16_t)bits;
+}
 
 static void project_task(void *arg, int i_task, int i_thread) {
   job *j = arg;
@@ -95,6 +114,8 @@ static void project_task(void *arg, int i_task, int i_thread) {
   if (b1 > j->n_blocks) b1 = j->n_blocks;
   int moved = b1 < r->n_moved_blocks ? b1 : r->n_moved_blocks;
   sv_project_counts n = {0, 0}, rest = {0, 0};
+  for (int b = b0; b < b1 && j->dropout > 0; b++)
+    r->left_out[b] = draw16(j->dropout, (uint32_t)b, j->dropout_seed);
   if (b0 < moved) n = j->k->project(&r->moved, b0, moved, thread_scratch(r, i_thread));
   if (moved < b1) rest = j->k->project(&r->project, b0 > moved ? b0 : moved, b1, thread_scratch(r, i_thread));
   r->n_in_range[i_task] = n.n_visible + rest.n_visible;
@@ -305,6 +326,12 @@ static sv_kview make_kview(const sv_view *v, const sv_render_options *o) {
   return k;
 }
 
+// What makes up for those that are left out: the light that goes through is the same in the mean.
+static float log2_gain(int dropout) {
+  const double kept = 1.0 - (double)dropout / DROPOUT_STEPS;
+  return dropout > 0 ? (float)(-sv_log(kept) / 0.6931471805599453) : 0.0f;
+}
+
 static sv_status set_size(sv_renderer *r, int w, int h) {
   size_t px = sv_plane_floats(w, h);
   if (w < 1 || h < 1 || w > r->cfg.cap_width_px || h > r->cfg.cap_height_px || px > r->cfg.cap_pixels)
@@ -323,17 +350,25 @@ sv_status sv_render(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, co
   sv_status s = set_size(r, view->width_px, view->height_px);
   if (s < 0) return s;
   if (g->n > r->cfg.cap_gaussians || pool->n_threads > r->cfg.n_threads) return SV_E_RANGE;
+  const int dropout = sv_mini((int)(o->dropout * DROPOUT_STEPS + 0.5f), DROPOUT_STEPS - 1);
   r->project = (sv_project_args){.param = g->param,
                                  .n_rows = g->n_rows,
                                  .sh_degree = o->sh_degree < g->sh_degree ? o->sh_degree : g->sh_degree,
                                  .n_gaussians = g->n,
                                  .view = make_kview(view, o),
                                  .splat = r->splat,
-                                 .depth_key = r->depth_key};
+                                 .depth_key = r->depth_key,
+                                 .left_out = dropout > 0 ? r->left_out : NULL,
+                                 .log2_gain = log2_gain(dropout)};
   r->moved = r->project;
   r->moved.param = g->moved;
   r->n_moved_blocks = g->moved ? (g->n_moved + 15) / 16 : 0;
-  job j = {.r = r, .k = k, .n_blocks = (g->n + 15) / 16, .n_ranges = (g->n + RANGE - 1) / RANGE};
+  job j = {.r = r,
+           .k = k,
+           .n_blocks = (g->n + 15) / 16,
+           .n_ranges = (g->n + RANGE - 1) / RANGE,
+           .dropout = dropout,
+           .dropout_seed = o->dropout_seed};
   sv_pool_run(pool, project_task, &j, j.n_ranges);
   bin_all(&j, pool);
   order_tiles(r, pool->n_threads);

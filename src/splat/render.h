@@ -37,6 +37,7 @@ typedef struct {
   uint32_t *depth_key; // [cap]
   uint32_t *n_in_range,
       *recs_in_range; // [cap/512 + 1] visible splats per range of 512 slots, and their records
+  uint16_t *left_out; // [cap/16] bits of those that dropout leaves out
   sv_rec *rec;        // [cap_recs and some slack] by Gaussian, each splat's own side by side
   sv_pair *pair,
       *tmp; // [cap_recs] (depth, record) by tile, to be sorted; scratch of the sort. Both lie in `slot`,
@@ -69,6 +70,10 @@ typedef struct {
   float dilation_px2;  // low-pass of the pixel grid; 0: SV_DILATION_PX2
   bool has_depth;      // fill r->depth and r->trans
   float bg[3];
+  // Share of the Gaussians that are left out, each drawn for itself, in steps of 1/256; the opacities of the others are
+  // divided by 1 - it (DropGaussian, Park et al. 2025).
+  float dropout;
+  uint32_t dropout_seed;
 } sv_render_options;
 
 // Renders into r->rgb; with has_depth, into r->depth and r->trans, too. E_RANGE when the view is larger than the caps.

@@ -17,7 +17,20 @@
 // Points along time for each that there is, of a field that a clip tells what is between them.
 #define CLIP_TIMES 2
 
+// Where few exposures leave open what a scene is like elsewhere, each step leaves some Gaussians out: those that are
+// left have to be right without them. So many with SV_FEW_EXPOSURES and fewer, none with DROPOUT_NONE and more.
+#define DROPOUT       0.35f
+#define DROPOUT_GRID  0.2f // sub-views beside each other pin it down, too
+#define DROPOUT_NONE  18
+#define DROPOUT_UNTIL 0.85f // the rest of a run is for what all of them are like together
+
 #define GRID_VIEWS 6 // more sub-views than a phone has: a lens grid, whose images are small
+
+static float dropout_of(const sv_sampling *s, bool is_grid) {
+  if (s->is_multiplexed || s->is_moving || (is_grid && s->is_far)) return 0.0f;
+  const float few = (float)(DROPOUT_NONE - s->n_exposures) / (DROPOUT_NONE - SV_FEW_EXPOSURES);
+  return sv_clampf(few, 0.0f, 1.0f) * (is_grid ? DROPOUT_GRID : DROPOUT);
+}
 
 void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   bool is_grid = s->n_sub_views >= GRID_VIEWS || s->is_multiplexed;
@@ -27,12 +40,17 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   if (cfg->is_antialiased) cfg->dilation_px2 = SV_DILATION_AREA_PX2;
   // Where several lenses share a pixel, whose light it is settles better in Adam's even steps (docs/time_to_quality.md).
   // So does what is seen at some times only, whose curvature of a step ago was another picture's.
-  cfg->optimizer = s->is_multiplexed || s->is_moving ? SV_OPTIMIZER_ADAM : SV_OPTIMIZER_GAUSS_NEWTON;
+  // From afar they come nearer to a surface that several views see.
+  const bool is_even =
+      s->is_multiplexed || s->is_moving || (s->is_far && s->n_exposures * s->n_sub_views > 1);
+  cfg->optimizer = is_even ? SV_OPTIMIZER_ADAM : SV_OPTIMIZER_GAUSS_NEWTON;
   if (s->is_moving) cfg->newton.rate_end = cfg->newton.rate_start; // what comes in last has as much to learn
   // What the splats are like within a pixel matters once they are in place: before, one sample is none the worse, and
   // a quarter of the work.
   cfg->is_supersampled = is_grid && !s->is_multiplexed;
   cfg->supersample_from = 0.7f;
+  cfg->dropout = dropout_of(s, is_grid);
+  cfg->dropout_until = cfg->is_supersampled ? cfg->supersample_from : DROPOUT_UNTIL;
   if (s->n_exposures > SV_FEW_EXPOSURES) return;
   cfg->newton.is_hasty = true;
   if (s->is_moving) { // of a rig that stands still, also where there is but one camera
@@ -45,9 +63,9 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
     cfg->sh_step = 2.0f;     // one view cannot tell how colour turns: never
     cfg->reg_opacity = 0.1f; // what it does not need is seen from elsewhere as haze
   }
-  // With parallax, transparent Gaussians in front of the surface can be told and are worth a higher price; lens
-  // images are too coarse for it, there it eats into the surface.
-  if (s->n_sub_views > 1) cfg->reg_opacity = is_grid ? 0.015f : 0.05f;
+  // With parallax, transparent Gaussians in front of the surface can be told and are worth a higher price, the more the
+  // farther the start is from it; lens images are too coarse for it, there it eats into the surface.
+  if (s->n_sub_views > 1) cfg->reg_opacity = is_grid ? 0.015f : s->is_far ? 0.05f : 0.03f;
   if (!is_grid) return;
   cfg->weight_tv = 0.05f;
   cfg->weight_tv_unseen = s->is_multiplexed ? 0.5f : 0.1f;

@@ -18,6 +18,7 @@ typedef struct {
   int n_sub_views;     // of an exposure
   bool is_multiplexed; // their images overlap on the sensor
   bool is_moving;      // the scene moves; n_exposures then counts the places that the rig was at
+  bool is_far;         // starts far from the surface though views may overlap that could have measured it
 } sv_sampling;
 
 // Clip mode: as many functions of time as n_times training times can bear (held-out times suffer from more), and

@@ -216,7 +216,9 @@ static sv_status view_step(sv_trainer *t, int i, float progress, sv_render_optio
     for (int c = 0; c < 3; c++) o.bg[c] = sv_rng_f(&t->rng);
   view.time = sv_train_lesson_time(t, tv->view.time);
   const bool is_lesson = view.time != tv->view.time;
-  sv_status s = is_lesson ? sv_train_load_lesson(t, &view, &o) : SV_OK;
+  sv_render_options whole = o;
+  whole.dropout = 0.0f; // what is learnt from
+  sv_status s = is_lesson ? sv_train_load_lesson(t, &view, &whole) : SV_OK;
   if (s < 0) return s;
   if (!is_lesson) sv_train_load_target(t, &tv->image, out->scale, o.bg);
   sv_train_set_time(t, view.time);
@@ -412,6 +414,8 @@ sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
   const bool is_sum = is_region || has_pseudo || has_unseen(t);
   sv_step_stats st = {.i_view = i, .scale = 1};
   sv_render_options o = sv_train_render_options(t, progress, false);
+  o.dropout = progress < t->cfg.dropout_until ? t->cfg.dropout : 0.0f;
+  o.dropout_seed = sv_hash3((uint32_t)t->cfg.seed, t->step, 0);
   t->photometric.phase = (int)(t->step & 1); // rows on which windows of SSIM stand, in turn
   sv_status s =
       is_region ? region_step(t, i - t->n_views, progress, &o, &st) : view_step(t, i, progress, o, &st);

@@ -26,6 +26,7 @@ sv_train_cfg sv_train_defaults(void) {
       .unseen_rad = 0.35f,
       .reg_opacity = 0.01f,
       .reg_scale = 0.01f,
+      .dropout_until = 1.0f,
       .lr = {.mean_start = 1.6e-4f,
              .mean_end = 1.6e-6f,
              .quat = 1e-3f,

@@ -107,6 +107,8 @@ typedef struct {
   int unseen_px;                // their larger side is reduced to at most so many pixels
   float unseen_rad;             // how far they are turned about the scene from a view that was taken
   float reg_opacity, reg_scale; // weights of mean opacity and mean scale (3DGS-MCMC)
+  float dropout;                // share of the Gaussians that a step leaves out (sv_render_options)
+  float dropout_until;          // progress
   sv_learning_rates lr;
   sv_optimizer optimizer;
   sv_newton_cfg newton;

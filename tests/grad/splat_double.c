@@ -94,7 +94,8 @@ static void covariance(const dr_view *v, const double rc[9], const double *p, co
   mul(jv, jt, s2, 2, 3, 2);
 }
 
-static bool project(const dr_view *v, const double rc[9], const double tc[3], const double *p, screen *s) {
+static bool project(const dr_view *v, double gain, const double rc[9], const double tc[3], const double *p,
+                    screen *s) {
   double t[3], s2[4], centre[3], d[3];
   mul(rc, p, t, 3, 3, 1);
   for (int i = 0; i < 3; i++) t[i] += tc[i];
@@ -104,6 +105,7 @@ static bool project(const dr_view *v, const double rc[9], const double tc[3], co
   double comp2 = (s2[0] * s2[3] - s2[1] * s2[1]) / det;
   s->opacity = 1 / (1 + exp(-p[10]));
   if (v->is_antialiased) s->opacity *= sqrt(comp2 > 0.005 * 0.005 ? comp2 : 0.005 * 0.005);
+  s->opacity *= gain;
   s->conic[0] = c / det, s->conic[1] = -b / det, s->conic[2] = a / det;
   s->u = v->fx * t[0] / t[2] + v->cx;
   s->v = v->fy * t[1] / t[2] + v->cy;
@@ -130,7 +132,7 @@ static int prepare(const dr_scene *s, screen *out) {
   for (int i = 0; i < 3; i++) tc[i] += v->twist[3 + i];
   for (int i = 0; i < s->n; i++) {
     screen g = {.i = i};
-    if (!project(v, rc, tc, s->p[i], &g)) continue;
+    if (s->is_left_out[i] || !project(v, s->gain, rc, tc, s->p[i], &g)) continue;
     int k = n++;
     for (; k > 0 && out[k - 1].z > g.z; k--) out[k] = out[k - 1];
     out[k] = g;

@@ -23,6 +23,8 @@ typedef struct {
 typedef struct {
   int n;
   double p[DR_CAP_GAUSSIANS][DR_N_PARAMS];
+  bool is_left_out[DR_CAP_GAUSSIANS];
+  double gain; // of the others' opacities
   dr_view view;
 } dr_scene;
 

@@ -33,6 +33,7 @@ typedef struct {
   double cx_shift, cy_shift; // of the principal point, in image sizes
   bool is_hard;              // wider tolerances, see below
   uint64_t seed;
+  float dropout;
 } scene_case;
 
 // Values: absolute, of colours and transmittance (depth: five times that). Gradients: largest error of one
@@ -62,6 +63,8 @@ static const scene_case cases[] = {
     {"saturated layers of two groups", LAYERS, 150, 14, 12, 0, 0, false, true, 0, 0, true, 19},
     {"invisible ones", HIDDEN, 20, 37, 29, 1, 1, false, true, 0, 0, false, 14},
     {"everything", EVERYTHING, 20, 70, 45, 3, 3, true, true, 0.1, 0.1, true, 15},
+    {"some left out", MIX, 24, 37, 29, 1, 1, false, true, 0, 0, false, 16, 0.25f},
+    {"some left out, antialiased", MIX, 24, 37, 29, 1, 1, true, true, 0, 0, false, 17, 0.4f},
 };
 #define N_CASES ((int)(sizeof cases / sizeof *cases))
 
@@ -160,7 +163,7 @@ static void make_scene(const scene_case *c, dr_scene *s, sv_view *view) {
   sv_rng r = sv_rng_make(c->seed, 77);
   memset(s, 0, sizeof *s);
   make_view(c, s, view);
-  s->n = c->n;
+  s->n = c->n, s->gain = 1;
   for (int i = 0; i < c->n; i++) {
     double *p = s->p[i];
     random_gaussian(&r, &s->view, p);
@@ -229,7 +232,9 @@ static void render_float(const scene_case *c, const dr_scene *s, const sv_view *
                          .near_z = 0.1f,
                          .is_antialiased = c->is_antialiased,
                          .has_depth = c->has_depth,
-                         .bg = {0.3f, 0.6f, 0.1f}};
+                         .bg = {0.3f, 0.6f, 0.1f},
+                         .dropout = c->dropout,
+                         .dropout_seed = 3};
   sv_pool pool = sv_pool_serial();
   assert_int_equal(sv_render(&q->r, k, &pool, &q->g, view, &o), SV_OK);
   assert_int_equal(sv_planes_init(&q->g_rgb, c->width_px, c->height_px, &a), SV_OK);
@@ -394,12 +399,25 @@ static bool has_ended(const sv_renderer *r) {
   return false;
 }
 
+// Who is left out is the renderer's draw; that the others are so much more opaque for it is not.
+static void leave_out(const scene_case *c, dr_scene *s, const sv_view *view, run *q) {
+  const dr_weights none = {0};
+  sv_kernels k;
+  int n = 0;
+  sv_kernels_init(&k, sv_isa_only(SV_ISA_REF));
+  render_float(c, s, view, &none, NULL, &k, q);
+  for (int i = 0; i < s->n; i++) n += s->is_left_out[i] = q->r.left_out[i / 16] >> i % 16 & 1;
+  assert_true(n > 0 && n < s->n);
+  s->gain = 1 / (1 - round(256 * (double)c->dropout) / 256);
+}
+
 static void check_case(const scene_case *c) {
   static dr_scene s;
   static truth t;
   static run q, first;
   sv_view view;
   make_scene(c, &s, &view);
+  if (c->dropout > 0) leave_out(c, &s, &view, &q);
   make_truth(c, &s, &t);
   make_differences(c, &s, &t);
   dr_weights w = weights_of(c, &t);

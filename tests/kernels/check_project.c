@@ -34,8 +34,8 @@ static void compare_splats(ck *c, const sv_splat *a, const sv_splat *b, const sc
 }
 
 static void project_case(ck *c, const sc_cfg *cfg) {
-  ck_begin(c, "%s n %d SH %d/%d %dx%d aa %d", sc_name(cfg->kind), cfg->n_gaussians, cfg->sh_used,
-           cfg->sh_rows, cfg->width_px, cfg->height_px, cfg->is_antialiased);
+  ck_begin(c, "%s n %d SH %d/%d %dx%d aa %d dropout %d", sc_name(cfg->kind), cfg->n_gaussians, cfg->sh_used,
+           cfg->sh_rows, cfg->width_px, cfg->height_px, cfg->is_antialiased, cfg->has_dropout);
   sc_scene s;
   sc_init(c, &s, cfg);
   size_t n = 16 * (size_t)s.n_blocks;
@@ -57,6 +57,7 @@ static void project_case(ck *c, const sc_cfg *cfg) {
   for (size_t i = 0; i < n; i++) { // what later stages rely on
     const sv_splat *p = v.splat + i;
     if (!p->n_recs) continue;
+    ck_true(c, !v.left_out || !(v.left_out[i / 16] >> i % 16 & 1), "splat %zu is left out, but visible", i);
     ck_true(c,
             p->z > 0.1f && p->bx0 <= p->bx1 && p->by0 <= p->by1 && 4 * p->bx1 < cfg->width_px &&
                 4 * p->by1 < cfg->height_px && p->qa < 0 && p->qc < 0 && isfinite(p->u_px) &&
@@ -72,8 +73,8 @@ static void check_project(ck *c) {
       for (int n = 0; n < N_OF(counts); n++)
         for (int z = 0; z < N_OF(sizes); z++) {
           if (!c->is_exact && kind != SC_TYPICAL) continue; // no bound without FMA
-          sc_cfg cfg = {counts[n],   degrees[d][0], degrees[d][1],  sizes[z][0],
-                        sizes[z][1], kind,          (n + z + d) & 1};
+          sc_cfg cfg = {counts[n],   degrees[d][0], degrees[d][1],   sizes[z][0],
+                        sizes[z][1], kind,          (n + z + d) & 1, (n + z) % 3 == 0};
           project_case(c, &cfg);
         }
 }

@@ -92,6 +92,11 @@ void sc_init(ck *c, sc_scene *s, const sc_cfg *cfg) {
                                  .view = v,
                                  .splat = ck_bytes(c, n * sizeof(sv_splat)),
                                  .depth_key = ck_bytes(c, n * 4)};
+  if (!cfg->has_dropout) return;
+  uint16_t *left_out = ck_bytes(c, (size_t)s->n_blocks * sizeof *left_out);
+  for (int b = 0; b < s->n_blocks; b++) left_out[b] = (uint16_t)(sv_rng_u32(&c->rng) & sv_rng_u32(&c->rng));
+  s->project.left_out = left_out;
+  s->project.log2_gain = between(c, 0.0f, 2.0f);
 }
 
 float *sc_scratch(void) {

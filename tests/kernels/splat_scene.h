@@ -28,6 +28,7 @@ typedef struct {
 typedef struct {
   int n_gaussians, sh_rows, sh_used, width_px, height_px, kind;
   bool is_antialiased;
+  bool has_dropout; // some are left out, the others more opaque
 } sc_cfg;
 
 // Parameters and view; splats and keys are buffers with nothing in them.

@@ -307,13 +307,61 @@ static void test_same_bits(void **state) {
       sv_pool pool = sv_linux_pool_port(&threads);
       make_scene(&s, &a, N, 0, n_threads);
       render_both(&s, &k, &pool);
-      sv_linux_pool_stop(&threads);
       assert_true(s.r.stats.n_visible > N / 2 && s.r.stats.n_dropped == 0 &&
                   sv_render_count_pairs(&s.r) > 100000);
-      uint64_t *w = want + (isa == SV_ISA_SSE41);
-      if (!*w) *w = digest_of(&s);
-      assert_true(*w == digest_of(&s));
+      uint64_t h = digest_of(&s), *w = want + (isa == SV_ISA_SSE41);
+      s.o.dropout = 0.3f;
+      render_both(&s, &k, &pool);
+      h = 31 * h + digest_of(&s);
+      sv_linux_pool_stop(&threads);
+      if (!*w) *w = h;
+      assert_true(*w == h);
     }
+}
+
+// Each is left out as often as asked for, and the light that goes through is what it was, in the mean of many draws: the
+// transmittances of a pixel's splats are drawn independently of each other.
+static void test_dropout(void **state) {
+  enum { DRAWS = 256 };
+  const float share = 0.25f;
+  const sv_pool pool = sv_pool_serial();
+  sv_arena a = fresh();
+  scene s;
+  sv_kernels k;
+  double off = 0, most = 0;
+  (void)state;
+  sv_kernels_init(&k, sv_cpu_isas());
+  make_scene(&s, &a, N, 0, 1);
+  for (int i = 0; i < N; i++)
+    *sv_gaussians_at(&s.g, i, SV_ROW_LOGIT) = -0.5f; // 0.38: alpha stays below its limit
+  assert_int_equal(sv_render(&s.r, &k, &pool, &s.g, &s.view, &s.o), SV_OK);
+  const size_t n = sv_plane_floats(W, H);
+  float *whole = SV_TAKE(&a, float, n), *mean = SV_TAKE(&a, float, n);
+  uint32_t *n_out = SV_TAKE(&a, uint32_t, N), sum = 0;
+  memcpy(whole, s.r.trans, n * sizeof *whole);
+  memset(mean, 0, n * sizeof *mean), memset(n_out, 0, N * sizeof *n_out);
+  s.o.dropout = share;
+  for (uint32_t d = 0; d < DRAWS; d++) {
+    s.o.dropout_seed = d;
+    assert_int_equal(sv_render(&s.r, &k, &pool, &s.g, &s.view, &s.o), SV_OK);
+    for (size_t i = 0; i < n; i++) mean[i] += s.r.trans[i] / DRAWS;
+    for (int i = 0; i < N; i++) {
+      const bool is_out = s.r.left_out[i / 16] >> i % 16 & 1;
+      assert_true(!is_out || s.r.splat[i].n_recs == 0);
+      n_out[i] += is_out;
+    }
+  }
+  for (int i = 0; i < N; i++) {
+    sum += n_out[i];
+    assert_in_range(n_out[i], DRAWS / 4 - 35, DRAWS / 4 + 35); // five standard deviations
+  }
+  assert_true(fabs((double)sum / (N * DRAWS) - (double)share) < 0.004);
+  for (int y = 0; y < H; y++)
+    for (int x = 0; x < W; x++) {
+      const double d = (double)mean[y * s.r.rgb.stride + x] - (double)whole[y * s.r.rgb.stride + x];
+      off += d / (W * H), most = fmax(most, fabs(d));
+    }
+  assert_true(fabs(off) < 0.002 && most < 0.06);
 }
 
 static void test_memory(void **state) {
@@ -466,12 +514,13 @@ static void test_smaller_view(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_put_get),     cmocka_unit_test(test_init_limits),
-      cmocka_unit_test(test_neighbours),  cmocka_unit_test(test_fill_random),
-      cmocka_unit_test(test_fill_points), cmocka_unit_test(test_radius),
-      cmocka_unit_test(test_same_bits),   cmocka_unit_test(test_memory),
-      cmocka_unit_test(test_limits),      cmocka_unit_test(test_nothing_visible),
-      cmocka_unit_test(test_full_pool),   cmocka_unit_test(test_smaller_view),
+      cmocka_unit_test(test_put_get),         cmocka_unit_test(test_init_limits),
+      cmocka_unit_test(test_neighbours),      cmocka_unit_test(test_fill_random),
+      cmocka_unit_test(test_fill_points),     cmocka_unit_test(test_radius),
+      cmocka_unit_test(test_same_bits),       cmocka_unit_test(test_dropout),
+      cmocka_unit_test(test_memory),          cmocka_unit_test(test_limits),
+      cmocka_unit_test(test_nothing_visible), cmocka_unit_test(test_full_pool),
+      cmocka_unit_test(test_smaller_view),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -66,7 +66,7 @@ static const sv_option table[] = {
     {"scale", SV_OPT_INT, DATA, 0, AT(scale), "K", "pictures at 1/K of their size (1)", 1, 64, 0},
     {"loss", SV_OPT_TEXT, LAB_TRAIN, 0, AT(loss), "k=v,...",
      "ssim, tv, opacity, scale, tv_unseen; unseen[_every|_px|_deg], region, floor, dilation, supersample "
-     "(share of the run)",
+     "(share of the run), dropout (share of the Gaussians)",
      0, 0, 0},
     {"noise", SV_OPT_TEXT, LAB_TRAIN | LAB_TABLES, 0, AT(noise), "[prediction,]read=V,shot=V",
      "sensor noise on the training pictures: variance read + shot x of linear light x, then 14 bits; with "
@@ -179,7 +179,8 @@ static int parse_loss(const sv_tool_command *c, lab_options *o) {
                {"dilation", &o->dilation_px2, 10},
                {"supersample", &o->supersample, 1},
                {"opacity", &o->opacity, 1e6},
-               {"scale", &o->size, 1e6}};
+               {"scale", &o->size, 1e6},
+               {"dropout", &o->dropout, 0.9}};
   enum { N = sizeof known / sizeof *known };
   for (const char *p = o->loss; p && *p;) {
     size_t n = strcspn(p, ","), k = strcspn(p, "=");
@@ -190,7 +191,7 @@ static int parse_loss(const sv_tool_command *c, lab_options *o) {
       return lab_usage(
           c->name,
           "--loss is a list of ssim=, tv=, tv_unseen=, unseen=, unseen_every=, unseen_px=, "
-          "unseen_deg=, region=, floor=, dilation=, supersample=, opacity= and scale=, not '%.80s'",
+          "unseen_deg=, region=, floor=, dilation=, supersample=, opacity=, scale= and dropout=, not '%.80s'",
           o->loss);
     if (!sv_parse_double(p + k + 1, n - k - 1, &v) || !(v >= 0 && v <= known[i].most))
       return lab_usage(c->name, "--loss %s needs a number from 0 to %g", known[i].name, known[i].most);
@@ -244,6 +245,7 @@ int lab_args_parse(const sv_tool_command *c, int argc, char **argv, lab_options 
                      .unseen_every = -1,
                      .unseen_px = -1,
                      .unseen_deg = -1,
+                     .dropout = -1,
                      .region_px = -1,
                      .floor_px = -1,
                      .supersample = -1,

@@ -114,10 +114,8 @@ static void choose_objective(run *r) {
   if (s.is_moving) lab_dynamic_cfg(o, n_times(&r->views), c);
   if (s.is_moving) s.n_exposures = (n_places(&r->views) + s.n_sub_views - 1) / s.n_sub_views;
   r->is_standing = s.is_moving && s.n_exposures == 1;
+  s.is_far = o->init && (sv_str_eq(o->init, "sphere") || sv_str_eq(o->init, "cube"));
   sv_train_set_objective(c, &s);
-  // Asked to start far from the surface that several views could have measured: Adam's even steps come nearer.
-  bool is_far = o->init && (sv_str_eq(o->init, "sphere") || sv_str_eq(o->init, "cube"));
-  if (is_far && s.n_exposures * s.n_sub_views > 1) c->optimizer = SV_OPTIMIZER_ADAM;
   if (o->optimizer) c->optimizer = (sv_optimizer)sv_optimizer_by_name(o->optimizer);
   if (o->ssim >= 0) c->weight_ssim = o->ssim;
   if (o->tv >= 0) c->weight_tv = o->tv;
@@ -136,6 +134,7 @@ static void choose_objective(run *r) {
   if (o->region_px >= 16) c->region_px = (int)o->region_px;
   if (o->opacity >= 0) c->reg_opacity = o->opacity;
   if (o->size >= 0) c->reg_scale = o->size;
+  if (o->dropout >= 0) c->dropout = o->dropout;
   lab_prior_cfg(o, &r->views, c);
 }
 
@@ -427,6 +426,7 @@ static void report_settings(lab_report *j, const run *r) {
   lab_report_num(j, "dilation_px2", (double)t->cfg.dilation_px2);
   lab_report_num(j, "loss_opacity", (double)t->cfg.reg_opacity);
   lab_report_num(j, "loss_scale", (double)t->cfg.reg_scale);
+  lab_report_num(j, "dropout", (double)t->cfg.dropout);
   lab_report_text(j, "optimizer", sv_optimizer_name(t->cfg.optimizer));
   lab_report_int(j, "seed", (long long)t->cfg.seed);
   lab_report_text(j, "antialias", r->o->antialias ? r->o->antialias : "auto");
