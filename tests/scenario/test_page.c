@@ -177,7 +177,7 @@ static void test_page(void **state) {
   char text[64], args[256];
   if (skipped()) skip();
   snprintf(args, sizeof args,
-           "--source sim:textured,rig=stereo --exposures 4 --steps 700 --gaussians %d --session", GAUSSIANS);
+           "--source sim:textured,rig=stereo --exposures 4 --steps 2000 --gaussians %d --session", GAUSSIANS);
   if (!live_run_start(&r, root, args)) fail_msg("the run does not start: %s", r.err);
   open_browser(1180, 760);
   watch_and_start();
