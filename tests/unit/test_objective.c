@@ -37,7 +37,23 @@ static void test_dropout(void **state) {
   assert_true(of(1, 16, false, false).dropout < of(1, 2, false, false).dropout);
 }
 
+// What starts far from the surface has Adam's steps where several views see it, and pays as much for opacity as before
+// there was dropout; a light field then does without it.
+static void test_far(void **state) {
+  (void)state;
+  for (int n_sub_views = 1; n_sub_views <= 16; n_sub_views *= 2) {
+    const bool is_grid = n_sub_views > 4;
+    sv_train_cfg near = of(1, n_sub_views, false, false), far = sv_train_defaults();
+    sv_train_set_objective(&far,
+                           &(sv_sampling){.n_exposures = 1, .n_sub_views = n_sub_views, .is_far = true});
+    assert_int_equal(near.optimizer, SV_OPTIMIZER_GAUSS_NEWTON);
+    assert_int_equal(far.optimizer, n_sub_views > 1 ? SV_OPTIMIZER_ADAM : SV_OPTIMIZER_GAUSS_NEWTON);
+    assert_true((far.reg_opacity > near.reg_opacity) == (n_sub_views > 1 && !is_grid));
+    assert_true(far.dropout == (is_grid ? 0.0f : near.dropout));
+  }
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dropout)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dropout), cmocka_unit_test(test_far)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
