@@ -30,7 +30,7 @@ extern "C" {
 #define SV_RASTER_SMALL 16
 // Splats of an opacity up to 2^this, 0.98, stay below SV_ALPHA_MAX whatever is rounded on the way.
 #define SV_POWER_FREE            (-0.0291463f - SV_POWER_SHIFT)
-#define SV_RASTER_SCRATCH_FLOATS (9 * SV_TILE_PX * SV_TILE_PX + 256) // per thread
+#define SV_RASTER_SCRATCH_FLOATS (12 * SV_TILE_PX * SV_TILE_PX + 160) // per thread
 
 typedef struct {
   const sv_splat *splat;

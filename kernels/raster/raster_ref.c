@@ -14,7 +14,7 @@ static pair_eval evaluate(const sv_splat *s, float x0, float y0, int block, int 
   pair_eval e;
   e.dx = s->u_px - (x0 + ((float)(4 * (block & 7) + (lane & 3)) + 0.5f));
   e.dy = s->v_px - (y0 + ((float)(4 * (block >> 3) + (lane >> 2)) + 0.5f));
-  e.power = fmaf(fmaf(s->qa, e.dx, s->qb * e.dy), e.dx, fmaf(s->qc * e.dy, e.dy, s->lo));
+  e.power = fmaf(fmaf(s->qc, e.dy, s->qb * e.dx), e.dy, fmaf(s->qa * e.dx, e.dx, s->lo));
   e.a_raw = s1_exp2_up8(e.power);
   e.a = s1_min(SV_ALPHA_MAX, e.a_raw);
   return e;

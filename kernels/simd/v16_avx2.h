@@ -42,6 +42,10 @@ static inline v16 v16_load4x4(const float *p, long stride) {
                    _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p + 2 * stride)),
                                         _mm_loadu_ps(p + 3 * stride), 1));
 }
+static inline v16 v16_load_quad(const float *p) {
+  __m256 x = _mm256_broadcast_ps((const __m128 *)(const void *)p);
+  return v16_make_(x, x);
+}
 static inline v16 v16_load_quads(const float *p0, const float *p1, const float *p2, const float *p3) {
   return v16_make_(_mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p0)), _mm_loadu_ps(p1), 1),
                    _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p2)), _mm_loadu_ps(p3), 1));

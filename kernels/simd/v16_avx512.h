@@ -26,6 +26,7 @@ static inline v16 v16_load4x4(const float *p, long stride) {
   a = _mm512_insertf32x4(a, _mm_loadu_ps(p + 2 * stride), 2);
   return _mm512_insertf32x4(a, _mm_loadu_ps(p + 3 * stride), 3);
 }
+static inline v16 v16_load_quad(const float *p) { return _mm512_broadcast_f32x4(_mm_loadu_ps(p)); }
 static inline v16 v16_load_quads(const float *p0, const float *p1, const float *p2, const float *p3) {
   v16 a = _mm512_castps128_ps512(_mm_loadu_ps(p0));
   a = _mm512_insertf32x4(a, _mm_loadu_ps(p1), 1);

@@ -35,6 +35,7 @@ static inline void v16_store(float *p, v16 x) {
   for (int i = 0; i < 4; i++) vst1q_f32(p + 4 * i, x.q[i]);
 }
 static inline v16 v16_load4x4(const float *p, long stride) { V16_EACH(v16, vld1q_f32(p + i * stride)); }
+static inline v16 v16_load_quad(const float *p) { V16_EACH(v16, vld1q_f32(p)); }
 static inline v16 v16_load_quads(const float *p0, const float *p1, const float *p2, const float *p3) {
   v16 r = {{vld1q_f32(p0), vld1q_f32(p1), vld1q_f32(p2), vld1q_f32(p3)}};
   return r;

@@ -35,6 +35,7 @@ static inline void v16_store(float *p, v16 x) {
   for (int i = 0; i < 4; i++) _mm_storeu_ps(p + 4 * i, x.q[i]);
 }
 static inline v16 v16_load4x4(const float *p, long stride) { V16_EACH(v16, _mm_loadu_ps(p + i * stride)); }
+static inline v16 v16_load_quad(const float *p) { V16_EACH(v16, _mm_loadu_ps(p)); }
 static inline v16 v16_load_quads(const float *p0, const float *p1, const float *p2, const float *p3) {
   v16 r = {{_mm_loadu_ps(p0), _mm_loadu_ps(p1), _mm_loadu_ps(p2), _mm_loadu_ps(p3)}};
   return r;

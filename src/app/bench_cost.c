@@ -15,29 +15,28 @@ static const sv_bench_op ops_of[SV_N_STAGES][2] = {
     [SV_STAGE_OPTIMISE] = {SV_BENCH_PROJECT_BWD, SV_BENCH_NEWTON},
 };
 
-// Operations of one pair, kernels/raster/raster_vec.inc without depth: offset 1, quadric 4, 2^x 11, min 1, weight and
-// transmittance 2, three colours 6; and backward the same but for the colours and the min, then 6 gradients of colour, 5
-// for their product, 2 suffix, 2 quotient, 2 to dL/d(ln alpha), 5 moments. Errors: ERROR_FLOP.
-#define FORWARD_FLOP  25.0
-#define BACKWARD_FLOP 40.0
-// A row of blocks, each of its lanes: offset 1, its terms of the quadric 4; backward the moments 9 as well. A record: its
-// ten sums of sixteen lanes.
-#define FORWARD_ROW_FLOP     5.0
-#define BACKWARD_ROW_FLOP    14.0
+// Operations of one pair, kernels/raster/raster_vec.inc without depth: quadric 4, 2^x 11, min 1, weight and transmittance
+// 2, three colours 6; and backward the same but for the colours and the min, then 6 gradients of colour, 5 for their
+// product, 2 suffix, 2 quotient, 2 to dL/d(ln alpha), 5 moments. Errors: ERROR_FLOP. What a column of pixels has in common
+// (6 once a record) is not counted.
+#define FORWARD_FLOP  24.0
+#define BACKWARD_FLOP 39.0
+// A row of blocks, each of its lanes: offset 1; backward the moments 9 as well. A record: its ten sums of sixteen lanes.
+#define FORWARD_ROW_FLOP     1.0
+#define BACKWARD_ROW_FLOP    10.0
 #define BACKWARD_RECORD_FLOP 150.0
 // What a step with errors asks for besides: of a pair, a record, a channel of a pixel.
 #define ERROR_FLOP        2.0
 #define ERROR_RECORD_FLOP 15.0
 
-// The instructions for that through the ports of the multiply-adds, a vector of pairs each, with AVX-512: offset 1,
-// quadric 2, 2^x 6, min 1, comparisons 2, weight and transmittance 2, colours 3; and backward the same but for the last
-// and the min, then 3 gradients, 3, 2, 4 (a division takes the place of three), 1, 4. What a row of blocks has
-// in common once a row: 4 of the quadric, and backward 5 of the moments, too. Loads, stores, and what is done once for a
-// record are free here.
-#define FORWARD_SLOTS      17.0
-#define BACKWARD_SLOTS     30.0
-#define FORWARD_ROW_SLOTS  4.0
-#define BACKWARD_ROW_SLOTS 9.0
+// The instructions for that through the ports of the multiply-adds, a vector of pairs each, with AVX-512: quadric 2,
+// 2^x 6, min 1, comparisons 2, weight and transmittance 2, colours 3; and backward the same but for the last and the min,
+// then 3 gradients, 3, 2, 4 (a division takes the place of three), 1, 4. What a row of blocks has in common once a row: the
+// offset 1, and backward 5 of the moments, too. Loads, stores, and what is done once for a record are free here.
+#define FORWARD_SLOTS      16.0
+#define BACKWARD_SLOTS     29.0
+#define FORWARD_ROW_SLOTS  1.0
+#define BACKWARD_ROW_SLOTS 6.0
 #define BLOCK_PX           16.0
 
 // One channel of one pixel, kernels/ssim/ssim_vec.inc: squares and product 4; on every second row four maps of two blurs of
