@@ -40,9 +40,8 @@ static inline v16 v16_iota(void) { V16_EACH((float)k); }
 static inline v16 v16_load(const float *p) { V16_EACH(p[k]); } // any alignment
 static inline void v16_store(float *p, v16 a) { memcpy(p, a.l, 64); }
 static inline v16 v16_load4x4(const float *p, long stride) { V16_EACH(p[(k >> 2) * stride + (k & 3)]); }
-static inline v16 v16_load_quad(const float *p) {
-  V16_EACH(p[k & 3]);
-} // four floats, any alignment, four times
+// Four floats, any alignment, four times.
+static inline v16 v16_load_quad(const float *p) { V16_EACH(p[k & 3]); }
 // Group i of four lanes from p_i[0..3].
 static inline v16 v16_load_quads(const float *p0, const float *p1, const float *p2, const float *p3) {
   const float *p[4] = {p0, p1, p2, p3};
