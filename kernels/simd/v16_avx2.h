@@ -265,6 +265,13 @@ static inline v16 v16_sum11(const v16 x[11]) {
   return v16_make_(_mm256_insertf128_ps(_mm256_castps128_ps256(v16_sum4_(x)), v16_sum4_(x + 4), 1),
                    _mm256_zextps128_ps256(v16_sum4_(last)));
 }
+static inline v16 v16_sum9(const v16 x[9]) {
+  __m128 q = v16_fold4_(x[8]);
+  q = _mm_add_ps(q, _mm_movehl_ps(q, q));
+  q = _mm_move_ss(_mm_setzero_ps(), _mm_add_ss(q, _mm_shuffle_ps(q, q, 1)));
+  return v16_make_(_mm256_insertf128_ps(_mm256_castps128_ps256(v16_sum4_(x)), v16_sum4_(x + 4), 1),
+                   _mm256_zextps128_ps256(q));
+}
 static inline void v16_tr4_(__m256 a, __m256 b, __m256 c, __m256 d, __m256 out[4]) {
   __m256 ab0 = _mm256_unpacklo_ps(a, b), ab1 = _mm256_unpackhi_ps(a, b);
   __m256 cd0 = _mm256_unpacklo_ps(c, d), cd1 = _mm256_unpackhi_ps(c, d);

@@ -242,6 +242,12 @@ static inline v16 v16_sum11(const v16 a[11]) {
                      v16_fold4_(v16_fold2_(a[2], a[6]), v16_fold1_(a[10])),
                      v16_fold4_(v16_fold2_(a[3], a[7]), v16_zero()));
 }
+static inline v16 v16_sum9(const v16 a[9]) {
+  const v16 x0 = v16_fold4_(v16_fold2_(a[0], a[4]), v16_fold1_(a[8])), f37 = v16_fold2_(a[3], a[7]),
+            x12 = v16_fold4_(v16_fold2_(a[1], a[5]), v16_fold2_(a[2], a[6])),
+            x2 = _mm512_shuffle_f32x4(x12, x12, 0xee);
+  return _mm512_maskz_mov_ps(0x1ff, v16_fold16_(x0, x12, x2, v16_fold4_(f37, f37)));
+}
 static inline void v16_transpose(v16 a[16]) {
   v16 t[16];
   _Pragma("GCC unroll 4") for (int g = 0; g < 4; g++)

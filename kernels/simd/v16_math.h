@@ -26,22 +26,29 @@ V16_INLINE v16 v16_rest(v16 x) {
 
 // 2^(8 + x) for x in [-126, -0.5], relative error 3.4e-6: x less its floor is exact there, degree 4 on [0, 1), 1 and 2
 // at its ends. Elsewhere the result means nothing: mask it. Forward and backward rasterization use this one.
-V16_INLINE v16 v16_exp2_up8(v16 x) {
+#define V16_EXP2_UP8_TERMS                                                                                    \
+  { 256 * 0.0135557475f, 256 * 0.0520323701f, 256 * 0.241379768f, 256 * 0.693032146f, 256.0f }
+// terms: these, for callers who know better than compilers where they should lie.
+V16_INLINE v16 v16_exp2_up8_by(v16 x, const float *terms) {
 #ifdef V16_HAS_SCALE
   v16 f = v16_above_floor(x);
 #else
   v16 n = v16_floor(x), f = v16_sub(x, n);
 #endif
-  v16 p = v16_set1(256 * 0.0135557475f);
-  p = v16_fma(p, f, v16_set1(256 * 0.0520323701f));
-  p = v16_fma(p, f, v16_set1(256 * 0.241379768f));
-  p = v16_fma(p, f, v16_set1(256 * 0.693032146f));
-  p = v16_fma(p, f, v16_set1(256.0f));
+  v16 p = v16_set1(terms[0]);
+  p = v16_fma(p, f, v16_set1(terms[1]));
+  p = v16_fma(p, f, v16_set1(terms[2]));
+  p = v16_fma(p, f, v16_set1(terms[3]));
+  p = v16_fma(p, f, v16_set1(terms[4]));
 #ifdef V16_HAS_SCALE
   return v16_scale(p, x);
 #else
   return v16_from_bits(v16i_add(v16_bits(p), v16i_shl23(v16_trunc_i(n))));
 #endif
+}
+V16_INLINE v16 v16_exp2_up8(v16 x) {
+  static const float terms[5] = V16_EXP2_UP8_TERMS;
+  return v16_exp2_up8_by(x, terms);
 }
 
 // p 2^floor(x), p and the result normal numbers.
@@ -98,13 +105,18 @@ V16_INLINE v16 v16_log2(v16 x) {
 #define V16_HAS_TRANSPOSE64 0
 #endif
 
-// Lane k = sum of a[k], as v16_sum16; lanes 11 to 15 are 0.
+// Lane k = sum of a[k], as v16_sum16; lanes 11 to 15 are 0. Another of nine vectors.
 #ifndef V16_HAS_SUM11
 #define V16_HAS_SUM11 0 // it is no faster than that
 V16_INLINE v16 v16_sum11(const v16 a[11]) {
   v16 z = v16_zero();
   v16 all[16] = {a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], z, z, z, z, z};
   return v16_sum16(all);
+}
+V16_INLINE v16 v16_sum9(const v16 a[9]) { // lanes 9 to 15 are 0
+  v16 z = v16_zero();
+  v16 all[11] = {a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], z, z};
+  return v16_sum11(all);
 }
 #endif
 
