@@ -18,18 +18,43 @@
 #define CLIP_TIMES 2
 
 // Where few exposures leave open what a scene is like elsewhere, each step leaves some Gaussians out: those that are
-// left have to be right without them. So many with SV_FEW_EXPOSURES and fewer, none with DROPOUT_NONE and more.
-#define DROPOUT       0.35f
-#define DROPOUT_GRID  0.2f // sub-views beside each other pin it down, too
-#define DROPOUT_NONE  18
-#define DROPOUT_UNTIL 0.85f // the rest of a run is for what all of them are like together
+// left have to be right without them. So many with SV_FEW_EXPOSURES and fewer, none with MANY_EXPOSURES and more.
+#define DROPOUT        0.35f
+#define DROPOUT_GRID   0.2f  // sub-views beside each other pin it down, too
+#define DROPOUT_UNTIL  0.85f // the rest of a run is for what all of them are like together
+#define MANY_EXPOSURES 18
+
+// The price of opacity is of the mean. With more Gaussians than this, each would pay the less, and where few exposures
+// see what they do, they would be the haze that one does not pay for: there each pays what it would pay among so many.
+#define PRICED_GAUSSIANS 20000
 
 #define GRID_VIEWS 6 // more sub-views than a phone has: a lens grid, whose images are small
 
+// 1 with few exposures, 0 with many.
+static float fewness(const sv_sampling *s) {
+  const float few = (float)(MANY_EXPOSURES - s->n_exposures) / (MANY_EXPOSURES - SV_FEW_EXPOSURES);
+  return sv_clampf(few, 0.0f, 1.0f);
+}
+
 static float dropout_of(const sv_sampling *s, bool is_grid) {
   if (s->is_multiplexed || s->is_moving || (is_grid && s->is_far)) return 0.0f;
-  const float few = (float)(DROPOUT_NONE - s->n_exposures) / (DROPOUT_NONE - SV_FEW_EXPOSURES);
-  return sv_clampf(few, 0.0f, 1.0f) * (is_grid ? DROPOUT_GRID : DROPOUT);
+  return fewness(s) * (is_grid ? DROPOUT_GRID : DROPOUT);
+}
+
+// How many times the price of PRICED_GAUSSIANS so many pay together. Lens grids do without: their own sub-views leave
+// no room for haze.
+static float opacity_share(const sv_train_cfg *cfg, const sv_sampling *s, bool is_grid) {
+  const float more = sv_maxf((float)cfg->n_gaussians / PRICED_GAUSSIANS - 1.0f, 0.0f);
+  return is_grid || s->is_moving ? 1.0f : 1.0f + fewness(s) * more;
+}
+
+// Of the mean opacity, for few exposures of a still scene.
+static float opacity_price(const sv_sampling *s, bool is_grid) {
+  if (s->n_sub_views == 1)
+    return s->n_exposures == 1 ? 0.1f : 0.03f; // what is not needed is seen from elsewhere as haze
+  // With parallax, transparent Gaussians in front of the surface can be told and are worth a higher price, the more the
+  // farther the start is from it; lens images are too coarse for it, there it eats into the surface.
+  return is_grid ? 0.015f : s->is_far ? 0.05f : 0.03f;
 }
 
 void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
@@ -51,6 +76,8 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   cfg->supersample_from = 0.7f;
   cfg->dropout = dropout_of(s, is_grid);
   cfg->dropout_until = cfg->is_supersampled ? cfg->supersample_from : DROPOUT_UNTIL;
+  if (s->n_exposures <= SV_FEW_EXPOSURES && !s->is_moving) cfg->reg_opacity = opacity_price(s, is_grid);
+  cfg->reg_opacity *= opacity_share(cfg, s, is_grid);
   if (s->n_exposures > SV_FEW_EXPOSURES) return;
   cfg->newton.is_hasty = true;
   if (s->is_moving) { // of a rig that stands still, also where there is but one camera
@@ -59,13 +86,8 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
     cfg->sh_step = 2.0f;
     return;
   }
-  if (s->n_exposures * s->n_sub_views == 1) {
-    cfg->sh_step = 2.0f;     // one view cannot tell how colour turns: never
-    cfg->reg_opacity = 0.1f; // what it does not need is seen from elsewhere as haze
-  }
-  // With parallax, transparent Gaussians in front of the surface can be told and are worth a higher price, the more the
-  // farther the start is from it; lens images are too coarse for it, there it eats into the surface.
-  if (s->n_sub_views > 1) cfg->reg_opacity = is_grid ? 0.015f : s->is_far ? 0.05f : 0.03f;
+  if (s->n_exposures * s->n_sub_views == 1)
+    cfg->sh_step = 2.0f; // one view cannot tell how colour turns: never
   if (!is_grid) return;
   cfg->weight_tv = 0.05f;
   cfg->weight_tv_unseen = s->is_multiplexed ? 0.5f : 0.1f;

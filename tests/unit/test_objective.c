@@ -8,13 +8,19 @@
 
 #include "src/train/objective.h"
 
-static sv_train_cfg of(int n_exposures, int n_sub_views, bool is_multiplexed, bool is_moving) {
+static sv_train_cfg of_gaussians(int n, int n_exposures, int n_sub_views, bool is_multiplexed,
+                                 bool is_moving) {
   sv_train_cfg c = sv_train_defaults();
+  c.n_gaussians = n;
   sv_train_set_objective(&c, &(sv_sampling){.n_exposures = n_exposures,
                                             .n_sub_views = n_sub_views,
                                             .is_multiplexed = is_multiplexed,
                                             .is_moving = is_moving});
   return c;
+}
+
+static sv_train_cfg of(int n_exposures, int n_sub_views, bool is_multiplexed, bool is_moving) {
+  return of_gaussians(20000, n_exposures, n_sub_views, is_multiplexed, is_moving);
 }
 
 // The fewer exposures, the more Gaussians are left out of a step; none where there are many, where the scene moves or
@@ -37,6 +43,22 @@ static void test_dropout(void **state) {
   assert_true(of(1, 16, false, false).dropout < of(1, 2, false, false).dropout);
 }
 
+// Where exposures are few, of more than 20,000 Gaussians each pays what it would pay among so many; fewer share the price.
+static void test_price_of_many(void **state) {
+  (void)state;
+  for (int n_sub_views = 1; n_sub_views <= 4; n_sub_views++)
+    for (int n = 1; n <= 30; n++) {
+      const float base = of(n, n_sub_views, false, false).reg_opacity;
+      const float five = of_gaussians(100000, n, n_sub_views, false, false).reg_opacity / base;
+      assert_true(of_gaussians(5000, n, n_sub_views, false, false).reg_opacity == base);
+      assert_true(n <= SV_FEW_EXPOSURES ? five > 4.999f && five < 5.001f : five < 5);
+      assert_true((five > 1) == (n < 18));
+    }
+  assert_true(of_gaussians(100000, 1, 16, false, false).reg_opacity == of(1, 16, false, false).reg_opacity);
+  assert_true(of_gaussians(100000, 1, 16, true, false).reg_opacity == of(1, 16, true, false).reg_opacity);
+  assert_true(of_gaussians(100000, 1, 2, false, true).reg_opacity == of(1, 2, false, true).reg_opacity);
+}
+
 // What starts far from the surface has Adam's steps where several views see it, and pays as much for opacity as before
 // there was dropout; a light field then does without it.
 static void test_far(void **state) {
@@ -54,6 +76,7 @@ static void test_far(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dropout), cmocka_unit_test(test_far)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dropout), cmocka_unit_test(test_price_of_many),
+                                     cmocka_unit_test(test_far)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
