@@ -24,11 +24,12 @@ V16_INLINE v16 v16_rest(v16 x) {
 }
 #endif
 
-// 2^(8 + x) for x in [-126, -0.5], relative error 3.4e-6: x less its floor is exact there, degree 4 on [0, 1), 1 and 2
-// at its ends. Elsewhere the result means nothing: mask it. Forward and backward rasterization use this one.
+// Of v16_exp2_up8, degree 4 first.
 #define V16_EXP2_UP8_TERMS                                                                                   \
   { 256 * 0.0135557475f, 256 * 0.0520323701f, 256 * 0.241379768f, 256 * 0.693032146f, 256.0f }
-// terms: these, for callers who know better than compilers where they should lie.
+// 2^(8 + x) for x in [-126, -0.5], relative error 3.4e-6: x less its floor is exact there, degree 4 on [0, 1), 1 and 2
+// at its ends. Elsewhere the result means nothing: mask it. Forward and backward rasterization use this one.
+// terms: those, for callers who know better than compilers where they should lie.
 V16_INLINE v16 v16_exp2_up8_by(v16 x, const float *terms) {
 #ifdef V16_HAS_SCALE
   v16 f = v16_above_floor(x);
