@@ -25,9 +25,8 @@ typedef struct {
 // windows that hold several of them. A field: as many points along time, and a
 // pace at which times come in that suits steps_hint.
 void sv_train_set_times(sv_train_cfg *cfg, int n_times);
-// Sets optimizer, weights, dropout, unseen views, least sizes, low-pass and supersampling in cfg, whose is_antialiased is
-// known by now.
-// Captures of many exposures keep the other defaults.
+// Sets optimizer, weights, dropout, unseen views, least sizes, low-pass and supersampling in cfg, whose is_antialiased and
+// n_gaussians are known by now. Captures of many exposures keep the other defaults.
 void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s);
 
 #ifdef __cplusplus
