@@ -10,9 +10,9 @@
 // before a group have ended: they are taken from its records' masks. (Kerbl's program ends each pixel, at the splat that
 // would take T below 1e-4. A pixel that goes on beside brighter ones gains less than that.)
 // Backward, with the picture's gradient dot = rgb . dL/drgb + z dL/ddepth and w = a T:
-//   S -= w dot;  dL/d(ln a) = w dot - S a / (1 - a);  0 where 2^(8 + power) > 0.99
-// S, the suffix, begins at the pixel's colour . dL/drgb and so on: what lies behind the splat. The quotient depends on
-// the splat alone, so nothing waits for it. Where less than 1e-4 of the light is left there is no gradient: S is then
+//   S' = S - w dot;  dL/d(ln a) = w dot - S' a / (1 - a) = S - S' / (1 - a);  0 where 2^(8 + power) > 0.99
+// S, the suffix, begins at the pixel's colour . dL/drgb and so on; S' is what lies behind the splat. The quotient depends
+// on the splat alone, so nothing waits for it. Where less than 1e-4 of the light is left there is no gradient: S is then
 // rounding, and hidden Gaussians would follow it. Splats that cannot reach the limit of 0.99 are not compared with it.
 // Planes are planar floats, `stride` apart per row, stride and padded height multiples of 32.
 #ifndef SV_KERNELS_RASTER_H

@@ -14,7 +14,7 @@ static pair_eval evaluate(const sv_splat *s, float x0, float y0, int block, int 
   pair_eval e;
   e.dx = s->u_px - (x0 + ((float)(4 * (block & 7) + (lane & 3)) + 0.5f));
   e.dy = s->v_px - (y0 + ((float)(4 * (block >> 3) + (lane >> 2)) + 0.5f));
-  e.power = fmaf(fmaf(s->qc, e.dy, s->qb * e.dx), e.dy, fmaf(s->qa * e.dx, e.dx, s->lo));
+  e.power = fmaf(fmaf(s->qc, e.dy, s->qb * e.dx), e.dy, fmaf(s->qa, e.dx * e.dx, s->lo));
   e.a_raw = s1_exp2_up8(e.power);
   e.a = s1_min(SV_ALPHA_MAX, e.a_raw);
   return e;
@@ -111,23 +111,22 @@ static void block_bwd(const sv_splat *s, float x0, float y0, int b, const tile_s
     m[SV_SLOT_ERR][k] = fmaf(w, st->err[i], m[SV_SLOT_ERR][k]);
     float dot = fmaf(s->rgb[2], st->g[2][i], fmaf(s->rgb[1], st->g[1][i], s->rgb[0] * st->g[0][i]));
     dot = fmaf(s->z, st->g_depth[i], dot);
-    float part = w * dot, suffix = st->suffix[i] - part;
-    float g = fmaf(-suffix, e.a / (1.0f - e.a), part), gx;
+    float suffix = fmaf(-w, dot, st->suffix[i]);
+    float g = fmaf(-suffix, 1.0f / (1.0f - e.a), st->suffix[i]);
     if (!is_free && !(e.a_raw <= SV_ALPHA_MAX)) g = 0.0f;
-    gx = g * e.dx;
     st->suffix[i] = suffix;
     st->trans[i] = t - w;
-    m[SV_SLOT_GXX][k] = fmaf(gx, e.dx, m[SV_SLOT_GXX][k]);
+    m[SV_SLOT_GXX][k] = fmaf(g, e.dx * e.dx, m[SV_SLOT_GXX][k]);
     if (is_small) {
       float gy = g * e.dy;
       m[SV_SLOT_G][k] += g;
-      m[SV_SLOT_GX][k] += gx;
+      m[SV_SLOT_GX][k] = fmaf(g, e.dx, m[SV_SLOT_GX][k]);
       m[SV_SLOT_GY][k] += gy;
-      m[SV_SLOT_GXY][k] = fmaf(gx, e.dy, m[SV_SLOT_GXY][k]);
+      m[SV_SLOT_GXY][k] = fmaf(gy, e.dx, m[SV_SLOT_GXY][k]);
       m[SV_SLOT_GYY][k] = fmaf(gy, e.dy, m[SV_SLOT_GYY][k]);
     } else {
       row[0][k] += g;
-      row[1][k] += gx;
+      row[1][k] = fmaf(g, e.dx, row[1][k]);
     }
   }
 }

@@ -31,10 +31,10 @@ static const sv_bench_op ops_of[SV_N_STAGES][2] = {
 
 // The instructions for that through the ports of the multiply-adds, a vector of pairs each, with AVX-512: quadric 2,
 // 2^x 6, min 1, comparisons 2, weight and transmittance 2, colours 3; and backward the same but for the last and the min,
-// then 3 gradients, 3, 2, 4 (a division takes the place of three), 1, 4. What a row of blocks has in common once a row: the
+// then 3 gradients, 3, 1, 4 (a division takes the place of three), 1, 3. What a row of blocks has in common once a row: the
 // offset 1, and backward 5 of the moments, too. Loads, stores, and what is done once for a record are free here.
 #define FORWARD_SLOTS      16.0
-#define BACKWARD_SLOTS     29.0
+#define BACKWARD_SLOTS     27.0
 #define FORWARD_ROW_SLOTS  1.0
 #define BACKWARD_ROW_SLOTS 6.0
 #define BLOCK_PX           16.0
