@@ -225,7 +225,7 @@ static int do_run(const run_options *o, bool *is_again) {
   sv_linux_console_finish(&run.console);
   *is_again = run.app.live.is_new_requested;
   if (*is_again) return 0;
-  if (s == SV_E_INTERRUPTED && run.app.trainer.step) {
+  if (s == SV_E_INTERRUPTED && run.app.state == SV_APP_DONE) { // what was trained is saved
     say(2, "subview: %s\n", err.text);
     s = SV_OK;
   }
@@ -233,6 +233,7 @@ static int do_run(const run_options *o, bool *is_again) {
     s = sv_fail(&err, SV_E_RANGE, "the model could not be rendered for --orbit");
   int code = s < 0 ? fail_with(&err) : report(o, &err);
   if (!code && run.preview_err.status < 0) code = fail_with(&run.preview_err);
+  run.preview_err = (sv_err){0};
   *is_again = sv_live_stay(&run.app) == SV_AGAIN;
   return code;
 }

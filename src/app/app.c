@@ -286,8 +286,9 @@ static double seconds(const sv_app *app) {
   return sv_ns_to_s(c->now_ns(c->self));
 }
 
-static void live_line(sv_app *app, double elapsed_s, float progress) {
-  double rate = elapsed_s > 0 ? (double)app->step_time.n / elapsed_s : 0;
+static void live_line(sv_app *app, float progress) {
+  const double elapsed_s = app->trainer.trained_s;
+  double rate = app->train_s > 0 ? (double)app->step_time.n / app->train_s : 0;
   double eta = progress > 0.001f ? elapsed_s * (1 - (double)progress) / (double)progress : 0;
   char line[768];
   sv_str s = sv_str_make(line, sizeof line);
@@ -310,12 +311,13 @@ static sv_status save_running(sv_app *app, sv_err *err) {
 
 static sv_status train_loop(sv_app *app, sv_err *err) {
   const sv_app_cfg *c = &app->cfg;
+  const double had = app->trainer.trained_s; // before it was stopped
   double t0 = seconds(app), last_live = t0, last_save = t0, last_picture = t0, now = t0, paused;
   for (;;) {
-    double elapsed = now - t0;
+    const double elapsed = had + now - t0;
     float progress =
         c->steps ? (float)app->trainer.step / (float)c->steps : (float)(elapsed / c->time_limit_s);
-    app->train_s = elapsed;
+    app->train_s = now - t0, app->trainer.trained_s = elapsed;
     if (progress >= 1.0f || (c->time_limit_s > 0 && elapsed >= c->time_limit_s)) return SV_OK;
     if (sv_app_is_stop_requested(app)) return SV_E_INTERRUPTED;
     bool is_train;
@@ -336,7 +338,7 @@ static sv_status train_loop(sv_app *app, sv_err *err) {
     sv_app_live_trained(app, now, after);
     now = after;
     if (now - last_live >= LIVE_PERIOD) {
-      live_line(app, now - t0, progress);
+      live_line(app, progress);
       last_live = now;
     }
     if (c->save_every_s > 0 && now - last_save >= c->save_every_s) {
@@ -350,23 +352,12 @@ static sv_status train_loop(sv_app *app, sv_err *err) {
   }
 }
 
-static sv_status save_all(sv_app *app, sv_err *err) {
-  app->state = SV_APP_SAVING;
-  sv_status s = sv_app_save_model(app, err);
-  if (s >= 0 && app->cfg.is_dynamic) s = sv_app_save_motion(app, err);
-  if (s >= 0 && app->cfg.is_refining) s = sv_app_save_poses(app, err);
-  if (s >= 0) s = sv_app_save_checkpoint(app, err);
-  if (s >= 0) s = sv_app_publish_preview(app);
-  return s;
-}
-
 static sv_status run_all(sv_app *app, sv_err *err) {
   sv_status s = sv_app_capture(app, err), saved, ended;
   sv_err end_err;
   if (s >= 0) s = sv_app_track(app, err);
   if (s >= 0) s = sv_app_live_begin(app, err); // from here on cameras are served whatever takes how long
   if (s >= 0) s = start_training(app, err);
-  bool is_begun = s >= 0;
   if (s >= 0) {
     app->state = SV_APP_TRAINING;
     sv_live_show_model(app); // the first rough model, at once
@@ -375,16 +366,18 @@ static sv_status run_all(sv_app *app, sv_err *err) {
   }
   ended = sv_app_live_end(app, &end_err);
   if (ended < 0 && s >= 0) s = ended, *err = end_err;
-  if (is_begun) {
-    if (s >= 0 || (s == SV_E_INTERRUPTED && !app->live.is_new_requested)) {
-      sv_live_show(app, SV_SHOWS_SAVING, NULL);
-      saved = save_all(app, err);
-      if (saved < 0) s = saved;
-    }
+  const bool is_trained = app->step_time.n > 0; // else what an earlier run left in the folder is worth more
+  if (s >= 0 || (s == SV_E_INTERRUPTED && is_trained && !app->live.is_new_requested)) {
+    sv_live_show(app, SV_SHOWS_SAVING, NULL);
+    app->state = SV_APP_SAVING;
+    saved = sv_app_save_all(app, err);
+    if (saved < 0) s = saved;
   }
   if (s == SV_E_INTERRUPTED && app->state == SV_APP_CAPTURING)
     sv_fail(err, s, "stopped by request after %d of %d exposures, before training: nothing was saved",
             app->exposures.n, app->cfg.n_exposures);
+  else if (s == SV_E_INTERRUPTED && !is_trained)
+    sv_fail(err, s, "stopped by request before the first step: nothing was saved");
   else if (s == SV_E_INTERRUPTED) {
     sv_fail(err, s, "stopped by request after %u steps; what was trained is saved", app->trainer.step);
     app->state = SV_APP_DONE;

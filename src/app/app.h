@@ -168,7 +168,9 @@ sv_status sv_app_save_motion(sv_app *app, sv_err *err) SV_MUST_USE; // motion.bi
 // --- pieces (report.c, save.c, preview.c) ---------------------------------------------------------
 sv_status sv_app_save_model(sv_app *app, sv_err *err) SV_MUST_USE;      // model.ply
 sv_status sv_app_save_checkpoint(sv_app *app, sv_err *err) SV_MUST_USE; // checkpoint.bin
-sv_status sv_app_resume(sv_app *app, sv_err *err) SV_MUST_USE;          // AGAIN: there is no checkpoint
+// All that a run leaves but run.json: model, motion, poses, checkpoint, preview.
+sv_status sv_app_save_all(sv_app *app, sv_err *err) SV_MUST_USE;
+sv_status sv_app_resume(sv_app *app, sv_err *err) SV_MUST_USE; // AGAIN: there is no checkpoint
 // run.json: settings, digest, ledger, timing, memory map. extra: more JSON members ("\"psnr\": 27.1") or NULL.
 sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) SV_MUST_USE;
 // Size of the preview picture of such a run.

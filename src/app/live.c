@@ -120,7 +120,7 @@ static void publish_state(sv_app *app, const char *sentence) {
   s->is_session = l->is_session;
   s->n_exposures = app->exposures.n, s->cap_exposures = app->cfg.n_exposures, s->n_views = app->n_views;
   s->step = t->step, s->steps = app->cfg.steps;
-  s->train_s = app->train_s, s->time_limit_s = app->cfg.time_limit_s;
+  s->train_s = t->trained_s, s->time_limit_s = app->cfg.time_limit_s;
   s->steps_per_s = app->train_s > 0 ? (double)app->step_time.n / app->train_s : 0;
   s->loss = app->loss_mean, s->psnr = l->psnr;
   s->n_gaussians = (uint32_t)t->cfg.n_gaussians, s->sh_degree = (uint32_t)t->cfg.sh_degree;
@@ -361,9 +361,7 @@ static sv_status save_now(sv_app *app, sv_err *err) {
   sv_live *l = &app->live;
   sv_feed_shows was = l->shows;
   sv_live_show(app, SV_SHOWS_SAVING, NULL);
-  sv_status s = sv_app_save_model(app, err);
-  if (s >= 0) s = sv_app_save_checkpoint(app, err);
-  if (s >= 0) s = sv_app_publish_preview(app);
+  sv_status s = sv_app_save_all(app, err);
   if (s < 0) return s;
   l->n_saves++;
   sv_live_show_model(app);

@@ -44,6 +44,14 @@ sv_status sv_app_save_checkpoint(sv_app *app, sv_err *err) {
   return finish(st, sv_checkpoint_write(&app->trainer, store_sink(st), err), err);
 }
 
+sv_status sv_app_save_all(sv_app *app, sv_err *err) {
+  sv_status s = sv_app_save_model(app, err);
+  if (s >= 0 && app->cfg.is_dynamic) s = sv_app_save_motion(app, err);
+  if (s >= 0 && app->cfg.is_refining) s = sv_app_save_poses(app, err);
+  if (s >= 0) s = sv_app_save_checkpoint(app, err);
+  return s >= 0 ? sv_app_publish_preview(app) : s;
+}
+
 sv_status sv_app_resume(sv_app *app, sv_err *err) {
   size_t bytes;
   sv_store *st = &app->port.store;

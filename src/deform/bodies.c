@@ -65,6 +65,7 @@ void sv_bodies_reset(sv_bodies *b, int cap) {
   memset(b->of, 0, (size_t)cap);
   memset(b->centre, 0, SV_CAP_BODIES * sizeof *b->centre);
   memset(b->radius, 0, SV_CAP_BODIES * sizeof *b->radius);
+  memset(b->time, 0, (size_t)b->cap_knots * sizeof *b->time);
   b->n = 1, b->n_knots = 0;
   for (long i = 0; i < (long)SV_CAP_BODIES * b->cap_knots; i++) {
     b->knot[i] = SV_RIGID_IDENTITY;

@@ -12,13 +12,19 @@ typedef struct {
   float centre[3], radius, jitter[2];
   int32_t deform_kind, n_moving; // 0 for still scenes
   float find_at, followed, lo[3], inv[3];
-  uint32_t field_step, fit_left, optimizer;
+  uint32_t field_step, fit_left, optimizer, unused;
+  double trained_s;
 } head_t;
 
 static int n_items(const sv_trainer *t) { return t->n_views + t->n_regions; }
 
 static size_t rows_bytes(const sv_trainer *t) {
   return (size_t)t->g.cap * (size_t)t->g.n_rows * sizeof(float);
+}
+
+// Section FLOR. A trainer that is planned only has no memory yet.
+static size_t floors_bytes(const sv_trainer *t) {
+  return t->cfg.floor_px > 0.0f ? (size_t)t->g.cap * sizeof *t->floor : 0;
 }
 
 static size_t moments_bytes(const sv_trainer *t) { return rows_bytes(t) / sizeof(float) * sizeof *t->m; }
@@ -133,7 +139,7 @@ static sv_status get_motion(const sv_sections *r, sv_trainer *t, bool is_taught,
 }
 
 size_t sv_checkpoint_bytes(const sv_trainer *t) {
-  return SV_SECTIONS_OVERHEAD_BYTES + 14 * 40 + motion_bytes(motion_of(t)) +
+  return SV_SECTIONS_OVERHEAD_BYTES + 15 * 40 + floors_bytes(t) + motion_bytes(motion_of(t)) +
          (has_both(t) ? motion_bytes(field_of(t)) + rows_bytes(t) : 0) + bodies_bytes(t) + (size_t)t->g.cap +
          sizeof(head_t) + rows_bytes(t) + 2 * moments_bytes(t) + (size_t)t->g.cap * sizeof(float) +
          (size_t)n_items(t) * sizeof(int);
@@ -149,6 +155,7 @@ sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
   memcpy(h.centre, t->centre, sizeof h.centre);
   memcpy(h.jitter, t->jitter, sizeof h.jitter);
   h.radius = t->radius;
+  h.trained_s = t->trained_s;
   h.optimizer = (uint32_t)t->cfg.optimizer;
   if (sv_train_is_dynamic(t)) {
     h.deform_kind = (int32_t)t->deform.kind, h.n_moving = sv_deform_n_moving(&t->deform);
@@ -164,6 +171,7 @@ sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
   if (s >= 0) s = sv_sections_put(&w, "ADAV", t->v, moments_bytes(t), err);
   if (s >= 0) s = sv_sections_put(&w, "ERRS", t->err, (size_t)t->g.cap * sizeof(float), err);
   if (s >= 0) s = sv_sections_put(&w, "ORDR", t->order, (size_t)n_items(t) * sizeof(int), err);
+  if (s >= 0 && t->floor) s = sv_sections_put(&w, "FLOR", t->floor, floors_bytes(t), err);
   if (s >= 0 && sv_train_is_dynamic(t)) s = put_motion(&w, t, err);
   return s >= 0 ? sv_sections_end(&w, err) : s;
 }
@@ -210,12 +218,14 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
     return sv_fail(err, SV_E_RANGE, "%s: made for another kind of scene (still or moving) than this run",
                    name);
   if (!(h.radius > 0)) return sv_fail(err, SV_E_FORMAT, "%s: the scene radius is not positive", name);
+  if (!(h.trained_s >= 0)) return sv_fail(err, SV_E_FORMAT, "%s: the time of training is negative", name);
   if ((s = check_order(&r, h.n_items, err)) < 0) return s;
   s = sv_sections_get(&r, "GAUS", t->g.param, rows_bytes(t), err);
   if (s >= 0) s = sv_sections_get(&r, "ADAM", t->m, moments_bytes(t), err);
   if (s >= 0) s = sv_sections_get(&r, "ADAV", t->v, moments_bytes(t), err);
   if (s >= 0) s = sv_sections_get(&r, "ERRS", t->err, (size_t)t->g.cap * sizeof(float), err);
   if (s >= 0) s = sv_sections_get(&r, "ORDR", t->order, (size_t)h.n_items * sizeof(int), err);
+  if (s >= 0 && t->floor) s = sv_sections_get(&r, "FLOR", t->floor, floors_bytes(t), err);
   if (s >= 0 && sv_train_is_dynamic(t))
     s = get_motion(&r, t, has_both(t) && h.deform_kind == SV_DEFORM_FIELD, err);
   if (s < 0) return s;
@@ -229,7 +239,7 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
       memcpy(t->deform.field.inv, h.inv, sizeof h.inv);
     }
   }
-  t->i_order = h.i_order, t->step = h.step, t->n_relocated = h.n_relocated;
+  t->i_order = h.i_order, t->step = h.step, t->n_relocated = h.n_relocated, t->trained_s = h.trained_s;
   memcpy(t->jitter, h.jitter, sizeof t->jitter);
   t->rng = (sv_rng){h.rng_state, h.rng_inc};
   sv_train_set_scene(t, h.centre, h.radius);

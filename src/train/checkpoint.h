@@ -11,7 +11,7 @@ extern "C" {
 #endif
 
 #define SV_CHECKPOINT_KIND    "TRNR"
-#define SV_CHECKPOINT_VERSION 6
+#define SV_CHECKPOINT_VERSION 7
 
 size_t sv_checkpoint_bytes(const sv_trainer *t);
 sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) SV_MUST_USE;

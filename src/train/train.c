@@ -313,8 +313,8 @@ sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u
   return SV_OK;
 }
 
-void sv_train_replace_view(sv_trainer *t, int i_view, const sv_view *view) {
-  t->views[i_view].view = *view;
+void sv_train_replace_view(sv_trainer *t, int i_view, const sv_view *view, const sv_image_u8 *image) {
+  t->views[i_view].view = *view, t->views[i_view].image = *image;
   t->newest = sv_maxf(t->newest, view->time);
 }
 
@@ -368,6 +368,8 @@ sv_status sv_train_start(sv_trainer *t, const sv_init_cfg *init, const sv_point 
     float centre[3], radius = sv_gaussians_radius(&t->g, scratch, centre);
     sv_train_set_scene(t, centre, radius);
   }
+  for (int i = 0; i < t->cfg.cap_views + t->cfg.cap_regions; i++) t->order[i] = i; // drawn by the first step
+  t->trained_s = 0.0;
   t->step = t->field_step = t->n_renewed = 0;
   t->followed = t->tended = 0.0f;
   sv_prior_clear(&t->prior);

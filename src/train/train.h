@@ -216,6 +216,7 @@ typedef struct {
   float centre[3], radius; // of the scene
   uint32_t step;
   uint32_t n_relocated, n_renewed; // ever
+  double trained_s;                // kept for a caller who trains by time: what a run that is resumed has had
   sv_rng rng;
 } sv_trainer;
 
@@ -228,8 +229,8 @@ sv_status sv_trainer_init(sv_trainer *t, const sv_train_cfg *cfg, const sv_kerne
 // E_FULL beyond cap_views, E_RANGE when picture and view differ in size or exceed the caps.
 sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u8 *image,
                             sv_err *err) SV_MUST_USE;
-// Picture i_view was replaced in place, by one of the same size from another pose.
-void sv_train_replace_view(sv_trainer *t, int i_view, const sv_view *view);
+// Instead of picture i_view one of the same size from another pose.
+void sv_train_replace_view(sv_trainer *t, int i_view, const sv_view *view, const sv_image_u8 *image);
 // View i_view, added before, is one of exposure i_pose, whose pose training refines. Of each exposure all views; of one
 // the pose is held. Kept apart from the view's own pose: cam_from_rig and rig_from_world as they are now.
 void sv_train_refine_view(sv_trainer *t, int i_view, int i_pose, const sv_pose *cam_from_rig,

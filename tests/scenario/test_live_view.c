@@ -407,6 +407,24 @@ static void test_what_is_missing(void **state) {
   live_run_stop(&r);
 }
 
+// Save keeps all that the end of the run would.
+static void test_save(void **state) {
+  (void)state;
+  static const char *const files[] = {"model.ply", "motion.bin", "checkpoint.bin", "preview.jpg"};
+  char headers[128], path[400];
+  start("--source sim:moving,rig=stereo,arc=0,size=96x64 --scene dynamic --exposures 3 --gaussians 1000 "
+        "--threads 1 --time-limit 600");
+  assert_true(wait_for("\"state\":\"training\"", 20));
+  snprintf(headers, sizeof headers, "X-Subview-Token: %s\r\n", r.token);
+  assert_int_equal(code_of("POST", "/save", headers), 200);
+  assert_true(wait_for("\"saves\":1", 20));
+  for (int i = 0; i < 4; i++) {
+    snprintf(path, sizeof path, "%s/out/%s", root, files[i]);
+    if (access(path, F_OK) != 0) fail_msg("%s is not there", files[i]);
+  }
+  assert_int_equal(live_run_stop(&r), 0);
+}
+
 // A server that hangs is replaced as well.
 static void test_hang(void **state) {
   (void)state;
@@ -448,6 +466,7 @@ int main(void) {
       cmocka_unit_test_teardown(test_the_run_does_not_notice, stop),
       cmocka_unit_test_teardown(test_capture_meets_its_deadlines, stop),
       cmocka_unit_test_teardown(test_what_is_missing, stop),
+      cmocka_unit_test_teardown(test_save, stop),
       cmocka_unit_test_teardown(test_hang, stop),
   };
   return cmocka_run_group_tests(tests, make_root, remove_root);

@@ -4,6 +4,7 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdio.h>
+#include <string.h>
 
 #include <cmocka.h>
 
@@ -103,8 +104,29 @@ static void test_advance(void **state) {
   for (int i = 0; i < 16 * 14; i++) assert_true(fabsf(g.moved[i] - before[i]) < 1e-4f);
 }
 
+// What lies in the block from a run before is in no file of this one.
+static void test_block_of_before(void **state) {
+  (void)state;
+  static uint8_t first[4 << 20];
+  size_t n_first = 0;
+  for (int i = 0; i < 2; i++) {
+    open_world(4, 1);
+    w.cfg.is_dynamic = true;
+    w.cfg.steps = 40;
+    memset(w.arena.base + w.arena.used_bytes, i ? 0xa5 : 0, w.arena.cap_bytes - w.arena.used_bytes);
+    if (world_run(&w) < 0) fail_msg("%s", w.err.text);
+    const world_file *f = world_find(&w, "checkpoint.bin");
+    assert_true(f->bytes <= sizeof first);
+    if (i == 0) memcpy(first, f->data, n_first = f->bytes);
+    assert_int_equal(f->bytes, n_first);
+    assert_memory_equal(f->data, first, n_first);
+    world_close(&w);
+    world_forget_files(&w);
+  }
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_clip_beats_still), cmocka_unit_test(test_live),
-                                     cmocka_unit_test(test_advance)};
+                                     cmocka_unit_test(test_block_of_before), cmocka_unit_test(test_advance)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

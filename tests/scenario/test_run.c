@@ -310,6 +310,27 @@ static void test_time_limit(void **state) {
   world_close(&w);
 }
 
+// A budget of time goes on where it was.
+static void test_time_limit_resumed(void **state) {
+  (void)state;
+  uint32_t step = 0;
+  world_forget_files(&w);
+  for (int i = 0; i < 3; i++) {
+    open_world("textured,rig=stereo,size=64x48", 2);
+    w.cfg.time_limit_s = 0.4;
+    w.cfg.is_resume = true;
+    w.stop_at_step = i == 0 ? 60 : 0;
+    assert_int_equal(world_run(&w), i == 0 ? SV_E_INTERRUPTED : SV_OK);
+    const double trained_s = w.app.trainer.trained_s;
+    if (i == 0) assert_true(trained_s > 0.05 && trained_s < 0.3);
+    else assert_true(trained_s >= 0.4 && trained_s < 0.41);
+    if (i == 1) assert_true(w.app.train_s < 0.35 && w.app.trainer.step > step);
+    if (i == 2) assert_int_equal(w.app.trainer.step, step); // it had ended
+    step = w.app.trainer.step;
+    world_close(&w);
+  }
+}
+
 #define RESUME_SPEC  "textured,rig=stereo,size=100x76,noise=read:1e-4:shot:1e-3"
 #define RESUME_STEPS 60
 
@@ -383,6 +404,27 @@ static void test_resume_refuses_other_settings(void **state) {
     sv_status s = world_run(&w);
     if (s != SV_E_RANGE) fail_msg("%d: %s", s, w.err.text);
     assert_true(world_is_one_sentence(w.err.text));
+    world_close(&w);
+  }
+}
+
+// What is there stays as it is.
+static void test_stop_before_first_step(void **state) {
+  (void)state;
+  world_forget_files(&w);
+  for (int i = 0; i < 2; i++) {
+    open_resume();
+    w.cfg.is_resume = true;
+    w.stop_at_step = 7;
+    assert_int_equal(world_run(&w), SV_E_INTERRUPTED);
+    assert_int_equal(w.app.step_time.n, i == 0 ? 7 : 0);
+    world_file *f = w.store.file;
+    while (strcmp(f->name, "model.ply") != 0) f++;
+    if (i == 0) f->data[0] = '?';
+    assert_int_equal(f->data[0], '?');
+    assert_int_equal(w.app.state, i == 0 ? SV_APP_DONE : SV_APP_FAILED);
+    if (i == 1)
+      assert_string_equal(w.err.text, "stopped by request before the first step: nothing was saved");
     world_close(&w);
   }
 }
@@ -534,6 +576,8 @@ int main(void) {
       cmocka_unit_test(test_resume_is_bit_exact),
       cmocka_unit_test(test_resume_refuses_other_settings),
       cmocka_unit_test(test_stop_before_training),
+      cmocka_unit_test(test_stop_before_first_step),
+      cmocka_unit_test(test_time_limit_resumed),
       cmocka_unit_test(test_save_every),
       cmocka_unit_test(test_smallest_run),
       cmocka_unit_test(test_bad_settings),

@@ -271,7 +271,7 @@ static void test_old_checkpoint(void **state) {
       SV_OK);
   assert_int_equal(sv_sections_end(&w, &err), SV_OK);
   assert_int_equal(sv_checkpoint_read(&trainer, "memory", file, m.n, &err), SV_E_UNSUPPORTED);
-  assert_string_equal(err.text, "memory: a checkpoint of version 5, expected 6; begin a new run");
+  assert_string_equal(err.text, "memory: a checkpoint of version 6, expected 7; begin a new run");
 }
 
 static void test_resume(void **state) {
