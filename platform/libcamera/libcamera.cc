@@ -153,7 +153,7 @@ static bool map_buffer(Slot *s) {
       s->maps[i] = {static_cast<uint8_t *>(p), end};
     }
     s->plane[i] = s->maps[first].p + offset;
-    if (i == 0) s->cap_bytes = s->maps[0].bytes - offset;
+    s->cap_bytes[i] = s->maps[first].bytes - offset;
   }
   return n > 0;
 }
@@ -162,6 +162,20 @@ void sv_libcamera_free_slot(Slot *slot) {
   for (Mapping &m : slot->maps)
     if (m.p) munmap(m.p, m.bytes);
   *slot = Slot();
+}
+
+size_t sv_libcamera_plane_bytes(const Cam *c, int rows) {
+  return static_cast<size_t>(c->stride_bytes) * static_cast<size_t>(rows - 1) +
+         sv_pixel_row_bytes(c->caps.format, c->caps.width_px);
+}
+
+// Whether planes reach as far as a whole frame does.
+static bool is_large_enough(const Cam *c, const Slot &s) {
+  const int h = c->caps.height_px, chroma = c->caps.format == SV_PIX_NV12 ? (h + 1) / 2 : 0;
+  if (c->caps.format == SV_PIX_JPEG) return true;
+  if (!s.plane[1] || !chroma) return s.cap_bytes[0] >= sv_libcamera_plane_bytes(c, h + chroma);
+  return s.cap_bytes[0] >= sv_libcamera_plane_bytes(c, h) &&
+         s.cap_bytes[1] >= sv_libcamera_plane_bytes(c, chroma);
 }
 
 static sv_status make_requests(Cam *c, const char *name, sv_err *err) {
@@ -178,11 +192,9 @@ static sv_status make_requests(Cam *c, const char *name, sv_err *err) {
     s.request = c->camera->createRequest(i);
     if (!s.request || s.request->addBuffer(c->stream, s.buffer) < 0 || !map_buffer(&s))
       return sv_fail(err, SV_E_DEVICE, "libcamera:%s: a buffer cannot be mapped", name);
-    size_t row = sv_pixel_row_bytes(c->caps.format, c->caps.width_px);
-    size_t least = static_cast<size_t>(c->stride_bytes) * static_cast<size_t>(c->caps.height_px - 1) + row;
-    if (c->caps.format != SV_PIX_JPEG && s.cap_bytes < least)
-      return sv_fail(err, SV_E_DEVICE, "libcamera:%s: buffers of %zu bytes, expected at least %zu", name,
-                     s.cap_bytes, least);
+    if (!is_large_enough(c, s))
+      return sv_fail(err, SV_E_DEVICE, "libcamera:%s: its buffers are smaller than a frame of %dx%d", name,
+                     c->caps.width_px, c->caps.height_px);
   }
   if (n < 3)
     return sv_fail(err, SV_E_DEVICE, "libcamera:%s: gives %d buffers, expected at least 3", name,

@@ -42,7 +42,7 @@ struct Slot {
   FrameBuffer *buffer = nullptr;
   std::array<Mapping, 3> maps; // one per descriptor
   std::array<uint8_t *, 3> plane = {};
-  size_t cap_bytes = 0; // of the first plane, up to the end of its mapping
+  std::array<size_t, 3> cap_bytes = {}; // of each plane, up to the end of its mapping
   RequestState state = RequestState::Empty;
   sv_ns arrival_ns = 0;
 };
@@ -95,6 +95,7 @@ sv_status sv_libcamera_attach(sv_libcamera *s, Cam *c, std::shared_ptr<Camera> c
 // Lets it go; frames on loan become orphans, whose pictures stay.
 void sv_libcamera_detach(Cam *c);
 void sv_libcamera_free_slot(Slot *slot);
+size_t sv_libcamera_plane_bytes(const Cam *c, int rows); // up to the last pixel of the last row
 
 inline sv_ns now(const sv_libcamera *s) { return s->clock.now_ns(s->clock.self); }
 inline bool has(const Cam *c, const libcamera::ControlId &id) {

@@ -226,14 +226,14 @@ static bool fill_frame(sv_libcamera *s, Cam *c, int i_slot, sv_frame *f) {
   f->data = slot.plane[0];
   size_t used = 0;
   for (const auto &p : fm.planes()) used += p.bytesused;
-  f->data_bytes = used < slot.cap_bytes ? used : slot.cap_bytes;
+  f->data_bytes = used < slot.cap_bytes[0] ? used : slot.cap_bytes[0];
   if (f->format == SV_PIX_NV12 && slot.plane[1])
     f->chroma = slot.plane[1], f->chroma_stride_bytes = f->stride_bytes;
   f->i_buffer = i_slot;
   f->is_error = fm.status != FrameMetadata::FrameSuccess;
   sv_camera_event_kind kind = SV_CAMERA_DAMAGED;
-  size_t least = static_cast<size_t>(f->stride_bytes) * static_cast<size_t>(f->height_px - 1) +
-                 sv_pixel_row_bytes(f->format, f->width_px);
+  size_t least = sv_libcamera_plane_bytes(c, f->height_px);
+  if (f->format == SV_PIX_NV12) least += sv_libcamera_plane_bytes(c, (f->height_px + 1) / 2);
   int w = 0, h = 0;
   bool has_end = false, is_jpeg = f->format == SV_PIX_JPEG;
   if (!f->is_error && is_jpeg) {
@@ -241,7 +241,7 @@ static bool fill_frame(sv_libcamera *s, Cam *c, int i_slot, sv_frame *f) {
     if (is_read && (w != f->width_px || h != f->height_px)) kind = SV_CAMERA_WRONG_SIZE;
     else kind = SV_CAMERA_SHORT_FRAME;
     f->is_error = !is_read || !has_end || kind == SV_CAMERA_WRONG_SIZE;
-  } else if (!f->is_error && f->data_bytes < least) f->is_error = true, kind = SV_CAMERA_SHORT_FRAME;
+  } else if (!f->is_error && used < least) f->is_error = true, kind = SV_CAMERA_SHORT_FRAME;
   if (f->is_error) sv_camera_events_add(&s->events, kind, f->i_camera, f->arrival_ns, f->sequence);
   return true;
 }

@@ -32,7 +32,6 @@ typedef struct {
   sv_ns started_ns, beat_ns, next_start_ns, next_look_ns;
   bool is_served, is_refused;
   uint32_t n_restarts;
-  sv_command pending; // read beside another one
 } sv_linux_live;
 
 // Makes the feed (a sealed memfd) and the pipe. *live stays where it is.

@@ -43,7 +43,6 @@ typedef enum {
   SV_STAGE_OPTIMISE,   // back to the parameters, and the Gauss-Newton step
   SV_N_STAGES
 } sv_bench_stage;
-const char *sv_bench_stage_name(sv_bench_stage s);
 
 typedef enum {
   SV_BENCH_UNPACK,

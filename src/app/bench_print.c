@@ -24,7 +24,6 @@ static const struct {
                          [SV_BENCH_PROJECT_BWD] = {"project_bwd", "Gaussian"},
                          [SV_BENCH_NEWTON] = {"newton", "Gaussian"}};
 
-const char *sv_bench_stage_name(sv_bench_stage s) { return stage_names[s]; }
 const char *sv_bench_op_name(sv_bench_op op) { return ops[op].name; }
 
 void sv_bench_put(sv_bench *b, const char *fmt, ...) {

@@ -208,7 +208,7 @@ static sv_status replace_oldest(sv_app *app, sv_err *err) {
     if (!sv_app_is_trained_on(&app->cfg, i)) continue;
     sv_exposures_get(&app->exposures, slot, i, &image, view);
     view->time = sv_app_time_of(app, app->exposures.exposure[slot].time_ns);
-    sv_train_replace_view(&app->trainer, slot * n + i_view++, view);
+    sv_train_replace_view(&app->trainer, slot * n + i_view++, view, &image);
   }
   return sv_app_enter_exposure(app, slot, 0.5f);
 }

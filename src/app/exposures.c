@@ -13,6 +13,15 @@ static bool is_multiplexed(const sv_exposures_cfg *cfg) {
   return cfg->rig->forward == SV_FORWARD_MULTIPLEXED;
 }
 
+// Where a picture may turn out to be damaged after another one of its exposure was copied, new ones go beside the
+// exposure that they replace, and take its place when all are there.
+static bool has_spare(const sv_exposures_cfg *cfg) {
+  bool is_coded = false;
+  for (int i = 0; i < cfg->n_cameras; i++)
+    is_coded |= sv_pixel(cfg->caps[i].format)->layout == SV_LAYOUT_CODED;
+  return is_coded && cfg->n_cameras > 1;
+}
+
 static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a, sv_err *err) {
   const sv_rig *rig = cfg->rig;
   e->exposure = SV_TAKE(a, sv_exposure, cfg->cap_exposures);
@@ -41,7 +50,9 @@ static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a
     at += bytes;
   }
   e->exposure_bytes = at;
-  e->px = SV_TAKE(a, uint8_t, (size_t)cfg->cap_exposures * at);
+  e->place = SV_TAKE(a, int, cfg->cap_exposures + 1);
+  for (int i = 0; e->place && i <= cfg->cap_exposures; i++) e->place[i] = i;
+  e->px = SV_TAKE(a, uint8_t, (size_t)(cfg->cap_exposures + has_spare(cfg)) * at);
   sv_convert_cfg cc = {cfg->caps, cfg->n_cameras, sv_maxi(cfg->n_threads, 1), cfg->decoder};
   sv_status s = sv_convert_init(&e->convert, &cc, a, err);
   if (s < 0) return s;
@@ -115,7 +126,7 @@ static sv_status check_frame(const sv_exposures *e, int i_sub, const sv_frame *f
   return SV_OK;
 }
 
-static sv_status put_pictures(sv_exposures *e, int slot, const sv_frame *frame, const sv_kernels *k,
+static sv_status put_pictures(sv_exposures *e, int place, const sv_frame *frame, const sv_kernels *k,
                               const sv_pool *pool, sv_err *err) {
   const sv_rig *rig = e->cfg.rig;
   for (int i = 0; i < rig->n_sub_views; i++) {
@@ -135,7 +146,7 @@ static sv_status put_pictures(sv_exposures *e, int slot, const sv_frame *frame, 
                     .k = k,
                     .image = &image,
                     .i_sub = i,
-                    .dst = e->px + (size_t)slot * e->exposure_bytes + e->sub[i].at};
+                    .dst = e->px + (size_t)place * e->exposure_bytes + e->sub[i].at};
       sv_pool_run(pool, copy_task, &j, (e->sub[i].pinhole.height_px + ROWS_PER_TASK - 1) / ROWS_PER_TASK);
     }
   }
@@ -144,11 +155,16 @@ static sv_status put_pictures(sv_exposures *e, int slot, const sv_frame *frame, 
 
 sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const sv_frame *frame,
                            const sv_kernels *k, const sv_pool *pool, sv_err *err) {
-  const int slot = e->i_next;
+  const int slot = e->i_next, with = has_spare(&e->cfg) ? e->cfg.cap_exposures : slot;
   sv_status s = is_multiplexed(&e->cfg) ? sv_composites_put(&e->composites, slot, exposure, frame, pool, err)
-                                        : put_pictures(e, slot, frame, k, pool, err);
+                                        : put_pictures(e, e->place[with], frame, k, pool, err);
   sv_convert_forget(&e->convert);
   if (s < 0) return s;
+  if (!is_multiplexed(&e->cfg)) {
+    const int place = e->place[with];
+    e->place[with] = e->place[slot];
+    e->place[slot] = place;
+  }
   e->exposure[slot] = *exposure;
   e->i_next = (slot + 1) % e->cfg.cap_exposures;
   if (e->n < e->cfg.cap_exposures) e->n++;
@@ -159,7 +175,7 @@ sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const s
 void sv_exposures_get(const sv_exposures *e, int i, int i_sub, sv_image_u8 *image, sv_view *view) {
   const sv_sub_view_store *s = &e->sub[i_sub];
   int w = s->pinhole.width_px, h = s->pinhole.height_px;
-  *image = (sv_image_u8){e->px + (size_t)i * e->exposure_bytes + s->at, w, h, 3, w * 3};
+  *image = (sv_image_u8){e->px + (size_t)e->place[i] * e->exposure_bytes + s->at, w, h, 3, w * 3};
   sv_pose cam_from_world =
       sv_pose_mul(&e->cfg.rig->sub_views[i_sub].cam_from_rig, &e->exposure[i].rig_from_world);
   *view =

@@ -40,6 +40,7 @@ typedef struct {
   sv_exposure *exposure; // [cap_exposures]
   int n;                 // exposures held
   int i_next;            // slot that the next one goes to
+  int *place;            // [cap_exposures + 1] of slots in px; the last is spare
   uint64_t n_replaced;
 } sv_exposures;
 

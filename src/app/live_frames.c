@@ -58,7 +58,7 @@ void sv_live_frame(sv_app *app, const sv_frame *f) {
   c->fps = sv_camera_stat_fps(&c->stat);
   double now = machine_s(app);
   copy_counts(app, now);
-  if (f->i_camera >= l->tiles->n || f->is_error || now < c->next_tile_s) return;
+  if (l->is_coded || f->i_camera >= l->tiles->n || f->is_error || now < c->next_tile_s) return;
   int w, h;
   if (sv_live_thumbnail(f, SV_FEED_TILE_W, SV_FEED_TILE_H, l->tiles->rgb[f->i_camera], &w, &h))
     publish_tile(app, f->i_camera, w, h, now);

@@ -9,12 +9,11 @@
 #include "src/format/axes.h"
 #include "src/format/bytes.h"
 
-#define MAGIC           0x5053474eu // "NGSP"
-#define FLAG_MIP        1
-#define FLAG_EXTENSIONS 2
-#define CAP_N           100000000u
-#define DC_SCALE        0.15
-#define HALF_SQRT       0.70710678118654752
+#define MAGIC     0x5053474eu // "NGSP"
+#define FLAG_MIP  1
+#define CAP_N     100000000u
+#define DC_SCALE  0.15
+#define HALF_SQRT 0.70710678118654752
 
 static int n_sh(const sv_spz *z) { return (z->sh_degree + 1) * (z->sh_degree + 1) - 1; }
 static int fraction(const sv_spz *z) { return z->fractional_bits ? z->fractional_bits : 12; }

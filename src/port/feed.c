@@ -123,6 +123,7 @@ sv_status sv_feed_read(const sv_feed_reader *r, sv_feed_channel c, uint64_t *seq
     uint64_t n = s->bytes;
     if (n > ring->slot_bytes) continue;
     if (n > cap) return SV_E_NOMEM;
+    *seq = 0; // what was in buf is gone
     memcpy(buf, s + 1, (size_t)n);
     atomic_thread_fence(memory_order_acquire);
     if (load(&s->seq) != 2 * k + 2) continue;

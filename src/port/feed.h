@@ -193,7 +193,7 @@ typedef struct {
 // E_FORMAT when it is no feed, E_UNSUPPORTED for another version. The block must outlive the reader.
 sv_status sv_feed_attach(sv_feed_reader *r, const void *block, size_t bytes, sv_err *err) SV_MUST_USE;
 // Copies the newest snapshot if its number is not *seq, into buf[cap]; *bytes is what it has, *seq its number. AGAIN:
-// nothing newer, or the writer was faster eight times; E_NOMEM: larger than cap.
+// nothing newer, or the writer was faster eight times (*seq is 0 then if buf is torn); E_NOMEM: larger than cap.
 sv_status sv_feed_read(const sv_feed_reader *r, sv_feed_channel c, uint64_t *seq, void *buf, size_t cap,
                        size_t *bytes) SV_MUST_USE;
 uint64_t sv_feed_newest(const sv_feed_reader *r, sv_feed_channel c);

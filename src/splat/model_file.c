@@ -17,17 +17,3 @@ sv_status sv_model_write_ply(const sv_gaussians *g, const sv_model_notes *notes,
   }
   return s >= 0 ? sv_ply_write_end(w, err) : s;
 }
-
-sv_status sv_model_read_ply(sv_gaussians *g, sv_ply *ply, sv_err *err) {
-  sv_gaussian v;
-  sv_status s = SV_OK;
-  if (ply->kind != SV_PLY_GAUSSIANS)
-    return sv_fail(err, SV_E_FORMAT, "%s: a point cloud, expected a Gaussian model", ply->name);
-  if (ply->n != (uint32_t)g->n)
-    return sv_fail(err, SV_E_RANGE, "%s: %u Gaussians, expected %d", ply->name, ply->n, g->n);
-  for (int i = 0; s >= 0 && i < g->n; i++) {
-    s = sv_ply_read_gaussian(ply, (uint32_t)i, &v, err);
-    if (s >= 0) sv_gaussians_put(g, i, &v);
-  }
-  return s;
-}

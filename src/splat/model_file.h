@@ -22,8 +22,6 @@ typedef struct {
 // w: workspace of the call.
 sv_status sv_model_write_ply(const sv_gaussians *g, const sv_model_notes *notes, sv_sink sink,
                              sv_ply_writer *w, sv_err *err) SV_MUST_USE;
-// From an opened file into slots that sv_gaussians_init made for ply->n Gaussians of ply->sh_degree.
-sv_status sv_model_read_ply(sv_gaussians *g, sv_ply *ply, sv_err *err) SV_MUST_USE;
 
 #ifdef __cplusplus
 }

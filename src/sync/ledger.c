@@ -4,20 +4,9 @@
 
 const char *sv_drop_name(sv_drop_reason r) {
   switch (r) {
-#define X(NAME, name, sentence)                                                                              \
+#define X(NAME, name)                                                                                        \
   case SV_DROP_##NAME:                                                                                       \
     return #name;
-#include "src/sync/sv_drop.inc"
-#undef X
-  default: return "?";
-  }
-}
-
-const char *sv_drop_sentence(sv_drop_reason r) {
-  switch (r) {
-#define X(NAME, name, sentence)                                                                              \
-  case SV_DROP_##NAME:                                                                                       \
-    return sentence;
 #include "src/sync/sv_drop.inc"
 #undef X
   default: return "?";

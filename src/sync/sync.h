@@ -26,7 +26,7 @@ extern "C" {
 #endif
 
 typedef enum {
-#define X(NAME, name, sentence) SV_DROP_##NAME,
+#define X(NAME, name) SV_DROP_##NAME,
 #include "src/sync/sv_drop.inc"
 #undef X
   SV_N_DROPS
@@ -40,7 +40,6 @@ typedef enum {
 } sv_sync_event_kind;
 
 const char *sv_drop_name(sv_drop_reason r); // "no_partner"
-const char *sv_drop_sentence(sv_drop_reason r);
 const char *sv_sync_event_name(sv_sync_event_kind k);
 
 // captured = delivered + pending + the sum of dropped, after every call, per camera. Frames that the

@@ -38,8 +38,9 @@ static void let_pass(double seconds) {
     now.time += (float)seconds;
     double at = sv_ns_to_s(w.app.exposures.exposure[0].time_ns - SV_SIM_EPOCH_NS) + seconds;
     sv_sim_render(&w.sim, &v->view, at, picture[i], NULL);
-    v->image.px = picture[i];
-    sv_train_replace_view(&w.app.trainer, i, &now);
+    sv_image_u8 image = v->image;
+    image.px = picture[i];
+    sv_train_replace_view(&w.app.trainer, i, &now, &image);
   }
 }
 
