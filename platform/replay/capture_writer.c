@@ -5,6 +5,8 @@
 #include <fcntl.h>
 #include <stdio.h> // SEEK_*
 #include <string.h>
+#include <strings.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -17,6 +19,28 @@
 // at the start of all lines but the first; a line counts when its newline is there.
 static void sidecar_name(char out[32], int i_camera) { sv_fmt(out, 32, "frames.%d.part", i_camera); }
 #define POSES_SIDECAR "poses.part"
+
+// Whoever writes holds the folder's lock: a writer as long as it lives, recovery while it folds in. The kernel drops it
+// when a process dies.
+typedef enum { FOLDER_OURS, FOLDER_IN_USE, FOLDER_WITHOUT_LOCKS } folder_lock;
+
+static folder_lock lock_folder(int dir_fd) {
+  if (flock(dir_fd, LOCK_EX | LOCK_NB) == 0) return FOLDER_OURS;
+  return errno == EWOULDBLOCK ? FOLDER_IN_USE : FOLDER_WITHOUT_LOCKS; // some network file systems
+}
+
+// All that may be there: an older capture may have had more cameras.
+static void remove_sidecars(int dir_fd) {
+  char name[32];
+  for (int i = 0; i < SV_CAP_SUB_VIEWS; i++) {
+    sidecar_name(name, i);
+    unlinkat(dir_fd, name, 0);
+    // The first one is the sign that there is something to recover. Once it is gone for good, what a kill or a power cut
+    // leaves of the others harms nobody.
+    if (i == 0) fsync(dir_fd);
+  }
+  unlinkat(dir_fd, POSES_SIDECAR, 0);
+}
 
 // --- memory --------------------------------------------------------------------------------------
 static bool cfg_is_good(const sv_capture_writer_cfg *c) {
@@ -80,18 +104,20 @@ static sv_status io_failed(const sv_capture_writer *w, const char *what, sv_err 
   return sv_fail(err, SV_E_IO, "%s: %s cannot be written: %s", w->store.dir, what, sv_linux_reason(errno));
 }
 
-// Copies the whole lines of a sidecar into the file being saved.
-static sv_status copy_lines(sv_linux_store *store, int fd, uint8_t *buf, size_t cap, sv_err *err) {
+static bool is_line_end(int fd, off_t at) {
+  char c;
+  return pread(fd, &c, 1, at - 1) == 1 && c == '\n';
+}
+
+// Copies the whole lines of a sidecar from byte `at` on into the file being saved; none when no line begins there.
+static sv_status copy_lines(sv_linux_store *store, int fd, off_t at, uint8_t *buf, size_t cap, sv_err *err) {
   sv_store s = sv_linux_store_port(store);
   struct stat st;
   if (fstat(fd, &st) < 0) return sv_fail(err, SV_E_IO, "%s: a sidecar cannot be read", store->dir);
   off_t end = st.st_size;
-  while (end > 0) { // a power cut may leave half a line
-    char c;
-    if (pread(fd, &c, 1, end - 1) == 1 && c == '\n') break;
-    end--;
-  }
-  for (off_t at = 0; at < end;) {
+  while (end > 0 && !is_line_end(fd, end)) end--; // a power cut may leave half a line
+  if (at > 0 && !is_line_end(fd, at)) return SV_OK;
+  while (at < end) {
     size_t want = end - at < (off_t)cap ? (size_t)(end - at) : cap;
     ssize_t n = pread(fd, buf, want, at);
     if (n < 0 && errno == EINTR) continue;
@@ -101,6 +127,13 @@ static sv_status copy_lines(sv_linux_store *store, int fd, uint8_t *buf, size_t 
     at += n;
   }
   return SV_OK;
+}
+
+// Pictures, sidecars and folders: they must be on the disk before a capture.json that lists them for good.
+static sv_status sync_all(const sv_linux_store *store, sv_err *err) {
+  if (syncfs(store->dir_fd) == 0) return SV_OK;
+  return sv_fail(err, SV_E_IO, "%s: the pictures could not be synced: %s", store->dir,
+                 sv_linux_reason(errno));
 }
 
 static sv_status put_text(sv_linux_store *store, const char *text, sv_err *err) {
@@ -136,7 +169,7 @@ static sv_status put_camera(sv_capture_writer *w, int i, sv_err *err) {
          c->name, w->cameras[i].folder, c->width_px, c->height_px, c->fps, c->format == SV_PIX_RGB16 ? 16 : 8,
          clocks[c->clock], stamps[c->stamp]);
   sv_status s = put_text(&w->store, line, err);
-  if (s == SV_OK) s = copy_lines(&w->store, w->cameras[i].fd, w->copy, w->cap_copy, err);
+  if (s == SV_OK) s = copy_lines(&w->store, w->cameras[i].fd, 0, w->copy, w->cap_copy, err);
   if (s == SV_OK) s = put_text(&w->store, i + 1 < w->cfg.n_cameras ? "]},\n" : "]}\n", err);
   return s;
 }
@@ -148,7 +181,7 @@ sv_status sv_capture_writer_save(sv_capture_writer *w, sv_err *err) {
   if (s == SV_OK) s = put_head(w, err);
   for (int i = 0; i < w->cfg.n_cameras && s == SV_OK; i++) s = put_camera(w, i, err);
   if (s == SV_OK) s = put_text(&w->store, "],\n\"poses\":[\n", err);
-  if (s == SV_OK) s = copy_lines(&w->store, w->pose_fd, w->copy, w->cap_copy, err);
+  if (s == SV_OK) s = copy_lines(&w->store, w->pose_fd, 0, w->copy, w->cap_copy, err);
   if (s == SV_OK) s = put_text(&w->store, "]\n}\n", err);
   if (s < 0) {
     store.abandon(store.self);
@@ -171,12 +204,25 @@ static void plain(char *out, size_t cap, const char *in, bool is_path) {
   out[n] = 0;
 }
 
+static bool ends_with(const char *text, const char *end) {
+  size_t n = strlen(text), m = strlen(end);
+  return n >= m && !strcasecmp(text + n - m, end);
+}
+
+// By another camera or by the capture itself. On memory cards "Left" and "left" are often the same folder.
+static bool is_taken(const sv_capture_writer *w, int i, const char *folder) {
+  static const char *const own[] = {"", "capture.json", "poses.json", "rig"};
+  for (size_t k = 0; k < sizeof own / sizeof *own; k++)
+    if (!strcasecmp(folder, own[k])) return true;
+  for (int k = 0; k < i; k++)
+    if (!strcasecmp(folder, w->cameras[k].folder)) return true;
+  return ends_with(folder, ".part") || ends_with(folder, ".tmp");
+}
+
 static void choose_folder(sv_capture_writer *w, int i) {
   char *folder = w->cameras[i].folder;
   plain(folder, sizeof w->cameras[i].folder, w->caps[i].name, false);
-  bool is_taken = !folder[0];
-  for (int k = 0; k < i; k++) is_taken |= sv_str_eq(folder, w->cameras[k].folder);
-  if (is_taken) sv_fmt(folder, sizeof w->cameras[i].folder, "camera.%d", i);
+  for (int n = i; is_taken(w, i, folder); n++) sv_fmt(folder, sizeof w->cameras[i].folder, "camera.%d", n);
   plain(w->caps[i].name, sizeof w->caps[i].name, folder, false);
 }
 
@@ -209,6 +255,8 @@ static void close_all(sv_capture_writer *w) {
 
 static sv_status open_files(sv_capture_writer *w, sv_err *err) {
   sv_status s = sv_linux_store_open(&w->store, w->cfg.dir, err);
+  if (s == SV_OK && lock_folder(w->store.dir_fd) == FOLDER_IN_USE)
+    s = sv_fail(err, SV_E_IO, "%s: another program is writing a capture there", w->store.dir);
   for (int i = 0; i < w->cfg.n_cameras && s == SV_OK; i++) s = open_camera(w, i, err);
   if (s < 0) return s;
   w->pose_fd = open_sidecar(w, POSES_SIDECAR);
@@ -247,16 +295,9 @@ sv_status sv_capture_writer_open(sv_capture_writer *w, const sv_capture_writer_c
 
 sv_status sv_capture_writer_close(sv_capture_writer *w, sv_err *err) {
   if (!w->is_open) return SV_OK;
-  sv_status s = sv_capture_writer_save(w, err);
-  if (s == SV_OK) { // otherwise they are all there is
-    char name[32];
-    // The first one goes last: it is the sign that there is something to recover.
-    unlinkat(w->store.dir_fd, POSES_SIDECAR, 0);
-    for (int i = w->cfg.n_cameras; i-- > 0;) {
-      sidecar_name(name, i);
-      unlinkat(w->store.dir_fd, name, 0);
-    }
-  }
+  sv_status s = sync_all(&w->store, err);
+  if (s == SV_OK) s = sv_capture_writer_save(w, err);
+  if (s == SV_OK) remove_sidecars(w->store.dir_fd); // otherwise they are all there is
   close_all(w);
   return s;
 }
@@ -282,7 +323,8 @@ static sv_status put_picture(sv_capture_writer *w, int dir_fd, const char *name,
   if (fd < 0) return io_failed(w, name, err);
   bool is_good = put_all(fd, data, bytes);
   sv_status s = is_good ? SV_OK : io_failed(w, name, err);
-  close(fd);
+  // Some file systems tell only here that there was no room.
+  if (close(fd) < 0 && errno != EINTR && s == SV_OK) s = io_failed(w, name, err);
   return s;
 }
 
@@ -358,34 +400,35 @@ static bool next_line(lines_t *l) {
   }
 }
 
-static bool ends_with(const char *line, const char *end) {
-  size_t n = strlen(line), m = strlen(end);
-  return n >= m && !strcmp(line + n - m, end);
-}
-
-static sv_status put_sidecar(sv_linux_store *store, const char *name, sv_err *err) {
+// What a sidecar has beyond the first `at` bytes, which are in capture.json already.
+static sv_status put_rest(sv_linux_store *store, const char *name, off_t at, sv_err *err) {
   uint8_t buf[1024];
   int fd = openat(store->dir_fd, name, O_RDONLY | O_CLOEXEC);
-  if (fd < 0) return sv_fail(err, SV_E_NOT_FOUND, "%s/%s: the sidecar is missing", store->dir, name);
-  sv_status s = copy_lines(store, fd, buf, sizeof buf, err);
+  if (fd < 0 && errno == ENOENT) return SV_OK; // a writer that was killed while it removed them
+  if (fd < 0)
+    return sv_fail(err, SV_E_IO, "%s/%s: cannot be read: %s", store->dir, name, sv_linux_reason(errno));
+  sv_status s = copy_lines(store, fd, at, buf, sizeof buf, err);
   close(fd);
   return s;
 }
 
-// capture.json again, with the bodies of its lists taken from the sidecars.
+// capture.json again, its lists continued with what the sidecars have beyond them. The lists are kept: capture.json is
+// synced when it is saved, the sidecars are not, so after a power cut they may be the shorter ones.
 static sv_status rewrite(sv_linux_store *store, lines_t *l, sv_err *err) {
   sv_status s = SV_OK;
   int i_camera = 0;
-  bool is_body = false, is_whole = false;
+  off_t n_body_bytes = 0;
+  char name[32] = ""; // of the sidecar that continues the present list
+  bool is_whole = false;
   while (s == SV_OK && next_line(l)) {
-    if (is_body && l->line[0] != ']') continue;
-    is_body = false;
-    s = put_text(store, l->line, err);
-    char name[32] = "";
-    if (ends_with(l->line, "\"frames\":[\n")) sidecar_name(name, i_camera++);
-    else if (sv_str_eq(l->line, "\"poses\":[\n")) strcpy(name, POSES_SIDECAR);
-    is_body = name[0] != 0;
-    if (is_body && s == SV_OK) s = put_sidecar(store, name, err);
+    if (name[0] && l->line[0] == ']') {
+      s = put_rest(store, name, n_body_bytes, err);
+      name[0] = 0;
+    }
+    if (s == SV_OK) s = put_text(store, l->line, err);
+    n_body_bytes += (off_t)strlen(l->line);
+    if (ends_with(l->line, "\"frames\":[\n")) sidecar_name(name, i_camera++), n_body_bytes = 0;
+    else if (sv_str_eq(l->line, "\"poses\":[\n")) strcpy(name, POSES_SIDECAR), n_body_bytes = 0;
     is_whole = sv_str_eq(l->line, "}\n");
   }
   if (s == SV_OK && !is_whole)
@@ -395,25 +438,42 @@ static sv_status rewrite(sv_linux_store *store, lines_t *l, sv_err *err) {
   return s;
 }
 
-static sv_status recover_open(sv_linux_store *store, sv_err *err) {
+static sv_status fold_in(sv_linux_store *store, folder_lock lock, sv_err *err) {
   lines_t l = {.fd = openat(store->dir_fd, "capture.json", O_RDONLY | O_CLOEXEC)};
   if (l.fd < 0) return SV_OK; // killed before the first save: there is nothing
   sv_store s = sv_linux_store_port(store);
   sv_status status = s.begin(s.self, "capture.json", err);
   if (status == SV_OK) status = rewrite(store, &l, err);
+  if (status == SV_OK) status = sync_all(store, err);
   if (status == SV_OK) status = s.commit(s.self, err);
   else s.abandon(s.self);
   close(l.fd);
+  // Once is enough: with the sidecars there, each load would write again, and undo what was edited since.
+  if (status == SV_OK && lock == FOLDER_OURS) remove_sidecars(store->dir_fd);
   return status;
+}
+
+static sv_status recover_locked(const char *dir, const char *first_sidecar, sv_err *err) {
+  sv_linux_store store;
+  sv_status s = sv_linux_store_open(&store, dir, err);
+  folder_lock lock = s == SV_OK ? lock_folder(store.dir_fd) : FOLDER_IN_USE;
+  // A writer that lives keeps its sidecars. On a medium that cannot be written the last save has to do, and where
+  // another process has recovered meanwhile nothing is left to be done.
+  if (lock != FOLDER_IN_USE && faccessat(store.dir_fd, ".", W_OK, 0) == 0 && access(first_sidecar, F_OK) == 0)
+    s = fold_in(&store, lock, err);
+  sv_linux_store_close(&store);
+  return s;
 }
 
 sv_status sv_capture_recover(const char *dir, sv_err *err) {
   char path[SV_CAPTURE_CAP_PATH + 32];
   sv_fmt(path, sizeof path, "%s/frames.0.part", dir);
-  if (access(path, F_OK) < 0) return SV_OK;
-  sv_linux_store store;
-  sv_status s = sv_linux_store_open(&store, dir, err);
-  if (s == SV_OK) s = recover_open(&store, err);
-  sv_linux_store_close(&store);
+  int fd = open(path, O_RDONLY | O_CLOEXEC);
+  if (fd < 0) return SV_OK;
+  int r;
+  do r = flock(fd, LOCK_EX); // of several that load it, one recovers and the others wait
+  while (r < 0 && errno == EINTR);
+  sv_status s = recover_locked(dir, path, err);
+  close(fd);
   return s;
 }
