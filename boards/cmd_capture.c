@@ -262,6 +262,8 @@ static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err
   s = sv_intake_init(&cap.in, &ic, &cap.src.source, &cap.src.clock, arena);
   if (s < 0) return sv_fail(err, s, "no frame synchronisation for %d cameras: %s", n, sv_status_text(s));
   if ((s = sv_intake_check(&cap.in, err)) < 0) return s;
+  if (sv_capture_has_frames(o->out))
+    return sv_fail(err, SV_E_ARG, "%s: holds a capture already; take another --out or remove it", o->out);
   if (cap.src.rig && (s = write_rig(o->out, arena, err)) < 0) return s;
   if ((s = open_conversion(arena, err)) < 0) return s;
   double scene[6];

@@ -477,3 +477,33 @@ sv_status sv_capture_recover(const char *dir, sv_err *err) {
   close(fd);
   return s;
 }
+
+// --- what is there -------------------------------------------------------------------------------
+static bool has_text(int fd, const char *text) {
+  char buf[4096];
+  const size_t keep = strlen(text) - 1; // of the last piece: the text may lie across two
+  size_t had = 0;
+  for (;;) {
+    const ssize_t n = read(fd, buf + had, sizeof buf - had);
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) return false;
+    const size_t in = had + (size_t)n;
+    if (memmem(buf, in, text, keep + 1)) return true;
+    had = in < keep ? in : keep;
+    memmove(buf, buf + in - had, had);
+  }
+}
+
+bool sv_capture_has_frames(const char *dir) {
+  static const char *const lists[] = {"capture.json", "frames.0.part"};
+  bool has_frames = false;
+  for (int i = 0; i < 2 && !has_frames; i++) {
+    char path[SV_CAPTURE_CAP_PATH + 32];
+    sv_fmt(path, sizeof path, "%s/%s", dir, lists[i]);
+    const int fd = open(path, O_RDONLY | O_CLOEXEC);
+    if (fd < 0) continue;
+    has_frames = has_text(fd, "\"file\"");
+    close(fd);
+  }
+  return has_frames;
+}

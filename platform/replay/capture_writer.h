@@ -68,6 +68,9 @@ sv_status sv_capture_writer_save(sv_capture_writer *w, sv_err *err) SV_MUST_USE;
 // Syncs the pictures, saves, removes the sidecars and gives everything back, also when it fails; the sidecars then stay.
 sv_status sv_capture_writer_close(sv_capture_writer *w, sv_err *err) SV_MUST_USE;
 
+// Whether the folder holds a capture of which frames are listed or waiting in a sidecar.
+bool sv_capture_has_frames(const char *dir);
+
 // Folds the sidecars of a killed writer into capture.json and removes them. OK also when there are none, when the writer
 // still lives and when the folder cannot be written: capture.json then is what was saved last.
 sv_status sv_capture_recover(const char *dir, sv_err *err) SV_MUST_USE;

@@ -175,6 +175,8 @@ static void test_bad_input(void **state) {
        1},
       {"capture --source sim:textured --exposures 2 --out @/a_file/sub", "a_file", 1},
       {"capture --source sim:textured --exposures 2 --sync often --out @/bad", "--sync often", 2},
+      {"capture --source sim:textured --exposures 2 --out @/tiny", "holds a capture already", 1},
+      {"capture --source replay:@/tiny --exposures 2 --out @/tiny", "holds a capture already", 1},
       {"capture --source replay:@/tiny --exposures 2 --sync frame-length --out @/bad",
        "length of their frames", 1},
       {"run --source replay:@/tiny --sync trigger --out @/bad", "trigger line", 1},
