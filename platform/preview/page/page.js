@@ -220,8 +220,18 @@ function away(is) {
     set("state", "not connected"), ($("state").className = "chip away");
     $("message").hidden = !!(view && view.n);
     set("message-title", "The rig does not answer"), set("message-text", "Trying again. Is subview still running?");
+    look_for_refusal();
     for (const id of ["start", "pause", "save", "new"]) $(id).disabled = true;
   } else $("tiles").src = "/cameras?" + Date.now();
+}
+// Links are of one run: a bookmark of an earlier one is refused, and an event stream does not tell why it ends.
+async function look_for_refusal() {
+  try {
+    if ((await fetch("/state")).status !== 403) return;
+    set("message-title", "This link is of another run"), set("message-text", "Open the newest link that subview printed.");
+  } catch (e) {
+    // nobody answers at all
+  }
 }
 function connect() {
   const events = new EventSource("/stream");

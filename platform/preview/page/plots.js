@@ -53,13 +53,13 @@ const plots = (() => {
     }
     line(p, shown, x, (v) => scale(Math.log10(Math.max(v.loss, 1e-5)), l), colour("--cool"));
     line(p, shown, x, (v) => scale(v.psnr, q), colour("--main"));
-    g.fillStyle = colour("--main"), g.fillText("PSNR dB", left, 10);
+    g.fillStyle = colour("--main"), g.fillText("training PSNR, dB", left, 10);
     g.fillStyle = colour("--cool"), g.fillText("loss", right - 22, 10);
     g.fillStyle = colour("--quiet"), g.fillText(t[0].toFixed(0) + " s", left, p.h - 4);
     g.fillText(t[1].toFixed(0) + " s", right - 20, p.h - 4);
   }
 
-  // Bins of a quarter of an octave from 1 microsecond.
+  // Bins of a quarter of an octave from 1 microsecond; the first has what is less, too.
   function skew(canvas, bins) {
     const p = begin(canvas), g = p.g, most = Math.max(...bins);
     if (!(most > 0)) return;
@@ -67,14 +67,14 @@ const plots = (() => {
     while (last > first && !bins[last]) last--;
     first = Math.max(0, first - 2), last = Math.min(bins.length - 1, last + 2);
     const w = p.w / (last - first + 1), micro = (b) => 2 ** (b / 4);
-    const name = (us) => (us < 1000 ? us.toFixed(0) + " us" : (us / 1000).toFixed(us < 10000 ? 1 : 0) + " ms");
+    const name = (us) => (us < 1000 ? us.toFixed(0) + " µs" : (us / 1000).toFixed(us < 10000 ? 1 : 0) + " ms");
     g.fillStyle = colour("--cool");
     for (let b = first; b <= last; b++) {
       const h = (bins[b] / most) * (p.h - 18);
       g.fillRect((b - first) * w + 1, p.h - 16 - h, Math.max(1, w - 2), h);
     }
     g.fillStyle = colour("--quiet");
-    g.fillText(name(micro(first)), 0, p.h - 3);
+    g.fillText(first ? name(micro(first)) : "0", 0, p.h - 3);
     const end = name(micro(last + 1));
     g.fillText(end, p.w - g.measureText(end).width, p.h - 3);
   }
