@@ -71,9 +71,9 @@ static void test_bound(void **state) {
   double sum = 0;
   sv_bench_bound(&r, &p);
   for (int s = 0; s < SV_N_STAGES; s++) sum += r.stage_bound_ms[s];
-  // By ports: 16 and 29 instructions a pair, 1 and 6 a row of a block, two operations each.
+  // By ports: 16 and 27 instructions a pair, 1 and 6 a row of a block, two operations each.
   double more = 2e-6 * (16e6 + 1 * 16 * 1000) - r.stage_bound_ms[SV_STAGE_RASTER] +
-                2e-6 * (29e6 + 6 * 16 * 1000) - r.stage_bound_ms[SV_STAGE_RASTER_BWD];
+                2e-6 * (27e6 + 6 * 16 * 1000) - r.stage_bound_ms[SV_STAGE_RASTER_BWD];
   assert_true(fabs(r.slot_bound_ms - r.bound_ms - more) < 1e-9);
   // 24 and 39 operations a pair, 1 and 10 a lane of a row of blocks, 9 x 15 a record.
   assert_true(fabs(r.pixel_bound_ms - (63 + 11e-6 * 16 * 1000 + 135e-6 * 100)) < 1e-9 &&
