@@ -99,6 +99,16 @@ static void make_files(void) {
   folder("unfinished");
   put("unfinished/transforms.json", "{\"frames\": [{\"file_path\": \"../a.png\", ");
   folder("nothing");
+  folder("many"); // none of the two names that are looked for
+  for (int i = 0; i < 6; i++) {
+    char name[64];
+    snprintf(name, sizeof name, "many/transforms_train_r%d.json", i);
+    put(name, "{}");
+  }
+  put("many/transforms_test.json", "{}");
+  dataset(
+      "cameras", ANGLE,
+      FRAME("../a.png", 4, ", \"camera\": \"left\"") "," FRAME("../b.png", 4.5, ", \"camera\": \"right\""));
   put("cloud.ply",
       "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
       "end_header\n1 2 3\n");
@@ -185,6 +195,11 @@ static const bad_case cases[] = {
     // failures: exit 1, one sentence with the file
     {1, "train --data absent --out o", "absent"},
     {1, "train --data nothing --out o", "nothing"},
+    {1, "train --data many --out o",
+     "neither transforms_train.json nor transforms.json; name another with --transforms: "
+     "transforms_train_r0.json, transforms_train_r1.json, transforms_train_r2.json, "
+     "transforms_train_r3.json, ...\n"},
+    {1, "train --data nothing --out o", "name another with --transforms\n"},
     {1, "train --data good --transforms t.json --out o", "t.json"},
     {1, "train --data missing --out o", "nowhere.png"},
     {1, "train --data size --out o", "33x24"},
@@ -212,6 +227,14 @@ static const bad_case cases[] = {
     {1, "eval --data no_test --model model/model.ply --split test_near", "test_near"},
     {1, "eval --data good --model model/model.ply --split unheard_of", "unheard_of"},
     {1, "eval --data good --model spoilt/model.ply", "train.json"},
+    {1, "eval --data many --model elsewhere/model.ply --split train",
+     "nor gone.json, which elsewhere/train.json names; name"},
+    {1, "eval --data good --transforms gone.json --model elsewhere/model.ply", "good/gone.json"},
+    {1, "eval --data cameras --model model/model.ply --split all --camera nope",
+     "the camera nope; there are left, right\n"},
+    {1, "eval --data cameras --model model/model.ply --split test_near --camera right",
+     "right; there are left\n"},
+    {1, "eval --data good --model model/model.ply --camera nope", "nope; its views name no cameras\n"},
     {1, "render --data missing --model model/model.ply --split train --out o", "nowhere.png"},
     {1, "export --model bad.ply --format splat --out o.splat", "bad.ply"},
     {1, "export --model model/model.ply --format splat --out absent/o.splat --quiet", "o.splat"},
@@ -257,14 +280,30 @@ static void make_damaged_models(void) {
   snprintf(path, sizeof path, "%s/spoilt/model.ply", g_root);
   assert_int_equal(sv_file_write(path, data, bytes, &err), SV_OK);
   put("spoilt/train.json", "{\"scale\": \"large\"}");
+  folder("elsewhere"); // was trained on a dataset with a file that others do not have
+  snprintf(path, sizeof path, "%s/elsewhere/model.ply", g_root);
+  assert_int_equal(sv_file_write(path, data, bytes, &err), SV_OK);
+  put("elsewhere/train.json", "{\"transforms\": \"gone.json\"}");
   free(data);
+}
+
+// A model meets another dataset: what train.json remembers is not there, so the dataset's own file is taken.
+static void test_other_dataset(void **state) {
+  char text[4096];
+  (void)state;
+  make_damaged_models();
+  assert_int_equal(run_lab("eval --data good --model elsewhere/model.ply --quiet", text, sizeof text), 0);
+  assert_string_equal(text, "");
+  assert_int_equal(run_lab("render --data good --model elsewhere/model.ply --orbit 2 --quiet --out turn2",
+                           text, sizeof text),
+                   0);
+  assert_string_equal(text, "");
 }
 
 static void test_bad_input(void **state) {
   char text[4096];
   int n_bad = 0;
   (void)state;
-  make_damaged_models();
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
     const bad_case *c = &cases[i];
     int code = run_lab(c->args, text, sizeof text), n = lines_of(text);
@@ -381,9 +420,9 @@ static int tear_down(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_good_input), cmocka_unit_test(test_bad_input),
-                                     cmocka_unit_test(test_model_file), cmocka_unit_test(test_start),
-                                     cmocka_unit_test(test_stop)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_good_input), cmocka_unit_test(test_other_dataset),
+                                     cmocka_unit_test(test_bad_input),  cmocka_unit_test(test_model_file),
+                                     cmocka_unit_test(test_start),      cmocka_unit_test(test_stop)};
   signal(SIGPIPE, SIG_IGN);
   if (set_up(NULL) != 0) return 1;
   if (access(g_lab, X_OK) != 0) {

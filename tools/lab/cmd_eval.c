@@ -23,6 +23,7 @@ static sv_status evaluate(run *r, sv_err *err) {
   double t0 = lab_seconds(&r->session);
   lab_source src = {.folder = r->o->data,
                     .transforms = r->settings.transforms,
+                    .told_by = r->settings.told_by,
                     .split = r->split,
                     .camera = r->o->camera,
                     .n_exposures = sv_str_eq(r->split, "test_near") ? r->settings.n_exposures : 0,
@@ -33,6 +34,7 @@ static sv_status evaluate(run *r, sv_err *err) {
                    r->o->data, r->views.transforms, src.split);
   lab_source train = {.folder = r->o->data,
                       .transforms = r->settings.transforms,
+                      .told_by = r->settings.told_by,
                       .n_exposures = r->settings.n_exposures,
                       .scale = r->settings.scale};
   lab_eval_job job = {.session = &r->session,

@@ -136,6 +136,7 @@ static sv_status prepare(run *r, lab_scene *scene, sv_err *err) {
   if (s != SV_OK) return s;
   lab_source src = {.folder = r->o->data,
                     .transforms = r->settings.transforms,
+                    .told_by = r->settings.told_by,
                     .split = r->o->orbit > 0 ? "train"
                              : r->o->split   ? r->o->split
                                              : "test",

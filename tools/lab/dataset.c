@@ -8,6 +8,8 @@
 #include "src/base/str.h"
 #include "tools/lab/measurement.h"
 
+#define MOST_LISTED 4 // names in one sentence
+
 // A transforms file in memory.
 typedef struct {
   char path[SV_CAP_PATH];
@@ -52,19 +54,64 @@ static bool exists_in(const char *folder, const char *name) {
   return sv_path_join(path, sizeof path, folder, name, NULL) == SV_OK && sv_path_exists(path);
 }
 
+// Whether `transforms` was remembered rather than asked for.
+static bool is_told(const lab_source *src) {
+  return src->transforms && *src->transforms && src->told_by && *src->told_by;
+}
+
+// Names in a sentence: the first few, then "...".
+typedef struct {
+  char text[200];
+  size_t room; // of it that may be used, with its end
+  int n;       // -1: it ends in "..."
+} listed;
+
+static void list_name(listed *l, const char *name) {
+  static const char more[] = ", ...";
+  size_t at = strlen(l->text);
+  if (l->n < 0) return;
+  if (l->n < MOST_LISTED && at + strlen(name) + 2 + sizeof more <= l->room) {
+    sv_fmt(l->text + at, l->room - at, "%s%s", l->n++ ? ", " : "", name);
+    return;
+  }
+  if (l->n) sv_fmt(l->text + at, l->room - at, "%s", more);
+  l->n = -1;
+}
+
+static bool is_training_file_name(const char *name) {
+  size_t n = strlen(name);
+  return strncmp(name, "transforms", 10) == 0 && strncmp(name, "transforms_test", 15) != 0 &&
+         strncmp(name, "transforms_val", 14) != 0 && n > 15 && sv_str_eq(name + n - 5, ".json");
+}
+
+static sv_status no_training_file(const lab_source *src, sv_err *err) {
+  sv_names names;
+  char text[sizeof err->text];
+  sv_str t = sv_str_make(text, sizeof text);
+  listed l = {.room = 0};
+  sv_str_add(&t, "%s: has neither transforms_train.json nor transforms.json", src->folder);
+  if (is_told(src)) sv_str_add(&t, ", nor %s, which %s names", src->transforms, src->told_by);
+  sv_str_add(&t, "; name another with --transforms");
+  if (t.len + 2 < sizeof text) l.room = sizeof text - t.len - 2; // behind ": "
+  if (sv_folder_list(src->folder, &names, NULL) == SV_OK) {
+    for (int i = 0; i < names.n; i++)
+      if (is_training_file_name(names.names[i])) list_name(&l, names.names[i]);
+    sv_names_free(&names);
+  }
+  return sv_fail(err, SV_E_NOT_FOUND, "%s%s%s", text, *l.text ? ": " : "", l.text);
+}
+
 static sv_status training_name(const lab_source *src, char out[SV_TRANSFORMS_CAP_PATH], sv_err *err) {
   if (!sv_path_is_folder(src->folder))
     return sv_fail(err, SV_E_NOT_FOUND, "%s: there is no such folder; a dataset was expected", src->folder);
-  const char *name = src->transforms && *src->transforms               ? src->transforms
-                     : exists_in(src->folder, "transforms_train.json") ? "transforms_train.json"
-                                                                       : "transforms.json";
+  const char *name = src->transforms && *src->transforms ? src->transforms : NULL;
+  if (!name || (is_told(src) && !exists_in(src->folder, name)))
+    name = exists_in(src->folder, "transforms_train.json") ? "transforms_train.json"
+           : exists_in(src->folder, "transforms.json")     ? "transforms.json"
+                                                           : NULL;
+  if (!name) return no_training_file(src, err);
   if (!sv_copy(out, SV_TRANSFORMS_CAP_PATH, name))
     return sv_fail(err, SV_E_RANGE, "%.80s...: the name of the transforms file is too long", name);
-  if (!(src->transforms && *src->transforms) && !exists_in(src->folder, name))
-    return sv_fail(
-        err, SV_E_NOT_FOUND,
-        "%s: has neither transforms_train.json nor transforms.json; name another with --transforms",
-        src->folder);
   return SV_OK;
 }
 
@@ -113,6 +160,23 @@ static sv_status keep_exposures(const file *f, int n, bool *is_in, sv_err *err) 
   return SV_OK;
 }
 
+// Leaves the frames of one camera.
+static sv_status keep_camera(const file *f, const lab_source *src, bool *is_in, sv_err *err) {
+  listed l = {.room = 140};
+  int n = 0;
+  for (int i = 0; i < f->t.n_frames; i++) n += is_in[i] && sv_str_eq(f->frames[i].camera, src->camera);
+  for (int i = 0; i < f->t.n_frames && n; i++)
+    is_in[i] = is_in[i] && sv_str_eq(f->frames[i].camera, src->camera);
+  if (n) return SV_OK;
+  for (int i = 0; i < f->t.n_frames; i++) {
+    int k = 0;
+    while (k < i && !(is_in[k] && sv_str_eq(f->frames[k].camera, f->frames[i].camera))) k++;
+    if (is_in[i] && k == i && *f->frames[i].camera) list_name(&l, f->frames[i].camera);
+  }
+  return sv_fail(err, SV_E_NOT_FOUND, "%s: no view of the split %s is of the camera %.40s; %s%s", f->path,
+                 src->split, src->camera, *l.text ? "there are " : "its views name no cameras", l.text);
+}
+
 // Marks the frames of a split; f is the file that `name` names.
 static sv_status choose_frames(const file *f, const lab_source *src, const char *name, bool is_training_file,
                                bool *is_in, sv_err *err) {
@@ -124,17 +188,13 @@ static sv_status choose_frames(const file *f, const lab_source *src, const char 
     else if (is_train) is_in[i] = !held;
     else if (sv_str_eq(src->split, "test")) is_in[i] = held;
     else is_in[i] = marks && sv_str_eq(f->frames[i].split, src->split);
-    if (src->camera && !sv_str_eq(f->frames[i].camera, src->camera)) is_in[i] = false;
+    n += is_in[i];
   }
-  if (is_train && src->n_exposures > 0) {
-    sv_status s = keep_exposures(f, src->n_exposures, is_in, err);
-    if (s != SV_OK) return s;
-  }
-  for (int i = 0; i < f->t.n_frames; i++) n += is_in[i];
   if (n == 0)
     return sv_fail(err, SV_E_NOT_FOUND, "%s: no view of its %d is left for the split %s", f->path,
                    f->t.n_frames, src->split);
-  return SV_OK;
+  sv_status s = src->camera ? keep_camera(f, src, is_in, err) : SV_OK;
+  return s == SV_OK && is_train && src->n_exposures > 0 ? keep_exposures(f, src->n_exposures, is_in, err) : s;
 }
 
 // --- their files ---------------------------------------------------------------------------------
@@ -294,10 +354,10 @@ static sv_status open_split(file *f, const lab_source *src, char name[SV_TRANSFO
   bool is_train = sv_str_eq(src->split, "train"), has_own = !is_train && exists_in(src->folder, own);
   bool is_test = sv_str_eq(src->split, "test") || sv_str_eq(src->split, "test_near");
   *is_training_file = !(is_test && has_own);
-  sv_status s = training_name(src, name, err);
-  if (s != SV_OK) return s;
-  if (!*is_training_file) sv_copy(name, SV_TRANSFORMS_CAP_PATH, own);
-  s = file_open(f, src->folder, name, err);
+  sv_status s = SV_OK;
+  if (*is_training_file) s = training_name(src, name, err);
+  else sv_copy(name, SV_TRANSFORMS_CAP_PATH, own);
+  if (s == SV_OK) s = file_open(f, src->folder, name, err);
   if (s != SV_OK || is_train || is_test || !has_own) return s;
   for (int i = 0; i < f->t.n_frames; i++) // marks inside the training file go before a file of the name
     if (sv_str_eq(f->frames[i].split, src->split)) return SV_OK;
@@ -331,13 +391,15 @@ static sv_status open_near(file *f, bool **is_in, const lab_source *src, char na
   lab_source part = *src;
   double centre[3];
   part.split = "train";
+  part.camera = NULL; // the centre is that of all that was trained on
   sv_status s = open_marked(f, is_in, &part, name, err);
   if (s != SV_OK) return s;
   lab_mean_centre(f->frames, f->t.n_frames, *is_in, centre);
   free(*is_in);
   file_free(f);
   part.split = "test";
-  if ((s = open_marked(f, is_in, &part, name, err)) == SV_E_NOT_FOUND)
+  part.camera = src->camera;
+  if ((s = open_marked(f, is_in, &part, name, err)) == SV_E_NOT_FOUND && !src->camera)
     return sv_fail(err, s, "%s: has neither transforms_test_near.json nor test views, so no split test_near",
                    src->folder);
   if (s != SV_OK) return s;

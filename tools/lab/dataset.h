@@ -44,6 +44,8 @@ typedef struct {
 typedef struct {
   const char *folder;
   const char *transforms; // NULL or empty: by the rule
+  const char *told_by;    // the file that `transforms` is from, which may be gone by now: then by the rule.
+                          // NULL or empty: the user said it
   const char *split;
   const char *camera; // only frames of this camera; NULL: all
   int n_exposures;    // trained on, for the splits train and test_near; below 1: all. Frames with exposure

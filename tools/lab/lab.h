@@ -75,6 +75,7 @@ sv_model_notes lab_model_notes(const lab_model *m);
 // lab_settings_default.
 typedef struct {
   char transforms[SV_TRANSFORMS_CAP_PATH]; // empty: by the rule of the dataset
+  char told_by[SV_CAP_PATH];               // train.json, when it is who says `transforms`; else empty
   sv_background background;
   int scale;
   int n_exposures; // trained on; 0: all

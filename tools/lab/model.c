@@ -191,6 +191,7 @@ sv_status lab_settings_read(lab_settings *out, const char *model_path, sv_err *e
     s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its %d JSON tokens", path, n_tok);
   if (s == SV_OK) s = sv_json_parse(&j, path, text, bytes, tok, n_tok, err);
   if (s == SV_OK) s = settings_parse(out, &j, err);
+  sv_copy(out->told_by, sizeof out->told_by, path);
   free(tok);
   free(text);
   return s;
@@ -207,6 +208,7 @@ sv_status lab_settings_for(lab_settings *st, const lab_options *o, const lab_mod
   if (o->transforms && !sv_copy(st->transforms, sizeof st->transforms, o->transforms))
     return sv_fail(err, SV_E_RANGE, "the name given with --transforms is longer than %zu bytes",
                    sizeof st->transforms);
+  if (o->transforms) st->told_by[0] = 0;
   if (st->near_z > 0 && st->radius > 0) return SV_OK;
   size_t bytes = (size_t)m->g.n * sizeof(float) + 2 * SV_ARENA_ALIGN;
   void *block = malloc(bytes);
