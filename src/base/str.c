@@ -223,13 +223,32 @@ void sv_str_add(sv_str *s, const char *fmt, ...) {
   } else s->len += n;
 }
 
+// Bytes of the UTF-8 character at t (RFC 3629: shortest form, no surrogates); 0: there is none.
+static int utf8_bytes(const char *text) {
+  const unsigned char *t = (const unsigned char *)text;
+  int n = t[0] < 0x80 ? 1 : t[0] >= 0xc2 && t[0] < 0xe0 ? 2 : (t[0] & 0xf0) == 0xe0 ? 3 : t[0] < 0xf5 ? 4 : 0;
+  if (t[0] >= 0x80 && t[0] < 0xc2) return 0;
+  for (int i = 1; i < n; i++)
+    if ((t[i] & 0xc0) != 0x80) return 0; // also at the text's end
+  bool is_long = (t[0] == 0xe0 && t[1] < 0xa0) || (t[0] == 0xf0 && t[1] < 0x90);
+  bool is_outside = (t[0] == 0xed && t[1] >= 0xa0) || (t[0] == 0xf4 && t[1] >= 0x90);
+  return is_long || is_outside ? 0 : n;
+}
+
 void sv_str_add_json(sv_str *s, const char *text) {
-  for (; *text; text++) {
+  for (int n; *text; text += n ? n : 1) {
     unsigned char c = (unsigned char)*text;
+    n = utf8_bytes(text);
     if (c == '"' || c == '\\') sv_str_add(s, "\\%c", c);
     else if (c < 0x20) sv_str_add(s, "\\u%04x", c);
-    else sv_str_add(s, "%c", c);
+    else if (n) sv_str_add(s, "%.*s", n, text);
+    else sv_str_add(s, "\xef\xbf\xbd"); // U+FFFD, the replacement character
   }
+}
+
+void sv_make_utf8(char *text) {
+  for (int n; *text; text += n ? n : 1)
+    if (!(n = utf8_bytes(text))) *text = '_';
 }
 
 bool sv_copy(char *dst, size_t cap, const char *src) {

@@ -29,8 +29,11 @@ typedef struct {
 
 sv_str sv_str_make(char *buf, size_t cap);
 void sv_str_add(sv_str *s, const char *fmt, ...) SV_PRINTF(2, 3);
-// Adds text as the inside of a JSON string: quotes, backslashes and control bytes escaped.
+// Adds text as the inside of a JSON string: quotes, backslashes and control bytes escaped, each byte that is no part of
+// UTF-8 replaced by U+FFFD. At most six bytes for one of text.
 void sv_str_add_json(sv_str *s, const char *text);
+// Replaces each byte that is no part of UTF-8 by '_': for names of files that also stand in JSON.
+void sv_make_utf8(char *text);
 
 // Copies text into dst[cap], cut and terminated; returns false when it was cut.
 bool sv_copy(char *dst, size_t cap, const char *src);

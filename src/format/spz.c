@@ -199,24 +199,30 @@ sv_status sv_spz_open(sv_spz *z, const char *name, const uint8_t *d, size_t byte
 
 sv_status sv_spz_open4(sv_spz *z, const char *name, const uint8_t *d, size_t bytes,
                        size_t at[SV_SPZ_N_STREAMS], size_t compressed[SV_SPZ_N_STREAMS], sv_err *err) {
-  if (bytes < 32 || !sv_spz_is_4(d, bytes))
+  if (!sv_spz_is_4(d, bytes))
     return sv_fail(err, SV_E_FORMAT, "%s: no SPZ file: it does not begin with NGSP", name);
+  if (bytes < 32) return sv_fail(err, SV_E_FORMAT, "%s: the file ends early, in its header", name);
   sv_status s = read_header(z, name, d, err);
   if (s < 0) return s;
   const uint32_t table = sv_le32(d + 16);
   const int n = d[15], wanted = z->sh_degree > 0 ? SV_SPZ_N_STREAMS : SV_SPZ_N_STREAMS - 1;
-  if (z->version != 4 || n < wanted || n > SV_SPZ_N_STREAMS || table < 32 || table > bytes ||
-      16 * (size_t)n > bytes - table)
+  if (z->version != 4 || n < wanted || n > SV_SPZ_N_STREAMS || table < 32)
     return sv_fail(err, SV_E_FORMAT, "%s: the table of %d streams at byte %u is not that of an SPZ file",
                    name, n, table);
+  if (table > bytes || 16 * (size_t)n > bytes - table)
+    return sv_fail(err, SV_E_FORMAT, "%s: the file ends early, before the end of its table of streams", name);
   size_t next = table + 16 * (size_t)n;
   for (int i = 0; i < SV_SPZ_N_STREAMS; i++) {
     size_t ignored, raw;
     sv_spz_stream(z, i, &ignored, &raw);
     uint64_t c = i < n ? sv_le64(d + table + 16 * i) : 0, u = i < n ? sv_le64(d + table + 16 * i + 8) : 0;
-    if (u != raw || c > bytes - next)
-      return sv_fail(err, SV_E_FORMAT, "%s: stream %d has %llu bytes (%llu compressed); %zu were expected",
-                     name, i, (unsigned long long)u, (unsigned long long)c, raw);
+    if (u != raw)
+      return sv_fail(err, SV_E_FORMAT, "%s: stream %d has %llu bytes; %zu were expected", name, i,
+                     (unsigned long long)u, raw);
+    if (c > bytes - next)
+      return sv_fail(err, SV_E_FORMAT,
+                     "%s: the file ends early: stream %d takes %llu bytes from byte %zu, and %zu are there",
+                     name, i, (unsigned long long)c, next, bytes - next);
     at[i] = next, compressed[i] = raw ? (size_t)c : 0;
     next += (size_t)c;
   }

@@ -371,6 +371,33 @@ static void test_model_file(void **state) {
   assert_true(json_number("psnr") - psnr < 1e-6 && psnr - json_number("psnr") < 1e-6);
 }
 
+// Names that are not UTF-8: the JSON is valid all the same, and a dataset that is made from them can be read.
+static void test_names_of_bytes(void **state) {
+  char text[4096], path[1024];
+  sv_err err;
+  (void)state;
+  dataset("gr\xfcn", ANGLE,
+          FRAME("bl\xe4u.png", 4, "") "," FRAME("../b.png", 4.5, "") "," FRAME("../a.png", 5, ""));
+  put_picture("gr\xfcn/bl\xe4u.png", 32, 24, 3);
+  assert_int_equal(
+      run_lab("train --data gr\xfcn --gaussians 50 --steps 5 --quiet --out bytes", text, sizeof text), 0);
+  char *json = temp_folder_read(g_root, "bytes/train.json");
+  assert_non_null(strstr(json, "\"data\": \"gr\xef\xbf\xbdn\""));
+  assert_null(strchr(json, '\xfc'));
+  free(json);
+  assert_int_equal(run_lab("import --from nerfstudio gr\xfcn --quiet --out bytes/again", text, sizeof text),
+                   0);
+  snprintf(path, sizeof path, "%s/bytes/again/transforms.json", g_root);
+  void *data;
+  size_t bytes;
+  assert_int_equal(sv_file_read(path, &data, &bytes, &err), SV_OK);
+  assert_non_null(strstr(data, "bl_u.png"));
+  free(data);
+  assert_int_equal(
+      run_lab("train --data bytes/again --gaussians 50 --steps 5 --quiet --out bytes/m", text, sizeof text),
+      0);
+}
+
 // Ctrl-C in the middle: exit 0, and what was trained is saved. In the foreground `timeout` sends one signal, not
 // another to its group, which would be a second Ctrl-C.
 static void test_stop(void **state) {
@@ -422,7 +449,8 @@ static int tear_down(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_good_input), cmocka_unit_test(test_other_dataset),
                                      cmocka_unit_test(test_bad_input),  cmocka_unit_test(test_model_file),
-                                     cmocka_unit_test(test_start),      cmocka_unit_test(test_stop)};
+                                     cmocka_unit_test(test_start),      cmocka_unit_test(test_names_of_bytes),
+                                     cmocka_unit_test(test_stop)};
   signal(SIGPIPE, SIG_IGN);
   if (set_up(NULL) != 0) return 1;
   if (access(g_lab, X_OK) != 0) {

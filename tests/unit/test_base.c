@@ -141,6 +141,25 @@ static void test_text(void **state) {
   assert_string_equal(b, "a\\\"\\u000a");
   sv_str_add(&s, "%s", "long text");
   assert_true(s.is_cut && strlen(b) == 11);
+  static const char *const texts[][3] = {
+      // what comes in, as JSON, as a name
+      {"\xc3\xbc \xe2\x82\xac \xf0\x9f\x99\x82", "\xc3\xbc \xe2\x82\xac \xf0\x9f\x99\x82",
+       "\xc3\xbc \xe2\x82\xac \xf0\x9f\x99\x82"},
+      {"a\xff", "a\xef\xbf\xbd", "a_"},                                // no such byte
+      {"\xe2\x82", "\xef\xbf\xbd\xef\xbf\xbd", "__"},                  // cut
+      {"\xc3(\x80", "\xef\xbf\xbd(\xef\xbf\xbd", "_(_"},               // stray
+      {"\xc0\xaf", "\xef\xbf\xbd\xef\xbf\xbd", "__"},                  // longer than it need be
+      {"\xed\xa0\x80", "\xef\xbf\xbd\xef\xbf\xbd\xef\xbf\xbd", "___"}, // a surrogate
+      {"\xf4\x90\x80\x80 ", "\xef\xbf\xbd\xef\xbf\xbd\xef\xbf\xbd\xef\xbf\xbd ", "____ "}, // beyond Unicode
+  };
+  for (size_t i = 0; i < sizeof texts / sizeof *texts; i++) {
+    s = sv_str_make(b, sizeof b);
+    sv_str_add_json(&s, texts[i][0]);
+    assert_string_equal(b, texts[i][1]);
+    sv_fmt(b, sizeof b, "%s", texts[i][0]);
+    sv_make_utf8(b);
+    assert_string_equal(b, texts[i][2]);
+  }
 }
 
 static double rel(double a, double b) { return fabs(a - b) / fmax(fabs(b), 1e-300); }

@@ -32,8 +32,8 @@ lab_import_view *lab_import_add(lab_import *im);
 sv_point *lab_import_add_point(lab_import *im);
 void lab_import_free(lab_import *im);
 
-// Copies the pictures and writes transforms.json and points3d.ply into `out`.
-sv_status lab_import_write(const lab_import *im, lab_session *s, const char *out, sv_err *err) SV_MUST_USE;
+// Copies the pictures and writes transforms.json and points3d.ply into `out`. Names that are not UTF-8 become it.
+sv_status lab_import_write(lab_import *im, lab_session *s, const char *out, sv_err *err) SV_MUST_USE;
 
 // A rig folder: rig.json and lens files. Coverage pictures are not written.
 sv_status lab_rig_write(const sv_rig *rig, const char *folder, sv_err *err) SV_MUST_USE;

@@ -243,8 +243,10 @@ static sv_status write_json(const lab_import *im, const char *path, sv_err *err)
   return s;
 }
 
-sv_status lab_import_write(const lab_import *im, lab_session *se, const char *out, sv_err *err) {
+sv_status lab_import_write(lab_import *im, lab_session *se, const char *out, sv_err *err) {
   char images[SV_CAP_PATH], path[SV_CAP_PATH];
+  for (int i = 0; i < im->n; i++)
+    sv_make_utf8(im->views[i].name); // the file is called as transforms.json says
   if (im->n < 1) return sv_fail(err, SV_E_NOT_FOUND, "there are no views to import");
   sv_status s = sv_path_join(images, sizeof images, out, "images", err);
   if (s == SV_OK) s = sv_path_make_folder(images, err);
