@@ -414,6 +414,28 @@ static void test_stop(void **state) {
   assert_int_equal(run_lab("eval --data good --model stopped/model.ply --quiet", text, sizeof text), 0);
 }
 
+static bool is_there(const char *name) {
+  char path[1024];
+  snprintf(path, sizeof path, "%s/%s", g_root, name);
+  return sv_path_exists(path);
+}
+
+// An import that is stopped says so and leaves nothing that looks like a dataset, also of an older one in its place.
+static void test_stopped_import(void **state) {
+  char text[4096];
+  (void)state;
+  folder("half");
+  put("half/transforms_train_mono.json", "{}");
+  int code = run_through("timeout --foreground --preserve-status -s INT 1",
+                         "import --from sim textured,size=1200x1200 --out half", text, sizeof text);
+  assert_string_equal(text, "error: stopped by request: half is not whole; the same command makes it anew\n");
+  assert_int_equal(code, 1);
+  assert_true(is_there("half/train/mono"));
+  assert_false(is_there("half/transforms_train_mono.json"));
+  assert_int_equal(run_lab("import --from sim nonex --out not_made", text, sizeof text), 1);
+  assert_false(is_there("not_made"));
+}
+
 // The emulator's folder of libraries is named from the root of the tree; the program runs elsewhere.
 static void find_emulator(const char *cwd) {
   const char *e = getenv("SV_EMULATE"), *l = e ? strstr(e, " -L ") : NULL;
@@ -447,10 +469,11 @@ static int tear_down(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_good_input), cmocka_unit_test(test_other_dataset),
-                                     cmocka_unit_test(test_bad_input),  cmocka_unit_test(test_model_file),
-                                     cmocka_unit_test(test_start),      cmocka_unit_test(test_names_of_bytes),
-                                     cmocka_unit_test(test_stop)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_good_input), cmocka_unit_test(test_other_dataset),
+      cmocka_unit_test(test_bad_input),  cmocka_unit_test(test_model_file),
+      cmocka_unit_test(test_start),      cmocka_unit_test(test_names_of_bytes),
+      cmocka_unit_test(test_stop),       cmocka_unit_test(test_stopped_import)};
   signal(SIGPIPE, SIG_IGN);
   if (set_up(NULL) != 0) return 1;
   if (access(g_lab, X_OK) != 0) {

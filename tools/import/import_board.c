@@ -82,7 +82,8 @@ static double rate_of(const sv_import_camera *c) {
   return span_s > 0 ? (c->n_times - 1) / span_s : 0;
 }
 
-int sv_import_4cam_board(const char *src, const char *out, sv_err *err) {
+int sv_import_4cam_board(const sv_import_job *job, sv_err *err) {
+  const char *src = job->src_dir;
   sv_import_camera cams[SV_IMPORT_CAP_CAMERAS];
   char *toml = sv_import_text(src, "camera_array.toml", err), *csv = NULL;
   int n = 0, s = toml ? SV_OK : SV_E_NOT_FOUND;
@@ -94,7 +95,7 @@ int sv_import_4cam_board(const char *src, const char *out, sv_err *err) {
   if (s == SV_OK) csv = sv_import_text(src, "timestamps.csv", err);
   if (s == SV_OK && !csv) s = SV_E_NOT_FOUND;
   if (s == SV_OK) s = read_times(csv, cams, n, err);
-  if (s == SV_OK) s = sv_import_write(src, out, "board", rate_of(&cams[0]), cams, n, err);
+  if (s == SV_OK) s = sv_import_write(job, "board", rate_of(&cams[0]), cams, n, err);
   else
     for (int i = 0; i < n; i++) free(cams[i].times_ns);
   free(toml);

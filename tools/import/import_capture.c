@@ -74,8 +74,9 @@ static void free_pictures(pictures_t *p) {
   free(p->names);
 }
 
-static int take_pictures(const char *src, const char *out, const sv_import_camera *c, pictures_t *p,
-                         sv_err *err) {
+static int take_pictures(const sv_import_job *job, const sv_import_camera *c, pictures_t *p, sv_err *err) {
+  const char *src = job->src_dir, *out = job->out_dir;
+  const sv_console *con = &job->console;
   char from[CAP_PATH], to[CAP_PATH];
   snprintf(from, sizeof from, "%s/%s", src, c->name);
   *p = (pictures_t){0};
@@ -91,6 +92,7 @@ static int take_pictures(const char *src, const char *out, const sv_import_camer
   int s = sv_linux_make_dir(to, err);
   for (int i = 0; i < p->n && s == SV_OK; i++) {
     int w = 0, h = 0;
+    if (con->is_stop_requested(con->self)) return SV_E_INTERRUPTED;
     snprintf(from, sizeof from, "%s/%s/%s", src, c->name, p->names[i]->d_name);
     snprintf(to, sizeof to, "%s/%s/%s", out, c->name, p->names[i]->d_name);
     s = picture_size(from, &w, &h, err);
@@ -154,32 +156,42 @@ static void put_camera(FILE *f, const sv_import_camera *c, const pictures_t *p, 
   fprintf(f, "]}%s\n", end);
 }
 
-static int write_all(const char *src, const char *out, const char *name, double fps, sv_import_camera *cams,
-                     int n, pictures_t *pics, sv_err *err) {
+typedef struct {
+  const char *name;
+  double fps;
+  sv_import_camera *cams;
+  int n;
+} recording;
+
+static int write_all(const sv_import_job *job, const recording *r, pictures_t *pics, sv_err *err) {
+  const char *out = job->out_dir;
+  sv_import_camera *cams = r->cams;
+  const int n = r->n;
   char path[CAP_PATH];
   snprintf(path, sizeof path, "%s/rig", out);
   int s = sv_linux_make_dir(path, err);
   for (int i = 0; i < n && s == SV_OK; i++) {
-    s = take_pictures(src, out, &cams[i], &pics[i], err);
+    s = take_pictures(job, &cams[i], &pics[i], err);
     if (s == SV_OK) s = put_model(out, &cams[i], pics[i].width_px, pics[i].height_px, err);
   }
-  if (s == SV_OK) s = put_rig(out, name, cams, n, err);
+  if (s == SV_OK) s = put_rig(out, r->name, cams, n, err);
   if (s < 0) return s;
   snprintf(path, sizeof path, "%s/capture.json", out);
   FILE *f = fopen(path, "w");
   if (!f) return sv_fail(err, SV_E_IO, "%s: cannot be written", path);
-  fprintf(f, "{\n\"version\":1,\n\"name\":\"%s\",\n\"rig\":\"rig\",\n\"cameras\":[\n", name);
-  for (int i = 0; i < n; i++) put_camera(f, &cams[i], &pics[i], fps, i + 1 < n ? "," : "");
+  fprintf(f, "{\n\"version\":1,\n\"name\":\"%s\",\n\"rig\":\"rig\",\n\"cameras\":[\n", r->name);
+  for (int i = 0; i < n; i++) put_camera(f, &cams[i], &pics[i], r->fps, i + 1 < n ? "," : "");
   fprintf(f, "],\n\"poses\":[\n]\n}\n");
   return fclose(f) == 0 ? SV_OK : sv_fail(err, SV_E_IO, "%s: cannot be written", path);
 }
 
-int sv_import_write(const char *src, const char *out, const char *name, double fps, sv_import_camera *cams,
-                    int n, sv_err *err) {
+int sv_import_write(const sv_import_job *job, const char *name, double fps, sv_import_camera *cams, int n,
+                    sv_err *err) {
   pictures_t pics[SV_IMPORT_CAP_CAMERAS] = {{0}};
-  int s = n >= 1 && n <= SV_IMPORT_CAP_CAMERAS
-              ? write_all(src, out, name, fps, cams, n, pics, err)
-              : sv_fail(err, SV_E_RANGE, "%s: %d cameras, expected 1 to %d", src, n, SV_IMPORT_CAP_CAMERAS);
+  const recording r = {name, fps, cams, n};
+  int s = n >= 1 && n <= SV_IMPORT_CAP_CAMERAS ? write_all(job, &r, pics, err)
+                                               : sv_fail(err, SV_E_RANGE, "%s: %d cameras, expected 1 to %d",
+                                                         job->src_dir, n, SV_IMPORT_CAP_CAMERAS);
   for (int i = 0; i < n && i < SV_IMPORT_CAP_CAMERAS; i++) {
     free_pictures(&pics[i]);
     free(cams[i].times_ns);

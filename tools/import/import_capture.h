@@ -8,20 +8,26 @@
 #include "src/base/status.h"
 #include "src/base/time.h"
 #include "src/base/vec.h"
+#include "src/port/port.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
+typedef struct {
+  const char *src_dir, *out_dir;
+  sv_console console; // Ctrl-C: SV_E_INTERRUPTED without a sentence; capture.json is written last
+} sv_import_job;
+
 // Four webcams around a moving board: src/camN/*.jpg, camera_array.toml (K, OpenCV's five distortion terms,
 // R and T world to camera, for the size it names) and timestamps.csv (sync_index,cam_id,frame_time in
 // seconds; the n-th picture of a camera is its n-th row in order of time).
-int sv_import_4cam_board(const char *src_dir, const char *out_dir, sv_err *err) SV_MUST_USE;
+int sv_import_4cam_board(const sv_import_job *job, sv_err *err) SV_MUST_USE;
 
 // Qualisys: Calib.qca.txt and src/<serial of the camera>/*.jpg at 30 frames a second. In the file lengths
 // are millimetres, pixels are 1/64 of the full sensor's; x, y, z is the camera's centre, and the rows of r
 // are the camera's axes in the world: right, up, backward.
-int sv_import_qca(const char *src_dir, const char *out_dir, sv_err *err) SV_MUST_USE;
+int sv_import_qca(const sv_import_job *job, sv_err *err) SV_MUST_USE;
 
 // --- shared by the importers ---------------------------------------------------------------------
 #define SV_IMPORT_CAP_CAMERAS 16
@@ -38,8 +44,8 @@ typedef struct {
 // Writes the capture: pictures are SRC/<name>/*.jpg in order of their names, as many as there are times
 // (a difference is an error). Intrinsics are scaled to the pictures' size. Checks that each rotation is
 // one and that the aspect ratio agrees.
-int sv_import_write(const char *src_dir, const char *out_dir, const char *name, double fps,
-                    sv_import_camera *cams, int n_cameras, sv_err *err) SV_MUST_USE;
+int sv_import_write(const sv_import_job *job, const char *name, double fps, sv_import_camera *cams,
+                    int n_cameras, sv_err *err) SV_MUST_USE;
 
 // A whole text file, terminated, made with malloc; NULL with a sentence when it cannot be read.
 char *sv_import_text(const char *dir, const char *file, sv_err *err);

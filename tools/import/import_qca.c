@@ -101,7 +101,8 @@ static int make_times(const char *src, sv_import_camera *c, sv_err *err) {
   return SV_OK;
 }
 
-int sv_import_qca(const char *src, const char *out, sv_err *err) {
+int sv_import_qca(const sv_import_job *job, sv_err *err) {
+  const char *src = job->src_dir;
   sv_import_camera cams[SV_IMPORT_CAP_CAMERAS];
   char *xml = sv_import_text(src, "Calib.qca.txt", err);
   if (!xml) return SV_E_NOT_FOUND;
@@ -117,7 +118,7 @@ int sv_import_qca(const char *src, const char *out, sv_err *err) {
     }
   }
   if (s == SV_OK && !n) s = sv_fail(err, SV_E_FORMAT, "%s/Calib.qca.txt: no camera in it", src);
-  if (s == SV_OK) s = sv_import_write(src, out, "person", FPS, cams, n, err);
+  if (s == SV_OK) s = sv_import_write(job, "person", FPS, cams, n, err);
   else
     for (int i = 0; i < n; i++) free(cams[i].times_ns);
   free(xml);

@@ -79,7 +79,7 @@ sv_status lab_import_transforms(lab_import *im, const char *dir, sv_err *err) {
 
 static sv_status import(const lab_options *o, lab_session *se, sv_err *err) {
   if (sv_str_eq(o->from, "sim")) {
-    sv_status s = lab_import_sim(o->input, o->out, err);
+    sv_status s = lab_import_sim(o->input, se, o->out, err);
     if (s == SV_OK) lab_say(se, "%s: devices on simulated pictures, with held-out views and depth", o->out);
     return s;
   }
@@ -92,8 +92,8 @@ static sv_status import(const lab_options *o, lab_session *se, sv_err *err) {
   if (!sv_path_is_folder(o->input))
     return sv_fail(err, SV_E_NOT_FOUND, "%s: there is no such folder", o->input);
   if (sv_str_eq(o->from, "4cam-board") || sv_str_eq(o->from, "qca")) {
-    sv_status s = sv_str_eq(o->from, "qca") ? sv_import_qca(o->input, o->out, err)
-                                            : sv_import_4cam_board(o->input, o->out, err);
+    sv_import_job job = {o->input, o->out, se->console};
+    sv_status s = sv_str_eq(o->from, "qca") ? sv_import_qca(&job, err) : sv_import_4cam_board(&job, err);
     if (s == SV_OK)
       lab_say(se,
               "%s: a capture folder with its rig; 'subview-lab import --from capture' or a replay reads it",
@@ -129,7 +129,10 @@ int lab_cmd_import(const lab_options *o) {
   if (o->rig && !has_stream)
     return lab_usage("import", "--rig and --stream belong to --from colmap, nerfstudio and blender");
   sv_status s = lab_session_start(&se, 0, o->is_quiet, &err);
+  if (s == SV_OK) s = sv_linux_catch_signals(&err);
   if (s == SV_OK) s = import(o, &se, &err);
+  if (s == SV_E_INTERRUPTED)
+    s = sv_fail(&err, s, "stopped by request: %s is not whole; the same command makes it anew", o->out);
   if (s != SV_OK) code = lab_failed(&se, &err);
   lab_session_stop(&se);
   return code;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the importers share: views as they were found, and the dataset that is written from them.
+// What the importers share: views as they were found, and the dataset that is written from them. On Ctrl-C those that
+// write pictures return SV_E_INTERRUPTED without a sentence. What makes a folder a dataset is written last.
 #ifndef SV_TOOLS_LAB_IMPORT_H
 #define SV_TOOLS_LAB_IMPORT_H
 
@@ -53,7 +54,7 @@ sv_status lab_import_colmap(lab_import *im, const char *dir, sv_err *err) SV_MUS
 // for each of the five devices (three exposures), transforms_test_near.json, transforms_test.json, with depth.
 // Of the scene `moving`: mono, stereo and phone stand still and share one camera, 25 times of which every fourth is
 // marked test_time, and four held-out cameras over all times.
-sv_status lab_import_sim(const char *spec, const char *out, sv_err *err) SV_MUST_USE;
+sv_status lab_import_sim(const char *spec, const lab_session *s, const char *out, sv_err *err) SV_MUST_USE;
 // Raw pictures and white.png of a lenslet sensor: sub-views are written to out/images, their rig to out/rig.
 sv_status lab_import_lenslet(lab_import *im, const lab_options *o, lab_session *se, sv_err *err) SV_MUST_USE;
 sv_status lab_import_capture(lab_import *im, const char *dir, sv_err *err) SV_MUST_USE;

@@ -164,7 +164,8 @@ static sv_status write_view(const shot *t, int i_view, sv_err *err) {
 static void view_task(void *arg, int i_task, int i_thread) {
   shot *t = arg;
   (void)i_thread;
-  t->errs[i_task].status = write_view(t, i_task, &t->errs[i_task]);
+  t->errs[i_task].status =
+      lab_is_stopped(t->j->se) ? SV_E_INTERRUPTED : write_view(t, i_task, &t->errs[i_task]);
 }
 
 static sv_status decode_all(shot *t, sv_err *err) {

@@ -9,6 +9,7 @@
 
 #include "platform/sim/sim.h"
 #include "src/base/mathx.h"
+#include "src/base/str.h"
 #include "tools/lab/import.h"
 
 #define N_EXPOSURES 3
@@ -20,11 +21,23 @@
 #define SIZE        "400x400"
 #define GOLDEN_DEG  137.50776405003785
 
+#define CAP_FILES 8
+
+// A transforms file. All are kept until every picture is there: without them a folder does not look like a dataset.
+typedef struct {
+  char name[100];
+  char *text;
+  size_t bytes;
+} file;
+
 typedef struct {
   const char *out;
+  const lab_session *session;
   sv_sim sim;
   void *block;
-  FILE *f;           // transforms file
+  file files[CAP_FILES];
+  int n_files;
+  FILE *f;           // the last of them, while it grows
   const char *split; // of the next frame, moving scenes only
   int n_written;
   uint8_t *rgb; // [height][width][3]
@@ -65,12 +78,17 @@ static void stop(job *j) {
 
 // --- transforms ----------------------------------------------------------------------------------
 
+// One of that name which is there already goes: its pictures are about to be replaced.
 static sv_status open_transforms(job *j, const char *name, const char *more) {
   char path[SV_CAP_PATH];
   sv_status s = sv_path_join(path, sizeof path, j->out, name, j->err);
   if (s < 0) return s;
-  j->f = fopen(path, "w");
-  if (!j->f) return sv_fail(j->err, SV_E_IO, "%s: cannot write", path);
+  file *t = &j->files[j->n_files];
+  sv_copy(t->name, sizeof t->name, name);
+  j->f = j->n_files < CAP_FILES ? open_memstream(&t->text, &t->bytes) : NULL;
+  if (!j->f) return sv_fail(j->err, SV_E_NOMEM, "%s: no memory for its text", path);
+  j->n_files++;
+  (void)remove(path);
   j->n_written = 0;
   fprintf(j->f, "{\"camera_model\": \"OPENCV\", \"depth_unit_scale_factor\": %.17g,\n%s \"frames\": [\n",
           DEPTH_UNIT, more);
@@ -83,8 +101,18 @@ static sv_status close_transforms(job *j, sv_status s) {
   bool is_bad = ferror(j->f) != 0;
   is_bad |= fclose(j->f) != 0;
   j->f = NULL;
-  return s >= 0 && is_bad ? sv_fail(j->err, SV_E_IO, "%s: a transforms file could not be written", j->out)
-                          : s;
+  return s >= 0 && is_bad ? sv_fail(j->err, SV_E_NOMEM, "%s: no memory for a transforms file", j->out) : s;
+}
+
+// Those that are trained on come last.
+static sv_status write_transforms(const job *j) {
+  char path[SV_CAP_PATH];
+  sv_status s = SV_OK;
+  for (int i = j->n_files - 1; i >= 0 && s >= 0; i--) {
+    s = sv_path_join(path, sizeof path, j->out, j->files[i].name, j->err);
+    if (s >= 0) s = sv_file_write(path, j->files[i].text, j->files[i].bytes, j->err);
+  }
+  return s;
 }
 
 // Ours are OpenCV's axes, the file's are OpenGL's.
@@ -115,6 +143,7 @@ static void put_frame(job *j, const char *picture, const char *depth, const sv_v
 
 static sv_status write_png(job *j, const char *name, const sv_bitmap *b) {
   char path[SV_CAP_PATH], folder[SV_CAP_PATH];
+  if (lab_is_stopped(j->session)) return SV_E_INTERRUPTED;
   sv_status s = sv_path_join(path, sizeof path, j->out, name, j->err);
   if (s < 0) return s;
   sv_path_folder(folder, sizeof folder, path);
@@ -354,16 +383,22 @@ static sv_status import_moving(job *j, const char *spec) {
   return s;
 }
 
-sv_status lab_import_sim(const char *spec, const char *out, sv_err *err) {
+static sv_status import_still(job *j, const char *spec) {
   static const char *const rigs[] = {"mono", "stereo", "phone", "lightfield", "multiplexed"};
-  job j = {.out = out, .err = err};
-  sv_status s = sv_path_make_folder(out, err);
-  if (s >= 0 && is_moving(spec)) return import_moving(&j, spec);
-  for (int i = 0; i < 5 && s >= 0; i++) s = write_device(&j, spec, rigs[i]);
-  if (s < 0) return s;
-  s = start(&j, spec, "mono");
-  if (s >= 0) s = write_test_near(&j);
-  if (s >= 0) s = write_test(&j);
-  stop(&j);
+  sv_status s = SV_OK;
+  for (int i = 0; i < 5 && s >= 0; i++) s = write_device(j, spec, rigs[i]);
+  if (s >= 0) s = start(j, spec, "mono");
+  if (s >= 0) s = write_test_near(j);
+  if (s >= 0) s = write_test(j);
+  stop(j);
+  return s;
+}
+
+sv_status lab_import_sim(const char *spec, const lab_session *session, const char *out, sv_err *err) {
+  job j = {.out = out, .session = session, .err = err};
+  sv_status s =
+      is_moving(spec) ? import_moving(&j, spec) : import_still(&j, spec); // pictures make the folder
+  if (s >= 0) s = write_transforms(&j);
+  for (int i = 0; i < j.n_files; i++) free(j.files[i].text);
   return s;
 }

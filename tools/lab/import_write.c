@@ -94,6 +94,7 @@ static sv_status copy_view(const lab_import_view *v, const char *folder, sv_err 
 
 typedef struct {
   const lab_import *im;
+  const lab_session *session;
   const char *folder;
   sv_err *errs;
 } copy_job;
@@ -110,14 +111,15 @@ static void copy_task(void *arg, int i_task, int i_thread) {
   const lab_import_view *v = &j->im->views[i_task], *first = &j->im->views[first_of_name(j->im, i_task)];
   sv_err *err = &j->errs[i_task];
   (void)i_thread;
-  if (first == v) err->status = copy_view(v, j->folder, err);
+  if (lab_is_stopped(j->session)) err->status = SV_E_INTERRUPTED;
+  else if (first == v) err->status = copy_view(v, j->folder, err);
   else if (strcmp(first->source, v->source) != 0 || memcmp(&first->crop, &v->crop, sizeof v->crop) != 0)
     err->status =
         sv_fail(err, SV_E_FORMAT, "%s and %s would both be written as %s", first->source, v->source, v->name);
 }
 
 static sv_status copy_all(const lab_import *im, lab_session *se, const char *folder, sv_err *err) {
-  copy_job j = {im, folder, calloc((size_t)im->n, sizeof(sv_err))};
+  copy_job j = {im, se, folder, calloc((size_t)im->n, sizeof(sv_err))};
   sv_status s = SV_OK;
   if (!j.errs) return sv_fail(err, SV_E_NOMEM, "no memory to copy %d pictures", im->n);
   sv_pool_run(&se->pool, copy_task, &j, im->n);

@@ -43,7 +43,8 @@ int lab_failed(lab_session *s, const sv_err *err);
 void lab_dynamic_cfg(const lab_options *o, int n_times, sv_train_cfg *c);
 // The last line of a program's log, without a leading "error: "; empty when there is none.
 void lab_last_line(const char *path, char *out, size_t cap);
-double lab_seconds(const lab_session *s); // since some moment
+double lab_seconds(const lab_session *s);  // since some moment
+bool lab_is_stopped(const lab_session *s); // by Ctrl-C, once sv_linux_catch_signals waits for it
 long lab_peak_rss_bytes(void);
 // A line of progress, nothing with --quiet.
 void lab_say(lab_session *s, const char *fmt, ...) SV_PRINTF(2, 3);

@@ -44,6 +44,8 @@ int lab_failed(lab_session *s, const sv_err *err) {
 
 double lab_seconds(const lab_session *s) { return 1e-9 * (double)s->clock.now_ns(s->clock.self); }
 
+bool lab_is_stopped(const lab_session *s) { return s->console.is_stop_requested(s->console.self); }
+
 long lab_peak_rss_bytes(void) {
   struct rusage u;
   return getrusage(RUSAGE_SELF, &u) == 0 ? u.ru_maxrss * 1024L : 0;
