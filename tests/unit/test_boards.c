@@ -218,6 +218,19 @@ static void test_ill_posed(void **state) {
   drop(&w);
 }
 
+// Millimetres given for metres.
+static void test_spacing(void **state) {
+  (void)state;
+  cal_advice *a = calloc(1, sizeof *a);
+  cal_advise_spacing(a, -1); // none was given
+  cal_advise_spacing(a, 0.5);
+  assert_int_equal(a->n, 0);
+  cal_advise_spacing(a, 25);
+  assert_int_equal(a->n, 1);
+  assert_string_equal(a->text[0], "--spacing is in metres: 25 m between corners?");
+  free(a);
+}
+
 // Three boards can be solved, and are flagged.
 static void test_three_boards(void **state) {
   (void)state;
@@ -248,8 +261,9 @@ static void test_three_boards(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_stereo),    cmocka_unit_test(test_phone),
-                                     cmocka_unit_test(test_grid),      cmocka_unit_test(test_theory),
-                                     cmocka_unit_test(test_ill_posed), cmocka_unit_test(test_three_boards)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_stereo),      cmocka_unit_test(test_phone),
+                                     cmocka_unit_test(test_grid),        cmocka_unit_test(test_theory),
+                                     cmocka_unit_test(test_ill_posed),   cmocka_unit_test(test_spacing),
+                                     cmocka_unit_test(test_three_boards)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -6,14 +6,15 @@
 #include "src/base/str.h"
 #include "tools/calibrate/calibrate.h"
 
-#define FEW_BOARDS    8
-#define FEW_SHARED    4
-#define LITTLE_TILT   25.0  // degrees between the board's normals
-#define LITTLE_SPREAD 0.65  // of the picture's width or height
-#define UNCERTAIN     0.005 // of the focal length
-#define UNCERTAIN_DEG 0.1
-#define LARGE_RMS_PX  1.0
-#define FRAME_TIMES   3.0 // the median board's RMS
+#define FEW_BOARDS     8
+#define FEW_SHARED     4
+#define LITTLE_TILT    25.0  // degrees between the board's normals
+#define LITTLE_SPREAD  0.65  // of the picture's width or height
+#define UNCERTAIN      0.005 // of the focal length
+#define UNCERTAIN_DEG  0.1
+#define LARGE_RMS_PX   1.0
+#define FRAME_TIMES    3.0 // the median board's RMS
+#define LARGE_SQUARE_M 0.5 // of a board that somebody can hold before a camera
 
 void cal_advise(cal_advice *a, const char *fmt, ...) {
   va_list ap;
@@ -21,6 +22,10 @@ void cal_advise(cal_advice *a, const char *fmt, ...) {
   va_start(ap, fmt);
   sv_vfmt(a->text[a->n++], sizeof a->text[0], fmt, ap);
   va_end(ap);
+}
+
+void cal_advise_spacing(cal_advice *a, double spacing_m) {
+  if (spacing_m > LARGE_SQUARE_M) cal_advise(a, "--spacing is in metres: %.6g m between corners?", spacing_m);
 }
 
 static const char *side(double centre, const char *low, const char *high) {

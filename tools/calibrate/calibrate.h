@@ -53,6 +53,8 @@ typedef struct {
   char text[CAL_CAP_ADVICE][300];
 } cal_advice;
 void cal_advise(cal_advice *a, const char *fmt, ...) SV_PRINTF(2, 3);
+// Of squares that are hardly as large as said: millimetres, mostly.
+void cal_advise_spacing(cal_advice *a, double spacing_m);
 // Of a calibration: too few boards, parts of the picture without any, too little tilt, uncertain figures.
 void cal_advise_boards(cal_advice *a, const cal_boards *b, const sv_boards_result *r);
 

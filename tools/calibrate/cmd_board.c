@@ -143,6 +143,7 @@ static sv_status finish(const cal_options *o, lab_session *se, const cal_boards 
   char path[SV_CAP_PATH];
   const char *model = sv_model_name(r->models[0].kind);
   if (!a) return sv_fail(err, SV_E_NOMEM, "%s: no memory for the report", o->out);
+  cal_advise_spacing(a, o->spacing_m);
   cal_advise_boards(a, b, r);
   lab_say(se, "%.3f px RMS over %d corners (%d left out), %s, board bent by %.2f and %.2f mm", r->rms_px,
           r->n_points, r->n_outliers, model, 1e3 * r->warp_m[0], 1e3 * r->warp_m[1]);

@@ -417,6 +417,7 @@ static sv_status calibrate(job *j, sv_err *err) {
   sv_status s = cal_lenses_read(&j->lenses, j->o, err);
   if (s != SV_OK) return s;
   size_t n = (size_t)j->lenses.n_lenses;
+  cal_advise_spacing(&j->advice, j->o->spacing_m);
   j->bundle.n_views = j->lenses.n_lenses;
   j->bundle.models = calloc(n, sizeof *j->bundle.models);
   j->bundle.cam_from_rig = calloc(n, sizeof *j->bundle.cam_from_rig);

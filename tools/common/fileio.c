@@ -31,9 +31,9 @@ static sv_status read_all(int fd, const char *path, char *buf, size_t cap, size_
   return SV_OK;
 }
 
-static sv_status open_for_reading(const char *path, int *fd, size_t *bytes, sv_err *err) {
+sv_status sv_file_open(const char *path, int *fd, size_t *bytes, sv_err *err) {
   struct stat st;
-  *fd = open(path, O_RDONLY | O_CLOEXEC);
+  *fd = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC); // a pipe that nobody writes to would block here
   if (*fd < 0) return io_error(err, path, "cannot open");
   if (fstat(*fd, &st) != 0 || !S_ISREG(st.st_mode)) {
     close(*fd);
@@ -46,7 +46,7 @@ static sv_status open_for_reading(const char *path, int *fd, size_t *bytes, sv_e
 sv_status sv_file_read(const char *path, void **data, size_t *bytes, sv_err *err) {
   int fd;
   size_t size;
-  sv_status s = open_for_reading(path, &fd, &size, err);
+  sv_status s = sv_file_open(path, &fd, &size, err);
   if (s != SV_OK) return s;
   char *buf = malloc(size + 1);
   s = buf ? read_all(fd, path, buf, size, bytes, err)
@@ -66,7 +66,7 @@ sv_status sv_folder_read(void *folder, const char *name, void *buf, size_t cap, 
   int fd;
   size_t size;
   sv_status s = sv_path_join(path, sizeof path, folder, name, err);
-  if (s == SV_OK) s = open_for_reading(path, &fd, &size, err);
+  if (s == SV_OK) s = sv_file_open(path, &fd, &size, err);
   if (s != SV_OK) return s;
   s = size > cap ? sv_fail(err, SV_E_NOMEM, "%s: has %zu bytes, there is room for %zu", path, size, cap)
                  : read_all(fd, path, buf, size, bytes, err);

@@ -14,8 +14,12 @@ extern "C" {
 
 #define SV_CAP_PATH 1024
 
+// Opens a plain file for reading; *fd is the caller's to close. E_NOT_FOUND, E_IO, E_FORMAT (a folder, pipe or device:
+// reading those may never end).
+sv_status sv_file_open(const char *path, int *fd, size_t *bytes, sv_err *err) SV_MUST_USE;
+
 // The whole file in a malloc'ed block, the caller frees it; one zero byte follows the content.
-// E_NOT_FOUND, E_IO, E_NOMEM, E_FORMAT (a folder).
+// E_NOMEM, and what sv_file_open returns.
 sv_status sv_file_read(const char *path, void **data, size_t *bytes, sv_err *err) SV_MUST_USE;
 
 // Atomic: a temporary file in the same folder, fsync, rename, fsync of the folder. After a failure the old

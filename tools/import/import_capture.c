@@ -11,6 +11,7 @@
 #include "platform/codec/codec.h"
 #include "platform/linux/linux.h"
 #include "src/base/str.h"
+#include "tools/common/fileio.h"
 
 #define CAP_PATH 1024
 
@@ -53,12 +54,15 @@ static int copy_file(const char *from, const char *to, sv_err *err) {
 
 static int picture_size(const char *path, int *w, int *h, sv_err *err) {
   static uint8_t head[65536];
-  FILE *f = fopen(path, "rb");
-  size_t n = f ? fread(head, 1, sizeof head, f) : 0;
-  if (f) fclose(f);
+  size_t bytes;
+  int fd;
+  sv_status s = sv_file_open(path, &fd, &bytes, err);
+  if (s < 0) return s;
+  ssize_t n = read(fd, head, sizeof head);
+  close(fd);
   sv_codec_info info;
   sv_err why = {.text = ""};
-  sv_status s = sv_codec_probe(head, n, &info, &why);
+  s = sv_codec_probe(head, n > 0 ? (size_t)n : 0, &info, &why);
   if (s < 0) return sv_fail(err, s, "%s: %s", path, why.text);
   *w = info.width_px, *h = info.height_px;
   return SV_OK;

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -54,8 +53,10 @@ static bool peek_jpeg(int fd, lab_peek *out) {
 sv_status lab_picture_peek(const char *path, lab_peek *out, sv_err *err) {
   static const uint8_t png[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
   uint8_t head[8] = {0};
-  int fd = open(path, O_RDONLY | O_CLOEXEC);
-  if (fd < 0) return sv_fail(err, SV_E_NOT_FOUND, "%s: the picture cannot be opened", path);
+  size_t bytes;
+  int fd;
+  sv_status s = sv_file_open(path, &fd, &bytes, err);
+  if (s != SV_OK) return s;
   bool is_good = read_at(fd, 0, head, 8);
   if (is_good && memcmp(head, png, 8) == 0) is_good = peek_png(fd, out);
   else is_good = is_good && head[0] == 0xff && head[1] == 0xd8 && peek_jpeg(fd, out);
