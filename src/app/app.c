@@ -187,6 +187,7 @@ sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, c
                    (dry.used_bytes + used + 1048575) >> 20, (left + used) >> 20, cfg->n_exposures,
                    t.n_gaussians);
   }
+  app->trainer.origin = sv_app_origin(cfg->source_name);
   if (s >= 0) sv_arena_seal(arena);
   return s;
 }
@@ -278,7 +279,9 @@ static sv_status start_training(sv_app *app, sv_err *err) {
   sv_status s = first_model(app, &b, false, err); // a checkpoint replaces it
   if (s >= 0) s = sv_app_resume(app, err);
   if (s == SV_OK) sv_app_log(app, SV_LOG_INFO, "goes on at step %u of checkpoint.bin", app->trainer.step);
-  return s == SV_AGAIN ? first_model(app, &b, true, err) : s;
+  if (s != SV_AGAIN) return s;
+  sv_app_log(app, SV_LOG_INFO, "no checkpoint.bin in the output folder: the run begins from the start");
+  return first_model(app, &b, true, err);
 }
 
 static double seconds(const sv_app *app) {

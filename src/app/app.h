@@ -39,7 +39,7 @@ typedef struct {
   const sv_rig *rig;
   int n_cameras;
   const sv_camera_caps *caps; // [n_cameras]
-  const char *source_name;    // for the report
+  const char *source_name;    // for the report, and what a checkpoint is known by
   const char *board_name;     // for the live view; may be NULL
   bool has_live_view;         // the port has a feed: room for what it shows
   bool is_session;            // with a feed: wait for Start, New begins again
@@ -170,6 +170,7 @@ sv_status sv_app_save_model(sv_app *app, sv_err *err) SV_MUST_USE;      // model
 sv_status sv_app_save_checkpoint(sv_app *app, sv_err *err) SV_MUST_USE; // checkpoint.bin
 // All that a run leaves but run.json: model, motion, poses, checkpoint, preview.
 sv_status sv_app_save_all(sv_app *app, sv_err *err) SV_MUST_USE;
+uint64_t sv_app_origin(const char *source); // the trainer's origin, of a source string; NULL: of none
 sv_status sv_app_resume(sv_app *app, sv_err *err) SV_MUST_USE; // AGAIN: there is no checkpoint
 // run.json: settings, digest, ledger, timing, memory map. extra: more JSON members ("\"psnr\": 27.1") or NULL.
 sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) SV_MUST_USE;

@@ -52,6 +52,23 @@ sv_status sv_app_save_all(sv_app *app, sv_err *err) {
   return s >= 0 ? sv_app_publish_preview(app) : s;
 }
 
+// FNV-1a over the words of a source string, without what does not change the pictures: a replay's speed and the slash
+// that a shell's completion leaves behind a folder.
+uint64_t sv_app_origin(const char *source) {
+  uint64_t h = 14695981039346656037ull;
+  for (const char *p = source; p && *p;) {
+    size_t n = 0, kept;
+    while (p[n] && p[n] != ',') n++;
+    kept = n;
+    while (kept > 1 && p[kept - 1] == '/') kept--;
+    if (strncmp(p, "speed=", 6) == 0) kept = 0;
+    for (size_t i = 0; i < kept; i++) h = (h ^ (unsigned char)p[i]) * 1099511628211ull;
+    if (kept) h = (h ^ ',') * 1099511628211ull;
+    p += n + (p[n] == ',');
+  }
+  return h;
+}
+
 sv_status sv_app_resume(sv_app *app, sv_err *err) {
   size_t bytes;
   sv_store *st = &app->port.store;

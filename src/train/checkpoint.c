@@ -14,6 +14,7 @@ typedef struct {
   float find_at, followed, lo[3], inv[3];
   uint32_t field_step, fit_left, optimizer, unused;
   double trained_s;
+  uint64_t seed, origin; // of the run: another one has another order of views, or other pictures
 } head_t;
 
 static int n_items(const sv_trainer *t) { return t->n_views + t->n_regions; }
@@ -156,6 +157,7 @@ sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
   memcpy(h.jitter, t->jitter, sizeof h.jitter);
   h.radius = t->radius;
   h.trained_s = t->trained_s;
+  h.seed = t->cfg.seed, h.origin = t->origin;
   h.optimizer = (uint32_t)t->cfg.optimizer;
   if (sv_train_is_dynamic(t)) {
     h.deform_kind = (int32_t)t->deform.kind, h.n_moving = sv_deform_n_moving(&t->deform);
@@ -192,6 +194,19 @@ static sv_status check_order(const sv_sections *r, int n, sv_err *err) {
   return SV_OK;
 }
 
+// Pictures of two scenes in one model, or a sequence of random numbers that is no run's, are worse than no resume.
+static sv_status check_run(const head_t *h, const sv_trainer *t, const char *name, sv_err *err) {
+  if (h->origin != t->origin)
+    return sv_fail(err, SV_E_RANGE,
+                   "%s: made by a run of another source; give the same --source, or another --out", name);
+  if (h->seed != t->cfg.seed)
+    return sv_fail(err, SV_E_RANGE,
+                   "%s: made by a run with --seed %llu, this one has --seed %llu; give the same one, or "
+                   "another --out",
+                   name, (unsigned long long)h->seed, (unsigned long long)t->cfg.seed);
+  return SV_OK;
+}
+
 sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, size_t bytes, sv_err *err) {
   sv_sections r;
   head_t h;
@@ -207,6 +222,7 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
         err, SV_E_RANGE,
         "%s: made for %d Gaussians of SH degree %d on %d views, this run has %d of degree %d on %d", name,
         h.n, h.sh_degree, h.n_items, t->g.n, t->g.sh_degree, n_items(t));
+  if ((s = check_run(&h, t, name, err)) < 0) return s;
   if (h.optimizer != (uint32_t)t->cfg.optimizer)
     return sv_fail(err, SV_E_RANGE, "%s: made with another optimizer, this run has --optimizer %s", name,
                    sv_optimizer_name(t->cfg.optimizer));

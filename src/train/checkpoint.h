@@ -16,7 +16,8 @@ extern "C" {
 size_t sv_checkpoint_bytes(const sv_trainer *t);
 sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) SV_MUST_USE;
 // Into a trainer that was initialised with the same sizes. After a failure the trainer is as it was, unless
-// the file passed its checksums and still lies about its sizes. E_FORMAT, E_CORRUPT, E_RANGE (other sizes).
+// the file passed its checksums and still lies about its sizes. E_FORMAT, E_CORRUPT, E_RANGE (other sizes,
+// another origin or seed).
 sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, size_t bytes,
                              sv_err *err) SV_MUST_USE;
 

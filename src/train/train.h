@@ -217,6 +217,8 @@ typedef struct {
   uint32_t step;
   uint32_t n_relocated, n_renewed; // ever
   double trained_s;                // kept for a caller who trains by time: what a run that is resumed has had
+  uint64_t
+      origin; // likewise: what is trained on, as a number that a checkpoint must have in common with a resumed run
   sv_rng rng;
 } sv_trainer;
 

@@ -391,6 +391,24 @@ static void test_killed_run_goes_on(void **state) {
   assert_int_equal(n_files("killed"), 4); // and no half-written one
 }
 
+// What is in a folder is not touched by a run of something else that was meant for another one.
+static void test_resume_of_another_run(void **state) {
+  (void)state;
+  static char before[CAP_JSON], after[CAP_JSON];
+  assert_int_equal(run("run " SMALL "--quiet --out @/again"), 0);
+  slurp("again/model.ply", before, sizeof before);
+  int code = run("run " SMALL "--source sim:thin,rig=stereo,size=64x48 --resume --quiet --out @/again");
+  if (code != 1 || n_lines(g_err) != 1 || !strstr(g_err, "another source")) fail_msg("%d: %s", code, g_err);
+  code = run("run " SMALL "--seed 7 --resume --quiet --out @/again");
+  if (code != 1 || n_lines(g_err) != 1 || !strstr(g_err, "--seed 7")) fail_msg("%d: %s", code, g_err);
+  slurp("again/model.ply", after, sizeof after);
+  assert_memory_equal(before, after, sizeof before);
+  assert_int_equal(run("run " SMALL "--resume --out @/again"), 0);
+  assert_non_null(strstr(g_err, "goes on at step 5 "));
+  assert_int_equal(run("run " SMALL "--resume --out @/fresh"), 0);
+  assert_non_null(strstr(g_err, "no checkpoint.bin in the output folder"));
+}
+
 static void test_interrupt_saves(void **state) {
   (void)state;
   static char json[CAP_JSON];
@@ -481,6 +499,7 @@ int main(void) {
       cmocka_unit_test(test_shared_sensor),
       cmocka_unit_test(test_capture_on_a_slow_disk),
       cmocka_unit_test(test_killed_run_goes_on),
+      cmocka_unit_test(test_resume_of_another_run),
       cmocka_unit_test(test_interrupt_saves),
   };
   const char *bin = getenv("SV_BIN");

@@ -365,6 +365,7 @@ static void test_resume_is_bit_exact(void **state) {
       w.stop_at_step = stops[i][k];
       assert_int_equal(world_run(&w), SV_E_INTERRUPTED);
       assert_int_equal(w.app.trainer.step, stops[i][k]);
+      assert_true(world_has_line(&w, "no checkpoint.bin") == (k == 0));
       assert_true(world_is_one_sentence(w.err.text));
       assert_non_null(world_find(&w, "model.ply"));
       assert_non_null(world_find(&w, "checkpoint.bin"));
