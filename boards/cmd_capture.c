@@ -285,6 +285,7 @@ static int capture_all(const capture_options *o) {
   sv_err err = {0}, close_err = {0};
   sv_arena arena = board_arena();
   sv_linux_console_init(&cap.console, 2, o->is_quiet);
+  sv_linux_outlive_readers();
   if (sv_linux_catch_signals(&err) < 0 || open_all(o, &arena, &err) < 0) return fail_with(&err);
   sv_arena_seal(&arena);
   sv_status s = start(&err);

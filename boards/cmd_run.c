@@ -275,6 +275,7 @@ int cmd_run(int argc, char **argv) {
   if (!board_kernels(&run.k, &mask)) return EXIT_USAGE;
   sv_linux_console_init(&run.console, 2, o.is_quiet);
   if (sv_linux_catch_signals(&err) < 0) return fail_with(&err);
+  sv_linux_outlive_readers();
   if (sv_linux_pool_start(&run.pool, (int)o.threads, SPIN_US, &err) < 0) return fail_with(&err);
   int code = live_view_open(&o, &err) < 0 ? fail_with(&err) : 0;
   for (bool is_again = !code; is_again;) code = run_once(&o, &is_again);

@@ -64,15 +64,33 @@ void sv_linux_console_finish(sv_linux_console *c) {
   c->has_live_line = false;
 }
 
+// A connection that drops is told of more than once, by the shell and by the kernel: there, the second signal is nobody
+// who has lost patience. Under nohup it is ignored and stays so.
+static int catch_hangup(void) {
+  struct sigaction a, before;
+  memset(&a, 0, sizeof a);
+  a.sa_handler = on_signal;
+  sigemptyset(&a.sa_mask);
+  if (sigaction(SIGHUP, NULL, &before) < 0) return -1;
+  return before.sa_handler == SIG_IGN ? 0 : sigaction(SIGHUP, &a, NULL);
+}
+
 sv_status sv_linux_catch_signals(sv_err *err) {
   struct sigaction a;
   memset(&a, 0, sizeof a);
   a.sa_handler = on_signal;
   a.sa_flags = (int)SA_RESETHAND; // the second one ends the program
   sigemptyset(&a.sa_mask);
-  if (sigaction(SIGINT, &a, NULL) < 0 || sigaction(SIGTERM, &a, NULL) < 0)
+  if (sigaction(SIGINT, &a, NULL) < 0 || sigaction(SIGTERM, &a, NULL) < 0 || catch_hangup() < 0)
     return sv_fail(err, SV_E_DEVICE, "the stop signals cannot be caught");
   return SV_OK;
+}
+
+void sv_linux_outlive_readers(void) {
+  struct sigaction a;
+  memset(&a, 0, sizeof a);
+  a.sa_handler = SIG_IGN;
+  (void)sigaction(SIGPIPE, &a, NULL);
 }
 
 void sv_linux_reset_stop(void) { g_is_stop_requested = 0; }

@@ -123,8 +123,11 @@ sv_console sv_linux_console_port(sv_linux_console *c);
 void sv_linux_console_finish(sv_linux_console *c); // ends a live line
 
 // From here on the first SIGINT or SIGTERM only sets the stop flag that every console reports; the
-// second one has its usual effect, so a hanging program can still be ended.
+// second one has its usual effect, so a hanging program can still be ended. SIGHUP sets it too, however often it comes,
+// unless it is ignored.
 sv_status sv_linux_catch_signals(sv_err *err) SV_MUST_USE;
+// From here on output that nobody reads any more is lost, instead of ending the program.
+void sv_linux_outlive_readers(void);
 void sv_linux_reset_stop(void); // clears the flag (tests; a second run in one process)
 
 #ifdef __cplusplus

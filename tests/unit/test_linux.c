@@ -404,6 +404,18 @@ static void stop_signals(void **state) {
   raise(SIGTERM);
   assert_true(c.is_stop_requested(c.self));
   sv_linux_reset_stop();
+  for (int i = 0; i < 2; i++) { // a connection that drops is told of twice
+    raise(SIGHUP);
+    assert_true(c.is_stop_requested(c.self));
+  }
+  sv_linux_reset_stop();
+  signal(SIGHUP, SIG_IGN); // as nohup does
+  assert_int_equal(sv_linux_catch_signals(&err), SV_OK);
+  raise(SIGHUP);
+  assert_false(c.is_stop_requested(c.self));
+  signal(SIGHUP, SIG_DFL);
+  raise(SIGINT), raise(SIGTERM);
+  sv_linux_reset_stop();
   pid_t pid = fork();
   if (pid == 0) {
     raise(SIGINT); // both were used up: the usual effect
