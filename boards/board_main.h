@@ -17,7 +17,10 @@
 #include "src/app/app.h"
 #include "src/format/rig_file.h"
 
-#define EXIT_USAGE 2
+#define EXIT_USAGE  2
+#define VERSION     "0.1.0"
+#define TEXT_OF_(x) #x
+#define TEXT_OF(x)  TEXT_OF_(x) // a number of board.h, for a sentence
 
 // --- options -------------------------------------------------------------------------------------
 typedef enum { OPT_FLAG, OPT_TEXT, OPT_INT, OPT_REAL } opt_kind;
@@ -30,11 +33,13 @@ typedef struct {
   const char *help;
 } opt;
 
-// Parses argv[1..] of a command. 0; EXIT_USAGE after one line on stderr; -1 when --help was printed.
+// Parses argv[1..] of a command. 0; EXIT_USAGE after one line on stderr; -1 when --help or --version was
+// printed.
 int options_parse(const char *command, const char *summary, const char *example, const opt *o, int n,
                   int argc, char **argv);
 // One line "subview COMMAND: TEXT; try 'subview COMMAND --help'" on stderr. Returns EXIT_USAGE.
 int usage_error(const char *command, const char *fmt, ...) SV_PRINTF(2, 3);
+void print_version(void);
 // --sync: a sv_intake_mode; -1: it is none.
 int sync_mode_of(const char *name);
 // Text to a file descriptor in one write, without stdio's buffers.

@@ -60,7 +60,8 @@ int cmd_bench(int argc, char **argv) {
   sv_err err = {0};
   bench_options o = {.threads = BOARD_THREADS, .seed = 1};
   const opt list[] = {
-      {"--threads", OPT_INT, &o.threads, 1, BOARD_CAP_THREADS, "N", "threads, timed beside a single one"},
+      {"--threads", OPT_INT, &o.threads, 1, BOARD_CAP_THREADS, "N",
+       "threads, timed beside a single one (" TEXT_OF(BOARD_THREADS) ")"},
       {"--seed", OPT_INT, &o.seed, 0, 4294967295.0, "N", "of the made-up scene (1)"},
       {"--json", OPT_FLAG, &o.is_json, 0, 0, NULL, "print one JSON object"},
       {"--quiet", OPT_FLAG, &o.is_quiet, 0, 0, NULL, "no progress on stderr"},

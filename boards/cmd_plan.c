@@ -146,16 +146,18 @@ int cmd_plan(int argc, char **argv) {
                     .prior = "none",
                     .size = "640x480"};
   const opt list[] = {
-      {"--gaussians", OPT_INT, &o.gaussians, 0, 4000000, "N", "Gaussians"},
-      {"--sh", OPT_INT, &o.sh, 0, 3, "D", "spherical harmonics degree"},
-      {"--images", OPT_INT, &o.images, 0, 100000, "N", "pictures kept for training (exposures x sub-views)"},
+      {"--gaussians", OPT_INT, &o.gaussians, 1, 4000000, "N", "Gaussians (" TEXT_OF(BOARD_GAUSSIANS) ")"},
+      {"--sh", OPT_INT, &o.sh, 0, 3, "D", "spherical harmonics degree (" TEXT_OF(BOARD_SH_DEGREE) ")"},
+      {"--images", OPT_INT, &o.images, 1, 100000, "N",
+       "pictures kept for training, exposures x sub-views (" TEXT_OF(BOARD_EXPOSURES) " x 2)"},
       {"--size", OPT_TEXT, &o.size, 0, 0, "WxH", "their size in pixels (640x480)"},
       {"--multiplexed", OPT_TEXT, &o.grid, 0, 0, "RxC",
        "so many lenses that overlap twice on a sensor of that size; images are exposures then"},
       {"--odometry", OPT_INT, &o.odometry, 0, CAP_TRACKED, "N",
        "find the poses of a rig of N sub-views before training (the source does not tell them)"},
       {"--prior", OPT_TEXT, &o.prior, 0, 0, "METHOD", "with a sparse-view prior: fsgs or sparsegs"},
-      {"--threads", OPT_INT, &o.threads, 1, BOARD_CAP_THREADS, "N", "threads (each has scratch of its own)"},
+      {"--threads", OPT_INT, &o.threads, 1, BOARD_CAP_THREADS, "N",
+       "threads, each has scratch of its own (" TEXT_OF(BOARD_THREADS) ")"},
       {"--arena", OPT_INT, &o.arena_mib, 1, 65536, "MIB", "size of the block (default: the board's)"},
       {"--json", OPT_FLAG, &o.is_json, 0, 0, NULL, "print one JSON object"},
   };
@@ -167,8 +169,6 @@ int cmd_plan(int argc, char **argv) {
   if (r) return r < 0 ? 0 : r;
   if (!parse_size(o.size, &w, &h))
     return usage_error("plan", "--size %s: expected WxH with sides of 1 to 16384", o.size);
-  if (o.gaussians < 1) return usage_error("plan", "--gaussians 0: expected at least 1");
-  if (o.images < 1) return usage_error("plan", "--images 0: expected at least 1");
   if (sv_prior_method_by_name(o.prior) < 0 || (sv_prior_method_by_name(o.prior) > 0 && o.grid))
     return usage_error(
         "plan", "--prior %s: expected none, fsgs or sparsegs, the latter not with --multiplexed", o.prior);

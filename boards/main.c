@@ -6,8 +6,6 @@
 #include "boards/board_main.h"
 #include "src/app/isa.h"
 
-#define VERSION "0.1.0"
-
 static _Alignas(SV_ARENA_ALIGN) uint8_t block[BOARD_ARENA_BYTES];
 
 sv_arena board_arena(void) {
@@ -61,7 +59,7 @@ int main(int argc, char **argv) {
     return 0;
   }
   if (!strcmp(argv[1], "--version")) {
-    say(1, "subview " VERSION " (%s)\n", BOARD_NAME);
+    print_version();
     return 0;
   }
   for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)

@@ -34,6 +34,8 @@ int fail_with(const sv_err *err) {
   return 1;
 }
 
+void print_version(void) { say(1, "subview " VERSION " (" BOARD_NAME ")\n"); }
+
 static void help(const char *command, const char *summary, const char *example, const opt *o, int n) {
   say(1, "usage: subview %s [options]\n%s\n\noptions:\n", command, summary);
   for (int i = 0; i < n; i++) {
@@ -41,7 +43,8 @@ static void help(const char *command, const char *summary, const char *example, 
     sv_fmt(left, sizeof left, "%s%s%s", o[i].name, o[i].arg ? " " : "", o[i].arg ? o[i].arg : "");
     say(1, "  %-22s %s\n", left, o[i].help);
   }
-  say(1, "  %-22s %s\n\nexample:\n  %s\n", "--help", "this text", example);
+  say(1, "  %-22s %s\n  %-22s %s\n\nexample:\n  %s\n", "--help", "this text", "--version", "the version",
+      example);
 }
 
 static int set_value(const char *command, const opt *o, const char *text) {
@@ -71,6 +74,10 @@ int options_parse(const char *command, const char *summary, const char *example,
     int k = 0;
     if (!strcmp(argv[i], "--help") || !strcmp(argv[i], "-h")) {
       help(command, summary, example, o, n);
+      return -1;
+    }
+    if (!strcmp(argv[i], "--version")) {
+      print_version();
       return -1;
     }
     const char *eq = strchr(argv[i], '=');

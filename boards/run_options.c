@@ -17,14 +17,17 @@ static const opt list[] = {
      "static, or dynamic: what is seen moves (with --live: exposure by exposure)"},
     {"--exposure-time", OPT_REAL, &g.exposure_s, 0.01, 3600, "SEC",
      "dynamic and live: training time of each exposure (0.45)"},
-    {"--exposures", OPT_INT, &g.exposures, 1, 10000, "N", "exposures to capture and train on"},
+    {"--exposures", OPT_INT, &g.exposures, 1, 10000, "N",
+     "exposures to capture and train on (" TEXT_OF(BOARD_EXPOSURES) ")"},
     {"--sub-views", OPT_TEXT, &g.sub_views, 0, 0, "A,B",
      "train on these sub-views only (names); the others are captured"},
     {"--steps", OPT_INT, &g.steps, 1, 10000000, "N",
      "training steps (default 2000, unless a time limit is given)"},
     {"--time-limit", OPT_REAL, &g.time_limit, 0.001, 1e6, "SEC", "end training after so many seconds"},
-    {"--gaussians", OPT_INT, &g.gaussians, 0, 4000000, "N", "Gaussians, a fixed number"},
-    {"--sh", OPT_INT, &g.sh, 0, 3, "D", "degree of the colour's spherical harmonics"},
+    {"--gaussians", OPT_INT, &g.gaussians, 1, 4000000, "N",
+     "Gaussians, a fixed number (" TEXT_OF(BOARD_GAUSSIANS) ")"},
+    {"--sh", OPT_INT, &g.sh, 0, 3, "D",
+     "degree of the colour's spherical harmonics (" TEXT_OF(BOARD_SH_DEGREE) ")"},
     {"--optimizer", OPT_TEXT, &g.optimizer, 0, 0, "NAME",
      "adam or gauss-newton (gauss-newton; where lens images overlap adam)"},
     {"--prior", OPT_TEXT, &g.prior, 0, 0, "METHOD",
@@ -37,8 +40,8 @@ static const opt list[] = {
     {"--refine-poses", OPT_FLAG, &g.is_refining, 0, 0, NULL,
      "training corrects where the rig was, when its poses are known to be off; poses.json has the result"},
     {"--threads", OPT_INT, &g.threads, 1, BOARD_CAP_THREADS, "N",
-     "threads; the result is the same for any number"},
-    {"--seed", OPT_INT, &g.seed, 0, 1e15, "N", "seed of everything random"},
+     "threads; the result is the same for any number (" TEXT_OF(BOARD_THREADS) ")"},
+    {"--seed", OPT_INT, &g.seed, 0, 1e15, "N", "seed of everything random (1)"},
     {"--save-every", OPT_REAL, &g.save_every, 0, 1e6, "SEC",
      "checkpoint and preview while training (30; 0: at the end)"},
     {"--picture-every", OPT_REAL, &g.picture_every, 0, 1e6, "SEC",
@@ -62,7 +65,6 @@ static int check(run_options *o) {
   sv_err err;
   if (!o->source) return usage_error("run", "--source is missing");
   if (!o->out) return usage_error("run", "--out is missing");
-  if (o->gaussians < 1) return usage_error("run", "--gaussians 0: expected at least 1");
   o->is_dynamic = !strcmp(o->scene, "dynamic");
   if (!o->is_dynamic && strcmp(o->scene, "static"))
     return usage_error("run", "--scene %s: expected static or dynamic", o->scene);

@@ -155,7 +155,8 @@ static void test_bad_input(void **state) {
       {"run --source replay:@/no_frames --out @/bad", "", 1},
       {"run --source replay:@/tiny --rig @/nowhere --out @/bad", "nowhere", 1},
       {"run --source sim:textured,rig=multiplexed,size=160x120 --sub-views v00 --out @/bad", "together", 1},
-      {"run " SMALL "--gaussians 0 --out @/bad", "--gaussians 0", 2},
+      {"run " SMALL "--gaussians 0 --out @/bad", "--gaussians 0: expected a whole number from 1 to 4000000",
+       2},
       {"run " SMALL "--gaussians -3 --out @/bad", "--gaussians", 2},
       {"run " SMALL "--gaussians 4000000 --exposures 1000 --out @/bad", "MiB", 1},
       {"run " SMALL "--steps many --out @/bad", "--steps", 2},
@@ -183,7 +184,8 @@ static void test_bad_input(void **state) {
       {"cameras --source-kind v4l3", "v4l3", 2},
       {"plan --size 640", "640", 2},
       {"plan --size 640x480x3", "640x480x3", 2},
-      {"plan --images 0", "--images", 2},
+      {"plan --images 0", "--images 0: expected a whole number from 1 to 100000", 2},
+      {"plan --gaussians 5000000", "from 1 to 4000000", 2},
       {"plan --odometry 2 --multiplexed 3x3", "--odometry", 2},
       {"plan --multiplexed 4", "--multiplexed 4", 2},
       {"plan --multiplexed 90x90", "256", 2},
@@ -215,12 +217,28 @@ static void test_unknown_kernels(void **state) {
 
 static void test_help(void **state) {
   (void)state;
-  static const char *const lines[] = {"--help",         "--version",   "run --help",      "capture --help",
-                                      "cameras --help", "plan --help", "selftest --help", "cameras"};
+  static const char *const lines[] = {
+      "--help",          "--version",         "run --help",        "capture --help",
+      "cameras --help",  "plan --help",       "selftest --help",   "cameras",
+      "run --version",   "capture --version", "cameras --version", "plan --version",
+      "bench --version", "selftest --version"};
   for (size_t i = 0; i < sizeof lines / sizeof *lines; i++) {
     assert_int_equal(run(lines[i]), 0);
     assert_true(n_lines(g_out) > 0);
     assert_int_equal(n_lines(g_err), 0);
+    if (strstr(lines[i], "--version") && strncmp(g_out, "subview 0.", 10) != 0) fail_msg("%s", g_out);
+  }
+}
+
+static void test_help_tells_defaults(void **state) {
+  (void)state;
+  static const char *const names[] = {"--exposures ", "--gaussians ", "--sh ", "--threads ", "--seed "};
+  assert_int_equal(run("run --help"), 0);
+  for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+    const char *at = strstr(g_out, names[i]), *end = at ? strchr(at, '\n') : NULL;
+    int value = 0;
+    if (!end || sscanf(at + strcspn(at, "("), "(%d)\n", &value) != 1 || at + strcspn(at, "(") > end)
+      fail_msg("%s in: %s", names[i], g_out);
   }
 }
 
@@ -412,17 +430,32 @@ static void test_resume_of_another_run(void **state) {
 static void test_interrupt_saves(void **state) {
   (void)state;
   static char json[CAP_JSON];
-  pid_t pid = start(LONG_RUN "--steps 5000000 --quiet --out @/stopped");
-  if (!wait_for("stopped/checkpoint.bin", pid)) fail_msg("no checkpoint came");
-  assert_int_equal(kill(pid, SIGINT), 0);
-  assert_int_equal(finish(pid, NULL), 0);
-  assert_int_equal(n_lines(g_err), 1);
-  assert_non_null(strstr(g_err, "saved"));
-  assert_int_equal(n_files("stopped"), 4);
-  assert_true(exists("stopped/model.ply") && exists("stopped/preview.jpg"));
-  slurp("stopped/run.json", json, sizeof json);
-  assert_true(atol(value_of(json, "steps")) > 0);
-  assert_int_equal(strncmp(value_of(json, "state"), "\"done\"", 6), 0);
+  static const int signals[] = {SIGINT, SIGHUP}; // a person; a connection that drops, which is told of twice
+  for (int i = 0; i < 2; i++) {
+    pid_t pid = start(LONG_RUN "--steps 5000000 --quiet --out @/stopped");
+    if (!wait_for("stopped/checkpoint.bin", pid)) fail_msg("no checkpoint came");
+    assert_int_equal(kill(pid, signals[i]), 0);
+    if (signals[i] == SIGHUP) assert_int_equal(kill(pid, SIGHUP), 0);
+    assert_int_equal(finish(pid, NULL), 0);
+    assert_int_equal(n_lines(g_err), 1);
+    assert_non_null(strstr(g_err, "saved"));
+    assert_int_equal(n_files("stopped"), 4);
+    assert_true(exists("stopped/model.ply") && exists("stopped/preview.jpg"));
+    slurp("stopped/run.json", json, sizeof json);
+    assert_true(atol(value_of(json, "steps")) > 0);
+    assert_int_equal(strncmp(value_of(json, "state"), "\"done\"", 6), 0);
+    shell("rm -r '%s/stopped'", g_root);
+  }
+}
+
+// Nobody reads what it says any more: a connection without a terminal that drops.
+static void test_closed_output(void **state) {
+  (void)state;
+  shell("%s '%s' run --source sim:textured,rig=stereo,size=64x48 --exposures 2 --gaussians 100 --steps 5 "
+        "--out '%s/unread' 2>&1 | true",
+        g_emulate, g_program, g_root);
+  for (int i = 0; i < 500 && !exists("unread/run.json"); i++) sleep_ms(10);
+  assert_int_equal(n_files("unread"), 4);
 }
 
 // --- set-up --------------------------------------------------------------------------------------
@@ -494,6 +527,7 @@ int main(void) {
       cmocka_unit_test(test_bad_input),
       cmocka_unit_test(test_unknown_kernels),
       cmocka_unit_test(test_help),
+      cmocka_unit_test(test_help_tells_defaults),
       cmocka_unit_test(test_json_and_digest),
       cmocka_unit_test(test_memory),
       cmocka_unit_test(test_shared_sensor),
@@ -501,6 +535,7 @@ int main(void) {
       cmocka_unit_test(test_killed_run_goes_on),
       cmocka_unit_test(test_resume_of_another_run),
       cmocka_unit_test(test_interrupt_saves),
+      cmocka_unit_test(test_closed_output),
   };
   const char *bin = getenv("SV_BIN");
   char path[512];
