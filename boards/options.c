@@ -89,8 +89,10 @@ int options_parse(const char *command, const char *summary, const char *example,
       *(bool *)o[k].value = true;
       continue;
     }
-    if (!eq && i + 1 >= argc) return usage_error(command, "%s needs a value", o[k].name);
-    int r = set_value(command, &o[k], eq ? eq + 1 : argv[++i]);
+    const char *text = eq ? eq + 1 : i + 1 < argc ? argv[++i] : "";
+    const bool is_option = !eq && !strncmp(text, "--", 2); // the next one: this one's value was forgotten
+    if (!*text || is_option) return usage_error(command, "%s needs a value", o[k].name);
+    int r = set_value(command, &o[k], text);
     if (r) return r;
   }
   return 0;

@@ -161,6 +161,8 @@ static const bad_case cases[] = {
     {2, "train --data good", "--out"},
     {2, "train --data", "--data needs a value"},
     {2, "train --data good --out o --frobnicate", "--frobnicate"},
+    {2, "train --data good --steps 3 --out --json", "--out needs a value"},
+    {2, "train --data good --loss --out o", "--loss needs a value"},
     {2, "train --data good --out o --gaussians 0", "--gaussians"},
     {2, "train --data good --out o --gaussians 5000000", "--gaussians"},
     {2, "train --data good --out o --steps -3", "--steps"},

@@ -96,6 +96,14 @@ static void test_values(void **state) {
   assert_true(got.n == 7 && got.x == 2.5 && got.is_fast && !got.is_help && got.many.n == 0);
   assert_int_equal(parse(&run, "here --name a --n 0 --name b=c"), SV_OPTIONS_OK); // the last one counts
   assert_string_equal(got.name, "b=c");
+  assert_int_equal(parse(&run, "here --name --name=--fast"), SV_OPTIONS_USAGE);
+  assert_int_equal(parse(&run, "here --name=--fast"), SV_OPTIONS_OK); // meant so
+  assert_string_equal(got.name, "--fast");
+  assert_false(got.is_fast);
+  assert_int_equal(parse(&run, "here --name -"), SV_OPTIONS_OK);
+  assert_string_equal(got.name, "-");
+  assert_int_equal(parse(&run, "here --name -1 --n 0"), SV_OPTIONS_OK);
+  assert_string_equal(got.name, "-1");
   assert_true(got.n == 0 && got.x == -1 && !got.mode && !got.is_fast);
 }
 
@@ -128,6 +136,11 @@ static void test_sentences(void **state) {
   refused(&look, "--fast", "unknown option '--fast'"); // of the other command
   refused(&run, "--name", "--name needs a value");
   refused(&run, "--name=", "--name needs a value");
+  refused(&run, "--name --fast here", "--name needs a value"); // what follows is an option, known or not
+  refused(&run, "--mode --fast --name a here", "--mode needs a value");
+  refused(&run, "--n --bogus", "--n needs a value");
+  refused(&run, "--x --", "--x needs a value");
+  refused(&look, "--x 1 --many --x 1", "--many needs a value");
   refused(&run, "--fast=1", "--fast takes no value");
   refused(&run, "--help=1", "--help takes no value");
   refused(&run, "--mode swift", "--mode is one of slow|quick, not 'swift'");

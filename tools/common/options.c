@@ -106,6 +106,10 @@ static bool *find_flag(const parser *p, const char *name) {
   return op && op->kind == SV_OPT_FLAG ? (bool *)(p->to + op->at) : NULL;
 }
 
+// "--name" in a value's place is the next option, whose predecessor has lost its own; "--out=--name" says otherwise. "-"
+// and "-1" are values.
+static bool is_value(int argc, char **argv, int i) { return i < argc && strncmp(argv[i], "--", 2) != 0; }
+
 // argv[*i] is "--name", "--name=value"; *i moves over values of its own.
 static int take_option(const parser *p, int argc, char **argv, int *i) {
   const char *name = argv[*i] + 2, *value = strchr(name, '=');
@@ -117,10 +121,9 @@ static int take_option(const parser *p, int argc, char **argv, int *i) {
     return SV_OPTIONS_OK;
   }
   if (value) return set_value(p, op, value + 1);
-  if (*i + 1 >= argc) return refuse(p, "--%s needs a value", op->name);
+  if (!is_value(argc, argv, *i + 1)) return refuse(p, "--%s needs a value", op->name);
   int e = set_value(p, op, argv[++*i]);
-  while (op->kind == SV_OPT_LIST && e == SV_OPTIONS_OK && *i + 1 < argc &&
-         strncmp(argv[*i + 1], "--", 2) != 0)
+  while (op->kind == SV_OPT_LIST && e == SV_OPTIONS_OK && is_value(argc, argv, *i + 1))
     e = set_value(p, op, argv[++*i]);
   return e;
 }
