@@ -277,7 +277,8 @@ int cmd_run(int argc, char **argv) {
   if (sv_linux_catch_signals(&err) < 0) return fail_with(&err);
   sv_linux_outlive_readers();
   if (sv_linux_pool_start(&run.pool, (int)o.threads, SPIN_US, &err) < 0) return fail_with(&err);
-  int code = live_view_open(&o, &err) < 0 ? fail_with(&err) : 0;
+  int code = live_view_open(&o, &err) < 0;
+  if (code && err.text[0]) fail_with(&err); // the server has spoken otherwise
   for (bool is_again = !code; is_again;) code = run_once(&o, &is_again);
   live_view_close();
   sv_linux_pool_stop(&run.pool);

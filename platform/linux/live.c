@@ -210,10 +210,15 @@ sv_status sv_linux_live_serve(sv_linux_live *l, const char *program, const char 
     while (read(l->pipe_fd[0], &byte, 1) == 1) (void)command_of(l, byte);
     if (waitpid(l->pid, NULL, WNOHANG) == l->pid) l->pid = 0;
   }
+  for (char byte; read(l->pipe_fd[0], &byte, 1) == 1;)
+    (void)command_of(l, byte); // its last word before it ended
   if (l->is_served) return SV_OK;
-  bool has_ended = l->pid == 0 || l->is_refused;
+  if (l->is_refused) { // it has said why
+    if (err) *err = (sv_err){.status = SV_E_DEVICE};
+    return SV_E_DEVICE;
+  }
   return sv_fail(err, SV_E_DEVICE, "live view: subview-preview %s on %s",
-                 has_ended ? "does not serve" : "did not answer within 3 s", l->listen);
+                 l->pid == 0 ? "does not serve" : "did not answer within 3 s", l->listen);
 }
 
 void sv_linux_live_publish(sv_linux_live *l, sv_publish *p) {

@@ -38,7 +38,7 @@ typedef struct {
 sv_status sv_linux_live_open(sv_linux_live *live, uint32_t cap_gaussians, uint32_t cap_floats,
                              sv_err *err) SV_MUST_USE;
 // Starts subview-preview, which lies beside this program, on ADDR:PORT, and waits until it listens (3 s at most).
-// program NULL: beside /proc/self/exe.
+// program NULL: beside /proc/self/exe. E_DEVICE with an empty sentence: subview-preview has said on stderr why it cannot.
 sv_status sv_linux_live_serve(sv_linux_live *live, const char *program, const char *addr, int port,
                               sv_err *err) SV_MUST_USE;
 // The port's view: feed, commands (which also looks after the server), health.

@@ -24,6 +24,9 @@ const char *sv_linux_reason(int e) {
   case EMFILE:
   case ENFILE: return "too many files are open";
   case ENAMETOOLONG: return "the name is too long";
+  case EADDRINUSE: return "the port is in use";
+  case EADDRNOTAVAIL: return "this machine has no such address";
+  case EAFNOSUPPORT: return "this machine has no addresses of this kind";
   default: return "the system refused";
   }
 }

@@ -394,8 +394,10 @@ static int listen_on(const pv_server_cfg *cfg, sv_err *err) {
   int fd = socket(is_v6 ? AF_INET6 : AF_INET, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0), on = 1;
   if (fd >= 0) setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
   if (fd >= 0 && bind(fd, where, is_v6 ? sizeof a6 : sizeof a4) == 0 && listen(fd, 64) == 0) return fd;
-  sv_fail(err, SV_E_DEVICE, "%s:%d: cannot be listened on (%s)", cfg->addr, cfg->port,
-          sv_linux_reason(errno));
+  const bool is_low = errno == EACCES && cfg->port < 1024;
+  sv_fail(err, SV_E_DEVICE,
+          is_v6 ? "[%s]:%d: cannot be listened on: %s%s" : "%s:%d: cannot be listened on: %s%s", cfg->addr,
+          cfg->port, sv_linux_reason(errno), is_low ? " for ports below 1024" : "");
   if (fd >= 0) close(fd);
   return -1;
 }

@@ -11,6 +11,7 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <netinet/in.h>
 #include <png.h>
 #include <signal.h>
 #include <stdbool.h>
@@ -20,6 +21,7 @@
 #include <string.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
+#include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <time.h>
@@ -462,6 +464,36 @@ static void test_closed_output(void **state) {
   assert_int_equal(n_files("unread"), 4);
 }
 
+// --- the live view's port ------------------------------------------------------------------------
+
+// One line that names the place and the reason, whatever the number of processes.
+static void refuses_port(const char *place, const char *reason) {
+  char line[300];
+  snprintf(line, sizeof line, "run " SMALL "--quiet --preview %s --out @/bad", place);
+  int code = run(line);
+  if (strstr(g_err, "no HTTP server") || strstr(g_err, "cannot be started")) {
+    print_message("skip the live view's port: no subview-preview that serves here\n");
+    skip();
+  }
+  if (code != 1 || n_lines(g_err) != 1 || !strstr(g_err, place) || !strstr(g_err, reason))
+    fail_msg("exit %d, expected 1 and one line with \"%s\" and \"%s\": %s", code, place, reason, g_err);
+  assert_int_equal(n_files("bad"), 0);
+}
+
+static void test_port_that_cannot_be_had(void **state) {
+  (void)state;
+  struct sockaddr_in a = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+  socklen_t n = sizeof a;
+  char place[64];
+  int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  assert_true(fd >= 0 && bind(fd, (struct sockaddr *)&a, n) == 0 && listen(fd, 1) == 0);
+  assert_int_equal(getsockname(fd, (struct sockaddr *)&a, &n), 0);
+  snprintf(place, sizeof place, "127.0.0.1:%d", ntohs(a.sin_port));
+  refuses_port(place, "the port is in use");
+  close(fd);
+  refuses_port("192.0.2.1:18080", "this machine has no such address"); // of documentation: nobody's
+}
+
 // --- set-up --------------------------------------------------------------------------------------
 
 // --- a slow disk ---------------------------------------------------------------------------------
@@ -540,6 +572,7 @@ int main(void) {
       cmocka_unit_test(test_resume_of_another_run),
       cmocka_unit_test(test_interrupt_saves),
       cmocka_unit_test(test_closed_output),
+      cmocka_unit_test(test_port_that_cannot_be_had),
   };
   const char *bin = getenv("SV_BIN");
   char path[512];
