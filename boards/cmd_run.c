@@ -184,6 +184,17 @@ static int report(const run_options *o, sv_err *err) {
   return 0;
 }
 
+// A live run takes the others later, in the place of the oldest.
+static void say_left_out(const run_options *o) {
+  if (run.src.kind != SOURCE_REPLAY || o->is_live || o->is_quiet) return;
+  int n = sv_replay_most_exposures(&run.src.u.replay);
+  if (n > o->exposures)
+    say(2,
+        "subview: the capture has up to %d exposures, of which this run takes the first %ld; left out: %ld "
+        "(--exposures N takes more)\n",
+        n, o->exposures, n - o->exposures);
+}
+
 // Opens source, outputs and app. What fails is told by err, and by *what for the list and the page.
 static sv_status set_up(const run_options *o, sv_arena *arena, const char **what, sv_err *err) {
   *what = "cameras";
@@ -191,6 +202,7 @@ static sv_status set_up(const run_options *o, sv_arena *arena, const char **what
   if (s < 0 && run.src.source.n_cameras > 0) *what = "rig";
   if (s < 0) return s;
   if (run.src.note[0] && !o->is_quiet) say(2, "subview: %s\n", run.src.note);
+  say_left_out(o);
   sv_app_cfg cfg = app_cfg(o);
   *what = "memory";
   if ((s = carve_outputs(arena, &cfg, err)) < 0) return s;

@@ -144,7 +144,8 @@ void sv_camera_events_add(sv_camera_events *e, sv_camera_event_kind kind, int i_
     e->i_first = (e->i_first + 1) % SV_CAMERA_CAP_EVENTS;
     e->n--;
   }
-  e->event[(e->i_first + e->n++) % SV_CAMERA_CAP_EVENTS] = (sv_camera_event){kind, i_camera, host_ns, detail};
+  e->event[(e->i_first + e->n++) % SV_CAMERA_CAP_EVENTS] =
+      (sv_camera_event){kind, i_camera, host_ns, detail, NULL};
   e->count[kind]++;
 }
 

@@ -84,6 +84,15 @@ static sv_status open_camera(sv_replay *r, int c, sv_err *err) {
   return SV_OK;
 }
 
+int sv_replay_most_exposures(const sv_replay *r) {
+  int least = -1;
+  for (int c = 0; c < r->capture.n_cameras; c++) {
+    int n = end_of(r, c) - r->cfg.from;
+    if (least < 0 || n < least) least = n;
+  }
+  return least < 0 ? 0 : least;
+}
+
 static sv_status take_buffers(sv_replay *r, sv_arena *arena) {
   sv_codec_cfg cc = {1, 1, true};
   for (int c = 0; c < r->capture.n_cameras; c++) {
@@ -189,6 +198,8 @@ static sv_status source_start(void *self) {
     r->cameras[c].i_next = r->cfg.from;
     r->cameras[c].stats = (sv_replay_stats){0};
   }
+  r->first_err = (sv_err){0};
+  r->has_event = false;
   r->virtual_ns = r->first_ns;
   r->started_ns = r->machine.now_ns(r->machine.self);
   r->is_running = true;
@@ -254,6 +265,16 @@ static bool read_picture(sv_replay *r, int c, const char *name, uint8_t *rgb) {
   return false;
 }
 
+// Who asks for events reads the first sentence, which no later file changes.
+static void note_bad(sv_replay *r, const sv_frame *f) {
+  r->cameras[f->i_camera].stats.n_errors++;
+  if (r->first_err.status < 0) return;
+  r->first_err = r->last_err;
+  r->first_bad =
+      (sv_camera_event){SV_CAMERA_FILE, f->i_camera, f->arrival_ns, f->sequence, r->first_err.text};
+  r->has_event = true;
+}
+
 // Fills in the next frame of camera c. DROPPED when it has no free buffer.
 static sv_status deliver(sv_replay *r, int c, sv_frame *f) {
   sv_replay_camera *rc = &r->cameras[c];
@@ -281,7 +302,7 @@ static sv_status deliver(sv_replay *r, int c, sv_frame *f) {
                   .i_buffer = i};
   rc->on_loan |= (uint64_t)1 << i;
   rc->stats.n_delivered++;
-  rc->stats.n_errors += f->is_error;
+  if (f->is_error) note_bad(r, f);
   return SV_OK;
 }
 
@@ -313,6 +334,14 @@ static sv_status source_pose(void *self, sv_ns host_ns, sv_pose *rig_from_world)
   return sv_capture_pose_at(&((sv_replay *)self)->capture, host_ns, rig_from_world);
 }
 
+static sv_status source_event(void *self, sv_camera_event *e) {
+  sv_replay *r = self;
+  if (!r->has_event) return SV_AGAIN;
+  r->has_event = false;
+  *e = r->first_bad;
+  return SV_OK;
+}
+
 sv_source sv_replay_source(sv_replay *r) {
   return (sv_source){.self = r,
                      .n_cameras = r->capture.n_cameras,
@@ -321,5 +350,6 @@ sv_source sv_replay_source(sv_replay *r) {
                      .dequeue = source_dequeue,
                      .requeue = source_requeue,
                      .stop = source_stop,
-                     .rig_pose = source_pose};
+                     .rig_pose = source_pose,
+                     .event = source_event};
 }

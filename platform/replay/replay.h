@@ -53,6 +53,9 @@ typedef struct {
   sv_ns started_ns; // machine time of start, other speeds
   sv_clock machine; // CLOCK_MONOTONIC
   sv_err last_err;  // why the last frame with is_error is damaged
+  sv_err first_err; // and the first one, which is an event: FILE
+  sv_camera_event first_bad;
+  bool has_event; // it waits to be asked for
 } sv_replay;
 
 // Loads the capture and takes all buffers. `self` must not move afterwards.
@@ -60,6 +63,8 @@ sv_status sv_replay_init(sv_replay *self, const sv_replay_cfg *cfg, sv_arena *ar
 // Each start plays from the beginning, and the clock begins there again. rig_pose answers from the capture's
 // poses.
 sv_source sv_replay_source(sv_replay *self);
+// Frames of the camera that has the fewest: there are not more exposures than these.
+int sv_replay_most_exposures(const sv_replay *self);
 sv_clock sv_replay_clock(sv_replay *self);
 void sv_replay_close(sv_replay *self); // safe after a failed init
 

@@ -151,7 +151,8 @@ typedef struct {
   sv_camera_event_kind kind;
   int i_camera;
   sv_ns host_ns;
-  int64_t detail; // see camera_event.inc
+  int64_t detail;   // see camera_event.inc
+  const char *text; // a sentence of the source's own, which stays as it is while the source is open; or NULL
 } sv_camera_event;
 
 // Settings of a camera that can be changed while it runs.

@@ -57,6 +57,10 @@ void sv_camera_stats_live(sv_str *out, const sv_camera_stat *stats, const sv_syn
 
 void sv_camera_event_line(sv_str *out, const sv_camera_event *e, const sv_camera_caps *caps, int n_cameras) {
   bool is_known = e->i_camera >= 0 && e->i_camera < n_cameras;
+  if (e->text) {
+    sv_str_add(out, "%s", e->text);
+    return;
+  }
   bool is_time = e->kind == SV_CAMERA_STALLED || e->kind == SV_CAMERA_RETURNED;
   sv_str_add(out, "%s: %s: %s (", is_known ? caps[e->i_camera].name : "?", sv_camera_event_name(e->kind),
              sv_camera_event_sentence(e->kind));

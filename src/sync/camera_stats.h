@@ -32,7 +32,7 @@ void sv_camera_stats_line(sv_str *out, const sv_camera_stat *stat, const sv_ledg
 // The whole as one line, for as many cameras as fit: " | " in between.
 void sv_camera_stats_live(sv_str *out, const sv_camera_stat *stats, const sv_sync *sync,
                           const sv_camera_caps *caps);
-// "video0: stalled: no frame came for too long (after 1000 ms)".
+// "video0: stalled: no frame came for too long (after 1000 ms)", or the event's own text.
 void sv_camera_event_line(sv_str *out, const sv_camera_event *event, const sv_camera_caps *caps,
                           int n_cameras);
 

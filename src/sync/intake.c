@@ -176,7 +176,7 @@ static void align(sv_intake *in, int c) {
   was_ns = fl->cameras[c].set_ns;
   sv_status s = in->source.set_control(in->source.self, c, SV_CONTROL_FRAME_DURATION_NS, wanted_ns, &set_ns);
   if (s < 0) { // once: it is left alone from now on
-    sv_camera_event e = {SV_CAMERA_FREE, c, in->clock.now_ns(in->clock.self), s};
+    sv_camera_event e = {SV_CAMERA_FREE, c, in->clock.now_ns(in->clock.self), s, NULL};
     set_ns = 0;
     s = sv_ring_push(&in->events, &e);
     (void)s; // full: nobody asks

@@ -11,7 +11,6 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
-#include <netinet/in.h>
 #include <png.h>
 #include <signal.h>
 #include <stdbool.h>
@@ -21,7 +20,6 @@
 #include <string.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
-#include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <time.h>
@@ -158,7 +156,6 @@ static void test_bad_input(void **state) {
       {"run --source replay:@/cut --out @/bad", "capture.json", 1},
       {"run --source replay:@/wrong_size --out @/bad", "64x48", 1},
       {"run --source replay:@/no_rig --out @/bad", "rig", 1},
-      {"run --source replay:@/no_frames --out @/bad", "", 1},
       {"run --source replay:@/tiny --rig @/nowhere --out @/bad", "nowhere", 1},
       {"run --source sim:textured,rig=multiplexed,size=160x120 --sub-views v00 --out @/bad", "together", 1},
       {"run " SMALL "--gaussians 0 --out @/bad", "--gaussians 0: expected a whole number from 1 to 4000000",
@@ -208,6 +205,34 @@ static void test_bad_input(void **state) {
     n_bad++;
   }
   assert_int_equal(n_bad, 0);
+}
+
+// The first picture that cannot be used is named, once; the run goes on without it as long as there are others.
+static void test_bad_pictures(void **state) {
+  (void)state;
+  static const struct {
+    const char *make, *says;
+    int code;
+  } cases[] = {{"rm cam1/000002.jpg", "warning: cam1/000002.jpg: cannot be read: it does not exist", 0},
+               {"head -c 300 cam1/000001.jpg > x && mv x cam1/000001.jpg", "warning: cam1/000001.jpg: ", 0},
+               {"rm cam0/*.jpg", "warning: cam0/000000.jpg: ", 1}};
+  for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+    shell("cd '%s' && rm -rf pictures && cp -r tiny pictures && cd pictures && %s", g_root, cases[i].make);
+    int code = run(
+        "run --source replay:@/pictures,speed=max --gaussians 100 --steps 5 --quiet --out @/pictures_out");
+    if (code != cases[i].code || n_lines(g_err) != 1 + code ||
+        strncmp(g_err, cases[i].says, strlen(cases[i].says)) != 0)
+      fail_msg("%s: exit %d: %s", cases[i].make, code, g_err);
+  }
+}
+
+// A capture with more exposures than are asked for: so many are left out.
+static void test_longer_capture(void **state) {
+  (void)state;
+  assert_int_equal(run("run --source replay:@/tiny --exposures 3 --check --out @/longer"), 0);
+  assert_non_null(strstr(g_err, "up to 4 exposures, of which this run takes the first 3; left out: 1 "));
+  assert_int_equal(run("run --source replay:@/tiny,from=1 --exposures 3 --check --out @/longer"), 0);
+  assert_null(strstr(g_err, "the capture has"));
 }
 
 static void test_unknown_kernels(void **state) {
@@ -464,38 +489,6 @@ static void test_closed_output(void **state) {
   assert_int_equal(n_files("unread"), 4);
 }
 
-// --- the live view's port ------------------------------------------------------------------------
-
-// One line that names the place and the reason, whatever the number of processes.
-static void refuses_port(const char *place, const char *reason) {
-  char line[300];
-  snprintf(line, sizeof line, "run " SMALL "--quiet --preview %s --out @/bad", place);
-  int code = run(line);
-  if (strstr(g_err, "no HTTP server") || strstr(g_err, "cannot be started")) {
-    print_message("skip the live view's port: no subview-preview that serves here\n");
-    skip();
-  }
-  if (code != 1 || n_lines(g_err) != 1 || !strstr(g_err, place) || !strstr(g_err, reason))
-    fail_msg("exit %d, expected 1 and one line with \"%s\" and \"%s\": %s", code, place, reason, g_err);
-  assert_int_equal(n_files("bad"), 0);
-}
-
-static void test_port_that_cannot_be_had(void **state) {
-  (void)state;
-  struct sockaddr_in a = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
-  socklen_t n = sizeof a;
-  char place[64];
-  int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-  assert_true(fd >= 0 && bind(fd, (struct sockaddr *)&a, n) == 0 && listen(fd, 1) == 0);
-  assert_int_equal(getsockname(fd, (struct sockaddr *)&a, &n), 0);
-  snprintf(place, sizeof place, "127.0.0.1:%d", ntohs(a.sin_port));
-  refuses_port(place, "the port is in use");
-  close(fd);
-  refuses_port("192.0.2.1:18080", "this machine has no such address"); // of documentation: nobody's
-}
-
-// --- set-up --------------------------------------------------------------------------------------
-
 // --- a slow disk ---------------------------------------------------------------------------------
 
 // A pipe in the place of the first picture: writing it lasts until somebody opens its other end, after `ms`. The
@@ -528,15 +521,16 @@ static void test_capture_on_a_slow_disk(void **state) {
   if (code || !strstr(g_out, "\"exposures\": 1,")) fail_msg("exit %d: %s%s", code, g_out, g_err);
 }
 
+// --- set-up --------------------------------------------------------------------------------------
+
 static void make_captures(void) {
-  static const char *const names[] = {"tiny", "cut", "wrong_size", "no_rig", "no_frames"};
+  static const char *const names[] = {"tiny", "cut", "wrong_size", "no_rig"};
   for (size_t i = 0; i < sizeof names / sizeof *names; i++)
     shell("cp -r tests/data/capture_tiny '%s/%s'", g_root, names[i]);
   shell("head -c 700 tests/data/capture_tiny/capture.json > '%s/cut/capture.json'", g_root);
   shell("sed -i 's/.imagersize.: .64, 48./\"imagersize\": [128, 96]/' '%s'/wrong_size/rig/*.cameramodel",
         g_root);
   shell("rm -r '%s/no_rig/rig'", g_root);
-  shell("rm '%s'/no_frames/cam*/*.jpg", g_root);
   shell("echo text > '%s/a_file'", g_root);
   shell("mkdir '%s/torn' && echo SVSECT > '%s/torn/checkpoint.bin'", g_root, g_root);
 }
@@ -561,6 +555,8 @@ static int tear_down(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_bad_input),
+      cmocka_unit_test(test_bad_pictures),
+      cmocka_unit_test(test_longer_capture),
       cmocka_unit_test(test_unknown_kernels),
       cmocka_unit_test(test_help),
       cmocka_unit_test(test_help_tells_defaults),
@@ -572,7 +568,6 @@ int main(void) {
       cmocka_unit_test(test_resume_of_another_run),
       cmocka_unit_test(test_interrupt_saves),
       cmocka_unit_test(test_closed_output),
-      cmocka_unit_test(test_port_that_cannot_be_had),
   };
   const char *bin = getenv("SV_BIN");
   char path[512];

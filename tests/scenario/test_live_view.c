@@ -9,6 +9,7 @@
 #include <cmocka.h>
 // clang-format on
 #include <errno.h>
+#include <netinet/in.h>
 #include <poll.h>
 #include <pthread.h>
 #include <signal.h>
@@ -17,6 +18,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
+#include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -441,6 +443,38 @@ static void test_hang(void **state) {
   live_run_stop(&r);
 }
 
+// --- a port that cannot be had -------------------------------------------------------------------
+
+// One line that names the place and the reason, of two processes.
+static void refuses_port(const char *place, const char *reason) {
+  char command[900], said[1024], whole[256];
+  const char *bin = getenv("SV_BIN"), *emulate = getenv("SV_EMULATE");
+  snprintf(command, sizeof command,
+           "%s %s/subview run " BASE "--steps 2 --quiet --preview %s --out %s/out 2>&1",
+           emulate ? emulate : "", bin ? bin : "build/sim-x86/bin", place, root);
+  FILE *p = popen(command, "r");
+  assert_non_null(p);
+  said[fread(said, 1, sizeof said - 1, p)] = 0;
+  int status = pclose(p);
+  snprintf(whole, sizeof whole, "subview-preview: %s: cannot be listened on: %s\n", place, reason);
+  assert_string_equal(said, whole);
+  assert_true(WIFEXITED(status) && WEXITSTATUS(status) == 1);
+}
+
+static void test_port_that_cannot_be_had(void **state) {
+  (void)state;
+  struct sockaddr_in a = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+  socklen_t n = sizeof a;
+  char place[64];
+  int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  assert_true(fd >= 0 && bind(fd, (struct sockaddr *)&a, n) == 0 && listen(fd, 1) == 0);
+  assert_int_equal(getsockname(fd, (struct sockaddr *)&a, &n), 0);
+  snprintf(place, sizeof place, "127.0.0.1:%d", ntohs(a.sin_port));
+  refuses_port(place, "the port is in use");
+  close(fd);
+  refuses_port("192.0.2.1:18080", "this machine has no such address"); // of documentation: nobody's
+}
+
 // --- setup ---------------------------------------------------------------------------------------
 
 static int make_root(void **state) {
@@ -468,6 +502,7 @@ int main(void) {
       cmocka_unit_test_teardown(test_what_is_missing, stop),
       cmocka_unit_test_teardown(test_save, stop),
       cmocka_unit_test_teardown(test_hang, stop),
+      cmocka_unit_test(test_port_that_cannot_be_had),
   };
   return cmocka_run_group_tests(tests, make_root, remove_root);
 }

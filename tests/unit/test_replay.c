@@ -517,6 +517,11 @@ static void damaged_pictures_are_delivered_as_errors(void **state) {
   assert_int_equal(g_replay.cameras[1].stats.n_errors, 0);
   assert_non_null(strstr(g_replay.last_err.text, "64x48")); // said what, where and what was expected
   assert_non_null(strstr(g_replay.last_err.text, "000004.jpg"));
+  sv_camera_event e; // the first one, once
+  assert_int_equal(s.event(s.self, &e), SV_OK);
+  assert_true(e.kind == SV_CAMERA_FILE && e.i_camera == 0);
+  assert_non_null(strstr(e.text, "000000.jpg: cannot be read"));
+  assert_int_equal(s.event(s.self, &e), SV_AGAIN);
   sv_replay_close(&g_replay);
 }
 
