@@ -158,6 +158,12 @@ static int check_together(const sv_tool_command *c, const lab_options *o) {
   if (o->motion && lab_parse_motion(o->motion, &scratch) != LAB_EXIT_OK)
     return lab_usage(c->name, "--motion is clip or field, then settings ,name=number; not '%.80s'",
                      o->motion);
+  if (c->bit == LAB_EXPORT && o->spz_version > 0 && strcmp(o->format, "spz") != 0)
+    return lab_usage(c->name, "--spz-version belongs to --format spz");
+  if (c->bit == LAB_EXPORT && o->frames > 0 && strcmp(o->format, "delta") != 0)
+    return lab_usage(c->name, "--frames belongs to --format delta");
+  if (c->bit == LAB_EXPORT && o->up && (!strcmp(o->format, "splat") || !strcmp(o->format, "delta")))
+    return lab_usage(c->name, "--up has no effect with --format %s", o->format);
   if (o->orbit >= 0 && o->split) return lab_usage(c->name, "--split and --orbit exclude each other");
   return LAB_EXIT_OK;
 }
@@ -166,21 +172,21 @@ static int parse_loss(const sv_tool_command *c, lab_options *o) {
   const struct {
     const char *name;
     float *to;
-    double most;
-  } known[] = {{"ssim", &o->ssim, 1},
-               {"tv", &o->tv, 1e6},
-               {"tv_unseen", &o->tv_unseen, 1e6},
-               {"unseen", &o->n_unseen, 16},
-               {"unseen_every", &o->unseen_every, 1e6},
-               {"unseen_px", &o->unseen_px, 4096},
-               {"unseen_deg", &o->unseen_deg, 180},
-               {"region", &o->region_px, 4096},
-               {"floor", &o->floor_px, 10},
-               {"dilation", &o->dilation_px2, 10},
-               {"supersample", &o->supersample, 1},
-               {"opacity", &o->opacity, 1e6},
-               {"scale", &o->size, 1e6},
-               {"dropout", &o->dropout, 0.9}};
+    double least, most;
+  } known[] = {{"ssim", &o->ssim, 0, 1},
+               {"tv", &o->tv, 0, 1e6},
+               {"tv_unseen", &o->tv_unseen, 0, 1e6},
+               {"unseen", &o->n_unseen, 0, 16},
+               {"unseen_every", &o->unseen_every, 1, 1e6},
+               {"unseen_px", &o->unseen_px, 8, 4096},
+               {"unseen_deg", &o->unseen_deg, 0, 180},
+               {"region", &o->region_px, 16, 4096},
+               {"floor", &o->floor_px, 0, 10},
+               {"dilation", &o->dilation_px2, 0.001, 10},
+               {"supersample", &o->supersample, 0, 1},
+               {"opacity", &o->opacity, 0, 1e6},
+               {"scale", &o->size, 0, 1e6},
+               {"dropout", &o->dropout, 0, 0.9}};
   enum { N = sizeof known / sizeof *known };
   for (const char *p = o->loss; p && *p;) {
     size_t n = strcspn(p, ","), k = strcspn(p, "=");
@@ -193,8 +199,9 @@ static int parse_loss(const sv_tool_command *c, lab_options *o) {
           "--loss is a list of ssim=, tv=, tv_unseen=, unseen=, unseen_every=, unseen_px=, "
           "unseen_deg=, region=, floor=, dilation=, supersample=, opacity=, scale= and dropout=, not '%.80s'",
           o->loss);
-    if (!sv_parse_double(p + k + 1, n - k - 1, &v) || !(v >= 0 && v <= known[i].most))
-      return lab_usage(c->name, "--loss %s needs a number from 0 to %g", known[i].name, known[i].most);
+    if (!sv_parse_double(p + k + 1, n - k - 1, &v) || !(v >= known[i].least && v <= known[i].most))
+      return lab_usage(c->name, "--loss %s needs a number from %g to %g", known[i].name, known[i].least,
+                       known[i].most);
     *known[i].to = (float)v;
     p += n + (p[n] == ',');
   }

@@ -3,6 +3,7 @@
 
 #include "src/base/str.h"
 #include "tools/lab/evaluate.h"
+#include "tools/lab/model_formats.h"
 
 typedef struct {
   const lab_options *o;
@@ -19,6 +20,7 @@ static sv_status evaluate(run *r, sv_err *err) {
   sv_status s = lab_model_read(&r->model, r->o->model, err);
   if (s == SV_OK) s = lab_settings_for(&r->settings, r->o, &r->model, err);
   if (s != SV_OK) return s;
+  lab_say_upright(&r->session, r->o->model);
   r->split = r->o->split ? r->o->split : lab_default_split(r->settings.n_exposures);
   double t0 = lab_seconds(&r->session);
   lab_source src = {.folder = r->o->data,

@@ -8,6 +8,7 @@
 #include "tools/lab/evaluate.h"
 #include "tools/lab/movie.h"
 #include "tools/lab/report.h"
+#include "tools/lab/model_formats.h"
 
 #define FILM_FPS        12
 #define DEPTH_ALPHA_MIN 0.5f // a pixel that is mostly background has no depth
@@ -134,6 +135,7 @@ static sv_status prepare(run *r, lab_scene *scene, sv_err *err) {
   sv_status s = lab_model_read(&r->model, r->o->model, err);
   if (s == SV_OK) s = lab_settings_for(&r->settings, r->o, &r->model, err);
   if (s != SV_OK) return s;
+  lab_say_upright(&r->session, r->o->model);
   lab_source src = {.folder = r->o->data,
                     .transforms = r->settings.transforms,
                     .told_by = r->settings.told_by,

@@ -121,8 +121,8 @@ static void choose_objective(run *r) {
   if (o->tv >= 0) c->weight_tv = o->tv;
   if (o->tv_unseen >= 0) c->weight_tv_unseen = o->tv_unseen;
   if (o->n_unseen >= 0) c->n_unseen = (int)o->n_unseen;
-  if (o->unseen_every >= 1) c->unseen_every = (int)o->unseen_every;
-  if (o->unseen_px >= 8) c->unseen_px = (int)o->unseen_px;
+  if (o->unseen_every >= 0) c->unseen_every = (int)o->unseen_every;
+  if (o->unseen_px >= 0) c->unseen_px = (int)o->unseen_px;
   if (o->unseen_deg >= 0) c->unseen_rad = o->unseen_deg * (float)(SV_PI / 180);
   if (o->floor_px >= 0) c->floor_px = o->floor_px;
   if (o->is_noise_on_prediction) c->noise_read = o->noise_read, c->noise_shot = o->noise_shot;
@@ -131,7 +131,7 @@ static void choose_objective(run *r) {
     c->is_supersampled = o->supersample > 0;
     c->supersample_from = 1.0f - o->supersample;
   }
-  if (o->region_px >= 16) c->region_px = (int)o->region_px;
+  if (o->region_px >= 0) c->region_px = (int)o->region_px;
   if (o->opacity >= 0) c->reg_opacity = o->opacity;
   if (o->size >= 0) c->reg_scale = o->size;
   if (o->dropout >= 0) c->dropout = o->dropout;

@@ -237,6 +237,16 @@ bool lab_is_viewer_format(const char *path, const void *data, size_t bytes) {
   return is_glb(data, bytes) || is_spz(data, bytes) || sv_str_eq(sv_path_extension(path), ".splat");
 }
 
+void lab_say_upright(lab_session *s, const char *path) {
+  const char *kind = sv_path_extension(path);
+  if (sv_str_eq(kind, ".spz") || sv_str_eq(kind, ".glb"))
+    lab_say(
+        s,
+        "%s: such files stand upright; unless it was exported with --up -y, the dataset's views look at a "
+        "turned world (model.ply fits)",
+        path);
+}
+
 sv_status lab_read_viewer_format(sv_gaussians *g, bool *is_mip, void **block, const char *path,
                                  const void *data, size_t bytes, sv_err *err) {
   *is_mip = false;
