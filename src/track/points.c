@@ -64,7 +64,7 @@ int32_t sv_track_add_obs(sv_tracker *t, int32_t i_point, int i_exposure, int i_v
 
 // --- following -----------------------------------------------------------------------------------
 
-static bool see(const sv_bundle_camera *c, const sv_pose *rig, const double x[3], double uv[2]) {
+bool sv_track_see(const sv_bundle_camera *c, const sv_pose *rig, const double x[3], double uv[2]) {
   double q[3];
   sv_pose_apply(q, rig, x);
   sv_pose_apply(q, &c->cam_from_rig, (const double[3]){q[0], q[1], q[2]});
@@ -101,7 +101,7 @@ static void expect(const sv_tracker *t, const sv_track_point *p, int v, const sv
     for (int i = 0; i < 3; i++) ray[i] *= depth;
     sv_pose_apply(x, &world, ray);
   }
-  if (!see(&t->cam[v], last, x, a) || !see(&t->cam[v], guess, x, b)) return;
+  if (!sv_track_see(&t->cam[v], last, x, a) || !sv_track_see(&t->cam[v], guess, x, b)) return;
   uv[0] += (float)(b[0] - a[0]);
   uv[1] += (float)(b[1] - a[1]);
 }
@@ -190,7 +190,7 @@ bool sv_track_triangulate(sv_tracker *t, sv_track_point *p) {
     const sv_track_obs *o = &t->obs[i];
     double uv[2], limit = WRONG_PX * (double)o->sigma_px;
     if (o->sigma_px <= 0 || !t->is_placed[o->i_exposure]) continue;
-    if (!see(&t->cam[o->i_view], &t->pose[o->i_exposure], x, uv)) return false;
+    if (!sv_track_see(&t->cam[o->i_view], &t->pose[o->i_exposure], x, uv)) return false;
     double ex = uv[0] - (double)o->uv_px[0], ey = uv[1] - (double)o->uv_px[1];
     if (ex * ex + ey * ey > limit * limit) return false;
   }
@@ -348,7 +348,7 @@ static void rematch_view(sv_tracker *t, int32_t i_point, int a, int b, double z)
   const float *from = t->obs[p->now[a]].uv_px, *w = p->warp[a];
   float uv[2], step, map[4], warp[4];
   double seen[2];
-  if (!see(&t->cam[b], &t->pose[t->n_exposures - 1], p->x, seen)) return;
+  if (!sv_track_see(&t->cam[b], &t->pose[t->n_exposures - 1], p->x, seen)) return;
   if (!sv_track_stereo(t, a, from, b, (1 - REMATCH) * z, (1 + REMATCH) * z, uv, &step, map)) return;
   double dx = (double)uv[0] - seen[0], dy = (double)uv[1] - seen[1], limit = WRONG_PX * (double)step;
   if (dx * dx + dy * dy > limit * limit) return;

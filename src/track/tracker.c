@@ -72,6 +72,7 @@ static void carve_lists(sv_tracker *t, sv_arena *a) {
   t->work = SV_TAKE(a, float, n_found);
   t->pose = SV_TAKE(a, sv_pose, t->cfg.cap_exposures);
   t->is_placed = SV_TAKE(a, bool, t->cfg.cap_exposures);
+  t->has_way = SV_TAKE(a, bool, t->cfg.cap_exposures);
   t->bundle_point = SV_TAKE(a, int32_t, t->cap_points);
   t->bundle_obs = SV_TAKE(a, int32_t, t->cap_obs);
   t->patch = SV_TAKE(a, sv_patch, 2);
@@ -115,6 +116,7 @@ static sv_status carve(sv_tracker *t, const sv_track_cfg *cfg, sv_arena *a) {
                       .has_extrinsics = cfg->has_extrinsics};
   sv_status s = sv_bundle_init(&t->bundle, &bc, a);
   t->i_last = t->i_before = -1;
+  t->still_px = -1;
   return s < 0 ? s : a->status;
 }
 
@@ -146,8 +148,14 @@ sv_status sv_tracker_init(sv_tracker *t, const sv_track_cfg *cfg, const sv_kerne
 
 // --- one exposure --------------------------------------------------------------------------------
 
-// The way from exposure 0 that three of ten places do not exceed: with a rig that stands still, things may move.
-static float way_from_start(sv_tracker *t) {
+// The way that three of ten places in t->work do not exceed: with a rig that stands still, things may move. -1: too
+// few to tell.
+static double way_of(sv_tracker *t, int n) {
+  return n < STILL_LEAST ? -1 : (double)sv_track_rank(t->work, n, n * 3 / 10);
+}
+
+// The way from exposure 0, by the places that it saw as well.
+static double way_from_start(sv_tracker *t) {
   int n = 0;
   for (int i = 0; i < t->n_found; i++) {
     const sv_track_candidate *c = &t->found[i];
@@ -156,7 +164,23 @@ static float way_from_start(sv_tracker *t) {
     float dx = c->uv_px[0] - p->uv0_px[c->i_view][0], dy = c->uv_px[1] - p->uv0_px[c->i_view][1];
     t->work[n++] = sqrtf(dx * dx + dy * dy);
   }
-  return n < STILL_LEAST ? 1e9f : sv_track_rank(t->work, n, n * 3 / 10);
+  return way_of(t, n);
+}
+
+// The same of an exposure that was placed by points found later: they would have been seen from the world's origin,
+// where the rig was in exposure 0.
+static double way_from_origin(sv_tracker *t) {
+  const sv_pose origin = sv_pose_identity();
+  int n = 0;
+  for (int i = 0; i < t->n_found; i++) {
+    const sv_track_candidate *c = &t->found[i];
+    const sv_track_point *p = &t->point[c->i_point];
+    double uv[2];
+    if (!p->has_depth || c->sigma_px <= 0 || !sv_track_see(&t->cam[c->i_view], &origin, p->x, uv)) continue;
+    float dx = c->uv_px[0] - (float)uv[0], dy = c->uv_px[1] - (float)uv[1];
+    t->work[n++] = sqrtf(dx * dx + dy * dy);
+  }
+  return way_of(t, n);
 }
 
 // Places the rig from what was followed. Returns the matches that agree, 0 when they do not suffice.
@@ -221,17 +245,19 @@ static sv_pose predicted(const sv_tracker *t) { // as it went on last time
 static bool find_again(sv_tracker *t, sv_pose *pose) {
   sv_pose guess = predicted(t);
   sv_track_follow(t, &guess);
-  double way = (double)way_from_start(t);
+  double way = way_from_start(t);
   *pose = guess;
   int n = place(t, pose);
   if (n == 0 && t->i_before >= 0) { // it did not go on like that: from where it was
     guess = t->pose[t->i_last];
     sv_track_follow(t, &guess);
-    double again = (double)way_from_start(t);
-    if (again < way) way = again;
+    double again = way_from_start(t);
+    if (way < 0 || (again >= 0 && again < way)) way = again;
     *pose = guess;
     n = place(t, pose);
   }
+  if (way < 0 && n > 0) way = way_from_origin(t);
+  t->has_way[t->n_exposures - 1] = way >= 0;
   if (way > t->still_px) t->still_px = way;
   return n > 0;
 }
@@ -261,6 +287,7 @@ sv_status sv_tracker_add(sv_tracker *t, const sv_image_u8 *image) {
   sv_track_build(t, image);
   t->pose[e] = sv_pose_identity();
   t->is_placed[e] = true;
+  t->has_way[e] = e == 0;
   if (t->i_last < 0) {
     sv_track_new_points(t);
     if (t->n_live < LEAST_MATCHES) forget_all(t);
@@ -316,10 +343,10 @@ static void adjust_all(sv_tracker *t, sv_track_summary *out) {
       t->point[i].has_depth = sv_track_triangulate(t, &t->point[i]);
 }
 
-// One pose for all; the points follow, and what moved before the rig is given up.
+// One pose for all that tell a way; the points follow, and what moved before the rig is given up.
 static void stand_still(sv_tracker *t, sv_track_summary *out) {
   int n = sv_mini(t->n_exposures, SV_TRACK_CAP_BUNDLE);
-  for (int i = 0; i < t->n_exposures; i++) t->pose[i] = sv_pose_identity(), t->is_placed[i] = true;
+  for (int i = 0; i < t->n_exposures; i++) t->pose[i] = sv_pose_identity(), t->is_placed[i] = t->has_way[i];
   for (int round = 0; round < FINAL_ROUNDS; round++)
     out->rms_px = sv_track_adjust(t, 0, n, n, FINAL_ITER, false).rms_px;
 }
@@ -328,7 +355,7 @@ void sv_tracker_finish(sv_tracker *t, sv_track_summary *out) {
   memset(out, 0, sizeof *out);
   out->n_exposures = t->n_exposures;
   out->still_px = t->still_px;
-  out->is_still = t->i_last >= 0 && t->is_placed[0] && t->still_px < STILL_PX;
+  out->is_still = t->i_last >= 0 && t->is_placed[0] && t->still_px >= 0 && t->still_px < STILL_PX;
   out->scale_sigma = -1;
   if (out->is_still) {
     stand_still(t, out);

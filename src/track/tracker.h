@@ -74,9 +74,9 @@ typedef struct { // grey pyramid of one picture
 
 typedef struct {
   int n_exposures, n_placed, n_points; // points with depth
-  bool is_still;                       // nothing moved in the pictures: all poses are the same
-  double still_px;                     // the largest way from exposure 0 that three of ten places keep within
-  double rms_px;                       // reprojection, one axis
+  bool is_still;   // nothing moved in the pictures: all poses are the same, and placed is what tells a way
+  double still_px; // the largest way from exposure 0 that three of ten places keep within, -1: none tells it
+  double rms_px;   // reprojection, one axis
   double scale_sigma; // relative standard deviation of the scale, -1: the rig does not tell it
   double path_m;      // sum of the ways between exposures placed
 } sv_track_summary;
@@ -115,11 +115,12 @@ typedef struct {
   float *work;                       // [cap_found] for medians
   sv_pose *pose;                     // [cap_exposures] rig_from_world
   bool *is_placed;                   // [cap_exposures]
+  bool *has_way;                     // [cap_exposures] it shares enough with exposure 0 to tell the way
   int n_exposures, i_last, i_before; // the exposures placed last, -1: none
   sv_bundle bundle;
   int32_t *bundle_point, *bundle_obs; // [cap] where the bundle's came from
-  double still_px;
-  uint64_t n_full; // points or observations that found no room
+  double still_px;                    // so far, -1: no exposure tells a way
+  uint64_t n_full;                    // points or observations that found no room
 } sv_tracker;
 
 // E_ARG for a model that is no pinhole or no room for exposures.
@@ -164,6 +165,8 @@ void sv_track_follow(sv_tracker *t, const sv_pose *guess);
 // with its place, the resolution it was found at (pixels of b) and the map of a's pixels to b's (stereo.c).
 bool sv_track_stereo(sv_tracker *t, int a, const float uv_a[2], int b, double near_m, double far_m,
                      float uv_b[2], float *step_px, float b_from_a[4]);
+// Where a camera of a rig at that pose sees a point of the world. False behind it.
+bool sv_track_see(const sv_bundle_camera *c, const sv_pose *rig, const double x[3], double uv[2]);
 void sv_track_ray(const sv_bundle_camera *c, const float uv_px[2], double ray[3]); // in the camera, z = 1
 // New points from corners, matched between the sub-views; and known points in views that do not see them yet.
 void sv_track_new_points(sv_tracker *t);

@@ -64,7 +64,8 @@ static outcome compare(int n) {
   return o;
 }
 
-static outcome track(const char *spec, int n, uint32_t isa_mask) {
+// From i_dark on the lens is covered for n_dark exposures.
+static outcome track_covered(const char *spec, int n, uint32_t isa_mask, int i_dark, int n_dark) {
   sv_err err;
   sv_sim_config c;
   sv_kernels k;
@@ -83,12 +84,19 @@ static outcome track(const char *spec, int n, uint32_t isa_mask) {
   assert_int_equal(src.start(src.self), SV_OK);
   for (int i = 0; i < n; i++) {
     sv_image_u8 last = take(&src, src.n_cameras - 1);
-    for (int v = 0; v < src.n_cameras; v++) image[v] = last, image[v].px = picture[v];
+    for (int v = 0; v < src.n_cameras; v++) {
+      image[v] = last, image[v].px = picture[v];
+      if (i >= i_dark && i < i_dark + n_dark) memset(picture[v], 0, sizeof picture[v]);
+    }
     sv_sim_rig_pose(&sim, sv_sim_slot_ns(&sim, i), &truth[i]);
     assert_true(sv_tracker_add(&tracker, image) >= 0);
   }
   assert_int_equal(sv_tracker_add(&tracker, image), SV_E_FULL);
   return compare(n);
+}
+
+static outcome track(const char *spec, int n, uint32_t isa_mask) {
+  return track_covered(spec, n, isa_mask, 0, 0);
 }
 
 static void test_handheld(void **state) {
@@ -145,9 +153,23 @@ static void test_still(void **state) {
   assert_int_equal(sv_tracker_init(&tracker, &t, &k, &a, &err), SV_OK);
   for (int i = 0; i < 4; i++) assert_int_equal(sv_tracker_add(&tracker, image), SV_AGAIN);
   sv_tracker_finish(&tracker, &o.s);
-  assert_true(o.s.n_placed == 0 && !o.s.is_still && o.s.n_points == 0);
+  assert_true(o.s.n_placed == 0 && !o.s.is_still && o.s.n_points == 0 && o.s.still_px == -1);
   image[1].width_px = 160;
   assert_int_equal(sv_tracker_add(&tracker, image), SV_E_RANGE);
+}
+
+// Exposures that see nothing of what the first one saw do not tell whether the rig stands: they are left out, and when
+// there are no others nothing is known.
+static void test_still_covered(void **state) {
+  static const char spec[] = "room,rig=stereo,path=step,arc=0,exposures=100000,size=320x240" NOISE;
+  (void)state;
+  outcome o = track_covered(spec, 6, ~0u, 2, 1);
+  assert_true(o.s.is_still && o.s.n_placed == 5 && !tracker.is_placed[2] && tracker.is_placed[5]);
+  assert_true(o.s.still_px >= 0 && o.s.still_px < 0.6);
+  o = track_covered(spec, 3, ~0u, 1, 2);
+  assert_true(!o.s.is_still && o.s.n_placed == 1 && o.s.still_px == -1);
+  o = track_covered("room,rig=stereo,path=handheld,size=320x240" NOISE, 12, ~0u, 5, 1);
+  assert_true(!o.s.is_still && o.s.still_px > 0.6 && o.s.still_px < 1e3);
 }
 
 // The reference kernels and the fastest exact ones place the rig at the same bits.
@@ -225,9 +247,9 @@ static void test_run(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_handheld), cmocka_unit_test(test_small_baseline),
-      cmocka_unit_test(test_still),    cmocka_unit_test(test_same_bits),
-      cmocka_unit_test(test_run),
+      cmocka_unit_test(test_handheld),  cmocka_unit_test(test_small_baseline),
+      cmocka_unit_test(test_still),     cmocka_unit_test(test_still_covered),
+      cmocka_unit_test(test_same_bits), cmocka_unit_test(test_run),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

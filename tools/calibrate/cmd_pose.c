@@ -206,10 +206,10 @@ static void tell(const cal_options *o, const sv_track_summary *m) {
   if (!m->is_still && (m->scale_sigma < 0 || m->scale_sigma > 0.02))
     printf("warning: the rig's baseline is too small for this scene to tell its size well\n");
   if (m->n_placed < m->n_exposures)
-    printf("warning: %d exposures could not be placed and are left out: move slower, or record more "
-           "exposures on the "
-           "same way (at most about 12 degrees apart)\n",
-           m->n_exposures - m->n_placed);
+    printf("warning: %d exposures could not be placed and are left out: %s\n", m->n_exposures - m->n_placed,
+           m->is_still ? "they show too little of what the first one does"
+                       : "move slower, or record more exposures on the same way (at most about 12 degrees "
+                         "apart)");
   printf("saved: %s/poses.json %s/points.ply\n", o->out, o->out);
 }
 
