@@ -136,8 +136,16 @@ static sv_status track(const cal_options *o, int *n, sv_err *err) {
 
 static sv_status begin(sv_file *f, const cal_options *o, const char *name, sv_err *err) {
   char path[SV_CAP_PATH];
+  f->fd = -1;
   sv_status s = sv_path_join(path, sizeof path, o->out, name, err);
   return s < 0 ? s : sv_file_begin(f, path, err);
+}
+
+// s: how writing went; half a file does not stay.
+static sv_status end(sv_file *f, sv_status s, sv_err *err) {
+  if (s >= 0) return sv_file_commit(f, err);
+  sv_file_abandon(f);
+  return s;
 }
 
 // The member "poses" of a capture.json, on its own.
@@ -162,7 +170,7 @@ static sv_status write_poses(const cal_options *o, int n, sv_err *err) {
     s = sv_file_append(&f, t.buf, t.len, err);
   }
   if (s >= 0) s = sv_file_append(&f, "\n]}\n", 4, err);
-  return s < 0 ? s : sv_file_commit(&f, err);
+  return end(&f, s, err);
 }
 
 static sv_status write_cloud(const cal_options *o, const sv_track_summary *m, sv_err *err) {
@@ -183,7 +191,7 @@ static sv_status write_cloud(const cal_options *o, const sv_track_summary *m, sv
     sv_str_add(&t, "%.9g %.9g %.9g %d %d %d\n", x->x[0], x->x[1], x->x[2], x->rgb[0], x->rgb[1], x->rgb[2]);
     s = sv_file_append(&f, t.buf, t.len, err);
   }
-  return s < 0 ? s : sv_file_commit(&f, err);
+  return end(&f, s, err);
 }
 
 static void tell(const cal_options *o, const sv_track_summary *m) {
