@@ -49,6 +49,15 @@ static void scene_centre(const sv_rig *rig, const cal_check *c, double out[3]) {
   for (int k = 0; k < 3; k++) out[k] = centre[k] + axis[k] * SCENE_SIZES * (width > 0 ? width : 1);
 }
 
+// From the left to the right edge at the height of the principal point, also more than 180 degrees. NAN where the
+// lens tells no direction of an edge.
+static double field_of_view_deg(const sv_camera_model *m) {
+  const double left[2] = {0, m->p[3]}, right[2] = {m->width_px, m->p[3]};
+  double a[3], b[3];
+  if (!sv_model_unproject(m, left, a) || !sv_model_unproject(m, right, b)) return NAN;
+  return (atan2(b[0], b[2]) - atan2(a[0], a[2])) * 180 / SV_PI;
+}
+
 static void report(lab_report *j, const sv_rig *rig, const cal_check *c, double angle_deg,
                    const cal_advice *a) {
   lab_report_begin(j);
@@ -66,7 +75,7 @@ static void report(lab_report *j, const sv_rig *rig, const cal_check *c, double 
     lab_report_text(j, "name", rig->sub_views[i].name);
     lab_report_text(j, "model", sv_model_name(m->kind));
     lab_report_num(j, "fx_px", m->p[0]);
-    lab_report_num(j, "field_of_view_deg", 2 * atan(0.5 * m->width_px / m->p[0]) * 180 / SV_PI);
+    lab_report_num(j, "field_of_view_deg", field_of_view_deg(m));
     if (c) {
       lab_report_int(j, "boards", c->cameras[i].n_boards);
       lab_report_num(j, "rms_alone_px", c->cameras[i].rms_alone_px);
