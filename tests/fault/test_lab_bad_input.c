@@ -21,7 +21,7 @@
 #include "tools/common/fileio.h"
 #include "tools/common/imageio.h"
 
-static char g_root[512], g_lab[512], g_emulate[900];
+static char g_root[512], g_lab[512], g_calibrate[512], g_emulate[900];
 
 // --- a small dataset -----------------------------------------------------------------------------
 
@@ -127,17 +127,21 @@ static void make_files(void) {
 
 // --- running it ----------------------------------------------------------------------------------
 
-// Runs `subview-lab ARGS` in g_root through the shell; stderr's lines, exit code (or 128 + signal).
-static int run_through(const char *before, const char *args, char *text, size_t cap) {
+// Runs `PROGRAM ARGS` in g_root through the shell; stderr's lines, exit code (or 128 + signal).
+static int run_program(const char *before, const char *program, const char *args, char *text, size_t cap) {
   char command[4096];
   snprintf(command, sizeof command, "cd '%s' && exec %s %s '%s' %s 2>&1 >out.txt </dev/null", g_root, before,
-           g_emulate, g_lab, args);
+           g_emulate, program, args);
   FILE *p = popen(command, "r");
   assert_non_null(p);
   size_t n = fread(text, 1, cap - 1, p);
   text[n] = 0;
   int code = pclose(p);
   return WIFEXITED(code) ? WEXITSTATUS(code) : 128 + WTERMSIG(code);
+}
+
+static int run_through(const char *before, const char *args, char *text, size_t cap) {
+  return run_program(before, g_lab, args, text, cap);
 }
 
 static int run_lab(const char *args, char *text, size_t cap) { return run_through("", args, text, cap); }
@@ -345,6 +349,71 @@ static double json_number(const char *key) {
   return v;
 }
 
+// Options of subview-calibrate that would do nothing are refused.
+static void test_calibrate_options(void **state) {
+  static const char *const cases_of[][2] = {
+      {"pose --rig r --capture c --out o --threads 2", "--threads"},
+      {"lenslets --isolated i --white w --out o --board 7x6 --spacing 0.02 --pitch 0.01", "excludes --pitch"},
+      {"lenslets --isolated i --white w --out o --board 7x6 --spacing 0.02 --focal 900", "and --focal"}};
+  char text[4096];
+  (void)state;
+  for (size_t i = 0; i < sizeof cases_of / sizeof *cases_of; i++) {
+    assert_int_equal(run_program("", g_calibrate, cases_of[i][0], text, sizeof text), 2);
+    assert_int_equal(lines_of(text), 1);
+    if (!strstr(text, cases_of[i][1])) fail_msg("'%s' was expected in: %s", cases_of[i][1], text);
+  }
+}
+
+// A disk that fills up while the points are written: one sentence, and no half a file.
+static void test_pose_full_disk(void **state) {
+  char text[4096], subview[600];
+  (void)state;
+  snprintf(subview, sizeof subview, "%.*s", (int)(strrchr(g_lab, '-') - g_lab), g_lab);
+  static const char shot[] = "capture --source sim:room,rig=stereo,path=handheld,arc=20,size=320x240 "
+                             "--exposures 4 --quiet --out cap >out.txt";
+  if (run_program("", subview, shot, text, sizeof text)) fail_msg("%s", text);
+  static const char pose[] = "pose --rig cap/rig --capture cap --quiet --out poses";
+  static const char limit[] = "sh -c 'trap \"\" XFSZ; ulimit -f 8; exec \"$@\"' sh"; // 4 or 8 kB
+  assert_int_equal(run_program(limit, g_calibrate, pose, text, sizeof text), 1);
+  assert_string_equal(text, "subview-calibrate: poses/points.ply: cannot write: File too large\n");
+  char folder_path[1024];
+  sv_names names;
+  sv_err err;
+  snprintf(folder_path, sizeof folder_path, "%s/poses", g_root);
+  assert_int_equal(sv_folder_list(folder_path, &names, &err), SV_OK);
+  assert_int_equal(names.n, 1);
+  assert_string_equal(names.names[0], "poses.json");
+  sv_names_free(&names);
+}
+
+static double checked_view_deg(const char *model, const char *intrinsics) {
+  char text[4096];
+  snprintf(text, sizeof text,
+           "{'lensmodel': '%s', 'intrinsics': [%s], 'extrinsics': [0,0,0,0,0,0], 'imagersize': [1000, 800]}",
+           model, intrinsics);
+  folder("rig");
+  put("rig/a.cameramodel", text);
+  put("rig/rig.json", "{\"version\": 1, \"name\": \"r\", \"forward\": \"direct\", \"sub_views\": "
+                      "[{\"name\": \"a\", \"model\": \"a.cameramodel\", \"camera\": 0}]}");
+  if (run_program("", g_calibrate, "check --rig rig --json --quiet", text, sizeof text)) fail_msg("%s", text);
+  return json_number("field_of_view_deg");
+}
+
+// A fisheye's field of view is not a pinhole's; where the lens does not reach the edges there is none.
+static void test_field_of_view(void **state) {
+  (void)state;
+  double pinhole = checked_view_deg("LENSMODEL_PINHOLE", "500,500,499.5,399.5"),
+         fisheye = checked_view_deg("LENSMODEL_KB4", "318.3098862,318.3098862,499.5,399.5,0,0,0,0"),
+         wider = checked_view_deg("LENSMODEL_KB4", "286.4788976,286.4788976,499.5,399.5,0,0,0,0");
+  assert_true(pinhole > 89.999 && pinhole < 90.001);
+  assert_true(fisheye > 179.999 && fisheye < 180.001);
+  assert_true(wider > 199.999 && wider < 200.001);
+  (void)checked_view_deg("LENSMODEL_KB4", "100,100,499.5,399.5,0,0,0,0"); // 286 degrees to each side
+  char *json = temp_folder_read(g_root, "out.txt");
+  assert_non_null(strstr(json, "\"field_of_view_deg\": null"));
+  free(json);
+}
+
 static bool started_from(const char *word) {
   char want[64], *text = temp_folder_read(g_root, "known_model/train.json");
   snprintf(want, sizeof want, "\"init\": \"%s\"", word);
@@ -472,6 +541,8 @@ static int set_up(void **state) {
   find_emulator(cwd);
   snprintf(g_lab, sizeof g_lab, "%s%s%.150s/subview-lab", *bin == '/' ? "" : cwd, *bin == '/' ? "" : "/",
            bin);
+  snprintf(g_calibrate, sizeof g_calibrate, "%.*s/subview-calibrate", (int)(strrchr(g_lab, '/') - g_lab),
+           g_lab);
   if (access(g_lab, X_OK) != 0) return 0;
   snprintf(g_root, sizeof g_root, "%.300s/lab-bad-XXXXXX", tmp ? tmp : "/tmp");
   if (!mkdtemp(g_root)) return -1;
@@ -488,11 +559,17 @@ static int tear_down(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_good_input), cmocka_unit_test(test_other_dataset),
-      cmocka_unit_test(test_bad_input),  cmocka_unit_test(test_model_file),
-      cmocka_unit_test(test_start),      cmocka_unit_test(test_names_of_bytes),
-      cmocka_unit_test(test_stop),       cmocka_unit_test(test_stopped_import)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_good_input),
+                                     cmocka_unit_test(test_other_dataset),
+                                     cmocka_unit_test(test_bad_input),
+                                     cmocka_unit_test(test_model_file),
+                                     cmocka_unit_test(test_start),
+                                     cmocka_unit_test(test_names_of_bytes),
+                                     cmocka_unit_test(test_calibrate_options),
+                                     cmocka_unit_test(test_field_of_view),
+                                     cmocka_unit_test(test_pose_full_disk),
+                                     cmocka_unit_test(test_stop),
+                                     cmocka_unit_test(test_stopped_import)};
   signal(SIGPIPE, SIG_IGN);
   if (set_up(NULL) != 0) return 1;
   if (access(g_lab, X_OK) != 0) {

@@ -45,7 +45,7 @@ static const sv_option table[] = {
     {"name", SV_OPT_TEXT, CAL_BOARD | CAL_LENSLETS, 0, AT(name), "NAME",
      "of the rig (the name of the folder)", 0, 0, 0},
     {"rig", SV_OPT_TEXT, CAL_CHECK, CAL_CHECK, AT(rig), "RIG", "rig: a folder with rig.json", 0, 0, 0},
-    {"threads", SV_OPT_INT, ALL, 0, AT(threads), "N", "threads (all CPUs)", 1, 64, 0},
+    {"threads", SV_OPT_INT, ALL & ~CAL_POSE, 0, AT(threads), "N", "threads (all CPUs)", 1, 64, 0},
     {"json", SV_OPT_FLAG, ALL, 0, AT(is_json), 0, "print one JSON object on stdout", 0, 0, 0},
     {"quiet", SV_OPT_FLAG, ALL, 0, AT(is_quiet), 0, "no progress on stderr", 0, 0, 0},
     {"out", SV_OPT_TEXT, CAL_BOARD | CAL_LENSLETS, CAL_BOARD | CAL_LENSLETS, AT(out), "RIG",
@@ -89,6 +89,8 @@ int cal_args_parse(const sv_tool_command *c, int argc, char **argv, cal_options 
   if (o->is_help || o->is_version) return e;
   if (e == CAL_EXIT_OK && (o->board != NULL) != (o->spacing_m >= 0))
     e = cal_usage(c->name, "--board and --spacing belong together");
+  if (e == CAL_EXIT_OK && o->board && (o->pitch_m >= 0 || o->focal_px >= 0)) // only lenslets has these
+    e = cal_usage(c->name, "--board excludes --pitch and --focal: the board tells both");
   return e != CAL_EXIT_OK ? e : parse_board(c, o);
 }
 
