@@ -47,7 +47,9 @@ sv_status sv_odometry_add(sv_odometry *o, const sv_exposures *pool, int e) {
 void sv_odometry_finish(sv_odometry *o, sv_exposures *pool) {
   sv_track_summary *s = &o->summary;
   sv_tracker_finish(&o->tracker, s);
-  o->is_tracked = !s->is_still && s->n_placed >= LEAST_PLACED && s->n_points >= LEAST_POINTS;
+  // Of a rig that stands, exposures that show something else are left out, not taken from the same place.
+  const bool is_whole = s->is_still && s->n_placed == s->n_exposures;
+  o->is_tracked = !is_whole && s->n_placed >= LEAST_PLACED && s->n_points >= LEAST_POINTS;
   if (!o->is_tracked) return;
   for (int e = 0; e < s->n_exposures; e++) {
     pool->exposure[e].rig_from_world = o->tracker.pose[e];

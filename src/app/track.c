@@ -9,6 +9,9 @@ static void tell(sv_app *app) {
   if (s->is_still) {
     sv_app_log(app, SV_LOG_INFO, "odometry: the rig stands still (the pictures move by %.2f px)",
                s->still_px);
+    if (s->n_placed < s->n_exposures)
+      sv_app_log(app, SV_LOG_WARN, "odometry: %d exposures show too little of what the first one does%s",
+                 s->n_exposures - s->n_placed, app->odometry.is_tracked ? " and are left out" : "");
     return;
   }
   if (!app->odometry.is_tracked) {
