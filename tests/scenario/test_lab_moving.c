@@ -89,6 +89,17 @@ static void test_plots(void **state) {
   says("ls g/plots; cat g/tables.md", "gnuplot was not there");
 }
 
+// A still model in the folder of a moving one, and a file of viewers beside a moving one, do not move.
+static void test_still_after_moving(void **state) {
+  (void)state;
+  lab_shell_need(&shell);
+  run_well("mkdir still && cp m/model.ply m/motion.bin still && "
+           "@ train --data s --transforms transforms_train_stereo.json --gaussians 60 --steps 3 --quiet --out still && "
+           "test ! -e still/motion.bin && @ export --model still/model.ply --format splat --out m/still.splat --quiet && "
+           "@ render --data s --transforms transforms_train_stereo.json --model still/model.ply --orbit 1 --out still/o && "
+           "@ render --data s --transforms transforms_train_stereo.json --model m/still.splat --orbit 1 --out still/p");
+}
+
 static void test_frames(void **state) {
   (void)state;
   lab_shell_need(&shell);
@@ -111,7 +122,8 @@ static void test_film(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_dataset), cmocka_unit_test(test_tables),
-                                     cmocka_unit_test(test_plots), cmocka_unit_test(test_frames),
+                                     cmocka_unit_test(test_plots), cmocka_unit_test(test_still_after_moving),
+                                     cmocka_unit_test(test_frames),
                                      cmocka_unit_test(test_film)};
   return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -451,8 +451,10 @@ static sv_status save(run *r, sv_err *err) {
                                 .up = sv_up_name(r->scene.up)};
   sv_status s = sv_path_join(path, sizeof path, r->o->out, "model.ply", err);
   if (s == SV_OK) s = lab_model_write(&r->plan.trainer.g, &notes, path, err);
-  if (s == SV_OK && sv_train_is_dynamic(&r->plan.trainer))
-    s = lab_motion_write(&r->plan.trainer.deform, &r->plan.trainer.g, path, err);
+  if (s == SV_OK)
+    s = sv_train_is_dynamic(&r->plan.trainer)
+            ? lab_motion_write(&r->plan.trainer.deform, &r->plan.trainer.g, path, err)
+            : lab_motion_remove(path, err);
   if (s == SV_OK) s = sv_path_join(path, sizeof path, r->o->out, "train.json", err);
   if (s != SV_OK) return s;
   lab_report_begin(&j);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "src/base/str.h"
 #include "src/deform/deform_file.h"
@@ -76,6 +78,14 @@ sv_status lab_motion_write(const sv_deform *d, const sv_gaussians *g, const char
   return s;
 }
 
+sv_status lab_motion_remove(const char *model_path, sv_err *err) {
+  char path[SV_CAP_PATH];
+  sv_status s = motion_path(path, model_path, err);
+  if (s == SV_OK && unlink(path) != 0 && errno != ENOENT)
+    return sv_fail(err, SV_E_IO, "%s: cannot be removed: %s", path, sv_linux_reason(errno));
+  return s;
+}
+
 sv_status lab_model_read(lab_model *m, const char *path, sv_err *err) {
   void *data;
   size_t bytes;
@@ -98,7 +108,7 @@ sv_status lab_model_read(lab_model *m, const char *path, sv_err *err) {
     return s;
   }
   sv_trainer *t = calloc(1, sizeof *t); // the digest is defined on a trainer's parameters
-  s = lab_motion_read(m, path, err);
+  if (is_ply) s = lab_motion_read(m, path, err); // other formats are still: what moves beside them is another model
   if (t) {
     t->g = m->g;
     t->deform = m->deform;
