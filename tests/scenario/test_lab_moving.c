@@ -61,6 +61,11 @@ static void test_tables(void **state) {
   says("wc -l < t/dynamic.csv", "7"); // the head, three devices in two forms of motion
   says("grep -c 'stereo,clip\\|phone,field' t/dynamic.csv", "2");
   says("head -1 t/dynamic.csv", "times dB over mono");
+  // Noise makes other runs, and reaches them; threads reach the scoring, too.
+  run_well("cp -r t u && @ tables --data s --steps 3 --gaussians 60 --noise shot=0.01 --threads 1 --out u --quiet");
+  says("grep -l '\"noise_shot\": 0.01' u/runs/*/train.json | wc -l", "6");
+  says("ls u/runs | wc -l", "12");
+  says("grep -l '\"threads\": 1[,}]' u/runs/*_noise_0_*/time.out.json | wc -l", "6");
 }
 
 // A bar for each device, a group for each form of motion; pictures where there is gnuplot, and the page shows them.

@@ -272,6 +272,16 @@ static void test_other_pictures(void **state) {
   assert_done(0, N_RUNS);
 }
 
+// Noise on the predicted measurements makes other runs than the same figures on the pictures:
+// here runs that this dataset has no measurements for.
+static void test_noise_is_a_setting(void **state) {
+  (void)state;
+  lab_shell_need(&shell);
+  assert_int_equal(
+      run("mkdir -p p && cp -r a/runs p && @ tables " SETTING " --noise prediction,read=0,shot=0 --out p"), 1);
+  assert_done(0, 0);
+}
+
 static void test_stop(void **state) {
   (void)state;
   lab_shell_need(&shell);
@@ -349,6 +359,7 @@ int main(void) {
                                      cmocka_unit_test(test_nothing_is_done_twice),
                                      cmocka_unit_test(test_damage),
                                      cmocka_unit_test(test_other_pictures),
+                                     cmocka_unit_test(test_noise_is_a_setting),
                                      cmocka_unit_test(test_stop),
                                      cmocka_unit_test(test_bad_input)};
   return cmocka_run_group_tests(tests, setup, teardown);

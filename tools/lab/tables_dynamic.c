@@ -26,6 +26,7 @@ typedef struct {
   row *rows;
   int n, i_now;
   const char *doing;
+  char threads[24]; // empty: all
   char out[16 << 10], folder[SV_CAP_PATH], log[SV_CAP_PATH], model[SV_CAP_PATH];
 } job;
 
@@ -63,14 +64,20 @@ static sv_status child(job *j, const char *name, char **argv, const char *doing,
   return s == SV_OK ? sv_file_write(path, j->out, strlen(j->out), err) : s;
 }
 
+// An option that was given is passed on; returns what follows it.
+static const char **pass_on(const char **to, const char *option, const char *value) {
+  if (!value || !*value) return to;
+  to[0] = option, to[1] = value, to[2] = NULL;
+  return to + 2;
+}
+
 static sv_status train(job *j, row *r, sv_err *err) {
   const tables *t = j->t;
-  char n_gaussians[24], n_steps[24], seed[24], threads[24];
+  char n_gaussians[24], n_steps[24], seed[24];
   snprintf(n_gaussians, sizeof n_gaussians, "%ld", t->n_gaussians);
   snprintf(n_steps, sizeof n_steps, "%ld", t->n_steps);
   snprintf(seed, sizeof seed, "%ld", t->seed);
-  snprintf(threads, sizeof threads, "%ld", t->o->threads);
-  const char *argv[] = {"subview-lab",  "train",
+  const char *argv[30] = {"subview-lab",  "train",
                         "--data",       t->scenes[r->i_scene].folder,
                         "--transforms", file_of(t, r->i_scene, r->device),
                         "--model",      "4dgs",
@@ -80,8 +87,11 @@ static sv_status train(job *j, row *r, sv_err *err) {
                         "--seed",       seed,
                         "--eval",       "--lpips",
                         "--json",       "--out",
-                        j->folder,      t->o->threads > 0 ? "--threads" : NULL,
-                        threads,        NULL};
+                        j->folder};
+  const char **more = argv;
+  while (*more) more++;
+  more = pass_on(more, "--noise", t->o->noise);
+  pass_on(more, "--threads", j->threads);
   sv_status s = child(j, "train.out.json", (char **)(uintptr_t)argv, "training", err);
   if (s == SV_OK) s = tables_result_train(&r->train, j->out, err);
   return s == SV_OK ? tables_result_eval(&r->novel, j->out, err) : s;
@@ -101,18 +111,29 @@ static sv_status score_time(job *j, row *r, sv_err *err) {
                         "test_time",
                         "--lpips",
                         "--json",
+                        *j->threads ? "--threads" : NULL,
+                        j->threads,
                         NULL};
   sv_status s = child(j, "time.out.json", (char **)(uintptr_t)argv, "scoring held-out times", err);
   return s == SV_OK ? tables_result_eval(&r->time, j->out, err) : s;
 }
 
+// What was made with other noise is another run's.
+static void name_run(const tables *t, const row *r, char *out, size_t cap) {
+  const tables_capture *c = &t->scenes[r->i_scene].of[r->device];
+  char noise[80] = "";
+  if (t->o->noise)
+    snprintf(noise, sizeof noise, "_noise%s_%.9g_%.9g", t->o->is_noise_on_prediction ? "_prediction" : "",
+             (double)t->o->noise_read, (double)t->o->noise_shot);
+  snprintf(out, cap, "runs/dynamic_%s_%s_%s_g%ld_s%ld_seed%ld%s_%08x", t->scenes[r->i_scene].name,
+           tables_device_names[r->device], mode_names[r->mode], t->n_gaussians, t->n_steps, t->seed, noise,
+           (unsigned)c->files[c->i_main].digest);
+}
+
 static sv_status measure(job *j, row *r, sv_err *err) {
   const tables *t = j->t;
-  const tables_capture *c = &t->scenes[r->i_scene].of[r->device];
-  char name[200];
-  snprintf(name, sizeof name, "runs/dynamic_%s_%s_%s_g%ld_s%ld_seed%ld_%08x", t->scenes[r->i_scene].name,
-           tables_device_names[r->device], mode_names[r->mode], t->n_gaussians, t->n_steps, t->seed,
-           (unsigned)c->files[c->i_main].digest);
+  char name[300];
+  name_run(t, r, name, sizeof name);
   sv_status s = sv_path_join(j->folder, sizeof j->folder, t->o->out, name, err);
   if (s == SV_OK) s = sv_path_make_folder(j->folder, err);
   if (s == SV_OK) s = sv_path_join(j->log, sizeof j->log, j->folder, "log.txt", err);
@@ -254,6 +275,7 @@ sv_status tables_dynamic(tables *t, int *n_runs, sv_err *err) {
     return sv_fail(err, SV_E_NOMEM, "no memory for the runs");
   }
   j->t = t;
+  if (t->o->threads > 0) snprintf(j->threads, sizeof j->threads, "%ld", t->o->threads);
   for (int i = 0; i < t->n_scenes; i++)
     for (int m = 0; m < N_MODES; m++)
       for (int d = 0; d < N_DEVICES; d++)
