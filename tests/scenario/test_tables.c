@@ -278,7 +278,8 @@ static void test_noise_is_a_setting(void **state) {
   (void)state;
   lab_shell_need(&shell);
   assert_int_equal(
-      run("mkdir -p p && cp -r a/runs p && @ tables " SETTING " --noise prediction,read=0,shot=0 --out p"), 1);
+      run("mkdir -p p && cp -r a/runs p && @ tables " SETTING " --noise prediction,read=0,shot=0 --out p"),
+      1);
   assert_done(0, 0);
 }
 

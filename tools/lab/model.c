@@ -108,7 +108,8 @@ sv_status lab_model_read(lab_model *m, const char *path, sv_err *err) {
     return s;
   }
   sv_trainer *t = calloc(1, sizeof *t); // the digest is defined on a trainer's parameters
-  if (is_ply) s = lab_motion_read(m, path, err); // other formats are still: what moves beside them is another model
+  if (is_ply)
+    s = lab_motion_read(m, path, err); // other formats are still: what moves beside them is another model
   if (t) {
     t->g = m->g;
     t->deform = m->deform;

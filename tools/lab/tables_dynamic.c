@@ -78,16 +78,16 @@ static sv_status train(job *j, row *r, sv_err *err) {
   snprintf(n_steps, sizeof n_steps, "%ld", t->n_steps);
   snprintf(seed, sizeof seed, "%ld", t->seed);
   const char *argv[30] = {"subview-lab",  "train",
-                        "--data",       t->scenes[r->i_scene].folder,
-                        "--transforms", file_of(t, r->i_scene, r->device),
-                        "--model",      "4dgs",
-                        "--motion",     mode_names[r->mode],
-                        "--gaussians",  n_gaussians,
-                        "--steps",      n_steps,
-                        "--seed",       seed,
-                        "--eval",       "--lpips",
-                        "--json",       "--out",
-                        j->folder};
+                          "--data",       t->scenes[r->i_scene].folder,
+                          "--transforms", file_of(t, r->i_scene, r->device),
+                          "--model",      "4dgs",
+                          "--motion",     mode_names[r->mode],
+                          "--gaussians",  n_gaussians,
+                          "--steps",      n_steps,
+                          "--seed",       seed,
+                          "--eval",       "--lpips",
+                          "--json",       "--out",
+                          j->folder};
   const char **more = argv;
   while (*more) more++;
   more = pass_on(more, "--noise", t->o->noise);

@@ -43,7 +43,8 @@ static void name_run(const tables *t, tables_run *r) {
       "noise %s%.9g %.9g; seed %ld; threads %s",
       sc->name, f->transforms, (unsigned long long)f->digest, (unsigned long long)sc->digest, s->n_exposures,
       s->n_gaussians, t->n_steps, s->is_cube ? "cube" : "sphere", s->is_tv_off ? "off" : "on",
-      t->o->is_noise_on_prediction ? "prediction " : "", (double)t->o->noise_read, (double)t->o->noise_shot, t->seed, threads);
+      t->o->is_noise_on_prediction ? "prediction " : "", (double)t->o->noise_read, (double)t->o->noise_shot,
+      t->seed, threads);
   uint64_t h = tables_hash(TABLES_HASH, r->settings, strlen(r->settings));
   snprintf(r->key, sizeof r->key, "%s_%s%s_e%d_g%ld_s%ld%s%s_%08x", sc->name, tables_device_names[s->device],
            angle, s->n_exposures, s->n_gaussians, t->n_steps, s->is_cube ? "_cube" : "",
