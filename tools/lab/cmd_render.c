@@ -111,7 +111,6 @@ static sv_status render_view(run *r, const sv_view *v, const char *name, sv_err 
   return r->o->has_depth ? write_depth(r, v, name, err) : SV_OK;
 }
 
-// A name for each view: that of its picture; with the camera's folder when two pictures share one.
 static void view_name(const run *r, int i, char *out, size_t cap) {
   if (r->o->frames > 0) {
     snprintf(out, cap, "frame_%04d", i);
@@ -121,14 +120,7 @@ static void view_name(const run *r, int i, char *out, size_t cap) {
     snprintf(out, cap, "orbit_%04d", i);
     return;
   }
-  const char *base = sv_path_name(r->views.frames[i].f.file_path);
-  bool is_unique = true;
-  for (int k = 0; k < r->views.n && is_unique; k++)
-    is_unique = k == i || !sv_str_eq(base, sv_path_name(r->views.frames[k].f.file_path));
-  snprintf(out, cap, "%s", is_unique ? base : r->views.frames[i].f.file_path);
-  out[strlen(out) - strlen(sv_path_extension(out))] = 0;
-  for (char *p = out; *p; p++)
-    if (*p == '/') *p = '_';
+  lab_view_name(&r->views, i, out, cap);
 }
 
 static sv_status prepare(run *r, lab_scene *scene, sv_err *err) {

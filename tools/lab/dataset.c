@@ -424,6 +424,17 @@ sv_status lab_views_open(lab_views *v, const lab_source *src, const sv_pool *poo
   return s;
 }
 
+void lab_view_name(const lab_views *v, int i, char *out, size_t cap) {
+  const char *base = sv_path_name(v->frames[i].f.file_path);
+  bool is_unique = true;
+  for (int k = 0; k < v->n && is_unique; k++)
+    is_unique = k == i || !sv_str_eq(base, sv_path_name(v->frames[k].f.file_path));
+  snprintf(out, cap, "%s", is_unique ? base : v->frames[i].f.file_path);
+  out[strlen(out) - strlen(sv_path_extension(out))] = 0;
+  for (char *p = out; *p; p++)
+    if (*p == '/') *p = '_';
+}
+
 void lab_views_free(lab_views *v) {
   free(v->frames);
   free(v->by_lens);

@@ -72,6 +72,8 @@ typedef struct {
 // Selects the frames, finds the files and reads their sizes; no picture is decoded. Free with lab_views_free.
 sv_status lab_views_open(lab_views *v, const lab_source *src, const sv_pool *pool, sv_err *err) SV_MUST_USE;
 void lab_views_free(lab_views *v);
+// A name for view i, without extension: that of its picture; with the camera's folder when two pictures share one.
+void lab_view_name(const lab_views *v, int i, char *out, size_t cap);
 // What a model is scored on: the paper's protocol is test_near for one exposure, which cannot see all of a
 // scene, and test for more.
 static inline const char *lab_default_split(int n_exposures) {

@@ -199,10 +199,10 @@ static sv_status lpips_slot(run *r, slot *s, const lab_frame *f, sv_err *err) {
   return st;
 }
 
-static sv_status write_panel(const run *r, const slot *s, const lab_frame *f, sv_err *err) {
+static sv_status write_panel(const run *r, const slot *s, int i_view, sv_err *err) {
   char path[SV_CAP_PATH], name[SV_CAP_PATH];
-  snprintf(name, sizeof name, "%s", sv_path_name(f->path));
-  name[strlen(name) - strlen(sv_path_extension(name))] = 0;
+  const lab_frame *f = &r->v->frames[i_view];
+  lab_view_name(r->v, i_view, name, sizeof name);
   if (snprintf(path, sizeof path, "%s/%s.png", r->job->panel_folder, name) >= (int)sizeof path)
     return sv_fail(err, SV_E_RANGE, "%s: the path is too long", f->path);
   size_t w = (size_t)f->view.width_px, h = (size_t)f->view.height_px, n = r->masks ? 3 : 2;
@@ -273,7 +273,7 @@ static sv_status batch(run *r, int n, lab_scores *out, sv_err *err) {
     const slot *sl = &r->slots[i];
     add_scores(out, sl, frame_of(r, i));
     if (r->job->panel_folder && is_panel(r, r->v->by_lens[r->i0 + i]) &&
-        (s = write_panel(r, sl, frame_of(r, i), err)) != SV_OK)
+        (s = write_panel(r, sl, r->v->by_lens[r->i0 + i], err)) != SV_OK)
       return s;
   }
   return SV_OK;
