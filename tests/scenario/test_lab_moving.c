@@ -62,7 +62,8 @@ static void test_tables(void **state) {
   says("grep -c 'stereo,clip\\|phone,field' t/dynamic.csv", "2");
   says("head -1 t/dynamic.csv", "times dB over mono");
   // Noise makes other runs, and reaches them; threads reach the scoring, too.
-  run_well("cp -r t u && @ tables --data s --steps 3 --gaussians 60 --noise shot=0.01 --threads 1 --out u --quiet");
+  run_well("cp -r t u && @ tables --data s --steps 3 --gaussians 60 --noise shot=0.01 --threads 1 --out u "
+           "--quiet");
   says("grep -l '\"noise_shot\": 0.01' u/runs/*/train.json | wc -l", "6");
   says("ls u/runs | wc -l", "12");
   says("grep -l '\"threads\": 1[,}]' u/runs/*_noise_0_*/time.out.json | wc -l", "6");
@@ -99,10 +100,14 @@ static void test_still_after_moving(void **state) {
   (void)state;
   lab_shell_need(&shell);
   run_well("mkdir still && cp m/model.ply m/motion.bin still && "
-           "@ train --data s --transforms transforms_train_stereo.json --gaussians 60 --steps 3 --quiet --out still && "
-           "test ! -e still/motion.bin && @ export --model still/model.ply --format splat --out m/still.splat --quiet && "
-           "@ render --data s --transforms transforms_train_stereo.json --model still/model.ply --orbit 1 --out still/o && "
-           "@ render --data s --transforms transforms_train_stereo.json --model m/still.splat --orbit 1 --out still/p");
+           "@ train --data s --transforms transforms_train_stereo.json --gaussians 60 --steps 3 --quiet "
+           "--out still && "
+           "test ! -e still/motion.bin && @ export --model still/model.ply --format splat --out "
+           "m/still.splat --quiet && "
+           "@ render --data s --transforms transforms_train_stereo.json --model still/model.ply --orbit 1 "
+           "--out still/o && "
+           "@ render --data s --transforms transforms_train_stereo.json --model m/still.splat --orbit 1 "
+           "--out still/p");
 }
 
 static void test_frames(void **state) {
@@ -123,12 +128,17 @@ static void test_film(void **state) {
     skip();
   }
   says("ffmpeg -v error -i f/movie.mp4 -f null - && ls f", "sheet.png");
+  // A shorter film in the same folder has no frames of the longer one.
+  run_well(
+      "@ render --data s --transforms transforms_train_stereo.json --model m/model.ply --frames 2 --out f");
+  says("ffmpeg -v error -i f/movie.mp4 -f framemd5 - | grep -vc '^#'", "2");
+  says("ffmpeg -v error -i f/sheet.png -f framemd5 - | grep '#dimensions'", " 96x36");
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dataset), cmocka_unit_test(test_tables),
-                                     cmocka_unit_test(test_plots), cmocka_unit_test(test_still_after_moving),
-                                     cmocka_unit_test(test_frames),
-                                     cmocka_unit_test(test_film)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_dataset), cmocka_unit_test(test_tables),
+      cmocka_unit_test(test_plots),   cmocka_unit_test(test_still_after_moving),
+      cmocka_unit_test(test_frames),  cmocka_unit_test(test_film)};
   return cmocka_run_group_tests(tests, setup, teardown);
 }
