@@ -245,12 +245,33 @@ static sv_status write_json(const lab_import *im, const char *path, sv_err *err)
   return s;
 }
 
+// One unit stands for all files, so they must have the same.
+static sv_status check_depth(const lab_import *im, sv_err *err) {
+  const lab_import_view *first = NULL;
+  for (int i = 0; i < im->n; i++) {
+    const lab_import_view *v = &im->views[i];
+    if (!*v->depth_source) continue;
+    if (!first) first = v;
+    if (v->depth_kind != first->depth_kind)
+      return sv_fail(err, SV_E_UNSUPPORTED,
+                     "%s: depth along the ray and %s: along the optical axis; one kind for all was expected",
+                     v->depth_kind == SV_DEPTH_RAY ? v->depth_source : first->depth_source,
+                     v->depth_kind == SV_DEPTH_RAY ? first->depth_source : v->depth_source);
+    if (v->depth_unit != first->depth_unit)
+      return sv_fail(err, SV_E_UNSUPPORTED,
+                     "%s: its unit of depth is %g and that of %s is %g; one for all was expected",
+                     v->depth_source, v->depth_unit, first->depth_source, first->depth_unit);
+  }
+  return SV_OK;
+}
+
 sv_status lab_import_write(lab_import *im, lab_session *se, const char *out, sv_err *err) {
   char images[SV_CAP_PATH], path[SV_CAP_PATH];
   for (int i = 0; i < im->n; i++)
     sv_make_utf8(im->views[i].name); // the file is called as transforms.json says
   if (im->n < 1) return sv_fail(err, SV_E_NOT_FOUND, "there are no views to import");
-  sv_status s = sv_path_join(images, sizeof images, out, "images", err);
+  sv_status s = check_depth(im, err);
+  if (s == SV_OK) s = sv_path_join(images, sizeof images, out, "images", err);
   if (s == SV_OK) s = sv_path_make_folder(images, err);
   if (s == SV_OK) s = copy_all(im, se, images, err);
   if (s == SV_OK) s = sv_path_join(path, sizeof path, out, "points3d.ply", err);
