@@ -264,12 +264,20 @@ sv_status lab_prior_begin(lab_prior *p, lab_session *se, const lab_options *o, c
   return s == SV_OK && p->method ? measure(p, bounds, scratch, err) : s;
 }
 
+// Calls stay at their places however late one is: those that are past by now are left out.
+static void plan_next(lab_prior *p, float progress) {
+  const bool is_second = p->o->prior_calls < 1 && p->n_calls == 1;
+  if (is_second) p->next = SECOND_CALL;
+  while (p->next <= progress) p->next += interval(p);
+}
+
 void lab_prior_tick(lab_prior *p, float progress) {
   sv_err err = {0};
   const int before = p->n_pictures + p->n_depths;
   if (!p->command || p->is_off || progress < p->next) return;
-  const bool is_second = p->o->prior_calls < 1 && p->n_calls == 1;
-  p->next = is_second ? SECOND_CALL : progress + interval(p);
+  if (p->o->prior_calls > 0 && p->n_calls > p->o->prior_calls)
+    return; // the place after the last may round to the end
+  plan_next(p, progress);
   sv_status s = call_for_views(p, progress, &err);
   if (s == SV_OK && p->n_pictures + p->n_depths == before)
     lab_say(p->session, "%s: call %d answered nothing", p->folder, p->n_calls - 1);
