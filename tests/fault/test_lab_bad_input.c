@@ -359,7 +359,6 @@ static double json_number(const char *key) {
   return v;
 }
 
-// Options of subview-calibrate that would do nothing are refused.
 static void test_calibrate(void **state) {
   static const char *const cases_of[][2] = {
       {"pose --rig r --capture c --out o --threads 2", "--threads"},
