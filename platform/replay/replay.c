@@ -227,7 +227,7 @@ static int next_camera(const sv_replay *r) {
 }
 
 static sv_status read_file(sv_replay *r, int c, const char *name, size_t *bytes) {
-  int fd = openat(r->cameras[c].dir_fd, name, O_RDONLY | O_CLOEXEC);
+  int fd = openat(r->cameras[c].dir_fd, name, O_RDONLY | O_NONBLOCK | O_CLOEXEC); // a pipe would hold it up
   const char *folder = r->capture.cameras[c].folder;
   if (fd < 0)
     return sv_fail(&r->last_err, SV_E_NOT_FOUND, "%s/%s: cannot be read: %s", folder, name,
@@ -243,6 +243,7 @@ static sv_status read_file(sv_replay *r, int c, const char *name, size_t *bytes)
   close(fd);
   *bytes = got;
   if (n < 0) return sv_fail(&r->last_err, SV_E_IO, "%s/%s: reading failed", folder, name);
+  if (got == 0) return sv_fail(&r->last_err, SV_E_FORMAT, "%s/%s: is empty", folder, name);
   if (got > r->cap_file)
     return sv_fail(&r->last_err, SV_E_RANGE, "%s/%s: has grown since the start", folder, name);
   return SV_OK;

@@ -65,8 +65,9 @@ typedef struct {
 } sv_options;
 
 // Parses argv[0..argc), the words after the command, into the struct at `to`, which holds the caller's defaults.
-// A value that begins with "--" takes the form "--name=value". Strings stay where argv has them; of an option given twice the last counts. With --help or -h nothing else
-// is looked at; with --version nothing is required. SV_OPTIONS_OK, or SV_OPTIONS_USAGE after one line on stderr.
+// A value that begins with "--" takes the form "--name=value". Strings stay where argv has them; of an option given
+// twice the last counts. With --help or -h nothing else is looked at; with --version nothing is required.
+// SV_OPTIONS_OK, or SV_OPTIONS_USAGE after one line on stderr.
 int sv_options_parse(const sv_options *s, const sv_tool_command *c, int argc, char **argv,
                      void *to) SV_MUST_USE;
 void sv_options_help(const sv_options *s, const sv_tool_command *c); // on stdout
