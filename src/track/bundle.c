@@ -33,7 +33,7 @@ sv_status sv_bundle_init(sv_bundle *b, const sv_bundle_cfg *cfg, sv_arena *a) {
   b->g = SV_TAKE(a, double, n);
   b->step = SV_TAKE(a, double, n);
   b->block_of = SV_TAKE(a, int, n_blocks);
-  b->local = SV_TAKE(a, int, n_blocks);
+  b->is_seen = SV_TAKE(a, int, n_blocks);
   b->in_use = SV_TAKE(a, int, n_blocks);
   b->w = sv_arena_take(a, n_blocks, sizeof *b->w);
   return a->status;
@@ -381,12 +381,19 @@ sv_status sv_bundle_solve(sv_bundle *b, const sv_bundle_options *o, sv_bundle_re
 double sv_bundle_scale_sigma(sv_bundle *b, const sv_bundle_options *o) {
   sv_bundle_result m;
   double mean[3] = {0}, spread = 0, c[3], e[3], var = 0;
+  int *is_seen = b->is_seen, n_seen = 0; // poses without observations are not on the way
   number_blocks(b, o);
+  memset(is_seen, 0, (size_t)b->n_poses * sizeof *is_seen);
+  for (int i = 0; i < b->first[b->n_points]; i++)
+    if (b->obs[i].weight != 0) is_seen[b->obs[i].i_pose] = 1;
+  for (int i = 0; i < b->n_poses; i++) n_seen += is_seen[i];
   for (int i = 0; i < b->n_poses; i++) {
+    if (!is_seen[i]) continue;
     sv_pose_centre(c, &b->pose[i]);
-    for (int k = 0; k < 3; k++) mean[k] += c[k] / b->n_poses;
+    for (int k = 0; k < 3; k++) mean[k] += c[k] / n_seen;
   }
   for (int i = 0; i < b->n_poses; i++) {
+    if (!is_seen[i]) continue;
     sv_pose_centre(c, &b->pose[i]);
     sv_sub3(e, c, mean);
     spread += sv_dot3(e, e);
@@ -396,7 +403,7 @@ double sv_bundle_scale_sigma(sv_bundle *b, const sv_bundle_options *o) {
   // d log(size) by the twists: a place moves by -R^T v, rotations leave it.
   memset(b->step, 0, (size_t)b->n_params * sizeof *b->step);
   for (int i = 0; i < b->n_poses; i++) {
-    if (b->block_of[i] < 0) continue;
+    if (b->block_of[i] < 0 || !is_seen[i]) continue;
     sv_pose_centre(c, &b->pose[i]);
     sv_sub3(e, c, mean);
     sv_apply33(e, b->pose[i].r, e);

@@ -59,7 +59,8 @@ typedef struct {
   double (*point_kept)[3], (*point_step)[3];
   double *s, *g, *step; // [n n] reduced system, lower triangle; [n]
   int *block_of;        // [cap_poses + cap_cameras] block of a pose or camera in s, -1: fixed
-  int *local, *in_use;  // [cap_poses + cap_cameras] of the point at hand
+  int *is_seen;         // [cap_poses + cap_cameras] which poses have observations, for the scale
+  int *in_use;          // [cap_poses + cap_cameras] of the point at hand
   double (*w)[18];      // [cap_poses + cap_cameras] 6x3 blocks of the point at hand
   int n_params;
   double lambda;
@@ -77,8 +78,9 @@ typedef struct {
 sv_status sv_bundle_solve(sv_bundle *b, const sv_bundle_options *o, sv_bundle_result *out) SV_MUST_USE;
 
 // Relative standard deviation of the trajectory's size (root mean square distance of the rig's places from their
-// mean) at the solution: from the reduced system's inverse, scaled by the residuals. It is what the rig's
-// baseline tells about scale; without a baseline it is infinite, which comes back as -1.
+// mean, poses without observations left out) at the solution: from the reduced system's inverse, scaled by the
+// residuals. It is what the rig's baseline tells about scale; without a baseline, or with fewer than two places, it is
+// infinite, which comes back as -1.
 double sv_bundle_scale_sigma(sv_bundle *b, const sv_bundle_options *o);
 
 // --- pieces, for tests ---------------------------------------------------------------------------

@@ -330,13 +330,21 @@ static double path_length(const sv_tracker *t) {
 // All exposures at once, or as many as fit, each part held by the end of the last.
 static void adjust_all(sv_tracker *t, sv_track_summary *out) {
   int n = t->n_exposures, cap = SV_TRACK_CAP_BUNDLE, held = cap / 6;
-  for (int round = 0; round < FINAL_ROUNDS; round++)
+  for (int round = 0; round < FINAL_ROUNDS; round++) {
+    double sum = 0, n_obs = 0;
     for (int at = 0; at == 0 || at + held < n; at += cap - held) {
       int size = sv_mini(cap, n - at);
       bool is_free = t->cfg.has_extrinsics && n <= cap;
       sv_bundle_result r = sv_track_adjust(t, at, size, at ? held : 1, FINAL_ITER, is_free);
-      out->rms_px = r.rms_px;
+      sum += r.n_obs * r.rms_px * r.rms_px, n_obs += r.n_obs;
     }
+    out->rms_px = n_obs > 0 ? sqrt(sum / n_obs) : 0;
+  }
+  // The scale is one: what the part knows that knows it best. Held poses would seem to know it exactly.
+  for (int at = 0; t->n_views > 1 && (at == 0 || at + held < n); at += cap - held) {
+    double sigma = sv_track_scale_sigma(t, at, sv_mini(cap, n - at));
+    if (sigma >= 0 && (out->scale_sigma < 0 || sigma < out->scale_sigma)) out->scale_sigma = sigma;
+  }
   // Points that were followed without depth may have one now, for the cloud.
   for (int i = 0; i < t->n_points; i++)
     if (!t->point[i].has_depth && t->point[i].first_obs != t->point[i].last_obs)
@@ -357,13 +365,8 @@ void sv_tracker_finish(sv_tracker *t, sv_track_summary *out) {
   out->still_px = t->still_px;
   out->is_still = t->i_last >= 0 && t->is_placed[0] && t->still_px >= 0 && t->still_px < STILL_PX;
   out->scale_sigma = -1;
-  if (out->is_still) {
-    stand_still(t, out);
-  } else if (t->i_last >= 0) {
-    adjust_all(t, out);
-    sv_bundle_options o = {.huber_px = 1, .is_extrinsics = false, .sigma_rot_rad = 1, .sigma_trans_m = 1};
-    if (t->n_views > 1 && t->n_exposures > 1) out->scale_sigma = sv_bundle_scale_sigma(&t->bundle, &o);
-  }
+  if (out->is_still) stand_still(t, out);
+  else if (t->i_last >= 0) adjust_all(t, out);
   for (int i = 0; i < t->n_exposures; i++) out->n_placed += t->is_placed[i];
   for (int i = 0; i < t->n_points; i++) out->n_points += t->point[i].has_depth;
   out->path_m = path_length(t);

@@ -77,7 +77,7 @@ typedef struct {
   bool is_still;   // nothing moved in the pictures: all poses are the same, and placed is what tells a way
   double still_px; // the largest way from exposure 0 that three of ten places keep within, -1: none tells it
   double rms_px;   // reprojection, one axis
-  double scale_sigma; // relative standard deviation of the scale, -1: the rig does not tell it
+  double scale_sigma; // relative standard deviation of the scale, of a long way's best part; -1: the rig does not tell it
   double path_m;      // sum of the ways between exposures placed
 } sv_track_summary;
 
@@ -178,6 +178,8 @@ int32_t sv_track_add_obs(sv_tracker *t, int32_t i_point, int i_exposure, int i_v
 // Adjusts exposures [first, first + n), those before first + n_fixed and unplaced ones held (window.c).
 sv_bundle_result sv_track_adjust(sv_tracker *t, int first, int n, int n_fixed, int max_iterations,
                                  bool is_extrinsics);
+// How well exposures [first, first + n) tell the scale by themselves: sv_bundle_scale_sigma.
+double sv_track_scale_sigma(sv_tracker *t, int first, int n);
 
 #ifdef __cplusplus
 }

@@ -110,3 +110,9 @@ sv_bundle_result sv_track_adjust(sv_tracker *t, int first, int n, int n_fixed, i
   take_back(t, first);
   return r;
 }
+
+double sv_track_scale_sigma(sv_tracker *t, int first, int n) {
+  sv_bundle_options o = options(t, 0, false);
+  fill(t, first, n, 1);
+  return sv_bundle_scale_sigma(&t->bundle, &o);
+}

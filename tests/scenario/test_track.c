@@ -14,7 +14,8 @@
 #include "src/track/tracker.h"
 #include "tests/common/world.h"
 
-#define CAP_EXPOSURES 60
+#define CAP_EXPOSURES 100
+#define N_HANDHELD    60
 #define NOISE         ",noise=read:1e-5:shot:1e-3" // about ISO 1600 of a small sensor
 
 static world w;
@@ -110,17 +111,32 @@ static void test_handheld(void **state) {
       {"room,rig=phone,path=handheld,size=320x240" NOISE, 0.25, 0.02},
   };
   for (size_t i = 0; i < sizeof runs / sizeof *runs; i++) {
-    outcome o = track(runs[i].spec, CAP_EXPOSURES, ~0u);
+    outcome o = track(runs[i].spec, N_HANDHELD, ~0u);
     print_message("%s: %d placed, %.3f %% of %.1f m, scale off by %.3f %%, told %.3f %%, %.2f px\n",
                   runs[i].spec, o.s.n_placed, o.ate_percent, o.s.path_m, 100 * o.scale_error,
                   100 * o.s.scale_sigma, o.s.rms_px);
-    assert_int_equal(o.s.n_placed, CAP_EXPOSURES);
+    assert_int_equal(o.s.n_placed, N_HANDHELD);
     assert_false(o.s.is_still);
     assert_true(o.ate_percent < runs[i].ate_percent);
     assert_true(fabs(o.scale_error) < runs[i].scale);
     assert_true(o.s.scale_sigma > 0 && o.s.scale_sigma < 0.02);
     assert_true(o.s.n_points > 500);
   }
+}
+
+// More exposures than are adjusted together, and the last part of them sees nothing: the scale is as well known as
+// without those.
+static void test_long(void **state) {
+  (void)state;
+  outcome o[2];
+  for (int i = 0; i < 2; i++) {
+    o[i] = track_covered("room,rig=stereo,angle=2,path=smooth,arc=40,exposures=30,size=320x240" NOISE,
+                         i ? CAP_EXPOSURES : 12, ~0u, 12, CAP_EXPOSURES - 12);
+    print_message("%d exposures, 12 of them seen: scale told +- %.3f %%, %.3f px\n", i ? CAP_EXPOSURES : 12,
+                  100 * o[i].s.scale_sigma, o[i].s.rms_px);
+    assert_true(o[i].s.n_placed == 12 && o[i].s.scale_sigma > 0 && o[i].s.rms_px > 0.05);
+  }
+  assert_true(fabs(o[1].s.scale_sigma / o[0].s.scale_sigma - 1) < 0.2);
 }
 
 // A rig with hardly any baseline says so; one camera alone is not placed.
@@ -249,7 +265,8 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_handheld),  cmocka_unit_test(test_small_baseline),
       cmocka_unit_test(test_still),     cmocka_unit_test(test_still_covered),
-      cmocka_unit_test(test_same_bits), cmocka_unit_test(test_run),
+      cmocka_unit_test(test_same_bits), cmocka_unit_test(test_long),
+      cmocka_unit_test(test_run),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

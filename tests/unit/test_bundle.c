@@ -310,6 +310,21 @@ static void test_scale_sigma(void **state) {
   print_message("scale: told %.5f and %.5f, seen %.5f and %.5f\n", told[0], told[1], seen[0], seen[1]);
   for (int c = 0; c < 2; c++) assert_true(told[c] > 0.7 * seen[c] && told[c] < 1.4 * seen[c]);
   assert_true(told[1] > 2 * told[0]);
+  // A pose that saw nothing, wherever it is, says nothing.
+  double near = 0;
+  for (int is_far = 0; is_far < 2; is_far++) {
+    make_problem(0.2, 0.2);
+    for (int i = 0; i < b.first[N_POINTS]; i++)
+      if (b.obs[i].i_pose == N_POSES - 1) b.obs[i].weight = 0;
+    b.is_fixed[N_POSES - 1] = true;
+    if (is_far) b.pose[N_POSES - 1].t[0] = 1000;
+    double sigma = sv_bundle_scale_sigma(&b, &plain);
+    if (!is_far) near = sigma;
+    assert_true(sigma > 0 && sigma == near);
+  }
+  // Nor do places tell a size that are one.
+  for (int i = 0; i < b.first[N_POINTS]; i++) b.obs[i].weight *= b.obs[i].i_pose == 0;
+  assert_true(sv_bundle_scale_sigma(&b, &plain) == -1);
 }
 
 // --- absolute pose -------------------------------------------------------------------------------
