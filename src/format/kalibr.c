@@ -11,8 +11,8 @@ typedef enum { K_MODEL, K_INTRINSICS, K_LENS, K_COEFFS, K_SIZE, K_POSE, N_KEYS, 
 
 static const struct {
   const char *name;
-  int n; // numbers, 0: a word
-} keys[N_KEYS] = {{"camera_model", 0},      {"intrinsics", 5}, {"distortion_model", 0},
+  int n; // numbers, those of lenses that are refused with their names included; 0: a word
+} keys[N_KEYS] = {{"camera_model", 0},      {"intrinsics", 6}, {"distortion_model", 0},
                   {"distortion_coeffs", 5}, {"resolution", 2}, {"T_cn_cnm1", 16}};
 
 typedef struct {
@@ -24,7 +24,7 @@ typedef struct {
   int i_camera, indent; // -1: none yet; of its keys, 0: not known yet
   int n[N_KEYS];        // values that each key has; -1: the key was not there
   char model[24], lens[24];
-  double intrinsics[5], coeffs[5], size[2], pose[16];
+  double intrinsics[6], coeffs[5], size[2], pose[16];
   // The entry being read
   key at;
   int line, depth; // where it began; open brackets

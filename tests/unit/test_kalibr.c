@@ -106,6 +106,7 @@ static void test_refused(void **state) {
       {"cam0: {a: 1}\n", "lines of their own", SV_E_FORMAT},
       {"hello\n", "chain.yaml:1: cam0:", SV_E_FORMAT},
       {ONE("omni", "[0,0,0,0]", "radtan", "[1,1,1,1,1]", "[4,3]"), "omni is not supported", SV_E_UNSUPPORTED},
+      {ONE("ds", "[]", "none", "[0,0,1,1,1,1]", "[4,3]"), "ds is not supported", SV_E_UNSUPPORTED},
       {ONE("pinhole", "[0]", "fov", "[1,1,1,1]", "[4,3]"), "fov is not supported", SV_E_UNSUPPORTED},
       {ONE("pinhole", "[0,0,0]", "radtan", "[1,1,1,1]", "[4,3]"), "there are 4, 3 and 2", SV_E_FORMAT},
       {ONE("pinhole", "[0,0,0,0]", "radtan", "[1,1,1]", "[4,3]"), "there are 3, 4 and 2", SV_E_FORMAT},
