@@ -33,9 +33,9 @@ bool sv_kb4_project(const sv_camera_model *m, const double x_cam[3], double uv[2
   if (!(n2 > 0 && n2 < 1e300)) return false;
   double t = sv_atan2(r, z);
   // On the axis behind the camera there is no direction to go.
-  if ((r2 < 1e-30 * n2 && z < 0) || !is_growing(k, t)) return false;
-  radial g = radial_at(k, t);
   bool is_axis = r2 < 1e-24 * n2;
+  if ((is_axis && z < 0) || !is_growing(k, t)) return false;
+  radial g = radial_at(k, t);
   double a = is_axis ? 1 / z : g.d / r; // d(t) / r
   uv[0] = fx * a * x + m->p[2];
   uv[1] = fy * a * y + m->p[3];
