@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The step between capture and training of a run whose source tells no poses.
 #include "src/app/app.h"
+#include "src/base/str.h"
 
 #define SCALE_DOUBT 0.02 // a relative standard deviation of the scale that is worth a warning
 
@@ -25,10 +26,11 @@ static void tell(sv_app *app) {
             : "expected a textured scene, and exposures at most about 12 degrees apart on the rig's way");
     return;
   }
+  char scale[32] = "unknown";
+  if (s->scale_sigma >= 0) sv_fmt(scale, sizeof scale, "+- %.2f %%", 100 * s->scale_sigma);
   sv_app_log(app, SV_LOG_INFO,
-             "odometry: %d of %d exposures placed on a way of %.2f m, %d points, reprojection %.2f px, scale "
-             "+- %.2f %%",
-             s->n_placed, s->n_exposures, s->path_m, s->n_points, s->rms_px, 100 * s->scale_sigma);
+             "odometry: %d of %d exposures placed on a way of %.2f m, %d points, reprojection %.2f px, scale %s",
+             s->n_placed, s->n_exposures, s->path_m, s->n_points, s->rms_px, scale);
   if (s->n_placed < s->n_exposures)
     sv_app_log(
         app, SV_LOG_WARN,

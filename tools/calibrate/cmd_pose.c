@@ -9,6 +9,7 @@
 #include "platform/linux/linux.h"
 #include "platform/replay/replay.h"
 #include "src/app/odometry.h"
+#include "src/base/str.h"
 #include "src/format/rig_file.h"
 #include "src/sync/intake.h"
 #include "tools/calibrate/calibrate.h"
@@ -207,10 +208,12 @@ static void tell(const cal_options *o, const sv_track_summary *m) {
     printf("the rig stands still (background moves by %.2f px): %d exposures, %d points, reprojection RMS "
            "%.2f px\n",
            m->still_px, m->n_exposures, m->n_points, m->rms_px);
-  else
-    printf("%d of %d exposures placed on a way of %.3f m, %d points, reprojection RMS %.2f px, scale +- %.2f "
-           "%%\n",
-           m->n_placed, m->n_exposures, m->path_m, m->n_points, m->rms_px, 100 * m->scale_sigma);
+  else {
+    char scale[32] = "unknown";
+    if (m->scale_sigma >= 0) sv_fmt(scale, sizeof scale, "+- %.2f %%", 100 * m->scale_sigma);
+    printf("%d of %d exposures placed on a way of %.3f m, %d points, reprojection RMS %.2f px, scale %s\n",
+           m->n_placed, m->n_exposures, m->path_m, m->n_points, m->rms_px, scale);
+  }
   if (!m->is_still && (m->scale_sigma < 0 || m->scale_sigma > 0.02))
     printf("warning: the rig's baseline is too small for this scene to tell its size well\n");
   if (m->n_placed < m->n_exposures)
