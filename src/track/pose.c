@@ -133,8 +133,13 @@ static void nearest_rotation(double r[9], const double m[9]) {
                   yz - zy,      xx - yy - zz, xy + yx,      zx + xz, //
                   zx - xz,      xy + yx,      yy - xx - zz, yz + zy, //
                   xy - yx,      zx + xz,      yz + zy,      zz - xx - yy};
-  double shift = 0, q[4] = {1, 0.01, 0.02, 0.03};
+  double shift = 0, q[4];
+  int best = 0;
   for (int i = 0; i < 9; i++) shift += fabs(m[i]);
+  // A fixed start would be at right angles to the eigenvector of some turn; the column of the largest term is not.
+  for (int i = 1; i < 4; i++)
+    if (n[5 * i] > n[5 * best]) best = i;
+  for (int i = 0; i < 4; i++) q[i] = n[4 * i + best] + (i == best ? shift : 0);
   for (int it = 0; it < 2000; it++) {
     double v[4], len = 0, change = 0;
     for (int i = 0; i < 4; i++) {

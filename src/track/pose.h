@@ -45,7 +45,7 @@ typedef struct {
 int sv_pose_find(sv_pose_problem *p, sv_pose *rig_from_world);
 
 // The similarity that takes the places of trajectory a to those of b: x_b = s R x_a + t in the least squares
-// sense (Umeyama 1991), where R comes from the rig's orientations as well, so that a straight path is enough.
+// sense (Umeyama 1991), where R is that between the rig's orientations, so that a straight path is enough.
 // Poses are rig_from_world. n >= 1; s is 1 with has_scale false or when a does not move.
 typedef struct {
   double s, r[9], t[3];

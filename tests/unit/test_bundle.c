@@ -378,6 +378,16 @@ static void test_alignment(void **state) {
   // One pose alone, and a straight way, are enough.
   found = sv_align_trajectories(true_pose, moved, 1, true);
   for (int i = 0; i < 9; i++) assert_true(fabs(found.r[i] - q.r[i]) < 1e-9);
+  // Half turns about whatever axis.
+  for (int c = 1; c < 27; c++) {
+    double axis[3] = {c % 3 - 1, c / 3 % 3 - 1, c / 9 - 1}, len = sv_norm3(axis);
+    if (len == 0) continue;
+    for (int i = 0; i < 3; i++) w[i] = SV_PI * axis[i] / len;
+    sv_rodrigues(q.r, w);
+    for (int i = 0; i < N_POSES; i++) moved[i] = sv_similarity_apply(&q, &true_pose[i]);
+    found = sv_align_trajectories(true_pose, moved, N_POSES, true);
+    for (int i = 0; i < 9; i++) assert_true(fabs(found.r[i] - q.r[i]) < 1e-9);
+  }
 }
 
 int main(void) {
