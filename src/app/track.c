@@ -28,9 +28,10 @@ static void tell(sv_app *app) {
   }
   char scale[32] = "unknown";
   if (s->scale_sigma >= 0) sv_fmt(scale, sizeof scale, "+- %.2f %%", 100 * s->scale_sigma);
-  sv_app_log(app, SV_LOG_INFO,
-             "odometry: %d of %d exposures placed on a way of %.2f m, %d points, reprojection %.2f px, scale %s",
-             s->n_placed, s->n_exposures, s->path_m, s->n_points, s->rms_px, scale);
+  sv_app_log(
+      app, SV_LOG_INFO,
+      "odometry: %d of %d exposures placed on a way of %.2f m, %d points, reprojection %.2f px, scale %s",
+      s->n_placed, s->n_exposures, s->path_m, s->n_points, s->rms_px, scale);
   if (s->n_placed < s->n_exposures)
     sv_app_log(
         app, SV_LOG_WARN,

@@ -77,7 +77,7 @@ typedef struct {
   bool is_still;   // nothing moved in the pictures: all poses are the same, and placed is what tells a way
   double still_px; // the largest way from exposure 0 that three of ten places keep within, -1: none tells it
   double rms_px;   // reprojection, one axis
-  double scale_sigma; // relative standard deviation of the scale, of a long way's best part; -1: the rig does not tell it
+  double scale_sigma; // relative deviation (1 sigma) of the scale, by the part that tells it best; -1: none
   double path_m;      // sum of the ways between exposures placed
 } sv_track_summary;
 

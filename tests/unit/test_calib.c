@@ -181,9 +181,10 @@ static void test_kb4(void **state) {
   double back[3] = {0, 0, -1}, zero[3] = {0, 0, 0}, bad[2] = {NAN, 0};
   assert_false(sv_model_project(&m, back, uv, NULL, NULL));
   sv_camera_model whole = {SV_MODEL_KB4, 2000, 2000, {300, 300, 1000, 1000}}; // d = t as far as 180 degrees
-  for (double off = 1e-16; off < 1e-2; off *= 10) { // right behind: at the rim or nowhere, never in the middle
+  for (double off = 1e-16; off < 1e-2; off *= 10) { // right behind: at the rim or nowhere, not in the middle
     double x[3] = {off, 0, -1};
-    if (sv_model_project(&whole, x, uv, NULL, NULL)) assert_true(fabs(uv[0] - (1000 + 300 * (M_PI - off))) < 1e-3);
+    if (sv_model_project(&whole, x, uv, NULL, NULL))
+      assert_true(fabs(uv[0] - (1000 + 300 * (M_PI - off))) < 1e-3);
   }
   assert_false(sv_model_project(&m, zero, uv, NULL, NULL));
   assert_false(sv_model_unproject(&m, bad, ray));
