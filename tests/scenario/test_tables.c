@@ -272,15 +272,22 @@ static void test_other_pictures(void **state) {
   assert_done(0, N_RUNS);
 }
 
-// Noise on the predicted measurements makes other runs than the same figures on the pictures:
-// here runs that this dataset has no measurements for.
+// Noise on the predicted measurements makes other runs than the same figures on the pictures, and none of the devices
+// that have pictures only.
 static void test_noise_is_a_setting(void **state) {
   (void)state;
   lab_shell_need(&shell);
+  run_well("mkdir -p p && cp -r a/runs p && @ tables " SETTING " --noise prediction,read=0,shot=0 --out p");
+  assert_int_equal(count(shell.said, "other devices are left out"), 1);
+  assert_int_equal(count(shell.said, ", 0 of them done before"), 1);
+  assert_true(count(shell.said, "PSNR") > 0 &&
+              count(shell.said, "PSNR") == count(shell.said, "s, multiplexed"));
+  run_well("grep -l 'noise_on_prediction\": true' p/runs/*/train.json");
   assert_int_equal(
-      run("mkdir -p p && cp -r a/runs p && @ tables " SETTING " --noise prediction,read=0,shot=0 --out p"),
+      run("mkdir -p q/s && cp -r ../s/* q/s && rm q/s/*multiplexed* && @ tables --data q/s --quick "
+          "--noise prediction,read=0,shot=0 --out p2"),
       1);
-  assert_done(0, 0);
+  assert_int_equal(count(shell.said, "no transforms_train_multiplexed.json"), 1);
 }
 
 static void test_stop(void **state) {

@@ -24,11 +24,31 @@ static sv_status know_program(tables *t, sv_err *err) {
   return s;
 }
 
+// Noise on the prediction is for multiplexed measurements, and its figures mean another thing than noise on pictures.
+static sv_status leave_multiplexed(tables *t, sv_err *err) {
+  int n_multiplexed = 0, n_others = 0;
+  for (int i = 0; i < t->n_scenes; i++)
+    for (int d = 0; d < TABLES_N_DEVICES; d++) {
+      int *n = &t->scenes[i].of[d].n;
+      *(d == TABLES_MULTIPLEXED ? &n_multiplexed : &n_others) += *n;
+      if (d != TABLES_MULTIPLEXED) *n = 0;
+    }
+  if (!n_multiplexed)
+    return sv_fail(err, SV_E_ARG,
+                   "%s: no transforms_train_multiplexed.json; --noise prediction is for those measurements, "
+                   "expected read=V,shot=V",
+                   t->o->data);
+  if (n_others)
+    lab_say(&t->session, "--noise prediction is for multiplexed measurements: other devices are left out");
+  return SV_OK;
+}
+
 static sv_status work(tables *t, sv_err *err) {
   bool has_plots = false;
   sv_status s = sv_linux_catch_signals(err);
   if (s == SV_OK) s = know_program(t, err);
   if (s == SV_OK) s = tables_scan(t, t->o->data, err);
+  if (s == SV_OK && t->o->is_noise_on_prediction) s = leave_multiplexed(t, err);
   int n_dynamic = 0;
   for (int i = 0; s == SV_OK && i < t->n_scenes; i++) n_dynamic += t->scenes[i].is_dynamic;
   if (n_dynamic > 0 && n_dynamic < t->n_scenes)
