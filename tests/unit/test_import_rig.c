@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Rigs at import: COLMAP models whose frames place images that are not registered, and poses of one camera that
-// place all sub-views of a rig.
+// place all sub-views of a rig. Which frames of several files, with and without marks, a split is.
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -36,6 +36,12 @@ static void put_picture(const char *name, int value) {
   memset(b.u8, value, 16 * 12 * 3);
   assert_int_equal(sv_bitmap_write_png(path, &b, &err), SV_OK);
   sv_bitmap_free(&b);
+}
+
+static int unlink_in(const char *name) {
+  char path[400];
+  snprintf(path, sizeof path, "%s/%s", folder, name);
+  return remove(path);
 }
 
 static const lab_frame *view_of(const lab_views *v, const char *name) {
@@ -184,6 +190,8 @@ static void put_rig(void) {
   if (lab_rig_write(&rig, path, &err) != SV_OK) fail_msg("%s", err.text);
 }
 
+#define EYE "\"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]"
+
 // OpenGL's camera-to-world: the camera at z = 4 looks along -z, that at x = 1 likewise turned by a quarter about y.
 static void put_stream(void) {
   put("s/transforms.json",
@@ -234,6 +242,100 @@ static void test_stream(void **state) {
   lab_views_free(&v);
 }
 
+// Depth without a unit is in thousandths of a unit that is not a metre any more; exposure numbers that are given stay
+// alone.
+static void test_stream_numbers(void **state) {
+  (void)state;
+  lab_views v;
+  put_rig();
+  put("n/transforms.json",
+      "{\"fl_x\": 25, \"frames\": [\n"
+      "{\"file_path\": \"images/left/0.png\", \"exposure\": 1, \"depth_path\": \"images/left/d.png\", " EYE
+      "},\n"
+      "{\"file_path\": \"images/left/1.png\", " EYE "}]}\n");
+  put_picture("n/images/left/0.png", 10), put_picture("n/images/left/1.png", 20);
+  put_picture("n/images/right/0.png", 30), put_picture("n/images/right/1.png", 40);
+  put_picture("n/images/left/d.png", 50);
+  assert_int_equal(import_stream("n", "n_out", "rig", "left", 2), LAB_EXIT_OK);
+  open_dataset(&v, "n_out");
+  assert_int_equal(view_of(&v, "left/0")->f.exposure, 1);
+  assert_int_equal(view_of(&v, "left/1")->f.exposure, 2);
+  assert_true(fabs(view_of(&v, "left/0")->f.depth_unit - 0.002) < 1e-12);
+  lab_views_free(&v);
+}
+
+// "a b c": the names of a split's views; `want` NULL: there is no such split.
+static void check_split(const char *name, const char *split, const char *want) {
+  char path[400], at[SV_CAP_PATH], all[400] = "";
+  lab_views v;
+  sv_pool serial = sv_pool_serial();
+  snprintf(path, sizeof path, "%s/%s", folder, name);
+  lab_source src = {.folder = path, .split = split, .scale = 1};
+  sv_status s = lab_views_open(&v, &src, &serial, &err);
+  assert_int_equal(s, want ? SV_OK : SV_E_NOT_FOUND);
+  if (!want) return;
+  for (int i = 0; i < v.n; i++) {
+    lab_view_name(&v, i, at, sizeof at);
+    snprintf(all + strlen(all), sizeof all - strlen(all), "%s%.60s", i ? " " : "", at);
+  }
+  assert_string_equal(all, want);
+  lab_views_free(&v);
+}
+
+#define FRAME(name, more) "{\"file_path\": \"" name "\", " more EYE "}"
+#define MARK(split)       "\"split\": \"" split "\", "
+
+static void test_splits(void **state) {
+  (void)state;
+  static const char *const names[] = {"a", "b", "c", "d", "e"};
+  for (int i = 0; i < 5; i++) {
+    char name[40];
+    snprintf(name, sizeof name, "m/%s.png", names[i]);
+    put_picture(name, i);
+  }
+  put("m/transforms.json", "{\"fl_x\": 25, \"frames\": [" FRAME("a.png", "") "," FRAME(
+                               "b.png", MARK("test_time")) "," FRAME("c.png", MARK("test")) "]}");
+  check_split("m", "train", "a");
+  check_split("m", "test", "c"); // not the held-out time
+  check_split("m", "test_time", "b");
+  check_split("m", "test_near", "c"); // no mark: the nearest of test
+  put("m/transforms.json",
+      "{\"fl_x\": 25, \"frames\": [" FRAME("a.png", "") "," FRAME("b.png", MARK("test_time")) "," FRAME(
+          "c.png", MARK("test_view")) "," FRAME("d.png", MARK("test_near")) "]}");
+  check_split("m", "test", "c d"); // none is marked so
+  check_split("m", "test_near", "d");
+  put("m/transforms.json",
+      "{\"fl_x\": 25, \"frames\": [" FRAME("a.png", "") "," FRAME("b.png", MARK("test_time")) "]}");
+  check_split("m", "test", "b"); // nothing else is held out
+  // Files of their own beside transforms.json go into the import, too.
+  put("m/transforms_test.json", "{\"fl_x\": 25, \"frames\": [" FRAME("c.png", "") "]}");
+  put("m/transforms_test_near.json", "{\"fl_x\": 25, \"frames\": [" FRAME("d.png", "") "]}");
+  check_split("m", "test", "c");
+  assert_int_equal(import("nerfstudio", "m", "m_out"), LAB_EXIT_OK);
+  check_split("m_out", "train", "a");
+  check_split("m_out", "test", "c");
+  check_split("m_out", "test_near", "d");
+  check_split("m_out", "test_time", "b");
+  put("m/transforms.json", "{\"fl_x\": 25, \"frames\": [" FRAME("a.png", "") "," FRAME("b.png", "") "]}");
+  assert_int_equal(unlink_in("m/transforms_test.json"), 0);
+  assert_int_equal(import("nerfstudio", "m", "k_out"), LAB_EXIT_OK);
+  check_split("k_out", "train", "b"); // every 8th is held out, as without the import
+  check_split("k_out", "test", "a");
+}
+
+// Pictures and panels are written under these names, so no two are the same.
+static void test_names(void **state) {
+  (void)state;
+  put_picture("v/l/x.png", 1), put_picture("v/r/x.png", 2), put_picture("v/l_x.png", 3);
+  put_picture("v/f.1.png", 4), put_picture("v/f.2.png", 5);
+  put("v/transforms.json",
+      "{\"fl_x\": 25, \"frames\": [" FRAME("l/x.png", "") "," FRAME("r/x.png", "") "," FRAME(
+          "l_x.png", "") "," FRAME("f.1", "") "," FRAME("f.2", "") "," FRAME("f.2.png",
+                                                                             "") "," FRAME("f.2.png",
+                                                                                           "") "]}");
+  check_split("v", "all", "l_x_0 r_x l_x f.1 f.2_4 f.2_5 f.2_6");
+}
+
 static void test_stream_refused(void **state) {
   (void)state;
   char command[600];
@@ -264,8 +366,13 @@ static int remove_folder(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_colmap), cmocka_unit_test(test_colmap_without),
-                                     cmocka_unit_test(test_colmap_one_folder), cmocka_unit_test(test_stream),
-                                     cmocka_unit_test(test_stream_refused)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_colmap),
+                                     cmocka_unit_test(test_colmap_without),
+                                     cmocka_unit_test(test_colmap_one_folder),
+                                     cmocka_unit_test(test_stream),
+                                     cmocka_unit_test(test_stream_refused),
+                                     cmocka_unit_test(test_stream_numbers),
+                                     cmocka_unit_test(test_splits),
+                                     cmocka_unit_test(test_names)};
   return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }

@@ -59,19 +59,17 @@ static sv_status add_file(lab_import *im, const char *dir, const char *name, con
 sv_status lab_import_transforms(lab_import *im, const char *dir, sv_err *err) {
   static const struct {
     const char *name, *mark;
-  } files[] = {{"transforms_train.json", "train"},
-               {"transforms_val.json", "val"},
-               {"transforms_test.json", "test"},
-               {"transforms_test_near.json", "test_near"}};
-  bool is_found = false, is_any = false; // without training views there is no dataset
-  for (size_t i = 0; i < sizeof files / sizeof *files && (i == 0 || is_found); i++) {
-    sv_status s = add_file(im, dir, files[i].name, files[i].mark, i == 0 ? &is_found : &is_any, err);
-    if (s != SV_OK) return s;
-  }
-  if (is_found) return SV_OK;
-  sv_status s = add_file(im, dir, "transforms.json", "", &is_found, err);
+  } others[] = {{"transforms_val.json", "val"}, {"transforms_test_near.json", "test_near"}};
+  bool is_found = false, is_test = false, is_any = false; // without training views there is no dataset
+  sv_status s = add_file(im, dir, "transforms_train.json", "train", &is_found, err);
+  const bool is_split = is_found;
+  if (s == SV_OK && !is_found) s = add_file(im, dir, "transforms.json", "", &is_found, err);
   if (s == SV_OK && !is_found)
     return sv_fail(err, SV_E_NOT_FOUND, "%s: has neither transforms_train.json nor transforms.json", dir);
+  if (s == SV_OK) s = add_file(im, dir, "transforms_test.json", "test", &is_test, err);
+  // Beside transforms.json alone other marks would take the place of every 8th view, which is held out then.
+  for (size_t i = 0; i < sizeof others / sizeof *others && s == SV_OK && (is_split || is_test); i++)
+    s = add_file(im, dir, others[i].name, others[i].mark, &is_any, err);
   return s;
 }
 

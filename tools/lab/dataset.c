@@ -128,6 +128,11 @@ static bool is_held_out(const file *f, const lab_source *src, const char *name, 
   return i % 8 == 0;
 }
 
+// How near the split that a held-out frame is marked as comes to test: held-out times are a split of their own.
+static int test_rank(const sv_transforms_frame *f) {
+  return sv_str_eq(f->split, "test") ? 2 : sv_str_eq(f->split, "test_time") ? 0 : 1;
+}
+
 static bool has_marks(const file *f) {
   for (int i = 0; i < f->t.n_frames; i++)
     if (*f->frames[i].split) return true;
@@ -181,12 +186,15 @@ static sv_status keep_camera(const file *f, const lab_source *src, bool *is_in, 
 static sv_status choose_frames(const file *f, const lab_source *src, const char *name, bool is_training_file,
                                bool *is_in, sv_err *err) {
   bool marks = has_marks(f), is_train = sv_str_eq(src->split, "train"), is_all = sv_str_eq(src->split, "all");
-  int n = 0;
+  int n = 0, best = 0;
+  for (int i = 0; i < f->t.n_frames; i++)
+    if (is_training_file && is_held_out(f, src, name, marks, i) && test_rank(&f->frames[i]) > best)
+      best = test_rank(&f->frames[i]);
   for (int i = 0; i < f->t.n_frames; i++) {
     bool held = is_training_file && is_held_out(f, src, name, marks, i);
     if (!is_training_file || is_all) is_in[i] = true;
     else if (is_train) is_in[i] = !held;
-    else if (sv_str_eq(src->split, "test")) is_in[i] = held;
+    else if (sv_str_eq(src->split, "test")) is_in[i] = held && test_rank(&f->frames[i]) == best;
     else is_in[i] = marks && sv_str_eq(f->frames[i].split, src->split);
     n += is_in[i];
   }
@@ -390,9 +398,11 @@ static sv_status open_near(file *f, bool **is_in, const lab_source *src, char na
                            sv_err *err) {
   lab_source part = *src;
   double centre[3];
+  sv_status s = open_marked(f, is_in, &part, name, err); // so marked in the training file
+  if (s != SV_E_NOT_FOUND) return s;
   part.split = "train";
   part.camera = NULL; // the centre is that of all that was trained on
-  sv_status s = open_marked(f, is_in, &part, name, err);
+  s = open_marked(f, is_in, &part, name, err);
   if (s != SV_OK) return s;
   lab_mean_centre(f->frames, f->t.n_frames, *is_in, centre);
   free(*is_in);
@@ -424,15 +434,32 @@ sv_status lab_views_open(lab_views *v, const lab_source *src, const sv_pool *poo
   return s;
 }
 
-void lab_view_name(const lab_views *v, int i, char *out, size_t cap) {
-  const char *base = sv_path_name(v->frames[i].f.file_path);
-  bool is_unique = true;
-  for (int k = 0; k < v->n && is_unique; k++)
-    is_unique = k == i || !sv_str_eq(base, sv_path_name(v->frames[k].f.file_path));
-  snprintf(out, cap, "%s", is_unique ? base : v->frames[i].f.file_path);
-  out[strlen(out) - strlen(sv_path_extension(out))] = 0;
+// The name of a frame's picture, or its path in one word.
+static void name_frame(const lab_frame *f, bool is_path, char *out, size_t cap) {
+  const char *path = f->f.file_path;
+  sv_fmt(out, cap, "%s", is_path ? path : sv_path_name(path));
+  if (f->f.has_extension) out[strlen(out) - strlen(sv_path_extension(out))] = 0;
   for (char *p = out; *p; p++)
     if (*p == '/') *p = '_';
+}
+
+static bool is_name_taken(const lab_views *v, int i, bool is_path, const char *name) {
+  char other[SV_TRANSFORMS_CAP_PATH];
+  bool is_taken = false;
+  for (int k = 0; k < v->n && !is_taken; k++) {
+    name_frame(&v->frames[k], is_path, other, sizeof other);
+    is_taken = k != i && sv_str_eq(other, name);
+  }
+  return is_taken;
+}
+
+void lab_view_name(const lab_views *v, int i, char *out, size_t cap) {
+  char name[SV_TRANSFORMS_CAP_PATH];
+  name_frame(&v->frames[i], false, name, sizeof name);
+  bool is_path = is_name_taken(v, i, false, name);
+  if (is_path) name_frame(&v->frames[i], true, name, sizeof name);
+  if (is_path && is_name_taken(v, i, true, name)) sv_fmt(out, cap, "%.180s_%d", name, i);
+  else sv_fmt(out, cap, "%s", name);
 }
 
 void lab_views_free(lab_views *v) {

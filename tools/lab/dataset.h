@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Datasets: transforms JSON and pictures -> views of one split, as the renderer wants them. Splits:
 //   train      the training file without what is held out
-//   test       transforms_test.json if it is there, else what the training file holds out
-//   test_near  transforms_test_near.json, else the LAB_N_NEAR views of test whose cameras are nearest to the mean
-//              place of the cameras that were trained on
+//   test       transforms_test.json if it is there, else what the training file marks so; without such a mark all that
+//              it holds out, held-out times (test_time) only when there is nothing else
+//   test_near  transforms_test_near.json, else what the training file marks so, else the LAB_N_NEAR views of test whose
+//              cameras are nearest to the mean place of the cameras that were trained on
 //   all        every frame of the training file
 //   others     frames of the training file so marked, else transforms_<name>.json
 // Held out are frames whose "split" is not train; without any such mark, without transforms_test.json and
@@ -19,8 +20,9 @@
 #include "tools/common/fileio.h"
 #include "tools/common/imageio.h"
 
-#define LAB_N_NEAR      6 // as many as the paper scores one exposure on
-#define LAB_MIN_SIDE_PX 8 // smaller pictures teach nothing, and a 1-pixel picture is a mistake
+#define LAB_N_NEAR      6     // as many as the paper scores one exposure on
+#define LAB_DEPTH_UNIT  0.001 // of depth files whose unit is not said: nerfstudio's default, millimetres
+#define LAB_MIN_SIDE_PX 8     // smaller pictures teach nothing, and a 1-pixel picture is a mistake
 
 typedef struct {
   sv_transforms_frame f; // camera complete; its size is that of the file

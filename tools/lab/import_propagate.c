@@ -118,14 +118,16 @@ static sv_status add_exposure(job *j, const lab_import_view *v, lab_import *to, 
 }
 
 static sv_status propagate(job *j, const lab_import *im, lab_import *to, sv_err *err) {
-  int n_exposures = 0;
+  int n_exposures = 0, last = -1; // last: the highest number that is taken
+  for (int i = 0; i < im->n; i++)
+    if (im->views[i].exposure > last) last = im->views[i].exposure;
   for (int i = 0; i < im->n; i++) {
     lab_import_view v = im->views[i];
     lab_import_view probe;
     if (!rename_source(j, &v, j->stream, &probe)) continue; // of another camera: placed by the stream
     for (int k = 0; k < 3; k++) v.cam_from_world.t[k] *= j->unit_m;
-    v.depth_unit *= j->unit_m;
-    if (v.exposure < 0) v.exposure = n_exposures;
+    v.depth_unit = (v.depth_unit > 0 ? v.depth_unit : LAB_DEPTH_UNIT) * j->unit_m;
+    if (v.exposure < 0) v.exposure = ++last;
     n_exposures++;
     sv_status s = add_exposure(j, &v, to, err);
     if (s != SV_OK) return s;

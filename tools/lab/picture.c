@@ -184,7 +184,7 @@ static double depth_at(const depth_source *d, int x, int y) {
     if (sy >= d->b->height_px) sy = d->b->height_px - 1;
   }
   size_t i = (size_t)sy * (size_t)d->b->width_px + (size_t)sx;
-  double unit = d->f->f.depth_unit > 0 ? d->f->f.depth_unit : 0.001; // nerfstudio's default: millimetres
+  double unit = d->f->f.depth_unit > 0 ? d->f->f.depth_unit : LAB_DEPTH_UNIT;
   double v = unit * (d->b->bits == 16 ? d->b->u16[i] : d->b->u8[i]);
   if (d->f->f.depth_kind != SV_DEPTH_RAY) return v;
   const double *p = d->f->pinhole.p;
