@@ -443,25 +443,34 @@ static void report_settings(lab_report *j, const run *r) {
   lab_report_bool(j, "stopped", r->is_stopped);
 }
 
+// All are written before the first takes its place: what can fail or take long leaves an older model whole.
 static sv_status save(run *r, sv_err *err) {
-  char path[SV_CAP_PATH];
+  enum { MODEL, MOTION, SETTINGS, N_FILES };
+  sv_file files[N_FILES] = {{.fd = -1}, {.fd = -1}, {.fd = -1}};
+  char model[SV_CAP_PATH], path[SV_CAP_PATH];
   lab_report j;
   const sv_model_notes notes = {.is_mip = r->plan.trainer.cfg.is_antialiased,
                                 .dilation_px2 = r->plan.trainer.cfg.dilation_px2,
                                 .up = sv_up_name(r->scene.up)};
-  sv_status s = sv_path_join(path, sizeof path, r->o->out, "model.ply", err);
-  if (s == SV_OK) s = lab_model_write(&r->plan.trainer.g, &notes, path, err);
-  if (s == SV_OK)
-    s = sv_train_is_dynamic(&r->plan.trainer)
-            ? lab_motion_write(&r->plan.trainer.deform, &r->plan.trainer.g, path, err)
-            : lab_motion_remove(path, err);
-  if (s == SV_OK) s = sv_path_join(path, sizeof path, r->o->out, "train.json", err);
-  if (s != SV_OK) return s;
+  const bool is_dynamic = sv_train_is_dynamic(&r->plan.trainer);
+  const sv_gaussians *g = &r->plan.trainer.g;
   lab_report_begin(&j);
   report_settings(&j, r);
   report_figures(&j, r);
   lab_report_end(&j);
-  return lab_report_save(&j, path, err);
+  sv_status s = sv_path_join(model, sizeof model, r->o->out, "model.ply", err);
+  if (s == SV_OK) s = sv_path_join(path, sizeof path, r->o->out, "train.json", err);
+  if (s == SV_OK) s = lab_model_begin(&files[MODEL], g, &notes, model, err);
+  if (s == SV_OK && is_dynamic) s = lab_motion_begin(&files[MOTION], &r->plan.trainer.deform, g, model, err);
+  if (s == SV_OK && j.is_failed) s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its text", path);
+  if (s == SV_OK) s = sv_file_begin(&files[SETTINGS], path, err);
+  if (s == SV_OK) s = sv_file_append(&files[SETTINGS], j.text, j.bytes, err);
+  lab_report_free(&j);
+  for (int i = 0; i < N_FILES; i++)
+    if (s == SV_OK && files[i].fd >= 0) s = sv_file_commit(&files[i], err);
+    else if (s == SV_OK) s = lab_motion_remove(model, err); // of an earlier model
+    else sv_file_abandon(&files[i]);
+  return s;
 }
 
 static sv_status print(const run *r, sv_err *err) {

@@ -65,8 +65,10 @@ typedef struct {
 
 sv_status lab_model_read(lab_model *m, const char *path, sv_err *err) SV_MUST_USE;
 void lab_model_free(lab_model *m);
-// motion.bin beside a model that was just written.
-sv_status lab_motion_write(const sv_deform *d, const sv_gaussians *g, const char *model_path,
+// A model, and motion.bin beside it, up to the commit, so that what belongs together comes at once. Failed: abandon.
+sv_status lab_model_begin(sv_file *f, const sv_gaussians *g, const sv_model_notes *notes, const char *path,
+                          sv_err *err) SV_MUST_USE;
+sv_status lab_motion_begin(sv_file *f, const sv_deform *d, const sv_gaussians *g, const char *model_path,
                            sv_err *err) SV_MUST_USE;
 // The motion.bin of an earlier model there, if any: a still model that was just written does not move.
 sv_status lab_motion_remove(const char *model_path, sv_err *err) SV_MUST_USE;

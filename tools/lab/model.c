@@ -66,16 +66,13 @@ static sv_status lab_motion_read(lab_model *m, const char *model_path, sv_err *e
   return s;
 }
 
-sv_status lab_motion_write(const sv_deform *d, const sv_gaussians *g, const char *model_path, sv_err *err) {
+sv_status lab_motion_begin(sv_file *f, const sv_deform *d, const sv_gaussians *g, const char *model_path,
+                           sv_err *err) {
   char path[SV_CAP_PATH];
-  sv_file f;
+  f->fd = -1;
   sv_status s = motion_path(path, model_path, err);
-  if (s == SV_OK) s = sv_file_begin(&f, path, err);
-  if (s != SV_OK) return s;
-  if ((s = sv_deform_write(d, g, (sv_sink){&f, sv_file_append}, err)) == SV_OK)
-    return sv_file_commit(&f, err);
-  sv_file_abandon(&f);
-  return s;
+  if (s == SV_OK) s = sv_file_begin(f, path, err);
+  return s == SV_OK ? sv_deform_write(d, g, (sv_sink){f, sv_file_append}, err) : s;
 }
 
 sv_status lab_motion_remove(const char *model_path, sv_err *err) {
@@ -132,12 +129,16 @@ sv_model_notes lab_model_notes(const lab_model *m) {
       .is_mip = m->is_mip, .dilation_px2 = m->dilation_px2, .up = m->up[0] ? m->up : NULL};
 }
 
+sv_status lab_model_begin(sv_file *f, const sv_gaussians *g, const sv_model_notes *notes, const char *path,
+                          sv_err *err) {
+  sv_ply_writer w;
+  sv_status s = sv_file_begin(f, path, err);
+  return s == SV_OK ? sv_model_write_ply(g, notes, (sv_sink){f, sv_file_append}, &w, err) : s;
+}
+
 sv_status lab_model_write(const sv_gaussians *g, const sv_model_notes *notes, const char *path, sv_err *err) {
   sv_file f;
-  sv_ply_writer w;
-  sv_status s = sv_file_begin(&f, path, err);
-  if (s != SV_OK) return s;
-  s = sv_model_write_ply(g, notes, (sv_sink){&f, sv_file_append}, &w, err);
+  sv_status s = lab_model_begin(&f, g, notes, path, err);
   if (s == SV_OK) return sv_file_commit(&f, err);
   sv_file_abandon(&f);
   return s;
