@@ -2,6 +2,7 @@
 // subview-calibrate board and check on real pictures: the stereo pairs and stills of the shared datasets.
 #include <math.h>
 #include <setjmp.h>
+#include <signal.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -92,6 +93,19 @@ static void test_real_stereo(void **state) {
   check.rig = out, check.images.of[0] = left, check.images.of[1] = right, check.images.n = 2;
   check.board = "9x6", check.n_cols = 9, check.n_rows = 6, check.spacing_m = 0.025;
   assert_int_equal(cal_cmd_check(&check), CAL_EXIT_OK);
+  // Ctrl-C: what was found before is kept, and no file of a result is begun.
+  char command[3 * SV_CAP_PATH];
+  snprintf(command, sizeof command,
+           "cd '%s' && cp corners.txt .found && rm -r plots rig.json calibration.json residuals.csv "
+           "*.cameramodel",
+           out);
+  assert_int_equal(system(command), 0);
+  assert_int_equal(sv_linux_catch_signals(&err), SV_OK);
+  assert_int_equal(raise(SIGINT), 0);
+  assert_int_equal(cal_cmd_board(&o), CAL_EXIT_FAILED);
+  sv_linux_reset_stop();
+  snprintf(command, sizeof command, "cd '%s' && cmp corners.txt .found && test \"$(ls)\" = corners.txt", out);
+  assert_int_equal(system(command), 0);
   remove_folder(out);
 }
 

@@ -45,6 +45,8 @@ sv_status cal_boards_list(cal_boards *b, const cal_options *o, sv_err *err) SV_M
 // change, read and written anew; NULL: none. Pictures of one camera must have one size.
 sv_status cal_boards_find(cal_boards *b, lab_session *s, const char *cache, sv_err *err) SV_MUST_USE;
 void cal_boards_free(cal_boards *b);
+// SV_E_INTERRUPTED when a stop was requested, with a sentence. kept: what of the work stays; NULL: nothing.
+sv_status cal_stopped(const lab_session *s, const char *kept, sv_err *err) SV_MUST_USE;
 
 // --- what the user is told (advice.c) --------------------------------------------------------------------
 #define CAL_CAP_ADVICE 64

@@ -181,7 +181,8 @@ static sv_status calibrate(const cal_options *o, lab_session *se, cal_boards *b,
   sv_boards problem = problem_of(b, o);
   s = sv_boards_solve(&problem, &r, err);
   if (s != SV_OK) return s;
-  s = finish(o, se, b, &r, err);
+  s = cal_stopped(se, cache, err);
+  if (s == SV_OK) s = finish(o, se, b, &r, err);
   sv_boards_free(&r);
   return s;
 }
@@ -193,6 +194,7 @@ int cal_cmd_board(const cal_options *o) {
   int e = check_words(o);
   if (e != CAL_EXIT_OK) return e;
   sv_status s = lab_session_start(&se, o->threads, o->is_quiet, &err);
+  if (s == SV_OK) s = sv_linux_catch_signals(&err);
   if (s == SV_OK) s = calibrate(o, &se, &b, &err);
   if (s != SV_OK) lab_failed(&se, &err);
   cal_boards_free(&b);

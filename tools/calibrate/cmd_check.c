@@ -186,6 +186,7 @@ int cal_cmd_check(const cal_options *o) {
   if (o->images.n > 0 && !o->board)
     return free(block), cal_usage("check", "--images needs --board and --spacing");
   sv_status s = lab_session_start(&se, o->threads, o->is_quiet, &err);
+  if (s == SV_OK) s = sv_linux_catch_signals(&err);
   if (s == SV_OK && !block) s = sv_fail(&err, SV_E_NOMEM, "no memory for a rig");
   if (s == SV_OK) s = check(o, &se, &b, block, &err);
   if (s != SV_OK) lab_failed(&se, &err);

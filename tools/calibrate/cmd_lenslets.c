@@ -166,7 +166,8 @@ static sv_status calibrate_texture(job *j, sv_err *err) {
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "this build cannot match pictures: it was made without OpenCV "
                    "(libopencv-dev)");
-  for (int e = 0; e < j->lenses.n_exposures && s == SV_OK; e++) s = gather_exposure(j, e, err);
+  for (int e = 0; e < j->lenses.n_exposures && s == SV_OK; e++)
+    if ((s = cal_stopped(j->session, NULL, err)) == SV_OK) s = gather_exposure(j, e, err);
   if (s == SV_OK) s = check_features(j, err);
   j->bundle.points = calloc((size_t)j->bundle.n_points + 1, sizeof *j->bundle.points);
   if (s == SV_OK && !j->bundle.points)
@@ -300,7 +301,7 @@ static sv_status calibrate_board(job *j, sv_err *err) {
   for (int i = 0; i < l->n_lenses && s == SV_OK; i++) {
     const sv_footprint *f = &l->lenses[i].footprint;
     names[i] = l->lenses[i].name, size[i][0] = f->width_px, size[i][1] = f->height_px;
-    for (int e = 0; e < l->n_exposures; e++) {
+    for (int e = 0; e < l->n_exposures && (s = cal_stopped(j->session, NULL, err)) == SV_OK; e++) {
       size_t at = (size_t)i * (size_t)l->n_exposures + (size_t)e;
       sv_corners_job c = {j->o->n_cols, j->o->n_rows, f->width_px, f->height_px, l->lenses[i].grey[e]};
       if (c.grey) seen[at] = sv_corners_find(&c, uv + 2 * n * at);
@@ -414,7 +415,7 @@ static sv_status finish(job *j, sv_err *err) {
 }
 
 static sv_status calibrate(job *j, sv_err *err) {
-  sv_status s = cal_lenses_read(&j->lenses, j->o, err);
+  sv_status s = cal_lenses_read(&j->lenses, j->o, j->session, err);
   if (s != SV_OK) return s;
   size_t n = (size_t)j->lenses.n_lenses;
   cal_advise_spacing(&j->advice, j->o->spacing_m);
@@ -429,6 +430,7 @@ static sv_status calibrate(job *j, sv_err *err) {
           j->lenses.height_px, j->lenses.n_exposures);
   s = j->o->board ? calibrate_board(j, err) : calibrate_texture(j, err);
   if (s == SV_OK && !j->o->board) set_scale(j);
+  if (s == SV_OK) s = cal_stopped(j->session, NULL, err);
   return s == SV_OK ? finish(j, err) : s;
 }
 
@@ -437,6 +439,7 @@ int cal_cmd_lenslets(const cal_options *o) {
   sv_err err = {0};
   job *j = calloc(1, sizeof *j);
   sv_status s = lab_session_start(&se, o->threads, o->is_quiet, &err);
+  if (s == SV_OK) s = sv_linux_catch_signals(&err);
   if (s == SV_OK && !j) s = sv_fail(&err, SV_E_NOMEM, "no memory");
   if (s == SV_OK) {
     j->o = o, j->session = &se;

@@ -35,11 +35,19 @@ static struct {
   sv_pool threads;
   sv_ns *time_ns; // [n]
   int n;
+  sv_linux_console console;
 } p;
 
 static int fail(const sv_err *e) {
   fprintf(stderr, "subview-calibrate: %s\n", e->text);
   return CAL_EXIT_FAILED;
+}
+
+static sv_status stopped(sv_err *err) {
+  sv_console c = sv_linux_console_port(&p.console);
+  return c.is_stop_requested(c.self)
+             ? sv_fail(err, SV_E_INTERRUPTED, "stopped by request: no result was written")
+             : SV_OK;
 }
 
 // --- opening -------------------------------------------------------------------------------------
@@ -101,7 +109,8 @@ static sv_status open_tracker(sv_err *err) {
 
 static sv_status take(const cal_options *o, int *n, sv_err *err) {
   sv_intake_exposure t = {.frames = p.frames};
-  sv_status s = sv_intake_take(&p.intake, &t);
+  sv_status s = stopped(err);
+  if (s == SV_OK) s = sv_intake_take(&p.intake, &t);
   if (s != SV_OK) return s;
   p.pool.i_next = 0;
   s = sv_exposures_add(&p.pool, &t.exposure, t.frames, &p.k, &p.threads, err);
@@ -228,12 +237,15 @@ static int run(const cal_options *o) {
   sv_err err = {0};
   sv_track_summary m;
   int n = 0;
-  sv_status s = open_capture(o, &err);
+  sv_linux_console_init(&p.console, 2, o->is_quiet);
+  sv_status s = sv_linux_catch_signals(&err);
+  if (s >= 0) s = open_capture(o, &err);
   if (s >= 0) s = open_rig(o, &err);
   if (s >= 0) s = open_tracker(&err);
   if (s >= 0) s = track(o, &n, &err);
   if (s < 0) return fail(&err);
   sv_tracker_finish(p.tracker, &m);
+  if (stopped(&err) < 0) return fail(&err);
   if (!m.is_still && m.n_placed < 2) {
     s = sv_fail(&err, SV_E_NOT_FOUND,
                 "%s: %d of %d exposures could be placed from %d points: expected a textured scene, cameras "

@@ -94,7 +94,8 @@ static sv_status add_lens(cal_lenses *l, const cal_options *o, const char *file,
   char path[SV_CAP_PATH];
   if (l->n_lenses == SV_CAP_SUB_VIEWS)
     return sv_fail(err, SV_E_FULL, "%s: more than %d lenses", o->white, SV_CAP_SUB_VIEWS);
-  sv_status s = sv_path_join(path, sizeof path, o->white, file, err);
+  sv_status s = cal_stopped(l->session, NULL, err);
+  if (s == SV_OK) s = sv_path_join(path, sizeof path, o->white, file, err);
   if (s != SV_OK) return s;
   cal_lens *lens = &l->lenses[l->n_lenses++];
   size_t n = strlen(file) - strlen(sv_path_extension(file));
@@ -169,7 +170,8 @@ static sv_status cut_out(cal_lens *l, int exposure, const sv_bitmap *b, const ch
 static sv_status take(cal_lenses *l, int lens, int exposure, const char *path, const cal_options *o,
                       sv_err *err) {
   sv_bitmap b = {0};
-  sv_status s = read_light(path, o->is_linear, &b, err);
+  sv_status s = cal_stopped(l->session, NULL, err);
+  if (s == SV_OK) s = read_light(path, o->is_linear, &b, err);
   if (s != SV_OK) return s;
   if (b.width_px != l->width_px || b.height_px != l->height_px)
     s = sv_fail(err, SV_E_FORMAT, "%s: %dx%d pixels, the white pictures have %dx%d", path, b.width_px,
@@ -248,8 +250,9 @@ static sv_status read_isolated(cal_lenses *l, const cal_options *o, sv_err *err)
   return s;
 }
 
-sv_status cal_lenses_read(cal_lenses *l, const cal_options *o, sv_err *err) {
+sv_status cal_lenses_read(cal_lenses *l, const cal_options *o, const lab_session *session, sv_err *err) {
   memset(l, 0, sizeof *l);
+  l->session = session;
   sv_status s = read_white(l, o, err);
   return s == SV_OK ? read_isolated(l, o, err) : s;
 }

@@ -20,13 +20,15 @@ typedef struct {
 typedef struct {
   int n_lenses, n_exposures, width_px, height_px; // of the sensor
   cal_lens *lenses;
-  float m_max; // lenses that meet in a pixel at most
+  float m_max;                // lenses that meet in a pixel at most
+  const lab_session *session; // tells of a request to stop
 } cal_lenses;
 
 // Reads WHITE/<lens>.png, measures the footprints, and reads the isolated pictures: ISOLATED/<lens>.png,
 // ISOLATED/<lens>/*.png (exposures in order of names) or ISOLATED/<exposure>/<lens>.png. Values are taken as
 // sRGB-encoded light unless o->is_linear. Sentences name the picture.
-sv_status cal_lenses_read(cal_lenses *l, const cal_options *o, sv_err *err) SV_MUST_USE;
+sv_status cal_lenses_read(cal_lenses *l, const cal_options *o, const lab_session *session,
+                          sv_err *err) SV_MUST_USE;
 void cal_lenses_free(cal_lenses *l);
 
 #endif

@@ -31,6 +31,7 @@ typedef struct {
 typedef struct {
   job *jobs;
   int n, n_cols, n_rows;
+  const lab_session *session;
 } search;
 
 static stamp stamp_of(const char *path) {
@@ -45,6 +46,10 @@ static void search_one(void *arg, int i_task, int i_thread) {
   sv_bitmap image;
   (void)i_thread;
   if (j->is_known) return;
+  if (lab_is_stopped(se->session)) {
+    j->err.status = SV_E_INTERRUPTED;
+    return;
+  }
   sv_status s = sv_bitmap_read(j->path, &image, &j->err);
   if (s == SV_OK) s = sv_bitmap_to_8(&image, &j->err);
   if (s == SV_OK && image.n_channels != 1) {
@@ -116,6 +121,7 @@ static sv_status write_cache(const search *se, const char *path, sv_err *err) {
   s = append(&f, err, "corners 1 %d %d\n", se->n_cols, se->n_rows);
   for (int i = 0; i < se->n && s == SV_OK; i++) {
     const job *j = &se->jobs[i];
+    if (j->err.status != SV_OK) continue; // was not looked at
     s = append(&f, err, "picture %d %d %d %lld %lld %s\n", j->is_found, j->width_px, j->height_px,
                (long long)j->at.bytes, (long long)j->at.changed_ns, j->path);
     for (int k = 0; k < se->n_cols * se->n_rows && j->is_found && s == SV_OK; k++)
@@ -152,9 +158,15 @@ static sv_status settle(cal_boards *b, const search *se, sv_err *err) {
   return SV_OK;
 }
 
+sv_status cal_stopped(const lab_session *session, const char *kept, sv_err *err) {
+  if (!lab_is_stopped(session)) return SV_OK;
+  return sv_fail(err, SV_E_INTERRUPTED, "stopped by request: no result was written%s%s",
+                 kept ? "; corners that were found are in " : "", kept ? kept : "");
+}
+
 sv_status cal_boards_find(cal_boards *b, lab_session *session, const char *cache, sv_err *err) {
   size_t n_uv = 2 * (size_t)b->n_cols * (size_t)b->n_rows;
-  search se = {.n_cols = b->n_cols, .n_rows = b->n_rows};
+  search se = {.n_cols = b->n_cols, .n_rows = b->n_rows, .session = session};
   sv_status s = sv_corners_available(b->n_cols, b->n_rows, err);
   if (s != SV_OK) return s;
   for (int c = 0; c < b->n_cameras; c++) se.n += b->cameras[c].n_pictures;
@@ -169,8 +181,10 @@ sv_status cal_boards_find(cal_boards *b, lab_session *session, const char *cache
     }
   if (cache) read_cache(&se, cache);
   sv_pool_run(&session->pool, search_one, &se, se.n);
-  s = settle(b, &se, err);
+  bool is_stopped = lab_is_stopped(session);
+  if (!is_stopped) s = settle(b, &se, err);
   if (s == SV_OK && cache) s = write_cache(&se, cache, err);
+  if (s == SV_OK && is_stopped) s = cal_stopped(session, cache, err);
   free(se.jobs);
   return s;
 }
