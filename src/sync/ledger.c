@@ -50,11 +50,15 @@ sv_ledger sv_sync_ledger_sum(const sv_sync *s) {
   return sum;
 }
 
-void sv_skew_add(sv_skew_stats *k, sv_ns skew_ns) {
+static int bin_of(sv_ns skew_ns) {
   uint64_t v = (uint64_t)skew_ns;
   int octave = 0;
   for (; v >= 16; v >>= 1) octave++;
-  k->bins[v < 8 ? (int)v : octave * 8 + (int)v]++;
+  return v < 8 ? (int)v : octave * 8 + (int)v;
+}
+
+void sv_skew_add(sv_skew_stats *k, sv_ns skew_ns) {
+  k->bins[bin_of(skew_ns)]++;
   k->n++;
   if (skew_ns > k->max_ns) k->max_ns = skew_ns;
 }
@@ -65,6 +69,15 @@ static sv_ns bin_edge_ns(int i) {
   int octave = i / 8 - 1, part = i % 8;
   if (octave >= 59) return INT64_MAX;
   return ((sv_ns)(9 + part) << octave) - 1;
+}
+
+void sv_skew_remove(sv_skew_stats *k, sv_ns skew_ns) {
+  int i = SV_SKEW_BINS - 1;
+  k->bins[bin_of(skew_ns)]--;
+  k->n--;
+  while (i >= 0 && !k->bins[i]) i--;
+  sv_ns edge_ns = i < 0 ? 0 : bin_edge_ns(i);
+  if (skew_ns == k->max_ns && edge_ns < skew_ns) k->max_ns = edge_ns;
 }
 
 sv_ns sv_skew_percentile_ns(const sv_skew_stats *s, double percent) {

@@ -454,6 +454,7 @@ void sv_sync_refuse(sv_sync *s, const sv_exposure *e, sv_drop_reason reason) {
     s->streams[c].ledger.delivered--;
     s->streams[c].ledger.dropped[reason]++;
   }
+  sv_skew_remove(&s->skew, e->skew_ns);
 }
 
 void sv_sync_lengthened(sv_sync *s, int c, sv_ns delta_ns) {

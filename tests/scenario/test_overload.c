@@ -247,6 +247,7 @@ static void close_intake(void) {
     uint64_t came = m->n_sent - m->n_starved - (uint64_t)m->n_waiting;
     assert_true(l->captured >= came && l->captured <= came + m->n_lost + m->n_starved);
   }
+  assert_int_equal(intake.sync.skew.n, user.n_exposures); // not of those that nobody took
   assert_int_equal(intake.n_device_errors, 0);
 }
 
