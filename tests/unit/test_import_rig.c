@@ -14,6 +14,7 @@
 
 #include "tests/common/temp_folder.h"
 #include "tools/common/imageio.h"
+#include "tools/import/import_capture.h"
 #include "tools/lab/import.h"
 
 static char folder[256];
@@ -355,6 +356,25 @@ static void test_stream_refused(void **state) {
   assert_int_equal(import_stream("s", "t_out", "rig", "left", 1), LAB_EXIT_FAILED); // nothing to place
 }
 
+// A recording that is imported into its own folder, or over a capture that is not finished.
+static void test_recording_refused(void **state) {
+  (void)state;
+  char from[400], to[400];
+  sv_import_camera camera = {.name = "cam"};
+  put_picture("w/cam/0.png", 7);
+  snprintf(from, sizeof from, "%s/w", folder), snprintf(to, sizeof to, "%s/w/../w/", folder);
+  assert_int_equal(
+      sv_import_write(&(sv_import_job){.src_dir = from, .out_dir = to}, "r", 30, &camera, 1, &err), SV_E_ARG);
+  snprintf(to, sizeof to, "%s/w/cam/0.png", folder);
+  sv_bitmap b;
+  assert_int_equal(sv_bitmap_read(to, &b, &err), SV_OK);
+  sv_bitmap_free(&b);
+  put("x/frames.0.part", "");
+  snprintf(to, sizeof to, "%s/x", folder);
+  assert_int_equal(
+      sv_import_write(&(sv_import_job){.src_dir = from, .out_dir = to}, "r", 30, &camera, 1, &err), SV_E_IO);
+}
+
 static int make_folder(void **state) {
   (void)state;
   return temp_folder_make(folder, sizeof folder, "import_rig");
@@ -373,6 +393,7 @@ int main(void) {
                                      cmocka_unit_test(test_stream_refused),
                                      cmocka_unit_test(test_stream_numbers),
                                      cmocka_unit_test(test_splits),
-                                     cmocka_unit_test(test_names)};
+                                     cmocka_unit_test(test_names),
+                                     cmocka_unit_test(test_recording_refused)};
   return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }

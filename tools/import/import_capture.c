@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "platform/codec/codec.h"
@@ -189,13 +190,30 @@ static int write_all(const sv_import_job *job, const recording *r, pictures_t *p
   return fclose(f) == 0 ? SV_OK : sv_fail(err, SV_E_IO, "%s: cannot be written", path);
 }
 
+// Pictures that are there are replaced, which must not be the ones that are read. An unfinished capture's frames would
+// be folded into the list that is written here.
+static int check_out(const sv_import_job *job, sv_err *err) {
+  char path[CAP_PATH];
+  struct stat from, to;
+  if (stat(job->src_dir, &from) == 0 && stat(job->out_dir, &to) == 0 && from.st_dev == to.st_dev &&
+      from.st_ino == to.st_ino)
+    return sv_fail(err, SV_E_ARG, "%s: is read from, so it cannot be written to; take another --out",
+                   job->out_dir);
+  snprintf(path, sizeof path, "%s/frames.0.part", job->out_dir);
+  return sv_path_exists(path)
+             ? sv_fail(err, SV_E_IO, "%s: holds an unfinished capture; take another --out", job->out_dir)
+             : SV_OK;
+}
+
 int sv_import_write(const sv_import_job *job, const char *name, double fps, sv_import_camera *cams, int n,
                     sv_err *err) {
   pictures_t pics[SV_IMPORT_CAP_CAMERAS] = {{0}};
   const recording r = {name, fps, cams, n};
-  int s = n >= 1 && n <= SV_IMPORT_CAP_CAMERAS ? write_all(job, &r, pics, err)
-                                               : sv_fail(err, SV_E_RANGE, "%s: %d cameras, expected 1 to %d",
-                                                         job->src_dir, n, SV_IMPORT_CAP_CAMERAS);
+  int s = check_out(job, err);
+  if (s == SV_OK)
+    s = n >= 1 && n <= SV_IMPORT_CAP_CAMERAS ? write_all(job, &r, pics, err)
+                                             : sv_fail(err, SV_E_RANGE, "%s: %d cameras, expected 1 to %d",
+                                                       job->src_dir, n, SV_IMPORT_CAP_CAMERAS);
   for (int i = 0; i < n && i < SV_IMPORT_CAP_CAMERAS; i++) {
     free_pictures(&pics[i]);
     free(cams[i].times_ns);
