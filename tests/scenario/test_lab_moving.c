@@ -110,6 +110,22 @@ static void test_still_after_moving(void **state) {
            "--out still/p");
 }
 
+// Files of viewers stand upright; a dataset's views see them as they see the model that they were made of.
+static void test_upright(void **state) {
+  (void)state;
+  lab_shell_need(&shell);
+  run_well("@ train --data s --transforms transforms_train_stereo.json --gaussians 60 --steps 40 --quiet "
+           "--out up && "
+           "@ export --model up/model.ply --format spz --out up/model.spz --quiet");
+  run_well("psnr() { @ eval --data s --transforms transforms_train_stereo.json --split test_time --model "
+           "up/$1 $2 $3 "
+           "--quiet --json | sed -n 's/.*\"psnr\": *\\([0-9.]*\\).*/\\1/p'; } && "
+           "echo $(psnr model.ply) $(psnr model.spz) $(psnr model.spz --up -y) | "
+           "tee up/psnr | awk '{ d = $1 - $2; exit !($1 > 5 && d < 0.1 && d > -0.1 && $1 > $3 + 1) }' || "
+           "{ cat up/psnr; false; }");
+  assert_int_equal(run("@ eval --data s --model up/model.ply --up z"), 2);
+}
+
 // A disk that is full before all is written leaves the older model with its motion and settings, and nothing beside.
 static void test_full_disk(void **state) {
   (void)state;
@@ -151,9 +167,9 @@ static void test_film(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_dataset),  cmocka_unit_test(test_tables),
-      cmocka_unit_test(test_plots),    cmocka_unit_test(test_still_after_moving),
-      cmocka_unit_test(test_frames),   cmocka_unit_test(test_film),
-      cmocka_unit_test(test_full_disk)};
+      cmocka_unit_test(test_dataset), cmocka_unit_test(test_tables),
+      cmocka_unit_test(test_plots),   cmocka_unit_test(test_still_after_moving),
+      cmocka_unit_test(test_frames),  cmocka_unit_test(test_film),
+      cmocka_unit_test(test_upright), cmocka_unit_test(test_full_disk)};
   return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -273,6 +273,8 @@ static void test_up(void **state) {
   static const char *const ups[] = {"x", "y", "z", "-x", "-y", "-z"};
   char path[400];
   sv_err err;
+  lab_session session;
+  assert_int_equal(lab_session_start(&session, 1, true, &err), SV_OK);
   for (int u = 0; u < 6; u++) {
     double up[3], turned[3];
     sv_turn turn;
@@ -303,6 +305,13 @@ static void test_up(void **state) {
             (&got.sh[0][0])[k] = k < 3 ? (&got.sh[0][0])[k] : fminf(fmaxf((&got.sh[0][0])[k], -0.99f), 0.99f);
         compare(&got, &want, 3, limits_of[kind]);
       }
+      lab_turn_back(&back, &session, path, ups[u], NULL);
+      for (int i = 0; i < N; i++) {
+        sv_gaussian got;
+        sv_gaussians_get(&back.g, i, &got);
+        for (int k = 0; k < 3; k++)
+          must_be_near("place", (double)got.mean[k], (double)fixture[i].mean[k], 1e-3);
+      }
       lab_model_free(&back);
       lab_model_free(&m);
     }
@@ -317,6 +326,7 @@ static void test_up(void **state) {
     lab_model_free(&back);
     lab_model_free(&m);
   }
+  lab_session_stop(&session);
 }
 
 // Cut anywhere, and changed anywhere in the head: refused with a sentence, or at least read without a fault.

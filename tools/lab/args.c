@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "src/base/str.h"
+#include "tools/lab/model_formats.h"
 
 #define AT(field) offsetof(lab_options, field)
 #define ALL       (LAB_TRAIN | LAB_EVAL | LAB_RENDER | LAB_EXPORT | LAB_IMPORT | LAB_BENCH | LAB_TABLES)
@@ -95,6 +96,10 @@ static const sv_option table[] = {
      "also LPIPS (v0.1, SqueezeNet); train: with --eval", 0, 0, 0},
     {"format", SV_OPT_WORD, LAB_EXPORT, LAB_EXPORT, AT(format), "ply|splat|spz|glb|delta",
      "of the file to write", 0, 0, 0},
+    {"up", SV_OPT_WORD, LAB_EVAL | LAB_RENDER, 0, AT(up), "x|y|z|-x|-y|-z",
+     "of an spz or glb, which stand upright: up in the dataset's world, to which it is turned back (as its "
+     "views have it)",
+     0, 0, 0},
     {"up", SV_OPT_WORD, LAB_EXPORT, 0, AT(up), "x|y|z|-x|-y|-z",
      "up in the model's world (what the file says, else -y): spz and glb stand upright by it", 0, 0, 0},
     {"spz-version", SV_OPT_INT, LAB_EXPORT, 0, AT(spz_version), "N",
@@ -164,6 +169,8 @@ static int check_together(const sv_tool_command *c, const lab_options *o) {
     return lab_usage(c->name, "--frames belongs to --format delta");
   if (c->bit == LAB_EXPORT && o->up && (!strcmp(o->format, "splat") || !strcmp(o->format, "delta")))
     return lab_usage(c->name, "--up has no effect with --format %s", o->format);
+  if (c->bit != LAB_EXPORT && o->up && !lab_is_upright(o->model))
+    return lab_usage(c->name, "--up belongs to models that end in .spz or .glb");
   if (o->orbit >= 0 && o->split) return lab_usage(c->name, "--split and --orbit exclude each other");
   return LAB_EXIT_OK;
 }

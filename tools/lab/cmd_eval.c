@@ -20,7 +20,6 @@ static sv_status evaluate(run *r, sv_err *err) {
   sv_status s = lab_model_read(&r->model, r->o->model, err);
   if (s == SV_OK) s = lab_settings_for(&r->settings, r->o, &r->model, err);
   if (s != SV_OK) return s;
-  lab_say_upright(&r->session, r->o->model);
   r->split = r->o->split ? r->o->split : lab_default_split(r->settings.n_exposures);
   double t0 = lab_seconds(&r->session);
   lab_source src = {.folder = r->o->data,
@@ -31,6 +30,7 @@ static sv_status evaluate(run *r, sv_err *err) {
                     .n_exposures = sv_str_eq(r->split, "test_near") ? r->settings.n_exposures : 0,
                     .scale = r->settings.scale};
   if ((s = lab_views_open(&r->views, &src, &r->session.pool, err)) != SV_OK) return s;
+  lab_turn_back(&r->model, &r->session, r->o->model, r->o->up, &r->views);
   if (r->o->has_depth && !r->views.has_depth)
     return sv_fail(err, SV_E_NOT_FOUND, "%s/%s: not every view of the split %s has true depth (depth_path)",
                    r->o->data, r->views.transforms, src.split);

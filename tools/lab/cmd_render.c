@@ -127,7 +127,6 @@ static sv_status prepare(run *r, lab_scene *scene, sv_err *err) {
   sv_status s = lab_model_read(&r->model, r->o->model, err);
   if (s == SV_OK) s = lab_settings_for(&r->settings, r->o, &r->model, err);
   if (s != SV_OK) return s;
-  lab_say_upright(&r->session, r->o->model);
   lab_source src = {.folder = r->o->data,
                     .transforms = r->settings.transforms,
                     .told_by = r->settings.told_by,
@@ -137,6 +136,7 @@ static sv_status prepare(run *r, lab_scene *scene, sv_err *err) {
                     .scale = r->settings.scale};
   if (sv_str_eq(src.split, "test_near")) src.n_exposures = r->settings.n_exposures;
   if ((s = lab_views_open(&r->views, &src, &r->session.pool, err)) != SV_OK) return s;
+  lab_turn_back(&r->model, &r->session, r->o->model, r->o->up, &r->views);
   *scene = lab_scene_of(&r->views);
   // Depth may reach well behind the scene before it is cut off.
   r->depth_unit = round_up_125(((double)scene->distance + 4 * (double)r->settings.radius) / 65535);

@@ -237,14 +237,32 @@ bool lab_is_viewer_format(const char *path, const void *data, size_t bytes) {
   return is_glb(data, bytes) || is_spz(data, bytes) || sv_str_eq(sv_path_extension(path), ".splat");
 }
 
-void lab_say_upright(lab_session *s, const char *path) {
+bool lab_is_upright(const char *path) {
   const char *kind = sv_path_extension(path);
-  if (sv_str_eq(kind, ".spz") || sv_str_eq(kind, ".glb"))
-    lab_say(
-        s,
-        "%s: such files stand upright; unless it was exported with --up -y, the dataset's views look at a "
-        "turned world (model.ply fits)",
-        path);
+  return sv_str_eq(kind, ".spz") || sv_str_eq(kind, ".glb");
+}
+
+void lab_turn_back(lab_model *m, lab_session *s, const char *path, const char *up, const lab_views *views) {
+  sv_turn there, back;
+  double r[9];
+  if (!lab_is_upright(path)) return;
+  if (!up) {
+    const lab_scene scene = lab_scene_of(views);
+    up = sv_up_name(scene.up);
+  }
+  sv_turn_upright(&there, up);
+  if (there.is_none) return;
+  for (int i = 0; i < 3; i++)
+    for (int k = 0; k < 3; k++) r[3 * i + k] = there.r[3 * k + i];
+  sv_turn_make(&back, r);
+  for (int i = 0; i < m->g.n; i++) {
+    sv_gaussian g;
+    sv_gaussians_get(&m->g, i, &g);
+    sv_gaussian_turn_by(&g, &back);
+    sv_gaussians_put(&m->g, i, &g);
+  }
+  lab_say(s, "%s: such files stand upright; turned back to a world whose up is %s (--up -y leaves it)", path,
+          up);
 }
 
 sv_status lab_read_viewer_format(sv_gaussians *g, bool *is_mip, void **block, const char *path,

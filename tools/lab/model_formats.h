@@ -22,8 +22,10 @@ sv_status lab_write_glb(const sv_gaussians *g, const char *up, const char *path,
 
 // Is this one of these formats (by its first bytes; .splat by name)?
 bool lab_is_viewer_format(const char *path, const void *data, size_t bytes);
-// SPZ and GLB hold a world that was turned upright: says that a dataset's views may not fit such a model.
-void lab_say_upright(lab_session *s, const char *path);
+// SPZ and GLB, by name, hold a world that was turned upright.
+bool lab_is_upright(const char *path);
+// Turns such a model back to where up is `up`, or, if that is NULL, to the world of the views, and says so.
+void lab_turn_back(lab_model *m, lab_session *s, const char *path, const char *up, const lab_views *views);
 // Reads it into Gaussians inside a block of malloc (*block, the caller's to free).
 sv_status lab_read_viewer_format(sv_gaussians *g, bool *is_mip, void **block, const char *path,
                                  const void *data, size_t bytes, sv_err *err) SV_MUST_USE;
