@@ -25,8 +25,13 @@ one() {
   export TMPDIR
   rm -rf "$TMPDIR" && mkdir -p "$TMPDIR"
   begin=$(date +%s)
-  timeout -k 10 "$seconds" sh -c "$command" >"$file.log" 2>&1 </dev/null
+  # timeout leads a group of its own, which a Ctrl-C at the terminal does not reach.
+  timeout -k 10 "$seconds" sh -c "$command" >"$file.log" 2>&1 </dev/null &
+  pid=$!
+  trap 'kill $pid 2>/dev/null; wait $pid; rm -rf "$TMPDIR"; exit 130' INT TERM HUP
+  wait $pid
   code=$?
+  trap - INT TERM HUP
   took=$(($(date +%s) - begin))
   rm -rf "$TMPDIR"
   # shellcheck disable=SC2046 # three words are wanted

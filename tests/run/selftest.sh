@@ -172,6 +172,25 @@ WANT='^7 passed, 2 failed, 1 skipped$' run red 'a failure that the program count
   "a${tab}echo 6 passed, 2 failed, 1 skipped\nb${tab}true"
 WANT='^1 passed, 1 failed, 0 skipped$' run red 'a crash after good cases' \
   "a${tab}printf '[ RUN      ] x\\\\n[       OK ] x\\\\n'; kill -SEGV \$\$"
+ended() { # with the run ends what it has started
+  rm -f started
+  printf 'a\techo $$ >%s/started; exec sleep 20\n' "$tree" >list
+  setsid "$root/tests/run/run.sh" -o "$tree/run" list &
+  runner=$!
+  for _ in 1 2 3 4 5 6 7 8 9 10; do
+    [ -s started ] && break
+    sleep 0.5
+  done
+  kill -TERM "-$runner"
+  wait $runner
+  for _ in 1 2 3 4 5 6 7 8 9 10; do
+    kill -0 "$(cat started)" 2>/dev/null || return 0
+    sleep 0.5
+  done
+  kill "$(cat started)"
+  return 1
+}
+green 'runner: ended before its time' ended
 
 # --- installer: on a machine that has everything it does nothing, without it asks for what is missing
 mkdir -p bin
