@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "src/deform/deform_file.h"
 
+#include <float.h>
 #include <math.h>
 #include <stddef.h>
 #include <string.h>
@@ -179,6 +180,14 @@ static bool is_motion(const sv_rigid *m) {
   return n2 > 0.99f && n2 < 1.01f && is_measured(m->d, 3);
 }
 
+// As of a model's PLY: what was exported from it would be refused elsewhere.
+static sv_status check_rows(const float *x, size_t n, const char *name, sv_err *err) {
+  for (size_t i = 0; i < n; i++)
+    if (!(fabsf(x[i]) <= FLT_MAX))
+      return sv_fail(err, SV_E_FORMAT, "%s: value %zu of section \"ROWS\" is not finite", name, i);
+  return SV_OK;
+}
+
 static sv_status check_bodies(const sv_motion *mo, const char *name, sv_err *err) {
   const sv_bodies *b = &mo->bodies;
   for (int i = 0; i < b->n_knots; i++)
@@ -225,5 +234,6 @@ sv_status sv_deform_read(sv_deform *d, const sv_sections *r, const sv_deform_hea
   sv_deform_set_moving(d, h->n_moving);
   void *rows = (void *)(uintptr_t)rows_of(d, &bytes);
   s = sv_sections_get(r, "ROWS", rows, bytes, err);
+  if (s >= 0) s = check_rows(rows, bytes / sizeof(float), r->name, err);
   return s >= 0 && h->n_bodies ? read_bodies(&d->motion, r, err) : s;
 }

@@ -372,6 +372,8 @@ static void test_bodies_file(void **state) {
   sv_bodies_knot(b, 2, 1)->q[0] = NAN, check_refused(of, "knot 1 of body 2 is no rigid motion");
   sv_bodies_knot(b, 2, 1)->q[0] = 0.8f, b->centre[1][2] = 1e30f,
                        check_refused(of, "numbers that no bodies have");
+  b->centre[1][2] = 0.3f, of->motion.param[3] = NAN,
+  check_refused(of, "value 3 of section \"ROWS\" is not finite");
 }
 
 static void test_motion_file(void **state) {
