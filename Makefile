@@ -3,12 +3,15 @@
 # a new file needs no change here; a folder that does not exist is an empty one.
 #   BOARD=rpi5              the board to build for (boards/*)
 #   SAN=address,undefined   the same with sanitizers, in a folder of its own
-#   WERROR=                 warnings stay warnings
+#   WERROR=1                warnings are errors, for developers and CI
+#   CC=clang                another compiler than gcc
+#   WITH=minimal            without the libraries that only some features need (calibration, libcamera)
 HOST_ARCH := $(shell uname -m)
 BOARD     ?= $(if $(filter aarch64,$(HOST_ARCH)),generic-arm64,sim-x86)
 BUILD     ?= build
 SAN       ?=
-WERROR    ?= -Werror
+WERROR    ?=
+WITH      ?= all
 PREFIX    ?= /usr/local
 JOBS      ?= $(shell nproc)
 
@@ -33,15 +36,18 @@ endif
 comma := ,
 O  := $(BUILD)/$(BOARD)$(if $(SAN),-$(if $(findstring address,$(SAN)),asan,$(subst $(comma),-,$(SAN))))
 CC := $(BOARD_CROSS)gcc
+CXX := $(if $(findstring clang,$(CC)),$(subst clang,clang++,$(CC)),$(subst gcc,g++,$(CC)))
 AR := $(BOARD_CROSS)gcc-ar
+IS_CLANG := $(findstring clang,$(CC))
 OBJDUMP := $(BOARD_CROSS)objdump
 
 # --- flags ----------------------------------------------------------------------------------------
 # The same bits on every machine: no contraction, no fast-math (architecture of the arithmetic:
 # kernels/kernels.h).
 ARITH  := -ffp-contract=off -fno-math-errno -fno-trapping-math
+ERRORS := $(if $(filter-out 0,$(WERROR)),-Werror)
 WARN   := -Wall -Wextra -Wpedantic -Wshadow -Wvla -Walloca -Wstrict-prototypes \
-          -Wpointer-arith -Wno-unused-function -Wno-missing-field-initializers $(WERROR)
+          -Wpointer-arith -Wno-unused-function -Wno-missing-field-initializers $(ERRORS)
 SANF   := $(if $(SAN),-fsanitize=$(SAN) -fno-sanitize-recover=all -fno-omit-frame-pointer)
 OPT    ?= $(if $(SAN),-O1,-O2)
 OPT_KERNELS ?= $(if $(SAN),-O1,-O3)
@@ -53,19 +59,18 @@ KERNEL_CFLAGS := $(COMMON) $(OPT_KERNELS) -fstack-usage
 HOST_CFLAGS   := $(COMMON) $(OPT) -D_GNU_SOURCE
 # Long functions without loops, of more vectors than there are registers: ordered before registers are given out, more of
 # their chains run side by side.
-PROJECT_CFLAGS := -fschedule-insns -fsched-pressure
+PROJECT_CFLAGS := $(if $(IS_CLANG),,-fschedule-insns -fsched-pressure)
 # Only here do board, platform and runtime meet, so only here the board's sizes are visible.
 BOARD_HDR     := -include boards/$(BOARD)/board.h
 LDFLAGS_ALL   := $(SANF) $(SYSROOT_FLAG) -Wl,--as-needed $(LDFLAGS)
-CXX := $(subst gcc,g++,$(CC))
 SOLVE_CFLAGS  := -std=c11 -g -I. $(filter-out -Wpedantic,$(WARN)) $(SANF) $(SYSROOT_FLAG) $(OPT) -D_GNU_SOURCE
-SOLVE_CXXFLAGS := -std=c++17 -g -I. -Wall -Wextra $(WERROR) $(SANF) $(SYSROOT_FLAG) $(OPT)
+SOLVE_CXXFLAGS := -std=c++17 -g -I. -Wall -Wextra $(ERRORS) $(SANF) $(SYSROOT_FLAG) $(OPT)
 LIBS          := $(BOARD_LIBS) -ljpeg -lpng -lz -lpthread -lm
 ISA_sse41  := -msse4.1
 ISA_avx2   := -mavx2 -mfma -mbmi -mbmi2 -mlzcnt -mpopcnt
 ISA_avx512 := -mavx512f -mavx512dq -mavx512vl -mavx512bw -mfma -mbmi -mbmi2 -mlzcnt -mpopcnt -mprefer-vector-width=512
 # GCC for AArch64 orders instructions before registers are given out; vectors of four registers then go to the stack.
-ISA_neon   := -fno-schedule-insns
+ISA_neon   := $(if $(IS_CLANG),,-fno-schedule-insns)
 
 # --- sources --------------------------------------------------------------------------------------
 obj = $(patsubst %.cc,$(O)/obj/%.o,$(patsubst %.c,$(O)/obj/%.o,$(1)))
@@ -106,7 +111,9 @@ MAIN_RE    := ^(int )?main ?\(
 MAINS      := $(shell grep -lE '$(MAIN_RE)' /dev/null $(TOOL_SRC) $(CAL_SRC) $(TEST_SRC))
 LAB_MAIN   := $(filter $(MAINS),$(wildcard tools/lab/*.c))
 CAL_MAIN   := $(filter $(MAINS),$(CAL_SRC))
-HELPER_SRC := $(filter-out $(MAINS),$(TOOL_SRC) $(wildcard tests/common/*.c))
+HELPER_SRC := $(filter-out $(MAINS),$(TOOL_SRC))
+# Linked to tests alone (tools/lint/links.sh checks): a program needs nothing that only the tests need.
+TEST_HELPER_SRC := $(filter-out $(MAINS),$(wildcard tests/common/*.c))
 # The malloc interposer goes only to the programs that ask for it: anywhere else it would be picked up
 # unasked.
 HEAP_SRC   := $(filter-out $(MAINS),$(wildcard tests/fault/heap_*.c))
@@ -116,7 +123,8 @@ SOLVE_USERS := $(shell grep -lE '"(calib/solve|tools/calibrate)/' /dev/null $(fi
 ALL_OBJ    := $(call obj,$(CORE_SRC) $(PLAT_SRC) $(PREVIEW_SRC) $(MAIN_SRC) $(TOOL_SRC) $(CAL_SRC) $(SOLVE_SRC) $(TEST_SRC))
 
 CORE    := $(O)/libcore.a
-ARCHIVES := $(O)/libhelp.a $(O)/libplatform.a $(CORE)
+ARCHIVES := $(O)/libtools.a $(O)/libplatform.a $(CORE)
+TEST_ARCHIVES := $(O)/libtests.a $(ARCHIVES)
 PROGRAMS := $(if $(MAIN_SRC),$(O)/bin/subview) $(if $(PREVIEW_SRC),$(O)/bin/subview-preview) \
   $(if $(LAB_MAIN),$(O)/bin/subview-lab) $(if $(CAL_MAIN),$(O)/bin/subview-calibrate)
 
@@ -176,7 +184,8 @@ $(O)/$(1).a: $(2) $(O)/$(1).list
 endef
 $(eval $(call archive_rule,libcore,$(call obj,$(CORE_SRC))))
 $(eval $(call archive_rule,libplatform,$(call obj,$(PLAT_SRC))))
-$(eval $(call archive_rule,libhelp,$(call obj,$(HELPER_SRC))))
+$(eval $(call archive_rule,libtools,$(call obj,$(HELPER_SRC))))
+$(eval $(call archive_rule,libtests,$(call obj,$(TEST_HELPER_SRC))))
 $(eval $(call archive_rule,libcalibrate,$(call obj,$(filter-out $(MAINS),$(CAL_SRC)) $(SOLVE_SRC))))
 
 # --- programs -------------------------------------------------------------------------------------
@@ -200,31 +209,31 @@ progs_of = $(patsubst %.c,$(O)/%,$(filter $(MAINS),$(wildcard tests/$(1)/*.c)))
 define group_rules
 PROGS_$(1) := $(call progs_of,$(1))
 $(call progs_of,$(1)): $(O)/tests/$(1)/%: $(O)/obj/tests/$(1)/%.o \
-  $(call obj,$(filter-out $(MAINS) $(HEAP_SRC),$(wildcard tests/$(1)/*.c))) $(ARCHIVES)
+  $(call obj,$(filter-out $(MAINS) $(HEAP_SRC),$(wildcard tests/$(1)/*.c))) $(TEST_ARCHIVES)
 	$$(call link,-lcmocka $$(SOLVE_LIBS_HERE))
 endef
 $(foreach g,$(GROUPS_PLAIN),$(if $(call progs_of,$(g)),$(eval $(call group_rules,$(g)))))
 $(patsubst %.c,$(O)/%,$(HEAP_USERS)): $(call obj,$(HEAP_SRC))
 
-$(patsubst %.c,$(O)/%,$(SOLVE_USERS)): SOLVE_LIBS_HERE = $(O)/libcalibrate.a $(ARCHIVES) $(SOLVE_LIBS)
+$(patsubst %.c,$(O)/%,$(SOLVE_USERS)): SOLVE_LIBS_HERE = $(O)/libcalibrate.a $(TEST_ARCHIVES) $(SOLVE_LIBS)
 $(patsubst %.c,$(O)/%,$(SOLVE_USERS)): $(O)/libcalibrate.a
 
 KERNEL_TEST_SRC := $(wildcard tests/kernels/*.c)
 PROGS_kernels := $(if $(KERNEL_TEST_SRC),$(O)/tests/kernels-check)
-$(O)/tests/kernels-check: $(call obj,$(KERNEL_TEST_SRC)) $(ARCHIVES)
+$(O)/tests/kernels-check: $(call obj,$(KERNEL_TEST_SRC)) $(TEST_ARCHIVES)
 	$(call link)
 
 FUZZ_SRC   := $(wildcard tests/fuzz/fuzz_*.c)
 PROGS_fuzz := $(FUZZ_SRC:%.c=$(O)/%)
 $(PROGS_fuzz): $(O)/tests/fuzz/%: $(O)/obj/tests/fuzz/%.o \
-  $(call obj,$(filter-out $(FUZZ_SRC),$(wildcard tests/fuzz/*.c))) $(ARCHIVES)
+  $(call obj,$(filter-out $(FUZZ_SRC),$(wildcard tests/fuzz/*.c))) $(TEST_ARCHIVES)
 	$(call link)
 
 # The source suite and faults on cameras that are there; the virtual board runs them.
 PROGS_conform := $(O)/tests/source-check $(O)/tests/source-faults
-$(O)/tests/source-check: $(call obj,tests/conform/source_check.c) $(ARCHIVES)
+$(O)/tests/source-check: $(call obj,tests/conform/source_check.c) $(TEST_ARCHIVES)
 	$(call link)
-$(O)/tests/source-faults: $(call obj,tests/conform/source_faults.c tests/conform/inject.c) $(ARCHIVES)
+$(O)/tests/source-faults: $(call obj,tests/conform/source_faults.c tests/conform/inject.c) $(TEST_ARCHIVES)
 	$(call link)
 
 ALL_PROGS := $(foreach g,$(GROUPS_PLAIN) kernels fuzz,$(PROGS_$(g)))

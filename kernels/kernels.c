@@ -3,6 +3,9 @@
 
 #include <stddef.h>
 #include <string.h>
+#if defined(__x86_64__) || defined(__i386__)
+#include <cpuid.h>
+#endif
 
 #ifndef SV_HAVE_SSE41
 #define SV_HAVE_SSE41 0
@@ -24,8 +27,11 @@ uint32_t sv_cpu_isas(void) {
 #if SV_HAVE_SSE41 || SV_HAVE_AVX2 || SV_HAVE_AVX512
   __builtin_cpu_init();
   if (SV_HAVE_SSE41 && __builtin_cpu_supports("sse4.1")) mask |= SV_ISA_BIT(SV_ISA_SSE41);
-  const bool has_bits = __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2") &&
-                        __builtin_cpu_supports("lzcnt") && __builtin_cpu_supports("popcnt");
+  // Not every compiler's __builtin_cpu_supports knows LZCNT: bit 5 of ECX of CPUID leaf 0x80000001.
+  unsigned eax, ebx, ecx = 0, edx;
+  const bool has_lzcnt = __get_cpuid(0x80000001, &eax, &ebx, &ecx, &edx) && (ecx & 1u << 5);
+  const bool has_bits = has_lzcnt && __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2") &&
+                        __builtin_cpu_supports("popcnt");
   if (SV_HAVE_AVX2 && has_bits && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
     mask |= SV_ISA_BIT(SV_ISA_AVX2);
   if (SV_HAVE_AVX512 && has_bits && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Not alone: private to boards_mrcal*.c, after <mrcal/mrcal.h>. A calibration as mrcal takes it.
+// Not alone: private to boards_*mrcal.c, after <mrcal/mrcal.h>. A calibration as mrcal takes it.
 #ifndef SV_CALIB_SOLVE_BOARDS_MRCAL_H
 #define SV_CALIB_SOLVE_BOARDS_MRCAL_H
 

@@ -5,13 +5,12 @@
 // in the frame of each board; where it projects then depends on the lens, the camera's rotation and the mean of
 // the boards' rotations.
 #include <math.h>
-#include <mrcal/mrcal.h>
 #include <stdlib.h>
 #include <string.h>
 #include <suitesparse/cholmod.h>
 
 #include "calib/solve/boards.h"
-#include "calib/solve/boards_mrcal.h"
+#include "calib/solve/mrcal_releases.h"
 #include "src/base/mathx.h"
 
 typedef struct {
@@ -182,9 +181,7 @@ sv_status sv_boards_uncertainty(sv_boards_result *out, const sv_mrcal_problem *p
   v.common.print = 0;
   bool is_good = v.scale && rows;
   for (int k = 0; k < v.n_states && is_good; k++) v.scale[k] = 1;
-  if (is_good)
-    mrcal_unpack_solver_state_vector(v.scale, b->n_cameras, b->n_cameras - 1, p->n_frames, 0, 0, p->sel,
-                                     &p->lens);
+  if (is_good) sv_mrcal_unpack(p, v.scale);
   is_good = is_good && factor(&v);
   for (int c = 0; c < b->n_cameras && is_good; c++) {
     sv_boards_camera *q = &out->cameras[c];

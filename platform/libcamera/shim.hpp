@@ -20,6 +20,16 @@
   (LIBCAMERA_VERSION_MAJOR * 10000 + LIBCAMERA_VERSION_MINOR * 100 + LIBCAMERA_VERSION_PATCH >=              \
    (a)*10000 + (b)*100 + (c))
 
+// Frames that the sensor delivers before its settings have taken effect.
+inline bool is_startup_frame(const libcamera::FrameMetadata &m) {
+#if SV_LIBCAMERA_SINCE(0, 5, 2)
+  return m.status == libcamera::FrameMetadata::FrameStartup;
+#else
+  (void)m;
+  return false;
+#endif
+}
+
 using libcamera::Camera;
 using libcamera::CameraConfiguration;
 using libcamera::CameraManager;

@@ -12,15 +12,6 @@ using namespace libcamera;
 #define LATER_RETRY_NS (200 * SV_NS_PER_MS)
 #define MOST_GAP_NS    (200 * SV_NS_PER_MS) // between two looks
 
-static bool is_startup_frame(const FrameMetadata &m) {
-#if SV_LIBCAMERA_SINCE(0, 5, 2)
-  return m.status == FrameMetadata::FrameStartup;
-#else
-  (void)m;
-  return false;
-#endif
-}
-
 // --- one camera ------------------------------------------------------------------------------------
 // On libcamera's thread: only notes it.
 void Cam::requestDone(Request *request) {

@@ -64,7 +64,7 @@ static int usage(const char *fmt, const char *what) {
 
 static int parse(int argc, char **argv, options *o, sv_err *err) {
   *o = (options){.addr = "127.0.0.1", .port = 8080, .feed_fd = -1, .command_fd = -1};
-  for (int i = 1; i < argc; i++) {
+  for (int i = 1; i < argc; i += 2) {
     long long v;
     const char *value = i + 1 < argc ? argv[i + 1] : "";
     if (!strcmp(argv[i], "--help") || !strcmp(argv[i], "-h")) {
@@ -85,7 +85,6 @@ static int parse(int argc, char **argv, options *o, sv_err *err) {
       if (argv[i][2] == 'a') o->attach_pid = (long)v;
       else *(argv[i][2] == 'f' ? &o->feed_fd : &o->command_fd) = (int)v;
     } else return usage("unknown option '%s'", argv[i]);
-    i++;
   }
   if (o->feed_fd < 0 && !o->attach_pid) return usage("%s is missing", "--attach");
   return 0;

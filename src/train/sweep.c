@@ -276,7 +276,8 @@ static void warp16(const sv_depth_map *src, const float h[3], const float base[3
   for (int i = 0; i < 16; i++) {
     float c = x + (float)i, z = h[2] * c + base[2], f = 1.0f / (z > 1e-6f ? z : 1e-6f);
     u[i] = (h[0] * c + base[0]) * f, v[i] = (h[1] * c + base[1]) * f;
-    is_in[i] = (z > 1e-6f) & (u[i] >= 0) & (u[i] <= right) & (v[i] >= 0) & (v[i] <= bottom) ? 1.0f : 0.0f;
+    bool is_seen = (z > 1e-6f) & (u[i] >= 0) & (u[i] <= right) & (v[i] >= 0) & (v[i] <= bottom);
+    is_in[i] = is_seen ? 1.0f : 0.0f;
     u[i] = sv_clampf(u[i] - 0.5f, 0, right - 1.001f), v[i] = sv_clampf(v[i] - 0.5f, 0, bottom - 1.001f);
   }
   for (int i = 0; i < 16; i++) out[i] = bilinear(src->grey, src->view.width_px, u[i], v[i]);
