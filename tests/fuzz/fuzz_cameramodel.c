@@ -9,10 +9,10 @@ size_t fuzz_seed(int i, uint8_t *buf, size_t cap) {
   static const char *const texts[] = {"# m\n{ 'lensmodel': 'LENSMODEL_OPENCV4', 'intrinsics': [ 500., 510, "
                                       "319.5, 239.5, -1.e-1, .01, 1e-3, -2E-3,],\n'extrinsics': "
                                       "[ 0.1, 0, 1.5, 1, 2, 3,],\n 'imagersize': [ 640, 480,],}\n",
-                                      "{\"icam\":3,'nested':[[1,(2,),{'a':None,'b':[True,False]}],[]],'o':b'"
-                                      "a\\'b{[' b'more#x',r'k':r'x','t':'''two\nlines''',"
-                                      "'lensmodel':'LENSMODEL_PINHOLE','intrinsics':(1,1,1,1),'rt_cam_ref':("
-                                      "0,0,0,0,0,0),'imagersize':[4,3]} # end",
+                                      ("{\"icam\":3,'nested':[[1,(2,),{'a':None,'b':[True,False]}],[]],'o':b'"
+                                       "a\\'b{[' b'more#x',r'k':r'x','t':'''two\nlines''',"
+                                       "'lensmodel':'LENSMODEL_PINHOLE','intrinsics':(1,1,1,1),'rt_cam_ref':("
+                                       "0,0,0,0,0,0),'imagersize':[4,3]} # end"),
                                       "{'lensmodel':'LENSMODEL_OPENCV8','intrinsics':[1,1,1,1,0,0,0,0,0,0,0,"
                                       "0],'extrinsics':[0,0,0,0,0,0],'imagersize':[4,3]}"};
   if (i >= 3 || strlen(texts[i]) > cap) return 0;

@@ -15,8 +15,8 @@ static size_t put_doubles(uint8_t *p, int n) {
 
 size_t fuzz_seed(int i, uint8_t *b, size_t cap) {
   static const char *const texts[5] = {
-      "# c\n1 SIMPLE_RADIAL 640 480 500 320 240 0.1\n7 FULL_OPENCV 10 20 1 2 3 4 5 6 7 8 9 10 11 12\n2 "
-      "PINHOLE 5 5 1 1 1 1\n",
+      ("# c\n1 SIMPLE_RADIAL 640 480 500 320 240 0.1\n7 FULL_OPENCV 10 20 1 2 3 4 5 6 7 8 9 10 11 12\n2 "
+       "PINHOLE 5 5 1 1 1 1\n"),
       "1 1 0 0 0 1 2 3 7 a b.jpg\n\n2 0.6 0.8 0 0 0 0 0 7 c.jpg\n1 2 -1 3 4 5\n",
       "9 1 -2 3 255 2 3 0.5 1 2 3 4 \n10 1 1 1 0 0 0 1\n",
       "1 4 CAMERA 1 CAMERA 2 1 0.6 0.8 0 0 1 2 3 IMU 1 0 CAMERA 3 0\n2 1 CAMERA 4\n7 0\n",

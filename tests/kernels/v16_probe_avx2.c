@@ -2,7 +2,6 @@
 // The vocabulary's probe on avx2.
 #include "tests/kernels/v16_probe.h"
 #if defined(SV_HAVE_AVX2) && SV_HAVE_AVX2
-#pragma GCC target("avx2,fma")
 #include "kernels/simd/v16_avx2.h"
 
 #define PROBE v16_probe_avx2

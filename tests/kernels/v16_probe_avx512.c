@@ -2,7 +2,6 @@
 // The vocabulary's probe on avx512.
 #include "tests/kernels/v16_probe.h"
 #if defined(SV_HAVE_AVX512) && SV_HAVE_AVX512
-#pragma GCC target("avx512f,avx512dq,avx512vl,avx512bw,avx2,fma")
 #include "kernels/simd/v16_avx512.h"
 
 #define PROBE v16_probe_avx512
