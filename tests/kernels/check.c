@@ -316,7 +316,7 @@ static void run_op(const char *op, uint32_t allowed, const char *pin, bool is_be
                       : !(allowed & SV_ISA_BIT(i))     ? pin
                                                        : NULL;
     if (why) {
-      if (!is_bench) printf("skip %-16s %-7s %s\n", op, sv_isa_name((sv_isa)i), why);
+      if (!is_bench) printf("skip %s: %s (%s)\n", sv_isa_name((sv_isa)i), why, op);
       t->n_skipped++;
       continue;
     }

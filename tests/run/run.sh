@@ -8,9 +8,21 @@
 # the others, with nothing beside it. Cases are counted from cmocka's output, or from a line of the form above
 # that the command prints itself (the last one holds). A command that says neither is one case: exit 0 passed,
 # 77 skipped (its last line is the reason), anything else failed. A command that ends badly, or not in time,
-# adds a failure even when all its cases look well. Logs stay in FOLDER. Exit 1 when something failed or
+# adds a failure even when all its cases look well. Skipped cases are summed up at the end, a line a reason. Logs stay in FOLDER. Exit 1 when something failed or
 # nothing passed.
 set -u
+
+# Why cases of a check were skipped, a line each: cases, label, reason, separated by tabs. A name in brackets at a
+# reason's end is the case's own; "skip  3 x REASON (LABELS)" is the summary of a run inside of this one.
+skips() {
+  reasons=$(if [ "$1" -eq 77 ]; then tail -n 1 "$3"; else grep -iE '^ *skip(ped)?[: ]' "$3"; fi)
+  printf '%s\n' "${reasons:-no reason was given}" | sed -E 's/^ *skip(ped)?:? *//' | awk -v label="$2" '{
+    n = 1
+    if (match($0, /^[0-9]+ x /)) { n = $1; sub(/^[0-9]+ x /, "") }
+    sub(/ \([^()]*\)$/, "")
+    print n "\t" label "\t" $0
+  }'
+}
 
 # One check: prints its line, leaves label.count ("passed failed skipped") and label.log.
 one() {
@@ -51,6 +63,7 @@ one() {
       print p + 0, f + 0, s + 0
     }' "$file.log")
   echo "$1 $2 $3" >"$file.count"
+  [ "$3" -eq 0 ] || skips "$code" "$label" "$file.log" >"$file.skips"
   if [ "$2" -gt 0 ]; then
     why="exit $code"
     if [ $code -eq 124 ] || [ $code -eq 137 ]; then why="not done after $seconds s"; fi
@@ -61,14 +74,6 @@ one() {
   else
     rm -f "$file.failed"
     printf 'ok    %-36s %4s passed%s  %s s\n' "$label" "$1" "$([ "$3" -gt 0 ] && echo ", $3 skipped")" "$took"
-    if [ "$3" -gt 0 ]; then # a skip always says why
-      if [ "$code" -eq 77 ]; then
-        reasons=$(tail -n 1 "$file.log")
-      else
-        reasons=$(grep -iE '^ *skip' "$file.log" | sed 's/^ *skip  *//' | sort -u | head -n 20)
-      fi
-      printf '%s\n' "${reasons:-no reason was given}" | sed "s|^|skip  $label: |"
-    fi
   fi
 }
 
@@ -102,6 +107,12 @@ list=$(sed 's/^[[:space:]]*//' "$1" | grep -v '^$')
 printf '%s\n' "$list" | grep '^[^!]' | xargs -r -d '\n' -n 1 -P "$jobs" "$0" --one "$out" "$seconds"
 printf '%s\n' "$list" | grep '^!' | xargs -r -d '\n' -n 1 "$0" --one "$out" "$seconds"
 
+cat "$out"/*.skips 2>/dev/null | sort -t "$(printf '\t')" -k 3,3 -k 2,2 | awk -F '\t' '
+  function close_reason() { if (n) printf "skip  %d x %s (%s%s)\n", n, reason, labels, (n_labels > 3 ? ", ..." : "") }
+  $3 != reason { close_reason(); reason = $3; n = n_labels = 0; labels = last = "" }
+  { n += $1 }
+  $2 != last { last = $2; if (++n_labels <= 3) labels = labels (labels == "" ? "" : ", ") $2 }
+  END { close_reason() }'
 cat "$out"/*.failed 2>/dev/null | sed 's/^/failed: /'
 set -- "$out"/*.count
 if [ ! -e "$1" ]; then

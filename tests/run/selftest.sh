@@ -24,6 +24,7 @@ clean() {
   guard src/rig/rig.h SV_RIG_H '#include "src/base/floor.h"'
   guard calib/model.h SV_MODEL_H '#include "src/base/floor.h"'
   guard calib/solve/solve.h SV_SOLVE_H '#include <stdlib.h>'
+  guard tests/helper.h SV_HELPER_H 'int helper(void);'
   printf '%s\n#include "kernels/dot/dot.h"\n' "$licence" >kernels/dot/dot_ref.c
   printf '%s\n#include "kernels/kernels.h"\n#include "calib/model.h"\n' "$licence" >src/app/app.c
   printf '%s\n#include <stdio.h>\n#include "src/rig/rig.h"\n#include "calib/model.h"\n' "$licence" >platform/sim/sim.c
@@ -75,6 +76,12 @@ breach src/app/app.c '<src/rig/rig.h>'
 breach platform/sim/sim.c '"kernels/kernels.h"'
 breach platform/sim/sim.c '"calib/solve/solve.h"'
 breach src/rig/rig.h '"platform/sim/sim.c"'
+WANT='must not include' breach tools/lab/lab.c '"tests/helper.h"'
+WANT='lists for the build' breach tools/lab/lab.c '<cmocka.h>'
+WANT='lists for the build' breach platform/sim/sim.c '<unheard/of.h>'
+clean
+add tools/lab/lab.c '#include <png.h>\n#include <sys/stat.h>'
+green "includes: a tool takes a library of the build" "$lint/includes.sh"
 
 # --- files
 clean
@@ -149,6 +156,20 @@ WANT='not known before' stack red 'a VLA' "${use}void sv_f(int n) { char a[n]; s
 rm -rf build
 red "stack: nothing built" "$lint/stack.sh" build
 
+# --- links
+program() { # colour, name, a file below tests/ or nothing
+  clean
+  mkdir -p build/bin
+  echo 'int main(void) { return 0; }' >tools/lab/main.c
+  echo 'int helper(void) { return 1; }' >tests/helper.c
+  # shellcheck disable=SC2086 # none or one
+  gcc -g tools/lab/main.c $3 -o build/bin/program && $1 "links: $2" "$lint/links.sh" build
+}
+program green clean ''
+WANT='tests/helper.c is linked in' program red "a test's helper" tests/helper.c
+rm -rf build
+WANT='were they built' red "links: nothing built" "$lint/links.sh" build
+
 # --- format
 clean
 cp "$root/.clang-format" .
@@ -172,6 +193,9 @@ WANT='^7 passed, 2 failed, 1 skipped$' run red 'a failure that the program count
   "a${tab}echo 6 passed, 2 failed, 1 skipped\nb${tab}true"
 WANT='^1 passed, 1 failed, 0 skipped$' run red 'a crash after good cases' \
   "a${tab}printf '[ RUN      ] x\\\\n[       OK ] x\\\\n'; kill -SEGV \$\$"
+WANT='^skip  5 x no such instructions (a, b)$' run red 'skips, summed up by reason' \
+  "a${tab}echo 'skip no such instructions (add)'; echo 'skipped: no such instructions (mul)'; echo 1 passed, 1 failed, 2 skipped
+b${tab}echo 'skip  3 x no such instructions (c)'; echo 0 passed, 0 failed, 3 skipped"
 ended() { # with the run ends what it has started
   rm -f started
   printf 'a\techo $$ >%s/started; exec sleep 20\n' "$tree" >list
@@ -194,11 +218,16 @@ green 'runner: ended before its time' ended
 
 # --- installer: on a machine that has everything it does nothing, without it asks for what is missing
 mkdir -p bin
-for tool in sh uname id dirname readlink sort; do ln -sf "$(command -v $tool)" bin/; done
+for tool in sh uname id dirname readlink sort awk sed grep tr cut; do ln -sf "$(command -v $tool)" bin/; done
 needs() {
-  env PATH="$tree/bin" "$root/tools/deps/install.sh" build --list | grep -q '^build-essential$'
+  env PATH="$tree/bin" "$root/tools/deps/install.sh" build --list | grep -qx gcc
 }
 green "installer: notices a missing compiler" needs
+minimal() {
+  env PATH="$tree/bin" WITH=minimal "$root/tools/deps/install.sh" build --list | grep -qx 'g++' && return 1
+  env PATH="$tree/bin" "$root/tools/deps/install.sh" build --list | grep -qx 'g++'
+}
+green "installer: WITH=minimal asks for no C++ compiler" minimal
 WANT='not a Debian kind' red "installer: without apt" env PATH="$tree/bin" "$root/tools/deps/install.sh" build
 
 echo "$passed passed, $failed failed, $skipped skipped"
