@@ -6,139 +6,144 @@
 #   install.sh test     the same, and what the tests use
 #   install.sh tidy     the same, and the static analysers
 #   install.sh board    for the build, and what the virtual ARM board needs
+#   install.sh bare     for the tests on minimal systems: what makes those systems
 #
-# Looks for files, not for packages, so it is done in an instant when everything is there, whoever installed
-# it. sudo is asked only when something is missing. What only makes some checks run (the others are then
-# counted as skipped) may fail to install; the rest may not. `--list` prints the packages that are missing and
-# changes nothing.
+# packages.txt lists the packages. WITH=minimal leaves out those that only some features need.
+# It looks for files, not for packages, so it is done in an instant when everything is there, whoever
+# installed it. sudo is asked only when something is missing. A package that only a feature needs may fail to
+# install: the build leaves that feature out. `--list` prints the missing packages and changes nothing.
 set -u
-what=${1:-build} list=${2:-}
-needed='' wanted=''
+what=${1:-build} list=${2:-} with=${WITH:-all}
+table=$(dirname "$(readlink -f "$0")")/packages.txt
 
-has_header() {
-  for folder in /usr/include /usr/include/"$(uname -m)"-linux-gnu /usr/local/include; do
-    [ -e "$folder/$1" ] && return 0
-  done
-  return 1
-}
-header() { has_header "$1" || needed="$needed $2"; }
-command_() { command -v "$1" >/dev/null 2>&1 || needed="$needed $2"; }
-wanted_header() { has_header "$1" || wanted="$wanted $2"; }
-optional() { command -v "$1" >/dev/null 2>&1 || wanted="$wanted $2"; }
-
-command_ gcc build-essential
-command_ make build-essential
-command_ g++ build-essential
-header stdlib.h libc6-dev
-header jsmn.h libjsmn-dev
-header jpeglib.h libjpeg62-turbo-dev
-header png.h libpng-dev
-header zlib.h zlib1g-dev
-# The live view's server, and SPZ version 4; without them they say so
-wanted_header microhttpd.h libmicrohttpd-dev
-wanted_header seccomp.h libseccomp-dev
-wanted_header zstd.h libzstd-dev
-# cameras behind libcamera; without it V4L2 remains
-wanted_header libcamera/libcamera/libcamera.h "libcamera-dev libcamera-ipa"
-# subview-calibrate; without one of these it says what it cannot do
-wanted_header mrcal/mrcal.h libmrcal-dev
-wanted_header suitesparse/cholmod.h libsuitesparse-dev
-wanted_header mrgingham/mrgingham.hh libmrgingham-dev
-wanted_header opencv4/opencv2/calib3d.hpp libopencv-dev
-wanted_header opengv/types.hpp libopengv-dev
-wanted_header eigen3/Eigen/Core libeigen3-dev
 case $what in
-build) ;;
-board)
-  optional aarch64-linux-gnu-gcc "gcc-aarch64-linux-gnu libc6-dev-arm64-cross"
-  optional aarch64-linux-gnu-g++ g++-aarch64-linux-gnu
-  optional qemu-system-aarch64 qemu-system-arm
-  optional mmdebstrap mmdebstrap
-  optional cpio cpio
-  optional bc bc
-  optional xz xz-utils
-  PATH=$PATH:/usr/sbin:/sbin
-  optional depmod kmod
-  [ -r /usr/share/keyrings/debian-archive-keyring.gpg ] || wanted="$wanted debian-archive-keyring"
-  ;;
-test | tidy)
-  header cmocka.h libcmocka-dev
-  optional clang-format clang-format
-  optional chromium chromium   # opens the live view's page
-  optional valgrind valgrind   # counts instructions against their record
-  optional gnuplot gnuplot-nox # draws the plots of subview-lab tables
-  if [ "$(uname -m)" = x86_64 ]; then # the ARM build, under emulation
-    optional aarch64-linux-gnu-gcc "gcc-aarch64-linux-gnu libc6-dev-arm64-cross"
-    optional aarch64-linux-gnu-g++ g++-aarch64-linux-gnu # libcamera's shim
-    optional qemu-aarch64-static qemu-user-static
-    optional mmdebstrap mmdebstrap
-    [ -r /usr/share/keyrings/debian-archive-keyring.gpg ] || wanted="$wanted debian-archive-keyring"
-  fi
-  if [ "$what" = tidy ]; then
-    optional clang-tidy clang-tidy
-    optional cppcheck cppcheck
-  fi
-  ;;
+build) stages='build' ;;
+test) stages='build test' ;;
+tidy) stages='build test tidy' ;;
+board) stages='build board' ;;
+bare) stages='bare' ;;
 *)
-  echo "install.sh: the first word is build, test, tidy or board, not $what" >&2
+  echo "install.sh: the first word is build, test, tidy, board or bare, not $what" >&2
   exit 2
   ;;
 esac
+case $with in
+all | minimal) ;;
+*)
+  echo "install.sh: WITH is all or minimal, not $with" >&2
+  exit 2
+  ;;
+esac
+
+is_there() { # a command, a header, or a whole path
+  case $1 in
+  /*) [ -e "$1" ] ;;
+  *.h | *.hh | *.hpp | */*)
+    [ -e "/usr/include/$1" ] || [ -e "/usr/include/$(uname -m)-linux-gnu/$1" ] || [ -e "/usr/local/include/$1" ]
+    ;;
+  *) PATH=$PATH:/usr/sbin:/sbin command -v "$1" >/dev/null 2>&1 ;;
+  esac
+}
+
+# Lines "package|feature" of what is missing. No file in the table has a space in its name.
+missing() {
+  awk -F ' *[|] *' -v stages=" $stages " -v with="$with" -v arch="$(uname -m)" '
+    /^#/ || !index(stages, " " $1 " ") || (with == "minimal" && $4 != "-") { next }
+    sub(/^x86:/, "", $2) && arch != "x86_64" { next }
+    { print $2, $3 "|" $4 }' "$table" |
+    while read -r file package; do is_there "$file" || echo "$package"; done
+}
+found=$(missing | sort -u)
+packages_of() { # of a feature, or all
+  printf '%s\n' "$found" | awk -F '|' -v f="$1" 'f == "" || $2 == f { print $1 }' | sort -u | tr '\n' ' '
+}
+feature_of() { printf '%s\n' "$found" | sed -n "s/^$1|//p" | head -n 1; }
 if [ "$list" = --list ]; then
-  for package in $needed $wanted; do echo "$package"; done | sort -u
+  [ -z "$found" ] || packages_of '' | tr ' ' '\n' | grep .
   exit 0
 fi
-[ -z "$needed$wanted" ] && exit 0
+
+# Leaves out what a feature needs and the distribution does not have, where apt has lists to know it from.
+drop_unknown() {
+  apt-cache show libc6-dev >/dev/null 2>&1 || return 0
+  for package in $(packages_of ''); do
+    [ "$(feature_of "$package")" = - ] || apt-cache show "$package" >/dev/null 2>&1 && continue
+    echo "install.sh: this distribution has no $package; left out: $(feature_of "$package")"
+    found=$(printf '%s\n' "$found" | grep -v "^$package|")
+  done
+}
+command -v apt-cache >/dev/null 2>&1 && drop_unknown
+[ -n "$found" ] || exit 0
+
+echo "These packages are missing and will be installed:"
+printf '%s\n' "$found" | cut -d '|' -f 2 | sort -u | while read -r feature; do
+  [ "$feature" = - ] && name=needed || name=$feature
+  printf '  %-30s %s\n' "$name:" "$(packages_of "$feature")"
+done
+needed=$(packages_of -)
+[ "$(packages_of '')" != "$needed" ] && [ "$what" = build ] &&
+  echo "WITH=minimal leaves out the features that need packages of their own."
 
 if ! command -v apt-get >/dev/null 2>&1; then
-  echo "install.sh: not a Debian kind of system; these are missing (Debian's names):$needed$wanted"
-  [ -z "$needed" ] && exit 0
-  exit 1
+  echo "install.sh: not a Debian kind of system; please install the packages above (Debian's names) by hand"
+  [ -z "$needed" ]
+  exit
 fi
-
 as_root=''
 if [ "$(id -u)" -ne 0 ]; then
   as_root=sudo
   if ! command -v sudo >/dev/null 2>&1 || { ! [ -t 0 ] && ! sudo -n true 2>/dev/null; }; then
-    echo "install.sh: not root, and sudo cannot be asked; please run: apt-get install$needed$wanted"
-    [ -z "$needed" ] && exit 0
-    exit 1
+    echo "install.sh: not root, and sudo cannot be asked; please run: apt-get install $(packages_of '')"
+    [ -z "$needed" ]
+    exit
   fi
 fi
 
-is_updated=''
 update() { # mirrors that are being synchronized fail for a moment: try again
-  [ -n "$is_updated" ] && return 0
   for pause in 5 15 30 0; do
-    echo "install.sh: apt-get update"
-    if $as_root apt-get -q -o DPkg::Lock::Timeout=300 update >/dev/null; then
-      is_updated=yes
-      return 0
-    fi
+    $as_root apt-get -q -o DPkg::Lock::Timeout=300 update >/dev/null && return 0
     sleep $pause
   done
   return 1
 }
-install_() {
-  for pause in 5 20 0; do
-    echo "install.sh: apt-get install $*"
-    # shellcheck disable=SC2086 # as_root may be nothing
-    $as_root env DEBIAN_FRONTEND=noninteractive apt-get -q -y -o DPkg::Lock::Timeout=300 \
-      -o Acquire::Retries=3 -o Dpkg::Use-Pty=0 install --no-install-recommends "$@" >/dev/null && return 0
-    sleep $pause
-    is_updated=''
-    update || true
-  done
-  return 1
+apt_install() {
+  $as_root env DEBIAN_FRONTEND=noninteractive apt-get -q -y -o DPkg::Lock::Timeout=300 -o Acquire::Retries=3 \
+    -o Dpkg::Use-Pty=0 install --no-install-recommends "$@"
+}
+# What apt says of a failure, beside its progress.
+log=$(mktemp)
+trap 'rm -f "$log"' EXIT
+trap 'exit 130' INT TERM HUP
+try_install() { # twice, as a mirror that changes meanwhile has other files than its list says
+  apt_install "$@" >"$log" 2>&1 && return 0
+  update || true
+  apt_install "$@" >"$log" 2>&1
 }
 
-update || echo "install.sh: apt-get update failed; trying with what apt knows"
+update || echo "install.sh: apt-get update failed; trying with the lists that apt has"
+drop_unknown
+all=$(packages_of '')
 # shellcheck disable=SC2086 # lists of words
-if [ -n "$needed" ] && ! install_ $needed; then
-  echo "install.sh: could not install$needed"
-  exit 1
+LC_ALL=C apt-get -s install --no-install-recommends $all 2>/dev/null | sed -n \
+  's/^\([0-9]*\) upgraded, \([0-9]*\) newly installed.*/\2 packages with what they depend on/p'
+# shellcheck disable=SC2086
+LC_ALL=C apt-get --assume-no install --no-install-recommends $all 2>/dev/null |
+  sed -n 's/^Need to get \(.*\) of archives\.$/download: \1/p; s/^After this operation, \(.*\) of additional disk.*/on disk: \1/p'
+started=$(date +%s)
+# shellcheck disable=SC2086
+if try_install $all; then
+  echo "installed in $(($(date +%s) - started)) s"
+  exit 0
 fi
-for package in $wanted; do
-  install_ "$package" || echo "install.sh: could not install $package; what uses it is left out"
+echo "install.sh: not all at once ($(grep -m 1 '^E:' "$log")); trying one by one"
+for package in $all; do
+  try_install "$package" && continue
+  case " $needed " in
+  *" $package "*)
+    echo "install.sh: could not install $package, which the build needs: $(grep -m 1 '^E:' "$log")"
+    exit 1
+    ;;
+  esac
+  echo "install.sh: could not install $package; left out: $(feature_of "$package")"
 done
 exit 0

@@ -6,18 +6,36 @@
 #                                                        src/image/noise.h (what a sensor does to light)
 #                                            platform/preview -> src/format, too: it hands files out
 #   src      -> src, calib, kernels/kernels.h          boards -> boards, platform, src
-#   calib/solve is for tools and tests only. tools and tests may include anything.
+#   calib/solve is for tools and tests only; tools may include all of these, and tests anything.
 # Our own headers are included with quotes and named from the root of the tree; quotes are for nothing else.
+# tests is for tests only.
 # The core (src, kernels, calib) includes the headers of freestanding C, a few of libc that need no system,
-# and the processor's intrinsics.
+# and the processor's intrinsics. Programs include headers of libc, of C++, of Linux and of the packages that
+# tools/deps/packages.txt lists for the build.
 cd "${1:-.}" || exit 2
 lint=$(dirname "$(readlink -f "$0")")
 # shellcheck disable=SC2046 # names of ours have no spaces
 LC_ALL=C awk -f "$lint/strip.awk" $("$lint/sources.sh" c) /dev/null |
-  grep -E '^[^:]*:[0-9]*:[ 	]*#[ 	]*include' | LC_ALL=C awk -F : '
+  grep -E '^[^:]*:[0-9]*:[ 	]*#[ 	]*include' | LC_ALL=C awk -F : -v packages="$lint/../deps/packages.txt" '
   function says(text) { print file ":" $2 ": " text; bad = 1 }
   function starts(s, p) { return substr(s, 1, length(p)) == p }
+  BEGIN { # parts of the paths of the headers that each stage of tools/deps/install.sh brings
+    while ((getline line < packages) > 0) {
+      if (line ~ /^#/ || split(line, field, / *[|] */) < 4) continue
+      n = split(field[2], part, "/")
+      for (i = 1; i <= n; i++) stage[part[i]] = stage[part[i]] " " field[1]
+    }
+  }
+  function is_system(to) {
+    return to !~ /[.]/ || to ~ /^(sys|linux|asm|arpa|net|netinet)\// ||
+           to ~ /^(assert|complex|ctype|errno|fenv|float|inttypes|iso646|limits|locale|math|setjmp|signal)\.h$/ ||
+           to ~ /^(std(align|arg|atomic|bool|def|int|io|lib|noreturn)|string|tgmath|threads|time|uchar|wchar|wctype)\.h$/ ||
+           to ~ /^(dirent|dlfcn|execinfo|fcntl|fnmatch|getopt|glob|grp|ifaddrs|langinfo|link|malloc|netdb|poll|pty)\.h$/ ||
+           to ~ /^(pthread|pwd|regex|sched|semaphore|spawn|strings|sysexits|syslog|termios|ucontext|unistd|utime)\.h$/ ||
+           to ~ /^(immintrin|smmintrin|cpuid|arm_neon)\.h$/
+  }
   function may(to) {
+    if (starts(to, "tests/")) return starts(file, "tests/")
     if (starts(file, "src/base/")) return starts(to, "src/base/")
     if (starts(file, "kernels/")) return starts(to, "kernels/")
     if (starts(to, "calib/solve/")) return file ~ /^(calib\/solve|tools|tests)\//
@@ -46,6 +64,10 @@ LC_ALL=C awk -f "$lint/strip.awk" $("$lint/sources.sh" c) /dev/null |
       is_free = to ~ /^(assert|float|limits|math|std(align|arg|atomic|bool|def|int)|string)\.h$/ ||
                 to ~ /^(immintrin|smmintrin|cpuid|arm_neon|sys\/auxv|asm\/hwcap|jsmn)\.h$/
       if (is_core && !is_free) says("<" to "> is outside what the core may use")
+      first = to
+      sub(/\/.*/, "", first)
+      if (!is_core && !starts(file, "tests/") && !is_system(to) && stage[first] !~ /build/)
+        says("<" to "> comes with no package that tools/deps/packages.txt lists for the build")
     } else if (text !~ /include[ \t]+[A-Za-z_]/) says("an include that cannot be read")
   }
   END { exit bad }'
