@@ -132,7 +132,7 @@ PROGRAMS := $(if $(MAIN_SRC),$(O)/bin/subview) $(if $(PREVIEW_SRC),$(O)/bin/subv
 .DEFAULT_GOAL := all
 .DELETE_ON_ERROR:
 .PHONY: all programs tests-build conform demo test test-all check bench accept-counts mca kernels-check grad scenario golden fault \
-  fuzz unit only board-test headers lint format format-check tidy plan clean deps help install man cross FORCE
+  fuzz unit only board-test bare-test headers lint format format-check tidy plan clean deps help install man cross FORCE
 
 all: $(CORE) $(PROGRAMS) tests-build ## build the runtime, the tools and the tests for BOARD
 programs: $(CORE) $(PROGRAMS) ## build the runtime and the tools only
@@ -266,7 +266,7 @@ run_groups = $(shell mkdir -p $(O)/run)$(file >$(O)/run/$(1).list,$(foreach g,$(
   @tests/run/run.sh -j $(JOBS) -o $(O)/run/$(1) $(O)/run/$(1).list
 # Some tests run the programs themselves.
 define run_rule
-$(1): $(foreach g,$(2),$(PROGS_$(g))) $(if $(filter scenario fault budget,$(2)),$(PROGRAMS)) | $(SYSROOT_STAMP)
+$(1): $(foreach g,$(2),$(PROGS_$(g))) $(if $(filter scenario fault budget named,$(2)),$(PROGRAMS)) | $(SYSROOT_STAMP)
 	$$(call run_groups,$(1),$(2))
 endef
 
@@ -307,8 +307,9 @@ fuzz: ## every parser on damaged files, a short run
 $(eval $(call run_rule,fuzz,fuzz))
 lint: ## includes, headers, sizes, words, symbols, stack, format
 $(eval $(call run_rule,lint,lint))
-only: ## the groups named: make only GROUPS="unit golden"
-GROUPS ?= unit
+only: ## the groups or tests named: make only GROUPS="unit golden", make only TESTS=scenario/test_run
+GROUPS ?= $(if $(TESTS),named,unit)
+PROGS_named := $(addprefix $(O)/tests/,$(TESTS))
 $(eval $(call run_rule,only,$(GROUPS)))
 cross: ## the fast tests and the digests for arm64, emulated
 	@BUILD='$(BUILD)' tests/run/cross.sh generic-arm64
@@ -318,6 +319,9 @@ board-test: ## capture and train on a virtual ARM board with cameras (QEMU); und
 	@+$(MAKE) --no-print-directory '$(BUILD)/sysroot-arm64/.complete'
 	@+$(MAKE) --no-print-directory BOARD=generic-arm64 SAN= $(PARALLEL) programs conform
 	@tests/board/run.sh '$(BUILD)' '$(BUILD)/generic-arm64'
+bare-test: ## the README's commands on minimal Debian 12 and 13 systems (chroot: needs root); 15 minutes
+	@tools/deps/install.sh bare
+	@tests/bare/bare.sh '$(BUILD)'
 bench: programs $(PROGS_kernels) ## time the kernels (also into kernels.csv), whole steps and their stages
 	@$(if $(PROGS_kernels),$(EMULATE) $(PROGS_kernels) --bench | tee $(O)/kernels.csv)
 	@$(if $(LAB_MAIN),$(EMULATE) $(O)/bin/subview-lab bench)

@@ -106,18 +106,18 @@ update() { # mirrors that are being synchronized fail for a moment: try again
   done
   return 1
 }
-apt_install() {
+apt_get() {
   $as_root env DEBIAN_FRONTEND=noninteractive apt-get -q -y -o DPkg::Lock::Timeout=300 -o Acquire::Retries=3 \
-    -o Dpkg::Use-Pty=0 install --no-install-recommends "$@"
+    -o Dpkg::Use-Pty=0 --no-install-recommends "$@"
 }
 # What apt says of a failure, beside its progress.
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
 trap 'exit 130' INT TERM HUP
 try_install() { # twice, as a mirror that changes meanwhile has other files than its list says
-  apt_install "$@" >"$log" 2>&1 && return 0
+  apt_get install "$@" >"$log" 2>&1 && return 0
   update || true
-  apt_install "$@" >"$log" 2>&1
+  apt_get install "$@" >"$log" 2>&1
 }
 
 update || echo "install.sh: apt-get update failed; trying with the lists that apt has"
@@ -129,6 +129,9 @@ LC_ALL=C apt-get -s install --no-install-recommends $all 2>/dev/null | sed -n \
 # shellcheck disable=SC2086
 LC_ALL=C apt-get --assume-no install --no-install-recommends $all 2>/dev/null |
   sed -n 's/^Need to get \(.*\) of archives\.$/download: \1/p; s/^After this operation, \(.*\) of additional disk.*/on disk: \1/p'
+started=$(date +%s)
+# shellcheck disable=SC2086
+apt_get --download-only install $all >"$log" 2>&1 && echo "downloaded in $(($(date +%s) - started)) s"
 started=$(date +%s)
 # shellcheck disable=SC2086
 if try_install $all; then

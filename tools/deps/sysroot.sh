@@ -9,8 +9,10 @@
 # does nothing. The last line of a failure is the reason.
 set -eu
 arch=$1 folder=$2
-packages=libc6-dev,linux-libc-dev,libjpeg62-turbo-dev,libpng-dev,zlib1g-dev,libcmocka-dev,libjsmn-dev
-packages=$packages,libmicrohttpd-dev,libseccomp-dev,libzstd-dev,libcamera-dev,libcamera-ipa,libstdc++-12-dev
+packages=libc6-dev,linux-libc-dev,libjpeg-dev,libpng-dev,zlib1g-dev,libcmocka-dev,libjsmn-dev
+packages=$packages,libmicrohttpd-dev,libseccomp-dev,libzstd-dev,libcamera-dev,libcamera-ipa
+# The C++ library of this distribution's compilers, cross compilers included.
+packages=$packages,libstdc++-$(gcc -dumpversion | cut -d . -f 1)-dev
 
 fail() {
   echo "no sysroot for $arch: $*" >&2
