@@ -9,8 +9,7 @@
 #include "platform/codec/codec.h"
 #include "src/base/mathx.h"
 
-#define SPIN_US   200 // a training step calls the pool every 100 us or so: sleeping in between costs more
-#define N_HELDOUT 8   // views of the simulator that are compared at the end
+#define SPIN_US 200 // a training step calls the pool every 100 us or so: sleeping in between costs more
 
 // Everything that lives as long as the run; static, so that nothing large is on the stack.
 static struct {
@@ -136,16 +135,16 @@ static sv_status heldout_psnr(double *psnr, int *n_views) {
   // A live model of a moving scene is that of the last moments: the held-out views are of others.
   if (run.src.kind != SOURCE_SIM || (run.app.cfg.is_dynamic && run.app.cfg.is_live)) return SV_OK;
   if (odo->is_tracked) q = sv_odometry_from(odo, &run.app.exposures, true_pose, &run.src.u.sim);
-  for (int i = 0; i < N_HELDOUT; i++) {
+  for (int i = 0; i < SV_SIM_N_HELDOUT; i++) {
     sv_view v;
     double t, mse;
-    sv_sim_heldout_view(&run.src.u.sim, i, N_HELDOUT, &v, &t);
+    sv_sim_heldout_view(&run.src.u.sim, i, SV_SIM_N_HELDOUT, &v, &t);
     v.time = sv_app_time_of(&run.app, sv_sim_slot_ns(&run.src.u.sim, v.i_exposure));
     sv_sim_render(&run.src.u.sim, &v, t, run.truth, NULL);
     if (odo->is_tracked) v = sv_odometry_view(&q, &v); // where that is in the world that was found
     sv_status s = sv_app_mse(&run.app, &v, run.truth, &mse);
     if (s < 0) return s;
-    *psnr += -10.0 / 2.302585092994046 * sv_log(mse > 1e-12 ? mse : 1e-12) / N_HELDOUT;
+    *psnr += -10.0 / 2.302585092994046 * sv_log(mse > 1e-12 ? mse : 1e-12) / SV_SIM_N_HELDOUT;
     (*n_views)++;
   }
   return SV_OK;

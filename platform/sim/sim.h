@@ -34,6 +34,7 @@ extern "C" {
 #define SV_SIM_CAP_BUFFERS 16
 #define SV_SIM_CAP_FAULTS  8
 #define SV_SIM_CAP_PENDING 6
+#define SV_SIM_N_HELDOUT   8 // held-out views that a run's PSNR is the mean of
 
 // What can go wrong with one camera at one slot. `n` by kind, as below.
 typedef enum {

@@ -78,7 +78,9 @@ sv_status lab_import_transforms(lab_import *im, const char *dir, sv_err *err) {
 static sv_status import(const lab_options *o, lab_session *se, sv_err *err) {
   if (sv_str_eq(o->from, "sim")) {
     sv_status s = lab_import_sim(o->input, se, o->out, err);
-    if (s == SV_OK) lab_say(se, "%s: devices on simulated pictures, with held-out views and depth", o->out);
+    if (s == SV_OK)
+      lab_say(se, "%s: simulated pictures of %s, with held-out views and depth", o->out,
+              strstr(o->input, ",rig=") ? "one rig" : "several devices");
     return s;
   }
   if (sv_str_eq(o->from, "kalibr")) {

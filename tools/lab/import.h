@@ -54,6 +54,8 @@ sv_status lab_import_colmap(lab_import *im, const char *dir, sv_err *err) SV_MUS
 // for each of the five devices (three exposures), transforms_test_near.json, transforms_test.json, with depth.
 // Of the scene `moving`: mono, stereo and phone stand still and share one camera, 25 times of which every fourth is
 // marked test_time, and four held-out cameras over all times.
+// Of another scene with rig= in it: that rig's exposures (exposures=N of them) as
+// transforms_train.json, and the run's held-out views as transforms_test.json.
 sv_status lab_import_sim(const char *spec, const lab_session *s, const char *out, sv_err *err) SV_MUST_USE;
 // Raw pictures and white.png of a lenslet sensor: sub-views are written to out/images, their rig to out/rig.
 sv_status lab_import_lenslet(lab_import *im, const lab_options *o, lab_session *se, sv_err *err) SV_MUST_USE;

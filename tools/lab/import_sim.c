@@ -2,6 +2,8 @@
 // Datasets of the simulator's scenes, laid out as those of the paper's experiment: for each device the pictures
 // of a few exposures, and held-out views with depth beside the first exposure and all around. Of a moving scene: a rig
 // that stands still, its camera alone, held-out times of all cameras, and held-out cameras over all times.
+// Of a scene with rig=: that rig alone, as `subview run` captures it, and the views that its PSNR
+// is measured on.
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -50,15 +52,17 @@ static bool is_moving(const char *spec) {
   return strncmp(spec, name, sizeof name - 1) == 0 && strchr(",", spec[sizeof name - 1]);
 }
 
+// rig NULL: everything is as spec says.
 static sv_status start(job *j, const char *spec, const char *rig) {
   char text[400];
   sv_sim_config cfg;
-  snprintf(text, sizeof text, "%.300s,rig=%s%s%s%s", spec, rig,
-           strstr(spec, "angle=") ? "" : ",angle=" ANGLE_DEG, strstr(spec, "size=") ? "" : ",size=" SIZE,
-           is_moving(spec) && !strstr(spec, "arc=") ? ",arc=0" : "");
-  sv_status s = sv_sim_parse(&cfg, text, j->err);
+  if (rig)
+    snprintf(text, sizeof text, "%.300s,rig=%s%s%s%s", spec, rig,
+             strstr(spec, "angle=") ? "" : ",angle=" ANGLE_DEG, strstr(spec, "size=") ? "" : ",size=" SIZE,
+             is_moving(spec) && !strstr(spec, "arc=") ? ",arc=0" : "");
+  sv_status s = sv_sim_parse(&cfg, rig ? text : spec, j->err);
   if (s < 0) return s;
-  cfg.n_exposures = is_moving(spec) ? N_TIMES : N_EXPOSURES;
+  if (rig) cfg.n_exposures = is_moving(spec) ? N_TIMES : N_EXPOSURES;
   size_t bytes = sv_sim_bytes(&cfg) + SV_ARENA_ALIGN, px = (size_t)cfg.width_px * (size_t)cfg.height_px;
   j->block = malloc(bytes);
   j->rgb = malloc(3 * px);
@@ -78,8 +82,17 @@ static void stop(job *j) {
 
 // --- transforms ----------------------------------------------------------------------------------
 
+// The sensor's measurement of each exposure, where lens images overlap.
+static void put_composites(job *j) {
+  fprintf(j->f, " \"composites_linear\": [");
+  for (int e = 0; e < j->sim.cfg.n_exposures; e++)
+    fprintf(j->f, "%s{\"exposure\": %d, \"file_path\": \"train/%s/e%02d_composite.png\", \"M_max\": %d}",
+            e ? ", " : "", e, j->sim.rig.name, e, j->sim.largest_overlap);
+  fprintf(j->f, "],\n");
+}
+
 // One of that name which is there already goes: its pictures are about to be replaced.
-static sv_status open_transforms(job *j, const char *name, const char *more) {
+static sv_status open_transforms(job *j, const char *name, bool has_composites) {
   char path[SV_CAP_PATH];
   sv_status s = sv_path_join(path, sizeof path, j->out, name, j->err);
   if (s < 0) return s;
@@ -90,8 +103,9 @@ static sv_status open_transforms(job *j, const char *name, const char *more) {
   j->n_files++;
   (void)remove(path);
   j->n_written = 0;
-  fprintf(j->f, "{\"camera_model\": \"OPENCV\", \"depth_unit_scale_factor\": %.17g,\n%s \"frames\": [\n",
-          DEPTH_UNIT, more);
+  fprintf(j->f, "{\"camera_model\": \"OPENCV\", \"depth_unit_scale_factor\": %.17g,\n", DEPTH_UNIT);
+  if (has_composites) put_composites(j);
+  fprintf(j->f, " \"frames\": [\n");
   return SV_OK;
 }
 
@@ -201,13 +215,13 @@ static sv_status write_frame(job *j, const sv_frame *f, int i_exposure) {
 
 static sv_status write_exposures(job *j) {
   sv_source src = sv_sim_source(&j->sim);
-  int n_of[SV_SIM_CAP_CAMERAS] = {0}, n = N_EXPOSURES * src.n_cameras;
+  int n_of[SV_SIM_CAP_CAMERAS] = {0}, n_exposures = j->sim.cfg.n_exposures, n = n_exposures * src.n_cameras;
   sv_status s = src.start(src.self);
   for (int i = 0; i < n && s >= 0; i++) {
     sv_frame f;
     if ((s = src.dequeue(src.self, &f, INT64_MAX)) != SV_OK)
       return sv_fail(j->err, s < 0 ? s : SV_E_DEVICE, "the simulator gave no frame: %s", sv_status_text(s));
-    s = n_of[f.i_camera] < N_EXPOSURES ? write_frame(j, &f, n_of[f.i_camera]++) : (n++, SV_OK);
+    s = n_of[f.i_camera] < n_exposures ? write_frame(j, &f, n_of[f.i_camera]++) : (n++, SV_OK);
     sv_status back = src.requeue(src.self, &f);
     if (s >= 0) s = back;
   }
@@ -217,24 +231,9 @@ static sv_status write_exposures(job *j) {
 
 // --- files ---------------------------------------------------------------------------------------
 
-static sv_status write_device(job *j, const char *spec, const char *rig) {
-  char name[100], more[600] = "";
-  sv_status s = start(j, spec, rig);
-  if (s >= 0 && j->sim.rig.forward == SV_FORWARD_MULTIPLEXED) {
-    size_t at = (size_t)snprintf(more, sizeof more, " \"composites_linear\": [");
-    for (int e = 0; e < N_EXPOSURES; e++)
-      at += (size_t)snprintf(
-          more + at, sizeof more - at,
-          "%s{\"exposure\": %d, \"file_path\": \"train/%s/e%02d_composite.png\", \"M_max\": %d}",
-          e ? ", " : "", e, rig, e, j->sim.largest_overlap);
-    snprintf(more + at, sizeof more - at, "],\n");
-  }
-  snprintf(name, sizeof name, "transforms_train_%s.json", rig);
-  if (s >= 0) s = open_transforms(j, name, more);
-  if (s >= 0) s = write_exposures(j);
-  s = close_transforms(j, s);
-  stop(j);
-  return s;
+static sv_status write_device(job *j, const char *name) {
+  sv_status s = open_transforms(j, name, j->sim.rig.forward == SV_FORWARD_MULTIPLEXED);
+  return close_transforms(j, s >= 0 ? write_exposures(j) : s);
 }
 
 // A view from `direction`, at the cameras' distance, looking at the scene's centre.
@@ -261,7 +260,7 @@ static sv_status write_test_near(job *j) {
   double n = sv_norm3(right);
   for (int k = 0; k < 3; k++) right[k] /= n;
   sv_cross3(above, axis, right);
-  sv_status s = open_transforms(j, "transforms_test_near.json", "");
+  sv_status s = open_transforms(j, "transforms_test_near.json", false);
   for (int i = 0; i < 6 && s >= 0; i++) {
     char stem[100];
     double rho = off_deg[i] * SV_PI / 180, phi = i * GOLDEN_DEG * SV_PI / 180, d[3];
@@ -276,7 +275,7 @@ static sv_status write_test_near(job *j) {
 
 static sv_status
 write_test(job *j) { // a spiral from 60 down to 5 degrees of elevation, uniform on the sphere
-  sv_status s = open_transforms(j, "transforms_test.json", "");
+  sv_status s = open_transforms(j, "transforms_test.json", false);
   for (int i = 0; i < N_TEST && s >= 0; i++) {
     char stem[100];
     double lo = sv_sin(5 * SV_PI / 180), hi = sv_sin(60 * SV_PI / 180),
@@ -338,7 +337,7 @@ static sv_status write_standing(job *j, const char *spec, const char *rig, int i
     names[i] = j->sim.rig.sub_views[i].name;
   }
   snprintf(name, sizeof name, "transforms_train_%s.json", is_alone ? "mono" : rig);
-  if (s >= 0) s = open_transforms(j, name, "");
+  if (s >= 0) s = open_transforms(j, name, false);
   if (s >= 0)
     s = is_alone ? write_times(j, "mono", views + i_shared, names + i_shared, 1, true)
                  : write_times(j, rig, views, names, n, true);
@@ -364,7 +363,7 @@ static sv_status write_novel(job *j, const char *spec) {
              sv_sin(rho) * (sv_cos(phi) * inverse.r[3 * k] + sv_sin(phi) * inverse.r[3 * k + 1]);
     views[i] = view_from(j, d, i);
   }
-  s = open_transforms(j, "transforms_test.json", "");
+  s = open_transforms(j, "transforms_test.json", false);
   if (s >= 0) s = write_times(j, "test", views, names, N_NOVEL, false);
   return close_transforms(j, s);
 }
@@ -386,7 +385,13 @@ static sv_status import_moving(job *j, const char *spec) {
 static sv_status import_still(job *j, const char *spec) {
   static const char *const rigs[] = {"mono", "stereo", "phone", "lightfield", "multiplexed"};
   sv_status s = SV_OK;
-  for (int i = 0; i < 5 && s >= 0; i++) s = write_device(j, spec, rigs[i]);
+  for (int i = 0; i < 5 && s >= 0; i++) {
+    char name[100];
+    snprintf(name, sizeof name, "transforms_train_%s.json", rigs[i]);
+    s = start(j, spec, rigs[i]);
+    if (s >= 0) s = write_device(j, name);
+    stop(j);
+  }
   if (s >= 0) s = start(j, spec, "mono");
   if (s >= 0) s = write_test_near(j);
   if (s >= 0) s = write_test(j);
@@ -394,10 +399,34 @@ static sv_status import_still(job *j, const char *spec) {
   return s;
 }
 
+static sv_status write_heldout(job *j) {
+  sv_status s = open_transforms(j, "transforms_test.json", false);
+  for (int i = 0; i < SV_SIM_N_HELDOUT && s >= 0; i++) {
+    char stem[100];
+    double time_s;
+    sv_view v;
+    sv_sim_heldout_view(&j->sim, i, SV_SIM_N_HELDOUT, &v, &time_s);
+    v.i_exposure = -1, v.i_sub_view = i;
+    snprintf(stem, sizeof stem, "test/r_%03d", i);
+    s = write_view(j, stem, &v, time_s, "test");
+  }
+  return close_transforms(j, s);
+}
+
+// What `subview run --source sim:SPEC` captures and is measured on.
+static sv_status import_rig(job *j, const char *spec) {
+  sv_status s = start(j, spec, NULL);
+  if (s >= 0) s = write_device(j, "transforms_train.json");
+  if (s >= 0) s = write_heldout(j);
+  stop(j);
+  return s;
+}
+
 sv_status lab_import_sim(const char *spec, const lab_session *session, const char *out, sv_err *err) {
   job j = {.out = out, .session = session, .err = err};
-  sv_status s =
-      is_moving(spec) ? import_moving(&j, spec) : import_still(&j, spec); // pictures make the folder
+  sv_status s = is_moving(spec)         ? import_moving(&j, spec) // pictures make the folder
+                : strstr(spec, ",rig=") ? import_rig(&j, spec)
+                                        : import_still(&j, spec);
   if (s >= 0) s = write_transforms(&j);
   for (int i = 0; i < j.n_files; i++) free(j.files[i].text);
   return s;

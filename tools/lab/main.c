@@ -54,7 +54,12 @@ static const lab_command commands[] = {
       "with camera_array.toml or a Qualisys calibration; kalibr makes a rig folder from a camchain.yaml.\n"
       "sim takes a scene of the simulator (textured, ..., with its options): the devices' pictures, held-out "
       "views\n"
-      "and depth; of the scene moving a rig that stands still, 25 times, one in four of them held out.\n"
+      "and depth; with rig=NAME (textured,rig=stereo,exposures=4) what 'subview run' captures from that "
+      "source and\n"
+      "the held-out views that it is measured on; of the scene moving a rig that stands still, 25 times, one "
+      "in "
+      "four\n"
+      "of them held out.\n"
       "With --rig and --stream the poses are those of one camera of a rig: all its sub-views are placed. "
       "Their\n"
       "pictures have its paths with the other names in them (left/0007.png, right/0007.png).",
