@@ -6,11 +6,13 @@
 #include <string.h>
 
 #include "src/base/str.h"
+#include "tools/common/fileio.h"
 #include "tools/lab/model_formats.h"
 
 #define AT(field) offsetof(lab_options, field)
-#define ALL       (LAB_TRAIN | LAB_EVAL | LAB_RENDER | LAB_EXPORT | LAB_IMPORT | LAB_BENCH | LAB_TABLES)
-#define DATA      (LAB_TRAIN | LAB_EVAL | LAB_RENDER)
+#define DATA      (LAB_TRAIN | LAB_EVAL | LAB_RENDER | LAB_COMPARE)
+#define ALL       (DATA | LAB_EXPORT | LAB_IMPORT | LAB_BENCH | LAB_TABLES)
+#define OUT       (LAB_TRAIN | LAB_RENDER | LAB_EXPORT | LAB_IMPORT | LAB_TABLES | LAB_COMPARE)
 
 static const sv_option table[] = {
     {"data", SV_OPT_TEXT, DATA, DATA, AT(data), "DIR", "dataset: a folder with transforms JSON and pictures",
@@ -34,6 +36,13 @@ static const sv_option table[] = {
     {"camera", SV_OPT_TEXT, LAB_EVAL, 0, AT(camera), "NAME", "only the views of this camera", 0, 0, 0},
     {"model", SV_OPT_TEXT, LAB_EVAL | LAB_RENDER | LAB_EXPORT, LAB_EVAL | LAB_RENDER | LAB_EXPORT, AT(model),
      "FILE", "model PLY; settings are taken from train.json beside it", 0, 0, 0},
+    {"model", SV_OPT_LIST, LAB_COMPARE, LAB_COMPARE, AT(models), "A.ply B.ply ...",
+     "models, in the order of the sheet's columns; settings are taken from train.json beside each", 0, 0,
+     "models"},
+    {"labels", SV_OPT_TEXT, LAB_COMPARE, 0, AT(labels), "A,B,...",
+     "what the columns are called (the names of the files or, for model.ply, of their folders)", 0, 0, 0},
+    {"views", SV_OPT_INT, LAB_COMPARE, 0, AT(n_views), "N",
+     "rows of the sheet: views spread evenly over the split (3)", 1, 1000, 0},
     {"prior", SV_OPT_TEXT, LAB_TRAIN, 0, AT(prior), "none|fsgs|sparsegs|[METHOD,]external:CMD",
      "for few views: depth losses, unpooling or pruning of these methods; a program that mends renderings or "
      "tells "
@@ -81,7 +90,7 @@ static const sv_option table[] = {
      0, 0, 0},
     {"seed", SV_OPT_INT, LAB_TRAIN | LAB_BENCH | LAB_TABLES, 0, AT(seed), "N", "of all random numbers (1)", 0,
      4294967295.0, 0},
-    {"split", SV_OPT_TEXT, LAB_EVAL | LAB_RENDER, 0, AT(split), "S",
+    {"split", SV_OPT_TEXT, LAB_EVAL | LAB_RENDER | LAB_COMPARE, 0, AT(split), "S",
      "views: train, test, test_near, test_time, ... (test; test_near for a model of one exposure)", 0, 0, 0},
     {"frames", SV_OPT_INT, LAB_RENDER | LAB_EXPORT, 0, AT(frames), "N",
      "of a moving model: the first view (--orbit: one round) at N times; delta: as many frames (25)", 2,
@@ -129,9 +138,7 @@ static const sv_option table[] = {
     {"json", SV_OPT_FLAG, LAB_TRAIN | LAB_EVAL | LAB_BENCH, 0, AT(is_json), 0,
      "print one JSON object on stdout", 0, 0, 0},
     {"quiet", SV_OPT_FLAG, ALL, 0, AT(is_quiet), 0, "no progress on stderr", 0, 0, 0},
-    {"out", SV_OPT_TEXT, LAB_TRAIN | LAB_RENDER | LAB_EXPORT | LAB_IMPORT | LAB_TABLES,
-     LAB_TRAIN | LAB_RENDER | LAB_EXPORT | LAB_IMPORT | LAB_TABLES, AT(out), "PATH",
-     "folder to write (export: file)", 0, 0, 0},
+    {"out", SV_OPT_TEXT, OUT, OUT, AT(out), "PATH", "folder to write (export, compare: file)", 0, 0, 0},
     {"help", SV_OPT_FLAG, ALL, 0, AT(is_help), 0, "this text", 0, 0, 0},
     {"version", SV_OPT_FLAG, ALL, 0, AT(is_version), 0, "the version", 0, 0, 0},
     {0, SV_OPT_OPERAND, LAB_IMPORT, LAB_IMPORT, AT(input), 0, "the folder to import", 0, 0, 0},
@@ -146,6 +153,17 @@ int lab_usage(const char *command, const char *fmt, ...) {
   int e = sv_options_vusage(options.program, command, fmt, ap);
   va_end(ap);
   return e;
+}
+
+static int check_compare(const sv_tool_command *c, const lab_options *o) {
+  int n_labels = 1;
+  for (const char *p = o->labels; p && *p; p++) n_labels += *p == ',';
+  if (o->labels && n_labels != o->models.n)
+    return lab_usage(c->name, "--labels needs as many names as there are models: %d, not %d", o->models.n,
+                     n_labels);
+  if (!sv_str_eq(sv_path_extension(o->out), ".png"))
+    return lab_usage(c->name, "--out is a picture whose name ends in .png, not '%.200s'", o->out);
+  return LAB_EXIT_OK;
 }
 
 // What no row can say for itself.
@@ -172,7 +190,7 @@ static int check_together(const sv_tool_command *c, const lab_options *o) {
   if (c->bit != LAB_EXPORT && o->up && !lab_is_upright(o->model))
     return lab_usage(c->name, "--up belongs to models that end in .spz or .glb");
   if (o->orbit >= 0 && o->split) return lab_usage(c->name, "--split and --orbit exclude each other");
-  return LAB_EXIT_OK;
+  return c->bit == LAB_COMPARE ? check_compare(c, o) : LAB_EXIT_OK;
 }
 
 static int parse_loss(const sv_tool_command *c, lab_options *o) {
@@ -244,6 +262,7 @@ int lab_args_parse(const sv_tool_command *c, int argc, char **argv, lab_options 
                      .threads = -1,
                      .orbit = -1,
                      .frames = -1,
+                     .n_views = -1,
                      .keep = -1,
                      .spz_version = -1,
                      .baseline_m = -1,

@@ -20,7 +20,8 @@ enum {
   LAB_EXPORT = 8,
   LAB_IMPORT = 16,
   LAB_BENCH = 32,
-  LAB_TABLES = 64
+  LAB_TABLES = 64,
+  LAB_COMPARE = 128
 };
 
 // NULL and -1 stand for "not given"; a given number is inside its range.
@@ -32,7 +33,10 @@ typedef struct {
   long exposures, gaussians, sh, steps, scale, seed, threads, orbit, frames, keep, spz_version;
   double time_limit_s, baseline_m, focal_px, focus_m;
   const char *rig, *stream;
-  double unit_m; // 0: not given
+  double unit_m;         // 0: not given
+  sv_option_list models; // of compare
+  const char *labels;
+  long n_views, width_px;
   long prior_views, prior_calls;
   double prior_limit_s, prior_weight;
   bool is_eval, is_json, is_quiet, is_quick, has_depth, has_lpips, is_help, is_version;

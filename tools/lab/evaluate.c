@@ -36,12 +36,12 @@ void lab_viewer_stop(lab_viewer *v) {
   memset(v, 0, sizeof *v);
 }
 
-static uint8_t to_byte(float x) { return (uint8_t)(x <= 0 ? 0 : x >= 1 ? 255 : x * 255.0f + 0.5f); }
+uint8_t lab_to_byte(float x) { return (uint8_t)(x <= 0 ? 0 : x >= 1 ? 255 : x * 255.0f + 0.5f); }
 
 void lab_to_bytes(const sv_planes *p, uint8_t *rgb) {
   for (int y = 0; y < p->height_px; y++)
     for (int x = 0; x < p->width_px; x++)
-      for (int c = 0; c < 3; c++) *rgb++ = to_byte(p->c[c][(size_t)y * (size_t)p->stride + (size_t)x]);
+      for (int c = 0; c < 3; c++) *rgb++ = lab_to_byte(p->c[c][(size_t)y * (size_t)p->stride + (size_t)x]);
 }
 
 // What one view needs; there are as many as threads, reused.
@@ -213,10 +213,10 @@ static sv_status write_panel(const run *r, const slot *s, int i_view, sv_err *er
       for (size_t c = 0; c < 3; c++) {
         float truth = s->truth[(c * h + y) * w + x];
         uint8_t *to = &px[(y * n * w + x) * 3 + c];
-        to[0] = to_byte(truth);
-        to[w * 3] = to_byte(s->image[(c * h + y) * w + x]);
+        to[0] = lab_to_byte(truth);
+        to[w * 3] = lab_to_byte(s->image[(c * h + y) * w + x]);
         if (r->masks)
-          to[2 * w * 3] = to_byte(s->seen[y * w + x] ? truth : 0.25f * truth + (c == 0 ? 0.3f : 0));
+          to[2 * w * 3] = lab_to_byte(s->seen[y * w + x] ? truth : 0.25f * truth + (c == 0 ? 0.3f : 0));
       }
   sv_bitmap b = {.width_px = (int)(n * w), .height_px = (int)h, .n_channels = 3, .bits = 8, .u8 = px};
   sv_status st = sv_bitmap_write_png(path, &b, err);
@@ -224,12 +224,12 @@ static sv_status write_panel(const run *r, const slot *s, int i_view, sv_err *er
   return st;
 }
 
-// Panel k of n is that of view floor((k + 0.5) views / n).
-static bool is_panel(const run *r, int i) {
-  int n = r->job->n_panels < r->v->n ? r->job->n_panels : r->v->n;
+// Panel k of n is view floor((k + 0.5) views / n).
+int lab_panel_of(int i, int n_views, int n_wanted) {
+  int n = n_wanted < n_views ? n_wanted : n_views;
   for (int k = 0; k < n; k++)
-    if ((2 * k + 1) * r->v->n / (2 * n) == i) return true;
-  return false;
+    if ((2 * k + 1) * n_views / (2 * n) == i) return k;
+  return -1;
 }
 
 static sv_status first_error(const run *r, int n, sv_err *err) {
@@ -272,8 +272,11 @@ static sv_status batch(run *r, int n, lab_scores *out, sv_err *err) {
   for (int i = 0; i < n; i++) {
     const slot *sl = &r->slots[i];
     add_scores(out, sl, frame_of(r, i));
-    if (r->job->panel_folder && is_panel(r, r->v->by_lens[r->i0 + i]) &&
-        (s = write_panel(r, sl, r->v->by_lens[r->i0 + i], err)) != SV_OK)
+    int i_view = r->v->by_lens[r->i0 + i];
+    if (r->job->on_view)
+      r->job->on_view(r->job->of, &(lab_scored_view){i_view, sl->psnr, sl->truth, sl->image});
+    if (r->job->panel_folder && lab_panel_of(i_view, r->v->n, r->job->n_panels) >= 0 &&
+        (s = write_panel(r, sl, i_view, err)) != SV_OK)
       return s;
   }
   return SV_OK;

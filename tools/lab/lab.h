@@ -19,6 +19,7 @@ int lab_cmd_export(const lab_options *o);
 int lab_cmd_import(const lab_options *o);
 int lab_cmd_bench(const lab_options *o);
 int lab_cmd_tables(const lab_options *o);
+int lab_cmd_compare(const lab_options *o);
 
 // --- the machine (session.c) ---------------------------------------------------------------------
 typedef struct {

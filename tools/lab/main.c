@@ -26,6 +26,19 @@ static const lab_command commands[] = {
       "  subview-lab eval --data blender_tree --model tree/model.ply --split test_near --depth --json",
       LAB_EVAL},
      lab_cmd_eval},
+    {{"compare", "--data DIR --model A.ply B.ply ... --out SHEET.png [options]",
+      "put models beside the truth in one picture",
+      "Renders views of a split with each model and writes one sheet: a row for each view, a column for the\n"
+      "dataset's pictures and one for each model, with PSNR in the pictures and its mean over all views of "
+      "the\n"
+      "split above. PSNR is that of eval. Views, their scale and split are those of the first model's "
+      "train.json\n"
+      "unless given.",
+      "  subview-lab compare --data garden_data --model a/model.ply b/model.ply --labels 'before,after' "
+      "--out "
+      "sheet.png",
+      LAB_COMPARE},
+     lab_cmd_compare},
     {{"render", "--data DIR --model FILE --out DIR [options]", "write pictures of a model",
       "Writes a PNG for each view of a split, or for N views on a circle around the scene. With --depth "
       "also\n"

@@ -7,17 +7,12 @@
 
 #include "src/base/str.h"
 #include "src/format/json.h"
+#include "tools/lab/sheet.h"
 #include "tools/lab/tables.h"
 
 #define N_COLUMNS  5
 #define ERROR_GAIN 4
 #define GAP_PX     4
-#define PAPER      255 // of the sheet
-
-typedef struct {
-  int width_px, height_px;
-  uint8_t *px; // [height][width][3]
-} sheet;
 
 // One row's pictures; all of the view's size.
 typedef struct {
@@ -111,11 +106,6 @@ static sv_status read_truth(cells *c, const lab_frame *f, int scale, bool has_de
 
 // --- drawing -------------------------------------------------------------------------------------
 
-static void put_pixel(sheet *sh, int x, int y, const uint8_t rgb[3]) {
-  if (x < sh->width_px && y < sh->height_px)
-    memcpy(sh->px + 3 * ((size_t)y * (size_t)sh->width_px + (size_t)x), rgb, 3);
-}
-
 static void depth_range(const float *z, size_t n, float range[2]) {
   range[0] = range[1] = 0;
   for (size_t i = 0; i < n; i++) {
@@ -132,7 +122,7 @@ static uint8_t depth_grey(float z, const float range[2]) {
   return (uint8_t)(255 - 215 * x + 0.5f);
 }
 
-static void draw_row(sheet *sh, const cells *c, int y0) {
+static void draw_row(lab_sheet *sh, const cells *c, int y0) {
   float range[2];
   depth_range(c->depth_true ? c->depth_true : c->depth, (size_t)c->w * (size_t)c->h, range);
   for (int y = 0; y < c->h; y++)
@@ -145,13 +135,13 @@ static void draw_row(sheet *sh, const cells *c, int y0) {
         error[k] = (uint8_t)(d > 255 ? 255 : d);
       }
       int step = c->w + GAP_PX;
-      put_pixel(sh, x, y0 + y, a);
-      put_pixel(sh, x + step, y0 + y, b);
-      put_pixel(sh, x + 2 * step, y0 + y, error);
-      grey = c->depth_true ? depth_grey(c->depth_true[i], range) : PAPER;
-      put_pixel(sh, x + 3 * step, y0 + y, (uint8_t[]){grey, grey, grey});
+      lab_sheet_pixel(sh, x, y0 + y, a);
+      lab_sheet_pixel(sh, x + step, y0 + y, b);
+      lab_sheet_pixel(sh, x + 2 * step, y0 + y, error);
+      grey = c->depth_true ? depth_grey(c->depth_true[i], range) : LAB_SHEET_PAPER;
+      lab_sheet_pixel(sh, x + 3 * step, y0 + y, (uint8_t[]){grey, grey, grey});
       grey = depth_grey(c->depth[i], range);
-      put_pixel(sh, x + 4 * step, y0 + y, (uint8_t[]){grey, grey, grey});
+      lab_sheet_pixel(sh, x + 4 * step, y0 + y, (uint8_t[]){grey, grey, grey});
     }
 }
 
@@ -187,19 +177,9 @@ static sv_status load_row(const tables *t, const tables_run *r, cells *c, sv_err
   return s == SV_OK ? read_render(c, folder, i_view, err) : s;
 }
 
-static sv_status start_sheet(sheet *sh, const cells *c, int n_rows, sv_err *err) {
-  sh->width_px = N_COLUMNS * (c->w + GAP_PX) - GAP_PX;
-  sh->height_px = n_rows * (c->h + GAP_PX) - GAP_PX;
-  size_t bytes = 3 * (size_t)sh->width_px * (size_t)sh->height_px;
-  sh->px = malloc(bytes);
-  if (!sh->px) return sv_fail(err, SV_E_NOMEM, "no memory for a contact sheet");
-  memset(sh->px, PAPER, bytes);
-  return SV_OK;
-}
-
 static sv_status write_sheet(const tables *t, int i_scene, sv_err *err) {
   char path[SV_CAP_PATH], file[TABLES_CAP_NAME + 16];
-  sheet sh = {.px = NULL};
+  lab_sheet sh = {.px = NULL};
   sv_status s = SV_OK;
   int n_rows = 0, i_row = 0;
   for (int d = 0; d < TABLES_N_DEVICES; d++) n_rows += run_of(t, i_scene, d) != NULL;
@@ -208,15 +188,15 @@ static sv_status write_sheet(const tables *t, int i_scene, sv_err *err) {
     cells c = {.truth = NULL};
     if (!r) continue;
     s = load_row(t, r, &c, err);
-    if (s == SV_OK && !sh.px) s = start_sheet(&sh, &c, n_rows, err);
+    if (s == SV_OK && !sh.px)
+      s = lab_sheet_start(&sh, N_COLUMNS * (c.w + GAP_PX) - GAP_PX, n_rows * (c.h + GAP_PX) - GAP_PX, err);
     if (s == SV_OK) draw_row(&sh, &c, i_row++ * (c.h + GAP_PX));
     cells_free(&c);
   }
   snprintf(file, sizeof file, "sheet_%s.png", t->scenes[i_scene].name);
   if (s == SV_OK) s = sv_path_join(path, sizeof path, t->o->out, file, err);
-  sv_bitmap b = {sh.width_px, sh.height_px, 3, 8, sh.px, NULL};
-  if (s == SV_OK && sh.px) s = sv_bitmap_write_png(path, &b, err);
-  free(sh.px);
+  if (s == SV_OK && sh.px) s = lab_sheet_write(&sh, path, err);
+  lab_sheet_free(&sh);
   return s;
 }
 
