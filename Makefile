@@ -198,7 +198,7 @@ $(eval $(call archive_rule,libcalibrate,$(call obj,$(filter-out $(MAINS),$(CAL_S
 # sysroot may be made by the same make.
 has_lib = $(if $(wildcard $(SYSROOT)/usr/include/$(1)),$(2))
 link = @mkdir -p $(@D); $(if $(V),echo link $@;) $(CC) $(filter %.o,$^) $(filter %.a,$^) $(LDFLAGS_ALL) $(1) \
-  $(LIBS) $(call has_lib,zstd.h,-lzstd) -o $@
+  $(LIBS) $(call has_lib,zstd.h,-lzstd) $(call has_lib,webp/mux.h,-lwebpmux -lwebpdemux -lwebp) -o $@
 $(O)/bin/subview: $(call obj,$(MAIN_SRC)) $(O)/libplatform.a $(CORE)
 	$(call link)
 $(O)/bin/subview-preview: $(call obj,$(PREVIEW_SRC)) $(O)/libplatform.a $(CORE)

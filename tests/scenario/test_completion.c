@@ -41,6 +41,7 @@ static void test_completion(void **state) {
   must_complete("subview", "run");
   must_complete("subview", "cameras");
   must_complete("subview-lab", "export");
+  must_complete("subview-lab", "compare");
   must_complete("subview run --source", "replay:");
   must_complete("subview run --source", "sim:textured");
   must_complete("subview-lab export --format", "glb");

@@ -52,9 +52,10 @@ static void must_have_options(const char *program, const char *command) {
 static void test_pages(void **state) {
   (void)state;
   static const char *const what[][2] = {
-      {"subview", "run"},       {"subview", "capture"},         {"subview", "plan"},
-      {"subview-lab", "train"}, {"subview-lab", "export"},      {"subview-lab", "import"},
-      {"subview-preview", ""},  {"subview-calibrate", "board"}, {"subview-calibrate", "pose"}};
+      {"subview", "run"},           {"subview", "capture"},    {"subview", "plan"},
+      {"subview-lab", "train"},     {"subview-lab", "export"}, {"subview-lab", "import"},
+      {"subview-lab", "compare"},   {"subview-preview", ""},   {"subview-calibrate", "board"},
+      {"subview-calibrate", "pose"}};
   make_pages();
   for (size_t i = 0; i < sizeof what / sizeof *what; i++) must_have_options(what[i][0], what[i][1]);
 }

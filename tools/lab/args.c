@@ -96,7 +96,10 @@ static const sv_option table[] = {
      "of a moving model: the first view (--orbit: one round) at N times; delta: as many frames (25)", 2,
      10000, 0},
     {"orbit", SV_OPT_INT, LAB_RENDER, 0, AT(orbit), "N",
-     "N views on a circle around the scene, instead of --split", 1, 100000, 0},
+     "N views on a circle around the scene, instead of --split; also as orbit.webp (builds with libwebp)", 1,
+     100000, 0},
+    {"width", SV_OPT_INT, LAB_RENDER, 0, AT(width_px), "PX",
+     "orbit: width of the pictures, which keep their shape (that of the first camera)", 16, 8192, 0},
     {"depth", SV_OPT_FLAG, LAB_EVAL | LAB_RENDER, 0, AT(has_depth), 0,
      "eval: fail when the views have no true depth; render: 16-bit depth PNGs, too", 0, 0, 0},
     {"mask", SV_OPT_WORD, LAB_TRAIN | LAB_EVAL, 0, AT(mask), "covisible",
@@ -190,6 +193,7 @@ static int check_together(const sv_tool_command *c, const lab_options *o) {
   if (c->bit != LAB_EXPORT && o->up && !lab_is_upright(o->model))
     return lab_usage(c->name, "--up belongs to models that end in .spz or .glb");
   if (o->orbit >= 0 && o->split) return lab_usage(c->name, "--split and --orbit exclude each other");
+  if (o->width_px > 0 && o->orbit < 0) return lab_usage(c->name, "--width belongs to --orbit");
   return c->bit == LAB_COMPARE ? check_compare(c, o) : LAB_EXIT_OK;
 }
 
@@ -263,6 +267,7 @@ int lab_args_parse(const sv_tool_command *c, int argc, char **argv, lab_options 
                      .orbit = -1,
                      .frames = -1,
                      .n_views = -1,
+                     .width_px = -1,
                      .keep = -1,
                      .spz_version = -1,
                      .baseline_m = -1,

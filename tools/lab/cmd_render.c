@@ -5,12 +5,15 @@
 
 #include "src/base/mathx.h"
 #include "src/base/str.h"
+#include "tools/lab/animation.h"
 #include "tools/lab/evaluate.h"
+#include "tools/lab/model_formats.h"
 #include "tools/lab/movie.h"
 #include "tools/lab/report.h"
-#include "tools/lab/model_formats.h"
 
 #define FILM_FPS        12
+#define ROUND_MS        6000 // that an orbit takes in its animation
+#define FRAME_MS        33   // at least
 #define DEPTH_ALPHA_MIN 0.5f // a pixel that is mostly background has no depth
 
 typedef struct {
@@ -21,11 +24,22 @@ typedef struct {
   lab_settings settings;
   lab_viewer viewer;
   lab_report list;
+  lab_animation *animation; // NULL: none
   uint8_t *rgb;
   uint16_t *z;
   float *depth;
   double depth_unit; // scene units of one step of a depth PNG
 } run;
+
+// Of the pictures of an orbit, against the first view's.
+static double orbit_scale(const run *r) {
+  bool is_given = r->o->orbit > 0 && r->o->width_px > 0;
+  return is_given ? (double)r->o->width_px / r->views.frames[0].view.width_px : 1;
+}
+static int scaled(int px, double k) {
+  int n = (int)(k * px + 0.5);
+  return n < 1 ? 1 : n;
+}
 
 // N views around the scene at the cameras' median distance and height, with the first camera's lens.
 static sv_status orbit_view(const run *r, const lab_scene *sc, int i, sv_view *out, sv_err *err) {
@@ -50,8 +64,9 @@ static sv_status orbit_view(const run *r, const lab_scene *sc, int i, sv_view *o
   if (!sv_pose_look_at(&pose, eye, c, up))
     return sv_fail(err, SV_E_RANGE, "the cameras do not tell a circle to orbit on");
   const sv_view *v0 = &r->views.frames[0].view;
-  *out = sv_view_make(v0->width_px, v0->height_px, (double)v0->fx, (double)v0->fy, (double)v0->cx,
-                      (double)v0->cy, &pose);
+  double k = orbit_scale(r);
+  *out = sv_view_make(scaled(v0->width_px, k), scaled(v0->height_px, k), k * (double)v0->fx,
+                      k * (double)v0->fy, k * (double)v0->cx, k * (double)v0->cy, &pose);
   return SV_OK;
 }
 
@@ -102,6 +117,7 @@ static sv_status render_view(run *r, const sv_view *v, const char *name, sv_err 
   sv_status s = sv_render(&r->viewer.r, &r->session.k, &r->session.pool, &r->model.g, v, &o);
   if (s < 0) return sv_fail(err, s, "view %s cannot be rendered: %s", name, sv_status_text(s));
   lab_to_bytes(&r->viewer.r.rgb, r->rgb);
+  if (r->animation && (s = lab_animation_add(r->animation, r->rgb, err)) != SV_OK) return s;
   snprintf(file, sizeof file, "%.900s.png", name);
   if ((s = sv_path_join(path, sizeof path, r->o->out, file, err)) != SV_OK) return s;
   sv_bitmap b = {
@@ -140,13 +156,54 @@ static sv_status prepare(run *r, lab_scene *scene, sv_err *err) {
   *scene = lab_scene_of(&r->views);
   // Depth may reach well behind the scene before it is cut off.
   r->depth_unit = round_up_125(((double)scene->distance + 4 * (double)r->settings.radius) / 65535);
-  s = lab_viewer_start(&r->viewer, &r->session, r->model.g.n, r->views.cap_width_px, r->views.cap_height_px,
-                       r->views.cap_floats, err);
-  if (s != SV_OK) return s;
-  size_t n = r->views.cap_floats; // padded, so at least as much as is needed
+  int w = scaled(r->views.cap_width_px, orbit_scale(r)), h = scaled(r->views.cap_height_px, orbit_scale(r));
+  if (h > SV_BITMAP_CAP_SIDE_PX)
+    return sv_fail(err, SV_E_RANGE, "--width %ld: the pictures would be %d pixels high", r->o->width_px, h);
+  size_t n = sv_plane_floats(w, h); // padded, so at least as much as is needed
+  if (n < r->views.cap_floats) n = r->views.cap_floats;
+  if ((s = lab_viewer_start(&r->viewer, &r->session, r->model.g.n, w, h, n, err)) != SV_OK) return s;
   r->rgb = malloc(3 * n), r->z = malloc(n * sizeof *r->z), r->depth = malloc(n * sizeof *r->depth);
   if (!r->rgb || !r->z || !r->depth) return sv_fail(err, SV_E_NOMEM, "no memory for a picture");
   return sv_path_make_folder(r->o->out, err);
+}
+
+static bool is_film(const run *r) { return r->o->frames > 0; }
+static int n_pictures(const run *r) {
+  return (int)(is_film(r) ? r->o->frames : r->o->orbit > 0 ? r->o->orbit : r->views.n);
+}
+
+// Frames that follow one another become an animation, too; without one the pictures remain.
+static void start_animation(run *r) {
+  sv_err why;
+  const sv_view *v = &r->views.frames[0].view;
+  double k = orbit_scale(r);
+  int ms = is_film(r) ? 1000 / FILM_FPS : ROUND_MS / (int)r->o->orbit;
+  if (!is_film(r) && r->o->orbit <= 0) return;
+  if (!lab_animation_is_built())
+    lab_say(&r->session, "built without libwebp (Debian: libwebp-dev): no animated WebP");
+  else if (lab_animation_begin(&r->animation, scaled(v->width_px, k), scaled(v->height_px, k),
+                               ms < FRAME_MS ? FRAME_MS : ms, &why) != SV_OK)
+    lab_say(&r->session, "no animated WebP: %s", why.text);
+}
+
+// What is written from all the pictures.
+static sv_status finish(run *r, int n, sv_err *err) {
+  char path[SV_CAP_PATH];
+  sv_status s = sv_path_join(path, sizeof path, r->o->out, "views.json", err);
+  if (s == SV_OK) s = lab_report_save(&r->list, path, err);
+  if (s != SV_OK) return s;
+  if (r->o->has_depth)
+    lab_say(&r->session,
+            "%d views in %s; a step of a depth PNG is %g scene units along the optical axis, 0 is no depth",
+            n, r->o->out, r->depth_unit);
+  else lab_say(&r->session, "%d views in %s", n, r->o->out);
+  if (r->animation) {
+    s = sv_path_join(path, sizeof path, r->o->out, is_film(r) ? "movie.webp" : "orbit.webp", err);
+    if (s == SV_OK) s = lab_animation_write(r->animation, path, err);
+    if (s != SV_OK) return s;
+    lab_say(&r->session, "animation: %s", path);
+  }
+  return is_film(r) ? lab_movie_make(&r->session, r->o->out, n, FILM_FPS, err) : SV_OK;
 }
 
 static sv_status render_all(run *r, sv_err *err) {
@@ -155,20 +212,20 @@ static sv_status render_all(run *r, sv_err *err) {
   sv_console *c = &r->session.console;
   sv_status s = prepare(r, &scene, err);
   if (s != SV_OK) return s;
-  const bool is_film = r->o->frames > 0;
-  int n = is_film ? (int)r->o->frames : r->o->orbit > 0 ? (int)r->o->orbit : r->views.n;
-  if (is_film && !r->model.deform.kind)
+  if (is_film(r) && !r->model.deform.kind)
     return sv_fail(err, SV_E_NOT_FOUND,
                    "%s: does not move (no motion.bin beside it), so --frames has no sense", r->o->model);
+  int n = n_pictures(r);
+  start_animation(r);
   lab_report_begin(&r->list);
   if (r->o->has_depth) lab_report_num(&r->list, "depth_unit_scale_factor", r->depth_unit);
   lab_report_array(&r->list, "views");
   for (int i = 0; i < n; i++) {
-    sv_view v = r->views.frames[r->o->orbit > 0 || is_film ? 0 : i].view;
+    sv_view v = r->views.frames[r->o->orbit > 0 || is_film(r) ? 0 : i].view;
     if (c->is_stop_requested(c->self))
       return sv_fail(err, SV_E_INTERRUPTED, "stopped by request at view %d of %d", i, n);
     if (r->o->orbit > 0 && (s = orbit_view(r, &scene, i, &v, err)) != SV_OK) return s;
-    if (is_film) v.time = (float)i / (float)(n - 1);
+    if (is_film(r)) v.time = (float)i / (float)(n - 1);
     view_name(r, i, name, sizeof name);
     if ((s = render_view(r, &v, name, err)) != SV_OK) return s;
     snprintf(name, sizeof name, "rendered %d of %d views", i + 1, n);
@@ -176,14 +233,7 @@ static sv_status render_all(run *r, sv_err *err) {
   }
   lab_report_array_end(&r->list);
   lab_report_end(&r->list);
-  if ((s = sv_path_join(name, sizeof name, r->o->out, "views.json", err)) != SV_OK) return s;
-  if ((s = lab_report_save(&r->list, name, err)) != SV_OK) return s;
-  if (r->o->has_depth)
-    lab_say(&r->session,
-            "%d views in %s; a step of a depth PNG is %g scene units along the optical axis, 0 is no depth",
-            n, r->o->out, r->depth_unit);
-  else lab_say(&r->session, "%d views in %s", n, r->o->out);
-  return is_film ? lab_movie_make(&r->session, r->o->out, n, FILM_FPS, err) : SV_OK;
+  return finish(r, n, err);
 }
 
 int lab_cmd_render(const lab_options *o) {
@@ -196,6 +246,7 @@ int lab_cmd_render(const lab_options *o) {
   if (s != SV_OK) code = lab_failed(&r.session, &err);
   lab_session_stop(&r.session);
   lab_report_free(&r.list);
+  lab_animation_free(r.animation);
   free(r.rgb), free(r.z), free(r.depth);
   lab_viewer_stop(&r.viewer);
   lab_views_free(&r.views);

@@ -42,7 +42,9 @@ static const lab_command commands[] = {
     {{"render", "--data DIR --model FILE --out DIR [options]", "write pictures of a model",
       "Writes a PNG for each view of a split, or for N views on a circle around the scene. With --depth "
       "also\n"
-      "16-bit PNGs of the depth along the optical axis; views.json tells their unit and each view's camera.",
+      "16-bit PNGs of the depth along the optical axis; views.json tells their unit and each view's camera.\n"
+      "Views on a circle and frames of a moving model are also written as one animated WebP, orbit.webp or\n"
+      "movie.webp, which browsers play in a loop.",
       "  subview-lab render --data blender_tree --model tree/model.ply --orbit 60 --out turn", LAB_RENDER},
      lab_cmd_render},
     {{"export", "--model FILE --format F --out FILE [options]", "write a model in another format",
