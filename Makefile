@@ -131,8 +131,8 @@ PROGRAMS := $(if $(MAIN_SRC),$(O)/bin/subview) $(if $(PREVIEW_SRC),$(O)/bin/subv
 
 .DEFAULT_GOAL := all
 .DELETE_ON_ERROR:
-.PHONY: all programs tests-build conform demo test test-all check bench accept-counts mca kernels-check grad scenario golden fault \
-  fuzz unit only board-test bare-test headers lint format format-check tidy plan clean deps help install man cross FORCE
+.PHONY: all programs tests-build conform demo demo-live test test-all check bench accept-counts mca kernels-check grad scenario golden \
+  fault fuzz unit only board-test bare-test headers lint format format-check tidy plan clean deps help install man cross FORCE
 
 all: $(CORE) $(PROGRAMS) tests-build ## build the runtime, the tools and the tests for BOARD
 programs: $(CORE) $(PROGRAMS) ## build the runtime and the tools only
@@ -275,7 +275,12 @@ PARALLEL = $(if $(findstring jobserver,$(MAKEFLAGS)),,-j$(JOBS))
 demo: ## install what is missing, build, run the main job on the simulator
 	@WITH='$(WITH)' tools/deps/install.sh build
 	@+$(MAKE) --no-print-directory $(PARALLEL) programs
-	@tools/demo.sh $(O)/bin
+	@tools/demo.sh '$(O)/bin'
+PORT ?= 8080
+demo-live: ## the same build, then the live page on the simulator at 127.0.0.1:8080 (PORT=8080) until Ctrl-C
+	@tools/deps/install.sh build
+	@+$(MAKE) --no-print-directory $(PARALLEL) programs
+	@tools/demo_live.sh '$(O)/bin' '$(PORT)'
 test: ## install what is missing, build, run every lint and test; ends with N passed, N failed, N skipped
 	@WITH='$(WITH)' tools/deps/install.sh test
 	@+$(MAKE) --no-print-directory $(PARALLEL) test-all
