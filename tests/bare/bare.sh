@@ -75,7 +75,7 @@ inside() { # FOLDER SUITE RUN
   echo "ok    $run: make check: $(tail -n 1 "$log.now"), $seconds s"
   in_root "make -j$(nproc) only TESTS=scenario/test_run" || fail "$run: test_run: $(first_error "$log.now")"
   echo "ok    $run: scenario/test_run: $(tail -n 1 "$log.now"), $seconds s"
-  in_root "apt-get -q -y install --no-install-recommends clang >/dev/null && clang --version | head -n 1 &&
+  in_root "DEBIAN_FRONTEND=noninteractive apt-get -q -y install --no-install-recommends clang >/dev/null 2>&1 && clang --version | head -n 1 &&
     make -j$(nproc) programs CC=clang WERROR=1 BUILD=build-clang && tools/demo.sh build-clang/*/bin out/clang" ||
     fail "$run: make CC=clang: $(first_error "$log.now")"
   grep -qx "held-out views, stereo rig:   $stereo_db dB" "$log.now" ||

@@ -10,7 +10,7 @@
 set -eu
 arch=$1 folder=$2
 packages=libc6-dev,linux-libc-dev,libjpeg-dev,libpng-dev,zlib1g-dev,libcmocka-dev,libjsmn-dev
-packages=$packages,libmicrohttpd-dev,libseccomp-dev,libzstd-dev,libcamera-dev,libcamera-ipa
+packages=$packages,libmicrohttpd-dev,libseccomp-dev,libstb-dev,libwebp-dev,libzstd-dev,libcamera-dev,libcamera-ipa
 # The C++ library of this distribution's compilers, cross compilers included.
 packages=$packages,libstdc++-$(gcc -dumpversion | cut -d . -f 1)-dev
 
