@@ -324,9 +324,9 @@ board-test: ## capture and train on a virtual ARM board with cameras (QEMU); und
 	@+$(MAKE) --no-print-directory '$(BUILD)/sysroot-arm64/.complete'
 	@+$(MAKE) --no-print-directory BOARD=generic-arm64 SAN= $(PARALLEL) programs conform
 	@tests/board/run.sh '$(BUILD)' '$(BUILD)/generic-arm64'
-bare-test: ## the README's commands on minimal Debian 12 and 13 systems (chroot: needs root); 15 minutes
+bare-test: ## the README's commands on minimal Debian 12 and 13 systems (needs root); RUNS=trixie: one of them
 	@tools/deps/install.sh bare
-	@tests/bare/bare.sh '$(BUILD)'
+	@tests/bare/bare.sh '$(BUILD)' $(RUNS)
 bench: programs $(PROGS_kernels) ## time the kernels (also into kernels.csv), whole steps and their stages
 	@$(if $(PROGS_kernels),$(EMULATE) $(PROGS_kernels) --bench | tee $(O)/kernels.csv)
 	@$(if $(LAB_MAIN),$(EMULATE) $(O)/bin/subview-lab bench)

@@ -4,8 +4,10 @@
 # ca-certificates, a fresh clone of this repository's HEAD inside, `make demo`, then the fast tests and one
 # scenario, then the programs with clang. Ends with "N passed, N failed, N skipped".
 #
-#   bare.sh BUILD [RUN...]        RUN is SUITE or SUITE-minimal; default: bookworm trixie trixie-minimal
+#   bare.sh BUILD [RUN...]        default: bookworm trixie trixie-minimal trixie-board
 #
+# A RUN is a SUITE; SUITE-minimal, which is `make demo WITH=minimal` alone; or SUITE-board, which is `make board-test`:
+# the virtual ARM board with the suite's cross compiler, kernel and libcamera.
 # Needs root: each system is a chroot in a mount namespace of its own, removed at the end. BUILD/bare keeps the
 # roots' archives for a week, the downloaded packages and the logs.
 set -euo pipefail
@@ -29,7 +31,7 @@ first_error() {
 # --- inside of the namespace: one run ----------------------------------------------------------------
 inside() { # FOLDER SUITE RUN
   local folder=$1 suite=$2 run=$3 log=$1/$3.log root=$1/$3.root with=all
-  [ "$run" = "$suite" ] || with=minimal
+  [ "$run" != "$suite-minimal" ] || with=minimal
   rm -rf "$root"
   mkdir -p "$root" "$folder/$suite.debs/partial"
   tar -C "$root" -xf "$folder/$suite.tar"
@@ -55,6 +57,12 @@ inside() { # FOLDER SUITE RUN
   in_root "git config --global --add safe.directory '*' && git clone -q --depth 1 file:///mnt/source subview" ||
     fail "$run: clone: $(first_error "$log.now")"
 
+  if [ "$run" = "$suite-board" ]; then
+    in_root "make board-test WERROR=1" || fail "$run: $(grep -m 1 '^FAIL' "$log.now" || first_error "$log.now")"
+    grep -q '^[1-9][0-9]* passed, 0 failed, 0 skipped$' "$log.now" || fail "$run: $(tail -n 1 "$log.now")"
+    echo "ok    $run: make board-test: $(tail -n 1 "$log.now"), $seconds s"
+    return 0
+  fi
   in_root "make demo$([ $with = all ] || echo " WITH=$with")" || fail "$run: make demo: $(first_error "$log.now")"
   grep -qx "held-out views, stereo rig:   $stereo_db dB" "$log.now" ||
     fail "$run: the demo's stereo rig: $(grep -m 1 'stereo rig: ' "$log.now" || echo no figure), expected $stereo_db dB"
@@ -90,7 +98,7 @@ fi
 # --- outside -------------------------------------------------------------------------------------------
 build=$1
 shift
-[ $# -gt 0 ] || set -- bookworm trixie trixie-minimal
+[ $# -gt 0 ] || set -- bookworm trixie trixie-minimal trixie-board
 if [ "$(id -u)" -ne 0 ]; then
   sudo -n true 2>/dev/null || skip "tests on minimal systems need root (sudo make bare-test)"
   exec sudo -n "$0" "$build" "$@"
@@ -119,7 +127,7 @@ make_root() { # SUITE
 
 passed=0 failed=0
 for run in "$@"; do
-  suite=${run%-minimal} began=$SECONDS
+  suite=${run%-*} began=$SECONDS
   if ! make_root "$suite"; then
     echo "FAIL  $run: no root: $(grep -m 1 '^E:' "$folder/$suite.log" || tail -n 1 "$folder/$suite.log")"
     failed=$((failed + 1))

@@ -170,6 +170,22 @@ WANT='tests/helper.c is linked in' program red "a test's helper" tests/helper.c
 rm -rf build
 WANT='were they built' red "links: nothing built" "$lint/links.sh" build
 
+# --- calibration: a release of mrcal with other calls is named, not guessed
+mrcal() { # colour, name, an argument list for the call that tells the releases apart; "real" is the library's own
+  mkdir -p fake/mrcal
+  printf '#define mrcal_unpack_solver_state_vector sv_real\n#include_next <mrcal/mrcal.h>\n#undef %s\nvoid %s(%s);\n' \
+    mrcal_unpack_solver_state_vector mrcal_unpack_solver_state_vector "$3" >fake/mrcal/mrcal.h
+  [ "$3" != real ] || rm fake/mrcal/mrcal.h
+  if [ -e /usr/include/mrcal/mrcal.h ]; then
+    $1 "mrcal: $2" gcc -std=c11 -D_GNU_SOURCE -fsyntax-only -Ifake "-I$root" "$root/calib/solve/boards_sd_mrcal.c"
+  else
+    $1 "mrcal: $2" sh -c 'echo libmrcal-dev is not installed; exit 77'
+  fi
+}
+clean
+mrcal green "the release that is installed" real
+WANT='this release of mrcal is unknown' mrcal red "an unknown release" 'double *state, long n_cameras'
+
 # --- format
 clean
 cp "$root/.clang-format" .
