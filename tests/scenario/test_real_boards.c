@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// subview-calibrate board and check on real pictures: the stereo pairs and stills of the shared datasets.
+// subview-calibrate board and check on real pictures: the stereo pairs and stills of tests/data.
 #include <math.h>
 #include <setjmp.h>
 #include <signal.h>
@@ -43,11 +43,6 @@ static double focal_of(const char *folder, const char *name) {
   return f;
 }
 
-static void in_shared(char *out, const char *path) {
-  const char *shared = getenv("SV_SHARED");
-  snprintf(out, SV_CAP_PATH, "%s/data/%s", shared ? shared : "../shared", path);
-}
-
 static void out_folder(char *out, const char *name) {
   const char *tmp = getenv("TMPDIR");
   snprintf(out, SV_CAP_PATH, "%s/subview-boards-%ld-%s", tmp ? tmp : "/tmp", (long)getpid(), name);
@@ -61,15 +56,10 @@ static void remove_folder(const char *folder) {
 
 static void test_real_stereo(void **state) {
   (void)state;
-  char left[SV_CAP_PATH], right[SV_CAP_PATH], out[SV_CAP_PATH], folder[SV_CAP_PATH];
+  static const char left[] = "tests/data/stereo_chessboard/left*.jpg",
+                    right[] = "tests/data/stereo_chessboard/right*.jpg";
+  char out[SV_CAP_PATH];
   need_mrcal();
-  in_shared(folder, "calib_stereo_chessboard");
-  if (!sv_path_is_folder(folder)) {
-    printf("skip  %s is not there\n", folder);
-    skip();
-  }
-  in_shared(left, "calib_stereo_chessboard/left*.jpg"),
-      in_shared(right, "calib_stereo_chessboard/right*.jpg");
   out_folder(out, "stereo");
   cal_options o = options_of("LENSMODEL_OPENCV5", out);
   o.images.of[0] = left, o.images.of[1] = right, o.images.n = 2, o.n_cols = 9, o.n_rows = 6,
@@ -113,18 +103,12 @@ static void test_real_stills(void **state) {
   (void)state;
   static const double want[4] = {107599.671875, 107118.695313, 107622.296875,
                                  107215.039063}; // 1/64 px, full size
-  char folder[SV_CAP_PATH], images[SV_CAP_PATH], out[SV_CAP_PATH];
+  char out[SV_CAP_PATH];
   need_mrcal();
-  in_shared(folder, "replay_4cam_person/chessboard");
-  if (!sv_path_is_folder(folder)) {
-    printf("skip  %s is not there\n", folder);
-    skip();
-  }
   for (int c = 0; c < 4; c++) {
-    char pattern[80], name[16];
-    snprintf(pattern, sizeof pattern, "replay_4cam_person/chessboard/cam0%d_*_int.jpg", c + 1);
+    char images[80], name[16];
+    snprintf(images, sizeof images, "tests/data/qca_chessboard/cam0%d_*_int.jpg", c + 1);
     snprintf(name, sizeof name, "cam0%d", c + 1);
-    in_shared(images, pattern);
     out_folder(out, name);
     cal_options o = options_of(NULL, out);
     o.images.of[0] = images, o.images.n = 1, o.n_cols = 4, o.n_rows = 7, o.spacing_m = 0.06;

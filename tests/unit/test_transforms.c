@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Transforms JSON: axes, inherited and own intrinsics, finishing, labels, refusals. With SV_SHARED set to a
-// folder of datasets, every transforms file in it is read, too.
+// Transforms JSON: axes, inherited and own intrinsics, finishing, labels, refusals; every transforms
+// file of the datasets in tests/data is read.
+#include <glob.h>
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -13,7 +14,7 @@
 
 #include "src/base/str.h"
 #include "src/format/transforms.h"
-#include "tests/unit/shared_data.h"
+#include "tools/common/fileio.h"
 
 enum { CAP_TOK = 200000, CAP_FRAMES = 2000 };
 static jsmntok_t tok[CAP_TOK];
@@ -151,24 +152,42 @@ static void test_refused(void **state) {
   }
 }
 
-static void read_file(const char *path, const char *text, size_t n, void *arg) {
-  if (read_text(text, n) != SV_OK) fail_msg("%s: %s", path, err.text);
-  for (int i = 0; i < t.n_frames; i++)
-    if (sv_transforms_finish(&frames[i], frames[i].model.width_px ? frames[i].model.width_px : 400,
-                             frames[i].model.height_px ? frames[i].model.height_px : 400, &err) != SV_OK)
+// A file's frames, finished for pictures of side_px where it does not tell their size.
+static int frames_of(const char *path, int side_px) {
+  void *text;
+  size_t bytes;
+  if (sv_file_read(path, &text, &bytes, &err) != SV_OK) fail_msg("%s", err.text);
+  if (read_text(text, bytes) != SV_OK) fail_msg("%s: %s", path, err.text);
+  for (int i = 0; i < t.n_frames; i++) {
+    const sv_camera_model *m = &frames[i].model;
+    if (sv_transforms_finish(&frames[i], m->width_px ? m->width_px : side_px,
+                             m->height_px ? m->height_px : side_px, &err) != SV_OK)
       fail_msg("%s: %s", path, err.text);
-  ++*(int *)arg;
+  }
+  free(text);
+  return t.n_frames;
 }
 
-static void test_shared(void **state) {
+static void test_datasets(void **state) {
   (void)state;
-  int n = 0;
-  shared_for_each("transforms", ".json", read_file, &n);
-  if (!n) {
-    print_message("skipped: SV_SHARED does not name a folder with datasets\n");
-    skip();
+  glob_t files;
+  int n_frames = 0;
+  assert_int_equal(glob("tests/data/*/transforms*.json", 0, NULL, &files), 0);
+  for (size_t i = 0; i < files.gl_pathc; i++) n_frames += frames_of(files.gl_pathv[i], 200);
+  assert_int_equal(files.gl_pathc, 8);
+  assert_int_equal(n_frames, 32 + 8 + 6 + 1 + 2 + 3 + 16 + 16); // mic_200, then kitchen
+  globfree(&files);
+  assert_int_equal(frames_of("tests/data/mic_200/transforms_train.json", 200), 32);
+  assert_true(fabs(frames[0].model.p[0] - 277.7777) < 1e-3 && frames[0].depth_unit == 0);
+  assert_int_equal(frames_of("tests/data/kitchen/transforms_test_near.json", 0), 6);
+  assert_true(frames[0].depth_kind == SV_DEPTH_Z && fabs(frames[0].depth_unit - 1.0 / 8000) < 1e-12);
+  assert_int_equal(frames_of("tests/data/kitchen/transforms_train_multiplexed_theta10.json", 0), 16);
+  sv_transforms_composite c;
+  for (int is_linear = 0; is_linear < 2; is_linear++) {
+    assert_int_equal(sv_transforms_find_composite(&t, is_linear, 0, &c, &err), SV_OK);
+    assert_int_equal(c.m_max, 4);
   }
-  print_message("%d files read\n", n);
+  assert_true(frames[15].footprint.x0_px == 240 && frames[15].footprint.y0_px == 240);
 }
 
 int main(void) {
@@ -177,6 +196,6 @@ int main(void) {
                                      cmocka_unit_test(test_small_errors_are_corrected),
                                      cmocka_unit_test(test_fisheye),
                                      cmocka_unit_test(test_refused),
-                                     cmocka_unit_test(test_shared)};
+                                     cmocka_unit_test(test_datasets)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
