@@ -4,14 +4,16 @@
 #   BOARD=rpi5              the board to build for (boards/*)
 #   SAN=address,undefined   the same with sanitizers, in a folder of its own
 #   WERROR=1                warnings are errors, for developers and CI
+#   DEBUG=-g                local variables for a debugger, too (compiles a quarter longer than line numbers alone)
 #   CC=clang                another compiler than gcc
-#   WITH=minimal            without the libraries that only some features need (calibration, libcamera)
+#   WITH=minimal            without what only some features need: subview-calibrate, libcamera, the page's server
 HOST_ARCH := $(shell uname -m)
 BOARD     ?= $(if $(filter aarch64,$(HOST_ARCH)),generic-arm64,sim-x86)
 BUILD     ?= build
 SAN       ?=
 WERROR    ?=
 WITH      ?= all
+DEBUG     ?= $(if $(SAN),-g,-g1)
 PREFIX    ?= /usr/local
 JOBS      ?= $(shell nproc)
 
@@ -53,7 +55,7 @@ OPT    ?= $(if $(SAN),-O1,-O2)
 OPT_KERNELS ?= $(if $(SAN),-O1,-O3)
 upper   = $(shell echo $(1) | tr a-z A-Z)
 HAVE   := $(foreach i,$(BOARD_ISAS),-DSV_HAVE_$(call upper,$(i))=1)
-COMMON := -std=c11 -g -I. $(ARITH) $(WARN) $(HAVE) $(SANF) $(SYSROOT_FLAG) $(BOARD_CFLAGS)
+COMMON := -std=c11 $(DEBUG) -I. $(ARITH) $(WARN) $(HAVE) $(SANF) $(SYSROOT_FLAG) $(BOARD_CFLAGS)
 CORE_CFLAGS   := $(COMMON) $(OPT) -fstack-usage
 KERNEL_CFLAGS := $(COMMON) $(OPT_KERNELS) -fstack-usage
 HOST_CFLAGS   := $(COMMON) $(OPT) -D_GNU_SOURCE
@@ -63,8 +65,8 @@ PROJECT_CFLAGS := $(if $(IS_CLANG),,-fschedule-insns -fsched-pressure)
 # Only here do board, platform and runtime meet, so only here the board's sizes are visible.
 BOARD_HDR     := -include boards/$(BOARD)/board.h
 LDFLAGS_ALL   := $(SANF) $(SYSROOT_FLAG) -Wl,--as-needed $(LDFLAGS)
-SOLVE_CFLAGS  := -std=c11 -g -I. $(filter-out -Wpedantic,$(WARN)) $(SANF) $(SYSROOT_FLAG) $(OPT) -D_GNU_SOURCE
-SOLVE_CXXFLAGS := -std=c++17 -g -I. -Wall -Wextra $(ERRORS) $(SANF) $(SYSROOT_FLAG) $(OPT)
+SOLVE_CFLAGS  := -std=c11 $(DEBUG) -I. $(filter-out -Wpedantic,$(WARN)) $(SANF) $(SYSROOT_FLAG) $(OPT) -D_GNU_SOURCE
+SOLVE_CXXFLAGS := -std=c++17 $(DEBUG) -I. -Wall -Wextra $(ERRORS) $(SANF) $(SYSROOT_FLAG) $(OPT)
 LIBS          := $(BOARD_LIBS) -ljpeg -lpng -lz -lpthread -lm
 ISA_sse41  := -msse4.1
 ISA_avx2   := -mavx2 -mfma -mbmi -mbmi2 -mlzcnt -mpopcnt
@@ -127,7 +129,7 @@ CORE    := $(O)/libcore.a
 ARCHIVES := $(O)/libtools.a $(O)/libplatform.a $(CORE)
 TEST_ARCHIVES := $(O)/libtests.a $(ARCHIVES)
 PROGRAMS := $(if $(MAIN_SRC),$(O)/bin/subview) $(if $(PREVIEW_SRC),$(O)/bin/subview-preview) \
-  $(if $(LAB_MAIN),$(O)/bin/subview-lab) $(if $(CAL_MAIN),$(O)/bin/subview-calibrate)
+  $(if $(LAB_MAIN),$(O)/bin/subview-lab) $(if $(filter minimal,$(WITH)),,$(if $(CAL_MAIN),$(O)/bin/subview-calibrate))
 
 .DEFAULT_GOAL := all
 .DELETE_ON_ERROR:
