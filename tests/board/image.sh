@@ -57,24 +57,27 @@ version=${kernel#linux-image-}
 [ -n "$version" ] || fail "the distribution has no kernel linux-image-arm64"
 series=$(echo "$version" | cut -d . -f 1,2)
 headers="linux-headers-$version linux-headers-${version%-arm64}-common"
+kbuild=$(arm apt-cache depends "linux-headers-$version" | awk '/Depends: linux-kbuild/ { print $2; exit }')
+[ -n "$kbuild" ] || fail "linux-headers-$version names no linux-kbuild"
 echo "board: kernel $version"
 download() { (cd debs && arm apt-get download -qq "$@"); }
 # shellcheck disable=SC2086 # a list of words
 tries download "$kernel" $headers "linux-source-$series" v4l2loopback-dkms busybox-static >apt.log 2>&1 ||
   fail "download: $(grep -m 1 '^E:' apt.log || tail -n 1 apt.log)"
 # The kernel's build scripts run here, so they are this machine's.
-download_here() { (cd debs && apt-get download -qq "linux-kbuild-$series"); }
-tries download_here >apt.log 2>&1 || fail "download of linux-kbuild-$series: $(tail -n 1 apt.log)"
+download_here() { (cd debs && apt-get download -qq "$kbuild"); }
+tries download_here >apt.log 2>&1 || fail "download of $kbuild: $(tail -n 1 apt.log)"
 
 rm -rf k h b drivers
 dpkg-deb -x debs/"${kernel}"_*.deb k
 dpkg-deb -x debs/busybox-static_*.deb b
-for package in $headers "linux-kbuild-$series"; do dpkg-deb -x debs/"$package"_*.deb h; done
+for package in $headers "$kbuild"; do dpkg-deb -x debs/"$package"_*.deb h; done
+[ -e k/lib ] || ln -s usr/lib k/lib # Debian 13 has the modules below /usr
 depmod -b k "$version"
 tree=$folder/h/usr/src/linux-headers-$version
 sed -i "s#include /usr/src#include $folder/h/usr/src#" "$tree/Makefile"
 for link in "$tree"/scripts "$tree"/tools "$folder/h/usr/src/linux-headers-${version%-arm64}-common"/{scripts,tools}; do
-  [ -L "$link" ] && ln -sfn "$folder/h/usr/lib/linux-kbuild-$series/$(basename "$link")" "$link"
+  [ -L "$link" ] && ln -sfn "$folder/h/usr/lib/$kbuild/$(basename "$link")" "$link"
 done
 
 # The drivers that the kernel's package leaves out, and two more vimc devices (the module makes one).
@@ -101,8 +104,9 @@ cp b/bin/busybox root/bin/
 modprobe -d k -S "$version" --show-depends vivid | awk '/^insmod/ { print $2 }' >modules.txt
 modprobe -d k -S "$version" --show-depends videobuf2-dma-contig | awk '/^insmod/ { print $2 }' >>modules.txt
 awk '!seen[$0]++' modules.txt | while read -r module; do
-  cp "$module" root/modules/
-  basename "$module"
+  name=$(basename "$module" .xz) # busybox loads them unpacked
+  case $module in *.xz) xz -dc "$module" >"root/modules/$name" ;; *) cp "$module" root/modules/ ;; esac
+  echo "$name"
 done | grep -v '^vivid\.ko' >root/modules/order
 cp drivers/vimc/vimc.ko drivers/loop/v4l2loopback.ko drivers/more/vimc_more.ko root/modules/
 cp "k/boot/vmlinuz-$version" vmlinuz
