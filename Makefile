@@ -6,7 +6,7 @@
 #   WERROR=1                warnings are errors, for developers and CI
 #   DEBUG=-g                local variables for a debugger, too (compiles a quarter longer than line numbers alone)
 #   CC=clang                another compiler than gcc
-#   WITH=minimal            without what only some features need: subview-calibrate, libcamera, the page's server
+#   WITH=minimal            subview and subview-lab alone: no calibration, no live page, no libcamera
 HOST_ARCH := $(shell uname -m)
 BOARD     ?= $(if $(filter aarch64,$(HOST_ARCH)),generic-arm64,sim-x86)
 BUILD     ?= build
@@ -128,8 +128,13 @@ ALL_OBJ    := $(call obj,$(CORE_SRC) $(PLAT_SRC) $(PREVIEW_SRC) $(MAIN_SRC) $(TO
 CORE    := $(O)/libcore.a
 ARCHIVES := $(O)/libtools.a $(O)/libplatform.a $(CORE)
 TEST_ARCHIVES := $(O)/libtests.a $(ARCHIVES)
-PROGRAMS := $(if $(MAIN_SRC),$(O)/bin/subview) $(if $(PREVIEW_SRC),$(O)/bin/subview-preview) \
-  $(if $(LAB_MAIN),$(O)/bin/subview-lab) $(if $(filter minimal,$(WITH)),,$(if $(CAL_MAIN),$(O)/bin/subview-calibrate))
+PROGRAMS := $(if $(MAIN_SRC),$(O)/bin/subview) $(if $(LAB_MAIN),$(O)/bin/subview-lab)
+ifneq ($(WITH),minimal)
+PROGRAMS += $(if $(PREVIEW_SRC),$(O)/bin/subview-preview) $(if $(CAL_MAIN),$(O)/bin/subview-calibrate)
+endif
+ifneq ($(filter-out all minimal,$(WITH)),)
+$(error WITH is all or minimal, not $(WITH))
+endif
 
 .DEFAULT_GOAL := all
 .DELETE_ON_ERROR:
@@ -284,6 +289,7 @@ demo-live: ## the same build, then the live page on the simulator at 127.0.0.1:8
 	@+$(MAKE) --no-print-directory $(PARALLEL) programs
 	@tools/demo_live.sh '$(O)/bin' '$(PORT)'
 test: ## install what is missing, build, run every lint and test; ends with N passed, N failed, N skipped
+	@[ '$(WITH)' != minimal ] || { echo "make test: the tests are of all features, so not with WITH=minimal" >&2; exit 2; }
 	@WITH='$(WITH)' tools/deps/install.sh test
 	@+$(MAKE) --no-print-directory $(PARALLEL) test-all
 ifeq ($(BOARD_ARCH)$(SAN),$(HOST_ARCH))

@@ -55,6 +55,14 @@ if [ -f "$turntable/orbit.webp" ]; then
   turntable=$out/turntable.webp
 fi
 
+if [ -x "$bin/subview-preview" ]; then
+  live="the live page on the simulator (make demo-live, or this; open the link that it prints):
+  subview run --source sim:$source --preview 127.0.0.1:8080 --session --out out/demo-live"
+else
+  live="the live page on the simulator (not in this build, which is minimal; this builds the rest):
+  make demo-live"
+fi
+
 cat <<END
 
 held-out views, stereo rig:   $(psnr stereo) dB
@@ -67,8 +75,7 @@ figures of the run:                 $out/stereo/run.json
 
 the programs are here:
   export PATH="$bin:\$PATH"
-next, the live page on the simulator (make demo-live, or this; open the link that it prints):
-  subview run --source sim:$source --preview 127.0.0.1:8080 --session --out out/demo-live
+next, $live
 next, your own COLMAP folder (its model and images/), in place of DIR:
   subview-lab import --from colmap DIR --out data
   subview-lab train --data data --eval --out out/mine

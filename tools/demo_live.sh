@@ -7,6 +7,10 @@ bin=${1:-build/sim-x86/bin}
 port=${2:-8080}
 out=${3:-out/demo-live}
 
+if ! [ -x "$bin/subview-preview" ]; then
+  echo "demo-live: this build has no live page; 'make demo-live' without WITH=minimal builds it" >&2
+  exit 1
+fi
 is_stopped=''
 trap 'is_stopped=yes' INT TERM
 echo "demo-live: a stereo rig on the simulator. Open the link in a browser and press Start; Ctrl-C ends it."

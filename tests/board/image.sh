@@ -72,7 +72,8 @@ rm -rf k h b drivers
 dpkg-deb -x debs/"${kernel}"_*.deb k
 dpkg-deb -x debs/busybox-static_*.deb b
 for package in $headers "$kbuild"; do dpkg-deb -x debs/"$package"_*.deb h; done
-[ -e k/lib ] || ln -s usr/lib k/lib # Debian 13 has the modules below /usr
+[ -e k/lib ] || ln -s usr/lib k/lib # Debian 13 has the modules, and busybox, below /usr
+[ -e b/bin ] || ln -s usr/bin b/bin
 depmod -b k "$version"
 tree=$folder/h/usr/src/linux-headers-$version
 sed -i "s#include /usr/src#include $folder/h/usr/src#" "$tree/Makefile"
