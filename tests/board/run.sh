@@ -47,7 +47,7 @@ need() { # recursively, what a file is linked to
   for name in $(readelf -d "$1" | sed -n 's/.*NEEDED.*\[\(.*\)\]/\1/p'); do
     [ -z "${seen[$name]:-}" ] || continue
     seen[$name]=1
-    path=$(find "$libs" "$sysroot/lib/aarch64-linux-gnu" "$sysroot/usr/lib" -name "$name" 2>/dev/null | head -n 1)
+    path=$(find "$libs" "$sysroot/lib/aarch64-linux-gnu" "$sysroot/usr/lib" -name "$name" -print -quit 2>/dev/null)
     [ -n "$path" ] || { echo "board: $name, which $(basename "$1") needs, is not in the sysroot" >&2; exit 1; }
     cp -L "$path" "$test/lib/"
     need "$path"
@@ -55,7 +55,7 @@ need() { # recursively, what a file is linked to
 }
 for program in "$test"/bin/*; do need "$program"; done
 for ipa in "$work"/files/usr/lib/aarch64-linux-gnu/libcamera/*.so; do [ ! -e "$ipa" ] || need "$ipa"; done
-loader=$(find "$sysroot" -name ld-linux-aarch64.so.1 | head -n 1)
+loader=$(find "$sysroot" -name ld-linux-aarch64.so.1 -print -quit)
 cp -L "$loader" "$work/files/lib/"
 echo "${BOARD_ONLY:-}" >"$test/only"
 (cd "$work/files" && find . | cpio -o -H newc --quiet) | gzip -1 >"$work/tests.cpio.gz"
