@@ -44,7 +44,7 @@ inside() { # FOLDER SUITE RUN
   in_root() { # a command in the clone; its log has seconds since the start before each line
     local began=$SECONDS status=0
     { chroot "$root" env -i PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin HOME=/root \
-      TERM=dumb sh -c "cd /root/subview 2>/dev/null || cd /root; $1" 2>&1 </dev/null || echo "STATUS $?"; } |
+      TERM=dumb sh -c "cd /srv/subview 2>/dev/null || cd /srv; $1" 2>&1 </dev/null || echo "STATUS $?"; } |
       while IFS= read -r line; do printf '%4d %s\n' $((SECONDS - began)) "$line"; done >"$log.new"
     cat "$log.new" >>"$log"
     cut -c 6- "$log.new" >"$log.now"
