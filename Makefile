@@ -264,7 +264,7 @@ LINT_ENV = CC='$(CC) $(SYSROOT_FLAG)' OBJDUMP='$(OBJDUMP)' SAN='$(SAN)'
 ITEMS_lint  = $(foreach l,$(LINTS),lint/$(l)$(TAB)$(LINT_ENV) tools/lint/$(l).sh \
   $(if $(filter symbols stack links,$(l)),$(O))$(NL)) lint/selftest$(TAB)tests/run/selftest.sh$(NL)
 # Building and emulating takes a while longer than other checks.
-ITEMS_cross = cross/generic-arm64$(TAB)BUILD='$(BUILD)' tests/run/cross.sh generic-arm64$(TAB)840$(NL)
+ITEMS_cross = cross/generic-arm64$(TAB)BUILD='$(BUILD)' tests/run/cross.sh generic-arm64$(TAB)1500$(NL)
 ITEMS_budget = $(foreach p,$(PROGS_budget),!$(p:$(O)/tests/%=%)$(TAB)$(EMULATE) $(p)$(NL))
 FUZZ_ARGS ?=
 ITEMS_fuzz = $(foreach p,$(PROGS_fuzz),$(p:$(O)/tests/%=%)$(TAB)$(EMULATE) $(p) $(FUZZ_ARGS)$(NL))
