@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The programs train on the datasets of tests/data, as a user runs them: a published scene, one exposure of five
-// devices, and four real webcams. Floors of PSNR lie within 1 dB of what was measured.
+// The programs train on the datasets of tests/data, as a user runs them: a published scene, one
+// exposure of five devices, and four real webcams.
+// Floors of PSNR lie within 1 dB of what was measured.
 // clang-format off
 #include <setjmp.h>
 #include <stdarg.h>
@@ -112,7 +113,8 @@ static void import_webcams(void) {
                              "--quiet");
 }
 
-// The recorded timestamps decide which frames form an exposure: all within 20 ms, 8 of 12 within 5 ms.
+// The recorded timestamps decide which frames form an exposure. All do within 20 ms, 8 of 12
+// within 5 ms.
 // The largest skews are those of sync_index 47 and 42 in timestamps.csv.
 static void test_webcam_exposures(void **state) {
   static const struct {

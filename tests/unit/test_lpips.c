@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// LPIPS against its authors' figures for their example pictures, and against values for a made pair that
-// were written down when the authors' figures came out right.
+// LPIPS against its authors' figures for their example pictures, and against values for a made pair
+// that were written down when the authors' figures came out right.
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
