@@ -4,7 +4,7 @@
 # ca-certificates, a fresh clone of this repository's HEAD inside, `make demo`, then the fast tests and one
 # scenario, then the programs with clang. Ends with "N passed, N failed, N skipped".
 #
-#   bare.sh BUILD [RUN...]        default: bookworm trixie trixie-minimal
+#   bare.sh BUILD [RUN...]        default: bookworm trixie trixie-minimal trixie-board
 #
 # A RUN is a SUITE; SUITE-minimal, which is `make demo WITH=minimal` alone; or SUITE-board, which is `make board-test`:
 # the virtual ARM board with the suite's cross compiler, kernel and libcamera.
@@ -100,7 +100,7 @@ fi
 # --- outside -------------------------------------------------------------------------------------------
 build=$1
 shift
-[ $# -gt 0 ] || set -- bookworm trixie trixie-minimal
+[ $# -gt 0 ] || set -- bookworm trixie trixie-minimal trixie-board
 if [ "$(id -u)" -ne 0 ]; then
   sudo -n true 2>/dev/null || skip "tests on minimal systems need root (sudo make bare-test)"
   exec sudo -n "$0" "$build" "$@"
