@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Transforms JSON: axes, inherited and own intrinsics, finishing, labels, refusals. Every transforms
-// file of the datasets in tests/data is read.
+// Transforms JSON: axes, inherited and own intrinsics, finishing, labels, refusals.
+// Every transforms file of the datasets in tests/data is read.
 #include <glob.h>
 #include <math.h>
 #include <setjmp.h>
