@@ -112,16 +112,17 @@ mkdir -p "$build/bare"
 folder=$(cd "$build/bare" && pwd)
 
 make_root() { # SUITE
-  local archive=$folder/$1.tar mirror try
-  [ -z "$(find "$archive" -mtime -7 2>/dev/null)" ] || return 0
+  local archive=$folder/$1.tar part=$folder/$1.part.tar mirror try # mmdebstrap makes an archive of a name in .tar
+  [ -z "$(find "$archive" -type f -mtime -7 2>/dev/null)" ] || return 0
+  rm -rf "$archive" "$part"
   # From where this machine's apt gets Debian, if it does; else from where mmdebstrap does.
   # shellcheck disable=SC2016 # the dollars are apt's
   mirror=$(apt-get indextargets --format '$(ORIGIN)|$(LABEL)|$(REPO_URI)' 'Created-By: Packages' 2>/dev/null |
     sed -n 's/^Debian|Debian|//p' | head -n 1)
   for try in 1 2 3; do
     # shellcheck disable=SC2086 # no argument when there is no mirror
-    mmdebstrap --quiet --variant=minbase --include=make,git,ca-certificates "$1" "$archive.part" $mirror \
-      >"$folder/$1.log" 2>&1 && mv "$archive.part" "$archive" && return 0
+    mmdebstrap --quiet --variant=minbase --include=make,git,ca-certificates "$1" "$part" $mirror \
+      >"$folder/$1.log" 2>&1 && mv "$part" "$archive" && return 0
     sleep $((try * 5))
   done
   return 1
