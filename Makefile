@@ -22,6 +22,9 @@ ifeq ($(wildcard boards/$(BOARD)/board.mk),)
 $(error no boards/$(BOARD)/board.mk; the boards are: $(BOARDS))
 endif
 include boards/$(BOARD)/board.mk
+# The benchmark (tools/bench) is linked into `subview` where the board wants it.
+BOARD_BENCH ?= yes
+HAVE_BENCH  := $(filter-out no,$(BOARD_BENCH))
 
 # On a machine of the board's own kind nothing is crossed and nothing emulated.
 ifeq ($(BOARD_ARCH),$(HOST_ARCH))
@@ -63,7 +66,7 @@ HOST_CFLAGS   := $(COMMON) $(OPT) -D_GNU_SOURCE
 # their chains run side by side.
 PROJECT_CFLAGS := $(if $(IS_CLANG),,-fschedule-insns -fsched-pressure)
 # Only here do board, platform and runtime meet, so only here the board's sizes are visible.
-BOARD_HDR     := -include boards/$(BOARD)/board.h
+BOARD_HDR     := -include boards/$(BOARD)/board.h $(if $(HAVE_BENCH),-DBOARD_HAS_BENCH)
 LDFLAGS_ALL   := $(SANF) $(SYSROOT_FLAG) -Wl,--as-needed $(LDFLAGS)
 SOLVE_CFLAGS  := -std=c11 $(DEBUG) -I. $(filter-out -Wpedantic,$(WARN)) $(SANF) $(SYSROOT_FLAG) $(OPT) -D_GNU_SOURCE
 SOLVE_CXXFLAGS := -std=c++17 $(DEBUG) -I. -Wall -Wextra $(ERRORS) $(SANF) $(SYSROOT_FLAG) $(OPT)
@@ -79,7 +82,8 @@ obj = $(patsubst %.cc,$(O)/obj/%.o,$(patsubst %.c,$(O)/obj/%.o,$(1)))
 KERNEL_SRC := $(filter-out %_sse41.c %_avx2.c %_avx512.c %_neon.c,$(wildcard kernels/*.c kernels/*/*.c)) \
   $(foreach i,$(BOARD_ISAS),$(wildcard kernels/*/*_$(i).c))
 CORE_SRC   := $(wildcard src/*/*.c calib/*.c) $(KERNEL_SRC)
-MAIN_SRC   := $(wildcard boards/*.c)
+BENCH_SRC  := $(wildcard tools/bench/*.c)
+MAIN_SRC   := $(filter-out $(if $(HAVE_BENCH),,boards/cmd_bench.c),$(wildcard boards/*.c))
 PREVIEW_SRC := $(wildcard platform/preview/*.c)
 TOOL_SRC   := $(wildcard tools/lab/*.c tools/common/*.c tools/import/*.c tools/metric/*.c)
 TEST_SRC   := $(wildcard tests/*/*.c)
@@ -123,10 +127,10 @@ HEAP_SRC   := $(filter-out $(MAINS),$(wildcard tests/fault/heap_*.c))
 HEAP_USERS := $(shell grep -lF '"tests/fault/heap_count.h"' /dev/null $(filter $(MAINS),$(TEST_SRC)))
 # Tests of these parts are linked with their libraries.
 SOLVE_USERS := $(shell grep -lE '"(calib/solve|tools/calibrate)/' /dev/null $(filter $(MAINS),$(TEST_SRC)))
-ALL_OBJ    := $(call obj,$(CORE_SRC) $(PLAT_SRC) $(PREVIEW_SRC) $(MAIN_SRC) $(TOOL_SRC) $(CAL_SRC) $(SOLVE_SRC) $(TEST_SRC))
+ALL_OBJ    := $(call obj,$(CORE_SRC) $(PLAT_SRC) $(PREVIEW_SRC) $(MAIN_SRC) $(BENCH_SRC) $(TOOL_SRC) $(CAL_SRC) $(SOLVE_SRC) $(TEST_SRC))
 
 CORE    := $(O)/libcore.a
-ARCHIVES := $(O)/libtools.a $(O)/libplatform.a $(CORE)
+ARCHIVES := $(O)/libtools.a $(O)/libbench.a $(O)/libplatform.a $(CORE)
 TEST_ARCHIVES := $(O)/libtests.a $(ARCHIVES)
 PROGRAMS := $(if $(MAIN_SRC),$(O)/bin/subview) $(if $(LAB_MAIN),$(O)/bin/subview-lab)
 ifneq ($(WITH),minimal)
@@ -196,6 +200,7 @@ $(O)/$(1).a: $(2) $(O)/$(1).list
 endef
 $(eval $(call archive_rule,libcore,$(call obj,$(CORE_SRC))))
 $(eval $(call archive_rule,libplatform,$(call obj,$(PLAT_SRC))))
+$(eval $(call archive_rule,libbench,$(call obj,$(BENCH_SRC))))
 $(eval $(call archive_rule,libtools,$(call obj,$(HELPER_SRC))))
 $(eval $(call archive_rule,libtests,$(call obj,$(TEST_HELPER_SRC))))
 $(eval $(call archive_rule,libcalibrate,$(call obj,$(filter-out $(MAINS),$(CAL_SRC)) $(SOLVE_SRC))))
@@ -206,7 +211,7 @@ $(eval $(call archive_rule,libcalibrate,$(call obj,$(filter-out $(MAINS),$(CAL_S
 has_lib = $(if $(wildcard $(SYSROOT)/usr/include/$(1)),$(2))
 link = @mkdir -p $(@D); $(if $(V),echo link $@;) $(CC) $(filter %.o,$^) $(filter %.a,$^) $(LDFLAGS_ALL) $(1) \
   $(LIBS) $(call has_lib,zstd.h,-lzstd) $(call has_lib,webp/mux.h,-lwebpmux -lwebpdemux -lwebp) -o $@
-$(O)/bin/subview: $(call obj,$(MAIN_SRC)) $(O)/libplatform.a $(CORE)
+$(O)/bin/subview: $(call obj,$(MAIN_SRC)) $(if $(HAVE_BENCH),$(O)/libbench.a) $(O)/libplatform.a $(CORE)
 	$(call link)
 $(O)/bin/subview-preview: $(call obj,$(PREVIEW_SRC)) $(O)/libplatform.a $(CORE)
 	$(call link,$(call has_lib,microhttpd.h,-lmicrohttpd) $(call has_lib,seccomp.h,-lseccomp))

@@ -14,7 +14,7 @@
 #include "platform/replay/replay.h"
 #include "platform/sim/sim.h"
 #include "platform/v4l2/v4l2.h"
-#include "src/app/app.h"
+#include "src/run/app.h"
 #include "src/format/rig_file.h"
 
 #define EXIT_USAGE  2

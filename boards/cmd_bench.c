@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // subview bench: whole training steps and single kernels, on this machine and inside the board's block.
 #include "boards/board_main.h"
-#include "src/app/bench.h"
+#include "tools/bench/bench.h"
 
 #define SPIN_US 200 // as `run` does
 

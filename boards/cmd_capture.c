@@ -9,7 +9,7 @@
 #include "src/format/rig_file.h"
 #include "src/image/convert.h"
 #include "src/sync/camera_stats.h"
-#include "src/sync/intake.h"
+#include "src/sync/capture_queue.h"
 
 #define QUEUE_LEN   4
 #define CAP_READY   2                  // exposures that wait to be written

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // subview plan: the memory map of a run on this board, and what else would fit.
 #include "boards/board_main.h"
-#include "src/app/arrays.h"
+#include "src/run/arrays.h"
 #include "src/prior/methods.h"
 
 #define CAP_TRACKED 16 // cameras of a plan with odometry

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // subview selftest: the kernels against their reference, on the CPU that will run them.
 #include "boards/board_main.h"
-#include "src/app/selftest.h"
+#include "src/run/selftest.h"
 
 static sv_selftest test;
 

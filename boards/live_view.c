@@ -8,7 +8,7 @@
 #include <sys/statvfs.h>
 #include <unistd.h>
 
-#include "src/app/isa.h"
+#include "src/run/isa.h"
 
 static sv_linux_live live;
 static bool is_open;

@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "boards/board_main.h"
-#include "src/app/isa.h"
+#include "src/run/isa.h"
 
 static _Alignas(SV_ARENA_ALIGN) uint8_t block[BOARD_ARENA_BYTES];
 
@@ -33,7 +33,9 @@ static const command commands[] = {
     {"capture", "record synchronized exposures into a folder that replays", cmd_capture},
     {"cameras", "list the cameras that this machine has, with the source string to use", cmd_cameras},
     {"plan", "print the memory map of this board and what fits into it", cmd_plan},
+#ifdef BOARD_HAS_BENCH
     {"bench", "time whole training steps on this machine", cmd_bench},
+#endif
     {"selftest", "check every kernel against its reference on this CPU", cmd_selftest},
 };
 

@@ -19,3 +19,5 @@ BOARD_RUN         := qemu-aarch64-static -cpu cortex-a76
 BOARD_PLATFORMS   := linux sim replay codec camera v4l2 libcamera
 # More libraries for the linker, when a platform of the list wants one.
 BOARD_LIBS        :=
+# no: `subview` goes without its command `bench` (tools/bench), which `subview-lab` has, too.
+BOARD_BENCH       := yes

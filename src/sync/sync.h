@@ -18,7 +18,7 @@
 #include "src/base/arena.h"
 #include "src/port/port.h"
 #include "src/rig/rig.h"
-#include "src/sync/cadence.h"
+#include "src/sync/timestamp_filter.h"
 #include "src/sync/clock_model.h"
 
 #ifdef __cplusplus

@@ -15,7 +15,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "src/app/bench.h"
+#include "tools/bench/bench.h"
 #include "tests/budget/counts.h"
 #include "tests/common/temp_folder.h"
 

@@ -8,7 +8,7 @@
 #include "platform/linux/linux.h"
 #include "platform/replay/replay.h"
 #include "platform/sim/sim.h"
-#include "src/app/app.h"
+#include "src/run/app.h"
 
 #define WORLD_CAP_FILES 8
 #define WORLD_CAP_FILE  (6u << 20)

@@ -12,7 +12,7 @@
 
 #include "platform/linux/linux.h"
 #include "platform/v4l2/v4l2.h"
-#include "src/sync/intake.h"
+#include "src/sync/capture_queue.h"
 #include "tests/conform/inject.h"
 
 #define CAP_CAMERAS 4

@@ -13,9 +13,9 @@
 #include <string.h>
 #include <sys/resource.h>
 
-#include "src/app/governor.h"
+#include "src/capture/governor.h"
 #include "src/base/rng.h"
-#include "src/sync/intake.h"
+#include "src/sync/capture_queue.h"
 
 #define N_CAMERAS   3
 #define N_BUFFERS   12

@@ -9,7 +9,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "src/app/arrays.h"
+#include "src/run/arrays.h"
 
 static void check(const sv_train_cfg *c, const char *what) {
   sv_arrays f = sv_arrays_of(c);

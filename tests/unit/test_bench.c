@@ -9,7 +9,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "src/app/bench.h"
+#include "tools/bench/bench.h"
 #include "src/base/str.h"
 #include "src/format/json.h"
 

@@ -8,7 +8,7 @@
 // clang-format on
 #include <string.h>
 
-#include "src/app/exposures.h"
+#include "src/capture/exposures.h"
 #include "tests/common/world.h"
 
 #define SIDE 32

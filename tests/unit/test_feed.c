@@ -10,7 +10,7 @@
 #include <sched.h>
 #include <string.h>
 
-#include "src/app/live.h"
+#include "src/preview/preview.h"
 #include "src/port/feed.h"
 
 #define GAUSSIANS 100

@@ -12,7 +12,7 @@
 #include <string.h>
 
 #include "platform/v4l2/format.h"
-#include "src/sync/intake.h"
+#include "src/sync/capture_queue.h"
 #include "tests/unit/v4l2_bench.h"
 
 // --- opening -------------------------------------------------------------------------------------

@@ -8,10 +8,10 @@
 #include "calib/solve/rig_pose.h"
 #include "platform/linux/linux.h"
 #include "platform/replay/replay.h"
-#include "src/app/odometry.h"
+#include "src/capture/odometry.h"
 #include "src/base/str.h"
 #include "src/format/rig_file.h"
-#include "src/sync/intake.h"
+#include "src/sync/capture_queue.h"
 #include "tools/calibrate/calibrate.h"
 #include "tools/common/fileio.h"
 

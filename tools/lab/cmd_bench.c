@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <time.h>
 
-#include "src/app/bench.h"
+#include "tools/bench/bench.h"
 #include "src/base/str.h"
 #include "tools/lab/lab.h"
 

@@ -6,7 +6,7 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
-#include "src/app/isa.h"
+#include "src/run/isa.h"
 #include "src/base/str.h"
 #include "tools/lab/lab.h"
 

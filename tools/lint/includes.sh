@@ -6,6 +6,7 @@
 #                                                        src/image/noise.h (what a sensor does to light)
 #                                            platform/preview -> src/format, too: it hands files out
 #   src      -> src, calib, kernels/kernels.h          boards -> boards, platform, src
+#   tools/bench -> tools/bench, kernels, src           (and boards -> tools/bench, where a board wants it)
 #   calib/solve is for tools and tests only; tools may include all of these, and tests anything.
 # Our own headers are included with quotes and named from the root of the tree; quotes are for nothing else.
 # tests is for tests only.
@@ -45,7 +46,8 @@ LC_ALL=C awk -f "$lint/strip.awk" $("$lint/sources.sh" c) /dev/null |
     if (starts(file, "platform/"))
       return to ~ /^(platform|src\/port|src\/base|src\/rig)\// || to == "calib/model.h" ||
              to == "src/image/noise.h" || (starts(file, "platform/preview/") && starts(to, "src/format/"))
-    if (starts(file, "boards/")) return to ~ /^(boards|platform|src)\//
+    if (starts(file, "boards/")) return to ~ /^(boards|platform|src|tools\/bench)\//
+    if (starts(file, "tools/bench/")) return to ~ /^(tools\/bench|kernels|src)\//
     return 1
   }
   {

@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "src/capture/exposures.h"
+
+#include <string.h>
+
+#include "src/base/mathx.h"
+
+#define ROWS_PER_TASK 16
+
+static bool has_distortion(const sv_camera_model *m) { return !sv_model_is_straight(m); }
+
+static bool is_multiplexed(const sv_exposures_cfg *cfg) {
+  return cfg->rig->forward == SV_FORWARD_MULTIPLEXED;
+}
+
+// Where a picture may turn out to be damaged after another one of its exposure was copied, new ones go beside the
+// exposure that they replace, and take its place when all are there.
+static bool has_spare(const sv_exposures_cfg *cfg) {
+  bool is_coded = false;
+  for (int i = 0; i < cfg->n_cameras; i++)
+    is_coded |= sv_pixel(cfg->caps[i].format)->layout == SV_LAYOUT_CODED;
+  return is_coded && cfg->n_cameras > 1;
+}
+
+static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a, sv_err *err) {
+  const sv_rig *rig = cfg->rig;
+  e->exposure = SV_TAKE(a, sv_exposure, cfg->cap_exposures);
+  if (is_multiplexed(cfg)) {
+    sv_composites_cfg cc = {rig, cfg->caps, cfg->n_cameras, cfg->cap_exposures};
+    return sv_composites_init(&e->composites, &cc, a, err);
+  }
+  e->sub = SV_TAKE(a, sv_sub_view_store, rig->n_sub_views);
+  size_t at = 0;
+  for (int i = 0; i < rig->n_sub_views; i++) {
+    const sv_camera_model *m = &rig->sub_views[i].model;
+    bool is_bent = has_distortion(m);
+    sv_remap_tap *entries =
+        is_bent ? SV_TAKE(a, sv_remap_tap, (size_t)m->width_px * (size_t)m->height_px) : NULL;
+    size_t bytes = ((size_t)m->width_px * (size_t)m->height_px * 3 + 63) & ~(size_t)63;
+    if (e->sub) {
+      sv_sub_view_store *s = &e->sub[i];
+      *s = (sv_sub_view_store){.at = at, .bytes = bytes};
+      s->map.entries = entries;
+      if (!sv_pinhole_for_model(m, SV_PINHOLE_CROP_TO_VALID, &s->pinhole))
+        return sv_fail(err, SV_E_RANGE,
+                       "rig \"%s\", sub-view \"%s\": the lens distortion leaves no rectangular view without "
+                       "black corners",
+                       rig->name, rig->sub_views[i].name);
+    }
+    at += bytes;
+  }
+  e->exposure_bytes = at;
+  e->place = SV_TAKE(a, int, cfg->cap_exposures + 1);
+  for (int i = 0; e->place && i <= cfg->cap_exposures; i++) e->place[i] = i;
+  e->px = SV_TAKE(a, uint8_t, (size_t)(cfg->cap_exposures + has_spare(cfg)) * at);
+  sv_convert_cfg cc = {cfg->caps, cfg->n_cameras, sv_maxi(cfg->n_threads, 1), cfg->decoder};
+  sv_status s = sv_convert_init(&e->convert, &cc, a, err);
+  if (s < 0) return s;
+  return a->status < 0
+             ? sv_fail(err, a->status, "no room for %d exposures of %zu bytes", cfg->cap_exposures, at)
+             : SV_OK;
+}
+
+sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *arena, sv_err *err) {
+  if (cfg->cap_exposures < 1 || cfg->rig->n_sub_views < 1)
+    return sv_fail(err, SV_E_ARG, "%d exposures of %d sub-views, expected at least one of each",
+                   cfg->cap_exposures, cfg->rig->n_sub_views);
+  memset(e, 0, sizeof *e);
+  e->cfg = *cfg;
+  sv_status s = carve(e, cfg, arena, err);
+  for (int i = 0; s >= 0 && e->sub && i < cfg->rig->n_sub_views; i++) {
+    sv_sub_view_store *v = &e->sub[i];
+    if (!v->map.entries) continue;
+    s = sv_remap_build(&v->map, &cfg->rig->sub_views[i].model, &v->pinhole, v->map.entries);
+    if (s < 0)
+      return sv_fail(err, s, "rig \"%s\", sub-view \"%s\": no undistortion table for %dx%d pixels",
+                     cfg->rig->name, cfg->rig->sub_views[i].name, v->pinhole.width_px, v->pinhole.height_px);
+  }
+  return s;
+}
+
+typedef struct {
+  const sv_exposures *e;
+  const sv_kernels *k;
+  const sv_image_u8 *image; // the sensor's, RGB8
+  uint8_t *dst;
+  int i_sub, n_tasks;
+} copy_job;
+
+// Rows of one sub-view: a plain copy of its footprint, or through the undistortion table.
+static void copy_task(void *arg, int i_task, int i_thread) {
+  const copy_job *j = arg;
+  const sv_sub_view *sv = &j->e->cfg.rig->sub_views[j->i_sub];
+  const sv_sub_view_store *s = &j->e->sub[j->i_sub];
+  int w = s->pinhole.width_px, y0 = i_task * ROWS_PER_TASK,
+      y1 = sv_mini(y0 + ROWS_PER_TASK, s->pinhole.height_px);
+  const size_t stride = (size_t)j->image->stride_bytes;
+  const uint8_t *src = j->image->px + (size_t)sv->footprint.y0_px * stride + (size_t)sv->footprint.x0_px * 3;
+  (void)i_thread;
+  if (!s->map.entries) {
+    for (int y = y0; y < y1; y++)
+      memcpy(j->dst + (size_t)y * (size_t)w * 3, src + (size_t)y * stride, (size_t)w * 3);
+    return;
+  }
+  sv_remap_args a = {.src = src,
+                     .src_width_px = sv->model.width_px,
+                     .src_height_px = sv->model.height_px,
+                     .src_stride_bytes = stride,
+                     .table = s->map.entries,
+                     .dst = j->dst,
+                     .dst_width_px = w,
+                     .dst_stride_bytes = (size_t)w * 3,
+                     .row0 = y0,
+                     .row1 = y1};
+  j->k->remap(&a);
+}
+
+static sv_status check_frame(const sv_exposures *e, int i_sub, const sv_frame *f, sv_err *err) {
+  const sv_sub_view *sv = &e->cfg.rig->sub_views[i_sub];
+  int w = sv->footprint.x0_px + sv->model.width_px, h = sv->footprint.y0_px + sv->model.height_px;
+  bool is_shared = sv->footprint.width_px > 0;
+  if (is_shared ? (f->width_px < w || f->height_px < h) : (f->width_px != w || f->height_px != h))
+    return sv_fail(err, SV_E_RANGE,
+                   "camera %d delivers %dx%d pixels, sub-view \"%s\" of the rig expects %dx%d", sv->i_camera,
+                   f->width_px, f->height_px, sv->name, w, h);
+  return SV_OK;
+}
+
+static sv_status put_pictures(sv_exposures *e, int place, const sv_frame *frame, const sv_kernels *k,
+                              const sv_pool *pool, sv_err *err) {
+  const sv_rig *rig = e->cfg.rig;
+  for (int i = 0; i < rig->n_sub_views; i++) {
+    sv_status s = check_frame(e, i, &frame[rig->sub_views[i].i_camera], err);
+    if (s < 0) return s;
+  }
+  // Camera by camera: the converter holds one picture at a time.
+  for (int c = 0; c < e->cfg.n_cameras; c++) {
+    sv_image_u8 image = {0};
+    for (int i = 0; i < rig->n_sub_views; i++) {
+      if (rig->sub_views[i].i_camera != c) continue;
+      if (!image.px) {
+        sv_status s = sv_convert_frame(&e->convert, &frame[c], k, pool, &image, err);
+        if (s < 0) return s;
+      }
+      copy_job j = {.e = e,
+                    .k = k,
+                    .image = &image,
+                    .i_sub = i,
+                    .dst = e->px + (size_t)place * e->exposure_bytes + e->sub[i].at};
+      sv_pool_run(pool, copy_task, &j, (e->sub[i].pinhole.height_px + ROWS_PER_TASK - 1) / ROWS_PER_TASK);
+    }
+  }
+  return SV_OK;
+}
+
+sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const sv_frame *frame,
+                           const sv_kernels *k, const sv_pool *pool, sv_err *err) {
+  const int slot = e->i_next, with = has_spare(&e->cfg) ? e->cfg.cap_exposures : slot;
+  sv_status s = is_multiplexed(&e->cfg) ? sv_composites_put(&e->composites, slot, exposure, frame, pool, err)
+                                        : put_pictures(e, e->place[with], frame, k, pool, err);
+  sv_convert_forget(&e->convert);
+  if (s < 0) return s;
+  if (!is_multiplexed(&e->cfg)) {
+    const int place = e->place[with];
+    e->place[with] = e->place[slot];
+    e->place[slot] = place;
+  }
+  e->exposure[slot] = *exposure;
+  e->i_next = (slot + 1) % e->cfg.cap_exposures;
+  if (e->n < e->cfg.cap_exposures) e->n++;
+  else e->n_replaced++;
+  return SV_OK;
+}
+
+void sv_exposures_get(const sv_exposures *e, int i, int i_sub, sv_image_u8 *image, sv_view *view) {
+  const sv_sub_view_store *s = &e->sub[i_sub];
+  int w = s->pinhole.width_px, h = s->pinhole.height_px;
+  *image = (sv_image_u8){e->px + (size_t)e->place[i] * e->exposure_bytes + s->at, w, h, 3, w * 3};
+  sv_pose cam_from_world =
+      sv_pose_mul(&e->cfg.rig->sub_views[i_sub].cam_from_rig, &e->exposure[i].rig_from_world);
+  *view =
+      sv_view_make(w, h, s->pinhole.p[0], s->pinhole.p[1], s->pinhole.p[2], s->pinhole.p[3], &cam_from_world);
+  view->i_exposure = (int)e->exposure[i].id;
+  view->i_sub_view = i_sub;
+}

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+// The pool of exposures: each sub-view's picture, cut out of its sensor's frame and undistorted once, kept for
+// training; of multiplexed rigs, each sensor's measurement (composites.h). Fixed capacity, carved at start.
+#ifndef SV_CAPTURE_EXPOSURES_H
+#define SV_CAPTURE_EXPOSURES_H
+
+#include "calib/remap.h"
+#include "kernels/kernels.h"
+#include "src/capture/composites.h"
+#include "src/image/convert.h"
+#include "src/image/planes.h"
+#include "src/port/port.h"
+#include "src/rig/rig.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct {
+  const sv_rig *rig;          // must outlive the pool
+  int cap_exposures;          // a full pool replaces the oldest
+  const sv_camera_caps *caps; // [n_cameras] sizes and formats; must outlive the pool
+  int n_cameras, n_threads;
+  const sv_decoder *decoder; // of compressed frames, or NULL; must outlive the pool
+} sv_exposures_cfg;
+
+typedef struct {
+  sv_camera_model pinhole; // after undistortion
+  sv_remap map;            // entries NULL for a lens without distortion
+  size_t at, bytes;        // of its picture inside one exposure's block
+} sv_sub_view_store;
+
+typedef struct {
+  sv_exposures_cfg cfg;
+  sv_composites composites; // of a multiplexed rig, without sensors for others
+  sv_sub_view_store *sub;   // [n_sub_views], NULL for a multiplexed rig
+  sv_convert convert;       // frames of other formats than RGB8
+  size_t exposure_bytes;
+  uint8_t *px;           // [cap_exposures][exposure_bytes]
+  sv_exposure *exposure; // [cap_exposures]
+  int n;                 // exposures held
+  int i_next;            // slot that the next one goes to
+  int *place;            // [cap_exposures + 1] of slots in px; the last is spare
+  uint64_t n_replaced;
+} sv_exposures;
+
+// E_RANGE with a sentence when a lens has no usable pinhole view; for multiplexed rigs as sv_composites_init. The
+// remap tables are built here.
+sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *arena,
+                            sv_err *err) SV_MUST_USE;
+
+// Copies one synchronized set of frames (frame[i_camera]; of multiplexed rigs RGB16 or RGB8) into the pool, converted
+// to RGB8. The frames are free afterwards. E_UNSUPPORTED for other pixel formats, E_RANGE when a frame's size is not
+// the rig's, E_FORMAT or E_CORRUPT for a compressed picture that is damaged: nothing is kept then.
+sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const sv_frame *frame,
+                           const sv_kernels *k, const sv_pool *pool, sv_err *err) SV_MUST_USE;
+
+// Picture and view of sub-view i_sub of exposure i (0: slot order). Not for multiplexed rigs.
+void sv_exposures_get(const sv_exposures *e, int i, int i_sub, sv_image_u8 *image, sv_view *view);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+// Who gets the time when there is not enough of it. Exposures come first, but training keeps a floor; previews are
+// what is left out first: while training gets less than its share, they come ever more rarely (up to a sixteenth). When
+// even so exposures need more than is left beside training's floor, they pile up, and the intake leaves out whole ones
+// (src/sync/capture_queue.h). So: previews slow down, then training, then whole exposures are dropped.
+#ifndef SV_CAPTURE_GOVERNOR_H
+#define SV_CAPTURE_GOVERNOR_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "src/base/time.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SV_GOVERNOR_SLOWEST 16 // times the preview's period
+
+typedef enum { SV_WORK_EXPOSURE, SV_WORK_TRAIN, SV_WORK_PREVIEW, SV_N_WORKS } sv_work;
+typedef enum {
+  SV_LOAD_FREE,    // everything at its own pace
+  SV_LOAD_PREVIEW, // previews come more rarely
+  SV_LOAD_TRAINING // and training gets less than its share
+} sv_load;
+
+typedef struct {
+  sv_ns preview_every_ns; // 0: no previews
+  double train_share;     // of the time: less makes previews rarer
+  double train_floor;     // of the time, even when exposures wait
+} sv_governor_cfg;
+
+typedef struct {
+  sv_governor_cfg cfg;
+  sv_ns window_ns;            // start of the window that is being measured
+  sv_ns spent_ns[SV_N_WORKS]; // in it
+  int slowdown;               // of previews, 1..SV_GOVERNOR_SLOWEST
+  sv_ns preview_ns;           // of the last preview
+  sv_ns credit_ns;            // training time that the floor still owes
+  sv_ns now_ns;
+  sv_load load;
+  uint64_t n[SV_N_WORKS];
+} sv_governor;
+
+sv_governor_cfg sv_governor_defaults(sv_ns preview_every_ns);
+void sv_governor_init(sv_governor *g, const sv_governor_cfg *cfg, sv_ns now_ns);
+// What to do now: an exposure (only when one is ready), a preview, or a training step.
+sv_work sv_governor_next(sv_governor *g, sv_ns now_ns, bool is_exposure_ready);
+// It is done, and took from then till now.
+void sv_governor_done(sv_governor *g, sv_work work, sv_ns from_ns, sv_ns now_ns);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "src/capture/odometry.h"
+
+#include <string.h>
+
+#include "src/base/mathx.h"
+
+#define LEAST_POINTS 40 // of a trajectory that is believed
+#define LEAST_PLACED 2
+
+bool sv_odometry_can(const sv_rig *rig, int n_exposures) {
+  return rig->forward != SV_FORWARD_MULTIPLEXED && n_exposures > 1;
+}
+
+sv_status sv_odometry_init(sv_odometry *o, const sv_rig *rig, int cap_exposures, const sv_exposures *pool,
+                           const sv_kernels *k, uint64_t seed, sv_arena *a, sv_err *err) {
+  sv_track_cfg c = sv_track_defaults();
+  memset(o, 0, sizeof *o);
+  sv_arena_part_begin(a, "odometry");
+  o->model = SV_TAKE(a, sv_camera_model, rig->n_sub_views);
+  o->image = SV_TAKE(a, sv_image_u8, rig->n_sub_views);
+  o->a = SV_TAKE(a, sv_pose, cap_exposures);
+  o->b = SV_TAKE(a, sv_pose, cap_exposures);
+  for (int i = 0; o->model && pool && i < rig->n_sub_views; i++) o->model[i] = pool->sub[i].pinhole;
+  c.rig = rig;
+  c.model = o->model;
+  c.cap_exposures = cap_exposures;
+  c.seed = seed;
+  o->is_on = true;
+  if (a->base) {
+    sv_status s = sv_tracker_init(&o->tracker, &c, k, a, err);
+    if (s < 0) return s;
+    o->work = SV_TAKE(a, float, o->tracker.cap_points);
+    return a->status;
+  }
+  SV_TAKE(a, uint8_t, sv_tracker_bytes(&c));
+  SV_TAKE(a, float, sv_tracker_cap_points(&c));
+  return SV_OK;
+}
+
+sv_status sv_odometry_add(sv_odometry *o, const sv_exposures *pool, int e) {
+  sv_view view;
+  for (int i = 0; i < pool->cfg.rig->n_sub_views; i++) sv_exposures_get(pool, e, i, &o->image[i], &view);
+  return sv_tracker_add(&o->tracker, o->image);
+}
+
+void sv_odometry_finish(sv_odometry *o, sv_exposures *pool) {
+  sv_track_summary *s = &o->summary;
+  sv_tracker_finish(&o->tracker, s);
+  // Of a rig that stands, exposures that show something else are left out, not taken from the same place.
+  const bool is_whole = s->is_still && s->n_placed == s->n_exposures;
+  o->is_tracked = !is_whole && s->n_placed >= LEAST_PLACED && s->n_points >= LEAST_POINTS;
+  if (!o->is_tracked) return;
+  for (int e = 0; e < s->n_exposures; e++) {
+    pool->exposure[e].rig_from_world = o->tracker.pose[e];
+    pool->exposure[e].has_pose = o->tracker.is_placed[e];
+  }
+}
+
+sv_bounds sv_odometry_bounds(sv_odometry *o) {
+  const sv_tracker *t = &o->tracker;
+  sv_bounds b = {{0, 0, 0}, 0};
+  int n = 0;
+  for (int k = 0; k < 3; k++) {
+    n = 0;
+    for (int i = 0; i < t->n_points; i++)
+      if (t->point[i].has_depth) o->work[n++] = (float)t->point[i].x[k];
+    b.centre[k] = sv_track_rank(o->work, n, n / 2);
+  }
+  n = 0;
+  for (int i = 0; i < t->n_points; i++) {
+    if (!t->point[i].has_depth) continue;
+    double d[3], c[3] = {(double)b.centre[0], (double)b.centre[1], (double)b.centre[2]};
+    sv_sub3(d, t->point[i].x, c);
+    o->work[n++] = (float)sv_norm3(d);
+  }
+  b.radius = 1.2f * sv_track_rank(o->work, n, n * 9 / 10);
+  return b;
+}
+
+int sv_odometry_cloud(const sv_odometry *o, sv_point *point, int n) {
+  const sv_tracker *t = &o->tracker;
+  int n_all = 0, i_all = 0, n_out = 0;
+  for (int i = 0; i < t->n_points; i++) n_all += t->point[i].has_depth;
+  for (int i = 0; i < t->n_points && n_out < n; i++) {
+    const sv_track_point *p = &t->point[i];
+    if (!p->has_depth) continue;
+    // Evenly over the list when not all fit: it is in the order in which they were found.
+    bool is_taken = n_all <= n || (int64_t)(i_all + 1) * n / n_all > (int64_t)i_all * n / n_all;
+    i_all++;
+    if (!is_taken) continue;
+    for (int k = 0; k < 3; k++) {
+      point[n_out].mean[k] = (float)p->x[k];
+      point[n_out].rgb[k] = (float)p->rgb[k] / 255.0f;
+    }
+    n_out++;
+  }
+  return n_out;
+}
+
+sv_similarity sv_odometry_from(sv_odometry *o, const sv_exposures *pool,
+                               void (*pose_at)(void *self, sv_ns time_ns, sv_pose *rig_from_world),
+                               void *self) {
+  int n = 0;
+  for (int e = 0; e < pool->n; e++) {
+    if (!pool->exposure[e].has_pose) continue;
+    pose_at(self, pool->exposure[e].time_ns, &o->a[n]);
+    o->b[n++] = pool->exposure[e].rig_from_world;
+  }
+  if (n == 0) return (sv_similarity){.s = 1, .r = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+  return sv_align_trajectories(o->a, o->b, n, true);
+}
+
+sv_view sv_odometry_view(const sv_similarity *q, const sv_view *v) {
+  sv_pose p;
+  for (int i = 0; i < 9; i++) p.r[i] = (double)v->r[i];
+  for (int i = 0; i < 3; i++) p.t[i] = (double)v->t[i];
+  p = sv_similarity_apply(q, &p);
+  sv_view out = *v;
+  for (int i = 0; i < 9; i++) out.r[i] = (float)p.r[i];
+  for (int i = 0; i < 3; i++) out.t[i] = (float)p.t[i];
+  return out;
+}

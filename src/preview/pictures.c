@@ -1,0 +1,216 @@
+// SPDX-License-Identifier: Apache-2.0
+// The preview picture: what was measured beside what the model gives.
+#include <string.h>
+
+#include "src/run/app.h"
+#include "src/base/mathx.h"
+
+static uint8_t to_u8(float x) { return (uint8_t)(sv_clampf(x, 0.0f, 1.0f) * 255.0f + 0.5f); }
+
+static void put_pixel(uint8_t *out, const sv_planes *p, int x, int y) {
+  for (int k = 0; k < 3; k++) out[k] = to_u8(p->c[k][(long)y * p->stride + x]);
+}
+
+// --- sizes ---------------------------------------------------------------------------------------
+
+// One of the three panels of a shared sensor, with one pixel for step x step of the sensor's.
+typedef struct {
+  int width_px, height_px, step;
+} panel;
+
+static panel panel_of(int width_px, int height_px) {
+  panel p = {.step = (3 * width_px + SV_APP_CAP_PREVIEW_PX - 1) / SV_APP_CAP_PREVIEW_PX};
+  p.width_px = (width_px + p.step - 1) / p.step;
+  p.height_px = (height_px + p.step - 1) / p.step;
+  return p;
+}
+
+void sv_app_preview_size(const sv_app_cfg *c, int *width_px, int *height_px) {
+  const sv_rig *rig = c->rig;
+  *width_px = *height_px = 1;
+  if (rig->forward == SV_FORWARD_MULTIPLEXED) {
+    int i = 0;
+    while (i < c->n_cameras - 1 && !sv_composites_has_lens(rig, i)) i++;
+    panel p = panel_of(c->caps[i].width_px, c->caps[i].height_px);
+    *width_px = 3 * p.width_px, *height_px = p.height_px;
+    return;
+  }
+  for (int i = 0; i < rig->n_sub_views; i++) {
+    *width_px = sv_maxi(*width_px, 2 * rig->sub_views[i].model.width_px);
+    *height_px = sv_maxi(*height_px, rig->sub_views[i].model.height_px);
+  }
+}
+
+// --- a sub-view's picture ------------------------------------------------------------------------
+
+// As its camera would see it.
+static sv_status measure(sv_app *app, const sv_view *view, const sv_planes **out) {
+  sv_trainer *t = &app->trainer;
+  sv_render_options o = sv_train_render_options(t, 1.0f, false);
+  sv_train_set_time(t, view->time);
+  return sv_train_measure(t, view, &o, sv_train_is_supersampled(t, 1, 1.0f), out);
+}
+
+static sv_status show_view(sv_app *app, const sv_train_view *tv) {
+  const sv_publish *p = &app->port.publish;
+  const sv_planes *measured;
+  sv_status s = measure(app, &tv->view, &measured);
+  if (s < 0) return s;
+  int w = tv->view.width_px, h = tv->view.height_px;
+  for (int y = 0; y < h; y++) {
+    uint8_t *left = app->preview + (size_t)y * (size_t)w * 6, *right = left + (size_t)w * 3;
+    memcpy(left, tv->image.px + (size_t)y * (size_t)tv->image.stride_bytes, (size_t)w * 3);
+    for (int x = 0; x < w; x++) put_pixel(right + 3 * x, measured, x, y);
+  }
+  p->image(p->self, "preview", 2 * w, h, app->preview);
+  return SV_OK;
+}
+
+// --- a shared sensor -----------------------------------------------------------------------------
+
+static uint8_t *at(const sv_app *app, const panel *p, int i_panel, int x, int y) {
+  return app->preview + 3 * ((size_t)y * 3 * (size_t)p->width_px + (size_t)(i_panel * p->width_px + x));
+}
+
+static void put_measured(sv_app *app, const panel *p, const sv_train_composite *c) {
+  for (int y = 0; y < p->height_px; y++)
+    for (int x = 0; x < p->width_px; x++) {
+      const uint16_t *px = c->px + 3 * (size_t)p->step * ((size_t)y * (size_t)c->model.width_px + (size_t)x);
+      for (int k = 0; k < 3; k++) at(app, p, 0, x, y)[k] = (uint8_t)((px[k] + 128) / 257);
+    }
+}
+
+static sv_status put_predicted(sv_app *app, const panel *p, const sv_composite *c,
+                               const sv_render_options *o) {
+  const int side = app->trainer.cfg.region_px;
+  const sv_planes *predicted = &app->trainer.forward.predicted;
+  for (int y0 = 0; y0 < c->height_px; y0 += side)
+    for (int x0 = 0; x0 < c->width_px; x0 += side) {
+      sv_region r = {x0, y0, sv_mini(x0 + side, c->width_px), sv_mini(y0 + side, c->height_px)};
+      sv_status s = sv_train_predict(&app->trainer, c, &r, o, NULL, NULL);
+      if (s < 0) return s;
+      for (int y = (y0 + p->step - 1) / p->step; y * p->step < r.y1; y++)
+        for (int x = (x0 + p->step - 1) / p->step; x * p->step < r.x1; x++)
+          put_pixel(at(app, p, 1, x, y), predicted, x * p->step - x0, y * p->step - y0);
+    }
+  return SV_OK;
+}
+
+// In the middle of its panel, as large as whole multiples fit (or each so many pixels of a large one).
+static sv_status put_lens(sv_app *app, const panel *p, const sv_composite *c, const sv_render_options *o) {
+  const sv_view *v = &c->lenses[c->n_lenses / 2].view;
+  const sv_planes *rgb = &app->trainer.render.rgb;
+  sv_status s = sv_render(&app->trainer.render, app->k, &app->port.pool, &app->trainer.g, v, o);
+  if (s < 0) return s;
+  int zoom = sv_maxi(1, sv_mini(p->width_px / v->width_px, p->height_px / v->height_px));
+  int step = zoom > 1 ? 1 : p->step, w = v->width_px * zoom / step, h = v->height_px * zoom / step;
+  w = sv_mini(w, p->width_px), h = sv_mini(h, p->height_px);
+  int left = (p->width_px - w) / 2, top = (p->height_px - h) / 2;
+  for (int y = 0; y < p->height_px; y++)
+    for (int x = 0; x < p->width_px; x++) {
+      bool is_in = x >= left && x < left + w && y >= top && y < top + h;
+      if (is_in) put_pixel(at(app, p, 2, x, y), rgb, (x - left) * step / zoom, (y - top) * step / zoom);
+      else memset(at(app, p, 2, x, y), 0, 3);
+    }
+  return SV_OK;
+}
+
+static sv_status show_composite(sv_app *app, const sv_train_composite *tc) {
+  const sv_publish *p = &app->port.publish;
+  const sv_composite *c = &tc->model;
+  panel one = panel_of(c->width_px, c->height_px);
+  sv_render_options o = sv_train_render_options(&app->trainer, 1.0f, false);
+  put_measured(app, &one, tc);
+  sv_status s = put_predicted(app, &one, c, &o);
+  if (s >= 0) s = put_lens(app, &one, c, &o);
+  if (s < 0) return s;
+  p->image(p->self, "preview", 3 * one.width_px, one.height_px, app->preview);
+  return SV_OK;
+}
+
+sv_status sv_app_publish_preview(sv_app *app) {
+  if (!app->port.publish.image) return SV_OK;
+  if (app->trainer.n_composites > 0) return show_composite(app, &app->trainer.composites[0]);
+  return app->trainer.n_views > 0 ? show_view(app, &app->trainer.views[0]) : SV_OK;
+}
+
+// --- for the live view ---------------------------------------------------------------------------
+
+static int fitting_step(int width_px, int height_px, int cap_w, int cap_h) {
+  return sv_maxi((width_px + cap_w - 1) / cap_w, (height_px + cap_h - 1) / cap_h);
+}
+
+static double psnr_of(double sum, double n) {
+  double mse = n > 0 ? sum / n : 0;
+  return -10.0 / 2.302585092994046 * sv_log(mse > 1e-12 ? mse : 1e-12);
+}
+
+static sv_status small_view(sv_app *app, const sv_train_view *tv, int cap_w, int cap_h, uint8_t *rgb,
+                            int *out_w, int *out_h, double *psnr) {
+  const sv_planes *measured;
+  sv_status s = measure(app, &tv->view, &measured);
+  if (s < 0) return s;
+  const int w = tv->view.width_px, h = tv->view.height_px, n_ch = tv->image.n_channels;
+  int step = fitting_step(2 * w, h, cap_w, cap_h), sw = w / step, sh = h / step;
+  double sum = 0;
+  for (int y = 0; y < h; y++) {
+    const uint8_t *in = tv->image.px + (size_t)y * (size_t)tv->image.stride_bytes;
+    for (int x = 0; x < w; x++) {
+      uint8_t got[3];
+      put_pixel(got, measured, x, y);
+      for (int k = 0; k < 3; k++) {
+        double d = (double)got[k] - (double)in[n_ch * x + k];
+        sum += d * d;
+      }
+      if (x % step || y % step || x / step >= sw || y / step >= sh) continue;
+      uint8_t *left = rgb + 3 * ((size_t)(y / step) * 2 * (size_t)sw + (size_t)(x / step));
+      memcpy(left, in + n_ch * x, 3);
+      memcpy(left + 3 * (size_t)sw, got, 3);
+    }
+  }
+  *out_w = 2 * sw, *out_h = sh;
+  *psnr = psnr_of(sum / (255.0 * 255.0), 3.0 * w * h);
+  return SV_OK;
+}
+
+static sv_status small_composite(sv_app *app, const sv_train_composite *tc, int cap_w, int cap_h,
+                                 uint8_t *rgb, int *out_w, int *out_h, double *psnr) {
+  const sv_composite *c = &tc->model;
+  const int side = app->trainer.cfg.region_px, w = c->width_px, h = c->height_px;
+  const sv_planes *p = &app->trainer.forward.predicted;
+  sv_render_options o = sv_train_render_options(&app->trainer, 1.0f, false);
+  int step = fitting_step(2 * w, h, cap_w, cap_h), sw = w / step, sh = h / step;
+  double sum = 0;
+  for (int y0 = 0; y0 < h; y0 += side)
+    for (int x0 = 0; x0 < w; x0 += side) {
+      sv_region r = {x0, y0, sv_mini(x0 + side, w), sv_mini(y0 + side, h)};
+      sv_status s = sv_train_predict(&app->trainer, c, &r, &o, NULL, NULL);
+      if (s < 0) return s;
+      for (int y = y0; y < r.y1; y++)
+        for (int x = x0; x < r.x1; x++) {
+          const uint16_t *px = tc->px + 3 * ((size_t)y * (size_t)w + (size_t)x);
+          uint8_t got[3];
+          put_pixel(got, p, x - x0, y - y0);
+          for (int k = 0; k < 3; k++) {
+            double d = (double)got[k] / 255.0 - (double)px[k] / 65535.0;
+            sum += d * d;
+          }
+          if (x % step || y % step || x / step >= sw || y / step >= sh) continue;
+          uint8_t *left = rgb + 3 * ((size_t)(y / step) * 2 * (size_t)sw + (size_t)(x / step));
+          for (int k = 0; k < 3; k++) left[k] = (uint8_t)((px[k] + 128) / 257);
+          memcpy(left + 3 * (size_t)sw, got, 3);
+        }
+    }
+  *out_w = 2 * sw, *out_h = sh;
+  *psnr = psnr_of(sum, 3.0 * w * h);
+  return SV_OK;
+}
+
+sv_status sv_app_picture(sv_app *app, uint32_t i, int cap_w, int cap_h, uint8_t *rgb, int *w, int *h,
+                         double *psnr) {
+  const sv_trainer *t = &app->trainer;
+  if (t->n_composites > 0)
+    return small_composite(app, &t->composites[i % (uint32_t)t->n_composites], cap_w, cap_h, rgb, w, h, psnr);
+  if (t->n_views < 1) return SV_E_NOT_FOUND;
+  return small_view(app, &t->views[i % (uint32_t)t->n_views], cap_w, cap_h, rgb, w, h, psnr);
+}

@@ -1,0 +1,453 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "src/preview/preview.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "src/run/app.h"
+#include "src/base/mathx.h"
+#include "src/splat/constants.h"
+
+#define STATE_PERIOD_S 0.25
+#define MODEL_PERIOD_S 1.0
+#define MODEL_SHARE    0.03 // of the time at most goes into snapshots of the model
+#define POINT_PERIOD_S 0.5
+#define POLL_NS        (20 * SV_NS_PER_MS)
+
+static double machine_s(const sv_app *app) {
+  const sv_clock *c = &app->port.machine;
+  return sv_ns_to_s(c->now_ns(c->self));
+}
+
+void sv_live_carve(sv_live *l, bool is_on, int n_cameras, sv_arena *a) {
+  if (!is_on) return;
+  sv_arena_part_begin(a, "live view");
+  l->cameras = SV_TAKE(a, sv_live_camera, n_cameras);
+  l->tiles = SV_TAKE(a, sv_feed_tiles, 1);
+  l->curve = SV_TAKE(a, sv_feed_curve, 1);
+  l->events = SV_TAKE(a, sv_feed_events, 1);
+  l->counts = SV_TAKE(a, sv_live_counts, 2);
+}
+
+void sv_live_start(sv_app *app) {
+  sv_live *l = &app->live;
+  l->feed = l->tiles && l->events ? app->port.publish.feed : NULL;
+  if (!l->feed) return;
+  memset(l->cameras, 0, sizeof *l->cameras * (size_t)app->cfg.n_cameras);
+  memset(l->tiles, 0, sizeof *l->tiles);
+  memset(l->counts, 0, 2 * sizeof *l->counts);
+  memset(l->curve, 0, sizeof *l->curve);
+  memset(l->events, 0, sizeof *l->events);
+  l->curve->stride = 1;
+  l->tiles->n = sv_mini(app->cfg.n_cameras, SV_FEED_CAP_TILES);
+  l->is_session = app->cfg.is_session;
+  l->is_coded = app->exposures.sub != NULL;
+  for (int i = 0; i < app->cfg.n_cameras; i++)
+    if (sv_pixel(app->cfg.caps[i].format)->layout != SV_LAYOUT_CODED) l->is_coded = false;
+  l->start_s = machine_s(app);
+  l->shows = SV_SHOWS_CAPTURING;
+  // An older run's model and pictures are no longer what is there: readers see 0 Gaussians.
+  memset(sv_feed_begin(l->feed, SV_FEED_MODEL), 0, sizeof(sv_feed_model));
+  sv_feed_commit(l->feed, SV_FEED_MODEL, sizeof(sv_feed_model));
+  memset(sv_feed_begin(l->feed, SV_FEED_PICTURE), 0, sizeof(sv_feed_picture));
+  sv_feed_commit(l->feed, SV_FEED_PICTURE, sizeof(sv_feed_picture));
+}
+
+// --- state ---------------------------------------------------------------------------------------
+
+static void fill_cameras(const sv_app *app, sv_feed_state *s) {
+  s->n_cameras = sv_mini(app->cfg.n_cameras, SV_FEED_CAP_CAMERAS);
+  for (int i = 0; i < s->n_cameras; i++) {
+    sv_feed_camera *c = &s->cameras[i];
+    const sv_live_camera *lc = &app->live.cameras[i];
+    const sv_ledger *l = sv_live_ledger(app, i);
+    memset(c, 0, sizeof *c);
+    sv_copy(c->name, sizeof c->name, app->cfg.caps[i].name);
+    c->width_px = app->cfg.caps[i].width_px, c->height_px = app->cfg.caps[i].height_px;
+    c->fps = lc->fps;
+    c->n_tiles = lc->n_tiles;
+    c->captured = l->captured, c->delivered = l->delivered, c->pending = l->pending;
+    c->dropped = sv_ledger_dropped(l);
+    for (int r = 0; r < SV_N_DROPS && r < SV_FEED_CAP_REASONS; r++) c->dropped_by[r] = l->dropped[r];
+  }
+  s->n_reasons = sv_mini(SV_N_DROPS, SV_FEED_CAP_REASONS);
+  for (int r = 0; r < s->n_reasons; r++)
+    sv_copy(s->reasons[r], sizeof s->reasons[r], sv_drop_name((sv_drop_reason)r));
+}
+
+// Eighths of an octave of nanoseconds -> quarters of an octave from 1 us.
+static void fill_skew(const sv_app *app, sv_feed_state *s) {
+  const sv_skew_stats *k = sv_live_skew(app);
+  s->n_skew = k->n;
+  s->skew_p50_us = (double)sv_skew_percentile_ns(k, 50) * 1e-3;
+  s->skew_p99_us = (double)sv_skew_percentile_ns(k, 99) * 1e-3;
+  s->skew_max_us = (double)k->max_ns * 1e-3;
+  memset(s->skew_bins, 0, sizeof s->skew_bins);
+  for (int b = 0; b < SV_SKEW_BINS; b++) {
+    int q = sv_clampi(b / 2 - 32, 0, SV_FEED_SKEW_BINS - 1); // sync's bin 64 begins at 1.024 us
+    s->skew_bins[q] += (uint32_t)k->bins[b];
+  }
+}
+
+static void fill_machine(const sv_app *app, sv_feed_state *s) {
+  const sv_publish *p = &app->port.publish;
+  const sv_arena *a = app->arena;
+  s->temperature_c = NAN, s->is_throttled = -1;
+  if (p->health) {
+    sv_health h = p->health(p->self);
+    s->temperature_c = h.temperature_c;
+    s->is_throttled = h.is_throttled;
+  }
+  s->arena_cap_bytes = a->cap_bytes, s->arena_used_bytes = a->used_bytes;
+  s->n_parts = sv_mini(a->n_parts, SV_FEED_CAP_PARTS);
+  for (int i = 0; i < s->n_parts; i++) {
+    sv_copy(s->parts[i].name, sizeof s->parts[i].name, a->parts[i].name);
+    s->parts[i].bytes = a->parts[i].bytes;
+  }
+}
+
+static void publish_state(sv_app *app, const char *sentence) {
+  sv_live *l = &app->live;
+  const sv_trainer *t = &app->trainer;
+  sv_feed_state *s = sv_feed_begin(l->feed, SV_FEED_STATE);
+  memset(s, 0, offsetof(sv_feed_state, cameras));
+  s->shows = l->shows;
+  sv_copy(s->sentence, sizeof s->sentence, sentence ? sentence : "");
+  if (l->shows == SV_SHOWS_FAILED) s->lacks = SV_LACKS_OTHER;
+  sv_copy(s->board, sizeof s->board, app->cfg.board_name ? app->cfg.board_name : "");
+  sv_copy(s->source, sizeof s->source, app->cfg.source_name ? app->cfg.source_name : "");
+  sv_copy(s->rig, sizeof s->rig, app->cfg.rig->name);
+  s->is_session = l->is_session;
+  s->n_exposures = app->exposures.n, s->cap_exposures = app->cfg.n_exposures, s->n_views = app->n_views;
+  s->step = t->step, s->steps = app->cfg.steps;
+  s->train_s = t->trained_s, s->time_limit_s = app->cfg.time_limit_s;
+  s->steps_per_s = app->train_s > 0 ? (double)app->step_time.n / app->train_s : 0;
+  s->loss = app->loss_mean, s->psnr = l->psnr;
+  s->n_gaussians = (uint32_t)t->cfg.n_gaussians, s->sh_degree = (uint32_t)t->cfg.sh_degree;
+  s->n_saves = l->n_saves, s->n_device_errors = app->n_device_errors;
+  s->model_seq = sv_feed_seq(l->feed, SV_FEED_MODEL);
+  fill_machine(app, s);
+  fill_skew(app, s);
+  fill_cameras(app, s);
+  sv_feed_commit(l->feed, SV_FEED_STATE, sizeof *s);
+}
+
+void sv_live_show(sv_app *app, sv_feed_shows shows, const char *sentence) {
+  sv_live *l = &app->live;
+  if (!l->feed) return;
+  l->shows = shows;
+  publish_state(app, sentence);
+}
+
+void sv_live_show_failure(sv_feed *feed, sv_feed_lacks lacks, const char *board, const char *source,
+                          bool is_session, const char *sentence) {
+  if (!feed) return;
+  sv_feed_state *s = sv_feed_begin(feed, SV_FEED_STATE);
+  memset(s, 0, sizeof *s);
+  s->shows = SV_SHOWS_FAILED, s->lacks = (int32_t)lacks, s->is_session = is_session;
+  s->temperature_c = NAN, s->is_throttled = -1;
+  sv_copy(s->sentence, sizeof s->sentence, sentence);
+  sv_copy(s->board, sizeof s->board, board);
+  sv_copy(s->source, sizeof s->source, source);
+  sv_feed_commit(feed, SV_FEED_STATE, sizeof *s);
+}
+
+// --- events and curve ----------------------------------------------------------------------------
+
+void sv_live_event(sv_app *app, sv_log_level level, const char *text) {
+  sv_live *l = &app->live;
+  if (!l->feed || level == SV_LOG_LIVE) return;
+  sv_feed_event *e = &l->events->event[l->events->n_total++ % SV_FEED_CAP_EVENTS];
+  e->seconds = machine_s(app) - l->start_s;
+  e->level = (int32_t)level;
+  sv_copy(e->text, sizeof e->text, text);
+  l->has_new_event = true;
+}
+
+// When the history is full every second point goes and the next ones are twice as far apart.
+static void add_point(sv_app *app, double now) {
+  sv_live *l = &app->live;
+  sv_feed_curve *c = l->curve;
+  if (now < l->point_s) return;
+  l->point_s = now + POINT_PERIOD_S;
+  if (app->step_time.n == 0 || l->n_points++ % c->stride) return;
+  if (c->n == SV_FEED_CAP_POINTS) {
+    for (uint32_t i = 0; i < SV_FEED_CAP_POINTS / 2; i++) c->point[i] = c->point[2 * i];
+    c->n = SV_FEED_CAP_POINTS / 2, c->stride *= 2;
+  }
+  c->point[c->n++] =
+      (sv_feed_point){.seconds = (float)app->train_s,
+                      .loss = (float)app->loss_mean,
+                      .psnr = (float)l->psnr,
+                      .steps_per_s = (float)((double)app->step_time.n / sv_maxf(1e-3f, (float)app->train_s)),
+                      .step = app->trainer.step};
+  memcpy(sv_feed_begin(l->feed, SV_FEED_CURVE), c, sizeof *c);
+  sv_feed_commit(l->feed, SV_FEED_CURVE, sizeof *c);
+}
+
+// --- model and picture ---------------------------------------------------------------------------
+
+static void fill_viewpoint(const sv_app *app, sv_feed_model *m) {
+  const sv_trainer *t = &app->trainer;
+  const sv_view *v = app->n_views ? &app->views[0] : NULL;
+  for (int k = 0; k < 3; k++) m->centre[k] = t->centre[k];
+  m->radius = t->radius;
+  sv_app_up(app, m->up);
+  m->eye[2] = -3, m->fov_y = 0.8f;
+  if (!v) return;
+  sv_view_centre(m->eye, v);
+  m->fov_y = 2 * (float)sv_atan2(0.5 * v->height_px, (double)v->fy);
+}
+
+size_t sv_live_motion_floats(const sv_train_cfg *t) {
+  const sv_dynamic_cfg *d = &t->dynamic;
+  const size_t rows = d->kind == SV_DEFORM_CLIP ? (size_t)SV_N_MROWS(d->n_pos, d->n_rot, d->n_colour) : 0;
+  return rows + sv_train_has_bodies(t); // and which body
+}
+
+size_t sv_live_bodies_floats(const sv_train_cfg *t) {
+  return sv_train_has_bodies(t) ? SV_FEED_BODIES_FLOATS(SV_CAP_BODIES, SV_CAP_KNOTS, 0) : 0;
+}
+
+// Which times there are pictures of.
+static void fill_times(const sv_app *app, sv_feed_model *m) {
+  const sv_exposures *e = &app->exposures;
+  sv_ns first_ns = e->exposure[0].time_ns, last_ns = first_ns;
+  for (int i = 1; i < e->n; i++) {
+    if (e->exposure[i].time_ns < first_ns) first_ns = e->exposure[i].time_ns;
+    if (e->exposure[i].time_ns > last_ns) last_ns = e->exposure[i].time_ns;
+  }
+  m->time_min = sv_app_time_of(app, first_ns), m->time_max = sv_app_time_of(app, last_ns);
+  m->seconds = (float)sv_ns_to_s(last_ns - first_ns);
+}
+
+_Static_assert(SV_FEED_CAP_BODIES >= SV_CAP_BODIES && SV_FEED_CAP_KNOTS >= SV_CAP_KNOTS,
+               "what the page takes");
+
+static void fill_bodies(const sv_motion *mo, sv_feed_model *m, float *out) {
+  const sv_bodies *b = &mo->bodies;
+  m->n_bodies = (uint32_t)b->n, m->n_knots = (uint32_t)b->n_knots;
+  memcpy(out, b->centre, (size_t)b->n * sizeof *b->centre), out += 3 * b->n;
+  memcpy(out, b->time, (size_t)b->n_knots * sizeof *b->time), out += b->n_knots;
+  for (int i = 0; i < b->n * b->n_knots; i++, out += 7) {
+    const sv_rigid *knot = sv_bodies_knot(b, i / b->n_knots, i % b->n_knots);
+    memcpy(out, knot->q, sizeof knot->q);
+    memcpy(out + 4, knot->d, sizeof knot->d);
+  }
+  for (int i = 0; i < mo->n_moving; i++) *out++ = (float)b->of[i];
+}
+
+static void fill_motion(const sv_app *app, sv_feed_model *m, float *row) {
+  const sv_motion *mo = &app->trainer.deform.motion;
+  m->n_moving = (uint32_t)mo->n_moving, m->n_motion = (uint32_t)mo->n_rows;
+  m->motion = mo->cfg.functions == SV_MOTION_CHEBYSHEV ? SV_FEED_CHEBYSHEV
+              : mo->cfg.functions == SV_MOTION_SPLINE  ? SV_FEED_SPLINE
+                                                       : SV_FEED_POWERS;
+  m->n_pos = (uint32_t)mo->cfg.n_pos, m->n_rot = (uint32_t)mo->cfg.n_rot;
+  m->n_colour = (uint32_t)mo->cfg.n_colour, m->t0 = mo->cfg.t0;
+  fill_times(app, m);
+  for (int i = 0; i < mo->n_moving; i++)
+    for (int r = 0; r < mo->n_rows; r++) *row++ = *sv_motion_row(mo, i, r);
+  if (mo->bodies.n > 1) fill_bodies(mo, m, row);
+}
+
+static size_t motion_floats(const sv_trainer *t) {
+  const sv_motion *mo = &t->deform.motion;
+  if (t->deform.kind != SV_DEFORM_CLIP) return 0;
+  return (size_t)mo->n_rows * (size_t)mo->n_moving +
+         (mo->bodies.n > 1 ? SV_FEED_BODIES_FLOATS(mo->bodies.n, mo->bodies.n_knots, mo->n_moving) : 0);
+}
+
+static void publish_model(sv_app *app) {
+  const sv_trainer *t = &app->trainer;
+  sv_feed *feed = app->live.feed;
+  const bool is_moving = t->deform.kind == SV_DEFORM_CLIP;
+  const size_t n_floats = SV_GAUSSIAN_N_FLOATS(t->g.sh_degree);
+  const size_t bytes = sizeof(sv_feed_model) + sizeof(float) * (n_floats * (size_t)t->g.n + motion_floats(t));
+  if (!t->g.n || bytes > sv_feed_cap(feed, SV_FEED_MODEL)) return;
+  sv_feed_model *m = sv_feed_begin(feed, SV_FEED_MODEL);
+  memset(m, 0, sizeof *m);
+  m->n = (uint32_t)t->g.n, m->sh_degree = (uint32_t)t->g.sh_degree, m->n_floats = (uint32_t)n_floats;
+  m->is_mip = t->cfg.is_antialiased, m->step = t->step;
+  m->dilation_px2 = t->cfg.dilation_px2 > 0 ? t->cfg.dilation_px2 : SV_DILATION_PX2;
+  fill_viewpoint(app, m);
+  float *row = (float *)(m + 1);
+  for (int i = 0; i < t->g.n; i++, row += n_floats) {
+    sv_gaussian g;
+    sv_gaussians_get(&t->g, i, &g);
+    memcpy(row, &g, n_floats * sizeof *row);
+  }
+  if (is_moving) fill_motion(app, m, row);
+  sv_feed_commit(feed, SV_FEED_MODEL, bytes);
+}
+
+void sv_live_show_model(sv_app *app) {
+  sv_live *l = &app->live;
+  if (!l->feed) return;
+  double t0 = machine_s(app);
+  publish_model(app);
+  double took = machine_s(app) - t0;
+  l->next_model_s = t0 + (took / MODEL_SHARE > MODEL_PERIOD_S ? took / MODEL_SHARE : MODEL_PERIOD_S);
+}
+
+// The next training picture beside its rendering, and its PSNR; the running mean forgets the start quickly.
+static void show_picture(sv_app *app) {
+  sv_live *l = &app->live;
+  sv_feed_picture *p = sv_feed_begin(l->feed, SV_FEED_PICTURE);
+  double psnr;
+  int w, h;
+  sv_status s = sv_app_picture(app, l->i_picture++, SV_FEED_CAP_PICTURE_W, SV_FEED_CAP_PICTURE_H,
+                               (uint8_t *)(p + 1), &w, &h, &psnr);
+  if (s < 0) return; // the slot is not committed: readers keep the older picture
+  *p = (sv_feed_picture){.width_px = w, .height_px = h, .step = app->trainer.step};
+  sv_feed_commit(l->feed, SV_FEED_PICTURE, sizeof *p + 3 * (size_t)w * (size_t)h);
+  l->psnr = l->psnr > 0 ? 0.6 * l->psnr + 0.4 * psnr : psnr;
+}
+
+// --- the beat ------------------------------------------------------------------------------------
+
+static void publish_due(sv_app *app) {
+  sv_live *l = &app->live;
+  double now = machine_s(app);
+  if (l->has_new_event) {
+    memcpy(sv_feed_begin(l->feed, SV_FEED_EVENTS), l->events, sizeof *l->events);
+    sv_feed_commit(l->feed, SV_FEED_EVENTS, sizeof *l->events);
+    l->has_new_event = false;
+  }
+  if (l->shows == SV_SHOWS_TRAINING) {
+    if (now >= l->next_model_s) sv_live_show_model(app);
+    if (now >= l->next_picture_s) {
+      show_picture(app);
+      double took = machine_s(app) - now;
+      l->next_picture_s = now + (took / MODEL_SHARE > MODEL_PERIOD_S ? took / MODEL_SHARE : MODEL_PERIOD_S);
+    }
+    add_point(app, now);
+  }
+  if (now >= l->next_state_s) {
+    l->next_state_s = now + STATE_PERIOD_S;
+    publish_state(app, NULL);
+  }
+}
+
+static sv_command next_command(sv_app *app) {
+  const sv_publish *p = &app->port.publish;
+  sv_command c = p->command ? p->command(p->self) : SV_COMMAND_NONE;
+  if (c == SV_COMMAND_NEW) app->live.is_new_requested = app->live.is_session;
+  return c;
+}
+
+static sv_status new_or_ok(const sv_app *app) {
+  return app->live.is_new_requested ? SV_E_INTERRUPTED : SV_OK;
+}
+
+static bool is_stopped(const sv_app *app) {
+  const sv_console *c = &app->port.console;
+  return c->is_stop_requested && c->is_stop_requested(c->self);
+}
+
+static void rest(sv_app *app) {
+  const sv_clock *c = &app->port.machine;
+  c->sleep_until_ns(c->self, c->now_ns(c->self) + POLL_NS);
+}
+
+sv_status sv_live_tick(sv_app *app) {
+  if (!app->live.feed) return SV_OK;
+  (void)next_command(app); // Pause and Save have no meaning before training
+  publish_due(app);
+  return new_or_ok(app);
+}
+
+static sv_status save_now(sv_app *app, sv_err *err) {
+  sv_live *l = &app->live;
+  sv_feed_shows was = l->shows;
+  sv_live_show(app, SV_SHOWS_SAVING, NULL);
+  sv_status s = sv_app_save_all(app, err);
+  if (s < 0) return s;
+  l->n_saves++;
+  sv_live_show_model(app);
+  sv_live_event(app, SV_LOG_INFO, "saved model.ply and checkpoint.bin");
+  sv_live_show(app, was, NULL);
+  return SV_OK;
+}
+
+sv_status sv_live_between_steps(sv_app *app, double *paused_s, sv_err *err) {
+  sv_live *l = &app->live;
+  bool was_away = false; // showing is training time, waiting and saving are not
+  *paused_s = 0;
+  if (!l->feed) return SV_OK;
+  double t0 = machine_s(app);
+  do {
+    sv_command c = next_command(app);
+    if (c == SV_COMMAND_PAUSE && !l->is_paused) {
+      l->is_paused = true;
+      sv_live_show_model(app);
+      sv_live_show(app, SV_SHOWS_PAUSED, NULL);
+    }
+    if (c == SV_COMMAND_START && l->is_paused) {
+      l->is_paused = false;
+      sv_live_show(app, SV_SHOWS_TRAINING, NULL);
+    }
+    if (c == SV_COMMAND_SAVE) {
+      sv_status s = save_now(app, err);
+      if (s < 0) return s;
+      was_away = true;
+    }
+    publish_due(app);
+    if (l->is_paused) {
+      was_away = true;
+      rest(app);
+    }
+  } while (l->is_paused && !l->is_new_requested && !is_stopped(app));
+  l->is_paused = l->is_paused && !l->is_new_requested && !is_stopped(app);
+  if (was_away) {
+    *paused_s = machine_s(app) - t0;
+    app->machine_ns += (sv_ns)(*paused_s * 1e9); // virtual cameras rested, too
+  }
+  return new_or_ok(app);
+}
+
+sv_status sv_live_wait_start(sv_app *app, sv_err *err) {
+  sv_live *l = &app->live;
+  sv_source *src = &app->port.source;
+  const sv_clock *host = &app->port.clock, *machine = &app->port.machine;
+  if (!l->feed || !l->is_session) return SV_OK;
+  l->shows = SV_SHOWS_WAITING;
+  sv_status s = src->start(src->self);
+  if (s < 0) return sv_fail(err, s, "the cameras did not start: %s", sv_status_text(s));
+  sv_ns ahead_ns = machine->now_ns(machine->self) - host->now_ns(host->self);
+  bool is_over = false;
+  for (sv_command c = SV_COMMAND_NONE; c != SV_COMMAND_START && s >= 0; c = next_command(app)) {
+    publish_due(app);
+    if (is_stopped(app) || l->is_new_requested) s = SV_E_INTERRUPTED;
+    sv_frame f;
+    sv_status got = is_over ? SV_AGAIN : src->dequeue(src->self, &f, host->now_ns(host->self) + POLL_NS);
+    if (got == SV_OK) {
+      sv_live_frame(app, &f);
+      if (!f.is_error) sv_live_decode(app, &f);
+      if (src->requeue(src->self, &f) < 0) app->n_device_errors++;
+      // A simulated or replayed clock must not run ahead of the person who watches.
+      machine->sleep_until_ns(machine->self, f.arrival_ns + ahead_ns);
+    } else {
+      if (got == SV_END) is_over = true;
+      if (got < 0) app->n_device_errors++;
+      rest(app);
+    }
+  }
+  sv_status stopped = src->stop(src->self);
+  if (s >= 0 && stopped < 0)
+    return sv_fail(err, stopped, "the cameras did not stop: %s", sv_status_text(stopped));
+  l->shows = SV_SHOWS_CAPTURING;
+  return s;
+}
+
+sv_status sv_live_stay(sv_app *app) {
+  sv_live *l = &app->live;
+  if (!l->feed || !l->is_session) return SV_OK;
+  while (!is_stopped(app)) {
+    (void)next_command(app);
+    if (l->is_new_requested) return SV_AGAIN;
+    publish_due(app);
+    rest(app);
+  }
+  return SV_OK;
+}

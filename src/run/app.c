@@ -1,0 +1,401 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "src/run/app.h"
+
+#include <stdarg.h>
+#include <string.h>
+
+#include "src/base/mathx.h"
+#include "src/splat/constants.h"
+#include "src/prior/methods.h"
+#include "src/train/checkpoint.h"
+#include "src/train/objective.h"
+#include "src/train/seed.h"
+#include "src/train/stereo.h"
+
+#define QUEUE_LEN   4
+#define CAP_READY   2   // exposures that may wait for a training step to end
+#define LIVE_PERIOD 0.5 // seconds between two live lines
+
+const char *sv_app_state_name(sv_app_state s) {
+  static const char *const names[] = {"idle", "capturing", "training", "saving", "done", "failed"};
+  return (unsigned)s < sizeof names / sizeof *names ? names[s] : "?";
+}
+
+bool sv_app_is_trained_on(const sv_app_cfg *c, int i_sub) {
+  uint64_t any = 0;
+  for (size_t i = 0; i < sizeof c->sub_view_mask / sizeof *c->sub_view_mask; i++) any |= c->sub_view_mask[i];
+  return !any || (c->sub_view_mask[i_sub / 64] >> (i_sub % 64) & 1);
+}
+
+int sv_app_n_trained_sub_views(const sv_app_cfg *c) {
+  int n = 0;
+  for (int i = 0; i < c->rig->n_sub_views; i++) n += sv_app_is_trained_on(c, i);
+  return n;
+}
+
+static bool is_multiplexed(const sv_app_cfg *c) { return c->rig->forward == SV_FORWARD_MULTIPLEXED; }
+
+// Sensors instead of views, by regions.
+static void plan_composites(const sv_app_cfg *c, sv_train_cfg *t) {
+  t->cap_views = 0;
+  t->cap_composites = c->n_exposures * sv_composites_n_sensors(c->rig, c->n_cameras);
+  t->cap_regions = 0;
+  if (t->region_px < 1) return; // the trainer says so
+  t->cap_width_px = t->cap_height_px = t->region_px;
+  t->cap_pixels = sv_plane_floats(t->region_px, t->region_px);
+  for (int i = 0; i < c->n_cameras; i++)
+    if (sv_composites_has_lens(c->rig, i))
+      t->cap_regions +=
+          c->n_exposures * sv_train_n_regions(c->caps[i].width_px, c->caps[i].height_px, t->region_px);
+}
+
+sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
+  sv_train_cfg t = c->train;
+  t.cap_views = c->n_exposures * sv_app_n_trained_sub_views(c);
+  t.n_threads = n_threads;
+  t.cap_width_px = t.cap_height_px = 1;
+  t.cap_pixels = 0;
+  if (is_multiplexed(c)) plan_composites(c, &t);
+  float f_min = 0, f_max = 0;
+  for (int i = 0; i < c->rig->n_sub_views; i++) {
+    const sv_camera_model *m = &c->rig->sub_views[i].model;
+    size_t px = sv_plane_floats(m->width_px, m->height_px);
+    t.cap_width_px = sv_maxi(t.cap_width_px, m->width_px);
+    t.cap_height_px = sv_maxi(t.cap_height_px, m->height_px);
+    if (px > t.cap_pixels) t.cap_pixels = px;
+    float f = (float)m->p[0];
+    if (!sv_app_is_trained_on(c, i)) continue;
+    f_min = f_max > 0 ? sv_minf(f_min, f) : f;
+    f_max = sv_maxf(f_max, f);
+  }
+  if (f_max > SV_MIP_FOCAL_RATIO * f_min) t.is_antialiased = true;
+  sv_train_set_objective(&t, &(sv_sampling){.n_exposures = c->n_exposures,
+                                            .is_moving = c->is_dynamic,
+                                            .n_sub_views = sv_app_n_trained_sub_views(c),
+                                            .is_multiplexed = is_multiplexed(c)});
+  if (c->optimizer > 0) t.optimizer = (sv_optimizer)(c->optimizer - 1);
+  if (c->prior) sv_train_set_prior(&t, c->prior, t.cap_views);
+  if (c->is_refining) // rates from trials on poses that were off by a quarter of a degree
+    t.poses = (sv_train_poses_cfg){.cap_poses = c->n_exposures,
+                                   .rot_rad = 2e-3f,
+                                   .place = 2e-3f,
+                                   .decay = 0.01f,
+                                   .from = 0.05f,
+                                   .until = 1};
+  if (c->is_dynamic) sv_app_plan_moving(c, &t);
+  if (c->steps) t.steps_hint = (int)c->steps;
+  return t;
+}
+
+static size_t init_scratch_bytes(const sv_train_cfg *t) {
+  size_t fill = sv_init_scratch_bytes(t->n_gaussians, t->n_gaussians), sweep = sv_sweep_bytes(t);
+  return (fill > sweep ? fill : sweep) + 4096;
+}
+
+static void show_frame(void *self, const sv_frame *f) { sv_live_frame(self, f); }
+
+static sv_intake_cfg intake_cfg(const sv_app_cfg *c, sv_app *app) {
+  return (sv_intake_cfg){.n_cameras = c->n_cameras,
+                         .caps = c->caps,
+                         .skew_limit_ns = c->skew_limit_ns,
+                         .queue_len = QUEUE_LEN,
+                         .cap_ready = CAP_READY,
+                         .mode = c->sync_mode,
+                         .on_frame = c->has_live_view ? show_frame : NULL,
+                         .on_frame_self = app};
+}
+
+static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, const sv_kernels *k,
+                       const sv_pool *pool, sv_arena *a, sv_err *err) {
+  sv_arena_part_begin(a, "sync");
+  app->frames = SV_TAKE(a, sv_frame, c->n_cameras);
+  sv_intake_cfg ic = intake_cfg(c, app);
+  if (a->base) {
+    sv_status s = sv_intake_init(&app->intake, &ic, &app->port.source, &app->port.clock, a);
+    if (s < 0)
+      return sv_fail(err, s, "frame synchronisation for %d cameras with a skew limit of %g ms: %s",
+                     c->n_cameras, sv_ns_to_ms(c->skew_limit_ns), sv_status_text(s));
+  } else {
+    SV_TAKE(a, uint8_t, sv_intake_bytes(&ic));
+  }
+  sv_arena_part_begin(a, "exposures");
+  sv_exposures_cfg ec = {.rig = c->rig,
+                         .cap_exposures = c->n_exposures,
+                         .caps = c->caps,
+                         .n_cameras = c->n_cameras,
+                         .n_threads = t->n_threads,
+                         .decoder = &app->port.decoder};
+  sv_status s = sv_exposures_init(&app->exposures, &ec, a, err);
+  if (s < 0) return s;
+  if (c->is_tracking && sv_odometry_can(c->rig, c->n_exposures))
+    s = sv_odometry_init(&app->odometry, c->rig, c->n_exposures, a->base ? &app->exposures : NULL, k,
+                         c->train.seed, a, err);
+  if (s < 0) return s;
+  s = sv_trainer_init(&app->trainer, t, k, pool, a, err);
+  if (s < 0) return s;
+  sv_arena_part_begin(a, "start-up scratch");
+  app->points = SV_TAKE(a, sv_point, t->n_gaussians);
+  app->views = SV_TAKE(a, sv_view, (size_t)c->n_exposures * (size_t)c->rig->n_sub_views);
+  app->scratch = sv_arena_sub(a, init_scratch_bytes(t));
+  sv_arena_part_begin(a, "checkpoint and report");
+  app->report = SV_TAKE(a, char, SV_APP_REPORT_BYTES);
+  app->trainer.n_views = t->cap_views, app->trainer.n_regions = t->cap_regions; // the most that there will be
+  app->checkpoint_bytes = c->is_resume ? sv_checkpoint_bytes(&app->trainer) : 0;
+  app->trainer.n_views = app->trainer.n_regions = 0;
+  app->checkpoint = SV_TAKE(a, uint8_t, app->checkpoint_bytes);
+  int w, h;
+  sv_app_preview_size(c, &w, &h);
+  app->preview = SV_TAKE(a, uint8_t, (size_t)w * (size_t)h * 3);
+  sv_live_carve(&app->live, c->has_live_view, c->n_cameras, a);
+  return a->status < 0 ? sv_fail(err, a->status, "the memory block is too small") : SV_OK;
+}
+
+sv_status sv_app_plan(sv_app *app, const sv_app_cfg *cfg, int n_threads, sv_arena *dry, sv_err *err) {
+  sv_train_cfg t = sv_app_train_cfg(cfg, n_threads);
+  memset(app, 0, sizeof *app);
+  return carve(app, cfg, &t, NULL, NULL, dry, err);
+}
+
+sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, const sv_port *port,
+                      sv_arena *arena, sv_err *err) {
+  if (cfg->n_exposures < 1)
+    return sv_fail(err, SV_E_ARG, "%d exposures asked for, expected at least 1", cfg->n_exposures);
+  if (is_multiplexed(cfg) && sv_app_n_trained_sub_views(cfg) != cfg->rig->n_sub_views)
+    return sv_fail(
+        err, SV_E_UNSUPPORTED,
+        "rig \"%s\" is multiplexed: its sub-views overlap on their sensor and can only be trained on "
+        "together, not %d of %d",
+        cfg->rig->name, sv_app_n_trained_sub_views(cfg), cfg->rig->n_sub_views);
+  if (!sv_app_n_trained_sub_views(cfg))
+    return sv_fail(err, SV_E_ARG, "none of the chosen sub-views is in rig \"%s\", which has %d",
+                   cfg->rig->name, cfg->rig->n_sub_views);
+  memset(app, 0, sizeof *app);
+  app->cfg = *cfg;
+  app->k = k;
+  app->port = *port;
+  app->arena = arena;
+  sv_train_cfg t = sv_app_train_cfg(cfg, port->pool.n_threads);
+  size_t left = arena->cap_bytes - arena->used_bytes, used = arena->used_bytes;
+  sv_status s = carve(app, cfg, &t, k, &app->port.pool, arena, err);
+  if (s == SV_E_NOMEM) {
+    sv_arena dry = sv_arena_dry();
+    if (sv_app_plan(app, cfg, port->pool.n_threads, &dry, err) < 0) return SV_E_NOMEM;
+    return sv_fail(err, s,
+                   "the run needs %zu MiB and this board's block has %zu MiB: take fewer exposures (now %d) "
+                   "or Gaussians "
+                   "(now %d)",
+                   (dry.used_bytes + used + 1048575) >> 20, (left + used) >> 20, cfg->n_exposures,
+                   t.n_gaussians);
+  }
+  app->trainer.origin = sv_app_origin(cfg->source_name);
+  if (s >= 0) sv_arena_seal(arena);
+  return s;
+}
+
+// --- training ------------------------------------------------------------------------------------
+
+static sv_status add_pictures(sv_app *app, int e, sv_err *err) {
+  for (int i = 0; i < app->cfg.rig->n_sub_views; i++) {
+    sv_image_u8 image;
+    if (!sv_app_is_trained_on(&app->cfg, i)) continue;
+    sv_view *view = &app->views[app->n_views++];
+    sv_exposures_get(&app->exposures, e, i, &image, view);
+    view->time = sv_app_time_of(app, app->exposures.exposure[e].time_ns);
+    sv_status s = sv_train_add_view(&app->trainer, view, &image, err);
+    if (s < 0) return s;
+    if (app->cfg.is_refining)
+      sv_train_refine_view(&app->trainer, app->trainer.n_views - 1, e,
+                           &app->cfg.rig->sub_views[i].cam_from_rig,
+                           &app->exposures.exposure[e].rig_from_world,
+                           app->trainer.views[0].view.i_exposure == view->i_exposure);
+  }
+  return SV_OK;
+}
+
+static sv_status add_composites(sv_app *app, int e, sv_err *err) {
+  const sv_composites *pool = &app->exposures.composites;
+  for (int i = 0; i < pool->n_sensors; i++) {
+    sv_composite model;
+    const uint16_t *px;
+    sv_composites_get(pool, e, i, &model, &px);
+    sv_status s = sv_train_add_composite(&app->trainer, &model, px, err);
+    if (s < 0) return s;
+    for (int m = 0; m < model.n_lenses; m++) app->views[app->n_views++] = model.lenses[m].view;
+  }
+  return SV_OK;
+}
+
+// Where the first Gaussians are, without a look at the surface: on odometry's points, in the known bounds, or on rays
+// through the pictures.
+static void choose_blind(sv_app *app, const sv_bounds *b, sv_init_cfg *init, int *n_points) {
+  sv_trainer *t = &app->trainer;
+  bool is_tracked = app->odometry.is_tracked;
+  *init = (sv_init_cfg){.kind = app->cfg.has_bounds && !is_tracked ? SV_INIT_SPHERE : SV_INIT_POINTS,
+                        .centre = {b->centre[0], b->centre[1], b->centre[2]},
+                        .radius = b->radius,
+                        .opacity = 0.1f,
+                        .scale_factor = 1.0f,
+                        .seed = t->cfg.seed};
+  *n_points = init->kind == SV_INIT_POINTS ? t->g.n : 0;
+  if (is_tracked) *n_points = sv_odometry_cloud(&app->odometry, app->points, t->g.n);
+  else if (*n_points) sv_seed_points(t, b, t->cfg.seed, app->points, t->g.n);
+}
+
+// is_measured: on the surface, where views overlap.
+static sv_status first_model(sv_app *app, const sv_bounds *b, bool is_measured, sv_err *err) {
+  sv_trainer *t = &app->trainer;
+  sv_init_cfg init;
+  int n_points, n_maps;
+  sv_status s = SV_AGAIN;
+  if (is_measured) s = sv_stereo_points(t, b, &app->scratch, app->points, t->g.n, &n_points, &n_maps);
+  if (s == SV_OK) {
+    init = sv_stereo_init(b, t->cfg.seed);
+    sv_app_log(app, SV_LOG_INFO, "starts from %d points, of depth maps of %d views", n_points, n_maps);
+  }
+  if (s == SV_AGAIN) choose_blind(app, b, &init, &n_points);
+  if (s >= 0) s = sv_train_start(t, &init, app->points, n_points, &app->scratch);
+  if (s < 0) return sv_fail(err, s, "no starting Gaussians: %s", sv_status_text(s));
+  sv_train_set_scene(t, b->centre, b->radius);
+  if (!app->cfg.prior) return SV_OK;
+  if ((s = sv_prior_measure(t, b, &app->scratch, &n_maps)) < 0)
+    return sv_fail(err, s, "no depth maps for the prior: %s", sv_status_text(s));
+  sv_app_log(app, SV_LOG_INFO, "prior %s with depth maps of %d views", sv_prior_method_name(app->cfg.prior),
+             n_maps);
+  return SV_OK;
+}
+
+static sv_status start_training(sv_app *app, sv_err *err) {
+  const bool is_tracked = app->odometry.is_tracked;
+  sv_app_begin_moving(app);
+  for (int e = 0; e < app->exposures.n; e++) {
+    if (is_tracked && !app->exposures.exposure[e].has_pose) continue; // nobody knows where it was
+    sv_status added = is_multiplexed(&app->cfg) ? add_composites(app, e, err) : add_pictures(app, e, err);
+    if (added < 0) return added;
+  }
+  bool has_bounds = app->cfg.has_bounds && !is_tracked; // bounds are of a world that was not found
+  sv_bounds b = has_bounds ? app->cfg.bounds : sv_bounds_of_views(app->views, app->n_views);
+  if (is_tracked) b = sv_odometry_bounds(&app->odometry);
+  if (!app->cfg.is_resume) return first_model(app, &b, true, err);
+  sv_status s = first_model(app, &b, false, err); // a checkpoint replaces it
+  if (s >= 0) s = sv_app_resume(app, err);
+  if (s == SV_OK) sv_app_log(app, SV_LOG_INFO, "goes on at step %u of checkpoint.bin", app->trainer.step);
+  if (s != SV_AGAIN) return s;
+  sv_app_log(app, SV_LOG_INFO, "no checkpoint.bin in the output folder: the run begins from the start");
+  return first_model(app, &b, true, err);
+}
+
+static double seconds(const sv_app *app) {
+  const sv_clock *c = &app->port.machine;
+  return sv_ns_to_s(c->now_ns(c->self));
+}
+
+static void live_line(sv_app *app, float progress) {
+  const double elapsed_s = app->trainer.trained_s;
+  double rate = app->train_s > 0 ? (double)app->step_time.n / app->train_s : 0;
+  double eta = progress > 0.001f ? elapsed_s * (1 - (double)progress) / (double)progress : 0;
+  char line[768];
+  sv_str s = sv_str_make(line, sizeof line);
+  sv_str_add(&s, "train  %u", app->trainer.step);
+  if (app->cfg.steps) sv_str_add(&s, "/%u", app->cfg.steps);
+  sv_str_add(&s, " steps  %.0f steps/s  loss %.4f  ", rate, app->loss_mean);
+  if (app->cfg.steps) sv_str_add(&s, "ETA %.0f s", eta);
+  else sv_str_add(&s, "%.0f of %.0f s", elapsed_s, app->cfg.time_limit_s);
+  // A live run's cameras, as they were at the last such line.
+  sv_status has_cameras = app->is_capturing ? sv_intake_line(&app->intake, &s) : SV_AGAIN;
+  (void)has_cameras; // not yet: the line goes without
+  if (app->port.console.log) app->port.console.log(app->port.console.self, SV_LOG_LIVE, line);
+}
+
+static sv_status save_running(sv_app *app, sv_err *err) {
+  sv_status s = sv_app_save_checkpoint(app, err);
+  if (s < 0) return s;
+  return sv_app_publish_preview(app);
+}
+
+static sv_status train_loop(sv_app *app, sv_err *err) {
+  const sv_app_cfg *c = &app->cfg;
+  const double had = app->trainer.trained_s; // before it was stopped
+  double t0 = seconds(app), last_live = t0, last_save = t0, last_picture = t0, now = t0, paused;
+  for (;;) {
+    const double elapsed = had + now - t0;
+    float progress =
+        c->steps ? (float)app->trainer.step / (float)c->steps : (float)(elapsed / c->time_limit_s);
+    app->train_s = now - t0, app->trainer.trained_s = elapsed;
+    if (progress >= 1.0f || (c->time_limit_s > 0 && elapsed >= c->time_limit_s)) return SV_OK;
+    if (sv_app_is_stop_requested(app)) return SV_E_INTERRUPTED;
+    bool is_train;
+    sv_status s = sv_live_between_steps(app, &paused, err);
+    t0 += paused, now += paused;
+    if (s >= 0) s = sv_app_live_turn(app, &is_train, err);
+    if (s < 0) return s;
+    if (!is_train) {
+      now = seconds(app);
+      continue;
+    }
+    now = app->is_capturing ? seconds(app) : now;
+    s = sv_train_step(&app->trainer, progress, &app->last);
+    if (s < 0) return sv_fail(err, s, "training step %u failed: %s", app->trainer.step, sv_status_text(s));
+    app->loss_mean = app->step_time.n ? 0.98 * app->loss_mean + 0.02 * app->last.loss : app->last.loss;
+    double after = seconds(app);
+    sv_time_stats_add(&app->step_time, after - now);
+    sv_app_live_trained(app, now, after);
+    now = after;
+    if (now - last_live >= LIVE_PERIOD) {
+      live_line(app, progress);
+      last_live = now;
+    }
+    if (c->save_every_s > 0 && now - last_save >= c->save_every_s) {
+      if ((s = save_running(app, err)) < 0) return s;
+      now = last_save = last_picture = seconds(app);
+    }
+    if (c->picture_every_s > 0 && now - last_picture >= c->picture_every_s) {
+      if ((s = sv_app_publish_preview(app)) < 0) return s;
+      now = last_picture = seconds(app);
+    }
+  }
+}
+
+static sv_status run_all(sv_app *app, sv_err *err) {
+  sv_status s = sv_app_capture(app, err), saved, ended;
+  sv_err end_err;
+  if (s >= 0) s = sv_app_track(app, err);
+  if (s >= 0) s = sv_app_live_begin(app, err); // from here on cameras are served whatever takes how long
+  if (s >= 0) s = start_training(app, err);
+  if (s >= 0) {
+    app->state = SV_APP_TRAINING;
+    sv_live_show_model(app); // the first rough model, at once
+    sv_live_show(app, SV_SHOWS_TRAINING, NULL);
+    s = train_loop(app, err);
+  }
+  ended = sv_app_live_end(app, &end_err);
+  if (ended < 0 && s >= 0) s = ended, *err = end_err;
+  const bool is_trained = app->step_time.n > 0; // else what an earlier run left in the folder is worth more
+  if (s >= 0 || (s == SV_E_INTERRUPTED && is_trained && !app->live.is_new_requested)) {
+    sv_live_show(app, SV_SHOWS_SAVING, NULL);
+    app->state = SV_APP_SAVING;
+    saved = sv_app_save_all(app, err);
+    if (saved < 0) s = saved;
+  }
+  if (s == SV_E_INTERRUPTED && app->state == SV_APP_CAPTURING)
+    sv_fail(err, s, "stopped by request after %d of %d exposures, before training: nothing was saved",
+            app->exposures.n, app->cfg.n_exposures);
+  else if (s == SV_E_INTERRUPTED && !is_trained)
+    sv_fail(err, s, "stopped by request before the first step: nothing was saved");
+  else if (s == SV_E_INTERRUPTED) {
+    sv_fail(err, s, "stopped by request after %u steps; what was trained is saved", app->trainer.step);
+    app->state = SV_APP_DONE;
+    return s;
+  }
+  app->state = s < 0 ? SV_APP_FAILED : SV_APP_DONE;
+  return s;
+}
+
+sv_status sv_app_run(sv_app *app, sv_err *err) {
+  sv_live_start(app);
+  sv_status s = run_all(app, err);
+  sv_live_show_model(app);
+  if (app->state == SV_APP_FAILED && !app->live.is_new_requested)
+    sv_live_show(app, SV_SHOWS_FAILED, err ? err->text : "");
+  else sv_live_show(app, SV_SHOWS_DONE, NULL);
+  return s;
+}

@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+// Moving scenes in a run. A clip: exposures are captured first, their times run from 0 to 1, and the motion is a few
+// functions of that time. Live: exposures stream through a ring; times are seconds, and the motion is a power series
+// about the newest exposure, which is moved on with each new one, so that the last model's motion is the start of the
+// next; what is not there gets Gaussians from the newest exposure's depth maps. Each exposure gets a fixed time; what came meanwhile is left out as whole exposures (src/sync/capture_queue.h).
+#include "src/run/app.h"
+#include "src/base/mathx.h"
+#include "src/train/objective.h"
+#include "src/train/renew.h"
+
+#define LIVE_HASTE 3.0f
+#define FIND_EVERY 16 // exposures between two searches for what moves
+
+void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
+  sv_dynamic_cfg *d = &t->dynamic;
+  d->kind = SV_DEFORM_CLIP;
+  t->n_unseen = 0;
+  sv_train_set_times(t, c->n_exposures);
+  if (!c->is_live) return;
+  d->functions = SV_MOTION_POWERS;
+  d->n_pos = d->n_rot = d->n_colour = 1; // exposures of a ring are too few for more
+  d->pos = 1;                            // rates are per second, not per clip
+  d->window = d->window_start = 0;       // windows in a time that has no end
+  d->from = d->grow_until = 0;
+  d->find_every = d->find_until = 0; // by exposures instead
+  // Every exposure is like the last one: nothing cools down, and there are but a few dozen steps for what is new in
+  // it. Five of six see the newest exposure, the others those of the ring in turn: they keep the shape of what is still,
+  // and would drag back what moves fast. What appears and disappears does so by opacity and colour, faster than it could
+  // travel; what the newest pictures show elsewhere is put there (src/train/renew.h).
+  t->lr.mean_start = t->lr.mean_end = 9.6e-4f;
+  t->lr.quat *= LIVE_HASTE, t->lr.scale *= LIVE_HASTE;
+  t->lr.sh0 *= 2 * LIVE_HASTE, t->lr.logit *= 2;
+  d->older_every = 6;
+  t->start_scale = 1;
+  t->relocate_until = 1;
+  t->noise = 0;
+}
+
+float sv_app_time_of(const sv_app *app, sv_ns time_ns) {
+  if (!app->cfg.is_dynamic) return 0;
+  if (app->cfg.is_live) return (float)sv_ns_to_s(time_ns - app->first_ns);
+  double span = (double)(app->last_ns - app->first_ns);
+  return span > 0 ? sv_clampf((float)((double)(time_ns - app->first_ns) / span), 0.0f, 1.0f) : 0;
+}
+
+void sv_app_begin_moving(sv_app *app) {
+  const sv_exposures *e = &app->exposures;
+  if (!app->cfg.is_dynamic || e->n < 1) return;
+  app->first_ns = app->last_ns = e->exposure[0].time_ns;
+  for (int i = 1; i < e->n; i++) {
+    if (e->exposure[i].time_ns < app->first_ns) app->first_ns = e->exposure[i].time_ns;
+    if (e->exposure[i].time_ns > app->last_ns) app->last_ns = e->exposure[i].time_ns;
+  }
+  app->trainer.deform.motion.cfg.t0 = sv_app_time_of(app, app->last_ns);
+  app->exposure_ns = app->port.machine.now_ns(app->port.machine.self);
+}
+
+bool sv_app_is_exposure_due(const sv_app *app) {
+  const sv_clock *m = &app->port.machine;
+  if (!app->cfg.is_dynamic) return true;
+  return m->now_ns(m->self) - app->exposure_ns >= (sv_ns)(app->cfg.exposure_s * 1e9);
+}
+
+// How the model stands to the exposure that was the newest until now, before it makes room.
+static sv_status score_newest(sv_app *app) {
+  const int n = sv_app_n_trained_sub_views(&app->cfg);
+  const int slot = (app->exposures.i_next + app->cfg.n_exposures - 1) % app->cfg.n_exposures;
+  double sum = 0;
+  for (int i = 0; i < n; i++) {
+    const sv_train_view *v = &app->trainer.views[slot * n + i];
+    double mse;
+    sv_status s = sv_app_mse(app, &v->view, v->image.px, &mse);
+    if (s < 0) return s;
+    sum += -10.0 / 2.302585092994046 * sv_log(mse > 1e-12 ? mse : 1e-12) / n;
+  }
+  app->n_scored++;
+  app->psnr_sum += sum;
+  app->psnr_late = app->n_scored == 1 ? sum : 0.98 * app->psnr_late + 0.02 * sum;
+  return SV_OK;
+}
+
+sv_status sv_app_leave_exposure(sv_app *app) {
+  return app->cfg.is_dynamic && app->cfg.is_live ? score_newest(app) : SV_OK;
+}
+
+sv_status sv_app_enter_exposure(sv_app *app, int slot, float progress) {
+  const sv_clock *m = &app->port.machine;
+  if (!app->cfg.is_dynamic) return SV_OK;
+  // Turns of equal length, what it takes to change exposures included; who is late by a whole turn starts anew.
+  const sv_ns now_ns = m->now_ns(m->self), turn_ns = (sv_ns)(app->cfg.exposure_s * 1e9);
+  app->exposure_ns += turn_ns;
+  if (now_ns - app->exposure_ns >= turn_ns) app->exposure_ns = now_ns;
+  app->last_ns = app->exposures.exposure[slot].time_ns;
+  sv_motion_advance(&app->trainer.deform.motion, &app->trainer.g, sv_app_time_of(app, app->last_ns));
+  sv_status s = sv_train_renew(&app->trainer, progress, &app->scratch);
+  if (s < 0 || ++app->n_entered % FIND_EVERY) return s;
+  return sv_train_find_moving(&app->trainer, progress);
+}

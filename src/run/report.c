@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: Apache-2.0
+// run.json and the memory map: what a run did, in numbers that add up.
+#include <string.h>
+
+#include "src/prior/methods.h"
+#include "src/run/app.h"
+#include "src/base/mathx.h"
+
+// --- durations -----------------------------------------------------------------------------------
+
+static int bin_of(double us) {
+  if (!(us > 1)) return 0;
+  int b = (int)(8.0 * sv_log(us) / 0.6931471805599453);
+  return b < SV_APP_TIME_BINS ? b : SV_APP_TIME_BINS - 1;
+}
+
+void sv_time_stats_add(sv_time_stats *t, double seconds) {
+  t->bins[bin_of(seconds * 1e6)]++;
+  t->n++;
+  t->sum_s += seconds;
+  if (seconds > t->max_s) t->max_s = seconds;
+}
+
+double sv_time_stats_percentile_s(const sv_time_stats *t, double percent) {
+  uint64_t sum = 0, want = (uint64_t)((double)t->n * percent / 100.0);
+  for (int b = 0; b < SV_APP_TIME_BINS; b++) {
+    sum += t->bins[b];
+    if (sum > want) {
+      double edge = sv_exp((b + 1) * 0.6931471805599453 / 8.0) * 1e-6;
+      return edge < t->max_s ? edge : t->max_s;
+    }
+  }
+  return t->max_s;
+}
+
+// --- memory map ----------------------------------------------------------------------------------
+
+void sv_app_memory_map(sv_str *out, const sv_arena *a, bool is_json) {
+  for (int i = 0; i < a->n_parts; i++) {
+    const sv_arena_part *p = &a->parts[i];
+    double share = a->used_bytes ? 100.0 * (double)p->bytes / (double)a->used_bytes : 0;
+    if (is_json) sv_str_add(out, "%s{\"name\": \"%s\", \"bytes\": %zu}", i ? ", " : "", p->name, p->bytes);
+    else sv_str_add(out, "%-22s %12zu  %5.1f %%\n", p->name, p->bytes, share);
+  }
+}
+
+// --- run.json ------------------------------------------------------------------------------------
+
+// Of a live run: who got the time.
+static void add_live(sv_str *s, const sv_app *app) {
+  const sv_governor *g = &app->governor;
+  if (app->cfg.is_dynamic)
+    sv_str_add(s, "  \"moving\": %d, \"renewed\": %u,\n", sv_deform_n_moving(&app->trainer.deform),
+               app->trainer.n_renewed);
+  if (app->n_scored)
+    sv_str_add(s, "  \"live_psnr\": %.3f, \"live_psnr_late\": %.3f, \"live_exposures\": %llu,\n",
+               app->psnr_sum / (double)app->n_scored, app->psnr_late, (unsigned long long)app->n_scored);
+  if (!app->cfg.is_live) return;
+  sv_str_add(s,
+             "  \"live\": {\"exposures_replaced\": %llu, \"previews\": %llu, \"preview_slowdown\": %d, "
+             "\"dequeue_ms\": {\"p50\": %.3f, \"p99\": %.3f, \"max\": %.3f}, \"deadline_ms\": %.3f, "
+             "\"deadline_misses\": %llu},\n",
+             (unsigned long long)app->exposures.n_replaced, (unsigned long long)g->n[SV_WORK_PREVIEW],
+             g->slowdown, sv_ns_to_ms(sv_skew_percentile_ns(&app->intake.latency, 50)),
+             sv_ns_to_ms(sv_skew_percentile_ns(&app->intake.latency, 99)),
+             sv_ns_to_ms(app->intake.latency.max_ns), sv_ns_to_ms(app->intake.deadline_ns),
+             (unsigned long long)app->intake.n_missed);
+}
+
+static void add_events(sv_str *s, const sv_sync_stream *st) {
+  sv_str_add(s, ", \"events\": {");
+  for (int k = 0, n = 0; k < SV_N_SYNC_EVENTS; k++)
+    if (st->events[k])
+      sv_str_add(s, "%s\"%s\": %llu", n++ ? ", " : "", sv_sync_event_name((sv_sync_event_kind)k),
+                 (unsigned long long)st->events[k]);
+  sv_str_add(s, "}");
+}
+
+static void add_ledger(sv_str *s, const sv_app *app) {
+  sv_str_add(s, "  \"ledger\": [");
+  for (int i = 0; i < app->cfg.n_cameras; i++) {
+    const sv_ledger *l = sv_sync_ledger(&app->intake.sync, i);
+    sv_str_add(s, "%s\n    {\"camera\": \"", i ? "," : "");
+    sv_str_add_json(s, app->cfg.caps[i].name);
+    sv_str_add(s, "\", \"captured\": %llu, \"delivered\": %llu, \"pending\": %llu, \"dropped\": {",
+               (unsigned long long)l->captured, (unsigned long long)l->delivered,
+               (unsigned long long)l->pending);
+    for (int r = 0, n = 0; r < SV_N_DROPS; r++)
+      if (l->dropped[r])
+        sv_str_add(s, "%s\"%s\": %llu", n++ ? ", " : "", sv_drop_name((sv_drop_reason)r),
+                   (unsigned long long)l->dropped[r]);
+    sv_str_add(s, "}");
+    add_events(s, &app->intake.sync.streams[i]);
+    sv_str_add(s, ", \"is_exact\": %s}", sv_ledger_is_exact(l) ? "true" : "false");
+  }
+  sv_str_add(s, "\n  ],\n");
+}
+
+static void add_settings(sv_str *s, const sv_app *app) {
+  const sv_train_cfg *t = &app->trainer.cfg;
+  sv_str_add(s, "  \"source\": \"");
+  sv_str_add_json(s, app->cfg.source_name);
+  sv_str_add(s, "\",\n  \"rig\": \"");
+  sv_str_add_json(s, app->cfg.rig->name);
+  sv_str_add(s,
+             "\",\n  \"gaussians\": %d,\n  \"sh_degree\": %d,\n  \"seed\": %llu,\n  \"threads\": %d,\n  "
+             "\"isa\": \"%s\",\n  \"optimizer\": \"%s\",\n  \"prior\": \"%s\",\n",
+             t->n_gaussians, t->sh_degree, (unsigned long long)t->seed, t->n_threads,
+             sv_isa_name(app->k->isa), sv_optimizer_name(t->optimizer),
+             sv_prior_method_name(t->prior.method));
+  sv_str_add(s, "  \"exposures\": %d,\n  \"views\": %d,\n  \"is_antialiased\": %s,\n", app->exposures.n,
+             app->n_views, t->is_antialiased ? "true" : "false");
+}
+
+static void add_odometry(sv_str *s, const sv_app *app) {
+  const sv_odometry *o = &app->odometry;
+  const sv_track_summary *m = &o->summary;
+  if (!o->is_on || !m->n_exposures) return;
+  sv_str_add(s,
+             "  \"odometry\": {\"is_still\": %s, \"is_tracked\": %s, \"exposures\": %d, \"placed\": %d, "
+             "\"points\": %d, \"path_m\": %.4f, \"rms_px\": %.3f, \"scale_sigma\": %.5f},\n",
+             m->is_still ? "true" : "false", o->is_tracked ? "true" : "false", m->n_exposures, m->n_placed,
+             m->n_points, m->path_m, m->rms_px, m->scale_sigma);
+}
+
+static void add_timing(sv_str *s, const sv_app *app) {
+  const sv_time_stats *t = &app->step_time;
+  sv_str_add(s, "  \"seconds\": %.3f,\n  \"steps_per_second\": %.2f,\n", app->train_s,
+             app->train_s > 0 ? (double)t->n / app->train_s : 0.0);
+  sv_str_add(s, "  \"step_ms\": {\"mean\": %.3f, \"p50\": %.3f, \"p99\": %.3f, \"max\": %.3f},\n",
+             t->n ? 1e3 * t->sum_s / (double)t->n : 0.0, 1e3 * sv_time_stats_percentile_s(t, 50),
+             1e3 * sv_time_stats_percentile_s(t, 99), 1e3 * t->max_s);
+  sv_str_add(s, "  \"skew_us\": {\"p50\": %.1f, \"p99\": %.1f, \"max\": %.1f},\n",
+             (double)sv_skew_percentile_ns(&app->intake.sync.skew, 50) * 1e-3,
+             (double)sv_skew_percentile_ns(&app->intake.sync.skew, 99) * 1e-3,
+             (double)app->intake.sync.skew.max_ns * 1e-3);
+}
+
+sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) {
+  sv_str s = sv_str_make(app->report, SV_APP_REPORT_BYTES);
+  sv_store *st = &app->port.store;
+  sv_str_add(&s, "{\n  \"version\": 1,\n  \"state\": \"%s\",\n", sv_app_state_name(app->state));
+  add_settings(&s, app);
+  sv_str_add(&s, "  \"steps\": %u,\n  \"digest\": \"%08x%08x\",\n  \"loss\": %.6f,\n", app->trainer.step,
+             (unsigned)(sv_train_digest(&app->trainer) >> 32), (unsigned)sv_train_digest(&app->trainer),
+             app->loss_mean);
+  if (extra) sv_str_add(&s, "  %s,\n", extra);
+  sv_str_add(&s, "  \"relocated\": %u,\n  \"dropped_splats\": %u,\n  \"device_errors\": %llu,\n",
+             app->trainer.n_relocated, app->trainer.render.stats.n_dropped,
+             (unsigned long long)app->n_device_errors);
+  add_odometry(&s, app);
+  add_timing(&s, app);
+  add_live(&s, app);
+  add_ledger(&s, app);
+  sv_str_add(&s,
+             "  \"memory\": {\"arena_bytes\": %zu, \"used_bytes\": %zu, \"high_bytes\": %zu, \"parts\": [",
+             app->arena->cap_bytes, app->arena->used_bytes, app->arena->high_bytes);
+  sv_app_memory_map(&s, app->arena, true);
+  sv_str_add(&s, "]}\n}\n");
+  if (s.is_cut) return sv_fail(err, SV_E_NOMEM, "run.json: longer than %d bytes", SV_APP_REPORT_BYTES);
+  sv_status r = st->begin(st->self, "run.json", err);
+  if (r < 0) return r;
+  r = st->write(st->self, s.buf, s.len, err);
+  if (r >= 0) return st->commit(st->self, err);
+  st->abandon(st->self);
+  return r;
+}

@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: Apache-2.0
+// C only: the rings are atomic.
+// The capture side of a runtime: takes frames from a source the moment they come, puts exposures together, and hands
+// them to one user, who may be busy and on another thread. What nobody has time for is left out as whole exposures.
+//
+//   capture side (a thread of its own, or the user's between two pieces of work):  sv_intake_step, again and again
+//   user's side:  while (sv_intake_take(&in, &t) == SV_OK) use t; then sv_intake_give_back(&in, &t, is_used)
+//
+// One thread a side. Everything else (start, stop, reading sync) only while the other side rests. At most cap_ready
+// exposures are ready or with the user; a source needs cap_ready + queue_len + 2 buffers a camera to lose nothing
+// meanwhile.
+#ifndef SV_SYNC_CAPTURE_QUEUE_H
+#define SV_SYNC_CAPTURE_QUEUE_H
+
+#include <stdatomic.h>
+
+#include "src/base/ring.h"
+#include "src/sync/camera_stats.h"
+#include "src/sync/frame_length.h"
+#include "src/sync/sync.h"
+
+// Who makes the cameras expose at the same time: nobody; software, by the length of their frames (cameras that cannot
+// are left alone); a trigger line.
+typedef enum { SV_INTAKE_FREE = 0, SV_INTAKE_FRAME_LENGTH, SV_INTAKE_TRIGGER } sv_intake_mode;
+
+#define SV_INTAKE_LINE_BYTES 512
+
+typedef struct {
+  int n_cameras;
+  const sv_camera_caps *caps; // [n_cameras], read by init only
+  sv_ns skew_limit_ns;
+  int queue_len, cap_ready;
+  sv_intake_mode mode;
+  // Is shown every frame that comes, on the capture side's thread, before the frame goes on its way; must be quick. May
+  // be NULL.
+  void (*on_frame)(void *self, const sv_frame *frame);
+  void *on_frame_self;
+} sv_intake_cfg;
+
+// One exposure on its way, either way.
+typedef struct {
+  sv_exposure exposure;
+  bool is_used;
+  sv_frame *frames; // [n_cameras]; the taker's own array
+} sv_intake_exposure;
+
+typedef struct {
+  sv_intake_cfg cfg;
+  sv_source source;
+  sv_clock clock;
+  sv_sync sync;
+  sv_frame_length frame_length;
+  sv_camera_stat *stats; // [n_cameras]
+  sv_camera_caps *caps;  // [n_cameras] a copy, for names
+  char *line;            // [SV_INTAKE_LINE_BYTES] of statistics, the capture side's until it is ready
+  _Atomic int line_state;
+  sv_ring events;      // sv_camera_event, to the user
+  sv_frame *frames;    // [n_cameras] workspace of the capture side
+  uint8_t *out, *back; // one ring element, workspace of the capture side and of the user
+  size_t elem_bytes;
+  sv_ring ready, done;   // exposures to the user; from the user
+  int n_with_user;       // capture side: handed over and not given back
+  sv_skew_stats latency; // from a frame's arrival to its dequeue
+  sv_ns
+      deadline_ns; // the shortest frame period: when the next frame is there, this one has to be taken; 0: not known
+  uint64_t n_missed; // frames that were taken later
+  bool is_running;
+  _Atomic uint64_t n_device_errors; // of dequeue and requeue
+  _Atomic int i_broken;             // camera of the newest one
+  _Atomic sv_status broken_status;
+} sv_intake;
+
+size_t sv_intake_bytes(const sv_intake_cfg *cfg);
+// E_ARG: the cfg is out of range (see sync.h); E_NOMEM.
+sv_status sv_intake_init(sv_intake *in, const sv_intake_cfg *cfg, const sv_source *source,
+                         const sv_clock *clock, sv_arena *arena) SV_MUST_USE;
+
+// Can the source do what the mode asks for? E_UNSUPPORTED: it has no trigger line, or takes no frame lengths.
+sv_status sv_intake_check(const sv_intake *in, sv_err *err) SV_MUST_USE;
+// Starts the cameras, when the mode suits them.
+sv_status sv_intake_start(sv_intake *in, sv_err *err) SV_MUST_USE;
+// Waits until until_host_ns at most for a frame, then takes all that are there. OK, AGAIN (none came), END; E_DEVICE
+// of one camera (counted; the others go on; the host's clock is moved on by 1 ms, so that a source that only fails
+// does not stop time). Poses of the rig are filled in here.
+sv_status sv_intake_step(sv_intake *in, sv_ns until_host_ns) SV_MUST_USE;
+// Gives everything back and stops the cameras: the ledger closes. What was ready and not taken counts as dropped for
+// `stopped`. The user gives back what it has before.
+sv_status sv_intake_stop(sv_intake *in) SV_MUST_USE;
+
+// t->frames is the user's array [n_cameras]. AGAIN: none is ready.
+sv_status sv_intake_take(sv_intake *in, sv_intake_exposure *t) SV_MUST_USE;
+// The frames go back to their cameras. Not used: they count as dropped for `overload`.
+void sv_intake_give_back(sv_intake *in, sv_intake_exposure *t, bool is_used);
+int sv_intake_n_ready(sv_intake *in);
+// " | video0 25.0 fps +0.412 ms dropped 3 (no_partner 2, ...) | ..." is added to out: what a user watches. The first
+// call asks for it, the capture side makes it at its next step, and a later call brings it. AGAIN: not yet.
+sv_status sv_intake_line(sv_intake *in, sv_str *out) SV_MUST_USE;
+// What happened to a camera, for the user's side. AGAIN: nothing. When nobody asks, the newest are left out.
+sv_status sv_intake_pop_event(sv_intake *in, sv_camera_event *event) SV_MUST_USE;
+
+#endif
