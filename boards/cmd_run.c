@@ -8,6 +8,7 @@
 #include "boards/run_options.h"
 #include "platform/codec/codec.h"
 #include "src/base/mathx.h"
+#include "src/metric/metric.h"
 
 #define SPIN_US 200 // a training step calls the pool every 100 us or so: sleeping in between costs more
 
@@ -144,7 +145,7 @@ static sv_status heldout_psnr(double *psnr, int *n_views) {
     if (odo->is_tracked) v = sv_odometry_view(&q, &v); // where that is in the world that was found
     sv_status s = sv_app_mse(&run.app, &v, run.truth, &mse);
     if (s < 0) return s;
-    *psnr += -10.0 / 2.302585092994046 * sv_log(mse > 1e-12 ? mse : 1e-12) / SV_SIM_N_HELDOUT;
+    *psnr += sv_psnr_of_mse(mse) / SV_SIM_N_HELDOUT;
     (*n_views)++;
   }
   return SV_OK;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Image and depth errors. Images are planar float [3][h][w] in [0,1] unless said; sums are in double,
-// row by row from the top, so a result depends on nothing but its input.
+// Metrics: PSNR, SSIM and depth errors between a rendering and its ground truth.
+// Owns nothing: callers bring the images and the scratch. Sums are in double, row by row from the top.
+// Never renders, trains or reads files, and holds no state: a result depends on its input alone.
 #ifndef SV_METRIC_METRIC_H
 #define SV_METRIC_METRIC_H
 
@@ -16,19 +17,21 @@ extern "C" {
 #define SV_SSIM_TAPS 11 // Gaussian, sigma 1.5 (Wang et al. 2004), C1 = 0.01^2, C2 = 0.03^2
 
 typedef struct {
-  const float *a, *b; // [n_channels][height][width]
+  const float *a, *b; // [n_channels][height][width], values in [0, 1]
   int width, height, n_channels;
 } sv_image_pair;
 
-// -10 log10(mean squared error), dB; identical images give 100 (the error counts as 1e-10 at least).
+// -10 log10(mse) in dB, for values in [0, 1]. The error counts as 1e-10 at least: identical images give 100.
+double sv_psnr_of_mse(double mse);
 double sv_psnr(const sv_image_pair *im);
-double sv_psnr_u8(const uint8_t *a, const uint8_t *b, size_t n); // values 0..255, any layout
+// Values 0 to 255, any layout of n values.
+double sv_psnr_u8(const uint8_t *a, const uint8_t *b, size_t n);
 // Over the pixels with mask != 0 only ([height][width]); an empty mask gives 100.
 double sv_psnr_masked(const sv_image_pair *im, const uint8_t *mask);
 
 typedef enum {
-  SV_SSIM_SAME = 0, // zero padding: every pixel counts, as 3DGS trainers do
-  SV_SSIM_VALID     // whole windows only: 5 pixels of border are left out
+  SV_SSIM_SAME = 0, // zero padding: every pixel counts, as in 3DGS trainers
+  SV_SSIM_VALID     // whole windows only: a border of 5 pixels does not count
 } sv_ssim_padding;
 
 // Doubles of scratch for images of this width; enough for sv_ssim and sv_ssim_masked.

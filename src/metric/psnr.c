@@ -5,7 +5,7 @@
 #include "src/base/mathx.h"
 #include "src/metric/metric.h"
 
-static double to_db(double mse) { return -10 / 2.30258509299404568402 * sv_log(mse > 1e-10 ? mse : 1e-10); }
+double sv_psnr_of_mse(double mse) { return -10 / 2.30258509299404568402 * sv_log(mse > 1e-10 ? mse : 1e-10); }
 
 double sv_psnr_masked(const sv_image_pair *im, const uint8_t *mask) {
   size_t n = (size_t)im->width * (size_t)im->height, n_used = 0;
@@ -19,7 +19,7 @@ double sv_psnr_masked(const sv_image_pair *im, const uint8_t *mask) {
       n_used++;
     }
   }
-  return to_db(n_used ? sum / (double)n_used : 0);
+  return sv_psnr_of_mse(n_used ? sum / (double)n_used : 0);
 }
 
 double sv_psnr(const sv_image_pair *im) { return sv_psnr_masked(im, NULL); }
@@ -30,7 +30,7 @@ double sv_psnr_u8(const uint8_t *a, const uint8_t *b, size_t n) {
     int e = a[i] - b[i];
     sum += (uint64_t)(e * e);
   }
-  return to_db(n ? (double)sum / (65025.0 * (double)n) : 0);
+  return sv_psnr_of_mse(n ? (double)sum / (65025.0 * (double)n) : 0);
 }
 
 static int is_depth(float d) { return d > 0 && d <= FLT_MAX; }
@@ -48,7 +48,10 @@ sv_depth_error sv_depth_compare(const float *d, const float *d_true, const uint8
     sq += e * e;
   }
   sv_depth_error r = {0, 0, 0, n_both};
-  if (n_both) r.abs_rel = rel / (double)n_both, r.rmse = sqrt(sq / (double)n_both);
+  if (n_both) {
+    r.abs_rel = rel / (double)n_both;
+    r.rmse = sqrt(sq / (double)n_both);
+  }
   if (n_true) r.coverage = (double)n_both / (double)n_true;
   return r;
 }

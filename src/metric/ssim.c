@@ -10,7 +10,7 @@
 #define C2     9e-4
 #define N_MAPS 5 // blurred: a, b, a a, b b, a b
 
-// exp(-d^2 / (2 1.5^2)) over their sum
+// exp(-d^2 / (2 1.5^2)), divided by their sum
 static const double window[TAPS] = {0.0010283800844791092, 0.007598758135239185, 0.03600077212843083,
                                     0.10936068950970002,   0.2130055377112537,   0.26601172486179436,
                                     0.2130055377112537,    0.10936068950970002,  0.03600077212843083,
@@ -35,8 +35,11 @@ static void blur_columns(const float *a, const float *b, int w, int h, int y, do
     double g = window[t];
     for (int x = 0; x < w; x++) {
       double va = (double)pa[x], vb = (double)pb[x];
-      r0[x] += g * va, r1[x] += g * vb, r2[x] += g * (va * va), r3[x] += g * (vb * vb),
-          r4[x] += g * (va * vb);
+      r0[x] += g * va;
+      r1[x] += g * vb;
+      r2[x] += g * (va * va);
+      r3[x] += g * (vb * vb);
+      r4[x] += g * (va * vb);
     }
   }
 }
@@ -78,7 +81,11 @@ static void masked_row(const float *a, const float *b, const uint8_t *mask, int 
     for (int t = 0; t < TAPS; t++) {
       if (!mask[x + t]) continue;
       double va = (double)a[x + t], vb = (double)b[x + t], g = window[t];
-      m[0] += g * va, m[1] += g * vb, m[2] += g * (va * va), m[3] += g * (vb * vb), m[4] += g * (va * vb);
+      m[0] += g * va;
+      m[1] += g * vb;
+      m[2] += g * (va * va);
+      m[3] += g * (vb * vb);
+      m[4] += g * (va * vb);
       count += 1;
     }
     double scale = count > 0 ? TAPS / count : 0;
@@ -87,7 +94,7 @@ static void masked_row(const float *a, const float *b, const uint8_t *mask, int 
   }
 }
 
-// The second blur, down the columns, over the rows' own masks; ring row i holds image row y0 + i.
+// The second blur, down the columns, over the masks of the rows; ring row i holds image row y0 + i.
 static double masked_sum(const double *ring, int w, int y0) {
   size_t row_doubles = (size_t)(N_MAPS + 1) * (size_t)w;
   double sum = 0;
@@ -102,9 +109,10 @@ static double masked_sum(const double *ring, int w, int y0) {
     double scale = count > 0 ? TAPS / count : 0;
     for (int k = 0; k < N_MAPS; k++) m[k] *= scale;
     double s1 = m[2] - m[0] * m[0], s2 = m[3] - m[1] * m[1], s12 = m[4] - m[0] * m[1];
-    s1 = s1 > 0 ? s1 : 0, s2 = s2 > 0 ? s2 : 0;
-    double most = sqrt(s1 * s2);
-    s12 = s12 > most ? most : s12 < -most ? -most : s12;
+    s1 = s1 > 0 ? s1 : 0;
+    s2 = s2 > 0 ? s2 : 0;
+    double max = sqrt(s1 * s2);
+    s12 = s12 > max ? max : s12 < -max ? -max : s12;
     sum += ssim_of(m[0], m[1], s1, s2, s12);
   }
   return sum;

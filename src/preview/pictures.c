@@ -4,6 +4,7 @@
 
 #include "src/run/app.h"
 #include "src/base/mathx.h"
+#include "src/metric/metric.h"
 
 static uint8_t to_u8(float x) { return (uint8_t)(sv_clampf(x, 0.0f, 1.0f) * 255.0f + 0.5f); }
 
@@ -140,11 +141,6 @@ static int fitting_step(int width_px, int height_px, int cap_w, int cap_h) {
   return sv_maxi((width_px + cap_w - 1) / cap_w, (height_px + cap_h - 1) / cap_h);
 }
 
-static double psnr_of(double sum, double n) {
-  double mse = n > 0 ? sum / n : 0;
-  return -10.0 / 2.302585092994046 * sv_log(mse > 1e-12 ? mse : 1e-12);
-}
-
 static sv_status small_view(sv_app *app, const sv_train_view *tv, int cap_w, int cap_h, uint8_t *rgb,
                             int *out_w, int *out_h, double *psnr) {
   const sv_planes *measured;
@@ -169,7 +165,7 @@ static sv_status small_view(sv_app *app, const sv_train_view *tv, int cap_w, int
     }
   }
   *out_w = 2 * sw, *out_h = sh;
-  *psnr = psnr_of(sum / (255.0 * 255.0), 3.0 * w * h);
+  *psnr = sv_psnr_of_mse(sum / (255.0 * 255.0 * 3.0 * w * h));
   return SV_OK;
 }
 
@@ -202,7 +198,7 @@ static sv_status small_composite(sv_app *app, const sv_train_composite *tc, int 
         }
     }
   *out_w = 2 * sw, *out_h = sh;
-  *psnr = psnr_of(sum, 3.0 * w * h);
+  *psnr = sv_psnr_of_mse(sum / (3.0 * w * h));
   return SV_OK;
 }
 

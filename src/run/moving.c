@@ -5,6 +5,7 @@
 // next; what is not there gets Gaussians from the newest exposure's depth maps. Each exposure gets a fixed time; what came meanwhile is left out as whole exposures (src/sync/capture_queue.h).
 #include "src/run/app.h"
 #include "src/base/mathx.h"
+#include "src/metric/metric.h"
 #include "src/train/objective.h"
 #include "src/train/renew.h"
 
@@ -71,7 +72,7 @@ static sv_status score_newest(sv_app *app) {
     double mse;
     sv_status s = sv_app_mse(app, &v->view, v->image.px, &mse);
     if (s < 0) return s;
-    sum += -10.0 / 2.302585092994046 * sv_log(mse > 1e-12 ? mse : 1e-12) / n;
+    sum += sv_psnr_of_mse(mse) / n;
   }
   app->n_scored++;
   app->psnr_sum += sum;

@@ -6,6 +6,7 @@
 #include "src/base/mathx.h"
 #include "src/deform/deform_file.h"
 #include "src/format/axes.h"
+#include "src/metric/metric.h"
 #include "src/train/checkpoint.h"
 
 static sv_sink store_sink(sv_store *st) { return (sv_sink){.self = st->self, .write = st->write}; }
@@ -125,8 +126,6 @@ static sv_status composite_mse(sv_app *app, const sv_train_composite *tc, double
   return SV_OK;
 }
 
-static double psnr_of(double mse) { return -10.0 / 2.302585092994046 * sv_log(mse > 1e-12 ? mse : 1e-12); }
-
 sv_status sv_app_training_psnr(sv_app *app, double *psnr) {
   const sv_trainer *t = &app->trainer;
   *psnr = 0;
@@ -135,7 +134,7 @@ sv_status sv_app_training_psnr(sv_app *app, double *psnr) {
     sv_status s = i < t->n_views ? sv_app_mse(app, &t->views[i].view, t->views[i].image.px, &mse)
                                  : composite_mse(app, &t->composites[i - t->n_views], &mse);
     if (s < 0) return s;
-    *psnr += psnr_of(mse) / (t->n_views + t->n_composites);
+    *psnr += sv_psnr_of_mse(mse) / (t->n_views + t->n_composites);
   }
   return SV_OK;
 }

@@ -5,8 +5,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "src/base/mathx.h"
 #include "src/format/rig_file.h"
+#include "src/metric/metric.h"
 
 #define BLOCK_BYTES ((size_t)96 << 20)
 
@@ -340,7 +340,7 @@ double world_heldout_psnr(world *w, int n) {
     sv_sim_heldout_view(&w->sim, i, n, &v, &t);
     sv_sim_render(&w->sim, &v, t, truth, NULL);
     if (sv_app_mse(&w->app, &v, truth, &mse) < 0) return -1;
-    psnr += -10.0 / 2.302585092994046 * sv_log(mse > 1e-12 ? mse : 1e-12) / n;
+    psnr += sv_psnr_of_mse(mse) / n;
   }
   return psnr;
 }

@@ -10,7 +10,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "src/base/mathx.h"
+#include "src/metric/metric.h"
 #include "src/train/renew.h"
 #include "tests/common/world.h"
 
@@ -50,7 +50,7 @@ static double psnr_of_newest(void) {
     const sv_train_view *v = &w.app.trainer.views[i];
     double mse;
     assert_int_equal(sv_app_mse(&w.app, &v->view, v->image.px, &mse), SV_OK);
-    sum += -10.0 / 2.302585092994046 * sv_log(mse) / w.app.trainer.n_views;
+    sum += sv_psnr_of_mse(mse) / w.app.trainer.n_views;
   }
   return sum;
 }
