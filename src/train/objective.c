@@ -63,7 +63,7 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   if (is_grid) cfg->floor_px = 0.4f, cfg->dilation_px2 = SV_DILATION_AREA_PX2;
   // With compensation a low-pass of 0.3 takes what the pixels show for blur of their own: finer detail is lost.
   if (cfg->is_antialiased) cfg->dilation_px2 = SV_DILATION_AREA_PX2;
-  // Where several lenses share a pixel, whose light it is settles better in Adam's even steps (docs/time_to_quality.md).
+  // Where several lenses share a pixel, whose light it is settles better in Adam's even steps (docs/notes/quality.md).
   // So does what is seen at some times only, whose curvature of a step ago was another picture's.
   // From afar they come nearer to a surface that several views see.
   const bool is_even =

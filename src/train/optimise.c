@@ -13,7 +13,7 @@
 
 #define KEEP_GRADIENT 0.9f // of its running mean, a step
 
-#define UNHURRIED_STEPS 2000.0 // runs of fewer steps learn faster (docs/time_to_quality.md)
+#define UNHURRIED_STEPS 2000.0 // runs of fewer steps learn faster (docs/notes/quality.md)
 #define CAP_HASTE       2.5f
 
 typedef struct {

@@ -5,7 +5,7 @@
 
 #define LEAST_SHARE 16   // of the Gaussians: fewer points leave most of the scene empty
 #define OPACITY     0.3f // neither covers what is behind a wrong depth nor is faded before it is tried
-#define SCALE       0.8f // with half of the neighbours' distance, surfaces have holes (docs/time_to_quality.md)
+#define SCALE       0.8f // with half of the neighbours' distance, surfaces have holes (docs/notes/quality.md)
 
 // Mean colour of the pixels that a map's pixel was reduced from; false where they are transparent.
 static bool colour(const sv_image_u8 *im, int k, int x, int y, float rgb[3]) {

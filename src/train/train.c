@@ -30,7 +30,7 @@ sv_train_cfg sv_train_defaults(void) {
       .lr = {.mean_start = 1.6e-4f,
              .mean_end = 1.6e-6f,
              .quat = 1e-3f,
-             .scale = 1e-2f, // twice the usual: runs are short (docs/time_to_quality.md)
+             .scale = 1e-2f, // twice the usual: runs are short (docs/notes/quality.md)
              .logit = 0.05f,
              .sh0 = 2.5e-3f,
              .sh_rest = 2.5e-3f / 20.0f},
@@ -38,7 +38,7 @@ sv_train_cfg sv_train_defaults(void) {
       .newton = {.first_every = 5, // no divisors of what repeats otherwise: all kinds of views have turns
                  .first_steps = 300,
                  .every = 17,
-                 .half_from = 1000, // earlier they may not scatter more (docs/time_to_quality.md)
+                 .half_from = 1000, // earlier they may not scatter more (docs/notes/quality.md)
                  .keep = 0.9f,
                  .rate_start = 0.1f,
                  .rate_end = 0.02f,
