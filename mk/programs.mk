@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: Apache-2.0
+# Libraries and programs: libcore.a (src, calib, kernels), libplatform.a, libtools.a, and the programs in bin/.
+ifneq ($(filter-out all minimal,$(WITH)),)
+$(error WITH is all or minimal, not $(WITH))
+endif
+CORE     := $(O)/libcore.a
+ARCHIVES := $(O)/libtools.a $(O)/libplatform.a $(CORE)
+PROGRAMS := $(O)/bin/subview $(O)/bin/subview-lab
+ifneq ($(WITH),minimal)
+PROGRAMS += $(O)/bin/subview-preview $(O)/bin/subview-calibrate
+endif
+
+$(eval $(call archive_rule,libcore,$(call obj,$(CORE_SRC))))
+$(eval $(call archive_rule,libplatform,$(call obj,$(PLAT_SRC))))
+$(eval $(call archive_rule,libtools,$(call obj,$(HELPER_SRC))))
+$(eval $(call archive_rule,libcalibrate,$(call obj,$(filter-out %/main.c,$(CAL_SRC)) $(SOLVE_SRC))))
+
+# Optional libraries are looked up when a program is linked, as the same make may have made the sysroot.
+has_lib = $(if $(wildcard $(INC_DIR)/$(1)),$(2))
+link = @mkdir -p $(@D); $(if $(V),echo link $@;) $(CC) $(filter %.o,$^) $(filter %.a,$^) $(LDFLAGS_ALL) $(1) \
+  $(LIBS) $(call has_lib,zstd.h,-lzstd) $(call has_lib,webp/mux.h,-lwebpmux -lwebpdemux -lwebp) -o $@
+$(O)/bin/subview: $(call obj,$(MAIN_SRC)) $(ARCHIVES)
+	$(call link)
+$(O)/bin/subview-preview: $(call obj,$(PREVIEW_SRC)) $(O)/libplatform.a $(CORE)
+	$(call link,$(call has_lib,microhttpd.h,-lmicrohttpd) $(call has_lib,seccomp.h,-lseccomp))
+$(O)/bin/subview-lab: $(call obj,tools/lab/main.c) $(ARCHIVES)
+	$(call link)
+$(O)/bin/subview-calibrate: $(call obj,tools/calibrate/main.c) $(O)/libcalibrate.a $(ARCHIVES)
+	$(call link,$(SOLVE_LIBS))
+
+.PHONY: all programs plan clean
+all: $(CORE) $(PROGRAMS) tests-build
+programs: $(CORE) $(PROGRAMS)
+plan: $(O)/bin/subview
+	@$(EMULATE) $< plan
+clean:
+	@rm -rf $(O)

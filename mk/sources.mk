@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+# Sources by folder: a new file, or a new folder below src, tools or tests, needs no change here.
+c_files = $(wildcard $(1)/*.c $(1)/*/*.c)
+obj     = $(patsubst %.cc,$(O)/obj/%.o,$(patsubst %.c,$(O)/obj/%.o,$(1)))
+
+CORE_SRC    := $(call c_files,src/*) $(wildcard calib/*.c) $(KERNEL_SRC)
+MAIN_SRC    := $(filter-out $(if $(HAVE_BENCH),,boards/cmd_bench.c),$(wildcard boards/*.c))
+PREVIEW_SRC := $(wildcard platform/preview/*.c)
+CAL_SRC     := $(call c_files,tools/calibrate)
+# Programs of tools/ have their main() in a file main.c; all other files of tools/ are a library.
+LAB_SRC     := $(filter-out $(CAL_SRC),$(call c_files,tools/*))
+HELPER_SRC  := $(filter-out %/main.c,$(LAB_SRC))
+TEST_SRC    := $(call c_files,tests/*)
+
+# --- optional libraries: what is missing is left out -------------------------------------------------------------------
+have     = $(if $(filter minimal,$(WITH)),,$(if $(filter $(words $(1)),$(words $(wildcard $(addprefix $(INC_DIR)/,$(1))))),1))
+have_cxx = $(if $(HAVE_CXX),$(call have,$(1)))
+HAVE_libcamera := $(call have_cxx,libcamera/libcamera/libcamera.h)
+HAVE_mrcal     := $(call have,mrcal/mrcal.h suitesparse/cholmod.h)
+HAVE_opencv    := $(call have_cxx,opencv4/opencv2/calib3d.hpp opencv4/opencv2/video.hpp)
+HAVE_mrgingham := $(call have_cxx,mrgingham/mrgingham.hh opencv4/opencv2/core.hpp)
+HAVE_opengv    := $(call have_cxx,opengv/types.hpp eigen3/Eigen/Core)
+
+PLAT_SRC := $(foreach p,$(BOARD_PLATFORMS),$(wildcard platform/$(p)/*.c $(if $(HAVE_$(p)),platform/$(p)/*.cc)))
+LIBS     := $(BOARD_LIBS) -ljpeg -lpng -lz -lpthread -lm
+ifneq ($(filter libcamera,$(BOARD_PLATFORMS))$(HAVE_libcamera),libcamera)
+PLAT_SRC := $(filter-out platform/libcamera/libcamera_none.c,$(PLAT_SRC))
+LIBS     += $(if $(HAVE_libcamera),-lcamera -lcamera-base -lstdc++)
+endif
+
+# Of calib/solve the files named *_LIB.c or *_LIB.cc need LIB; without it *_LIB_none.c takes their place, whose functions
+# report that LIB is missing.
+SOLVE_ALL  := mrcal opencv mrgingham opengv
+SOLVE_LIBS_mrcal     := -lmrcal -lcholmod
+SOLVE_LIBS_opencv    := -lopencv_calib3d -lopencv_video -lopencv_features2d -lopencv_imgproc -lopencv_core
+SOLVE_LIBS_mrgingham := -lmrgingham -lopencv_core
+SOLVE_LIBS_opengv    := -lopengv
+SOLVE_SRC  := $(filter-out $(foreach l,$(SOLVE_ALL),%_$(l).c %_$(l)_none.c),$(wildcard calib/solve/*.c)) \
+  $(foreach l,$(SOLVE_ALL),$(wildcard $(if $(HAVE_$(l)),calib/solve/*_$(l).c calib/solve/*_$(l).cc,\
+  calib/solve/*_$(l)_none.c)))
+SOLVE_LIBS := $(foreach l,$(SOLVE_ALL),$(if $(HAVE_$(l)),$(SOLVE_LIBS_$(l)))) \
+  $(if $(HAVE_opencv)$(HAVE_mrgingham)$(HAVE_opengv),-lstdc++)
+
+ALL_OBJ := $(call obj,$(CORE_SRC) $(PLAT_SRC) $(PREVIEW_SRC) $(MAIN_SRC) $(LAB_SRC) $(CAL_SRC) $(SOLVE_SRC) $(TEST_SRC))

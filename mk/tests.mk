@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+# Tests: tests/GROUP/test_*.c are programs of their own; the other files of a group's folder are linked to all of its
+# programs, tests/common to all of all groups.
+GROUPS_PLAIN := unit grad golden fault scenario budget
+
+# Programs that count or forbid heap calls are linked with the malloc interposer; any other program would be interposed
+# unasked.
+HEAP_SRC   := tests/fault/heap_count.c
+HEAP_USERS := fault/test_hostile_jpeg fault/test_heap_live fault/test_heap_run fault/test_v4l2_faults \
+  unit/test_codec unit/test_linux unit/test_heap_count unit/test_replay
+# Programs that are linked with calibration and its libraries.
+SOLVE_USERS := unit/test_boards unit/test_rig_pose unit/test_calib_mrcal unit/test_lenslets \
+  scenario/test_real_boards scenario/test_lenslet_rig
+
+# Programs alone must not need tests/common (tools/lint/links.sh checks).
+$(eval $(call archive_rule,libtests,$(call obj,$(call c_files,tests/common))))
+TEST_ARCHIVES := $(O)/libtests.a $(ARCHIVES)
+
+group_main = $(foreach f,$(call c_files,tests/$(1)),$(if $(filter test_%,$(notdir $(f))),$(f)))
+define group_rules
+PROGS_$(1) := $(patsubst %.c,$(O)/%,$(call group_main,$(1)))
+$$(PROGS_$(1)): $(O)/tests/$(1)/%: $(O)/obj/tests/$(1)/%.o \
+  $(call obj,$(filter-out $(call group_main,$(1)) $(HEAP_SRC),$(call c_files,tests/$(1)))) $(TEST_ARCHIVES)
+	$$(call link,-lcmocka $$(SOLVE_LIBS_HERE))
+endef
+$(foreach g,$(GROUPS_PLAIN),$(if $(call group_main,$(g)),$(eval $(call group_rules,$(g)))))
+
+$(HEAP_USERS:%=$(O)/tests/%): $(call obj,$(HEAP_SRC))
+$(SOLVE_USERS:%=$(O)/tests/%): SOLVE_LIBS_HERE = $(O)/libcalibrate.a $(TEST_ARCHIVES) $(SOLVE_LIBS)
+$(SOLVE_USERS:%=$(O)/tests/%): $(O)/libcalibrate.a
+
+PROGS_kernels := $(O)/tests/kernels-check
+$(PROGS_kernels): $(call obj,$(call c_files,tests/kernels)) $(TEST_ARCHIVES)
+	$(call link)
+
+FUZZ_SRC   := $(wildcard tests/fuzz/fuzz_*.c)
+PROGS_fuzz := $(FUZZ_SRC:%.c=$(O)/%)
+$(PROGS_fuzz): $(O)/tests/fuzz/%: $(O)/obj/tests/fuzz/%.o \
+  $(call obj,$(filter-out $(FUZZ_SRC),$(wildcard tests/fuzz/*.c))) $(TEST_ARCHIVES)
+	$(call link)
+
+# The source suite and fault injection on cameras that are present; the virtual board runs them.
+PROGS_conform := $(O)/tests/source-check $(O)/tests/source-faults
+$(O)/tests/source-check: $(call obj,tests/conform/source_check.c) $(TEST_ARCHIVES)
+	$(call link)
+$(O)/tests/source-faults: $(call obj,tests/conform/source_faults.c tests/conform/inject.c) $(TEST_ARCHIVES)
+	$(call link)
+
+PROGS_lint  := $(CORE) $(PROGRAMS)
+PROGS_named := $(addprefix $(O)/tests/,$(TESTS))
+
+.PHONY: tests-build conform
+tests-build: $(foreach g,$(GROUPS_PLAIN) kernels fuzz conform,$(PROGS_$(g)))
+conform: $(PROGS_conform)
+
+# --- running -----------------------------------------------------------------------------------------------------------
+# Tests that start a program read these: where the programs are, and what to put before them when they are foreign.
+export SV_BIN := $(O)/bin
+export SV_EMULATE := $(EMULATE)
+
+# A group's list for tests/run/run.sh: one line an item, "label\tcommand" or "label\tcommand\tseconds". An item whose
+# label begins with "!" runs alone.
+LINTS := files words includes headers symbols stack links format
+LINT_ENV := CC='$(CC) $(SYSROOT_FLAG)' OBJDUMP='$(OBJDUMP)' SAN='$(SAN)'
+item = "$(1)\t$(2)$(if $(3),\t$(3))"
+ITEMS_lint = $(foreach l,$(LINTS),$(call item,lint/$(l),$(LINT_ENV) tools/lint/$(l).sh \
+  $(if $(filter symbols stack links,$(l)),$(O)))) $(call item,lint/selftest,tests/run/selftest.sh)
+# Building and emulating takes longer than other checks.
+ITEMS_cross = $(call item,cross/generic-arm64,BUILD='$(BUILD)' tests/run/cross.sh generic-arm64,1500)
+ITEMS_budget = $(foreach p,$(PROGS_budget),$(call item,!$(p:$(O)/tests/%=%),$(EMULATE) $(p)))
+ITEMS_fuzz = $(foreach p,$(PROGS_fuzz),$(call item,$(p:$(O)/tests/%=%),$(EMULATE) $(p) $(FUZZ_ARGS)))
+items = $(or $(ITEMS_$(1)),$(foreach p,$(PROGS_$(1)),$(call item,$(p:$(O)/tests/%=%),$(EMULATE) $(p))))
+
+# run_rule TARGET,GROUPS. Tests of these groups start the programs.
+USE_PROGRAMS := scenario fault budget named
+define run_rule
+.PHONY: $(1)
+$(1): $(foreach g,$(2),$$(PROGS_$(g))) $(if $(filter $(USE_PROGRAMS),$(2)),$(PROGRAMS)) | $(SYSROOT_STAMP)
+	@mkdir -p $(O)/run
+	@printf '%b\n' $$(foreach g,$(2),$$(call items,$$(g))) > $(O)/run/$(1).list
+	@tests/run/run.sh -j $(JOBS) -o $(O)/run/$(1) $(O)/run/$(1).list
+endef
+ifeq ($(BOARD_ARCH)$(SAN),$(HOST_ARCH))
+ALL_GROUPS := lint unit kernels grad golden fault fuzz scenario cross budget
+else
+ALL_GROUPS := unit kernels grad golden fault fuzz scenario
+endif
+$(eval $(call run_rule,test-all,$(ALL_GROUPS)))
+$(eval $(call run_rule,check,unit kernels grad))
+$(eval $(call run_rule,unit,unit))
+$(eval $(call run_rule,kernels-check,kernels))
+$(eval $(call run_rule,grad,grad))
+$(eval $(call run_rule,scenario,scenario))
+$(eval $(call run_rule,golden,golden))
+$(eval $(call run_rule,fault,fault))
+$(eval $(call run_rule,fuzz,fuzz))
+$(eval $(call run_rule,lint,lint))
+$(eval $(call run_rule,only,$(GROUPS)))
+test-all: programs
+
+.PHONY: test cross board-test bare-test accept-counts
+test:
+	@[ '$(WITH)' != minimal ] || { echo "make test: the tests are of all features, so not with WITH=minimal" >&2; exit 2; }
+	@WITH='$(WITH)' tools/deps/install.sh test
+	@+$(MAKE) --no-print-directory $(PARALLEL) test-all
+cross:
+	@BUILD='$(BUILD)' tests/run/cross.sh generic-arm64
+# The sysroot comes first: what it has decides what is built.
+board-test:
+	@WITH='$(WITH)' tools/deps/install.sh board
+	@+$(MAKE) --no-print-directory '$(BUILD)/sysroot-arm64/.complete'
+	@+$(MAKE) --no-print-directory BOARD=generic-arm64 SAN= $(PARALLEL) programs conform
+	@tests/board/run.sh '$(BUILD)' '$(BUILD)/generic-arm64'
+bare-test:
+	@tools/deps/install.sh bare
+	@tests/bare/bare.sh '$(BUILD)' $(RUNS)
+accept-counts: $(O)/tests/budget/test_budget_counts
+	@$< --accept
