@@ -40,7 +40,7 @@ int options_parse(const char *command, const char *summary, const char *example,
 // One line "subview COMMAND: TEXT; try 'subview COMMAND --help'" on stderr. Returns EXIT_USAGE.
 int usage_error(const char *command, const char *fmt, ...) SV_PRINTF(2, 3);
 void print_version(void);
-// --sync: a sv_intake_mode; -1: it is none.
+// --sync: a sv_sync_method; -1: it is none.
 int sync_mode_of(const char *name);
 // Text to a file descriptor in one write, without stdio's buffers.
 void say(int fd, const char *fmt, ...) SV_PRINTF(2, 3);

@@ -20,14 +20,14 @@
 typedef struct {
   const char *source, *rig, *out, *sync;
   long exposures, skew_ms;
-  int i_sync; // sv_intake_mode
+  int i_sync; // sv_sync_method
   double duration;
   bool is_json, is_quiet;
 } capture_options;
 
 static struct {
   board_source src;
-  sv_intake in;
+  sv_capture_queue in;
   sv_linux_background background; // the thread of the cameras, when they are real
   sv_worker worker;
   _Atomic int started; // sv_status of it; 1: not yet known
@@ -93,14 +93,14 @@ static sv_status write_frame(const sv_frame *frame, sv_err *err) {
   return sv_capture_writer_add(&cap.writer, &f, err);
 }
 
-static sv_status save_exposure(sv_intake_exposure *t, sv_err *err) {
+static sv_status save_exposure(sv_queued_exposure *t, sv_err *err) {
   sv_status s = SV_OK;
   for (int i = 0; s >= 0 && i < cap.src.source.n_cameras; i++)
     if (t->frames[i].i_camera >= 0) s = write_frame(&t->frames[i], err);
   sv_convert_forget(&cap.convert);
   if (s >= 0 && t->exposure.has_pose)
     s = sv_capture_writer_add_pose(&cap.writer, t->exposure.time_ns, &t->exposure.rig_from_world, err);
-  sv_intake_give_back(&cap.in, t, true);
+  sv_capture_queue_give_back(&cap.in, t, true);
   if (s >= 0) cap.n_exposures++;
   return s;
 }
@@ -110,7 +110,7 @@ static bool log_events(const sv_console *con) {
   char line[256];
   sv_camera_event e;
   bool is_back = false;
-  while (sv_intake_pop_event(&cap.in, &e) == SV_OK) {
+  while (sv_capture_queue_pop_event(&cap.in, &e) == SV_OK) {
     sv_str s = sv_str_make(line, sizeof line);
     sv_camera_event_line(&s, &e, cap.src.caps, cap.src.source.n_cameras);
     con->log(con->self, SV_LOG_WARN, line);
@@ -123,7 +123,7 @@ static void log_live(const sv_console *con, double elapsed_s) {
   char line[640];
   sv_str s = sv_str_make(line, sizeof line);
   sv_str_add(&s, "capture  %ld exposures  %.1f s", cap.n_exposures, elapsed_s);
-  if (sv_intake_line(&cap.in, &s) == SV_OK) con->log(con->self, SV_LOG_LIVE, line);
+  if (sv_capture_queue_line(&cap.in, &s) == SV_OK) con->log(con->self, SV_LOG_LIVE, line);
 }
 
 // Cameras are served the moment their frames come, however long a disk takes; what it cannot take is left out as whole
@@ -131,9 +131,9 @@ static void log_live(const sv_console *con, double elapsed_s) {
 static void capture_thread(void *arg) {
   sv_clock *clk = &cap.src.clock;
   (void)arg;
-  atomic_store(&cap.started, sv_intake_start(&cap.in, &cap.start_err));
+  atomic_store(&cap.started, sv_capture_queue_start(&cap.in, &cap.start_err));
   while (atomic_load(&cap.started) == SV_OK && !atomic_load(&cap.is_ending)) {
-    sv_status s = sv_intake_step(&cap.in, clk->now_ns(clk->self) + 20 * SV_NS_PER_MS);
+    sv_status s = sv_capture_queue_step(&cap.in, clk->now_ns(clk->self) + 20 * SV_NS_PER_MS);
     if (s == SV_END) break;
   }
   atomic_store(&cap.is_at_end, true);
@@ -141,7 +141,7 @@ static void capture_thread(void *arg) {
 
 static sv_status start(sv_err *err) {
   sv_clock *clk = &cap.src.clock;
-  if (cap.src.is_virtual) return sv_intake_start(&cap.in, err);
+  if (cap.src.is_virtual) return sv_capture_queue_start(&cap.in, err);
   cap.worker = sv_linux_worker_port(&cap.background);
   atomic_store(&cap.started, 1);
   sv_status s = cap.worker.start(cap.worker.self, capture_thread, NULL);
@@ -158,7 +158,7 @@ static sv_status start(sv_err *err) {
 static sv_status stop(sv_err *err) {
   atomic_store(&cap.is_ending, true);
   if (cap.worker.join) cap.worker.join(cap.worker.self);
-  sv_status s = sv_intake_stop(&cap.in);
+  sv_status s = sv_capture_queue_stop(&cap.in);
   return s < 0 ? sv_fail(err, s, "the cameras did not stop: %s", sv_status_text(s)) : s;
 }
 
@@ -166,8 +166,8 @@ static sv_status stop(sv_err *err) {
 static sv_status wait_a_moment(sv_ns now) {
   sv_clock *clk = &cap.src.clock;
   bool is_at_end = atomic_load(&cap.is_at_end); // before the look at what is ready: the last ones are taken
-  if (sv_intake_n_ready(&cap.in)) return SV_OK;
-  if (cap.src.is_virtual) return sv_intake_step(&cap.in, now + 100 * SV_NS_PER_MS);
+  if (sv_capture_queue_n_ready(&cap.in)) return SV_OK;
+  if (cap.src.is_virtual) return sv_capture_queue_step(&cap.in, now + 100 * SV_NS_PER_MS);
   if (is_at_end) return SV_END;
   clk->sleep_until_ns(clk->self, now + LOOK_NS);
   return SV_OK;
@@ -189,8 +189,8 @@ static sv_status record(const capture_options *o, sv_err *err) {
     if (!cap.src.source.event && atomic_load(&cap.in.n_device_errors))
       return sv_fail(err, atomic_load(&cap.in.broken_status), "camera %d: %s", atomic_load(&cap.in.i_broken),
                      sv_status_text(atomic_load(&cap.in.broken_status)));
-    sv_intake_exposure t = {.frames = cap.frames};
-    if (sv_intake_take(&cap.in, &t) == SV_OK) {
+    sv_queued_exposure t = {.frames = cap.frames};
+    if (sv_capture_queue_take(&cap.in, &t) == SV_OK) {
       sv_status s = save_exposure(&t, err);
       if (s < 0) return s;
       last_ns = clk->now_ns(clk->self); // only from here on nothing comes: saving took its time
@@ -251,17 +251,17 @@ static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err
   sv_status s = source_open(&cap.src, o->source, o->rig, (int)o->exposures, false, arena, err);
   if (s < 0) return s;
   int n = cap.src.source.n_cameras;
-  sv_intake_cfg ic = {.n_cameras = n,
-                      .caps = cap.src.caps,
-                      .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,
-                      .queue_len = QUEUE_LEN,
-                      .cap_ready = cap.src.is_virtual ? CAP_VIRTUAL : CAP_READY,
-                      .mode = (sv_intake_mode)o->i_sync};
+  sv_capture_queue_cfg ic = {.n_cameras = n,
+                             .caps = cap.src.caps,
+                             .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,
+                             .queue_len = QUEUE_LEN,
+                             .cap_ready = cap.src.is_virtual ? CAP_VIRTUAL : CAP_READY,
+                             .mode = (sv_sync_method)o->i_sync};
   sv_arena_part_begin(arena, "sync");
   cap.frames = SV_TAKE(arena, sv_frame, n);
-  s = sv_intake_init(&cap.in, &ic, &cap.src.source, &cap.src.clock, arena);
+  s = sv_capture_queue_init(&cap.in, &ic, &cap.src.source, &cap.src.clock, arena);
   if (s < 0) return sv_fail(err, s, "no frame synchronisation for %d cameras: %s", n, sv_status_text(s));
-  if ((s = sv_intake_check(&cap.in, err)) < 0) return s;
+  if ((s = sv_capture_queue_check(&cap.in, err)) < 0) return s;
   if (sv_capture_has_frames(o->out))
     return sv_fail(err, SV_E_ARG, "%s: holds a capture already; take another --out or remove it", o->out);
   if (cap.src.rig && (s = write_rig(o->out, arena, err)) < 0) return s;

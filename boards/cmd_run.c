@@ -4,7 +4,7 @@
 #include <unistd.h>
 
 #include "boards/board_main.h"
-#include "boards/live_view.h"
+#include "boards/preview.h"
 #include "boards/run_options.h"
 #include "platform/codec/codec.h"
 #include "src/base/mathx.h"
@@ -80,8 +80,8 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .source_name = o->source,
                   .n_exposures = (int)o->exposures,
                   .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,
-                  .sync_mode = (sv_intake_mode)o->i_sync,
-                  .is_live = o->is_live,
+                  .sync_mode = (sv_sync_method)o->i_sync,
+                  .is_continuous = o->is_continuous,
                   .is_dynamic = o->is_dynamic,
                   .exposure_s = o->exposure_s,
                   .preview_every_s = 2,
@@ -89,7 +89,7 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .train = sv_train_defaults(),
                   .steps = (uint32_t)o->steps,
                   .time_limit_s = o->time_limit,
-                  .is_tracking = !o->is_live && !o->is_dynamic && !tells_poses(&run.src.source),
+                  .is_tracking = !o->is_continuous && !o->is_dynamic && !tells_poses(&run.src.source),
                   .prior = (sv_prior_method)o->i_prior,
                   .optimizer = o->i_optimizer + 1,
                   .is_refining = o->is_refining,
@@ -99,7 +99,7 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .save_every_s = o->save_every,
                   .picture_every_s = o->picture_every,
                   .board_name = BOARD_NAME,
-                  .has_live_view = o->preview || o->has_feed,
+                  .has_preview = o->preview || o->has_feed,
                   .is_session = o->is_session};
   c.train.n_gaussians = (int)o->gaussians;
   c.train.sh_degree = (int)o->sh;
@@ -134,7 +134,7 @@ static sv_status heldout_psnr(double *psnr, int *n_views) {
   sv_odometry *odo = &run.app.odometry;
   sv_similarity q = {.s = 1};
   // A live model of a moving scene is that of the last moments: the held-out views are of others.
-  if (run.src.kind != SOURCE_SIM || (run.app.cfg.is_dynamic && run.app.cfg.is_live)) return SV_OK;
+  if (run.src.kind != SOURCE_SIM || (run.app.cfg.is_dynamic && run.app.cfg.is_continuous)) return SV_OK;
   if (odo->is_tracked) q = sv_odometry_from(odo, &run.app.exposures, true_pose, &run.src.u.sim);
   for (int i = 0; i < SV_SIM_N_HELDOUT; i++) {
     sv_view v;
@@ -186,7 +186,7 @@ static int report(const run_options *o, sv_err *err) {
 
 // A live run takes the others later, in the place of the oldest.
 static void say_left_out(const run_options *o) {
-  if (run.src.kind != SOURCE_REPLAY || o->is_live || o->is_quiet) return;
+  if (run.src.kind != SOURCE_REPLAY || o->is_continuous || o->is_quiet) return;
   int n = sv_replay_most_exposures(&run.src.u.replay);
   if (n > o->exposures)
     say(2,
@@ -220,7 +220,7 @@ static sv_status set_up(const run_options *o, sv_arena *arena, const char **what
                   .decoder = run.src.decoder};
   // Cameras on real time get a thread; the simulator's and a recording's time waits for nobody.
   if (!run.src.is_virtual) port.worker = sv_linux_worker_port(&run.background);
-  live_view_publish(&port.publish);
+  preview_publish(&port.publish);
   *what = "memory";
   return sv_app_init(&run.app, &cfg, &run.k, &port, arena, err);
 }
@@ -235,7 +235,7 @@ static int do_run(const run_options *o, bool *is_again) {
   sv_err err = {0};
   sv_status s = sv_app_run(&run.app, &err);
   sv_linux_console_finish(&run.console);
-  *is_again = run.app.live.is_new_requested;
+  *is_again = run.app.preview.is_new_requested;
   if (*is_again) return 0;
   if (s == SV_E_INTERRUPTED && run.app.state == SV_APP_DONE) { // what was trained is saved
     say(2, "subview: %s\n", err.text);
@@ -246,7 +246,7 @@ static int do_run(const run_options *o, bool *is_again) {
   int code = s < 0 ? fail_with(&err) : report(o, &err);
   if (!code && run.preview_err.status < 0) code = fail_with(&run.preview_err);
   run.preview_err = (sv_err){0};
-  *is_again = sv_live_stay(&run.app) == SV_AGAIN;
+  *is_again = sv_preview_stay(&run.app) == SV_AGAIN;
   return code;
 }
 
@@ -266,7 +266,7 @@ static int run_once(const run_options *o, bool *is_again) {
     }
     code = err.text[0] ? 1 : EXIT_USAGE;
     sv_feed_lacks lacks = what[0] == 'c' ? SV_LACKS_CAMERA : what[0] == 'r' ? SV_LACKS_RIG : SV_LACKS_OTHER;
-    *is_again = live_view_failed(o, lacks, err.text, &console);
+    *is_again = preview_failed(o, lacks, err.text, &console);
   } else {
     if (o->is_check || (run.console.is_terminal && !o->is_quiet && is_first_run(o)))
       check_list(o, &run.src, &arena, &run.k);
@@ -289,10 +289,10 @@ int cmd_run(int argc, char **argv) {
   if (sv_linux_catch_signals(&err) < 0) return fail_with(&err);
   sv_linux_outlive_readers();
   if (sv_linux_pool_start(&run.pool, (int)o.threads, SPIN_US, &err) < 0) return fail_with(&err);
-  int code = live_view_open(&o, &err) < 0;
+  int code = preview_open(&o, &err) < 0;
   if (code && err.text[0]) fail_with(&err); // the server has spoken otherwise
   for (bool is_again = !code; is_again;) code = run_once(&o, &is_again);
-  live_view_close();
+  preview_close();
   sv_linux_pool_stop(&run.pool);
   return code;
 }

@@ -99,7 +99,7 @@ int options_parse(const char *command, const char *summary, const char *example,
 }
 
 int sync_mode_of(const char *name) {
-  static const char *const names[] = {"free", "frame-length", "trigger"}; // in the order of sv_intake_mode
+  static const char *const names[] = {"free", "frame-length", "trigger"}; // in the order of sv_sync_method
   for (int i = 0; i < 3; i++)
     if (!strcmp(name, names[i])) return i;
   return -1;

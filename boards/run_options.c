@@ -35,7 +35,7 @@ static const opt list[] = {
     {"--skew-limit", OPT_INT, &g.skew_ms, 1, 10000, "MS", "largest skew within an exposure (20 ms)"},
     {"--sync", OPT_TEXT, &g.sync, 0, 0, "HOW",
      "what makes the cameras expose together: free (nothing), frame-length (software), trigger (a line)"},
-    {"--live", OPT_FLAG, &g.is_live, 0, 0, NULL,
+    {"--live", OPT_FLAG, &g.is_continuous, 0, 0, NULL,
      "go on capturing while training: new exposures take the place of the oldest"},
     {"--refine-poses", OPT_FLAG, &g.is_refining, 0, 0, NULL,
      "training corrects where the rig was, when its poses are known to be off; poses.json has the result"},
@@ -68,9 +68,9 @@ static int check(run_options *o) {
   o->is_dynamic = !strcmp(o->scene, "dynamic");
   if (!o->is_dynamic && strcmp(o->scene, "static"))
     return usage_error("run", "--scene %s: expected static or dynamic", o->scene);
-  if (o->is_dynamic && o->is_live && o->is_resume)
+  if (o->is_dynamic && o->is_continuous && o->is_resume)
     return usage_error("run", "--resume: a live run of a moving scene has no past to go on from");
-  if (o->is_refining && (o->is_live || o->is_dynamic || o->is_resume))
+  if (o->is_refining && (o->is_continuous || o->is_dynamic || o->is_resume))
     return usage_error("run", "--refine-poses: not with --live, --scene dynamic or --resume");
   o->i_sync = sync_mode_of(o->sync);
   if (o->i_sync < 0) return usage_error("run", "--sync %s: expected free, frame-length or trigger", o->sync);
@@ -79,7 +79,7 @@ static int check(run_options *o) {
     return usage_error("run", "--optimizer %s: expected adam or gauss-newton", o->optimizer);
   o->i_prior = sv_prior_method_by_name(o->prior);
   if (o->i_prior < 0) return usage_error("run", "--prior %s: expected none, fsgs or sparsegs", o->prior);
-  if (o->i_prior > 0 && (o->is_live || o->is_dynamic || o->is_resume))
+  if (o->i_prior > 0 && (o->is_continuous || o->is_dynamic || o->is_resume))
     return usage_error("run", "--prior: not with --live, --scene dynamic or --resume");
   if (o->preview &&
       sv_linux_live_parse(o->preview, o->preview_addr, sizeof o->preview_addr, &o->preview_port, &err) < 0)

@@ -15,9 +15,9 @@ typedef struct {
   int i_prior;     // an sv_prior_method
   int i_optimizer; // an sv_optimizer, -1
   bool is_dynamic, is_refining;
-  bool is_resume, is_live, is_json, is_quiet, is_session, has_feed, is_check;
+  bool is_resume, is_continuous, is_json, is_quiet, is_session, has_feed, is_check;
   char preview_addr[64];    // of --preview; port 0: none
-  int preview_port, i_sync; // of --sync, in the order of sv_intake_mode
+  int preview_port, i_sync; // of --sync, in the order of sv_sync_method
 } run_options;
 
 // 0; the exit code after a message; -1 when --help was printed.

@@ -14,7 +14,7 @@ void sv_app_log(sv_app *app, sv_log_level level, const char *fmt, ...) {
   sv_vfmt(line, sizeof line, fmt, ap);
   va_end(ap);
   if (app->port.console.log) app->port.console.log(app->port.console.self, level, line);
-  sv_live_event(app, level, line);
+  sv_preview_event(app, level, line);
 }
 
 bool sv_app_is_stop_requested(const sv_app *app) {
@@ -24,10 +24,10 @@ bool sv_app_is_stop_requested(const sv_app *app) {
 
 // One camera failed; the others go on, and the timeout ends a capture that cannot complete.
 static void note_errors(sv_app *app) {
-  uint64_t n = atomic_load(&app->intake.n_device_errors);
+  uint64_t n = atomic_load(&app->queue.n_device_errors);
   if (n && !app->n_device_errors)
-    sv_app_log(app, SV_LOG_WARN, "camera %d: %s", atomic_load(&app->intake.i_broken),
-               sv_status_text(atomic_load(&app->intake.broken_status)));
+    sv_app_log(app, SV_LOG_WARN, "camera %d: %s", atomic_load(&app->queue.i_broken),
+               sv_status_text(atomic_load(&app->queue.broken_status)));
   app->n_device_errors = n;
 }
 
@@ -36,7 +36,7 @@ static bool tell_events(sv_app *app) {
   char line[256];
   sv_camera_event e;
   bool is_back = false;
-  while (sv_intake_pop_event(&app->intake, &e) == SV_OK) {
+  while (sv_capture_queue_pop_event(&app->queue, &e) == SV_OK) {
     sv_str s = sv_str_make(line, sizeof line);
     sv_camera_event_line(&s, &e, app->cfg.caps, app->cfg.n_cameras);
     sv_app_log(app, SV_LOG_WARN, "%s", line);
@@ -49,22 +49,22 @@ static void tell_live(sv_app *app) {
   char line[640];
   sv_str s = sv_str_make(line, sizeof line);
   sv_str_add(&s, "capture  %d/%d exposures", app->exposures.n, app->cfg.n_exposures);
-  if (sv_intake_line(&app->intake, &s) == SV_OK && app->port.console.log)
+  if (sv_capture_queue_line(&app->queue, &s) == SV_OK && app->port.console.log)
     app->port.console.log(app->port.console.self, SV_LOG_LIVE, line);
 }
 
 // The next exposure into the pool. AGAIN: none is ready; DROPPED: there was one, but damaged.
 static sv_status keep_exposure(sv_app *app, sv_err *err) {
-  sv_intake_exposure t = {.frames = app->frames};
-  sv_status s = sv_intake_take(&app->intake, &t);
+  sv_queued_exposure t = {.frames = app->frames};
+  sv_status s = sv_capture_queue_take(&app->queue, &t);
   if (s != SV_OK) return s;
   s = sv_exposures_add(&app->exposures, &t.exposure, t.frames, app->k, &app->port.pool, err);
-  sv_intake_give_back(&app->intake, &t, true);
+  sv_capture_queue_give_back(&app->queue, &t, true);
   if (s == SV_E_FORMAT || s == SV_E_CORRUPT) { // a damaged picture costs its exposure, not the run
     if (!app->n_bad_exposures++) sv_app_log(app, SV_LOG_WARN, "%s", err->text);
     return SV_DROPPED;
   }
-  if (s >= 0) sv_live_exposure(app);
+  if (s >= 0) sv_preview_exposure(app);
   return s;
 }
 
@@ -81,7 +81,7 @@ static sv_status capture_loop(sv_app *app, sv_err *err) {
   sv_ns last_ns = clk->now_ns(clk->self);
   while (app->exposures.n < app->cfg.n_exposures) {
     sv_ns now = clk->now_ns(clk->self);
-    if (sv_app_is_stop_requested(app) || sv_live_tick(app) < 0) return SV_E_INTERRUPTED;
+    if (sv_app_is_stop_requested(app) || sv_preview_tick(app) < 0) return SV_E_INTERRUPTED;
     if (now - last_ns > app->cfg.capture_timeout_ns)
       return sv_fail(
           err, SV_E_TIMEOUT,
@@ -89,7 +89,7 @@ static sv_status capture_loop(sv_app *app, sv_err *err) {
           "the skew limit of %g ms too tight?",
           sv_ns_to_s(now - last_ns), app->exposures.n, app->cfg.n_exposures,
           sv_ns_to_ms(app->cfg.skew_limit_ns));
-    sv_status s = sv_intake_step(&app->intake, now + WAIT_NS);
+    sv_status s = sv_capture_queue_step(&app->queue, now + WAIT_NS);
     note_errors(app);
     if (tell_events(app)) last_ns = now;
     if (s == SV_END) break;
@@ -106,7 +106,7 @@ static sv_status capture_loop(sv_app *app, sv_err *err) {
 
 static void tell_ledger(sv_app *app) {
   char line[256];
-  sv_ledger l = sv_sync_ledger_sum(&app->intake.sync);
+  sv_ledger l = sv_sync_ledger_sum(&app->queue.sync);
   if (app->exposures.n)
     sv_app_log(app, SV_LOG_INFO,
                "captured %d exposures of %d sub-views; frames: %llu captured = %llu delivered + %llu dropped",
@@ -115,14 +115,14 @@ static void tell_ledger(sv_app *app) {
                (unsigned long long)sv_ledger_dropped(&l));
   for (int i = 0; app->exposures.n && i < app->cfg.n_cameras; i++) {
     sv_str s = sv_str_make(line, sizeof line);
-    sv_camera_stats_line(&s, &app->intake.stats[i], sv_sync_ledger(&app->intake.sync, i),
+    sv_camera_stats_line(&s, &app->queue.stats[i], sv_sync_ledger(&app->queue.sync, i),
                          app->cfg.caps[i].name);
     sv_app_log(app, SV_LOG_INFO, "  %s", line);
   }
 }
 
 static void tell_deadlines(sv_app *app) {
-  const sv_intake *in = &app->intake;
+  const sv_capture_queue *in = &app->queue;
   if (in->deadline_ns > 0)
     sv_app_log(app, in->n_missed ? SV_LOG_WARN : SV_LOG_INFO,
                "frames taken later than their deadline of %.1f ms: %llu (typical %.2f ms, at most %.2f ms)",
@@ -131,18 +131,18 @@ static void tell_deadlines(sv_app *app) {
 }
 
 static sv_status stop(sv_app *app, sv_err *err) {
-  sv_status s = sv_intake_stop(&app->intake);
+  sv_status s = sv_capture_queue_stop(&app->queue);
   note_errors(app);
   return s < 0 ? sv_fail(err, s, "the cameras did not stop: %s", sv_status_text(s)) : SV_OK;
 }
 
 sv_status sv_app_capture(sv_app *app, sv_err *err) {
   app->state = SV_APP_CAPTURING;
-  sv_status s = sv_live_wait_start(app, err), t;
-  if (s >= 0) s = sv_intake_start(&app->intake, err);
+  sv_status s = sv_preview_wait_start(app, err), t;
+  if (s >= 0) s = sv_capture_queue_start(&app->queue, err);
   if (s < 0) return s;
   s = capture_loop(app, err);
-  app->is_capturing = app->cfg.is_live && s >= 0 && app->exposures.n == app->cfg.n_exposures;
+  app->is_capturing = app->cfg.is_continuous && s >= 0 && app->exposures.n == app->cfg.n_exposures;
   if (app->is_capturing) return SV_OK;
   sv_err stop_err;
   t = stop(app, &stop_err); // whatever still waits is dropped as `stopped`, so that the ledger closes
@@ -165,12 +165,12 @@ static void capture_thread(void *arg) {
   sv_app *app = arg;
   sv_clock *clk = &app->port.clock;
   while (!atomic_load(&app->is_capture_ending)) {
-    sv_status s = sv_intake_step(&app->intake, clk->now_ns(clk->self) + 20 * SV_NS_PER_MS);
+    sv_status s = sv_capture_queue_step(&app->queue, clk->now_ns(clk->self) + 20 * SV_NS_PER_MS);
     if (s == SV_END) return;
   }
 }
 
-sv_status sv_app_live_begin(sv_app *app, sv_err *err) {
+sv_status sv_app_continuous_begin(sv_app *app, sv_err *err) {
   const sv_clock *m = &app->port.machine;
   sv_governor_cfg gc = sv_governor_defaults((sv_ns)(app->cfg.preview_every_s * 1e9));
   app->machine_ns = m->now_ns(m->self);
@@ -190,7 +190,7 @@ static void catch_up(sv_app *app) {
   sv_ns now_ns = m->now_ns(m->self), host_ns = clk->now_ns(clk->self);
   clk->sleep_until_ns(clk->self, host_ns + (now_ns - app->machine_ns));
   app->machine_ns = now_ns;
-  sv_status s = sv_intake_step(&app->intake, clk->now_ns(clk->self));
+  sv_status s = sv_capture_queue_step(&app->queue, clk->now_ns(clk->self));
   (void)s; // AGAIN, END: nothing to do; errors are counted
 }
 
@@ -213,7 +213,7 @@ static sv_status replace_oldest(sv_app *app, sv_err *err) {
   return sv_app_enter_exposure(app, slot, 0.5f);
 }
 
-sv_status sv_app_live_turn(sv_app *app, bool *is_train, sv_err *err) {
+sv_status sv_app_continuous_turn(sv_app *app, bool *is_train, sv_err *err) {
   const sv_clock *m = &app->port.machine;
   *is_train = true;
   if (!app->is_capturing) return SV_OK;
@@ -221,7 +221,7 @@ sv_status sv_app_live_turn(sv_app *app, bool *is_train, sv_err *err) {
   note_errors(app);
   (void)tell_events(app);
   sv_ns from_ns = m->now_ns(m->self);
-  bool is_ready = sv_intake_n_ready(&app->intake) > 0 && sv_app_is_exposure_due(app);
+  bool is_ready = sv_capture_queue_n_ready(&app->queue) > 0 && sv_app_is_exposure_due(app);
   sv_work work = sv_governor_next(&app->governor, from_ns, is_ready);
   *is_train = work == SV_WORK_TRAIN;
   if (*is_train) return SV_OK;
@@ -230,12 +230,12 @@ sv_status sv_app_live_turn(sv_app *app, bool *is_train, sv_err *err) {
   return s < 0 ? s : SV_OK;
 }
 
-void sv_app_live_trained(sv_app *app, double from_s, double now_s) {
+void sv_app_continuous_trained(sv_app *app, double from_s, double now_s) {
   if (app->is_capturing)
     sv_governor_done(&app->governor, SV_WORK_TRAIN, (sv_ns)(from_s * 1e9), (sv_ns)(now_s * 1e9));
 }
 
-sv_status sv_app_live_end(sv_app *app, sv_err *err) {
+sv_status sv_app_continuous_end(sv_app *app, sv_err *err) {
   if (!app->is_capturing) return SV_OK;
   atomic_store(&app->is_capture_ending, true);
   if (app->has_worker) app->port.worker.join(app->port.worker.self);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Who gets the time when there is not enough of it. Exposures come first, but training keeps a floor; previews are
 // what is left out first: while training gets less than its share, they come ever more rarely (up to a sixteenth). When
-// even so exposures need more than is left beside training's floor, they pile up, and the intake leaves out whole ones
+// even so exposures need more than is left beside training's floor, they pile up, and the capture queue drops whole ones
 // (src/sync/capture_queue.h). So: previews slow down, then training, then whole exposures are dropped.
 #ifndef SV_CAPTURE_GOVERNOR_H
 #define SV_CAPTURE_GOVERNOR_H

@@ -52,7 +52,7 @@ static void tell_untracked(sv_app *app) {
   for (int e = 0; e < app->exposures.n; e++)
     if (app->exposures.exposure[e].has_pose) return;
   sv_app_log(app, SV_LOG_INFO, "the source tells no poses and %s: the rig is taken as standing still",
-             c->is_live                                  ? "a live run does not look for them"
+             c->is_continuous                            ? "a live run does not look for them"
              : c->is_dynamic                             ? "a moving scene hides them"
              : c->rig->forward == SV_FORWARD_MULTIPLEXED ? "a multiplexed sensor is not tracked"
                                                          : "tracking is off");

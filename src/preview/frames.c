@@ -17,29 +17,29 @@ static double machine_s(const sv_app *app) {
 // The ledger as the capture side has it now, for the other side: the half that is not shown is filled, then shown. A
 // reader is done long before the next turn.
 static void copy_counts(sv_app *app, double now) {
-  sv_live *l = &app->live;
+  sv_preview *l = &app->preview;
   if (now < l->next_counts_s) return;
   l->next_counts_s = now + COUNT_PERIOD_S;
   int i = 1 - atomic_load(&l->i_counts);
   for (int c = 0; c < app->cfg.n_cameras && c < SV_FEED_CAP_CAMERAS; c++)
-    l->counts[i].ledger[c] = *sv_sync_ledger(&app->intake.sync, c);
-  l->counts[i].skew = app->intake.sync.skew;
+    l->counts[i].ledger[c] = *sv_sync_ledger(&app->queue.sync, c);
+  l->counts[i].skew = app->queue.sync.skew;
   atomic_store(&l->i_counts, i);
 }
 
-const sv_ledger *sv_live_ledger(const sv_app *app, int i_camera) {
-  if (!app->has_worker) return sv_sync_ledger(&app->intake.sync, i_camera);
-  return &app->live.counts[app->live.i_counts].ledger[i_camera];
+const sv_ledger *sv_preview_ledger(const sv_app *app, int i_camera) {
+  if (!app->has_worker) return sv_sync_ledger(&app->queue.sync, i_camera);
+  return &app->preview.counts[app->preview.i_counts].ledger[i_camera];
 }
 
-const sv_skew_stats *sv_live_skew(const sv_app *app) {
-  return app->has_worker ? &app->live.counts[app->live.i_counts].skew : &app->intake.sync.skew;
+const sv_skew_stats *sv_preview_skew(const sv_app *app) {
+  return app->has_worker ? &app->preview.counts[app->preview.i_counts].skew : &app->queue.sync.skew;
 }
 
 // --- thumbnails ----------------------------------------------------------------------------------
 
 static void publish_tile(sv_app *app, int i, int w, int h, double now) {
-  sv_live *l = &app->live;
+  sv_preview *l = &app->preview;
   l->cameras[i].next_tile_s = now + TILE_PERIOD_S;
   l->tiles->tile[i].width_px = w, l->tiles->tile[i].height_px = h;
   l->cameras[i].n_tiles = ++l->tiles->tile[i].n;
@@ -50,22 +50,22 @@ static void publish_tile(sv_app *app, int i, int w, int h, double now) {
   sv_feed_commit(l->feed, SV_FEED_TILES, bytes);
 }
 
-void sv_live_frame(sv_app *app, const sv_frame *f) {
-  sv_live *l = &app->live;
+void sv_preview_frame(sv_app *app, const sv_frame *f) {
+  sv_preview *l = &app->preview;
   if (!l->feed || f->i_camera < 0 || f->i_camera >= app->cfg.n_cameras) return;
-  sv_live_camera *c = &l->cameras[f->i_camera];
+  sv_preview_camera *c = &l->cameras[f->i_camera];
   sv_camera_stat_frame(&c->stat, f);
   c->fps = sv_camera_stat_fps(&c->stat);
   double now = machine_s(app);
   copy_counts(app, now);
   if (l->is_coded || f->i_camera >= l->tiles->n || f->is_error || now < c->next_tile_s) return;
   int w, h;
-  if (sv_live_thumbnail(f, SV_FEED_TILE_W, SV_FEED_TILE_H, l->tiles->rgb[f->i_camera], &w, &h))
+  if (sv_preview_thumbnail(f, SV_FEED_TILE_W, SV_FEED_TILE_H, l->tiles->rgb[f->i_camera], &w, &h))
     publish_tile(app, f->i_camera, w, h, now);
 }
 
-void sv_live_decoded(sv_app *app, int i_camera, const sv_image_u8 *image) {
-  if (!app->live.feed || !app->live.is_coded) return;
+void sv_preview_decoded(sv_app *app, int i_camera, const sv_image_u8 *image) {
+  if (!app->preview.feed || !app->preview.is_coded) return;
   sv_frame f = {.i_camera = i_camera,
                 .width_px = image->width_px,
                 .height_px = image->height_px,
@@ -74,31 +74,31 @@ void sv_live_decoded(sv_app *app, int i_camera, const sv_image_u8 *image) {
                 .data = image->px};
   double now = machine_s(app);
   int w, h;
-  if (i_camera >= app->live.tiles->n || now < app->live.cameras[i_camera].next_tile_s) return;
-  if (sv_live_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, app->live.tiles->rgb[i_camera], &w, &h))
+  if (i_camera >= app->preview.tiles->n || now < app->preview.cameras[i_camera].next_tile_s) return;
+  if (sv_preview_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, app->preview.tiles->rgb[i_camera], &w, &h))
     publish_tile(app, i_camera, w, h, now);
 }
 
 // The newest exposure's pictures, for cameras whose frames are compressed.
-void sv_live_exposure(sv_app *app) {
+void sv_preview_exposure(sv_app *app) {
   const sv_exposures *e = &app->exposures;
-  if (!app->live.feed || !app->live.is_coded || !e->sub || e->n < 1) return;
+  if (!app->preview.feed || !app->preview.is_coded || !e->sub || e->n < 1) return;
   int slot = (e->i_next + e->cfg.cap_exposures - 1) % e->cfg.cap_exposures;
   for (int i = 0; i < app->cfg.rig->n_sub_views; i++) {
     sv_image_u8 image;
     sv_view view;
     sv_exposures_get(e, slot, i, &image, &view);
-    sv_live_decoded(app, app->cfg.rig->sub_views[i].i_camera, &image);
+    sv_preview_decoded(app, app->cfg.rig->sub_views[i].i_camera, &image);
   }
 }
 
 // While nothing is captured yet; the converter is free then.
-void sv_live_decode(sv_app *app, const sv_frame *f) {
+void sv_preview_decode(sv_app *app, const sv_frame *f) {
   sv_image_u8 image;
   sv_err err;
-  if (!app->live.is_coded || f->i_camera >= app->live.tiles->n) return;
-  if (machine_s(app) < app->live.cameras[f->i_camera].next_tile_s) return;
+  if (!app->preview.is_coded || f->i_camera >= app->preview.tiles->n) return;
+  if (machine_s(app) < app->preview.cameras[f->i_camera].next_tile_s) return;
   if (sv_convert_frame(&app->exposures.convert, f, app->k, &app->port.pool, &image, &err) >= 0)
-    sv_live_decoded(app, f->i_camera, &image);
+    sv_preview_decoded(app, f->i_camera, &image);
   sv_convert_forget(&app->exposures.convert);
 }

@@ -45,10 +45,10 @@ sv_status sv_app_publish_orbit(sv_app *app, int n) {
     for (int y = 0; y < v.height_px; y++)
       for (int x = 0; x < v.width_px; x++)
         for (int k = 0; k < 3; k++)
-          app->preview[3 * ((size_t)y * (size_t)v.width_px + (size_t)x) + (size_t)k] =
+          app->picture[3 * ((size_t)y * (size_t)v.width_px + (size_t)x) + (size_t)k] =
               (uint8_t)(sv_clampf(rgb->c[k][(long)y * rgb->stride + x], 0.0f, 1.0f) * 255.0f + 0.5f);
     sv_fmt(name, sizeof name, "orbit_%d%d%d", i / 100 % 10, i / 10 % 10, i % 10);
-    p->image(p->self, name, v.width_px, v.height_px, app->preview);
+    p->image(p->self, name, v.width_px, v.height_px, app->picture);
   }
   return SV_OK;
 }

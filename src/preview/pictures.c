@@ -59,18 +59,18 @@ static sv_status show_view(sv_app *app, const sv_train_view *tv) {
   if (s < 0) return s;
   int w = tv->view.width_px, h = tv->view.height_px;
   for (int y = 0; y < h; y++) {
-    uint8_t *left = app->preview + (size_t)y * (size_t)w * 6, *right = left + (size_t)w * 3;
+    uint8_t *left = app->picture + (size_t)y * (size_t)w * 6, *right = left + (size_t)w * 3;
     memcpy(left, tv->image.px + (size_t)y * (size_t)tv->image.stride_bytes, (size_t)w * 3);
     for (int x = 0; x < w; x++) put_pixel(right + 3 * x, measured, x, y);
   }
-  p->image(p->self, "preview", 2 * w, h, app->preview);
+  p->image(p->self, "preview", 2 * w, h, app->picture);
   return SV_OK;
 }
 
 // --- a shared sensor -----------------------------------------------------------------------------
 
 static uint8_t *at(const sv_app *app, const panel *p, int i_panel, int x, int y) {
-  return app->preview + 3 * ((size_t)y * 3 * (size_t)p->width_px + (size_t)(i_panel * p->width_px + x));
+  return app->picture + 3 * ((size_t)y * 3 * (size_t)p->width_px + (size_t)(i_panel * p->width_px + x));
 }
 
 static void put_measured(sv_app *app, const panel *p, const sv_train_composite *c) {
@@ -125,7 +125,7 @@ static sv_status show_composite(sv_app *app, const sv_train_composite *tc) {
   sv_status s = put_predicted(app, &one, c, &o);
   if (s >= 0) s = put_lens(app, &one, c, &o);
   if (s < 0) return s;
-  p->image(p->self, "preview", 3 * one.width_px, one.height_px, app->preview);
+  p->image(p->self, "preview", 3 * one.width_px, one.height_px, app->picture);
   return SV_OK;
 }
 

@@ -19,18 +19,18 @@ static double machine_s(const sv_app *app) {
   return sv_ns_to_s(c->now_ns(c->self));
 }
 
-void sv_live_carve(sv_live *l, bool is_on, int n_cameras, sv_arena *a) {
+void sv_preview_carve(sv_preview *l, bool is_on, int n_cameras, sv_arena *a) {
   if (!is_on) return;
   sv_arena_part_begin(a, "live view");
-  l->cameras = SV_TAKE(a, sv_live_camera, n_cameras);
+  l->cameras = SV_TAKE(a, sv_preview_camera, n_cameras);
   l->tiles = SV_TAKE(a, sv_feed_tiles, 1);
   l->curve = SV_TAKE(a, sv_feed_curve, 1);
   l->events = SV_TAKE(a, sv_feed_events, 1);
-  l->counts = SV_TAKE(a, sv_live_counts, 2);
+  l->counts = SV_TAKE(a, sv_preview_counts, 2);
 }
 
-void sv_live_start(sv_app *app) {
-  sv_live *l = &app->live;
+void sv_preview_start(sv_app *app) {
+  sv_preview *l = &app->preview;
   l->feed = l->tiles && l->events ? app->port.publish.feed : NULL;
   if (!l->feed) return;
   memset(l->cameras, 0, sizeof *l->cameras * (size_t)app->cfg.n_cameras);
@@ -59,8 +59,8 @@ static void fill_cameras(const sv_app *app, sv_feed_state *s) {
   s->n_cameras = sv_mini(app->cfg.n_cameras, SV_FEED_CAP_CAMERAS);
   for (int i = 0; i < s->n_cameras; i++) {
     sv_feed_camera *c = &s->cameras[i];
-    const sv_live_camera *lc = &app->live.cameras[i];
-    const sv_ledger *l = sv_live_ledger(app, i);
+    const sv_preview_camera *lc = &app->preview.cameras[i];
+    const sv_ledger *l = sv_preview_ledger(app, i);
     memset(c, 0, sizeof *c);
     sv_copy(c->name, sizeof c->name, app->cfg.caps[i].name);
     c->width_px = app->cfg.caps[i].width_px, c->height_px = app->cfg.caps[i].height_px;
@@ -77,7 +77,7 @@ static void fill_cameras(const sv_app *app, sv_feed_state *s) {
 
 // Eighths of an octave of nanoseconds -> quarters of an octave from 1 us.
 static void fill_skew(const sv_app *app, sv_feed_state *s) {
-  const sv_skew_stats *k = sv_live_skew(app);
+  const sv_skew_stats *k = sv_preview_skew(app);
   s->n_skew = k->n;
   s->skew_p50_us = (double)sv_skew_percentile_ns(k, 50) * 1e-3;
   s->skew_p99_us = (double)sv_skew_percentile_ns(k, 99) * 1e-3;
@@ -107,7 +107,7 @@ static void fill_machine(const sv_app *app, sv_feed_state *s) {
 }
 
 static void publish_state(sv_app *app, const char *sentence) {
-  sv_live *l = &app->live;
+  sv_preview *l = &app->preview;
   const sv_trainer *t = &app->trainer;
   sv_feed_state *s = sv_feed_begin(l->feed, SV_FEED_STATE);
   memset(s, 0, offsetof(sv_feed_state, cameras));
@@ -132,15 +132,15 @@ static void publish_state(sv_app *app, const char *sentence) {
   sv_feed_commit(l->feed, SV_FEED_STATE, sizeof *s);
 }
 
-void sv_live_show(sv_app *app, sv_feed_shows shows, const char *sentence) {
-  sv_live *l = &app->live;
+void sv_preview_show(sv_app *app, sv_feed_shows shows, const char *sentence) {
+  sv_preview *l = &app->preview;
   if (!l->feed) return;
   l->shows = shows;
   publish_state(app, sentence);
 }
 
-void sv_live_show_failure(sv_feed *feed, sv_feed_lacks lacks, const char *board, const char *source,
-                          bool is_session, const char *sentence) {
+void sv_preview_show_failure(sv_feed *feed, sv_feed_lacks lacks, const char *board, const char *source,
+                             bool is_session, const char *sentence) {
   if (!feed) return;
   sv_feed_state *s = sv_feed_begin(feed, SV_FEED_STATE);
   memset(s, 0, sizeof *s);
@@ -154,8 +154,8 @@ void sv_live_show_failure(sv_feed *feed, sv_feed_lacks lacks, const char *board,
 
 // --- events and curve ----------------------------------------------------------------------------
 
-void sv_live_event(sv_app *app, sv_log_level level, const char *text) {
-  sv_live *l = &app->live;
+void sv_preview_event(sv_app *app, sv_log_level level, const char *text) {
+  sv_preview *l = &app->preview;
   if (!l->feed || level == SV_LOG_LIVE) return;
   sv_feed_event *e = &l->events->event[l->events->n_total++ % SV_FEED_CAP_EVENTS];
   e->seconds = machine_s(app) - l->start_s;
@@ -166,7 +166,7 @@ void sv_live_event(sv_app *app, sv_log_level level, const char *text) {
 
 // When the history is full every second point goes and the next ones are twice as far apart.
 static void add_point(sv_app *app, double now) {
-  sv_live *l = &app->live;
+  sv_preview *l = &app->preview;
   sv_feed_curve *c = l->curve;
   if (now < l->point_s) return;
   l->point_s = now + POINT_PERIOD_S;
@@ -199,13 +199,13 @@ static void fill_viewpoint(const sv_app *app, sv_feed_model *m) {
   m->fov_y = 2 * (float)sv_atan2(0.5 * v->height_px, (double)v->fy);
 }
 
-size_t sv_live_motion_floats(const sv_train_cfg *t) {
+size_t sv_preview_motion_floats(const sv_train_cfg *t) {
   const sv_dynamic_cfg *d = &t->dynamic;
   const size_t rows = d->kind == SV_DEFORM_CLIP ? (size_t)SV_N_MROWS(d->n_pos, d->n_rot, d->n_colour) : 0;
   return rows + sv_train_has_bodies(t); // and which body
 }
 
-size_t sv_live_bodies_floats(const sv_train_cfg *t) {
+size_t sv_preview_bodies_floats(const sv_train_cfg *t) {
   return sv_train_has_bodies(t) ? SV_FEED_BODIES_FLOATS(SV_CAP_BODIES, SV_CAP_KNOTS, 0) : 0;
 }
 
@@ -260,7 +260,7 @@ static size_t motion_floats(const sv_trainer *t) {
 
 static void publish_model(sv_app *app) {
   const sv_trainer *t = &app->trainer;
-  sv_feed *feed = app->live.feed;
+  sv_feed *feed = app->preview.feed;
   const bool is_moving = t->deform.kind == SV_DEFORM_CLIP;
   const size_t n_floats = SV_GAUSSIAN_N_FLOATS(t->g.sh_degree);
   const size_t bytes = sizeof(sv_feed_model) + sizeof(float) * (n_floats * (size_t)t->g.n + motion_floats(t));
@@ -281,8 +281,8 @@ static void publish_model(sv_app *app) {
   sv_feed_commit(feed, SV_FEED_MODEL, bytes);
 }
 
-void sv_live_show_model(sv_app *app) {
-  sv_live *l = &app->live;
+void sv_preview_show_model(sv_app *app) {
+  sv_preview *l = &app->preview;
   if (!l->feed) return;
   double t0 = machine_s(app);
   publish_model(app);
@@ -292,7 +292,7 @@ void sv_live_show_model(sv_app *app) {
 
 // The next training picture beside its rendering, and its PSNR; the running mean forgets the start quickly.
 static void show_picture(sv_app *app) {
-  sv_live *l = &app->live;
+  sv_preview *l = &app->preview;
   sv_feed_picture *p = sv_feed_begin(l->feed, SV_FEED_PICTURE);
   double psnr;
   int w, h;
@@ -307,7 +307,7 @@ static void show_picture(sv_app *app) {
 // --- the beat ------------------------------------------------------------------------------------
 
 static void publish_due(sv_app *app) {
-  sv_live *l = &app->live;
+  sv_preview *l = &app->preview;
   double now = machine_s(app);
   if (l->has_new_event) {
     memcpy(sv_feed_begin(l->feed, SV_FEED_EVENTS), l->events, sizeof *l->events);
@@ -315,7 +315,7 @@ static void publish_due(sv_app *app) {
     l->has_new_event = false;
   }
   if (l->shows == SV_SHOWS_TRAINING) {
-    if (now >= l->next_model_s) sv_live_show_model(app);
+    if (now >= l->next_model_s) sv_preview_show_model(app);
     if (now >= l->next_picture_s) {
       show_picture(app);
       double took = machine_s(app) - now;
@@ -332,12 +332,12 @@ static void publish_due(sv_app *app) {
 static sv_command next_command(sv_app *app) {
   const sv_publish *p = &app->port.publish;
   sv_command c = p->command ? p->command(p->self) : SV_COMMAND_NONE;
-  if (c == SV_COMMAND_NEW) app->live.is_new_requested = app->live.is_session;
+  if (c == SV_COMMAND_NEW) app->preview.is_new_requested = app->preview.is_session;
   return c;
 }
 
 static sv_status new_or_ok(const sv_app *app) {
-  return app->live.is_new_requested ? SV_E_INTERRUPTED : SV_OK;
+  return app->preview.is_new_requested ? SV_E_INTERRUPTED : SV_OK;
 }
 
 static bool is_stopped(const sv_app *app) {
@@ -350,28 +350,28 @@ static void rest(sv_app *app) {
   c->sleep_until_ns(c->self, c->now_ns(c->self) + POLL_NS);
 }
 
-sv_status sv_live_tick(sv_app *app) {
-  if (!app->live.feed) return SV_OK;
+sv_status sv_preview_tick(sv_app *app) {
+  if (!app->preview.feed) return SV_OK;
   (void)next_command(app); // Pause and Save have no meaning before training
   publish_due(app);
   return new_or_ok(app);
 }
 
 static sv_status save_now(sv_app *app, sv_err *err) {
-  sv_live *l = &app->live;
+  sv_preview *l = &app->preview;
   sv_feed_shows was = l->shows;
-  sv_live_show(app, SV_SHOWS_SAVING, NULL);
+  sv_preview_show(app, SV_SHOWS_SAVING, NULL);
   sv_status s = sv_app_save_all(app, err);
   if (s < 0) return s;
   l->n_saves++;
-  sv_live_show_model(app);
-  sv_live_event(app, SV_LOG_INFO, "saved model.ply and checkpoint.bin");
-  sv_live_show(app, was, NULL);
+  sv_preview_show_model(app);
+  sv_preview_event(app, SV_LOG_INFO, "saved model.ply and checkpoint.bin");
+  sv_preview_show(app, was, NULL);
   return SV_OK;
 }
 
-sv_status sv_live_between_steps(sv_app *app, double *paused_s, sv_err *err) {
-  sv_live *l = &app->live;
+sv_status sv_preview_between_steps(sv_app *app, double *paused_s, sv_err *err) {
+  sv_preview *l = &app->preview;
   bool was_away = false; // showing is training time, waiting and saving are not
   *paused_s = 0;
   if (!l->feed) return SV_OK;
@@ -380,12 +380,12 @@ sv_status sv_live_between_steps(sv_app *app, double *paused_s, sv_err *err) {
     sv_command c = next_command(app);
     if (c == SV_COMMAND_PAUSE && !l->is_paused) {
       l->is_paused = true;
-      sv_live_show_model(app);
-      sv_live_show(app, SV_SHOWS_PAUSED, NULL);
+      sv_preview_show_model(app);
+      sv_preview_show(app, SV_SHOWS_PAUSED, NULL);
     }
     if (c == SV_COMMAND_START && l->is_paused) {
       l->is_paused = false;
-      sv_live_show(app, SV_SHOWS_TRAINING, NULL);
+      sv_preview_show(app, SV_SHOWS_TRAINING, NULL);
     }
     if (c == SV_COMMAND_SAVE) {
       sv_status s = save_now(app, err);
@@ -406,8 +406,8 @@ sv_status sv_live_between_steps(sv_app *app, double *paused_s, sv_err *err) {
   return new_or_ok(app);
 }
 
-sv_status sv_live_wait_start(sv_app *app, sv_err *err) {
-  sv_live *l = &app->live;
+sv_status sv_preview_wait_start(sv_app *app, sv_err *err) {
+  sv_preview *l = &app->preview;
   sv_source *src = &app->port.source;
   const sv_clock *host = &app->port.clock, *machine = &app->port.machine;
   if (!l->feed || !l->is_session) return SV_OK;
@@ -422,8 +422,8 @@ sv_status sv_live_wait_start(sv_app *app, sv_err *err) {
     sv_frame f;
     sv_status got = is_over ? SV_AGAIN : src->dequeue(src->self, &f, host->now_ns(host->self) + POLL_NS);
     if (got == SV_OK) {
-      sv_live_frame(app, &f);
-      if (!f.is_error) sv_live_decode(app, &f);
+      sv_preview_frame(app, &f);
+      if (!f.is_error) sv_preview_decode(app, &f);
       if (src->requeue(src->self, &f) < 0) app->n_device_errors++;
       // A simulated or replayed clock must not run ahead of the person who watches.
       machine->sleep_until_ns(machine->self, f.arrival_ns + ahead_ns);
@@ -440,8 +440,8 @@ sv_status sv_live_wait_start(sv_app *app, sv_err *err) {
   return s;
 }
 
-sv_status sv_live_stay(sv_app *app) {
-  sv_live *l = &app->live;
+sv_status sv_preview_stay(sv_app *app) {
+  sv_preview *l = &app->preview;
   if (!l->feed || !l->is_session) return SV_OK;
   while (!is_stopped(app)) {
     (void)next_command(app);

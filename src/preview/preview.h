@@ -22,23 +22,23 @@ typedef struct {
   double next_tile_s;
   _Atomic double fps;
   _Atomic uint64_t n_tiles;
-} sv_live_camera;
+} sv_preview_camera;
 
 typedef struct {
   sv_ledger ledger[SV_FEED_CAP_CAMERAS];
   sv_skew_stats skew;
-} sv_live_counts;
+} sv_preview_counts;
 
 typedef struct {
   sv_feed *feed;   // NULL: nothing is shown
   bool is_session; // wait for Start, stay after the end
-  sv_live_camera *cameras;
+  sv_preview_camera *cameras;
   sv_feed_tiles *tiles; // staging: a slot holds all tiles; the frames' side alone
   double next_tiles_s, next_counts_s;
-  sv_live_counts *counts; // [2]
-  _Atomic int i_counts;   // the half to read
-  sv_feed_curve *curve;   // history, for pages that come late
-  sv_feed_events *events; // likewise
+  sv_preview_counts *counts; // [2]
+  _Atomic int i_counts;      // the half to read
+  sv_feed_curve *curve;      // history, for pages that come late
+  sv_feed_events *events;    // likewise
   double start_s, next_state_s, next_model_s, next_picture_s;
   double point_s, psnr;
   uint32_t n_points, i_picture;
@@ -46,47 +46,47 @@ typedef struct {
   bool is_coded; // all cameras compress: their thumbnails come from what was decoded anyway
   bool has_new_event, is_paused, is_new_requested;
   sv_feed_shows shows;
-} sv_live;
+} sv_preview;
 
 // Floats of each Gaussian's motion in the feed, beside SV_GAUSSIAN_N_FLOATS; 0: nothing moves.
-size_t sv_live_motion_floats(const sv_train_cfg *t);
+size_t sv_preview_motion_floats(const sv_train_cfg *t);
 // Floats of its rigid bodies, once for the whole model; 0: there are none.
-size_t sv_live_bodies_floats(const sv_train_cfg *t);
-void sv_live_carve(sv_live *l, bool is_on, int n_cameras, sv_arena *arena);
-void sv_live_start(sv_app *app); // the run begins: the clock of the page starts
+size_t sv_preview_bodies_floats(const sv_train_cfg *t);
+void sv_preview_carve(sv_preview *l, bool is_on, int n_cameras, sv_arena *arena);
+void sv_preview_start(sv_app *app); // the run begins: the clock of the page starts
 
-// Capture. A frame came in (compressed ones give no thumbnail here: sv_live_decoded). These two may be called from
+// Capture. A frame came in (compressed ones give no thumbnail here: sv_preview_decoded). These two may be called from
 // another thread than all else, but only from one.
-void sv_live_frame(sv_app *app, const sv_frame *f);
+void sv_preview_frame(sv_app *app, const sv_frame *f);
 // The same frame after it was decoded; the newest exposure, which was decoded when it was taken.
-void sv_live_exposure(sv_app *app);
-void sv_live_decode(sv_app *app, const sv_frame *f); // while nothing is captured yet
-void sv_live_decoded(sv_app *app, int i_camera, const sv_image_u8 *image);
+void sv_preview_exposure(sv_app *app);
+void sv_preview_decode(sv_app *app, const sv_frame *f); // while nothing is captured yet
+void sv_preview_decoded(sv_app *app, int i_camera, const sv_image_u8 *image);
 // What the capture side last counted, whichever thread it is on.
-const sv_ledger *sv_live_ledger(const sv_app *app, int i_camera);
-const sv_skew_stats *sv_live_skew(const sv_app *app);
+const sv_ledger *sv_preview_ledger(const sv_app *app, int i_camera);
+const sv_skew_stats *sv_preview_skew(const sv_app *app);
 // Now and then in every loop: publishes what is due. E_INTERRUPTED when New was asked for.
-sv_status sv_live_tick(sv_app *app) SV_MUST_USE;
+sv_status sv_preview_tick(sv_app *app) SV_MUST_USE;
 // In a session, before the capture: shows the cameras until Start. E_INTERRUPTED after a stop request.
-sv_status sv_live_wait_start(sv_app *app, sv_err *err) SV_MUST_USE;
+sv_status sv_preview_wait_start(sv_app *app, sv_err *err) SV_MUST_USE;
 
 // Between two training steps: the same as tick; saves when Save was asked for, and while Pause holds stays inside.
 // *paused_s: how long, which is no training time.
-sv_status sv_live_between_steps(sv_app *app, double *paused_s, sv_err *err) SV_MUST_USE;
+sv_status sv_preview_between_steps(sv_app *app, double *paused_s, sv_err *err) SV_MUST_USE;
 // The model and the state at once (training begins, or ended).
-void sv_live_show_model(sv_app *app);
-void sv_live_show(sv_app *app, sv_feed_shows shows, const char *sentence);
+void sv_preview_show_model(sv_app *app);
+void sv_preview_show(sv_app *app, sv_feed_shows shows, const char *sentence);
 // In a session, after the end: until New (AGAIN) or a stop request (OK).
-sv_status sv_live_stay(sv_app *app) SV_MUST_USE;
+sv_status sv_preview_stay(sv_app *app) SV_MUST_USE;
 // A line of the log, for the page.
-void sv_live_event(sv_app *app, sv_log_level level, const char *text);
+void sv_preview_event(sv_app *app, sv_log_level level, const char *text);
 
 // A run that could not be set up, so that there is no app: the same state with a sentence.
-void sv_live_show_failure(sv_feed *feed, sv_feed_lacks lacks, const char *board, const char *source,
-                          bool is_session, const char *sentence);
+void sv_preview_show_failure(sv_feed *feed, sv_feed_lacks lacks, const char *board, const char *source,
+                             bool is_session, const char *sentence);
 
 // Downscales a frame's pixels into rgb[h][w][3] by whole steps, so that it fits into cap_w x cap_h: a quick look, not
 // what is trained on (src/image/convert.h). False for compressed frames.
-bool sv_live_thumbnail(const sv_frame *f, int cap_w, int cap_h, uint8_t *rgb, int *w, int *h);
+bool sv_preview_thumbnail(const sv_frame *f, int cap_w, int cap_h, uint8_t *rgb, int *w, int *h);
 
 #endif

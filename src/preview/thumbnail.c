@@ -60,7 +60,7 @@ static void pixel(uint8_t o[3], const sv_frame *f, const sv_pixel_info *p, int x
   }
 }
 
-bool sv_live_thumbnail(const sv_frame *f, int cap_w, int cap_h, uint8_t *rgb, int *w, int *h) {
+bool sv_preview_thumbnail(const sv_frame *f, int cap_w, int cap_h, uint8_t *rgb, int *w, int *h) {
   const sv_pixel_info *p = sv_pixel(f->format);
   if (p->layout == SV_LAYOUT_NONE || p->layout == SV_LAYOUT_CODED) return false;
   if (!f->data || f->width_px < 1 || f->height_px < 1) return false;

@@ -92,31 +92,31 @@ static size_t init_scratch_bytes(const sv_train_cfg *t) {
   return (fill > sweep ? fill : sweep) + 4096;
 }
 
-static void show_frame(void *self, const sv_frame *f) { sv_live_frame(self, f); }
+static void show_frame(void *self, const sv_frame *f) { sv_preview_frame(self, f); }
 
-static sv_intake_cfg intake_cfg(const sv_app_cfg *c, sv_app *app) {
-  return (sv_intake_cfg){.n_cameras = c->n_cameras,
-                         .caps = c->caps,
-                         .skew_limit_ns = c->skew_limit_ns,
-                         .queue_len = QUEUE_LEN,
-                         .cap_ready = CAP_READY,
-                         .mode = c->sync_mode,
-                         .on_frame = c->has_live_view ? show_frame : NULL,
-                         .on_frame_self = app};
+static sv_capture_queue_cfg queue_cfg(const sv_app_cfg *c, sv_app *app) {
+  return (sv_capture_queue_cfg){.n_cameras = c->n_cameras,
+                                .caps = c->caps,
+                                .skew_limit_ns = c->skew_limit_ns,
+                                .queue_len = QUEUE_LEN,
+                                .cap_ready = CAP_READY,
+                                .mode = c->sync_mode,
+                                .on_frame = c->has_preview ? show_frame : NULL,
+                                .on_frame_self = app};
 }
 
 static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, const sv_kernels *k,
                        const sv_pool *pool, sv_arena *a, sv_err *err) {
   sv_arena_part_begin(a, "sync");
   app->frames = SV_TAKE(a, sv_frame, c->n_cameras);
-  sv_intake_cfg ic = intake_cfg(c, app);
+  sv_capture_queue_cfg qc = queue_cfg(c, app);
   if (a->base) {
-    sv_status s = sv_intake_init(&app->intake, &ic, &app->port.source, &app->port.clock, a);
+    sv_status s = sv_capture_queue_init(&app->queue, &qc, &app->port.source, &app->port.clock, a);
     if (s < 0)
       return sv_fail(err, s, "frame synchronisation for %d cameras with a skew limit of %g ms: %s",
                      c->n_cameras, sv_ns_to_ms(c->skew_limit_ns), sv_status_text(s));
   } else {
-    SV_TAKE(a, uint8_t, sv_intake_bytes(&ic));
+    SV_TAKE(a, uint8_t, sv_capture_queue_bytes(&qc));
   }
   sv_arena_part_begin(a, "exposures");
   sv_exposures_cfg ec = {.rig = c->rig,
@@ -145,8 +145,8 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
   app->checkpoint = SV_TAKE(a, uint8_t, app->checkpoint_bytes);
   int w, h;
   sv_app_preview_size(c, &w, &h);
-  app->preview = SV_TAKE(a, uint8_t, (size_t)w * (size_t)h * 3);
-  sv_live_carve(&app->live, c->has_live_view, c->n_cameras, a);
+  app->picture = SV_TAKE(a, uint8_t, (size_t)w * (size_t)h * 3);
+  sv_preview_carve(&app->preview, c->has_preview, c->n_cameras, a);
   return a->status < 0 ? sv_fail(err, a->status, "the memory block is too small") : SV_OK;
 }
 
@@ -301,7 +301,7 @@ static void live_line(sv_app *app, float progress) {
   if (app->cfg.steps) sv_str_add(&s, "ETA %.0f s", eta);
   else sv_str_add(&s, "%.0f of %.0f s", elapsed_s, app->cfg.time_limit_s);
   // A live run's cameras, as they were at the last such line.
-  sv_status has_cameras = app->is_capturing ? sv_intake_line(&app->intake, &s) : SV_AGAIN;
+  sv_status has_cameras = app->is_capturing ? sv_capture_queue_line(&app->queue, &s) : SV_AGAIN;
   (void)has_cameras; // not yet: the line goes without
   if (app->port.console.log) app->port.console.log(app->port.console.self, SV_LOG_LIVE, line);
 }
@@ -324,9 +324,9 @@ static sv_status train_loop(sv_app *app, sv_err *err) {
     if (progress >= 1.0f || (c->time_limit_s > 0 && elapsed >= c->time_limit_s)) return SV_OK;
     if (sv_app_is_stop_requested(app)) return SV_E_INTERRUPTED;
     bool is_train;
-    sv_status s = sv_live_between_steps(app, &paused, err);
+    sv_status s = sv_preview_between_steps(app, &paused, err);
     t0 += paused, now += paused;
-    if (s >= 0) s = sv_app_live_turn(app, &is_train, err);
+    if (s >= 0) s = sv_app_continuous_turn(app, &is_train, err);
     if (s < 0) return s;
     if (!is_train) {
       now = seconds(app);
@@ -338,7 +338,7 @@ static sv_status train_loop(sv_app *app, sv_err *err) {
     app->loss_mean = app->step_time.n ? 0.98 * app->loss_mean + 0.02 * app->last.loss : app->last.loss;
     double after = seconds(app);
     sv_time_stats_add(&app->step_time, after - now);
-    sv_app_live_trained(app, now, after);
+    sv_app_continuous_trained(app, now, after);
     now = after;
     if (now - last_live >= LIVE_PERIOD) {
       live_line(app, progress);
@@ -359,19 +359,20 @@ static sv_status run_all(sv_app *app, sv_err *err) {
   sv_status s = sv_app_capture(app, err), saved, ended;
   sv_err end_err;
   if (s >= 0) s = sv_app_track(app, err);
-  if (s >= 0) s = sv_app_live_begin(app, err); // from here on cameras are served whatever takes how long
+  if (s >= 0)
+    s = sv_app_continuous_begin(app, err); // from here on cameras are served whatever takes how long
   if (s >= 0) s = start_training(app, err);
   if (s >= 0) {
     app->state = SV_APP_TRAINING;
-    sv_live_show_model(app); // the first rough model, at once
-    sv_live_show(app, SV_SHOWS_TRAINING, NULL);
+    sv_preview_show_model(app); // the first rough model, at once
+    sv_preview_show(app, SV_SHOWS_TRAINING, NULL);
     s = train_loop(app, err);
   }
-  ended = sv_app_live_end(app, &end_err);
+  ended = sv_app_continuous_end(app, &end_err);
   if (ended < 0 && s >= 0) s = ended, *err = end_err;
   const bool is_trained = app->step_time.n > 0; // else what an earlier run left in the folder is worth more
-  if (s >= 0 || (s == SV_E_INTERRUPTED && is_trained && !app->live.is_new_requested)) {
-    sv_live_show(app, SV_SHOWS_SAVING, NULL);
+  if (s >= 0 || (s == SV_E_INTERRUPTED && is_trained && !app->preview.is_new_requested)) {
+    sv_preview_show(app, SV_SHOWS_SAVING, NULL);
     app->state = SV_APP_SAVING;
     saved = sv_app_save_all(app, err);
     if (saved < 0) s = saved;
@@ -391,11 +392,11 @@ static sv_status run_all(sv_app *app, sv_err *err) {
 }
 
 sv_status sv_app_run(sv_app *app, sv_err *err) {
-  sv_live_start(app);
+  sv_preview_start(app);
   sv_status s = run_all(app, err);
-  sv_live_show_model(app);
-  if (app->state == SV_APP_FAILED && !app->live.is_new_requested)
-    sv_live_show(app, SV_SHOWS_FAILED, err ? err->text : "");
-  else sv_live_show(app, SV_SHOWS_DONE, NULL);
+  sv_preview_show_model(app);
+  if (app->state == SV_APP_FAILED && !app->preview.is_new_requested)
+    sv_preview_show(app, SV_SHOWS_FAILED, err ? err->text : "");
+  else sv_preview_show(app, SV_SHOWS_DONE, NULL);
   return s;
 }

@@ -41,12 +41,12 @@ typedef struct {
   const sv_camera_caps *caps; // [n_cameras]
   const char *source_name;    // for the report, and what a checkpoint is known by
   const char *board_name;     // for the live view; may be NULL
-  bool has_live_view;         // the port has a feed: room for what it shows
+  bool has_preview;           // the port has a feed: room for what it shows
   bool is_session;            // with a feed: wait for Start, New begins again
   int n_exposures;
   sv_ns skew_limit_ns;
-  sv_intake_mode sync_mode; // who makes the cameras expose together
-  bool is_live;             // capture goes on while training: new exposures take the place of the oldest
+  sv_sync_method sync_mode; // who makes the cameras expose together
+  bool is_continuous;       // capture goes on while training: new exposures take the place of the oldest
   bool is_dynamic;          // the scene moves
   double exposure_s;        // live and moving: training time of each exposure
   double preview_every_s;   // of a live run, when there is time; 0: none
@@ -81,7 +81,7 @@ struct sv_app {
   sv_port port;
   const sv_arena *arena; // for the memory map in the report
   sv_app_state state;
-  sv_intake intake;
+  sv_capture_queue queue;
   sv_governor governor; // of a live run
   bool is_capturing;    // cameras run
   bool has_worker;      // and are served by the port's worker
@@ -97,7 +97,7 @@ struct sv_app {
   char *report;        // [SV_APP_REPORT_BYTES]
   uint8_t *checkpoint; // [checkpoint_bytes] read buffer for resume
   size_t checkpoint_bytes;
-  uint8_t *preview;             // sv_app_preview_size, RGB
+  uint8_t *picture;             // sv_app_preview_size, RGB
   int n_views;                  // trained on, lens images included
   sv_ns first_ns, last_ns;      // of a moving scene: times of the exposures that its own time runs between
   sv_ns exposure_ns;            // machine time at which the newest one came in
@@ -110,7 +110,7 @@ struct sv_app {
   double train_s;   // seconds spent training
   uint64_t n_device_errors;
   uint64_t n_bad_exposures; // delivered whole, but a compressed picture in it was damaged: not kept
-  sv_live live;
+  sv_preview preview;
 };
 
 // Sizes that follow from the cfg: caps of the trainer.
@@ -139,12 +139,12 @@ int sv_app_n_trained_sub_views(const sv_app_cfg *cfg);
 // Fills the pool. In a live run the cameras go on; otherwise, and when the source has ended, they are stopped.
 sv_status sv_app_capture(sv_app *app, sv_err *err) SV_MUST_USE;
 // A live run's capture side: on the port's worker thread when there is one, else (virtual clocks) in turns between
-// training steps. Between begin and end the intake belongs to it. All do nothing when the cameras are stopped.
-sv_status sv_app_live_begin(sv_app *app, sv_err *err) SV_MUST_USE;
+// training steps. Between begin and end the queue belongs to it. All do nothing when the cameras are stopped.
+sv_status sv_app_continuous_begin(sv_app *app, sv_err *err) SV_MUST_USE;
 // One piece of work that is not training, if one is due; *is_train: none was, train.
-sv_status sv_app_live_turn(sv_app *app, bool *is_train, sv_err *err) SV_MUST_USE;
-void sv_app_live_trained(sv_app *app, double from_s, double now_s); // a training step has taken so long
-sv_status sv_app_live_end(sv_app *app, sv_err *err) SV_MUST_USE;
+sv_status sv_app_continuous_turn(sv_app *app, bool *is_train, sv_err *err) SV_MUST_USE;
+void sv_app_continuous_trained(sv_app *app, double from_s, double now_s); // a training step has taken so long
+sv_status sv_app_continuous_end(sv_app *app, sv_err *err) SV_MUST_USE;
 
 // Places the exposures of a source without poses, before training (app.c says what it does with them). Without
 // odometry says that the rig is taken as standing still.

@@ -17,7 +17,7 @@ void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
   d->kind = SV_DEFORM_CLIP;
   t->n_unseen = 0;
   sv_train_set_times(t, c->n_exposures);
-  if (!c->is_live) return;
+  if (!c->is_continuous) return;
   d->functions = SV_MOTION_POWERS;
   d->n_pos = d->n_rot = d->n_colour = 1; // exposures of a ring are too few for more
   d->pos = 1;                            // rates are per second, not per clip
@@ -39,7 +39,7 @@ void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
 
 float sv_app_time_of(const sv_app *app, sv_ns time_ns) {
   if (!app->cfg.is_dynamic) return 0;
-  if (app->cfg.is_live) return (float)sv_ns_to_s(time_ns - app->first_ns);
+  if (app->cfg.is_continuous) return (float)sv_ns_to_s(time_ns - app->first_ns);
   double span = (double)(app->last_ns - app->first_ns);
   return span > 0 ? sv_clampf((float)((double)(time_ns - app->first_ns) / span), 0.0f, 1.0f) : 0;
 }
@@ -81,7 +81,7 @@ static sv_status score_newest(sv_app *app) {
 }
 
 sv_status sv_app_leave_exposure(sv_app *app) {
-  return app->cfg.is_dynamic && app->cfg.is_live ? score_newest(app) : SV_OK;
+  return app->cfg.is_dynamic && app->cfg.is_continuous ? score_newest(app) : SV_OK;
 }
 
 sv_status sv_app_enter_exposure(sv_app *app, int slot, float progress) {

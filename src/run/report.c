@@ -55,16 +55,16 @@ static void add_live(sv_str *s, const sv_app *app) {
   if (app->n_scored)
     sv_str_add(s, "  \"live_psnr\": %.3f, \"live_psnr_late\": %.3f, \"live_exposures\": %llu,\n",
                app->psnr_sum / (double)app->n_scored, app->psnr_late, (unsigned long long)app->n_scored);
-  if (!app->cfg.is_live) return;
+  if (!app->cfg.is_continuous) return;
   sv_str_add(s,
              "  \"live\": {\"exposures_replaced\": %llu, \"previews\": %llu, \"preview_slowdown\": %d, "
              "\"dequeue_ms\": {\"p50\": %.3f, \"p99\": %.3f, \"max\": %.3f}, \"deadline_ms\": %.3f, "
              "\"deadline_misses\": %llu},\n",
              (unsigned long long)app->exposures.n_replaced, (unsigned long long)g->n[SV_WORK_PREVIEW],
-             g->slowdown, sv_ns_to_ms(sv_skew_percentile_ns(&app->intake.latency, 50)),
-             sv_ns_to_ms(sv_skew_percentile_ns(&app->intake.latency, 99)),
-             sv_ns_to_ms(app->intake.latency.max_ns), sv_ns_to_ms(app->intake.deadline_ns),
-             (unsigned long long)app->intake.n_missed);
+             g->slowdown, sv_ns_to_ms(sv_skew_percentile_ns(&app->queue.latency, 50)),
+             sv_ns_to_ms(sv_skew_percentile_ns(&app->queue.latency, 99)),
+             sv_ns_to_ms(app->queue.latency.max_ns), sv_ns_to_ms(app->queue.deadline_ns),
+             (unsigned long long)app->queue.n_missed);
 }
 
 static void add_events(sv_str *s, const sv_sync_stream *st) {
@@ -79,7 +79,7 @@ static void add_events(sv_str *s, const sv_sync_stream *st) {
 static void add_ledger(sv_str *s, const sv_app *app) {
   sv_str_add(s, "  \"ledger\": [");
   for (int i = 0; i < app->cfg.n_cameras; i++) {
-    const sv_ledger *l = sv_sync_ledger(&app->intake.sync, i);
+    const sv_ledger *l = sv_sync_ledger(&app->queue.sync, i);
     sv_str_add(s, "%s\n    {\"camera\": \"", i ? "," : "");
     sv_str_add_json(s, app->cfg.caps[i].name);
     sv_str_add(s, "\", \"captured\": %llu, \"delivered\": %llu, \"pending\": %llu, \"dropped\": {",
@@ -90,7 +90,7 @@ static void add_ledger(sv_str *s, const sv_app *app) {
         sv_str_add(s, "%s\"%s\": %llu", n++ ? ", " : "", sv_drop_name((sv_drop_reason)r),
                    (unsigned long long)l->dropped[r]);
     sv_str_add(s, "}");
-    add_events(s, &app->intake.sync.streams[i]);
+    add_events(s, &app->queue.sync.streams[i]);
     sv_str_add(s, ", \"is_exact\": %s}", sv_ledger_is_exact(l) ? "true" : "false");
   }
   sv_str_add(s, "\n  ],\n");
@@ -131,9 +131,9 @@ static void add_timing(sv_str *s, const sv_app *app) {
              t->n ? 1e3 * t->sum_s / (double)t->n : 0.0, 1e3 * sv_time_stats_percentile_s(t, 50),
              1e3 * sv_time_stats_percentile_s(t, 99), 1e3 * t->max_s);
   sv_str_add(s, "  \"skew_us\": {\"p50\": %.1f, \"p99\": %.1f, \"max\": %.1f},\n",
-             (double)sv_skew_percentile_ns(&app->intake.sync.skew, 50) * 1e-3,
-             (double)sv_skew_percentile_ns(&app->intake.sync.skew, 99) * 1e-3,
-             (double)app->intake.sync.skew.max_ns * 1e-3);
+             (double)sv_skew_percentile_ns(&app->queue.sync.skew, 50) * 1e-3,
+             (double)sv_skew_percentile_ns(&app->queue.sync.skew, 99) * 1e-3,
+             (double)app->queue.sync.skew.max_ns * 1e-3);
 }
 
 sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) {

@@ -14,26 +14,26 @@ typedef struct {
 
 #define HEAD_BYTES ((sizeof(head_t) + 15) & ~(size_t)15)
 
-static sv_sync_cfg sync_cfg(const sv_intake_cfg *c, const sv_sync_camera *cameras) {
+static sv_sync_cfg sync_cfg(const sv_capture_queue_cfg *c, const sv_sync_camera *cameras) {
   return (sv_sync_cfg){.n_cameras = c->n_cameras,
                        .cameras = cameras,
                        .skew_limit_ns = c->skew_limit_ns,
                        .queue_len = c->queue_len};
 }
 
-static sv_ns period_ns(const sv_intake_cfg *c) {
+static sv_ns period_ns(const sv_capture_queue_cfg *c) {
   double fps = c->caps[0].fps;
   return fps > 0 ? (sv_ns)floor(1e9 / fps + 0.5) : 0;
 }
 
-static sv_ns deadline_ns(const sv_intake_cfg *c) {
+static sv_ns deadline_ns(const sv_capture_queue_cfg *c) {
   double fps = 0;
   for (int i = 0; i < c->n_cameras; i++)
     if (c->caps[i].fps > fps) fps = c->caps[i].fps;
   return fps > 0 ? (sv_ns)floor(1e9 / fps + 0.5) : 0;
 }
 
-// What the arena holds; sv_intake itself is too large for a stack frame.
+// What the arena holds; sv_capture_queue itself is too large for a stack frame.
 typedef struct {
   sv_frame_length frame_length;
   sv_camera_stat *stats;
@@ -45,7 +45,7 @@ typedef struct {
 } parts_t;
 
 // sync: NULL on a dry arena.
-static sv_status carve(parts_t *p, sv_sync *sync, const sv_intake_cfg *c, sv_arena *a) {
+static sv_status carve(parts_t *p, sv_sync *sync, const sv_capture_queue_cfg *c, sv_arena *a) {
   size_t n = (size_t)c->n_cameras;
   sv_arena_part_begin(a, "sync");
   sv_sync_camera *cameras = SV_TAKE(a, sv_sync_camera, n), dry = {0};
@@ -56,7 +56,7 @@ static sv_status carve(parts_t *p, sv_sync *sync, const sv_intake_cfg *c, sv_are
   if (sync) s = sv_sync_init(sync, &sc, a);
   else (void)SV_TAKE(a, uint8_t, sv_sync_bytes(&sc));
   if (s < 0) return s;
-  if (c->mode == SV_INTAKE_FRAME_LENGTH && period_ns(c) > 0) {
+  if (c->mode == SV_SYNC_METHOD_FRAME_LENGTH && period_ns(c) > 0) {
     sv_frame_length_cfg fc = {.n_cameras = c->n_cameras, .period_ns = period_ns(c)};
     s = sv_frame_length_init(&p->frame_length, &fc, a);
     if (s < 0) return s;
@@ -64,14 +64,14 @@ static sv_status carve(parts_t *p, sv_sync *sync, const sv_intake_cfg *c, sv_are
   p->elem_bytes = HEAD_BYTES + n * sizeof(sv_frame);
   p->stats = SV_TAKE(a, sv_camera_stat, n);
   p->caps = SV_TAKE(a, sv_camera_caps, n);
-  p->line = SV_TAKE(a, char, SV_INTAKE_LINE_BYTES);
+  p->line = SV_TAKE(a, char, SV_CAPTURE_QUEUE_LINE_BYTES);
   p->frames = SV_TAKE(a, sv_frame, n);
   p->out = SV_TAKE(a, uint8_t, p->elem_bytes);
   p->back = SV_TAKE(a, uint8_t, p->elem_bytes);
   return a->status;
 }
 
-static sv_status carve_rings(sv_ring *events, sv_ring *ready, sv_ring *done, const sv_intake_cfg *c,
+static sv_status carve_rings(sv_ring *events, sv_ring *ready, sv_ring *done, const sv_capture_queue_cfg *c,
                              size_t elem_bytes, sv_arena *a) {
   sv_status s = sv_ring_init(events, CAP_EVENTS, sizeof(sv_camera_event), a);
   if (s >= 0) s = sv_ring_init(ready, (uint32_t)c->cap_ready, (uint32_t)elem_bytes, a);
@@ -80,7 +80,7 @@ static sv_status carve_rings(sv_ring *events, sv_ring *ready, sv_ring *done, con
   return s < 0 ? s : a->status;
 }
 
-size_t sv_intake_bytes(const sv_intake_cfg *cfg) {
+size_t sv_capture_queue_bytes(const sv_capture_queue_cfg *cfg) {
   sv_arena dry = sv_arena_dry();
   parts_t p = {0};
   sv_ring events, ready, done;
@@ -89,8 +89,8 @@ size_t sv_intake_bytes(const sv_intake_cfg *cfg) {
   return s < 0 ? 0 : dry.used_bytes;
 }
 
-sv_status sv_intake_init(sv_intake *in, const sv_intake_cfg *cfg, const sv_source *source,
-                         const sv_clock *clock, sv_arena *arena) {
+sv_status sv_capture_queue_init(sv_capture_queue *in, const sv_capture_queue_cfg *cfg,
+                                const sv_source *source, const sv_clock *clock, sv_arena *arena) {
   memset(in, 0, sizeof *in);
   if (cfg->n_cameras < 1 || cfg->cap_ready < 1 || cfg->cap_ready > 64 || !cfg->caps) return SV_E_ARG;
   in->cfg = *cfg;
@@ -114,28 +114,28 @@ sv_status sv_intake_init(sv_intake *in, const sv_intake_cfg *cfg, const sv_sourc
   return s;
 }
 
-static void count_error(sv_intake *in, int i_camera, sv_status s) {
+static void count_error(sv_capture_queue *in, int i_camera, sv_status s) {
   atomic_store(&in->i_broken, i_camera);
   atomic_store(&in->broken_status, s);
   atomic_fetch_add(&in->n_device_errors, 1);
 }
 
-static void requeue(sv_intake *in, const sv_frame *f) {
+static void requeue(sv_capture_queue *in, const sv_frame *f) {
   sv_status s = in->source.requeue(in->source.self, f);
   if (s < 0) count_error(in, f->i_camera, s);
 }
 
-static void requeue_all(sv_intake *in, const sv_frame *frames) {
+static void requeue_all(sv_capture_queue *in, const sv_frame *frames) {
   for (int i = 0; i < in->cfg.n_cameras; i++)
     if (frames[i].i_camera >= 0) requeue(in, &frames[i]);
 }
 
-static void give_returns_back(sv_intake *in) {
+static void give_returns_back(sv_capture_queue *in) {
   sv_frame f;
   while (sv_sync_pop_return(&in->sync, &f) == SV_OK) requeue(in, &f);
 }
 
-static void collect_done(sv_intake *in) {
+static void collect_done(sv_capture_queue *in) {
   head_t head;
   while (sv_ring_pop(&in->done, in->out) == SV_OK) {
     memcpy(&head, in->out, sizeof head);
@@ -147,7 +147,7 @@ static void collect_done(sv_intake *in) {
 }
 
 // Exposures that are complete go to the user, or, when it has enough to do, nowhere.
-static void hand_out(sv_intake *in) {
+static void hand_out(sv_capture_queue *in) {
   head_t head = {.is_used = false};
   while (sv_sync_pop_exposure(&in->sync, &head.exposure, in->frames) == SV_OK) {
     sv_camera_stats_exposure(in->stats, &in->sync, &head.exposure, in->frames);
@@ -167,7 +167,7 @@ static void hand_out(sv_intake *in) {
   }
 }
 
-static void align(sv_intake *in, int c) {
+static void align(sv_capture_queue *in, int c) {
   sv_frame_length *fl = &in->frame_length;
   int64_t set_ns = 0;
   sv_ns wanted_ns, was_ns;
@@ -185,7 +185,7 @@ static void align(sv_intake *in, int c) {
   if (set_ns > 0) sv_sync_lengthened(&in->sync, c, set_ns - was_ns);
 }
 
-static void take_frame(sv_intake *in, const sv_frame *f) {
+static void take_frame(sv_capture_queue *in, const sv_frame *f) {
   int c = f->i_camera;
   uint64_t n_steps =
       c >= 0 && c < in->cfg.n_cameras ? in->sync.streams[c].events[SV_SYNC_EVENT_CLOCK_STEP] : 0;
@@ -208,7 +208,7 @@ static void take_frame(sv_intake *in, const sv_frame *f) {
   give_returns_back(in);
 }
 
-static void collect_events(sv_intake *in) {
+static void collect_events(sv_capture_queue *in) {
   sv_camera_event e;
   while (in->source.event && in->source.event(in->source.self, &e) == SV_OK) {
     sv_status s = sv_ring_push(&in->events, &e);
@@ -218,14 +218,14 @@ static void collect_events(sv_intake *in) {
 
 enum { LINE_NONE, LINE_WANTED, LINE_READY };
 
-static void make_line(sv_intake *in) {
+static void make_line(sv_capture_queue *in) {
   if (atomic_load(&in->line_state) != LINE_WANTED) return;
-  sv_str s = sv_str_make(in->line, SV_INTAKE_LINE_BYTES);
+  sv_str s = sv_str_make(in->line, SV_CAPTURE_QUEUE_LINE_BYTES);
   sv_camera_stats_live(&s, in->stats, &in->sync, in->caps);
   atomic_store(&in->line_state, LINE_READY);
 }
 
-sv_status sv_intake_step(sv_intake *in, sv_ns until_ns) {
+sv_status sv_capture_queue_step(sv_capture_queue *in, sv_ns until_ns) {
   sv_status result = SV_AGAIN;
   collect_done(in);
   make_line(in);
@@ -247,12 +247,12 @@ sv_status sv_intake_step(sv_intake *in, sv_ns until_ns) {
   return result;
 }
 
-sv_status sv_intake_check(const sv_intake *in, sv_err *err) {
+sv_status sv_capture_queue_check(const sv_capture_queue *in, sv_err *err) {
   const sv_source *src = &in->source;
-  if (in->cfg.mode == SV_INTAKE_TRIGGER && !src->trigger)
+  if (in->cfg.mode == SV_SYNC_METHOD_TRIGGER && !src->trigger)
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "the cameras of this source have no trigger line; expected --sync free or frame-length");
-  if (in->cfg.mode == SV_INTAKE_FRAME_LENGTH && !(src->set_control && in->frame_length.cameras))
+  if (in->cfg.mode == SV_SYNC_METHOD_FRAME_LENGTH && !(src->set_control && in->frame_length.cameras))
     return sv_fail(err, SV_E_UNSUPPORTED, "the cameras of this source %s; expected --sync free",
                    src->set_control ? "do not tell their frame rate (fps= gives it)"
                                     : "cannot be told the length of their frames");
@@ -260,7 +260,7 @@ sv_status sv_intake_check(const sv_intake *in, sv_err *err) {
 }
 
 // The source's first event names the camera and what is wrong with it.
-static sv_status not_started(sv_intake *in, sv_status s, sv_err *err) {
+static sv_status not_started(sv_capture_queue *in, sv_status s, sv_err *err) {
   char text[256];
   sv_str why = sv_str_make(text, sizeof text);
   sv_camera_event e;
@@ -270,11 +270,11 @@ static sv_status not_started(sv_intake *in, sv_status s, sv_err *err) {
   return sv_fail(err, s, "the cameras did not start: %s", text);
 }
 
-sv_status sv_intake_start(sv_intake *in, sv_err *err) {
+sv_status sv_capture_queue_start(sv_capture_queue *in, sv_err *err) {
   sv_source *src = &in->source;
-  sv_status s = sv_intake_check(in, err);
+  sv_status s = sv_capture_queue_check(in, err);
   if (s < 0) return s;
-  if (src->trigger) s = src->trigger(src->self, in->cfg.mode == SV_INTAKE_TRIGGER);
+  if (src->trigger) s = src->trigger(src->self, in->cfg.mode == SV_SYNC_METHOD_TRIGGER);
   if (s < 0)
     return sv_fail(err, s, "the cameras cannot be switched to their trigger line: %s", sv_status_text(s));
   s = src->start(src->self);
@@ -283,7 +283,7 @@ sv_status sv_intake_start(sv_intake *in, sv_err *err) {
   return SV_OK;
 }
 
-sv_status sv_intake_stop(sv_intake *in) {
+sv_status sv_capture_queue_stop(sv_capture_queue *in) {
   head_t head;
   if (!in->is_running) return SV_OK;
   collect_done(in);
@@ -302,7 +302,7 @@ sv_status sv_intake_stop(sv_intake *in) {
 
 // --- the user's side -----------------------------------------------------------------------------
 
-sv_status sv_intake_take(sv_intake *in, sv_intake_exposure *t) {
+sv_status sv_capture_queue_take(sv_capture_queue *in, sv_queued_exposure *t) {
   head_t head;
   sv_status s = sv_ring_pop(&in->ready, in->back);
   if (s != SV_OK) return s;
@@ -313,7 +313,7 @@ sv_status sv_intake_take(sv_intake *in, sv_intake_exposure *t) {
   return SV_OK;
 }
 
-void sv_intake_give_back(sv_intake *in, sv_intake_exposure *t, bool is_used) {
+void sv_capture_queue_give_back(sv_capture_queue *in, sv_queued_exposure *t, bool is_used) {
   head_t head = {.exposure = t->exposure, .is_used = is_used};
   t->is_used = is_used;
   memset(in->back, 0, in->elem_bytes);
@@ -323,14 +323,14 @@ void sv_intake_give_back(sv_intake *in, sv_intake_exposure *t, bool is_used) {
   if (sv_ring_push(&in->done, in->back) != SV_OK) count_error(in, -1, SV_E_FULL);
 }
 
-sv_status sv_intake_line(sv_intake *in, sv_str *out) {
+sv_status sv_capture_queue_line(sv_capture_queue *in, sv_str *out) {
   int state = atomic_load(&in->line_state);
   if (state == LINE_READY) sv_str_add(out, "%s", in->line);
   if (state != LINE_WANTED) atomic_store(&in->line_state, LINE_WANTED); // the next one is made meanwhile
   return state == LINE_READY ? SV_OK : SV_AGAIN;
 }
 
-int sv_intake_n_ready(sv_intake *in) { return (int)sv_ring_count(&in->ready); }
-sv_status sv_intake_pop_event(sv_intake *in, sv_camera_event *event) {
+int sv_capture_queue_n_ready(sv_capture_queue *in) { return (int)sv_ring_count(&in->ready); }
+sv_status sv_capture_queue_pop_event(sv_capture_queue *in, sv_camera_event *event) {
   return sv_ring_pop(&in->events, event);
 }

@@ -3,8 +3,8 @@
 // The capture side of a runtime: takes frames from a source the moment they come, puts exposures together, and hands
 // them to one user, who may be busy and on another thread. What nobody has time for is left out as whole exposures.
 //
-//   capture side (a thread of its own, or the user's between two pieces of work):  sv_intake_step, again and again
-//   user's side:  while (sv_intake_take(&in, &t) == SV_OK) use t; then sv_intake_give_back(&in, &t, is_used)
+//   capture side (a thread of its own, or the user's between two pieces of work):  sv_capture_queue_step, again and again
+//   user's side:  while (sv_capture_queue_take(&in, &t) == SV_OK) use t; then sv_capture_queue_give_back(&in, &t, is_used)
 //
 // One thread a side. Everything else (start, stop, reading sync) only while the other side rests. At most cap_ready
 // exposures are ready or with the user; a source needs cap_ready + queue_len + 2 buffers a camera to lose nothing
@@ -21,38 +21,38 @@
 
 // Who makes the cameras expose at the same time: nobody; software, by the length of their frames (cameras that cannot
 // are left alone); a trigger line.
-typedef enum { SV_INTAKE_FREE = 0, SV_INTAKE_FRAME_LENGTH, SV_INTAKE_TRIGGER } sv_intake_mode;
+typedef enum { SV_SYNC_METHOD_FREE = 0, SV_SYNC_METHOD_FRAME_LENGTH, SV_SYNC_METHOD_TRIGGER } sv_sync_method;
 
-#define SV_INTAKE_LINE_BYTES 512
+#define SV_CAPTURE_QUEUE_LINE_BYTES 512
 
 typedef struct {
   int n_cameras;
   const sv_camera_caps *caps; // [n_cameras], read by init only
   sv_ns skew_limit_ns;
   int queue_len, cap_ready;
-  sv_intake_mode mode;
+  sv_sync_method mode;
   // Is shown every frame that comes, on the capture side's thread, before the frame goes on its way; must be quick. May
   // be NULL.
   void (*on_frame)(void *self, const sv_frame *frame);
   void *on_frame_self;
-} sv_intake_cfg;
+} sv_capture_queue_cfg;
 
 // One exposure on its way, either way.
 typedef struct {
   sv_exposure exposure;
   bool is_used;
   sv_frame *frames; // [n_cameras]; the taker's own array
-} sv_intake_exposure;
+} sv_queued_exposure;
 
 typedef struct {
-  sv_intake_cfg cfg;
+  sv_capture_queue_cfg cfg;
   sv_source source;
   sv_clock clock;
   sv_sync sync;
   sv_frame_length frame_length;
   sv_camera_stat *stats; // [n_cameras]
   sv_camera_caps *caps;  // [n_cameras] a copy, for names
-  char *line;            // [SV_INTAKE_LINE_BYTES] of statistics, the capture side's until it is ready
+  char *line;            // [SV_CAPTURE_QUEUE_LINE_BYTES] of statistics, the capture side's until it is ready
   _Atomic int line_state;
   sv_ring events;      // sv_camera_event, to the user
   sv_frame *frames;    // [n_cameras] workspace of the capture side
@@ -68,34 +68,34 @@ typedef struct {
   _Atomic uint64_t n_device_errors; // of dequeue and requeue
   _Atomic int i_broken;             // camera of the newest one
   _Atomic sv_status broken_status;
-} sv_intake;
+} sv_capture_queue;
 
-size_t sv_intake_bytes(const sv_intake_cfg *cfg);
+size_t sv_capture_queue_bytes(const sv_capture_queue_cfg *cfg);
 // E_ARG: the cfg is out of range (see sync.h); E_NOMEM.
-sv_status sv_intake_init(sv_intake *in, const sv_intake_cfg *cfg, const sv_source *source,
-                         const sv_clock *clock, sv_arena *arena) SV_MUST_USE;
+sv_status sv_capture_queue_init(sv_capture_queue *in, const sv_capture_queue_cfg *cfg,
+                                const sv_source *source, const sv_clock *clock, sv_arena *arena) SV_MUST_USE;
 
 // Can the source do what the mode asks for? E_UNSUPPORTED: it has no trigger line, or takes no frame lengths.
-sv_status sv_intake_check(const sv_intake *in, sv_err *err) SV_MUST_USE;
+sv_status sv_capture_queue_check(const sv_capture_queue *in, sv_err *err) SV_MUST_USE;
 // Starts the cameras, when the mode suits them.
-sv_status sv_intake_start(sv_intake *in, sv_err *err) SV_MUST_USE;
+sv_status sv_capture_queue_start(sv_capture_queue *in, sv_err *err) SV_MUST_USE;
 // Waits until until_host_ns at most for a frame, then takes all that are there. OK, AGAIN (none came), END; E_DEVICE
 // of one camera (counted; the others go on; the host's clock is moved on by 1 ms, so that a source that only fails
 // does not stop time). Poses of the rig are filled in here.
-sv_status sv_intake_step(sv_intake *in, sv_ns until_host_ns) SV_MUST_USE;
+sv_status sv_capture_queue_step(sv_capture_queue *in, sv_ns until_host_ns) SV_MUST_USE;
 // Gives everything back and stops the cameras: the ledger closes. What was ready and not taken counts as dropped for
 // `stopped`. The user gives back what it has before.
-sv_status sv_intake_stop(sv_intake *in) SV_MUST_USE;
+sv_status sv_capture_queue_stop(sv_capture_queue *in) SV_MUST_USE;
 
 // t->frames is the user's array [n_cameras]. AGAIN: none is ready.
-sv_status sv_intake_take(sv_intake *in, sv_intake_exposure *t) SV_MUST_USE;
+sv_status sv_capture_queue_take(sv_capture_queue *in, sv_queued_exposure *t) SV_MUST_USE;
 // The frames go back to their cameras. Not used: they count as dropped for `overload`.
-void sv_intake_give_back(sv_intake *in, sv_intake_exposure *t, bool is_used);
-int sv_intake_n_ready(sv_intake *in);
+void sv_capture_queue_give_back(sv_capture_queue *in, sv_queued_exposure *t, bool is_used);
+int sv_capture_queue_n_ready(sv_capture_queue *in);
 // " | video0 25.0 fps +0.412 ms dropped 3 (no_partner 2, ...) | ..." is added to out: what a user watches. The first
 // call asks for it, the capture side makes it at its next step, and a later call brings it. AGAIN: not yet.
-sv_status sv_intake_line(sv_intake *in, sv_str *out) SV_MUST_USE;
+sv_status sv_capture_queue_line(sv_capture_queue *in, sv_str *out) SV_MUST_USE;
 // What happened to a camera, for the user's side. AGAIN: nothing. When nobody asks, the newest are left out.
-sv_status sv_intake_pop_event(sv_intake *in, sv_camera_event *event) SV_MUST_USE;
+sv_status sv_capture_queue_pop_event(sv_capture_queue *in, sv_camera_event *event) SV_MUST_USE;
 
 #endif

@@ -69,7 +69,7 @@ sv_status sv_sync_init(sv_sync *s, const sv_sync_cfg *cfg, sv_arena *arena) {
     bool is_common = cfg->clock_mode == SV_SYNC_CLOCK_COMMON ||
                      (cfg->clock_mode == SV_SYNC_CLOCK_AUTO && cfg->cameras[c].clock == SV_CLOCK_MONOTONIC);
     s->streams[c].stamp = cfg->cameras[c].stamp;
-    sv_cadence_init(&s->streams[c].cadence, cfg->cameras[c].stamp_noise_ns);
+    sv_timestamp_filter_init(&s->streams[c].filter, cfg->cameras[c].stamp_noise_ns);
     sv_clock_model_init(&s->streams[c].clock, is_common, s->cfg.step_limit_ns, s->cfg.max_drift,
                         cfg->cameras[c].transport_ns);
   }
@@ -130,8 +130,8 @@ static bool stamps_are_possible(const sv_frame *f) {
 static sv_ns clock_jump_ns(const sv_sync *s, const sv_sync_stream *st, const sv_frame *f, uint32_t n_frames,
                            bool goes_on) {
   sv_ns jump_ns = (f->camera_ns - st->last_camera_ns) - (f->arrival_ns - st->last_arrival_ns), off_ns;
-  // A known cadence tells smaller jumps: the stamp is off, and the frame did not come so much later or earlier.
-  if (sv_cadence_is_off(&st->cadence, f->camera_ns, n_frames, &off_ns)) {
+  // A steady frame rate tells smaller jumps: the stamp is off, and the frame did not come so much later or earlier.
+  if (sv_timestamp_filter_is_off(&st->filter, f->camera_ns, n_frames, &off_ns)) {
     sv_ns left_ns = jump_ns - off_ns;
     if (left_ns < 0) left_ns = -left_ns;
     if (left_ns < (off_ns < 0 ? -off_ns : off_ns) / 2) return off_ns;
@@ -256,10 +256,10 @@ static sv_status enqueue(sv_sync *s, int c, const sv_frame *f, sv_ns steady_ns) 
   return SV_OK;
 }
 
-// By the numbers, counted from the last frame that the cadence has seen; 0 when they do not tell.
+// By the numbers, counted from the last frame that the timestamp filter has seen; 0 when they do not tell.
 static uint32_t frames_since_last(const sv_sync_stream *st, const sv_frame *f) {
   int32_t delta = (int32_t)(f->sequence - st->last_sequence);
-  uint32_t n = f->sequence - st->cadence_sequence;
+  uint32_t n = f->sequence - st->filter_sequence;
   return st->has_last && delta > 0 && delta <= MAX_GAP_FRAMES && n <= 2 * MAX_GAP_FRAMES ? n : 0;
 }
 
@@ -312,10 +312,11 @@ sv_status sv_sync_push(sv_sync *s, const sv_frame *f) {
   st->has_last = true;
   st->last_camera_ns = f->camera_ns;
   st->last_arrival_ns = f->arrival_ns;
-  st->cadence_sequence = f->sequence;
+  st->filter_sequence = f->sequence;
   sv_ns step_ns = jump_ns;
-  if (jump_ns && sv_cadence_step(&st->cadence, f->camera_ns, n_frames)) return drop_step(s, c, f, step_ns);
-  sv_ns steady_ns = jump_ns ? f->camera_ns : sv_cadence_add(&st->cadence, f->camera_ns, n_frames);
+  if (jump_ns && sv_timestamp_filter_step(&st->filter, f->camera_ns, n_frames))
+    return drop_step(s, c, f, step_ns);
+  sv_ns steady_ns = jump_ns ? f->camera_ns : sv_timestamp_filter_add(&st->filter, f->camera_ns, n_frames);
   if (is_late) return enqueue(s, c, f, steady_ns);
   if (was_back) sv_clock_model_restart(&st->clock, steady_ns, f->arrival_ns);
   else if (!sv_clock_model_add(&st->clock, steady_ns, f->arrival_ns, set_ns, &step_ns))
@@ -458,7 +459,7 @@ void sv_sync_refuse(sv_sync *s, const sv_exposure *e, sv_drop_reason reason) {
 }
 
 void sv_sync_lengthened(sv_sync *s, int c, sv_ns delta_ns) {
-  sv_cadence_lengthen(&s->streams[c].cadence, delta_ns);
+  sv_timestamp_filter_lengthen(&s->streams[c].filter, delta_ns);
 }
 
 sv_status sv_sync_pop_return(sv_sync *s, sv_frame *frame) {

@@ -104,14 +104,14 @@ sv_ns sv_skew_percentile_ns(const sv_skew_stats *s, double percent); // 0 when t
 
 typedef struct {
   sv_frame frame;
-  sv_ns steady_ns;   // its stamp, freed of noise (cadence.h)
+  sv_ns steady_ns;   // its stamp, freed of noise (timestamp_filter.h)
   sv_ns mid_host_ns; // middle of its exposure on the host's clock
 } sv_sync_entry;
 
 typedef struct {
   sv_clock_model clock;
-  sv_cadence cadence;
-  uint32_t cadence_sequence; // of its newest frame
+  sv_timestamp_filter filter;
+  uint32_t filter_sequence; // of its newest frame
   sv_stamp_source stamp;
   sv_sync_entry *queue; // [queue_len], a ring
   int i_head, n_queued;

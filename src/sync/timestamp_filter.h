@@ -3,7 +3,7 @@
 // that stamp(k) = phase + period k + noise; phase and period are estimated by least squares over the stamps with
 // exponentially fading weight (discounted least squares of a line: R. G. Brown, "Smoothing, forecasting and
 // prediction", 1963, chapter 12), in the recursive form of a two-state Kalman filter. Of noise s, the error is about
-// 2 s / sqrt(n) after n frames, and s sqrt(1.25 / SV_CADENCE_FRAMES) in the long run: 18 us for s = 1 ms.
+// 2 s / sqrt(n) after n frames, and s sqrt(1.25 / SV_TIMESTAMP_FILTER_FRAMES) in the long run: 18 us for s = 1 ms.
 // Only for cameras whose stamps are known to scatter (software stamps); exact stamps need none of it.
 #ifndef SV_SYNC_TIMESTAMP_FILTER_H
 #define SV_SYNC_TIMESTAMP_FILTER_H
@@ -17,9 +17,9 @@
 extern "C" {
 #endif
 
-#define SV_CADENCE_FRAMES                                                                                    \
-  4096                      // of fading memory: long against the noise, short against a crystal's temperature
-#define SV_CADENCE_HOLD 128 // frames whose mean tells how far a clock has stepped
+#define SV_TIMESTAMP_FILTER_FRAMES                                                                           \
+  4096 // of fading memory: long against the noise, short against a crystal's temperature
+#define SV_TIMESTAMP_FILTER_HOLD 128 // frames whose mean tells how far a clock has stepped
 
 typedef struct {
   sv_ns noise_ns; // standard deviation of the stamps; 0: they are passed through
@@ -30,24 +30,25 @@ typedef struct {
   uint32_t n;                 // frames learnt from
   int n_hold, n_off;          // frames still to average after a step; frames in a row that do not fit
   double hold_sum_ns;
-} sv_cadence;
+} sv_timestamp_filter;
 
-void sv_cadence_init(sv_cadence *c, sv_ns noise_ns);
+void sv_timestamp_filter_init(sv_timestamp_filter *c, sv_ns noise_ns);
 
 // The instant of a frame on the camera's clock as it ran before all steps: the estimate, or the stamp itself while
 // nothing is known. n_frames: how many frames after the last one, from the sequence numbers; 0: not known. Stamps
-// that lie off the cadence (six times the noise) are passed through, and three in a row start it anew.
-sv_ns sv_cadence_add(sv_cadence *c, sv_ns camera_ns, uint32_t n_frames);
+// that lie off the steady frame rate (six times the noise) are passed through, and three in a row start it anew.
+sv_ns sv_timestamp_filter_add(sv_timestamp_filter *c, sv_ns camera_ns, uint32_t n_frames);
 
-// By how much a stamp lies off what the cadence expects of it. False: too little is known, or it fits.
-bool sv_cadence_is_off(const sv_cadence *c, sv_ns camera_ns, uint32_t n_frames, sv_ns *residual_ns);
+// By how much a stamp lies off what the filter expects of it. False: too little is known, or it fits.
+bool sv_timestamp_filter_is_off(const sv_timestamp_filter *c, sv_ns camera_ns, uint32_t n_frames,
+                                sv_ns *residual_ns);
 
-// The camera's clock has jumped between the last frame and this one: the cadence goes on, and the next frames tell by
-// how much. Returns false when too little is known for that; the cadence then starts anew.
-bool sv_cadence_step(sv_cadence *c, sv_ns camera_ns, uint32_t n_frames);
+// The camera's clock has jumped between the last frame and this one: the filter goes on, and the next frames tell by
+// how much. Returns false when too little is known for that; the filter then starts anew.
+bool sv_timestamp_filter_step(sv_timestamp_filter *c, sv_ns camera_ns, uint32_t n_frames);
 
 // The camera was told to make its frames longer by so much from now on.
-void sv_cadence_lengthen(sv_cadence *c, sv_ns delta_ns);
+void sv_timestamp_filter_lengthen(sv_timestamp_filter *c, sv_ns delta_ns);
 
 #ifdef __cplusplus
 }

@@ -99,7 +99,7 @@ static const fault loop_faults[] = {
 static _Alignas(64) uint8_t block[8 << 20];
 static struct {
   sv_v4l2 v4l2;
-  sv_intake in;
+  sv_capture_queue in;
   sv_clock clock;
   sv_frame frames[CAP_CAMERAS];
   inject inject;
@@ -134,14 +134,14 @@ static void on_frame(void *self, const sv_frame *f) {
 }
 
 static void step(sv_ns ns) {
-  sv_intake_exposure e = {.frames = t.frames};
+  sv_queued_exposure e = {.frames = t.frames};
   sv_camera_event ev;
   for (sv_ns end = now() + ns; now() < end;) {
     sv_ns until = inject_feed(&t.inject, now());
-    sv_status s = sv_intake_step(&t.in, until < end ? until : end);
+    sv_status s = sv_capture_queue_step(&t.in, until < end ? until : end);
     (void)s; // failures are counted; what they are is told by events
-    while (sv_intake_take(&t.in, &e) == SV_OK) sv_intake_give_back(&t.in, &e, true);
-    while (sv_intake_pop_event(&t.in, &ev) == SV_OK) {
+    while (sv_capture_queue_take(&t.in, &e) == SV_OK) sv_capture_queue_give_back(&t.in, &e, true);
+    while (sv_capture_queue_pop_event(&t.in, &ev) == SV_OK) {
       // A camera that is only slow to be asked has lost nothing of itself.
       if (ev.i_camera > 0 && ev.kind != SV_CAMERA_STARVED) t.n_events_of_others++;
       if (ev.i_camera == 0) t.n_events[ev.kind]++;
@@ -164,14 +164,15 @@ static sv_status open_all(const char *cameras, const char *options, sv_err *err)
   t.n_cameras = src.n_cameras;
   for (int i = 0; i < t.n_cameras; i++)
     if ((s = src.caps(src.self, i, &caps[i])) < 0) return s;
-  sv_intake_cfg cfg = {.n_cameras = t.n_cameras,
-                       .caps = caps,
-                       .skew_limit_ns = 200 * SV_NS_PER_MS,
-                       .queue_len = 4,
-                       .cap_ready = 2,
-                       .on_frame = on_frame};
-  s = sv_intake_init(&t.in, &cfg, &src, &t.clock, &arena);
-  return s < 0 ? sv_fail(err, s, "no capture side for %d cameras", t.n_cameras) : sv_intake_start(&t.in, err);
+  sv_capture_queue_cfg cfg = {.n_cameras = t.n_cameras,
+                              .caps = caps,
+                              .skew_limit_ns = 200 * SV_NS_PER_MS,
+                              .queue_len = 4,
+                              .cap_ready = 2,
+                              .on_frame = on_frame};
+  s = sv_capture_queue_init(&t.in, &cfg, &src, &t.clock, &arena);
+  return s < 0 ? sv_fail(err, s, "no capture side for %d cameras", t.n_cameras)
+               : sv_capture_queue_start(&t.in, err);
 }
 
 static bool all_have(uint64_t n) {
@@ -246,7 +247,7 @@ static bool try_fault(const fault *f, const char *cameras) {
   memcpy(t.n_at_end, t.n_frames, sizeof t.n_at_end);
   sv_ns give_up = t.end_ns + GIVE_UP_NS;
   while (!why && (t.n_good_first < 4 || !is_told(f)) && now() < give_up) step(20 * SV_NS_PER_MS);
-  sv_status stopped = sv_intake_stop(&t.in);
+  sv_status stopped = sv_capture_queue_stop(&t.in);
   if (!why) why = judge(f, stopped);
   sv_ledger l = *sv_sync_ledger(&t.in.sync, 0);
   printf("%s %s: back after %llu frames of the others (%lld ms); %llu captured = %llu delivered + %llu "

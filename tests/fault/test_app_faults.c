@@ -72,10 +72,10 @@ static void open_run(void) {
                                 : "textured,rig=stereo,size=32x24,skew_us=900";
   if (kind_of_run == WORLD_DECODE) open_cameras();
   else if (!world_open(&w, spec, is_aligned ? 60 : 3, ~0u, 1)) fail_msg("%s", w.err.text);
-  if (is_aligned) w.cfg.sync_mode = SV_INTAKE_FRAME_LENGTH;
-  if (kind_of_run == WORLD_TRIGGER) w.cfg.sync_mode = SV_INTAKE_TRIGGER;
+  if (is_aligned) w.cfg.sync_mode = SV_SYNC_METHOD_FRAME_LENGTH;
+  if (kind_of_run == WORLD_TRIGGER) w.cfg.sync_mode = SV_SYNC_METHOD_TRIGGER;
   if (kind_of_run == WORLD_WORKER) {
-    w.cfg.is_live = true;
+    w.cfg.is_continuous = true;
     w.port.worker = world_worker(&w);
   }
   w.cfg.train.n_gaussians = 24;
@@ -142,12 +142,12 @@ static long n_ended[2];
 static void check_state(sv_status s) {
   end_state state = s < 0 && s != SV_E_INTERRUPTED ? SAFE : RUN;
   assert_int_equal(w.n_out, w.n_back);
-  assert_false(w.app.intake.is_running || w.app.is_capturing || w.app.has_worker);
+  assert_false(w.app.queue.is_running || w.app.is_capturing || w.app.has_worker);
   assert_int_equal(w.app.state, state == SAFE ? SV_APP_FAILED : SV_APP_DONE);
   if (state == RUN) assert_int_equal(w.app.trainer.step, w.cfg.steps);
   n_ended[state]++;
   for (int i = 0; i < w.cfg.n_cameras; i++) {
-    const sv_ledger *l = sv_sync_ledger(&w.app.intake.sync, i);
+    const sv_ledger *l = sv_sync_ledger(&w.app.queue.sync, i);
     assert_true(sv_ledger_is_exact(l) && l->pending == 0);
   }
 }

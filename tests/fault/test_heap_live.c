@@ -45,7 +45,7 @@ static sv_ns now_ns(void *self) {
 
 static void open_live(const char *spec, int n_ring, double exposure_s, int steps_each) {
   if (!world_open(&w, spec, n_ring, ~0u, 1)) fail_msg("%s", w.err.text);
-  w.cfg.is_dynamic = w.cfg.is_live = true;
+  w.cfg.is_dynamic = w.cfg.is_continuous = true;
   w.cfg.exposure_s = exposure_s;
   w.cfg.steps = (uint32_t)((n_exposures + 2) * steps_each);
   w.port.machine.now_ns = now_ns;
@@ -63,7 +63,7 @@ static void run_flat(void) {
   sv_heap_disarm();
   sv_heap_report();
   if (s < 0) fail_msg("%s", w.err.text);
-  sv_ledger l = sv_sync_ledger_sum(&w.app.intake.sync);
+  sv_ledger l = sv_sync_ledger_sum(&w.app.queue.sync);
   print_message(
       "%d exposures, newest %.2f dB, the first %d %.2f dB, the last %.2f dB; %d of %d Gaussians move, %u "
       "renewed; %llu frames = %llu delivered + %llu dropped; %zu bytes before and after\n",

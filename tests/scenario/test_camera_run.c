@@ -70,7 +70,7 @@ static void must_run(void) {
   if (world_init(&w) < 0 || sv_app_run(&w.app, &w.err) < 0) fail_msg("%s", w.err.text);
   assert_int_equal(w.app.exposures.n, 6);
   assert_int_equal(w.app.trainer.step, 5);
-  for (int i = 0; i < 2; i++) assert_true(sv_ledger_is_exact(sv_sync_ledger(&w.app.intake.sync, i)));
+  for (int i = 0; i < 2; i++) assert_true(sv_ledger_is_exact(sv_sync_ledger(&w.app.queue.sync, i)));
 }
 
 static void each_kind_of_frame_is_trained_on(void **state) {
@@ -119,7 +119,7 @@ static void a_damaged_picture_costs_its_exposure(void **state) {
   assert_true(w.app.n_bad_exposures > 10);
   assert_int_equal(w.app.exposures.n, 0);
   assert_true(world_has_line(&w, "JPEG"));
-  for (int i = 0; i < 2; i++) assert_true(sv_ledger_is_exact(sv_sync_ledger(&w.app.intake.sync, i)));
+  for (int i = 0; i < 2; i++) assert_true(sv_ledger_is_exact(sv_sync_ledger(&w.app.queue.sync, i)));
   close_cameras();
 }
 
@@ -130,7 +130,7 @@ static void short_frames_are_dropped_by_name(void **state) {
   w.cfg.capture_timeout_ns = SV_NS_PER_S;
   assert_int_equal(world_init(&w), SV_OK);
   assert_int_equal(sv_app_run(&w.app, &w.err), SV_E_TIMEOUT);
-  const sv_ledger *l = sv_sync_ledger(&w.app.intake.sync, 0);
+  const sv_ledger *l = sv_sync_ledger(&w.app.queue.sync, 0);
   assert_true(sv_ledger_is_exact(l));
   assert_true(l->dropped[SV_DROP_ERROR_FLAG] > 10);
   assert_int_equal(l->delivered, 0);
@@ -176,9 +176,9 @@ static void a_host_held_up_at_the_start_costs_no_exposure(void **state) {
     w.cfg.skew_limit_ns = 10 * SV_NS_PER_MS;
     must_run();
     for (int i = 0; i < 2; i++) {
-      const sv_ledger *l = sv_sync_ledger(&w.app.intake.sync, i);
+      const sv_ledger *l = sv_sync_ledger(&w.app.queue.sync, i);
       if (l->dropped[SV_DROP_CLOCK_STEP]) fail_msg("held up at frame %d: a false clock_step", i_held);
-      assert_int_equal(w.app.intake.sync.streams[i].events[SV_SYNC_EVENT_CLOCK_STEP], 0);
+      assert_int_equal(w.app.queue.sync.streams[i].events[SV_SYNC_EVENT_CLOCK_STEP], 0);
     }
     close_cameras();
   }

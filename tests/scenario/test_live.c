@@ -16,7 +16,7 @@ static world w;
 static void open_live(const char *spec, int n_exposures) {
   if (!world_open(&w, spec, n_exposures, ~0u, 2)) fail_msg("%s: %s", spec, w.err.text);
   w.cfg.train.n_gaussians = 200;
-  w.cfg.is_live = true;
+  w.cfg.is_continuous = true;
   w.cfg.preview_every_s = 0.2;
 }
 
@@ -25,7 +25,7 @@ static void run_well(void) {
   assert_int_equal(w.app.state, SV_APP_DONE);
   assert_int_equal(w.n_out, w.n_back);
   for (int i = 0; i < w.cfg.n_cameras; i++) {
-    const sv_ledger *l = sv_sync_ledger(&w.app.intake.sync, i);
+    const sv_ledger *l = sv_sync_ledger(&w.app.queue.sync, i);
     assert_true(sv_ledger_is_exact(l) && l->pending == 0);
     assert_int_equal(l->delivered, (uint64_t)w.app.exposures.n + w.app.exposures.n_replaced);
   }
@@ -82,7 +82,7 @@ static void too_slow_for_its_cameras(void **state) {
   w.machine_tick_ns = 60 * SV_NS_PER_MS;
   w.cfg.steps = 60;
   run_well();
-  const sv_ledger *l = sv_sync_ledger(&w.app.intake.sync, 0), *r = sv_sync_ledger(&w.app.intake.sync, 1);
+  const sv_ledger *l = sv_sync_ledger(&w.app.queue.sync, 0), *r = sv_sync_ledger(&w.app.queue.sync, 1);
   print_message("%llu of %llu frames left out\n", (unsigned long long)l->dropped[SV_DROP_OVERLOAD],
                 (unsigned long long)l->captured);
   assert_true(l->dropped[SV_DROP_OVERLOAD] > 10);
@@ -127,7 +127,7 @@ static void cameras_that_go(void **state) {
   w.stop_at_step = 30;
   assert_int_equal(world_run(&w), SV_E_INTERRUPTED);
   assert_int_equal(w.n_out, w.n_back);
-  assert_false(w.app.intake.is_running);
+  assert_false(w.app.queue.is_running);
   world_close(&w);
 }
 

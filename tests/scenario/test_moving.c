@@ -58,14 +58,14 @@ static void test_clip_beats_still(void **state) {
 static void test_live(void **state) {
   (void)state;
   open_world(3, 2);
-  w.cfg.is_dynamic = w.cfg.is_live = true;
+  w.cfg.is_dynamic = w.cfg.is_continuous = true;
   w.cfg.exposure_s = 0.3;
   w.cfg.steps = 900;
   if (world_init(&w) < 0) fail_msg("%s", w.err.text);
   size_t high = w.arena.high_bytes;
   if (sv_app_run(&w.app, &w.err) < 0) fail_msg("%s", w.err.text);
   assert_true(w.arena.high_bytes == high && w.arena.is_sealed);
-  sv_ledger l = sv_sync_ledger_sum(&w.app.intake.sync);
+  sv_ledger l = sv_sync_ledger_sum(&w.app.queue.sync);
   print_message("live: %d replaced, PSNR %.2f dB; %d frames captured, %d dropped\n",
                 (int)w.app.exposures.n_replaced, w.app.psnr_sum / (double)w.app.n_scored, (int)l.captured,
                 (int)sv_ledger_dropped(&l));

@@ -154,10 +154,10 @@ typedef struct {
   sv_frame frames[N_CAMERAS];
 } user_t;
 
-static sv_intake intake;
+static sv_capture_queue queue;
 static user_t user;
 
-static void check_exposure(const sv_intake_exposure *t) {
+static void check_exposure(const sv_queued_exposure *t) {
   int64_t slot = world.cam[0].slot_of[t->frames[0].i_buffer];
   assert_int_equal(t->exposure.present[0], (1u << N_CAMERAS) - 1);
   for (int i = 0; i < N_CAMERAS; i++) {
@@ -168,23 +168,23 @@ static void check_exposure(const sv_intake_exposure *t) {
 
 // One piece of work, and the time that it takes at this load.
 static void user_works(void) {
-  sv_intake_exposure t = {.frames = user.frames};
+  sv_queued_exposure t = {.frames = user.frames};
   sv_ns from_ns = user.now_ns;
-  sv_work work = sv_governor_next(&user.governor, from_ns, sv_intake_n_ready(&intake) > 0);
+  sv_work work = sv_governor_next(&user.governor, from_ns, sv_capture_queue_n_ready(&queue) > 0);
   double ms[SV_N_WORKS] = {[SV_WORK_EXPOSURE] = 8, [SV_WORK_TRAIN] = 3, [SV_WORK_PREVIEW] = 20};
   user.now_ns += (sv_ns)(ms[work] * user.load * (0.8 + 0.4 * chance()) * 1e6);
   if (work == SV_WORK_EXPOSURE) {
-    assert_int_equal(sv_intake_take(&intake, &t), SV_OK);
+    assert_int_equal(sv_capture_queue_take(&queue, &t), SV_OK);
     check_exposure(&t);
     user.n_exposures++;
-    sv_intake_give_back(&intake, &t, true);
+    sv_capture_queue_give_back(&queue, &t, true);
   }
   if (work == SV_WORK_TRAIN) user.train_ns += user.now_ns - from_ns;
   sv_governor_done(&user.governor, work, from_ns, user.now_ns);
 }
 
 static void check_ledgers(void) {
-  for (int c = 0; c < N_CAMERAS; c++) assert_true(sv_ledger_is_exact(sv_sync_ledger(&intake.sync, c)));
+  for (int c = 0; c < N_CAMERAS; c++) assert_true(sv_ledger_is_exact(sv_sync_ledger(&queue.sync, c)));
 }
 
 // Both sides side by side, whichever is behind first, until so many frames were exposed.
@@ -196,7 +196,7 @@ static void run_until(uint64_t n_frames) {
       camera_t *m = earliest();
       sv_ns until_ns =
           m && m->waiting[0].arrival_ns > capture_ns ? m->waiting[0].arrival_ns : capture_ns + SV_NS_PER_MS;
-      assert_true(sv_intake_step(&intake, until_ns) >= 0);
+      assert_true(sv_capture_queue_step(&queue, until_ns) >= 0);
       capture_ns = world.now_ns;
     } else user_works();
     if (world.n_frames % 1024 == 0) check_ledgers();
@@ -204,7 +204,7 @@ static void run_until(uint64_t n_frames) {
   world.now_ns = capture_ns;
 }
 
-static void open_intake(void) {
+static void open_queue(void) {
   static _Alignas(64) uint8_t block[1 << 20];
   static sv_camera_caps caps[N_CAMERAS];
   sv_arena a = sv_arena_make(block, sizeof block);
@@ -216,28 +216,28 @@ static void open_intake(void) {
   sv_clock clock = {NULL, clock_now, clock_sleep};
   for (int i = 0; i < N_CAMERAS; i++)
     caps[i] = (sv_camera_caps){.fps = 30, .clock = SV_CLOCK_CAMERA, .stamp = SV_STAMP_START};
-  sv_intake_cfg cfg = {.n_cameras = N_CAMERAS,
-                       .caps = caps,
-                       .skew_limit_ns = 5 * SV_NS_PER_MS,
-                       .queue_len = 6,
-                       .cap_ready = 3};
+  sv_capture_queue_cfg cfg = {.n_cameras = N_CAMERAS,
+                              .caps = caps,
+                              .skew_limit_ns = 5 * SV_NS_PER_MS,
+                              .queue_len = 6,
+                              .cap_ready = 3};
   memset(&world, 0, sizeof world);
   memset(&user, 0, sizeof user);
   world.rng = sv_rng_make(7, 1);
   for (int i = 0; i < N_CAMERAS; i++) world.cam[i].next_ns = PERIOD_NS + i * 100 * SV_NS_PER_US;
-  assert_int_equal(sv_intake_init(&intake, &cfg, &source, &clock, &a), SV_OK);
-  assert_int_equal(a.used_bytes, sv_intake_bytes(&cfg));
+  assert_int_equal(sv_capture_queue_init(&queue, &cfg, &source, &clock, &a), SV_OK);
+  assert_int_equal(a.used_bytes, sv_capture_queue_bytes(&cfg));
   sv_arena_seal(&a);
   sv_governor_cfg gc = sv_governor_defaults(250 * SV_NS_PER_MS);
   sv_governor_init(&user.governor, &gc, 0);
   user.load = 1;
-  assert_int_equal(sv_intake_start(&intake, NULL), SV_OK);
+  assert_int_equal(sv_capture_queue_start(&queue, NULL), SV_OK);
 }
 
-static void close_intake(void) {
-  assert_int_equal(sv_intake_stop(&intake), SV_OK);
+static void close_queue(void) {
+  assert_int_equal(sv_capture_queue_stop(&queue), SV_OK);
   for (int c = 0; c < N_CAMERAS; c++) {
-    const sv_ledger *l = sv_sync_ledger(&intake.sync, c);
+    const sv_ledger *l = sv_sync_ledger(&queue.sync, c);
     const camera_t *m = &world.cam[c];
     assert_true(sv_ledger_is_exact(l) && l->pending == 0);
     assert_int_equal(l->delivered, user.n_exposures); // the same for all: no half exposures
@@ -247,8 +247,8 @@ static void close_intake(void) {
     uint64_t came = m->n_sent - m->n_starved - (uint64_t)m->n_waiting;
     assert_true(l->captured >= came && l->captured <= came + m->n_lost + m->n_starved);
   }
-  assert_int_equal(intake.sync.skew.n, user.n_exposures); // not of those that nobody took
-  assert_int_equal(intake.n_device_errors, 0);
+  assert_int_equal(queue.sync.skew.n, user.n_exposures); // not of those that nobody took
+  assert_int_equal(queue.n_device_errors, 0);
 }
 
 static long peak_kib(void) {
@@ -268,11 +268,11 @@ static phase_t run_phase(double load, uint64_t n_frames) {
   run_until(world.n_frames + 6000); // until what the last load left is gone
   user.load = load;
   run_until(world.n_frames + 6000);
-  phase_t p = {.n_overload = intake.sync.streams[0].ledger.dropped[SV_DROP_OVERLOAD]};
+  phase_t p = {.n_overload = queue.sync.streams[0].ledger.dropped[SV_DROP_OVERLOAD]};
   sv_ns since_ns = user.now_ns;
   user.train_ns = 0;
   run_until(world.n_frames + n_frames - 12000);
-  p.n_overload = intake.sync.streams[0].ledger.dropped[SV_DROP_OVERLOAD] - p.n_overload;
+  p.n_overload = queue.sync.streams[0].ledger.dropped[SV_DROP_OVERLOAD] - p.n_overload;
   p.n_delivered = user.n_exposures - delivered;
   p.train_share = (double)user.train_ns / (double)(user.now_ns - since_ns);
   p.slowdown = user.governor.slowdown;
@@ -285,20 +285,20 @@ static phase_t run_phase(double load, uint64_t n_frames) {
 static void a_million_frames(void **state) {
   (void)state;
   phase_t p[4];
-  open_intake();
+  open_queue();
   run_until(1000);
   long before_kib = peak_kib();
   for (int i = 0; i < 4; i++) p[i] = run_phase(i + 1, 250000);
   long grown_kib = peak_kib() - before_kib;
-  sv_ns p999_ns = sv_skew_percentile_ns(&intake.latency, 99.9);
-  sv_ledger l = sv_sync_ledger_sum(&intake.sync);
+  sv_ns p999_ns = sv_skew_percentile_ns(&queue.latency, 99.9);
+  sv_ledger l = sv_sync_ledger_sum(&queue.sync);
   print_message("%llu frames: %llu captured = %llu delivered + %llu dropped + %llu pending; dequeue latency "
                 "p50 %.3f ms, "
                 "p99.9 %.3f ms, max %.3f ms; memory grew by %ld KiB\n",
                 (unsigned long long)world.n_frames, (unsigned long long)l.captured,
                 (unsigned long long)l.delivered, (unsigned long long)sv_ledger_dropped(&l),
-                (unsigned long long)l.pending, (double)sv_skew_percentile_ns(&intake.latency, 50) * 1e-6,
-                (double)p999_ns * 1e-6, (double)intake.latency.max_ns * 1e-6, grown_kib);
+                (unsigned long long)l.pending, (double)sv_skew_percentile_ns(&queue.latency, 50) * 1e-6,
+                (double)p999_ns * 1e-6, (double)queue.latency.max_ns * 1e-6, grown_kib);
   assert_true(world.n_frames >= 1000000);
   assert_true(p999_ns < 2 * SV_NS_PER_MS);
   assert_true(grown_kib < 256);
@@ -311,36 +311,36 @@ static void a_million_frames(void **state) {
   assert_true(p[3].train_share > 0.08 && p[3].train_share < 0.2);
   for (int k = 0; k < SV_N_SYNC_EVENTS; k++) // each of these has happened, and was named
     if (k != SV_SYNC_EVENT_BAD_FRAME && k != SV_SYNC_EVENT_OUT_OF_ORDER && k != SV_SYNC_EVENT_OVERFLOW)
-      if (k != SV_SYNC_EVENT_PARTNER_TIMEOUT) assert_true(intake.sync.streams[1].events[k] > 0);
-  close_intake();
+      if (k != SV_SYNC_EVENT_PARTNER_TIMEOUT) assert_true(queue.sync.streams[1].events[k] > 0);
+  close_queue();
 }
 
 // When the user comes back from a long absence, the load goes and everything has its own pace again.
 static void overload_passes(void **state) {
   (void)state;
-  open_intake();
+  open_queue();
   world.is_clean = true;
   run_phase(4, 60000);
   phase_t p = run_phase(1, 60000);
   assert_int_equal(p.slowdown, 1);
   assert_int_equal(p.n_overload, 0);
-  close_intake();
+  close_queue();
 }
 
 // A user that takes nothing at all: whole exposures go, buffers keep moving.
 static void an_absent_user_loses_whole_exposures(void **state) {
   (void)state;
-  open_intake();
+  open_queue();
   world.is_clean = true;
   user.now_ns = INT64_MAX / 4;
   run_until(3000);
   for (int c = 0; c < N_CAMERAS; c++) {
     assert_int_equal(world.cam[c].n_starved, 0);
-    assert_true(sv_sync_ledger(&intake.sync, c)->dropped[SV_DROP_OVERLOAD] >= 990);
-    assert_int_equal(sv_sync_ledger(&intake.sync, c)->delivered,
+    assert_true(sv_sync_ledger(&queue.sync, c)->dropped[SV_DROP_OVERLOAD] >= 990);
+    assert_int_equal(sv_sync_ledger(&queue.sync, c)->delivered,
                      3); // ready, and dropped for `stopped` in the end
   }
-  close_intake();
+  close_queue();
 }
 
 static void bad_configs_are_refused(void **state) {
@@ -350,19 +350,19 @@ static void bad_configs_are_refused(void **state) {
   sv_clock clock = {NULL, clock_now, clock_sleep};
   sv_camera_caps caps = {.fps = 30};
   sv_err err;
-  sv_intake_cfg good = {.n_cameras = 1, .caps = &caps, .queue_len = 2, .cap_ready = 1}, bad[4];
+  sv_capture_queue_cfg good = {.n_cameras = 1, .caps = &caps, .queue_len = 2, .cap_ready = 1}, bad[4];
   for (int i = 0; i < 4; i++) bad[i] = good;
   bad[0].n_cameras = 0, bad[1].cap_ready = 0, bad[2].queue_len = 0, bad[3].caps = NULL;
   for (int i = 0; i < 4; i++) {
     sv_arena a = sv_arena_make(block, sizeof block);
-    assert_int_equal(sv_intake_init(&intake, &bad[i], &source, &clock, &a), SV_E_ARG);
+    assert_int_equal(sv_capture_queue_init(&queue, &bad[i], &source, &clock, &a), SV_E_ARG);
   }
-  sv_arena a = sv_arena_make(block, sv_intake_bytes(&good) - 1);
-  assert_int_equal(sv_intake_init(&intake, &good, &source, &clock, &a), SV_E_NOMEM);
+  sv_arena a = sv_arena_make(block, sv_capture_queue_bytes(&good) - 1);
+  assert_int_equal(sv_capture_queue_init(&queue, &good, &source, &clock, &a), SV_E_NOMEM);
   a = sv_arena_make(block, sizeof block);
-  good.mode = SV_INTAKE_TRIGGER; // and the source has no such line
-  assert_int_equal(sv_intake_init(&intake, &good, &source, &clock, &a), SV_OK);
-  assert_int_equal(sv_intake_start(&intake, &err), SV_E_UNSUPPORTED);
+  good.mode = SV_SYNC_METHOD_TRIGGER; // and the source has no such line
+  assert_int_equal(sv_capture_queue_init(&queue, &good, &source, &clock, &a), SV_OK);
+  assert_int_equal(sv_capture_queue_start(&queue, &err), SV_E_UNSUPPORTED);
   assert_non_null(strstr(err.text, "trigger"));
 }
 

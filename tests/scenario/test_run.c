@@ -30,7 +30,7 @@ static void run_well(void) {
 // captured = delivered + dropped for every camera, and nothing is left waiting.
 static void assert_ledger(void) {
   for (int i = 0; i < w.cfg.n_cameras; i++) {
-    const sv_ledger *l = sv_sync_ledger(&w.app.intake.sync, i);
+    const sv_ledger *l = sv_sync_ledger(&w.app.queue.sync, i);
     if (!sv_ledger_is_exact(l) || l->pending != 0 || l->captured != l->delivered + sv_ledger_dropped(l))
       fail_msg("camera %d: %llu captured, %llu delivered, %llu dropped, %llu pending", i,
                (unsigned long long)l->captured, (unsigned long long)l->delivered,
@@ -159,13 +159,13 @@ static void test_bad_timing(void **state) {
     assert_int_equal(w.app.exposures.n, 24);
     assert_exposures(runs[i].limit_ns);
     assert_pictures(1e-9);
-    sv_ledger l = sv_sync_ledger_sum(&w.app.intake.sync);
+    sv_ledger l = sv_sync_ledger_sum(&w.app.queue.sync);
     assert_true(sv_ledger_dropped(&l) >= runs[i].min_dropped);
     // What the simulator says it exposed is what the ledger says was captured: each frame that came, and the
     // lost ones that a later frame has told of.
     for (int c = 0; c < w.cfg.n_cameras; c++) {
       const sv_sim_counts *n = sv_sim_camera_counts(&w.sim, c);
-      uint64_t captured = sv_sync_ledger(&w.app.intake.sync, c)->captured;
+      uint64_t captured = sv_sync_ledger(&w.app.queue.sync, c)->captured;
       assert_int_equal(n->n_starved, 0);
       assert_true(captured <= n->n_exposed + n->n_duplicates && captured >= n->n_delivered);
     }

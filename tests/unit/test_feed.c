@@ -149,26 +149,26 @@ static void test_thumbnails(void **state) {
   int w, h;
   for (int i = 0; i < 640 * 480; i++) px[3 * i] = 200, px[3 * i + 1] = 100, px[3 * i + 2] = 50;
   sv_frame f = {.width_px = 640, .height_px = 480, .stride_bytes = 1920, .format = SV_PIX_RGB8, .data = px};
-  assert_true(sv_live_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, rgb, &w, &h));
+  assert_true(sv_preview_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, rgb, &w, &h));
   assert_int_equal(w, 160);
   assert_int_equal(h, 120);
   assert_int_equal(rgb[3 * 160 * 119], 200);
   f.format = SV_PIX_BGR8;
-  assert_true(sv_live_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, rgb, &w, &h));
+  assert_true(sv_preview_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, rgb, &w, &h));
   assert_int_equal(rgb[0], 50);
   for (int i = 0; i < 640 * 480; i++) px[2 * i] = 81, px[2 * i + 1] = i % 2 ? 240 : 90; // red in YUYV
   f.format = SV_PIX_YUYV, f.stride_bytes = 1280;
-  assert_true(sv_live_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, rgb, &w, &h));
+  assert_true(sv_preview_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, rgb, &w, &h));
   assert_true(rgb[0] > 180 && rgb[1] < 60 && rgb[2] < 60);
   f.data_bytes = 1000; // shorter than it says
-  assert_false(sv_live_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, rgb, &w, &h));
+  assert_false(sv_preview_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, rgb, &w, &h));
   f.data_bytes = 0, f.format = SV_PIX_JPEG;
-  assert_false(sv_live_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, rgb, &w, &h));
+  assert_false(sv_preview_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, rgb, &w, &h));
   memset(px, 255, sizeof px);
   for (int i = 0; i < 640 * 480; i++)
     px[i] = i / 640 % 2 == 0 && i % 2 == 0 ? 255 : 0; // only red samples are lit
   f.format = SV_PIX_RGGB8, f.stride_bytes = 640;
-  assert_true(sv_live_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, rgb, &w, &h));
+  assert_true(sv_preview_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, rgb, &w, &h));
   assert_int_equal(rgb[0], 255);
   assert_int_equal(rgb[1], 0);
   assert_int_equal(rgb[2], 0);

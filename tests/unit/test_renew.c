@@ -22,7 +22,7 @@ static uint8_t picture[2][160 * 120 * 3];
 // A model trained on one exposure, from its depth maps.
 static void open_trained(const char *spec, int n_threads) {
   if (!world_open(&w, spec, 1, ~0u, n_threads)) fail_msg("%s", w.err.text);
-  w.cfg.is_dynamic = w.cfg.is_live = true;
+  w.cfg.is_dynamic = w.cfg.is_continuous = true;
   w.cfg.exposure_s = 3600; // no other exposure comes in
   w.cfg.train.n_gaussians = 2000;
   w.cfg.train.sh_degree = 0;

@@ -243,18 +243,18 @@ static void a_camera_that_does_not_start_is_tried_again(void **state) {
 static void what_is_wrong_is_said_of_each_camera(void **state) {
   (void)state;
   static uint8_t block[1 << 18];
-  static sv_intake in;
+  static sv_capture_queue in;
   sv_camera_caps both[2];
   sv_clock clock = fake_v4l2_clock(&fake);
   sv_arena own = sv_arena_make(block, sizeof block);
   char text[200];
   must_open("/dev/video0,/dev/video1,settle=0");
   both[0] = *caps(0), both[1] = *caps(1);
-  sv_intake_cfg cfg = {
+  sv_capture_queue_cfg cfg = {
       .n_cameras = 2, .caps = both, .skew_limit_ns = SV_NS_PER_MS, .queue_len = 4, .cap_ready = 2};
-  assert_int_equal(sv_intake_init(&in, &cfg, &src, &clock, &own), SV_OK);
+  assert_int_equal(sv_capture_queue_init(&in, &cfg, &src, &clock, &own), SV_OK);
   fake.device[0].is_streamon_failing = fake.device[1].is_streamon_failing = true;
-  assert_int_equal(sv_intake_start(&in, &err), SV_E_DEVICE);
+  assert_int_equal(sv_capture_queue_start(&in, &err), SV_E_DEVICE);
   assert_string_equal(err.text,
                       "the cameras did not start: video0: lost: the device failed or is gone (error 5)");
   sv_str line = sv_str_make(text, sizeof text);

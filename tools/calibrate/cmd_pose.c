@@ -27,7 +27,7 @@ static struct {
   sv_rig rig;
   sv_camera_caps *caps;
   sv_frame *frames;
-  sv_intake intake;
+  sv_capture_queue queue;
   sv_exposures pool; // of one exposure
   sv_odometry odometry;
   sv_tracker *tracker;
@@ -85,14 +85,14 @@ static sv_status open_rig(const cal_options *o, sv_err *err) {
 }
 
 static sv_status open_tracker(sv_err *err) {
-  sv_intake_cfg ic = {.n_cameras = p.source.n_cameras,
-                      .caps = p.caps,
-                      .skew_limit_ns = SKEW_NS,
-                      .queue_len = 4,
-                      .cap_ready = 4};
+  sv_capture_queue_cfg ic = {.n_cameras = p.source.n_cameras,
+                             .caps = p.caps,
+                             .skew_limit_ns = SKEW_NS,
+                             .queue_len = 4,
+                             .cap_ready = 4};
   sv_exposures_cfg ec = {
       .rig = &p.rig, .cap_exposures = 1, .caps = p.caps, .n_cameras = p.source.n_cameras, .n_threads = 1};
-  sv_status s = sv_intake_init(&p.intake, &ic, &p.source, &p.clock, &p.arena);
+  sv_status s = sv_capture_queue_init(&p.queue, &ic, &p.source, &p.clock, &p.arena);
   if (s < 0) return sv_fail(err, s, "no synchronisation for %d cameras", p.source.n_cameras);
   if ((s = sv_exposures_init(&p.pool, &ec, &p.arena, err)) < 0) return s;
   sv_kernels_init(&p.k, ~0u);
@@ -108,13 +108,13 @@ static sv_status open_tracker(sv_err *err) {
 // --- tracking ------------------------------------------------------------------------------------
 
 static sv_status take(const cal_options *o, int *n, sv_err *err) {
-  sv_intake_exposure t = {.frames = p.frames};
+  sv_queued_exposure t = {.frames = p.frames};
   sv_status s = stopped(err);
-  if (s == SV_OK) s = sv_intake_take(&p.intake, &t);
+  if (s == SV_OK) s = sv_capture_queue_take(&p.queue, &t);
   if (s != SV_OK) return s;
   p.pool.i_next = 0;
   s = sv_exposures_add(&p.pool, &t.exposure, t.frames, &p.k, &p.threads, err);
-  sv_intake_give_back(&p.intake, &t, true);
+  sv_capture_queue_give_back(&p.queue, &t, true);
   if (s < 0) return s == SV_E_FORMAT || s == SV_E_CORRUPT ? SV_DROPPED : s;
   p.time_ns[*n] = t.exposure.time_ns;
   s = sv_odometry_add(&p.odometry, &p.pool, 0);
@@ -125,15 +125,15 @@ static sv_status take(const cal_options *o, int *n, sv_err *err) {
 }
 
 static sv_status track(const cal_options *o, int *n, sv_err *err) {
-  sv_status s = sv_intake_start(&p.intake, err), got = SV_OK;
+  sv_status s = sv_capture_queue_start(&p.queue, err), got = SV_OK;
   if (s < 0) return s;
   while (*n < p.n && s != SV_END) {
-    s = sv_intake_step(&p.intake, p.clock.now_ns(p.clock.self) + SV_NS_PER_S);
+    s = sv_capture_queue_step(&p.queue, p.clock.now_ns(p.clock.self) + SV_NS_PER_S);
     while (*n < p.n && ((got = take(o, n, err)) == SV_OK || got == SV_DROPPED)) {
     }
     if (got < 0) break;
   }
-  s = sv_intake_stop(&p.intake);
+  s = sv_capture_queue_stop(&p.queue);
   if (got < 0) return got;
   if (s < 0) return sv_fail(err, s, "%s: the replay did not stop", o->capture);
   return *n > 1 ? SV_OK

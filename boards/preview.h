@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // C only: the feed is.
 // The live view of `subview run`: its feed, its server, and what a first run tells.
-#ifndef SV_BOARDS_LIVE_VIEW_H
-#define SV_BOARDS_LIVE_VIEW_H
+#ifndef SV_BOARDS_PREVIEW_H
+#define SV_BOARDS_PREVIEW_H
 
 #include "boards/board_main.h"
 #include "boards/run_options.h"
@@ -10,12 +10,12 @@
 
 // Makes the feed and starts the server as the options say, and prints the link on stderr. Nothing without --preview
 // and --feed.
-sv_status live_view_open(const run_options *o, sv_err *err) SV_MUST_USE;
-void live_view_publish(sv_publish *p); // fills in the live part; nothing when it is not open
+sv_status preview_open(const run_options *o, sv_err *err) SV_MUST_USE;
+void preview_publish(sv_publish *p); // fills in the live part; nothing when it is not open
 // A run that could not begin: the page says why. In a session: waits for New (true) or a stop request.
-bool live_view_failed(const run_options *o, sv_feed_lacks lacks, const char *sentence,
-                      const sv_console *console);
-void live_view_close(void);
+bool preview_failed(const run_options *o, sv_feed_lacks lacks, const char *sentence,
+                    const sv_console *console);
+void preview_close(void);
 
 // What is there, a line each: board, cameras, rig, memory, folder, page.
 void check_list(const run_options *o, const board_source *src, const sv_arena *arena, const sv_kernels *k);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "boards/live_view.h"
+#include "boards/preview.h"
 
 #include <arpa/inet.h>
 #include <ifaddrs.h>
@@ -36,15 +36,15 @@ static void print_links(const run_options *o) {
       live.token);
 }
 
-sv_status live_view_open(const run_options *o, sv_err *err) {
+sv_status preview_open(const run_options *o, sv_err *err) {
   if (!o->preview && !o->has_feed) return SV_OK;
   const sv_app_cfg planned = {
-      .n_exposures = (int)o->exposures, .is_dynamic = o->is_dynamic, .is_live = o->is_live};
+      .n_exposures = (int)o->exposures, .is_dynamic = o->is_dynamic, .is_continuous = o->is_continuous};
   sv_train_cfg train = sv_train_defaults();
   if (o->is_dynamic) sv_app_plan_moving(&planned, &train);
   const size_t n = o->gaussians > 0 ? (size_t)o->gaussians : 1;
-  size_t n_floats = SV_GAUSSIAN_N_FLOATS((size_t)o->sh) + sv_live_motion_floats(&train) +
-                    (sv_live_bodies_floats(&train) + n - 1) / n;
+  size_t n_floats = SV_GAUSSIAN_N_FLOATS((size_t)o->sh) + sv_preview_motion_floats(&train) +
+                    (sv_preview_bodies_floats(&train) + n - 1) / n;
   sv_status s = sv_linux_live_open(&live, (uint32_t)o->gaussians, (uint32_t)n_floats, err);
   is_open = s >= 0;
   if (s >= 0 && o->preview) s = sv_linux_live_serve(&live, NULL, o->preview_addr, o->preview_port, err);
@@ -54,17 +54,17 @@ sv_status live_view_open(const run_options *o, sv_err *err) {
   return s;
 }
 
-void live_view_publish(sv_publish *p) {
+void preview_publish(sv_publish *p) {
   if (is_open) sv_linux_live_publish(&live, p);
 }
 
-bool live_view_failed(const run_options *o, sv_feed_lacks lacks, const char *sentence,
-                      const sv_console *console) {
+bool preview_failed(const run_options *o, sv_feed_lacks lacks, const char *sentence,
+                    const sv_console *console) {
   if (!is_open) return false;
   sv_publish p = {0};
   sv_clock clock = sv_linux_clock();
-  live_view_publish(&p);
-  sv_live_show_failure(p.feed, lacks, BOARD_NAME, o->source, o->is_session, sentence);
+  preview_publish(&p);
+  sv_preview_show_failure(p.feed, lacks, BOARD_NAME, o->source, o->is_session, sentence);
   while (o->is_session && !console->is_stop_requested(console->self)) {
     if (p.command(p.self) == SV_COMMAND_NEW) return true;
     clock.sleep_until_ns(clock.self, clock.now_ns(clock.self) + 50 * SV_NS_PER_MS);
@@ -72,7 +72,7 @@ bool live_view_failed(const run_options *o, sv_feed_lacks lacks, const char *sen
   return false;
 }
 
-void live_view_close(void) {
+void preview_close(void) {
   if (is_open) sv_linux_live_close(&live);
   is_open = false;
 }
