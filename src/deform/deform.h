@@ -25,10 +25,9 @@ static inline int sv_deform_n_moving(const sv_deform *d) {
 }
 static inline void sv_deform_set_moving(sv_deform *d, int n) { d->field.n_moving = d->motion.n_moving = n; }
 
-static inline void sv_deform_at(sv_deform *d, const sv_kernels *k, const sv_pool *pool, sv_gaussians *g,
-                                float t) {
-  if (d->kind == SV_DEFORM_CLIP) sv_motion_at(&d->motion, k, pool, g, t);
-  if (d->kind == SV_DEFORM_FIELD) sv_field_at(&d->field, k, pool, g, t);
+static inline void sv_deform_at(sv_deform *d, const sv_compute *c, sv_gaussians *g, float t) {
+  if (d->kind == SV_DEFORM_CLIP) sv_motion_at(&d->motion, c, g, t);
+  if (d->kind == SV_DEFORM_FIELD) sv_field_at(&d->field, c, g, t);
 }
 
 #ifdef __cplusplus

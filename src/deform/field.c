@@ -257,9 +257,9 @@ static void at_task(void *arg, int i_task, int i_thread) {
   for (int b = i_task * BLOCKS_PER_TASK; b < b1; b++) at_block(j, b, &w);
 }
 
-void sv_field_at(sv_field *f, const sv_kernels *k, const sv_pool *pool, sv_gaussians *g, float t) {
-  job j = {.f = f, .k = k, .g = g, .planes = planes_of(f), .t = t, .n_blocks = (f->n_moving + 15) / 16};
-  sv_pool_run(pool, at_task, &j, (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
+void sv_field_at(sv_field *f, const sv_compute *c, sv_gaussians *g, float t) {
+  job j = {.f = f, .k = c->k, .g = g, .planes = planes_of(f), .t = t, .n_blocks = (f->n_moving + 15) / 16};
+  sv_pool_run(c->pool, at_task, &j, (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
   g->moved = f->moved;
   g->n_moved = f->n_moving;
 }
@@ -277,15 +277,14 @@ static float *layer_grad(sv_field *f, int task, size_t at) {
   return f->layers + (size_t)task * (f->n_param - f->n_planes) + (at - f->n_planes);
 }
 
-void sv_field_bwd_block(sv_field *f, const sv_kernels *k, const sv_gaussians *g, int b, int i_thread,
-                        uint32_t touched, float *grad) {
+void sv_field_bwd_block(sv_field *f, const sv_kernels *k, int b, int i_thread, uint32_t touched,
+                        float *grad) {
   int task = b / SV_FIELD_TASK, left = f->n_moving - 16 * b;
   if (b % SV_FIELD_TASK == 0)
     memset(layer_grad(f, task, f->n_planes), 0, (f->n_param - f->n_planes) * sizeof(float));
   if (left < 16) touched &= (1u << left) - 1;
   f->touched[b] = touched;
   if (!touched) return;
-  (void)g;
   work w = work_of(f, i_thread);
   sv_planes_args pa = planes_of(f);
   sv_linear_args a = trunk(f);
@@ -444,14 +443,13 @@ static void plane_task(void *arg, int i_task, int i_thread) {
   adam_run(j, f->plane_at[l][p], f->plane_n[l][p], grad, j->lr_planes);
 }
 
-void sv_field_step(sv_field *f, const sv_kernels *k, const sv_pool *pool, uint32_t step, float progress,
-                   float radius) {
+void sv_field_step(sv_field *f, const sv_compute *compute, uint32_t step, float progress, float radius) {
   const sv_field_cfg *c = &f->cfg;
   double bias1 = 1.0 - sv_pow(0.9, (double)step), bias2 = 1.0 - sv_pow(0.999, (double)step);
   double x = (double)sv_clampf(progress, 0.0f, 1.0f), r = (double)radius / bias1;
   step_job j = {
       .f = f,
-      .k = k,
+      .k = compute->k,
       .planes = planes_of(f),
       .adam = {.beta1 = 0.9f,
                .beta2 = 0.999f,
@@ -466,6 +464,6 @@ void sv_field_step(sv_field *f, const sv_kernels *k, const sv_pool *pool, uint32
   size_t n = f->n_param - f->n_planes;
   for (int i = 1; i < n_tasks; i++) // folded in the order of the tasks
     for (size_t p = 0; p < n; p++) f->layers[p] += f->layers[(size_t)i * n + p];
-  sv_pool_run(pool, plane_task, &j, c->n_levels * SV_FIELD_PLANES);
+  sv_pool_run(compute->pool, plane_task, &j, c->n_levels * SV_FIELD_PLANES);
   adam_run(&j, f->n_planes, n, f->layers, j.lr_layers);
 }

@@ -9,7 +9,7 @@
 #define SV_DEFORM_FIELD_H
 
 #include "src/base/arena.h"
-#include "src/port/port.h"
+#include "src/port/compute.h"
 #include "src/splat/gaussians.h"
 
 #ifdef __cplusplus
@@ -78,7 +78,7 @@ sv_status sv_field_init(sv_field *f, const sv_field_cfg *cfg, const sv_gaussians
 // Random layers, planes of space in 0.1..0.5, planes of time at 1; the box: mean and three standard deviations of g.
 void sv_field_reset(sv_field *f, const sv_gaussians *g, uint64_t seed);
 // As sv_motion_at.
-void sv_field_at(sv_field *f, const sv_kernels *k, const sv_pool *pool, sv_gaussians *g, float t);
+void sv_field_at(sv_field *f, const sv_compute *c, sv_gaussians *g, float t);
 // One block of it, at a time of its own: f->moved and f->coord. For sv_field_bwd_block, whose places are those.
 void sv_field_at_block(sv_field *f, const sv_kernels *k, const sv_gaussians *g, int block, int i_thread,
                        float t);
@@ -86,11 +86,10 @@ void sv_field_at_block(sv_field *f, const sv_kernels *k, const sv_gaussians *g, 
 // Backward of one block, in the task of its number: grad [rows][16] of the moved ones gets what goes to their
 // places through the field; the field's own gradients are kept until sv_field_step. To be called by tasks of
 // SV_FIELD_TASK blocks, each from its first block on, also when touched is 0.
-void sv_field_bwd_block(sv_field *f, const sv_kernels *k, const sv_gaussians *g, int block, int i_thread,
-                        uint32_t touched, float *grad);
+void sv_field_bwd_block(sv_field *f, const sv_kernels *k, int block, int i_thread, uint32_t touched,
+                        float *grad);
 // Adam on planes and layers after all blocks; step counts from 1; progress 0..1 of the stage.
-void sv_field_step(sv_field *f, const sv_kernels *k, const sv_pool *pool, uint32_t step, float progress,
-                   float radius);
+void sv_field_step(sv_field *f, const sv_compute *c, uint32_t step, float progress, float radius);
 // The plane losses of one plane of one level; their gradient is added to grad [plane_n].
 double sv_field_plane_loss(const sv_field *f, int level, int plane);
 void sv_field_plane_loss_bwd(const sv_field *f, int level, int plane, float *grad);

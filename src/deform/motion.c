@@ -217,11 +217,11 @@ static void move_task(void *arg, int i_task, int i_thread) {
     sv_motion_go_with_bodies(j->mo, j->mo->bodies.now, 16 * b0, sv_mini(16 * b1, j->mo->n_moving));
 }
 
-void sv_motion_at(sv_motion *mo, const sv_kernels *k, const sv_pool *pool, sv_gaussians *g, float t) {
+void sv_motion_at(sv_motion *mo, const sv_compute *c, sv_gaussians *g, float t) {
   sv_motion_values f = sv_motion_values_at(&mo->cfg, t);
-  job j = {.k = k, .mo = mo, .a = sv_motion_args_of(mo, g, t, &f), .n_blocks = (mo->n_moving + 15) / 16};
+  job j = {.k = c->k, .mo = mo, .a = sv_motion_args_of(mo, g, t, &f), .n_blocks = (mo->n_moving + 15) / 16};
   if (mo->bodies.n > 1) sv_bodies_at(&mo->bodies, t, mo->bodies.now);
-  sv_pool_run(pool, move_task, &j, (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
+  sv_pool_run(c->pool, move_task, &j, (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
   g->moved = mo->moved;
   g->n_moved = mo->n_moving;
 }

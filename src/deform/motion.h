@@ -10,7 +10,7 @@
 
 #include "src/base/arena.h"
 #include "src/deform/bodies.h"
-#include "src/port/port.h"
+#include "src/port/compute.h"
 #include "src/splat/gaussians.h"
 
 #ifdef __cplusplus
@@ -66,7 +66,7 @@ void sv_motion_advance(sv_motion *mo, sv_gaussians *g, float t0);
 sv_motion_args sv_motion_args_of(const sv_motion *mo, const sv_gaussians *g, float t,
                                  const sv_motion_values *f);
 // Makes the moving Gaussians of time t and has g drawn with them (g->moved, g->n_moved), until the next call.
-void sv_motion_at(sv_motion *mo, const sv_kernels *k, const sv_pool *pool, sv_gaussians *g, float t);
+void sv_motion_at(sv_motion *mo, const sv_compute *c, sv_gaussians *g, float t);
 
 // Slots [i0, i1) of mo->moved, as they are by their own functions, go with their bodies, whose poses are now.
 void sv_motion_go_with_bodies(const sv_motion *mo, const sv_rigid *now, int i0, int i1);

@@ -12,9 +12,10 @@ static void carve(sv_pearson *p, const sv_pearson_cfg *cfg, sv_arena *a) {
   p->stats = SV_TAKE(a, sv_pearson_stat, cfg->cap_patches);
 }
 
-sv_status sv_pearson_init(sv_pearson *p, const sv_pearson_cfg *cfg, sv_arena *arena) {
+sv_status sv_pearson_init(sv_pearson *p, const sv_pearson_cfg *cfg, sv_compute compute, sv_arena *arena) {
   if (cfg->cap_patches < 1) return SV_E_ARG;
   p->cfg = *cfg;
+  p->compute = compute;
   carve(p, cfg, arena);
   return arena->status < 0 ? arena->status : SV_OK;
 }
@@ -103,12 +104,12 @@ static void bwd_task(void *arg, int i_band, int i_thread) {
   }
 }
 
-double sv_pearson_loss(sv_pearson *p, const sv_pool *pool, const sv_pearson_input *in, float *grad_depth) {
+double sv_pearson_loss(sv_pearson *p, const sv_pearson_input *in, float *grad_depth) {
   pearson_job j = {in, p->stats, grad_depth, in->patches ? sv_mini(in->n_patches, p->cfg.cap_patches) : 1};
   double sum = 0;
   if (j.n_patches < 1) return 0;
-  sv_pool_run(pool, stat_task, &j, j.n_patches);
-  if (grad_depth) sv_pool_run(pool, bwd_task, &j, (in->height_px + BAND_ROWS - 1) / BAND_ROWS);
+  sv_pool_run(p->compute.pool, stat_task, &j, j.n_patches);
+  if (grad_depth) sv_pool_run(p->compute.pool, bwd_task, &j, (in->height_px + BAND_ROWS - 1) / BAND_ROWS);
   for (int k = 0; k < j.n_patches; k++) sum += 1 - p->stats[k].r;
   return (double)in->weight * sum / j.n_patches;
 }

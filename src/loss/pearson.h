@@ -10,7 +10,7 @@
 
 #include "src/base/arena.h"
 #include "src/base/status.h"
-#include "src/port/port.h"
+#include "src/port/compute.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -31,10 +31,12 @@ typedef struct {
 
 typedef struct {
   sv_pearson_cfg cfg;
+  sv_compute compute;
   sv_pearson_stat *stats; // [cap_patches]
 } sv_pearson;
 
-sv_status sv_pearson_init(sv_pearson *p, const sv_pearson_cfg *cfg, sv_arena *arena) SV_MUST_USE;
+sv_status sv_pearson_init(sv_pearson *p, const sv_pearson_cfg *cfg, sv_compute compute,
+                          sv_arena *arena) SV_MUST_USE;
 size_t sv_pearson_bytes(const sv_pearson_cfg *cfg);
 
 typedef struct {
@@ -50,7 +52,7 @@ typedef struct {
 // Returns the loss and adds its gradient to grad_depth ([height][stride], may be NULL). A patch with fewer
 // than two pixels or without contrast (deviation below 1e-6 of the mean) counts as r = 0 and has no gradient.
 // Patches may overlap; they are cut to the picture. The same bits for any number of threads.
-double sv_pearson_loss(sv_pearson *p, const sv_pool *pool, const sv_pearson_input *in, float *grad_depth);
+double sv_pearson_loss(sv_pearson *p, const sv_pearson_input *in, float *grad_depth);
 
 #ifdef __cplusplus
 }

@@ -34,9 +34,11 @@ static void carve(sv_photometric *p, const sv_photometric_cfg *cfg, sv_arena *a)
   }
 }
 
-sv_status sv_photometric_init(sv_photometric *p, const sv_photometric_cfg *cfg, sv_arena *arena) {
+sv_status sv_photometric_init(sv_photometric *p, const sv_photometric_cfg *cfg, sv_compute compute,
+                              sv_arena *arena) {
   if (cfg->cap_width_px < 1 || cfg->cap_height_px < 1 || cfg->n_threads < 1) return SV_E_ARG;
   p->cfg = *cfg;
+  p->compute = compute;
   carve(p, cfg, arena);
   return arena->status < 0 ? arena->status : SV_OK;
 }
@@ -166,13 +168,13 @@ static void clear_rows_below(float *plane, const sv_planes *x) {
          sizeof(float) * (size_t)x->stride * (size_t)(x->rows_padded - x->height_px));
 }
 
-double sv_photometric_loss(sv_photometric *p, const sv_kernels *k, const sv_pool *pool,
-                           const sv_planes *render, const sv_planes *target, sv_planes *grad,
-                           float *err_plane, float weight_ssim, sv_photometric_value *value) {
+sv_photometric_value sv_photometric_loss(sv_photometric *p, const sv_planes *render, const sv_planes *target,
+                                         sv_planes *grad, float *err_plane, float weight_ssim) {
+  const sv_pool *pool = p->compute.pool;
   const double n = 3.0 * render->width_px * render->height_px;
   photometric_job j = {
       .p = p,
-      .k = k,
+      .k = p->compute.k,
       .x = render,
       .y = target,
       .grad = grad,
@@ -191,6 +193,5 @@ double sv_photometric_loss(sv_photometric *p, const sv_kernels *k, const sv_pool
   sv_photometric_value v = {.l1 = fold(p->row_l1, render->height_px, render),
                             .ssim = j.has_ssim ? fold(p->row_ssim, n_windows, render) : 0};
   v.loss = (1.0 - (double)weight_ssim) * v.l1 + (j.has_ssim ? (double)weight_ssim * (1.0 - v.ssim) : 0.0);
-  if (value) *value = v;
-  return v.loss;
+  return v;
 }

@@ -6,10 +6,9 @@
 #ifndef SV_LOSS_PHOTOMETRIC_H
 #define SV_LOSS_PHOTOMETRIC_H
 
-#include "kernels/kernels.h"
 #include "src/base/arena.h"
 #include "src/image/planes.h"
-#include "src/port/port.h"
+#include "src/port/compute.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -23,6 +22,7 @@ typedef struct {
 
 typedef struct {
   sv_photometric_cfg cfg;
+  sv_compute compute;
   int phase; // 0 or 1: SSIM's windows stand on the rows 2 j + phase; the caller may change it between calls
   int cap_map_rows; // rows of windows whose maps are kept at a time
   float *map; // [n_threads][3: dm1, ds1, ds12 of one channel][cap_map_rows][cap stride]. NULL without SSIM
@@ -33,10 +33,11 @@ typedef struct {
 } sv_photometric;
 
 // Takes its memory from the arena (on a dry one only counts). E_ARG for sizes that are not positive.
-sv_status sv_photometric_init(sv_photometric *p, const sv_photometric_cfg *cfg, sv_arena *arena) SV_MUST_USE;
+sv_status sv_photometric_init(sv_photometric *p, const sv_photometric_cfg *cfg, sv_compute compute,
+                              sv_arena *arena) SV_MUST_USE;
 size_t sv_photometric_bytes(const sv_photometric_cfg *cfg);
 
-// The parts of a loss, for the log.
+// A loss and its parts.
 typedef struct {
   double loss, l1, ssim; // ssim is 0 when weight_ssim is 0
 } sv_photometric_value;
@@ -44,11 +45,9 @@ typedef struct {
 // Value, and with grad != NULL dL/d render: grad is overwritten, padding columns and rows with zeros.
 // err_plane ([rows_padded][stride] of render) gets the mean of |x - y| over the channels, padding 0; may be
 // NULL. render, target and grad have one size within the capacity; target's stride must equal render's.
-// weight_ssim is l, in [0, 1], and 0 when cfg.has_ssim is false. The pool has at most cfg.n_threads. Returns
-// the loss; *value (may be NULL) gets the parts.
-double sv_photometric_loss(sv_photometric *p, const sv_kernels *k, const sv_pool *pool,
-                           const sv_planes *render, const sv_planes *target, sv_planes *grad,
-                           float *err_plane, float weight_ssim, sv_photometric_value *value);
+// weight_ssim is l, in [0, 1], and 0 when cfg.has_ssim is false. The pool has at most cfg.n_threads.
+sv_photometric_value sv_photometric_loss(sv_photometric *p, const sv_planes *render, const sv_planes *target,
+                                         sv_planes *grad, float *err_plane, float weight_ssim);
 
 #ifdef __cplusplus
 }

@@ -15,9 +15,10 @@ static void carve(sv_tv *t, const sv_tv_cfg *cfg, sv_arena *a) {
   }
 }
 
-sv_status sv_tv_init(sv_tv *t, const sv_tv_cfg *cfg, sv_arena *arena) {
+sv_status sv_tv_init(sv_tv *t, const sv_tv_cfg *cfg, sv_compute compute, sv_arena *arena) {
   if (cfg->cap_width_px < 1 || cfg->cap_height_px < 1 || cfg->n_threads < 1) return SV_E_ARG;
   t->cfg = *cfg;
+  t->compute = compute;
   carve(t, cfg, arena);
   return arena->status < 0 ? arena->status : SV_OK;
 }
@@ -61,13 +62,12 @@ static void band_task(void *arg, int i_task, int i_thread) {
   j->k->tv(&a);
 }
 
-double sv_tv_loss(sv_tv *t, const sv_kernels *k, const sv_pool *pool, const sv_planes *render,
-                  sv_planes *grad, sv_tv_form form, float weight) {
+double sv_tv_loss(sv_tv *t, const sv_planes *render, sv_planes *grad, sv_tv_form form, float weight) {
   const double w = render->width_px, h = render->height_px, n_v = 3 * w * (h - 1), n_h = 3 * h * (w - 1);
   const double per_v = n_v > 0 ? 1 / n_v : 0, per_h = n_h > 0 ? 1 / n_h : 0;
   tv_job j = {
       .t = t,
-      .k = k,
+      .k = t->compute.k,
       .x = render,
       .grad = grad,
       .form = form,
@@ -75,7 +75,7 @@ double sv_tv_loss(sv_tv *t, const sv_kernels *k, const sv_pool *pool, const sv_p
       .w_h = (float)((double)weight * per_h),
       .n_bands = (render->height_px + BAND_ROWS - 1) / BAND_ROWS,
   };
-  sv_pool_run(pool, band_task, &j, 3 * j.n_bands);
+  sv_pool_run(t->compute.pool, band_task, &j, 3 * j.n_bands);
   double sum_v = 0, sum_h = 0;
   for (int c = 0; c < 3; c++)
     for (int r = 0; r < render->height_px; r++) {

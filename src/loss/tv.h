@@ -6,10 +6,9 @@
 #ifndef SV_LOSS_TV_H
 #define SV_LOSS_TV_H
 
-#include "kernels/kernels.h"
 #include "src/base/arena.h"
 #include "src/image/planes.h"
-#include "src/port/port.h"
+#include "src/port/compute.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -22,18 +21,18 @@ typedef struct {
 
 typedef struct {
   sv_tv_cfg cfg;
+  sv_compute compute;
   float *row_v, *row_h; // [3][cap rows]
   float **scratch;      // [n_threads]
 } sv_tv;
 
 // Takes its memory from the arena (on a dry one only counts). E_ARG for sizes that are not positive.
-sv_status sv_tv_init(sv_tv *t, const sv_tv_cfg *cfg, sv_arena *arena) SV_MUST_USE;
+sv_status sv_tv_init(sv_tv *t, const sv_tv_cfg *cfg, sv_compute compute, sv_arena *arena) SV_MUST_USE;
 size_t sv_tv_bytes(const sv_tv_cfg *cfg);
 
 // Returns weight * TV and adds its gradient by `render` to grad, which has the same size and stride and may
 // be NULL; padding is left as it is. The same bits for any number of threads.
-double sv_tv_loss(sv_tv *t, const sv_kernels *k, const sv_pool *pool, const sv_planes *render,
-                  sv_planes *grad, sv_tv_form form, float weight);
+double sv_tv_loss(sv_tv *t, const sv_planes *render, sv_planes *grad, sv_tv_form form, float weight);
 
 #ifdef __cplusplus
 }

@@ -40,7 +40,7 @@ sv_status sv_app_publish_orbit(sv_app *app, int n) {
   for (int i = 0; i < n; i++) {
     char name[32];
     sv_view v = orbit_view(app, i, n);
-    sv_status s = sv_render(&app->trainer.render, app->k, &app->port.pool, &app->trainer.g, &v, &o);
+    sv_status s = sv_render(&app->trainer.render, &app->trainer.g, &v, &o);
     if (s < 0) return s;
     for (int y = 0; y < v.height_px; y++)
       for (int x = 0; x < v.width_px; x++)

@@ -101,7 +101,7 @@ static sv_status put_predicted(sv_app *app, const panel *p, const sv_composite *
 static sv_status put_lens(sv_app *app, const panel *p, const sv_composite *c, const sv_render_options *o) {
   const sv_view *v = &c->lenses[c->n_lenses / 2].view;
   const sv_planes *rgb = &app->trainer.render.rgb;
-  sv_status s = sv_render(&app->trainer.render, app->k, &app->port.pool, &app->trainer.g, v, o);
+  sv_status s = sv_render(&app->trainer.render, &app->trainer.g, v, o);
   if (s < 0) return s;
   int zoom = sv_maxi(1, sv_mini(p->width_px / v->width_px, p->height_px / v->height_px));
   int step = zoom > 1 ? 1 : p->step, w = v->width_px * zoom / step, h = v->height_px * zoom / step;

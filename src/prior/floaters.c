@@ -126,7 +126,7 @@ static int take_samples(const sv_trainer *t, float *sample) {
 static sv_status look(sv_trainer *t, const work *w, int i_view, int *n_samples) {
   sv_status s = sv_prior_render(t, &t->views[i_view].view, 1.0f);
   if (s < 0) return s;
-  sv_pool_run(t->pool, mode_task, t, t->render.n_tiles);
+  sv_pool_run(t->compute.pool, mode_task, t, t->render.n_tiles);
   find_differences(t);
   *n_samples = take_samples(t, w->sample);
   return SV_OK;

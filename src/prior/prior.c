@@ -39,7 +39,7 @@ void sv_prior_set_method(sv_prior_cfg *c, sv_prior_method method, int n_views) {
 static bool has_any(const sv_prior_cfg *c) { return c->cap_pseudo > 0 || c->cap_depths > 0; }
 
 sv_status sv_prior_init(sv_prior *p, const sv_prior_cfg *cfg, size_t cap_pixels, int n_gaussians,
-                        uint64_t seed, sv_arena *a) {
+                        uint64_t seed, sv_compute compute, sv_arena *a) {
   float **planes[] = {&p->expected, &p->prior, &p->g_depth, &p->g_trans, &p->g_expected, &p->share};
   const sv_pearson_cfg pc = {.cap_patches = SV_PRIOR_PATCHES};
   memset(p, 0, sizeof *p);
@@ -67,7 +67,7 @@ sv_status sv_prior_init(sv_prior *p, const sv_prior_cfg *cfg, size_t cap_pixels,
     const sv_arena scratch = sv_arena_sub(a, sv_prior_scratch_bytes(n_gaussians));
     if (p->scratch) *p->scratch = scratch;
   }
-  sv_status s = sv_pearson_init(&p->pearson, &pc, a);
+  sv_status s = sv_pearson_init(&p->pearson, &pc, compute, a);
   return s < 0 ? s : a->status < 0 ? a->status : SV_OK;
 }
 

@@ -90,7 +90,7 @@ typedef struct {
 // Assigns all pointers; cap_pixels: padded floats of the largest view (sv_plane_floats). Takes nothing when both
 // capacities are 0.
 sv_status sv_prior_init(sv_prior *p, const sv_prior_cfg *cfg, size_t cap_pixels, int n_gaussians,
-                        uint64_t seed, sv_arena *arena) SV_MUST_USE;
+                        uint64_t seed, sv_compute compute, sv_arena *arena) SV_MUST_USE;
 
 // Scratch of the methods' own work (unpool.c, floaters.c).
 size_t sv_prior_scratch_bytes(int n_gaussians);

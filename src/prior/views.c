@@ -33,7 +33,7 @@ static sv_depth_input depth_input(const sv_trainer *t, bool is_inverse) {
 
 sv_status sv_prior_render(sv_trainer *t, const sv_view *view, float progress) {
   sv_render_options o = sv_train_render_options(t, progress, true);
-  sv_status s = sv_render(&t->render, t->k, t->pool, &t->g, view, &o);
+  sv_status s = sv_render(&t->render, &t->g, view, &o);
   if (s < 0) return s;
   sv_depth_input in = depth_input(t, false);
   memset(t->prior.mask, 1, (size_t)in.height_px * (size_t)in.stride);
@@ -95,7 +95,7 @@ static double patch_loss(sv_trainer *t, sv_pearson_input in) {
   }
   in.patches = patches;
   in.weight *= p->cfg.patch_weight;
-  return sv_pearson_loss(&p->pearson, t->pool, &in, p->g_expected);
+  return sv_pearson_loss(&p->pearson, &in, p->g_expected);
 }
 
 double sv_prior_depth_loss(sv_trainer *t, const sv_prior_depth *d, int scale, float weight) {
@@ -116,7 +116,7 @@ double sv_prior_depth_loss(sv_trainer *t, const sv_prior_depth *d, int scale, fl
   double loss = d->kind == SV_PRIOR_METRIC
                     ? sv_depth_loss(p->expected, p->prior, p->mask, size->width_px, size->height_px,
                                     size->stride, t->radius, weight, p->g_expected)
-                    : sv_pearson_loss(&p->pearson, t->pool, &pearson, p->g_expected);
+                    : sv_pearson_loss(&p->pearson, &pearson, p->g_expected);
   if (d->kind != SV_PRIOR_METRIC && p->cfg.patch_weight > 0.0f) loss += patch_loss(t, pearson);
   sv_depth_expected_bwd(&in, p->expected, p->mask, p->g_expected, size->rows_padded, p->g_depth, p->g_trans);
   p->last_depth_loss = loss;
@@ -193,17 +193,17 @@ sv_status sv_prior_step(sv_trainer *t, float progress, const sv_render_options *
   sv_view view = sv_view_scaled(&v->view, scale);
   sv_render_options with = *o;
   with.has_depth = d != NULL;
-  sv_status s = sv_render(&t->render, t->k, t->pool, &t->g, &view, &with);
+  sv_status s = sv_render(&t->render, &t->g, &view, &with);
   if (s < 0) return s;
   load_job j = {t, v, scale};
   sv_train_size_target(t, view.width_px, view.height_px);
-  sv_pool_run(t->pool, load_rows, &j, (view.height_px + BAND_ROWS - 1) / BAND_ROWS);
-  *loss += (double)v->weight * sv_photometric_loss(&t->photometric, t->k, t->pool, &t->render.rgb, &t->target,
-                                                   &t->grad, NULL, t->cfg.weight_ssim, NULL);
+  sv_pool_run(t->compute.pool, load_rows, &j, (view.height_px + BAND_ROWS - 1) / BAND_ROWS);
+  *loss += (double)v->weight * sv_photometric_loss(&t->photometric, &t->render.rgb, &t->target, &t->grad,
+                                                   NULL, t->cfg.weight_ssim)
+                                   .loss;
   weigh_gradient(t, v->weight);
   if (d) *loss += sv_prior_depth_loss(t, d, scale, sv_prior_depth_share(t, progress));
-  s = sv_render_bwd(&t->render, t->k, t->pool, &t->grad, d ? t->prior.g_depth : NULL,
-                    d ? t->prior.g_trans : NULL, NULL);
+  s = sv_render_bwd(&t->render, &t->grad, d ? t->prior.g_depth : NULL, d ? t->prior.g_trans : NULL, NULL);
   if (s >= 0) sv_train_collect(t, 0.0f, false);
   return s;
 }

@@ -96,13 +96,11 @@ size_t sv_forward_bytes(const sv_forward_cfg *cfg) {
   return dry.used_bytes;
 }
 
-sv_status sv_forward_init(sv_forward *f, const sv_forward_cfg *cfg, const sv_kernels *k, const sv_pool *pool,
-                          sv_arena *arena) {
+sv_status sv_forward_init(sv_forward *f, const sv_forward_cfg *cfg, sv_compute compute, sv_arena *arena) {
   if (cfg->cap_width_px < 1 || cfg->cap_height_px < 1 || cfg->n_threads < 1) return SV_E_ARG;
   memset(f, 0, sizeof *f);
   f->cfg = *cfg;
-  f->k = k;
-  f->pool = pool;
+  f->compute = compute;
   carve(f, cfg, arena);
   return arena->status < 0 ? arena->status : SV_OK;
 }
@@ -125,7 +123,7 @@ static float *thread_row(const sv_forward *f, int i_thread) {
 }
 
 static void run_rows(const sv_forward *f, sv_task_fn fn, job *j) {
-  sv_pool_run(f->pool, fn, j, (j->n_rows + ROWS - 1) / ROWS);
+  sv_pool_run(f->compute.pool, fn, j, (j->n_rows + ROWS - 1) / ROWS);
 }
 
 static void set_size(sv_planes *p, int w, int h) {
@@ -156,7 +154,7 @@ static void add_task(void *arg, int i_task, int i_thread) {
       const float *src = j->rgb->c[k] + (size_t)y * (size_t)j->rgb->stride;
       float *sum = j->f->sum.c[k] + (size_t)(crop->y_px + y) * (size_t)j->f->sum.stride + crop->x_px;
       if (j->c->is_linear) {
-        j->f->k->srgb_to_linear(&(sv_curve_args){.src = src, .dst = linear, .n = w});
+        j->f->compute.k->srgb_to_linear(&(sv_curve_args){.src = src, .dst = linear, .n = w});
         src = linear;
       }
       if (cover)
@@ -195,7 +193,7 @@ static void finish_task(void *arg, int i_task, int i_thread) {
       for (int x = 0; x < w; x++) value[x] = sum[x] * scale, slope[x] = scale;
       if (is_noisy) add_noise(noise, (uint32_t)(3 * y + k), value, slope, w);
       if (j->c->is_linear)
-        j->f->k->linear_to_srgb(&(sv_curve_args){.src = value, .dst = out, .slope = sum, .n = w});
+        j->f->compute.k->linear_to_srgb(&(sv_curve_args){.src = value, .dst = out, .slope = sum, .n = w});
       for (int x = 0; x < w; x++) {
         if (!j->c->is_linear) out[x] = value[x], sum[x] = 1.0f;
         sum[x] *= slope[x];
@@ -223,7 +221,7 @@ static void bwd_row(const job *j, int y, float *scratch) {
       for (int x = 0; x < w; x++) out[x] *= (float)cover[x] * (1.0f / 255.0f);
     if (j->c->is_linear) {
       const float *rgb = j->rgb->c[k] + (size_t)y * (size_t)j->rgb->stride;
-      j->f->k->srgb_to_linear(&(sv_curve_args){.src = rgb, .dst = scratch, .slope = slope, .n = w});
+      j->f->compute.k->srgb_to_linear(&(sv_curve_args){.src = rgb, .dst = scratch, .slope = slope, .n = w});
       for (int x = 0; x < w; x++) out[x] *= slope[x];
     }
     memset(out + w, 0, (size_t)(stride - w) * sizeof *out);

@@ -19,9 +19,8 @@
 #ifndef SV_RIG_FORWARD_H
 #define SV_RIG_FORWARD_H
 
-#include "kernels/kernels.h"
 #include "src/image/planes.h"
-#include "src/port/port.h"
+#include "src/port/compute.h"
 #include "src/rig/rig.h"
 
 #ifdef __cplusplus
@@ -76,8 +75,7 @@ typedef struct {
 
 typedef struct {
   sv_forward_cfg cfg;
-  const sv_kernels *k;
-  const sv_pool *pool;
+  sv_compute compute;
   sv_planes sum;          // weighted sum; after finish: encode'(s) / M_max
   sv_planes predicted;    // the composite, set by finish
   sv_forward_noise noise; // the caller's; off after init
@@ -85,7 +83,7 @@ typedef struct {
 } sv_forward;
 
 size_t sv_forward_bytes(const sv_forward_cfg *cfg);
-sv_status sv_forward_init(sv_forward *f, const sv_forward_cfg *cfg, const sv_kernels *k, const sv_pool *pool,
+sv_status sv_forward_init(sv_forward *f, const sv_forward_cfg *cfg, sv_compute compute,
                           sv_arena *arena) SV_MUST_USE;
 
 // begin, add for each crop, finish: fills f->predicted. rgb is the crop's rendered picture.

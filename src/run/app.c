@@ -131,7 +131,7 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
     s = sv_odometry_init(&app->odometry, c->rig, c->n_exposures, a->base ? &app->exposures : NULL, k,
                          c->train.seed, a, err);
   if (s < 0) return s;
-  s = sv_trainer_init(&app->trainer, t, k, pool, a, err);
+  s = sv_trainer_init(&app->trainer, t, (sv_compute){k, pool}, a, err);
   if (s < 0) return s;
   sv_arena_part_begin(a, "start-up scratch");
   app->points = SV_TAKE(a, sv_point, t->n_gaussians);

@@ -35,7 +35,7 @@ static sv_status train(sv_selftest *t, const sv_kernels *k, const sv_pool *pool,
   c.cap_height_px = HEIGHT;
   c.start_scale = 1, c.weight_tv = 1e-3f, c.is_antialiased = true, c.relocate_every = 3, c.relocate_from = 0;
   size_t mark = sv_arena_mark(a);
-  sv_status s = sv_trainer_init(&t->trainer, &c, k, pool, a, &err);
+  sv_status s = sv_trainer_init(&t->trainer, &c, (sv_compute){k, pool}, a, &err);
   sv_arena scratch = sv_arena_sub(a, sv_init_scratch_bytes(N_GAUSSIANS, 0) + 4096);
   uint8_t *px = SV_TAKE(a, uint8_t, 2 * WIDTH * HEIGHT * 3);
   if (s < 0 || a->status < 0) return SV_E_NOMEM;

@@ -62,12 +62,13 @@ size_t sv_renderer_bytes(const sv_renderer_cfg *cfg) {
   return dry.used_bytes;
 }
 
-sv_status sv_renderer_init(sv_renderer *r, const sv_renderer_cfg *cfg, sv_arena *arena) {
+sv_status sv_renderer_init(sv_renderer *r, const sv_renderer_cfg *cfg, sv_compute compute, sv_arena *arena) {
   if (cfg->cap_gaussians < 1 || cfg->n_threads < 1 || cfg->cap_width_px < 1 || cfg->cap_height_px < 1 ||
       cfg->cap_width_px > 16384 || cfg->cap_height_px > 16384)
     return SV_E_ARG;
   memset(r, 0, sizeof *r);
   r->cfg = *cfg;
+  r->compute = compute;
   r->cfg.cap_pixels = cap_pixels_of(cfg);
   r->cfg.cap_recs = cap_recs_of(cfg);
   carve(r, cfg, arena);
@@ -251,8 +252,9 @@ static void place_tiles(sv_renderer *r) {
   }
 }
 
-static void bin_all(job *j, const sv_pool *pool) {
+static void bin_all(job *j) {
   sv_renderer *r = j->r;
+  const sv_pool *pool = r->compute.pool;
   r->stats.n_dropped = 0;
   if (add_up(j) > r->cfg.cap_recs) {
     drop_farthest(j);
@@ -345,8 +347,8 @@ static sv_status set_size(sv_renderer *r, int w, int h) {
   return SV_OK;
 }
 
-sv_status sv_render(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, const sv_gaussians *g,
-                    const sv_view *view, const sv_render_options *o) {
+sv_status sv_render(sv_renderer *r, const sv_gaussians *g, const sv_view *view, const sv_render_options *o) {
+  const sv_pool *pool = r->compute.pool;
   sv_status s = set_size(r, view->width_px, view->height_px);
   if (s < 0) return s;
   if (g->n > r->cfg.cap_gaussians || pool->n_threads > r->cfg.n_threads) return SV_E_RANGE;
@@ -364,13 +366,13 @@ sv_status sv_render(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, co
   r->moved.param = g->moved;
   r->n_moved_blocks = g->moved ? (g->n_moved + 15) / 16 : 0;
   job j = {.r = r,
-           .k = k,
+           .k = r->compute.k,
            .n_blocks = (g->n + 15) / 16,
            .n_ranges = (g->n + RANGE - 1) / RANGE,
            .dropout = dropout,
            .dropout_seed = o->dropout_seed};
   sv_pool_run(pool, project_task, &j, j.n_ranges);
-  bin_all(&j, pool);
+  bin_all(&j);
   order_tiles(r, pool->n_threads);
   r->raster = (sv_raster_args){.splat = r->splat,
                                .rec = r->rec,
@@ -411,8 +413,8 @@ static void raster_bwd_half_task(void *arg, int i_task, int i_thread) {
   else clear_slots(j->r, tile);
 }
 
-sv_status sv_render_bwd(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, const sv_planes *g_rgb,
-                        const float *g_depth, const float *g_trans, const float *err) {
+sv_status sv_render_bwd(sv_renderer *r, const sv_planes *g_rgb, const float *g_depth, const float *g_trans,
+                        const float *err) {
   if (!r->slot || g_rgb->stride != r->rgb.stride || g_rgb->rows_padded != r->rgb.rows_padded) return SV_E_ARG;
   if ((g_depth || g_trans) && !r->raster.depth) return SV_E_ARG;
   sv_raster_bwd_args a = {.fwd = &r->raster,
@@ -421,30 +423,29 @@ sv_status sv_render_bwd(sv_renderer *r, const sv_kernels *k, const sv_pool *pool
                           .g_trans = g_trans,
                           .err = err,
                           .slot = r->slot};
-  job j = {.r = r, .k = k, .bwd = &a};
-  sv_pool_run(pool, raster_bwd_task, &j, r->n_tiles);
+  job j = {.r = r, .k = r->compute.k, .bwd = &a};
+  sv_pool_run(r->compute.pool, raster_bwd_task, &j, r->n_tiles);
   return SV_OK;
 }
 
-sv_status sv_render_bwd_half(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, const sv_planes *g_rgb,
-                             uint32_t colour) {
+sv_status sv_render_bwd_half(sv_renderer *r, const sv_planes *g_rgb, uint32_t colour) {
   if (!r->slot || g_rgb->stride != r->rgb.stride || g_rgb->rows_padded != r->rgb.rows_padded) return SV_E_ARG;
   sv_raster_bwd_args a = {
       .fwd = &r->raster, .g_rgb = {g_rgb->c[0], g_rgb->c[1], g_rgb->c[2]}, .slot = r->slot};
-  job j = {.r = r, .k = k, .bwd = &a, .colour = colour};
-  sv_pool_run(pool, raster_bwd_half_task, &j, r->n_tiles);
+  job j = {.r = r, .k = r->compute.k, .bwd = &a, .colour = colour};
+  sv_pool_run(r->compute.pool, raster_bwd_half_task, &j, r->n_tiles);
   return SV_OK;
 }
 
-uint32_t sv_render_bwd_block(const sv_renderer *r, const sv_kernels *k, int block, int i_thread,
-                             const sv_regularisers *reg, float *grad, float *err, float *pose_grad) {
+uint32_t sv_render_bwd_block(const sv_renderer *r, int block, int i_thread, const sv_regularisers *reg,
+                             const sv_block_grads *out) {
   sv_project_bwd_args a = {.fwd = block < r->n_moved_blocks ? &r->moved : &r->project,
                            .rec = r->rec,
                            .slot = r->slot,
-                           .pose_grad = pose_grad,
+                           .pose_grad = out->pose,
                            .reg_opacity = reg ? reg->opacity : 0.0f,
                            .reg_scale = reg ? reg->scale : 0.0f};
-  return k->project_bwd(&a, block, grad, err, thread_scratch(r, i_thread));
+  return r->compute.k->project_bwd(&a, block, out->param, out->err, thread_scratch(r, i_thread));
 }
 
 uint64_t sv_render_count_pairs(const sv_renderer *r) {

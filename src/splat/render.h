@@ -5,9 +5,8 @@
 #ifndef SV_SPLAT_RENDER_H
 #define SV_SPLAT_RENDER_H
 
-#include "kernels/kernels.h"
 #include "src/image/planes.h"
-#include "src/port/port.h"
+#include "src/port/compute.h"
 #include "src/rig/rig.h"
 #include "src/splat/gaussians.h"
 
@@ -33,6 +32,7 @@ typedef struct {
 
 typedef struct {
   sv_renderer_cfg cfg;
+  sv_compute compute;
   sv_splat *splat;     // [cap]
   uint32_t *depth_key; // [cap]
   uint32_t *n_in_range,
@@ -61,7 +61,8 @@ typedef struct {
 } sv_renderer;
 
 size_t sv_renderer_bytes(const sv_renderer_cfg *cfg);
-sv_status sv_renderer_init(sv_renderer *r, const sv_renderer_cfg *cfg, sv_arena *arena) SV_MUST_USE;
+sv_status sv_renderer_init(sv_renderer *r, const sv_renderer_cfg *cfg, sv_compute compute,
+                           sv_arena *arena) SV_MUST_USE;
 
 typedef struct {
   int sh_degree;       // in use, at most the model's
@@ -77,26 +78,31 @@ typedef struct {
 } sv_render_options;
 
 // Renders into r->rgb; with has_depth, into r->depth and r->trans, too. E_RANGE when the view is larger than the caps.
-sv_status sv_render(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, const sv_gaussians *g,
-                    const sv_view *view, const sv_render_options *o) SV_MUST_USE;
+sv_status sv_render(sv_renderer *r, const sv_gaussians *g, const sv_view *view,
+                    const sv_render_options *o) SV_MUST_USE;
 
 // Gradients of the last picture's planes -> slots per record. g_depth and g_trans, of pictures with has_depth only, and err
 // may be NULL. The planes have the picture's stride; padding must be 0. Then sv_render_bwd_block per block of 16 Gaussians.
-sv_status sv_render_bwd(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, const sv_planes *g_rgb,
-                        const float *g_depth, const float *g_trans, const float *err) SV_MUST_USE;
+sv_status sv_render_bwd(sv_renderer *r, const sv_planes *g_rgb, const float *g_depth, const float *g_trans,
+                        const float *err) SV_MUST_USE;
 // The same of the tiles of one colour, laid out as a chessboard's fields, at half the price: 0, that of the first tile, or
 // 1. The slots of the others' records are 0, as if g_rgb were 0 there.
-sv_status sv_render_bwd_half(sv_renderer *r, const sv_kernels *k, const sv_pool *pool, const sv_planes *g_rgb,
-                             uint32_t colour) SV_MUST_USE;
+sv_status sv_render_bwd_half(sv_renderer *r, const sv_planes *g_rgb, uint32_t colour) SV_MUST_USE;
 // Regularisers added to the gradients of touched Gaussians: opacity sum(o) + scale sum(s).
 typedef struct {
   float opacity, scale;
 } sv_regularisers;
 
-// grad [n_rows][16], err [16], pose_grad [6] or NULL (dL/d(omega, v) of a twist on cam_from_world); reg may be
-// NULL. i_thread picks the scratch. Returns the touched lanes' bits.
-uint32_t sv_render_bwd_block(const sv_renderer *r, const sv_kernels *k, int block, int i_thread,
-                             const sv_regularisers *reg, float *grad, float *err, float *pose_grad);
+// Where the gradients of one block of 16 Gaussians go.
+typedef struct {
+  float *param; // [n_rows][16]
+  float *err;   // [16]
+  float *pose;  // [6], dL/d(omega, v) of a twist on cam_from_world. Or NULL
+} sv_block_grads;
+
+// reg may be NULL. i_thread picks the scratch. Returns the bits of the touched lanes.
+uint32_t sv_render_bwd_block(const sv_renderer *r, int block, int i_thread, const sv_regularisers *reg,
+                             const sv_block_grads *out);
 
 // Pixel-splat pairs that the last picture evaluated: 16 per marked block.
 uint64_t sv_render_count_pairs(const sv_renderer *r);

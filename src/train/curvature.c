@@ -34,7 +34,7 @@ static void probe_task(void *arg, int i_task, int i_thread) {
   (void)i_thread;
   a.row0 = i_task % j->n_bands * ROWS_PER_TASK;
   a.row1 = sv_mini(a.row0 + ROWS_PER_TASK, j->n_rows);
-  j->t->k->probe(&a);
+  j->t->compute.k->probe(&a);
 }
 
 // Of a picture with so many values in the tiles that are looked at.
@@ -47,7 +47,7 @@ static void make_probe(sv_trainer *t, double l1, double n) {
                                  .stride = p->stride,
                                  .size = (float)(1.0 / sqrt(n * (l1 > MIN_RESIDUAL ? l1 : MIN_RESIDUAL))),
                                  .key = sv_hash3((uint32_t)t->cfg.seed, t->step, c)};
-  sv_pool_run(t->pool, probe_task, &j, 3 * j.n_bands);
+  sv_pool_run(t->compute.pool, probe_task, &j, 3 * j.n_bands);
 }
 
 static double n_values(const sv_planes *p) { return 3.0 * p->width_px * p->height_px; }
@@ -63,8 +63,8 @@ static int n_tasks(const job *j) { return (j->n_blocks + BLOCKS_PER_TASK - 1) / 
 // A block's gradients of the last picture. Returns the touched lanes.
 static uint32_t gradients_of(const job *j, int b, int i_thread, float *grad) {
   const sv_trainer *t = j->t;
-  uint32_t touched =
-      sv_render_bwd_block(&t->render, t->k, b, i_thread, NULL, grad, grad + SV_CAP_ROWS * 16, NULL);
+  uint32_t touched = sv_render_bwd_block(&t->render, b, i_thread, NULL,
+                                         &(sv_block_grads){grad, grad + SV_CAP_ROWS * 16, NULL});
   if (t->deform.kind == SV_DEFORM_CLIP && b < t->render.n_moved_blocks)
     sv_motion_bodies_bwd(&t->deform.motion, b, touched, grad, NULL);
   return touched;
@@ -78,16 +78,16 @@ static void single_task(void *arg, int i_task, int i_thread) {
   for (int b = i_task * BLOCKS_PER_TASK; b < b1; b++) {
     uint32_t touched = gradients_of(j, b, i_thread, grad);
     if (touched)
-      t->k->curvature(t->cfg.newton.keep, j->n_rows, touched, grad, 0,
-                      t->v + (size_t)b * (size_t)t->g.n_rows * 16);
+      t->compute.k->curvature(t->cfg.newton.keep, j->n_rows, touched, grad, 0,
+                              t->v + (size_t)b * (size_t)t->g.n_rows * 16);
   }
 }
 
 // Each tile is looked at with a probability of one half, then with twice the squares: no bias.
 static sv_status probe_bwd(sv_trainer *t, const sv_planes *probe, bool is_half) {
-  if (!is_half) return sv_render_bwd(&t->render, t->k, t->pool, probe, NULL, NULL, NULL);
+  if (!is_half) return sv_render_bwd(&t->render, probe, NULL, NULL, NULL);
   const uint32_t colour = sv_hash3((uint32_t)t->cfg.seed, t->step, HALF_KEY) & 1;
-  return sv_render_bwd_half(&t->render, t->k, t->pool, probe, colour);
+  return sv_render_bwd_half(&t->render, probe, colour);
 }
 
 sv_status sv_train_curvature(sv_trainer *t, double l1, bool is_supersampled) {
@@ -96,7 +96,7 @@ sv_status sv_train_curvature(sv_trainer *t, double l1, bool is_supersampled) {
   sv_status s = probe_bwd(t, is_supersampled ? sv_train_spread(t, &t->target, NULL) : &t->target, is_half);
   if (s < 0) return s;
   job j = blocks_job(t);
-  sv_pool_run(t->pool, single_task, &j, n_tasks(&j));
+  sv_pool_run(t->compute.pool, single_task, &j, n_tasks(&j));
   return SV_OK;
 }
 
@@ -128,8 +128,8 @@ static void apply_task(void *arg, int i_task, int i_thread) {
     uint32_t *touched = t->sum_touched + 2 * b;
     float *sum = sum_of(t, b);
     if (!touched[0]) continue;
-    t->k->curvature(t->cfg.newton.keep, j->n_rows, touched[0], sum, 1,
-                    t->v + (size_t)b * (size_t)t->g.n_rows * 16);
+    t->compute.k->curvature(t->cfg.newton.keep, j->n_rows, touched[0], sum, 1,
+                            t->v + (size_t)b * (size_t)t->g.n_rows * 16);
     memset(sum, 0, (size_t)j->n_rows * 16 * sizeof *sum);
     touched[0] = 0;
   }
@@ -137,10 +137,10 @@ static void apply_task(void *arg, int i_task, int i_thread) {
 
 void sv_train_collect_curvature(sv_trainer *t) {
   job j = blocks_job(t);
-  sv_pool_run(t->pool, collect_task, &j, n_tasks(&j));
+  sv_pool_run(t->compute.pool, collect_task, &j, n_tasks(&j));
 }
 
 void sv_train_apply_curvature(sv_trainer *t) {
   job j = blocks_job(t);
-  sv_pool_run(t->pool, apply_task, &j, n_tasks(&j));
+  sv_pool_run(t->compute.pool, apply_task, &j, n_tasks(&j));
 }

@@ -167,9 +167,10 @@ static sv_status look(job *j, int i_from, int i_to, float progress) {
   for (int c = 0; c < 3; c++)
     memcpy(t->grad.c[c], t->target.c[c], (size_t)t->grad.stride * (size_t)t->grad.height_px * sizeof(float));
   sv_train_load_target(t, &a->image, k, o.bg);
-  sv_status s = sv_render(&t->render, t->k, t->pool, &t->g, &j->from, &o);
+  sv_status s = sv_render(&t->render, &t->g, &j->from, &o);
   j->prev = t->target, j->next = t->grad;
-  if (s >= 0) sv_pool_run(t->pool, follow_task, j, (j->n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
+  if (s >= 0)
+    sv_pool_run(t->compute.pool, follow_task, j, (j->n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
   return s;
 }
 
@@ -222,7 +223,7 @@ static void make_neighbours(const job *j) {
     float d[3] = {0}, px = displacement(&t->follow[i], DAMPING, d);
     if (t->is_moving[i] || px >= MOVES_PX) t->near->order[n++] = (uint32_t)i;
   }
-  sv_local_motion_find(t->near, t->k, n, t->centre, t->radius);
+  sv_local_motion_find(t->near, t->compute.k, n, t->centre, t->radius);
 }
 
 // As displacement, but what no camera saw, or what seems to have gone another way than its neighbours, goes with them.
@@ -351,7 +352,7 @@ static sv_status follow_to(sv_trainer *t, float from, float to, float progress) 
   make_neighbours(&j);
   sv_train_follow_bodies(t, from, to, j.px_per_unit);
   fill(&j, DAMPING);
-  sv_pool_run(t->pool, bend_task, &j, (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
+  sv_pool_run(t->compute.pool, bend_task, &j, (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
   sv_train_sort_moving(t);
   return SV_OK;
 }

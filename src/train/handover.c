@@ -72,7 +72,7 @@ static void clip_at(const job *j, int b, float time) {
   less(f.colour, j->middle.colour, mo->cfg.n_colour);
   sv_motion_args a = sv_motion_args_of(mo, &t->g, time, &f);
   sv_rigid now[SV_CAP_BODIES];
-  t->k->motion(&a, b, b + 1);
+  t->compute.k->motion(&a, b, b + 1);
   if (mo->bodies.n < 2) return;
   sv_bodies_at(&mo->bodies, time, now);
   sv_motion_go_with_bodies(mo, now, 16 * b, sv_mini(16 * b + 16, mo->n_moving));
@@ -115,10 +115,10 @@ static void fit_task(void *arg, int i_task, int i_thread) {
       const float time = (float)(h >> 8) * (1.0f / 16777216.0f);
       const size_t at = (size_t)b * (size_t)t->g.n_rows * 16;
       clip_at(j, b, time);
-      sv_field_at_block(f, t->k, &t->g, b, i_thread, time);
+      sv_field_at_block(f, t->compute.k, &t->g, b, i_thread, time);
       sv_fit_loss_bwd(&j->prices, f->moved + at, t->deform.motion.moved + at, t->g.n_rows, grad);
     }
-    sv_field_bwd_block(f, t->k, &t->g, b, i_thread, has_turn ? 0xffff : 0, grad);
+    sv_field_bwd_block(f, t->compute.k, b, i_thread, has_turn ? 0xffff : 0, grad);
   }
 }
 
@@ -126,8 +126,8 @@ static void fit_task(void *arg, int i_task, int i_thread) {
 static void fit_step(job *j, uint32_t n, float progress, float rate) {
   sv_trainer *t = j->t;
   j->step = n;
-  sv_pool_run(t->pool, fit_task, j, (j->n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
-  sv_field_step(&t->deform.field, t->k, t->pool, n, progress, rate * t->radius);
+  sv_pool_run(t->compute.pool, fit_task, j, (j->n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
+  sv_field_step(&t->deform.field, &t->compute, n, progress, rate * t->radius);
 }
 
 // --- pictures of the clip ------------------------------------------------------------------------
@@ -153,8 +153,8 @@ float sv_train_lesson_time(sv_trainer *t, float time) {
 }
 
 sv_status sv_train_load_lesson(sv_trainer *t, const sv_view *view, const sv_render_options *o) {
-  sv_motion_at(&t->deform.motion, t->k, t->pool, &t->teacher, view->time);
-  sv_status s = sv_render(&t->render, t->k, t->pool, &t->teacher, view, o);
+  sv_motion_at(&t->deform.motion, &t->compute, &t->teacher, view->time);
+  sv_status s = sv_render(&t->render, &t->teacher, view, o);
   if (s < 0) return s;
   sv_train_size_target(t, view->width_px, view->height_px);
   const size_t n = (size_t)t->target.stride * (size_t)t->target.rows_padded;
@@ -179,7 +179,7 @@ void sv_train_step_field(sv_trainer *t, float progress) {
   const bool is_taught = sv_train_is_taught(t);
   const float from = is_taught ? RESUME : t->cfg.dynamic.from, rate = is_taught ? PICTURE_RATE : 1.0f;
   const float stage = (progress - from) / (1.0f - from);
-  sv_field_step(&t->deform.field, t->k, t->pool, ++t->field_step, stage, rate * t->radius);
+  sv_field_step(&t->deform.field, &t->compute, ++t->field_step, stage, rate * t->radius);
 }
 
 void sv_train_hand_over(sv_trainer *t) {

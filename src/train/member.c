@@ -140,7 +140,7 @@ void sv_train_look_at_members(sv_trainer *t, int i_view) {
   job j = {.t = t, .view = sv_view_scaled(v, v->width_px / t->target.width_px), .time = v->time};
   if (!has_bodies(t)) return;
   j.now = t->deform.motion.bodies.now;
-  sv_pool_run(t->pool, look_task, &j, (n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
+  sv_pool_run(t->compute.pool, look_task, &j, (n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
 }
 
 // --- deciding ------------------------------------------------------------------------------------

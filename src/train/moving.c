@@ -13,7 +13,7 @@ bool sv_train_is_dynamic(const sv_trainer *t) { return t->cfg.dynamic.kind != SV
 void sv_train_set_time(sv_trainer *t, float time) {
   if (!sv_train_is_dynamic(t)) return;
   t->time = time;
-  sv_deform_at(&t->deform, t->k, t->pool, &t->g, time);
+  sv_deform_at(&t->deform, &t->compute, &t->g, time);
 }
 
 // 0..1 while the times come in, to both sides of the middle one; 1 when there is nothing to wait for.
@@ -73,7 +73,7 @@ void sv_train_weigh(sv_trainer *t, float weight, float *err) {
   weigh_job j = {.plane = {g->c[0], g->c[1], g->c[2], err},
                  .n = (size_t)g->stride * (size_t)g->rows_padded,
                  .weight = weight};
-  if (weight < 1.0f) sv_pool_run(t->pool, weigh_task, &j, err ? 4 : 3);
+  if (weight < 1.0f) sv_pool_run(t->compute.pool, weigh_task, &j, err ? 4 : 3);
 }
 
 static void set_usual_view(sv_trainer *t) {
@@ -141,10 +141,10 @@ void sv_train_move_block(sv_trainer *t, const sv_motion_args *a, const sv_adam_a
   if (left < 16) touched &= (1u << left) - 1; // the still ones of the last block stay still
   if (t->deform.motion.bodies.n > 1)
     sv_motion_bodies_bwd(&t->deform.motion, block, touched, grad, t->body_sum[block / SV_FIELD_TASK]);
-  t->k->motion_bwd(a, block, touched, grad, scratch);
+  t->compute.k->motion_bwd(a, block, touched, grad, scratch);
   size_t at = (size_t)block * (size_t)t->deform.motion.n_rows * 16;
   float *p = t->deform.motion.param + at;
-  t->k->adam(adam, touched, scratch, p, t->deform.motion.m + at, t->deform.motion.v + at);
+  t->compute.k->adam(adam, touched, scratch, p, t->deform.motion.m + at, t->deform.motion.v + at);
   if (t->cfg.dynamic.shrink_pos > 0 && a->n_pos > 0)
     shrink(p + 16 * SV_MROW_FUNCTIONS, a->n_pos, t->cfg.dynamic.shrink_pos * adam->lr[SV_MROW_FUNCTIONS],
            touched, t->deform.motion.bodies.of ? t->deform.motion.bodies.of + 16 * block : NULL);
@@ -227,15 +227,16 @@ static void share_task(void *arg, int i_task, int i_thread) {
   float *grad = t->block + (size_t)i_thread * SV_TRAIN_BLOCK_FLOATS, err[16];
   int b1 = sv_mini((i_task + 1) * BLOCKS_PER_TASK, j->n_blocks);
   for (int b = i_task * BLOCKS_PER_TASK; b < b1; b++) {
-    (void)sv_render_bwd_block(&t->render, t->k, b, i_thread, NULL, grad, err, NULL);
+    (void)sv_render_bwd_block(&t->render, b, i_thread, NULL, &(sv_block_grads){grad, err, NULL});
     for (int k = 0; k < 16; k++) j->sum[16 * b + k] += err[k];
   }
 }
 
 static sv_status share_out(sv_trainer *t, const float *plane, float *sum) {
   share_job j = {.t = t, .sum = sum, .n_blocks = (t->g.n + 15) / 16};
-  sv_status s = sv_render_bwd(&t->render, t->k, t->pool, &t->grad, NULL, NULL, plane);
-  if (s >= 0) sv_pool_run(t->pool, share_task, &j, (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
+  sv_status s = sv_render_bwd(&t->render, &t->grad, NULL, NULL, plane);
+  if (s >= 0)
+    sv_pool_run(t->compute.pool, share_task, &j, (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
   return s;
 }
 

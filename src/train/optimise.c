@@ -111,7 +111,7 @@ typedef struct {
 
 static void explore(const job *j, wanderers *w) {
   if (w->n == 0) return;
-  j->t->k->explore(w->p[0], (1u << w->n) - 1, w->eta[0], j->noise_gain, SV_OPACITY_DEAD);
+  j->t->compute.k->explore(w->p[0], (1u << w->n) - 1, w->eta[0], j->noise_gain, SV_OPACITY_DEAD);
   for (int i = 0; i < w->n; i++)
     for (int a = 0; a < 3; a++) w->mean[i][16 * a] = w->p[SV_ROW_MEAN + a][i];
   w->n = 0;
@@ -163,10 +163,12 @@ static void move(const job *j, int b, uint32_t touched, uint32_t with_err, const
   sv_trainer *t = j->t;
   size_t at = (size_t)b * (size_t)t->g.n_rows * 16;
   float *p = t->g.param + at;
-  if (t->cfg.optimizer == SV_OPTIMIZER_ADAM) t->k->adam(&j->adam, touched, grad, p, t->m + at, t->v + at);
-  else t->k->newton(&j->newton, touched, grad, t->v + at, p, t->m + at);
-  const uint32_t below = t->k->blend_errors(j->is_error_due ? with_err : 0, ERR_KEEP, err,
-                                            t->err + 16 * (size_t)b, p + 16 * SV_ROW_LOGIT, EXPLORE_BELOW);
+  if (t->cfg.optimizer == SV_OPTIMIZER_ADAM)
+    t->compute.k->adam(&j->adam, touched, grad, p, t->m + at, t->v + at);
+  else t->compute.k->newton(&j->newton, touched, grad, t->v + at, p, t->m + at);
+  const uint32_t below =
+      t->compute.k->blend_errors(j->is_error_due ? with_err : 0, ERR_KEEP, err, t->err + 16 * (size_t)b,
+                                 p + 16 * SV_ROW_LOGIT, EXPLORE_BELOW);
   if (j->noise_gain > 0.0f) add_wanderers(j, b, below & touched, p, w);
   if (t->floor) keep_above(t->floor + 16 * (size_t)b, p + 16 * SV_ROW_SCALE);
 }
@@ -192,12 +194,12 @@ static void optimise_task(void *arg, int i_task, int i_thread) {
     __builtin_prefetch(t->render.splat + 16 * next); // the first and the last know where the records are
     __builtin_prefetch(t->render.splat + 16 * next + 15);
     prefetch_lines(t->g.param + at, rows * sizeof *t->g.param);
-    uint32_t touched =
-        sv_render_bwd_block(&t->render, t->k, b, i_thread, &j->reg, grad, err, j->has_pose ? pose : NULL);
+    uint32_t touched = sv_render_bwd_block(&t->render, b, i_thread, &j->reg,
+                                           &(sv_block_grads){grad, err, j->has_pose ? pose : NULL});
     add_pose(j, i_task, pose);
     prefetch_lines(t->m + at, rows * sizeof *t->m);
     if (b < t->render.n_moved_blocks && t->deform.kind == SV_DEFORM_FIELD)
-      sv_field_bwd_block(&t->deform.field, t->k, &t->g, b, i_thread, touched, grad);
+      sv_field_bwd_block(&t->deform.field, t->compute.k, b, i_thread, touched, grad);
     if (touched && b < t->render.n_moved_blocks && t->deform.kind == SV_DEFORM_CLIP)
       sv_train_move_block(t, &j->motion, &j->motion_adam, b, touched, grad, err + 16);
     if (touched) move(j, b, touched, touched, grad, err, &w);
@@ -222,8 +224,8 @@ static void collect_task(void *arg, int i_task, int i_thread) {
   float pose[6];
   begin_pose(j, i_task);
   for (int b = b0; b < b1; b++) {
-    uint32_t touched =
-        sv_render_bwd_block(&t->render, t->k, b, i_thread, &j->reg, grad, err, j->has_pose ? pose : NULL);
+    uint32_t touched = sv_render_bwd_block(&t->render, b, i_thread, &j->reg,
+                                           &(sv_block_grads){grad, err, j->has_pose ? pose : NULL});
     add_pose(j, i_task, pose);
     if (!touched) continue;
     float *sum = sum_of(t, b);
@@ -291,7 +293,7 @@ static void floor_task(void *arg, int i_task, int i_thread) {
 
 void sv_train_set_floors(sv_trainer *t) {
   job j = {.t = t, .n_blocks = (t->g.n + 15) / 16};
-  if (t->floor) sv_pool_run(t->pool, floor_task, &j, n_tasks(&j));
+  if (t->floor) sv_pool_run(t->compute.pool, floor_task, &j, n_tasks(&j));
 }
 
 // --- the step's job ------------------------------------------------------------------------------
@@ -326,7 +328,7 @@ static uint32_t run(sv_trainer *t, float progress, sv_task_fn task) {
     j.motion_adam.n_rows = t->deform.motion.n_rows;
   }
   sv_train_clear_body_sums(t);
-  sv_pool_run(t->pool, task, &j, n_tasks(&j));
+  sv_pool_run(t->compute.pool, task, &j, n_tasks(&j));
   if (t->deform.kind == SV_DEFORM_CLIP) sv_train_move_bodies(t, mean_lr * t->radius);
   if (t->deform.kind == SV_DEFORM_FIELD && t->render.n_moved_blocks > 0) sv_train_step_field(t, progress);
   uint32_t n = 0;
@@ -342,5 +344,5 @@ void sv_train_collect(sv_trainer *t, float reg_share, bool has_err) {
   job j = {.t = t, .n_blocks = (t->g.n + 15) / 16, .reg = regularisers(t, reg_share), .has_err = has_err};
   j.has_pose = t->cfg.poses.cap_poses > 0 && has_err;
   j.adam.n_rows = SV_N_ROWS(t->render.project.sh_degree);
-  sv_pool_run(t->pool, collect_task, &j, n_tasks(&j));
+  sv_pool_run(t->compute.pool, collect_task, &j, n_tasks(&j));
 }

@@ -134,7 +134,7 @@ static void unpack_task(void *arg, int i_task, int i_thread) {
   a.row0 = i_task * UNPACK_ROWS;
   a.row1 = sv_mini(a.row0 + UNPACK_ROWS, j->n_rows);
   a.scratch += (size_t)i_thread * SV_UNPACK_SCRATCH_FLOATS((size_t)j->t->cfg.cap_width_px);
-  j->t->k->unpack(&a);
+  j->t->compute.k->unpack(&a);
 }
 
 // The sub-view's picture as planes at 1/scale, laid over the background.
@@ -153,7 +153,7 @@ void sv_train_load_target(sv_trainer *t, const sv_image_u8 *im, int scale, const
                         .dst = {t->target.c[0], t->target.c[1], t->target.c[2]},
                         .dst_stride = t->target.stride,
                         .scratch = t->unpack_scratch}};
-  sv_pool_run(t->pool, unpack_task, &j, (h + UNPACK_ROWS - 1) / UNPACK_ROWS);
+  sv_pool_run(t->compute.pool, unpack_task, &j, (h + UNPACK_ROWS - 1) / UNPACK_ROWS);
 }
 
 static void load_region(sv_trainer *t, const sv_train_composite *c, const sv_region *r) {
@@ -194,10 +194,9 @@ sv_status sv_train_residual(sv_trainer *t, int i_view, float progress) {
   sv_view view = sv_view_scaled(&tv->view, scale);
   sv_train_set_time(t, tv->view.time);
   sv_train_load_target(t, &tv->image, scale, o.bg);
-  sv_status s = sv_render(&t->render, t->k, t->pool, &t->g, &view, &o);
+  sv_status s = sv_render(&t->render, &t->g, &view, &o);
   if (s < 0) return s;
-  sv_photometric_loss(&t->photometric, t->k, t->pool, &t->render.rgb, &t->target, &t->grad, t->err_plane,
-                      0.0f, NULL);
+  sv_photometric_loss(&t->photometric, &t->render.rgb, &t->target, &t->grad, t->err_plane, 0.0f);
   return SV_OK;
 }
 
@@ -229,21 +228,19 @@ static sv_status view_step(sv_trainer *t, int i, float progress, sv_render_optio
   const sv_planes *x;
   float *const errors = errors_of(t, progress);
   if ((s = sv_train_measure(t, &view, &o, is_fine, &x)) < 0) return s;
-  sv_photometric_loss(&t->photometric, t->k, t->pool, x, &t->target, &t->grad, errors, t->cfg.weight_ssim,
-                      &loss);
+  loss = sv_photometric_loss(&t->photometric, x, &t->target, &t->grad, errors, t->cfg.weight_ssim);
   out->loss = loss.loss, out->l1 = loss.l1, out->ssim = loss.ssim;
   const float weight = sv_train_weight(t, &tv->view);
   sv_train_weigh(t, weight, errors);
-  if (t->cfg.weight_tv > 0.0f)
-    out->loss += sv_tv_loss(&t->tv, t->k, t->pool, x, &t->grad, SV_TV_SQUARED, t->cfg.weight_tv);
+  if (t->cfg.weight_tv > 0.0f) out->loss += sv_tv_loss(&t->tv, x, &t->grad, SV_TV_SQUARED, t->cfg.weight_tv);
   if (sv_train_is_probe_due(t)) {
     const double l1 = loss.l1 / (double)weight; // the squares are to have the weight once
     if ((s = sv_train_curvature(t, l1, is_fine)) < 0) return s;
   }
   if (is_fine) return sv_train_supersample_bwd(t, &t->grad, errors);
-  if (!depth) return sv_render_bwd(&t->render, t->k, t->pool, &t->grad, NULL, NULL, errors);
+  if (!depth) return sv_render_bwd(&t->render, &t->grad, NULL, NULL, errors);
   out->loss += sv_prior_depth_loss(t, depth, out->scale, sv_prior_depth_share(t, progress));
-  return sv_render_bwd(&t->render, t->k, t->pool, &t->grad, t->prior.g_depth, t->prior.g_trans, errors);
+  return sv_render_bwd(&t->render, &t->grad, t->prior.g_depth, t->prior.g_trans, errors);
 }
 
 sv_status sv_train_predict(sv_trainer *t, const sv_composite *c, const sv_region *region,
@@ -254,7 +251,7 @@ sv_status sv_train_predict(sv_trainer *t, const sv_composite *c, const sv_region
   sv_status s = sv_forward_begin(&t->forward, region);
   for (int m = 0; m < c->n_lenses && s >= 0; m++) {
     if (!sv_composite_crop(c, m, region, &crop)) continue;
-    if ((s = sv_render(&t->render, t->k, t->pool, &t->g, &crop.view, o)) < 0) break;
+    if ((s = sv_render(&t->render, &t->g, &crop.view, o)) < 0) break;
     sv_forward_add(&t->forward, c, &crop, &t->render.rgb);
     if (last) *last = m;
     sum_px += (size_t)crop.view.width_px * (size_t)crop.view.height_px;
@@ -272,10 +269,10 @@ static sv_status probe_region(sv_trainer *t, const sv_composite *c, const sv_reg
     sv_crop crop;
     sv_status s = SV_OK;
     if (!sv_composite_crop(c, m, region, &crop)) continue;
-    if (m != *held && (s = sv_render(&t->render, t->k, t->pool, &t->g, &crop.view, o)) < 0) return s;
+    if (m != *held && (s = sv_render(&t->render, &t->g, &crop.view, o)) < 0) return s;
     *held = m;
     sv_forward_bwd(&t->forward, c, &crop, &t->render.rgb, &t->target, NULL, &t->aux, NULL);
-    if ((s = sv_render_bwd(&t->render, t->k, t->pool, &t->aux, NULL, NULL, NULL)) < 0) return s;
+    if ((s = sv_render_bwd(&t->render, &t->aux, NULL, NULL, NULL)) < 0) return s;
     sv_train_collect_curvature(t);
   }
   sv_train_apply_curvature(t);
@@ -300,22 +297,21 @@ static sv_status region_step(sv_trainer *t, int i, float progress, const sv_rend
   t->forward.noise = (sv_forward_noise){0};
   load_region(t, tc, &region);
   float *const errors = errors_of(t, progress), *const crop_errors = errors ? t->aux_err : NULL;
-  sv_photometric_loss(&t->photometric, t->k, t->pool, &t->forward.predicted, &t->target, &t->grad, errors,
-                      t->cfg.weight_ssim, &loss);
+  loss = sv_photometric_loss(&t->photometric, &t->forward.predicted, &t->target, &t->grad, errors,
+                             t->cfg.weight_ssim);
   out->loss = loss.loss, out->l1 = loss.l1, out->ssim = loss.ssim;
   int held = last;
   if (sv_train_is_probe_due(t) && (s = probe_region(t, c, &region, o, loss.l1, &held)) < 0) return s;
   for (int m = last; m >= 0; m--) {
     sv_crop crop;
     if (!sv_composite_crop(c, m, &region, &crop)) continue;
-    if (m != held && (s = sv_render(&t->render, t->k, t->pool, &t->g, &crop.view, o)) < 0) return s;
+    if (m != held && (s = sv_render(&t->render, &t->g, &crop.view, o)) < 0) return s;
     held = m;
     sv_forward_bwd(&t->forward, c, &crop, &t->render.rgb, &t->grad, errors, &t->aux, crop_errors);
     float share = (float)((double)crop.view.width_px * (double)crop.view.height_px / (double)n_px);
     if (t->cfg.weight_tv > 0.0f)
-      out->loss +=
-          sv_tv_loss(&t->tv, t->k, t->pool, &t->render.rgb, &t->aux, SV_TV_SQUARED, t->cfg.weight_tv * share);
-    s = sv_render_bwd(&t->render, t->k, t->pool, &t->aux, NULL, NULL, crop_errors);
+      out->loss += sv_tv_loss(&t->tv, &t->render.rgb, &t->aux, SV_TV_SQUARED, t->cfg.weight_tv * share);
+    s = sv_render_bwd(&t->render, &t->aux, NULL, NULL, crop_errors);
     if (s < 0) return s;
     sv_train_collect(t, 1.0f / c->m_max, true); // about M_max crops see a Gaussian
   }
@@ -368,13 +364,13 @@ sv_view sv_train_unseen_view(sv_trainer *t) {
 static sv_status smooth_unseen(sv_trainer *t, const sv_render_options *o, double *loss) {
   for (int i = 0; i < t->cfg.n_unseen; i++) {
     sv_view view = sv_train_unseen_view(t);
-    sv_status s = sv_render(&t->render, t->k, t->pool, &t->g, &view, o);
+    sv_status s = sv_render(&t->render, &t->g, &view, o);
     if (s < 0) return s;
     set_size(&t->aux, view.width_px, view.height_px);
     sv_planes_clear(&t->aux);
-    *loss += sv_tv_loss(&t->tv, t->k, t->pool, &t->render.rgb, &t->aux, SV_TV_SQUARED,
+    *loss += sv_tv_loss(&t->tv, &t->render.rgb, &t->aux, SV_TV_SQUARED,
                         t->cfg.weight_tv_unseen / (float)t->cfg.n_unseen);
-    if ((s = sv_render_bwd(&t->render, t->k, t->pool, &t->aux, NULL, NULL, NULL)) < 0) return s;
+    if ((s = sv_render_bwd(&t->render, &t->aux, NULL, NULL, NULL)) < 0) return s;
     sv_train_collect(t, 0.0f, false);
   }
   return SV_OK;

@@ -53,15 +53,15 @@ static void mean_task(void *arg, int i_channel, int i_thread) {
   const sv_trainer *t = ((job *)arg)->t;
   const sv_planes *from = &t->render.rgb, *to = &t->supersample.mean;
   (void)i_thread;
-  t->k->half(&(sv_resize_args){.src = from->c[i_channel],
-                               .src_width_px = from->width_px,
-                               .src_height_px = from->height_px,
-                               .src_stride = from->stride,
-                               .dst = to->c[i_channel],
-                               .dst_width_px = to->width_px,
-                               .dst_height_px = to->height_px,
-                               .dst_stride = to->stride,
-                               .row1 = to->height_px});
+  t->compute.k->half(&(sv_resize_args){.src = from->c[i_channel],
+                                       .src_width_px = from->width_px,
+                                       .src_height_px = from->height_px,
+                                       .src_stride = from->stride,
+                                       .dst = to->c[i_channel],
+                                       .dst_width_px = to->width_px,
+                                       .dst_height_px = to->height_px,
+                                       .dst_stride = to->stride,
+                                       .row1 = to->height_px});
 }
 
 sv_status sv_train_supersample(sv_trainer *t, const sv_view *view, const sv_render_options *o) {
@@ -69,21 +69,20 @@ sv_status sv_train_supersample(sv_trainer *t, const sv_view *view, const sv_rend
   const sv_view fine = sv_view_enlarged(view, SAMPLES);
   if (samples_px(sv_plane_floats(view->width_px, view->height_px)) > t->render.cfg.cap_pixels)
     return SV_E_RANGE;
-  sv_status st = sv_render(&t->render, t->k, t->pool, &t->g, &fine, o);
+  sv_status st = sv_render(&t->render, &t->g, &fine, o);
   if (st < 0) return st;
   size(&s->mean, view->width_px, view->height_px);
   if (s->grad.width_px != fine.width_px || s->grad.height_px != fine.height_px)
     memset(s->err, 0, sv_plane_floats(fine.width_px, fine.height_px) * sizeof *s->err);
   size(&s->grad, fine.width_px, fine.height_px);
-  sv_pool_run(t->pool, mean_task, &(job){.t = t}, 3);
+  sv_pool_run(t->compute.pool, mean_task, &(job){.t = t}, 3);
   return SV_OK;
 }
 
 sv_status sv_train_measure(sv_trainer *t, const sv_view *view, const sv_render_options *o,
                            bool is_supersampled, const sv_planes **out) {
   *out = is_supersampled ? &t->supersample.mean : &t->render.rgb;
-  return is_supersampled ? sv_train_supersample(t, view, o)
-                         : sv_render(&t->render, t->k, t->pool, &t->g, view, o);
+  return is_supersampled ? sv_train_supersample(t, view, o) : sv_render(&t->render, &t->g, view, o);
 }
 
 // Three channels of the gradient, then the error, which a Gaussian gets in the same shares.
@@ -92,20 +91,20 @@ static void spread_task(void *arg, int i_plane, int i_thread) {
   sv_trainer *t = j->t;
   const sv_planes *from = j->grad, *to = &t->supersample.grad;
   (void)i_thread;
-  t->k->half_bwd(&(sv_half_bwd_args){.grad = i_plane < 3 ? from->c[i_plane] : j->err,
-                                     .width_px = from->width_px,
-                                     .stride = from->stride,
-                                     .src_grad = i_plane < 3 ? to->c[i_plane] : t->supersample.err,
-                                     .src_stride = to->stride,
-                                     .row1 = from->height_px});
+  t->compute.k->half_bwd(&(sv_half_bwd_args){.grad = i_plane < 3 ? from->c[i_plane] : j->err,
+                                             .width_px = from->width_px,
+                                             .stride = from->stride,
+                                             .src_grad = i_plane < 3 ? to->c[i_plane] : t->supersample.err,
+                                             .src_stride = to->stride,
+                                             .row1 = from->height_px});
 }
 
 const sv_planes *sv_train_spread(sv_trainer *t, const sv_planes *grad, const float *err) {
-  sv_pool_run(t->pool, spread_task, &(job){t, grad, err}, err ? 4 : 3);
+  sv_pool_run(t->compute.pool, spread_task, &(job){t, grad, err}, err ? 4 : 3);
   return &t->supersample.grad;
 }
 
 sv_status sv_train_supersample_bwd(sv_trainer *t, const sv_planes *grad, const float *err) {
   const sv_planes *spread = sv_train_spread(t, grad, err);
-  return sv_render_bwd(&t->render, t->k, t->pool, spread, NULL, NULL, err ? t->supersample.err : NULL);
+  return sv_render_bwd(&t->render, spread, NULL, NULL, err ? t->supersample.err : NULL);
 }

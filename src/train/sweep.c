@@ -555,9 +555,9 @@ sv_status sv_sweep_run(sv_sweep *s, const sv_trainer *t, const sv_bounds *bounds
   }
   for (int i = 0; i < t->cfg.n_threads; i++) carve_lane(&j.lanes[i], j.cap_stride, scratch);
   if (scratch->status < 0) return scratch->status;
-  sv_pool_run(t->pool, sweep_task, &j, s->n * j.bands_of_map);
-  sv_pool_run(t->pool, confirm_task, &j, s->n);
-  sv_pool_run(t->pool, fill_task, &j, s->n);
+  sv_pool_run(t->compute.pool, sweep_task, &j, s->n * j.bands_of_map);
+  sv_pool_run(t->compute.pool, confirm_task, &j, s->n);
+  sv_pool_run(t->compute.pool, fill_task, &j, s->n);
   int n = 0;
   for (int i = 0; i < s->n; i++) {
     n += s->map[i].n_measured;

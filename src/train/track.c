@@ -86,8 +86,9 @@ static sv_status look(sv_trainer *t, int i_view, int reach, float progress) {
   job j = {.t = t, .view = sv_view_scaled(&v->view, k), .reach = reach};
   sv_train_set_time(t, v->view.time);
   sv_train_load_target(t, &v->image, k, o.bg);
-  sv_status s = sv_render(&t->render, t->k, t->pool, &t->g, &j.view, &o);
-  if (s >= 0) sv_pool_run(t->pool, track_task, &j, (n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
+  sv_status s = sv_render(&t->render, &t->g, &j.view, &o);
+  if (s >= 0)
+    sv_pool_run(t->compute.pool, track_task, &j, (n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
   return s;
 }
 

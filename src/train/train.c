@@ -116,7 +116,7 @@ static sv_status carve_sum(sv_trainer *t, const sv_train_cfg *c, size_t cap, siz
   if (c->cap_composites < 1) return SV_OK;
   sv_forward_cfg fc = {
       .cap_width_px = c->region_px, .cap_height_px = c->region_px, .n_threads = c->n_threads};
-  return sv_forward_init(&t->forward, &fc, t->k, t->pool, a);
+  return sv_forward_init(&t->forward, &fc, t->compute, a);
 }
 
 bool sv_train_has_clip(const sv_train_cfg *c) {
@@ -177,17 +177,17 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   if (c->dynamic.kind != SV_DEFORM_NONE && (s = carve_dynamic(t, c, a)) < 0) return s;
   sv_arena_part_begin(a, "renderer");
   sv_renderer_cfg rc = sv_train_renderer_cfg(c);
-  if ((s = sv_renderer_init(&t->render, &rc, a)) < 0) return s;
+  if ((s = sv_renderer_init(&t->render, &rc, t->compute, a)) < 0) return s;
   sv_arena_part_begin(a, "loss");
   sv_photometric_cfg pc = {.cap_width_px = c->cap_width_px,
                            .cap_height_px = c->cap_height_px,
                            .n_threads = c->n_threads,
                            .has_ssim = c->weight_ssim > 0.0f};
-  if ((s = sv_photometric_init(&t->photometric, &pc, a)) < 0) return s;
+  if ((s = sv_photometric_init(&t->photometric, &pc, t->compute, a)) < 0) return s;
   sv_tv_cfg tc = {
       .cap_width_px = c->cap_width_px, .cap_height_px = c->cap_height_px, .n_threads = c->n_threads};
   bool has_tv = c->weight_tv > 0.0f || (c->n_unseen > 0 && c->weight_tv_unseen > 0.0f);
-  if (has_tv && (s = sv_tv_init(&t->tv, &tc, a)) < 0) return s;
+  if (has_tv && (s = sv_tv_init(&t->tv, &tc, t->compute, a)) < 0) return s;
   for (int k = 0; k < 3; k++) t->target.c[k] = SV_TAKE(a, float, px);
   for (int k = 0; k < 3; k++) t->grad.c[k] = SV_TAKE(a, float, px);
   t->err_plane = SV_TAKE(a, float, px);
@@ -195,7 +195,7 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
       SV_TAKE(a, float, (size_t)c->n_threads *SV_UNPACK_SCRATCH_FLOATS((size_t)c->cap_width_px));
   if (c->is_supersampled) sv_train_supersample_carve(&t->supersample, px, a);
   if ((s = carve_sum(t, c, cap, px, a)) < 0) return s;
-  if ((s = sv_prior_init(&t->prior, &c->prior, px, c->n_gaussians, c->seed, a)) < 0) return s;
+  if ((s = sv_prior_init(&t->prior, &c->prior, px, c->n_gaussians, c->seed, t->compute, a)) < 0) return s;
   sv_arena_part_begin(a, "views");
   t->views = SV_TAKE(a, sv_train_view, c->cap_views);
   t->composites = SV_TAKE(a, sv_train_composite, c->cap_composites);
@@ -274,14 +274,13 @@ static sv_status check(const sv_train_cfg *c, sv_err *err) {
   return SV_OK;
 }
 
-sv_status sv_trainer_init(sv_trainer *t, const sv_train_cfg *cfg, const sv_kernels *k, const sv_pool *pool,
-                          sv_arena *arena, sv_err *err) {
+sv_status sv_trainer_init(sv_trainer *t, const sv_train_cfg *cfg, sv_compute compute, sv_arena *arena,
+                          sv_err *err) {
   sv_status s = check(cfg, err);
   if (s < 0) return s;
   memset(t, 0, sizeof *t);
   t->cfg = *cfg;
-  t->k = k;
-  t->pool = pool;
+  t->compute = compute;
   t->radius = 1.0f;
   t->rng = sv_rng_make(cfg->seed, 7);
   s = carve(t, cfg, arena);

@@ -165,8 +165,7 @@ typedef struct {
 
 typedef struct {
   sv_train_cfg cfg;
-  const sv_kernels *k;
-  const sv_pool *pool;
+  sv_compute compute;
   sv_gaussians g;
   // bfloat16, laid out as g.param: running means of the gradient, and of its squares (Adam) or the curvature
   uint16_t *m, *v;
@@ -225,8 +224,8 @@ typedef struct {
 sv_train_cfg sv_train_defaults(void);
 size_t sv_trainer_bytes(const sv_train_cfg *cfg);
 // E_ARG names a bad setting in err. Kernels and pool must outlive the trainer.
-sv_status sv_trainer_init(sv_trainer *t, const sv_train_cfg *cfg, const sv_kernels *k, const sv_pool *pool,
-                          sv_arena *arena, sv_err *err) SV_MUST_USE;
+sv_status sv_trainer_init(sv_trainer *t, const sv_train_cfg *cfg, sv_compute compute, sv_arena *arena,
+                          sv_err *err) SV_MUST_USE;
 
 // E_FULL beyond cap_views, E_RANGE when picture and view differ in size or exceed the caps.
 sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u8 *image,

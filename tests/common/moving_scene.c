@@ -47,13 +47,15 @@ void moving_scene_make(moving_scene *s, void *mem, size_t bytes) {
   sv_render_options o = {.near_z = 0.01f};
   sv_kernels_init(&k, SV_ISA_BIT(SV_ISA_REF)); // the same truth everywhere
   memset(s, 0, sizeof *s);
-  if (sv_gaussians_init(&g, N_WALL + N_BALL, 0, &a) < 0 || sv_renderer_init(&r, &c, &a) < 0) return;
+  if (sv_gaussians_init(&g, N_WALL + N_BALL, 0, &a) < 0 ||
+      sv_renderer_init(&r, &c, (sv_compute){&k, &pool}, &a) < 0)
+    return;
   for (int t = 0; t < MS_TIMES; t++) {
     float time = (float)t / (MS_TIMES - 1);
     place(&g, time);
     for (int i = 0; i < MS_CAMERAS; i++) {
       s->view[t][i] = camera(i, time);
-      if (sv_render(&r, &k, &pool, &g, &s->view[t][i], &o) < 0) return;
+      if (sv_render(&r, &g, &s->view[t][i], &o) < 0) return;
       for (int p = 0; p < MS_WIDTH * MS_HEIGHT; p++)
         for (int ch = 0; ch < 3; ch++)
           s->px[t][i][3 * p + ch] = to_byte(r.rgb.c[ch][p / MS_WIDTH * r.rgb.stride + p % MS_WIDTH]);
@@ -81,7 +83,7 @@ bool moving_scene_start(const moving_scene *s, sv_trainer *t, const sv_train_cfg
   sv_arena a = sv_arena_make(mem, bytes);
   sv_train_cfg c = *cfg;
   c.n_threads = pool->n_threads;
-  if (sv_trainer_init(t, &c, k, pool, &a, NULL) < 0) return false;
+  if (sv_trainer_init(t, &c, (sv_compute){k, pool}, &a, NULL) < 0) return false;
   for (int i = 0; i < MS_TIMES * MS_CAMERAS; i++) {
     int time = i / MS_CAMERAS, camera_i = i % MS_CAMERAS;
     sv_image_u8 im = {.px = s->px[time][camera_i],
@@ -118,7 +120,7 @@ double moving_scene_psnr(const moving_scene *s, sv_trainer *t, int i_time, bool 
     double mse = 0;
     sv_train_set_time(t, s->view[i_time][i].time);
     if (is_still) t->g.n_moved = 0;
-    if (sv_render(&t->render, t->k, t->pool, &t->g, &s->view[i_time][i], &o) < 0) return -1;
+    if (sv_render(&t->render, &t->g, &s->view[i_time][i], &o) < 0) return -1;
     for (int p = 0; p < MS_WIDTH * MS_HEIGHT; p++)
       for (int ch = 0; ch < 3; ch++) {
         double d = (double)t->render.rgb.c[ch][p / MS_WIDTH * t->render.rgb.stride + p % MS_WIDTH] -

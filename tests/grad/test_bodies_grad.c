@@ -143,7 +143,7 @@ static void test_bodies(void **state) {
   float sum[SV_CAP_BODIES][6] = {{0}};
   const double none[3] = {0};
   make(&a);
-  sv_motion_at(&mo, &k, &pool, &g, T);
+  sv_motion_at(&mo, &(sv_compute){&k, &pool}, &g, T);
   for (int i = 0; i < N; i++) {
     double own[7], out[7];
     own_of(i, own);

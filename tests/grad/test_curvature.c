@@ -75,7 +75,7 @@ static void open_training(sv_train_cfg cfg, bool is_measurement) {
   cfg.reg_opacity = cfg.reg_scale = cfg.noise = 0;
   cfg.relocate_every = 0, cfg.start_scale = 1;
   cfg.newton.first_every = cfg.newton.every = 1, cfg.newton.cap = cfg.newton.cap_scale = 0;
-  if (sv_trainer_init(&t, &cfg, &k, &pool, &a, &err) < 0) fail_msg("%s", err.text);
+  if (sv_trainer_init(&t, &cfg, (sv_compute){&k, &pool}, &a, &err) < 0) fail_msg("%s", err.text);
   for (int px = 0; px < W * H * 3; px++) picture[px] = (px / 20) % 2 ? 255 : 0;
   sv_view view = view_from(0);
   sv_image_u8 im = {picture, W, H, 3, W * 3};
@@ -95,7 +95,7 @@ static double exact[N_GAUSSIANS][N_ROWS];
 static void add_squares(void) {
   float grad[SV_CAP_ROWS * 16], err[16];
   for (int b = 0; b < (N_GAUSSIANS + 15) / 16; b++) {
-    if (!sv_render_bwd_block(&t.render, t.k, b, 0, NULL, grad, err, NULL)) continue;
+    if (!sv_render_bwd_block(&t.render, b, 0, NULL, &(sv_block_grads){grad, err, NULL})) continue;
     for (int r = 0; r < N_ROWS; r++)
       for (int k = 0; k < 16 && 16 * b + k < N_GAUSSIANS; k++)
         exact[16 * b + k][r] += (double)grad[16 * r + k] * (double)grad[16 * r + k];
@@ -104,13 +104,13 @@ static void add_squares(void) {
 
 static void add_view_pixel(void) {
   if (t.cfg.is_supersampled) assert_int_equal(sv_train_supersample_bwd(&t, &t.grad, NULL), SV_OK);
-  else assert_int_equal(sv_render_bwd(&t.render, t.k, t.pool, &t.grad, NULL, NULL, NULL), SV_OK);
+  else assert_int_equal(sv_render_bwd(&t.render, &t.grad, NULL, NULL, NULL), SV_OK);
   add_squares();
 }
 
 static void add_lens_pixel(const sv_crop *crop) {
   sv_forward_bwd(&t.forward, &t.composites[0].model, crop, &t.render.rgb, &t.grad, NULL, &t.aux, NULL);
-  assert_int_equal(sv_render_bwd(&t.render, t.k, t.pool, &t.aux, NULL, NULL, NULL), SV_OK);
+  assert_int_equal(sv_render_bwd(&t.render, &t.aux, NULL, NULL, NULL), SV_OK);
   add_squares();
 }
 
@@ -135,7 +135,7 @@ static void find_exact(double l1) {
     const sv_region whole = {0, 0, W, H};
     const sv_render_options o = sv_train_render_options(&t, 1, false);
     assert_true(sv_composite_crop(&t.composites[0].model, m, &whole, &crop));
-    assert_int_equal(sv_render(&t.render, t.k, t.pool, &t.g, &crop.view, &o), SV_OK);
+    assert_int_equal(sv_render(&t.render, &t.g, &crop.view, &o), SV_OK);
     add_all_pixels(&crop);
   }
   for (int i = 0; i < N_GAUSSIANS; i++)
@@ -227,12 +227,13 @@ static void test_chessboard(void **state) {
   for (uint32_t colour = 0; colour < 2; colour++)
     for (int b = 0; b < (N_GAUSSIANS + 15) / 16; b++) {
       for (int c = 0; c < 3; c++) memcpy(t.grad.c[c], probe[c], sizeof probe[c]);
-      assert_int_equal(sv_render_bwd_half(&t.render, t.k, t.pool, &t.grad, colour), SV_OK);
-      uint32_t touched = sv_render_bwd_block(&t.render, t.k, b, 0, NULL, half, err, NULL);
+      assert_int_equal(sv_render_bwd_half(&t.render, &t.grad, colour), SV_OK);
+      uint32_t touched = sv_render_bwd_block(&t.render, b, 0, NULL, &(sv_block_grads){half, err, NULL});
       for (int i = 0; i < 3 * n_px; i++)
         if (is_left_out(i % n_px, colour)) t.grad.c[i / n_px][i % n_px] = 0;
-      assert_int_equal(sv_render_bwd(&t.render, t.k, t.pool, &t.grad, NULL, NULL, NULL), SV_OK);
-      assert_int_equal(sv_render_bwd_block(&t.render, t.k, b, 0, NULL, whole, err, NULL), touched);
+      assert_int_equal(sv_render_bwd(&t.render, &t.grad, NULL, NULL, NULL), SV_OK);
+      assert_int_equal(sv_render_bwd_block(&t.render, b, 0, NULL, &(sv_block_grads){whole, err, NULL}),
+                       touched);
       assert_true(touched != 0);
       for (int i = 0; i < 16 * N_ROWS; i++) assert_true(half[i] == whole[i]);
     }

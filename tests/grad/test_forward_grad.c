@@ -115,7 +115,7 @@ static void open_bench(uint32_t isa_mask, int n_threads) {
   assert_int_equal(sv_linux_pool_start(&b.threads, n_threads, -1, &err), SV_OK);
   b.pool = sv_linux_pool_port(&b.threads);
   size_t before = a.used_bytes;
-  assert_int_equal(sv_forward_init(&b.f, &cfg, &b.k, &b.pool, &a), SV_OK);
+  assert_int_equal(sv_forward_init(&b.f, &cfg, (sv_compute){&b.k, &b.pool}, &a), SV_OK);
   assert_int_equal(a.used_bytes - before, sv_forward_bytes(&cfg));
   assert_int_equal(sv_planes_init(&b.g, W, H, &a), SV_OK);
   b.err = SV_TAKE(&a, float, sv_plane_floats(W, H));
@@ -383,7 +383,7 @@ static void open_training(const sv_composite *c, const sv_kernels *k, const sv_p
   cfg.cap_width_px = cfg.cap_height_px = REGION_PX;
   cfg.n_threads = pool->n_threads;
   cfg.weight_tv = tv;
-  if (sv_trainer_init(&t, &cfg, k, pool, &a, &err) < 0) fail_msg("%s", err.text);
+  if (sv_trainer_init(&t, &cfg, (sv_compute){k, pool}, &a, &err) < 0) fail_msg("%s", err.text);
   // The nearest and the farthest value there are: the absolute difference does not bend in between.
   for (int i = 0; i < 3 * W * H; i++) measured[i] = i / 40 % 2 ? 65535 : 0;
   if (sv_train_add_composite(&t, c, measured, &err) < 0) fail_msg("%s", err.text);

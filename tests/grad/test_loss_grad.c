@@ -116,11 +116,11 @@ static double photometric_double(const double *x, const double *y, int w, int h,
   return (1 - lambda) * l1 / n + lambda * (1 - ssim / (3 * w * ((h - phase + 1) / 2)));
 }
 
-static sv_photometric make_photometric(sv_arena *a, int n_threads, bool has_ssim) {
+static sv_photometric make_photometric(sv_arena *a, sv_compute compute, bool has_ssim) {
   sv_photometric p;
-  sv_photometric_cfg cfg = {CAP_W, CAP_H, n_threads, has_ssim};
+  sv_photometric_cfg cfg = {CAP_W, CAP_H, compute.pool->n_threads, has_ssim};
   size_t before = a->used_bytes;
-  assert_int_equal(sv_photometric_init(&p, &cfg, a), SV_OK);
+  assert_int_equal(sv_photometric_init(&p, &cfg, compute, a), SV_OK);
   assert_int_equal(a->used_bytes - before, sv_photometric_bytes(&cfg));
   return p;
 }
@@ -134,13 +134,13 @@ static void assert_padding_zero(const float *plane, const sv_planes *p) {
 static void photometric_case(int w, int h, int phase, float lambda) {
   sv_arena a = sv_arena_make(block, sizeof block);
   scene s = make_scene(&a, w, h, (uint64_t)(w * 100 + h));
-  sv_photometric p = make_photometric(&a, 1, lambda != 0);
-  p.phase = phase;
-  sv_photometric_value v;
   sv_pool pool = sv_pool_serial();
   sv_kernels k;
   sv_kernels_init(&k, ~0u);
-  double got = sv_photometric_loss(&p, &k, &pool, &s.x, &s.y, &s.grad, s.err, lambda, &v);
+  sv_photometric p = make_photometric(&a, (sv_compute){&k, &pool}, lambda != 0);
+  p.phase = phase;
+  const sv_photometric_value v = sv_photometric_loss(&p, &s.x, &s.y, &s.grad, s.err, lambda);
+  const double got = v.loss;
   double *x = to_double(&s.x), *y = to_double(&s.y),
          want = photometric_double(x, y, w, h, phase, (double)lambda);
   if (fabs(got - want) > 2e-6)
@@ -168,7 +168,7 @@ static void photometric_case(int w, int h, int phase, float lambda) {
   }
   for (int c = 0; c < 3; c++) assert_padding_zero(s.grad.c[c], &s.grad);
   assert_padding_zero(s.err, &s.grad);
-  double alone = sv_photometric_loss(&p, &k, &pool, &s.x, &s.y, NULL, NULL, lambda, NULL);
+  double alone = sv_photometric_loss(&p, &s.x, &s.y, NULL, NULL, lambda).loss;
   assert_true(alone == got);
   free(x);
   free(y);
@@ -196,10 +196,10 @@ static void photometric_threads(void **state) {
     if (isa == SV_ISA_SSE41 || !(sv_cpu_isas() & SV_ISA_BIT(isa))) continue;
     for (int n_threads = 1; n_threads <= 4; n_threads++) {
       sv_pool pool = {&n_threads, n_threads, run_backwards};
-      sv_photometric p = make_photometric(&a, n_threads, true);
       sv_kernels k;
       sv_kernels_init(&k, sv_isa_only((sv_isa)isa));
-      double got = sv_photometric_loss(&p, &k, &pool, &s.x, &s.y, &s.grad, s.err, 0.2f, NULL);
+      sv_photometric p = make_photometric(&a, (sv_compute){&k, &pool}, true);
+      double got = sv_photometric_loss(&p, &s.x, &s.y, &s.grad, s.err, 0.2f).loss;
       for (int c = 0; c < 3; c++) {
         if (!first[c]) first[c] = memcpy(malloc(bytes), s.grad.c[c], bytes), want = got;
         assert_true(got == want);
@@ -228,14 +228,14 @@ static void tv_case(int w, int h, sv_tv_form form) {
   sv_tv t;
   sv_tv_cfg cfg = {CAP_W, CAP_H, 3};
   size_t before = a.used_bytes;
-  assert_int_equal(sv_tv_init(&t, &cfg, &a), SV_OK);
-  assert_int_equal(a.used_bytes - before, sv_tv_bytes(&cfg));
   sv_kernels k;
   sv_kernels_init(&k, ~0u);
   int n_threads = 3;
   sv_pool pool = {&n_threads, n_threads, run_backwards};
+  assert_int_equal(sv_tv_init(&t, &cfg, (sv_compute){&k, &pool}, &a), SV_OK);
+  assert_int_equal(a.used_bytes - before, sv_tv_bytes(&cfg));
   const double weight = 0.25, step = 1e-7, n = 3.0 * w * h;
-  double got = sv_tv_loss(&t, &k, &pool, &s.x, &s.grad, form, (float)weight);
+  double got = sv_tv_loss(&t, &s.x, &s.grad, form, (float)weight);
   double *x = to_double(&s.x), want = weight * tv_double(x, w, h, form == SV_TV_SQUARED);
   if (fabs(got - want) > 1e-6 * fmax(1e-3, want))
     fail_msg("tv %dx%d: value %.9g, in double %.9g", w, h, got, want);
@@ -310,12 +310,12 @@ static void pearson_case(bool has_patches, bool has_mask) {
   sv_pearson p;
   sv_pearson_cfg cfg = {3};
   size_t before = a.used_bytes;
-  assert_int_equal(sv_pearson_init(&p, &cfg, &a), SV_OK);
-  assert_int_equal(a.used_bytes - before, sv_pearson_bytes(&cfg));
-  sv_pearson_input in = {d, t, has_mask ? mask : NULL, W, H, S, has_patches ? patches : NULL, 3, 0.15f};
   int n_threads = 2;
   sv_pool pool = {&n_threads, n_threads, run_backwards};
-  double got = sv_pearson_loss(&p, &pool, &in, grad), want = pearson_double(x, &in);
+  assert_int_equal(sv_pearson_init(&p, &cfg, (sv_compute){NULL, &pool}, &a), SV_OK);
+  assert_int_equal(a.used_bytes - before, sv_pearson_bytes(&cfg));
+  sv_pearson_input in = {d, t, has_mask ? mask : NULL, W, H, S, has_patches ? patches : NULL, 3, 0.15f};
+  double got = sv_pearson_loss(&p, &in, grad), want = pearson_double(x, &in);
   if (fabs(got - want) > 1e-10) fail_msg("pearson: value %.12g, in double %.12g", got, want);
   for (int i = 0; i < H * S; i++) {
     double keep = x[i], step = 1e-6, plus, minus;
@@ -339,13 +339,13 @@ static void pearson_flat(void) { // no contrast, too few pixels: finite, no grad
   sv_arena a = sv_arena_make(block, sizeof block);
   sv_pearson p;
   sv_pearson_cfg cfg = {1};
-  assert_int_equal(sv_pearson_init(&p, &cfg, &a), SV_OK);
+  sv_pool pool = sv_pool_serial();
+  assert_int_equal(sv_pearson_init(&p, &cfg, (sv_compute){NULL, &pool}, &a), SV_OK);
   for (int i = 0; i < 32; i++) d[i] = 2, t[i] = (float)i;
   sv_pearson_input in = {d, t, NULL, 32, 1, 32, NULL, 0, 1.0f};
-  sv_pool pool = sv_pool_serial();
-  assert_true(sv_pearson_loss(&p, &pool, &in, grad) == 1);
+  assert_true(sv_pearson_loss(&p, &in, grad) == 1);
   in.mask = mask;
-  assert_true(sv_pearson_loss(&p, &pool, &in, grad) == 1);
+  assert_true(sv_pearson_loss(&p, &in, grad) == 1);
   for (int i = 0; i < 32; i++) assert_true(grad[i] == 0);
 }
 
@@ -425,13 +425,14 @@ static void one_byte_short(void **state) {
   (void)state;
   sv_photometric_cfg cfg = {CAP_W, CAP_H, 2, true};
   sv_photometric p;
+  const sv_compute compute = {0};
   size_t need = sv_photometric_bytes(&cfg);
   uint8_t *aligned = block + (-(uintptr_t)block & (SV_ARENA_ALIGN - 1));
   sv_arena a = sv_arena_make(aligned, need), b = sv_arena_make(aligned, need - 1);
-  assert_int_equal(sv_photometric_init(&p, &cfg, &a), SV_OK);
-  assert_int_equal(sv_photometric_init(&p, &cfg, &b), SV_E_NOMEM);
+  assert_int_equal(sv_photometric_init(&p, &cfg, compute, &a), SV_OK);
+  assert_int_equal(sv_photometric_init(&p, &cfg, compute, &b), SV_E_NOMEM);
   cfg.n_threads = 0;
-  assert_int_equal(sv_photometric_init(&p, &cfg, &a), SV_E_ARG);
+  assert_int_equal(sv_photometric_init(&p, &cfg, compute, &a), SV_E_ARG);
 }
 
 #define LOSS(name, sentence)                                                                                 \

@@ -73,7 +73,7 @@ static void check_motion(sv_motion_functions_kind kind, float t) {
   for (int i = 0; i < N; i++)
     for (int r = 0; r < N_MROWS; r++)
       *sv_motion_row(&mo, i, r) = r == SV_MROW_SHARPNESS ? 6 * sv_rng_f(&rng) - 2 : 2 * sv_rng_f(&rng) - 1;
-  sv_motion_at(&mo, &k, &pool, &g, t);
+  sv_motion_at(&mo, &(sv_compute){&k, &pool}, &g, t);
   sv_motion_values f = sv_motion_values_at(&c, t);
   sv_motion_args args = sv_motion_args_of(&mo, &g, t, &f);
   args.reg_pos = 0.1f, args.reg_rot = 0.2f, args.reg_col = 0.3f;
@@ -239,7 +239,7 @@ static void check_field(bool is_shared, bool has_colour, int n_channels, int n_l
   for (size_t i = 0; i < field.n_planes; i++) field.param[i] = 0.6f + 0.8f * sv_rng_f(&rng);
   for (size_t i = 0; i < field.n_param; i++) param[i] = (double)field.param[i];
   field.n_moving = N;
-  sv_field_at(&field, &k, &pool, &g, t);
+  sv_field_at(&field, &(sv_compute){&k, &pool}, &g, t);
   double loss = 0;
   for (int i = 0; i < N; i++)
     for (int r = 0; r < N_ROWS; r++)
@@ -248,7 +248,7 @@ static void check_field(bool is_shared, bool has_colour, int n_channels, int n_l
   for (int b = 0; b < CAP / 16; b++) {
     float grad[N_ROWS * 16];
     memcpy(grad, weight[b], sizeof grad);
-    sv_field_bwd_block(&field, &k, &g, b, 0, 0xffff, grad);
+    sv_field_bwd_block(&field, &k, b, 0, 0xffff, grad);
     for (int i = 16 * b; i < N && i < 16 * b + 16; i++)
       for (int d = 0; d < 3; d++) {
         double mean[3], h = 1e-5;

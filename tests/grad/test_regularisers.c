@@ -33,7 +33,7 @@ static void test_isa(sv_isa isa) {
       .cap_gaussians = N, .cap_width_px = 64, .cap_height_px = 48, .n_threads = 1, .has_grad = true};
   sv_kernels_init(&k, sv_isa_only(isa));
   assert_int_equal(sv_gaussians_init(&g, N, 1, &a), SV_OK);
-  assert_int_equal(sv_renderer_init(&r, &cfg, &a), SV_OK);
+  assert_int_equal(sv_renderer_init(&r, &cfg, (sv_compute){&k, &pool}, &a), SV_OK);
   assert_int_equal(sv_planes_init(&zero, 64, 48, &a), SV_OK);
   float *grad = SV_TAKE(&a, float, SV_CAP_ROWS * 16), *err = SV_TAKE(&a, float, 16);
   sv_rng rng = sv_rng_make(5, 1);
@@ -47,11 +47,11 @@ static void test_isa(sv_isa isa) {
   pose.t[2] = 3;
   sv_view view = sv_view_make(64, 48, 80, 80, 32, 24, &pose);
   sv_render_options o = {.sh_degree = 1, .near_z = 0.01f};
-  assert_int_equal(sv_render(&r, &k, &pool, &g, &view, &o), SV_OK);
-  assert_int_equal(sv_render_bwd(&r, &k, &pool, &zero, NULL, NULL, NULL), SV_OK); // only the regularisers act
+  assert_int_equal(sv_render(&r, &g, &view, &o), SV_OK);
+  assert_int_equal(sv_render_bwd(&r, &zero, NULL, NULL, NULL), SV_OK); // only the regularisers act
   int n = 0;
   for (int b = 0; b < g.cap / 16; b++) {
-    uint32_t touched = sv_render_bwd_block(&r, &k, b, 0, &reg, grad, err, NULL);
+    uint32_t touched = sv_render_bwd_block(&r, b, 0, &reg, &(sv_block_grads){grad, err, NULL});
     for (int lane = 0; lane < 16; lane++) {
       const float *p = sv_gaussians_at(&g, 16 * b + lane, 0);
       double l = (double)p[16 * SV_ROW_LOGIT], h = 1e-6, ls[3];

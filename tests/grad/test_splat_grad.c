@@ -206,12 +206,14 @@ static float *plane(sv_arena *a, const sv_planes *like, const double *from) {
 
 static void backward(run *q, const sv_kernels *k) {
   sv_pool pool = sv_pool_serial();
-  assert_int_equal(sv_render_bwd(&q->r, k, &pool, &q->g_rgb, q->g_depth, q->g_trans, q->err), SV_OK);
+  q->r.compute = (sv_compute){k, &pool};
+  assert_int_equal(sv_render_bwd(&q->r, &q->g_rgb, q->g_depth, q->g_trans, q->err), SV_OK);
   memset(q->pose, 0, sizeof q->pose);
   for (int b = 0; b < q->g.cap / 16; b++) {
     float pose[6];
     memset(q->grad[b], 0xff, sizeof q->grad[b]); // NaN: rows in use must all be written
-    q->touched[b] = sv_render_bwd_block(&q->r, k, b, 0, NULL, q->grad[b][0], q->err_sum[b], pose);
+    q->touched[b] =
+        sv_render_bwd_block(&q->r, b, 0, NULL, &(sv_block_grads){q->grad[b][0], q->err_sum[b], pose});
     for (int i = 0; i < 6; i++) q->pose[i] += (double)pose[i];
   }
 }
@@ -228,7 +230,8 @@ static void render_float(const scene_case *c, const dr_scene *s, const sv_view *
                          .cap_height_px = c->height_px,
                          .n_threads = 1,
                          .has_grad = true};
-  assert_int_equal(sv_renderer_init(&q->r, &cfg, &a), SV_OK);
+  sv_pool pool = sv_pool_serial();
+  assert_int_equal(sv_renderer_init(&q->r, &cfg, (sv_compute){k, &pool}, &a), SV_OK);
   sv_render_options o = {.sh_degree = c->sh_used,
                          .near_z = 0.1f,
                          .is_antialiased = c->is_antialiased,
@@ -236,8 +239,7 @@ static void render_float(const scene_case *c, const dr_scene *s, const sv_view *
                          .bg = {0.3f, 0.6f, 0.1f},
                          .dropout = c->dropout,
                          .dropout_seed = 3};
-  sv_pool pool = sv_pool_serial();
-  assert_int_equal(sv_render(&q->r, k, &pool, &q->g, view, &o), SV_OK);
+  assert_int_equal(sv_render(&q->r, &q->g, view, &o), SV_OK);
   assert_int_equal(sv_planes_init(&q->g_rgb, c->width_px, c->height_px, &a), SV_OK);
   for (int i = 0; i < 3; i++) q->g_rgb.c[i] = plane(&a, &q->g_rgb, w->rgb[i]);
   q->g_depth = c->has_depth ? plane(&a, &q->g_rgb, w->depth) : NULL;

@@ -29,7 +29,7 @@ static void open_training(const sv_kernels *k, const sv_pool *pool, sv_train_cfg
   step_gradient_settings(&cfg);
   cfg.cap_views = 2, cfg.cap_width_px = W, cfg.cap_height_px = H;
   cfg.n_threads = pool->n_threads;
-  if (sv_trainer_init(&t, &cfg, k, pool, &a, &err) < 0) fail_msg("%s", err.text);
+  if (sv_trainer_init(&t, &cfg, (sv_compute){k, pool}, &a, &err) < 0) fail_msg("%s", err.text);
   for (int i = 0; i < 2; i++) {
     // The nearest and the farthest value there are: the absolute difference does not bend in between.
     for (int px = 0; px < W * H * 3; px++) picture[i][px] = (px / (20 + 7 * i)) % 2 ? 255 : 0;
@@ -72,7 +72,7 @@ static void test_value(void **state) {
   for (int s = 0; s < 4; s++) {
     sv_view shifted = *v;
     shifted.cx += s % 2 ? -0.25f : 0.25f, shifted.cy += s / 2 ? -0.25f : 0.25f;
-    assert_int_equal(sv_render(&t.render, &k, &pool, &t.g, &shifted, &fine), SV_OK);
+    assert_int_equal(sv_render(&t.render, &t.g, &shifted, &fine), SV_OK);
     for (int c = 0; c < 3; c++)
       for (int y = 0; y < H; y++)
         for (int x = 0; x < W; x++) {
@@ -173,7 +173,7 @@ static void test_too_large(void **state) {
   (void)state;
   sv_kernels_init(&k, ~0u);
   cfg.cap_width_px = 9000;
-  assert_int_equal(sv_trainer_init(&t, &cfg, &k, &pool, &a, &err), SV_E_ARG);
+  assert_int_equal(sv_trainer_init(&t, &cfg, (sv_compute){&k, &pool}, &a, &err), SV_E_ARG);
   assert_non_null(strstr(err.text, "9000x480"));
 }
 

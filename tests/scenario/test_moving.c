@@ -97,10 +97,10 @@ static void test_advance(void **state) {
   for (int i = 0; i < 16 * g.n_rows; i++) g.param[i] = sv_rng_f(&rng);
   for (int i = 0; i < 16; i++)
     for (int r = SV_MROW_FUNCTIONS; r < mo.n_rows; r++) *sv_motion_row(&mo, i, r) = sv_rng_f(&rng) - 0.5f;
-  sv_motion_at(&mo, &k, &pool, &g, 4.4f);
+  sv_motion_at(&mo, &(sv_compute){&k, &pool}, &g, 4.4f);
   for (int i = 0; i < 16 * 14; i++) before[i] = g.moved[i];
   sv_motion_advance(&mo, &g, 5.5f);
-  sv_motion_at(&mo, &k, &pool, &g, 4.4f);
+  sv_motion_at(&mo, &(sv_compute){&k, &pool}, &g, 4.4f);
   for (int i = 0; i < 16 * 14; i++) assert_true(fabsf(g.moved[i] - before[i]) < 1e-4f);
 }
 

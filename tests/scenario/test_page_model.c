@@ -99,8 +99,9 @@ static int render(const sv_view *v, float time, uint8_t *rgb) {
   lab_settings st = lab_settings_default();
   st.is_antialiased = model.is_mip, st.dilation_px2 = model.dilation_px2, st.near_z = 0.05f;
   sv_render_options o = lab_render_options(&st, model.g.sh_degree, false);
-  if (model.deform.kind) sv_deform_at(&model.deform, &session.k, &session.pool, &model.g, time);
-  assert_int_equal(sv_render(&viewer.r, &session.k, &session.pool, &model.g, v, &o), SV_OK);
+  if (model.deform.kind)
+    sv_deform_at(&model.deform, &(sv_compute){&session.k, &session.pool}, &model.g, time);
+  assert_int_equal(sv_render(&viewer.r, &model.g, v, &o), SV_OK);
   const sv_planes *p = &viewer.r.rgb;
   int n = 0;
   for (int y = 0; y < v->height_px; y += STEP)

@@ -98,7 +98,7 @@ static void test_count(void **state) {
   assert_int_equal(sv_train_step(&scene.t, 0.5f, &st), SV_OK);
   assert_true(sv_train_digest(&scene.t) == before); // every step is the same work
   sv_render_options o = sv_train_render_options(&scene.t, 0.5f, true);
-  assert_int_equal(sv_render(&scene.t.render, &k, &pool, &scene.t.g, &scene.t.views[0].view, &o), SV_OK);
+  assert_int_equal(sv_render(&scene.t.render, &scene.t.g, &scene.t.views[0].view, &o), SV_OK);
   sv_bench_counts n = sv_bench_count(&scene.t);
   const sv_renderer *r = &scene.t.render;
   assert_true(n.useful > 0 && n.useful <= n.pairs && n.pairs % 16 == 0 && n.n_pixels == 90 * 50);

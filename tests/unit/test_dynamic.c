@@ -300,7 +300,7 @@ static void round_trip(sv_deform_kind kind) {
   assert_int_equal(sv_deform_read(&d, &r, &h, &trainer.g, 1, &a, &err), SV_OK);
   sv_gaussians g = trainer.g;
   sv_train_set_time(&trainer, 0.4f);
-  sv_deform_at(&d, &kernels, &pool, &g, 0.4f);
+  sv_deform_at(&d, &(sv_compute){&kernels, &pool}, &g, 0.4f);
   assert_int_equal(g.n_moved, trainer.g.n_moved);
   size_t n = (size_t)(g.n_moved + 15) / 16 * 16 * (size_t)g.n_rows * sizeof(float);
   assert_memory_equal(g.moved, trainer.g.moved, n);
@@ -364,7 +364,7 @@ static void test_bodies_file(void **state) {
   assert_int_equal(reread(&d, m.n, &err), SV_OK);
   sv_gaussians g = trainer.g;
   sv_train_set_time(&trainer, 0.3f);
-  sv_deform_at(&d, &kernels, &pool, &g, 0.3f);
+  sv_deform_at(&d, &(sv_compute){&kernels, &pool}, &g, 0.3f);
   size_t n = (size_t)(g.n_moved + 15) / 16 * 16 * (size_t)g.n_rows * sizeof(float);
   assert_memory_equal(g.moved, trainer.g.moved, n);
   b->of[1] = 3, check_refused(of, "is of body 3"), b->of[1] = 1;
@@ -393,11 +393,13 @@ static void test_memory(void **state) {
     assert_true(n > 0);
     for (size_t less = 0; less < 2; less++) {
       sv_arena a = sv_arena_make(block, n - less);
-      assert_int_equal(sv_trainer_init(&trainer, &c, &kernels, &pool, &a, &err), less ? SV_E_NOMEM : SV_OK);
+      assert_int_equal(sv_trainer_init(&trainer, &c, (sv_compute){&kernels, &pool}, &a, &err),
+                       less ? SV_E_NOMEM : SV_OK);
     }
     c.n_unseen = 1;
     sv_arena a = sv_arena_make(block, sizeof block);
-    assert_int_equal(sv_trainer_init(&trainer, &c, &kernels, &pool, &a, &err), SV_E_UNSUPPORTED);
+    assert_int_equal(sv_trainer_init(&trainer, &c, (sv_compute){&kernels, &pool}, &a, &err),
+                     SV_E_UNSUPPORTED);
   }
 }
 

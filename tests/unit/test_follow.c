@@ -100,7 +100,7 @@ static void start(int n_cams, int first, int last, int n_bodies) {
   c.dynamic.kind = SV_DEFORM_CLIP;
   c.dynamic.n_bodies = n_bodies;
   c.dynamic.n_pos = 4, c.dynamic.n_rot = c.dynamic.n_colour = 1;
-  assert_int_equal(sv_trainer_init(&trainer, &c, &kernels, &pool, &a, &err), SV_OK);
+  assert_int_equal(sv_trainer_init(&trainer, &c, (sv_compute){&kernels, &pool}, &a, &err), SV_OK);
   for (int t = first; t <= last; t++)
     for (int k = 0; k < n_cams; k++) {
       sv_image_u8 im = {&px[t][k][0][0][0], W, H, 3, 3 * W};

@@ -46,7 +46,7 @@ static void make_world(world *w) {
   sv_kernels_init(&w->k, SV_ISA_BIT(SV_ISA_REF));
   w->pool = sv_pool_serial();
   sv_forward_cfg fc = {.cap_width_px = SIDE, .cap_height_px = SIDE, .n_threads = 1};
-  assert_int_equal(sv_forward_init(&w->f, &fc, &w->k, &w->pool, &a), SV_OK);
+  assert_int_equal(sv_forward_init(&w->f, &fc, (sv_compute){&w->k, &w->pool}, &a), SV_OK);
   take_planes(&w->rgb, &a);
   take_planes(&w->g, &a);
   take_planes(&w->out, &a);

@@ -142,7 +142,7 @@ static void test_lesson(void **state) {
   for (int i = 0; i < trainer.n_views; i++) assert_true(view.time != trainer.views[i].view.time);
   assert_true(sv_train_lesson_time(&trainer, tv->view.time) == tv->view.time); // a clip needs none
   sv_train_set_time(&trainer, view.time);
-  assert_true(sv_render(&trainer.render, &kernels, &pool, &trainer.g, &view, &o) >= 0);
+  assert_true(sv_render(&trainer.render, &trainer.g, &view, &o) >= 0);
   const size_t n = (size_t)trainer.render.rgb.stride * (size_t)trainer.render.rgb.rows_padded;
   assert_true(n <= sizeof before[0] / sizeof before[0][0]);
   for (int c = 0; c < 3; c++) memcpy(before[c], trainer.render.rgb.c[c], n * sizeof(float));

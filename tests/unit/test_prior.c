@@ -56,7 +56,7 @@ static void make_with(sv_trainer *t, sv_prior_method method, const sv_pool *pool
     c.prior = (sv_prior_cfg){0};
     sv_prior_set_method(&c.prior, method, 2);
   }
-  assert_int_equal(sv_trainer_init(t, &c, &kernels, pool, &a, &err), SV_OK);
+  assert_int_equal(sv_trainer_init(t, &c, (sv_compute){&kernels, pool}, &a, &err), SV_OK);
   for (int i = 0; i < 2; i++) {
     const sv_view v = view_at(0.3f * (float)i);
     const sv_image_u8 im = {&px[0][0][0], W, H, 3, 3 * W};
@@ -86,7 +86,7 @@ static void test_rings(void **state) {
   const sv_image_u8 im = {&px[0][0][0], W, H, 3, 3 * W}, small = {&px[0][0][0], W - 1, H, 3, 3 * W};
   int id, first = 0;
   (void)state;
-  assert_int_equal(sv_prior_init(&p, &cfg, sv_plane_floats(W, H), N, 1, &a), SV_OK);
+  assert_int_equal(sv_prior_init(&p, &cfg, sv_plane_floats(W, H), N, 1, (sv_compute){0}, &a), SV_OK);
   assert_int_equal(sv_prior_n_alive(&p, 0), 0);
   assert_int_equal(sv_prior_submit_view(&p, &v, &small, 1, 1, &id), SV_E_RANGE);
   assert_int_equal(sv_prior_submit_view(&p, &v, &im, -1, 1, &id), SV_E_RANGE);
@@ -131,13 +131,14 @@ static void test_memory(void **state) {
   none.prior = (sv_prior_cfg){0};
   assert_true(with > sv_trainer_bytes(&none) + (3 + 2 + 6) * 4 * px_floats);
   sv_arena a = sv_arena_make(block, with), b = sv_arena_make(block, with - 1);
-  assert_int_equal(sv_trainer_init(&trainer, &c, &kernels, &in_order, &a, &err), SV_OK);
-  assert_int_equal(sv_trainer_init(&trainer, &c, &kernels, &in_order, &b, &err), SV_E_NOMEM);
+  assert_int_equal(sv_trainer_init(&trainer, &c, (sv_compute){&kernels, &in_order}, &a, &err), SV_OK);
+  assert_int_equal(sv_trainer_init(&trainer, &c, (sv_compute){&kernels, &in_order}, &b, &err), SV_E_NOMEM);
   c.prior.every = 0;
   a = sv_arena_make(block, with);
-  assert_int_equal(sv_trainer_init(&trainer, &c, &kernels, &in_order, &a, &err), SV_E_ARG);
+  assert_int_equal(sv_trainer_init(&trainer, &c, (sv_compute){&kernels, &in_order}, &a, &err), SV_E_ARG);
   c = config(), c.dynamic.kind = SV_DEFORM_CLIP;
-  assert_int_equal(sv_trainer_init(&trainer, &c, &kernels, &in_order, &a, &err), SV_E_UNSUPPORTED);
+  assert_int_equal(sv_trainer_init(&trainer, &c, (sv_compute){&kernels, &in_order}, &a, &err),
+                   SV_E_UNSUPPORTED);
 }
 
 static void test_views(void **state) {

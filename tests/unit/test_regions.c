@@ -34,7 +34,7 @@ static void open_trainer(void) {
   cfg.cap_views = 0, cfg.cap_composites = 1, cfg.region_px = REGION_PX;
   cfg.cap_regions = sv_train_n_regions(90, 70, REGION_PX);
   cfg.cap_width_px = cfg.cap_height_px = 64;
-  if (sv_trainer_init(&t, &cfg, &kernels, &pool, &a, &err) < 0) fail_msg("%s", err.text);
+  if (sv_trainer_init(&t, &cfg, (sv_compute){&kernels, &pool}, &a, &err) < 0) fail_msg("%s", err.text);
   for (int i = 0; i < N_LENSES; i++) {
     int w = size[i][0], h = size[i][1];
     sv_pose pose = sv_pose_identity();

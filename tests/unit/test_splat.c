@@ -253,7 +253,7 @@ static void make_scene(scene *s, sv_arena *a, int n, uint32_t cap_recs, int n_th
                          .cap_recs = cap_recs,
                          .n_threads = n_threads,
                          .has_grad = true};
-  assert_int_equal(sv_renderer_init(&s->r, &cfg, a), SV_OK);
+  assert_int_equal(sv_renderer_init(&s->r, &cfg, (sv_compute){0}, a), SV_OK);
   assert_int_equal(sv_planes_init(&s->grad, W, H, a), SV_OK);
   for (int i = 0; i < 3 * W * H; i++)
     s->grad.c[i % 3][i / 3 / W * s->grad.stride + i / 3 % W] = sv_rng_f(&r) - 0.5f;
@@ -267,12 +267,14 @@ static void make_scene(scene *s, sv_arena *a, int n, uint32_t cap_recs, int n_th
 }
 
 static void render_both(scene *s, const sv_kernels *k, const sv_pool *pool) {
-  assert_int_equal(sv_render(&s->r, k, pool, &s->g, &s->view, &s->o), SV_OK);
-  assert_int_equal(sv_render_bwd(&s->r, k, pool, &s->grad, s->grad.c[0], s->grad.c[1], s->grad.c[2]), SV_OK);
+  s->r.compute = (sv_compute){k, pool};
+  assert_int_equal(sv_render(&s->r, &s->g, &s->view, &s->o), SV_OK);
+  assert_int_equal(sv_render_bwd(&s->r, &s->grad, s->grad.c[0], s->grad.c[1], s->grad.c[2]), SV_OK);
   for (int b = 0; b < s->g.cap / 16; b++) {
     float pose[6];
-    (void)sv_render_bwd_block(&s->r, k, b, 0, NULL, s->row + (size_t)b * 16 * (size_t)s->g.n_rows,
-                              s->err + 16 * b, pose);
+    (void)sv_render_bwd_block(
+        &s->r, b, 0, NULL,
+        &(sv_block_grads){s->row + (size_t)b * 16 * (size_t)s->g.n_rows, s->err + 16 * b, pose});
   }
 }
 
@@ -334,7 +336,8 @@ static void test_dropout(void **state) {
   make_scene(&s, &a, N, 0, 1);
   for (int i = 0; i < N; i++)
     *sv_gaussians_at(&s.g, i, SV_ROW_LOGIT) = -0.5f; // 0.38: alpha stays below its limit
-  assert_int_equal(sv_render(&s.r, &k, &pool, &s.g, &s.view, &s.o), SV_OK);
+  s.r.compute = (sv_compute){&k, &pool};
+  assert_int_equal(sv_render(&s.r, &s.g, &s.view, &s.o), SV_OK);
   const size_t n = sv_plane_floats(W, H);
   float *whole = SV_TAKE(&a, float, n), *mean = SV_TAKE(&a, float, n);
   uint32_t *n_out = SV_TAKE(&a, uint32_t, N), sum = 0;
@@ -343,7 +346,7 @@ static void test_dropout(void **state) {
   s.o.dropout = share;
   for (uint32_t d = 0; d < DRAWS; d++) {
     s.o.dropout_seed = d;
-    assert_int_equal(sv_render(&s.r, &k, &pool, &s.g, &s.view, &s.o), SV_OK);
+    assert_int_equal(sv_render(&s.r, &s.g, &s.view, &s.o), SV_OK);
     for (size_t i = 0; i < n; i++) mean[i] += s.r.trans[i] / DRAWS;
     for (int i = 0; i < N; i++) {
       const bool is_out = s.r.left_out[i / 16] >> i % 16 & 1;
@@ -372,15 +375,15 @@ static void test_memory(void **state) {
     sv_renderer r;
     size_t bytes = sv_renderer_bytes(&cfg);
     sv_arena a = sv_arena_make(block, bytes);
-    assert_int_equal(sv_renderer_init(&r, &cfg, &a), SV_OK);
+    assert_int_equal(sv_renderer_init(&r, &cfg, (sv_compute){0}, &a), SV_OK);
     assert_int_equal(a.used_bytes, bytes);
     a = sv_arena_make(block, bytes - 1);
-    assert_int_equal(sv_renderer_init(&r, &cfg, &a), SV_E_NOMEM);
+    assert_int_equal(sv_renderer_init(&r, &cfg, (sv_compute){0}, &a), SV_E_NOMEM);
     sv_renderer_cfg bad = cfg;
     bad.cap_gaussians = 0;
-    assert_int_equal(sv_renderer_init(&r, &bad, &a), SV_E_ARG);
+    assert_int_equal(sv_renderer_init(&r, &bad, (sv_compute){0}, &a), SV_E_ARG);
     bad = cfg, bad.cap_width_px = 16385;
-    assert_int_equal(sv_renderer_init(&r, &bad, &a), SV_E_ARG);
+    assert_int_equal(sv_renderer_init(&r, &bad, (sv_compute){0}, &a), SV_E_ARG);
   }
 }
 
@@ -392,26 +395,27 @@ static void test_limits(void **state) {
   sv_pool pool = sv_pool_serial();
   sv_kernels_init(&k, ~0u);
   make_scene(&s, &a, 40, 0, 1);
+  s.r.compute = (sv_compute){&k, &pool};
   sv_view v = s.view;
   v.width_px = W + 1;
-  assert_int_equal(sv_render(&s.r, &k, &pool, &s.g, &v, &s.o), SV_E_RANGE);
+  assert_int_equal(sv_render(&s.r, &s.g, &v, &s.o), SV_E_RANGE);
   v = s.view, v.height_px = H + 1;
-  assert_int_equal(sv_render(&s.r, &k, &pool, &s.g, &v, &s.o), SV_E_RANGE);
+  assert_int_equal(sv_render(&s.r, &s.g, &v, &s.o), SV_E_RANGE);
   v = s.view, v.width_px = 0;
-  assert_int_equal(sv_render(&s.r, &k, &pool, &s.g, &v, &s.o), SV_E_RANGE);
+  assert_int_equal(sv_render(&s.r, &s.g, &v, &s.o), SV_E_RANGE);
   sv_gaussians more = s.g;
   more.n = 41;
-  assert_int_equal(sv_render(&s.r, &k, &pool, &more, &s.view, &s.o), SV_E_RANGE);
+  assert_int_equal(sv_render(&s.r, &more, &s.view, &s.o), SV_E_RANGE);
   pool.n_threads = 2;
-  assert_int_equal(sv_render(&s.r, &k, &pool, &s.g, &s.view, &s.o), SV_E_RANGE);
+  assert_int_equal(sv_render(&s.r, &s.g, &s.view, &s.o), SV_E_RANGE);
   pool.n_threads = 1;
   s.o.has_depth = false;
-  assert_int_equal(sv_render(&s.r, &k, &pool, &s.g, &s.view, &s.o), SV_OK);
-  assert_int_equal(sv_render_bwd(&s.r, &k, &pool, &s.grad, s.grad.c[0], NULL, NULL),
+  assert_int_equal(sv_render(&s.r, &s.g, &s.view, &s.o), SV_OK);
+  assert_int_equal(sv_render_bwd(&s.r, &s.grad, s.grad.c[0], NULL, NULL),
                    SV_E_ARG); // no depth was drawn
   sv_planes small = s.grad;
   small.stride -= 32;
-  assert_int_equal(sv_render_bwd(&s.r, &k, &pool, &small, NULL, NULL, NULL), SV_E_ARG);
+  assert_int_equal(sv_render_bwd(&s.r, &small, NULL, NULL, NULL), SV_E_ARG);
 }
 
 static void test_nothing_visible(void **state) {
@@ -497,11 +501,12 @@ static void test_smaller_view(void **state) {
   sv_pool pool = sv_pool_serial();
   sv_kernels_init(&k, ~0u);
   make_scene(&s, &a, 200, 0, 1);
+  s.r.compute = (sv_compute){&k, &pool};
   static const int sizes[][2] = {{1, 1}, {33, 90}, {150, 1}, {64, 64}, {150, 90}};
   for (int i = 0; i < 5; i++) { // one renderer, any size up to its caps
     sv_view v = s.view;
     v.width_px = sizes[i][0], v.height_px = sizes[i][1];
-    assert_int_equal(sv_render(&s.r, &k, &pool, &s.g, &v, &s.o), SV_OK);
+    assert_int_equal(sv_render(&s.r, &s.g, &v, &s.o), SV_OK);
     assert_int_equal(s.r.rgb.width_px, v.width_px);
     assert_int_equal(s.r.rgb.stride % 32, 0);
     for (int y = 0; y < v.height_px; y++)

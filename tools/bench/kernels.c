@@ -65,7 +65,8 @@ static void run_raster_bwd(ctx *c) {
 }
 static void run_project_bwd(ctx *c) {
   for (int b = 0; b < N_BLOCKS; b++)
-    sv_render_bwd_block(&c->t->render, c->k, b, 0, NULL, c->block, c->block + 16 * SV_CAP_ROWS, NULL);
+    sv_render_bwd_block(&c->t->render, b, 0, NULL,
+                        &(sv_block_grads){c->block, c->block + 16 * SV_CAP_ROWS, NULL});
 }
 static void run_newton(ctx *c) {
   sv_gaussians *g = &c->t->g;

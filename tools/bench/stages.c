@@ -57,7 +57,7 @@ static sv_status time_render(sv_bench *b, const sv_pool *pool, const sv_render_o
   sv_trainer *t = j->t;
   sv_bench_samples *m = &b->samples;
   double t0 = now_ms(b);
-  sv_status s = sv_render(&t->render, j->k, pool, &t->g, &t->views[0].view, o);
+  sv_status s = sv_render(&t->render, &t->g, &t->views[0].view, o);
   double t1 = now_ms(b);
   if (s < 0) return s;
   sv_pool_run(pool, raster_task, j, t->render.n_tiles);
@@ -78,19 +78,18 @@ static sv_status time_rest(sv_bench *b, const sv_pool *pool, const sv_render_opt
   double t0 = now_ms(b);
   sv_pool_run(pool, unpack_task, j, (t->views[0].image.height_px + ROWS - 1) / ROWS);
   double t1 = now_ms(b);
-  sv_status s = sv_render(&t->render, j->k, pool, &t->g, &t->views[0].view, o);
+  sv_status s = sv_render(&t->render, &t->g, &t->views[0].view, o);
   if (s < 0) return s;
   double t2 = now_ms(b);
   float *const errors = sv_train_is_error_due(t, PROGRESS) ? t->err_plane : NULL;
-  sv_photometric_loss(&t->photometric, j->k, pool, &t->render.rgb, &t->target, &t->grad, errors,
-                      t->cfg.weight_ssim, NULL);
+  sv_photometric_loss(&t->photometric, &t->render.rgb, &t->target, &t->grad, errors, t->cfg.weight_ssim);
   double t3 = now_ms(b);
   m->stage[SV_STAGE_LOSS][i] = t3 - t2;
   s = sv_train_curvature(t, 0.1, false);
   m->stage[SV_STAGE_CURVATURE][i] = (now_ms(b) - t3) / t->cfg.newton.every;
   if (s < 0) return s;
   t3 = now_ms(b);
-  s = sv_render_bwd(&t->render, j->k, pool, &t->grad, NULL, NULL, errors);
+  s = sv_render_bwd(&t->render, &t->grad, NULL, NULL, errors);
   double t4 = now_ms(b);
   if (s < 0) return s;
   *n_touched = sv_train_optimise(t, PROGRESS);

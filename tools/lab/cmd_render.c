@@ -113,8 +113,8 @@ static sv_status render_view(run *r, const sv_view *v, const char *name, sv_err 
   char path[SV_CAP_PATH], file[SV_CAP_PATH];
   sv_render_options o = lab_render_options(&r->settings, r->model.g.sh_degree, r->o->has_depth);
   if (r->model.deform.kind)
-    sv_deform_at(&r->model.deform, &r->session.k, &r->session.pool, &r->model.g, v->time);
-  sv_status s = sv_render(&r->viewer.r, &r->session.k, &r->session.pool, &r->model.g, v, &o);
+    sv_deform_at(&r->model.deform, &(sv_compute){&r->session.k, &r->session.pool}, &r->model.g, v->time);
+  sv_status s = sv_render(&r->viewer.r, &r->model.g, v, &o);
   if (s < 0) return sv_fail(err, s, "view %s cannot be rendered: %s", name, sv_status_text(s));
   lab_to_bytes(&r->viewer.r.rgb, r->rgb);
   if (r->animation && (s = lab_animation_add(r->animation, r->rgb, err)) != SV_OK) return s;

@@ -25,7 +25,7 @@ sv_status lab_viewer_start(lab_viewer *v, const lab_session *s, int n_gaussians,
   v->block = malloc(bytes);
   if (!v->block) return sv_fail(err, SV_E_NOMEM, "no memory: rendering %dx%d takes %zu bytes", w, h, bytes);
   sv_arena a = sv_arena_make(v->block, bytes);
-  sv_status st = sv_renderer_init(&v->r, &c, &a);
+  sv_status st = sv_renderer_init(&v->r, &c, (sv_compute){&s->k, &s->pool}, &a);
   if (st == SV_OK) return SV_OK;
   lab_viewer_stop(v);
   return sv_fail(err, st, "a picture of %dx%d cannot be rendered", w, h);
@@ -123,9 +123,9 @@ static void load_task(void *arg, int i_task, int i_thread) {
 static sv_status render_slot(run *r, slot *s, const lab_frame *f, sv_err *err) {
   const sv_planes *p = &r->viewer.r.rgb;
   if (r->job->deform)
-    sv_deform_at(r->job->deform, &r->job->session->k, &r->job->session->pool, r->job->g, f->view.time);
-  sv_status st = sv_render(&r->viewer.r, &r->job->session->k, &r->job->session->pool, r->job->g, &f->view,
-                           &r->job->render);
+    sv_deform_at(r->job->deform, &(sv_compute){&r->job->session->k, &r->job->session->pool}, r->job->g,
+                 f->view.time);
+  sv_status st = sv_render(&r->viewer.r, r->job->g, &f->view, &r->job->render);
   if (st < 0) return sv_fail(err, st, "%s: the view cannot be rendered", f->path);
   size_t w = (size_t)f->view.width_px, h = (size_t)f->view.height_px;
   for (size_t c = 0; c < 3; c++)

@@ -66,7 +66,7 @@ static sv_status write_frames(lab_model *m, const lab_session *se, sv_file *f, i
   uint8_t row[4 * N_DELTA];
   sv_status s = SV_OK;
   for (int k = 0; k < n_frames; k++) {
-    sv_deform_at(&m->deform, &se->k, &se->pool, &m->g,
+    sv_deform_at(&m->deform, &(sv_compute){&se->k, &se->pool}, &m->g,
                  n_frames > 1 ? (float)k / (float)(n_frames - 1) : 0.0f);
     for (int i = 0; i < m->g.n && s == SV_OK; i++) {
       delta_of(m, i, row);

@@ -43,7 +43,7 @@ static sv_status carve(lab_plan *p, lab_session *s, const lab_views *v, const sv
   p->scratch = sv_arena_sub(&p->arena, start_bytes(cfg, n_points));
   if (p->arena.status < 0)
     return sv_fail(err, p->arena.status, "the memory plan is too small by its own count");
-  return sv_trainer_init(&p->trainer, cfg, &s->k, &s->pool, &p->arena, err);
+  return sv_trainer_init(&p->trainer, cfg, (sv_compute){&s->k, &s->pool}, &p->arena, err);
 }
 
 // Lenses are rendered by regions of their sensor, never whole.
