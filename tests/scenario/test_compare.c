@@ -16,8 +16,8 @@
 #include "tests/common/lab_shell.h"
 #include "tools/common/fileio.h"
 #include "tools/common/imageio.h"
-#include "tools/lab/animation.h"
-#include "tools/lab/sheet.h"
+#include "tools/pictures/animation.h"
+#include "tools/pictures/sheet.h"
 
 #if defined(__has_include) && __has_include(<webp/demux.h>)
 #include <webp/demux.h>

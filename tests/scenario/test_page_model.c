@@ -17,7 +17,7 @@
 #include "tests/common/browser.h"
 #include "tests/common/live_run.h"
 #include "tests/common/temp_folder.h"
-#include "tools/lab/evaluate.h"
+#include "tools/train/evaluate.h"
 #include "tools/lab/lab.h"
 #include "tools/lab/model_formats.h"
 

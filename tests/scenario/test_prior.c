@@ -15,7 +15,7 @@
 #include "platform/linux/linux.h"
 #include "platform/sim/sim.h"
 #include "tests/common/lab_shell.h"
-#include "tools/lab/dataset.h"
+#include "tools/dataset/dataset.h"
 
 #define SCENE "textured"
 

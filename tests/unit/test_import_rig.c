@@ -14,8 +14,8 @@
 
 #include "tests/common/temp_folder.h"
 #include "tools/common/imageio.h"
-#include "tools/import/import_capture.h"
-#include "tools/lab/import.h"
+#include "tools/import/recording.h"
+#include "tools/import/import.h"
 
 static char folder[256];
 static sv_err err;

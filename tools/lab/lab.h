@@ -8,7 +8,7 @@
 #include "src/splat/model_file.h"
 #include "tools/common/fileio.h"
 #include "tools/lab/args.h"
-#include "tools/lab/dataset.h"
+#include "tools/dataset/dataset.h"
 
 #define LAB_VERSION "0.1.0"
 

@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/dataset/measurement.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+static sv_status find_one(lab_measurement *m, const sv_transforms *t, const char *folder, bool is_white,
+                          sv_err *err) {
+  sv_transforms_composite c;
+  lab_peek peek;
+  m->is_linear = !is_white;
+  sv_status s = sv_transforms_find_composite(t, m->is_linear, m->exposure, &c, err);
+  if (s == SV_END) {
+    m->is_linear = !m->is_linear;
+    s = sv_transforms_find_composite(t, m->is_linear, m->exposure, &c, err);
+  }
+  if (s != SV_OK) return s;
+  m->m_max = c.m_max;
+  s = sv_path_join(m->path, sizeof m->path, folder, c.file_path, err);
+  if (s == SV_OK && !sv_path_exists(m->path))
+    s = sv_fail(err, SV_E_NOT_FOUND, "%s: the measurement is missing (named by the transforms file)",
+                m->path);
+  if (s == SV_OK) s = lab_picture_peek(m->path, &peek, err);
+  if (s != SV_OK) return s;
+  m->width_px = peek.width_px, m->height_px = peek.height_px;
+  return SV_OK;
+}
+
+// The measurement of an exposure, made when it is the exposure's first frame; NULL: the file has none.
+static sv_status measurement_of(lab_views *v, int exposure, const sv_transforms *t, const char *folder,
+                                bool is_white, int *out, sv_err *err) {
+  for (*out = 0; *out < v->n_measurements; ++*out)
+    if (v->measurements[*out].exposure == exposure) return SV_OK;
+  lab_measurement *m = &v->measurements[v->n_measurements];
+  *m = (lab_measurement){.exposure = exposure};
+  sv_status s = find_one(m, t, folder, is_white, err);
+  if (s == SV_OK) v->n_measurements++;
+  if (s != SV_END) return s;
+  *out = -1;
+  return SV_OK;
+}
+
+sv_status lab_measurements_find(lab_views *v, const sv_transforms *t, const char *folder, bool is_white,
+                                sv_err *err) {
+  v->measurements = calloc((size_t)v->n, sizeof *v->measurements);
+  if (!v->measurements) return sv_fail(err, SV_E_NOMEM, "no memory for the measurements");
+  for (int i = 0; i < v->n; i++) {
+    lab_frame *f = &v->frames[i];
+    f->i_measurement = -1;
+    if (!f->f.footprint.width_px || f->f.exposure < 0) continue;
+    sv_status s = measurement_of(v, f->f.exposure, t, folder, is_white, &f->i_measurement, err);
+    if (s != SV_OK) return s;
+    if (f->i_measurement >= 0) v->measurements[f->i_measurement].n_lenses++;
+  }
+  if (v->n_measurements && v->scale > 1)
+    return sv_fail(err, SV_E_UNSUPPORTED, "%s: lens images that overlap cannot be reduced; leave --scale out",
+                   v->measurements[0].path);
+  return SV_OK;
+}
+
+sv_status lab_measurement_lenses(const lab_views *v, int i_measurement, sv_lens *out, sv_composite *model,
+                                 sv_err *err) {
+  const lab_measurement *m = &v->measurements[i_measurement];
+  int n = 0;
+  for (int i = 0; i < v->n; i++)
+    if (v->frames[i].i_measurement == i_measurement)
+      out[n++] = (sv_lens){v->frames[i].view, v->frames[i].f.footprint};
+  *model = (sv_composite){.width_px = m->width_px,
+                          .height_px = m->height_px,
+                          .n_lenses = n,
+                          .lenses = out,
+                          .m_max = (float)m->m_max,
+                          .is_linear = m->is_linear};
+  sv_err why;
+  sv_status s = sv_composite_check(model, &why);
+  return s == SV_OK ? s : sv_fail(err, s, "%s: %s", m->path, why.text);
+}
+
+sv_status lab_measurement_load(const lab_measurement *m, uint16_t *dst, sv_err *err) {
+  sv_bitmap b;
+  sv_status s = sv_bitmap_read(m->path, &b, err);
+  if (s == SV_OK) s = sv_bitmap_to_channels(&b, 3, err);
+  if (s != SV_OK) return s;
+  size_t n = lab_measurement_values(m);
+  for (size_t i = 0; i < n; i++) dst[i] = b.bits == 16 ? b.u16[i] : (uint16_t)(257 * b.u8[i]);
+  sv_bitmap_free(&b);
+  return SV_OK;
+}

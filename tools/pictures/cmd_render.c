@@ -1,0 +1,255 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "src/base/mathx.h"
+#include "src/base/str.h"
+#include "tools/pictures/animation.h"
+#include "tools/train/evaluate.h"
+#include "tools/lab/model_formats.h"
+#include "tools/pictures/movie.h"
+#include "tools/train/report.h"
+
+#define FILM_FPS        12
+#define ROUND_MS        6000 // that an orbit takes in its animation
+#define FRAME_MS        33   // at least
+#define DEPTH_ALPHA_MIN 0.5f // a pixel that is mostly background has no depth
+
+typedef struct {
+  const lab_options *o;
+  lab_session session;
+  lab_model model;
+  lab_views views; // of the split, or those that tell the orbit's circle
+  lab_settings settings;
+  lab_viewer viewer;
+  lab_report list;
+  lab_animation *animation; // NULL: none
+  uint8_t *rgb;
+  uint16_t *z;
+  float *depth;
+  double depth_unit; // scene units of one step of a depth PNG
+} run;
+
+// Of the pictures of an orbit, against the first view's.
+static double orbit_scale(const run *r) {
+  bool is_given = r->o->orbit > 0 && r->o->width_px > 0;
+  return is_given ? (double)r->o->width_px / r->views.frames[0].view.width_px : 1;
+}
+static int scaled(int px, double k) {
+  int n = (int)(k * px + 0.5);
+  return n < 1 ? 1 : n;
+}
+
+// N views around the scene at the cameras' median distance and height, with the first camera's lens.
+static sv_status orbit_view(const run *r, const lab_scene *sc, int i, sv_view *out, sv_err *err) {
+  double up[3], side[3], ahead[3], eye[3], c[3], height = 0, d = (double)sc->distance;
+  for (int k = 0; k < 3; k++) up[k] = (double)sc->up[k], c[k] = (double)sc->centre[k];
+  for (int v = 0; v < r->views.n; v++) {
+    double p[3];
+    sv_pose_centre(p, &r->views.frames[v].f.cam_from_world);
+    sv_sub3(p, p, c);
+    height += sv_dot3(p, up) / r->views.n;
+  }
+  height = height > 0.9 * d ? 0.9 * d : height < -0.9 * d ? -0.9 * d : height;
+  double axis[3] = {fabs(up[0]) < 0.9, fabs(up[0]) >= 0.9, 0}; // any direction across `up`
+  sv_cross3(side, up, axis);
+  double n = sv_norm3(side), flat = sqrt(d * d - height * height),
+         angle = 2 * SV_PI * i / (double)(r->o->frames > 0 ? r->o->frames : r->o->orbit);
+  for (int k = 0; k < 3; k++) side[k] /= n;
+  sv_cross3(ahead, up, side);
+  for (int k = 0; k < 3; k++)
+    eye[k] = c[k] + height * up[k] + flat * (sv_cos(angle) * side[k] + sv_sin(angle) * ahead[k]);
+  sv_pose pose;
+  if (!sv_pose_look_at(&pose, eye, c, up))
+    return sv_fail(err, SV_E_RANGE, "the cameras do not tell a circle to orbit on");
+  const sv_view *v0 = &r->views.frames[0].view;
+  double k = orbit_scale(r);
+  *out = sv_view_make(scaled(v0->width_px, k), scaled(v0->height_px, k), k * (double)v0->fx,
+                      k * (double)v0->fy, k * (double)v0->cx, k * (double)v0->cy, &pose);
+  return SV_OK;
+}
+
+static double round_up_125(double x) { // to 1, 2 or 5 times a power of ten
+  double p = 1;
+  while (p > x) p /= 10;
+  while (p * 10 <= x) p *= 10;
+  return x <= p ? p : x <= 2 * p ? 2 * p : x <= 5 * p ? 5 * p : 10 * p;
+}
+
+static void list_view(run *r, const sv_view *v, const char *name) {
+  lab_report *j = &r->list;
+  float pose[12];
+  for (int i = 0; i < 3; i++) {
+    for (int k = 0; k < 3; k++) pose[4 * i + k] = v->r[3 * i + k];
+    pose[4 * i + 3] = v->t[i];
+  }
+  lab_report_item_begin(j);
+  lab_report_text(j, "name", name);
+  lab_report_int(j, "w", v->width_px);
+  lab_report_int(j, "h", v->height_px);
+  lab_report_nums(j, "fx_fy_cx_cy", (float[]){v->fx, v->fy, v->cx, v->cy}, 4);
+  lab_report_nums(j, "cam_from_world_3x4", pose, 12);
+  lab_report_item_end(j);
+}
+
+static sv_status write_depth(run *r, const sv_view *v, const char *name, sv_err *err) {
+  char path[SV_CAP_PATH], file[SV_CAP_PATH];
+  size_t w = (size_t)v->width_px, h = (size_t)v->height_px, stride = (size_t)r->viewer.r.rgb.stride;
+  sv_render_expected_depth(&r->viewer.r, DEPTH_ALPHA_MIN, r->depth);
+  for (size_t y = 0; y < h; y++)
+    for (size_t x = 0; x < w; x++) {
+      double z = (double)r->depth[y * stride + x] / r->depth_unit;
+      r->z[y * w + x] = (uint16_t)(z <= 0 ? 0 : z >= 65535 ? 65535 : z + 0.5);
+    }
+  snprintf(file, sizeof file, "%.900s_depth.png", name);
+  sv_status s = sv_path_join(path, sizeof path, r->o->out, file, err);
+  sv_bitmap b = {
+      .width_px = v->width_px, .height_px = v->height_px, .n_channels = 1, .bits = 16, .u16 = r->z};
+  return s == SV_OK ? sv_bitmap_write_png(path, &b, err) : s;
+}
+
+static sv_status render_view(run *r, const sv_view *v, const char *name, sv_err *err) {
+  char path[SV_CAP_PATH], file[SV_CAP_PATH];
+  sv_render_options o = lab_render_options(&r->settings, r->model.g.sh_degree, r->o->has_depth);
+  if (r->model.deform.kind)
+    sv_deform_at(&r->model.deform, &(sv_compute){&r->session.k, &r->session.pool}, &r->model.g, v->time);
+  sv_status s = sv_render(&r->viewer.r, &r->model.g, v, &o);
+  if (s < 0) return sv_fail(err, s, "view %s cannot be rendered: %s", name, sv_status_text(s));
+  lab_to_bytes(&r->viewer.r.rgb, r->rgb);
+  if (r->animation && (s = lab_animation_add(r->animation, r->rgb, err)) != SV_OK) return s;
+  snprintf(file, sizeof file, "%.900s.png", name);
+  if ((s = sv_path_join(path, sizeof path, r->o->out, file, err)) != SV_OK) return s;
+  sv_bitmap b = {
+      .width_px = v->width_px, .height_px = v->height_px, .n_channels = 3, .bits = 8, .u8 = r->rgb};
+  if ((s = sv_bitmap_write_png(path, &b, err)) != SV_OK) return s;
+  list_view(r, v, name);
+  return r->o->has_depth ? write_depth(r, v, name, err) : SV_OK;
+}
+
+static void view_name(const run *r, int i, char *out, size_t cap) {
+  if (r->o->frames > 0) {
+    snprintf(out, cap, "frame_%04d", i);
+    return;
+  }
+  if (r->o->orbit > 0) {
+    snprintf(out, cap, "orbit_%04d", i);
+    return;
+  }
+  lab_view_name(&r->views, i, out, cap);
+}
+
+static sv_status prepare(run *r, lab_scene *scene, sv_err *err) {
+  sv_status s = lab_model_read(&r->model, r->o->model, err);
+  if (s == SV_OK) s = lab_settings_for(&r->settings, r->o, &r->model, err);
+  if (s != SV_OK) return s;
+  lab_source src = {.folder = r->o->data,
+                    .transforms = r->settings.transforms,
+                    .told_by = r->settings.told_by,
+                    .split = r->o->orbit > 0 ? "train"
+                             : r->o->split   ? r->o->split
+                                             : "test",
+                    .scale = r->settings.scale};
+  if (sv_str_eq(src.split, "test_near")) src.n_exposures = r->settings.n_exposures;
+  if ((s = lab_views_open(&r->views, &src, &r->session.pool, err)) != SV_OK) return s;
+  lab_turn_back(&r->model, &r->session, r->o->model, r->o->up, &r->views);
+  *scene = lab_scene_of(&r->views);
+  // Depth may reach well behind the scene before it is cut off.
+  r->depth_unit = round_up_125(((double)scene->distance + 4 * (double)r->settings.radius) / 65535);
+  int w = scaled(r->views.cap_width_px, orbit_scale(r)), h = scaled(r->views.cap_height_px, orbit_scale(r));
+  if (h > SV_BITMAP_CAP_SIDE_PX)
+    return sv_fail(err, SV_E_RANGE, "--width %ld: the pictures would be %d pixels high", r->o->width_px, h);
+  size_t n = sv_plane_floats(w, h); // padded, so at least as much as is needed
+  if (n < r->views.cap_floats) n = r->views.cap_floats;
+  if ((s = lab_viewer_start(&r->viewer, &r->session, r->model.g.n, w, h, n, err)) != SV_OK) return s;
+  r->rgb = malloc(3 * n), r->z = malloc(n * sizeof *r->z), r->depth = malloc(n * sizeof *r->depth);
+  if (!r->rgb || !r->z || !r->depth) return sv_fail(err, SV_E_NOMEM, "no memory for a picture");
+  return sv_path_make_folder(r->o->out, err);
+}
+
+static bool is_film(const run *r) { return r->o->frames > 0; }
+static int n_pictures(const run *r) {
+  return (int)(is_film(r) ? r->o->frames : r->o->orbit > 0 ? r->o->orbit : r->views.n);
+}
+
+// Frames that follow one another become an animation, too; without one the pictures remain.
+static void start_animation(run *r) {
+  sv_err why;
+  const sv_view *v = &r->views.frames[0].view;
+  double k = orbit_scale(r);
+  int ms = is_film(r) ? 1000 / FILM_FPS : ROUND_MS / (int)r->o->orbit;
+  if (!is_film(r) && r->o->orbit <= 0) return;
+  if (!lab_animation_is_built())
+    lab_say(&r->session, "built without libwebp (Debian: libwebp-dev): no animated WebP");
+  else if (lab_animation_begin(&r->animation, scaled(v->width_px, k), scaled(v->height_px, k),
+                               ms < FRAME_MS ? FRAME_MS : ms, &why) != SV_OK)
+    lab_say(&r->session, "no animated WebP: %s", why.text);
+}
+
+// What is written from all the pictures.
+static sv_status finish(run *r, int n, sv_err *err) {
+  char path[SV_CAP_PATH];
+  sv_status s = sv_path_join(path, sizeof path, r->o->out, "views.json", err);
+  if (s == SV_OK) s = lab_report_save(&r->list, path, err);
+  if (s != SV_OK) return s;
+  if (r->o->has_depth)
+    lab_say(&r->session,
+            "%d views in %s; a step of a depth PNG is %g scene units along the optical axis, 0 is no depth",
+            n, r->o->out, r->depth_unit);
+  else lab_say(&r->session, "%d views in %s", n, r->o->out);
+  if (r->animation) {
+    s = sv_path_join(path, sizeof path, r->o->out, is_film(r) ? "movie.webp" : "orbit.webp", err);
+    if (s == SV_OK) s = lab_animation_write(r->animation, path, err);
+    if (s != SV_OK) return s;
+    lab_say(&r->session, "animation: %s", path);
+  }
+  return is_film(r) ? lab_movie_make(&r->session, r->o->out, n, FILM_FPS, err) : SV_OK;
+}
+
+static sv_status render_all(run *r, sv_err *err) {
+  char name[SV_CAP_PATH];
+  lab_scene scene;
+  sv_console *c = &r->session.console;
+  sv_status s = prepare(r, &scene, err);
+  if (s != SV_OK) return s;
+  if (is_film(r) && !r->model.deform.kind)
+    return sv_fail(err, SV_E_NOT_FOUND,
+                   "%s: does not move (no motion.bin beside it), so --frames has no sense", r->o->model);
+  int n = n_pictures(r);
+  start_animation(r);
+  lab_report_begin(&r->list);
+  if (r->o->has_depth) lab_report_num(&r->list, "depth_unit_scale_factor", r->depth_unit);
+  lab_report_array(&r->list, "views");
+  for (int i = 0; i < n; i++) {
+    sv_view v = r->views.frames[r->o->orbit > 0 || is_film(r) ? 0 : i].view;
+    if (c->is_stop_requested(c->self))
+      return sv_fail(err, SV_E_INTERRUPTED, "stopped by request at view %d of %d", i, n);
+    if (r->o->orbit > 0 && (s = orbit_view(r, &scene, i, &v, err)) != SV_OK) return s;
+    if (is_film(r)) v.time = (float)i / (float)(n - 1);
+    view_name(r, i, name, sizeof name);
+    if ((s = render_view(r, &v, name, err)) != SV_OK) return s;
+    snprintf(name, sizeof name, "rendered %d of %d views", i + 1, n);
+    c->log(c->self, SV_LOG_LIVE, name);
+  }
+  lab_report_array_end(&r->list);
+  lab_report_end(&r->list);
+  return finish(r, n, err);
+}
+
+int lab_cmd_render(const lab_options *o) {
+  sv_err err = {0};
+  run r = {.o = o};
+  int code = LAB_EXIT_OK;
+  sv_status s = lab_session_start(&r.session, o->threads, o->is_quiet, &err);
+  if (s == SV_OK) s = sv_linux_catch_signals(&err);
+  if (s == SV_OK) s = render_all(&r, &err);
+  if (s != SV_OK) code = lab_failed(&r.session, &err);
+  lab_session_stop(&r.session);
+  lab_report_free(&r.list);
+  lab_animation_free(r.animation);
+  free(r.rgb), free(r.z), free(r.depth);
+  lab_viewer_stop(&r.viewer);
+  lab_views_free(&r.views);
+  lab_model_free(&r.model);
+  return code;
+}

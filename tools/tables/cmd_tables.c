@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "src/base/str.h"
+#include "tools/tables/tables.h"
+
+// A full run over four scenes of 400x400 takes about an hour on two cores, a quick one about three minutes.
+#define STEPS           2000 // the paper: about 3,000
+#define GAUSSIANS       20000
+#define QUICK_STEPS     400
+#define QUICK_GAUSSIANS 8000
+
+// Which program this is: results of another one are told apart.
+static sv_status know_program(tables *t, sv_err *err) {
+  uint64_t h = TABLES_HASH;
+  ssize_t n = readlink("/proc/self/exe", t->program, sizeof t->program - 1);
+  if (n <= 0) return sv_fail(err, SV_E_DEVICE, "/proc/self/exe does not say which program this is");
+  t->program[n] = 0;
+  sv_status s = tables_hash_file(&h, t->program, err);
+  snprintf(t->build, sizeof t->build, "%016llx", (unsigned long long)h);
+  return s;
+}
+
+// Noise on the prediction is for multiplexed measurements, and its figures mean another thing than noise on pictures.
+static sv_status leave_multiplexed(tables *t, sv_err *err) {
+  int n_multiplexed = 0, n_others = 0;
+  for (int i = 0; i < t->n_scenes; i++)
+    for (int d = 0; d < TABLES_N_DEVICES; d++) {
+      int *n = &t->scenes[i].of[d].n;
+      *(d == TABLES_MULTIPLEXED ? &n_multiplexed : &n_others) += *n;
+      if (d != TABLES_MULTIPLEXED) *n = 0;
+    }
+  if (!n_multiplexed)
+    return sv_fail(err, SV_E_ARG,
+                   "%s: no transforms_train_multiplexed.json; --noise prediction is for those measurements, "
+                   "expected read=V,shot=V",
+                   t->o->data);
+  if (n_others)
+    lab_say(&t->session, "--noise prediction is for multiplexed measurements: other devices are left out");
+  return SV_OK;
+}
+
+static sv_status work(tables *t, sv_err *err) {
+  bool has_plots = false;
+  sv_status s = sv_linux_catch_signals(err);
+  if (s == SV_OK) s = know_program(t, err);
+  if (s == SV_OK) s = tables_scan(t, t->o->data, err);
+  if (s == SV_OK && t->o->is_noise_on_prediction) s = leave_multiplexed(t, err);
+  int n_dynamic = 0;
+  for (int i = 0; s == SV_OK && i < t->n_scenes; i++) n_dynamic += t->scenes[i].is_dynamic;
+  if (n_dynamic > 0 && n_dynamic < t->n_scenes)
+    return sv_fail(err, SV_E_UNSUPPORTED, "%s: moving and still scenes have different tables; name one kind",
+                   t->o->data);
+  if (n_dynamic > 0) {
+    s = sv_path_make_folder(t->o->out, err);
+    return s == SV_OK ? tables_dynamic(t, &t->n_runs, err) : s;
+  }
+  if (s == SV_OK) s = tables_plan(t, err);
+  if (s == SV_OK && t->n_runs == 0)
+    s = sv_fail(err, SV_E_NOT_FOUND, "%s: no device has an exposure to train on", t->o->data);
+  if (s == SV_OK) s = sv_path_make_folder(t->o->out, err);
+  if (s == SV_OK) s = tables_run_all(t, err);
+  if (s == SV_OK) s = tables_write_csv(t, err);
+  if (s == SV_OK) s = tables_write_sheets(t, err);
+  if (s == SV_OK) s = tables_write_plots(t, &has_plots, err);
+  return s == SV_OK ? tables_write_markdown(t, has_plots, err) : s;
+}
+
+int lab_cmd_tables(const lab_options *o) {
+  sv_err err = {0};
+  int code = LAB_EXIT_OK;
+  tables *t = calloc(1, sizeof *t);
+  if (!t) return LAB_EXIT_FAILED;
+  t->o = o;
+  t->n_gaussians = o->gaussians > 0 ? o->gaussians : o->is_quick ? QUICK_GAUSSIANS : GAUSSIANS;
+  t->n_steps = o->steps > 0 ? o->steps : o->is_quick ? QUICK_STEPS : STEPS;
+  t->seed = o->seed >= 0 ? o->seed : 1;
+  sv_status s = lab_session_start(&t->session, 1, o->is_quiet, &err); // the runs have threads, not we
+  t->session.lines.live_period_ns = 60 * SV_NS_PER_S; // each run says a line in a log when it ends
+  if (s == SV_OK) s = work(t, &err);
+  sv_linux_console_finish(&t->session.lines);
+  if (s != SV_OK) code = lab_failed(&t->session, &err);
+  else
+    lab_say(&t->session, "%s/tables.md: %d runs; also CSV files%s", o->out, t->n_runs,
+            t->n_scenes > 0 && t->scenes[0].is_dynamic ? " and plots" : ", plots and contact sheets");
+  lab_session_stop(&t->session);
+  tables_free(t);
+  free(t);
+  return code;
+}

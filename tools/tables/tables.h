@@ -1,0 +1,189 @@
+// SPDX-License-Identifier: Apache-2.0
+// The paper's tables measured by our own runtime. Datasets are scanned (scan.c); the tables are laid out
+// as rows that name the runs they average over (plan.c); the runs are child processes of this program
+// whose results stay in OUT/runs (run.c, result.c); then rows are averaged and compared
+// (rows.c) and written as Markdown, CSV, plots and contact sheets.
+#ifndef SV_TOOLS_TABLES_TABLES_H
+#define SV_TOOLS_TABLES_TABLES_H
+
+#include "tools/lab/lab.h"
+
+#define TABLES_CAP_SCENES    32
+#define TABLES_CAP_FILES     24  // angular baselines of one device
+#define TABLES_CAP_NAME      48  // of a scene
+#define TABLES_CAP_KEY       160 // a run's folder
+#define TABLES_CAP_SETTINGS  (3 * SV_TRANSFORMS_CAP_PATH)
+#define TABLES_THETA_DEG     10 // of the paper's tables
+#define TABLES_MANY          5  // times as many Gaussians in the comparison of counts, as in the paper
+#define TABLES_CAP_EXPOSURES 12 // the exposure sweep ends here
+
+enum { TABLES_MONO, TABLES_PHONE, TABLES_STEREO, TABLES_LIGHTFIELD, TABLES_MULTIPLEXED, TABLES_N_DEVICES };
+enum { TABLES_NEAR, TABLES_TEST, TABLES_N_SPLITS };
+enum { TABLES_PSNR, TABLES_SSIM, TABLES_LPIPS, TABLES_ABS_REL, TABLES_RMSE, TABLES_N_FIGURES };
+
+extern const char *const tables_device_names[TABLES_N_DEVICES]; // as in file names
+extern const char *const tables_device_words[TABLES_N_DEVICES]; // as in sentences
+extern const char *const tables_split_names[TABLES_N_SPLITS];
+extern const char *const tables_figure_words[TABLES_N_FIGURES];
+
+typedef struct {
+  double of[TABLES_N_FIGURES]; // NAN: not known
+} tables_figures;
+
+// --- datasets (scan.c) --------------------------------------------------------------------
+typedef struct {
+  char transforms[SV_TRANSFORMS_CAP_PATH];
+  double theta_deg; // below 0: the name does not say
+  int n_exposures;
+  uint64_t digest; // of the file
+} tables_file;
+
+typedef struct {
+  tables_file files[TABLES_CAP_FILES]; // by angle
+  int n, i_main;                       // n 0: the dataset has no such device; i_main: that of the tables
+} tables_capture;
+
+typedef struct {
+  char folder[SV_CAP_PATH]; // without links
+  char name[TABLES_CAP_NAME];
+  int n_views[TABLES_N_SPLITS], width_px, height_px; // held out
+  bool has_depth, is_dynamic;                        // dynamic: the held-out views are of several times
+  uint64_t digest;                                   // of a held-out picture of each split
+  tables_capture of[TABLES_N_DEVICES];
+} tables_scene;
+
+// --- runs ----------------------------------------------------------------------------------------
+typedef struct {
+  int i_scene, device, i_file, n_exposures;
+  long n_gaussians;
+  bool is_cube, is_tv_off;
+} tables_setting;
+
+typedef struct {
+  tables_figures score[TABLES_N_SPLITS];
+  double seconds, wall_s; // of the training; of the whole run
+  double arena_bytes, peak_rss_bytes;
+  long steps, gaussians;
+  int threads;
+  char isa[16], digest[24], build[24]; // build: digest of the program that made it
+} tables_result;
+
+typedef struct {
+  tables_setting set;
+  bool needs[TABLES_N_SPLITS];
+  bool has_views; // renders the near views and keeps the model
+  bool is_done, is_other_build;
+  double cost; // seconds on a nominal machine
+  char key[TABLES_CAP_KEY], settings[TABLES_CAP_SETTINGS];
+  tables_result result;
+} tables_run;
+
+// --- tables --------------------------------------------------------------------------------------
+#define TABLES_CAP_ROW_RUNS (TABLES_CAP_SCENES * TABLES_N_DEVICES)
+typedef struct {
+  char label[96];  // what the row is about, beside device and exposures
+  int device;      // -1: all of them
+  int n_exposures; // in each run
+  double x;        // of the curve: angle or number of exposures
+  int split;
+  int runs[TABLES_CAP_ROW_RUNS], n_runs; // averaged over; of one device in the order of the scenes
+  bool has_paper;                        // its figures stand beside ours
+} tables_row;
+
+typedef enum {
+  TABLE_SUMMARY,
+  TABLE_DEPTH,
+  TABLE_ANGLE,
+  TABLE_EXPOSURES,
+  TABLE_INIT,
+  TABLE_TV,
+  TABLE_COUNT,
+  N_TABLES
+} tables_id;
+
+typedef struct {
+  const char *name, *title; // name: of the CSV
+  char text[600];           // below the title
+  tables_row *rows;
+  int n, cap;
+} tables_table;
+
+typedef struct {
+  const lab_options *o;
+  lab_session session;
+  tables_scene *scenes; // [TABLES_CAP_SCENES]
+  int n_scenes;
+  long n_gaussians, n_steps, seed;
+  tables_run *runs;
+  int n_runs, cap_runs;
+  tables_table tables[N_TABLES];
+  char program[SV_CAP_PATH], build[24]; // this program and its digest
+} tables;
+
+// FNV-1a, 64 bits; begin with TABLES_HASH.
+#define TABLES_HASH 0xcbf29ce484222325u
+uint64_t tables_hash(uint64_t h, const void *data, size_t bytes);
+sv_status tables_hash_file(uint64_t *h, const char *path, sv_err *err) SV_MUST_USE;
+
+// Finds the datasets' devices, angles and exposures; every file that a run will need is looked at. `list` is
+// DIR[,DIR...].
+sv_status tables_scan(tables *t, const char *list, sv_err *err) SV_MUST_USE;
+
+// Lays out all tables and the runs they need, each once.
+sv_status tables_plan(tables *t, sv_err *err) SV_MUST_USE;
+void tables_free(tables *t);
+// "gears, light field, 10 degrees, 3 exposures, 20000 Gaussians"
+void tables_describe(const tables *t, const tables_run *r, char *out, size_t cap);
+const tables_file *tables_file_of(const tables *t, const tables_setting *s);
+
+// Makes the runs that have no result yet, one after the other. E_INTERRUPTED when a stop was requested: what is
+// done stays.
+sv_status tables_run_all(tables *t, sv_err *err) SV_MUST_USE;
+
+// The tables of moving scenes, instead of all others: OUT/tables.md, OUT/dynamic.csv and plots of
+// PSNR in OUT/plots. What was run before is taken from OUT/runs.
+sv_status tables_dynamic(tables *t, int *n_runs, sv_err *err) SV_MUST_USE;
+
+// A child process of this program with the arguments argv[1..], NULL at the end. Its stdout (at most cap - 1
+// bytes, terminated) is returned, its stderr goes to `log`. `tick` is called a few times a second.
+typedef struct {
+  const char *program, *log;
+  char *const *argv;
+  lab_session *session;
+  void (*tick)(void *self);
+  void *self;
+} tables_child;
+sv_status tables_child_run(const tables_child *c, char *out, size_t cap, sv_err *err) SV_MUST_USE;
+
+// result.json of a run. read: E_NOT_FOUND when there is none; E_FORMAT when it is damaged or of another run.
+sv_status tables_result_read(tables_run *r, const char *path, sv_err *err) SV_MUST_USE;
+sv_status tables_result_write(const tables_run *r, const char *path, sv_err *err) SV_MUST_USE;
+// Figures from what `train --json` and `eval --json` print.
+sv_status tables_result_train(tables_result *r, const char *text, sv_err *err) SV_MUST_USE;
+sv_status tables_result_eval(tables_figures *f, const char *text, sv_err *err) SV_MUST_USE;
+
+// --- averages (rows.c) --------------------------------------------------------------------
+typedef struct {
+  tables_figures figures;             // means; a figure that one run lacks is NAN
+  double seconds, wall_s;             // means
+  double arena_bytes, peak_rss_bytes; // largest
+  long steps, gaussians;              // of the first run
+} tables_mean;
+tables_mean tables_row_mean(const tables *t, const tables_row *r);
+// The paper's means for a device; NAN where it has none.
+tables_figures tables_paper(int n_exposures, int device);
+// Smallest and largest over its scenes, NAN for depth.
+void tables_paper_range(int figure, int n_exposures, int device, double range[2]);
+// The figure of the summary's run on one scene; NAN without it.
+double tables_summary_figure(const tables *t, int i_scene, int device, int n_exposures, int figure);
+void tables_format(char *out, size_t cap, int figure, double v); // "-" for NAN
+
+// --- writers: files in OUT -----------------------------------------------------------------------
+sv_status tables_write_csv(const tables *t, sv_err *err) SV_MUST_USE;
+// Contact sheets OUT/sheet_SCENE.png: one near view of each scene, a row for each device.
+sv_status tables_write_sheets(tables *t, sv_err *err) SV_MUST_USE;
+// OUT/plots: scripts, and pictures when there is gnuplot; *has_pictures tells.
+sv_status tables_write_plots(tables *t, bool *has_pictures, sv_err *err) SV_MUST_USE;
+sv_status tables_write_markdown(const tables *t, bool has_plots, sv_err *err) SV_MUST_USE;
+
+#endif

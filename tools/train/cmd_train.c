@@ -1,0 +1,550 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "src/base/mathx.h"
+#include "src/format/axes.h"
+#include "src/base/str.h"
+#include "src/train/objective.h"
+#include "src/train/stereo.h"
+#include "src/splat/constants.h"
+#include "tools/train/evaluate.h"
+#include "tools/dataset/measurement.h"
+#include "tools/dataset/noise.h"
+#include "tools/train/plan.h"
+#include "tools/train/prior.h"
+#include "tools/lab/progress.h"
+#include "tools/train/report.h"
+
+#define N_PANELS 4
+
+// Thrice as many as others: a clip comes first, and a network learns more slowly than each Gaussian for itself.
+#define FIELD_STEPS 9000
+
+// One training run, from the options to what is saved.
+typedef struct {
+  const lab_options *o;
+  lab_session session;
+  lab_views views;
+  lab_scene scene;
+  sv_init_cfg init;
+  sv_point *points;
+  int n_points;
+  sv_train_cfg cfg;
+  lab_plan plan;
+  lab_prior prior;
+  long steps, n_steps; // done, wanted (0: by time)
+  double limit_s, load_s, train_s, eval_s;
+  double loss; // of the last steps
+  bool is_stopped, has_scores;
+  sv_render_options render; // of the finished model
+  lab_scores scores,
+      time_scores; // time_scores: of held-out times of the training cameras
+  bool has_time_scores;
+  bool is_standing; // the rig, while the scene moves
+  bool is_stereo;   // starts from depth maps of its own views
+} run;
+
+// --- settings ------------------------------------------------------------------------------------
+
+static sv_train_cfg train_cfg(const lab_options *o) {
+  sv_train_cfg c = sv_train_defaults();
+  c.n_gaussians = o->gaussians > 0 ? (int)o->gaussians : 20000;
+  c.sh_degree = o->sh >= 0 ? (int)o->sh : 1;
+  c.seed = o->seed >= 0 ? (uint64_t)o->seed : 1;
+  c.background = lab_background_by_name(o->background);
+  if (o->method && sv_str_eq(o->method, "4dgs")) lab_dynamic_cfg(o, 0, &c);
+  if (c.dynamic.kind == SV_DEFORM_FIELD) c.steps_hint = FIELD_STEPS;
+  if (o->steps > 0) c.steps_hint = (int)o->steps;
+  return c;
+}
+
+// How often the file's frames share an exposure; frames without a number are exposures of their own.
+static sv_sampling sampling_of(const lab_views *v) {
+  sv_sampling s = {.is_multiplexed = v->n_measurements > 0};
+  for (int i = 0; i < v->n; i++) {
+    int n = 1, e = v->frames[i].f.exposure;
+    bool is_first = true;
+    for (int k = 0; e >= 0 && k < v->n; k++) {
+      if (k == i || v->frames[k].f.exposure != e) continue;
+      is_first &= k > i;
+      n++;
+    }
+    s.n_exposures += is_first;
+    if (n > s.n_sub_views) s.n_sub_views = n;
+  }
+  return s;
+}
+
+static bool is_same_place(const lab_frame *a, const lab_frame *b) {
+  const sv_pose *p = &a->f.cam_from_world, *q = &b->f.cam_from_world;
+  double far2 = 0;
+  for (int i = 0; i < 9; i++) far2 += (p->r[i] - q->r[i]) * (p->r[i] - q->r[i]);
+  for (int i = 0; i < 3; i++) far2 += (p->t[i] - q->t[i]) * (p->t[i] - q->t[i]);
+  return far2 < 1e-8;
+}
+
+static int n_times(const lab_views *v) {
+  int n = 0;
+  for (int i = 0; i < v->n; i++) {
+    int k = 0;
+    while (k < i && v->frames[i].view.time != v->frames[k].view.time) k++;
+    n += k == i;
+  }
+  return n;
+}
+
+// Places that the cameras were at, for rigs that stand still while the scene moves.
+static int n_places(const lab_views *v) {
+  int n = 0;
+  for (int i = 0; i < v->n; i++) {
+    int k = 0;
+    while (k < i && !is_same_place(&v->frames[i], &v->frames[k])) k++;
+    n += k == i;
+  }
+  return n;
+}
+
+static void choose_objective(run *r) {
+  const lab_options *o = r->o;
+  sv_train_cfg *c = &r->cfg;
+  sv_sampling s = sampling_of(&r->views);
+  s.is_moving = c->dynamic.kind != SV_DEFORM_NONE;
+  if (s.is_moving) lab_dynamic_cfg(o, n_times(&r->views), c);
+  if (s.is_moving) s.n_exposures = (n_places(&r->views) + s.n_sub_views - 1) / s.n_sub_views;
+  r->is_standing = s.is_moving && s.n_exposures == 1;
+  s.is_far = o->init && (sv_str_eq(o->init, "sphere") || sv_str_eq(o->init, "cube"));
+  sv_train_set_objective(c, &s);
+  if (o->optimizer) c->optimizer = (sv_optimizer)sv_optimizer_by_name(o->optimizer);
+  if (o->ssim >= 0) c->weight_ssim = o->ssim;
+  if (o->tv >= 0) c->weight_tv = o->tv;
+  if (o->tv_unseen >= 0) c->weight_tv_unseen = o->tv_unseen;
+  if (o->n_unseen >= 0) c->n_unseen = (int)o->n_unseen;
+  if (o->unseen_every >= 0) c->unseen_every = (int)o->unseen_every;
+  if (o->unseen_px >= 0) c->unseen_px = (int)o->unseen_px;
+  if (o->unseen_deg >= 0) c->unseen_rad = o->unseen_deg * (float)(SV_PI / 180);
+  if (o->floor_px >= 0) c->floor_px = o->floor_px;
+  if (o->is_noise_on_prediction) c->noise_read = o->noise_read, c->noise_shot = o->noise_shot;
+  if (o->dilation_px2 > 0) c->dilation_px2 = o->dilation_px2;
+  if (o->supersample >= 0) {
+    c->is_supersampled = o->supersample > 0;
+    c->supersample_from = 1.0f - o->supersample;
+  }
+  if (o->region_px >= 0) c->region_px = (int)o->region_px;
+  if (o->opacity >= 0) c->reg_opacity = o->opacity;
+  if (o->size >= 0) c->reg_scale = o->size;
+  if (o->dropout >= 0) c->dropout = o->dropout;
+  lab_prior_cfg(o, &r->views, c);
+}
+
+// The file of --init points:FILE, or the dataset's own; NULL: another start.
+static const char *points_file(run *r) {
+  const char *init = r->o->init;
+  const long n = r->o->exposures;
+  if (init) return strncmp(init, "points:", 7) == 0 ? init + 7 : NULL;
+  if (!*r->views.points || r->is_standing) return NULL; // such a rig cannot have measured them
+  // Nor can so few views, which lie as far apart as can be. What a device measures by itself is the stereo start's.
+  if (n > 0 && n <= SV_FEW_EXPOSURES) {
+    if (n > 1)
+      lab_say(&r->session, "%ld exposures cannot have measured the dataset's points; starting without them",
+              n);
+    return NULL;
+  }
+  if (sv_path_exists(r->views.points)) return r->views.points;
+  lab_say(&r->session, "%s: the points that the dataset names are missing; starting without them",
+          r->views.points);
+  return NULL;
+}
+
+static sv_status choose_start(run *r, sv_err *err) {
+  const char *init = r->o->init, *file = points_file(r);
+  r->scene = lab_scene_of(&r->views);
+  r->init = (sv_init_cfg){.kind = SV_INIT_SPHERE,
+                          .radius = r->scene.radius,
+                          .opacity = 0.1f,
+                          .scale_factor = 1.0f,
+                          .seed = r->cfg.seed};
+  memcpy(r->init.centre, r->scene.centre, sizeof r->init.centre);
+  if (init && sv_str_eq(init, "cube")) r->init.kind = SV_INIT_CUBE;
+  r->is_stereo = init ? sv_str_eq(init, "stereo") : !file;
+  if (!file) return SV_OK;
+  r->init.kind = SV_INIT_POINTS;
+  r->init.opacity = 0.5f, r->init.scale_factor = 0.5f;
+  return lab_points_read(file, &r->points, &r->n_points, r->init.centre, &r->init.radius, err);
+}
+
+static int check_init(const lab_options *o) {
+  const char *i = o->init;
+  if (!i || sv_str_eq(i, "sphere") || sv_str_eq(i, "cube") || sv_str_eq(i, "stereo") ||
+      (strncmp(i, "points:", 7) == 0 && i[7]))
+    return LAB_EXIT_OK;
+  return lab_usage("train", "--init is stereo, sphere, cube or points:FILE, not '%.80s'", i);
+}
+
+static void choose_antialiasing(run *r) {
+  const char *word = r->o->antialias;
+  float least = r->views.frames[0].view.fx, most = least;
+  for (int i = 1; i < r->views.n; i++) {
+    least = sv_minf(least, r->views.frames[i].view.fx);
+    most = sv_maxf(most, r->views.frames[i].view.fx);
+  }
+  r->cfg.is_antialiased =
+      !word || sv_str_eq(word, "auto") ? most > SV_MIP_FOCAL_RATIO * least : sv_str_eq(word, "on");
+}
+
+static sv_status add_noise(run *r, sv_err *err) {
+  sv_noise_model m = {r->o->noise_read, r->o->noise_shot};
+  if (!r->o->noise) return SV_OK;
+  if (r->o->is_noise_on_prediction)
+    return r->views.n_measurements ? SV_OK
+                                   : sv_fail(err, SV_E_ARG,
+                                             "%s: no multiplexed measurements; --noise prediction is for "
+                                             "those, expected read=V,shot=V",
+                                             r->o->data);
+  return lab_noise_add(&r->views, &r->plan, &m, r->cfg.seed, r->cfg.background, &r->session.pool, err);
+}
+
+// --- stages --------------------------------------------------------------------------------------
+
+static sv_status add_views(run *r, sv_err *err) {
+  for (int i = 0; i < r->views.n; i++) {
+    const lab_frame *f = &r->views.frames[i];
+    if (f->i_measurement >= 0) continue;
+    sv_image_u8 im = {.px = r->plan.pictures[i],
+                      .width_px = f->view.width_px,
+                      .height_px = f->view.height_px,
+                      .n_channels = f->n_channels,
+                      .stride_bytes = f->view.width_px * f->n_channels};
+    sv_status s = sv_train_add_view(&r->plan.trainer, &f->view, &im, err);
+    if (s != SV_OK) return s;
+  }
+  return SV_OK;
+}
+
+static sv_status add_measurements(run *r, sv_err *err) {
+  sv_lens *lenses = r->plan.lenses;
+  for (int i = 0; i < r->views.n_measurements; i++) {
+    const lab_measurement *m = &r->views.measurements[i];
+    sv_composite model;
+    sv_status s = lab_measurement_lenses(&r->views, i, lenses, &model, err);
+    if (s == SV_OK) s = sv_train_add_composite(&r->plan.trainer, &model, r->plan.measurements[i], err);
+    if (s != SV_OK) return s;
+    lenses += m->n_lenses;
+  }
+  return SV_OK;
+}
+
+static sv_status load_pictures(run *r, sv_err *err) {
+  sv_status s = lab_pictures_load(&r->views, r->plan.pictures, &r->session.pool, err);
+  for (int i = 0; s == SV_OK && i < r->views.n_measurements; i++)
+    s = lab_measurement_load(&r->views.measurements[i], r->plan.measurements[i], err);
+  return s == SV_OK ? add_noise(r, err) : s;
+}
+
+static sv_bounds bounds_of(const run *r) {
+  sv_bounds b = {.radius = r->init.radius};
+  memcpy(b.centre, r->init.centre, sizeof b.centre);
+  return b;
+}
+
+// Points from the views themselves, where they overlap; else the random start stays.
+static sv_status measure_points(run *r, sv_err *err) {
+  sv_trainer *t = &r->plan.trainer;
+  const int n = t->g.n;
+  const sv_bounds b = bounds_of(r);
+  double t0 = lab_seconds(&r->session);
+  int n_maps;
+  if (!(r->points = malloc((size_t)n * sizeof *r->points)))
+    return sv_fail(err, SV_E_NOMEM, "no memory for %d points", n);
+  sv_status s = sv_stereo_points(t, &b, &r->plan.scratch, r->points, n, &r->n_points, &n_maps);
+  if (s == SV_OK) {
+    r->init = sv_stereo_init(&b, r->cfg.seed);
+    lab_say(&r->session, "%d points from depth maps of %d views in %.2f s", r->n_points, n_maps,
+            lab_seconds(&r->session) - t0);
+    return SV_OK;
+  }
+  r->is_stereo = false;
+  r->n_points = 0;
+  if (s < 0) return sv_fail(err, s, "no depth maps for the start: %s", sv_status_text(s));
+  if (r->o->init)
+    lab_say(&r->session, "--init stereo: the views share too little; starting from random points");
+  return SV_OK;
+}
+
+static sv_status start(run *r, sv_err *err) {
+  sv_trainer *t = &r->plan.trainer;
+  sv_status s = r->is_stereo ? measure_points(r, err) : SV_OK;
+  if (s != SV_OK) return s;
+  s = sv_train_start(t, &r->init, r->points, r->n_points, &r->plan.scratch);
+  if (s != SV_OK)
+    return sv_fail(err, s, "the start could not be made from %d points: %s", r->n_points, sv_status_text(s));
+  if (r->is_stereo) sv_train_set_scene(t, r->init.centre, r->init.radius);
+  free(r->points);
+  r->points = NULL;
+  return SV_OK;
+}
+
+static sv_status load(run *r, sv_err *err) {
+  double t0 = lab_seconds(&r->session);
+  lab_source src = {.folder = r->o->data,
+                    .transforms = r->o->transforms,
+                    .split = "train",
+                    .n_exposures = (int)r->o->exposures,
+                    .is_multiplexed = true,
+                    .is_white = r->cfg.background == SV_BG_WHITE,
+                    .scale = (int)r->o->scale};
+  sv_status s = lab_views_open(&r->views, &src, &r->session.pool, err);
+  if (s == SV_OK) choose_antialiasing(r), choose_objective(r);
+  if (s == SV_OK) s = choose_start(r, err);
+  int most_points = r->is_stereo ? r->cfg.n_gaussians : r->n_points; // depth maps give up to one for each
+  if (s == SV_OK) s = lab_plan_make(&r->plan, &r->session, &r->views, r->cfg, most_points, err);
+  if (s == SV_OK) s = load_pictures(r, err);
+  if (s == SV_OK) s = add_views(r, err);
+  if (s == SV_OK) s = add_measurements(r, err);
+  if (s == SV_OK) s = start(r, err);
+  r->load_s = lab_seconds(&r->session) - t0;
+  return s;
+}
+
+static sv_status train(run *r, sv_err *err) {
+  sv_trainer *t = &r->plan.trainer;
+  lab_session *se = &r->session;
+  lab_progress p;
+  lab_progress_start(&p, se);
+  const double t0 = p.t0_s, waited_s = r->prior.seconds;
+  while (!(r->is_stopped = se->console.is_stop_requested(se->console.self))) {
+    double elapsed = lab_seconds(se) - t0 - (r->prior.seconds - waited_s); // what others take does not count
+    if (r->n_steps > 0 ? r->steps >= r->n_steps : elapsed >= r->limit_s) break;
+    double progress = r->n_steps > 0 ? (double)r->steps / (double)r->n_steps : elapsed / r->limit_s;
+    sv_step_stats st;
+    lab_prior_tick(&r->prior, (float)progress);
+    sv_status s = sv_train_step(t, (float)progress, &st);
+    if (s < 0) return sv_fail(err, s, "training stopped at step %ld: %s", r->steps, sv_status_text(s));
+    if (st.i_view < 0) continue;
+    r->steps++;
+    lab_progress_step(&p, r->steps, r->n_steps, r->limit_s, st.loss);
+  }
+  r->train_s = lab_seconds(se) - t0;
+  r->loss = p.loss;
+  r->render = sv_train_render_options(t, 1.0f, false);
+  if (r->is_stopped && r->steps == 0)
+    return sv_fail(err, SV_E_INTERRUPTED, "stopped by request before the first step");
+  return SV_OK;
+}
+
+static lab_source eval_source(const lab_options *o) {
+  return (lab_source){.folder = o->data,
+                      .transforms = o->transforms,
+                      .split = lab_default_split((int)o->exposures),
+                      .n_exposures = (int)o->exposures,
+                      .scale = (int)o->scale};
+}
+
+static sv_status evaluate(run *r, sv_err *err) {
+  char folder[SV_CAP_PATH];
+  lab_views v;
+  lab_source src = eval_source(r->o), train = src;
+  double t0 = lab_seconds(&r->session);
+  sv_status s = lab_views_open(&v, &src, &r->session.pool, err);
+  if (s == SV_OK) s = sv_path_join(folder, sizeof folder, r->o->out, "eval", err);
+  lab_eval_job job = {.session = &r->session,
+                      .g = &r->plan.trainer.g,
+                      .render = r->render,
+                      .panel_folder = folder,
+                      .n_panels = N_PANELS,
+                      .has_lpips = r->o->has_lpips,
+                      .mask_from = r->o->mask ? &train : NULL};
+  job.render.has_depth = v.has_depth;
+  job.deform = sv_train_is_dynamic(&r->plan.trainer) ? &r->plan.trainer.deform : NULL;
+  if (s == SV_OK) s = lab_evaluate(&v, &job, &r->scores, err);
+  lab_views_free(&v);
+  r->has_scores = s == SV_OK;
+  if (s == SV_OK && job.deform) { // the paper's protocol: held-out frames of the training cameras
+    src.split = "test_time";
+    job.panel_folder = NULL;
+    job.mask_from = NULL;
+    s = lab_views_open(&v, &src, &r->session.pool, err);
+    if (s == SV_E_NOT_FOUND) s = SV_OK; // the file marks none
+    else if (s == SV_OK) {
+      job.render.has_depth = v.has_depth;
+      s = lab_evaluate(&v, &job, &r->time_scores, err);
+      r->has_time_scores = s == SV_OK;
+    }
+    lab_views_free(&v);
+  }
+  r->eval_s = lab_seconds(&r->session) - t0;
+  return s;
+}
+
+// --- what is written -----------------------------------------------------------------------------
+
+static void report_figures(lab_report *j, const run *r) {
+  if (r->has_scores) lab_report_text(j, "split", lab_default_split((int)r->o->exposures));
+  if (r->has_scores) lab_scores_report(j, &r->scores);
+  else lab_report_int(j, "views", r->views.n); // trained on; with scores: scored
+  if (r->has_time_scores) lab_time_scores_report(j, &r->time_scores);
+  if (sv_train_is_dynamic(&r->plan.trainer))
+    lab_report_int(j, "moving", sv_deform_n_moving(&r->plan.trainer.deform));
+  lab_prior_report(j, &r->prior);
+  lab_report_int(j, "training_views", r->views.n);
+  lab_report_int(j, "steps", r->steps);
+  lab_report_int(j, "gaussians", r->plan.trainer.g.n);
+  lab_report_num(j, "loss", r->loss);
+  lab_report_num(j, "seconds", r->train_s);
+  lab_report_num(j, "load_seconds", r->load_s);
+  if (r->has_scores) lab_report_num(j, "eval_seconds", r->eval_s);
+  lab_report_num(j, "steps_per_second", r->train_s > 0 ? (double)r->steps / r->train_s : 0);
+  lab_report_int(j, "threads", r->session.n_threads);
+  lab_report_text(j, "isa", sv_isa_name(r->session.k.isa));
+  lab_report_int(j, "arena_bytes", (long long)r->plan.bytes);
+  lab_report_int(j, "peak_rss_bytes", lab_peak_rss_bytes());
+  lab_report_hex(j, "digest", sv_train_digest(&r->plan.trainer));
+}
+
+static void report_settings(lab_report *j, const run *r) {
+  const sv_trainer *t = &r->plan.trainer;
+  const char *const kinds[] = {"sphere", "cube", "points"};
+  lab_report_text(j, "program", "subview-lab " LAB_VERSION);
+  lab_report_text(j, "data", r->o->data);
+  lab_report_text(j, "transforms", r->views.transforms);
+  if (r->o->exposures > 0) lab_report_int(j, "exposures", r->o->exposures);
+  lab_report_text(j, "model", sv_train_is_dynamic(t) ? "4dgs" : "3dgs");
+  lab_report_text(j, "prior", r->o->prior ? r->o->prior : "none");
+  lab_report_int(j, "sh", t->cfg.sh_degree);
+  if (r->n_steps > 0) lab_report_int(j, "steps_wanted", r->n_steps);
+  else lab_report_num(j, "time_limit", r->limit_s);
+  lab_report_text(j, "init", r->is_stereo ? "stereo" : kinds[r->init.kind]);
+  lab_report_text(j, "background", lab_background_name(t->cfg.background));
+  lab_report_int(j, "scale", r->views.scale);
+  lab_report_num(j, "loss_ssim", (double)t->cfg.weight_ssim);
+  lab_report_num(j, "loss_tv", (double)t->cfg.weight_tv);
+  lab_report_num(j, "loss_tv_unseen", (double)t->cfg.weight_tv_unseen);
+  lab_report_int(j, "unseen_views", t->cfg.n_unseen);
+  lab_report_num(j, "supersample", t->cfg.is_supersampled ? 1.0 - (double)t->cfg.supersample_from : 0);
+  lab_report_num(j, "floor_px", (double)t->cfg.floor_px);
+  lab_report_num(j, "dilation_px2", (double)t->cfg.dilation_px2);
+  lab_report_num(j, "loss_opacity", (double)t->cfg.reg_opacity);
+  lab_report_num(j, "loss_scale", (double)t->cfg.reg_scale);
+  lab_report_num(j, "dropout", (double)t->cfg.dropout);
+  lab_report_text(j, "optimizer", sv_optimizer_name(t->cfg.optimizer));
+  lab_report_int(j, "seed", (long long)t->cfg.seed);
+  lab_report_text(j, "antialias", r->o->antialias ? r->o->antialias : "auto");
+  lab_report_bool(j, "antialiased", t->cfg.is_antialiased);
+  if (r->o->noise) {
+    lab_report_bool(j, "noise_on_prediction", r->o->is_noise_on_prediction);
+    lab_report_num(j, "noise_read", (double)r->o->noise_read);
+    lab_report_num(j, "noise_shot", (double)r->o->noise_shot);
+  }
+  lab_report_bool(j, "undistorted", r->views.is_undistorted); // pictures of training and evaluation alike
+  lab_report_num(j, "near_z", (double)r->render.near_z);
+  lab_report_nums(j, "scene_centre", t->centre, 3);
+  lab_report_num(j, "scene_radius", (double)t->radius);
+  lab_report_bool(j, "stopped", r->is_stopped);
+}
+
+// All are written before the first takes its place: what can fail or take long leaves an older model whole.
+static sv_status save(run *r, sv_err *err) {
+  enum { MODEL, MOTION, SETTINGS, N_FILES };
+  sv_file files[N_FILES] = {{.fd = -1}, {.fd = -1}, {.fd = -1}};
+  char model[SV_CAP_PATH], path[SV_CAP_PATH];
+  lab_report j;
+  const sv_model_notes notes = {.is_mip = r->plan.trainer.cfg.is_antialiased,
+                                .dilation_px2 = r->plan.trainer.cfg.dilation_px2,
+                                .up = sv_up_name(r->scene.up)};
+  const bool is_dynamic = sv_train_is_dynamic(&r->plan.trainer);
+  const sv_gaussians *g = &r->plan.trainer.g;
+  lab_report_begin(&j);
+  report_settings(&j, r);
+  report_figures(&j, r);
+  lab_report_end(&j);
+  sv_status s = sv_path_join(model, sizeof model, r->o->out, "model.ply", err);
+  if (s == SV_OK) s = sv_path_join(path, sizeof path, r->o->out, "train.json", err);
+  if (s == SV_OK) s = lab_model_begin(&files[MODEL], g, &notes, model, err);
+  if (s == SV_OK && is_dynamic) s = lab_motion_begin(&files[MOTION], &r->plan.trainer.deform, g, model, err);
+  if (s == SV_OK && j.is_failed) s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its text", path);
+  if (s == SV_OK) s = sv_file_begin(&files[SETTINGS], path, err);
+  if (s == SV_OK) s = sv_file_append(&files[SETTINGS], j.text, j.bytes, err);
+  lab_report_free(&j);
+  for (int i = 0; i < N_FILES; i++)
+    if (s == SV_OK && files[i].fd >= 0) s = sv_file_commit(&files[i], err);
+    else if (s == SV_OK) s = lab_motion_remove(model, err); // of an earlier model
+    else sv_file_abandon(&files[i]);
+  return s;
+}
+
+static sv_status print(const run *r, sv_err *err) {
+  if (r->o->is_json) {
+    lab_report j;
+    lab_report_begin(&j);
+    report_figures(&j, r);
+    lab_report_end(&j);
+    return lab_report_print(&j, err);
+  }
+  printf("trained %d Gaussians on %d views: %ld steps in %.1f s (%.1f steps/s), loss %.4f%s\n",
+         r->plan.trainer.g.n, r->views.n, r->steps, r->train_s,
+         r->train_s > 0 ? (double)r->steps / r->train_s : 0, r->loss, r->is_stopped ? ", stopped early" : "");
+  if (r->has_scores) {
+    printf("%s views %d: ", lab_default_split((int)r->o->exposures), r->scores.n);
+    lab_scores_print(&r->scores);
+    printf("\n");
+  }
+  printf("model: %s/model.ply, settings and figures: %s/train.json%s%s%s\n", r->o->out, r->o->out,
+         r->has_scores ? ", pictures: " : "", r->has_scores ? r->o->out : "", r->has_scores ? "/eval" : "");
+  return SV_OK;
+}
+
+static sv_status check_eval(const run *r, sv_err *err) { // before an hour of training, not after
+  lab_views v;
+  lab_source src = eval_source(r->o);
+  sv_status s = lab_views_open(&v, &src, &r->session.pool, err);
+  lab_views_free(&v);
+  return s;
+}
+
+static sv_status stages(run *r, sv_err *err) {
+  sv_status s = load(r, err);
+  if (s == SV_OK && r->o->is_eval) s = check_eval(r, err);
+  if (s == SV_OK) s = sv_path_make_folder(r->o->out, err);
+  if (s != SV_OK) return s;
+  lab_say(&r->session, "%d views of up to %dx%d%s, %d Gaussians, %.1f MB, loaded in %.2f s", r->views.n,
+          r->views.cap_width_px, r->views.cap_height_px, r->views.is_undistorted ? " (undistorted)" : "",
+          r->plan.trainer.g.n, 1e-6 * (double)r->plan.bytes, r->load_s);
+  const sv_bounds b = bounds_of(r);
+  s = lab_prior_begin(&r->prior, &r->session, r->o, &r->views, &r->plan.trainer, &b, &r->plan.scratch, err);
+  if (s != SV_OK || (s = train(r, err)) != SV_OK) return s;
+  if ((s = save(r, err)) != SV_OK) return s; // whatever comes later, the model is there
+  if (r->o->is_eval && !r->is_stopped) {
+    if ((s = evaluate(r, err)) != SV_OK) return s;
+    lab_say(&r->session, "evaluated in %.2f s: loading %.2f, rendering %.2f, comparing %.2f", r->eval_s,
+            r->scores.load_s, r->scores.render_s, r->scores.compare_s);
+    if ((s = save(r, err)) != SV_OK) return s;
+  }
+  return SV_OK;
+}
+
+int lab_cmd_train(const lab_options *o) {
+  sv_err err = {0};
+  int code = check_init(o);
+  if (code == LAB_EXIT_OK) code = lab_prior_check(o);
+  if (code != LAB_EXIT_OK) return code;
+  run *r = calloc(1, sizeof *r);
+  if (!r) return LAB_EXIT_FAILED;
+  r->o = o;
+  r->cfg = train_cfg(o);
+  r->n_steps = o->time_limit_s > 0 ? 0 : r->cfg.steps_hint;
+  r->limit_s = o->time_limit_s;
+  sv_status s = lab_session_start(&r->session, o->threads, o->is_quiet, &err);
+  if (s == SV_OK) s = sv_linux_catch_signals(&err);
+  if (s == SV_OK) s = stages(r, &err);
+  sv_linux_console_finish(&r->session.lines);
+  if (s == SV_OK) s = print(r, &err);
+  if (s != SV_OK) code = lab_failed(&r->session, &err);
+  lab_session_stop(&r->session);
+  free(r->points);
+  lab_prior_end(&r->prior);
+  lab_views_free(&r->views);
+  lab_plan_free(&r->plan);
+  free(r);
+  return code;
+}

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+// Rendering a model for looking and for scoring: a renderer without gradients in a block of its own.
+#ifndef SV_TOOLS_TRAIN_EVALUATE_H
+#define SV_TOOLS_TRAIN_EVALUATE_H
+
+#include "tools/lab/lab.h"
+#include "tools/train/report.h"
+
+typedef struct {
+  sv_renderer r;
+  void *block;
+} lab_viewer;
+
+sv_status lab_viewer_start(lab_viewer *v, const lab_session *s, int n_gaussians, int cap_width_px,
+                           int cap_height_px, size_t cap_floats, sv_err *err) SV_MUST_USE;
+void lab_viewer_stop(lab_viewer *v);
+
+// A view that was scored. Pictures are [3][height][width], 0 to 1, over the background.
+typedef struct {
+  int i_view; // in lab_views.frames
+  double psnr;
+  const float *truth, *image;
+} lab_scored_view;
+
+typedef struct {
+  lab_session *session;
+  sv_gaussians *g;
+  sv_deform *deform;        // takes g to each view's time; NULL: nothing moves
+  sv_render_options render; // has_depth: compare depth, too
+  const char *panel_folder; // NULL, or where n_panels pictures "truth | render" (with masks: "| seen") go
+  int n_panels;
+  // NULL, or called with each view, one after another, in the order of lab_views.by_lens. `of` is
+  // its first argument.
+  void (*on_view)(void *of, const lab_scored_view *v);
+  void *of;
+  bool has_lpips;
+  const lab_source *mask_from; // NULL, or the training views: also scores what these have seen
+} lab_eval_job;
+
+typedef struct {
+  double psnr, ssim;    // means over the views
+  double abs_rel, rmse; // means over the n_depth views that have a pixel to compare
+  int n, n_depth;
+  double lpips;                // mean over the views; with has_lpips
+  double mpsnr, mssim, mlpips; // means over the n_masked views in which a pixel was seen
+  double coverage;             // mean share of the pixels that were seen, over all views
+  int n_masked;
+  bool has_lpips;
+  const char *covisible_by; // "depth" or "flow"; NULL without masks
+  double load_s, render_s, compare_s;
+} lab_scores;
+
+// Scores all views of v, a few at a time, on all threads; the result does not depend on their number.
+// Truth is laid over the same background. Depth: expected depth against the file's, on pixels whose alpha
+// and its 3x3 neighbours' is at least 250/255, true depth above 0.01 and rendered alpha above 1e-4.
+// Stops with E_INTERRUPTED when a stop is requested.
+sv_status lab_evaluate(const lab_views *v, const lab_eval_job *job, lab_scores *out, sv_err *err) SV_MUST_USE;
+
+// n_wanted views spread evenly over n_views: which of them view i is, -1 for none.
+int lab_panel_of(int i, int n_views, int n_wanted);
+
+// The scores as keys of the report, and as a part of a printed line.
+void lab_scores_report(lab_report *j, const lab_scores *s);
+void lab_scores_print(const lab_scores *s);
+// Those of held-out times: keys with "time_" before them.
+void lab_time_scores_report(lab_report *j, const lab_scores *s);
+
+// Planes of a picture -> interleaved RGB bytes, clamped and rounded.
+uint8_t lab_to_byte(float x);
+void lab_to_bytes(const sv_planes *p, uint8_t *rgb);
+
+#endif

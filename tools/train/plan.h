@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+// The memory of a training run: sized from dataset and options, taken from the system once, sealed.
+#ifndef SV_TOOLS_TRAIN_PLAN_H
+#define SV_TOOLS_TRAIN_PLAN_H
+
+#include "tools/lab/lab.h"
+
+typedef struct {
+  sv_arena arena;
+  void *block;
+  size_t bytes;
+  sv_trainer trainer;
+  uint8_t **pictures;      // [n views], into the arena; NULL for lenses of a measurement
+  uint16_t **measurements; // [n measurements], the same
+  sv_lens *lenses;         // [n views] those of all measurements, one after the other
+  sv_arena scratch;        // for the start
+} lab_plan;
+
+// Carves pictures and trainer, then seals. cfg: caps are filled in here. n_points: that it may start from.
+sv_status lab_plan_make(lab_plan *p, lab_session *s, const lab_views *v, sv_train_cfg cfg, int n_points,
+                        sv_err *err) SV_MUST_USE;
+void lab_plan_free(lab_plan *p);
+
+#endif
