@@ -143,7 +143,7 @@ static sv_status heldout_psnr(double *psnr, int *n_views) {
     v.time = sv_app_time_of(&run.app, sv_sim_slot_ns(&run.src.u.sim, v.i_exposure));
     sv_sim_render(&run.src.u.sim, &v, t, run.truth, NULL);
     if (odo->is_tracked) v = sv_odometry_view(&q, &v); // where that is in the world that was found
-    sv_status s = sv_app_mse(&run.app, &v, run.truth, &mse);
+    sv_status s = sv_driver_mse(&run.app.trainer, &v, run.truth, &mse);
     if (s < 0) return s;
     *psnr += sv_psnr_of_mse(mse) / SV_SIM_N_HELDOUT;
     (*n_views)++;
@@ -155,7 +155,7 @@ static int report(const run_options *o, sv_err *err) {
   double train_psnr, psnr;
   int n;
   char extra[160];
-  if (sv_app_training_psnr(&run.app, &train_psnr) < 0 || heldout_psnr(&psnr, &n) < 0) {
+  if (sv_driver_training_psnr(&run.app.trainer, &train_psnr) < 0 || heldout_psnr(&psnr, &n) < 0) {
     sv_fail(err, SV_E_RANGE, "the model could not be rendered for its evaluation");
     return fail_with(err);
   }
@@ -169,8 +169,8 @@ static int report(const run_options *o, sv_err *err) {
         "{%s, \"steps\": %u, \"gaussians\": %ld, \"exposures\": %d, \"views\": %d, \"seconds\": %.3f, "
         "\"threads\": %ld, \"isa\": "
         "\"%s\", \"arena_bytes\": %zu, \"digest\": \"%08x%08x\"}\n",
-        extra, run.app.trainer.step, o->gaussians, run.app.exposures.n, run.app.n_views, run.app.train_s,
-        o->threads, sv_isa_name(run.k.isa), run.app.arena->cap_bytes,
+        extra, run.app.trainer.step, o->gaussians, run.app.exposures.n, run.app.n_views,
+        run.app.driver.train_s, o->threads, sv_isa_name(run.k.isa), run.app.arena->cap_bytes,
         (unsigned)(sv_train_digest(&run.app.trainer) >> 32), (unsigned)sv_train_digest(&run.app.trainer));
     return 0;
   }
@@ -179,8 +179,8 @@ static int report(const run_options *o, sv_err *err) {
   say(1,
       "%d exposures, %d views, %u steps in %.1f s\nsaved: %s/model.ply %s/run.json %s/preview.jpg "
       "%s/checkpoint.bin\n",
-      run.app.exposures.n, run.app.n_views, run.app.trainer.step, run.app.train_s, o->out, o->out, o->out,
-      o->out);
+      run.app.exposures.n, run.app.n_views, run.app.trainer.step, run.app.driver.train_s, o->out, o->out,
+      o->out, o->out);
   return 0;
 }
 

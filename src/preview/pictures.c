@@ -44,18 +44,10 @@ void sv_app_preview_size(const sv_app_cfg *c, int *width_px, int *height_px) {
 
 // --- a sub-view's picture ------------------------------------------------------------------------
 
-// As its camera would see it.
-static sv_status measure(sv_app *app, const sv_view *view, const sv_planes **out) {
-  sv_trainer *t = &app->trainer;
-  sv_render_options o = sv_train_render_options(t, 1.0f, false);
-  sv_train_set_time(t, view->time);
-  return sv_train_measure(t, view, &o, sv_train_is_supersampled(t, 1, 1.0f), out);
-}
-
 static sv_status show_view(sv_app *app, const sv_train_view *tv) {
   const sv_publish *p = &app->port.publish;
   const sv_planes *measured;
-  sv_status s = measure(app, &tv->view, &measured);
+  sv_status s = sv_driver_render(&app->trainer, &tv->view, &measured);
   if (s < 0) return s;
   int w = tv->view.width_px, h = tv->view.height_px;
   for (int y = 0; y < h; y++) {
@@ -144,7 +136,7 @@ static int fitting_step(int width_px, int height_px, int cap_w, int cap_h) {
 static sv_status small_view(sv_app *app, const sv_train_view *tv, int cap_w, int cap_h, uint8_t *rgb,
                             int *out_w, int *out_h, double *psnr) {
   const sv_planes *measured;
-  sv_status s = measure(app, &tv->view, &measured);
+  sv_status s = sv_driver_render(&app->trainer, &tv->view, &measured);
   if (s < 0) return s;
   const int w = tv->view.width_px, h = tv->view.height_px, n_ch = tv->image.n_channels;
   int step = fitting_step(2 * w, h, cap_w, cap_h), sw = w / step, sh = h / step;

@@ -121,8 +121,8 @@ static void publish_state(sv_app *app, const char *sentence) {
   s->n_exposures = app->exposures.n, s->cap_exposures = app->cfg.n_exposures, s->n_views = app->n_views;
   s->step = t->step, s->steps = app->cfg.steps;
   s->train_s = t->trained_s, s->time_limit_s = app->cfg.time_limit_s;
-  s->steps_per_s = app->train_s > 0 ? (double)app->step_time.n / app->train_s : 0;
-  s->loss = app->loss_mean, s->psnr = l->psnr;
+  s->steps_per_s = sv_driver_steps_per_s(&app->driver);
+  s->loss = app->driver.loss, s->psnr = l->psnr;
   s->n_gaussians = (uint32_t)t->cfg.n_gaussians, s->sh_degree = (uint32_t)t->cfg.sh_degree;
   s->n_saves = l->n_saves, s->n_device_errors = app->n_device_errors;
   s->model_seq = sv_feed_seq(l->feed, SV_FEED_MODEL);
@@ -170,17 +170,17 @@ static void add_point(sv_app *app, double now) {
   sv_feed_curve *c = l->curve;
   if (now < l->point_s) return;
   l->point_s = now + POINT_PERIOD_S;
-  if (app->step_time.n == 0 || l->n_points++ % c->stride) return;
+  if (app->driver.step_time.n == 0 || l->n_points++ % c->stride) return;
   if (c->n == SV_FEED_CAP_POINTS) {
     for (uint32_t i = 0; i < SV_FEED_CAP_POINTS / 2; i++) c->point[i] = c->point[2 * i];
     c->n = SV_FEED_CAP_POINTS / 2, c->stride *= 2;
   }
-  c->point[c->n++] =
-      (sv_feed_point){.seconds = (float)app->train_s,
-                      .loss = (float)app->loss_mean,
-                      .psnr = (float)l->psnr,
-                      .steps_per_s = (float)((double)app->step_time.n / sv_maxf(1e-3f, (float)app->train_s)),
-                      .step = app->trainer.step};
+  c->point[c->n++] = (sv_feed_point){
+      .seconds = (float)app->driver.train_s,
+      .loss = (float)app->driver.loss,
+      .psnr = (float)l->psnr,
+      .steps_per_s = (float)((double)app->driver.step_time.n / sv_maxf(1e-3f, (float)app->driver.train_s)),
+      .step = app->trainer.step};
   memcpy(sv_feed_begin(l->feed, SV_FEED_CURVE), c, sizeof *c);
   sv_feed_commit(l->feed, SV_FEED_CURVE, sizeof *c);
 }

@@ -5,16 +5,12 @@
 #include <string.h>
 
 #include "src/base/mathx.h"
-#include "src/splat/constants.h"
 #include "src/prior/methods.h"
 #include "src/train/checkpoint.h"
-#include "src/train/objective.h"
 #include "src/train/seed.h"
-#include "src/train/stereo.h"
 
-#define QUEUE_LEN   4
-#define CAP_READY   2   // exposures that may wait for a training step to end
-#define LIVE_PERIOD 0.5 // seconds between two live lines
+#define QUEUE_LEN 4
+#define CAP_READY 2 // exposures that may wait for a training step to end
 
 const char *sv_app_state_name(sv_app_state s) {
   static const char *const names[] = {"idle", "capturing", "training", "saving", "done", "failed"};
@@ -56,24 +52,21 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
   t.cap_width_px = t.cap_height_px = 1;
   t.cap_pixels = 0;
   if (is_multiplexed(c)) plan_composites(c, &t);
-  float f_min = 0, f_max = 0;
+  sv_focal_range focal = {0};
   for (int i = 0; i < c->rig->n_sub_views; i++) {
     const sv_camera_model *m = &c->rig->sub_views[i].model;
     size_t px = sv_plane_floats(m->width_px, m->height_px);
     t.cap_width_px = sv_maxi(t.cap_width_px, m->width_px);
     t.cap_height_px = sv_maxi(t.cap_height_px, m->height_px);
     if (px > t.cap_pixels) t.cap_pixels = px;
-    float f = (float)m->p[0];
-    if (!sv_app_is_trained_on(c, i)) continue;
-    f_min = f_max > 0 ? sv_minf(f_min, f) : f;
-    f_max = sv_maxf(f_max, f);
+    if (sv_app_is_trained_on(c, i)) sv_focal_range_add(&focal, (float)m->p[0]);
   }
-  if (f_max > SV_MIP_FOCAL_RATIO * f_min) t.is_antialiased = true;
-  sv_train_set_objective(&t, &(sv_sampling){.n_exposures = c->n_exposures,
-                                            .is_moving = c->is_dynamic,
-                                            .n_sub_views = sv_app_n_trained_sub_views(c),
-                                            .is_multiplexed = is_multiplexed(c)});
-  if (c->optimizer > 0) t.optimizer = (sv_optimizer)(c->optimizer - 1);
+  if (sv_focal_range_needs_antialiasing(&focal)) t.is_antialiased = true;
+  const sv_sampling sampling = {.n_exposures = c->n_exposures,
+                                .is_moving = c->is_dynamic,
+                                .n_sub_views = sv_app_n_trained_sub_views(c),
+                                .is_multiplexed = is_multiplexed(c)};
+  sv_driver_set_objective(&t, &sampling, c->optimizer);
   if (c->prior) sv_train_set_prior(&t, c->prior, t.cap_views);
   if (c->is_refining) // rates from trials on poses that were off by a quarter of a degree
     t.poses = (sv_train_poses_cfg){.cap_poses = c->n_exposures,
@@ -85,11 +78,6 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
   if (c->is_dynamic) sv_app_plan_moving(c, &t);
   if (c->steps) t.steps_hint = (int)c->steps;
   return t;
-}
-
-static size_t init_scratch_bytes(const sv_train_cfg *t) {
-  size_t fill = sv_init_scratch_bytes(t->n_gaussians, t->n_gaussians), sweep = sv_sweep_bytes(t);
-  return (fill > sweep ? fill : sweep) + 4096;
 }
 
 static void show_frame(void *self, const sv_frame *f) { sv_preview_frame(self, f); }
@@ -136,7 +124,7 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
   sv_arena_part_begin(a, "start-up scratch");
   app->points = SV_TAKE(a, sv_point, t->n_gaussians);
   app->views = SV_TAKE(a, sv_view, (size_t)c->n_exposures * (size_t)c->rig->n_sub_views);
-  app->scratch = sv_arena_sub(a, init_scratch_bytes(t));
+  app->scratch = sv_arena_sub(a, sv_driver_scratch_bytes(t, t->n_gaussians));
   sv_arena_part_begin(a, "checkpoint and report");
   app->report = SV_TAKE(a, char, SV_APP_REPORT_BYTES);
   app->trainer.n_views = t->cap_views, app->trainer.n_regions = t->cap_regions; // the most that there will be
@@ -226,41 +214,39 @@ static sv_status add_composites(sv_app *app, int e, sv_err *err) {
 }
 
 // Where the first Gaussians are, without a look at the surface: on odometry's points, in the known bounds, or on rays
-// through the pictures.
-static void choose_blind(sv_app *app, const sv_bounds *b, sv_init_cfg *init, int *n_points) {
+// through the images.
+static void choose_blind(sv_app *app, sv_driver_start *start) {
   sv_trainer *t = &app->trainer;
+  const sv_bounds *b = &start->bounds;
   bool is_tracked = app->odometry.is_tracked;
-  *init = (sv_init_cfg){.kind = app->cfg.has_bounds && !is_tracked ? SV_INIT_SPHERE : SV_INIT_POINTS,
-                        .centre = {b->centre[0], b->centre[1], b->centre[2]},
-                        .radius = b->radius,
-                        .opacity = 0.1f,
-                        .scale_factor = 1.0f,
-                        .seed = t->cfg.seed};
-  *n_points = init->kind == SV_INIT_POINTS ? t->g.n : 0;
-  if (is_tracked) *n_points = sv_odometry_cloud(&app->odometry, app->points, t->g.n);
-  else if (*n_points) sv_seed_points(t, b, t->cfg.seed, app->points, t->g.n);
+  start->init = (sv_init_cfg){.kind = app->cfg.has_bounds && !is_tracked ? SV_INIT_SPHERE : SV_INIT_POINTS,
+                              .centre = {b->centre[0], b->centre[1], b->centre[2]},
+                              .radius = b->radius,
+                              .opacity = 0.1f,
+                              .scale_factor = 1.0f,
+                              .seed = t->cfg.seed};
+  start->is_scene_set = true;
+  start->n_points = start->init.kind == SV_INIT_POINTS ? t->g.n : 0;
+  if (is_tracked) start->n_points = sv_odometry_cloud(&app->odometry, app->points, t->g.n);
+  else if (start->n_points) sv_seed_points(t, b, t->cfg.seed, app->points, t->g.n);
 }
 
 // is_measured: on the surface, where views overlap.
 static sv_status first_model(sv_app *app, const sv_bounds *b, bool is_measured, sv_err *err) {
   sv_trainer *t = &app->trainer;
-  sv_init_cfg init;
-  int n_points, n_maps;
-  sv_status s = SV_AGAIN;
-  if (is_measured) s = sv_stereo_points(t, b, &app->scratch, app->points, t->g.n, &n_points, &n_maps);
-  if (s == SV_OK) {
-    init = sv_stereo_init(b, t->cfg.seed);
-    sv_app_log(app, SV_LOG_INFO, "starts from %d points, of depth maps of %d views", n_points, n_maps);
-  }
-  if (s == SV_AGAIN) choose_blind(app, b, &init, &n_points);
-  if (s >= 0) s = sv_train_start(t, &init, app->points, n_points, &app->scratch);
-  if (s < 0) return sv_fail(err, s, "no starting Gaussians: %s", sv_status_text(s));
-  sv_train_set_scene(t, b->centre, b->radius);
-  if (!app->cfg.prior) return SV_OK;
-  if ((s = sv_prior_measure(t, b, &app->scratch, &n_maps)) < 0)
+  sv_driver_start start = {
+      .bounds = *b, .points = app->points, .cap_points = t->g.n, .scratch = &app->scratch};
+  sv_status s = is_measured ? sv_driver_measure(t, &start, err) : SV_AGAIN;
+  if (s == SV_OK)
+    sv_app_log(app, SV_LOG_INFO, "first model: %d points from the depth maps of %d views", start.n_points,
+               start.n_maps);
+  if (s == SV_AGAIN) choose_blind(app, &start);
+  if (s >= 0) s = sv_driver_place(t, &start, err);
+  if (s < 0 || !app->cfg.prior) return s;
+  if ((s = sv_prior_measure(t, b, &app->scratch, &start.n_maps)) < 0)
     return sv_fail(err, s, "no depth maps for the prior: %s", sv_status_text(s));
-  sv_app_log(app, SV_LOG_INFO, "prior %s with depth maps of %d views", sv_prior_method_name(app->cfg.prior),
-             n_maps);
+  sv_app_log(app, SV_LOG_INFO, "prior %s: depth maps of %d views", sv_prior_method_name(app->cfg.prior),
+             start.n_maps);
   return SV_OK;
 }
 
@@ -278,81 +264,69 @@ static sv_status start_training(sv_app *app, sv_err *err) {
   if (!app->cfg.is_resume) return first_model(app, &b, true, err);
   sv_status s = first_model(app, &b, false, err); // a checkpoint replaces it
   if (s >= 0) s = sv_app_resume(app, err);
-  if (s == SV_OK) sv_app_log(app, SV_LOG_INFO, "goes on at step %u of checkpoint.bin", app->trainer.step);
+  if (s == SV_OK) sv_app_log(app, SV_LOG_INFO, "resumed at step %u from checkpoint.bin", app->trainer.step);
   if (s != SV_AGAIN) return s;
-  sv_app_log(app, SV_LOG_INFO, "no checkpoint.bin in the output folder: the run begins from the start");
+  sv_app_log(app, SV_LOG_INFO, "no checkpoint.bin in the output folder; starting at step 0");
   return first_model(app, &b, true, err);
 }
 
-static double seconds(const sv_app *app) {
-  const sv_clock *c = &app->port.machine;
-  return sv_ns_to_s(c->now_ns(c->self));
-}
+// --- between steps -------------------------------------------------------------------------------
 
-static void live_line(sv_app *app, float progress) {
-  const double elapsed_s = app->trainer.trained_s;
-  double rate = app->train_s > 0 ? (double)app->step_time.n / app->train_s : 0;
-  double eta = progress > 0.001f ? elapsed_s * (1 - (double)progress) / (double)progress : 0;
-  char line[768];
-  sv_str s = sv_str_make(line, sizeof line);
-  sv_str_add(&s, "train  %u", app->trainer.step);
-  if (app->cfg.steps) sv_str_add(&s, "/%u", app->cfg.steps);
-  sv_str_add(&s, " steps  %.0f steps/s  loss %.4f  ", rate, app->loss_mean);
-  if (app->cfg.steps) sv_str_add(&s, "ETA %.0f s", eta);
-  else sv_str_add(&s, "%.0f of %.0f s", elapsed_s, app->cfg.time_limit_s);
-  // A live run's cameras, as they were at the last such line.
-  sv_status has_cameras = app->is_capturing ? sv_capture_queue_line(&app->queue, &s) : SV_AGAIN;
-  (void)has_cameras; // not yet: the line goes without
-  if (app->port.console.log) app->port.console.log(app->port.console.self, SV_LOG_LIVE, line);
+static sv_status before_step(void *self, float progress, sv_driver_turn *turn, sv_err *err) {
+  sv_app *app = self;
+  bool is_train = true;
+  (void)progress;
+  sv_status s = sv_preview_between_steps(app, &turn->away_s, err);
+  if (s >= 0) s = sv_app_continuous_turn(app, &is_train, err);
+  turn->is_other_work = !is_train;
+  turn->has_taken_time = app->is_capturing;
+  return s;
 }
 
 static sv_status save_running(sv_app *app, sv_err *err) {
   sv_status s = sv_app_save_checkpoint(app, err);
-  if (s < 0) return s;
-  return sv_app_publish_preview(app);
+  return s < 0 ? s : sv_app_publish_preview(app);
 }
 
-static sv_status train_loop(sv_app *app, sv_err *err) {
+static bool is_due(double every_s, double last_s, double now_s) {
+  return every_s > 0 && now_s - last_s >= every_s;
+}
+
+static sv_status after_step(void *self, double from_s, double *now_s, sv_err *err) {
+  sv_app *app = self;
   const sv_app_cfg *c = &app->cfg;
-  const double had = app->trainer.trained_s; // before it was stopped
-  double t0 = seconds(app), last_live = t0, last_save = t0, last_picture = t0, now = t0, paused;
-  for (;;) {
-    const double elapsed = had + now - t0;
-    float progress =
-        c->steps ? (float)app->trainer.step / (float)c->steps : (float)(elapsed / c->time_limit_s);
-    app->train_s = now - t0, app->trainer.trained_s = elapsed;
-    if (progress >= 1.0f || (c->time_limit_s > 0 && elapsed >= c->time_limit_s)) return SV_OK;
-    if (sv_app_is_stop_requested(app)) return SV_E_INTERRUPTED;
-    bool is_train;
-    sv_status s = sv_preview_between_steps(app, &paused, err);
-    t0 += paused, now += paused;
-    if (s >= 0) s = sv_app_continuous_turn(app, &is_train, err);
-    if (s < 0) return s;
-    if (!is_train) {
-      now = seconds(app);
-      continue;
-    }
-    now = app->is_capturing ? seconds(app) : now;
-    s = sv_train_step(&app->trainer, progress, &app->last);
-    if (s < 0) return sv_fail(err, s, "training step %u failed: %s", app->trainer.step, sv_status_text(s));
-    app->loss_mean = app->step_time.n ? 0.98 * app->loss_mean + 0.02 * app->last.loss : app->last.loss;
-    double after = seconds(app);
-    sv_time_stats_add(&app->step_time, after - now);
-    sv_app_continuous_trained(app, now, after);
-    now = after;
-    if (now - last_live >= LIVE_PERIOD) {
-      live_line(app, progress);
-      last_live = now;
-    }
-    if (c->save_every_s > 0 && now - last_save >= c->save_every_s) {
-      if ((s = save_running(app, err)) < 0) return s;
-      now = last_save = last_picture = seconds(app);
-    }
-    if (c->picture_every_s > 0 && now - last_picture >= c->picture_every_s) {
-      if ((s = sv_app_publish_preview(app)) < 0) return s;
-      now = last_picture = seconds(app);
-    }
-  }
+  const sv_clock *m = &app->port.machine;
+  const bool is_save = is_due(c->save_every_s, app->last_save_s, *now_s),
+             is_picture = is_due(c->picture_every_s, app->last_picture_s, *now_s);
+  sv_app_continuous_trained(app, from_s, *now_s);
+  if (!is_save && !is_picture) return SV_OK;
+  sv_status s = is_save ? save_running(app, err) : sv_app_publish_preview(app);
+  if (s < 0) return s;
+  *now_s = sv_ns_to_s(m->now_ns(m->self));
+  if (is_save) app->last_save_s = *now_s;
+  app->last_picture_s = *now_s;
+  return SV_OK;
+}
+
+// The cameras that run while training goes on, as they were at the last such line.
+static void add_cameras(void *self, sv_str *line) {
+  sv_app *app = self;
+  sv_status s = app->is_capturing ? sv_capture_queue_line(&app->queue, line) : SV_AGAIN;
+  (void)s; // AGAIN: the line goes without
+}
+
+static sv_status train(sv_app *app, sv_err *err) {
+  const sv_clock *m = &app->port.machine;
+  const sv_driver_cfg cfg = {.n_steps = app->cfg.steps,
+                             .limit_s = app->cfg.time_limit_s,
+                             .clock = *m,
+                             .console = app->port.console,
+                             .self = app,
+                             .before_step = before_step,
+                             .after_step = after_step,
+                             .add_progress = add_cameras};
+  app->last_save_s = app->last_picture_s = sv_ns_to_s(m->now_ns(m->self));
+  return sv_driver_run(&app->driver, &cfg, &app->trainer, err);
 }
 
 static sv_status run_all(sv_app *app, sv_err *err) {
@@ -366,11 +340,12 @@ static sv_status run_all(sv_app *app, sv_err *err) {
     app->state = SV_APP_TRAINING;
     sv_preview_show_model(app); // the first rough model, at once
     sv_preview_show(app, SV_SHOWS_TRAINING, NULL);
-    s = train_loop(app, err);
+    s = train(app, err);
   }
   ended = sv_app_continuous_end(app, &end_err);
   if (ended < 0 && s >= 0) s = ended, *err = end_err;
-  const bool is_trained = app->step_time.n > 0; // else what an earlier run left in the folder is worth more
+  const bool is_trained =
+      app->driver.step_time.n > 0; // else what an earlier run left in the folder is worth more
   if (s >= 0 || (s == SV_E_INTERRUPTED && is_trained && !app->preview.is_new_requested)) {
     sv_preview_show(app, SV_SHOWS_SAVING, NULL);
     app->state = SV_APP_SAVING;

@@ -12,6 +12,7 @@
 #include "src/capture/odometry.h"
 #include "src/preview/preview.h"
 #include "src/base/str.h"
+#include "src/run/driver.h"
 #include "src/rig/bounds.h"
 #include "src/splat/model_file.h"
 #include "src/sync/capture_queue.h"
@@ -22,7 +23,6 @@ extern "C" {
 #endif
 
 #define SV_APP_REPORT_BYTES   (64 * 1024)
-#define SV_APP_TIME_BINS      256
 #define SV_APP_CAP_PREVIEW_PX 8192 // width of the three pictures of a multiplexed rig
 
 typedef enum {
@@ -66,15 +66,6 @@ typedef struct {
   double picture_every_s; // preview picture alone; 0: only with checkpoints
 } sv_app_cfg;
 
-// Durations in bins of an eighth of an octave, from 1 microsecond.
-typedef struct {
-  uint32_t bins[SV_APP_TIME_BINS];
-  uint64_t n;
-  double sum_s, max_s;
-} sv_time_stats;
-void sv_time_stats_add(sv_time_stats *t, double seconds);
-double sv_time_stats_percentile_s(const sv_time_stats *t, double percent);
-
 struct sv_app {
   sv_app_cfg cfg;
   const sv_kernels *k;
@@ -104,10 +95,8 @@ struct sv_app {
   uint64_t n_entered, n_scored; // live: exposures taken in; scored at the end of their time
   double psnr_sum, psnr_late;   // of these; the running mean of the last fifty or so
   sv_ply_writer ply;
-  sv_time_stats step_time;
-  sv_step_stats last;
-  double loss_mean; // running mean
-  double train_s;   // seconds spent training
+  sv_driver driver;                   // the training loop
+  double last_save_s, last_picture_s; // of the machine's clock: the newest while training
   uint64_t n_device_errors;
   uint64_t n_bad_exposures; // delivered whole, but a compressed picture in it was damaged: not kept
   sv_preview preview;
@@ -125,11 +114,6 @@ sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, c
 // Capture, train, save. E_INTERRUPTED after a stop request: what was trained is saved. E_NOT_FOUND when the
 // source ended without an exposure.
 sv_status sv_app_run(sv_app *app, sv_err *err) SV_MUST_USE;
-
-// Mean squared error of the trained model against a picture [height][width][3] of a view.
-sv_status sv_app_mse(sv_app *app, const sv_view *view, const uint8_t *rgb, double *mse) SV_MUST_USE;
-// The same over the training pictures, of a multiplexed rig over its sensors' measurements: mean PSNR.
-sv_status sv_app_training_psnr(sv_app *app, double *psnr) SV_MUST_USE;
 
 // --- pieces (capture.c) ---------------------------------------------------------------------------
 void sv_app_log(sv_app *app, sv_log_level level, const char *fmt, ...) SV_PRINTF(3, 4);

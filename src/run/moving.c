@@ -70,7 +70,7 @@ static sv_status score_newest(sv_app *app) {
   for (int i = 0; i < n; i++) {
     const sv_train_view *v = &app->trainer.views[slot * n + i];
     double mse;
-    sv_status s = sv_app_mse(app, &v->view, v->image.px, &mse);
+    sv_status s = sv_driver_mse(&app->trainer, &v->view, v->image.px, &mse);
     if (s < 0) return s;
     sum += sv_psnr_of_mse(mse) / n;
   }

@@ -6,33 +6,6 @@
 #include "src/run/app.h"
 #include "src/base/mathx.h"
 
-// --- durations -----------------------------------------------------------------------------------
-
-static int bin_of(double us) {
-  if (!(us > 1)) return 0;
-  int b = (int)(8.0 * sv_log(us) / 0.6931471805599453);
-  return b < SV_APP_TIME_BINS ? b : SV_APP_TIME_BINS - 1;
-}
-
-void sv_time_stats_add(sv_time_stats *t, double seconds) {
-  t->bins[bin_of(seconds * 1e6)]++;
-  t->n++;
-  t->sum_s += seconds;
-  if (seconds > t->max_s) t->max_s = seconds;
-}
-
-double sv_time_stats_percentile_s(const sv_time_stats *t, double percent) {
-  uint64_t sum = 0, want = (uint64_t)((double)t->n * percent / 100.0);
-  for (int b = 0; b < SV_APP_TIME_BINS; b++) {
-    sum += t->bins[b];
-    if (sum > want) {
-      double edge = sv_exp((b + 1) * 0.6931471805599453 / 8.0) * 1e-6;
-      return edge < t->max_s ? edge : t->max_s;
-    }
-  }
-  return t->max_s;
-}
-
 // --- memory map ----------------------------------------------------------------------------------
 
 void sv_app_memory_map(sv_str *out, const sv_arena *a, bool is_json) {
@@ -102,14 +75,10 @@ static void add_settings(sv_str *s, const sv_app *app) {
   sv_str_add_json(s, app->cfg.source_name);
   sv_str_add(s, "\",\n  \"rig\": \"");
   sv_str_add_json(s, app->cfg.rig->name);
-  sv_str_add(s,
-             "\",\n  \"gaussians\": %d,\n  \"sh_degree\": %d,\n  \"seed\": %llu,\n  \"threads\": %d,\n  "
-             "\"isa\": \"%s\",\n  \"optimizer\": \"%s\",\n  \"prior\": \"%s\",\n",
-             t->n_gaussians, t->sh_degree, (unsigned long long)t->seed, t->n_threads,
-             sv_isa_name(app->k->isa), sv_optimizer_name(t->optimizer),
-             sv_prior_method_name(t->prior.method));
-  sv_str_add(s, "  \"exposures\": %d,\n  \"views\": %d,\n  \"is_antialiased\": %s,\n", app->exposures.n,
-             app->n_views, t->is_antialiased ? "true" : "false");
+  sv_str_add(s, "\",\n  \"gaussians\": %d,\n  \"threads\": %d,\n  \"isa\": \"%s\",\n  \"prior\": \"%s\",\n  ",
+             t->n_gaussians, t->n_threads, sv_isa_name(app->k->isa), sv_prior_method_name(t->prior.method));
+  sv_driver_add_settings(s, &app->trainer);
+  sv_str_add(s, ",\n  \"exposures\": %d,\n  \"views\": %d,\n", app->exposures.n, app->n_views);
 }
 
 static void add_odometry(sv_str *s, const sv_app *app) {
@@ -124,9 +93,9 @@ static void add_odometry(sv_str *s, const sv_app *app) {
 }
 
 static void add_timing(sv_str *s, const sv_app *app) {
-  const sv_time_stats *t = &app->step_time;
-  sv_str_add(s, "  \"seconds\": %.3f,\n  \"steps_per_second\": %.2f,\n", app->train_s,
-             app->train_s > 0 ? (double)t->n / app->train_s : 0.0);
+  const sv_time_stats *t = &app->driver.step_time;
+  sv_str_add(s, "  \"seconds\": %.3f,\n  \"steps_per_second\": %.2f,\n", app->driver.train_s,
+             sv_driver_steps_per_s(&app->driver));
   sv_str_add(s, "  \"step_ms\": {\"mean\": %.3f, \"p50\": %.3f, \"p99\": %.3f, \"max\": %.3f},\n",
              t->n ? 1e3 * t->sum_s / (double)t->n : 0.0, 1e3 * sv_time_stats_percentile_s(t, 50),
              1e3 * sv_time_stats_percentile_s(t, 99), 1e3 * t->max_s);
@@ -143,7 +112,7 @@ sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) {
   add_settings(&s, app);
   sv_str_add(&s, "  \"steps\": %u,\n  \"digest\": \"%08x%08x\",\n  \"loss\": %.6f,\n", app->trainer.step,
              (unsigned)(sv_train_digest(&app->trainer) >> 32), (unsigned)sv_train_digest(&app->trainer),
-             app->loss_mean);
+             app->driver.loss);
   if (extra) sv_str_add(&s, "  %s,\n", extra);
   sv_str_add(&s, "  \"relocated\": %u,\n  \"dropped_splats\": %u,\n  \"device_errors\": %llu,\n",
              app->trainer.n_relocated, app->trainer.render.stats.n_dropped,

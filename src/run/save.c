@@ -1,12 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a run leaves: model.ply and checkpoint.bin; and how good it is.
+// What a run leaves: model.ply, motion.bin and checkpoint.bin.
 #include <string.h>
 
 #include "src/run/app.h"
-#include "src/base/mathx.h"
 #include "src/deform/deform_file.h"
 #include "src/format/axes.h"
-#include "src/metric/metric.h"
 #include "src/train/checkpoint.h"
 
 static sv_sink store_sink(sv_store *st) { return (sv_sink){.self = st->self, .write = st->write}; }
@@ -82,59 +80,4 @@ sv_status sv_app_resume(sv_app *app, sv_err *err) {
                    app->checkpoint_bytes);
   if (s < 0) return s;
   return sv_checkpoint_read(&app->trainer, "checkpoint.bin", app->checkpoint, bytes, err);
-}
-
-sv_status sv_app_mse(sv_app *app, const sv_view *view, const uint8_t *rgb, double *mse) {
-  sv_trainer *t = &app->trainer;
-  sv_render_options o = sv_train_render_options(t, 1.0f, false);
-  const sv_planes *p;
-  sv_train_set_time(t, view->time);
-  sv_status s = sv_train_measure(t, view, &o, sv_train_is_supersampled(t, 1, 1.0f), &p);
-  if (s < 0) return s;
-  double sum = 0;
-  for (int y = 0; y < view->height_px; y++)
-    for (int x = 0; x < view->width_px; x++)
-      for (int c = 0; c < 3; c++) {
-        double d = (double)sv_clampf(p->c[c][(long)y * p->stride + x], 0.0f, 1.0f) -
-                   rgb[((size_t)y * (size_t)view->width_px + (size_t)x) * 3 + (size_t)c] / 255.0;
-        sum += d * d;
-      }
-  *mse = sum / (3.0 * view->width_px * view->height_px);
-  return SV_OK;
-}
-
-// Of what a sensor measured, region by region.
-static sv_status composite_mse(sv_app *app, const sv_train_composite *tc, double *mse) {
-  const int side = app->trainer.cfg.region_px, width_px = tc->model.width_px, height_px = tc->model.height_px;
-  const sv_planes *p = &app->trainer.forward.predicted;
-  sv_render_options o = sv_train_render_options(&app->trainer, 1.0f, false);
-  double sum = 0;
-  for (int y0 = 0; y0 < height_px; y0 += side)
-    for (int x0 = 0; x0 < width_px; x0 += side) {
-      sv_region r = {x0, y0, sv_mini(x0 + side, width_px), sv_mini(y0 + side, height_px)};
-      sv_status s = sv_train_predict(&app->trainer, &tc->model, &r, &o, NULL, NULL);
-      if (s < 0) return s;
-      for (int y = y0; y < r.y1; y++)
-        for (int x = x0; x < r.x1; x++)
-          for (int k = 0; k < 3; k++) {
-            double d = (double)sv_clampf(p->c[k][(long)(y - y0) * p->stride + (x - x0)], 0.0f, 1.0f) -
-                       tc->px[((size_t)y * (size_t)width_px + (size_t)x) * 3 + (size_t)k] / 65535.0;
-            sum += d * d;
-          }
-    }
-  *mse = sum / (3.0 * width_px * height_px);
-  return SV_OK;
-}
-
-sv_status sv_app_training_psnr(sv_app *app, double *psnr) {
-  const sv_trainer *t = &app->trainer;
-  *psnr = 0;
-  for (int i = 0; i < t->n_views + t->n_composites; i++) {
-    double mse;
-    sv_status s = i < t->n_views ? sv_app_mse(app, &t->views[i].view, t->views[i].image.px, &mse)
-                                 : composite_mse(app, &t->composites[i - t->n_views], &mse);
-    if (s < 0) return s;
-    *psnr += sv_psnr_of_mse(mse) / (t->n_views + t->n_composites);
-  }
-  return SV_OK;
 }

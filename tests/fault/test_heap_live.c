@@ -104,7 +104,7 @@ static double clip_psnr(const char *spec, int n_gaussians, int n_bodies) {
   w.cfg.train.dynamic.n_bodies = n_bodies;
   w.cfg.steps = CLIP_STEPS;
   if (world_run(&w) < 0) fail_msg("%s", w.err.text);
-  assert_int_equal(sv_app_training_psnr(&w.app, &psnr), SV_OK);
+  assert_int_equal(sv_driver_training_psnr(&w.app.trainer, &psnr), SV_OK);
   world_close(&w);
   return psnr;
 }

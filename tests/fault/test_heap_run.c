@@ -81,7 +81,7 @@ static void run_with(const char *sim, int n_threads, sv_prior_method prior) {
   sv_heap_arm();
   sv_status run = sv_app_run(&w.app, &w.err);
   sv_status shown = sv_app_publish_preview(&w.app);
-  sv_status rated = sv_app_training_psnr(&w.app, &psnr);
+  sv_status rated = sv_driver_training_psnr(&w.app.trainer, &psnr);
   sv_status told = sv_app_save_report(&w.app, "\"psnr\": 0", &w.err);
   sv_heap_disarm();
   sv_heap_report();

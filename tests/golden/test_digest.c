@@ -45,7 +45,7 @@ static outcome run(uint32_t isa_mask, int n_threads, uint32_t steps, int n_expos
   if (world_run(&w) < 0) fail_msg("%s", w.err.text);
   assert_int_equal(w.app.trainer.step, steps);
   assert_true(is_calm || w.app.trainer.n_relocated > 0);
-  outcome o = {sv_train_digest(&w.app.trainer), w.app.last.loss};
+  outcome o = {sv_train_digest(&w.app.trainer), w.app.driver.last.loss};
   world_close(&w);
   return o;
 }

@@ -33,7 +33,7 @@ static quality reconstruct(const sv_rig *rig) {
   w.cfg.steps = 400;
   if (world_run(&w) < 0) fail_msg("%s", w.err.text);
   q.held_out = world_heldout_psnr(&w, 8);
-  assert_int_equal(sv_app_training_psnr(&w.app, &q.measured), SV_OK);
+  assert_int_equal(sv_driver_training_psnr(&w.app.trainer, &q.measured), SV_OK);
   world_close(&w);
   return q;
 }

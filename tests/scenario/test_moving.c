@@ -25,7 +25,7 @@ static void open_world(int n_exposures, int n_threads) {
 
 static double training_psnr(void) {
   double psnr;
-  assert_int_equal(sv_app_training_psnr(&w.app, &psnr), SV_OK);
+  assert_int_equal(sv_driver_training_psnr(&w.app.trainer, &psnr), SV_OK);
   return psnr;
 }
 

@@ -75,7 +75,7 @@ static outcome run(bool is_wrong, bool is_refining, int n_threads) {
     sv_sim_heldout_view(&w.sim, i, 8, &v, &t);
     sv_sim_render(&w.sim, &v, t, rgb, NULL);
     v = sv_odometry_view(&q, &v);
-    assert_int_equal(sv_app_mse(&w.app, &v, rgb, &mse), SV_OK);
+    assert_int_equal(sv_driver_mse(&w.app.trainer, &v, rgb, &mse), SV_OK);
     o.psnr -= 10 * log10(mse) / 8;
   }
   o.digest = sv_train_digest(&w.app.trainer);

@@ -237,7 +237,7 @@ static void test_source_ends(void **state) {
 
 static double training_psnr(void) {
   double psnr;
-  assert_int_equal(sv_app_training_psnr(&w.app, &psnr), SV_OK);
+  assert_int_equal(sv_driver_training_psnr(&w.app.trainer, &psnr), SV_OK);
   return psnr;
 }
 
@@ -298,7 +298,7 @@ static void test_time_limit(void **state) {
   open_world("textured,rig=stereo,size=64x48", 2);
   w.cfg.time_limit_s = 0.4; // 1 ms passes with each look at the clock
   run_well();
-  assert_true(w.app.train_s >= 0.4 && w.app.train_s < 0.405);
+  assert_true(w.app.driver.train_s >= 0.4 && w.app.driver.train_s < 0.405);
   assert_true(w.app.trainer.step > 100 && w.app.trainer.step <= 400);
   world_close(&w);
   // Both limits: whichever comes first.
@@ -324,7 +324,7 @@ static void test_time_limit_resumed(void **state) {
     const double trained_s = w.app.trainer.trained_s;
     if (i == 0) assert_true(trained_s > 0.05 && trained_s < 0.3);
     else assert_true(trained_s >= 0.4 && trained_s < 0.41);
-    if (i == 1) assert_true(w.app.train_s < 0.35 && w.app.trainer.step > step);
+    if (i == 1) assert_true(w.app.driver.train_s < 0.35 && w.app.trainer.step > step);
     if (i == 2) assert_int_equal(w.app.trainer.step, step); // it had ended
     step = w.app.trainer.step;
     world_close(&w);
@@ -418,7 +418,7 @@ static void test_stop_before_first_step(void **state) {
     w.cfg.is_resume = true;
     w.stop_at_step = 7;
     assert_int_equal(world_run(&w), SV_E_INTERRUPTED);
-    assert_int_equal(w.app.step_time.n, i == 0 ? 7 : 0);
+    assert_int_equal(w.app.driver.step_time.n, i == 0 ? 7 : 0);
     world_file *f = w.store.file;
     while (strcmp(f->name, "model.ply") != 0) f++;
     if (i == 0) f->data[0] = '?';
@@ -478,7 +478,7 @@ static void test_smallest_run(void **state) {
   w.cfg.train.n_gaussians = 1;
   w.cfg.steps = 40;
   run_well();
-  assert_true(isfinite(w.app.last.loss));
+  assert_true(isfinite(w.app.driver.last.loss));
   assert_true(isfinite(training_psnr()));
   assert_int_equal(sv_app_save_report(&w.app, NULL, &w.err), SV_OK);
   world_close(&w);
@@ -489,7 +489,7 @@ static void test_smallest_run(void **state) {
     w.cfg.steps = 30;
     w.cfg.has_bounds = n > 1;
     run_well();
-    assert_true(isfinite(w.app.last.loss));
+    assert_true(isfinite(w.app.driver.last.loss));
     world_close(&w);
   }
 }

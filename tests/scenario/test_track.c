@@ -212,7 +212,7 @@ static double registered_mse(const sv_view *v, const uint8_t *rgb) {
   static const float toward[4][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}};
   sv_view at = *v;
   double best, mse;
-  assert_int_equal(sv_app_mse(&w.app, v, rgb, &best), SV_OK);
+  assert_int_equal(sv_driver_mse(&w.app.trainer, v, rgb, &best), SV_OK);
   for (float step = 0.2f; step > 0.04f; step *= 0.5f)
     for (bool is_better = true; is_better;) {
       const sv_view from = at;
@@ -221,7 +221,7 @@ static double registered_mse(const sv_view *v, const uint8_t *rgb) {
         sv_view u = from;
         u.cx += step * toward[k][0], u.cy += step * toward[k][1];
         if (fabsf(u.cx - v->cx) > 0.51f || fabsf(u.cy - v->cy) > 0.51f) continue;
-        assert_int_equal(sv_app_mse(&w.app, &u, rgb, &mse), SV_OK);
+        assert_int_equal(sv_driver_mse(&w.app.trainer, &u, rgb, &mse), SV_OK);
         if (mse < best) best = mse, at = u, is_better = true;
       }
     }

@@ -49,7 +49,7 @@ static double psnr_of_newest(void) {
   for (int i = 0; i < w.app.trainer.n_views; i++) {
     const sv_train_view *v = &w.app.trainer.views[i];
     double mse;
-    assert_int_equal(sv_app_mse(&w.app, &v->view, v->image.px, &mse), SV_OK);
+    assert_int_equal(sv_driver_mse(&w.app.trainer, &v->view, v->image.px, &mse), SV_OK);
     sum += sv_psnr_of_mse(mse) / w.app.trainer.n_views;
   }
   return sum;

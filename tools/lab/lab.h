@@ -98,6 +98,5 @@ sv_status lab_settings_for(lab_settings *out, const lab_options *o, const lab_mo
                            sv_err *err) SV_MUST_USE;
 sv_render_options lab_render_options(const lab_settings *st, int sh_degree, bool has_depth);
 sv_background lab_background_by_name(const char *name);
-const char *lab_background_name(sv_background b);
 
 #endif

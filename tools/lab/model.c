@@ -8,6 +8,7 @@
 #include "src/deform/deform_file.h"
 #include "src/format/ply.h"
 #include "src/splat/constants.h"
+#include "src/run/driver.h"
 #include "tools/lab/lab.h"
 #include "tools/lab/model_formats.h"
 
@@ -146,12 +147,9 @@ sv_status lab_model_write(const sv_gaussians *g, const sv_model_notes *notes, co
 
 // --- the settings beside it ----------------------------------------------------------------------
 
-static const char *const background_names[] = {"black", "white", "random"};
-
-const char *lab_background_name(sv_background b) { return background_names[b]; }
 sv_background lab_background_by_name(const char *name) {
   for (int i = 0; i < 3; i++)
-    if (name && sv_str_eq(name, background_names[i])) return (sv_background)i;
+    if (name && sv_str_eq(name, sv_background_name((sv_background)i))) return (sv_background)i;
   return SV_BG_BLACK;
 }
 

@@ -6,15 +6,12 @@
 #include "src/base/mathx.h"
 #include "src/format/axes.h"
 #include "src/base/str.h"
-#include "src/train/objective.h"
-#include "src/train/stereo.h"
-#include "src/splat/constants.h"
-#include "tools/train/evaluate.h"
+#include "src/run/driver.h"
 #include "tools/dataset/measurement.h"
 #include "tools/dataset/noise.h"
+#include "tools/train/evaluate.h"
 #include "tools/train/plan.h"
 #include "tools/train/prior.h"
-#include "tools/lab/progress.h"
 #include "tools/train/report.h"
 
 #define N_PANELS 4
@@ -28,15 +25,14 @@ typedef struct {
   lab_session session;
   lab_views views;
   lab_scene scene;
-  sv_init_cfg init;
-  sv_point *points;
-  int n_points;
+  sv_driver_start start; // its points are allocated here
   sv_train_cfg cfg;
   lab_plan plan;
   lab_prior prior;
-  long steps, n_steps; // done, wanted (0: by time)
-  double limit_s, load_s, train_s, eval_s;
-  double loss; // of the last steps
+  sv_driver driver;
+  long n_steps;   // wanted; 0: by time
+  double limit_s; // 0: by steps
+  double load_s, eval_s;
   bool is_stopped, has_scores;
   sv_render_options render; // of the finished model
   lab_scores scores,
@@ -115,8 +111,7 @@ static void choose_objective(run *r) {
   if (s.is_moving) s.n_exposures = (n_places(&r->views) + s.n_sub_views - 1) / s.n_sub_views;
   r->is_standing = s.is_moving && s.n_exposures == 1;
   s.is_far = o->init && (sv_str_eq(o->init, "sphere") || sv_str_eq(o->init, "cube"));
-  sv_train_set_objective(c, &s);
-  if (o->optimizer) c->optimizer = (sv_optimizer)sv_optimizer_by_name(o->optimizer);
+  sv_driver_set_objective(c, &s, o->optimizer ? 1 + sv_optimizer_by_name(o->optimizer) : 0);
   if (o->ssim >= 0) c->weight_ssim = o->ssim;
   if (o->tv >= 0) c->weight_tv = o->tv;
   if (o->tv_unseen >= 0) c->weight_tv_unseen = o->tv_unseen;
@@ -158,20 +153,22 @@ static const char *points_file(run *r) {
 }
 
 static sv_status choose_start(run *r, sv_err *err) {
-  const char *init = r->o->init, *file = points_file(r);
+  const char *word = r->o->init, *file = points_file(r);
+  sv_init_cfg *init = &r->start.init;
   r->scene = lab_scene_of(&r->views);
-  r->init = (sv_init_cfg){.kind = SV_INIT_SPHERE,
-                          .radius = r->scene.radius,
-                          .opacity = 0.1f,
-                          .scale_factor = 1.0f,
-                          .seed = r->cfg.seed};
-  memcpy(r->init.centre, r->scene.centre, sizeof r->init.centre);
-  if (init && sv_str_eq(init, "cube")) r->init.kind = SV_INIT_CUBE;
-  r->is_stereo = init ? sv_str_eq(init, "stereo") : !file;
+  *init = (sv_init_cfg){.kind = SV_INIT_SPHERE,
+                        .radius = r->scene.radius,
+                        .opacity = 0.1f,
+                        .scale_factor = 1.0f,
+                        .seed = r->cfg.seed};
+  memcpy(init->centre, r->scene.centre, sizeof init->centre);
+  if (word && sv_str_eq(word, "cube")) init->kind = SV_INIT_CUBE;
+  r->is_stereo = word ? sv_str_eq(word, "stereo") : !file;
   if (!file) return SV_OK;
-  r->init.kind = SV_INIT_POINTS;
-  r->init.opacity = 0.5f, r->init.scale_factor = 0.5f;
-  return lab_points_read(file, &r->points, &r->n_points, r->init.centre, &r->init.radius, err);
+  init->kind = SV_INIT_POINTS;
+  init->opacity = 0.5f;
+  init->scale_factor = 0.5f;
+  return lab_points_read(file, &r->start.points, &r->start.n_points, init->centre, &init->radius, err);
 }
 
 static int check_init(const lab_options *o) {
@@ -184,13 +181,10 @@ static int check_init(const lab_options *o) {
 
 static void choose_antialiasing(run *r) {
   const char *word = r->o->antialias;
-  float least = r->views.frames[0].view.fx, most = least;
-  for (int i = 1; i < r->views.n; i++) {
-    least = sv_minf(least, r->views.frames[i].view.fx);
-    most = sv_maxf(most, r->views.frames[i].view.fx);
-  }
+  sv_focal_range focal = {0};
+  for (int i = 0; i < r->views.n; i++) sv_focal_range_add(&focal, r->views.frames[i].view.fx);
   r->cfg.is_antialiased =
-      !word || sv_str_eq(word, "auto") ? most > SV_MIP_FOCAL_RATIO * least : sv_str_eq(word, "on");
+      !word || sv_str_eq(word, "auto") ? sv_focal_range_needs_antialiasing(&focal) : sv_str_eq(word, "on");
 }
 
 static sv_status add_noise(run *r, sv_err *err) {
@@ -242,47 +236,35 @@ static sv_status load_pictures(run *r, sv_err *err) {
   return s == SV_OK ? add_noise(r, err) : s;
 }
 
-static sv_bounds bounds_of(const run *r) {
-  sv_bounds b = {.radius = r->init.radius};
-  memcpy(b.centre, r->init.centre, sizeof b.centre);
-  return b;
-}
-
 // Points from the views themselves, where they overlap; else the random start stays.
 static sv_status measure_points(run *r, sv_err *err) {
-  sv_trainer *t = &r->plan.trainer;
-  const int n = t->g.n;
-  const sv_bounds b = bounds_of(r);
+  sv_driver_start *start = &r->start;
   double t0 = lab_seconds(&r->session);
-  int n_maps;
-  if (!(r->points = malloc((size_t)n * sizeof *r->points)))
-    return sv_fail(err, SV_E_NOMEM, "no memory for %d points", n);
-  sv_status s = sv_stereo_points(t, &b, &r->plan.scratch, r->points, n, &r->n_points, &n_maps);
-  if (s == SV_OK) {
-    r->init = sv_stereo_init(&b, r->cfg.seed);
-    lab_say(&r->session, "%d points from depth maps of %d views in %.2f s", r->n_points, n_maps,
+  start->cap_points = r->plan.trainer.g.n;
+  if (!(start->points = malloc((size_t)start->cap_points * sizeof *start->points)))
+    return sv_fail(err, SV_E_NOMEM, "no memory for %d points", start->cap_points);
+  sv_status s = sv_driver_measure(&r->plan.trainer, start, err);
+  if (s == SV_OK)
+    lab_say(&r->session, "%d points from depth maps of %d views in %.2f s", start->n_points, start->n_maps,
             lab_seconds(&r->session) - t0);
-    return SV_OK;
-  }
+  if (s != SV_AGAIN) return s;
   r->is_stereo = false;
-  r->n_points = 0;
-  if (s < 0) return sv_fail(err, s, "no depth maps for the start: %s", sv_status_text(s));
+  start->n_points = 0;
   if (r->o->init)
-    lab_say(&r->session, "--init stereo: the views share too little; starting from random points");
+    lab_say(&r->session, "--init stereo: the views overlap too little; starting from random points");
   return SV_OK;
 }
 
 static sv_status start(run *r, sv_err *err) {
-  sv_trainer *t = &r->plan.trainer;
+  sv_driver_start *st = &r->start;
+  st->bounds.radius = st->init.radius;
+  memcpy(st->bounds.centre, st->init.centre, sizeof st->bounds.centre);
+  st->scratch = &r->plan.scratch;
   sv_status s = r->is_stereo ? measure_points(r, err) : SV_OK;
-  if (s != SV_OK) return s;
-  s = sv_train_start(t, &r->init, r->points, r->n_points, &r->plan.scratch);
-  if (s != SV_OK)
-    return sv_fail(err, s, "the start could not be made from %d points: %s", r->n_points, sv_status_text(s));
-  if (r->is_stereo) sv_train_set_scene(t, r->init.centre, r->init.radius);
-  free(r->points);
-  r->points = NULL;
-  return SV_OK;
+  if (s == SV_OK) s = sv_driver_place(&r->plan.trainer, st, err);
+  free(st->points);
+  st->points = NULL;
+  return s;
 }
 
 static sv_status load(run *r, sv_err *err) {
@@ -297,7 +279,8 @@ static sv_status load(run *r, sv_err *err) {
   sv_status s = lab_views_open(&r->views, &src, &r->session.pool, err);
   if (s == SV_OK) choose_antialiasing(r), choose_objective(r);
   if (s == SV_OK) s = choose_start(r, err);
-  int most_points = r->is_stereo ? r->cfg.n_gaussians : r->n_points; // depth maps give up to one for each
+  int most_points =
+      r->is_stereo ? r->cfg.n_gaussians : r->start.n_points; // depth maps give up to one for each
   if (s == SV_OK) s = lab_plan_make(&r->plan, &r->session, &r->views, r->cfg, most_points, err);
   if (s == SV_OK) s = load_pictures(r, err);
   if (s == SV_OK) s = add_views(r, err);
@@ -307,29 +290,29 @@ static sv_status load(run *r, sv_err *err) {
   return s;
 }
 
+static sv_status call_prior(void *self, float progress, sv_driver_turn *turn, sv_err *err) {
+  run *r = self;
+  const double had_s = r->prior.seconds;
+  (void)err;
+  lab_prior_tick(&r->prior, progress);
+  turn->away_s = r->prior.seconds - had_s; // what an external program takes does not count
+  return SV_OK;
+}
+
 static sv_status train(run *r, sv_err *err) {
   sv_trainer *t = &r->plan.trainer;
-  lab_session *se = &r->session;
-  lab_progress p;
-  lab_progress_start(&p, se);
-  const double t0 = p.t0_s, waited_s = r->prior.seconds;
-  while (!(r->is_stopped = se->console.is_stop_requested(se->console.self))) {
-    double elapsed = lab_seconds(se) - t0 - (r->prior.seconds - waited_s); // what others take does not count
-    if (r->n_steps > 0 ? r->steps >= r->n_steps : elapsed >= r->limit_s) break;
-    double progress = r->n_steps > 0 ? (double)r->steps / (double)r->n_steps : elapsed / r->limit_s;
-    sv_step_stats st;
-    lab_prior_tick(&r->prior, (float)progress);
-    sv_status s = sv_train_step(t, (float)progress, &st);
-    if (s < 0) return sv_fail(err, s, "training stopped at step %ld: %s", r->steps, sv_status_text(s));
-    if (st.i_view < 0) continue;
-    r->steps++;
-    lab_progress_step(&p, r->steps, r->n_steps, r->limit_s, st.loss);
-  }
-  r->train_s = lab_seconds(se) - t0;
-  r->loss = p.loss;
-  r->render = sv_train_render_options(t, 1.0f, false);
-  if (r->is_stopped && r->steps == 0)
+  const sv_driver_cfg cfg = {.n_steps = (uint32_t)r->n_steps,
+                             .limit_s = r->limit_s,
+                             .clock = r->session.clock,
+                             .console = r->session.console,
+                             .self = r,
+                             .before_step = call_prior};
+  sv_status s = sv_driver_run(&r->driver, &cfg, t, err);
+  r->is_stopped = s == SV_E_INTERRUPTED;
+  if (r->is_stopped && t->step == 0)
     return sv_fail(err, SV_E_INTERRUPTED, "stopped by request before the first step");
+  if (s < 0 && !r->is_stopped) return s;
+  r->render = sv_train_render_options(t, 1.0f, false);
   return SV_OK;
 }
 
@@ -388,13 +371,13 @@ static void report_figures(lab_report *j, const run *r) {
     lab_report_int(j, "moving", sv_deform_n_moving(&r->plan.trainer.deform));
   lab_prior_report(j, &r->prior);
   lab_report_int(j, "training_views", r->views.n);
-  lab_report_int(j, "steps", r->steps);
+  lab_report_int(j, "steps", (long long)r->plan.trainer.step);
   lab_report_int(j, "gaussians", r->plan.trainer.g.n);
-  lab_report_num(j, "loss", r->loss);
-  lab_report_num(j, "seconds", r->train_s);
+  lab_report_num(j, "loss", r->driver.loss);
+  lab_report_num(j, "seconds", r->driver.train_s);
   lab_report_num(j, "load_seconds", r->load_s);
   if (r->has_scores) lab_report_num(j, "eval_seconds", r->eval_s);
-  lab_report_num(j, "steps_per_second", r->train_s > 0 ? (double)r->steps / r->train_s : 0);
+  lab_report_num(j, "steps_per_second", sv_driver_steps_per_s(&r->driver));
   lab_report_int(j, "threads", r->session.n_threads);
   lab_report_text(j, "isa", sv_isa_name(r->session.k.isa));
   lab_report_int(j, "arena_bytes", (long long)r->plan.bytes);
@@ -405,32 +388,21 @@ static void report_figures(lab_report *j, const run *r) {
 static void report_settings(lab_report *j, const run *r) {
   const sv_trainer *t = &r->plan.trainer;
   const char *const kinds[] = {"sphere", "cube", "points"};
+  char text[1024];
+  sv_str settings = sv_str_make(text, sizeof text);
+  sv_driver_add_settings(&settings, t);
   lab_report_text(j, "program", "subview-lab " LAB_VERSION);
   lab_report_text(j, "data", r->o->data);
   lab_report_text(j, "transforms", r->views.transforms);
   if (r->o->exposures > 0) lab_report_int(j, "exposures", r->o->exposures);
   lab_report_text(j, "model", sv_train_is_dynamic(t) ? "4dgs" : "3dgs");
   lab_report_text(j, "prior", r->o->prior ? r->o->prior : "none");
-  lab_report_int(j, "sh", t->cfg.sh_degree);
   if (r->n_steps > 0) lab_report_int(j, "steps_wanted", r->n_steps);
   else lab_report_num(j, "time_limit", r->limit_s);
-  lab_report_text(j, "init", r->is_stereo ? "stereo" : kinds[r->init.kind]);
-  lab_report_text(j, "background", lab_background_name(t->cfg.background));
+  lab_report_text(j, "init", r->is_stereo ? "stereo" : kinds[r->start.init.kind]);
   lab_report_int(j, "scale", r->views.scale);
-  lab_report_num(j, "loss_ssim", (double)t->cfg.weight_ssim);
-  lab_report_num(j, "loss_tv", (double)t->cfg.weight_tv);
-  lab_report_num(j, "loss_tv_unseen", (double)t->cfg.weight_tv_unseen);
-  lab_report_int(j, "unseen_views", t->cfg.n_unseen);
-  lab_report_num(j, "supersample", t->cfg.is_supersampled ? 1.0 - (double)t->cfg.supersample_from : 0);
-  lab_report_num(j, "floor_px", (double)t->cfg.floor_px);
-  lab_report_num(j, "dilation_px2", (double)t->cfg.dilation_px2);
-  lab_report_num(j, "loss_opacity", (double)t->cfg.reg_opacity);
-  lab_report_num(j, "loss_scale", (double)t->cfg.reg_scale);
-  lab_report_num(j, "dropout", (double)t->cfg.dropout);
-  lab_report_text(j, "optimizer", sv_optimizer_name(t->cfg.optimizer));
-  lab_report_int(j, "seed", (long long)t->cfg.seed);
+  lab_report_members(j, text);
   lab_report_text(j, "antialias", r->o->antialias ? r->o->antialias : "auto");
-  lab_report_bool(j, "antialiased", t->cfg.is_antialiased);
   if (r->o->noise) {
     lab_report_bool(j, "noise_on_prediction", r->o->is_noise_on_prediction);
     lab_report_num(j, "noise_read", (double)r->o->noise_read);
@@ -438,8 +410,6 @@ static void report_settings(lab_report *j, const run *r) {
   }
   lab_report_bool(j, "undistorted", r->views.is_undistorted); // pictures of training and evaluation alike
   lab_report_num(j, "near_z", (double)r->render.near_z);
-  lab_report_nums(j, "scene_centre", t->centre, 3);
-  lab_report_num(j, "scene_radius", (double)t->radius);
   lab_report_bool(j, "stopped", r->is_stopped);
 }
 
@@ -481,9 +451,9 @@ static sv_status print(const run *r, sv_err *err) {
     lab_report_end(&j);
     return lab_report_print(&j, err);
   }
-  printf("trained %d Gaussians on %d views: %ld steps in %.1f s (%.1f steps/s), loss %.4f%s\n",
-         r->plan.trainer.g.n, r->views.n, r->steps, r->train_s,
-         r->train_s > 0 ? (double)r->steps / r->train_s : 0, r->loss, r->is_stopped ? ", stopped early" : "");
+  printf("trained %d Gaussians on %d views: %u steps in %.1f s (%.1f steps/s), loss %.4f%s\n",
+         r->plan.trainer.g.n, r->views.n, r->plan.trainer.step, r->driver.train_s,
+         sv_driver_steps_per_s(&r->driver), r->driver.loss, r->is_stopped ? ", stopped early" : "");
   if (r->has_scores) {
     printf("%s views %d: ", lab_default_split((int)r->o->exposures), r->scores.n);
     lab_scores_print(&r->scores);
@@ -510,8 +480,8 @@ static sv_status stages(run *r, sv_err *err) {
   lab_say(&r->session, "%d views of up to %dx%d%s, %d Gaussians, %.1f MB, loaded in %.2f s", r->views.n,
           r->views.cap_width_px, r->views.cap_height_px, r->views.is_undistorted ? " (undistorted)" : "",
           r->plan.trainer.g.n, 1e-6 * (double)r->plan.bytes, r->load_s);
-  const sv_bounds b = bounds_of(r);
-  s = lab_prior_begin(&r->prior, &r->session, r->o, &r->views, &r->plan.trainer, &b, &r->plan.scratch, err);
+  s = lab_prior_begin(&r->prior, &r->session, r->o, &r->views, &r->plan.trainer, &r->start.bounds,
+                      &r->plan.scratch, err);
   if (s != SV_OK || (s = train(r, err)) != SV_OK) return s;
   if ((s = save(r, err)) != SV_OK) return s; // whatever comes later, the model is there
   if (r->o->is_eval && !r->is_stopped) {
@@ -541,7 +511,7 @@ int lab_cmd_train(const lab_options *o) {
   if (s == SV_OK) s = print(r, &err);
   if (s != SV_OK) code = lab_failed(&r->session, &err);
   lab_session_stop(&r->session);
-  free(r->points);
+  free(r->start.points);
   lab_prior_end(&r->prior);
   lab_views_free(&r->views);
   lab_plan_free(&r->plan);

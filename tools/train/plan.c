@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/train/plan.h"
 
-#include "src/train/sweep.h"
+#include "src/run/driver.h"
 #include "tools/dataset/measurement.h"
 
 #include <stdlib.h>
@@ -10,14 +10,6 @@
 
 static size_t padded(size_t n) { return (n + SV_ARENA_ALIGN - 1) & ~(size_t)(SV_ARENA_ALIGN - 1); }
 
-static size_t start_bytes(const sv_train_cfg *cfg, int n_points) {
-  size_t fill = sv_init_scratch_bytes(cfg->n_gaussians, n_points);
-  size_t radius = padded((size_t)cfg->n_gaussians * sizeof(float));
-  size_t sweep = sv_sweep_bytes(cfg);
-  if (fill < radius) fill = radius;
-  return (fill > sweep ? fill : sweep) + SV_ARENA_ALIGN;
-}
-
 static size_t total_bytes(const lab_views *v, const sv_train_cfg *cfg, int n_points) {
   size_t n = SV_ARENA_ALIGN + padded((size_t)v->n * sizeof(uint8_t *));
   for (int i = 0; i < v->n; i++)
@@ -25,7 +17,7 @@ static size_t total_bytes(const lab_views *v, const sv_train_cfg *cfg, int n_poi
   n += padded((size_t)v->n_measurements * sizeof(uint16_t *));
   n += v->n_measurements ? padded((size_t)v->n * sizeof(sv_lens)) : 0;
   for (int i = 0; i < v->n_measurements; i++) n += padded(2 * lab_measurement_values(&v->measurements[i]));
-  return n + sv_trainer_bytes(cfg) + padded(start_bytes(cfg, n_points));
+  return n + sv_trainer_bytes(cfg) + padded(sv_driver_scratch_bytes(cfg, n_points));
 }
 
 static sv_status carve(lab_plan *p, lab_session *s, const lab_views *v, const sv_train_cfg *cfg, int n_points,
@@ -40,7 +32,7 @@ static sv_status carve(lab_plan *p, lab_session *s, const lab_views *v, const sv
   for (int i = 0; p->measurements && i < v->n_measurements; i++)
     p->measurements[i] = SV_TAKE(&p->arena, uint16_t, lab_measurement_values(&v->measurements[i]));
   sv_arena_part_begin(&p->arena, "start");
-  p->scratch = sv_arena_sub(&p->arena, start_bytes(cfg, n_points));
+  p->scratch = sv_arena_sub(&p->arena, sv_driver_scratch_bytes(cfg, n_points));
   if (p->arena.status < 0)
     return sv_fail(err, p->arena.status, "the memory plan is too small by its own count");
   return sv_trainer_init(&p->trainer, cfg, (sv_compute){&s->k, &s->pool}, &p->arena, err);

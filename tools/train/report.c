@@ -73,6 +73,14 @@ void lab_report_text(lab_report *r, const char *k, const char *v) {
   sv_str_add(&s, "\"");
   r->bytes += s.len;
 }
+void lab_report_members(lab_report *r, const char *members) {
+  const size_t n = strlen(members);
+  comma(r);
+  char *p = room(r, n);
+  if (!p) return;
+  memcpy(p, members, n + 1);
+  r->bytes += n;
+}
 void lab_report_bool(lab_report *r, const char *k, bool v) {
   key(r, k);
   add(r, v ? "true" : "false");

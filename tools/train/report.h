@@ -22,6 +22,8 @@ void lab_report_num(lab_report *r, const char *key, double v); // 9 digits; null
 void lab_report_text(lab_report *r, const char *key, const char *v);
 void lab_report_bool(lab_report *r, const char *key, bool v);
 void lab_report_hex(lab_report *r, const char *key, uint64_t v); // a string of 16 digits
+// "\"key\": value, ..." that is JSON already.
+void lab_report_members(lab_report *r, const char *members);
 void lab_report_nums(lab_report *r, const char *key, const float *v, int n);
 // An array of objects: open, then item_begin ... item_end for each, close.
 void lab_report_array(lab_report *r, const char *key);

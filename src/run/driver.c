@@ -1,0 +1,225 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "src/run/driver.h"
+
+#include <string.h>
+
+#include "src/base/mathx.h"
+#include "src/metric/metric.h"
+#include "src/splat/constants.h"
+#include "src/train/stereo.h"
+#include "src/train/sweep.h"
+
+#define LOSS_STEPS   50  // that the mean loss is over, about
+#define LINE_EVERY_S 0.5 // between two progress lines
+#define LINE_BYTES   768
+
+// --- objective -----------------------------------------------------------------------------------
+
+void sv_focal_range_add(sv_focal_range *f, float focal_px) {
+  f->min_px = f->max_px > 0 ? sv_minf(f->min_px, focal_px) : focal_px;
+  f->max_px = sv_maxf(f->max_px, focal_px);
+}
+
+bool sv_focal_range_needs_antialiasing(const sv_focal_range *f) {
+  return f->max_px > SV_MIP_FOCAL_RATIO * f->min_px;
+}
+
+void sv_driver_set_objective(sv_train_cfg *cfg, const sv_sampling *sampling, int optimizer) {
+  sv_train_set_objective(cfg, sampling);
+  if (optimizer > 0) cfg->optimizer = (sv_optimizer)(optimizer - 1);
+}
+
+// --- first model ---------------------------------------------------------------------------------
+
+size_t sv_driver_scratch_bytes(const sv_train_cfg *cfg, int n_points) {
+  const size_t fill = sv_init_scratch_bytes(cfg->n_gaussians, n_points), sweep = sv_sweep_bytes(cfg);
+  const size_t radius = (size_t)cfg->n_gaussians * sizeof(float); // sv_gaussians_radius
+  size_t most = fill > sweep ? fill : sweep;
+  if (most < radius) most = radius;
+  return most + 4096;
+}
+
+sv_status sv_driver_measure(const sv_trainer *t, sv_driver_start *start, sv_err *err) {
+  sv_status s = sv_stereo_points(t, &start->bounds, start->scratch, start->points, t->g.n, &start->n_points,
+                                 &start->n_maps);
+  if (s < 0) return sv_fail(err, s, "no depth maps for the first model: %s", sv_status_text(s));
+  if (s != SV_OK) return s;
+  start->init = sv_stereo_init(&start->bounds, t->cfg.seed);
+  start->is_scene_set = true;
+  return SV_OK;
+}
+
+sv_status sv_driver_place(sv_trainer *t, const sv_driver_start *start, sv_err *err) {
+  sv_status s = sv_train_start(t, &start->init, start->points, start->n_points, start->scratch);
+  if (s < 0)
+    return sv_fail(err, s, "the first Gaussians could not be placed from %d points: %s", start->n_points,
+                   sv_status_text(s));
+  if (start->is_scene_set) sv_train_set_scene(t, start->bounds.centre, start->bounds.radius);
+  return SV_OK;
+}
+
+// --- loop ----------------------------------------------------------------------------------------
+
+static double seconds(const sv_driver *d) { return sv_ns_to_s(d->cfg.clock.now_ns(d->cfg.clock.self)); }
+
+static bool is_stop_requested(const sv_driver *d) {
+  const sv_console *c = &d->cfg.console;
+  return c->is_stop_requested && c->is_stop_requested(c->self);
+}
+
+double sv_driver_steps_per_s(const sv_driver *d) {
+  return d->train_s > 0 ? (double)d->step_time.n / d->train_s : 0;
+}
+
+static void progress_line(const sv_driver *d, const sv_trainer *t, float progress) {
+  const sv_driver_cfg *c = &d->cfg;
+  char line[LINE_BYTES];
+  sv_str s = sv_str_make(line, sizeof line);
+  if (!c->console.log) return;
+  sv_str_add(&s, "train  %u", t->step);
+  if (c->n_steps) sv_str_add(&s, "/%u", c->n_steps);
+  sv_str_add(&s, " steps  %.0f steps/s  loss %.4f  ", sv_driver_steps_per_s(d), d->loss);
+  const double rest = 1 - (double)progress;
+  if (c->n_steps)
+    sv_str_add(&s, "ETA %.0f s", progress > 0.001f ? t->trained_s * rest / (double)progress : 0);
+  else sv_str_add(&s, "%.0f of %.0f s", t->trained_s, c->limit_s);
+  if (c->add_progress) c->add_progress(c->self, &s);
+  c->console.log(c->console.self, SV_LOG_LIVE, line);
+}
+
+// One step, timed from *now_s, which is moved on to its end.
+static sv_status timed_step(sv_driver *d, sv_trainer *t, float progress, double *now_s, sv_err *err) {
+  sv_step_stats st;
+  sv_status s = sv_train_step(t, progress, &st);
+  if (s < 0) return sv_fail(err, s, "training step %u failed: %s", t->step, sv_status_text(s));
+  const double from_s = *now_s;
+  *now_s = seconds(d);
+  if (st.i_view >= 0) { // else a field was fitted, without an image
+    const double n = (double)d->step_time.n + 1, keep = n < LOSS_STEPS ? 1 - 1 / n : 1 - 1.0 / LOSS_STEPS;
+    d->last = st;
+    d->loss = keep * d->loss + (1 - keep) * st.loss;
+    sv_time_stats_add(&d->step_time, *now_s - from_s);
+  }
+  return d->cfg.after_step ? d->cfg.after_step(d->cfg.self, from_s, now_s, err) : SV_OK;
+}
+
+sv_status sv_driver_run(sv_driver *d, const sv_driver_cfg *cfg, sv_trainer *t, sv_err *err) {
+  const double had_s = t->trained_s; // before the run that this one resumes was stopped
+  *d = (sv_driver){.cfg = *cfg};
+  double t0_s = seconds(d), now_s = t0_s, line_s = t0_s;
+  for (;;) {
+    d->train_s = now_s - t0_s;
+    t->trained_s = had_s + d->train_s;
+    const float progress =
+        cfg->n_steps ? (float)t->step / (float)cfg->n_steps : (float)(t->trained_s / cfg->limit_s);
+    if (progress >= 1.0f || (cfg->limit_s > 0 && t->trained_s >= cfg->limit_s)) return SV_OK;
+    if (is_stop_requested(d))
+      return sv_fail(err, SV_E_INTERRUPTED, "stopped by request after %u steps", t->step);
+    sv_driver_turn turn = {0};
+    sv_status s = cfg->before_step ? cfg->before_step(cfg->self, progress, &turn, err) : SV_OK;
+    if (s < 0) return s;
+    t0_s += turn.away_s;
+    now_s += turn.away_s;
+    if (turn.has_taken_time || turn.is_other_work) now_s = seconds(d);
+    if (turn.is_other_work) continue;
+    if ((s = timed_step(d, t, progress, &now_s, err)) < 0) return s;
+    if (now_s - line_s < LINE_EVERY_S) continue;
+    progress_line(d, t, progress);
+    line_s = now_s;
+  }
+}
+
+// --- evaluation ----------------------------------------------------------------------------------
+
+sv_status sv_driver_render(sv_trainer *t, const sv_view *view, const sv_planes **out) {
+  sv_render_options o = sv_train_render_options(t, 1.0f, false);
+  sv_train_set_time(t, view->time);
+  return sv_train_measure(t, view, &o, sv_train_is_supersampled(t, 1, 1.0f), out);
+}
+
+sv_status sv_driver_mse(sv_trainer *t, const sv_view *view, const uint8_t *rgb, double *mse) {
+  const sv_planes *p;
+  sv_status s = sv_driver_render(t, view, &p);
+  if (s < 0) return s;
+  double sum = 0;
+  for (int y = 0; y < view->height_px; y++)
+    for (int x = 0; x < view->width_px; x++)
+      for (int c = 0; c < 3; c++) {
+        double d = (double)sv_clampf(p->c[c][(long)y * p->stride + x], 0.0f, 1.0f) -
+                   rgb[((size_t)y * (size_t)view->width_px + (size_t)x) * 3 + (size_t)c] / 255.0;
+        sum += d * d;
+      }
+  *mse = sum / (3.0 * view->width_px * view->height_px);
+  return SV_OK;
+}
+
+// Of one region, which was predicted.
+static double region_sum(const sv_planes *p, const sv_train_composite *tc, const sv_region *r) {
+  double sum = 0;
+  for (int y = r->y0; y < r->y1; y++)
+    for (int x = r->x0; x < r->x1; x++)
+      for (int k = 0; k < 3; k++) {
+        double d = (double)sv_clampf(p->c[k][(long)(y - r->y0) * p->stride + (x - r->x0)], 0.0f, 1.0f) -
+                   tc->px[((size_t)y * (size_t)tc->model.width_px + (size_t)x) * 3 + (size_t)k] / 65535.0;
+        sum += d * d;
+      }
+  return sum;
+}
+
+// Over a sensor's measurement.
+static sv_status composite_mse(sv_trainer *t, const sv_train_composite *tc, double *mse) {
+  const int side = t->cfg.region_px, width_px = tc->model.width_px, height_px = tc->model.height_px;
+  sv_render_options o = sv_train_render_options(t, 1.0f, false);
+  double sum = 0;
+  for (int y0 = 0; y0 < height_px; y0 += side)
+    for (int x0 = 0; x0 < width_px; x0 += side) {
+      sv_region r = {x0, y0, sv_mini(x0 + side, width_px), sv_mini(y0 + side, height_px)};
+      sv_status s = sv_train_predict(t, &tc->model, &r, &o, NULL, NULL);
+      if (s < 0) return s;
+      sum += region_sum(&t->forward.predicted, tc, &r);
+    }
+  *mse = sum / (3.0 * width_px * height_px);
+  return SV_OK;
+}
+
+sv_status sv_driver_training_psnr(sv_trainer *t, double *psnr) {
+  const int n = t->n_views + t->n_composites;
+  *psnr = 0;
+  for (int i = 0; i < n; i++) {
+    double mse;
+    sv_status s = i < t->n_views ? sv_driver_mse(t, &t->views[i].view, t->views[i].image.px, &mse)
+                                 : composite_mse(t, &t->composites[i - t->n_views], &mse);
+    if (s < 0) return s;
+    *psnr += sv_psnr_of_mse(mse) / n;
+  }
+  return SV_OK;
+}
+
+// --- settings ------------------------------------------------------------------------------------
+
+const char *sv_background_name(sv_background b) {
+  static const char *const names[] = {"black", "white", "random"};
+  return (unsigned)b < sizeof names / sizeof *names ? names[b] : "?";
+}
+
+static void add_number(sv_str *out, const char *key, double v) { sv_str_add(out, ", \"%s\": %.9g", key, v); }
+
+void sv_driver_add_settings(sv_str *out, const sv_trainer *t) {
+  const sv_train_cfg *c = &t->cfg;
+  sv_str_add(out, "\"sh\": %d, \"background\": \"%s\", \"optimizer\": \"%s\", \"seed\": %llu", c->sh_degree,
+             sv_background_name(c->background), sv_optimizer_name(c->optimizer), (unsigned long long)c->seed);
+  sv_str_add(out, ", \"antialiased\": %s, \"unseen_views\": %d", c->is_antialiased ? "true" : "false",
+             c->n_unseen);
+  add_number(out, "loss_ssim", (double)c->weight_ssim);
+  add_number(out, "loss_tv", (double)c->weight_tv);
+  add_number(out, "loss_tv_unseen", (double)c->weight_tv_unseen);
+  add_number(out, "supersample", c->is_supersampled ? 1.0 - (double)c->supersample_from : 0);
+  add_number(out, "floor_px", (double)c->floor_px);
+  add_number(out, "dilation_px2", (double)c->dilation_px2);
+  add_number(out, "loss_opacity", (double)c->reg_opacity);
+  add_number(out, "loss_scale", (double)c->reg_scale);
+  add_number(out, "dropout", (double)c->dropout);
+  add_number(out, "scene_radius", (double)t->radius);
+  sv_str_add(out, ", \"scene_centre\": [%.9g, %.9g, %.9g]", (double)t->centre[0], (double)t->centre[1],
+             (double)t->centre[2]);
+}
