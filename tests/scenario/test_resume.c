@@ -42,7 +42,7 @@ static void test_resume_refuses_another_run(void **state) {
     assert_int_equal(run_as(SPEC, 1, false), SV_OK);
     sv_status s = run_as(runs[i].source, runs[i].seed, true);
     if (s != (runs[i].says ? SV_E_RANGE : SV_OK)) fail_msg("%s: %d: %s", runs[i].source, s, w.err.text);
-    assert_true(world_has_line(&w, "goes on at step 3") == !runs[i].says);
+    assert_true(world_has_line(&w, "resumed at step 3") == !runs[i].says);
     if (!runs[i].says) continue;
     assert_true(world_is_one_sentence(w.err.text));
     assert_non_null(strstr(w.err.text, runs[i].says));
