@@ -9,7 +9,7 @@
 #include <string.h>
 
 #include "src/base/mathx.h"
-#include "tools/dataset/noise.h"
+#include "tools/train/noise.h"
 
 #define N 60
 static sv_transforms_frame frames[N];

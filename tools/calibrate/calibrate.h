@@ -7,7 +7,7 @@
 #include "src/rig/rig.h"
 #include "tools/calibrate/args.h"
 #include "tools/lab/lab.h"
-#include "tools/train/report.h"
+#include "tools/common/report.h"
 
 #define CAL_VERSION LAB_VERSION
 

@@ -6,7 +6,7 @@
 #include "src/base/str.h"
 #include "src/format/bytes.h"
 #include "tools/import/import.h"
-#include "tools/train/report.h"
+#include "tools/common/report.h"
 
 static void *grow(void *block, int n, int *cap, size_t size) {
   if (n < *cap) return block;

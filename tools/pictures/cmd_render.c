@@ -9,7 +9,7 @@
 #include "tools/train/evaluate.h"
 #include "tools/lab/model_formats.h"
 #include "tools/pictures/movie.h"
-#include "tools/train/report.h"
+#include "tools/common/report.h"
 
 #define FILM_FPS        12
 #define ROUND_MS        6000 // that an orbit takes in its animation

@@ -7,7 +7,7 @@
 
 #include "src/base/str.h"
 #include "src/format/json.h"
-#include "tools/train/report.h"
+#include "tools/common/report.h"
 #include "tools/tables/tables.h"
 
 #define CHECK_KEY "\"check\": \""

@@ -8,11 +8,11 @@
 #include "src/base/str.h"
 #include "src/run/driver.h"
 #include "tools/dataset/measurement.h"
-#include "tools/dataset/noise.h"
+#include "tools/common/report.h"
 #include "tools/train/evaluate.h"
+#include "tools/train/noise.h"
 #include "tools/train/plan.h"
 #include "tools/train/prior.h"
-#include "tools/train/report.h"
 
 #define N_PANELS 4
 

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "src/metric/metric.h"
-#include "tools/dataset/masks.h"
+#include "tools/train/masks.h"
 #include "tools/metric/lpips.h"
 
 #define OPAQUE    250   // of 255: alpha of a pixel whose depth is compared

@@ -4,7 +4,7 @@
 #define SV_TOOLS_TRAIN_EVALUATE_H
 
 #include "tools/lab/lab.h"
-#include "tools/train/report.h"
+#include "tools/common/report.h"
 
 typedef struct {
   sv_renderer r;

@@ -7,7 +7,7 @@
 #include "src/prior/methods.h"
 #include "src/prior/views.h"
 #include "tools/lab/lab.h"
-#include "tools/train/report.h"
+#include "tools/common/report.h"
 
 #define LAB_PRIOR_VIEWS   8   // asked for in one call, unless said otherwise
 #define LAB_PRIOR_LIMIT_S 600 // for one call

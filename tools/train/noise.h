@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Measurement noise on training pictures (src/image/noise.h), as --noise asks for it.
-#ifndef SV_TOOLS_DATASET_NOISE_H
-#define SV_TOOLS_DATASET_NOISE_H
+#ifndef SV_TOOLS_TRAIN_NOISE_H
+#define SV_TOOLS_TRAIN_NOISE_H
 
 #include "src/image/noise.h"
 #include "tools/train/plan.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/train/report.h"
+#include "tools/common/report.h"
 
 #include <math.h>
 #include <stdarg.h>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // One JSON object, written key by key into a growing text.
-#ifndef SV_TOOLS_TRAIN_REPORT_H
-#define SV_TOOLS_TRAIN_REPORT_H
+#ifndef SV_TOOLS_COMMON_REPORT_H
+#define SV_TOOLS_COMMON_REPORT_H
 
 #include <stdbool.h>
 #include <stddef.h>

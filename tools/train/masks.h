@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Co-visibility masks of a split (tools/metric/covisible.h): which pixels of its views the training views have seen.
-#ifndef SV_TOOLS_DATASET_MASKS_H
-#define SV_TOOLS_DATASET_MASKS_H
+#ifndef SV_TOOLS_TRAIN_MASKS_H
+#define SV_TOOLS_TRAIN_MASKS_H
 
 #include "tools/lab/lab.h"
 

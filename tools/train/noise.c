@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/dataset/noise.h"
+#include "tools/train/noise.h"
 
 #include <stdlib.h>
 

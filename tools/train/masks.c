@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/dataset/masks.h"
+#include "tools/train/masks.h"
 
 #include <stdlib.h>
 #include <string.h>
