@@ -1,0 +1,97 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# What the documents say about the tree is true, and the README stays short:
+#   - README.md has at most 150 lines
+#   - relative links lead to files, and their #anchors to headings
+#   - `src/room/file.c` in backticks exists; of `src/room/file.c: name` the file also contains that name
+#   - every sv_ name outside code blocks, and in those of ARCHITECTURE.md, stands somewhere in the sources
+# A path with a word in capitals (boards/NAME) is a placeholder.
+cd "${1:-.}" || exit 2
+lint=$(dirname "$(readlink -f "$0")")
+limit=150
+bad=0
+
+if [ -e README.md ]; then
+  n=$(wc -l <README.md)
+  [ "$n" -le $limit ] || { echo "README.md: $n lines, the limit is $limit"; bad=1; }
+fi
+
+documents=$("$lint/sources.sh" text | grep '\.md$')
+[ -n "$documents" ] || exit $bad
+
+# GitHub's anchor of each heading, a line each.
+anchors() {
+  sed -nE '/^```/,/^```/d; s/^#+ +//p' "$1" | tr '[:upper:]' '[:lower:]' | sed -E 's/[^a-z0-9 _-]//g; s/ /-/g'
+}
+
+# shellcheck disable=SC2046,SC2086 # names of ours have no spaces
+known=$(cat $("$lint/sources.sh" c) /dev/null | LC_ALL=C grep -ohE 'sv_[a-z0-9_]+' | LC_ALL=C sort -u)
+
+# file TAB line TAB kind TAB text, kind being link, name or word
+# shellcheck disable=SC2086 # names of ours have no spaces
+KNOWN=$known LC_ALL=C awk '
+  BEGIN {
+    n = split(ENVIRON["KNOWN"], word, "\n")
+    for (i = 1; i <= n; i++) is_known[word[i]] = 1
+    rooms = "^([.]ci|boards|calib|docs|examples|include|kernels|mk|platform|src|tests|tools)/[A-Za-z0-9_./-]+(: [A-Za-z0-9_, ]+)?$"
+  }
+  FNR == 1 { fenced = 0 }
+  /^ *```/ { fenced = !fenced }
+  !fenced || FILENAME == "ARCHITECTURE.md" {
+    rest = $0
+    while (match(rest, /sv_[a-z0-9_]+/)) {
+      name = substr(rest, RSTART, RLENGTH)
+      if (name !~ /_$/ && !(name in is_known)) print FILENAME "\t" FNR "\tword\t" name
+      rest = substr(rest, RSTART + RLENGTH)
+    }
+  }
+  fenced { next }
+  {
+    rest = $0
+    while (match(rest, /\]\([^) ]+\)/)) {
+      text = substr(rest, RSTART + 2, RLENGTH - 3)
+      if (text !~ /^[a-z]+:/) print FILENAME "\t" FNR "\tlink\t" text
+      rest = substr(rest, RSTART + RLENGTH)
+    }
+    n = split($0, part, "`")
+    for (i = 2; i <= n; i += 2)
+      if (part[i] ~ rooms && (part[i] !~ /[\/_][A-Z]+([\/_.:]|$)/ || part[i] ~ /[.]md$/)) print FILENAME "\t" FNR "\tname\t" part[i]
+  }' $documents | {
+  tab=$(printf '\t')
+  while IFS="$tab" read -r file line kind text; do
+    if [ "$kind" = word ]; then
+      echo "$file:$line: $text is not in the sources"
+      bad=1
+      continue
+    fi
+    if [ "$kind" = link ]; then
+      to=${text%%#*} anchor=
+      case $text in *'#'*) anchor=${text#*#} ;; esac
+      target=$file
+      [ -z "$to" ] || target=$(dirname "$file")/$to
+      if [ ! -e "$target" ]; then
+        echo "$file:$line: the link $text leads nowhere"
+        bad=1
+      elif [ -n "$anchor" ] && ! anchors "$target" | grep -qxF -- "$anchor"; then
+        echo "$file:$line: $text: there is no such heading"
+        bad=1
+      fi
+      continue
+    fi
+    path=${text%%:*} names=
+    case $text in *': '*) names=${text#*: } ;; esac
+    if [ ! -e "$path" ]; then
+      echo "$file:$line: $path does not exist"
+      bad=1
+      continue
+    fi
+    IFS=', '
+    for name in $names; do
+      grep -qwF -- "$name" "$path" || { echo "$file:$line: $path has no $name"; bad=1; }
+    done
+  done
+  exit $bad
+}
+code=$?
+[ $bad -eq 0 ] && exit $code
+exit 1
