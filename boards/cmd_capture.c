@@ -34,7 +34,6 @@ static struct {
   _Atomic bool is_ending, is_at_end;
   sv_err start_err;
   sv_camera_caps caps[SV_CAP_SUB_VIEWS]; // of what is written
-  sv_frame *frames;
   sv_convert convert;
   sv_kernels kernels;
   sv_capture_writer writer;
@@ -93,7 +92,7 @@ static sv_status write_frame(const sv_frame *frame, sv_err *err) {
   return sv_capture_writer_add(&cap.writer, &f, err);
 }
 
-static sv_status save_exposure(sv_queued_exposure *t, sv_err *err) {
+static sv_status save_exposure(sv_exposure_slot *t, sv_err *err) {
   sv_status s = SV_OK;
   for (int i = 0; s >= 0 && i < cap.src.source.n_cameras; i++)
     if (t->frames[i].i_camera >= 0) s = write_frame(&t->frames[i], err);
@@ -189,9 +188,9 @@ static sv_status record(const capture_options *o, sv_err *err) {
     if (!cap.src.source.event && atomic_load(&cap.in.n_device_errors))
       return sv_fail(err, atomic_load(&cap.in.broken_status), "camera %d: %s", atomic_load(&cap.in.i_broken),
                      sv_status_text(atomic_load(&cap.in.broken_status)));
-    sv_queued_exposure t = {.frames = cap.frames};
-    if (sv_capture_queue_take(&cap.in, &t) == SV_OK) {
-      sv_status s = save_exposure(&t, err);
+    sv_exposure_slot *slot;
+    if (sv_capture_queue_take(&cap.in, &slot) == SV_OK) {
+      sv_status s = save_exposure(slot, err);
       if (s < 0) return s;
       last_ns = clk->now_ns(clk->self); // only from here on nothing comes: saving took its time
       log_live(&con, sv_ns_to_s(last_ns - begin));
@@ -251,15 +250,14 @@ static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err
   sv_status s = source_open(&cap.src, o->source, o->rig, (int)o->exposures, false, arena, err);
   if (s < 0) return s;
   int n = cap.src.source.n_cameras;
-  sv_capture_queue_cfg ic = {.n_cameras = n,
+  sv_capture_queue_cfg qc = {.n_cameras = n,
                              .caps = cap.src.caps,
                              .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,
                              .queue_len = QUEUE_LEN,
                              .cap_ready = cap.src.is_virtual ? CAP_VIRTUAL : CAP_READY,
-                             .mode = (sv_sync_method)o->i_sync};
+                             .method = (sv_sync_method)o->i_sync};
   sv_arena_part_begin(arena, "sync");
-  cap.frames = SV_TAKE(arena, sv_frame, n);
-  s = sv_capture_queue_init(&cap.in, &ic, &cap.src.source, &cap.src.clock, arena);
+  s = sv_capture_queue_init(&cap.in, &qc, &cap.src.source, &cap.src.clock, arena);
   if (s < 0) return sv_fail(err, s, "no frame synchronisation for %d cameras: %s", n, sv_status_text(s));
   if ((s = sv_capture_queue_check(&cap.in, err)) < 0) return s;
   if (sv_capture_has_frames(o->out))

@@ -80,7 +80,7 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .source_name = o->source,
                   .n_exposures = (int)o->exposures,
                   .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,
-                  .sync_mode = (sv_sync_method)o->i_sync,
+                  .sync_method = (sv_sync_method)o->i_sync,
                   .is_continuous = o->is_continuous,
                   .is_dynamic = o->is_dynamic,
                   .exposure_s = o->exposure_s,
@@ -169,7 +169,7 @@ static int report(const run_options *o, sv_err *err) {
         "{%s, \"steps\": %u, \"gaussians\": %ld, \"exposures\": %d, \"views\": %d, \"seconds\": %.3f, "
         "\"threads\": %ld, \"isa\": "
         "\"%s\", \"arena_bytes\": %zu, \"digest\": \"%08x%08x\"}\n",
-        extra, run.app.trainer.step, o->gaussians, run.app.exposures.n, run.app.n_views,
+        extra, run.app.trainer.step, o->gaussians, run.app.exposures.n, sv_driver_n_views(&run.app.trainer),
         run.app.driver.train_s, o->threads, sv_isa_name(run.k.isa), run.app.arena->cap_bytes,
         (unsigned)(sv_train_digest(&run.app.trainer) >> 32), (unsigned)sv_train_digest(&run.app.trainer));
     return 0;
@@ -179,8 +179,8 @@ static int report(const run_options *o, sv_err *err) {
   say(1,
       "%d exposures, %d views, %u steps in %.1f s\nsaved: %s/model.ply %s/run.json %s/preview.jpg "
       "%s/checkpoint.bin\n",
-      run.app.exposures.n, run.app.n_views, run.app.trainer.step, run.app.driver.train_s, o->out, o->out,
-      o->out, o->out);
+      run.app.exposures.n, sv_driver_n_views(&run.app.trainer), run.app.trainer.step, run.app.driver.train_s,
+      o->out, o->out, o->out, o->out);
   return 0;
 }
 

@@ -55,11 +55,11 @@ static void tell_live(sv_app *app) {
 
 // The next exposure into the pool. AGAIN: none is ready; DROPPED: there was one, but damaged.
 static sv_status keep_exposure(sv_app *app, sv_err *err) {
-  sv_queued_exposure t = {.frames = app->frames};
-  sv_status s = sv_capture_queue_take(&app->queue, &t);
+  sv_exposure_slot *slot;
+  sv_status s = sv_capture_queue_take(&app->queue, &slot);
   if (s != SV_OK) return s;
-  s = sv_exposures_add(&app->exposures, &t.exposure, t.frames, app->k, &app->port.pool, err);
-  sv_capture_queue_give_back(&app->queue, &t, true);
+  s = sv_exposures_add(&app->exposures, &slot->exposure, slot->frames, app->k, &app->port.pool, err);
+  sv_capture_queue_give_back(&app->queue, slot, true);
   if (s == SV_E_FORMAT || s == SV_E_CORRUPT) { // a damaged picture costs its exposure, not the run
     if (!app->n_bad_exposures++) sv_app_log(app, SV_LOG_WARN, "%s", err->text);
     return SV_DROPPED;
@@ -204,11 +204,11 @@ static sv_status replace_oldest(sv_app *app, sv_err *err) {
     return s; // lenses are in the pool itself
   for (int i = 0; i < app->cfg.rig->n_sub_views; i++) {
     sv_image_u8 image;
-    sv_view *view = &app->views[slot * n + i_view];
+    sv_view view;
     if (!sv_app_is_trained_on(&app->cfg, i)) continue;
-    sv_exposures_get(&app->exposures, slot, i, &image, view);
-    view->time = sv_app_time_of(app, app->exposures.exposure[slot].time_ns);
-    sv_train_replace_view(&app->trainer, slot * n + i_view++, view, &image);
+    sv_exposures_get(&app->exposures, slot, i, &image, &view);
+    view.time = sv_app_time_of(app, app->exposures.exposure[slot].time_ns);
+    sv_train_replace_view(&app->trainer, slot * n + i_view++, &view, &image);
   }
   return sv_app_enter_exposure(app, slot, 0.5f);
 }

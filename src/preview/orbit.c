@@ -5,14 +5,14 @@
 
 void sv_app_up(const sv_app *app, float up[3]) {
   float sum[3] = {0};
-  for (int i = 0; i < app->n_views; i++)
-    for (int k = 0; k < 3; k++) sum[k] -= app->views[i].r[3 + k];
+  for (int i = 0; i < sv_driver_n_views(&app->trainer); i++)
+    for (int k = 0; k < 3; k++) sum[k] -= sv_driver_view(&app->trainer, i)->r[3 + k];
   float n = sqrtf(sum[0] * sum[0] + sum[1] * sum[1] + sum[2] * sum[2]);
   for (int k = 0; k < 3; k++) up[k] = n > 1e-3f ? sum[k] / n : k == 1 ? -1.0f : 0.0f;
 }
 
 static sv_view orbit_view(const sv_app *app, int i, int n) {
-  const sv_view *first = &app->views[0];
+  const sv_view *first = sv_driver_view(&app->trainer, 0);
   float eye_f[3], up_f[3];
   double up[3], arm[3], centre[3], turn[9], axis[3], eye[3];
   sv_view_centre(eye_f, first);
@@ -34,7 +34,7 @@ static sv_view orbit_view(const sv_app *app, int i, int n) {
 
 sv_status sv_app_publish_orbit(sv_app *app, int n) {
   const sv_publish *p = &app->port.publish;
-  if (!p->image || app->n_views < 1) return SV_OK;
+  if (!p->image || sv_driver_n_views(&app->trainer) < 1) return SV_OK;
   sv_render_options o = sv_train_render_options(&app->trainer, 1.0f, false);
   const sv_planes *rgb = &app->trainer.render.rgb;
   for (int i = 0; i < n; i++) {

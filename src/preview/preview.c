@@ -118,7 +118,8 @@ static void publish_state(sv_app *app, const char *sentence) {
   sv_copy(s->source, sizeof s->source, app->cfg.source_name ? app->cfg.source_name : "");
   sv_copy(s->rig, sizeof s->rig, app->cfg.rig->name);
   s->is_session = l->is_session;
-  s->n_exposures = app->exposures.n, s->cap_exposures = app->cfg.n_exposures, s->n_views = app->n_views;
+  s->n_exposures = app->exposures.n, s->cap_exposures = app->cfg.n_exposures,
+  s->n_views = sv_driver_n_views(t);
   s->step = t->step, s->steps = app->cfg.steps;
   s->train_s = t->trained_s, s->time_limit_s = app->cfg.time_limit_s;
   s->steps_per_s = sv_driver_steps_per_s(&app->driver);
@@ -189,7 +190,7 @@ static void add_point(sv_app *app, double now) {
 
 static void fill_viewpoint(const sv_app *app, sv_feed_model *m) {
   const sv_trainer *t = &app->trainer;
-  const sv_view *v = app->n_views ? &app->views[0] : NULL;
+  const sv_view *v = sv_driver_n_views(t) ? sv_driver_view(t, 0) : NULL;
   for (int k = 0; k < 3; k++) m->centre[k] = t->centre[k];
   m->radius = t->radius;
   sv_app_up(app, m->up);

@@ -80,6 +80,14 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
   return t;
 }
 
+// Of the start: the driver's, and before it the views in a row.
+static size_t scratch_bytes(const sv_app_cfg *c, const sv_train_cfg *t) {
+  const size_t start = sv_driver_scratch_bytes(t, t->n_gaussians),
+               views =
+                   (size_t)c->n_exposures * (size_t)c->rig->n_sub_views * sizeof(sv_view) + SV_ARENA_ALIGN;
+  return start > views ? start : views;
+}
+
 static void show_frame(void *self, const sv_frame *f) { sv_preview_frame(self, f); }
 
 static sv_capture_queue_cfg queue_cfg(const sv_app_cfg *c, sv_app *app) {
@@ -88,7 +96,7 @@ static sv_capture_queue_cfg queue_cfg(const sv_app_cfg *c, sv_app *app) {
                                 .skew_limit_ns = c->skew_limit_ns,
                                 .queue_len = QUEUE_LEN,
                                 .cap_ready = CAP_READY,
-                                .mode = c->sync_mode,
+                                .method = c->sync_method,
                                 .on_frame = c->has_preview ? show_frame : NULL,
                                 .on_frame_self = app};
 }
@@ -96,7 +104,6 @@ static sv_capture_queue_cfg queue_cfg(const sv_app_cfg *c, sv_app *app) {
 static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, const sv_kernels *k,
                        const sv_pool *pool, sv_arena *a, sv_err *err) {
   sv_arena_part_begin(a, "sync");
-  app->frames = SV_TAKE(a, sv_frame, c->n_cameras);
   sv_capture_queue_cfg qc = queue_cfg(c, app);
   if (a->base) {
     sv_status s = sv_capture_queue_init(&app->queue, &qc, &app->port.source, &app->port.clock, a);
@@ -123,13 +130,10 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
   if (s < 0) return s;
   sv_arena_part_begin(a, "start-up scratch");
   app->points = SV_TAKE(a, sv_point, t->n_gaussians);
-  app->views = SV_TAKE(a, sv_view, (size_t)c->n_exposures * (size_t)c->rig->n_sub_views);
-  app->scratch = sv_arena_sub(a, sv_driver_scratch_bytes(t, t->n_gaussians));
+  app->scratch = sv_arena_sub(a, scratch_bytes(c, t));
   sv_arena_part_begin(a, "checkpoint and report");
   app->report = SV_TAKE(a, char, SV_APP_REPORT_BYTES);
-  app->trainer.n_views = t->cap_views, app->trainer.n_regions = t->cap_regions; // the most that there will be
   app->checkpoint_bytes = c->is_resume ? sv_checkpoint_bytes(&app->trainer) : 0;
-  app->trainer.n_views = app->trainer.n_regions = 0;
   app->checkpoint = SV_TAKE(a, uint8_t, app->checkpoint_bytes);
   int w, h;
   sv_app_preview_size(c, &w, &h);
@@ -185,17 +189,17 @@ sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, c
 static sv_status add_pictures(sv_app *app, int e, sv_err *err) {
   for (int i = 0; i < app->cfg.rig->n_sub_views; i++) {
     sv_image_u8 image;
+    sv_view view;
     if (!sv_app_is_trained_on(&app->cfg, i)) continue;
-    sv_view *view = &app->views[app->n_views++];
-    sv_exposures_get(&app->exposures, e, i, &image, view);
-    view->time = sv_app_time_of(app, app->exposures.exposure[e].time_ns);
-    sv_status s = sv_train_add_view(&app->trainer, view, &image, err);
+    sv_exposures_get(&app->exposures, e, i, &image, &view);
+    view.time = sv_app_time_of(app, app->exposures.exposure[e].time_ns);
+    sv_status s = sv_train_add_view(&app->trainer, &view, &image, err);
     if (s < 0) return s;
     if (app->cfg.is_refining)
       sv_train_refine_view(&app->trainer, app->trainer.n_views - 1, e,
                            &app->cfg.rig->sub_views[i].cam_from_rig,
                            &app->exposures.exposure[e].rig_from_world,
-                           app->trainer.views[0].view.i_exposure == view->i_exposure);
+                           app->trainer.views[0].view.i_exposure == view.i_exposure);
   }
   return SV_OK;
 }
@@ -208,7 +212,6 @@ static sv_status add_composites(sv_app *app, int e, sv_err *err) {
     sv_composites_get(pool, e, i, &model, &px);
     sv_status s = sv_train_add_composite(&app->trainer, &model, px, err);
     if (s < 0) return s;
-    for (int m = 0; m < model.n_lenses; m++) app->views[app->n_views++] = model.lenses[m].view;
   }
   return SV_OK;
 }
@@ -250,6 +253,16 @@ static sv_status first_model(sv_app *app, const sv_bounds *b, bool is_measured, 
   return SV_OK;
 }
 
+static sv_bounds bounds_of_views(sv_app *app) {
+  const size_t mark = sv_arena_mark(&app->scratch);
+  const int n = sv_driver_n_views(&app->trainer);
+  sv_view *views = SV_TAKE(&app->scratch, sv_view, n);
+  for (int i = 0; i < n; i++) views[i] = *sv_driver_view(&app->trainer, i);
+  const sv_bounds b = sv_bounds_of_views(views, n);
+  sv_arena_reset(&app->scratch, mark);
+  return b;
+}
+
 static sv_status start_training(sv_app *app, sv_err *err) {
   const bool is_tracked = app->odometry.is_tracked;
   sv_app_begin_moving(app);
@@ -259,7 +272,7 @@ static sv_status start_training(sv_app *app, sv_err *err) {
     if (added < 0) return added;
   }
   bool has_bounds = app->cfg.has_bounds && !is_tracked; // bounds are of a world that was not found
-  sv_bounds b = has_bounds ? app->cfg.bounds : sv_bounds_of_views(app->views, app->n_views);
+  sv_bounds b = has_bounds ? app->cfg.bounds : bounds_of_views(app);
   if (is_tracked) b = sv_odometry_bounds(&app->odometry);
   if (!app->cfg.is_resume) return first_model(app, &b, true, err);
   sv_status s = first_model(app, &b, false, err); // a checkpoint replaces it

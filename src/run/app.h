@@ -45,12 +45,12 @@ typedef struct {
   bool is_session;            // with a feed: wait for Start, New begins again
   int n_exposures;
   sv_ns skew_limit_ns;
-  sv_sync_method sync_mode; // who makes the cameras expose together
-  bool is_continuous;       // capture goes on while training: new exposures take the place of the oldest
-  bool is_dynamic;          // the scene moves
-  double exposure_s;        // live and moving: training time of each exposure
-  double preview_every_s;   // of a live run, when there is time; 0: none
-  sv_ns capture_timeout_ns; // host time without any exposure after which capture gives up
+  sv_sync_method sync_method; // who makes the cameras expose together
+  bool is_continuous;         // capture goes on while training: new exposures take the place of the oldest
+  bool is_dynamic;            // the scene moves
+  double exposure_s;          // live and moving: training time of each exposure
+  double preview_every_s;     // of a live run, when there is time; 0: none
+  sv_ns capture_timeout_ns;   // host time without any exposure after which capture gives up
   uint64_t sub_view_mask[SV_CAP_SUB_VIEWS / 64]; // train on these only; all zero: on all
   sv_train_cfg train;                            // caps and views are filled in by init
   uint32_t steps;                                // 0: until the time limit
@@ -81,15 +81,12 @@ struct sv_app {
   sv_exposures exposures;
   sv_odometry odometry; // with is_tracking
   sv_trainer trainer;
-  sv_frame *frames;    // [n_cameras] of one exposure
   sv_point *points;    // [n_gaussians] starting points, when bounds are unknown
-  sv_view *views;      // [n_exposures n_sub_views] for the bounds
   sv_arena scratch;    // start-up work inside the block
   char *report;        // [SV_APP_REPORT_BYTES]
   uint8_t *checkpoint; // [checkpoint_bytes] read buffer for resume
   size_t checkpoint_bytes;
   uint8_t *picture;             // sv_app_preview_size, RGB
-  int n_views;                  // trained on, lens images included
   sv_ns first_ns, last_ns;      // of a moving scene: times of the exposures that its own time runs between
   sv_ns exposure_ns;            // machine time at which the newest one came in
   uint64_t n_entered, n_scored; // live: exposures taken in; scored at the end of their time

@@ -129,6 +129,21 @@ sv_status sv_driver_run(sv_driver *d, const sv_driver_cfg *cfg, sv_trainer *t, s
   }
 }
 
+// --- views ---------------------------------------------------------------------------------------
+
+int sv_driver_n_views(const sv_trainer *t) {
+  int n = t->n_views;
+  for (int i = 0; i < t->n_composites; i++) n += t->composites[i].model.n_lenses;
+  return n;
+}
+
+const sv_view *sv_driver_view(const sv_trainer *t, int i) {
+  if (i < t->n_views) return &t->views[i].view;
+  const sv_train_composite *c = t->composites;
+  for (i -= t->n_views; i >= c->model.n_lenses; c++) i -= c->model.n_lenses;
+  return &c->model.lenses[i].view;
+}
+
 // --- evaluation ----------------------------------------------------------------------------------
 
 sv_status sv_driver_render(sv_trainer *t, const sv_view *view, const sv_planes **out) {

@@ -90,6 +90,12 @@ typedef struct {
 sv_status sv_driver_run(sv_driver *d, const sv_driver_cfg *cfg, sv_trainer *t, sv_err *err) SV_MUST_USE;
 double sv_driver_steps_per_s(const sv_driver *d);
 
+// --- views ---------------------------------------------------------------------------------------
+
+// Views that are trained on, lens images of multiplexed sensors included.
+int sv_driver_n_views(const sv_trainer *t);
+const sv_view *sv_driver_view(const sv_trainer *t, int i);
+
 // --- evaluation ----------------------------------------------------------------------------------
 
 // The finished model as the camera of a view sees it; *out is valid until the next rendering.

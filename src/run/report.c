@@ -78,7 +78,8 @@ static void add_settings(sv_str *s, const sv_app *app) {
   sv_str_add(s, "\",\n  \"gaussians\": %d,\n  \"threads\": %d,\n  \"isa\": \"%s\",\n  \"prior\": \"%s\",\n  ",
              t->n_gaussians, t->n_threads, sv_isa_name(app->k->isa), sv_prior_method_name(t->prior.method));
   sv_driver_add_settings(s, &app->trainer);
-  sv_str_add(s, ",\n  \"exposures\": %d,\n  \"views\": %d,\n", app->exposures.n, app->n_views);
+  sv_str_add(s, ",\n  \"exposures\": %d,\n  \"views\": %d,\n", app->exposures.n,
+             sv_driver_n_views(&app->trainer));
 }
 
 static void add_odometry(sv_str *s, const sv_app *app) {

@@ -4,15 +4,8 @@
 #include <math.h>
 #include <string.h>
 
-#define CAP_EVENTS  32
-#define MOST_FRAMES 64 // of one step, so that a flood does not keep it
-
-typedef struct {
-  sv_exposure exposure;
-  bool is_used;
-} head_t; // of a ring's element; the frames follow
-
-#define HEAD_BYTES ((sizeof(head_t) + 15) & ~(size_t)15)
+#define CAP_EVENTS 32
+#define MAX_FRAMES 64 // of one step, so that a flood of frames does not hold up the caller
 
 static sv_sync_cfg sync_cfg(const sv_capture_queue_cfg *c, const sv_sync_camera *cameras) {
   return (sv_sync_cfg){.n_cameras = c->n_cameras,
@@ -39,9 +32,10 @@ typedef struct {
   sv_camera_stat *stats;
   sv_camera_caps *caps;
   char *line;
-  sv_frame *frames;
-  uint8_t *out, *back;
-  size_t elem_bytes;
+  sv_exposure_slot *slots;
+  sv_frame *frames; // [n_slots][n_cameras]
+  int *free;
+  int n_slots;
 } parts_t;
 
 // sync: NULL on a dry arena.
@@ -56,27 +50,27 @@ static sv_status carve(parts_t *p, sv_sync *sync, const sv_capture_queue_cfg *c,
   if (sync) s = sv_sync_init(sync, &sc, a);
   else (void)SV_TAKE(a, uint8_t, sv_sync_bytes(&sc));
   if (s < 0) return s;
-  if (c->mode == SV_SYNC_METHOD_FRAME_LENGTH && period_ns(c) > 0) {
+  if (c->method == SV_SYNC_METHOD_FRAME_LENGTH && period_ns(c) > 0) {
     sv_frame_length_cfg fc = {.n_cameras = c->n_cameras, .period_ns = period_ns(c)};
     s = sv_frame_length_init(&p->frame_length, &fc, a);
     if (s < 0) return s;
   }
-  p->elem_bytes = HEAD_BYTES + n * sizeof(sv_frame);
+  p->n_slots = c->cap_ready + 1; // the capture side always has one to put the next exposure in
   p->stats = SV_TAKE(a, sv_camera_stat, n);
   p->caps = SV_TAKE(a, sv_camera_caps, n);
   p->line = SV_TAKE(a, char, SV_CAPTURE_QUEUE_LINE_BYTES);
-  p->frames = SV_TAKE(a, sv_frame, n);
-  p->out = SV_TAKE(a, uint8_t, p->elem_bytes);
-  p->back = SV_TAKE(a, uint8_t, p->elem_bytes);
+  p->slots = SV_TAKE(a, sv_exposure_slot, p->n_slots);
+  p->frames = SV_TAKE(a, sv_frame, (size_t)p->n_slots * n);
+  p->free = SV_TAKE(a, int, p->n_slots);
   return a->status;
 }
 
 static sv_status carve_rings(sv_ring *events, sv_ring *ready, sv_ring *done, const sv_capture_queue_cfg *c,
-                             size_t elem_bytes, sv_arena *a) {
+                             sv_arena *a) {
   sv_status s = sv_ring_init(events, CAP_EVENTS, sizeof(sv_camera_event), a);
-  if (s >= 0) s = sv_ring_init(ready, (uint32_t)c->cap_ready, (uint32_t)elem_bytes, a);
+  if (s >= 0) s = sv_ring_init(ready, (uint32_t)c->cap_ready, sizeof(int), a);
   // One more than can be under way: giving back never finds it full.
-  if (s >= 0) s = sv_ring_init(done, (uint32_t)c->cap_ready + 1, (uint32_t)elem_bytes, a);
+  if (s >= 0) s = sv_ring_init(done, (uint32_t)c->cap_ready + 1, sizeof(int), a);
   return s < 0 ? s : a->status;
 }
 
@@ -85,7 +79,7 @@ size_t sv_capture_queue_bytes(const sv_capture_queue_cfg *cfg) {
   parts_t p = {0};
   sv_ring events, ready, done;
   sv_status s = carve(&p, NULL, cfg, &dry);
-  if (s >= 0) s = carve_rings(&events, &ready, &done, cfg, p.elem_bytes, &dry);
+  if (s >= 0) s = carve_rings(&events, &ready, &done, cfg, &dry);
   return s < 0 ? 0 : dry.used_bytes;
 }
 
@@ -98,17 +92,20 @@ sv_status sv_capture_queue_init(sv_capture_queue *in, const sv_capture_queue_cfg
   in->clock = *clock;
   parts_t p = {0};
   sv_status s = carve(&p, &in->sync, cfg, arena);
-  if (s >= 0) s = carve_rings(&in->events, &in->ready, &in->done, cfg, p.elem_bytes, arena);
+  if (s >= 0) s = carve_rings(&in->events, &in->ready, &in->done, cfg, arena);
   in->frame_length = p.frame_length;
   in->stats = p.stats;
   if (in->stats) memset(in->stats, 0, sizeof *in->stats * (size_t)cfg->n_cameras);
   in->caps = p.caps;
   if (in->caps) memcpy(in->caps, cfg->caps, sizeof *in->caps * (size_t)cfg->n_cameras);
   in->line = p.line;
-  in->frames = p.frames;
-  in->out = p.out;
-  in->back = p.back;
-  in->elem_bytes = p.elem_bytes;
+  in->slots = p.slots;
+  in->free = p.free;
+  in->n_slots = p.n_slots;
+  for (int i = 0; s >= 0 && i < in->n_slots; i++) {
+    in->slots[i] = (sv_exposure_slot){.frames = p.frames + (size_t)i * (size_t)cfg->n_cameras};
+    in->free[in->n_free++] = i;
+  }
   in->deadline_ns = deadline_ns(cfg);
   in->cfg.caps = NULL;
   return s;
@@ -135,35 +132,38 @@ static void give_returns_back(sv_capture_queue *in) {
   while (sv_sync_pop_return(&in->sync, &f) == SV_OK) requeue(in, &f);
 }
 
+// The frames of a slot go back to their cameras, and the slot is free.
+static void free_slot(sv_capture_queue *in, int i) {
+  requeue_all(in, in->slots[i].frames);
+  in->free[in->n_free++] = i;
+}
+
 static void collect_done(sv_capture_queue *in) {
-  head_t head;
-  while (sv_ring_pop(&in->done, in->out) == SV_OK) {
-    memcpy(&head, in->out, sizeof head);
-    memcpy(in->frames, in->out + HEAD_BYTES, (size_t)in->cfg.n_cameras * sizeof(sv_frame));
-    in->n_with_user--;
-    if (!head.is_used) sv_sync_refuse(&in->sync, &head.exposure, SV_DROP_OVERLOAD);
-    requeue_all(in, in->frames);
+  int i;
+  while (sv_ring_pop(&in->done, &i) == SV_OK) {
+    if (!in->slots[i].is_used) sv_sync_refuse(&in->sync, &in->slots[i].exposure, SV_DROP_OVERLOAD);
+    free_slot(in, i);
   }
 }
 
 // Exposures that are complete go to the user, or, when it has enough to do, nowhere.
 static void hand_out(sv_capture_queue *in) {
-  head_t head = {.is_used = false};
-  while (sv_sync_pop_exposure(&in->sync, &head.exposure, in->frames) == SV_OK) {
-    sv_camera_stats_exposure(in->stats, &in->sync, &head.exposure, in->frames);
-    if (in->n_with_user >= in->cfg.cap_ready) {
-      sv_sync_refuse(&in->sync, &head.exposure, SV_DROP_OVERLOAD);
-      requeue_all(in, in->frames);
+  for (;;) {
+    const int i = in->free[in->n_free - 1];
+    sv_exposure_slot *slot = &in->slots[i];
+    sv_exposure *e = &slot->exposure;
+    if (sv_sync_pop_exposure(&in->sync, e, slot->frames) != SV_OK) return;
+    sv_camera_stats_exposure(in->stats, &in->sync, e, slot->frames);
+    if (in->n_free == 1) { // all others are with the user
+      sv_sync_refuse(&in->sync, e, SV_DROP_OVERLOAD);
+      requeue_all(in, slot->frames);
       continue;
     }
-    sv_pose *pose = &head.exposure.rig_from_world;
-    head.exposure.has_pose =
-        in->source.rig_pose && in->source.rig_pose(in->source.self, head.exposure.time_ns, pose) >= 0;
-    if (!head.exposure.has_pose) *pose = sv_pose_identity();
-    memset(in->out, 0, in->elem_bytes);
-    memcpy(in->out, &head, sizeof head);
-    memcpy(in->out + HEAD_BYTES, in->frames, (size_t)in->cfg.n_cameras * sizeof(sv_frame));
-    if (sv_ring_push(&in->ready, in->out) == SV_OK) in->n_with_user++; // as large as cap_ready, so never full
+    e->has_pose =
+        in->source.rig_pose && in->source.rig_pose(in->source.self, e->time_ns, &e->rig_from_world) >= 0;
+    if (!e->has_pose) e->rig_from_world = sv_pose_identity();
+    slot->is_used = false;
+    if (sv_ring_push(&in->ready, &i) == SV_OK) in->n_free--; // as large as cap_ready, so never full
   }
 }
 
@@ -229,7 +229,7 @@ sv_status sv_capture_queue_step(sv_capture_queue *in, sv_ns until_ns) {
   sv_status result = SV_AGAIN;
   collect_done(in);
   make_line(in);
-  for (int n = 0; n < MOST_FRAMES; n++) {
+  for (int n = 0; n < MAX_FRAMES; n++) {
     sv_frame f = {.i_camera = -1};
     sv_status s = in->source.dequeue(in->source.self, &f, n ? in->clock.now_ns(in->clock.self) : until_ns);
     collect_events(in);
@@ -249,10 +249,10 @@ sv_status sv_capture_queue_step(sv_capture_queue *in, sv_ns until_ns) {
 
 sv_status sv_capture_queue_check(const sv_capture_queue *in, sv_err *err) {
   const sv_source *src = &in->source;
-  if (in->cfg.mode == SV_SYNC_METHOD_TRIGGER && !src->trigger)
+  if (in->cfg.method == SV_SYNC_METHOD_TRIGGER && !src->trigger)
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "the cameras of this source have no trigger line; expected --sync free or frame-length");
-  if (in->cfg.mode == SV_SYNC_METHOD_FRAME_LENGTH && !(src->set_control && in->frame_length.cameras))
+  if (in->cfg.method == SV_SYNC_METHOD_FRAME_LENGTH && !(src->set_control && in->frame_length.cameras))
     return sv_fail(err, SV_E_UNSUPPORTED, "the cameras of this source %s; expected --sync free",
                    src->set_control ? "do not tell their frame rate (fps= gives it)"
                                     : "cannot be told the length of their frames");
@@ -274,7 +274,7 @@ sv_status sv_capture_queue_start(sv_capture_queue *in, sv_err *err) {
   sv_source *src = &in->source;
   sv_status s = sv_capture_queue_check(in, err);
   if (s < 0) return s;
-  if (src->trigger) s = src->trigger(src->self, in->cfg.mode == SV_SYNC_METHOD_TRIGGER);
+  if (src->trigger) s = src->trigger(src->self, in->cfg.method == SV_SYNC_METHOD_TRIGGER);
   if (s < 0)
     return sv_fail(err, s, "the cameras cannot be switched to their trigger line: %s", sv_status_text(s));
   s = src->start(src->self);
@@ -284,15 +284,12 @@ sv_status sv_capture_queue_start(sv_capture_queue *in, sv_err *err) {
 }
 
 sv_status sv_capture_queue_stop(sv_capture_queue *in) {
-  head_t head;
+  int i;
   if (!in->is_running) return SV_OK;
   collect_done(in);
-  while (sv_ring_pop(&in->ready, in->out) == SV_OK) {
-    memcpy(&head, in->out, sizeof head);
-    memcpy(in->frames, in->out + HEAD_BYTES, (size_t)in->cfg.n_cameras * sizeof(sv_frame));
-    in->n_with_user--;
-    sv_sync_refuse(&in->sync, &head.exposure, SV_DROP_STOPPED);
-    requeue_all(in, in->frames);
+  while (sv_ring_pop(&in->ready, &i) == SV_OK) {
+    sv_sync_refuse(&in->sync, &in->slots[i].exposure, SV_DROP_STOPPED);
+    free_slot(in, i);
   }
   while (sv_sync_flush(&in->sync) == SV_E_FULL) give_returns_back(in);
   give_returns_back(in);
@@ -302,25 +299,18 @@ sv_status sv_capture_queue_stop(sv_capture_queue *in) {
 
 // --- the user's side -----------------------------------------------------------------------------
 
-sv_status sv_capture_queue_take(sv_capture_queue *in, sv_queued_exposure *t) {
-  head_t head;
-  sv_status s = sv_ring_pop(&in->ready, in->back);
-  if (s != SV_OK) return s;
-  memcpy(&head, in->back, sizeof head);
-  memcpy(t->frames, in->back + HEAD_BYTES, (size_t)in->cfg.n_cameras * sizeof(sv_frame));
-  t->exposure = head.exposure;
-  t->is_used = false;
-  return SV_OK;
+sv_status sv_capture_queue_take(sv_capture_queue *in, sv_exposure_slot **slot) {
+  int i;
+  sv_status s = sv_ring_pop(&in->ready, &i);
+  if (s == SV_OK) *slot = &in->slots[i];
+  return s;
 }
 
-void sv_capture_queue_give_back(sv_capture_queue *in, sv_queued_exposure *t, bool is_used) {
-  head_t head = {.exposure = t->exposure, .is_used = is_used};
-  t->is_used = is_used;
-  memset(in->back, 0, in->elem_bytes);
-  memcpy(in->back, &head, sizeof head);
-  memcpy(in->back + HEAD_BYTES, t->frames, (size_t)in->cfg.n_cameras * sizeof(sv_frame));
+void sv_capture_queue_give_back(sv_capture_queue *in, sv_exposure_slot *slot, bool is_used) {
+  const int i = (int)(slot - in->slots);
+  slot->is_used = is_used;
   // The ring holds more than can be under way, so it takes this one.
-  if (sv_ring_push(&in->done, in->back) != SV_OK) count_error(in, -1, SV_E_FULL);
+  if (sv_ring_push(&in->done, &i) != SV_OK) count_error(in, -1, SV_E_FULL);
 }
 
 sv_status sv_capture_queue_line(sv_capture_queue *in, sv_str *out) {

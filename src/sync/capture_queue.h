@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // C only: the rings are atomic.
-// The capture side of a runtime: takes frames from a source the moment they come, puts exposures together, and hands
-// them to one user, who may be busy and on another thread. What nobody has time for is left out as whole exposures.
+// The capture queue: takes frames from a source the moment they come, puts exposures together, and hands them to one
+// user, who may be busy and on another thread. Exposures that nobody has time for are dropped as a whole.
+// Owns the table of exposure slots, and with it the frames that are on loan from the source.
+// Never copies, decodes or converts an image.
 //
-//   capture side (a thread of its own, or the user's between two pieces of work):  sv_capture_queue_step, again and again
-//   user's side:  while (sv_capture_queue_take(&in, &t) == SV_OK) use t; then sv_capture_queue_give_back(&in, &t, is_used)
+//   capture side (a thread of its own, or the user's between two pieces of work):  sv_capture_queue_step, repeatedly
+//   user's side:  while (sv_capture_queue_take(&q, &slot) == SV_OK) use it; sv_capture_queue_give_back(&q, slot, true);
 //
 // One thread a side. Everything else (start, stop, reading sync) only while the other side rests. At most cap_ready
 // exposures are ready or with the user; a source needs cap_ready + queue_len + 2 buffers a camera to lose nothing
@@ -19,8 +21,8 @@
 #include "src/sync/frame_length.h"
 #include "src/sync/sync.h"
 
-// Who makes the cameras expose at the same time: nobody; software, by the length of their frames (cameras that cannot
-// are left alone); a trigger line.
+// Synchronization method, that is who makes the cameras expose at the same time: nobody; software, by the length of their
+// frames (cameras that cannot are left alone); a trigger line.
 typedef enum { SV_SYNC_METHOD_FREE = 0, SV_SYNC_METHOD_FRAME_LENGTH, SV_SYNC_METHOD_TRIGGER } sv_sync_method;
 
 #define SV_CAPTURE_QUEUE_LINE_BYTES 512
@@ -30,19 +32,20 @@ typedef struct {
   const sv_camera_caps *caps; // [n_cameras], read by init only
   sv_ns skew_limit_ns;
   int queue_len, cap_ready;
-  sv_sync_method mode;
+  sv_sync_method method;
   // Is shown every frame that comes, on the capture side's thread, before the frame goes on its way; must be quick. May
   // be NULL.
   void (*on_frame)(void *self, const sv_frame *frame);
   void *on_frame_self;
 } sv_capture_queue_cfg;
 
-// One exposure on its way, either way.
+// One exposure on its way to the user and back. The table of slots owns the frames that are on loan from the source
+// until the user has given the slot back; the rings carry indexes of slots.
 typedef struct {
   sv_exposure exposure;
-  bool is_used;
-  sv_frame *frames; // [n_cameras]; the taker's own array
-} sv_queued_exposure;
+  sv_frame *frames; // [n_cameras]; of a camera that is missing i_camera is -1
+  bool is_used;     // set by sv_capture_queue_give_back
+} sv_exposure_slot;
 
 typedef struct {
   sv_capture_queue_cfg cfg;
@@ -54,15 +57,14 @@ typedef struct {
   sv_camera_caps *caps;  // [n_cameras] a copy, for names
   char *line;            // [SV_CAPTURE_QUEUE_LINE_BYTES] of statistics, the capture side's until it is ready
   _Atomic int line_state;
-  sv_ring events;      // sv_camera_event, to the user
-  sv_frame *frames;    // [n_cameras] workspace of the capture side
-  uint8_t *out, *back; // one ring element, workspace of the capture side and of the user
-  size_t elem_bytes;
-  sv_ring ready, done;   // exposures to the user; from the user
-  int n_with_user;       // capture side: handed over and not given back
+  sv_ring events;          // sv_camera_event, to the user
+  sv_exposure_slot *slots; // [n_slots]
+  int *free;               // [n_free] slots that are the capture side's
+  int n_slots, n_free;
+  sv_ring ready, done;   // indexes of slots: to the user; from the user
   sv_skew_stats latency; // from a frame's arrival to its dequeue
-  sv_ns
-      deadline_ns; // the shortest frame period: when the next frame is there, this one has to be taken; 0: not known
+  // The shortest frame period: when the next frame is there, this one has to be taken. 0: not known.
+  sv_ns deadline_ns;
   uint64_t n_missed; // frames that were taken later
   bool is_running;
   _Atomic uint64_t n_device_errors; // of dequeue and requeue
@@ -83,19 +85,19 @@ sv_status sv_capture_queue_start(sv_capture_queue *in, sv_err *err) SV_MUST_USE;
 // of one camera (counted; the others go on; the host's clock is moved on by 1 ms, so that a source that only fails
 // does not stop time). Poses of the rig are filled in here.
 sv_status sv_capture_queue_step(sv_capture_queue *in, sv_ns until_host_ns) SV_MUST_USE;
-// Gives everything back and stops the cameras: the ledger closes. What was ready and not taken counts as dropped for
-// `stopped`. The user gives back what it has before.
+// Gives everything back and stops the cameras: the ledger closes. Exposures that were ready and not taken count as
+// dropped for `stopped`. The user gives back its slots before.
 sv_status sv_capture_queue_stop(sv_capture_queue *in) SV_MUST_USE;
 
-// t->frames is the user's array [n_cameras]. AGAIN: none is ready.
-sv_status sv_capture_queue_take(sv_capture_queue *in, sv_queued_exposure *t) SV_MUST_USE;
+// The next exposure; the slot is the user's until it is given back. AGAIN: none is ready.
+sv_status sv_capture_queue_take(sv_capture_queue *in, sv_exposure_slot **slot) SV_MUST_USE;
 // The frames go back to their cameras. Not used: they count as dropped for `overload`.
-void sv_capture_queue_give_back(sv_capture_queue *in, sv_queued_exposure *t, bool is_used);
+void sv_capture_queue_give_back(sv_capture_queue *in, sv_exposure_slot *slot, bool is_used);
 int sv_capture_queue_n_ready(sv_capture_queue *in);
 // " | video0 25.0 fps +0.412 ms dropped 3 (no_partner 2, ...) | ..." is added to out: what a user watches. The first
 // call asks for it, the capture side makes it at its next step, and a later call brings it. AGAIN: not yet.
 sv_status sv_capture_queue_line(sv_capture_queue *in, sv_str *out) SV_MUST_USE;
-// What happened to a camera, for the user's side. AGAIN: nothing. When nobody asks, the newest are left out.
+// The next event of a camera, for the user's side. AGAIN: none. When nobody asks, the newest are dropped.
 sv_status sv_capture_queue_pop_event(sv_capture_queue *in, sv_camera_event *event) SV_MUST_USE;
 
 #endif

@@ -143,7 +143,7 @@ size_t sv_checkpoint_bytes(const sv_trainer *t) {
   return SV_SECTIONS_OVERHEAD_BYTES + 15 * 40 + floors_bytes(t) + motion_bytes(motion_of(t)) +
          (has_both(t) ? motion_bytes(field_of(t)) + rows_bytes(t) : 0) + bodies_bytes(t) + (size_t)t->g.cap +
          sizeof(head_t) + rows_bytes(t) + 2 * moments_bytes(t) + (size_t)t->g.cap * sizeof(float) +
-         (size_t)n_items(t) * sizeof(int);
+         (size_t)(t->cfg.cap_views + t->cfg.cap_regions) * sizeof(int);
 }
 
 sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {

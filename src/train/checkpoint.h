@@ -13,6 +13,7 @@ extern "C" {
 #define SV_CHECKPOINT_KIND    "TRNR"
 #define SV_CHECKPOINT_VERSION 7
 
+// The most that a checkpoint of the trainer's configuration takes: with all the views that it has room for.
 size_t sv_checkpoint_bytes(const sv_trainer *t);
 sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) SV_MUST_USE;
 // Into a trainer that was initialised with the same sizes. After a failure the trainer is as it was, unless

@@ -101,7 +101,6 @@ static struct {
   sv_v4l2 v4l2;
   sv_capture_queue in;
   sv_clock clock;
-  sv_frame frames[CAP_CAMERAS];
   inject inject;
   int n_cameras;
   uint32_t sequence; // of the first camera's newest frame
@@ -134,13 +133,13 @@ static void on_frame(void *self, const sv_frame *f) {
 }
 
 static void step(sv_ns ns) {
-  sv_queued_exposure e = {.frames = t.frames};
+  sv_exposure_slot *e;
   sv_camera_event ev;
   for (sv_ns end = now() + ns; now() < end;) {
     sv_ns until = inject_feed(&t.inject, now());
     sv_status s = sv_capture_queue_step(&t.in, until < end ? until : end);
     (void)s; // failures are counted; what they are is told by events
-    while (sv_capture_queue_take(&t.in, &e) == SV_OK) sv_capture_queue_give_back(&t.in, &e, true);
+    while (sv_capture_queue_take(&t.in, &e) == SV_OK) sv_capture_queue_give_back(&t.in, e, true);
     while (sv_capture_queue_pop_event(&t.in, &ev) == SV_OK) {
       // A camera that is only slow to be asked has lost nothing of itself.
       if (ev.i_camera > 0 && ev.kind != SV_CAMERA_STARVED) t.n_events_of_others++;

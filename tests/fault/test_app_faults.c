@@ -72,8 +72,8 @@ static void open_run(void) {
                                 : "textured,rig=stereo,size=32x24,skew_us=900";
   if (kind_of_run == WORLD_DECODE) open_cameras();
   else if (!world_open(&w, spec, is_aligned ? 60 : 3, ~0u, 1)) fail_msg("%s", w.err.text);
-  if (is_aligned) w.cfg.sync_mode = SV_SYNC_METHOD_FRAME_LENGTH;
-  if (kind_of_run == WORLD_TRIGGER) w.cfg.sync_mode = SV_SYNC_METHOD_TRIGGER;
+  if (is_aligned) w.cfg.sync_method = SV_SYNC_METHOD_FRAME_LENGTH;
+  if (kind_of_run == WORLD_TRIGGER) w.cfg.sync_method = SV_SYNC_METHOD_TRIGGER;
   if (kind_of_run == WORLD_WORKER) {
     w.cfg.is_continuous = true;
     w.port.worker = world_worker(&w);
@@ -186,7 +186,7 @@ static bool run_with(world_call c, long at, bool is_lasting) {
   w.fault.at = 0;
   assert_int_equal(sv_app_save_model(&w.app, &w.err), SV_OK);
   assert_int_equal(sv_app_save_report(&w.app, NULL, &w.err), SV_OK);
-  if (w.app.n_views) assert_int_equal(sv_app_publish_preview(&w.app), SV_OK);
+  if (sv_driver_n_views(&w.app.trainer)) assert_int_equal(sv_app_publish_preview(&w.app), SV_OK);
   if (has_old_files) check_files();
   world_close(&w);
   return was_hit;

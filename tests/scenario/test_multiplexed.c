@@ -50,7 +50,7 @@ static void test_quality(void **state) {
     assert_int_equal(w.app.trainer.n_views, 0);
     assert_int_equal(w.app.trainer.n_composites, 6);
     assert_int_equal(w.app.trainer.n_regions, 6 * 3 * 2);
-    assert_int_equal(w.app.n_views, 6 * 9);
+    assert_int_equal(sv_driver_n_views(&w.app.trainer), 6 * 9);
     digest[n - 1] = sv_train_digest(&w.app.trainer);
     double held_out = world_heldout_psnr(&w, 8), trained = training_psnr();
     print_message("%d threads: held-out %.2f dB, measurements %.2f dB\n", n, held_out, trained);

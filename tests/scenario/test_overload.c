@@ -151,13 +151,12 @@ typedef struct {
   sv_ns now_ns;
   uint64_t n_exposures;
   sv_ns train_ns, train_since_ns;
-  sv_frame frames[N_CAMERAS];
 } user_t;
 
 static sv_capture_queue queue;
 static user_t user;
 
-static void check_exposure(const sv_queued_exposure *t) {
+static void check_exposure(const sv_exposure_slot *t) {
   int64_t slot = world.cam[0].slot_of[t->frames[0].i_buffer];
   assert_int_equal(t->exposure.present[0], (1u << N_CAMERAS) - 1);
   for (int i = 0; i < N_CAMERAS; i++) {
@@ -168,16 +167,16 @@ static void check_exposure(const sv_queued_exposure *t) {
 
 // One piece of work, and the time that it takes at this load.
 static void user_works(void) {
-  sv_queued_exposure t = {.frames = user.frames};
+  sv_exposure_slot *t;
   sv_ns from_ns = user.now_ns;
   sv_work work = sv_governor_next(&user.governor, from_ns, sv_capture_queue_n_ready(&queue) > 0);
   double ms[SV_N_WORKS] = {[SV_WORK_EXPOSURE] = 8, [SV_WORK_TRAIN] = 3, [SV_WORK_PREVIEW] = 20};
   user.now_ns += (sv_ns)(ms[work] * user.load * (0.8 + 0.4 * chance()) * 1e6);
   if (work == SV_WORK_EXPOSURE) {
     assert_int_equal(sv_capture_queue_take(&queue, &t), SV_OK);
-    check_exposure(&t);
+    check_exposure(t);
     user.n_exposures++;
-    sv_capture_queue_give_back(&queue, &t, true);
+    sv_capture_queue_give_back(&queue, t, true);
   }
   if (work == SV_WORK_TRAIN) user.train_ns += user.now_ns - from_ns;
   sv_governor_done(&user.governor, work, from_ns, user.now_ns);
@@ -360,7 +359,7 @@ static void bad_configs_are_refused(void **state) {
   sv_arena a = sv_arena_make(block, sv_capture_queue_bytes(&good) - 1);
   assert_int_equal(sv_capture_queue_init(&queue, &good, &source, &clock, &a), SV_E_NOMEM);
   a = sv_arena_make(block, sizeof block);
-  good.mode = SV_SYNC_METHOD_TRIGGER; // and the source has no such line
+  good.method = SV_SYNC_METHOD_TRIGGER; // and the source has no such line
   assert_int_equal(sv_capture_queue_init(&queue, &good, &source, &clock, &a), SV_OK);
   assert_int_equal(sv_capture_queue_start(&queue, &err), SV_E_UNSUPPORTED);
   assert_non_null(strstr(err.text, "trigger"));

@@ -26,7 +26,6 @@ static struct {
   sv_clock clock;
   sv_rig rig;
   sv_camera_caps *caps;
-  sv_frame *frames;
   sv_capture_queue queue;
   sv_exposures pool; // of one exposure
   sv_odometry odometry;
@@ -61,8 +60,7 @@ static sv_status open_capture(const cal_options *o, sv_err *err) {
   p.source = sv_replay_source(&p.replay);
   p.clock = sv_replay_clock(&p.replay);
   p.caps = SV_TAKE(&p.arena, sv_camera_caps, p.source.n_cameras);
-  p.frames = SV_TAKE(&p.arena, sv_frame, p.source.n_cameras);
-  if (!p.caps || !p.frames) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its cameras", o->capture);
+  if (!p.caps) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its cameras", o->capture);
   for (int i = 0; i < p.source.n_cameras; i++) {
     if ((s = p.source.caps(p.source.self, i, &p.caps[i])) < 0)
       return sv_fail(err, s, "%s: camera %d does not tell what it can do", o->capture, i);
@@ -108,15 +106,15 @@ static sv_status open_tracker(sv_err *err) {
 // --- tracking ------------------------------------------------------------------------------------
 
 static sv_status take(const cal_options *o, int *n, sv_err *err) {
-  sv_queued_exposure t = {.frames = p.frames};
+  sv_exposure_slot *slot;
   sv_status s = stopped(err);
-  if (s == SV_OK) s = sv_capture_queue_take(&p.queue, &t);
+  if (s == SV_OK) s = sv_capture_queue_take(&p.queue, &slot);
   if (s != SV_OK) return s;
   p.pool.i_next = 0;
-  s = sv_exposures_add(&p.pool, &t.exposure, t.frames, &p.k, &p.threads, err);
-  sv_capture_queue_give_back(&p.queue, &t, true);
+  s = sv_exposures_add(&p.pool, &slot->exposure, slot->frames, &p.k, &p.threads, err);
+  p.time_ns[*n] = slot->exposure.time_ns;
+  sv_capture_queue_give_back(&p.queue, slot, true);
   if (s < 0) return s == SV_E_FORMAT || s == SV_E_CORRUPT ? SV_DROPPED : s;
-  p.time_ns[*n] = t.exposure.time_ns;
   s = sv_odometry_add(&p.odometry, &p.pool, 0);
   if (s < 0) return sv_fail(err, s, "exposure %d: %s", *n, sv_status_text(s));
   if (!o->is_quiet && (++*n % 10 == 0 || *n == p.n)) fprintf(stderr, "pose  %d/%d exposures\n", *n, p.n);
