@@ -7,7 +7,7 @@
 #include "src/base/mathx.h"
 #include "src/metric/metric.h"
 #include "src/train/objective.h"
-#include "src/train/renew.h"
+#include "src/dynamic/renew.h"
 
 #define LIVE_HASTE 3.0f
 #define FIND_EVERY 16 // exposures between two searches for what moves
@@ -27,7 +27,7 @@ void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
   // Every exposure is like the last one: nothing cools down, and there are but a few dozen steps for what is new in
   // it. Five of six see the newest exposure, the others those of the ring in turn: they keep the shape of what is still,
   // and would drag back what moves fast. What appears and disappears does so by opacity and colour, faster than it could
-  // travel; what the newest pictures show elsewhere is put there (src/train/renew.h).
+  // travel; what the newest pictures show elsewhere is put there (src/dynamic/renew.h).
   t->lr.mean_start = t->lr.mean_end = 9.6e-4f;
   t->lr.quat *= LIVE_HASTE, t->lr.scale *= LIVE_HASTE;
   t->lr.sh0 *= 2 * LIVE_HASTE, t->lr.logit *= 2;

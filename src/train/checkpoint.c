@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-#include "src/train/handover.h"
+#include "src/dynamic/distil.h"
 
 typedef struct {
   int32_t n, sh_degree, n_items, i_order;

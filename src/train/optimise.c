@@ -6,7 +6,7 @@
 
 #include "src/base/mathx.h"
 #include "src/splat/constants.h"
-#include "src/train/handover.h"
+#include "src/dynamic/distil.h"
 
 #define BLOCKS_PER_TASK SV_FIELD_TASK // a field sums by these tasks
 #define ERR_KEEP        0.9f          // running mean of the blended error over the views that see a Gaussian

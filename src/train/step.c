@@ -6,7 +6,7 @@
 #include "src/prior/methods.h"
 #include "src/prior/views.h"
 #include "src/splat/constants.h"
-#include "src/train/handover.h"
+#include "src/dynamic/distil.h"
 
 #define UNPACK_ROWS 16 // rows a task
 

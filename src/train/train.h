@@ -12,7 +12,7 @@
 #include "src/prior/prior.h"
 #include "src/rig/forward.h"
 #include "src/splat/render.h"
-#include "src/train/local_motion.h"
+#include "src/dynamic/local_motion.h"
 #include "src/train/poses.h"
 
 #ifdef __cplusplus

@@ -13,7 +13,7 @@
 #include "src/deform/deform_file.h"
 #include "src/train/checkpoint.h"
 #include "src/train/objective.h"
-#include "src/train/patch.h"
+#include "src/dynamic/patch.h"
 #include "tests/common/moving_scene.h"
 
 #define N_STEPS    600

@@ -11,7 +11,7 @@
 #include <cmocka.h>
 
 #include "platform/linux/linux.h"
-#include "src/train/handover.h"
+#include "src/dynamic/distil.h"
 #include "tests/common/moving_scene.h"
 
 #define N_GAUSS 480

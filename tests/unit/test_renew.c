@@ -11,7 +11,7 @@
 #include <string.h>
 
 #include "src/metric/metric.h"
-#include "src/train/renew.h"
+#include "src/dynamic/renew.h"
 #include "tests/common/world.h"
 
 #define JUMP_S 0.5

@@ -13,7 +13,7 @@
 #include "src/base/mathx.h"
 #include "src/base/rng.h"
 #include "src/base/vec.h"
-#include "src/train/rigid.h"
+#include "src/dynamic/rigid.h"
 
 #define CAP       4000
 #define F         300.0f

@@ -4,8 +4,8 @@
 // go on with pictures. These say nothing about the times between them, so the clip, which stays as it was, goes on
 // teaching what is there: a share of the steps is held against its picture of such a time.
 // The stored Gaussians, from which a field's offsets count, are those of the clip's middle time.
-#ifndef SV_TRAIN_HANDOVER_H
-#define SV_TRAIN_HANDOVER_H
+#ifndef SV_DYNAMIC_DISTIL_H
+#define SV_DYNAMIC_DISTIL_H
 
 #include "src/train/train.h"
 

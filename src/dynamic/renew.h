@@ -2,8 +2,8 @@
 // Live: what the newest exposure shows elsewhere, or for the first time, is not travelled to. Where the model's pictures
 // are off, the Gaussians that are seen there go, and as many come back on the surface that the newest exposure's own
 // depth maps tell of (sweep.h), in its colours. However far things moved meanwhile, they start in place.
-#ifndef SV_TRAIN_RENEW_H
-#define SV_TRAIN_RENEW_H
+#ifndef SV_DYNAMIC_RENEW_H
+#define SV_DYNAMIC_RENEW_H
 
 #include "src/train/sweep.h"
 

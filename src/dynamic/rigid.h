@@ -7,11 +7,11 @@
 // something else. Bodies are found by sequential RANSAC (Fischler & Bolles 1981) with the winners refined (Chum, Matas
 // & Kittler 2003): three neighbours propose a motion, those around them and then all that go along with it refine it,
 // and what hangs together with the largest body's seed becomes the next body.
-#ifndef SV_TRAIN_RIGID_H
-#define SV_TRAIN_RIGID_H
+#ifndef SV_DYNAMIC_RIGID_H
+#define SV_DYNAMIC_RIGID_H
 
 #include "src/deform/bodies.h"
-#include "src/train/local_motion.h"
+#include "src/dynamic/local_motion.h"
 
 #ifdef __cplusplus
 extern "C" {

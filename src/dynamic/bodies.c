@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "src/base/mathx.h"
-#include "src/train/rigid.h"
+#include "src/dynamic/rigid.h"
 #include "src/train/train.h"
 
 #define TOLERANCE_PX  0.7f // a member is off by less

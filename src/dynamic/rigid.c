@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "src/train/rigid.h"
+#include "src/dynamic/rigid.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "src/train/handover.h"
+#include "src/dynamic/distil.h"
 
 #include <math.h>
 #include <string.h>

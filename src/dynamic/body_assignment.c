@@ -9,7 +9,7 @@
 
 #include "src/base/mathx.h"
 #include "src/splat/constants.h"
-#include "src/train/patch.h"
+#include "src/dynamic/patch.h"
 #include "src/train/train.h"
 
 #define NEAR_RADII      8.0f  // of a body: its parts are no farther

@@ -3,8 +3,8 @@
 // Whatever turns and shifts as one body moves affinely, so an affine function of place is fitted to the displacements
 // of those nearby (weighted least squares with a ridge towards pure translation); those that disagree with it count
 // little in the next round (Geman & McClure's weights).
-#ifndef SV_TRAIN_LOCAL_MOTION_H
-#define SV_TRAIN_LOCAL_MOTION_H
+#ifndef SV_DYNAMIC_LOCAL_MOTION_H
+#define SV_DYNAMIC_LOCAL_MOTION_H
 
 #include "kernels/kernels.h"
 #include "src/base/arena.h"

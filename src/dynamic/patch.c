@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "src/train/patch.h"
+#include "src/dynamic/patch.h"
 
 #include "src/base/mathx.h"
 

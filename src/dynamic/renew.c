@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "src/train/renew.h"
+#include "src/dynamic/renew.h"
 
 #include "src/base/mathx.h"
 #include "src/splat/constants.h"

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Square patches of pictures, looked for in others: the sum of squared differences over 7 x 7 pixels and three colours,
 // at all places within a radius, then a parabola through the three best along x and y.
-#ifndef SV_TRAIN_PATCH_H
-#define SV_TRAIN_PATCH_H
+#ifndef SV_DYNAMIC_PATCH_H
+#define SV_DYNAMIC_PATCH_H
 
 #include <stdbool.h>
 

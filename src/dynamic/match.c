@@ -11,7 +11,7 @@
 
 #include "src/base/mathx.h"
 #include "src/splat/constants.h"
-#include "src/train/patch.h"
+#include "src/dynamic/patch.h"
 #include "src/train/train.h"
 
 #define REACH           10    // 1/REACH of the larger side is searched

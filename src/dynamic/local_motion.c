@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "src/train/local_motion.h"
+#include "src/dynamic/local_motion.h"
 
 #include <string.h>
 

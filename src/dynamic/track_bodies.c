@@ -6,8 +6,8 @@
 #include <string.h>
 
 #include "src/base/mathx.h"
-#include "src/train/patch.h"
-#include "src/train/rigid.h"
+#include "src/dynamic/patch.h"
+#include "src/dynamic/rigid.h"
 #include "src/train/train.h"
 
 #define BETTER          0.7f  // a place must differ so much less than the expected one
