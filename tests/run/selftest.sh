@@ -187,6 +187,7 @@ mrcal green "the release that is installed" real
 WANT='this release of mrcal is unknown' mrcal red "an unknown release" 'double *state, long n_cameras'
 
 # --- documents
+# shellcheck disable=SC2016 # backticks are those of Markdown
 documents() { # colour, name, file, text added to it
   clean
   mkdir docs
@@ -196,13 +197,16 @@ documents() { # colour, name, file, text added to it
   $1 "docs: $2" "$lint/docs.sh"
 }
 documents green clean docs/map.md ''
-documents green 'placeholders and code blocks' docs/map.md '`boards/NAME/board.h` `src/app/FOO.c`\n```\n[x](y.md) sv_none\n```'
-WANT='the limit is 150' documents red 'a long README' README.md "$(yes line | head -n 150)"
-WANT='leads nowhere' documents red 'a link to nothing' docs/map.md '[x](gone.md)'
-WANT='no such heading' documents red 'an anchor to nothing' docs/map.md '[x](../README.md#gone)'
-WANT='does not exist' documents red 'a path to nothing' docs/map.md '`src/app/gone.c`'
-WANT='has no sv_gone' documents red 'a function that is gone' docs/map.md '`src/app/prose.c: sv_gone`'
-WANT='not in the sources' documents red 'a name that is gone' docs/map.md 'calls sv_gone(3)'
+# shellcheck disable=SC2016
+{
+  documents green 'placeholders and code blocks' docs/map.md '`boards/NAME/board.h` `src/app/FOO.c`\n```\n[x](y.md) sv_none\n```'
+  WANT='the limit is 150' documents red 'a long README' README.md "$(yes line | head -n 150)"
+  WANT='leads nowhere' documents red 'a link to nothing' docs/map.md '[x](gone.md)'
+  WANT='no such heading' documents red 'an anchor to nothing' docs/map.md '[x](../README.md#gone)'
+  WANT='does not exist' documents red 'a path to nothing' docs/map.md '`src/app/gone.c`'
+  WANT='has no sv_gone' documents red 'a function that is gone' docs/map.md '`src/app/prose.c: sv_gone`'
+  WANT='not in the sources' documents red 'a name that is gone' docs/map.md 'calls sv_gone(3)'
+}
 
 # --- format
 clean

@@ -6,6 +6,7 @@
 #   - `src/room/file.c` in backticks exists; of `src/room/file.c: name` the file also contains that name
 #   - every sv_ name outside code blocks, and in those of ARCHITECTURE.md, stands somewhere in the sources
 # A path with a word in capitals (boards/NAME) is a placeholder.
+# shellcheck disable=SC2016 # backticks are those of Markdown
 cd "${1:-.}" || exit 2
 lint=$(dirname "$(readlink -f "$0")")
 limit=150
@@ -58,10 +59,11 @@ KNOWN=$known LC_ALL=C awk '
       if (part[i] ~ rooms && (part[i] !~ /[\/_][A-Z]+([\/_.:]|$)/ || part[i] ~ /[.]md$/)) print FILENAME "\t" FNR "\tname\t" part[i]
   }' $documents | {
   tab=$(printf '\t')
+  is_bad=0
   while IFS="$tab" read -r file line kind text; do
     if [ "$kind" = word ]; then
       echo "$file:$line: $text is not in the sources"
-      bad=1
+      is_bad=1
       continue
     fi
     if [ "$kind" = link ]; then
@@ -71,10 +73,10 @@ KNOWN=$known LC_ALL=C awk '
       [ -z "$to" ] || target=$(dirname "$file")/$to
       if [ ! -e "$target" ]; then
         echo "$file:$line: the link $text leads nowhere"
-        bad=1
+        is_bad=1
       elif [ -n "$anchor" ] && ! anchors "$target" | grep -qxF -- "$anchor"; then
         echo "$file:$line: $text: there is no such heading"
-        bad=1
+        is_bad=1
       fi
       continue
     fi
@@ -82,16 +84,16 @@ KNOWN=$known LC_ALL=C awk '
     case $text in *': '*) names=${text#*: } ;; esac
     if [ ! -e "$path" ]; then
       echo "$file:$line: $path does not exist"
-      bad=1
+      is_bad=1
       continue
     fi
     IFS=', '
     for name in $names; do
-      grep -qwF -- "$name" "$path" || { echo "$file:$line: $path has no $name"; bad=1; }
+      grep -qwF -- "$name" "$path" || { echo "$file:$line: $path has no $name"; is_bad=1; }
     done
   done
-  exit $bad
+  exit $is_bad
 }
 code=$?
-[ $bad -eq 0 ] && exit $code
-exit 1
+[ $bad -eq 0 ] || exit 1
+exit $code
