@@ -205,6 +205,8 @@ documents green clean docs/map.md ''
   WANT='no such heading' documents red 'an anchor to nothing' docs/map.md '[x](../README.md#gone)'
   WANT='does not exist' documents red 'a path to nothing' docs/map.md '`src/app/gone.c`'
   WANT='has no sv_gone' documents red 'a function that is gone' docs/map.md '`src/app/prose.c: sv_gone`'
+  WANT='no such target' documents red 'a target that is gone' docs/map.md '```\nmake -j2 gone BOARD=x # it\n```'
+  WANT='does not exist' documents red 'a test that is gone' docs/map.md 'see unit/test_gone'
   WANT='not in the sources' documents red 'a name that is gone' docs/map.md 'calls sv_gone(3)'
 }
 
