@@ -45,7 +45,8 @@ static bool read_size(const pair *p, sv_camera_options *o) {
       !sv_parse_int(x + 1, p->n_value - (size_t)(x - p->value) - 1, &h))
     return false;
   if (w < 16 || h < 16 || w > 16384 || h > 16384) return false;
-  o->width_px = (int)w, o->height_px = (int)h;
+  o->width_px = (int)w;
+  o->height_px = (int)h;
   return true;
 }
 

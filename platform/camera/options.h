@@ -1,16 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
-// What stands behind "v4l2:" and "libcamera:": a list of cameras, then options, separated by commas.
+// What stands behind "v4l2:" and "libcamera:": a list of cameras, then options, separated by
+// commas.
 //   size=WxH          frames of this size (else what the camera is set to)
-//   format=FOURCC     pixel format by V4L2's name (YUYV, NV12, GREY, RG10, pRAA, MJPG, ...; else the best one)
+//   format=FOURCC     pixel format by V4L2's name (YUYV, NV12, GREY, RG10, pRAA, MJPG, ...; else
+//                     the best one)
 //   fps=F             frames a second
 //   buffers=N         frames of a camera that can be in use at once, 3..32 (8)
-//   exposure=US gain=N wb=K    fixed shutter time in microseconds, gain and colour temperature; gain in the driver's
+//   exposure=US gain=N wb=K    fixed shutter time in microseconds, gain and colour temperature;
+//                              gain in the driver's
 //                     units (V4L2) or as a factor (libcamera)
 //   lock=on|off       exposure, gain and white balance hold still while the cameras run (on)
 //   settle=MS         the automatic controls' time to settle before they are locked (500)
 //   stall=MS          a camera without a frame for so long is started again (1000)
-//   clock=camera|monotonic|boottime|realtime, stamp=start|middle|end    what the stamps mean, if not as the driver says
-//   black=N red=F blue=F light=linear|display    of raw sensors: black level in samples, gains beside green, and
+//   clock=camera|monotonic|boottime|realtime, stamp=start|middle|end    what the stamps mean, if
+//   not as the driver says
+//   black=N red=F blue=F light=linear|display    of raw sensors: black level in samples, gains
+//                                                beside green, and
 //                     whether samples are light (Bayer) or display values (grey)
 //   dmabuf=on|off     V4L2 buffers are exported as DMABUF descriptors, too (off)
 //   sync=off|server|client     libcamera's rpi.sync between boards (off)
@@ -72,9 +77,11 @@ void sv_camera_events_add(sv_camera_events *e, sv_camera_event_kind kind, int i_
                           int64_t detail);
 // STARVED, said once a second at most: a busy reader would have it with each frame.
 void sv_camera_events_starved(sv_camera_events *e, int i_camera, sv_ns host_ns);
-sv_status sv_camera_events_pop(sv_camera_events *e, sv_camera_event *out) SV_MUST_USE; // AGAIN: none
+// AGAIN: none
+sv_status sv_camera_events_pop(sv_camera_events *e, sv_camera_event *out) SV_MUST_USE;
 
-// Size of a baseline or progressive JPEG by its header, and whether its end marker is there. False: not a JPEG.
+// Size of a baseline or progressive JPEG by its header, and whether its end marker is there. False:
+// not a JPEG.
 bool sv_camera_jpeg_look(const uint8_t *data, size_t bytes, int *width_px, int *height_px, bool *has_end);
 
 #ifdef __cplusplus

@@ -32,7 +32,8 @@ sv_status sv_tiled_init(sv_tiled *t, const sv_source *inner, int cols, int rows,
   if (cols < 1 || rows < 1 || cols * rows < 2 || cols * rows > SV_TILED_CAP_TILES)
     return sv_fail(err, SV_E_ARG, "tiles=%dx%d: expected 2 to %d tiles", cols, rows, SV_TILED_CAP_TILES);
   t->inner = *inner;
-  t->cols = cols, t->rows = rows;
+  t->cols = cols;
+  t->rows = rows;
   t->caps = SV_TAKE(arena, sv_camera_caps, inner->n_cameras);
   t->on_loan = SV_TAKE(arena, uint16_t, inner->n_cameras * SV_TILED_CAP_BUFFERS);
   if (arena->status < 0)
@@ -69,7 +70,8 @@ static void cut(const sv_tiled *t, const sv_frame *whole, int i_tile, sv_frame *
   f->i_camera = whole->i_camera * n_tiles(t) + i_tile;
   int x = i_tile % t->cols * f->width_px, y = i_tile / t->cols * f->height_px;
   if (sv_pixel(f->format)->layout == SV_LAYOUT_CODED) {
-    f->coded_x0_px += x, f->coded_y0_px += y;
+    f->coded_x0_px += x;
+    f->coded_y0_px += y;
     return;
   }
   size_t stride = (size_t)whole->stride_bytes, row = sv_pixel_row_bytes(f->format, f->width_px);

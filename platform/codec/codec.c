@@ -7,16 +7,17 @@
 
 #define MAX_SIDE_PX 32768
 
-// Working memory of one picture. libjpeg keeps rows: at most 3 channels, 2 lines of MCUs (16 rows each)
-// with context, twice (decoded and upsampled), about 200 bytes a column; tables and derived tables are under
-// 128 KiB. libpng keeps two rows of up to 8 bytes a pixel, zlib's window and state are 40 KiB, or 270 KiB
-// for writing. The unit
+// Working memory of one picture. libjpeg keeps rows: at most 3 channels, 2 lines of MCUs (16 rows
+// each) with context, twice (decoded and upsampled), about 200 bytes a column; tables and derived
+// tables are under 128 KiB. libpng keeps two rows of up to 8 bytes a pixel, zlib's window and state
+// are 40 KiB, or 270 KiB for writing. The unit
 // test prints the high-water mark.
 static size_t block_bytes(const sv_codec_cfg *cfg) {
   size_t w = ((size_t)cfg->max_width_px + 31) & ~(size_t)31,
          h = ((size_t)cfg->max_height_px + 31) & ~(size_t)31;
   size_t bytes = (size_t)(384 << 10) + 256 * w;
-  if (cfg->has_progressive) bytes += w * h * 6 + 64 * h; // coefficients of three full channels, row pointers
+  // coefficients of three full channels, row pointers
+  if (cfg->has_progressive) bytes += w * h * 6 + 64 * h;
   return bytes;
 }
 
@@ -51,7 +52,8 @@ sv_status sv_codec_init(sv_codec *c, const sv_codec_cfg *cfg, sv_arena *arena) {
   }
   sv_status s = sv_jpeg_open(c);
   if (s < 0) return s;
-  // At its first use libjpeg-turbo reads about the processor, into memory from the heap: now, not while cameras run.
+  // At its first use libjpeg-turbo reads about the processor, into memory from the heap: now, not
+  // while cameras run.
   uint8_t px[3] = {0}, out[2048];
   sv_picture dot = {.width_px = 1, .height_px = 1, .stride_bytes = 3, .format = SV_PIX_RGB8, .data = px};
   size_t bytes;
@@ -82,7 +84,8 @@ static sv_status probe_jpeg(const uint8_t *p, size_t n, sv_codec_info *out, sv_e
   for (size_t i = 2; i + 4 <= n;) {
     if (p[i] != 0xff) break;
     uint8_t m = p[i + 1];
-    if (m == 0xff || (m >= 0xd0 && m <= 0xd8) || m == 0x01) { // fill byte, or a marker without content
+    // fill byte, or a marker without content
+    if (m == 0xff || (m >= 0xd0 && m <= 0xd8) || m == 0x01) {
       i += m == 0xff ? 1 : 2;
       continue;
     }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// JPEG and PNG through libjpeg and libpng without heap: both libraries get a memory manager over one
-// fixed block that is emptied after each picture. Only sv_codec_init lets libjpeg take a few small
-// blocks from the heap (its two codec objects, once), which sv_codec_close gives back.
+// JPEG and PNG through libjpeg and libpng without heap: both libraries get a memory manager over
+// one fixed block that is emptied after each picture. Only sv_codec_init lets libjpeg take a few
+// small blocks from the heap (its two codec objects, once), which sv_codec_close gives back.
 // One codec serves one thread. It must not move between init and close.
 #ifndef SV_PLATFORM_CODEC_CODEC_H
 #define SV_PLATFORM_CODEC_CODEC_H
@@ -19,8 +19,8 @@ extern "C" {
 
 typedef struct {
   int max_width_px, max_height_px; // larger pictures are refused with E_RANGE
-  bool has_progressive;            // also progressive JPEG and interlaced PNG: these need the whole picture's
-                                   // coefficients (6 bytes a pixel) in the block
+  bool has_progressive;            // also progressive JPEG and interlaced PNG: these need the whole
+                                   // picture's coefficients (6 bytes a pixel) in the block
 } sv_codec_cfg;
 
 typedef struct {
@@ -41,8 +41,8 @@ size_t sv_codec_bytes(const sv_codec_cfg *cfg); // 0 when cfg is out of range (1
 sv_status sv_codec_init(sv_codec *c, const sv_codec_cfg *cfg, sv_arena *arena) SV_MUST_USE;
 void sv_codec_close(sv_codec *c);
 
-// What a picture is, by its header alone; needs no codec. E_FORMAT when it is neither JPEG nor PNG, or
-// cut before its size is told.
+// What a picture is, by its header alone; needs no codec. E_FORMAT when it is neither JPEG nor PNG,
+// or cut before its size is told.
 sv_status sv_codec_probe(const uint8_t *data, size_t bytes, sv_codec_info *out, sv_err *err) SV_MUST_USE;
 
 // The picture to be filled: width_px x height_px of the file must agree (E_RANGE otherwise).
@@ -57,21 +57,22 @@ typedef struct {
 // returned (extra bytes between segments, which many webcams send, are no damage).
 sv_status sv_codec_decode_jpeg(sv_codec *c, const uint8_t *data, size_t bytes, const sv_picture *out,
                                sv_err *err) SV_MUST_USE;
-// format: GREY8, RGB8, RGBA8 (alpha 255 when the file has none), RGB16 (grey is repeated, so 16-bit depth
-// maps come through whole). RGB8 and GREY8 drop alpha, they do not composite.
+// format: GREY8, RGB8, RGBA8 (alpha 255 when the file has none), RGB16 (grey is repeated, so 16-bit
+// depth maps come through whole). RGB8 and GREY8 drop alpha, they do not composite.
 sv_status sv_codec_decode_png(sv_codec *c, const uint8_t *data, size_t bytes, const sv_picture *out,
                               sv_err *err) SV_MUST_USE;
 // Either, by the first bytes.
 sv_status sv_codec_decode(sv_codec *c, const uint8_t *data, size_t bytes, const sv_picture *out,
                           sv_err *err) SV_MUST_USE;
 
-// rgb (format RGB8 or GREY8) -> JPEG in out[cap]. quality 1..100; is_full_colour keeps the chroma at full
-// resolution (4:4:4, else 4:2:0). E_FULL when cap is too small: width * height * 3 + 4096 always suffices
-// in practice, a tenth of it usually.
+// rgb (format RGB8 or GREY8) -> JPEG in out[cap]. quality 1..100; is_full_colour keeps the chroma
+// at full resolution (4:4:4, else 4:2:0). E_FULL when cap is too small: width * height * 3 + 4096
+// always suffices in practice, a tenth of it usually.
 sv_status sv_codec_encode_jpeg(sv_codec *c, const sv_picture *in, int quality, bool is_full_colour,
                                uint8_t *out, size_t cap, size_t *bytes, sv_err *err) SV_MUST_USE;
 
-// GREY8, RGB8 or RGB16 -> PNG in out[cap], without loss. sv_codec_png_cap bytes always suffice; E_FULL.
+// GREY8, RGB8 or RGB16 -> PNG in out[cap], without loss. sv_codec_png_cap bytes always suffice;
+// E_FULL.
 sv_status sv_codec_encode_png(sv_codec *c, const sv_picture *in, uint8_t *out, size_t cap, size_t *bytes,
                               sv_err *err) SV_MUST_USE;
 size_t sv_codec_png_cap(int width_px, int height_px, sv_pixel_format format);

@@ -17,9 +17,11 @@ sv_status sv_gzip(const sv_piece *piece, int n_pieces, uint8_t **out, size_t *by
   uLong cap = deflateBound(&z, total);
   uint8_t *o = malloc(cap);
   int r = o ? Z_OK : Z_MEM_ERROR;
-  z.next_out = o, z.avail_out = (uInt)cap;
+  z.next_out = o;
+  z.avail_out = (uInt)cap;
   for (int i = 0; r == Z_OK && i < n_pieces; i++) {
-    z.next_in = (Bytef *)(uintptr_t)piece[i].data, z.avail_in = (uInt)piece[i].bytes;
+    z.next_in = (Bytef *)(uintptr_t)piece[i].data;
+    z.avail_in = (uInt)piece[i].bytes;
     r = deflate(&z, i + 1 < n_pieces ? Z_NO_FLUSH : Z_FINISH);
   }
   size_t n = z.total_out;
@@ -28,7 +30,8 @@ sv_status sv_gzip(const sv_piece *piece, int n_pieces, uint8_t **out, size_t *by
     free(o);
     return sv_fail(err, SV_E_NOMEM, "gzip: no memory for %lu bytes", total);
   }
-  *out = o, *bytes = n;
+  *out = o;
+  *bytes = n;
   return SV_OK;
 }
 
@@ -57,7 +60,8 @@ sv_status sv_gunzip(const char *name, const uint8_t *data, size_t n, size_t cap,
   size_t got = z.total_out;
   inflateEnd(&z);
   if (r == Z_STREAM_END && got <= cap) {
-    *out = o, *bytes = got;
+    *out = o;
+    *bytes = got;
     return SV_OK;
   }
   free(o);

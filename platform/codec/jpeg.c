@@ -19,7 +19,8 @@ static void error_exit(j_common_ptr cinfo) {
   longjmp(j->exit, 1);
 }
 
-// Warnings (level -1) are damage, except bytes between segments: whole classes of webcams send those.
+// Warnings (level -1) are damage, except bytes between segments: whole classes of webcams send
+// those.
 static void emit_message(j_common_ptr cinfo, int level) {
   sv_jpeg_common *j = (sv_jpeg_common *)cinfo->err;
   if (level >= 0 || cinfo->err->msg_code == JWRN_EXTRANEOUS_DATA) return;
@@ -73,8 +74,8 @@ void sv_jpeg_close(sv_codec *c) {
 // --- decoding ------------------------------------------------------------------------------------
 static void source_nothing(j_decompress_ptr d) { (void)d; }
 
-// The data is all there is. An end-of-image marker lets libjpeg finish what it has; it then counts as
-// damaged.
+// The data is all there is. An end-of-image marker lets libjpeg finish what it has; it then counts
+// as damaged.
 static boolean source_at_end(j_decompress_ptr d) {
   static const JOCTET end[2] = {0xff, JPEG_EOI};
   WARNMS(d, JWRN_JPEG_EOF);

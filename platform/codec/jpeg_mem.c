@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// libjpeg's memory manager over the codec's block. Everything is taken in order and nothing is given
-// back before the picture is done, so both of libjpeg's pools are the same block.
+// libjpeg's memory manager over the codec's block. Everything is taken in order and nothing is
+// given back before the picture is done, so both of libjpeg's pools are the same block.
 #include <stdlib.h>
 #include <string.h>
 
@@ -53,7 +53,8 @@ static JBLOCKARRAY take_barray(j_common_ptr cinfo, int pool_id, JDIMENSION width
   return rows;
 }
 
-// Sample arrays of a whole picture serve colour quantisation and full-picture buffers, which are not used.
+// Sample arrays of a whole picture serve colour quantisation and full-picture buffers, which are
+// not used.
 static jvirt_sarray_ptr want_sarray(j_common_ptr cinfo, int pool_id, boolean is_zeroed, JDIMENSION width,
                                     JDIMENSION n_rows, JDIMENSION n_access) {
   (void)pool_id, (void)is_zeroed, (void)width, (void)n_rows, (void)n_access;

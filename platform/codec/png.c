@@ -21,7 +21,8 @@ static png_voidp png_take(png_structp png, png_alloc_size_t bytes) {
   return sv_codec_block_take(r->codec, bytes); // libpng handles NULL
 }
 
-static void png_give(png_structp png, png_voidp p) { (void)png, (void)p; } // the block is emptied as a whole
+// the block is emptied as a whole
+static void png_give(png_structp png, png_voidp p) { (void)png, (void)p; }
 
 static void png_fail(png_structp png, png_const_charp text) {
   reader_t *r = png_get_error_ptr(png);
@@ -94,7 +95,9 @@ sv_status sv_codec_decode_png(sv_codec *c, const uint8_t *data, size_t bytes, co
   reader_t *r = sv_codec_block_take(c, sizeof *r);
   if (!r) return sv_fail(err, SV_E_NOMEM, "PNG: the codec's fixed block is too small");
   memset(r, 0, sizeof *r);
-  r->codec = c, r->data = data, r->bytes = bytes;
+  r->codec = c;
+  r->data = data;
+  r->bytes = bytes;
   if (setjmp(r->exit)) return sv_fail(err, SV_E_FORMAT, "PNG: %s", r->text);
   r->png = png_create_read_struct_2(PNG_LIBPNG_VER_STRING, r, png_fail, png_warn, r, png_take, png_give);
   if (r->png) r->info = png_create_info_struct(r->png);

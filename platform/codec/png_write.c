@@ -7,7 +7,8 @@
 
 #include "src/base/str.h"
 
-// Sensor pictures are noisy in their low bytes: a higher level takes several times as long for some percent.
+// Sensor pictures are noisy in their low bytes: a higher level takes several times as long for some
+// percent.
 #define LEVEL 2
 
 typedef struct {
@@ -26,7 +27,8 @@ static png_voidp png_take(png_structp png, png_alloc_size_t bytes) {
   return sv_codec_block_take(w->codec, bytes); // libpng and zlib handle NULL
 }
 
-static void png_give(png_structp png, png_voidp p) { (void)png, (void)p; } // the block is emptied as a whole
+// the block is emptied as a whole
+static void png_give(png_structp png, png_voidp p) { (void)png, (void)p; }
 
 static void png_fail(png_structp png, png_const_charp text) {
   writer_t *w = png_get_error_ptr(png);
@@ -83,7 +85,9 @@ sv_status sv_codec_encode_png(sv_codec *c, const sv_picture *in, uint8_t *out, s
   writer_t *w = sv_codec_block_take(c, sizeof *w);
   if (!w) return sv_fail(err, SV_E_NOMEM, "PNG: the codec's fixed block is too small");
   memset(w, 0, sizeof *w);
-  w->codec = c, w->out = out, w->cap = cap;
+  w->codec = c;
+  w->out = out;
+  w->cap = cap;
   if (setjmp(w->exit)) {
     if (w->is_full) return sv_fail(err, SV_E_FULL, "PNG: the picture does not fit into %zu bytes", cap);
     return sv_fail(err, SV_E_FORMAT, "PNG: %s", w->text);

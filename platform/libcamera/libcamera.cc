@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// libcamera, opening: cameras, formats, requests, the list. What differs between releases: shim.hpp.
+// libcamera, opening: cameras, formats, requests, the list. What differs between releases:
+// shim.hpp.
 #include <cstdlib>
 #include <cstring>
 #include <ctime>
@@ -120,7 +121,8 @@ static sv_status configure(sv_libcamera *s, Cam *c, const char *name, sv_err *er
   c->i_format = k;
   c->stream = sc.stream();
   c->stride_bytes = static_cast<int>(sc.stride);
-  c->caps.width_px = w, c->caps.height_px = h;
+  c->caps.width_px = w;
+  c->caps.height_px = h;
   c->caps.format = known[k].format;
   bool is_jpeg = c->caps.format == SV_PIX_JPEG;
   size_t rows = static_cast<size_t>(h) + (c->caps.format == SV_PIX_NV12 ? static_cast<size_t>(h + 1) / 2 : 0);
@@ -202,8 +204,8 @@ static sv_status make_requests(Cam *c, const char *name, sv_err *err) {
   return SV_OK;
 }
 
-// SensorTimestamp is CLOCK_BOOTTIME by its definition, and CLOCK_MONOTONIC from handlers that pass V4L2's stamps on.
-// They differ only on a machine that has slept.
+// SensorTimestamp is CLOCK_BOOTTIME by its definition, and CLOCK_MONOTONIC from handlers that pass
+// V4L2's stamps on. They differ only on a machine that has slept.
 static sv_clock_id stamp_clock() {
   timespec a, b;
   clock_gettime(CLOCK_MONOTONIC, &a);

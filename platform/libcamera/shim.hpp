@@ -63,9 +63,11 @@ struct Cam {
   std::shared_ptr<Camera> camera;
   std::unique_ptr<CameraConfiguration> config;
   std::optional<FrameBufferAllocator> allocator;
-  std::array<Slot, 2 * SV_CAMERA_CAP_BUFFERS> slots; // frames of before a fault may still be on loan
-  std::string id;                                    // to know it again
-  int i_format = -1;                                 // agreed on, with the size in caps; -1: not yet
+  // frames of before a fault may still be on loan
+  std::array<Slot, 2 * SV_CAMERA_CAP_BUFFERS> slots;
+  std::string id; // to know it again
+  // agreed on, with the size in caps; -1: not yet
+  int i_format = -1;
   Stream *stream = nullptr;
   sv_camera_caps caps = {};
   int stride_bytes = 0;

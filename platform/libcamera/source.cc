@@ -12,7 +12,7 @@ using namespace libcamera;
 #define LATER_RETRY_NS (200 * SV_NS_PER_MS)
 #define MOST_GAP_NS    (200 * SV_NS_PER_MS) // between two looks
 
-// --- one camera ------------------------------------------------------------------------------------
+// --- one camera ----------------------------------------------------------------------------------
 // On libcamera's thread: only notes it.
 void Cam::requestDone(Request *request) {
   sv_ns t_ns = now(owner);
@@ -32,11 +32,13 @@ void Cam::disconnected() {
 
 // controls::rpi::SyncMode: 0 off, 1 server, 2 client.
 static void set_sync(const sv_libcamera *s, ControlList *list) {
-  if (s->cfg.sync == SV_RPI_SYNC_OFF) return; // else open has looked whether there is such a control
+  // else open has looked whether there is such a control
+  if (s->cfg.sync == SV_RPI_SYNC_OFF) return;
   list->set(s->sync_mode_id, ControlValue(static_cast<int32_t>(s->cfg.sync == SV_RPI_SYNC_SERVER ? 1 : 2)));
 }
 
-// Values that are given, or that the automatic control has found, and no automatic control from here on.
+// Values that are given, or that the automatic control has found, and no automatic control from
+// here on.
 static void set_fixed(const sv_libcamera *s, const Cam *c, ControlList *list) {
   int32_t us = s->cfg.exposure_ns > 0 ? static_cast<int32_t>(s->cfg.exposure_ns / 1000) : c->exposure_us;
   float gain = s->cfg.gain >= 0 ? static_cast<float>(s->cfg.gain) : c->gain;
@@ -107,14 +109,16 @@ static void lose(sv_libcamera *s, Cam *c) {
   sv_libcamera_detach(c);
 }
 
-// libcamera makes a new object of a camera that was plugged in again; its id, which tells the place, is the same.
+// libcamera makes a new object of a camera that was plugged in again; its id, which tells the
+// place, is the same.
 static void reopen(sv_libcamera *s, Cam *c) {
   sv_err err;
   sv_camera_caps before = c->caps;
   c->retry_ns = now(s) + RETRY_NS;
   auto camera = s->manager->get(c->id);
   if (!camera) return;
-  c->retry_ns = now(s) + LATER_RETRY_NS; // where it is there and cannot be used, libcamera says so each time
+  // where it is there and cannot be used, libcamera says so each time
+  c->retry_ns = now(s) + LATER_RETRY_NS;
   sv_status r = sv_libcamera_attach(s, c, std::move(camera), &err);
   c->caps = before; // what the runtime was told at the start must hold
   if (r == SV_E_RANGE && !c->is_wrong) {
@@ -218,8 +222,10 @@ static bool fill_frame(sv_libcamera *s, Cam *c, int i_slot, sv_frame *f) {
   size_t used = 0;
   for (const auto &p : fm.planes()) used += p.bytesused;
   f->data_bytes = used < slot.cap_bytes[0] ? used : slot.cap_bytes[0];
-  if (f->format == SV_PIX_NV12 && slot.plane[1])
-    f->chroma = slot.plane[1], f->chroma_stride_bytes = f->stride_bytes;
+  if (f->format == SV_PIX_NV12 && slot.plane[1]) {
+    f->chroma = slot.plane[1];
+    f->chroma_stride_bytes = f->stride_bytes;
+  }
   f->i_buffer = i_slot;
   f->is_error = fm.status != FrameMetadata::FrameSuccess;
   sv_camera_event_kind kind = SV_CAMERA_DAMAGED;
@@ -232,7 +238,10 @@ static bool fill_frame(sv_libcamera *s, Cam *c, int i_slot, sv_frame *f) {
     if (is_read && (w != f->width_px || h != f->height_px)) kind = SV_CAMERA_WRONG_SIZE;
     else kind = SV_CAMERA_SHORT_FRAME;
     f->is_error = !is_read || !has_end || kind == SV_CAMERA_WRONG_SIZE;
-  } else if (!f->is_error && used < least) f->is_error = true, kind = SV_CAMERA_SHORT_FRAME;
+  } else if (!f->is_error && used < least) {
+    f->is_error = true;
+    kind = SV_CAMERA_SHORT_FRAME;
+  }
   if (f->is_error) sv_camera_events_add(&s->events, kind, f->i_camera, f->arrival_ns, f->sequence);
   return true;
 }

@@ -20,7 +20,8 @@ static void put(int fd, const char *text, size_t bytes) {
     ssize_t n = write(fd, text, bytes);
     if (n < 0 && errno == EINTR) continue;
     if (n <= 0) return; // a closed terminal must not stop a capture
-    text += n, bytes -= (size_t)n;
+    text += n;
+    bytes -= (size_t)n;
   }
 }
 
@@ -64,8 +65,8 @@ void sv_linux_console_finish(sv_linux_console *c) {
   c->has_live_line = false;
 }
 
-// A connection that drops is told of more than once, by the shell and by the kernel: there, the second signal is nobody
-// who has lost patience. Under nohup it is ignored and stays so.
+// A connection that drops is told of more than once, by the shell and by the kernel: there, the
+// second signal is nobody who has lost patience. Under nohup it is ignored and stays so.
 static int catch_hangup(void) {
   struct sigaction a, before;
   memset(&a, 0, sizeof a);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The machine behind src/port/port.h on Linux: clock, threads, store, console. Every struct here is
-// owned by the caller; memory is taken from the system only in the open/start calls (thread stacks),
-// never afterwards. The structs must stay where they are while the port made from them is in use.
+// owned by the caller; memory is taken from the system only in the open/start calls (thread
+// stacks), never afterwards. The structs must stay where they are while the port made from them is
+// in use.
 #ifndef SV_PLATFORM_LINUX_LINUX_H
 #define SV_PLATFORM_LINUX_LINUX_H
 
@@ -22,12 +23,14 @@ extern "C" {
 #endif
 
 // --- clock ---------------------------------------------------------------------------------------
-// CLOCK_MONOTONIC. sleep_until_ns returns early when a signal comes (so that Ctrl-C is seen at once).
+// CLOCK_MONOTONIC. sleep_until_ns returns early when a signal comes (so that Ctrl-C is seen at
+// once).
 sv_clock sv_linux_clock(void);
 
 // --- memory --------------------------------------------------------------------------------------
-// Asks for pages of 2 MiB in a block that nobody has touched yet (transparent huge pages): what goes over the whole
-// block at every step then seldom waits for a page's address. A kernel that has none goes on with its usual pages.
+// Asks for pages of 2 MiB in a block that nobody has touched yet (transparent huge pages): what
+// goes over the whole block at every step then seldom waits for a page's address. A kernel that has
+// none goes on with its usual pages.
 void sv_linux_large_pages(void *block, size_t bytes);
 
 // --- threads -------------------------------------------------------------------------------------
@@ -38,15 +41,15 @@ typedef struct {
   sv_linux_pool *pool;
   pthread_t id;
   int i_thread;
-  // Tasks of the present job that are left of this thread's share: job << 32 | first << 16 | end. Its owner takes them
-  // from the front, a thread that is done with its own from the back.
+  // Tasks of the present job that are left of this thread's share: job << 32 | first << 16 | end.
+  // Its owner takes them from the front, a thread that is done with its own from the back.
   SV_LINUX_ATOMIC(uint64_t) left;
   char apart[128 - 40]; // words of two threads on one line of the cache would slow both down
 } sv_linux_worker;
 
-// One job at a time. A share's word holds the job's number beside its tasks, so a worker that wakes late can never take
-// a task of a job it did not read: no worker has to report in, and a sleeping one costs the caller nothing but that its
-// share is taken by the others.
+// One job at a time. A share's word holds the job's number beside its tasks, so a worker that wakes
+// late can never take a task of a job it did not read: no worker has to report in, and a sleeping
+// one costs the caller nothing but that its share is taken by the others.
 struct sv_linux_pool {
   int n_threads;   // the caller included
   int64_t spin_ns; // how long an idle thread looks before it sleeps
@@ -65,9 +68,9 @@ struct sv_linux_pool {
   sv_linux_worker workers[SV_LINUX_CAP_THREADS]; // [0]: the caller
 };
 
-// Makes n_threads - 1 threads (1..SV_LINUX_CAP_THREADS; with 1 none is made and tasks run in order on
-// the caller). Idle threads spin spin_us before they sleep (-1: 200; it is 0 on a machine with a single
-// core). Their signals are blocked: Ctrl-C goes to the main thread.
+// Makes n_threads - 1 threads (1..SV_LINUX_CAP_THREADS; with 1 none is made and tasks run in order
+// on the caller). Idle threads spin spin_us before they sleep (-1: 200; it is 0 on a machine with a
+// single core). Their signals are blocked: Ctrl-C goes to the main thread.
 sv_status sv_linux_pool_start(sv_linux_pool *p, int n_threads, int spin_us, sv_err *err) SV_MUST_USE;
 // The port's view of it. run() must not be called from inside a task nor by two threads at once.
 sv_pool sv_linux_pool_port(sv_linux_pool *p);
@@ -116,15 +119,15 @@ typedef struct {
   sv_ns live_period_ns, last_live_ns;
 } sv_linux_console;
 
-// Log lines go to `fd` (2: stderr) with one write each. SV_LOG_LIVE rewrites one line on a terminal;
-// elsewhere it prints a line at most every 5 seconds.
+// Log lines go to `fd` (2: stderr) with one write each. SV_LOG_LIVE rewrites one line on a
+// terminal; elsewhere it prints a line at most every 5 seconds.
 void sv_linux_console_init(sv_linux_console *c, int fd, bool is_quiet);
 sv_console sv_linux_console_port(sv_linux_console *c);
 void sv_linux_console_finish(sv_linux_console *c); // ends a live line
 
 // From here on the first SIGINT or SIGTERM only sets the stop flag that every console reports; the
-// second one has its usual effect, so a hanging program can still be ended. SIGHUP sets it too, however often it comes,
-// unless it is ignored.
+// second one has its usual effect, so a hanging program can still be ended. SIGHUP sets it too,
+// however often it comes, unless it is ignored.
 sv_status sv_linux_catch_signals(sv_err *err) SV_MUST_USE;
 // From here on output that nobody reads any more is lost, instead of ending the program.
 void sv_linux_outlive_readers(void);

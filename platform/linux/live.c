@@ -79,7 +79,10 @@ static long read_number(int fd, int base, long missing) {
   if (n <= 0) return missing;
   long v = 0;
   int i = 0, sign = 1, digits = 0;
-  if (text[0] == '-') sign = -1, i = 1;
+  if (text[0] == '-') {
+    sign = -1;
+    i = 1;
+  }
   for (; i < n; i++, digits++) {
     int d = text[i] >= '0' && text[i] <= '9'   ? text[i] - '0'
             : text[i] >= 'a' && text[i] <= 'f' ? text[i] - 'a' + 10
@@ -90,7 +93,8 @@ static long read_number(int fd, int base, long missing) {
   return digits ? sign * v : missing;
 }
 
-// Bits 0 to 3 of the Raspberry Pi's get_throttled tell what is so now; elsewhere only the temperature is known.
+// Bits 0 to 3 of the Raspberry Pi's get_throttled tell what is so now; elsewhere only the
+// temperature is known.
 static sv_health health(void *self) {
   const sv_linux_live *l = self;
   long milli_c = read_number(l->health_fd, 10, -1000000), flags = read_number(l->throttled_fd, 16, -1);
@@ -100,7 +104,8 @@ static sv_health health(void *self) {
 
 // --- the server ----------------------------------------------------------------------------------
 
-// vfork and exec by the library, without the heap: what the child is to find is put where it looks beforehand.
+// vfork and exec by the library, without the heap: what the child is to find is put where it looks
+// beforehand.
 static void start_server(sv_linux_live *l) {
   posix_spawnattr_t attr;
   sigset_t none, usual;
@@ -110,15 +115,18 @@ static void start_server(sv_linux_live *l) {
   if (posix_spawnattr_init(&attr)) return;
   sigemptyset(&none);
   sigemptyset(&usual);
-  sigaddset(&usual, SIGINT), sigaddset(&usual, SIGTERM);
+  sigaddset(&usual, SIGINT);
+  sigaddset(&usual, SIGTERM);
   posix_spawnattr_setsigmask(&attr, &none);
   posix_spawnattr_setsigdefault(&attr, &usual);
   posix_spawnattr_setpgroup(&attr, 0); // Ctrl-C is for us; we end it when we are done
   posix_spawnattr_setflags(&attr, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETPGROUP);
   pid_t pid;
-  fcntl(l->feed_fd, F_SETFD, 0), fcntl(l->pipe_fd[1], F_SETFD, 0);
+  fcntl(l->feed_fd, F_SETFD, 0);
+  fcntl(l->pipe_fd[1], F_SETFD, 0);
   if (posix_spawn(&pid, l->program, NULL, &attr, l->argv, environ) == 0) l->pid = pid;
-  fcntl(l->feed_fd, F_SETFD, FD_CLOEXEC), fcntl(l->pipe_fd[1], F_SETFD, FD_CLOEXEC);
+  fcntl(l->feed_fd, F_SETFD, FD_CLOEXEC);
+  fcntl(l->pipe_fd[1], F_SETFD, FD_CLOEXEC);
   posix_spawnattr_destroy(&attr);
 }
 
@@ -184,7 +192,10 @@ static void make_token(char token[static 40]) {
     token[0] = 0; // then nothing can be asked for
     return;
   }
-  for (int i = 0; i < 16; i++) token[2 * i] = digits[r[i] >> 4], token[2 * i + 1] = digits[r[i] & 15];
+  for (int i = 0; i < 16; i++) {
+    token[2 * i] = digits[r[i] >> 4];
+    token[2 * i + 1] = digits[r[i] & 15];
+  }
   token[32] = 0;
 }
 
@@ -246,7 +257,8 @@ void sv_linux_live_close(sv_linux_live *l) {
     if (*fds[i] >= 0) close(*fds[i]);
     *fds[i] = -1;
   }
-  l->block = NULL, l->pid = 0;
+  l->block = NULL;
+  l->pid = 0;
 }
 
 sv_status sv_linux_live_parse(const char *text, char *addr, size_t cap_addr, int *port, sv_err *err) {
@@ -259,7 +271,10 @@ sv_status sv_linux_live_parse(const char *text, char *addr, size_t cap_addr, int
   sv_copy(addr, cap_addr, "127.0.0.1");
   if (!colon) return SV_OK;
   const char *from = text, *to = colon;
-  if (from < to && *from == '[' && to[-1] == ']') from++, to--;
+  if (from < to && *from == '[' && to[-1] == ']') {
+    from++;
+    to--;
+  }
   if ((size_t)(to - from) + 1 > cap_addr) return sv_fail(err, SV_E_ARG, "%s: the address is too long", text);
   memcpy(addr, from, (size_t)(to - from));
   addr[to - from] = 0;

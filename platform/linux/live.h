@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // C only: the feed is.
-// The live view on Linux: the feed in shared memory, and the program that serves it. `subview` opens no socket: it
-// starts subview-preview, hands it the feed (read-only) and the writing end of a pipe for the person's commands, and
-// starts it again when it ends or hangs. Everything here is made before the run; nothing allocates afterwards.
+// The live view on Linux: the feed in shared memory, and the program that serves it. `subview`
+// opens no socket: it starts subview-preview, hands it the feed (read-only) and the writing end of
+// a pipe for the person's commands, and starts it again when it ends or hangs. Everything here is
+// made before the run; nothing allocates afterwards.
 #ifndef SV_PLATFORM_LINUX_LIVE_H
 #define SV_PLATFORM_LINUX_LIVE_H
 
@@ -37,8 +38,9 @@ typedef struct {
 // Makes the feed (a sealed memfd) and the pipe. *live stays where it is.
 sv_status sv_linux_live_open(sv_linux_live *live, uint32_t cap_gaussians, uint32_t cap_floats,
                              sv_err *err) SV_MUST_USE;
-// Starts subview-preview, which lies beside this program, on ADDR:PORT, and waits until it listens (3 s at most).
-// program NULL: beside /proc/self/exe. E_DEVICE with an empty sentence: subview-preview has said on stderr why it cannot.
+// Starts subview-preview, which lies beside this program, on ADDR:PORT, and waits until it listens
+// (3 s at most). program NULL: beside /proc/self/exe. E_DEVICE with an empty sentence:
+// subview-preview has said on stderr why it cannot.
 sv_status sv_linux_live_serve(sv_linux_live *live, const char *program, const char *addr, int port,
                               sv_err *err) SV_MUST_USE;
 // The port's view: feed, commands (which also looks after the server), health.

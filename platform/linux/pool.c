@@ -11,8 +11,8 @@
 
 // Core code keeps its frames under 4 KiB and does not recurse.
 #define STACK_BYTES (512u << 10)
-// Longer than the pieces of a training step that one thread does alone, and than its longest task on a fast machine: to
-// wake a sleeper takes 20 to 60 us.
+// Longer than the pieces of a training step that one thread does alone, and than its longest task
+// on a fast machine: to wake a sleeper takes 20 to 60 us.
 #define SPIN_US 200
 // Looks at the time only every so many spins: reading the clock costs more than a look.
 #define SPINS_PER_LOOK 64
@@ -61,8 +61,9 @@ typedef struct {
   int i_task;
 } taken;
 
-// Takes a task of what is left of w's share: its first, or its last one. fn and arg are read before the share's word is
-// exchanged: if another job began in between, the exchange fails and what was read is unused.
+// Takes a task of what is left of w's share: its first, or its last one. fn and arg are read before
+// the share's word is exchanged: if another job began in between, the exchange fails and what was
+// read is unused.
 static bool take(sv_linux_pool *p, sv_linux_worker *w, bool is_own, taken *t) {
   uint64_t left = atomic_load_explicit(&w->left, memory_order_acquire);
   for (;;) {
@@ -77,15 +78,16 @@ static bool take(sv_linux_pool *p, sv_linux_worker *w, bool is_own, taken *t) {
   }
 }
 
-// The thread's own share first: what it worked on in the last job is in its cache. Then what others have left.
+// The thread's own share first: what it worked on in the last job is in its cache. Then what others
+// have left.
 static bool take_any(sv_linux_pool *p, int i_thread, taken *t) {
   for (int k = 0; k < p->n_threads; k++)
     if (take(p, &p->workers[(i_thread + k) % p->n_threads], k == 0, t)) return true;
   return false;
 }
 
-// Works until there are no tasks left. A job ends when all threads that did some of it have said so here, so what is
-// counted belongs to one job.
+// Works until there are no tasks left. A job ends when all threads that did some of it have said so
+// here, so what is counted belongs to one job.
 static void work(sv_linux_pool *p, int i_thread) {
   uint32_t n = 0;
   for (taken t; take_any(p, i_thread, &t); n++) t.fn(t.arg, t.i_task, i_thread);
@@ -102,8 +104,8 @@ static void *worker_main(void *arg) {
   futex_wake(&p->n_started, 1);
   for (;;) {
     if (!spin_for_change(&p->i_job, seen, p->spin_ns)) {
-      // The count goes up before the kernel compares i_job again: either the caller of the next job sees
-      // a sleeper, or the sleeper sees the next job.
+      // The count goes up before the kernel compares i_job again: either the caller of the next job
+      // sees a sleeper, or the sleeper sees the next job.
       atomic_fetch_add(&p->n_asleep, 1);
       if (atomic_load(&p->i_job) == seen) futex_wait(&p->i_job, seen);
       atomic_fetch_sub(&p->n_asleep, 1);
@@ -139,7 +141,8 @@ static void run_of_part(void *arg, int i_task, int i_thread) {
 
 static void run_some(sv_linux_pool *p, sv_task_fn fn, void *arg, int n_tasks) {
   const uint64_t i_job = ++p->n_jobs;
-  atomic_store_explicit(&p->fn, fn, memory_order_relaxed); // all shares are empty: nobody uses these
+  // all shares are empty: nobody uses these
+  atomic_store_explicit(&p->fn, fn, memory_order_relaxed);
   atomic_store_explicit(&p->arg, arg, memory_order_relaxed);
   atomic_store_explicit(&p->n_tasks, (uint32_t)n_tasks, memory_order_relaxed);
   atomic_store_explicit(&p->n_done, 0, memory_order_relaxed);
@@ -199,7 +202,8 @@ sv_status sv_linux_pool_start(sv_linux_pool *p, int n_threads, int spin_us, sv_e
     if (s == SV_OK) p->n_threads++;
   }
   pthread_sigmask(SIG_SETMASK, &old, NULL);
-  // What a thread does for itself at its start (a sanitizer's runtime takes memory) is over before we are.
+  // What a thread does for itself at its start (a sanitizer's runtime takes memory) is over before
+  // we are.
   for (uint32_t seen; (seen = atomic_load(&p->n_started)) + 1 < (uint32_t)p->n_threads;)
     futex_wait(&p->n_started, seen);
   if (s == SV_OK) return s;

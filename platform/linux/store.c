@@ -106,7 +106,9 @@ static sv_status store_write(void *self, const void *data, size_t bytes, sv_err 
     if (n < 0 && errno == EINTR) continue;
     if (n < 0) return store_failed(s, errno, err);
     if (n == 0) return store_failed(s, EIO, err); // would turn the loop into an endless one
-    p += n, bytes -= (size_t)n, s->n_bytes += (uint64_t)n;
+    p += n;
+    bytes -= (size_t)n;
+    s->n_bytes += (uint64_t)n;
   }
   return SV_OK;
 }

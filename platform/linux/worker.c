@@ -4,7 +4,8 @@
 #include <sched.h>
 #include <signal.h>
 
-// Before everything else on the machine, where the system lets us: a frame that is not taken in time is lost.
+// Before everything else on the machine, where the system lets us: a frame that is not taken in
+// time is lost.
 static void hurry(void) {
   const struct sched_param p = {.sched_priority = 1};
   (void)pthread_setschedparam(pthread_self(), SCHED_FIFO, &p);

@@ -78,7 +78,8 @@ static bool read_doubles(const json_t *j, int t, int n, double *out) {
   return true;
 }
 
-// A whole number of object t in [lo, hi]; absent: `otherwise`. lo > otherwise makes the key necessary.
+// A whole number of object t in [lo, hi]; absent: `otherwise`. lo > otherwise makes the key
+// necessary.
 static sv_status get_int(const json_t *j, int t, const char *key, int64_t lo, int64_t hi, int64_t otherwise,
                          int64_t *out, const char *expected) {
   int v = find(j, t, key);
@@ -179,8 +180,10 @@ static sv_status read_camera(const json_t *j, int t, sv_capture_camera *c, sv_ca
   v = find(j, t, "fps");
   if (v >= 0 && (!read_double(j, v, &c->caps.fps) || c->caps.fps < 0 || c->caps.fps > 1e6))
     return bad(j, v, "fps", "frames per second, 0 when unknown");
-  c->caps.width_px = (int)w, c->caps.height_px = (int)h;
-  c->caps.clock = (sv_clock_id)clock, c->caps.stamp = (sv_stamp_source)stamp;
+  c->caps.width_px = (int)w;
+  c->caps.height_px = (int)h;
+  c->caps.clock = (sv_clock_id)clock;
+  c->caps.stamp = (sv_stamp_source)stamp;
   int64_t bits = 8;
   s = get_int(j, t, "bits", 8, 16, 8, &bits, "8 or 16");
   if (s == SV_OK && bits != 8 && bits != 16) s = bad(j, find(j, t, "bits"), "bits", "8 or 16");
@@ -260,11 +263,12 @@ static sv_status read_all(const json_t *j, sv_capture *c, sv_capture_frame *pool
 }
 
 // --- memory --------------------------------------------------------------------------------------
-// Upper bounds by a glance at the text: each token but the first follows one of { [ , : and each frame,
-// pose and camera opens a brace.
+// Upper bounds by a glance at the text: each token but the first follows one of { [ , : and each
+// frame, pose and camera opens a brace.
 static bool count(const char *text, size_t bytes, size_t *n_tokens, size_t *n_objects) {
   size_t depth = 0;
-  *n_tokens = 1, *n_objects = 0;
+  *n_tokens = 1;
+  *n_objects = 0;
   for (size_t i = 0; i < bytes; i++) {
     char c = text[i];
     *n_tokens += c == '{' || c == '[' || c == ',' || c == ':';
@@ -383,7 +387,8 @@ static void slerp(double out[4], const double a[4], const double b_in[4], double
   if (dot < 0) dot = -dot;
   if (dot < 0.9999) { // nearer than that, the straight line is the arc
     double angle = sv_acos(dot), sine = sv_sin(angle);
-    wa = sv_sin((1 - u) * angle) / sine, wb = sv_sin(u * angle) / sine;
+    wa = sv_sin((1 - u) * angle) / sine;
+    wb = sv_sin(u * angle) / sine;
   }
   for (int i = 0; i < 4; i++) out[i] = wa * a[i] + wb * b[i];
 }

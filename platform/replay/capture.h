@@ -5,7 +5,8 @@
 //   DIR/capture.json
 //   DIR/<folder of a camera>/<file of a frame>      JPEG or PNG
 //
-// capture.json (UTF-8; unknown keys are skipped; names must not hold escapes, ".." or a leading "/"):
+// capture.json (UTF-8; unknown keys are skipped; names must not hold escapes, ".." or a leading
+// "/"):
 //   {
 //     "version": 1,
 //     "name": "kitchen",                          optional
@@ -17,12 +18,15 @@
 //        "clock": "camera" | "monotonic" | "boottime" | "realtime",     default "monotonic"
 //        "stamp": "start" | "middle" | "end",                           default "start"
 //        "frames": [
-//          {"file": "000000.jpg", "sequence": 0, "camera_ns": 100, "arrival_ns": 200, "exposure_ns": 0},
-//          ...                                    arrival_ns never decreases; sequence defaults to the
-//        ]}, ...                                  place in the list, arrival_ns to camera_ns, exposure_ns to
-//        0
+//          {"file": "000000.jpg", "sequence": 0, "camera_ns": 100, "arrival_ns": 200,
+//          "exposure_ns": 0},
+//          ...                                    arrival_ns never decreases; sequence defaults to
+//                                                 the
+//        ]}, ...                                  place in the list, arrival_ns to camera_ns,
+//                                                 exposure_ns to 0
 //     ],
-//     "poses": [                                  optional, time_ns (host time, as arrival_ns) increasing
+//     "poses": [                                  optional, time_ns (host time, as arrival_ns)
+//                                                 increasing
 //       {"time_ns": 100, "rig_from_world": [qw,qx,qy,qz, tx,ty,tz]}, ...
 //     ]
 //   }
@@ -70,21 +74,22 @@ typedef struct {
 } sv_capture;
 
 // Reads DIR/capture.json into the arena (text and lists; the parser's tokens are given back). If a
-// writer was killed before it closed, its sidecars are first folded into capture.json, if the folder can be written; of
-// a capture that is being written, what was saved last is read.
+// writer was killed before it closed, its sidecars are first folded into capture.json, if the
+// folder can be written; of a capture that is being written, what was saved last is read.
 sv_status sv_capture_load(sv_capture *c, const char *dir, sv_arena *arena, sv_err *err) SV_MUST_USE;
 
-// The same from a text in memory. `text` [bytes] is written to (names are terminated in place) and must
-// live as long as the capture. `where` names it in sentences.
+// The same from a text in memory. `text` [bytes] is written to (names are terminated in place) and
+// must live as long as the capture. `where` names it in sentences.
 sv_status sv_capture_parse(sv_capture *c, char *text, size_t bytes, const char *where, sv_arena *arena,
                            sv_err *err) SV_MUST_USE;
 
-// The poses of the capture are replaced by those of a file {"version": 1, "poses": [as above, at least one]}, which
-// `subview-calibrate pose` writes. Text and list go into the arena.
+// The poses of the capture are replaced by those of a file {"version": 1, "poses": [as above, at
+// least one]}, which `subview-calibrate pose` writes. Text and list go into the arena.
 sv_status sv_capture_load_poses(sv_capture *c, const char *path, sv_arena *arena, sv_err *err) SV_MUST_USE;
 
-// Where the rig was: between poses the rotation is interpolated on the sphere, the position on a line;
-// before the first and after the last pose it stands still. E_NOT_FOUND: the capture has no poses.
+// Where the rig was: between poses the rotation is interpolated on the sphere, the position on a
+// line; before the first and after the last pose it stands still. E_NOT_FOUND: the capture has no
+// poses.
 sv_status sv_capture_pose_at(const sv_capture *c, sv_ns host_ns, sv_pose *rig_from_world) SV_MUST_USE;
 
 #ifdef __cplusplus

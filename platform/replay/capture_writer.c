@@ -15,13 +15,13 @@
 #define COPY_BYTES (64u << 10)
 #define LINE_BYTES 1024
 
-// Sidecars hold the lines of one list of capture.json as they will stand there, the separating comma
-// at the start of all lines but the first; a line counts when its newline is there.
+// Sidecars hold the lines of one list of capture.json as they will stand there, the separating
+// comma at the start of all lines but the first; a line counts when its newline is there.
 static void sidecar_name(char out[32], int i_camera) { sv_fmt(out, 32, "frames.%d.part", i_camera); }
 #define POSES_SIDECAR "poses.part"
 
-// Whoever writes holds the folder's lock: a writer as long as it lives, recovery while it folds in. The kernel drops it
-// when a process dies.
+// Whoever writes holds the folder's lock: a writer as long as it lives, recovery while it folds in.
+// The kernel drops it when a process dies.
 typedef enum { FOLDER_OURS, FOLDER_IN_USE, FOLDER_WITHOUT_LOCKS } folder_lock;
 
 static folder_lock lock_folder(int dir_fd) {
@@ -35,8 +35,8 @@ static void remove_sidecars(int dir_fd) {
   for (int i = 0; i < SV_CAP_SUB_VIEWS; i++) {
     sidecar_name(name, i);
     unlinkat(dir_fd, name, 0);
-    // The first one is the sign that there is something to recover. Once it is gone for good, what a kill or a power cut
-    // leaves of the others harms nobody.
+    // The first one is the sign that there is something to recover. Once it is gone for good, what
+    // a kill or a power cut leaves of the others harms nobody.
     if (i == 0) fsync(dir_fd);
   }
   unlinkat(dir_fd, POSES_SIDECAR, 0);
@@ -95,7 +95,8 @@ static bool put_all(int fd, const void *data, size_t bytes) {
     ssize_t n = write(fd, p, bytes);
     if (n < 0 && errno == EINTR) continue;
     if (n <= 0) return false;
-    p += n, bytes -= (size_t)n;
+    p += n;
+    bytes -= (size_t)n;
   }
   return true;
 }
@@ -109,7 +110,8 @@ static bool is_line_end(int fd, off_t at) {
   return pread(fd, &c, 1, at - 1) == 1 && c == '\n';
 }
 
-// Copies the whole lines of a sidecar from byte `at` on into the file being saved; none when no line begins there.
+// Copies the whole lines of a sidecar from byte `at` on into the file being saved; none when no
+// line begins there.
 static sv_status copy_lines(sv_linux_store *store, int fd, off_t at, uint8_t *buf, size_t cap, sv_err *err) {
   sv_store s = sv_linux_store_port(store);
   struct stat st;
@@ -129,7 +131,8 @@ static sv_status copy_lines(sv_linux_store *store, int fd, off_t at, uint8_t *bu
   return SV_OK;
 }
 
-// Pictures, sidecars and folders: they must be on the disk before a capture.json that lists them for good.
+// Pictures, sidecars and folders: they must be on the disk before a capture.json that lists them
+// for good.
 static sv_status sync_all(const sv_linux_store *store, sv_err *err) {
   if (syncfs(store->dir_fd) == 0) return SV_OK;
   return sv_fail(err, SV_E_IO, "%s: the pictures could not be synced: %s", store->dir,
@@ -209,7 +212,8 @@ static bool ends_with(const char *text, const char *end) {
   return n >= m && !strcasecmp(text + n - m, end);
 }
 
-// By another camera or by the capture itself. On memory cards "Left" and "left" are often the same folder.
+// By another camera or by the capture itself. On memory cards "Left" and "left" are often the same
+// folder.
 static bool is_taken(const sv_capture_writer *w, int i, const char *folder) {
   static const char *const own[] = {"", "capture.json", "poses.json", "rig"};
   for (size_t k = 0; k < sizeof own / sizeof *own; k++)
@@ -382,7 +386,8 @@ typedef struct {
   size_t n, at;
 } lines_t;
 
-// The next line with its newline; false at the end or when a line is longer than the writer makes them.
+// The next line with its newline; false at the end or when a line is longer than the writer makes
+// them.
 static bool next_line(lines_t *l) {
   size_t len = 0;
   for (;;) {
@@ -390,7 +395,8 @@ static bool next_line(lines_t *l) {
       ssize_t n = read(l->fd, l->buf, sizeof l->buf);
       if (n < 0 && errno == EINTR) continue;
       if (n <= 0) return false;
-      l->n = (size_t)n, l->at = 0;
+      l->n = (size_t)n;
+      l->at = 0;
     }
     if (len + 1 >= sizeof l->line) return false;
     char c = l->buf[l->at++];
@@ -412,8 +418,9 @@ static sv_status put_rest(sv_linux_store *store, const char *name, off_t at, sv_
   return s;
 }
 
-// capture.json again, its lists continued with what the sidecars have beyond them. The lists are kept: capture.json is
-// synced when it is saved, the sidecars are not, so after a power cut they may be the shorter ones.
+// capture.json again, its lists continued with what the sidecars have beyond them. The lists are
+// kept: capture.json is synced when it is saved, the sidecars are not, so after a power cut they
+// may be the shorter ones.
 static sv_status rewrite(sv_linux_store *store, lines_t *l, sv_err *err) {
   sv_status s = SV_OK;
   int i_camera = 0;
@@ -427,8 +434,13 @@ static sv_status rewrite(sv_linux_store *store, lines_t *l, sv_err *err) {
     }
     if (s == SV_OK) s = put_text(store, l->line, err);
     n_body_bytes += (off_t)strlen(l->line);
-    if (ends_with(l->line, "\"frames\":[\n")) sidecar_name(name, i_camera++), n_body_bytes = 0;
-    else if (sv_str_eq(l->line, "\"poses\":[\n")) strcpy(name, POSES_SIDECAR), n_body_bytes = 0;
+    if (ends_with(l->line, "\"frames\":[\n")) {
+      sidecar_name(name, i_camera++);
+      n_body_bytes = 0;
+    } else if (sv_str_eq(l->line, "\"poses\":[\n")) {
+      strcpy(name, POSES_SIDECAR);
+      n_body_bytes = 0;
+    }
     is_whole = sv_str_eq(l->line, "}\n");
   }
   if (s == SV_OK && !is_whole)
@@ -448,7 +460,8 @@ static sv_status fold_in(sv_linux_store *store, folder_lock lock, sv_err *err) {
   if (status == SV_OK) status = s.commit(s.self, err);
   else s.abandon(s.self);
   close(l.fd);
-  // Once is enough: with the sidecars there, each load would write again, and undo what was edited since.
+  // Once is enough: with the sidecars there, each load would write again, and undo what was edited
+  // since.
   if (status == SV_OK && lock == FOLDER_OURS) remove_sidecars(store->dir_fd);
   return status;
 }
@@ -457,8 +470,8 @@ static sv_status recover_locked(const char *dir, const char *first_sidecar, sv_e
   sv_linux_store store;
   sv_status s = sv_linux_store_open(&store, dir, err);
   folder_lock lock = s == SV_OK ? lock_folder(store.dir_fd) : FOLDER_IN_USE;
-  // A writer that lives keeps its sidecars. On a medium that cannot be written the last save has to do, and where
-  // another process has recovered meanwhile nothing is left to be done.
+  // A writer that lives keeps its sidecars. On a medium that cannot be written the last save has to
+  // do, and where another process has recovered meanwhile nothing is left to be done.
   if (lock != FOLDER_IN_USE && faccessat(store.dir_fd, ".", W_OK, 0) == 0 && access(first_sidecar, F_OK) == 0)
     s = fold_in(&store, lock, err);
   sv_linux_store_close(&store);

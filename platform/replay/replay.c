@@ -27,14 +27,19 @@ static sv_status read_option(const char *p, size_t n, sv_replay_cfg *cfg, sv_err
   const char *v = eq ? eq + 1 : "";
   bool is_good = false;
   if (nk == 5 && !memcmp(p, "speed", 5)) {
-    if (nv == 3 && !memcmp(v, "max", 3)) cfg->speed = 0, is_good = true;
-    else if (nv == 8 && !memcmp(v, "realtime", 8)) cfg->speed = 1, is_good = true;
-    else is_good = sv_parse_double(v, nv, &cfg->speed) && cfg->speed >= 0.001 && cfg->speed <= 1000;
+    if (nv == 3 && !memcmp(v, "max", 3)) {
+      cfg->speed = 0;
+      is_good = true;
+    } else if (nv == 8 && !memcmp(v, "realtime", 8)) {
+      cfg->speed = 1;
+      is_good = true;
+    } else is_good = sv_parse_double(v, nv, &cfg->speed) && cfg->speed >= 0.001 && cfg->speed <= 1000;
   } else if (nk == 4 && !memcmp(p, "from", 4)) is_good = read_count(v, nv, 0, &cfg->from);
   else if (nk == 5 && !memcmp(p, "count", 5)) is_good = read_count(v, nv, 1, &cfg->count);
   else if (nk == 5 && !memcmp(p, "poses", 5) && nv > 0 && nv < sizeof cfg->poses) {
     memcpy(cfg->poses, v, nv);
-    cfg->poses[nv] = 0, is_good = true;
+    cfg->poses[nv] = 0;
+    is_good = true;
   }
   if (is_good) return SV_OK;
   return sv_fail(err, SV_E_ARG,
@@ -66,7 +71,8 @@ static int end_of(const sv_replay *r, int c) {
   return r->cfg.count && r->cfg.count < left ? r->cfg.from + r->cfg.count : n;
 }
 
-// Opens a camera's folder and learns its largest file. A missing file is found again when it is due.
+// Opens a camera's folder and learns its largest file. A missing file is found again when it is
+// due.
 static sv_status open_camera(sv_replay *r, int c, sv_err *err) {
   const sv_capture_camera *cc = &r->capture.cameras[c];
   char path[SV_CAPTURE_CAP_PATH + 264];
@@ -221,13 +227,17 @@ static int next_camera(const sv_replay *r) {
   for (int c = 0; c < r->capture.n_cameras; c++) {
     if (r->cameras[c].i_next >= end_of(r, c)) continue;
     sv_ns t_ns = r->capture.cameras[c].frames[r->cameras[c].i_next].arrival_ns;
-    if (best < 0 || t_ns < best_ns) best = c, best_ns = t_ns;
+    if (best < 0 || t_ns < best_ns) {
+      best = c;
+      best_ns = t_ns;
+    }
   }
   return best;
 }
 
 static sv_status read_file(sv_replay *r, int c, const char *name, size_t *bytes) {
-  int fd = openat(r->cameras[c].dir_fd, name, O_RDONLY | O_NONBLOCK | O_CLOEXEC); // a pipe would hold it up
+  // a pipe would hold it up
+  int fd = openat(r->cameras[c].dir_fd, name, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
   const char *folder = r->capture.cameras[c].folder;
   if (fd < 0)
     return sv_fail(&r->last_err, SV_E_NOT_FOUND, "%s/%s: cannot be read: %s", folder, name,

@@ -109,7 +109,10 @@ static bool read_pair(word v, int lo, int hi, int *a, int *b) {
   long long x[2] = {0};
   bool ok = next_word(&rest, 'x', &w[0]) && next_word(&rest, 'x', &w[1]) && !next_word(&rest, 'x', &more);
   for (int i = 0; i < 2 && ok; i++) ok = sv_parse_int(w[i].p, w[i].n, &x[i]) && x[i] >= lo && x[i] <= hi;
-  if (ok) *a = (int)x[0], *b = (int)x[1];
+  if (ok) {
+    *a = (int)x[0];
+    *b = (int)x[1];
+  }
   return ok;
 }
 
@@ -229,7 +232,10 @@ static void complete(sv_sim_config *c) {
   const sv_device_info *d = sv_device_info_of(c->rig);
   if (c->arc_deg < 0) c->arc_deg = SCENE_ARC_DEG[c->scene];
   if (c->angle_deg < 0) c->angle_deg = d->angle_deg;
-  if (c->grid_rows < 1) c->grid_rows = d->rows, c->grid_cols = d->cols;
+  if (c->grid_rows < 1) {
+    c->grid_rows = d->rows;
+    c->grid_cols = d->cols;
+  }
   if (c->overlap < 1) c->overlap = d->overlap;
 }
 
@@ -258,7 +264,8 @@ sv_status sv_sim_parse(sv_sim_config *out, const char *spec, sv_err *err) {
   int scene = find(w, SCENES, SV_SIM_N_SCENES);
   if (scene < 0) return unknown(err, "scene", w, SCENES, SV_SIM_N_SCENES);
   c.scene = (sv_sim_scene_id)scene;
-  c.arc_deg = c.angle_deg = c.overlap = -1; // filled in below from scene and rig unless an option does
+  // filled in below from scene and rig unless an option does
+  c.arc_deg = c.angle_deg = c.overlap = -1;
   c.grid_rows = c.grid_cols = 0;
   while (next_word(&rest, ',', &w)) {
     sv_status s = read_option(&c, w, err);

@@ -21,8 +21,12 @@ static inline v4f v4_root(v4f h, v4f a) { return v4_sqrt(v4_max(h, v4_set(0)) / 
 
 static inline __attribute__((always_inline)) v4_hit v4_hit_ellipsoid(const float *size, v4_vec o, v4_vec d,
                                                                      v4f near) {
-  o.x /= size[0], o.y /= size[1], o.z /= size[2];
-  d.x /= size[0], d.y /= size[1], d.z /= size[2];
+  o.x /= size[0];
+  o.y /= size[1];
+  o.z /= size[2];
+  d.x /= size[0];
+  d.y /= size[1];
+  d.z /= size[2];
   v4f a = v4_dot(d, d), b = v4_dot(o, d) / a;
   v4_vec q = {o.x - b * d.x, o.y - b * d.y, o.z - b * d.z};
   v4f h = 1.0f - v4_dot(q, q);
@@ -52,7 +56,8 @@ static inline __attribute__((always_inline)) v4_hit v4_hit_box(const float *size
 static inline v4f v4_side(float r, v4_vec o, v4_vec d, v4f *mid, v4f *half) {
   v4f a = v4_max(d.x * d.x + d.y * d.y, v4_set(1e-12f)), b = (o.x * d.x + o.y * d.y) / a;
   v4f qx = o.x - b * d.x, qy = o.y - b * d.y, h = r * r - qx * qx - qy * qy;
-  *mid = -b, *half = v4_any(h > 0.0f) ? v4_root(h, a) : v4_set(0);
+  *mid = -b;
+  *half = v4_any(h > 0.0f) ? v4_root(h, a) : v4_set(0);
   return h;
 }
 
@@ -109,7 +114,8 @@ static inline v4_vec v4_normal(sv_sim_shape shape, const float *size, v4_vec p, 
     n.z = p.z - v4_min(v4_max(p.z, v4_set(-size[1])), v4_set(size[1]));
   } else {
     v4i is_side = face == 0;
-    n.x = v4_select(is_side, p.x, zero), n.y = v4_select(is_side, p.y, zero);
+    n.x = v4_select(is_side, p.x, zero);
+    n.y = v4_select(is_side, p.y, zero);
     n.z = v4_select(is_side, zero, v4_select(face == 1, one, -one));
   }
   v4f inv = 1.0f / v4_sqrt(v4_max(v4_dot(n, n), v4_set(1e-20f)));

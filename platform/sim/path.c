@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the rig is: once round the scene in n_exposures slots (or to and fro on a shorter arc), rising
-// and sinking between 10 and 50 degrees of elevation.
+// Where the rig is: once round the scene in n_exposures slots (or to and fro on a shorter arc),
+// rising and sinking between 10 and 50 degrees of elevation.
 #include <math.h>
 
 #include "platform/sim/sim.h"
@@ -87,7 +87,8 @@ sv_view sv_sim_sub_view_at(const sv_sim *sim, const sv_sub_view *sv, sv_ns host_
 
 void sv_sim_view(const sv_sim *sim, int64_t slot, int i_sub_view, sv_view *view, double *time_s) {
   *view = sv_sim_sub_view_at(sim, &sim->rig.sub_views[i_sub_view], sv_sim_slot_ns(sim, slot));
-  view->i_exposure = (int)slot, view->i_sub_view = i_sub_view;
+  view->i_exposure = (int)slot;
+  view->i_sub_view = i_sub_view;
   *time_s = sv_sim_slot_time_s(sim, slot);
 }
 
@@ -103,6 +104,7 @@ void sv_sim_heldout_view(const sv_sim *sim, int i, int n, sv_view *view, double 
   sv_sim_rig_pose(sim, sv_sim_slot_ns(sim, slot), &rig);
   cam = sv_pose_mul(&cam, &rig);
   *view = view_of(sim, &sim->rig.sub_views[0].model, &cam, sv_sim_slot_ns(sim, slot));
-  view->i_exposure = (int)slot, view->i_sub_view = -1;
+  view->i_exposure = (int)slot;
+  view->i_sub_view = -1;
   *time_s = sv_sim_slot_time_s(sim, slot);
 }

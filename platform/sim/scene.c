@@ -61,12 +61,18 @@ static sv_sim_prim *rod(sv_sim_scene *s, const sv_sim_material *m, const double 
   for (int i = 0; i < 3; i++) x[i] /= nx;
   sv_cross3(y, z, x);
   sv_sim_prim *p = add(s, SV_SIM_CAPSULE, m, mid[0], mid[1], mid[2], radius_m, 0.5 * len, 0);
-  for (int i = 0; i < 3; i++) p->r[i * 3] = x[i], p->r[i * 3 + 1] = y[i], p->r[i * 3 + 2] = z[i];
+  for (int i = 0; i < 3; i++) {
+    p->r[i * 3] = x[i];
+    p->r[i * 3 + 1] = y[i];
+    p->r[i * 3 + 2] = z[i];
+  }
   return p;
 }
 
 static void on_circle(double out[3], double radius_m, double angle_rad, double z) {
-  out[0] = radius_m * sv_cos(angle_rad), out[1] = radius_m * sv_sin(angle_rad), out[2] = z;
+  out[0] = radius_m * sv_cos(angle_rad);
+  out[1] = radius_m * sv_sin(angle_rad);
+  out[2] = z;
 }
 
 static void ring(sv_sim_scene *s, const sv_sim_material *m, int n, double radius_m, double z, double tilt_rad,
@@ -78,7 +84,8 @@ static void ring(sv_sim_scene *s, const sv_sim_material *m, int n, double radius
     sv_rodrigues(r, w);
     sv_apply33(a, r, a);
     sv_apply33(b, r, b);
-    a[2] += z, b[2] += z;
+    a[2] += z;
+    b[2] += z;
     rod(s, m, a, b, thick_m);
   }
 }
@@ -202,7 +209,9 @@ void sv_sim_scene_build(sv_sim_scene *s, sv_sim_scene_id id) {
   memset(s, 0, sizeof *s);
   double sun[3] = {0.45, 0.30, 0.84}, n = sv_norm3(sun);
   for (int i = 0; i < 3; i++) s->to_sun[i] = sun[i] / n;
-  s->sun = 0.62f, s->sky = 0.38f, s->radius_m = id == SV_SIM_SCENE_ROOM ? 2.2 : 1.1;
+  s->sun = 0.62f;
+  s->sky = 0.38f;
+  s->radius_m = id == SV_SIM_SCENE_ROOM ? 2.2 : 1.1;
   switch (id) {
   case SV_SIM_SCENE_THIN: build_thin(s); break;
   case SV_SIM_SCENE_OCCLUSION: build_occlusion(s); break;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Analytic scenes: convex primitives with solid procedural textures, one sun, a sky, and motions.
-// Everything lies around the origin, z is up, lengths are metres. Objects fit a sphere of about 1 m.
+// Everything lies around the origin, z is up, lengths are metres. Objects fit a sphere of about 1
+// m.
 #ifndef SV_SIM_SCENE_H
 #define SV_SIM_SCENE_H
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// From linear light to the bytes of a sensor frame: noise, 14-bit quantisation, sRGB (src/image/noise.h). The
-// noise of a pixel is a hash of seed, camera, slot and the pixel's place on the sensor.
+// From linear light to the bytes of a sensor frame: noise, 14-bit quantisation, sRGB
+// (src/image/noise.h). The noise of a pixel is a hash of seed, camera, slot and the pixel's place
+// on the sensor.
 #include <string.h>
 
 #include "platform/sim/sim.h"
@@ -36,7 +37,10 @@ static void put(void *self, int x_px, int y_px, int n, const float *rgb, const f
   for (int i = 0; i < n; i++) {
     float noisy[3];
     const float *p = rgb + 3 * i;
-    if (c->is_noisy) add_noise(c, c->x0_px + x_px + i, c->y0_px + y_px, p, noisy), p = noisy;
+    if (c->is_noisy) {
+      add_noise(c, c->x0_px + x_px + i, c->y0_px + y_px, p, noisy);
+      p = noisy;
+    }
     for (int k = 0; k < 3; k++) out[3 * i + k] = c->sim->noise.srgb8[sv_noise_quantise(p[k])];
   }
 }
@@ -74,8 +78,8 @@ static void composite(const sv_sim *sim, const canvas *c, uint8_t *out) {
       if (c->is_noisy) add_noise(c, x, y, v, v);
       for (int k = 0; k < 3; k++) {
         uint16_t code = sim->noise.srgb16[sv_noise_quantise(v[k])];
-        out[6 * at + 2 * (size_t)k] = (uint8_t)(code & 255),
-                         out[6 * at + 2 * (size_t)k + 1] = (uint8_t)(code >> 8);
+        out[6 * at + 2 * (size_t)k] = (uint8_t)(code & 255);
+        out[6 * at + 2 * (size_t)k + 1] = (uint8_t)(code >> 8);
       }
     }
 }
@@ -95,7 +99,8 @@ void sv_sim_expose(sv_sim *sim, const sv_sim_event *e, uint8_t *out) {
     const sv_sub_view *sv = &sim->rig.sub_views[i];
     if (sv->i_camera != e->i_camera) continue;
     sv_view v = sv_sim_sub_view_at(sim, sv, e->true_ns);
-    c.x0_px = sv->footprint.x0_px, c.y0_px = sv->footprint.y0_px;
+    c.x0_px = sv->footprint.x0_px;
+    c.y0_px = sv->footprint.y0_px;
     size_t at = 3 * ((size_t)c.y0_px * (size_t)cfg->width_px + (size_t)c.x0_px);
     if (is_sum) c.sum = sim->sum + at;
     else c.rgb = out + at;

@@ -41,15 +41,20 @@ static void bound(sv_sim_seen *s, const sv_view *v, const sv_pose *pose, const d
     }
   }
   s->near_m = (float)lo[2];
-  s->x0_px = s->y0_px = 0, s->x1_px = v->width_px, s->y1_px = v->height_px;
+  s->x0_px = s->y0_px = 0;
+  s->x1_px = v->width_px;
+  s->y1_px = v->height_px;
   if (hi[2] <= NEAR_M) s->x1_px = s->y1_px = 0; // behind the camera
   else if (lo[2] > NEAR_M) {
-    s->x0_px = to_px(lo[0] - MARGIN_PX, v->width_px), s->x1_px = to_px(hi[0] + MARGIN_PX + 1, v->width_px);
-    s->y0_px = to_px(lo[1] - MARGIN_PX, v->height_px), s->y1_px = to_px(hi[1] + MARGIN_PX + 1, v->height_px);
+    s->x0_px = to_px(lo[0] - MARGIN_PX, v->width_px);
+    s->x1_px = to_px(hi[0] + MARGIN_PX + 1, v->width_px);
+    s->y0_px = to_px(lo[1] - MARGIN_PX, v->height_px);
+    s->y1_px = to_px(hi[1] + MARGIN_PX + 1, v->height_px);
   }
 }
 
-// A part whose half width is below FINE_PX also gets a widened shape that marks the pixels around it.
+// A part whose half width is below FINE_PX also gets a widened shape that marks the pixels around
+// it.
 static void widen(sv_sim_seen *s, const sv_sim_prim *p, const sv_view *v) {
   double z = (double)s->near_m > NEAR_M ? (double)s->near_m : NEAR_M, px_m = z / (double)v->fx;
   int n = p->shape == SV_SIM_ELLIPSOID || p->shape == SV_SIM_BOX ? 3 : 1;
@@ -72,8 +77,8 @@ static void order_by_depth(sv_sim_shot *shot) {
   }
 }
 
-// A box seen along the sun's rays is a hexagon, the sum of its three half axes. It misses a cell when
-// one of its edge directions separates the two.
+// A box seen along the sun's rays is a hexagon, the sum of its three half axes. It misses a cell
+// when one of its edge directions separates the two.
 typedef struct {
   double centre[2], axis[3][2];
 } footprint;
@@ -125,8 +130,8 @@ static void mark(sv_sim_shot *shot, int i, const sv_pose *pose, const double e[3
     }
 }
 
-// Two axes across the sun's direction; the grid spans a little more than the scene's sphere, and its
-// border cells also stand for everything beyond them.
+// Two axes across the sun's direction; the grid spans a little more than the scene's sphere, and
+// its border cells also stand for everything beyond them.
 static void set_grid(sv_sim_shot *shot, const sv_pose *cam_from_world) {
   double up[3] = {0, 0, 1}, u[3], v[3];
   const double *sun = shot->scene->to_sun;
@@ -160,7 +165,9 @@ static void see_prim(sv_sim_shot *shot, int i, const sv_pose *cam_from_world, do
   sv_apply33(up, local_from_cam.r, cam);
   for (int k = 0; k < 9; k++) s->m[k] = (float)local_from_cam.r[k];
   for (int k = 0; k < 3; k++) {
-    s->o[k] = (float)local_from_cam.t[k], s->sun[k] = (float)sun[k], s->up[k] = (float)up[k];
+    s->o[k] = (float)local_from_cam.t[k];
+    s->sun[k] = (float)sun[k];
+    s->up[k] = (float)up[k];
     s->texture_origin[k] = 16.0f + (float)(sv_hash3((uint32_t)i, (uint32_t)k, 77) & 63) + 0.37f;
   }
   extents(p, e);

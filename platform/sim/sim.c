@@ -71,7 +71,8 @@ void sv_sim_scene_bounds(const sv_sim *s, double centre_m[3], double *radius_m) 
 
 // --- what a camera sends -------------------------------------------------------------------------
 
-// The fault of a kind that this camera has at this slot: kinds that last N frames match all of them.
+// The fault of a kind that this camera has at this slot: kinds that last N frames match all of
+// them.
 static const sv_sim_fault *fault_at(const sv_sim *s, sv_sim_fault_kind kind, int i_camera, int64_t slot) {
   bool lasts = kind == SV_SIM_FAULT_ERROR || kind == SV_SIM_FAULT_DUP || kind == SV_SIM_FAULT_REORDER;
   for (int i = 0; i < s->cfg.n_faults; i++) {
@@ -82,7 +83,8 @@ static const sv_sim_fault *fault_at(const sv_sim *s, sv_sim_fault_kind kind, int
   return NULL;
 }
 
-// +1, -1, +1/2: rate errors of the cameras' oscillators, by which clocks and, apart from those, frames go wrong.
+// +1, -1, +1/2: rate errors of the cameras' oscillators, by which clocks and, apart from those,
+// frames go wrong.
 static const double RATE_SHARE[SV_SIM_CAP_CAMERAS] = {1, -1, 0.5};
 
 static sv_ns true_time(const sv_sim *s, int i_camera, int64_t slot) {
@@ -169,19 +171,23 @@ static void step_camera(sv_sim *s, int i_camera) {
   if ((double)dice(s, i_camera, k, 3) * 0x1p-32 < s->cfg.drop) e.kind = SV_SIM_EVENT_LOST;
   send(c, e);
   if (e.kind != SV_SIM_EVENT_FRAME || !fault_at(s, SV_SIM_FAULT_DUP, i_camera, k)) return;
-  e.kind = SV_SIM_EVENT_COPY, e.arrival_ns += LATE_NS;
+  e.kind = SV_SIM_EVENT_COPY;
+  e.arrival_ns += LATE_NS;
   send(c, e);
 }
 
-// The earliest thing on its way, or NULL. Three pending per camera are enough to see past a reordered
-// frame, which comes just after the next slot's.
+// The earliest thing on its way, or NULL. Three pending per camera are enough to see past a
+// reordered frame, which comes just after the next slot's.
 static sv_sim_event *earliest(sv_sim *s, int *i_pending) {
   sv_sim_event *best = NULL;
   for (int i = 0; i < s->n_cameras; i++) {
     sv_sim_camera *c = &s->cameras[i];
     while (!c->is_ended && c->n_pending < 4) step_camera(s, i);
     for (int k = 0; k < c->n_pending; k++)
-      if (!best || c->pending[k].arrival_ns < best->arrival_ns) best = &c->pending[k], *i_pending = k;
+      if (!best || c->pending[k].arrival_ns < best->arrival_ns) {
+        best = &c->pending[k];
+        *i_pending = k;
+      }
   }
   return best;
 }
@@ -254,7 +260,10 @@ static sv_status src_start(void *self) {
     slot = (s->now_ns - sv_sim_slot_ns(s, 0) + s->period_ns - 1) / s->period_ns;
   for (int i = 0; i < s->n_cameras; i++) {
     sv_sim_camera *c = &s->cameras[i];
-    c->next_slot = slot, c->shift_ns = c->longer_ns = 0, c->next_sequence = 0, c->is_ended = false,
+    c->next_slot = slot;
+    c->shift_ns = c->longer_ns = 0;
+    c->next_sequence = 0;
+    c->is_ended = false;
     c->n_pending = 0;
   }
   s->is_running = true;
@@ -265,8 +274,10 @@ static sv_status src_stop(void *self) {
   sv_sim *s = self;
   for (int i = 0; i < s->n_ready; i++)
     if (s->ready[i].kind == SV_SIM_EVENT_FRAME) s->cameras[s->ready[i].i_camera].counts.n_flushed++;
-  for (int i = 0; i < s->n_cameras; i++)
-    s->cameras[i].is_taken = s->cameras[i].on_loan = 0, s->cameras[i].n_pending = 0;
+  for (int i = 0; i < s->n_cameras; i++) {
+    s->cameras[i].is_taken = s->cameras[i].on_loan = 0;
+    s->cameras[i].n_pending = 0;
+  }
   s->n_ready = 0;
   s->is_running = false;
   return SV_OK;
@@ -283,11 +294,16 @@ static sv_status deliver(sv_sim *s, sv_frame *frame) {
   c->on_loan |= 1u << e.i_buffer;
   if (e.kind == SV_SIM_EVENT_COPY) c->counts.n_duplicates++;
   else c->counts.n_delivered++;
-  frame->sequence = e.sequence, frame->camera_ns = e.camera_ns,
+  frame->sequence = e.sequence;
+  frame->camera_ns = e.camera_ns;
   frame->exposure_ns = from_us(s->cfg.shutter_us);
-  frame->width_px = s->cfg.width_px, frame->height_px = s->cfg.height_px, frame->format = format_of(s);
+  frame->width_px = s->cfg.width_px;
+  frame->height_px = s->cfg.height_px;
+  frame->format = format_of(s);
   frame->stride_bytes = (int)(s->frame_bytes / (size_t)s->cfg.height_px);
-  frame->data = data, frame->data_bytes = s->frame_bytes, frame->is_error = e.is_damaged;
+  frame->data = data;
+  frame->data_bytes = s->frame_bytes;
+  frame->is_error = e.is_damaged;
   return SV_OK;
 }
 
@@ -317,7 +333,8 @@ static sv_status src_requeue(void *self, const sv_frame *frame) {
   uint32_t bit = 1u << frame->i_buffer;
   if (!(c->on_loan & bit)) return SV_E_ARG;
   catch_up(s); // what arrived while the buffer was on loan did not find it free
-  c->on_loan &= ~bit, c->is_taken &= ~bit;
+  c->on_loan &= ~bit;
+  c->is_taken &= ~bit;
   return SV_OK;
 }
 
@@ -328,7 +345,8 @@ static sv_status src_rig_pose(void *self, sv_ns host_ns, sv_pose *rig_from_world
   return SV_OK;
 }
 
-// As of a camera's own: what is on its way already keeps its length, and lengths come in lines of 10 us.
+// As of a camera's own: what is on its way already keeps its length, and lengths come in lines of
+// 10 us.
 static sv_status src_set_control(void *self, int i_camera, sv_control control, int64_t value,
                                  int64_t *actual) {
   sv_sim *s = self;

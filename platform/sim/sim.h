@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// The simulator: a ray-traced scene, a rig that circles it, cameras with clocks of their own, and faults,
-// on a virtual clock. Everything is a function of the configuration and of time: the same bits on every
-// machine. All memory is carved from one arena at start.
+// The simulator: a ray-traced scene, a rig that circles it, cameras with clocks of their own, and
+// faults, on a virtual clock. Everything is a function of the configuration and of time: the same
+// bits on every machine. All memory is carved from one arena at start.
 //
 // Time. Host time is the virtual clock's, in ns; scene time is (host - SV_SIM_EPOCH_NS) in seconds.
-// Slot k is the k-th period of the frame rate; its cameras expose at its middle, for an instant (there is
-// no motion blur; shutter_us only moves the arrival). With the default `step` trajectory the rig stands
-// still within a slot; with `path=smooth` it moves along the same path all the time, with `path=handheld` a
-// hand sways it besides: up to 7 cm and 1.5 degrees off the smooth path. `poses=unknown` keeps its places secret.
-// Space. World z is up, metres. The rig's frame is a camera's (x right, y down, z forward) whose z axis
-// meets the world's origin at SV_SIM_DISTANCE_M; every sub-view is aimed at that point.
+// Slot k is the k-th period of the frame rate; its cameras expose at its middle, for an instant
+// (there is no motion blur; shutter_us only moves the arrival). With the default `step` trajectory
+// the rig stands still within a slot; with `path=smooth` it moves along the same path all the time,
+// with `path=handheld` a hand sways it besides: up to 7 cm and 1.5 degrees off the smooth path.
+// `poses=unknown` keeps its places secret. Space. World z is up, metres. The rig's frame is a
+// camera's (x right, y down, z forward) whose z axis meets the world's origin at SV_SIM_DISTANCE_M;
+// every sub-view is aimed at that point.
 #ifndef SV_SIM_SIM_H
 #define SV_SIM_SIM_H
 
@@ -65,12 +66,15 @@ typedef struct {
   bool has_unknown_poses;   // the source does not tell where the rig is
   uint32_t seed;
   double noise_read, noise_shot;    // variance = read + shot x in linear light; both 0: no noise
-  double skew_us;                   // true delay of the last camera behind the first; the others in between
+  double skew_us;                   // true delay of the last camera behind the first; the others in
+                                    // between
   double jitter_us;                 // standard deviation of a camera's timestamps, told in its caps
   double drift_ppm;                 // rate error of camera clocks: +drift, -drift, +drift/2, ...
-  double rate_ppm;                  // rate error of the cameras' frames, in the same shares: they drift apart
+  double rate_ppm;                  // rate error of the cameras' frames, in the same shares: they
+                                    // drift apart
   double offset_ms;                 // camera i's clock is (i + 1) offsets ahead at the epoch
-  double delay_us, delay_jitter_us; // from the end of the exposure to the arrival: fixed, and uniform on top
+  double delay_us, delay_jitter_us; // from the end of the exposure to the arrival: fixed, and
+                                    // uniform on top
   double shutter_us;
   double drop; // probability that the link loses a frame
   int n_buffers;
@@ -109,7 +113,8 @@ typedef struct { // something that reaches the host at arrival_ns
 typedef struct {
   int64_t next_slot;
   sv_ns shift_ns,
-      longer_ns; // by how much the next slot's frame is late, and each later one more (frame_duration)
+      longer_ns; // by how much the next slot's frame is late, and each later one more
+                 // (frame_duration)
   uint32_t next_sequence;
   bool is_ended;
   int n_pending;
@@ -139,19 +144,22 @@ typedef struct {
 } sv_sim;
 
 sv_sim_config sv_sim_defaults(void);
-// Reads the part of a source string behind `sim:`, e.g. "thin,rig=stereo,fps=15,fault=unplug:1:20+dup".
-// On failure `out` is untouched and the sentence lists what exists.
+// Reads the part of a source string behind `sim:`, e.g.
+// "thin,rig=stereo,fps=15,fault=unplug:1:20+dup". On failure `out` is untouched and the sentence
+// lists what exists.
 sv_status sv_sim_parse(sv_sim_config *out, const char *spec, sv_err *err) SV_MUST_USE;
 // One line a scene ("sim:textured  five solids ..."), then the options.
 void sv_sim_list(sv_str *out);
 
-// cfg as made by defaults or parse; a value out of range is told in err. init takes sv_sim_bytes(cfg).
+// cfg as made by defaults or parse; a value out of range is told in err. init takes
+// sv_sim_bytes(cfg).
 size_t sv_sim_bytes(const sv_sim_config *cfg);
 sv_status sv_sim_init(sv_sim *sim, const sv_sim_config *cfg, sv_arena *arena, sv_err *err) SV_MUST_USE;
 
-sv_source
-sv_sim_source(sv_sim *sim);         // frames: RGB8 sRGB; multiplexed: RGB16, sRGB-encoded sum of linear light
-sv_clock sv_sim_clock(sv_sim *sim); // sleeping, and dequeue that waits, advance it; nothing else does
+sv_source sv_sim_source(sv_sim *sim);        // frames: RGB8 sRGB; multiplexed: RGB16, sRGB-encoded sum of
+                                             // linear light
+sv_clock sv_sim_clock(sv_sim *sim);          // sleeping, and dequeue that waits, advance it; nothing else
+                                             // does
 const sv_rig *sv_sim_rig(const sv_sim *sim); // the true rig
 const sv_sim_counts *sv_sim_camera_counts(const sv_sim *sim, int i_camera);
 void sv_sim_scene_bounds(const sv_sim *sim, double centre_m[3], double *radius_m);
@@ -165,19 +173,21 @@ void sv_sim_view(const sv_sim *sim, int64_t slot, int i_sub_view, sv_view *view,
 // slots, mostly up or down, at that slot's time. Never a training view.
 void sv_sim_heldout_view(const sv_sim *sim, int i, int n, sv_view *view, double *time_s);
 
-// Clean picture of any view at any time: rgb [height][width][3] sRGB, depth_m [height][width] camera z,
-// 0 = background; either may be NULL. Uses the simulator's scratch: one call at a time.
+// Clean picture of any view at any time: rgb [height][width][3] sRGB, depth_m [height][width]
+// camera z, 0 = background; either may be NULL. Uses the simulator's scratch: one call at a time.
 void sv_sim_render(sv_sim *sim, const sv_view *view, double time_s, uint8_t *rgb, float *depth_m);
-// The same in two steps for several threads: prepare a shot of one's own, then render disjoint rows.
+// The same in two steps for several threads: prepare a shot of one's own, then render disjoint
+// rows.
 void sv_sim_prepare(const sv_sim *sim, sv_sim_shot *shot, const sv_view *view, double time_s);
 void sv_sim_render_rows(const sv_sim *sim, const sv_sim_shot *shot, int y0, int y1, uint8_t *rgb,
                         float *depth_m);
 
 // --- between the files of this folder ---
 sv_view sv_sim_sub_view_at(const sv_sim *sim, const sv_sub_view *sv, sv_ns host_ns); // path.c
-void sv_sim_expose(sv_sim *sim, const sv_sim_event *event, uint8_t *out); // sensor.c: one sensor frame
-sv_status sv_sim_check(const sv_sim_config *cfg, sv_err *err);            // config.c
-sv_device_params sv_sim_device(const sv_sim_config *cfg);                 // config.c
+// sensor.c: one sensor frame
+void sv_sim_expose(sv_sim *sim, const sv_sim_event *event, uint8_t *out);
+sv_status sv_sim_check(const sv_sim_config *cfg, sv_err *err); // config.c
+sv_device_params sv_sim_device(const sv_sim_config *cfg);      // config.c
 
 #ifdef __cplusplus
 }

@@ -34,7 +34,8 @@ static inline __attribute__((always_inline)) v4f v4_noise(v4_vec q, uint32_t see
 
 static inline v4_vec v4_scaled(v4_vec q, float k) { return (v4_vec){q.x * k, q.y * k, q.z * k}; }
 
-// How much of a detail of `cell` units survives, from 1 / (1.5 footprints): all above 3, none below 1.5.
+// How much of a detail of `cell` units survives, from 1 / (1.5 footprints): all above 3, none below
+// 1.5.
 static inline v4f v4_survives(float cell, v4f inv_fp) { return v4_clamp01(cell * inv_fp - 1.0f); }
 
 // A square wave of period 2 in [-1,1] whose edges are 1/inv_soft units wide.
@@ -49,10 +50,12 @@ static inline v4f v4_wave(v4f x, v4f inv_soft) {
 static inline void v4_texture(const sv_sim_material *m, v4_vec q, v4f footprint, const v4i flat[3],
                               v4f rgb[3]) {
   v4f one = v4_set(1), inv = 1.0f / v4_max(footprint, v4_set(1e-4f)), inv_fp = inv * (1 / 1.5f);
-  v4f sharp = v4_min(inv, v4_set(1 / 0.08f)); // pattern edges: a footprint wide, at least 0.08 cells
+  // pattern edges: a footprint wide, at least 0.08 cells
+  v4f sharp = v4_min(inv, v4_set(1 / 0.08f));
   v4f n1 = v4_noise(q, 1) - 0.5f, n2 = v4_noise(v4_scaled(q, 2.17f), 2) - 0.5f;
   v4f n3 = v4_noise(v4_scaled(q, 4.31f), 3) - 0.5f, tint = v4_noise(v4_scaled(q, 0.31f), 4);
-  n1 *= v4_survives(1.0f, inv_fp), n2 *= v4_survives(1 / 2.17f, inv_fp);
+  n1 *= v4_survives(1.0f, inv_fp);
+  n2 *= v4_survives(1 / 2.17f, inv_fp);
   n3 *= v4_survives(1 / 4.31f, inv_fp);
   v4f sum = n1 * 0.8f + n2 * 0.65f + n3 * 0.5f, mix;
   if (m->pattern == SV_SIM_CHECKER) {

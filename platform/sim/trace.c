@@ -8,8 +8,9 @@
 #include "platform/sim/v4.h"
 #include "src/base/mathx.h"
 
-// A strip of columns is walked from top to bottom; three rows of visibility are kept, so that a row is
-// shaded when its neighbours are known. A strip shows 30 columns and knows one more on each side.
+// A strip of columns is walked from top to bottom; three rows of visibility are kept, so that a row
+// is shaded when its neighbours are known. A strip shows 30 columns and knows one more on each
+// side.
 #define QUADS     8
 #define LANES     (4 * QUADS)
 #define SHOWN     (LANES - 2)
@@ -77,8 +78,8 @@ static v4i in_shadow(const sv_sim_shot *s, v4f x, v4f y, v4f t, v4i prim, v4i is
   return dark;
 }
 
-// The nearest surfaces along four rays (x, y, 1) that lie in columns [lo_px, hi_px]. is_near is found
-// only for is_centre, the rays through pixel centres.
+// The nearest surfaces along four rays (x, y, 1) that lie in columns [lo_px, hi_px]. is_near is
+// found only for is_centre, the rays through pixel centres.
 static look see(const strip *st, v4f x, v4f y, int lo_px, int hi_px, bool is_centre) {
   const sv_sim_shot *s = st->shot;
   look out = {v4_set(1e30f), v4_seti(0), v4_seti(0)};
@@ -107,8 +108,9 @@ static look see(const strip *st, v4f x, v4f y, int lo_px, int hi_px, bool is_cen
 static v4f ray_x(const sv_sim_shot *s, v4f px) { return (px - s->view.cx) * (1.0f / s->view.fx); }
 static v4f ray_y(const sv_sim_shot *s, v4f py) { return (py - s->view.cy) * (1.0f / s->view.fy); }
 
-// Linear radiance of four points of one primitive at depth t on rays (x, y, 1): a Lambertian surface
-// under a sun and a sky that is brighter above, and a highlight (Blinn's half vector, power 16).
+// Linear radiance of four points of one primitive at depth t on rays (x, y, 1): a Lambertian
+// surface under a sun and a sky that is brighter above, and a highlight (Blinn's half vector, power
+// 16).
 static void shade(const sv_sim_shot *s, int i, v4f x, v4f y, v4f t, v4i face, v4i is_dark, v4f rgb[3]) {
   const sv_sim_seen *p = &s->seen[i];
   const sv_sim_prim *prim = &s->scene->prims[i];
@@ -130,14 +132,17 @@ static void shade(const sv_sim_shot *s, int i, v4f x, v4f y, v4f t, v4i face, v4
   if (prim->material.gloss > 0) {
     v4_vec h = {p->sun[0] - ray.x * inv_len, p->sun[1] - ray.y * inv_len, p->sun[2] - ray.z * inv_len};
     v4f c = v4_max(v4_dot(n, h), v4_set(0)) / v4_sqrt(v4_max(v4_dot(h, h), v4_set(1e-12f)));
-    c *= c, c *= c, c *= c, c *= c;
+    c *= c;
+    c *= c;
+    c *= c;
+    c *= c;
     shine = prim->material.gloss * c * v4_select(lit > 0.0f, v4_set(1), v4_set(0));
   }
   for (int k = 0; k < 3; k++) rgb[k] = v4_clamp01(rgb[k] * light + shine);
 }
 
-// Sample positions in a pixel, in sixteenths: one in each column and each row, the first four close to
-// the pixel's corners, the others on a lattice.
+// Sample positions in a pixel, in sixteenths: one in each column and each row, the first four close
+// to the pixel's corners, the others on a lattice.
 static const uint8_t SAMPLE_X[N_SAMPLES] = {0, 1, 14, 15, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13};
 static const uint8_t SAMPLE_Y[N_SAMPLES] = {1, 15, 0, 14, 4, 9, 2, 7, 12, 5, 10, 3, 8, 13, 6, 11};
 
@@ -165,13 +170,16 @@ static bool sample_four(const strip *st, int x_px, int y_px, int q, int32_t key,
     while (k < out->n_shares && out->shares[k].key != l.key[i]) k++;
     if (k == out->n_shares) out->shares[out->n_shares++] = (struct share){.key = l.key[i]};
     struct share *s = &out->shares[k];
-    s->n += 1, s->x += x[i], s->y += y[i], s->t += l.t[i];
+    s->n += 1;
+    s->x += x[i];
+    s->y += y[i];
+    s->t += l.t[i];
   }
   return !v4_any(l.key != key);
 }
 
-// The mean over the samples: each surface is shaded once, in the middle of its samples. Surfaces of one
-// primitive (faces, lit and dark parts) go through together.
+// The mean over the samples: each surface is shaded once, in the middle of its samples. Surfaces of
+// one primitive (faces, lit and dark parts) go through together.
 static void shade_shares(const sv_sim_shot *shot, const pixel_shares *px, float rgb[3]) {
   bool is_done[N_SAMPLES] = {false};
   rgb[0] = rgb[1] = rgb[2] = 0;
@@ -185,8 +193,12 @@ static void shade_shares(const sv_sim_shot *shot, const pixel_shares *px, float 
       if (is_done[j] || ((s->key >> 1) - 1) >> 3 != prim) continue;
       float inv = 1.0f / s->n;
       is_done[j] = true;
-      x[n] = s->x * inv, y[n] = s->y * inv, t[n] = s->t * inv, weight[n] = s->n / N_SAMPLES;
-      face[n] = ((s->key >> 1) - 1) & 7, is_dark[n] = -(s->key & 1);
+      x[n] = s->x * inv;
+      y[n] = s->y * inv;
+      t[n] = s->t * inv;
+      weight[n] = s->n / N_SAMPLES;
+      face[n] = ((s->key >> 1) - 1) & 7;
+      is_dark[n] = -(s->key & 1);
       n++;
     }
     shade(shot, prim, x, y, t, face, is_dark, c);
@@ -195,8 +207,8 @@ static void shade_shares(const sv_sim_shot *shot, const pixel_shares *px, float 
   }
 }
 
-// Colours a pixel that may hold an edge. False: its corners all see what its centre sees (key), so it
-// is as good as any inner pixel, and rgb is untouched. A fine part may hide from five samples.
+// Colours a pixel that may hold an edge. False: its corners all see what its centre sees (key), so
+// it is as good as any inner pixel, and rgb is untouched. A fine part may hide from five samples.
 static bool edge_pixel(const strip *st, int x_px, int y_px, int32_t key, bool is_near, float rgb[3]) {
   pixel_shares px = {.n_shares = 0};
   if (sample_four(st, x_px, y_px, 0, key, &px) && !is_near) return false;
@@ -210,7 +222,8 @@ static void activate(strip *st, int y_px) {
   st->n_active = 0;
   for (int k = 0; k < s->n_order; k++) {
     const sv_sim_seen *p = &s->seen[s->order[k]];
-    if (p->y0_px > y_px + 1 || p->y1_px < y_px) continue; // a row of slack: neighbours share the list
+    // a row of slack: neighbours share the list
+    if (p->y0_px > y_px + 1 || p->y1_px < y_px) continue;
     if (p->x0_px > st->x0_px + SHOWN || p->x1_px < st->x0_px) continue;
     st->active[st->n_active++] = s->order[k];
   }
@@ -226,11 +239,13 @@ static void look_along(strip *st, int y_px, look_row *row) {
   }
 }
 
-// Shades four pixels, one primitive after another; lanes that are background or an edge stay as they are.
+// Shades four pixels, one primitive after another; lanes that are background or an edge stay as
+// they are.
 static void shade_quad(const strip *st, int q, int y_px, const look *l, const uint8_t *is_edge, float *rgb) {
   v4f px = (float)(st->x0_px - 1 + 4 * q) + (v4f){0.5f, 1.5f, 2.5f, 3.5f};
   v4f x = ray_x(st->shot, px), y = ray_y(st->shot, v4_set((float)y_px + 0.5f));
-  v4f t = v4_select(l->key != 0, l->t, v4_set(1)); // the background's depth is no place to look a texture up
+  // the background's depth is no place to look a texture up
+  v4f t = v4_select(l->key != 0, l->t, v4_set(1));
   v4i id = (l->key >> 1) - 1;
   bool is_done[4];
   for (int i = 0; i < 4; i++) is_done[i] = is_edge[i] || !l->key[i];
@@ -255,7 +270,9 @@ static void shade_row(strip *st, int y_px, const look_row *above, const look_row
   for (int q = 0; q < QUADS; q++)
     for (int i = 0; i < 4; i++) {
       int k = 4 * q + i;
-      key[k] = row->quad[q].key[i], up[k] = above->quad[q].key[i], down[k] = below->quad[q].key[i];
+      key[k] = row->quad[q].key[i];
+      up[k] = above->quad[q].key[i];
+      down[k] = below->quad[q].key[i];
       near[k] = row->quad[q].is_near[i];
       depth[k] = key[k] ? row->quad[q].t[i] : 0;
     }
@@ -270,7 +287,8 @@ static void shade_row(strip *st, int y_px, const look_row *above, const look_row
 }
 
 void sv_sim_shot_rows(const sv_sim_shot *shot, int y0, int y1, const sv_sim_sink *sink) {
-  y0 = sv_maxi(y0, 0), y1 = sv_mini(y1, shot->view.height_px);
+  y0 = sv_maxi(y0, 0);
+  y1 = sv_mini(y1, shot->view.height_px);
   if (y0 >= y1) return;
   for (int x0 = 0; x0 < shot->view.width_px; x0 += SHOWN) {
     strip st = {.shot = shot, .x0_px = x0};

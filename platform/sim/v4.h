@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Four floats at once, written with the compiler's generic vectors: every operation is IEEE element by
-// element, so x86 and aarch64 give the same bits. Comparisons give masks of all ones or all zeros.
+// Four floats at once, written with the compiler's generic vectors: every operation is IEEE element
+// by element, so x86 and aarch64 give the same bits. Comparisons give masks of all ones or all
+// zeros.
 #ifndef SV_SIM_V4_H
 #define SV_SIM_V4_H
 
@@ -44,7 +45,8 @@ static inline bool v4_any(v4i mask) {
 // floor for |a| < 2^31, as whole numbers. Lanes out of range hold anything: the caller masks them.
 static inline v4i v4_floori(v4f a) {
   v4i i = __builtin_convertvector(a, v4i);
-  return i + (v4i)(__builtin_convertvector(i, v4f) > a); // truncation went up below zero: mask is -1
+  // truncation went up below zero: mask is -1
+  return i + (v4i)(__builtin_convertvector(i, v4f) > a);
 }
 
 #endif

@@ -77,14 +77,16 @@ int sv_v4l2_call(const sv_v4l2_camera *c, unsigned long request, void *arg);
 // signal.c: inputs that have a signal of their own (HDMI): its timings set the size.
 sv_status sv_v4l2_follow_signal(sv_v4l2_camera *c, sv_err *err) SV_MUST_USE;
 void sv_v4l2_want_events(sv_v4l2_camera *c);
-// Takes what the driver has to tell; a camera whose signal is another one now is closed, to be tried again.
+// Takes what the driver has to tell; a camera whose signal is another one now is closed, to be
+// tried again.
 void sv_v4l2_take_events(sv_v4l2_camera *c, sv_ns now_ns);
 
 // stream.c
 int sv_v4l2_stream_on(sv_v4l2_camera *c); // queues what is idle; 0 or a negative error number
 void sv_v4l2_stream_off(sv_v4l2_camera *c);
 int sv_v4l2_queue(sv_v4l2_camera *c, sv_v4l2_slot *s);
-// Takes one filled buffer into c->waiting. 1: it did; 0: none is ready; else a negative error number.
+// Takes one filled buffer into c->waiting. 1: it did; 0: none is ready; else a negative error
+// number.
 int sv_v4l2_take(sv_v4l2_camera *c, sv_ns now_ns);
 int sv_v4l2_n_queued(const sv_v4l2_camera *c);
 void sv_v4l2_fault(sv_v4l2_camera *c, int error, sv_ns now_ns); // closes it, to be tried again
@@ -92,11 +94,13 @@ void sv_v4l2_service(sv_v4l2_camera *c, sv_ns now_ns);          // retries and l
 
 // controls.c
 bool sv_v4l2_has_auto(const sv_v4l2_camera *c); // some automatic control is at work
-// Switches the automatic controls off and sets what the options fix. First: notes the values before.
+// Switches the automatic controls off and sets what the options fix. First: notes the values
+// before.
 void sv_v4l2_lock_controls(sv_v4l2_camera *c, sv_ns now_ns);
 void sv_v4l2_restore_controls(sv_v4l2_camera *c);
 sv_status sv_v4l2_set_exposure(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns);
-// Length of the frames from now on, by the sensor's blanking lines or, where there are none, by the frame interval.
+// Length of the frames from now on, by the sensor's blanking lines or, where there are none, by the
+// frame interval.
 sv_status sv_v4l2_set_frame_duration(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns);
 sv_status sv_v4l2_check_controls(const sv_v4l2_camera *c, sv_err *err); // can the options be kept?
 

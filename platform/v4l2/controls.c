@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exposure, gain and white balance hold still while the cameras run: a shutter that moves moves the middle of the
-// exposure, and a gain that moves changes what a surface looks like from one exposure to the next.
+// Exposure, gain and white balance hold still while the cameras run: a shutter that moves moves the
+// middle of the exposure, and a gain that moves changes what a surface looks like from one exposure
+// to the next.
 #include <errno.h>
 #include <linux/videodev2.h>
 #include <math.h>
@@ -81,7 +82,8 @@ static void hold(sv_v4l2_camera *c, uint32_t id, int32_t value, sv_ns now_ns) {
     sv_camera_events_add(c->events, SV_CAMERA_CONTROL, c->i_camera, now_ns, (int64_t)id);
 }
 
-// The value given, else where the automatic control has brought it; the same again after the camera was away.
+// The value given, else where the automatic control has brought it; the same again after the camera
+// was away.
 static void hold_value(sv_v4l2_camera *c, uint32_t id, bool is_given, int32_t value, sv_ns now_ns) {
   struct v4l2_queryctrl q;
   if (!id || !has(c, id, &q)) return;
@@ -145,7 +147,10 @@ sv_status sv_v4l2_set_exposure(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns
   if (set(c, V4L2_CID_EXPOSURE_ABSOLUTE, (int32_t)(want + 0.5)) < 0 ||
       !get(c, V4L2_CID_EXPOSURE_ABSOLUTE, &v))
     return SV_E_DEVICE;
-  if (k) k->is_changed = true, k->locked = v;
+  if (k) {
+    k->is_changed = true;
+    k->locked = v;
+  }
   c->exposure_ns = v * EXPOSURE_UNIT_NS;
   if (actual_ns) *actual_ns = c->exposure_ns;
   return SV_OK;
@@ -162,8 +167,9 @@ static bool pixel_rate(const sv_v4l2_camera *c, double *hz) {
   return true;
 }
 
-// A sensor reads lines of (width + hblank) pixels, (height + vblank) of them a frame. Where the driver shows these
-// controls beside the pictures, vblank sets the length of a frame to a line's time.
+// A sensor reads lines of (width + hblank) pixels, (height + vblank) of them a frame. Where the
+// driver shows these controls beside the pictures, vblank sets the length of a frame to a line's
+// time.
 static sv_status set_lines(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns) {
   struct v4l2_queryctrl q;
   int32_t hblank, vblank;
@@ -181,7 +187,10 @@ static sv_status set_lines(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns) {
   if (lines < q.minimum - 0.5 || lines > q.maximum + 0.5) return SV_E_RANGE;
   if (set(c, V4L2_CID_VBLANK, (int32_t)(lines + 0.5)) < 0 || !get(c, V4L2_CID_VBLANK, &vblank))
     return SV_E_DEVICE;
-  if (k) k->is_changed = true, k->locked = vblank;
+  if (k) {
+    k->is_changed = true;
+    k->locked = vblank;
+  }
   if (actual_ns) *actual_ns = (int64_t)(line_ns * (c->caps.height_px + vblank) + 0.5);
   return SV_OK;
 }
@@ -202,13 +211,15 @@ sv_status sv_v4l2_set_frame_duration(sv_v4l2_camera *c, int64_t ns, int64_t *act
   if (ns < 1 || ns > 4 * SV_NS_PER_S) return SV_E_RANGE;
   sv_status s = set_lines(c, ns, actual_ns);
   if (s != SV_E_UNSUPPORTED) return s;
-  // Most cameras refuse this while they run, and many know only a few rates: then things stay as they are.
+  // Most cameras refuse this while they run, and many know only a few rates: then things stay as
+  // they are.
   if (sv_v4l2_call(c, VIDIOC_G_PARM, &p) < 0 || !(p.parm.capture.capability & V4L2_CAP_TIMEPERFRAME))
     return SV_E_UNSUPPORTED;
   struct v4l2_fract was = p.parm.capture.timeperframe;
   if (set_interval(c, (struct v4l2_fract){(uint32_t)ns, 1000000000}, &took_ns) < 0) return SV_E_UNSUPPORTED;
   double was_ns = was.denominator ? (double)was.numerator * 1e9 / was.denominator : 0;
-  if (fabs(took_ns - (double)ns) > 0.25 * fabs((double)ns - was_ns)) { // nearer to another of its rates
+  // nearer to another of its rates
+  if (fabs(took_ns - (double)ns) > 0.25 * fabs((double)ns - was_ns)) {
     (void)set_interval(c, was, &took_ns);
     return SV_E_UNSUPPORTED;
   }

@@ -90,7 +90,10 @@ static uint32_t choose(const sv_v4l2_camera *c, int w, int h) {
     if (!takes(c, f, w, h)) continue;
     double fps = sv_v4l2_max_fps(c, f, w, h);
     if (fps == 0 || fps >= 0.99 * want) return f;
-    if (fps > best_fps) best = f, best_fps = fps;
+    if (fps > best_fps) {
+      best = f;
+      best_fps = fps;
+    }
   }
   return best;
 }
@@ -131,7 +134,8 @@ static sv_status agree(sv_v4l2_camera *c, sv_err *err) {
                    c->path);
   c->n_planes = (int)n_planes;
   c->fourcc = fourcc;
-  c->caps.width_px = w, c->caps.height_px = h;
+  c->caps.width_px = w;
+  c->caps.height_px = h;
   c->caps.format = sv_v4l2_formats[i].format;
   size_t row = sv_pixel_row_bytes(c->caps.format, w);
   c->stride_bytes = f.stride_bytes >= row ? (int)f.stride_bytes : (int)row;
@@ -161,7 +165,10 @@ static void set_rate(sv_v4l2_camera *c) {
 static int query(const sv_v4l2_camera *c, uint32_t index, size_t bytes[], int64_t offset[], uint32_t *flags) {
   struct v4l2_plane plane[VIDEO_MAX_PLANES] = {{0}};
   struct v4l2_buffer b = {.type = c->buf_type, .memory = V4L2_MEMORY_MMAP, .index = index};
-  if (c->is_mplane) b.m.planes = plane, b.length = (uint32_t)c->n_planes;
+  if (c->is_mplane) {
+    b.m.planes = plane;
+    b.length = (uint32_t)c->n_planes;
+  }
   int r = sv_v4l2_call(c, VIDIOC_QUERYBUF, &b);
   if (r < 0) return r;
   for (int i = 0; i < c->n_planes; i++) {
@@ -199,7 +206,8 @@ static int map_one(sv_v4l2_camera *c, uint32_t index) {
   s->dma_fd = -1;
   if (index == 0) note_stamps(c, flags);
   if (!c->cfg->is_exported) return 0;
-  struct v4l2_exportbuffer e = {.type = c->buf_type, .index = index, .flags = 02000000}; // O_CLOEXEC
+  // O_CLOEXEC
+  struct v4l2_exportbuffer e = {.type = c->buf_type, .index = index, .flags = 02000000};
   r = sv_v4l2_call(c, VIDIOC_EXPBUF, &e);
   if (r >= 0) s->dma_fd = e.fd;
   return r < 0 ? r : 0;
@@ -276,7 +284,8 @@ static sv_status open_path(sv_v4l2_camera *c, sv_err *err) {
   return s;
 }
 
-// A camera that was plugged in again may have got another number: it is looked for by name and place.
+// A camera that was plugged in again may have got another number: it is looked for by name and
+// place.
 static sv_status find(sv_v4l2_camera *c, sv_err *err) {
   sv_status s = open_path(c, err);
   if (s != SV_E_NOT_FOUND || !c->bus[0]) return s;
@@ -309,7 +318,8 @@ void sv_v4l2_close_device(sv_v4l2_camera *c) {
   for (int i = 0; i < SV_V4L2_CAP_SLOTS; i++) {
     sv_v4l2_slot *s = &c->slot[i];
     if (s->state == SV_V4L2_ON_LOAN || s->state == SV_V4L2_WAITING) {
-      // The reader keeps its frame. Where even the copy fails the mapping itself stays until it is handed back.
+      // The reader keeps its frame. Where even the copy fails the mapping itself stays until it is
+      // handed back.
       for (int k = 0; k < SV_V4L2_CAP_PLANES; k++)
         if (s->map[k]) (void)c->sys->detach(c->sys->self, s->map[k], s->bytes[k]);
       s->state = SV_V4L2_ORPHAN;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Inputs with a signal of their own (HDMI receivers): its timings set the size of the frames, and it can change or go
-// at any time; the driver tells by an event.
+// Inputs with a signal of their own (HDMI receivers): its timings set the size of the frames, and
+// it can change or go at any time; the driver tells by an event.
 #include <errno.h>
 #include <linux/videodev2.h>
 

@@ -25,8 +25,11 @@ sv_status sv_v4l2_init(sv_v4l2 *v, const sv_camera_options *cfg, const sv_v4l2_s
   for (int i = 0; i < cfg->n_cameras; i++) {
     sv_v4l2_camera *c = &v->cameras[i];
     memset(c, 0, sizeof *c);
-    c->sys = &v->sys, c->cfg = &v->cfg, c->events = &v->events;
-    c->i_camera = i, c->fd = -1;
+    c->sys = &v->sys;
+    c->cfg = &v->cfg;
+    c->events = &v->events;
+    c->i_camera = i;
+    c->fd = -1;
     for (int k = 0; k < SV_V4L2_CAP_SLOTS; k++) c->slot[k].dma_fd = -1;
     memcpy(c->path, cfg->name[i], sizeof c->path);
     const char *slash = strrchr(c->path, '/');
@@ -163,7 +166,8 @@ static sv_status source_requeue(void *self, const sv_frame *f) {
 }
 
 // --- start and stop ------------------------------------------------------------------------------
-// The automatic controls settle on the scene, then they are switched off. Frames until then are let go.
+// The automatic controls settle on the scene, then they are switched off. Frames until then are let
+// go.
 static void settle(sv_v4l2 *v) {
   bool has_auto = false;
   for (int i = 0; i < v->n_cameras; i++)
@@ -239,7 +243,8 @@ static sv_status source_control(void *self, int i, sv_control control, int64_t v
   if (i < 0 || i >= v->n_cameras) return SV_E_ARG;
   if (control == SV_CONTROL_FRAME_DURATION_NS)
     return sv_v4l2_set_frame_duration(&v->cameras[i], value, actual);
-  if (control != SV_CONTROL_EXPOSURE_NS) return SV_E_UNSUPPORTED; // gains are in units of each driver
+  // gains are in units of each driver
+  if (control != SV_CONTROL_EXPOSURE_NS) return SV_E_UNSUPPORTED;
   return sv_v4l2_set_exposure(&v->cameras[i], value, actual);
 }
 

@@ -22,7 +22,10 @@ int sv_v4l2_n_queued(const sv_v4l2_camera *c) {
 int sv_v4l2_queue(sv_v4l2_camera *c, sv_v4l2_slot *s) {
   struct v4l2_plane plane[VIDEO_MAX_PLANES] = {{0}};
   struct v4l2_buffer b = {.type = c->buf_type, .memory = V4L2_MEMORY_MMAP, .index = s->index};
-  if (c->is_mplane) b.m.planes = plane, b.length = (uint32_t)c->n_planes;
+  if (c->is_mplane) {
+    b.m.planes = plane;
+    b.length = (uint32_t)c->n_planes;
+  }
   int r = sv_v4l2_call(c, VIDIOC_QBUF, &b);
   s->state = r < 0 ? SV_V4L2_IDLE : SV_V4L2_QUEUED;
   return r < 0 ? r : 0;
@@ -82,7 +85,8 @@ static bool check_frame(sv_v4l2_camera *c, const sv_frame *f, size_t cap, sv_ns 
   return false;
 }
 
-// Some drivers do not count, or not always: their number stands still while the stamp moves. Then we count.
+// Some drivers do not count, or not always: their number stands still while the stamp moves. Then
+// we count.
 static uint32_t sequence_of(sv_v4l2_camera *c, uint32_t driver_sequence, sv_ns camera_ns) {
   if (!c->has_last) c->n_uncounted = 0;
   else if (driver_sequence == c->last_driver_sequence && camera_ns != c->last_camera_ns) c->n_uncounted++;
@@ -142,7 +146,10 @@ static void fill_frame(sv_v4l2_camera *c, int i_slot, const struct v4l2_buffer *
 int sv_v4l2_take(sv_v4l2_camera *c, sv_ns now_ns) {
   struct v4l2_plane plane[VIDEO_MAX_PLANES] = {{0}};
   struct v4l2_buffer b = {.type = c->buf_type, .memory = V4L2_MEMORY_MMAP};
-  if (c->is_mplane) b.m.planes = plane, b.length = VIDEO_MAX_PLANES;
+  if (c->is_mplane) {
+    b.m.planes = plane;
+    b.length = VIDEO_MAX_PLANES;
+  }
   int r = sv_v4l2_call(c, VIDIOC_DQBUF, &b);
   if (r == -EAGAIN) return 0;
   if (r < 0) return r;
@@ -182,7 +189,8 @@ void sv_v4l2_fault(sv_v4l2_camera *c, int error, sv_ns now_ns) {
     event(c, SV_CAMERA_LOST, now_ns, error < 0 ? -error : error);
   }
   sv_v4l2_close_device(c);
-  // At once, for most failures are over when the device is closed; then every frame's time, however long it is away.
+  // At once, for most failures are over when the device is closed; then every frame's time, however
+  // long it is away.
   double frame_ns = c->caps.fps > 0 ? 1e9 / c->caps.fps : (double)MOST_RETRY_NS;
   sv_ns wait_ns = frame_ns > (double)MOST_RETRY_NS    ? MOST_RETRY_NS
                   : frame_ns < (double)LEAST_RETRY_NS ? LEAST_RETRY_NS
@@ -201,7 +209,9 @@ static void reopen(sv_v4l2_camera *c, sv_ns now_ns) {
   int r = s < 0 ? -ENODEV : 0;
   if (r == 0) {
     // What the runtime was told at the start must hold.
-    c->caps.clock = before.clock, c->caps.stamp = before.stamp, c->caps.fps = before.fps;
+    c->caps.clock = before.clock;
+    c->caps.stamp = before.stamp;
+    c->caps.fps = before.fps;
     if (c->is_locked) sv_v4l2_lock_controls(c, now_ns);
     r = sv_v4l2_stream_on(c);
   }

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Cameras behind Linux's V4L2 as one source. Frames are the driver's own buffers, mapped once (no copy, no heap); they
-// stay readable until requeue, also when their camera is unplugged meanwhile. A camera that fails (POLLERR, ENODEV,
-// EIO, silence) is closed and opened again by itself, every 50 ms or frame, while the others run on; what happened
-// is told by the source's events. Exposure, gain and white balance are locked at start and restored at close.
+// Cameras behind Linux's V4L2 as one source. Frames are the driver's own buffers, mapped once (no
+// copy, no heap); they stay readable until requeue, also when their camera is unplugged meanwhile.
+// A camera that fails (POLLERR, ENODEV, EIO, silence) is closed and opened again by itself, every
+// 50 ms or frame, while the others run on; what happened is told by the source's events. Exposure,
+// gain and white balance are locked at start and restored at close.
 #ifndef SV_PLATFORM_V4L2_V4L2_H
 #define SV_PLATFORM_V4L2_V4L2_H
 
@@ -32,18 +33,21 @@ typedef struct {
   sv_camera_events events;
 } sv_v4l2;
 
-// Opens all cameras, agrees on formats and maps buffers. `self` must not move afterwards. clock: CLOCK_MONOTONIC.
-// E_NOT_FOUND, E_UNSUPPORTED, E_RANGE, E_DEVICE with a sentence; everything is closed then.
+// Opens all cameras, agrees on formats and maps buffers. `self` must not move afterwards. clock:
+// CLOCK_MONOTONIC. E_NOT_FOUND, E_UNSUPPORTED, E_RANGE, E_DEVICE with a sentence; everything is
+// closed then.
 sv_status sv_v4l2_init(sv_v4l2 *self, const sv_camera_options *cfg, const sv_v4l2_sys *sys,
                        const sv_clock *clock, sv_arena *arena, sv_err *err) SV_MUST_USE;
 void sv_v4l2_close(sv_v4l2 *self);
 sv_source sv_v4l2_source(sv_v4l2 *self);
-const sv_v4l2_stats *sv_v4l2_camera_stats(const sv_v4l2 *self, int i_camera); // NULL: no such camera
-// DMABUF descriptor of a frame on loan (option dmabuf=on), -1 when there is none. It stays the source's. Bracket
-// accesses by the CPU with DMA_BUF_IOCTL_SYNC.
+// NULL: no such camera
+const sv_v4l2_stats *sv_v4l2_camera_stats(const sv_v4l2 *self, int i_camera);
+// DMABUF descriptor of a frame on loan (option dmabuf=on), -1 when there is none. It stays the
+// source's. Bracket accesses by the CPU with DMA_BUF_IOCTL_SYNC.
 int sv_v4l2_dmabuf(const sv_v4l2 *self, const sv_frame *frame);
 
-// A line a camera: its source string, name, formats, sizes and frame rates. Returns how many there are.
+// A line a camera: its source string, name, formats, sizes and frame rates. Returns how many there
+// are.
 int sv_v4l2_list(sv_str *out, const sv_v4l2_sys *sys);
 
 #ifdef __cplusplus

@@ -31,7 +31,8 @@ typedef struct {
   sv_arena_part parts[SV_ARENA_CAP_PARTS];
 } sv_arena;
 
-// An arena over a caller's block; base is moved up to the alignment, the loss counts as a part "align".
+// An arena over a caller's block; base is moved up to the alignment, the loss counts as a part
+// "align".
 sv_arena sv_arena_make(void *block, size_t bytes);
 // An arena that only counts. Takes return NULL and never fail.
 sv_arena sv_arena_dry(void);

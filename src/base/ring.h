@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // C only: C++ has no _Atomic.
-// A ring of fixed-size elements with one writer and one reader, lock-free. Capacity is a power of two.
+// A ring of fixed-size elements with one writer and one reader, lock-free. Capacity is a power of
+// two.
 #ifndef SV_BASE_RING_H
 #define SV_BASE_RING_H
 

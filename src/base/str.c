@@ -20,7 +20,9 @@ static void put_padded(out_t *o, const char *s, size_t n, int width, bool is_lef
   size_t w = width > 0 ? (size_t)width : 0;
   if (pad == '0' && n && (s[0] == '-') && w > n) { // the sign goes before the zeros
     put(o, '-');
-    s++, n--, w--;
+    s++;
+    n--;
+    w--;
   }
   if (!is_left)
     for (size_t i = n; i < w; i++) put(o, pad);
@@ -54,7 +56,10 @@ static double pow10i(int e) {
 static size_t fixed(char *t, double x, int prec) { // |x| < 1e18, prec <= 12
   bool neg = x < 0;
   double scale = pow10i(prec), a = neg ? -x : x, ip = floor(a), fr = floor((a - ip) * scale + 0.5);
-  if (fr >= scale) ip += 1, fr = 0;
+  if (fr >= scale) {
+    ip += 1;
+    fr = 0;
+  }
   char tmp[48], *end = tmp + sizeof tmp, *p = end;
   if (prec > 0) {
     p = digits(p, (uint64_t)fr, 10);
@@ -81,10 +86,15 @@ static size_t general(char *t, double x, int max_digits) {
     double m = s >= 0 ? (s > 300 ? a * pow10i(300) * pow10i(s - 300) : a * pow10i(s)) : a / pow10i(-s);
     double r = floor(m + 0.5);
     if (r < pow10i(nd - 1)) { // the search for e0 was rounded up to a power of ten: look one lower
-      e0--, nd--;
+      e0--;
+      nd--;
       continue;
     }
-    if (r >= pow10i(nd)) r = pow10i(nd - 1), e++, s--;
+    if (r >= pow10i(nd)) {
+      r = pow10i(nd - 1);
+      e++;
+      s--;
+    }
     double back = s >= 0 ? (s > 300 ? r / pow10i(300) / pow10i(s - 300) : r / pow10i(s)) : r * pow10i(-s);
     if (nd < max_digits && (max_digits <= 9 ? (float)back != (float)a : back != a)) continue;
     char d[24], *end = d + sizeof d, *p = digits(end, (uint64_t)r, 10);
@@ -93,7 +103,8 @@ static size_t general(char *t, double x, int max_digits) {
     if (neg) t[len++] = '-';
     if (e >= -5 && e < max_digits) {
       if (e < 0) {
-        t[len++] = '0', t[len++] = '.';
+        t[len++] = '0';
+        t[len++] = '.';
         for (int i = -1; i > e; i--) t[len++] = '0';
       }
       for (size_t i = 0; i < n; i++) {
@@ -127,18 +138,25 @@ static const char *read_spec(const char *f, spec_t *s, va_list *ap) {
     else if (*f == '0') s->pad = '0';
     else break;
   }
-  if (*f == '*') s->width = va_arg(*ap, int), f++;
-  else
+  if (*f == '*') {
+    s->width = va_arg(*ap, int);
+    f++;
+  } else
     for (; *f >= '0' && *f <= '9'; f++) s->width = s->width * 10 + (*f - '0');
   if (*f == '.') {
     f++;
     s->prec = 0;
-    if (*f == '*') s->prec = va_arg(*ap, int), f++;
-    else
+    if (*f == '*') {
+      s->prec = va_arg(*ap, int);
+      f++;
+    } else
       for (; *f >= '0' && *f <= '9'; f++) s->prec = s->prec * 10 + (*f - '0');
   }
   for (; *f == 'l'; f++) s->n_long++;
-  if (*f == 'z') s->n_long = 3, f++;
+  if (*f == 'z') {
+    s->n_long = 3;
+    f++;
+  }
   return f;
 }
 
@@ -269,12 +287,18 @@ bool sv_parse_double(const char *t, size_t len, double *out) {
   double m = 0;
   int e10 = 0, e = 0, n_digits = 0;
   for (; i < len && t[i] >= '0' && t[i] <= '9'; i++, any = true) {
-    if (n_digits < 18) m = m * 10 + (t[i] - '0'), n_digits += m > 0;
-    else e10++;
+    if (n_digits < 18) {
+      m = m * 10 + (t[i] - '0');
+      n_digits += m > 0;
+    } else e10++;
   }
   if (i < len && t[i] == '.')
     for (i++; i < len && t[i] >= '0' && t[i] <= '9'; i++, any = true)
-      if (n_digits < 18) m = m * 10 + (t[i] - '0'), n_digits += m > 0, e10--;
+      if (n_digits < 18) {
+        m = m * 10 + (t[i] - '0');
+        n_digits += m > 0;
+        e10--;
+      }
   if (!any) return false;
   if (i < len && (t[i] == 'e' || t[i] == 'E')) {
     i++;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Fixed-capacity text: a small printf without stdio, locale or heap, and a growing line over a buffer.
+// Fixed-capacity text: a small printf without stdio, locale or heap, and a growing line over a
+// buffer.
 #ifndef SV_BASE_STR_H
 #define SV_BASE_STR_H
 
@@ -29,8 +30,8 @@ typedef struct {
 
 sv_str sv_str_make(char *buf, size_t cap);
 void sv_str_add(sv_str *s, const char *fmt, ...) SV_PRINTF(2, 3);
-// Adds text as the inside of a JSON string: quotes, backslashes and control bytes escaped, each byte that is no part of
-// UTF-8 replaced by U+FFFD. At most six bytes for one of text.
+// Adds text as the inside of a JSON string: quotes, backslashes and control bytes escaped, each
+// byte that is no part of UTF-8 replaced by U+FFFD. At most six bytes for one of text.
 void sv_str_add_json(sv_str *s, const char *text);
 // Replaces each byte that is no part of UTF-8 by '_': for names of files that also stand in JSON.
 void sv_make_utf8(char *text);

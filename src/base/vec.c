@@ -60,9 +60,15 @@ void sv_quat_to_mat(double r[9], const double q[4]) {
   double n = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
   if (!(n > 0)) n = 1;
   double w = q[0] / n, x = q[1] / n, y = q[2] / n, z = q[3] / n;
-  r[0] = 1 - 2 * (y * y + z * z), r[1] = 2 * (x * y - w * z), r[2] = 2 * (x * z + w * y);
-  r[3] = 2 * (x * y + w * z), r[4] = 1 - 2 * (x * x + z * z), r[5] = 2 * (y * z - w * x);
-  r[6] = 2 * (x * z - w * y), r[7] = 2 * (y * z + w * x), r[8] = 1 - 2 * (x * x + y * y);
+  r[0] = 1 - 2 * (y * y + z * z);
+  r[1] = 2 * (x * y - w * z);
+  r[2] = 2 * (x * z + w * y);
+  r[3] = 2 * (x * y + w * z);
+  r[4] = 1 - 2 * (x * x + z * z);
+  r[5] = 2 * (y * z - w * x);
+  r[6] = 2 * (x * z - w * y);
+  r[7] = 2 * (y * z + w * x);
+  r[8] = 1 - 2 * (x * x + y * y);
 }
 
 // Shepperd's method: the largest of the four components is found first, so no root loses digits.
@@ -70,7 +76,10 @@ void sv_quat_from_mat(double q[4], const double r[9]) {
   double tr = r[0] + r[4] + r[8];
   if (tr > 0) {
     double s = 2 * sqrt(tr + 1);
-    q[0] = 0.25 * s, q[1] = (r[7] - r[5]) / s, q[2] = (r[2] - r[6]) / s, q[3] = (r[3] - r[1]) / s;
+    q[0] = 0.25 * s;
+    q[1] = (r[7] - r[5]) / s;
+    q[2] = (r[2] - r[6]) / s;
+    q[3] = (r[3] - r[1]) / s;
     return;
   }
   int i = r[4] > r[0] ? 1 : 0;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Small linear algebra on plain arrays: 3-vectors, row-major 3x3 matrices, quaternions (w,x,y,z) and
-// rigid poses. Transforms are named a_from_b; camera axes are OpenCV's (+x right, +y down, +z forward).
+// Small linear algebra on plain arrays: 3-vectors, row-major 3x3 matrices, quaternions (w,x,y,z)
+// and rigid poses. Transforms are named a_from_b; camera axes are OpenCV's (+x right, +y down, +z
+// forward).
 #ifndef SV_BASE_VEC_H
 #define SV_BASE_VEC_H
 
@@ -28,7 +29,8 @@ static inline void sv_cross3(double out[3], const double a[3], const double b[3]
   double c[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
   for (int i = 0; i < 3; i++) out[i] = c[i];
 }
-static inline void sv_mul33(double out[9], const double a[9], const double b[9]) { // out may be a or b
+// out may be a or b
+static inline void sv_mul33(double out[9], const double a[9], const double b[9]) {
   double c[9];
   for (int i = 0; i < 3; i++)
     for (int j = 0; j < 3; j++)
@@ -45,16 +47,20 @@ sv_pose sv_pose_identity(void);
 sv_pose sv_pose_mul(const sv_pose *a_from_b, const sv_pose *b_from_c); // a_from_c
 sv_pose sv_pose_inv(const sv_pose *a_from_b);                          // b_from_a
 void sv_pose_apply(double out[3], const sv_pose *a_from_b, const double x_b[3]);
-void sv_pose_centre(double out[3], const sv_pose *cam_from_world); // the camera's position in the world
+// the camera's position in the world
+void sv_pose_centre(double out[3], const sv_pose *cam_from_world);
 
-// Camera at `eye`, looking at `at`, image up along `up` (world): cam_from_world. False when degenerate.
+// Camera at `eye`, looking at `at`, image up along `up` (world): cam_from_world. False when
+// degenerate.
 bool sv_pose_look_at(sv_pose *cam_from_world, const double eye[3], const double at[3], const double up[3]);
 
 void sv_quat_to_mat(double r[9], const double q_wxyz[4]); // q is normalised on use
 void sv_quat_from_mat(double q_wxyz[4], const double r[9]);
-void sv_rodrigues(double r[9], const double w_rad[3]);         // rotation vector -> matrix
-void sv_rodrigues_inv(double w_rad[3], const double r[9]);     // matrix -> rotation vector, |w| <= pi
-double sv_angle_between(const double a[3], const double b[3]); // radians, by atan2: exact for tiny angles
+void sv_rodrigues(double r[9], const double w_rad[3]); // rotation vector -> matrix
+// matrix -> rotation vector, |w| <= pi
+void sv_rodrigues_inv(double w_rad[3], const double r[9]);
+// radians, by atan2: exact for tiny angles
+double sv_angle_between(const double a[3], const double b[3]);
 // How far r is from a proper rotation: max |r r^T - I|, plus 1 when the determinant is negative.
 double sv_rotation_error(const double r[9]);
 

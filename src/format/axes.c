@@ -7,8 +7,9 @@
 
 #include "src/base/vec.h"
 
-// Parity of the polynomial of SH coefficient k in x (bit 0), y (bit 1), z (bit 2), in the order of 3DGS:
-// 1 | y z x | xy yz 3zz-1 xz xx-yy | y(3xx-yy) xyz y(5zz-1) z(5zz-3) x(5zz-1) z(xx-yy) x(xx-3yy)
+// Parity of the polynomial of SH coefficient k in x (bit 0), y (bit 1), z (bit 2), in the order of
+// 3DGS: 1 | y z x | xy yz 3zz-1 xz xx-yy | y(3xx-yy) xyz y(5zz-1) z(5zz-3) x(5zz-1) z(xx-yy)
+// x(xx-3yy)
 static const uint8_t parity[16] = {0, 2, 4, 1, 3, 6, 0, 5, 0, 2, 7, 2, 4, 1, 4, 1};
 
 void sv_gaussian_turn(sv_gaussian *g, sv_half_turn turn) {
@@ -50,7 +51,8 @@ const char *sv_up_name(const float up[3]) {
 
 #define CAP_BAND 7
 
-// The 2 l + 1 functions of degree l in a direction, as 3DGS has them (signs and norms of Kerbl et al. 2023).
+// The 2 l + 1 functions of degree l in a direction, as 3DGS has them (signs and norms of Kerbl et
+// al. 2023).
 static void band(double *y, int l, const double d[3]) {
   const double x = d[0], v = d[1], z = d[2], xx = x * x, vv = v * v, zz = z * z;
   if (l == 1) {
@@ -79,7 +81,8 @@ static void eliminate(double a[CAP_BAND][2 * CAP_BAND], int n) {
       if (fabs(a[r][c]) > fabs(a[best][c])) best = r;
     for (int k = 0; k < 2 * n; k++) {
       double s = a[c][k];
-      a[c][k] = a[best][k], a[best][k] = s;
+      a[c][k] = a[best][k];
+      a[best][k] = s;
     }
     for (int r = 0; r < n; r++) {
       double f = a[r][c] / a[c][c];
@@ -90,8 +93,8 @@ static void eliminate(double a[CAP_BAND][2 * CAP_BAND], int n) {
   }
 }
 
-// What is seen from direction R d afterwards is what was seen from d: sum_m c'_m Y_m(R d) = sum_m c_m Y_m(d) for as many
-// directions as there are functions gives c' = Y(R d)^-1 Y(d) c.
+// What is seen from direction R d afterwards is what was seen from d: sum_m c'_m Y_m(R d) = sum_m
+// c_m Y_m(d) for as many directions as there are functions gives c' = Y(R d)^-1 Y(d) c.
 static void turn_band(double *out, int l, const double r[9]) {
   static const double directions[CAP_BAND][3] = {{1, 0.2, 0.3},    {-0.4, 1, 0.1},   {0.3, -0.5, 1},
                                                  {-1, -0.7, 0.4},  {0.6, 0.5, -0.9}, {-0.2, 0.9, -0.7},
@@ -123,7 +126,8 @@ void sv_turn_upright(sv_turn *t, const char *up) {
   *t = (sv_turn){.is_none = true};
   if (!sv_up_axis(up, u) || u[1] < 0) return;
   sv_cross3(axis, u, to);
-  if (u[1] > 0) axis[0] = 1;                                        // a half turn; any axis across would do
+  // a half turn; any axis across would do
+  if (u[1] > 0) axis[0] = 1;
   const double c = u[1] > 0 ? -1.0 : 0.0, s = u[1] > 0 ? 0.0 : 1.0; // cosine and sine of the angle
   const double cross[9] = {0, -axis[2], axis[1], axis[2], 0, -axis[0], -axis[1], axis[0], 0};
   for (int i = 0; i < 3; i++)

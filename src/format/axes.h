@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// How worlds are turned. Half turns of a Gaussian about one axis, for files whose axes differ from ours in two signs. Positions and the
-// vector part of the quaternion change the same two signs; an SH coefficient changes its sign when its polynomial is
-// odd in the two axes together. The three half turns are proper rotations: nothing is mirrored.
+// How worlds are turned. Half turns of a Gaussian about one axis, for files whose axes differ from
+// ours in two signs. Positions and the vector part of the quaternion change the same two signs; an
+// SH coefficient changes its sign when its polynomial is odd in the two axes together. The three
+// half turns are proper rotations: nothing is mirrored.
 #ifndef SV_FORMAT_AXES_H
 #define SV_FORMAT_AXES_H
 
@@ -22,7 +23,8 @@ typedef enum {
 // Its own inverse.
 void sv_gaussian_turn(sv_gaussian *g, sv_half_turn turn);
 
-// Which way is up in a model's world: one of the six. Models whose file does not say have the axes of COLMAP.
+// Which way is up in a model's world: one of the six. Models whose file does not say have the axes
+// of COLMAP.
 #define SV_UP_DEFAULT "-y"
 // "x", "-x", "y", ... False for other words.
 bool sv_up_axis(const char *name, double up[3]);
@@ -37,8 +39,8 @@ typedef struct {
 } sv_turn;
 // Any rotation matrix.
 void sv_turn_make(sv_turn *t, const double r[9]);
-// The smallest rotation that takes a world with this way up to one with SV_UP_DEFAULT, as the writers of SPZ and GLB
-// expect it. NULL or a word that is no axis: none.
+// The smallest rotation that takes a world with this way up to one with SV_UP_DEFAULT, as the
+// writers of SPZ and GLB expect it. NULL or a word that is no axis: none.
 void sv_turn_upright(sv_turn *t, const char *up);
 void sv_gaussian_turn_by(sv_gaussian *g, const sv_turn *t);
 

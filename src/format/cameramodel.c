@@ -39,8 +39,8 @@ static void skip_blank(lexer *l) {
 static bool is_letter(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_'; }
 static bool is_digit(char c) { return c >= '0' && c <= '9'; }
 
-// A quoted string with one or three quotes of either kind. Backslashes are kept: the strings that are
-// used here never hold any.
+// A quoted string with one or three quotes of either kind. Backslashes are kept: the strings that
+// are used here never hold any.
 static sv_status read_string(lexer *l) {
   char q = l->text[l->at];
   size_t n_quotes = peek(l, 1) == q && peek(l, 2) == q ? 3 : 1, run = 0;
@@ -336,7 +336,8 @@ sv_status sv_cameramodel_write(sv_str *out, const sv_camera_model *model, const 
     sv_str_add(out, "_order=%d_Nx=%d_Ny=%d_fov_x_deg=%d", s->order, s->nx, s->ny, (int)s->fov_x_deg);
   sv_str_add(out, "',\n\n    'intrinsics': [");
   for (int i = 0; i < sv_model_n_params(model->kind); i++)
-    sv_str_add(out, " %.17g,", model->p[i] - (i == 2 || i == 3 ? 0.5 : 0)); // mrcal's centres are at integers
+    // mrcal's centres are at integers
+    sv_str_add(out, " %.17g,", model->p[i] - (i == 2 || i == 3 ? 0.5 : 0));
   for (int i = 0; is_splined && i < 2 * s->nx * s->ny; i++) sv_str_add(out, " %.17g,", s->control[i]);
   sv_str_add(out, "],\n\n    # camera from reference: rotation vector, translation\n    'extrinsics': [");
   for (int i = 0; i < 6; i++) sv_str_add(out, " %.17g,", rt[i]);

@@ -15,14 +15,15 @@
 extern "C" {
 #endif
 
-// name: of the file, for errors. E_FORMAT, E_UNSUPPORTED (a lens model that models.inc lacks), E_NOT_FOUND
-// (a key is missing), E_RANGE. out parameters are left alone on failure.
+// name: of the file, for errors. E_FORMAT, E_UNSUPPORTED (a lens model that models.inc lacks),
+// E_NOT_FOUND (a key is missing), E_RANGE. out parameters are left alone on failure.
 sv_status sv_cameramodel_read(const char *name, const char *text, size_t bytes, sv_camera_model *model,
                               sv_pose *cam_from_ref, sv_err *err) SV_MUST_USE;
 
-// The same with room for the control points of LENSMODEL_SPLINED_STEREOGRAPHIC_order=.._Nx=.._Ny=.._fov_x_deg=..,
-// which are taken from `splines` (NULL: such a model is refused) and stay there. Its key must stand before the
-// intrinsics, as mrcal writes it. E_NOMEM, E_SEALED.
+// The same with room for the control points of
+// LENSMODEL_SPLINED_STEREOGRAPHIC_order=.._Nx=.._Ny=.._fov_x_deg=.., which are taken from `splines`
+// (NULL: such a model is refused) and stay there. Its key must stand before the intrinsics, as
+// mrcal writes it. E_NOMEM, E_SEALED.
 sv_status sv_cameramodel_read_splined(const char *name, const char *text, size_t bytes, sv_arena *splines,
                                       sv_camera_model *model, sv_pose *cam_from_ref, sv_err *err) SV_MUST_USE;
 

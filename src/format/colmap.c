@@ -7,8 +7,9 @@
 #include "src/base/str.h"
 #include "src/format/bytes.h"
 
-// COLMAP's models by number; kind is SV_N_MODELS for those without a counterpart here. map: where each of
-// the file's parameters goes (fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6); 16 means fx and fy both.
+// COLMAP's models by number; kind is SV_N_MODELS for those without a counterpart here. map: where
+// each of the file's parameters goes (fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6); 16 means fx
+// and fy both.
 static const struct {
   const char *name;
   sv_model_kind kind;
@@ -50,7 +51,8 @@ static bool next_record(sv_colmap *c, sv_word *out) { // comments and blank line
   while (sv_text_line(&c->text, out)) {
     size_t i = 0;
     while (i < out->n && (out->t[i] == ' ' || out->t[i] == '\t')) i++;
-    out->t += i, out->n -= i;
+    out->t += i;
+    out->n -= i;
     if (out->n && out->t[0] != '#') return true;
   }
   return false;
@@ -96,7 +98,8 @@ static sv_status make_camera(const sv_colmap *c, int model, const uint64_t size[
   for (int i = 0; i < 2; i++)
     if (size[i] < 1 || size[i] > 32767)
       return fail_at(c, err, SV_E_RANGE, "an image size outside 1 to 32767");
-  m->width_px = (int)size[0], m->height_px = (int)size[1];
+  m->width_px = (int)size[0];
+  m->height_px = (int)size[1];
   for (int i = 0; i < models[model].n_params; i++) {
     int to = models[model].map[i];
     if (!(fabs(params[i]) < 1e12)) return fail_at(c, err, SV_E_RANGE, "a camera parameter is not finite");
@@ -187,10 +190,15 @@ static sv_status text_image(sv_colmap *c, sv_colmap_image *out, sv_err *err) {
   for (int i = 0; i < 7; i++) ok = ok && take_double(&line, &v[i]);
   if (!ok || !take_u32(&line, &out->camera_id))
     return fail_at(c, err, SV_E_FORMAT, "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME was expected");
-  while (line.n && (*line.t == ' ' || *line.t == '\t')) line.t++, line.n--;
-  sv_status s = set_name(c, out, line.t, line.n, err); // the rest of the line: names may hold spaces
+  while (line.n && (*line.t == ' ' || *line.t == '\t')) {
+    line.t++;
+    line.n--;
+  }
+  // the rest of the line: names may hold spaces
+  sv_status s = set_name(c, out, line.t, line.n, err);
   if (s == SV_OK) s = make_pose(c, v, &out->cam_from_world, err);
-  (void)sv_text_line(&c->text, &points); // its 2D points stand on a line of their own, which may be empty
+  // its 2D points stand on a line of their own, which may be empty
+  (void)sv_text_line(&c->text, &points);
   return s;
 }
 
@@ -200,7 +208,8 @@ sv_status sv_colmap_next_image(sv_colmap *c, sv_colmap_image *out, sv_err *err) 
   const uint8_t *p = take(c, 64);
   double v[7];
   if (!p) return cut(c, err);
-  out->id = sv_le32(p), out->camera_id = sv_le32(p + 60);
+  out->id = sv_le32(p);
+  out->camera_id = sv_le32(p + 60);
   for (int i = 0; i < 7; i++) v[i] = sv_lef64(p + 4 + 8 * i);
   const uint8_t *name = c->text.buf + c->text.at, *end = memchr(name, 0, c->text.bytes - c->text.at);
   if (!end) return cut(c, err);
@@ -251,7 +260,10 @@ sv_status sv_colmap_next_point(sv_colmap *c, sv_colmap_point *out, sv_err *err) 
   const uint8_t *p = take(c, 51);
   if (!p) return cut(c, err);
   out->id = sv_le64(p);
-  for (int i = 0; i < 3; i++) out->xyz[i] = sv_lef64(p + 8 + 8 * i), out->rgb[i] = p[32 + i];
+  for (int i = 0; i < 3; i++) {
+    out->xyz[i] = sv_lef64(p + 8 + 8 * i);
+    out->rgb[i] = p[32 + i];
+  }
   out->error_px = sv_lef64(p + 35);
   uint64_t n = sv_le64(p + 43);
   if (n > c->text.bytes / 8 || !take(c, n * 8)) return cut(c, err);
@@ -270,7 +282,8 @@ static sv_status add_sensor(const sv_colmap *c, sv_colmap_rig *g, bool is_camera
   for (int i = 0; i < g->n_cameras; i++)
     if (g->cameras[i].camera_id == id) return fail_at(c, err, SV_E_FORMAT, "a camera is in the rig twice");
   int i = g->n_cameras++;
-  g->cameras[i].camera_id = id, g->cameras[i].has_pose = pose != NULL;
+  g->cameras[i].camera_id = id;
+  g->cameras[i].has_pose = pose != NULL;
   g->cameras[i].cam_from_rig = sv_pose_identity();
   return pose ? make_pose(c, pose, &g->cameras[i].cam_from_rig, err) : SV_OK;
 }
@@ -314,7 +327,8 @@ sv_status sv_colmap_next_rig(sv_colmap *c, sv_colmap_rig *out, sv_err *err) {
   const uint8_t *p = take(c, 8);
   double v[7];
   if (!p) return cut(c, err);
-  out->id = sv_le32(p), out->n_cameras = 0;
+  out->id = sv_le32(p);
+  out->n_cameras = 0;
   uint32_t n = sv_le32(p + 4);
   for (uint32_t i = 0; i < n; i++) {
     p = take(c, i ? 9 : 8); // the reference sensor is only named
@@ -335,7 +349,8 @@ static sv_status add_data(const sv_colmap *c, sv_colmap_frame *f, bool is_camera
                           uint64_t id, sv_err *err) {
   if (!is_camera) return SV_OK;
   if (f->n_images == SV_COLMAP_CAP_DATA) return fail_at(c, err, SV_E_FULL, "a frame of more than 256 images");
-  f->images[f->n_images].camera_id = sensor, f->images[f->n_images++].image_id = id;
+  f->images[f->n_images].camera_id = sensor;
+  f->images[f->n_images++].image_id = id;
   return SV_OK;
 }
 
@@ -369,7 +384,9 @@ sv_status sv_colmap_next_frame(sv_colmap *c, sv_colmap_frame *out, sv_err *err) 
   const uint8_t *p = take(c, 68);
   double v[7];
   if (!p) return cut(c, err);
-  out->id = sv_le32(p), out->rig_id = sv_le32(p + 4), out->n_images = 0;
+  out->id = sv_le32(p);
+  out->rig_id = sv_le32(p + 4);
+  out->n_images = 0;
   for (int i = 0; i < 7; i++) v[i] = sv_lef64(p + 8 + 8 * i);
   uint32_t n = sv_le32(p + 64);
   sv_status s = make_pose(c, v, &out->rig_from_world, err);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// COLMAP models over buffers: cameras, images, points3D, rigs, frames, each as .txt or .bin. Poses are
-// cam_from_world with OpenCV's axes and pixel centres at 0.5, as inside this project. One reader walks one
-// file from front to back: _next gives SV_OK with a record, SV_END after the last, or a failure.
+// COLMAP models over buffers: cameras, images, points3D, rigs, frames, each as .txt or .bin. Poses
+// are cam_from_world with OpenCV's axes and pixel centres at 0.5, as inside this project. One
+// reader walks one file from front to back: _next gives SV_OK with a record, SV_END after the last,
+// or a failure.
 #ifndef SV_FORMAT_COLMAP_H
 #define SV_FORMAT_COLMAP_H
 
@@ -19,7 +20,8 @@ extern "C" {
 
 typedef struct {
   uint32_t id;
-  sv_camera_model model; // SIMPLE_PINHOLE and PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV, fisheyes
+  sv_camera_model model; // SIMPLE_PINHOLE and PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV,
+                         // fisheyes
 } sv_colmap_camera;
 
 typedef struct {
@@ -48,7 +50,8 @@ typedef struct {
   } images[SV_COLMAP_CAP_DATA]; // of cameras; other sensors' data are passed over
 } sv_colmap_frame;
 
-// COLMAP 3.12 and later: cameras that are fixed to one another. The rig's frame is that of its reference sensor.
+// COLMAP 3.12 and later: cameras that are fixed to one another. The rig's frame is that of its
+// reference sensor.
 typedef struct {
   uint32_t id;
   int n_cameras;

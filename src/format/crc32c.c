@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "src/format/crc32c.h"
 
-// A CRC is linear: the table entry of a byte is the XOR of the entries of its bits. So the eight entries
-// of the single bits make a table of 256 at compile time, one for each of the eight bytes of a step.
+// A CRC is linear: the table entry of a byte is the XOR of the entries of its bits. So the eight
+// entries of the single bits make a table of 256 at compile time, one for each of the eight bytes
+// of a step.
 #define BIT(n, i, k) ((n) >> (i)&1u ? (k) : 0u)
 #define ENTRY(n, a, b, c, d, e, f, g, h)                                                                     \
   (BIT(n, 0, a) ^ BIT(n, 1, b) ^ BIT(n, 2, c) ^ BIT(n, 3, d) ^ BIT(n, 4, e) ^ BIT(n, 5, f) ^ BIT(n, 6, g) ^  \

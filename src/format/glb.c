@@ -31,7 +31,8 @@ void sv_glb_extend(sv_glb *z, const sv_gaussian *in) {
   z->n++;
 }
 
-// Attribute i: position, rotation, scale, opacity, colour, then SH; all values of one after all of another.
+// Attribute i: position, rotation, scale, opacity, colour, then SH; all values of one after all of
+// another.
 static size_t width_of(int i) {
   static const uint8_t widths[] = {12, 16, 12, 4, 4};
   return i < 5 ? widths[i] : 12;
@@ -73,7 +74,8 @@ sv_status sv_glb_head(const sv_glb *z, uint8_t *file, sv_err *err) {
   sv_put_le32(file + 8, (uint32_t)sv_glb_bytes(z));
   sv_put_le32(file + 12, JSON_BYTES);
   sv_put_le32(file + 16, JSON_CHUNK);
-  sv_str s = sv_str_make((char *)file + 20, JSON_BYTES + 1); // its zero falls on what is written next
+  // its zero falls on what is written next
+  sv_str s = sv_str_make((char *)file + 20, JSON_BYTES + 1);
   sv_str_add(&s, "{\"asset\":{\"version\":\"2.0\",\"generator\":\"subview\"},\"extensionsUsed\":[\"" EXTENSION
                  "\"],\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"mesh\":0}],"
                  "\"meshes\":[{\"primitives\":[{\"mode\":0,\"attributes\":{");

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gaussians in binary glTF 2.0 with KHR_gaussian_splatting (Khronos, ratified): one POINTS primitive of float
-// attributes POSITION, ROTATION (x y z w), SCALE (linear), OPACITY (0..1), SH_DEGREE_l_COEF_n, and COLOR_0 (8 bits, for
-// viewers that show plain points). glTF is left-up-forward; models are taken as right-down-forward and turned by half a
-// turn about z, as other converters do. Floats are kept, so what is lost is rounding.
+// Gaussians in binary glTF 2.0 with KHR_gaussian_splatting (Khronos, ratified): one POINTS
+// primitive of float attributes POSITION, ROTATION (x y z w), SCALE (linear), OPACITY (0..1),
+// SH_DEGREE_l_COEF_n, and COLOR_0 (8 bits, for viewers that show plain points). glTF is
+// left-up-forward; models are taken as right-down-forward and turned by half a turn about z, as
+// other converters do. Floats are kept, so what is lost is rounding.
 #ifndef SV_FORMAT_GLB_H
 #define SV_FORMAT_GLB_H
 
@@ -19,7 +20,8 @@ extern "C" {
 #define SV_GLB_CAP_TOKENS 4096
 #define SV_GLB_N_SH       16
 
-// Writing: extend over all Gaussians first (the file tells the box), then head once and put for each.
+// Writing: extend over all Gaussians first (the file tells the box), then head once and put for
+// each.
 typedef struct {
   uint32_t n; // of extend so far
   int sh_degree;
@@ -27,8 +29,9 @@ typedef struct {
 } sv_glb;
 
 void sv_glb_extend(sv_glb *z, const sv_gaussian *g);
-size_t sv_glb_bytes(const sv_glb *z);                                           // of the whole file
-sv_status sv_glb_head(const sv_glb *z, uint8_t *file, sv_err *err) SV_MUST_USE; // file: [sv_glb_bytes]
+size_t sv_glb_bytes(const sv_glb *z); // of the whole file
+// file: [sv_glb_bytes]
+sv_status sv_glb_head(const sv_glb *z, uint8_t *file, sv_err *err) SV_MUST_USE;
 void sv_glb_put(const sv_glb *z, uint8_t *file, uint32_t i, const sv_gaussian *g);
 
 typedef struct {
@@ -42,9 +45,9 @@ typedef struct {
   sv_glb_field position, rotation, scale, opacity, sh[SV_GLB_N_SH];
 } sv_glb_reader;
 
-// Finds the first primitive with the extension. tok: [SV_GLB_CAP_TOKENS] workspace of the call; data must outlive r.
-// Transforms of nodes are not applied. E_FORMAT, E_RANGE, E_UNSUPPORTED (attributes that are not floats, data outside
-// of the file).
+// Finds the first primitive with the extension. tok: [SV_GLB_CAP_TOKENS] workspace of the call;
+// data must outlive r. Transforms of nodes are not applied. E_FORMAT, E_RANGE, E_UNSUPPORTED
+// (attributes that are not floats, data outside of the file).
 sv_status sv_glb_open(sv_glb_reader *r, const char *name, const uint8_t *data, size_t bytes, jsmntok_t *tok,
                       sv_err *err) SV_MUST_USE;
 void sv_glb_get(const sv_glb_reader *r, uint32_t i, sv_gaussian *out);

@@ -118,7 +118,8 @@ static bool scan_text(scan *s) {
     if (c == '{' || c == '[') {
       if (depth == SV_JSON_CAP_DEPTH) return wrong(s, "nested too deeply");
       stack[depth++] = c;
-      s->i++, s->n_tok++;
+      s->i++;
+      s->n_tok++;
       skip_space(s);
       if (s->i >= s->n || s->t[s->i] != (c == '{' ? '}' : ']')) {
         if (c == '{' && !scan_key(s)) return false;
@@ -312,8 +313,10 @@ static size_t put_utf8(char *o, uint32_t c) {
   if (c < 0x10000)
     return o[0] = (char)(0xE0 | c >> 12), o[1] = (char)(0x80 | (c >> 6 & 63)), o[2] = (char)(0x80 | (c & 63)),
            3;
-  o[0] = (char)(0xF0 | c >> 18), o[1] = (char)(0x80 | (c >> 12 & 63));
-  o[2] = (char)(0x80 | (c >> 6 & 63)), o[3] = (char)(0x80 | (c & 63));
+  o[0] = (char)(0xF0 | c >> 18);
+  o[1] = (char)(0x80 | (c >> 12 & 63));
+  o[2] = (char)(0x80 | (c >> 6 & 63));
+  o[3] = (char)(0x80 | (c & 63));
   return 4;
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A strict JSON reader over a buffer: tokens in the caller's array, no heap, no recursion.
-// Strict means RFC 8259, the top level an object or array, at most SV_JSON_CAP_DEPTH deep. jsmn makes the
+// A strict JSON reader over a buffer: tokens in the caller's array, no heap, no recursion. Strict
+// means RFC 8259, the top level an object or array, at most SV_JSON_CAP_DEPTH deep. jsmn makes the
 // tokens; as it lets `[1 2]`, `{"a"}` and `1x2` pass, the grammar is checked here before it runs.
 // Every failure names file, line and the place by key ("scene.json:12: frames[3].fl_x: ...").
 #ifndef SV_FORMAT_JSON_H
@@ -36,15 +36,16 @@ typedef struct {
 // Checks the grammar and counts the tokens that sv_json_parse needs.
 sv_status sv_json_count(const char *name, const char *text, size_t bytes, int *n_tok,
                         sv_err *err) SV_MUST_USE;
-// text, name and tok must outlive j. E_FORMAT for anything that is not JSON, E_NOMEM when cap_tok is too
-// small.
+// text, name and tok must outlive j. E_FORMAT for anything that is not JSON, E_NOMEM when cap_tok
+// is too small.
 sv_status sv_json_parse(sv_json *j, const char *name, const char *text, size_t bytes, jsmntok_t *tok,
                         int cap_tok, sv_err *err) SV_MUST_USE;
 
 // Token indices: -1 stands for "not there" and may be passed to any of these.
-int sv_json_get(const sv_json *j, int i_object, const char *key); // the value of a key, -1 when absent
-int sv_json_first(const sv_json *j, int i_array);                 // first element, -1 when empty
-int sv_json_next(const sv_json *j, int i_element);                // next element, -1 at the end
+// the value of a key, -1 when absent
+int sv_json_get(const sv_json *j, int i_object, const char *key);
+int sv_json_first(const sv_json *j, int i_array);  // first element, -1 when empty
+int sv_json_next(const sv_json *j, int i_element); // next element, -1 at the end
 bool sv_json_is_object(const sv_json *j, int i);
 bool sv_json_is_array(const sv_json *j, int i);
 bool sv_json_is_string(const sv_json *j, int i);
@@ -55,7 +56,8 @@ int sv_json_size(const sv_json *j, int i); // elements of an array, keys of an o
 sv_status sv_json_fail(const sv_json *j, int i, sv_err *err, sv_status s, const char *fmt, ...)
     SV_PRINTF(5, 6);
 
-// Typed values of token i; out is left alone on failure. A number that overflows is refused (E_RANGE).
+// Typed values of token i; out is left alone on failure. A number that overflows is refused
+// (E_RANGE).
 sv_status sv_json_double(const sv_json *j, int i, double *out, sv_err *err) SV_MUST_USE;
 sv_status sv_json_int(const sv_json *j, int i, long long lo, long long hi, long long *out,
                       sv_err *err) SV_MUST_USE;

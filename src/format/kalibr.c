@@ -57,7 +57,10 @@ static sv_status take_value(reader *r, sv_word w) {
   }
   char *to = r->at == K_MODEL ? r->model : r->lens;
   if ((*n)++ || r->depth) return fail_key(r, r->at, SV_E_FORMAT, "one word was expected");
-  if (w.n > 2 && (*w.t == '\'' || *w.t == '"') && w.t[w.n - 1] == *w.t) w.t++, w.n -= 2;
+  if (w.n > 2 && (*w.t == '\'' || *w.t == '"') && w.t[w.n - 1] == *w.t) {
+    w.t++;
+    w.n -= 2;
+  }
   if (w.n >= sizeof r->model) w.n = sizeof r->model - 1; // longer than any word that is known
   memcpy(to, w.t, w.n);
   to[w.n] = 0;
@@ -70,8 +73,10 @@ static sv_status take_values(reader *r, sv_word line) {
     char c = line.t[i];
     end = i + 1;
     if (c == ' ' || c == '\t' || (c == ',' && r->depth)) continue;
-    if (c == '#' && (i == 0 || line.t[i - 1] == ' ' || line.t[i - 1] == '\t')) return SV_OK; // a comment
-    if (c == '-' && !r->depth && (end == line.n || line.t[end] == ' ')) continue; // an item of a list
+    // a comment
+    if (c == '#' && (i == 0 || line.t[i - 1] == ' ' || line.t[i - 1] == '\t')) return SV_OK;
+    // an item of a list
+    if (c == '-' && !r->depth && (end == line.n || line.t[end] == ' ')) continue;
     if (c == '[') {
       if (++r->depth > 8) return fail_at(r, r->text.line, SV_E_FORMAT, "lists are nested more than 8 deep");
       continue;
@@ -205,7 +210,8 @@ static sv_status begin_camera(reader *r, sv_word line) {
     return SV_OK;
   if (!split_key(line, &k, &value))
     return fail_at(r, r->text.line, SV_E_FORMAT, "cam0:, cam1:, ... was expected at the left margin");
-  r->at = K_OTHER, r->line = r->text.line;
+  r->at = K_OTHER;
+  r->line = r->text.line;
   if (k.n < 4 || memcmp(k.t, "cam", 3) != 0 || !sv_parse_int(k.t + 3, k.n - 3, &i))
     return take_values(r, value);
   if (i < 0 || i >= r->rig->cap_sub_views)
@@ -213,11 +219,16 @@ static sv_status begin_camera(reader *r, sv_word line) {
                    r->rig->cap_sub_views - 1);
   if (*r->rig->sub_views[i].name)
     return sv_fail(r->err, SV_E_FORMAT, "%s:%d: cam%lld is there twice", r->text.name, r->text.line, i);
-  while (value.n && (*value.t == ' ' || *value.t == '\t')) value.t++, value.n--;
+  while (value.n && (*value.t == ' ' || *value.t == '\t')) {
+    value.t++;
+    value.n--;
+  }
   if (value.n && *value.t != '#')
     return fail_at(r, r->text.line, SV_E_FORMAT, "the camera's keys were expected on lines of their own");
   r->is_outside = false;
-  r->at = K_NONE, r->i_camera = (int)i, r->indent = 0;
+  r->at = K_NONE;
+  r->i_camera = (int)i;
+  r->indent = 0;
   if (i >= r->rig->n_sub_views) r->rig->n_sub_views = (int)i + 1;
   for (int j = 0; j < N_KEYS; j++) r->n[j] = -1;
   return SV_OK;
@@ -240,7 +251,11 @@ static sv_status begin_entry(reader *r, sv_word line) {
 static sv_status take_line(reader *r, sv_word line) {
   if (r->depth) return take_values(r, line); // a list goes on
   int indent = 0;
-  while (line.n && *line.t == ' ') line.t++, line.n--, indent++;
+  while (line.n && *line.t == ' ') {
+    line.t++;
+    line.n--;
+    indent++;
+  }
   if (!line.n || *line.t == '#') return SV_OK;
   bool is_item = *line.t == '-' && (line.n == 1 || line.t[1] == ' ');
   if (indent == 0 && !(is_item && r->at != K_NONE)) return begin_camera(r, line);

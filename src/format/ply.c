@@ -22,7 +22,8 @@ static const struct {
                     {"int", "int32", 4, 2147483647.}, {"uint", "uint32", 4, 4294967295.},
                     {"float", "float32", 4, 1},       {"double", "float64", 8, 1}};
 
-// Fields: the 59 floats of sv_gaussian in its order, but SH as the file has it (f_rest channel-major).
+// Fields: the 59 floats of sv_gaussian in its order, but SH as the file has it (f_rest
+// channel-major).
 enum {
   F_X = 0,
   F_ROT = 3,
@@ -91,7 +92,8 @@ static sv_status bad(const sv_text *l, sv_err *err, sv_status s, const char *wha
 static sv_status end_element(sv_ply *p, header *h, const sv_text *l, sv_err *err) {
   if (h->is_vertex) {
     p->stride_bytes = (uint32_t)h->stride;
-    h->is_vertex = false, h->is_after = true;
+    h->is_vertex = false;
+    h->is_after = true;
   } else if (!h->is_after && h->n) {
     if (h->has_list)
       return sv_fail(err, SV_E_UNSUPPORTED, "%s:%d: an element with a list comes before \"vertex\"", l->name,
@@ -103,7 +105,9 @@ static sv_status end_element(sv_ply *p, header *h, const sv_text *l, sv_err *err
     if (h->skip_bytes > 1ull << 62)
       return sv_fail(err, SV_E_RANGE, "%s:%d: too many elements", l->name, l->line);
   }
-  h->n = 0, h->stride = 0, h->has_list = false;
+  h->n = 0;
+  h->stride = 0;
+  h->has_list = false;
   return SV_OK;
 }
 
@@ -150,26 +154,37 @@ static sv_status read_property(sv_ply *p, header *h, const sv_text *l, sv_word r
 }
 
 static void read_comment(sv_ply *p,
-                         sv_word rest) { // of those that Brush writes two, and our own; others are text
+                         // of those that Brush writes two, and our own; others are text
+                         sv_word rest) {
   static const char axis[] = "Vertical axis:", mode[] = "SplatRenderMode:", dilation[] = "SplatDilation:",
                     up[] = "SplatUp:";
-  while (rest.n && (*rest.t == ' ' || *rest.t == '\t')) rest.t++, rest.n--;
+  while (rest.n && (*rest.t == ' ' || *rest.t == '\t')) {
+    rest.t++;
+    rest.n--;
+  }
   if (rest.n > sizeof axis - 1 && memcmp(rest.t, axis, sizeof axis - 1) == 0) {
-    rest.t += sizeof axis - 1, rest.n -= sizeof axis - 1;
+    rest.t += sizeof axis - 1;
+    rest.n -= sizeof axis - 1;
     sv_word v = sv_word_next(&rest);
-    if (v.n && v.n < sizeof p->vertical) memcpy(p->vertical, v.t, v.n), p->vertical[v.n] = 0;
+    if (v.n && v.n < sizeof p->vertical) {
+      memcpy(p->vertical, v.t, v.n);
+      p->vertical[v.n] = 0;
+    }
   } else if (rest.n > sizeof up - 1 && memcmp(rest.t, up, sizeof up - 1) == 0) {
-    rest.t += sizeof up - 1, rest.n -= sizeof up - 1;
+    rest.t += sizeof up - 1;
+    rest.n -= sizeof up - 1;
     sv_word v = sv_word_next(&rest);
     char word[4] = "";
     double ignored[3];
     if (v.n && v.n < sizeof word) memcpy(word, v.t, v.n);
     if (sv_up_axis(word, ignored)) memcpy(p->up, word, sizeof word);
   } else if (rest.n > sizeof mode - 1 && memcmp(rest.t, mode, sizeof mode - 1) == 0) {
-    rest.t += sizeof mode - 1, rest.n -= sizeof mode - 1;
+    rest.t += sizeof mode - 1;
+    rest.n -= sizeof mode - 1;
     p->is_mip = sv_word_is(sv_word_next(&rest), "mip");
   } else if (rest.n > sizeof dilation - 1 && memcmp(rest.t, dilation, sizeof dilation - 1) == 0) {
-    rest.t += sizeof dilation - 1, rest.n -= sizeof dilation - 1;
+    rest.t += sizeof dilation - 1;
+    rest.n -= sizeof dilation - 1;
     sv_word v = sv_word_next(&rest);
     double px2;
     if (sv_parse_double(v.t, v.n, &px2) && px2 > 0 && px2 < 100) p->dilation_px2 = (float)px2;
@@ -181,7 +196,8 @@ static bool has_all(const header *h, int field, int n) {
   return (h->seen & mask) == mask;
 }
 
-// Points or Gaussians? A model with only half of its properties is refused rather than taken for points.
+// Points or Gaussians? A model with only half of its properties is refused rather than taken for
+// points.
 static sv_status decide_kind(sv_ply *p, const header *h, sv_err *err) {
   if (!has_all(h, F_X, 3)) return sv_fail(err, SV_E_NOT_FOUND, "%s: vertices have no x, y and z", p->name);
   while (p->n_rest < 45 && h->seen >> (F_REST + p->n_rest) & 1) p->n_rest++;
@@ -254,7 +270,8 @@ sv_status sv_ply_open(sv_ply *p, const char *name, const void *buf, size_t bytes
   } else {
     uint64_t room = bytes - l.at, need = (uint64_t)p->n * p->stride_bytes;
     if (h.skip_bytes > room) return sv_fail(err, SV_E_FORMAT, "%s: the file ends before its vertices", name);
-    l.at += (size_t)h.skip_bytes, room -= h.skip_bytes;
+    l.at += (size_t)h.skip_bytes;
+    room -= h.skip_bytes;
     if (need > room)
       return sv_fail(err, SV_E_FORMAT, "%s: %u vertices of %u bytes were expected, the file ends after %u",
                      name, p->n, p->stride_bytes, (unsigned)(room / p->stride_bytes));
@@ -280,7 +297,10 @@ static double scalar(const uint8_t *b, int type) {
 static bool ascii_value(sv_word w, double *v) {
   if (sv_parse_double(w.t, w.n, v)) return true;
   bool neg = w.n && w.t[0] == '-';
-  if (w.n && (w.t[0] == '-' || w.t[0] == '+')) w.t++, w.n--;
+  if (w.n && (w.t[0] == '-' || w.t[0] == '+')) {
+    w.t++;
+    w.n--;
+  }
   if (sv_word_is(w, "inf") || sv_word_is(w, "Infinity")) *v = neg ? -INFINITY : INFINITY;
   else if (sv_word_is(w, "nan") || sv_word_is(w, "NaN")) *v = NAN;
   else return false;
@@ -288,7 +308,10 @@ static bool ascii_value(sv_word w, double *v) {
 }
 
 static sv_status ascii_line(sv_ply *p, uint32_t i, sv_word *line, sv_err *err) {
-  if (i < p->i_next) p->i_next = 0, p->at = p->data_at;
+  if (i < p->i_next) {
+    p->i_next = 0;
+    p->at = p->data_at;
+  }
   sv_text l = {p->name, p->buf, p->bytes, p->at, 0};
   for (sv_word w = {NULL, 0}; p->i_next <= i;) {
     if (!sv_text_line(&l, line))
@@ -346,7 +369,10 @@ sv_status sv_ply_read_gaussian(sv_ply *p, uint32_t i, sv_gaussian *g, sv_err *er
   if (s != SV_OK) return s;
   *g = (sv_gaussian){{0}, {0}, {0}, (float)f[F_OPACITY], {{0}}};
   bool is_zero = true;
-  for (int k = 0; k < 4; k++) g->quat_wxyz[k] = (float)f[F_ROT + k], is_zero = is_zero && f[F_ROT + k] == 0;
+  for (int k = 0; k < 4; k++) {
+    g->quat_wxyz[k] = (float)f[F_ROT + k];
+    is_zero = is_zero && f[F_ROT + k] == 0;
+  }
   if (is_zero) return sv_fail(err, SV_E_RANGE, "%s: vertex %u has a rotation of all zeros", p->name, i);
   int per_channel = p->n_rest / 3;
   for (int c = 0; c < 3; c++) {

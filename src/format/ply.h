@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// PLY point clouds and 3DGS models over a buffer: ascii and binary_little_endian, properties found by
-// name in any order and of any scalar type. Elements before "vertex" are skipped when they have no list
-// properties; elements after it are ignored.
+// PLY point clouds and 3DGS models over a buffer: ascii and binary_little_endian, properties found
+// by name in any order and of any scalar type. Elements before "vertex" are skipped when they have
+// no list properties; elements after it are ignored.
 //
 // A 3DGS model has x y z [nx ny nz] f_dc_0..2 f_rest_* opacity scale_0..2 rot_0..3, with f_rest
-// channel-major: all coefficients of R, then G, then B. Anything else with x y z is a point cloud; its
-// colour is red green blue (integers of full range, or floats 0..1) or f_dc_0..2.
+// channel-major: all coefficients of R, then G, then B. Anything else with x y z is a point cloud;
+// its colour is red green blue (integers of full range, or floats 0..1) or f_dc_0..2.
 #ifndef SV_FORMAT_PLY_H
 #define SV_FORMAT_PLY_H
 
@@ -34,7 +34,8 @@ typedef struct {
   bool is_ascii;
   bool is_mip;        // Brush's "SplatRenderMode: mip"
   float dilation_px2; // our "SplatDilation: 0.1": low-pass it was trained with; 0 when not said
-  char up[4];         // our "SplatUp: z": the axis that points up (src/format/axes.h); empty when not said
+  char up[4];         // our "SplatUp: z": the axis that points up (src/format/axes.h); empty when
+                      // not said
   char vertical[4];   // Brush's "Vertical axis: y" ("y", "-y", "z", ...), empty when not said
 
   const char *name; // below: the reader's own
@@ -47,12 +48,13 @@ typedef struct {
   size_t at;
 } sv_ply;
 
-// Reads the header. buf and name must outlive ply. E_FORMAT, E_UNSUPPORTED, E_RANGE with a sentence.
+// Reads the header. buf and name must outlive ply. E_FORMAT, E_UNSUPPORTED, E_RANGE with a
+// sentence.
 sv_status sv_ply_open(sv_ply *ply, const char *name, const void *buf, size_t bytes, sv_err *err) SV_MUST_USE;
 
-// Vertex i. Binary files: any order; ascii: a step back starts again from the top. Values that are not
-// finite are refused, except an infinite opacity (converters write it for opacity 1), which becomes +-15,
-// and a scale of ln 0, which becomes -30.
+// Vertex i. Binary files: any order; ascii: a step back starts again from the top. Values that are
+// not finite are refused, except an infinite opacity (converters write it for opacity 1), which
+// becomes +-15, and a scale of ln 0, which becomes -30.
 sv_status sv_ply_read_gaussian(sv_ply *ply, uint32_t i, sv_gaussian *out, sv_err *err) SV_MUST_USE;
 // rgb in 0..1. Works on models too (colour from f_dc).
 sv_status sv_ply_read_point(sv_ply *ply, uint32_t i, float xyz[3], float rgb[3], sv_err *err) SV_MUST_USE;
@@ -75,7 +77,8 @@ typedef struct {
   uint8_t buffer[4096];
 } sv_ply_writer;
 
-// Writes a binary 3DGS model: begin, options.n times write, end (which fails when the count differs).
+// Writes a binary 3DGS model: begin, options.n times write, end (which fails when the count
+// differs).
 sv_status sv_ply_write_begin(sv_ply_writer *w, sv_sink sink, const sv_ply_options *options,
                              sv_err *err) SV_MUST_USE;
 sv_status sv_ply_write_gaussian(sv_ply_writer *w, const sv_gaussian *g, sv_err *err) SV_MUST_USE;

@@ -11,7 +11,8 @@ static sv_status flush(sv_ply_writer *w, sv_err *err) {
   return n ? w->sink.write(w->sink.self, w->buffer, n, err) : SV_OK;
 }
 
-static sv_status put(sv_ply_writer *w, const void *data, size_t bytes, sv_err *err) { // bytes <= the buffer
+// bytes <= the buffer
+static sv_status put(sv_ply_writer *w, const void *data, size_t bytes, sv_err *err) {
   if (w->n_buffered + bytes > sizeof w->buffer) {
     sv_status s = flush(w, err);
     if (s != SV_OK) return s;
@@ -80,7 +81,10 @@ size_t sv_ply_file_bytes(const sv_ply_options *o) {
 sv_status sv_ply_write_begin(sv_ply_writer *w, sv_sink sink, const sv_ply_options *options, sv_err *err) {
   if (!are_options_good(options))
     return sv_fail(err, SV_E_ARG, "PLY: SH degree %d; 0 to 3 was expected", options->sh_degree);
-  w->sink = sink, w->options = *options, w->n_written = 0, w->n_buffered = 0;
+  w->sink = sink;
+  w->options = *options;
+  w->n_written = 0;
+  w->n_buffered = 0;
   char line[80];
   for (int i = 0; header_line(options, i, line); i++) {
     sv_status s = put(w, line, strlen(line), err);
@@ -101,7 +105,8 @@ sv_status sv_ply_write_gaussian(sv_ply_writer *w, const sv_gaussian *g, sv_err *
   int per_channel = n_rest(w->options.sh_degree) / 3;
   for (int c = 0; c < 3; c++)
     for (int k = 1; k <= per_channel; k++, o += 4) sv_put_lef32(o, g->sh[k][c]);
-  sv_put_lef32(o, g->opacity_logit), o += 4;
+  sv_put_lef32(o, g->opacity_logit);
+  o += 4;
   for (int c = 0; c < 3; c++, o += 4) sv_put_lef32(o, g->log_scale[c]);
   for (int c = 0; c < 4; c++, o += 4) sv_put_lef32(o, g->quat_wxyz[c]);
   return put(w, row, (size_t)(o - row), err);

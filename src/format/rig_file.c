@@ -82,7 +82,8 @@ typedef struct {
 static sv_status read_model(const reader *r, const sv_json *j, int i_view, sv_sub_view *v, sv_err *err) {
   char file[96], *text;
   size_t bytes, mark = sv_arena_mark(r->scratch);
-  sv_arena *splines = r->rig->splines == r->scratch ? NULL : r->rig->splines; // scratch does not last
+  // scratch does not last
+  sv_arena *splines = r->rig->splines == r->scratch ? NULL : r->rig->splines;
   sv_status s = required_string(j, i_view, "model", file, sizeof file, err);
   if (s == SV_OK) s = check_name(j, sv_json_get(j, i_view, "model"), file, err);
   if (s != SV_OK) return s;

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // A rig on disk: a folder with rig.json and one mrcal .cameramodel for each sub-view.
 //   {"version": 1, "name": "bench", "forward": "direct" | "light_field" | "multiplexed",
-//    "sub_views": [{"name": "left", "model": "left.cameramodel", "camera": 0, "footprint": [x, y, w, h]},
-//    ...]}
-// "footprint" is the sub-view's place on a shared sensor and may be left out. Beside it, "coverage": "a.png"
-// names an 8-bit grey picture of its size: the share of 255 of each pixel that the lens lights.
+//    "sub_views": [{"name": "left", "model": "left.cameramodel", "camera": 0, "footprint": [x, y,
+//    w, h]}, ...]}
+// "footprint" is the sub-view's place on a shared sensor and may be left out. Beside it,
+// "coverage": "a.png" names an 8-bit grey picture of its size: the share of 255 of each pixel that
+// the lens lights.
 #ifndef SV_FORMAT_RIG_FILE_H
 #define SV_FORMAT_RIG_FILE_H
 
@@ -15,15 +16,17 @@
 extern "C" {
 #endif
 
-// Where the files come from: the shape of sv_store.read. Whole file into buf; E_NOT_FOUND, E_NOMEM, E_IO.
+// Where the files come from: the shape of sv_store.read. Whole file into buf; E_NOT_FOUND, E_NOMEM,
+// E_IO.
 typedef struct {
   void *self;
   sv_status (*read)(void *self, const char *name, void *buf, size_t cap, size_t *bytes, sv_err *err);
 } sv_file_reader;
 
-// Reads rig.json (json_name) and its models into a rig that sv_rig_init made. n_cameras: cameras of the
-// source, -1 when there is none yet. Scratch holds the files' text and the JSON tokens; it is reset to
-// where it was; it must not be the rig's own arena when a lens is splined. The rig's count and content are undefined after a failure.
+// Reads rig.json (json_name) and its models into a rig that sv_rig_init made. n_cameras: cameras of
+// the source, -1 when there is none yet. Scratch holds the files' text and the JSON tokens; it is
+// reset to where it was; it must not be the rig's own arena when a lens is splined. The rig's count
+// and content are undefined after a failure.
 sv_status sv_rig_read(sv_rig *rig, const sv_file_reader *files, const char *json_name, int n_cameras,
                       sv_arena *scratch, sv_err *err) SV_MUST_USE;
 
@@ -32,8 +35,9 @@ typedef struct {
   char name[SV_CAP_SUB_VIEWS][64];
 } sv_coverage_names;
 
-// The same, and which coverage pictures are named. footprint.coverage stays NULL: pictures are loaded by who
-// has a decoder (tools/common/coverage.h on hosts). names may be NULL; names are checked all the same.
+// The same, and which coverage pictures are named. footprint.coverage stays NULL: pictures are
+// loaded by who has a decoder (tools/common/coverage.h on hosts). names may be NULL; names are
+// checked all the same.
 sv_status sv_rig_read_coverage(sv_rig *rig, sv_coverage_names *names, const sv_file_reader *files,
                                const char *json_name, int n_cameras, sv_arena *scratch,
                                sv_err *err) SV_MUST_USE;

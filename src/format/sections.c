@@ -39,7 +39,9 @@ sv_status sv_sections_section_begin(sv_sections_writer *w, const char *tag, uint
   sv_put_le32(h + 4, w->n_sections++);
   sv_put_le64(h + 8, bytes);
   seal_head(h);
-  w->is_open = 1, w->crc = 0, w->bytes = w->left_bytes = bytes;
+  w->is_open = 1;
+  w->crc = 0;
+  w->bytes = w->left_bytes = bytes;
   return emit(w, h, sizeof h, err);
 }
 
@@ -80,7 +82,8 @@ static int is_head_good(const uint8_t *h) {
   return sv_le32(h + 16) == 0 && sv_le32(h + 20) == sv_crc32c(0, h, 20);
 }
 
-// Checks the section at offset *at and moves behind it. The payload is at *at + HEAD_BYTES on entry.
+// Checks the section at offset *at and moves behind it. The payload is at *at + HEAD_BYTES on
+// entry.
 static sv_status check_section(const sv_sections *r, size_t *at, uint32_t index, sv_err *err) {
   const uint8_t *h = r->buf + *at;
   size_t room = r->bytes - *at;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The .splat format of web viewers: 32 bytes a Gaussian, no header: float x y z, float scale (linear)
-// x y z, uint8 R G B A, uint8 quaternion w x y z as q * 128 + 128. No view-dependent colour.
+// The .splat format of web viewers: 32 bytes a Gaussian, no header: float x y z, float scale
+// (linear) x y z, uint8 R G B A, uint8 quaternion w x y z as q * 128 + 128. No view-dependent
+// colour.
 #ifndef SV_FORMAT_SPLAT_FILE_H
 #define SV_FORMAT_SPLAT_FILE_H
 

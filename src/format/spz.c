@@ -45,7 +45,8 @@ static uint8_t *field(const sv_spz *z, const uint8_t *base, int stream, uint32_t
 
 // --- numbers -------------------------------------------------------------------------------------
 
-static double hold(double x, double lo, double hi) { return x > hi ? hi : x > lo ? x : lo; } // NaN: lo
+// NaN: lo
+static double hold(double x, double lo, double hi) { return x > hi ? hi : x > lo ? x : lo; }
 static uint8_t to_byte(double x) { return (uint8_t)floor(hold(x, 0, 255) + 0.5); }
 
 static void put_fixed24(uint8_t *p, double x, int bits) {
@@ -150,7 +151,10 @@ void sv_spz_header(const sv_spz *z, uint8_t o[SV_SPZ_HEADER_BYTES]) {
   sv_put_le32(o, MAGIC);
   sv_put_le32(o + 4, (uint32_t)z->version);
   sv_put_le32(o + 8, z->n);
-  o[12] = (uint8_t)z->sh_degree, o[13] = (uint8_t)fraction(z), o[14] = z->is_mip ? FLAG_MIP : 0, o[15] = 0;
+  o[12] = (uint8_t)z->sh_degree;
+  o[13] = (uint8_t)fraction(z);
+  o[14] = z->is_mip ? FLAG_MIP : 0;
+  o[15] = 0;
 }
 
 size_t sv_spz_head4(const sv_spz *z, const uint64_t compressed[SV_SPZ_N_STREAMS],
@@ -223,7 +227,8 @@ sv_status sv_spz_open4(sv_spz *z, const char *name, const uint8_t *d, size_t byt
       return sv_fail(err, SV_E_FORMAT,
                      "%s: the file ends early: stream %d takes %llu bytes from byte %zu, and %zu are there",
                      name, i, (unsigned long long)c, next, bytes - next);
-    at[i] = next, compressed[i] = raw ? (size_t)c : 0;
+    at[i] = next;
+    compressed[i] = raw ? (size_t)c : 0;
     next += (size_t)c;
   }
   return SV_OK;

@@ -1,18 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
-// SPZ, Niantic's compressed splats (github.com/nianticlabs/spz, README "File Format"): fixed-point attributes one
-// after another, compressed by gzip as one stream (versions 2 and 3) or by zstd as six (version 4). The compressing
-// itself is the caller's, who has a library for it; here the bytes are laid out and read.
+// SPZ, Niantic's compressed splats (github.com/nianticlabs/spz, README "File Format"): fixed-point
+// attributes one after another, compressed by gzip as one stream (versions 2 and 3) or by zstd as
+// six (version 4). The compressing itself is the caller's, who has a library for it; here the bytes
+// are laid out and read.
 //
 // Quantisation, and with it the largest error of a value in range:
 //   position   24-bit fixed point with 12 fractional bits, +-2048: 2^-13 = 0.00012
 //   log-scale  (ln s + 10) 16 in 8 bits, -10..5.94: 1/32
 //   opacity    sigmoid in 8 bits: 1/510
 //   colour     DC 0.15 + 0.5 in 8 bits, |DC| <= 3.33: 0.0131
-//   rotation   version 2: x y z in 8 bits, w >= 0 follows (0.01 rad, but up to 0.2 near w = 0); from 3: the three
+//   rotation   version 2: x y z in 8 bits, w >= 0 follows (0.01 rad, but up to 0.2 near w = 0);
+//              from 3: the three
 //              smallest in 10 bits each (0.004 rad)
 //   SH         5 bits (degree 1) or 4 bits of [-1, 1), after 8: 4.5/128, 8.5/128
-// The file's axes are right-up-back (RUB). Models are taken as right-down-forward, up being -y, as 3DGS PLY files of COLMAP
-// scenes have them, and turned by half a turn about x. Readers that keep the file's numbers show y and z negated.
+// The file's axes are right-up-back (RUB). Models are taken as right-down-forward, up being -y, as
+// 3DGS PLY files of COLMAP scenes have them, and turned by half a turn about x. Readers that keep
+// the file's numbers show y and z negated.
 #ifndef SV_FORMAT_SPZ_H
 #define SV_FORMAT_SPZ_H
 
@@ -46,15 +49,16 @@ void sv_spz_put(const sv_spz *z, uint8_t *attributes, uint32_t i, const sv_gauss
 void sv_spz_get(const sv_spz *z, const uint8_t *attributes, uint32_t i, sv_gaussian *out);
 
 void sv_spz_header(const sv_spz *z, uint8_t out[SV_SPZ_HEADER_BYTES]);
-// Version 4: header and table, from the compressed sizes of the streams (an empty stream is left out); returns its
-// length. The compressed streams follow.
+// Version 4: header and table, from the compressed sizes of the streams (an empty stream is left
+// out); returns its length. The compressed streams follow.
 size_t sv_spz_head4(const sv_spz *z, const uint64_t compressed[SV_SPZ_N_STREAMS],
                     uint8_t out[SV_SPZ_HEAD4_BYTES]);
 
 // Versions 2 and 3: reads the header of the decompressed stream of so many bytes.
 sv_status sv_spz_open(sv_spz *z, const char *name, const uint8_t *data, size_t bytes,
                       sv_err *err) SV_MUST_USE;
-// Version 4: reads header and table; at[i] and compressed[i] say where stream i lies in the file (0 bytes: empty).
+// Version 4: reads header and table; at[i] and compressed[i] say where stream i lies in the file (0
+// bytes: empty).
 sv_status sv_spz_open4(sv_spz *z, const char *name, const uint8_t *data, size_t bytes,
                        size_t at[SV_SPZ_N_STREAMS], size_t compressed[SV_SPZ_N_STREAMS],
                        sv_err *err) SV_MUST_USE;

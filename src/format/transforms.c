@@ -77,7 +77,8 @@ static void fill_model(sv_transforms_frame *f, const camera *c) {
   m->p[1] = HAS(c, FL_Y) ? c->v[FL_Y] : 0;
   f->camera_angle_x_rad = !has_fl && HAS(c, ANGLE_X) ? c->v[ANGLE_X] : 0;
   f->camera_angle_y_rad = !has_fl && HAS(c, ANGLE_Y) ? c->v[ANGLE_Y] : 0;
-  f->has_cx = HAS(c, CX), f->has_cy = HAS(c, CY);
+  f->has_cx = HAS(c, CX);
+  f->has_cy = HAS(c, CY);
   m->p[2] = f->has_cx ? c->v[CX] : 0;
   m->p[3] = f->has_cy ? c->v[CY] : 0;
   static const int order[5] = {K1, K2, P1, P2, K3}, fisheye[4] = {K1, K2, K3, K4};
@@ -94,7 +95,8 @@ static void fill_model(sv_transforms_frame *f, const camera *c) {
   }
 }
 
-// The nearest rotation to a matrix that nearly is one: r <- r (3 I - r^T r) / 2 converges quadratically.
+// The nearest rotation to a matrix that nearly is one: r <- r (3 I - r^T r) / 2 converges
+// quadratically.
 static void orthonormalise(double r[9]) {
   for (int it = 0; it < 5; it++) {
     double a[9];
@@ -121,7 +123,8 @@ static sv_status read_pose(const sv_json *j, int i_frame, sv_pose *cam_from_worl
   }
   if (n == 4 && (fabs(m[3][0]) + fabs(m[3][1]) + fabs(m[3][2]) > 1e-6 || fabs(m[3][3] - 1) > 1e-6))
     return sv_json_fail(j, i, err, SV_E_FORMAT, "the last row is not 0 0 0 1");
-  sv_pose w = {{0}, {m[0][3], m[1][3], m[2][3]}}; // world_from_cam; OpenGL's y and z point the other way
+  // world_from_cam; OpenGL's y and z point the other way
+  sv_pose w = {{0}, {m[0][3], m[1][3], m[2][3]}};
   for (int a = 0; a < 3; a++)
     for (int b = 0; b < 3; b++) w.r[a * 3 + b] = b == 0 ? m[a][b] : -m[a][b];
   double e = sv_rotation_error(w.r);
@@ -203,7 +206,8 @@ static sv_status read_labels(const sv_json *j, int i_frame, sv_transforms_frame 
   if (s < 0) return s;
   if (s == SV_OK && !(f->time >= 0 && f->time <= 1))
     return sv_json_fail(j, sv_json_get(j, i_frame, "time"), err, SV_E_RANGE, "%g is outside 0 to 1", f->time);
-  f->exposure = (int)exposure, f->sub_view = (int)sub_view;
+  f->exposure = (int)exposure;
+  f->sub_view = (int)sub_view;
   int i = sv_json_get(j, i_frame, "footprint");
   if (i < 0) return SV_OK;
   s = sv_json_doubles(j, i, rect, 4, err);
@@ -288,8 +292,10 @@ sv_status sv_transforms_finish(sv_transforms_frame *f, int width_px, int height_
                                           : fx;
   if (!(fx > 0 && fx < 1e9 && fy > 0 && fy < 1e9))
     return sv_fail(err, SV_E_RANGE, "%s: a focal length of %g x %g px is not usable", f->file_path, fx, fy);
-  m->width_px = width_px, m->height_px = height_px;
-  m->p[0] = fx, m->p[1] = fy;
+  m->width_px = width_px;
+  m->height_px = height_px;
+  m->p[0] = fx;
+  m->p[1] = fy;
   if (!f->has_cx) m->p[2] = 0.5 * width_px;
   if (!f->has_cy) m->p[3] = 0.5 * height_px;
   f->has_cx = f->has_cy = true;

@@ -60,7 +60,8 @@ uint8_t sv_raw_tone_value(const sv_raw_tone *t, double gain, int bits, int sampl
   double white = (double)((1 << bits) - 1 - t->black);
   double v = white > 0 ? gain * (double)(sample - t->black) / white : 0;
   v = v < 0 ? 0 : v > 1 ? 1 : v;
-  if (t->is_linear) v = v <= 0.0031308 ? 12.92 * v : 1.055 * sv_pow(v, 1.0 / 2.4) - 0.055; // IEC 61966-2-1
+  // IEC 61966-2-1
+  if (t->is_linear) v = v <= 0.0031308 ? 12.92 * v : 1.055 * sv_pow(v, 1.0 / 2.4) - 0.055;
   return (uint8_t)(int)(255.0 * v + 0.5);
 }
 
@@ -72,7 +73,8 @@ static void build_tables(const sv_camera_caps *c, uint8_t *tables) {
     double gain = 1;
     if (p->layout == SV_LAYOUT_BAYER && is_red && c->tone.gain_r > 0) gain = (double)c->tone.gain_r;
     if (p->layout == SV_LAYOUT_BAYER && is_blue && c->tone.gain_b > 0) gain = (double)c->tone.gain_b;
-    for (int i = 0; i < SV_RAW_TABLE; i++) { // of a range of samples the middle one, at the ends the end
+    // of a range of samples the middle one, at the ends the end
+    for (int i = 0; i < SV_RAW_TABLE; i++) {
       int k = sv_mini(i, (1 << index_bits) - 1), v = k << shift;
       if (shift) v += k == (1 << index_bits) - 1 ? (1 << shift) - 1 : k ? 1 << (shift - 1) : 0;
       tables[place * SV_RAW_TABLE + i] = sv_raw_tone_value(&c->tone, gain, p->bits, v);

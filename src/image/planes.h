@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pictures in memory: three float planes (what is rendered and trained) and 8-bit pictures (what cameras
-// and files give). Values are 0..1 = display values unless said otherwise.
+// Pictures in memory: three float planes (what is rendered and trained) and 8-bit pictures (what
+// cameras and files give). Values are 0..1 = display values unless said otherwise.
 #ifndef SV_IMAGE_PLANES_H
 #define SV_IMAGE_PLANES_H
 
@@ -16,8 +16,8 @@ extern "C" {
 
 #define SV_PLANE_PAD 32 // strides and padded heights are multiples of it
 
-// Three planes of one size. Pixel (x, y) of channel k is c[k][y * stride + x]. Columns [width, stride) and
-// rows [height, rows_padded) exist; gradient planes hold exact zeros there.
+// Three planes of one size. Pixel (x, y) of channel k is c[k][y * stride + x]. Columns [width,
+// stride) and rows [height, rows_padded) exist; gradient planes hold exact zeros there.
 typedef struct {
   float *c[3];                     // R, G, B; each [rows_padded][stride], 64-byte aligned
   int width_px, height_px, stride; // stride in floats
@@ -30,19 +30,19 @@ static inline size_t sv_plane_floats(int width_px, int height_px) {
   return (size_t)sv_plane_pad(width_px) * (size_t)sv_plane_pad(height_px);
 }
 
-// Takes three cleared planes from the arena. On a dry arena it only counts. E_ARG for a side outside
-// 1..16384, else the arena's status.
+// Takes three cleared planes from the arena. On a dry arena it only counts. E_ARG for a side
+// outside 1..16384, else the arena's status.
 sv_status sv_planes_init(sv_planes *p, int width_px, int height_px, sv_arena *a) SV_MUST_USE;
 
-// The same memory used for a smaller picture (coarse-to-fine): sets size, stride and padding, clears all
-// of the new planes. E_RANGE when it does not fit in the cap_floats of each plane.
+// The same memory used for a smaller picture (coarse-to-fine): sets size, stride and padding,
+// clears all of the new planes. E_RANGE when it does not fit in the cap_floats of each plane.
 sv_status sv_planes_resize(sv_planes *p, int width_px, int height_px, size_t cap_floats) SV_MUST_USE;
 
 // Sets every float of the three planes, padding included, to 0.
 void sv_planes_clear(sv_planes *p);
 
-// A picture of bytes that someone else owns: [height][stride_bytes], n_channels interleaved (1 grey,
-// 3 RGB, 4 RGB and straight alpha).
+// A picture of bytes that someone else owns: [height][stride_bytes], n_channels interleaved (1
+// grey, 3 RGB, 4 RGB and straight alpha).
 typedef struct {
   const uint8_t *px;
   int width_px, height_px, n_channels, stride_bytes;

@@ -73,7 +73,8 @@ sv_status sv_ssim(const sv_image_pair *im, sv_ssim_padding padding, double *scra
   return SV_OK;
 }
 
-// One input row blurred along x over its mask: five maps and the mask of positions that saw any pixel.
+// One input row blurred along x over its mask: five maps and the mask of positions that saw any
+// pixel.
 static void masked_row(const float *a, const float *b, const uint8_t *mask, int w, double *row) {
   int n = w - 2 * HALF;
   for (int x = 0; x < n; x++) {

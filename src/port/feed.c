@@ -68,7 +68,8 @@ uint64_t sv_feed_seq(const sv_feed *f, sv_feed_channel c) { return f->next[c]; }
 void *sv_feed_begin(sv_feed *f, sv_feed_channel c) {
   sv_feed_slot *s = slot_of(f, c, f->next[c] + 1);
   atomic_store_explicit(&s->seq, 2 * (f->next[c] + 1) + 1, memory_order_relaxed);
-  atomic_thread_fence(memory_order_release); // readers see that it is open before they see it change
+  // readers see that it is open before they see it change
+  atomic_thread_fence(memory_order_release);
   return s + 1;
 }
 

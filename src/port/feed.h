@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // C only: C++ has no _Atomic.
-// The feed: what a running runtime shows, in one block of memory that other processes read. One writer; any
-// number of readers, which never hold it up and need no write access.
+// The feed: what a running runtime shows, in one block of memory that other processes read. One
+// writer; any number of readers, which never hold it up and need no write access.
 //
-// The block is a header and, for each channel, a ring of slots. The writer fills the slot after the newest and
-// then moves the head; a reader copies the newest slot and looks whether it was overtaken meanwhile (a sequence
-// lock per slot: odd while it is written). With two slots a reader has a whole period of the channel for its copy.
-// The layout is the same for both sides as long as they are of one architecture and SV_FEED_VERSION.
+// The block is a header and, for each channel, a ring of slots. The writer fills the slot after the
+// newest and then moves the head; a reader copies the newest slot and looks whether it was
+// overtaken meanwhile (a sequence lock per slot: odd while it is written). With two slots a reader
+// has a whole period of the channel for its copy. The layout is the same for both sides as long as
+// they are of one architecture and SV_FEED_VERSION.
 #ifndef SV_PORT_FEED_H
 #define SV_PORT_FEED_H
 
@@ -72,7 +73,8 @@ typedef struct {
   int32_t shows, lacks; // sv_feed_shows, sv_feed_lacks
   char sentence[256];   // of a failure
   char board[32], source[128], rig[32];
-  int32_t is_session; // Start and New are answered, and the end of a run is not the end of the program
+  int32_t is_session; // Start and New are answered, and the end of a run is not the end of the
+                      // program
   int32_t n_cameras, n_exposures, cap_exposures, n_views;
   uint32_t step, steps; // steps 0: until the time limit
   double train_s, time_limit_s, steps_per_s, loss;
@@ -84,7 +86,8 @@ typedef struct {
   int32_t is_throttled; // -1: not known
   uint64_t n_skew;
   double skew_p50_us, skew_p99_us, skew_max_us;
-  uint32_t skew_bins[SV_FEED_SKEW_BINS]; // eighths of an octave in pairs: bin b starts at 2^(b/4) x 1 us
+  // eighths of an octave in pairs: bin b starts at 2^(b/4) x 1 us
+  uint32_t skew_bins[SV_FEED_SKEW_BINS];
   int32_t n_reasons, n_parts;
   char reasons[SV_FEED_CAP_REASONS][24];
   sv_feed_part parts[SV_FEED_CAP_PARTS];
@@ -100,12 +103,13 @@ typedef struct {
   uint8_t rgb[SV_FEED_CAP_TILES][SV_FEED_TILE_H * SV_FEED_TILE_W * 3]; // rows packed
 } sv_feed_tiles;
 
-// A snapshot of the Gaussians: n rows of n_floats floats each, as sv_gaussian of src/format up to the model's degree
-// (mean, quaternion w x y z, log-scales, opacity logit, SH coefficient-major). Of a model that moves, n_moving rows of
-// n_motion floats follow: the motion of the first n_moving Gaussians (rows of kernels/motion/motion.h; which functions
-// of time: src/deform/motion.h). With rigid bodies (src/deform/bodies.h) floats follow of n_bodies, number 0 among them:
-// centres [n_bodies][3], times [n_knots], knots [n_bodies][n_knots][7] (w x y z, displacement), the body of each of
-// the n_moving.
+// A snapshot of the Gaussians: n rows of n_floats floats each, as sv_gaussian of src/format up to
+// the model's degree (mean, quaternion w x y z, log-scales, opacity logit, SH coefficient-major).
+// Of a model that moves, n_moving rows of n_motion floats follow: the motion of the first n_moving
+// Gaussians (rows of kernels/motion/motion.h; which functions of time: src/deform/motion.h). With
+// rigid bodies (src/deform/bodies.h) floats follow of n_bodies, number 0 among them: centres
+// [n_bodies][3], times [n_knots], knots [n_bodies][n_knots][7] (w x y z, displacement), the body of
+// each of the n_moving.
 typedef enum { SV_FEED_STILL, SV_FEED_CHEBYSHEV, SV_FEED_SPLINE, SV_FEED_POWERS } sv_feed_motion;
 typedef struct {
   uint32_t n, sh_degree, n_floats, is_mip, step;
@@ -116,7 +120,8 @@ typedef struct {
   float dilation_px2;                // low-pass of the splats
   float centre[3], radius;           // of the scene
   float eye[3], up[3], fov_y;        // a good first viewpoint (radians): the first training view
-  float time_min, time_max, seconds; // of a model that moves: its exposures' times, and how long they took
+  float time_min, time_max, seconds; // of a model that moves: its exposures' times, and how long
+                                     // they took
 } sv_feed_model;
 #define SV_FEED_CAP_BODIES 16
 #define SV_FEED_CAP_KNOTS  256
@@ -162,7 +167,8 @@ typedef struct {
 typedef struct {
   uint32_t magic, version;
   uint64_t bytes;
-  int32_t writer_pid, command_fd; // where a reader in another session finds the way back; -1: there is none
+  int32_t writer_pid, command_fd; // where a reader in another session finds the way back; -1: there
+                                  // is none
   sv_feed_ring ring[SV_FEED_N_CHANNELS];
 } sv_feed_header;
 
@@ -174,11 +180,13 @@ typedef struct sv_feed {
 
 // Bytes of a block that takes models of up to so many Gaussians of so many floats.
 size_t sv_feed_bytes(uint32_t cap_gaussians, uint32_t cap_floats);
-// Lays the block out. block: 64-byte aligned, sv_feed_bytes long, all zero. E_NOMEM when it is too small.
+// Lays the block out. block: 64-byte aligned, sv_feed_bytes long, all zero. E_NOMEM when it is too
+// small.
 sv_status sv_feed_init(sv_feed *f, void *block, size_t bytes, uint32_t cap_gaussians,
                        uint32_t cap_floats) SV_MUST_USE;
 size_t sv_feed_cap(const sv_feed *f, sv_feed_channel c);
-// The slot to fill, sv_feed_cap bytes; then commit with what was filled. begin twice: the first is forgotten.
+// The slot to fill, sv_feed_cap bytes; then commit with what was filled. begin twice: the first is
+// forgotten.
 void *sv_feed_begin(sv_feed *f, sv_feed_channel c);
 void sv_feed_commit(sv_feed *f, sv_feed_channel c, size_t bytes);
 // Number of the newest snapshot of a channel.
@@ -190,10 +198,12 @@ typedef struct {
   sv_feed_ring ring[SV_FEED_N_CHANNELS]; // checked against the block's size; head is not used
 } sv_feed_reader;
 
-// E_FORMAT when it is no feed, E_UNSUPPORTED for another version. The block must outlive the reader.
+// E_FORMAT when it is no feed, E_UNSUPPORTED for another version. The block must outlive the
+// reader.
 sv_status sv_feed_attach(sv_feed_reader *r, const void *block, size_t bytes, sv_err *err) SV_MUST_USE;
-// Copies the newest snapshot if its number is not *seq, into buf[cap]; *bytes is what it has, *seq its number. AGAIN:
-// nothing newer, or the writer was faster eight times (*seq is 0 then if buf is torn); E_NOMEM: larger than cap.
+// Copies the newest snapshot if its number is not *seq, into buf[cap]; *bytes is what it has, *seq
+// its number. AGAIN: nothing newer, or the writer was faster eight times (*seq is 0 then if buf is
+// torn); E_NOMEM: larger than cap.
 sv_status sv_feed_read(const sv_feed_reader *r, sv_feed_channel c, uint64_t *seq, void *buf, size_t cap,
                        size_t *bytes) SV_MUST_USE;
 uint64_t sv_feed_newest(const sv_feed_reader *r, sv_feed_channel c);

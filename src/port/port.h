@@ -26,8 +26,8 @@ typedef struct {
 // --- threads -------------------------------------------------------------------------------------
 // A fixed pool made before the arena is sealed. `run` calls fn(arg, i_task, i_thread) once for each
 // i_task in [0, n_tasks), in any order on any thread, and returns when all are done. i_thread is in
-// [0, n_threads), unique among the calls that run at the same time (it picks a scratch arena; results
-// must not depend on it).
+// [0, n_threads), unique among the calls that run at the same time (it picks a scratch arena;
+// results must not depend on it).
 typedef void (*sv_task_fn)(void *arg, int i_task, int i_thread);
 typedef struct {
   void *self;
@@ -39,9 +39,9 @@ static inline void sv_pool_run(const sv_pool *p, sv_task_fn fn, void *arg, int n
   p->run(p->self, fn, arg, n_tasks);
 }
 
-// How tasks are best laid out: thread k begins with those from share(k) up to share(k + 1), in rising order, and when it
-// is done takes from the others' ends. Neighbours among the tasks then find what they share in one core's cache, and so
-// do the same tasks of the next job.
+// How tasks are best laid out: thread k begins with those from share(k) up to share(k + 1), in
+// rising order, and when it is done takes from the others' ends. Neighbours among the tasks then
+// find what they share in one core's cache, and so do the same tasks of the next job.
 static inline int sv_pool_share(int n_tasks, int k, int n_threads) {
   return (int)(((int64_t)n_tasks * k + n_threads - 1) / n_threads);
 }
@@ -84,8 +84,10 @@ typedef struct {
   int bits, container_bits, phase; // see pixel.inc
 } sv_pixel_info;
 
-const sv_pixel_info *sv_pixel(sv_pixel_format f); // that of NONE for a number that is not in the list
-// Bytes of n pixels that begin at an even (packed formats: fourth) one; of NV12: in one plane. 0 for coded formats.
+// that of NONE for a number that is not in the list
+const sv_pixel_info *sv_pixel(sv_pixel_format f);
+// Bytes of n pixels that begin at an even (packed formats: fourth) one; of NV12: in one plane. 0
+// for coded formats.
 size_t sv_pixel_row_bytes(sv_pixel_format f, int n_px);
 // Bytes of a whole frame without padding, the chroma plane included; 0 for coded formats.
 size_t sv_pixel_frame_bytes(sv_pixel_format f, int width_px, int height_px);
@@ -93,8 +95,9 @@ size_t sv_pixel_frame_bytes(sv_pixel_format f, int width_px, int height_px);
 // How Y'CbCr becomes R'G'B': matrix and range.
 typedef enum { SV_YUV_601 = 0, SV_YUV_601_FULL, SV_YUV_709, SV_YUV_709_FULL } sv_yuv_kind;
 
-// What samples of a sensor mean (Bayer, and grey of more than 8 bits): value = gain (sample - black), and when
-// is_linear the value is light, to be encoded by the sRGB curve. All zero: samples are display values.
+// What samples of a sensor mean (Bayer, and grey of more than 8 bits): value = gain (sample -
+// black), and when is_linear the value is light, to be encoded by the sRGB curve. All zero: samples
+// are display values.
 typedef struct {
   int black;            // in samples
   float gain_r, gain_b; // beside green; 0 counts as 1
@@ -112,7 +115,8 @@ typedef struct {
   double fps;
   sv_clock_id clock;
   sv_stamp_source stamp;
-  sv_ns stamp_noise_ns; // standard deviation of the stamps about the true instants; 0: exact, as far as known
+  sv_ns stamp_noise_ns; // standard deviation of the stamps about the true instants; 0: exact, as
+                        // far as known
   size_t frame_bytes;   // the largest data_bytes of one frame
   sv_yuv_kind yuv;      // of YUYV, UYVY, NV12
   sv_raw_tone tone;     // of Bayer, and of grey with more than 8 bits
@@ -152,17 +156,20 @@ typedef struct {
   int i_camera;
   sv_ns host_ns;
   int64_t detail;   // see camera_event.inc
-  const char *text; // a sentence of the source's own, which stays as it is while the source is open; or NULL
+  const char *text; // a sentence of the source's own, which stays as it is while the source is
+                    // open; or NULL
 } sv_camera_event;
 
 // Settings of a camera that can be changed while it runs.
 typedef enum {
   SV_CONTROL_EXPOSURE_NS = 0,
   SV_CONTROL_GAIN_MILLI,       // 1000: none
-  SV_CONTROL_FRAME_DURATION_NS // of each frame from the next ones on; cameras count in lines, so *actual differs
+  SV_CONTROL_FRAME_DURATION_NS // of each frame from the next ones on; cameras count in lines, so
+                               // *actual differs
 } sv_control;
 
-// A set of cameras that run together. open/enumeration belong to the platform; the runtime gets this.
+// A set of cameras that run together. open/enumeration belong to the platform; the runtime gets
+// this.
 typedef struct {
   void *self;
   int n_cameras;
@@ -174,20 +181,24 @@ typedef struct {
   sv_status (*dequeue)(void *self, sv_frame *frame, sv_ns until_host_ns);
   sv_status (*requeue)(void *self, const sv_frame *frame);
   sv_status (*stop)(void *self);
-  // Where the rig was at a host time, when the source knows (simulator, a capture with poses). NULL or
-  // E_NOT_FOUND: unknown, the runtime then takes the rig as standing still (rig_from_world = identity).
+  // Where the rig was at a host time, when the source knows (simulator, a capture with poses). NULL
+  // or E_NOT_FOUND: unknown, the runtime then takes the rig as standing still (rig_from_world =
+  // identity).
   sv_status (*rig_pose)(void *self, sv_ns host_ns, sv_pose *rig_from_world);
-  // The next thing that happened to a camera. NULL, or AGAIN: nothing. A full list overwrites its oldest entry.
+  // The next thing that happened to a camera. NULL, or AGAIN: nothing. A full list overwrites its
+  // oldest entry.
   sv_status (*event)(void *self, sv_camera_event *event);
-  // Sets a control; *actual (may be NULL) is what the camera took. NULL, or E_UNSUPPORTED: it has no such
-  // setting. E_RANGE: not this value.
+  // Sets a control; *actual (may be NULL) is what the camera took. NULL, or E_UNSUPPORTED: it has
+  // no such setting. E_RANGE: not this value.
   sv_status (*set_control)(void *self, int i_camera, sv_control control, int64_t value, int64_t *actual);
-  // Before start: the cameras expose when a line tells them to (true), or freely (false). NULL: there is no such line.
+  // Before start: the cameras expose when a line tells them to (true), or freely (false). NULL:
+  // there is no such line.
   sv_status (*trigger)(void *self, bool is_external);
 } sv_source;
 
 // Turns one compressed picture (JPEG or PNG) into RGB8; NULL decode: there is no decoder. rgb:
-// [height_px][stride_bytes]. E_RANGE when the picture has another size, E_FORMAT or E_CORRUPT for damage.
+// [height_px][stride_bytes]. E_RANGE when the picture has another size, E_FORMAT or E_CORRUPT for
+// damage.
 typedef struct {
   void *self;
   sv_status (*decode)(void *self, const uint8_t *data, size_t bytes, int width_px, int height_px,
@@ -195,8 +206,8 @@ typedef struct {
 } sv_decoder;
 
 // --- store ---------------------------------------------------------------------------------------
-// Files of one run in one folder, by name without separators. A save is atomic: either the whole new
-// file is there or the old one.
+// Files of one run in one folder, by name without separators. A save is atomic: either the whole
+// new file is there or the old one.
 typedef struct {
   void *self;
   sv_status (*begin)(void *self, const char *name, sv_err *err); // one file at a time
@@ -208,7 +219,8 @@ typedef struct {
 } sv_store;
 
 // --- log and stop request ------------------------------------------------------------------------
-typedef enum { SV_LOG_ERROR, SV_LOG_WARN, SV_LOG_INFO, SV_LOG_LIVE } sv_log_level; // LIVE overwrites itself
+// LIVE overwrites itself
+typedef enum { SV_LOG_ERROR, SV_LOG_WARN, SV_LOG_INFO, SV_LOG_LIVE } sv_log_level;
 typedef struct {
   void *self;
   void (*log)(void *self, sv_log_level level, const char *line);
@@ -241,7 +253,8 @@ typedef struct {
 } sv_publish;
 
 typedef struct {
-  sv_clock clock;   // the cameras' host time; virtual in the simulator and in a replay at full speed
+  sv_clock clock;   // the cameras' host time; virtual in the simulator and in a replay at full
+                    // speed
   sv_clock machine; // real time, for budgets and timings
   sv_pool pool;
   sv_worker worker; // only with cameras on real time

@@ -32,7 +32,10 @@ sv_bounds sv_bounds_of_views(const sv_view *views, int n) {
     b[0] += (m[0] * c[0] + m[1] * c[1] + m[2] * c[2]) / n;
     b[1] += (m[1] * c[0] + m[3] * c[1] + m[4] * c[2]) / n;
     b[2] += (m[2] * c[0] + m[4] * c[1] + m[5] * c[2]) / n;
-    for (int i = 0; i < 3; i++) mean[i] += (double)c[i] / n, forward[i] += (double)d[i] / n;
+    for (int i = 0; i < 3; i++) {
+      mean[i] += (double)c[i] / n;
+      forward[i] += (double)d[i] / n;
+    }
   }
   for (int k = 0; k < n; k++) {
     float c[3];
@@ -40,7 +43,8 @@ sv_bounds sv_bounds_of_views(const sv_view *views, int n) {
     double e[3] = {c[0] - mean[0], c[1] - mean[1], c[2] - mean[2]};
     if (sv_norm3(e) > spread) spread = sv_norm3(e);
   }
-  // det is about sin^2 of the angle between the axes: below 1e-4 (half a degree) the crossing is noise.
+  // det is about sin^2 of the angle between the axes: below 1e-4 (half a degree) the crossing is
+  // noise.
   double det = n > 1 ? solve3(a, b, p) : 0;
   double to[3] = {p[0] - mean[0], p[1] - mean[1], p[2] - mean[2]};
   if (!(det > 1e-4) || sv_dot3(to, forward) < 0) {

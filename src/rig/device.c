@@ -114,16 +114,20 @@ static sv_sub_view *add(sv_rig *rig, const sv_device_params *p, int w, int h, do
   return v;
 }
 
-// Where a camera of a ROW or TRIANGLE is, seen from the scene's centre. Three directions at polar angle rho
-// are equally far apart, with cos(angle) = 1 - 1.5 sin(rho)^2.
+// Where a camera of a ROW or TRIANGLE is, seen from the scene's centre. Three directions at polar
+// angle rho are equally far apart, with cos(angle) = 1 - 1.5 sin(rho)^2.
 static void direction_of(double d[3], const camera *c, sv_device_layout layout, double angle_rad) {
-  d[0] = d[1] = 0, d[2] = -1;
+  d[0] = d[1] = 0;
+  d[2] = -1;
   if (layout == SV_LAYOUT_ROW) {
     double a = 0.5 * angle_rad * c->place;
-    d[0] = sv_sin(a), d[2] = -sv_cos(a);
+    d[0] = sv_sin(a);
+    d[2] = -sv_cos(a);
   } else if (layout == SV_LAYOUT_TRIANGLE) {
     double s = sqrt((1 - sv_cos(angle_rad)) / 1.5), a = c->place * SV_PI / 180;
-    d[0] = s * sv_cos(a), d[1] = s * sv_sin(a), d[2] = -sqrt(1 - s * s);
+    d[0] = s * sv_cos(a);
+    d[1] = s * sv_sin(a);
+    d[2] = -sqrt(1 - s * s);
   }
 }
 
@@ -140,7 +144,8 @@ static void build_cameras(sv_rig *rig, const sv_device_params *p) {
   }
 }
 
-// Distance of two neighbours on the plane at distance 1, so that opposite corners are the angle apart.
+// Distance of two neighbours on the plane at distance 1, so that opposite corners are the angle
+// apart.
 static double grid_step(const sv_device_params *p) {
   int longer = sv_maxi(p->rows, p->cols) - 1, shorter = sv_mini(p->rows, p->cols) - 1;
   if (longer < 1) return 0;

@@ -1,14 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// Capture devices by name: from a few numbers to a rig. The devices themselves are data (devices.inc).
+// Capture devices by name: from a few numbers to a rig. The devices themselves are data
+// (devices.inc).
 //
-// All sub-views lie on the sphere of distance_m about the scene's centre, which is at (0, 0, distance_m) of
-// the rig's frame, and look at it (toed in); image x is the rig's x. How they are spread for an angular baseline:
+// All sub-views lie on the sphere of distance_m about the scene's centre, which is at (0, 0,
+// distance_m) of the rig's frame, and look at it (toed in); image x is the rig's x. How they are
+// spread for an angular baseline:
 //   SINGLE    on the axis; the angle is not used
 //   ROW       along x, first and last camera that angle apart
 //   TRIANGLE  any two of three that angle apart
-//   GRID      evenly on a plane across the axis, row-major from the top left, two opposite corners that angle
+//   GRID      evenly on a plane across the axis, row-major from the top left, two opposite corners
+//             that angle
 //             apart; all lens images on one sensor
-// Lens images of a grid: pitch = floor(sensor side / (lenses - 1 + overlap)), side = overlap pitch, rounded.
+// Lens images of a grid: pitch = floor(sensor side / (lenses - 1 + overlap)), side = overlap pitch,
+// rounded.
 #ifndef SV_RIG_DEVICE_H
 #define SV_RIG_DEVICE_H
 
@@ -43,7 +47,8 @@ const sv_device_info *sv_device_info_of(sv_device_id id); // id below SV_N_DEVIC
 typedef struct {
   sv_device_id device;
   int width_px, height_px; // of each sensor
-  double focal_per_width;  // focal length / width of a picture (of a lens image in a grid), at zoom 1
+  double focal_per_width;  // focal length / width of a picture (of a lens image in a grid), at zoom
+                           // 1
   double distance_m;       // to the scene's centre
   double angle_rad;        // angular baseline as seen from there
   int rows, cols;          // of lenses; 1 x 1 without a grid
@@ -56,10 +61,11 @@ int sv_device_n_cameras(sv_device_id id); // sensors
 int sv_device_n_sub_views(const sv_device_params *p);
 // E_ARG or E_RANGE with a sentence for what cannot be built.
 sv_status sv_device_check(const sv_device_params *p, sv_err *err) SV_MUST_USE;
-// Fills in an initialised rig: name, forward model, sub-views. E_RANGE when it has too few sub-views.
+// Fills in an initialised rig: name, forward model, sub-views. E_RANGE when it has too few
+// sub-views.
 sv_status sv_device_build(sv_rig *rig, const sv_device_params *p, sv_err *err) SV_MUST_USE;
-// The most lens images that meet in one pixel of a camera: M_max of footprints without coverage pictures.
-// 0 when no sub-view of that camera has a footprint.
+// The most lens images that meet in one pixel of a camera: M_max of footprints without coverage
+// pictures. 0 when no sub-view of that camera has a footprint.
 int sv_device_largest_overlap(const sv_rig *rig, int i_camera);
 
 #ifdef __cplusplus

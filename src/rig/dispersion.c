@@ -28,7 +28,11 @@ static double best_pair(const work *w, int out[2]) {
   for (int i = 0; i < w->d->n; i++)
     for (int j = i + 1; j < w->d->n; j++) {
       double a = angle(w, i, j);
-      if (a > best) best = a, out[0] = i, out[1] = j;
+      if (a > best) {
+        best = a;
+        out[0] = i;
+        out[1] = j;
+      }
     }
   return best;
 }
@@ -46,7 +50,12 @@ static void best_triple(const work *w, int out[3]) {
           a = a < b ? a : b;
         }
         a = a < ij ? a : ij;
-        if (a > best) best = a, out[0] = i, out[1] = j, out[2] = k;
+        if (a > best) {
+          best = a;
+          out[0] = i;
+          out[1] = j;
+          out[2] = k;
+        }
       }
     }
 }
@@ -57,7 +66,10 @@ static int medoid(const work *w) {
   for (int i = 0; i < w->d->n; i++) {
     double sum = 0;
     for (int j = 0; j < w->d->n; j++) sum += i == j ? 0 : angle(w, i, j);
-    if (i == 0 || sum < least) least = sum, best = i;
+    if (i == 0 || sum < least) {
+      least = sum;
+      best = i;
+    }
   }
   return best;
 }
@@ -69,7 +81,10 @@ static void front_by_elevation(const work *w, int *chosen, int n) {
   for (int i = 0; i < n; i++) {
     double up = 0.5 * SV_PI - sv_angle_between(w->d->up, w->direction + 3 * (size_t)chosen[i]);
     double off = fabs(up - SV_DISPERSION_ELEVATION_DEG * SV_PI / 180);
-    if (off < least) least = off, best = i;
+    if (off < least) {
+      least = off;
+      best = i;
+    }
   }
   int front = chosen[best];
   for (int i = best; i > 0; i--) chosen[i] = chosen[i - 1];
@@ -103,7 +118,12 @@ static void start(const work *w, int *chosen, int n) {
   while (n_have > 1 && !is_affordable(w->d->n, n_have)) n_have--;
   if (n_have == 3) best_triple(w, chosen);
   else if (n_have == 2) (void)best_pair(w, chosen);
-  else chosen[0] = 0, extend(w, chosen, 1, 2), chosen[0] = chosen[1]; // one end: farthest from any
+  // one end: farthest from any
+  else {
+    chosen[0] = 0;
+    extend(w, chosen, 1, 2);
+    chosen[0] = chosen[1];
+  }
   extend(w, chosen, n_have, n);
 }
 

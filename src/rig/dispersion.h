@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which exposures to train on: the N of the candidates whose smallest mutual angle, seen from the scene's
-// centre, is largest (max-min dispersion; the paper, section 4.2, "to ensure pose diversity").
+// Which exposures to train on: the N of the candidates whose smallest mutual angle, seen from the
+// scene's centre, is largest (max-min dispersion; the paper, section 4.2, "to ensure pose
+// diversity").
 //
-// Exact for N <= 3 while all combinations can be tried, otherwise each next exposure is the one farthest from
-// those already chosen, which is at least half as good (Gonzalez 1985). The result is a function of the
-// candidates in their order: equal cases go to the lower index.
+// Exact for N <= 3 while all combinations can be tried, otherwise each next exposure is the one
+// farthest from those already chosen, which is at least half as good (Gonzalez 1985). The result is
+// a function of the candidates in their order: equal cases go to the lower index.
 #ifndef SV_RIG_DISPERSION_H
 #define SV_RIG_DISPERSION_H
 
@@ -30,11 +31,14 @@ typedef struct {
 size_t sv_dispersion_scratch(int n);
 
 // Chooses n_wanted candidates into chosen[n_wanted].
-//   1   with up: of the exact triple the member whose elevation is nearest to 30 degrees; without: the medoid,
+//   1   with up: of the exact triple the member whose elevation is nearest to 30 degrees; without:
+//       the medoid,
 //       whose angles to all others have the smallest sum
 //   2   the exact pair, by index
-//   3   the exact triple; the member that would stand alone comes first when up is given, the rest by index
-//   4+  the choice of 3, then farthest points in the order in which they were found: the first k of them are
+//   3   the exact triple; the member that would stand alone comes first when up is given, the rest
+//       by index
+//   4+  the choice of 3, then farthest points in the order in which they were found: the first k of
+//       them are
 //       the choice for k, for every k from 3 on
 // E_ARG unless 1 <= n_wanted <= n.
 sv_status sv_disperse(const sv_dispersion *d, int n_wanted, int *chosen, double *scratch) SV_MUST_USE;

@@ -27,8 +27,8 @@ size_t sv_footprint_bytes(int width_px, int height_px) {
 
 static float at(const work *k, int x, int y) { return k->v[(size_t)y * (size_t)k->w + (size_t)x]; }
 
-// A pixel beyond all but one of its neighbours by a tenth of full range is dead (two dead ones may touch). Rims
-// do not look so: along them are always pixels of the same kind.
+// A pixel beyond all but one of its neighbours by a tenth of full range is dead (two dead ones may
+// touch). Rims do not look so: along them are always pixels of the same kind.
 static float without_dead(const sv_raw *r, int x, int y, int *n_dead) {
   float v = sv_raw_at(r, x, y, 0), s[8];
   int n = 0;
@@ -38,7 +38,8 @@ static float without_dead(const sv_raw *r, int x, int y, int *n_dead) {
       if ((!dx && !dy) || u < 0 || w < 0 || u >= r->width_px || w >= r->height_px) continue;
       float t = sv_raw_at(r, u, w, 0);
       for (; i > 0 && s[i - 1] > t; i--) s[i] = s[i - 1]; // sorted
-      s[i] = t, n++;
+      s[i] = t;
+      n++;
     }
   if (n < 3) return v;
   float lo = s[1], hi = s[n - 2], limit = 0.1f * sv_maxf(hi, 0.05f);
@@ -69,16 +70,24 @@ static int quantile(const work *k, int lo, int hi, double share) {
   return lo;
 }
 
-// N. Otsu, 1979: the threshold that leaves the least variance inside the two classes. 0: one value only.
+// N. Otsu, 1979: the threshold that leaves the least variance inside the two classes. 0: one value
+// only.
 static int two_classes(const work *k) {
   double n = 0, total = 0, n0 = 0, sum0 = 0, best = -1;
   int split = 0;
-  for (int i = 0; i < BINS; i++) n += k->bins[i], total += (double)i * k->bins[i];
+  for (int i = 0; i < BINS; i++) {
+    n += k->bins[i];
+    total += (double)i * k->bins[i];
+  }
   for (int i = 0; i < BINS - 1; i++) {
-    n0 += k->bins[i], sum0 += (double)i * k->bins[i];
+    n0 += k->bins[i];
+    sum0 += (double)i * k->bins[i];
     if (n0 == 0 || n0 == n || !k->bins[i]) continue;
     double d = sum0 / n0 - (total - sum0) / (n - n0), between = n0 * (n - n0) * d * d;
-    if (between > best) best = between, split = i + 1;
+    if (between > best) {
+      best = between;
+      split = i + 1;
+    }
   }
   return split;
 }
@@ -86,7 +95,8 @@ static int two_classes(const work *k) {
 // Dark level, its noise, and a first plateau from the histogram.
 static sv_status levels(work *k, double dark, sv_err *err) {
   int split = two_classes(k), low = quantile(k, 0, split, 0.5), high = quantile(k, split, BINS, 0.5);
-  // Half of the dark class lies below its median: its lower quartile tells the noise without the lit rim.
+  // Half of the dark class lies below its median: its lower quartile tells the noise without the
+  // lit rim.
   k->dark_noise = 1.4826 * (value_of(low) - value_of(quantile(k, 0, low + 1, 0.5)));
   k->dark = dark >= 0 ? dark : value_of(low);
   k->plateau = value_of(high);
@@ -122,9 +132,13 @@ static void core_range(const work *k, bool is_row, int from, int to, int *lo, in
   int n_lines = is_row ? k->h : k->w, best = -1, fullest = 0;
   for (int i = 0; i < n_lines; i++) {
     int n = count_core(k, is_row, i, from, to);
-    if (n > best) best = n, fullest = i;
+    if (n > best) {
+      best = n;
+      fullest = i;
+    }
   }
-  *lo = fullest, *hi = fullest + 1;
+  *lo = fullest;
+  *hi = fullest + 1;
   while (*lo > 0 && count_core(k, is_row, *lo - 1, from, to)) --*lo;
   while (*hi < n_lines && count_core(k, is_row, *hi, from, to)) ++*hi;
 }
@@ -136,7 +150,8 @@ static double line_mean(const work *k, bool is_row, int line, int from, int to) 
   return (sum / (to - from) - k->dark) / (k->plateau - k->dark);
 }
 
-// Outwards while a line still has light: more than four deviations of its mean, and a pixel's 255th in all.
+// Outwards while a line still has light: more than four deviations of its mean, and a pixel's 255th
+// in all.
 static void grow(work *k) {
   double sigma = k->dark_noise / (k->plateau - k->dark);
   for (int pass = 0; pass < 2; pass++) {
@@ -158,7 +173,8 @@ static void find_rectangle(work *k) {
 
 // --- the plateau ---------------------------------------------------------------------------------
 
-// Standard deviation of a pixel on the plateau: median difference of neighbours that are both on it.
+// Standard deviation of a pixel on the plateau: median difference of neighbours that are both on
+// it.
 static double plateau_noise(work *k) {
   float least = (float)(k->dark + 0.8 * (k->plateau - k->dark));
   uint32_t n = 0;
@@ -166,7 +182,10 @@ static double plateau_noise(work *k) {
   for (int y = k->y0; y < k->y1; y++)
     for (int x = k->x0; x + 1 < k->x1; x++) {
       float a = at(k, x, y), b = at(k, x + 1, y);
-      if (a > least && b > least) k->bins[bin_of(fabsf(a - b))]++, n++;
+      if (a > least && b > least) {
+        k->bins[bin_of(fabsf(a - b))]++;
+        n++;
+      }
     }
   return n ? value_of(quantile(k, 0, BINS, 0.5)) / (0.6745 * 1.41421356) : 0;
 }
@@ -180,13 +199,16 @@ static int patch(const work *k, int x, int y, int r, float *mean, float *lo, flo
   for (int b = ya; b < yb; b++)
     for (int a = xa; a < xb; a++, n++) {
       float v = at(k, a, b);
-      sum += v, *lo = sv_minf(*lo, v), *hi = sv_maxf(*hi, v);
+      sum += v;
+      *lo = sv_minf(*lo, v);
+      *hi = sv_maxf(*hi, v);
     }
   *mean = sum / (float)n;
   return n;
 }
 
-// 95th percentile of means over whole patches; the noise of such a mean would lift it by 1.645 deviations.
+// 95th percentile of means over whole patches; the noise of such a mean would lift it by 1.645
+// deviations.
 static void find_plateau(work *k) {
   float half = (float)(0.5 * (k->dark + k->plateau)), mean, lo, hi;
   double sigma = plateau_noise(k);
@@ -194,7 +216,10 @@ static void find_plateau(work *k) {
   memset(k->bins, 0, sizeof *k->bins * BINS);
   for (int y = k->y0; y < k->y1; y += 2)
     for (int x = k->x0; x < k->x1; x += 2)
-      if (patch(k, x, y, 3, &mean, &lo, &hi) == 49 && lo > half) k->bins[bin_of(mean)]++, n++;
+      if (patch(k, x, y, 3, &mean, &lo, &hi) == 49 && lo > half) {
+        k->bins[bin_of(mean)]++;
+        n++;
+      }
   if (n >= 8) k->plateau = value_of(quantile(k, 0, BINS, 0.95)) - 1.645 * sigma / 7;
   k->noise = sigma / (k->plateau - k->dark);
 }
@@ -203,8 +228,8 @@ static void find_plateau(work *k) {
 
 static double write_coverage(work *k, uint8_t *coverage) {
   float scale = (float)(1 / (k->plateau - k->dark)), dark = (float)k->dark, mean, lo, hi;
-  // The range of 25 normal values is 4 deviations, above 6.5 in one case of a thousand. On the dark side noise
-  // is smaller, so there the same limit takes the mean over a few pixels more.
+  // The range of 25 normal values is 4 deviations, above 6.5 in one case of a thousand. On the dark
+  // side noise is smaller, so there the same limit takes the mean over a few pixels more.
   float limit = (float)(6.5 * k->noise) / scale;
   double area = 0;
   for (int y = k->y0; y < k->y1; y++)

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Footprints of a multiplexed sensor from white images (the paper, section 3.2 and its camera calibration):
-// one picture of an even field for each lens, with all other lenses masked. A footprint is the rectangle that
-// the lens lights, and the share of its plateau that each pixel gets: w_m(x) of the forward model.
+// Footprints of a multiplexed sensor from white images (the paper, section 3.2 and its camera
+// calibration): one picture of an even field for each lens, with all other lenses masked. A
+// footprint is the rectangle that the lens lights, and the share of its plateau that each pixel
+// gets: w_m(x) of the forward model.
 #ifndef SV_RIG_FOOTPRINT_H
 #define SV_RIG_FOOTPRINT_H
 
@@ -22,19 +23,21 @@ typedef struct {
 // Scratch for pictures of this size: 65536 bins and one float a pixel.
 size_t sv_footprint_bytes(int width_px, int height_px);
 
-// Measures one isolated white image (linear values, one channel). coverage is taken from `out_arena` (width x
-// height of the rectangle; nothing is left there after a failure); scratch is given back. dark below 0:
-// measured, as the level of the unlit part of the picture (which must then be there).
+// Measures one isolated white image (linear values, one channel). coverage is taken from
+// `out_arena` (width x height of the rectangle; nothing is left there after a failure); scratch is
+// given back. dark below 0: measured, as the level of the unlit part of the picture (which must
+// then be there).
 //   coverage = (value - dark) / (plateau - dark), clamped to 0..1, in 255ths,
-// with the plateau at the lens's brightest part (95th percentile of means over 7x7 pixels, noise taken off):
-// fall-off of the light inside the lens is part of its weight. Where 5x5 pixels differ by no more than noise
-// their mean is used. E_FORMAT with a sentence: dark, overexposed, nothing unlit (`name` is the picture's).
+// with the plateau at the lens's brightest part (95th percentile of means over 7x7 pixels, noise
+// taken off): fall-off of the light inside the lens is part of its weight. Where 5x5 pixels differ
+// by no more than noise their mean is used. E_FORMAT with a sentence: dark, overexposed, nothing
+// unlit (`name` is the picture's).
 sv_status sv_footprint_measure(sv_footprint *f, sv_footprint_stats *stats, const char *name,
                                const sv_raw *white, double dark, sv_arena *out_arena, sv_arena *scratch,
                                sv_err *err) SV_MUST_USE;
 
-// Sum of all footprints, sum[height_px][width_px] in lenses, and its maximum M_max (0: nothing is lit). E_RANGE
-// with a sentence when a footprint is not on the sensor.
+// Sum of all footprints, sum[height_px][width_px] in lenses, and its maximum M_max (0: nothing is
+// lit). E_RANGE with a sentence when a footprint is not on the sensor.
 sv_status sv_footprint_sum(const sv_footprint *f, int n, int width_px, int height_px, float *sum,
                            float *m_max, sv_err *err) SV_MUST_USE;
 

@@ -190,12 +190,18 @@ static void finish_task(void *arg, int i_task, int i_thread) {
     for (int k = 0; k < 3; k++) {
       float *sum = j->f->sum.c[k] + (size_t)y * (size_t)j->f->sum.stride;
       float *out = j->f->predicted.c[k] + (size_t)y * (size_t)j->f->predicted.stride;
-      for (int x = 0; x < w; x++) value[x] = sum[x] * scale, slope[x] = scale;
+      for (int x = 0; x < w; x++) {
+        value[x] = sum[x] * scale;
+        slope[x] = scale;
+      }
       if (is_noisy) add_noise(noise, (uint32_t)(3 * y + k), value, slope, w);
       if (j->c->is_linear)
         j->f->compute.k->linear_to_srgb(&(sv_curve_args){.src = value, .dst = out, .slope = sum, .n = w});
       for (int x = 0; x < w; x++) {
-        if (!j->c->is_linear) out[x] = value[x], sum[x] = 1.0f;
+        if (!j->c->is_linear) {
+          out[x] = value[x];
+          sum[x] = 1.0f;
+        }
         sum[x] *= slope[x];
       }
     }

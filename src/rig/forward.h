@@ -1,21 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
 // From sub-views to the measurement of one sensor, and back (the paper, sections 3.1 and 3.2).
 //
-// direct, light field: each sub-view has sensor pixels of its own, so its picture is its measurement and the
-// model is the identity. They are composites of one lens here; nothing below costs them anything, because the
-// trainer supervises their pictures without it.
+// direct, light field: each sub-view has sensor pixels of its own, so its picture is its
+// measurement and the model is the identity. They are composites of one lens here; nothing below
+// costs them anything, because the trainer supervises their pictures without it.
 // multiplexed: the lens images overlap, and one composite is measured:
 //   y(x) = encode( (1 / M_max) sum_m w_m(x) decode(I_m(x)) ),  M_max = max_x sum_m w_m(x)
-// with the footprints w_m. Light adds up linearly, so decode is the sRGB curve and encode its inverse;
-// measurements that were made by adding display values have neither. The adjoint is
+// with the footprints w_m. Light adds up linearly, so decode is the sRGB curve and encode its
+// inverse; measurements that were made by adding display values have neither. The adjoint is
 //   dL/dI_m(x) = w_m(x) / M_max decode'(I_m(x)) encode'(s(x)) dL/dy(x)
 //
-// A sensor's noise may be laid over the prediction, as the authors' simulator does: after the sum, in the
-// measurement's light, y + (read + shot y) n with fresh n ~ N(0, 1), rounded to 14 bits, which gradients pass
-// through as if it were not there.
+// A sensor's noise may be laid over the prediction, as the authors' simulator does: after the sum,
+// in the measurement's light, y + (read + shot y) n with fresh n ~ N(0, 1), rounded to 14 bits,
+// which gradients pass through as if it were not there.
 //
-// Work is done on a region of the sensor: only the parts of lens images that fall into it are rendered, so
-// cost and memory depend on the region and on the overlap, not on the number of lenses.
+// Work is done on a region of the sensor: only the parts of lens images that fall into it are
+// rendered, so cost and memory depend on the region and on the overlap, not on the number of
+// lenses.
 #ifndef SV_RIG_FORWARD_H
 #define SV_RIG_FORWARD_H
 
@@ -27,8 +28,8 @@
 extern "C" {
 #endif
 
-// One lens image: pixel (i, j) of the view falls on sensor pixel (x0_px + i, y0_px + j) of the footprint,
-// which has the view's size.
+// One lens image: pixel (i, j) of the view falls on sensor pixel (x0_px + i, y0_px + j) of the
+// footprint, which has the view's size.
 typedef struct {
   sv_view view;
   sv_footprint footprint;
@@ -44,7 +45,8 @@ typedef struct {
 
 // M_max of lenses on a sensor; 0 when no lens lights it. O(pixels of all footprints).
 float sv_composite_m_max(const sv_lens *lenses, int n_lenses, int width_px, int height_px, float *row);
-// E_RANGE with a sentence: a footprint off the sensor, of another size than its view, or nothing lit.
+// E_RANGE with a sentence: a footprint off the sensor, of another size than its view, or nothing
+// lit.
 sv_status sv_composite_check(const sv_composite *c, sv_err *err) SV_MUST_USE;
 
 typedef struct {
@@ -91,8 +93,9 @@ sv_status sv_forward_begin(sv_forward *f, const sv_region *region) SV_MUST_USE;
 void sv_forward_add(sv_forward *f, const sv_composite *c, const sv_crop *crop, const sv_planes *rgb);
 void sv_forward_finish(sv_forward *f, const sv_composite *c);
 
-// After finish: g is dL/dpredicted, err a weight per pixel (both of the region). Writes dL/drgb and the
-// crop's share of err with the rendered picture's stride, padding 0. err and out_err may be NULL together.
+// After finish: g is dL/dpredicted, err a weight per pixel (both of the region). Writes dL/drgb and
+// the crop's share of err with the rendered picture's stride, padding 0. err and out_err may be
+// NULL together.
 void sv_forward_bwd(const sv_forward *f, const sv_composite *c, const sv_crop *crop, const sv_planes *rgb,
                     const sv_planes *g, const float *err, sv_planes *out, float *out_err);
 

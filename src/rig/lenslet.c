@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lattice geometry, vignetting and sub-views of a lenslet sensor. The lattice is found in lenslet_find.c.
+// Lattice geometry, vignetting and sub-views of a lenslet sensor. The lattice is found in
+// lenslet_find.c.
 #include "src/rig/lenslet.h"
 
 #include <math.h>
@@ -40,7 +41,8 @@ void sv_lenslet_grid_settle(sv_lenslet_grid *g, double x, double y) {
   double rows = g->is_hexagonal ? ROW_STEP : 1, p, j, best[2] = {0, 0}, nearest = 1e300;
   double det = g->col_px[0] * g->row_px[1] - g->col_px[1] * g->row_px[0];
   g->pitch_px = sqrt(fabs(det) / rows);
-  // The two steps' directions, the second turned back by a right angle, added as they weigh in the fit.
+  // The two steps' directions, the second turned back by a right angle, added as they weigh in the
+  // fit.
   g->rotation_rad = sv_atan2(g->col_px[1] - g->row_px[0], g->col_px[0] + g->row_px[1]);
   to_lattice(g, x, y, &p, &j);
   for (int jj = (int)floor(j); jj <= (int)floor(j) + 1; jj++)
@@ -48,10 +50,16 @@ void sv_lenslet_grid_settle(sv_lenslet_grid *g, double x, double y) {
       double at[2];
       sv_lenslet_centre(g, ii, jj, at);
       double d = (at[0] - x) * (at[0] - x) + (at[1] - y) * (at[1] - y);
-      if (d < nearest) nearest = d, best[0] = at[0], best[1] = at[1];
+      if (d < nearest) {
+        nearest = d;
+        best[0] = at[0];
+        best[1] = at[1];
+      }
     }
-  // Rows keep their kind: what was an odd row is shifted against an even one by half a step either way.
-  g->offset_px[0] = best[0], g->offset_px[1] = best[1];
+  // Rows keep their kind: what was an odd row is shifted against an even one by half a step either
+  // way.
+  g->offset_px[0] = best[0];
+  g->offset_px[1] = best[1];
 }
 
 // --- plan ----------------------------------------------------------------------------------------
@@ -72,11 +80,13 @@ static sv_status check_cfg(const sv_lenslet_plan *p, sv_err *err) {
   return SV_OK;
 }
 
-// The rectangle |p| <= n, |j| <= m of the lattice with its corners on a sensor of half sides wx, wy.
+// The rectangle |p| <= n, |j| <= m of the lattice with its corners on a sensor of half sides wx,
+// wy.
 static bool inscribe(const sv_lenslet_grid *g, double wx, double wy, double *n, double *m) {
   double a = fabs(g->col_px[0]), b = fabs(g->row_px[0]), c = fabs(g->col_px[1]), d = fabs(g->row_px[1]);
   double det = a * d - b * c;
-  *n = (wx * d - wy * b) / det, *m = (wy * a - wx * c) / det;
+  *n = (wx * d - wy * b) / det;
+  *m = (wy * a - wx * c) / det;
   return det > 0 && *n >= 1 && *m >= 1;
 }
 
@@ -113,16 +123,19 @@ sv_status sv_lenslet_plan_make(sv_lenslet_plan *p, const sv_lenslet_grid *g, con
   if (p->width_px < 2 || p->height_px < 2)
     return sv_fail(err, SV_E_RANGE, "lenslets of %.2f px: only %dx%d of them on a sensor of %dx%d pixels",
                    g->pitch_px, p->width_px, p->height_px, w, h);
-  for (int k = 0; k < 2; k++)
-    p->axis_u[k] = g->col_px[k] / col * p->cfg.step_px, p->axis_v[k] = g->row_px[k] / row * p->cfg.step_px;
-  p->cx_px = (pc - p->q0) / p->dq + 0.5, p->cy_px = jc - p->j0 + 0.5;
+  for (int k = 0; k < 2; k++) {
+    p->axis_u[k] = g->col_px[k] / col * p->cfg.step_px;
+    p->axis_v[k] = g->row_px[k] / row * p->cfg.step_px;
+  }
+  p->cx_px = (pc - p->q0) / p->dq + 0.5;
+  p->cy_px = jc - p->j0 + 0.5;
   return SV_OK;
 }
 
 // --- vignetting ----------------------------------------------------------------------------------
 
-// The value below which `share` of the samples of channel 0 lie, by two histograms of 256 bins: the second
-// divides the bin of the first.
+// The value below which `share` of the samples of channel 0 lie, by two histograms of 256 bins: the
+// second divides the bin of the first.
 static float percentile(const sv_raw *raw, double share) {
   uint32_t bins[256];
   float lo = 0, span = 1;
@@ -137,7 +150,8 @@ static float percentile(const sv_raw *raw, double share) {
       }
     int i = 0;
     for (; i < 255 && rank > bins[i]; i++) rank -= bins[i];
-    lo += span * (float)i / 256, span /= 256;
+    lo += span * (float)i / 256;
+    span /= 256;
   }
   return lo + 0.5f * span;
 }
@@ -182,15 +196,18 @@ static float corrected(const reader *r, int x, int y, float *gain) {
   return v > 0 ? v : 0;
 }
 
-// Near a lenslet's rim: of the four pixels around, those that are lit, weighted bilinearly; all four when
-// none is.
+// Near a lenslet's rim: of the four pixels around, those that are lit, weighted bilinearly; all
+// four when none is.
 static float at_rim(const reader *r, int x, int y, float fx, float fy) {
   float sum = 0, weight = 0, any = 0, gain;
   for (int k = 0; k < 4; k++) {
     float w = (k & 1 ? fx : 1 - fx) * (k & 2 ? fy : 1 - fy);
     float v = corrected(r, x + 1 + (k & 1), y + 1 + (k >> 1), &gain);
     any += w * v;
-    if (gain < r->cap) sum += w * v, weight += w;
+    if (gain < r->cap) {
+      sum += w * v;
+      weight += w;
+    }
   }
   return weight > 1e-3f ? sum / weight : any;
 }
@@ -263,7 +280,8 @@ sv_status sv_lenslet_rig(sv_rig *rig, const sv_lenslet_plan *p, const sv_lenslet
                                  .height_px = p->height_px,
                                  .p = {fx, fy, p->cx_px + fx * shift * u, p->cy_px + fy * shift * v}};
     s->cam_from_rig = sv_pose_identity();
-    s->cam_from_rig.t[0] = -u * o->baseline_m, s->cam_from_rig.t[1] = -v * o->baseline_m;
+    s->cam_from_rig.t[0] = -u * o->baseline_m;
+    s->cam_from_rig.t[1] = -v * o->baseline_m;
   }
   return SV_OK;
 }

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// A sensor behind a microlens array (the paper, section 3.1, model iii): every lenslet images the main lens's
-// aperture onto the pixels under it. Pixel offset (u, v) from a lenslet's centre is a place in the aperture,
-// the lenslet is a place in the picture: one pixel of each lenslet at the same (u, v) makes one sub-view.
+// A sensor behind a microlens array (the paper, section 3.1, model iii): every lenslet images the
+// main lens's aperture onto the pixels under it. Pixel offset (u, v) from a lenslet's centre is a
+// place in the aperture, the lenslet is a place in the picture: one pixel of each lenslet at the
+// same (u, v) makes one sub-view.
 //
-// The lenslets' centres come from a white image (an even field), in three steps: the lattice's shortest
-// periods from the autocorrelation of the middle of the picture; their phase from two Fourier coefficients;
-// then a robust affine fit to measured centres over a region that grows to the whole sensor.
-// Pixel centres are at (i+0.5, j+0.5). No heap: scratch and results live in the caller's memory.
+// The lenslets' centres come from a white image (an even field), in three steps: the lattice's
+// shortest periods from the autocorrelation of the middle of the picture; their phase from two
+// Fourier coefficients; then a robust affine fit to measured centres over a region that grows to
+// the whole sensor. Pixel centres are at (i+0.5, j+0.5). No heap: scratch and results live in the
+// caller's memory.
 #ifndef SV_RIG_LENSLET_H
 #define SV_RIG_LENSLET_H
 
@@ -21,13 +23,16 @@ extern "C" {
 #define SV_LENSLET_MAX_PITCH_PX 48.0
 #define SV_LENSLET_MAX_TURN_RAD 0.1745329252 // 10 degrees: more is a picture to be turned first
 
-// Lenslet (i, j) has its centre at offset + (i + h) col + j row, h = 1/2 in odd rows of a hexagonal array.
+// Lenslet (i, j) has its centre at offset + (i + h) col + j row, h = 1/2 in odd rows of a hexagonal
+// array.
 typedef struct {
   double pitch_px, rotation_rad; // nearest similarity; rotation from the +x to the +y axis
   double offset_px[2];           // centre of lenslet (0, 0): the one nearest to the image's centre
   double col_px[2], row_px[2];   // steps to the next lenslet in a row, and to the next row
-  bool is_hexagonal;             // rows 0.866 pitches apart, every other one shifted by half a pitch
-  int n_seen, n_used;            // lenslets looked at, and found where the lattice has them; 0: not measured
+  bool is_hexagonal;             // rows 0.866 pitches apart, every other one shifted by half a
+                                 // pitch
+  int n_seen, n_used;            // lenslets looked at, and found where the lattice has them; 0: not
+                                 // measured
   double rms_px;                 // distance of the used ones from the lattice, root mean square
 } sv_lenslet_grid;
 
@@ -39,9 +44,10 @@ void sv_lenslet_centre(const sv_lenslet_grid *g, int i, int j, double xy_px[2]);
 // Sets pitch_px and rotation_rad from the steps, and moves lenslet (0, 0) nearest to (x, y).
 void sv_lenslet_grid_settle(sv_lenslet_grid *g, double x_px, double y_px);
 
-// Finds the lattice in a white image (one channel). Layout, pitch (5 to 48 px) and rotation (10 degrees) need
-// not be known; dead lenslets and vignetting are borne. E_FORMAT with one sentence (`name` is the picture's)
-// when there is no such lattice: the picture is no white image. Takes sv_lenslet_find_bytes() of scratch.
+// Finds the lattice in a white image (one channel). Layout, pitch (5 to 48 px) and rotation (10
+// degrees) need not be known; dead lenslets and vignetting are borne. E_FORMAT with one sentence
+// (`name` is the picture's) when there is no such lattice: the picture is no white image. Takes
+// sv_lenslet_find_bytes() of scratch.
 size_t sv_lenslet_find_bytes(void);
 sv_status sv_lenslet_find(sv_lenslet_grid *g, const char *name, const sv_raw *white, sv_arena *scratch,
                           sv_err *err) SV_MUST_USE;
@@ -55,9 +61,9 @@ typedef struct {
   double black;   // value of no light, taken off raw and white, 0..1
 } sv_lenslet_cfg;
 
-// Where the samples lie. Pixel (s, t) of every sub-view is at lattice column q0 + s dq (in steps of col, odd
-// rows of a hexagonal array not counted shifted) of row j0 + t. dq is 1, or row / col for a hexagonal array,
-// which makes its pixels square.
+// Where the samples lie. Pixel (s, t) of every sub-view is at lattice column q0 + s dq (in steps of
+// col, odd rows of a hexagonal array not counted shifted) of row j0 + t. dq is 1, or row / col for
+// a hexagonal array, which makes its pixels square.
 typedef struct {
   sv_lenslet_grid grid;
   sv_lenslet_cfg cfg; // zeros replaced by what they stand for
@@ -70,33 +76,37 @@ typedef struct {
   double cx_px, cy_px;         // the sensor's centre in a sub-view
 } sv_lenslet_plan;
 
-// The largest upright rectangle of the lattice that is on the sensor with all of its samples. E_RANGE with a
-// sentence when nothing is left, or the samples reach into the neighbouring lenslets.
+// The largest upright rectangle of the lattice that is on the sensor with all of its samples.
+// E_RANGE with a sentence when nothing is left, or the samples reach into the neighbouring
+// lenslets.
 sv_status sv_lenslet_plan_make(sv_lenslet_plan *p, const sv_lenslet_grid *g, const sv_lenslet_cfg *cfg,
                                int sensor_width_px, int sensor_height_px, sv_err *err) SV_MUST_USE;
 
-// gain[sensor height][sensor width]: what a raw pixel is multiplied with to undo the vignetting: bright level
-// of the white image (its 99th percentile) over the pixel's white, at most 1/floor. Right for linear values
-// and for values that are a power of them. E_FORMAT when the white image is black.
+// gain[sensor height][sensor width]: what a raw pixel is multiplied with to undo the vignetting:
+// bright level of the white image (its 99th percentile) over the pixel's white, at most 1/floor.
+// Right for linear values and for values that are a power of them. E_FORMAT when the white image is
+// black.
 sv_status sv_lenslet_gain(const sv_lenslet_plan *p, const char *name, const sv_raw *white, float *gain,
                           sv_err *err) SV_MUST_USE;
 
-// Sub-view in column c, row r of the K x K grid (c to the right in the aperture, r down): out [height_px]
-// [width_px] of one channel, not clamped above. row: scratch of [n_columns] floats. raw has the sensor's size.
+// Sub-view in column c, row r of the K x K grid (c to the right in the aperture, r down): out
+// [height_px] [width_px] of one channel, not clamped above. row: scratch of [n_columns] floats. raw
+// has the sensor's size.
 void sv_lenslet_decode(const sv_lenslet_plan *p, const sv_raw *raw, const float *gain, int channel, int c,
                        int r, float *row, float *out);
 
-// What the white image cannot tell. The sub-views are parallel cameras on a plane, whose frusta are shifted
-// so that a point at focus_m has the same place in all (that is what the lenslets' centres stand for).
+// What the white image cannot tell. The sub-views are parallel cameras on a plane, whose frusta are
+// shifted so that a point at focus_m has the same place in all (that is what the lenslets' centres
+// stand for).
 typedef struct {
   double focal_px;   // in pixel widths of a sub-view
   double baseline_m; // between neighbouring sub-views
   double focus_m;    // distance of the plane in focus; 0: infinity
 } sv_lenslet_optics;
 
-// K*K pinhole sub-views "rRcC", row by row, forward light_field, each a picture of its own (camera r K + c, no
-// footprint). The rig's frame is the central view's. The picture must be upright (as cameras deliver it).
-// E_FULL when the rig is too small.
+// K*K pinhole sub-views "rRcC", row by row, forward light_field, each a picture of its own (camera
+// r K + c, no footprint). The rig's frame is the central view's. The picture must be upright (as
+// cameras deliver it). E_FULL when the rig is too small.
 sv_status sv_lenslet_rig(sv_rig *rig, const sv_lenslet_plan *p, const sv_lenslet_optics *o) SV_MUST_USE;
 
 #ifdef __cplusplus

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The lattice of a white image: coarse lattice, then a robust affine fit to measured centres. Sums only: no
-// list of centres is kept, so memory does not grow with the sensor.
+// The lattice of a white image: coarse lattice, then a robust affine fit to measured centres. Sums
+// only: no list of centres is kept, so memory does not grow with the sensor.
 #include <math.h>
 
 #include "src/base/mathx.h"
@@ -10,16 +10,21 @@
 
 size_t sv_lenslet_find_bytes(void) { return sv_lenslet_coarse_bytes(); }
 
-// How the light falls off over the sensor: c . (1, x, y, x^2, x y, y^2) with x, y in units of `unit_px` from
-// the middle. Its slope would pull every measured centre towards the brighter side, and so change the scale
-// of the whole lattice.
+// How the light falls off over the sensor: c . (1, x, y, x^2, x y, y^2) with x, y in units of
+// `unit_px` from the middle. Its slope would pull every measured centre towards the brighter side,
+// and so change the scale of the whole lattice.
 typedef struct {
   double c[6], middle[2], unit_px;
 } field;
 
 static void field_terms(const field *f, double x, double y, double t[6]) {
   double a = (x - f->middle[0]) / f->unit_px, b = (y - f->middle[1]) / f->unit_px;
-  t[0] = 1, t[1] = a, t[2] = b, t[3] = a * a, t[4] = a * b, t[5] = b * b;
+  t[0] = 1;
+  t[1] = a;
+  t[2] = b;
+  t[3] = a * a;
+  t[4] = a * b;
+  t[5] = b * b;
 }
 
 // Relative slope of the light, per px.
@@ -32,8 +37,8 @@ static void field_slope(const field *f, double x, double y, double slope[2]) {
   slope[1] = (f->c[2] + 2 * f->c[5] * t[2] + f->c[4] * t[1]) / (v * f->unit_px);
 }
 
-// Gradient and curvature of the picture smoothed with (1 - r^2/R^2)^3 about c. What a constant would give is
-// taken off, because on a few pixels the window does not sum to zero exactly.
+// Gradient and curvature of the picture smoothed with (1 - r^2/R^2)^3 about c. What a constant
+// would give is taken off, because on a few pixels the window does not sum to zero exactly.
 typedef struct {
   double mean, gx, gy, hxx, hxy, hyy;
 } bump;
@@ -51,12 +56,20 @@ static bump measure(const sv_raw *white, const field *f, double cx, double cy, d
       double i = (double)sv_raw_at(white, x, y, 0) * (1 - slope[0] * dx - slope[1] * dy), w = 6 * inv * q * q,
              c = 24 * inv * inv * q;
       double t[5] = {w * dx, w * dy, c * dx * dx - w, c * dx * dy, c * dy * dy - w};
-      n += 1, sum += i;
-      for (int k = 0; k < 5; k++) v[k] += i * t[k], one[k] += t[k];
+      n += 1;
+      sum += i;
+      for (int k = 0; k < 5; k++) {
+        v[k] += i * t[k];
+        one[k] += t[k];
+      }
     }
   bump b = {.mean = n > 0 ? sum / n : 0};
   for (int k = 0; k < 5; k++) v[k] -= b.mean * one[k];
-  b.gx = v[0], b.gy = v[1], b.hxx = v[2], b.hxy = v[3], b.hyy = v[4];
+  b.gx = v[0];
+  b.gy = v[1];
+  b.hxx = v[2];
+  b.hxy = v[3];
+  b.hyy = v[4];
   return b;
 }
 
@@ -73,11 +86,13 @@ static bool centre_of(const sv_raw *white, const field *f, double pitch, int n_s
     if (!(det > 0) || b.hxx > least || b.hyy > least) return false;
     double dx = -(b.hyy * b.gx - b.hxy * b.gy) / det, dy = -(b.hxx * b.gy - b.hxy * b.gx) / det;
     if (dx * dx + dy * dy > 0.16 * pitch * pitch) return false;
-    x += dx, y += dy;
+    x += dx;
+    y += dy;
   }
   double ex = x - at[0], ey = y - at[1];
   *light = mean;
-  at[0] = x, at[1] = y;
+  at[0] = x;
+  at[1] = y;
   return ex * ex + ey * ey < 0.16 * pitch * pitch;
 }
 
@@ -93,7 +108,8 @@ static void add(sums *s, double w, double p, double j, const double at[2]) {
   double d[3] = {1, p, j};
   for (int a = 0, k = 0; a < 3; a++) {
     for (int b = a; b < 3; b++, k++) s->n[k] += w * d[a] * d[b];
-    s->x[a] += w * d[a] * at[0], s->y[a] += w * d[a] * at[1];
+    s->x[a] += w * d[a] * at[0];
+    s->y[a] += w * d[a] * at[1];
   }
 }
 
@@ -114,7 +130,8 @@ static void collect(const sv_lenslet_grid *g, const sv_raw *white, const field *
             want[1] < white->height_px - edge))
         continue;
       s->n_seen++;
-      at[0] = want[0], at[1] = want[1];
+      at[0] = want[0];
+      at[1] = want[1];
       if (!centre_of(white, f, pitch, n_steps, at, &light)) continue;
       double ex = at[0] - want[0], ey = at[1] - want[1], e2 = ex * ex + ey * ey;
       if (e2 >= cut * cut) continue;
@@ -125,7 +142,8 @@ static void collect(const sv_lenslet_grid *g, const sv_raw *white, const field *
         for (int b = 0; b < 6; b++) s->light[a][b] += w * terms[a] * terms[b];
         s->light[a][6] += w * terms[a] * light;
       }
-      s->weight += w, s->square += w * e2;
+      s->weight += w;
+      s->square += w * e2;
       s->n_used++;
     }
 }
@@ -156,7 +174,8 @@ static void fit_field(sums *s, field *f) {
     if (!(fabs(m[best][c]) > 1e-9 * s->weight)) return;
     for (int k = 0; k < 7; k++) {
       double t = m[c][k];
-      m[c][k] = m[best][k], m[best][k] = t;
+      m[c][k] = m[best][k];
+      m[best][k] = t;
     }
     for (int r = 0; r < 6; r++) {
       double share = r == c ? 0 : m[r][c] / m[c][c];
@@ -178,10 +197,13 @@ static bool refine(sv_lenslet_grid *g, const sv_raw *white) {
       sums s;
       collect(g, white, &f, is_last ? last : reach, scale_px, &s);
       if (s.n_used < 8 || !solve(&s, g)) return false;
-      g->rms_px = sqrt(s.square / s.weight), g->n_seen = s.n_seen, g->n_used = s.n_used;
+      g->rms_px = sqrt(s.square / s.weight);
+      g->n_seen = s.n_seen;
+      g->n_used = s.n_used;
       sv_lenslet_grid_settle(g, 0.5 * white->width_px, 0.5 * white->height_px);
       if (s.n_used >= 40) fit_field(&s, &f);
-      // Residuals after this fit are smaller than those it was made from: never trust fewer than 2 %.
+      // Residuals after this fit are smaller than those it was made from: never trust fewer than 2
+      // %.
       scale_px = g->rms_px > 0.02 * g->pitch_px ? g->rms_px : 0.02 * g->pitch_px;
     }
   }

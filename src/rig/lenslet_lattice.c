@@ -9,8 +9,8 @@
 #define N       512 // side of the transform, a power of two
 #define CAP_LAG 64  // longest period looked for, px
 
-// Frequencies, in cycles per pixel, that a lattice's first harmonics can have: below is the fall-off of the
-// whole field, above is noise.
+// Frequencies, in cycles per pixel, that a lattice's first harmonics can have: below is the
+// fall-off of the whole field, above is noise.
 #define MIN_FREQUENCY (1.0 / 64)
 #define MAX_FREQUENCY 0.3
 
@@ -52,7 +52,8 @@ static void fft(complex_f *a, const complex_f *twiddle) {
     j ^= bit;
     if (i < j) {
       complex_f t = a[i];
-      a[i] = a[j], a[j] = t;
+      a[i] = a[j];
+      a[j] = t;
     }
   }
   for (int half = 1; half < N; half <<= 1)
@@ -61,7 +62,8 @@ static void fft(complex_f *a, const complex_f *twiddle) {
         complex_f w = twiddle[i * (N / 2 / half)], *p = a + start + i, *q = p + half;
         complex_f t = {q->re * w.re - q->im * w.im, q->re * w.im + q->im * w.re};
         *q = (complex_f){p->re - t.re, p->im - t.im};
-        p->re += t.re, p->im += t.im;
+        p->re += t.re;
+        p->im += t.im;
       }
 }
 
@@ -93,8 +95,10 @@ static float value(const work *k, const sv_raw *white, int x, int y) {
 }
 
 static void load(work *k, const sv_raw *white) {
-  k->w = sv_mini(white->width_px, N), k->h = sv_mini(white->height_px, N);
-  k->x0 = (white->width_px - k->w) / 2, k->y0 = (white->height_px - k->h) / 2;
+  k->w = sv_mini(white->width_px, N);
+  k->h = sv_mini(white->height_px, N);
+  k->x0 = (white->width_px - k->w) / 2;
+  k->y0 = (white->height_px - k->h) / 2;
   k->cap_lag = sv_mini(CAP_LAG, sv_mini(k->w, k->h) / 3);
   for (int i = 0; i < N / 2; i++)
     k->twiddle[i] = (complex_f){(float)sv_cos(2 * SV_PI * i / N), (float)-sv_sin(2 * SV_PI * i / N)};
@@ -105,7 +109,8 @@ static void load(work *k, const sv_raw *white) {
   for (int y = 0; y < k->h; y++)
     for (int x = 0; x < k->w; x++) {
       double w = (double)(k->hann_x[x] * k->hann_y[y]);
-      sum += w * (double)value(k, white, x, y), weight += w;
+      sum += w * (double)value(k, white, x, y);
+      weight += w;
     }
   k->mean = sum / weight;
   memset(k->f, 0, sizeof(complex_f) * N * N);
@@ -134,7 +139,8 @@ static double at_lag(const work *k, int x, int y) {
   return (double)c / ((double)k->f[0].re * (double)k->share_x[ax] * (double)k->share_y[ay]);
 }
 
-// Half-way to one of its points a lattice's correlation is low; that of stripes, along them, is not.
+// Half-way to one of its points a lattice's correlation is low; that of stripes, along them, is
+// not.
 static bool is_low_between(const work *k, double x, double y, double v) {
   return at_lag(k, (int)floor(0.5 * x + 0.5), (int)floor(0.5 * y + 0.5)) < 0.7 * v;
 }
@@ -153,8 +159,8 @@ static double vertex(double a, double b, double c) {
   return d < 0 ? 0.5 * (a - c) / d : 0;
 }
 
-// Shortest peak of at least `least`, at 30 degrees or more from `from` (may be NULL). Returns the largest
-// value among the peaks when out is NULL, else 1 when there is one.
+// Shortest peak of at least `least`, at 30 degrees or more from `from` (may be NULL). Returns the
+// largest value among the peaks when out is NULL, else 1 when there is one.
 static double search(const work *k, double least, const double *from, double *out) {
   double best = 0, shortest = 1e30;
   for (int y = 0; y <= k->cap_lag; y++)
@@ -172,7 +178,8 @@ static double search(const work *k, double least, const double *from, double *ou
       if (from &&
           !(is_low_between(k, x - from[0], y - from[1], v) && is_low_between(k, x + from[0], y + from[1], v)))
         continue;
-      shortest = r2, best = 1;
+      shortest = r2;
+      best = 1;
       out[0] = x + vertex(at_lag(k, x - 1, y), v, at_lag(k, x + 1, y));
       out[1] = y + vertex(at_lag(k, x, y - 1), v, at_lag(k, x, y + 1));
     }
@@ -185,7 +192,12 @@ static double search(const work *k, double least, const double *from, double *ou
 static sv_status choose_steps(sv_lenslet_grid *g, const double a[2], const double b_in[2], const char *name,
                               sv_err *err) {
   double b[2] = {b_in[0], b_in[1]}, dot = a[0] * b[0] + a[1] * b[1], cross = a[0] * b[1] - a[1] * b[0];
-  if (dot < 0) b[0] = -b[0], b[1] = -b[1], dot = -dot, cross = -cross;
+  if (dot < 0) {
+    b[0] = -b[0];
+    b[1] = -b[1];
+    dot = -dot;
+    cross = -cross;
+  }
   double la = sqrt(a[0] * a[0] + a[1] * a[1]), lb = sqrt(b[0] * b[0] + b[1] * b[1]);
   double angle_deg = sv_atan2(cross < 0 ? -cross : cross, dot) * 180 / SV_PI;
   g->is_hexagonal = angle_deg < 75;
@@ -202,13 +214,18 @@ static sv_status choose_steps(sv_lenslet_grid *g, const double a[2], const doubl
   double *c = steps[best], *d = steps[(best + 1) % n], sign = c[0] < 0 ? -1 : 1;
   for (int i = 0; i < 2; i++) g->col_px[i] = c[i] * sign;
   double cc = c[0] * c[0] + c[1] * c[1], along = (d[0] * g->col_px[0] + d[1] * g->col_px[1]) / cc;
-  double half = g->is_hexagonal ? (along < 0 ? -0.5 : 0.5) : 0; // d ends half a step along, in an ideal array
+  // d ends half a step along, in an ideal array
+  double half = g->is_hexagonal ? (along < 0 ? -0.5 : 0.5) : 0;
   for (int i = 0; i < 2; i++) g->row_px[i] = d[i] - half * g->col_px[i];
-  if (g->row_px[1] < 0) g->row_px[0] = -g->row_px[0], g->row_px[1] = -g->row_px[1];
+  if (g->row_px[1] < 0) {
+    g->row_px[0] = -g->row_px[0];
+    g->row_px[1] = -g->row_px[1];
+  }
   return SV_OK;
 }
 
-// Phase, in cycles, of the picture at one frequency (cycles per px) about the middle of the part looked at.
+// Phase, in cycles, of the picture at one frequency (cycles per px) about the middle of the part
+// looked at.
 static double phase(const work *k, const sv_raw *white, const double b[2]) {
   double cx = sv_cos(2 * SV_PI * b[0]), sx = -sv_sin(2 * SV_PI * b[0]), re = 0, im = 0;
   for (int y = 0; y < k->h; y++) {
@@ -216,10 +233,13 @@ static double phase(const work *k, const sv_raw *white, const double b[2]) {
     double wr = sv_cos(2 * SV_PI * at), wi = -sv_sin(2 * SV_PI * at), sum_re = 0, sum_im = 0;
     for (int x = 0; x < k->w; x++) {
       double v = (double)(value(k, white, x, y) * k->hann_x[x]), t = wr * cx - wi * sx;
-      sum_re += v * wr, sum_im += v * wi;
-      wi = wr * sx + wi * cx, wr = t;
+      sum_re += v * wr;
+      sum_im += v * wi;
+      wi = wr * sx + wi * cx;
+      wr = t;
     }
-    re += (double)k->hann_y[y] * sum_re, im += (double)k->hann_y[y] * sum_im;
+    re += (double)k->hann_y[y] * sum_re;
+    im += (double)k->hann_y[y] * sum_im;
   }
   return sv_atan2(im, re) / (2 * SV_PI);
 }
@@ -227,7 +247,10 @@ static double phase(const work *k, const sv_raw *white, const double b[2]) {
 // A bright spot at c has the coefficient exp(-2 pi i b c) for the reciprocal steps b.
 static void locate(const work *k, sv_lenslet_grid *g, const sv_raw *white) {
   double a1[2], a2[2], half = g->is_hexagonal ? 0.5 : 0;
-  for (int i = 0; i < 2; i++) a1[i] = g->col_px[i], a2[i] = g->row_px[i] + half * g->col_px[i];
+  for (int i = 0; i < 2; i++) {
+    a1[i] = g->col_px[i];
+    a2[i] = g->row_px[i] + half * g->col_px[i];
+  }
   double det = a1[0] * a2[1] - a1[1] * a2[0];
   double b1[2] = {a2[1] / det, -a2[0] / det}, b2[2] = {-a1[1] / det, a1[0] / det};
   double p1 = phase(k, white, b1), p2 = phase(k, white, b2);
@@ -239,7 +262,8 @@ static sv_status coarse(work *k, sv_lenslet_grid *g, const char *name, const sv_
   double a[2], b[2];
   load(k, white);
   autocorrelate(k);
-  // A lattice with some dead lenslets and noise keeps well above this; a photograph does not reach it.
+  // A lattice with some dead lenslets and noise keeps well above this; a photograph does not reach
+  // it.
   double best = k->f[0].re > 0 ? search(k, 0, NULL, NULL) : 0;
   if (best < 0.25)
     return sv_fail(

@@ -9,7 +9,8 @@
 extern "C" {
 #endif
 
-// Layout, col_px, row_px (to about 0.1 px) and offset_px of a lenslet near the middle. E_FORMAT with a sentence.
+// Layout, col_px, row_px (to about 0.1 px) and offset_px of a lenslet near the middle. E_FORMAT
+// with a sentence.
 sv_status sv_lenslet_coarse(sv_lenslet_grid *g, const char *name, const sv_raw *white, sv_arena *scratch,
                             sv_err *err) SV_MUST_USE;
 size_t sv_lenslet_coarse_bytes(void);

@@ -42,14 +42,21 @@ sv_view sv_view_scaled(const sv_view *v, int k) {
   s.width_px = v->width_px / k > 0 ? v->width_px / k : 1;
   s.height_px = v->height_px / k > 0 ? v->height_px / k : 1;
   float f = 1.0f / (float)k;
-  s.fx *= f, s.fy *= f, s.cx *= f, s.cy *= f;
+  s.fx *= f;
+  s.fy *= f;
+  s.cx *= f;
+  s.cy *= f;
   return s;
 }
 
 sv_view sv_view_enlarged(const sv_view *v, int k) {
   sv_view s = *v;
   const float f = (float)k;
-  s.width_px *= k, s.height_px *= k;
-  s.fx *= f, s.fy *= f, s.cx *= f, s.cy *= f;
+  s.width_px *= k;
+  s.height_px *= k;
+  s.fx *= f;
+  s.fy *= f;
+  s.cx *= f;
+  s.cy *= f;
   return s;
 }

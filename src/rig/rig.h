@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The paper's section 3.1: a rig is a fixed set of sub-views, an exposure is what all of them saw at
-// one instant, each with intrinsics K and pose R, t. A monocular camera is a rig of one.
+// The paper's section 3.1: a rig is a fixed set of sub-views, an exposure is what all of them saw
+// at one instant, each with intrinsics K and pose R, t. A monocular camera is a rig of one.
 #ifndef SV_RIG_RIG_H
 #define SV_RIG_RIG_H
 
@@ -24,7 +24,8 @@ typedef enum { SV_FORWARD_DIRECT = 0, SV_FORWARD_LIGHT_FIELD, SV_FORWARD_MULTIPL
 // Where a sub-view's image lies on its sensor; all zero for a camera of its own.
 typedef struct {
   int x0_px, y0_px, width_px, height_px;
-  const uint8_t *coverage; // [height_px][width_px] share of 255 that the lens lights; NULL: all of each pixel
+  const uint8_t *coverage; // [height_px][width_px] share of 255 that the lens lights; NULL: all of
+                           // each pixel
 } sv_footprint;
 
 typedef struct {
@@ -40,7 +41,8 @@ typedef struct {
   sv_forward_kind forward;
   int n_sub_views, cap_sub_views;
   sv_sub_view *sub_views; // [cap_sub_views], in the arena
-  sv_arena *splines;      // where control points of splined lenses are kept while reading; NULL: refused
+  sv_arena *splines;      // where control points of splined lenses are kept while reading; NULL:
+                          // refused
 } sv_rig;
 
 // `arena` is also where a reader puts control points of splined lenses (rig->splines).
@@ -70,7 +72,8 @@ sv_view sv_view_enlarged(const sv_view *v, int k);
 // One synchronized set of frames. Missing sub-views (a drop policy that allows them) have bit 0.
 typedef struct {
   uint32_t id;
-  sv_ns time_ns;                           // host time of mid-exposure, mean over the cameras present
+  // host time of mid-exposure, mean over the cameras present
+  sv_ns time_ns;
   sv_ns skew_ns;                           // largest difference between two cameras
   uint64_t present[SV_CAP_SUB_VIEWS / 64]; // one bit per camera
   sv_pose rig_from_world;

@@ -51,7 +51,8 @@ void sv_pose_twist(sv_pose *p, const double twist[6]) {
   for (int i = 0; i < 3; i++) p->t[i] += twist[3 + i];
 }
 
-// out[2][6] = j[2][3] [-[x]_x | I]: how pixels move with a left twist of the frame in which x is given.
+// out[2][6] = j[2][3] [-[x]_x | I]: how pixels move with a left twist of the frame in which x is
+// given.
 static void by_twist(const double j[6], const double x[3], double *out) {
   for (int i = 0; i < 2; i++) {
     const double *a = j + 3 * i;
@@ -105,7 +106,10 @@ static double huber(double r2, double k, double *loss) {
 static void off_calibration(const sv_bundle *b, const sv_bundle_options *o, int i, double e[6]) {
   sv_pose inv = sv_pose_inv(&b->calibrated[i]), d = sv_pose_mul(&b->camera[i].cam_from_rig, &inv);
   sv_rodrigues_inv(e, d.r);
-  for (int k = 0; k < 3; k++) e[k] /= o->sigma_rot_rad, e[3 + k] = d.t[k] / o->sigma_trans_m;
+  for (int k = 0; k < 3; k++) {
+    e[k] /= o->sigma_rot_rad;
+    e[3 + k] = d.t[k] / o->sigma_trans_m;
+  }
 }
 
 double sv_bundle_cost(const sv_bundle *b, const sv_bundle_options *o) {
@@ -143,7 +147,10 @@ static void add_pair(sv_bundle *b, int bi, int bj, double k, const double *a, co
   if (bi < bj) {
     int t = bi;
     const double *p = a;
-    bi = bj, bj = t, a = c, c = p;
+    bi = bj;
+    bj = t;
+    a = c;
+    c = p;
   }
   for (int i = 0; i < 6; i++) {
     double *row = b->s + (size_t)(6 * bi + i) * (size_t)b->n_params + 6 * bj;
@@ -192,14 +199,19 @@ static void sum_point(sv_bundle *b, const sv_bundle_options *o, int i, point_sum
   }
 }
 
-// Inverse of the damped symmetric 3x3 block. False when it is (nearly) singular: the point then stays.
+// Inverse of the damped symmetric 3x3 block. False when it is (nearly) singular: the point then
+// stays.
 static bool invert(const double v[6], double lambda, double out[6]) {
   double a = v[0] * (1 + lambda), b = v[1], c = v[2], d = v[3] * (1 + lambda), e = v[4],
          f = v[5] * (1 + lambda);
   double c0 = d * f - e * e, c1 = c * e - b * f, c2 = b * e - c * d, det = a * c0 + b * c1 + c * c2;
   if (!(det > 1e-12 * a * d * f) || !(a > 0)) return false;
-  out[0] = c0 / det, out[1] = c1 / det, out[2] = c2 / det;
-  out[3] = (a * f - c * c) / det, out[4] = (b * c - a * e) / det, out[5] = (a * d - b * b) / det;
+  out[0] = c0 / det;
+  out[1] = c1 / det;
+  out[2] = c2 / det;
+  out[3] = (a * f - c * c) / det;
+  out[4] = (b * c - a * e) / det;
+  out[5] = (a * d - b * b) / det;
   return true;
 }
 

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bundle adjustment of a rig: one pose per exposure, points, and where wanted small corrections of where the
-// cameras sit on the rig. Levenberg-Marquardt with Huber's loss; the points are eliminated by the Schur
-// complement (Triggs et al. 2000, "Bundle adjustment - a modern synthesis", section 6), what is left is solved
-// densely by Cholesky. Fixed size, no heap, sums in index order.
+// Bundle adjustment of a rig: one pose per exposure, points, and where wanted small corrections of
+// where the cameras sit on the rig. Levenberg-Marquardt with Huber's loss; the points are
+// eliminated by the Schur complement (Triggs et al. 2000, "Bundle adjustment - a modern synthesis",
+// section 6), what is left is solved densely by Cholesky. Fixed size, no heap, sums in index order.
 //
-// Steps are left twists (omega, v):  R <- exp(omega) R, t <- exp(omega) t + v,  of rig_from_world and of
-// cam_from_rig. Residuals are in pixels of undistorted (pinhole) pictures: predicted - observed.
+// Steps are left twists (omega, v):  R <- exp(omega) R, t <- exp(omega) t + v,  of rig_from_world
+// and of cam_from_rig. Residuals are in pixels of undistorted (pinhole) pictures: predicted -
+// observed.
 #ifndef SV_TRACK_BUNDLE_H
 #define SV_TRACK_BUNDLE_H
 
@@ -50,7 +51,8 @@ typedef struct {
   sv_pose *pose;            // [n_poses] rig_from_world; improved
   bool *is_fixed;           // [n_poses]; at least one must be
   sv_bundle_camera *camera; // [n_cameras]
-  sv_pose *calibrated;      // [n_cameras] cam_from_rig by calibration; only looked at with is_extrinsics
+  sv_pose *calibrated;      // [n_cameras] cam_from_rig by calibration; only looked at with
+                            // is_extrinsics
   double (*point)[3];       // [n_points] world; improved
   int *first;               // [n_points + 1] observations of point i: [first[i], first[i + 1])
   sv_bundle_obs *obs;       // [first[n_points]]
@@ -74,13 +76,14 @@ typedef struct {
   double rms_px;            // of the residuals in use, one axis, not weighted
 } sv_bundle_result;
 
-// Improves poses, points and, with is_extrinsics, cameras. E_ARG: no fixed pose, or nothing to solve.
+// Improves poses, points and, with is_extrinsics, cameras. E_ARG: no fixed pose, or nothing to
+// solve.
 sv_status sv_bundle_solve(sv_bundle *b, const sv_bundle_options *o, sv_bundle_result *out) SV_MUST_USE;
 
-// Relative standard deviation of the trajectory's size (root mean square distance of the rig's places from their
-// mean, poses without observations left out) at the solution: from the reduced system's inverse, scaled by the
-// residuals. It is what the rig's baseline tells about scale; without a baseline, or with fewer than two places, it is
-// infinite, which comes back as -1.
+// Relative standard deviation of the trajectory's size (root mean square distance of the rig's
+// places from their mean, poses without observations left out) at the solution: from the reduced
+// system's inverse, scaled by the residuals. It is what the rig's baseline tells about scale;
+// without a baseline, or with fewer than two places, it is infinite, which comes back as -1.
 double sv_bundle_scale_sigma(sv_bundle *b, const sv_bundle_options *o);
 
 // --- pieces, for tests ---------------------------------------------------------------------------
@@ -88,8 +91,9 @@ double sv_bundle_scale_sigma(sv_bundle *b, const sv_bundle_options *o);
 // dr_dpose, dr_dcam [2][6] by the twists, dr_dx [2][3]. False behind the camera.
 bool sv_bundle_residual(const sv_bundle *b, const sv_bundle_obs *obs, const double x[3], double r[2],
                         double *dr_dpose, double *dr_dcam, double *dr_dx);
-// One damped step at the present values into b->step (blocks of six in the order of free poses, then cameras)
-// and b->point_step: (H + lambda diag H) d = -gradient. False when the system is singular.
+// One damped step at the present values into b->step (blocks of six in the order of free poses,
+// then cameras) and b->point_step: (H + lambda diag H) d = -gradient. False when the system is
+// singular.
 bool sv_bundle_linear_step(sv_bundle *b, const sv_bundle_options *o, double lambda);
 double sv_bundle_cost(const sv_bundle *b, const sv_bundle_options *o);
 // Applies a twist to a pose.

@@ -114,8 +114,12 @@ static patch_moments moments_of(const sv_patch *p) {
   patch_moments m = {0};
   for (int i = 0; i < SV_PATCH_PIXELS; i++) {
     double v = (double)p->v[0][i], gx = (double)p->v[1][i], gy = (double)p->v[2][i];
-    m.pp += v * v, m.px += v * gx, m.py += v * gy;
-    m.hxx += gx * gx, m.hxy += gx * gy, m.hyy += gy * gy;
+    m.pp += v * v;
+    m.px += v * gx;
+    m.py += v * gy;
+    m.hxx += gx * gx;
+    m.hxy += gx * gy;
+    m.hyy += gy * gy;
   }
   return m;
 }
@@ -147,12 +151,14 @@ float sv_track_align(sv_tracker *t, const sv_track_plane *p, float *x, float *y)
     if (!(gain > 0.2 && gain < 5)) return -1.0f;
     double bx = (double)sums[3] / gain - m.px, by = (double)sums[4] / gain - m.py;
     double sx = (m.hyy * bx - m.hxy * by) / det, sy = (m.hxx * by - m.hxy * bx) / det;
-    ax -= (float)sx, ay -= (float)sy;
+    ax -= (float)sx;
+    ay -= (float)sy;
     if (sx * sx + sy * sy < (double)(ALIGN_ENOUGH * ALIGN_ENOUGH)) break;
   }
   float dx = ax - *x, dy = ay - *y;
   if (!fits(p, ax, ay) || dx * dx + dy * dy > ALIGN_REACH * ALIGN_REACH) return -1.0f;
-  *x = ax, *y = ay;
+  *x = ax;
+  *y = ay;
   return best;
 }
 
@@ -163,7 +169,12 @@ static void descent(const sv_patch *p, int s, double sd[6]) {
   int b = s >> 4;
   double i = b % 3 * 4 + (s & 3) - 5.5, j = b / 3 * 4 + (s >> 2 & 3) - 5.5;
   double gx = (double)p->v[1][s], gy = (double)p->v[2][s];
-  sd[0] = gx, sd[1] = gy, sd[2] = gx * i, sd[3] = gy * i, sd[4] = gx * j, sd[5] = gy * j;
+  sd[0] = gx;
+  sd[1] = gy;
+  sd[2] = gx * i;
+  sd[3] = gy * i;
+  sd[4] = gx * j;
+  sd[5] = gy * j;
 }
 
 static bool factor6(double a[36]) {
@@ -210,8 +221,8 @@ void sv_track_prepare_ref(sv_track_ref *r) {
   r->is_usable = factor6(r->l) && r->tt > 1e-6;
 }
 
-// The sampled values against the patch: the gradient of the squared difference by the six, at the picture's
-// contrast. Returns the correlation.
+// The sampled values against the patch: the gradient of the squared difference by the six, at the
+// picture's contrast. Returns the correlation.
 static double compare(const sv_tracker *t, const sv_track_ref *r, const float *v, double b[6]) {
   sv_patch_compare_args a = {.v = v, .patch = &r->patch};
   t->k->patch_compare(&a);
@@ -231,7 +242,8 @@ static bool update(float uv[2], float warp[4], const double d[6], double *way) {
       w[2 * a + b] = (double)warp[2 * a] * i[b] + (double)warp[2 * a + 1] * i[2 + b];
   double dx = w[0] * d[0] + w[1] * d[1], dy = w[2] * d[0] + w[3] * d[1];
   for (int a = 0; a < 4; a++) warp[a] = (float)w[a];
-  uv[0] -= (float)dx, uv[1] -= (float)dy;
+  uv[0] -= (float)dx;
+  uv[1] -= (float)dy;
   *way = sqrt(dx * dx + dy * dy);
   return true;
 }

@@ -56,7 +56,8 @@ int32_t sv_track_add_obs(sv_tracker *t, int32_t i_point, int i_exposure, int i_v
   else p->first_obs = i;
   p->last_obs = p->now[i_view] = i;
   if (i_exposure == 0) {
-    p->uv0_px[i_view][0] = uv_px[0], p->uv0_px[i_view][1] = uv_px[1];
+    p->uv0_px[i_view][0] = uv_px[0];
+    p->uv0_px[i_view][1] = uv_px[1];
     p->has_uv0[i_view] = true;
   }
   return i;
@@ -106,7 +107,8 @@ static void expect(const sv_tracker *t, const sv_track_point *p, int v, const sv
   uv[1] += (float)(b[1] - a[1]);
 }
 
-// Coarse to fine from picture to picture, then against what the point looked like when it was found.
+// Coarse to fine from picture to picture, then against what the point looked like when it was
+// found.
 static bool follow_one(sv_tracker *t, const sv_track_point *p, int v, const float from[2], float uv[2],
                        float warp[4]) {
   for (int l = t->n_levels[v] - 1; l >= 0; l--) {
@@ -123,7 +125,10 @@ static bool follow_one(sv_tracker *t, const sv_track_point *p, int v, const floa
                             .has_slopes = true};
     t->k->patch_take(&a);
     float corr = a.is_inside ? sv_track_align(t, &now, &x, &y) : -1.0f;
-    if (corr > COARSE_CORR) uv[0] = x * (float)(1 << l), uv[1] = y * (float)(1 << l);
+    if (corr > COARSE_CORR) {
+      uv[0] = x * (float)(1 << l);
+      uv[1] = y * (float)(1 << l);
+    }
   }
   memcpy(warp, p->warp[v], sizeof p->warp[v]);
   return sv_track_align_affine(t, p->i_ref, v, uv, warp) >= FOLLOW_CORR;
@@ -146,8 +151,8 @@ void sv_track_follow(sv_tracker *t, const sv_pose *guess) {
 
 // --- depth ---------------------------------------------------------------------------------------
 
-// Adds the ray of an observation to the normal equations of the point nearest to all rays; its direction in the
-// world is left in d, the camera's place in c.
+// Adds the ray of an observation to the normal equations of the point nearest to all rays; its
+// direction in the world is left in d, the camera's place in c.
 static void add_ray(const sv_tracker *t, const sv_track_obs *o, double a[6], double b[3], double c[3],
                     double d[3]) {
   const sv_bundle_camera *cam = &t->cam[o->i_view];

@@ -81,7 +81,10 @@ static int count(const sv_pose_problem *p, const sv_pose *pose, bool is_marking)
 
 static void consider(const sv_pose_problem *p, const sv_pose *pose, sv_pose *best, int *n_best) {
   int n = count(p, pose, false);
-  if (n > *n_best) *best = *pose, *n_best = n;
+  if (n > *n_best) {
+    *best = *pose;
+    *n_best = n;
+  }
 }
 
 static void draw(sv_pose_problem *p, int sample[N_SAMPLE]) {
@@ -124,8 +127,8 @@ int sv_pose_find(sv_pose_problem *p, sv_pose *rig_from_world) {
 
 // --- trajectories --------------------------------------------------------------------------------
 
-// The rotation nearest to m (maximises trace(R^T m)): the largest eigenvector of Horn's 4x4 matrix (1987), by
-// power iteration with a shift that makes all eigenvalues positive.
+// The rotation nearest to m (maximises trace(R^T m)): the largest eigenvector of Horn's 4x4 matrix
+// (1987), by power iteration with a shift that makes all eigenvalues positive.
 static void nearest_rotation(double r[9], const double m[9]) {
   double xx = m[0], xy = m[3], xz = m[6], yx = m[1], yy = m[4], yz = m[7], zx = m[2], zy = m[5], zz = m[8];
   // m = sum b a^T has m[3 i + j] = b_i a_j; Horn's S_xy = sum a_x b_y.
@@ -136,7 +139,8 @@ static void nearest_rotation(double r[9], const double m[9]) {
   double shift = 0, q[4];
   int best = 0;
   for (int i = 0; i < 9; i++) shift += fabs(m[i]);
-  // A fixed start would be at right angles to the eigenvector of some turn; the column of the largest term is not.
+  // A fixed start would be at right angles to the eigenvector of some turn; the column of the
+  // largest term is not.
   for (int i = 1; i < 4; i++)
     if (n[5 * i] > n[5 * best]) best = i;
   for (int i = 0; i < 4; i++) q[i] = n[4 * i + best] + (i == best ? shift : 0);
@@ -165,7 +169,10 @@ sv_similarity sv_align_trajectories(const sv_pose *a, const sv_pose *b, int n, b
   for (int i = 0; i < n; i++) {
     sv_pose_centre(ca, &a[i]);
     sv_pose_centre(cb, &b[i]);
-    for (int k = 0; k < 3; k++) ma[k] += ca[k] / n, mb[k] += cb[k] / n;
+    for (int k = 0; k < 3; k++) {
+      ma[k] += ca[k] / n;
+      mb[k] += cb[k] / n;
+    }
     for (int u = 0; u < 3; u++) // orientations: R_b^T R_a
       for (int v = 0; v < 3; v++)
         for (int k = 0; k < 3; k++) m[3 * u + v] += b[i].r[3 * k + u] * a[i].r[3 * k + v] / n;
@@ -178,7 +185,8 @@ sv_similarity sv_align_trajectories(const sv_pose *a, const sv_pose *b, int n, b
     sv_sub3(x, ca, ma);
     sv_sub3(y, cb, mb);
     sv_apply33(x, s.r, x);
-    aa += sv_dot3(x, x), ab += sv_dot3(x, y);
+    aa += sv_dot3(x, x);
+    ab += sv_dot3(x, y);
   }
   if (has_scale && aa > 0 && ab > 0) s.s = ab / aa;
   sv_apply33(s.t, s.r, ma);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Matching between the sub-views of one exposure: their relative pose is known, so the match of a corner lies on
-// a line of the other picture. Patches are compared at the resolution of the coarser of the two.
+// Matching between the sub-views of one exposure: their relative pose is known, so the match of a
+// corner lies on a line of the other picture. Patches are compared at the resolution of the coarser
+// of the two.
 #include "src/base/mathx.h"
 #include "src/track/tracker.h"
 
@@ -34,7 +35,10 @@ static bool transfer(const sv_bundle_camera *a, const sv_bundle_camera *b, const
 
 static int level_of(double ratio, int n_levels) { // nearest power of two
   int l = 0;
-  while (l + 1 < n_levels && ratio > 1.4142135623730951) l++, ratio *= 0.5;
+  while (l + 1 < n_levels && ratio > 1.4142135623730951) {
+    l++;
+    ratio *= 0.5;
+  }
   return l;
 }
 
@@ -55,7 +59,10 @@ static bool find_warp(search *s, double z) {
     return false;
   double j[4] = {u[0] - o[0], v[0] - o[0], u[1] - o[1], v[1] - o[1]}, det = j[0] * j[3] - j[1] * j[2];
   if (!(det > 1e-4)) return false;
-  s->warp[0] = j[3] / det, s->warp[1] = -j[1] / det, s->warp[2] = -j[2] / det, s->warp[3] = j[0] / det;
+  s->warp[0] = j[3] / det;
+  s->warp[1] = -j[1] / det;
+  s->warp[2] = -j[2] / det;
+  s->warp[3] = j[0] / det;
   return true;
 }
 
@@ -75,8 +82,8 @@ static bool take(sv_tracker *t, const search *s, int la, int lb) {
   return a.is_inside;
 }
 
-// Correlations along the line, one sample a pixel of the level. Returns the best place in t->place_x, y; -1 when
-// there is none that stands out.
+// Correlations along the line, one sample a pixel of the level. Returns the best place in
+// t->place_x, y; -1 when there is none that stands out.
 static int best_on_line(sv_tracker *t, const search *s) {
   sv_track_plane p = sv_track_level(t, true, s->b, s->lb);
   double inv = 1.0 / (1 << s->lb), dx = (s->p1[0] - s->p0[0]) * inv, dy = (s->p1[1] - s->p0[1]) * inv;
@@ -88,7 +95,8 @@ static int best_on_line(sv_tracker *t, const search *s) {
     if (!(x >= SV_PATCH_REACH && x < (float)(p.width_px - SV_PATCH_REACH - 1) && y >= SV_PATCH_REACH &&
           y < (float)(p.height_px - SV_PATCH_REACH - 1)))
       continue;
-    t->place_x[n] = x, t->place_y[n++] = y;
+    t->place_x[n] = x;
+    t->place_y[n++] = y;
   }
   sv_patch_sums_args a = {.src = p.px,
                           .stride = p.stride,
@@ -135,7 +143,8 @@ bool sv_track_stereo(sv_tracker *t, int a, const float uv_a[2], int b, double ne
   s.b_from_a = sv_pose_mul(&s.cb->cam_from_rig, &inv);
   int half = t->width_px[a] > WIDE_PX ? 2 : 1;
   double f = (s.ca->fx < s.cb->fx ? s.ca->fx : s.cb->fx) / half;
-  s.la = level_of(s.ca->fx / f, t->n_levels[a]), s.lb = level_of(s.cb->fx / f, t->n_levels[b]);
+  s.la = level_of(s.ca->fx / f, t->n_levels[a]);
+  s.lb = level_of(s.cb->fx / f, t->n_levels[b]);
   double middle = 2 / (1 / near_m + 1 / far_m);
   if (!find_line(&s, near_m, far_m) || !find_warp(&s, middle) || !take(t, &s, s.la, s.lb)) return false;
   int i = best_on_line(t, &s);
@@ -146,13 +155,19 @@ bool sv_track_stereo(sv_tracker *t, int a, const float uv_a[2], int b, double ne
     corr = sv_track_align(t, &p, &x, &y);
     if (corr < LEAST_CORR) return false;
     if (s.la == 0 || s.lb == 0) break;
-    s.la--, s.lb--, x *= 2, y *= 2;
+    s.la--;
+    s.lb--;
+    x *= 2;
+    y *= 2;
     if (!take(t, &s, s.la, s.lb)) return false;
   }
-  uv_b[0] = x * (float)(1 << s.lb), uv_b[1] = y * (float)(1 << s.lb);
+  uv_b[0] = x * (float)(1 << s.lb);
+  uv_b[1] = y * (float)(1 << s.lb);
   *step_px = (float)(1 << s.lb);
   double det = s.warp[0] * s.warp[3] - s.warp[1] * s.warp[2];
-  b_from_a[0] = (float)(s.warp[3] / det), b_from_a[1] = (float)(-s.warp[1] / det);
-  b_from_a[2] = (float)(-s.warp[2] / det), b_from_a[3] = (float)(s.warp[0] / det);
+  b_from_a[0] = (float)(s.warp[3] / det);
+  b_from_a[1] = (float)(-s.warp[1] / det);
+  b_from_a[2] = (float)(-s.warp[2] / det);
+  b_from_a[3] = (float)(s.warp[0] / det);
   return corr >= LEAST_CORR && off_line(&s, uv_b) < OFF_LINE_PX * *step_px;
 }

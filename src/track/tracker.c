@@ -46,7 +46,10 @@ static void choose_views(sv_tracker *t) {
         if (sv_norm3(d) < near) near = sv_norm3(d);
         is_chosen |= t->sub_view[k] == i;
       }
-      if (!is_chosen && near > far) best = i, far = near;
+      if (!is_chosen && near > far) {
+        best = i;
+        far = near;
+      }
     }
     t->sub_view[t->n_views++] = best;
   }
@@ -54,7 +57,8 @@ static void choose_views(sv_tracker *t) {
     const sv_camera_model *m = model_of(c, t->sub_view[v]);
     const sv_pose *place = &c->rig->sub_views[t->sub_view[v]].cam_from_rig;
     t->cam[v] = (sv_bundle_camera){*place, m->p[0], m->p[1], m->p[2], m->p[3]};
-    t->width_px[v] = m->width_px, t->height_px[v] = m->height_px;
+    t->width_px[v] = m->width_px;
+    t->height_px[v] = m->height_px;
     for (t->n_levels[v] = 1; t->n_levels[v] < SV_TRACK_LEVELS; t->n_levels[v]++)
       if ((sv_mini(m->width_px, m->height_px) >> t->n_levels[v]) < MIN_SIDE_PX) break;
   }
@@ -96,7 +100,8 @@ static sv_status carve(sv_tracker *t, const sv_track_cfg *cfg, sv_arena *a) {
   t->cap_points = sv_tracker_cap_points(cfg);
   t->cap_obs = sv_mini(n, 100000) * per * FOUND_PER;
   t->cap_found = per * FOUND_PER;
-  t->cap_refs = per + per / 2; // those of one exposure and those of the last that are not yet given up
+  t->cap_refs = per + per / 2; // those of one exposure and those of the last that are not yet given
+                               // up
   for (int v = 0; v < t->n_views; v++) {
     int w = t->width_px[v], h = t->height_px[v];
     cells = sv_maxi(cells, (w / SV_CORNER_CELL + 1) * (h / SV_CORNER_CELL + 1));
@@ -148,8 +153,8 @@ sv_status sv_tracker_init(sv_tracker *t, const sv_track_cfg *cfg, const sv_kerne
 
 // --- one exposure --------------------------------------------------------------------------------
 
-// The way that three of ten places in t->work do not exceed: with a rig that stands still, things may move. -1: too
-// few to tell.
+// The way that three of ten places in t->work do not exceed: with a rig that stands still, things
+// may move. -1: too few to tell.
 static double way_of(sv_tracker *t, int n) {
   return n < STILL_LEAST ? -1 : (double)sv_track_rank(t->work, n, n * 3 / 10);
 }
@@ -167,8 +172,8 @@ static double way_from_start(sv_tracker *t) {
   return way_of(t, n);
 }
 
-// The same of an exposure that was placed by points found later: they would have been seen from the world's origin,
-// where the rig was in exposure 0.
+// The same of an exposure that was placed by points found later: they would have been seen from the
+// world's origin, where the rig was in exposure 0.
 static double way_from_origin(sv_tracker *t) {
   const sv_pose origin = sv_pose_identity();
   int n = 0;
@@ -183,7 +188,8 @@ static double way_from_origin(sv_tracker *t) {
   return way_of(t, n);
 }
 
-// Places the rig from what was followed. Returns the matches that agree, 0 when they do not suffice.
+// Places the rig from what was followed. Returns the matches that agree, 0 when they do not
+// suffice.
 static int place(sv_tracker *t, sv_pose *pose) {
   sv_pose_problem p = {.cameras = t->cam,
                        .matches = t->match,
@@ -336,11 +342,13 @@ static void adjust_all(sv_tracker *t, sv_track_summary *out) {
       int size = sv_mini(cap, n - at);
       bool is_free = t->cfg.has_extrinsics && n <= cap;
       sv_bundle_result r = sv_track_adjust(t, at, size, at ? held : 1, FINAL_ITER, is_free);
-      sum += r.n_obs * r.rms_px * r.rms_px, n_obs += r.n_obs;
+      sum += r.n_obs * r.rms_px * r.rms_px;
+      n_obs += r.n_obs;
     }
     out->rms_px = n_obs > 0 ? sqrt(sum / n_obs) : 0;
   }
-  // The scale is one: what the part knows that knows it best. Held poses would seem to know it exactly.
+  // The scale is one: what the part knows that knows it best. Held poses would seem to know it
+  // exactly.
   for (int at = 0; t->n_views > 1 && (at == 0 || at + held < n); at += cap - held) {
     double sigma = sv_track_scale_sigma(t, at, sv_mini(cap, n - at));
     if (sigma >= 0 && (out->scale_sigma < 0 || sigma < out->scale_sigma)) out->scale_sigma = sigma;
@@ -354,7 +362,10 @@ static void adjust_all(sv_tracker *t, sv_track_summary *out) {
 // One pose for all that tell a way; the points follow, and what moved before the rig is given up.
 static void stand_still(sv_tracker *t, sv_track_summary *out) {
   int n = sv_mini(t->n_exposures, SV_TRACK_CAP_BUNDLE);
-  for (int i = 0; i < t->n_exposures; i++) t->pose[i] = sv_pose_identity(), t->is_placed[i] = t->has_way[i];
+  for (int i = 0; i < t->n_exposures; i++) {
+    t->pose[i] = sv_pose_identity();
+    t->is_placed[i] = t->has_way[i];
+  }
   for (int round = 0; round < FINAL_ROUNDS; round++)
     out->rms_px = sv_track_adjust(t, 0, n, n, FINAL_ITER, false).rms_px;
 }

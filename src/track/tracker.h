@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// Odometry of a rig: where it was for each exposure of a casual, handheld capture, one after the other and
-// without loops, and the points it saw. The world is the rig's frame at the first exposure that could be placed;
-// metres come from the rig's own baseline.
+// Odometry of a rig: where it was for each exposure of a casual, handheld capture, one after the
+// other and without loops, and the points it saw. The world is the rig's frame at the first
+// exposure that could be placed; metres come from the rig's own baseline.
 //
-// Corners (Shi and Tomasi) are tracked from exposure to exposure as patches, coarse to fine, and matched between
-// the sub-views of one exposure along their epipolar lines. What a point is, in all views and at all times, is
-// said by the one patch with which it was found, seen through an affine map: surfaces turn by several degrees
-// from one exposure to the next, and comparing without it would slide along them. Points that are known place the rig (sv_pose_find);
-// the last exposures are adjusted together each time (sv_bundle), all of them at the end.
-// Everything is carved at start and nothing depends on time or threads: the same bits on every machine.
+// Corners (Shi and Tomasi) are tracked from exposure to exposure as patches, coarse to fine, and
+// matched between the sub-views of one exposure along their epipolar lines. What a point is, in all
+// views and at all times, is said by the one patch with which it was found, seen through an affine
+// map: surfaces turn by several degrees from one exposure to the next, and comparing without it
+// would slide along them. Points that are known place the rig (sv_pose_find); the last exposures
+// are adjusted together each time (sv_bundle), all of them at the end. Everything is carved at
+// start and nothing depends on time or threads: the same bits on every machine.
 #ifndef SV_TRACK_TRACKER_H
 #define SV_TRACK_TRACKER_H
 
@@ -27,7 +28,8 @@ extern "C" {
 
 typedef struct {
   const sv_rig *rig;
-  const sv_camera_model *model; // [n_sub_views] of the pictures: pinholes; NULL: the rig's own models
+  const sv_camera_model *model; // [n_sub_views] of the pictures: pinholes; NULL: the rig's own
+                                // models
   int cap_exposures;
   int n_features; // followed at a time in each sub-view
   uint64_t seed;
@@ -48,9 +50,10 @@ typedef struct {
   uint8_t n_tries; // exposures without depth
   uint8_t rgb[3];
   int32_t first_obs, last_obs;
-  int32_t now[SV_TRACK_CAP_VIEWS];     // its observations in the exposure last placed, -1: none
-  int32_t i_ref;                       // its reference patch while it is live, else -1
-  float warp[SV_TRACK_CAP_VIEWS][4];   // pixels of a view for one of the patch, row-major, when last seen
+  int32_t now[SV_TRACK_CAP_VIEWS]; // its observations in the exposure last placed, -1: none
+  int32_t i_ref;                   // its reference patch while it is live, else -1
+  // pixels of a view for one of the patch, row-major, when last seen
+  float warp[SV_TRACK_CAP_VIEWS][4];
   float uv0_px[SV_TRACK_CAP_VIEWS][2]; // where the view saw it in exposure 0
   bool has_uv0[SV_TRACK_CAP_VIEWS];
 } sv_track_point;
@@ -58,7 +61,8 @@ typedef struct {
 typedef struct { // what a point looked like when it was found
   sv_patch patch;
   double l[36], tp[6],
-      tt;         // Cholesky factor of the alignment's system; the patch against its slopes and itself
+      tt;         // Cholesky factor of the alignment's system; the patch against its slopes and
+                  // itself
   bool is_usable; // false: without structure
 } sv_track_ref;
 
@@ -74,10 +78,13 @@ typedef struct { // grey pyramid of one picture
 
 typedef struct {
   int n_exposures, n_placed, n_points; // points with depth
-  bool is_still;   // nothing moved in the pictures: all poses are the same, and placed is what tells a way
-  double still_px; // the largest way from exposure 0 that three of ten places keep within, -1: none tells it
-  double rms_px;   // reprojection, one axis
-  double scale_sigma; // relative deviation (1 sigma) of the scale, by the part that tells it best; -1: none
+  bool is_still;      // nothing moved in the pictures: all poses are the same, and placed is what
+                      // tells a way
+  double still_px;    // the largest way from exposure 0 that three of ten places keep within, -1: none
+                      // tells it
+  double rms_px;      // reprojection, one axis
+  double scale_sigma; // relative deviation (1 sigma) of the scale, by the part that tells it best;
+                      // -1: none
   double path_m;      // sum of the ways between exposures placed
 } sv_track_summary;
 
@@ -89,7 +96,8 @@ typedef struct {
   int width_px[SV_TRACK_CAP_VIEWS], height_px[SV_TRACK_CAP_VIEWS];
   int n_levels[SV_TRACK_CAP_VIEWS];
   sv_track_pyramid
-      pyramid[2][SV_TRACK_CAP_VIEWS]; // [i_now]: of this exposure; the other: of the one placed last
+      // [i_now]: of this exposure; the other: of the one placed last
+      pyramid[2][SV_TRACK_CAP_VIEWS];
   int i_now;
   sv_image_u8 image[SV_TRACK_CAP_VIEWS]; // this exposure's
   float *scratch;
@@ -102,7 +110,8 @@ typedef struct {
   float *place_x, *place_y, (*sums)[5]; // [SV_TRACK_CAP_PLACES] along an epipolar line
   sv_track_point *point;                // [cap_points]
   int n_points, cap_points;
-  int32_t *free_point; // [cap_points] stack of points that died without a depth: their places are used again
+  int32_t *free_point; // [cap_points] stack of points that died without a depth: their places are
+                       // used again
   int n_free_points;
   sv_track_obs *obs; // [cap_obs]
   int n_obs, cap_obs;
@@ -115,7 +124,8 @@ typedef struct {
   float *work;                       // [cap_found] for medians
   sv_pose *pose;                     // [cap_exposures] rig_from_world
   bool *is_placed;                   // [cap_exposures]
-  bool *has_way;                     // [cap_exposures] it shares enough with exposure 0 to tell the way
+  bool *has_way;                     // [cap_exposures] it shares enough with exposure 0 to tell the
+                                     // way
   int n_exposures, i_last, i_before; // the exposures placed last, -1: none
   sv_bundle bundle;
   int32_t *bundle_point, *bundle_obs; // [cap] where the bundle's came from
@@ -128,11 +138,12 @@ sv_status sv_tracker_init(sv_tracker *t, const sv_track_cfg *cfg, const sv_kerne
                           sv_err *err) SV_MUST_USE;
 size_t sv_tracker_bytes(const sv_track_cfg *cfg);
 int sv_tracker_cap_points(const sv_track_cfg *cfg);
-float sv_track_rank(float *v, int n, int k); // k-th smallest of v, which is reordered; 0 without values
+// k-th smallest of v, which is reordered; 0 without values
+float sv_track_rank(float *v, int n, int k);
 
-// The next exposure: image[rig->n_sub_views], RGB of the models' sizes, looked at during the call only. OK: placed;
-// AGAIN: not found again from the exposure placed last (it stays unplaced, the next is tried from there);
-// E_FULL beyond cap_exposures, E_RANGE for a picture of another size.
+// The next exposure: image[rig->n_sub_views], RGB of the models' sizes, looked at during the call
+// only. OK: placed; AGAIN: not found again from the exposure placed last (it stays unplaced, the
+// next is tried from there); E_FULL beyond cap_exposures, E_RANGE for a picture of another size.
 sv_status sv_tracker_add(sv_tracker *t, const sv_image_u8 *image) SV_MUST_USE;
 
 // Adjusts everything together and sums up.
@@ -147,35 +158,41 @@ typedef struct {
   int width_px, height_px, stride;
 } sv_track_plane;
 sv_track_plane sv_track_level(const sv_tracker *t, bool is_now, int i_view, int level);
-void sv_track_build(sv_tracker *t, const sv_image_u8 *image); // pyramids of this exposure (features.c)
-// Corners of this exposure in a view, best first, that are not near what is followed there. Returns how many;
-// t->order has their cells.
+// pyramids of this exposure (features.c)
+void sv_track_build(sv_tracker *t, const sv_image_u8 *image);
+// Corners of this exposure in a view, best first, that are not near what is followed there. Returns
+// how many; t->order has their cells.
 int sv_track_detect(sv_tracker *t, int i_view);
-// Moves (x, y), in pixels of the level, to where t->patch fits best. Returns the correlation there, -1: lost.
+// Moves (x, y), in pixels of the level, to where t->patch fits best. Returns the correlation there,
+// -1: lost.
 float sv_track_align(sv_tracker *t, const sv_track_plane *p, float *x, float *y);
-// Aligns reference patch i_ref with a view of this exposure, place and affine map together, from where uv and warp
-// are. Returns the correlation there, -1: lost.
+// Aligns reference patch i_ref with a view of this exposure, place and affine map together, from
+// where uv and warp are. Returns the correlation there, -1: lost.
 float sv_track_align_affine(sv_tracker *t, int i_ref, int i_view, float uv_px[2], float warp[4]);
 void sv_track_prepare_ref(sv_track_ref *ref); // after its patch was taken
 float sv_track_spacing(const float warp[4]);  // mean pixels of the view for one of the patch
-// Follows all live points from the exposure placed last into t->found, starting where `guess` sees them
-// (points.c).
+// Follows all live points from the exposure placed last into t->found, starting where `guess` sees
+// them (points.c).
 void sv_track_follow(sv_tracker *t, const sv_pose *guess);
-// Looks for a corner of view a in view b along its epipolar line, depths (along the ray) from near to far; true
-// with its place, the resolution it was found at (pixels of b) and the map of a's pixels to b's (stereo.c).
+// Looks for a corner of view a in view b along its epipolar line, depths (along the ray) from near
+// to far; true with its place, the resolution it was found at (pixels of b) and the map of a's
+// pixels to b's (stereo.c).
 bool sv_track_stereo(sv_tracker *t, int a, const float uv_a[2], int b, double near_m, double far_m,
                      float uv_b[2], float *step_px, float b_from_a[4]);
 // Where a camera of a rig at that pose sees a point of the world. False behind it.
 bool sv_track_see(const sv_bundle_camera *c, const sv_pose *rig, const double x[3], double uv[2]);
-void sv_track_ray(const sv_bundle_camera *c, const float uv_px[2], double ray[3]); // in the camera, z = 1
-// New points from corners, matched between the sub-views; and known points in views that do not see them yet.
+// in the camera, z = 1
+void sv_track_ray(const sv_bundle_camera *c, const float uv_px[2], double ray[3]);
+// New points from corners, matched between the sub-views; and known points in views that do not see
+// them yet.
 void sv_track_new_points(sv_tracker *t);
 void sv_track_rematch(sv_tracker *t);
 // Depth from all observations of a point. False when they do not tell it.
 bool sv_track_triangulate(sv_tracker *t, sv_track_point *p);
 int32_t sv_track_add_obs(sv_tracker *t, int32_t i_point, int i_exposure, int i_view, const float uv_px[2],
                          float sigma_px); // -1: full
-// Adjusts exposures [first, first + n), those before first + n_fixed and unplaced ones held (window.c).
+// Adjusts exposures [first, first + n), those before first + n_fixed and unplaced ones held
+// (window.c).
 sv_bundle_result sv_track_adjust(sv_tracker *t, int first, int n, int n_fixed, int max_iterations,
                                  bool is_extrinsics);
 // How well exposures [first, first + n) tell the scale by themselves: sv_bundle_scale_sigma.

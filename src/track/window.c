@@ -42,11 +42,14 @@ static void fill(sv_tracker *t, int first, int n, int n_fixed) {
   sv_bundle *b = &t->bundle;
   int n_obs = 0;
   bool has_fixed = false;
-  b->n_poses = n, b->n_cameras = t->n_views, b->n_points = 0;
+  b->n_poses = n;
+  b->n_cameras = t->n_views;
+  b->n_points = 0;
   for (int i = 0; i < n; i++) {
     b->pose[i] = t->pose[first + i];
     b->is_fixed[i] = i < n_fixed || !t->is_placed[first + i];
-    if (!has_fixed && t->is_placed[first + i]) has_fixed = b->is_fixed[i] = true; // the world's place
+    // the world's place
+    if (!has_fixed && t->is_placed[first + i]) has_fixed = b->is_fixed[i] = true;
   }
   for (int i = 0; i < t->n_views; i++) {
     b->camera[i] = t->cam[i];
@@ -73,7 +76,8 @@ static void give_up(sv_tracker *t, int32_t i_obs) {
     if (p->now[v] == i_obs) p->now[v] = -1;
 }
 
-// Takes the results over; observations that do not fit are given up, and points that keep fewer than two.
+// Takes the results over; observations that do not fit are given up, and points that keep fewer
+// than two.
 static void take_back(sv_tracker *t, int first) {
   sv_bundle *b = &t->bundle;
   for (int i = 0; i < b->n_poses; i++) t->pose[first + i] = b->pose[i];

@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Every source begins with the licence line (after #! if there is one) and is shorter than 600 lines: what is
-# longer is two things.
+# Every source begins with the licence line (after #! if there is one) and is shorter than 600
+# lines: what is longer is two things.
 cd "${1:-.}" || exit 2
 lint=$(dirname "$(readlink -f "$0")")
 "$lint/sources.sh" text | grep -E '\.(c|h|inc|cc|cpp|hpp|sh|awk|py|mk|html|js|css)$|(^|/)Makefile$|^\.ci/' | {

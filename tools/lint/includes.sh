@@ -2,17 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 # Who may include whom. The folders are the architecture, and this keeps it so:
 #   src/base -> src/base                     kernels  -> kernels
-#   calib    -> calib, kernels, src/base     platform -> platform, src/port, src/base, src/rig, calib/model.h,
-#                                                        src/image/noise.h (what a sensor does to light)
+#   calib    -> calib, kernels, src/base     platform -> platform, src/port, src/base, src/rig,
+#            calib/model.h,
+#                                                        src/image/noise.h (what a sensor does to
+#                                                        light)
 #                                            platform/preview -> src/format, too: it hands files out
 #   src      -> src, calib, kernels/kernels.h          boards -> boards, platform, src
-#   tools/bench -> tools/bench, kernels, src           (and boards -> tools/bench, where a board wants it)
-#   calib/solve is for tools and tests only; tools may include all of these, and tests anything.
-# Our own headers are included with quotes and named from the root of the tree; quotes are for nothing else.
-# tests is for tests only.
-# The core (src, kernels, calib) includes the headers of freestanding C, a few of libc that need no system,
-# and the processor's intrinsics. Programs include headers of libc, of C++, of Linux and of the packages that
-# tools/deps/packages.txt lists for the build.
+#   tools/bench -> tools/bench, kernels, src           (and boards -> tools/bench, where a board
+#   wants it) calib/solve is for tools and tests only; tools may include all of these, and tests
+#   anything.
+# Our own headers are included with quotes and named from the root of the tree; quotes are for
+# nothing else. tests is for tests only.
+# The core (src, kernels, calib) includes the headers of freestanding C, a few of libc that need no
+# system, and the processor's intrinsics. Programs include headers of libc, of C++, of Linux and of
+# the packages that tools/deps/packages.txt lists for the build.
 cd "${1:-.}" || exit 2
 lint=$(dirname "$(readlink -f "$0")")
 # shellcheck disable=SC2046 # names of ours have no spaces

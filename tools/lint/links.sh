@@ -1,7 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# No program holds code from tests/, nor needs a library that only tests need. Looked up in the debugging
-# information, which names each file that was compiled in. Arguments: the folder with bin/.
+# No program holds code from tests/, nor needs a library that only tests need. Looked up in the
+# debugging information, which names each file that was compiled in. Arguments: the folder with
+# bin/.
 bin=${1:?folder}/bin
 bad=0 n=0
 for program in "$bin"/*; do

@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# No function of the core takes more than 4 KiB of stack, and none a size that is only known at run time.
-# Reads what -fstack-usage wrote beside the objects. Arguments: the build folder.
+# No function of the core takes more than 4 KiB of stack, and none a size that is only known at run
+# time. Reads what -fstack-usage wrote beside the objects. Arguments: the build folder.
 folder=${1:?folder}
 [ -n "${SAN:-}" ] && { echo "skipped: sanitizers make frames larger"; exit 77; }
 find "$folder/obj/src" "$folder/obj/kernels" "$folder/obj/calib" -name '*.su' 2>/dev/null |

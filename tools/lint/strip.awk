@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-# C and C++ without comments, and without the inside of strings and characters: "file:line:code" for each
-# line. The names after #include stay. What is left is code, so the lints do not stumble over words in prose.
+# C and C++ without comments, and without the inside of strings and characters: "file:line:code" for
+# each line. The names after #include stay. What is left is code, so the lints do not stumble over
+# words in prose.
 FNR == 1 { is_comment = 0 }
 {
   line = $0

@@ -1,9 +1,12 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# What the core library asks of the world, looked up in the compiled code, where no macro can hide it:
-#   - undefined symbols only from tests/run/allowed_symbols.txt: no heap, no files, no libm whose bits differ
+# What the core library asks of the world, looked up in the compiled code, where no macro can hide
+# it:
+#   - undefined symbols only from tests/run/allowed_symbols.txt: no heap, no files, no libm whose
+#     bits differ
 #   - no variables that can be written: all state lives in structs the caller owns
-#   - no weak or common symbols: an inline function compiled with AVX2 flags must not replace the plain one
+#   - no weak or common symbols: an inline function compiled with AVX2 flags must not replace the
+#     plain one
 # Arguments: the folder with libcore.a.
 lib=${1:?folder}/libcore.a
 allowed=$(dirname "$(readlink -f "$0")")/../../tests/run/allowed_symbols.txt

@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Words that must not stand in the sources: the heap and the process in the core, unfinished work anywhere,
-# folders and servers of one person's machine anywhere.
+# Words that must not stand in the sources: the heap and the process in the core, unfinished work
+# anywhere, folders and servers of one person's machine anywhere.
 cd "${1:-.}" || exit 2
 lint=$(dirname "$(readlink -f "$0")")
 bad=0
