@@ -1,17 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Wall-clock budgets, loose because machines are noisy: they catch a thing that became many times slower, not a
 // few per cent. The figures are printed. Medians, so that one interruption does not count.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <stdio.h>
 #include <stdlib.h>
 #include <time.h>
 
 #include "platform/codec/codec.h"
+#include "tests/common/test.h"
 #include "tests/common/world.h"
 
 #define STEP_BUDGET_MS       40.0  // 20,000 Gaussians, 320x240, two threads
@@ -42,8 +37,7 @@ static double median(double *x, size_t n) {
   return x[n / 2];
 }
 
-static void test_step(void **state) {
-  (void)state;
+TEST(test_step) {
   enum { N = 61 };
   double ms[N];
   if (!world_open(&w, "textured,rig=stereo,size=320x240", 4, ~0u, 2)) fail_msg("%s", w.err.text);
@@ -69,8 +63,7 @@ static void test_step(void **state) {
   world_close(&w);
 }
 
-static void test_frame(void **state) {
-  (void)state;
+TEST(test_frame) {
   enum { N = 41 };
   double ms[N];
   if (!world_open(&w, "textured,rig=mono,size=320x240", 8, ~0u, 1)) fail_msg("%s", w.err.text);
@@ -91,8 +84,7 @@ static void test_frame(void **state) {
 }
 
 // Motion JPEG of three webcams at 640x480 and 30 frames a second, in processor time.
-static void test_mjpeg(void **state) {
-  (void)state;
+TEST(test_mjpeg) {
   enum { N = 90, N_PICTURES = 6, W = 640, H = 480, CAP = 1 << 18 };
   static uint8_t rgb[W * H * 3], jpeg[N_PICTURES][CAP], block[8 << 20];
   size_t bytes[N_PICTURES], sum = 0;

@@ -4,20 +4,14 @@
 //   test_budget_counts            compares
 //   test_budget_counts --accept   measures, and writes the record anew (make accept-counts)
 //   test_budget_counts --run ISA  the fixed run itself: one thread, 2,000 Gaussians, 160x120
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
+#include "tests/common/test.h"
 #include "tools/bench/bench.h"
 #include "tests/budget/counts.h"
-#include "tests/common/temp_folder.h"
 
 #define RECORD  "tests/budget/counts.csv"
 #define N_STEPS 5 // one of them estimates the curvature
@@ -103,9 +97,8 @@ static const char *reason_to_skip(void) {
 
 static counts_table record, now;
 
-static void test_counts(void **state) {
+TEST(test_counts) {
   char text[2000];
-  (void)state;
   const char *why = reason_to_skip();
   if (why) {
     print_message("skip  %s\n", why);
@@ -132,10 +125,9 @@ static void test_counts(void **state) {
 }
 
 // Counted again, the run takes as many instructions: the measure itself is not the noise.
-static void test_repeatable(void **state) {
+TEST(test_repeatable) {
   static counts_table again;
   char text[2000];
-  (void)state;
   if (now.n_rows == 0) {
     print_message("skip  nothing was counted\n");
     skip();
@@ -149,10 +141,9 @@ static void test_repeatable(void **state) {
   }
 }
 
-static void test_worse_is_red(void **state) {
+TEST(test_worse_is_red) {
   static counts_table was, is;
   char text[600];
-  (void)state;
   was.n_rows = is.n_rows = 2;
   was.row[0] = is.row[0] = (counts_row){"avx2", "sv_raster_avx2", 1000000};
   was.row[1] = is.row[1] = (counts_row){"avx2", "sv_train_step", 5000000};
@@ -171,10 +162,9 @@ static void test_worse_is_red(void **state) {
                    1); // of no record, but the step's sum has it
 }
 
-static void test_record(void **state) {
+TEST(test_record) {
   static counts_table a = {"gcc 1 (of a test)", 1, {{"avx2", "sv_adam_avx2", 12345678901234ull}}}, b;
   char folder[4096], path[4200], text[5000];
-  (void)state;
   assert_int_equal(temp_folder_make(folder, sizeof folder, "counts"), 0);
   snprintf(path, sizeof path, "%s/counts.csv", folder);
   assert_false(counts_read(&b, path, text, sizeof text));

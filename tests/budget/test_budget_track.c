@@ -1,17 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // What odometry costs a frame of 640x480 before any geometry: pyramid, corners, and following what it knows. Processor
 // time of one core, the least of several runs.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <string.h>
 #include <time.h>
 
 #include "platform/sim/sim.h"
 #include "src/track/tracker.h"
+#include "tests/common/test.h"
 
 #define BUDGET_MS 4.0
 #define N_BYTES   (640 * 480 * 3)
@@ -26,8 +21,7 @@ static double cpu_ms(void) {
   return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
 }
 
-static void test_frame(void **state) {
-  (void)state;
+TEST(test_frame) {
   sv_err err;
   sv_sim_config c;
   sv_kernels k;

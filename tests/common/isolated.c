@@ -1,10 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include "tests/common/isolated.h"
 
 #include <math.h>
@@ -15,6 +9,7 @@
 #include "src/base/mathx.h"
 #include "src/base/rng.h"
 #include "src/format/rig_file.h"
+#include "tests/common/test.h"
 #include "tools/common/coverage.h"
 #include "tools/common/imageio.h"
 

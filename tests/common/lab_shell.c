@@ -1,18 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/common/lab_shell.h"
 
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <stdio.h>
 #include <stdlib.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "tests/common/temp_folder.h"
+#include "tests/common/test.h"
 
 int lab_shell_open(lab_shell *s, const char *name) {
   const char *bin = getenv("SV_BIN"), *emulate = getenv("SV_EMULATE");

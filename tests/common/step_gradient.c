@@ -1,14 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/common/step_gradient.h"
 
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <string.h>
+
+#include "tests/common/test.h"
 
 #define N STEP_GRADIENT_GAUSSIANS
 

@@ -344,11 +344,3 @@ double world_heldout_psnr(world *w, int n) {
   }
   return psnr;
 }
-
-bool world_is_one_sentence(const char *text) {
-  size_t n = strlen(text);
-  if (n < 15 || n > 255) return false;
-  for (size_t i = 0; i < n; i++)
-    if ((unsigned char)text[i] < 32 || text[i] == 127) return false;
-  return true;
-}

@@ -106,6 +106,5 @@ bool world_has_line(const world *w, const char *text);
 size_t world_app_bytes(world *w);
 // Mean PSNR over n held-out views of the simulator.
 double world_heldout_psnr(world *w, int n);
-bool world_is_one_sentence(const char *text); // not empty, one line, printable, of a sensible length
 
 #endif

@@ -4,18 +4,13 @@
 // the runtime can go on saving when the machine works again. What it comes to is one of two states, each with every
 // buffer accounted for: RUN, the run went on to its end; SAFE, it has ended with a sentence, its cameras stand still,
 // and what was captured and trained is there to be saved.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <string.h>
 
 #include "platform/codec/codec.h"
 #include "src/format/sections.h"
 #include "src/train/checkpoint.h"
 #include "tests/common/fake_v4l2.h"
+#include "tests/common/test.h"
 #include "tests/common/world.h"
 
 #define N_STEPS   6
@@ -169,8 +164,7 @@ static bool run_with(world_call c, long at, bool is_lasting) {
     assert_int_equal(s, SV_OK);
     if (kind_of_run == WORLD_N_CALLS) assert_true(sv_train_digest(&w.app.trainer) == whole_digest);
   } else if (s < 0) {
-    if (!world_is_one_sentence(w.err.text))
-      fail_msg("%s, call %ld: \"%s\"", world_call_name(c), at, w.err.text);
+    if (!is_one_sentence(w.err.text)) fail_msg("%s, call %ld: \"%s\"", world_call_name(c), at, w.err.text);
     assert_int_equal(w.err.status, s);
   } else {
     if (must_fail(c, is_lasting))
@@ -214,15 +208,11 @@ static void fail_each(world_call c) {
   }
 }
 
-#define TEST(name, call)                                                                                     \
-  static void test_##name(void **state) {                                                                    \
-    (void)state;                                                                                             \
-    fail_each(call);                                                                                         \
-  }
+#define EACH(name, call)                                                                                     \
+  TEST(test_##name) { fail_each(call); }
 // The same in a run that makes this call.
-#define TEST_KIND(name, call)                                                                                \
-  static void test_##name(void **state) {                                                                    \
-    (void)state;                                                                                             \
+#define EACH_OF_KIND(name, call)                                                                             \
+  TEST(test_##name) {                                                                                        \
     world_store kept = w.store;                                                                              \
     kind_of_run = call;                                                                                      \
     world_forget_files(&w);                                                                                  \
@@ -230,23 +220,22 @@ static void fail_each(world_call c) {
     kind_of_run = WORLD_N_CALLS;                                                                             \
     w.store = kept;                                                                                          \
   }
-TEST_KIND(set_control, WORLD_SET_CONTROL)
-TEST_KIND(trigger, WORLD_TRIGGER)
-TEST_KIND(worker, WORLD_WORKER)
-TEST_KIND(decode, WORLD_DECODE)
-TEST(rig_pose, WORLD_RIG_POSE)
-TEST(event, WORLD_EVENT)
-TEST(start, WORLD_START)
-TEST(dequeue, WORLD_DEQUEUE)
-TEST(requeue, WORLD_REQUEUE)
-TEST(stop, WORLD_STOP)
-TEST(begin, WORLD_BEGIN)
-TEST(write, WORLD_WRITE)
-TEST(commit, WORLD_COMMIT)
-TEST(read, WORLD_READ)
+EACH_OF_KIND(set_control, WORLD_SET_CONTROL)
+EACH_OF_KIND(trigger, WORLD_TRIGGER)
+EACH_OF_KIND(worker, WORLD_WORKER)
+EACH_OF_KIND(decode, WORLD_DECODE)
+EACH(rig_pose, WORLD_RIG_POSE)
+EACH(event, WORLD_EVENT)
+EACH(start, WORLD_START)
+EACH(dequeue, WORLD_DEQUEUE)
+EACH(requeue, WORLD_REQUEUE)
+EACH(stop, WORLD_STOP)
+EACH(begin, WORLD_BEGIN)
+EACH(write, WORLD_WRITE)
+EACH(commit, WORLD_COMMIT)
+EACH(read, WORLD_READ)
 
-static int setup(void **state) {
-  (void)state;
+FIXTURE(setup) {
   make_old_files();
   open_run();
   if (run_and_report() < 0) return -1;

@@ -2,17 +2,12 @@
 // The built `subview`, run as a user runs it: bad input ends with exit code 1 or 2 and one line on stderr and leaves
 // no file behind; a killed run goes on; Ctrl-C saves; the memory it takes is what its report says. SV_BIN names the
 // programs' folder, SV_EMULATE what runs them on a foreign machine.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <png.h>
 #include <signal.h>
+#include <stdarg.h>
 #include <stdbool.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -24,6 +19,8 @@
 #include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
+
+#include "tests/common/test.h"
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 #define IS_SANITIZED 1
@@ -131,8 +128,7 @@ static int n_files(const char *name) {
 
 #define SMALL "--source sim:textured,rig=stereo,size=64x48 --exposures 2 --gaussians 100 --steps 5 "
 
-static void test_bad_input(void **state) {
-  (void)state;
+TEST(test_bad_input) {
   static const struct {
     const char *line, *says; // says: what the one line must hold
     int code;
@@ -208,8 +204,7 @@ static void test_bad_input(void **state) {
 }
 
 // The first picture that cannot be used is named, once; the run goes on without it as long as there are others.
-static void test_bad_pictures(void **state) {
-  (void)state;
+TEST(test_bad_pictures) {
   static const struct {
     const char *make, *says;
     int code;
@@ -227,16 +222,14 @@ static void test_bad_pictures(void **state) {
 }
 
 // A capture with more exposures than are asked for: so many are left out.
-static void test_longer_capture(void **state) {
-  (void)state;
+TEST(test_longer_capture) {
   assert_int_equal(run("run --source replay:@/tiny --exposures 3 --check --out @/longer"), 0);
   assert_non_null(strstr(g_err, "up to 4 exposures, of which this run takes the first 3; left out: 1 "));
   assert_int_equal(run("run --source replay:@/tiny,from=1 --exposures 3 --check --out @/longer"), 0);
   assert_null(strstr(g_err, "the capture has"));
 }
 
-static void test_unknown_kernels(void **state) {
-  (void)state;
+TEST(test_unknown_kernels) {
   setenv("SV_ISA", "abacus", 1);
   int code = run("run " SMALL "--out @/bad");
   unsetenv("SV_ISA");
@@ -246,8 +239,7 @@ static void test_unknown_kernels(void **state) {
   assert_int_equal(n_files("bad"), 0);
 }
 
-static void test_help(void **state) {
-  (void)state;
+TEST(test_help) {
   static const char *const lines[] = {
       "--help",          "--version",         "run --help",        "capture --help",
       "cameras --help",  "plan --help",       "selftest --help",   "cameras",
@@ -261,8 +253,7 @@ static void test_help(void **state) {
   }
 }
 
-static void test_help_tells_defaults(void **state) {
-  (void)state;
+TEST(test_help_tells_defaults) {
   static const char *const names[] = {"--exposures ", "--gaussians ", "--sh ", "--threads ", "--seed "};
   assert_int_equal(run("run --help"), 0);
   for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
@@ -283,8 +274,7 @@ static const char *value_of(const char *json, const char *key) {
   return at + strlen(quoted);
 }
 
-static void test_json_and_digest(void **state) {
-  (void)state;
+TEST(test_json_and_digest) {
   char digest[2][24];
   for (int i = 0; i < 2; i++) {
     assert_int_equal(run(i ? "run " SMALL "--threads 2 --quiet --json --out @/json"
@@ -301,8 +291,7 @@ static void test_json_and_digest(void **state) {
 
 // Peak resident memory, all pages the process ever had (program, libraries and the touched part of the block),
 // against what the run took of the block. In small pages: large ones bring what lies beside it.
-static void test_memory(void **state) {
-  (void)state;
+TEST(test_memory) {
   if (IS_SANITIZED || g_emulate[0]) {
     print_message("skip the peak of memory: a sanitizer or an emulator takes more than the program\n");
     skip();
@@ -350,8 +339,7 @@ static void expect_mux(int code, const char *says) {
 }
 
 // A recorded shared sensor, its rig with a coverage picture: good, absent, of another size, damaged, no picture.
-static void test_shared_sensor(void **state) {
-  (void)state;
+TEST(test_shared_sensor) {
   static char json[CAP_JSON];
   int w = 0, h = 0;
   char digest[2][24];
@@ -412,8 +400,7 @@ static bool wait_for_resume(void) {
   return false;
 }
 
-static void test_killed_run_goes_on(void **state) {
-  (void)state;
+TEST(test_killed_run_goes_on) {
   long last_step = 0;
   for (int i = 0; i < 6; i++) {
     pid_t pid = start(LONG_RUN "--steps 5000000 --resume --out @/killed");
@@ -441,8 +428,7 @@ static void test_killed_run_goes_on(void **state) {
 }
 
 // What is in a folder is not touched by a run of something else that was meant for another one.
-static void test_resume_of_another_run(void **state) {
-  (void)state;
+TEST(test_resume_of_another_run) {
   static char before[CAP_JSON], after[CAP_JSON];
   assert_int_equal(run("run " SMALL "--quiet --out @/again"), 0);
   slurp("again/model.ply", before, sizeof before);
@@ -480,8 +466,7 @@ static void test_interrupt_saves(void **state) {
 }
 
 // Nobody reads what it says any more: a connection without a terminal that drops.
-static void test_closed_output(void **state) {
-  (void)state;
+TEST(test_closed_output) {
   shell("%s '%s' run --source sim:textured,rig=stereo,size=64x48 --exposures 2 --gaussians 100 --steps 5 "
         "--out '%s/unread' 2>&1 | true",
         g_emulate, g_program, g_root);
@@ -508,8 +493,7 @@ static int capture_to_slow_disk(const char *name, const char *options, long ms) 
   return code;
 }
 
-static void test_capture_on_a_slow_disk(void **state) {
-  (void)state;
+TEST(test_capture_on_a_slow_disk) {
   assert_int_equal(
       run("capture --source sim:textured,rig=stereo,size=32x24,fps=10 --exposures 200 --out @/long --quiet"),
       0);
@@ -535,9 +519,8 @@ static void make_captures(void) {
   shell("mkdir '%s/torn' && echo SVSECT > '%s/torn/checkpoint.bin'", g_root, g_root);
 }
 
-static int set_up(void **state) {
+FIXTURE(set_up) {
   const char *bin = getenv("SV_BIN"), *tmp = getenv("TMPDIR"), *emulate = getenv("SV_EMULATE");
-  (void)state;
   snprintf(g_program, sizeof g_program, "%s/subview", bin ? bin : "build/sim-x86/bin");
   snprintf(g_emulate, sizeof g_emulate, "%s", emulate ? emulate : "");
   snprintf(g_root, sizeof g_root, "%s/sv_cli_XXXXXX", tmp ? tmp : "/tmp");
@@ -546,8 +529,7 @@ static int set_up(void **state) {
   return 0;
 }
 
-static int tear_down(void **state) {
-  (void)state;
+FIXTURE(tear_down) {
   shell("rm -rf '%s'", g_root);
   return 0;
 }

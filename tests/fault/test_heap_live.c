@@ -1,16 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // A moving scene live, five hundred exposures long: no heap, the memory block as it was to the byte, a ledger that
 // adds up, and a model that stays good: at the end of an exposure's time about as good as one of a clip.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <stdio.h>
 #include <stdlib.h>
 
 #include "src/base/mathx.h"
+#include "tests/common/test.h"
 #include "tests/common/world.h"
 #include "tests/fault/heap_count.h"
 
@@ -84,8 +79,7 @@ static void skip_under_emulation(void) {
   skip();
 }
 
-static void five_hundred_exposures(void **state) {
-  (void)state;
+TEST(five_hundred_exposures) {
   skip_under_emulation();
   n_exposures = N_TINY;
   open_live("moving,rig=stereo,size=64x48,arc=0,fps=20", 4, 0.05, TINY_STEPS);
@@ -111,12 +105,11 @@ static double clip_psnr(const char *spec, int n_gaussians, int n_bodies) {
 
 // The newest exposure when its time is up, after thirty steps, against what a clip comes to: one of the same motion,
 // and one that has rigid bodies, which need all times. With SV_LONG=1 as large and as long as what the run is for.
-static void as_good_as_a_clip(void **state) {
+TEST(as_good_as_a_clip) {
   const char *is_long = getenv("SV_LONG");
   const bool is_full = is_long && *is_long == '1';
   const int n = is_full ? 5000 : 2000;
   char spec[64];
-  (void)state;
   skip_under_emulation();
   snprintf(spec, sizeof spec, "moving,rig=stereo,size=%s,arc=0", is_full ? "320x240" : "160x120");
   const double clip = clip_psnr(spec, n, 0), bodies = clip_psnr(spec, n, SV_CAP_BODIES - 1);

@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // No heap between the seal and the end of a run, its report and its preview: on the simulator and on a capture,
 // with one thread and with two, on the machine's own store, console and clock, the preview compressed by libjpeg.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,6 +8,7 @@
 #include <unistd.h>
 
 #include "platform/codec/codec.h"
+#include "tests/common/test.h"
 #include "tests/common/world.h"
 #include "tests/fault/heap_count.h"
 
@@ -104,15 +99,13 @@ static void run_with(const char *sim, int n_threads, sv_prior_method prior) {
 
 static void run_without_heap(const char *sim, int n_threads) { run_with(sim, n_threads, SV_PRIOR_NONE); }
 
-static int make_dir(void **state) {
-  (void)state;
+FIXTURE(make_dir) {
   const char *tmp = getenv("TMPDIR");
   snprintf(dir, sizeof dir, "%s/sv_heap_run_XXXXXX", tmp ? tmp : "/tmp");
   return mkdtemp(dir) ? 0 : -1;
 }
-static int remove_dir(void **state) {
+FIXTURE(remove_dir) {
   char command[300];
-  (void)state;
   snprintf(command, sizeof command, "rm -rf '%s'", dir);
   return system(command);
 }
@@ -120,38 +113,14 @@ static int remove_dir(void **state) {
 #define STEREO      "textured,rig=stereo,size=64x48"
 #define MULTIPLEXED "textured,rig=multiplexed,grid=2x2,size=64x48"
 
-static void test_sim_1(void **state) {
-  (void)state;
-  run_without_heap(STEREO, 1);
-}
-static void test_sim_2(void **state) {
-  (void)state;
-  run_without_heap(STEREO, 2);
-}
-static void test_fsgs(void **state) {
-  (void)state;
-  run_with(STEREO, 2, SV_PRIOR_FSGS);
-}
-static void test_sparsegs(void **state) {
-  (void)state;
-  run_with(STEREO, 2, SV_PRIOR_SPARSEGS);
-}
-static void test_multiplexed_1(void **state) {
-  (void)state;
-  run_without_heap(MULTIPLEXED, 1);
-}
-static void test_multiplexed_2(void **state) {
-  (void)state;
-  run_without_heap(MULTIPLEXED, 2);
-}
-static void test_replay_1(void **state) {
-  (void)state;
-  run_without_heap(REPLAY, 1);
-}
-static void test_replay_2(void **state) {
-  (void)state;
-  run_without_heap(REPLAY, 2);
-}
+TEST(test_sim_1) { run_without_heap(STEREO, 1); }
+TEST(test_sim_2) { run_without_heap(STEREO, 2); }
+TEST(test_fsgs) { run_with(STEREO, 2, SV_PRIOR_FSGS); }
+TEST(test_sparsegs) { run_with(STEREO, 2, SV_PRIOR_SPARSEGS); }
+TEST(test_multiplexed_1) { run_without_heap(MULTIPLEXED, 1); }
+TEST(test_multiplexed_2) { run_without_heap(MULTIPLEXED, 2); }
+TEST(test_replay_1) { run_without_heap(REPLAY, 1); }
+TEST(test_replay_2) { run_without_heap(REPLAY, 2); }
 
 #define CASE(name) cmocka_unit_test_setup_teardown(name, make_dir, remove_dir)
 int main(void) {

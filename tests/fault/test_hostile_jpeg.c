@@ -2,18 +2,13 @@
 // Hostile JPEGs on the way that a camera's frames take: cut at every byte, every bit of their headers flipped, tens of
 // thousands of mutations, and headers that ask for what no picture is. None crashes, none writes beyond the picture,
 // and not one heap call is made for any of them: a whole picture decodes after each as it did before.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <stdio.h>
 #include <string.h>
 
 #include "platform/camera/options.h"
 #include "platform/codec/codec.h"
 #include "tests/common/mutate.h"
+#include "tests/common/test.h"
 #include "tests/fault/heap_count.h"
 
 #define WIDTH       64
@@ -59,15 +54,13 @@ static size_t end_of_header(const uint8_t *data, size_t bytes) {
 }
 
 // --- the corpora ---------------------------------------------------------------------------------
-static void cut_anywhere(void **state) {
-  (void)state;
+TEST(cut_anywhere) {
   for (int k = 0; k < 4; k++)
     for (size_t n = 0; n <= seed_bytes[k]; n += n < 800 || k == 0 ? 1 : 7) decode(seed[k], n);
   must_decode();
 }
 
-static void every_bit_of_a_header(void **state) {
-  (void)state;
+TEST(every_bit_of_a_header) {
   for (int k = 0; k < 4; k++) {
     size_t n = end_of_header(seed[k], seed_bytes[k]);
     memcpy(input, seed[k], seed_bytes[k]);
@@ -80,8 +73,7 @@ static void every_bit_of_a_header(void **state) {
   must_decode();
 }
 
-static void mutations(void **state) {
-  (void)state;
+TEST(mutations) {
   for (int i = 0; i < N_MUTATIONS; i++) {
     size_t n = mutate_next(&pool, input);
     decode(input, n);
@@ -96,8 +88,7 @@ static const uint8_t *marker(uint8_t *data, size_t bytes, uint8_t m) {
   return NULL;
 }
 
-static void unreasonable_demands(void **state) {
-  (void)state;
+TEST(unreasonable_demands) {
   // Where a frame header has what: precision 4, height 5, width 7, components 9, sampling of each 11 + 3 i.
   static const struct {
     int at, n;
@@ -156,8 +147,7 @@ static void unreasonable_demands(void **state) {
 }
 
 // --- the whole -----------------------------------------------------------------------------------
-static int open_all(void **state) {
-  (void)state;
+FIXTURE(open_all) {
   sv_arena a = sv_arena_make(block, sizeof block);
   sv_codec_cfg cfg = {WIDTH, HEIGHT, false};
   static uint8_t from[N_PX];
@@ -177,8 +167,7 @@ static int open_all(void **state) {
   return 0;
 }
 
-static int close_all(void **state) {
-  (void)state;
+FIXTURE(close_all) {
   mutate_close(&pool);
   sv_codec_close(&codec);
   sv_codec_close(&encoder);

@@ -2,22 +2,16 @@
 // subview-lab on bad input: the program is run as a user runs it, on files made here. Each case must end
 // with the stated exit code and exactly one line on stderr that names what is wrong; a crash or a second line
 // fails. Skipped when the program is not built (SV_BIN names its folder, SV_EMULATE what runs it).
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
+#include <signal.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-// cmocka needs the four above first
-#include <cmocka.h>
-
-#include <signal.h>
-#include <stdio.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "tests/common/temp_folder.h"
+#include "tests/common/test.h"
 #include "tools/common/fileio.h"
 #include "tools/common/imageio.h"
 
@@ -280,9 +274,8 @@ static const bad_case cases[] = {
 };
 
 // What must work, so that the cases above fail for their own reason; it also makes the model they use.
-static void test_good_input(void **state) {
+TEST(test_good_input) {
   char text[4096];
-  (void)state;
   assert_int_equal(run_lab("train --data good --gaussians 50 --steps 5 --quiet --json --eval --out model",
                            text, sizeof text),
                    0);
@@ -321,9 +314,8 @@ static void make_damaged_models(void) {
 }
 
 // A model meets another dataset: what train.json remembers is not there, so the dataset's own file is taken.
-static void test_other_dataset(void **state) {
+TEST(test_other_dataset) {
   char text[4096];
-  (void)state;
   make_damaged_models();
   assert_int_equal(run_lab("eval --data good --model elsewhere/model.ply --quiet", text, sizeof text), 0);
   assert_string_equal(text, "");
@@ -333,10 +325,9 @@ static void test_other_dataset(void **state) {
   assert_string_equal(text, "");
 }
 
-static void test_bad_input(void **state) {
+TEST(test_bad_input) {
   char text[4096];
   int n_bad = 0;
-  (void)state;
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
     const bad_case *c = &cases[i];
     int code = run_through("timeout 60", c->args, text, sizeof text), n = lines_of(text);
@@ -350,7 +341,7 @@ static void test_bad_input(void **state) {
 
 // A key of a number in the JSON object on stdout of the last run.
 static double json_number(const char *key) {
-  char want[64], *text = temp_folder_read(g_root, "out.txt");
+  char want[64], *text = temp_read(g_root, "out.txt");
   snprintf(want, sizeof want, "\"%s\": ", key);
   const char *p = strstr(text, want);
   assert_non_null(p);
@@ -359,12 +350,11 @@ static double json_number(const char *key) {
   return v;
 }
 
-static void test_calibrate(void **state) {
+TEST(test_calibrate) {
   static const char *const cases_of[][2] = {
       {"pose --rig r --capture c --out o --threads 2", "--threads"},
       {"lenslets --isolated i --white w --out o --board 7x6 --spacing 0.02 --focal 900", "and --focal"}};
   char text[4096];
-  (void)state;
   for (size_t i = 0; i < sizeof cases_of / sizeof *cases_of; i++) {
     assert_int_equal(run_program("", g_calibrate, cases_of[i][0], text, sizeof text), 2);
     assert_int_equal(lines_of(text), 1);
@@ -373,9 +363,8 @@ static void test_calibrate(void **state) {
 }
 
 // A disk that fills up while the points are written: one sentence, and no half a file.
-static void test_full_disk(void **state) {
+TEST(test_full_disk) {
   char text[4096], subview[600], folder_path[1024];
-  (void)state;
   snprintf(subview, sizeof subview, "%.*s", (int)(strrchr(g_lab, '-') - g_lab), g_lab);
   static const char shot[] = "capture --source sim:room,rig=stereo,path=handheld,arc=20,size=320x240 "
                              "--exposures 4 --quiet --out cap >out.txt";
@@ -407,20 +396,19 @@ static double checked_view_deg(const char *model, const char *intrinsics) {
 }
 
 // A fisheye's field of view is not a pinhole's; where the lens does not reach the edges there is none.
-static void test_field_of_view(void **state) {
-  (void)state;
+TEST(test_field_of_view) {
   double pinhole = checked_view_deg("LENSMODEL_PINHOLE", "500,500,499.5,399.5"),
          fisheye = checked_view_deg("LENSMODEL_KB4", "318.3098862,318.3098862,499.5,399.5,0,0,0,0");
   assert_true(pinhole > 89.999 && pinhole < 90.001);
   assert_true(fisheye > 179.999 && fisheye < 180.001);
   (void)checked_view_deg("LENSMODEL_KB4", "100,100,499.5,399.5,0,0,0,0"); // 286 degrees to each side
-  char *json = temp_folder_read(g_root, "out.txt");
+  char *json = temp_read(g_root, "out.txt");
   assert_non_null(strstr(json, "\"field_of_view_deg\": null"));
   free(json);
 }
 
 static bool started_from(const char *word) {
-  char want[64], *text = temp_folder_read(g_root, "known_model/train.json");
+  char want[64], *text = temp_read(g_root, "known_model/train.json");
   snprintf(want, sizeof want, "\"init\": \"%s\"", word);
   bool is_there = strstr(text, want) != NULL;
   free(text);
@@ -429,9 +417,8 @@ static bool started_from(const char *word) {
 
 // The dataset's points start a run, but not one of so few exposures that they cannot have measured them: that is said,
 // and points that are asked for are taken all the same.
-static void test_start(void **state) {
+TEST(test_start) {
   char text[4096];
-  (void)state;
 #define TRAIN "train --data known --gaussians 50 --steps 5 --json --out known_model "
   assert_int_equal(run_lab(TRAIN, text, sizeof text), 0);
   assert_true(started_from("points"));
@@ -444,9 +431,8 @@ static void test_start(void **state) {
 }
 
 // The file holds the whole model: scores before and after it agree.
-static void test_model_file(void **state) {
+TEST(test_model_file) {
   char text[4096];
-  (void)state;
   assert_int_equal(
       run_lab("train --data good --gaussians 300 --steps 60 --sh 2 --background white --quiet --json --eval "
               "--out whole",
@@ -465,16 +451,15 @@ static void test_model_file(void **state) {
 }
 
 // Names that are not UTF-8: the JSON is valid all the same, and a dataset that is made from them can be read.
-static void test_names_of_bytes(void **state) {
+TEST(test_names_of_bytes) {
   char text[4096], path[1024];
   sv_err err;
-  (void)state;
   dataset("gr\xfcn", ANGLE,
           FRAME("bl\xe4u.png", 4, "") "," FRAME("../b.png", 4.5, "") "," FRAME("../a.png", 5, ""));
   put_picture("gr\xfcn/bl\xe4u.png", 32, 24, 3);
   assert_int_equal(
       run_lab("train --data gr\xfcn --gaussians 50 --steps 5 --quiet --out bytes", text, sizeof text), 0);
-  char *json = temp_folder_read(g_root, "bytes/train.json");
+  char *json = temp_read(g_root, "bytes/train.json");
   assert_non_null(strstr(json, "\"data\": \"gr\xef\xbf\xbdn\""));
   assert_null(strchr(json, '\xfc'));
   free(json);
@@ -493,9 +478,8 @@ static void test_names_of_bytes(void **state) {
 
 // Ctrl-C in the middle: exit 0, and what was trained is saved. In the foreground `timeout` sends one signal, not
 // another to its group, which would be a second Ctrl-C.
-static void test_stop(void **state) {
+TEST(test_stop) {
   char text[4096], path[1024];
-  (void)state;
   int code = run_through("timeout --foreground --preserve-status -s INT 1.5",
                          "train --data good --gaussians 50 --steps 1000000000 --quiet --json --out stopped",
                          text, sizeof text);
@@ -514,9 +498,8 @@ static bool is_there(const char *name) {
 }
 
 // An import that is stopped says so and leaves nothing that looks like a dataset, also of an older one in its place.
-static void test_stopped_import(void **state) {
+TEST(test_stopped_import) {
   char text[4096];
-  (void)state;
   folder("half");
   put("half/transforms_train_mono.json", "{}");
   int code = run_through("timeout --foreground --preserve-status -s INT 1",
@@ -530,9 +513,8 @@ static void test_stopped_import(void **state) {
 }
 
 // Pictures of two cameras that are called the same do not overwrite each other's panel.
-static void test_panels(void **state) {
+TEST(test_panels) {
   char text[4096];
-  (void)state;
   folder("twins/left"), folder("twins/right");
   put_picture("twins/left/x.png", 32, 24, 3), put_picture("twins/right/x.png", 32, 24, 3);
   dataset(
@@ -553,10 +535,9 @@ static void find_emulator(const char *cwd) {
   else snprintf(g_emulate, sizeof g_emulate, "%s", e);
 }
 
-static int set_up(void **state) {
+FIXTURE(set_up) {
   const char *bin = getenv("SV_BIN"), *tmp = getenv("TMPDIR");
   char cwd[300] = "";
-  (void)state;
   if (!bin) bin = "build/sim-x86/bin";
   if (!getcwd(cwd, sizeof cwd)) return -1;
   find_emulator(cwd);
@@ -571,9 +552,8 @@ static int set_up(void **state) {
   return 0;
 }
 
-static int tear_down(void **state) {
+FIXTURE(tear_down) {
   char command[600];
-  (void)state;
   if (!*g_root) return 0;
   snprintf(command, sizeof command, "rm -rf '%s'", g_root);
   return system(command);

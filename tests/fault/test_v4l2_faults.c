@@ -2,18 +2,13 @@
 // Every system call of the V4L2 source fails once, for each call in turn: transient (this one) and lasting (it and all
 // after it). Whatever happens, the other camera runs, no buffer is lost, and all is given back at the end; after a
 // transient failure the camera runs again. Then: no heap call from open to close, MJPEG decoding included.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <errno.h>
 #include <stdio.h>
 #include <string.h>
 
 #include "platform/codec/codec.h"
 #include "tests/common/fake_v4l2.h"
+#include "tests/common/test.h"
 #include "tests/fault/heap_count.h"
 
 #define SPEC "/dev/video0,/dev/video1,settle=40,stall=200,buffers=5"
@@ -93,8 +88,7 @@ static bool session(long at, bool is_lasting, int error) {
   return fake.was_hit;
 }
 
-static void every_call_fails_once(void **state) {
-  (void)state;
+TEST(every_call_fails_once) {
   static const int errors[] = {EIO, ENODEV, EBUSY, ENOMEM};
   for (size_t e = 0; e < sizeof errors / sizeof *errors; e++) {
     long n = 1;
@@ -104,15 +98,13 @@ static void every_call_fails_once(void **state) {
   }
 }
 
-static void every_call_fails_from_there_on(void **state) {
-  (void)state;
+TEST(every_call_fails_from_there_on) {
   long n = 1;
   while (session(n, true, ENODEV)) n++;
   assert_true(n > 100);
 }
 
-static void every_call_of_a_receiver_fails(void **state) {
-  (void)state;
+TEST(every_call_of_a_receiver_fails) {
   is_hdmi = true;
   for (int is_lasting = 0; is_lasting < 2; is_lasting++) {
     long n = 1;
@@ -123,8 +115,7 @@ static void every_call_of_a_receiver_fails(void **state) {
   is_hdmi = false;
 }
 
-static void no_heap_call_while_cameras_come_and_go(void **state) {
-  (void)state;
+TEST(no_heap_call_while_cameras_come_and_go) {
   static uint8_t block[2 << 20], rgb[FAKE_V4L2_WIDTH_PX * FAKE_V4L2_HEIGHT_PX * 3];
   sv_arena arena = sv_arena_make(block, sizeof block);
   sv_codec codec;

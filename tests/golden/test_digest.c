@@ -2,16 +2,11 @@
 // A whole run (simulated capture, then training) gives the same bits for any number of threads, for every
 // instruction set with a fused multiply-add, and on every machine: the digests stand in this file. Who changes
 // the arithmetic of training on purpose takes the new digests from what the failing test prints.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "tests/common/test.h"
 #include "tests/common/world.h"
 
 #define SHORT_STEPS 30
@@ -64,8 +59,7 @@ static void expect(uint64_t digest, uint64_t expected, const char *what) {
              (unsigned long long)expected);
 }
 
-static void test_threads(void **state) {
-  (void)state;
+TEST(test_threads) {
   for (int n = 1; n <= 4; n *= 2) {
     char what[32];
     snprintf(what, sizeof what, "short run, %d threads", n);
@@ -74,8 +68,7 @@ static void test_threads(void **state) {
 }
 
 // Each instruction set of this CPU alone.
-static void test_instruction_sets(void **state) {
-  (void)state;
+TEST(test_instruction_sets) {
   for (int isa = 0; isa < SV_N_ISAS; isa++) {
     if (!(sv_cpu_isas() & SV_ISA_BIT(isa)) || isa == SV_ISA_SSE41) continue;
     outcome o = run_short(sv_isa_only((sv_isa)isa), 2);
@@ -87,8 +80,7 @@ static void test_instruction_sets(void **state) {
 
 // Without a fused multiply-add the last bits differ. A relocation turns such a difference into another choice of
 // slots, so the losses are compared where there is none.
-static void test_without_fma(void **state) {
-  (void)state;
+TEST(test_without_fma) {
   if (!(sv_cpu_isas() & SV_ISA_BIT(SV_ISA_SSE41))) {
     print_message("skip SSE4.1: this CPU or build has none\n");
     skip();
@@ -99,8 +91,7 @@ static void test_without_fma(void **state) {
   assert_true(fabs(sse - ref) < 0.02 * ref);
 }
 
-static void test_long_run(void **state) {
-  (void)state;
+TEST(test_long_run) {
   const char *emulator = getenv("SV_EMULATE");
   if (IS_SLOW || (emulator && *emulator)) {
     print_message("skip the long run: it takes minutes under a sanitizer and under emulation\n");

@@ -1,17 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Training of a moving scene gives the same bits for any number of threads, for every instruction set with a fused
 // multiply-add, and on every machine, in both forms of motion.
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
-
-#include <cmocka.h>
 
 #include "platform/linux/linux.h"
 #include "src/train/objective.h"
 #include "tests/common/moving_scene.h"
+#include "tests/common/test.h"
 
 #define N_STEPS      20
 #define CLIP_DIGEST  0xca259898b97d33e3ull
@@ -65,25 +61,12 @@ static void check(sv_deform_kind kind, float clip, bool has_body, uint64_t expec
       expect(run(kind, clip, has_body, sv_isa_only((sv_isa)isa), 2), expected, "instruction set", isa);
 }
 
-static void test_clip(void **state) {
-  (void)state;
-  check(SV_DEFORM_CLIP, 0, false, CLIP_DIGEST);
-}
-static void test_bodies(void **state) {
-  (void)state;
-  check(SV_DEFORM_CLIP, 0, true, BODY_DIGEST);
-}
-static void test_field(void **state) {
-  (void)state;
-  check(SV_DEFORM_FIELD, 0, false, FIELD_DIGEST);
-}
-static void test_field_start(void **state) {
-  (void)state;
-  check(SV_DEFORM_FIELD, 0.7f, true, START_DIGEST);
-}
+TEST(test_clip) { check(SV_DEFORM_CLIP, 0, false, CLIP_DIGEST); }
+TEST(test_bodies) { check(SV_DEFORM_CLIP, 0, true, BODY_DIGEST); }
+TEST(test_field) { check(SV_DEFORM_FIELD, 0, false, FIELD_DIGEST); }
+TEST(test_field_start) { check(SV_DEFORM_FIELD, 0.7f, true, START_DIGEST); }
 
-static int setup(void **state) {
-  (void)state;
+FIXTURE(setup) {
   moving_scene_make(&scene, block, sizeof block);
   return 0;
 }

@@ -2,14 +2,9 @@
 // A whole run on a multiplexed sensor gives the same bits for any number of threads, for every instruction set with a
 // fused multiply-add, and on every machine. Who changes the arithmetic of training on purpose takes the new digest
 // from what the failing test prints.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <stdio.h>
 
+#include "tests/common/test.h"
 #include "tests/common/world.h"
 
 #define STEPS  60
@@ -41,8 +36,7 @@ static void expect(uint32_t isa_mask, int n_threads, const char *what) {
              (unsigned long long)DIGEST);
 }
 
-static void test_threads(void **state) {
-  (void)state;
+TEST(test_threads) {
   for (int n = 1; n <= 4; n *= 2) {
     char what[24];
     snprintf(what, sizeof what, "%d threads", n);
@@ -50,8 +44,7 @@ static void test_threads(void **state) {
   }
 }
 
-static void test_instruction_sets(void **state) {
-  (void)state;
+TEST(test_instruction_sets) {
   for (int isa = 0; isa < SV_N_ISAS; isa++)
     if ((sv_cpu_isas() & SV_ISA_BIT(isa)) && isa != SV_ISA_SSE41)
       expect(sv_isa_only((sv_isa)isa), 2, sv_isa_name((sv_isa)isa));

@@ -1,15 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // A digest of tracked poses and points that must be equal on every machine and for every exact ISA.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <string.h>
 
 #include "platform/sim/sim.h"
 #include "src/track/tracker.h"
+#include "tests/common/test.h"
 
 #define N           5
 #define GOLDEN      0xad8c75f31738c70full
@@ -59,8 +54,7 @@ static uint64_t digest(uint32_t isa_mask) {
   return h;
 }
 
-static void test_digest(void **state) {
-  (void)state;
+TEST(test_digest) {
   for (int isa = 0; isa < SV_N_ISAS; isa++) {
     if (!(sv_cpu_isas() & SV_ISA_BIT(isa)) || isa == SV_ISA_SSE41) continue; // SSE4.1 has no fused operations
     uint64_t h = digest(sv_isa_only((sv_isa)isa));

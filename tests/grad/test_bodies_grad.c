@@ -2,16 +2,12 @@
 // Rigid bodies: moved places and quaternions against the definition in double, gradients of the bodies' poses and of
 // their members against central differences of it, for the loss sum(weight x moved).
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdio.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "src/base/vec.h"
 #include "src/deform/deform.h"
+#include "tests/common/test.h"
 
 #define N      40
 #define N_ROWS 23
@@ -135,8 +131,7 @@ static void check_members(float grad[CAP / 16][N_ROWS][16]) {
     }
 }
 
-static void test_bodies(void **state) {
-  (void)state;
+TEST(test_bodies) {
   sv_arena a = sv_arena_make(block, sizeof block);
   sv_pool pool = sv_pool_serial();
   static float grad[CAP / 16][N_ROWS][16];

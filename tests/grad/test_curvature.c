@@ -2,12 +2,6 @@
 // The estimate of the Gauss-Newton diagonal: its mean over many probes against diag(J^T J) / (n w) whose rows of J are
 // gradients of single pixel values, of pictures with one sample a pixel and with four, of all tiles and of half of them,
 // and of a measurement through its forward model; then how a step uses it.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,6 +10,7 @@
 #include "platform/linux/linux.h"
 #include "src/base/mathx.h"
 #include "src/train/train.h"
+#include "tests/common/test.h"
 
 #define W           42 // two tiles, and the scene on both
 #define H           18
@@ -185,26 +180,18 @@ static void check_estimate(const char *what, sv_train_cfg cfg, bool is_measureme
   compare(what);
 }
 
-static void test_picture(void **state) {
-  (void)state;
-  check_estimate("picture", sv_train_defaults(), false, false, N_PROBES);
-}
+TEST(test_picture) { check_estimate("picture", sv_train_defaults(), false, false, N_PROBES); }
 
-static void test_half(void **state) {
-  (void)state;
-  check_estimate("half of the tiles", sv_train_defaults(), false, true, N_HALVES);
-}
+TEST(test_half) { check_estimate("half of the tiles", sv_train_defaults(), false, true, N_HALVES); }
 
-static void test_supersampled(void **state) {
+TEST(test_supersampled) {
   sv_train_cfg cfg = sv_train_defaults();
-  (void)state;
   cfg.is_supersampled = true;
   check_estimate("four samples a pixel, half of the tiles", cfg, false, true, N_HALVES);
 }
 
 // Light is added, of which each lens gives half: the curves and the share of both are in J. Always of all tiles.
-static void test_measurement(void **state) {
-  (void)state;
+TEST(test_measurement) {
   check_estimate("measurement of two lenses", sv_train_defaults(), true, true, N_PROBES);
 }
 
@@ -215,10 +202,9 @@ static bool is_left_out(int i_px, uint32_t colour) {
 }
 
 // The same bits as of a gradient that is 0 in the other half, and the same Gaussians are touched.
-static void test_chessboard(void **state) {
+TEST(test_chessboard) {
   static float half[SV_CAP_ROWS * 16], whole[SV_CAP_ROWS * 16], probe[3][64 * 32];
   float err[16];
-  (void)state;
   open_training(sv_train_defaults(), false);
   assert_int_equal(sv_train_step(&t, 0.9f, NULL), SV_OK);
   const int n_px = t.grad.stride * t.grad.rows_padded;
@@ -242,10 +228,9 @@ static void test_chessboard(void **state) {
 // --- what a step does with it --------------------------------------------------------------------
 
 // Rows without an estimate rest; after the first step with one no Gaussian has moved by more than the cap.
-static void test_step(void **state) {
+TEST(test_step) {
   static float before[2 * 16 * N_ROWS];
   sv_train_cfg cfg = sv_train_defaults();
-  (void)state;
   open_training(cfg, false);
   t.cfg.newton = cfg.newton;
   t.step = 1; // no estimate is due

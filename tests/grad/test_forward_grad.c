@@ -2,12 +2,6 @@
 // The forward model of multiplexed sensors: its value against double, its adjoint against central differences and as a
 // transposed matrix, the same bits for any thread count and instruction set; then the gradient of a whole training
 // step on a region, through every lens that reaches into it.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -17,6 +11,7 @@
 #include "src/base/mathx.h"
 #include "src/train/train.h"
 #include "tests/common/step_gradient.h"
+#include "tests/common/test.h"
 
 #define W        90
 #define H        70
@@ -171,8 +166,7 @@ static const sv_region REGIONS[] = {{0, 0, W, H},     {20, 15, 61, 48}, {0, 40, 
 
 // --- geometry ------------------------------------------------------------------------------------
 
-static void test_m_max(void **state) {
-  (void)state;
+TEST(test_m_max) {
   sv_composite c = make_composite(true);
   double most = 0;
   for (int y = 0; y < H; y++)
@@ -202,8 +196,7 @@ static void test_m_max(void **state) {
 }
 
 // A crop is the same camera: a point has the same place on the sensor.
-static void test_crops(void **state) {
-  (void)state;
+TEST(test_crops) {
   sv_composite c = make_composite(true);
   for (size_t i = 0; i < N_REGIONS; i++)
     for (int m = 0; m < N_LENSES; m++) {
@@ -275,8 +268,7 @@ static void check_err_and_padding(const sv_composite *c, const sv_region *r, int
     }
 }
 
-static void test_value_and_adjoint(void **state) {
-  (void)state;
+TEST(test_value_and_adjoint) {
   for (int is_linear = 0; is_linear < 2; is_linear++) {
     double worst[2] = {0, 0};
     sv_composite c = make_composite(is_linear);
@@ -301,8 +293,7 @@ static void test_value_and_adjoint(void **state) {
 }
 
 // Display values are added linearly: y = A x, and the adjoint is A transposed.
-static void test_dot_product(void **state) {
-  (void)state;
+TEST(test_dot_product) {
   sv_composite c = make_composite(false);
   open_bench(~0u, 2);
   for (size_t i = 0; i < N_REGIONS; i++) {
@@ -355,8 +346,7 @@ static uint64_t digest(uint32_t isa_mask, int n_threads, bool is_linear) {
   return h;
 }
 
-static void test_same_bits(void **state) {
-  (void)state;
+TEST(test_same_bits) {
   for (int is_linear = 0; is_linear < 2; is_linear++) {
     uint64_t ref = digest(SV_ISA_BIT(SV_ISA_REF), 1, is_linear);
     for (int n = 1; n <= 4; n *= 2) assert_true(digest(~0u, n, is_linear) == ref);
@@ -405,9 +395,8 @@ static void check_training(bool is_linear, float tv) {
   step_gradient_agrees(&sum, what, 300, 500, 10);
 }
 
-static void test_training_step(void **state) {
+TEST(test_training_step) {
   const char *emulator = getenv("SV_EMULATE");
-  (void)state;
   if (emulator && *emulator) {
     print_message("skip the quotients of whole steps: they take minutes under emulation\n");
     skip();

@@ -3,20 +3,16 @@
 // central differences of that implementation, borders included; then the same bits for any thread count,
 // padding zero, and memory exactly as announced.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
-
-#include <cmocka.h>
 
 #include "src/base/rng.h"
 #include "src/loss/depth.h"
 #include "src/loss/pearson.h"
 #include "src/loss/photometric.h"
 #include "src/loss/tv.h"
+#include "tests/common/test.h"
 
 enum { CAP_W = 45, CAP_H = 40 };
 
@@ -185,8 +181,7 @@ static void check_photometric(void) {
   photometric_case(CAP_W, CAP_H, 1, 0.2f);
 }
 
-static void photometric_threads(void **state) {
-  (void)state;
+TEST(photometric_threads) {
   sv_arena a = sv_arena_make(block, sizeof block);
   scene s = make_scene(&a, CAP_W, CAP_H, 5);
   size_t bytes = sizeof(float) * sv_plane_floats(CAP_W, CAP_H);
@@ -421,8 +416,7 @@ static void check_depth(void) {
 }
 
 // --- memory --------------------------------------------------------------------------------------
-static void one_byte_short(void **state) {
-  (void)state;
+TEST(one_byte_short) {
   sv_photometric_cfg cfg = {CAP_W, CAP_H, 2, true};
   sv_photometric p;
   const sv_compute compute = {0};

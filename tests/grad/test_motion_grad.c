@@ -2,15 +2,11 @@
 // Motion and deformation field: values against formulas in double, gradients against central differences of these,
 // for the loss sum(weight x moved).
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdio.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "src/deform/deform.h"
+#include "tests/common/test.h"
 
 #define N       40
 #define N_ROWS  23
@@ -98,8 +94,7 @@ static void check_motion(sv_motion_functions_kind kind, float t) {
   }
 }
 
-static void test_motion(void **state) {
-  (void)state;
+TEST(test_motion) {
   check_motion(SV_MOTION_CHEBYSHEV, 0.37f);
   check_motion(SV_MOTION_POWERS, 0.9f);
   check_motion(SV_MOTION_SPLINE, 0.05f);
@@ -107,8 +102,7 @@ static void test_motion(void **state) {
 }
 
 // The spline goes through its coefficients, and what moves uniformly moves uniformly.
-static void test_spline(void **state) {
-  (void)state;
+TEST(test_spline) {
   float f[SV_CAP_MOTION_FUNCTIONS];
   sv_motion_cfg c = {.functions = SV_MOTION_SPLINE};
   for (int n = 1; n <= SV_CAP_MOTION_FUNCTIONS; n++) {
@@ -272,16 +266,14 @@ static void check_field(bool is_shared, bool has_colour, int n_channels, int n_l
   assert_true(n_mean < 6 && n_kinks < 40); // where a ReLU or a cell of the grid changes between the steps
 }
 
-static void test_field(void **state) {
-  (void)state;
+TEST(test_field) {
   check_field(true, false, 16, 1);
   check_field(false, false, 32, 2);
   check_field(false, true, 16, 2);
 }
 
 // Plane losses are quadratic but for the distance from 1: differences are exact up to rounding.
-static void test_plane_losses(void **state) {
-  (void)state;
+TEST(test_plane_losses) {
   sv_arena a = sv_arena_make(block, sizeof block);
   static float grad[20000];
   sv_rng rng = sv_rng_make(4, 4);
@@ -321,8 +313,7 @@ static void test_plane_losses(void **state) {
   }
 }
 
-static int setup(void **state) {
-  (void)state;
+FIXTURE(setup) {
   sv_kernels_init(&k, ~0u);
   return 0;
 }

@@ -2,14 +2,10 @@
 // The regularisers that the projection's backward pass adds: reg_opacity sum(o) + reg_scale sum(s) over the touched
 // Gaussians, against central differences in double.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "src/splat/render.h"
+#include "tests/common/test.h"
 
 #define N 40
 
@@ -74,8 +70,7 @@ static void test_isa(sv_isa isa) {
   assert_true(n > N / 2);
 }
 
-static void test_all(void **state) {
-  (void)state;
+TEST(test_all) {
   for (int i = 0; i < SV_N_ISAS; i++)
     if (sv_cpu_isas() & SV_ISA_BIT(i)) test_isa((sv_isa)i);
 }

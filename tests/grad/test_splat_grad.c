@@ -7,17 +7,14 @@
 // loss weight, and such pixels are counted and must be few. A difference quotient whose steps h and 2h
 // disagree straddles a jump (two Gaussians of one depth, the 0.99 clamp): dropped, counted, few.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
-
-#include <cmocka.h>
 
 #include "kernels/kernels.h"
 #include "src/base/rng.h"
 #include "kernels/simd/s1_math.h"
 #include "src/splat/render.h"
+#include "tests/common/test.h"
 #include "tests/grad/splat_double.h"
 
 #define CAP_PX     (70 * 45)
@@ -451,8 +448,7 @@ static void check_case(const scene_case *c) {
   check_can_fail(c, &s, &t, &q);
 }
 
-static void test_cases(void **state) {
-  (void)state;
+TEST(test_cases) {
   for (int i = 0; i < N_CASES; i++) check_case(cases + i);
 }
 
@@ -507,8 +503,7 @@ static adam_errors adam_steps(const sv_kernels *k) {
   return e;
 }
 
-static void test_adam(void **state) {
-  (void)state;
+TEST(test_adam) {
   for (int isa = 0; isa < SV_N_ISAS; isa++) {
     sv_kernels k;
     if (!(sv_cpu_isas() & SV_ISA_BIT(isa))) continue;

@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Supersampled training pictures: their value against four renderings' mean in double, a whole step's gradient against
 // central differences, and the same bits from all kernels and any number of threads.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -16,6 +10,7 @@
 #include "src/base/mathx.h"
 #include "src/splat/render.h"
 #include "tests/common/step_gradient.h"
+#include "tests/common/test.h"
 
 #define W 37
 #define H 26
@@ -53,12 +48,11 @@ static sv_train_cfg settings(void) {
 
 // Each sample is the pixel of a picture of the same size whose principal point is half a sample off; small splats, so
 // that four samples of one pixel differ.
-static void test_value(void **state) {
+TEST(test_value) {
   static double sum[3][H][W];
   double worst = 0, spread = 0;
   sv_kernels k;
   sv_pool pool = sv_pool_serial();
-  (void)state;
   sv_kernels_init(&k, ~0u);
   open_training(&k, &pool, settings(), -2.5f);
   sv_render_options o = sv_train_render_options(&t, 1.0f, false);
@@ -108,9 +102,8 @@ static void check_gradients(float tv, bool has_unseen) {
   step_gradient_agrees(&sum, what, 100, 300, 8);
 }
 
-static void test_gradients(void **state) {
+TEST(test_gradients) {
   const char *emulator = getenv("SV_EMULATE");
-  (void)state;
   if (emulator && *emulator) {
     print_message("skip the quotients of whole steps: they take minutes under emulation\n");
     skip();
@@ -139,8 +132,7 @@ static uint64_t digest(uint32_t isa_mask, int n_threads) {
   return sv_train_digest(&t);
 }
 
-static void test_same_bits(void **state) {
-  (void)state;
+TEST(test_same_bits) {
   uint64_t ref = digest(SV_ISA_BIT(SV_ISA_REF), 1);
   for (int n = 1; n <= 4; n *= 2) assert_true(digest(~0u, n) == ref);
   for (int isa = 0; isa < SV_N_ISAS; isa++)
@@ -148,11 +140,10 @@ static void test_same_bits(void **state) {
       assert_true(digest(sv_isa_only((sv_isa)isa), 2) == ref);
 }
 
-static void test_from_and_scale(void **state) {
+TEST(test_from_and_scale) {
   sv_kernels k;
   sv_pool pool = sv_pool_serial();
   sv_train_cfg cfg = settings();
-  (void)state;
   sv_kernels_init(&k, ~0u);
   cfg.supersample_from = 0.5f;
   open_training(&k, &pool, cfg, 0);
@@ -164,13 +155,12 @@ static void test_from_and_scale(void **state) {
   assert_false(sv_train_is_supersampled(&t, 1, 0.9f));
 }
 
-static void test_too_large(void **state) {
+TEST(test_too_large) {
   sv_kernels k;
   sv_pool pool = sv_pool_serial();
   sv_arena a = sv_arena_make(block, sizeof block);
   sv_err err;
   sv_train_cfg cfg = settings();
-  (void)state;
   sv_kernels_init(&k, ~0u);
   cfg.cap_width_px = 9000;
   assert_int_equal(sv_trainer_init(&t, &cfg, (sv_compute){&k, &pool}, &a, &err), SV_E_ARG);

@@ -1,17 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The whole runtime on V4L2 cameras (behind their table of system calls): what they deliver is converted, trained on
 // and accounted for; faults cost exposures, never the run.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <string.h>
 
 #include "platform/camera/tiled.h"
 #include "platform/codec/codec.h"
 #include "tests/common/fake_v4l2.h"
+#include "tests/common/test.h"
 #include "tests/common/world.h"
 
 static world w;
@@ -73,8 +68,7 @@ static void must_run(void) {
   for (int i = 0; i < 2; i++) assert_true(sv_ledger_is_exact(sv_sync_ledger(&w.app.queue.sync, i)));
 }
 
-static void each_kind_of_frame_is_trained_on(void **state) {
-  (void)state;
+TEST(each_kind_of_frame_is_trained_on) {
   static const struct {
     const char *options;
     bool is_tiled;
@@ -94,8 +88,7 @@ static void each_kind_of_frame_is_trained_on(void **state) {
   }
 }
 
-static void a_grey_frame_arrives_as_it_was(void **state) {
-  (void)state;
+TEST(a_grey_frame_arrives_as_it_was) {
   sv_image_u8 image;
   sv_view view;
   open_cameras(",format=GREY", false);
@@ -108,8 +101,7 @@ static void a_grey_frame_arrives_as_it_was(void **state) {
 }
 
 // The header and the end are there, what lies between is not a picture: only the decoder sees it.
-static void a_damaged_picture_costs_its_exposure(void **state) {
-  (void)state;
+TEST(a_damaged_picture_costs_its_exposure) {
   open_cameras(",format=MJPG", false);
   size_t n = fake.jpeg_bytes[0], at = n / 2;
   for (size_t i = at; i + 2 < n && i < at + 64; i++) fake.jpeg[0][i] = 0xff;
@@ -123,8 +115,7 @@ static void a_damaged_picture_costs_its_exposure(void **state) {
   close_cameras();
 }
 
-static void short_frames_are_dropped_by_name(void **state) {
-  (void)state;
+TEST(short_frames_are_dropped_by_name) {
   open_cameras("", false);
   fake.device[0].is_short = true;
   w.cfg.capture_timeout_ns = SV_NS_PER_S;
@@ -159,8 +150,7 @@ static sv_status held_stop(void *self) {
   return held_inner.stop(held_inner.self);
 }
 
-static void a_host_held_up_at_the_start_costs_no_exposure(void **state) {
-  (void)state;
+TEST(a_host_held_up_at_the_start_costs_no_exposure) {
   static const char *const clocks[] = {",settle=0", ",settle=0,clock=boottime"};
   for (int k = 0; k < 2 * 7 * 2; k++) {
     i_held = k % 7, held_ns = (k / 7 % 2 ? 5000 : 1400) * SV_NS_PER_MS;

@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Pictures for people, by the host tool as a user runs it: the sheet of `compare`, the animated
 // WebP of `render --orbit`, and the dataset that the demo makes both of.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -14,6 +8,7 @@
 #include <string.h>
 
 #include "tests/common/lab_shell.h"
+#include "tests/common/test.h"
 #include "tools/common/fileio.h"
 #include "tools/common/imageio.h"
 #include "tools/pictures/animation.h"
@@ -36,8 +31,7 @@ static lab_shell shell = {.cwd = ""};
 static int run(const char *line) { return lab_shell_run(&shell, line); }
 static void run_well(const char *line) { lab_shell_run_well(&shell, line); }
 
-static int setup(void **state) {
-  (void)state;
+FIXTURE(setup) {
   int code = lab_shell_open(&shell, "compare");
   if (code != 0) return code < 0 ? code : 0;
   shell.is_ready = run("@ import --from sim textured," SIZE ",rig=stereo,exposures=2 --out s --quiet && "
@@ -47,10 +41,7 @@ static int setup(void **state) {
   return shell.is_ready ? 0 : -1;
 }
 
-static int teardown(void **state) {
-  (void)state;
-  return lab_shell_close(&shell);
-}
+FIXTURE(teardown) { return lab_shell_close(&shell); }
 
 static sv_bitmap picture(const char *name) {
   char path[600];
@@ -75,8 +66,7 @@ static void make_sheet(void) {
            "--out c/sheet.png");
 }
 
-static void test_layout(void **state) {
-  (void)state;
+TEST(test_layout) {
   lab_shell_need(&shell);
   make_sheet();
   sv_bitmap sheet = picture("c/sheet.png"), truth = picture("s/test/r_006.png");
@@ -95,8 +85,7 @@ static void test_layout(void **state) {
 }
 
 // The figures are those of eval, of each view and of the split.
-static void test_psnr(void **state) {
-  (void)state;
+TEST(test_psnr) {
   double of_view[2], mean[2];
   lab_shell_need(&shell);
   make_sheet();
@@ -120,8 +109,7 @@ static void test_psnr(void **state) {
 }
 
 // Without --labels a model.ply is called by its folder; more rows than views are all views.
-static void test_defaults(void **state) {
-  (void)state;
+TEST(test_defaults) {
   lab_shell_need(&shell);
   run_well("@ compare --data s --model a/model.ply --views 50 --split train --out all.png");
   assert_non_null(strstr(shell.said, " a\n"));
@@ -134,8 +122,7 @@ static void refuses(const char *line, int code, const char *sentence) {
   assert_ptr_equal(strchr(shell.said, '\n'), shell.said + strlen(shell.said) - 1); // one line
 }
 
-static void test_bad_input(void **state) {
-  (void)state;
+TEST(test_bad_input) {
   lab_shell_need(&shell);
   refuses("@ compare --data s --out x.png", 2, "--model is missing");
   refuses("@ compare --data s --model a/model.ply --labels a,b --out x.png", 2, "as many names as there are");
@@ -174,8 +161,7 @@ static void must_play(const char *name, int n_frames, int w, int h) {
 }
 #endif
 
-static void test_turntable(void **state) {
-  (void)state;
+TEST(test_turntable) {
   lab_shell_need(&shell);
   run_well("@ render --data s --model a/model.ply --orbit 7 --width 40 --out o");
   sv_bitmap b = picture("o/orbit_0006.png");
@@ -195,8 +181,7 @@ static void test_turntable(void **state) {
 }
 
 // import of one rig gives the views that a run of that source is measured on.
-static void test_heldout(void **state) {
-  (void)state;
+TEST(test_heldout) {
   lab_shell_need(&shell);
   run_well("\"$(dirname @)/subview\" run --source sim:textured," SIZE ",rig=stereo --exposures 2 --steps 40 "
            "--gaussians 200 --quiet --json --out r");

@@ -1,14 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Shell completion against the programs' own help: what a person gets who presses TAB.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "tests/common/test.h"
 
 static void must_complete(const char *line, const char *wanted) {
   char command[1200], got[4096] = "";
@@ -31,8 +27,7 @@ static void must_complete(const char *line, const char *wanted) {
   assert_null(strstr(got, " subview ")); // nothing of the examples
 }
 
-static void test_completion(void **state) {
-  (void)state;
+TEST(test_completion) {
   const char *emulate = getenv("SV_EMULATE");
   if (system("command -v bash >/dev/null 2>&1") != 0 || (emulate && *emulate)) {
     print_message("skip shell completion: no bash here, or foreign programs\n");

@@ -1,16 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Moving scenes in the host tool, run as a user runs it: a dataset of the simulator, its tables, frames and films,
 // the model as a PLY of differences.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <stdio.h>
 #include <string.h>
 
 #include "tests/common/lab_shell.h"
+#include "tests/common/test.h"
 
 static lab_shell shell = {.cwd = ""};
 
@@ -22,8 +17,7 @@ static void says(const char *line, const char *expected) {
   if (!strstr(shell.said, expected)) fail_msg("%s: '%s' is not in: %s", line, expected, shell.said);
 }
 
-static int setup(void **state) {
-  (void)state;
+FIXTURE(setup) {
   int code = lab_shell_open(&shell, "moving");
   if (code != 0) return code < 0 ? code : 0;
   shell.is_ready =
@@ -34,14 +28,10 @@ static int setup(void **state) {
   return shell.is_ready ? 0 : -1;
 }
 
-static int teardown(void **state) {
-  (void)state;
-  return lab_shell_close(&shell);
-}
+FIXTURE(teardown) { return lab_shell_close(&shell); }
 
 // One time in four of the training cameras is held out, and four cameras that no device has, over all times.
-static void test_dataset(void **state) {
-  (void)state;
+TEST(test_dataset) {
   lab_shell_need(&shell);
   says("grep -c '\"split\": \"train\"' s/transforms_train_mono.json", "19");
   says("grep -c '\"split\": \"test_time\"' s/transforms_train_stereo.json", "12");
@@ -54,8 +44,7 @@ static void test_dataset(void **state) {
   says("@ import --from sim moving,noise=read:0.001 --out n || true", "are written without noise");
 }
 
-static void test_tables(void **state) {
-  (void)state;
+TEST(test_tables) {
   lab_shell_need(&shell);
   run_well("@ tables --data s --steps 3 --gaussians 60 --out t --quiet");
   says("wc -l < t/dynamic.csv", "7"); // the head, three devices in two forms of motion
@@ -70,10 +59,9 @@ static void test_tables(void **state) {
 }
 
 // A bar for each device, a group for each form of motion; pictures where there is gnuplot, and the page shows them.
-static void test_plots(void **state) {
+TEST(test_plots) {
   static const char *const plots[] = {"dynamic_cameras_psnr", "dynamic_frames_psnr"};
   char line[200];
-  (void)state;
   lab_shell_need(&shell);
   bool has_gnuplot = run("command -v gnuplot") == 0;
   for (int i = 0; i < 2; i++) {
@@ -96,8 +84,7 @@ static void test_plots(void **state) {
 }
 
 // A still model in the folder of a moving one, and a file of viewers beside a moving one, do not move.
-static void test_still_after_moving(void **state) {
-  (void)state;
+TEST(test_still_after_moving) {
   lab_shell_need(&shell);
   run_well("mkdir still && cp m/model.ply m/motion.bin still && "
            "@ train --data s --transforms transforms_train_stereo.json --gaussians 60 --steps 3 --quiet "
@@ -111,8 +98,7 @@ static void test_still_after_moving(void **state) {
 }
 
 // Files of viewers stand upright; a dataset's views see them as they see the model that they were made of.
-static void test_upright(void **state) {
-  (void)state;
+TEST(test_upright) {
   lab_shell_need(&shell);
   run_well("@ train --data s --transforms transforms_train_stereo.json --gaussians 60 --steps 40 --quiet "
            "--out up && "
@@ -127,8 +113,7 @@ static void test_upright(void **state) {
 }
 
 // A disk that is full before all is written leaves the older model with its motion and settings, and nothing beside.
-static void test_full_disk(void **state) {
-  (void)state;
+TEST(test_full_disk) {
   lab_shell_need(&shell);
   run_well("cp -r m full");
   assert_int_equal(
@@ -140,8 +125,7 @@ static void test_full_disk(void **state) {
   run_well("diff -r m full");
 }
 
-static void test_frames(void **state) {
-  (void)state;
+TEST(test_frames) {
   lab_shell_need(&shell);
   run_well(
       "@ render --data s --transforms transforms_train_stereo.json --model m/model.ply --frames 5 --out f");
@@ -150,8 +134,7 @@ static void test_frames(void **state) {
   says("head -c 3 m/delta.ply", "ply");
 }
 
-static void test_film(void **state) {
-  (void)state;
+TEST(test_film) {
   lab_shell_need(&shell);
   if (run("command -v ffmpeg") != 0) {
     print_message("skip: ffmpeg is not installed\n");

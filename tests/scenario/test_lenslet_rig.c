@@ -1,16 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // A multiplexed sensor from its calibration to its reconstruction: isolated pictures of a simulated scene make a rig,
 // and a run with that rig is compared with one with the true one.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <stdio.h>
 
 #include "calib/solve/structure.h"
 #include "tests/common/isolated.h"
+#include "tests/common/test.h"
 #include "tests/common/world.h"
 #include "tools/calibrate/calibrate.h"
 #include "tools/common/coverage.h"
@@ -45,8 +40,7 @@ static void move_rig(sv_rig *rig, const sv_rig *truth) {
         sv_pose_mul(&rig->sub_views[i].cam_from_rig, &truth->sub_views[0].cam_from_rig);
 }
 
-static void test_reconstruction(void **state) {
-  (void)state;
+TEST(test_reconstruction) {
   static uint8_t block[1 << 20], room[1 << 20];
   if (!sv_structure_available()) {
     printf("skip  this build has no OpenCV to match pictures with (libopencv-dev)\n");

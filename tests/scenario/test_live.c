@@ -1,14 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Capture that goes on while training: the newest exposures are what is trained on, each picture at its own pose; the
 // ledger stays exact; in turns on the virtual clock, and with a thread for the cameras.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <string.h>
 
+#include "tests/common/test.h"
 #include "tests/common/world.h"
 
 static world w;
@@ -56,8 +51,7 @@ static bool has_live_line(const char *begin, const char *part) {
   return false;
 }
 
-static void in_turns_on_the_virtual_clock(void **state) {
-  (void)state;
+TEST(in_turns_on_the_virtual_clock) {
   open_live("textured,rig=stereo,size=64x48,fps=30", 4);
   w.machine_tick_ns = 4 * SV_NS_PER_MS;
   w.cfg.steps = 200;
@@ -76,8 +70,7 @@ static void in_turns_on_the_virtual_clock(void **state) {
 }
 
 // Training that takes all of the time: exposures are left out as a whole, and counted.
-static void too_slow_for_its_cameras(void **state) {
-  (void)state;
+TEST(too_slow_for_its_cameras) {
   open_live("textured,rig=stereo,size=64x48,fps=30,buffers=8", 4);
   w.machine_tick_ns = 60 * SV_NS_PER_MS;
   w.cfg.steps = 60;
@@ -93,8 +86,7 @@ static void too_slow_for_its_cameras(void **state) {
 }
 
 // A thread of their own: as many exposures as the simulator makes, beside the training.
-static void with_a_thread(void **state) {
-  (void)state;
+TEST(with_a_thread) {
   open_live("textured,rig=stereo,size=64x48,fps=30,frames=600,buffers=8", 4);
   w.port.worker = world_worker(&w);
   w.cfg.steps = 150;
@@ -107,8 +99,7 @@ static void with_a_thread(void **state) {
 }
 
 // A camera that goes, a source that ends, a stop request: training goes on with what is there.
-static void cameras_that_go(void **state) {
-  (void)state;
+TEST(cameras_that_go) {
   static const char *const specs[] = {
       "textured,rig=stereo,size=64x48,fps=30,fault=unplug:1:12",
       "textured,rig=stereo,size=64x48,fps=30,frames=10",

@@ -2,12 +2,6 @@
 // The live view under attack while a run goes on: who may ask what, paths that are not there, damaged requests, slow
 // and many clients, a server that is killed again and again. The run must not notice: the same digest, an exact
 // ledger, no memory. SV_LONG=1 runs the long form (1,000,000 damaged requests, 16 clients for 60 s, 100 kills).
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <errno.h>
 #include <netinet/in.h>
 #include <poll.h>
@@ -23,7 +17,7 @@
 #include <unistd.h>
 
 #include "tests/common/live_run.h"
-#include "tests/common/temp_folder.h"
+#include "tests/common/test.h"
 
 #define BASE "--source sim:textured,rig=stereo,size=96x64 --exposures 4 --gaussians 1500 --threads 1 "
 
@@ -461,8 +455,7 @@ static void refuses_port(const char *place, const char *reason) {
   assert_true(WIFEXITED(status) && WEXITSTATUS(status) == 1);
 }
 
-static void test_port_that_cannot_be_had(void **state) {
-  (void)state;
+TEST(test_port_that_cannot_be_had) {
   struct sockaddr_in a = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
   socklen_t n = sizeof a;
   char place[64];
@@ -477,20 +470,15 @@ static void test_port_that_cannot_be_had(void **state) {
 
 // --- setup ---------------------------------------------------------------------------------------
 
-static int make_root(void **state) {
-  (void)state;
+FIXTURE(make_root) {
   signal(SIGPIPE, SIG_IGN);
   return temp_folder_make(root, sizeof root, "live");
 }
-static int stop(void **state) {
-  (void)state;
+FIXTURE(stop) {
   live_run_stop(&r);
   return 0;
 }
-static int remove_root(void **state) {
-  (void)state;
-  return temp_folder_remove(root);
-}
+FIXTURE(remove_root) { return temp_folder_remove(root); }
 
 int main(void) {
   const struct CMUnitTest tests[] = {

@@ -1,17 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The man pages: made for every program, without a warning of groff, and with every option that --help has.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 
-#include "tests/common/temp_folder.h"
+#include "tests/common/test.h"
 
 static char root[256];
 
@@ -49,8 +43,7 @@ static void must_have_options(const char *program, const char *command) {
   assert_string_equal(output(line), "");
 }
 
-static void test_pages(void **state) {
-  (void)state;
+TEST(test_pages) {
   static const char *const what[][2] = {
       {"subview", "run"},           {"subview", "capture"},    {"subview", "plan"},
       {"subview-lab", "train"},     {"subview-lab", "export"}, {"subview-lab", "import"},
@@ -60,8 +53,7 @@ static void test_pages(void **state) {
   for (size_t i = 0; i < sizeof what / sizeof *what; i++) must_have_options(what[i][0], what[i][1]);
 }
 
-static void test_groff(void **state) {
-  (void)state;
+TEST(test_groff) {
   static const char *const pages[] = {"subview", "subview-preview", "subview-lab", "subview-calibrate"};
   char command[900], path[400];
   struct stat st;
@@ -83,14 +75,8 @@ static void test_groff(void **state) {
   }
 }
 
-static int make_root(void **state) {
-  (void)state;
-  return temp_folder_make(root, sizeof root, "man");
-}
-static int remove_root(void **state) {
-  (void)state;
-  return temp_folder_remove(root);
-}
+FIXTURE(make_root) { return temp_folder_make(root, sizeof root, "man"); }
+FIXTURE(remove_root) { return temp_folder_remove(root); }
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_pages), cmocka_unit_test(test_groff)};

@@ -1,14 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Runs on a moving scene: a clip, and live, exposure by exposure, both on virtual clocks.
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdio.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "src/base/mathx.h"
+#include "tests/common/test.h"
 #include "tests/common/world.h"
 
 #define SPEC  "moving,rig=stereo,size=96x72,arc=0,fps=8"
@@ -29,8 +25,7 @@ static double training_psnr(void) {
   return psnr;
 }
 
-static void test_clip_beats_still(void **state) {
-  (void)state;
+TEST(test_clip_beats_still) {
   double psnr[2];
   uint64_t digest[2];
   for (int i = 0; i < 2; i++) {
@@ -55,8 +50,7 @@ static void test_clip_beats_still(void **state) {
 }
 
 // Every exposure gets its time, what comes meanwhile is left out and counted, and the memory stays what it was.
-static void test_live(void **state) {
-  (void)state;
+TEST(test_live) {
   open_world(3, 2);
   w.cfg.is_dynamic = w.cfg.is_continuous = true;
   w.cfg.exposure_s = 0.3;
@@ -79,8 +73,7 @@ static void test_live(void **state) {
 }
 
 // Moving on to another time changes nothing of what is drawn.
-static void test_advance(void **state) {
-  (void)state;
+TEST(test_advance) {
   static _Alignas(64) unsigned char block[1 << 20];
   sv_arena a = sv_arena_make(block, sizeof block);
   sv_kernels k;
@@ -105,8 +98,7 @@ static void test_advance(void **state) {
 }
 
 // What lies in the block from a run before is in no file of this one.
-static void test_block_of_before(void **state) {
-  (void)state;
+TEST(test_block_of_before) {
   static uint8_t first[4 << 20];
   size_t n_first = 0;
   for (int i = 0; i < 2; i++) {

@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The whole runtime on sensors where lens images overlap: quality, threads, resumes, captures that replay, coverage,
 // and what is refused.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,6 +9,7 @@
 #include "platform/replay/capture_writer.h"
 #include "src/format/cameramodel.h"
 #include "src/format/rig_file.h"
+#include "tests/common/test.h"
 #include "tests/common/world.h"
 
 #define SPEC "textured,rig=multiplexed,grid=3x3,size=160x120"
@@ -40,8 +35,7 @@ static double training_psnr(void) {
 
 // --- quality -------------------------------------------------------------------------------------
 
-static void test_quality(void **state) {
-  (void)state;
+TEST(test_quality) {
   uint64_t digest[2];
   for (int n = 1; n <= 2; n++) {
     open_world(SPEC, 6, n);
@@ -75,8 +69,7 @@ static void test_unknown_bounds(void **state) { // starting points come from the
 
 // --- the pool ------------------------------------------------------------------------------------
 
-static void test_pool(void **state) {
-  (void)state;
+TEST(test_pool) {
   open_world(SPEC, 3, 2);
   w.cfg.steps = 1;
   run_well();
@@ -109,8 +102,7 @@ static void test_pool(void **state) {
 }
 
 // Frames of 8 bits, a full pool, and other sizes and formats, straight into the pool.
-static void test_frames(void **state) {
-  (void)state;
+TEST(test_frames) {
   static _Alignas(64) uint8_t block[1 << 20];
   static uint8_t px[6 * 160 * 120 + 40 * 120];
   open_world(SPEC, 2, 2);
@@ -137,10 +129,10 @@ static void test_frames(void **state) {
     }
   f.format = SV_PIX_GREY8;
   assert_int_equal(sv_composites_put(&c, 0, &ex, &f, &w.inner.pool, &w.err), SV_E_UNSUPPORTED);
-  assert_true(world_is_one_sentence(w.err.text));
+  assert_one_sentence(w.err.text);
   f.format = SV_PIX_RGB8, f.width_px = 159;
   assert_int_equal(sv_composites_put(&c, 0, &ex, &f, &w.inner.pool, &w.err), SV_E_RANGE);
-  assert_true(world_is_one_sentence(w.err.text));
+  assert_one_sentence(w.err.text);
   world_close(&w);
 }
 
@@ -156,8 +148,7 @@ static void open_resume(void) {
   w.cfg.is_resume = true; // without a checkpoint: from the start
 }
 
-static void test_resume_is_bit_exact(void **state) {
-  (void)state;
+TEST(test_resume_is_bit_exact) {
   world_forget_files(&w);
   open_resume();
   run_well();
@@ -185,8 +176,7 @@ static void test_resume_is_bit_exact(void **state) {
 }
 
 // The plan counts all of it, to the byte.
-static void test_short_arena(void **state) {
-  (void)state;
+TEST(test_short_arena) {
   open_resume();
   w.cfg.steps = 2;
   world_forget_files(&w);
@@ -194,7 +184,7 @@ static void test_short_arena(void **state) {
   assert_true(need > 3 * 100 * 76 * 6);
   for (size_t bytes = 0; bytes < need; bytes += step) {
     sv_status s = world_init_in(&w, bytes);
-    if (s != SV_E_NOMEM || !world_is_one_sentence(w.err.text))
+    if (s != SV_E_NOMEM || !is_one_sentence(w.err.text))
       fail_msg("%zu of %zu bytes: %d, \"%s\"", bytes, need, s, w.err.text);
   }
   assert_int_equal(world_init_in(&w, need - 16), SV_E_NOMEM);
@@ -215,8 +205,7 @@ static sv_rig changed_rig(void) {
   return rig;
 }
 
-static void test_coverage_counts(void **state) {
-  (void)state;
+TEST(test_coverage_counts) {
   static uint8_t half[160 * 120];
   float m_max[2];
   memset(half, 51, sizeof half); // a fifth
@@ -234,8 +223,7 @@ static void test_coverage_counts(void **state) {
   assert_true(fabsf(m_max[1] - 0.2f * m_max[0]) < 1e-5f);
 }
 
-static void test_refused(void **state) {
-  (void)state;
+TEST(test_refused) {
   static const char *const says[] = {"together", "undistorted", "not on the sensor", "no lens lights",
                                      "camera 3"};
   static uint8_t dark[160 * 120];
@@ -252,7 +240,7 @@ static void test_refused(void **state) {
     sv_status s = world_init(&w);
     if (s != (i < 2 ? SV_E_UNSUPPORTED : SV_E_RANGE) || !strstr(w.err.text, says[i]))
       fail_msg("%d: %d, \"%s\"", i, s, w.err.text);
-    assert_true(world_is_one_sentence(w.err.text));
+    assert_one_sentence(w.err.text);
     world_close(&w);
   }
 }
@@ -309,8 +297,7 @@ static void record(const char *dir, const char *spec) {
   world_close(&w);
 }
 
-static void test_replay(void **state) {
-  (void)state;
+TEST(test_replay) {
   static uint16_t direct[3][3 * 100 * 76];
   static const char spec[] = "textured,rig=multiplexed,grid=2x2,size=100x76,noise=read:1e-4:shot:1e-3";
   char dir[200], command[300];

@@ -3,12 +3,7 @@
 // the work it has time for: cameras with jitter, bursts, losses, duplicates, sequence resets and clock steps; a capture
 // side and a user that run side by side, each with a time of its own. The ledger stays exact, memory flat, frames are
 // taken up at once, no exposure is a half one, and what gives way does so in order: previews, training, exposures.
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
-// cmocka needs the four above first
-#include <cmocka.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
@@ -16,6 +11,7 @@
 #include "src/capture/governor.h"
 #include "src/base/rng.h"
 #include "src/sync/capture_queue.h"
+#include "tests/common/test.h"
 
 #define N_CAMERAS   3
 #define N_BUFFERS   12
@@ -281,8 +277,7 @@ static phase_t run_phase(double load, uint64_t n_frames) {
   return p;
 }
 
-static void a_million_frames(void **state) {
-  (void)state;
+TEST(a_million_frames) {
   phase_t p[4];
   open_queue();
   run_until(1000);
@@ -315,8 +310,7 @@ static void a_million_frames(void **state) {
 }
 
 // When the user comes back from a long absence, the load goes and everything has its own pace again.
-static void overload_passes(void **state) {
-  (void)state;
+TEST(overload_passes) {
   open_queue();
   world.is_clean = true;
   run_phase(4, 60000);
@@ -327,8 +321,7 @@ static void overload_passes(void **state) {
 }
 
 // A user that takes nothing at all: whole exposures go, buffers keep moving.
-static void an_absent_user_loses_whole_exposures(void **state) {
-  (void)state;
+TEST(an_absent_user_loses_whole_exposures) {
   open_queue();
   world.is_clean = true;
   user.now_ns = INT64_MAX / 4;
@@ -342,8 +335,7 @@ static void an_absent_user_loses_whole_exposures(void **state) {
   close_queue();
 }
 
-static void bad_configs_are_refused(void **state) {
-  (void)state;
+TEST(bad_configs_are_refused) {
   static _Alignas(64) uint8_t block[1 << 16];
   sv_source source = {.n_cameras = 1};
   sv_clock clock = {NULL, clock_now, clock_sleep};

@@ -1,11 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The page of a running simulator in a headless Chromium: what the person in front of the rig sees and does.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <errno.h>
 #include <fcntl.h>
 #include <math.h>
@@ -22,7 +16,7 @@
 #include "src/format/ply.h"
 #include "tests/common/browser.h"
 #include "tests/common/live_run.h"
-#include "tests/common/temp_folder.h"
+#include "tests/common/test.h"
 
 #define GAUSSIANS 20000
 
@@ -202,8 +196,7 @@ static void test_page(void **state) {
 }
 
 // A rig that is not there: the page says what is missing, and New tries again.
-static void test_failed(void **state) {
-  (void)state;
+TEST(test_failed) {
   if (skipped()) skip();
   if (!live_run_start(&r, root, "--source replay:@/nowhere --session"))
     fail_msg("the run does not start: %s", r.err);
@@ -216,20 +209,13 @@ static void test_failed(void **state) {
   live_run_stop(&r);
 }
 
-static int make_root(void **state) {
-  (void)state;
-  return temp_folder_make(root, sizeof root, "page");
-}
-static int clean(void **state) {
-  (void)state;
+FIXTURE(make_root) { return temp_folder_make(root, sizeof root, "page"); }
+FIXTURE(clean) {
   browser_close(&b);
   live_run_stop(&r);
   return 0;
 }
-static int remove_root(void **state) {
-  (void)state;
-  return temp_folder_remove(root);
-}
+FIXTURE(remove_root) { return temp_folder_remove(root); }
 
 int main(void) {
   const struct CMUnitTest tests[] = {

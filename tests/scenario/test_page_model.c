@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the page draws against what the runtime's renderer draws of the saved model: shape, SH of degree 2, motion, times;
 // by WebGL2 and by the page's own rasterizer.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -16,7 +10,7 @@
 #include "src/rig/rig.h"
 #include "tests/common/browser.h"
 #include "tests/common/live_run.h"
-#include "tests/common/temp_folder.h"
+#include "tests/common/test.h"
 #include "tools/train/evaluate.h"
 #include "tools/lab/lab.h"
 #include "tools/lab/model_formats.h"
@@ -212,35 +206,26 @@ static void run_and_look(const char *args, bool is_moving) {
   close_model();
 }
 
-static void test_still(void **state) {
-  (void)state;
+TEST(test_still) {
   run_and_look(
       "--source sim:textured,rig=stereo,size=160x120 --exposures 4 --steps 250 --gaussians 2500 --sh 2 "
       "--session",
       false);
 }
 
-static void test_moving(void **state) {
-  (void)state;
+TEST(test_moving) {
   run_and_look("--source sim:moving,rig=stereo,arc=0,size=160x120 --scene dynamic --exposures 12 --steps 300 "
                "--gaussians 2500 --sh 1 --session",
                true);
 }
 
-static int make_root(void **state) {
-  (void)state;
-  return temp_folder_make(root, sizeof root, "model");
-}
-static int clean(void **state) {
-  (void)state;
+FIXTURE(make_root) { return temp_folder_make(root, sizeof root, "model"); }
+FIXTURE(clean) {
   browser_close(&b);
   live_run_stop(&r);
   return 0;
 }
-static int remove_root(void **state) {
-  (void)state;
-  return temp_folder_remove(root);
-}
+FIXTURE(remove_root) { return temp_folder_remove(root); }
 
 int main(void) {
   const struct CMUnitTest tests[] = {

@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Sparse-view priors as a user runs them. This program is also the one that --prior external: calls: a fixer that knows
 // the simulator's scene, as good as such a program could be.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -15,6 +9,7 @@
 #include "platform/linux/linux.h"
 #include "platform/sim/sim.h"
 #include "tests/common/lab_shell.h"
+#include "tests/common/test.h"
 #include "tools/dataset/dataset.h"
 
 #define SCENE "textured"
@@ -127,8 +122,7 @@ static double psnr_of(const char *out, const char *prior) {
   return number("psnr");
 }
 
-static int setup(void **state) {
-  (void)state;
+FIXTURE(setup) {
   const int code = lab_shell_open(&shell, "prior");
   if (code != 0) return code < 0 ? code : 0;
   const ssize_t n = readlink("/proc/self/exe", self, sizeof self - 1);
@@ -139,14 +133,10 @@ static int setup(void **state) {
   return shell.is_ready ? 0 : -1;
 }
 
-static int teardown(void **state) {
-  (void)state;
-  return lab_shell_close(&shell);
-}
+FIXTURE(teardown) { return lab_shell_close(&shell); }
 
 // Views that a fixer completed teach what one camera could not see.
-static void test_pictures(void **state) {
-  (void)state;
+TEST(test_pictures) {
   lab_shell_need(&shell);
   const double none = psnr_of("none", "");
   const double fixed =
@@ -161,8 +151,7 @@ static void test_pictures(void **state) {
 }
 
 // What only says how far things are, too: in units of its own, or in the scene's.
-static void test_depth(void **state) {
-  (void)state;
+TEST(test_depth) {
   lab_shell_need(&shell);
   const double none = psnr_of("none", "");
   const double depth_off = number("abs_rel");
@@ -178,9 +167,8 @@ static void test_depth(void **state) {
 }
 
 // The same answers give the same model, for any number of threads.
-static void test_same_bits(void **state) {
+TEST(test_same_bits) {
   char first[64];
-  (void)state;
   lab_shell_need(&shell);
   (void)psnr_of("a", "--threads 2 --prior 'external:# pictures,disparity' --prior-calls 2 --prior-views 2");
   snprintf(first, sizeof first, "%.30s",
@@ -190,8 +178,7 @@ static void test_same_bits(void **state) {
 }
 
 // A program that fails before the first step stops the run; later on, training goes on without it.
-static void test_failures(void **state) {
-  (void)state;
+TEST(test_failures) {
   lab_shell_need(&shell);
   assert_int_equal(train("f", "--prior 'external:echo no such net; exit 7;'"), 1);
   assert_non_null(strstr(shell.said, "exit code 7: no such net"));
@@ -219,8 +206,7 @@ static void test_failures(void **state) {
 
 // FSGS and SparseGS on a stereo pair, whose views tell of depth themselves; and on one camera with estimated depth, from a
 // program or from files that the dataset names.
-static void test_methods(void **state) {
-  (void)state;
+TEST(test_methods) {
   lab_shell_need(&shell);
   static const char *const names[] = {"fsgs", "sparsegs"};
   for (int i = 0; i < 2; i++) {
@@ -261,10 +247,9 @@ static void test_methods(void **state) {
 }
 
 // The runtime itself, on the simulator: the same model from any number of threads, in the block that was planned.
-static void test_run(void **state) {
+TEST(test_run) {
   static const char *const methods[] = {"fsgs", "sparsegs"};
   char line[600];
-  (void)state;
   lab_shell_need(&shell);
   for (int i = 0; i < 2; i++) {
     for (int n = 1; n <= 2; n++) {
@@ -295,8 +280,7 @@ static void test_run(void **state) {
       lab_shell_run(&shell, "$(dirname @)/subview run --source sim:textured --prior magic --out r1"), 2);
 }
 
-static void test_refusals(void **state) {
-  (void)state;
+TEST(test_refusals) {
   lab_shell_need(&shell);
   assert_int_equal(lab_shell_run(&shell,
                                  "@ train --data s --transforms transforms_train_multiplexed.json --steps 5 "

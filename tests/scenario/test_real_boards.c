@@ -1,20 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // subview-calibrate board and check on real pictures: the stereo pairs and stills of tests/data.
 #include <math.h>
-#include <setjmp.h>
 #include <signal.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-#include <cmocka.h>
-
 #include "calib/solve/boards.h"
 #include "calib/solve/corners.h"
+#include "tests/common/test.h"
 #include "tools/calibrate/calibrate.h"
 
 static sv_err err;
@@ -54,8 +50,7 @@ static void remove_folder(const char *folder) {
   if (system(command) != 0) printf("%s stays\n", folder);
 }
 
-static void test_real_stereo(void **state) {
-  (void)state;
+TEST(test_real_stereo) {
   static const char left[] = "tests/data/stereo_chessboard/left*.jpg",
                     right[] = "tests/data/stereo_chessboard/right*.jpg";
   char out[SV_CAP_PATH];
@@ -99,8 +94,7 @@ static void test_real_stereo(void **state) {
   remove_folder(out);
 }
 
-static void test_real_stills(void **state) {
-  (void)state;
+TEST(test_real_stills) {
   static const double want[4] = {107599.671875, 107118.695313, 107622.296875,
                                  107215.039063}; // 1/64 px, full size
   char out[SV_CAP_PATH];

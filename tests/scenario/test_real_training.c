@@ -2,12 +2,6 @@
 // The programs train on the datasets of tests/data, as a user runs them: a published scene, one
 // exposure of five devices, and four real webcams.
 // Floors of PSNR lie within 1 dB of what was measured.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,13 +9,12 @@
 #include <unistd.h>
 
 #include "tests/common/lab_shell.h"
-#include "tests/common/temp_folder.h"
+#include "tests/common/test.h"
 
 static lab_shell shell = {.cwd = ""};
 
-static int setup(void **state) {
+FIXTURE(setup) {
   char here[512], line[600];
-  (void)state;
   int code = lab_shell_open(&shell, "real");
   if (code != 0) return code < 0 ? code : 0;
   if (!getcwd(here, sizeof here)) return -1;
@@ -31,10 +24,7 @@ static int setup(void **state) {
   return 0;
 }
 
-static int teardown(void **state) {
-  (void)state;
-  return lab_shell_close(&shell);
-}
+FIXTURE(teardown) { return lab_shell_close(&shell); }
 
 // The first number of this name in a JSON text.
 static double number_of(const char *json, const char *name) {
@@ -52,8 +42,7 @@ static int count(const char *text, const char *word) {
   return n;
 }
 
-static void test_mic(void **state) {
-  (void)state;
+TEST(test_mic) {
   lab_shell_need(&shell);
   lab_shell_run_well(&shell, "@ train --data data/mic_200 --gaussians 5000 --steps 1500 --threads 2 --eval "
                              "--json --quiet --out mic");
@@ -84,7 +73,7 @@ static score train_kitchen(const char *device, int n_views) {
 }
 
 // The floors of the devices: dB; the ceilings of their depth error.
-static void test_devices(void **state) {
+TEST(test_devices) {
   static const struct {
     const char *name;
     int n_views;
@@ -96,7 +85,6 @@ static void test_devices(void **state) {
                  {"multiplexed_theta10", 16, 21.8, 0.053}};
   enum { MONO, STEREO, N_DEVICES = sizeof devices / sizeof *devices };
   score of[N_DEVICES];
-  (void)state;
   lab_shell_need(&shell);
   for (int i = 0; i < N_DEVICES; i++) {
     of[i] = train_kitchen(devices[i].name, devices[i].n_views);
@@ -116,12 +104,11 @@ static void import_webcams(void) {
 // The recorded timestamps decide which frames form an exposure. All do within 20 ms, 8 of 12
 // within 5 ms.
 // The largest skews are those of sync_index 47 and 42 in timestamps.csv.
-static void test_webcam_exposures(void **state) {
+TEST(test_webcam_exposures) {
   static const struct {
     int limit_ms, n_exposures;
     double max_skew_us;
   } cases[] = {{20, 12, 16800.15}, {5, 8, 4315.45}};
-  (void)state;
   lab_shell_need(&shell);
   import_webcams();
   for (int i = 0; i < 2; i++) {
@@ -132,7 +119,7 @@ static void test_webcam_exposures(void **state) {
         "--steps 20 --quiet --out sync",
         cases[i].limit_ms);
     lab_shell_run_well(&shell, line);
-    char *report = temp_folder_read(shell.root, "sync/run.json");
+    char *report = temp_read(shell.root, "sync/run.json");
     const char *skew = strstr(report, "\"skew_us\": ");
     assert_non_null(skew);
     assert_int_equal((int)number_of(report, "exposures"), cases[i].n_exposures);
@@ -148,8 +135,7 @@ static void test_webcam_exposures(void **state) {
   }
 }
 
-static void test_webcam_training(void **state) {
-  (void)state;
+TEST(test_webcam_training) {
   lab_shell_need(&shell);
   import_webcams();
   lab_shell_run_well(&shell, "$(dirname @)/subview run --source replay:webcams --exposures 1 --steps 600 "

@@ -1,17 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Training that corrects the rig's poses: a source that is off by a third of a degree and some millimetres.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <string.h>
 
 #include "src/base/mathx.h"
 #include "src/base/rng.h"
 #include "src/track/pose.h"
+#include "tests/common/test.h"
 #include "tests/common/world.h"
 
 enum { N = 10 };
@@ -85,8 +80,7 @@ static outcome run(bool is_wrong, bool is_refining, int n_threads) {
   return o;
 }
 
-static void test_gain(void **state) {
-  (void)state;
+TEST(test_gain) {
   outcome right = run(false, false, 2), wrong = run(true, false, 2), refined = run(true, true, 2);
   print_message(
       "held-out PSNR %.2f dB with the true poses; %.2f dB with wrong ones (%.3f degrees, %.1f mm), %.2f dB "
@@ -105,8 +99,7 @@ static void test_gain(void **state) {
 }
 
 // The twist's gradient by differences: of a linear function of cam_from_world's twist.
-static void test_chain(void **state) {
-  (void)state;
+TEST(test_chain) {
   sv_pose cam, rig;
   sv_rodrigues(cam.r, (double[3]){0.3, -0.5, 0.9}), sv_rodrigues(rig.r, (double[3]){-0.8, 0.2, 0.4});
   for (int k = 0; k < 3; k++) cam.t[k] = 0.4 * k - 0.3, rig.t[k] = 1.7 - 0.9 * k;

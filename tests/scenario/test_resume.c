@@ -1,13 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a run that goes on asks of its checkpoint: made by this run, not by one of another scene or another seed.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <string.h>
 
+#include "tests/common/test.h"
 #include "tests/common/world.h"
 
 #define SPEC "textured,rig=stereo,size=64x48"
@@ -28,8 +23,7 @@ static sv_status run_as(const char *source, uint64_t seed, bool is_resume) {
 }
 
 // Of the same sizes, and still another run: nothing of it may come into what is there.
-static void test_resume_refuses_another_run(void **state) {
-  (void)state;
+TEST(test_resume_refuses_another_run) {
   static const struct {
     const char *source, *says; // says: NULL: goes on
     uint64_t seed;
@@ -44,13 +38,12 @@ static void test_resume_refuses_another_run(void **state) {
     if (s != (runs[i].says ? SV_E_RANGE : SV_OK)) fail_msg("%s: %d: %s", runs[i].source, s, w.err.text);
     assert_true(world_has_line(&w, "resumed at step 3") == !runs[i].says);
     if (!runs[i].says) continue;
-    assert_true(world_is_one_sentence(w.err.text));
+    assert_one_sentence(w.err.text);
     assert_non_null(strstr(w.err.text, runs[i].says));
   }
 }
 
-static void test_origin(void **state) {
-  (void)state;
+TEST(test_origin) {
   uint64_t a = sv_app_origin("replay:out/capture");
   assert_true(a == sv_app_origin("replay:out/capture/"));
   assert_true(a == sv_app_origin("replay:out/capture,speed=max"));

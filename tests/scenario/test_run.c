@@ -1,18 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // The whole runtime on the simulator and its virtual clock: quality, rigs, clocks that lie, cameras that vanish,
 // captures that replay, stops and resumes, and sizes at their limits.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "src/format/json.h"
+#include "tests/common/test.h"
 #include "tests/common/world.h"
 
 static world w;
@@ -62,8 +57,7 @@ static double train_quality(const quality *q, uint64_t mask) {
   return psnr;
 }
 
-static void test_stereo_beats_one_sub_view(void **state) {
-  (void)state;
+TEST(test_stereo_beats_one_sub_view) {
   static const quality runs[] = {
       {"textured,rig=stereo,size=160x120", 8, 29.0, 0.3}, // measured: 30.6 dB, 0.8 dB over the left one alone
       {"occlusion,rig=stereo,size=160x120", 8, 27.3, 0.8}, // 28.9 dB, 1.6 dB
@@ -79,8 +73,7 @@ static void test_stereo_beats_one_sub_view(void **state) {
   }
 }
 
-static void test_gauss_newton_beats_adam(void **state) {
-  (void)state;
+TEST(test_gauss_newton_beats_adam) {
   quality q = {.spec = "textured,rig=stereo,size=160x120", .n_exposures = 8, .steps = 300};
   double psnr[2];
   for (int i = 0; i < 2; i++) {
@@ -133,8 +126,7 @@ static void assert_pictures(double max_rms) {
     }
 }
 
-static void test_bad_timing(void **state) {
-  (void)state;
+TEST(test_bad_timing) {
   static const struct {
     const char *spec;
     sv_ns limit_ns;
@@ -174,14 +166,13 @@ static void test_bad_timing(void **state) {
 }
 
 // A skew beyond the limit gives no exposure at all, and says so.
-static void test_skew_beyond_the_limit(void **state) {
-  (void)state;
+TEST(test_skew_beyond_the_limit) {
   open_world("textured,rig=stereo,size=64x48,skew_us=20000", 4);
   w.cfg.skew_limit_ns = 5 * SV_NS_PER_MS;
   w.cfg.capture_timeout_ns = 3 * SV_NS_PER_S;
   w.cfg.steps = 4;
   assert_int_equal(world_run(&w), SV_E_TIMEOUT);
-  assert_true(world_is_one_sentence(w.err.text));
+  assert_one_sentence(w.err.text);
   assert_non_null(strstr(w.err.text, "skew limit"));
   assert_int_equal(w.app.exposures.n, 0);
   assert_int_equal(w.app.state, SV_APP_FAILED);
@@ -189,13 +180,12 @@ static void test_skew_beyond_the_limit(void **state) {
   world_close(&w);
 }
 
-static void test_unplugged_camera(void **state) {
-  (void)state;
+TEST(test_unplugged_camera) {
   open_world("textured,rig=stereo,size=64x48,fault=unplug:1:5", 8);
   w.cfg.capture_timeout_ns = 2 * SV_NS_PER_S;
   w.cfg.steps = 4;
   assert_int_equal(world_run(&w), SV_E_TIMEOUT);
-  assert_true(world_is_one_sentence(w.err.text));
+  assert_one_sentence(w.err.text);
   assert_non_null(strstr(w.err.text, "5 of 8"));
   assert_true(world_has_line(&w, "camera 1")); // which one it was
   assert_int_equal(w.app.n_device_errors, 1);
@@ -218,8 +208,7 @@ static void test_unplugged_camera(void **state) {
 }
 
 // A source that ends early: what came is trained on; one that never delivers is an error.
-static void test_source_ends(void **state) {
-  (void)state;
+TEST(test_source_ends) {
   open_world("textured,rig=stereo,size=64x48,frames=3", 8);
   w.cfg.steps = 4;
   run_well();
@@ -229,7 +218,7 @@ static void test_source_ends(void **state) {
   open_world("textured,rig=stereo,size=64x48,frames=3,drop=1", 8);
   w.cfg.steps = 4;
   assert_int_equal(world_run(&w), SV_E_NOT_FOUND);
-  assert_true(world_is_one_sentence(w.err.text));
+  assert_one_sentence(w.err.text);
   world_close(&w);
 }
 
@@ -241,8 +230,7 @@ static double training_psnr(void) {
   return psnr;
 }
 
-static void test_light_field(void **state) {
-  (void)state;
+TEST(test_light_field) {
   open_world("textured,rig=lightfield,size=256x192", 4);
   w.cfg.train.n_gaussians = 1500;
   w.cfg.steps = 600;
@@ -257,8 +245,7 @@ static void test_light_field(void **state) {
   world_close(&w);
 }
 
-static void test_phone(void **state) {
-  (void)state;
+TEST(test_phone) {
   open_world("textured,rig=phone,size=96x72", 4);
   w.cfg.train.n_gaussians = 1500;
   w.cfg.steps = 400;
@@ -276,8 +263,7 @@ static void test_phone(void **state) {
   world_close(&w);
 }
 
-static void test_unknown_bounds(void **state) {
-  (void)state;
+TEST(test_unknown_bounds) {
   open_world("textured,rig=stereo,size=96x72", 6);
   w.cfg.has_bounds = false;
   w.cfg.train.n_gaussians = 1500;
@@ -293,8 +279,7 @@ static void test_unknown_bounds(void **state) {
 
 // --- time, stops, resumes ------------------------------------------------------------------------
 
-static void test_time_limit(void **state) {
-  (void)state;
+TEST(test_time_limit) {
   open_world("textured,rig=stereo,size=64x48", 2);
   w.cfg.time_limit_s = 0.4; // 1 ms passes with each look at the clock
   run_well();
@@ -311,8 +296,7 @@ static void test_time_limit(void **state) {
 }
 
 // A budget of time goes on where it was.
-static void test_time_limit_resumed(void **state) {
-  (void)state;
+TEST(test_time_limit_resumed) {
   uint32_t step = 0;
   world_forget_files(&w);
   for (int i = 0; i < 3; i++) {
@@ -342,8 +326,7 @@ static void open_resume(void) {
   w.cfg.steps = RESUME_STEPS;
 }
 
-static void test_resume_is_bit_exact(void **state) {
-  (void)state;
+TEST(test_resume_is_bit_exact) {
   world_forget_files(&w);
   open_resume();
   run_well();
@@ -366,7 +349,7 @@ static void test_resume_is_bit_exact(void **state) {
       assert_int_equal(world_run(&w), SV_E_INTERRUPTED);
       assert_int_equal(w.app.trainer.step, stops[i][k]);
       assert_true(world_has_line(&w, "no checkpoint.bin") == (k == 0));
-      assert_true(world_is_one_sentence(w.err.text));
+      assert_one_sentence(w.err.text);
       assert_non_null(world_find(&w, "model.ply"));
       assert_non_null(world_find(&w, "checkpoint.bin"));
       world_close(&w);
@@ -389,8 +372,7 @@ static void test_resume_is_bit_exact(void **state) {
   world_close(&w);
 }
 
-static void test_resume_refuses_other_settings(void **state) {
-  (void)state;
+TEST(test_resume_refuses_other_settings) {
   for (int i = 0; i < 4; i++) {
     open_resume(); // the checkpoint of the test before, or a new one
     w.cfg.steps = 3;
@@ -404,14 +386,13 @@ static void test_resume_refuses_other_settings(void **state) {
     if (i == 3) w.cfg.optimizer = 1 + SV_OPTIMIZER_ADAM;
     sv_status s = world_run(&w);
     if (s != SV_E_RANGE) fail_msg("%d: %s", s, w.err.text);
-    assert_true(world_is_one_sentence(w.err.text));
+    assert_one_sentence(w.err.text);
     world_close(&w);
   }
 }
 
 // What is there stays as it is.
-static void test_stop_before_first_step(void **state) {
-  (void)state;
+TEST(test_stop_before_first_step) {
   world_forget_files(&w);
   for (int i = 0; i < 2; i++) {
     open_resume();
@@ -430,21 +411,19 @@ static void test_stop_before_first_step(void **state) {
   }
 }
 
-static void test_stop_before_training(void **state) {
-  (void)state;
+TEST(test_stop_before_training) {
   world_forget_files(&w);
   open_resume();
   w.is_stop_at_once = true;
   assert_int_equal(world_run(&w), SV_E_INTERRUPTED);
-  assert_true(world_is_one_sentence(w.err.text));
+  assert_one_sentence(w.err.text);
   assert_null(strstr(w.err.text, "is saved")); // it would not be true
   assert_null(world_find(&w, "model.ply"));
   assert_ledger();
   world_close(&w);
 }
 
-static void test_save_every(void **state) {
-  (void)state;
+TEST(test_save_every) {
   world_forget_files(&w);
   open_resume();
   w.cfg.save_every_s = 0.01;
@@ -463,8 +442,7 @@ static void test_save_every(void **state) {
 
 // --- limits --------------------------------------------------------------------------------------
 
-static void test_smallest_run(void **state) {
-  (void)state;
+TEST(test_smallest_run) {
   // One pixel: a light field of 16 x 16 px lenses is the simulator's smallest, so the rig is cut by hand.
   open_world("textured,rig=lightfield,size=16x16", 1);
   sv_rig rig = w.sim.rig;
@@ -494,8 +472,7 @@ static void test_smallest_run(void **state) {
   }
 }
 
-static void test_bad_settings(void **state) {
-  (void)state;
+TEST(test_bad_settings) {
   for (int i = 0; i < 6; i++) {
     open_world("textured,rig=stereo,size=64x48", 2);
     w.cfg.steps = 2;
@@ -506,15 +483,14 @@ static void test_bad_settings(void **state) {
     if (i == 4) w.cfg.train.weight_ssim = -1;
     if (i == 5) w.cfg.skew_limit_ns = -1;
     sv_status s = world_init(&w);
-    if (s != SV_E_ARG || !world_is_one_sentence(w.err.text)) fail_msg("%d: %d, \"%s\"", i, s, w.err.text);
+    if (s != SV_E_ARG || !is_one_sentence(w.err.text)) fail_msg("%d: %d, \"%s\"", i, s, w.err.text);
     world_close(&w);
   }
 }
 
 // The plan is exact: a block of that size runs, one that is a take's alignment or more shorter is refused with a
 // sentence, whatever the size.
-static void test_short_arena(void **state) {
-  (void)state;
+TEST(test_short_arena) {
   open_world("textured,rig=phone,size=64x48", 3);
   w.cfg.steps = 2;
   w.cfg.is_resume = true;
@@ -524,11 +500,11 @@ static void test_short_arena(void **state) {
   int n = 0;
   for (size_t bytes = 0; bytes < need; bytes += step, n++) {
     sv_status s = world_init_in(&w, bytes);
-    if (s != SV_E_NOMEM || !world_is_one_sentence(w.err.text))
+    if (s != SV_E_NOMEM || !is_one_sentence(w.err.text))
       fail_msg("%zu of %zu bytes: %d, \"%s\"", bytes, need, s, w.err.text);
   }
   assert_int_equal(world_init_in(&w, need - 16), SV_E_NOMEM);
-  assert_true(world_is_one_sentence(w.err.text));
+  assert_one_sentence(w.err.text);
   print_message("%d sizes below %zu bytes: \"%s\"\n", n, need, w.err.text);
   if (world_init_in(&w, need) < 0) fail_msg("%s", w.err.text);
   assert_int_equal(w.arena.used_bytes, need);

@@ -3,13 +3,8 @@
 // at 50 ppm and 1 ms of jitter (of the arrivals, of the stamps, of both); again so within 2 s of any clock step; free
 // cameras brought together by the length of their frames; triggered ones; and the exposures of a real recording
 // counted by hand.
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-// cmocka needs the four above first
-#include <cmocka.h>
 #include <math.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -17,6 +12,7 @@
 #include "platform/sim/sim.h"
 #include "src/sync/frame_length.h"
 #include "src/sync/sync.h"
+#include "tests/common/test.h"
 
 #define CAP_SKEWS 40000
 
@@ -107,8 +103,7 @@ static double p99_us(double from_s, double until_s, int *n) {
 
 #define DRIFT "textured,rig=stereo,size=16x16,fps=30,skew_us=400,drift_ppm=50,offset_ms=-350000"
 
-static void skew_is_true(void **state) {
-  (void)state;
+TEST(skew_is_true) {
   static const struct {
     const char *what, *spec;
     double settle_s;
@@ -133,8 +128,7 @@ static void skew_is_true(void **state) {
   }
 }
 
-static void steps_are_over_in_two_seconds(void **state) {
-  (void)state;
+TEST(steps_are_over_in_two_seconds) {
   static const int step_ms[] = {3600000, -3600000, 1000, -1000, 200, -200, 50, -50, 12};
   static const char *const jitter[] = {"delay_jitter_us=1000", "jitter_us=1000"};
   for (int k = 0; k < 2; k++)
@@ -158,8 +152,7 @@ static void steps_are_over_in_two_seconds(void **state) {
 }
 
 // Oscillators 60 ppm apart and 7 ms of phase: left alone they drift out of the limit, corrected they meet.
-static void frame_lengths_bring_cameras_together(void **state) {
-  (void)state;
+TEST(frame_lengths_bring_cameras_together) {
   static const char spec[] =
       "textured,rig=stereo,size=16x16,fps=30,skew_us=7000,rate_ppm=30,frames=9000,delay_jitter_us=500";
   sv_frame_length loop;
@@ -186,8 +179,7 @@ static void frame_lengths_bring_cameras_together(void **state) {
   }
 }
 
-static void triggered_cameras_expose_together(void **state) {
-  (void)state;
+TEST(triggered_cameras_expose_together) {
   int n;
   open_sim("textured,rig=phone,size=16x16,fps=30,skew_us=7000,rate_ppm=200,frames=600", SV_NS_PER_MS);
   assert_int_equal(source.trigger(source.self, true), SV_OK);
@@ -272,8 +264,7 @@ static int count_by_sync(sv_ns limit_ns) {
   return n;
 }
 
-static void a_recording_counted_by_hand(void **state) {
-  (void)state;
+TEST(a_recording_counted_by_hand) {
   static const int limits_ms[] = {1, 5, 20, 50};
   read_rows("tests/data/webcams_board/timestamps_all.csv");
   for (size_t i = 0; i < sizeof limits_ms / sizeof *limits_ms; i++) {

@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What every source of frames must do (tests/common/source_suite.h), on all that exist here. A new source is one line
 // in SOURCES; cameras that are really there: tests/conform/source_check.c.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -20,6 +14,7 @@
 #include "src/format/rig_file.h"
 #include "tests/common/fake_v4l2.h"
 #include "tests/common/source_suite.h"
+#include "tests/common/test.h"
 #include "tests/common/world.h"
 
 #define SPEC       "textured,rig=stereo,size=64x48,skew_us=300,drift_ppm=30,offset_ms=200"
@@ -138,8 +133,7 @@ static void record(void) {
   if (sv_capture_writer_close(&writer, &w.err) < 0) fail_msg("%s", w.err.text);
 }
 
-static int make_capture(void **state) {
-  (void)state;
+FIXTURE(make_capture) {
   const char *tmp = getenv("TMPDIR");
   snprintf(dir, sizeof dir, "%s/sv_sources_XXXXXX", tmp ? tmp : "/tmp");
   if (!mkdtemp(dir) || !world_open(&w, SPEC, 8, ~0u, 1)) return -1;
@@ -149,9 +143,8 @@ static int make_capture(void **state) {
   return 0;
 }
 
-static int remove_capture(void **state) {
+FIXTURE(remove_capture) {
   char command[300];
-  (void)state;
   snprintf(command, sizeof command, "rm -rf '%s'", dir);
   return system(command);
 }
@@ -174,20 +167,10 @@ static void for_all(bool (*body)(source_suite *s, int n)) {
     }
 }
 
-static void test_capture(void **state) {
-  (void)state;
-  for_all(source_suite_capture);
-}
-static void test_start_stop(void **state) {
-  (void)state;
-  for_all(source_suite_start_stop);
-}
-static void test_unbalanced_stop(void **state) {
-  (void)state;
-  for_all(source_suite_unbalanced);
-}
-static void test_bad_calls(void **state) {
-  (void)state;
+TEST(test_capture) { for_all(source_suite_capture); }
+TEST(test_start_stop) { for_all(source_suite_start_stop); }
+TEST(test_unbalanced_stop) { for_all(source_suite_unbalanced); }
+TEST(test_bad_calls) {
   for (int i = 0; i < N_SOURCES; i++) {
     if (!SOURCES[i].open()) fail_msg("%s: %s", SOURCES[i].name, w.err.text);
     source_suite s = suite_of(i);
@@ -198,8 +181,7 @@ static void test_bad_calls(void **state) {
 
 // --- capture, then replay: the same exposures ----------------------------------------------------
 
-static void test_replay_gives_the_same_exposures(void **state) {
-  (void)state;
+TEST(test_replay_gives_the_same_exposures) {
   static sv_exposure want[8];
   static uint8_t px[8][2][64 * 48 * 3];
   if (!open_sim()) fail_msg("%s", w.err.text);

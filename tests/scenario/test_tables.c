@@ -2,12 +2,6 @@
 // `subview-lab tables` as a user runs it, on a tiny simulated dataset: what it writes, going on after a stop and
 // after damage, without gnuplot, and bad input. SV_BIN names the programs' folder. Skipped under emulation: the
 // program starts itself again, which an emulator does not do.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -16,7 +10,7 @@
 #include <string.h>
 
 #include "tests/common/lab_shell.h"
-#include "tests/common/temp_folder.h"
+#include "tests/common/test.h"
 #include "tools/common/fileio.h"
 #include "tools/common/imageio.h"
 
@@ -39,7 +33,7 @@ static int count(const char *text, const char *word) {
 static char *slurp(const char *name) {
   char path[600];
   snprintf(path, sizeof path, "w/%.500s", name);
-  return temp_folder_read(shell.root, path);
+  return temp_read(shell.root, path);
 }
 
 static bool exists(const char *name) {
@@ -72,9 +66,8 @@ static void figures_of(const char *name, char *out, size_t cap) {
   free(text);
 }
 
-static int setup(void **state) {
+FIXTURE(setup) {
   char command[80];
-  (void)state;
   int code = lab_shell_open(&shell, "tables");
   if (code != 0) return code < 0 ? code : 0;
   if (run("mkdir w") != 0) return -1;
@@ -97,20 +90,16 @@ static int setup(void **state) {
   return 0;
 }
 
-static int teardown(void **state) {
-  (void)state;
-  return lab_shell_close(&shell);
-}
+FIXTURE(teardown) { return lab_shell_close(&shell); }
 
 // --- what is written -----------------------------------------------------------------------------
 
-static void test_rows(void **state) {
+TEST(test_rows) {
   static const struct {
     const char *file;
     int n_rows;
   } files[] = {{"a/summary.csv", 10}, {"a/depth.csv", 10}, {"a/angle.csv", 5},  {"a/exposures.csv", 6},
                {"a/init.csv", 4},     {"a/tv.csv", 4},     {"a/count.csv", 12}, {"a/scenes.csv", 10}};
-  (void)state;
   lab_shell_need(&shell);
   for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
     char *text = slurp(files[i].file), *line = text;
@@ -130,9 +119,8 @@ static void test_rows(void **state) {
 }
 
 // One exposure is scored near, three are scored all around, the curve of exposures always all around.
-static void test_protocol(void **state) {
+TEST(test_protocol) {
   char cell[3][40];
-  (void)state;
   lab_shell_need(&shell);
   for (int is_curve = 0; is_curve < 2; is_curve++) {
     char *text = slurp(is_curve ? "a/exposures.csv" : "a/summary.csv"), *line = text;
@@ -147,7 +135,7 @@ static void test_protocol(void **state) {
   }
 }
 
-static void test_markdown(void **state) {
+TEST(test_markdown) {
   static const char *const words[] = {"## Image quality, 1 and 3 exposures",
                                       "| 1 | multiplexed |",
                                       "26.39 | 0.891 | 0.098 |", // the paper's
@@ -159,7 +147,6 @@ static void test_markdown(void **state) {
                                       "**This is a quick run**",
                                       "sheet_s.png",
                                       "What differs from the paper"};
-  (void)state;
   lab_shell_need(&shell);
   char *text = slurp("a/tables.md");
   for (size_t i = 0; i < sizeof words / sizeof *words; i++)
@@ -173,14 +160,13 @@ static void test_markdown(void **state) {
   free(text);
 }
 
-static void test_pictures(void **state) {
+TEST(test_pictures) {
   static const char *const plots[] = {"angle_psnr",      "angle_abs_rel", "exposures_psnr",
                                       "exposures_lpips", "summary_psnr",  "exposures_abs_rel",
                                       "summary_abs_rel"};
   char path[900];
   sv_bitmap b;
   sv_err err;
-  (void)state;
   lab_shell_need(&shell);
   snprintf(path, sizeof path, "%s/w/a/sheet_s.png", shell.root);
   assert_int_equal(sv_bitmap_read(path, &b, &err), SV_OK);
@@ -204,8 +190,7 @@ static void test_pictures(void **state) {
   }
 }
 
-static void test_without_gnuplot(void **state) {
-  (void)state;
+TEST(test_without_gnuplot) {
   lab_shell_need(&shell);
   run_well("cp -r a g && rm -f g/plots/*.png g/plots/*.svg && PATH=/nowhere @ tables " SETTING " --out g");
   assert_int_equal(count(shell.said, "gnuplot is not installed"), 1);
@@ -225,8 +210,7 @@ static void assert_done(int n_before, int n_made) {
   assert_int_equal(count(shell.said, "PSNR"), n_made);
 }
 
-static void test_nothing_is_done_twice(void **state) {
-  (void)state;
+TEST(test_nothing_is_done_twice) {
   lab_shell_need(&shell);
   char *before = slurp("a/runs.csv");
   run_well("@ tables " SETTING " --out a");
@@ -241,9 +225,8 @@ static void test_nothing_is_done_twice(void **state) {
 }
 
 // Cut, changed, taken from another run, taken away, without its pictures, with scores missing.
-static void test_damage(void **state) {
+TEST(test_damage) {
   static char before[8192], after[8192];
-  (void)state;
   lab_shell_need(&shell);
   figures_of("a/summary.csv", before, sizeof before);
   run_well("cp -r a d && rm d/summary.csv && cd d/runs && truncate -s -40 "
@@ -263,8 +246,7 @@ static void test_damage(void **state) {
 }
 
 // A dataset with the same poses and other pictures is another one.
-static void test_other_pictures(void **state) {
-  (void)state;
+TEST(test_other_pictures) {
   lab_shell_need(&shell);
   run_well("cp -r ../s ../other && rm -r ../other/test_near && cp -r ../other/test ../other/test_near && "
            "mkdir -p o && cp -r a/runs o && mkdir -p x && mv ../other x/s && "
@@ -274,8 +256,7 @@ static void test_other_pictures(void **state) {
 
 // Noise on the predicted measurements makes other runs than the same figures on the pictures, and none of the devices
 // that have pictures only.
-static void test_noise_is_a_setting(void **state) {
-  (void)state;
+TEST(test_noise_is_a_setting) {
   lab_shell_need(&shell);
   run_well("mkdir -p p && cp -r a/runs p && @ tables " SETTING " --noise prediction,read=0,shot=0 --out p");
   assert_int_equal(count(shell.said, "other devices are left out"), 1);
@@ -290,8 +271,7 @@ static void test_noise_is_a_setting(void **state) {
   assert_int_equal(count(shell.said, "no transforms_train_multiplexed.json"), 1);
 }
 
-static void test_stop(void **state) {
-  (void)state;
+TEST(test_stop) {
   lab_shell_need(&shell);
   // The first run is long enough to be stopped in; SIGTERM reaches the program only, Ctrl-C would do the same.
   int code = run("@ tables --data ../s --quick --steps 2000000 --gaussians 40 --out i & p=$!; "
@@ -309,7 +289,7 @@ static void test_stop(void **state) {
 
 // --- bad input -----------------------------------------------------------------------------------
 
-static void test_bad_input(void **state) {
+TEST(test_bad_input) {
   static const struct {
     const char *args;
     int code;
@@ -331,7 +311,6 @@ static void test_bad_input(void **state) {
       {"--data no_test --out b", 1, "has no transforms_test.json"},
       {"--data ../s --quick --steps 3 --gaussians 40 --out file", 1, "file"},
   };
-  (void)state;
   lab_shell_need(&shell);
   run_well("mkdir bad_json && echo '{\"frames\": [' > bad_json/transforms_train_mono.json && "
            "cp -r ../s no_picture && rm no_picture/train/mono/e01_s00.png && "
@@ -347,8 +326,7 @@ static void test_bad_input(void **state) {
 }
 
 // Many more Gaussians than depth maps give points: the plan has room for what depth maps give, however many are asked for.
-static void test_many_start_on_the_surface(void **state) {
-  (void)state;
+TEST(test_many_start_on_the_surface) {
   lab_shell_need(&shell);
   if (run("@ train --data ../s --transforms transforms_train_stereo_theta10.json --exposures 1 "
           "--gaussians 18000 --init stereo --steps 1 --out many") != 0)

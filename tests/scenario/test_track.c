@@ -1,17 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Odometry on handheld captures of the simulator: how far off, how sure of its scale, what it does when it cannot
 // know; and a run whose source does not tell its poses against one whose source does.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "src/track/tracker.h"
+#include "tests/common/test.h"
 #include "tests/common/world.h"
 
 #define CAP_EXPOSURES 100
@@ -100,8 +95,7 @@ static outcome track(const char *spec, int n, uint32_t isa_mask) {
   return track_covered(spec, n, isa_mask, 0, 0);
 }
 
-static void test_handheld(void **state) {
-  (void)state;
+TEST(test_handheld) {
   static const struct {
     const char *spec;
     double ate_percent, scale;
@@ -126,8 +120,7 @@ static void test_handheld(void **state) {
 
 // More exposures than are adjusted together, and the last part of them sees nothing: the scale is as well known as
 // without those.
-static void test_long(void **state) {
-  (void)state;
+TEST(test_long) {
   outcome o[2];
   for (int i = 0; i < 2; i++) {
     o[i] = track_covered("room,rig=stereo,angle=2,path=smooth,arc=40,exposures=30,size=320x240" NOISE,
@@ -140,8 +133,7 @@ static void test_long(void **state) {
 }
 
 // A rig with hardly any baseline says so; one camera alone is not placed.
-static void test_small_baseline(void **state) {
-  (void)state;
+TEST(test_small_baseline) {
   outcome o = track("room,rig=stereo,angle=0.2,arc=20,path=smooth,size=320x240" NOISE, 12, ~0u);
   print_message("0.2 degrees: %d placed, scale told +- %.1f %%, off by %.1f %%\n", o.s.n_placed,
                 100 * o.s.scale_sigma, 100 * o.scale_error);
@@ -152,8 +144,7 @@ static void test_small_baseline(void **state) {
 }
 
 // Nothing moves: exactly the same pose everywhere. A dark room has nothing to see.
-static void test_still(void **state) {
-  (void)state;
+TEST(test_still) {
   outcome o = track("room,rig=stereo,path=step,arc=0,exposures=100000,size=320x240" NOISE, 6, ~0u);
   sv_pose id = sv_pose_identity();
   print_message("still: %.2f px\n", o.s.still_px);
@@ -176,9 +167,8 @@ static void test_still(void **state) {
 
 // Exposures that see nothing of what the first one saw do not tell whether the rig stands: they are left out, and when
 // there are no others nothing is known.
-static void test_still_covered(void **state) {
+TEST(test_still_covered) {
   static const char spec[] = "room,rig=stereo,path=step,arc=0,exposures=100000,size=320x240" NOISE;
-  (void)state;
   outcome o = track_covered(spec, 6, ~0u, 2, 1);
   assert_true(o.s.is_still && o.s.n_placed == 5 && !tracker.is_placed[2] && tracker.is_placed[5]);
   assert_true(o.s.still_px >= 0 && o.s.still_px < 0.6);
@@ -189,8 +179,7 @@ static void test_still_covered(void **state) {
 }
 
 // The reference kernels and the fastest exact ones place the rig at the same bits.
-static void test_same_bits(void **state) {
-  (void)state;
+TEST(test_same_bits) {
   static const char spec[] = "textured,rig=stereo,path=handheld,exposures=60,size=320x240" NOISE;
   static sv_pose ref[5];
   (void)track(spec, 5, sv_isa_only(SV_ISA_REF));
@@ -252,8 +241,7 @@ static double run(const char *spec, bool is_tracking) {
   return psnr;
 }
 
-static void test_run(void **state) {
-  (void)state;
+TEST(test_run) {
   static const char known[] = "textured,rig=stereo,path=handheld,arc=120,size=320x240" NOISE,
                     unknown[] = "textured,rig=stereo,path=handheld,arc=120,poses=unknown,size=320x240" NOISE;
   double a = run(known, false), b = run(unknown, true);

@@ -1,15 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The list of arrays in the plan against the trainer's own layout: an array that is new, or of another type, shows.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <string.h>
 
 #include "src/run/arrays.h"
+#include "tests/common/test.h"
 
 static void check(const sv_train_cfg *c, const char *what) {
   sv_arrays f = sv_arrays_of(c);
@@ -27,8 +22,7 @@ static void check(const sv_train_cfg *c, const char *what) {
              what, g, px, f.per_gaussian, f.per_pixel);
 }
 
-static void test_rows_add_up(void **state) {
-  (void)state;
+TEST(test_rows_add_up) {
   for (int sh = 0; sh < 4; sh++) {
     sv_train_cfg c = sv_train_defaults();
     c.sh_degree = sh;
@@ -46,8 +40,7 @@ static void test_rows_add_up(void **state) {
   }
 }
 
-static void test_print(void **state) {
-  (void)state;
+TEST(test_print) {
   char text[4096];
   sv_train_cfg c = sv_train_defaults();
   sv_arrays f = sv_arrays_of(&c);

@@ -2,13 +2,9 @@
 // The floor: arena, rings, text, numbers, random numbers, elementary functions, poses.
 #include <math.h>
 #include <pthread.h>
-#include <setjmp.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-#include <cmocka.h>
 
 #include "src/base/arena.h"
 #include "src/base/mathx.h"
@@ -17,10 +13,10 @@
 #include "src/base/str.h"
 #include "src/base/vec.h"
 #include "src/rig/rig.h"
+#include "tests/common/test.h"
 
-static void test_status(void **state) {
+TEST(test_status) {
   sv_err e;
-  (void)state;
   assert_string_equal(sv_status_name(SV_E_NOMEM), "E_NOMEM");
   assert_string_equal(sv_status_name(12345), "?");
   assert_true(strlen(sv_status_text(SV_E_SEALED)) > 10);
@@ -36,10 +32,9 @@ static void carve(sv_arena *a, char **p, double **d) {
   *d = SV_TAKE(a, double, 33);
 }
 
-static void test_arena(void **state) {
+TEST(test_arena) {
   char *p;
   double *d;
-  (void)state;
   sv_arena dry = sv_arena_dry();
   carve(&dry, &p, &d);
   assert_int_equal(dry.used_bytes, 128 + 320);
@@ -83,13 +78,12 @@ static void *ring_writer(void *arg) {
   return NULL;
 }
 
-static void test_ring(void **state) {
+TEST(test_ring) {
   static _Alignas(64) uint8_t block[4096];
   sv_arena a = sv_arena_make(block, sizeof block);
   sv_ring r;
   pthread_t writer;
   uint32_t x;
-  (void)state;
   assert_int_equal(sv_ring_init(&r, 0, 4, &a), SV_E_ARG);
   assert_int_equal(sv_ring_init(&r, 100, sizeof x, &a), SV_OK);
   assert_int_equal(r.cap, 128);
@@ -110,11 +104,10 @@ static void test_ring(void **state) {
   pthread_join(writer, NULL);
 }
 
-static void test_text(void **state) {
+TEST(test_text) {
   char b[64];
   double d;
   long long n;
-  (void)state;
   assert_int_equal(sv_fmt(b, sizeof b, "%5d|%-4s|%04x|%.3f|%zu", -42, "ab", 0xbeu, 2.0 / 3, (size_t)7), 23);
   assert_string_equal(b, "  -42|ab  |00be|0.667|7");
   sv_fmt(b, 5, "%s", "abcdefg");
@@ -164,10 +157,9 @@ static void test_text(void **state) {
 
 static double rel(double a, double b) { return fabs(a - b) / fmax(fabs(b), 1e-300); }
 
-static void test_functions(void **state) {
+TEST(test_functions) {
   sv_rng r = sv_rng_make(3, 1);
   double e_exp = 0, e_log = 0, e_sin = 0, e_atan = 0, e_pow = 0;
-  (void)state;
   for (int i = 0; i < 200000; i++) {
     double u = (sv_rng_u32(&r) - 2147483648.0) / 2147483648.0,
            v = (sv_rng_u32(&r) - 2147483648.0) / 2147483648.0;
@@ -186,11 +178,10 @@ static void test_functions(void **state) {
   assert_true(sv_acos(1) == 0 && fabs(sv_acos(-1) - SV_PI) < 1e-15 && fabs(sv_tan(0.5) - tan(0.5)) < 1e-15);
 }
 
-static void test_random(void **state) {
+TEST(test_random) {
   sv_rng a = sv_rng_make(42, 1), b = sv_rng_make(42, 1), c = sv_rng_make(42, 2);
   double sum = 0, sq = 0;
   int n_same = 0, count[7] = {0};
-  (void)state;
   for (int i = 0; i < 100000; i++) {
     assert_int_equal(sv_rng_u32(&a), sv_rng_u32(&b));
     n_same += sv_rng_u32(&a) == sv_rng_u32(&c);
@@ -206,9 +197,8 @@ static void test_random(void **state) {
   assert_true(sv_hash3(1, 2, 3) != sv_hash3(1, 3, 2) && sv_hash3(1, 2, 3) == sv_hash3(1, 2, 3));
 }
 
-static void test_poses(void **state) {
+TEST(test_poses) {
   sv_rng r = sv_rng_make(9, 1);
-  (void)state;
   for (int i = 0; i < 1000; i++) {
     double w[3], back[3], q[4], x[3] = {0.3, -2, 5}, y[3];
     sv_pose a, b;
@@ -243,12 +233,11 @@ static void test_poses(void **state) {
   assert_true(rel(sv_angle_between(a1, a2), 1e-9) < 1e-12); // acos would say 0
 }
 
-static void test_rig(void **state) {
+TEST(test_rig) {
   static _Alignas(64) uint8_t block[1 << 16];
   sv_arena a = sv_arena_make(block, sizeof block);
   sv_rig rig;
   double point[3] = {0, 0, 4};
-  (void)state;
   assert_int_equal(sv_rig_init(&rig, 0, &a), SV_E_ARG);
   assert_int_equal(sv_rig_init(&rig, 2, &a), SV_OK);
   rig.n_sub_views = 1;

@@ -1,20 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // The bench's own arithmetic: sorted times, growth, bounds and counts. Real times are not tested here.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <stdlib.h>
 
+#include "tests/common/test.h"
 #include "tools/bench/bench.h"
 #include "src/base/str.h"
 #include "src/format/json.h"
 
-static void test_times(void **state) {
-  (void)state;
+TEST(test_times) {
   double v[] = {5, 1, 4, 2, 3}, one[] = {7}, two[] = {4, 2};
   sv_bench_times t = sv_bench_times_of(v, 5);
   assert_true(t.least == 1 && t.q1 == 2 && t.median == 3 && t.q3 == 4);
@@ -28,8 +22,7 @@ static sv_bench_step case_of(int n, int px, double ms) {
   return (sv_bench_step){.n_gaussians = n, .n = {.n_pixels = (uint32_t)px}, .step_ms = {.least = ms}};
 }
 
-static void test_growth(void **state) {
-  (void)state;
+TEST(test_growth) {
   sv_bench_step r[6];
   const int n[] = {1000, 8000}, px[] = {10000, 40000, 160000};
   for (int i = 0; i < 6; i++) r[i] = case_of(n[i / 3], px[i % 3], 0.5 + 40e-6 * n[i / 3] + 20e-6 * px[i % 3]);
@@ -45,8 +38,7 @@ static void test_growth(void **state) {
   assert_true(sv_bench_growth_of(r, 3).ns_per_pixel == 0);
 }
 
-static void test_bound(void **state) {
-  (void)state;
+TEST(test_bound) {
   sv_bench_peak p = {
       .flop_per_s = 1e9, .n_copy_sizes = 2, .copy_bytes = {1000, 4000}, .copy_bytes_per_s = {4e9, 1e9}};
   sv_bench_cost c = {1e9, 1e9};
@@ -81,8 +73,7 @@ static void test_bound(void **state) {
 }
 
 // The light that the count leaves at each pixel is what the kernels left there.
-static void test_count(void **state) {
-  (void)state;
+TEST(test_count) {
   sv_bench_step size = {.n_gaussians = 300, .width_px = 90, .height_px = 50, .n_threads = 1};
   static sv_bench_scene scene;
   sv_kernels k;
@@ -119,8 +110,7 @@ static sv_ns tick(void *self) {
 }
 
 // Every stage is between two looks at the clock, and is as long as they are apart.
-static void test_stages(void **state) {
-  (void)state;
+TEST(test_stages) {
   static sv_bench b;
   sv_ns now = 0;
   sv_bench_step r = {.n_gaussians = 300, .width_px = 90, .height_px = 50, .n_threads = 1};
@@ -151,8 +141,7 @@ static void test_stages(void **state) {
 static void collect(void *out, const char *text) { sv_str_add(out, "%s", text); }
 
 // Everything that is printed is one JSON object, whatever was skipped.
-static void test_json(void **state) {
-  (void)state;
+TEST(test_json) {
   enum { CAP = 800 };
   static char text[16384];
   static jsmntok_t tok[CAP];

@@ -1,21 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // The chessboard solver on simulated rigs with 0.3 px of corner noise, and on inputs that cannot be solved.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-#include <cmocka.h>
 
 #include "calib/solve/boards.h"
 #include "calib/solve/corners.h"
 #include "src/base/mathx.h"
 #include "src/base/rng.h"
 #include "src/rig/device.h"
+#include "tests/common/test.h"
 #include "tools/calibrate/calibrate.h"
 
 enum { COLS = 10, ROWS = 9, CAP_VIEWS = 16 };
@@ -135,8 +131,7 @@ static void check_rig(world *w, const char *name) {
 }
 
 // Pictures of 1280 px: a rotation's deviation of 0.01 degrees takes 120 boards, of which each camera sees half.
-static void test_stereo(void **state) {
-  (void)state;
+TEST(test_stereo) {
   need_mrcal();
   world w;
   make_rig(&w, SV_DEVICE_STEREO, 15, 1280, 960);
@@ -146,8 +141,7 @@ static void test_stereo(void **state) {
 }
 
 // A phone's pictures have 4000 px.
-static void test_phone(void **state) {
-  (void)state;
+TEST(test_phone) {
   need_mrcal();
   world w;
   make_rig(&w, SV_DEVICE_PHONE, 5, 4000, 3000);
@@ -160,8 +154,7 @@ static void test_phone(void **state) {
 }
 
 // A sensor of 4000 px: 1000 for each lens. Deviations go with 1 / (pixels sqrt(boards)).
-static void test_grid(void **state) {
-  (void)state;
+TEST(test_grid) {
   need_mrcal();
   world w;
   make_rig(&w, SV_DEVICE_LIGHTFIELD, 10, 4000, 4000);
@@ -172,8 +165,7 @@ static void test_grid(void **state) {
 
 // The solver is as good as theory allows and knows how good it is: errors over many draws of noise have the deviation
 // that the normal equations tell, which goes with pixels and boards as it must.
-static void test_theory(void **state) {
-  (void)state;
+TEST(test_theory) {
   enum { N_DRAWS = 8 };
   need_mrcal();
   world w;
@@ -201,8 +193,7 @@ static void refused(world *w, const char *word) {
   if (!strstr(err.text, word)) fail_msg("'%s' was expected in: %s", word, err.text);
 }
 
-static void test_ill_posed(void **state) {
-  (void)state;
+TEST(test_ill_posed) {
   need_mrcal();
   world w;
   make_rig(&w, SV_DEVICE_STEREO, 15, 1280, 960);
@@ -219,8 +210,7 @@ static void test_ill_posed(void **state) {
 }
 
 // Millimetres given for metres.
-static void test_spacing(void **state) {
-  (void)state;
+TEST(test_spacing) {
   cal_advice *a = calloc(1, sizeof *a);
   cal_advise_spacing(a, -1); // none was given
   cal_advise_spacing(a, 0.5);
@@ -232,8 +222,7 @@ static void test_spacing(void **state) {
 }
 
 // Three boards can be solved, and are flagged.
-static void test_three_boards(void **state) {
-  (void)state;
+TEST(test_three_boards) {
   need_mrcal();
   world w;
   sv_boards_result r;

@@ -1,15 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Poses of rigid bodies at knots, between them and behind them.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdio.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "src/deform/bodies.h"
+#include "tests/common/test.h"
 
 static _Alignas(64) unsigned char block[1 << 20];
 static sv_bodies b;
@@ -51,7 +47,7 @@ static void fill(int n) {
   }
 }
 
-static void assert_near(const sv_rigid *is, const sv_rigid *expected, float most_d, float most_rad) {
+static void assert_pose_near(const sv_rigid *is, const sv_rigid *expected, float most_d, float most_rad) {
   for (int k = 0; k < 3; k++) assert_true(fabsf(is->d[k] - expected->d[k]) < most_d);
   assert_true(angle_between(is->q, expected->q) < most_rad);
   float len = 0;
@@ -59,17 +55,16 @@ static void assert_near(const sv_rigid *is, const sv_rigid *expected, float most
   assert_true(fabsf(len - 1) < 1e-5f);
 }
 
-static void test_between(void **state) {
-  (void)state;
+TEST(test_between) {
   start(8);
   fill(8);
   for (int i = 0; i + 1 < b.n_knots; i++) assert_true(b.time[i] < b.time[i + 1]);
   for (int s = 0; s <= 100; s++) {
     sv_rigid out[SV_CAP_BODIES], expected = truth(0.01f * (float)s);
     sv_bodies_at(&b, 0.01f * (float)s, out);
-    assert_near(&out[1], &expected, 1e-5f, 2e-3f);
-    assert_near(&out[0], &SV_RIGID_IDENTITY, 1e-9f, 1e-9f);
-    assert_near(&out[2], &SV_RIGID_IDENTITY, 1e-9f, 1e-9f);
+    assert_pose_near(&out[1], &expected, 1e-5f, 2e-3f);
+    assert_pose_near(&out[0], &SV_RIGID_IDENTITY, 1e-9f, 1e-9f);
+    assert_pose_near(&out[2], &SV_RIGID_IDENTITY, 1e-9f, 1e-9f);
   }
   for (int i = 0; i < b.n_knots; i++) { // the very knots
     sv_rigid out[SV_CAP_BODIES];
@@ -84,8 +79,7 @@ static void test_between(void **state) {
 }
 
 // A fast swing between knots of which every fourth time is missing; and what a knot should be as those beside it have it.
-static void test_swing(void **state) {
-  (void)state;
+TEST(test_swing) {
   start(32);
   for (int i = 0; i < 25; i++)
     if (i % 4 != 2) (void)sv_bodies_add_knot(&b, (float)i / 24);
@@ -108,8 +102,7 @@ static void test_swing(void **state) {
 }
 
 // Knots that lie very unevenly: no swing between them.
-static void test_uneven(void **state) {
-  (void)state;
+TEST(test_uneven) {
   static const float at[] = {0, 0.01f, 0.02f, 0.9f, 0.91f, 0.92f};
   start(8);
   for (int i = 0; i < 6; i++) (void)sv_bodies_add_knot(&b, at[i]);
@@ -123,13 +116,12 @@ static void test_uneven(void **state) {
   }
 }
 
-static void test_few_knots(void **state) {
-  (void)state;
+TEST(test_few_knots) {
   sv_rigid out[SV_CAP_BODIES];
   start(2);
   b.n = 2;
   sv_bodies_at(&b, 0.3f, out);
-  assert_near(&out[1], &SV_RIGID_IDENTITY, 1e-9f, 1e-9f);
+  assert_pose_near(&out[1], &SV_RIGID_IDENTITY, 1e-9f, 1e-9f);
   b.n = 1;
   fill(1);
   sv_bodies_at(&b, 0.9f, out);
@@ -144,8 +136,7 @@ static void test_few_knots(void **state) {
 }
 
 // A time that comes in: all go on as they went, in turn and place; what was there stays.
-static void test_new_knot(void **state) {
-  (void)state;
+TEST(test_new_knot) {
   const float at[] = {0.4f, 0.5f, 0.7f, 0.3f, 0.45f};
   start(5);
   b.n = 2;
@@ -159,17 +150,16 @@ static void test_new_knot(void **state) {
     int knot = sv_bodies_add_knot(&b, at[i]);
     sv_rigid expected = {.d = {at[i], 0, -at[i]}};
     turn(3 * at[i], expected.q);
-    assert_near(sv_bodies_knot(&b, 1, knot), &expected, 1e-5f, 2e-3f);
+    assert_pose_near(sv_bodies_knot(&b, 1, knot), &expected, 1e-5f, 2e-3f);
     assert_int_equal(b.adam[b.cap_knots + knot].n_steps, 0);
   }
   assert_int_equal(b.n_knots, 5);
   for (int i = 0; i < 2; i++)
     assert_int_equal(b.adam[b.cap_knots + sv_bodies_find_knot(&b, at[i])].n_steps, (int)(100 * at[i]));
-  assert_near(sv_bodies_knot(&b, 2, 4), &SV_RIGID_IDENTITY, 1e-9f, 1e-9f);
+  assert_pose_near(sv_bodies_knot(&b, 2, 4), &SV_RIGID_IDENTITY, 1e-9f, 1e-9f);
 }
 
-static void test_motions(void **state) {
-  (void)state;
+TEST(test_motions) {
   const float c[3] = {0.3f, -1, 2}, x[3] = {1, 2, -0.5f};
   sv_rigid m = truth(0.7f), n = truth(0.2f);
   float y[3], back[3], at[3], z[3], direct[3];
@@ -183,8 +173,7 @@ static void test_motions(void **state) {
   for (int k = 0; k < 3; k++) assert_true(fabsf(direct[k] - z[k]) < 1e-5f);
 }
 
-static void test_reach(void **state) {
-  (void)state;
+TEST(test_reach) {
   start(3);
   b.n = 2;
   b.radius[1] = 0.5f;

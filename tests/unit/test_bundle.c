@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Bundle adjustment of a rig: derivatives against central differences, the reduced step against a dense solve of
 // the whole system, convergence, outliers, held calibration; the absolute pose; aligned trajectories.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -15,6 +9,7 @@
 #include "src/base/mathx.h"
 #include "src/base/rng.h"
 #include "src/track/pose.h"
+#include "tests/common/test.h"
 
 #define N_POSES  4
 #define N_CAMS   3
@@ -123,8 +118,7 @@ static void check_numeric(sv_bundle_obs *o, double x[3], const double jp[12], co
   }
 }
 
-static void test_derivatives(void **state) {
-  (void)state;
+TEST(test_derivatives) {
   make_problem(0.2, 0.3);
   disturb(0.05, 0.1, true);
   for (int i = 0; i < N_POINTS; i += 3)
@@ -196,8 +190,7 @@ static void dense_solve(double x[N_DENSE]) { // Gauss-Jordan with pivots
   for (int i = 0; i < N_DENSE; i++) x[i] = dense_h[i][N_DENSE] / dense_h[i][i];
 }
 
-static void test_dense(void **state) {
-  (void)state;
+TEST(test_dense) {
   static double x[N_DENSE];
   for (int c = 0; c < 4; c++) {
     sv_bundle_options o = plain;
@@ -223,8 +216,7 @@ static void test_dense(void **state) {
 
 // --- solving -------------------------------------------------------------------------------------
 
-static void test_converges(void **state) {
-  (void)state;
+TEST(test_converges) {
   sv_bundle_result r;
   make_problem(0.2, 0);
   disturb(0.05, 0.1, false);
@@ -249,8 +241,7 @@ static void test_converges(void **state) {
   }
 }
 
-static void test_outliers(void **state) {
-  (void)state;
+TEST(test_outliers) {
   sv_bundle_result r;
   sv_bundle_options o = plain;
   o.huber_px = 1;
@@ -261,8 +252,7 @@ static void test_outliers(void **state) {
   for (int i = 0; i < N_POSES; i++) assert_true(pose_error(&b.pose[i], &true_pose[i]) < 0.01);
 }
 
-static void test_refuses(void **state) {
-  (void)state;
+TEST(test_refuses) {
   sv_bundle_result r;
   make_problem(0.2, 0.2);
   b.is_fixed[0] = false;
@@ -279,8 +269,7 @@ static void test_refuses(void **state) {
 
 // A hundred noises: the scatter of the trajectory's size is what scale_sigma says, and it grows as the baseline
 // shrinks.
-static void test_scale_sigma(void **state) {
-  (void)state;
+TEST(test_scale_sigma) {
   double told[2], seen[2];
   for (int c = 0; c < 2; c++) {
     double sum = 0, sum2 = 0, sigma = 0;
@@ -329,8 +318,7 @@ static void test_scale_sigma(void **state) {
 
 // --- absolute pose -------------------------------------------------------------------------------
 
-static void test_pose(void **state) {
-  (void)state;
+TEST(test_pose) {
   static sv_pose_match m[N_POINTS * N_CAMS];
   make_problem(0.2, 0.2);
   for (int wrong = 0; wrong < 3; wrong++) { // none, a third, nearly half
@@ -361,8 +349,7 @@ static void test_pose(void **state) {
   assert_memory_equal(&pose, &true_pose[1], sizeof pose);
 }
 
-static void test_alignment(void **state) {
-  (void)state;
+TEST(test_alignment) {
   make_problem(0.2, 0);
   double w[3] = {0.4, -1.1, 2.0}, t[3] = {5, -2, 1};
   sv_similarity q = {.s = 1.7, .t = {t[0], t[1], t[2]}};

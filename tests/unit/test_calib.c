@@ -2,18 +2,14 @@
 // Camera models: Jacobians against central differences, project and unproject as inverses, the fold of
 // wide lenses, and the undistortion table.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "calib/model.h"
 #include "calib/remap.h"
 #include "src/base/rng.h"
+#include "tests/common/test.h"
 
 static const sv_camera_model lenses[] = {
     {SV_MODEL_PINHOLE, 640, 480, {500, 510, 321.5, 239.25}},
@@ -32,8 +28,7 @@ static const sv_camera_model lenses[] = {
 };
 #define N_LENSES ((int)(sizeof lenses / sizeof *lenses))
 
-static void test_names(void **state) {
-  (void)state;
+TEST(test_names) {
   sv_model_kind k;
   for (int i = 0; i < SV_N_MODELS; i++) {
     assert_true(sv_model_by_name(sv_model_name((sv_model_kind)i), &k));
@@ -54,8 +49,7 @@ static void check_jacobian(double analytic, double plus, double minus, double h)
     fail_msg("Jacobian %.12g, differences %.12g", analytic, fd);
 }
 
-static void test_jacobians(void **state) {
-  (void)state;
+TEST(test_jacobians) {
   sv_rng rng = sv_rng_make(7, 1);
   for (int l = 0; l < N_LENSES; l++)
     for (int i = 0, n_seen = 0; n_seen < 50; i++) {
@@ -89,8 +83,7 @@ static void test_jacobians(void **state) {
     }
 }
 
-static void test_round_trip(void **state) {
-  (void)state;
+TEST(test_round_trip) {
   for (int l = 0; l < N_LENSES; l++) {
     const sv_camera_model *m = &lenses[l];
     int n_seen = 0, n = 0;
@@ -109,8 +102,7 @@ static void test_round_trip(void **state) {
 }
 
 // k1 = -0.3 folds where 1 - 0.9 r^2 = 0: r = 1.0541, image radius 0.70273.
-static void test_fold(void **state) {
-  (void)state;
+TEST(test_fold) {
   sv_camera_model m = {SV_MODEL_OPENCV4, 2000, 2000, {1000, 1000, 1000, 1000, -0.3, 0, 0, 0}};
   double r = sqrt(1 / 0.9), uv[2], ray[3], in[3] = {r * 0.9999, 0, 1}, out[3] = {r * 1.0001, 0, 1};
   assert_true(sv_model_project(&m, in, uv, NULL, NULL));
@@ -139,8 +131,7 @@ static void test_fold(void **state) {
   assert_false(sv_model_project(&q, p, uv, NULL, NULL));
 }
 
-static void test_wide(void **state) {
-  (void)state;
+TEST(test_wide) {
   const sv_camera_model *m = &lenses[N_LENSES - 1];
   double uv[2], ray[3], corner[2] = {0.5, 0.5};
   assert_true(sv_model_unproject(m, corner, ray));
@@ -158,8 +149,7 @@ static void test_wide(void **state) {
 }
 
 // Kannala and Brandt's model through libm; it sees more than a half sphere, to where d(t) turns.
-static void test_kb4(void **state) {
-  (void)state;
+TEST(test_kb4) {
   sv_camera_model m = {SV_MODEL_KB4, 2000, 2000, {600, 610, 1001, 999, 0.03, -0.01, 0.002, -0.0002}};
   double uv[2], ray[3];
   for (int i = 0; i < 500; i++) {
@@ -191,8 +181,7 @@ static void test_kb4(void **state) {
 }
 
 // A fisheye is undistorted by the same table as all others.
-static void test_fisheye_view(void **state) {
-  (void)state;
+TEST(test_fisheye_view) {
   sv_camera_model m = {SV_MODEL_KB4, 160, 120, {60, 60, 80, 60, 0.01, 0, 0, 0}}, view;
   static sv_remap_tap e[160 * 120];
   sv_remap map;
@@ -206,8 +195,7 @@ static void test_fisheye_view(void **state) {
   assert_true(fabs(t->y + t->fy / 256.0 + 0.5 - uv[1]) < 1.0 / 500);
 }
 
-static void test_pinhole_for_model(void **state) {
-  (void)state;
+TEST(test_pinhole_for_model) {
   sv_remap_tap *e = malloc(sizeof *e * 960 * 960);
   for (int l = 0; l < N_LENSES - 1; l++) {
     sv_camera_model v, z;
@@ -226,8 +214,7 @@ static void test_pinhole_for_model(void **state) {
   free(e);
 }
 
-static void test_remap(void **state) {
-  (void)state;
+TEST(test_remap) {
   enum { W = 64, H = 48 };
   static sv_remap_tap e[W * H];
   static uint8_t src[H][W * 3], dst[H][W][3], mask[H][W];

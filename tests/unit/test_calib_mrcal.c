@@ -1,19 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // The camera models on board against libmrcal's projection: points, Jacobians, inverse.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "calib/solve/project_mrcal.h"
 #include "src/base/rng.h"
 #include "src/format/cameramodel.h"
+#include "tests/common/test.h"
 
 static void need_mrcal(void) {
   if (sv_project_mrcal_available()) return;
@@ -61,8 +57,7 @@ static void random_spline(sv_camera_model *m, double *control, int order, int nx
   for (int i = 0; i < 2 * nx * ny; i++) control[i] = 0.02 * sv_rng_f(rng) - 0.01;
 }
 
-static void test_projection(void **state) {
-  (void)state;
+TEST(test_projection) {
   need_mrcal();
   static const sv_camera_model lenses[] = {
       {SV_MODEL_PINHOLE, 640, 480, {500, 510, 321.5, 239.25}},
@@ -83,8 +78,7 @@ static void test_projection(void **state) {
   }
 }
 
-static void test_splined(void **state) {
-  (void)state;
+TEST(test_splined) {
   need_mrcal();
   static double control[2 * 30 * 18];
   sv_rng rng = sv_rng_make(12, 1);
@@ -109,8 +103,7 @@ static void test_splined(void **state) {
 }
 
 // A splined .cameramodel as mrcal reads it, written by ours and read back.
-static void test_splined_file(void **state) {
-  (void)state;
+TEST(test_splined_file) {
   static double control[2 * 30 * 18];
   static char text[64 * 1024];
   static uint8_t block[64 * 1024];

@@ -1,18 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // capture.json that is wrong in every way. Run from the repository's root.
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-// cmocka needs the four above first
-#include <cmocka.h>
-
-#include <stdio.h>
 
 #include "platform/replay/capture.h"
 #include "src/base/rng.h"
+#include "tests/common/test.h"
 
 #define TINY "tests/data/capture_tiny"
 static _Alignas(64) uint8_t g_block[4 << 20];
@@ -29,8 +24,7 @@ static sv_status parse(const char *text, sv_capture *c, sv_err *err) {
   "{\"version\":1,\"cameras\":[{\"name\":\"a\",\"folder\":\"a\",\"width\":4,\"height\":3,\"frames\":"        \
   "[" frames "]}]}"
 
-static void wrong_json_gets_a_sentence(void **state) {
-  (void)state;
+TEST(wrong_json_gets_a_sentence) {
   sv_capture c;
   sv_err err;
   assert_int_equal(
@@ -76,8 +70,7 @@ static void wrong_json_gets_a_sentence(void **state) {
   }
 }
 
-static void mutated_json_never_harms(void **state) {
-  (void)state;
+TEST(mutated_json_never_harms) {
   static char good[8192], text[8192];
   FILE *f = fopen(TINY "/capture.json", "rb");
   assert_non_null(f);

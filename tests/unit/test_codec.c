@@ -1,21 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // JPEG and PNG over a fixed block: right pixels, no heap call, and no damaged file does harm.
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-// cmocka needs the four above first
-#include <cmocka.h>
 
-#include <stdio.h>
-
+// jpeglib.h needs stdio.h before it.
 #include <jpeglib.h>
 #include <png.h>
 
 #include "platform/codec/codec.h"
 #include "src/base/rng.h"
+#include "tests/common/test.h"
 #include "tests/fault/heap_count.h"
 
 static uint8_t g_file[4 << 20], g_rgb[1920 * 1080 * 3], g_back[1920 * 1080 * 8];
@@ -87,8 +83,7 @@ static size_t libjpeg_file(int w, int h, bool is_progressive, J_COLOR_SPACE spac
   return n;
 }
 
-static void jpeg_round_trip(void **state) {
-  (void)state;
+TEST(jpeg_round_trip) {
   static const int sizes[][2] = {{1, 1}, {7, 5}, {64, 48}, {641, 361}, {1920, 1080}};
   for (int i = 0; i < 5; i++)
     for (int full = 0; full < 2; full++) {
@@ -116,8 +111,7 @@ static void jpeg_round_trip(void **state) {
     }
 }
 
-static void jpeg_same_as_libjpeg(void **state) {
-  (void)state;
+TEST(jpeg_same_as_libjpeg) {
   paint(g_rgb, 200, 100);
   static const J_COLOR_SPACE spaces[] = {JCS_YCbCr, JCS_RGB, JCS_GRAYSCALE};
   for (int i = 0; i < 6; i++) {
@@ -151,8 +145,7 @@ static void jpeg_same_as_libjpeg(void **state) {
   }
 }
 
-static void sizes_must_agree(void **state) {
-  (void)state;
+TEST(sizes_must_agree) {
   bench_t b;
   bench_open(&b, 100, 100, false);
   paint(g_rgb, 64, 48);
@@ -184,8 +177,7 @@ static size_t png_file(const void *data, int w, int h, uint32_t format) {
   return n;
 }
 
-static void png_forms(void **state) {
-  (void)state;
+TEST(png_forms) {
   bench_t b;
   bench_open(&b, 64, 48, false);
   paint(g_rgb, 64, 48);
@@ -224,8 +216,7 @@ static void mem_write(png_structp png, png_bytep p, size_t n) {
 }
 static void mem_flush(png_structp png) { (void)png; }
 
-static void png_depth_interlaced(void **state) {
-  (void)state;
+TEST(png_depth_interlaced) {
   size_t n = 0;
   static uint8_t row[40 * 2];
   png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, NULL, NULL, NULL);
@@ -257,8 +248,7 @@ static void png_depth_interlaced(void **state) {
 }
 
 // All three forms come back bit for bit, within the size that is promised, without heap; libpng's own reader agrees.
-static void png_round_trips(void **state) {
-  (void)state;
+TEST(png_round_trips) {
   static const sv_pixel_format forms[] = {SV_PIX_GREY8, SV_PIX_RGB8, SV_PIX_RGB16};
   static const int sizes[][2] = {{1, 1}, {33, 17}, {640, 48}};
   static uint8_t file[1 << 20];
@@ -297,8 +287,7 @@ static void png_round_trips(void **state) {
 }
 
 // Every cut and many flips of both kinds of file: some status, no crash, and the next good one is fine.
-static void damaged_files(void **state) {
-  (void)state;
+TEST(damaged_files) {
   bench_t b;
   sv_err err;
   static uint8_t good[65536], bad[65536];
@@ -337,8 +326,7 @@ static void damaged_files(void **state) {
 }
 
 // A file without its own tables must not decode with those of the file before.
-static void no_tables_from_the_file_before(void **state) {
-  (void)state;
+TEST(no_tables_from_the_file_before) {
   bench_t b;
   sv_err err;
   bench_open(&b, 64, 48, false);
@@ -352,8 +340,7 @@ static void no_tables_from_the_file_before(void **state) {
   bench_close(&b);
 }
 
-static void webcam_padding_is_no_damage(void **state) {
-  (void)state;
+TEST(webcam_padding_is_no_damage) {
   bench_t b;
   sv_err err;
   bench_open(&b, 64, 48, false);
@@ -366,8 +353,7 @@ static void webcam_padding_is_no_damage(void **state) {
   bench_close(&b);
 }
 
-static void no_heap_call_a_frame(void **state) {
-  (void)state;
+TEST(no_heap_call_a_frame) {
   bench_t b;
   sv_err err;
   bench_open(&b, 320, 240, true);

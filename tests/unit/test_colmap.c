@@ -1,17 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // COLMAP readers, text and binary: the same scene in both, truncations, refusals.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "src/format/bytes.h"
 #include "src/format/colmap.h"
+#include "tests/common/test.h"
 
 static sv_err err;
 
@@ -38,8 +34,7 @@ static void check_cameras(sv_colmap *c) {
   assert_int_equal(sv_colmap_next_camera(c, &k, &err), SV_END);
 }
 
-static void test_cameras(void **state) {
-  (void)state;
+TEST(test_cameras) {
   static const char text[] = "# Camera list\n\n1 SIMPLE_RADIAL 640 480 500 320 240 0.1\r\n"
                              "7 FULL_OPENCV 10 20 1 2 3 4 5 6 7 8 9 10 11 12\n";
   sv_colmap c;
@@ -68,8 +63,7 @@ static void check_images(sv_colmap *c) {
   assert_int_equal(sv_colmap_next_image(c, &k, &err), SV_END);
 }
 
-static void test_images(void **state) {
-  (void)state;
+TEST(test_images) {
   // the first image has no 2D points: its second line is empty and must not be passed over
   static const char text[] =
       "# Image list\n1 0.70710678 0 0 0.70710678 1 2 3 7 a b.jpg\n\n2 1 0 0 0 0 0 0 7 c.jpg\n1 2 -1 3 4 5\n";
@@ -107,8 +101,7 @@ static void check_points(sv_colmap *c) {
   assert_int_equal(sv_colmap_next_point(c, &k, &err), SV_END);
 }
 
-static void test_points(void **state) {
-  (void)state;
+TEST(test_points) {
   static const char text[] = "9 1 -2 3 255 2 3 0.5 1 2 3 4 \n";
   sv_colmap c;
   assert_int_equal(sv_colmap_open(&c, "points3D.txt", text, sizeof text - 1, false, &err), SV_OK);
@@ -132,8 +125,7 @@ static void check_frames(sv_colmap *c) {
   assert_int_equal(sv_colmap_next_frame(c, &f, &err), SV_END);
 }
 
-static void test_frames(void **state) {
-  (void)state;
+TEST(test_frames) {
   static const char text[] =
       "# Frame list\n1 4 1 0 0 0 1 2 3 3 CAMERA 1 11 IMU 7 5 CAMERA 2 12\n9 4 1 0 0 0 0 0 0 0\n";
   sv_colmap c;
@@ -177,8 +169,7 @@ static void check_rigs(sv_colmap *c) {
   assert_int_equal(sv_colmap_next_rig(c, &g, &err), SV_END);
 }
 
-static void test_rigs(void **state) {
-  (void)state;
+TEST(test_rigs) {
   static const char text[] =
       "# Rig calib list\n1 4 CAMERA 5 CAMERA 2 1 0.70710678 0 0 0.70710678 1 2 3 IMU 2 0 CAMERA 3 0\n"
       "2 1 CAMERA 4\n7 0\n";
@@ -207,8 +198,7 @@ static void test_rigs(void **state) {
   }
 }
 
-static void test_refused(void **state) {
-  (void)state;
+TEST(test_refused) {
   static const struct {
     char kind;
     const char *text, *word;

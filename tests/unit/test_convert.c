@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Camera frames to RGB8: each format of the list from one known picture, tones of raw sensors, tiles of compressed
 // pictures, and what is refused.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -15,6 +9,7 @@
 #include "platform/camera/tiled.h"
 #include "platform/codec/codec.h"
 #include "src/image/convert.h"
+#include "tests/common/test.h"
 
 #define W 48
 #define H 32
@@ -25,8 +20,7 @@ static sv_kernels k;
 static sv_codec codec;
 static int n_decoded;
 
-static int setup(void **state) {
-  (void)state;
+FIXTURE(setup) {
   arena = sv_arena_make(block, sizeof block);
   sv_kernels_init(&k, ~0u);
   n_decoded = 0;
@@ -96,8 +90,7 @@ static sv_frame frame_of(sv_pixel_format f) {
                     .data_bytes = sv_pixel_frame_bytes(f, W, H)};
 }
 
-static void every_format_gives_the_picture(void **state) {
-  (void)state;
+TEST(every_format_gives_the_picture) {
   int n = 0;
   for (int f = 0; f < SV_N_PIXEL_FORMATS; f++) {
     const sv_pixel_info *p = sv_pixel((sv_pixel_format)f);
@@ -128,8 +121,7 @@ static void every_format_gives_the_picture(void **state) {
   assert_int_equal(n, 37);
 }
 
-static void tones_of_raw_sensors(void **state) {
-  (void)state;
+TEST(tones_of_raw_sensors) {
   sv_raw_tone t = {.black = 64, .gain_r = 2, .is_linear = true};
   assert_int_equal(sv_raw_tone_value(&t, 1, 10, 64), 0);
   assert_int_equal(sv_raw_tone_value(&t, 1, 10, 0), 0);
@@ -182,8 +174,7 @@ static sv_status one_requeue(void *self, const sv_frame *f) {
   return f->i_camera == 0 && f->i_buffer == 0 ? SV_OK : SV_E_ARG;
 }
 
-static void tiles_of_a_jpeg_are_decoded_once(void **state) {
-  (void)state;
+TEST(tiles_of_a_jpeg_are_decoded_once) {
   sv_arena a = sv_arena_make(codec_block, sizeof codec_block);
   sv_codec_cfg cc = {W, H, false};
   assert_int_equal(sv_codec_init(&codec, &cc, &a), SV_OK);
@@ -225,8 +216,7 @@ static void tiles_of_a_jpeg_are_decoded_once(void **state) {
   sv_codec_close(&codec);
 }
 
-static void what_cannot_be_converted_is_refused(void **state) {
-  (void)state;
+TEST(what_cannot_be_converted_is_refused) {
   static const struct {
     sv_camera_caps caps;
     const char *says;

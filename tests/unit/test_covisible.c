@@ -2,25 +2,20 @@
 // Co-visibility by depth on planes whose shadows can be computed, and flow on pictures that were moved by known
 // amounts.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "src/base/mathx.h"
 #include "src/base/rng.h"
+#include "tests/common/test.h"
 #include "tools/metric/covisible.h"
 #include "tools/metric/flow.h"
 
 enum { W = 120, H = 90 };
 
-static void test_needed(void **state) {
-  (void)state;
+TEST(test_needed) {
   static const int want[][2] = {{1, 1}, {2, 2}, {4, 4}, {5, 3}, {16, 3}, {60, 3}, {61, 4}, {80, 4}, {100, 5}};
   for (size_t i = 0; i < sizeof want / sizeof *want; i++)
     assert_int_equal(sv_covisible_needed(want[i][0]), want[i][1]);
@@ -47,8 +42,7 @@ static void look(float *depth, double cx, bool has_board) {
 static float depth_a[W * H], depth_b[W * H], z[W * H];
 static uint8_t seen[W * H];
 
-static void test_depth_frustum(void **state) {
-  (void)state;
+TEST(test_depth_frustum) {
   sv_view a = camera(0, 0);
   sv_zbuffer zb = {.view = camera(1, 0), .z = z};
   memset(z, 0, sizeof z);
@@ -59,8 +53,7 @@ static void test_depth_frustum(void **state) {
   for (int i = 0; i < W * H; i++) assert_int_equal(seen[i], i % W >= 25); // 100 px * 1 / 4 leave on the left
 }
 
-static void test_depth_shadow(void **state) {
-  (void)state;
+TEST(test_depth_shadow) {
   // Seen from x = 0.8, the board stands before another part of the wall. Pixels that only one camera sees, except at
   // the edges, where splats are uncertain by a pixel.
   sv_view a = camera(0, 0), b = camera(0.8, 0);
@@ -87,8 +80,7 @@ static void test_depth_shadow(void **state) {
   }
 }
 
-static void test_depth_sky(void **state) {
-  (void)state;
+TEST(test_depth_sky) {
   // Turned by atan(0.3), directions move by 30 px at the middle; without depth only what is marked as sky is seen.
   static uint8_t sky[W * H];
   sv_view a = camera(0, 0);
@@ -164,8 +156,7 @@ static void check_shift(double du, double dv, bool has_start) {
     fail_msg("shift %g, %g: %d of %d good, %d seen, %d wrongly seen", du, dv, n_good, n, n_seen, n_wrong);
 }
 
-static void test_flow_shift(void **state) {
-  (void)state;
+TEST(test_flow_shift) {
   check_shift(0, 0, false);
   check_shift(2.3, -1.6, false);
   check_shift(-9.25, 6.5, false);
@@ -173,8 +164,7 @@ static void test_flow_shift(void **state) {
 }
 
 // A square in front moves by 12 px over a background at rest: what it covers in the second picture is gone there.
-static void test_flow_occlusion(void **state) {
-  (void)state;
+TEST(test_flow_occlusion) {
   for (int i = 0; i < W * H; i++) {
     int x = i % W, y = i / W;
     bool in_a = x >= 30 && x < 66 && y >= 25 && y < 65, in_b = x >= 42 && x < 78 && y >= 25 && y < 65;
@@ -193,8 +183,7 @@ static void test_flow_occlusion(void **state) {
     fail_msg("covered: %d of %d seen; elsewhere %d of %d", n_gone_seen, n_gone, n_rest_seen, n_rest);
 }
 
-static void test_check_threshold(void **state) {
-  (void)state;
+TEST(test_check_threshold) {
   // fw = (u, 0), bw = (e - u, 0): kept while e^2 <= 0.01 (u^2 + (e - u)^2) + 0.5, in units of `unit` pixels
   static const struct {
     double u, e, unit;
@@ -210,8 +199,7 @@ static void test_check_threshold(void **state) {
   }
 }
 
-static void test_flow_sizes(void **state) {
-  (void)state;
+TEST(test_flow_sizes) {
   // Pictures of different size, no structure at all, the smallest that can be compared, and one that is too small.
   static float flat[W * H];
   sv_flow_pyramid a, b, c;
@@ -234,8 +222,7 @@ static void test_flow_sizes(void **state) {
   sv_flow_pyramid_free(&c);
 }
 
-static int teardown(void **state) {
-  (void)state;
+FIXTURE(teardown) {
   sv_flow_work_free(&work);
   return 0;
 }

@@ -1,11 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Devices: what is asked for is what is built, for any grid, overlap, sensor and angle.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,6 +7,7 @@
 #include "src/base/mathx.h"
 #include "src/base/str.h"
 #include "src/rig/device.h"
+#include "tests/common/test.h"
 
 static sv_sub_view sub_views[SV_CAP_SUB_VIEWS];
 
@@ -41,8 +36,7 @@ static double baseline_deg(const sv_rig *rig, const sv_device_params *p) {
   return sv_rig_angular_baseline_rad(rig, centre) * 180 / SV_PI;
 }
 
-static void test_angular_baseline_is_the_asked_one(void **state) {
-  (void)state;
+TEST(test_angular_baseline_is_the_asked_one) {
   static const double angles_deg[] = {0.2, 0.5, 1, 5, 10, 60, 90};
   static const int grids[][2] = {{4, 4}, {1, 2}, {5, 1}, {3, 7}, {9, 9}, {16, 16}, {2, 128}};
   for (int id = 0; id < SV_N_DEVICES; id++)
@@ -57,8 +51,7 @@ static void test_angular_baseline_is_the_asked_one(void **state) {
       }
 }
 
-static void test_cameras_look_at_the_scene_from_one_distance(void **state) {
-  (void)state;
+TEST(test_cameras_look_at_the_scene_from_one_distance) {
   for (int id = 0; id < SV_N_DEVICES; id++) {
     sv_device_params p = params((sv_device_id)id, 400, 300);
     p.distance_m = 2.5;
@@ -75,8 +68,7 @@ static void test_cameras_look_at_the_scene_from_one_distance(void **state) {
   }
 }
 
-static void test_phone(void **state) {
-  (void)state;
+TEST(test_phone) {
   sv_device_params p = params(SV_DEVICE_PHONE, 640, 480);
   sv_rig rig = build(&p);
   static const double zoom[3] = {1, 0.5, 3};
@@ -115,8 +107,7 @@ static int painted_overlap(const sv_rig *rig, int w, int h, int *n_lit) {
   return best;
 }
 
-static void test_footprints(void **state) {
-  (void)state;
+TEST(test_footprints) {
   static const struct {
     int rows, cols, w, h;
     double overlap;
@@ -157,8 +148,7 @@ static void assert_refused(sv_device_params p, const char *text) {
   if (!strstr(err.text, text)) fail_msg("'%s' does not say '%s'", err.text, text);
 }
 
-static void test_what_cannot_be_built_is_refused(void **state) {
-  (void)state;
+TEST(test_what_cannot_be_built_is_refused) {
   sv_device_params good = params(SV_DEVICE_MULTIPLEXED, 400, 400), p;
   p = good, p.rows = 17, p.cols = 16, assert_refused(p, "17x16 lenses");
   p = good, p.rows = 0, assert_refused(p, "0x4 lenses");

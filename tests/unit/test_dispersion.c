@@ -1,11 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Max-min dispersion against a plain exhaustive search, its promises and its odd cases.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
@@ -14,6 +8,7 @@
 #include "src/base/rng.h"
 #include "src/base/vec.h"
 #include "src/rig/dispersion.h"
+#include "tests/common/test.h"
 
 #define CAP 3000
 static double at[CAP][3], scratch[4 * CAP + 1];
@@ -51,8 +46,7 @@ static double best_of_all(const sv_dispersion *d, int n) {
   return best;
 }
 
-static void test_exact(void **state) {
-  (void)state;
+TEST(test_exact) {
   for (uint64_t seed = 1; seed <= 6; seed++) {
     int c[3];
     sv_dispersion d = hemisphere(40, seed);
@@ -66,8 +60,7 @@ static void test_exact(void **state) {
 
 static double elevation_deg(int i) { return asin((at[i][2] - 0.5) / 4) * 180 / SV_PI; }
 
-static void test_one(void **state) {
-  (void)state;
+TEST(test_one) {
   for (uint64_t seed = 1; seed <= 6; seed++) {
     int one, three[3];
     sv_dispersion d = hemisphere(60, seed);
@@ -88,8 +81,7 @@ static void test_one(void **state) {
 }
 
 // At least half of what is possible (three is exact, more are not), each a farthest point, and nested.
-static void test_many(void **state) {
-  (void)state;
+TEST(test_many) {
   int c[50], fewer[50];
   sv_dispersion d = hemisphere(100, 9);
   disperse(&d, 50, c);
@@ -115,8 +107,7 @@ static void test_many(void **state) {
 }
 
 // Beyond what can be tried out: still far apart, still the same each time, and quick.
-static void test_large_sets(void **state) {
-  (void)state;
+TEST(test_large_sets) {
   int c[CAP], d2[CAP];
   sv_dispersion d = hemisphere(400, 3); // pairs are exact, triples are not
   disperse(&d, 3, c);
@@ -133,8 +124,7 @@ static void test_large_sets(void **state) {
   assert_true(c[0] == d2[0]);
 }
 
-static void test_odd_cases(void **state) {
-  (void)state;
+TEST(test_odd_cases) {
   int c[8];
   sv_dispersion d = hemisphere(5, 1);
   disperse(&d, 5, c); // all of them
@@ -156,8 +146,7 @@ static void test_odd_cases(void **state) {
 }
 
 // acos(v . v) has no digits left at such angles.
-static void test_tiny_angles(void **state) {
-  (void)state;
+TEST(test_tiny_angles) {
   int c[3];
   sv_dispersion d = hemisphere(4, 1);
   d.n = 4;

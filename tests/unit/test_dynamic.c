@@ -1,20 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // Moving scenes: what is learnt of motion, who is found to move, and what is saved of it.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-#include <cmocka.h>
 
 #include "src/deform/deform_file.h"
 #include "src/train/checkpoint.h"
 #include "src/train/objective.h"
 #include "src/dynamic/patch.h"
 #include "tests/common/moving_scene.h"
+#include "tests/common/test.h"
 
 #define N_STEPS    600
 #define N_GAUSS    500
@@ -28,8 +24,7 @@ static sv_trainer trainer, second;
 static sv_kernels kernels;
 static sv_pool pool;
 
-static int setup(void **state) {
-  (void)state;
+FIXTURE(setup) {
   moving_scene_make(&scene, block, sizeof block);
   sv_kernels_init(&kernels, ~0u);
   pool = sv_pool_serial();
@@ -65,13 +60,11 @@ static void skip_where_emulated(void) {
   }
 }
 
-static void test_clip_learns(void **state) {
-  (void)state;
+TEST(test_clip_learns) {
   skip_where_emulated();
   learn(SV_DEFORM_CLIP, 0, 26, 2);
 }
-static void test_field_learns(void **state) {
-  (void)state;
+TEST(test_field_learns) {
   skip_where_emulated();
   learn(SV_DEFORM_FIELD, 0, 26.5, 1);
   learn(SV_DEFORM_FIELD, 0.33f, 25.0, 1); // a clip of 200 steps is no great teacher
@@ -79,10 +72,9 @@ static void test_field_learns(void **state) {
 
 // Points along time come from the data: those that no picture reaches would be held by smoothness alone. In a longer run
 // times come in more slowly, and the last rates are lower, never above the first ones.
-static void test_field_times(void **state) {
+TEST(test_field_times) {
   static const int n[][2] = {{1, 4}, {19, 19}, {400, 150}}; // times, points
   sv_train_cfg c = sv_train_defaults();
-  (void)state;
   for (int i = 0; i < 3; i++) {
     sv_train_set_times(&c, n[i][0]);
     assert_int_equal(c.dynamic.field.n_times, n[i][1]);
@@ -103,8 +95,7 @@ static void test_field_times(void **state) {
 }
 
 // Who does not move is drawn from the stored values themselves.
-static void test_still_is_still(void **state) {
-  (void)state;
+TEST(test_still_is_still) {
   skip_where_emulated();
   sv_train_cfg c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, N_STEPS);
   assert_true(moving_scene_start(&scene, &trainer, &c, &kernels, &pool, -1, block, sizeof block));
@@ -121,8 +112,7 @@ static void test_still_is_still(void **state) {
 }
 
 // Times come in to both sides of the middle one, small at first, and the newest of them have half of the steps.
-static void test_times_come_in(void **state) {
-  (void)state;
+TEST(test_times_come_in) {
   sv_train_cfg c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, 4000);
   c.dynamic.from = 0.1f, c.dynamic.grow_until = 0.5f, c.dynamic.grow_start = 0.02f,
   c.dynamic.coarse_for = 0.1f;
@@ -149,8 +139,7 @@ static void test_times_come_in(void **state) {
 }
 
 // The long lens of a phone sees a 25th: it gets fewer turns, in which it counts less, the others the same.
-static void test_long_lens(void **state) {
-  (void)state;
+TEST(test_long_lens) {
   sv_train_cfg c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, 4000);
   static moving_scene phone;
   phone = scene;
@@ -177,8 +166,7 @@ static void test_long_lens(void **state) {
 }
 
 // The short lens shows small what another shows large: it gets fewer turns, and counts in full.
-static void test_short_lens(void **state) {
-  (void)state;
+TEST(test_short_lens) {
   sv_train_cfg c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, 4000);
   static moving_scene phone;
   phone = scene;
@@ -199,8 +187,7 @@ static void test_short_lens(void **state) {
 }
 
 // What gradients do not ask for comes to rest, the higher functions first.
-static void test_motion_shrinks(void **state) {
-  (void)state;
+TEST(test_motion_shrinks) {
   enum { N_POS = 3, N_MOTION = SV_N_MROWS(N_POS, 1, 1) };
   sv_train_cfg c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, N_STEPS);
   c.dynamic.n_pos = N_POS, c.dynamic.n_rot = c.dynamic.n_colour = 1;
@@ -261,8 +248,7 @@ static void resume(sv_deform_kind kind, float clip) {
 }
 
 // What an older version wrote is laid out in another way.
-static void test_old_checkpoint(void **state) {
-  (void)state;
+TEST(test_old_checkpoint) {
   mem_sink m = {0};
   sv_sections_writer w;
   sv_err err;
@@ -274,8 +260,7 @@ static void test_old_checkpoint(void **state) {
   assert_string_equal(err.text, "memory: a checkpoint of version 6, expected 7; begin a new run");
 }
 
-static void test_resume(void **state) {
-  (void)state;
+TEST(test_resume) {
   skip_where_emulated();
   resume(SV_DEFORM_CLIP, 0);
   resume(SV_DEFORM_FIELD, 0);
@@ -342,14 +327,13 @@ static void check_refused(const sv_deform *d, const char *sentence) {
 }
 
 // What has bodies is of a later version; what has none is as it was. What no bodies are is refused.
-static void test_bodies_file(void **state) {
+TEST(test_bodies_file) {
   enum { AT_VERSION = 12 };
   sv_train_cfg c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, N_STEPS);
   mem_sink m = {0}, without = {0};
   sv_deform d, *of = &trainer.deform;
   sv_bodies *b = &of->motion.bodies;
   sv_err err;
-  (void)state;
   assert_true(moving_scene_start(&scene, &trainer, &c, &kernels, &pool, -1, block, sizeof block));
   train(&trainer, 0, N_STEPS);
   assert_true(of->motion.n_moving > 3);
@@ -376,15 +360,13 @@ static void test_bodies_file(void **state) {
   check_refused(of, "value 3 of section \"ROWS\" is not finite");
 }
 
-static void test_motion_file(void **state) {
-  (void)state;
+TEST(test_motion_file) {
   round_trip(SV_DEFORM_CLIP);
   round_trip(SV_DEFORM_FIELD);
 }
 
 // One byte short is refused, the exact size is enough; forms that do not go together are refused with a sentence.
-static void test_memory(void **state) {
-  (void)state;
+TEST(test_memory) {
   for (int kind = SV_DEFORM_CLIP; kind <= SV_DEFORM_FIELD; kind++) {
     sv_train_cfg c = moving_scene_cfg((sv_deform_kind)kind, N_GAUSS, N_STEPS);
     c.n_threads = 1;

@@ -1,14 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The pool of exposures: one whose pictures cannot all be decoded leaves no trace.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <string.h>
 
 #include "src/capture/exposures.h"
+#include "tests/common/test.h"
 #include "tests/common/world.h"
 
 #define SIDE 32
@@ -53,8 +48,7 @@ static void assert_slot(int slot, sv_ns time_ns, int left, int right) {
   }
 }
 
-static void test_damaged_picture(void **state) {
-  (void)state;
+TEST(test_damaged_picture) {
   static sv_sub_view sub[2];
   static sv_camera_caps caps[2];
   const sv_rig rig = {.sub_views = sub, .n_sub_views = 2, .cap_sub_views = 2};

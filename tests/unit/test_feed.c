@@ -1,17 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The feed: layout, snapshots that are whole or not there, a reader that was overtaken, foreign blocks; thumbnails.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <pthread.h>
 #include <sched.h>
 #include <string.h>
 
 #include "src/preview/preview.h"
 #include "src/port/feed.h"
+#include "tests/common/test.h"
 
 #define GAUSSIANS 100
 #define FLOATS    14
@@ -28,8 +23,7 @@ static void open_feed(sv_feed *f, sv_feed_reader *r) {
   assert_int_equal(sv_feed_attach(r, block, sv_feed_bytes(GAUSSIANS, FLOATS), &err), SV_OK);
 }
 
-static void test_snapshots(void **state) {
-  (void)state;
+TEST(test_snapshots) {
   sv_feed f;
   sv_feed_reader r;
   uint64_t seq = 0;
@@ -57,8 +51,7 @@ static void test_snapshots(void **state) {
 }
 
 // A slot that is being rewritten, or that was, is not taken for whole.
-static void test_overtaken(void **state) {
-  (void)state;
+TEST(test_overtaken) {
   sv_feed f;
   sv_feed_reader r;
   uint64_t seq = 0;
@@ -79,8 +72,7 @@ static void test_overtaken(void **state) {
   assert_int_equal(sv_feed_read(&r, SV_FEED_MODEL, &seq, copy, sizeof copy, &bytes), SV_AGAIN);
 }
 
-static void test_foreign(void **state) {
-  (void)state;
+TEST(test_foreign) {
   sv_feed f;
   sv_feed_reader r;
   sv_err err;
@@ -121,8 +113,7 @@ static void *write_on(void *arg) {
   return NULL;
 }
 
-static void test_torn(void **state) {
-  (void)state;
+TEST(test_torn) {
   sv_feed f;
   sv_feed_reader r;
   pthread_t t;
@@ -143,8 +134,7 @@ static void test_torn(void **state) {
 }
 #endif
 
-static void test_thumbnails(void **state) {
-  (void)state;
+TEST(test_thumbnails) {
   static uint8_t px[640 * 480 * 4], rgb[SV_FEED_TILE_W * SV_FEED_TILE_H * 3];
   int w, h;
   for (int i = 0; i < 640 * 480; i++) px[3 * i] = 200, px[3 * i + 1] = 100, px[3 * i + 2] = 50;

@@ -2,17 +2,13 @@
 // Following: a textured square that jumps by more than its texture from one picture to the next, before a textured
 // wall, seen by two cameras; and neighbours, who say where those went that no camera saw.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdio.h>
 #include <string.h>
-
-#include <cmocka.h>
 
 #include "src/base/mathx.h"
 #include "src/splat/constants.h"
 #include "src/train/train.h"
+#include "tests/common/test.h"
 
 #define W        96
 #define H        96
@@ -151,8 +147,7 @@ static outcome look(int n) {
   return o;
 }
 
-static int setup(void **state) {
-  (void)state;
+FIXTURE(setup) {
   make_pictures();
   make_points();
   sv_kernels_init(&kernels, ~0u);
@@ -165,8 +160,7 @@ static void follow_all(void) {
   assert_int_equal(sv_train_follow(&trainer, 0.1f, 0.9f), SV_OK);
 }
 
-static void test_two_cameras(void **state) {
-  (void)state;
+TEST(test_two_cameras) {
   for (int n_bodies = 0; n_bodies < 2; n_bodies++) {
     start(N_CAMS, 1, 3, n_bodies);
     follow_all();
@@ -179,8 +173,7 @@ static void test_two_cameras(void **state) {
 }
 
 // What one camera cannot tell stays as it was.
-static void test_one_camera(void **state) {
-  (void)state;
+TEST(test_one_camera) {
   for (int n_bodies = 0; n_bodies < 2; n_bodies++) {
     start(1, 1, 3, n_bodies);
     follow_all();
@@ -190,8 +183,7 @@ static void test_one_camera(void **state) {
   }
 }
 
-static void test_nothing_new(void **state) {
-  (void)state;
+TEST(test_nothing_new) {
   start(N_CAMS, 1, 3, 15);
   assert_int_equal(sv_train_follow(&trainer, 0.1f, 0.1f), SV_OK);
   assert_int_equal(trainer.deform.motion.n_moving, 0);
@@ -215,8 +207,7 @@ static float off_px(void) {
 
 // A body that is expected 4 px and 8 degrees beside where the pictures show it is moved there; one that is expected
 // where nothing of it can be seen stays.
-static void test_track(void **state) {
-  (void)state;
+TEST(test_track) {
   for (int n_cams = 1; n_cams <= N_CAMS; n_cams++) {
     start(n_cams, 1, 3, 1);
     follow_all();
@@ -239,8 +230,7 @@ static void test_track(void **state) {
 
 // Half of the square's parts were taken for others that stand still, and some of the wall, before which the square goes,
 // for parts of the square: the pictures say whose they are.
-static void test_members(void **state) {
-  (void)state;
+TEST(test_members) {
   int n_lost = 0, n_back = 0, n_wall = 0, n_let_go = 0, n_kept = 0, n_square = 0;
   bool was_lost[N] = {false}, was_taken[N] = {false};
   start(N_CAMS, 1, 3, 1);
@@ -286,8 +276,7 @@ static void test_members(void **state) {
 }
 
 // The second jump is farther than is looked for around the old place: what moved is looked for where it was going.
-static void test_ahead(void **state) {
-  (void)state;
+TEST(test_ahead) {
   for (int n_bodies = 0; n_bodies < 2; n_bodies++) {
     start(N_CAMS, 0, 4, n_bodies);
     assert_int_equal(sv_train_follow(&trainer, 0.1f, 0.3f), SV_OK);
@@ -304,14 +293,13 @@ static void test_ahead(void **state) {
 
 // Points on a ball that turns and shifts; of some the displacement is unknown, of some it is wrong. All, asked of the
 // others, went with the ball.
-static void test_neighbours(void **state) {
+TEST(test_neighbours) {
   static const float centre[3] = {0.2f, -0.1f, 3.0f};
   static const double turn[4] = {0.98, 0.1, -0.15, 0.08};
   double r[9];
   float wrong = 0, most = 0, u[3];
   sv_rng rng = sv_rng_make(1, 1);
   sv_arena a = sv_arena_make(block, sizeof block);
-  (void)state;
   sv_local_motion *near = sv_local_motion_carve(N_BODY, &a);
   assert_non_null(near);
   sv_quat_to_mat(r, turn);
@@ -341,11 +329,10 @@ static void test_neighbours(void **state) {
   assert_true(wrong < 0.05f * N_BODY);
 }
 
-static void test_few_neighbours(void **state) {
+TEST(test_few_neighbours) {
   static const float centre[3] = {0};
   float u[3];
   sv_arena a = sv_arena_make(block, sizeof block);
-  (void)state;
   sv_local_motion *near = sv_local_motion_carve(4, &a);
   assert_non_null(near);
   for (int i = 0; i < 4; i++) {

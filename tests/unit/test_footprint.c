@@ -1,20 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // Footprints from simulated white images, and their way to disk and back.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-#include <cmocka.h>
-
 #include "src/base/rng.h"
 #include "src/format/rig_file.h"
 #include "src/rig/footprint.h"
+#include "tests/common/test.h"
 #include "tools/common/coverage.h"
 #include "tools/common/fileio.h"
 
@@ -108,8 +104,7 @@ static void check(const lens *l, uint64_t seed) {
   free(truth);
 }
 
-static void test_measure(void **state) {
-  (void)state;
+TEST(test_measure) {
   static const double shot[] = {3e-5, 1.3e-4, 2.7e-4}, read[] = {1e-8, 1.4e-7, 5e-7}; // ISO 100, 400, 800
   for (int iso = 0; iso < 3; iso++)
     for (int k = 0; k < 6; k++) {
@@ -127,8 +122,7 @@ static void test_measure(void **state) {
 }
 
 // Light that falls off inside the lens is part of its weight.
-static void test_fall_off(void **state) {
-  (void)state;
+TEST(test_fall_off) {
   lens l = lens_make(150.2, 121.7, 80, 80);
   l.fall_off = 0.1, l.shot = 1.3e-4, l.read = 1.4e-7;
   check(&l, 3);
@@ -147,8 +141,7 @@ static void refuse(const lens *l, double dark, const char *word) {
   free(truth);
 }
 
-static void test_no_footprint(void **state) {
-  (void)state;
+TEST(test_no_footprint) {
   lens l = lens_make(150, 120, 60, 60);
   l.read = 1e-6;
   l.level = 0.01;
@@ -170,8 +163,7 @@ static void test_no_footprint(void **state) {
 }
 
 // Four lenses of a multiplexed sensor: the sum of what was measured is the sum of the truth.
-static void test_sum(void **state) {
-  (void)state;
+TEST(test_sum) {
   sv_arena out = sv_arena_make(out_block, sizeof out_block);
   sv_footprint f[4];
   sv_footprint_stats st;
@@ -224,8 +216,7 @@ static sv_status read_rig(const char *json, sv_rig *rig, sv_coverage_names *name
   "\"a.cameramodel\",\"camera\":0" rest "},{\"name\":\"b\",\"model\":\"b.cameramodel\",\"camera\":0,"        \
   "\"footprint\":[5,6,4,3]}]}"
 
-static void test_rig_json(void **state) {
-  (void)state;
+TEST(test_rig_json) {
   sv_rig rig;
   sv_coverage_names names;
   char text[2048];
@@ -254,8 +245,7 @@ static void test_rig_json(void **state) {
       fail_msg("%s: %s", bad[i][1], err.text);
 }
 
-static void test_folder(void **state) {
-  (void)state;
+TEST(test_folder) {
   char folder[] = "/tmp/subview-footprint-XXXXXX", path[128];
   assert_non_null(mkdtemp(folder));
   static const uint8_t coverage[12] = {0, 1, 2, 3, 100, 200, 254, 255, 9, 8, 7, 6};

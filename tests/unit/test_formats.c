@@ -2,12 +2,6 @@
 // Models in viewers' formats: written and read back within the quantisation of each, refused when damaged, and read by
 // an independent program where it is installed (splat-transform of PlayCanvas: npm install -g
 // @playcanvas/splat-transform, or its path in SV_SPLAT_TRANSFORM).
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -16,6 +10,7 @@
 
 #include "src/base/rng.h"
 #include "src/format/axes.h"
+#include "tests/common/test.h"
 #include "tools/common/fileio.h"
 #include "tools/lab/lab.h"
 #include "tools/lab/model_formats.h"
@@ -183,8 +178,7 @@ static double colour(const sv_gaussian *g, int c, const double d[3]) {
   return sum;
 }
 
-static void test_turns(void **state) {
-  (void)state;
+TEST(test_turns) {
   static const double signs[3][3] = {{1, 1, 1}, {1, -1, -1}, {-1, -1, 1}};
   const double d[3] = {0.36, -0.48, 0.8};
   for (int t = 0; t < 3; t++)
@@ -250,8 +244,7 @@ static void must_be_turned(const sv_gaussian *g, const sv_gaussian *was, const d
     must_be_near("turned colour", colour(&a, ch, turned), colour(&b, ch, d), 2e-3);
 }
 
-static void test_any_turn(void **state) {
-  (void)state;
+TEST(test_any_turn) {
   sv_rng rng = sv_rng_make(5, 5);
   for (int n = 0; n < 20; n++) {
     double r[9];
@@ -268,8 +261,7 @@ static void test_any_turn(void **state) {
 }
 
 // Models of worlds with each way up stand upright in the formats that say where up is, and lie as they did in PLY.
-static void test_up(void **state) {
-  (void)state;
+TEST(test_up) {
   static const char *const ups[] = {"x", "y", "z", "-x", "-y", "-z"};
   char path[400];
   sv_err err;
@@ -330,8 +322,7 @@ static void test_up(void **state) {
 }
 
 // Cut anywhere, and changed anywhere in the head: refused with a sentence, or at least read without a fault.
-static void test_damage(void **state) {
-  (void)state;
+TEST(test_damage) {
   char path[400], cut[400];
   sv_err err;
   for (int kind = 0; kind < 5; kind++) {
@@ -397,8 +388,7 @@ static double distance(const sv_gaussian *g) {
 
 // Its releases turn .spz files, whose axes are right-up-back, or keep their numbers: one for all Gaussians, which are
 // compared whole afterwards. GLB it only writes: then ours is the reader.
-static void test_independent(void **state) {
-  (void)state;
+TEST(test_independent) {
   char tool[600], path[400], back_path[400], command[2000];
   sv_err err;
   if (!find_tool(tool)) {
@@ -433,16 +423,14 @@ static void test_independent(void **state) {
   }
 }
 
-static int make_dir(void **state) {
-  (void)state;
+FIXTURE(make_dir) {
   const char *tmp = getenv("TMPDIR");
   snprintf(dir, sizeof dir, "%s/sv_formats_XXXXXX", tmp ? tmp : "/tmp");
   make_fixture();
   return mkdtemp(dir) ? 0 : -1;
 }
-static int remove_dir(void **state) {
+FIXTURE(remove_dir) {
   char command[300];
-  (void)state;
   snprintf(command, sizeof command, "rm -rf '%s'", dir);
   return system(command);
 }

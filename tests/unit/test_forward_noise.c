@@ -1,14 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Noise that is laid over a predicted measurement: its size, its rounding, its derivative.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 
-#include <cmocka.h>
-
 #include "src/rig/forward.h"
+#include "tests/common/test.h"
 
 #define SIDE  64
 #define LEVEL 0.25f
@@ -66,11 +62,10 @@ static void predict(world *w, uint32_t key) {
   sv_forward_bwd(&w->f, &w->c, &w->crop, &w->rgb, &w->g, NULL, &w->out, NULL);
 }
 
-static void test_size_rounding_and_derivative(void **state) {
+TEST(test_size_rounding_and_derivative) {
   static world w;
   double sum = 0, sum2 = 0;
   const double deviation = (double)(READ + SHOT * LEVEL);
-  (void)state;
   make_world(&w);
   predict(&w, 7);
   for (int y = 0; y < SIDE; y++)
@@ -89,11 +84,10 @@ static void test_size_rounding_and_derivative(void **state) {
   assert_float_equal(sum2 / n, 1, 0.04);
 }
 
-static void test_keys_differ_and_repeat(void **state) {
+TEST(test_keys_differ_and_repeat) {
   static world w;
   float first[SIDE];
   int n_same = 0;
-  (void)state;
   make_world(&w);
   predict(&w, 1);
   for (int x = 0; x < SIDE; x++) first[x] = w.f.predicted.c[0][x];

@@ -1,16 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Cameras that run freely are brought together by the length of their frames, through a camera that queues commands
 // and counts in lines; bounded, rate-limited, and not at all when there is nothing to correct.
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-// cmocka needs the four above first
-#include <cmocka.h>
 #include <math.h>
+#include <stdint.h>
 
 #include "src/base/rng.h"
 #include "src/sync/frame_length.h"
+#include "tests/common/test.h"
 
 #define PERIOD_NS 33333333LL
 #define CAP_QUEUE 8
@@ -51,8 +47,7 @@ static void step(free_camera *cam, int i, double noise_ns, sv_rng *r, sv_ns line
   cam->next_ns += (double)cam->queue[CAP_QUEUE - 1 - cam->n_latency] * (1 + cam->rate);
 }
 
-static void pairs_come_together(void **state) {
-  (void)state;
+TEST(pairs_come_together) {
   static const struct {
     double phase_ns, rate, noise_ns;
     sv_ns line_ns;
@@ -85,8 +80,7 @@ static void pairs_come_together(void **state) {
   }
 }
 
-static void synchronous_rigs_are_left_alone(void **state) {
-  (void)state;
+TEST(synchronous_rigs_are_left_alone) {
   free_camera a = camera(0, 0, 0), b = camera(12e3, 0, 0);
   sv_rng r = sv_rng_make(1, 1);
   double largest = 0;
@@ -96,8 +90,7 @@ static void synchronous_rigs_are_left_alone(void **state) {
 }
 
 // A camera that refuses is asked once; one whose leader is gone follows the next one.
-static void refusals_and_lost_leaders(void **state) {
-  (void)state;
+TEST(refusals_and_lost_leaders) {
   sv_ns wanted_ns;
   int n_asked = 0;
   open_loop(3);
@@ -123,8 +116,7 @@ static void refusals_and_lost_leaders(void **state) {
   assert_false(loop.cameras[2].has_frame);
 }
 
-static void bad_configs_are_refused(void **state) {
-  (void)state;
+TEST(bad_configs_are_refused) {
   sv_arena a = sv_arena_make(block, sizeof block);
   sv_frame_length_cfg bad[] = {{0, PERIOD_NS, 0}, {2, 0, 0}, {2, PERIOD_NS, -1}};
   for (int i = 0; i < 3; i++) assert_int_equal(sv_frame_length_init(&loop, &bad[i], &a), SV_E_ARG);

@@ -2,17 +2,13 @@
 // A field is fitted to a clip's motion that is known: the loss and its gradient, how much of the motion is left over, what
 // is drawn at the middle time, and the same bits for any number of threads.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdio.h>
 #include <string.h>
-
-#include <cmocka.h>
 
 #include "platform/linux/linux.h"
 #include "src/dynamic/distil.h"
 #include "tests/common/moving_scene.h"
+#include "tests/common/test.h"
 
 #define N_GAUSS 480
 #define N_STEPS 600
@@ -23,20 +19,18 @@ static sv_trainer trainer;
 static sv_kernels kernels;
 static sv_pool pool;
 
-static int setup(void **state) {
-  (void)state;
+FIXTURE(setup) {
   moving_scene_make(&scene, block, sizeof block);
   sv_kernels_init(&kernels, ~0u);
   pool = sv_pool_serial();
   return 0;
 }
 
-static void test_loss(void **state) {
+TEST(test_loss) {
   enum { N_ROWS = SV_ROW_SH + 3 };
   sv_fit_prices p;
   float is[N_ROWS * 16], want[N_ROWS * 16], grad[N_ROWS * 16];
   sv_rng rng = sv_rng_make(5, 1);
-  (void)state;
   for (int r = 0; r < SV_ROW_LOGIT; r++) p.price[r] = r < SV_ROW_QUAT ? 20.0f : 1.0f + (float)r;
   for (int i = 0; i < N_ROWS * 16; i++) is[i] = 2 * sv_rng_f(&rng) - 1, want[i] = 2 * sv_rng_f(&rng) - 1;
   assert_true(sv_fit_loss(&p, is, is) == 0.0);
@@ -81,11 +75,10 @@ static void places(float time, float x[N_GAUSS][3]) {
           trainer.g.moved[((size_t)(i / 16) * (size_t)trainer.g.n_rows + (size_t)k) * 16 + (size_t)(i % 16)];
 }
 
-static void test_fit(void **state) {
+TEST(test_fit) {
   enum { N_TIMES = 9 }; // every other one has no picture
   static float before[N_TIMES][N_GAUSS][3], after[N_GAUSS][3], middle[N_GAUSS][3];
   double off = 0, far = 0;
-  (void)state;
   start(&pool);
   for (int n = 0; n < N_TIMES; n++) places(0.04f + 0.92f * (float)n / (N_TIMES - 1), before[n]);
   places(trainer.middle, middle);
@@ -111,9 +104,8 @@ static void test_fit(void **state) {
   assert_true(sqrt(off) < 0.06 * sqrt(far));
 }
 
-static void test_threads(void **state) {
+TEST(test_threads) {
   uint64_t digest[2];
-  (void)state;
   for (int n = 1; n <= 2; n++) {
     sv_linux_pool threads;
     sv_err err;
@@ -130,9 +122,8 @@ static void test_threads(void **state) {
 }
 
 // After the hand-over the clip shows the same as before it, at times between those of the pictures.
-static void test_lesson(void **state) {
+TEST(test_lesson) {
   static float before[3][SV_TILE_PX * 8 * SV_TILE_PX * 8];
-  (void)state;
   start(&pool);
   const sv_train_view *tv = &trainer.views[0];
   sv_view view = tv->view;
@@ -161,9 +152,8 @@ static void test_lesson(void **state) {
 }
 
 // A run of so many seconds: half of what is left at the hand-over, and pictures go on.
-static void test_time_limit(void **state) {
+TEST(test_time_limit) {
   sv_step_stats st;
-  (void)state;
   start(&pool);
   const float clip = trainer.cfg.dynamic.clip, most = 0.5f + 0.5f * clip;
   assert_true(sv_train_step(&trainer, clip, &st) >= 0);
@@ -176,8 +166,7 @@ static void test_time_limit(void **state) {
 }
 
 // Nothing moves: there is nothing to fit, and pictures go on.
-static void test_still(void **state) {
-  (void)state;
+TEST(test_still) {
   sv_train_cfg c = moving_scene_cfg(SV_DEFORM_FIELD, N_GAUSS, N_STEPS);
   assert_true(moving_scene_start(&scene, &trainer, &c, &kernels, &pool, -1, block, sizeof block));
   for (int i = 0; i < 3; i++) assert_true(sv_train_step(&trainer, 0.6f, NULL) >= 0);

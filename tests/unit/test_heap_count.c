@@ -1,18 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // The heap counter must see every way to the heap, or a "no heap" test that passes would prove nothing.
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-
-#include <cmocka.h>
 #include <errno.h>
 #include <pthread.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
+#include "tests/common/test.h"
 #include "tests/fault/heap_count.h"
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
@@ -24,8 +20,7 @@
 // Keeps the compiler from removing an allocation nobody reads.
 static void *volatile g_keep;
 
-static void counts_only_while_armed(void **state) {
-  (void)state;
+TEST(counts_only_while_armed) {
   g_keep = malloc(8);
   sv_heap_arm();
   assert_int_equal(sv_heap_count(), 0);
@@ -58,8 +53,7 @@ static void *by_getline(void) { // inside libc, where no source of ours is compi
   return got > 0 ? line : NULL;
 }
 
-static void sees_every_way(void **state) {
-  (void)state;
+TEST(sees_every_way) {
   static const struct {
     const char *name;
     void *(*take)(void);
@@ -86,8 +80,7 @@ static void sees_every_way(void **state) {
   }
 }
 
-static void memory_is_good(void **state) {
-  (void)state;
+TEST(memory_is_good) {
   void *p = NULL;
 #if !IS_SANITIZED // sanitizers end the program for it
   assert_int_equal(posix_memalign(&p, 3, 100), EINVAL);
@@ -126,13 +119,9 @@ static unsigned long calls_of_a_thread(bool is_exempt) {
   return sv_heap_count();
 }
 
-static void threads_count_unless_exempt(void **state) {
-  (void)state;
-  assert_true(calls_of_a_thread(false) >= calls_of_a_thread(true) + 2);
-}
+TEST(threads_count_unless_exempt) { assert_true(calls_of_a_thread(false) >= calls_of_a_thread(true) + 2); }
 
-static void report_names_calls(void **state) {
-  (void)state;
+TEST(report_names_calls) {
   sv_heap_arm();
   for (int i = 0; i < 20; i++) {
     g_keep = malloc(4321);

@@ -1,20 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // PNG and JPEG of every kind that host tools read, and the files under them. Works in a folder of its own.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
+#include <png.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-#include <cmocka.h>
-
-#include <stdio.h>
 #include <unistd.h>
 
-#include <png.h>
-
+#include "tests/common/test.h"
 #include "tools/common/fileio.h"
 #include "tools/common/imageio.h"
 
@@ -45,8 +39,7 @@ static sv_bitmap make(int w, int h, int nc, int bits) { // noise
   return b;
 }
 
-static void test_png_round_trip(void **state) {
-  (void)state;
+TEST(test_png_round_trip) {
   for (int nc = 1; nc <= 4; nc++)
     for (int bits = 8; bits <= 16; bits += 8) {
       sv_bitmap b = make(37, 21, nc, bits), r;
@@ -79,8 +72,7 @@ static void write_small(int type, int bits) {
   fclose(f);
 }
 
-static void test_png_small_depths(void **state) {
-  (void)state;
+TEST(test_png_small_depths) {
   sv_bitmap r;
   write_small(PNG_COLOR_TYPE_PALETTE, 2);
   assert_int_equal(sv_bitmap_read(path, &r, &fail), SV_OK);
@@ -94,8 +86,7 @@ static void test_png_small_depths(void **state) {
   sv_bitmap_free(&r);
 }
 
-static void test_jpeg(void **state) {
-  (void)state;
+TEST(test_jpeg) {
   for (int nc = 1; nc <= 3; nc += 2) {
     sv_bitmap b = make(64, 48, nc, 8), r;
     for (size_t i = 0; i < n_samples(&b); i++)
@@ -109,8 +100,7 @@ static void test_jpeg(void **state) {
   }
 }
 
-static void test_conversions(void **state) {
-  (void)state;
+TEST(test_conversions) {
   sv_bitmap b = make(3, 2, 4, 16);
   uint16_t first = b.u16[0];
   assert_int_equal(sv_bitmap_to_8(&b, &fail), SV_OK);
@@ -128,8 +118,7 @@ static void test_conversions(void **state) {
   sv_bitmap_free(&b);
 }
 
-static void test_damaged(void **state) {
-  (void)state;
+TEST(test_damaged) {
   for (int k = 0; k < 2; k++) {
     sv_bitmap b = make(19, 13, 3, 8), r;
     if (k) assert_int_equal(sv_bitmap_write_jpeg(at("d"), &b, 90, &fail), SV_OK);
@@ -161,8 +150,7 @@ static void test_damaged(void **state) {
   assert_non_null(strstr(fail.text, "gone.png"));
 }
 
-static void test_files(void **state) {
-  (void)state;
+TEST(test_files) {
   char text[64];
   void *data;
   size_t n;
@@ -205,13 +193,9 @@ static void test_files(void **state) {
   assert_string_equal(sv_path_extension("a/b.tar.gz"), ".gz");
 }
 
-static int make_folder(void **state) {
-  (void)state;
-  return mkdtemp(folder) ? 0 : -1;
-}
+FIXTURE(make_folder) { return mkdtemp(folder) ? 0 : -1; }
 
-static int remove_folder(void **state) {
-  (void)state;
+FIXTURE(remove_folder) {
   static const char *const made[] = {"a.png", "small.png", "a.jpg", "d", "x/y/a", "x/y/b", "x/y", "x", "."};
   for (size_t i = 0; i < sizeof made / sizeof *made; i++)
     if (remove(i + 1 < sizeof made / sizeof *made ? at(made[i]) : folder) != 0) return -1;

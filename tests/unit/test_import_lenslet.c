@@ -2,20 +2,15 @@
 // From raw pictures of a simulated lenslet camera to a dataset: a textured plane at a known distance must be
 // where the rig of the result sees it, in all sub-views.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-#include <cmocka.h>
-
 #include "src/format/rig_file.h"
 #include "src/rig/lenslet.h"
-#include "tests/common/temp_folder.h"
+#include "tests/common/test.h"
 #include "tools/common/imageio.h"
 #include "tools/lab/lab.h"
 
@@ -106,8 +101,7 @@ static double check_views(const char *out, const sv_rig *rig, double scale) {
   return seen / there;
 }
 
-static void test_import(void **state) {
-  (void)state;
+TEST(test_import) {
   static uint8_t rig_block[64 << 10], scratch_block[256 << 10];
   char out[400], path[440];
   expose("white.png", 1, true);
@@ -147,8 +141,7 @@ static void test_import(void **state) {
   lab_views_free(&v);
 }
 
-static void test_refusals(void **state) {
-  (void)state;
+TEST(test_refusals) {
   char out[400], path[440];
   snprintf(out, sizeof out, "%s/out2", folder);
   lab_options o = {.from = "lenslet", .input = folder, .out = out, .keep = 15, .is_quiet = true};
@@ -162,15 +155,9 @@ static void test_refusals(void **state) {
   assert_int_equal(lab_cmd_import(&o), LAB_EXIT_FAILED); // nothing
 }
 
-static int make_folder(void **state) {
-  (void)state;
-  return temp_folder_make(folder, sizeof folder, "import_lenslet");
-}
+FIXTURE(make_folder) { return temp_folder_make(folder, sizeof folder, "import_lenslet"); }
 
-static int remove_folder(void **state) {
-  (void)state;
-  return temp_folder_remove(folder);
-}
+FIXTURE(remove_folder) { return temp_folder_remove(folder); }
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_import), cmocka_unit_test(test_refusals)};

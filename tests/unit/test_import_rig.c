@@ -2,17 +2,12 @@
 // Rigs at import: COLMAP models whose frames place images that are not registered, and poses of one camera that
 // place all sub-views of a rig. Which frames of several files, with and without marks, a split is.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include <cmocka.h>
-
-#include "tests/common/temp_folder.h"
+#include "tests/common/test.h"
 #include "tools/common/imageio.h"
 #include "tools/import/recording.h"
 #include "tools/import/import.h"
@@ -104,8 +99,7 @@ static int import(const char *from, const char *in, const char *out) {
 #define FRAMES "1 1 1 0 0 0 -1 0 0 2 CAMERA 5 1 CAMERA 9 2\n2 1 1 0 0 0 -2 0 0 2 CAMERA 5 3 CAMERA 9 4\n"
 #define TURN   "3 1 0.70710678118654752 0 0.70710678118654752 0 0 0 0 1 CAMERA 5 5\n"
 
-static void test_colmap(void **state) {
-  (void)state;
+TEST(test_colmap) {
   lab_views v;
   put("a/sparse/0/cameras.txt", "5 PINHOLE 16 12 20 20 8 6\n9 PINHOLE 16 12 21 21 8 6\n");
   put("a/sparse/0/rigs.txt", "1 2 CAMERA 5 CAMERA 9 1 1 0 0 0 -0.5 0 0\n");
@@ -131,8 +125,7 @@ static void test_colmap(void **state) {
   lab_views_free(&v);
 }
 
-static void test_colmap_without(void **state) {
-  (void)state;
+TEST(test_colmap_without) {
   lab_views v;
   char command[600];
   put("a/sparse/0/rigs.txt", "1 2 CAMERA 5 CAMERA 9 0\n"); // the rig's pose is not known
@@ -153,8 +146,7 @@ static void test_colmap_without(void **state) {
 }
 
 // One folder for both cameras: the name of a frame's picture does not lead to the other's.
-static void test_colmap_one_folder(void **state) {
-  (void)state;
+TEST(test_colmap_one_folder) {
   lab_views v;
   put("e/cameras.txt", "5 PINHOLE 16 12 20 20 8 6\n9 PINHOLE 16 12 21 21 8 6\n");
   put("e/rigs.txt", "1 2 CAMERA 5 CAMERA 9 1 1 0 0 0 -0.5 0 0\n");
@@ -213,8 +205,7 @@ static void put_stream(void) {
   put_picture("s/images/top/1.png", 50);
 }
 
-static void test_stream(void **state) {
-  (void)state;
+TEST(test_stream) {
   lab_views v;
   float centre[3], radius;
   sv_point *points;
@@ -245,8 +236,7 @@ static void test_stream(void **state) {
 
 // Depth without a unit is in thousandths of a unit that is not a metre any more; exposure numbers that are given stay
 // alone.
-static void test_stream_numbers(void **state) {
-  (void)state;
+TEST(test_stream_numbers) {
   lab_views v;
   put_rig();
   put("n/transforms.json",
@@ -286,8 +276,7 @@ static void check_split(const char *name, const char *split, const char *want) {
 #define FRAME(name, more) "{\"file_path\": \"" name "\", " more EYE "}"
 #define MARK(split)       "\"split\": \"" split "\", "
 
-static void test_splits(void **state) {
-  (void)state;
+TEST(test_splits) {
   static const char *const names[] = {"a", "b", "c", "d", "e"};
   for (int i = 0; i < 5; i++) {
     char name[40];
@@ -325,8 +314,7 @@ static void test_splits(void **state) {
 }
 
 // Pictures and panels are written under these names, so no two are the same.
-static void test_names(void **state) {
-  (void)state;
+TEST(test_names) {
   put_picture("v/l/x.png", 1), put_picture("v/r/x.png", 2), put_picture("v/l_x.png", 3);
   put_picture("v/f.1.png", 4), put_picture("v/f.2.png", 5);
   put("v/transforms.json",
@@ -337,8 +325,7 @@ static void test_names(void **state) {
   check_split("v", "all", "l_x_0 r_x l_x f.1 f.2_4 f.2_5 f.2_6");
 }
 
-static void test_stream_refused(void **state) {
-  (void)state;
+TEST(test_stream_refused) {
   char command[600];
   assert_int_equal(import_stream("s", "t_out", "rig", "middle", 1), LAB_EXIT_FAILED); // not in the rig
   assert_int_equal(import_stream("s", "t_out", "s", "left", 1), LAB_EXIT_FAILED);     // no rig there
@@ -357,8 +344,7 @@ static void test_stream_refused(void **state) {
 }
 
 // A recording that is imported into its own folder, or over a capture that is not finished.
-static void test_recording_refused(void **state) {
-  (void)state;
+TEST(test_recording_refused) {
   char from[400], to[400];
   sv_import_camera camera = {.name = "cam"};
   put_picture("w/cam/0.png", 7);
@@ -375,15 +361,9 @@ static void test_recording_refused(void **state) {
       sv_import_write(&(sv_import_job){.src_dir = from, .out_dir = to}, "r", 30, &camera, 1, &err), SV_E_IO);
 }
 
-static int make_folder(void **state) {
-  (void)state;
-  return temp_folder_make(folder, sizeof folder, "import_rig");
-}
+FIXTURE(make_folder) { return temp_folder_make(folder, sizeof folder, "import_rig"); }
 
-static int remove_folder(void **state) {
-  (void)state;
-  return temp_folder_remove(folder);
-}
+FIXTURE(remove_folder) { return temp_folder_remove(folder); }
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_colmap),

@@ -1,15 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The JSON reader: what is accepted and refused, values, and the places that errors name.
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "src/format/json.h"
+#include "tests/common/test.h"
 
 enum { CAP = 512 };
 static jsmntok_t tok[CAP];
@@ -19,8 +15,7 @@ static sv_status parse(sv_json *j, const char *text) {
   return sv_json_parse(j, "t.json", text, strlen(text), tok, CAP, &err);
 }
 
-static void test_grammar(void **state) {
-  (void)state;
+TEST(test_grammar) {
   static const char *const good[] = {"{}",
                                      "[]",
                                      " [1] ",
@@ -103,8 +98,7 @@ static void test_grammar(void **state) {
   assert_int_equal(sv_json_parse(&j, "t", "{\"a\":[1,2]}", 11, tok, 5, &err), SV_OK);
 }
 
-static void test_values(void **state) {
-  (void)state;
+TEST(test_values) {
   sv_json j;
   assert_int_equal(parse(&j,
                          "{\"d\":-1.25e2,\"i\":42,\"f\":540.0,\"s\":\"a\\u00e9\\ud83d\\ude00\\n\",\"b\":true,"
@@ -146,8 +140,7 @@ static void test_values(void **state) {
   assert_int_equal(sv_json_size(&j, sv_json_get(&j, 0, "x")), 1);
 }
 
-static void test_places(void **state) {
-  (void)state;
+TEST(test_places) {
   sv_json j;
   double d;
   assert_int_equal(parse(&j, "{\"frames\": [\n {\"fl_x\": 1},\n {\"m\": [[1, 2], [3, true]]}\n]}"), SV_OK);

@@ -2,18 +2,14 @@
 // Kalibr's camchain.yaml: a chain as Kalibr writes it, other ways to write the same lists, refusals, and the
 // import to a rig folder that is read back.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "src/format/kalibr.h"
 #include "src/format/rig_file.h"
+#include "tests/common/test.h"
 #include "tools/lab/lab.h"
 
 enum { CAP = 4 };
@@ -66,8 +62,7 @@ static void check_chain(void) {
   assert_true(fabs(x[0] - 0.05) < 1e-12 && fabs(x[1] + 0.19) < 1e-12 && fabs(x[2] - 1.8) < 1e-12);
 }
 
-static void test_chain(void **state) {
-  (void)state;
+TEST(test_chain) {
   if (read_chain(CAM0 CAM1 CAM2) != SV_OK) fail_msg("%s", err.text);
   check_chain();
   if (read_chain("%YAML:1.0\n---\n# c\nimu0:\n  rate: 200\n  a: [1,\n2]\n" CAM2 "\n" CAM0 CAM1) != SV_OK)
@@ -75,8 +70,7 @@ static void test_chain(void **state) {
   check_chain();
 }
 
-static void test_truncated(void **state) {
-  (void)state;
+TEST(test_truncated) {
   static const char text[] = CAM0 CAM1 CAM2;
   for (size_t n = 0; n + 1 < sizeof text; n++) { // memory of its own, so that a sanitizer sees the end
     char *cut = malloc(n ? n : 1);
@@ -88,8 +82,7 @@ static void test_truncated(void **state) {
   }
 }
 
-static void test_refused(void **state) {
-  (void)state;
+TEST(test_refused) {
 #define ONE(model, coeffs, lens, k, size)                                                                    \
   "cam0:\n  camera_model: " model "\n  distortion_coeffs: " coeffs "\n  distortion_model: " lens             \
   "\n  intrinsics: " k "\n  resolution: " size "\n"
@@ -138,8 +131,7 @@ static void test_refused(void **state) {
   }
 }
 
-static void test_import(void **state) {
-  (void)state;
+TEST(test_import) {
   static uint8_t rig_block[16 << 10], scratch_block[64 << 10];
   char folder[] = "/tmp/subview-kalibr-XXXXXX", in[128], out[128], command[128];
   static const char text[] = CAM0 CAM1 CAM2;

@@ -1,14 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The lab's choice of frames, the views near them, and the noise on what was loaded.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <string.h>
 
 #include "src/base/mathx.h"
+#include "tests/common/test.h"
 #include "tools/train/noise.h"
 
 #define N 60
@@ -42,8 +37,7 @@ static void choose(int n, int out[N]) {
   assert_false(is_in[0]);
 }
 
-static void test_choice(void **state) {
-  (void)state;
+TEST(test_choice) {
   int c[N];
   place(5, 35);
   choose(3, c); // three low ones, a third of a turn apart
@@ -59,8 +53,7 @@ static void test_choice(void **state) {
   choose(N + 5, c); // more than there are: all
 }
 
-static void test_near(void **state) {
-  (void)state;
+TEST(test_near) {
   bool is_in[N] = {false};
   int c[N];
   double centre[3];
@@ -81,8 +74,7 @@ static void run_tasks(void *self, sv_task_fn fn, void *arg, int n_tasks) { // la
   for (int i = n_tasks; i-- > 0;) fn(arg, i, 0);
 }
 
-static void test_noise(void **state) {
-  (void)state;
+TEST(test_noise) {
   static lab_frame f[3];
   static uint8_t px[3][4 * 64], clean[4 * 64];
   static uint16_t measured[3 * 64];

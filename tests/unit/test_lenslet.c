@@ -2,19 +2,15 @@
 // Lenslet sensors: the lattice of simulated white images, and sub-views of a simulated light field. The
 // simulator integrates a formula over the pixels of the sensor; it knows nothing of the decoder.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "src/base/mathx.h"
 #include "src/base/rng.h"
 #include "src/rig/lenslet.h"
+#include "tests/common/test.h"
 
 #define DEG (SV_PI / 180)
 
@@ -190,8 +186,7 @@ static void skip_under_emulation(void) {
   skip();
 }
 
-static void test_find(void **state) {
-  (void)state;
+TEST(test_find) {
   skip_under_emulation();
   static const double pitches[] = {6, 7.77, 13.3, 20.05, 40}, turns[] = {-5, 0, 3.3};
   for (int p = 0; p < 5; p++)
@@ -206,8 +201,7 @@ static void test_find(void **state) {
                 worst_turn, worst_offset);
 }
 
-static void test_find_hard(void **state) {
-  (void)state;
+TEST(test_find_hard) {
   skip_under_emulation();
   sensor s = sensor_make(420, 300, 9.13, 1.3, true); // a tenth dead, strong noise and fall-off
   s.n_dead = 0.1, s.shot = 5e-3, s.read = 1e-4, s.fall_off = 0.8;
@@ -231,8 +225,7 @@ static void refuse(const sv_raw *r, const char *word) {
     fail_msg("'%s' expected, got %s: %s", word, sv_status_name(s), s < 0 ? err.text : "accepted");
 }
 
-static void test_no_white_image(void **state) {
-  (void)state;
+TEST(test_no_white_image) {
   enum { W = 320, H = 300 };
   static uint8_t px[W * H];
   sv_raw r = {.u8 = px, .width_px = W, .height_px = H, .n_channels = 1};
@@ -330,8 +323,7 @@ static quality decode(const shot *t, const sv_lenslet_grid *g, int keep) {
   return q;
 }
 
-static void test_decode(void **state) {
-  (void)state;
+TEST(test_decode) {
   for (int is_hex = 0; is_hex < 2; is_hex++) {
     sensor s = sensor_make(400, 380, 13.07, 1.1, is_hex), n = s;
     n.shot = 1.3e-4, n.read = 1.4e-7; // ISO 400
@@ -350,8 +342,7 @@ static void test_decode(void **state) {
 }
 
 // Whatever the lattice, every sample is on the sensor with the pixels around it.
-static void test_plan(void **state) {
-  (void)state;
+TEST(test_plan) {
   for (int k = 0; k < 60; k++) {
     sensor s = sensor_make(300 + 7 * k, 280 + 3 * (k % 5), 7 + 0.37 * k, k % 11 - 5, k & 1);
     sv_lenslet_plan p;
@@ -380,8 +371,7 @@ static void test_plan(void **state) {
 }
 
 // A point in the plane of focus is at one place in all sub-views; a nearer one moves against the camera.
-static void test_rig(void **state) {
-  (void)state;
+TEST(test_rig) {
   sensor s = sensor_make(400, 300, 10, 0, true);
   sv_lenslet_plan p;
   static uint8_t block[64 << 10];

@@ -2,21 +2,17 @@
 // subview-calibrate lenslets on simulated pictures: a ray-traced scene through each lens of a multiplexed sensor
 // alone, and white pictures with round, partly lit footprints. The alignment of patches that it is built on.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-#include <cmocka.h>
 
 #include "calib/solve/align.h"
 #include "calib/solve/structure.h"
 #include "src/base/mathx.h"
 #include "src/base/rng.h"
 #include "tests/common/isolated.h"
+#include "tests/common/test.h"
 #include "tools/calibrate/calibrate.h"
 #include "tools/common/coverage.h"
 
@@ -120,8 +116,7 @@ static void calibrate(const char *spec, bool is_board, int n_exposures, double l
   isolated_close(&set);
 }
 
-static void test_texture(void **state) {
-  (void)state;
+TEST(test_texture) {
   if (!sv_structure_available()) {
     printf("skip  this build has no OpenCV to match pictures with (libopencv-dev)\n");
     skip();
@@ -129,8 +124,7 @@ static void test_texture(void **state) {
   calibrate("room,rig=multiplexed,size=360x360,grid=3x3", false, 3, 0.05, 0.01);
 }
 
-static void test_board(void **state) {
-  (void)state;
+TEST(test_board) {
   if (sv_boards_available(&err) != SV_OK || !sv_structure_available()) {
     printf("skip  this build has no mrcal or OpenCV\n");
     skip();
@@ -143,8 +137,7 @@ static double bumps(double x, double y) {
   return 128 + 50 * sin(0.41 * x + 0.13 * y) * cos(0.29 * y - 0.17 * x) + 30 * sin(0.11 * x - 0.53 * y);
 }
 
-static void test_align(void **state) {
-  (void)state;
+TEST(test_align) {
   enum { W = 64 };
   static uint8_t a[W * W], b[W * W], flat[W * W];
   static const double map[4] = {1.06, 0.04, -0.07, 0.93}, to[2] = {31.4, 29.3}, at[2] = {30.2, 33.7};
@@ -171,8 +164,7 @@ static void test_align(void **state) {
 }
 
 // Lenses and poses from points that are seen with noise: no pictures.
-static void test_lens_array(void **state) {
-  (void)state;
+TEST(test_lens_array) {
   enum { N = 9, N_POINTS = 1500 };
   static sv_sub_view views[N];
   static sv_camera_model models[N];

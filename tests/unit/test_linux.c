@@ -1,25 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 // The Linux machine: pool, store, console, clock. The system calls of a save are replaced here, so each
 // of them can fail, be cut short, be interrupted, or be the last thing the process does.
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdlib.h>
-#include <string.h>
-// cmocka needs the four above first
-#include <cmocka.h>
-
 #include <errno.h>
 #include <fcntl.h>
 #include <signal.h>
+#include <stdint.h>
 #include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include "platform/linux/linux.h"
+#include "tests/common/test.h"
 #include "tests/fault/heap_count.h"
 #include "src/base/str.h"
 
@@ -86,8 +81,7 @@ static void task(void *arg, int i_task, int i_thread) {
   j->in_use[i_thread]--;
 }
 
-static void pool_runs_each_task_once(void **state) {
-  (void)state;
+TEST(pool_runs_each_task_once) {
   static const int threads[] = {1, 2, 4};
   for (int t = 0; t < 3; t++) {
     static sv_linux_pool pool;
@@ -119,8 +113,7 @@ static void pool_runs_each_task_once(void **state) {
   }
 }
 
-static void pool_refuses_bad_counts(void **state) {
-  (void)state;
+TEST(pool_refuses_bad_counts) {
   static sv_linux_pool pool;
   sv_err err;
   assert_int_equal(sv_linux_pool_start(&pool, 0, -1, &err), SV_E_ARG);
@@ -141,8 +134,7 @@ static int by_value(const void *a, const void *b) {
   return x < y ? -1 : x > y;
 }
 
-static void pool_overhead_is_small(void **state) {
-  (void)state;
+TEST(pool_overhead_is_small) {
   static sv_linux_pool pool;
   static sv_ns t[20000];
   sv_err err;
@@ -173,8 +165,7 @@ static void pool_overhead_is_small(void **state) {
   sv_linux_pool_stop(&pool);
 }
 
-static void pool_makes_no_heap_calls(void **state) {
-  (void)state;
+TEST(pool_makes_no_heap_calls) {
   static sv_linux_pool pool;
   static job_t job;
   sv_err err;
@@ -193,14 +184,12 @@ static void pool_makes_no_heap_calls(void **state) {
 // --- store ---------------------------------------------------------------------------------------
 static char g_dir[64];
 
-static int setup(void **state) {
-  (void)state;
+FIXTURE(setup) {
   strcpy(g_dir, "/tmp/sv_test_linux_XXXXXX");
   return mkdtemp(g_dir) ? 0 : -1;
 }
 
-static int teardown(void **state) {
-  (void)state;
+FIXTURE(teardown) {
   char cmd[128];
   snprintf(cmd, sizeof cmd, "rm -rf '%s'", g_dir);
   return system(cmd);
@@ -245,8 +234,7 @@ static void open_store(sv_linux_store *ls, sv_store *s, const char *sub) {
   *s = sv_linux_store_port(ls);
 }
 
-static void store_round_trip(void **state) {
-  (void)state;
+TEST(store_round_trip) {
   sv_linux_store ls;
   sv_store s;
   sv_err err;
@@ -271,8 +259,7 @@ static void store_round_trip(void **state) {
   sv_linux_store_close(&ls);
 }
 
-static void store_refuses_bad_names(void **state) {
-  (void)state;
+TEST(store_refuses_bad_names) {
   sv_linux_store ls;
   sv_store s;
   sv_err err;
@@ -287,8 +274,7 @@ static void store_refuses_bad_names(void **state) {
   assert_non_null(strstr(err.text, "/dev/null"));
 }
 
-static void store_failure_at_every_call(void **state) {
-  (void)state;
+TEST(store_failure_at_every_call) {
   sv_linux_store ls;
   sv_store s;
   sv_err err;
@@ -314,8 +300,7 @@ static void store_failure_at_every_call(void **state) {
   sv_linux_store_close(&ls);
 }
 
-static void store_survives_a_kill_at_every_call(void **state) {
-  (void)state;
+TEST(store_survives_a_kill_at_every_call) {
   sv_linux_store ls;
   sv_store s;
   sv_err err;
@@ -351,8 +336,7 @@ static size_t read_pipe(int fd, char *buf, size_t cap) {
   return n > 0 ? (size_t)n : 0;
 }
 
-static void console_lines(void **state) {
-  (void)state;
+TEST(console_lines) {
   reset_faults();
   int fd[2];
   assert_int_equal(pipe(fd), 0);
@@ -390,8 +374,7 @@ static void console_lines(void **state) {
   close(fd[0]), close(fd[1]);
 }
 
-static void stop_signals(void **state) {
-  (void)state;
+TEST(stop_signals) {
   sv_err err;
   sv_linux_console lc;
   sv_linux_console_init(&lc, 2, false);
@@ -426,8 +409,7 @@ static void stop_signals(void **state) {
   assert_true(WIFSIGNALED(status) && WTERMSIG(status) == SIGINT);
 }
 
-static void clock_sleeps(void **state) {
-  (void)state;
+TEST(clock_sleeps) {
   sv_clock c = sv_linux_clock();
   sv_ns t0 = c.now_ns(c.self);
   c.sleep_until_ns(c.self, t0 + 3 * SV_NS_PER_MS);

@@ -2,18 +2,14 @@
 // LPIPS against its authors' figures for their example pictures, and against values for a made pair
 // that were written down when the authors' figures came out right.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "platform/linux/linux.h"
 #include "src/base/rng.h"
+#include "tests/common/test.h"
 #include "tools/common/imageio.h"
 #include "tools/metric/lpips.h"
 
@@ -29,8 +25,7 @@ static void near(double got, double want, double tol) {
 }
 
 // Discs on a checkerboard; b has them moved and some noise. Integers only, so the pictures are the same everywhere.
-static int setup(void **state) {
-  (void)state;
+FIXTURE(setup) {
   for (int i = 0; i < H * W; i++) {
     int x = i % W, y = i / W;
     for (int c = 0; c < 3; c++) {
@@ -45,14 +40,12 @@ static int setup(void **state) {
   return sv_lpips_open(&lpips, &err) == SV_OK ? 0 : -1;
 }
 
-static int teardown(void **state) {
-  (void)state;
+FIXTURE(teardown) {
   sv_lpips_close(lpips);
   return 0;
 }
 
-static void test_made_pair(void **state) {
-  (void)state;
+TEST(test_made_pair) {
   static float map[H * W];
   sv_pool one = sv_pool_serial();
   double v;
@@ -69,8 +62,7 @@ static void test_made_pair(void **state) {
   near(sum / (H * W), 0.057582302, 1e-8);
 }
 
-static void test_equal_pictures(void **state) {
-  (void)state;
+TEST(test_equal_pictures) {
   sv_pool one = sv_pool_serial();
   sv_image_pair same = {&a[0][0][0], &a[0][0][0], W, H, 3};
   double v = 1;
@@ -89,8 +81,7 @@ static void test_equal_pictures(void **state) {
   assert_true(v == 0);
 }
 
-static void test_whole_mask(void **state) {
-  (void)state;
+TEST(test_whole_mask) {
   static uint8_t all[H * W];
   static float map[H * W];
   sv_pool one = sv_pool_serial();
@@ -102,8 +93,7 @@ static void test_whole_mask(void **state) {
   near(v, sum / (H * W), 1e-12);
 }
 
-static void test_threads(void **state) {
-  (void)state;
+TEST(test_threads) {
   static sv_linux_pool threads;
   double v1, v3, m1, m3;
   sv_pool one = sv_pool_serial();
@@ -118,8 +108,7 @@ static void test_threads(void **state) {
 }
 
 // The network and its buffers serve one size after the other, also larger ones; too small is refused.
-static void test_sizes(void **state) {
-  (void)state;
+TEST(test_sizes) {
   static const struct { int w, h; } size[] = {{17, 17}, {18, 40}, {19, 19}, {41, 17}, {20, 23}, {50, 40}};
   sv_pool one = sv_pool_serial();
   double before, after, v;
@@ -150,8 +139,7 @@ static float *read_planes(const char *name, int *w, int *h) {
   return p;
 }
 
-static void test_published(void **state) {
-  (void)state;
+TEST(test_published) {
   static const struct {
     const char *name;
     double want;

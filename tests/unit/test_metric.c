@@ -2,16 +2,12 @@
 // Metrics against values that an independent script computed from the formulas (direct sums in double),
 // and against cases that can be done by hand.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "src/metric/metric.h"
+#include "tests/common/test.h"
 
 enum { W = 29, H = 23 };
 static float a[3][H][W], b[3][H][W];
@@ -25,8 +21,7 @@ static double next(void) {
   return (double)(lcg >> 24) / 255.0;
 }
 
-static int setup(void **state) {
-  (void)state;
+FIXTURE(setup) {
   for (int c = 0; c < 3; c++)
     for (int y = 0; y < H; y++)
       for (int x = 0; x < W; x++) {
@@ -43,8 +38,7 @@ static void near(double got, double want, double tol) {
   if (!(fabs(got - want) <= tol)) fail_msg("%.15g, expected %.15g", got, want);
 }
 
-static void test_against_reference(void **state) {
-  (void)state;
+TEST(test_against_reference) {
   double v;
   near(sv_psnr(&im), 27.644389373468094, 1e-10);
   near(sv_psnr_masked(&im, &mask[0][0]), 27.322350858192827, 1e-10);
@@ -56,8 +50,7 @@ static void test_against_reference(void **state) {
   near(v, 0.9582246999022871, 1e-12);
 }
 
-static void test_by_hand(void **state) {
-  (void)state;
+TEST(test_by_hand) {
   double v, v2;
   static uint8_t all[H][W], none[H][W], u[300], w[300];
   memset(all, 1, sizeof all);
@@ -95,8 +88,7 @@ static void test_by_hand(void **state) {
 // Flat pictures, mask only in the columns from K on: the sums can be written down. A window that sees `count` of its
 // 11 columns weights them with s = (their weights) * 11 / count, so means are s m, second moments s m^2, variances
 // (s - s^2) m^2 (0 when negative); with no column at all the window counts as 1.
-static void test_masked_by_hand(void **state) {
-  (void)state;
+TEST(test_masked_by_hand) {
   enum { K = 17 };
   static float flat[2][H][W];
   static uint8_t half[H][W];
@@ -132,8 +124,7 @@ static void test_masked_by_hand(void **state) {
   near(sv_psnr_masked(&f, &half[0][0]), -10 * log10(e / n), 1e-12);
 }
 
-static void test_depth(void **state) {
-  (void)state;
+TEST(test_depth) {
   const float d[8] = {1, 2.2f, 0, NAN, 5, INFINITY, -1, 4}, t[8] = {2, 2, 2, 2, 0, 2, 2, NAN};
   const uint8_t m[8] = {0, 1, 1, 1, 1, 1, 1, 1};
   sv_depth_error e = sv_depth_compare(d, t, NULL, 8);

@@ -1,22 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // The measurement noise: moments, 14-bit levels, alpha, and the same bits however it is called.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "src/image/noise.h"
+#include "tests/common/test.h"
 
 static uint8_t memory[1 << 18];
 static sv_noise tables;
 
-static int setup(void **state) {
-  (void)state;
+FIXTURE(setup) {
   memset(memory, 0xa5, sizeof memory);
   sv_arena a = sv_arena_make(memory, sv_noise_bytes() + SV_ARENA_ALIGN);
   assert_int_equal(sv_noise_init(&tables, &a), SV_OK);
@@ -33,8 +27,7 @@ static double decode(double y) { return y <= 0.04045 ? y / 12.92 : pow((y + 0.05
 // N samples of y = x + s z: the mean within 5 s / sqrt(N), the variance within 5 sqrt(2 / N) of itself, the
 // channels uncorrelated within 5 / sqrt(N).
 #define N 400000
-static void test_moments(void **state) {
-  (void)state;
+TEST(test_moments) {
   static const sv_noise_model models[] = {{1e-4f, 0.01f}, {0.0f, 0.004f}, {2.5e-3f, 0.0f}, {1e-6f, 1e-6f}};
   static const double xs[] = {0.02, 0.25, 0.7, 1.0};
   for (size_t m = 0; m < sizeof models / sizeof *models; m++)
@@ -59,8 +52,7 @@ static void test_moments(void **state) {
     }
 }
 
-static void test_neighbours_are_independent(void **state) {
-  (void)state;
+TEST(test_neighbours_are_independent) {
   sv_noise_model m = {1, 0};
   double across = 0, pictures[2] = {0};
   float last = 0, zero[3] = {0}, a[3], b[3], c[3];
@@ -76,8 +68,7 @@ static void test_neighbours_are_independent(void **state) {
 }
 
 // Without noise a 16-bit picture may only take the 16384 levels, and each pixel the nearest one.
-static void test_levels(void **state) {
-  (void)state;
+TEST(test_levels) {
   static uint16_t px[65536 * 3];
   static uint8_t seen[65536];
   for (int i = 0; i < 65536; i++) px[3 * i] = px[3 * i + 1] = px[3 * i + 2] = (uint16_t)i;
@@ -106,8 +97,7 @@ static void test_levels(void **state) {
 }
 
 // A grey picture, measured: moments in linear light, as far as 8 bits can tell.
-static void test_display_pictures(void **state) {
-  (void)state;
+TEST(test_display_pictures) {
   enum { SIDE = 300 };
   static uint8_t px[SIDE * SIDE * 3], again[SIDE * SIDE * 3];
   static uint16_t deep[SIDE * SIDE * 3];
@@ -128,8 +118,7 @@ static void test_display_pictures(void **state) {
   assert_true(fabs(sq / n / want - 1) < 5 * sqrt(2 / n));
 }
 
-static void test_alpha(void **state) {
-  (void)state;
+TEST(test_alpha) {
   uint8_t px[4 * 4] = {200, 100, 50, 255, 200, 100, 50, 128, 200, 100, 50, 0, 255, 255, 255, 255},
                  flat[4 * 3];
   sv_noise_job j = {.key = {1, 1}};

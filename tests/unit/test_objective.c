@@ -1,12 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the way in which exposures sample a scene decides.
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-
-#include <cmocka.h>
-
 #include "src/train/objective.h"
+#include "tests/common/test.h"
 
 static sv_train_cfg of_gaussians(int n, int n_exposures, int n_sub_views, bool is_multiplexed,
                                  bool is_moving) {
@@ -25,8 +20,7 @@ static sv_train_cfg of(int n_exposures, int n_sub_views, bool is_multiplexed, bo
 
 // The fewer exposures, the more Gaussians are left out of a step; none where there are many, where the scene moves or
 // lenses share a sensor.
-static void test_dropout(void **state) {
-  (void)state;
+TEST(test_dropout) {
   assert_true(sv_train_defaults().dropout == 0);
   for (int n_sub_views = 1; n_sub_views <= 16; n_sub_views *= 4) {
     float before = 1;
@@ -44,8 +38,7 @@ static void test_dropout(void **state) {
 }
 
 // Where exposures are few, of more than 20,000 Gaussians each pays what it would pay among so many; fewer share the price.
-static void test_price_of_many(void **state) {
-  (void)state;
+TEST(test_price_of_many) {
   for (int n_sub_views = 1; n_sub_views <= 4; n_sub_views++)
     for (int n = 1; n <= 30; n++) {
       const float base = of(n, n_sub_views, false, false).reg_opacity;
@@ -61,8 +54,7 @@ static void test_price_of_many(void **state) {
 
 // What starts far from the surface has Adam's steps where several views see it, and pays as much for opacity as before
 // there was dropout; a light field then does without it.
-static void test_far(void **state) {
-  (void)state;
+TEST(test_far) {
   for (int n_sub_views = 1; n_sub_views <= 16; n_sub_views *= 2) {
     const bool is_grid = n_sub_views > 4;
     sv_train_cfg near = of(1, n_sub_views, false, false), far = sv_train_defaults();

@@ -1,17 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The options of the tools: what lands in the caller's struct, each sentence that refuses, and --help.
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-#include <cmocka.h>
-
-#include <stdio.h>
 #include <unistd.h>
 
+#include "tests/common/test.h"
 #include "tools/common/options.h"
 
 enum { RUN = 1, LOOK = 2, CAP_WORDS = 300 };
@@ -86,8 +81,7 @@ static void refused(const sv_tool_command *c, const char *text, const char *sent
   assert_string_equal(said, whole);
 }
 
-static void test_values(void **state) {
-  (void)state;
+TEST(test_values) {
   assert_int_equal(parse(&run, "--name a --n=7 here --mode quick --x 2.5 --fast"), SV_OPTIONS_OK);
   assert_string_equal(said, "");
   assert_string_equal(got.name, "a");
@@ -107,8 +101,7 @@ static void test_values(void **state) {
   assert_true(got.n == 0 && got.x == -1 && !got.mode && !got.is_fast);
 }
 
-static void test_list(void **state) {
-  (void)state;
+TEST(test_list) {
   assert_int_equal(parse(&look, "--many a -b c --x 1 --many=d"), SV_OPTIONS_OK);
   assert_int_equal(got.many.n, 4);
   assert_string_equal(got.many.of[1], "-b");
@@ -123,8 +116,7 @@ static void test_list(void **state) {
   assert_string_equal(said, "prog look: more than 256 birds after --many; try 'prog look --help'\n");
 }
 
-static void test_sentences(void **state) {
-  (void)state;
+TEST(test_sentences) {
   refused(&run, "here", "--name is missing");
   refused(&run, "--name a", "the place is missing");
   refused(&look, "--x 1", "--many is missing");
@@ -160,8 +152,7 @@ static void test_sentences(void **state) {
   options.is_empty_missing = false;
 }
 
-static void test_help_and_version(void **state) {
-  (void)state;
+TEST(test_help_and_version) {
   assert_int_equal(parse(&run, "--n wrong --bogus -h"), SV_OPTIONS_OK);
   assert_true(got.is_help && !got.is_version);
   assert_int_equal(parse(&run, "--help"), SV_OPTIONS_OK);
@@ -184,8 +175,7 @@ static void test_help_and_version(void **state) {
                             "\nExample:\n  prog look\n");
 }
 
-static void test_usage_without_a_command(void **state) {
-  (void)state;
+TEST(test_usage_without_a_command) {
   FILE *f = tmpfile();
   assert_non_null(f);
   int kept = begin_catch(stderr, f), code = sv_options_usage("prog", NULL, "%d\n%s", 1, "x");

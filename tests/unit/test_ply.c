@@ -1,18 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // PLY in both forms, properties in any order, models written and read back, .splat bytes.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "src/base/rng.h"
 #include "src/format/ply.h"
 #include "src/format/splat_file.h"
+#include "tests/common/test.h"
 
 static sv_err err;
 
@@ -42,8 +38,7 @@ static sv_gaussian random_gaussian(sv_rng *r, int degree) {
   return g;
 }
 
-static void test_round_trip(void **state) {
-  (void)state;
+TEST(test_round_trip) {
   for (int degree = 0; degree <= 3; degree++)
     for (int normals = 0; normals < 2; normals++) {
       enum { N = 100 };
@@ -81,8 +76,7 @@ static void test_round_trip(void **state) {
     }
 }
 
-static void test_writer_failures(void **state) {
-  (void)state;
+TEST(test_writer_failures) {
   static sv_ply_writer w;
   sv_gaussian g = {.quat_wxyz = {1}};
   sv_ply_options o = {.n = 40, .sh_degree = 3};
@@ -106,8 +100,7 @@ static void test_writer_failures(void **state) {
 }
 
 // f_rest is channel-major: f_rest_0 is R's first coefficient, f_rest_3 G's first (degree 1).
-static void test_ascii_any_order(void **state) {
-  (void)state;
+TEST(test_ascii_any_order) {
   static const char t[] =
       "ply\r\nformat ascii 1.0\ncomment by hand\nobj_info x\nelement camera 2\nproperty float a\n"
       "element vertex 2\n"
@@ -146,8 +139,7 @@ static sv_status points(const char *t, size_t n, float xyz[3], float rgb[3]) {
 }
 #define HEAD(form) "ply\nformat " form " 1.0\n"
 
-static void test_points(void **state) {
-  (void)state;
+TEST(test_points) {
   float x[3], c[3];
   static const char bin[] = HEAD(
       "binary_little_endian") "element skipped 3\nproperty ushort q\nelement vertex 1\nproperty uchar blue\n"
@@ -178,8 +170,7 @@ static void test_points(void **state) {
   assert_true(c[0] == 0.5f && c[2] == 0.5f);
 }
 
-static void test_refused(void **state) {
-  (void)state;
+TEST(test_refused) {
 #define XYZ "property float x\nproperty float y\nproperty float z\n"
   static const struct {
     const char *text, *word;
@@ -222,8 +213,7 @@ static void test_refused(void **state) {
   }
 }
 
-static void test_splat(void **state) {
-  (void)state;
+TEST(test_splat) {
   sv_gaussian g = {{1, -2, 3}, {-2, 0, 0, 0}, {0, -1, 1}, 0, {{10, 0, -10}}};
   uint8_t o[SV_SPLAT_BYTES];
   float f[6];

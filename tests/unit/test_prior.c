@@ -1,19 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // The rings of pseudo-views and depth maps, their memory, and what a trainer makes of them.
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-#include <cmocka.h>
 
 #include "src/base/mathx.h"
 #include "src/prior/methods.h"
 #include "src/prior/views.h"
 #include "src/splat/constants.h"
 #include "src/splat/neighbours.h"
+#include "tests/common/test.h"
 
 enum { W = 64, H = 64, N = 300 };
 
@@ -69,15 +65,14 @@ static void make(sv_trainer *t, const sv_pool *pool, void *memory, size_t bytes)
   make_with(t, SV_PRIOR_NONE, pool, memory, bytes);
 }
 
-static int setup(void **state) {
-  (void)state;
+FIXTURE(setup) {
   sv_kernels_init(&kernels, ~0u);
   for (int i = 0; i < W * H * 3; i++) px[i / 3 / W][i / 3 % W][i % 3] = (unsigned char)(40 + i * 7 % 90);
   memset(brighter, 255, sizeof brighter);
   return 0;
 }
 
-static void test_rings(void **state) {
+TEST(test_rings) {
   static sv_prior p;
   static float map[W * H];
   sv_arena a = sv_arena_make(block, sizeof block);
@@ -85,7 +80,6 @@ static void test_rings(void **state) {
   const sv_view v = view_at(0);
   const sv_image_u8 im = {&px[0][0][0], W, H, 3, 3 * W}, small = {&px[0][0][0], W - 1, H, 3, 3 * W};
   int id, first = 0;
-  (void)state;
   assert_int_equal(sv_prior_init(&p, &cfg, sv_plane_floats(W, H), N, 1, (sv_compute){0}, &a), SV_OK);
   assert_int_equal(sv_prior_n_alive(&p, 0), 0);
   assert_int_equal(sv_prior_submit_view(&p, &v, &small, 1, 1, &id), SV_E_RANGE);
@@ -123,11 +117,10 @@ static void test_rings(void **state) {
   assert_null(sv_prior_find_depth(&p, 1, &half));
 }
 
-static void test_memory(void **state) {
+TEST(test_memory) {
   sv_train_cfg c = config(), none = config();
   sv_err err = {0};
   const size_t with = sv_trainer_bytes(&c), px_floats = sv_plane_floats(W, H);
-  (void)state;
   none.prior = (sv_prior_cfg){0};
   assert_true(with > sv_trainer_bytes(&none) + (3 + 2 + 6) * 4 * px_floats);
   sv_arena a = sv_arena_make(block, with), b = sv_arena_make(block, with - 1);
@@ -141,10 +134,9 @@ static void test_memory(void **state) {
                    SV_E_UNSUPPORTED);
 }
 
-static void test_views(void **state) {
+TEST(test_views) {
   sv_view v[20];
   bool is_other = false;
-  (void)state;
   make(&trainer, &in_order, block, sizeof block);
   assert_int_equal(sv_prior_request_views(&trainer, 0.4f, 20, v), SV_OK);
   for (int i = 0; i < 20; i++) {
@@ -195,8 +187,7 @@ static double mean_of(sv_trainer *t, int x0, int x1) {
 }
 
 // A pseudo-view draws what is left of its mask's edge to itself; all of it with the same bits in any order of tasks.
-static void test_steps(void **state) {
-  (void)state;
+TEST(test_steps) {
   make(&trainer, &in_order, block, sizeof block);
   (void)train(&trainer, false);
   const double left = mean_of(&trainer, 0, W / 2);
@@ -218,10 +209,9 @@ static double dip_of(float *v, int n) {
 
 // Known values: evenly spaced ones 1/(2n), two equal heaps 1/4; what is unimodal has a dip of about the resolution of
 // its distribution function, what is not has half of the trough's share.
-static void test_dip(void **state) {
+TEST(test_dip) {
   static float v[4096];
   sv_rng r = sv_rng_make(5, 5);
-  (void)state;
   for (int n = 2; n < 40; n++) {
     for (int i = 0; i < n; i++) v[i] = (float)(7 * i % n); // any order
     if (n % 7) assert_true(fabs(dip_of(v, n) - 0.5 / n) < 1e-12);
@@ -238,12 +228,11 @@ static void test_dip(void **state) {
   assert_true(dip_of(v, 100) == 0.5 / 100);
 }
 
-static void test_neighbours(void **state) {
+TEST(test_neighbours) {
   static float xyz[3 * 200], dist2[200];
   static int32_t nearest[3 * 200];
   sv_rng r = sv_rng_make(6, 1);
   sv_arena a = sv_arena_make(block, sizeof block);
-  (void)state;
   for (int i = 0; i < 600; i++) xyz[i] = sv_rng_f(&r);
   assert_int_equal(sv_neighbours_find(xyz, 200, dist2, nearest, &a), SV_OK);
   for (int i = 0; i < 200; i++) { // nobody else is nearer than the third
@@ -272,8 +261,7 @@ static void put(int i, float x, float y, float z, float log_scale, float opacity
 }
 
 // A lattice with a far-off point: new ones come to the middles of the edges to its neighbours, in dead slots alone.
-static void test_unpool(void **state) {
-  (void)state;
+TEST(test_unpool) {
   make_with(&trainer, SV_PRIOR_FSGS, &in_order, block, sizeof block);
   trainer.prior.cfg.unpool_share = 1;
   for (int i = 0; i < N; i++)
@@ -291,9 +279,8 @@ static void test_unpool(void **state) {
 }
 
 // A wall, and before a small part of it a heavy veil that leaves a bit of the wall to be seen: the veil is taken.
-static void test_prune(void **state) {
+TEST(test_prune) {
   uint32_t n_pruned;
-  (void)state;
   make_with(&trainer, SV_PRIOR_SPARSEGS, &in_order, block, sizeof block);
   for (int i = 0; i < 256; i++) put(i, 0.16f * (float)(i % 16 - 8), 0.16f * (float)(i / 16 - 8), 1, -2.2f, 5);
   for (int i = 256; i < N; i++)
@@ -307,8 +294,7 @@ static void test_prune(void **state) {
 }
 
 // A method's run: the same bits in any order of tasks; relocation puts pruned slots to use.
-static void test_methods(void **state) {
-  (void)state;
+TEST(test_methods) {
   for (int m = SV_PRIOR_FSGS; m <= SV_PRIOR_SPARSEGS; m++) {
     static float map[W * H];
     for (int i = 0; i < W * H; i++) map[i] = 1.0f + 0.01f * (float)(i % W);
@@ -330,9 +316,8 @@ static void test_methods(void **state) {
 }
 
 // Carried by true depth, a picture is where it belongs.
-static void test_warp(void **state) {
+TEST(test_warp) {
   static float map[W * H];
-  (void)state;
   make_with(&trainer, SV_PRIOR_SPARSEGS, &in_order, block, sizeof block);
   for (int i = 0; i < W * H; i++) map[i] = 3;
   for (int i = 0; i < 2; i++)

@@ -1,17 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Where the trainer looks: regions cover their sensor wherever an epoch shifts them, and views that no camera took
 // stand about the scene's centre like those that were.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <string.h>
 
 #include "src/base/mathx.h"
 #include "src/train/train.h"
+#include "tests/common/test.h"
 
 #define N_LENSES  4
 #define REGION_PX 32
@@ -67,8 +62,7 @@ static void check_cover(int width_px, int height_px, float jx, float jy) {
         fail_msg("%dx%d, shifted by %g %g: pixel %d %d", width_px, height_px, (double)jx, (double)jy, x, y);
 }
 
-static void test_regions_cover(void **state) {
-  (void)state;
+TEST(test_regions_cover) {
   static const float shifts[] = {0, 0.01f, 0.3f, 0.5f, 0.77f, 0.99999994f};
   memset(&t, 0, sizeof t);
   t.cfg.region_px = REGION_PX;
@@ -90,8 +84,7 @@ static void project(const sv_view *v, const float p[3], double out[3]) {
   out[2] = x[2];
 }
 
-static void test_unseen_views(void **state) {
-  (void)state;
+TEST(test_unseen_views) {
   open_trainer();
   const float centre[3] = {0.2f, -0.1f, 0.3f};
   sv_train_set_scene(&t, centre, 1);

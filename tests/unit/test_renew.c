@@ -1,17 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // A model of one instant meets the pictures of another: Gaussians come back where the newest pictures have surfaces,
 // what is right stays, and nothing happens where depth cannot be told.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <string.h>
 
 #include "src/metric/metric.h"
 #include "src/dynamic/renew.h"
+#include "tests/common/test.h"
 #include "tests/common/world.h"
 
 #define JUMP_S 0.5
@@ -63,8 +58,7 @@ static uint32_t renew(void) {
   return w.app.trainer.n_renewed - before;
 }
 
-static void what_has_moved_is_there_at_once(void **state) {
-  (void)state;
+TEST(what_has_moved_is_there_at_once) {
   uint64_t digest[2];
   for (int i = 0; i < 2; i++) {
     open_trained("moving,rig=stereo,arc=0,size=160x120", 1 + i);
@@ -88,8 +82,7 @@ static void what_has_moved_is_there_at_once(void **state) {
 }
 
 // One camera alone: no depth maps, and everything stays as it was to the bit.
-static void one_camera_tells_no_depth(void **state) {
-  (void)state;
+TEST(one_camera_tells_no_depth) {
   open_trained("moving,rig=mono,arc=0,size=160x120", 1);
   let_pass(JUMP_S);
   const uint64_t before = sv_train_digest(&w.app.trainer);
@@ -99,8 +92,7 @@ static void one_camera_tells_no_depth(void **state) {
 }
 
 // A black picture has nothing that could be measured.
-static void nothing_to_be_seen(void **state) {
-  (void)state;
+TEST(nothing_to_be_seen) {
   open_trained("moving,rig=stereo,arc=0,size=160x120", 1);
   let_pass(JUMP_S);
   memset(picture, 0, sizeof picture);

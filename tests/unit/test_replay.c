@@ -1,19 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Captures: written, killed, recovered, played back; pictures that are damaged (wrong JSON: test_capture_json.c). Run
 // from the repository's root (the committed capture is tests/data/capture_tiny).
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdlib.h>
-#include <string.h>
-// cmocka needs the four above first
-#include <cmocka.h>
-
 #include <errno.h>
 #include <math.h>
-#include <stdio.h>
 #include <signal.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
 #include <strings.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
@@ -22,6 +16,7 @@
 #include "platform/replay/capture_writer.h"
 #include "platform/replay/replay.h"
 #include "src/base/str.h"
+#include "tests/common/test.h"
 #include "tests/fault/heap_count.h"
 
 #define TINY "tests/data/capture_tiny"
@@ -51,8 +46,7 @@ int close(int fd) {
   return -1;
 }
 
-static int setup(void **state) {
-  (void)state;
+FIXTURE(setup) {
   strcpy(g_dir, "/tmp/sv_test_replay_XXXXXX");
   return mkdtemp(g_dir) ? 0 : -1;
 }
@@ -63,10 +57,7 @@ static int shell(const char *fmt, const char *arg) {
   return system(cmd);
 }
 
-static int teardown(void **state) {
-  (void)state;
-  return shell("rm -rf '%s'", g_dir);
-}
+FIXTURE(teardown) { return shell("rm -rf '%s'", g_dir); }
 
 static sv_status open_replay(const char *spec, sv_err *err) {
   sv_replay_cfg cfg;
@@ -76,8 +67,7 @@ static sv_status open_replay(const char *spec, sv_err *err) {
   return sv_replay_init(&g_replay, &cfg, &a, err);
 }
 
-static void options_are_read(void **state) {
-  (void)state;
+TEST(options_are_read) {
   sv_replay_cfg c;
   sv_err err;
   assert_int_equal(sv_replay_parse("a/b,speed=max,from=3,count=7", &c, &err), SV_OK);
@@ -93,8 +83,7 @@ static void options_are_read(void **state) {
     assert_int_equal(sv_replay_parse(bad[i], &c, &err), SV_E_ARG);
 }
 
-static void tiny_plays_in_order(void **state) {
-  (void)state;
+TEST(tiny_plays_in_order) {
   sv_err err = {.text = ""};
   assert_int_equal(open_replay(TINY ",speed=max", &err), SV_OK);
   sv_source s = sv_replay_source(&g_replay);
@@ -153,8 +142,7 @@ static sv_status open_with_poses(const char *text, sv_err *err) {
   return open_replay(spec, err);
 }
 
-static void poses_from_a_file(void **state) {
-  (void)state;
+TEST(poses_from_a_file) {
   sv_err err = {.text = ""};
   sv_pose p;
   assert_int_equal(open_with_poses("{\"version\": 1, \"poses\": [\n {\"time_ns\": 1000000000, "
@@ -190,8 +178,7 @@ static void poses_from_a_file(void **state) {
   assert_int_equal(open_replay("/nonexistent,speed=max", &err), SV_E_NOT_FOUND);
 }
 
-static void ranges_and_starving(void **state) {
-  (void)state;
+TEST(ranges_and_starving) {
   sv_err err;
   sv_frame f;
   assert_int_equal(open_replay(TINY ",speed=max,from=1,count=2", &err), SV_OK);
@@ -222,8 +209,7 @@ static void ranges_and_starving(void **state) {
   assert_int_equal(sv_replay_init(&g_replay, &cfg, &a, &err), SV_E_NOMEM);
 }
 
-static void realtime_keeps_the_time(void **state) {
-  (void)state;
+TEST(realtime_keeps_the_time) {
   sv_err err;
   sv_frame f;
   assert_int_equal(open_replay(TINY ",speed=4", &err), SV_OK);
@@ -245,8 +231,7 @@ static void realtime_keeps_the_time(void **state) {
   sv_replay_close(&g_replay);
 }
 
-static void no_heap_call_a_frame(void **state) {
-  (void)state;
+TEST(no_heap_call_a_frame) {
   sv_err err;
   sv_frame f;
   assert_int_equal(open_replay(TINY ",speed=max", &err), SV_OK);
@@ -339,8 +324,7 @@ static void expect_frames(const char *dir, int n) {
   sv_replay_close(&g_replay);
 }
 
-static void writer_round_trip(void **state) {
-  (void)state;
+TEST(writer_round_trip) {
   char dir[100], cmd[200];
   sv_err err;
   sv_fmt(dir, sizeof dir, "%s/w", g_dir);
@@ -364,8 +348,7 @@ static void writer_round_trip(void **state) {
   assert_int_not_equal(system(cmd), 0); // nothing is left over
 }
 
-static void no_two_cameras_share_a_folder(void **state) {
-  (void)state;
+TEST(no_two_cameras_share_a_folder) {
   static const char *const names[][2] = {
       {"camera.1", "camera.1"},   {"rig", "RIG"},   {"frames.0.part", "camera.0"},
       {"camera.0", "poses.part"}, {"Left", "left"}, {"capture.json", "x.tmp"}};
@@ -382,8 +365,7 @@ static void no_two_cameras_share_a_folder(void **state) {
   }
 }
 
-static void pictures_are_synced_at_close(void **state) {
-  (void)state;
+TEST(pictures_are_synced_at_close) {
   char dir[100];
   sv_err err;
   sv_fmt(dir, sizeof dir, "%s/s", g_dir);
@@ -422,8 +404,7 @@ static void write_and_die(const char *dir, int n, int unlink_no) {
   assert_true(WIFSIGNALED(status));
 }
 
-static void a_killed_writer_loses_nothing(void **state) {
-  (void)state;
+TEST(a_killed_writer_loses_nothing) {
   char dir[100];
   sv_fmt(dir, sizeof dir, "%s/k", g_dir);
   for (int n = 0; n < 12; n++) {
@@ -454,8 +435,7 @@ static int count_frames(const char *dir) {
   return s < 0 ? s : c.n_frames;
 }
 
-static void a_living_writer_is_left_alone(void **state) {
-  (void)state;
+TEST(a_living_writer_is_left_alone) {
   static sv_capture_writer other;
   char dir[100];
   sv_err err;
@@ -468,8 +448,7 @@ static void a_living_writer_is_left_alone(void **state) {
   expect_frames(dir, 4);
 }
 
-static void what_cannot_be_written_is_read(void **state) {
-  (void)state;
+TEST(what_cannot_be_written_is_read) {
   char dir[100];
   int status;
   sv_fmt(dir, sizeof dir, "%s/r", g_dir);
@@ -485,8 +464,7 @@ static void what_cannot_be_written_is_read(void **state) {
 }
 
 // --- wrong files ---------------------------------------------------------------------------------
-static void damaged_pictures_are_delivered_as_errors(void **state) {
-  (void)state;
+TEST(damaged_pictures_are_delivered_as_errors) {
   char dir[100], cmd[400];
   sv_err err;
   sv_fmt(dir, sizeof dir, "%s/d", g_dir);

@@ -1,20 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // OpenGV's absolute pose of a rig: found without a start, with outliers, by cameras in different places.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <stdint.h>
 
 #include "calib/solve/rig_pose.h"
+#include "tests/common/test.h"
 
 #define N 120
 
-static void test_finds(void **state) {
-  (void)state;
+TEST(test_finds) {
   if (!sv_rig_pose_has_opengv()) {
     print_message("skipped: built without OpenGV\n");
     skip();

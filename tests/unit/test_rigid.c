@@ -2,18 +2,14 @@
 // Rigid bodies from displacements that one, two or two close cameras have seen to half a pixel, three in ten of them
 // wrong: motions fitted to one body, and bodies found among others that touch, stand still or hide.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdio.h>
 #include <string.h>
-
-#include <cmocka.h>
 
 #include "src/base/mathx.h"
 #include "src/base/rng.h"
 #include "src/base/vec.h"
 #include "src/dynamic/rigid.h"
+#include "tests/common/test.h"
 
 #define CAP       4000
 #define F         300.0f
@@ -139,8 +135,7 @@ static void check_fit(const char *name, const cameras *c, bool flat, float most_
   assert_in_range(agree, 0.55 * n, 0.75 * n);
 }
 
-static void test_fit(void **state) {
-  (void)state;
+TEST(test_fit) {
   check_fit("two cameras", &TWO, false, 0.2f, 0.7f, 0.004f);
   check_fit("two close cameras", &CLOSE, false, 0.2f, 0.8f, 0.015f);
   check_fit("one camera", &ONE, false, 0.2f, 1.5f, 0.04f);
@@ -149,24 +144,22 @@ static void test_fit(void **state) {
 }
 
 // A start far off on purpose, with few points that agree to it: the fit leaves it.
-static void test_fit_from_a_start(void **state) {
+TEST(test_fit_from_a_start) {
   static const float centre[3] = {0, 0, Z};
   const sv_rigid truth = motion_of(0, 0, 25, 0.12f, 0, 0), start = motion_of(0, 0, 20, 0.1f, 0, 0);
   sv_rigid m = start;
   float space;
-  (void)state;
   rng = sv_rng_make(4, 0);
   add_body(&TWO, 0, 200, 1, centre, 0.25f, false, &truth, WRONG);
   assert_true(sv_rigid_fit(of, order, 200, centre, TOLERANCE, &start, &m, NULL));
   assert_true(mean_off(0, &m, centre, &truth, centre, 1, 200, &space) < 0.15f);
 }
 
-static void test_few(void **state) {
+TEST(test_few) {
   static const float centre[3] = {0, 0, Z};
   const sv_rigid truth = motion_of(0, 0, 0, 0.05f, 0.02f, 0), before = motion_of(1, 2, 3, 4, 5, 6);
   sv_rigid m = before;
   int agree;
-  (void)state;
   rng = sv_rng_make(5, 0);
   add_body(&TWO, 0, 20, 1, centre, 0.2f, false, &truth, 0);
   assert_false(sv_rigid_fit(of, order, 2, centre, TOLERANCE, NULL, &m, &agree));
@@ -181,11 +174,10 @@ static void test_few(void **state) {
 }
 
 // Points in a line do not tell how they turned about it: they did not.
-static void test_line(void **state) {
+TEST(test_line) {
   static const float centre[3] = {0, 0, Z};
   const sv_rigid truth = motion_of(0, 0, 20, 0.05f, 0.02f, 0); // the line lies along x
   sv_rigid m;
-  (void)state;
   rng = sv_rng_make(6, 0);
   for (int i = 0; i < 40; i++) {
     float x[3] = {0.01f * (float)(i - 20), 0, Z}, y[3];
@@ -261,19 +253,17 @@ static void check_two(const char *name, const cameras *c) {
   assert_true(joined[0][1] + joined[0][2] < 10);
 }
 
-static void test_two_that_touch(void **state) {
-  (void)state;
+TEST(test_two_that_touch) {
   check_two("two cameras", &TWO);
   check_two("two close cameras", &CLOSE);
   check_two("one camera", &ONE);
 }
 
 // Two alike that do not touch and go the same way: two bodies, as later they may not.
-static void test_two_apart(void **state) {
+TEST(test_two_apart) {
   const sv_rigid truth = motion_of(0, 0, 0, 0.06f, 0, 0);
   sv_rigid m[6];
   float centre[6][3];
-  (void)state;
   rng = sv_rng_make(8, 0);
   add_body(&TWO, 0, 300, 1, LEFT, 0.1f, false, &truth, WRONG);
   add_body(&TWO, 300, 300, 2, RIGHT, 0.1f, false, &truth, WRONG);
@@ -282,10 +272,9 @@ static void test_two_apart(void **state) {
   for (int b = 0; b < 2; b++) assert_true(fabsf(fabsf(centre[b][0]) - 0.25f) < 0.02f);
 }
 
-static void test_none(void **state) {
+TEST(test_none) {
   sv_rigid m[2];
   float centre[2][3];
-  (void)state;
   rng = sv_rng_make(9, 0);
   add_body(&TWO, 0, 1000, 0, WALL, 1.0f, true, &STILL, 0); // nothing moves
   assert_int_equal(find(1000, 2, m, centre), 0);
@@ -298,10 +287,9 @@ static void test_none(void **state) {
 }
 
 // No more than are asked for, and those of a body before keep it.
-static void test_room(void **state) {
+TEST(test_room) {
   sv_rigid truth[2], m[1];
   float centre[1][3];
-  (void)state;
   int n = two_balls(&TWO, truth);
   assert_int_equal(find(n, 1, m, centre), 1);
   for (int i = 0; i < n; i++) assert_true(label[i] <= 1);
@@ -321,11 +309,10 @@ static void test_room(void **state) {
   for (int i = 0; i < n; i++) assert_true(before[i] ? label[i] == before[i] : label[i] == 0 || label[i] == 9);
 }
 
-static void test_same_again(void **state) {
+TEST(test_same_again) {
   static uint8_t first[CAP];
   sv_rigid truth[2], m[6], m2[6];
   float centre[6][3], centre2[6][3];
-  (void)state;
   int n = two_balls(&TWO, truth), found = find(n, 6, m, centre);
   memcpy(first, label, sizeof first);
   memset(list, 0xa5, sizeof list);
@@ -335,8 +322,7 @@ static void test_same_again(void **state) {
   assert_memory_equal(centre, centre2, (size_t)found * sizeof *centre);
 }
 
-static int setup(void **state) {
-  (void)state;
+FIXTURE(setup) {
   sv_kernels_init(&kernels, ~0u);
   return 0;
 }

@@ -1,16 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // CRC-32C against known values, and the container: every truncation and every flipped bit is refused.
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "src/format/crc32c.h"
 #include "src/format/sections.h"
+#include "tests/common/test.h"
 
 static sv_err err;
 static uint8_t mem[4096];
@@ -26,8 +22,7 @@ static sv_status to_memory(void *self, const void *data, size_t bytes, sv_err *e
   return SV_OK;
 }
 
-static void test_crc(void **state) {
-  (void)state;
+TEST(test_crc) {
   uint8_t b[32];
   assert_int_equal(sv_crc32c(0, "123456789", 9), 0xE3069283u);
   memset(b, 0, sizeof b); // RFC 3720, B.4
@@ -53,8 +48,7 @@ static sv_status write_sample(void) {
   return s == SV_OK ? sv_sections_end(&w, &err) : s;
 }
 
-static void test_round_trip(void **state) {
-  (void)state;
+TEST(test_round_trip) {
   sv_sections r;
   const void *p;
   size_t n;
@@ -78,8 +72,7 @@ static void test_round_trip(void **state) {
   assert_int_equal(sv_sections_open(&r, "c", "something else entirely", 24, "CKPT", 3, &err), SV_E_FORMAT);
 }
 
-static void test_damage(void **state) {
-  (void)state;
+TEST(test_damage) {
   sv_sections r;
   assert_int_equal(write_sample(), SV_OK);
   for (size_t n = 0; n < n_mem; n++) {
@@ -100,8 +93,7 @@ static void test_damage(void **state) {
   assert_int_equal(sv_sections_open(&r, "c", mem, n_mem - 40, "CKPT", 3, &err), SV_E_CORRUPT);
 }
 
-static void test_writer_failures(void **state) {
-  (void)state;
+TEST(test_writer_failures) {
   sv_sections_writer w;
   for (fail_at = 1; write_sample() != SV_OK; fail_at++) {
     assert_int_equal(err.status, SV_E_IO);

@@ -1,11 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The simulator: pictures, depth, rigs, clocks, faults, the ledger of frames, and its option text.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,6 +8,7 @@
 
 #include "platform/sim/sim.h"
 #include "src/base/mathx.h"
+#include "tests/common/test.h"
 
 static uint8_t memory[48 << 20];
 static sv_sim sim;
@@ -40,8 +35,7 @@ static float depth[640 * 480], depth_b[640 * 480];
 
 // The same digests hold on x86-64 and on aarch64. A change of a scene or of the renderer changes them: look
 // at the pictures, then take the new ones.
-static void test_same_bits(void **state) {
-  (void)state;
+TEST(test_same_bits) {
   static const struct {
     const char *spec;
     uint64_t rgb, depth;
@@ -66,8 +60,7 @@ static void test_same_bits(void **state) {
   assert_true(is_same);
 }
 
-static void test_rows_do_not_matter(void **state) {
-  (void)state;
+TEST(test_rows_do_not_matter) {
   make("thin,rig=phone");
   sv_view v;
   double t;
@@ -123,8 +116,7 @@ static int compare_depth(const sv_view *a, const sv_view *b, double *median_m) {
   return n;
 }
 
-static void test_depth_agrees_between_views(void **state) {
-  (void)state;
+TEST(test_depth_agrees_between_views) {
   static const char *const scenes[] = {"textured", "thin", "occlusion", "moving", "room"};
   for (int i = 0; i < 5; i++) {
     make(scenes[i]);
@@ -141,8 +133,7 @@ static void test_depth_agrees_between_views(void **state) {
 }
 
 // One sphere has a depth that can be written down.
-static void test_depth_is_exact(void **state) {
-  (void)state;
+TEST(test_depth_is_exact) {
   make("textured,rig=mono");
   static const sv_sim_prim sphere = {.shape = SV_SIM_ELLIPSOID,
                                      .size_m = {0.5f, 0.5f, 0.5f},
@@ -167,8 +158,7 @@ static void test_depth_is_exact(void **state) {
 
 // Sixteen samples and one shade a surface against the mean of 4 x 4 pixels of a larger picture. Plain
 // surfaces: texture is filtered to the footprint on purpose and would hide the edges' error.
-static void test_edges_are_antialiased(void **state) {
-  (void)state;
+TEST(test_edges_are_antialiased) {
   make("occlusion,size=160x120");
   for (int i = 0; i < sim.scene->n_prims; i++) sim.scene->prims[i].material.cell_m = 1000;
   sv_view v, big;
@@ -195,8 +185,7 @@ static void test_edges_are_antialiased(void **state) {
   assert_true(psnr > 36);
 }
 
-static void test_rigs(void **state) {
-  (void)state;
+TEST(test_rigs) {
   static const struct {
     const char *spec;
     int n_cameras, n_sub_views;
@@ -253,8 +242,7 @@ static void start(void) {
 }
 
 // A delivered frame is the picture of the rig's pose at its own time, pixel for pixel.
-static void test_frames_match_poses(void **state) {
-  (void)state;
+TEST(test_frames_match_poses) {
   static const char *const specs[] = {"moving,frames=4,size=96x72",
                                       "thin,path=smooth,skew_us=800,frames=4,size=96x72"};
   for (int i = 0; i < 2; i++) {
@@ -282,8 +270,7 @@ static void test_frames_match_poses(void **state) {
   }
 }
 
-static void test_lenses(void **state) {
-  (void)state;
+TEST(test_lenses) {
   make("textured,rig=lightfield,frames=1");
   sv_frame f;
   start();
@@ -317,8 +304,7 @@ static void test_lenses(void **state) {
   assert_true(cover[4] > 0 && cover[0] == 0);
 }
 
-static void test_noise(void **state) {
-  (void)state;
+TEST(test_noise) {
   make("room,frames=1,rig=mono");
   sv_frame f;
   start();
@@ -372,8 +358,7 @@ static void play(const char *spec, seen out[3]) {
   }
 }
 
-static void test_faults(void **state) {
-  (void)state;
+TEST(test_faults) {
   seen c[3];
   play("thin,size=16x16,frames=20,fault=unplug:1:5", c);
   assert_true(c[0].n == 20 && c[1].n == 5 && c[1].n_device_errors == 1 && c[0].n_device_errors == 0);
@@ -397,8 +382,7 @@ static void test_faults(void **state) {
   for (int i = 1; i < c[0].n; i++) assert_true(c[0].arrival_ns[i] >= c[0].arrival_ns[i - 1]);
 }
 
-static void test_clocks(void **state) {
-  (void)state;
+TEST(test_clocks) {
   seen c[3];
   play("thin,size=16x16,rig=phone,frames=40,skew_us=100,drift_ppm=50,offset_ms=20", c);
   sv_camera_caps caps;
@@ -420,8 +404,7 @@ static void test_clocks(void **state) {
 
 // A host that dawdles: it keeps frames, sleeps, gives them back. Every frame is somewhere in the ledger,
 // and every frame that did not come shows as a gap in the sequence.
-static void test_ledger(void **state) {
-  (void)state;
+TEST(test_ledger) {
   make("textured,size=16x16,rig=phone,frames=400,fps=100,drop=0.1,buffers=3,delay_jitter_us=2000");
   sv_clock clock = sv_sim_clock(&sim);
   sv_frame held[3][3], f;
@@ -455,8 +438,7 @@ static void test_ledger(void **state) {
   assert_int_equal(src.stop(src.self), SV_OK);
 }
 
-static void test_waiting(void **state) {
-  (void)state;
+TEST(test_waiting) {
   make("textured,size=16x16,rig=mono,fps=10");
   sv_source src = sv_sim_source(&sim);
   sv_frame f;
@@ -469,8 +451,7 @@ static void test_waiting(void **state) {
   assert_int_equal(sim.now_ns, f.arrival_ns);
 }
 
-static void test_bad_specs(void **state) {
-  (void)state;
+TEST(test_bad_specs) {
   static const struct {
     const char *spec, *says;
   } bad[] = {{"kitchen", "textured, thin, occlusion, moving, room"},
@@ -519,8 +500,7 @@ static void test_bad_specs(void **state) {
   assert_non_null(strstr(text, "sim:occlusion"));
 }
 
-static void test_memory(void **state) {
-  (void)state;
+TEST(test_memory) {
   sv_sim_config cfg;
   sv_err err = {0};
   assert_int_equal(sv_sim_parse(&cfg, "room,rig=multiplexed,buffers=2", &err), SV_OK);
@@ -536,8 +516,7 @@ static void test_memory(void **state) {
 }
 
 // A loose bound: the goal is 10 ms on one desktop core, checked here with room for slow or busy machines.
-static void test_speed(void **state) {
-  (void)state;
+TEST(test_speed) {
   static const char *const scenes[] = {"textured", "thin", "occlusion", "moving", "room"};
   for (int i = 0; i < 5; i++) {
     make(scenes[i]);

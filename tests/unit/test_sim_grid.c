@@ -1,15 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The simulator's shared sensors for grids and overlaps other than the defaults.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <math.h>
 #include <string.h>
 
 #include "platform/sim/sim.h"
+#include "tests/common/test.h"
 
 static uint8_t memory[8 << 20];
 static sv_sim sim;
@@ -24,8 +19,7 @@ static void make(const char *spec) {
 }
 
 // A composite is the linear sum of its lens images over the largest overlap, whatever the grid.
-static void test_composites_of_any_grid(void **state) {
-  (void)state;
+TEST(test_composites_of_any_grid) {
   static const struct {
     const char *spec;
     int n_lenses, m_max;

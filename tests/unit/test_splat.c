@@ -2,16 +2,13 @@
 // Gaussian arrays and their start, nearest neighbours, and the renderer as a whole: memory, full pools,
 // the same bits for any number of threads and any instruction set.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
-
-#include <cmocka.h>
 
 #include "platform/linux/linux.h"
 #include "src/splat/neighbours.h"
 #include "src/splat/render.h"
+#include "tests/common/test.h"
 
 static _Alignas(64) uint8_t block[64 << 20];
 
@@ -19,8 +16,7 @@ static sv_arena fresh(void) { return sv_arena_make(block, sizeof block); }
 
 // --- arrays --------------------------------------------------------------------------------------
 
-static void test_put_get(void **state) {
-  (void)state;
+TEST(test_put_get) {
   for (int degree = 0; degree <= 3; degree++) {
     sv_arena a = fresh();
     sv_gaussians g;
@@ -47,8 +43,7 @@ static void test_put_get(void **state) {
   }
 }
 
-static void test_init_limits(void **state) {
-  (void)state;
+TEST(test_init_limits) {
   sv_arena a = fresh();
   sv_gaussians g;
   assert_int_equal(sv_gaussians_init(&g, 0, 0, &a), SV_E_ARG);
@@ -97,8 +92,7 @@ static void make_cloud(float *xyz, int n, int kind) {
   for (int i = 1; kind == PAIRS && i < n; i += 2) memcpy(xyz + 3 * i, xyz + 3 * i - 3, 12);
 }
 
-static void test_neighbours(void **state) {
-  (void)state;
+TEST(test_neighbours) {
   static const int sizes[] = {1, 2, 3, 4, 5, 16, 100, 777};
   static float xyz[3 * 777], d2[777];
   for (int s = 0; s < 8; s++)
@@ -145,8 +139,7 @@ static void check_common(const sv_gaussians *g) {
   }
 }
 
-static void test_fill_random(void **state) {
-  (void)state;
+TEST(test_fill_random) {
   static const int sizes[] = {1, 2, 3, 4, 1000};
   for (int s = 0; s < 5; s++)
     for (int kind = SV_INIT_SPHERE; kind <= SV_INIT_CUBE; kind++) {
@@ -178,8 +171,7 @@ static int point_of(const sv_gaussians *g, int i) {
   return (int)lround(((double)v.sh[0][0] * SV_SH_C0 + 0.5) * 1000);
 }
 
-static void test_fill_points(void **state) {
-  (void)state;
+TEST(test_fill_points) {
   enum { CAP = 300 };
   static sv_point point[CAP];
   static const int cases[][2] = {{1, 1},    {2, 1},    {3, 2},   {100, 300}, {100, 100},
@@ -209,8 +201,7 @@ static void test_fill_points(void **state) {
   assert_int_equal(fill(&g, 4, SV_INIT_POINTS, point, 0, 0), SV_E_ARG);
 }
 
-static void test_radius(void **state) {
-  (void)state;
+TEST(test_radius) {
   sv_gaussians g;
   float centre[3];
   assert_int_equal(fill(&g, 1000, SV_INIT_SPHERE, NULL, 0, 0), SV_OK);
@@ -294,8 +285,7 @@ static uint64_t digest_of(const scene *s) {
   return digest(h, s->err, (size_t)s->g.cap * sizeof(float));
 }
 
-static void test_same_bits(void **state) {
-  (void)state;
+TEST(test_same_bits) {
   uint64_t want[2] = {0, 0}; // of those with FMA, of SSE4.1
   for (int isa = 0; isa < SV_N_ISAS; isa++)
     for (int n_threads = 1; n_threads <= 4; n_threads *= 2) {
@@ -323,7 +313,7 @@ static void test_same_bits(void **state) {
 
 // Each is left out as often as asked for, and the light that goes through is what it was, in the mean of many draws: the
 // transmittances of a pixel's splats are drawn independently of each other.
-static void test_dropout(void **state) {
+TEST(test_dropout) {
   enum { DRAWS = 256 };
   const float share = 0.25f;
   const sv_pool pool = sv_pool_serial();
@@ -331,7 +321,6 @@ static void test_dropout(void **state) {
   scene s;
   sv_kernels k;
   double off = 0, most = 0;
-  (void)state;
   sv_kernels_init(&k, sv_cpu_isas());
   make_scene(&s, &a, N, 0, 1);
   for (int i = 0; i < N; i++)
@@ -367,8 +356,7 @@ static void test_dropout(void **state) {
   assert_true(fabs(off) < 0.002 && most < 0.06);
 }
 
-static void test_memory(void **state) {
-  (void)state;
+TEST(test_memory) {
   for (int has_grad = 0; has_grad < 2; has_grad++) {
     sv_renderer_cfg cfg = {
         .cap_gaussians = 100, .cap_width_px = 70, .cap_height_px = 33, .n_threads = 2, .has_grad = has_grad};
@@ -387,8 +375,7 @@ static void test_memory(void **state) {
   }
 }
 
-static void test_limits(void **state) {
-  (void)state;
+TEST(test_limits) {
   sv_arena a = fresh();
   scene s;
   sv_kernels k;
@@ -418,8 +405,7 @@ static void test_limits(void **state) {
   assert_int_equal(sv_render_bwd(&s.r, &small, NULL, NULL, NULL), SV_E_ARG);
 }
 
-static void test_nothing_visible(void **state) {
-  (void)state;
+TEST(test_nothing_visible) {
   sv_arena a = fresh();
   scene s;
   sv_kernels k;
@@ -462,8 +448,7 @@ static void pile_up(scene *s) {
     for (int k = 0; k < 3; k++) *sv_gaussians_at(&s->g, i, k) = *sv_gaussians_at(&s->g, i - i % 3, k);
 }
 
-static void test_full_pool(void **state) {
-  (void)state;
+TEST(test_full_pool) {
   static const uint32_t caps[] = {1, 2, 50, 51, 52, 53, 400, 1500};
   sv_kernels k;
   sv_pool pool = sv_pool_serial();
@@ -493,8 +478,7 @@ static void test_full_pool(void **state) {
   }
 }
 
-static void test_smaller_view(void **state) {
-  (void)state;
+TEST(test_smaller_view) {
   sv_arena a = fresh();
   scene s;
   sv_kernels k;

@@ -2,18 +2,14 @@
 // Depth maps of the simulator's scene against its true depth, from rigs of two alike cameras, of three focal lengths
 // and of sixteen small ones; and what gives none.
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "platform/linux/linux.h"
 #include "src/train/stereo.h"
+#include "tests/common/test.h"
 #include "tests/common/world.h"
 
 static world w;
@@ -96,8 +92,7 @@ static outcome measure(int n) {
   return o;
 }
 
-static void test_rigs(void **state) {
-  (void)state;
+TEST(test_rigs) {
   static const struct {
     const char *spec;
     int n_maps, least; // points
@@ -121,8 +116,7 @@ static void test_rigs(void **state) {
 }
 
 // The same bits for any number of threads; the digest of a whole run says so for every machine.
-static void test_threads(void **state) {
-  (void)state;
+TEST(test_threads) {
   uint64_t digest = 0;
   for (int n = 1; n <= 4; n *= 2) {
     open_views("textured,rig=stereo,size=100x76", 2, n);
@@ -134,8 +128,7 @@ static void test_threads(void **state) {
 }
 
 // More views than maps: groups of neighbours, all of which find something.
-static void test_many_views(void **state) {
-  (void)state;
+TEST(test_many_views) {
   open_views("textured,rig=stereo,size=64x64", 40, 2);
   sv_sweep s;
   sv_arena a = scratch_of(0);
@@ -164,8 +157,7 @@ static void expect_none(const char *spec, int n_exposures) {
   world_close(&w);
 }
 
-static void test_nothing_to_compare(void **state) {
-  (void)state;
+TEST(test_nothing_to_compare) {
   expect_none("textured,rig=mono,size=64x48", 1);
   // The same picture twice from one place.
   open_views("textured,rig=mono,size=64x48", 2, 2);
@@ -177,8 +169,7 @@ static void test_nothing_to_compare(void **state) {
   world_close(&w);
 }
 
-static void test_memory(void **state) {
-  (void)state;
+TEST(test_memory) {
   open_views("textured,rig=stereo,size=100x76", 2, 3);
   int n_points, n_maps;
   sv_arena a = scratch_of(64);

@@ -1,19 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // Frames to exposures on synthetic streams: the ledger balances after every single push, each frame
 // comes back exactly once, no exposure is wider than the limit, and a perfect stream loses nothing.
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
-// cmocka needs the four above first
-#include <cmocka.h>
 
 #include "src/base/mathx.h"
 #include "src/base/rng.h"
 #include "src/sync/camera_stats.h"
 #include "src/sync/sync.h"
+#include "tests/common/test.h"
 
 #define CAP_CAMERAS 4
 #define PERIOD_NS   33333333LL
@@ -160,8 +156,7 @@ static world_t world3(void) {
       .cam = {{50e-6, 17 * HOUR_NS, 0}, {-50e-6, -5 * HOUR_NS, 40000}, {20e-6, 123456789, -30000}}};
 }
 
-static void perfect_streams_lose_nothing(void **state) {
-  (void)state;
+TEST(perfect_streams_lose_nothing) {
   world_t w = world3();
   bench_t b;
   bench_open(&b, &w, (sv_sync_cfg){.skew_limit_ns = 500000, .queue_len = 4}, 40000);
@@ -176,8 +171,7 @@ static void perfect_streams_lose_nothing(void **state) {
   bench_close(&b);
 }
 
-static void common_clock_is_exact(void **state) {
-  (void)state;
+TEST(common_clock_is_exact) {
   world_t w = world3();
   for (int c = 0; c < 3; c++) w.cam[c].drift = 0, w.cam[c].offset_ns = 1000 * SV_NS_PER_S;
   w.jitter_ns = 3e6;
@@ -192,8 +186,7 @@ static void common_clock_is_exact(void **state) {
   bench_close(&b);
 }
 
-static void jitter_and_drift_are_estimated(void **state) {
-  (void)state;
+TEST(jitter_and_drift_are_estimated) {
   world_t w = world3();
   w.jitter_ns = 1e6;
   bench_t b;
@@ -214,8 +207,7 @@ static void jitter_and_drift_are_estimated(void **state) {
   bench_close(&b);
 }
 
-static void losses_are_counted_one_by_one(void **state) {
-  (void)state;
+TEST(losses_are_counted_one_by_one) {
   world_t w = world3();
   w.p_drop = 0.03;
   bench_t b;
@@ -233,8 +225,7 @@ static void losses_are_counted_one_by_one(void **state) {
   bench_close(&b);
 }
 
-static void duplicates_and_swaps_are_named(void **state) {
-  (void)state;
+TEST(duplicates_and_swaps_are_named) {
   world_t w = world3();
   w.p_dup = 0.02;
   w.p_swap = 0.01;
@@ -251,8 +242,7 @@ static void duplicates_and_swaps_are_named(void **state) {
   bench_close(&b);
 }
 
-static void everything_at_once_stays_exact(void **state) {
-  (void)state;
+TEST(everything_at_once_stays_exact) {
   world_t w = world3();
   w.n_cameras = 4;
   w.cam[3] = (camera_t){-10e-6, 99 * HOUR_NS, 10000};
@@ -282,8 +272,7 @@ static void everything_at_once_stays_exact(void **state) {
   }
 }
 
-static void a_step_of_an_hour_relocks(void **state) {
-  (void)state;
+TEST(a_step_of_an_hour_relocks) {
   for (int dir = -1; dir <= 1; dir += 2)
     for (int mode = 0; mode < 2; mode++) {
       world_t w = world3();
@@ -310,8 +299,7 @@ static void a_step_of_an_hour_relocks(void **state) {
 }
 
 // A host that is held up for seconds and then gets everything at once: no clock has stepped.
-static void a_held_up_host_is_no_step(void **state) {
-  (void)state;
+TEST(a_held_up_host_is_no_step) {
   for (int mode = 0; mode < 2; mode++) {
     world_t w = world3();
     if (mode)
@@ -374,8 +362,7 @@ static void hold_up_at(int mode, int i_first, sv_ns held_ns, int n_buffers) {
   bench_close(&b);
 }
 
-static void a_host_held_up_at_the_start_is_no_step(void **state) {
-  (void)state;
+TEST(a_host_held_up_at_the_start_is_no_step) {
   static const sv_ns held_ns[] = {1300 * SV_NS_PER_MS, 3 * SV_NS_PER_S, 6 * SV_NS_PER_S};
   for (int mode = 0; mode < 2; mode++)
     for (int i_first = 0; i_first < 5; i_first++)
@@ -384,8 +371,7 @@ static void a_host_held_up_at_the_start_is_no_step(void **state) {
           hold_up_at(mode, i_first, held_ns[h], n_buffers);
 }
 
-static void missing_camera_policies(void **state) {
-  (void)state;
+TEST(missing_camera_policies) {
   world_t w = world3();
   for (int policy = 0; policy < 2; policy++) {
     bench_t b;
@@ -410,8 +396,7 @@ static void missing_camera_policies(void **state) {
 
 // With a skew limit of many frames a queue is full long before the limit is over: what goes without a silent camera may
 // not take the frames with it that this camera brings when it is back. Also one that starts after the others.
-static void a_camera_is_back_at_once_at_any_skew_limit(void **state) {
-  (void)state;
+TEST(a_camera_is_back_at_once_at_any_skew_limit) {
   world_t w = world3();
   for (int c = 0; c < 3; c++) w.cam[c].skew_ns = c * 9 * SV_NS_PER_MS;
   for (int i = 0; i < 3 * 2 * 2; i++) {
@@ -438,8 +423,7 @@ static void a_camera_is_back_at_once_at_any_skew_limit(void **state) {
   }
 }
 
-static void late_frames_are_named(void **state) {
-  (void)state;
+TEST(late_frames_are_named) {
   world_t w = world3();
   bench_t b;
   sv_rng r = sv_rng_make(1, 1);
@@ -459,8 +443,7 @@ static void late_frames_are_named(void **state) {
   bench_close(&b);
 }
 
-static void a_full_pool_drops_the_oldest_exposure(void **state) {
-  (void)state;
+TEST(a_full_pool_drops_the_oldest_exposure) {
   world_t w = world3();
   bench_t b;
   sv_rng r = sv_rng_make(1, 1);
@@ -480,8 +463,7 @@ static void a_full_pool_drops_the_oldest_exposure(void **state) {
   bench_close(&b);
 }
 
-static void a_full_return_queue_refuses_without_counting(void **state) {
-  (void)state;
+TEST(a_full_return_queue_refuses_without_counting) {
   world_t w = world3();
   bench_t b;
   sv_rng r = sv_rng_make(1, 1);
@@ -500,8 +482,7 @@ static void a_full_return_queue_refuses_without_counting(void **state) {
   bench_close(&b);
 }
 
-static void stamps_and_numbers_of_any_size(void **state) {
-  (void)state;
+TEST(stamps_and_numbers_of_any_size) {
   world_t w = world3();
   bench_t b;
   bench_open(&b, &w, (sv_sync_cfg){.skew_limit_ns = 500000, .queue_len = 4}, 40000);
@@ -519,8 +500,7 @@ static void stamps_and_numbers_of_any_size(void **state) {
   bench_close(&b);
 }
 
-static void middle_of_exposure_by_stamp_source(void **state) {
-  (void)state;
+TEST(middle_of_exposure_by_stamp_source) {
   sv_sync_camera cams[3] = {{.clock = SV_CLOCK_MONOTONIC, .stamp = SV_STAMP_START},
                             {.clock = SV_CLOCK_MONOTONIC, .stamp = SV_STAMP_MIDDLE},
                             {.clock = SV_CLOCK_MONOTONIC, .stamp = SV_STAMP_END}};
@@ -541,8 +521,7 @@ static void middle_of_exposure_by_stamp_source(void **state) {
   assert_int_equal(e.skew_ns, 0);
 }
 
-static void bad_configs_are_refused(void **state) {
-  (void)state;
+TEST(bad_configs_are_refused) {
   sv_sync_camera cam = {0};
   sv_sync s;
   sv_sync_cfg good = {.n_cameras = 1, .cameras = &cam, .skew_limit_ns = 1, .queue_len = 2}, bad[6];
@@ -560,8 +539,7 @@ static void bad_configs_are_refused(void **state) {
   assert_int_equal(sv_sync_init(&s, &good, &a), SV_E_NOMEM);
 }
 
-static void rates_are_those_of_the_stamps(void **state) {
-  (void)state;
+TEST(rates_are_those_of_the_stamps) {
   sv_camera_stat stat[1] = {{0}};
   sv_frame f = {.camera_ns = 7 * HOUR_NS};
   // A burst: all of them arrive at once, 40 ms apart by their stamps; then the camera's clock steps, back and forth.

@@ -1,15 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The running means of the Gaussians' errors, which relocation asks for: which steps add to them.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <string.h>
 
 #include "platform/linux/linux.h"
 #include "src/train/train.h"
+#include "tests/common/test.h"
 
 #define W           48
 #define H           40
@@ -59,9 +54,8 @@ static uint64_t steps_with_errors(float progress) {
   return steps;
 }
 
-static void test_one_of_four_adds(void **state) {
+TEST(test_one_of_four_adds) {
   uint64_t of_seed[2], in_turn = 0;
-  (void)state;
   for (uint64_t seed = 0; seed < 2; seed++) {
     open_training(seed + 1, 1000);
     of_seed[seed] = steps_with_errors(0.5f);
@@ -72,8 +66,7 @@ static void test_one_of_four_adds(void **state) {
   assert_int_equal(in_turn, 15); // no step of the four is always passed over
 }
 
-static void test_nobody_asks(void **state) {
-  (void)state;
+TEST(test_nobody_asks) {
   open_training(1, 1000);
   assert_true(steps_with_errors(0.95f) == 0); // behind the last relocation
   open_training(1, 0);

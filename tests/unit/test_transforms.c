@@ -3,17 +3,13 @@
 // Every transforms file of the datasets in tests/data is read.
 #include <glob.h>
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "src/base/str.h"
 #include "src/format/transforms.h"
+#include "tests/common/test.h"
 #include "tools/common/fileio.h"
 
 enum { CAP_TOK = 200000, CAP_FRAMES = 2000 };
@@ -29,8 +25,7 @@ static sv_status read_text(const char *text, size_t n) {
 
 #define EYE "\"transform_matrix\":[[1,0,0,2],[0,1,0,3],[0,0,1,4],[0,0,0,1]]"
 
-static void test_axes(void **state) {
-  (void)state;
+TEST(test_axes) {
   static const char text[] =
       "{\"camera_angle_x\":1.5707963267948966,\"frames\":[{\"file_path\":\"./a/r_0\"," EYE "}]}";
   assert_int_equal(read_text(text, sizeof text - 1), SV_OK);
@@ -49,8 +44,7 @@ static void test_axes(void **state) {
               frames[0].depth_unit == 0);
 }
 
-static void test_everything(void **state) {
-  (void)state;
+TEST(test_everything) {
   static const char text[] =
       "{\"fl_x\":500,\"fl_y\":510,\"cx\":320.5,\"cy\":240.25,\"w\":640.0,\"h\":480,\"k1\":0.1,\"p2\":-0.01,"
       "\"camera_model\":\"OPENCV\","
@@ -93,8 +87,7 @@ static void test_everything(void **state) {
   assert_int_equal(sv_transforms_read(&t, frames, 2, &err), SV_E_NOMEM);
 }
 
-static void test_small_errors_are_corrected(void **state) {
-  (void)state;
+TEST(test_small_errors_are_corrected) {
   static const char text[] = "{\"fl_x\":1,\"frames\":[{\"file_path\":\"a\",\"transform_matrix\":"
                              "[[0.8001,0.6,0.0002,0],[-0.6,0.7999,0,0],[0,0.0001,1.0001,0]]}]}";
   assert_int_equal(read_text(text, sizeof text - 1), SV_OK);
@@ -102,8 +95,7 @@ static void test_small_errors_are_corrected(void **state) {
   assert_true(fabs(frames[0].cam_from_world.r[0] - 0.8) < 2e-4);
 }
 
-static void test_fisheye(void **state) {
-  (void)state;
+TEST(test_fisheye) {
   static const char text[] =
       "{\"camera_model\":\"OPENCV_FISHEYE\",\"fl_x\":1,\"k1\":0.1,\"k2\":0.2,\"k3\":0.3,"
       "\"k4\":0.4,\"frames\":[{\"file_path\":\"a\"," EYE "}]}";
@@ -112,8 +104,7 @@ static void test_fisheye(void **state) {
   for (int i = 0; i < 4; i++) assert_true(frames[0].model.p[4 + i] == 0.1 * (i + 1) || i == 2);
 }
 
-static void test_refused(void **state) {
-  (void)state;
+TEST(test_refused) {
 #define F(top, frame) "{\"fl_x\":1," top "\"frames\":[{\"file_path\":\"a\"," frame "}]}"
 #define M(m)          F("", "\"transform_matrix\":" m)
   static const struct {
@@ -168,8 +159,7 @@ static int frames_of(const char *path, int side_px) {
   return t.n_frames;
 }
 
-static void test_datasets(void **state) {
-  (void)state;
+TEST(test_datasets) {
   glob_t files;
   int n_frames = 0;
   assert_int_equal(glob("tests/data/*/transforms*.json", 0, NULL, &files), 0);

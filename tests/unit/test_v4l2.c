@@ -1,23 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // The V4L2 source against cameras behind its table of system calls: formats, controls, and each fault with its named
 // event, the other camera untouched, and the way back.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <errno.h>
 #include <linux/videodev2.h>
 #include <string.h>
 
 #include "platform/v4l2/format.h"
 #include "src/sync/capture_queue.h"
+#include "tests/common/test.h"
 #include "tests/unit/v4l2_bench.h"
 
 // --- opening -------------------------------------------------------------------------------------
-static void every_format_is_described(void **state) {
-  (void)state;
+TEST(every_format_is_described) {
   for (int i = 0; i < sv_v4l2_n_formats; i++)
     for (int is_mplane = 0; is_mplane < 2; is_mplane++) {
       char spec[64];
@@ -41,8 +35,7 @@ static void every_format_is_described(void **state) {
     }
 }
 
-static void stamps_and_rates_are_told(void **state) {
-  (void)state;
+TEST(stamps_and_rates_are_told) {
   must_open("/dev/video0,settle=0");
   assert_int_equal(caps(0)->clock, SV_CLOCK_MONOTONIC);
   assert_int_equal(caps(0)->stamp, SV_STAMP_START);
@@ -55,8 +48,7 @@ static void stamps_and_rates_are_told(void **state) {
   close_all();
 }
 
-static void a_fast_enough_format_is_chosen(void **state) {
-  (void)state;
+TEST(a_fast_enough_format_is_chosen) {
   must_open("/dev/video0");
   assert_int_equal(caps(0)->format, SV_PIX_NV12); // the preferred one
   close_all();
@@ -69,8 +61,7 @@ static void a_fast_enough_format_is_chosen(void **state) {
   close_all();
 }
 
-static void what_cannot_be_opened_is_refused_with_a_sentence(void **state) {
-  (void)state;
+TEST(what_cannot_be_opened_is_refused_with_a_sentence) {
   static const struct {
     const char *spec, *says;
   } bad[] = {{"/dev/video7", "/dev/video7: the camera cannot be opened"},
@@ -100,8 +91,7 @@ static void what_cannot_be_opened_is_refused_with_a_sentence(void **state) {
   assert_int_equal(fake_v4l2_n_open(&fake), 0);
 }
 
-static void cameras_are_listed(void **state) {
-  (void)state;
+TEST(cameras_are_listed) {
   char text[2048];
   sv_str s = sv_str_make(text, sizeof text);
   sv_v4l2_sys sys = fake_v4l2_sys(&fake);
@@ -111,8 +101,7 @@ static void cameras_are_listed(void **state) {
   assert_int_equal(fake_v4l2_n_open(&fake), 0);
 }
 
-static void buffers_are_exported(void **state) {
-  (void)state;
+TEST(buffers_are_exported) {
   sv_frame f;
   must_open("/dev/video0,settle=0,dmabuf=on,buffers=4");
   assert_int_equal(fake.n_exported, 4);
@@ -125,8 +114,7 @@ static void buffers_are_exported(void **state) {
 }
 
 // --- controls ------------------------------------------------------------------------------------
-static void controls_hold_still_and_are_given_back(void **state) {
-  (void)state;
+TEST(controls_hold_still_and_are_given_back) {
   int32_t before[FAKE_V4L2_N_CONTROLS];
   fake_device *d = &fake.device[0];
   memcpy(before, d->control, sizeof before);
@@ -158,8 +146,7 @@ static void controls_hold_still_and_are_given_back(void **state) {
   assert_memory_equal(d->control, before, sizeof before);
 }
 
-static void unlocked_controls_are_left_alone(void **state) {
-  (void)state;
+TEST(unlocked_controls_are_left_alone) {
   int32_t before[FAKE_V4L2_N_CONTROLS];
   memcpy(before, fake.device[0].control, sizeof before);
   must_open("/dev/video0,lock=off");
@@ -169,8 +156,7 @@ static void unlocked_controls_are_left_alone(void **state) {
 }
 
 // --- faults --------------------------------------------------------------------------------------
-static void an_unplugged_camera_comes_back(void **state) {
-  (void)state;
+TEST(an_unplugged_camera_comes_back) {
   sv_frame held[3], other;
   int64_t error = 0;
   must_open(BOTH);
@@ -205,8 +191,7 @@ static void an_unplugged_camera_comes_back(void **state) {
   close_all();
 }
 
-static void a_broken_queue_is_opened_again(void **state) {
-  (void)state;
+TEST(a_broken_queue_is_opened_again) {
   must_open(BOTH);
   assert_int_equal(src.start(src.self), SV_OK);
   run_for(200 * SV_NS_PER_MS);
@@ -221,8 +206,7 @@ static void a_broken_queue_is_opened_again(void **state) {
   close_all();
 }
 
-static void a_camera_that_does_not_start_is_tried_again(void **state) {
-  (void)state;
+TEST(a_camera_that_does_not_start_is_tried_again) {
   must_open(BOTH);
   fake.device[0].is_streamon_failing = true;
   assert_int_equal(src.start(src.self), SV_OK); // the other one runs
@@ -240,8 +224,7 @@ static void a_camera_that_does_not_start_is_tried_again(void **state) {
 }
 
 // Through the runtime's capture side: what a user reads.
-static void what_is_wrong_is_said_of_each_camera(void **state) {
-  (void)state;
+TEST(what_is_wrong_is_said_of_each_camera) {
   static uint8_t block[1 << 18];
   static sv_capture_queue in;
   sv_camera_caps both[2];
@@ -264,8 +247,7 @@ static void what_is_wrong_is_said_of_each_camera(void **state) {
   close_all();
 }
 
-static void a_stalled_camera_is_started_again(void **state) {
-  (void)state;
+TEST(a_stalled_camera_is_started_again) {
   int64_t ns = 0;
   must_open(BOTH ",stall=300");
   assert_int_equal(src.start(src.self), SV_OK);
@@ -285,8 +267,7 @@ static void a_stalled_camera_is_started_again(void **state) {
   close_all();
 }
 
-static void a_host_held_up_is_no_stall(void **state) {
-  (void)state;
+TEST(a_host_held_up_is_no_stall) {
   must_open(BOTH ",stall=300");
   assert_int_equal(src.start(src.self), SV_OK);
   run_for(200 * SV_NS_PER_MS);
@@ -304,8 +285,7 @@ static void a_host_held_up_is_no_stall(void **state) {
   close_all();
 }
 
-static void damaged_frames_are_named(void **state) {
-  (void)state;
+TEST(damaged_frames_are_named) {
   static const struct {
     const char *options;
     size_t field;
@@ -335,8 +315,7 @@ static void damaged_frames_are_named(void **state) {
   }
 }
 
-static void another_size_is_not_taken(void **state) {
-  (void)state;
+TEST(another_size_is_not_taken) {
   must_open(BOTH);
   assert_int_equal(src.start(src.self), SV_OK);
   fake_v4l2_unplug(&fake, 0);
@@ -354,8 +333,7 @@ static void another_size_is_not_taken(void **state) {
   close_all();
 }
 
-static void another_camera_is_not_taken(void **state) {
-  (void)state;
+TEST(another_camera_is_not_taken) {
   must_open(BOTH);
   assert_int_equal(src.start(src.self), SV_OK);
   fake_v4l2_unplug(&fake, 0);
@@ -368,8 +346,7 @@ static void another_camera_is_not_taken(void **state) {
   close_all();
 }
 
-static void a_hungry_reader_is_no_fault(void **state) {
-  (void)state;
+TEST(a_hungry_reader_is_no_fault) {
   sv_frame f[8];
   must_open("/dev/video0,settle=0,buffers=8,stall=100");
   assert_int_equal(src.start(src.self), SV_OK);
@@ -385,8 +362,7 @@ static void a_hungry_reader_is_no_fault(void **state) {
   close_all();
 }
 
-static void frames_are_counted_where_the_driver_does_not(void **state) {
-  (void)state;
+TEST(frames_are_counted_where_the_driver_does_not) {
   sv_frame f;
   fake.device[0].has_frozen_sequence = true;
   must_open("/dev/video0,settle=0");

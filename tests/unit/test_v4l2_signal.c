@@ -1,20 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // The V4L2 source on what only some devices have: frames of two planes, inputs with a signal of their own, sensors whose
 // frame length can be set.
-// clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <errno.h>
 #include <string.h>
 
+#include "tests/common/test.h"
 #include "tests/unit/v4l2_bench.h"
 
 // --- two planes ----------------------------------------------------------------------------------
-static void two_planes_are_one_frame(void **state) {
-  (void)state;
+TEST(two_planes_are_one_frame) {
   sv_frame f;
   size_t y_bytes = FAKE_V4L2_WIDTH_PX * FAKE_V4L2_HEIGHT_PX;
   fake.device[0].is_mplane = true;
@@ -49,8 +43,7 @@ static void two_planes_are_one_frame(void **state) {
 }
 
 // --- a signal of its own -------------------------------------------------------------------------
-static void a_signal_that_changes_or_goes_is_named(void **state) {
-  (void)state;
+TEST(a_signal_that_changes_or_goes_is_named) {
   static const int gone[] = {ENOLINK, ENOLCK, ERANGE};
   int64_t detail = -1, error = 0;
   fake.device[0].is_hdmi = true;
@@ -105,8 +98,7 @@ static sv_status set_duration(int64_t ns, int64_t *actual) {
   return src.set_control(src.self, 0, SV_CONTROL_FRAME_DURATION_NS, ns, actual);
 }
 
-static void the_length_of_frames_can_be_set(void **state) {
-  (void)state;
+TEST(the_length_of_frames_can_be_set) {
   int64_t actual;
   must_open(BOTH); // neither blanking nor a rate that can be set
   assert_int_equal(src.start(src.self), SV_OK);

@@ -3,14 +3,10 @@
 #ifndef SV_TESTS_UNIT_V4L2_BENCH_H
 #define SV_TESTS_UNIT_V4L2_BENCH_H
 
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
-// cmocka needs the four above first
-#include <cmocka.h>
 
 #include "tests/common/fake_v4l2.h"
+#include "tests/common/test.h"
 
 static fake_v4l2 fake;
 static sv_v4l2 v;
@@ -33,8 +29,7 @@ static void must_open(const char *spec) {
   if (open_spec(spec) < 0) fail_msg("%s", err.text);
 }
 
-static int clean(void **state) {
-  (void)state;
+FIXTURE(clean) {
   fake_v4l2_init(&fake, 2);
   return 0;
 }
