@@ -15,6 +15,8 @@ WERROR    ?=
 WITH      ?= all
 # Debugging information; line numbers by default, -g has local variables too and compiles a quarter longer.
 DEBUG     ?= $(if $(SAN),-g,-g1)
+# A compiler prefix without a sysroot, for the library alone; with ARCH_FLAGS and ISAS (mk/foreign.mk).
+CROSS     ?=
 # Where `make install` installs.
 PREFIX    ?= /usr/local
 # How many tests run at once.
@@ -32,7 +34,8 @@ PORT      ?= 8080
 PARALLEL = $(if $(findstring jobserver,$(MAKEFLAGS)),,-j$(JOBS))
 
 .DEFAULT_GOAL := all
-include mk/board.mk mk/kernels.mk mk/flags.mk mk/sources.mk mk/compile.mk mk/programs.mk mk/tests.mk mk/checks.mk mk/install.mk
+include mk/board.mk mk/kernels.mk mk/flags.mk mk/sources.mk mk/compile.mk mk/programs.mk mk/tests.mk mk/checks.mk mk/install.mk \
+  mk/library.mk
 
 # --- targets -----------------------------------------------------------------------------------------------------------
 all: ## build the runtime, the tools and the tests for BOARD
@@ -63,7 +66,11 @@ format-check: ## tell which files clang-format would change
 tidy: ## clang-tidy and cppcheck
 deps: ## install what the build and the tests need from the distribution's packages
 man: ## man pages from the programs' own --help, in build/BOARD/man
-install: ## copy the programs and their man pages to PREFIX (and DESTDIR)
+libsubview: ## the library for embedding; with CROSS=PREFIX- ARCH_FLAGS=... for a board without a system
+examples: ## build the examples against the library, as installed in build/BOARD/stage
+library-test: ## the installed library: its symbols, C and C++, the examples, the same digest without a system
+install: ## copy programs, man pages, library, headers and examples to PREFIX (and DESTDIR)
+install-library: ## the library part of it alone
 clean: ## remove what was built for BOARD
 help: ## this list
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:.*##/\t/' | sort | \

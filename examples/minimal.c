@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Two synthetic cameras, three exposures, 300 steps, one PLY file: all of it in one static block and without a call to
+// Two synthetic cameras, two exposures, 300 steps, one PLY file: all of it in one static block and without a call to
 // an operating system. The same file runs on a desktop (host.c) and without one (bare/).
 #include <string.h>
 
@@ -8,9 +8,9 @@
 void put(const char *text);                                          // prints; from host.c or bare/start.S
 subview_status put_file(void *self, const void *data, size_t bytes); // takes the PLY file
 
-enum { WIDTH = 96, HEIGHT = 72, N_CAMERAS = 2, N_EXPOSURES = 3, FOCAL = 96, N_STEPS = 300 };
+enum { WIDTH = 64, HEIGHT = 48, N_CAMERAS = 2, N_EXPOSURES = 2, N_STEPS = 300 };
 
-static _Alignas(SUBVIEW_ALIGN) unsigned char block[12 << 20];
+static _Alignas(SUBVIEW_ALIGN) unsigned char block[4 << 20];
 static uint8_t pixels[N_CAMERAS][HEIGHT][WIDTH][3];
 static uint8_t picture[HEIGHT][WIDTH][3];
 
@@ -33,12 +33,12 @@ static int texture(int x, int y, int channel) {
   return sum / 64;
 }
 
-// A wall at 4.8 m with a square at 2.4 m before it, seen from x = 0.1 m * position: a step of one position moves the
+// A wall at 3.2 m with a square at 1.6 m before it, seen from x = 0.1 m * position: a step of one position moves the
 // wall by 2 px and the square by 4.
 static void draw(uint8_t rgb[HEIGHT][WIDTH][3], int position) {
   for (int y = 0; y < HEIGHT; y++)
     for (int x = 0; x < WIDTH; x++) {
-      int near_x = x + 4 * position, is_near = near_x >= 40 && near_x < 76 && y >= 20 && y < 52;
+      int near_x = x + 4 * position, is_near = near_x >= 28 && near_x < 52 && y >= 12 && y < 36;
       for (int c = 0; c < 3; c++)
         rgb[y][x][c] =
             (uint8_t)(is_near ? texture(near_x, y, c) : texture(x + 2 * position + 500, y, c + 3) / 2);
@@ -77,13 +77,13 @@ int main(void) {
   double psnr_db;
 
   for (int i = 0; i < N_CAMERAS; i++) {
-    cameras[i] = subview_camera_defaults(WIDTH, HEIGHT); // focal length: WIDTH = FOCAL px
+    cameras[i] = subview_camera_defaults(WIDTH, HEIGHT); // its focal length is 64 px
     cameras[i].cam_from_rig.t[0] = -0.1 * i;             // the second one stands 0.1 m to the right
   }
   config.cameras = cameras;
   config.n_cameras = N_CAMERAS;
   config.n_exposures = N_EXPOSURES;
-  config.n_gaussians = 1000;
+  config.n_gaussians = 500;
   config.n_steps = N_STEPS;
   if (subview_bytes(&config, &bytes, &error) < 0) return fail("size", &error);
   put_number("block    ", bytes, 10, 1, " bytes\n");

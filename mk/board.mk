@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 # The board: its data file, the compilers, the sysroot, the output folder O.
+ifneq ($(CROSS),)
+include mk/foreign.mk
+else
 BOARDS := $(notdir $(patsubst %/board.mk,%,$(wildcard boards/[a-z]*/board.mk)))
 ifeq ($(wildcard boards/$(BOARD)/board.mk),)
 $(error no boards/$(BOARD)/board.mk; the boards are: $(BOARDS))
 endif
 include boards/$(BOARD)/board.mk
+endif
 # The benchmark (tools/bench) is linked into `subview` unless the board says no.
 BOARD_BENCH ?= yes
 HAVE_BENCH  := $(filter-out no,$(BOARD_BENCH))

@@ -8,7 +8,7 @@
 #include <string.h>
 
 #include "include/subview/subview.h"
-#include "src/app/exposures.h"
+#include "src/capture/exposures.h"
 #include "src/rig/bounds.h"
 #include "src/splat/model_file.h"
 #include "src/sync/sync.h"

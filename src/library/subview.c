@@ -8,6 +8,7 @@
 #include "src/format/axes.h"
 #include "src/format/splat_file.h"
 #include "src/library/instance.h"
+#include "src/metric/metric.h"
 #include "src/train/seed.h"
 #include "src/train/stereo.h"
 
@@ -264,8 +265,7 @@ static double image_psnr(const sv_planes *p, const sv_image_u8 *image) {
         const double d = a - image->px[y * image->stride_bytes + 3 * x + k] / 255.0;
         sum += d * d;
       }
-  const double mse = sum / (3.0 * image->width_px * image->height_px);
-  return -10.0 / 2.302585092994046 * sv_log(sv_maxd(mse, 1e-12));
+  return sv_psnr_of_mse(sum / (3.0 * image->width_px * image->height_px));
 }
 
 subview_status subview_psnr(subview *s, double *psnr_db, subview_error *error) {
