@@ -228,7 +228,8 @@ subview_status subview_bytes(const subview_config *config, size_t *bytes, subvie
   sv_status s = check(config, err_of(error));
   if (s < 0) return s;
   const sv_train_cfg t = train_cfg(config);
-  const sv_sync_cfg sc = sync_cfg(config, NULL);
+  const sv_sync_camera any = {0}; // sizes do not depend on what cameras say
+  const sv_sync_cfg sc = sync_cfg(config, &any);
   if ((s = check_train(&t, err_of(error))) < 0) return s;
   SV_TAKE(&a, subview, 1);
   SV_TAKE(&a, sv_camera_caps, config->n_cameras);
@@ -260,7 +261,6 @@ static sv_status carve(subview *s, const subview_config *c, sv_err *err) {
                                .n_cameras = c->n_cameras,
                                .n_threads = n_threads_of(c)};
   if ((r = sv_exposures_init(&s->exposures, &ec, a, err)) < 0) return r;
-  sv_arena_part_begin(a, "synchronization");
   sv_sync_camera *cameras = SV_TAKE(a, sv_sync_camera, c->n_cameras);
   if (!cameras) return SV_E_NOMEM;
   for (int i = 0; i < c->n_cameras; i++) cameras[i] = sv_sync_camera_of(&s->caps[i]);
@@ -268,7 +268,7 @@ static sv_status carve(subview *s, const subview_config *c, sv_err *err) {
   if ((r = sv_sync_init(&s->sync, &sc, a)) < 0) return r;
   s->frames = SV_TAKE(a, sv_frame, c->n_cameras);
   const sv_train_cfg t = train_cfg(c);
-  if ((r = sv_trainer_init(&s->trainer, &t, &s->kernels, &s->pool, a, err)) < 0) return r;
+  if ((r = sv_trainer_init(&s->trainer, &t, (sv_compute){&s->kernels, &s->pool}, a, err)) < 0) return r;
   carve_scratch(s, c, &t, a);
   return a->status;
 }
