@@ -7,6 +7,7 @@
 
 #include <stdbool.h>
 
+#include "include/subview/version.h"
 #include "platform/camera/tiled.h"
 #include "platform/codec/codec.h"
 #include "platform/libcamera/libcamera.h"
@@ -18,7 +19,7 @@
 #include "src/format/rig_file.h"
 
 #define EXIT_USAGE  2
-#define VERSION     "0.1.0"
+#define VERSION     SUBVIEW_VERSION
 #define TEXT_OF_(x) #x
 #define TEXT_OF(x)  TEXT_OF_(x) // a number of board.h, for a sentence
 

@@ -20,7 +20,7 @@ static const struct {
 #undef X
 };
 
-static bool is_known(sv_model_kind kind) { return (int)kind >= 0 && (int)kind < SV_N_MODELS; }
+static bool is_known(sv_model_kind kind) { return (unsigned)kind < SV_N_MODELS; }
 
 bool sv_model_project(const sv_camera_model *m, const double x_cam[3], double uv[2], double *duv_dx,
                       double *duv_dp) {

@@ -67,6 +67,8 @@ ITEMS_lint = $(foreach l,$(LINTS),$(call item,lint/$(l),$(LINT_ENV) tools/lint/$
   $(if $(filter symbols stack links,$(l)),$(O)))) $(call item,lint/selftest,tests/run/selftest.sh)
 # Building and emulating takes longer than other checks.
 ITEMS_cross = $(call item,cross/generic-arm64,BUILD='$(BUILD)' tests/run/cross.sh generic-arm64,1500)
+# The installed library; one item, as the parts without a system are compared with the first.
+ITEMS_library = $(call item,library/installed,BUILD='$(BUILD)' tests/run/library.sh,900)
 ITEMS_budget = $(foreach p,$(PROGS_budget),$(call item,!$(p:$(O)/tests/%=%),$(EMULATE) $(p)))
 ITEMS_fuzz = $(foreach p,$(PROGS_fuzz),$(call item,$(p:$(O)/tests/%=%),$(EMULATE) $(p) $(FUZZ_ARGS)))
 items = $(or $(ITEMS_$(1)),$(foreach p,$(PROGS_$(1)),$(call item,$(p:$(O)/tests/%=%),$(EMULATE) $(p))))
@@ -81,7 +83,7 @@ $(1): $(foreach g,$(2),$$(PROGS_$(g))) $(if $(filter $(USE_PROGRAMS),$(2)),$(PRO
 	@tests/run/run.sh -j $(JOBS) -o $(O)/run/$(1) $(O)/run/$(1).list
 endef
 ifeq ($(BOARD_ARCH)$(SAN),$(HOST_ARCH))
-ALL_GROUPS := lint unit kernels grad golden fault fuzz scenario cross budget
+ALL_GROUPS := lint unit kernels grad golden fault fuzz scenario cross library budget
 else
 ALL_GROUPS := unit kernels grad golden fault fuzz scenario
 endif

@@ -3,6 +3,7 @@
 #ifndef SV_TOOLS_LAB_LAB_H
 #define SV_TOOLS_LAB_LAB_H
 
+#include "include/subview/version.h"
 #include "platform/linux/linux.h"
 #include "src/deform/deform.h"
 #include "src/splat/model_file.h"
@@ -10,7 +11,7 @@
 #include "tools/lab/args.h"
 #include "tools/dataset/dataset.h"
 
-#define LAB_VERSION "0.1.0"
+#define LAB_VERSION SUBVIEW_VERSION
 
 int lab_cmd_train(const lab_options *o);
 int lab_cmd_eval(const lab_options *o);

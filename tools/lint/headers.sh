@@ -20,7 +20,7 @@ if [ "${1:-}" = --one ]; then
   *_neon*) isa='aarch64' ;;
   esac
   case $file in
-  src/* | kernels/* | calib/*) flags='' ;;
+  src/* | kernels/* | calib/* | include/*) flags='' ;;
   *) flags=-D_GNU_SOURCE ;;
   esac
   if [ -n "$isa" ]; then

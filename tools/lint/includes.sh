@@ -1,16 +1,18 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # Who may include whom. The folders are the architecture, and this keeps it so:
-#   src/base -> src/base                     kernels  -> kernels
-#   calib    -> calib, kernels, src/base     platform -> platform, src/port, src/base, src/rig,
-#            calib/model.h,
-#                                                        src/image/noise.h (what a sensor does to
-#                                                        light)
-#                                            platform/preview -> src/format, too: it hands files out
-#   src      -> src, calib, kernels/kernels.h          boards -> boards, platform, src
-#   tools/bench -> tools/bench, kernels, src           (and boards -> tools/bench, where a board
-#   wants it) calib/solve is for tools and tests only; tools may include all of these, and tests
-#   anything.
+#   src/base         src/base
+#   kernels          kernels
+#   calib            calib, kernels, src/base
+#   src              src, calib, kernels/kernels.h
+#   platform         platform, src/port, src/base, src/rig, calib/model.h, src/image/noise.h (what a
+#                    sensor does to light); platform/preview src/format, too: it hands files out
+#   boards           boards, platform, src, tools/bench (where a board wants it), the version
+#   tools/bench      tools/bench, kernels, src
+#   include/subview  its own folder, by the file's name alone: it is installed without the tree.
+#                    Only src/library, which implements it, and tests include it.
+#   examples         <subview/...>, as installed
+# calib/solve is for tools and tests only; tools may include all of these, and tests anything.
 # Our own headers are included with quotes and named from the root of the tree; quotes are for
 # nothing else. tests is for tests only.
 # The core (src, kernels, calib) includes the headers of freestanding C, a few of libc that need no
@@ -39,7 +41,11 @@ LC_ALL=C awk -f "$lint/strip.awk" $("$lint/sources.sh" c) /dev/null |
            to ~ /^(immintrin|smmintrin|cpuid|arm_neon)\.h$/
   }
   function may(to) {
+    if (starts(file, "include/")) return to !~ /\//
+    if (starts(file, "examples/")) return 0
     if (starts(to, "tests/")) return starts(file, "tests/")
+    if (to == "include/subview/version.h") return file ~ /^(boards|tools)\//
+    if (starts(to, "include/")) return file ~ /^(src\/library|tests)\//
     if (starts(file, "src/base/")) return starts(to, "src/base/")
     if (starts(file, "kernels/")) return starts(to, "kernels/")
     if (starts(to, "calib/solve/")) return file ~ /^(calib\/solve|tools|tests)\//
@@ -58,19 +64,21 @@ LC_ALL=C awk -f "$lint/strip.awk" $("$lint/sources.sh" c) /dev/null |
     text = $0
     if (match(text, /"[^"]*"/)) {
       to = substr(text, RSTART + 1, RLENGTH - 2)
-      if ((getline ignored < to) < 0) says("\"" to "\" is not a file named from the root of the tree")
+      path = starts(file, "include/subview/") ? "include/subview/" to : to
+      if ((getline ignored < path) < 0) says("\"" to "\" is not a file named from the root of the tree")
       else if (!may(to)) says("must not include \"" to "\"")
-      close(to)
+      close(path)
     } else if (match(text, /<[^>]*>/)) {
       to = substr(text, RSTART + 1, RLENGTH - 2)
       if (to ~ /^(src|kernels|calib|platform|boards|tools|tests)\//)
         says("<" to "> is ours: include it with quotes")
-      is_core = file ~ /^(src|kernels|calib)\// && !starts(file, "calib/solve/")
+      is_core = file ~ /^(src|kernels|calib|include)\// && !starts(file, "calib/solve/")
       is_free = to ~ /^(assert|float|limits|math|std(align|arg|atomic|bool|def|int)|string)\.h$/ ||
                 to ~ /^(immintrin|smmintrin|cpuid|arm_neon|sys\/auxv|asm\/hwcap|jsmn)\.h$/
       if (is_core && !is_free) says("<" to "> is outside what the core may use")
       first = to
       sub(/\/.*/, "", first)
+      if (starts(file, "examples/") && starts(to, "subview/")) next
       if (!is_core && !starts(file, "tests/") && !is_system(to) && stage[first] !~ /build/)
         says("<" to "> comes with no package that tools/deps/packages.txt lists for the build")
     } else if (text !~ /include[ \t]+[A-Za-z_]/) says("an include that cannot be read")
