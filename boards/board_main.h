@@ -6,12 +6,14 @@
 #define SV_BOARDS_BOARD_MAIN_H
 
 #include <stdbool.h>
+#include <stddef.h>
 
 #include "include/subview/version.h"
 #include "platform/camera/tiled.h"
 #include "platform/codec/codec.h"
 #include "platform/libcamera/libcamera.h"
 #include "platform/linux/linux.h"
+#include "platform/linux/options.h"
 #include "platform/replay/replay.h"
 #include "platform/sim/sim.h"
 #include "platform/v4l2/v4l2.h"
@@ -24,24 +26,23 @@
 #define TEXT_OF(x)  TEXT_OF_(x) // a number of board.h, for a sentence
 
 // --- options -------------------------------------------------------------------------------------
-typedef enum { OPT_FLAG, OPT_TEXT, OPT_INT, OPT_REAL } opt_kind;
+// Each command's struct of options begins with a member `common` of this type, and its table ends with OPTIONS_COMMON.
 typedef struct {
-  const char *name; // "--gaussians"
-  opt_kind kind;
-  void *value;     // bool, const char *, long, double
-  double min, max; // of numbers
-  const char *arg; // "N"
-  const char *help;
-} opt;
+  bool is_help, is_version;
+} options_common;
 
-// Parses argv[1..] of a command. 0; EXIT_USAGE after one line on stderr; -1 when --help or --version was
-// printed.
-int options_parse(const char *command, const char *summary, const char *example, const opt *o, int n,
-                  int argc, char **argv);
+#define OPTIONS_COMMON(type)                                                                                 \
+  {"help", SV_OPT_FLAG, 1, 0, offsetof(type, common.is_help), NULL, "this text", 0, 0, NULL},                \
+      {"version", SV_OPT_FLAG, 1, 0, offsetof(type, common.is_version), NULL, "the version", 0, 0, NULL},
+
+// Parses argv[1..] of a command into the struct at `to`. 0; EXIT_USAGE after one line on stderr; -1 when --help or
+// --version was printed.
+int options_parse(const sv_tool_command *command, const sv_option *rows, int n_rows, int argc, char **argv,
+                  void *to);
 // One line "subview COMMAND: TEXT; try 'subview COMMAND --help'" on stderr. Returns EXIT_USAGE.
 int usage_error(const char *command, const char *fmt, ...) SV_PRINTF(2, 3);
 void print_version(void);
-// --sync: a sv_sync_method; -1: it is none.
+// --sync: a sv_sync_method; -1: unknown.
 int sync_mode_of(const char *name);
 // Text to a file descriptor in one write, without stdio's buffers.
 void say(int fd, const char *fmt, ...) SV_PRINTF(2, 3);

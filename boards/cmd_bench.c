@@ -6,6 +6,7 @@
 #define SPIN_US 200 // as `run` does
 
 typedef struct {
+  options_common common;
   long threads, seed;
   bool is_json, is_quiet;
 } bench_options;
@@ -56,22 +57,30 @@ static sv_status time_all(const bench_options *o, sv_err *err) {
   return SV_OK;
 }
 
+#define AT(field) offsetof(bench_options, field)
+
+static const sv_option rows[] = {
+    {"threads", SV_OPT_INT, 1, 0, AT(threads), "N",
+     "threads, timed beside a single one [" TEXT_OF(BOARD_THREADS) "]", 1, BOARD_CAP_THREADS, NULL},
+    {"seed", SV_OPT_INT, 1, 0, AT(seed), "N", "seed of the synthetic scene [1]", 0, 4294967295.0, NULL},
+    {"json", SV_OPT_FLAG, 1, 0, AT(is_json), NULL, "print one JSON object", 0, 0, NULL},
+    {"quiet", SV_OPT_FLAG, 1, 0, AT(is_quiet), NULL, "no progress on stderr", 0, 0, NULL},
+    OPTIONS_COMMON(bench_options)};
+
+static const sv_tool_command command = {
+    .name = "bench",
+    .args = "[options]",
+    .text = "Times training steps of several sizes and the kernels of a step, in the board's block.\n"
+            "bound: the time of a step at the measured peaks of multiply-adds and of copying;\n"
+            "by ports: the same counting all instructions of blending, not its multiply-adds alone.",
+    .example = "  "
+               "subview bench --json",
+    .bit = 1};
+
 int cmd_bench(int argc, char **argv) {
   sv_err err = {0};
   bench_options o = {.threads = BOARD_THREADS, .seed = 1};
-  const opt list[] = {
-      {"--threads", OPT_INT, &o.threads, 1, BOARD_CAP_THREADS, "N",
-       "threads, timed beside a single one (" TEXT_OF(BOARD_THREADS) ")"},
-      {"--seed", OPT_INT, &o.seed, 0, 4294967295.0, "N", "of the made-up scene (1)"},
-      {"--json", OPT_FLAG, &o.is_json, 0, 0, NULL, "print one JSON object"},
-      {"--quiet", OPT_FLAG, &o.is_quiet, 0, 0, NULL, "no progress on stderr"},
-  };
-  int r =
-      options_parse("bench",
-                    "Times training steps of several sizes and the kernels of a step, in the board's block.\n"
-                    "bound is what a step takes at the measured peaks of multiply-adds and of copying;\n"
-                    "by ports counts all instructions of blending, not its multiply-adds alone.",
-                    "subview bench --json", list, sizeof list / sizeof *list, argc, argv);
+  int r = options_parse(&command, rows, sizeof rows / sizeof *rows, argc, argv, &o);
   if (r) return r < 0 ? 0 : r;
   if (!board_kernels(&b.k, &b.isa_mask)) return EXIT_USAGE;
   sv_linux_console_init(&b.console, 2, o.is_quiet);

@@ -33,23 +33,40 @@ static int list_kind(const char *kind) {
   return n;
 }
 
+typedef struct {
+  options_common common;
+  const char *kind;
+} cameras_options;
+
+#define AT(field) offsetof(cameras_options, field)
+
+static const sv_option rows[] = {{"source-kind", SV_OPT_TEXT, 1, 0, AT(kind), "KIND",
+                                  "sim, v4l2 or libcamera [V4L2 and libcamera cameras, then the simulator's]",
+                                  0, 0, NULL},
+                                 OPTIONS_COMMON(cameras_options)};
+
+static const sv_tool_command command = {
+    .name = "cameras",
+    .args = "[options]",
+    .text = "Lists cameras, one a line: its source string, name, formats and sizes@fps.\n"
+            "Several cameras of a kind make one source: v4l2:/dev/video0,/dev/video2. Options follow after "
+            "commas:\n"
+            "  size=WxH format=FOURCC fps=F buffers=N    what the cameras deliver\n"
+            "  exposure=US gain=N wb=K lock=on|off settle=MS    fixed while they run, unless lock=off\n"
+            "  stall=MS clock=camera|monotonic|boottime|realtime stamp=start|middle|end dmabuf=on|off\n"
+            "  black=N red=F blue=F light=linear|display    raw sensors: black level, gains, kind of values\n"
+            "  sync=off|server|client    libcamera on Raspberry Pi: frames of several boards at one time\n"
+            "All sources: tiles=CxR (one image holds C x R cameras), fov=DEG (a single camera without a "
+            "rig).",
+    .example = "  "
+               "subview cameras --source-kind v4l2",
+    .bit = 1};
+
 int cmd_cameras(int argc, char **argv) {
-  const char *kind = "";
-  const opt list[] = {{"--source-kind", OPT_TEXT, &kind, 0, 0, "KIND",
-                       "sim, v4l2 or libcamera (default: V4L2 and libcamera cameras, then the simulator's)"}};
-  int r = options_parse(
-      "cameras",
-      "Lists cameras, a line each: the source string to use, then what it is, its formats, sizes@fps.\n"
-      "Several cameras of a kind make one source: v4l2:/dev/video0,/dev/video2. Options follow after "
-      "commas:\n"
-      "  size=WxH format=FOURCC fps=F buffers=N    what the cameras deliver\n"
-      "  exposure=US gain=N wb=K lock=on|off settle=MS    held still while they run, unless lock=off\n"
-      "  stall=MS clock=camera|monotonic|boottime|realtime stamp=start|middle|end dmabuf=on|off\n"
-      "  black=N red=F blue=F light=linear|display    raw sensors: black level, gains, kind of values\n"
-      "  sync=off|server|client    libcamera on Raspberry Pi: frames of several boards at one time\n"
-      "Of all sources: tiles=CxR (a picture holds so many cameras), fov=DEG (a single camera without a rig).",
-      "subview cameras --source-kind v4l2", list, 1, argc, argv);
+  cameras_options o = {.kind = ""};
+  int r = options_parse(&command, rows, sizeof rows / sizeof *rows, argc, argv, &o);
   if (r) return r < 0 ? 0 : r;
+  const char *kind = o.kind;
   if (!kind[0]) {
     list_kind("v4l2");
     if (sv_libcamera_version()) list_kind("libcamera");
@@ -58,6 +75,6 @@ int cmd_cameras(int argc, char **argv) {
   if (strcmp(kind, "sim") && strcmp(kind, "v4l2") && strcmp(kind, "libcamera"))
     return usage_error("cameras", "--source-kind %s: expected sim, v4l2 or libcamera", kind);
   int n = list_kind(kind);
-  if (n == 0) say(2, "subview: no %s camera was found on this machine\n", kind);
+  if (n == 0) say(2, "subview: no %s camera found on this machine\n", kind);
   return n > 0 ? 0 : 1;
 }

@@ -18,6 +18,7 @@
 #define LOOK_NS     (2 * SV_NS_PER_MS) // the thread of the cameras is looked at so often
 
 typedef struct {
+  options_common common;
   const char *source, *rig, *out, *sync;
   long exposures, skew_ms;
   int i_sync; // sv_sync_method
@@ -195,11 +196,11 @@ static sv_status record(const capture_options *o, sv_err *err) {
       last_ns = clk->now_ns(clk->self); // only from here on nothing comes: saving took its time
       log_live(&con, sv_ns_to_s(last_ns - begin));
     } else if (now - last_ns > TIMEOUT_NS)
-      return sv_fail(
-          err, SV_E_TIMEOUT,
-          "no synchronized exposure came for %.0f s (%ld captured); is a camera missing or is the skew limit "
-          "of %ld ms too tight?",
-          sv_ns_to_s(now - last_ns), cap.n_exposures, o->skew_ms);
+      return sv_fail(err, SV_E_TIMEOUT,
+                     "no synchronized exposure for %.0f s (%ld captured); check that every camera delivers "
+                     "frames, or raise "
+                     "--skew-limit (%ld ms)",
+                     sv_ns_to_s(now - last_ns), cap.n_exposures, o->skew_ms);
   }
   return SV_OK;
 }
@@ -258,10 +259,10 @@ static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err
                              .method = (sv_sync_method)o->i_sync};
   sv_arena_part_begin(arena, "sync");
   s = sv_capture_queue_init(&cap.in, &qc, &cap.src.source, &cap.src.clock, arena);
-  if (s < 0) return sv_fail(err, s, "no frame synchronisation for %d cameras: %s", n, sv_status_text(s));
+  if (s < 0) return sv_fail(err, s, "frame synchronization of %d cameras failed: %s", n, sv_status_text(s));
   if ((s = sv_capture_queue_check(&cap.in, err)) < 0) return s;
   if (sv_capture_has_frames(o->out))
-    return sv_fail(err, SV_E_ARG, "%s: holds a capture already; take another --out or remove it", o->out);
+    return sv_fail(err, SV_E_ARG, "%s: already holds a capture; choose another --out or remove it", o->out);
   if (cap.src.rig && (s = write_rig(o->out, arena, err)) < 0) return s;
   if ((s = open_conversion(arena, err)) < 0) return s;
   double scene[6];
@@ -300,32 +301,43 @@ static int capture_all(const capture_options *o) {
   return 0;
 }
 
+#define AT(field) offsetof(capture_options, field)
+
+static const sv_option rows[] = {
+    {"source", SV_OPT_TEXT, 1, 1, AT(source), "S",
+     SOURCE_KINDS ", with options (see 'subview cameras --help')", 0, 0, NULL},
+    {"rig", SV_OPT_TEXT, 1, 0, AT(rig), "DIR", "folder with rig.json, when the source has no rig of its own",
+     0, 0, NULL},
+    {"exposures", SV_OPT_INT, 1, 0, AT(exposures), "N", "end after N exposures", 1, 1000000, NULL},
+    {"duration", SV_OPT_REAL, 1, 0, AT(duration), "SEC", "end after SEC seconds", 0.001, 1e6, NULL},
+    {"skew-limit", SV_OPT_INT, 1, 0, AT(skew_ms), "MS",
+     "largest time skew between the cameras of an exposure, ms [20]", 1, 10000, NULL},
+    {"sync", SV_OPT_TEXT, 1, 0, AT(sync), "HOW",
+     "synchronization method: free (none), frame-length (software), trigger (hardware line) [free]", 0, 0,
+     NULL},
+    {"out", SV_OPT_TEXT, 1, 1, AT(out), "DIR", "the capture folder", 0, 0, NULL},
+    {"json", SV_OPT_FLAG, 1, 0, AT(is_json), NULL, "print the results as one JSON object on stdout", 0, 0,
+     NULL},
+    {"quiet", SV_OPT_FLAG, 1, 0, AT(is_quiet), NULL, "no progress lines", 0, 0, NULL},
+    OPTIONS_COMMON(capture_options)};
+
+static const sv_tool_command command = {
+    .name = "capture",
+    .args = "--source S --out DIR [options]",
+    .text = "Records synchronized exposures into a folder, which --source replay:DIR plays back.",
+    .example = "  "
+               "subview capture --source sim:textured,rig=stereo --exposures 8 --out out/capture",
+    .bit = 1};
+
 int cmd_capture(int argc, char **argv) {
   capture_options o = {.skew_ms = 20, .sync = "free"};
-  const opt list[] = {
-      {"--source", OPT_TEXT, &o.source, 0, 0, "S",
-       SOURCE_KINDS ", with options (see 'subview cameras --help')"},
-      {"--rig", OPT_TEXT, &o.rig, 0, 0, "DIR", "folder with rig.json, when the source brings none"},
-      {"--exposures", OPT_INT, &o.exposures, 1, 1000000, "N", "end after so many exposures"},
-      {"--duration", OPT_REAL, &o.duration, 0.001, 1e6, "SEC", "end after so many seconds"},
-      {"--skew-limit", OPT_INT, &o.skew_ms, 1, 10000, "MS", "largest skew within an exposure (20 ms)"},
-      {"--sync", OPT_TEXT, &o.sync, 0, 0, "HOW",
-       "what makes the cameras expose together: free (nothing), frame-length (software), trigger (a line)"},
-      {"--out", OPT_TEXT, &o.out, 0, 0, "DIR", "the capture folder"},
-      {"--json", OPT_FLAG, &o.is_json, 0, 0, NULL, "print the figures as one JSON object on stdout"},
-      {"--quiet", OPT_FLAG, &o.is_quiet, 0, 0, NULL, "no progress"},
-  };
-  int r =
-      options_parse("capture", "Records synchronized exposures into a folder; the folder is itself a source.",
-                    "subview capture --source sim:textured,rig=stereo --exposures 8 --out out/capture", list,
-                    sizeof list / sizeof *list, argc, argv);
+  int r = options_parse(&command, rows, sizeof rows / sizeof *rows, argc, argv, &o);
   if (r) return r < 0 ? 0 : r;
-  if (!o.source) return usage_error("capture", "--source is missing");
-  if (!o.out) return usage_error("capture", "--out is missing");
   o.i_sync = sync_mode_of(o.sync);
   if (o.i_sync < 0)
     return usage_error("capture", "--sync %s: expected free, frame-length or trigger", o.sync);
-  if (!o.exposures && !(o.duration > 0)) return usage_error("capture", "give --exposures or --duration");
+  if (!o.exposures && !(o.duration > 0))
+    return usage_error("capture", "--exposures or --duration is missing");
   int code = capture_all(&o);
   source_close(&cap.src);
   return code;

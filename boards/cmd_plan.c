@@ -7,6 +7,7 @@
 #define CAP_TRACKED 16 // cameras of a plan with odometry
 
 typedef struct {
+  options_common common;
   long gaussians, sh, images, threads, arena_mib;
   long odometry; // sub-views of a rig whose poses are not known; 0: they are
   const char *size, *grid, *prior;
@@ -76,14 +77,14 @@ static void print_text(const plan_options *o, size_t cap, size_t used, int w, in
   static char text[4096];
   sv_str s = sv_str_make(text, sizeof text);
   sv_app_memory_map(&s, &p.dry, false);
-  say(1, "board %s: %ld Gaussians of SH degree %ld, %ld pictures of %dx%d, %ld threads\n\n%s", BOARD_NAME,
+  say(1, "board %s: %ld Gaussians of SH degree %ld, %ld images of %dx%d, %ld threads\n\n%s", BOARD_NAME,
       o->gaussians, o->sh, o->images, w, h, o->threads, text);
   say(1, "%-22s %12zu\n%-22s %12zu  %s\n\n", "sum", used, "block", cap,
       used <= cap ? "it fits" : "IT DOES NOT FIT");
-  say(1, "in this block, with %ld pictures: at most %ld Gaussians at SH 0, %ld at SH 1, %ld at SH 3\n",
+  say(1, "in this block, with %ld images: at most %ld Gaussians at SH 0, %ld at SH 1, %ld at SH 3\n",
       o->images, largest(o, cap, 0, false, 4000000), largest(o, cap, 1, false, 4000000),
       largest(o, cap, 3, false, 4000000));
-  say(1, "in this block, with %ld Gaussians at SH %ld: at most %ld pictures\n\n", o->gaussians, o->sh,
+  say(1, "in this block, with %ld Gaussians at SH %ld: at most %ld images\n\n", o->gaussians, o->sh,
       largest(o, cap, 0, true, 100000));
   sv_arrays f = arrays_of(o);
   s = sv_str_make(text, sizeof text);
@@ -127,7 +128,7 @@ static int make_rig(const plan_options *o, int w, int h) {
   p.rig = (sv_rig){.name = "plan", .n_sub_views = n, .cap_sub_views = SV_CAP_SUB_VIEWS, .sub_views = p.sub};
   if (o->grid && o->odometry)
     return usage_error("plan",
-                       "--odometry: the rig of a multiplexed sensor is not tracked, its lens images overlap");
+                       "--odometry: not with --multiplexed, whose lens images overlap and cannot be tracked");
   if (!o->grid) return 0;
   if (!parse_size(o->grid, &d.rows, &d.cols))
     return usage_error("plan", "--multiplexed %s: expected RxC, lenses in rows and columns", o->grid);
@@ -137,6 +138,40 @@ static int make_rig(const plan_options *o, int w, int h) {
   return 0;
 }
 
+#define AT(field) offsetof(plan_options, field)
+
+static const sv_option rows[] = {
+    {"gaussians", SV_OPT_INT, 1, 0, AT(gaussians), "N", "number of Gaussians [" TEXT_OF(BOARD_GAUSSIANS) "]",
+     1, 4000000, NULL},
+    {"sh", SV_OPT_INT, 1, 0, AT(sh), "D",
+     "degree of the color's spherical harmonics [" TEXT_OF(BOARD_SH_DEGREE) "]", 0, 3, NULL},
+    {"images", SV_OPT_INT, 1, 0, AT(images), "N",
+     "captured images that are trained on: exposures x sub-views [" TEXT_OF(BOARD_EXPOSURES) " x 2]", 1,
+     100000, NULL},
+    {"size", SV_OPT_TEXT, 1, 0, AT(size), "WxH", "their size in pixels [640x480]", 0, 0, NULL},
+    {"multiplexed", SV_OPT_TEXT, 1, 0, AT(grid), "RxC",
+     "a multiplexed sensor of that size with R x C lenses, at most two overlapping; images are exposures "
+     "then",
+     0, 0, NULL},
+    {"odometry", SV_OPT_INT, 1, 0, AT(odometry), "N",
+     "with odometry for a rig of N sub-views, for sources without poses", 0, CAP_TRACKED, NULL},
+    {"prior", SV_OPT_TEXT, 1, 0, AT(prior), "METHOD", "with a sparse-view prior: fsgs or sparsegs", 0, 0,
+     NULL},
+    {"threads", SV_OPT_INT, 1, 0, AT(threads), "N",
+     "threads; each has its own scratch [" TEXT_OF(BOARD_THREADS) "]", 1, BOARD_CAP_THREADS, NULL},
+    {"arena", SV_OPT_INT, 1, 0, AT(arena_mib), "MIB", "size of the memory block [the board's]", 1, 65536,
+     NULL},
+    {"json", SV_OPT_FLAG, 1, 0, AT(is_json), NULL, "print one JSON object", 0, 0, NULL},
+    OPTIONS_COMMON(plan_options)};
+
+static const sv_tool_command command = {
+    .name = "plan",
+    .args = "[options]",
+    .text = "Prints the memory map of a run in the board's memory block; exit 1 if it does not fit.",
+    .example = "  "
+               "subview plan --gaussians 50000 --sh 3 --images 64 --size 640x480",
+    .bit = 1};
+
 int cmd_plan(int argc, char **argv) {
   plan_options o = {.gaussians = BOARD_GAUSSIANS,
                     .sh = BOARD_SH_DEGREE,
@@ -145,27 +180,7 @@ int cmd_plan(int argc, char **argv) {
                     .arena_mib = (long)(BOARD_ARENA_BYTES >> 20),
                     .prior = "none",
                     .size = "640x480"};
-  const opt list[] = {
-      {"--gaussians", OPT_INT, &o.gaussians, 1, 4000000, "N", "Gaussians (" TEXT_OF(BOARD_GAUSSIANS) ")"},
-      {"--sh", OPT_INT, &o.sh, 0, 3, "D", "spherical harmonics degree (" TEXT_OF(BOARD_SH_DEGREE) ")"},
-      {"--images", OPT_INT, &o.images, 1, 100000, "N",
-       "pictures kept for training, exposures x sub-views (" TEXT_OF(BOARD_EXPOSURES) " x 2)"},
-      {"--size", OPT_TEXT, &o.size, 0, 0, "WxH", "their size in pixels (640x480)"},
-      {"--multiplexed", OPT_TEXT, &o.grid, 0, 0, "RxC",
-       "so many lenses that overlap twice on a sensor of that size; images are exposures then"},
-      {"--odometry", OPT_INT, &o.odometry, 0, CAP_TRACKED, "N",
-       "find the poses of a rig of N sub-views before training (the source does not tell them)"},
-      {"--prior", OPT_TEXT, &o.prior, 0, 0, "METHOD", "with a sparse-view prior: fsgs or sparsegs"},
-      {"--threads", OPT_INT, &o.threads, 1, BOARD_CAP_THREADS, "N",
-       "threads, each has scratch of its own (" TEXT_OF(BOARD_THREADS) ")"},
-      {"--arena", OPT_INT, &o.arena_mib, 1, 65536, "MIB", "size of the block (default: the board's)"},
-      {"--json", OPT_FLAG, &o.is_json, 0, 0, NULL, "print one JSON object"},
-  };
-  int w, h,
-      r = options_parse(
-          "plan", "Prints what a run takes of the board's one block of memory; exit 1 if it does not fit.",
-          "subview plan --gaussians 50000 --sh 3 --images 64 --size 640x480", list,
-          sizeof list / sizeof *list, argc, argv);
+  int w, h, r = options_parse(&command, rows, sizeof rows / sizeof *rows, argc, argv, &o);
   if (r) return r < 0 ? 0 : r;
   if (!parse_size(o.size, &w, &h))
     return usage_error("plan", "--size %s: expected WxH with sides of 1 to 16384", o.size);
@@ -175,13 +190,13 @@ int cmd_plan(int argc, char **argv) {
   if ((r = make_rig(&o, w, h)) != 0) return r;
   size_t cap = (size_t)o.arena_mib << 20, used = bytes_of(&o, o.gaussians, (int)o.sh, o.images);
   if (!used) {
-    say(2, "subview: these settings make no run (see the limits in --help)\n");
+    say(2, "subview: these settings are out of range (see the limits in --help)\n");
     return 1;
   }
   if (o.is_json) print_json(&o, cap, used, w, h);
   else print_text(&o, cap, used, w, h);
   if (used <= cap) return 0;
-  say(2, "subview: this run needs %zu MiB and the block has %zu MiB: take fewer Gaussians or pictures\n",
+  say(2, "subview: this run needs %zu MiB and the block has %zu MiB: reduce --gaussians or --images\n",
       (used + 1048575) >> 20, cap >> 20);
   return 1;
 }

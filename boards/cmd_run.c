@@ -156,7 +156,7 @@ static int report(const run_options *o, sv_err *err) {
   int n;
   char extra[160];
   if (sv_driver_training_psnr(&run.app.trainer, &train_psnr) < 0 || heldout_psnr(&psnr, &n) < 0) {
-    sv_fail(err, SV_E_RANGE, "the model could not be rendered for its evaluation");
+    sv_fail(err, SV_E_RANGE, "the model could not be rendered to measure its PSNR");
     return fail_with(err);
   }
   if (n)
@@ -184,25 +184,24 @@ static int report(const run_options *o, sv_err *err) {
   return 0;
 }
 
-// A live run takes the others later, in the place of the oldest.
-static void say_left_out(const run_options *o) {
+// A run that goes on capturing uses the others later, in the place of the oldest.
+static void say_skipped(const run_options *o) {
   if (run.src.kind != SOURCE_REPLAY || o->is_continuous || o->is_quiet) return;
   int n = sv_replay_most_exposures(&run.src.u.replay);
   if (n > o->exposures)
-    say(2,
-        "subview: the capture has up to %d exposures, of which this run takes the first %ld; left out: %ld "
-        "(--exposures N takes more)\n",
-        n, o->exposures, n - o->exposures);
+    say(2, "subview: the capture has %d exposures; using the first %ld, %ld skipped (raise --exposures)\n", n,
+        o->exposures, n - o->exposures);
 }
 
-// Opens source, outputs and app. What fails is told by err, and by *what for the list and the page.
+// Opens source, outputs and app. After a failure err says what happened, and *what names the part for the list and the
+// page.
 static sv_status set_up(const run_options *o, sv_arena *arena, const char **what, sv_err *err) {
   *what = "cameras";
   sv_status s = source_open(&run.src, o->source, o->rig, (int)o->exposures, true, arena, err);
   if (s < 0 && run.src.source.n_cameras > 0) *what = "rig";
   if (s < 0) return s;
   if (run.src.note[0] && !o->is_quiet) say(2, "subview: %s\n", run.src.note);
-  say_left_out(o);
+  say_skipped(o);
   sv_app_cfg cfg = app_cfg(o);
   *what = "memory";
   if ((s = carve_outputs(arena, &cfg, err)) < 0) return s;

@@ -5,11 +5,24 @@
 
 static sv_selftest test;
 
+typedef struct {
+  options_common common;
+} selftest_options;
+
+static const sv_option rows[] = {OPTIONS_COMMON(selftest_options)};
+
+static const sv_tool_command command = {
+    .name = "selftest",
+    .args = "[options]",
+    .text = "Runs every kernel and its reference on synthetic data; exit 1 on any difference.",
+    .example = "  "
+               "subview selftest",
+    .bit = 1};
+
 int cmd_selftest(int argc, char **argv) {
   sv_err err;
-  int r = options_parse("selftest",
-                        "Runs every kernel and its reference on made-up data; exit 1 on any difference.",
-                        "subview selftest", NULL, 0, argc, argv);
+  selftest_options o = {0};
+  int r = options_parse(&command, rows, sizeof rows / sizeof *rows, argc, argv, &o);
   if (r) return r < 0 ? 0 : r;
   sv_arena arena = board_arena();
   if (sv_selftest_run(&test, &arena, &err) < 0) return fail_with(&err);

@@ -82,7 +82,7 @@ void preview_close(void) {
 void check_list_fails(const char *what, const char *sentence) { say(2, "[--] %s: %s\n", what, sentence); }
 
 void check_list(const run_options *o, const board_source *src, const sv_arena *arena, const sv_kernels *k) {
-  static const char *const formats[] = {"none", "grey", "RGB", "RGBA", "RGB of 16 bits", "JPEG", "PNG"};
+  static const char *const formats[] = {"none", "grey", "RGB", "RGBA", "16-bit RGB", "JPEG", "PNG"};
   struct statvfs fs;
   say(2, "[ok] board %s: %ld threads, %s kernels\n", BOARD_NAME, o->threads, sv_isa_name(k->isa));
   for (int i = 0; i < src->source.n_cameras; i++) {
@@ -91,10 +91,10 @@ void check_list(const run_options *o, const board_source *src, const sv_arena *a
     say(2, "[ok] camera %d %s: %dx%d, %s, %.4g fps\n", i, c->name, c->width_px, c->height_px, format, c->fps);
   }
   say(2, "[ok] rig %s: %d sub-views\n", src->rig->name, src->rig->n_sub_views);
-  say(2, "[ok] memory: %.1f of %.1f MiB of the block\n", (double)arena->used_bytes / 1048576.0,
+  say(2, "[ok] memory: %.1f of the block's %.1f MiB\n", (double)arena->used_bytes / 1048576.0,
       (double)arena->cap_bytes / 1048576.0);
   if (statvfs(o->out, &fs) == 0)
-    say(2, "[ok] folder %s: can be written, %.1f GiB free\n", o->out,
+    say(2, "[ok] folder %s: writable, %.1f GiB free\n", o->out,
         (double)fs.f_bavail * (double)fs.f_frsize / 1073741824.0);
   if (o->preview) say(2, "[ok] page: served on %s port %d\n", o->preview_addr, o->preview_port);
 }

@@ -7,69 +7,77 @@
 #include "platform/linux/live.h"
 #include "src/prior/methods.h"
 
-static run_options g; // what the list below points at
+#define AT(field) offsetof(run_options, field)
 
-static const opt list[] = {
-    {"--source", OPT_TEXT, &g.source, 0, 0, "S",
-     SOURCE_KINDS ", with options (see 'subview cameras --help')"},
-    {"--rig", OPT_TEXT, &g.rig, 0, 0, "DIR", "folder with rig.json, when the source brings none"},
-    {"--scene", OPT_TEXT, &g.scene, 0, 0, "KIND",
-     "static, or dynamic: what is seen moves (with --live: exposure by exposure)"},
-    {"--exposure-time", OPT_REAL, &g.exposure_s, 0.01, 3600, "SEC",
-     "dynamic and live: training time of each exposure (0.45)"},
-    {"--exposures", OPT_INT, &g.exposures, 1, 10000, "N",
-     "exposures to capture and train on (" TEXT_OF(BOARD_EXPOSURES) ")"},
-    {"--sub-views", OPT_TEXT, &g.sub_views, 0, 0, "A,B",
-     "train on these sub-views only (names); the others are captured"},
-    {"--steps", OPT_INT, &g.steps, 1, 10000000, "N",
-     "training steps (default 2000, unless a time limit is given)"},
-    {"--time-limit", OPT_REAL, &g.time_limit, 0.001, 1e6, "SEC", "end training after so many seconds"},
-    {"--gaussians", OPT_INT, &g.gaussians, 1, 4000000, "N",
-     "Gaussians, a fixed number (" TEXT_OF(BOARD_GAUSSIANS) ")"},
-    {"--sh", OPT_INT, &g.sh, 0, 3, "D",
-     "degree of the colour's spherical harmonics (" TEXT_OF(BOARD_SH_DEGREE) ")"},
-    {"--optimizer", OPT_TEXT, &g.optimizer, 0, 0, "NAME",
-     "adam or gauss-newton (gauss-newton; where lens images overlap adam)"},
-    {"--prior", OPT_TEXT, &g.prior, 0, 0, "METHOD",
-     "for few views of a scene that stands still: none, fsgs or sparsegs (docs/priors.md)"},
-    {"--skew-limit", OPT_INT, &g.skew_ms, 1, 10000, "MS", "largest skew within an exposure (20 ms)"},
-    {"--sync", OPT_TEXT, &g.sync, 0, 0, "HOW",
-     "what makes the cameras expose together: free (nothing), frame-length (software), trigger (a line)"},
-    {"--live", OPT_FLAG, &g.is_continuous, 0, 0, NULL,
-     "go on capturing while training: new exposures take the place of the oldest"},
-    {"--refine-poses", OPT_FLAG, &g.is_refining, 0, 0, NULL,
-     "training corrects where the rig was, when its poses are known to be off; poses.json has the result"},
-    {"--threads", OPT_INT, &g.threads, 1, BOARD_CAP_THREADS, "N",
-     "threads; the result is the same for any number (" TEXT_OF(BOARD_THREADS) ")"},
-    {"--seed", OPT_INT, &g.seed, 0, 1e15, "N", "seed of everything random (1)"},
-    {"--save-every", OPT_REAL, &g.save_every, 0, 1e6, "SEC",
-     "checkpoint and preview while training (30; 0: at the end)"},
-    {"--picture-every", OPT_REAL, &g.picture_every, 0, 1e6, "SEC",
-     "preview.jpg alone while training (5; 0: with saves)"},
-    {"--orbit", OPT_INT, &g.orbit, 0, 1000, "N",
-     "at the end, N pictures round the scene: orbit_000.jpg, ..."},
-    {"--preview", OPT_TEXT, &g.preview, 0, 0, "[ADDR:]PORT",
-     "serve a page with cameras, model and curves (loopback unless ADDR is given)"},
-    {"--session", OPT_FLAG, &g.is_session, 0, 0, NULL,
-     "with --preview: wait for Start on the page, stay after the end; New begins again"},
-    {"--feed", OPT_FLAG, &g.has_feed, 0, 0, NULL, "publish for a subview-preview that is started by hand"},
-    {"--check", OPT_FLAG, &g.is_check, 0, 0, NULL,
-     "only look whether everything is there, and print the list"},
-    {"--resume", OPT_FLAG, &g.is_resume, 0, 0, NULL, "go on from checkpoint.bin in the output folder"},
-    {"--out", OPT_TEXT, &g.out, 0, 0, "DIR", "where model.ply, run.json, preview.jpg, checkpoint.bin go"},
-    {"--json", OPT_FLAG, &g.is_json, 0, 0, NULL, "print the figures as one JSON object on stdout"},
-    {"--quiet", OPT_FLAG, &g.is_quiet, 0, 0, NULL, "no progress"},
-};
+static const sv_option rows[] = {
+    {"source", SV_OPT_TEXT, 1, 1, AT(source), "S",
+     SOURCE_KINDS ", with options (see 'subview cameras --help')", 0, 0, NULL},
+    {"rig", SV_OPT_TEXT, 1, 0, AT(rig), "DIR", "folder with rig.json, when the source has no rig of its own",
+     0, 0, NULL},
+    {"scene", SV_OPT_TEXT, 1, 0, AT(scene), "KIND", "static, or dynamic: the scene moves [static]", 0, 0,
+     NULL},
+    {"exposure-time", SV_OPT_REAL, 1, 0, AT(exposure_s), "SEC",
+     "with --scene dynamic and --live: training time of each exposure [0.45]", 0.01, 3600, NULL},
+    {"exposures", SV_OPT_INT, 1, 0, AT(exposures), "N",
+     "exposures to capture and train on [" TEXT_OF(BOARD_EXPOSURES) "]", 1, 10000, NULL},
+    {"sub-views", SV_OPT_TEXT, 1, 0, AT(sub_views), "A,B",
+     "names of the sub-views to train on; the others are only captured [all]", 0, 0, NULL},
+    {"steps", SV_OPT_INT, 1, 0, AT(steps), "N", "training steps [2000, or until --time-limit]", 1, 10000000,
+     NULL},
+    {"time-limit", SV_OPT_REAL, 1, 0, AT(time_limit), "SEC", "end training after SEC seconds [no limit]",
+     0.001, 1e6, NULL},
+    {"gaussians", SV_OPT_INT, 1, 0, AT(gaussians), "N",
+     "number of Gaussians, fixed for the run [" TEXT_OF(BOARD_GAUSSIANS) "]", 1, 4000000, NULL},
+    {"sh", SV_OPT_INT, 1, 0, AT(sh), "D",
+     "degree of the color's spherical harmonics [" TEXT_OF(BOARD_SH_DEGREE) "]", 0, 3, NULL},
+    {"optimizer", SV_OPT_TEXT, 1, 0, AT(optimizer), "NAME",
+     "adam or gauss-newton [gauss-newton; adam where lens images overlap]", 0, 0, NULL},
+    {"prior", SV_OPT_TEXT, 1, 0, AT(prior), "METHOD",
+     "sparse-view prior for static scenes: none, fsgs or sparsegs (docs/priors.md) [none]", 0, 0, NULL},
+    {"skew-limit", SV_OPT_INT, 1, 0, AT(skew_ms), "MS",
+     "largest time skew between the cameras of an exposure, ms [20]", 1, 10000, NULL},
+    {"sync", SV_OPT_TEXT, 1, 0, AT(sync), "HOW",
+     "synchronization method: free (none), frame-length (software), trigger (hardware line) [free]", 0, 0,
+     NULL},
+    {"live", SV_OPT_FLAG, 1, 0, AT(is_continuous), NULL,
+     "keep capturing while training; new exposures replace the oldest", 0, 0, NULL},
+    {"refine-poses", SV_OPT_FLAG, 1, 0, AT(is_refining), NULL,
+     "refine the rig's poses while training; writes poses.json", 0, 0, NULL},
+    {"threads", SV_OPT_INT, 1, 0, AT(threads), "N",
+     "threads; the result does not depend on their number [" TEXT_OF(BOARD_THREADS) "]", 1, BOARD_CAP_THREADS,
+     NULL},
+    {"seed", SV_OPT_INT, 1, 0, AT(seed), "N", "seed of the random numbers [1]", 0, 1e15, NULL},
+    {"save-every", SV_OPT_REAL, 1, 0, AT(save_every), "SEC",
+     "seconds between checkpoints; 0: only at the end [30]", 0, 1e6, NULL},
+    {"picture-every", SV_OPT_REAL, 1, 0, AT(picture_every), "SEC",
+     "seconds between updates of preview.jpg; 0: with checkpoints [5]", 0, 1e6, NULL},
+    {"orbit", SV_OPT_INT, 1, 0, AT(orbit), "N",
+     "render N images around the scene at the end: orbit_000.jpg, ... [0]", 0, 1000, NULL},
+    {"preview", SV_OPT_TEXT, 1, 0, AT(preview), "[ADDR:]PORT",
+     "serve a page with cameras, model and curves [loopback unless ADDR is given]", 0, 0, NULL},
+    {"session", SV_OPT_FLAG, 1, 0, AT(is_session), NULL,
+     "with --preview: wait for Start on the page; after the run, New starts another one", 0, 0, NULL},
+    {"feed", SV_OPT_FLAG, 1, 0, AT(has_feed), NULL, "publish for a subview-preview that you start yourself",
+     0, 0, NULL},
+    {"check", SV_OPT_FLAG, 1, 0, AT(is_check), NULL,
+     "only check cameras, rig, memory and folder, and print the result", 0, 0, NULL},
+    {"resume", SV_OPT_FLAG, 1, 0, AT(is_resume), NULL, "resume from checkpoint.bin in the output folder", 0,
+     0, NULL},
+    {"out", SV_OPT_TEXT, 1, 1, AT(out), "DIR",
+     "output folder: model.ply, run.json, preview.jpg, checkpoint.bin", 0, 0, NULL},
+    {"json", SV_OPT_FLAG, 1, 0, AT(is_json), NULL, "print the results as one JSON object on stdout", 0, 0,
+     NULL},
+    {"quiet", SV_OPT_FLAG, 1, 0, AT(is_quiet), NULL, "no progress lines", 0, 0, NULL},
+    OPTIONS_COMMON(run_options)};
 
 static int check(run_options *o) {
   sv_err err;
-  if (!o->source) return usage_error("run", "--source is missing");
-  if (!o->out) return usage_error("run", "--out is missing");
   o->is_dynamic = !strcmp(o->scene, "dynamic");
   if (!o->is_dynamic && strcmp(o->scene, "static"))
     return usage_error("run", "--scene %s: expected static or dynamic", o->scene);
   if (o->is_dynamic && o->is_continuous && o->is_resume)
-    return usage_error("run", "--resume: a live run of a moving scene has no past to go on from");
+    return usage_error(
+        "run", "--resume: not with --live and --scene dynamic, whose checkpoint holds no older exposures");
   if (o->is_refining && (o->is_continuous || o->is_dynamic || o->is_resume))
     return usage_error("run", "--refine-poses: not with --live, --scene dynamic or --resume");
   o->i_sync = sync_mode_of(o->sync);
@@ -90,33 +98,35 @@ static int check(run_options *o) {
   return 0;
 }
 
+static const sv_tool_command command = {
+    .name = "run",
+    .args = "--source S --out DIR [options]",
+    .text =
+        "Captures synchronized exposures, trains Gaussians on them and saves the model.\n"
+        "During the run, preview.jpg in DIR shows a captured image beside its rendering. --preview serves a\n"
+        "page for any browser on this machine; --preview 0.0.0.0:PORT for a phone on the same network. The\n"
+        "printed link holds a token.",
+    .example =
+        "  "
+        "subview run --source sim:textured,rig=stereo --exposures 8 --out out/demo\n"
+        "  subview run --source sim:textured,rig=stereo --preview 0.0.0.0:8080 --session --out out/scan\n"
+        "  subview run --source replay:out/capture --check --out out/scan",
+    .bit = 1};
+
 int run_options_parse(int argc, char **argv, run_options *o) {
-  g = (run_options){.exposures = BOARD_EXPOSURES,
-                    .gaussians = BOARD_GAUSSIANS,
-                    .sh = BOARD_SH_DEGREE,
-                    .skew_ms = 20,
-                    .threads = BOARD_THREADS,
-                    .seed = 1,
-                    .save_every = 30,
-                    .picture_every = 5,
-                    .exposure_s = 0.45,
-                    .prior = "none",
-                    .scene = "static",
-                    .sync = "free"};
-  int r = options_parse(
-      "run",
-      "Captures exposures (all sub-views of one instant), trains Gaussians on all of them, and saves the "
-      "model.\n"
-      "While it goes on, preview.jpg in DIR shows a picture beside its rendering; --preview serves a page "
-      "for any\n"
-      "browser on this machine, --preview 0.0.0.0:PORT for the phone in your hand (the printed link holds a "
-      "token).",
-      "subview run --source sim:textured,rig=stereo --exposures 8 --out out/demo\n"
-      "  subview run --source sim:textured,rig=stereo --preview 0.0.0.0:8080 --session --out out/scan\n"
-      "  subview run --source replay:out/capture --check --out out/scan",
-      list, sizeof list / sizeof *list, argc, argv);
+  *o = (run_options){.exposures = BOARD_EXPOSURES,
+                     .gaussians = BOARD_GAUSSIANS,
+                     .sh = BOARD_SH_DEGREE,
+                     .skew_ms = 20,
+                     .threads = BOARD_THREADS,
+                     .seed = 1,
+                     .save_every = 30,
+                     .picture_every = 5,
+                     .exposure_s = 0.45,
+                     .prior = "none",
+                     .scene = "static",
+                     .sync = "free"};
+  int r = options_parse(&command, rows, sizeof rows / sizeof *rows, argc, argv, o);
   if (r) return r;
-  r = check(&g);
-  *o = g;
-  return r;
+  return check(o);
 }

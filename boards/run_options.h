@@ -3,9 +3,10 @@
 #ifndef SV_BOARDS_RUN_OPTIONS_H
 #define SV_BOARDS_RUN_OPTIONS_H
 
-#include <stdbool.h>
+#include "boards/board_main.h"
 
 typedef struct {
+  options_common common;
   const char *source, *rig, *scene, *out, *sub_views, *sync, *preview;
   long exposures, steps, gaussians, sh, threads, seed, skew_ms, orbit;
   double time_limit, save_every, picture_every;

@@ -15,7 +15,7 @@ static sv_status read_caps(board_source *s, sv_arena *arena, sv_err *err) {
   if (!s->caps) return sv_fail(err, SV_E_NOMEM, "no room for %d cameras", s->source.n_cameras);
   for (int i = 0; i < s->source.n_cameras; i++) {
     sv_status r = s->source.caps(s->source.self, i, &s->caps[i]);
-    if (r < 0) return sv_fail(err, r, "camera %d does not tell what it can do: %s", i, sv_status_text(r));
+    if (r < 0) return sv_fail(err, r, "camera %d does not report its capabilities: %s", i, sv_status_text(r));
   }
   return SV_OK;
 }
@@ -198,9 +198,8 @@ static sv_status open_decoder(board_source *s, sv_arena *arena, sv_err *err) {
   if (!cfg.max_width_px) return SV_OK;
   sv_status r = sv_codec_init(&s->codec, &cfg, arena);
   s->decoder = (sv_decoder){&s->codec, decode};
-  return r < 0
-             ? sv_fail(err, r, "no room to decode pictures of %dx%d px", cfg.max_width_px, cfg.max_height_px)
-             : r;
+  return r < 0 ? sv_fail(err, r, "no room to decode images of %dx%d px", cfg.max_width_px, cfg.max_height_px)
+               : r;
 }
 
 static sv_status open_kind(board_source *s, const char *spec, int n_exposures, sv_arena *arena, sv_err *err) {

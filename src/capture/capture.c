@@ -32,7 +32,7 @@ static void note_errors(sv_app *app) {
 }
 
 // True when a camera has come back: it gets the time that all had at the start.
-static bool tell_events(sv_app *app) {
+static bool log_events(sv_app *app) {
   char line[256];
   sv_camera_event e;
   bool is_back = false;
@@ -45,7 +45,7 @@ static bool tell_events(sv_app *app) {
   return is_back;
 }
 
-static void tell_live(sv_app *app) {
+static void log_live(sv_app *app) {
   char line[640];
   sv_str s = sv_str_make(line, sizeof line);
   sv_str_add(&s, "capture  %d/%d exposures", app->exposures.n, app->cfg.n_exposures);
@@ -83,28 +83,28 @@ static sv_status capture_loop(sv_app *app, sv_err *err) {
     sv_ns now = clk->now_ns(clk->self);
     if (sv_app_is_stop_requested(app) || sv_preview_tick(app) < 0) return SV_E_INTERRUPTED;
     if (now - last_ns > app->cfg.capture_timeout_ns)
-      return sv_fail(
-          err, SV_E_TIMEOUT,
-          "no synchronized exposure came for %.0f s (%d of %d captured); is a camera missing or is "
-          "the skew limit of %g ms too tight?",
-          sv_ns_to_s(now - last_ns), app->exposures.n, app->cfg.n_exposures,
-          sv_ns_to_ms(app->cfg.skew_limit_ns));
+      return sv_fail(err, SV_E_TIMEOUT,
+                     "no synchronized exposure for %.0f s (%d of %d captured); check that every camera "
+                     "delivers frames, or "
+                     "raise --skew-limit (%g ms)",
+                     sv_ns_to_s(now - last_ns), app->exposures.n, app->cfg.n_exposures,
+                     sv_ns_to_ms(app->cfg.skew_limit_ns));
     sv_status s = sv_capture_queue_step(&app->queue, now + WAIT_NS);
     note_errors(app);
-    if (tell_events(app)) last_ns = now;
+    if (log_events(app)) last_ns = now;
     if (s == SV_END) break;
     if (s != SV_OK && s != SV_E_DEVICE) continue;
     int before = app->exposures.n;
     if ((s = take_exposures(app, err)) < 0) return s;
     if (app->exposures.n > before) {
       last_ns = clk->now_ns(clk->self);
-      tell_live(app);
+      log_live(app);
     }
   }
   return SV_OK;
 }
 
-static void tell_ledger(sv_app *app) {
+static void log_ledger(sv_app *app) {
   char line[256];
   sv_ledger l = sv_sync_ledger_sum(&app->queue.sync);
   if (app->exposures.n)
@@ -121,11 +121,11 @@ static void tell_ledger(sv_app *app) {
   }
 }
 
-static void tell_deadlines(sv_app *app) {
+static void log_deadlines(sv_app *app) {
   const sv_capture_queue *in = &app->queue;
   if (in->deadline_ns > 0)
     sv_app_log(app, in->n_missed ? SV_LOG_WARN : SV_LOG_INFO,
-               "frames taken later than their deadline of %.1f ms: %llu (typical %.2f ms, at most %.2f ms)",
+               "frames dequeued after their deadline of %.1f ms: %llu (median %.2f ms, maximum %.2f ms)",
                sv_ns_to_ms(in->deadline_ns), (unsigned long long)in->n_missed,
                sv_ns_to_ms(sv_skew_percentile_ns(&in->latency, 50)), sv_ns_to_ms(in->latency.max_ns));
 }
@@ -154,7 +154,7 @@ sv_status sv_app_capture(sv_app *app, sv_err *err) {
     return sv_fail(err, SV_E_NOT_FOUND,
                    "the source ended without one synchronized exposure (skew limit %g ms)",
                    sv_ns_to_ms(app->cfg.skew_limit_ns));
-  tell_ledger(app);
+  log_ledger(app);
   return s;
 }
 
@@ -219,7 +219,7 @@ sv_status sv_app_continuous_turn(sv_app *app, bool *is_train, sv_err *err) {
   if (!app->is_capturing) return SV_OK;
   catch_up(app);
   note_errors(app);
-  (void)tell_events(app);
+  (void)log_events(app);
   sv_ns from_ns = m->now_ns(m->self);
   bool is_ready = sv_capture_queue_n_ready(&app->queue) > 0 && sv_app_is_exposure_due(app);
   sv_work work = sv_governor_next(&app->governor, from_ns, is_ready);
@@ -242,7 +242,7 @@ sv_status sv_app_continuous_end(sv_app *app, sv_err *err) {
   app->has_worker = false;
   app->is_capturing = false;
   sv_status s = stop(app, err);
-  tell_ledger(app);
-  tell_deadlines(app);
+  log_ledger(app);
+  log_deadlines(app);
   return s;
 }

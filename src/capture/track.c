@@ -5,55 +5,51 @@
 
 #define SCALE_DOUBT 0.02 // a relative standard deviation of the scale that is worth a warning
 
-static void tell(sv_app *app) {
+static void log_odometry(sv_app *app) {
   const sv_track_summary *s = &app->odometry.summary;
   if (s->is_still) {
-    sv_app_log(app, SV_LOG_INFO, "odometry: the rig stands still (the pictures move by %.2f px)",
-               s->still_px);
+    sv_app_log(app, SV_LOG_INFO, "odometry: stationary rig (images move by %.2f px)", s->still_px);
     if (s->n_placed < s->n_exposures)
-      sv_app_log(app, SV_LOG_WARN, "odometry: %d exposures show too little of what the first one does%s",
-                 s->n_exposures - s->n_placed, app->odometry.is_tracked ? " and are left out" : "");
+      sv_app_log(app, SV_LOG_WARN, "odometry: %d exposures overlap too little with the first one%s",
+                 s->n_exposures - s->n_placed, app->odometry.is_tracked ? " and are skipped" : "");
     return;
   }
   if (!app->odometry.is_tracked) {
-    sv_app_log(
-        app, SV_LOG_WARN,
-        "odometry: %d of %d exposures placed, %d points: too few, so the rig is taken as standing still; "
-        "%s",
-        s->n_placed, s->n_exposures, s->n_points,
-        app->cfg.rig->n_sub_views < 2
-            ? "one camera alone does not tell how far it moves"
-            : "expected a textured scene, and exposures at most about 12 degrees apart on the rig's way");
+    sv_app_log(app, SV_LOG_WARN,
+               "odometry: located only %d of %d exposures from %d points; assuming a stationary rig; %s",
+               s->n_placed, s->n_exposures, s->n_points,
+               app->cfg.rig->n_sub_views < 2
+                   ? "a single camera cannot measure how far it moves"
+                   : "expected a textured scene and exposures at most about 12 degrees apart");
     return;
   }
   char scale[32] = "unknown";
   if (s->scale_sigma >= 0) sv_fmt(scale, sizeof scale, "+- %.2f %%", 100 * s->scale_sigma);
   sv_app_log(
       app, SV_LOG_INFO,
-      "odometry: %d of %d exposures placed on a way of %.2f m, %d points, reprojection %.2f px, scale %s",
+      "odometry: located %d of %d exposures over a %.2f m path, %d points, reprojection %.2f px, scale %s",
       s->n_placed, s->n_exposures, s->path_m, s->n_points, s->rms_px, scale);
   if (s->n_placed < s->n_exposures)
-    sv_app_log(
-        app, SV_LOG_WARN,
-        "odometry: %d exposures could not be placed and are left out: move slower, or take more exposures on "
-        "the same way",
-        s->n_exposures - s->n_placed);
+    sv_app_log(app, SV_LOG_WARN,
+               "odometry: %d exposures could not be located and are skipped; move more slowly or take more "
+               "exposures",
+               s->n_exposures - s->n_placed);
   if (s->scale_sigma < 0 || s->scale_sigma > SCALE_DOUBT)
-    sv_app_log(
-        app, SV_LOG_WARN,
-        "odometry: the rig's baseline is too small for this scene to tell its size well: lengths may be "
-        "off by a factor; shape and views are not");
+    sv_app_log(app, SV_LOG_WARN,
+               "odometry: the rig's baseline is too small to measure the scale of this scene: lengths may be "
+               "off by a "
+               "factor, shape and views are not");
 }
 
 // Runs that are not tracked: a rig on a tripod is meant to be so, one in a hand should know.
-static void tell_untracked(sv_app *app) {
+static void log_untracked(sv_app *app) {
   const sv_app_cfg *c = &app->cfg;
   if (c->n_exposures < 2) return;
   for (int e = 0; e < app->exposures.n; e++)
     if (app->exposures.exposure[e].has_pose) return;
-  sv_app_log(app, SV_LOG_INFO, "the source tells no poses and %s: the rig is taken as standing still",
-             c->is_continuous                            ? "a live run does not look for them"
-             : c->is_dynamic                             ? "a moving scene hides them"
+  sv_app_log(app, SV_LOG_INFO, "the source has no poses and %s; assuming a stationary rig",
+             c->is_continuous                            ? "--live does not track"
+             : c->is_dynamic                             ? "a moving scene is not tracked"
              : c->rig->forward == SV_FORWARD_MULTIPLEXED ? "a multiplexed sensor is not tracked"
                                                          : "tracking is off");
 }
@@ -61,7 +57,7 @@ static void tell_untracked(sv_app *app) {
 sv_status sv_app_track(sv_app *app, sv_err *err) {
   sv_odometry *o = &app->odometry;
   if (!o->is_on) {
-    tell_untracked(app);
+    log_untracked(app);
     return SV_OK;
   }
   for (int e = 0; e < app->exposures.n; e++)
@@ -73,6 +69,6 @@ sv_status sv_app_track(sv_app *app, sv_err *err) {
     sv_app_log(app, SV_LOG_LIVE, "odometry %d/%d exposures", e + 1, app->exposures.n);
   }
   sv_odometry_finish(o, &app->exposures);
-  tell(app);
+  log_odometry(app);
   return SV_OK;
 }

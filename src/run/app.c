@@ -108,7 +108,7 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
   if (a->base) {
     sv_status s = sv_capture_queue_init(&app->queue, &qc, &app->port.source, &app->port.clock, a);
     if (s < 0)
-      return sv_fail(err, s, "frame synchronisation for %d cameras with a skew limit of %g ms: %s",
+      return sv_fail(err, s, "frame synchronization of %d cameras with a skew limit of %g ms: %s",
                      c->n_cameras, sv_ns_to_ms(c->skew_limit_ns), sv_status_text(s));
   } else {
     SV_TAKE(a, uint8_t, sv_capture_queue_bytes(&qc));
@@ -172,12 +172,10 @@ sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, c
   if (s == SV_E_NOMEM) {
     sv_arena dry = sv_arena_dry();
     if (sv_app_plan(app, cfg, port->pool.n_threads, &dry, err) < 0) return SV_E_NOMEM;
-    return sv_fail(err, s,
-                   "the run needs %zu MiB and this board's block has %zu MiB: take fewer exposures (now %d) "
-                   "or Gaussians "
-                   "(now %d)",
-                   (dry.used_bytes + used + 1048575) >> 20, (left + used) >> 20, cfg->n_exposures,
-                   t.n_gaussians);
+    return sv_fail(
+        err, s,
+        "the run needs %zu MiB, this board's block has %zu MiB; reduce --exposures (%d) or --gaussians (%d)",
+        (dry.used_bytes + used + 1048575) >> 20, (left + used) >> 20, cfg->n_exposures, t.n_gaussians);
   }
   app->trainer.origin = sv_app_origin(cfg->source_name);
   if (s >= 0) sv_arena_seal(arena);
@@ -371,7 +369,7 @@ static sv_status run_all(sv_app *app, sv_err *err) {
   else if (s == SV_E_INTERRUPTED && !is_trained)
     sv_fail(err, s, "stopped by request before the first step: nothing was saved");
   else if (s == SV_E_INTERRUPTED) {
-    sv_fail(err, s, "stopped by request after %u steps; what was trained is saved", app->trainer.step);
+    sv_fail(err, s, "stopped by request after %u steps; the model is saved", app->trainer.step);
     app->state = SV_APP_DONE;
     return s;
   }

@@ -254,8 +254,7 @@ sv_status sv_capture_queue_check(const sv_capture_queue *in, sv_err *err) {
                    "the cameras of this source have no trigger line; expected --sync free or frame-length");
   if (in->cfg.method == SV_SYNC_METHOD_FRAME_LENGTH && !(src->set_control && in->frame_length.cameras))
     return sv_fail(err, SV_E_UNSUPPORTED, "the cameras of this source %s; expected --sync free",
-                   src->set_control ? "do not tell their frame rate (fps= gives it)"
-                                    : "cannot be told the length of their frames");
+                   src->set_control ? "report no frame rate (set fps=)" : "cannot change their frame length");
   return SV_OK;
 }
 

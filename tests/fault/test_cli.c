@@ -224,7 +224,7 @@ TEST(test_bad_pictures) {
 // A capture with more exposures than are asked for: so many are left out.
 TEST(test_longer_capture) {
   assert_int_equal(run("run --source replay:@/tiny --exposures 3 --check --out @/longer"), 0);
-  assert_non_null(strstr(g_err, "up to 4 exposures, of which this run takes the first 3; left out: 1 "));
+  assert_non_null(strstr(g_err, "the capture has 4 exposures; using the first 3, 1 skipped "));
   assert_int_equal(run("run --source replay:@/tiny,from=1 --exposures 3 --check --out @/longer"), 0);
   assert_null(strstr(g_err, "the capture has"));
 }
@@ -395,7 +395,7 @@ static bool wait_for(const char *name, pid_t pid) {
 static bool wait_for_resume(void) {
   for (int i = 0; i < 3000; i++, sleep_ms(10)) {
     slurp("stderr", g_err, sizeof g_err);
-    if (strstr(g_err, "goes on at step ")) return true;
+    if (strstr(g_err, "resumed at step ")) return true;
   }
   return false;
 }
@@ -411,9 +411,9 @@ TEST(test_killed_run_goes_on) {
     assert_int_equal(finish(pid, NULL), 128 + SIGKILL);
     assert_false(exists("killed/model.ply")); // it was not the end
     if (i == 0) continue;
-    const char *at = strstr(g_err, "goes on at step ");
+    const char *at = strstr(g_err, "resumed at step ");
     assert_non_null(at);
-    long step = atol(at + strlen("goes on at step "));
+    long step = atol(at + strlen("resumed at step "));
     if (step < last_step) fail_msg("step %ld after step %ld", step, last_step);
     last_step = step;
   }
@@ -439,7 +439,7 @@ TEST(test_resume_of_another_run) {
   slurp("again/model.ply", after, sizeof after);
   assert_memory_equal(before, after, sizeof before);
   assert_int_equal(run("run " SMALL "--resume --out @/again"), 0);
-  assert_non_null(strstr(g_err, "goes on at step 5 "));
+  assert_non_null(strstr(g_err, "resumed at step 5 "));
   assert_int_equal(run("run " SMALL "--resume --out @/fresh"), 0);
   assert_non_null(strstr(g_err, "no checkpoint.bin in the output folder"));
 }

@@ -6,8 +6,8 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "platform/linux/options.h"
 #include "tests/common/test.h"
-#include "tools/common/options.h"
 
 enum { RUN = 1, LOOK = 2, CAP_WORDS = 300 };
 
@@ -135,18 +135,18 @@ TEST(test_sentences) {
   refused(&look, "--x 1 --many --x 1", "--many needs a value");
   refused(&run, "--fast=1", "--fast takes no value");
   refused(&run, "--help=1", "--help takes no value");
-  refused(&run, "--mode swift", "--mode is one of slow|quick, not 'swift'");
-  refused(&run, "--mode slo", "--mode is one of slow|quick, not 'slo'");
+  refused(&run, "--mode swift", "--mode swift: expected slow|quick");
+  refused(&run, "--mode slo", "--mode slo: expected slow|quick");
   refused(&run, "--mode later", "--mode later is not supported yet");
   refused(&run, "--mode by:me", "--mode by:me is not supported yet");
-  refused(&run, "--n 9", "--n needs a whole number from 0 to 8, not '9'");
-  refused(&run, "--n 1.5", "--n needs a whole number from 0 to 8, not '1.5'");
-  refused(&run, "--n -1", "--n needs a whole number from 0 to 8, not '-1'");
-  refused(&run, "--x 0.4", "--x needs a number from 0.5 to 1000, not '0.4'");
-  refused(&run, "--x nan", "--x needs a number from 0.5 to 1000, not 'nan'");
-  refused(&run, "--x 1e", "--x needs a number from 0.5 to 1000, not '1e'");
-  refused(&run, "--name a\nb --n \x1b[2J", "--n needs a whole number from 0 to 8, not '?[2J'");
-  refused(&run, "--mode _", "--mode is one of slow|quick, not ''");
+  refused(&run, "--n 9", "--n 9: expected a whole number from 0 to 8");
+  refused(&run, "--n 1.5", "--n 1.5: expected a whole number from 0 to 8");
+  refused(&run, "--n -1", "--n -1: expected a whole number from 0 to 8");
+  refused(&run, "--x 0.4", "--x 0.4: expected a number from 0.5 to 1000");
+  refused(&run, "--x nan", "--x nan: expected a number from 0.5 to 1000");
+  refused(&run, "--x 1e", "--x 1e: expected a number from 0.5 to 1000");
+  refused(&run, "--name a\nb --n \x1b[2J", "--n ?[2J: expected a whole number from 0 to 8");
+  refused(&run, "--mode _", "--mode : expected slow|quick");
   options.is_empty_missing = true;
   refused(&run, "--mode _", "--mode needs a value");
   options.is_empty_missing = false;

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The options of all commands, in one table (args.c) for tools/common/options.h, and what goes together.
+// The options of all commands, in one table (args.c) for platform/linux/options.h, and what goes together.
 #ifndef SV_TOOLS_CALIBRATE_ARGS_H
 #define SV_TOOLS_CALIBRATE_ARGS_H
 
 #include <stdbool.h>
 
-#include "tools/common/options.h"
+#include "platform/linux/options.h"
 
 #define CAL_EXIT_OK     SV_OPTIONS_OK
 #define CAL_EXIT_FAILED 1

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The options of all commands, in one table (args.c) for tools/common/options.h, and what goes together.
+// The options of all commands, in one table (args.c) for platform/linux/options.h, and what goes together.
 #ifndef SV_TOOLS_LAB_ARGS_H
 #define SV_TOOLS_LAB_ARGS_H
 
@@ -7,7 +7,7 @@
 #include <stdint.h>
 
 #include "src/train/train.h"
-#include "tools/common/options.h"
+#include "platform/linux/options.h"
 
 #define LAB_EXIT_OK     SV_OPTIONS_OK
 #define LAB_EXIT_FAILED 1

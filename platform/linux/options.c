@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/common/options.h"
+#include "platform/linux/options.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -66,8 +66,10 @@ static int set_number(const parser *p, const sv_option *op, const char *value) {
   bool is_good = is_int ? sv_parse_int(value, strlen(value), &i) : sv_parse_double(value, strlen(value), &x);
   if (is_int) x = (double)i;
   if (!is_good || !(x >= op->lo && x <= op->hi))
-    return refuse(p, "--%s needs a%s number from %g to %g, not '%.80s'", op->name, is_int ? " whole" : "",
-                  op->lo, op->hi, value);
+    return refuse(p,
+                  is_int ? "--%s %.80s: expected a whole number from %.0f to %.0f"
+                         : "--%s %.80s: expected a number from %g to %g",
+                  op->name, value, op->lo, op->hi);
   if (is_int) memcpy(p->to + op->at, &(long){(long)i}, sizeof(long));
   else memcpy(p->to + op->at, &x, sizeof x);
   return SV_OPTIONS_OK;
@@ -80,7 +82,7 @@ static int set_value(const parser *p, const sv_option *op, const char *value) {
   if (is_word && is_among(value, op->also))
     return refuse(p, "--%s %.80s is not supported yet", op->name, value);
   if (is_word && !is_among(value, op->value))
-    return refuse(p, "--%s is one of %s, not '%.80s'", op->name, op->value, value);
+    return refuse(p, "--%s %.80s: expected %s", op->name, value, op->value);
   if (op->kind == SV_OPT_LIST) {
     sv_option_list *list = (sv_option_list *)(void *)(p->to + op->at);
     if (list->n == SV_OPTIONS_CAP_LIST)

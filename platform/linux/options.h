@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The command line of a tool with commands: "PROGRAM COMMAND --name value ...". One table of rows says what there
 // is; parsing, range checks, sentences and --help come from it (host).
-#ifndef SV_TOOLS_COMMON_OPTIONS_H
-#define SV_TOOLS_COMMON_OPTIONS_H
+#ifndef SV_PLATFORM_LINUX_OPTIONS_H
+#define SV_PLATFORM_LINUX_OPTIONS_H
 
 #include <stdarg.h>
 #include <stdbool.h>
