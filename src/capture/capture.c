@@ -1,34 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 // From cameras to the pool of exposures: first until it is full, and, in a live run, on while training goes on.
-#include <stdarg.h>
 #include <string.h>
 
 #include "src/run/app.h"
 
 #define WAIT_NS (100 * SV_NS_PER_MS)
 
-void sv_app_log(sv_app *app, sv_log_level level, const char *fmt, ...) {
-  char line[256];
-  va_list ap;
-  va_start(ap, fmt);
-  sv_vfmt(line, sizeof line, fmt, ap);
-  va_end(ap);
-  if (app->port.console.log) app->port.console.log(app->port.console.self, level, line);
-  sv_preview_event(app, level, line);
-}
-
-bool sv_app_is_stop_requested(const sv_app *app) {
-  const sv_console *c = &app->port.console;
-  return c->is_stop_requested && c->is_stop_requested(c->self);
-}
-
 // One camera failed; the others go on, and the timeout ends a capture that cannot complete.
 static void note_errors(sv_app *app) {
   uint64_t n = atomic_load(&app->queue.n_device_errors);
-  if (n && !app->n_device_errors)
+  if (n && !app->capture.n_device_errors)
     sv_app_log(app, SV_LOG_WARN, "camera %d: %s", atomic_load(&app->queue.i_broken),
                sv_status_text(atomic_load(&app->queue.broken_status)));
-  app->n_device_errors = n;
+  app->capture.n_device_errors = n;
 }
 
 // True when a camera has come back: it gets the time that all had at the start.
@@ -61,7 +45,7 @@ static sv_status keep_exposure(sv_app *app, sv_err *err) {
   s = sv_exposures_add(&app->exposures, &slot->exposure, slot->frames, app->k, &app->port.pool, err);
   sv_capture_queue_give_back(&app->queue, slot, true);
   if (s == SV_E_FORMAT || s == SV_E_CORRUPT) { // a damaged picture costs its exposure, not the run
-    if (!app->n_bad_exposures++) sv_app_log(app, SV_LOG_WARN, "%s", err->text);
+    if (!app->capture.n_bad_exposures++) sv_app_log(app, SV_LOG_WARN, "%s", err->text);
     return SV_DROPPED;
   }
   if (s >= 0) sv_preview_exposure(app);
@@ -142,8 +126,8 @@ sv_status sv_app_capture(sv_app *app, sv_err *err) {
   if (s >= 0) s = sv_capture_queue_start(&app->queue, err);
   if (s < 0) return s;
   s = capture_loop(app, err);
-  app->is_capturing = app->cfg.is_continuous && s >= 0 && app->exposures.n == app->cfg.n_exposures;
-  if (app->is_capturing) return SV_OK;
+  app->capture.is_running = app->cfg.is_continuous && s >= 0 && app->exposures.n == app->cfg.n_exposures;
+  if (app->capture.is_running) return SV_OK;
   sv_err stop_err;
   t = stop(app, &stop_err); // whatever still waits is dropped as `stopped`, so that the ledger closes
   if (s >= 0 && t < 0) {
@@ -164,7 +148,7 @@ sv_status sv_app_capture(sv_app *app, sv_err *err) {
 static void capture_thread(void *arg) {
   sv_app *app = arg;
   sv_clock *clk = &app->port.clock;
-  while (!atomic_load(&app->is_capture_ending)) {
+  while (!atomic_load(&app->capture.is_ending)) {
     sv_status s = sv_capture_queue_step(&app->queue, clk->now_ns(clk->self) + 20 * SV_NS_PER_MS);
     if (s == SV_END) return;
   }
@@ -173,12 +157,12 @@ static void capture_thread(void *arg) {
 sv_status sv_app_continuous_begin(sv_app *app, sv_err *err) {
   const sv_clock *m = &app->port.machine;
   sv_governor_cfg gc = sv_governor_defaults((sv_ns)(app->cfg.preview_every_s * 1e9));
-  app->machine_ns = m->now_ns(m->self);
-  sv_governor_init(&app->governor, &gc, app->machine_ns);
-  atomic_store(&app->is_capture_ending, false);
-  if (!app->is_capturing || !app->port.worker.start) return SV_OK;
+  app->capture.machine_ns = m->now_ns(m->self);
+  sv_governor_init(&app->capture.governor, &gc, app->capture.machine_ns);
+  atomic_store(&app->capture.is_ending, false);
+  if (!app->capture.is_running || !app->port.worker.start) return SV_OK;
   sv_status s = app->port.worker.start(app->port.worker.self, capture_thread, app);
-  app->has_worker = s >= 0;
+  app->capture.has_worker = s >= 0;
   return s < 0 ? sv_fail(err, s, "no thread for the cameras: %s", sv_status_text(s)) : SV_OK;
 }
 
@@ -186,10 +170,10 @@ sv_status sv_app_continuous_begin(sv_app *app, sv_err *err) {
 static void catch_up(sv_app *app) {
   const sv_clock *m = &app->port.machine;
   sv_clock *clk = &app->port.clock;
-  if (app->has_worker) return;
+  if (app->capture.has_worker) return;
   sv_ns now_ns = m->now_ns(m->self), host_ns = clk->now_ns(clk->self);
-  clk->sleep_until_ns(clk->self, host_ns + (now_ns - app->machine_ns));
-  app->machine_ns = now_ns;
+  clk->sleep_until_ns(clk->self, host_ns + (now_ns - app->capture.machine_ns));
+  app->capture.machine_ns = now_ns;
   sv_status s = sv_capture_queue_step(&app->queue, clk->now_ns(clk->self));
   (void)s; // AGAIN, END: nothing to do; errors are counted
 }
@@ -216,31 +200,31 @@ static sv_status replace_oldest(sv_app *app, sv_err *err) {
 sv_status sv_app_continuous_turn(sv_app *app, bool *is_train, sv_err *err) {
   const sv_clock *m = &app->port.machine;
   *is_train = true;
-  if (!app->is_capturing) return SV_OK;
+  if (!app->capture.is_running) return SV_OK;
   catch_up(app);
   note_errors(app);
   (void)log_events(app);
   sv_ns from_ns = m->now_ns(m->self);
   bool is_ready = sv_capture_queue_n_ready(&app->queue) > 0 && sv_app_is_exposure_due(app);
-  sv_work work = sv_governor_next(&app->governor, from_ns, is_ready);
+  sv_work work = sv_governor_next(&app->capture.governor, from_ns, is_ready);
   *is_train = work == SV_WORK_TRAIN;
   if (*is_train) return SV_OK;
   sv_status s = work == SV_WORK_EXPOSURE ? replace_oldest(app, err) : sv_app_publish_preview(app);
-  sv_governor_done(&app->governor, work, from_ns, m->now_ns(m->self));
+  sv_governor_done(&app->capture.governor, work, from_ns, m->now_ns(m->self));
   return s < 0 ? s : SV_OK;
 }
 
 void sv_app_continuous_trained(sv_app *app, double from_s, double now_s) {
-  if (app->is_capturing)
-    sv_governor_done(&app->governor, SV_WORK_TRAIN, (sv_ns)(from_s * 1e9), (sv_ns)(now_s * 1e9));
+  if (app->capture.is_running)
+    sv_governor_done(&app->capture.governor, SV_WORK_TRAIN, (sv_ns)(from_s * 1e9), (sv_ns)(now_s * 1e9));
 }
 
 sv_status sv_app_continuous_end(sv_app *app, sv_err *err) {
-  if (!app->is_capturing) return SV_OK;
-  atomic_store(&app->is_capture_ending, true);
-  if (app->has_worker) app->port.worker.join(app->port.worker.self);
-  app->has_worker = false;
-  app->is_capturing = false;
+  if (!app->capture.is_running) return SV_OK;
+  atomic_store(&app->capture.is_ending, true);
+  if (app->capture.has_worker) app->port.worker.join(app->port.worker.self);
+  app->capture.has_worker = false;
+  app->capture.is_running = false;
   sv_status s = stop(app, err);
   log_ledger(app);
   log_deadlines(app);

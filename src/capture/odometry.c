@@ -5,30 +5,31 @@
 
 #include "src/base/mathx.h"
 
-#define LEAST_POINTS 40 // of a trajectory that is believed
-#define LEAST_PLACED 2
+#define MIN_POINTS  40 // of a trajectory that is trusted
+#define MIN_LOCATED 2
 
 bool sv_odometry_can(const sv_rig *rig, int n_exposures) {
   return rig->forward != SV_FORWARD_MULTIPLEXED && n_exposures > 1;
 }
 
-sv_status sv_odometry_init(sv_odometry *o, const sv_rig *rig, int cap_exposures, const sv_exposures *pool,
-                           const sv_kernels *k, uint64_t seed, sv_arena *a, sv_err *err) {
+sv_status sv_odometry_init(sv_odometry *o, const sv_odometry_cfg *cfg, sv_arena *a, sv_err *err) {
+  const sv_rig *rig = cfg->rig;
+  const sv_exposures *pool = cfg->pool;
   sv_track_cfg c = sv_track_defaults();
   memset(o, 0, sizeof *o);
   sv_arena_part_begin(a, "odometry");
   o->model = SV_TAKE(a, sv_camera_model, rig->n_sub_views);
   o->image = SV_TAKE(a, sv_image_u8, rig->n_sub_views);
-  o->a = SV_TAKE(a, sv_pose, cap_exposures);
-  o->b = SV_TAKE(a, sv_pose, cap_exposures);
+  o->a = SV_TAKE(a, sv_pose, cfg->cap_exposures);
+  o->b = SV_TAKE(a, sv_pose, cfg->cap_exposures);
   for (int i = 0; o->model && pool && i < rig->n_sub_views; i++) o->model[i] = pool->sub[i].pinhole;
   c.rig = rig;
   c.model = o->model;
-  c.cap_exposures = cap_exposures;
-  c.seed = seed;
+  c.cap_exposures = cfg->cap_exposures;
+  c.seed = cfg->seed;
   o->is_on = true;
   if (a->base) {
-    sv_status s = sv_tracker_init(&o->tracker, &c, k, a, err);
+    sv_status s = sv_tracker_init(&o->tracker, &c, cfg->k, a, err);
     if (s < 0) return s;
     o->work = SV_TAKE(a, float, o->tracker.cap_points);
     return a->status;
@@ -49,7 +50,7 @@ void sv_odometry_finish(sv_odometry *o, sv_exposures *pool) {
   sv_tracker_finish(&o->tracker, s);
   // Of a rig that stands, exposures that show something else are left out, not taken from the same place.
   const bool is_whole = s->is_still && s->n_placed == s->n_exposures;
-  o->is_tracked = !is_whole && s->n_placed >= LEAST_PLACED && s->n_points >= LEAST_POINTS;
+  o->is_tracked = !is_whole && s->n_placed >= MIN_LOCATED && s->n_points >= MIN_POINTS;
   if (!o->is_tracked) return;
   for (int e = 0; e < s->n_exposures; e++) {
     pool->exposure[e].rig_from_world = o->tracker.pose[e];

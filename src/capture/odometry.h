@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the rig was, when the source does not tell: tracked over the pool of exposures, between capture and training.
+// Odometry: the rig's poses, for sources without them, tracked over the pool of exposures between capture and training.
 // The world is then the rig's frame at the first exposure.
+// Owns the tracker and its workspace; poses that were found are written into the pool.
+// Never captures, and never runs while training does.
 #ifndef SV_CAPTURE_ODOMETRY_H
 #define SV_CAPTURE_ODOMETRY_H
 
@@ -26,9 +28,17 @@ typedef struct {
 
 // Which rigs can be tracked: those whose sub-views have pictures of their own.
 bool sv_odometry_can(const sv_rig *rig, int n_exposures);
-// On a dry arena only counts. pool: NULL then, else where the pictures will be.
-sv_status sv_odometry_init(sv_odometry *o, const sv_rig *rig, int cap_exposures, const sv_exposures *pool,
-                           const sv_kernels *k, uint64_t seed, sv_arena *arena, sv_err *err) SV_MUST_USE;
+typedef struct {
+  const sv_rig *rig;
+  int cap_exposures;
+  const sv_exposures *pool; // where the images will be; NULL on a dry arena
+  const sv_kernels *k;      // likewise
+  uint64_t seed;
+} sv_odometry_cfg;
+
+// On a dry arena only counts.
+sv_status sv_odometry_init(sv_odometry *o, const sv_odometry_cfg *cfg, sv_arena *arena,
+                           sv_err *err) SV_MUST_USE;
 
 // Exposure e of the pool, in order; then the end. E_FULL as sv_tracker_add; AGAIN: not placed.
 sv_status sv_odometry_add(sv_odometry *o, const sv_exposures *pool, int e) SV_MUST_USE;

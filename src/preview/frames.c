@@ -28,12 +28,12 @@ static void copy_counts(sv_app *app, double now) {
 }
 
 const sv_ledger *sv_preview_ledger(const sv_app *app, int i_camera) {
-  if (!app->has_worker) return sv_sync_ledger(&app->queue.sync, i_camera);
+  if (!app->capture.has_worker) return sv_sync_ledger(&app->queue.sync, i_camera);
   return &app->preview.counts[app->preview.i_counts].ledger[i_camera];
 }
 
 const sv_skew_stats *sv_preview_skew(const sv_app *app) {
-  return app->has_worker ? &app->preview.counts[app->preview.i_counts].skew : &app->queue.sync.skew;
+  return app->capture.has_worker ? &app->preview.counts[app->preview.i_counts].skew : &app->queue.sync.skew;
 }
 
 // --- thumbnails ----------------------------------------------------------------------------------

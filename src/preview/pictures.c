@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// The preview picture: what was measured beside what the model gives.
 #include <string.h>
 
 #include "src/run/app.h"
@@ -127,78 +126,89 @@ sv_status sv_app_publish_preview(sv_app *app) {
   return app->trainer.n_views > 0 ? show_view(app, &app->trainer.views[0]) : SV_OK;
 }
 
-// --- for the live view ---------------------------------------------------------------------------
+// --- for the page --------------------------------------------------------------------------------
 
 static int fitting_step(int width_px, int height_px, int cap_w, int cap_h) {
   return sv_maxi((width_px + cap_w - 1) / cap_w, (height_px + cap_h - 1) / cap_h);
 }
 
-static sv_status small_view(sv_app *app, const sv_train_view *tv, int cap_w, int cap_h, uint8_t *rgb,
-                            int *out_w, int *out_h, double *psnr) {
-  const sv_planes *measured;
-  sv_status s = sv_driver_render(&app->trainer, &tv->view, &measured);
+// Where pixel (x, y) of the full image lands on the left half; NULL: it is skipped.
+static uint8_t *pair_at(const sv_app_pair *p, int step, int x, int y) {
+  const int half_px = p->width_px / 2;
+  if (x % step || y % step || x / step >= half_px || y / step >= p->height_px) return NULL;
+  return p->rgb + 3 * ((size_t)(y / step) * 2 * (size_t)half_px + (size_t)(x / step));
+}
+
+static int begin_pair(sv_app_pair *p, int width_px, int height_px) {
+  const int step = fitting_step(2 * width_px, height_px, p->cap_width_px, p->cap_height_px);
+  p->width_px = 2 * (width_px / step);
+  p->height_px = height_px / step;
+  return step;
+}
+
+static sv_status pair_of_view(sv_app *app, const sv_train_view *tv, sv_app_pair *p) {
+  const sv_planes *rendered;
+  sv_status s = sv_driver_render(&app->trainer, &tv->view, &rendered);
   if (s < 0) return s;
-  const int w = tv->view.width_px, h = tv->view.height_px, n_ch = tv->image.n_channels;
-  int step = fitting_step(2 * w, h, cap_w, cap_h), sw = w / step, sh = h / step;
+  const int w = tv->view.width_px, h = tv->view.height_px, n_ch = tv->image.n_channels,
+            step = begin_pair(p, w, h);
   double sum = 0;
   for (int y = 0; y < h; y++) {
     const uint8_t *in = tv->image.px + (size_t)y * (size_t)tv->image.stride_bytes;
     for (int x = 0; x < w; x++) {
-      uint8_t got[3];
-      put_pixel(got, measured, x, y);
+      uint8_t got[3], *left = pair_at(p, step, x, y);
+      put_pixel(got, rendered, x, y);
       for (int k = 0; k < 3; k++) {
         double d = (double)got[k] - (double)in[n_ch * x + k];
         sum += d * d;
       }
-      if (x % step || y % step || x / step >= sw || y / step >= sh) continue;
-      uint8_t *left = rgb + 3 * ((size_t)(y / step) * 2 * (size_t)sw + (size_t)(x / step));
+      if (!left) continue;
       memcpy(left, in + n_ch * x, 3);
-      memcpy(left + 3 * (size_t)sw, got, 3);
+      memcpy(left + 3 * (size_t)(p->width_px / 2), got, 3);
     }
   }
-  *out_w = 2 * sw, *out_h = sh;
-  *psnr = sv_psnr_of_mse(sum / (255.0 * 255.0 * 3.0 * w * h));
+  p->psnr = sv_psnr_of_mse(sum / (255.0 * 255.0 * 3.0 * w * h));
   return SV_OK;
 }
 
-static sv_status small_composite(sv_app *app, const sv_train_composite *tc, int cap_w, int cap_h,
-                                 uint8_t *rgb, int *out_w, int *out_h, double *psnr) {
+// One region, which was predicted; returns its sum of squared differences.
+static double pair_region(const sv_train_composite *tc, const sv_region *r, const sv_planes *predicted,
+                          const sv_app_pair *p, int step) {
+  double sum = 0;
+  for (int y = r->y0; y < r->y1; y++)
+    for (int x = r->x0; x < r->x1; x++) {
+      const uint16_t *px = tc->px + 3 * ((size_t)y * (size_t)tc->model.width_px + (size_t)x);
+      uint8_t got[3], *left = pair_at(p, step, x, y);
+      put_pixel(got, predicted, x - r->x0, y - r->y0);
+      for (int k = 0; k < 3; k++) {
+        double d = (double)got[k] / 255.0 - (double)px[k] / 65535.0;
+        sum += d * d;
+      }
+      if (!left) continue;
+      for (int k = 0; k < 3; k++) left[k] = (uint8_t)((px[k] + 128) / 257);
+      memcpy(left + 3 * (size_t)(p->width_px / 2), got, 3);
+    }
+  return sum;
+}
+
+static sv_status pair_of_composite(sv_app *app, const sv_train_composite *tc, sv_app_pair *p) {
   const sv_composite *c = &tc->model;
-  const int side = app->trainer.cfg.region_px, w = c->width_px, h = c->height_px;
-  const sv_planes *p = &app->trainer.forward.predicted;
+  const int side = app->trainer.cfg.region_px, w = c->width_px, h = c->height_px, step = begin_pair(p, w, h);
   sv_render_options o = sv_train_render_options(&app->trainer, 1.0f, false);
-  int step = fitting_step(2 * w, h, cap_w, cap_h), sw = w / step, sh = h / step;
   double sum = 0;
   for (int y0 = 0; y0 < h; y0 += side)
     for (int x0 = 0; x0 < w; x0 += side) {
       sv_region r = {x0, y0, sv_mini(x0 + side, w), sv_mini(y0 + side, h)};
       sv_status s = sv_train_predict(&app->trainer, c, &r, &o, NULL, NULL);
       if (s < 0) return s;
-      for (int y = y0; y < r.y1; y++)
-        for (int x = x0; x < r.x1; x++) {
-          const uint16_t *px = tc->px + 3 * ((size_t)y * (size_t)w + (size_t)x);
-          uint8_t got[3];
-          put_pixel(got, p, x - x0, y - y0);
-          for (int k = 0; k < 3; k++) {
-            double d = (double)got[k] / 255.0 - (double)px[k] / 65535.0;
-            sum += d * d;
-          }
-          if (x % step || y % step || x / step >= sw || y / step >= sh) continue;
-          uint8_t *left = rgb + 3 * ((size_t)(y / step) * 2 * (size_t)sw + (size_t)(x / step));
-          for (int k = 0; k < 3; k++) left[k] = (uint8_t)((px[k] + 128) / 257);
-          memcpy(left + 3 * (size_t)sw, got, 3);
-        }
+      sum += pair_region(tc, &r, &app->trainer.forward.predicted, p, step);
     }
-  *out_w = 2 * sw, *out_h = sh;
-  *psnr = sv_psnr_of_mse(sum / (3.0 * w * h));
+  p->psnr = sv_psnr_of_mse(sum / (3.0 * w * h));
   return SV_OK;
 }
 
-sv_status sv_app_picture(sv_app *app, uint32_t i, int cap_w, int cap_h, uint8_t *rgb, int *w, int *h,
-                         double *psnr) {
+sv_status sv_app_show_pair(sv_app *app, uint32_t i, sv_app_pair *pair) {
   const sv_trainer *t = &app->trainer;
-  if (t->n_composites > 0)
-    return small_composite(app, &t->composites[i % (uint32_t)t->n_composites], cap_w, cap_h, rgb, w, h, psnr);
-  if (t->n_views < 1) return SV_E_NOT_FOUND;
-  return small_view(app, &t->views[i % (uint32_t)t->n_views], cap_w, cap_h, rgb, w, h, psnr);
+  if (t->n_composites > 0) return pair_of_composite(app, &t->composites[i % (uint32_t)t->n_composites], pair);
+  return t->n_views > 0 ? pair_of_view(app, &t->views[i % (uint32_t)t->n_views], pair) : SV_E_NOT_FOUND;
 }

@@ -125,7 +125,7 @@ static void publish_state(sv_app *app, const char *sentence) {
   s->steps_per_s = sv_driver_steps_per_s(&app->driver);
   s->loss = app->driver.loss, s->psnr = l->psnr;
   s->n_gaussians = (uint32_t)t->cfg.n_gaussians, s->sh_degree = (uint32_t)t->cfg.sh_degree;
-  s->n_saves = l->n_saves, s->n_device_errors = app->n_device_errors;
+  s->n_saves = l->n_saves, s->n_device_errors = app->capture.n_device_errors;
   s->model_seq = sv_feed_seq(l->feed, SV_FEED_MODEL);
   fill_machine(app, s);
   fill_skew(app, s);
@@ -295,14 +295,15 @@ void sv_preview_show_model(sv_app *app) {
 static void show_picture(sv_app *app) {
   sv_preview *l = &app->preview;
   sv_feed_picture *p = sv_feed_begin(l->feed, SV_FEED_PICTURE);
-  double psnr;
-  int w, h;
-  sv_status s = sv_app_picture(app, l->i_picture++, SV_FEED_CAP_PICTURE_W, SV_FEED_CAP_PICTURE_H,
-                               (uint8_t *)(p + 1), &w, &h, &psnr);
-  if (s < 0) return; // the slot is not committed: readers keep the older picture
-  *p = (sv_feed_picture){.width_px = w, .height_px = h, .step = app->trainer.step};
-  sv_feed_commit(l->feed, SV_FEED_PICTURE, sizeof *p + 3 * (size_t)w * (size_t)h);
-  l->psnr = l->psnr > 0 ? 0.6 * l->psnr + 0.4 * psnr : psnr;
+  sv_app_pair pair = {.rgb = (uint8_t *)(p + 1),
+                      .cap_width_px = SV_FEED_CAP_PICTURE_W,
+                      .cap_height_px = SV_FEED_CAP_PICTURE_H};
+  sv_status s = sv_app_show_pair(app, l->i_picture++, &pair);
+  if (s < 0) return; // nothing is committed: readers keep the older image
+  const size_t bytes = 3 * (size_t)pair.width_px * (size_t)pair.height_px;
+  *p = (sv_feed_picture){.width_px = pair.width_px, .height_px = pair.height_px, .step = app->trainer.step};
+  sv_feed_commit(l->feed, SV_FEED_PICTURE, sizeof *p + bytes);
+  l->psnr = l->psnr > 0 ? 0.6 * l->psnr + 0.4 * pair.psnr : pair.psnr;
 }
 
 // --- the beat ------------------------------------------------------------------------------------
@@ -339,11 +340,6 @@ static sv_command next_command(sv_app *app) {
 
 static sv_status new_or_ok(const sv_app *app) {
   return app->preview.is_new_requested ? SV_E_INTERRUPTED : SV_OK;
-}
-
-static bool is_stopped(const sv_app *app) {
-  const sv_console *c = &app->port.console;
-  return c->is_stop_requested && c->is_stop_requested(c->self);
 }
 
 static void rest(sv_app *app) {
@@ -398,11 +394,11 @@ sv_status sv_preview_between_steps(sv_app *app, double *paused_s, sv_err *err) {
       was_away = true;
       rest(app);
     }
-  } while (l->is_paused && !l->is_new_requested && !is_stopped(app));
-  l->is_paused = l->is_paused && !l->is_new_requested && !is_stopped(app);
+  } while (l->is_paused && !l->is_new_requested && !sv_app_is_stop_requested(app));
+  l->is_paused = l->is_paused && !l->is_new_requested && !sv_app_is_stop_requested(app);
   if (was_away) {
     *paused_s = machine_s(app) - t0;
-    app->machine_ns += (sv_ns)(*paused_s * 1e9); // virtual cameras rested, too
+    app->capture.machine_ns += (sv_ns)(*paused_s * 1e9); // virtual cameras rested, too
   }
   return new_or_ok(app);
 }
@@ -419,18 +415,18 @@ sv_status sv_preview_wait_start(sv_app *app, sv_err *err) {
   bool is_over = false;
   for (sv_command c = SV_COMMAND_NONE; c != SV_COMMAND_START && s >= 0; c = next_command(app)) {
     publish_due(app);
-    if (is_stopped(app) || l->is_new_requested) s = SV_E_INTERRUPTED;
+    if (sv_app_is_stop_requested(app) || l->is_new_requested) s = SV_E_INTERRUPTED;
     sv_frame f;
     sv_status got = is_over ? SV_AGAIN : src->dequeue(src->self, &f, host->now_ns(host->self) + POLL_NS);
     if (got == SV_OK) {
       sv_preview_frame(app, &f);
       if (!f.is_error) sv_preview_decode(app, &f);
-      if (src->requeue(src->self, &f) < 0) app->n_device_errors++;
+      if (src->requeue(src->self, &f) < 0) app->capture.n_device_errors++;
       // A simulated or replayed clock must not run ahead of the person who watches.
       machine->sleep_until_ns(machine->self, f.arrival_ns + ahead_ns);
     } else {
       if (got == SV_END) is_over = true;
-      if (got < 0) app->n_device_errors++;
+      if (got < 0) app->capture.n_device_errors++;
       rest(app);
     }
   }
@@ -444,7 +440,7 @@ sv_status sv_preview_wait_start(sv_app *app, sv_err *err) {
 sv_status sv_preview_stay(sv_app *app) {
   sv_preview *l = &app->preview;
   if (!l->feed || !l->is_session) return SV_OK;
-  while (!is_stopped(app)) {
+  while (!sv_app_is_stop_requested(app)) {
     (void)next_command(app);
     if (l->is_new_requested) return SV_AGAIN;
     publish_due(app);

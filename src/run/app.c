@@ -4,8 +4,6 @@
 #include <stdarg.h>
 #include <string.h>
 
-#include "src/base/mathx.h"
-#include "src/prior/methods.h"
 #include "src/train/checkpoint.h"
 #include "src/train/seed.h"
 
@@ -17,68 +15,22 @@ const char *sv_app_state_name(sv_app_state s) {
   return (unsigned)s < sizeof names / sizeof *names ? names[s] : "?";
 }
 
-bool sv_app_is_trained_on(const sv_app_cfg *c, int i_sub) {
-  uint64_t any = 0;
-  for (size_t i = 0; i < sizeof c->sub_view_mask / sizeof *c->sub_view_mask; i++) any |= c->sub_view_mask[i];
-  return !any || (c->sub_view_mask[i_sub / 64] >> (i_sub % 64) & 1);
+void sv_app_log(sv_app *app, sv_log_level level, const char *fmt, ...) {
+  char line[256];
+  va_list ap;
+  va_start(ap, fmt);
+  sv_vfmt(line, sizeof line, fmt, ap);
+  va_end(ap);
+  if (app->port.console.log) app->port.console.log(app->port.console.self, level, line);
+  sv_preview_event(app, level, line);
 }
 
-int sv_app_n_trained_sub_views(const sv_app_cfg *c) {
-  int n = 0;
-  for (int i = 0; i < c->rig->n_sub_views; i++) n += sv_app_is_trained_on(c, i);
-  return n;
+bool sv_app_is_stop_requested(const sv_app *app) {
+  const sv_console *c = &app->port.console;
+  return c->is_stop_requested && c->is_stop_requested(c->self);
 }
 
 static bool is_multiplexed(const sv_app_cfg *c) { return c->rig->forward == SV_FORWARD_MULTIPLEXED; }
-
-// Sensors instead of views, by regions.
-static void plan_composites(const sv_app_cfg *c, sv_train_cfg *t) {
-  t->cap_views = 0;
-  t->cap_composites = c->n_exposures * sv_composites_n_sensors(c->rig, c->n_cameras);
-  t->cap_regions = 0;
-  if (t->region_px < 1) return; // the trainer says so
-  t->cap_width_px = t->cap_height_px = t->region_px;
-  t->cap_pixels = sv_plane_floats(t->region_px, t->region_px);
-  for (int i = 0; i < c->n_cameras; i++)
-    if (sv_composites_has_lens(c->rig, i))
-      t->cap_regions +=
-          c->n_exposures * sv_train_n_regions(c->caps[i].width_px, c->caps[i].height_px, t->region_px);
-}
-
-sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
-  sv_train_cfg t = c->train;
-  t.cap_views = c->n_exposures * sv_app_n_trained_sub_views(c);
-  t.n_threads = n_threads;
-  t.cap_width_px = t.cap_height_px = 1;
-  t.cap_pixels = 0;
-  if (is_multiplexed(c)) plan_composites(c, &t);
-  sv_focal_range focal = {0};
-  for (int i = 0; i < c->rig->n_sub_views; i++) {
-    const sv_camera_model *m = &c->rig->sub_views[i].model;
-    size_t px = sv_plane_floats(m->width_px, m->height_px);
-    t.cap_width_px = sv_maxi(t.cap_width_px, m->width_px);
-    t.cap_height_px = sv_maxi(t.cap_height_px, m->height_px);
-    if (px > t.cap_pixels) t.cap_pixels = px;
-    if (sv_app_is_trained_on(c, i)) sv_focal_range_add(&focal, (float)m->p[0]);
-  }
-  if (sv_focal_range_needs_antialiasing(&focal)) t.is_antialiased = true;
-  const sv_sampling sampling = {.n_exposures = c->n_exposures,
-                                .is_moving = c->is_dynamic,
-                                .n_sub_views = sv_app_n_trained_sub_views(c),
-                                .is_multiplexed = is_multiplexed(c)};
-  sv_driver_set_objective(&t, &sampling, c->optimizer);
-  if (c->prior) sv_train_set_prior(&t, c->prior, t.cap_views);
-  if (c->is_refining) // rates from trials on poses that were off by a quarter of a degree
-    t.poses = (sv_train_poses_cfg){.cap_poses = c->n_exposures,
-                                   .rot_rad = 2e-3f,
-                                   .place = 2e-3f,
-                                   .decay = 0.01f,
-                                   .from = 0.05f,
-                                   .until = 1};
-  if (c->is_dynamic) sv_app_plan_moving(c, &t);
-  if (c->steps) t.steps_hint = (int)c->steps;
-  return t;
-}
 
 // Of the start: the driver's, and before it the views in a row.
 static size_t scratch_bytes(const sv_app_cfg *c, const sv_train_cfg *t) {
@@ -101,8 +53,8 @@ static sv_capture_queue_cfg queue_cfg(const sv_app_cfg *c, sv_app *app) {
                                 .on_frame_self = app};
 }
 
-static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, const sv_kernels *k,
-                       const sv_pool *pool, sv_arena *a, sv_err *err) {
+static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, sv_compute compute,
+                       sv_arena *a, sv_err *err) {
   sv_arena_part_begin(a, "sync");
   sv_capture_queue_cfg qc = queue_cfg(c, app);
   if (a->base) {
@@ -122,19 +74,23 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
                          .decoder = &app->port.decoder};
   sv_status s = sv_exposures_init(&app->exposures, &ec, a, err);
   if (s < 0) return s;
+  const sv_odometry_cfg oc = {.rig = c->rig,
+                              .cap_exposures = c->n_exposures,
+                              .pool = a->base ? &app->exposures : NULL,
+                              .k = compute.k,
+                              .seed = c->train.seed};
   if (c->is_tracking && sv_odometry_can(c->rig, c->n_exposures))
-    s = sv_odometry_init(&app->odometry, c->rig, c->n_exposures, a->base ? &app->exposures : NULL, k,
-                         c->train.seed, a, err);
+    s = sv_odometry_init(&app->odometry, &oc, a, err);
   if (s < 0) return s;
-  s = sv_trainer_init(&app->trainer, t, (sv_compute){k, pool}, a, err);
+  s = sv_trainer_init(&app->trainer, t, compute, a, err);
   if (s < 0) return s;
   sv_arena_part_begin(a, "start-up scratch");
   app->points = SV_TAKE(a, sv_point, t->n_gaussians);
   app->scratch = sv_arena_sub(a, scratch_bytes(c, t));
   sv_arena_part_begin(a, "checkpoint and report");
-  app->report = SV_TAKE(a, char, SV_APP_REPORT_BYTES);
-  app->checkpoint_bytes = c->is_resume ? sv_checkpoint_bytes(&app->trainer) : 0;
-  app->checkpoint = SV_TAKE(a, uint8_t, app->checkpoint_bytes);
+  app->files.report = SV_TAKE(a, char, SV_APP_REPORT_BYTES);
+  app->files.checkpoint_bytes = c->is_resume ? sv_checkpoint_bytes(&app->trainer) : 0;
+  app->files.checkpoint = SV_TAKE(a, uint8_t, app->files.checkpoint_bytes);
   int w, h;
   sv_app_preview_size(c, &w, &h);
   app->picture = SV_TAKE(a, uint8_t, (size_t)w * (size_t)h * 3);
@@ -145,7 +101,7 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
 sv_status sv_app_plan(sv_app *app, const sv_app_cfg *cfg, int n_threads, sv_arena *dry, sv_err *err) {
   sv_train_cfg t = sv_app_train_cfg(cfg, n_threads);
   memset(app, 0, sizeof *app);
-  return carve(app, cfg, &t, NULL, NULL, dry, err);
+  return carve(app, cfg, &t, (sv_compute){0}, dry, err);
 }
 
 sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, const sv_port *port,
@@ -168,7 +124,7 @@ sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, c
   app->arena = arena;
   sv_train_cfg t = sv_app_train_cfg(cfg, port->pool.n_threads);
   size_t left = arena->cap_bytes - arena->used_bytes, used = arena->used_bytes;
-  sv_status s = carve(app, cfg, &t, k, &app->port.pool, arena, err);
+  sv_status s = carve(app, cfg, &t, (sv_compute){k, &app->port.pool}, arena, err);
   if (s == SV_E_NOMEM) {
     sv_arena dry = sv_arena_dry();
     if (sv_app_plan(app, cfg, port->pool.n_threads, &dry, err) < 0) return SV_E_NOMEM;
@@ -290,7 +246,7 @@ static sv_status before_step(void *self, float progress, sv_driver_turn *turn, s
   sv_status s = sv_preview_between_steps(app, &turn->away_s, err);
   if (s >= 0) s = sv_app_continuous_turn(app, &is_train, err);
   turn->is_other_work = !is_train;
-  turn->has_taken_time = app->is_capturing;
+  turn->has_taken_time = app->capture.is_running;
   return s;
 }
 
@@ -307,22 +263,22 @@ static sv_status after_step(void *self, double from_s, double *now_s, sv_err *er
   sv_app *app = self;
   const sv_app_cfg *c = &app->cfg;
   const sv_clock *m = &app->port.machine;
-  const bool is_save = is_due(c->save_every_s, app->last_save_s, *now_s),
-             is_picture = is_due(c->picture_every_s, app->last_picture_s, *now_s);
+  const bool is_save = is_due(c->save_every_s, app->files.checkpoint_s, *now_s),
+             is_picture = is_due(c->picture_every_s, app->files.picture_s, *now_s);
   sv_app_continuous_trained(app, from_s, *now_s);
   if (!is_save && !is_picture) return SV_OK;
   sv_status s = is_save ? save_running(app, err) : sv_app_publish_preview(app);
   if (s < 0) return s;
   *now_s = sv_ns_to_s(m->now_ns(m->self));
-  if (is_save) app->last_save_s = *now_s;
-  app->last_picture_s = *now_s;
+  if (is_save) app->files.checkpoint_s = *now_s;
+  app->files.picture_s = *now_s;
   return SV_OK;
 }
 
 // The cameras that run while training goes on, as they were at the last such line.
 static void add_cameras(void *self, sv_str *line) {
   sv_app *app = self;
-  sv_status s = app->is_capturing ? sv_capture_queue_line(&app->queue, line) : SV_AGAIN;
+  sv_status s = app->capture.is_running ? sv_capture_queue_line(&app->queue, line) : SV_AGAIN;
   (void)s; // AGAIN: the line goes without
 }
 
@@ -336,7 +292,7 @@ static sv_status train(sv_app *app, sv_err *err) {
                              .before_step = before_step,
                              .after_step = after_step,
                              .add_progress = add_cameras};
-  app->last_save_s = app->last_picture_s = sv_ns_to_s(m->now_ns(m->self));
+  app->files.checkpoint_s = app->files.picture_s = sv_ns_to_s(m->now_ns(m->self));
   return sv_driver_run(&app->driver, &cfg, &app->trainer, err);
 }
 

@@ -39,27 +39,27 @@ void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
 
 float sv_app_time_of(const sv_app *app, sv_ns time_ns) {
   if (!app->cfg.is_dynamic) return 0;
-  if (app->cfg.is_continuous) return (float)sv_ns_to_s(time_ns - app->first_ns);
-  double span = (double)(app->last_ns - app->first_ns);
-  return span > 0 ? sv_clampf((float)((double)(time_ns - app->first_ns) / span), 0.0f, 1.0f) : 0;
+  if (app->cfg.is_continuous) return (float)sv_ns_to_s(time_ns - app->moving.first_ns);
+  double span = (double)(app->moving.last_ns - app->moving.first_ns);
+  return span > 0 ? sv_clampf((float)((double)(time_ns - app->moving.first_ns) / span), 0.0f, 1.0f) : 0;
 }
 
 void sv_app_begin_moving(sv_app *app) {
   const sv_exposures *e = &app->exposures;
   if (!app->cfg.is_dynamic || e->n < 1) return;
-  app->first_ns = app->last_ns = e->exposure[0].time_ns;
+  app->moving.first_ns = app->moving.last_ns = e->exposure[0].time_ns;
   for (int i = 1; i < e->n; i++) {
-    if (e->exposure[i].time_ns < app->first_ns) app->first_ns = e->exposure[i].time_ns;
-    if (e->exposure[i].time_ns > app->last_ns) app->last_ns = e->exposure[i].time_ns;
+    if (e->exposure[i].time_ns < app->moving.first_ns) app->moving.first_ns = e->exposure[i].time_ns;
+    if (e->exposure[i].time_ns > app->moving.last_ns) app->moving.last_ns = e->exposure[i].time_ns;
   }
-  app->trainer.deform.motion.cfg.t0 = sv_app_time_of(app, app->last_ns);
-  app->exposure_ns = app->port.machine.now_ns(app->port.machine.self);
+  app->trainer.deform.motion.cfg.t0 = sv_app_time_of(app, app->moving.last_ns);
+  app->moving.exposure_ns = app->port.machine.now_ns(app->port.machine.self);
 }
 
 bool sv_app_is_exposure_due(const sv_app *app) {
   const sv_clock *m = &app->port.machine;
   if (!app->cfg.is_dynamic) return true;
-  return m->now_ns(m->self) - app->exposure_ns >= (sv_ns)(app->cfg.exposure_s * 1e9);
+  return m->now_ns(m->self) - app->moving.exposure_ns >= (sv_ns)(app->cfg.exposure_s * 1e9);
 }
 
 // How the model stands to the exposure that was the newest until now, before it makes room.
@@ -74,9 +74,9 @@ static sv_status score_newest(sv_app *app) {
     if (s < 0) return s;
     sum += sv_psnr_of_mse(mse) / n;
   }
-  app->n_scored++;
-  app->psnr_sum += sum;
-  app->psnr_late = app->n_scored == 1 ? sum : 0.98 * app->psnr_late + 0.02 * sum;
+  app->moving.n_scored++;
+  app->moving.psnr_sum += sum;
+  app->moving.psnr_late = app->moving.n_scored == 1 ? sum : 0.98 * app->moving.psnr_late + 0.02 * sum;
   return SV_OK;
 }
 
@@ -89,11 +89,11 @@ sv_status sv_app_enter_exposure(sv_app *app, int slot, float progress) {
   if (!app->cfg.is_dynamic) return SV_OK;
   // Turns of equal length, what it takes to change exposures included; who is late by a whole turn starts anew.
   const sv_ns now_ns = m->now_ns(m->self), turn_ns = (sv_ns)(app->cfg.exposure_s * 1e9);
-  app->exposure_ns += turn_ns;
-  if (now_ns - app->exposure_ns >= turn_ns) app->exposure_ns = now_ns;
-  app->last_ns = app->exposures.exposure[slot].time_ns;
-  sv_motion_advance(&app->trainer.deform.motion, &app->trainer.g, sv_app_time_of(app, app->last_ns));
+  app->moving.exposure_ns += turn_ns;
+  if (now_ns - app->moving.exposure_ns >= turn_ns) app->moving.exposure_ns = now_ns;
+  app->moving.last_ns = app->exposures.exposure[slot].time_ns;
+  sv_motion_advance(&app->trainer.deform.motion, &app->trainer.g, sv_app_time_of(app, app->moving.last_ns));
   sv_status s = sv_train_renew(&app->trainer, progress, &app->scratch);
-  if (s < 0 || ++app->n_entered % FIND_EVERY) return s;
+  if (s < 0 || ++app->moving.n_entered % FIND_EVERY) return s;
   return sv_train_find_moving(&app->trainer, progress);
 }

@@ -21,13 +21,14 @@ void sv_app_memory_map(sv_str *out, const sv_arena *a, bool is_json) {
 
 // Of a live run: who got the time.
 static void add_live(sv_str *s, const sv_app *app) {
-  const sv_governor *g = &app->governor;
+  const sv_governor *g = &app->capture.governor;
   if (app->cfg.is_dynamic)
     sv_str_add(s, "  \"moving\": %d, \"renewed\": %u,\n", sv_deform_n_moving(&app->trainer.deform),
                app->trainer.n_renewed);
-  if (app->n_scored)
+  if (app->moving.n_scored)
     sv_str_add(s, "  \"live_psnr\": %.3f, \"live_psnr_late\": %.3f, \"live_exposures\": %llu,\n",
-               app->psnr_sum / (double)app->n_scored, app->psnr_late, (unsigned long long)app->n_scored);
+               app->moving.psnr_sum / (double)app->moving.n_scored, app->moving.psnr_late,
+               (unsigned long long)app->moving.n_scored);
   if (!app->cfg.is_continuous) return;
   sv_str_add(s,
              "  \"live\": {\"exposures_replaced\": %llu, \"previews\": %llu, \"preview_slowdown\": %d, "
@@ -107,7 +108,7 @@ static void add_timing(sv_str *s, const sv_app *app) {
 }
 
 sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) {
-  sv_str s = sv_str_make(app->report, SV_APP_REPORT_BYTES);
+  sv_str s = sv_str_make(app->files.report, SV_APP_REPORT_BYTES);
   sv_store *st = &app->port.store;
   sv_str_add(&s, "{\n  \"version\": 1,\n  \"state\": \"%s\",\n", sv_app_state_name(app->state));
   add_settings(&s, app);
@@ -117,7 +118,7 @@ sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) {
   if (extra) sv_str_add(&s, "  %s,\n", extra);
   sv_str_add(&s, "  \"relocated\": %u,\n  \"dropped_splats\": %u,\n  \"device_errors\": %llu,\n",
              app->trainer.n_relocated, app->trainer.render.stats.n_dropped,
-             (unsigned long long)app->n_device_errors);
+             (unsigned long long)app->capture.n_device_errors);
   add_odometry(&s, app);
   add_timing(&s, app);
   add_live(&s, app);

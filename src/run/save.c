@@ -25,7 +25,7 @@ sv_status sv_app_save_model(sv_app *app, sv_err *err) {
   const sv_model_notes notes = {.is_mip = app->trainer.cfg.is_antialiased,
                                 .dilation_px2 = app->trainer.cfg.dilation_px2,
                                 .up = sv_up_name(up)};
-  s = sv_model_write_ply(&app->trainer.g, &notes, store_sink(st), &app->ply, err);
+  s = sv_model_write_ply(&app->trainer.g, &notes, store_sink(st), &app->files.ply, err);
   return finish(st, s, err);
 }
 
@@ -71,13 +71,14 @@ uint64_t sv_app_origin(const char *source) {
 sv_status sv_app_resume(sv_app *app, sv_err *err) {
   size_t bytes;
   sv_store *st = &app->port.store;
-  sv_status s = st->read(st->self, "checkpoint.bin", app->checkpoint, app->checkpoint_bytes, &bytes, err);
+  sv_status s =
+      st->read(st->self, "checkpoint.bin", app->files.checkpoint, app->files.checkpoint_bytes, &bytes, err);
   if (s == SV_E_NOT_FOUND) return SV_AGAIN;
   if (s == SV_E_NOMEM)
     return sv_fail(err, SV_E_RANGE,
                    "checkpoint.bin is larger than this run's %zu bytes: it was made with other "
                    "settings or by an older version",
-                   app->checkpoint_bytes);
+                   app->files.checkpoint_bytes);
   if (s < 0) return s;
-  return sv_checkpoint_read(&app->trainer, "checkpoint.bin", app->checkpoint, bytes, err);
+  return sv_checkpoint_read(&app->trainer, "checkpoint.bin", app->files.checkpoint, bytes, err);
 }

@@ -137,7 +137,7 @@ static long n_ended[2];
 static void check_state(sv_status s) {
   end_state state = s < 0 && s != SV_E_INTERRUPTED ? SAFE : RUN;
   assert_int_equal(w.n_out, w.n_back);
-  assert_false(w.app.queue.is_running || w.app.is_capturing || w.app.has_worker);
+  assert_false(w.app.queue.is_running || w.app.capture.is_running || w.app.capture.has_worker);
   assert_int_equal(w.app.state, state == SAFE ? SV_APP_FAILED : SV_APP_DONE);
   if (state == RUN) assert_int_equal(w.app.trainer.step, w.cfg.steps);
   n_ended[state]++;
@@ -170,9 +170,9 @@ static bool run_with(world_call c, long at, bool is_lasting) {
     if (must_fail(c, is_lasting))
       fail_msg("%s, call %ld failed and the run did not tell", world_call_name(c), at);
     // Seen and counted. Without a pose the rig stands still; a camera that takes no frame length is left alone.
-    if (c == WORLD_DEQUEUE || c == WORLD_REQUEUE) assert_true(w.app.n_device_errors > 0);
+    if (c == WORLD_DEQUEUE || c == WORLD_REQUEUE) assert_true(w.app.capture.n_device_errors > 0);
     if (c == WORLD_SET_CONTROL) assert_true(world_has_line(&w, "free_running"));
-    if (c == WORLD_DECODE) assert_true(w.app.n_bad_exposures > 0); // and costs its exposure only
+    if (c == WORLD_DECODE) assert_true(w.app.capture.n_bad_exposures > 0); // and costs its exposure only
   }
   bool has_old_files = kind_of_run == WORLD_N_CALLS;
   if (has_old_files) check_files();

@@ -175,10 +175,9 @@ TEST(test_bad_input) {
        1},
       {"capture --source sim:textured --exposures 2 --out @/a_file/sub", "a_file", 1},
       {"capture --source sim:textured --exposures 2 --sync often --out @/bad", "--sync often", 2},
-      {"capture --source sim:textured --exposures 2 --out @/tiny", "holds a capture already", 1},
-      {"capture --source replay:@/tiny --exposures 2 --out @/tiny", "holds a capture already", 1},
-      {"capture --source replay:@/tiny --exposures 2 --sync frame-length --out @/bad",
-       "length of their frames", 1},
+      {"capture --source sim:textured --exposures 2 --out @/tiny", "already holds a capture", 1},
+      {"capture --source replay:@/tiny --exposures 2 --out @/tiny", "already holds a capture", 1},
+      {"capture --source replay:@/tiny --exposures 2 --sync frame-length --out @/bad", "frame length", 1},
       {"run --source replay:@/tiny --sync trigger --out @/bad", "trigger line", 1},
       {"cameras --source-kind v4l3", "v4l3", 2},
       {"plan --size 640", "640", 2},
@@ -259,8 +258,9 @@ TEST(test_help_tells_defaults) {
   for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
     const char *at = strstr(g_out, names[i]), *end = at ? strchr(at, '\n') : NULL;
     int value = 0;
-    if (!end || sscanf(at + strcspn(at, "("), "(%d)\n", &value) != 1 || at + strcspn(at, "(") > end)
-      fail_msg("%s in: %s", names[i], g_out);
+    const char *bracket = end;
+    while (bracket && bracket > at && *bracket != '[') bracket--;
+    if (!end || sscanf(bracket, "[%d]\n", &value) != 1) fail_msg("%s in: %s", names[i], g_out);
   }
 }
 

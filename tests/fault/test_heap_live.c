@@ -28,10 +28,10 @@ static int n_exposures;
 // A machine whose steps all take the same time, so that each exposure gets as many; it notes what each came to.
 static sv_ns now_ns(void *self) {
   (void)self;
-  if (w.app.n_scored != n_seen) {
-    const double psnr = w.app.psnr_sum - sum;
-    sum = w.app.psnr_sum;
-    n_seen = w.app.n_scored;
+  if (w.app.moving.n_scored != n_seen) {
+    const double psnr = w.app.moving.psnr_sum - sum;
+    sum = w.app.moving.psnr_sum;
+    n_seen = w.app.moving.n_scored;
     if (n_seen <= N_PART) first_sum += psnr;
     if ((int)n_seen > n_exposures - N_PART && (int)n_seen <= n_exposures) last_sum += psnr;
   }
@@ -62,12 +62,13 @@ static void run_flat(void) {
   print_message(
       "%d exposures, newest %.2f dB, the first %d %.2f dB, the last %.2f dB; %d of %d Gaussians move, %u "
       "renewed; %llu frames = %llu delivered + %llu dropped; %zu bytes before and after\n",
-      (int)n_seen, w.app.psnr_sum / (double)w.app.n_scored, N_PART, first_sum / N_PART, last_sum / N_PART,
-      sv_deform_n_moving(&w.app.trainer.deform), n, w.app.trainer.n_renewed, (unsigned long long)l.captured,
-      (unsigned long long)l.delivered, (unsigned long long)sv_ledger_dropped(&l), used);
+      (int)n_seen, w.app.moving.psnr_sum / (double)w.app.moving.n_scored, N_PART, first_sum / N_PART,
+      last_sum / N_PART, sv_deform_n_moving(&w.app.trainer.deform), n, w.app.trainer.n_renewed,
+      (unsigned long long)l.captured, (unsigned long long)l.delivered,
+      (unsigned long long)sv_ledger_dropped(&l), used);
   assert_int_equal(sv_heap_count(), 0);
   assert_true(w.arena.used_bytes == used && w.arena.high_bytes == high && w.arena.is_sealed);
-  assert_true((int)n_seen >= n_exposures && w.app.n_scored == w.app.exposures.n_replaced);
+  assert_true((int)n_seen >= n_exposures && w.app.moving.n_scored == w.app.exposures.n_replaced);
   assert_true(sv_ledger_is_exact(&l) && l.pending == 0);
   assert_int_equal(w.app.trainer.g.n, n);
 }

@@ -82,7 +82,7 @@ TEST(each_kind_of_frame_is_trained_on) {
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
     open_cameras(cases[i].options, cases[i].is_tiled);
     must_run();
-    assert_int_equal(w.app.n_bad_exposures, 0);
+    assert_int_equal(w.app.capture.n_bad_exposures, 0);
     assert_true(world_has_line(&w, "25.0 fps")); // the statistics of a camera
     close_cameras();
   }
@@ -108,7 +108,7 @@ TEST(a_damaged_picture_costs_its_exposure) {
   w.cfg.capture_timeout_ns = 2 * SV_NS_PER_S;
   assert_int_equal(world_init(&w), SV_OK);
   assert_int_equal(sv_app_run(&w.app, &w.err), SV_E_TIMEOUT); // none was whole: said, not trained on
-  assert_true(w.app.n_bad_exposures > 10);
+  assert_true(w.app.capture.n_bad_exposures > 10);
   assert_int_equal(w.app.exposures.n, 0);
   assert_true(world_has_line(&w, "JPEG"));
   for (int i = 0; i < 2; i++) assert_true(sv_ledger_is_exact(sv_sync_ledger(&w.app.queue.sync, i)));

@@ -80,7 +80,7 @@ TEST(too_slow_for_its_cameras) {
                 (unsigned long long)l->captured);
   assert_true(l->dropped[SV_DROP_OVERLOAD] > 10);
   assert_int_equal(l->dropped[SV_DROP_OVERLOAD], r->dropped[SV_DROP_OVERLOAD]);
-  assert_int_equal(w.app.governor.slowdown, SV_GOVERNOR_SLOWEST);
+  assert_int_equal(w.app.capture.governor.slowdown, SV_GOVERNOR_SLOWEST);
   check_views();
   world_close(&w);
 }

@@ -61,12 +61,12 @@ TEST(test_live) {
   assert_true(w.arena.high_bytes == high && w.arena.is_sealed);
   sv_ledger l = sv_sync_ledger_sum(&w.app.queue.sync);
   print_message("live: %d replaced, PSNR %.2f dB; %d frames captured, %d dropped\n",
-                (int)w.app.exposures.n_replaced, w.app.psnr_sum / (double)w.app.n_scored, (int)l.captured,
-                (int)sv_ledger_dropped(&l));
+                (int)w.app.exposures.n_replaced, w.app.moving.psnr_sum / (double)w.app.moving.n_scored,
+                (int)l.captured, (int)sv_ledger_dropped(&l));
   assert_true(sv_ledger_is_exact(&l) && sv_ledger_dropped(&l) > 0);
-  assert_true(w.app.exposures.n_replaced >= 5 && w.app.n_scored == w.app.exposures.n_replaced);
+  assert_true(w.app.exposures.n_replaced >= 5 && w.app.moving.n_scored == w.app.exposures.n_replaced);
   assert_int_equal(w.app.trainer.g.n, 1200);
-  assert_true(w.app.psnr_sum / (double)w.app.n_scored > 25);
+  assert_true(w.app.moving.psnr_sum / (double)w.app.moving.n_scored > 25);
   assert_true(world_find(&w, "motion.bin") != NULL);
   world_close(&w);
   world_forget_files(&w);

@@ -96,7 +96,8 @@ static sv_status open_tracker(sv_err *err) {
   sv_kernels_init(&p.k, ~0u);
   p.threads = sv_pool_serial();
   p.time_ns = SV_TAKE(&p.arena, sv_ns, p.n);
-  s = sv_odometry_init(&p.odometry, &p.rig, p.n, &p.pool, &p.k, 1, &p.arena, err);
+  const sv_odometry_cfg oc = {.rig = &p.rig, .cap_exposures = p.n, .pool = &p.pool, .k = &p.k, .seed = 1};
+  s = sv_odometry_init(&p.odometry, &oc, &p.arena, err);
   p.tracker = &p.odometry.tracker;
   p.tracker->cfg.has_extrinsics = false;
   if (sv_rig_pose_has_opengv()) p.tracker->cfg.solver.absolute = sv_rig_pose_opengv;

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "src/run/config.h"
+
+#include "src/base/mathx.h"
+#include "src/capture/composites.h"
+#include "src/run/driver.h"
+#include "src/run/moving.h"
+
+bool sv_app_is_trained_on(const sv_app_cfg *c, int i_sub) {
+  uint64_t any = 0;
+  for (size_t i = 0; i < sizeof c->sub_view_mask / sizeof *c->sub_view_mask; i++) any |= c->sub_view_mask[i];
+  return !any || (c->sub_view_mask[i_sub / 64] >> (i_sub % 64) & 1);
+}
+
+int sv_app_n_trained_sub_views(const sv_app_cfg *c) {
+  int n = 0;
+  for (int i = 0; i < c->rig->n_sub_views; i++) n += sv_app_is_trained_on(c, i);
+  return n;
+}
+
+static bool is_multiplexed(const sv_app_cfg *c) { return c->rig->forward == SV_FORWARD_MULTIPLEXED; }
+
+// Sensors instead of views, by regions.
+static void plan_composites(const sv_app_cfg *c, sv_train_cfg *t) {
+  t->cap_views = 0;
+  t->cap_composites = c->n_exposures * sv_composites_n_sensors(c->rig, c->n_cameras);
+  t->cap_regions = 0;
+  if (t->region_px < 1) return; // the trainer says so
+  t->cap_width_px = t->cap_height_px = t->region_px;
+  t->cap_pixels = sv_plane_floats(t->region_px, t->region_px);
+  for (int i = 0; i < c->n_cameras; i++)
+    if (sv_composites_has_lens(c->rig, i))
+      t->cap_regions +=
+          c->n_exposures * sv_train_n_regions(c->caps[i].width_px, c->caps[i].height_px, t->region_px);
+}
+
+sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
+  sv_train_cfg t = c->train;
+  t.cap_views = c->n_exposures * sv_app_n_trained_sub_views(c);
+  t.n_threads = n_threads;
+  t.cap_width_px = t.cap_height_px = 1;
+  t.cap_pixels = 0;
+  if (is_multiplexed(c)) plan_composites(c, &t);
+  sv_focal_range focal = {0};
+  for (int i = 0; i < c->rig->n_sub_views; i++) {
+    const sv_camera_model *m = &c->rig->sub_views[i].model;
+    size_t px = sv_plane_floats(m->width_px, m->height_px);
+    t.cap_width_px = sv_maxi(t.cap_width_px, m->width_px);
+    t.cap_height_px = sv_maxi(t.cap_height_px, m->height_px);
+    if (px > t.cap_pixels) t.cap_pixels = px;
+    if (sv_app_is_trained_on(c, i)) sv_focal_range_add(&focal, (float)m->p[0]);
+  }
+  if (sv_focal_range_needs_antialiasing(&focal)) t.is_antialiased = true;
+  const sv_sampling sampling = {.n_exposures = c->n_exposures,
+                                .is_moving = c->is_dynamic,
+                                .n_sub_views = sv_app_n_trained_sub_views(c),
+                                .is_multiplexed = is_multiplexed(c)};
+  sv_driver_set_objective(&t, &sampling, c->optimizer);
+  if (c->prior) sv_train_set_prior(&t, c->prior, t.cap_views);
+  if (c->is_refining) // rates from trials on poses that were off by a quarter of a degree
+    t.poses = (sv_train_poses_cfg){.cap_poses = c->n_exposures,
+                                   .rot_rad = 2e-3f,
+                                   .place = 2e-3f,
+                                   .decay = 0.01f,
+                                   .from = 0.05f,
+                                   .until = 1};
+  if (c->is_dynamic) sv_app_plan_moving(c, &t);
+  if (c->steps) t.steps_hint = (int)c->steps;
+  return t;
+}

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+// C only: sv_app is.
+// Moving scenes in a run: the model's time, and turns of equal length for the exposures of a run that goes on capturing.
+// Owns the times of the exposures that the model's time runs between, and the scores of past exposures.
+// Never moves a Gaussian: that is src/dynamic.
+#ifndef SV_RUN_MOVING_H
+#define SV_RUN_MOVING_H
+
+#include "src/run/config.h"
+
+typedef struct sv_app sv_app;
+
+typedef struct {
+  sv_ns first_ns, last_ns; // host times of the exposures that the model's time runs between
+  sv_ns exposure_ns;       // machine time at which the newest exposure came in
+  uint64_t n_entered;      // exposures that came in while training
+  uint64_t n_scored;       // of these: scored at the end of their turn
+  double psnr_sum;         // dB, over the scored ones
+  double psnr_late;        // dB, running mean of about the last 50
+} sv_app_moving;
+
+void sv_app_plan_moving(const sv_app_cfg *cfg, sv_train_cfg *t);
+// The model's time of a moment of the cameras' host time.
+float sv_app_time_of(const sv_app *app, sv_ns time_ns);
+void sv_app_begin_moving(sv_app *app); // all exposures are there, training begins
+// The newest exposure has had its turn; always true where nothing moves.
+bool sv_app_is_exposure_due(const sv_app *app);
+sv_status sv_app_leave_exposure(sv_app *app) SV_MUST_USE;
+sv_status sv_app_enter_exposure(sv_app *app, int slot, float progress) SV_MUST_USE;
+
+#endif
