@@ -81,12 +81,16 @@ typedef struct {
 
 #define SOURCE_KINDS "sim:SCENE, replay:DIR, v4l2:/dev/videoN or libcamera:N"
 
-// Opens a source string (SOURCE_KINDS, several cameras separated by commas, then options) inside the arena; the rig
-// comes from rig_path (a folder) or the source. Options of all sources: tiles=CxR (each picture holds so many cameras),
-// fov=DEG (of a single camera without a rig, for which a pinhole lens is then assumed). needs_rig: without a rig
-// E_NOT_FOUND, else rig stays NULL.
-sv_status source_open(board_source *s, const char *spec, const char *rig_path, int n_exposures,
-                      bool needs_rig, sv_arena *arena, sv_err *err) SV_MUST_USE;
+typedef struct {
+  const char *spec;     // the source string: SOURCE_KINDS, several cameras separated by commas, then options
+  const char *rig_path; // folder of the rig; NULL: the source's own rig
+  int n_exposures;      // that will be captured, for sources of a known length; 0: not known
+  bool needs_rig;       // without a rig E_NOT_FOUND; else rig stays NULL
+} source_cfg;
+
+// Opens a source inside the arena. Options of all sources: tiles=CxR (one image holds C x R cameras), fov=DEG (of a single
+// camera without a rig, for which a pinhole lens is then assumed).
+sv_status source_open(board_source *s, const source_cfg *cfg, sv_arena *arena, sv_err *err) SV_MUST_USE;
 void source_close(board_source *s);
 
 // Pictures of coverage that names tells of, decoded into the arena at footprint.coverage; dir is for sentences. What

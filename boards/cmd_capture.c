@@ -248,7 +248,8 @@ static sv_status open_conversion(sv_arena *arena, sv_err *err) {
 }
 
 static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err) {
-  sv_status s = source_open(&cap.src, o->source, o->rig, (int)o->exposures, false, arena, err);
+  const source_cfg sc = {.spec = o->source, .rig_path = o->rig, .n_exposures = (int)o->exposures};
+  sv_status s = source_open(&cap.src, &sc, arena, err);
   if (s < 0) return s;
   int n = cap.src.source.n_cameras;
   sv_capture_queue_cfg qc = {.n_cameras = n,

@@ -197,7 +197,9 @@ static void say_skipped(const run_options *o) {
 // page.
 static sv_status set_up(const run_options *o, sv_arena *arena, const char **what, sv_err *err) {
   *what = "cameras";
-  sv_status s = source_open(&run.src, o->source, o->rig, (int)o->exposures, true, arena, err);
+  const source_cfg sc = {
+      .spec = o->source, .rig_path = o->rig, .n_exposures = (int)o->exposures, .needs_rig = true};
+  sv_status s = source_open(&run.src, &sc, arena, err);
   if (s < 0 && run.src.source.n_cameras > 0) *what = "rig";
   if (s < 0) return s;
   if (run.src.note[0] && !o->is_quiet) say(2, "subview: %s\n", run.src.note);
@@ -264,8 +266,8 @@ static int run_once(const run_options *o, bool *is_again) {
       else fail_with(&err);
     }
     code = err.text[0] ? 1 : EXIT_USAGE;
-    sv_feed_lacks lacks = what[0] == 'c' ? SV_LACKS_CAMERA : what[0] == 'r' ? SV_LACKS_RIG : SV_LACKS_OTHER;
-    *is_again = preview_failed(o, lacks, err.text, &console);
+    sv_feed_cause cause = what[0] == 'c' ? SV_CAUSE_CAMERA : what[0] == 'r' ? SV_CAUSE_RIG : SV_CAUSE_OTHER;
+    *is_again = preview_failed(o, cause, err.text, &console);
   } else {
     if (o->is_check || (run.console.is_terminal && !o->is_quiet && is_first_run(o)))
       check_list(o, &run.src, &arena, &run.k);

@@ -9,12 +9,19 @@
 
 // --- reading -------------------------------------------------------------------------------------
 
-static sv_status decode(const char *path, const uint8_t *file, size_t bytes, const sv_footprint *f,
-                        uint8_t *dst, sv_arena *arena, sv_err *err) {
+typedef struct {
+  const char *path; // for messages
+  const uint8_t *data;
+  size_t bytes;
+} png_file;
+
+static sv_status decode(const png_file *file, const sv_footprint *f, uint8_t *dst, sv_arena *arena,
+                        sv_err *err) {
+  const char *path = file->path;
   sv_codec_info info;
   sv_codec codec;
   sv_err why;
-  sv_status s = sv_codec_probe(file, bytes, &info, &why);
+  sv_status s = sv_codec_probe(file->data, file->bytes, &info, &why);
   if (s < 0) return sv_fail(err, s, "%s: %s", path, why.text);
   if (info.width_px != f->width_px || info.height_px != f->height_px)
     return sv_fail(err, SV_E_FORMAT, "%s: %dx%d pixels, its footprint in rig.json has %dx%d", path,
@@ -23,7 +30,7 @@ static sv_status decode(const char *path, const uint8_t *file, size_t bytes, con
   s = sv_codec_init(&codec, &cc, arena);
   if (s < 0) return sv_fail(err, s, "%s: no room to decode %dx%d pixels", path, f->width_px, f->height_px);
   sv_picture out = {f->width_px, f->height_px, (size_t)f->width_px, SV_PIX_GREY8, dst};
-  s = sv_codec_decode(&codec, file, bytes, &out, &why);
+  s = sv_codec_decode(&codec, file->data, file->bytes, &out, &why);
   sv_codec_close(&codec);
   return s < 0 ? sv_fail(err, s, "%s: %s", path, why.text) : SV_OK;
 }
@@ -39,7 +46,7 @@ static sv_status read_one(const sv_file_reader *files, const char *dir, const ch
   if (!coverage || !file)
     return sv_fail(err, arena->status, "%s: no room for %dx%d pixels", path, f->width_px, f->height_px);
   sv_status s = files->read(files->self, name, file, cap, &bytes, err);
-  if (s >= 0) s = decode(path, file, bytes, f, coverage, arena, err);
+  if (s >= 0) s = decode(&(png_file){path, file, bytes}, f, coverage, arena, err);
   sv_arena_reset(arena, mark);
   f->coverage = s < 0 ? NULL : coverage;
   return s;

@@ -225,13 +225,13 @@ static sv_status open_kind(board_source *s, const char *spec, int n_exposures, s
   return sv_fail(err, SV_E_ARG, "source \"%s\": expected " SOURCE_KINDS, spec);
 }
 
-sv_status source_open(board_source *s, const char *spec, const char *rig_path, int n_exposures,
-                      bool needs_rig, sv_arena *arena, sv_err *err) {
+sv_status source_open(board_source *s, const source_cfg *cfg, sv_arena *arena, sv_err *err) {
+  const char *spec = cfg->spec, *rig_path = cfg->rig_path;
   common_options o;
   memset(s, 0, sizeof *s);
   sv_arena_part_begin(arena, "source");
   sv_status r = take_options(spec, &o, err);
-  if (r >= 0) r = open_kind(s, o.spec, n_exposures, arena, err);
+  if (r >= 0) r = open_kind(s, o.spec, cfg->n_exposures, arena, err);
   if (r >= 0 && o.cols) {
     sv_source inner = s->source;
     r = sv_tiled_init(&s->tiled, &inner, o.cols, o.rows, arena, err);
@@ -245,12 +245,13 @@ sv_status source_open(board_source *s, const char *spec, const char *rig_path, i
   if (rig_path) sv_copy(s->rig_dir, sizeof s->rig_dir, rig_path);
   if (o.cols && !rig_path) s->rig_dir[0] = 0;
   if (s->rig_dir[0]) return read_rig(s, arena, err);
-  if (s->rig || !needs_rig) return SV_OK;
+  if (s->rig || !cfg->needs_rig) return SV_OK;
   if (s->source.n_cameras == 1) return assume_rig(s, o.fov_deg, arena, err);
-  return sv_fail(err, SV_E_NOT_FOUND,
-                 "source \"%s\" has %d cameras and brings no rig; give its folder with --rig (rig.json and "
-                 ".cameramodel files, as subview-calibrate makes them)",
-                 spec, s->source.n_cameras);
+  return sv_fail(
+      err, SV_E_NOT_FOUND,
+      "source \"%s\" has %d cameras and no rig; give a folder with --rig (rig.json and .cameramodel files, "
+      "as subview-calibrate writes them)",
+      spec, s->source.n_cameras);
 }
 
 void source_close(board_source *s) {

@@ -37,22 +37,22 @@ static void say(int fd, const char *fmt, ...) {
 }
 
 static void help(void) {
-  say(1,
-      "usage: subview-preview --attach PID [--listen [ADDR:]PORT]\n"
-      "Serves the page of a running `subview run --feed` or `subview run --preview`: cameras, model, "
-      "curves,\n"
-      "downloads. It runs in a sandbox, reads shared memory only, and can be ended and started at any time.\n"
-      "`subview run --preview [ADDR:]PORT` starts one by itself.\n\n"
-      "options:\n"
-      "  --attach PID           process number of the subview to show\n"
-      "  --listen [ADDR:]PORT   where to listen (127.0.0.1:8080); other addresses than loopback can be "
-      "reached\n"
-      "                         by everyone on that network, and reading then takes the token, too\n"
-      "  --feed-fd N --command-fd N   used by subview itself\n"
-      "  --version              print the version\n"
-      "  --help                 this text\n\n"
-      "The token comes from SUBVIEW_PREVIEW_TOKEN or is made up; the printed link holds it.\n\n"
-      "example:\n  subview-preview --attach $(pidof subview) --listen 8081\n");
+  say(1, "usage: subview-preview --attach PID [--listen [ADDR:]PORT]\n"
+         "Serves the page of a running `subview run --feed` or `subview run --preview`: cameras, model, "
+         "curves,\n"
+         "downloads. It runs in a sandbox, reads only shared memory, and can be stopped and started at any "
+         "time.\n"
+         "`subview run --preview [ADDR:]PORT` starts one by itself.\n\n"
+         "options:\n"
+         "  --attach PID           process id of the subview to show\n"
+         "  --listen [ADDR:]PORT   where to listen [127.0.0.1:8080]; with an address other than loopback, "
+         "everyone\n"
+         "                         on that network can connect, and reading needs the token, too\n"
+         "  --feed-fd N --command-fd N   used by subview itself\n"
+         "  --version              print the version\n"
+         "  --help                 this text\n\n"
+         "The token is SUBVIEW_PREVIEW_TOKEN, or random; the printed link holds it.\n\n"
+         "example:\n  subview-preview --attach $(pidof subview) --listen 8081\n");
 }
 
 static int usage(const char *fmt, const char *what) {
@@ -81,7 +81,7 @@ static int parse(int argc, char **argv, options *o, sv_err *err) {
     } else if (!strcmp(argv[i], "--attach") || !strcmp(argv[i], "--feed-fd") ||
                !strcmp(argv[i], "--command-fd")) {
       if (!sv_parse_int(value, strlen(value), &v) || v < 1 || v > 1 << 30)
-        return usage("%s: a number was expected", argv[i]);
+        return usage("%s: expected a number", argv[i]);
       if (argv[i][2] == 'a') o->attach_pid = (long)v;
       else *(argv[i][2] == 'f' ? &o->feed_fd : &o->command_fd) = (int)v;
     } else return usage("unknown option '%s'", argv[i]);
@@ -96,8 +96,8 @@ static sv_status attach(options *o, sv_err *err) {
   sv_fmt(path, sizeof path, "/proc/%ld/fd", o->attach_pid);
   int dir = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (dir < 0)
-    return sv_fail(err, SV_E_NOT_FOUND, "--attach %ld: this process cannot be looked into (%s)",
-                   o->attach_pid, sv_linux_reason(errno));
+    return sv_fail(err, SV_E_NOT_FOUND, "--attach %ld: cannot access this process (%s)", o->attach_pid,
+                   sv_linux_reason(errno));
   for (int fd = 3; fd < 256 && o->feed_fd < 0; fd++) {
     sv_fmt(path, sizeof path, "%d", fd);
     ssize_t n = readlinkat(dir, path, link, sizeof link - 1);

@@ -29,10 +29,10 @@ sv_status pv_pictures_open(pv_source *s, sv_err *err) {
   s->picture_cap = sizeof(sv_feed_picture) + 3u * SV_FEED_CAP_PICTURE_W * SV_FEED_CAP_PICTURE_H;
   s->picture = malloc(s->picture_cap);
   if (!p.block || !p.canvas || !p.jpeg || !s->tiles || !s->picture)
-    return sv_fail(err, SV_E_NOMEM, "no memory for pictures");
+    return sv_fail(err, SV_E_NOMEM, "no memory for images");
   sv_arena a = sv_arena_make(p.block, bytes);
   sv_status r = sv_codec_init(&p.codec, &cfg, &a);
-  if (r < 0) return sv_fail(err, r, "no memory for pictures");
+  if (r < 0) return sv_fail(err, r, "no memory for images");
   s->codec = &p;
   return SV_OK;
 }
@@ -42,9 +42,13 @@ void pv_mosaic_grid(int n, int *n_columns, int *n_rows) {
   *n_rows = n <= 1 ? 1 : (n + *n_columns - 1) / *n_columns;
 }
 
-static void put_tile(uint8_t *canvas, int width_px, int column, int row, const uint8_t *rgb, int w, int h) {
-  int x0 = column * SV_FEED_TILE_W + (SV_FEED_TILE_W - w) / 2,
-      y0 = row * SV_FEED_TILE_H + (SV_FEED_TILE_H - h) / 2;
+// Tile i into the middle of its cell of a canvas with so many columns.
+static void put_tile(uint8_t *canvas, int n_columns, const sv_feed_tiles *tiles, int i) {
+  const uint8_t *rgb = tiles->rgb[i];
+  const int w = tiles->tile[i].width_px, h = tiles->tile[i].height_px, width_px = n_columns * SV_FEED_TILE_W;
+  if (w < 1 || h < 1 || w > SV_FEED_TILE_W || h > SV_FEED_TILE_H) return;
+  const int x0 = i % n_columns * SV_FEED_TILE_W + (SV_FEED_TILE_W - w) / 2,
+            y0 = i / n_columns * SV_FEED_TILE_H + (SV_FEED_TILE_H - h) / 2;
   for (int y = 0; y < h; y++)
     memcpy(canvas + 3 * ((size_t)(y0 + y) * (size_t)width_px + (size_t)x0), rgb + 3 * (size_t)y * (size_t)w,
            3 * (size_t)w);
@@ -75,11 +79,7 @@ bool pv_mosaic_read(pv_source *s) {
   pv_mosaic_grid(n, &columns, &rows);
   int width_px = columns * SV_FEED_TILE_W, height_px = rows * SV_FEED_TILE_H;
   memset(p->canvas, 0, 3 * (size_t)width_px * (size_t)height_px);
-  for (int i = 0; i < n; i++) {
-    int w = s->tiles->tile[i].width_px, h = s->tiles->tile[i].height_px;
-    if (w > 0 && h > 0 && w <= SV_FEED_TILE_W && h <= SV_FEED_TILE_H)
-      put_tile(p->canvas, width_px, i % columns, i / columns, s->tiles->rgb[i], w, h);
-  }
+  for (int i = 0; i < n; i++) put_tile(p->canvas, columns, s->tiles, i);
   bytes = encode(p, p->canvas, width_px, height_px);
   static const char next[] = "\r\n" PV_PART_HEAD;
   pv_blob *b = bytes ? pv_blob_make(bytes + sizeof next - 1, s->tiles_seq) : NULL;

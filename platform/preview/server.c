@@ -111,7 +111,7 @@ static struct MHD_Response *response_of(pv_blob *b) {
 
 static enum MHD_Result send_blob(struct MHD_Connection *c, pv_blob *b, const char *type, const char *file) {
   char text[96];
-  if (!b) return say(c, MHD_HTTP_NOT_FOUND, "there is nothing of this kind yet\n");
+  if (!b) return say(c, MHD_HTTP_NOT_FOUND, "not available yet\n");
   struct MHD_Response *r = response_of(b);
   if (!r) return MHD_NO;
   if (file) {
@@ -250,9 +250,9 @@ static enum MHD_Result post(pv_server *s, struct MHD_Connection *c, const char *
         return say(c, MHD_HTTP_FORBIDDEN,
                    "the token is missing or wrong: open the link that subview printed\n");
       if (write(s->cfg.command_fd, &commands[i].byte, 1) == 1) return say(c, MHD_HTTP_OK, "asked\n");
-      return say(c, MHD_HTTP_SERVICE_UNAVAILABLE, "the runtime does not take commands now\n");
+      return say(c, MHD_HTTP_SERVICE_UNAVAILABLE, "the run accepts no commands at the moment\n");
     }
-  return say(c, MHD_HTTP_NOT_FOUND, "there is nothing here\n");
+  return say(c, MHD_HTTP_NOT_FOUND, "no such page\n");
 }
 
 static enum MHD_Result get_model(pv_server *s, struct MHD_Connection *c) {
@@ -280,7 +280,7 @@ static enum MHD_Result get(pv_server *s, struct MHD_Connection *c, const char *u
                                      "/picture.jpg", "/model", "/model.ply", "/model.splat", "/model.spz"};
   size_t i = 0;
   while (i < sizeof data / sizeof *data && strcmp(url, data[i])) i++;
-  if (i == sizeof data / sizeof *data) return say(c, MHD_HTTP_NOT_FOUND, "there is nothing here\n");
+  if (i == sizeof data / sizeof *data) return say(c, MHD_HTTP_NOT_FOUND, "no such page\n");
   if (s->cfg.is_private && !has_token(s, c, true))
     return say(c, MHD_HTTP_FORBIDDEN, "the token is missing or wrong: open the link that subview printed\n");
   switch (i) {
@@ -322,11 +322,11 @@ static enum MHD_Result answer(void *cls, struct MHD_Connection *c, const char *u
   cl->waits_since_ns = 0;
   const char *host = header(c, "Host");
   if (!pv_host_is_ours(host, s->cfg.port, s->machine))
-    return say(c, MHD_HTTP_FORBIDDEN, "not under this name: open the link that subview printed\n");
+    return say(c, MHD_HTTP_FORBIDDEN, "unknown host name: open the link that subview printed\n");
   const char *site = header(c, "Sec-Fetch-Site");
   if (!pv_origin_is_ours(header(c, "Origin"), host) ||
       (site && !strcmp(site, "cross-site") && strcmp(url, "/")))
-    return say(c, MHD_HTTP_FORBIDDEN, "not for pages of other places\n");
+    return say(c, MHD_HTTP_FORBIDDEN, "refused: the request comes from another site\n");
   if (!strcmp(method, "GET") || !strcmp(method, "HEAD")) return get(s, c, url);
   if (!strcmp(method, "POST")) return post(s, c, url);
   return say(c, MHD_HTTP_METHOD_NOT_ALLOWED, "GET or POST\n");
@@ -395,8 +395,7 @@ static int listen_on(const pv_server_cfg *cfg, sv_err *err) {
   if (fd >= 0) setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
   if (fd >= 0 && bind(fd, where, is_v6 ? sizeof a6 : sizeof a4) == 0 && listen(fd, 64) == 0) return fd;
   const bool is_low = errno == EACCES && cfg->port < 1024;
-  sv_fail(err, SV_E_DEVICE,
-          is_v6 ? "[%s]:%d: cannot be listened on: %s%s" : "%s:%d: cannot be listened on: %s%s", cfg->addr,
+  sv_fail(err, SV_E_DEVICE, is_v6 ? "[%s]:%d: cannot listen: %s%s" : "%s:%d: cannot listen: %s%s", cfg->addr,
           cfg->port, sv_linux_reason(errno), is_low ? " for ports below 1024" : "");
   if (fd >= 0) close(fd);
   return -1;

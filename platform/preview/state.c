@@ -86,18 +86,18 @@ static void add_memory(sv_str *o, const sv_feed_state *s) {
   close_with(o, "]},");
 }
 
-static const char *shows_name(int v) {
+static const char *status_name(int v) {
   static const char *const names[] = {"waiting", "capturing", "training", "paused",
                                       "saving",  "done",      "failed"};
-  return names[bounded(v, SV_SHOWS_FAILED)];
+  return names[bounded(v, SV_FEED_FAILED)];
 }
 
 void pv_state_json(const pv_source *p, sv_str *o) {
-  static const char *const lacks[] = {"", "camera", "rig", "other"};
+  static const char *const causes[] = {"", "camera", "rig", "other"};
   const sv_feed_state *s = &p->state;
   int columns, rows;
-  sv_str_add(o, "{\"seq\":%llu,\"state\":\"%s\",\"lacks\":\"%s\",", (unsigned long long)p->state_seq,
-             p->state_seq ? shows_name(s->shows) : "starting", lacks[bounded(s->lacks, SV_LACKS_OTHER)]);
+  sv_str_add(o, "{\"seq\":%llu,\"state\":\"%s\",\"cause\":\"%s\",", (unsigned long long)p->state_seq,
+             p->state_seq ? status_name(s->status) : "starting", causes[bounded(s->cause, SV_CAUSE_OTHER)]);
   add_text(o, "sentence", s->sentence, sizeof s->sentence);
   add_text(o, "board", s->board, sizeof s->board);
   add_text(o, "source", s->source, sizeof s->source);

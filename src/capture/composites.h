@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The part of the exposure pool for sensors on which lens images overlap (src/rig/forward.h): what such a sensor
-// measured is kept whole, once an exposure, beside the places of its lenses at that instant. Nothing is cut out,
-// and nothing undistorted: lens images that add up on a sensor cannot be bent back one by one.
+// The part of the exposure pool for sensors on which lens images overlap (src/rig/forward.h).
+// Owns each sensor's whole measurement, once per exposure, and the poses of its lenses at that instant.
+// Never cuts out or undistorts: lens images that add up on a sensor cannot be undistorted one by one.
 #ifndef SV_CAPTURE_COMPOSITES_H
 #define SV_CAPTURE_COMPOSITES_H
 

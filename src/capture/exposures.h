@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pool of exposures: each sub-view's picture, cut out of its sensor's frame and undistorted once, kept for
-// training; of multiplexed rigs, each sensor's measurement (composites.h). Fixed capacity, carved at start.
+// The pool of exposures: each sub-view's image, cut out of its sensor's frame and undistorted once, kept for training; of
+// multiplexed rigs, each sensor's measurement (composites.h).
+// Owns images, times and poses of the exposures in a fixed number of slots; a full pool replaces the oldest.
+// Never keeps a camera's frame: it is free as soon as sv_exposures_add returns.
 #ifndef SV_CAPTURE_EXPOSURES_H
 #define SV_CAPTURE_EXPOSURES_H
 
@@ -40,7 +42,7 @@ typedef struct {
   sv_exposure *exposure; // [cap_exposures]
   int n;                 // exposures held
   int i_next;            // slot that the next one goes to
-  int *place;            // [cap_exposures + 1] of slots in px; the last is spare
+  int *place;            // [cap_exposures + 1] block in px of each slot; the last is spare
   uint64_t n_replaced;
 } sv_exposures;
 

@@ -45,16 +45,16 @@ typedef enum {
 
 // --- what the channels hold ----------------------------------------------------------------------
 typedef enum {
-  SV_SHOWS_WAITING, // cameras are live, Start is waited for
-  SV_SHOWS_CAPTURING,
-  SV_SHOWS_TRAINING,
-  SV_SHOWS_PAUSED,
-  SV_SHOWS_SAVING,
-  SV_SHOWS_DONE,
-  SV_SHOWS_FAILED
-} sv_feed_shows;
-// What is missing, when it failed.
-typedef enum { SV_LACKS_NOTHING, SV_LACKS_CAMERA, SV_LACKS_RIG, SV_LACKS_OTHER } sv_feed_lacks;
+  SV_FEED_WAITING, // cameras are live, Start is waited for
+  SV_FEED_CAPTURING,
+  SV_FEED_TRAINING,
+  SV_FEED_PAUSED,
+  SV_FEED_SAVING,
+  SV_FEED_DONE,
+  SV_FEED_FAILED
+} sv_feed_status;
+// Error cause of a failed run.
+typedef enum { SV_CAUSE_NOTHING, SV_CAUSE_CAMERA, SV_CAUSE_RIG, SV_CAUSE_OTHER } sv_feed_cause;
 
 typedef struct {
   char name[48];
@@ -70,8 +70,8 @@ typedef struct {
 } sv_feed_part;
 
 typedef struct {
-  int32_t shows, lacks; // sv_feed_shows, sv_feed_lacks
-  char sentence[256];   // of a failure
+  int32_t status, cause; // sv_feed_status, sv_feed_cause
+  char sentence[256];    // of a failure
   char board[32], source[128], rig[32];
   int32_t is_session; // Start and New are answered, and the end of a run is not the end of the
                       // program

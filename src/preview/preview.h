@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // C only: the feed is.
-// What a run shows while it goes on, and what the person in front of it asks for. Everything is copied into the
-// port's feed (src/port/feed.h) at fixed intervals of the machine's clock; nobody who reads there is ever waited
-// for. Without a feed all calls do nothing and cost nothing. Nothing here changes a bit of the training.
+// The page's side of a run: copies its state, images and model into the port's feed (src/port/feed.h) at fixed intervals of
+// the machine's clock, and takes the commands that come back.
+// Owns the staging copies and the history (curve, events) for pages that connect late.
+// Never waits for a reader, never changes a bit of the training, and does nothing without a feed.
 #ifndef SV_PREVIEW_PREVIEW_H
 #define SV_PREVIEW_PREVIEW_H
 
@@ -45,7 +46,7 @@ typedef struct {
   uint64_t n_saves;
   bool is_coded; // all cameras compress: their thumbnails come from what was decoded anyway
   bool has_new_event, is_paused, is_new_requested;
-  sv_feed_shows shows;
+  sv_feed_status status;
 } sv_preview;
 
 // Floats of each Gaussian's motion in the feed, beside SV_GAUSSIAN_N_FLOATS; 0: nothing moves.
@@ -55,38 +56,39 @@ size_t sv_preview_bodies_floats(const sv_train_cfg *t);
 void sv_preview_carve(sv_preview *l, bool is_on, int n_cameras, sv_arena *arena);
 void sv_preview_start(sv_app *app); // the run begins: the clock of the page starts
 
-// Capture. A frame came in (compressed ones give no thumbnail here: sv_preview_decoded). These two may be called from
-// another thread than all else, but only from one.
+// A frame came in (compressed ones give no thumbnail here: sv_preview_decoded). May be called from another thread than
+// everything else, but only from one.
 void sv_preview_frame(sv_app *app, const sv_frame *f);
-// The same frame after it was decoded; the newest exposure, which was decoded when it was taken.
+// Thumbnails of compressed frames: of the newest exposure, which was decoded anyway; of a frame before capture, which is
+// decoded for this; of an image that was decoded.
 void sv_preview_exposure(sv_app *app);
-void sv_preview_decode(sv_app *app, const sv_frame *f); // while nothing is captured yet
+void sv_preview_decode(sv_app *app, const sv_frame *f);
 void sv_preview_decoded(sv_app *app, int i_camera, const sv_image_u8 *image);
-// What the capture side last counted, whichever thread it is on.
+// The capture side's newest counts, whichever thread it is on.
 const sv_ledger *sv_preview_ledger(const sv_app *app, int i_camera);
 const sv_skew_stats *sv_preview_skew(const sv_app *app);
-// Now and then in every loop: publishes what is due. E_INTERRUPTED when New was asked for.
+// Call it in every loop: publishes whatever is due. E_INTERRUPTED when New was requested.
 sv_status sv_preview_tick(sv_app *app) SV_MUST_USE;
 // In a session, before the capture: shows the cameras until Start. E_INTERRUPTED after a stop request.
 sv_status sv_preview_wait_start(sv_app *app, sv_err *err) SV_MUST_USE;
 
-// Between two training steps: the same as tick; saves when Save was asked for, and while Pause holds stays inside.
-// *paused_s: how long, which is no training time.
+// Between two training steps: as tick; saves when Save was requested, and does not return while paused. *paused_s: time
+// that is no training time.
 sv_status sv_preview_between_steps(sv_app *app, double *paused_s, sv_err *err) SV_MUST_USE;
 // The model and the state at once (training begins, or ended).
 void sv_preview_show_model(sv_app *app);
-void sv_preview_show(sv_app *app, sv_feed_shows shows, const char *sentence);
+void sv_preview_show(sv_app *app, sv_feed_status status, const char *sentence);
 // In a session, after the end: until New (AGAIN) or a stop request (OK).
 sv_status sv_preview_stay(sv_app *app) SV_MUST_USE;
 // A line of the log, for the page.
 void sv_preview_event(sv_app *app, sv_log_level level, const char *text);
 
-// A run that could not be set up, so that there is no app: the same state with a sentence.
-void sv_preview_show_failure(sv_feed *feed, sv_feed_lacks lacks, const char *board, const char *source,
+// For a run that could not be set up, so that there is no app: the state with the reason.
+void sv_preview_show_failure(sv_feed *feed, sv_feed_cause cause, const char *board, const char *source,
                              bool is_session, const char *sentence);
 
 // Downscales a frame's pixels into rgb[h][w][3] by whole steps, so that it fits into cap_w x cap_h: a quick look, not
-// what is trained on (src/image/convert.h). False for compressed frames.
+// the conversion for training (src/image/convert.h). False for compressed frames.
 bool sv_preview_thumbnail(const sv_frame *f, int cap_w, int cap_h, uint8_t *rgb, int *w, int *h);
 
 #endif

@@ -306,7 +306,7 @@ static sv_status run_all(sv_app *app, sv_err *err) {
   if (s >= 0) {
     app->state = SV_APP_TRAINING;
     sv_preview_show_model(app); // the first rough model, at once
-    sv_preview_show(app, SV_SHOWS_TRAINING, NULL);
+    sv_preview_show(app, SV_FEED_TRAINING, NULL);
     s = train(app, err);
   }
   ended = sv_app_continuous_end(app, &end_err);
@@ -314,7 +314,7 @@ static sv_status run_all(sv_app *app, sv_err *err) {
   const bool is_trained =
       app->driver.step_time.n > 0; // else what an earlier run left in the folder is worth more
   if (s >= 0 || (s == SV_E_INTERRUPTED && is_trained && !app->preview.is_new_requested)) {
-    sv_preview_show(app, SV_SHOWS_SAVING, NULL);
+    sv_preview_show(app, SV_FEED_SAVING, NULL);
     app->state = SV_APP_SAVING;
     saved = sv_app_save_all(app, err);
     if (saved < 0) s = saved;
@@ -338,7 +338,7 @@ sv_status sv_app_run(sv_app *app, sv_err *err) {
   sv_status s = run_all(app, err);
   sv_preview_show_model(app);
   if (app->state == SV_APP_FAILED && !app->preview.is_new_requested)
-    sv_preview_show(app, SV_SHOWS_FAILED, err ? err->text : "");
-  else sv_preview_show(app, SV_SHOWS_DONE, NULL);
+    sv_preview_show(app, SV_FEED_FAILED, err ? err->text : "");
+  else sv_preview_show(app, SV_FEED_DONE, NULL);
   return s;
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What training takes for each Gaussian and for each pixel of the largest picture, array by array: where memory would be
-// saved. Bytes that do not grow with either (scratch of the threads, tables) are in the memory map alone.
+// Bytes of the trainer per Gaussian and per pixel of the largest image, array by array: shows where memory can be saved.
+// Owns nothing. Bytes that grow with neither (scratch of the threads, tables) are in the memory map alone.
+// Never allocates: it asks the trainer for its size.
 #ifndef SV_RUN_ARRAYS_H
 #define SV_RUN_ARRAYS_H
 

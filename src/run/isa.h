@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Which kernels a program uses: all that this CPU runs, or the ones that the user pinned.
+// Owns nothing.
+// Never reads the environment: the caller does.
 #ifndef SV_RUN_ISA_H
 #define SV_RUN_ISA_H
 

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Do this CPU's kernels say what the reference says? A few training steps on a made-up scene and the picture
-// kernels on noise, once with the reference and once with each instruction set, must give the same bits
-// (SSE4.1, which has no fused multiply-add: nearly the same loss).
+// Selftest: a few training steps on a synthetic scene and the image kernels on noise, with the reference and with each
+// instruction set of this CPU, must give the same bits (SSE4.1, which has no fused multiply-add: nearly the same loss).
+// Owns its results; everything else comes from the arena and goes back.
+// Never needs a camera, a file or a thread.
 #ifndef SV_RUN_SELFTEST_H
 #define SV_RUN_SELFTEST_H
 

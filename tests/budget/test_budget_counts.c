@@ -39,7 +39,7 @@ static int run(const char *isa_name) {
   int isa = sv_isa_by_name(isa_name);
   if (isa < 0 || !(sv_cpu_isas() & SV_ISA_BIT(isa))) return 2;
   sv_kernels_init(&k, sv_isa_only((sv_isa)isa));
-  sv_status s = sv_bench_scene_make(&scene, &size, &k, &pool, 1, &a, &err);
+  sv_status s = sv_bench_scene_make(&scene, &size, (sv_compute){&k, &pool}, 1, &a, &err);
   for (int i = 0; i < N_STEPS && s >= 0; i++) {
     sv_step_stats st;
     s = sv_train_step(&scene.t, 0.5f, &st);

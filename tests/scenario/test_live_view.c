@@ -396,10 +396,10 @@ static void test_what_is_missing(void **state) {
            root);
   assert_int_equal(system(command), 0);
   start("--source replay:@/norig --session");
-  assert_true(wait_for("\"state\":\"failed\",\"lacks\":\"rig\"", 10));
+  assert_true(wait_for("\"state\":\"failed\",\"cause\":\"rig\"", 10));
   live_run_stop(&r);
   start("--source replay:@/nowhere --session");
-  assert_true(wait_for("\"state\":\"failed\",\"lacks\":\"camera\"", 10));
+  assert_true(wait_for("\"state\":\"failed\",\"cause\":\"camera\"", 10));
   live_run_stop(&r);
 }
 
@@ -450,7 +450,7 @@ static void refuses_port(const char *place, const char *reason) {
   assert_non_null(p);
   said[fread(said, 1, sizeof said - 1, p)] = 0;
   int status = pclose(p);
-  snprintf(whole, sizeof whole, "subview-preview: %s: cannot be listened on: %s\n", place, reason);
+  snprintf(whole, sizeof whole, "subview-preview: %s: cannot listen: %s\n", place, reason);
   assert_string_equal(said, whole);
   assert_true(WIFEXITED(status) && WEXITSTATUS(status) == 1);
 }

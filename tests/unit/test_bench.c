@@ -84,7 +84,7 @@ TEST(test_count) {
   assert_non_null(block);
   sv_arena a = sv_arena_make(block, bytes);
   sv_kernels_init(&k, ~0u);
-  assert_true(sv_bench_scene_make(&scene, &size, &k, &pool, 1, &a, NULL) >= 0);
+  assert_true(sv_bench_scene_make(&scene, &size, (sv_compute){&k, &pool}, 1, &a, NULL) >= 0);
   uint64_t before = sv_train_digest(&scene.t);
   assert_int_equal(sv_train_step(&scene.t, 0.5f, &st), SV_OK);
   assert_true(sv_train_digest(&scene.t) == before); // every step is the same work
@@ -122,7 +122,7 @@ TEST(test_stages) {
   sv_arena a = sv_arena_make(block, bytes);
   sv_kernels_init(&k, ~0u);
   b.cfg = (sv_bench_cfg){.k = &k, .clock = {.self = &now, .now_ns = tick}};
-  assert_true(sv_bench_scene_make(&b.scene, &r, &k, &pool, 1, &a, NULL) >= 0);
+  assert_true(sv_bench_scene_make(&b.scene, &r, (sv_compute){&k, &pool}, 1, &a, NULL) >= 0);
   uint64_t before = sv_train_digest(&b.scene.t);
   assert_int_equal(sv_bench_time_scene(&b, &pool, &r), SV_OK);
   assert_true(sv_train_digest(&b.scene.t) == before);

@@ -29,7 +29,7 @@ size_t sv_bench_bytes(int n_threads) {
 
 static sv_status time_case(sv_bench *b, const sv_pool *pool, sv_bench_step *r, sv_err *err) {
   size_t mark = sv_arena_mark(b->arena);
-  sv_status s = sv_bench_scene_make(&b->scene, r, b->cfg.k, pool, b->cfg.seed, b->arena, err);
+  sv_status s = sv_bench_scene_make(&b->scene, r, (sv_compute){b->cfg.k, pool}, b->cfg.seed, b->arena, err);
   if (s >= 0 && (s = sv_bench_time_scene(b, pool, r)) < 0)
     sv_fail(err, s, "%d Gaussians at %dx%d cannot be timed: %s", r->n_gaussians, r->width_px, r->height_px,
             sv_status_text(s));

@@ -172,8 +172,8 @@ void sv_bench_end(sv_bench *b, const char *extra);
 // --- pieces --------------------------------------------------------------------------------------
 // Bytes of a scene in an arena, and the scene itself in `a`.
 size_t sv_bench_scene_bytes(const sv_bench_step *size);
-sv_status sv_bench_scene_make(sv_bench_scene *b, const sv_bench_step *size, const sv_kernels *k,
-                              const sv_pool *pool, uint64_t seed, sv_arena *a, sv_err *err) SV_MUST_USE;
+sv_status sv_bench_scene_make(sv_bench_scene *b, const sv_bench_step *size, sv_compute compute, uint64_t seed,
+                              sv_arena *a, sv_err *err) SV_MUST_USE;
 size_t sv_bench_kernel_bytes(void); // what the kernels' part takes
 
 // Median, least and quartiles of v[n], which is sorted; zeros when n < 1.

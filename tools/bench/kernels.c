@@ -247,7 +247,7 @@ static sv_status time_variant(sv_bench *b, sv_isa isa, sv_err *err) {
   ctx c = {.k = &k};
   size_t mark = sv_arena_mark(b->arena);
   sv_kernels_init(&k, sv_isa_only(isa));
-  sv_status s = sv_bench_scene_make(&b->scene, &size, &k, &serial, b->cfg.seed, b->arena, err);
+  sv_status s = sv_bench_scene_make(&b->scene, &size, (sv_compute){&k, &serial}, b->cfg.seed, b->arena, err);
   if (s >= 0) s = prepare(&c, &b->scene, b->arena, err);
   if (s >= 0) time_all(b, &c, isa);
   sv_arena_reset(b->arena, mark);

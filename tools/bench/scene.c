@@ -72,15 +72,15 @@ size_t sv_bench_scene_bytes(const sv_bench_step *size) {
          4 * SV_ARENA_ALIGN;
 }
 
-sv_status sv_bench_scene_make(sv_bench_scene *b, const sv_bench_step *size, const sv_kernels *k,
-                              const sv_pool *pool, uint64_t seed, sv_arena *a, sv_err *err) {
+sv_status sv_bench_scene_make(sv_bench_scene *b, const sv_bench_step *size, sv_compute compute, uint64_t seed,
+                              sv_arena *a, sv_err *err) {
   sv_train_cfg c = train_cfg(size);
   int w = size->width_px, h = size->height_px;
   c.seed = seed;
   b->picture = SV_TAKE(a, uint8_t, picture_bytes(size));
   sv_arena scratch = sv_arena_sub(a, sv_init_scratch_bytes(c.n_gaussians, 0) + SV_ARENA_ALIGN);
   if (a->status < 0) return sv_fail(err, a->status, "no room for a scene of %d Gaussians", c.n_gaussians);
-  sv_status s = sv_trainer_init(&b->t, &c, (sv_compute){k, pool}, a, err);
+  sv_status s = sv_trainer_init(&b->t, &c, compute, a, err);
   if (s < 0) return s;
   fill_picture(b->picture, w, h, seed);
   sv_view v = camera(w, h);

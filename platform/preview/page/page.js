@@ -7,13 +7,13 @@ if (page.token) document.cookie = "subview=" + page.token + "; path=/; SameSite=
 $("tiles").src = "/cameras"; // first of all
 
 const titles = {
-  starting: ["Starting", "The runtime is being set up."],
-  waiting: ["Ready", "The cameras are live. Press Start to capture and train."],
-  capturing: ["Capturing", "Synchronized exposures are being taken."],
-  training: ["Training", "The first model is on its way."],
+  starting: ["Starting", "Opening cameras and memory."],
+  waiting: ["Ready", "The cameras are running. Press Start to capture and train."],
+  capturing: ["Capturing", "Capturing synchronized exposures."],
+  training: ["Training", "The first model appears in a moment."],
   done: ["Done", ""],
 };
-const lacks = { camera: "No camera", rig: "No rig", other: "It could not go on" };
+const causes = { camera: "No camera", rig: "No rig", other: "The run failed" };
 
 const number = (v, digits) => (v === null || v === undefined ? "–" : v.toFixed(digits));
 const bytes = (v) => (v >= 1 << 30 ? (v / (1 << 30)).toFixed(2) + " GiB" : (v / (1 << 20)).toFixed(1) + " MiB");
@@ -37,7 +37,7 @@ function open_view() {
     view.on_time = show_clip;
   } catch (e) {
     page.has_no_view = true, ($("notice").hidden = false);
-    set("notice", "The model cannot be drawn here: " + e.message + ". Downloads and camera pictures work.");
+    set("notice", "This browser cannot draw the model: " + e.message + ". Downloads and camera images work.");
   }
 }
 
@@ -116,9 +116,9 @@ async function load_events() {
 function show_message(s) {
   const has_model = view && view.n > 0;
   let [title, text] = titles[s.state] || ["", ""];
-  if (s.state === "failed") (title = lacks[s.lacks] || lacks.other), (text = s.sentence);
+  if (s.state === "failed") (title = causes[s.cause] || causes.other), (text = s.sentence);
   $("message").hidden = has_model && s.state !== "failed";
-  if (s.state === "failed" && s.session) text += ". Put it right and press New to try again.";
+  if (s.state === "failed" && s.session) text += ". Fix this and press New to try again.";
   set("message-title", title), set("message-text", text);
   $("figures").hidden = $("tools").hidden = !has_model;
   // Before there is a model the cameras are what there is to see.
@@ -133,7 +133,7 @@ function show_message(s) {
 
 function show_buttons(s) {
   const may = page.token !== "" && !page.is_away, on = (id, is) => ($(id).disabled = !(may && is));
-  set("start", s.state === "paused" ? "Go on" : "Start");
+  set("start", s.state === "paused" ? "Resume" : "Start");
   on("start", s.state === "waiting" || s.state === "paused");
   on("pause", s.state === "training");
   on("save", s.state === "training" || s.state === "paused");
@@ -142,13 +142,13 @@ function show_buttons(s) {
   for (const id of ["get-ply", "get-splat", "get-spz"]) $(id).classList.toggle("off", !(view ? view.n : s.step));
   if (!page.token && $("notice").hidden) {
     $("notice").hidden = false;
-    set("notice", "View only: open the link that subview printed to control the run.");
+    set("notice", "View only. To control the run, open the link that subview printed.");
   }
 }
 
 function show_cameras(s) {
   const [columns, rows] = s.grid, count = Math.min(s.cameras.length, columns * rows);
-  set("skew", s.n_skew ? "skew " + micro(s.skew_p50_us) + " typical, " + micro(s.skew_max_us) + " most" : "");
+  set("skew", s.n_skew ? "skew " + micro(s.skew_p50_us) + " median, " + micro(s.skew_max_us) + " max" : "");
   const labels = $("labels");
   while (labels.children.length > count) labels.lastChild.remove();
   for (let i = 0; i < count; i++) {
@@ -185,7 +185,7 @@ function show_memory(s) {
       return e;
     })
   );
-  set("memory-line", m.cap ? bytes(m.used) + " of the block of " + bytes(m.cap) + " are used; it does not grow" : "");
+  set("memory-line", m.cap ? bytes(m.used) + " of " + bytes(m.cap) + " used; fixed for the whole run" : "");
   const hot = s.throttled === 1 ? ", throttled" : "";
   set("machine-line", [s.board, s.temperature !== null ? s.temperature.toFixed(0) + " °C" + hot : ""].filter(Boolean).join(", "));
 }
@@ -202,7 +202,7 @@ function show(s) {
   set("train-line", s.exposures + " of " + s.cap_exposures + " exposures" + (s.saves ? ", saved " + s.saves + " times" : ""));
   set("fps", view && view.n && view.fps ? view.fps.toFixed(0) + " fps" : "");
   set("sandbox", s.sandbox ? "server sandbox: " + s.sandbox : "");
-  set("skew-line", s.n_skew ? "skew of " + s.n_skew + " exposures: 50 % " + micro(s.skew_p50_us) + ", 99 % " + micro(s.skew_p99_us) : "no exposures yet");
+  set("skew-line", s.n_skew ? "skew over " + s.n_skew + " exposures: median " + micro(s.skew_p50_us) + ", 99 % " + micro(s.skew_p99_us) : "no exposures yet");
   show_message(s), show_buttons(s), show_cameras(s), show_ledger(s), show_memory(s);
   plots.skew($("skew-plot"), s.skew);
   load_model(s.model_seq), load_picture(s.picture_seq);
@@ -219,7 +219,7 @@ function away(is) {
   if (is) {
     set("state", "not connected"), ($("state").className = "chip away");
     $("message").hidden = !!(view && view.n);
-    set("message-title", "The rig does not answer"), set("message-text", "Trying again. Is subview still running?");
+    set("message-title", "No connection to subview"), set("message-text", "Retrying. Check that subview is still running.");
     look_for_refusal();
     for (const id of ["start", "pause", "save", "new"]) $(id).disabled = true;
   } else $("tiles").src = "/cameras?" + Date.now();
@@ -228,7 +228,7 @@ function away(is) {
 async function look_for_refusal() {
   try {
     if ((await fetch("/state")).status !== 403) return;
-    set("message-title", "This link is of another run"), set("message-text", "Open the newest link that subview printed.");
+    set("message-title", "This link belongs to another run"), set("message-text", "Open the newest link that subview printed.");
   } catch (e) {
     // nobody answers at all
   }
