@@ -52,9 +52,11 @@ static pid_t start(const char *line) {
   for (char *word = strtok_r(text, " ", &save); word && n < MAX_ARGS - 1; word = strtok_r(NULL, " ", &save))
     argv[n++] = word;
   argv[n] = NULL;
+  char path[300];
+  snprintf(path, sizeof path, "%s/stderr", g_root);
+  (void)!truncate(path, 0); // no one reads the last program's words for this one's
   pid_t pid = fork();
   if (pid != 0) return pid;
-  char path[300];
   snprintf(path, sizeof path, "%s/stdout", g_root);
   int fd = open(path, O_WRONLY | O_CREAT | O_TRUNC, 0666);
   snprintf(path, sizeof path, "%s/stderr", g_root);
