@@ -58,51 +58,27 @@ bool sv_kernel_exists(const char *op, sv_isa isa) {
 #define OP(name)                            {#name, SV_ISA_REF},
 #define VARIANT(name, isa_lower, isa_upper) {#name, SV_ISA_##isa_upper},
 #include "kernels/variants.inc"
-#undef OP
-#undef VARIANT
   };
   for (size_t i = 0; i < sizeof all / sizeof *all; i++)
     if (all[i].isa == isa && !strcmp(all[i].op, op)) return true;
   return false;
 }
 
-#if SV_HAVE_SSE41
-#define SET_SSE41(name)                                                                                      \
-  if (mask & SV_ISA_BIT(SV_ISA_SSE41)) k->name = sv_##name##_sse41;
-#else
-#define SET_SSE41(name)
-#endif
-#if SV_HAVE_AVX2
-#define SET_AVX2(name)                                                                                       \
-  if (mask & SV_ISA_BIT(SV_ISA_AVX2)) k->name = sv_##name##_avx2;
-#else
-#define SET_AVX2(name)
-#endif
-#if SV_HAVE_AVX512
-#define SET_AVX512(name)                                                                                     \
-  if (mask & SV_ISA_BIT(SV_ISA_AVX512)) k->name = sv_##name##_avx512;
-#else
-#define SET_AVX512(name)
-#endif
-#if SV_HAVE_NEON
-#define SET_NEON(name)                                                                                       \
-  if (mask & SV_ISA_BIT(SV_ISA_NEON)) k->name = sv_##name##_neon;
-#else
-#define SET_NEON(name)
-#endif
+// A variant that this build does not contain is not named.
+#define SET_0(name, isa_lower, isa_upper)
+#define SET_1(name, isa_lower, isa_upper)                                                                    \
+  if (mask & SV_ISA_BIT(SV_ISA_##isa_upper)) k->name = sv_##name##_##isa_lower;
+#define SET_(have) SET_##have
+#define SET(have)  SET_(have)
 
 void sv_kernels_init(sv_kernels *k, uint32_t isa_mask) {
   uint32_t mask = isa_mask & sv_cpu_isas();
 #define OP(name) k->name = sv_##name##_ref;
 #define VARIANT(name, isa_lower, isa_upper)
 #include "kernels/variants.inc"
-#undef OP
-#undef VARIANT
 #define OP(name)
-#define VARIANT(name, isa_lower, isa_upper) SET_##isa_upper(name)
+#define VARIANT(name, isa_lower, isa_upper) SET(SV_HAVE_##isa_upper)(name, isa_lower, isa_upper)
 #include "kernels/variants.inc"
-#undef OP
-#undef VARIANT
   k->isa = SV_ISA_REF;
   for (int i = 0; i < SV_N_ISAS; i++)
     if (mask & SV_ISA_BIT(i)) k->isa = (sv_isa)i;

@@ -17,11 +17,9 @@ typedef enum { SV_ISA_REF = 0, SV_ISA_SSE41, SV_ISA_AVX2, SV_ISA_AVX512, SV_ISA_
 #define SV_ISA_BIT(isa) (1u << (isa))
 
 typedef struct {
-#define OP(name) sv_##name##_fn name;
+#define OP(name) sv_##name##_fn *name;
 #define VARIANT(name, isa_lower, isa_upper)
 #include "kernels/variants.inc"
-#undef OP
-#undef VARIANT
   sv_isa isa; // the highest one in use
 } sv_kernels;
 

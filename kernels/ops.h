@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// All contracts at once.
+// All contracts and prototypes: a header declares sv_<name>_fn, the type of an operation; the functions of that
+// type follow from variants.inc.
 #ifndef SV_KERNELS_OPS_H
 #define SV_KERNELS_OPS_H
 
@@ -25,5 +26,17 @@
 #include "kernels/ssim/ssim.h"
 #include "kernels/tv/tv.h"
 #include "kernels/unpack/unpack.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define OP(name)                            sv_##name##_fn sv_##name##_ref;
+#define VARIANT(name, isa_lower, isa_upper) sv_##name##_fn sv_##name##_##isa_lower;
+#include "kernels/variants.inc"
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -10,7 +10,7 @@ ifneq ($(WITH),minimal)
 PROGRAMS += $(O)/bin/subview-preview $(O)/bin/subview-calibrate
 endif
 
-$(eval $(call archive_rule,libcore,$(call obj,$(CORE_SRC))))
+$(eval $(call archive_rule,libcore,$(CORE_OBJ)))
 $(eval $(call archive_rule,libplatform,$(call obj,$(PLAT_SRC))))
 $(eval $(call archive_rule,libtools,$(call obj,$(HELPER_SRC))))
 $(eval $(call archive_rule,libcalibrate,$(call obj,$(filter-out %/main.c,$(CAL_SRC)) $(SOLVE_SRC))))

@@ -3,14 +3,14 @@
 c_files = $(wildcard $(1)/*.c $(1)/*/*.c)
 obj     = $(patsubst %.cc,$(O)/obj/%.o,$(patsubst %.c,$(O)/obj/%.o,$(1)))
 
-CORE_SRC    := $(call c_files,src/*) $(wildcard calib/*.c) $(KERNEL_SRC)
+CORE_SRC    := $(call c_files,src/*) $(wildcard calib/*.c)
 MAIN_SRC    := $(filter-out $(if $(HAVE_BENCH),,boards/cmd_bench.c),$(wildcard boards/*.c))
 PREVIEW_SRC := $(wildcard platform/preview/*.c)
 CAL_SRC     := $(call c_files,tools/calibrate)
 # Programs of tools/ have their main() in a file main.c; all other files of tools/ are a library.
 LAB_SRC     := $(filter-out $(CAL_SRC),$(call c_files,tools/*))
 HELPER_SRC  := $(filter-out %/main.c,$(LAB_SRC))
-TEST_SRC    := $(call c_files,tests/*)
+TEST_SRC    := $(filter-out %_vec.c,$(call c_files,tests/*))
 
 # --- optional libraries: what is missing is left out -------------------------------------------------------------------
 have     = $(if $(filter minimal,$(WITH)),,$(if $(filter $(words $(1)),$(words $(wildcard $(addprefix $(INC_DIR)/,$(1))))),1))
@@ -41,4 +41,6 @@ SOLVE_SRC  := $(filter-out $(foreach l,$(SOLVE_ALL),%_$(l).c %_$(l)_none.c),$(wi
 SOLVE_LIBS := $(foreach l,$(SOLVE_ALL),$(if $(HAVE_$(l)),$(SOLVE_LIBS_$(l)))) \
   $(if $(HAVE_opencv)$(HAVE_mrgingham)$(HAVE_opengv),-lstdc++)
 
-ALL_OBJ := $(call obj,$(CORE_SRC) $(PLAT_SRC) $(PREVIEW_SRC) $(MAIN_SRC) $(LAB_SRC) $(CAL_SRC) $(SOLVE_SRC) $(TEST_SRC))
+CORE_OBJ := $(call obj,$(CORE_SRC)) $(KERNEL_OBJ)
+ALL_OBJ  := $(CORE_OBJ) $(PROBE_OBJ) \
+  $(call obj,$(PLAT_SRC) $(PREVIEW_SRC) $(MAIN_SRC) $(LAB_SRC) $(CAL_SRC) $(SOLVE_SRC) $(TEST_SRC))

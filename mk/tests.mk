@@ -30,7 +30,7 @@ $(SOLVE_USERS:%=$(O)/tests/%): SOLVE_LIBS_HERE = $(O)/libcalibrate.a $(TEST_ARCH
 $(SOLVE_USERS:%=$(O)/tests/%): $(O)/libcalibrate.a
 
 PROGS_kernels := $(O)/tests/kernels-check
-$(PROGS_kernels): $(call obj,$(call c_files,tests/kernels)) $(TEST_ARCHIVES)
+$(PROGS_kernels): $(call obj,$(filter tests/kernels/%,$(TEST_SRC))) $(PROBE_OBJ) $(TEST_ARCHIVES)
 	$(call link)
 
 FUZZ_SRC   := $(wildcard tests/fuzz/fuzz_*.c)

@@ -25,18 +25,8 @@ typedef struct {
 
 // p, m, v: [n_rows][16] of the block, updated; grad [n_rows][16]. Lanes whose bit in touched is 0 keep
 // p, m and v.   m = b1 m + (1-b1) g;  v = b2 v + (1-b2) g^2;  p -= lr m / (sqrt(v) rsqrt_bias2 + eps). exact.
-typedef void (*sv_adam_fn)(const sv_adam_args *a, uint32_t touched, const float *grad, float *p, uint16_t *m,
-                           uint16_t *v);
-
-#define SV_DECLARE(isa)                                                                                      \
-  void sv_adam_##isa(const sv_adam_args *a, uint32_t touched, const float *grad, float *p, uint16_t *m,      \
-                     uint16_t *v);
-SV_DECLARE(ref)
-SV_DECLARE(sse41)
-SV_DECLARE(avx2)
-SV_DECLARE(avx512)
-SV_DECLARE(neon)
-#undef SV_DECLARE
+typedef void sv_adam_fn(const sv_adam_args *a, uint32_t touched, const float *grad, float *p, uint16_t *m,
+                        uint16_t *v);
 
 #ifdef __cplusplus
 }

@@ -4,6 +4,7 @@
 #include <math.h>
 
 #include "kernels/simd/s1_math.h"
+#include "kernels/ops.h"
 
 void sv_adam_ref(const sv_adam_args *a, uint32_t touched, const float *grad, float *p, uint16_t *m,
                  uint16_t *v) {

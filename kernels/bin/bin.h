@@ -16,13 +16,7 @@ extern "C" {
 // Writes the n_recs records, one or more, of each splat id[0..n), at rec + splat[id].first_rec, which follow those of the
 // splat before: its tiles row by row, mask 0 where the ellipse misses the tile. The mask may hold a block too many, never
 // one too few. Then SV_BIN_SLACK more may be anything. exact.
-typedef void (*sv_bin_fn)(const sv_splat *splat, const uint32_t *id, uint32_t n, int n_tiles_x, sv_rec *rec);
-
-void sv_bin_ref(const sv_splat *splat, const uint32_t *id, uint32_t n, int n_tiles_x, sv_rec *rec);
-void sv_bin_sse41(const sv_splat *splat, const uint32_t *id, uint32_t n, int n_tiles_x, sv_rec *rec);
-void sv_bin_avx2(const sv_splat *splat, const uint32_t *id, uint32_t n, int n_tiles_x, sv_rec *rec);
-void sv_bin_avx512(const sv_splat *splat, const uint32_t *id, uint32_t n, int n_tiles_x, sv_rec *rec);
-void sv_bin_neon(const sv_splat *splat, const uint32_t *id, uint32_t n, int n_tiles_x, sv_rec *rec);
+typedef void sv_bin_fn(const sv_splat *splat, const uint32_t *id, uint32_t n, int n_tiles_x, sv_rec *rec);
 
 #ifdef __cplusplus
 }

@@ -5,6 +5,7 @@
 
 #include "kernels/bin/bin_common.h"
 #include "kernels/simd/s1_math.h"
+#include "kernels/ops.h"
 
 // The ellipse, its columns in blocks from the first tile's first one on.
 typedef struct {

@@ -35,24 +35,9 @@ typedef struct {
   int row0, row1;
 } sv_pack_args;
 
-typedef void (*sv_srgb_to_linear_fn)(const sv_curve_args *a);
-typedef void (*sv_linear_to_srgb_fn)(const sv_curve_args *a);
-typedef void (*sv_pack_fn)(const sv_pack_args *a);
-void sv_srgb_to_linear_ref(const sv_curve_args *a);
-void sv_srgb_to_linear_sse41(const sv_curve_args *a);
-void sv_srgb_to_linear_avx2(const sv_curve_args *a);
-void sv_srgb_to_linear_avx512(const sv_curve_args *a);
-void sv_srgb_to_linear_neon(const sv_curve_args *a);
-void sv_linear_to_srgb_ref(const sv_curve_args *a);
-void sv_linear_to_srgb_sse41(const sv_curve_args *a);
-void sv_linear_to_srgb_avx2(const sv_curve_args *a);
-void sv_linear_to_srgb_avx512(const sv_curve_args *a);
-void sv_linear_to_srgb_neon(const sv_curve_args *a);
-void sv_pack_ref(const sv_pack_args *a);
-void sv_pack_sse41(const sv_pack_args *a);
-void sv_pack_avx2(const sv_pack_args *a);
-void sv_pack_avx512(const sv_pack_args *a);
-void sv_pack_neon(const sv_pack_args *a);
+typedef void sv_srgb_to_linear_fn(const sv_curve_args *a);
+typedef void sv_linear_to_srgb_fn(const sv_curve_args *a);
+typedef void sv_pack_fn(const sv_pack_args *a);
 
 #ifdef __cplusplus
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "kernels/color/color.h"
 #include "kernels/simd/s1_math.h"
+#include "kernels/ops.h"
 
 static float to_linear(float v, float *slope) {
   float u = (v + 0.055f) * (1.0f / 1.055f);

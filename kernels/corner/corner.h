@@ -32,12 +32,7 @@ typedef struct {
   float *scratch;
 } sv_corner_args;
 
-typedef void (*sv_corner_fn)(const sv_corner_args *a);
-void sv_corner_ref(const sv_corner_args *a);
-void sv_corner_sse41(const sv_corner_args *a);
-void sv_corner_avx2(const sv_corner_args *a);
-void sv_corner_avx512(const sv_corner_args *a);
-void sv_corner_neon(const sv_corner_args *a);
+typedef void sv_corner_fn(const sv_corner_args *a);
 
 #ifdef __cplusplus
 }

@@ -3,6 +3,7 @@
 #include <stddef.h>
 
 #include "kernels/corner/corner.h"
+#include "kernels/ops.h"
 
 // Sum of gx gx (k = 0), gx gy (1) or gy gy (2) over the column of five pixels about (x, y).
 static float column(const sv_corner_args *a, int x, int y, int k) {

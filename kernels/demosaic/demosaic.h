@@ -32,12 +32,7 @@ typedef struct {
   uint8_t *scratch;
 } sv_demosaic_args;
 
-typedef void (*sv_demosaic_fn)(const sv_demosaic_args *a);
-void sv_demosaic_ref(const sv_demosaic_args *a);
-void sv_demosaic_sse41(const sv_demosaic_args *a);
-void sv_demosaic_avx2(const sv_demosaic_args *a);
-void sv_demosaic_avx512(const sv_demosaic_args *a);
-void sv_demosaic_neon(const sv_demosaic_args *a);
+typedef void sv_demosaic_fn(const sv_demosaic_args *a);
 
 #ifdef __cplusplus
 }

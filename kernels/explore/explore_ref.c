@@ -2,6 +2,7 @@
 #include "kernels/explore/explore.h"
 
 #include "kernels/simd/s1_math.h"
+#include "kernels/ops.h"
 
 static void explore_one(float *p, const float *eta, float gain, float dead) {
   const float *q = p + 16 * SV_ROW_QUAT, *scale = p + 16 * SV_ROW_SCALE;

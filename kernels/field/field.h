@@ -26,43 +26,27 @@ typedef struct {
 
 // c [4][16]: x y z t of each Gaussian, 0..1 along the grid (other values count as the border). Writes feature
 // [n_levels F][16]. exact.
-typedef void (*sv_planes_fn)(const sv_planes_args *a, const float *c, float *feature);
+typedef void sv_planes_fn(const sv_planes_args *a, const float *c, float *feature);
 
 // dL/dfeature [n_levels F][16] -> part [16][n_levels][6][F]: dL/d(sample of each plane) of each Gaussian (the
 // gradient times the other five, never divided), and dc [3][16]: dL/dc of x y z, 0 beyond the border. exact.
-typedef void (*sv_planes_bwd_fn)(const sv_planes_args *a, const float *c, const float *d_feature, float *part,
-                                 float *dc);
+typedef void sv_planes_bwd_fn(const sv_planes_args *a, const float *c, const float *d_feature, float *part,
+                              float *dc);
 
 // Adds the part of one plane of one level to its gradient, Gaussian by Gaussian: tap += weight part. part is that of
 // the block; lanes whose bit in touched is 0 are left out. exact.
-typedef void (*sv_planes_add_fn)(const sv_planes_args *a, int level, int plane, const float *c,
-                                 uint32_t touched, const float *part, float *grad);
+typedef void sv_planes_add_fn(const sv_planes_args *a, int level, int plane, const float *c, uint32_t touched,
+                              const float *part, float *grad);
 
 // y [n_out][16] = b + w relu(x), x [n_in][16], w [n_out][n_in]; without is_relu x itself. n_in is a multiple of 16.
 typedef struct {
   const float *w, *b;
   int n_in, n_out, is_relu;
 } sv_linear_args;
-typedef void (*sv_linear_fn)(const sv_linear_args *a, const float *x, float *y); // exact
+typedef void sv_linear_fn(const sv_linear_args *a, const float *x, float *y); // exact
 // dx [n_in][16] is overwritten; dw and db are added to, dw Gaussian by Gaussian. exact.
-typedef void (*sv_linear_bwd_fn)(const sv_linear_args *a, const float *x, const float *dy, float *dx,
-                                 float *dw, float *db);
-
-#define SV_DECLARE(isa)                                                                                      \
-  void sv_planes_##isa(const sv_planes_args *a, const float *c, float *feature);                             \
-  void sv_planes_bwd_##isa(const sv_planes_args *a, const float *c, const float *d_feature, float *part,     \
-                           float *dc);                                                                       \
-  void sv_planes_add_##isa(const sv_planes_args *a, int level, int plane, const float *c, uint32_t touched,  \
-                           const float *part, float *grad);                                                  \
-  void sv_linear_##isa(const sv_linear_args *a, const float *x, float *y);                                   \
-  void sv_linear_bwd_##isa(const sv_linear_args *a, const float *x, const float *dy, float *dx, float *dw,   \
-                           float *db);
-SV_DECLARE(ref)
-SV_DECLARE(sse41)
-SV_DECLARE(avx2)
-SV_DECLARE(avx512)
-SV_DECLARE(neon)
-#undef SV_DECLARE
+typedef void sv_linear_bwd_fn(const sv_linear_args *a, const float *x, const float *dy, float *dx, float *dw,
+                              float *db);
 
 #ifdef __cplusplus
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "kernels/field/field_tap.h"
 #include "kernels/simd/s1_math.h"
+#include "kernels/ops.h"
 
 static float blend(const float *plane, const field_taps *t, const float w[4], int ch) {
   float s = w[0] * plane[t->at[0] + ch];

@@ -14,13 +14,7 @@ extern "C" {
 
 // Lane k of chain c starts at c + k (equal lanes would let the compiler do one for all) and does `n_rounds` times
 // s = 0.999 s + x; out[16]: the chains' sums, added in order. exact.
-typedef void (*sv_fma_peak_fn)(int n_rounds, float x, float *out);
-
-void sv_fma_peak_ref(int n_rounds, float x, float *out);
-void sv_fma_peak_sse41(int n_rounds, float x, float *out);
-void sv_fma_peak_avx2(int n_rounds, float x, float *out);
-void sv_fma_peak_avx512(int n_rounds, float x, float *out);
-void sv_fma_peak_neon(int n_rounds, float x, float *out);
+typedef void sv_fma_peak_fn(int n_rounds, float x, float *out);
 
 #ifdef __cplusplus
 }

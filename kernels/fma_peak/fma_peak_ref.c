@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "kernels/fma_peak/fma_peak.h"
+#include "kernels/ops.h"
 
 #include <math.h>
 

@@ -21,12 +21,7 @@ typedef struct {
   int row0, row1;
 } sv_luma_args;
 
-typedef void (*sv_luma_fn)(const sv_luma_args *a);
-void sv_luma_ref(const sv_luma_args *a);
-void sv_luma_sse41(const sv_luma_args *a);
-void sv_luma_avx2(const sv_luma_args *a);
-void sv_luma_avx512(const sv_luma_args *a);
-void sv_luma_neon(const sv_luma_args *a);
+typedef void sv_luma_fn(const sv_luma_args *a);
 
 #ifdef __cplusplus
 }

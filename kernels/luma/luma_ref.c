@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "kernels/luma/luma.h"
+#include "kernels/ops.h"
 
 void sv_luma_ref(const sv_luma_args *a) {
   for (int y = a->row0; y < a->row1; y++) {

@@ -38,25 +38,14 @@ typedef struct {
 } sv_motion_args;
 
 // Blocks [block0, block1) of moved. exact.
-typedef void (*sv_motion_fn)(const sv_motion_args *a, int block0, int block1);
+typedef void sv_motion_fn(const sv_motion_args *a, int block0, int block1);
 
 // Gradient of one block. grad [n_rows][16]: dL/d(moved), which is dL/d(param), too. Out: grad_motion
 // [n_motion_rows][16], 0 in lanes whose bit in touched is 0. Touched lanes get the gradient of
 // reg_pos |all c of the mean| + reg_rot |those of the quaternion| + reg_col |those of the colour| (the lengths
 // of the vectors of all coefficients: what does not need to move comes to rest as a whole). exact.
-typedef void (*sv_motion_bwd_fn)(const sv_motion_args *a, int block, uint32_t touched, const float *grad,
-                                 float *grad_motion);
-
-#define SV_DECLARE(isa)                                                                                      \
-  void sv_motion_##isa(const sv_motion_args *a, int block0, int block1);                                     \
-  void sv_motion_bwd_##isa(const sv_motion_args *a, int block, uint32_t touched, const float *grad,          \
-                           float *grad_motion);
-SV_DECLARE(ref)
-SV_DECLARE(sse41)
-SV_DECLARE(avx2)
-SV_DECLARE(avx512)
-SV_DECLARE(neon)
-#undef SV_DECLARE
+typedef void sv_motion_bwd_fn(const sv_motion_args *a, int block, uint32_t touched, const float *grad,
+                              float *grad_motion);
 
 #ifdef __cplusplus
 }

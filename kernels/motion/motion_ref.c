@@ -2,6 +2,7 @@
 #include "kernels/motion/motion.h"
 #include "kernels/project/project.h"
 #include "kernels/simd/s1_math.h"
+#include "kernels/ops.h"
 
 #define LOG2E 1.44269504f
 #define TINY2 1e-12f // below this squared length nothing is left to shrink

@@ -35,14 +35,14 @@ static inline uint32_t sv_probe_bits(uint32_t i_col, uint32_t row, uint32_t key)
 }
 
 // exact.
-typedef void (*sv_probe_fn)(const sv_probe_args *a);
+typedef void sv_probe_fn(const sv_probe_args *a);
 
 // diag, and m below, are kept as the upper halves of floats (bfloat16), rounded to the nearest: means of 0.9 a step
 // change by more than that loses.
 // diag [n_rows][16], updated in the lanes of touched with a new estimate s, the squares of x [n_rows][16], or x >= 0
 // itself where it is_square: diag = keep diag + (1 - keep) s, and where it was 0 (none yet) diag = s. exact.
-typedef void (*sv_curvature_fn)(float keep, int n_rows, uint32_t touched, const float *x, int is_square,
-                                uint16_t *diag);
+typedef void sv_curvature_fn(float keep, int n_rows, uint32_t touched, const float *x, int is_square,
+                             uint16_t *diag);
 
 typedef struct {
   float beta1;
@@ -55,21 +55,8 @@ typedef struct {
 // p, m: [n_rows][16] of the block, updated; grad, diag [n_rows][16]. Lanes whose bit in touched is 0 keep p and m;
 // parameters without an estimate (diag 0) stay where they are.
 //   m = b1 m + (1-b1) g;  p -= clamp(rate m / (diag + damping mean(diag)), -cap, cap). exact.
-typedef void (*sv_newton_fn)(const sv_newton_args *a, uint32_t touched, const float *grad,
-                             const uint16_t *diag, float *p, uint16_t *m);
-
-#define SV_DECLARE(isa)                                                                                      \
-  void sv_probe_##isa(const sv_probe_args *a);                                                               \
-  void sv_curvature_##isa(float keep, int n_rows, uint32_t touched, const float *x, int is_square,           \
-                          uint16_t *diag);                                                                   \
-  void sv_newton_##isa(const sv_newton_args *a, uint32_t touched, const float *grad, const uint16_t *diag,   \
-                       float *p, uint16_t *m);
-SV_DECLARE(ref)
-SV_DECLARE(sse41)
-SV_DECLARE(avx2)
-SV_DECLARE(avx512)
-SV_DECLARE(neon)
-#undef SV_DECLARE
+typedef void sv_newton_fn(const sv_newton_args *a, uint32_t touched, const float *grad, const uint16_t *diag,
+                          float *p, uint16_t *m);
 
 #ifdef __cplusplus
 }

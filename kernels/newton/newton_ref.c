@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "kernels/simd/s1_math.h"
+#include "kernels/ops.h"
 
 void sv_probe_ref(const sv_probe_args *a) {
   for (int row = a->row0; row < a->row1; row++) {

@@ -61,21 +61,9 @@ typedef struct {
   float out[8];
 } sv_patch_compare_args;
 
-typedef void (*sv_patch_take_fn)(sv_patch_take_args *a);
-typedef void (*sv_patch_sums_fn)(const sv_patch_sums_args *a);
-typedef void (*sv_patch_compare_fn)(sv_patch_compare_args *a);
-void sv_patch_take_ref(sv_patch_take_args *a);
-void sv_patch_sums_ref(const sv_patch_sums_args *a);
-void sv_patch_sums_sse41(const sv_patch_sums_args *a);
-void sv_patch_sums_avx2(const sv_patch_sums_args *a);
-void sv_patch_sums_avx512(const sv_patch_sums_args *a);
-void sv_patch_sums_neon(const sv_patch_sums_args *a);
-
-void sv_patch_compare_ref(sv_patch_compare_args *a);
-void sv_patch_compare_sse41(sv_patch_compare_args *a);
-void sv_patch_compare_avx2(sv_patch_compare_args *a);
-void sv_patch_compare_avx512(sv_patch_compare_args *a);
-void sv_patch_compare_neon(sv_patch_compare_args *a);
+typedef void sv_patch_take_fn(sv_patch_take_args *a);
+typedef void sv_patch_sums_fn(const sv_patch_sums_args *a);
+typedef void sv_patch_compare_fn(sv_patch_compare_args *a);
 
 #ifdef __cplusplus
 }

@@ -4,6 +4,7 @@
 
 #include "kernels/patch/patch.h"
 #include "kernels/simd/s1_math.h"
+#include "kernels/ops.h"
 
 #define WIDE (SV_PATCH_SIDE + 2)
 

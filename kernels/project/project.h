@@ -114,7 +114,7 @@ typedef struct {
 } sv_project_counts;
 
 // Blocks [block0, block1). Returns how many of their Gaussians are visible, and the sum of their n_recs. exact.
-typedef sv_project_counts (*sv_project_fn)(const sv_project_args *a, int block0, int block1, float *scratch);
+typedef sv_project_counts sv_project_fn(const sv_project_args *a, int block0, int block1, float *scratch);
 
 typedef struct {
   const sv_project_args *fwd; // the same as in the forward pass
@@ -129,19 +129,8 @@ typedef struct {
 // One block: grad [n_rows][16] (rows of SH degrees above sh_degree are not written), err [16]: sum of
 // weight * |residual| per Gaussian. Returns the bits of the lanes that were touched; the other lanes of
 // grad and err are 0. exact.
-typedef uint32_t (*sv_project_bwd_fn)(const sv_project_bwd_args *a, int block, float *grad, float *err,
-                                      float *scratch);
-
-#define SV_DECLARE(isa)                                                                                      \
-  sv_project_counts sv_project_##isa(const sv_project_args *a, int block0, int block1, float *scratch);      \
-  uint32_t sv_project_bwd_##isa(const sv_project_bwd_args *a, int block, float *grad, float *err,            \
-                                float *scratch);
-SV_DECLARE(ref)
-SV_DECLARE(sse41)
-SV_DECLARE(avx2)
-SV_DECLARE(avx512)
-SV_DECLARE(neon)
-#undef SV_DECLARE
+typedef uint32_t sv_project_bwd_fn(const sv_project_bwd_args *a, int block, float *grad, float *err,
+                                   float *scratch);
 
 #ifdef __cplusplus
 }

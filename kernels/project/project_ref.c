@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The specification of `project`: one Gaussian at a time, plain C. project_vec.inc does the same operations
+// The specification of `project`: one Gaussian at a time, plain C. project_vec.c does the same operations
 // in the same order on 16 lanes.
 #include "kernels/project/project.h"
 
 #include "kernels/project/sh.h"
 #include "kernels/simd/s1_math.h"
+#include "kernels/ops.h"
 
 #define LOG2E 1.44269504f
 

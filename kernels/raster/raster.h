@@ -44,8 +44,8 @@ typedef struct {
 } sv_raster_args;
 
 // One tile; list[n]: its records, front to back. exact.
-typedef void (*sv_raster_fn)(const sv_raster_args *a, uint32_t tile, const uint32_t *list, uint32_t n,
-                             float *scratch);
+typedef void sv_raster_fn(const sv_raster_args *a, uint32_t tile, const uint32_t *list, uint32_t n,
+                          float *scratch);
 
 typedef struct {
   const sv_raster_args *fwd; // as the forward pass left it
@@ -57,20 +57,8 @@ typedef struct {
 } sv_raster_bwd_args;
 
 // exact.
-typedef void (*sv_raster_bwd_fn)(const sv_raster_bwd_args *a, uint32_t tile, const uint32_t *list, uint32_t n,
-                                 float *scratch);
-
-#define SV_DECLARE(isa)                                                                                      \
-  void sv_raster_##isa(const sv_raster_args *a, uint32_t tile, const uint32_t *list, uint32_t n,             \
-                       float *scratch);                                                                      \
-  void sv_raster_bwd_##isa(const sv_raster_bwd_args *a, uint32_t tile, const uint32_t *list, uint32_t n,     \
-                           float *scratch);
-SV_DECLARE(ref)
-SV_DECLARE(sse41)
-SV_DECLARE(avx2)
-SV_DECLARE(avx512)
-SV_DECLARE(neon)
-#undef SV_DECLARE
+typedef void sv_raster_bwd_fn(const sv_raster_bwd_args *a, uint32_t tile, const uint32_t *list, uint32_t n,
+                              float *scratch);
 
 #ifdef __cplusplus
 }

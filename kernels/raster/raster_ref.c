@@ -4,6 +4,7 @@
 #include "kernels/raster/raster.h"
 
 #include "kernels/simd/s1_math.h"
+#include "kernels/ops.h"
 
 typedef struct {
   float dx, dy, power, a_raw, a;

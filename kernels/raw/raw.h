@@ -28,8 +28,7 @@ typedef struct {
   int row0, row1;
 } sv_raw_args;
 
-typedef void (*sv_raw_fn)(const sv_raw_args *a);
-void sv_raw_ref(const sv_raw_args *a);
+typedef void sv_raw_fn(const sv_raw_args *a);
 
 #ifdef __cplusplus
 }

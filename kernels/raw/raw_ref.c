@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "kernels/raw/raw.h"
+#include "kernels/ops.h"
 
 static unsigned sample(sv_raw_container container, const uint8_t *s, int x) {
   const uint8_t *p;

@@ -39,9 +39,7 @@ typedef struct {
   int row0, row1; // rows of dst
 } sv_remap_args;
 
-typedef void (*sv_remap_fn)(const sv_remap_args *a);
-void sv_remap_ref(const sv_remap_args *a);
-void sv_remap_avx2(const sv_remap_args *a);
+typedef void sv_remap_fn(const sv_remap_args *a);
 
 #ifdef __cplusplus
 }

@@ -6,6 +6,7 @@
 
 #include "kernels/remap/remap.h"
 #include "kernels/remap/remap_px.h"
+#include "kernels/ops.h"
 
 typedef struct {
   __m256i wx, gy, fy, offset, down, is_none;

@@ -2,6 +2,7 @@
 #include "kernels/remap/remap.h"
 
 #include "kernels/remap/remap_px.h"
+#include "kernels/ops.h"
 
 void sv_remap_ref(const sv_remap_args *a) {
   for (int y = a->row0; y < a->row1; y++) {

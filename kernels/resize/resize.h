@@ -25,9 +25,8 @@ typedef struct {
   float *scratch; // half: not used
 } sv_resize_args;
 
-typedef void (*sv_resize_fn)(const sv_resize_args *a);
-typedef void (*sv_half_fn)(
-    const sv_resize_args *a); // dst_width_px <= src_width_px / 2, dst_height_px likewise
+typedef void sv_resize_fn(const sv_resize_args *a);
+typedef void sv_half_fn(const sv_resize_args *a); // dst_width_px <= src_width_px / 2, dst_height_px likewise
 
 typedef struct {
   const float *grad; // [height][stride] of the means; columns >= width are never used
@@ -36,15 +35,7 @@ typedef struct {
   int src_stride;
   int row0, row1; // rows of grad
 } sv_half_bwd_args;
-typedef void (*sv_half_bwd_fn)(const sv_half_bwd_args *a);
-
-void sv_resize_ref(const sv_resize_args *a);
-void sv_resize_sse41(const sv_resize_args *a);
-void sv_resize_avx2(const sv_resize_args *a);
-void sv_resize_avx512(const sv_resize_args *a);
-void sv_resize_neon(const sv_resize_args *a);
-void sv_half_ref(const sv_resize_args *a);
-void sv_half_bwd_ref(const sv_half_bwd_args *a);
+typedef void sv_half_bwd_fn(const sv_half_bwd_args *a);
 
 #ifdef __cplusplus
 }

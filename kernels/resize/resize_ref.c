@@ -4,6 +4,7 @@
 
 #include "kernels/resize/resize.h"
 #include "kernels/simd/s1_math.h"
+#include "kernels/ops.h"
 
 // Where destination index i looks: the lower tap and the weight of the upper one.
 static int tap(int i, float scale, int n_src, float *f) {

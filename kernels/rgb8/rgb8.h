@@ -41,12 +41,7 @@ typedef struct {
   int row0, row1;
 } sv_rgb8_args;
 
-typedef void (*sv_rgb8_fn)(const sv_rgb8_args *a);
-void sv_rgb8_ref(const sv_rgb8_args *a);
-void sv_rgb8_sse41(const sv_rgb8_args *a);
-void sv_rgb8_avx2(const sv_rgb8_args *a);
-void sv_rgb8_avx512(const sv_rgb8_args *a);
-void sv_rgb8_neon(const sv_rgb8_args *a);
+typedef void sv_rgb8_fn(const sv_rgb8_args *a);
 
 // is_709: BT.709, else BT.601; is_full: Y and C over 0..255 (JPEG), else limited range.
 sv_yuv_matrix sv_rgb8_matrix(int is_709, int is_full);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "kernels/rgb8/rgb8.h"
+#include "kernels/ops.h"
 
 // 1.402, -0.344136, -0.714136, 1.772 (601) and 1.5748, -0.187324, -0.468124, 1.8556 (709), times 255/224 and
 // 255/219 for limited range; times 2^14, to the nearest even number.

@@ -5,6 +5,9 @@
 #include <immintrin.h>
 #include <stdint.h>
 
+#define V16_PARTS     2 // machine registers that a vector takes
+#define V16_REGISTERS 8 // vectors that the register file holds
+
 typedef struct {
   __m256 a, b; // lanes 0-7, 8-15
 } v16;

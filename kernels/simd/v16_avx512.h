@@ -5,9 +5,11 @@
 #include <immintrin.h>
 #include <stdint.h>
 
+#define V16_PARTS     1  // machine registers that a vector takes
+#define V16_REGISTERS 32 // vectors that the register file holds
+
 typedef __m512 v16;
 typedef __m512i v16i;
-#define V16_REGISTERS 32 // v16s that the registers hold
 typedef __mmask16 v16m;
 
 static inline v16 v16_set1(float x) { return _mm512_set1_ps(x); }

@@ -94,10 +94,6 @@ V16_INLINE v16 v16_log2(v16 x) {
   return v16_fma(p, s, e);
 }
 
-#ifndef V16_REGISTERS
-#define V16_REGISTERS 8 // v16s that the registers hold
-#endif
-
 #ifndef V16_HAS_4X16
 #define V16_HAS_4X16 0
 #endif

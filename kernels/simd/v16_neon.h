@@ -5,6 +5,9 @@
 #include <arm_neon.h>
 #include <stdint.h>
 
+#define V16_PARTS     4 // machine registers that a vector takes
+#define V16_REGISTERS 8 // vectors that the register file holds
+
 typedef struct {
   float32x4_t q[4];
 } v16;

@@ -13,6 +13,9 @@
 
 #include "kernels/simd/s1_math.h"
 
+#define V16_PARTS     2 // machine registers that a vector takes
+#define V16_REGISTERS 8 // vectors that the register file holds
+
 typedef struct {
   float l[16];
 } v16;

@@ -6,6 +6,9 @@
 #include <smmintrin.h>
 #include <stdint.h>
 
+#define V16_PARTS     4 // machine registers that a vector takes
+#define V16_REGISTERS 4 // vectors that the register file holds
+
 typedef struct {
   __m128 q[4];
 } v16;

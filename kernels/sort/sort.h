@@ -26,11 +26,7 @@ typedef struct {
 // There is one such order, so each variant may sort as it is fastest. The reference: two passes over digits of the leading
 // bits of the range of the keys, of at most 8 bits, 11 of long lists; what shares them is put in order by insertion, or,
 // if that is much, by passes over all bits. exact.
-typedef void (*sv_sort_fn)(const sv_sort_args *a);
-
-void sv_sort_ref(const sv_sort_args *a);
-void sv_sort_avx2(const sv_sort_args *a);
-void sv_sort_avx512(const sv_sort_args *a);
+typedef void sv_sort_fn(const sv_sort_args *a);
 
 #ifdef __cplusplus
 }

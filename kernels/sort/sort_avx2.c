@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
+// `sort` on AVX2: the network's words for two registers of eight.
 #include <immintrin.h>
 #include <stdint.h>
 
-#define V(name) name##_avx2
+#include "kernels/simd/v16.h"
 
 typedef struct {
   __m256i a, b; // lanes 0-7, 8-15
@@ -48,4 +49,4 @@ static inline key16 flip_15(key16 x) {
   return key16_make(_mm256_min_epu32(x.a, b), reverse8(_mm256_max_epu32(x.a, b)));
 }
 
-#include "kernels/sort/sort_vec.inc"
+#include "kernels/sort/sort_network.inc"

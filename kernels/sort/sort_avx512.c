@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
+// `sort` on AVX-512: the network's words for one register of sixteen, and a faster block of 256.
 #include <stdint.h>
 
-#include "kernels/simd/v16_avx512.h"
-
-#define V(name) name##_avx512
+#include "kernels/simd/v16.h"
 
 typedef __m512i key16;
 static inline key16 key16_load(const uint32_t *p) { return _mm512_loadu_si512(p); }
@@ -108,4 +107,4 @@ static __attribute__((noinline)) void sort_block(uint32_t *w) {
   EACH(i) v16_store((float *)w + 16 * i, out[i]);
 }
 
-#include "kernels/sort/sort_vec.inc"
+#include "kernels/sort/sort_network.inc"

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "kernels/sort/sort.h"
+#include "kernels/ops.h"
 
 #include <string.h>
 

@@ -64,18 +64,8 @@ typedef struct {
   float *scratch;
 } sv_ssim_bwd_args;
 
-typedef void (*sv_ssim_fn)(const sv_ssim_args *a);
-typedef void (*sv_ssim_bwd_fn)(const sv_ssim_bwd_args *a);
-void sv_ssim_ref(const sv_ssim_args *a);
-void sv_ssim_sse41(const sv_ssim_args *a);
-void sv_ssim_avx2(const sv_ssim_args *a);
-void sv_ssim_avx512(const sv_ssim_args *a);
-void sv_ssim_neon(const sv_ssim_args *a);
-void sv_ssim_bwd_ref(const sv_ssim_bwd_args *a);
-void sv_ssim_bwd_sse41(const sv_ssim_bwd_args *a);
-void sv_ssim_bwd_avx2(const sv_ssim_bwd_args *a);
-void sv_ssim_bwd_avx512(const sv_ssim_bwd_args *a);
-void sv_ssim_bwd_neon(const sv_ssim_bwd_args *a);
+typedef void sv_ssim_fn(const sv_ssim_args *a);
+typedef void sv_ssim_bwd_fn(const sv_ssim_bwd_args *a);
 
 #ifdef __cplusplus
 }

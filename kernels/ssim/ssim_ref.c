@@ -6,6 +6,7 @@
 #include "kernels/simd/s1_math.h"
 #include "kernels/ssim/ssim.h"
 #include "kernels/ssim/ssim_const.h"
+#include "kernels/ops.h"
 
 static const float g[6] = {SSIM_G0, SSIM_G1, SSIM_G2, SSIM_G3, SSIM_G4, SSIM_G5};
 

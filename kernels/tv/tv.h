@@ -27,12 +27,7 @@ typedef struct {
   float *scratch;
 } sv_tv_args;
 
-typedef void (*sv_tv_fn)(const sv_tv_args *a);
-void sv_tv_ref(const sv_tv_args *a);
-void sv_tv_sse41(const sv_tv_args *a);
-void sv_tv_avx2(const sv_tv_args *a);
-void sv_tv_avx512(const sv_tv_args *a);
-void sv_tv_neon(const sv_tv_args *a);
+typedef void sv_tv_fn(const sv_tv_args *a);
 
 #ifdef __cplusplus
 }

@@ -4,6 +4,7 @@
 
 #include "kernels/simd/s1_math.h"
 #include "kernels/tv/tv.h"
+#include "kernels/ops.h"
 
 static float slope(sv_tv_form form, float d) {
   return form == SV_TV_SQUARED ? d : (d > 0.0f ? 1.0f : 0.0f) - (d < 0.0f ? 1.0f : 0.0f);

@@ -31,12 +31,7 @@ typedef struct {
   float *scratch;
 } sv_unpack_args;
 
-typedef void (*sv_unpack_fn)(const sv_unpack_args *a);
-void sv_unpack_ref(const sv_unpack_args *a);
-void sv_unpack_sse41(const sv_unpack_args *a);
-void sv_unpack_avx2(const sv_unpack_args *a);
-void sv_unpack_avx512(const sv_unpack_args *a);
-void sv_unpack_neon(const sv_unpack_args *a);
+typedef void sv_unpack_fn(const sv_unpack_args *a);
 
 #ifdef __cplusplus
 }

@@ -2,6 +2,7 @@
 #include <math.h>
 
 #include "kernels/unpack/unpack.h"
+#include "kernels/ops.h"
 
 // Integer sums of one k x k block: colours (times alpha when there is one) and 255 - alpha.
 static void block_sums(const sv_unpack_args *a, int x, int y, int32_t sum[4]) {

@@ -65,8 +65,6 @@ static bool is_kernel(const char *name) {
 #define OP(op) #op,
 #define VARIANT(op, isa_lower, isa_upper)
 #include "kernels/variants.inc"
-#undef OP
-#undef VARIANT
   };
   const char *last = strrchr(name, '_');
   if (strncmp(name, "sv_", 3) != 0 || !last || last < name + 3 || sv_isa_by_name(last + 1) < 0) return false;

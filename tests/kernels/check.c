@@ -238,8 +238,6 @@ static const op_info ops[] = {
 #define OP(name) {#name, 1},
 #define VARIANT(name, isa_lower, isa_upper)
 #include "kernels/variants.inc"
-#undef OP
-#undef VARIANT
     {0, 0}};
 
 static const struct {
@@ -249,8 +247,6 @@ static const struct {
 #define OP(name)
 #define VARIANT(name, isa_lower, isa_upper) {#name, SV_ISA_##isa_upper},
 #include "kernels/variants.inc"
-#undef OP
-#undef VARIANT
     {0, SV_ISA_REF}};
 
 static unsigned isas_of(const char *op) {

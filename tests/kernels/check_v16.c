@@ -7,7 +7,7 @@
 #include "tests/kernels/check.h"
 #include "tests/kernels/v16_probe.h"
 
-static const v16_probe_fn probes[SV_N_ISAS] = {
+static v16_probe_fn *const probes[SV_N_ISAS] = {
     [SV_ISA_REF] = v16_probe_ref,
 #if defined(SV_HAVE_SSE41) && SV_HAVE_SSE41
     [SV_ISA_SSE41] = v16_probe_sse41,

@@ -12,10 +12,6 @@ typedef struct {
 } v16_probe_word;
 
 // Fills words and returns their number. in: [3][16]; block: [16][16] for sum16 and transpose; u8: [16].
-typedef int (*v16_probe_fn)(const float *in, const float *block, const uint8_t *u8, v16_probe_word *out);
-int v16_probe_ref(const float *in, const float *block, const uint8_t *u8, v16_probe_word *out);
-int v16_probe_sse41(const float *in, const float *block, const uint8_t *u8, v16_probe_word *out);
-int v16_probe_avx2(const float *in, const float *block, const uint8_t *u8, v16_probe_word *out);
-int v16_probe_avx512(const float *in, const float *block, const uint8_t *u8, v16_probe_word *out);
-int v16_probe_neon(const float *in, const float *block, const uint8_t *u8, v16_probe_word *out);
+typedef int v16_probe_fn(const float *in, const float *block, const uint8_t *u8, v16_probe_word *out);
+v16_probe_fn v16_probe_ref, v16_probe_sse41, v16_probe_avx2, v16_probe_avx512, v16_probe_neon;
 #endif

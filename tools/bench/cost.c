@@ -15,7 +15,7 @@ static const sv_bench_op ops_of[SV_N_STAGES][2] = {
     [SV_STAGE_OPTIMISE] = {SV_BENCH_PROJECT_BWD, SV_BENCH_NEWTON},
 };
 
-// Operations of one pair, kernels/raster/raster_vec.inc without depth: quadric 4, 2^x 11, min 1, weight and transmittance
+// Operations of one pair, kernels/raster/raster_vec.c without depth: quadric 4, 2^x 11, min 1, weight and transmittance
 // 2, three colours 6; and backward the same but for the colours and the min, then 6 gradients of colour, 5 for their
 // product, 2 suffix, 2 quotient, 2 to dL/d(ln alpha), 5 moments. Errors: ERROR_FLOP. What a column of pixels has in common
 // (6 once a record) is not counted.
@@ -39,12 +39,12 @@ static const sv_bench_op ops_of[SV_N_STAGES][2] = {
 #define BACKWARD_ROW_SLOTS 6.0
 #define BLOCK_PX           16.0
 
-// One channel of one pixel, kernels/ssim/ssim_vec.inc: squares and product 4; on every second row four maps of two blurs of
+// One channel of one pixel, kernels/ssim/ssim_vec.c: squares and product 4; on every second row four maps of two blurs of
 // 16, the point 27, and three maps of a blur of 16; backward three maps of a blur of 7.5 along columns, and 9.
 #define SSIM_FLOP     105.5
 #define SSIM_BWD_FLOP 31.5
 
-// One Gaussian, kernels/project/project_vec.inc: geometry 270 (four 2^x among it), the splat 66, a colour 6 a
+// One Gaussian, kernels/project/project_vec.c: geometry 270 (four 2^x among it), the splat 66, a colour 6 a
 // coefficient; backward the geometry again, screen 29, camera 94, shape 140, place 31, colour 17 a coefficient.
 #define PROJECT_FLOP     336.0
 #define PROJECT_BWD_FLOP 564.0

@@ -7,7 +7,9 @@ folder=${1:?folder}
 find "$folder/obj/src" "$folder/obj/kernels" "$folder/obj/calib" -name '*.su' 2>/dev/null |
   while read -r su; do
   source=${su#"$folder/obj/"} # what was left behind by a source that is gone does not count
-  [ -e "${su%.su}.o" ] && [ -e "${source%.su}.c" ] && cat "$su"
+  source=${source%.su}
+  case $source in *_vec_*) source=${source%_*} ;; esac # x_vec.c makes an object for each instruction set
+  [ -e "${su%.su}.o" ] && [ -e "$source.c" ] && cat "$su"
 done | LC_ALL=C awk -F '\t' -v limit=4096 '
   { n++ }
   $2 + 0 > limit { print $1 ": " $2 " bytes of stack, the limit is " limit; bad = 1 }

@@ -14,16 +14,26 @@ if [ "${1:-}" = --one ]; then
   *) flags='-D_GNU_SOURCE -include boards/sim-x86/board.h' ;;
   esac
   case $file in
-  *_sse41.c) flags="$flags -msse4.1" ;;
-  *_avx2.c) flags="$flags -mavx2 -mfma" ;;
-  *_avx512.c) flags="$flags -mavx512f -mavx512dq -mavx512vl -mavx512bw -mfma" ;;
-  *_neon.c) flags="$flags --target=aarch64-linux-gnu" ;;
+  *_vec.c) isas='sse41 avx2 avx512 neon' ;; # compiled for each
+  *_sse41.c | *_avx2.c | *_avx512.c | *_neon.c) isas=${file##*_} ;;
+  *) isas=none ;;
   esac
-  # shellcheck disable=SC2086 # lists of words
-  out=$(clang-tidy --quiet --warnings-as-errors='*' "$file" -- -std=c11 -I. $flags $HAVE \
-    2>/dev/null) && exit 0
-  printf '%s\n' "$out"
-  exit 1
+  bad=0
+  for isa in $isas; do
+    case ${isa%.c} in
+    none) own='' ;;
+    sse41) own='-DSV_ISA=sse41 -msse4.1' ;;
+    avx2) own='-DSV_ISA=avx2 -mavx2 -mfma' ;;
+    avx512) own='-DSV_ISA=avx512 -mavx512f -mavx512dq -mavx512vl -mavx512bw -mfma' ;;
+    neon) own='-DSV_ISA=neon --target=aarch64-linux-gnu' ;;
+    esac
+    # shellcheck disable=SC2086 # lists of words
+    out=$(clang-tidy --quiet --warnings-as-errors='*' "$file" -- -std=c11 -I. $flags $own $HAVE \
+      2>/dev/null) && continue
+    printf '%s\n' "$out"
+    bad=1
+  done
+  exit $bad
 fi
 
 for tool in clang-tidy cppcheck; do

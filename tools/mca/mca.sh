@@ -36,14 +36,13 @@ AVX512|gcc|avx512|$avx512|x86_64|sapphirerapids
 END
 fi
 
-compile() { # core, compiler, isa, flags: the kernels' own flags, as in the Makefile
-  upper=$(echo "$3" | tr a-z A-Z)
+compile() { # core, compiler, isa, flags: the kernels' own flags, as in mk/kernels.mk
   for op in raster ssim newton project; do
     own=
     [ $op = project ] && own=$project
     # shellcheck disable=SC2086 # flags are words
-    "$2" -std=c11 -O3 -I. -ffp-contract=off -fno-math-errno -fno-trapping-math "-DSV_HAVE_$upper=1" $4 $own \
-      -S "kernels/$op/${op}_$3.c" -o "$work/$1.$op.s" || exit 1
+    "$2" -std=c11 -O3 -I. -ffp-contract=off -fno-math-errno -fno-trapping-math "-DSV_ISA=$3" $4 $own \
+      -S "kernels/$op/${op}_vec.c" -o "$work/$1.$op.s" || exit 1
   done
 }
 cycles() { # triple, model, file: cycles of one pass, of many

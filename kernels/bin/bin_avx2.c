@@ -1,5 +1,0 @@
-// SPDX-License-Identifier: Apache-2.0
-#include "kernels/simd/v16_avx2.h"
-
-#define V(name) name##_avx2
-#include "kernels/bin/bin_vec.inc"

@@ -1,7 +1,0 @@
-// SPDX-License-Identifier: Apache-2.0
-// color on AVX-512.
-#include "kernels/simd/px_x86.h"
-#include "kernels/simd/v16_avx512.h"
-
-#define V(name) name##_avx512
-#include "kernels/color/color_vec.inc"

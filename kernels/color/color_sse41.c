@@ -1,7 +1,0 @@
-// SPDX-License-Identifier: Apache-2.0
-// color on SSE4.1.
-#include "kernels/simd/px_x86.h"
-#include "kernels/simd/v16_sse41.h"
-
-#define V(name) name##_sse41
-#include "kernels/color/color_vec.inc"

@@ -1,7 +1,0 @@
-// SPDX-License-Identifier: Apache-2.0
-// luma on AVX2 with FMA.
-#include "kernels/simd/px_x86.h"
-#include "kernels/simd/v16_avx2.h"
-
-#define V(name) name##_avx2
-#include "kernels/luma/luma_vec.inc"

@@ -1,6 +1,0 @@
-// SPDX-License-Identifier: Apache-2.0
-// resize on AVX2 with FMA.
-#include "kernels/simd/v16_avx2.h"
-
-#define V(name) name##_avx2
-#include "kernels/resize/resize_vec.inc"

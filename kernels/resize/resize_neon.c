@@ -1,6 +1,0 @@
-// SPDX-License-Identifier: Apache-2.0
-// resize on AArch64 NEON.
-#include "kernels/simd/v16_neon.h"
-
-#define V(name) name##_neon
-#include "kernels/resize/resize_vec.inc"

@@ -1,6 +1,0 @@
-// SPDX-License-Identifier: Apache-2.0
-// tv on SSE4.1.
-#include "kernels/simd/v16_sse41.h"
-
-#define V(name) name##_sse41
-#include "kernels/tv/tv_vec.inc"
