@@ -152,5 +152,5 @@ typedef struct {
   int is_small; // backward: of at most SV_RASTER_SMALL blocks
 } blend_kind;
 
-#include "kernels/raster/raster_fwd_vec.inc"
-#include "kernels/raster/raster_bwd_vec.inc"
+#include "kernels/raster/raster_fwd.inc"
+#include "kernels/raster/raster_bwd.inc"
