@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What minimal.c asks of a machine, on one that has stdio: text to the terminal, the model to model.ply.
+// What minimal.c asks of a machine, on one that has stdio: text to the terminal, the model to
+// model.ply.
 #include <stdio.h>
 
 #include <subview/subview.h>

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Two synthetic cameras, two exposures, 300 steps, one PLY file: all of it in one static block and without a call to
-// an operating system. The same file runs on a desktop (host.c) and without one (bare/).
+// Two synthetic cameras, two exposures, 300 steps, one PLY file: all of it in one static block and
+// without a call to an operating system. The same file runs on a desktop (host.c) and without one
+// (bare/).
 #include <string.h>
 
 #include <subview/subview.h>
 
-void put(const char *text);                                          // prints; from host.c or bare/start.S
+void put(const char *text);                                          // prints; from host.c or
+                                                                     // bare/start.S
 subview_status put_file(void *self, const void *data, size_t bytes); // takes the PLY file
 
 enum { WIDTH = 64, HEIGHT = 48, N_CAMERAS = 2, N_EXPOSURES = 2, N_STEPS = 300 };
@@ -33,8 +35,8 @@ static int texture(int x, int y, int channel) {
   return sum / 64;
 }
 
-// A wall at 3.2 m with a square at 1.6 m before it, seen from x = 0.1 m * position: a step of one position moves the
-// wall by 2 px and the square by 4.
+// A wall at 3.2 m with a square at 1.6 m before it, seen from x = 0.1 m * position: a step of one
+// position moves the wall by 2 px and the square by 4.
 static void draw(uint8_t rgb[HEIGHT][WIDTH][3], int position) {
   for (int y = 0; y < HEIGHT; y++)
     for (int x = 0; x < WIDTH; x++) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A frame source of one's own: two cameras that deliver frame by frame, with jitter and a lost frame. The library puts
-// frames of the same instant together, gives every frame back, and keeps account of those that it left out.
+// A frame source of one's own: two cameras that deliver frame by frame, with jitter and a lost
+// frame. The library puts frames of the same instant together, gives every frame back, and keeps
+// account of those that it left out.
 #include <stdio.h>
 #include <string.h>
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# CROSS=PREFIX-: the library for a board without a system. Any compiler, no sysroot, no packages but the compiler's.
+# CROSS=PREFIX-: the library for a board without a system. Any compiler, no sysroot, no packages but
+# the compiler's.
 #   ARCH_FLAGS   flags of the processor, and of the C library if it needs any
 #   ISAS         kernels beside the reference: neon, or sse41 avx2 avx512; none by default
 ifneq ($(filter-out libsubview install-library clean help,$(or $(MAKECMDGOALS),all)),)

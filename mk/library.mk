@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-# The installed library: the core as one object in which only the functions of include/subview are visible.
+# The installed library: the core as one object in which only the functions of include/subview are
+# visible.
 #   make libsubview                                     for BOARD
-#   make libsubview CROSS=arm-none-eabi- ARCH_FLAGS='-mcpu=cortex-a15 -mfpu=neon-vfpv4 -mfloat-abi=hard'
+#   make libsubview CROSS=arm-none-eabi- \
+#     ARCH_FLAGS='-mcpu=cortex-a15 -mfpu=neon-vfpv4 -mfloat-abi=hard'
 LIBRARY     := $(O)/lib/libsubview.a
 PUBLIC_HDR  := $(wildcard include/subview/*.h)
 OBJCOPY     := $(OBJDUMP:%objdump=%objcopy)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Start-up of a Cortex-A53 or later in EL1, as `qemu-system-aarch64 -M virt` begins it: floating point on, the first
-// 4 GiB mapped (device memory, then RAM), caches on, stack, cleared data, main.
+// Start-up of a Cortex-A53 or later in EL1, as `qemu-system-aarch64 -M virt` begins it: floating
+// point on, the first 4 GiB mapped (device memory, then RAM), caches on, stack, cleared data, main.
   .global _start
   .section .start, "ax"
 _start:
@@ -13,7 +13,8 @@ _start:
   msr cpacr_el1, x0
   isb
 
-  // One table of four 1 GiB blocks. Attribute 0: device memory. Attribute 1: normal memory, write-back.
+  // One table of four 1 GiB blocks. Attribute 0: device memory. Attribute 1: normal memory,
+  // write-back.
   adrp x0, map
   mov x1, #0x401             // block, accessed, attribute 0
   str x1, [x0]

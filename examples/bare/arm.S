@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Start-up of a Cortex-A7 or A15 in SVC mode, as `qemu-system-arm -M virt` begins it: floating point on, 4 GiB mapped
-// (device memory, then RAM), caches on, stack, cleared data, main.
+// Start-up of a Cortex-A7 or A15 in SVC mode, as `qemu-system-arm -M virt` begins it: floating
+// point on, 4 GiB mapped (device memory, then RAM), caches on, stack, cleared data, main.
   .syntax unified
   .arm
   .global _start
@@ -18,7 +18,8 @@ _start:
   mov r0, #0x40000000
   vmsr fpexc, r0
 
-  // 4096 sections of 1 MiB: the first 1024 device memory, the others normal memory, write-back, shareable.
+  // 4096 sections of 1 MiB: the first 1024 device memory, the others normal memory, write-back,
+  // shareable.
   ldr r0, =map
   mov r1, #0
   ldr r2, =0x00c06           // section, device, full access

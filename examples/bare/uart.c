@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What minimal.c asks of a machine, on one without a system: text goes to the serial port (PL011) of QEMU's "virt"
-// boards. Of the PLY file only the size is kept; a firmware would write it to flash or send it.
+// What minimal.c asks of a machine, on one without a system: text goes to the serial port (PL011)
+// of QEMU's "virt" boards. Of the PLY file only the size is kept; a firmware would write it to
+// flash or send it.
 #include <stdint.h>
 
 #include <subview/subview.h>

@@ -11,7 +11,8 @@
 extern "C" {
 #endif
 
-// A block with this alignment loses no bytes. Others are accepted: subview_bytes includes the padding.
+// A block with this alignment loses no bytes. Others are accepted: subview_bytes includes the
+// padding.
 #define SUBVIEW_ALIGN 64
 
 // One entry of the memory map. The entries add up to what is used of the block, padding included.

@@ -19,7 +19,8 @@ extern "C" {
 typedef struct {
   const uint8_t *data; // first row
   int stride_bytes;    // from one row to the next; 0: rows without padding
-  // NV12 only: the plane of Cb, Cr and its stride. NULL: it follows the plane of Y, with the same stride.
+  // NV12 only: the plane of Cb, Cr and its stride. NULL: it follows the plane of Y, with the same
+  // stride.
   const uint8_t *chroma;
   int chroma_stride_bytes;
 } subview_frame;
@@ -36,11 +37,12 @@ typedef struct {
   int i_buffer;   // the source's own number of it
 } subview_source_frame;
 
-// Cameras that run. Each needs about 6 buffers, because frames wait here for those of the other cameras.
+// Cameras that run. Each needs about 6 buffers, because frames wait here for those of the other
+// cameras.
 typedef struct {
   void *self;
-  // The next frame of any camera, in order of arrival, without waiting. SUBVIEW_AGAIN: none at the moment.
-  // SUBVIEW_END: no more will come. A failure ends the capture call and is returned by it.
+  // The next frame of any camera, in order of arrival, without waiting. SUBVIEW_AGAIN: none at the
+  // moment. SUBVIEW_END: no more will come. A failure ends the capture call and is returned by it.
   subview_status (*dequeue)(void *self, subview_source_frame *out);
   // Takes a frame back. Each dequeued frame comes back exactly once.
   subview_status (*requeue)(void *self, const subview_source_frame *frame);

@@ -12,9 +12,9 @@ extern "C" {
 typedef void (*subview_task)(void *arg, int i_task, int i_thread);
 
 // A fixed pool of threads. All zero: everything runs on the caller's thread.
-// `run` calls task(arg, i_task, i_thread) once for each i_task in [0, n_tasks), in any order on any thread, and
-// returns when all are done. i_thread is in [0, n_threads) and unique among the calls that run at the same time.
-// Results do not depend on the number of threads, bit for bit.
+// `run` calls task(arg, i_task, i_thread) once for each i_task in [0, n_tasks), in any order on any
+// thread, and returns when all are done. i_thread is in [0, n_threads) and unique among the calls
+// that run at the same time. Results do not depend on the number of threads, bit for bit.
 typedef struct {
   void *self;
   int n_threads;

@@ -180,7 +180,8 @@ static sv_sync_cfg sync_cfg(const subview_config *c, const sv_sync_camera *camer
                        .queue_len = QUEUE_LEN};
 }
 
-// A pool of one camera's images needs its rig of one; all such pools together are at least as large as the real one.
+// A pool of one camera's images needs its rig of one; all such pools together are at least as large
+// as the real one.
 static sv_status count_exposures(const subview_config *c, sv_arena *a, sv_err *err) {
   sv_status s = SV_OK;
   for (int i = 0; i < c->n_cameras && s >= 0; i++) {
@@ -203,7 +204,8 @@ static size_t scratch_bytes(const sv_train_cfg *t) {
   return (fill > sweep ? fill : sweep) + 4096;
 }
 
-// What does not depend on whether the arena is dry. The trainer has named parts of its own, so it comes before.
+// What does not depend on whether the arena is dry. The trainer has named parts of its own, so it
+// comes before.
 static void carve_scratch(subview *s, const subview_config *c, const sv_train_cfg *t, sv_arena *a) {
   sv_arena_part_begin(a, "start-up scratch");
   sv_point *points = SV_TAKE(a, sv_point, c->n_gaussians);

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The installed library: the public API of include/subview over exposures, synchronizer and trainer.
+// The installed library: the public API of include/subview over exposures, synchronizer and
+// trainer.
 // Owns: struct subview, the first thing in the caller's block.
-// Never: implements training. What a call needs beyond translation belongs to the room that it calls.
+// Never: implements training. What a call needs beyond translation belongs to the room that it
+// calls.
 #ifndef SV_LIBRARY_INSTANCE_H
 #define SV_LIBRARY_INSTANCE_H
 

@@ -1,8 +1,9 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# The installed library, as a stranger uses it: installs into a temporary folder, builds the examples there through
-# pkg-config, looks at the library's symbols, and runs minimal.c without a system under qemu: the digest is the same.
-#   library.sh [native|aarch64|arm]    by default all of them, arm where a compiler for it is installed
+# The installed library, as a stranger uses it: installs into a temporary folder, builds the
+# examples there through pkg-config, looks at the library's symbols, and runs minimal.c without a
+# system under qemu: the digest is the same.
+#   library.sh [native|aarch64|arm]    by default all; arm where a compiler for it is installed
 # Environment: BUILD, BOARD, CC. Ends with "N passed, N failed, N skipped".
 set -u
 build=${BUILD:-build}
@@ -23,7 +24,8 @@ run_make() { make --no-print-directory -j"$(nproc)" BUILD="$build" SAN= "$@"; }
 prefix=/opt/subview
 root=$tmp$prefix
 
-# Global names of a library that are not declared in its headers, and names it needs that are not in the list.
+# Global names of a library that are not declared in its headers, and names it needs that are not in
+# the list.
 symbols() { # nm, library
   "$1" -P -g "$2" 2>/dev/null | LC_ALL=C awk -v allowed=tests/run/allowed_symbols.txt -v public="$tmp/public" '
     BEGIN {

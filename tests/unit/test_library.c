@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The public API of include/subview: sizes, errors, exposures that come after the start, threads, files.
-// clang-format off
+// The public API of include/subview: sizes, errors, exposures that come after the start, threads,
+// files. clang-format off
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
