@@ -13,7 +13,8 @@
 extern "C" {
 #endif
 
-// One Gaussian with the stored (not activated) values of 3D Gaussian Splatting. SH above the model's degree is zero.
+// One Gaussian with the stored (not activated) values of 3D Gaussian Splatting.
+// SH above the model's degree is zero.
 typedef struct {
   float mean[3];       // world, metres
   float quat_wxyz[4];  // rotation, not normalized

@@ -67,8 +67,9 @@ typedef struct {
   subview_yuv yuv;
   // Lens model. Default: pinhole.
   subview_lens lens;
-  // Lens parameters, in the order of subview_lens. The centre of the first pixel is at (0.5, 0.5), so
-  // OpenCV's cx and cy need 0.5 added. Default: focal length = width, principal point in the middle.
+  // Lens parameters, in the order of subview_lens. The centre of the first pixel is at (0.5, 0.5),
+  // so OpenCV's cx and cy need 0.5 added. Default: focal length = width, principal point in the
+  // middle.
   double p[12];
   // Pose in the rig. Default: identity.
   subview_pose cam_from_rig;
