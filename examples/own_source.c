@@ -3,11 +3,12 @@
 // frame. The library puts frames of the same instant together, gives every frame back, and keeps
 // account of those that it left out.
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include <subview/subview.h>
 
-enum { WIDTH = 64, HEIGHT = 48, N_CAMERAS = 2, N_BUFFERS = 6, N_FRAMES = 8, N_STEPS = 100 };
+enum { WIDTH = 64, HEIGHT = 48, N_CAMERAS = 2, N_BUFFERS = 6, N_FRAMES = 8, N_STEPS = 300 };
 #define PERIOD_NS 33333333
 
 static _Alignas(SUBVIEW_ALIGN) unsigned char block[8 << 20];
@@ -21,12 +22,14 @@ typedef struct {
 
 static cameras mine;
 
-// Grey stripes and dots at 2 m; a camera 0.1 m to the right sees them 3.2 px to the left.
+static int wave(int x, int period) { return abs(x % period * 2 - period) * 80 / period; } // 0..80
+
+// Crossed waves at 2.1 m; a camera 0.1 m to the right sees them 3 px to the left.
 static void expose(uint8_t image[HEIGHT][WIDTH], int i_camera, int i_frame) {
   for (int y = 0; y < HEIGHT; y++)
     for (int x = 0; x < WIDTH; x++) {
-      int u = 10 * x + 32 * (i_camera + i_frame); // tenths of a pixel
-      image[y][x] = (uint8_t)(40 + (u / 40 * 37 + y / 5 * 53) % 160);
+      const int u = x + 3 * (i_camera + i_frame);
+      image[y][x] = (uint8_t)(wave(u, 17) + wave(y, 13) + wave(u + y, 29));
     }
 }
 

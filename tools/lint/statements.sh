@@ -22,7 +22,9 @@ hits=$(LC_ALL=C awk -f "$lint/strip.awk" $("$lint/sources.sh" c) /dev/null | LC_
       else if (c == ")" || c == "]") depth--
       if (depth == 0 && (c == ";" || c == "{" || c == "}")) {
         # A brace after = opens an initialiser, which has no statements.
+        # So does one after `return (type)`, and the brace of an enum.
         if (c == "{" && statement ~ /(=|\)|,|\{)[ \t]*$/ && statement ~ /=|^[ \t]*\{/ ) braces++
+        else if (c == "{" && statement ~ /^[ \t]*(return[ \t]*\(.*\)|(typedef[ \t]+)?enum[ \t]*[a-z_0-9]*)[ \t]*$/) braces++
         else if (c == "}" && braces > 0) { braces--; statement = statement c; continue }
         else if (!braces) { check(); statement = ""; continue }
       }
