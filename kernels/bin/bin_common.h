@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the reference and the vector form of `bin` share: the records of one splat.
+// What the reference and the vector form of `bin` share: the intersections of one splat.
 #ifndef SV_KERNELS_BIN_COMMON_H
 #define SV_KERNELS_BIN_COMMON_H
 

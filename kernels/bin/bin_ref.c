@@ -37,7 +37,7 @@ static float root(float disc) {
 static float disc_at(const ellipse *e, float dy) { return fmaf(e->k * dy, dy, e->l); }
 
 // Marks a splat's blocks of one block row, in that row's tiles.
-static void mark_row(const sv_splat *s, int row, sv_rec *rec) {
+static void mark_row(const sv_splat *s, int row, sv_intersection *intersection) {
   const ellipse e = ellipse_of(s);
   const int col = s->bx0 & ~7;
   const float min = (float)(s->bx0 - col), max = (float)(s->bx1 + 1 - col);
@@ -50,21 +50,23 @@ static void mark_row(const sv_splat *s, int row, sv_rec *rec) {
   float lo = fmaf(e.r, root(disc), fmaf(e.b, left, e.lo));
   float hi = fmaf(-e.r, root(disc_at(&e, right)), fmaf(e.b, right, e.hi));
   int from = (int)s1_min(s1_max(lo, min), max), to = (int)s1_min(s1_max(hi, 0.0f), max - 0.25f) + 1;
-  for (int tx = 0; tx <= (s->bx1 - col) >> 3; tx++, rec++)
-    rec->mask |= (uint64_t)bin_row_bits(bin_clamp8(from - 8 * tx), bin_clamp8(to - 8 * tx)) << 8 * (row & 7);
+  for (int tx = 0; tx <= (s->bx1 - col) >> 3; tx++, intersection++)
+    intersection->mask |= (uint64_t)bin_row_bits(bin_clamp8(from - 8 * tx), bin_clamp8(to - 8 * tx))
+                          << 8 * (row & 7);
 }
 
-void sv_bin_ref(const sv_splat *splat, const uint32_t *id, uint32_t n, int n_tiles_x, sv_rec *rec) {
+void sv_bin_ref(const sv_splat *splat, const uint32_t *id, uint32_t n, int n_tiles_x,
+                sv_intersection *intersection) {
   for (uint32_t i = 0; i < n; i++) {
     const sv_splat *s = splat + id[i];
-    if (!s->n_recs) continue;
-    sv_rec *r = rec + s->first_rec;
+    if (!s->n_intersections) continue;
+    sv_intersection *r = intersection + s->intersection_offset;
     for (int ty = s->by0 >> 3; ty <= s->by1 >> 3; ty++)
       for (int tx = s->bx0 >> 3; tx <= s->bx1 >> 3; tx++)
-        *r++ =
-            (sv_rec){(uint32_t)(ty * n_tiles_x + tx), id[i], bin_is_bar(s) ? bin_bar(s, 8 * tx, 8 * ty) : 0};
+        *r++ = (sv_intersection){(uint32_t)(ty * n_tiles_x + tx), id[i],
+                                 bin_is_bar(s) ? bin_bar(s, 8 * tx, 8 * ty) : 0};
     int n_x = (s->bx1 >> 3) - (s->bx0 >> 3) + 1;
     for (int row = s->by0; row <= s->by1 && !bin_is_bar(s); row++)
-      mark_row(s, row, rec + s->first_rec + ((row >> 3) - (s->by0 >> 3)) * n_x);
+      mark_row(s, row, intersection + s->intersection_offset + ((row >> 3) - (s->by0 >> 3)) * n_x);
   }
 }

@@ -9,7 +9,7 @@
 #include "kernels/bin/bin_common.h"
 #include "kernels/simd/v16.h"
 
-_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "two words of a record are written as one");
+_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "two words of an intersection are written as one");
 
 // --- rows of ellipses ----------------------------------------------------------------------------
 
@@ -19,7 +19,7 @@ typedef struct {
   v16 v, dy_right;
   v16 row, col;              // of the first tile
   v16 min, max, first, last; // bounds: [min, max) blocks; block rows
-  v16i first_rec;
+  v16i intersection_offset;
 } splats16;
 
 static inline v16 high16(v16i x) { // as a float; the halves are below 2^15
@@ -37,7 +37,7 @@ static __attribute__((noinline)) void load_splats(const sv_splat *splat, const u
   const v16i x = v16_bits(field[12]), y = v16_bits(field[13]);
   const v16 col = v16i_to_f(v16i_and(x, v16i_set1(0xfff8))), r = v16_mul(quarter, field[11]);
   splats16 s;
-  s.first_rec = v16_bits(field[15]);
+  s.intersection_offset = v16_bits(field[15]);
   s.col = col;
   s.row = v16i_to_f(v16i_and(y, v16i_set1(0xfff8)));
   s.r = v16_mul(v16_set1(BIN_ROOT_UP), r);
@@ -99,10 +99,10 @@ static inline v16i bits_between(v16m in, v16 from, v16 to) {
   return v16_bits(v16_keep(in, v16_from_bits(bits)));
 }
 
-// --- records -------------------------------------------------------------------------------------
+// --- intersections -------------------------------------------------------------------------------------
 
-// A record's fields as two words: a structure that is put together and then copied by wide loads waits for its stores.
-static inline void put_record(sv_rec *r, uint64_t tile_id, uint64_t mask) {
+// An intersection's fields as two words: a structure that is put together and then copied by wide loads waits for its stores.
+static inline void put_record(sv_intersection *r, uint64_t tile_id, uint64_t mask) {
   memcpy(&r->tile, &tile_id, sizeof tile_id);
   r->mask = mask;
 }
@@ -133,11 +133,11 @@ static __attribute__((noinline)) void four_rows(const splats16 *s, float j, v16i
   *right = v16i_or(v16i_shr8(v16i_and(b[0], odd)), v16i_and(b[1], odd));
 }
 
-// Sixteen splats, four records each: the tile, the one to the right, those below. How many of them a splat has cannot be
+// Sixteen splats, four intersections each: the tile, the one to the right, those below. How many of them a splat has cannot be
 // predicted; what is too much is in the place of the next one's, which are written after it. Returns the bits of the
-// splats of more than eight rows of blocks or two tiles wide, whose records are anything.
+// splats of more than eight rows of blocks or two tiles wide, whose intersections are anything.
 static __attribute__((noinline)) uint32_t bin_small(const splats16 *s, const uint32_t *id, uint32_t n_tiles_x,
-                                                    sv_rec *rec, const sv_splat *splat,
+                                                    sv_intersection *intersection, const sv_splat *splat,
                                                     const uint32_t *next_id, splats16 *next) {
   // All bits of the rows that are not of the tile below, by halves of a tile.
   const v16 first = v16_mul(v16_sub(s->first, s->row), v16_set1(8.0f)), minus = v16_set1(-1.0f);
@@ -164,12 +164,12 @@ static __attribute__((noinline)) uint32_t bin_small(const splats16 *s, const uin
     out[14 + half] = v16_from_bits(v16i_andnot(right, upper[half]));
   }
   uint32_t at[16];
-  v16i_store((int32_t *)at, s->first_rec);
+  v16i_store((int32_t *)at, s->intersection_offset);
   const uint32_t large =
       v16m_bits(v16m_or(v16_gt(v16_sub(s->last, s->first), v16_set1(7.0f)), v16_gt(s->max, v16_set1(16.0f))));
   load_splats(splat, next_id, next);
   v16_transpose(out);
-  for (uint32_t k = 0; k < 16; k++) v16_store((float *)(void *)(rec + at[k]), out[k]);
+  for (uint32_t k = 0; k < 16; k++) v16_store((float *)(void *)(intersection + at[k]), out[k]);
   return large;
 }
 
@@ -181,12 +181,13 @@ static __attribute__((noinline)) uint32_t bin_small(const splats16 *s, const uin
 typedef struct {
   uint32_t n;
   uint32_t id[16];
-  uint32_t tile[16], rec[16]; // the first one, and its record
-  uint32_t after[16];         // tiles after the first one
-  float row[16], col[16];     // first row of blocks, first column from the splat's first tile on
+  uint32_t tile[16], intersection[16]; // the first one, and its intersection
+  uint32_t after[16];                  // tiles after the first one
+  float row[16], col[16];              // first row of blocks, first column from the splat's first tile on
 } strips16;
 
-static __attribute__((noinline)) void bin_strips(const sv_splat *splat, strips16 *p, sv_rec *rec) {
+static __attribute__((noinline)) void bin_strips(const sv_splat *splat, strips16 *p,
+                                                 sv_intersection *intersection) {
   _Alignas(64) uint32_t bits[2 * STRIP_TILES][16];
   for (uint32_t k = p->n, last = k - 1; k < 16; k++)
     p->id[k] = p->id[last], p->row[k] = p->row[last], p->col[k] = p->col[last];
@@ -215,28 +216,29 @@ static __attribute__((noinline)) void bin_strips(const sv_splat *splat, strips16
   }
   for (uint32_t k = 0; k < p->n; k++) {
     const uint64_t tile = p->tile[k] | (uint64_t)p->id[k] << 32;
-    sv_rec *r = rec + p->rec[k];
+    sv_intersection *r = intersection + p->intersection[k];
     for (uint32_t t = 0; t <= p->after[k]; t++)
       put_record(r + t, tile + t, bits[2 * t][k] | (uint64_t)bits[2 * t + 1][k] << 32);
   }
   p->n = 0;
 }
 
-static void add_strips(const sv_splat *splat, uint32_t id, uint32_t n_tiles_x, sv_rec *rec, strips16 *p) {
+static void add_strips(const sv_splat *splat, uint32_t id, uint32_t n_tiles_x, sv_intersection *intersection,
+                       strips16 *p) {
   const sv_splat *s = splat + id;
   const uint32_t tx0 = s->bx0 >> 3, tx1 = s->bx1 >> 3;
-  uint32_t at = s->first_rec;
+  uint32_t at = s->intersection_offset;
   for (uint32_t ty = s->by0 >> 3; ty <= s->by1 >> 3; ty++)
     for (uint32_t tx = tx0; tx <= tx1; tx += STRIP_TILES) {
       const uint32_t k = p->n++, after = tx1 - tx < STRIP_TILES - 1 ? tx1 - tx : STRIP_TILES - 1;
       p->id[k] = id;
       p->tile[k] = ty * n_tiles_x + tx;
-      p->rec[k] = at;
+      p->intersection[k] = at;
       p->after[k] = after;
       p->row[k] = (float)(8 * ty);
       p->col[k] = (float)(8 * (tx - tx0));
       at += after + 1;
-      if (p->n == 16) bin_strips(splat, p, rec);
+      if (p->n == 16) bin_strips(splat, p, intersection);
     }
 }
 
@@ -249,7 +251,8 @@ static inline const uint32_t *ids_at(const uint32_t *id, uint32_t n, uint32_t i,
   return some;
 }
 
-void V(sv_bin)(const sv_splat *splat, const uint32_t *id, uint32_t n, int n_tiles_x, sv_rec *rec) {
+void V(sv_bin)(const sv_splat *splat, const uint32_t *id, uint32_t n, int n_tiles_x,
+               sv_intersection *intersection) {
   if (n == 0) return;
   const uint32_t n_x = (uint32_t)n_tiles_x;
   uint32_t some[2][16];
@@ -261,9 +264,10 @@ void V(sv_bin)(const sv_splat *splat, const uint32_t *id, uint32_t n, int n_tile
   for (uint32_t i = 0, turn = 0; i < n; i += 16, turn ^= 1, now = next) {
     const uint32_t m = n - i < 16 ? n - i : 16;
     next = i + 16 < n ? ids_at(id, n, i + 16, some[turn ^ 1]) : now;
-    uint32_t large =
-        bin_small(splats + turn, now, n_x, rec, splat, next, splats + (turn ^ 1)) & (0xffffu >> (16 - m));
-    for (; large; large &= large - 1) add_strips(splat, now[__builtin_ctz(large)], n_x, rec, &strips);
+    uint32_t large = bin_small(splats + turn, now, n_x, intersection, splat, next, splats + (turn ^ 1)) &
+                     (0xffffu >> (16 - m));
+    for (; large; large &= large - 1)
+      add_strips(splat, now[__builtin_ctz(large)], n_x, intersection, &strips);
   }
-  if (strips.n) bin_strips(splat, &strips, rec);
+  if (strips.n) bin_strips(splat, &strips, intersection);
 }

@@ -2,7 +2,7 @@
 // Gaussians -> screen splats (EWA projection, SH colour) and back. Formulas: 3D Gaussian Splatting (Kerbl
 // et al. 2023) with exact clamp gradients; anti-aliasing by Mip-Splatting's 2D compensation.
 //
-// Gaussian data is stored in blocks of 16 slots: [n_blocks][n_rows][16] floats. Rows:
+// Gaussian data is stored in blocks of 16: [n_blocks][n_rows][16] floats. Rows:
 //   0-2 mean (world) | 3-6 quaternion w,x,y,z, unnormalised | 7-9 log-scale | 10 opacity logit |
 //   11 + 3 k + c: SH coefficient k of channel c.  n_rows = 11 + 3 (degree+1)^2: 14, 23, 38, 59.
 #ifndef SV_KERNELS_PROJECT_H
@@ -35,7 +35,7 @@ extern "C" {
 // cover rounding errors.
 #define SV_ROUND_UP  0.97f
 #define SV_ALPHA_MAX 0.99f
-#define SV_T_MIN     1e-4f // of the light left: the pixel has ended
+#define SV_T_MIN     1e-4f // of the light left: the pixel has saturated
 
 // One Gaussian on the screen of one view, 64 bytes. alpha(p) = 2^(8 + qa dx^2 + qb dx dy + qc dy^2 + lo) with
 // (dx, dy) = (u, v) - p: conic and opacity folded into base 2.
@@ -45,11 +45,11 @@ typedef struct {
   float rgb[3];
   float z; // camera depth of the centre
   float
-      dy_right; // of the ellipse alpha = 1/255: height (v minus y) of its rightmost point, the leftmost is at its negative
-  float inv_2qa;               // 0.5 / qa
-  uint16_t bx0, bx1, by0, by1; // that region in 4x4 blocks of the image, inclusive
-  uint32_t n_recs;             // tiles under it; 0: not visible
-  uint32_t first_rec;          // its first record; written by the binning
+      dy_right; // px: height (v - y) of the rightmost point of the ellipse alpha = 1/255; the leftmost has -dy_right
+  float inv_2qa;                // 0.5 / qa
+  uint16_t bx0, bx1, by0, by1;  // that region in 4x4 blocks of the image, inclusive
+  uint32_t n_intersections;     // tiles under it; 0: not visible
+  uint32_t intersection_offset; // index of its first intersection; binning writes it
 } sv_splat;
 
 // One (splat, tile) pair. mask bit 8 y + x: block (x, y) of the tile may be touched.
@@ -57,22 +57,23 @@ typedef struct {
   uint32_t tile;
   uint32_t id; // Gaussian
   uint64_t mask;
-} sv_rec;
+} sv_intersection;
 
-// What rasterization backward leaves per record, 32 bytes (s1_store11 in kernels/simd/s1_math.h: 24 bits a value, of the last 16): moments of g = dL/d(ln alpha) over the pixels
-// (sum g, g dx, g dy, g dx^2, g dx dy, g dy^2), dL/drgb (3), dL/dz, sum of weight * |residual|.
+// The per-intersection gradient that rasterization backward writes, 32 bytes: eleven values of 24 bits
+// (s1_store11 in kernels/simd/s1_math.h). Moments of g = dL/d(ln alpha) over the pixels (sum of g, g dx, g dy, g dx^2,
+// g dx dy, g dy^2), dL/drgb (3), dL/dz, and the sum of weight * |residual|.
 enum {
-  SV_SLOT_G,
-  SV_SLOT_GX,
-  SV_SLOT_GY,
-  SV_SLOT_GXX,
-  SV_SLOT_GXY,
-  SV_SLOT_GYY,
-  SV_SLOT_RGB,
-  SV_SLOT_Z = 9,
-  SV_SLOT_ERR,
-  SV_SLOT_VALUES,
-  SV_SLOT_BYTES = 32
+  SV_IGRAD_G,
+  SV_IGRAD_GX,
+  SV_IGRAD_GY,
+  SV_IGRAD_GXX,
+  SV_IGRAD_GXY,
+  SV_IGRAD_GYY,
+  SV_IGRAD_RGB,
+  SV_IGRAD_Z = 9,
+  SV_IGRAD_ERR,
+  SV_IGRAD_VALUES,
+  SV_IGRAD_BYTES = 32
 };
 
 typedef struct {
@@ -96,34 +97,34 @@ static inline void sv_kview_set_limits(sv_kview *v) {
 }
 
 typedef struct {
-  const float *param;    // [n_blocks][n_rows][16]
-  int n_rows, sh_degree; // sh_degree: the degree in use, at most that of the rows
-  int n_gaussians;       // slots from here on are never visible
-  sv_kview view;
-  sv_splat *splat;          // [n_blocks * 16] out
-  uint32_t *depth_key;      // [n_blocks * 16] out, bits of z; of slots that are not visible anything
-  const uint16_t *left_out; // [n_blocks] lanes that are not drawn, though they could be seen; NULL: none
-  float log2_gain; // opacities of the others are raised by 2^this, also beyond 1 (alpha has its limit)
+  const float *param;  // [n_blocks][n_rows][16]
+  int n_rows;          // rows of a block, SV_N_ROWS of the stored SH degree
+  int sh_degree;       // SH degree in use, at most the stored one
+  int n_gaussians;     // Gaussians from this index on are never visible
+  sv_kview view;       // the camera
+  sv_splat *splat;     // [n_blocks * 16] out
+  uint32_t *depth_key; // [n_blocks * 16] out: bits of z, which sort as z does; undefined where not visible
+  const uint16_t *dropout_mask; // [n_blocks] bits of lanes that are dropped from this view; NULL: none
+  float log2_compensation;      // log2 of the opacity factor of all others, which makes up for dropout; >= 0
 } sv_project_args;
 
 // 64-byte aligned working memory of either direction, one per thread, contents free.
 #define SV_PROJECT_SCRATCH_FLOATS 2048
 
 typedef struct {
-  uint32_t n_visible, n_recs;
+  uint32_t n_visible, n_intersections;
 } sv_project_counts;
 
-// Blocks [block0, block1). Returns how many of their Gaussians are visible, and the sum of their n_recs. exact.
+// Blocks [block0, block1). Returns how many of their Gaussians are visible, and the sum of their n_intersections. exact.
 typedef sv_project_counts sv_project_fn(const sv_project_args *a, int block0, int block1, float *scratch);
 
 typedef struct {
-  const sv_project_args *fwd; // the same as in the forward pass
-  const sv_rec *rec;          // those of a block's Gaussians follow one another; one with mask 0 has no slot
-  const uint8_t *slot;        // [n_recs][32]
-  float *pose_grad; // [6] out, this block's sum of dL/d(omega, v) of a twist on cam_from_world; or NULL
-  float reg_opacity,
-      reg_scale; // added to touched lanes: reg_opacity o (1-o) on the logit, reg_scale s on each
-                 // log-scale, the gradients of reg_opacity sum(o) + reg_scale sum(s)
+  const sv_project_args *fwd;          // the arguments of the forward pass
+  const sv_intersection *intersection; // [n_intersections] those of a block's Gaussians are contiguous
+  const uint8_t *igrad;                // [n_intersections][SV_IGRAD_BYTES]; undefined where a mask is 0
+  float *pose_grad;  // [6] out: this block's share of dL/d(omega, v), a twist on cam_from_world; or NULL
+  float reg_opacity; // weight of the sum of opacities o: adds reg_opacity o (1 - o) to dL/dlogit
+  float reg_scale;   // weight of the sum of scales s: adds reg_scale s to each dL/d(log-scale)
 } sv_project_bwd_args;
 
 // One block: grad [n_rows][16] (rows of SH degrees above sh_degree are not written), err [16]: sum of

@@ -131,7 +131,7 @@ static void project_one(const sv_project_args *a, int id, const float *p) {
   sv_splat *s = a->splat + id;
   geom g;
   geometry(v, p, &g);
-  float lo = s1_log2(g.oe) + a->log2_gain, level = lo - SV_LOG2_ALPHA_MIN;
+  float lo = s1_log2(g.oe) + a->log2_compensation, level = lo - SV_LOG2_ALPHA_MIN;
   float tau = 1.38629436f * s1_max(level, 0.0f); // 2 ln(255 o)
   s->u_px = fmaf(v->fx, g.xz, v->cx);
   s->v_px = fmaf(v->fy, g.yz, v->cy);
@@ -149,21 +149,22 @@ static void project_one(const sv_project_args *a, int id, const float *p) {
   // A NaN anywhere makes x0 or y0 a NaN, and a form that is not negative an infinite splat: not visible.
   int is_visible = g.t[2] > v->near_z && level > 0.0f && x0 <= x1 && y0 <= y1 && id < a->n_gaussians;
   is_visible = is_visible && s->qa < 0.0f && s->qc < 0.0f;
-  is_visible = is_visible && !(a->left_out && (a->left_out[id / SV_LANES] >> id % SV_LANES & 1));
+  is_visible = is_visible && !(a->dropout_mask && (a->dropout_mask[id / SV_LANES] >> id % SV_LANES & 1));
   int n_coef = (a->sh_degree + 1) * (a->sh_degree + 1);
   float d[3], b[16];
   direction(v, p, d);
   sh_basis(a->sh_degree, d[0], d[1], d[2], b);
   for (int c = 0; c < 3; c++) s->rgb[c] = s1_max(colour(p + 16 * SV_ROW_SH, c, n_coef, b), 0.0f);
-  s->first_rec = 0;
+  s->intersection_offset = 0;
   s->bx0 = s->bx1 = s->by0 = s->by1 = 0;
-  s->n_recs = 0;
+  s->n_intersections = 0;
   if (!is_visible) return;
   int px0 = (int)(x0 + SV_ROUND_UP), px1 = (int)x1, py0 = (int)(y0 + SV_ROUND_UP), py1 = (int)y1;
   if (px0 > px1 || py0 > py1) return; // between the pixels' centres
   s->bx0 = (uint16_t)(px0 / 4), s->bx1 = (uint16_t)(px1 / 4);
   s->by0 = (uint16_t)(py0 / 4), s->by1 = (uint16_t)(py1 / 4);
-  s->n_recs = (uint32_t)((s->bx1 >> 3) - (s->bx0 >> 3) + 1) * (uint32_t)((s->by1 >> 3) - (s->by0 >> 3) + 1);
+  s->n_intersections =
+      (uint32_t)((s->bx1 >> 3) - (s->bx0 >> 3) + 1) * (uint32_t)((s->by1 >> 3) - (s->by0 >> 3) + 1);
   a->depth_key[id] = s1_bits(g.t[2]);
 }
 
@@ -174,8 +175,8 @@ sv_project_counts sv_project_ref(const sv_project_args *a, int block0, int block
     for (int k = 0; k < SV_LANES; k++) {
       const int id = b * SV_LANES + k;
       project_one(a, id, a->param + (long)b * a->n_rows * SV_LANES + k);
-      n.n_visible += a->splat[id].n_recs != 0;
-      n.n_recs += a->splat[id].n_recs;
+      n.n_visible += a->splat[id].n_intersections != 0;
+      n.n_intersections += a->splat[id].n_intersections;
     }
   return n;
 }
@@ -210,14 +211,14 @@ static void sh_basis_grad(int degree, float x, float y, float z, float bx[16], f
 // Conic and opacity moments -> twice the gradient of the 2D covariance [xx, xy (matrix entry), yy], and that of the
 // logit. (The moments are -2 times the gradient of the conic: no factor is left.)
 static float screen_bwd(const sv_kview *v, const geom *g, const float *m, float vs[3]) {
-  float ga = m[SV_SLOT_GXX], gb = m[SV_SLOT_GXY], gc = m[SV_SLOT_GYY];
+  float ga = m[SV_IGRAD_GXX], gb = m[SV_IGRAD_GXY], gc = m[SV_IGRAD_GYY];
   float A = g->conic[0], B = g->conic[1], C = g->conic[2];
   float q00 = fmaf(A, ga, B * gb), q01 = fmaf(A, gb, B * gc), q10 = fmaf(B, ga, C * gb),
         q11 = fmaf(B, gb, C * gc);
   vs[0] = fmaf(q00, A, q01 * B);
   vs[1] = fmaf(q00, B, q01 * C);
   vs[2] = fmaf(q10, B, q11 * C);
-  float v_oe = m[SV_SLOT_G] / g->oe, v_o = v_oe * g->comp;
+  float v_oe = m[SV_IGRAD_G] / g->oe, v_o = v_oe * g->comp;
   if (v->is_antialiased && !g->is_comp_floor) {
     // h d(comp^2)/dS, by the adjugate: the textbook form (1 - comp^2) Q - 0.3 det Q I is a difference of
     // equals.
@@ -231,8 +232,8 @@ static float screen_bwd(const sv_kview *v, const geom *g, const float *m, float 
 
 // Through the projection: dL/dt (camera point) and dL/dw.
 static void camera_bwd(const geom *g, const float *m, const float vs[3], float vt[3], float vw[9]) {
-  float vu = fmaf(-g->conic[0], m[SV_SLOT_GX], -(g->conic[1] * m[SV_SLOT_GY]));
-  float vv = fmaf(-g->conic[1], m[SV_SLOT_GX], -(g->conic[2] * m[SV_SLOT_GY]));
+  float vu = fmaf(-g->conic[0], m[SV_IGRAD_GX], -(g->conic[1] * m[SV_IGRAD_GY]));
+  float vv = fmaf(-g->conic[1], m[SV_IGRAD_GX], -(g->conic[2] * m[SV_IGRAD_GY]));
   float j00 = 0, j02 = 0, j11 = 0, j12 = 0;
   for (int j = 0; j < 3; j++) {
     float va = fmaf(vs[0], g->a[j], vs[1] * g->b[j]), vb = fmaf(vs[1], g->a[j], vs[2] * g->b[j]);
@@ -248,7 +249,7 @@ static void camera_bwd(const geom *g, const float *m, const float vs[3], float v
   float ja = g->ja, jb = g->jb, iz = g->iz, kx = ja * iz * j02, ky = jb * iz * j12;
   vt[0] = ja * vu;
   vt[1] = jb * vv;
-  vt[2] = fmaf(-iz, fmaf(ja, j00, jb * j11), m[SV_SLOT_Z] - fmaf(ja * g->xz, vu, jb * g->yz * vv));
+  vt[2] = fmaf(-iz, fmaf(ja, j00, jb * j11), m[SV_IGRAD_Z] - fmaf(ja * g->xz, vu, jb * g->yz * vv));
   vt[2] = fmaf(g->clamp_x ? g->rx : 2.0f * g->rx, kx, vt[2]);
   vt[2] = fmaf(g->clamp_y ? g->ry : 2.0f * g->ry, ky, vt[2]);
   if (!g->clamp_x) vt[0] -= kx;
@@ -314,7 +315,7 @@ static void one_bwd(const sv_project_bwd_args *args, const float *p, const float
   grad[16 * SV_ROW_LOGIT] = fmaf(args->reg_opacity, g.o * (1.0f - g.o), grad[16 * SV_ROW_LOGIT]);
   for (int j = 0; j < 3; j++)
     grad[16 * (SV_ROW_SCALE + j)] = fmaf(args->reg_scale, g.s[j], grad[16 * (SV_ROW_SCALE + j)]);
-  colour_bwd(a, p, m + SV_SLOT_RGB, grad, vm);
+  colour_bwd(a, p, m + SV_IGRAD_RGB, grad, vm);
   for (int i = 0; i < 3; i++)
     grad[16 * i] = fmaf(v->r[i], vt[0], fmaf(v->r[3 + i], vt[1], fmaf(v->r[6 + i], vt[2], vm[i])));
   for (int i = 0; i < 3; i++) {
@@ -338,15 +339,15 @@ uint32_t sv_project_bwd_ref(const sv_project_bwd_args *args, int block, float *g
   for (int i = 0; i < n_used * SV_LANES; i++) grad[i] = 0.0f;
   for (int k = 0; k < SV_LANES; k++) {
     const sv_splat *s = a->splat + block * SV_LANES + k;
-    float m[SV_SLOT_VALUES] = {0}, of_rec[SV_SLOT_VALUES], one[6];
+    float m[SV_IGRAD_VALUES] = {0}, of_intersection[SV_IGRAD_VALUES], one[6];
     int is_touched = 0;
-    for (uint32_t r = s->first_rec; r < s->first_rec + s->n_recs; r++) {
-      if (!args->rec[r].mask) continue;
+    for (uint32_t r = s->intersection_offset; r < s->intersection_offset + s->n_intersections; r++) {
+      if (!args->intersection[r].mask) continue;
       is_touched = 1;
-      s1_load11(args->slot + (long)r * SV_SLOT_BYTES, of_rec);
-      for (int i = 0; i < SV_SLOT_VALUES; i++) m[i] += of_rec[i];
+      s1_load11(args->igrad + (long)r * SV_IGRAD_BYTES, of_intersection);
+      for (int i = 0; i < SV_IGRAD_VALUES; i++) m[i] += of_intersection[i];
     }
-    err[k] = m[SV_SLOT_ERR];
+    err[k] = m[SV_IGRAD_ERR];
     if (!is_touched) continue;
     touched |= 1u << k;
     one_bwd(args, p + k, m, grad + k, one);

@@ -17,7 +17,7 @@ typedef struct {
 } geom;
 
 typedef struct {
-  v16 row[16]; // of a block's splats; backward the sums of its records
+  v16 row[16]; // of a block's splats; backward the sums of its intersections
   geom g;
   v16 m[12], vs[3], vt[3], vw[9], vm[3];
 } project_work;
@@ -82,12 +82,12 @@ V16_INLINE void place(const sv_kview *v, const float *p, geom *g) {
                    v16_fma(g->q[1], g->q[1], v16_fma(g->q[2], g->q[2], v16_mul(g->q[3], g->q[3]))));
   g->rn = v16_div(S(1.0f), v16_sqrt(v16_max(n2, S(1e-20f))));
 }
-V16_INLINE void sizes(const float *p, geom *g) {
+V16_INLINE void exp_scales(const float *p, geom *g) {
   UNROLL
   for (int i = 0; i < 3; i++)
     g->s[i] = v16_exp2_fine(v16_mul(v16_load(p + 16 * (SV_ROW_SCALE + i)), S(LOG2E)));
 }
-V16_INLINE void turn(geom *g) {
+V16_INLINE void normalize_rotation(geom *g) {
   UNROLL
   for (int i = 0; i < 4; i++) g->q[i] = v16_mul(g->q[i], g->rn);
   rotation(g->q, g->rot);
@@ -106,7 +106,7 @@ V16_INLINE void axes(const sv_kview *v, geom *g) {
     g->b[j] = v16_mul(g->jb, v16_fnma(g->ry, g->w[6 + j], g->w[3 + j]));
   }
 }
-V16_INLINE v16 spread(const sv_kview *v, geom *g) {
+V16_INLINE v16 covariance_2d(const sv_kview *v, geom *g) {
   g->sxx = dot3_(g->a[0], g->a[0], g->a[1], g->a[1], g->a[2], g->a[2]);
   g->sxy = dot3_(g->a[0], g->b[0], g->a[1], g->b[1], g->a[2], g->b[2]);
   g->syy = dot3_(g->b[0], g->b[0], g->b[1], g->b[1], g->b[2], g->b[2]);
@@ -122,7 +122,7 @@ V16_INLINE v16 spread(const sv_kview *v, geom *g) {
   g->inv_d = v16_div(S(1.0f), v16_fma(S(v->dilation_px2), v16_add(g->sxx, g->cc), det));
   return det;
 }
-V16_INLINE void opaque(const float *p, geom *g) {
+V16_INLINE void sigmoid_opacity(const float *p, geom *g) {
   v16 e = v16_exp2_fine(v16_mul(v16_load(p + 16 * SV_ROW_LOGIT), S(-LOG2E)));
   g->o = v16_div(S(1.0f), v16_add(S(1.0f), e));
   g->not_o = v16_mul(e, g->o);
@@ -144,12 +144,12 @@ V16_INLINE void compensate(const sv_kview *v, v16 det, geom *g) {
 }
 V16_INLINE void geometry(const sv_kview *v, const float *p, geom *g) {
   place(v, p, g);
-  turn(g);
-  sizes(p, g);
+  normalize_rotation(g);
+  exp_scales(p, g);
   axes(v, g);
-  v16 det = spread(v, g);
+  v16 det = covariance_2d(v, g);
   conic_of(g);
-  opaque(p, g);
+  sigmoid_opacity(p, g);
   compensate(v, det, g);
 }
 
@@ -254,7 +254,7 @@ typedef struct { // where, in real pixels
 } bounds;
 
 V16_INLINE void level_of(const sv_project_args *a, v16 oe, bounds *b) {
-  b->lo = v16_add(v16_log2(oe), S(a->log2_gain)), b->level = v16_sub(b->lo, S(SV_LOG2_ALPHA_MIN));
+  b->lo = v16_add(v16_log2(oe), S(a->log2_compensation)), b->level = v16_sub(b->lo, S(SV_LOG2_ALPHA_MIN));
   b->tau = v16_mul(S(1.38629436f), v16_max(b->level, S(0.0f)));
 }
 
@@ -285,14 +285,14 @@ V16_INLINE void form_of(const ellipse *e, bounds *b, v16 row[16]) {
 }
 
 typedef struct { // of each lane
-  v16i visible, recs;
+  v16i visible, intersections;
 } counts16;
 
 V16_INLINE void finish(const bounds *b, v16 row[16], counts16 *n) {
   v16m vis = b->visible; // bounds of the others may not fit an int
   vis = finish_splats(vis, v16_keep(vis, b->x0), v16_keep(vis, b->x1), v16_keep(vis, b->y0),
                       v16_keep(vis, b->y1), row + 12);
-  n->recs = v16i_add(n->recs, v16_bits(row[14]));
+  n->intersections = v16i_add(n->intersections, v16_bits(row[14]));
   n->visible = v16i_add(n->visible, v16_bits(v16_keep(vis, v16_from_bits(v16i_set1(1)))));
 }
 
@@ -311,7 +311,7 @@ static inline const float *rows_of(const sv_project_args *a, int block) {
 static inline uint32_t in_use(const sv_project_args *a, int block) {
   const int left = a->n_gaussians - block * SV_LANES;
   const uint32_t in_range = left >= 16 ? 0xffffu : left <= 0 ? 0 : (1u << left) - 1;
-  return a->left_out ? in_range & ~(uint32_t)a->left_out[block] : in_range;
+  return a->dropout_mask ? in_range & ~(uint32_t)a->dropout_mask[block] : in_range;
 }
 
 #if V16_REGISTERS >= 32
@@ -357,15 +357,15 @@ V16_INLINE void pair_of(int degree, const sv_project_args *a, int block, int oth
   } while (0)
   BOTH(place(v, x->p, &x->g));
   fetch(degree, a, next, 0);
-  BOTH(opaque(x->p, &x->g));
+  BOTH(sigmoid_opacity(x->p, &x->g));
   fetch(degree, a, next, 1);
-  BOTH(sizes(x->p, &x->g); turn(&x->g));
+  BOTH(exp_scales(x->p, &x->g); normalize_rotation(&x->g));
   fetch(degree, a, next, 2);
   if (!v->is_antialiased) BOTH(level_of(a, x->g.o, &x->b));
   fetch(degree, a, next, 3);
   BOTH(axes(v, &x->g));
   fetch(degree, a, next, 4);
-  BOTH(x->det = spread(v, &x->g));
+  BOTH(x->det = covariance_2d(v, &x->g));
   fetch(degree, a, next, 5);
   BOTH(conic_of(&x->g); compensate(v, x->det, &x->g));
   if (v->is_antialiased) BOTH(level_of(a, x->g.oe, &x->b));
@@ -450,7 +450,7 @@ static uint32_t sum_of(v16i n) {
 sv_project_counts V(sv_project)(const sv_project_args *a, int block0, int block1, float *scratch) {
   counts16 n = {v16i_set1(0), v16i_set1(0)};
   project_range(a, block0, block1, (project_work *)(void *)scratch, &n);
-  return (sv_project_counts){sum_of(n.visible), sum_of(n.recs)};
+  return (sv_project_counts){sum_of(n.visible), sum_of(n.intersections)};
 }
 
 #include "kernels/project/project_bwd.inc"

@@ -6,14 +6,15 @@
 // Per pixel and splat, front to back:
 //   power = qa dx^2 + qb dx dy + qc dy^2 + lo, log2 of alpha less 8;  skipped when alpha < 1/255
 //   a = min(0.99, 2^(8 + power));  colour += a T rgb;  depth += a T z;  T -= a T
-// Lists are blended in groups of SV_RASTER_GROUP records. Blocks of 4x4 pixels of which none has 1e-4 of the light left
-// before a group have ended: they are taken from its records' masks. (Kerbl's program ends each pixel, at the splat that
-// would take T below 1e-4. A pixel that goes on beside brighter ones gains less than that.)
+// Early termination: lists are blended in groups of SV_RASTER_GROUP intersections. A block of 4x4 pixels is saturated
+// when the transmittance T of all its pixels is below 1e-4 before a group; its bit is cleared in the masks of the group.
+// (Kerbl's program terminates each pixel at the splat that would take T below 1e-4. A pixel that continues because of
+// brighter neighbours gains less than that.)
 // Backward, with the picture's gradient dot = rgb . dL/drgb + z dL/ddepth and w = a T:
 //   S' = S - w dot;  dL/d(ln a) = w dot - S' a / (1 - a) = S - S' / (1 - a);  0 where 2^(8 + power) > 0.99
 // S, the suffix, begins at the pixel's colour . dL/drgb and so on; S' is what lies behind the splat. The quotient depends
-// on the splat alone, so nothing waits for it. Where less than 1e-4 of the light is left there is no gradient: S is then
-// rounding, and hidden Gaussians would follow it. Splats that cannot reach the limit of 0.99 are not compared with it.
+// on the splat alone, so nothing waits for it. Where T is below 1e-4 there is no gradient: S is then rounding error, and
+// hidden Gaussians would follow it. Splats that cannot reach the limit of 0.99 are not compared with it.
 // Planes are planar floats, `stride` apart per row, stride and padded height multiples of 32.
 #ifndef SV_KERNELS_RASTER_H
 #define SV_KERNELS_RASTER_H
@@ -26,7 +27,7 @@ extern "C" {
 
 #define SV_TILE_BLOCKS  64 // 4x4 blocks of a tile
 #define SV_RASTER_GROUP 128
-// The moments of records of at most so many blocks are summed block by block, of larger ones by rows of blocks first.
+// The moments of intersections of at most so many blocks are summed block by block, of larger ones by rows of blocks first.
 #define SV_RASTER_SMALL 16
 // Splats of an opacity up to 2^this, 0.98, stay below SV_ALPHA_MAX whatever is rounded on the way.
 #define SV_POWER_FREE            (-0.0291463f - SV_POWER_SHIFT)
@@ -34,7 +35,7 @@ extern "C" {
 
 typedef struct {
   const sv_splat *splat;
-  sv_rec *rec; // masks are narrowed to the blocks that were blended
+  sv_intersection *intersection; // masks are narrowed to the blocks that were blended
   int n_tiles_x;
   int stride; // floats
   float bg[3];
@@ -43,7 +44,7 @@ typedef struct {
   float *trans;  // out, what is left of T; not written where depth is NULL
 } sv_raster_args;
 
-// One tile; list[n]: its records, front to back. exact.
+// One tile; list[n]: its intersections, front to back. exact.
 typedef void sv_raster_fn(const sv_raster_args *a, uint32_t tile, const uint32_t *list, uint32_t n,
                           float *scratch);
 
@@ -53,7 +54,7 @@ typedef struct {
   const float *g_depth;      // dL/ddepth, or NULL
   const float *g_trans;      // dL/dtrans, or NULL (alpha = 1 - trans)
   const float *err;          // weight * err is summed per splat; or NULL
-  uint8_t *slot;             // [n_recs][32] out, see SV_SLOT_*; only for records whose mask is not 0
+  uint8_t *igrad; // [n_intersections][32] out, see SV_IGRAD_*; only for intersections whose mask is not 0
 } sv_raster_bwd_args;
 
 // exact.

@@ -46,12 +46,12 @@ void sv_raster_ref(const sv_raster_args *a, uint32_t tile, const uint32_t *list,
   for (int i = 0; i < 1024; i++) trans[i] = 1.0f;
   for (int i = 0; i < 4 * 1024; i++) acc[0][i] = 0.0f;
   tile_origin(a, tile, &x0, &y0, &at);
-  uint64_t ended = 0;
+  uint64_t saturated = 0;
   for (uint32_t i = 0; i < n; i++) {
-    sv_rec *r = a->rec + list[i];
+    sv_intersection *r = a->intersection + list[i];
     const sv_splat *s = a->splat + r->id;
-    if (i % SV_RASTER_GROUP == 0) ended = find_ended(trans);
-    uint64_t mask = r->mask & ~ended;
+    if (i % SV_RASTER_GROUP == 0) saturated = find_ended(trans);
+    uint64_t mask = r->mask & ~saturated;
     r->mask = mask;
     for (; mask; mask &= mask - 1) {
       int b = __builtin_ctzll(mask);
@@ -107,9 +107,9 @@ static void block_bwd(const sv_splat *s, float x0, float y0, int b, const tile_s
     if (is_free) e.a = e.a_raw;
     if (!(e.power >= SV_POWER_MIN && t >= SV_T_MIN)) continue;
     float w = e.a * t;
-    for (int c = 0; c < 3; c++) m[SV_SLOT_RGB + c][k] = fmaf(w, st->g[c][i], m[SV_SLOT_RGB + c][k]);
-    m[SV_SLOT_Z][k] = fmaf(w, st->g_depth[i], m[SV_SLOT_Z][k]);
-    m[SV_SLOT_ERR][k] = fmaf(w, st->err[i], m[SV_SLOT_ERR][k]);
+    for (int c = 0; c < 3; c++) m[SV_IGRAD_RGB + c][k] = fmaf(w, st->g[c][i], m[SV_IGRAD_RGB + c][k]);
+    m[SV_IGRAD_Z][k] = fmaf(w, st->g_depth[i], m[SV_IGRAD_Z][k]);
+    m[SV_IGRAD_ERR][k] = fmaf(w, st->err[i], m[SV_IGRAD_ERR][k]);
     float dot = fmaf(s->rgb[2], st->g[2][i], fmaf(s->rgb[1], st->g[1][i], s->rgb[0] * st->g[0][i]));
     dot = fmaf(s->z, st->g_depth[i], dot);
     float suffix = fmaf(-w, dot, st->suffix[i]);
@@ -117,14 +117,14 @@ static void block_bwd(const sv_splat *s, float x0, float y0, int b, const tile_s
     if (!is_free && !(e.a_raw <= SV_ALPHA_MAX)) g = 0.0f;
     st->suffix[i] = suffix;
     st->trans[i] = t - w;
-    m[SV_SLOT_GXX][k] = fmaf(g, e.dx * e.dx, m[SV_SLOT_GXX][k]);
+    m[SV_IGRAD_GXX][k] = fmaf(g, e.dx * e.dx, m[SV_IGRAD_GXX][k]);
     if (is_small) {
       float gy = g * e.dy;
-      m[SV_SLOT_G][k] += g;
-      m[SV_SLOT_GX][k] = fmaf(g, e.dx, m[SV_SLOT_GX][k]);
-      m[SV_SLOT_GY][k] += gy;
-      m[SV_SLOT_GXY][k] = fmaf(gy, e.dx, m[SV_SLOT_GXY][k]);
-      m[SV_SLOT_GYY][k] = fmaf(gy, e.dy, m[SV_SLOT_GYY][k]);
+      m[SV_IGRAD_G][k] += g;
+      m[SV_IGRAD_GX][k] = fmaf(g, e.dx, m[SV_IGRAD_GX][k]);
+      m[SV_IGRAD_GY][k] += gy;
+      m[SV_IGRAD_GXY][k] = fmaf(gy, e.dx, m[SV_IGRAD_GXY][k]);
+      m[SV_IGRAD_GYY][k] = fmaf(gy, e.dy, m[SV_IGRAD_GYY][k]);
     } else {
       row[0][k] += g;
       row[1][k] = fmaf(g, e.dx, row[1][k]);
@@ -133,7 +133,7 @@ static void block_bwd(const sv_splat *s, float x0, float y0, int b, const tile_s
 }
 
 static void splat_bwd(const sv_splat *s, float x0, float y0, uint64_t mask, const tile_state *st,
-                      uint8_t *slot) {
+                      uint8_t *igrad) {
   const int is_small = __builtin_popcountll(mask) <= SV_RASTER_SMALL;
   float m[11][16] = {{0}};
   for (int by = 0; by < 8; by++) {
@@ -143,16 +143,16 @@ static void splat_bwd(const sv_splat *s, float x0, float y0, uint64_t mask, cons
     for (; bits; bits &= bits - 1) block_bwd(s, x0, y0, 8 * by + __builtin_ctzll(bits), st, is_small, row, m);
     for (int k = 0; k < 16 && !is_small; k++) { // within a lane's row dy is constant
       float dy = s->v_px - (y0 + ((float)(4 * by + (k >> 2)) + 0.5f));
-      m[SV_SLOT_G][k] += row[0][k];
-      m[SV_SLOT_GX][k] += row[1][k];
-      m[SV_SLOT_GY][k] = fmaf(row[0][k], dy, m[SV_SLOT_GY][k]);
-      m[SV_SLOT_GXY][k] = fmaf(row[1][k], dy, m[SV_SLOT_GXY][k]);
-      m[SV_SLOT_GYY][k] = fmaf(row[0][k] * dy, dy, m[SV_SLOT_GYY][k]);
+      m[SV_IGRAD_G][k] += row[0][k];
+      m[SV_IGRAD_GX][k] += row[1][k];
+      m[SV_IGRAD_GY][k] = fmaf(row[0][k], dy, m[SV_IGRAD_GY][k]);
+      m[SV_IGRAD_GXY][k] = fmaf(row[1][k], dy, m[SV_IGRAD_GXY][k]);
+      m[SV_IGRAD_GYY][k] = fmaf(row[0][k] * dy, dy, m[SV_IGRAD_GYY][k]);
     }
   }
-  float sum[SV_SLOT_VALUES];
-  for (int i = 0; i < SV_SLOT_VALUES; i++) sum[i] = s1_sum16(m[i]);
-  s1_store11(slot, sum);
+  float sum[SV_IGRAD_VALUES];
+  for (int i = 0; i < SV_IGRAD_VALUES; i++) sum[i] = s1_sum16(m[i]);
+  s1_store11(igrad, sum);
 }
 
 void sv_raster_bwd_ref(const sv_raster_bwd_args *a, uint32_t tile, const uint32_t *list, uint32_t n,
@@ -167,8 +167,8 @@ void sv_raster_bwd_ref(const sv_raster_bwd_args *a, uint32_t tile, const uint32_
   tile_origin(a->fwd, tile, &x0, &y0, &at);
   load_state(a, at, &st);
   for (uint32_t i = 0; i < n; i++) {
-    const sv_rec *r = a->fwd->rec + list[i];
+    const sv_intersection *r = a->fwd->intersection + list[i];
     const sv_splat *s = a->fwd->splat + r->id;
-    if (r->mask) splat_bwd(s, x0, y0, r->mask, &st, a->slot + (long)list[i] * SV_SLOT_BYTES);
+    if (r->mask) splat_bwd(s, x0, y0, r->mask, &st, a->igrad + (long)list[i] * SV_IGRAD_BYTES);
   }
 }

@@ -22,7 +22,7 @@ INLINE void load_colours(splat16 *q, const sv_splat *s) {
 
 // Blending a block is a chain of dependent operations longer than most cores see ahead, and so is the exponential
 // before it. Where registers allow, backward begins the next block's exponential before the present block is finished (1),
-// and the power of the one after that before the exponential, and the next record before the present one is finished (2).
+// and the power of the one after that before the exponential, and the next intersection before the present one is finished (2).
 #define V_LOOKS_AHEAD (V16_PARTS == 1 ? 2 : V16_PARTS == 2 ? 1 : 0)
 
 // Behind the state that the blocks are blended into: pixel centres of a tile's 32 columns, then of its eight rows of
@@ -81,18 +81,18 @@ INLINE void load_blocks(v16 out[SIDE], const float *p, long stride) { out[0] = v
 INLINE void store_blocks(float *p, long stride, const v16 a[SIDE]) { v16_store4x4(p, stride, a[0]); }
 #endif
 
-// What the loop over a tile's list needs at hand: a store into a record might else have changed the arguments.
+// What the loop over a tile's list needs at hand: a store into an intersection might else have changed the arguments.
 typedef struct {
-  sv_rec *rec;
+  sv_intersection *intersection;
   const sv_splat *splat;
   const uint32_t *end;
 } tile_list;
 
-// Records and splats lie by Gaussian, a tile's anywhere. Eight records take half a microsecond or more.
+// Intersections and splats lie by Gaussian, a tile's anywhere. Eight intersections take half a microsecond or more.
 #define AHEAD 8
 INLINE void prefetch_ahead(const tile_list *l, const uint32_t *at, long ahead) {
-  if (l->end - at > 2 * ahead) __builtin_prefetch(l->rec + at[2 * ahead]);
-  if (l->end - at > ahead) __builtin_prefetch(l->splat + l->rec[at[ahead]].id);
+  if (l->end - at > 2 * ahead) __builtin_prefetch(l->intersection + at[2 * ahead]);
+  if (l->end - at > ahead) __builtin_prefetch(l->splat + l->intersection[at[ahead]].id);
 }
 
 // What a splat's power takes from the column of pixels alone: power = (qc dy + b) dy + c. Found once for 16 columns of a

@@ -50,7 +50,7 @@ static int find_mode(const sv_renderer *r, uint32_t begin, uint32_t end, float x
   float trans = 1.0f, most = 0.0f;
   int mode = -1;
   for (uint32_t i = begin; i < end; i++) {
-    const sv_splat *s = r->splat + r->rec[r->list[i]].id;
+    const sv_splat *s = r->splat + r->intersection[r->list[i]].id;
     const pair p = evaluate(s, x, y);
     if (p.power < SV_LOG2_ALPHA_MIN) continue;
     const float a = sv_minf(SV_ALPHA_MAX, (float)sv_exp((double)p.power * 0.6931471805599453)), w = a * trans;
@@ -140,7 +140,7 @@ static void mark_pixel(sv_trainer *t, int x, int y) {
   float z;
   const int mode = find_mode(r, begin, r->tile_begin[tile + 1], px, py, &z);
   for (int i = (int)begin; i <= mode; i++) {
-    const uint32_t id = r->rec[r->list[i]].id;
+    const uint32_t id = r->intersection[r->list[i]].id;
     const pair p = evaluate(r->splat + id, px, py);
     if (p.power >= SV_LOG2_ALPHA_MIN && p.falloff > NEAR_2) t->copies[id] = -1;
   }

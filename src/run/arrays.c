@@ -30,7 +30,8 @@ static void measure(const sv_train_cfg *cfg, double *per_gaussian, double *per_p
 
 sv_arrays sv_arrays_of(const sv_train_cfg *c) {
   sv_arrays f = {0};
-  const double rows = SV_N_ROWS(c->sh_degree), rec = sizeof(sv_rec) + sizeof(uint32_t), slot = SV_SLOT_BYTES;
+  const double rows = SV_N_ROWS(c->sh_degree), rec = sizeof(sv_intersection) + sizeof(uint32_t),
+               slot = SV_IGRAD_BYTES;
   const double recs_g = c->cap_recs ? 0 : RECS_PER_GAUSSIAN, recs_px = c->cap_recs ? 0 : RECS_PER_PIXEL;
   const double samples = c->is_supersampled ? 4 : 1; // of a pixel
   const bool has_sum = c->cap_composites > 0 || c->n_unseen > 0;

@@ -11,7 +11,7 @@
 #define BATCH 512 // slots binned at a time
 
 #define PAIRS_BYTES (2 * sizeof(sv_pair)) // of a record, with the sort's scratch
-_Static_assert(PAIRS_BYTES <= SV_SLOT_BYTES, "pairs and scratch lie in the slots");
+_Static_assert(PAIRS_BYTES <= SV_IGRAD_BYTES, "pairs and scratch lie in the slots");
 
 static int n_tiles_of(int w, int h) {
   return (sv_plane_pad(w) / SV_TILE_PX) * (sv_plane_pad(h) / SV_TILE_PX);
@@ -37,17 +37,17 @@ static void carve(sv_renderer *r, const sv_renderer_cfg *cfg, sv_arena *a) {
   r->depth_key = SV_TAKE(a, uint32_t, cap);
   r->n_in_range = SV_TAKE(a, uint32_t, cap / RANGE + 1);
   r->recs_in_range = SV_TAKE(a, uint32_t, cap / RANGE + 1);
-  r->left_out = SV_TAKE(a, uint16_t, cap / 16);
-  r->rec = SV_TAKE(a, sv_rec, places);
+  r->dropout_mask = SV_TAKE(a, uint16_t, cap / 16);
+  r->intersection = SV_TAKE(a, sv_intersection, places);
   r->list = SV_TAKE(a, uint32_t, recs);
   r->tile_begin = SV_TAKE(a, uint32_t, n_tiles + 1);
   r->tile_order = SV_TAKE(a, uint32_t, n_tiles);
   r->chunk_at = SV_TAKE(a, uint32_t, n_tiles * SV_RENDER_CHUNKS);
   r->chunk_end = SV_TAKE(a, uint32_t, n_tiles * SV_RENDER_CHUNKS);
   // The pairs are sorted before the slots are filled, which are emptied before the next pairs are made.
-  uint8_t *slot = SV_TAKE(a, uint8_t, cfg->has_grad ? places * SV_SLOT_BYTES : recs * PAIRS_BYTES);
-  r->slot = cfg->has_grad ? slot : NULL;
-  r->pair = (sv_pair *)(void *)slot;
+  uint8_t *igrad = SV_TAKE(a, uint8_t, cfg->has_grad ? places * SV_IGRAD_BYTES : recs * PAIRS_BYTES);
+  r->igrad = cfg->has_grad ? igrad : NULL;
+  r->pair = (sv_pair *)(void *)igrad;
   r->tmp = r->pair ? r->pair + recs : NULL;
   r->scratch = SV_TAKE(a, float, (size_t)cfg->n_threads *SV_RASTER_SCRATCH_FLOATS);
   for (int c = 0; c < 3; c++) r->rgb.c[c] = SV_TAKE(a, float, px);
@@ -116,11 +116,11 @@ static void project_task(void *arg, int i_task, int i_thread) {
   int moved = b1 < r->n_moved_blocks ? b1 : r->n_moved_blocks;
   sv_project_counts n = {0, 0}, rest = {0, 0};
   for (int b = b0; b < b1 && j->dropout > 0; b++)
-    r->left_out[b] = draw16(j->dropout, (uint32_t)b, j->dropout_seed);
+    r->dropout_mask[b] = draw16(j->dropout, (uint32_t)b, j->dropout_seed);
   if (b0 < moved) n = j->k->project(&r->moved, b0, moved, thread_scratch(r, i_thread));
   if (moved < b1) rest = j->k->project(&r->project, b0 > moved ? b0 : moved, b1, thread_scratch(r, i_thread));
   r->n_in_range[i_task] = n.n_visible + rest.n_visible;
-  r->recs_in_range[i_task] = n.n_recs + rest.n_recs;
+  r->recs_in_range[i_task] = n.n_intersections + rest.n_intersections;
 }
 
 // Ranges [range_begin(c), range_begin(c + 1)) belong to chunk c.
@@ -163,8 +163,8 @@ static void drop_farthest(job *j) {
     uint32_t d = 0;
     memset(sum, 0, sizeof sum);
     for (uint32_t i = 0; i < n; i++)
-      if (r->splat[i].n_recs && (r->depth_key[i] & known) == key)
-        sum[r->depth_key[i] >> shift & (DIGITS - 1)] += r->splat[i].n_recs;
+      if (r->splat[i].n_intersections && (r->depth_key[i] & known) == key)
+        sum[r->depth_key[i] >> shift & (DIGITS - 1)] += r->splat[i].n_intersections;
     for (; d < DIGITS - 1 && sum[d] <= left; d++) left -= sum[d];
     key |= d << shift;
     known |= (uint32_t)(DIGITS - 1) << shift;
@@ -172,15 +172,15 @@ static void drop_farthest(job *j) {
   bool is_full = false;
   for (uint32_t i = 0; i < n; i++) {
     sv_splat *s = r->splat + i;
-    if (!s->n_recs || r->depth_key[i] < key) continue;
-    if (r->depth_key[i] == key && !is_full && s->n_recs <= left) {
-      left -= s->n_recs;
+    if (!s->n_intersections || r->depth_key[i] < key) continue;
+    if (r->depth_key[i] == key && !is_full && s->n_intersections <= left) {
+      left -= s->n_intersections;
       continue;
     }
     is_full = is_full || r->depth_key[i] == key;
-    r->recs_in_range[i / RANGE] -= s->n_recs;
+    r->recs_in_range[i / RANGE] -= s->n_intersections;
     r->stats.n_dropped++;
-    s->n_recs = 0;
+    s->n_intersections = 0;
   }
 }
 
@@ -189,7 +189,7 @@ static void drop_farthest(job *j) {
 static void bin_task(void *arg, int c, int i_thread) {
   job *j = arg;
   sv_renderer *r = j->r;
-  uint32_t at = r->chunk_rec[c], rec = at, i, end, id[BATCH];
+  uint32_t at = r->chunk_rec[c], intersection = at, i, end, id[BATCH];
   uint32_t *count = r->chunk_at + (size_t)c * (size_t)r->n_tiles;
   (void)i_thread;
   slots_of(j, c, &i, &end);
@@ -198,13 +198,14 @@ static void bin_task(void *arg, int c, int i_thread) {
     uint32_t n = 0;
     for (const uint32_t last = i + BATCH < end ? i + BATCH : end; i < last; i++) {
       sv_splat *s = r->splat + i;
-      s->first_rec = at;
-      at += s->n_recs;
+      s->intersection_offset = at;
+      at += s->n_intersections;
       id[n] = i; // kept when it is visible, which cannot be predicted
-      n += s->n_recs != 0;
+      n += s->n_intersections != 0;
     }
-    j->k->bin(r->splat, id, n, r->n_tiles_x, r->rec);
-    for (; rec < at; rec++) count[r->rec[rec].tile] += r->rec[rec].mask != 0;
+    j->k->bin(r->splat, id, n, r->n_tiles_x, r->intersection);
+    for (; intersection < at; intersection++)
+      count[r->intersection[intersection].tile] += r->intersection[intersection].mask != 0;
   }
 }
 
@@ -224,8 +225,8 @@ static void scatter_task(void *arg, int c, int i_thread) {
   (void)i_thread;
   fetch_places(r, c);
   for (uint32_t i = r->chunk_rec[c]; i < r->chunk_rec[c + 1] - SV_BIN_SLACK; i++) {
-    const sv_rec *rec = r->rec + i;
-    if (rec->mask) r->pair[at[rec->tile]++] = (sv_pair){r->depth_key[rec->id], i};
+    const sv_intersection *intersection = r->intersection + i;
+    if (intersection->mask) r->pair[at[intersection->tile]++] = (sv_pair){r->depth_key[intersection->id], i};
   }
 }
 
@@ -263,7 +264,7 @@ static void bin_all(job *j) {
   sv_pool_run(pool, bin_task, j, SV_RENDER_CHUNKS);
   place_tiles(r);
   sv_pool_run(pool, scatter_task, j, SV_RENDER_CHUNKS);
-  r->stats.n_recs = r->tile_begin[r->n_tiles];
+  r->stats.n_intersections = r->tile_begin[r->n_tiles];
 }
 
 // Steps of a quarter octave: the longest lists first.
@@ -329,7 +330,7 @@ static sv_kview make_kview(const sv_view *v, const sv_render_options *o) {
 }
 
 // What makes up for those that are left out: the light that goes through is the same in the mean.
-static float log2_gain(int dropout) {
+static float log2_compensation(int dropout) {
   const double kept = 1.0 - (double)dropout / DROPOUT_STEPS;
   return dropout > 0 ? (float)(-sv_log(kept) / 0.6931471805599453) : 0.0f;
 }
@@ -360,8 +361,8 @@ sv_status sv_render(sv_renderer *r, const sv_gaussians *g, const sv_view *view, 
                                  .view = make_kview(view, o),
                                  .splat = r->splat,
                                  .depth_key = r->depth_key,
-                                 .left_out = dropout > 0 ? r->left_out : NULL,
-                                 .log2_gain = log2_gain(dropout)};
+                                 .dropout_mask = dropout > 0 ? r->dropout_mask : NULL,
+                                 .log2_compensation = log2_compensation(dropout)};
   r->moved = r->project;
   r->moved.param = g->moved;
   r->n_moved_blocks = g->moved ? (g->n_moved + 15) / 16 : 0;
@@ -375,7 +376,7 @@ sv_status sv_render(sv_renderer *r, const sv_gaussians *g, const sv_view *view, 
   bin_all(&j);
   order_tiles(r, pool->n_threads);
   r->raster = (sv_raster_args){.splat = r->splat,
-                               .rec = r->rec,
+                               .intersection = r->intersection,
                                .n_tiles_x = r->n_tiles_x,
                                .stride = r->rgb.stride,
                                .bg = {o->bg[0], o->bg[1], o->bg[2]},
@@ -398,7 +399,7 @@ static void raster_bwd_task(void *arg, int i_task, int i_thread) {
 // Who is in such tiles alone is as touched as ever, by gradients of 0. Slots of records without a mask may be anything.
 static void clear_slots(sv_renderer *r, uint32_t tile) {
   for (uint32_t i = r->tile_begin[tile]; i < r->tile_begin[tile + 1]; i++)
-    memset(r->slot + (size_t)r->list[i] * SV_SLOT_BYTES, 0, SV_SLOT_BYTES);
+    memset(r->igrad + (size_t)r->list[i] * SV_IGRAD_BYTES, 0, SV_IGRAD_BYTES);
 }
 
 static bool is_of_colour(const sv_renderer *r, uint32_t tile, uint32_t colour) {
@@ -415,23 +416,25 @@ static void raster_bwd_half_task(void *arg, int i_task, int i_thread) {
 
 sv_status sv_render_bwd(sv_renderer *r, const sv_planes *g_rgb, const float *g_depth, const float *g_trans,
                         const float *err) {
-  if (!r->slot || g_rgb->stride != r->rgb.stride || g_rgb->rows_padded != r->rgb.rows_padded) return SV_E_ARG;
+  if (!r->igrad || g_rgb->stride != r->rgb.stride || g_rgb->rows_padded != r->rgb.rows_padded)
+    return SV_E_ARG;
   if ((g_depth || g_trans) && !r->raster.depth) return SV_E_ARG;
   sv_raster_bwd_args a = {.fwd = &r->raster,
                           .g_rgb = {g_rgb->c[0], g_rgb->c[1], g_rgb->c[2]},
                           .g_depth = g_depth,
                           .g_trans = g_trans,
                           .err = err,
-                          .slot = r->slot};
+                          .igrad = r->igrad};
   job j = {.r = r, .k = r->compute.k, .bwd = &a};
   sv_pool_run(r->compute.pool, raster_bwd_task, &j, r->n_tiles);
   return SV_OK;
 }
 
 sv_status sv_render_bwd_half(sv_renderer *r, const sv_planes *g_rgb, uint32_t colour) {
-  if (!r->slot || g_rgb->stride != r->rgb.stride || g_rgb->rows_padded != r->rgb.rows_padded) return SV_E_ARG;
+  if (!r->igrad || g_rgb->stride != r->rgb.stride || g_rgb->rows_padded != r->rgb.rows_padded)
+    return SV_E_ARG;
   sv_raster_bwd_args a = {
-      .fwd = &r->raster, .g_rgb = {g_rgb->c[0], g_rgb->c[1], g_rgb->c[2]}, .slot = r->slot};
+      .fwd = &r->raster, .g_rgb = {g_rgb->c[0], g_rgb->c[1], g_rgb->c[2]}, .igrad = r->igrad};
   job j = {.r = r, .k = r->compute.k, .bwd = &a, .colour = colour};
   sv_pool_run(r->compute.pool, raster_bwd_half_task, &j, r->n_tiles);
   return SV_OK;
@@ -440,8 +443,8 @@ sv_status sv_render_bwd_half(sv_renderer *r, const sv_planes *g_rgb, uint32_t co
 uint32_t sv_render_bwd_block(const sv_renderer *r, int block, int i_thread, const sv_regularisers *reg,
                              const sv_block_grads *out) {
   sv_project_bwd_args a = {.fwd = block < r->n_moved_blocks ? &r->moved : &r->project,
-                           .rec = r->rec,
-                           .slot = r->slot,
+                           .intersection = r->intersection,
+                           .igrad = r->igrad,
                            .pose_grad = out->pose,
                            .reg_opacity = reg ? reg->opacity : 0.0f,
                            .reg_scale = reg ? reg->scale : 0.0f};
@@ -450,8 +453,8 @@ uint32_t sv_render_bwd_block(const sv_renderer *r, int block, int i_thread, cons
 
 uint64_t sv_render_count_pairs(const sv_renderer *r) {
   uint64_t n = 0;
-  for (uint32_t i = 0; i < r->stats.n_recs; i++)
-    n += 16u * (uint64_t)__builtin_popcountll(r->rec[r->list[i]].mask);
+  for (uint32_t i = 0; i < r->stats.n_intersections; i++)
+    n += 16u * (uint64_t)__builtin_popcountll(r->intersection[r->list[i]].mask);
   return n;
 }
 

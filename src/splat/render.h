@@ -26,7 +26,7 @@ typedef struct {
 } sv_renderer_cfg;
 
 typedef struct {
-  uint32_t n_visible, n_recs;
+  uint32_t n_visible, n_intersections;
   uint32_t n_dropped; // splats left out because cap_recs was reached (the farthest ones)
 } sv_render_stats;
 
@@ -36,9 +36,9 @@ typedef struct {
   sv_splat *splat;     // [cap]
   uint32_t *depth_key; // [cap]
   uint32_t *n_in_range,
-      *recs_in_range; // [cap/512 + 1] visible splats per range of 512 slots, and their records
-  uint16_t *left_out; // [cap/16] bits of those that dropout leaves out
-  sv_rec *rec;        // [cap_recs and some slack] by Gaussian, each splat's own side by side
+      *recs_in_range;            // [cap/512 + 1] visible splats per range of 512 slots, and their records
+  uint16_t *dropout_mask;        // [cap/16] bits of those that dropout leaves out
+  sv_intersection *intersection; // [cap_recs and some slack] by Gaussian, each splat's own side by side
   sv_pair *pair,
       *tmp; // [cap_recs] (depth, record) by tile, to be sorted; scratch of the sort. Both lie in `slot`,
             // which only the way back fills
@@ -48,7 +48,7 @@ typedef struct {
   uint32_t *chunk_at;                       // [SV_RENDER_CHUNKS][n_tiles] counts, then write positions
   uint32_t *chunk_end;                      // the same, where the positions end
   uint32_t chunk_rec[SV_RENDER_CHUNKS + 1]; // a chunk's first record; where they and their slack end
-  uint8_t *slot;                            // as rec, [SV_SLOT_BYTES] each, NULL without has_grad
+  uint8_t *igrad;                           // as intersection, [SV_IGRAD_BYTES] each, NULL without has_grad
   float *scratch;                           // [n_threads][SV_RASTER_SCRATCH_FLOATS]
   sv_planes rgb;                            // the last picture
   float *depth, *trans;                     // planes: sum of w z; 1 - alpha

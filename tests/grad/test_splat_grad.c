@@ -394,8 +394,8 @@ static void report(const char *isa, double value, const double worst[N_GROUPS]) 
 
 // Whether a record has lost all its blocks, which had ended before its group.
 static bool has_ended(const sv_renderer *r) {
-  for (uint32_t i = 0; i < r->stats.n_recs; i++)
-    if (!r->rec[r->list[i]].mask) return true;
+  for (uint32_t i = 0; i < r->stats.n_intersections; i++)
+    if (!r->intersection[r->list[i]].mask) return true;
   return false;
 }
 
@@ -406,7 +406,7 @@ static void leave_out(const scene_case *c, dr_scene *s, const sv_view *view, run
   int n = 0;
   sv_kernels_init(&k, sv_isa_only(SV_ISA_REF));
   render_float(c, s, view, &none, NULL, &k, q);
-  for (int i = 0; i < s->n; i++) n += s->is_left_out[i] = q->r.left_out[i / 16] >> i % 16 & 1;
+  for (int i = 0; i < s->n; i++) n += s->is_left_out[i] = q->r.dropout_mask[i / 16] >> i % 16 & 1;
   assert_true(n > 0 && n < s->n);
   s->gain = 1 / (1 - round(256 * (double)c->dropout) / 256);
 }

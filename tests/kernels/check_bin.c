@@ -23,8 +23,8 @@ static bool is_needed(const sv_splat *s, const sv_kview *v, int bx, int by, doub
 }
 
 // Every block of the picture against brute force.
-static void against_brute_force(ck *c, const sc_scene *s, uint32_t id, const sv_rec *rec, double slack,
-                                share *sum) {
+static void against_brute_force(ck *c, const sc_scene *s, uint32_t id, const sv_intersection *intersection,
+                                double slack, share *sum) {
   const sv_splat *p = s->project.splat + id;
   const sv_kview *v = &s->project.view;
   int n_tx = (p->bx1 >> 3) - (p->bx0 >> 3) + 1;
@@ -33,7 +33,9 @@ static void against_brute_force(ck *c, const sc_scene *s, uint32_t id, const sv_
       int tx = (bx >> 3) - (p->bx0 >> 3), ty = (by >> 3) - (p->by0 >> 3);
       bool is_in = tx >= 0 && ty >= 0 && tx < n_tx && by >> 3 <= p->by1 >> 3, is_marked = false;
       if (is_in)
-        is_marked = rec[p->first_rec + (uint32_t)(ty * n_tx + tx)].mask >> (8 * (by & 7) + (bx & 7)) & 1;
+        is_marked = intersection[p->intersection_offset + (uint32_t)(ty * n_tx + tx)].mask >>
+                        (8 * (by & 7) + (bx & 7)) &
+                    1;
       if (is_marked) sum->n_marked++, sum->n_needed += is_needed(p, v, bx, by, 0);
       else
         ck_true(c, !is_needed(p, v, bx, by, slack), "splat %u: block %d,%d is needed, but not marked", id, bx,
@@ -41,14 +43,16 @@ static void against_brute_force(ck *c, const sc_scene *s, uint32_t id, const sv_
     }
 }
 
-static void check_fields(ck *c, const sc_scene *s, const sv_rec *rec) {
+static void check_fields(ck *c, const sc_scene *s, const sv_intersection *intersection) {
   for (uint32_t i = 0; i < s->n_visible; i++) {
     const sv_splat *p = s->project.splat + s->order[i];
-    uint32_t r = p->first_rec;
+    uint32_t r = p->intersection_offset;
     for (int ty = p->by0 >> 3; ty <= p->by1 >> 3; ty++)
       for (int tx = p->bx0 >> 3; tx <= p->bx1 >> 3; tx++, r++)
-        ck_true(c, rec[r].id == s->order[i] && rec[r].tile == (uint32_t)(ty * s->n_tiles_x + tx),
-                "record %u holds tile %u of %u", r, rec[r].tile, rec[r].id);
+        ck_true(c,
+                intersection[r].id == s->order[i] &&
+                    intersection[r].tile == (uint32_t)(ty * s->n_tiles_x + tx),
+                "intersection %u holds tile %u of %u", r, intersection[r].tile, intersection[r].id);
   }
 }
 
@@ -58,18 +62,19 @@ static void bin_case(ck *c, const sc_cfg *cfg, share *sum) {
   sc_init(c, &s, cfg);
   sc_project(c, &s);
   sc_bin(c, &s);
-  sv_rec *rec = ck_bytes(c, (s.n_recs + SV_BIN_SLACK) * sizeof *rec);
+  sv_intersection *intersection = ck_bytes(c, (s.n_intersections + SV_BIN_SLACK) * sizeof *intersection);
   for (uint32_t i = 0, n = 5; i < s.n_visible;
        i += n, n = 3 * n + 2) { // less than a vector, and more than one
     if (n > s.n_visible - i) n = s.n_visible - i;
-    c->var.bin(s.project.splat, s.order + i, n, s.n_tiles_x, rec);
+    c->var.bin(s.project.splat, s.order + i, n, s.n_tiles_x, intersection);
   }
-  if (c->is_exact) ck_same_bytes(c, "records", s.rec, rec, s.n_recs * sizeof *rec);
-  check_fields(c, &s, rec);
+  if (c->is_exact)
+    ck_same_bytes(c, "intersections", s.intersection, intersection, s.n_intersections * sizeof *intersection);
+  check_fields(c, &s, intersection);
   // Where the form's terms are huge against their sum, float cannot place the border to 0.02 px.
   double slack = cfg->kind == SC_HOSTILE || cfg->kind == SC_EDGE ? 0.05 : 1e-3;
   for (uint32_t i = 0; i < s.n_visible && cfg->width_px <= 1000; i++)
-    against_brute_force(c, &s, s.order[i], rec, slack, sum);
+    against_brute_force(c, &s, s.order[i], intersection, slack, sum);
 }
 
 static void check_bin(ck *c) {
@@ -91,7 +96,7 @@ static void check_bin(ck *c) {
 
 static void run_bin(void *arg, const sv_kernels *k) {
   sc_scene *s = arg;
-  k->bin(s->project.splat, s->order, s->n_visible, s->n_tiles_x, s->rec);
+  k->bin(s->project.splat, s->order, s->n_visible, s->n_tiles_x, s->intersection);
 }
 
 static void bench_bin(ck *c) {

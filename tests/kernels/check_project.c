@@ -17,14 +17,15 @@ _Static_assert(offsetof(sv_splat, bx0) == 4 * N_FLOATS && sizeof(sv_splat) == 64
 static void compare_splats(ck *c, const sv_splat *a, const sv_splat *b, const sc_scene *s) {
   int n = 16 * s->n_blocks, n_other = 0;
   for (int i = 0; i < n; i++) {
-    if (i >= s->project.n_gaussians) ck_true(c, b[i].n_recs == 0, "slot %d is past the end, but visible", i);
+    if (i >= s->project.n_gaussians)
+      ck_true(c, b[i].n_intersections == 0, "Gaussian %d is past the end, but visible", i);
     if (c->is_exact) {
       ck_same(c, "splat", &a[i].u_px, &b[i].u_px, N_FLOATS, 0);
       ck_same_bytes(c, "bounds", &a[i].bx0, &b[i].bx0, 16);
       continue;
     }
     n_other += memcmp(&a[i].bx0, &b[i].bx0, 16) != 0; // on the other side of a rounding
-    if (!a[i].n_recs || !b[i].n_recs) continue;
+    if (!a[i].n_intersections || !b[i].n_intersections) continue;
     ck_same_abs(c, "u v", &a[i].u_px, &b[i].u_px, 2, 1e-6 * s->project.view.width_px);
     ck_same(c, "quadratic form", &a[i].qa, &b[i].qa, 4, 2e-4);
     ck_same(c, "colour, z", a[i].rgb, b[i].rgb, 4, 1e-5);
@@ -47,17 +48,20 @@ static void project_case(ck *c, const sc_cfg *cfg) {
       c->var.project(&v, s.n_blocks / 2, s.n_blocks, sc_scratch()); // in two ranges
   const sv_project_counts first = c->var.project(&v, 0, s.n_blocks / 2, sc_scratch());
   if (c->is_exact)
-    ck_true(c, first.n_visible + last.n_visible == all.n_visible && first.n_recs + last.n_recs == all.n_recs,
-            "%u and %u visible ones, not %u; %u and %u records, not %u", first.n_visible, last.n_visible,
-            all.n_visible, first.n_recs, last.n_recs, all.n_recs);
+    ck_true(c,
+            first.n_visible + last.n_visible == all.n_visible &&
+                first.n_intersections + last.n_intersections == all.n_intersections,
+            "%u and %u visible ones, not %u; %u and %u intersections, not %u", first.n_visible,
+            last.n_visible, all.n_visible, first.n_intersections, last.n_intersections, all.n_intersections);
   compare_splats(c, s.project.splat, v.splat, &s);
   for (size_t i = 0; i < n; i++)
-    if (s.project.splat[i].n_recs && v.splat[i].n_recs && c->is_exact)
+    if (s.project.splat[i].n_intersections && v.splat[i].n_intersections && c->is_exact)
       ck_same_bytes(c, "depth key", s.project.depth_key + i, v.depth_key + i, 4);
   for (size_t i = 0; i < n; i++) { // what later stages rely on
     const sv_splat *p = v.splat + i;
-    if (!p->n_recs) continue;
-    ck_true(c, !v.left_out || !(v.left_out[i / 16] >> i % 16 & 1), "splat %zu is left out, but visible", i);
+    if (!p->n_intersections) continue;
+    ck_true(c, !v.dropout_mask || !(v.dropout_mask[i / 16] >> i % 16 & 1),
+            "splat %zu is left out, but visible", i);
     ck_true(c,
             p->z > 0.1f && p->bx0 <= p->bx1 && p->by0 <= p->by1 && 4 * p->bx1 < cfg->width_px &&
                 4 * p->by1 < cfg->height_px && p->qa < 0 && p->qc < 0 && isfinite(p->u_px) &&
@@ -81,26 +85,28 @@ static void check_project(ck *c) {
 
 // --- backward ------------------------------------------------------------------------------------
 
-// Slots as rasterization would leave them, but of any size; a third of the records has none.
-static void make_slots(ck *c, sc_scene *s, int fill, uint8_t **slot) {
+// Slots as rasterization would leave them, but of any size; a third of the intersections has none.
+static void make_igrads(ck *c, sc_scene *s, int fill, uint8_t **igrad) {
   for (int i = 0; i < 16 * s->n_blocks; i++) {
-    s->project.splat[i].first_rec = s->n_recs;
-    if (s->project.splat[i].n_recs > 40) s->project.splat[i].n_recs = 40;
-    s->n_recs += s->project.splat[i].n_recs;
+    s->project.splat[i].intersection_offset = s->n_intersections;
+    if (s->project.splat[i].n_intersections > 40) s->project.splat[i].n_intersections = 40;
+    s->n_intersections += s->project.splat[i].n_intersections;
   }
-  size_t n = s->n_recs;
-  s->rec = ck_bytes(c, n * sizeof *s->rec);
-  float *values = ck_floats(c, n * SV_SLOT_VALUES);
-  ck_fill(c, values, n * SV_SLOT_VALUES, fill);
-  *slot = ck_bytes(c, n * SV_SLOT_BYTES);
+  size_t n = s->n_intersections;
+  s->intersection = ck_bytes(c, n * sizeof *s->intersection);
+  float *values = ck_floats(c, n * SV_IGRAD_VALUES);
+  ck_fill(c, values, n * SV_IGRAD_VALUES, fill);
+  *igrad = ck_bytes(c, n * SV_IGRAD_BYTES);
   for (uint32_t i = 0; i < 16 * (uint32_t)s->n_blocks; i++) {
     const sv_splat *p = s->project.splat + i;
-    for (uint32_t r = p->first_rec; r < p->first_rec + p->n_recs; r++) s->rec[r].id = i;
+    for (uint32_t r = p->intersection_offset; r < p->intersection_offset + p->n_intersections; r++)
+      s->intersection[r].id = i;
   }
   for (size_t i = 0; i < n; i++) {
-    s->rec[i].mask = sv_rng_below(&c->rng, 3) ? 1 + sv_rng_u32(&c->rng) : 0;
-    s1_store11(*slot + i * SV_SLOT_BYTES, values + i * SV_SLOT_VALUES);
-    if (!s->rec[i].mask) memset(*slot + i * SV_SLOT_BYTES, 0xff, SV_SLOT_BYTES); // NaN: must not be read
+    s->intersection[i].mask = sv_rng_below(&c->rng, 3) ? 1 + sv_rng_u32(&c->rng) : 0;
+    s1_store11(*igrad + i * SV_IGRAD_BYTES, values + i * SV_IGRAD_VALUES);
+    if (!s->intersection[i].mask)
+      memset(*igrad + i * SV_IGRAD_BYTES, 0xff, SV_IGRAD_BYTES); // NaN: must not be read
   }
 }
 
@@ -115,18 +121,18 @@ static void compare_grads(ck *c, const sc_scene *s, const float *a, const float 
 }
 
 static void bwd_case(ck *c, const sc_cfg *cfg, int fill) {
-  ck_begin(c, "%s n %d SH %d/%d aa %d slots %s", sc_name(cfg->kind), cfg->n_gaussians, cfg->sh_used,
+  ck_begin(c, "%s n %d SH %d/%d aa %d gradients %s", sc_name(cfg->kind), cfg->n_gaussians, cfg->sh_used,
            cfg->sh_rows, cfg->is_antialiased, ck_fill_name(fill));
   sc_scene s;
-  uint8_t *slot;
+  uint8_t *igrad;
   float *g[2], *err[2], *pose[2];
   sc_init(c, &s, cfg);
   sc_project(c, &s);
-  make_slots(c, &s, fill, &slot);
+  make_igrads(c, &s, fill, &igrad);
   for (int i = 0; i < 2; i++)
     g[i] = ck_floats(c, 16 * (size_t)s.n_rows), err[i] = ck_floats(c, 16), pose[i] = ck_floats(c, 6);
   for (int b = 0; b < s.n_blocks; b++) {
-    sv_project_bwd_args a = {&s.project, s.rec, slot, pose[0], 0.01f, 0.02f};
+    sv_project_bwd_args a = {&s.project, s.intersection, igrad, pose[0], 0.01f, 0.02f};
     for (int i = 0; i < 2; i++) memset(g[i], 0xff, 64 * (size_t)s.n_rows);
     uint32_t touched = c->ref.project_bwd(&a, b, g[0], err[0], sc_scratch());
     a.pose_grad = pose[1];
@@ -193,11 +199,11 @@ static void bench_project(ck *c) {
 static void bench_project_bwd(ck *c) {
   for (int degree = 0; degree < 4; degree += 3) {
     project_job j = make_job(c, degree);
-    uint8_t *slot;
+    uint8_t *igrad;
     sc_project(c, &j.s);
-    make_slots(c, &j.s, CK_SIGNED, &slot);
+    make_igrads(c, &j.s, CK_SIGNED, &igrad);
     j.grad = ck_floats(c, 16 * SV_CAP_ROWS), j.err = ck_floats(c, 16), j.pose = ck_floats(c, 6);
-    j.bwd = (sv_project_bwd_args){&j.s.project, j.s.rec, slot, j.pose, 0.01f, 0.02f};
+    j.bwd = (sv_project_bwd_args){&j.s.project, j.s.intersection, igrad, j.pose, 0.01f, 0.02f};
     ck_time(c, degree ? "SH 3; per Gaussian" : "SH 0; per Gaussian", 4096, run_bwd, &j);
   }
 }

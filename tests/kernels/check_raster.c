@@ -18,12 +18,12 @@ typedef struct {
 } raster_job;
 
 static void set_masks(ck *c, sc_scene *s, int kind) {
-  for (uint32_t i = 0; i < s->n_recs; i++) {
+  for (uint32_t i = 0; i < s->n_intersections; i++) {
     uint64_t r = (uint64_t)sv_rng_u32(&c->rng) << 32 | sv_rng_u32(&c->rng);
-    if (kind == ALL_BLOCKS) s->rec[i].mask = ~0ull;
-    if (kind == ONE_BLOCK) s->rec[i].mask = 1ull << (r & 63);
-    if (kind == RANDOM_BLOCKS) s->rec[i].mask = r;
-    if (kind == SOME_EMPTY) s->rec[i].mask &= r & 1 ? 0 : ~0ull;
+    if (kind == ALL_BLOCKS) s->intersection[i].mask = ~0ull;
+    if (kind == ONE_BLOCK) s->intersection[i].mask = 1ull << (r & 63);
+    if (kind == RANDOM_BLOCKS) s->intersection[i].mask = r;
+    if (kind == SOME_EMPTY) s->intersection[i].mask &= r & 1 ? 0 : ~0ull;
   }
 }
 
@@ -34,13 +34,14 @@ static float *plane(ck *c, const raster_job *j, int fill, float scale) {
   return p;
 }
 
-// Outputs of its own, records of its own.
-static void set_forward(ck *c, raster_job *j, const sv_rec *rec, bool has_depth) {
-  j->args = (sv_raster_args){.splat = j->s.project.splat,
-                             .rec = sc_copy(c, rec, j->s.n_recs * sizeof *rec),
-                             .n_tiles_x = j->s.n_tiles_x,
-                             .stride = 32 * j->s.n_tiles_x,
-                             .bg = {0.2f, 0.7f, 0.4f}};
+// Outputs of its own, intersections of its own.
+static void set_forward(ck *c, raster_job *j, const sv_intersection *intersection, bool has_depth) {
+  j->args =
+      (sv_raster_args){.splat = j->s.project.splat,
+                       .intersection = sc_copy(c, intersection, j->s.n_intersections * sizeof *intersection),
+                       .n_tiles_x = j->s.n_tiles_x,
+                       .stride = 32 * j->s.n_tiles_x,
+                       .bg = {0.2f, 0.7f, 0.4f}};
   for (int i = 0; i < 3; i++) j->args.rgb[i] = ck_floats(c, j->n_px);
   j->args.depth = has_depth ? ck_floats(c, j->n_px) : NULL;
   j->args.trans = has_depth ? ck_floats(c, j->n_px) : NULL;
@@ -87,7 +88,9 @@ static void compare_forward(ck *c, const raster_job *a, const raster_job *b) {
     compare_plane(c, "depth", a->args.depth, b->args.depth, a->n_px, 4);
     compare_plane(c, "trans", a->args.trans, b->args.trans, a->n_px, 1);
   }
-  if (c->is_exact) ck_same_bytes(c, "records", a->args.rec, b->args.rec, a->s.n_recs * sizeof *a->args.rec);
+  if (c->is_exact)
+    ck_same_bytes(c, "intersections", a->args.intersection, b->args.intersection,
+                  a->s.n_intersections * sizeof *a->args.intersection);
 }
 
 static const int tile_counts[][2] = {{1, 1}, {3, 1}, {1, 2}, {2, 2}};
@@ -100,8 +103,8 @@ static void raster_case(ck *c, int kind, int n, int size, int masks, int flags, 
   raster_job a, b;
   make_scene(c, &a, &cfg, masks);
   b = a;
-  set_forward(c, &a, a.s.rec, flags & 1);
-  set_forward(c, &b, a.s.rec, flags & 1);
+  set_forward(c, &a, a.s.intersection, flags & 1);
+  set_forward(c, &b, a.s.intersection, flags & 1);
   run_tiles(&a, &c->ref);
   if (!has_bwd) {
     run_tiles(&b, &c->var);
@@ -114,22 +117,22 @@ static void raster_case(ck *c, int kind, int n, int size, int masks, int flags, 
                                .err = flags & 8 ? plane(c, &a, CK_UNIT, 1) : NULL};
   for (int i = 0; i < 3; i++) a.bwd.g_rgb[i] = plane(c, &a, fill, 1);
   b.bwd = a.bwd;
-  size_t n_slots = a.s.n_recs;
-  a.bwd.slot = ck_bytes(c, n_slots * SV_SLOT_BYTES), b.bwd.slot = ck_bytes(c, n_slots * SV_SLOT_BYTES);
+  size_t n_igrads = a.s.n_intersections;
+  a.bwd.igrad = ck_bytes(c, n_igrads * SV_IGRAD_BYTES), b.bwd.igrad = ck_bytes(c, n_igrads * SV_IGRAD_BYTES);
   run_tiles_bwd(&a, &c->ref);
   run_tiles_bwd(&b, &c->var); // on what the reference's forward pass left
-  float *sums[2] = {ck_floats(c, n_slots * SV_SLOT_VALUES), ck_floats(c, n_slots * SV_SLOT_VALUES)};
-  float *errs[2] = {ck_floats(c, n_slots), ck_floats(c, n_slots)};
+  float *sums[2] = {ck_floats(c, n_igrads * SV_IGRAD_VALUES), ck_floats(c, n_igrads * SV_IGRAD_VALUES)};
+  float *errs[2] = {ck_floats(c, n_igrads), ck_floats(c, n_igrads)};
   for (int k = 0; k < 2; k++)
-    for (size_t i = 0; i < n_slots; i++) {
-      float *to = sums[k] + i * SV_SLOT_VALUES;
-      s1_load11((k ? b : a).bwd.slot + i * SV_SLOT_BYTES, to);
-      errs[k][i] = to[SV_SLOT_ERR];
-      to[SV_SLOT_ERR] = 0;
+    for (size_t i = 0; i < n_igrads; i++) {
+      float *to = sums[k] + i * SV_IGRAD_VALUES;
+      s1_load11((k ? b : a).bwd.igrad + i * SV_IGRAD_BYTES, to);
+      errs[k][i] = to[SV_IGRAD_ERR];
+      to[SV_IGRAD_ERR] = 0;
     }
-  double tol = c->is_exact ? 0 : 2e-3 * sc_largest(sums[0], n_slots * SV_SLOT_VALUES);
-  ck_same_abs(c, "slots", sums[0], sums[1], n_slots * SV_SLOT_VALUES, tol);
-  ck_same_abs(c, "errors", errs[0], errs[1], n_slots, CK_HIGH_TOL * sc_largest(errs[0], n_slots));
+  double tol = c->is_exact ? 0 : 2e-3 * sc_largest(sums[0], n_igrads * SV_IGRAD_VALUES);
+  ck_same_abs(c, "igrads", sums[0], sums[1], n_igrads * SV_IGRAD_VALUES, tol);
+  ck_same_abs(c, "errors", errs[0], errs[1], n_igrads, CK_HIGH_TOL * sc_largest(errs[0], n_igrads));
 }
 
 static void all_cases(ck *c, bool has_bwd) {
@@ -157,15 +160,16 @@ static double make_bench(ck *c, raster_job *j, int n, int kind) {
   ck_begin(c, "bench");
   sc_cfg cfg = {n, 0, 0, 320, 240, kind, false};
   make_scene(c, j, &cfg, BINNED);
-  set_forward(c, j, j->s.rec, true);
+  set_forward(c, j, j->s.intersection, true);
   run_tiles(j, &c->ref); // narrows the masks: afterwards they stay
-  j->bwd = (sv_raster_bwd_args){.fwd = &j->args, .slot = ck_bytes(c, (size_t)j->s.n_recs * SV_SLOT_BYTES)};
+  j->bwd = (sv_raster_bwd_args){.fwd = &j->args,
+                                .igrad = ck_bytes(c, (size_t)j->s.n_intersections * SV_IGRAD_BYTES)};
   for (int i = 0; i < 3; i++) j->bwd.g_rgb[i] = plane(c, j, CK_SIGNED, 1e-3f);
   j->bwd.g_depth = plane(c, j, CK_SIGNED, 1e-4f);
   j->bwd.err = plane(c, j, CK_UNIT, 1);
   double n_pairs = 0;
   for (uint32_t i = 0; i < j->s.n_listed; i++)
-    n_pairs += 16 * __builtin_popcountll(j->args.rec[j->s.list[i]].mask);
+    n_pairs += 16 * __builtin_popcountll(j->args.intersection[j->s.list[i]].mask);
   return n_pairs;
 }
 

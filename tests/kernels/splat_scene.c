@@ -93,10 +93,11 @@ void sc_init(ck *c, sc_scene *s, const sc_cfg *cfg) {
                                  .splat = ck_bytes(c, n * sizeof(sv_splat)),
                                  .depth_key = ck_bytes(c, n * 4)};
   if (!cfg->has_dropout) return;
-  uint16_t *left_out = ck_bytes(c, (size_t)s->n_blocks * sizeof *left_out);
-  for (int b = 0; b < s->n_blocks; b++) left_out[b] = (uint16_t)(sv_rng_u32(&c->rng) & sv_rng_u32(&c->rng));
-  s->project.left_out = left_out;
-  s->project.log2_gain = between(c, 0.0f, 2.0f);
+  uint16_t *dropout_mask = ck_bytes(c, (size_t)s->n_blocks * sizeof *dropout_mask);
+  for (int b = 0; b < s->n_blocks; b++)
+    dropout_mask[b] = (uint16_t)(sv_rng_u32(&c->rng) & sv_rng_u32(&c->rng));
+  s->project.dropout_mask = dropout_mask;
+  s->project.log2_compensation = between(c, 0.0f, 2.0f);
 }
 
 float *sc_scratch(void) {
@@ -114,7 +115,7 @@ static void sort_by_depth(ck *c, sc_scene *s) {
                     .hist = ck_bytes(c, SV_SORT_CAP_BUCKETS * sizeof(uint32_t)),
                     .order = s->order};
   for (uint32_t i = 0; i < n; i++)
-    if (s->project.splat[i].n_recs) a.pair[a.n++] = (sv_pair){s->project.depth_key[i], i};
+    if (s->project.splat[i].n_intersections) a.pair[a.n++] = (sv_pair){s->project.depth_key[i], i};
   s->n_visible = a.n;
   c->ref.sort(&a);
 }
@@ -123,17 +124,17 @@ void sc_bin(ck *c, sc_scene *s) {
   sort_by_depth(c, s);
   for (uint32_t i = 0; i < s->n_visible; i++) {
     sv_splat *p = s->project.splat + s->order[i];
-    p->first_rec = s->n_recs;
-    s->n_recs += p->n_recs;
+    p->intersection_offset = s->n_intersections;
+    s->n_intersections += p->n_intersections;
   }
-  s->rec = ck_bytes(c, (s->n_recs + SV_BIN_SLACK) * sizeof *s->rec);
-  c->ref.bin(s->project.splat, s->order, s->n_visible, s->n_tiles_x, s->rec);
-  s->list = ck_bytes(c, (size_t)s->n_recs * 4);
+  s->intersection = ck_bytes(c, (s->n_intersections + SV_BIN_SLACK) * sizeof *s->intersection);
+  c->ref.bin(s->project.splat, s->order, s->n_visible, s->n_tiles_x, s->intersection);
+  s->list = ck_bytes(c, (size_t)s->n_intersections * 4);
   s->tile_begin = ck_bytes(c, ((size_t)s->n_tiles + 1) * 4);
   for (uint32_t t = 0; t < (uint32_t)s->n_tiles; t++) {
     s->tile_begin[t] = s->n_listed;
-    for (uint32_t i = 0; i < s->n_recs; i++)
-      if (s->rec[i].tile == t && s->rec[i].mask) s->list[s->n_listed++] = i;
+    for (uint32_t i = 0; i < s->n_intersections; i++)
+      if (s->intersection[i].tile == t && s->intersection[i].mask) s->list[s->n_listed++] = i;
   }
   s->tile_begin[s->n_tiles] = s->n_listed;
 }

@@ -18,11 +18,11 @@ const char *sc_name(int kind);
 typedef struct {
   sv_project_args project; // with results of the reference
   int n_blocks, n_tiles_x, n_tiles, n_rows;
-  uint32_t n_visible, n_recs, n_listed;
-  uint32_t *order;      // [n_visible] front to back
-  sv_rec *rec;          // [n_recs + SV_BIN_SLACK]
-  uint32_t *list;       // [n_listed] records by tile, front to back
-  uint32_t *tile_begin; // [n_tiles + 1]
+  uint32_t n_visible, n_intersections, n_listed;
+  uint32_t *order;               // [n_visible] front to back
+  sv_intersection *intersection; // [n_intersections + SV_BIN_SLACK]
+  uint32_t *list;                // [n_listed] intersections by tile, front to back
+  uint32_t *tile_begin;          // [n_tiles + 1]
 } sc_scene;
 
 typedef struct {
@@ -33,7 +33,7 @@ typedef struct {
 
 // Parameters and view; splats and keys are buffers with nothing in them.
 void sc_init(ck *c, sc_scene *s, const sc_cfg *cfg);
-// The reference's projection, records and lists of the same.
+// The reference's projection, intersections and lists of the same.
 void sc_project(ck *c, sc_scene *s);
 float *sc_scratch(void); // working memory for project and project_bwd
 void sc_bin(ck *c, sc_scene *s);

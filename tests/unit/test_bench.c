@@ -55,7 +55,7 @@ TEST(test_bound) {
   assert_true(sv_bench_bound_s(&(sv_bench_peak){0}, c, 1000) == 0); // nothing measured
   sv_bench_step r = {.n = {.pairs = 1000000,
                            .block_rows = 1000,
-                           .n_recs = 100,
+                           .n_intersections = 100,
                            .n_gaussians = 10,
                            .n_pixels = 100,
                            .n_rows = 23}};
@@ -133,7 +133,7 @@ TEST(test_stages) {
     double is = s == SV_STAGE_ORDER ? 0 /* the rest of a rendering */ : s == SV_STAGE_CURVATURE ? share : 100;
     assert_true(fabs(r.stage_ms[s].median - is) < 1e-6);
   }
-  assert_true(r.n.n_touched > 100 && r.n.n_touched <= 300 && r.n.n_recs > 0 &&
+  assert_true(r.n.n_touched > 100 && r.n.n_touched <= 300 && r.n.n_intersections > 0 &&
               r.n.n_visible >= r.n.n_touched);
   free(block);
 }

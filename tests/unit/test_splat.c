@@ -338,8 +338,8 @@ TEST(test_dropout) {
     assert_int_equal(sv_render(&s.r, &s.g, &s.view, &s.o), SV_OK);
     for (size_t i = 0; i < n; i++) mean[i] += s.r.trans[i] / DRAWS;
     for (int i = 0; i < N; i++) {
-      const bool is_out = s.r.left_out[i / 16] >> i % 16 & 1;
-      assert_true(!is_out || s.r.splat[i].n_recs == 0);
+      const bool is_out = s.r.dropout_mask[i / 16] >> i % 16 & 1;
+      assert_true(!is_out || s.r.splat[i].n_intersections == 0);
       n_out[i] += is_out;
     }
   }
@@ -436,7 +436,7 @@ static int by_depth(const void *a, const void *b) {
 static uint32_t list_visible(const scene *s, uint32_t order[N]) {
   uint32_t n = 0;
   for (uint32_t i = 0; i < N; i++)
-    if (s->r.splat[i].n_recs) order[n++] = i;
+    if (s->r.splat[i].n_intersections) order[n++] = i;
   sorted = &s->r;
   qsort(order, n, sizeof *order, by_depth);
   return n;
@@ -461,9 +461,9 @@ TEST(test_full_pool) {
     make_scene(&few, &a, N, 0, 1); // plenty of room
     if (c & 1) pile_up(&few);
     render_both(&few, &k, &pool);
-    uint32_t n = list_visible(&few, order), n_kept = 0, n_recs = 0;
-    while (n_kept < n && few.r.splat[order[n_kept]].n_recs <= cap - n_recs)
-      n_recs += few.r.splat[order[n_kept++]].n_recs;
+    uint32_t n = list_visible(&few, order), n_kept = 0, n_intersections = 0;
+    while (n_kept < n && few.r.splat[order[n_kept]].n_intersections <= cap - n_intersections)
+      n_intersections += few.r.splat[order[n_kept++]].n_intersections;
     assert_true(few.r.stats.n_dropped == 0 && n_kept < n && (cap < 50 || n_kept > 0));
     for (uint32_t i = n_kept; i < n; i++) *sv_gaussians_at(&few.g, (int)order[i], SV_ROW_LOGIT) = -30;
     render_both(&few, &k, &pool); // only the nearest
@@ -473,7 +473,7 @@ TEST(test_full_pool) {
     render_both(&s, &k, &pool);
     assert_int_equal(s.r.stats.n_visible, n);
     assert_int_equal(s.r.stats.n_dropped, n - n_kept);
-    assert_true(s.r.stats.n_recs <= cap);
+    assert_true(s.r.stats.n_intersections <= cap);
     assert_true(digest_of(&s) == digest_of(&few));
   }
 }

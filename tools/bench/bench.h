@@ -81,7 +81,7 @@ typedef struct {
   uint64_t useful;     // of those, pairs that are blended: alpha of 1/255 and more, and light left to stop
   uint64_t rows;       // rows of 4x4 blocks under the visible splats
   uint64_t block_rows; // rows of a tile's blocks that the kernels evaluate
-  uint32_t n_gaussians, n_visible, n_recs, n_touched;
+  uint32_t n_gaussians, n_visible, n_intersections, n_touched;
   uint32_t n_pixels;
   int n_rows;        // floats of a Gaussian
   int n_probe_steps; // from one estimate of the curvature to the next

@@ -52,11 +52,11 @@ static const sv_bench_op ops_of[SV_N_STAGES][2] = {
 #define NEWTON_FLOP      10.0
 
 sv_bench_cost sv_bench_cost_of(sv_bench_op op, const sv_bench_counts *n) {
-  const double px = n->n_pixels, all = n->n_gaussians, visible = n->n_visible, recs = n->n_recs;
+  const double px = n->n_pixels, all = n->n_gaussians, visible = n->n_visible, recs = n->n_intersections;
   const double touched = n->n_touched, rows = n->n_rows, pairs = (double)n->pairs;
   const double row_lanes = BLOCK_PX * (double)n->block_rows;
-  const double coef = (rows - SV_ROW_SH) / 3.0, record = sizeof(sv_rec) + sizeof(uint32_t);
-  const double slot = SV_SLOT_BYTES;
+  const double coef = (rows - SV_ROW_SH) / 3.0, record = sizeof(sv_intersection) + sizeof(uint32_t);
+  const double slot = SV_IGRAD_BYTES;
   switch (op) {
   case SV_BENCH_UNPACK: return (sv_bench_cost){3 * px, (3 + 12) * px};
   case SV_BENCH_PROJECT:
@@ -75,8 +75,9 @@ sv_bench_cost sv_bench_cost_of(sv_bench_op op, const sv_bench_counts *n) {
                                BACKWARD_RECORD_FLOP * recs,
                            (record + slot) * recs + sizeof(sv_splat) * visible + 28 * px};
   case SV_BENCH_PROJECT_BWD:
-    return (sv_bench_cost){(PROJECT_BWD_FLOP + 17 * coef) * touched + SV_SLOT_ERR * recs,
-                           (sizeof(sv_rec) + slot) * recs + sizeof(sv_splat) * visible + 4 * rows * touched};
+    return (sv_bench_cost){(PROJECT_BWD_FLOP + 17 * coef) * touched + SV_IGRAD_ERR * recs,
+                           (sizeof(sv_intersection) + slot) * recs + sizeof(sv_splat) * visible +
+                               4 * rows * touched};
   case SV_BENCH_NEWTON:
     return (sv_bench_cost){NEWTON_FLOP * rows * touched, (2 * 4 + 3 * 2) * rows * touched};
   default: return (sv_bench_cost){0, 0};
@@ -86,10 +87,10 @@ sv_bench_cost sv_bench_cost_of(sv_bench_op op, const sv_bench_counts *n) {
 double sv_bench_arrays_bytes(const sv_bench_counts *n) {
   // parameters and two moments of 16 bits; record, its place in a list, pair to sort, slot
   const double gaussian = (4 + 2 * 2) * n->n_rows + (double)sizeof(sv_splat);
-  const double record = sizeof(sv_rec) + sizeof(uint32_t) + sizeof(sv_pair) + SV_SLOT_BYTES;
+  const double record = sizeof(sv_intersection) + sizeof(uint32_t) + sizeof(sv_pair) + SV_IGRAD_BYTES;
   const double pixel =
       3 + 4 * (3 + 3 + 3 + 1); // the picture; planes of it, of the rendering, its gradient, errors
-  return gaussian * n->n_gaussians + record * n->n_recs + pixel * n->n_pixels;
+  return gaussian * n->n_gaussians + record * n->n_intersections + pixel * n->n_pixels;
 }
 
 // Nothing is copied slower out of a smaller block than out of a larger one, unless something disturbed it.
@@ -122,7 +123,8 @@ static double more_ms(const sv_bench_step *r, const sv_bench_peak *peak, sv_benc
 
 // A step's share of the time of errors.
 static double errors_ms(const sv_bench_step *r, const sv_bench_peak *peak) {
-  double flop = ERROR_FLOP * ((double)r->n.pairs + 3.0 * r->n.n_pixels) + ERROR_RECORD_FLOP * r->n.n_recs;
+  double flop =
+      ERROR_FLOP * ((double)r->n.pairs + 3.0 * r->n.n_pixels) + ERROR_RECORD_FLOP * r->n.n_intersections;
   return peak->flop_per_s > 0 ? 1e3 * flop / peak->flop_per_s / SV_TRAIN_ERROR_EVERY : 0;
 }
 
@@ -191,18 +193,18 @@ sv_bench_counts sv_bench_count(sv_trainer *t) {
   sv_bench_counts n = {.pairs = sv_render_count_pairs(r),
                        .n_gaussians = (uint32_t)t->g.n,
                        .n_visible = r->stats.n_visible,
-                       .n_recs = r->stats.n_recs,
+                       .n_intersections = r->stats.n_intersections,
                        .n_pixels = (uint32_t)(r->rgb.width_px * r->rgb.height_px),
                        .n_rows = t->g.n_rows,
                        .n_probe_steps = t->cfg.newton.every};
   for (int i = 0; i < r->rgb.stride * r->rgb.rows_padded; i++) r->depth[i] = 1.0f;
   for (int i = 0; i < t->g.n; i++)
-    if (r->splat[i].n_recs) n.rows += (uint64_t)(r->splat[i].by1 - r->splat[i].by0 + 1);
+    if (r->splat[i].n_intersections) n.rows += (uint64_t)(r->splat[i].by1 - r->splat[i].by0 + 1);
   for (int k = 0; k < r->n_tiles; k++)
     for (uint32_t i = r->tile_begin[k]; i < r->tile_begin[k + 1]; i++) {
-      const sv_rec *rec = r->rec + r->list[i];
-      n.useful += count_useful(r, r->splat + rec->id, k % r->n_tiles_x, k / r->n_tiles_x);
-      n.block_rows += count_rows(rec->mask);
+      const sv_intersection *intersection = r->intersection + r->list[i];
+      n.useful += count_useful(r, r->splat + intersection->id, k % r->n_tiles_x, k / r->n_tiles_x);
+      n.block_rows += count_rows(intersection->mask);
     }
   return n;
 }

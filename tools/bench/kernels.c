@@ -31,7 +31,7 @@ typedef struct {
 static void run_project(ctx *c) { c->k->project(&c->t->render.project, 0, N_BLOCKS, c->t->render.scratch); }
 static void run_bin(ctx *c) {
   sv_renderer *r = &c->t->render;
-  c->k->bin(r->splat, c->id, r->stats.n_visible, r->n_tiles_x, r->rec);
+  c->k->bin(r->splat, c->id, r->stats.n_visible, r->n_tiles_x, r->intersection);
 }
 // The lists of the tiles, from pairs in the order of the records. The slots hold the pairs: they are filled again by
 // run_raster_bwd.
@@ -41,8 +41,8 @@ static void run_sort(ctx *c) {
   for (uint32_t i = 0; i < r->stats.n_visible; i++) {
     const sv_splat *s = r->splat + c->id[i];
     const uint32_t key = r->depth_key[c->id[i]];
-    for (uint32_t k = s->first_rec; k < s->first_rec + s->n_recs; k++)
-      if (r->rec[k].mask) r->pair[c->at[r->rec[k].tile]++] = (sv_pair){key, k};
+    for (uint32_t k = s->intersection_offset; k < s->intersection_offset + s->n_intersections; k++)
+      if (r->intersection[k].mask) r->pair[c->at[r->intersection[k].tile]++] = (sv_pair){key, k};
   }
   for (int t = 0; t < r->n_tiles; t++)
     c->k->sort(&(sv_sort_args){.pair = r->pair + r->tile_begin[t],
@@ -177,7 +177,7 @@ static sv_bench_times time_case(sv_bench *b, ctx *c, run_fn run) {
 static double n_items(sv_bench_op op, const sv_bench_counts *n) {
   switch (op) {
   case SV_BENCH_SORT:
-  case SV_BENCH_BIN: return n->n_recs;
+  case SV_BENCH_BIN: return n->n_intersections;
   case SV_BENCH_RASTER:
   case SV_BENCH_RASTER_BWD: return (double)n->pairs;
   case SV_BENCH_UNPACK:
@@ -213,7 +213,7 @@ static void list_visible(ctx *c) {
   const sv_renderer *r = &c->t->render;
   uint32_t n = 0;
   for (uint32_t i = 0; i < N_GAUSSIANS; i++) {
-    if (!r->splat[i].n_recs) continue;
+    if (!r->splat[i].n_intersections) continue;
     c->id[n++] = i;
   }
 }
@@ -234,8 +234,9 @@ static sv_status prepare(ctx *c, sv_bench_scene *scene, sv_arena *a, sv_err *err
   c->t = t;
   list_visible(c);
   c->picture = scene->picture;
-  c->bwd = (sv_raster_bwd_args){
-      .fwd = &t->render.raster, .g_rgb = {t->grad.c[0], t->grad.c[1], t->grad.c[2]}, .slot = t->render.slot};
+  c->bwd = (sv_raster_bwd_args){.fwd = &t->render.raster,
+                                .g_rgb = {t->grad.c[0], t->grad.c[1], t->grad.c[2]},
+                                .igrad = t->render.igrad};
   c->newton =
       (sv_newton_args){.beta1 = 0.9f, .rate = 0.1f, .damping = 1, .cap = c->cap, .n_rows = t->g.n_rows};
   return SV_OK;

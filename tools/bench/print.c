@@ -88,8 +88,8 @@ static void put_step_json(sv_bench *b, const sv_bench_step *r) {
   sv_bench_put(b,
                "\"pairs\": %llu, \"useful_pairs\": %llu, \"visible\": %u, \"records\": %u, \"touched\": %u, "
                "\"pairs_per_s\": %.0f,\n      \"stages\": [",
-               (unsigned long long)r->n.pairs, (unsigned long long)r->n.useful, r->n.n_visible, r->n.n_recs,
-               r->n.n_touched, pairs_per_s(r));
+               (unsigned long long)r->n.pairs, (unsigned long long)r->n.useful, r->n.n_visible,
+               r->n.n_intersections, r->n.n_touched, pairs_per_s(r));
   for (int i = 0; i < SV_N_STAGES; i++)
     sv_bench_put(b, "%s{\"stage\": \"%s\", \"ms\": %g, \"least_ms\": %g, \"share\": %.3f, \"bound_ms\": %g}",
                  i ? ", " : "", stage_names[i], r->stage_ms[i].median, r->stage_ms[i].least, share_of(r, i),
