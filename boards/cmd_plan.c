@@ -44,7 +44,7 @@ static size_t bytes_of(const plan_options *o, long gaussians, int sh, long image
 static sv_arrays arrays_of(const plan_options *o) {
   sv_train_cfg c = sv_train_defaults();
   c.sh_degree = (int)o->sh;
-  if (o->grid) c.cap_composites = c.cap_regions = 1;
+  if (o->grid) c.cap_measurements = c.cap_regions = 1;
   return sv_arrays_of(&c);
 }
 

@@ -89,7 +89,7 @@ static void add_memory(sv_str *o, const sv_feed_state *s) {
 static const char *status_name(int v) {
   static const char *const names[] = {"waiting", "capturing", "training", "paused",
                                       "saving",  "done",      "failed"};
-  return names[bounded(v, SV_FEED_FAILED)];
+  return names[bounded(v, SV_FEED_STATUS_FAILED)];
 }
 
 void pv_state_json(const pv_source *p, sv_str *o) {

@@ -67,8 +67,8 @@ void sv_sim_render(sv_sim *sim, const sv_view *view, double time_s, uint8_t *rgb
   sv_sim_render_rows(sim, sim->shot, 0, view->height_px, rgb, depth_m);
 }
 
-// The composite: linear sum over the largest overlap, noise, 14 bits, sRGB in 16 bits.
-static void composite(const sv_sim *sim, const canvas *c, uint8_t *out) {
+// The multiplexed measurement: linear sum over the largest overlap, noise, 14 bits, sRGB in 16 bits.
+static void put_measurement(const sv_sim *sim, const canvas *c, uint8_t *out) {
   float scale = 1.0f / (float)sim->largest_overlap;
   for (int y = 0; y < sim->cfg.height_px; y++)
     for (int x = 0; x < sim->cfg.width_px; x++) {
@@ -106,6 +106,6 @@ void sv_sim_expose(sv_sim *sim, const sv_sim_event *e, uint8_t *out) {
     else c.rgb = out + at;
     draw(sim, &v, sv_ns_to_s(e->true_ns - SV_SIM_EPOCH_NS), &c);
   }
-  if (is_sum) composite(sim, &c, out);
+  if (is_sum) put_measurement(sim, &c, out);
   if (e->is_damaged) memset(out + sim->frame_bytes / 2, 0, sim->frame_bytes - sim->frame_bytes / 2);
 }

@@ -26,8 +26,8 @@ static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a
   const sv_rig *rig = cfg->rig;
   e->exposure = SV_TAKE(a, sv_exposure, cfg->cap_exposures);
   if (is_multiplexed(cfg)) {
-    sv_composites_cfg cc = {rig, cfg->caps, cfg->n_cameras, cfg->cap_exposures};
-    return sv_composites_init(&e->composites, &cc, a, err);
+    sv_measurements_cfg cc = {rig, cfg->caps, cfg->n_cameras, cfg->cap_exposures};
+    return sv_measurements_init(&e->measurements, &cc, a, err);
   }
   e->sub = SV_TAKE(a, sv_sub_view_store, rig->n_sub_views);
   size_t at = 0;
@@ -156,8 +156,9 @@ static sv_status put_pictures(sv_exposures *e, int place, const sv_frame *frame,
 sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const sv_frame *frame,
                            const sv_kernels *k, const sv_pool *pool, sv_err *err) {
   const int slot = e->i_next, with = has_spare(&e->cfg) ? e->cfg.cap_exposures : slot;
-  sv_status s = is_multiplexed(&e->cfg) ? sv_composites_put(&e->composites, slot, exposure, frame, pool, err)
-                                        : put_pictures(e, e->place[with], frame, k, pool, err);
+  sv_status s = is_multiplexed(&e->cfg)
+                    ? sv_measurements_put(&e->measurements, slot, exposure, frame, pool, err)
+                    : put_pictures(e, e->place[with], frame, k, pool, err);
   sv_convert_forget(&e->convert);
   if (s < 0) return s;
   if (!is_multiplexed(&e->cfg)) {

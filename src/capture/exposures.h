@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The pool of exposures: each sub-view's image, cut out of its sensor's frame and undistorted once, kept for training; of
-// multiplexed rigs, each sensor's measurement (composites.h).
+// multiplexed rigs, each sensor's measurement (measurements.h).
 // Owns images, times and poses of the exposures in a fixed number of slots; a full pool replaces the oldest.
 // Never keeps a camera's frame: it is free as soon as sv_exposures_add returns.
 #ifndef SV_CAPTURE_EXPOSURES_H
@@ -8,7 +8,7 @@
 
 #include "calib/remap.h"
 #include "kernels/kernels.h"
-#include "src/capture/composites.h"
+#include "src/capture/measurements.h"
 #include "src/image/convert.h"
 #include "src/image/planes.h"
 #include "src/port/port.h"
@@ -34,7 +34,7 @@ typedef struct {
 
 typedef struct {
   sv_exposures_cfg cfg;
-  sv_composites composites; // of a multiplexed rig, without sensors for others
+  sv_measurements measurements; // of a multiplexed rig, without sensors for others
   sv_sub_view_store *sub;   // [n_sub_views], NULL for a multiplexed rig
   sv_convert convert;       // frames of other formats than RGB8
   size_t exposure_bytes;
@@ -46,7 +46,7 @@ typedef struct {
   uint64_t n_replaced;
 } sv_exposures;
 
-// E_RANGE with a sentence when a lens has no usable pinhole view; for multiplexed rigs as sv_composites_init. The
+// E_RANGE with a sentence when a lens has no usable pinhole view; for multiplexed rigs as sv_measurements_init. The
 // remap tables are built here.
 sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *arena,
                             sv_err *err) SV_MUST_USE;

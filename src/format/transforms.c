@@ -302,20 +302,20 @@ sv_status sv_transforms_finish(sv_transforms_frame *f, int width_px, int height_
   return SV_OK;
 }
 
-sv_status sv_transforms_find_composite(const sv_transforms *t, bool is_linear, int exposure,
-                                       sv_transforms_composite *out, sv_err *err) {
+sv_status sv_transforms_find_measurement(const sv_transforms *t, bool is_linear, int exposure,
+                                         sv_transforms_measurement *out, sv_err *err) {
   const sv_json *j = &t->json;
   int i = sv_json_first(j, sv_json_get(j, 0, is_linear ? "composites_linear" : "composites"));
   for (; i >= 0; i = sv_json_next(j, i)) {
-    long long e = -1, m_max = 0;
+    long long e = -1, max_overlap = 0;
     sv_status s = sv_json_get_int(j, i, "exposure", 0, 1000000000, &e, err);
     if (s < 0) return s;
     if (e != exposure) continue;
-    s = sv_json_get_int(j, i, "M_max", 1, SV_CAP_SUB_VIEWS, &m_max, err);
+    s = sv_json_get_int(j, i, "M_max", 1, SV_CAP_SUB_VIEWS, &max_overlap, err);
     if (s == SV_END) return sv_json_missing(j, i, "M_max", err);
     if (s < 0) return s;
     s = get_path(j, i, "file_path", out->file_path, err);
-    out->m_max = (int)m_max;
+    out->max_overlap = (int)max_overlap;
     return s == SV_END ? sv_json_missing(j, i, "file_path", err) : s;
   }
   return SV_END;

@@ -77,10 +77,10 @@ sv_status sv_transforms_finish(sv_transforms_frame *f, int width_px, int height_
 // none.
 typedef struct {
   char file_path[SV_TRANSFORMS_CAP_PATH];
-  int m_max;
-} sv_transforms_composite;
-sv_status sv_transforms_find_composite(const sv_transforms *t, bool is_linear, int exposure,
-                                       sv_transforms_composite *out, sv_err *err) SV_MUST_USE;
+  int max_overlap;
+} sv_transforms_measurement;
+sv_status sv_transforms_find_measurement(const sv_transforms *t, bool is_linear, int exposure,
+                                         sv_transforms_measurement *out, sv_err *err) SV_MUST_USE;
 
 #ifdef __cplusplus
 }

@@ -45,13 +45,13 @@ typedef enum {
 
 // --- what the channels hold ----------------------------------------------------------------------
 typedef enum {
-  SV_FEED_WAITING, // cameras are live, Start is waited for
-  SV_FEED_CAPTURING,
-  SV_FEED_TRAINING,
-  SV_FEED_PAUSED,
-  SV_FEED_SAVING,
-  SV_FEED_DONE,
-  SV_FEED_FAILED
+  SV_FEED_STATUS_WAITING, // cameras are live, Start is waited for
+  SV_FEED_STATUS_CAPTURING,
+  SV_FEED_STATUS_TRAINING,
+  SV_FEED_STATUS_PAUSED,
+  SV_FEED_STATUS_SAVING,
+  SV_FEED_STATUS_DONE,
+  SV_FEED_STATUS_FAILED
 } sv_feed_status;
 // Error cause of a failed run.
 typedef enum { SV_CAUSE_NOTHING, SV_CAUSE_CAMERA, SV_CAUSE_RIG, SV_CAUSE_OTHER } sv_feed_cause;

@@ -30,7 +30,7 @@ void sv_app_preview_size(const sv_app_cfg *c, int *width_px, int *height_px) {
   *width_px = *height_px = 1;
   if (rig->forward == SV_FORWARD_MULTIPLEXED) {
     int i = 0;
-    while (i < c->n_cameras - 1 && !sv_composites_has_lens(rig, i)) i++;
+    while (i < c->n_cameras - 1 && !sv_measurements_has_lens(rig, i)) i++;
     panel p = panel_of(c->caps[i].width_px, c->caps[i].height_px);
     *width_px = 3 * p.width_px, *height_px = p.height_px;
     return;
@@ -64,7 +64,7 @@ static uint8_t *at(const sv_app *app, const panel *p, int i_panel, int x, int y)
   return app->picture + 3 * ((size_t)y * 3 * (size_t)p->width_px + (size_t)(i_panel * p->width_px + x));
 }
 
-static void put_measured(sv_app *app, const panel *p, const sv_train_composite *c) {
+static void put_measured(sv_app *app, const panel *p, const sv_train_measurement *c) {
   for (int y = 0; y < p->height_px; y++)
     for (int x = 0; x < p->width_px; x++) {
       const uint16_t *px = c->px + 3 * (size_t)p->step * ((size_t)y * (size_t)c->model.width_px + (size_t)x);
@@ -72,7 +72,7 @@ static void put_measured(sv_app *app, const panel *p, const sv_train_composite *
     }
 }
 
-static sv_status put_predicted(sv_app *app, const panel *p, const sv_composite *c,
+static sv_status put_predicted(sv_app *app, const panel *p, const sv_multiplexed *c,
                                const sv_render_options *o) {
   const int side = app->trainer.cfg.region_px;
   const sv_planes *predicted = &app->trainer.forward.predicted;
@@ -89,7 +89,7 @@ static sv_status put_predicted(sv_app *app, const panel *p, const sv_composite *
 }
 
 // In the middle of its panel, as large as whole multiples fit (or each so many pixels of a large one).
-static sv_status put_lens(sv_app *app, const panel *p, const sv_composite *c, const sv_render_options *o) {
+static sv_status put_lens(sv_app *app, const panel *p, const sv_multiplexed *c, const sv_render_options *o) {
   const sv_view *v = &c->lenses[c->n_lenses / 2].view;
   const sv_planes *rgb = &app->trainer.render.rgb;
   sv_status s = sv_render(&app->trainer.render, &app->trainer.g, v, o);
@@ -107,9 +107,9 @@ static sv_status put_lens(sv_app *app, const panel *p, const sv_composite *c, co
   return SV_OK;
 }
 
-static sv_status show_composite(sv_app *app, const sv_train_composite *tc) {
+static sv_status show_measurement(sv_app *app, const sv_train_measurement *tc) {
   const sv_publish *p = &app->port.publish;
-  const sv_composite *c = &tc->model;
+  const sv_multiplexed *c = &tc->model;
   panel one = panel_of(c->width_px, c->height_px);
   sv_render_options o = sv_train_render_options(&app->trainer, 1.0f, false);
   put_measured(app, &one, tc);
@@ -122,7 +122,7 @@ static sv_status show_composite(sv_app *app, const sv_train_composite *tc) {
 
 sv_status sv_app_publish_preview(sv_app *app) {
   if (!app->port.publish.image) return SV_OK;
-  if (app->trainer.n_composites > 0) return show_composite(app, &app->trainer.composites[0]);
+  if (app->trainer.n_measurements > 0) return show_measurement(app, &app->trainer.measurements[0]);
   return app->trainer.n_views > 0 ? show_view(app, &app->trainer.views[0]) : SV_OK;
 }
 
@@ -172,7 +172,7 @@ static sv_status pair_of_view(sv_app *app, const sv_train_view *tv, sv_app_pair 
 }
 
 // One region, which was predicted; returns its sum of squared differences.
-static double pair_region(const sv_train_composite *tc, const sv_region *r, const sv_planes *predicted,
+static double pair_region(const sv_train_measurement *tc, const sv_region *r, const sv_planes *predicted,
                           const sv_app_pair *p, int step) {
   double sum = 0;
   for (int y = r->y0; y < r->y1; y++)
@@ -191,8 +191,8 @@ static double pair_region(const sv_train_composite *tc, const sv_region *r, cons
   return sum;
 }
 
-static sv_status pair_of_composite(sv_app *app, const sv_train_composite *tc, sv_app_pair *p) {
-  const sv_composite *c = &tc->model;
+static sv_status pair_of_composite(sv_app *app, const sv_train_measurement *tc, sv_app_pair *p) {
+  const sv_multiplexed *c = &tc->model;
   const int side = app->trainer.cfg.region_px, w = c->width_px, h = c->height_px, step = begin_pair(p, w, h);
   sv_render_options o = sv_train_render_options(&app->trainer, 1.0f, false);
   double sum = 0;
@@ -209,6 +209,6 @@ static sv_status pair_of_composite(sv_app *app, const sv_train_composite *tc, sv
 
 sv_status sv_app_show_pair(sv_app *app, uint32_t i, sv_app_pair *pair) {
   const sv_trainer *t = &app->trainer;
-  if (t->n_composites > 0) return pair_of_composite(app, &t->composites[i % (uint32_t)t->n_composites], pair);
+  if (t->n_measurements > 0) return pair_of_composite(app, &t->measurements[i % (uint32_t)t->n_measurements], pair);
   return t->n_views > 0 ? pair_of_view(app, &t->views[i % (uint32_t)t->n_views], pair) : SV_E_NOT_FOUND;
 }

@@ -45,7 +45,7 @@ void sv_preview_start(sv_app *app) {
   for (int i = 0; i < app->cfg.n_cameras; i++)
     if (sv_pixel(app->cfg.caps[i].format)->layout != SV_LAYOUT_CODED) l->is_coded = false;
   l->start_s = machine_s(app);
-  l->status = SV_FEED_CAPTURING;
+  l->status = SV_FEED_STATUS_CAPTURING;
   // An older run's model and pictures are no longer what is there: readers see 0 Gaussians.
   memset(sv_feed_begin(l->feed, SV_FEED_MODEL), 0, sizeof(sv_feed_model));
   sv_feed_commit(l->feed, SV_FEED_MODEL, sizeof(sv_feed_model));
@@ -113,7 +113,7 @@ static void publish_state(sv_app *app, const char *sentence) {
   memset(s, 0, offsetof(sv_feed_state, cameras));
   s->status = l->status;
   sv_copy(s->sentence, sizeof s->sentence, sentence ? sentence : "");
-  if (l->status == SV_FEED_FAILED) s->cause = SV_CAUSE_OTHER;
+  if (l->status == SV_FEED_STATUS_FAILED) s->cause = SV_CAUSE_OTHER;
   sv_copy(s->board, sizeof s->board, app->cfg.board_name ? app->cfg.board_name : "");
   sv_copy(s->source, sizeof s->source, app->cfg.source_name ? app->cfg.source_name : "");
   sv_copy(s->rig, sizeof s->rig, app->cfg.rig->name);
@@ -145,7 +145,7 @@ void sv_preview_show_failure(sv_feed *feed, sv_feed_cause cause, const char *boa
   if (!feed) return;
   sv_feed_state *s = sv_feed_begin(feed, SV_FEED_STATE);
   memset(s, 0, sizeof *s);
-  s->status = SV_FEED_FAILED, s->cause = (int32_t)cause, s->is_session = is_session;
+  s->status = SV_FEED_STATUS_FAILED, s->cause = (int32_t)cause, s->is_session = is_session;
   s->temperature_c = NAN, s->is_throttled = -1;
   sv_copy(s->sentence, sizeof s->sentence, sentence);
   sv_copy(s->board, sizeof s->board, board);
@@ -316,7 +316,7 @@ static void publish_due(sv_app *app) {
     sv_feed_commit(l->feed, SV_FEED_EVENTS, sizeof *l->events);
     l->has_new_event = false;
   }
-  if (l->status == SV_FEED_TRAINING) {
+  if (l->status == SV_FEED_STATUS_TRAINING) {
     if (now >= l->next_model_s) sv_preview_show_model(app);
     if (now >= l->next_picture_s) {
       show_picture(app);
@@ -357,7 +357,7 @@ sv_status sv_preview_tick(sv_app *app) {
 static sv_status save_now(sv_app *app, sv_err *err) {
   sv_preview *l = &app->preview;
   sv_feed_status was = l->status;
-  sv_preview_show(app, SV_FEED_SAVING, NULL);
+  sv_preview_show(app, SV_FEED_STATUS_SAVING, NULL);
   sv_status s = sv_app_save_all(app, err);
   if (s < 0) return s;
   l->n_saves++;
@@ -378,11 +378,11 @@ sv_status sv_preview_between_steps(sv_app *app, double *paused_s, sv_err *err) {
     if (c == SV_COMMAND_PAUSE && !l->is_paused) {
       l->is_paused = true;
       sv_preview_show_model(app);
-      sv_preview_show(app, SV_FEED_PAUSED, NULL);
+      sv_preview_show(app, SV_FEED_STATUS_PAUSED, NULL);
     }
     if (c == SV_COMMAND_START && l->is_paused) {
       l->is_paused = false;
-      sv_preview_show(app, SV_FEED_TRAINING, NULL);
+      sv_preview_show(app, SV_FEED_STATUS_TRAINING, NULL);
     }
     if (c == SV_COMMAND_SAVE) {
       sv_status s = save_now(app, err);
@@ -408,7 +408,7 @@ sv_status sv_preview_wait_start(sv_app *app, sv_err *err) {
   sv_source *src = &app->port.source;
   const sv_clock *host = &app->port.clock, *machine = &app->port.machine;
   if (!l->feed || !l->is_session) return SV_OK;
-  l->status = SV_FEED_WAITING;
+  l->status = SV_FEED_STATUS_WAITING;
   sv_status s = src->start(src->self);
   if (s < 0) return sv_fail(err, s, "the cameras did not start: %s", sv_status_text(s));
   sv_ns ahead_ns = machine->now_ns(machine->self) - host->now_ns(host->self);
@@ -433,7 +433,7 @@ sv_status sv_preview_wait_start(sv_app *app, sv_err *err) {
   sv_status stopped = src->stop(src->self);
   if (s >= 0 && stopped < 0)
     return sv_fail(err, stopped, "the cameras did not stop: %s", sv_status_text(stopped));
-  l->status = SV_FEED_CAPTURING;
+  l->status = SV_FEED_STATUS_CAPTURING;
   return s;
 }
 

@@ -279,8 +279,8 @@ sv_status sv_footprint_measure(sv_footprint *f, sv_footprint_stats *stats, const
   return s;
 }
 
-sv_status sv_footprint_sum(const sv_footprint *f, int n, int width, int height, float *sum, float *m_max,
-                           sv_err *err) {
+sv_status sv_footprint_sum(const sv_footprint *f, int n, int width, int height, float *sum,
+                           float *max_overlap, sv_err *err) {
   size_t n_px = (size_t)width * (size_t)height;
   for (size_t i = 0; i < n_px; i++) sum[i] = 0;
   for (int m = 0; m < n; m++) {
@@ -295,7 +295,7 @@ sv_status sv_footprint_sum(const sv_footprint *f, int n, int width, int height, 
       for (int x = 0; x < p->width_px; x++) to[x] += c ? (float)c[x] * (1.0f / 255) : 1.0f;
     }
   }
-  *m_max = 0;
-  for (size_t i = 0; i < n_px; i++) *m_max = sv_maxf(*m_max, sum[i]);
+  *max_overlap = 0;
+  for (size_t i = 0; i < n_px; i++) *max_overlap = sv_maxf(*max_overlap, sum[i]);
   return SV_OK;
 }

@@ -39,7 +39,7 @@ sv_status sv_footprint_measure(sv_footprint *f, sv_footprint_stats *stats, const
 // Sum of all footprints, sum[height_px][width_px] in lenses, and its maximum M_max (0: nothing is
 // lit). E_RANGE with a sentence when a footprint is not on the sensor.
 sv_status sv_footprint_sum(const sv_footprint *f, int n, int width_px, int height_px, float *sum,
-                           float *m_max, sv_err *err) SV_MUST_USE;
+                           float *max_overlap, sv_err *err) SV_MUST_USE;
 
 #ifdef __cplusplus
 }

@@ -11,7 +11,8 @@
 
 // --- geometry ------------------------------------------------------------------------------------
 
-float sv_composite_m_max(const sv_lens *lenses, int n_lenses, int width_px, int height_px, float *row) {
+float sv_multiplexed_max_overlap(const sv_lens *lenses, int n_lenses, int width_px, int height_px,
+                                 float *row) {
   float most = 0;
   for (int y = 0; y < height_px; y++) {
     memset(row, 0, (size_t)width_px * sizeof *row);
@@ -28,7 +29,7 @@ float sv_composite_m_max(const sv_lens *lenses, int n_lenses, int width_px, int 
   return most;
 }
 
-sv_status sv_composite_check(const sv_composite *c, sv_err *err) {
+sv_status sv_multiplexed_check(const sv_multiplexed *c, sv_err *err) {
   if (c->n_lenses < 1 || c->width_px < 1 || c->height_px < 1)
     return sv_fail(err, SV_E_RANGE, "a sensor of %dx%d with %d lenses", c->width_px, c->height_px,
                    c->n_lenses);
@@ -44,14 +45,14 @@ sv_status sv_composite_check(const sv_composite *c, sv_err *err) {
       return sv_fail(err, SV_E_RANGE, "lens %d: a footprint of %dx%d for a view of %dx%d", m, f->width_px,
                      f->height_px, v->width_px, v->height_px);
   }
-  if (!(c->m_max > 0)) return sv_fail(err, SV_E_RANGE, "no lens lights the sensor");
+  if (!(c->max_overlap > 0)) return sv_fail(err, SV_E_RANGE, "no lens lights the sensor");
   return SV_OK;
 }
 
 static int most(int a, int b) { return a > b ? a : b; }
 static int least(int a, int b) { return a < b ? a : b; }
 
-bool sv_composite_crop(const sv_composite *c, int i_lens, const sv_region *region, sv_crop *out) {
+bool sv_multiplexed_crop(const sv_multiplexed *c, int i_lens, const sv_region *region, sv_crop *out) {
   const sv_lens *lens = c->lenses + i_lens;
   const sv_footprint *f = &lens->footprint;
   int x0 = most(region->x0, f->x0_px), x1 = least(region->x1, f->x0_px + f->width_px);
@@ -70,7 +71,7 @@ bool sv_composite_crop(const sv_composite *c, int i_lens, const sv_region *regio
   return true;
 }
 
-static float inv_max(const sv_composite *c) { return 1.0f / c->m_max; }
+static float inv_max(const sv_multiplexed *c) { return 1.0f / c->max_overlap; }
 
 // Shares of 255 of a row of the crop, NULL when all of each pixel is lit.
 static const uint8_t *cover_row(const sv_crop *crop, int y) {
@@ -109,7 +110,7 @@ sv_status sv_forward_init(sv_forward *f, const sv_forward_cfg *cfg, sv_compute c
 
 typedef struct {
   const sv_forward *f;
-  const sv_composite *c;
+  const sv_multiplexed *c;
   const sv_crop *crop;
   const sv_planes *rgb, *g;
   const float *err;
@@ -165,7 +166,7 @@ static void add_task(void *arg, int i_task, int i_thread) {
   }
 }
 
-void sv_forward_add(sv_forward *f, const sv_composite *c, const sv_crop *crop, const sv_planes *rgb) {
+void sv_forward_add(sv_forward *f, const sv_multiplexed *c, const sv_crop *crop, const sv_planes *rgb) {
   run_rows(f, add_task, &(job){.f = f, .c = c, .crop = crop, .rgb = rgb, .n_rows = crop->view.height_px});
 }
 
@@ -207,7 +208,7 @@ static void finish_task(void *arg, int i_task, int i_thread) {
     }
 }
 
-void sv_forward_finish(sv_forward *f, const sv_composite *c) {
+void sv_forward_finish(sv_forward *f, const sv_multiplexed *c) {
   run_rows(f, finish_task, &(job){.f = f, .c = c, .n_rows = f->sum.height_px});
 }
 
@@ -253,7 +254,7 @@ static void bwd_task(void *arg, int i_task, int i_thread) {
   }
 }
 
-void sv_forward_bwd(const sv_forward *f, const sv_composite *c, const sv_crop *crop, const sv_planes *rgb,
+void sv_forward_bwd(const sv_forward *f, const sv_multiplexed *c, const sv_crop *crop, const sv_planes *rgb,
                     const sv_planes *g, const float *err, sv_planes *out, float *out_err) {
   set_size(out, crop->view.width_px, crop->view.height_px);
   run_rows(f, bwd_task,

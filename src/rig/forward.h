@@ -2,9 +2,9 @@
 // From sub-views to the measurement of one sensor, and back (the paper, sections 3.1 and 3.2).
 //
 // direct, light field: each sub-view has sensor pixels of its own, so its picture is its
-// measurement and the model is the identity. They are composites of one lens here; nothing below
+// measurement and the model is the identity. Here they are measurements of one lens; nothing below
 // costs them anything, because the trainer supervises their pictures without it.
-// multiplexed: the lens images overlap, and one composite is measured:
+// multiplexed: the lens images overlap, and their sum is measured:
 //   y(x) = encode( (1 / M_max) sum_m w_m(x) decode(I_m(x)) ),  M_max = max_x sum_m w_m(x)
 // with the footprints w_m. Light adds up linearly, so decode is the sRGB curve and encode its
 // inverse; measurements that were made by adding display values have neither. The adjoint is
@@ -39,15 +39,16 @@ typedef struct {
   int width_px, height_px; // of the sensor
   int n_lenses;
   const sv_lens *lenses; // [n_lenses]
-  float m_max;           // largest sum of footprints of any pixel, > 0
+  float max_overlap;     // largest sum of footprints of any pixel, > 0
   bool is_linear;        // light is added; false: display values are
-} sv_composite;
+} sv_multiplexed;
 
 // M_max of lenses on a sensor; 0 when no lens lights it. O(pixels of all footprints).
-float sv_composite_m_max(const sv_lens *lenses, int n_lenses, int width_px, int height_px, float *row);
+float sv_multiplexed_max_overlap(const sv_lens *lenses, int n_lenses, int width_px, int height_px,
+                                 float *row);
 // E_RANGE with a sentence: a footprint off the sensor, of another size than its view, or nothing
 // lit.
-sv_status sv_composite_check(const sv_composite *c, sv_err *err) SV_MUST_USE;
+sv_status sv_multiplexed_check(const sv_multiplexed *c, sv_err *err) SV_MUST_USE;
 
 typedef struct {
   int x0, y0, x1, y1; // columns [x0, x1), rows [y0, y1) of the sensor
@@ -62,7 +63,7 @@ typedef struct {
 } sv_crop;
 
 // False when the lens does not reach into the region.
-bool sv_composite_crop(const sv_composite *c, int i_lens, const sv_region *region, sv_crop *out);
+bool sv_multiplexed_crop(const sv_multiplexed *c, int i_lens, const sv_region *region, sv_crop *out);
 
 typedef struct {
   int cap_width_px, cap_height_px; // of a region
@@ -79,7 +80,7 @@ typedef struct {
   sv_forward_cfg cfg;
   sv_compute compute;
   sv_planes sum;          // weighted sum; after finish: encode'(s) / M_max
-  sv_planes predicted;    // the composite, set by finish
+  sv_planes predicted;    // the measurement, set by finish
   sv_forward_noise noise; // the caller's; off after init
   float *scratch;         // [n_threads][2][cap stride]
 } sv_forward;
@@ -90,13 +91,13 @@ sv_status sv_forward_init(sv_forward *f, const sv_forward_cfg *cfg, sv_compute c
 
 // begin, add for each crop, finish: fills f->predicted. rgb is the crop's rendered picture.
 sv_status sv_forward_begin(sv_forward *f, const sv_region *region) SV_MUST_USE;
-void sv_forward_add(sv_forward *f, const sv_composite *c, const sv_crop *crop, const sv_planes *rgb);
-void sv_forward_finish(sv_forward *f, const sv_composite *c);
+void sv_forward_add(sv_forward *f, const sv_multiplexed *c, const sv_crop *crop, const sv_planes *rgb);
+void sv_forward_finish(sv_forward *f, const sv_multiplexed *c);
 
 // After finish: g is dL/dpredicted, err a weight per pixel (both of the region). Writes dL/drgb and
 // the crop's share of err with the rendered picture's stride, padding 0. err and out_err may be
 // NULL together.
-void sv_forward_bwd(const sv_forward *f, const sv_composite *c, const sv_crop *crop, const sv_planes *rgb,
+void sv_forward_bwd(const sv_forward *f, const sv_multiplexed *c, const sv_crop *crop, const sv_planes *rgb,
                     const sv_planes *g, const float *err, sv_planes *out, float *out_err);
 
 #ifdef __cplusplus

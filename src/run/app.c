@@ -158,13 +158,13 @@ static sv_status add_pictures(sv_app *app, int e, sv_err *err) {
   return SV_OK;
 }
 
-static sv_status add_composites(sv_app *app, int e, sv_err *err) {
-  const sv_composites *pool = &app->exposures.composites;
+static sv_status add_measurements(sv_app *app, int e, sv_err *err) {
+  const sv_measurements *pool = &app->exposures.measurements;
   for (int i = 0; i < pool->n_sensors; i++) {
-    sv_composite model;
+    sv_multiplexed model;
     const uint16_t *px;
-    sv_composites_get(pool, e, i, &model, &px);
-    sv_status s = sv_train_add_composite(&app->trainer, &model, px, err);
+    sv_measurements_get(pool, e, i, &model, &px);
+    sv_status s = sv_train_add_measurement(&app->trainer, &model, px, err);
     if (s < 0) return s;
   }
   return SV_OK;
@@ -222,7 +222,7 @@ static sv_status start_training(sv_app *app, sv_err *err) {
   sv_app_begin_moving(app);
   for (int e = 0; e < app->exposures.n; e++) {
     if (is_tracked && !app->exposures.exposure[e].has_pose) continue; // nobody knows where it was
-    sv_status added = is_multiplexed(&app->cfg) ? add_composites(app, e, err) : add_pictures(app, e, err);
+    sv_status added = is_multiplexed(&app->cfg) ? add_measurements(app, e, err) : add_pictures(app, e, err);
     if (added < 0) return added;
   }
   bool has_bounds = app->cfg.has_bounds && !is_tracked; // bounds are of a world that was not found
@@ -306,7 +306,7 @@ static sv_status run_all(sv_app *app, sv_err *err) {
   if (s >= 0) {
     app->state = SV_APP_TRAINING;
     sv_preview_show_model(app); // the first rough model, at once
-    sv_preview_show(app, SV_FEED_TRAINING, NULL);
+    sv_preview_show(app, SV_FEED_STATUS_TRAINING, NULL);
     s = train(app, err);
   }
   ended = sv_app_continuous_end(app, &end_err);
@@ -314,7 +314,7 @@ static sv_status run_all(sv_app *app, sv_err *err) {
   const bool is_trained =
       app->driver.step_time.n > 0; // else what an earlier run left in the folder is worth more
   if (s >= 0 || (s == SV_E_INTERRUPTED && is_trained && !app->preview.is_new_requested)) {
-    sv_preview_show(app, SV_FEED_SAVING, NULL);
+    sv_preview_show(app, SV_FEED_STATUS_SAVING, NULL);
     app->state = SV_APP_SAVING;
     saved = sv_app_save_all(app, err);
     if (saved < 0) s = saved;
@@ -338,7 +338,7 @@ sv_status sv_app_run(sv_app *app, sv_err *err) {
   sv_status s = run_all(app, err);
   sv_preview_show_model(app);
   if (app->state == SV_APP_FAILED && !app->preview.is_new_requested)
-    sv_preview_show(app, SV_FEED_FAILED, err ? err->text : "");
-  else sv_preview_show(app, SV_FEED_DONE, NULL);
+    sv_preview_show(app, SV_FEED_STATUS_FAILED, err ? err->text : "");
+  else sv_preview_show(app, SV_FEED_STATUS_DONE, NULL);
   return s;
 }

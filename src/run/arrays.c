@@ -34,7 +34,7 @@ sv_arrays sv_arrays_of(const sv_train_cfg *c) {
                slot = SV_IGRAD_BYTES;
   const double recs_g = c->cap_recs ? 0 : RECS_PER_GAUSSIAN, recs_px = c->cap_recs ? 0 : RECS_PER_PIXEL;
   const double samples = c->is_supersampled ? 4 : 1; // of a pixel
-  const bool has_sum = c->cap_composites > 0 || c->n_unseen > 0;
+  const bool has_sum = c->cap_measurements > 0 || c->n_unseen > 0;
   add(&f, "parameters", 4 * rows, 0);
   add(&f, c->optimizer == SV_OPTIMIZER_ADAM ? "Adam's moments" : "mean gradient, curvature", 4 * rows, 0);
   add(&f, "errors, floors, touched", 4 + (c->floor_px > 0.0f ? 4 : 0) + 0.25, 0);

@@ -2,7 +2,7 @@
 #include "src/run/config.h"
 
 #include "src/base/mathx.h"
-#include "src/capture/composites.h"
+#include "src/capture/measurements.h"
 #include "src/run/driver.h"
 #include "src/run/moving.h"
 
@@ -21,15 +21,15 @@ int sv_app_n_trained_sub_views(const sv_app_cfg *c) {
 static bool is_multiplexed(const sv_app_cfg *c) { return c->rig->forward == SV_FORWARD_MULTIPLEXED; }
 
 // Sensors instead of views, by regions.
-static void plan_composites(const sv_app_cfg *c, sv_train_cfg *t) {
+static void plan_measurements(const sv_app_cfg *c, sv_train_cfg *t) {
   t->cap_views = 0;
-  t->cap_composites = c->n_exposures * sv_composites_n_sensors(c->rig, c->n_cameras);
+  t->cap_measurements = c->n_exposures * sv_measurements_n_sensors(c->rig, c->n_cameras);
   t->cap_regions = 0;
   if (t->region_px < 1) return; // the trainer says so
   t->cap_width_px = t->cap_height_px = t->region_px;
   t->cap_pixels = sv_plane_floats(t->region_px, t->region_px);
   for (int i = 0; i < c->n_cameras; i++)
-    if (sv_composites_has_lens(c->rig, i))
+    if (sv_measurements_has_lens(c->rig, i))
       t->cap_regions +=
           c->n_exposures * sv_train_n_regions(c->caps[i].width_px, c->caps[i].height_px, t->region_px);
 }
@@ -40,7 +40,7 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
   t.n_threads = n_threads;
   t.cap_width_px = t.cap_height_px = 1;
   t.cap_pixels = 0;
-  if (is_multiplexed(c)) plan_composites(c, &t);
+  if (is_multiplexed(c)) plan_measurements(c, &t);
   sv_focal_range focal = {0};
   for (int i = 0; i < c->rig->n_sub_views; i++) {
     const sv_camera_model *m = &c->rig->sub_views[i].model;

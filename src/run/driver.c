@@ -133,13 +133,13 @@ sv_status sv_driver_run(sv_driver *d, const sv_driver_cfg *cfg, sv_trainer *t, s
 
 int sv_driver_n_views(const sv_trainer *t) {
   int n = t->n_views;
-  for (int i = 0; i < t->n_composites; i++) n += t->composites[i].model.n_lenses;
+  for (int i = 0; i < t->n_measurements; i++) n += t->measurements[i].model.n_lenses;
   return n;
 }
 
 const sv_view *sv_driver_view(const sv_trainer *t, int i) {
   if (i < t->n_views) return &t->views[i].view;
-  const sv_train_composite *c = t->composites;
+  const sv_train_measurement *c = t->measurements;
   for (i -= t->n_views; i >= c->model.n_lenses; c++) i -= c->model.n_lenses;
   return &c->model.lenses[i].view;
 }
@@ -169,7 +169,7 @@ sv_status sv_driver_mse(sv_trainer *t, const sv_view *view, const uint8_t *rgb, 
 }
 
 // Of one region, which was predicted.
-static double region_sum(const sv_planes *p, const sv_train_composite *tc, const sv_region *r) {
+static double region_sum(const sv_planes *p, const sv_train_measurement *tc, const sv_region *r) {
   double sum = 0;
   for (int y = r->y0; y < r->y1; y++)
     for (int x = r->x0; x < r->x1; x++)
@@ -182,7 +182,7 @@ static double region_sum(const sv_planes *p, const sv_train_composite *tc, const
 }
 
 // Over a sensor's measurement.
-static sv_status composite_mse(sv_trainer *t, const sv_train_composite *tc, double *mse) {
+static sv_status measurement_mse(sv_trainer *t, const sv_train_measurement *tc, double *mse) {
   const int side = t->cfg.region_px, width_px = tc->model.width_px, height_px = tc->model.height_px;
   sv_render_options o = sv_train_render_options(t, 1.0f, false);
   double sum = 0;
@@ -198,12 +198,12 @@ static sv_status composite_mse(sv_trainer *t, const sv_train_composite *tc, doub
 }
 
 sv_status sv_driver_training_psnr(sv_trainer *t, double *psnr) {
-  const int n = t->n_views + t->n_composites;
+  const int n = t->n_views + t->n_measurements;
   *psnr = 0;
   for (int i = 0; i < n; i++) {
     double mse;
     sv_status s = i < t->n_views ? sv_driver_mse(t, &t->views[i].view, t->views[i].image.px, &mse)
-                                 : composite_mse(t, &t->composites[i - t->n_views], &mse);
+                                 : measurement_mse(t, &t->measurements[i - t->n_views], &mse);
     if (s < 0) return s;
     *psnr += sv_psnr_of_mse(mse) / n;
   }

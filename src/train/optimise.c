@@ -283,9 +283,9 @@ static void floor_task(void *arg, int i_task, int i_thread) {
     const float *p = t->g.param + (size_t)b * (size_t)t->g.n_rows * 16;
     float rate[16] = {0}, *floor = t->floor + 16 * (size_t)b;
     for (int i = 0; i < t->n_views; i++) sample(&t->views[i].view, p, near_z, rate);
-    for (int c = 0; c < t->n_composites; c++)
-      for (int i = 0; i < t->composites[c].model.n_lenses; i++)
-        sample(&t->composites[c].model.lenses[i].view, p, near_z, rate);
+    for (int c = 0; c < t->n_measurements; c++)
+      for (int i = 0; i < t->measurements[c].model.n_lenses; i++)
+        sample(&t->measurements[c].model.lenses[i].view, p, near_z, rate);
     for (int i = 0; i < 16; i++)
       floor[i] = rate[i] > 0 ? (float)sv_log((double)(t->cfg.floor_px / rate[i])) : -1e30f;
   }

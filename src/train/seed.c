@@ -27,15 +27,15 @@ static double choose_depth(const sv_bounds *b, const double o[3], const double d
 
 typedef struct {
   const sv_view *view;
-  const sv_image_u8 *image;    // or
-  const sv_train_composite *c; // with the lens's place on it
+  const sv_image_u8 *image;      // or
+  const sv_train_measurement *c; // with the lens's place on it
   const sv_footprint *footprint;
 } source;
 
 // The i-th of all views, those with pictures first.
 static source source_of(const sv_trainer *t, int i) {
   if (i < t->n_views) return (source){.view = &t->views[i].view, .image = &t->views[i].image};
-  const sv_train_composite *c = t->composites;
+  const sv_train_measurement *c = t->measurements;
   for (i -= t->n_views; i >= c->model.n_lenses; c++) i -= c->model.n_lenses;
   const sv_lens *lens = &c->model.lenses[i];
   return (source){.view = &lens->view, .c = c, .footprint = &lens->footprint};
@@ -54,7 +54,7 @@ static void colour(const source *s, int x, int y, float rgb[3]) {
 void sv_seed_points(const sv_trainer *t, const sv_bounds *bounds, uint64_t seed, sv_point *point, int n) {
   sv_rng rng = sv_rng_make(seed, 11);
   int n_sources = t->n_views;
-  for (int i = 0; i < t->n_composites; i++) n_sources += t->composites[i].model.n_lenses;
+  for (int i = 0; i < t->n_measurements; i++) n_sources += t->measurements[i].model.n_lenses;
   for (int i = 0; i < n; i++) {
     const source from = source_of(t, i % n_sources);
     const sv_view *v = from.view;

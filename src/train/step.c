@@ -97,7 +97,7 @@ static void span(int side, int n, int region_px, float jitter, int i, int *from,
   *to = *from + size;
 }
 
-sv_region sv_train_region(const sv_trainer *t, const sv_train_composite *c, int i) {
+sv_region sv_train_region(const sv_trainer *t, const sv_train_measurement *c, int i) {
   sv_region r;
   span(c->model.width_px, c->n_x, t->cfg.region_px, t->jitter[0], i % c->n_x, &r.x0, &r.x1);
   span(c->model.height_px, c->n_y, t->cfg.region_px, t->jitter[1], i / c->n_x, &r.y0, &r.y1);
@@ -156,7 +156,7 @@ void sv_train_load_target(sv_trainer *t, const sv_image_u8 *im, int scale, const
   sv_pool_run(t->compute.pool, unpack_task, &j, (h + UNPACK_ROWS - 1) / UNPACK_ROWS);
 }
 
-static void load_region(sv_trainer *t, const sv_train_composite *c, const sv_region *r) {
+static void load_region(sv_trainer *t, const sv_train_measurement *c, const sv_region *r) {
   const int w = r->x1 - r->x0, h = r->y1 - r->y0;
   sv_train_size_target(t, w, h);
   for (int y = 0; y < h; y++) {
@@ -243,14 +243,14 @@ static sv_status view_step(sv_trainer *t, int i, float progress, sv_render_optio
   return sv_render_bwd(&t->render, &t->grad, t->prior.g_depth, t->prior.g_trans, errors);
 }
 
-sv_status sv_train_predict(sv_trainer *t, const sv_composite *c, const sv_region *region,
+sv_status sv_train_predict(sv_trainer *t, const sv_multiplexed *c, const sv_region *region,
                            const sv_render_options *o, int *last, size_t *n_px) {
   sv_crop crop;
   size_t sum_px = 0;
   if (last) *last = -1;
   sv_status s = sv_forward_begin(&t->forward, region);
   for (int m = 0; m < c->n_lenses && s >= 0; m++) {
-    if (!sv_composite_crop(c, m, region, &crop)) continue;
+    if (!sv_multiplexed_crop(c, m, region, &crop)) continue;
     if ((s = sv_render(&t->render, &t->g, &crop.view, o)) < 0) break;
     sv_forward_add(&t->forward, c, &crop, &t->render.rgb);
     if (last) *last = m;
@@ -262,13 +262,13 @@ sv_status sv_train_predict(sv_trainer *t, const sv_composite *c, const sv_region
 }
 
 // The curvature of a region's loss. *held: the lens whose part the renderer holds, before and after.
-static sv_status probe_region(sv_trainer *t, const sv_composite *c, const sv_region *region,
+static sv_status probe_region(sv_trainer *t, const sv_multiplexed *c, const sv_region *region,
                               const sv_render_options *o, double l1, int *held) {
   sv_train_make_probe(t, l1);
   for (int m = *held; m >= 0; m--) {
     sv_crop crop;
     sv_status s = SV_OK;
-    if (!sv_composite_crop(c, m, region, &crop)) continue;
+    if (!sv_multiplexed_crop(c, m, region, &crop)) continue;
     if (m != *held && (s = sv_render(&t->render, &t->g, &crop.view, o)) < 0) return s;
     *held = m;
     sv_forward_bwd(&t->forward, c, &crop, &t->render.rgb, &t->target, NULL, &t->aux, NULL);
@@ -284,10 +284,10 @@ static sv_status region_step(sv_trainer *t, int i, float progress, const sv_rend
                              sv_step_stats *out) {
   int i_c = 0, last;
   size_t n_px;
-  for (; i >= t->composites[i_c].n_x * t->composites[i_c].n_y; i_c++)
-    i -= t->composites[i_c].n_x * t->composites[i_c].n_y;
-  const sv_train_composite *tc = &t->composites[i_c];
-  const sv_composite *c = &tc->model;
+  for (; i >= t->measurements[i_c].n_x * t->measurements[i_c].n_y; i_c++)
+    i -= t->measurements[i_c].n_x * t->measurements[i_c].n_y;
+  const sv_train_measurement *tc = &t->measurements[i_c];
+  const sv_multiplexed *c = &tc->model;
   sv_region region = sv_train_region(t, tc, i);
   sv_photometric_value loss;
   t->forward.noise =
@@ -304,7 +304,7 @@ static sv_status region_step(sv_trainer *t, int i, float progress, const sv_rend
   if (sv_train_is_probe_due(t) && (s = probe_region(t, c, &region, o, loss.l1, &held)) < 0) return s;
   for (int m = last; m >= 0; m--) {
     sv_crop crop;
-    if (!sv_composite_crop(c, m, &region, &crop)) continue;
+    if (!sv_multiplexed_crop(c, m, &region, &crop)) continue;
     if (m != held && (s = sv_render(&t->render, &t->g, &crop.view, o)) < 0) return s;
     held = m;
     sv_forward_bwd(&t->forward, c, &crop, &t->render.rgb, &t->grad, errors, &t->aux, crop_errors);
@@ -313,7 +313,7 @@ static sv_status region_step(sv_trainer *t, int i, float progress, const sv_rend
       out->loss += sv_tv_loss(&t->tv, &t->render.rgb, &t->aux, SV_TV_SQUARED, t->cfg.weight_tv * share);
     s = sv_render_bwd(&t->render, &t->aux, NULL, NULL, crop_errors);
     if (s < 0) return s;
-    sv_train_collect(t, 1.0f / c->m_max, true); // about M_max crops see a Gaussian
+    sv_train_collect(t, 1.0f / c->max_overlap, true); // about M_max crops see a Gaussian
   }
   return SV_OK;
 }
@@ -322,13 +322,13 @@ static sv_status region_step(sv_trainer *t, int i, float progress, const sv_rend
 
 static sv_view any_view(sv_trainer *t) {
   int n = t->n_views;
-  for (int i = 0; i < t->n_composites; i++) n += t->composites[i].model.n_lenses;
+  for (int i = 0; i < t->n_measurements; i++) n += t->measurements[i].model.n_lenses;
   int v = (int)sv_rng_below(&t->rng, (uint32_t)n);
   if (v < t->n_views) return t->views[v].view;
   v -= t->n_views;
   int i = 0;
-  for (; v >= t->composites[i].model.n_lenses; i++) v -= t->composites[i].model.n_lenses;
-  return t->composites[i].model.lenses[v].view;
+  for (; v >= t->measurements[i].model.n_lenses; i++) v -= t->measurements[i].model.n_lenses;
+  return t->measurements[i].model.lenses[v].view;
 }
 
 sv_view sv_train_turned_view(const sv_trainer *t, const sv_view *v, float rad, sv_rng *rng) {

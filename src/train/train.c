@@ -103,7 +103,7 @@ static size_t cap_floats(const sv_train_cfg *c) {
 
 // Steps of several pictures need their gradients' sum.
 static bool has_sum(const sv_train_cfg *c) {
-  return c->cap_composites > 0 || c->n_unseen > 0 || c->prior.cap_pseudo > 0;
+  return c->cap_measurements > 0 || c->n_unseen > 0 || c->prior.cap_pseudo > 0;
 }
 
 static sv_status carve_sum(sv_trainer *t, const sv_train_cfg *c, size_t cap, size_t px, sv_arena *a) {
@@ -113,7 +113,7 @@ static sv_status carve_sum(sv_trainer *t, const sv_train_cfg *c, size_t cap, siz
   t->sum_touched = SV_TAKE(a, uint32_t, cap / 8);
   for (int k = 0; k < 3; k++) t->aux.c[k] = SV_TAKE(a, float, px);
   t->aux_err = SV_TAKE(a, float, px);
-  if (c->cap_composites < 1) return SV_OK;
+  if (c->cap_measurements < 1) return SV_OK;
   sv_forward_cfg fc = {
       .cap_width_px = c->region_px, .cap_height_px = c->region_px, .n_threads = c->n_threads};
   return sv_forward_init(&t->forward, &fc, t->compute, a);
@@ -198,7 +198,7 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   if ((s = sv_prior_init(&t->prior, &c->prior, px, c->n_gaussians, c->seed, t->compute, a)) < 0) return s;
   sv_arena_part_begin(a, "views");
   t->views = SV_TAKE(a, sv_train_view, c->cap_views);
-  t->composites = SV_TAKE(a, sv_train_composite, c->cap_composites);
+  t->measurements = SV_TAKE(a, sv_train_measurement, c->cap_measurements);
   t->order = SV_TAKE(a, int, c->cap_views + c->cap_regions);
   if (c->poses.cap_poses > 0) {
     t->poses.pose = SV_TAKE(a, sv_train_pose, c->poses.cap_poses);
@@ -226,10 +226,10 @@ static sv_status check(const sv_train_cfg *c, sv_err *err) {
     return sv_fail(err, SV_E_ARG, "the number of Gaussians is %d, expected 1 to 4000000", c->n_gaussians);
   if (c->sh_degree < 0 || c->sh_degree > 3)
     return sv_fail(err, SV_E_ARG, "the SH degree is %d, expected 0 to 3", c->sh_degree);
-  if (c->cap_views < 0 || c->cap_composites < 0 || c->cap_views + c->cap_composites < 1)
+  if (c->cap_views < 0 || c->cap_measurements < 0 || c->cap_views + c->cap_measurements < 1)
     return sv_fail(err, SV_E_ARG, "there are no training views, expected at least one");
-  if (c->cap_composites > 0 && (c->region_px < 16 || c->region_px > c->cap_width_px ||
-                                c->region_px > c->cap_height_px || c->cap_regions < c->cap_composites))
+  if (c->cap_measurements > 0 && (c->region_px < 16 || c->region_px > c->cap_width_px ||
+                                  c->region_px > c->cap_height_px || c->cap_regions < c->cap_measurements))
     return sv_fail(err, SV_E_ARG,
                    "regions of %d px, expected at least 16 and at most the largest view, %dx%d", c->region_px,
                    c->cap_width_px, c->cap_height_px);
@@ -244,17 +244,17 @@ static sv_status check(const sv_train_cfg *c, sv_err *err) {
                    c->cap_width_px, c->cap_height_px);
   if (!(c->weight_ssim >= 0 && c->weight_ssim <= 1))
     return sv_fail(err, SV_E_ARG, "the SSIM weight is %g, expected 0 to 1", (double)c->weight_ssim);
-  if (c->dynamic.kind != SV_DEFORM_NONE && (c->cap_composites > 0 || c->n_unseen > 0))
+  if (c->dynamic.kind != SV_DEFORM_NONE && (c->cap_measurements > 0 || c->n_unseen > 0))
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "moving scenes are trained on whole pictures: not on multiplexed sensors, and without "
                    "unseen views");
   if (c->dynamic.kind == SV_DEFORM_FIELD && sv_field_check(&c->dynamic.field, err) < 0) return SV_E_ARG;
-  if (c->poses.cap_poses > 0 && (c->dynamic.kind != SV_DEFORM_NONE || c->cap_composites > 0))
+  if (c->poses.cap_poses > 0 && (c->dynamic.kind != SV_DEFORM_NONE || c->cap_measurements > 0))
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "poses are refined with still scenes and whole pictures: not with moving ones, and not on "
                    "multiplexed sensors");
   if ((c->prior.cap_pseudo > 0 || c->prior.cap_depths > 0 || c->prior.method) &&
-      (c->dynamic.kind != SV_DEFORM_NONE || c->cap_composites > 0))
+      (c->dynamic.kind != SV_DEFORM_NONE || c->cap_measurements > 0))
     return sv_fail(
         err, SV_E_UNSUPPORTED,
         "sparse-view priors are for still scenes and whole pictures: not for moving ones, and not on "
@@ -326,20 +326,22 @@ int sv_train_n_regions(int width_px, int height_px, int region_px) {
   return n_regions_along(width_px, region_px) * n_regions_along(height_px, region_px);
 }
 
-sv_status sv_train_add_composite(sv_trainer *t, const sv_composite *model, const uint16_t *px, sv_err *err) {
+sv_status sv_train_add_measurement(sv_trainer *t, const sv_multiplexed *model, const uint16_t *px,
+                                   sv_err *err) {
   const int side = t->cfg.region_px;
-  if (t->n_composites >= t->cfg.cap_composites)
-    return sv_fail(err, SV_E_FULL, "more than the %d planned measurements", t->cfg.cap_composites);
-  sv_status s = sv_composite_check(model, err);
+  if (t->n_measurements >= t->cfg.cap_measurements)
+    return sv_fail(err, SV_E_FULL, "more than the %d planned measurements", t->cfg.cap_measurements);
+  sv_status s = sv_multiplexed_check(model, err);
   if (s < 0) return s;
   int n = sv_train_n_regions(model->width_px, model->height_px, side);
   if (n > t->cfg.cap_regions - t->n_regions)
     return sv_fail(err, SV_E_FULL, "a sensor of %dx%d has %d regions, %d are left of those planned",
                    model->width_px, model->height_px, n, t->cfg.cap_regions - t->n_regions);
-  t->composites[t->n_composites++] = (sv_train_composite){.model = *model,
-                                                          .px = px,
-                                                          .n_x = n_regions_along(model->width_px, side),
-                                                          .n_y = n_regions_along(model->height_px, side)};
+  t->measurements[t->n_measurements++] =
+      (sv_train_measurement){.model = *model,
+                             .px = px,
+                             .n_x = n_regions_along(model->width_px, side),
+                             .n_y = n_regions_along(model->height_px, side)};
   t->n_regions += n;
   t->i_order = 0;
   return SV_OK;

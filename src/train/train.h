@@ -85,12 +85,12 @@ typedef struct {
 
 typedef struct {
   int n_gaussians, sh_degree;
-  int cap_views;                   // sub-views with pictures of their own
-  int cap_composites, cap_regions; // shared sensors, and their regions together (sv_train_n_regions)
-  int region_px;                   // side of a region; smaller on smaller sensors
-  int cap_width_px, cap_height_px; // of any view, region and unseen view
-  size_t cap_pixels;               // of any view, padded; 0: cap_width x cap_height
-  uint32_t cap_recs;               // 0: the renderer's default
+  int cap_views;                     // sub-views with pictures of their own
+  int cap_measurements, cap_regions; // shared sensors, and their regions together (sv_train_n_regions)
+  int region_px;                     // side of a region; smaller on smaller sensors
+  int cap_width_px, cap_height_px;   // of any view, region and unseen view
+  size_t cap_pixels;                 // of any view, padded; 0: cap_width x cap_height
+  uint32_t cap_recs;                 // 0: the renderer's default
   int n_threads;
   uint64_t seed;
   sv_background background; // matters for pictures with alpha; others are trained over black
@@ -101,7 +101,7 @@ typedef struct {
   float weight_ssim;            // lambda of (1-l) L1 + l (1 - SSIM)
   float weight_tv;              // of the squared total variation of rendered sub-views
   float weight_tv_unseen;       // and of unseen views
-  float noise_read, noise_shot; // laid over predicted composites (sv_forward_noise); 0: none
+  float noise_read, noise_shot; // laid over predicted measurements (sv_forward_noise); 0: none
   int n_unseen;                 // unseen views of a step, 0: none
   int unseen_every;             // steps from one with unseen views to the next
   int unseen_px;                // their larger side is reduced to at most so many pixels
@@ -131,10 +131,10 @@ typedef struct {
 } sv_train_view;
 
 typedef struct {
-  sv_composite model; // the lenses, too, must live as long as the trainer
-  const uint16_t *px; // [height][width][3] display values of 65535
-  int n_x, n_y;       // regions
-} sv_train_composite;
+  sv_multiplexed model; // the lenses, too, must live as long as the trainer
+  const uint16_t *px;   // [height][width][3] display values of 65535
+  int n_x, n_y;         // regions
+} sv_train_measurement;
 
 typedef struct {
   int i_view; // of the views, then of the regions; -1: no picture, a field was fitted to a clip
@@ -207,10 +207,10 @@ typedef struct {
   sv_planes target, grad;
   sv_planes aux; // gradient of one picture of several
   float *err_plane, *aux_err, *unpack_scratch;
-  sv_train_view *views;           // [cap_views]
-  sv_train_composite *composites; // [cap_composites]
-  int *order;                     // [cap_views + cap_regions] this epoch's order
-  int n_views, n_composites, n_regions, i_order;
+  sv_train_view *views;               // [cap_views]
+  sv_train_measurement *measurements; // [cap_measurements]
+  int *order;                         // [cap_views + cap_regions] this epoch's order
+  int n_views, n_measurements, n_regions, i_order;
   float jitter[2];         // this epoch's shift of the regions, of a region
   float centre[3], radius; // of the scene
   uint32_t step;
@@ -237,15 +237,15 @@ void sv_train_replace_view(sv_trainer *t, int i_view, const sv_view *view, const
 void sv_train_refine_view(sv_trainer *t, int i_view, int i_pose, const sv_pose *cam_from_rig,
                           const sv_pose *rig_from_world, bool is_held);
 // A sensor on which lens images overlap, with its measurement px[height][width][3], display values of 65535.
-sv_status sv_train_add_composite(sv_trainer *t, const sv_composite *model, const uint16_t *px,
-                                 sv_err *err) SV_MUST_USE;
+sv_status sv_train_add_measurement(sv_trainer *t, const sv_multiplexed *model, const uint16_t *px,
+                                   sv_err *err) SV_MUST_USE;
 // Starting Gaussians; the scene's centre and radius are taken from cfg (random) or from the points.
 sv_status sv_train_start(sv_trainer *t, const sv_init_cfg *init, const sv_point *point, int n_points,
                          sv_arena *scratch) SV_MUST_USE;
 // Known scene bounds instead of what the start gave.
 void sv_train_set_scene(sv_trainer *t, const float centre[3], float radius);
 
-// One step. progress in [0, 1]: step/steps, or time/time limit. E_ARG without views and composites. A field that follows
+// One step. progress in [0, 1]: step/steps, or time/time limit. E_ARG without views and measurements. A field that follows
 // a clip is fitted to it first, in several calls that are no steps (i_view -1).
 sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) SV_MUST_USE;
 
@@ -347,12 +347,12 @@ void sv_train_copy_slot(sv_trainer *t, int to, int from);
 void sv_relocation_split(double o, int n, double *o_new, double *scale_factor);
 // Regions of a sensor, whose measurement is not larger than 16384 a side.
 int sv_train_n_regions(int width_px, int height_px, int region_px);
-// Region i of a composite under this epoch's shift; all have the same size, and together they cover the sensor.
-sv_region sv_train_region(const sv_trainer *t, const sv_train_composite *c, int i);
-// Renders a region of a composite as it would be measured, into t->forward.predicted. *n_px: pixels of lens images
+// Region i of a measurement under this epoch's shift; all have the same size, and together they cover the sensor.
+sv_region sv_train_region(const sv_trainer *t, const sv_train_measurement *c, int i);
+// Renders a region of a measurement as it would be measured, into t->forward.predicted. *n_px: pixels of lens images
 // that were rendered; *last: the lens whose part the renderer still holds, -1 when none lights the region. Both may
 // be NULL.
-sv_status sv_train_predict(sv_trainer *t, const sv_composite *c, const sv_region *region,
+sv_status sv_train_predict(sv_trainer *t, const sv_multiplexed *c, const sv_region *region,
                            const sv_render_options *o, int *last, size_t *n_px) SV_MUST_USE;
 // Of a trainer with these settings.
 sv_renderer_cfg sv_train_renderer_cfg(const sv_train_cfg *c);

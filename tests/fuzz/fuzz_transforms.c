@@ -25,10 +25,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t bytes) {
   static jsmntok_t tok[4096];
   static sv_transforms_frame frames[64];
   sv_transforms t;
-  sv_transforms_composite c;
+  sv_transforms_measurement c;
   sv_err err;
   if (sv_transforms_open(&t, "f", (const char *)data, bytes, tok, 4096, &err) != SV_OK) return 0;
-  (void)!sv_transforms_find_composite(&t, false, 0, &c, &err);
+  (void)!sv_transforms_find_measurement(&t, false, 0, &c, &err);
   if (sv_transforms_read(&t, frames, 64, &err) != SV_OK) return 0;
   for (int i = 0; i < t.n_frames; i++) {
     sv_transforms_frame *f = &frames[i];

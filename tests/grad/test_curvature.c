@@ -51,9 +51,9 @@ static void place_gaussians(void) {
 static void add_measurement(sv_err *err) {
   for (int i = 0; i < 2; i++) lenses[i] = (sv_lens){view_from(i), {0, 0, W, H, NULL}};
   for (int i = 0; i < H * W * 3; i++) measured[i] = (uint16_t)(i * 977 % 65536);
-  sv_composite c = {
-      .width_px = W, .height_px = H, .n_lenses = 2, .lenses = lenses, .m_max = 2, .is_linear = true};
-  if (sv_train_add_composite(&t, &c, measured, err) < 0) fail_msg("%s", err->text);
+  sv_multiplexed c = {
+      .width_px = W, .height_px = H, .n_lenses = 2, .lenses = lenses, .max_overlap = 2, .is_linear = true};
+  if (sv_train_add_measurement(&t, &c, measured, err) < 0) fail_msg("%s", err->text);
 }
 
 // No parameter moves, so that each step looks at the same.
@@ -65,7 +65,7 @@ static void open_training(sv_train_cfg cfg, bool is_measurement) {
   sv_kernels_init(&k, ~0u);
   pool = sv_pool_serial();
   cfg.n_gaussians = N_GAUSSIANS, cfg.sh_degree = 1, cfg.sh_step = 0;
-  cfg.cap_views = !is_measurement, cfg.cap_composites = cfg.cap_regions = is_measurement;
+  cfg.cap_views = !is_measurement, cfg.cap_measurements = cfg.cap_regions = is_measurement;
   cfg.cap_width_px = cfg.cap_height_px = cfg.region_px = 64; // one region is the whole sensor
   cfg.reg_opacity = cfg.reg_scale = cfg.noise = 0;
   cfg.relocate_every = 0, cfg.start_scale = 1;
@@ -104,7 +104,7 @@ static void add_view_pixel(void) {
 }
 
 static void add_lens_pixel(const sv_crop *crop) {
-  sv_forward_bwd(&t.forward, &t.composites[0].model, crop, &t.render.rgb, &t.grad, NULL, &t.aux, NULL);
+  sv_forward_bwd(&t.forward, &t.measurements[0].model, crop, &t.render.rgb, &t.grad, NULL, &t.aux, NULL);
   assert_int_equal(sv_render_bwd(&t.render, &t.aux, NULL, NULL, NULL), SV_OK);
   add_squares();
 }
@@ -124,12 +124,12 @@ static void add_all_pixels(const sv_crop *crop) {
 
 static void find_exact(double l1) {
   memset(exact, 0, sizeof exact);
-  if (!t.n_composites) add_all_pixels(NULL); // the renderer holds the step's picture
-  for (int m = 0; t.n_composites && m < 2; m++) {
+  if (!t.n_measurements) add_all_pixels(NULL); // the renderer holds the step's picture
+  for (int m = 0; t.n_measurements && m < 2; m++) {
     sv_crop crop;
     const sv_region whole = {0, 0, W, H};
     const sv_render_options o = sv_train_render_options(&t, 1, false);
-    assert_true(sv_composite_crop(&t.composites[0].model, m, &whole, &crop));
+    assert_true(sv_multiplexed_crop(&t.measurements[0].model, m, &whole, &crop));
     assert_int_equal(sv_render(&t.render, &t.g, &crop.view, &o), SV_OK);
     add_all_pixels(&crop);
   }

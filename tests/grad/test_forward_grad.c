@@ -49,13 +49,13 @@ static void make_lenses(void) {
       coverage[c][p] = (uint8_t)(p % 5 == 0 ? 0 : p % 3 == 0 ? 255 : sv_rng_below(&rng, 256));
 }
 
-static sv_composite make_composite(bool is_linear) {
+static sv_multiplexed make_measurement(bool is_linear) {
   make_lenses();
-  return (sv_composite){.width_px = W,
+  return (sv_multiplexed){.width_px = W,
                         .height_px = H,
                         .n_lenses = N_LENSES,
                         .lenses = lens,
-                        .m_max = sv_composite_m_max(lens, N_LENSES, W, H, row),
+                        .max_overlap = sv_multiplexed_max_overlap(lens, N_LENSES, W, H, row),
                         .is_linear = is_linear};
 }
 
@@ -72,7 +72,7 @@ static double decode(double v) { return v <= 0.04045 ? v / 12.92 : pow((v + 0.05
 static double encode(double l) { return l <= 0.0031308 ? 12.92 * l : 1.055 * pow(l, 1 / 2.4) - 0.055; }
 
 // Sensor pixel with the value of lens `which` there replaced (-1: none).
-static double reference(const sv_composite *c, int k, int x, int y, int which, double instead) {
+static double reference(const sv_multiplexed *c, int k, int x, int y, int which, double instead) {
   double sum = 0;
   for (int m = 0; m < c->n_lenses; m++) {
     const sv_footprint *f = &c->lenses[m].footprint;
@@ -82,7 +82,7 @@ static double reference(const sv_composite *c, int k, int x, int y, int which, d
     if (m == which) v = instead;
     sum += w * (c->is_linear ? decode(v) : v);
   }
-  sum /= (double)c->m_max;
+  sum /= (double)c->max_overlap;
   return c->is_linear ? encode(sum) : sum;
 }
 
@@ -124,11 +124,11 @@ static void open_bench(uint32_t isa_mask, int n_threads) {
 
 static void close_bench(void) { sv_linux_pool_stop(&b.threads); }
 
-static void run_forward(const sv_composite *c, const sv_region *r) {
+static void run_forward(const sv_multiplexed *c, const sv_region *r) {
   assert_int_equal(sv_forward_begin(&b.f, r), SV_OK);
   for (int m = 0; m < c->n_lenses; m++) {
     sv_crop *crop = &b.crop[m];
-    b.is_in[m] = sv_composite_crop(c, m, r, crop);
+    b.is_in[m] = sv_multiplexed_crop(c, m, r, crop);
     if (!b.is_in[m]) continue;
     assert_int_equal(
         sv_planes_resize(&b.rgb[m], crop->view.width_px, crop->view.height_px, sv_plane_floats(W, H)), SV_OK);
@@ -142,7 +142,7 @@ static void run_forward(const sv_composite *c, const sv_region *r) {
   sv_forward_finish(&b.f, c);
 }
 
-static void run_backward(const sv_composite *c, const sv_region *r, uint64_t seed) {
+static void run_backward(const sv_multiplexed *c, const sv_region *r, uint64_t seed) {
   sv_rng rng = sv_rng_make(seed, 2);
   assert_int_equal(sv_planes_resize(&b.g, r->x1 - r->x0, r->y1 - r->y0, sv_plane_floats(W, H)), SV_OK);
   for (int y = 0; y < b.g.height_px; y++)
@@ -167,7 +167,7 @@ static const sv_region REGIONS[] = {{0, 0, W, H},     {20, 15, 61, 48}, {0, 40, 
 // --- geometry ------------------------------------------------------------------------------------
 
 TEST(test_m_max) {
-  sv_composite c = make_composite(true);
+  sv_multiplexed c = make_measurement(true);
   double most = 0;
   for (int y = 0; y < H; y++)
     for (int x = 0; x < W; x++) {
@@ -175,29 +175,29 @@ TEST(test_m_max) {
       for (int m = 0; m < N_LENSES; m++) sum += weight(&lens[m], x, y);
       most = fmax(most, sum);
     }
-  assert_true(fabs((double)c.m_max - most) < 1e-5);
-  assert_true(c.m_max > 3 && c.m_max <= 4);
+  assert_true(fabs((double)c.max_overlap - most) < 1e-5);
+  assert_true(c.max_overlap > 3 && c.max_overlap <= 4);
   sv_err err;
-  assert_int_equal(sv_composite_check(&c, &err), SV_OK);
+  assert_int_equal(sv_multiplexed_check(&c, &err), SV_OK);
   static uint8_t dark[CAP_LENS];
   sv_lens none = lens[1];
   none.footprint.coverage = dark;
-  assert_true(sv_composite_m_max(&none, 1, W, H, row) == 0);
+  assert_true(sv_multiplexed_max_overlap(&none, 1, W, H, row) == 0);
   for (int i = 0; i < 4; i++) {
     sv_lens bad = lens[0];
-    sv_composite one = {W, H, 1, &bad, 1, true};
+    sv_multiplexed one = {W, H, 1, &bad, 1, true};
     if (i == 0) bad.footprint.x0_px = W - 39;
     if (i == 1) bad.footprint.y0_px = -1;
     if (i == 2) bad.view.width_px++;
-    if (i == 3) one.m_max = 0;
-    assert_int_equal(sv_composite_check(&one, &err), SV_E_RANGE);
+    if (i == 3) one.max_overlap = 0;
+    assert_int_equal(sv_multiplexed_check(&one, &err), SV_E_RANGE);
     assert_true(strlen(err.text) > 15);
   }
 }
 
 // A crop is the same camera: a point has the same place on the sensor.
 TEST(test_crops) {
-  sv_composite c = make_composite(true);
+  sv_multiplexed c = make_measurement(true);
   for (size_t i = 0; i < N_REGIONS; i++)
     for (int m = 0; m < N_LENSES; m++) {
       const sv_region *r = &REGIONS[i];
@@ -207,7 +207,7 @@ TEST(test_crops) {
       for (int y = r->y0; y < r->y1; y++)
         for (int x = r->x0; x < r->x1; x++)
           n += x >= f->x0_px && x < f->x0_px + f->width_px && y >= f->y0_px && y < f->y0_px + f->height_px;
-      assert_int_equal(sv_composite_crop(&c, m, r, &crop), n > 0);
+      assert_int_equal(sv_multiplexed_crop(&c, m, r, &crop), n > 0);
       if (!n) continue;
       assert_int_equal(crop.view.width_px * crop.view.height_px, n);
       assert_int_equal(r->x0 + crop.x_px, f->x0_px + crop.lens_x);
@@ -220,7 +220,7 @@ TEST(test_crops) {
 
 // --- value and adjoint ---------------------------------------------------------------------------
 
-static void check_value(const sv_composite *c, const sv_region *r, double *worst) {
+static void check_value(const sv_multiplexed *c, const sv_region *r, double *worst) {
   for (int k = 0; k < 3; k++)
     for (int y = r->y0; y < r->y1; y++)
       for (int x = r->x0; x < r->x1; x++) {
@@ -232,7 +232,7 @@ static void check_value(const sv_composite *c, const sv_region *r, double *worst
 }
 
 // The slope at 0 of the linear part is 12.92, so that h is small against what light there is.
-static void check_adjoint(const sv_composite *c, const sv_region *r, int m, double *worst) {
+static void check_adjoint(const sv_multiplexed *c, const sv_region *r, int m, double *worst) {
   const sv_crop *crop = &b.crop[m];
   const sv_planes *out = &b.out[m];
   const double h = 1e-6;
@@ -252,7 +252,7 @@ static void check_adjoint(const sv_composite *c, const sv_region *r, int m, doub
       }
 }
 
-static void check_err_and_padding(const sv_composite *c, const sv_region *r, int m) {
+static void check_err_and_padding(const sv_multiplexed *c, const sv_region *r, int m) {
   const sv_crop *crop = &b.crop[m];
   const sv_planes *out = &b.out[m];
   assert_true(out->width_px == crop->view.width_px && out->height_px == crop->view.height_px);
@@ -261,7 +261,7 @@ static void check_err_and_padding(const sv_composite *c, const sv_region *r, int
       int x = r->x0 + crop->x_px + u, y = r->y0 + crop->y_px + v, at = v * out->stride + u;
       bool is_in = u < out->width_px && v < out->height_px;
       for (int k = 0; k < 3 && !is_in; k++) assert_true(out->c[k][at] == 0);
-      double e = is_in ? weight(&c->lenses[m], x, y) / (double)c->m_max *
+      double e = is_in ? weight(&c->lenses[m], x, y) / (double)c->max_overlap *
                              (double)b.err[(y - r->y0) * b.g.stride + x - r->x0]
                        : 0;
       assert_true(fabs((double)b.out_err[m][at] - e) < 1e-6);
@@ -271,7 +271,7 @@ static void check_err_and_padding(const sv_composite *c, const sv_region *r, int
 TEST(test_value_and_adjoint) {
   for (int is_linear = 0; is_linear < 2; is_linear++) {
     double worst[2] = {0, 0};
-    sv_composite c = make_composite(is_linear);
+    sv_multiplexed c = make_measurement(is_linear);
     for (int isa = 0; isa < SV_N_ISAS; isa++) {
       if (!(sv_cpu_isas() & SV_ISA_BIT(isa))) continue;
       open_bench(sv_isa_only((sv_isa)isa), 2);
@@ -294,7 +294,7 @@ TEST(test_value_and_adjoint) {
 
 // Display values are added linearly: y = A x, and the adjoint is A transposed.
 TEST(test_dot_product) {
-  sv_composite c = make_composite(false);
+  sv_multiplexed c = make_measurement(false);
   open_bench(~0u, 2);
   for (size_t i = 0; i < N_REGIONS; i++) {
     double ax_y = 0, x_aty = 0, size = 0;
@@ -327,7 +327,7 @@ static uint64_t hash(uint64_t h, const float *v, size_t n) {
 }
 
 static uint64_t digest(uint32_t isa_mask, int n_threads, bool is_linear) {
-  sv_composite c = make_composite(is_linear);
+  sv_multiplexed c = make_measurement(is_linear);
   uint64_t h = 14695981039346656037ull;
   open_bench(isa_mask, n_threads);
   for (size_t i = 0; i < N_REGIONS; i++) {
@@ -363,12 +363,12 @@ TEST(test_same_bits) {
 static sv_trainer t;
 static uint16_t measured[3 * W * H];
 
-static void open_training(const sv_composite *c, const sv_kernels *k, const sv_pool *pool, float tv) {
+static void open_training(const sv_multiplexed *c, const sv_kernels *k, const sv_pool *pool, float tv) {
   sv_arena a = sv_arena_make(block, sizeof block);
   sv_err err;
   sv_train_cfg cfg = sv_train_defaults();
   step_gradient_settings(&cfg);
-  cfg.cap_views = 0, cfg.cap_composites = 1, cfg.region_px = REGION_PX;
+  cfg.cap_views = 0, cfg.cap_measurements = 1, cfg.region_px = REGION_PX;
   cfg.cap_regions = sv_train_n_regions(W, H, REGION_PX);
   cfg.cap_width_px = cfg.cap_height_px = REGION_PX;
   cfg.n_threads = pool->n_threads;
@@ -376,14 +376,14 @@ static void open_training(const sv_composite *c, const sv_kernels *k, const sv_p
   if (sv_trainer_init(&t, &cfg, (sv_compute){k, pool}, &a, &err) < 0) fail_msg("%s", err.text);
   // The nearest and the farthest value there are: the absolute difference does not bend in between.
   for (int i = 0; i < 3 * W * H; i++) measured[i] = i / 40 % 2 ? 65535 : 0;
-  if (sv_train_add_composite(&t, c, measured, &err) < 0) fail_msg("%s", err.text);
+  if (sv_train_add_measurement(&t, c, measured, &err) < 0) fail_msg("%s", err.text);
   step_gradient_start(&t, 0.9f, &a);
 }
 
 static void check_training(bool is_linear, float tv) {
   sv_kernels k;
   sv_pool pool = sv_pool_serial();
-  sv_composite c = make_composite(is_linear);
+  sv_multiplexed c = make_measurement(is_linear);
   step_gradient sum = {0};
   char what[80];
   step_gradient_kernels(&k);

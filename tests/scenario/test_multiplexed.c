@@ -42,7 +42,7 @@ TEST(test_quality) {
     w.cfg.steps = 600;
     run_well();
     assert_int_equal(w.app.trainer.n_views, 0);
-    assert_int_equal(w.app.trainer.n_composites, 6);
+    assert_int_equal(w.app.trainer.n_measurements, 6);
     assert_int_equal(w.app.trainer.n_regions, 6 * 3 * 2);
     assert_int_equal(sv_driver_n_views(&w.app.trainer), 6 * 9);
     digest[n - 1] = sv_train_digest(&w.app.trainer);
@@ -73,15 +73,15 @@ TEST(test_pool) {
   open_world(SPEC, 3, 2);
   w.cfg.steps = 1;
   run_well();
-  const sv_composites *c = &w.app.exposures.composites;
+  const sv_measurements *c = &w.app.exposures.measurements;
   assert_int_equal(c->n_sensors, 1);
   for (int e = 0; e < 3; e++) {
-    sv_composite model;
+    sv_multiplexed model;
     const uint16_t *px;
-    sv_composites_get(c, e, 0, &model, &px);
-    assert_true(px == w.app.trainer.composites[e].px);
+    sv_measurements_get(c, e, 0, &model, &px);
+    assert_true(px == w.app.trainer.measurements[e].px);
     assert_true(model.is_linear && model.n_lenses == 9 && model.width_px == 160 && model.height_px == 120);
-    assert_true(model.m_max == 4.0f);
+    assert_true(model.max_overlap == 4.0f);
     int brightest = 0;
     for (int i = 0; i < 3 * 160 * 120; i++) brightest = px[i] > brightest ? px[i] : brightest;
     assert_true(brightest > 20000 && brightest % 257 != 0);
@@ -107,31 +107,31 @@ TEST(test_frames) {
   static uint8_t px[6 * 160 * 120 + 40 * 120];
   open_world(SPEC, 2, 2);
   sv_arena a = sv_arena_make(block, sizeof block);
-  sv_composites c;
-  sv_composites_cfg cfg = {w.cfg.rig, w.caps, 1, 2};
-  if (sv_composites_init(&c, &cfg, &a, &w.err) < 0) fail_msg("%s", w.err.text);
+  sv_measurements c;
+  sv_measurements_cfg cfg = {w.cfg.rig, w.caps, 1, 2};
+  if (sv_measurements_init(&c, &cfg, &a, &w.err) < 0) fail_msg("%s", w.err.text);
   for (size_t i = 0; i < sizeof px; i++) px[i] = (uint8_t)(i * 7 + i / 300);
   sv_exposure ex = {.id = 5, .rig_from_world = sv_pose_identity()};
   sv_frame f = {
       .width_px = 160, .height_px = 120, .stride_bytes = 3 * 160 + 20, .format = SV_PIX_RGB8, .data = px};
-  sv_composite model;
+  sv_multiplexed model;
   const uint16_t *kept;
-  assert_int_equal(sv_composites_put(&c, 1, &ex, &f, &w.inner.pool, &w.err), SV_OK);
-  sv_composites_get(&c, 1, 0, &model, &kept);
+  assert_int_equal(sv_measurements_put(&c, 1, &ex, &f, &w.inner.pool, &w.err), SV_OK);
+  sv_measurements_get(&c, 1, 0, &model, &kept);
   for (int y = 0; y < 120; y++)
     for (int x = 0; x < 480; x++) assert_int_equal(kept[480 * y + x], 257 * px[y * f.stride_bytes + x]);
   f.format = SV_PIX_RGB16, f.stride_bytes = 6 * 160 + 1; // at odd addresses, too
-  assert_int_equal(sv_composites_put(&c, 1, &ex, &f, &w.inner.pool, &w.err), SV_OK);
+  assert_int_equal(sv_measurements_put(&c, 1, &ex, &f, &w.inner.pool, &w.err), SV_OK);
   for (int y = 0; y < 120; y++)
     for (int x = 0; x < 480; x++) {
       const uint8_t *p = px + y * f.stride_bytes + 2 * x;
       assert_int_equal(kept[480 * y + x], p[0] | p[1] << 8);
     }
   f.format = SV_PIX_GREY8;
-  assert_int_equal(sv_composites_put(&c, 0, &ex, &f, &w.inner.pool, &w.err), SV_E_UNSUPPORTED);
+  assert_int_equal(sv_measurements_put(&c, 0, &ex, &f, &w.inner.pool, &w.err), SV_E_UNSUPPORTED);
   assert_one_sentence(w.err.text);
   f.format = SV_PIX_RGB8, f.width_px = 159;
-  assert_int_equal(sv_composites_put(&c, 0, &ex, &f, &w.inner.pool, &w.err), SV_E_RANGE);
+  assert_int_equal(sv_measurements_put(&c, 0, &ex, &f, &w.inner.pool, &w.err), SV_E_RANGE);
   assert_one_sentence(w.err.text);
   world_close(&w);
 }
@@ -207,7 +207,7 @@ static sv_rig changed_rig(void) {
 
 TEST(test_coverage_counts) {
   static uint8_t half[160 * 120];
-  float m_max[2];
+  float max_overlap[2];
   memset(half, 51, sizeof half); // a fifth
   for (int i = 0; i < 2; i++) {
     open_world(SPEC, 2, 2);
@@ -217,10 +217,10 @@ TEST(test_coverage_counts) {
     w.cfg.rig = &rig;
     w.cfg.steps = 3;
     run_well();
-    m_max[i] = w.app.exposures.composites.sensor[0].m_max;
+    max_overlap[i] = w.app.exposures.measurements.sensor[0].max_overlap;
     world_close(&w);
   }
-  assert_true(fabsf(m_max[1] - 0.2f * m_max[0]) < 1e-5f);
+  assert_true(fabsf(max_overlap[1] - 0.2f * max_overlap[0]) < 1e-5f);
 }
 
 TEST(test_refused) {
@@ -308,7 +308,7 @@ TEST(test_replay) {
   open_world(spec, 3, 2);
   w.cfg.steps = 5;
   run_well();
-  for (int e = 0; e < 3; e++) memcpy(direct[e], w.app.trainer.composites[e].px, sizeof direct[e]);
+  for (int e = 0; e < 3; e++) memcpy(direct[e], w.app.trainer.measurements[e].px, sizeof direct[e]);
   world_close(&w);
   if (!world_open_replay(&w, dir, 3, ~0u, 2)) fail_msg("%s", w.err.text);
   assert_int_equal(w.caps[0].format, SV_PIX_RGB16);
@@ -318,7 +318,7 @@ TEST(test_replay) {
   run_well();
   assert_int_equal(w.app.exposures.n, 3);
   for (int e = 0; e < 3; e++) // all 16 bits came back
-    assert_memory_equal(w.app.trainer.composites[e].px, direct[e], sizeof direct[e]);
+    assert_memory_equal(w.app.trainer.measurements[e].px, direct[e], sizeof direct[e]);
   double psnr = training_psnr();
   print_message("replayed: measurements %.2f dB\n", psnr);
   assert_true(psnr > 22.0); // measured: 24.1

@@ -111,7 +111,7 @@ TEST(test_footprints) {
   static const struct {
     int rows, cols, w, h;
     double overlap;
-    int m_max; // by hand
+    int max_overlap; // by hand
   } cases[] = {{4, 4, 400, 400, 1, 1},      {4, 4, 400, 400, 2, 4},   {4, 4, 400, 400, 1.67, 4},
                {4, 4, 320, 240, 2, 4},      {4, 4, 401, 399, 3, 9},   {2, 2, 400, 300, 4, 4},
                {1, 6, 600, 80, 2.5, 3},     {16, 16, 512, 512, 2, 4}, {9, 9, 512, 300, 1, 1},
@@ -121,7 +121,7 @@ TEST(test_footprints) {
     p.rows = cases[i].rows, p.cols = cases[i].cols, p.overlap = cases[i].overlap;
     sv_rig rig = build(&p);
     int n_lit, painted = painted_overlap(&rig, p.width_px, p.height_px, &n_lit);
-    assert_int_equal(painted, cases[i].m_max);
+    assert_int_equal(painted, cases[i].max_overlap);
     assert_int_equal(sv_device_largest_overlap(&rig, 0), painted);
     assert_int_equal(sv_device_largest_overlap(&rig, 1), 0);
     const sv_footprint *last = &rig.sub_views[rig.n_sub_views - 1].footprint; // little of the sensor is idle

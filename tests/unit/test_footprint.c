@@ -168,7 +168,7 @@ TEST(test_sum) {
   sv_footprint f[4];
   sv_footprint_stats st;
   float *truth = malloc(sizeof *truth * W * H), *sum = malloc(sizeof *sum * W * H);
-  float *want = calloc(W * H, sizeof *want), m_max, most = 0;
+  float *want = calloc(W * H, sizeof *want), max_overlap, most = 0;
   for (int m = 0; m < 4; m++) {
     lens l = lens_make(110 + 80 * (m & 1), 85 + 70 * (m >> 1), 60, 60);
     l.shot = 1.3e-4, l.read = 1.4e-7;
@@ -176,15 +176,16 @@ TEST(test_sum) {
     for (int i = 0; i < W * H; i++) want[i] += truth[i];
   }
   for (int i = 0; i < W * H; i++) most = want[i] > most ? want[i] : most;
-  assert_int_equal(sv_footprint_sum(f, 4, W, H, sum, &m_max, &err), SV_OK);
+  assert_int_equal(sv_footprint_sum(f, 4, W, H, sum, &max_overlap, &err), SV_OK);
   double error = 0;
   for (int i = 0; i < W * H; i++) error += (double)fabsf(sum[i] - want[i]) / (W * H);
-  print_message("sum of four: M_max %.3f, true %.3f, mean error %.5f\n", (double)m_max, (double)most, error);
-  assert_true(fabsf(m_max - most) <= 0.02f && error < 0.01);
+  print_message("sum of four: M_max %.3f, true %.3f, mean error %.5f\n", (double)max_overlap, (double)most,
+                error);
+  assert_true(fabsf(max_overlap - most) <= 0.02f && error < 0.01);
   f[2].coverage = NULL; // all of the rectangle
-  assert_int_equal(sv_footprint_sum(f, 4, W, H, sum, &m_max, &err), SV_OK);
+  assert_int_equal(sv_footprint_sum(f, 4, W, H, sum, &max_overlap, &err), SV_OK);
   assert_true(sum[f[2].y0_px * W + f[2].x0_px] >= 1);
-  assert_int_equal(sv_footprint_sum(f, 4, W - 90, H, sum, &m_max, &err), SV_E_RANGE);
+  assert_int_equal(sv_footprint_sum(f, 4, W - 90, H, sum, &max_overlap, &err), SV_E_RANGE);
   assert_non_null(strstr(err.text, "not on the sensor"));
   free(truth), free(sum), free(want);
 }

@@ -15,7 +15,7 @@ static _Alignas(64) uint8_t block[1 << 20];
 
 typedef struct {
   sv_lens lens;
-  sv_composite c;
+  sv_multiplexed c;
   sv_kernels k;
   sv_pool pool;
   sv_forward f;
@@ -37,8 +37,8 @@ static void make_world(world *w) {
   *w = (world){.lens = {.view = {.width_px = SIDE, .height_px = SIDE, .fx = SIDE, .fy = SIDE},
                         .footprint = {.width_px = SIDE, .height_px = SIDE}},
                .region = {0, 0, SIDE, SIDE}};
-  w->c =
-      (sv_composite){.width_px = SIDE, .height_px = SIDE, .n_lenses = 1, .lenses = &w->lens, .m_max = 1.0f};
+  w->c = (sv_multiplexed){
+      .width_px = SIDE, .height_px = SIDE, .n_lenses = 1, .lenses = &w->lens, .max_overlap = 1.0f};
   sv_kernels_init(&w->k, SV_ISA_BIT(SV_ISA_REF));
   w->pool = sv_pool_serial();
   sv_forward_cfg fc = {.cap_width_px = SIDE, .cap_height_px = SIDE, .n_threads = 1};
@@ -51,7 +51,7 @@ static void make_world(world *w) {
     for (int x = 0; x < SIDE; x++)
       for (int k = 0; k < 3; k++)
         w->rgb.c[k][y * w->rgb.stride + x] = LEVEL, w->g.c[k][y * w->g.stride + x] = 1.0f;
-  assert_true(sv_composite_crop(&w->c, 0, &w->region, &w->crop));
+  assert_true(sv_multiplexed_crop(&w->c, 0, &w->region, &w->crop));
 }
 
 static void predict(world *w, uint32_t key) {

@@ -26,7 +26,7 @@ static void open_trainer(void) {
   pool = sv_pool_serial();
   sv_kernels_init(&kernels, ~0u);
   cfg.n_gaussians = 4;
-  cfg.cap_views = 0, cfg.cap_composites = 1, cfg.region_px = REGION_PX;
+  cfg.cap_views = 0, cfg.cap_measurements = 1, cfg.region_px = REGION_PX;
   cfg.cap_regions = sv_train_n_regions(90, 70, REGION_PX);
   cfg.cap_width_px = cfg.cap_height_px = 64;
   if (sv_trainer_init(&t, &cfg, (sv_compute){&kernels, &pool}, &a, &err) < 0) fail_msg("%s", err.text);
@@ -36,13 +36,13 @@ static void open_trainer(void) {
     pose.t[0] = 0.3 * (i - 2), pose.t[1] = 0.1 * i, pose.t[2] = 4;
     lens[i] = (sv_lens){sv_view_make(w, h, 40, 42, 0.5 * w, 0.5 * h, &pose), {5 * i, 3 * i, w, h, NULL}};
   }
-  sv_composite c = {90, 70, N_LENSES, lens, N_LENSES, true};
-  if (sv_train_add_composite(&t, &c, measured, &err) < 0) fail_msg("%s", err.text);
+  sv_multiplexed c = {90, 70, N_LENSES, lens, N_LENSES, true};
+  if (sv_train_add_measurement(&t, &c, measured, &err) < 0) fail_msg("%s", err.text);
 }
 
 static void check_cover(int width_px, int height_px, float jx, float jy) {
   static unsigned char seen[200][200];
-  sv_train_composite c = {.model = {.width_px = width_px, .height_px = height_px}};
+  sv_train_measurement c = {.model = {.width_px = width_px, .height_px = height_px}};
   memset(seen, 0, sizeof seen);
   t.jitter[0] = jx, t.jitter[1] = jy;
   int n = sv_train_n_regions(width_px, height_px, t.cfg.region_px);

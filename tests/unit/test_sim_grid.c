@@ -18,11 +18,11 @@ static void make(const char *spec) {
   if (sv_sim_init(&sim, &cfg, &arena, &err) < 0) fail_msg("%s: %s", spec, err.text);
 }
 
-// A composite is the linear sum of its lens images over the largest overlap, whatever the grid.
-TEST(test_composites_of_any_grid) {
+// A multiplexed measurement is the linear sum of its lens images over the largest overlap, whatever the grid.
+TEST(test_measurements_of_any_grid) {
   static const struct {
     const char *spec;
-    int n_lenses, m_max;
+    int n_lenses, max_overlap;
   } cases[] = {{"textured,rig=multiplexed,frames=1,size=96x72,grid=2x3,overlap=1.5", 6, 4},
                {"textured,rig=multiplexed,frames=1,size=96x72,grid=3x3,overlap=3", 9, 9},
                {"textured,rig=multiplexed,frames=1,size=96x72,grid=1x4,overlap=1", 4, 1}};
@@ -50,7 +50,7 @@ TEST(test_composites_of_any_grid) {
     assert_int_equal(src.dequeue(src.self, &f, sim.now_ns + SV_NS_PER_S), SV_OK);
     double worst = 0;
     for (int i = 0; i < 96 * 72 * 3; i++) {
-      double lin = sum[i] / cases[k].m_max;
+      double lin = sum[i] / cases[k].max_overlap;
       double enc = lin <= 0.0031308 ? 12.92 * lin : 1.055 * pow(lin, 1 / 2.4) - 0.055;
       worst = fmax(worst, fabs((f.data[2 * i] | f.data[2 * i + 1] << 8) / 65535.0 - enc));
     }
@@ -59,6 +59,6 @@ TEST(test_composites_of_any_grid) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_composites_of_any_grid)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_measurements_of_any_grid)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

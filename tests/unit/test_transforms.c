@@ -78,12 +78,12 @@ TEST(test_everything) {
   f = &frames[2];
   assert_int_equal(sv_transforms_finish(f, 640, 480, &err), SV_OK);
   assert_true(f->model.kind == SV_MODEL_OPENCV5 && f->model.p[0] == 300 && f->model.p[8] == 0.2);
-  sv_transforms_composite c;
-  assert_int_equal(sv_transforms_find_composite(&t, false, 0, &c, &err), SV_OK);
+  sv_transforms_measurement c;
+  assert_int_equal(sv_transforms_find_measurement(&t, false, 0, &c, &err), SV_OK);
   assert_string_equal(c.file_path, "c0.png");
-  assert_int_equal(c.m_max, 4);
-  assert_int_equal(sv_transforms_find_composite(&t, false, 1, &c, &err), SV_END);
-  assert_int_equal(sv_transforms_find_composite(&t, true, 0, &c, &err), SV_END);
+  assert_int_equal(c.max_overlap, 4);
+  assert_int_equal(sv_transforms_find_measurement(&t, false, 1, &c, &err), SV_END);
+  assert_int_equal(sv_transforms_find_measurement(&t, true, 0, &c, &err), SV_END);
   assert_int_equal(sv_transforms_read(&t, frames, 2, &err), SV_E_NOMEM);
 }
 
@@ -172,10 +172,10 @@ TEST(test_datasets) {
   assert_int_equal(frames_of("tests/data/kitchen/transforms_test_near.json", 0), 6);
   assert_true(frames[0].depth_kind == SV_DEPTH_Z && fabs(frames[0].depth_unit - 1.0 / 8000) < 1e-12);
   assert_int_equal(frames_of("tests/data/kitchen/transforms_train_multiplexed_theta10.json", 0), 16);
-  sv_transforms_composite c;
+  sv_transforms_measurement c;
   for (int is_linear = 0; is_linear < 2; is_linear++) {
-    assert_int_equal(sv_transforms_find_composite(&t, is_linear, 0, &c, &err), SV_OK);
-    assert_int_equal(c.m_max, 4);
+    assert_int_equal(sv_transforms_find_measurement(&t, is_linear, 0, &c, &err), SV_OK);
+    assert_int_equal(c.max_overlap, 4);
   }
   assert_true(frames[15].footprint.x0_px == 240 && frames[15].footprint.y0_px == 240);
 }

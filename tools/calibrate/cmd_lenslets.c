@@ -354,7 +354,7 @@ static void report(lab_report *r, const job *j) {
   lab_report_int(r, "exposures", j->lenses.n_exposures);
   lab_report_num(r, "rotation_sd_deg", j->rotation_sd_deg);
   lab_report_num(r, "focal_sd_px", j->focal_sd_px);
-  lab_report_num(r, "largest_overlap", j->lenses.m_max);
+  lab_report_num(r, "largest_overlap", j->lenses.max_overlap);
   lab_report_array(r, "lenses");
   for (int i = 0; i < j->lenses.n_lenses; i++) {
     const cal_lens *l = &j->lenses.lenses[i];
@@ -398,7 +398,8 @@ static sv_status finish(job *j, sv_err *err) {
           "degrees",
           j->rms_px, j->n_used, j->o->board ? "corners" : "features", j->lenses.n_exposures, j->focal_sd_px,
           j->rotation_sd_deg);
-  lab_say(se, "%d lenses, up to %.2f of them in one pixel", j->lenses.n_lenses, (double)j->lenses.m_max);
+  lab_say(se, "%d lenses, up to %.2f of them in one pixel", j->lenses.n_lenses,
+          (double)j->lenses.max_overlap);
   for (int i = 0; i < j->advice.n; i++) se->console.log(se->console.self, SV_LOG_WARN, j->advice.text[i]);
   sv_status s = write_rig(j, err);
   if (s == SV_OK) s = sv_path_join(path, sizeof path, j->o->out, "calibration.json", err);

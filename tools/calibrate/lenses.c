@@ -124,7 +124,7 @@ static sv_status read_white(cal_lenses *l, const cal_options *o, sv_err *err) {
   sv_footprint *f = malloc((size_t)l->n_lenses * sizeof *f);
   if (!sum || !f) s = sv_fail(err, SV_E_NOMEM, "%s: no memory for the sum of footprints", o->white);
   for (int i = 0; i < l->n_lenses && f; i++) f[i] = l->lenses[i].footprint;
-  if (s == SV_OK) s = sv_footprint_sum(f, l->n_lenses, l->width_px, l->height_px, sum, &l->m_max, err);
+  if (s == SV_OK) s = sv_footprint_sum(f, l->n_lenses, l->width_px, l->height_px, sum, &l->max_overlap, err);
   free(sum), free(f);
   return s;
 }

@@ -20,7 +20,7 @@ typedef struct {
 typedef struct {
   int n_lenses, n_exposures, width_px, height_px; // of the sensor
   cal_lens *lenses;
-  float m_max;                // lenses that meet in a pixel at most
+  float max_overlap;          // lenses that meet in a pixel at most
   const lab_session *session; // tells of a request to stop
 } cal_lenses;
 

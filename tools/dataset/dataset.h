@@ -38,7 +38,7 @@ typedef struct {
 // What one sensor with overlapping lens images measured in one exposure (measurement.h).
 typedef struct {
   char path[SV_CAP_PATH];
-  int exposure, m_max, n_lenses;
+  int exposure, max_overlap, n_lenses;
   int width_px, height_px; // of the sensor
   bool is_linear;
 } lab_measurement;

@@ -6,16 +6,16 @@
 
 static sv_status find_one(lab_measurement *m, const sv_transforms *t, const char *folder, bool is_white,
                           sv_err *err) {
-  sv_transforms_composite c;
+  sv_transforms_measurement c;
   lab_peek peek;
   m->is_linear = !is_white;
-  sv_status s = sv_transforms_find_composite(t, m->is_linear, m->exposure, &c, err);
+  sv_status s = sv_transforms_find_measurement(t, m->is_linear, m->exposure, &c, err);
   if (s == SV_END) {
     m->is_linear = !m->is_linear;
-    s = sv_transforms_find_composite(t, m->is_linear, m->exposure, &c, err);
+    s = sv_transforms_find_measurement(t, m->is_linear, m->exposure, &c, err);
   }
   if (s != SV_OK) return s;
-  m->m_max = c.m_max;
+  m->max_overlap = c.max_overlap;
   s = sv_path_join(m->path, sizeof m->path, folder, c.file_path, err);
   if (s == SV_OK && !sv_path_exists(m->path))
     s = sv_fail(err, SV_E_NOT_FOUND, "%s: the measurement is missing (named by the transforms file)",
@@ -58,21 +58,21 @@ sv_status lab_measurements_find(lab_views *v, const sv_transforms *t, const char
   return SV_OK;
 }
 
-sv_status lab_measurement_lenses(const lab_views *v, int i_measurement, sv_lens *out, sv_composite *model,
+sv_status lab_measurement_lenses(const lab_views *v, int i_measurement, sv_lens *out, sv_multiplexed *model,
                                  sv_err *err) {
   const lab_measurement *m = &v->measurements[i_measurement];
   int n = 0;
   for (int i = 0; i < v->n; i++)
     if (v->frames[i].i_measurement == i_measurement)
       out[n++] = (sv_lens){v->frames[i].view, v->frames[i].f.footprint};
-  *model = (sv_composite){.width_px = m->width_px,
-                          .height_px = m->height_px,
-                          .n_lenses = n,
-                          .lenses = out,
-                          .m_max = (float)m->m_max,
-                          .is_linear = m->is_linear};
+  *model = (sv_multiplexed){.width_px = m->width_px,
+                            .height_px = m->height_px,
+                            .n_lenses = n,
+                            .lenses = out,
+                            .max_overlap = (float)m->max_overlap,
+                            .is_linear = m->is_linear};
   sv_err why;
-  sv_status s = sv_composite_check(model, &why);
+  sv_status s = sv_multiplexed_check(model, &why);
   return s == SV_OK ? s : sv_fail(err, s, "%s: %s", m->path, why.text);
 }
 

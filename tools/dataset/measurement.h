@@ -18,7 +18,7 @@ static inline size_t lab_measurement_values(const lab_measurement *m) {
   return 3 * (size_t)m->width_px * (size_t)m->height_px;
 }
 // Its lenses into out[m->n_lenses]. E_RANGE for footprints that do not fit.
-sv_status lab_measurement_lenses(const lab_views *v, int i_measurement, sv_lens *out, sv_composite *model,
+sv_status lab_measurement_lenses(const lab_views *v, int i_measurement, sv_lens *out, sv_multiplexed *model,
                                  sv_err *err) SV_MUST_USE;
 // 8 or 16 bits become display values of 65535; dst[height][width][3].
 sv_status lab_measurement_load(const lab_measurement *m, uint16_t *dst, sv_err *err) SV_MUST_USE;

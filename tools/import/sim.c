@@ -83,7 +83,7 @@ static void stop(job *j) {
 // --- transforms ----------------------------------------------------------------------------------
 
 // The sensor's measurement of each exposure, where lens images overlap.
-static void put_composites(job *j) {
+static void put_measurements(job *j) {
   fprintf(j->f, " \"composites_linear\": [");
   for (int e = 0; e < j->sim.cfg.n_exposures; e++)
     fprintf(j->f, "%s{\"exposure\": %d, \"file_path\": \"train/%s/e%02d_composite.png\", \"M_max\": %d}",
@@ -92,7 +92,7 @@ static void put_composites(job *j) {
 }
 
 // One of that name which is there already goes: its pictures are about to be replaced.
-static sv_status open_transforms(job *j, const char *name, bool has_composites) {
+static sv_status open_transforms(job *j, const char *name, bool has_measurements) {
   char path[SV_CAP_PATH];
   sv_status s = sv_path_join(path, sizeof path, j->out, name, j->err);
   if (s < 0) return s;
@@ -104,7 +104,7 @@ static sv_status open_transforms(job *j, const char *name, bool has_composites) 
   (void)remove(path);
   j->n_written = 0;
   fprintf(j->f, "{\"camera_model\": \"OPENCV\", \"depth_unit_scale_factor\": %.17g,\n", DEPTH_UNIT);
-  if (has_composites) put_composites(j);
+  if (has_measurements) put_measurements(j);
   fprintf(j->f, " \"frames\": [\n");
   return SV_OK;
 }

@@ -220,9 +220,9 @@ static sv_status add_measurements(run *r, sv_err *err) {
   sv_lens *lenses = r->plan.lenses;
   for (int i = 0; i < r->views.n_measurements; i++) {
     const lab_measurement *m = &r->views.measurements[i];
-    sv_composite model;
+    sv_multiplexed model;
     sv_status s = lab_measurement_lenses(&r->views, i, lenses, &model, err);
-    if (s == SV_OK) s = sv_train_add_composite(&r->plan.trainer, &model, r->plan.measurements[i], err);
+    if (s == SV_OK) s = sv_train_add_measurement(&r->plan.trainer, &model, r->plan.measurements[i], err);
     if (s != SV_OK) return s;
     lenses += m->n_lenses;
   }

@@ -42,7 +42,7 @@ static sv_status carve(lab_plan *p, lab_session *s, const lab_views *v, const sv
 static void size_caps(sv_train_cfg *cfg, const lab_views *v) {
   int side = v->n_measurements ? cfg->region_px : 0;
   cfg->cap_views = 0;
-  cfg->cap_composites = v->n_measurements;
+  cfg->cap_measurements = v->n_measurements;
   cfg->cap_regions = 0;
   cfg->cap_width_px = cfg->cap_height_px = side;
   cfg->cap_pixels = side ? sv_plane_floats(side, side) : 0;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "src/capture/composites.h"
+#include "src/capture/measurements.h"
 
 #include <string.h>
 
@@ -14,27 +14,27 @@ static sv_footprint footprint_of(const sv_sub_view *v) {
   return f;
 }
 
-bool sv_composites_has_lens(const sv_rig *rig, int i_camera) {
+bool sv_measurements_has_lens(const sv_rig *rig, int i_camera) {
   for (int i = 0; i < rig->n_sub_views; i++)
     if (rig->sub_views[i].i_camera == i_camera) return true;
   return false;
 }
 
-int sv_composites_n_sensors(const sv_rig *rig, int n_cameras) {
+int sv_measurements_n_sensors(const sv_rig *rig, int n_cameras) {
   int n = 0;
-  for (int c = 0; c < n_cameras; c++) n += sv_composites_has_lens(rig, c);
+  for (int c = 0; c < n_cameras; c++) n += sv_measurements_has_lens(rig, c);
   return n;
 }
 
 // --- start ---------------------------------------------------------------------------------------
 
-static void carve(sv_composites *c, const sv_composites_cfg *cfg, sv_arena *a) {
-  int n = sv_composites_n_sensors(cfg->rig, cfg->n_cameras), i = 0, i_lens = 0, widest = 0;
+static void carve(sv_measurements *c, const sv_measurements_cfg *cfg, sv_arena *a) {
+  int n = sv_measurements_n_sensors(cfg->rig, cfg->n_cameras), i = 0, i_lens = 0, widest = 0;
   c->n_sensors = n;
   c->sensor = SV_TAKE(a, sv_sensor, n);
   c->exposure_values = 0;
   for (int cam = 0; cam < cfg->n_cameras; cam++) {
-    if (!sv_composites_has_lens(cfg->rig, cam)) continue;
+    if (!sv_measurements_has_lens(cfg->rig, cam)) continue;
     sv_sensor s = {.i_camera = cam,
                    .width_px = cfg->caps[cam].width_px,
                    .height_px = cfg->caps[cam].height_px,
@@ -52,7 +52,7 @@ static void carve(sv_composites *c, const sv_composites_cfg *cfg, sv_arena *a) {
 }
 
 // The lenses of all sensors as they are in one exposure.
-static void place(const sv_composites *c, sv_lens *lens, const sv_exposure *exposure) {
+static void place(const sv_measurements *c, sv_lens *lens, const sv_exposure *exposure) {
   const sv_rig *rig = c->cfg.rig;
   for (int s = 0; s < c->n_sensors; s++)
     for (int i = 0; i < rig->n_sub_views; i++) {
@@ -80,7 +80,7 @@ static sv_status check_lens(const sv_rig *rig, const sv_sub_view *v, sv_err *err
 }
 
 // Slot 0 stands for all of them here: footprints do not move.
-static sv_status measure(sv_composites *c, sv_err *err) {
+static sv_status measure(sv_measurements *c, sv_err *err) {
   const sv_rig *rig = c->cfg.rig;
   const sv_exposure still = {.rig_from_world = sv_pose_identity()};
   sv_status s = SV_OK;
@@ -94,23 +94,24 @@ static sv_status measure(sv_composites *c, sv_err *err) {
   place(c, c->lens, &still);
   for (int i = 0; s >= 0 && i < c->n_sensors; i++) {
     sv_sensor *sensor = &c->sensor[i];
-    sv_composite model;
+    sv_multiplexed model;
     const uint16_t *px;
     sv_err why;
-    sensor->m_max = 1; // until the footprints are known to be on the sensor
-    sv_composites_get(c, 0, i, &model, &px);
-    s = sv_composite_check(&model, &why);
+    sensor->max_overlap = 1; // until the footprints are known to be on the sensor
+    sv_measurements_get(c, 0, i, &model, &px);
+    s = sv_multiplexed_check(&model, &why);
     if (s >= 0) {
-      model.m_max = sensor->m_max =
-          sv_composite_m_max(model.lenses, model.n_lenses, sensor->width_px, sensor->height_px, c->row);
-      s = sv_composite_check(&model, &why);
+      model.max_overlap = sensor->max_overlap = sv_multiplexed_max_overlap(
+          model.lenses, model.n_lenses, sensor->width_px, sensor->height_px, c->row);
+      s = sv_multiplexed_check(&model, &why);
     }
     if (s < 0) s = sv_fail(err, s, "rig \"%s\", camera %d: %s", rig->name, sensor->i_camera, why.text);
   }
   return s;
 }
 
-sv_status sv_composites_init(sv_composites *c, const sv_composites_cfg *cfg, sv_arena *arena, sv_err *err) {
+sv_status sv_measurements_init(sv_measurements *c, const sv_measurements_cfg *cfg, sv_arena *arena,
+                               sv_err *err) {
   memset(c, 0, sizeof *c);
   c->cfg = *cfg;
   carve(c, cfg, arena);
@@ -154,8 +155,8 @@ static sv_status check_frame(const sv_sensor *s, const sv_frame *f, sv_err *err)
   return SV_OK;
 }
 
-sv_status sv_composites_put(sv_composites *c, int i_slot, const sv_exposure *exposure, const sv_frame *frame,
-                            const sv_pool *pool, sv_err *err) {
+sv_status sv_measurements_put(sv_measurements *c, int i_slot, const sv_exposure *exposure,
+                              const sv_frame *frame, const sv_pool *pool, sv_err *err) {
   for (int i = 0; i < c->n_sensors; i++) {
     sv_status s = check_frame(&c->sensor[i], &frame[c->sensor[i].i_camera], err);
     if (s < 0) return s;
@@ -169,14 +170,14 @@ sv_status sv_composites_put(sv_composites *c, int i_slot, const sv_exposure *exp
   return SV_OK;
 }
 
-void sv_composites_get(const sv_composites *c, int i_slot, int i_sensor, sv_composite *model,
-                       const uint16_t **px) {
+void sv_measurements_get(const sv_measurements *c, int i_slot, int i_sensor, sv_multiplexed *model,
+                         const uint16_t **px) {
   const sv_sensor *s = &c->sensor[i_sensor];
   *px = c->px + (size_t)i_slot * c->exposure_values + s->at;
-  *model = (sv_composite){.width_px = s->width_px,
-                          .height_px = s->height_px,
-                          .n_lenses = s->n_lenses,
-                          .lenses = c->lens + (size_t)i_slot * (size_t)c->cfg.rig->n_sub_views + s->i_lens,
-                          .m_max = s->m_max,
-                          .is_linear = true}; // light adds up on a sensor
+  *model = (sv_multiplexed){.width_px = s->width_px,
+                            .height_px = s->height_px,
+                            .n_lenses = s->n_lenses,
+                            .lenses = c->lens + (size_t)i_slot * (size_t)c->cfg.rig->n_sub_views + s->i_lens,
+                            .max_overlap = s->max_overlap,
+                            .is_linear = true}; // light adds up on a sensor
 }
