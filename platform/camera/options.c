@@ -128,7 +128,7 @@ sv_status sv_camera_parse(const char *kind, const char *spec, sv_camera_options 
     p += n;
     if (!*p) break;
   }
-  if (!o->n_cameras) return sv_fail(err, SV_E_ARG, "%s: no camera is named, only options", kind);
+  if (!o->n_cameras) return sv_fail(err, SV_E_ARG, "%s: expected a camera before the options", kind);
   return SV_OK;
 }
 
@@ -183,7 +183,7 @@ bool sv_camera_jpeg_look(const uint8_t *p, size_t n, int *w, int *h, bool *has_e
     if (m == 0xda || m == 0xd9) return false;
     i += 2 + (size_t)(p[i + 2] << 8 | p[i + 3]);
   }
-  // Webcams pad their pictures with zeros.
+  // Webcams pad their images with zeros.
   while (n > 2 && p[n - 1] == 0) n--;
   *has_end = p[n - 2] == 0xff && p[n - 1] == 0xd9;
   return *w > 0 && *h > 0;

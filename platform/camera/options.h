@@ -1,23 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
-// What stands behind "v4l2:" and "libcamera:": a list of cameras, then options, separated by
-// commas.
-//   size=WxH          frames of this size (else what the camera is set to)
-//   format=FOURCC     pixel format by V4L2's name (YUYV, NV12, GREY, RG10, pRAA, MJPG, ...; else
-//                     the best one)
-//   fps=F             frames a second
+// The options after "v4l2:" and "libcamera:": a list of cameras, then options, separated by commas.
+//   size=WxH          frames of this size (default: the camera's current size)
+//   format=FOURCC     pixel format by V4L2's name (YUYV, NV12, GREY, RG10, pRAA, MJPG, ...;
+//                     default: the best)
+//   fps=F             frames per second
 //   buffers=N         frames of a camera that can be in use at once, 3..32 (8)
-//   exposure=US gain=N wb=K    fixed shutter time in microseconds, gain and colour temperature;
-//                              gain in the driver's
-//                     units (V4L2) or as a factor (libcamera)
-//   lock=on|off       exposure, gain and white balance hold still while the cameras run (on)
-//   settle=MS         the automatic controls' time to settle before they are locked (500)
-//   stall=MS          a camera without a frame for so long is started again (1000)
-//   clock=camera|monotonic|boottime|realtime, stamp=start|middle|end    what the stamps mean, if
-//   not as the driver says
-//   black=N red=F blue=F light=linear|display    of raw sensors: black level in samples, gains
-//                                                beside green, and
-//                     whether samples are light (Bayer) or display values (grey)
-//   dmabuf=on|off     V4L2 buffers are exported as DMABUF descriptors, too (off)
+//   exposure=US       fixed shutter time, microseconds
+//   gain=N            fixed gain, in the driver's units (V4L2) or as a factor (libcamera)
+//   wb=K              fixed color temperature, kelvin
+//   lock=on|off       lock exposure, gain and white balance while the cameras run (on)
+//   settle=MS         time for the automatic controls to settle before the lock (500)
+//   stall=MS          restart a camera that delivers no frame for this long (1000)
+//   clock=camera|monotonic|boottime|realtime    clock of the timestamps (default: as the driver
+//                                               says)
+//   stamp=start|middle|end                      instant of the timestamps (default: as the driver
+//                                               says)
+//   black=N red=F blue=F    of raw sensors: black level in samples, gains relative to green
+//   light=linear|display    whether samples are linear light (Bayer) or display values (grey)
+//   dmabuf=on|off     also export V4L2 buffers as DMABUF descriptors (off)
 //   sync=off|server|client     libcamera's rpi.sync between boards (off)
 #ifndef SV_PLATFORM_CAMERA_OPTIONS_H
 #define SV_PLATFORM_CAMERA_OPTIONS_H
@@ -39,9 +39,9 @@ typedef enum { SV_RPI_SYNC_OFF = 0, SV_RPI_SYNC_SERVER, SV_RPI_SYNC_CLIENT } sv_
 typedef struct {
   int n_cameras;
   char name[SV_CAMERA_CAP_CAMERAS][SV_CAMERA_CAP_NAME]; // "/dev/video0"; "0" or libcamera's id
-  int width_px, height_px;                              // 0: the camera's own
+  int width_px, height_px;                              // 0: the camera's default
   char format[5];                                       // "": the best
-  double fps;                                           // 0: the camera's own
+  double fps;                                           // 0: the camera's default
   int n_buffers;
   sv_ns exposure_ns; // 0: not given
   double gain;       // negative: not given
@@ -60,7 +60,7 @@ sv_camera_options sv_camera_defaults(void);
 // `kind` ("v4l2") is for sentences. E_ARG with one.
 sv_status sv_camera_parse(const char *kind, const char *spec, sv_camera_options *out,
                           sv_err *err) SV_MUST_USE;
-// The tone of a format under these options: Bayer samples are light unless told otherwise.
+// The tone of a format under these options: Bayer samples are linear light by default.
 sv_raw_tone sv_camera_tone(const sv_camera_options *o, sv_pixel_format f);
 
 // --- events of cameras, a ring -------------------------------------------------------------------
@@ -68,20 +68,20 @@ sv_raw_tone sv_camera_tone(const sv_camera_options *o, sv_pixel_format f);
 typedef struct {
   sv_camera_event event[SV_CAMERA_CAP_EVENTS];
   int i_first, n;
-  uint64_t count[SV_N_CAMERA_EVENTS]; // since the start, overwritten ones included
+  uint64_t count[SV_N_CAMERA_EVENTS]; // since the start, including overwritten events
   uint64_t n_starved[SV_CAMERA_CAP_CAMERAS];
-  sv_ns starved_ns[SV_CAMERA_CAP_CAMERAS]; // when it was said last
+  sv_ns starved_ns[SV_CAMERA_CAP_CAMERAS]; // when it was reported last
 } sv_camera_events;
 
 void sv_camera_events_add(sv_camera_events *e, sv_camera_event_kind kind, int i_camera, sv_ns host_ns,
                           int64_t detail);
-// STARVED, said once a second at most: a busy reader would have it with each frame.
+// Reports STARVED at most once a second: a busy reader would cause one per frame.
 void sv_camera_events_starved(sv_camera_events *e, int i_camera, sv_ns host_ns);
 // AGAIN: none
 sv_status sv_camera_events_pop(sv_camera_events *e, sv_camera_event *out) SV_MUST_USE;
 
-// Size of a baseline or progressive JPEG by its header, and whether its end marker is there. False:
-// not a JPEG.
+// Size of a baseline or progressive JPEG by its header, and whether its end marker is present.
+// False: not a JPEG.
 bool sv_camera_jpeg_look(const uint8_t *data, size_t bytes, int *width_px, int *height_px, bool *has_end);
 
 #ifdef __cplusplus

@@ -21,8 +21,8 @@ static sv_status check(const sv_tiled *t, const sv_camera_caps *c, sv_err *err) 
   if (p->layout == SV_LAYOUT_CODED) step_x = step_y = 1;
   int w = c->width_px / t->cols, h = c->height_px / t->rows;
   if (c->width_px % t->cols || c->height_px % t->rows || w % step_x || h % step_y)
-    return sv_fail(err, SV_E_ARG, "tiles=%dx%d: %s delivers %dx%d px in %s, which do not divide so", t->cols,
-                   t->rows, c->name, c->width_px, c->height_px, p->name);
+    return sv_fail(err, SV_E_ARG, "tiles=%dx%d: %s delivers %dx%d px in %s, which cannot be divided this way",
+                   t->cols, t->rows, c->name, c->width_px, c->height_px, p->name);
   return SV_OK;
 }
 
@@ -62,7 +62,7 @@ static sv_status tiled_caps(void *self, int i, sv_camera_caps *out) {
   return SV_OK;
 }
 
-// Cuts tile i_tile out of the picture.
+// Cuts tile i_tile out of the image.
 static void cut(const sv_tiled *t, const sv_frame *whole, int i_tile, sv_frame *f) {
   *f = *whole;
   f->width_px = whole->width_px / t->cols;
@@ -82,7 +82,7 @@ static void cut(const sv_tiled *t, const sv_frame *whole, int i_tile, sv_frame *
     f->chroma_stride_bytes = whole->chroma ? whole->chroma_stride_bytes : whole->stride_bytes;
     f->chroma = chroma + (size_t)(y / 2) * (size_t)f->chroma_stride_bytes + (size_t)x;
   }
-  if (at > whole->data_bytes) at = whole->data_bytes; // a short picture, which is flagged
+  if (at > whole->data_bytes) at = whole->data_bytes; // a short image, which is flagged
   f->data = whole->data + at;
   f->data_bytes = whole->data_bytes - at < bytes ? whole->data_bytes - at : bytes;
 }
@@ -116,7 +116,7 @@ static sv_status tiled_requeue(void *self, const sv_frame *f) {
     return SV_E_ARG;
   int i_inner = f->i_camera / n, i_tile = f->i_camera % n;
   uint16_t *l = loan(t, i_inner, f->i_buffer), bit = (uint16_t)(1u << i_tile);
-  // A tile that has yet to be handed out cannot come back.
+  // A tile that is not delivered yet cannot come back.
   bool is_ahead =
       t->has_frame && t->frame.i_camera == i_inner && t->frame.i_buffer == f->i_buffer && i_tile >= t->i_tile;
   if (!(*l & bit) || is_ahead) return SV_E_ARG;

@@ -7,7 +7,7 @@
 
 #define MAX_SIDE_PX 32768
 
-// Working memory of one picture. libjpeg keeps rows: at most 3 channels, 2 lines of MCUs (16 rows
+// Working memory of one image. libjpeg keeps rows: at most 3 channels, 2 lines of MCUs (16 rows
 // each) with context, twice (decoded and upsampled), about 200 bytes a column; tables and derived
 // tables are under 128 KiB. libpng keeps two rows of up to 8 bytes a pixel, zlib's window and state
 // are 40 KiB, or 270 KiB for writing. The unit
@@ -16,7 +16,7 @@ static size_t block_bytes(const sv_codec_cfg *cfg) {
   size_t w = ((size_t)cfg->max_width_px + 31) & ~(size_t)31,
          h = ((size_t)cfg->max_height_px + 31) & ~(size_t)31;
   size_t bytes = (size_t)(384 << 10) + 256 * w;
-  // coefficients of three full channels, row pointers
+  // coefficients of three full channels, and row pointers
   if (cfg->has_progressive) bytes += w * h * 6 + 64 * h;
   return bytes;
 }
@@ -52,8 +52,8 @@ sv_status sv_codec_init(sv_codec *c, const sv_codec_cfg *cfg, sv_arena *arena) {
   }
   sv_status s = sv_jpeg_open(c);
   if (s < 0) return s;
-  // At its first use libjpeg-turbo reads about the processor, into memory from the heap: now, not
-  // while cameras run.
+  // At its first use libjpeg-turbo detects the processor with heap memory: do it now, not while
+  // cameras run.
   uint8_t px[3] = {0}, out[2048];
   sv_picture dot = {.width_px = 1, .height_px = 1, .stride_bytes = 3, .format = SV_PIX_RGB8, .data = px};
   size_t bytes;
@@ -107,7 +107,7 @@ sv_status sv_codec_probe(const uint8_t *p, size_t n, sv_codec_info *out, sv_err 
   static const uint8_t png[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
   if (n >= 8 && !memcmp(p, png, 8)) return probe_png(p, n, out, err);
   if (n >= 3 && p[0] == 0xff && p[1] == 0xd8 && p[2] == 0xff) return probe_jpeg(p, n, out, err);
-  return sv_fail(err, SV_E_FORMAT, "picture: the file is neither JPEG nor PNG by its first bytes");
+  return sv_fail(err, SV_E_FORMAT, "image: the file is neither JPEG nor PNG by its first bytes");
 }
 
 sv_status sv_codec_decode(sv_codec *c, const uint8_t *data, size_t bytes, const sv_picture *out,

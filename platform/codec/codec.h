@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// JPEG and PNG through libjpeg and libpng without heap: both libraries get a memory manager over
-// one fixed block that is emptied after each picture. Only sv_codec_init lets libjpeg take a few
-// small blocks from the heap (its two codec objects, once), which sv_codec_close gives back.
-// One codec serves one thread. It must not move between init and close.
+// JPEG and PNG through libjpeg and libpng, without heap.
+// Owns one fixed block, which both libraries use through a memory manager and which is emptied
+// after each image. One codec serves one thread and must not move between init and close. Never
+// calls the heap after init: only sv_codec_init lets libjpeg take a few small blocks (its two codec
+// objects), which sv_codec_close returns.
 #ifndef SV_PLATFORM_CODEC_CODEC_H
 #define SV_PLATFORM_CODEC_CODEC_H
 
@@ -18,15 +19,15 @@ extern "C" {
 #endif
 
 typedef struct {
-  int max_width_px, max_height_px; // larger pictures are refused with E_RANGE
-  bool has_progressive;            // also progressive JPEG and interlaced PNG: these need the whole
-                                   // picture's coefficients (6 bytes a pixel) in the block
+  int max_width_px, max_height_px; // larger images are E_RANGE
+  bool has_progressive;            // also progressive JPEG and interlaced PNG: these need the
+                                   // coefficients of the whole image (6 bytes a pixel) in the block
 } sv_codec_cfg;
 
 typedef struct {
   sv_codec_cfg cfg;
   void *state;    // libjpeg's objects, in the arena
-  uint8_t *block; // [block_bytes] working memory of one picture
+  uint8_t *block; // [block_bytes] working memory of one image
   size_t block_bytes, used_bytes, high_bytes;
 } sv_codec;
 
@@ -41,27 +42,27 @@ size_t sv_codec_bytes(const sv_codec_cfg *cfg); // 0 when cfg is out of range (1
 sv_status sv_codec_init(sv_codec *c, const sv_codec_cfg *cfg, sv_arena *arena) SV_MUST_USE;
 void sv_codec_close(sv_codec *c);
 
-// What a picture is, by its header alone; needs no codec. E_FORMAT when it is neither JPEG nor PNG,
-// or cut before its size is told.
+// Describes an image from its header alone; needs no codec. E_FORMAT when it is neither JPEG nor
+// PNG, or truncated before its size.
 sv_status sv_codec_probe(const uint8_t *data, size_t bytes, sv_codec_info *out, sv_err *err) SV_MUST_USE;
 
-// The picture to be filled: width_px x height_px of the file must agree (E_RANGE otherwise).
+// The image to fill: width_px x height_px must agree with the file (E_RANGE otherwise).
 typedef struct {
   int width_px, height_px;
   size_t stride_bytes;    // at least width * pixel size
-  sv_pixel_format format; // what decode_* turn the file into, see there
+  sv_pixel_format format; // see decode_* below
   uint8_t *data;          // [height][stride]
 } sv_picture;
 
-// format: RGB8 or GREY8. A picture with damaged data is decoded as far as possible and E_CORRUPT is
-// returned (extra bytes between segments, which many webcams send, are no damage).
+// format: RGB8 or GREY8. A damaged image is decoded as far as possible and E_CORRUPT is returned.
+// Extra bytes between segments, which many webcams send, are not damage.
 sv_status sv_codec_decode_jpeg(sv_codec *c, const uint8_t *data, size_t bytes, const sv_picture *out,
                                sv_err *err) SV_MUST_USE;
 // format: GREY8, RGB8, RGBA8 (alpha 255 when the file has none), RGB16 (grey is repeated, so 16-bit
-// depth maps come through whole). RGB8 and GREY8 drop alpha, they do not composite.
+// depth maps keep all bits). RGB8 and GREY8 drop alpha without blending.
 sv_status sv_codec_decode_png(sv_codec *c, const uint8_t *data, size_t bytes, const sv_picture *out,
                               sv_err *err) SV_MUST_USE;
-// Either, by the first bytes.
+// Either format, by the first bytes.
 sv_status sv_codec_decode(sv_codec *c, const uint8_t *data, size_t bytes, const sv_picture *out,
                           sv_err *err) SV_MUST_USE;
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Inside of the codec: the block both libraries work in, and the state that lives in the arena.
+// Inside the codec: the block both libraries work in, and the state that lives in the arena.
 #ifndef SV_PLATFORM_CODEC_CODEC_MEM_H
 #define SV_PLATFORM_CODEC_CODEC_MEM_H
 
@@ -17,9 +17,9 @@ typedef struct {
   struct jpeg_memory_mgr *heap_mem; // libjpeg's own, for init and close
   jmp_buf exit;
   sv_codec *codec;
-  int n_damages; // warnings that mean lost picture data
+  int n_damages; // warnings that mean lost image data
   char text[JMSG_LENGTH_MAX];
-  struct jvirt_barray_control *virt_arrays; // coefficient arrays asked for, not yet made
+  struct jvirt_barray_control *virt_arrays; // coefficient arrays requested, not yet allocated
 } sv_jpeg_common;
 
 typedef struct {
@@ -38,10 +38,10 @@ typedef struct {
 typedef struct {
   sv_jpeg_decoder dec;
   sv_jpeg_encoder enc;
-  bool has_dec, has_enc; // made, to be destroyed
+  bool has_dec, has_enc; // created, must be destroyed
 } sv_codec_state;
 
-void *sv_codec_block_take(sv_codec *c, size_t bytes); // NULL when the block is used up
+void *sv_codec_block_take(sv_codec *c, size_t bytes); // NULL when the block is exhausted
 void sv_jpeg_errors_init(sv_jpeg_common *j, j_common_ptr cinfo, sv_codec *c);
 void sv_jpeg_mem_init(sv_jpeg_common *j, j_common_ptr cinfo);
 sv_status sv_jpeg_open(sv_codec *c);

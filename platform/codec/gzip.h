@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// gzip through zlib, for files that are handed out. These calls use the heap: not for the runtime.
+// gzip through zlib, for exported files. These calls use the heap: not for the runtime.
 #ifndef SV_PLATFORM_CODEC_GZIP_H
 #define SV_PLATFORM_CODEC_GZIP_H
 
@@ -18,7 +18,7 @@ typedef struct {
   size_t bytes;
 } sv_piece;
 sv_status sv_gzip(const sv_piece *piece, int n_pieces, uint8_t **out, size_t *bytes, sv_err *err) SV_MUST_USE;
-// Back, at most cap bytes (E_RANGE beyond: a small file must not fill the memory).
+// Decompresses at most cap bytes; E_RANGE beyond, so that a small file cannot fill the memory.
 sv_status sv_gunzip(const char *name, const uint8_t *data, size_t n, size_t cap, uint8_t **out, size_t *bytes,
                     sv_err *err) SV_MUST_USE;
 

@@ -38,7 +38,7 @@ void sv_jpeg_errors_init(sv_jpeg_common *j, j_common_ptr cinfo, sv_codec *c) {
 }
 
 // --- open and close ------------------------------------------------------------------------------
-// The objects are made once with libjpeg's own manager; from then on it only sees the block.
+// The objects are created once with libjpeg's own memory manager; later it only uses the block.
 sv_status sv_jpeg_open(sv_codec *c) {
   sv_codec_state *s = state(c);
   memset(s, 0, sizeof *s);
@@ -74,8 +74,7 @@ void sv_jpeg_close(sv_codec *c) {
 // --- decoding ------------------------------------------------------------------------------------
 static void source_nothing(j_decompress_ptr d) { (void)d; }
 
-// The data is all there is. An end-of-image marker lets libjpeg finish what it has; it then counts
-// as damaged.
+// At the end of the data, an end-of-image marker lets libjpeg finish; the image counts as damaged.
 static boolean source_at_end(j_decompress_ptr d) {
   static const JOCTET end[2] = {0xff, JPEG_EOI};
   WARNMS(d, JWRN_JPEG_EOF);
@@ -94,13 +93,13 @@ static void source_skip(j_decompress_ptr d, long n) {
   d->src->bytes_in_buffer -= (size_t)n;
 }
 
-// A progressive file may hold thousands of tiny scans that each cost a pass over the picture.
+// A progressive file may hold thousands of tiny scans, each of which costs a pass over the image.
 static void limit_scans(j_common_ptr cinfo) {
   if (cinfo->is_decompressor && ((j_decompress_ptr)cinfo)->input_scan_number > 100)
     ERREXIT(cinfo, JERR_BAD_PROGRESSION);
 }
 
-// Tables of the picture before must not help out in this one: their memory is used anew.
+// Tables of the previous image must not apply to this one: their memory is reused.
 static void decoder_begin(sv_codec *c, const uint8_t *data, size_t bytes) {
   sv_jpeg_decoder *j = &state(c)->dec;
   c->used_bytes = 0;
@@ -124,10 +123,10 @@ static void decoder_begin(sv_codec *c, const uint8_t *data, size_t bytes) {
 static sv_status check_header(sv_codec *c, const sv_picture *out, sv_err *err) {
   struct jpeg_decompress_struct *d = &state(c)->dec.d;
   if ((int)d->image_width != out->width_px || (int)d->image_height != out->height_px)
-    return sv_fail(err, SV_E_RANGE, "JPEG: the picture is %ux%u, expected %dx%d", d->image_width,
+    return sv_fail(err, SV_E_RANGE, "JPEG: the image is %ux%u, expected %dx%d", d->image_width,
                    d->image_height, out->width_px, out->height_px);
   if ((d->progressive_mode || jpeg_has_multiple_scans(d)) && !c->cfg.has_progressive)
-    return sv_fail(err, SV_E_UNSUPPORTED, "JPEG: it is progressive, expected a baseline picture");
+    return sv_fail(err, SV_E_UNSUPPORTED, "JPEG: it is progressive, expected a baseline image");
   if (d->num_components != 1 && d->num_components != 3)
     return sv_fail(err, SV_E_UNSUPPORTED, "JPEG: it has %d channels, expected 1 or 3", d->num_components);
   return SV_OK;
@@ -199,7 +198,7 @@ static void encoder_begin(sv_codec *c, uint8_t *out, size_t cap) {
   c->used_bytes = 0;
   j->common.virt_arrays = NULL;
   j->common.text[0] = 0;
-  j->c.comp_info = NULL; // these were in the block of the picture before
+  j->c.comp_info = NULL; // these were in the block of the previous image
   j->c.script_space = NULL;
   for (int i = 0; i < NUM_QUANT_TBLS; i++) j->c.quant_tbl_ptrs[i] = NULL;
   for (int i = 0; i < NUM_HUFF_TBLS; i++) j->c.dc_huff_tbl_ptrs[i] = j->c.ac_huff_tbl_ptrs[i] = NULL;
@@ -225,7 +224,7 @@ sv_status sv_codec_encode_jpeg(sv_codec *c, const sv_picture *in, int quality, b
   if (setjmp(j->common.exit)) {
     bool is_full = j->c.err->msg_code == JERR_BUFFER_SIZE;
     jpeg_abort_compress(&j->c);
-    if (is_full) return sv_fail(err, SV_E_FULL, "JPEG: the picture does not fit into %zu bytes", cap);
+    if (is_full) return sv_fail(err, SV_E_FULL, "JPEG: the image does not fit into %zu bytes", cap);
     return sv_fail(err, SV_E_FORMAT, "JPEG: %s", j->common.text);
   }
   encode_rows(c, in, quality, is_full_colour);

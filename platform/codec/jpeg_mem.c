@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// libjpeg's memory manager over the codec's block. Everything is taken in order and nothing is
-// given back before the picture is done, so both of libjpeg's pools are the same block.
+// libjpeg's memory manager over the codec's block. Memory is taken in order and nothing is freed
+// before the image is done, so both of libjpeg's pools are the same block.
 #include <stdlib.h>
 #include <string.h>
 
@@ -53,8 +53,8 @@ static JBLOCKARRAY take_barray(j_common_ptr cinfo, int pool_id, JDIMENSION width
   return rows;
 }
 
-// Sample arrays of a whole picture serve colour quantisation and full-picture buffers, which are
-// not used.
+// Sample arrays of a whole image serve color quantization and full-image buffers, which are not
+// used.
 static jvirt_sarray_ptr want_sarray(j_common_ptr cinfo, int pool_id, boolean is_zeroed, JDIMENSION width,
                                     JDIMENSION n_rows, JDIMENSION n_access) {
   (void)pool_id, (void)is_zeroed, (void)width, (void)n_rows, (void)n_access;
@@ -82,7 +82,7 @@ static void realize(j_common_ptr cinfo) {
   for (jvirt_barray_ptr v = common(cinfo)->virt_arrays; v; v = v->next) {
     if (v->rows) continue;
     v->rows = take_barray(cinfo, JPOOL_IMAGE, v->n_blocks, v->n_rows);
-    // Zeroed in any case: a damaged file may leave parts unwritten, and they are shown.
+    // Always zeroed: a damaged file may leave parts unwritten that are visible.
     memset(v->rows[0], 0, (size_t)v->n_blocks * v->n_rows * sizeof(JBLOCK));
   }
 }
@@ -96,7 +96,7 @@ static JBLOCKARRAY access_barray(j_common_ptr cinfo, jvirt_barray_ptr v, JDIMENS
 
 static void free_pool(j_common_ptr cinfo, int pool_id) {
   (void)pool_id;
-  common(cinfo)->virt_arrays = NULL; // the block itself is emptied when the next picture begins
+  common(cinfo)->virt_arrays = NULL; // the block itself is emptied when the next image begins
 }
 
 static void self_destruct(j_common_ptr cinfo) { (void)cinfo; }

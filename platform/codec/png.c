@@ -65,12 +65,12 @@ static sv_status read_picture(reader_t *r, const sv_picture *out, sv_err *err) {
   png_structp png = r->png;
   png_set_read_fn(png, r, png_take_data);
   png_set_user_limits(png, (png_uint_32)r->codec->cfg.max_width_px, (png_uint_32)r->codec->cfg.max_height_px);
-  png_set_chunk_malloc_max(png, 64u << 10); // texts and profiles are of no use here
+  png_set_chunk_malloc_max(png, 64u << 10); // texts and profiles are not used
   png_set_chunk_cache_max(png, 8);
   png_read_info(png, r->info);
   int w = (int)png_get_image_width(png, r->info), h = (int)png_get_image_height(png, r->info);
   if (w != out->width_px || h != out->height_px)
-    return sv_fail(err, SV_E_RANGE, "PNG: the picture is %dx%d, expected %dx%d", w, h, out->width_px,
+    return sv_fail(err, SV_E_RANGE, "PNG: the image is %dx%d, expected %dx%d", w, h, out->width_px,
                    out->height_px);
   bool is_interlaced = png_get_interlace_type(png, r->info) != PNG_INTERLACE_NONE;
   set_transforms(r, out->format);
@@ -102,6 +102,6 @@ sv_status sv_codec_decode_png(sv_codec *c, const uint8_t *data, size_t bytes, co
   r->png = png_create_read_struct_2(PNG_LIBPNG_VER_STRING, r, png_fail, png_warn, r, png_take, png_give);
   if (r->png) r->info = png_create_info_struct(r->png);
   if (!r->info) return sv_fail(err, SV_E_NOMEM, "PNG: the codec's fixed block is too small");
-  // Nothing to destroy: all of it, zlib's window too, lies in the block.
+  // Nothing to destroy: everything, zlib's window included, lies in the block.
   return read_picture(r, out, err);
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// PNG out, for what must come back bit for bit: measurements of shared sensors, coverage pictures.
+// PNG output, for data that must return bit for bit: measurements of shared sensors, coverage
+// images.
 #include "platform/codec/codec_mem.h"
 
 #include <png.h>
@@ -7,7 +8,7 @@
 
 #include "src/base/str.h"
 
-// Sensor pictures are noisy in their low bytes: a higher level takes several times as long for some
+// Sensor images are noisy in their low bytes: a higher level takes several times as long for a few
 // percent.
 #define LEVEL 2
 
@@ -89,13 +90,13 @@ sv_status sv_codec_encode_png(sv_codec *c, const sv_picture *in, uint8_t *out, s
   w->out = out;
   w->cap = cap;
   if (setjmp(w->exit)) {
-    if (w->is_full) return sv_fail(err, SV_E_FULL, "PNG: the picture does not fit into %zu bytes", cap);
+    if (w->is_full) return sv_fail(err, SV_E_FULL, "PNG: the image does not fit into %zu bytes", cap);
     return sv_fail(err, SV_E_FORMAT, "PNG: %s", w->text);
   }
   w->png = png_create_write_struct_2(PNG_LIBPNG_VER_STRING, w, png_fail, png_warn, w, png_take, png_give);
   if (w->png) w->info = png_create_info_struct(w->png);
   if (!w->info) return sv_fail(err, SV_E_NOMEM, "PNG: the codec's fixed block is too small");
-  write_picture(w, in); // nothing to destroy: all of it lies in the block
+  write_picture(w, in); // nothing to destroy: everything lies in the block
   *bytes = w->pos;
   return SV_OK;
 }

@@ -56,7 +56,7 @@ static int known_index(const PixelFormat &p) {
   return -1;
 }
 
-// Its news would stand between our lines; whoever wants them sets the variable.
+// libcamera's log would interleave with ours; set the variable to see it.
 static void quieten() { setenv("LIBCAMERA_LOG_LEVELS", "*:ERROR", 0); }
 
 // --- opening -------------------------------------------------------------------------------------
@@ -65,12 +65,11 @@ static std::shared_ptr<Camera> find_camera(sv_libcamera *s, const char *name, sv
   long long i;
   if (sv_parse_int(name, strlen(name), &i)) {
     if (i >= 0 && i < static_cast<long long>(all.size())) return all[static_cast<size_t>(i)];
-    sv_fail(err, SV_E_NOT_FOUND, "libcamera: there is no camera %s; %d were found", name,
-            static_cast<int>(all.size()));
+    sv_fail(err, SV_E_NOT_FOUND, "libcamera: no camera %s; found %d", name, static_cast<int>(all.size()));
     return nullptr;
   }
   auto camera = s->manager->get(name);
-  if (!camera) sv_fail(err, SV_E_NOT_FOUND, "libcamera: there is no camera \"%s\"", name);
+  if (!camera) sv_fail(err, SV_E_NOT_FOUND, "libcamera: no camera \"%s\"", name);
   return camera;
 }
 
@@ -97,7 +96,7 @@ static sv_status configure(sv_libcamera *s, Cam *c, const char *name, sv_err *er
   if (!c->config || c->config->size() != 1)
     return sv_fail(err, SV_E_UNSUPPORTED, "libcamera:%s: it has no stream for video", name);
   StreamConfiguration &sc = c->config->at(0);
-  bool is_again = c->i_format >= 0; // back after a fault: only what was agreed on will do
+  bool is_again = c->i_format >= 0; // back after a fault: only the negotiated format is accepted
   int k = choose_format(sc, is_again ? known[c->i_format].name : o.format);
   int want_w = is_again ? c->caps.width_px : o.width_px, want_h = is_again ? c->caps.height_px : o.height_px;
   if (k < 0)
@@ -214,7 +213,7 @@ static sv_clock_id stamp_clock() {
   return d_ns < SV_NS_PER_MS ? SV_CLOCK_MONOTONIC : SV_CLOCK_BOOTTIME;
 }
 
-// By name: releases and builds differ in whether they have it, and in how their headers say so.
+// By name: releases and builds differ in whether they have it and in how their headers declare it.
 static unsigned id_of(const char *name) {
   for (const auto &c : controls::controls)
     if (c.second->name() == name) return c.second->id();
@@ -229,7 +228,7 @@ static sv_status check_controls(const sv_libcamera *s, const Cam *c, const char 
                         : o.white_k > 0                                       ? "wb="
                         : o.is_exported                                       ? "dmabuf="
                                                                               : nullptr;
-  if (missing) return sv_fail(err, SV_E_UNSUPPORTED, "libcamera:%s: this cannot be set: %s", name, missing);
+  if (missing) return sv_fail(err, SV_E_UNSUPPORTED, "libcamera:%s: unsupported setting: %s", name, missing);
   const ControlInfoMap &m = c->camera->controls();
   if (o.sync != SV_RPI_SYNC_OFF && (!s->sync_mode_id || m.find(s->sync_mode_id) == m.end()))
     return sv_fail(err, SV_E_UNSUPPORTED, "libcamera:%s: no rpi.sync with libcamera %d.%d.%d (sync=)", name,

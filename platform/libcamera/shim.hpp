@@ -39,7 +39,7 @@ using libcamera::Request;
 using libcamera::Stream;
 
 // --- one camera ----------------------------------------------------------------------------------
-// Orphan: on loan, of a camera that is gone; only its pictures are left.
+// Orphan: on loan from a camera that is gone; only its images remain.
 enum class RequestState { Empty, Idle, Queued, Done, OnLoan, Orphan };
 
 struct Mapping {
@@ -63,17 +63,17 @@ struct Cam {
   std::shared_ptr<Camera> camera;
   std::unique_ptr<CameraConfiguration> config;
   std::optional<FrameBufferAllocator> allocator;
-  // frames of before a fault may still be on loan
+  // frames from before a fault may still be on loan
   std::array<Slot, 2 * SV_CAMERA_CAP_BUFFERS> slots;
-  std::string id; // to know it again
-  // agreed on, with the size in caps; -1: not yet
+  std::string id; // identifies the camera after a fault
+  // negotiated, with the size in caps; -1: not yet
   int i_format = -1;
   Stream *stream = nullptr;
   sv_camera_caps caps = {};
   int stride_bytes = 0;
   bool is_streaming = false, is_lost = false, has_failed = false, is_gone = false, is_starved = false;
-  bool is_away = false;  // was lost, and has not delivered since
-  bool is_wrong = false; // came back with another format; said once
+  bool is_away = false;  // lost, and has not delivered since
+  bool is_wrong = false; // came back with another format; reported once
   sv_ns lost_ns = 0, retry_ns = 0;
   int64_t frame_us = 0;   // length of its frames, for the next request
   bool is_synced = true;  // rpi.sync has said so, or is off
@@ -95,16 +95,16 @@ struct sv_libcamera {
   sv_clock clock = {};
   std::vector<std::unique_ptr<Cam>> cams;
   bool is_running = false;
-  sv_ns looked_ns = 0;                          // when somebody last asked for frames
+  sv_ns looked_ns = 0;                          // last dequeue
   unsigned sync_mode_id = 0, sync_ready_id = 0; // of rpi.sync; 0: this libcamera has none
   sv_camera_events events = {};
   std::mutex mutex; // of the slots' states and arrivals, and of is_gone
   std::condition_variable arrived;
 };
 
-// Takes a camera into use as told, or as agreed on before. On failure it is let go again.
+// Opens a camera as configured, or as negotiated before. On failure it is released.
 sv_status sv_libcamera_attach(sv_libcamera *s, Cam *c, std::shared_ptr<Camera> camera, sv_err *err);
-// Lets it go; frames on loan become orphans, whose pictures stay.
+// Releases the camera; frames on loan become orphans, whose images stay valid.
 void sv_libcamera_detach(Cam *c);
 void sv_libcamera_free_slot(Slot *slot);
 size_t sv_libcamera_plane_bytes(const Cam *c, int rows); // up to the last pixel of the last row

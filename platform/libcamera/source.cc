@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// libcamera, at work: requests out and in, stalls, and the source's calls.
+// libcamera at work: requests out and in, stalls, and the source's calls.
 #include <cerrno>
 #include <chrono>
 #include <cstring>
@@ -10,10 +10,10 @@ using namespace libcamera;
 
 #define RETRY_NS       (20 * SV_NS_PER_MS) // while libcamera does not know it
 #define LATER_RETRY_NS (200 * SV_NS_PER_MS)
-#define MOST_GAP_NS    (200 * SV_NS_PER_MS) // between two looks
+#define MAX_GAP_NS     (200 * SV_NS_PER_MS) // between two looks
 
 // --- one camera ----------------------------------------------------------------------------------
-// On libcamera's thread: only notes it.
+// Runs on libcamera's thread: only records the completion.
 void Cam::requestDone(Request *request) {
   sv_ns t_ns = now(owner);
   std::lock_guard<std::mutex> lock(owner->mutex);
@@ -32,13 +32,12 @@ void Cam::disconnected() {
 
 // controls::rpi::SyncMode: 0 off, 1 server, 2 client.
 static void set_sync(const sv_libcamera *s, ControlList *list) {
-  // else open has looked whether there is such a control
+  // otherwise open has checked for this control
   if (s->cfg.sync == SV_RPI_SYNC_OFF) return;
   list->set(s->sync_mode_id, ControlValue(static_cast<int32_t>(s->cfg.sync == SV_RPI_SYNC_SERVER ? 1 : 2)));
 }
 
-// Values that are given, or that the automatic control has found, and no automatic control from
-// here on.
+// Fixes the given values, or those found by the automatic controls, and switches these off.
 static void set_fixed(const sv_libcamera *s, const Cam *c, ControlList *list) {
   int32_t us = s->cfg.exposure_ns > 0 ? static_cast<int32_t>(s->cfg.exposure_ns / 1000) : c->exposure_us;
   float gain = s->cfg.gain >= 0 ? static_cast<float>(s->cfg.gain) : c->gain;
@@ -95,7 +94,7 @@ static void stream_off(Cam *c) {
   c->is_streaming = false;
 }
 
-// Lets it go, to be looked for again.
+// Releases the camera; it will be looked up again.
 static void lose(sv_libcamera *s, Cam *c) {
   sv_ns t_ns = now(s);
   if (!c->is_away) {
@@ -109,18 +108,18 @@ static void lose(sv_libcamera *s, Cam *c) {
   sv_libcamera_detach(c);
 }
 
-// libcamera makes a new object of a camera that was plugged in again; its id, which tells the
-// place, is the same.
+// libcamera makes a new object of a camera that was plugged in again; its id, which names the port,
+// is the same.
 static void reopen(sv_libcamera *s, Cam *c) {
   sv_err err;
   sv_camera_caps before = c->caps;
   c->retry_ns = now(s) + RETRY_NS;
   auto camera = s->manager->get(c->id);
   if (!camera) return;
-  // where it is there and cannot be used, libcamera says so each time
+  // a camera that is present but unusable makes libcamera log at each attempt
   c->retry_ns = now(s) + LATER_RETRY_NS;
   sv_status r = sv_libcamera_attach(s, c, std::move(camera), &err);
-  c->caps = before; // what the runtime was told at the start must hold
+  c->caps = before; // the caps given to the runtime must not change
   if (r == SV_E_RANGE && !c->is_wrong) {
     c->is_wrong = true;
     sv_camera_events_add(&s->events, SV_CAMERA_WRONG_SIZE, c->i_camera, now(s),
@@ -137,11 +136,11 @@ static void reopen(sv_libcamera *s, Cam *c) {
                        static_cast<int64_t>(c->n_restarts));
 }
 
-// While nobody looked, no camera was silent: a host that was held up finds its frames waiting.
+// A busy host does not count as a stall: its frames are waiting.
 static void mind_absence(sv_libcamera *s) {
   sv_ns t_ns = now(s), gap_ns = t_ns - s->looked_ns;
   for (auto &c : s->cams)
-    if (gap_ns > MOST_GAP_NS) c->last_frame_ns += gap_ns - MOST_GAP_NS;
+    if (gap_ns > MAX_GAP_NS) c->last_frame_ns += gap_ns - MAX_GAP_NS;
   s->looked_ns = t_ns;
 }
 
@@ -187,7 +186,7 @@ static void give_back(sv_libcamera *s, Cam *c, Slot *slot) {
   if (queue(c, slot) < 0) lose(s, c);
 }
 
-// What the automatic controls have come to, and whether rpi.sync has.
+// Records the values of the automatic controls and the state of rpi.sync.
 static void note_metadata(Cam *c, const ControlList &m) {
   if (auto v = m.get(controls::ExposureTime)) c->exposure_us = *v;
   if (auto v = m.get(controls::AnalogueGain)) c->gain = *v;
@@ -200,7 +199,7 @@ static void note_metadata(Cam *c, const ControlList &m) {
     c->is_synced = true;
 }
 
-// False: the frame is none to be handed out (a start-up frame, or rpi.sync is not ready).
+// False: do not deliver the frame (a start-up frame, or rpi.sync is not ready).
 static bool fill_frame(sv_libcamera *s, Cam *c, int i_slot, sv_frame *f) {
   Slot &slot = c->slots[static_cast<size_t>(i_slot)];
   const FrameMetadata &fm = slot.buffer->metadata();
@@ -262,7 +261,7 @@ static bool take_oldest(sv_libcamera *s, Cam **cam, int *i_slot) {
   return true;
 }
 
-// Until something has come, or 50 ms are over: stalls are looked at in between.
+// Waits for a completion, at most 50 ms: stalls are checked in between.
 static void wait_for_any(sv_libcamera *s, sv_ns until_ns) {
   sv_ns ns = until_ns - now(s);
   ns = ns < 0 ? 0 : ns > 50 * SV_NS_PER_MS ? 50 * SV_NS_PER_MS : ns;
@@ -319,7 +318,7 @@ static sv_status source_requeue(void *self, const sv_frame *f) {
       sv_libcamera_free_slot(slot);
       return SV_OK;
     }
-    if (slot->state != RequestState::OnLoan) return SV_E_ARG; // handed back twice, or never given
+    if (slot->state != RequestState::OnLoan) return SV_E_ARG; // returned twice, or never delivered
   }
   give_back(s, c, slot);
   return SV_OK;
@@ -340,7 +339,7 @@ static sv_status source_stop(void *self) {
   return SV_OK;
 }
 
-// The automatic controls settle on the scene, then what they have found is fixed.
+// Lets the automatic controls settle on the scene, then fixes their values.
 static void settle(sv_libcamera *s) {
   sv_ns end_ns = now(s) + s->cfg.settle_ns;
   bool has_auto = false;

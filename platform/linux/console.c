@@ -7,7 +7,7 @@
 #include "platform/linux/linux.h"
 #include "src/base/str.h"
 
-// The only global: a signal handler has no argument to find its context by.
+// The only global: a signal handler has no context argument.
 static volatile sig_atomic_t g_is_stop_requested;
 
 static void on_signal(int signo) {
@@ -65,8 +65,8 @@ void sv_linux_console_finish(sv_linux_console *c) {
   c->has_live_line = false;
 }
 
-// A connection that drops is told of more than once, by the shell and by the kernel: there, the
-// second signal is nobody who has lost patience. Under nohup it is ignored and stays so.
+// A dropped connection sends SIGHUP twice, from the shell and from the kernel, so the second one
+// does not end the program. Under nohup it stays ignored.
 static int catch_hangup(void) {
   struct sigaction a, before;
   memset(&a, 0, sizeof a);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The machine behind src/port/port.h on Linux: clock, threads, store, console. Every struct here is
-// owned by the caller; memory is taken from the system only in the open/start calls (thread
-// stacks), never afterwards. The structs must stay where they are while the port made from them is
-// in use.
+// The port on Linux: clock, threads, store and console behind src/port/port.h.
+// Every struct is the caller's and must not move while the port made from it is in use. Memory
+// comes from the system only in the open and start calls (thread stacks). Never allocates
+// afterwards.
 #ifndef SV_PLATFORM_LINUX_LINUX_H
 #define SV_PLATFORM_LINUX_LINUX_H
 
@@ -23,14 +23,12 @@ extern "C" {
 #endif
 
 // --- clock ---------------------------------------------------------------------------------------
-// CLOCK_MONOTONIC. sleep_until_ns returns early when a signal comes (so that Ctrl-C is seen at
-// once).
+// CLOCK_MONOTONIC. sleep_until_ns returns early on a signal, so that Ctrl-C acts at once.
 sv_clock sv_linux_clock(void);
 
 // --- memory --------------------------------------------------------------------------------------
-// Asks for pages of 2 MiB in a block that nobody has touched yet (transparent huge pages): what
-// goes over the whole block at every step then seldom waits for a page's address. A kernel that has
-// none goes on with its usual pages.
+// Asks for pages of 2 MiB (transparent huge pages) in a block that is not touched yet: passes over
+// the whole block then miss the TLB rarely. Without support the usual pages are used.
 void sv_linux_large_pages(void *block, size_t bytes);
 
 // --- threads -------------------------------------------------------------------------------------
@@ -41,19 +39,19 @@ typedef struct {
   sv_linux_pool *pool;
   pthread_t id;
   int i_thread;
-  // Tasks of the present job that are left of this thread's share: job << 32 | first << 16 | end.
-  // Its owner takes them from the front, a thread that is done with its own from the back.
+  // Remaining tasks of this thread's share of the current job: job << 32 | first << 16 | end. Its
+  // owner takes them from the front, other threads steal from the back.
   SV_LINUX_ATOMIC(uint64_t) left;
-  char apart[128 - 40]; // words of two threads on one line of the cache would slow both down
+  char padding[128 - 40]; // keeps the words of two threads off one cache line
 } sv_linux_worker;
 
 // One job at a time. A share's word holds the job's number beside its tasks, so a worker that wakes
-// late can never take a task of a job it did not read: no worker has to report in, and a sleeping
-// one costs the caller nothing but that its share is taken by the others.
+// late can never take a task of a job it did not read. No worker has to check in, and the share of
+// a sleeping worker is stolen by the others.
 struct sv_linux_pool {
   int n_threads;   // the caller included
-  int64_t spin_ns; // how long an idle thread looks before it sleeps
-  uint32_t n_jobs; // the caller's own
+  int64_t spin_ns; // how long an idle thread spins before it sleeps
+  uint32_t n_jobs; // private to the caller
   SV_LINUX_ATOMIC(sv_task_fn) fn;
   SV_LINUX_ATOMIC(void *) arg;
   SV_LINUX_ATOMIC(uint32_t) i_job; // changes with each job; idle workers sleep on it
@@ -62,8 +60,9 @@ struct sv_linux_pool {
   SV_LINUX_ATOMIC(bool) is_stopping;
   char apart[64];
   SV_LINUX_ATOMIC(uint32_t)
-  n_done; // tasks that threads which found no more have finished; the caller sleeps on it
-  SV_LINUX_ATOMIC(uint32_t) n_tasks;             // of the present job
+  n_done;                            // tasks finished by threads that found no more; the caller
+                                     // sleeps on it
+  SV_LINUX_ATOMIC(uint32_t) n_tasks; // of the current job
   SV_LINUX_ATOMIC(uint32_t) is_waited;           // the caller sleeps
   sv_linux_worker workers[SV_LINUX_CAP_THREADS]; // [0]: the caller
 };
@@ -76,7 +75,7 @@ sv_status sv_linux_pool_start(sv_linux_pool *p, int n_threads, int spin_us, sv_e
 sv_pool sv_linux_pool_port(sv_linux_pool *p);
 void sv_linux_pool_stop(sv_linux_pool *p); // joins the threads
 
-// One thread more, for the cameras. Its stack is taken from the system when it starts.
+// One more thread, for the cameras. Its stack comes from the system when it starts.
 typedef struct {
   pthread_t id;
   void (*fn)(void *arg);
@@ -91,7 +90,7 @@ sv_worker sv_linux_worker_port(sv_linux_background *b);
 
 typedef struct {
   int dir_fd, fd;               // -1: not open
-  char dir[SV_LINUX_CAP_PATH];  // for the sentences
+  char dir[SV_LINUX_CAP_PATH];  // for error messages
   char name[SV_LINUX_CAP_NAME]; // the file between begin and commit
   uint64_t n_bytes;             // written since begin
   sv_status status;             // first failure since begin; commit repeats it
@@ -115,7 +114,7 @@ typedef struct {
   int fd;        // 2: stderr
   bool is_quiet; // only errors and warnings
   bool is_terminal;
-  bool has_live_line; // an unfinished live line stands on the terminal
+  bool has_live_line; // an unfinished live line is on the terminal
   sv_ns live_period_ns, last_live_ns;
 } sv_linux_console;
 
@@ -129,7 +128,7 @@ void sv_linux_console_finish(sv_linux_console *c); // ends a live line
 // second one has its usual effect, so a hanging program can still be ended. SIGHUP sets it too,
 // however often it comes, unless it is ignored.
 sv_status sv_linux_catch_signals(sv_err *err) SV_MUST_USE;
-// From here on output that nobody reads any more is lost, instead of ending the program.
+// From here on, output without a reader is dropped instead of ending the program (SIGPIPE).
 void sv_linux_outlive_readers(void);
 void sv_linux_reset_stop(void); // clears the flag (tests; a second run in one process)
 

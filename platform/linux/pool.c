@@ -11,12 +11,12 @@
 
 // Core code keeps its frames under 4 KiB and does not recurse.
 #define STACK_BYTES (512u << 10)
-// Longer than the pieces of a training step that one thread does alone, and than its longest task
-// on a fast machine: to wake a sleeper takes 20 to 60 us.
+// Longer than the serial parts of a training step and its longest task on a fast machine: waking a
+// sleeper takes 20 to 60 us.
 #define SPIN_US 200
-// Looks at the time only every so many spins: reading the clock costs more than a look.
+// Spins between two readings of the clock, which cost more than a spin.
 #define SPINS_PER_LOOK 64
-// A task's number is 16 bits of a share's word; of longer jobs so many are run at a time.
+// A task number has 16 bits in a share's word; longer jobs run in pieces of this size.
 #define CAP_TASKS 65535
 
 static void relax(void) {
@@ -41,7 +41,7 @@ static void futex_wake(_Atomic uint32_t *word, int n) {
   syscall(SYS_futex, (uint32_t *)word, FUTEX_WAKE_PRIVATE, n, NULL, NULL, 0);
 }
 
-// Looks until *word differs from `seen` or the spin time is over; true when it changed.
+// Spins until *word differs from `seen` or the spin time is over; true when it changed.
 static bool spin_for_change(_Atomic uint32_t *word, uint32_t seen, int64_t spin_ns) {
   if (atomic_load_explicit(word, memory_order_acquire) != seen) return true;
   if (spin_ns <= 0) return false;
@@ -61,9 +61,8 @@ typedef struct {
   int i_task;
 } taken;
 
-// Takes a task of what is left of w's share: its first, or its last one. fn and arg are read before
-// the share's word is exchanged: if another job began in between, the exchange fails and what was
-// read is unused.
+// Takes the first or the last remaining task of w's share. fn and arg are read before the share's
+// word is exchanged: if another job began in between, the exchange fails and they are not used.
 static bool take(sv_linux_pool *p, sv_linux_worker *w, bool is_own, taken *t) {
   uint64_t left = atomic_load_explicit(&w->left, memory_order_acquire);
   for (;;) {
@@ -78,16 +77,16 @@ static bool take(sv_linux_pool *p, sv_linux_worker *w, bool is_own, taken *t) {
   }
 }
 
-// The thread's own share first: what it worked on in the last job is in its cache. Then what others
-// have left.
+// The thread's own share first: its data of the last job is in the cache. Then it steals from
+// others.
 static bool take_any(sv_linux_pool *p, int i_thread, taken *t) {
   for (int k = 0; k < p->n_threads; k++)
     if (take(p, &p->workers[(i_thread + k) % p->n_threads], k == 0, t)) return true;
   return false;
 }
 
-// Works until there are no tasks left. A job ends when all threads that did some of it have said so
-// here, so what is counted belongs to one job.
+// Works until no tasks remain. A job ends when all threads that took part have added their count
+// here, so the count belongs to one job.
 static void work(sv_linux_pool *p, int i_thread) {
   uint32_t n = 0;
   for (taken t; take_any(p, i_thread, &t); n++) t.fn(t.arg, t.i_task, i_thread);
@@ -99,7 +98,7 @@ static void work(sv_linux_pool *p, int i_thread) {
 static void *worker_main(void *arg) {
   sv_linux_worker *w = arg;
   sv_linux_pool *p = w->pool;
-  uint32_t seen = 0; // no job; what the pool is made of is not read before the first one
+  uint32_t seen = 0; // no job; the pool is not read before the first one
   atomic_fetch_add(&p->n_started, 1);
   futex_wake(&p->n_started, 1);
   for (;;) {
@@ -141,7 +140,7 @@ static void run_of_part(void *arg, int i_task, int i_thread) {
 
 static void run_some(sv_linux_pool *p, sv_task_fn fn, void *arg, int n_tasks) {
   const uint64_t i_job = ++p->n_jobs;
-  // all shares are empty: nobody uses these
+  // all shares are empty: nobody reads these
   atomic_store_explicit(&p->fn, fn, memory_order_relaxed);
   atomic_store_explicit(&p->arg, arg, memory_order_relaxed);
   atomic_store_explicit(&p->n_tasks, (uint32_t)n_tasks, memory_order_relaxed);
@@ -202,8 +201,7 @@ sv_status sv_linux_pool_start(sv_linux_pool *p, int n_threads, int spin_us, sv_e
     if (s == SV_OK) p->n_threads++;
   }
   pthread_sigmask(SIG_SETMASK, &old, NULL);
-  // What a thread does for itself at its start (a sanitizer's runtime takes memory) is over before
-  // we are.
+  // Wait until every thread has started: a sanitizer's runtime allocates at a thread's start.
   for (uint32_t seen; (seen = atomic_load(&p->n_started)) + 1 < (uint32_t)p->n_threads;)
     futex_wait(&p->n_started, seen);
   if (s == SV_OK) return s;

@@ -105,7 +105,7 @@ static sv_status store_write(void *self, const void *data, size_t bytes, sv_err 
     ssize_t n = write(s->fd, p, bytes);
     if (n < 0 && errno == EINTR) continue;
     if (n < 0) return store_failed(s, errno, err);
-    if (n == 0) return store_failed(s, EIO, err); // would turn the loop into an endless one
+    if (n == 0) return store_failed(s, EIO, err); // would loop forever
     p += n;
     bytes -= (size_t)n;
     s->n_bytes += (uint64_t)n;
@@ -132,7 +132,7 @@ static sv_status store_commit(void *self, sv_err *err) {
     unlinkat(s->dir_fd, tmp, 0);
     return status;
   }
-  // The new file is in place; what may be lost without this is only its name, at a power cut.
+  // The new file is in place; without this, a power cut could lose only its name.
   if (sync_fd(s->dir_fd) < 0)
     return sv_fail(err, SV_E_IO, "%s/%s: saved, but the folder could not be synced: %s", s->dir, s->name,
                    sv_linux_reason(errno));

@@ -4,8 +4,7 @@
 #include <sched.h>
 #include <signal.h>
 
-// Before everything else on the machine, where the system lets us: a frame that is not taken in
-// time is lost.
+// Highest priority, where the system permits it: a frame that is not fetched in time is lost.
 static void hurry(void) {
   const struct sched_param p = {.sched_priority = 1};
   (void)pthread_setschedparam(pthread_self(), SCHED_FIFO, &p);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A capture folder: what synchronized cameras delivered, as files. It plays back as a live source
-// (replay.h), `subview capture` writes it (capture_writer.h).
+// A capture folder: frames of synchronized cameras as files. It replays as a live source
+// (replay.h); `subview capture` writes it (capture_writer.h).
 //
 //   DIR/capture.json
 //   DIR/<folder of a camera>/<file of a frame>      JPEG or PNG
@@ -19,18 +19,16 @@
 //        "stamp": "start" | "middle" | "end",                           default "start"
 //        "frames": [
 //          {"file": "000000.jpg", "sequence": 0, "camera_ns": 100, "arrival_ns": 200,
-//          "exposure_ns": 0},
-//          ...                                    arrival_ns never decreases; sequence defaults to
-//                                                 the
-//        ]}, ...                                  place in the list, arrival_ns to camera_ns,
-//                                                 exposure_ns to 0
+//           "exposure_ns": 0}, ...
+//        ]}, ...
 //     ],
-//     "poses": [                                  optional, time_ns (host time, as arrival_ns)
-//                                                 increasing
+//     "poses": [                                  optional
 //       {"time_ns": 100, "rig_from_world": [qw,qx,qy,qz, tx,ty,tz]}, ...
 //     ]
 //   }
-// Times are whole nanoseconds. x_rig = R(q) x_world + t, metres.
+// arrival_ns never decreases. Defaults: sequence is the index in the list, arrival_ns is camera_ns,
+// exposure_ns is 0. Poses are in rising order of time_ns (host time, as arrival_ns). Times are
+// whole nanoseconds. x_rig = R(q) x_world + t, metres.
 #ifndef SV_PLATFORM_REPLAY_CAPTURE_H
 #define SV_PLATFORM_REPLAY_CAPTURE_H
 

@@ -16,7 +16,7 @@ typedef struct {
 
 static bool is(word w, const char *name) { return strlen(name) == w.n && memcmp(w.p, name, w.n) == 0; }
 
-// Cuts the text before the first `sep`; false when there was nothing left.
+// Splits off the text before the first `sep`; false when nothing is left.
 static bool next_word(word *rest, char sep, word *out) {
   if (!rest->p) return false;
   const char *hit = memchr(rest->p, sep, rest->n);
@@ -89,7 +89,7 @@ static sv_status unknown(sv_err *err, const char *what, word w, const char *cons
   char list[160];
   sv_str s = sv_str_make(list, sizeof list);
   for (int i = 0; i < n; i++) sv_str_add(&s, "%s%s", i ? ", " : "", names[i]);
-  return sv_fail(err, SV_E_NOT_FOUND, "sim: no %s called '%.*s'; there are %s", what,
+  return sv_fail(err, SV_E_NOT_FOUND, "sim: no %s called '%.*s'; available: %s", what,
                  (int)(w.n < 40 ? w.n : 40), w.p, list);
 }
 
@@ -127,7 +127,7 @@ static sv_status read_grid(sv_sim_config *c, word v, sv_err *err) {
   return ok ? SV_OK : bad(err, "grid", v, "ROWSxCOLS, 1 to 256 lenses");
 }
 
-// read:V:shot:V in either order; one may be left out.
+// read:V:shot:V in either order; one may be omitted.
 static sv_status read_noise(sv_sim_config *c, word v, sv_err *err) {
   word rest = v, name, value;
   while (next_word(&rest, ':', &name)) {
@@ -211,8 +211,8 @@ static sv_status read_option(sv_sim_config *c, word option, sv_err *err) {
   sv_str s = sv_str_make(list, sizeof list);
   sv_str_add(&s, "rig, size, seed, grid, path, poses, noise, fault");
   for (int i = 0; i < N_NUMBERS; i++) sv_str_add(&s, ", %s", NUMBERS[i].name);
-  return sv_fail(err, SV_E_NOT_FOUND, "sim: no option '%.*s'; there are %s", (int)(name.n < 20 ? name.n : 20),
-                 name.p, list);
+  return sv_fail(err, SV_E_NOT_FOUND, "sim: no option '%.*s'; available: %s",
+                 (int)(name.n < 20 ? name.n : 20), name.p, list);
 }
 
 sv_device_params sv_sim_device(const sv_sim_config *c) {
@@ -227,7 +227,7 @@ sv_device_params sv_sim_device(const sv_sim_config *c) {
                             .overlap = c->overlap};
 }
 
-// What no option has set is the device's.
+// Options that are not given default to the device's values.
 static void complete(sv_sim_config *c) {
   const sv_device_info *d = sv_device_info_of(c->rig);
   if (c->arc_deg < 0) c->arc_deg = SCENE_ARC_DEG[c->scene];

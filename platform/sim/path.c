@@ -1,20 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the rig is: once round the scene in n_exposures slots (or to and fro on a shorter arc),
-// rising and sinking between 10 and 50 degrees of elevation.
+// Trajectory of the rig: once around the scene in n_exposures slots (or back and forth on a shorter
+// arc), between 10 and 50 degrees of elevation.
 #include <math.h>
 
 #include "platform/sim/sim.h"
 #include "src/base/mathx.h"
 
 #define START_DEG      20.0 // azimuth of slot 0 of a full circle
-#define ARC_MIDDLE_DEG 45.0 // the open side of the scenes that have a back
+#define ARC_MIDDLE_DEG 45.0 // open side of the scenes with walls
 #define ELEVATION_DEG  30.0
 #define RISE_DEG       20.0
-#define WAVES          2.6   // rises a round: no small number of stops gets the same elevation twice
+#define WAVES          2.6   // oscillations per round: a small number of stops never repeats an
+                             // elevation
 #define GOLDEN         0.618 // a second round falls between the stops of the first
 #define HELDOUT_DEG    3.0
-#define SWAY_M         0.04 // of the hand, an axis
-#define AIM_M          0.08 // of the point it aims at
+#define SWAY_M         0.04 // sway of the hand, per axis
+#define AIM_M          0.08 // sway of the target point
 #define ROLL           0.03
 
 sv_ns sv_sim_slot_ns(const sv_sim *sim, int64_t slot) {
@@ -30,7 +31,7 @@ static int64_t slot_of(const sv_sim *sim, sv_ns host_ns) {
   return t < 0 ? 0 : t / sim->period_ns;
 }
 
-// What a hand adds: sums of slow swings, different for each axis.
+// Motion of a hand: sums of slow oscillations, different for each axis.
 static double sway(double t_s, double phase) {
   static const double hz[3] = {0.29, 0.71, 1.13}, share[3] = {0.55, 0.3, 0.15};
   double s = 0;

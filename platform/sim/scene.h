@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Analytic scenes: convex primitives with solid procedural textures, one sun, a sky, and motions.
-// Everything lies around the origin, z is up, lengths are metres. Objects fit a sphere of about 1
+// Scenes are centred at the origin, z is up, lengths are metres. Objects fit a sphere of about 1
 // m.
 #ifndef SV_SIM_SCENE_H
 #define SV_SIM_SCENE_H
@@ -49,7 +49,8 @@ typedef struct {
   float size_m[3];
   double r[9], centre_m[3]; // world_from_local at rest, r row-major
   int i_motion;             // -1: at rest
-  bool is_stage;            // floor or wall with everything on its sunny side: needs no shadow test
+  bool is_stage;            // floor or wall with all objects on its sunny side: needs no shadow
+                            // test
   sv_sim_material material;
 } sv_sim_prim;
 
@@ -59,7 +60,7 @@ typedef struct {
   sv_sim_motion motions[SV_SIM_CAP_MOTIONS];
   double to_sun[3]; // unit, world
   float sun, sky;   // irradiance factors; a white surface facing the sun shows sun + sky
-  double radius_m;  // of the sphere about the origin that holds what is worth reconstructing
+  double radius_m;  // of the sphere about the origin that bounds the scene
 } sv_sim_scene;
 
 typedef enum {

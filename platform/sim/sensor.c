@@ -10,11 +10,11 @@
 
 typedef struct {
   const sv_sim *sim;
-  uint8_t *rgb;   // top left pixel, or NULL
+  uint8_t *rgb;   // first pixel, or NULL
   float *depth_m; // the same, or NULL
   float *sum;     // the same: adds linear light instead of writing rgb, or NULL
   int stride_px;
-  int x0_px, y0_px; // place on the sensor, for the noise
+  int x0_px, y0_px; // position on the sensor, for the noise
   bool is_noisy;
   uint32_t camera_seed, slot;
 } canvas;
@@ -67,7 +67,8 @@ void sv_sim_render(sv_sim *sim, const sv_view *view, double time_s, uint8_t *rgb
   sv_sim_render_rows(sim, sim->shot, 0, view->height_px, rgb, depth_m);
 }
 
-// The multiplexed measurement: linear sum over the largest overlap, noise, 14 bits, sRGB in 16 bits.
+// The multiplexed measurement: linear sum over the largest overlap, noise, 14 bits, sRGB in 16
+// bits.
 static void put_measurement(const sv_sim *sim, const canvas *c, uint8_t *out) {
   float scale = 1.0f / (float)sim->largest_overlap;
   for (int y = 0; y < sim->cfg.height_px; y++)

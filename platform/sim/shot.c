@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Preparing a shot: poses, screen bounds and the shadow grid. Runs once a frame, in double.
+// Prepares a shot: poses, screen bounds and the shadow grid. Runs once a frame, in double.
 #include <math.h>
 #include <string.h>
 
@@ -7,7 +7,7 @@
 #include "src/base/rng.h"
 
 #define NEAR_M    0.05 // a primitive closer than this is taken to cover the whole image
-#define FINE_PX   2.0  // half width under which a part can slip between pixel centres
+#define FINE_PX   2.0  // parts with a smaller half width can fall between pixel centres
 #define MARGIN_PX 1.5
 
 static void extents(const sv_sim_prim *p, double e[3]) { // half sides of the box around it, local

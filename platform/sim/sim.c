@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The source: what the cameras send, when it arrives, and which buffers it finds.
+// The simulator's source: frames of the cameras, their arrival times and their buffers.
 #include "platform/sim/sim.h"
 
 #include <math.h>
@@ -8,7 +8,8 @@
 #include "src/base/mathx.h"
 #include "src/base/rng.h"
 
-#define LATE_NS (200 * SV_NS_PER_US) // a reordered frame or a second copy comes so long after the other one
+#define LATE_NS (200 * SV_NS_PER_US) // delay of a reordered frame or a second copy after the other
+                                     // one
 
 #define LINE_NS (10 * SV_NS_PER_US) // step in which a camera's frame length can be set
 
@@ -71,8 +72,7 @@ void sv_sim_scene_bounds(const sv_sim *s, double centre_m[3], double *radius_m) 
 
 // --- what a camera sends -------------------------------------------------------------------------
 
-// The fault of a kind that this camera has at this slot: kinds that last N frames match all of
-// them.
+// The fault of a kind for this camera at this slot: a fault of N frames matches all of them.
 static const sv_sim_fault *fault_at(const sv_sim *s, sv_sim_fault_kind kind, int i_camera, int64_t slot) {
   bool lasts = kind == SV_SIM_FAULT_ERROR || kind == SV_SIM_FAULT_DUP || kind == SV_SIM_FAULT_REORDER;
   for (int i = 0; i < s->cfg.n_faults; i++) {
@@ -83,8 +83,8 @@ static const sv_sim_fault *fault_at(const sv_sim *s, sv_sim_fault_kind kind, int
   return NULL;
 }
 
-// +1, -1, +1/2: rate errors of the cameras' oscillators, by which clocks and, apart from those,
-// frames go wrong.
+// +1, -1, +1/2: rate errors of the cameras' oscillators, for clocks and, independently, for frame
+// rates.
 static const double RATE_SHARE[SV_SIM_CAP_CAMERAS] = {1, -1, 0.5};
 
 static sv_ns true_time(const sv_sim *s, int i_camera, int64_t slot) {
@@ -126,7 +126,7 @@ static void skip_to(sv_sim_camera *c, int64_t slot) {
   c->next_slot = slot;
 }
 
-// Unplugged or stalled at this slot: skips the slots it sleeps through. False when it works.
+// Skips the slots of an unplugged or stalled camera. False when the camera works.
 static bool rest(sv_sim *s, int i_camera, sv_sim_camera *c) {
   const sv_sim_fault *gone = fault_at(s, SV_SIM_FAULT_UNPLUG, i_camera, c->next_slot);
   const sv_sim_fault *still = fault_at(s, SV_SIM_FAULT_STALL, i_camera, c->next_slot);
@@ -176,7 +176,7 @@ static void step_camera(sv_sim *s, int i_camera) {
   send(c, e);
 }
 
-// The earliest thing on its way, or NULL. Three pending per camera are enough to see past a
+// The earliest pending event, or NULL. Three pending per camera are enough to see past a
 // reordered frame, which comes just after the next slot's.
 static sv_sim_event *earliest(sv_sim *s, int *i_pending) {
   sv_sim_event *best = NULL;
@@ -332,7 +332,7 @@ static sv_status src_requeue(void *self, const sv_frame *frame) {
   sv_sim_camera *c = &s->cameras[frame->i_camera];
   uint32_t bit = 1u << frame->i_buffer;
   if (!(c->on_loan & bit)) return SV_E_ARG;
-  catch_up(s); // what arrived while the buffer was on loan did not find it free
+  catch_up(s); // events that arrived while the buffer was on loan did not get it
   c->on_loan &= ~bit;
   c->is_taken &= ~bit;
   return SV_OK;
@@ -345,8 +345,7 @@ static sv_status src_rig_pose(void *self, sv_ns host_ns, sv_pose *rig_from_world
   return SV_OK;
 }
 
-// As of a camera's own: what is on its way already keeps its length, and lengths come in lines of
-// 10 us.
+// As in a real camera: pending frames keep their length, and lengths come in lines of 10 us.
 static sv_status src_set_control(void *self, int i_camera, sv_control control, int64_t value,
                                  int64_t *actual) {
   sv_sim *s = self;

@@ -1,16 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// The simulator: a ray-traced scene, a rig that circles it, cameras with clocks of their own, and
-// faults, on a virtual clock. Everything is a function of the configuration and of time: the same
-// bits on every machine. All memory is carved from one arena at start.
+// The simulator: a ray-traced scene, a rig that circles it, cameras with their own clocks, and
+// faults, on a virtual clock. Owns frame buffers and scratch, carved from one arena at start.
+// Never reads a real clock: everything is a function of configuration and virtual time, with the
+// same bits on every machine.
 //
 // Time. Host time is the virtual clock's, in ns; scene time is (host - SV_SIM_EPOCH_NS) in seconds.
-// Slot k is the k-th period of the frame rate; its cameras expose at its middle, for an instant
-// (there is no motion blur; shutter_us only moves the arrival). With the default `step` trajectory
-// the rig stands still within a slot; with `path=smooth` it moves along the same path all the time,
-// with `path=handheld` a hand sways it besides: up to 7 cm and 1.5 degrees off the smooth path.
-// `poses=unknown` keeps its places secret. Space. World z is up, metres. The rig's frame is a
-// camera's (x right, y down, z forward) whose z axis meets the world's origin at SV_SIM_DISTANCE_M;
-// every sub-view is aimed at that point.
+// Slot k is the k-th period of the frame rate; its cameras expose at its middle, for an instant (no
+// motion blur; shutter_us only moves the arrival). With the default `step` trajectory the rig is
+// stationary within a slot; with `path=smooth` it moves continuously along the same path; with
+// `path=handheld` a hand adds up to 7 cm and 1.5 degrees. `poses=unknown` hides its poses.
+//
+// Space. World z is up, metres. The rig's frame is a camera's (x right, y down, z forward) whose z
+// axis meets the world's origin at SV_SIM_DISTANCE_M; every sub-view is aimed at that point.
 #ifndef SV_SIM_SIM_H
 #define SV_SIM_SIM_H
 
@@ -37,7 +38,7 @@ extern "C" {
 #define SV_SIM_CAP_PENDING 6
 #define SV_SIM_N_HELDOUT   8 // held-out views that a run's PSNR is the mean of
 
-// What can go wrong with one camera at one slot. `n` by kind, as below.
+// A fault of one camera at one slot. `n` depends on the kind, see faults.inc.
 typedef enum {
 #define X(id, name, default_n, text) SV_SIM_FAULT_##id,
 #include "platform/sim/faults.inc"
@@ -59,11 +60,11 @@ typedef struct {
   double overlap;           // side of a lens image / pitch
   double fps, angle_deg;    // angle: the rig's angular baseline as seen from the scene's centre
   int n_exposures;          // stops of one round of the trajectory
-  int n_frames;             // the cameras end after so many slots, 0 = never
+  int n_frames;             // the source ends after this many slots, 0 = never
   double arc_deg;           // azimuth covered by one round
-  bool is_smooth;           // moves all the time, not in steps
+  bool is_smooth;           // moves continuously, not in steps
   bool is_handheld;         // smooth, and swayed by a hand
-  bool has_unknown_poses;   // the source does not tell where the rig is
+  bool has_unknown_poses;   // the source does not tell the rig's pose
   uint32_t seed;
   double noise_read, noise_shot;    // variance = read + shot x in linear light; both 0: no noise
   double skew_us;                   // true delay of the last camera behind the first; the others in
@@ -86,7 +87,7 @@ typedef struct {
 // n_exposed = n_delivered + n_lost + n_starved + n_flushed + frames that wait for dequeue now.
 // Second copies (fault dup) count nowhere but in n_duplicates.
 typedef struct {
-  uint64_t n_exposed;    // frames the sensor took
+  uint64_t n_exposed;    // frames captured by the sensor
   uint64_t n_delivered;  // handed out by dequeue, first copies
   uint64_t n_duplicates; // second copies handed out
   uint64_t n_lost;       // on the link (drop=)
@@ -101,7 +102,7 @@ typedef enum {
   SV_SIM_EVENT_UNPLUGGED
 } sv_sim_event_kind;
 
-typedef struct { // something that reaches the host at arrival_ns
+typedef struct { // an event that reaches the host at arrival_ns
   sv_sim_event_kind kind;
   int i_camera, i_buffer;
   int64_t slot;
@@ -118,7 +119,7 @@ typedef struct {
   uint32_t next_sequence;
   bool is_ended;
   int n_pending;
-  sv_sim_event pending[SV_SIM_CAP_PENDING]; // on their way, not in order
+  sv_sim_event pending[SV_SIM_CAP_PENDING]; // pending, not in order
   uint32_t is_taken;                        // one bit a buffer: waiting or on loan
   uint32_t on_loan;
   uint8_t *buffers; // [n_buffers][frame_bytes]
@@ -146,7 +147,7 @@ typedef struct {
 sv_sim_config sv_sim_defaults(void);
 // Reads the part of a source string behind `sim:`, e.g.
 // "thin,rig=stereo,fps=15,fault=unplug:1:20+dup". On failure `out` is untouched and the sentence
-// lists what exists.
+// lists the alternatives.
 sv_status sv_sim_parse(sv_sim_config *out, const char *spec, sv_err *err) SV_MUST_USE;
 // One line a scene ("sim:textured  five solids ..."), then the options.
 void sv_sim_list(sv_str *out);
@@ -156,10 +157,9 @@ void sv_sim_list(sv_str *out);
 size_t sv_sim_bytes(const sv_sim_config *cfg);
 sv_status sv_sim_init(sv_sim *sim, const sv_sim_config *cfg, sv_arena *arena, sv_err *err) SV_MUST_USE;
 
-sv_source sv_sim_source(sv_sim *sim);        // frames: RGB8 sRGB; multiplexed: RGB16, sRGB-encoded sum of
-                                             // linear light
-sv_clock sv_sim_clock(sv_sim *sim);          // sleeping, and dequeue that waits, advance it; nothing else
-                                             // does
+// frames: RGB8 sRGB; multiplexed: RGB16, sRGB-encoded sum of linear light
+sv_source sv_sim_source(sv_sim *sim);
+sv_clock sv_sim_clock(sv_sim *sim);          // only sleeping and a waiting dequeue advance it
 const sv_rig *sv_sim_rig(const sv_sim *sim); // the true rig
 const sv_sim_counts *sv_sim_camera_counts(const sv_sim *sim, int i_camera);
 void sv_sim_scene_bounds(const sv_sim *sim, double centre_m[3], double *radius_m);
@@ -173,10 +173,10 @@ void sv_sim_view(const sv_sim *sim, int64_t slot, int i_sub_view, sv_view *view,
 // slots, mostly up or down, at that slot's time. Never a training view.
 void sv_sim_heldout_view(const sv_sim *sim, int i, int n, sv_view *view, double *time_s);
 
-// Clean picture of any view at any time: rgb [height][width][3] sRGB, depth_m [height][width]
+// Noise-free image of any view at any time: rgb [height][width][3] sRGB, depth_m [height][width]
 // camera z, 0 = background; either may be NULL. Uses the simulator's scratch: one call at a time.
 void sv_sim_render(sv_sim *sim, const sv_view *view, double time_s, uint8_t *rgb, float *depth_m);
-// The same in two steps for several threads: prepare a shot of one's own, then render disjoint
+// The same in two steps for several threads: each prepares its own shot, then renders disjoint
 // rows.
 void sv_sim_prepare(const sv_sim *sim, sv_sim_shot *shot, const sv_view *view, double time_s);
 void sv_sim_render_rows(const sv_sim *sim, const sv_sim_shot *shot, int y0, int y1, uint8_t *rgb,

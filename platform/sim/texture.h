@@ -34,8 +34,8 @@ static inline __attribute__((always_inline)) v4f v4_noise(v4_vec q, uint32_t see
 
 static inline v4_vec v4_scaled(v4_vec q, float k) { return (v4_vec){q.x * k, q.y * k, q.z * k}; }
 
-// How much of a detail of `cell` units survives, from 1 / (1.5 footprints): all above 3, none below
-// 1.5.
+// Share of a detail of `cell` units that survives filtering, from 1 / (1.5 footprints): all above
+// 3, none below 1.5.
 static inline v4f v4_survives(float cell, v4f inv_fp) { return v4_clamp01(cell * inv_fp - 1.0f); }
 
 // A square wave of period 2 in [-1,1] whose edges are 1/inv_soft units wide.

@@ -8,15 +8,14 @@
 #include "platform/sim/v4.h"
 #include "src/base/mathx.h"
 
-// A strip of columns is walked from top to bottom; three rows of visibility are kept, so that a row
-// is shaded when its neighbours are known. A strip shows 30 columns and knows one more on each
-// side.
+// A strip of columns is rendered from top to bottom. Three rows of visibility are kept, so that a
+// row is shaded when its neighbours are known. A strip covers 30 columns and one more on each side.
 #define QUADS     8
 #define LANES     (4 * QUADS)
 #define SHOWN     (LANES - 2)
 #define N_SAMPLES 16
-#define NEAR_M    0.05f // camera z in front of which nothing is seen
-#define SUN_GAP_M 0.01f // a shadow ray ignores what it meets nearer than this: the surface it starts on
+#define NEAR_M    0.05f // near plane, camera z
+#define SUN_GAP_M 0.01f // a shadow ray ignores nearer hits: the surface that it starts on
 
 typedef struct {
   v4f t;       // camera z
@@ -154,7 +153,7 @@ typedef struct {
   } shares[N_SAMPLES];
 } pixel_shares;
 
-// Looks along samples 4q..4q+3 of a pixel and adds them to its surfaces, background left out.
+// Traces samples 4q..4q+3 of a pixel and adds them to its surfaces, except background.
 // Returns whether all four see `key`.
 static bool sample_four(const strip *st, int x_px, int y_px, int q, int32_t key, pixel_shares *out) {
   v4f dx, dy;
@@ -207,8 +206,8 @@ static void shade_shares(const sv_sim_shot *shot, const pixel_shares *px, float 
   }
 }
 
-// Colours a pixel that may hold an edge. False: its corners all see what its centre sees (key), so
-// it is as good as any inner pixel, and rgb is untouched. A fine part may hide from five samples.
+// Shades a pixel that may hold an edge. False: all corners see the same surface as the centre
+// (key), so it is an inner pixel and rgb is untouched. A fine part may fall between five samples.
 static bool edge_pixel(const strip *st, int x_px, int y_px, int32_t key, bool is_near, float rgb[3]) {
   pixel_shares px = {.n_shares = 0};
   if (sample_four(st, x_px, y_px, 0, key, &px) && !is_near) return false;
@@ -244,7 +243,7 @@ static void look_along(strip *st, int y_px, look_row *row) {
 static void shade_quad(const strip *st, int q, int y_px, const look *l, const uint8_t *is_edge, float *rgb) {
   v4f px = (float)(st->x0_px - 1 + 4 * q) + (v4f){0.5f, 1.5f, 2.5f, 3.5f};
   v4f x = ray_x(st->shot, px), y = ray_y(st->shot, v4_set((float)y_px + 0.5f));
-  // the background's depth is no place to look a texture up
+  // the background has no depth to look up a texture at
   v4f t = v4_select(l->key != 0, l->t, v4_set(1));
   v4i id = (l->key >> 1) - 1;
   bool is_done[4];

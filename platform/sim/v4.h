@@ -22,7 +22,7 @@ static inline v4f v4_set(float a) { return (v4f){a, a, a, a}; }
 static inline v4i v4_seti(int32_t a) { return (v4i){a, a, a, a}; }
 static inline v4f v4_select(v4i mask, v4f a, v4f b) { return (v4f)((mask & (v4i)a) | (~mask & (v4i)b)); }
 static inline v4i v4_selecti(v4i mask, v4i a, v4i b) { return (mask & a) | (~mask & b); }
-static inline v4f v4_min(v4f a, v4f b) { // as a loop: compilers make one instruction of it
+static inline v4f v4_min(v4f a, v4f b) { // a loop that compilers turn into one instruction
   v4f r = b;
   for (int i = 0; i < 4; i++) r[i] = a[i] < b[i] ? a[i] : b[i];
   return r;

@@ -9,16 +9,17 @@
 extern "C" {
 #endif
 
-#define SV_V4L2_CAP_SLOTS    (2 * SV_CAMERA_CAP_BUFFERS) // frames of before a fault may still be on loan
+// frames from before a fault may still be on loan
+#define SV_V4L2_CAP_SLOTS    (2 * SV_CAMERA_CAP_BUFFERS)
 #define SV_V4L2_CAP_CONTROLS 12
 
 typedef enum {
   SV_V4L2_EMPTY = 0, // no memory
-  SV_V4L2_IDLE,      // mapped, with us
+  SV_V4L2_IDLE,      // mapped, in user space
   SV_V4L2_QUEUED,    // with the driver
-  SV_V4L2_WAITING,   // filled, not yet handed out
+  SV_V4L2_WAITING,   // filled, not yet delivered
   SV_V4L2_ON_LOAN,
-  SV_V4L2_ORPHAN // on loan, of a device that is closed
+  SV_V4L2_ORPHAN // on loan from a device that is closed
 } sv_v4l2_slot_state;
 
 #define SV_V4L2_CAP_PLANES 2
@@ -32,7 +33,7 @@ typedef struct {
 
 typedef struct {
   uint32_t id;
-  int32_t before, locked; // values before we came, and while the cameras run
+  int32_t before, locked; // values found at open, and while the cameras run
   bool is_changed;
 } sv_v4l2_control;
 
@@ -42,17 +43,17 @@ struct sv_v4l2_camera {
   sv_camera_events *events;
   int i_camera, fd; // -1: closed
   char path[SV_CAMERA_CAP_NAME];
-  char card[32], bus[32]; // who it was, to know it again
+  char card[32], bus[32]; // identify the camera after a fault
   bool is_mplane;
   uint32_t buf_type, fourcc;
   sv_camera_caps caps;
   int n_planes;
-  int stride_bytes, chroma_stride_bytes;  // the latter of two planes
+  int stride_bytes, chroma_stride_bytes;  // the second for two planes
   size_t image_bytes;                     // the driver's size of a buffer
-  bool is_streaming, is_lost, has_failed; // has_failed: dequeue has yet to say so
+  bool is_streaming, is_lost, has_failed; // has_failed: not yet reported by dequeue
   sv_ns lost_ns, retry_ns, last_frame_ns;
   int n_retries, n_stalls;
-  bool is_wrong; // came back with another format; said once
+  bool is_wrong; // came back with another format; reported once
   bool is_starved;
   sv_v4l2_slot slot[SV_V4L2_CAP_SLOTS];
   bool has_waiting;
@@ -67,7 +68,7 @@ struct sv_v4l2_camera {
   sv_v4l2_stats stats;
 };
 
-// device.c: open, agree on the format, map the buffers. On failure everything is closed.
+// device.c: open, negotiate the format, map the buffers. On failure everything is closed.
 sv_status sv_v4l2_open_device(sv_v4l2_camera *c, sv_err *err) SV_MUST_USE;
 // Closes; buffers on loan become orphans, whose content stays.
 void sv_v4l2_close_device(sv_v4l2_camera *c);
@@ -77,32 +78,31 @@ int sv_v4l2_call(const sv_v4l2_camera *c, unsigned long request, void *arg);
 // signal.c: inputs that have a signal of their own (HDMI): its timings set the size.
 sv_status sv_v4l2_follow_signal(sv_v4l2_camera *c, sv_err *err) SV_MUST_USE;
 void sv_v4l2_want_events(sv_v4l2_camera *c);
-// Takes what the driver has to tell; a camera whose signal is another one now is closed, to be
-// tried again.
+// Handles driver events; a camera whose signal has changed is closed and opened again.
 void sv_v4l2_take_events(sv_v4l2_camera *c, sv_ns now_ns);
 
 // stream.c
 int sv_v4l2_stream_on(sv_v4l2_camera *c); // queues what is idle; 0 or a negative error number
 void sv_v4l2_stream_off(sv_v4l2_camera *c);
 int sv_v4l2_queue(sv_v4l2_camera *c, sv_v4l2_slot *s);
-// Takes one filled buffer into c->waiting. 1: it did; 0: none is ready; else a negative error
-// number.
+// Moves one filled buffer to c->waiting. 1: done; 0: none is ready; else a negative error number.
 int sv_v4l2_take(sv_v4l2_camera *c, sv_ns now_ns);
 int sv_v4l2_n_queued(const sv_v4l2_camera *c);
-void sv_v4l2_fault(sv_v4l2_camera *c, int error, sv_ns now_ns); // closes it, to be tried again
-void sv_v4l2_service(sv_v4l2_camera *c, sv_ns now_ns);          // retries and looks for stalls
+void sv_v4l2_fault(sv_v4l2_camera *c, int error, sv_ns now_ns); // closes it; it will be retried
+void sv_v4l2_service(sv_v4l2_camera *c, sv_ns now_ns);          // retries and checks for stalls
 
 // controls.c
-bool sv_v4l2_has_auto(const sv_v4l2_camera *c); // some automatic control is at work
-// Switches the automatic controls off and sets what the options fix. First: notes the values
-// before.
+bool sv_v4l2_has_auto(const sv_v4l2_camera *c); // an automatic control is active
+// Switches the automatic controls off and sets what the options fix. First: records the previous
+// values.
 void sv_v4l2_lock_controls(sv_v4l2_camera *c, sv_ns now_ns);
 void sv_v4l2_restore_controls(sv_v4l2_camera *c);
 sv_status sv_v4l2_set_exposure(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns);
 // Length of the frames from now on, by the sensor's blanking lines or, where there are none, by the
 // frame interval.
 sv_status sv_v4l2_set_frame_duration(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns);
-sv_status sv_v4l2_check_controls(const sv_v4l2_camera *c, sv_err *err); // can the options be kept?
+// whether the options can be applied
+sv_status sv_v4l2_check_controls(const sv_v4l2_camera *c, sv_err *err);
 
 // A format's description for one node, of one API or the other.
 typedef struct {
@@ -112,7 +112,7 @@ typedef struct {
 } sv_v4l2_fmt;
 int sv_v4l2_get_fmt(const sv_v4l2_camera *c, sv_v4l2_fmt *f);
 int sv_v4l2_try_fmt(const sv_v4l2_camera *c, sv_v4l2_fmt *f, bool is_set);
-// Highest frame rate at a format and size; 0: not told.
+// Highest frame rate at a format and size; 0: unknown.
 double sv_v4l2_max_fps(const sv_v4l2_camera *c, uint32_t fourcc, int width_px, int height_px);
 
 #ifdef __cplusplus

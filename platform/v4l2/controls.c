@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exposure, gain and white balance hold still while the cameras run: a shutter that moves moves the
-// middle of the exposure, and a gain that moves changes what a surface looks like from one exposure
-// to the next.
+// Locks exposure, gain and white balance while the cameras run: a changing shutter moves the middle
+// of the exposure, and a changing gain changes a surface's color from one exposure to the next.
 #include <errno.h>
 #include <linux/videodev2.h>
 #include <math.h>
@@ -16,7 +15,7 @@ static const struct {
   int32_t manual;
 } autos[] = {
     {V4L2_CID_EXPOSURE_AUTO, V4L2_EXPOSURE_MANUAL},
-    {V4L2_CID_EXPOSURE_AUTO_PRIORITY, 0}, // else the frame rate follows the light
+    {V4L2_CID_EXPOSURE_AUTO_PRIORITY, 0}, // otherwise the frame rate follows the brightness
     {V4L2_CID_AUTOGAIN, 0},
     {V4L2_CID_AUTO_WHITE_BALANCE, 0},
     {V4L2_CID_FOCUS_AUTO, 0},
@@ -82,8 +81,7 @@ static void hold(sv_v4l2_camera *c, uint32_t id, int32_t value, sv_ns now_ns) {
     sv_camera_events_add(c->events, SV_CAMERA_CONTROL, c->i_camera, now_ns, (int64_t)id);
 }
 
-// The value given, else where the automatic control has brought it; the same again after the camera
-// was away.
+// The given value, else the one found by the automatic control; the same again after a fault.
 static void hold_value(sv_v4l2_camera *c, uint32_t id, bool is_given, int32_t value, sv_ns now_ns) {
   struct v4l2_queryctrl q;
   if (!id || !has(c, id, &q)) return;
@@ -157,7 +155,8 @@ sv_status sv_v4l2_set_exposure(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns
 }
 
 // --- frame length --------------------------------------------------------------------------------
-#define MOST_OFF 0.02 // of the frame rate told: else the sensor's mode is another one than the frames' size
+#define MAX_OFF 0.02 // of the frame rate told: else the sensor's mode is another one than the
+                     // frames' size
 
 static bool pixel_rate(const sv_v4l2_camera *c, double *hz) {
   struct v4l2_ext_control x = {.id = V4L2_CID_PIXEL_RATE};
@@ -181,7 +180,7 @@ static sv_status set_lines(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns) {
   if (k) vblank = k->before; // that of the rate told
   double line_ns = (c->caps.width_px + hblank) * 1e9 / hz, was_ns = line_ns * (c->caps.height_px + vblank);
   double told_ns = c->caps.fps > 0 ? 1e9 / c->caps.fps : was_ns;
-  if (!(line_ns > 0) || was_ns < (1 - MOST_OFF) * told_ns || was_ns > (1 + MOST_OFF) * told_ns)
+  if (!(line_ns > 0) || was_ns < (1 - MAX_OFF) * told_ns || was_ns > (1 + MAX_OFF) * told_ns)
     return SV_E_UNSUPPORTED;
   double lines = (double)ns / line_ns - c->caps.height_px;
   if (lines < q.minimum - 0.5 || lines > q.maximum + 0.5) return SV_E_RANGE;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Opening a camera: who it is, its format, its buffers.
+// Opens a camera: identity, format, buffers.
 #include <errno.h>
 #include <linux/videodev2.h>
 #include <string.h>
@@ -8,7 +8,7 @@
 #include "platform/v4l2/camera.h"
 #include "platform/v4l2/format.h"
 
-#define ENOUGH_FPS 15.0 // a format that reaches this beats one that is preferred but slower
+#define ENOUGH_FPS 15.0 // a format that reaches this wins over a preferred one that is slower
 
 int sv_v4l2_call(const sv_v4l2_camera *c, unsigned long request, void *arg) {
   return c->fd < 0 ? -ENODEV : c->sys->ioctl(c->sys->self, c->fd, request, arg);
@@ -74,7 +74,7 @@ double sv_v4l2_max_fps(const sv_v4l2_camera *c, uint32_t fourcc, int w, int h) {
   return best;
 }
 
-// Offers the size in a format; does the device take both as they are?
+// Tries the size in a format; true when the device accepts both unchanged.
 static bool takes(const sv_v4l2_camera *c, uint32_t fourcc, int w, int h) {
   sv_v4l2_fmt f = {.fourcc = fourcc, .width_px = (uint32_t)w, .height_px = (uint32_t)h};
   return sv_v4l2_try_fmt(c, &f, false) >= 0 && f.fourcc == fourcc && f.width_px == (uint32_t)w &&
@@ -100,7 +100,7 @@ static uint32_t choose(const sv_v4l2_camera *c, int w, int h) {
 
 static sv_status agree(sv_v4l2_camera *c, sv_err *err) {
   const sv_camera_options *o = c->cfg;
-  bool is_again = c->fourcc != 0; // back after a fault: only what was agreed on will do
+  bool is_again = c->fourcc != 0; // back after a fault: only the negotiated format is accepted
   sv_v4l2_fmt f;
   char name[5];
   if (sv_v4l2_get_fmt(c, &f) < 0) return sv_fail(err, SV_E_DEVICE, "%s: does not tell its format", c->path);
@@ -141,7 +141,7 @@ static sv_status agree(sv_v4l2_camera *c, sv_err *err) {
   c->stride_bytes = f.stride_bytes >= row ? (int)f.stride_bytes : (int)row;
   c->chroma_stride_bytes = f.stride1_bytes >= row ? (int)f.stride1_bytes : (int)row;
   c->image_bytes = f.image_bytes;
-  // Without a word from the driver: BT.601 of limited range, as V4L2 has it for cameras.
+  // Without information from the driver: limited-range BT.601, V4L2's default for cameras.
   bool is_full = f.quantization == V4L2_QUANTIZATION_FULL_RANGE, is_709 = f.encoding == V4L2_YCBCR_ENC_709;
   c->caps.yuv = is_709 ? (is_full ? SV_YUV_709_FULL : SV_YUV_709) : is_full ? SV_YUV_601_FULL : SV_YUV_601;
   c->caps.tone = sv_camera_tone(o, c->caps.format);
@@ -277,15 +277,14 @@ static sv_status open_path(sv_v4l2_camera *c, sv_err *err) {
                    "%s: the camera cannot be opened: %s", c->path, sv_linux_reason(-fd));
   c->fd = fd;
   sv_status s = identify(c, err);
-  if (s < 0) { // nothing else is done to what may be another's
+  if (s < 0) { // it may belong to someone else: change nothing
     c->sys->close(c->sys->self, fd);
     c->fd = -1;
   }
   return s;
 }
 
-// A camera that was plugged in again may have got another number: it is looked for by name and
-// place.
+// A camera that was plugged in again may have another number: it is looked up by name and port.
 static sv_status find(sv_v4l2_camera *c, sv_err *err) {
   sv_status s = open_path(c, err);
   if (s != SV_E_NOT_FOUND || !c->bus[0]) return s;
@@ -318,8 +317,8 @@ void sv_v4l2_close_device(sv_v4l2_camera *c) {
   for (int i = 0; i < SV_V4L2_CAP_SLOTS; i++) {
     sv_v4l2_slot *s = &c->slot[i];
     if (s->state == SV_V4L2_ON_LOAN || s->state == SV_V4L2_WAITING) {
-      // The reader keeps its frame. Where even the copy fails the mapping itself stays until it is
-      // handed back.
+      // The reader keeps its frame. If even the copy fails, the mapping stays until the frame is
+      // returned.
       for (int k = 0; k < SV_V4L2_CAP_PLANES; k++)
         if (s->map[k]) (void)c->sys->detach(c->sys->self, s->map[k], s->bytes[k]);
       s->state = SV_V4L2_ORPHAN;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A camera at work: buffers in and out, faults, and the way back.
+// A camera at work: buffers in and out, faults, and recovery.
 #include <errno.h>
 #include <linux/videodev2.h>
 #include <string.h>

@@ -27,7 +27,7 @@ sv_arena sv_arena_dry(void) {
 }
 
 void sv_arena_part_begin(sv_arena *a, const char *name) {
-  // When the table is full the last part takes the rest: the sum stays exact.
+  // When the table is full, the last part takes the rest: the sum stays exact.
   if (a->n_parts == SV_ARENA_CAP_PARTS) return;
   a->parts[a->n_parts++] = (sv_arena_part){name, 0};
 }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The one memory block. It is handed in, carved once at start, then sealed. The same carving code
-// runs on a dry arena to learn the size, so sizing and layout cannot disagree.
+// The arena: one fixed memory block, carved at start and then sealed.
+// Owns no memory: the caller passes the block in. The same carving code runs on a dry arena to
+// learn the size, so sizing and layout cannot disagree. Never allocates, never frees a single part,
+// and takes nothing after the seal.
 #ifndef SV_BASE_ARENA_H
 #define SV_BASE_ARENA_H
 
@@ -14,7 +16,8 @@
 extern "C" {
 #endif
 
-#define SV_ARENA_ALIGN     64 // every take starts on a cache line, the widest vector's alignment
+#define SV_ARENA_ALIGN     64 // every take starts on a cache line, which is also the widest
+                              // vector's alignment
 #define SV_ARENA_CAP_PARTS 48
 
 typedef struct {
@@ -31,17 +34,17 @@ typedef struct {
   sv_arena_part parts[SV_ARENA_CAP_PARTS];
 } sv_arena;
 
-// An arena over a caller's block; base is moved up to the alignment, the loss counts as a part
+// An arena over a caller's block; the base moves up to the alignment; the loss counts as the part
 // "align".
 sv_arena sv_arena_make(void *block, size_t bytes);
-// An arena that only counts. Takes return NULL and never fail.
+// A dry arena only counts: takes return NULL and never fail.
 sv_arena sv_arena_dry(void);
 
 // Names the memory taken from here on, until the next call (a part of the memory map).
 void sv_arena_part_begin(sv_arena *a, const char *name);
 
-// n elements of `size` bytes, 64-byte aligned, not cleared. NULL on a dry arena (keep the pointer,
-// do not use it), and NULL after a failure, which a->status then tells: E_NOMEM or E_SEALED.
+// n elements of `size` bytes, 64-byte aligned, not cleared. Returns NULL on a dry arena (keep the
+// pointer, do not use it) and after a failure; a->status is then E_NOMEM or E_SEALED.
 void *sv_arena_take(sv_arena *a, size_t n, size_t size);
 #define SV_TAKE(arena, type, n) ((type *)sv_arena_take((arena), (size_t)(n), sizeof(type)))
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Elementary functions with the same bits on every machine. libm's differ between x86 and aarch64
-// (and between CPUs of one kind), so nothing that reaches a digest may use them; + - * / sqrt,
-// floor and fma are exact by IEEE 754 and may be used.
-// Error bounds were measured against libm over the stated ranges (tests/unit/test_base.c).
+// Elementary functions with the same bits on every machine.
+// libm differs between x86 and aarch64 and between processors of one kind, so nothing that reaches
+// a digest may use it. The operations + - * / sqrt, floor and fma are exact by IEEE 754 and may be
+// used. Error bounds were measured against libm over the stated ranges (tests/unit/test_base.c).
 #ifndef SV_BASE_MATHX_H
 #define SV_BASE_MATHX_H
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // C only: C++ has no _Atomic.
-// A ring of fixed-size elements with one writer and one reader, lock-free. Capacity is a power of
-// two.
+// A lock-free ring of fixed-size elements with one writer and one reader.
 #ifndef SV_BASE_RING_H
 #define SV_BASE_RING_H
 

@@ -16,11 +16,11 @@ typedef struct {
 
 sv_rng sv_rng_make(uint64_t seed, uint64_t stream);
 uint32_t sv_rng_u32(sv_rng *r);
-// uniform in [0, n), without modulo bias; 0 when n is 0
+// Uniform in [0, n), without modulo bias; 0 when n is 0.
 uint32_t sv_rng_below(sv_rng *r, uint32_t n);
 float sv_rng_f(sv_rng *r);      // uniform in [0, 1), 24 bits
 float sv_rng_normal(sv_rng *r); // N(0,1), Box-Muller, two draws each
-// A stateless hash of three numbers, for noise that must not depend on visiting order.
+// A stateless hash of three numbers, for noise that must not depend on the order of visits.
 static inline uint32_t sv_hash3(uint32_t a, uint32_t b, uint32_t c) {
   uint64_t x = a + 0x9e3779b97f4a7c15ull * ((uint64_t)b + 0x632be59bd9b4e019ull * ((uint64_t)c + 1));
   x ^= x >> 30;

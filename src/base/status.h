@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Outcomes and error sentences. Every function that can fail returns sv_status; where outside
-// data is involved it also fills an sv_err with one sentence: what, where, what was expected.
+// The base room: status codes, arena, text, rings, random numbers, exact mathematics, small
+// vectors. Owns nothing but its arguments. Every function that can fail returns sv_status; where
+// outside data is involved it also fills an sv_err with one sentence: what, where, what was
+// expected. Never includes another room, never calls the system, libm or the heap.
 #ifndef SV_BASE_STATUS_H
 #define SV_BASE_STATUS_H
 
@@ -28,7 +30,7 @@ typedef int sv_status;
 const char *sv_status_name(sv_status s);
 const char *sv_status_text(sv_status s);
 
-// One failure, said once. `text` is always terminated; longer sentences are cut.
+// One failure in one sentence. `text` is always terminated; longer sentences are cut.
 typedef struct {
   sv_status status;
   char text[256];

@@ -31,7 +31,7 @@ static void put_padded(out_t *o, const char *s, size_t n, int width, bool is_lef
     for (size_t i = n; i < w; i++) put(o, ' ');
 }
 
-// Digits of v backwards from end; returns the first.
+// Writes the digits of v backwards from end; returns the first.
 static char *digits(char *end, uint64_t v, unsigned base) {
   do *--end = "0123456789abcdef"[v % base];
   while (v /= base);
@@ -85,7 +85,7 @@ static size_t general(char *t, double x, int max_digits) {
     int s = nd - 1 - e; // a * 10^s has nd digits before the point
     double m = s >= 0 ? (s > 300 ? a * pow10i(300) * pow10i(s - 300) : a * pow10i(s)) : a / pow10i(-s);
     double r = floor(m + 0.5);
-    if (r < pow10i(nd - 1)) { // the search for e0 was rounded up to a power of ten: look one lower
+    if (r < pow10i(nd - 1)) { // the search for e0 rounded up to a power of ten: try one lower
       e0--;
       nd--;
       continue;
@@ -210,7 +210,7 @@ size_t sv_vfmt(char *buf, size_t cap, const char *fmt, va_list ap_in) {
       while ((s.prec < 0 || n < (size_t)s.prec) && t[n]) n++;
       put_padded(&o, t, n, s.width, s.is_left, ' ');
     } else if (*f == '%') put(&o, '%');
-    else break; // an unknown conversion ends the text rather than reading a wrong argument
+    else break; // an unknown conversion ends the text instead of reading a wrong argument
   }
   va_end(ap);
   if (cap) buf[o.len < cap ? o.len : cap - 1] = 0;

@@ -15,13 +15,14 @@ extern "C" {
 #endif
 
 // Formats into buf[cap], always terminated when cap > 0. Knows %% %c %s %.*s %d %i %u %x with l, ll
-// and z, flags 0 and -, width; %f with precision (6 when absent), %e is not known; %g prints up to
-// 9 significant digits (17 with %.17g), enough for a float (double) to come back unchanged.
+// and z, the flags 0 and -, and a width; %f with a precision (6 by default); not %e. %g prints up
+// to 9 significant digits (17 with %.17g), enough for a float (double) to come back unchanged.
 // NaN and infinities print as nan, inf, -inf. Returns the length the whole text would have had.
 size_t sv_vfmt(char *buf, size_t cap, const char *fmt, va_list ap);
 size_t sv_fmt(char *buf, size_t cap, const char *fmt, ...) SV_PRINTF(3, 4);
 
-// A line that grows in a caller's buffer. When it is full, further text is cut and is_cut is set.
+// A line that grows in a caller's buffer. When the buffer is full, further text is cut and is_cut
+// is set.
 typedef struct {
   char *buf;
   size_t cap, len;
@@ -30,17 +31,18 @@ typedef struct {
 
 sv_str sv_str_make(char *buf, size_t cap);
 void sv_str_add(sv_str *s, const char *fmt, ...) SV_PRINTF(2, 3);
-// Adds text as the inside of a JSON string: quotes, backslashes and control bytes escaped, each
-// byte that is no part of UTF-8 replaced by U+FFFD. At most six bytes for one of text.
+// Adds text as the inside of a JSON string: quotes, backslashes and control bytes are escaped; each
+// byte that is not valid UTF-8 becomes U+FFFD. Takes at most six bytes for each byte of text.
 void sv_str_add_json(sv_str *s, const char *text);
-// Replaces each byte that is no part of UTF-8 by '_': for names of files that also stand in JSON.
+// Replaces each byte that is not valid UTF-8 by '_': for file names that also appear in JSON.
 void sv_make_utf8(char *text);
 
-// Copies text into dst[cap], cut and terminated; returns false when it was cut.
+// Copies text into dst[cap], terminated; returns false when the text had to be cut.
 bool sv_copy(char *dst, size_t cap, const char *src);
 bool sv_str_eq(const char *a, const char *b);
 
-// Parses a whole decimal number from text[0..len). False when anything is left over or not finite.
+// Parses a whole decimal number from text[0..len). False when text remains or the number is not
+// finite.
 bool sv_parse_double(const char *text, size_t len, double *out);
 bool sv_parse_int(const char *text, size_t len, long long *out);
 

@@ -71,7 +71,7 @@ void sv_quat_to_mat(double r[9], const double q[4]) {
   r[8] = 1 - 2 * (x * x + y * y);
 }
 
-// Shepperd's method: the largest of the four components is found first, so no root loses digits.
+// Shepperd's method starts from the largest of the four components, so no root loses digits.
 void sv_quat_from_mat(double q[4], const double r[9]) {
   double tr = r[0] + r[4] + r[8];
   if (tr > 0) {

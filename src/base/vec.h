@@ -61,7 +61,7 @@ void sv_rodrigues(double r[9], const double w_rad[3]); // rotation vector -> mat
 void sv_rodrigues_inv(double w_rad[3], const double r[9]);
 // radians, by atan2: exact for tiny angles
 double sv_angle_between(const double a[3], const double b[3]);
-// How far r is from a proper rotation: max |r r^T - I|, plus 1 when the determinant is negative.
+// Distance of r from a proper rotation: max |r r^T - I|, plus 1 when the determinant is negative.
 double sv_rotation_error(const double r[9]);
 
 #ifdef __cplusplus

@@ -73,7 +73,7 @@ static void band(double *y, int l, const double d[3]) {
   }
 }
 
-// Row operations (with the largest pivot) until the left n columns of a [n][2 n] are the identity.
+// Gauss-Jordan with pivoting until the left n columns of a[n][2 n] are the identity.
 static void eliminate(double a[CAP_BAND][2 * CAP_BAND], int n) {
   for (int c = 0; c < n; c++) {
     int best = c;
@@ -93,7 +93,7 @@ static void eliminate(double a[CAP_BAND][2 * CAP_BAND], int n) {
   }
 }
 
-// What is seen from direction R d afterwards is what was seen from d: sum_m c'_m Y_m(R d) = sum_m
+// The color seen from R d afterwards is the color seen from d before: sum_m c'_m Y_m(R d) = sum_m
 // c_m Y_m(d) for as many directions as there are functions gives c' = Y(R d)^-1 Y(d) c.
 static void turn_band(double *out, int l, const double r[9]) {
   static const double directions[CAP_BAND][3] = {{1, 0.2, 0.3},    {-0.4, 1, 0.1},   {0.3, -0.5, 1},
@@ -126,7 +126,7 @@ void sv_turn_upright(sv_turn *t, const char *up) {
   *t = (sv_turn){.is_none = true};
   if (!sv_up_axis(up, u) || u[1] < 0) return;
   sv_cross3(axis, u, to);
-  // a half turn; any axis across would do
+  // a half turn; any perpendicular axis would do
   if (u[1] > 0) axis[0] = 1;
   const double c = u[1] > 0 ? -1.0 : 0.0, s = u[1] > 0 ? 0.0 : 1.0; // cosine and sine of the angle
   const double cross[9] = {0, -axis[2], axis[1], axis[2], 0, -axis[0], -axis[1], axis[0], 0};
@@ -157,7 +157,7 @@ void sv_gaussian_turn_by(sv_gaussian *g, const sv_turn *t) {
   for (int k = 0; k < 4; k++) q[k] = (double)g->quat_wxyz[k];
   sv_apply33(turned, t->r, x);
   for (int k = 0; k < 3; k++) g->mean[k] = (float)turned[k];
-  const double *p = t->q_wxyz; // p q: first the Gaussian's own rotation
+  const double *p = t->q_wxyz; // p q: the Gaussian's rotation comes first
   g->quat_wxyz[0] = (float)(p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3]);
   g->quat_wxyz[1] = (float)(p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2]);
   g->quat_wxyz[2] = (float)(p[0] * q[2] - p[1] * q[3] + p[2] * q[0] + p[3] * q[1]);

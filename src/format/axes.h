@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// How worlds are turned. Half turns of a Gaussian about one axis, for files whose axes differ from
-// ours in two signs. Positions and the vector part of the quaternion change the same two signs; an
-// SH coefficient changes its sign when its polynomial is odd in the two axes together. The three
-// half turns are proper rotations: nothing is mirrored.
+// Axes of worlds: half turns and rotations of Gaussians, for files whose axes differ from ours. A
+// half turn about one axis flips two signs of positions and of the quaternion's vector part. An SH
+// coefficient flips when its polynomial is odd in these two axes together. Half turns are proper
+// rotations: nothing is mirrored.
 #ifndef SV_FORMAT_AXES_H
 #define SV_FORMAT_AXES_H
 
@@ -20,18 +20,18 @@ typedef enum {
   SV_TURN_Z  // x and y change sign: right-down-forward <-> left-up-forward (glTF)
 } sv_half_turn;
 
-// Its own inverse.
+// Half turns are their own inverse.
 void sv_gaussian_turn(sv_gaussian *g, sv_half_turn turn);
 
-// Which way is up in a model's world: one of the six. Models whose file does not say have the axes
-// of COLMAP.
+// The up axis of a model's world, one of six. A model whose file does not name one has COLMAP's
+// axes.
 #define SV_UP_DEFAULT "-y"
 // "x", "-x", "y", ... False for other words.
 bool sv_up_axis(const char *name, double up[3]);
 // The axis nearest to a direction.
 const char *sv_up_name(const float up[3]);
 
-// A rotation of a whole model: places, rotations, SH.
+// A rotation of a whole model: positions, rotations, SH.
 typedef struct {
   bool is_none;
   double r[9], q_wxyz[4];
@@ -39,8 +39,8 @@ typedef struct {
 } sv_turn;
 // Any rotation matrix.
 void sv_turn_make(sv_turn *t, const double r[9]);
-// The smallest rotation that takes a world with this way up to one with SV_UP_DEFAULT, as the
-// writers of SPZ and GLB expect it. NULL or a word that is no axis: none.
+// The smallest rotation from this up axis to SV_UP_DEFAULT, which the writers of SPZ and GLB
+// expect. NULL or an unknown word: no rotation.
 void sv_turn_upright(sv_turn *t, const char *up);
 void sv_gaussian_turn_by(sv_gaussian *g, const sv_turn *t);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Little-endian numbers in byte buffers, on machines of either byte order and any alignment.
+// Little-endian numbers in byte buffers, for any byte order and alignment of the machine.
 #ifndef SV_FORMAT_BYTES_H
 #define SV_FORMAT_BYTES_H
 

@@ -39,8 +39,8 @@ static void skip_blank(lexer *l) {
 static bool is_letter(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_'; }
 static bool is_digit(char c) { return c >= '0' && c <= '9'; }
 
-// A quoted string with one or three quotes of either kind. Backslashes are kept: the strings that
-// are used here never hold any.
+// A quoted string with one or three quotes of either kind. Backslashes are kept: the strings used
+// here hold none.
 static sv_status read_string(lexer *l) {
   char q = l->text[l->at];
   size_t n_quotes = peek(l, 1) == q && peek(l, 2) == q ? 3 : 1, run = 0;
@@ -114,8 +114,8 @@ static bool is_scalar(const lexer *l) {
          (l->kind == T_WORD && (is_text(l, "True") || is_text(l, "False") || is_text(l, "None")));
 }
 
-// Passes over one value; the lexer is at its first token, and afterwards at the token behind it.
-// Literals that stand side by side ('a' 'b') are one.
+// Skips one value, from its first token to the token after it. Adjacent literals ('a' 'b') are one
+// value.
 static sv_status skip_value(lexer *l) {
   char stack[CAP_DEPTH];
   int depth = 0;
@@ -238,19 +238,19 @@ static sv_status read_entry(lexer *l, dict *d) { // at the key
   int n = 0;
   if (is_text(&key, "lensmodel")) return read_lensmodel(l, d);
   if (is_text(&key, "intrinsics")) {
-    if (d->has_intrinsics) return bad(l, "intrinsics are there twice");
+    if (d->has_intrinsics) return bad(l, "intrinsics are given twice");
     d->has_intrinsics = true;
     if (!d->splined) return read_numbers(l, d->intrinsics, SV_CAP_MODEL_PARAMS, &d->n_intrinsics);
     return read_numbers(l, d->splined, 4 + 2 * d->spline.nx * d->spline.ny, &d->n_intrinsics);
   }
   if (is_text(&key, "extrinsics") || is_text(&key, "rt_cam_ref")) {
-    if (d->has_extrinsics) return bad(l, "extrinsics are there twice");
+    if (d->has_extrinsics) return bad(l, "extrinsics are given twice");
     d->has_extrinsics = true;
     s = read_numbers(l, d->extrinsics, 6, &n);
     return s == SV_OK && n != 6 ? bad(l, "extrinsics need 6 numbers") : s;
   }
   if (is_text(&key, "imagersize")) {
-    if (d->has_size) return bad(l, "imagersize is there twice");
+    if (d->has_size) return bad(l, "imagersize is given twice");
     d->has_size = true;
     s = read_numbers(l, d->size, 2, &n);
     return s == SV_OK && n != 2 ? bad(l, "imagersize needs width and height") : s;
@@ -279,7 +279,7 @@ static sv_status check(const lexer *l, const dict *d) {
   }
   for (int i = 0; i < n; i++)
     if (!(fabs(p[i]) < 1e12)) return sv_fail(l->err, SV_E_RANGE, "%s: an intrinsic is out of range", l->name);
-  for (int i = 0; i < 6; i++) // a rotation vector of many turns is a slip of units
+  for (int i = 0; i < 6; i++) // a rotation vector of many turns is a mistake of units
     if (!(fabs(d->extrinsics[i]) < (i < 3 ? 100 : 1e12)))
       return sv_fail(l->err, SV_E_RANGE, "%s: extrinsics %g is out of range", l->name, d->extrinsics[i]);
   return SV_OK;

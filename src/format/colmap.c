@@ -7,9 +7,8 @@
 #include "src/base/str.h"
 #include "src/format/bytes.h"
 
-// COLMAP's models by number; kind is SV_N_MODELS for those without a counterpart here. map: where
-// each of the file's parameters goes (fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6); 16 means fx
-// and fy both.
+// COLMAP's models by number; kind is SV_N_MODELS for unsupported ones. map: target of each of the
+// file's parameters (fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6); 16 means both fx and fy.
 static const struct {
   const char *name;
   sv_model_kind kind;
@@ -47,7 +46,7 @@ static sv_status fail_at(const sv_colmap *c, sv_err *err, sv_status s, const cha
 }
 
 // --- text ----------------------------------------------------------------------------------------
-static bool next_record(sv_colmap *c, sv_word *out) { // comments and blank lines are passed over
+static bool next_entry(sv_colmap *c, sv_word *out) { // skips comments and blank lines
   while (sv_text_line(&c->text, out)) {
     size_t i = 0;
     while (i < out->n && (out->t[i] == ' ' || out->t[i] == '\t')) i++;
@@ -80,13 +79,13 @@ static const uint8_t *take(sv_colmap *c, uint64_t bytes) { // NULL when the file
 }
 
 static sv_status cut(const sv_colmap *c, sv_err *err) {
-  return sv_fail(err, SV_E_FORMAT, "%s: %llu records were announced, the file ends in record %llu",
-                 c->text.name, (unsigned long long)c->n, (unsigned long long)c->i);
+  return sv_fail(err, SV_E_FORMAT, "%s: announces %llu entries, but ends in entry %llu", c->text.name,
+                 (unsigned long long)c->n, (unsigned long long)c->i);
 }
 
 static sv_status end_of_binary(const sv_colmap *c, sv_err *err) {
   if (c->text.at != c->text.bytes)
-    return sv_fail(err, SV_E_FORMAT, "%s: %zu bytes after the last record", c->text.name,
+    return sv_fail(err, SV_E_FORMAT, "%s: %zu bytes after the last entry", c->text.name,
                    c->text.bytes - c->text.at);
   return SV_END;
 }
@@ -123,7 +122,7 @@ static sv_status text_camera(sv_colmap *c, sv_colmap_camera *out, sv_err *err) {
   uint32_t size[2];
   double params[12];
   int model = 0;
-  if (!next_record(c, &line)) return SV_END;
+  if (!next_entry(c, &line)) return SV_END;
   bool ok = take_u32(&line, &out->id);
   sv_word name = sv_word_next(&line);
   ok = ok && take_u32(&line, &size[0]) && take_u32(&line, &size[1]);
@@ -185,7 +184,7 @@ static sv_status set_name(const sv_colmap *c, sv_colmap_image *out, const char *
 static sv_status text_image(sv_colmap *c, sv_colmap_image *out, sv_err *err) {
   sv_word line, points;
   double v[7];
-  if (!next_record(c, &line)) return SV_END;
+  if (!next_entry(c, &line)) return SV_END;
   bool ok = take_u32(&line, &out->id);
   for (int i = 0; i < 7; i++) ok = ok && take_double(&line, &v[i]);
   if (!ok || !take_u32(&line, &out->camera_id))
@@ -197,7 +196,7 @@ static sv_status text_image(sv_colmap *c, sv_colmap_image *out, sv_err *err) {
   // the rest of the line: names may hold spaces
   sv_status s = set_name(c, out, line.t, line.n, err);
   if (s == SV_OK) s = make_pose(c, v, &out->cam_from_world, err);
-  // its 2D points stand on a line of their own, which may be empty
+  // its 2D points are on the next line, which may be empty
   (void)sv_text_line(&c->text, &points);
   return s;
 }
@@ -234,7 +233,7 @@ static sv_status check_point(const sv_colmap *c, const sv_colmap_point *p, sv_er
 
 static sv_status text_point(sv_colmap *c, sv_colmap_point *out, sv_err *err) {
   sv_word line;
-  if (!next_record(c, &line)) return SV_END;
+  if (!next_entry(c, &line)) return SV_END;
   uint32_t rgb[3] = {0};
   sv_word id = sv_word_next(&line);
   long long v;
@@ -280,7 +279,8 @@ static sv_status add_sensor(const sv_colmap *c, sv_colmap_rig *g, bool is_camera
   if (!is_camera) return SV_OK;
   if (g->n_cameras == SV_COLMAP_CAP_DATA) return fail_at(c, err, SV_E_FULL, "a rig of more than 256 cameras");
   for (int i = 0; i < g->n_cameras; i++)
-    if (g->cameras[i].camera_id == id) return fail_at(c, err, SV_E_FORMAT, "a camera is in the rig twice");
+    if (g->cameras[i].camera_id == id)
+      return fail_at(c, err, SV_E_FORMAT, "a camera appears twice in the rig");
   int i = g->n_cameras++;
   g->cameras[i].camera_id = id;
   g->cameras[i].has_pose = pose != NULL;
@@ -301,7 +301,7 @@ static sv_status text_rig(sv_colmap *c, sv_colmap_rig *out, sv_err *err) {
   uint32_t n = 0, id, has_pose;
   bool is_camera;
   double v[7];
-  if (!next_record(c, &line)) return SV_END;
+  if (!next_entry(c, &line)) return SV_END;
   if (!take_u32(&line, &out->id) || !take_u32(&line, &n))
     return fail_at(c, err, SV_E_FORMAT, "RIG_ID NUM_SENSORS REF_SENSOR_TYPE REF_SENSOR_ID ... was expected");
   out->n_cameras = 0;
@@ -358,7 +358,7 @@ static sv_status text_frame(sv_colmap *c, sv_colmap_frame *out, sv_err *err) {
   sv_word line;
   double v[7];
   uint32_t n = 0, sensor;
-  if (!next_record(c, &line)) return SV_END;
+  if (!next_entry(c, &line)) return SV_END;
   bool ok = take_u32(&line, &out->id) && take_u32(&line, &out->rig_id);
   for (int i = 0; i < 7; i++) ok = ok && take_double(&line, &v[i]);
   if (!ok || !take_u32(&line, &n))

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// COLMAP models over buffers: cameras, images, points3D, rigs, frames, each as .txt or .bin. Poses
-// are cam_from_world with OpenCV's axes and pixel centres at 0.5, as inside this project. One
-// reader walks one file from front to back: _next gives SV_OK with a record, SV_END after the last,
-// or a failure.
+// COLMAP models over buffers: cameras, images, points3D, rigs and frames, each as .txt or .bin.
+// Poses are cam_from_world with OpenCV's axes and pixel centres at 0.5, as everywhere in this
+// project. One reader walks one file from front to back: _next gives SV_OK with an entry, SV_END
+// after the last, or a failure.
 #ifndef SV_FORMAT_COLMAP_H
 #define SV_FORMAT_COLMAP_H
 
@@ -38,7 +38,7 @@ typedef struct {
   uint32_t n_track;
 } sv_colmap_point;
 
-// COLMAP 3.12 and later: one instant of a rig, and the images that it took.
+// COLMAP 3.12 and later: one instant of a rig, and its images.
 #define SV_COLMAP_CAP_DATA 256
 typedef struct {
   uint32_t id, rig_id;
@@ -47,11 +47,11 @@ typedef struct {
   struct {
     uint32_t camera_id;
     uint64_t image_id;
-  } images[SV_COLMAP_CAP_DATA]; // of cameras; other sensors' data are passed over
+  } images[SV_COLMAP_CAP_DATA]; // of cameras; data of other sensors is skipped
 } sv_colmap_frame;
 
-// COLMAP 3.12 and later: cameras that are fixed to one another. The rig's frame is that of its
-// reference sensor.
+// COLMAP 3.12 and later: cameras fixed to one another. The rig's frame is that of its reference
+// sensor.
 typedef struct {
   uint32_t id;
   int n_cameras;
@@ -59,13 +59,13 @@ typedef struct {
     uint32_t camera_id;
     bool has_pose;               // false: COLMAP does not know it
     sv_pose cam_from_rig;        // the reference camera's is the identity
-  } cameras[SV_COLMAP_CAP_DATA]; // other sensors are passed over
+  } cameras[SV_COLMAP_CAP_DATA]; // other sensors are skipped
 } sv_colmap_rig;
 
 typedef struct {
   sv_text text;
   bool is_binary;
-  uint64_t n, i; // binary: records announced, records read
+  uint64_t n, i; // binary: entries announced and read
 } sv_colmap;
 
 // buf and name must outlive c. is_binary: the file's extension is .bin.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One Gaussian as files exchange it: the stored (not activated) values of 3DGS.
+// One Gaussian in exchange formats: the stored (not activated) parameters of 3DGS.
 #ifndef SV_FORMAT_GAUSSIAN_H
 #define SV_FORMAT_GAUSSIAN_H
 
@@ -12,7 +12,7 @@ extern "C" {
 #endif
 
 #define SV_GAUSSIAN_FLOATS 59
-// Of a model of that SH degree: the first so many floats of sv_gaussian.
+// Number of leading floats of sv_gaussian that a model of this SH degree uses.
 #define SV_GAUSSIAN_N_FLOATS(sh_degree) (11 + 3 * ((sh_degree) + 1) * ((sh_degree) + 1))
 #define SV_SH_C0                        0.28209479177387814 // colour = 0.5 + C0 * DC coefficient
 
@@ -24,7 +24,7 @@ typedef struct {
   float sh[16][3]; // coefficient-major, RGB inside; zero above the model's degree
 } sv_gaussian;
 
-// Where a writer's bytes go. Never called with 0 bytes.
+// Receives a writer's bytes. Never called with 0 bytes.
 typedef struct {
   void *self;
   sv_status (*write)(void *self, const void *data, size_t bytes, sv_err *err);

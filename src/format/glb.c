@@ -31,7 +31,7 @@ void sv_glb_extend(sv_glb *z, const sv_gaussian *in) {
   z->n++;
 }
 
-// Attribute i: position, rotation, scale, opacity, colour, then SH; all values of one after all of
+// Attribute i: position, rotation, scale, opacity, color, then SH; attributes are stored one after
 // another.
 static size_t width_of(int i) {
   static const uint8_t widths[] = {12, 16, 12, 4, 4};
@@ -74,7 +74,7 @@ sv_status sv_glb_head(const sv_glb *z, uint8_t *file, sv_err *err) {
   sv_put_le32(file + 8, (uint32_t)sv_glb_bytes(z));
   sv_put_le32(file + 12, JSON_BYTES);
   sv_put_le32(file + 16, JSON_CHUNK);
-  // its zero falls on what is written next
+  // its terminator is overwritten by the next part
   sv_str s = sv_str_make((char *)file + 20, JSON_BYTES + 1);
   sv_str_add(&s, "{\"asset\":{\"version\":\"2.0\",\"generator\":\"subview\"},\"extensionsUsed\":[\"" EXTENSION
                  "\"],\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"mesh\":0}],"
@@ -147,7 +147,7 @@ static sv_status get_field(const source *s, int attributes, const char *key, int
   if (r == SV_END && !is_needed) return SV_OK;
   if (r != SV_OK) return r == SV_END ? sv_json_missing(j, attributes, key, err) : r;
   int a = element(j, s->accessors, i);
-  if (a < 0) return sv_json_fail(j, attributes, err, SV_E_FORMAT, "%s: there is no accessor %lld", key, i);
+  if (a < 0) return sv_json_fail(j, attributes, err, SV_E_FORMAT, "%s: no accessor %lld", key, i);
   r = sv_json_get_int(j, a, "bufferView", 0, 1 << 20, &view, err);
   if (r >= 0) r = sv_json_get_int(j, a, "componentType", 0, 65535, &type, err);
   if (r >= 0) r = sv_json_get_int(j, a, "count", 1, 100000000, &count, err);
@@ -199,7 +199,7 @@ sv_status sv_glb_open(sv_glb_reader *r, const char *name, const uint8_t *d, size
                       sv_err *err) {
   memset(r, 0, sizeof *r);
   if (bytes < 28 || sv_le32(d) != MAGIC || sv_le32(d + 4) != 2 || sv_le32(d + 16) != JSON_CHUNK)
-    return sv_fail(err, SV_E_FORMAT, "%s: no binary glTF 2.0 file", name);
+    return sv_fail(err, SV_E_FORMAT, "%s: not a binary glTF 2.0 file", name);
   size_t json = sv_le32(d + 12), after = 20 + json;
   if (json > bytes - 28 || sv_le32(d + after + 4) != BIN_CHUNK || sv_le32(d + after) > bytes - after - 8)
     return sv_fail(err, SV_E_FORMAT, "%s: its chunks are longer than the file", name);
@@ -213,7 +213,7 @@ sv_status sv_glb_open(sv_glb_reader *r, const char *name, const uint8_t *d, size
                 .views = sv_json_get(&j, 0, "bufferViews")};
   int attributes = find_primitive(&j);
   if (attributes < 0)
-    return sv_fail(err, SV_E_NOT_FOUND, "%s: no primitive with " EXTENSION ", which was expected", name);
+    return sv_fail(err, SV_E_NOT_FOUND, "%s: expected a primitive with " EXTENSION ", found none", name);
   return read_fields(r, &src, attributes, err);
 }
 

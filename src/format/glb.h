@@ -2,8 +2,8 @@
 // Gaussians in binary glTF 2.0 with KHR_gaussian_splatting (Khronos, ratified): one POINTS
 // primitive of float attributes POSITION, ROTATION (x y z w), SCALE (linear), OPACITY (0..1),
 // SH_DEGREE_l_COEF_n, and COLOR_0 (8 bits, for viewers that show plain points). glTF is
-// left-up-forward; models are taken as right-down-forward and turned by half a turn about z, as
-// other converters do. Floats are kept, so what is lost is rounding.
+// left-up-forward; models are assumed right-down-forward and turned by 180 degrees about z, as
+// other converters do. Values stay floats, so only rounding is lost.
 #ifndef SV_FORMAT_GLB_H
 #define SV_FORMAT_GLB_H
 
@@ -20,10 +20,10 @@ extern "C" {
 #define SV_GLB_CAP_TOKENS 4096
 #define SV_GLB_N_SH       16
 
-// Writing: extend over all Gaussians first (the file tells the box), then head once and put for
-// each.
+// Writing: call extend for all Gaussians first (the file states the bounding box), then head once,
+// then put for each.
 typedef struct {
-  uint32_t n; // of extend so far
+  uint32_t n; // Gaussians counted by extend
   int sh_degree;
   float min[3], max[3];
 } sv_glb;
@@ -35,7 +35,7 @@ sv_status sv_glb_head(const sv_glb *z, uint8_t *file, sv_err *err) SV_MUST_USE;
 void sv_glb_put(const sv_glb *z, uint8_t *file, uint32_t i, const sv_gaussian *g);
 
 typedef struct {
-  const uint8_t *at; // NULL: not there
+  const uint8_t *at; // NULL: absent
   size_t stride_bytes;
 } sv_glb_field;
 

@@ -17,7 +17,7 @@ typedef struct {
   const unsigned char *t;
   size_t n, i;
   int n_tok;
-  const char *what; // the first thing that is wrong
+  const char *what; // the first fault
 } scan;
 
 static bool wrong(scan *s, const char *what) {
@@ -247,7 +247,7 @@ static char *key_path(const sv_json *j, int i, char *buf, size_t cap) {
     i = up;
   }
   for (char *c = p; *c; c++)
-    if ((unsigned char)*c < 0x20) *c = '?'; // keys are outside data
+    if ((unsigned char)*c < 0x20) *c = '?'; // keys come from outside
   return p;
 }
 
@@ -345,7 +345,8 @@ sv_status sv_json_string(const sv_json *j, int i, char *out, size_t cap, sv_err 
     return sv_json_fail(j, i, err, SV_E_FORMAT, "a string was expected, found %s", kind_of(j, i));
   const unsigned char *t = (const unsigned char *)j->text + j->tok[i].start;
   size_t n = (size_t)(j->tok[i].end - j->tok[i].start), len = 0;
-  for (int pass = 0; pass < 2; pass++) { // measured first, so that out is left alone on failure
+  // the first pass only measures, so that out does not change on failure
+  for (int pass = 0; pass < 2; pass++) {
     len = 0;
     for (size_t k = 0; k < n;) {
       bool is_raw = t[k] != '\\';

@@ -11,7 +11,7 @@ typedef enum { K_MODEL, K_INTRINSICS, K_LENS, K_COEFFS, K_SIZE, K_POSE, N_KEYS, 
 
 static const struct {
   const char *name;
-  int n; // numbers, those of lenses that are refused with their names included; 0: a word
+  int n; // count of numbers (also for lenses that are refused by name later); 0: a word
 } keys[N_KEYS] = {{"camera_model", 0},      {"intrinsics", 6}, {"distortion_model", 0},
                   {"distortion_coeffs", 5}, {"resolution", 2}, {"T_cn_cnm1", 16}};
 
@@ -19,10 +19,10 @@ typedef struct {
   sv_text text;
   sv_rig *rig;
   sv_err *err;
-  bool is_outside; // below a top-level key that is no camera
+  bool is_outside; // below a top-level key that is not a camera
   // The camera being read
   int i_camera, indent; // -1: none yet; of its keys, 0: not known yet
-  int n[N_KEYS];        // values that each key has; -1: the key was not there
+  int n[N_KEYS];        // values of each key; -1: the key is absent
   char model[24], lens[24];
   double intrinsics[6], coeffs[5], size[2], pose[16];
   // The entry being read
@@ -155,7 +155,7 @@ static sv_status set_pose(reader *r, sv_pose *out) {
     return sv_fail(r->err, SV_E_RANGE,
                    "%s: cam%d: T_cn_cnm1: a rotation and a translation above the row 0 0 0 1 were expected",
                    r->text.name, r->i_camera);
-  sv_quat_from_mat(q, out->r); // rounding in the file is taken out
+  sv_quat_from_mat(q, out->r); // removes the file's rounding
   sv_quat_to_mat(out->r, q);
   return SV_OK;
 }
@@ -189,7 +189,7 @@ static sv_status end_camera(reader *r) {
 
 // --- lines ---------------------------------------------------------------------------------------
 
-// "key:" and what stands behind it; false when the line has no such form.
+// Splits "key: value"; false when the line has another form.
 static bool split_key(sv_word line, sv_word *k, sv_word *value) {
   size_t i = 0;
   while (i < line.n && line.t[i] != ':' && line.t[i] != ' ') i++;
@@ -218,7 +218,7 @@ static sv_status begin_camera(reader *r, sv_word line) {
     return sv_fail(r->err, SV_E_FULL, "%s:%d: a camera number outside 0 to %d", r->text.name, r->text.line,
                    r->rig->cap_sub_views - 1);
   if (*r->rig->sub_views[i].name)
-    return sv_fail(r->err, SV_E_FORMAT, "%s:%d: cam%lld is there twice", r->text.name, r->text.line, i);
+    return sv_fail(r->err, SV_E_FORMAT, "%s:%d: cam%lld is given twice", r->text.name, r->text.line, i);
   while (value.n && (*value.t == ' ' || *value.t == '\t')) {
     value.t++;
     value.n--;
@@ -243,7 +243,7 @@ static sv_status begin_entry(reader *r, sv_word line) {
   while (i < N_KEYS && !sv_word_is(k, keys[i].name)) i++;
   r->at = i < N_KEYS ? (key)i : K_OTHER;
   r->line = r->text.line;
-  if (i < N_KEYS && r->n[i] >= 0) return fail_key(r, r->at, SV_E_FORMAT, "it is there twice");
+  if (i < N_KEYS && r->n[i] >= 0) return fail_key(r, r->at, SV_E_FORMAT, "it is given twice");
   if (i < N_KEYS) r->n[i] = 0;
   return take_values(r, value);
 }
@@ -286,7 +286,7 @@ sv_status sv_kalibr_read(sv_rig *rig, const char *name, const char *text, size_t
   while (s == SV_OK && sv_text_line(&r.text, &line)) s = take_line(&r, line);
   if (s == SV_OK) s = end_camera(&r);
   if (s == SV_OK && !rig->n_sub_views)
-    s = sv_fail(err, SV_E_NOT_FOUND, "%s: no camera in it; a camchain.yaml of Kalibr was expected", name);
+    s = sv_fail(err, SV_E_NOT_FOUND, "%s: holds no camera; expected Kalibr's camchain.yaml", name);
   for (int i = 0; i < rig->n_sub_views && s == SV_OK; i++) {
     sv_pose *p = &rig->sub_views[i].cam_from_rig;
     if (!*rig->sub_views[i].name)

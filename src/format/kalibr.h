@@ -1,16 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// Kalibr's camchain.yaml -> a rig. Read is the part of YAML that Kalibr writes: cameras cam0, cam1,
-// ... at the left margin (in any order, as cam10 is sorted before cam2), their keys indented below,
-// values in words, [lists], lists of lists over several lines, or "- " lists. Keys used:
-// camera_model, intrinsics [fu, fv, pu, pv], distortion_model, distortion_coeffs, resolution [w,
-// h], T_cn_cnm1 (4 x 4: point of camera n-1 -> point of camera n). Others are passed over:
-// cam_overlaps, rostopic, T_cam_imu, timeshift_cam_imu, ... (Kalibr's wiki, "yaml formats" and
-// "supported models".)
+// Kalibr's camchain.yaml to a rig.
+// Reads the part of YAML that Kalibr writes: cameras cam0, cam1, ... at the left margin (in any
+// order, as cam10 sorts before cam2), their keys indented below, values as words, [lists], lists of
+// lists over several lines, or "- " lists. Keys used: camera_model, intrinsics [fu, fv, pu, pv],
+// distortion_model, distortion_coeffs, resolution [w, h], T_cn_cnm1 (4 x 4: point of camera n-1 ->
+// point of camera n). Other keys are skipped: cam_overlaps, rostopic, T_cam_imu, timeshift_cam_imu,
+// ... (Kalibr's wiki, "yaml formats" and "supported models".)
 //   pinhole + radtan [k1, k2, r1, r2]       -> OPENCV4 (OpenCV's k1, k2, p1, p2)
 //   pinhole + equidistant [k1, k2, k3, k4]  -> KB4
 //   pinhole + none                          -> PINHOLE
-// Kalibr's corners are OpenCV's, pixel centres at integers: the principal point is shifted by 0.5
-// here.
+// Kalibr uses OpenCV's pixel centres at integers; the principal point is shifted by 0.5 here.
 #ifndef SV_FORMAT_KALIBR_H
 #define SV_FORMAT_KALIBR_H
 

@@ -11,7 +11,7 @@
 #include "src/format/text.h"
 #include "src/format/bytes.h"
 
-// Scalar types with both of PLY's spellings. scale: what a colour of this type is divided by.
+// Scalar types with both of PLY's spellings. scale: divisor of a color of this type.
 typedef enum { T_I8, T_U8, T_I16, T_U16, T_I32, T_U32, T_F32, T_F64, N_TYPES } type_id;
 static const struct {
   const char *name, *alias;
@@ -146,7 +146,7 @@ static sv_status read_property(sv_ply *p, header *h, const sv_text *l, sv_word r
     return bad(l, err, SV_E_RANGE, "too many properties at", name);
   int f = field_of(name);
   if (f != F_NONE) {
-    if (h->seen >> f & 1) return bad(l, err, SV_E_FORMAT, "a property is there twice:", name);
+    if (h->seen >> f & 1) return bad(l, err, SV_E_FORMAT, "a property is given twice:", name);
     h->seen |= 1ull << f;
   }
   p->property[p->n_properties++] = (sv_ply_property){(uint8_t)t, (uint8_t)f};
@@ -154,7 +154,7 @@ static sv_status read_property(sv_ply *p, header *h, const sv_text *l, sv_word r
 }
 
 static void read_comment(sv_ply *p,
-                         // of those that Brush writes two, and our own; others are text
+                         // two that Brush writes, and our own; others are ignored
                          sv_word rest) {
   static const char axis[] = "Vertical axis:", mode[] = "SplatRenderMode:", dilation[] = "SplatDilation:",
                     up[] = "SplatUp:";
@@ -196,8 +196,7 @@ static bool has_all(const header *h, int field, int n) {
   return (h->seen & mask) == mask;
 }
 
-// Points or Gaussians? A model with only half of its properties is refused rather than taken for
-// points.
+// Points or Gaussians: a model with only some of its properties is refused, not read as points.
 static sv_status decide_kind(sv_ply *p, const header *h, sv_err *err) {
   if (!has_all(h, F_X, 3)) return sv_fail(err, SV_E_NOT_FOUND, "%s: vertices have no x, y and z", p->name);
   while (p->n_rest < 45 && h->seen >> (F_REST + p->n_rest) & 1) p->n_rest++;
@@ -326,7 +325,7 @@ static sv_status ascii_line(sv_ply *p, uint32_t i, sv_word *line, sv_err *err) {
 
 // All known fields of vertex i; colours of integer types divided by their full range.
 static sv_status read_fields(sv_ply *p, uint32_t i, double out[N_FIELDS], sv_err *err) {
-  if (i >= p->n) return sv_fail(err, SV_E_ARG, "%s: vertex %u was asked for, it has %u", p->name, i, p->n);
+  if (i >= p->n) return sv_fail(err, SV_E_ARG, "%s: vertex %u requested, the file has %u", p->name, i, p->n);
   for (int f = 0; f < N_FIELDS; f++) out[f] = 0;
   const uint8_t *b = p->buf + p->data_at + (size_t)i * p->stride_bytes;
   sv_word line = {NULL, 0};

@@ -25,7 +25,7 @@ typedef struct {
   uint8_t type, field; // of ply.c
 } sv_ply_property;
 
-// What the header says, plus a reading position. 0.5 KiB, no pointers of its own but to the buffer.
+// The header's content and a reading position. 0.5 KiB; points only into the caller's buffer.
 typedef struct {
   sv_ply_kind kind;
   uint32_t n;      // vertices
@@ -33,12 +33,11 @@ typedef struct {
   bool has_colour; // points only; without, sv_ply_read_point gives mid grey
   bool is_ascii;
   bool is_mip;        // Brush's "SplatRenderMode: mip"
-  float dilation_px2; // our "SplatDilation: 0.1": low-pass it was trained with; 0 when not said
-  char up[4];         // our "SplatUp: z": the axis that points up (src/format/axes.h); empty when
-                      // not said
-  char vertical[4];   // Brush's "Vertical axis: y" ("y", "-y", "z", ...), empty when not said
+  float dilation_px2; // our "SplatDilation: 0.1": low-pass used in training, px^2; 0 when absent
+  char up[4];         // our "SplatUp: z": the up axis (src/format/axes.h); empty when absent
+  char vertical[4];   // Brush's "Vertical axis: y" ("y", "-y", "z", ...); empty when absent
 
-  const char *name; // below: the reader's own
+  const char *name; // from here on private to the reader
   const uint8_t *buf;
   size_t bytes, data_at; // data_at: offset of vertex 0
   uint32_t stride_bytes; // binary
@@ -52,9 +51,9 @@ typedef struct {
 // sentence.
 sv_status sv_ply_open(sv_ply *ply, const char *name, const void *buf, size_t bytes, sv_err *err) SV_MUST_USE;
 
-// Vertex i. Binary files: any order; ascii: a step back starts again from the top. Values that are
-// not finite are refused, except an infinite opacity (converters write it for opacity 1), which
-// becomes +-15, and a scale of ln 0, which becomes -30.
+// Vertex i. Binary files: any order; ascii: going backwards restarts from the top. Values that are
+// not finite are refused, with two exceptions: an infinite opacity (converters write it for opacity
+// 1) becomes +-15, and a scale of ln 0 becomes -30.
 sv_status sv_ply_read_gaussian(sv_ply *ply, uint32_t i, sv_gaussian *out, sv_err *err) SV_MUST_USE;
 // rgb in 0..1. Works on models too (colour from f_dc).
 sv_status sv_ply_read_point(sv_ply *ply, uint32_t i, float xyz[3], float rgb[3], sv_err *err) SV_MUST_USE;
@@ -62,11 +61,11 @@ sv_status sv_ply_read_point(sv_ply *ply, uint32_t i, float xyz[3], float rgb[3],
 typedef struct {
   uint32_t n;
   int sh_degree;
-  const char *vertical; // e.g. "-y"; NULL leaves the comment out
+  const char *vertical; // e.g. "-y"; NULL: no such comment
   const char *up;       // likewise: "SplatUp: z"
   bool is_mip;
-  float dilation_px2; // 0 leaves the comment out
-  bool has_normals;   // nx ny nz = 0, which some old readers count on
+  float dilation_px2; // 0: no such comment
+  bool has_normals;   // writes nx ny nz = 0, which some old readers require
 } sv_ply_options;
 
 typedef struct {

@@ -8,7 +8,7 @@
 
 static const char *const forward_names[3] = {"direct", "light_field", "multiplexed"};
 
-// A file in all the room that scratch has left, with the unused rest given back.
+// Reads a file into what is left of scratch and returns the unused rest.
 static sv_status load(const sv_file_reader *files, const char *name, sv_arena *scratch, char **text,
                       size_t *bytes, sv_err *err) {
   size_t mark = sv_arena_mark(scratch), cap = scratch->cap_bytes - scratch->used_bytes;
@@ -57,7 +57,7 @@ static sv_status read_footprint(const sv_json *j, int i_view, sv_sub_view *v, sv
   return SV_OK;
 }
 
-// The picture's name is only checked and kept; it says nothing without the rectangle that it fills.
+// Only checks and keeps the image's name, which is meaningless without its rectangle.
 static sv_status read_coverage(const sv_json *j, int i_view, const sv_sub_view *v, char *kept, sv_err *err) {
   char name[sizeof((sv_coverage_names *)0)->name[0]] = "";
   sv_status s = sv_json_get_string(j, i_view, "coverage", name, sizeof name, err);
@@ -82,7 +82,7 @@ typedef struct {
 static sv_status read_model(const reader *r, const sv_json *j, int i_view, sv_sub_view *v, sv_err *err) {
   char file[96], *text;
   size_t bytes, mark = sv_arena_mark(r->scratch);
-  // scratch does not last
+  // scratch is reset later
   sv_arena *splines = r->rig->splines == r->scratch ? NULL : r->rig->splines;
   sv_status s = required_string(j, i_view, "model", file, sizeof file, err);
   if (s == SV_OK) s = check_name(j, sv_json_get(j, i_view, "model"), file, err);
@@ -109,7 +109,7 @@ static sv_status read_sub_view(const reader *r, const sv_json *j, int i, sv_err 
   if (s != SV_OK) return s;
   for (int k = 0; k < r->rig->n_sub_views; k++)
     if (sv_str_eq(r->rig->sub_views[k].name, v->name))
-      return sv_json_fail(j, i, err, SV_E_FORMAT, "the name \"%s\" is there twice", v->name);
+      return sv_json_fail(j, i, err, SV_E_FORMAT, "the name \"%s\" is used twice", v->name);
   s = sv_json_get_int(j, i, "camera", 0, SV_CAP_SUB_VIEWS - 1, &camera, err);
   if (s == SV_END) return sv_json_missing(j, i, "camera", err);
   if (s != SV_OK) return s;
@@ -136,7 +136,7 @@ static sv_status read_top(const reader *r, const sv_json *j, sv_err *err) {
   while (f < 3 && !sv_str_eq(forward, forward_names[f])) f++;
   if (f == 3)
     return sv_json_fail(j, sv_json_get(j, 0, "forward"), err, SV_E_FORMAT,
-                        "\"%s\" is none of direct, light_field, multiplexed", forward);
+                        "\"%s\" is not one of direct, light_field, multiplexed", forward);
   r->rig->forward = (sv_forward_kind)f;
   r->rig->n_sub_views = 0;
   if (!sv_json_is_array(j, i_views) || !sv_json_size(j, i_views))

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // A rig on disk: a folder with rig.json and one mrcal .cameramodel for each sub-view.
 //   {"version": 1, "name": "bench", "forward": "direct" | "light_field" | "multiplexed",
-//    "sub_views": [{"name": "left", "model": "left.cameramodel", "camera": 0, "footprint": [x, y,
-//    w, h]}, ...]}
-// "footprint" is the sub-view's place on a shared sensor and may be left out. Beside it,
-// "coverage": "a.png" names an 8-bit grey picture of its size: the share of 255 of each pixel that
-// the lens lights.
+//    "sub_views": [{"name": "left", "model": "left.cameramodel", "camera": 0,
+//                   "footprint": [x, y, w, h]}, ...]}
+// "footprint" is the sub-view's rectangle on a shared sensor and optional. With it, "coverage":
+// "a.png" may name an 8-bit grey image of its size: the share of 255 of each pixel that the lens
+// lights.
 #ifndef SV_FORMAT_RIG_FILE_H
 #define SV_FORMAT_RIG_FILE_H
 
@@ -16,8 +16,7 @@
 extern "C" {
 #endif
 
-// Where the files come from: the shape of sv_store.read. Whole file into buf; E_NOT_FOUND, E_NOMEM,
-// E_IO.
+// Reads a whole file into buf, like sv_store.read; E_NOT_FOUND, E_NOMEM, E_IO.
 typedef struct {
   void *self;
   sv_status (*read)(void *self, const char *name, void *buf, size_t cap, size_t *bytes, sv_err *err);
@@ -30,14 +29,14 @@ typedef struct {
 sv_status sv_rig_read(sv_rig *rig, const sv_file_reader *files, const char *json_name, int n_cameras,
                       sv_arena *scratch, sv_err *err) SV_MUST_USE;
 
-// Pictures of coverage, by sub-view; an empty name where there is none.
+// Names of coverage images by sub-view; empty where there is none.
 typedef struct {
   char name[SV_CAP_SUB_VIEWS][64];
 } sv_coverage_names;
 
-// The same, and which coverage pictures are named. footprint.coverage stays NULL: pictures are
-// loaded by who has a decoder (tools/common/coverage.h on hosts). names may be NULL; names are
-// checked all the same.
+// The same, with the names of coverage images. footprint.coverage stays NULL: images are loaded by
+// the caller, who has a decoder (tools/common/coverage.h on hosts). names may be NULL; they are
+// checked nevertheless.
 sv_status sv_rig_read_coverage(sv_rig *rig, sv_coverage_names *names, const sv_file_reader *files,
                                const char *json_name, int n_cameras, sv_arena *scratch,
                                sv_err *err) SV_MUST_USE;
@@ -45,7 +44,7 @@ sv_status sv_rig_read_coverage(sv_rig *rig, sv_coverage_names *names, const sv_f
 // Appends rig.json to out. Model files are named "<sub-view>.cameramodel"; write those with
 // sv_cameramodel_write. E_NOMEM when it does not fit.
 sv_status sv_rig_json_write(sv_str *out, const sv_rig *rig) SV_MUST_USE;
-// The same with names of coverage pictures (NULL: none), which the caller writes.
+// The same with names of coverage images (NULL: none), which the caller writes.
 sv_status sv_rig_json_write_coverage(sv_str *out, const sv_rig *rig,
                                      const sv_coverage_names *names) SV_MUST_USE;
 

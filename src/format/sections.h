@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // A container of tagged sections with checksums, for checkpoints. Little endian:
-//   file header 24 B:    "SVSECT\r\n", kind[4], u32 version, u32 0, u32 crc of the 20 bytes before
+//   file header, 24 B:   "SVSECT\r\n", kind[4], u32 version, u32 0, u32 crc of the 20 bytes before
 //   each section:        tag[4], u32 index, u64 bytes, u32 0, u32 crc of the 20 bytes before;
-//                        payload; zeros up to a multiple of 8; u32 crc of payload and zeros, u32
-//                        ~crc
+//                        payload; zeros up to a multiple of 8; u32 crc of both, u32 ~crc
 //   last: a section "END " without payload. Nothing may follow it.
-// Every byte is under a checksum, the sections are numbered and the end is marked: a truncated file
-// or one with a flipped bit is refused. Payloads start at multiples of 8 from the file's start.
+// Every byte is under a checksum, sections are numbered and the end is marked: a truncated file or
+// a flipped bit is detected. Payloads start at multiples of 8 from the start of the file.
 #ifndef SV_FORMAT_SECTIONS_H
 #define SV_FORMAT_SECTIONS_H
 
@@ -27,8 +26,8 @@ typedef struct {
   int is_open;
 } sv_sections_writer;
 
-// begin, then for each section: section_begin with its size, any number of writes that add up to
-// it, section_end; last: end. kind and tag: 4 characters.
+// Call begin; for each section section_begin with its size, writes that add up to it, section_end;
+// then end. kind and tag: 4 characters.
 sv_status sv_sections_begin(sv_sections_writer *w, sv_sink sink, const char *kind, uint32_t version,
                             sv_err *err) SV_MUST_USE;
 sv_status sv_sections_section_begin(sv_sections_writer *w, const char *tag, uint64_t bytes,

@@ -17,8 +17,8 @@ extern "C" {
 
 void sv_splat_encode(const sv_gaussian *g, uint8_t out[SV_SPLAT_BYTES]);
 void sv_splat_decode(const uint8_t in[SV_SPLAT_BYTES], sv_gaussian *out);
-// Viewers show the file from its start while it loads: write Gaussians by this, largest first
-// (volume of the ellipsoid times opacity).
+// Sort key: volume of the ellipsoid times opacity. Viewers show the file while it loads, so write
+// the largest first.
 float sv_splat_order(const sv_gaussian *g);
 
 #ifdef __cplusplus

@@ -191,7 +191,7 @@ static sv_status read_header(sv_spz *z, const char *name, const uint8_t *d, sv_e
 
 sv_status sv_spz_open(sv_spz *z, const char *name, const uint8_t *d, size_t bytes, sv_err *err) {
   if (bytes < SV_SPZ_HEADER_BYTES || sv_le32(d) != MAGIC)
-    return sv_fail(err, SV_E_FORMAT, "%s: no SPZ file: it does not begin with NGSP", name);
+    return sv_fail(err, SV_E_FORMAT, "%s: not an SPZ file: it does not begin with NGSP", name);
   sv_status s = read_header(z, name, d, err);
   if (s < 0) return s;
   if (z->version == 4) return sv_fail(err, SV_E_FORMAT, "%s: SPZ version 4 inside of gzip", name);
@@ -204,7 +204,7 @@ sv_status sv_spz_open(sv_spz *z, const char *name, const uint8_t *d, size_t byte
 sv_status sv_spz_open4(sv_spz *z, const char *name, const uint8_t *d, size_t bytes,
                        size_t at[SV_SPZ_N_STREAMS], size_t compressed[SV_SPZ_N_STREAMS], sv_err *err) {
   if (!sv_spz_is_4(d, bytes))
-    return sv_fail(err, SV_E_FORMAT, "%s: no SPZ file: it does not begin with NGSP", name);
+    return sv_fail(err, SV_E_FORMAT, "%s: not an SPZ file: it does not begin with NGSP", name);
   if (bytes < 32) return sv_fail(err, SV_E_FORMAT, "%s: the file ends early, in its header", name);
   sv_status s = read_header(z, name, d, err);
   if (s < 0) return s;

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // SPZ, Niantic's compressed splats (github.com/nianticlabs/spz, README "File Format"): fixed-point
 // attributes one after another, compressed by gzip as one stream (versions 2 and 3) or by zstd as
-// six (version 4). The compressing itself is the caller's, who has a library for it; here the bytes
-// are laid out and read.
+// six (version 4). The caller does the compression itself; this room lays out and reads the bytes.
 //
 // Quantisation, and with it the largest error of a value in range:
 //   position   24-bit fixed point with 12 fractional bits, +-2048: 2^-13 = 0.00012
@@ -10,12 +9,11 @@
 //   opacity    sigmoid in 8 bits: 1/510
 //   colour     DC 0.15 + 0.5 in 8 bits, |DC| <= 3.33: 0.0131
 //   rotation   version 2: x y z in 8 bits, w >= 0 follows (0.01 rad, but up to 0.2 near w = 0);
-//              from 3: the three
-//              smallest in 10 bits each (0.004 rad)
+//              from 3: the three smallest, 10 bits each (0.004 rad)
 //   SH         5 bits (degree 1) or 4 bits of [-1, 1), after 8: 4.5/128, 8.5/128
-// The file's axes are right-up-back (RUB). Models are taken as right-down-forward, up being -y, as
-// 3DGS PLY files of COLMAP scenes have them, and turned by half a turn about x. Readers that keep
-// the file's numbers show y and z negated.
+// The file's axes are right-up-back (RUB). Models are assumed right-down-forward (-y is up), as in
+// 3DGS PLY files of COLMAP scenes, and turned by 180 degrees about x. Readers that keep the file's
+// numbers show y and z negated.
 #ifndef SV_FORMAT_SPZ_H
 #define SV_FORMAT_SPZ_H
 
@@ -44,7 +42,7 @@ typedef struct {
 size_t sv_spz_bytes(const sv_spz *z);
 // Attribute stream i (positions, opacities, colours, scales, rotations, SH) inside them.
 void sv_spz_stream(const sv_spz *z, int i, size_t *at, size_t *bytes);
-// Gaussian i of z->n into the attributes. Values out of range are held at the range's end.
+// Gaussian i of z->n into the attributes. Values out of range are clamped.
 void sv_spz_put(const sv_spz *z, uint8_t *attributes, uint32_t i, const sv_gaussian *g);
 void sv_spz_get(const sv_spz *z, const uint8_t *attributes, uint32_t i, sv_gaussian *out);
 

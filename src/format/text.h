@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lines and words of a text that is in memory: what the readers of PLY and COLMAP share.
+// Lines and words of a text in memory, shared by the readers of PLY and COLMAP.
 #ifndef SV_FORMAT_TEXT_H
 #define SV_FORMAT_TEXT_H
 
@@ -33,7 +33,7 @@ static inline bool sv_text_line(sv_text *l, sv_word *out) {
   return true;
 }
 
-// Takes the first word off the line; empty when nothing is left.
+// Removes the first word of the line; empty when none is left.
 static inline sv_word sv_word_next(sv_word *line) {
   size_t i = 0, j;
   while (i < line->n && (line->t[i] == ' ' || line->t[i] == '\t')) i++;

@@ -48,7 +48,8 @@ static sv_status read_camera(const sv_json *j, int i_object, camera *c, sv_err *
     if (s < 0) return s;
     if (s == SV_OK) own |= 1u << k;
   }
-  // a frame's angle replaces the top level's focal length; its own focal length replaces any angle
+  // a frame's angle overrides the top level's focal length; a frame's focal length overrides any
+  // angle
   if ((own >> ANGLE_X & 1u) && !(own >> FL_X & 1u)) c->has &= ~(1u << FL_X | 1u << FL_Y);
   if (own >> ANGLE_X & 1u) c->has &= ~(1u << ANGLE_Y);
   c->has |= own;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Blender, nerfstudio and instant-ngp "transforms" JSON. Their cameras are OpenGL's (+y up, looking
-// along -z) and camera-to-world; what comes out is OpenCV's, cam_from_world. Their pixel centres
-// are ours (cx = w/2 is the middle of the image).
+// The transforms JSON of Blender, nerfstudio and instant-ngp.
+// Their cameras are OpenGL's (+y up, looking along -z) and camera-to-world; results are OpenCV's,
+// cam_from_world. Pixel centres agree with ours (cx = w/2 is the middle of the image).
 #ifndef SV_FORMAT_TRANSFORMS_H
 #define SV_FORMAT_TRANSFORMS_H
 
@@ -24,7 +24,7 @@ typedef enum {
   SV_DEPTH_RAY // along the pixel's ray
 } sv_depth_kind;
 
-// Estimated depth, of some scale and offset: file key depth_prior, or disparity_prior for inverse
+// Estimated depth of unknown scale and offset: file key depth_prior, or disparity_prior for inverse
 // depth.
 typedef enum { SV_TRANSFORMS_NO_PRIOR = 0, SV_TRANSFORMS_DEPTH, SV_TRANSFORMS_DISPARITY } sv_transforms_prior;
 
@@ -34,28 +34,27 @@ typedef struct {
   char depth_path[SV_TRANSFORMS_CAP_PATH]; // empty when depth_kind is NONE
   bool has_extension;                      // false: the reader tries .png, .jpg, ...
   sv_depth_kind depth_kind;
-  // depth that somebody estimated; empty when prior_kind is NONE
+  // estimated depth; empty when prior_kind is NONE
   char prior_path[SV_TRANSFORMS_CAP_PATH];
   sv_transforms_prior prior_kind;
-  double depth_unit;      // scene units for one step of the depth image, 0 when not said
-  char camera[32];        // empty when not said
-  char split[16];         // "train", "test", ...; empty when not said
-  int exposure;           // -1 when not said (files say -1, too, for views outside any exposure)
-  int sub_view;           // -1 when not said
-  double time;            // 0..1, -1 when not said
-  sv_footprint footprint; // on the sensor, all zero when not said
+  double depth_unit;      // scene units for one step of the depth image, 0 when absent
+  char camera[32];        // empty when absent
+  char split[16];         // "train", "test", ...; empty when absent
+  int exposure;           // -1 when absent (or, explicitly, for views outside of any exposure)
+  int sub_view;           // -1 when absent
+  double time;            // 0..1, -1 when absent
+  sv_footprint footprint; // on the sensor, all zero when absent
   sv_pose cam_from_world;
-  // Width, height and parameters are complete after sv_transforms_finish. Before, 0 stands for what
-  // the file does not say.
+  // Width, height and parameters are complete after sv_transforms_finish. Before, 0 means absent.
   sv_camera_model model;
-  double camera_angle_x_rad, camera_angle_y_rad; // 0 when not said or fl_x is given
+  double camera_angle_x_rad, camera_angle_y_rad; // 0 when absent or when fl_x is given
   bool has_cx, has_cy;
 } sv_transforms_frame;
 
 typedef struct {
   sv_json json;
   int n_frames;
-  char ply_file_path[SV_TRANSFORMS_CAP_PATH]; // the initial points, empty when not said
+  char ply_file_path[SV_TRANSFORMS_CAP_PATH]; // the initial points; empty when absent
 } sv_transforms;
 
 // Checks the file and its top level. sv_json_count tells how many tokens it takes; name, text and
@@ -64,12 +63,12 @@ typedef struct {
 sv_status sv_transforms_open(sv_transforms *t, const char *name, const char *text, size_t bytes,
                              jsmntok_t *tok, int cap_tok, sv_err *err) SV_MUST_USE;
 // All frames in the file's order into frames[t->n_frames] (cap is checked). Refused: matrices that
-// are no rotation (more than 1e-3 off; smaller errors are corrected), times outside 0..1, an r^8
+// are not rotations (more than 1e-3 off; smaller errors are corrected), times outside 0..1, an r^8
 // term k4.
 sv_status sv_transforms_read(const sv_transforms *t, sv_transforms_frame *frames, int cap,
                              sv_err *err) SV_MUST_USE;
-// Completes a frame's camera once its image's size is known: focal length from camera_angle_x,
-// centre in the middle unless said. Fails when the file says another size.
+// Completes a frame's camera once the image size is known: focal length from camera_angle_x, centre
+// in the middle unless given. Fails when the file states another size.
 sv_status sv_transforms_finish(sv_transforms_frame *f, int width_px, int height_px, sv_err *err) SV_MUST_USE;
 
 // The multiplexed measurement of an exposure ("composites", or "composites_linear": summed in

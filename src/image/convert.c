@@ -43,7 +43,7 @@ static sv_status check_caps(const sv_convert_cfg *cfg, int i, bool has_decoder_c
     return sv_fail(err, SV_E_UNSUPPORTED, "camera %d (%s) delivers %s, which cannot be made RGB8", i, c->name,
                    p->name);
   if (has_decoder_check && p->layout == SV_LAYOUT_CODED && (!cfg->decoder || !cfg->decoder->decode))
-    return sv_fail(err, SV_E_UNSUPPORTED, "camera %d (%s) delivers %s pictures and there is no decoder", i,
+    return sv_fail(err, SV_E_UNSUPPORTED, "camera %d (%s) delivers %s images and there is no decoder", i,
                    c->name, p->name);
   bool is_paired = p->layout == SV_LAYOUT_YUYV || p->layout == SV_LAYOUT_UYVY || p->layout == SV_LAYOUT_NV12;
   if (is_paired && c->width_px % 2)
@@ -73,7 +73,7 @@ static void build_tables(const sv_camera_caps *c, uint8_t *tables) {
     double gain = 1;
     if (p->layout == SV_LAYOUT_BAYER && is_red && c->tone.gain_r > 0) gain = (double)c->tone.gain_r;
     if (p->layout == SV_LAYOUT_BAYER && is_blue && c->tone.gain_b > 0) gain = (double)c->tone.gain_b;
-    // of a range of samples the middle one, at the ends the end
+    // the middle sample of the range; at both ends the end itself
     for (int i = 0; i < SV_RAW_TABLE; i++) {
       int k = sv_mini(i, (1 << index_bits) - 1), v = k << shift;
       if (shift) v += k == (1 << index_bits) - 1 ? (1 << shift) - 1 : k ? 1 << (shift - 1) : 0;
@@ -201,7 +201,7 @@ static void from_raw(sv_convert *c, const sv_frame *f, job *j, const sv_pool *po
   sv_pool_run(pool, demosaic_task, j, n_tasks);
 }
 
-// A camera may be a part of a picture: the whole is decoded once, and the part pointed to.
+// Several cameras may share one compressed image: it is decoded once, and each gets its part.
 static sv_status from_coded(sv_convert *c, const sv_frame *f, sv_image_u8 *out, sv_err *err) {
   const sv_camera_caps *caps = &c->cfg.caps[f->i_camera];
   const sv_decoder *d = c->cfg.decoder;
@@ -211,7 +211,7 @@ static sv_status from_coded(sv_convert *c, const sv_frame *f, sv_image_u8 *out, 
   size_t stride = 3 * (size_t)w;
   if (f->coded_x0_px < 0 || f->coded_y0_px < 0 || f->coded_x0_px > w - f->width_px ||
       f->coded_y0_px > h - f->height_px)
-    return sv_fail(err, SV_E_RANGE, "camera %d (%s): its part of the picture lies outside of %dx%d px",
+    return sv_fail(err, SV_E_RANGE, "camera %d (%s): its part of the image lies outside of %dx%d px",
                    f->i_camera, caps->name, w, h);
   if (c->coded != f->data) {
     c->coded = NULL;
@@ -227,7 +227,8 @@ static sv_status from_coded(sv_convert *c, const sv_frame *f, sv_image_u8 *out, 
 
 static sv_status check_frame(const sv_convert *c, const sv_frame *f, sv_err *err) {
   if (f->i_camera < 0 || f->i_camera >= c->cfg.n_cameras)
-    return sv_fail(err, SV_E_ARG, "a frame of camera %d came, there are %d", f->i_camera, c->cfg.n_cameras);
+    return sv_fail(err, SV_E_ARG, "frame of camera %d, but there are only %d cameras", f->i_camera,
+                   c->cfg.n_cameras);
   const sv_camera_caps *caps = &c->cfg.caps[f->i_camera];
   sv_pixel_format want = caps->format == SV_PIX_NONE ? SV_PIX_RGB8 : caps->format;
   if (f->format != want)

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Frames of any camera format to RGB8: Y'CbCr and demosaicing kernels over rows, compressed
-// pictures through the port's decoder, raw samples through tables (black level, white balance, sRGB
-// curve). Only frames that become part of an exposure come here; RGB8 frames are passed on without
-// a copy.
+// Conversion of camera frames to RGB8: Y'CbCr and demosaicing kernels over rows, compressed images
+// through the port's decoder, raw samples through tables (black level, white balance, sRGB curve).
+// Owns one frame of converted pixels. RGB8 frames pass through without a copy.
+// Never converts a frame that does not become part of an exposure.
 #ifndef SV_IMAGE_CONVERT_H
 #define SV_IMAGE_CONVERT_H
 
@@ -29,24 +29,24 @@ typedef struct {
   size_t row_bytes;
   uint8_t **tables;     // [n_cameras] of raw cameras: [4][SV_RAW_TABLE], by place in the pattern;
                         // else NULL
-  const uint8_t *coded; // what rgb was decoded from: pictures that hold several cameras are decoded
+  const uint8_t *coded; // what rgb was decoded from: an image that holds several cameras is decoded
                         // once
 } sv_convert;
 
-// Can frames of this format be converted (given a decoder)?
+// Whether frames of this format can be converted, given a decoder.
 bool sv_convert_knows(sv_pixel_format f);
 
-// E_UNSUPPORTED with a sentence for formats that cannot be converted (RGB16: multiplexed sensors
-// keep it whole), E_RANGE for sizes that a format does not have. caps, decoder and arena must
-// outlive it.
+// E_UNSUPPORTED for formats that cannot be converted (RGB16 is kept as it is, for multiplexed
+// sensors); E_RANGE for sizes that a format does not allow. caps, decoder and arena must outlive
+// it.
 sv_status sv_convert_init(sv_convert *c, const sv_convert_cfg *cfg, sv_arena *arena, sv_err *err) SV_MUST_USE;
 
-// The frame as RGB8; *out points into the frame or to memory of `c` that the next call uses anew.
+// The frame as RGB8; *out points into the frame or to memory of `c` that the next call overwrites.
 // E_UNSUPPORTED or E_RANGE when the frame is not as its camera's caps say; the decoder's errors.
 sv_status sv_convert_frame(sv_convert *c, const sv_frame *frame, const sv_kernels *k, const sv_pool *pool,
                            sv_image_u8 *out, sv_err *err) SV_MUST_USE;
 
-// Forgets the picture that was decoded last: to be called when frames go back to their source.
+// Forgets the image that was decoded last. Call it when frames go back to their source.
 void sv_convert_forget(sv_convert *c);
 
 // Display value 0..255 of a sample of `bits` bits.

@@ -42,8 +42,8 @@ sv_status sv_noise_init(sv_noise *t, sv_arena *a) {
   return SV_OK;
 }
 
-// 12 bits of the hash choose the radius, 10 others the angle; three quarters of a turn on, the
-// cosine is the sine.
+// 12 bits of the hash choose the radius, 10 others the angle; the sine is the cosine three quarters
+// of a turn further.
 static float normal(const sv_noise *t, uint32_t hash, uint32_t quarter) {
   return t->radius[hash >> 20] * t->turn_cos[((hash >> 8) + quarter * (3 * N_TURN / 4)) & (N_TURN - 1)];
 }

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a sensor does to light (the paper, section 4.2): y ~ N(x, read + shot x) in linear light,
-// clipped to [0, 1] and rounded to 14 bits; then stored display-referred (sRGB).
+// Sensor noise (the paper, section 4.2): y ~ N(x, read + shot x) in linear light, clipped to [0,
+// 1], rounded to 14 bits and stored display-referred (sRGB).
 //
-// Noise is a hash of two keys and the pixel's number, never of the order in which pixels are
-// visited: the same on any machine and for any number of threads. Normal deviates come from tables
-// (Box-Muller with 4096 radii and 1024 angles): mean 0, variance within 1e-3 of 1, at most 4.2
-// sigma.
+// Noise is a hash of two keys and the pixel's number, so it is the same on any machine and for any
+// number of threads. Normal deviates come from tables (Box-Muller with 4096 radii and 1024 angles):
+// mean 0, variance within 1e-3 of 1, at most 4.2 sigma.
 #ifndef SV_IMAGE_NOISE_H
 #define SV_IMAGE_NOISE_H
 
@@ -51,14 +50,14 @@ static inline int sv_noise_quantise(float x) {
 
 typedef struct {
   sv_noise_model model;
-  uint32_t key[2];    // of the picture: other keys give independent noise
-  bool is_over_black; // a picture with straight alpha is laid over black, measured, and opaque
+  uint32_t key[2];    // of the image: other keys give independent noise
+  bool is_over_black; // an image with straight alpha is composited over black, measured, and opaque
                       // afterwards
 } sv_noise_job;
 
-// A picture of n_px pixels in place: decode, add, quantise, encode. n_channels is 3, or 4 with
-// alpha, which only is_over_black allows: what lies behind a transparent pixel belongs to the
-// measurement. E_ARG else.
+// Adds noise to n_px pixels in place: decode, add, quantise, encode. n_channels is 3, or 4 with
+// alpha if is_over_black: the background of a transparent pixel belongs to the measurement.
+// Otherwise E_ARG.
 sv_status sv_noise_u8(const sv_noise *t, const sv_noise_job *job, uint8_t *px, int n_channels,
                       size_t n_px) SV_MUST_USE;
 sv_status sv_noise_u16(const sv_noise *t, const sv_noise_job *job, uint16_t *px, int n_channels,

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pictures in memory: three float planes (what is rendered and trained) and 8-bit pictures (what
-// cameras and files give). Values are 0..1 = display values unless said otherwise.
+// Images in memory: three float planes (rendered and trained) and 8-bit images (from cameras and
+// files). Values 0..1 are display values unless said otherwise. Owns nothing: planes lie in the
+// caller's arena, 8-bit images belong to their source.
+// Never reads files and never changes the size of an image.
 #ifndef SV_IMAGE_PLANES_H
 #define SV_IMAGE_PLANES_H
 
@@ -34,14 +36,14 @@ static inline size_t sv_plane_floats(int width_px, int height_px) {
 // outside 1..16384, else the arena's status.
 sv_status sv_planes_init(sv_planes *p, int width_px, int height_px, sv_arena *a) SV_MUST_USE;
 
-// The same memory used for a smaller picture (coarse-to-fine): sets size, stride and padding,
-// clears all of the new planes. E_RANGE when it does not fit in the cap_floats of each plane.
+// Reuses the memory for a smaller image (coarse to fine): sets size, stride and padding and clears
+// the new planes. E_RANGE when it does not fit in the cap_floats of each plane.
 sv_status sv_planes_resize(sv_planes *p, int width_px, int height_px, size_t cap_floats) SV_MUST_USE;
 
 // Sets every float of the three planes, padding included, to 0.
 void sv_planes_clear(sv_planes *p);
 
-// A picture of bytes that someone else owns: [height][stride_bytes], n_channels interleaved (1
+// An image of bytes that someone else owns: [height][stride_bytes], n_channels interleaved (1
 // grey, 3 RGB, 4 RGB and straight alpha).
 typedef struct {
   const uint8_t *px;

@@ -8,7 +8,7 @@
 
 static uint64_t padded(uint64_t n) { return (n + ALIGN - 1) / ALIGN * ALIGN; }
 
-// Slots of two for what is large and seldom, of four for what is small and often.
+// Two slots for channels that are large and rare, four for small and frequent ones.
 static uint64_t payload(sv_feed_channel c, uint32_t cap_gaussians, uint32_t cap_floats, uint64_t *n_slots) {
   *n_slots = 4;
   switch (c) {
@@ -25,7 +25,7 @@ static uint64_t payload(sv_feed_channel c, uint32_t cap_gaussians, uint32_t cap_
   }
 }
 
-// Gives the header its rings (or NULL) and returns the size of all.
+// Fills the header's rings (NULL: only counts) and returns the size of the block.
 static uint64_t lay_out(sv_feed_header *h, uint32_t cap_gaussians, uint32_t cap_floats) {
   uint64_t at = padded(sizeof *h);
   for (int c = 0; c < SV_FEED_N_CHANNELS; c++) {
@@ -68,7 +68,7 @@ uint64_t sv_feed_seq(const sv_feed *f, sv_feed_channel c) { return f->next[c]; }
 void *sv_feed_begin(sv_feed *f, sv_feed_channel c) {
   sv_feed_slot *s = slot_of(f, c, f->next[c] + 1);
   atomic_store_explicit(&s->seq, 2 * (f->next[c] + 1) + 1, memory_order_relaxed);
-  // readers see that it is open before they see it change
+  // readers must see that the slot is open before they see it change
   atomic_thread_fence(memory_order_release);
   return s + 1;
 }
@@ -87,15 +87,15 @@ sv_status sv_feed_attach(sv_feed_reader *r, const void *block, size_t bytes, sv_
   memset(r, 0, sizeof *r);
   const sv_feed_header *h = block;
   if (bytes < sizeof *h || h->magic != SV_FEED_MAGIC)
-    return sv_fail(err, SV_E_FORMAT, "the feed: not a block that subview publishes");
+    return sv_fail(err, SV_E_FORMAT, "feed: not a block published by subview");
   if (h->version != SV_FEED_VERSION)
-    return sv_fail(err, SV_E_UNSUPPORTED, "the feed: version %u, this program reads version %u", h->version,
+    return sv_fail(err, SV_E_UNSUPPORTED, "feed: version %u, but this program reads version %u", h->version,
                    SV_FEED_VERSION);
   for (int c = 0; c < SV_FEED_N_CHANNELS; c++) {
     uint64_t at = h->ring[c].at, slot = h->ring[c].slot_bytes, n = h->ring[c].n_slots;
     bool is_inside = at % ALIGN == 0 && slot % ALIGN == 0 && at <= bytes && slot <= bytes && n >= 2 &&
                      n <= 64 && n * (sizeof(sv_feed_slot) + slot) <= bytes - at;
-    if (!is_inside) return sv_fail(err, SV_E_FORMAT, "the feed: channel %d lies outside of the block", c);
+    if (!is_inside) return sv_fail(err, SV_E_FORMAT, "feed: channel %d lies outside of the block", c);
     r->ring[c].at = at;
     r->ring[c].slot_bytes = slot;
     r->ring[c].n_slots = n;

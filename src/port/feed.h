@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // C only: C++ has no _Atomic.
-// The feed: what a running runtime shows, in one block of memory that other processes read. One
-// writer; any number of readers, which never hold it up and need no write access.
+// The feed: the state of a running runtime in one block of memory that other processes read. Owns
+// the layout of that block: a header and, for each channel, a ring of slots. One writer; any number
+// of readers, which need no write access. Never blocks: a reader cannot hold up the writer.
 //
-// The block is a header and, for each channel, a ring of slots. The writer fills the slot after the
-// newest and then moves the head; a reader copies the newest slot and looks whether it was
-// overtaken meanwhile (a sequence lock per slot: odd while it is written). With two slots a reader
-// has a whole period of the channel for its copy. The layout is the same for both sides as long as
-// they are of one architecture and SV_FEED_VERSION.
+// The writer fills the slot after the newest one, then moves the head. A reader copies the newest
+// slot and checks whether it was overtaken (a sequence lock per slot: odd while being written).
+// With two slots, a reader has a whole period of the channel for its copy. Writer and reader must
+// share the architecture and SV_FEED_VERSION.
 #ifndef SV_PORT_FEED_H
 #define SV_PORT_FEED_H
 
@@ -45,7 +45,7 @@ typedef enum {
 
 // --- what the channels hold ----------------------------------------------------------------------
 typedef enum {
-  SV_FEED_STATUS_WAITING, // cameras are live, Start is waited for
+  SV_FEED_STATUS_WAITING, // cameras run, waiting for Start
   SV_FEED_STATUS_CAPTURING,
   SV_FEED_STATUS_TRAINING,
   SV_FEED_STATUS_PAUSED,
@@ -53,14 +53,14 @@ typedef enum {
   SV_FEED_STATUS_DONE,
   SV_FEED_STATUS_FAILED
 } sv_feed_status;
-// Error cause of a failed run.
+// Cause of a failure.
 typedef enum { SV_CAUSE_NOTHING, SV_CAUSE_CAMERA, SV_CAUSE_RIG, SV_CAUSE_OTHER } sv_feed_cause;
 
 typedef struct {
   char name[48];
   int32_t width_px, height_px;
   double fps;                                              // measured, 0 before the second frame
-  uint64_t captured, delivered, pending, dropped, n_tiles; // the ledger's; thumbnails made
+  uint64_t captured, delivered, pending, dropped, n_tiles; // as in the ledger; number of thumbnails
   uint64_t dropped_by[SV_FEED_CAP_REASONS];                // sv_drop_reason
 } sv_feed_camera;
 
@@ -73,12 +73,11 @@ typedef struct {
   int32_t status, cause; // sv_feed_status, sv_feed_cause
   char sentence[256];    // of a failure
   char board[32], source[128], rig[32];
-  int32_t is_session; // Start and New are answered, and the end of a run is not the end of the
-                      // program
+  int32_t is_session; // Start and New are accepted; the program outlives the run
   int32_t n_cameras, n_exposures, cap_exposures, n_views;
   uint32_t step, steps; // steps 0: until the time limit
   double train_s, time_limit_s, steps_per_s, loss;
-  double psnr; // of one training picture a time, a running mean; 0: not yet
+  double psnr; // running mean over training images, one at a time; 0: not yet known
   uint32_t n_gaussians, sh_degree;
   uint64_t n_saves, n_device_errors, model_seq;
   uint64_t arena_cap_bytes, arena_used_bytes;
@@ -86,7 +85,7 @@ typedef struct {
   int32_t is_throttled; // -1: not known
   uint64_t n_skew;
   double skew_p50_us, skew_p99_us, skew_max_us;
-  // eighths of an octave in pairs: bin b starts at 2^(b/4) x 1 us
+  // quarter octaves: bin b starts at 2^(b/4) x 1 us
   uint32_t skew_bins[SV_FEED_SKEW_BINS];
   int32_t n_reasons, n_parts;
   char reasons[SV_FEED_CAP_REASONS][24];
@@ -105,11 +104,11 @@ typedef struct {
 
 // A snapshot of the Gaussians: n rows of n_floats floats each, as sv_gaussian of src/format up to
 // the model's degree (mean, quaternion w x y z, log-scales, opacity logit, SH coefficient-major).
-// Of a model that moves, n_moving rows of n_motion floats follow: the motion of the first n_moving
-// Gaussians (rows of kernels/motion/motion.h; which functions of time: src/deform/motion.h). With
-// rigid bodies (src/deform/bodies.h) floats follow of n_bodies, number 0 among them: centres
-// [n_bodies][3], times [n_knots], knots [n_bodies][n_knots][7] (w x y z, displacement), the body of
-// each of the n_moving.
+// For a moving scene, n_moving rows of n_motion floats follow: the motion of the first n_moving
+// Gaussians (rows of kernels/motion/motion.h; the functions of time are in src/deform/motion.h).
+// With rigid bodies, floats of n_bodies follow, body 0 included: centres [n_bodies][3], times
+// [n_knots], knots [n_bodies][n_knots][7] (w x y z, displacement), the body of each of the
+// n_moving.
 typedef enum { SV_FEED_STILL, SV_FEED_CHEBYSHEV, SV_FEED_SPLINE, SV_FEED_POWERS } sv_feed_motion;
 typedef struct {
   uint32_t n, sh_degree, n_floats, is_mip, step;
@@ -120,8 +119,8 @@ typedef struct {
   float dilation_px2;                // low-pass of the splats
   float centre[3], radius;           // of the scene
   float eye[3], up[3], fov_y;        // a good first viewpoint (radians): the first training view
-  float time_min, time_max, seconds; // of a model that moves: its exposures' times, and how long
-                                     // they took
+  float time_min, time_max, seconds; // of a moving scene: times of its exposures, and their
+                                     // duration
 } sv_feed_model;
 #define SV_FEED_CAP_BODIES 16
 #define SV_FEED_CAP_KNOTS  256
@@ -129,7 +128,7 @@ typedef struct {
   ((size_t)(n_bodies) * (3 + 7 * (size_t)(n_knots)) + (size_t)(n_knots) + (size_t)(n_moving))
 
 typedef struct {
-  int32_t width_px, height_px; // rgb follows, rows packed: what was measured beside its rendering
+  int32_t width_px, height_px; // rgb follows, rows packed: captured image beside its rendering
   uint32_t step, reserved;
 } sv_feed_picture;
 
@@ -138,7 +137,7 @@ typedef struct {
   uint32_t step;
 } sv_feed_point;
 typedef struct {
-  uint32_t n, stride; // one point for so many periods
+  uint32_t n, stride; // one point per `stride` periods
   sv_feed_point point[SV_FEED_CAP_POINTS];
 } sv_feed_curve;
 
@@ -167,8 +166,8 @@ typedef struct {
 typedef struct {
   uint32_t magic, version;
   uint64_t bytes;
-  int32_t writer_pid, command_fd; // where a reader in another session finds the way back; -1: there
-                                  // is none
+  int32_t writer_pid, command_fd; // lets a reader in another session send commands; -1: not
+                                  // possible
   sv_feed_ring ring[SV_FEED_N_CHANNELS];
 } sv_feed_header;
 
@@ -178,15 +177,15 @@ typedef struct sv_feed {
   uint64_t next[SV_FEED_N_CHANNELS];
 } sv_feed;
 
-// Bytes of a block that takes models of up to so many Gaussians of so many floats.
+// Bytes of a block for models of up to cap Gaussians of n_floats floats.
 size_t sv_feed_bytes(uint32_t cap_gaussians, uint32_t cap_floats);
 // Lays the block out. block: 64-byte aligned, sv_feed_bytes long, all zero. E_NOMEM when it is too
 // small.
 sv_status sv_feed_init(sv_feed *f, void *block, size_t bytes, uint32_t cap_gaussians,
                        uint32_t cap_floats) SV_MUST_USE;
 size_t sv_feed_cap(const sv_feed *f, sv_feed_channel c);
-// The slot to fill, sv_feed_cap bytes; then commit with what was filled. begin twice: the first is
-// forgotten.
+// Returns the slot to fill, sv_feed_cap bytes; commit takes the bytes filled. A second begin
+// discards the first.
 void *sv_feed_begin(sv_feed *f, sv_feed_channel c);
 void sv_feed_commit(sv_feed *f, sv_feed_channel c, size_t bytes);
 // Number of the newest snapshot of a channel.
@@ -198,11 +197,11 @@ typedef struct {
   sv_feed_ring ring[SV_FEED_N_CHANNELS]; // checked against the block's size; head is not used
 } sv_feed_reader;
 
-// E_FORMAT when it is no feed, E_UNSUPPORTED for another version. The block must outlive the
-// reader.
+// E_FORMAT when the block is not a feed, E_UNSUPPORTED for another version. The block must outlive
+// the reader.
 sv_status sv_feed_attach(sv_feed_reader *r, const void *block, size_t bytes, sv_err *err) SV_MUST_USE;
-// Copies the newest snapshot if its number is not *seq, into buf[cap]; *bytes is what it has, *seq
-// its number. AGAIN: nothing newer, or the writer was faster eight times (*seq is 0 then if buf is
+// Copies the newest snapshot if its number is not *seq, into buf[cap]; *bytes is its size, *seq its
+// number. AGAIN: nothing newer, or the writer overtook eight attempts (*seq is then 0 if buf is
 // torn); E_NOMEM: larger than cap.
 sv_status sv_feed_read(const sv_feed_reader *r, sv_feed_channel c, uint64_t *seq, void *buf, size_t cap,
                        size_t *bytes) SV_MUST_USE;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Everything the runtime asks of a machine. The core owns this interface; platforms implement it.
-// No call may allocate after the platform's start. Two ports may live in one process.
+// The port: everything that the runtime asks of a machine. The core owns these interfaces;
+// platforms implement them. Owns the types only. Two ports may live in one process.
+// No call may allocate after the platform's start.
 #ifndef SV_PORT_PORT_H
 #define SV_PORT_PORT_H
 
@@ -39,14 +40,14 @@ static inline void sv_pool_run(const sv_pool *p, sv_task_fn fn, void *arg, int n
   p->run(p->self, fn, arg, n_tasks);
 }
 
-// How tasks are best laid out: thread k begins with those from share(k) up to share(k + 1), in
-// rising order, and when it is done takes from the others' ends. Neighbours among the tasks then
-// find what they share in one core's cache, and so do the same tasks of the next job.
+// First task of thread k's share. A thread works through its share in rising order, then takes
+// tasks from the ends of the others' shares. Neighbouring tasks, and the same tasks of the next
+// job, thus find their data in one core's cache.
 static inline int sv_pool_share(int n_tasks, int k, int n_threads) {
   return (int)(((int64_t)n_tasks * k + n_threads - 1) / n_threads);
 }
 
-// One more thread, beside the pool, for the cameras (a live run). start may be NULL: there is none.
+// One more thread beside the pool, for the cameras. start may be NULL: there is none.
 typedef struct {
   void *self;
   sv_status (*start)(void *self, void (*fn)(void *arg), void *arg); // one fn at a time
@@ -84,27 +85,27 @@ typedef struct {
   int bits, container_bits, phase; // see pixel.inc
 } sv_pixel_info;
 
-// that of NONE for a number that is not in the list
+// The entry of NONE for a number that is not in the list.
 const sv_pixel_info *sv_pixel(sv_pixel_format f);
-// Bytes of n pixels that begin at an even (packed formats: fourth) one; of NV12: in one plane. 0
-// for coded formats.
+// Bytes of n pixels that begin at an even pixel (packed formats: at a multiple of four). NV12: of
+// one plane. 0 for compressed formats.
 size_t sv_pixel_row_bytes(sv_pixel_format f, int n_px);
-// Bytes of a whole frame without padding, the chroma plane included; 0 for coded formats.
+// Bytes of a whole frame without padding, including the chroma plane; 0 for compressed formats.
 size_t sv_pixel_frame_bytes(sv_pixel_format f, int width_px, int height_px);
 
 // How Y'CbCr becomes R'G'B': matrix and range.
 typedef enum { SV_YUV_601 = 0, SV_YUV_601_FULL, SV_YUV_709, SV_YUV_709_FULL } sv_yuv_kind;
 
-// What samples of a sensor mean (Bayer, and grey of more than 8 bits): value = gain (sample -
-// black), and when is_linear the value is light, to be encoded by the sRGB curve. All zero: samples
-// are display values.
+// Meaning of sensor samples (Bayer, and grey of more than 8 bits): value = gain (sample - black).
+// If is_linear, the value is linear light and gets encoded by the sRGB curve. All zero: samples are
+// display values.
 typedef struct {
   int black;            // in samples
   float gain_r, gain_b; // beside green; 0 counts as 1
   bool is_linear;
 } sv_raw_tone;
 
-// Whose clock a timestamp is on, and what instant of the frame it names.
+// The clock of a timestamp, and the instant of the frame that it marks.
 typedef enum { SV_CLOCK_CAMERA = 0, SV_CLOCK_MONOTONIC, SV_CLOCK_BOOTTIME, SV_CLOCK_REALTIME } sv_clock_id;
 typedef enum { SV_STAMP_START = 0, SV_STAMP_MIDDLE, SV_STAMP_END } sv_stamp_source;
 
@@ -115,16 +116,16 @@ typedef struct {
   double fps;
   sv_clock_id clock;
   sv_stamp_source stamp;
-  sv_ns stamp_noise_ns; // standard deviation of the stamps about the true instants; 0: exact, as
-                        // far as known
+  sv_ns stamp_noise_ns; // standard deviation of the timestamps, ns; 0: exact, as far as known
   size_t frame_bytes;   // the largest data_bytes of one frame
   sv_yuv_kind yuv;      // of YUYV, UYVY, NV12
   sv_raw_tone tone;     // of Bayer, and of grey with more than 8 bits
   int coded_width_px,
-      coded_height_px; // of the compressed picture this camera is a part of; 0: it is all of it
+      coded_height_px; // of the compressed image that holds this camera; 0: the camera is the whole
+                       // image
 } sv_camera_caps;
 
-// One frame, on loan until it is handed back with requeue. `data` belongs to the source.
+// One frame, on loan until requeue returns it. `data` belongs to the source.
 typedef struct {
   int i_camera;
   uint32_t sequence; // counts the sensor's frames: a gap means the driver lost some
@@ -135,11 +136,11 @@ typedef struct {
   sv_pixel_format format;
   const uint8_t *data;
   size_t data_bytes;
-  const uint8_t *chroma; // NV12: [height / 2] rows of Cb,Cr; NULL: they follow the rows of Y
+  const uint8_t *chroma; // NV12: [height / 2] rows of Cb,Cr; NULL: directly after the rows of Y
   int chroma_stride_bytes;
-  int coded_x0_px, coded_y0_px; // where it lies in its compressed picture (caps.coded_*)
-  bool is_error;                // the driver delivered it, but says that it is damaged
-  int i_buffer;                 // the source's own
+  int coded_x0_px, coded_y0_px; // its position in the compressed image (caps.coded_*)
+  bool is_error;                // the driver delivered it and flagged it as damaged
+  int i_buffer;                 // private to the source
 } sv_frame;
 
 typedef enum {
@@ -156,49 +157,44 @@ typedef struct {
   int i_camera;
   sv_ns host_ns;
   int64_t detail;   // see camera_event.inc
-  const char *text; // a sentence of the source's own, which stays as it is while the source is
-                    // open; or NULL
+  const char *text; // a sentence from the source, valid while the source is open; or NULL
 } sv_camera_event;
 
 // Settings of a camera that can be changed while it runs.
 typedef enum {
   SV_CONTROL_EXPOSURE_NS = 0,
   SV_CONTROL_GAIN_MILLI,       // 1000: none
-  SV_CONTROL_FRAME_DURATION_NS // of each frame from the next ones on; cameras count in lines, so
-                               // *actual differs
+  SV_CONTROL_FRAME_DURATION_NS // of the frames to come; cameras count in lines, so *actual may
+                               // differ
 } sv_control;
 
-// A set of cameras that run together. open/enumeration belong to the platform; the runtime gets
-// this.
+// A set of cameras that run together. Opening and enumeration belong to the platform.
 typedef struct {
   void *self;
   int n_cameras;
   sv_status (*caps)(void *self, int i_camera, sv_camera_caps *out);
   sv_status (*start)(void *self);
-  // The next frame of any camera, oldest arrival first. AGAIN when none came before until_host_ns,
-  // END when no more will ever come. A failure of one camera is E_DEVICE with frame->i_camera set;
-  // the others go on.
+  // The next frame of any camera, oldest arrival first. AGAIN when none arrived before
+  // until_host_ns, END when the source is exhausted. The failure of one camera is E_DEVICE with
+  // frame->i_camera set; the other cameras continue.
   sv_status (*dequeue)(void *self, sv_frame *frame, sv_ns until_host_ns);
   sv_status (*requeue)(void *self, const sv_frame *frame);
   sv_status (*stop)(void *self);
-  // Where the rig was at a host time, when the source knows (simulator, a capture with poses). NULL
-  // or E_NOT_FOUND: unknown, the runtime then takes the rig as standing still (rig_from_world =
-  // identity).
+  // Pose of the rig at a host time, if the source knows it (simulator, a capture with poses). NULL
+  // or E_NOT_FOUND: unknown; the runtime then assumes a stationary rig (rig_from_world = identity).
   sv_status (*rig_pose)(void *self, sv_ns host_ns, sv_pose *rig_from_world);
-  // The next thing that happened to a camera. NULL, or AGAIN: nothing. A full list overwrites its
-  // oldest entry.
+  // The next camera event. NULL, or AGAIN: none. A full list overwrites its oldest entry.
   sv_status (*event)(void *self, sv_camera_event *event);
-  // Sets a control; *actual (may be NULL) is what the camera took. NULL, or E_UNSUPPORTED: it has
-  // no such setting. E_RANGE: not this value.
+  // Sets a control; *actual (may be NULL) is the value that the camera chose. NULL, or
+  // E_UNSUPPORTED: no such setting. E_RANGE: not this value.
   sv_status (*set_control)(void *self, int i_camera, sv_control control, int64_t value, int64_t *actual);
-  // Before start: the cameras expose when a line tells them to (true), or freely (false). NULL:
-  // there is no such line.
+  // Before start: cameras expose on an external trigger line (true) or freely (false). NULL: there
+  // is no such line.
   sv_status (*trigger)(void *self, bool is_external);
 } sv_source;
 
-// Turns one compressed picture (JPEG or PNG) into RGB8; NULL decode: there is no decoder. rgb:
-// [height_px][stride_bytes]. E_RANGE when the picture has another size, E_FORMAT or E_CORRUPT for
-// damage.
+// Decodes one compressed image (JPEG or PNG) to RGB8, rgb[height_px][stride_bytes]. NULL: there is
+// no decoder. E_RANGE when the image has another size, E_FORMAT or E_CORRUPT when it is damaged.
 typedef struct {
   void *self;
   sv_status (*decode)(void *self, const uint8_t *data, size_t bytes, int width_px, int height_px,
@@ -206,8 +202,8 @@ typedef struct {
 } sv_decoder;
 
 // --- store ---------------------------------------------------------------------------------------
-// Files of one run in one folder, by name without separators. A save is atomic: either the whole
-// new file is there or the old one.
+// Files of one run in one folder, by name without separators. A save is atomic: afterwards there is
+// either the whole new file or the old one.
 typedef struct {
   void *self;
   sv_status (*begin)(void *self, const char *name, sv_err *err); // one file at a time
@@ -228,34 +224,34 @@ typedef struct {
 } sv_console;
 
 // --- publish -------------------------------------------------------------------------------------
-// What the person in front of the rig asks for, from the page of a live preview.
+// Commands of the user, from the preview page.
 typedef enum {
   SV_COMMAND_NONE = 0,
-  SV_COMMAND_START, // also: go on after a pause
+  SV_COMMAND_START, // also: continue after a pause
   SV_COMMAND_PAUSE,
   SV_COMMAND_SAVE,
   SV_COMMAND_NEW
 } sv_command;
 
 typedef struct {
-  double temperature_c; // of the processor; NaN: not known
-  int is_throttled;     // 1: it is slowed down for heat or power now; -1: not known
+  double temperature_c; // of the processor; NaN: unknown
+  int is_throttled;     // 1: the processor is slowed down for heat or power now; -1: unknown
 } sv_health;
 
-// Where a live preview picks its pictures up. Never blocks. rgb: [height][width][3] display values.
+// Where a preview gets its images. Never blocks. rgb: [height][width][3] display values.
 struct sv_feed;
 typedef struct {
   void *self;
   void (*image)(void *self, const char *name, int width_px, int height_px, const uint8_t *rgb);
-  struct sv_feed *feed;              // src/port/feed.h; NULL: no live preview
-  sv_command (*command)(void *self); // the next one, NONE when there is none; may be NULL
+  struct sv_feed *feed;              // src/port/feed.h; NULL: no preview
+  sv_command (*command)(void *self); // the next command or NONE; may be NULL
   sv_health (*health)(void *self);   // may be NULL
 } sv_publish;
 
 typedef struct {
-  sv_clock clock;   // the cameras' host time; virtual in the simulator and in a replay at full
+  sv_clock clock;   // host time of the cameras; virtual in the simulator and in replays at full
                     // speed
-  sv_clock machine; // real time, for budgets and timings
+  sv_clock machine; // real time, for time limits and measurements
   sv_pool pool;
   sv_worker worker; // only with cameras on real time
   sv_source source;

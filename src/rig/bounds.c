@@ -43,8 +43,8 @@ sv_bounds sv_bounds_of_views(const sv_view *views, int n) {
     double e[3] = {c[0] - mean[0], c[1] - mean[1], c[2] - mean[2]};
     if (sv_norm3(e) > spread) spread = sv_norm3(e);
   }
-  // det is about sin^2 of the angle between the axes: below 1e-4 (half a degree) the crossing is
-  // noise.
+  // det is about sin^2 of the angle between the axes: below 1e-4 (half a degree) the intersection
+  // is noise.
   double det = n > 1 ? solve3(a, b, p) : 0;
   double to[3] = {p[0] - mean[0], p[1] - mean[1], p[2] - mean[2]};
   if (!(det > 1e-4) || sv_dot3(to, forward) < 0) {

@@ -75,8 +75,7 @@ static sv_status check_grid(const sv_device_params *p, sv_err *err) {
 
 sv_status sv_device_check(const sv_device_params *p, sv_err *err) {
   if ((unsigned)p->device >= SV_N_DEVICES)
-    return sv_fail(err, SV_E_ARG, "there is no device %d; 0 to %d were expected", (int)p->device,
-                   SV_N_DEVICES - 1);
+    return sv_fail(err, SV_E_ARG, "no device %d; expected 0 to %d", (int)p->device, SV_N_DEVICES - 1);
   const sv_device_info *d = &DEVICES[p->device];
   if (p->width_px < 1 || p->height_px < 1 || p->width_px > 32767 || p->height_px > 32767)
     return sv_fail(err, SV_E_RANGE, "device %s: a sensor of %dx%d pixels; sides of 1 to 32767 were expected",
@@ -144,8 +143,7 @@ static void build_cameras(sv_rig *rig, const sv_device_params *p) {
   }
 }
 
-// Distance of two neighbours on the plane at distance 1, so that opposite corners are the angle
-// apart.
+// Distance of two neighbours on the plane at distance 1, for this angle between opposite corners.
 static double grid_step(const sv_device_params *p) {
   int longer = sv_maxi(p->rows, p->cols) - 1, shorter = sv_mini(p->rows, p->cols) - 1;
   if (longer < 1) return 0;
@@ -200,7 +198,7 @@ static bool covers_y(const sv_sub_view *v, int y_px) {
   return v->footprint.y0_px <= y_px && y_px < v->footprint.y0_px + v->footprint.height_px;
 }
 
-// The largest number of rectangles is met where one of them begins in x and one in y.
+// The maximum is reached where one rectangle begins in x and one in y.
 int sv_device_largest_overlap(const sv_rig *rig, int i_camera) {
   const sv_sub_view *v = rig->sub_views;
   int best = 0;

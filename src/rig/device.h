@@ -1,16 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// Capture devices by name: from a few numbers to a rig. The devices themselves are data
-// (devices.inc).
+// Capture devices by name: from a few numbers to a rig. The devices are data (devices.inc).
 //
 // All sub-views lie on the sphere of distance_m about the scene's centre, which is at (0, 0,
-// distance_m) of the rig's frame, and look at it (toed in); image x is the rig's x. How they are
-// spread for an angular baseline:
+// distance_m) of the rig's frame, and look at it (toed in); image x is the rig's x. Layouts for an
+// angular baseline:
 //   SINGLE    on the axis; the angle is not used
-//   ROW       along x, first and last camera that angle apart
-//   TRIANGLE  any two of three that angle apart
-//   GRID      evenly on a plane across the axis, row-major from the top left, two opposite corners
-//             that angle
-//             apart; all lens images on one sensor
+//   ROW       along x; the angle lies between the first and the last camera
+//   TRIANGLE  the angle lies between any two of three cameras
+//   GRID      evenly on a plane across the axis, row-major from the top left; the angle lies
+//             between
+//             opposite corners; all lens images share one sensor
 // Lens images of a grid: pitch = floor(sensor side / (lenses - 1 + overlap)), side = overlap pitch,
 // rounded.
 #ifndef SV_RIG_DEVICE_H
@@ -55,17 +54,17 @@ typedef struct {
   double overlap;          // >= 1; 1 unless the lens images may overlap
 } sv_device_params;
 
-// What the list says of a device; sensor, focal length and distance are the caller's.
+// The list's defaults of a device; the caller sets sensor, focal length and distance.
 sv_device_params sv_device_defaults(sv_device_id id);
 int sv_device_n_cameras(sv_device_id id); // sensors
 int sv_device_n_sub_views(const sv_device_params *p);
-// E_ARG or E_RANGE with a sentence for what cannot be built.
+// E_ARG or E_RANGE with a sentence when the device cannot be built.
 sv_status sv_device_check(const sv_device_params *p, sv_err *err) SV_MUST_USE;
 // Fills in an initialised rig: name, forward model, sub-views. E_RANGE when it has too few
 // sub-views.
 sv_status sv_device_build(sv_rig *rig, const sv_device_params *p, sv_err *err) SV_MUST_USE;
-// The most lens images that meet in one pixel of a camera: M_max of footprints without coverage
-// pictures. 0 when no sub-view of that camera has a footprint.
+// The maximum overlap of a camera: lens images in one pixel, M_max of footprints without coverage
+// images. 0 when no sub-view of that camera has a footprint.
 int sv_device_largest_overlap(const sv_rig *rig, int i_camera);
 
 #ifdef __cplusplus

@@ -37,7 +37,7 @@ static double best_pair(const work *w, int out[2]) {
   return best;
 }
 
-// A pair that is no farther apart than the best triple so far cannot be part of a better one.
+// A pair whose angle does not exceed the best triple's cannot be part of a better triple.
 static void best_triple(const work *w, int out[3]) {
   double best = -1;
   for (int i = 0; i < w->d->n; i++)
@@ -74,7 +74,7 @@ static int medoid(const work *w) {
   return best;
 }
 
-// Brings the member that would stand alone to the front.
+// Moves the choice of a single exposure to the front.
 static void front_by_elevation(const work *w, int *chosen, int n) {
   int best = 0;
   double least = 10;
@@ -112,7 +112,7 @@ static void extend(const work *w, int *chosen, int n_have, int n) {
   }
 }
 
-// The best start that can be had for a set of n >= 2: exact, or from two far ends.
+// The best available start for n >= 2: exact, or from two far ends.
 static void start(const work *w, int *chosen, int n) {
   int n_have = n < 3 ? 2 : 3;
   while (n_have > 1 && !is_affordable(w->d->n, n_have)) n_have--;

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which exposures to train on: the N of the candidates whose smallest mutual angle, seen from the
+// Choice of the training exposures: the N candidates whose smallest mutual angle, seen from the
 // scene's centre, is largest (max-min dispersion; the paper, section 4.2, "to ensure pose
 // diversity").
 //
-// Exact for N <= 3 while all combinations can be tried, otherwise each next exposure is the one
-// farthest from those already chosen, which is at least half as good (Gonzalez 1985). The result is
-// a function of the candidates in their order: equal cases go to the lower index.
+// Exact for N <= 3 while all combinations can be tried. Otherwise each next exposure is the one
+// farthest from those chosen, which is at least half as good (Gonzalez 1985). The result depends on
+// the candidates' order only for ties: the lower index wins.
 #ifndef SV_RIG_DISPERSION_H
 #define SV_RIG_DISPERSION_H
 
@@ -17,8 +17,9 @@
 extern "C" {
 #endif
 
-#define SV_DISPERSION_CAP_TRIES     2000000 // combinations; 2000 candidates for pairs, 229 for triples
-#define SV_DISPERSION_ELEVATION_DEG 30.0    // of the exposure that stands alone
+// combinations; 2000 candidates for pairs, 229 for triples
+#define SV_DISPERSION_CAP_TRIES     2000000
+#define SV_DISPERSION_ELEVATION_DEG 30.0    // preferred elevation of a single exposure
 
 typedef struct {
   int n;                 // candidates
@@ -31,12 +32,10 @@ typedef struct {
 size_t sv_dispersion_scratch(int n);
 
 // Chooses n_wanted candidates into chosen[n_wanted].
-//   1   with up: of the exact triple the member whose elevation is nearest to 30 degrees; without:
-//       the medoid,
-//       whose angles to all others have the smallest sum
+//   1   with up: the one of the exact triple whose elevation is nearest to 30 degrees; without: the
+//       medoid, whose angles to all others have the smallest sum
 //   2   the exact pair, by index
-//   3   the exact triple; the member that would stand alone comes first when up is given, the rest
-//       by index
+//   3   the exact triple; with up, the choice of 1 comes first, the rest by index
 //   4+  the choice of 3, then farthest points in the order in which they were found: the first k of
 //       them are
 //       the choice for k, for every k from 3 on

@@ -7,7 +7,7 @@
 #include "src/base/mathx.h"
 
 #define BINS     65536
-#define MAX_LOSS 0.98 // a plateau beyond this share of full scale has lost its highlights
+#define MAX_LOSS 0.98 // a plateau above this share of full scale is clipped
 
 typedef struct {
   const char *name;
@@ -27,8 +27,8 @@ size_t sv_footprint_bytes(int width_px, int height_px) {
 
 static float at(const work *k, int x, int y) { return k->v[(size_t)y * (size_t)k->w + (size_t)x]; }
 
-// A pixel beyond all but one of its neighbours by a tenth of full range is dead (two dead ones may
-// touch). Rims do not look so: along them are always pixels of the same kind.
+// A pixel that differs from all but one neighbour by a tenth of full range is dead (two dead pixels
+// may touch). A rim always has several pixels of the same kind.
 static float without_dead(const sv_raw *r, int x, int y, int *n_dead) {
   float v = sv_raw_at(r, x, y, 0), s[8];
   int n = 0;
@@ -70,8 +70,7 @@ static int quantile(const work *k, int lo, int hi, double share) {
   return lo;
 }
 
-// N. Otsu, 1979: the threshold that leaves the least variance inside the two classes. 0: one value
-// only.
+// Otsu 1979: the threshold with the smallest variance inside both classes. 0: only one value.
 static int two_classes(const work *k) {
   double n = 0, total = 0, n0 = 0, sum0 = 0, best = -1;
   int split = 0;
@@ -127,7 +126,7 @@ static int count_core(const work *k, bool is_row, int line, int from, int to) {
   return n;
 }
 
-// Lines around the fullest one that all hold core pixels: what lies apart is not the lens.
+// Contiguous lines with core pixels around the fullest one: detached parts are not the lens.
 static void core_range(const work *k, bool is_row, int from, int to, int *lo, int *hi) {
   int n_lines = is_row ? k->h : k->w, best = -1, fullest = 0;
   for (int i = 0; i < n_lines; i++) {
@@ -150,7 +149,7 @@ static double line_mean(const work *k, bool is_row, int line, int from, int to) 
   return (sum / (to - from) - k->dark) / (k->plateau - k->dark);
 }
 
-// Outwards while a line still has light: more than four deviations of its mean, and a pixel's 255th
+// Grows outwards while a line is lit: more than four deviations of its mean, and 1/255 of a pixel
 // in all.
 static void grow(work *k) {
   double sigma = k->dark_noise / (k->plateau - k->dark);
@@ -207,8 +206,7 @@ static int patch(const work *k, int x, int y, int r, float *mean, float *lo, flo
   return n;
 }
 
-// 95th percentile of means over whole patches; the noise of such a mean would lift it by 1.645
-// deviations.
+// 95th percentile of the means of whole patches; their noise would raise it by 1.645 deviations.
 static void find_plateau(work *k) {
   float half = (float)(0.5 * (k->dark + k->plateau)), mean, lo, hi;
   double sigma = plateau_noise(k);
@@ -228,8 +226,8 @@ static void find_plateau(work *k) {
 
 static double write_coverage(work *k, uint8_t *coverage) {
   float scale = (float)(1 / (k->plateau - k->dark)), dark = (float)k->dark, mean, lo, hi;
-  // The range of 25 normal values is 4 deviations, above 6.5 in one case of a thousand. On the dark
-  // side noise is smaller, so there the same limit takes the mean over a few pixels more.
+  // The range of 25 normal values is 4 deviations, above 6.5 in one case of a thousand. Noise is
+  // smaller on the dark side, where the same limit averages over a few more pixels.
   float limit = (float)(6.5 * k->noise) / scale;
   double area = 0;
   for (int y = k->y0; y < k->y1; y++)

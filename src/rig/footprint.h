@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Footprints of a multiplexed sensor from white images (the paper, section 3.2 and its camera
-// calibration): one picture of an even field for each lens, with all other lenses masked. A
-// footprint is the rectangle that the lens lights, and the share of its plateau that each pixel
-// gets: w_m(x) of the forward model.
+// calibration): one image of an even field for each lens, with all other lenses masked. A footprint
+// is the rectangle that the lens lights, and the share of the plateau that each pixel gets: w_m(x)
+// of the forward model.
 #ifndef SV_RIG_FOOTPRINT_H
 #define SV_RIG_FOOTPRINT_H
 
@@ -17,10 +17,10 @@ typedef struct {
   double dark, plateau; // values (0..1) of no light, and of the lit part of the lens
   double noise;         // standard deviation on the plateau, as a share of plateau - dark
   double area_px;       // sum of the coverage
-  int n_dead;           // pixels that were replaced: far from all their neighbours
+  int n_dead;           // dead pixels replaced: they differ from all neighbours
 } sv_footprint_stats;
 
-// Scratch for pictures of this size: 65536 bins and one float a pixel.
+// Scratch for images of this size: 65536 bins and one float a pixel.
 size_t sv_footprint_bytes(int width_px, int height_px);
 
 // Measures one isolated white image (linear values, one channel). coverage is taken from
@@ -28,8 +28,8 @@ size_t sv_footprint_bytes(int width_px, int height_px);
 // given back. dark below 0: measured, as the level of the unlit part of the picture (which must
 // then be there).
 //   coverage = (value - dark) / (plateau - dark), clamped to 0..1, in 255ths,
-// with the plateau at the lens's brightest part (95th percentile of means over 7x7 pixels, noise
-// taken off): fall-off of the light inside the lens is part of its weight. Where 5x5 pixels differ
+// with the plateau at the lens's brightest part (95th percentile of means over 7x7 pixels,
+// corrected for noise): vignetting inside the lens is part of its weight. Where 5x5 pixels differ
 // by no more than noise their mean is used. E_FORMAT with a sentence: dark, overexposed, nothing
 // unlit (`name` is the picture's).
 sv_status sv_footprint_measure(sv_footprint *f, sv_footprint_stats *stats, const char *name,

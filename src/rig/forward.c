@@ -45,7 +45,7 @@ sv_status sv_multiplexed_check(const sv_multiplexed *c, sv_err *err) {
       return sv_fail(err, SV_E_RANGE, "lens %d: a footprint of %dx%d for a view of %dx%d", m, f->width_px,
                      f->height_px, v->width_px, v->height_px);
   }
-  if (!(c->max_overlap > 0)) return sv_fail(err, SV_E_RANGE, "no lens lights the sensor");
+  if (!(c->max_overlap > 0)) return sv_fail(err, SV_E_RANGE, "no lens image falls on the sensor");
   return SV_OK;
 }
 

@@ -1,22 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
-// From sub-views to the measurement of one sensor, and back (the paper, sections 3.1 and 3.2).
+// The forward model: from sub-views to the measurement of one sensor, and its adjoint (the paper,
+// sections 3.1 and 3.2). Owns planes for one region of the sensor, and scratch per thread.
+// Never renders: the caller brings the rendered crops.
 //
-// direct, light field: each sub-view has sensor pixels of its own, so its picture is its
-// measurement and the model is the identity. Here they are measurements of one lens; nothing below
-// costs them anything, because the trainer supervises their pictures without it.
+// direct, light field: each sub-view has its own sensor pixels, so its image is its measurement and
+// the model is the identity. The trainer supervises these images directly, without this model.
 // multiplexed: the lens images overlap, and their sum is measured:
 //   y(x) = encode( (1 / M_max) sum_m w_m(x) decode(I_m(x)) ),  M_max = max_x sum_m w_m(x)
-// with the footprints w_m. Light adds up linearly, so decode is the sRGB curve and encode its
-// inverse; measurements that were made by adding display values have neither. The adjoint is
+// with the footprints w_m. Light adds linearly, so decode is the sRGB curve and encode its inverse;
+// measurements made by adding display values use neither. The adjoint is
 //   dL/dI_m(x) = w_m(x) / M_max decode'(I_m(x)) encode'(s(x)) dL/dy(x)
 //
-// A sensor's noise may be laid over the prediction, as the authors' simulator does: after the sum,
-// in the measurement's light, y + (read + shot y) n with fresh n ~ N(0, 1), rounded to 14 bits,
-// which gradients pass through as if it were not there.
+// Sensor noise may be added to the prediction, as in the authors' simulator: after the sum, in the
+// measurement's encoding, y + (read + shot y) n with fresh n ~ N(0, 1), rounded to 14 bits.
+// Gradients pass through it unchanged.
 //
-// Work is done on a region of the sensor: only the parts of lens images that fall into it are
-// rendered, so cost and memory depend on the region and on the overlap, not on the number of
-// lenses.
+// Work is done per region of the sensor: only the parts of lens images inside it are rendered, so
+// cost and memory depend on the region and the overlap, not on the number of lenses.
 #ifndef SV_RIG_FORWARD_H
 #define SV_RIG_FORWARD_H
 
@@ -40,14 +40,14 @@ typedef struct {
   int n_lenses;
   const sv_lens *lenses; // [n_lenses]
   float max_overlap;     // largest sum of footprints of any pixel, > 0
-  bool is_linear;        // light is added; false: display values are
+  bool is_linear;        // linear light is added; false: display values
 } sv_multiplexed;
 
 // M_max of lenses on a sensor; 0 when no lens lights it. O(pixels of all footprints).
 float sv_multiplexed_max_overlap(const sv_lens *lenses, int n_lenses, int width_px, int height_px,
                                  float *row);
-// E_RANGE with a sentence: a footprint off the sensor, of another size than its view, or nothing
-// lit.
+// E_RANGE with a sentence: a footprint outside of the sensor or of another size than its view, or
+// nothing lit.
 sv_status sv_multiplexed_check(const sv_multiplexed *c, sv_err *err) SV_MUST_USE;
 
 typedef struct {
@@ -62,7 +62,7 @@ typedef struct {
   int lens_x, lens_y; // and in the lens image
 } sv_crop;
 
-// False when the lens does not reach into the region.
+// False when the lens image does not overlap the region.
 bool sv_multiplexed_crop(const sv_multiplexed *c, int i_lens, const sv_region *region, sv_crop *out);
 
 typedef struct {
@@ -70,7 +70,7 @@ typedef struct {
   int n_threads;                   // of the pool that will be used
 } sv_forward_cfg;
 
-// Standard deviations, unlike the variances of src/image/noise.h. Off when both are 0.
+// Standard deviations (src/image/noise.h has variances). Off when both are 0.
 typedef struct {
   float read, shot;
   uint32_t key; // other keys give independent noise
@@ -89,13 +89,13 @@ size_t sv_forward_bytes(const sv_forward_cfg *cfg);
 sv_status sv_forward_init(sv_forward *f, const sv_forward_cfg *cfg, sv_compute compute,
                           sv_arena *arena) SV_MUST_USE;
 
-// begin, add for each crop, finish: fills f->predicted. rgb is the crop's rendered picture.
+// begin, add for each crop, finish: fills f->predicted. rgb is the crop's rendering.
 sv_status sv_forward_begin(sv_forward *f, const sv_region *region) SV_MUST_USE;
 void sv_forward_add(sv_forward *f, const sv_multiplexed *c, const sv_crop *crop, const sv_planes *rgb);
 void sv_forward_finish(sv_forward *f, const sv_multiplexed *c);
 
-// After finish: g is dL/dpredicted, err a weight per pixel (both of the region). Writes dL/drgb and
-// the crop's share of err with the rendered picture's stride, padding 0. err and out_err may be
+// After finish: g is dL/dpredicted and err a weight per pixel, both of the region. Writes dL/drgb
+// and the crop's share of err with the rendering's stride and zero padding. err and out_err may be
 // NULL together.
 void sv_forward_bwd(const sv_forward *f, const sv_multiplexed *c, const sv_crop *crop, const sv_planes *rgb,
                     const sv_planes *g, const float *err, sv_planes *out, float *out_err);

@@ -41,8 +41,7 @@ void sv_lenslet_grid_settle(sv_lenslet_grid *g, double x, double y) {
   double rows = g->is_hexagonal ? ROW_STEP : 1, p, j, best[2] = {0, 0}, nearest = 1e300;
   double det = g->col_px[0] * g->row_px[1] - g->col_px[1] * g->row_px[0];
   g->pitch_px = sqrt(fabs(det) / rows);
-  // The two steps' directions, the second turned back by a right angle, added as they weigh in the
-  // fit.
+  // Sum of both step directions, the second rotated back by a right angle, weighted as in the fit.
   g->rotation_rad = sv_atan2(g->col_px[1] - g->row_px[0], g->col_px[0] + g->row_px[1]);
   to_lattice(g, x, y, &p, &j);
   for (int jj = (int)floor(j); jj <= (int)floor(j) + 1; jj++)
@@ -56,8 +55,7 @@ void sv_lenslet_grid_settle(sv_lenslet_grid *g, double x, double y) {
         best[1] = at[1];
       }
     }
-  // Rows keep their kind: what was an odd row is shifted against an even one by half a step either
-  // way.
+  // Rows keep their parity: an odd row is shifted against an even one by half a step.
   g->offset_px[0] = best[0];
   g->offset_px[1] = best[1];
 }
@@ -103,8 +101,8 @@ sv_status sv_lenslet_plan_make(sv_lenslet_plan *p, const sv_lenslet_grid *g, con
   double edge = 0.5 * (p->cfg.keep - 1) * p->cfg.step_px * 1.2 + 2.5;
   if (!inscribe(g, 0.5 * w - edge, 0.5 * h - edge, &n, &m))
     return sv_fail(err, SV_E_RANGE,
-                   "lenslets of %.2f px: a sensor of %dx%d pixels holds no whole picture of them",
-                   g->pitch_px, w, h);
+                   "lenslets of %.2f px: a sensor of %dx%d pixels holds no whole image of them", g->pitch_px,
+                   w, h);
   to_lattice(g, 0.5 * w, 0.5 * h, &pc, &jc);
   p->j0 = (int)ceil(jc - m);
   p->height_px = (int)floor(jc + m) - p->j0 + 1;
@@ -196,8 +194,8 @@ static float corrected(const reader *r, int x, int y, float *gain) {
   return v > 0 ? v : 0;
 }
 
-// Near a lenslet's rim: of the four pixels around, those that are lit, weighted bilinearly; all
-// four when none is.
+// Near a lenslet's rim: bilinear over the lit ones of the four pixels around, or over all four when
+// none is lit.
 static float at_rim(const reader *r, int x, int y, float fx, float fy) {
   float sum = 0, weight = 0, any = 0, gain;
   for (int k = 0; k < 4; k++) {
@@ -230,7 +228,7 @@ static float sample(const reader *r, const double at[2]) {
   return sum > 0 ? sum : 0;
 }
 
-// Lenslets i0 .. i0 + n_columns of one row, resampled to the square pixels of the picture.
+// Lenslets i0 .. i0 + n_columns of one row, resampled to the sub-view's square pixels.
 static void spread(const sv_lenslet_plan *p, int j, const float *row, float *out) {
   for (int s = 0; s < p->width_px; s++) {
     double q = p->q0 + s * p->dq - (j & 1 ? 0.5 : 0.0) - p->i0, i = floor(q);

@@ -6,13 +6,14 @@
 #include "src/base/mathx.h"
 #include "src/rig/lenslet_lattice.h"
 
-#define REACH 0.75 // radius of the window around a centre, in pitches: the dark gaps on all sides are in it
+#define REACH 0.75 // radius of the window around a centre, in pitches: the dark gaps on all sides
+                   // are in it
 
 size_t sv_lenslet_find_bytes(void) { return sv_lenslet_coarse_bytes(); }
 
-// How the light falls off over the sensor: c . (1, x, y, x^2, x y, y^2) with x, y in units of
-// `unit_px` from the middle. Its slope would pull every measured centre towards the brighter side,
-// and so change the scale of the whole lattice.
+// Vignetting over the sensor: c . (1, x, y, x^2, x y, y^2) with x, y in units of
+// `unit_px` from the middle. Its slope pulls every measured centre towards the brighter side, which
+// would change the scale of the lattice.
 typedef struct {
   double c[6], middle[2], unit_px;
 } field;
@@ -27,7 +28,7 @@ static void field_terms(const field *f, double x, double y, double t[6]) {
   t[5] = b * b;
 }
 
-// Relative slope of the light, per px.
+// Relative slope of the brightness, per px.
 static void field_slope(const field *f, double x, double y, double slope[2]) {
   double t[6], v = 0;
   field_terms(f, x, y, t);
@@ -37,8 +38,8 @@ static void field_slope(const field *f, double x, double y, double slope[2]) {
   slope[1] = (f->c[2] + 2 * f->c[5] * t[2] + f->c[4] * t[1]) / (v * f->unit_px);
 }
 
-// Gradient and curvature of the picture smoothed with (1 - r^2/R^2)^3 about c. What a constant
-// would give is taken off, because on a few pixels the window does not sum to zero exactly.
+// Gradient and curvature of the image smoothed with (1 - r^2/R^2)^3 about c. The response to a
+// constant is subtracted, because the window does not sum to exactly zero on few pixels.
 typedef struct {
   double mean, gx, gy, hxx, hxy, hyy;
 } bump;
@@ -116,7 +117,7 @@ static void add(sums *s, double w, double p, double j, const double at[2]) {
 // One pass over the lenslets at most `reach` lattice steps from (0, 0); scale_px: expected error.
 static void collect(const sv_lenslet_grid *g, const sv_raw *white, const field *f, int reach, double scale_px,
                     sums *s) {
-  // The window may move by 0.4 pitch, and must not leave the picture then.
+  // The window may move by 0.4 pitch and must stay inside the image.
   double pitch = g->pitch_px, edge = (REACH + 0.4) * pitch + 1, cut = 4 * scale_px;
   // Predictions far from the start come from many centres: one Newton step then ends well inside a
   // hundredth of a pixel.
@@ -164,7 +165,7 @@ static bool solve(const sums *s, sv_lenslet_grid *g) {
   return true;
 }
 
-// Elimination with the largest pivot. Too few lenslets for six terms: the field stays as it was.
+// Elimination with pivoting. With too few lenslets for six terms the field stays unchanged.
 static void fit_field(sums *s, field *f) {
   double(*m)[7] = s->light;
   for (int c = 0; c < 6; c++) {

@@ -22,7 +22,7 @@ typedef struct {
   complex_f *f, *twiddle, *column; // [N][N], [N/2], [N]
   float *hann_x, *hann_y;          // [N], 0 outside of the window
   float *share_x, *share_y;        // [CAP_LAG + 2] autocorrelation of the windows, 1 at 0
-  int x0, y0, w, h;                // the part of the picture that is looked at
+  int x0, y0, w, h;                // the examined part of the image
   int cap_lag;
   double mean;
 } work;
@@ -129,7 +129,7 @@ static void autocorrelate(work *k) {
       bool is_in = q >= MIN_FREQUENCY * MIN_FREQUENCY && q <= MAX_FREQUENCY * MAX_FREQUENCY;
       *p = (complex_f){is_in ? p->re * p->re + p->im * p->im : 0, 0};
     }
-  fft_2d(k); // of a symmetric picture: forward and back are the same
+  fft_2d(k); // of a symmetric image: the inverse equals the forward transform
 }
 
 // As a share of lag 0, with the windows' own fall-off divided out.
@@ -139,8 +139,7 @@ static double at_lag(const work *k, int x, int y) {
   return (double)c / ((double)k->f[0].re * (double)k->share_x[ax] * (double)k->share_y[ay]);
 }
 
-// Half-way to one of its points a lattice's correlation is low; that of stripes, along them, is
-// not.
+// A lattice's correlation is low half-way to one of its points; that of stripes is not, along them.
 static bool is_low_between(const work *k, double x, double y, double v) {
   return at_lag(k, (int)floor(0.5 * x + 0.5), (int)floor(0.5 * y + 0.5)) < 0.7 * v;
 }
@@ -159,7 +158,7 @@ static double vertex(double a, double b, double c) {
   return d < 0 ? 0.5 * (a - c) / d : 0;
 }
 
-// Shortest peak of at least `least`, at 30 degrees or more from `from` (may be NULL). Returns the
+// Shortest peak of at least `min`, at 30 degrees or more from `from` (may be NULL). Returns the
 // largest value among the peaks when out is NULL, else 1 when there is one.
 static double search(const work *k, double least, const double *from, double *out) {
   double best = 0, shortest = 1e30;
@@ -188,7 +187,7 @@ static double search(const work *k, double least, const double *from, double *ou
 
 // --- lattice -------------------------------------------------------------------------------------
 
-// Which of the lattice's steps is most nearly the +x axis becomes col, and the rest follows.
+// The lattice step closest to the +x axis becomes col; the rest follows.
 static sv_status choose_steps(sv_lenslet_grid *g, const double a[2], const double b_in[2], const char *name,
                               sv_err *err) {
   double b[2] = {b_in[0], b_in[1]}, dot = a[0] * b[0] + a[1] * b[1], cross = a[0] * b[1] - a[1] * b[0];
@@ -262,15 +261,14 @@ static sv_status coarse(work *k, sv_lenslet_grid *g, const char *name, const sv_
   double a[2], b[2];
   load(k, white);
   autocorrelate(k);
-  // A lattice with some dead lenslets and noise keeps well above this; a photograph does not reach
+  // A lattice with noise and some dead lenslets stays well above this; a photograph does not reach
   // it.
   double best = k->f[0].re > 0 ? search(k, 0, NULL, NULL) : 0;
   if (best < 0.25)
-    return sv_fail(
-        err, SV_E_FORMAT,
-        "%s: no pattern repeats in it (strongest repetition %.2f of 1); a white image of a lenslet "
-        "array was expected, with pitches from %g to %g px",
-        name, best, SV_LENSLET_MIN_PITCH_PX, SV_LENSLET_MAX_PITCH_PX);
+    return sv_fail(err, SV_E_FORMAT,
+                   "%s: no repeating pattern (strongest repetition %.2f of 1); a white image of a lenslet "
+                   "array was expected, with pitches from %g to %g px",
+                   name, best, SV_LENSLET_MIN_PITCH_PX, SV_LENSLET_MAX_PITCH_PX);
   if (search(k, 0.7 * best, NULL, a) != 1 || search(k, 0.7 * best, a, b) != 1)
     return sv_fail(err, SV_E_FORMAT,
                    "%s: its pattern repeats in one direction only; a white image of a lenslet array was "

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A sensor's picture as it was measured, owned by someone else: 8 or 16 bits a sample.
+// A sensor's image as it was measured, owned by someone else: 8 or 16 bits a sample.
 #ifndef SV_RIG_RAW_H
 #define SV_RIG_RAW_H
 
@@ -16,7 +16,7 @@ typedef struct {
   int width_px, height_px, n_channels;
 } sv_raw;
 
-// Channel c of pixel (x, y), 0..1. Nothing is checked.
+// Channel c of pixel (x, y), 0..1. Bounds are not checked.
 static inline float sv_raw_at(const sv_raw *r, int x, int y, int c) {
   size_t i = ((size_t)y * (size_t)r->width_px + (size_t)x) * (size_t)r->n_channels + (size_t)c;
   return r->u16 ? (float)r->u16[i] * (1.0f / 65535.0f) : (float)r->u8[i] * (1.0f / 255.0f);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The paper's section 3.1: a rig is a fixed set of sub-views, an exposure is what all of them saw
-// at one instant, each with intrinsics K and pose R, t. A monocular camera is a rig of one.
+// Rigs, sub-views and exposures (the paper, section 3.1): a rig is a fixed set of sub-views, an
+// exposure is one instant seen by all of them, each with intrinsics K and pose R, t. A monocular
+// camera is a rig of one. Owns the list of sub-views in the caller's arena.
+// Never talks to cameras and never touches pixels.
 #ifndef SV_RIG_RIG_H
 #define SV_RIG_RIG_H
 
@@ -30,7 +32,7 @@ typedef struct {
 
 typedef struct {
   char name[32];
-  int i_camera; // which camera (sensor) of the source sees it
+  int i_camera; // the camera (sensor) of the source that sees it
   sv_camera_model model;
   sv_pose cam_from_rig;
   sv_footprint footprint;
@@ -41,7 +43,7 @@ typedef struct {
   sv_forward_kind forward;
   int n_sub_views, cap_sub_views;
   sv_sub_view *sub_views; // [cap_sub_views], in the arena
-  sv_arena *splines;      // where control points of splined lenses are kept while reading; NULL:
+  sv_arena *splines;      // memory for control points of splined lenses; NULL: such lenses are
                           // refused
 } sv_rig;
 
@@ -52,12 +54,12 @@ sv_status sv_rig_init(sv_rig *rig, int cap_sub_views, sv_arena *arena) SV_MUST_U
 // max acos(v_i . v_j) (the paper, section 3.1), computed with atan2. 0 for one sub-view.
 double sv_rig_angular_baseline_rad(const sv_rig *rig, const double point_rig[3]);
 
-// A pinhole view as the renderer wants it: undistorted, in floats, with the pose of one instant.
+// A pinhole view for the renderer: undistorted, in floats, with the pose of one instant.
 typedef struct {
   int width_px, height_px;
   float fx, fy, cx, cy; // px, centre of the first pixel at 0.5
   float r[9], t[3];     // cam_from_world, row-major
-  float time;           // 0..1 within the clip
+  float time;           // 0..1 over the recording
   int i_exposure, i_sub_view;
 } sv_view;
 
@@ -77,7 +79,7 @@ typedef struct {
   sv_ns skew_ns;                           // largest difference between two cameras
   uint64_t present[SV_CAP_SUB_VIEWS / 64]; // one bit per camera
   sv_pose rig_from_world;
-  bool has_pose; // the source told it; else it is the identity until odometry finds it
+  bool has_pose; // known from the source; else the identity until odometry finds it
 } sv_exposure;
 
 #ifdef __cplusplus

@@ -6,7 +6,7 @@
 #include "src/base/mathx.h"
 
 #define NEAR_Z       1e-3  // m; nearer points do not project
-#define BEHIND_PX    100.0 // what an observation costs whose point is behind its camera
+#define BEHIND_PX    100.0 // cost of an observation whose point lies behind the camera
 #define LAMBDA_START 1e-4
 #define LAMBDA_MAX   1e8
 #define ENOUGH       1e-6 // relative decrease of the cost that ends the iteration
@@ -45,14 +45,13 @@ void sv_pose_twist(sv_pose *p, const double twist[6]) {
   double r[9], q[4];
   sv_rodrigues(r, twist);
   sv_mul33(p->r, r, p->r);
-  sv_quat_from_mat(q, p->r); // through a quaternion, or rounding would pile up from pose to pose
+  sv_quat_from_mat(q, p->r); // through a quaternion, so that rounding does not accumulate
   sv_quat_to_mat(p->r, q);
   sv_apply33(p->t, r, p->t);
   for (int i = 0; i < 3; i++) p->t[i] += twist[3 + i];
 }
 
-// out[2][6] = j[2][3] [-[x]_x | I]: how pixels move with a left twist of the frame in which x is
-// given.
+// out[2][6] = j[2][3] [-[x]_x | I]: derivative of pixels by a left twist of the frame of x.
 static void by_twist(const double j[6], const double x[3], double *out) {
   for (int i = 0; i < 2; i++) {
     const double *a = j + 3 * i;
@@ -102,7 +101,7 @@ static double huber(double r2, double k, double *loss) {
 
 // --- cost ----------------------------------------------------------------------------------------
 
-// How far a camera has moved off its calibration, as a twist in standard deviations.
+// Deviation of a camera from its calibration, as a twist in standard deviations.
 static void off_calibration(const sv_bundle *b, const sv_bundle_options *o, int i, double e[6]) {
   sv_pose inv = sv_pose_inv(&b->calibrated[i]), d = sv_pose_mul(&b->camera[i].cam_from_rig, &inv);
   sv_rodrigues_inv(e, d.r);
@@ -199,8 +198,8 @@ static void sum_point(sv_bundle *b, const sv_bundle_options *o, int i, point_sum
   }
 }
 
-// Inverse of the damped symmetric 3x3 block. False when it is (nearly) singular: the point then
-// stays.
+// Inverse of the damped symmetric 3x3 block. False when it is nearly singular: the point then stays
+// fixed.
 static bool invert(const double v[6], double lambda, double out[6]) {
   double a = v[0] * (1 + lambda), b = v[1], c = v[2], d = v[3] * (1 + lambda), e = v[4],
          f = v[5] * (1 + lambda);
@@ -221,7 +220,7 @@ static void mul_sym(const double s[6], const double x[3], double out[3]) {
   out[2] = s[2] * x[0] + s[4] * x[1] + s[5] * x[2];
 }
 
-// Takes the point out of the system: s -= w v^-1 w^T, g -= w v^-1 gx.
+// Eliminates the point: s -= w v^-1 w^T, g -= w v^-1 gx.
 static void eliminate(sv_bundle *b, const point_sums *p, const double vi[6]) {
   double y[18], z[3];
   mul_sym(vi, p->gx, z);
@@ -257,7 +256,7 @@ static void add_priors(sv_bundle *b, const sv_bundle_options *o) {
   }
 }
 
-// The whole reduced system, damped. Points that cannot be inverted add nothing.
+// The whole reduced system, damped. Points that cannot be eliminated are skipped.
 static void build(sv_bundle *b, const sv_bundle_options *o, double lambda) {
   size_t n = (size_t)b->n_params;
   point_sums p;
@@ -375,7 +374,7 @@ sv_status sv_bundle_solve(sv_bundle *b, const sv_bundle_options *o, sv_bundle_re
     }
     apply_step(b);
     double after = sv_bundle_cost(b, o);
-    if (!(after < cost)) { // also when it is not a number
+    if (!(after < cost)) { // also when it is NaN
       keep(b, true);
       b->lambda *= 10;
       continue;
@@ -393,7 +392,7 @@ sv_status sv_bundle_solve(sv_bundle *b, const sv_bundle_options *o, sv_bundle_re
 double sv_bundle_scale_sigma(sv_bundle *b, const sv_bundle_options *o) {
   sv_bundle_result m;
   double mean[3] = {0}, spread = 0, c[3], e[3], var = 0;
-  int *is_seen = b->is_seen, n_seen = 0; // poses without observations are not on the way
+  int *is_seen = b->is_seen, n_seen = 0; // poses without observations do not count
   number_blocks(b, o);
   memset(is_seen, 0, (size_t)b->n_poses * sizeof *is_seen);
   for (int i = 0; i < b->first[b->n_points]; i++)
@@ -412,7 +411,7 @@ double sv_bundle_scale_sigma(sv_bundle *b, const sv_bundle_options *o) {
   }
   build(b, o, 0);
   if (!(spread > 0) || !factor(b->s, b->n_params)) return -1;
-  // d log(size) by the twists: a place moves by -R^T v, rotations leave it.
+  // d log(size) by the twists: a position moves by -R^T v and is invariant to rotation.
   memset(b->step, 0, (size_t)b->n_params * sizeof *b->step);
   for (int i = 0; i < b->n_poses; i++) {
     if (b->block_of[i] < 0 || !is_seen[i]) continue;

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bundle adjustment of a rig: one pose per exposure, points, and where wanted small corrections of
-// where the cameras sit on the rig. Levenberg-Marquardt with Huber's loss; the points are
-// eliminated by the Schur complement (Triggs et al. 2000, "Bundle adjustment - a modern synthesis",
-// section 6), what is left is solved densely by Cholesky. Fixed size, no heap, sums in index order.
+// Bundle adjustment of a rig: one pose per exposure, points and, on request, small corrections of
+// the cameras' poses on the rig. Levenberg-Marquardt with Huber's loss; points are eliminated by
+// the Schur complement (Triggs et al. 2000, "Bundle adjustment - a modern synthesis", section 6),
+// and the rest is solved densely by Cholesky. Fixed size, no heap, sums in index order.
 //
 // Steps are left twists (omega, v):  R <- exp(omega) R, t <- exp(omega) t + v,  of rig_from_world
-// and of cam_from_rig. Residuals are in pixels of undistorted (pinhole) pictures: predicted -
-// observed.
+// and of cam_from_rig. Residuals are predicted - observed, in pixels of undistorted (pinhole)
+// images.
 #ifndef SV_TRACK_BUNDLE_H
 #define SV_TRACK_BUNDLE_H
 
@@ -23,7 +23,7 @@ extern "C" {
 typedef struct {
   int16_t i_pose, i_camera;
   float uv_px[2];
-  float weight; // 1 / standard deviation [px]; 0: left out
+  float weight; // 1 / standard deviation [px]; 0: not used
 } sv_bundle_obs;
 
 typedef struct {
@@ -39,9 +39,9 @@ typedef struct {
 typedef struct {
   int max_iterations;
   double huber_px;      // residuals (times weight) beyond count linearly
-  bool is_extrinsics;   // correct cam_from_rig, too; camera 0 stays (it defines the rig's place)
-  double sigma_rot_rad; // how far calibration is trusted, standard deviations of rotation
-  double sigma_trans_m; // and place of a camera
+  bool is_extrinsics;   // also correct cam_from_rig; camera 0 is fixed (it defines the rig's frame)
+  double sigma_rot_rad; // prior of the calibration: standard deviation of rotation
+  double sigma_trans_m; // and of position of a camera
 } sv_bundle_options;
 
 typedef struct {
@@ -56,7 +56,7 @@ typedef struct {
   double (*point)[3];       // [n_points] world; improved
   int *first;               // [n_points + 1] observations of point i: [first[i], first[i + 1])
   sv_bundle_obs *obs;       // [first[n_points]]
-  // The solver's own.
+  // Private to the solver.
   sv_pose *pose_kept, *cam_kept; // before a step
   double (*point_kept)[3], (*point_step)[3];
   double *s, *g, *step; // [n n] reduced system, lower triangle; [n]
@@ -80,10 +80,10 @@ typedef struct {
 // solve.
 sv_status sv_bundle_solve(sv_bundle *b, const sv_bundle_options *o, sv_bundle_result *out) SV_MUST_USE;
 
-// Relative standard deviation of the trajectory's size (root mean square distance of the rig's
-// places from their mean, poses without observations left out) at the solution: from the reduced
-// system's inverse, scaled by the residuals. It is what the rig's baseline tells about scale;
-// without a baseline, or with fewer than two places, it is infinite, which comes back as -1.
+// Relative standard deviation of the trajectory's size at the solution, from the inverse of the
+// reduced system, scaled by the residuals. Size: root mean square distance of the rig's positions
+// from their mean, over poses with observations. It measures how well the rig's baseline determines
+// scale. -1 (infinite) without a baseline or with fewer than two positions.
 double sv_bundle_scale_sigma(sv_bundle *b, const sv_bundle_options *o);
 
 // --- pieces, for tests ---------------------------------------------------------------------------

@@ -5,15 +5,16 @@
 #include "src/base/mathx.h"
 #include "src/track/tracker.h"
 
-#define QUALITY      0.01f // of the best corner's score: weaker ones are noise beside it
-#define LEAST_SCORE  2e-4f // and of all: about 1 % contrast over the neighbourhood
+#define QUALITY      0.01f // minimum relative to the best corner's score
+#define LEAST_SCORE  2e-4f // absolute minimum: about 1 % contrast over the neighbourhood
 #define APART_PX     10.0f // between two features of a view
 #define ALIGN_ITER   12
 #define ALIGN_ENOUGH 0.01f // px
 #define AFFINE_ITER  10
-#define AFFINE_DAMP  0.02 // of the map's four against the place's two, which are better known
+#define AFFINE_DAMP  0.02 // damping of the map's four parameters; the two of position are better
+                          // determined
 #define AFFINE_REACH 4.0f // pixels of the patch
-#define ALIGN_REACH  6.0f // px of the level; what moves farther has found something else
+#define ALIGN_REACH  6.0f // px of the level; a larger motion is a wrong match
 
 sv_track_plane sv_track_level(const sv_tracker *t, bool is_now, int i_view, int level) {
   int w = t->width_px[i_view] >> level, h = t->height_px[i_view] >> level;
@@ -65,7 +66,7 @@ static void sort_cells(const sv_corner *c, int32_t *order, int n) {
     }
 }
 
-// Marks corners that lie near what the view follows already.
+// Masks corners near points that the view already tracks.
 static void forget_taken(sv_tracker *t, int i_view, int n_x, int n_y) {
   for (int i = 0; i < t->n_live; i++) {
     const sv_track_point *p = &t->point[t->live[i]];
@@ -146,7 +147,7 @@ float sv_track_align(sv_tracker *t, const sv_track_plane *p, float *x, float *y)
     if (!fits(p, ax, ay) || dx * dx + dy * dy > ALIGN_REACH * ALIGN_REACH) return -1.0f;
     t->k->patch_sums(&a);
     best = correlation(sums, m.pp);
-    // The contrast may have changed: slopes are compared at the picture's.
+    // The contrast may have changed: slopes are compared at the image's contrast.
     double gain = (double)sums[2] / m.pp;
     if (!(gain > 0.2 && gain < 5)) return -1.0f;
     double bx = (double)sums[3] / gain - m.px, by = (double)sums[4] / gain - m.py;
@@ -164,7 +165,7 @@ float sv_track_align(sv_tracker *t, const sv_track_plane *p, float *x, float *y)
 
 // --- with an affine map --------------------------------------------------------------------------
 
-// Steepest descent pictures at pixel s: slopes times (1, i, j), i and j from the patch's centre.
+// Steepest descent images at pixel s: slopes times (1, i, j), i and j from the patch's centre.
 static void descent(const sv_patch *p, int s, double sd[6]) {
   int b = s >> 4;
   double i = b % 3 * 4 + (s & 3) - 5.5, j = b / 3 * 4 + (s >> 2 & 3) - 5.5;
@@ -232,7 +233,7 @@ static double compare(const sv_tracker *t, const sv_track_ref *r, const float *v
   return vt / sqrt(vv * r->tt);
 }
 
-// warp <- warp D^-1, place <- place - warp D^-1 d: the inverse compositional update.
+// warp <- warp D^-1, position <- position - warp D^-1 d: the inverse compositional update.
 static bool update(float uv[2], float warp[4], const double d[6], double *way) {
   double p = 1 + d[2], q = d[4], r = d[3], s = 1 + d[5], det = p * s - q * r;
   if (!(det > 0.3 && det < 3)) return false;

@@ -1,21 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
-// The points' life: found, followed, measured, given up.
+// Life of a point: detected, tracked, triangulated, dropped.
 #include <string.h>
 
 #include "src/base/mathx.h"
 #include "src/track/tracker.h"
 
-#define COARSE_CORR 0.6f // a level that fits worse than this says nothing
+#define COARSE_CORR 0.6f // ignore a level with a lower correlation
 #define FOLLOW_CORR 0.8f
-#define PARALLAX_PX 4.0  // least parallax that gives a depth
-#define WRONG_PX    2.0  // standard deviations: a depth that does not fit its observations
-#define NEAR_BASE   1.5  // nearest depth that is searched, in distances between the two sub-views
-#define FAR_BASE    400  // the farthest
-#define REMATCH     0.08 // a known depth is searched that far up and down
+#define PARALLAX_PX 4.0  // minimum parallax for a depth
+#define WRONG_PX    2.0  // standard deviations: reject a depth that does not fit its observations
+#define NEAR_BASE   1.5  // nearest depth searched, in baselines of the two sub-views
+#define FAR_BASE    400  // farthest depth searched, in baselines
+#define REMATCH     0.08 // search range around a known depth, relative
 #define APART_PX    10
-#define BACK_PX     1.5f // of the resolution: how well matching there and back must close
+#define BACK_PX     1.5f // of the resolution: tolerance of the forward-backward check
 #define MATCH_CORR  0.85f
-#define MATCH_PX    2.5f // how far the alignment may move a match
+#define MATCH_PX    2.5f // maximum correction of a match by alignment
 
 float sv_track_rank(float *v, int n, int k) {
   if (n < 1) return 0;
@@ -63,7 +63,7 @@ int32_t sv_track_add_obs(sv_tracker *t, int32_t i_point, int i_exposure, int i_v
   return i;
 }
 
-// --- following -----------------------------------------------------------------------------------
+// --- tracking -----------------------------------------------------------------------------------
 
 bool sv_track_see(const sv_bundle_camera *c, const sv_pose *rig, const double x[3], double uv[2]) {
   double q[3];
@@ -75,7 +75,7 @@ bool sv_track_see(const sv_bundle_camera *c, const sv_pose *rig, const double x[
   return true;
 }
 
-// Median depth of what is followed, in the rig's frame; 0 when nothing has one.
+// Median depth of the tracked points, in the rig's frame; 0 when none is known.
 static double nominal_depth(sv_tracker *t) {
   int n = 0;
   for (int i = 0; i < t->n_live && n < t->cap_found; i++) {
@@ -88,7 +88,7 @@ static double nominal_depth(sv_tracker *t) {
   return (double)sv_track_rank(t->work, n, n / 2);
 }
 
-// Where an observed place is expected when the rig goes from the pose of last time to guess.
+// Predicted position of an observation when the rig moves from the last pose to `guess`.
 static void expect(const sv_tracker *t, const sv_track_point *p, int v, const sv_pose *guess, double depth,
                    float uv[2]) {
   const sv_pose *last = &t->pose[t->i_last];
@@ -107,8 +107,7 @@ static void expect(const sv_tracker *t, const sv_track_point *p, int v, const sv
   uv[1] += (float)(b[1] - a[1]);
 }
 
-// Coarse to fine from picture to picture, then against what the point looked like when it was
-// found.
+// Aligns coarse to fine from image to image, then against the patch of the first detection.
 static bool follow_one(sv_tracker *t, const sv_track_point *p, int v, const float from[2], float uv[2],
                        float warp[4]) {
   for (int l = t->n_levels[v] - 1; l >= 0; l--) {
@@ -217,7 +216,7 @@ static void times(const float a[4], float k, float out[4]) {
   for (int i = 0; i < 4; i++) out[i] = k * a[i];
 }
 
-// Takes what is seen at a place as reference, one pixel in 2^level.
+// Takes the patch at a position as reference, one pixel in 2^level.
 static bool take_ref(sv_tracker *t, int i_ref, int v, const float uv[2], int level) {
   sv_track_plane p = sv_track_level(t, true, v, level);
   float k = 1.0f / (float)(1 << level);
@@ -255,7 +254,7 @@ static int32_t new_point(sv_tracker *t, int v, const float uv[2]) {
   return i;
 }
 
-// Is a corner taken this time within reach? Taken ones have a score below 0.
+// Whether a corner already taken in this exposure is near. Taken ones have a score below 0.
 static bool is_crowded(const sv_tracker *t, int cell, int n_x, int n_y) {
   const sv_corner *c = &t->corner[cell];
   int cx = cell % n_x, cy = cell / n_x;
@@ -275,7 +274,7 @@ typedef struct {
   float f_least; // smallest focal length among the matches
 } view_matches;
 
-// Where the other sub-views see a corner. The same way back must end where it began.
+// Matches of a corner in the other sub-views. Matching backwards must return to the corner.
 static view_matches match_views(sv_tracker *t, int v, const float uv[2]) {
   view_matches m = {.f_least = (float)t->cam[v].fx};
   for (int b = 0; b < t->n_views; b++) {
@@ -291,7 +290,7 @@ static view_matches match_views(sv_tracker *t, int v, const float uv[2]) {
   return m;
 }
 
-// Adds what a view sees of a point: aligned with the reference, near to where it was expected.
+// Adds a view's observation of a point: aligned with the reference, near the prediction.
 static void add_view(sv_tracker *t, int32_t i_point, int b, const float uv[2], const float warp[4]) {
   sv_track_point *p = &t->point[i_point];
   float at[2] = {uv[0], uv[1]}, w[4] = {warp[0], warp[1], warp[2], warp[3]}, space;
@@ -303,7 +302,7 @@ static void add_view(sv_tracker *t, int32_t i_point, int b, const float uv[2], c
   (void)sv_track_add_obs(t, i_point, t->n_exposures - 1, b, at, space);
 }
 
-// A corner becomes a point, with its matches and, where they tell it, its depth. False: no room.
+// Makes a corner a point, with its matches and, if they determine it, its depth. False: no room.
 static bool bear(sv_tracker *t, int v, const float uv[2]) {
   view_matches m = match_views(t, v, uv);
   int level = 0;
@@ -311,7 +310,8 @@ static bool bear(sv_tracker *t, int v, const float uv[2]) {
   int32_t i = new_point(t, v, uv);
   if (i < 0) return false;
   sv_track_point *p = &t->point[i];
-  while (!take_ref(t, p->i_ref, v, uv, level) && level > 0) level--; // at the border less is seen
+  // a coarse patch may cross the border
+  while (!take_ref(t, p->i_ref, v, uv, level) && level > 0) level--;
   float space = (float)(1 << level), own[4] = {space, 0, 0, space};
   memcpy(p->warp[v], own, sizeof own);
   (void)sv_track_add_obs(t, i, t->n_exposures - 1, v, uv, space);
@@ -323,7 +323,7 @@ static bool bear(sv_tracker *t, int v, const float uv[2]) {
   }
   p->has_depth = p->first_obs != p->last_obs && sv_track_triangulate(t, p);
   if (p->has_depth || p->first_obs == p->last_obs) return true;
-  // Matches that contradict each other: only the corner itself is believed.
+  // Contradicting matches: keep only the corner itself.
   for (int32_t k = t->obs[p->first_obs].next; k >= 0; k = t->obs[k].next) t->obs[k].sigma_px = 0;
   for (int b = 0; b < t->n_views; b++)
     if (b != v) p->now[b] = -1;
@@ -347,7 +347,7 @@ void sv_track_new_points(sv_tracker *t) {
   }
 }
 
-// A point that view a follows, at depth z there, looked for in view b.
+// Searches view b for a point tracked in view a at depth z.
 static void rematch_view(sv_tracker *t, int32_t i_point, int a, int b, double z) {
   const sv_track_point *p = &t->point[i_point];
   const float *from = t->obs[p->now[a]].uv_px, *w = p->warp[a];

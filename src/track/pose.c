@@ -9,7 +9,7 @@
 #define SAMPLE_ITER 5
 #define FINAL_ITER  10
 
-// The residual of one match through the machinery of the bundle: one pose, the cameras.
+// Residual of one match, with the bundle's code: one pose and the cameras.
 static bool residual(const sv_pose_problem *p, const sv_pose *pose, const sv_pose_match *m, double r[2],
                      double *j) {
   sv_bundle b = {.pose = (sv_pose *)(uintptr_t)pose, .camera = (sv_bundle_camera *)(uintptr_t)p->cameras};
@@ -113,7 +113,7 @@ int sv_pose_find(sv_pose_problem *p, sv_pose *rig_from_world) {
     if (refine(p, USE_SAMPLE, sample, 1e9, SAMPLE_ITER, &pose)) consider(p, &pose, &best, &n_best);
   }
   if (n_best < N_SAMPLE) return 0;
-  for (int i = 0; i < 3; i++) { // those within the limit change with the pose
+  for (int i = 0; i < 3; i++) { // the inliers change with the pose
     (void)count(p, &best, true);
     pose = best;
     if (!refine(p, USE_INLIERS, NULL, 1.5, FINAL_ITER, &pose)) break;
@@ -139,8 +139,7 @@ static void nearest_rotation(double r[9], const double m[9]) {
   double shift = 0, q[4];
   int best = 0;
   for (int i = 0; i < 9; i++) shift += fabs(m[i]);
-  // A fixed start would be at right angles to the eigenvector of some turn; the column of the
-  // largest term is not.
+  // A fixed start could be orthogonal to the eigenvector; the column of the largest term is not.
   for (int i = 1; i < 4; i++)
     if (n[5 * i] > n[5 * best]) best = i;
   for (int i = 0; i < 4; i++) q[i] = n[4 * i + best] + (i == best ? shift : 0);

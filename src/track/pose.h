@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a rig is, from points that it knows: absolute pose of a generalised camera. And how two
-// trajectories lie to each other.
+// Absolute pose of a rig (a generalised camera) from points with known positions, and the alignment
+// of two trajectories.
 #ifndef SV_TRACK_POSE_H
 #define SV_TRACK_POSE_H
 
@@ -21,8 +21,8 @@ typedef struct {
   bool is_inlier; // output
 } sv_pose_match;
 
-// Poses found by somebody else's algebra, when there is one (host tools): fills rig_from_world from
-// matches that may hold outliers. False: none found.
+// An external pose solver (host tools): fills rig_from_world from matches that may hold outliers.
+// False: none found.
 typedef struct {
   void *self;
   bool (*absolute)(void *self, const sv_bundle_camera *cameras, const sv_pose_match *matches, int n,
@@ -36,16 +36,16 @@ typedef struct {
   double limit_px; // residuals beyond so many pixels (times sigma) are outliers
   int n_samples;   // random samples of four
   sv_rng rng;
-  const sv_pose_solver *solver; // NULL: samples are solved here, each from the start
+  const sv_pose_solver *solver; // NULL: samples are solved here, each from the initial pose
 } sv_pose_problem;
 
 // Improves *rig_from_world from where it is (the last pose, or one predicted): Gauss-Newton on
 // random samples of four matches and on all under Huber's loss, the one with most matches within
-// the limit is refined on those. Returns how many they are; fewer than 4: nothing was found, the
-// pose is as it was.
+// the limit is refined on those. Returns their number; below 4 nothing was found and the pose is
+// unchanged.
 int sv_pose_find(sv_pose_problem *p, sv_pose *rig_from_world);
 
-// The similarity that takes the places of trajectory a to those of b: x_b = s R x_a + t in the
+// The similarity from positions of trajectory a to those of b: x_b = s R x_a + t in the
 // least squares sense (Umeyama 1991), where R is that between the rig's orientations, so that a
 // straight path is enough. Poses are rig_from_world. n >= 1; s is 1 with has_scale false or when a
 // does not move.
@@ -53,7 +53,7 @@ typedef struct {
   double s, r[9], t[3];
 } sv_similarity;
 sv_similarity sv_align_trajectories(const sv_pose *a, const sv_pose *b, int n, bool has_scale);
-// rig_from_a -> rig_from_b of the same rig, whose places are s times as far apart in b.
+// rig_from_a -> rig_from_b of the same rig, with distances in b s times as large.
 sv_pose sv_similarity_apply(const sv_similarity *b_from_a, const sv_pose *rig_from_a);
 
 #ifdef __cplusplus

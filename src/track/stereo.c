@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // Matching between the sub-views of one exposure: their relative pose is known, so the match of a
-// corner lies on a line of the other picture. Patches are compared at the resolution of the coarser
-// of the two.
+// corner lies on an epipolar line of the other image. Patches are compared at the resolution of the
+// coarser of the two.
 #include "src/base/mathx.h"
 #include "src/track/tracker.h"
 
-#define WIDE_PX     400   // larger pictures are searched at half their size
-#define LEAST_CORR  0.75f // of the best place along the line, without a map of its own
+#define WIDE_PX     400   // larger images are searched at half their size
+#define LEAST_CORR  0.75f // minimum correlation of the best position along the line
 #define UNIQUE      0.6f  // (1 - best) / (1 - second best), or
 #define UNIQUE_BY   0.12f // best - second best
-#define APART       3     // samples between two different places
-#define OFF_LINE_PX 1.5f  // of the level: what aligns farther off has slipped
+#define APART       3     // minimum samples between two separate maxima
+#define OFF_LINE_PX 1.5f  // px of the level: a larger offset from the line is a wrong match
 
 void sv_track_ray(const sv_bundle_camera *c, const float uv_px[2], double ray[3]) {
   ray[0] = ((double)uv_px[0] - c->cx) / c->fx;
@@ -25,7 +25,7 @@ static bool project(const sv_bundle_camera *c, const double x[3], double uv[2]) 
   return true;
 }
 
-// Where b sees the point at a depth on a pixel's ray of a.
+// Projection into b of the point at a depth on a pixel's ray of a.
 static bool transfer(const sv_bundle_camera *a, const sv_bundle_camera *b, const sv_pose *b_from_a, double u,
                      double v, double z, double uv[2]) {
   double x[3] = {(u - a->cx) / a->fx * z, (v - a->cy) / a->fy * z, z};
@@ -83,7 +83,7 @@ static bool take(sv_tracker *t, const search *s, int la, int lb) {
 }
 
 // Correlations along the line, one sample a pixel of the level. Returns the best place in
-// t->place_x, y; -1 when there is none that stands out.
+// t->place_x, y; -1 when none is distinct.
 static int best_on_line(sv_tracker *t, const search *s) {
   sv_track_plane p = sv_track_level(t, true, s->b, s->lb);
   double inv = 1.0 / (1 << s->lb), dx = (s->p1[0] - s->p0[0]) * inv, dy = (s->p1[1] - s->p0[1]) * inv;
@@ -108,7 +108,7 @@ static int best_on_line(sv_tracker *t, const search *s) {
   t->k->patch_sums(&a);
   double pp = 0;
   for (int i = 0; i < SV_PATCH_PIXELS; i++) pp += (double)t->patch->v[0][i] * (double)t->patch->v[0][i];
-  for (int i = 0; i < n; i++) { // the correlation takes the place of the first sum
+  for (int i = 0; i < n; i++) { // the correlation overwrites the first sum
     double var = (double)t->sums[i][1] - (double)t->sums[i][0] * (double)t->sums[i][0] / SV_PATCH_PIXELS;
     t->sums[i][0] = var > 1e-6 && pp > 1e-6 ? (float)((double)t->sums[i][2] / sqrt(var * pp)) : -1.0f;
     if (best < 0 || t->sums[i][0] > t->sums[best][0]) best = i;

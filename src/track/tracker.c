@@ -6,20 +6,22 @@
 #include "src/base/mathx.h"
 
 #define N_FEATURES    250
-#define MIN_SIDE_PX   30 // of a pyramid's coarsest level
-#define FOUND_PER     2 // room for found places, times features and views: known points come on top of corners
-#define LEAST_MATCHES 10  // that place a rig
-#define LEAST_SHARE   0.3 // of the points that were found again
+#define MIN_SIDE_PX   30  // minimum side of a pyramid's coarsest level
+#define FOUND_PER     2   // capacity for detections per feature and view: known points come on top
+                          // of corners
+#define LEAST_MATCHES 10  // minimum matches that locate a rig
+#define LEAST_SHARE   0.3 // minimum share of the re-detected points
 #define LIMIT_PX      2.0
 #define N_SAMPLES     60
-#define WINDOW        8 // exposures that are adjusted as they come
-#define WINDOW_HELD   4 // and older ones that hold them
+#define WINDOW        8 // newest exposures, adjusted as they arrive
+#define WINDOW_HELD   4 // older exposures held fixed
 #define WINDOW_ITER   4
 #define FINAL_ITER    12
 #define FINAL_ROUNDS  3
-#define CAP_TRIES     5   // exposures that a point is followed without finding its depth
-#define STILL_PX      0.6 // way from exposure 0 (way_from_start)
-#define STILL_LEAST   8   // places that tell it
+#define CAP_TRIES     5   // exposures a point is tracked without finding its depth
+#define STILL_PX      0.6 // below this distance from exposure 0 the rig is stationary
+                          // (way_from_start)
+#define STILL_LEAST   8   // minimum observations for that
 
 sv_track_cfg sv_track_defaults(void) { return (sv_track_cfg){.n_features = N_FEATURES, .seed = 1}; }
 
@@ -100,8 +102,8 @@ static sv_status carve(sv_tracker *t, const sv_track_cfg *cfg, sv_arena *a) {
   t->cap_points = sv_tracker_cap_points(cfg);
   t->cap_obs = sv_mini(n, 100000) * per * FOUND_PER;
   t->cap_found = per * FOUND_PER;
-  t->cap_refs = per + per / 2; // those of one exposure and those of the last that are not yet given
-                               // up
+  t->cap_refs = per + per / 2; // points of this exposure, and those of the last that are not yet
+                               // dropped
   for (int v = 0; v < t->n_views; v++) {
     int w = t->width_px[v], h = t->height_px[v];
     cells = sv_maxi(cells, (w / SV_CORNER_CELL + 1) * (h / SV_CORNER_CELL + 1));
@@ -142,7 +144,7 @@ sv_status sv_tracker_init(sv_tracker *t, const sv_track_cfg *cfg, const sv_kerne
         cfg->cap_exposures, cfg->rig->n_sub_views, cfg->n_features);
   for (int i = 0; i < cfg->rig->n_sub_views; i++)
     if (model_of(cfg, i)->kind != SV_MODEL_PINHOLE)
-      return sv_fail(err, SV_E_ARG, "tracking takes undistorted pictures, sub-view %d is a %s", i,
+      return sv_fail(err, SV_E_ARG, "tracking needs undistorted images, but sub-view %d is a %s", i,
                      sv_model_name(model_of(cfg, i)->kind));
   sv_status s = carve(t, cfg, arena);
   t->k = k;
@@ -153,13 +155,13 @@ sv_status sv_tracker_init(sv_tracker *t, const sv_track_cfg *cfg, const sv_kerne
 
 // --- one exposure --------------------------------------------------------------------------------
 
-// The way that three of ten places in t->work do not exceed: with a rig that stands still, things
-// may move. -1: too few to tell.
+// The 30th percentile of the motions in t->work: objects may move although the rig is stationary.
+// -1: too few.
 static double way_of(sv_tracker *t, int n) {
   return n < STILL_LEAST ? -1 : (double)sv_track_rank(t->work, n, n * 3 / 10);
 }
 
-// The way from exposure 0, by the places that it saw as well.
+// Image motion since exposure 0, over the points seen in both.
 static double way_from_start(sv_tracker *t) {
   int n = 0;
   for (int i = 0; i < t->n_found; i++) {
@@ -188,8 +190,7 @@ static double way_from_origin(sv_tracker *t) {
   return way_of(t, n);
 }
 
-// Places the rig from what was followed. Returns the matches that agree, 0 when they do not
-// suffice.
+// Locates the rig from tracked points. Returns the number of inliers, 0 when there are too few.
 static int place(sv_tracker *t, sv_pose *pose) {
   sv_pose_problem p = {.cameras = t->cam,
                        .matches = t->match,
@@ -206,7 +207,7 @@ static int place(sv_tracker *t, sv_pose *pose) {
         {x->x[0], x->x[1], x->x[2]}, c->i_view, {c->uv_px[0], c->uv_px[1]}, c->sigma_px, false};
   }
   int n_in = sv_pose_find(&p, pose);
-  for (int i = 0; i < p.n; i++) // outliers are not taken over
+  for (int i = 0; i < p.n; i++) // outliers are dropped
     if (!t->match[i].is_inlier) t->found[t->match_of[i]].sigma_px = 0;
   return n_in >= LEAST_MATCHES && n_in >= LEAST_SHARE * p.n ? n_in : 0;
 }
@@ -227,7 +228,7 @@ static void take_found(sv_tracker *t) {
     for (int v = 0; v < t->n_views; v++) p->is_live |= p->now[v] >= 0;
     if (p->is_live && !p->has_depth) {
       p->has_depth = sv_track_triangulate(t, p);
-      // What has been followed for so long and is at no place is an edge before another, or moves.
+      // A point tracked this long without a position is an occlusion edge, or it moves.
       p->is_live = p->has_depth || ++p->n_tries < CAP_TRIES;
     }
     if (!p->is_live) {

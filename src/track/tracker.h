@@ -80,8 +80,8 @@ typedef struct {
   int n_exposures, n_placed, n_points; // points with depth
   bool is_still;      // nothing moved in the pictures: all poses are the same, and placed is what
                       // tells a way
-  double still_px;    // the largest way from exposure 0 that three of ten places keep within, -1: none
-                      // tells it
+  double still_px;    // the largest way from exposure 0 that three of ten places keep within, -1:
+                      // none tells it
   double rms_px;      // reprojection, one axis
   double scale_sigma; // relative deviation (1 sigma) of the scale, by the part that tells it best;
                       // -1: none
