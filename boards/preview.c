@@ -10,7 +10,7 @@
 
 #include "src/run/isa.h"
 
-static sv_linux_live live;
+static sv_linux_preview live;
 static bool is_open;
 
 static bool is_any(const char *addr) { return !strcmp(addr, "0.0.0.0") || !strcmp(addr, "::"); }
@@ -45,9 +45,9 @@ sv_status preview_open(const run_options *o, sv_err *err) {
   const size_t n = o->gaussians > 0 ? (size_t)o->gaussians : 1;
   size_t n_floats = SV_GAUSSIAN_N_FLOATS((size_t)o->sh) + sv_preview_motion_floats(&train) +
                     (sv_preview_bodies_floats(&train) + n - 1) / n;
-  sv_status s = sv_linux_live_open(&live, (uint32_t)o->gaussians, (uint32_t)n_floats, err);
+  sv_status s = sv_linux_preview_open(&live, (uint32_t)o->gaussians, (uint32_t)n_floats, err);
   is_open = s >= 0;
-  if (s >= 0 && o->preview) s = sv_linux_live_serve(&live, NULL, o->preview_addr, o->preview_port, err);
+  if (s >= 0 && o->preview) s = sv_linux_preview_serve(&live, NULL, o->preview_addr, o->preview_port, err);
   if (s >= 0 && o->preview) print_links(o);
   if (s >= 0 && o->has_feed && !o->preview)
     say(2, "feed: subview-preview --attach %ld serves it\n", (long)getpid());
@@ -55,7 +55,7 @@ sv_status preview_open(const run_options *o, sv_err *err) {
 }
 
 void preview_publish(sv_publish *p) {
-  if (is_open) sv_linux_live_publish(&live, p);
+  if (is_open) sv_linux_preview_publish(&live, p);
 }
 
 bool preview_failed(const run_options *o, sv_feed_cause cause, const char *sentence,
@@ -73,7 +73,7 @@ bool preview_failed(const run_options *o, sv_feed_cause cause, const char *sente
 }
 
 void preview_close(void) {
-  if (is_open) sv_linux_live_close(&live);
+  if (is_open) sv_linux_preview_close(&live);
   is_open = false;
 }
 

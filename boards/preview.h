@@ -6,7 +6,7 @@
 
 #include "boards/board_main.h"
 #include "boards/run_options.h"
-#include "platform/linux/live.h"
+#include "platform/linux/preview.h"
 
 // Makes the feed and starts the server as the options say, and prints the link on stderr. Nothing without --preview
 // and --feed.

@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "boards/board_main.h"
-#include "platform/linux/live.h"
+#include "platform/linux/preview.h"
 #include "src/prior/methods.h"
 
 #define AT(field) offsetof(run_options, field)
@@ -90,7 +90,7 @@ static int check(run_options *o) {
   if (o->i_prior > 0 && (o->is_continuous || o->is_dynamic || o->is_resume))
     return usage_error("run", "--prior: not with --live, --scene dynamic or --resume");
   if (o->preview &&
-      sv_linux_live_parse(o->preview, o->preview_addr, sizeof o->preview_addr, &o->preview_port, &err) < 0)
+      sv_linux_preview_parse(o->preview, o->preview_addr, sizeof o->preview_addr, &o->preview_port, &err) < 0)
     return usage_error("run", "--preview %s", err.text);
   if (o->is_session && !o->preview && !o->has_feed)
     return usage_error("run", "--session takes --preview [ADDR:]PORT");

@@ -58,11 +58,10 @@ struct sv_linux_pool {
   SV_LINUX_ATOMIC(uint32_t) n_asleep;
   SV_LINUX_ATOMIC(uint32_t) n_started;
   SV_LINUX_ATOMIC(bool) is_stopping;
-  char apart[64];
-  SV_LINUX_ATOMIC(uint32_t)
-  n_done;                            // tasks finished by threads that found no more; the caller
-                                     // sleeps on it
-  SV_LINUX_ATOMIC(uint32_t) n_tasks; // of the current job
+  char padding[64];
+  // Tasks finished by threads that found no more; the caller sleeps on it.
+  SV_LINUX_ATOMIC(uint32_t) n_done;
+  SV_LINUX_ATOMIC(uint32_t) n_tasks;             // of the current job
   SV_LINUX_ATOMIC(uint32_t) is_waited;           // the caller sleeps
   sv_linux_worker workers[SV_LINUX_CAP_THREADS]; // [0]: the caller
 };

@@ -13,7 +13,7 @@
 #include <unistd.h>
 
 #include "platform/linux/linux.h"
-#include "platform/linux/live.h"
+#include "platform/linux/preview.h"
 #include "platform/preview/preview.h"
 
 #define DATA_BYTES (96u << 20) // beside what a snapshot of the model takes
@@ -76,7 +76,7 @@ static int parse(int argc, char **argv, options *o, sv_err *err) {
       return -1;
     }
     if (!strcmp(argv[i], "--listen")) {
-      if (sv_linux_live_parse(value, o->addr, sizeof o->addr, &o->port, err) < 0)
+      if (sv_linux_preview_parse(value, o->addr, sizeof o->addr, &o->port, err) < 0)
         return usage("--listen %s", err->text);
     } else if (!strcmp(argv[i], "--attach") || !strcmp(argv[i], "--feed-fd") ||
                !strcmp(argv[i], "--command-fd")) {
@@ -162,16 +162,16 @@ static int serve(options *o, pv_source *source, sv_err *err) {
   if (s >= 0) s = pv_sandbox_enter(source->sandbox, sizeof source->sandbox, err);
   if (s < 0) {
     say(2, "subview-preview: %s\n", err->text);
-    if (is_child) (void)tell(o, SV_LIVE_REFUSED);
+    if (is_child) (void)tell(o, SV_PREVIEW_REFUSED);
     return 1;
   }
-  if (is_child) (void)tell(o, SV_LIVE_READY);
+  if (is_child) (void)tell(o, SV_PREVIEW_READY);
   else
     say(2, "page: http://%s%s%s:%d/#%s\nsandbox: %s\n", strchr(o->addr, ':') ? "[" : "", o->addr,
         strchr(o->addr, ':') ? "]" : "", o->port, token, source->sandbox);
   for (;;) {
     pv_server_step(server, BEAT_MS);
-    if (is_child ? !tell(o, SV_LIVE_BEAT) : kill((pid_t)writer, 0) != 0) return 0; // the runtime is gone
+    if (is_child ? !tell(o, SV_PREVIEW_BEAT) : kill((pid_t)writer, 0) != 0) return 0; // the runtime is gone
   }
 }
 
@@ -190,7 +190,7 @@ int main(int argc, char **argv) {
   if (s >= 0) s = pv_model_open(&source, &err);
   if (s < 0) {
     say(2, "subview-preview: %s\n", err.text);
-    if (!o.attach_pid) (void)tell(&o, SV_LIVE_REFUSED);
+    if (!o.attach_pid) (void)tell(&o, SV_PREVIEW_REFUSED);
     return 1;
   }
   return serve(&o, &source, &err);

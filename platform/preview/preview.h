@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // C only: the feed is.
 // subview-preview: a small HTTP server over the feed of a running subview, in a process and a sandbox of its own. It
-// reads the feed (src/port/feed.h) and writes single bytes into a pipe (platform/linux/live.h); it opens no file and
+// reads the feed (src/port/feed.h) and writes single bytes into a pipe (platform/linux/preview.h); it opens no file and
 // no other connection once it listens. One thread; everything that a client can make it hold is bounded.
 //
 //   GET  /            the page; /page.css, the scripts and /icon.svg belong to it

@@ -17,7 +17,7 @@
 #include <unistd.h>
 
 #include "platform/linux/linux.h"
-#include "platform/linux/live.h"
+#include "platform/linux/preview.h"
 
 #define CAP_JSON     (48u << 10)
 #define MOSAIC_NS    (100 * SV_NS_PER_MS)
@@ -243,7 +243,7 @@ static enum MHD_Result post(pv_server *s, struct MHD_Connection *c, const char *
     const char *url;
     char byte;
   } commands[] = {
-      {"/start", SV_LIVE_START}, {"/pause", SV_LIVE_PAUSE}, {"/save", SV_LIVE_SAVE}, {"/new", SV_LIVE_NEW}};
+      {"/start", SV_PREVIEW_START}, {"/pause", SV_PREVIEW_PAUSE}, {"/save", SV_PREVIEW_SAVE}, {"/new", SV_PREVIEW_NEW}};
   for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
     if (!strcmp(url, commands[i].url)) {
       if (!has_token(s, c, false))

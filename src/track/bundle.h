@@ -62,8 +62,8 @@ typedef struct {
   double *s, *g, *step; // [n n] reduced system, lower triangle; [n]
   int *block_of;        // [cap_poses + cap_cameras] block of a pose or camera in s, -1: fixed
   int *is_seen;         // [cap_poses + cap_cameras] which poses have observations, for the scale
-  int *in_use;          // [cap_poses + cap_cameras] of the point at hand
-  double (*w)[18];      // [cap_poses + cap_cameras] 6x3 blocks of the point at hand
+  int *in_use;          // [cap_poses + cap_cameras] of the current point
+  double (*w)[18];      // [cap_poses + cap_cameras] 6x3 blocks of the current point
   int n_params;
   double lambda;
 } sv_bundle;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "platform/linux/live.h"
+#include "platform/linux/preview.h"
 
 #include <arpa/inet.h>
 #include <errno.h>
@@ -38,32 +38,33 @@ static sv_ns now_ns(void) {
 
 // --- the feed ------------------------------------------------------------------------------------
 
-static sv_status make_feed(sv_linux_live *l, uint32_t cap_gaussians, uint32_t cap_floats, sv_err *err) {
+static sv_status make_feed(sv_linux_preview *l, uint32_t cap_gaussians, uint32_t cap_floats, sv_err *err) {
   l->block_bytes = sv_feed_bytes(cap_gaussians, cap_floats);
   l->feed_fd = (int)syscall(SYS_memfd_create, "subview-feed", MFD_ALLOW_SEALING | MFD_CLOEXEC);
   if (l->feed_fd < 0 || ftruncate(l->feed_fd, (off_t)l->block_bytes) < 0)
-    return sv_fail(err, SV_E_NOMEM, "live view: no shared memory of %zu bytes (%s)", l->block_bytes,
+    return sv_fail(err, SV_E_NOMEM, "preview: no shared memory of %zu bytes (%s)", l->block_bytes,
                    sv_linux_reason(errno));
   l->block = mmap(NULL, l->block_bytes, PROT_READ | PROT_WRITE, MAP_SHARED, l->feed_fd, 0);
   if (l->block == MAP_FAILED) {
     l->block = NULL;
-    return sv_fail(err, SV_E_NOMEM, "live view: %zu bytes cannot be mapped (%s)", l->block_bytes,
+    return sv_fail(err, SV_E_NOMEM, "preview: %zu bytes cannot be mapped (%s)", l->block_bytes,
                    sv_linux_reason(errno));
   }
   // Nobody else can write to it or change its size; kernels before 5.1 lack the first of the two.
   if (fcntl(l->feed_fd, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_FUTURE_WRITE) < 0)
     (void)fcntl(l->feed_fd, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW);
   sv_status s = sv_feed_init(&l->feed, l->block, l->block_bytes, cap_gaussians, cap_floats);
-  return s < 0 ? sv_fail(err, s, "live view: the feed cannot be laid out") : s;
+  return s < 0 ? sv_fail(err, s, "preview: the feed cannot be laid out") : s;
 }
 
-sv_status sv_linux_live_open(sv_linux_live *l, uint32_t cap_gaussians, uint32_t cap_floats, sv_err *err) {
-  *l = (sv_linux_live){.feed_fd = -1, .pipe_fd = {-1, -1}, .health_fd = -1, .throttled_fd = -1};
+sv_status sv_linux_preview_open(sv_linux_preview *l, uint32_t cap_gaussians, uint32_t cap_floats,
+                                sv_err *err) {
+  *l = (sv_linux_preview){.feed_fd = -1, .pipe_fd = {-1, -1}, .health_fd = -1, .throttled_fd = -1};
   sv_status s = make_feed(l, cap_gaussians, cap_floats, err);
   if (s >= 0 && pipe2(l->pipe_fd, O_NONBLOCK | O_CLOEXEC) < 0)
-    s = sv_fail(err, SV_E_DEVICE, "live view: no pipe (%s)", sv_linux_reason(errno));
+    s = sv_fail(err, SV_E_DEVICE, "preview: no pipe (%s)", sv_linux_reason(errno));
   if (s < 0) {
-    sv_linux_live_close(l);
+    sv_linux_preview_close(l);
     return s;
   }
   l->feed.header->writer_pid = (int32_t)getpid();
@@ -96,7 +97,7 @@ static long read_number(int fd, int base, long missing) {
 // Bits 0 to 3 of the Raspberry Pi's get_throttled tell what is so now; elsewhere only the
 // temperature is known.
 static sv_health health(void *self) {
-  const sv_linux_live *l = self;
+  const sv_linux_preview *l = self;
   long milli_c = read_number(l->health_fd, 10, -1000000), flags = read_number(l->throttled_fd, 16, -1);
   return (sv_health){.temperature_c = milli_c > -1000000 ? (double)milli_c * 1e-3 : (double)NAN,
                      .is_throttled = flags < 0 ? -1 : (flags & 0xf) != 0};
@@ -106,7 +107,7 @@ static sv_health health(void *self) {
 
 // vfork and exec by the library, without the heap: what the child is to find is put where it looks
 // beforehand.
-static void start_server(sv_linux_live *l) {
+static void start_server(sv_linux_preview *l) {
   posix_spawnattr_t attr;
   sigset_t none, usual;
   l->started_ns = l->beat_ns = now_ns();
@@ -130,19 +131,19 @@ static void start_server(sv_linux_live *l) {
   posix_spawnattr_destroy(&attr);
 }
 
-static sv_command command_of(sv_linux_live *l, char byte) {
+static sv_command command_of(sv_linux_preview *l, char byte) {
   switch (byte) {
-  case SV_LIVE_START: return SV_COMMAND_START;
-  case SV_LIVE_PAUSE: return SV_COMMAND_PAUSE;
-  case SV_LIVE_SAVE: return SV_COMMAND_SAVE;
-  case SV_LIVE_NEW: return SV_COMMAND_NEW;
-  case SV_LIVE_REFUSED: l->is_refused = true; return SV_COMMAND_NONE;
-  case SV_LIVE_READY: l->is_served = true; return SV_COMMAND_NONE;
+  case SV_PREVIEW_START: return SV_COMMAND_START;
+  case SV_PREVIEW_PAUSE: return SV_COMMAND_PAUSE;
+  case SV_PREVIEW_SAVE: return SV_COMMAND_SAVE;
+  case SV_PREVIEW_NEW: return SV_COMMAND_NEW;
+  case SV_PREVIEW_REFUSED: l->is_refused = true; return SV_COMMAND_NONE;
+  case SV_PREVIEW_READY: l->is_served = true; return SV_COMMAND_NONE;
   default: return SV_COMMAND_NONE;
   }
 }
 
-static void look_after(sv_linux_live *l, sv_ns now) {
+static void look_after(sv_linux_preview *l, sv_ns now) {
   if (l->pid > 0) {
     if (waitpid(l->pid, NULL, WNOHANG) == l->pid) l->pid = 0;
     else if (now - l->beat_ns > HANG_NS) kill(l->pid, SIGKILL);
@@ -154,7 +155,7 @@ static void look_after(sv_linux_live *l, sv_ns now) {
 }
 
 static sv_command next_command(void *self) {
-  sv_linux_live *l = self;
+  sv_linux_preview *l = self;
   sv_ns now = now_ns();
   if (now < l->next_look_ns) return SV_COMMAND_NONE;
   char byte;
@@ -168,13 +169,14 @@ static sv_command next_command(void *self) {
   return SV_COMMAND_NONE;
 }
 
-static sv_status find_program(sv_linux_live *l, const char *program, sv_err *err) {
+static sv_status find_program(sv_linux_preview *l, const char *program, sv_err *err) {
   if (program) {
     if (!sv_copy(l->program, sizeof l->program, program))
       return sv_fail(err, SV_E_RANGE, "%s: too long a path", program);
   } else {
     ssize_t n = readlink("/proc/self/exe", l->program, sizeof l->program - 32);
-    if (n <= 0) return sv_fail(err, SV_E_NOT_FOUND, "live view: where subview-preview lies is not known");
+    if (n <= 0)
+      return sv_fail(err, SV_E_NOT_FOUND, "preview: subview-preview was not found beside this program");
     while (n > 0 && l->program[n - 1] != '/') n--;
     sv_copy(l->program + n, sizeof l->program - (size_t)n, "subview-preview");
   }
@@ -199,8 +201,8 @@ static void make_token(char token[static 40]) {
   token[32] = 0;
 }
 
-sv_status sv_linux_live_serve(sv_linux_live *l, const char *program, const char *addr, int port,
-                              sv_err *err) {
+sv_status sv_linux_preview_serve(sv_linux_preview *l, const char *program, const char *addr, int port,
+                                 sv_err *err) {
   static char feed_text[16], pipe_text[16]; // argv's words outlive this call
   sv_status s = find_program(l, program, err);
   if (s < 0) return s;
@@ -210,7 +212,7 @@ sv_status sv_linux_live_serve(sv_linux_live *l, const char *program, const char 
   make_token(l->token);
   // Not among the words, which every user of the machine can read: the environment is the owner's.
   if (setenv("SUBVIEW_PREVIEW_TOKEN", l->token, 1) != 0)
-    return sv_fail(err, SV_E_NOMEM, "live view: no room for its token");
+    return sv_fail(err, SV_E_NOMEM, "preview: no room for its token");
   char *argv[] = {l->program, "--listen", l->listen, "--feed-fd", feed_text, "--command-fd", pipe_text, NULL};
   memcpy(l->argv, argv, sizeof argv);
   start_server(l);
@@ -228,18 +230,18 @@ sv_status sv_linux_live_serve(sv_linux_live *l, const char *program, const char 
     if (err) *err = (sv_err){.status = SV_E_DEVICE};
     return SV_E_DEVICE;
   }
-  return sv_fail(err, SV_E_DEVICE, "live view: subview-preview %s on %s",
+  return sv_fail(err, SV_E_DEVICE, "preview: subview-preview %s on %s",
                  l->pid == 0 ? "does not serve" : "did not answer within 3 s", l->listen);
 }
 
-void sv_linux_live_publish(sv_linux_live *l, sv_publish *p) {
+void sv_linux_preview_publish(sv_linux_preview *l, sv_publish *p) {
   p->feed = &l->feed;
   p->self = l;
   p->command = next_command;
   p->health = health;
 }
 
-void sv_linux_live_close(sv_linux_live *l) {
+void sv_linux_preview_close(sv_linux_preview *l) {
   if (l->pid > 0) {
     kill(l->pid, SIGTERM);
     for (int i = 0; i < 40 && l->pid > 0; i++) {
@@ -261,7 +263,7 @@ void sv_linux_live_close(sv_linux_live *l) {
   l->pid = 0;
 }
 
-sv_status sv_linux_live_parse(const char *text, char *addr, size_t cap_addr, int *port, sv_err *err) {
+sv_status sv_linux_preview_parse(const char *text, char *addr, size_t cap_addr, int *port, sv_err *err) {
   const char *colon = strrchr(text, ':'), *number = colon ? colon + 1 : text;
   long long v;
   unsigned char raw[16];

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // C only: the feed is.
-// The live view on Linux: the feed in shared memory, and the program that serves it. `subview`
+// The preview on Linux: the feed in shared memory, and the program that serves it. `subview`
 // opens no socket: it starts subview-preview, hands it the feed (read-only) and the writing end of
 // a pipe for the person's commands, and starts it again when it ends or hangs. Everything here is
 // made before the run; nothing allocates afterwards.
@@ -13,13 +13,13 @@
 #include "src/port/port.h"
 
 // What subview-preview writes into the pipe, a byte each.
-#define SV_LIVE_READY   'r' // it listens
-#define SV_LIVE_BEAT    'b' // about once a second
-#define SV_LIVE_REFUSED 'x' // it cannot do its work and will not be able to; it has said why
-#define SV_LIVE_START   's'
-#define SV_LIVE_PAUSE   'p'
-#define SV_LIVE_SAVE    'v'
-#define SV_LIVE_NEW     'n'
+#define SV_PREVIEW_READY   'r' // it listens
+#define SV_PREVIEW_BEAT    'b' // about once a second
+#define SV_PREVIEW_REFUSED 'x' // it cannot work and has said why; do not restart it
+#define SV_PREVIEW_START   's'
+#define SV_PREVIEW_PAUSE   'p'
+#define SV_PREVIEW_SAVE    'v'
+#define SV_PREVIEW_NEW     'n'
 
 typedef struct {
   sv_feed feed;
@@ -33,22 +33,22 @@ typedef struct {
   sv_ns started_ns, beat_ns, next_start_ns, next_look_ns;
   bool is_served, is_refused;
   uint32_t n_restarts;
-} sv_linux_live;
+} sv_linux_preview;
 
 // Makes the feed (a sealed memfd) and the pipe. *live stays where it is.
-sv_status sv_linux_live_open(sv_linux_live *live, uint32_t cap_gaussians, uint32_t cap_floats,
-                             sv_err *err) SV_MUST_USE;
+sv_status sv_linux_preview_open(sv_linux_preview *live, uint32_t cap_gaussians, uint32_t cap_floats,
+                                sv_err *err) SV_MUST_USE;
 // Starts subview-preview, which lies beside this program, on ADDR:PORT, and waits until it listens
 // (3 s at most). program NULL: beside /proc/self/exe. E_DEVICE with an empty sentence:
 // subview-preview has said on stderr why it cannot.
-sv_status sv_linux_live_serve(sv_linux_live *live, const char *program, const char *addr, int port,
-                              sv_err *err) SV_MUST_USE;
+sv_status sv_linux_preview_serve(sv_linux_preview *live, const char *program, const char *addr, int port,
+                                 sv_err *err) SV_MUST_USE;
 // The port's view: feed, commands (which also looks after the server), health.
-void sv_linux_live_publish(sv_linux_live *live, sv_publish *p);
-void sv_linux_live_close(sv_linux_live *live); // ends the server, too
+void sv_linux_preview_publish(sv_linux_preview *live, sv_publish *p);
+void sv_linux_preview_close(sv_linux_preview *live); // ends the server, too
 
 // "[ADDR:]PORT"; without ADDR 127.0.0.1. ADDR: a numeric address, IPv6 in brackets. E_ARG.
-sv_status sv_linux_live_parse(const char *text, char *addr, size_t cap_addr, int *port,
-                              sv_err *err) SV_MUST_USE;
+sv_status sv_linux_preview_parse(const char *text, char *addr, size_t cap_addr, int *port,
+                                 sv_err *err) SV_MUST_USE;
 
 #endif
