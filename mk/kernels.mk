@@ -3,7 +3,7 @@
 # vector vocabulary kernels/simd/v16_<isa>.h; files named *_<isa>.c are for that one only; all others are plain C.
 #
 # An instruction set: its flags, its name in SV_HAVE_... and SV_ISA_...
-ISAS := sse41 avx2 avx512 neon
+ALL_ISAS := sse41 avx2 avx512 neon
 ISA_sse41  := -msse4.1
 ISA_avx2   := -mavx2 -mfma -mbmi -mbmi2 -mlzcnt -mpopcnt
 ISA_avx512 := -mavx512f -mavx512dq -mavx512vl -mavx512bw -mfma -mbmi -mbmi2 -mlzcnt -mpopcnt -mprefer-vector-width=512
@@ -19,7 +19,7 @@ HAVE := $(foreach i,$(BOARD_ISAS),-DSV_HAVE_$(NAME_$(i))=1)
 PROJECT_CFLAGS := $(if $(IS_CLANG),,-fschedule-insns -fsched-pressure)
 
 KERNEL_VEC := $(wildcard kernels/*/*_vec.c)
-KERNEL_SRC := $(filter-out $(KERNEL_VEC) $(addprefix %_,$(addsuffix .c,$(ISAS))),$(wildcard kernels/*.c kernels/*/*.c)) \
+KERNEL_SRC := $(filter-out $(KERNEL_VEC) $(addprefix %_,$(addsuffix .c,$(ALL_ISAS))),$(wildcard kernels/*.c kernels/*/*.c)) \
   $(foreach i,$(BOARD_ISAS),$(wildcard kernels/*/*_$(i).c))
 KERNEL_OBJ := $(KERNEL_SRC:%.c=$(O)/obj/%.o) $(foreach i,$(BOARD_ISAS),$(KERNEL_VEC:%.c=$(O)/obj/%_$(i).o))
 # The vocabulary's test is a vector file, too.
