@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // C only: the runtime's counters are atomic.
-// What the files of `subview` share: options, output without heap, sources. The files in this folder are the
-// only ones that see board, platform and runtime together.
+// What the files of `subview` share: options, output without heap, sources. The files in this
+// folder are the only ones that see board, platform and runtime together.
 #ifndef SV_BOARDS_BOARD_MAIN_H
 #define SV_BOARDS_BOARD_MAIN_H
 
@@ -26,7 +26,8 @@
 #define TEXT_OF(x)  TEXT_OF_(x) // a number of board.h, for a sentence
 
 // --- options -------------------------------------------------------------------------------------
-// Each command's struct of options begins with a member `common` of this type, and its table ends with OPTIONS_COMMON.
+// Each command's struct of options begins with a member `common` of this type, and its table ends
+// with OPTIONS_COMMON.
 typedef struct {
   bool is_help, is_version;
 } options_common;
@@ -35,7 +36,8 @@ typedef struct {
   {"help", SV_OPT_FLAG, 1, 0, offsetof(type, common.is_help), NULL, "this text", 0, 0, NULL},                \
       {"version", SV_OPT_FLAG, 1, 0, offsetof(type, common.is_version), NULL, "the version", 0, 0, NULL},
 
-// Parses argv[1..] of a command into the struct at `to`. 0; EXIT_USAGE after one line on stderr; -1 when --help or
+// Parses argv[1..] of a command into the struct at `to`. 0; EXIT_USAGE after one line on stderr; -1
+// when --help or
 // --version was printed.
 int options_parse(const sv_tool_command *command, const sv_option *rows, int n_rows, int argc, char **argv,
                   void *to);
@@ -82,19 +84,20 @@ typedef struct {
 #define SOURCE_KINDS "sim:SCENE, replay:DIR, v4l2:/dev/videoN or libcamera:N"
 
 typedef struct {
-  const char *spec;     // the source string: SOURCE_KINDS, several cameras separated by commas, then options
+  // The source string: SOURCE_KINDS, several cameras separated by commas, then options
+  const char *spec;
   const char *rig_path; // folder of the rig; NULL: the source's own rig
   int n_exposures;      // that will be captured, for sources of a known length; 0: not known
   bool needs_rig;       // without a rig E_NOT_FOUND; else rig stays NULL
 } source_cfg;
 
-// Opens a source inside the arena. Options of all sources: tiles=CxR (one image holds C x R cameras), fov=DEG (of a single
-// camera without a rig, for which a pinhole lens is then assumed).
+// Opens a source inside the arena. Options of all sources: tiles=CxR (one image holds C x R
+// cameras), fov=DEG (of a single camera without a rig, for which a pinhole lens is then assumed).
 sv_status source_open(board_source *s, const source_cfg *cfg, sv_arena *arena, sv_err *err) SV_MUST_USE;
 void source_close(board_source *s);
 
-// Pictures of coverage that names tells of, decoded into the arena at footprint.coverage; dir is for sentences. What
-// is needed only meanwhile is given back.
+// Pictures of coverage that names tells of, decoded into the arena at footprint.coverage; dir is
+// for sentences. What is needed only meanwhile is given back.
 sv_status coverage_read(sv_rig *rig, const sv_coverage_names *names, const sv_file_reader *files,
                         const char *dir, sv_arena *arena, sv_err *err) SV_MUST_USE;
 // Writes <sub-view>.coverage.png of each footprint that has one, and fills in names for rig.json.

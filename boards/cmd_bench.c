@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// subview bench: whole training steps and single kernels, on this machine and inside the board's block.
+// subview bench: whole training steps and single kernels, on this machine and inside the board's
+// block.
 #include "boards/board_main.h"
 #include "tools/bench/bench.h"
 

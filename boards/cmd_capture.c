@@ -11,9 +11,10 @@
 #include "src/sync/camera_stats.h"
 #include "src/sync/capture_queue.h"
 
-#define QUEUE_LEN   4
-#define CAP_READY   2                  // exposures that wait to be written
-#define CAP_VIRTUAL 8                  // where time stands still meanwhile, and nothing may be left out
+#define QUEUE_LEN 4
+#define CAP_READY 2 // exposures that wait to be written
+// Where time stands still meanwhile, and nothing may be left out
+#define CAP_VIRTUAL 8
 #define TIMEOUT_NS  (10 * SV_NS_PER_S) // without any exposure
 #define LOOK_NS     (2 * SV_NS_PER_MS) // the thread of the cameras is looked at so often
 
@@ -83,7 +84,8 @@ static sv_status write_frame(const sv_frame *frame, sv_err *err) {
   sv_pool pool = sv_pool_serial();
   if (!is_kept(&cap.src.caps[f.i_camera])) {
     sv_status s = sv_convert_frame(&cap.convert, frame, &cap.kernels, &pool, &rgb, err);
-    if (s == SV_E_FORMAT || s == SV_E_CORRUPT) return SV_OK; // a damaged picture: its gap stays visible
+    // A damaged picture: its gap stays visible
+    if (s == SV_E_FORMAT || s == SV_E_CORRUPT) return SV_OK;
     if (s < 0) return s;
     f.format = SV_PIX_RGB8;
     f.data = rgb.px;
@@ -126,8 +128,9 @@ static void log_live(const sv_console *con, double elapsed_s) {
   if (sv_capture_queue_line(&cap.in, &s) == SV_OK) con->log(con->self, SV_LOG_LIVE, line);
 }
 
-// Cameras are served the moment their frames come, however long a disk takes; what it cannot take is left out as whole
-// exposures. Where time is the source's own there is no thread: nothing comes meanwhile.
+// Cameras are served the moment their frames come, however long a disk takes; what it cannot take
+// is left out as whole exposures. Where time is the source's own there is no thread: nothing comes
+// meanwhile.
 static void capture_thread(void *arg) {
   sv_clock *clk = &cap.src.clock;
   (void)arg;
@@ -162,10 +165,12 @@ static sv_status stop(sv_err *err) {
   return s < 0 ? sv_fail(err, s, "the cameras did not stop: %s", sv_status_text(s)) : s;
 }
 
-// Lets time go on for a moment, unless an exposure is ready; END when there is none and the source is at its end.
+// Lets time go on for a moment, unless an exposure is ready; END when there is none and the source
+// is at its end.
 static sv_status wait_a_moment(sv_ns now) {
   sv_clock *clk = &cap.src.clock;
-  bool is_at_end = atomic_load(&cap.is_at_end); // before the look at what is ready: the last ones are taken
+  // Before the look at what is ready: the last ones are taken
+  bool is_at_end = atomic_load(&cap.is_at_end);
   if (sv_capture_queue_n_ready(&cap.in)) return SV_OK;
   if (cap.src.is_virtual) return sv_capture_queue_step(&cap.in, now + 100 * SV_NS_PER_MS);
   if (is_at_end) return SV_END;
@@ -173,8 +178,8 @@ static sv_status wait_a_moment(sv_ns now) {
   return SV_OK;
 }
 
-// One exposure at a time: where the disk is slower than the cameras one is always ready, and time goes on meanwhile,
-// the capture's as well as that of the person who stops it.
+// One exposure at a time: where the disk is slower than the cameras one is always ready, and time
+// goes on meanwhile, the capture's as well as that of the person who stops it.
 static sv_status record(const capture_options *o, sv_err *err) {
   sv_clock *clk = &cap.src.clock;
   sv_console con = sv_linux_console_port(&cap.console);
@@ -269,7 +274,8 @@ static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err
   double scene[6];
   for (int i = 0; i < 3; i++) {
     double h = (double)cap.src.bounds.radius / sqrt(3.0);
-    scene[i] = (double)cap.src.bounds.centre[i] - h, scene[3 + i] = (double)cap.src.bounds.centre[i] + h;
+    scene[i] = (double)cap.src.bounds.centre[i] - h;
+    scene[3 + i] = (double)cap.src.bounds.centre[i] + h;
   }
   sv_capture_writer_cfg wc = {.dir = o->out,
                               .name = "",
@@ -291,10 +297,16 @@ static int capture_all(const capture_options *o) {
   sv_status s = start(&err);
   if (s >= 0) {
     s = record(o, &err);
-    if (stop(&close_err) < 0 && s >= 0) s = close_err.status, err = close_err;
+    if (stop(&close_err) < 0 && s >= 0) {
+      s = close_err.status;
+      err = close_err;
+    }
   }
   sv_linux_console_finish(&cap.console);
-  if (sv_capture_writer_close(&cap.writer, &close_err) < 0 && s >= 0) s = close_err.status, err = close_err;
+  if (sv_capture_writer_close(&cap.writer, &close_err) < 0 && s >= 0) {
+    s = close_err.status;
+    err = close_err;
+  }
   if (s >= 0 && !cap.n_exposures)
     s = sv_fail(&err, SV_E_NOT_FOUND, "the source ended without one synchronized exposure");
   if (s < 0) return fail_with(&err);

@@ -69,7 +69,8 @@ static bool parse_size(const char *text, int *w, int *h) {
   size_t m = 0;
   while (x[n + 1 + m]) m++;
   if (!sv_parse_int(x + n + 1, m, &b) || a < 1 || b < 1 || a > 16384 || b > 16384) return false;
-  *w = (int)a, *h = (int)b;
+  *w = (int)a;
+  *h = (int)b;
   return true;
 }
 
@@ -132,7 +133,10 @@ static int make_rig(const plan_options *o, int w, int h) {
   if (!o->grid) return 0;
   if (!parse_size(o->grid, &d.rows, &d.cols))
     return usage_error("plan", "--multiplexed %s: expected RxC, lenses in rows and columns", o->grid);
-  d.width_px = w, d.height_px = h, d.focal_per_width = 1, d.distance_m = 1;
+  d.width_px = w;
+  d.height_px = h;
+  d.focal_per_width = 1;
+  d.distance_m = 1;
   if (sv_device_build(&p.rig, &d, &err) < 0)
     return usage_error("plan", "--multiplexed %s: %s", o->grid, err.text);
   return 0;

@@ -10,7 +10,8 @@
 #include "src/base/mathx.h"
 #include "src/metric/metric.h"
 
-#define SPIN_US 200 // a training step calls the pool every 100 us or so: sleeping in between costs more
+// A training step calls the pool every 100 us or so: sleeping in between costs more
+#define SPIN_US 200
 
 // Everything that lives as long as the run; static, so that nothing large is on the stack.
 static struct {
@@ -193,8 +194,8 @@ static void say_skipped(const run_options *o) {
         o->exposures, n - o->exposures);
 }
 
-// Opens source, outputs and app. After a failure err says what happened, and *what names the part for the list and the
-// page.
+// Opens source, outputs and app. After a failure err says what happened, and *what names the part
+// for the list and the page.
 static sv_status set_up(const run_options *o, sv_arena *arena, const char **what, sv_err *err) {
   *what = "cameras";
   const source_cfg sc = {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Coverage pictures beside rig.json: the share of each pixel that a lens lights (src/format/rig_file.h).
+// Coverage pictures beside rig.json: the share of each pixel that a lens lights
+// (src/format/rig_file.h).
 #include <string.h>
 
 #include "boards/board_main.h"

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// `subview`: the runtime on this board. One static block of memory, carved at start and sealed; no heap after.
+// `subview`: the runtime on this board. One static block of memory, carved at start and sealed; no
+// heap after.
 #include <stdlib.h>
 #include <string.h>
 

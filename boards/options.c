@@ -45,7 +45,8 @@ int options_parse(const sv_tool_command *command, const sv_option *rows, int n_r
 }
 
 int sync_mode_of(const char *name) {
-  static const char *const names[] = {"free", "frame-length", "trigger"}; // in the order of sv_sync_method
+  // In the order of sv_sync_method
+  static const char *const names[] = {"free", "frame-length", "trigger"};
   for (int i = 0; i < 3; i++)
     if (!strcmp(name, names[i])) return i;
   return -1;

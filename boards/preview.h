@@ -8,11 +8,12 @@
 #include "boards/run_options.h"
 #include "platform/linux/preview.h"
 
-// Makes the feed and starts the server as the options say, and prints the link on stderr. Nothing without --preview
-// and --feed.
+// Makes the feed and starts the server as the options say, and prints the link on stderr. Nothing
+// without --preview and --feed.
 sv_status preview_open(const run_options *o, sv_err *err) SV_MUST_USE;
 void preview_publish(sv_publish *p); // fills in the live part; nothing when it is not open
-// A run that could not begin: the page says why. In a session: waits for New (true) or a stop request.
+// A run that could not begin: the page says why. In a session: waits for New (true) or a stop
+// request.
 bool preview_failed(const run_options *o, sv_feed_cause cause, const char *sentence,
                     const sv_console *console);
 void preview_close(void);

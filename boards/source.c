@@ -126,7 +126,8 @@ static bool read_tiles(const char *v, size_t n, common_options *o) {
   if (!x || !sv_parse_int(v, (size_t)(x - v), &c) || !sv_parse_int(x + 1, n - (size_t)(x - v) - 1, &r))
     return false;
   if (c < 1 || r < 1 || c > SV_TILED_CAP_TILES || r > SV_TILED_CAP_TILES) return false;
-  o->cols = (int)c, o->rows = (int)r;
+  o->cols = (int)c;
+  o->rows = (int)r;
   return true;
 }
 
@@ -157,7 +158,8 @@ static sv_status take_options(const char *spec, common_options *o, sv_err *err) 
   return SV_OK;
 }
 
-// A single camera that nobody has calibrated: square pixels, the principal point in the middle, no distortion.
+// A single camera that nobody has calibrated: square pixels, the principal point in the middle, no
+// distortion.
 static sv_status assume_rig(board_source *s, double fov_deg, sv_arena *arena, sv_err *err) {
   const sv_camera_caps *c = &s->caps[0];
   if (sv_rig_init(&s->rig_read, 1, arena) < 0) return sv_fail(err, SV_E_NOMEM, "no room for a rig");

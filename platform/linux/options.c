@@ -108,8 +108,8 @@ static bool *find_flag(const parser *p, const char *name) {
   return op && op->kind == SV_OPT_FLAG ? (bool *)(p->to + op->at) : NULL;
 }
 
-// "--name" in a value's place is the next option, whose predecessor has lost its own; "--out=--name" says otherwise. "-"
-// and "-1" are values.
+// "--name" in a value's place is the next option, whose predecessor has lost its own;
+// "--out=--name" says otherwise. "-" and "-1" are values.
 static bool is_value(int argc, char **argv, int i) { return i < argc && strncmp(argv[i], "--", 2) != 0; }
 
 // argv[*i] is "--name", "--name=value"; *i moves over values of its own.

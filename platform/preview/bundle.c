@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page as part of the program: nothing to find at run time. Paths are from the root of the tree, where the
-// compiler is started.
+// The page as part of the program: nothing to find at run time. Paths are from the root of the
+// tree, where the compiler is started.
 #include "platform/preview/preview.h"
 
 #define EMBED(name, file)                                                                                    \

@@ -13,7 +13,8 @@ static bool split_host(const char *host, char *name, size_t cap, int *port) {
   if (*host == '[') {
     end = strchr(host, ']');
     if (!end) return false;
-    host++, rest = end + 1;
+    host++;
+    rest = end + 1;
   } else {
     end = host + strcspn(host, ":");
     rest = end;
@@ -29,7 +30,8 @@ static bool split_host(const char *host, char *name, size_t cap, int *port) {
   return true;
 }
 
-// A page of a foreign name that was made to point here (DNS rebinding) sends that name; numbers cannot be rebound.
+// A page of a foreign name that was made to point here (DNS rebinding) sends that name; numbers
+// cannot be rebound.
 bool pv_host_is_ours(const char *host, int port, const char *machine_name) {
   char name[256], local[256];
   unsigned char raw[16];

@@ -141,7 +141,8 @@ static void make_token(char token[40]) {
 
 static bool is_loopback(const char *addr) { return !strncmp(addr, "127.", 4) || !strcmp(addr, "::1"); }
 
-// What is on the way to the runtime is a byte; a full pipe means that it is not listening, which is its right.
+// What is on the way to the runtime is a byte; a full pipe means that it is not listening, which is
+// its right.
 static bool tell(const options *o, char byte) {
   return o->command_fd < 0 || write(o->command_fd, &byte, 1) == 1 || errno == EAGAIN || errno == EINTR;
 }
@@ -171,7 +172,8 @@ static int serve(options *o, pv_source *source, sv_err *err) {
         strchr(o->addr, ':') ? "]" : "", o->port, token, source->sandbox);
   for (;;) {
     pv_server_step(server, BEAT_MS);
-    if (is_child ? !tell(o, SV_PREVIEW_BEAT) : kill((pid_t)writer, 0) != 0) return 0; // the runtime is gone
+    // The runtime is gone
+    if (is_child ? !tell(o, SV_PREVIEW_BEAT) : kill((pid_t)writer, 0) != 0) return 0;
   }
 }
 

@@ -7,8 +7,9 @@
 //                      f16 opacity logit
 //   n x 3 ((d+1)^2 - 1) i8   higher SH of degree d, coefficient-major, in units of `sh unit`; padded to 4 bytes
 //   n_moving x n_motion f32  motion of the first n_moving (src/port/feed.h), with bodies theirs behind it
-// Header: u32 magic "SVG2", n, step, sequence number (low), is_mip, SH degree, n_moving, n_motion, motion, n_pos, n_rot,
-// n_colour; f32 low-pass in square pixels; n_bodies, n_knots, 0; f32 centre 3, radius, eye 3, up 3, fov_y, time_min, time_max, seconds, t0, sh unit.
+// Header: u32 magic "SVG2", n, step, sequence number (low), is_mip, SH degree, n_moving, n_motion,
+// motion, n_pos, n_rot, n_colour; f32 low-pass in square pixels; n_bodies, n_knots, 0; f32 centre
+// 3, radius, eye 3, up 3, fov_y, time_min, time_max, seconds, t0, sh unit.
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -82,7 +83,10 @@ static uint16_t half_of(float f) { // round to nearest, by the bits; too large: 
   return (uint16_t)(sign | ((rest + 0x1000 - 0x38000000) >> 13));
 }
 
-static void put16(uint8_t *o, unsigned v) { o[0] = (uint8_t)v, o[1] = (uint8_t)(v >> 8); }
+static void put16(uint8_t *o, unsigned v) {
+  o[0] = (uint8_t)v;
+  o[1] = (uint8_t)(v >> 8);
+}
 
 static void put_halves(uint8_t *o, const sv_gaussian *g) {
   float n = 0;
@@ -126,7 +130,8 @@ static void put_header(uint8_t *o, const sv_feed_model *m, uint64_t seq, float u
   memset(o, 0, HEADER_BYTES);
   for (int i = 0; i < 12; i++) sv_put_le32(o + 4 * i, words[i]);
   sv_put_lef32(o + 48, m->dilation_px2);
-  sv_put_le32(o + 52, m->n_bodies), sv_put_le32(o + 56, m->n_knots);
+  sv_put_le32(o + 52, m->n_bodies);
+  sv_put_le32(o + 56, m->n_knots);
   for (int i = 0; i < 16; i++) sv_put_lef32(o + 64 + 4 * i, floats[i]);
 }
 

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // C only: the feed is.
-// subview-preview: a small HTTP server over the feed of a running subview, in a process and a sandbox of its own. It
-// reads the feed (src/port/feed.h) and writes single bytes into a pipe (platform/linux/preview.h); it opens no file and
-// no other connection once it listens. One thread; everything that a client can make it hold is bounded.
+// subview-preview: a small HTTP server over the feed of a running subview, in a process and a
+// sandbox of its own. It reads the feed (src/port/feed.h) and writes single bytes into a pipe
+// (platform/linux/preview.h); it opens no file and no other connection once it listens. One thread;
+// everything that a client can make it hold is bounded.
 //
 //   GET  /            the page; /page.css, the scripts and /icon.svg belong to it
 //   GET  /state       JSON: what the runtime does; /curve /events: its history
@@ -64,8 +65,8 @@ bool pv_state_read(pv_source *s);
 void pv_state_json(const pv_source *s, sv_str *out);
 void pv_curve_json(const pv_source *s, sv_str *out);
 void pv_events_json(const pv_source *s, sv_str *out);
-// New thumbnails -> s->mosaic, as a part of a multipart stream, and the head of the next one: browsers show a picture
-// when they have seen that. True when it changed.
+// New thumbnails -> s->mosaic, as a part of a multipart stream, and the head of the next one:
+// browsers show a picture when they have seen that. True when it changed.
 #define PV_PART_HEAD "--frame\r\nContent-Type: image/jpeg\r\n\r\n"
 bool pv_mosaic_read(pv_source *s);
 void pv_mosaic_grid(int n_tiles, int *n_columns, int *n_rows);
@@ -102,10 +103,12 @@ void pv_server_step(pv_server *s, int timeout_ms);
 // May a request with these headers be answered? host NULL: none was sent.
 bool pv_host_is_ours(const char *host, int port, const char *machine_name);
 bool pv_origin_is_ours(const char *origin, const char *host);
-bool pv_token_is(const char *given, const char *token); // in a time that does not depend on where they differ
+// In a time that does not depend on where they differ
+bool pv_token_is(const char *given, const char *token);
 
-// From here on: no new privileges, no file, no new socket, no new process; Landlock where the kernel has it. What took
-// hold is written into text[cap]. E_DEVICE: the seccomp filter could not be set, then nothing may be served.
+// From here on: no new privileges, no file, no new socket, no new process; Landlock where the
+// kernel has it. What took hold is written into text[cap]. E_DEVICE: the seccomp filter could not
+// be set, then nothing may be served.
 sv_status pv_sandbox_enter(char *text, size_t cap, sv_err *err) SV_MUST_USE;
 void pv_limits_set(size_t data_bytes);
 

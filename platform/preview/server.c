@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Routes and connections. libmicrohttpd runs in the one thread of the process (epoll, external loop); a stream that
-// has nothing new is suspended and resumed when the feed has moved. A path of a request is only ever compared with
-// the routes below.
+// Routes and connections. libmicrohttpd runs in the one thread of the process (epoll, external
+// loop); a stream that has nothing new is suspended and resumed when the feed has moved. A path of
+// a request is only ever compared with the routes below.
 #include "platform/preview/preview.h"
 
 #if defined(__has_include) && __has_include(<microhttpd.h>)
@@ -137,7 +137,8 @@ static enum MHD_Result send_json(pv_server *s, struct MHD_Connection *c, json_fn
 
 static ssize_t read_stream(void *cls, uint64_t pos, char *buf, size_t max) {
   stream *t = cls;
-  static const char opening[] = PV_PART_HEAD; // of the first part; each part brings that of the next one
+  // Of the first part; each part brings that of the next one
+  static const char opening[] = PV_PART_HEAD;
   (void)pos;
   if (!t->is_begun && t->kind == STREAM_CAMERAS && max >= sizeof opening) {
     t->is_begun = true;
@@ -152,7 +153,9 @@ static ssize_t read_stream(void *cls, uint64_t pos, char *buf, size_t max) {
       return 0;
     }
     b->n_users++;
-    t->blob = b, t->at = 0, t->seq = b->seq;
+    t->blob = b;
+    t->at = 0;
+    t->seq = b->seq;
   }
   size_t n = t->blob->bytes - t->at < max ? t->blob->bytes - t->at : max;
   memcpy(buf, t->blob->data + t->at, n);
@@ -362,7 +365,8 @@ static void on_completed(void *cls, struct MHD_Connection *c, void **request,
   if (cl) cl->waits_since_ns = now_ns(); // the next request of this connection
 }
 
-// The library's own time limit starts anew with every byte; a client that sends one now and then would stay.
+// The library's own time limit starts anew with every byte; a client that sends one now and then
+// would stay.
 static void end_slow_clients(pv_server *s, sv_ns now) {
   for (client *cl = s->clients; cl; cl = cl->next) {
     if (!cl->waits_since_ns || now - cl->waits_since_ns < PV_REQUEST_S * SV_NS_PER_S) continue;
@@ -373,7 +377,8 @@ static void end_slow_clients(pv_server *s, sv_ns now) {
   }
 }
 
-// Paths are compared as they were sent: ours have nothing to unescape, and an escaped one is not ours.
+// Paths are compared as they were sent: ours have nothing to unescape, and an escaped one is not
+// ours.
 static size_t keep_escapes(void *cls, struct MHD_Connection *c, char *text) {
   (void)cls, (void)c;
   return strlen(text);

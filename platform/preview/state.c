@@ -32,7 +32,8 @@ bool pv_state_read(pv_source *s) {
 static void add_text(sv_str *o, const char *key, const char *text, size_t cap) {
   char copy[256];
   size_t n = 0;
-  while (n < cap && n < sizeof copy - 1 && text[n]) n++; // the block is another process's: no zero is sure
+  // The block is another process's: no zero is sure
+  while (n < cap && n < sizeof copy - 1 && text[n]) n++;
   memcpy(copy, text, n);
   copy[n] = 0;
   sv_str_add(o, "\"%s\":\"", key);

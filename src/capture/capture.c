@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// From cameras to the pool of exposures: first until it is full, and, in a live run, on while training goes on.
+// From cameras to the pool of exposures: first until it is full, and, in a live run, on while
+// training goes on.
 #include <string.h>
 
 #include "src/run/app.h"
@@ -129,7 +130,8 @@ sv_status sv_app_capture(sv_app *app, sv_err *err) {
   app->capture.is_running = app->cfg.is_continuous && s >= 0 && app->exposures.n == app->cfg.n_exposures;
   if (app->capture.is_running) return SV_OK;
   sv_err stop_err;
-  t = stop(app, &stop_err); // whatever still waits is dropped as `stopped`, so that the ledger closes
+  // Whatever still waits is dropped as `stopped`, so that the ledger closes
+  t = stop(app, &stop_err);
   if (s >= 0 && t < 0) {
     *err = stop_err;
     return t;
@@ -144,7 +146,8 @@ sv_status sv_app_capture(sv_app *app, sv_err *err) {
 
 // --- live: capture while training ----------------------------------------------------------------
 
-// The capture side as a thread: dequeues the moment frames come, however long a training step takes.
+// The capture side as a thread: dequeues the moment frames come, however long a training step
+// takes.
 static void capture_thread(void *arg) {
   sv_app *app = arg;
   sv_clock *clk = &app->port.clock;

@@ -13,8 +13,8 @@ static bool is_multiplexed(const sv_exposures_cfg *cfg) {
   return cfg->rig->forward == SV_FORWARD_MULTIPLEXED;
 }
 
-// Where a picture may turn out to be damaged after another one of its exposure was copied, new ones go beside the
-// exposure that they replace, and take its place when all are there.
+// Where a picture may turn out to be damaged after another one of its exposure was copied, new ones
+// go beside the exposure that they replace, and take its place when all are there.
 static bool has_spare(const sv_exposures_cfg *cfg) {
   bool is_coded = false;
   for (int i = 0; i < cfg->n_cameras; i++)

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pool of exposures: each sub-view's image, cut out of its sensor's frame and undistorted once, kept for training; of
-// multiplexed rigs, each sensor's measurement (measurements.h).
-// Owns images, times and poses of the exposures in a fixed number of slots; a full pool replaces the oldest.
+// The pool of exposures: each sub-view's image, cut out of its sensor's frame and undistorted once,
+// kept for training; of multiplexed rigs, each sensor's measurement (measurements.h). Owns images,
+// times and poses of the exposures in a fixed number of slots; a full pool replaces the oldest.
 // Never keeps a camera's frame: it is free as soon as sv_exposures_add returns.
 #ifndef SV_CAPTURE_EXPOSURES_H
 #define SV_CAPTURE_EXPOSURES_H
@@ -35,8 +35,8 @@ typedef struct {
 typedef struct {
   sv_exposures_cfg cfg;
   sv_measurements measurements; // of a multiplexed rig, without sensors for others
-  sv_sub_view_store *sub;   // [n_sub_views], NULL for a multiplexed rig
-  sv_convert convert;       // frames of other formats than RGB8
+  sv_sub_view_store *sub;       // [n_sub_views], NULL for a multiplexed rig
+  sv_convert convert;           // frames of other formats than RGB8
   size_t exposure_bytes;
   uint8_t *px;           // [cap_exposures][exposure_bytes]
   sv_exposure *exposure; // [cap_exposures]
@@ -46,14 +46,15 @@ typedef struct {
   uint64_t n_replaced;
 } sv_exposures;
 
-// E_RANGE with a sentence when a lens has no usable pinhole view; for multiplexed rigs as sv_measurements_init. The
-// remap tables are built here.
+// E_RANGE with a sentence when a lens has no usable pinhole view; for multiplexed rigs as
+// sv_measurements_init. The remap tables are built here.
 sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *arena,
                             sv_err *err) SV_MUST_USE;
 
-// Copies one synchronized set of frames (frame[i_camera]; of multiplexed rigs RGB16 or RGB8) into the pool, converted
-// to RGB8. The frames are free afterwards. E_UNSUPPORTED for other pixel formats, E_RANGE when a frame's size is not
-// the rig's, E_FORMAT or E_CORRUPT for a compressed picture that is damaged: nothing is kept then.
+// Copies one synchronized set of frames (frame[i_camera]; of multiplexed rigs RGB16 or RGB8) into
+// the pool, converted to RGB8. The frames are free afterwards. E_UNSUPPORTED for other pixel
+// formats, E_RANGE when a frame's size is not the rig's, E_FORMAT or E_CORRUPT for a compressed
+// picture that is damaged: nothing is kept then.
 sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const sv_frame *frame,
                            const sv_kernels *k, const sv_pool *pool, sv_err *err) SV_MUST_USE;
 

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "src/capture/governor.h"
 
-#define WINDOW_NS     (500 * SV_NS_PER_MS)
-#define MOST_OWED_NS  (200 * SV_NS_PER_MS) // a long exposure must not be followed by nothing but training
-#define SHARE_RELAXED 1.25 // previews come faster again when training has so much more than its share
+#define WINDOW_NS (500 * SV_NS_PER_MS)
+// A long exposure must not be followed by nothing but training
+#define MOST_OWED_NS (200 * SV_NS_PER_MS)
+// Previews come faster again when training has so much more than its share
+#define SHARE_RELAXED 1.25
 
 sv_governor_cfg sv_governor_defaults(sv_ns preview_every_ns) {
   return (sv_governor_cfg){.preview_every_ns = preview_every_ns, .train_share = 0.4, .train_floor = 0.1};

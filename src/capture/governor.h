@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The governor: shares the time between exposures, training and previews when there is not enough of it.
-// Owns the accounts of the time spent; the caller does the work and brings the clock.
-// Never blocks. Exposures come first, but training keeps a minimum share; previews are skipped first: while training gets less than its share, they come ever more rarely (up to a sixteenth). When
-// even so exposures need more than is left beside training's floor, they pile up, and the capture queue drops whole ones
-// (src/sync/capture_queue.h). So: previews slow down, then training, then whole exposures are dropped.
+// The governor: shares the time between exposures, training and previews when there is not enough
+// of it. Owns the accounts of the time spent; the caller does the work and brings the clock. Never
+// blocks. Exposures come first, but training keeps a minimum share; previews are skipped first:
+// while training gets less than its share, they come ever more rarely (up to a sixteenth). When
+// even so exposures need more than is left beside training's floor, they pile up, and the capture
+// queue drops whole ones (src/sync/capture_queue.h). So: previews slow down, then training, then
+// whole exposures are dropped.
 #ifndef SV_CAPTURE_GOVERNOR_H
 #define SV_CAPTURE_GOVERNOR_H
 

@@ -10,7 +10,10 @@
 // A sub-view that names no place has its sensor to itself.
 static sv_footprint footprint_of(const sv_sub_view *v) {
   sv_footprint f = v->footprint;
-  if (!f.width_px) f.width_px = v->model.width_px, f.height_px = v->model.height_px;
+  if (!f.width_px) {
+    f.width_px = v->model.width_px;
+    f.height_px = v->model.height_px;
+  }
   return f;
 }
 

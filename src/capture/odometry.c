@@ -48,7 +48,8 @@ sv_status sv_odometry_add(sv_odometry *o, const sv_exposures *pool, int e) {
 void sv_odometry_finish(sv_odometry *o, sv_exposures *pool) {
   sv_track_summary *s = &o->summary;
   sv_tracker_finish(&o->tracker, s);
-  // Of a rig that stands, exposures that show something else are left out, not taken from the same place.
+  // Of a rig that stands, exposures that show something else are left out, not taken from the same
+  // place.
   const bool is_whole = s->is_still && s->n_placed == s->n_exposures;
   o->is_tracked = !is_whole && s->n_placed >= MIN_LOCATED && s->n_points >= MIN_POINTS;
   if (!o->is_tracked) return;

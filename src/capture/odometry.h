@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Odometry: the rig's poses, for sources without them, tracked over the pool of exposures between capture and training.
-// The world is then the rig's frame at the first exposure.
-// Owns the tracker and its workspace; poses that were found are written into the pool.
-// Never captures, and never runs while training does.
+// Odometry: the rig's poses, for sources without them, tracked over the pool of exposures between
+// capture and training. The world is then the rig's frame at the first exposure. Owns the tracker
+// and its workspace; poses that were found are written into the pool. Never captures, and never
+// runs while training does.
 #ifndef SV_CAPTURE_ODOMETRY_H
 #define SV_CAPTURE_ODOMETRY_H
 
@@ -42,16 +42,18 @@ sv_status sv_odometry_init(sv_odometry *o, const sv_odometry_cfg *cfg, sv_arena 
 
 // Exposure e of the pool, in order; then the end. E_FULL as sv_tracker_add; AGAIN: not placed.
 sv_status sv_odometry_add(sv_odometry *o, const sv_exposures *pool, int e) SV_MUST_USE;
-// Fills in summary. When the rig moved and was found, poses go into the pool and is_tracked is set: an exposure that
-// was not placed keeps has_pose false.
+// Fills in summary. When the rig moved and was found, poses go into the pool and is_tracked is set:
+// an exposure that was not placed keeps has_pose false.
 void sv_odometry_finish(sv_odometry *o, sv_exposures *pool);
 
-// A ball about the points that were found: medians of their places, and 1.2 x the distance that nine of ten keep.
+// A ball about the points that were found: medians of their places, and 1.2 x the distance that
+// nine of ten keep.
 sv_bounds sv_odometry_bounds(sv_odometry *o);
 // Up to n points of the sparse cloud, spread over it; returns how many.
 int sv_odometry_cloud(const sv_odometry *o, sv_point *point, int n);
 
-// The similarity from a world in which the rig's poses are known (pose_at of each exposure's time) to this one.
+// The similarity from a world in which the rig's poses are known (pose_at of each exposure's time)
+// to this one.
 sv_similarity sv_odometry_from(sv_odometry *o, const sv_exposures *pool,
                                void (*pose_at)(void *self, sv_ns time_ns, sv_pose *rig_from_world),
                                void *self);

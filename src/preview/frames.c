@@ -14,8 +14,8 @@ static double machine_s(const sv_app *app) {
   return sv_ns_to_s(c->now_ns(c->self));
 }
 
-// The ledger as the capture side has it now, for the other side: the half that is not shown is filled, then shown. A
-// reader is done long before the next turn.
+// The ledger as the capture side has it now, for the other side: the half that is not shown is
+// filled, then shown. A reader is done long before the next turn.
 static void copy_counts(sv_app *app, double now) {
   sv_preview *l = &app->preview;
   if (now < l->next_counts_s) return;
@@ -41,7 +41,8 @@ const sv_skew_stats *sv_preview_skew(const sv_app *app) {
 static void publish_tile(sv_app *app, int i, int w, int h, double now) {
   sv_preview *l = &app->preview;
   l->cameras[i].next_tile_s = now + TILE_PERIOD_S;
-  l->tiles->tile[i].width_px = w, l->tiles->tile[i].height_px = h;
+  l->tiles->tile[i].width_px = w;
+  l->tiles->tile[i].height_px = h;
   l->cameras[i].n_tiles = ++l->tiles->tile[i].n;
   if (now < l->next_tiles_s) return; // the tile goes with the next one
   l->next_tiles_s = now + TILES_PERIOD_S;

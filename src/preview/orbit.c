@@ -27,7 +27,8 @@ static sv_view orbit_view(const sv_app *app, int i, int n) {
   sv_apply33(arm, turn, arm);
   for (int k = 0; k < 3; k++) eye[k] = centre[k] + arm[k];
   sv_pose pose;
-  if (!sv_pose_look_at(&pose, eye, centre, up)) return *first; // straight from above: there is no way round
+  // Straight from above: there is no way round
+  if (!sv_pose_look_at(&pose, eye, centre, up)) return *first;
   return sv_view_make(first->width_px, first->height_px, (double)first->fx, (double)first->fy,
                       (double)first->cx, (double)first->cy, &pose);
 }

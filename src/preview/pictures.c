@@ -32,7 +32,8 @@ void sv_app_preview_size(const sv_app_cfg *c, int *width_px, int *height_px) {
     int i = 0;
     while (i < c->n_cameras - 1 && !sv_measurements_has_lens(rig, i)) i++;
     panel p = panel_of(c->caps[i].width_px, c->caps[i].height_px);
-    *width_px = 3 * p.width_px, *height_px = p.height_px;
+    *width_px = 3 * p.width_px;
+    *height_px = p.height_px;
     return;
   }
   for (int i = 0; i < rig->n_sub_views; i++) {
@@ -88,7 +89,8 @@ static sv_status put_predicted(sv_app *app, const panel *p, const sv_multiplexed
   return SV_OK;
 }
 
-// In the middle of its panel, as large as whole multiples fit (or each so many pixels of a large one).
+// In the middle of its panel, as large as whole multiples fit (or each so many pixels of a large
+// one).
 static sv_status put_lens(sv_app *app, const panel *p, const sv_multiplexed *c, const sv_render_options *o) {
   const sv_view *v = &c->lenses[c->n_lenses / 2].view;
   const sv_planes *rgb = &app->trainer.render.rgb;
@@ -96,7 +98,8 @@ static sv_status put_lens(sv_app *app, const panel *p, const sv_multiplexed *c, 
   if (s < 0) return s;
   int zoom = sv_maxi(1, sv_mini(p->width_px / v->width_px, p->height_px / v->height_px));
   int step = zoom > 1 ? 1 : p->step, w = v->width_px * zoom / step, h = v->height_px * zoom / step;
-  w = sv_mini(w, p->width_px), h = sv_mini(h, p->height_px);
+  w = sv_mini(w, p->width_px);
+  h = sv_mini(h, p->height_px);
   int left = (p->width_px - w) / 2, top = (p->height_px - h) / 2;
   for (int y = 0; y < p->height_px; y++)
     for (int x = 0; x < p->width_px; x++) {
@@ -209,6 +212,7 @@ static sv_status pair_of_composite(sv_app *app, const sv_train_measurement *tc, 
 
 sv_status sv_app_show_pair(sv_app *app, uint32_t i, sv_app_pair *pair) {
   const sv_trainer *t = &app->trainer;
-  if (t->n_measurements > 0) return pair_of_composite(app, &t->measurements[i % (uint32_t)t->n_measurements], pair);
+  if (t->n_measurements > 0)
+    return pair_of_composite(app, &t->measurements[i % (uint32_t)t->n_measurements], pair);
   return t->n_views > 0 ? pair_of_view(app, &t->views[i % (uint32_t)t->n_views], pair) : SV_E_NOT_FOUND;
 }

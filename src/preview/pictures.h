@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // C only: sv_app is.
-// Images of a run for people: a captured image beside its rendering, and renderings from around the scene.
-// Owns nothing; the buffer is the app's (`picture`), and the port's publisher encodes what it is handed.
-// Never changes the model.
+// Images of a run for people: a captured image beside its rendering, and renderings from around the
+// scene. Owns nothing; the buffer is the app's (`picture`), and the port's publisher encodes what
+// it is handed. Never changes the model.
 #ifndef SV_PREVIEW_PICTURES_H
 #define SV_PREVIEW_PICTURES_H
 
@@ -14,12 +14,14 @@ typedef struct sv_app sv_app;
 
 // Size of the preview image of such a run.
 void sv_app_preview_size(const sv_app_cfg *cfg, int *width_px, int *height_px);
-// Hands an image to the port's publisher as "preview": the first captured image beside its rendering. Of a multiplexed
-// rig: the first sensor's measurement, the same from the model, and the view of its middle lens alone, enlarged; reduced
-// by whole steps until the three fit into SV_APP_CAP_PREVIEW_PX.
+// Hands an image to the port's publisher as "preview": the first captured image beside its
+// rendering. Of a multiplexed rig: the first sensor's measurement, the same from the model, and the
+// view of its middle lens alone, enlarged; reduced by whole steps until the three fit into
+// SV_APP_CAP_PREVIEW_PX.
 sv_status sv_app_publish_preview(sv_app *app) SV_MUST_USE;
 
-// A captured image beside its rendering, reduced by whole steps to fit cap_width_px x cap_height_px.
+// A captured image beside its rendering, reduced by whole steps to fit cap_width_px x
+// cap_height_px.
 typedef struct {
   uint8_t *rgb; // [height_px][width_px][3] of [cap_height_px][cap_width_px][3]
   int cap_width_px, cap_height_px;
@@ -27,9 +29,11 @@ typedef struct {
   double psnr;
 } sv_app_pair;
 
-// Captured image i (modulo their number). Of a multiplexed rig: the measurement of a sensor. E_NOT_FOUND: there is none.
+// Captured image i (modulo their number). Of a multiplexed rig: the measurement of a sensor.
+// E_NOT_FOUND: there is none.
 sv_status sv_app_show_pair(sv_app *app, uint32_t i, sv_app_pair *pair) SV_MUST_USE;
-// N renderings around the scene's center at the height of the first view, published as "orbit_000", ...
+// N renderings around the scene's center at the height of the first view, published as "orbit_000",
+// ...
 sv_status sv_app_publish_orbit(sv_app *app, int n) SV_MUST_USE;
 // Up in the world: the mean of the images' up (-y when there are none).
 void sv_app_up(const sv_app *app, float up[3]);

@@ -63,10 +63,13 @@ static void fill_cameras(const sv_app *app, sv_feed_state *s) {
     const sv_ledger *l = sv_preview_ledger(app, i);
     memset(c, 0, sizeof *c);
     sv_copy(c->name, sizeof c->name, app->cfg.caps[i].name);
-    c->width_px = app->cfg.caps[i].width_px, c->height_px = app->cfg.caps[i].height_px;
+    c->width_px = app->cfg.caps[i].width_px;
+    c->height_px = app->cfg.caps[i].height_px;
     c->fps = lc->fps;
     c->n_tiles = lc->n_tiles;
-    c->captured = l->captured, c->delivered = l->delivered, c->pending = l->pending;
+    c->captured = l->captured;
+    c->delivered = l->delivered;
+    c->pending = l->pending;
     c->dropped = sv_ledger_dropped(l);
     for (int r = 0; r < SV_N_DROPS && r < SV_FEED_CAP_REASONS; r++) c->dropped_by[r] = l->dropped[r];
   }
@@ -92,13 +95,15 @@ static void fill_skew(const sv_app *app, sv_feed_state *s) {
 static void fill_machine(const sv_app *app, sv_feed_state *s) {
   const sv_publish *p = &app->port.publish;
   const sv_arena *a = app->arena;
-  s->temperature_c = NAN, s->is_throttled = -1;
+  s->temperature_c = NAN;
+  s->is_throttled = -1;
   if (p->health) {
     sv_health h = p->health(p->self);
     s->temperature_c = h.temperature_c;
     s->is_throttled = h.is_throttled;
   }
-  s->arena_cap_bytes = a->cap_bytes, s->arena_used_bytes = a->used_bytes;
+  s->arena_cap_bytes = a->cap_bytes;
+  s->arena_used_bytes = a->used_bytes;
   s->n_parts = sv_mini(a->n_parts, SV_FEED_CAP_PARTS);
   for (int i = 0; i < s->n_parts; i++) {
     sv_copy(s->parts[i].name, sizeof s->parts[i].name, a->parts[i].name);
@@ -118,14 +123,20 @@ static void publish_state(sv_app *app, const char *sentence) {
   sv_copy(s->source, sizeof s->source, app->cfg.source_name ? app->cfg.source_name : "");
   sv_copy(s->rig, sizeof s->rig, app->cfg.rig->name);
   s->is_session = l->is_session;
-  s->n_exposures = app->exposures.n, s->cap_exposures = app->cfg.n_exposures,
+  s->n_exposures = app->exposures.n;
+  s->cap_exposures = app->cfg.n_exposures;
   s->n_views = sv_driver_n_views(t);
-  s->step = t->step, s->steps = app->cfg.steps;
-  s->train_s = t->trained_s, s->time_limit_s = app->cfg.time_limit_s;
+  s->step = t->step;
+  s->steps = app->cfg.steps;
+  s->train_s = t->trained_s;
+  s->time_limit_s = app->cfg.time_limit_s;
   s->steps_per_s = sv_driver_steps_per_s(&app->driver);
-  s->loss = app->driver.loss, s->psnr = l->psnr;
-  s->n_gaussians = (uint32_t)t->cfg.n_gaussians, s->sh_degree = (uint32_t)t->cfg.sh_degree;
-  s->n_saves = l->n_saves, s->n_device_errors = app->capture.n_device_errors;
+  s->loss = app->driver.loss;
+  s->psnr = l->psnr;
+  s->n_gaussians = (uint32_t)t->cfg.n_gaussians;
+  s->sh_degree = (uint32_t)t->cfg.sh_degree;
+  s->n_saves = l->n_saves;
+  s->n_device_errors = app->capture.n_device_errors;
   s->model_seq = sv_feed_seq(l->feed, SV_FEED_MODEL);
   fill_machine(app, s);
   fill_skew(app, s);
@@ -145,8 +156,11 @@ void sv_preview_show_failure(sv_feed *feed, sv_feed_cause cause, const char *boa
   if (!feed) return;
   sv_feed_state *s = sv_feed_begin(feed, SV_FEED_STATE);
   memset(s, 0, sizeof *s);
-  s->status = SV_FEED_STATUS_FAILED, s->cause = (int32_t)cause, s->is_session = is_session;
-  s->temperature_c = NAN, s->is_throttled = -1;
+  s->status = SV_FEED_STATUS_FAILED;
+  s->cause = (int32_t)cause;
+  s->is_session = is_session;
+  s->temperature_c = NAN;
+  s->is_throttled = -1;
   sv_copy(s->sentence, sizeof s->sentence, sentence);
   sv_copy(s->board, sizeof s->board, board);
   sv_copy(s->source, sizeof s->source, source);
@@ -174,7 +188,8 @@ static void add_point(sv_app *app, double now) {
   if (app->driver.step_time.n == 0 || l->n_points++ % c->stride) return;
   if (c->n == SV_FEED_CAP_POINTS) {
     for (uint32_t i = 0; i < SV_FEED_CAP_POINTS / 2; i++) c->point[i] = c->point[2 * i];
-    c->n = SV_FEED_CAP_POINTS / 2, c->stride *= 2;
+    c->n = SV_FEED_CAP_POINTS / 2;
+    c->stride *= 2;
   }
   c->point[c->n++] = (sv_feed_point){
       .seconds = (float)app->driver.train_s,
@@ -194,7 +209,8 @@ static void fill_viewpoint(const sv_app *app, sv_feed_model *m) {
   for (int k = 0; k < 3; k++) m->centre[k] = t->centre[k];
   m->radius = t->radius;
   sv_app_up(app, m->up);
-  m->eye[2] = -3, m->fov_y = 0.8f;
+  m->eye[2] = -3;
+  m->fov_y = 0.8f;
   if (!v) return;
   sv_view_centre(m->eye, v);
   m->fov_y = 2 * (float)sv_atan2(0.5 * v->height_px, (double)v->fy);
@@ -218,7 +234,8 @@ static void fill_times(const sv_app *app, sv_feed_model *m) {
     if (e->exposure[i].time_ns < first_ns) first_ns = e->exposure[i].time_ns;
     if (e->exposure[i].time_ns > last_ns) last_ns = e->exposure[i].time_ns;
   }
-  m->time_min = sv_app_time_of(app, first_ns), m->time_max = sv_app_time_of(app, last_ns);
+  m->time_min = sv_app_time_of(app, first_ns);
+  m->time_max = sv_app_time_of(app, last_ns);
   m->seconds = (float)sv_ns_to_s(last_ns - first_ns);
 }
 
@@ -227,9 +244,12 @@ _Static_assert(SV_FEED_CAP_BODIES >= SV_CAP_BODIES && SV_FEED_CAP_KNOTS >= SV_CA
 
 static void fill_bodies(const sv_motion *mo, sv_feed_model *m, float *out) {
   const sv_bodies *b = &mo->bodies;
-  m->n_bodies = (uint32_t)b->n, m->n_knots = (uint32_t)b->n_knots;
-  memcpy(out, b->centre, (size_t)b->n * sizeof *b->centre), out += 3 * b->n;
-  memcpy(out, b->time, (size_t)b->n_knots * sizeof *b->time), out += b->n_knots;
+  m->n_bodies = (uint32_t)b->n;
+  m->n_knots = (uint32_t)b->n_knots;
+  memcpy(out, b->centre, (size_t)b->n * sizeof *b->centre);
+  out += 3 * b->n;
+  memcpy(out, b->time, (size_t)b->n_knots * sizeof *b->time);
+  out += b->n_knots;
   for (int i = 0; i < b->n * b->n_knots; i++, out += 7) {
     const sv_rigid *knot = sv_bodies_knot(b, i / b->n_knots, i % b->n_knots);
     memcpy(out, knot->q, sizeof knot->q);
@@ -240,12 +260,15 @@ static void fill_bodies(const sv_motion *mo, sv_feed_model *m, float *out) {
 
 static void fill_motion(const sv_app *app, sv_feed_model *m, float *row) {
   const sv_motion *mo = &app->trainer.deform.motion;
-  m->n_moving = (uint32_t)mo->n_moving, m->n_motion = (uint32_t)mo->n_rows;
+  m->n_moving = (uint32_t)mo->n_moving;
+  m->n_motion = (uint32_t)mo->n_rows;
   m->motion = mo->cfg.functions == SV_MOTION_CHEBYSHEV ? SV_FEED_CHEBYSHEV
               : mo->cfg.functions == SV_MOTION_SPLINE  ? SV_FEED_SPLINE
                                                        : SV_FEED_POWERS;
-  m->n_pos = (uint32_t)mo->cfg.n_pos, m->n_rot = (uint32_t)mo->cfg.n_rot;
-  m->n_colour = (uint32_t)mo->cfg.n_colour, m->t0 = mo->cfg.t0;
+  m->n_pos = (uint32_t)mo->cfg.n_pos;
+  m->n_rot = (uint32_t)mo->cfg.n_rot;
+  m->n_colour = (uint32_t)mo->cfg.n_colour;
+  m->t0 = mo->cfg.t0;
   fill_times(app, m);
   for (int i = 0; i < mo->n_moving; i++)
     for (int r = 0; r < mo->n_rows; r++) *row++ = *sv_motion_row(mo, i, r);
@@ -268,8 +291,11 @@ static void publish_model(sv_app *app) {
   if (!t->g.n || bytes > sv_feed_cap(feed, SV_FEED_MODEL)) return;
   sv_feed_model *m = sv_feed_begin(feed, SV_FEED_MODEL);
   memset(m, 0, sizeof *m);
-  m->n = (uint32_t)t->g.n, m->sh_degree = (uint32_t)t->g.sh_degree, m->n_floats = (uint32_t)n_floats;
-  m->is_mip = t->cfg.is_antialiased, m->step = t->step;
+  m->n = (uint32_t)t->g.n;
+  m->sh_degree = (uint32_t)t->g.sh_degree;
+  m->n_floats = (uint32_t)n_floats;
+  m->is_mip = t->cfg.is_antialiased;
+  m->step = t->step;
   m->dilation_px2 = t->cfg.dilation_px2 > 0 ? t->cfg.dilation_px2 : SV_DILATION_PX2;
   fill_viewpoint(app, m);
   float *row = (float *)(m + 1);
@@ -291,7 +317,8 @@ void sv_preview_show_model(sv_app *app) {
   l->next_model_s = t0 + (took / MODEL_SHARE > MODEL_PERIOD_S ? took / MODEL_SHARE : MODEL_PERIOD_S);
 }
 
-// The next training picture beside its rendering, and its PSNR; the running mean forgets the start quickly.
+// The next training picture beside its rendering, and its PSNR; the running mean forgets the start
+// quickly.
 static void show_picture(sv_app *app) {
   sv_preview *l = &app->preview;
   sv_feed_picture *p = sv_feed_begin(l->feed, SV_FEED_PICTURE);

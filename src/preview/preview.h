@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // C only: the feed is.
-// The page's side of a run: copies its state, images and model into the port's feed (src/port/feed.h) at fixed intervals of
-// the machine's clock, and takes the commands that come back.
-// Owns the staging copies and the history (curve, events) for pages that connect late.
-// Never waits for a reader, never changes a bit of the training, and does nothing without a feed.
+// The page's side of a run: copies its state, images and model into the port's feed
+// (src/port/feed.h) at fixed intervals of the machine's clock, and takes the commands that come
+// back. Owns the staging copies and the history (curve, events) for pages that connect late. Never
+// waits for a reader, never changes a bit of the training, and does nothing without a feed.
 #ifndef SV_PREVIEW_PREVIEW_H
 #define SV_PREVIEW_PREVIEW_H
 
@@ -17,7 +17,8 @@
 
 typedef struct sv_app sv_app;
 
-// Written by whoever takes the cameras' frames, which may be another thread than the one that publishes the rest.
+// Written by whoever takes the cameras' frames, which may be another thread than the one that
+// publishes the rest.
 typedef struct {
   sv_camera_stat stat;
   double next_tile_s;
@@ -56,11 +57,11 @@ size_t sv_preview_bodies_floats(const sv_train_cfg *t);
 void sv_preview_carve(sv_preview *l, bool is_on, int n_cameras, sv_arena *arena);
 void sv_preview_start(sv_app *app); // the run begins: the clock of the page starts
 
-// A frame came in (compressed ones give no thumbnail here: sv_preview_decoded). May be called from another thread than
-// everything else, but only from one.
+// A frame came in (compressed ones give no thumbnail here: sv_preview_decoded). May be called from
+// another thread than everything else, but only from one.
 void sv_preview_frame(sv_app *app, const sv_frame *f);
-// Thumbnails of compressed frames: of the newest exposure, which was decoded anyway; of a frame before capture, which is
-// decoded for this; of an image that was decoded.
+// Thumbnails of compressed frames: of the newest exposure, which was decoded anyway; of a frame
+// before capture, which is decoded for this; of an image that was decoded.
 void sv_preview_exposure(sv_app *app);
 void sv_preview_decode(sv_app *app, const sv_frame *f);
 void sv_preview_decoded(sv_app *app, int i_camera, const sv_image_u8 *image);
@@ -69,11 +70,12 @@ const sv_ledger *sv_preview_ledger(const sv_app *app, int i_camera);
 const sv_skew_stats *sv_preview_skew(const sv_app *app);
 // Call it in every loop: publishes whatever is due. E_INTERRUPTED when New was requested.
 sv_status sv_preview_tick(sv_app *app) SV_MUST_USE;
-// In a session, before the capture: shows the cameras until Start. E_INTERRUPTED after a stop request.
+// In a session, before the capture: shows the cameras until Start. E_INTERRUPTED after a stop
+// request.
 sv_status sv_preview_wait_start(sv_app *app, sv_err *err) SV_MUST_USE;
 
-// Between two training steps: as tick; saves when Save was requested, and does not return while paused. *paused_s: time
-// that is no training time.
+// Between two training steps: as tick; saves when Save was requested, and does not return while
+// paused. *paused_s: time that is no training time.
 sv_status sv_preview_between_steps(sv_app *app, double *paused_s, sv_err *err) SV_MUST_USE;
 // The model and the state at once (training begins, or ended).
 void sv_preview_show_model(sv_app *app);
@@ -87,8 +89,8 @@ void sv_preview_event(sv_app *app, sv_log_level level, const char *text);
 void sv_preview_show_failure(sv_feed *feed, sv_feed_cause cause, const char *board, const char *source,
                              bool is_session, const char *sentence);
 
-// Downscales a frame's pixels into rgb[h][w][3] by whole steps, so that it fits into cap_w x cap_h: a quick look, not
-// the conversion for training (src/image/convert.h). False for compressed frames.
+// Downscales a frame's pixels into rgb[h][w][3] by whole steps, so that it fits into cap_w x cap_h:
+// a quick look, not the conversion for training (src/image/convert.h). False for compressed frames.
 bool sv_preview_thumbnail(const sv_frame *f, int cap_w, int cap_h, uint8_t *rgb, int *w, int *h);
 
 #endif

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pixels of any camera format, few and quickly: nearest samples, no interpolation, no curve but for raw light.
+// Pixels of any camera format, few and quickly: nearest samples, no interpolation, no curve but for
+// raw light.
 #include <string.h>
 
 #include "src/preview/preview.h"
@@ -24,7 +25,8 @@ static void from_yuv(uint8_t o[3], int y, int cb, int cr) {
 }
 
 static void from_bayer(uint8_t o[3], const sv_frame *f, const sv_pixel_info *p, int x, int y) {
-  x &= ~1, y &= ~1;
+  x &= ~1;
+  y &= ~1;
   if (x + 1 >= f->width_px || y + 1 >= f->height_px) {
     memset(o, 0, 3);
     return;
@@ -34,7 +36,9 @@ static void from_bayer(uint8_t o[3], const sv_frame *f, const sv_pixel_info *p, 
     v[k] = sample(f->data + (size_t)(y + k / 2) * (size_t)f->stride_bytes, x + k % 2, p);
     v[k] = (int)(sqrtf((float)v[k] / 255.0f) * 255.0f); // near enough to the display's curve
   }
-  o[0] = (uint8_t)v[p->phase], o[2] = (uint8_t)v[3 - p->phase]; // red and blue lie across
+  // red and blue lie across
+  o[0] = (uint8_t)v[p->phase];
+  o[2] = (uint8_t)v[3 - p->phase];
   o[1] = (uint8_t)((v[p->phase ^ 1] + v[p->phase ^ 2]) / 2);
 }
 
@@ -45,11 +49,25 @@ static void pixel(uint8_t o[3], const sv_frame *f, const sv_pixel_info *p, int x
   case SV_LAYOUT_RGB:
     for (int k = 0; k < 3; k++) o[k] = p->bits == 16 ? row[6 * x + 2 * k + 1] : row[3 * x + k];
     return;
-  case SV_LAYOUT_BGR: o[0] = row[3 * x + 2], o[1] = row[3 * x + 1], o[2] = row[3 * x]; return;
+  case SV_LAYOUT_BGR:
+    o[0] = row[3 * x + 2];
+    o[1] = row[3 * x + 1];
+    o[2] = row[3 * x];
+    return;
   case SV_LAYOUT_RGBX: memcpy(o, row + 4 * x, 3); return;
-  case SV_LAYOUT_BGRX: o[0] = row[4 * x + 2], o[1] = row[4 * x + 1], o[2] = row[4 * x]; return;
-  case SV_LAYOUT_YUYV: q = row + 4 * (x / 2), from_yuv(o, q[2 * (x & 1)], q[1], q[3]); return;
-  case SV_LAYOUT_UYVY: q = row + 4 * (x / 2), from_yuv(o, q[1 + 2 * (x & 1)], q[0], q[2]); return;
+  case SV_LAYOUT_BGRX:
+    o[0] = row[4 * x + 2];
+    o[1] = row[4 * x + 1];
+    o[2] = row[4 * x];
+    return;
+  case SV_LAYOUT_YUYV:
+    q = row + 4 * (x / 2);
+    from_yuv(o, q[2 * (x & 1)], q[1], q[3]);
+    return;
+  case SV_LAYOUT_UYVY:
+    q = row + 4 * (x / 2);
+    from_yuv(o, q[1 + 2 * (x & 1)], q[0], q[2]);
+    return;
   case SV_LAYOUT_NV12:
     q = f->chroma ? f->chroma : f->data + (size_t)f->height_px * (size_t)f->stride_bytes;
     q += (size_t)(y / 2) * (size_t)(f->chroma ? f->chroma_stride_bytes : f->stride_bytes) +
@@ -64,14 +82,16 @@ bool sv_preview_thumbnail(const sv_frame *f, int cap_w, int cap_h, uint8_t *rgb,
   const sv_pixel_info *p = sv_pixel(f->format);
   if (p->layout == SV_LAYOUT_NONE || p->layout == SV_LAYOUT_CODED) return false;
   if (!f->data || f->width_px < 1 || f->height_px < 1) return false;
-  // Frames that are shorter than they say are left alone: the source marks them, but it is read here first.
+  // Frames that are shorter than they say are left alone: the source marks them, but it is read
+  // here first.
   size_t rows = (size_t)f->height_px * (size_t)f->stride_bytes;
   if (f->data_bytes && !f->chroma && p->layout == SV_LAYOUT_NV12) rows += rows / 2;
   if (f->data_bytes &&
       f->data_bytes + (size_t)f->stride_bytes < rows + sv_pixel_row_bytes(f->format, f->width_px))
     return false;
   int step = sv_maxi((f->width_px + cap_w - 1) / cap_w, (f->height_px + cap_h - 1) / cap_h);
-  *w = f->width_px / step, *h = f->height_px / step;
+  *w = f->width_px / step;
+  *h = f->height_px / step;
   if (*w < 1 || *h < 1) return false;
   for (int y = 0; y < *h; y++)
     for (int x = 0; x < *w; x++)

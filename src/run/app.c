@@ -170,8 +170,8 @@ static sv_status add_measurements(sv_app *app, int e, sv_err *err) {
   return SV_OK;
 }
 
-// Where the first Gaussians are, without a look at the surface: on odometry's points, in the known bounds, or on rays
-// through the images.
+// Where the first Gaussians are, without a look at the surface: on odometry's points, in the known
+// bounds, or on rays through the images.
 static void choose_blind(sv_app *app, sv_driver_start *start) {
   sv_trainer *t = &app->trainer;
   const sv_bounds *b = &start->bounds;
@@ -301,7 +301,8 @@ static sv_status run_all(sv_app *app, sv_err *err) {
   sv_err end_err;
   if (s >= 0) s = sv_app_track(app, err);
   if (s >= 0)
-    s = sv_app_continuous_begin(app, err); // from here on cameras are served whatever takes how long
+    // From here on cameras are served whatever takes how long
+    s = sv_app_continuous_begin(app, err);
   if (s >= 0) s = start_training(app, err);
   if (s >= 0) {
     app->state = SV_APP_TRAINING;
@@ -310,7 +311,10 @@ static sv_status run_all(sv_app *app, sv_err *err) {
     s = train(app, err);
   }
   ended = sv_app_continuous_end(app, &end_err);
-  if (ended < 0 && s >= 0) s = ended, *err = end_err;
+  if (ended < 0 && s >= 0) {
+    s = ended;
+    *err = end_err;
+  }
   const bool is_trained =
       app->driver.step_time.n > 0; // else what an earlier run left in the folder is worth more
   if (s >= 0 || (s == SV_E_INTERRUPTED && is_trained && !app->preview.is_new_requested)) {

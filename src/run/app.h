@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // C only: the capture side's counters are atomic.
-// The runtime: captures synchronized exposures, trains Gaussians on all their sub-views, publishes and saves them.
-// Owns every part of a run (below, in the order of the data), all of it in one memory block that init seals.
-// Never takes memory after init, and reaches the machine through its port alone.
+// The runtime: captures synchronized exposures, trains Gaussians on all their sub-views, publishes
+// and saves them. Owns every part of a run (below, in the order of the data), all of it in one
+// memory block that init seals. Never takes memory after init, and reaches the machine through its
+// port alone.
 #ifndef SV_RUN_APP_H
 #define SV_RUN_APP_H
 
@@ -54,15 +55,17 @@ struct sv_app {
   uint8_t *picture;   // RGB, of sv_app_preview_size
 };
 
-// The memory of a run: the parts and their sum are in `dry` (sv_arena_dry()) afterwards. `app` is workspace.
+// The memory of a run: the parts and their sum are in `dry` (sv_arena_dry()) afterwards. `app` is
+// workspace.
 sv_status sv_app_plan(sv_app *app, const sv_app_cfg *cfg, int n_threads, sv_arena *dry,
                       sv_err *err) SV_MUST_USE;
-// Carves everything and seals the arena. cfg->rig, caps, k, port's objects and arena must outlive the app.
+// Carves everything and seals the arena. cfg->rig, caps, k, port's objects and arena must outlive
+// the app.
 sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, const sv_port *port,
                       sv_arena *arena, sv_err *err) SV_MUST_USE;
 
-// Captures, trains and saves. E_INTERRUPTED after a stop request: the model is saved. E_NOT_FOUND when the source ended
-// without an exposure.
+// Captures, trains and saves. E_INTERRUPTED after a stop request: the model is saved. E_NOT_FOUND
+// when the source ended without an exposure.
 sv_status sv_app_run(sv_app *app, sv_err *err) SV_MUST_USE;
 
 // A line for the console and the page.

@@ -51,8 +51,11 @@ sv_arrays sv_arrays_of(const sv_train_cfg *c) {
   add(&f, "gradient and error", 0, 16);
   measure(c, &f.per_gaussian, &f.per_pixel);
   double other_g = f.per_gaussian, other_px = f.per_pixel;
-  for (int i = 0; i < f.n_rows; i++) other_g -= f.row[i].per_gaussian, other_px -= f.row[i].per_pixel;
-  // Sums of rows of pixels and counts of ranges are small change.
+  for (int i = 0; i < f.n_rows; i++) {
+    other_g -= f.row[i].per_gaussian;
+    other_px -= f.row[i].per_pixel;
+  }
+  // Sums of rows of pixels and counts of ranges are too small for a row.
   if (other_g > 0.1 || other_px > 0.1)
     add(&f, "other", other_g > 0.1 ? other_g : 0, other_px > 0.1 ? other_px : 0);
   return f;

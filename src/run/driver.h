@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The training driver: objective, first model, loop, PSNR and settings report of a training run. Both `subview run` and
-// `subview-lab train` use it.
-// Owns the loop's clock, the mean loss and the step times; the trainer and its views are the caller's.
-// Never captures, reads or writes files, and takes no memory of its own.
+// The training driver: objective, first model, loop, PSNR and settings report of a training run.
+// Both `subview run` and `subview-lab train` use it. Owns the loop's clock, the mean loss and the
+// step times; the trainer and its views are the caller's. Never captures, reads or writes files,
+// and takes no memory of its own.
 #ifndef SV_RUN_DRIVER_H
 #define SV_RUN_DRIVER_H
 
@@ -28,8 +28,8 @@ void sv_focal_range_add(sv_focal_range *f, float focal_px);
 // Views of the scene at so different scales need anti-aliasing (Mip-Splatting).
 bool sv_focal_range_needs_antialiasing(const sv_focal_range *f);
 
-// The objective that suits the sampling (src/train/objective.h). `optimizer` is 1 + an sv_optimizer, or 0 for the
-// sampling's own. cfg->is_antialiased and n_gaussians are known before.
+// The objective that suits the sampling (src/train/objective.h). `optimizer` is 1 + an
+// sv_optimizer, or 0 for the sampling's own. cfg->is_antialiased and n_gaussians are known before.
 void sv_driver_set_objective(sv_train_cfg *cfg, const sv_sampling *sampling, int optimizer);
 
 // --- first model ---------------------------------------------------------------------------------
@@ -37,7 +37,8 @@ void sv_driver_set_objective(sv_train_cfg *cfg, const sv_sampling *sampling, int
 // Bytes of scratch that the start needs, for up to n_points points.
 size_t sv_driver_scratch_bytes(const sv_train_cfg *cfg, int n_points);
 
-// Where the first Gaussians are. The caller fills in init and n_points, or has sv_driver_measure do it.
+// Where the first Gaussians are. The caller fills in init and n_points, or has sv_driver_measure do
+// it.
 typedef struct {
   sv_bounds bounds;  // where the scene is about
   sv_init_cfg init;  // how Gaussians start; of kind SV_INIT_POINTS: at points
@@ -49,7 +50,8 @@ typedef struct {
   sv_arena *scratch; // sv_driver_scratch_bytes
 } sv_driver_start;
 
-// Points on the surface, from depth maps of the trainer's own views. AGAIN: the views overlap too little.
+// Points on the surface, from depth maps of the trainer's own views. AGAIN: the views overlap too
+// little.
 sv_status sv_driver_measure(const sv_trainer *t, sv_driver_start *start, sv_err *err) SV_MUST_USE;
 // Places the first Gaussians.
 sv_status sv_driver_place(sv_trainer *t, const sv_driver_start *start, sv_err *err) SV_MUST_USE;
@@ -65,14 +67,15 @@ typedef struct {
 
 typedef struct {
   uint32_t n_steps; // the run ends when the trainer has done so many steps; 0: no such limit
-  double limit_s;   // the run ends after so many seconds of training; 0: no such limit. One of both is needed
-  sv_clock clock;   // of the machine
+  // The run ends after so many seconds of training; 0: no such limit. One of both is needed
+  double limit_s;
+  sv_clock clock;     // of the machine
   sv_console console; // progress lines and the stop request; members may be NULL
   void *self;
   // Called before each step; may be NULL.
   sv_status (*before_step)(void *self, float progress, sv_driver_turn *turn, sv_err *err);
-  // Called after each step, which ran from from_s to now_s of the clock. *now_s is moved on by what it takes, which is
-  // training time. May be NULL.
+  // Called after each step, which ran from from_s to now_s of the clock. *now_s is moved on by what
+  // it takes, which is training time. May be NULL.
   sv_status (*after_step)(void *self, double from_s, double *now_s, sv_err *err);
   // Adds to the progress line; may be NULL.
   void (*add_progress)(void *self, sv_str *line);
@@ -80,13 +83,15 @@ typedef struct {
 
 typedef struct {
   sv_driver_cfg cfg;
-  double train_s;          // seconds spent training in this run, without those of a run that it resumes
+  // Seconds spent training in this run, without those of a run that it resumes
+  double train_s;
   double loss;             // running mean over about the last 50 steps
   sv_time_stats step_time; // of this run's steps; n is their number
   sv_step_stats last;
 } sv_driver;
 
-// Trains until a limit is reached. E_INTERRUPTED after a stop request; trained_s of the trainer is kept up to date.
+// Trains until a limit is reached. E_INTERRUPTED after a stop request; trained_s of the trainer is
+// kept up to date.
 sv_status sv_driver_run(sv_driver *d, const sv_driver_cfg *cfg, sv_trainer *t, sv_err *err) SV_MUST_USE;
 double sv_driver_steps_per_s(const sv_driver *d);
 
@@ -102,7 +107,8 @@ const sv_view *sv_driver_view(const sv_trainer *t, int i);
 sv_status sv_driver_render(sv_trainer *t, const sv_view *view, const sv_planes **out) SV_MUST_USE;
 // Mean squared error against an image [height][width][3] of a view, values 0 to 1.
 sv_status sv_driver_mse(sv_trainer *t, const sv_view *view, const uint8_t *rgb, double *mse) SV_MUST_USE;
-// Mean PSNR in dB over the images that are trained on; of a multiplexed rig over the sensors' measurements.
+// Mean PSNR in dB over the images that are trained on; of a multiplexed rig over the sensors'
+// measurements.
 sv_status sv_driver_training_psnr(sv_trainer *t, double *psnr) SV_MUST_USE;
 
 // --- settings ------------------------------------------------------------------------------------

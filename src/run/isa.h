@@ -12,8 +12,9 @@
 extern "C" {
 #endif
 
-// `name` is the value of the environment variable SV_ISA: NULL and "" are all of them. *mask: for sv_kernels_init.
-// E_ARG for an unknown name, E_UNSUPPORTED when this build or CPU has no such kernels.
+// `name` is the value of the environment variable SV_ISA: NULL and "" are all of them. *mask: for
+// sv_kernels_init. E_ARG for an unknown name, E_UNSUPPORTED when this build or CPU has no such
+// kernels.
 sv_status sv_isa_choose(const char *name, uint32_t *mask, sv_err *err) SV_MUST_USE;
 
 #ifdef __cplusplus

@@ -1,16 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// Moving scenes in a run. A clip: exposures are captured first, their times run from 0 to 1, and the motion is a few
-// functions of that time. Live: exposures stream through a ring; times are seconds, and the motion is a power series
-// about the newest exposure, which is moved on with each new one, so that the last model's motion is the start of the
-// next; what is not there gets Gaussians from the newest exposure's depth maps. Each exposure gets a fixed time; what came meanwhile is left out as whole exposures (src/sync/capture_queue.h).
+// Moving scenes in a run. A clip: exposures are captured first, their times run from 0 to 1, and
+// the motion is a few functions of that time. Live: exposures stream through a ring; times are
+// seconds, and the motion is a power series about the newest exposure, which is moved on with each
+// new one, so that the last model's motion is the start of the next; what is not there gets
+// Gaussians from the newest exposure's depth maps. Each exposure gets a fixed time; what came
+// meanwhile is left out as whole exposures (src/sync/capture_queue.h).
 #include "src/run/app.h"
 #include "src/base/mathx.h"
 #include "src/metric/metric.h"
 #include "src/train/objective.h"
 #include "src/dynamic/renew.h"
 
-#define LIVE_HASTE 3.0f
-#define FIND_EVERY 16 // exposures between two searches for what moves
+#define CONTINUOUS_RATE 3.0f
+#define FIND_EVERY      16 // exposures between two searches for what moves
 
 void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
   sv_dynamic_cfg *d = &t->dynamic;
@@ -24,13 +26,16 @@ void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
   d->window = d->window_start = 0;       // windows in a time that has no end
   d->from = d->grow_until = 0;
   d->find_every = d->find_until = 0; // by exposures instead
-  // Every exposure is like the last one: nothing cools down, and there are but a few dozen steps for what is new in
-  // it. Five of six see the newest exposure, the others those of the ring in turn: they keep the shape of what is still,
-  // and would drag back what moves fast. What appears and disappears does so by opacity and colour, faster than it could
-  // travel; what the newest pictures show elsewhere is put there (src/dynamic/renew.h).
+  // Every exposure is like the last one: nothing cools down, and there are but a few dozen steps
+  // for what is new in it. Five of six see the newest exposure, the others those of the ring in
+  // turn: they keep the shape of what is still, and would drag back what moves fast. What appears
+  // and disappears does so by opacity and colour, faster than it could travel; what the newest
+  // pictures show elsewhere is put there (src/dynamic/renew.h).
   t->lr.mean_start = t->lr.mean_end = 9.6e-4f;
-  t->lr.quat *= LIVE_HASTE, t->lr.scale *= LIVE_HASTE;
-  t->lr.sh0 *= 2 * LIVE_HASTE, t->lr.logit *= 2;
+  t->lr.quat *= CONTINUOUS_RATE;
+  t->lr.scale *= CONTINUOUS_RATE;
+  t->lr.sh0 *= 2 * CONTINUOUS_RATE;
+  t->lr.logit *= 2;
   d->older_every = 6;
   t->start_scale = 1;
   t->relocate_until = 1;
@@ -87,7 +92,8 @@ sv_status sv_app_leave_exposure(sv_app *app) {
 sv_status sv_app_enter_exposure(sv_app *app, int slot, float progress) {
   const sv_clock *m = &app->port.machine;
   if (!app->cfg.is_dynamic) return SV_OK;
-  // Turns of equal length, what it takes to change exposures included; who is late by a whole turn starts anew.
+  // Turns of equal length, what it takes to change exposures included; who is late by a whole turn
+  // starts anew.
   const sv_ns now_ns = m->now_ns(m->self), turn_ns = (sv_ns)(app->cfg.exposure_s * 1e9);
   app->moving.exposure_ns += turn_ns;
   if (now_ns - app->moving.exposure_ns >= turn_ns) app->moving.exposure_ns = now_ns;

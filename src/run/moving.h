@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // C only: sv_app is.
-// Moving scenes in a run: the model's time, and turns of equal length for the exposures of a run that goes on capturing.
-// Owns the times of the exposures that the model's time runs between, and the scores of past exposures.
-// Never moves a Gaussian: that is src/dynamic.
+// Moving scenes in a run: the model's time, and turns of equal length for the exposures of a run
+// that goes on capturing. Owns the times of the exposures that the model's time runs between, and
+// the scores of past exposures. Never moves a Gaussian: that is src/dynamic.
 #ifndef SV_RUN_MOVING_H
 #define SV_RUN_MOVING_H
 

@@ -16,9 +16,12 @@ static void take(sv_app *app) {
     sv_pose moved = sv_pose_mul(&p->rig_from_world, &back);
     double w[3], a[3], b[3];
     sv_rodrigues_inv(w, moved.r);
-    sv_pose_centre(a, &p->rig_from_world), sv_pose_centre(b, &p->start);
+    sv_pose_centre(a, &p->rig_from_world);
+    sv_pose_centre(b, &p->start);
     sv_sub3(a, a, b);
-    sum_rad += sv_norm3(w), sum += sv_norm3(a), n++;
+    sum_rad += sv_norm3(w);
+    sum += sv_norm3(a);
+    n++;
     app->exposures.exposure[e].rig_from_world = p->rig_from_world;
   }
   if (n > 0)

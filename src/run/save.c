@@ -51,8 +51,8 @@ sv_status sv_app_save_all(sv_app *app, sv_err *err) {
   return s >= 0 ? sv_app_publish_preview(app) : s;
 }
 
-// FNV-1a over the words of a source string, without what does not change the pictures: a replay's speed and the slash
-// that a shell's completion leaves behind a folder.
+// FNV-1a over the words of a source string, without what does not change the pictures: a replay's
+// speed and the slash that a shell's completion leaves behind a folder.
 uint64_t sv_app_origin(const char *source) {
   uint64_t h = 14695981039346656037ull;
   for (const char *p = source; p && *p;) {

@@ -31,9 +31,16 @@ static sv_status train(sv_selftest *t, const sv_kernels *k, const sv_pool *pool,
                        sv_selftest_line *out) {
   sv_err err;
   sv_train_cfg c = sv_train_defaults();
-  c.n_gaussians = N_GAUSSIANS, c.sh_degree = 3, c.cap_views = 2, c.cap_width_px = WIDTH,
+  c.n_gaussians = N_GAUSSIANS;
+  c.sh_degree = 3;
+  c.cap_views = 2;
+  c.cap_width_px = WIDTH;
   c.cap_height_px = HEIGHT;
-  c.start_scale = 1, c.weight_tv = 1e-3f, c.is_antialiased = true, c.relocate_every = 3, c.relocate_from = 0;
+  c.start_scale = 1;
+  c.weight_tv = 1e-3f;
+  c.is_antialiased = true;
+  c.relocate_every = 3;
+  c.relocate_from = 0;
   size_t mark = sv_arena_mark(a);
   sv_status s = sv_trainer_init(&t->trainer, &c, (sv_compute){k, pool}, a, &err);
   sv_arena scratch = sv_arena_sub(a, sv_init_scratch_bytes(N_GAUSSIANS, 0) + 4096);
@@ -120,7 +127,9 @@ static uint64_t pictures(const sv_kernels *k, pictures_work *w) {
                       .scratch = w->scratch};
   k->resize(&z);
   h = fold(h, w->out, 64 * 33 * sizeof(float));
-  z.dst_width_px = WIDTH / 2, z.dst_height_px = HEIGHT / 2, z.row1 = HEIGHT / 2;
+  z.dst_width_px = WIDTH / 2;
+  z.dst_height_px = HEIGHT / 2;
+  z.row1 = HEIGHT / 2;
   k->half(&z);
   h = fold(h, w->out, 64 * (HEIGHT / 2) * sizeof(float));
   k->half_bwd(&(sv_half_bwd_args){.grad = w->plane[1],
@@ -136,7 +145,8 @@ static void compare(sv_selftest *t, sv_selftest_line l, const sv_selftest_line *
                     bool has_loss) {
   l.what = what;
   l.is_exact = l.isa != SV_ISA_SSE41;
-  l.expected = ref->digest, l.expected_loss = ref->loss;
+  l.expected = ref->digest;
+  l.expected_loss = ref->loss;
   bool is_near = has_loss && fabs(l.loss - ref->loss) < 1e-3 * fabs(ref->loss);
   l.is_ok = l.digest == l.expected || (!l.is_exact && (is_near || !has_loss));
   t->line[t->n_lines++] = l;

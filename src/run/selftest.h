@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Selftest: a few training steps on a synthetic scene and the image kernels on noise, with the reference and with each
-// instruction set of this CPU, must give the same bits (SSE4.1, which has no fused multiply-add: nearly the same loss).
-// Owns its results; everything else comes from the arena and goes back.
-// Never needs a camera, a file or a thread.
+// Selftest: a few training steps on a synthetic scene and the image kernels on noise, with the
+// reference and with each instruction set of this CPU, must give the same bits (SSE4.1, which has
+// no fused multiply-add: nearly the same loss). Owns its results; everything else comes from the
+// arena and goes back. Never needs a camera, a file or a thread.
 #ifndef SV_RUN_SELFTEST_H
 #define SV_RUN_SELFTEST_H
 
@@ -28,7 +28,8 @@ typedef struct {
   sv_selftest_line line[SV_SELFTEST_CAP_LINES];
 } sv_selftest;
 
-// Takes about 16 MiB of the arena. The line list says what was compared; n_failed counts the bad ones.
+// Takes about 16 MiB of the arena. The line list says what was compared; n_failed counts the bad
+// ones.
 sv_status sv_selftest_run(sv_selftest *t, sv_arena *arena, sv_err *err) SV_MUST_USE;
 
 #ifdef __cplusplus

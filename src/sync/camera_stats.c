@@ -5,14 +5,15 @@
 
 void sv_camera_stat_frame(sv_camera_stat *s, const sv_frame *f) {
   if (s->n_frames++) {
-    // By the stamps: frames that waited for a host that was busy arrive at once, though not those of more than a
-    // second. A clock that was stepped says nothing.
+    // By the stamps: frames that waited for a host that was busy arrive at once, though not those
+    // of more than a second. A clock that was stepped says nothing.
     double d = (double)(f->camera_ns - s->last_stamp_ns), n = (double)(s->n_frames - 1);
     double gap = (double)(f->arrival_ns - s->last_ns);
     if (d <= 0 || d > gap + (double)SV_NS_PER_S) d = gap;
     s->interval_ns += (d - s->interval_ns) / (n < MEAN_FRAMES ? n : MEAN_FRAMES);
   }
-  s->last_stamp_ns = f->camera_ns, s->last_ns = f->arrival_ns;
+  s->last_stamp_ns = f->camera_ns;
+  s->last_ns = f->arrival_ns;
 }
 
 double sv_camera_stat_fps(const sv_camera_stat *s) { return s->interval_ns > 0 ? 1e9 / s->interval_ns : 0; }

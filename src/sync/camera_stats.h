@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a user watches while cameras run, a part of a line for each: frame rate, place within the last exposure, frames
-// dropped and why.
+// Statistics of each camera for a progress line: frame rate, offset within the last exposure,
+// frames dropped and why.
+// Owns one record per camera; the counts of drops are the ledger's (sync.h).
+// Never influences which frames are used.
 #ifndef SV_SYNC_CAMERA_STATS_H
 #define SV_SYNC_CAMERA_STATS_H
 
@@ -20,7 +22,8 @@ typedef struct {
   double offset_max_ns; // largest magnitude so far
 } sv_camera_stat;
 
-// A frame of its camera has come from the source; stat is cleared by the caller before the first one.
+// A frame of its camera has come from the source; stat is cleared by the caller before the first
+// one.
 void sv_camera_stat_frame(sv_camera_stat *stat, const sv_frame *frame);
 // An exposure has come from sync; stats, frames: [n_cameras].
 void sv_camera_stats_exposure(sv_camera_stat *stats, const sv_sync *sync, const sv_exposure *exposure,

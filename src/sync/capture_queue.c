@@ -193,7 +193,8 @@ static void take_frame(sv_capture_queue *in, const sv_frame *f) {
   sv_status s = sv_sync_push(&in->sync, f);
   sv_skew_add(&in->latency, late_ns > 0 ? late_ns : 0);
   in->n_missed += in->deadline_ns > 0 && late_ns > in->deadline_ns;
-  if (s < 0) { // a frame of no camera of ours, or with a full return queue, which is drained after each frame
+  // A frame of no camera of ours, or with a full return queue, which is drained after each frame
+  if (s < 0) {
     count_error(in, c, s);
     requeue(in, f);
     return;
@@ -315,7 +316,8 @@ void sv_capture_queue_give_back(sv_capture_queue *in, sv_exposure_slot *slot, bo
 sv_status sv_capture_queue_line(sv_capture_queue *in, sv_str *out) {
   int state = atomic_load(&in->line_state);
   if (state == LINE_READY) sv_str_add(out, "%s", in->line);
-  if (state != LINE_WANTED) atomic_store(&in->line_state, LINE_WANTED); // the next one is made meanwhile
+  // The next one is made meanwhile
+  if (state != LINE_WANTED) atomic_store(&in->line_state, LINE_WANTED);
   return state == LINE_READY ? SV_OK : SV_AGAIN;
 }
 

@@ -18,10 +18,14 @@ static double line_at(const sv_clock_model *m, double x_s) { return m->offset_ns
 #define SMALL_STEP    200 // of the limit: what a jump must have to be called a step
 #define FASTER_NS     5e5 // below the line by more: a jump, not just the fastest delivery so far
 
-// is_set: the clock was seen to be set, so stamps far from host time are another clock's. Without that only stamps from
-// the future are: those from the past may have waited in a host that was held up.
+// is_set: the clock was seen to be set, so stamps far from host time are another clock's. Without
+// that only stamps from the future are: those from the past may have waited in a host that was held
+// up.
 static void start(sv_clock_model *m, sv_ns camera_ns, sv_ns offset_ns, bool is_set) {
-  if (m->is_started && m->n_blocks >= PRIOR_BLOCKS) m->prior_drift = m->drift, m->has_prior = true;
+  if (m->is_started && m->n_blocks >= PRIOR_BLOCKS) {
+    m->prior_drift = m->drift;
+    m->has_prior = true;
+  }
   m->is_started = true;
   m->ref_camera_ns = camera_ns;
   m->ref_offset_ns = offset_ns;
@@ -72,8 +76,8 @@ static void fit(sv_clock_model *m) {
   m->drift = drift;
 }
 
-// Deliveries in a row that all lie far above the line: the clock went back by a little, or the path became
-// slower for good. Either way the old line is of no use.
+// Deliveries in a row that all lie far above the line: the clock went back by a little, or the path
+// became slower for good. Either way the old line is of no use.
 static bool is_raised(sv_clock_model *m, double residual_ns, bool is_catching_up) {
   double least = (double)(m->step_limit_ns / SMALL_STEP), usual = RAISED_FACTOR * m->mean_residual_ns;
   if (m->n_pairs <= SV_CLOCK_BLOCK_FRAMES || residual_ns < (least > usual ? least : usual)) {
@@ -100,7 +104,8 @@ static void add_point(sv_clock_model *m, double x_s, double d_ns) {
     return;
   }
   sv_clock_point *b = &m->blocks[m->n_blocks - 1];
-  // Measured against the line, so that drift within the block does not choose its first or last frame.
+  // Measured against the line, so that drift within the block does not choose its first or last
+  // frame.
   if (d_ns - m->drift * x_s * 1e9 < b->d_ns - m->drift * b->x_s * 1e9) *b = (sv_clock_point){x_s, d_ns};
   m->n_in_block++;
 }
@@ -117,7 +122,8 @@ bool sv_clock_model_add(sv_clock_model *m, sv_ns camera_ns, sv_ns arrival_ns, sv
   double d_ns = (double)(offset_ns - m->ref_offset_ns);
   double expected = m->is_estimating ? line_at(m, x_s) : (double)(m->transport_ns - m->ref_offset_ns);
   double residual = d_ns - expected, limit = (double)m->step_limit_ns;
-  // Much faster than all before, and the stamps do not say why: those before were held up, and tell nothing.
+  // Much faster than all before, and the stamps do not say why: those before were held up, and tell
+  // nothing.
   if (m->is_estimating && residual < -limit / SMALL_STEP && (double)most_set_ns < -0.5 * residual) {
     start(m, camera_ns, offset_ns, false);
     return false;
@@ -137,7 +143,8 @@ bool sv_clock_model_add(sv_clock_model *m, sv_ns camera_ns, sv_ns arrival_ns, sv
     if (is_step) change_ns = (sv_ns)floor(m->raised_ns + 0.5);
     else {
       double faster = m->mean_residual_ns > FASTER_NS ? m->mean_residual_ns : FASTER_NS;
-      if (m->n_pairs > SV_CLOCK_BLOCK_FRAMES && residual < -faster) // too small to name: the line goes along
+      // Too small to name: the line goes along
+      if (m->n_pairs > SV_CLOCK_BLOCK_FRAMES && residual < -faster)
         for (int i = 0; i < m->n_blocks; i++) m->blocks[i].d_ns += residual;
       add_point(m, x_s, d_ns);
       fit(m);

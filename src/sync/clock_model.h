@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// One camera's clock against the host's: host = camera + offset + drift * (camera - reference).
-// What is seen is (camera_ns, arrival_ns), and arrival - camera is the offset plus a delay of transport
-// that is never negative. The line sought therefore lies below all points and touches the fastest
-// deliveries: the edge of the lower convex hull over the mean camera time, which is the line below all
-// points with the smallest sum of distances (S. Moon, P. Skelly, D. Towsley, "Estimation and removal of
-// clock skew from network delay measurements", INFOCOM 1999; L. Zhang, Z. Liu, C. Xia, "Clock
-// synchronization algorithms for network measurements", INFOCOM 2002).
-// The shortest delay itself cannot be seen from one side; it stays in the offset (transport_ns removes
-// what is known of it). Cameras of one kind share it, and it cancels between them.
+// Clock model of one camera: host = camera + offset + drift * (camera - reference).
+// Owns the points that the line is fitted to.
+// Never reads a clock: the caller brings pairs of (camera_ns, arrival_ns).
+//
+// arrival - camera is the offset plus a transport delay that is never negative. So the line lies below
+// all points and touches the fastest deliveries: it is the edge of the lower convex hull over the mean
+// camera time, which is the line below all points with the smallest sum of distances (S. Moon,
+// P. Skelly, D. Towsley, "Estimation and removal of clock skew from network delay measurements",
+// INFOCOM 1999; L. Zhang, Z. Liu, C. Xia, "Clock synchronization algorithms for network
+// measurements", INFOCOM 2002). The shortest delay itself cannot be measured from one side; it stays
+// in the offset, less transport_ns. Cameras of one kind share it, and it cancels between them.
 #ifndef SV_SYNC_CLOCK_MODEL_H
 #define SV_SYNC_CLOCK_MODEL_H
 
@@ -54,15 +56,17 @@ typedef struct {
 void sv_clock_model_init(sv_clock_model *m, bool is_common, sv_ns step_limit_ns, double max_drift,
                          sv_ns transport_ns);
 
-// Learns from one pair, in order of camera time. most_set_ns: by how much the camera's clock can have been set since
-// the last pair, as the spacing of its stamps tells; INT64_MAX: not known. Returns true when the clock has stepped
-// (*step_ns: by how much the camera's clock jumped); the model then starts anew from this pair, but keeps the drift,
-// which setting a clock does not change. Steps beyond the limit, and forward ones beyond 1/200 of it, are seen at once;
-// backward ones beyond 1/200 of it after SV_CLOCK_RAISED_PAIRS pairs, unless delays usually vary by as much. The line
-// goes along with smaller steps forward; smaller ones backward count when the old pairs are forgotten. A model that is common
-// and finds stamps further than the limit from host time estimates until they agree again. A first pair that is late
-// by more than the limit is taken for a delay. A delivery that is faster than all before while the clock cannot have
-// been set starts the model anew without a step: what came before was held up on its way.
+// Learns from one pair, in order of camera time. most_set_ns: by how much the camera's clock can
+// have been set since the last pair, as the spacing of its stamps tells; INT64_MAX: not known.
+// Returns true when the clock has stepped (*step_ns: by how much the camera's clock jumped); the
+// model then starts anew from this pair, but keeps the drift, which setting a clock does not
+// change. Steps beyond the limit, and forward ones beyond 1/200 of it, are seen at once; backward
+// ones beyond 1/200 of it after SV_CLOCK_RAISED_PAIRS pairs, unless delays usually vary by as much.
+// The line goes along with smaller steps forward; smaller ones backward count when the old pairs
+// are forgotten. A model that is common and finds stamps further than the limit from host time
+// estimates until they agree again. A first pair that is late by more than the limit is taken for a
+// delay. A delivery that is faster than all before while the clock cannot have been set starts the
+// model anew without a step: what came before was held up on its way.
 bool sv_clock_model_add(sv_clock_model *m, sv_ns camera_ns, sv_ns arrival_ns, sv_ns most_set_ns,
                         sv_ns *step_ns);
 

@@ -47,7 +47,8 @@ static void learn_rate(const sv_frame_length *f, sv_frame_length_camera *c, doub
   c->i_phase = c->i_frame;
 }
 
-// Frames are made so much longer, for so many frames, that the phase is zero midway to the next correction.
+// Frames are made so much longer, for so many frames, that the phase is zero midway to the next
+// correction.
 static bool plan(sv_frame_length *f, sv_frame_length_camera *c, double mean_ns, sv_ns *duration_ns) {
   double p = (double)f->cfg.period_ns, most = SV_FRAME_LENGTH_MAX * p;
   int cycle = SV_FRAME_LENGTH_MEASURE + SV_FRAME_LENGTH_SETTLE;
@@ -88,7 +89,8 @@ bool sv_frame_length_frame(sv_frame_length *f, int i, sv_ns mid_ns, sv_ns *durat
     return false;
   }
   double e = phase(f, mid_ns, f->cameras[lead].mid_ns), p = (double)f->cfg.period_ns;
-  // Half a period off, noise flips the sign and the mean would be zero: stay on the side of the first one.
+  // Half a period off, noise flips the sign and the mean would be zero: stay on the side of the
+  // first one.
   if (c->n_frames > 1 && fabs(e - c->sum_ns / (c->n_frames - 1)) > 0.5 * p) e += e < 0 ? p : -p;
   c->sum_ns += e;
   if (c->n_frames < SV_FRAME_LENGTH_MEASURE) return false;

@@ -1,11 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// Software synchronisation of cameras that run freely: one camera leads, the others make some frames a little longer
-// or shorter until they expose with it. For each camera: the phase is measured over some frames, then so many
-// frames are made longer (shorter) that their sum takes it away, together with what the difference of the two
-// oscillators will add until the next correction; then the frames have their length again. Both commands reach the
-// camera with the same delay, so the sum is exact even for cameras that set lengths in steps of a line. Bounded: no
-// frame changes by more than a share of the period; rate-limited: two commands in a measurement's frames at most; and
-// a synchronous rig, within the dead band, is left alone. It changes when cameras expose, never what is said about it.
+// Software synchronization of free-running cameras: one camera leads, the others make some frames a
+// little longer or shorter until they expose together with it.
+// Owns the measured phase and the pending correction of each camera.
+// Never talks to a camera: the caller sends the frame lengths. Never changes a timestamp.
+//
+// For each camera, the phase is the mean over SV_FRAME_LENGTH_MEASURE frames. Then as many frames are
+// made longer (or shorter) as remove the phase, together with the drift that the two oscillators will
+// add until the next correction; after that frames have their normal length again. Both commands reach
+// the camera with the same delay, so the sum is exact even for cameras that set lengths in steps of a
+// line. Bounds: no frame changes by more than SV_FRAME_LENGTH_MAX of the period; at most two commands
+// per measurement; a rig within the dead band is left alone.
 #ifndef SV_SYNC_FRAME_LENGTH_H
 #define SV_SYNC_FRAME_LENGTH_H
 
@@ -62,8 +66,8 @@ typedef struct {
 sv_status sv_frame_length_init(sv_frame_length *f, const sv_frame_length_cfg *cfg,
                                sv_arena *arena) SV_MUST_USE;
 
-// A frame with its mid-exposure on the host's clock. True: the camera is to be told *duration_ns, and what came of
-// it goes to sv_frame_length_set.
+// A frame with its mid-exposure on the host's clock. True: the camera is to be told *duration_ns,
+// and what came of it goes to sv_frame_length_set.
 bool sv_frame_length_frame(sv_frame_length *f, int i_camera, sv_ns mid_ns, sv_ns *duration_ns);
 // The length that the camera took; 0: it refused, and is left alone from now on.
 void sv_frame_length_set(sv_frame_length *f, int i_camera, sv_ns set_ns);

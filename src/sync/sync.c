@@ -126,11 +126,13 @@ static bool stamps_are_possible(const sv_frame *f) {
          f->arrival_ns < MAX_STAMP_NS;
 }
 
-// Whether the camera's clock was set between the last frame and this one, judged by the host's clock.
+// Whether the camera's clock was set between the last frame and this one, judged by the host's
+// clock.
 static sv_ns clock_jump_ns(const sv_sync *s, const sv_sync_stream *st, const sv_frame *f, uint32_t n_frames,
                            bool goes_on) {
   sv_ns jump_ns = (f->camera_ns - st->last_camera_ns) - (f->arrival_ns - st->last_arrival_ns), off_ns;
-  // A steady frame rate tells smaller jumps: the stamp is off, and the frame did not come so much later or earlier.
+  // A steady frame rate tells smaller jumps: the stamp is off, and the frame did not come so much
+  // later or earlier.
   if (sv_timestamp_filter_is_off(&st->filter, f->camera_ns, n_frames, &off_ns)) {
     sv_ns left_ns = jump_ns - off_ns;
     if (left_ns < 0) left_ns = -left_ns;
@@ -157,8 +159,8 @@ static void reset_sequence(sv_sync *s, int c, const sv_frame *f) {
   s->streams[c].last_sequence = f->sequence;
 }
 
-// A frame older than the newest one. If its number was missing, it was counted as a gap already: the
-// count moves to this reason instead of growing.
+// A frame older than the newest one. If its number was missing, it was counted as a gap already:
+// the count moves to this reason instead of growing.
 static sv_status drop_old(sv_sync *s, int c, const sv_frame *f, int32_t delta) {
   sv_sync_stream *st = &s->streams[c];
   uint64_t bit = delta > -SEEN_FRAMES && delta < 0 ? (uint64_t)1 << -delta : 0;
@@ -176,8 +178,8 @@ static sv_status drop_old(sv_sync *s, int c, const sv_frame *f, int32_t delta) {
   return SV_DROPPED;
 }
 
-// OK: go on with the frame. A sequence number that stands still while time goes on is accepted: some
-// drivers do not count.
+// OK: go on with the frame. A sequence number that stands still while time goes on is accepted:
+// some drivers do not count.
 static sv_status check_order(sv_sync *s, int c, const sv_frame *f, sv_ns jump_ns) {
   sv_sync_stream *st = &s->streams[c];
   if (!st->has_last) {
@@ -256,15 +258,16 @@ static sv_status enqueue(sv_sync *s, int c, const sv_frame *f, sv_ns steady_ns) 
   return SV_OK;
 }
 
-// By the numbers, counted from the last frame that the timestamp filter has seen; 0 when they do not tell.
+// By the numbers, counted from the last frame that the timestamp filter has seen; 0 when they do
+// not tell.
 static uint32_t frames_since_last(const sv_sync_stream *st, const sv_frame *f) {
   int32_t delta = (int32_t)(f->sequence - st->last_sequence);
   uint32_t n = f->sequence - st->filter_sequence;
   return st->has_last && delta > 0 && delta <= MAX_GAP_FRAMES && n <= 2 * MAX_GAP_FRAMES ? n : 0;
 }
 
-// Do the stamps go on as before, by the frames' spacing? Then by how much the clock can have been set meanwhile;
-// INT64_MAX: they do not, or nothing is known.
+// Do the stamps go on as before, by the frames' spacing? Then by how much the clock can have been
+// set meanwhile; INT64_MAX: they do not, or nothing is known.
 static sv_ns most_set_ns(sv_sync_stream *st, const sv_frame *f, uint32_t n_frames) {
   if (!st->has_last) return INT64_MAX;
   double dt_ns = (double)(f->camera_ns - st->last_camera_ns), n = n_frames ? (double)n_frames : 1;
@@ -281,9 +284,10 @@ static sv_ns most_set_ns(sv_sync_stream *st, const sv_frame *f, uint32_t n_frame
   return goes_on ? (sv_ns)floor(off_ns + 0.5) : INT64_MAX;
 }
 
-// A host that was held up gets frames late, by more than a step's limit. Their stamps go on as before, which those of
-// a clock that was set do not: such a frame is good, but tells nothing about the clock. Those that come faster than
-// they were taken are what has piled up meanwhile, however many they are.
+// A host that was held up gets frames late, by more than a step's limit. Their stamps go on as
+// before, which those of a clock that was set do not: such a frame is good, but tells nothing about
+// the clock. Those that come faster than they were taken are what has piled up meanwhile, however
+// many they are.
 static bool is_just_late(const sv_sync *s, sv_sync_stream *st, const sv_frame *f, bool goes_on) {
   sv_ns host_ns = st->clock.is_started ? sv_clock_model_host_ns(&st->clock, f->camera_ns) : f->arrival_ns;
   if (!goes_on || f->arrival_ns - host_ns <= s->cfg.step_limit_ns) {
@@ -326,8 +330,9 @@ sv_status sv_sync_push(sv_sync *s, const sv_frame *f) {
 
 // --- pop: which frames belong together -----------------------------------------------------------
 typedef struct {
-  int i_first;                        // the camera whose head is the oldest; -1: nothing waits
-  int n_present, n_open;              // heads within the skew limit of it; cameras that may still bring one
+  int i_first; // the camera whose head is the oldest; -1: nothing waits
+  // Heads within the skew limit of it; cameras that may still bring one
+  int n_present, n_open;
   int i_open;                         // one of those
   sv_ns first_ns, second_ns, last_ns; // of the heads present
 } group_t;
@@ -337,7 +342,10 @@ static group_t group(const sv_sync *s) {
   for (int c = 0; c < s->cfg.n_cameras; c++) {
     if (!s->streams[c].n_queued) continue;
     sv_ns t_ns = entry(s, c, 0)->mid_host_ns;
-    if (g.i_first < 0 || t_ns < g.first_ns) g.i_first = c, g.first_ns = t_ns;
+    if (g.i_first < 0 || t_ns < g.first_ns) {
+      g.i_first = c;
+      g.first_ns = t_ns;
+    }
   }
   if (g.i_first < 0) return g;
   sv_ns end_ns = g.first_ns + s->cfg.skew_limit_ns;
@@ -398,9 +406,10 @@ static void deliver(sv_sync *s, const group_t *g, sv_exposure *e, sv_frame *fram
   sv_skew_add(&s->skew, e->skew_ns);
 }
 
-// How far after the oldest head a frame belongs to its exposure and to no later one: half way to that camera's next
-// frame. A skew limit may be many frames long, and what is given up must not take later exposures with it: a camera
-// that comes back would find all of its frames late for ever, where queues are full before the limit is over.
+// How far after the oldest head a frame belongs to its exposure and to no later one: half way to
+// that camera's next frame. A skew limit may be many frames long, and what is given up must not
+// take later exposures with it: a camera that comes back would find all of its frames late for
+// ever, where queues are full before the limit is over.
 static sv_ns reach_ns(const sv_sync *s, const group_t *g) {
   const sv_sync_stream *st = &s->streams[g->i_first];
   double next_ns =
@@ -423,7 +432,8 @@ sv_status sv_sync_pop_exposure(sv_sync *s, sv_exposure *e, sv_frame *frames) {
     group_t g = group(s);
     if (g.i_first < 0) return SV_AGAIN;
     if (n_free_returns(s) < 1) return SV_E_FULL;
-    // Too few frames can come together whatever still arrives: the oldest is dropped without waiting.
+    // Too few frames can come together whatever still arrives: the oldest is dropped without
+    // waiting.
     if (g.n_present + g.n_open < s->cfg.min_cameras || next_is_nearer(s, &g)) {
       drop_head(s, g.i_first, SV_DROP_NO_PARTNER);
       continue;

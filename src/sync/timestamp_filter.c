@@ -57,7 +57,8 @@ sv_ns sv_timestamp_filter_add(sv_timestamp_filter *c, sv_ns camera_ns, uint32_t 
   if (!c->is_started) return start(c, camera_ns);
   predict(c, n_frames ? n_frames : frames_since(c, camera_ns));
   double residual_ns = (double)(camera_ns - c->step_ns - c->ref_ns) - c->phase_ns;
-  if (c->n_hold > 0) { // the mean of the residuals is what the first estimate of the step was wrong by
+  // The mean of the residuals is what the first estimate of the step was wrong by
+  if (c->n_hold > 0) {
     c->hold_sum_ns += residual_ns;
     if (--c->n_hold == 0) c->step_ns += (sv_ns)floor(c->hold_sum_ns / SV_TIMESTAMP_FILTER_HOLD + 0.5);
     return estimate(c);

@@ -1,21 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
-// How fast is this machine, and how far from what its arithmetic and memory allow? Whole training steps on made-up
-// scenes of several sizes with the share of each stage, and each kernel of a step in each of its variants. Everything
-// lives in the arena that is handed in; what does not fit there is skipped and said so. The order of calls: begin,
-// steps (once per pool), kernels, end.
+// How fast is this machine, and how far from what its arithmetic and memory allow? Whole training
+// steps on made-up scenes of several sizes with the share of each stage, and each kernel of a step
+// in each of its variants. Everything lives in the arena that is handed in; what does not fit there
+// is skipped and said so. The order of calls: begin, steps (once per pool), kernels, end.
 //
-// Machines are noisy: every time is the median of repeated runs, with the least and the quartiles beside it. Ratios,
-// shares and growth are those of the least times, as the peaks are, which other programs disturbed least; peaks are
-// measured before and behind the steps.
+// Machines are noisy: every time is the median of repeated runs, with the least and the quartiles
+// beside it. Ratios, shares and growth are those of the least times, as the peaks are, which other
+// programs disturbed least; peaks are measured before and behind the steps.
 //
-// The model bound of a step is the sum over its operations of the longer of two times: floating-point operations at
-// the measured peak of multiply-adds (which the CPU runs nothing else at), and bytes that must move (each array once)
-// at the measured rate of copying a block as large as all arrays of the step together. Operations are counted as written
-// in the kernels, a multiply-add as two; blended pairs are those that the kernels evaluate, whole blocks of 16 lanes.
+// The model bound of a step is the sum over its operations of the longer of two times:
+// floating-point operations at the measured peak of multiply-adds (which the CPU runs nothing else
+// at), and bytes that must move (each array once) at the measured rate of copying a block as large
+// as all arrays of the step together. Operations are counted as written in the kernels, a
+// multiply-add as two; blended pairs are those that the kernels evaluate, whole blocks of 16 lanes.
 //
-// That bound takes every operation for half of a multiply-add. Blending cannot be written so: comparisons, minimum,
-// conversions and sums of two terms go through the same ports and do one operation or none that is counted. The bound
-// by ports takes for blending the instructions that AVX-512 needs, one a vector, at the rate of multiply-adds.
+// That bound takes every operation for half of a multiply-add. Blending cannot be written so:
+// comparisons, minimum, conversions and sums of two terms go through the same ports and do one
+// operation or none that is counted. The bound by ports takes for blending the instructions that
+// AVX-512 needs, one a vector, at the rate of multiply-adds.
 #ifndef SV_TOOLS_BENCH_BENCH_H
 #define SV_TOOLS_BENCH_BENCH_H
 
@@ -77,8 +79,9 @@ typedef struct {
 
 // What one picture of a scene asks for.
 typedef struct {
-  uint64_t pairs;      // pixel-splat pairs that the kernels evaluate
-  uint64_t useful;     // of those, pairs that are blended: alpha of 1/255 and more, and light left to stop
+  uint64_t pairs; // pixel-splat pairs that the kernels evaluate
+  // Of those, pairs that are blended: alpha of 1/255 and more, and light left to stop
+  uint64_t useful;
   uint64_t rows;       // rows of 4x4 blocks under the visible splats
   uint64_t block_rows; // rows of a tile's blocks that the kernels evaluate
   uint32_t n_gaussians, n_visible, n_intersections, n_touched;
@@ -105,16 +108,18 @@ typedef struct {
   int n_samples;
   sv_bench_times step_ms, render_ms, stage_ms[SV_N_STAGES];
   double bound_ms, stage_bound_ms[SV_N_STAGES]; // the model bound, see above
-  double pixel_bound_ms;                        // blending alone, forward and backward, arithmetic alone
-  double slot_bound_ms;                         // the bound by ports, see above
+  // Blending alone, forward and backward, arithmetic alone
+  double pixel_bound_ms;
+  double slot_bound_ms; // the bound by ports, see above
   sv_bench_counts n;
 } sv_bench_step;
 
-// How step times grow: t = fixed + per Gaussian + per pixel, least squares of relative errors over all sizes; and the
-// exponents of powers through each row of sizes.
+// How step times grow: t = fixed + per Gaussian + per pixel, least squares of relative errors over
+// all sizes; and the exponents of powers through each row of sizes.
 typedef struct {
-  double fixed_ms, ns_per_gaussian, ns_per_pixel, worst; // worst: largest relative error of the plane
-  double by_gaussians, by_pixels;                        // mean exponents; 1 is linear
+  // Worst: largest relative error of the plane
+  double fixed_ms, ns_per_gaussian, ns_per_pixel, worst;
+  double by_gaussians, by_pixels; // mean exponents; 1 is linear
 } sv_bench_growth;
 
 typedef struct {
@@ -131,9 +136,10 @@ typedef struct {
   sv_bench_cost cost; // of one item
 } sv_bench_kernel;
 
-// A scene to be timed: one training view with a smooth, noisy picture, and Gaussians that together cover it about
-// ten deep, as trained models do: half on a surface, log-normal sizes, flat, opacities of 0.05 to 0.95. Learning rates
-// are so low that no parameter moves: all steps are the same work.
+// A scene to be timed: one training view with a smooth, noisy picture, and Gaussians that together
+// cover it about ten deep, as trained models do: half on a surface, log-normal sizes, flat,
+// opacities of 0.05 to 0.95. Learning rates are so low that no parameter moves: all steps are the
+// same work.
 typedef struct {
   sv_trainer t;
   uint8_t *picture; // [height][width][3]
@@ -179,13 +185,15 @@ size_t sv_bench_kernel_bytes(void); // what the kernels' part takes
 // Median, least and quartiles of v[n], which is sorted; zeros when n < 1.
 sv_bench_times sv_bench_times_of(double *v, int n);
 
-// Counts of the trainer's last picture, which has no depth: the plane of depths is overwritten. n_touched is left 0.
+// Counts of the trainer's last picture, which has no depth: the plane of depths is overwritten.
+// n_touched is left 0.
 sv_bench_counts sv_bench_count(sv_trainer *t);
 sv_bench_cost sv_bench_cost_of(sv_bench_op op, const sv_bench_counts *n);
 // Bytes of all arrays that a step works on.
 double sv_bench_arrays_bytes(const sv_bench_counts *n);
-// Seconds that `cost` takes at the peak at least; arrays_bytes: of the whole step, which says what caches can hold. Between
-// the sizes that were copied, rates are interpolated over the logarithm of the size.
+// Seconds that `cost` takes at the peak at least; arrays_bytes: of the whole step, which says what
+// caches can hold. Between the sizes that were copied, rates are interpolated over the logarithm of
+// the size.
 double sv_bench_bound_s(const sv_bench_peak *peak, sv_bench_cost cost, double arrays_bytes);
 // Fills bound_ms, stage_bound_ms, pixel_bound_ms and slot_bound_ms of a case from its counts.
 void sv_bench_bound(sv_bench_step *r, const sv_bench_peak *peak);

@@ -15,13 +15,15 @@ static const sv_bench_op ops_of[SV_N_STAGES][2] = {
     [SV_STAGE_OPTIMISE] = {SV_BENCH_PROJECT_BWD, SV_BENCH_NEWTON},
 };
 
-// Operations of one pair, kernels/raster/raster_vec.c without depth: quadric 4, 2^x 11, min 1, weight and transmittance
-// 2, three colours 6; and backward the same but for the colours and the min, then 6 gradients of colour, 5 for their
-// product, 2 suffix, 2 quotient, 2 to dL/d(ln alpha), 5 moments. Errors: ERROR_FLOP. What a column of pixels has in common
-// (6 once a record) is not counted.
+// Operations of one pair, kernels/raster/raster_vec.c without depth: quadric 4, 2^x 11, min 1,
+// weight and transmittance 2, three colours 6; and backward the same but for the colours and the
+// min, then 6 gradients of colour, 5 for their product, 2 suffix, 2 quotient, 2 to dL/d(ln alpha),
+// 5 moments. Errors: ERROR_FLOP. What a column of pixels has in common (6 once a record) is not
+// counted.
 #define FORWARD_FLOP  24.0
 #define BACKWARD_FLOP 39.0
-// A row of blocks, each of its lanes: offset 1; backward the moments 9 as well. A record: its nine sums of sixteen lanes.
+// A row of blocks, each of its lanes: offset 1; backward the moments 9 as well. A record: its nine
+// sums of sixteen lanes.
 #define FORWARD_ROW_FLOP     1.0
 #define BACKWARD_ROW_FLOP    10.0
 #define BACKWARD_RECORD_FLOP 135.0
@@ -29,23 +31,26 @@ static const sv_bench_op ops_of[SV_N_STAGES][2] = {
 #define ERROR_FLOP        2.0
 #define ERROR_RECORD_FLOP 15.0
 
-// The instructions for that through the ports of the multiply-adds, a vector of pairs each, with AVX-512: quadric 2,
-// 2^x 6, min 1, comparisons 2, weight and transmittance 2, colours 3; and backward the same but for the last and the min,
-// then 3 gradients, 3, 1, 4 (a division takes the place of three), 1, 3. What a row of blocks has in common once a row: the
-// offset 1, and backward 5 of the moments, too. Loads, stores, and what is done once for a record are free here.
+// The instructions for that through the ports of the multiply-adds, a vector of pairs each, with
+// AVX-512: quadric 2, 2^x 6, min 1, comparisons 2, weight and transmittance 2, colours 3; and
+// backward the same but for the last and the min, then 3 gradients, 3, 1, 4 (a division takes the
+// place of three), 1, 3. What a row of blocks has in common once a row: the offset 1, and backward
+// 5 of the moments, too. Loads, stores, and what is done once for a record are free here.
 #define FORWARD_SLOTS      16.0
 #define BACKWARD_SLOTS     27.0
 #define FORWARD_ROW_SLOTS  1.0
 #define BACKWARD_ROW_SLOTS 6.0
 #define BLOCK_PX           16.0
 
-// One channel of one pixel, kernels/ssim/ssim_vec.c: squares and product 4; on every second row four maps of two blurs of
-// 16, the point 27, and three maps of a blur of 16; backward three maps of a blur of 7.5 along columns, and 9.
+// One channel of one pixel, kernels/ssim/ssim_vec.c: squares and product 4; on every second row
+// four maps of two blurs of 16, the point 27, and three maps of a blur of 16; backward three maps
+// of a blur of 7.5 along columns, and 9.
 #define SSIM_FLOP     105.5
 #define SSIM_BWD_FLOP 31.5
 
-// One Gaussian, kernels/project/project_vec.c: geometry 270 (four 2^x among it), the splat 66, a colour 6 a
-// coefficient; backward the geometry again, screen 29, camera 94, shape 140, place 31, colour 17 a coefficient.
+// One Gaussian, kernels/project/project_vec.c: geometry 270 (four 2^x among it), the splat 66, a
+// colour 6 a coefficient; backward the geometry again, screen 29, camera 94, shape 140, place 31,
+// colour 17 a coefficient.
 #define PROJECT_FLOP     336.0
 #define PROJECT_BWD_FLOP 564.0
 #define BIN_ROW_FLOP     35.0 // two chords of an ellipse
@@ -93,7 +98,8 @@ double sv_bench_arrays_bytes(const sv_bench_counts *n) {
   return gaussian * n->n_gaussians + record * n->n_intersections + pixel * n->n_pixels;
 }
 
-// Nothing is copied slower out of a smaller block than out of a larger one, unless something disturbed it.
+// Nothing is copied slower out of a smaller block than out of a larger one, unless something
+// disturbed it.
 static double copy_rate(const sv_bench_peak *p, double bytes) {
   double above = 0, size_above = 0; // of the next larger size
   for (int i = p->n_copy_sizes - 1; i >= 0; i--) {
@@ -130,7 +136,8 @@ static double errors_ms(const sv_bench_step *r, const sv_bench_peak *peak) {
 
 void sv_bench_bound(sv_bench_step *r, const sv_bench_peak *peak) {
   const double probes = r->n.n_probe_steps > 0 ? 1.0 / r->n.n_probe_steps : 0, // a step,
-      blended = 0.5 * probes;                                                  // each on half of the tiles
+      // Each on half of the tiles
+      blended = 0.5 * probes;
   const double flop = sv_bench_cost_of(SV_BENCH_RASTER, &r->n).flop +
                       (1 + blended) * sv_bench_cost_of(SV_BENCH_RASTER_BWD, &r->n).flop;
   const double arrays_bytes = sv_bench_arrays_bytes(&r->n);
@@ -155,7 +162,8 @@ void sv_bench_bound(sv_bench_step *r, const sv_bench_peak *peak) {
 
 // --- useful lanes --------------------------------------------------------------------------------
 
-// Light that a splat leaves of t at a pixel; negative when the pixel stops. *blended: whether it took part.
+// Light that a splat leaves of t at a pixel; negative when the pixel stops. *blended: whether it
+// took part.
 static float blend(const sv_splat *s, float dx, float dy, float t, bool *blended) {
   float power = s->qa * dx * dx + s->qb * dx * dy + s->qc * dy * dy + s->lo;
   *blended = false;

@@ -38,7 +38,11 @@ static double mean_exponent(const sv_bench_step *r, int n, bool is_by_pixels) {
       if (k < i) is_first = false;
       double x = sv_log(is_by_pixels ? (double)r[k].n.n_pixels : (double)r[k].n_gaussians);
       double y = sv_log(r[k].step_ms.least);
-      sx += x, sy += y, sxx += x * x, sxy += x * y, m += 1;
+      sx += x;
+      sy += y;
+      sxx += x * x;
+      sxy += x * y;
+      m += 1;
     }
     double d = m * sxx - sx * sx;
     if (!is_first || m < 2 || d < 1e-9) continue;
@@ -81,7 +85,9 @@ sv_bench_growth sv_bench_growth_of(const sv_bench_step *r, int n) {
       for (int l = 0; l < 4; l++) a[k][l] += row[k] * row[l];
   }
   if (n < 3 || !solve3(a, x)) return g;
-  g.fixed_ms = x[0], g.ns_per_gaussian = 1e3 * x[1], g.ns_per_pixel = 1e3 * x[2];
+  g.fixed_ms = x[0];
+  g.ns_per_gaussian = 1e3 * x[1];
+  g.ns_per_pixel = 1e3 * x[2];
   for (int i = 0; i < n; i++) {
     double t = r[i].step_ms.least,
            e = fabs((x[0] + 1e-3 * (x[1] * r[i].n_gaussians + x[2] * r[i].n.n_pixels)) / t - 1);

@@ -33,8 +33,8 @@ static void run_bin(ctx *c) {
   sv_renderer *r = &c->t->render;
   c->k->bin(r->splat, c->id, r->stats.n_visible, r->n_tiles_x, r->intersection);
 }
-// The lists of the tiles, from pairs in the order of the records. The slots hold the pairs: they are filled again by
-// run_raster_bwd.
+// The lists of the tiles, from pairs in the order of the records. The slots hold the pairs: they
+// are filled again by run_raster_bwd.
 static void run_sort(ctx *c) {
   sv_renderer *r = &c->t->render;
   for (int t = 0; t < r->n_tiles; t++) c->at[t] = r->tile_begin[t];
@@ -90,8 +90,8 @@ static void run_unpack(ctx *c) {
 }
 
 typedef void (*run_fn)(ctx *c);
-// A few rows at a time, as the loss does it: those whose maps, and those that five more on either side have, there is
-// room for.
+// A few rows at a time, as the loss does it: those whose maps, and those that five more on either
+// side have, there is room for.
 enum { REACH = 5 };
 static int band_rows(const ctx *c) { return 2 * c->t->photometric.cap_map_rows - 2 * REACH; }
 static sv_ssim_args ssim_args(ctx *c, int channel, int row0) {
@@ -145,8 +145,8 @@ static void run_ssim_bwd(ctx *c) {
 
 typedef void (*run_fn)(ctx *c);
 
-// How each op of a step is run here. The order keeps every op's input whole: binning widens the masks again, and
-// projecting forgets which records are whose.
+// How each op of a step is run here. The order keeps every op's input whole: binning widens the
+// masks again, and projecting forgets which records are whose.
 static const struct {
   sv_bench_op op;
   run_fn run;

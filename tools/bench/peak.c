@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The measured peaks of a pool: fused multiply-adds, and copying, for bounds on how fast a step can be.
+// The measured peaks of a pool: fused multiply-adds, and copying, for bounds on how fast a step can
+// be.
 #include <string.h>
 
 #include "tools/bench/bench.h"
@@ -55,8 +56,9 @@ sv_bench_peak sv_bench_peak_of(const sv_kernels *k, const sv_pool *pool, const s
     if (arena->status >= 0) {
       j.part_bytes = bytes / 2 / (size_t)pool->n_threads;
       j.n_times =
-          bytes < SMALLEST * 64 ? (int)(SMALLEST * 64 / bytes) : 1; // a run is longer than the pool's start
-      memset(j.from, 1, bytes / 2);                                 // pages must be there
+          // A run is longer than the pool's start
+          bytes < SMALLEST * 64 ? (int)(SMALLEST * 64 / bytes) : 1;
+      memset(j.from, 1, bytes / 2); // pages must be there
       memset(j.to, 2, bytes / 2);
       double moved = 2.0 * (double)j.part_bytes * pool->n_threads * j.n_times;
       p.copy_bytes[i] = bytes;

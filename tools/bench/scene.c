@@ -18,7 +18,8 @@ static sv_view camera(int w, int h) {
 
 static void fill_gaussians(sv_gaussians *g, uint64_t seed) {
   sv_rng rng = sv_rng_make(seed, 11);
-  // n discs of radius r cover a picture of area about (2 x 1.2)^2 DEEP times when n pi r^2 = DEEP x area.
+  // n discs of radius r cover a picture of area about (2 x 1.2)^2 DEEP times when n pi r^2 = DEEP x
+  // area.
   double r = sqrt(DEEP * 5.76 / (SV_PI * g->n));
   for (int i = 0; i < g->n; i++) {
     sv_gaussian v = {.quat_wxyz = {1, 0, 0, 0}};
@@ -52,12 +53,15 @@ static void fill_picture(uint8_t *px, int w, int h, uint64_t seed) {
 
 static sv_train_cfg train_cfg(const sv_bench_step *size) {
   sv_train_cfg c = sv_train_defaults();
-  c.n_gaussians = size->n_gaussians, c.cap_views = 1;
-  c.cap_width_px = size->width_px, c.cap_height_px = size->height_px;
+  c.n_gaussians = size->n_gaussians;
+  c.cap_views = 1;
+  c.cap_width_px = size->width_px;
+  c.cap_height_px = size->height_px;
   c.n_threads = size->n_threads;
   c.relocate_every = INT_MAX;                    // a step without its rare work
   c.newton.first_steps = c.newton.half_from = 0; // as in long runs
-  c.lr = (sv_learning_rates){1e-25f, 1e-25f, 1e-25f, 1e-25f, 1e-25f, 1e-25f, 1e-25f}; // nothing moves
+  // Nothing moves
+  c.lr = (sv_learning_rates){1e-25f, 1e-25f, 1e-25f, 1e-25f, 1e-25f, 1e-25f, 1e-25f};
   c.cap_recs = 64u * (uint32_t)c.n_gaussians + 40000u; // nothing may be left out of what is timed
   return c;
 }

@@ -70,7 +70,8 @@ static sv_status time_render(sv_bench *b, const sv_pool *pool, const sv_render_o
   return SV_OK;
 }
 
-// The rest of a step, in its order. The projection that time_render left has no records: it renders again.
+// The rest of a step, in its order. The projection that time_render left has no records: it renders
+// again.
 static sv_status time_rest(sv_bench *b, const sv_pool *pool, const sv_render_options *o, job *j, int i,
                            uint32_t *n_touched) {
   sv_trainer *t = j->t;
@@ -100,7 +101,8 @@ static sv_status time_rest(sv_bench *b, const sv_pool *pool, const sv_render_opt
   return SV_OK;
 }
 
-// What remains of a rendering: of its times, as single samples differ by more than this stage takes.
+// What remains of a rendering: of its times, as single samples differ by more than this stage
+// takes.
 static double rest(double render, double raster, double project) {
   double r = render - raster - project;
   return r > 0 ? r : 0;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page's states and controls. Two long connections: the state (server-sent events) and the camera mosaic.
+// The page's states and controls. Two long connections: the state (server-sent events) and the
+// camera mosaic.
 "use strict";
 const $ = (id) => document.getElementById(id);
 const page = { token: location.hash.slice(1), state: null, points: [], model_seq: -1, picture_seq: -1, is_loading: false, is_away: false, started: 0 };
@@ -224,7 +225,8 @@ function away(is) {
     for (const id of ["start", "pause", "save", "new"]) $(id).disabled = true;
   } else $("tiles").src = "/cameras?" + Date.now();
 }
-// Links are of one run: a bookmark of an earlier one is refused, and an event stream does not tell why it ends.
+// Links are of one run: a bookmark of an earlier one is refused, and an event stream does not tell
+// why it ends.
 async function look_for_refusal() {
   try {
     if ((await fetch("/state")).status !== 403) return;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The model by WebGL2: Gaussians as quads, sorted far to near (sorter.js), blended over. The order is the index buffer
-// and the corner is in the vertex number. Places and shapes are one texture, colours another.
+// The model by WebGL2: Gaussians as quads, sorted far to near (sorter.js), blended over. The order
+// is the index buffer and the corner is in the vertex number. Places and shapes are one texture,
+// colours another.
 "use strict";
 class GraphicsPainter {
   // Throws where there is no WebGL2 that is worth it (is_forced: that is there at all).
@@ -85,7 +86,8 @@ class GraphicsPainter {
   }
 }
 
-// EWA projection (Zwicker et al. 2001) as in 3D Gaussian Splatting: cov2d = J R S S R' J' + low-pass.
+// EWA projection (Zwicker et al. 2001) as in 3D Gaussian Splatting: cov2d = J R S S R' J' +
+// low-pass.
 GraphicsPainter.vertex = `#version 300 es
 precision highp float;
 precision highp int;

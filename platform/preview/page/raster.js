@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The same picture as paint.js without a graphics processor: Gaussians near to far, each over the pixels of its ellipse
-// row by row, and none behind what is opaque already.
+// The same picture as paint.js without a graphics processor: Gaussians near to far, each over the
+// pixels of its ellipse row by row, and none behind what is opaque already.
 "use strict";
 let canvas = new Float32Array(0); // r g b and transmittance
 // exp(x) for -8 < x < 8 from a table, to 2e-5 of itself.
@@ -11,8 +11,8 @@ function quick_exp(x) {
   return i >= 0 && i < 16 * EXP_STEPS ? exp_table[i] + (t - i) * (exp_table[i + 1] - exp_table[i]) : Math.exp(x);
 }
 
-// One Gaussian at (px, py) of a covariance (xx, xy, yy) in pixels. Along a row the exponent is quadratic, so its
-// exponential goes on by two multiplications a pixel.
+// One Gaussian at (px, py) of a covariance (xx, xy, yy) in pixels. Along a row the exponent is
+// quadratic, so its exponential goes on by two multiplications a pixel.
 function cover(out, w, h, px, py, xx, xy, yy, rgba, o, opacity) {
   const det = xx * yy - xy * xy, reach2 = 2 * Math.log(255 * opacity), ry = Math.sqrt(reach2 * yy);
   const a = yy / det, b = -xy / det, r = rgba[o], g = rgba[o + 1], blue = rgba[o + 2];
@@ -36,8 +36,8 @@ function cover(out, w, h, px, py, xx, xy, yy, rgba, o, opacity) {
   }
 }
 
-// The model m (sorter.js) over black as RGBA [height][width][4], in EWA projection (Zwicker et al. 2001) as 3D Gaussian
-// Splatting has it.
+// The model m (sorter.js) over black as RGBA [height][width][4], in EWA projection (Zwicker et al.
+// 2001) as 3D Gaussian Splatting has it.
 function raster(m, look) {
   const w = look.width, h = look.height, focal = look.focal, n = w * h;
   const [r0, r1, r2] = [look.right, look.down, look.forward], eye = look.eye;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a model looks like from a place at a time, beside the page's thread: decodes the compact stream
-// (platform/preview/model.c), moves what moves (src/deform/motion.h), turns SH into colours, orders by depth, and either
-// hands all that to WebGL2 (paint.js) or draws it here (raster.js).
+// What a model looks like from a place at a time, beside the page's thread: decodes the compact
+// stream (platform/preview/model.c), moves what moves (src/deform/motion.h), turns SH into colours,
+// orders by depth, and either hands all that to WebGL2 (paint.js) or draws it here (raster.js).
 "use strict";
 importScripts("/raster.js");
 
@@ -13,7 +13,8 @@ for (let i = 0; i < 65536; i++) {
 }
 
 // --- the model ---
-// Rigid bodies (src/deform/bodies.h): centre of each, times of the knots, w x y z and displacement at each knot.
+// Rigid bodies (src/deform/bodies.h): centre of each, times of the knots, w x y z and displacement
+// at each knot.
 function bodies_of(buffer, at, moving, n, knots) {
   if (!n) return null;
   const take = (count) => new Float32Array(buffer, (at += 4 * count) - 4 * count, count);
@@ -52,7 +53,8 @@ function decode(buffer, id) {
 // --- motion: values at a time of the functions that all share ---
 function functions(kind, n, t, t0) {
   const f = new Float64Array(n);
-  if (kind === 2 && n) { // Catmull-Rom; knot k is coefficient k - 1, knot 0 is at rest, outside it goes on straight
+  // Catmull-Rom; knot k is coefficient k - 1, knot 0 is at rest, outside it goes on straight
+  if (kind === 2 && n) {
     const x = Math.min(1, Math.max(0, t)) * n, i = Math.min(Math.floor(x), n - 1), u = x - i, u2 = u * u, u3 = u2 * u;
     const w = [0.5 * (2 * u2 - u3 - u), 0.5 * (3 * u3 - 5 * u2 + 2), 0.5 * (4 * u2 - 3 * u3 + u), 0.5 * (u3 - u2)];
     w.forEach((v, k) => {
@@ -66,7 +68,8 @@ function functions(kind, n, t, t0) {
   return f;
 }
 
-// Lagrange's weights of up to three knots on either side of a time between knots i and i + 1 (src/deform/bodies.c).
+// Lagrange's weights of up to three knots on either side of a time between knots i and i + 1
+// (src/deform/bodies.c).
 function weights(time, i, t) {
   let from = Math.max(i - 2, 0), to = Math.min(i + 3, time.length - 1), w, before = i + 1 - from;
   for (;;) {
@@ -195,7 +198,8 @@ function triangles() {
   return out;
 }
 
-// Two RGBA32UI texels a Gaussian of [0, end): f32 place | f16 scale x y, z and i16 w, x and y, z of the quaternion.
+// Two RGBA32UI texels a Gaussian of [0, end): f32 place | f16 scale x y, z and i16 w, x and y, z of
+// the quaternion.
 function texels(end) {
   const out = new Uint32Array(8 * end), floats = new Float32Array(out.buffer), q = (v) => Math.round(v * 32767) & 65535;
   for (let i = 0, o = 0, h = 0, t = 0; i < end; i++, o += 8, h += 11, t += 4) {

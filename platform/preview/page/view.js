@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The model on the page: camera, fingers, time. sorter.js sees it from there, paint.js draws it where there is a graphics
-// processor; where graphics are done in software sorter.js draws it itself, which is faster. ?draw=gl and ?draw=flat
-// choose. Axes are the camera's: x right, y down, z forward.
+// The model on the page: camera, fingers, time. sorter.js sees it from there, paint.js draws it
+// where there is a graphics processor; where graphics are done in software sorter.js draws it
+// itself, which is faster. ?draw=gl and ?draw=flat choose. Axes are the camera's: x right, y down,
+// z forward.
 "use strict";
 class SplatView {
   constructor(canvas) {
@@ -13,7 +14,8 @@ class SplatView {
     try {
       this.graphics = wanted === "flat" ? null : new GraphicsPainter(canvas, wanted === "gl");
     } catch (e) {
-      if (canvas.getContext("2d") === null) canvas = this.replace_canvas(); // a context that was refused late stays
+      // A context that was refused late stays
+      if (canvas.getContext("2d") === null) canvas = this.replace_canvas();
       this.graphics = null;
     }
     this.plane = this.graphics ? null : this.canvas.getContext("2d");
@@ -40,7 +42,8 @@ class SplatView {
     this.n = n, this.step = u(2), this.is_mip = u(4), this.dilation = head.getFloat32(48, true), this.model++;
     this.clip = u(8) ? { first: f(11), last: f(12), seconds: f(13) } : null;
     const home = { target: [f(0), f(1), f(2)], radius: f(3), eye: [f(4), f(5), f(6)], up: [f(7), f(8), f(9)], fov: f(10) };
-    this.sorter.postMessage({ buffer, model: this.model }, [buffer]); // which takes it away from here
+    // Which takes it away from here
+    this.sorter.postMessage({ buffer, model: this.model }, [buffer]);
     const is_other = !this.home || home.target.some((v, i) => Math.abs(v - this.home.target[i]) > 1e-3 * home.radius);
     this.home = home;
     if (!this.camera || is_other) this.reset();
