@@ -40,11 +40,11 @@ static double median(double *x, size_t n) {
 TEST(test_step) {
   enum { N = 61 };
   double ms[N];
-  if (!world_open(&w, "textured,rig=stereo,size=320x240", 4, ~0u, 2)) fail_msg("%s", w.err.text);
+  world_open_well(&w, "textured,rig=stereo,size=320x240", 4, ~0u, 2);
   w.cfg.train.n_gaussians = 20000;
   w.cfg.train.start_scale = 1; // whole pictures from the start
   w.cfg.steps = 40;            // the scene takes shape
-  if (world_run(&w) < 0) fail_msg("%s", w.err.text);
+  world_run_well(&w);
   for (int i = 0; i < N; i++) {
     sv_step_stats st;
     double t = now_ms();
@@ -66,7 +66,7 @@ TEST(test_step) {
 TEST(test_frame) {
   enum { N = 41 };
   double ms[N];
-  if (!world_open(&w, "textured,rig=mono,size=320x240", 8, ~0u, 1)) fail_msg("%s", w.err.text);
+  world_open_well(&w, "textured,rig=mono,size=320x240", 8, ~0u, 1);
   sv_source *src = &w.inner.source;
   assert_int_equal(src->start(src->self), SV_OK);
   for (int i = 0; i < N; i++) {
@@ -92,7 +92,7 @@ TEST(test_mjpeg) {
   sv_codec_cfg cfg = {W, H, false};
   sv_arena a = sv_arena_make(block, sizeof block);
   sv_picture picture = {W, H, W * 3, SV_PIX_RGB8, rgb};
-  if (!world_open(&w, "textured,size=640x480", 1, ~0u, 1)) fail_msg("%s", w.err.text);
+  world_open_well(&w, "textured,size=640x480", 1, ~0u, 1);
   assert_int_equal(sv_codec_init(&codec, &cfg, &a), SV_OK);
   for (int i = 0; i < N_PICTURES; i++) {
     sv_view v;

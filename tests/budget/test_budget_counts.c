@@ -153,8 +153,8 @@ TEST(test_worse_is_red) {
   assert_int_equal(counts_compare(&was, &is, text, sizeof text), 0);
   is.row[0].instructions = 1031000;
   assert_int_equal(counts_compare(&was, &is, text, sizeof text), 1);
-  assert_non_null(strstr(text, "sv_raster_avx2: 1031000 instructions, 3.1 % more"));
-  assert_non_null(strstr(text, "make accept-counts"));
+  assert_contains(text, "sv_raster_avx2: 1031000 instructions, 3.1 % more");
+  assert_contains(text, "make accept-counts");
   is.row[0].instructions = is.row[1].instructions = 9000000;
   assert_int_equal(counts_compare(&was, &is, text, 20), 2); // more than the text holds
   snprintf(is.row[0].function, sizeof is.row[0].function, "sv_new_avx2");
@@ -168,7 +168,7 @@ TEST(test_record) {
   assert_int_equal(temp_folder_make(folder, sizeof folder, "counts"), 0);
   snprintf(path, sizeof path, "%s/counts.csv", folder);
   assert_false(counts_read(&b, path, text, sizeof text));
-  assert_non_null(strstr(text, "make accept-counts"));
+  assert_contains(text, "make accept-counts");
   assert_true(counts_write(&a, path) && counts_read(&b, path, text, sizeof text));
   assert_int_equal(b.n_rows, 1);
   assert_string_equal(b.compiler, a.compiler);
@@ -177,7 +177,7 @@ TEST(test_record) {
   fputs("avx2,sv_adam_avx2\n", f);
   fclose(f);
   assert_false(counts_read(&b, path, text, sizeof text));
-  assert_non_null(strstr(text, "line 6"));
+  assert_contains(text, "line 6");
   f = fopen(path, "w");
   fputs("events: Ir\nfl=x.c\nfn=sv_adam_avx2\n0 70\ncfn=memset\ncalls=3 0\n0 30\nfn=helper\n0 "
         "9\nfn=sv_adam_avx2\n0 1\n",

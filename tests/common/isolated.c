@@ -61,7 +61,7 @@ static void save(isolated *s, const char *path, const sv_footprint *f, const uin
       }
       b.u16[y * w + x] = measured(v);
     }
-  if (sv_bitmap_write_png(path, &b, &err) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(sv_bitmap_write_png(path, &b, &err), &err);
   free(b.u16);
 }
 
@@ -90,12 +90,12 @@ void isolated_open(isolated *s, const char *spec, bool is_flat, int n_exposures)
   const char *tmp = getenv("TMPDIR");
   char path[SV_CAP_PATH], name[80];
   sv_sim_config cfg;
-  if (sv_sim_parse(&cfg, spec, &err) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(sv_sim_parse(&cfg, spec, &err), &err);
   size_t n_bytes = sv_sim_bytes(&cfg) + 4096;
   s->block = malloc(n_bytes), s->is_flat = is_flat, s->n_saved = 0;
   make_tables();
   sv_arena arena = sv_arena_make(s->block, n_bytes);
-  if (sv_sim_init(&s->sim, &cfg, &arena, &err) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(sv_sim_init(&s->sim, &cfg, &arena, &err), &err);
   snprintf(s->folder, sizeof s->folder, "%s/subview-lenslets-%ld", tmp ? tmp : "/tmp", (long)getpid());
   join(s->white, s->folder, "white"), join(s->isolated, s->folder, "isolated"),
       join(s->out, s->folder, "rig");
@@ -126,7 +126,7 @@ void isolated_read_rig(isolated *s, sv_rig *rig, sv_arena *a, sv_arena *scratch)
   assert_int_equal(sv_rig_init(rig, 64, a), SV_OK);
   if (sv_rig_read_coverage(rig, &names, &files, "rig.json", 1, scratch, &err) != SV_OK)
     fail_msg("%s", err.text);
-  if (sv_coverage_load(s->out, rig, &names, &err) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(sv_coverage_load(s->out, rig, &names, &err), &err);
 }
 
 isolated_errors isolated_compare(const sv_rig *rig, const sv_rig *want) {

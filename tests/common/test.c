@@ -37,7 +37,7 @@ void assert_psnr_at(double got_db, double least_db, const char *what, const char
 }
 
 void assert_ok_at(sv_status s, const char *message, const char *what, const char *file, int line) {
-  if (s >= 0) return;
+  if (s == SV_OK) return;
   print_error("%s: %s: %s\n", what, sv_status_name(s), message);
   _fail(file, line);
 }

@@ -7,6 +7,7 @@
 
 #include "src/format/rig_file.h"
 #include "src/metric/metric.h"
+#include "tests/common/test.h"
 
 #define BLOCK_BYTES ((size_t)96 << 20)
 
@@ -342,5 +343,28 @@ double world_heldout_psnr(world *w, int n) {
     if (sv_driver_mse(&w->app.trainer, &v, truth, &mse) < 0) return -1;
     psnr += sv_psnr_of_mse(mse) / n;
   }
+  return psnr;
+}
+
+void world_open_well(world *w, const char *spec, int n_exposures, uint32_t isa_mask, int n_threads) {
+  if (!world_open(w, spec, n_exposures, isa_mask, n_threads)) fail_msg("%s: %s", spec, w->err.text);
+}
+
+void world_run_well(world *w) {
+  if (world_run(w) < 0) fail_msg("%s: %s", w->cfg.source_name, w->err.text);
+  assert_int_equal(w->app.state, SV_APP_DONE);
+}
+
+sv_train_stats world_stats(const world *w) {
+  sv_train_stats s;
+  sv_train_get_stats(&w->app.trainer, &s);
+  return s;
+}
+
+uint64_t world_digest(const world *w) { return sv_train_digest(&w->app.trainer); }
+
+double world_training_psnr(world *w) {
+  double psnr;
+  assert_int_equal(sv_driver_training_psnr(&w->app.trainer, &psnr), SV_OK);
   return psnr;
 }

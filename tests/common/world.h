@@ -9,6 +9,7 @@
 #include "platform/replay/replay.h"
 #include "platform/sim/sim.h"
 #include "src/run/app.h"
+#include "src/train/train_stats.h"
 
 #define WORLD_CAP_FILES 8
 #define WORLD_CAP_FILE  (6u << 20)
@@ -106,5 +107,13 @@ bool world_has_line(const world *w, const char *text);
 size_t world_app_bytes(world *w);
 // Mean PSNR over n held-out views of the simulator.
 double world_heldout_psnr(world *w, int n);
+
+// The same as without _well, but a failure fails the test with its message; after run_well the app is done.
+void world_open_well(world *w, const char *spec, int n_exposures, uint32_t isa_mask, int n_threads);
+void world_run_well(world *w);
+// What the trainer has done, the digest of its parameters, and the PSNR of the images that it trains on.
+sv_train_stats world_stats(const world *w);
+uint64_t world_digest(const world *w);
+double world_training_psnr(world *w);
 
 #endif

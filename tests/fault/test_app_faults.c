@@ -66,7 +66,7 @@ static void open_run(void) {
   const char *spec = is_aligned ? "textured,rig=stereo,size=32x24,skew_us=900,rate_ppm=200"
                                 : "textured,rig=stereo,size=32x24,skew_us=900";
   if (kind_of_run == WORLD_DECODE) open_cameras();
-  else if (!world_open(&w, spec, is_aligned ? 60 : 3, ~0u, 1)) fail_msg("%s", w.err.text);
+  else world_open_well(&w, spec, is_aligned ? 60 : 3, ~0u, 1);
   if (is_aligned) w.cfg.sync_method = SV_SYNC_METHOD_FRAME_LENGTH;
   if (kind_of_run == WORLD_TRIGGER) w.cfg.sync_method = SV_SYNC_METHOD_TRIGGER;
   if (kind_of_run == WORLD_WORKER) {
@@ -139,7 +139,7 @@ static void check_state(sv_status s) {
   assert_int_equal(w.n_out, w.n_back);
   assert_false(w.app.queue.is_running || w.app.capture.is_running || w.app.capture.has_worker);
   assert_int_equal(w.app.state, state == SAFE ? SV_APP_FAILED : SV_APP_DONE);
-  if (state == RUN) assert_int_equal(w.app.trainer.step, w.cfg.steps);
+  if (state == RUN) assert_int_equal(world_stats(&w).step, w.cfg.steps);
   n_ended[state]++;
   for (int i = 0; i < w.cfg.n_cameras; i++) {
     const sv_ledger *l = sv_sync_ledger(&w.app.queue.sync, i);
@@ -162,7 +162,7 @@ static bool run_with(world_call c, long at, bool is_lasting) {
   bool was_hit = w.fault.was_hit;
   if (!was_hit) {
     assert_int_equal(s, SV_OK);
-    if (kind_of_run == WORLD_N_CALLS) assert_true(sv_train_digest(&w.app.trainer) == whole_digest);
+    if (kind_of_run == WORLD_N_CALLS) assert_true(world_digest(&w) == whole_digest);
   } else if (s < 0) {
     if (!is_one_sentence(w.err.text)) fail_msg("%s, call %ld: \"%s\"", world_call_name(c), at, w.err.text);
     assert_int_equal(w.err.status, s);
@@ -195,8 +195,7 @@ static void fail_each(world_call c) {
       if (at % 7 == 1) {
         open_run();
         if (run_and_report() < 0) fail_msg("after %s %ld: %s", world_call_name(c), at, w.err.text);
-        if (c >= WORLD_BEGIN && kind_of_run == WORLD_N_CALLS)
-          assert_true(sv_train_digest(&w.app.trainer) == whole_digest);
+        if (c >= WORLD_BEGIN && kind_of_run == WORLD_N_CALLS) assert_true(world_digest(&w) == whole_digest);
         world_close(&w);
       }
       at++;
@@ -239,7 +238,7 @@ FIXTURE(setup) {
   make_old_files();
   open_run();
   if (run_and_report() < 0) return -1;
-  whole_digest = sv_train_digest(&w.app.trainer);
+  whole_digest = world_digest(&w);
   world_close(&w);
   return 0;
 }

@@ -35,11 +35,11 @@ static sv_ns now_ns(void *self) {
     if (n_seen <= N_PART) first_sum += psnr;
     if ((int)n_seen > n_exposures - N_PART && (int)n_seen <= n_exposures) last_sum += psnr;
   }
-  return w.machine_ns + step_ns * (sv_ns)w.app.trainer.step + 1000 * n_readings++;
+  return w.machine_ns + step_ns * (sv_ns)world_stats(&w).step + 1000 * n_readings++;
 }
 
 static void open_live(const char *spec, int n_ring, double exposure_s, int steps_each) {
-  if (!world_open(&w, spec, n_ring, ~0u, 1)) fail_msg("%s", w.err.text);
+  world_open_well(&w, spec, n_ring, ~0u, 1);
   w.cfg.is_dynamic = w.cfg.is_continuous = true;
   w.cfg.exposure_s = exposure_s;
   w.cfg.steps = (uint32_t)((n_exposures + 2) * steps_each);
@@ -50,9 +50,9 @@ static void open_live(const char *spec, int n_ring, double exposure_s, int steps
 }
 
 static void run_flat(void) {
-  if (world_init(&w) < 0) fail_msg("%s", w.err.text); // seals
+  assert_ok(world_init(&w), &w.err); // seals
   const size_t used = w.arena.used_bytes, high = w.arena.high_bytes;
-  const int n = w.app.trainer.g.n;
+  const int n = world_stats(&w).n_gaussians;
   sv_heap_arm();
   sv_status s = sv_app_run(&w.app, &w.err);
   sv_heap_disarm();
@@ -63,14 +63,14 @@ static void run_flat(void) {
       "%d exposures, newest %.2f dB, the first %d %.2f dB, the last %.2f dB; %d of %d Gaussians move, %u "
       "renewed; %llu frames = %llu delivered + %llu dropped; %zu bytes before and after\n",
       (int)n_seen, w.app.moving.psnr_sum / (double)w.app.moving.n_scored, N_PART, first_sum / N_PART,
-      last_sum / N_PART, sv_deform_n_moving(&w.app.trainer.deform), n, w.app.trainer.n_renewed,
+      last_sum / N_PART, world_stats(&w).n_moving, n, world_stats(&w).n_renewed,
       (unsigned long long)l.captured, (unsigned long long)l.delivered,
       (unsigned long long)sv_ledger_dropped(&l), used);
   assert_int_equal(sv_heap_count(), 0);
   assert_true(w.arena.used_bytes == used && w.arena.high_bytes == high && w.arena.is_sealed);
   assert_true((int)n_seen >= n_exposures && w.app.moving.n_scored == w.app.exposures.n_replaced);
   assert_true(sv_ledger_is_exact(&l) && l.pending == 0);
-  assert_int_equal(w.app.trainer.g.n, n);
+  assert_int_equal(world_stats(&w).n_gaussians, n);
 }
 
 static void skip_under_emulation(void) {
@@ -93,12 +93,12 @@ TEST(five_hundred_exposures) {
 
 static double clip_psnr(const char *spec, int n_gaussians, int n_bodies) {
   double psnr;
-  if (!world_open(&w, spec, N_CLIP, ~0u, 1)) fail_msg("%s", w.err.text);
+  world_open_well(&w, spec, N_CLIP, ~0u, 1);
   w.cfg.is_dynamic = true;
   w.cfg.train.n_gaussians = n_gaussians;
   w.cfg.train.dynamic.n_bodies = n_bodies;
   w.cfg.steps = CLIP_STEPS;
-  if (world_run(&w) < 0) fail_msg("%s", w.err.text);
+  world_run_well(&w);
   assert_int_equal(sv_driver_training_psnr(&w.app.trainer, &psnr), SV_OK);
   world_close(&w);
   return psnr;

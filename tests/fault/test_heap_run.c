@@ -70,7 +70,7 @@ static void run_with(const char *sim, int n_threads, sv_prior_method prior) {
   w.cfg.save_every_s = 0.02;
   w.cfg.is_resume = true;
   n_pictures = 0;
-  if (world_init(&w) < 0) fail_msg("%s", w.err.text); // seals
+  assert_ok(world_init(&w), &w.err); // seals
   assert_true(w.arena.is_sealed);
   double psnr = 0;
   sv_heap_arm();
@@ -87,7 +87,7 @@ static void run_with(const char *sim, int n_threads, sv_prior_method prior) {
   assert_true(sv_feed_seq(&feed, SV_FEED_STATE) >= 3);
   assert_true(sv_feed_seq(&feed, SV_FEED_PICTURE) >= 2);
   assert_int_equal(w.app.exposures.n, 4);
-  assert_int_equal(w.app.trainer.step, 150);
+  assert_int_equal(world_stats(&w).step, 150);
   void *late = sv_arena_take(&w.arena, 1, 1); // the arena says no, too
   assert_null(late);
   assert_int_equal(w.arena.status, SV_E_SEALED);

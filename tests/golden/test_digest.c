@@ -31,16 +31,16 @@ typedef struct {
 // SH of degree 2 and relocation take part in both lengths, unless the run is a calm one.
 static outcome run(uint32_t isa_mask, int n_threads, uint32_t steps, int n_exposures, const char *spec,
                    bool is_calm) {
-  if (!world_open(&w, spec, n_exposures, isa_mask, n_threads)) fail_msg("%s", w.err.text);
+  world_open_well(&w, spec, n_exposures, isa_mask, n_threads);
   w.cfg.train.n_gaussians = 1500;
   w.cfg.train.sh_degree = 2;
   w.cfg.train.relocate_every = 5;
   if (!is_calm) w.cfg.train.lr.logit = 0.3f; // fades what is not needed within a few steps
   w.cfg.steps = steps;
-  if (world_run(&w) < 0) fail_msg("%s", w.err.text);
-  assert_int_equal(w.app.trainer.step, steps);
-  assert_true(is_calm || w.app.trainer.n_relocated > 0);
-  outcome o = {sv_train_digest(&w.app.trainer), w.app.driver.last.loss};
+  world_run_well(&w);
+  assert_int_equal(world_stats(&w).step, steps);
+  assert_true(is_calm || world_stats(&w).n_relocated > 0);
+  outcome o = {world_digest(&w), w.app.driver.last.loss};
   world_close(&w);
   return o;
 }
@@ -53,17 +53,11 @@ static outcome run_short(uint32_t mask, int n_threads) {
   return run(mask, n_threads, SHORT_STEPS, 3, SHORT_SPEC, false);
 }
 
-static void expect(uint64_t digest, uint64_t expected, const char *what) {
-  if (digest != expected)
-    fail_msg("%s: digest 0x%016llxull, expected 0x%016llxull", what, (unsigned long long)digest,
-             (unsigned long long)expected);
-}
-
 TEST(test_threads) {
   for (int n = 1; n <= 4; n *= 2) {
     char what[32];
     snprintf(what, sizeof what, "short run, %d threads", n);
-    expect(run_short(~0u, n).digest, SHORT_DIGEST, what);
+    assert_digest(run_short(~0u, n).digest, SHORT_DIGEST, what);
   }
 }
 
@@ -74,7 +68,7 @@ TEST(test_instruction_sets) {
     outcome o = run_short(sv_isa_only((sv_isa)isa), 2);
     print_message("%s: digest %016llx, loss %.6f\n", sv_isa_name((sv_isa)isa), (unsigned long long)o.digest,
                   o.loss);
-    expect(o.digest, SHORT_DIGEST, sv_isa_name((sv_isa)isa));
+    assert_digest(o.digest, SHORT_DIGEST, sv_isa_name((sv_isa)isa));
   }
 }
 
@@ -97,11 +91,11 @@ TEST(test_long_run) {
     print_message("skip the long run: it takes minutes under a sanitizer and under emulation\n");
     skip();
   }
-  expect(run(~0u, 2, LONG_STEPS, 4, LONG_SPEC, false).digest, LONG_DIGEST, "long run, 2 threads");
-  expect(run(~0u, 1, LONG_STEPS, 4, LONG_SPEC, false).digest, LONG_DIGEST, "long run, 1 thread");
+  assert_digest(run(~0u, 2, LONG_STEPS, 4, LONG_SPEC, false).digest, LONG_DIGEST, "long run, 2 threads");
+  assert_digest(run(~0u, 1, LONG_STEPS, 4, LONG_SPEC, false).digest, LONG_DIGEST, "long run, 1 thread");
   if (sv_cpu_isas() & SV_ISA_BIT(SV_ISA_AVX512)) // then the runs above were AVX-512
-    expect(run(sv_isa_only(SV_ISA_AVX2), 4, LONG_STEPS, 4, LONG_SPEC, false).digest, LONG_DIGEST,
-           "long run, AVX2");
+    assert_digest(run(sv_isa_only(SV_ISA_AVX2), 4, LONG_STEPS, 4, LONG_SPEC, false).digest, LONG_DIGEST,
+                  "long run, AVX2");
 }
 
 int main(void) {

@@ -14,9 +14,8 @@ static world w;
 
 // Odd sizes, noise, total variation of lens images and of unseen views, relocation: everything takes part.
 static void expect(uint32_t isa_mask, int n_threads, const char *what) {
-  if (!world_open(&w, "textured,rig=multiplexed,grid=2x3,size=100x76,noise=read:1e-4:shot:1e-3", 2, isa_mask,
-                  n_threads))
-    fail_msg("%s", w.err.text);
+  world_open_well(&w, "textured,rig=multiplexed,grid=2x3,size=100x76,noise=read:1e-4:shot:1e-3", 2, isa_mask,
+                  n_threads);
   sv_train_cfg *t = &w.cfg.train;
   t->n_gaussians = 600;
   t->sh_degree = 2;
@@ -26,10 +25,10 @@ static void expect(uint32_t isa_mask, int n_threads, const char *what) {
   t->weight_tv = 0.02f;
   t->n_unseen = 1, t->unseen_every = 3, t->unseen_px = 24, t->weight_tv_unseen = 0.05f;
   w.cfg.steps = STEPS;
-  if (world_run(&w) < 0) fail_msg("%s", w.err.text);
-  assert_int_equal(w.app.trainer.step, STEPS);
-  assert_true(w.app.trainer.n_relocated > 0);
-  uint64_t digest = sv_train_digest(&w.app.trainer);
+  world_run_well(&w);
+  assert_int_equal(world_stats(&w).step, STEPS);
+  assert_true(world_stats(&w).n_relocated > 0);
+  uint64_t digest = world_digest(&w);
   world_close(&w);
   if (digest != DIGEST)
     fail_msg("%s: digest 0x%016llxull, expected 0x%016llxull", what, (unsigned long long)digest,

@@ -75,7 +75,7 @@ static void open_training(sv_train_cfg cfg, bool is_measurement) {
   sv_view view = view_from(0);
   sv_image_u8 im = {picture, W, H, 3, W * 3};
   if (is_measurement) add_measurement(&err);
-  else if (sv_train_add_view(&t, &view, &im, &err) < 0) fail_msg("%s", err.text);
+  else assert_ok(sv_train_add_view(&t, &view, &im, &err), &err);
   sv_arena scratch = sv_arena_sub(&a, 1 << 20);
   sv_init_cfg init = {.kind = SV_INIT_SPHERE, .radius = 1, .opacity = 0.5f, .scale_factor = 1, .seed = 1};
   assert_int_equal(sv_train_start(&t, &init, NULL, 0, &scratch), SV_OK);

@@ -52,11 +52,11 @@ static void make_lenses(void) {
 static sv_multiplexed make_measurement(bool is_linear) {
   make_lenses();
   return (sv_multiplexed){.width_px = W,
-                        .height_px = H,
-                        .n_lenses = N_LENSES,
-                        .lenses = lens,
-                        .max_overlap = sv_multiplexed_max_overlap(lens, N_LENSES, W, H, row),
-                        .is_linear = is_linear};
+                          .height_px = H,
+                          .n_lenses = N_LENSES,
+                          .lenses = lens,
+                          .max_overlap = sv_multiplexed_max_overlap(lens, N_LENSES, W, H, row),
+                          .is_linear = is_linear};
 }
 
 static double weight(const sv_lens *l, int x, int y) { // of a sensor pixel
@@ -376,7 +376,7 @@ static void open_training(const sv_multiplexed *c, const sv_kernels *k, const sv
   if (sv_trainer_init(&t, &cfg, (sv_compute){k, pool}, &a, &err) < 0) fail_msg("%s", err.text);
   // The nearest and the farthest value there are: the absolute difference does not bend in between.
   for (int i = 0; i < 3 * W * H; i++) measured[i] = i / 40 % 2 ? 65535 : 0;
-  if (sv_train_add_measurement(&t, c, measured, &err) < 0) fail_msg("%s", err.text);
+  assert_ok(sv_train_add_measurement(&t, c, measured, &err), &err);
   step_gradient_start(&t, 0.9f, &a);
 }
 

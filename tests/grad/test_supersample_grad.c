@@ -33,7 +33,7 @@ static void open_training(const sv_kernels *k, const sv_pool *pool, sv_train_cfg
     assert_true(sv_pose_look_at(&pose, eye, at, up));
     sv_view view = sv_view_make(W, H, 40, 41, 18, 13.5, &pose);
     sv_image_u8 im = {picture[i], W, H, 3, W * 3};
-    if (sv_train_add_view(&t, &view, &im, &err) < 0) fail_msg("%s", err.text);
+    assert_ok(sv_train_add_view(&t, &view, &im, &err), &err);
   }
   step_gradient_start(&t, log_scale, &a);
 }
@@ -164,7 +164,7 @@ TEST(test_too_large) {
   sv_kernels_init(&k, ~0u);
   cfg.cap_width_px = 9000;
   assert_int_equal(sv_trainer_init(&t, &cfg, (sv_compute){&k, &pool}, &a, &err), SV_E_ARG);
-  assert_non_null(strstr(err.text, "9000x480"));
+  assert_contains(err.text, "9000x480");
 }
 
 int main(void) {

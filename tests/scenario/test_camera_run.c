@@ -33,9 +33,8 @@ static void open_cameras(const char *options, bool is_tiled) {
   sv_v4l2_sys sys = fake_v4l2_sys(&fake);
   sv_clock clock = fake_v4l2_clock(&fake);
   fake_v4l2_init(&fake, 2);
-  if (!world_open(&w, is_tiled ? "textured,rig=stereo,size=32x48" : "textured,rig=stereo,size=64x48", 6, ~0u,
-                  2))
-    fail_msg("%s", w.err.text);
+  world_open_well(&w, is_tiled ? "textured,rig=stereo,size=32x48" : "textured,rig=stereo,size=64x48", 6, ~0u,
+                  2);
   sv_fmt(spec, sizeof spec, "%s%s", is_tiled ? "/dev/video0" : "/dev/video0,/dev/video1", options);
   if (sv_camera_parse("v4l2", spec, &o, &w.err) < 0 ||
       sv_v4l2_init(&v4l2, &o, &sys, &clock, &arena, &w.err) < 0)
@@ -64,7 +63,7 @@ static void close_cameras(void) {
 static void must_run(void) {
   if (world_init(&w) < 0 || sv_app_run(&w.app, &w.err) < 0) fail_msg("%s", w.err.text);
   assert_int_equal(w.app.exposures.n, 6);
-  assert_int_equal(w.app.trainer.step, 5);
+  assert_int_equal(world_stats(&w).step, 5);
   for (int i = 0; i < 2; i++) assert_true(sv_ledger_is_exact(sv_sync_ledger(&w.app.queue.sync, i)));
 }
 

@@ -48,7 +48,7 @@ static sv_bitmap picture(const char *name) {
   sv_err err = {0};
   sv_bitmap b;
   snprintf(path, sizeof path, "%s/%s", shell.root, name);
-  if (sv_bitmap_read(path, &b, &err) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(sv_bitmap_read(path, &b, &err), &err);
   return b;
 }
 
@@ -89,7 +89,7 @@ TEST(test_psnr) {
   double of_view[2], mean[2];
   lab_shell_need(&shell);
   make_sheet();
-  assert_non_null(strstr(shell.said, "first"));
+  assert_contains(shell.said, "first");
   for (int i = 0; i < 2; i++) { // "r_006  A  B"
     char *p = strstr(shell.said, i ? "mean of 8 views" : "r_006"), *end;
     assert_non_null(p);
@@ -112,8 +112,8 @@ TEST(test_psnr) {
 TEST(test_defaults) {
   lab_shell_need(&shell);
   run_well("@ compare --data s --model a/model.ply --views 50 --split train --out all.png");
-  assert_non_null(strstr(shell.said, " a\n"));
-  assert_non_null(strstr(shell.said, "mean of 4 views"));
+  assert_contains(shell.said, " a\n");
+  assert_contains(shell.said, "mean of 4 views");
 }
 
 static void refuses(const char *line, int code, const char *sentence) {
@@ -169,10 +169,10 @@ TEST(test_turntable) {
   assert_int_equal(b.height_px, 30);
   sv_bitmap_free(&b);
   if (!lab_animation_is_built()) {
-    assert_non_null(strstr(shell.said, "built without libwebp"));
+    assert_contains(shell.said, "built without libwebp");
     return;
   }
-  assert_non_null(strstr(shell.said, "animation: o/orbit.webp"));
+  assert_contains(shell.said, "animation: o/orbit.webp");
 #if HAS_DEMUX
   must_play("o/orbit.webp", 7, 40, 30);
 #else

@@ -21,12 +21,12 @@ typedef struct {
 
 static quality reconstruct(const sv_rig *rig) {
   quality q;
-  if (!world_open(&w, SPEC, 3, ~0u, 2)) fail_msg("%s", w.err.text);
+  world_open_well(&w, SPEC, 3, ~0u, 2);
   if (rig) w.cfg.rig = rig;
   w.cfg.train.n_gaussians = 3000;
   w.cfg.train.region_px = 96;
   w.cfg.steps = 400;
-  if (world_run(&w) < 0) fail_msg("%s", w.err.text);
+  world_run_well(&w);
   q.held_out = world_heldout_psnr(&w, 8);
   assert_int_equal(sv_driver_training_psnr(&w.app.trainer, &q.measured), SV_OK);
   world_close(&w);

@@ -9,15 +9,14 @@
 static world w;
 
 static void open_live(const char *spec, int n_exposures) {
-  if (!world_open(&w, spec, n_exposures, ~0u, 2)) fail_msg("%s: %s", spec, w.err.text);
+  world_open_well(&w, spec, n_exposures, ~0u, 2);
   w.cfg.train.n_gaussians = 200;
   w.cfg.is_continuous = true;
   w.cfg.preview_every_s = 0.2;
 }
 
 static void run_well(void) {
-  if (world_run(&w) < 0) fail_msg("%s: %s", w.cfg.source_name, w.err.text);
-  assert_int_equal(w.app.state, SV_APP_DONE);
+  world_run_well(&w);
   assert_int_equal(w.n_out, w.n_back);
   for (int i = 0; i < w.cfg.n_cameras; i++) {
     const sv_ledger *l = sv_sync_ledger(&w.app.queue.sync, i);
@@ -30,8 +29,8 @@ static void run_well(void) {
 static void check_views(void) {
   static uint8_t rgb[64 * 48 * 3];
   int n_sub = w.cfg.rig->n_sub_views;
-  assert_int_equal(w.app.trainer.n_views, w.app.exposures.n * n_sub);
-  for (int i = 0; i < w.app.trainer.n_views; i++) {
+  assert_int_equal(world_stats(&w).n_views, w.app.exposures.n * n_sub);
+  for (int i = 0; i < world_stats(&w).n_views; i++) {
     const sv_train_view *tv = &w.app.trainer.views[i];
     const sv_exposure *e = &w.app.exposures.exposure[i / n_sub];
     sv_image_u8 image;
@@ -57,11 +56,11 @@ TEST(in_turns_on_the_virtual_clock) {
   w.cfg.steps = 200;
   run_well();
   print_message("%llu exposures replaced in %u steps, %d pictures published\n",
-                (unsigned long long)w.app.exposures.n_replaced, w.app.trainer.step, w.n_images);
+                (unsigned long long)w.app.exposures.n_replaced, world_stats(&w).step, w.n_images);
   assert_true(w.app.exposures.n_replaced >= 20);
   assert_true(w.app.exposures.exposure[0].id >= 20); // the newest ones
   assert_true(w.n_images >= 3);
-  assert_int_equal(w.app.trainer.step, 200);
+  assert_int_equal(world_stats(&w).step, 200);
   assert_true(has_live_line("capture  ", " | right 30.0 fps "));
   assert_true(
       has_live_line("train  ", " | left 30.0 fps +0.000 ms dropped ")); // the cameras, while it trains
@@ -92,8 +91,8 @@ TEST(with_a_thread) {
   w.cfg.steps = 150;
   run_well();
   print_message("%llu exposures replaced in %u steps\n", (unsigned long long)w.app.exposures.n_replaced,
-                w.app.trainer.step);
-  assert_int_equal(w.app.trainer.step, 150);
+                world_stats(&w).step);
+  assert_int_equal(world_stats(&w).step, 150);
   check_views();
   world_close(&w);
 }
@@ -109,7 +108,7 @@ TEST(cameras_that_go) {
     w.machine_tick_ns = 4 * SV_NS_PER_MS;
     w.cfg.steps = 100;
     run_well();
-    assert_int_equal(w.app.trainer.step, 100);
+    assert_int_equal(world_stats(&w).step, 100);
     check_views();
     world_close(&w);
   }

@@ -69,9 +69,9 @@ TEST(test_groff) {
     assert_string_equal(output(command), "");
     snprintf(command, sizeof command, "sed 's/.\\x08//g' '%s/out'", root);
     const char *text = output(command);
-    assert_non_null(strstr(text, "SYNOPSIS"));
-    assert_non_null(strstr(text, "SEE ALSO"));
-    assert_null(strstr(text, "\\&"));
+    assert_contains(text, "SYNOPSIS");
+    assert_contains(text, "SEE ALSO");
+    assert_not_contains(text, "\\&");
   }
 }
 

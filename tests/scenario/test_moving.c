@@ -13,16 +13,10 @@
 static world w;
 
 static void open_world(int n_exposures, int n_threads) {
-  if (!world_open(&w, SPEC, n_exposures, ~0u, n_threads)) fail_msg("%s", w.err.text);
+  world_open_well(&w, SPEC, n_exposures, ~0u, n_threads);
   w.cfg.train.n_gaussians = 1200;
   w.cfg.train.sh_degree = 0;
   w.cfg.steps = STEPS;
-}
-
-static double training_psnr(void) {
-  double psnr;
-  assert_int_equal(sv_driver_training_psnr(&w.app.trainer, &psnr), SV_OK);
-  return psnr;
 }
 
 TEST(test_clip_beats_still) {
@@ -31,17 +25,17 @@ TEST(test_clip_beats_still) {
   for (int i = 0; i < 2; i++) {
     open_world(10, 2);
     w.cfg.is_dynamic = i;
-    if (world_run(&w) < 0) fail_msg("%s", w.err.text);
-    psnr[i] = training_psnr();
+    world_run_well(&w);
+    psnr[i] = world_training_psnr(&w);
     assert_true((world_find(&w, "motion.bin") != NULL) == (i == 1));
-    digest[0] = sv_train_digest(&w.app.trainer);
+    digest[0] = world_digest(&w);
     world_close(&w);
     world_forget_files(&w);
   }
   open_world(10, 1);
   w.cfg.is_dynamic = true;
-  if (world_run(&w) < 0) fail_msg("%s", w.err.text);
-  digest[1] = sv_train_digest(&w.app.trainer);
+  world_run_well(&w);
+  digest[1] = world_digest(&w);
   world_close(&w);
   world_forget_files(&w);
   print_message("clip: %.2f dB, taken as still %.2f dB\n", psnr[1], psnr[0]);
@@ -55,7 +49,7 @@ TEST(test_live) {
   w.cfg.is_dynamic = w.cfg.is_continuous = true;
   w.cfg.exposure_s = 0.3;
   w.cfg.steps = 900;
-  if (world_init(&w) < 0) fail_msg("%s", w.err.text);
+  assert_ok(world_init(&w), &w.err);
   size_t high = w.arena.high_bytes;
   if (sv_app_run(&w.app, &w.err) < 0) fail_msg("%s", w.err.text);
   assert_true(w.arena.high_bytes == high && w.arena.is_sealed);
@@ -65,7 +59,7 @@ TEST(test_live) {
                 (int)l.captured, (int)sv_ledger_dropped(&l));
   assert_true(sv_ledger_is_exact(&l) && sv_ledger_dropped(&l) > 0);
   assert_true(w.app.exposures.n_replaced >= 5 && w.app.moving.n_scored == w.app.exposures.n_replaced);
-  assert_int_equal(w.app.trainer.g.n, 1200);
+  assert_int_equal(world_stats(&w).n_gaussians, 1200);
   assert_true(w.app.moving.psnr_sum / (double)w.app.moving.n_scored > 25);
   assert_true(world_find(&w, "motion.bin") != NULL);
   world_close(&w);
@@ -106,7 +100,7 @@ TEST(test_block_of_before) {
     w.cfg.is_dynamic = true;
     w.cfg.steps = 40;
     memset(w.arena.base + w.arena.used_bytes, i ? 0xa5 : 0, w.arena.cap_bytes - w.arena.used_bytes);
-    if (world_run(&w) < 0) fail_msg("%s", w.err.text);
+    world_run_well(&w);
     const world_file *f = world_find(&w, "checkpoint.bin");
     assert_true(f->bytes <= sizeof first);
     if (i == 0) memcpy(first, f->data, n_first = f->bytes);

@@ -17,20 +17,9 @@
 static world w;
 
 static void open_world(const char *spec, int n_exposures, int n_threads) {
-  if (!world_open(&w, spec, n_exposures, ~0u, n_threads)) fail_msg("%s: %s", spec, w.err.text);
+  world_open_well(&w, spec, n_exposures, ~0u, n_threads);
   w.cfg.train.n_gaussians = 1000;
   w.cfg.train.region_px = 64;
-}
-
-static void run_well(void) {
-  if (world_run(&w) < 0) fail_msg("%s: %s", w.cfg.source_name, w.err.text);
-  assert_int_equal(w.app.state, SV_APP_DONE);
-}
-
-static double training_psnr(void) {
-  double psnr;
-  assert_int_equal(sv_driver_training_psnr(&w.app.trainer, &psnr), SV_OK);
-  return psnr;
 }
 
 // --- quality -------------------------------------------------------------------------------------
@@ -41,12 +30,12 @@ TEST(test_quality) {
     open_world(SPEC, 6, n);
     w.cfg.steps = 600;
     run_well();
-    assert_int_equal(w.app.trainer.n_views, 0);
+    assert_int_equal(world_stats(&w).n_views, 0);
     assert_int_equal(w.app.trainer.n_measurements, 6);
-    assert_int_equal(w.app.trainer.n_regions, 6 * 3 * 2);
+    assert_int_equal(world_stats(&w).n_regions, 6 * 3 * 2);
     assert_int_equal(sv_driver_n_views(&w.app.trainer), 6 * 9);
-    digest[n - 1] = sv_train_digest(&w.app.trainer);
-    double held_out = world_heldout_psnr(&w, 8), trained = training_psnr();
+    digest[n - 1] = world_digest(&w);
+    double held_out = world_heldout_psnr(&w, 8), trained = world_training_psnr(&w);
     print_message("%d threads: held-out %.2f dB, measurements %.2f dB\n", n, held_out, trained);
     assert_true(held_out > 27.0);
     assert_true(trained > 28.0);
@@ -60,8 +49,8 @@ static void test_unknown_bounds(void **state) { // starting points come from the
   open_world(SPEC, 6, 2);
   w.cfg.has_bounds = false;
   w.cfg.steps = 500;
-  run_well();
-  double psnr = training_psnr();
+  world_run_well(&w);
+  double psnr = world_training_psnr(&w);
   print_message("bounds from the lenses: measurements %.2f dB\n", psnr);
   assert_true(psnr > 22.0);
   world_close(&w);
@@ -151,9 +140,9 @@ static void open_resume(void) {
 TEST(test_resume_is_bit_exact) {
   world_forget_files(&w);
   open_resume();
-  run_well();
-  uint64_t whole = sv_train_digest(&w.app.trainer);
-  assert_true(w.app.trainer.n_relocated > 0);
+  world_run_well(&w);
+  uint64_t whole = world_digest(&w);
+  assert_true(world_stats(&w).n_relocated > 0);
   float floor[300]; // of the last relocation, not of where a resumed run begins
   memcpy(floor, w.app.trainer.floor, sizeof floor);
   world_close(&w);
@@ -164,12 +153,12 @@ TEST(test_resume_is_bit_exact) {
       open_resume();
       w.stop_at_step = stops[i][k];
       assert_int_equal(world_run(&w), SV_E_INTERRUPTED);
-      assert_int_equal(w.app.trainer.step, stops[i][k]);
+      assert_int_equal(world_stats(&w).step, stops[i][k]);
       world_close(&w);
     }
     open_resume();
-    run_well();
-    assert_true(sv_train_digest(&w.app.trainer) == whole);
+    world_run_well(&w);
+    assert_true(world_digest(&w) == whole);
     assert_memory_equal(w.app.trainer.floor, floor, sizeof floor);
     world_close(&w);
   }
@@ -315,7 +304,7 @@ TEST(test_replay) {
   assert_int_equal(w.cfg.rig->forward, SV_FORWARD_MULTIPLEXED);
   w.cfg.train.n_gaussians = 300;
   w.cfg.steps = 300;
-  run_well();
+  world_run_well(&w);
   assert_int_equal(w.app.exposures.n, 3);
   for (int e = 0; e < 3; e++) // all 16 bits came back
     assert_memory_equal(w.app.trainer.measurements[e].px, direct[e], sizeof direct[e]);

@@ -354,7 +354,7 @@ TEST(bad_configs_are_refused) {
   good.method = SV_SYNC_METHOD_TRIGGER; // and the source has no such line
   assert_int_equal(sv_capture_queue_init(&queue, &good, &source, &clock, &a), SV_OK);
   assert_int_equal(sv_capture_queue_start(&queue, &err), SV_E_UNSUPPORTED);
-  assert_non_null(strstr(err.text, "trigger"));
+  assert_contains(err.text, "trigger");
 }
 
 int main(void) {

@@ -159,7 +159,7 @@ static void read_download(void) {
   assert_non_null(body);
   sv_ply ply;
   sv_err err;
-  if (sv_ply_open(&ply, "download", body, n - (size_t)(body - file), &err) < 0) fail_msg("%s", err.text);
+  assert_ok(sv_ply_open(&ply, "download", body, n - (size_t)(body - file), &err), &err);
   assert_int_equal(ply.n, GAUSSIANS);
   assert_int_equal(ply.kind, SV_PLY_GAUSSIANS);
   sv_gaussian g;

@@ -127,8 +127,8 @@ static void open_model(void) {
   sv_err err;
   char path[400];
   snprintf(path, sizeof path, "%s/out/model.ply", root);
-  if (lab_session_start(&session, 1, true, &err) < 0) fail_msg("%s", err.text);
-  if (lab_model_read(&model, path, &err) < 0) fail_msg("%s", err.text);
+  assert_ok(lab_session_start(&session, 1, true, &err), &err);
+  assert_ok(lab_model_read(&model, path, &err), &err);
   if (lab_viewer_start(&viewer, &session, model.g.cap, CAP_W, CAP_W, sv_plane_floats(CAP_W, CAP_W), &err) < 0)
     fail_msg("%s", err.text);
 }
@@ -166,7 +166,7 @@ static void must_download(const char *url, const char *path) {
   sv_err err;
   size_t n = live_run_get(&r, url, NULL, answer, sizeof answer);
   const uint8_t *body = live_run_body(answer, n);
-  if (sv_file_read(path, &file, &bytes, &err) < 0) fail_msg("%s", err.text);
+  assert_ok(sv_file_read(path, &file, &bytes, &err), &err);
   assert_non_null(body);
   assert_int_equal(n - (size_t)(body - answer), bytes);
   assert_memory_equal(body, file, bytes);

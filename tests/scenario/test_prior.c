@@ -174,34 +174,34 @@ TEST(test_same_bits) {
   snprintf(first, sizeof first, "%.30s",
            strstr(shell.said, "\"digest\"") ? strstr(shell.said, "\"digest\"") : "");
   (void)psnr_of("b", "--threads 1 --prior 'external:# pictures,disparity' --prior-calls 2 --prior-views 2");
-  assert_non_null(strstr(shell.said, first));
+  assert_contains(shell.said, first);
 }
 
 // A program that fails before the first step stops the run; later on, training goes on without it.
 TEST(test_failures) {
   lab_shell_need(&shell);
   assert_int_equal(train("f", "--prior 'external:echo no such net; exit 7;'"), 1);
-  assert_non_null(strstr(shell.said, "exit code 7: no such net"));
+  assert_contains(shell.said, "exit code 7: no such net");
   assert_int_equal(train("f", "--prior 'external:sleep 60;' --prior-limit 0.2"), 1);
-  assert_non_null(strstr(shell.said, "ended after 0.2 s"));
+  assert_contains(shell.said, "ended after 0.2 s");
   assert_int_equal(train("f", "--prior 'external:kill -9 $$;'"), 1);
-  assert_non_null(strstr(shell.said, "signal 9"));
+  assert_contains(shell.said, "signal 9");
   const char *const later = "--prior 'external:test ! -e f/prior/call_01 ||' --prior-calls 2";
   assert_int_equal(train("f", later), 0);
-  assert_non_null(strstr(shell.said, "training goes on without"));
-  assert_non_null(strstr(shell.said, "\"psnr\""));
+  assert_contains(shell.said, "training goes on without");
+  assert_contains(shell.said, "\"psnr\"");
   lab_shell_run_well(&shell, "grep -c '\"prior_failed\": true' f/train.json");
   const char *const damaged = "--prior 'external:head -c 99 s/test/r_000.png > "
                               "f/prior/call_00/answer_000_depth.png; :' --prior-calls 2";
   assert_int_equal(train("f", damaged), 1);
-  assert_non_null(strstr(shell.said, "answer_000_depth.png"));
+  assert_contains(shell.said, "answer_000_depth.png");
   const char *const odd = "--prior 'external:cp s/test/r_000.png f/prior/call_00/answer_000_depth.png; :'";
   assert_int_equal(train("f", odd), 1);
-  assert_non_null(strstr(shell.said, "3 channels, expected one"));
+  assert_contains(shell.said, "3 channels, expected one");
   const char *const pfm =
       "--prior 'external:printf \"Pf\\n9 9\\n-1\\n\" > f/prior/call_00/answer_000_depth.pfm; :'";
   assert_int_equal(train("f", pfm), 1);
-  assert_non_null(strstr(shell.said, "9x9 pixels, expected the 96x72"));
+  assert_contains(shell.said, "9x9 pixels, expected the 96x72");
 }
 
 // FSGS and SparseGS on a stereo pair, whose views tell of depth themselves; and on one camera with estimated depth, from a
@@ -243,7 +243,7 @@ TEST(test_methods) {
       lab_shell_run(&shell, "rm s/e0.png; @ train --data s --transforms with.json --exposures 1 --steps 30 "
                             "--quiet --out w --prior sparsegs"),
       1);
-  assert_non_null(strstr(shell.said, "e0.png"));
+  assert_contains(shell.said, "e0.png");
 }
 
 // The runtime itself, on the simulator: the same model from any number of threads, in the block that was planned.
@@ -272,7 +272,7 @@ TEST(test_run) {
       lab_shell_run(&shell, "$(dirname @)/subview run --source sim:textured,rig=multiplexed --exposures 1 "
                             "--steps 5 --gaussians 500 --prior fsgs --out r1 --quiet"),
       1);
-  assert_non_null(strstr(shell.said, "not on multiplexed sensors"));
+  assert_contains(shell.said, "not on multiplexed sensors");
   assert_int_equal(
       lab_shell_run(&shell, "$(dirname @)/subview run --source sim:textured --prior fsgs --live --out r1"),
       2);
@@ -286,16 +286,16 @@ TEST(test_refusals) {
                                  "@ train --data s --transforms transforms_train_multiplexed.json --steps 5 "
                                  "--quiet --out m --prior external:true"),
                    1);
-  assert_non_null(strstr(shell.said, "not on multiplexed sensors"));
+  assert_contains(shell.said, "not on multiplexed sensors");
   assert_int_equal(lab_shell_run(&shell,
                                  "@ train --data s --transforms transforms_train_multiplexed.json --steps 5 "
                                  "--quiet --out m --prior fsgs"),
                    1);
-  assert_non_null(strstr(shell.said, "not on multiplexed sensors"));
+  assert_contains(shell.said, "not on multiplexed sensors");
   assert_int_equal(train("f", "--prior external:"), 2);
   assert_int_equal(train("f", "--prior magic"), 2);
   assert_int_equal(train("f", "--prior-views 3"), 2);
-  assert_non_null(strstr(shell.said, "belong to --prior external"));
+  assert_contains(shell.said, "belong to --prior external");
   assert_int_equal(train("f", "--prior external:true --model 4dgs"), 2);
 }
 

@@ -30,7 +30,7 @@ static double focal_of(const char *folder, const char *name) {
   void *data;
   size_t bytes;
   snprintf(path, sizeof path, "%s/%s.cameramodel", folder, name);
-  if (sv_file_read(path, &data, &bytes, &err) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(sv_file_read(path, &data, &bytes, &err), &err);
   double f = 0;
   const char *at = strstr(data, "'intrinsics': [");
   assert_non_null(at);
@@ -70,7 +70,7 @@ TEST(test_real_stereo) {
   assert_int_equal(sv_file_read(path, &data, &bytes, &err), SV_OK);
   double rms = strtod(strstr(data, "\"rms_px\": ") + 10, NULL);
   assert_true(rms > 0.05 && rms < 0.35);
-  assert_non_null(strstr(data, "\"pictures\": 14, \"boards\": 13")); // all pairs; left.jpg shows no board
+  assert_contains(data, "\"pictures\": 14, \"boards\": 13"); // all pairs; left.jpg shows no board
   free(data);
   assert_int_equal(cal_cmd_board(&o), CAL_EXIT_OK); // from corners.txt
   assert_true(fabs(focal_of(out, "left") / l - 1) < 1e-9);

@@ -42,12 +42,12 @@ static outcome run(bool is_wrong, bool is_refining, int n_threads) {
   static uint8_t rgb[240 * 180 * 3];
   outcome o = {0};
   sv_pose found[N], truth[N];
-  if (!world_open(&w, SPEC, N, ~0u, n_threads)) fail_msg("%s", w.err.text);
+  world_open_well(&w, SPEC, N, ~0u, n_threads);
   if (is_wrong) w.port.source.rig_pose = wrong_pose;
   w.cfg.train.n_gaussians = 2500;
   w.cfg.steps = 700;
   w.cfg.is_refining = is_refining;
-  if (world_run(&w) < 0) fail_msg("%s", w.err.text);
+  world_run_well(&w);
   for (int e = 0; e < N; e++) {
     found[e] = w.app.exposures.exposure[e].rig_from_world;
     true_pose(w.app.exposures.exposure[e].time_ns, &truth[e]);
@@ -73,7 +73,7 @@ static outcome run(bool is_wrong, bool is_refining, int n_threads) {
     assert_int_equal(sv_driver_mse(&w.app.trainer, &v, rgb, &mse), SV_OK);
     o.psnr -= 10 * log10(mse) / 8;
   }
-  o.digest = sv_train_digest(&w.app.trainer);
+  o.digest = world_digest(&w);
   assert_int_equal(world_find(&w, "poses.json") != NULL, is_refining);
   world_close(&w);
   world_forget_files(&w);

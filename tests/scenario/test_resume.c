@@ -11,7 +11,7 @@ static world w;
 
 // The scene is that of SPEC whatever the run is told that its source is called.
 static sv_status run_as(const char *source, uint64_t seed, bool is_resume) {
-  if (!world_open(&w, SPEC, 2, ~0u, 2)) fail_msg("%s", w.err.text);
+  world_open_well(&w, SPEC, 2, ~0u, 2);
   w.cfg.train.n_gaussians = 100;
   w.cfg.train.seed = seed;
   w.cfg.steps = 3;
@@ -39,7 +39,7 @@ TEST(test_resume_refuses_another_run) {
     assert_true(world_has_line(&w, "resumed at step 3") == !runs[i].says);
     if (!runs[i].says) continue;
     assert_one_sentence(w.err.text);
-    assert_non_null(strstr(w.err.text, runs[i].says));
+    assert_contains(w.err.text, runs[i].says);
   }
 }
 

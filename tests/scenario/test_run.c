@@ -13,13 +13,8 @@
 static world w;
 
 static void open_world(const char *spec, int n_exposures) {
-  if (!world_open(&w, spec, n_exposures, ~0u, 2)) fail_msg("%s: %s", spec, w.err.text);
+  world_open_well(&w, spec, n_exposures, ~0u, 2);
   w.cfg.train.n_gaussians = 400;
-}
-
-static void run_well(void) {
-  if (world_run(&w) < 0) fail_msg("%s: %s", w.cfg.source_name, w.err.text);
-  assert_int_equal(w.app.state, SV_APP_DONE);
 }
 
 // captured = delivered + dropped for every camera, and nothing is left waiting.
@@ -49,10 +44,10 @@ static double train_quality(const quality *q, uint64_t mask) {
   w.cfg.steps = q->steps ? q->steps : 800;
   w.cfg.optimizer = q->optimizer;
   w.cfg.sub_view_mask[0] = mask;
-  run_well();
+  world_run_well(&w);
   assert_ledger();
   double psnr = world_heldout_psnr(&w, 8);
-  assert_int_equal(w.app.trainer.n_views, (mask ? 1 : 2) * q->n_exposures);
+  assert_int_equal(world_stats(&w).n_views, (mask ? 1 : 2) * q->n_exposures);
   world_close(&w);
   return psnr;
 }
@@ -79,7 +74,7 @@ TEST(test_gauss_newton_beats_adam) {
   for (int i = 0; i < 2; i++) {
     q.optimizer = 1 + i;
     psnr[i] = train_quality(&q, 0);
-    assert_int_equal(w.app.trainer.cfg.optimizer, i);
+    assert_int_equal(world_stats(&w).optimizer, i);
   }
   print_message("held-out after 300 steps: %s %.2f dB, %s %.2f dB\n", sv_optimizer_name(SV_OPTIMIZER_ADAM),
                 psnr[0], sv_optimizer_name(SV_OPTIMIZER_GAUSS_NEWTON), psnr[1]);
@@ -146,7 +141,7 @@ TEST(test_bad_timing) {
     open_world(runs[i].spec, 24);
     w.cfg.skew_limit_ns = runs[i].limit_ns;
     w.cfg.steps = 4;
-    run_well();
+    world_run_well(&w);
     assert_ledger();
     assert_int_equal(w.app.exposures.n, 24);
     assert_exposures(runs[i].limit_ns);
@@ -173,7 +168,7 @@ TEST(test_skew_beyond_the_limit) {
   w.cfg.steps = 4;
   assert_int_equal(world_run(&w), SV_E_TIMEOUT);
   assert_one_sentence(w.err.text);
-  assert_non_null(strstr(w.err.text, "skew-limit"));
+  assert_contains(w.err.text, "skew-limit");
   assert_int_equal(w.app.exposures.n, 0);
   assert_int_equal(w.app.state, SV_APP_FAILED);
   assert_ledger();
@@ -186,7 +181,7 @@ TEST(test_unplugged_camera) {
   w.cfg.steps = 4;
   assert_int_equal(world_run(&w), SV_E_TIMEOUT);
   assert_one_sentence(w.err.text);
-  assert_non_null(strstr(w.err.text, "5 of 8"));
+  assert_contains(w.err.text, "5 of 8");
   assert_true(world_has_line(&w, "camera 1")); // which one it was
   assert_int_equal(w.app.capture.n_device_errors, 1);
   assert_int_equal(w.app.exposures.n, 5);
@@ -199,7 +194,7 @@ TEST(test_unplugged_camera) {
   // Pulled for a while: the capture completes.
   open_world("textured,rig=stereo,size=64x48,fault=unplug:1:5:10", 8);
   w.cfg.steps = 4;
-  run_well();
+  world_run_well(&w);
   assert_int_equal(w.app.exposures.n, 8);
   assert_exposures(w.cfg.skew_limit_ns);
   assert_pictures(1e-9);
@@ -211,7 +206,7 @@ TEST(test_unplugged_camera) {
 TEST(test_source_ends) {
   open_world("textured,rig=stereo,size=64x48,frames=3", 8);
   w.cfg.steps = 4;
-  run_well();
+  world_run_well(&w);
   assert_int_equal(w.app.exposures.n, 3);
   assert_ledger();
   world_close(&w);
@@ -224,22 +219,16 @@ TEST(test_source_ends) {
 
 // --- rigs ----------------------------------------------------------------------------------------
 
-static double training_psnr(void) {
-  double psnr;
-  assert_int_equal(sv_driver_training_psnr(&w.app.trainer, &psnr), SV_OK);
-  return psnr;
-}
-
 TEST(test_light_field) {
   open_world("textured,rig=lightfield,size=256x192", 4);
   w.cfg.train.n_gaussians = 1500;
   w.cfg.steps = 600;
-  run_well();
-  assert_int_equal(w.app.trainer.n_views, 64);
-  assert_false(w.app.trainer.cfg.is_antialiased);
+  world_run_well(&w);
+  assert_int_equal(world_stats(&w).n_views, 64);
+  assert_false(world_stats(&w).is_antialiased);
   assert_exposures(w.cfg.skew_limit_ns);
   assert_pictures(1e-9);
-  double psnr = training_psnr();
+  double psnr = world_training_psnr(&w);
   print_message("light field: training views %.2f dB\n", psnr);
   assert_true(psnr > 29.0); // measured: 32.1
   world_close(&w);
@@ -249,17 +238,17 @@ TEST(test_phone) {
   open_world("textured,rig=phone,size=96x72", 4);
   w.cfg.train.n_gaussians = 1500;
   w.cfg.steps = 400;
-  run_well();
-  assert_true(w.app.trainer.cfg.is_antialiased); // focal lengths differ sixfold
-  assert_int_equal(w.app.trainer.n_views, 12);
-  double psnr = training_psnr();
+  world_run_well(&w);
+  assert_true(world_stats(&w).is_antialiased); // focal lengths differ sixfold
+  assert_int_equal(world_stats(&w).n_views, 12);
+  double psnr = world_training_psnr(&w);
   print_message("phone: training views %.2f dB\n", psnr);
   assert_true(psnr > 23.5); // measured: 26.4
   world_close(&w);
   open_world("textured,rig=stereo,size=64x48", 2);
   w.cfg.steps = 2;
-  run_well();
-  assert_false(w.app.trainer.cfg.is_antialiased);
+  world_run_well(&w);
+  assert_false(world_stats(&w).is_antialiased);
   world_close(&w);
 }
 
@@ -268,11 +257,11 @@ TEST(test_unknown_bounds) {
   w.cfg.has_bounds = false;
   w.cfg.train.n_gaussians = 1500;
   w.cfg.steps = 500;
-  run_well();
-  double psnr = training_psnr();
+  world_run_well(&w);
+  double psnr = world_training_psnr(&w);
   print_message("bounds from the cameras: training views %.2f dB, centre %.2f %.2f %.2f, radius %.2f\n", psnr,
-                (double)w.app.trainer.centre[0], (double)w.app.trainer.centre[1],
-                (double)w.app.trainer.centre[2], (double)w.app.trainer.radius);
+                (double)world_stats(&w).centre[0], (double)world_stats(&w).centre[1],
+                (double)world_stats(&w).centre[2], (double)world_stats(&w).radius);
   assert_true(psnr > 23.0); // measured: 25.7
   world_close(&w);
 }
@@ -282,16 +271,16 @@ TEST(test_unknown_bounds) {
 TEST(test_time_limit) {
   open_world("textured,rig=stereo,size=64x48", 2);
   w.cfg.time_limit_s = 0.4; // 1 ms passes with each look at the clock
-  run_well();
+  world_run_well(&w);
   assert_true(w.app.driver.train_s >= 0.4 && w.app.driver.train_s < 0.405);
-  assert_true(w.app.trainer.step > 100 && w.app.trainer.step <= 400);
+  assert_true(world_stats(&w).step > 100 && world_stats(&w).step <= 400);
   world_close(&w);
   // Both limits: whichever comes first.
   open_world("textured,rig=stereo,size=64x48", 2);
   w.cfg.time_limit_s = 1000;
   w.cfg.steps = 7;
-  run_well();
-  assert_int_equal(w.app.trainer.step, 7);
+  world_run_well(&w);
+  assert_int_equal(world_stats(&w).step, 7);
   world_close(&w);
 }
 
@@ -305,12 +294,12 @@ TEST(test_time_limit_resumed) {
     w.cfg.is_resume = true;
     w.stop_at_step = i == 0 ? 60 : 0;
     assert_int_equal(world_run(&w), i == 0 ? SV_E_INTERRUPTED : SV_OK);
-    const double trained_s = w.app.trainer.trained_s;
+    const double trained_s = world_stats(&w).trained_s;
     if (i == 0) assert_true(trained_s > 0.05 && trained_s < 0.3);
     else assert_true(trained_s >= 0.4 && trained_s < 0.41);
-    if (i == 1) assert_true(w.app.driver.train_s < 0.35 && w.app.trainer.step > step);
-    if (i == 2) assert_int_equal(w.app.trainer.step, step); // it had ended
-    step = w.app.trainer.step;
+    if (i == 1) assert_true(w.app.driver.train_s < 0.35 && world_stats(&w).step > step);
+    if (i == 2) assert_int_equal(world_stats(&w).step, step); // it had ended
+    step = world_stats(&w).step;
     world_close(&w);
   }
 }
@@ -329,15 +318,15 @@ static void open_resume(void) {
 TEST(test_resume_is_bit_exact) {
   world_forget_files(&w);
   open_resume();
-  run_well();
-  uint64_t whole = sv_train_digest(&w.app.trainer);
+  world_run_well(&w);
+  uint64_t whole = world_digest(&w);
   static uint8_t ply[1 << 20];
   const world_file *f = world_find(&w, "model.ply");
   assert_non_null(f);
   size_t ply_bytes = f->bytes;
   assert_true(ply_bytes <= sizeof ply);
   memcpy(ply, f->data, ply_bytes);
-  assert_true(w.app.trainer.n_relocated > 0);
+  assert_true(world_stats(&w).n_relocated > 0);
   world_close(&w);
   static const uint32_t stops[][3] = {{1, 0}, {7, 0}, {RESUME_STEPS - 1, 0}, {13, 14, 40}};
   for (size_t i = 0; i < sizeof stops / sizeof *stops; i++) {
@@ -347,7 +336,7 @@ TEST(test_resume_is_bit_exact) {
       w.cfg.is_resume = true; // without a checkpoint: from the start
       w.stop_at_step = stops[i][k];
       assert_int_equal(world_run(&w), SV_E_INTERRUPTED);
-      assert_int_equal(w.app.trainer.step, stops[i][k]);
+      assert_int_equal(world_stats(&w).step, stops[i][k]);
       assert_true(world_has_line(&w, "no checkpoint.bin") == (k == 0));
       assert_one_sentence(w.err.text);
       assert_non_null(world_find(&w, "model.ply"));
@@ -356,9 +345,9 @@ TEST(test_resume_is_bit_exact) {
     }
     open_resume();
     w.cfg.is_resume = true;
-    run_well();
-    assert_int_equal(w.app.trainer.step, RESUME_STEPS);
-    assert_true(sv_train_digest(&w.app.trainer) == whole);
+    world_run_well(&w);
+    assert_int_equal(world_stats(&w).step, RESUME_STEPS);
+    assert_true(world_digest(&w) == whole);
     f = world_find(&w, "model.ply");
     assert_int_equal(f->bytes, ply_bytes);
     assert_memory_equal(f->data, ply, ply_bytes);
@@ -367,8 +356,8 @@ TEST(test_resume_is_bit_exact) {
   // Already there: nothing is done again.
   open_resume();
   w.cfg.is_resume = true;
-  run_well();
-  assert_true(sv_train_digest(&w.app.trainer) == whole);
+  world_run_well(&w);
+  assert_true(world_digest(&w) == whole);
   world_close(&w);
 }
 
@@ -376,7 +365,7 @@ TEST(test_resume_refuses_other_settings) {
   for (int i = 0; i < 4; i++) {
     open_resume(); // the checkpoint of the test before, or a new one
     w.cfg.steps = 3;
-    run_well();
+    world_run_well(&w);
     world_close(&w);
     open_resume();
     w.cfg.is_resume = true;
@@ -417,7 +406,7 @@ TEST(test_stop_before_training) {
   w.is_stop_at_once = true;
   assert_int_equal(world_run(&w), SV_E_INTERRUPTED);
   assert_one_sentence(w.err.text);
-  assert_null(strstr(w.err.text, "is saved")); // it would not be true
+  assert_not_contains(w.err.text, "is saved"); // it would not be true
   assert_null(world_find(&w, "model.ply"));
   assert_ledger();
   world_close(&w);
@@ -427,16 +416,16 @@ TEST(test_save_every) {
   world_forget_files(&w);
   open_resume();
   w.cfg.save_every_s = 0.01;
-  run_well();
+  world_run_well(&w);
   assert_true(w.n_images > 3);
   assert_int_equal(w.image_width_px, 200);
   assert_int_equal(w.image_height_px, 76);
   assert_true(w.fault.n[WORLD_COMMIT] > 4);
-  uint64_t saved_often = sv_train_digest(&w.app.trainer);
+  uint64_t saved_often = world_digest(&w);
   world_close(&w);
   open_resume();
-  run_well();
-  assert_true(sv_train_digest(&w.app.trainer) == saved_often); // saving changes nothing
+  world_run_well(&w);
+  assert_true(world_digest(&w) == saved_often); // saving changes nothing
   world_close(&w);
 }
 
@@ -455,9 +444,9 @@ TEST(test_smallest_run) {
   w.cfg.rig = &rig;
   w.cfg.train.n_gaussians = 1;
   w.cfg.steps = 40;
-  run_well();
+  world_run_well(&w);
   assert_true(isfinite(w.app.driver.last.loss));
-  assert_true(isfinite(training_psnr()));
+  assert_true(isfinite(world_training_psnr(&w)));
   assert_int_equal(sv_app_save_report(&w.app, NULL, &w.err), SV_OK);
   world_close(&w);
   for (int n = 1; n <= 17; n += 8) { // 1, 9, 17 Gaussians
@@ -466,7 +455,7 @@ TEST(test_smallest_run) {
     w.cfg.train.sh_degree = n % 4;
     w.cfg.steps = 30;
     w.cfg.has_bounds = n > 1;
-    run_well();
+    world_run_well(&w);
     assert_true(isfinite(w.app.driver.last.loss));
     world_close(&w);
   }
@@ -518,7 +507,7 @@ static void test_report(void **state) {
   (void)state;
   open_world("textured,rig=stereo,size=64x48,drop=0.1", 6);
   w.cfg.steps = 5;
-  run_well();
+  world_run_well(&w);
   assert_int_equal(sv_app_save_report(&w.app, "\"psnr\": 12.5", &w.err), SV_OK);
   const world_file *f = world_find(&w, "run.json");
   assert_non_null(f);
@@ -534,7 +523,7 @@ static void test_report(void **state) {
   text[f->bytes] = 0;
   for (size_t i = 0; i < sizeof keys / sizeof *keys; i++)
     if (!strstr(text, keys[i])) fail_msg("run.json has no %s", keys[i]);
-  assert_null(strstr(text, "\"is_exact\": false"));
+  assert_not_contains(text, "\"is_exact\": false");
   world_close(&w);
 }
 

@@ -89,7 +89,7 @@ static void write_rig(const sv_rig *rig) {
   sv_err err;
   sv_linux_store folder;
   snprintf(path, sizeof path, "%s/rig", dir);
-  if (sv_linux_store_open(&folder, path, &err) < 0) fail_msg("%s", err.text);
+  assert_ok(sv_linux_store_open(&folder, path, &err), &err);
   sv_store st = sv_linux_store_port(&folder);
   for (int i = -1; i < rig->n_sub_views; i++) {
     sv_str s = sv_str_make(text, sizeof text);
@@ -186,7 +186,7 @@ TEST(test_replay_gives_the_same_exposures) {
   static uint8_t px[8][2][64 * 48 * 3];
   if (!open_sim()) fail_msg("%s", w.err.text);
   w.cfg.train.n_gaussians = 50, w.cfg.steps = 2;
-  if (world_run(&w) < 0) fail_msg("%s", w.err.text);
+  world_run_well(&w);
   assert_int_equal(w.app.exposures.n, 8);
   sv_image_u8 im;
   sv_view v[2], u;
@@ -200,7 +200,7 @@ TEST(test_replay_gives_the_same_exposures) {
   world_close(&w);
   if (!open_replay()) fail_msg("%s", w.err.text);
   w.cfg.train.n_gaussians = 50, w.cfg.steps = 2;
-  if (world_run(&w) < 0) fail_msg("%s", w.err.text);
+  world_run_well(&w);
   assert_int_equal(w.app.exposures.n, 8);
   for (int i = 0; i < 8; i++) {
     const sv_exposure *x = &w.app.exposures.exposure[i];

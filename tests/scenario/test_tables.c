@@ -197,7 +197,7 @@ TEST(test_without_gnuplot) {
   assert_true(exists("g/plots/summary_psnr.gp"));
   assert_false(exists("g/plots/summary_psnr.png"));
   char *text = slurp("g/tables.md");
-  assert_non_null(strstr(text, "gnuplot was not there"));
+  assert_contains(text, "gnuplot was not there");
   free(text);
 }
 

@@ -67,14 +67,14 @@ static outcome track_covered(const char *spec, int n, uint32_t isa_mask, int i_d
   sv_kernels k;
   sv_arena a = sv_arena_make(block, sizeof block);
   sv_image_u8 image[SV_SIM_CAP_CAMERAS];
-  if (sv_sim_parse(&c, spec, &err) < 0) fail_msg("%s", err.text);
+  assert_ok(sv_sim_parse(&c, spec, &err), &err);
   if (!strstr(spec, "exposures=")) c.n_exposures = n;
-  if (sv_sim_init(&sim, &c, &a, &err) < 0) fail_msg("%s", err.text);
+  assert_ok(sv_sim_init(&sim, &c, &a, &err), &err);
   sv_track_cfg t = sv_track_defaults();
   t.rig = sv_sim_rig(&sim), t.cap_exposures = n;
   sv_kernels_init(&k, isa_mask);
   size_t before = a.used_bytes;
-  if (sv_tracker_init(&tracker, &t, &k, &a, &err) < 0) fail_msg("%s", err.text);
+  assert_ok(sv_tracker_init(&tracker, &t, &k, &a, &err), &err);
   assert_int_equal(a.used_bytes - before, sv_tracker_bytes(&t));
   sv_source src = sv_sim_source(&sim);
   assert_int_equal(src.start(src.self), SV_OK);
@@ -220,11 +220,11 @@ static double registered_mse(const sv_view *v, const uint8_t *rgb) {
 static double run(const char *spec, bool is_tracking) {
   static uint8_t rgb[320 * 240 * 3];
   double psnr = 0;
-  if (!world_open(&w, spec, 24, ~0u, 2)) fail_msg("%s: %s", spec, w.err.text);
+  world_open_well(&w, spec, 24, ~0u, 2);
   w.cfg.train.n_gaussians = 3000;
   w.cfg.steps = 400;
   w.cfg.is_tracking = is_tracking;
-  if (world_run(&w) < 0) fail_msg("%s", w.err.text);
+  world_run_well(&w);
   assert_int_equal(w.app.odometry.is_tracked, is_tracking);
   sv_similarity q = {.s = 1};
   if (is_tracking) q = sv_odometry_from(&w.app.odometry, &w.app.exposures, true_pose, &w.sim);

@@ -47,7 +47,7 @@ TEST(test_print) {
   sv_str s = sv_str_make(text, sizeof text);
   sv_arrays_print(&s, &f, false);
   assert_false(s.is_cut);
-  assert_non_null(strstr(text, "parameters                              92.00          0.000\n"));
+  assert_contains(text, "parameters                              92.00          0.000\n");
   s = sv_str_make(text, sizeof text);
   sv_arrays_print(&s, &f, true);
   assert_non_null(

@@ -36,7 +36,7 @@ static void make_rig(world *w, sv_device_id id, double angle_deg, int width_px, 
   p.width_px = width_px, p.height_px = height_px, p.focal_per_width = 1.0, p.distance_m = DISTANCE_M;
   p.angle_rad = angle_deg * SV_PI / 180;
   w->rig = (sv_rig){.cap_sub_views = CAP_VIEWS, .sub_views = w->views};
-  if (sv_device_build(&w->rig, &p, &err) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(sv_device_build(&w->rig, &p, &err), &err);
 }
 
 // Boards about the scene's centre, tilted by up to tilt_deg to all sides, within range metres; a negative range: every
@@ -242,7 +242,7 @@ TEST(test_three_boards) {
   if (sv_boards_solve(&w.b, &r, &err) == SV_OK) {
     cal_advise_boards(a, &b, &r);
     assert_true(a->n > 0);
-    assert_non_null(strstr(a->text[0], "left saw the board in only 3 pictures"));
+    assert_contains(a->text[0], "left saw the board in only 3 pictures");
     sv_boards_free(&r);
   }
   free(a);

@@ -24,7 +24,7 @@ TEST(test_read) {
       "  'extrinsics': (0, 0, 1.5707963267948966, 1, 2, 3),\n  'imagersize': [ 640, 480 ]\n}\n# end\n";
   sv_camera_model m;
   sv_pose p;
-  if (read_text(text, &m, &p) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(read_text(text, &m, &p), &err);
   assert_true(m.kind == SV_MODEL_OPENCV4 && m.width_px == 640 && m.height_px == 480);
   assert_true(m.p[0] == 500 && m.p[2] == 320 && m.p[3] == 240 && m.p[4] == -0.1 && m.p[7] == -2e-3);
   assert_true(fabs(p.r[3] - 1) < 1e-12 && fabs(p.r[1] + 1) < 1e-12 && p.t[2] == 3);
@@ -71,7 +71,7 @@ TEST(test_awkward_numbers) {
       char buf[512];
       sv_str s = sv_str_make(buf, sizeof buf);
       assert_int_equal(sv_cameramodel_write(&s, &m, &pose), SV_OK);
-      if (read_text(buf, &back, &p) != SV_OK) fail_msg("%s", err.text);
+      assert_ok(read_text(buf, &back, &p), &err);
       assert_true(fabs(back.p[4] - m.p[4]) <= 1e-15 * m.p[4] &&
                   fabs(p.t[0] - pose.t[0]) <= 1e-15 * pose.t[0]);
       assert_true(fabs(p.t[1] - pose.t[1]) < 1e-15);
@@ -127,7 +127,7 @@ TEST(test_refused) {
   sv_pose p;
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
     sv_status s = read_text(cases[i].text, &m, &p);
-    if (s != cases[i].s || !strstr(err.text, cases[i].word)) fail_msg("case %zu: %d %s", i, s, err.text);
+    assert_error(s, cases[i].s, &err, cases[i].word);
   }
 }
 
@@ -169,7 +169,7 @@ TEST(test_rig) {
       "{\"version\":1,\"name\":\"bench\",\"forward\":\"multiplexed\",\"sub_views\":["
       "{\"name\":\"left\",\"model\":\"left.cameramodel\",\"camera\":0,\"footprint\":[10,20,4,3]}," VIEW(
           "right", "right.cameramodel", "1") "]}";
-  if (read_rig(text, &rig) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(read_rig(text, &rig), &err);
   assert_int_equal(rig.n_sub_views, 2);
   assert_true(rig.forward == SV_FORWARD_MULTIPLEXED && rig.sub_views[0].footprint.y0_px == 20);
   assert_true(rig.sub_views[1].i_camera == 1 && rig.sub_views[1].cam_from_rig.t[0] == -0.1 &&
@@ -179,7 +179,7 @@ TEST(test_rig) {
   memcpy(keep, rig.sub_views, sizeof keep);
   sv_str s = sv_str_make(buf, sizeof buf);
   assert_int_equal(sv_rig_json_write(&s, &rig), SV_OK);
-  if (read_rig(buf, &back) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(read_rig(buf, &back), &err);
   assert_string_equal(back.name, "bench");
   assert_memory_equal(keep, back.sub_views, sizeof keep);
   s = sv_str_make(buf, 100);
@@ -218,7 +218,7 @@ TEST(test_rig_refused) {
   sv_rig rig;
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
     sv_status s = read_rig(cases[i].text, &rig);
-    if (s != cases[i].s || !strstr(err.text, cases[i].word)) fail_msg("case %zu: %d %s", i, s, err.text);
+    assert_error(s, cases[i].s, &err, cases[i].word);
   }
   // less and less scratch: refused with a sentence, never a crash
   sv_arena a = sv_arena_make(block, sizeof block);

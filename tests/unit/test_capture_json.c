@@ -66,7 +66,7 @@ TEST(wrong_json_gets_a_sentence) {
   for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
     err.text[0] = 0;
     assert_int_equal(parse(bad[i], &c, &err), SV_E_FORMAT);
-    assert_non_null(strstr(err.text, "x.json"));
+    assert_contains(err.text, "x.json");
   }
 }
 

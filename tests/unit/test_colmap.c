@@ -153,7 +153,7 @@ TEST(test_frames) {
 static void check_rigs(sv_colmap *c) {
   static sv_colmap_rig g;
   double x[3], at[3] = {1, 0, 0};
-  if (sv_colmap_next_rig(c, &g, &err) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(sv_colmap_next_rig(c, &g, &err), &err);
   assert_true(g.id == 1 && g.n_cameras == 3);
   assert_true(g.cameras[0].camera_id == 5 && g.cameras[0].has_pose);
   sv_pose_apply(x, &g.cameras[0].cam_from_rig, at);
@@ -237,7 +237,7 @@ TEST(test_refused) {
                   : cases[i].kind == 'r' ? sv_colmap_next_rig(&c, &g, &err)
                   : cases[i].kind == 'i' ? sv_colmap_next_image(&c, &m, &err)
                                          : sv_colmap_next_point(&c, &p, &err);
-    if (s != cases[i].s || !strstr(err.text, cases[i].word)) fail_msg("case %zu: %d %s", i, s, err.text);
+    assert_error(s, cases[i].s, &err, cases[i].word);
   }
 }
 

@@ -102,7 +102,7 @@ TEST(every_format_gives_the_picture) {
     sv_image_u8 out;
     sv_pool pool = sv_pool_serial();
     setup(NULL);
-    if (sv_convert_init(&c, &cfg, &arena, &err) < 0) fail_msg("%s", err.text);
+    assert_ok(sv_convert_init(&c, &cfg, &arena, &err), &err);
     put_picture((sv_pixel_format)f);
     sv_frame fr = frame_of((sv_pixel_format)f);
     if (sv_convert_frame(&c, &fr, &k, &pool, &out, &err) < 0) fail_msg("%s: %s", p->name, err.text);
@@ -187,7 +187,7 @@ TEST(tiles_of_a_jpeg_are_decoded_once) {
   sv_tiled t;
   sv_err err;
   assert_true(sv_tiled_init(&t, &one, 5, 1, &arena, &err) < 0); // 48 px in five parts
-  if (sv_tiled_init(&t, &one, 2, 1, &arena, &err) < 0) fail_msg("%s", err.text);
+  assert_ok(sv_tiled_init(&t, &one, 2, 1, &arena, &err), &err);
   sv_source src = sv_tiled_source(&t);
   sv_camera_caps caps[2];
   for (int i = 0; i < 2; i++) assert_int_equal(src.caps(src.self, i, &caps[i]), SV_OK);
@@ -197,13 +197,13 @@ TEST(tiles_of_a_jpeg_are_decoded_once) {
   sv_convert_cfg cfg = {caps, 2, 1, &d};
   sv_convert c;
   sv_pool pool = sv_pool_serial();
-  if (sv_convert_init(&c, &cfg, &arena, &err) < 0) fail_msg("%s", err.text);
+  assert_ok(sv_convert_init(&c, &cfg, &arena, &err), &err);
   for (int i = 0; i < 2; i++) {
     sv_frame f;
     sv_image_u8 out;
     assert_int_equal(src.dequeue(src.self, &f, 0), SV_OK);
     assert_int_equal(f.i_camera, i);
-    if (sv_convert_frame(&c, &f, &k, &pool, &out, &err) < 0) fail_msg("%s", err.text);
+    assert_ok(sv_convert_frame(&c, &f, &k, &pool, &out, &err), &err);
     int got = out.px[out.stride_bytes * 7 + 3 * 5];
     assert_true(abs(got - (i ? 200 : 60)) < 4);
     assert_int_equal(n_back, 0);

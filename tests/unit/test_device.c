@@ -26,7 +26,7 @@ static sv_device_params params(sv_device_id id, int w, int h) {
 static sv_rig build(const sv_device_params *p) {
   sv_rig rig = empty_rig();
   sv_err err = {0};
-  if (sv_device_build(&rig, p, &err) < 0) fail_msg("%s", err.text);
+  assert_ok(sv_device_build(&rig, p, &err), &err);
   assert_int_equal(rig.n_sub_views, sv_device_n_sub_views(p));
   return rig;
 }

@@ -66,7 +66,7 @@ TEST(test_damaged_picture) {
       .rig = &rig, .cap_exposures = 2, .caps = caps, .n_cameras = 2, .n_threads = 1, .decoder = &decoder};
   sv_arena arena = sv_arena_make(block, sizeof block);
   sv_err err;
-  if (sv_exposures_init(&pool, &cfg, &arena, &err) < 0) fail_msg("%s", err.text);
+  assert_ok(sv_exposures_init(&pool, &cfg, &arena, &err), &err);
   assert_int_equal(add(100, 10, 11), SV_OK);
   assert_int_equal(add(200, 20, 21), SV_OK);
   assert_int_equal(add(300, 30, 0), SV_E_CORRUPT);

@@ -85,7 +85,7 @@ static void check(const lens *l, uint64_t seed) {
   sv_arena out = sv_arena_make(out_block, sizeof out_block);
   sv_footprint f;
   sv_footprint_stats st;
-  if (measure(l, truth, &f, &st, -1, seed, &out) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(measure(l, truth, &f, &st, -1, seed, &out), &err);
   double error = 0, area = 0, lit = 0, n_lit = 0;
   for (int y = 0; y < H; y++)
     for (int x = 0; x < W; x++) {
@@ -186,7 +186,7 @@ TEST(test_sum) {
   assert_int_equal(sv_footprint_sum(f, 4, W, H, sum, &max_overlap, &err), SV_OK);
   assert_true(sum[f[2].y0_px * W + f[2].x0_px] >= 1);
   assert_int_equal(sv_footprint_sum(f, 4, W - 90, H, sum, &max_overlap, &err), SV_E_RANGE);
-  assert_non_null(strstr(err.text, "not on the sensor"));
+  assert_contains(err.text, "not on the sensor");
   free(truth), free(sum), free(want);
 }
 
@@ -227,7 +227,7 @@ TEST(test_rig_json) {
   assert_string_equal(names.name[1], "");
   sv_str out = sv_str_make(text, sizeof text);
   assert_int_equal(sv_rig_json_write_coverage(&out, &rig, &names), SV_OK);
-  assert_non_null(strstr(text, "\"footprint\": [1, 2, 4, 3], \"coverage\": \"lens a.png\"}"));
+  assert_contains(text, "\"footprint\": [1, 2, 4, 3], \"coverage\": \"lens a.png\"}");
   memset(&names, 0, sizeof names);
   assert_int_equal(read_rig(text, &rig, &names), SV_OK);
   assert_string_equal(names.name[0], "lens a.png");
@@ -258,14 +258,14 @@ TEST(test_folder) {
   rig.sub_views[0].footprint.coverage = coverage;
   assert_int_equal(sv_coverage_save(folder, "a.png", &rig.sub_views[0].footprint, &err), SV_OK);
   rig.sub_views[0].footprint.coverage = NULL;
-  if (sv_coverage_load(folder, &rig, &names, &err) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(sv_coverage_load(folder, &rig, &names, &err), &err);
   assert_memory_equal(rig.sub_views[0].footprint.coverage, coverage, 12);
   assert_true(!rig.sub_views[1].footprint.coverage);
   sv_coverage_free(&rig);
   assert_true(!rig.sub_views[0].footprint.coverage);
   rig.sub_views[0].footprint.width_px = 3; // another size than the picture's
   assert_int_equal(sv_coverage_load(folder, &rig, &names, &err), SV_E_FORMAT);
-  assert_non_null(strstr(err.text, "4x3"));
+  assert_contains(err.text, "4x3");
   snprintf(path, sizeof path, "%s/a.png", folder);
   unlink(path);
   rmdir(folder);

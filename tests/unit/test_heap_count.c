@@ -142,8 +142,8 @@ TEST(report_names_calls) {
   size_t n = fread(text, 1, sizeof text - 1, f);
   fclose(f);
   text[n] = 0;
-  assert_non_null(strstr(text, "heap call 1: malloc of 4321 bytes"));
-  assert_non_null(strstr(text, "and 24 heap calls more"));
+  assert_contains(text, "heap call 1: malloc of 4321 bytes");
+  assert_contains(text, "and 24 heap calls more");
   assert_int_equal(sv_heap_count(), 40); // the report's own work is not counted
 }
 

@@ -55,7 +55,7 @@ static void expose(const char *name, int n_channels, bool is_white) {
     b.u16[i] = (uint16_t)(sum * 65535 + 0.5);
   }
   assert_int_equal(sv_path_join(path, sizeof path, folder, name, &err), SV_OK);
-  if (sv_bitmap_write_png(path, &b, &err) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(sv_bitmap_write_png(path, &b, &err), &err);
   sv_bitmap_free(&b);
 }
 
@@ -77,7 +77,7 @@ static double check_views(const char *out, const sv_rig *rig, double scale) {
     char path[440];
     sv_bitmap b;
     snprintf(path, sizeof path, "%s/images/%s/000000.png", out, s->name);
-    if (sv_bitmap_read(path, &b, &err) != SV_OK) fail_msg("%s", err.text);
+    assert_ok(sv_bitmap_read(path, &b, &err), &err);
     assert_true(b.bits == 16 && b.n_channels == 3 && b.width_px == s->model.width_px);
     for (int k = 0; k < 300; k++) {
       double x[3] = {(k % 20 - 9.3) * 0.008, (k / 20 - 7.1) * 0.008, PLANE_M}, c[3], uv[2];
@@ -122,7 +122,7 @@ TEST(test_import) {
   snprintf(path, sizeof path, "%s/rig", out);
   assert_int_equal(sv_rig_init(&rig, KEEP * KEEP, &a), SV_OK);
   sv_file_reader files = {path, sv_folder_read};
-  if (sv_rig_read(&rig, &files, "rig.json", KEEP * KEEP, &scratch, &err) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(sv_rig_read(&rig, &files, "rig.json", KEEP * KEEP, &scratch, &err), &err);
   assert_true(rig.n_sub_views == KEEP * KEEP && rig.forward == SV_FORWARD_LIGHT_FIELD);
   assert_true(rig.sub_views[0].model.width_px >= 26 && rig.sub_views[0].model.height_px >= 24);
   // The white image's 99th percentile is what decoded values are scaled to: a little below its peak.
@@ -134,7 +134,7 @@ TEST(test_import) {
   lab_views v;
   sv_pool serial = sv_pool_serial();
   lab_source src = {.folder = out, .transforms = "transforms.json", .split = "all", .scale = 1};
-  if (lab_views_open(&v, &src, &serial, &err) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(lab_views_open(&v, &src, &serial, &err), &err);
   assert_int_equal(v.n, KEEP * KEEP);
   assert_int_equal(v.frames[7].f.sub_view, 7);
   assert_true(fabs(v.frames[7].f.model.p[2] - rig.sub_views[7].model.p[2]) < 1e-9);

@@ -68,7 +68,7 @@ static void open_dataset(lab_views *v, const char *name) {
   sv_pool serial = sv_pool_serial();
   snprintf(path, sizeof path, "%s/%s", folder, name);
   lab_source src = {.folder = path, .transforms = "transforms.json", .split = "all", .scale = 1};
-  if (lab_views_open(v, &src, &serial, &err) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(lab_views_open(v, &src, &serial, &err), &err);
 }
 
 static int import_stream(const char *in, const char *out, const char *rig, const char *stream,
@@ -180,7 +180,7 @@ static void put_rig(void) {
   views[1].cam_from_rig.t[1] = -0.1;
   views[2].cam_from_rig.t[1] = 0.3;
   snprintf(path, sizeof path, "%s/rig", folder);
-  if (lab_rig_write(&rig, path, &err) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(lab_rig_write(&rig, path, &err), &err);
 }
 
 #define EYE "\"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]"

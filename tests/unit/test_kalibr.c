@@ -63,7 +63,7 @@ static void check_chain(void) {
 }
 
 TEST(test_chain) {
-  if (read_chain(CAM0 CAM1 CAM2) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(read_chain(CAM0 CAM1 CAM2), &err);
   check_chain();
   if (read_chain("%YAML:1.0\n---\n# c\nimu0:\n  rate: 200\n  a: [1,\n2]\n" CAM2 "\n" CAM0 CAM1) != SV_OK)
     fail_msg("%s", err.text);
@@ -127,7 +127,7 @@ TEST(test_refused) {
   };
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
     sv_status s = read_chain(cases[i].text);
-    if (s != cases[i].s || !strstr(err.text, cases[i].words)) fail_msg("case %zu: %d %s", i, s, err.text);
+    assert_error(s, cases[i].s, &err, cases[i].words);
   }
 }
 
@@ -146,7 +146,7 @@ TEST(test_import) {
   sv_rig back;
   sv_file_reader files = {out, sv_folder_read};
   assert_int_equal(sv_rig_init(&back, CAP, &a), SV_OK);
-  if (sv_rig_read(&back, &files, "rig.json", 3, &scratch, &err) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(sv_rig_read(&back, &files, "rig.json", 3, &scratch, &err), &err);
   memcpy(views, back.sub_views, sizeof(sv_sub_view) * 3);
   rig.n_sub_views = back.n_sub_views, rig.forward = back.forward;
   check_chain();

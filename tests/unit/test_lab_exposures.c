@@ -32,7 +32,7 @@ static void choose(int n, int out[N]) {
   bool is_in[N];
   sv_err err = {0};
   for (int i = 0; i < N; i++) is_in[i] = i != 0; // frame 0 is held out
-  if (lab_disperse_frames(frames, N, n, is_in, &err) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(lab_disperse_frames(frames, N, n, is_in, &err), &err);
   assert_int_equal(members(is_in, out), n < N - 1 ? n : N - 1);
   assert_false(is_in[0]);
 }

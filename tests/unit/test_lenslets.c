@@ -175,7 +175,7 @@ TEST(test_lens_array) {
   sv_device_params p = sv_device_defaults(SV_DEVICE_MULTIPLEXED);
   p.width_px = p.height_px = 480, p.focal_per_width = 1.1, p.distance_m = 4, p.angle_rad = 0.17,
   p.rows = p.cols = 3;
-  if (sv_device_build(&rig, &p, &err) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(sv_device_build(&rig, &p, &err), &err);
   sv_lens_array a = {.n_views = N,
                      .n_points = N_POINTS,
                      .models = models,
@@ -213,7 +213,7 @@ TEST(test_lens_array) {
     for (int k = 0; k < 2; k++) centre[c][k] = models[c].p[2 + k];
   }
   sv_array_stats st;
-  if (sv_array_solve(&a, 5, &st, &err) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(sv_array_solve(&a, 5, &st, &err), &err);
   sv_rig got = {.sub_views = calloc(N, sizeof(sv_sub_view)), .n_sub_views = N};
   for (int c = 0; c < N; c++) got.sub_views[c].cam_from_rig = poses[c], got.sub_views[c].model = models[c];
   isolated_errors e = isolated_compare(&got, &rig);

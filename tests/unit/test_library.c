@@ -1,15 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The public API of include/subview: sizes, errors, exposures that come after the start, threads,
 // files. clang-format off
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-// clang-format on
 #include <stdlib.h>
 #include <string.h>
 
 #include "include/subview/subview.h"
+#include "tests/common/test.h"
 
 enum { W = 64, H = 48, CAP_CAMERAS = 5 };
 
@@ -73,8 +69,7 @@ static uint64_t run(subview_config c, unsigned char *block, size_t bytes, int n_
 }
 
 // subview_bytes is enough, wherever the block begins; a little less than half of it is not.
-static void test_bytes(void **state) {
-  (void)state;
+TEST(test_bytes) {
   static const subview_lens lenses[] = {SUBVIEW_LENS_PINHOLE, SUBVIEW_LENS_OPENCV8, SUBVIEW_LENS_FISHEYE};
   for (int n = 1; n <= CAP_CAMERAS; n++)
     for (int kind = 0; kind < 3; kind++) {
@@ -101,8 +96,7 @@ static void test_bytes(void **state) {
     }
 }
 
-static void test_errors(void **state) {
-  (void)state;
+TEST(test_errors) {
   static _Alignas(SUBVIEW_ALIGN) unsigned char block[8 << 20];
   subview *s;
   size_t bytes;
@@ -137,8 +131,7 @@ static void test_errors(void **state) {
 }
 
 // Any number of threads gives the same bits, and so does a block that was used before.
-static void test_same_bits(void **state) {
-  (void)state;
+TEST(test_same_bits) {
   static _Alignas(SUBVIEW_ALIGN) unsigned char block[16 << 20];
   int n_threads = 3;
   subview_config c = config_of(2, 2);
@@ -150,8 +143,7 @@ static void test_same_bits(void **state) {
 }
 
 // Exposures may come while training goes on; a full instance forgets its oldest one.
-static void test_exposures_after_start(void **state) {
-  (void)state;
+TEST(test_exposures_after_start) {
   static _Alignas(SUBVIEW_ALIGN) unsigned char block[8 << 20];
   static uint8_t rgb[H][W][3];
   subview *s;
@@ -192,8 +184,7 @@ static subview_status sink_write(void *self, const void *data, size_t bytes) {
   return k->fails_at && k->n_bytes >= k->fails_at ? SUBVIEW_E_IO : SUBVIEW_OK;
 }
 
-static void test_files(void **state) {
-  (void)state;
+TEST(test_files) {
   static _Alignas(SUBVIEW_ALIGN) unsigned char block[8 << 20];
   subview *s;
   subview_gaussian g;

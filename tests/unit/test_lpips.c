@@ -20,10 +20,6 @@ static const sv_image_pair im = {&a[0][0][0], &b[0][0][0], W, H, 3};
 static sv_lpips *lpips;
 static sv_err err;
 
-static void near(double got, double want, double tol) {
-  if (!(fabs(got - want) <= tol)) fail_msg("%.9f, expected %.9f", got, want);
-}
-
 // Discs on a checkerboard; b has them moved and some noise. Integers only, so the pictures are the same everywhere.
 FIXTURE(setup) {
   for (int i = 0; i < H * W; i++) {
@@ -50,16 +46,16 @@ TEST(test_made_pair) {
   sv_pool one = sv_pool_serial();
   double v;
   assert_int_equal(sv_lpips_compare(lpips, &im, &one, &v, &err), SV_OK);
-  near(v, 0.057572575, 1e-8);
+  assert_near(v, 0.057572575, 1e-8);
   assert_int_equal(sv_lpips_masked(lpips, &im, &mask[0][0], &one, &v, &err), SV_OK);
-  near(v, 0.050320743, 1e-8);
+  assert_near(v, 0.050320743, 1e-8);
   assert_int_equal(sv_lpips_map(lpips, &im, &one, map, &err), SV_OK);
   double sum = 0;
   for (int i = 0; i < H * W; i++) {
     assert_true(map[i] >= 0);
     sum += (double)map[i];
   }
-  near(sum / (H * W), 0.057582302, 1e-8);
+  assert_near(sum / (H * W), 0.057582302, 1e-8);
 }
 
 TEST(test_equal_pictures) {
@@ -90,7 +86,7 @@ TEST(test_whole_mask) {
   assert_int_equal(sv_lpips_masked(lpips, &im, all, &one, &v, &err), SV_OK);
   assert_int_equal(sv_lpips_map(lpips, &im, &one, map, &err), SV_OK);
   for (int i = 0; i < H * W; i++) sum += (double)map[i];
-  near(v, sum / (H * W), 1e-12);
+  assert_near(v, sum / (H * W), 1e-12);
 }
 
 TEST(test_threads) {
@@ -122,7 +118,7 @@ TEST(test_sizes) {
   assert_true(before == after);
   sv_image_pair small = {&a[0][0][0], &b[0][0][0], 16, 41, 3}, grey = {&a[0][0][0], &b[0][0][0], W, H, 1};
   assert_int_equal(sv_lpips_compare(lpips, &small, &one, &v, &err), SV_E_RANGE);
-  assert_non_null(strstr(err.text, "17x17"));
+  assert_contains(err.text, "17x17");
   assert_int_equal(sv_lpips_compare(lpips, &grey, &one, &v, &err), SV_E_RANGE);
 }
 
@@ -130,7 +126,7 @@ static float *read_planes(const char *name, int *w, int *h) {
   char path[1024];
   sv_bitmap m;
   snprintf(path, sizeof path, "tests/data/lpips_examples/%s", name);
-  if (sv_bitmap_read(path, &m, &err) != SV_OK) fail_msg("%s", err.text);
+  assert_ok(sv_bitmap_read(path, &m, &err), &err);
   size_t n = (size_t)m.width_px * (size_t)m.height_px;
   float *p = m.bits == 8 && m.n_channels == 3 ? malloc(3 * n * sizeof *p) : NULL;
   for (size_t i = 0; p && i < 3 * n; i++) p[i % 3 * n + i / 3] = (float)m.u8[i] / 255.0f;
@@ -154,7 +150,7 @@ TEST(test_published) {
     assert_true(p && w == w2 && h == h2);
     sv_image_pair pair = {ref, p, w, h, 3};
     assert_int_equal(sv_lpips_compare(lpips, &pair, &one, &v, &err), SV_OK);
-    near(v, cases[i].want, 1e-6);
+    assert_near(v, cases[i].want, 1e-6);
     free(p);
   }
   free(ref);

@@ -34,20 +34,16 @@ FIXTURE(setup) {
   return sv_ssim_scratch_doubles(W) == sizeof scratch / sizeof *scratch ? 0 : -1;
 }
 
-static void near(double got, double want, double tol) {
-  if (!(fabs(got - want) <= tol)) fail_msg("%.15g, expected %.15g", got, want);
-}
-
 TEST(test_against_reference) {
   double v;
-  near(sv_psnr(&im), 27.644389373468094, 1e-10);
-  near(sv_psnr_masked(&im, &mask[0][0]), 27.322350858192827, 1e-10);
+  assert_near(sv_psnr(&im), 27.644389373468094, 1e-10);
+  assert_near(sv_psnr_masked(&im, &mask[0][0]), 27.322350858192827, 1e-10);
   assert_int_equal(sv_ssim(&im, SV_SSIM_SAME, scratch, &v), SV_OK);
-  near(v, 0.9650331807203157, 1e-12);
+  assert_near(v, 0.9650331807203157, 1e-12);
   assert_int_equal(sv_ssim(&im, SV_SSIM_VALID, scratch, &v), SV_OK);
-  near(v, 0.9498445548067878, 1e-12);
+  assert_near(v, 0.9498445548067878, 1e-12);
   assert_int_equal(sv_ssim_masked(&im, &mask[0][0], scratch, &v), SV_OK);
-  near(v, 0.9582246999022871, 1e-12);
+  assert_near(v, 0.9582246999022871, 1e-12);
 }
 
 TEST(test_by_hand) {
@@ -55,34 +51,34 @@ TEST(test_by_hand) {
   static uint8_t all[H][W], none[H][W], u[300], w[300];
   memset(all, 1, sizeof all);
   sv_image_pair same = {&a[0][0][0], &a[0][0][0], W, H, 3};
-  near(sv_psnr(&same), 100, 1e-12);
+  assert_near(sv_psnr(&same), 100, 1e-12);
   assert_int_equal(sv_ssim(&same, SV_SSIM_SAME, scratch, &v), SV_OK);
-  near(v, 1, 1e-12);
+  assert_near(v, 1, 1e-12);
   // a whole mask gives the plain values: "valid" SSIM, PSNR (the clamps do not bite on this pair)
-  near(sv_psnr_masked(&im, &all[0][0]), sv_psnr(&im), 1e-12);
+  assert_near(sv_psnr_masked(&im, &all[0][0]), sv_psnr(&im), 1e-12);
   assert_int_equal(sv_ssim_masked(&im, &all[0][0], scratch, &v), SV_OK);
   assert_int_equal(sv_ssim(&im, SV_SSIM_VALID, scratch, &v2), SV_OK);
-  near(v, v2, 1e-12);
+  assert_near(v, v2, 1e-12);
   // nothing in the mask: every window counts as 1
-  near(sv_psnr_masked(&im, &none[0][0]), 100, 1e-12);
+  assert_near(sv_psnr_masked(&im, &none[0][0]), 100, 1e-12);
   assert_int_equal(sv_ssim_masked(&im, &none[0][0], scratch, &v), SV_OK);
-  near(v, 1, 1e-12);
+  assert_near(v, 1, 1e-12);
   // constant images: variances are zero, SSIM = (2 m1 m2 + C1) / (m1^2 + m2^2 + C1) in every whole window
   static float flat[2][H][W];
   for (int i = 0; i < H * W; i++) flat[0][i / W][i % W] = 0.25f, flat[1][i / W][i % W] = 0.75f;
   sv_image_pair f = {&flat[0][0][0], &flat[1][0][0], W, H, 1};
   assert_int_equal(sv_ssim(&f, SV_SSIM_VALID, scratch, &v), SV_OK);
-  near(v, (2 * 0.25 * 0.75 + 1e-4) / (0.0625 + 0.5625 + 1e-4), 1e-12);
-  near(sv_psnr(&f), -10 * log10(0.25), 1e-12);
+  assert_near(v, (2 * 0.25 * 0.75 + 1e-4) / (0.0625 + 0.5625 + 1e-4), 1e-12);
+  assert_near(sv_psnr(&f), -10 * log10(0.25), 1e-12);
   for (int i = 0; i < 300; i++) u[i] = 10, w[i] = (uint8_t)(i % 3 ? 10 : 13); // mse = 3 of 255^2
-  near(sv_psnr_u8(u, w, 300), -10 * log10(3 / 65025.0), 1e-10);
+  assert_near(sv_psnr_u8(u, w, 300), -10 * log10(3 / 65025.0), 1e-10);
   sv_image_pair tiny = {&a[0][0][0], &b[0][0][0], 10, 23, 1};
   assert_int_equal(sv_ssim(&tiny, SV_SSIM_VALID, scratch, &v), SV_E_RANGE);
   assert_int_equal(sv_ssim(&tiny, SV_SSIM_SAME, scratch, &v), SV_OK);
   assert_int_equal(sv_ssim_masked(&tiny, &mask[0][0], scratch, &v), SV_E_RANGE);
   sv_image_pair one = {&a[0][0][0], &a[0][0][0], 1, 1, 1}; // smaller than half a window
   assert_int_equal(sv_ssim(&one, SV_SSIM_SAME, scratch, &v), SV_OK);
-  near(v, 1, 1e-12);
+  assert_near(v, 1, 1e-12);
 }
 
 // Flat pictures, mask only in the columns from K on: the sums can be written down. A window that sees `count` of its
@@ -111,17 +107,17 @@ TEST(test_masked_by_hand) {
                                               : c * ma * mb;
     sum += (2 * s * s * ma * mb + 1e-4) * (2 * cov + 9e-4) /
            ((s * s * (ma * ma + mb * mb) + 1e-4) * (d * (ma * ma + mb * mb) + 9e-4));
-    if (count == 0) near(s, 0, 0);
+    if (count == 0) assert_near(s, 0, 0);
   }
   assert_int_equal(sv_ssim_masked(&f, &half[0][0], scratch, &v), SV_OK);
-  near(v, sum / (W - 10), 1e-12);
+  assert_near(v, sum / (W - 10), 1e-12);
   // the error of the pixels outside does not count
-  near(sv_psnr_masked(&f, &half[0][0]), -10 * log10(0.25), 1e-12);
+  assert_near(sv_psnr_masked(&f, &half[0][0]), -10 * log10(0.25), 1e-12);
   for (int i = 0; i < H * W; i++) flat[0][i / W][i % W] = i % W < K ? 0.0f : i % 2 ? 0.5f : 0.625f;
   double n = 0, e = 0;
   for (int i = 0; i < H * W; i++)
     if (i % W >= K) n++, e += i % 2 ? 1.0 / 16 : 1.0 / 64;
-  near(sv_psnr_masked(&f, &half[0][0]), -10 * log10(e / n), 1e-12);
+  assert_near(sv_psnr_masked(&f, &half[0][0]), -10 * log10(e / n), 1e-12);
 }
 
 TEST(test_depth) {
@@ -129,13 +125,13 @@ TEST(test_depth) {
   const uint8_t m[8] = {0, 1, 1, 1, 1, 1, 1, 1};
   sv_depth_error e = sv_depth_compare(d, t, NULL, 8);
   assert_int_equal(e.n, 2);
-  near(e.abs_rel, (0.5 + 0.1) / 2, 1e-7);
-  near(e.rmse, sqrt((1 + 0.04) / 2), 1e-7);
-  near(e.coverage, 2 / 6.0, 1e-12);
+  assert_near(e.abs_rel, (0.5 + 0.1) / 2, 1e-7);
+  assert_near(e.rmse, sqrt((1 + 0.04) / 2), 1e-7);
+  assert_near(e.coverage, 2 / 6.0, 1e-12);
   e = sv_depth_compare(d, t, m, 8);
   assert_int_equal(e.n, 1);
-  near(e.abs_rel, 0.1, 1e-7);
-  near(e.coverage, 1 / 5.0, 1e-12);
+  assert_near(e.abs_rel, 0.1, 1e-7);
+  assert_near(e.coverage, 1 / 5.0, 1e-12);
   e = sv_depth_compare(d, t, m, 1);
   assert_true(e.n == 0 && e.abs_rel == 0 && e.rmse == 0 && e.coverage == 0);
 }

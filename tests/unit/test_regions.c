@@ -37,7 +37,7 @@ static void open_trainer(void) {
     lens[i] = (sv_lens){sv_view_make(w, h, 40, 42, 0.5 * w, 0.5 * h, &pose), {5 * i, 3 * i, w, h, NULL}};
   }
   sv_multiplexed c = {90, 70, N_LENSES, lens, N_LENSES, true};
-  if (sv_train_add_measurement(&t, &c, measured, &err) < 0) fail_msg("%s", err.text);
+  assert_ok(sv_train_add_measurement(&t, &c, measured, &err), &err);
 }
 
 static void check_cover(int width_px, int height_px, float jx, float jy) {

@@ -16,18 +16,18 @@ static uint8_t picture[2][160 * 120 * 3];
 
 // A model trained on one exposure, from its depth maps.
 static void open_trained(const char *spec, int n_threads) {
-  if (!world_open(&w, spec, 1, ~0u, n_threads)) fail_msg("%s", w.err.text);
+  world_open_well(&w, spec, 1, ~0u, n_threads);
   w.cfg.is_dynamic = w.cfg.is_continuous = true;
   w.cfg.exposure_s = 3600; // no other exposure comes in
   w.cfg.train.n_gaussians = 2000;
   w.cfg.train.sh_degree = 0;
   w.cfg.steps = 100;
-  if (world_run(&w) < 0) fail_msg("%s", w.err.text);
+  world_run_well(&w);
 }
 
 // The same cameras, so many seconds later.
 static void let_pass(double seconds) {
-  for (int i = 0; i < w.app.trainer.n_views; i++) {
+  for (int i = 0; i < world_stats(&w).n_views; i++) {
     sv_train_view *v = &w.app.trainer.views[i];
     sv_view now = v->view;
     now.time += (float)seconds;
@@ -41,21 +41,21 @@ static void let_pass(double seconds) {
 
 static double psnr_of_newest(void) {
   double sum = 0;
-  for (int i = 0; i < w.app.trainer.n_views; i++) {
+  for (int i = 0; i < world_stats(&w).n_views; i++) {
     const sv_train_view *v = &w.app.trainer.views[i];
     double mse;
     assert_int_equal(sv_driver_mse(&w.app.trainer, &v->view, v->image.px, &mse), SV_OK);
-    sum += sv_psnr_of_mse(mse) / w.app.trainer.n_views;
+    sum += sv_psnr_of_mse(mse) / world_stats(&w).n_views;
   }
   return sum;
 }
 
 static uint32_t renew(void) {
-  const uint32_t before = w.app.trainer.n_renewed;
+  const uint32_t before = world_stats(&w).n_renewed;
   const size_t used = w.app.scratch.used_bytes;
   assert_int_equal(sv_train_renew(&w.app.trainer, 0.5f, &w.app.scratch), SV_OK);
   assert_int_equal(w.app.scratch.used_bytes, used);
-  return w.app.trainer.n_renewed - before;
+  return world_stats(&w).n_renewed - before;
 }
 
 TEST(what_has_moved_is_there_at_once) {
@@ -74,8 +74,8 @@ TEST(what_has_moved_is_there_at_once) {
     assert_true(trained > 25 && kept > trained - 1.5);
     assert_in_range(n, 50, 1000);
     assert_true(renewed > old + 2);
-    assert_int_equal(w.app.trainer.g.n, 2000);
-    digest[i] = sv_train_digest(&w.app.trainer);
+    assert_int_equal(world_stats(&w).n_gaussians, 2000);
+    digest[i] = world_digest(&w);
     world_close(&w);
   }
   assert_true(digest[0] == digest[1]);
@@ -85,9 +85,9 @@ TEST(what_has_moved_is_there_at_once) {
 TEST(one_camera_tells_no_depth) {
   open_trained("moving,rig=mono,arc=0,size=160x120", 1);
   let_pass(JUMP_S);
-  const uint64_t before = sv_train_digest(&w.app.trainer);
+  const uint64_t before = world_digest(&w);
   assert_int_equal(renew(), 0);
-  assert_true(sv_train_digest(&w.app.trainer) == before);
+  assert_true(world_digest(&w) == before);
   world_close(&w);
 }
 
@@ -96,9 +96,9 @@ TEST(nothing_to_be_seen) {
   open_trained("moving,rig=stereo,arc=0,size=160x120", 1);
   let_pass(JUMP_S);
   memset(picture, 0, sizeof picture);
-  const uint64_t before = sv_train_digest(&w.app.trainer);
+  const uint64_t before = world_digest(&w);
   assert_int_equal(renew(), 0);
-  assert_true(sv_train_digest(&w.app.trainer) == before);
+  assert_true(world_digest(&w) == before);
   world_close(&w);
 }
 

@@ -18,10 +18,10 @@ static sv_point point[20000];
 
 // An app that has captured its exposures and taken no step: the trainer has its views.
 static void open_views(const char *spec, int n_exposures, int n_threads) {
-  if (!world_open(&w, spec, n_exposures, ~0u, n_threads)) fail_msg("%s", w.err.text);
+  world_open_well(&w, spec, n_exposures, ~0u, n_threads);
   w.cfg.train.n_gaussians = 4000;
   w.cfg.steps = 1;
-  if (world_run(&w) < 0) fail_msg("%s", w.err.text);
+  world_run_well(&w);
 }
 
 static sv_arena scratch_of(size_t less) {
@@ -34,8 +34,8 @@ enum { CAP_PX = 160 * 160 };
 static float truth[16][CAP_PX];
 
 static void render_truth(void) {
-  assert_in_range(w.app.trainer.n_views, 1, 16);
-  for (int i = 0; i < w.app.trainer.n_views; i++) {
+  assert_in_range(world_stats(&w).n_views, 1, 16);
+  for (int i = 0; i < world_stats(&w).n_views; i++) {
     const sv_view *v = &w.app.trainer.views[i].view;
     assert_true(v->width_px * v->height_px <= CAP_PX);
     sv_sim_render(&w.sim, v, 0, NULL, truth[i]);
@@ -45,7 +45,7 @@ static void render_truth(void) {
 // Relative distance from the surface along the ray, in the view where it is least; 1: on none.
 static double error_of(const sv_point *p) {
   double least = 1;
-  for (int i = 0; i < w.app.trainer.n_views; i++) {
+  for (int i = 0; i < world_stats(&w).n_views; i++) {
     const sv_view *v = &w.app.trainer.views[i].view;
     float x[3];
     for (int r = 0; r < 3; r++)
@@ -152,7 +152,7 @@ static void expect_none(const char *spec, int n_exposures) {
   assert_int_equal(sv_stereo_points(&w.app.trainer, &w.cfg.bounds, &a, point, 4000, &n_points, &n_maps),
                    SV_AGAIN);
   assert_int_equal(n_points, 0);
-  assert_int_equal(w.app.trainer.step, 1); // it ran all the same
+  assert_int_equal(world_stats(&w).step, 1); // it ran all the same
   assert_false(world_has_line(&w, "depth maps"));
   world_close(&w);
 }

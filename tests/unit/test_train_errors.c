@@ -32,7 +32,7 @@ static void open_training(uint64_t seed, int relocate_every) {
   pose.t[2] = 4;
   sv_view view = sv_view_make(W, H, 60, 60, W / 2.0, H / 2.0, &pose);
   sv_image_u8 im = {picture, W, H, 3, W * 3};
-  if (sv_train_add_view(&t, &view, &im, &err) < 0) fail_msg("%s", err.text);
+  assert_ok(sv_train_add_view(&t, &view, &im, &err), &err);
   sv_init_cfg init = {
       .kind = SV_INIT_SPHERE, .radius = 1.0f, .opacity = 0.3f, .scale_factor = 1, .seed = seed};
   assert_int_equal(sv_train_start(&t, &init, NULL, 0, &scratch), SV_OK);

@@ -36,7 +36,7 @@ TEST(two_planes_are_one_frame) {
   assert_int_equal(n_events(SV_CAMERA_SHORT_FRAME, NULL), (uint64_t)t.n_error[0]);
   close_all();
   assert_true(open_spec("/dev/video0,format=NM12,dmabuf=on") < 0);
-  assert_non_null(strstr(err.text, "one plane"));
+  assert_contains(err.text, "one plane");
   fake.device[0].is_mplane = false;
   assert_true(open_spec("/dev/video0,format=NM12") < 0);
   assert_int_equal(fake_v4l2_n_open(&fake), 0);
@@ -83,7 +83,7 @@ TEST(a_signal_that_changes_or_goes_is_named) {
   close_all();
   fake_v4l2_signal(&fake, 0, 0, ENOLINK);
   assert_true(open_spec(BOTH) < 0);
-  assert_non_null(strstr(err.text, "/dev/video0: there is no signal at its input"));
+  assert_contains(err.text, "/dev/video0: there is no signal at its input");
   assert_int_equal(fake_v4l2_n_open(&fake), 0);
   // The size follows the signal that is there.
   fake_v4l2_signal(&fake, 0, 32, 0);
