@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The public API of include/subview: sizes, errors, exposures that come after the start, threads,
-// files. clang-format off
+// files.
 #include <stdlib.h>
 #include <string.h>
 
