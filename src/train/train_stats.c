@@ -12,7 +12,7 @@ void sv_train_get_stats(const sv_trainer *t, sv_train_stats *out) {
       .n_relocated = t->n_relocated,
       .n_renewed = t->n_renewed,
       .n_views = t->n_views,
-      .n_composites = t->n_composites,
+      .n_measurements = t->n_measurements,
       .n_regions = t->n_regions,
       .radius = t->radius,
       .optimizer = t->cfg.optimizer,

@@ -19,7 +19,7 @@ typedef struct {
   uint32_t n_relocated; // relocations so far
   uint32_t n_renewed;   // Gaussians renewed by new exposures so far
   int n_views;          // images that are trained on
-  int n_composites;     // multiplexed measurements that are trained on
+  int n_measurements;   // multiplexed measurements that are trained on
   int n_regions;        // regions of these
   float centre[3];      // of the scene, world
   float radius;         // of the scene, world units

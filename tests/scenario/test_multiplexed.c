@@ -29,9 +29,9 @@ TEST(test_quality) {
   for (int n = 1; n <= 2; n++) {
     open_world(SPEC, 6, n);
     w.cfg.steps = 600;
-    run_well();
+    world_run_well(&w);
     assert_int_equal(world_stats(&w).n_views, 0);
-    assert_int_equal(w.app.trainer.n_measurements, 6);
+    assert_int_equal(world_stats(&w).n_measurements, 6);
     assert_int_equal(world_stats(&w).n_regions, 6 * 3 * 2);
     assert_int_equal(sv_driver_n_views(&w.app.trainer), 6 * 9);
     digest[n - 1] = world_digest(&w);
@@ -61,7 +61,7 @@ static void test_unknown_bounds(void **state) { // starting points come from the
 TEST(test_pool) {
   open_world(SPEC, 3, 2);
   w.cfg.steps = 1;
-  run_well();
+  world_run_well(&w);
   const sv_measurements *c = &w.app.exposures.measurements;
   assert_int_equal(c->n_sensors, 1);
   for (int e = 0; e < 3; e++) {
@@ -205,7 +205,7 @@ TEST(test_coverage_counts) {
       for (int v = 0; v < rig.n_sub_views; v++) rig.sub_views[v].footprint.coverage = half;
     w.cfg.rig = &rig;
     w.cfg.steps = 3;
-    run_well();
+    world_run_well(&w);
     max_overlap[i] = w.app.exposures.measurements.sensor[0].max_overlap;
     world_close(&w);
   }
@@ -296,7 +296,7 @@ TEST(test_replay) {
   record(dir, spec);
   open_world(spec, 3, 2);
   w.cfg.steps = 5;
-  run_well();
+  world_run_well(&w);
   for (int e = 0; e < 3; e++) memcpy(direct[e], w.app.trainer.measurements[e].px, sizeof direct[e]);
   world_close(&w);
   if (!world_open_replay(&w, dir, 3, ~0u, 2)) fail_msg("%s", w.err.text);
@@ -308,7 +308,7 @@ TEST(test_replay) {
   assert_int_equal(w.app.exposures.n, 3);
   for (int e = 0; e < 3; e++) // all 16 bits came back
     assert_memory_equal(w.app.trainer.measurements[e].px, direct[e], sizeof direct[e]);
-  double psnr = training_psnr();
+  double psnr = world_training_psnr(&w);
   print_message("replayed: measurements %.2f dB\n", psnr);
   assert_true(psnr > 22.0); // measured: 24.1
   world_close(&w);
