@@ -213,7 +213,7 @@ TEST(test_coverage_counts) {
 }
 
 TEST(test_refused) {
-  static const char *const says[] = {"together", "undistorted", "not on the sensor", "no lens lights",
+  static const char *const says[] = {"together", "undistorted", "not on the sensor", "no lens image falls",
                                      "camera 3"};
   static uint8_t dark[160 * 120];
   for (int i = 0; i < 5; i++) {
@@ -222,7 +222,10 @@ TEST(test_refused) {
     w.cfg.rig = &rig;
     w.cfg.steps = 2;
     if (i == 0) w.cfg.sub_view_mask[0] = 5;
-    if (i == 1) rig.sub_views[3].model.kind = SV_MODEL_OPENCV8, rig.sub_views[3].model.p[4] = 0.01;
+    if (i == 1) {
+      rig.sub_views[3].model.kind = SV_MODEL_OPENCV8;
+      rig.sub_views[3].model.p[4] = 0.01;
+    }
     if (i == 2) rig.sub_views[8].footprint.x0_px += 30;
     for (int v = 0; v < 9 && i == 3; v++) rig.sub_views[v].footprint.coverage = dark;
     if (i == 4) rig.sub_views[2].i_camera = 3;
