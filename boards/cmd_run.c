@@ -88,6 +88,7 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .preview_every_s = 2,
                   .capture_timeout_ns = 10 * SV_NS_PER_S,
                   .train = sv_train_defaults(),
+                  .dynamic = sv_dynamic_defaults(),
                   .steps = (uint32_t)o->steps,
                   .time_limit_s = o->time_limit,
                   .is_tracking = !o->is_continuous && !o->is_dynamic && !tells_poses(&run.src.source),

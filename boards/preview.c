@@ -38,13 +38,14 @@ static void print_links(const run_options *o) {
 
 sv_status preview_open(const run_options *o, sv_err *err) {
   if (!o->preview && !o->has_feed) return SV_OK;
-  const sv_app_cfg planned = {
-      .n_exposures = (int)o->exposures, .is_dynamic = o->is_dynamic, .is_continuous = o->is_continuous};
-  sv_train_cfg train = sv_train_defaults();
-  if (o->is_dynamic) sv_app_plan_moving(&planned, &train);
+  const sv_app_cfg planned = {.n_exposures = (int)o->exposures,
+                              .is_dynamic = o->is_dynamic,
+                              .is_continuous = o->is_continuous,
+                              .dynamic = sv_dynamic_defaults()};
+  const sv_dynamic_cfg motion = sv_app_dynamic_cfg(&planned);
   const size_t n = o->gaussians > 0 ? (size_t)o->gaussians : 1;
-  size_t n_floats = SV_GAUSSIAN_N_FLOATS((size_t)o->sh) + sv_preview_motion_floats(&train) +
-                    (sv_preview_bodies_floats(&train) + n - 1) / n;
+  size_t n_floats = SV_GAUSSIAN_N_FLOATS((size_t)o->sh) + sv_preview_motion_floats(&motion) +
+                    (sv_preview_bodies_floats(&motion) + n - 1) / n;
   sv_status s = sv_linux_preview_open(&live, (uint32_t)o->gaussians, (uint32_t)n_floats, err);
   is_open = s >= 0;
   if (s >= 0 && o->preview) s = sv_linux_preview_serve(&live, NULL, o->preview_addr, o->preview_port, err);

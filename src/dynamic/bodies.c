@@ -7,7 +7,9 @@
 
 #include "src/base/mathx.h"
 #include "src/dynamic/rigid.h"
-#include "src/train/train.h"
+#include "src/dynamic/bodies.h"
+#include "src/dynamic/curriculum.h"
+#include "src/train/optimize.h"
 
 #define TOLERANCE_PX  0.7f // a member is off by less
 #define LEAST_PX      1.0f // a new body's members move by more
@@ -48,8 +50,8 @@ static void pull(sv_rigid *knot, const sv_rigid *to, float most_turn, float most
   for (int k = 0; k < 3; k++) knot->d[k] += shift * (to->d[k] - knot->d[k]);
 }
 
-static void move_knot(sv_trainer *t, int body, int i_knot, const float g[6], float lr) {
-  sv_bodies *b = &t->deform.motion.bodies;
+static void move_knot(sv_dynamic *dyn, int body, int i_knot, const float g[6], float lr) {
+  sv_bodies *b = &dyn->deform.motion.bodies;
   const long at = (long)body * b->cap_knots + i_knot;
   sv_rigid *knot = b->knot + at;
   sv_knot_adam *adam = b->adam + at;
@@ -68,31 +70,31 @@ static void move_knot(sv_trainer *t, int body, int i_knot, const float g[6], flo
   if (sv_bodies_among(b, body, i_knot, &smooth)) pull(knot, &smooth, PULL * lr / b->radius[body], PULL * lr);
 }
 
-void sv_train_clear_body_sums(sv_trainer *t) {
-  if (t->body_sum) memset(t->body_sum, 0, (size_t)sv_train_n_tasks(t) * sizeof *t->body_sum);
+void sv_dynamic_clear_body_sums(sv_dynamic *dyn) {
+  if (dyn->body_sum) memset(dyn->body_sum, 0, (size_t)sv_train_n_tasks(dyn->t) * sizeof *dyn->body_sum);
 }
 
-void sv_train_move_bodies(sv_trainer *t, float mean_lr) {
-  sv_bodies *b = &t->deform.motion.bodies;
-  const int i_knot = t->body_sum && b->n > 1 ? sv_bodies_find_knot(b, t->time) : -1;
-  if (i_knot < 0 || t->time == t->middle) return; // there they are at rest
+void sv_dynamic_step_bodies(sv_dynamic *dyn, float mean_lr) {
+  sv_bodies *b = &dyn->deform.motion.bodies;
+  const int i_knot = dyn->body_sum && b->n > 1 ? sv_bodies_find_knot(b, dyn->time) : -1;
+  if (i_knot < 0 || dyn->time == dyn->t->reference_time) return; // there they are at rest
   for (int body = 1; body < b->n; body++) {
     float g[6] = {0}, any = 0;
-    for (int i = 0; i < sv_train_n_tasks(t); i++)
-      for (int k = 0; k < 6; k++) g[k] += t->body_sum[i][body][k];
+    for (int i = 0; i < sv_train_n_tasks(dyn->t); i++)
+      for (int k = 0; k < 6; k++) g[k] += dyn->body_sum[i][body][k];
     for (int k = 0; k < 6; k++) any += fabsf(g[k]);
-    if (any > 0) move_knot(t, body, i_knot, g, t->cfg.dynamic.body * mean_lr);
+    if (any > 0) move_knot(dyn, body, i_knot, g, dyn->cfg.lr_body * mean_lr);
   }
 }
 
 // --- following -----------------------------------------------------------------------------------
 
-void sv_train_expect_bodies(sv_trainer *t, float to, float before) {
-  sv_bodies *b = &t->deform.motion.bodies;
+void sv_dynamic_extrapolate_bodies(sv_dynamic *dyn, float to, float before) {
+  sv_bodies *b = &dyn->deform.motion.bodies;
   if (!b->of) return;
-  for (int i = 0; i < t->n_views; i++)
-    if (sv_train_has_time(t, t->views[i].view.time, before))
-      (void)sv_bodies_add_knot(b, t->views[i].view.time);
+  for (int i = 0; i < dyn->t->n_views; i++)
+    if (sv_dynamic_has_time(dyn, dyn->t->views[i].view.time, before))
+      (void)sv_bodies_add_knot(b, dyn->t->views[i].view.time);
   (void)sv_bodies_add_knot(b, to);
 }
 
@@ -105,28 +107,28 @@ static sv_rigid relative(const sv_rigid *from, const sv_rigid *to) {
   return m;
 }
 
-// Slots of a body, in scratch memory of t->near.
-static const uint32_t *members(const sv_trainer *t, int body, int *n) {
-  uint32_t *list = (uint32_t *)t->near->tmp;
+// Slots of a body, in scratch memory of dyn->near.
+static const uint32_t *members(const sv_dynamic *dyn, int body, int *n) {
+  uint32_t *list = (uint32_t *)dyn->near->tmp;
   *n = 0;
-  for (int i = 0; i < t->g.n; i++)
-    if (t->deform.motion.bodies.of[i] == body) list[(*n)++] = (uint32_t)i;
+  for (int i = 0; i < dyn->t->g.n; i++)
+    if (dyn->deform.motion.bodies.of[i] == body) list[(*n)++] = (uint32_t)i;
   return list;
 }
 
 // Poses of the known bodies at a new time. Where too few tell, they go on as they went.
-static void follow_known(sv_trainer *t, int i_from, int i_to) {
-  sv_bodies *b = &t->deform.motion.bodies;
+static void follow_known(sv_dynamic *dyn, int i_from, int i_to) {
+  sv_bodies *b = &dyn->deform.motion.bodies;
   for (int body = 1; body < b->n; body++) {
     int n, n_agree = 0;
-    const uint32_t *list = members(t, body, &n);
+    const uint32_t *list = members(dyn, body, &n);
     const sv_rigid *from = sv_bodies_knot(b, body, i_from);
     sv_rigid *to = sv_bodies_knot(b, body, i_to), rel = relative(from, to), found;
     float c[3];
     for (int k = 0; k < 3; k++) c[k] = b->centre[body][k] + from->d[k];
-    if (!sv_rigid_fit(t->near->of, list, n, c, TOLERANCE_PX, &rel, &found, &n_agree)) continue;
+    if (!sv_rigid_fit(dyn->near->of, list, n, c, TOLERANCE_PX, &rel, &found, &n_agree)) continue;
     int n_known = 0;
-    for (int i = 0; i < n; i++) n_known += t->near->of[list[i]].is_known;
+    for (int i = 0; i < n; i++) n_known += dyn->near->of[list[i]].is_known;
     if (n_agree >= LEAST_AGREE && (float)n_agree >= LEAST_SHARE * (float)n_known)
       *to = sv_rigid_then(from, &found);
   }
@@ -134,31 +136,32 @@ static void follow_known(sv_trainer *t, int i_from, int i_to) {
 
 // --- new bodies ----------------------------------------------------------------------------------
 
-void sv_train_own_place(const sv_trainer *t, int i, const sv_motion_values *f, float x[3], float q[4]) {
-  const sv_motion *mo = &t->deform.motion;
+void sv_dynamic_local_position(const sv_dynamic *dyn, int i, const sv_motion_values *f, float x[3],
+                               float q[4]) {
+  const sv_motion *mo = &dyn->deform.motion;
   const sv_motion_cfg *c = &mo->cfg;
   const bool is_moving = i < mo->n_moving;
   for (int k = 0; k < 3; k++) {
-    x[k] = *sv_gaussians_at(&t->g, i, SV_ROW_MEAN + k);
+    x[k] = *sv_gaussians_at(&dyn->t->g, i, SV_ROW_MEAN + k);
     for (int j = 0; j < c->n_pos && is_moving; j++)
       x[k] += f->pos[j] * *sv_motion_row(mo, i, SV_MROW_FUNCTIONS + 3 * j + k);
   }
   for (int k = 0; k < 4 && q; k++) {
-    q[k] = *sv_gaussians_at(&t->g, i, SV_ROW_QUAT + k);
+    q[k] = *sv_gaussians_at(&dyn->t->g, i, SV_ROW_QUAT + k);
     for (int j = 0; j < c->n_rot && is_moving; j++)
       q[k] += f->rot[j] * *sv_motion_row(mo, i, SV_MROW_FUNCTIONS + 3 * c->n_pos + 4 * j + k);
   }
 }
 
-void sv_train_settle(sv_trainer *t, int i, int body, const float x[3], const float q[4]) {
-  sv_motion *mo = &t->deform.motion;
+void sv_dynamic_attach(sv_dynamic *dyn, int i, int body, const float x[3], const float q[4]) {
+  sv_motion *mo = &dyn->deform.motion;
   const sv_motion_cfg *c = &mo->cfg;
-  if (!t->is_moving[i]) {
+  if (!dyn->is_moving[i]) {
     sv_motion_rest(mo, i);
-    t->is_moving[i] = 2;
+    dyn->is_moving[i] = 2;
   }
-  for (int k = 0; k < 3; k++) *sv_gaussians_at(&t->g, i, SV_ROW_MEAN + k) = x[k];
-  for (int k = 0; k < 4; k++) *sv_gaussians_at(&t->g, i, SV_ROW_QUAT + k) = q[k];
+  for (int k = 0; k < 3; k++) *sv_gaussians_at(&dyn->t->g, i, SV_ROW_MEAN + k) = x[k];
+  for (int k = 0; k < 4; k++) *sv_gaussians_at(&dyn->t->g, i, SV_ROW_QUAT + k) = q[k];
   long at = sv_motion_row(mo, i, SV_MROW_FUNCTIONS) - mo->param;
   for (int r = 0; r < 3 * c->n_pos + 4 * c->n_rot; r++)
     mo->param[at + 16 * r] = mo->m[at + 16 * r] = mo->v[at + 16 * r] = 0.0f;
@@ -166,53 +169,53 @@ void sv_train_settle(sv_trainer *t, int i, int body, const float x[3], const flo
 }
 
 // Where body `body`, of those in list, was at the times before, by its members' own motion.
-static void find_past(sv_trainer *t, int body, const uint32_t *list, int n, int i_to, float px_per_unit) {
-  sv_bodies *b = &t->deform.motion.bodies;
-  const sv_motion_values mid = sv_motion_values_at(&t->deform.motion.cfg, t->middle);
+static void find_past(sv_dynamic *dyn, int body, const uint32_t *list, int n, int i_to, float px_per_unit) {
+  sv_bodies *b = &dyn->deform.motion.bodies;
+  const sv_motion_values mid = sv_motion_values_at(&dyn->deform.motion.cfg, dyn->t->reference_time);
   for (int i_knot = 0; i_knot < b->n_knots; i_knot++) {
-    if (i_knot == i_to || b->time[i_knot] == t->middle) continue;
-    const sv_motion_values f = sv_motion_values_at(&t->deform.motion.cfg, b->time[i_knot]);
+    if (i_knot == i_to || b->time[i_knot] == dyn->t->reference_time) continue;
+    const sv_motion_values f = sv_motion_values_at(&dyn->deform.motion.cfg, b->time[i_knot]);
     for (int p = 0; p < n; p++) {
-      sv_displaced *o = &t->near->of[list[p]];
+      sv_displaced *o = &dyn->near->of[list[p]];
       float y[3];
-      sv_train_own_place(t, (int)list[p], &mid, o->x, NULL);
-      sv_train_own_place(t, (int)list[p], &f, y, NULL);
+      sv_dynamic_local_position(dyn, (int)list[p], &mid, o->x, NULL);
+      sv_dynamic_local_position(dyn, (int)list[p], &f, y, NULL);
       for (int k = 0; k < 3; k++) o->u[k] = y[k] - o->x[k];
       for (int k = 0; k < 6; k++) o->a[k] = k == 0 || k == 3 || k == 5 ? px_per_unit * px_per_unit : 0;
       o->is_known = true;
     }
     sv_rigid found;
-    if (sv_rigid_fit(t->near->of, list, n, b->centre[body], TOLERANCE_PX, NULL, &found, NULL))
+    if (sv_rigid_fit(dyn->near->of, list, n, b->centre[body], TOLERANCE_PX, NULL, &found, NULL))
       *sv_bodies_knot(b, body, i_knot) = found;
   }
 }
 
 // Centre and radius of a new body, by its members' places at the middle time.
-static void measure(sv_trainer *t, int body, const uint32_t *list, int n, const sv_motion_values *mid) {
-  float *c = t->deform.motion.bodies.centre[body], x[3], sum = 0;
+static void measure(sv_dynamic *dyn, int body, const uint32_t *list, int n, const sv_motion_values *mid) {
+  float *c = dyn->deform.motion.bodies.centre[body], x[3], sum = 0;
   c[0] = c[1] = c[2] = 0;
   for (int p = 0; p < n; p++) {
-    sv_train_own_place(t, (int)list[p], mid, x, NULL);
+    sv_dynamic_local_position(dyn, (int)list[p], mid, x, NULL);
     for (int k = 0; k < 3; k++) c[k] += x[k] / (float)n;
   }
   for (int p = 0; p < n; p++) {
-    sv_train_own_place(t, (int)list[p], mid, x, NULL);
+    sv_dynamic_local_position(dyn, (int)list[p], mid, x, NULL);
     for (int k = 0; k < 3; k++) sum += (x[k] - c[k]) * (x[k] - c[k]);
   }
-  t->deform.motion.bodies.radius[body] = sqrtf(sum / (float)n) + 1e-6f * t->radius;
+  dyn->deform.motion.bodies.radius[body] = sqrtf(sum / (float)n) + 1e-6f * dyn->t->radius;
 }
 
 // A body of those that bear its number, which goes from where it was by motion about from_centre.
-static void make_body(sv_trainer *t, int body, const sv_rigid *motion, const float from_centre[3], int i_from,
-                      int i_to, float px_per_unit) {
-  sv_bodies *b = &t->deform.motion.bodies;
-  const sv_motion_values mid = sv_motion_values_at(&t->deform.motion.cfg, t->middle);
+static void make_body(sv_dynamic *dyn, int body, const sv_rigid *motion, const float from_centre[3],
+                      int i_from, int i_to, float px_per_unit) {
+  sv_bodies *b = &dyn->deform.motion.bodies;
+  const sv_motion_values mid = sv_motion_values_at(&dyn->deform.motion.cfg, dyn->t->reference_time);
   int n;
-  const uint32_t *list = members(t, body, &n);
+  const uint32_t *list = members(dyn, body, &n);
   const float *c = b->centre[body];
-  measure(t, body, list, n, &mid);
+  measure(dyn, body, list, n, &mid);
   for (int i = 0; i < b->n_knots; i++) *sv_bodies_knot(b, body, i) = SV_RIGID_IDENTITY;
-  find_past(t, body, list, n, i_to, px_per_unit);
+  find_past(dyn, body, list, n, i_to, px_per_unit);
   const sv_rigid *from = sv_bodies_knot(b, body, i_from);
   sv_rigid *to = sv_bodies_knot(b, body, i_to);
   float x[3], q[4];
@@ -221,8 +224,8 @@ static void make_body(sv_trainer *t, int body, const sv_rigid *motion, const flo
   sv_quat_mul(motion->q, from->q, to->q);
   for (int k = 0; k < 3; k++) to->d[k] = x[k] - c[k];
   for (int p = 0; p < n; p++) {
-    sv_train_own_place(t, (int)list[p], &mid, x, q);
-    sv_train_settle(t, (int)list[p], body, x, q);
+    sv_dynamic_local_position(dyn, (int)list[p], &mid, x, q);
+    sv_dynamic_attach(dyn, (int)list[p], body, x, q);
   }
 }
 
@@ -237,9 +240,9 @@ static float off2(const sv_displaced *o, const float y[3]) {
 }
 
 // The body that slot i went with, of those that it is close to; 0: none.
-static int body_of(const sv_trainer *t, int i, int i_from, int i_to) {
-  const sv_bodies *b = &t->deform.motion.bodies;
-  const sv_displaced *o = &t->near->of[i];
+static int body_of(const sv_dynamic *dyn, int i, int i_from, int i_to) {
+  const sv_bodies *b = &dyn->deform.motion.bodies;
+  const sv_displaced *o = &dyn->near->of[i];
   float least = TOLERANCE_PX * TOLERANCE_PX, x[3], y[3];
   int best = 0;
   for (int body = 1; body < b->n; body++) {
@@ -256,48 +259,48 @@ static int body_of(const sv_trainer *t, int i, int i_from, int i_to) {
 }
 
 // Who was seen to go with a body, and far, becomes one of its members.
-static void join(sv_trainer *t, int i_from, int i_to) {
-  sv_bodies *b = &t->deform.motion.bodies;
-  const sv_motion_values f = sv_motion_values_at(&t->deform.motion.cfg, b->time[i_from]);
-  for (int p = 0; p < t->near->n; p++) {
-    const int i = (int)t->near->order[p];
-    const sv_displaced *o = &t->near->of[i];
+static void join(sv_dynamic *dyn, int i_from, int i_to) {
+  sv_bodies *b = &dyn->deform.motion.bodies;
+  const sv_motion_values f = sv_motion_values_at(&dyn->deform.motion.cfg, b->time[i_from]);
+  for (int p = 0; p < dyn->near->n; p++) {
+    const int i = (int)dyn->near->order[p];
+    const sv_displaced *o = &dyn->near->of[i];
     if (b->of[i] || !o->is_known || off2(o, o->x) < JOIN_PX * JOIN_PX) continue;
-    const int body = body_of(t, i, i_from, i_to);
+    const int body = body_of(dyn, i, i_from, i_to);
     if (!body) continue;
     const sv_rigid *from = sv_bodies_knot(b, body, i_from);
     const float back[4] = {from->q[0], -from->q[1], -from->q[2], -from->q[3]};
     float x[3], q[4], own[4];
-    sv_train_own_place(t, i, &f, x, own);
+    sv_dynamic_local_position(dyn, i, &f, x, own);
     sv_quat_mul(back, own, q);
     sv_rigid_undo(from, b->centre[body], o->x, x);
-    sv_train_settle(t, i, body, x, q);
+    sv_dynamic_attach(dyn, i, body, x, q);
   }
 }
 
-void sv_train_follow_bodies(sv_trainer *t, float from, float to, float px_per_unit) {
-  sv_bodies *b = &t->deform.motion.bodies;
+void sv_dynamic_match_bodies(sv_dynamic *dyn, float from, float to, float px_per_unit) {
+  sv_bodies *b = &dyn->deform.motion.bodies;
   if (!b->of) return;
   const int i_from = sv_bodies_find_knot(b, from), i_to = sv_bodies_find_knot(b, to);
   if (i_from < 0 || i_to < 0) return;
-  follow_known(t, i_from, i_to);
-  join(t, i_from, i_to);
-  const int room = sv_mini(t->cfg.dynamic.n_bodies, SV_CAP_BODIES - 1) + 1 - b->n;
+  follow_known(dyn, i_from, i_to);
+  join(dyn, i_from, i_to);
+  const int room = sv_mini(dyn->cfg.n_bodies, SV_CAP_BODIES - 1) + 1 - b->n;
   if (room < 1) return;
   sv_rigid motion[SV_CAP_BODIES];
   float centre[SV_CAP_BODIES][3];
-  const sv_rigid_search s = {.of = t->near->of,
-                             .order = t->near->order,
+  const sv_rigid_search s = {.of = dyn->near->of,
+                             .order = dyn->near->order,
                              .label = b->of,
-                             .list = (uint32_t *)t->near->tmp,
-                             .n = t->near->n,
+                             .list = (uint32_t *)dyn->near->tmp,
+                             .n = dyn->near->n,
                              .first_label = b->n,
                              .cap_bodies = room,
                              .least_members = LEAST_MEMBERS,
                              .least_px = LEAST_PX,
                              .tolerance_px = TOLERANCE_PX,
-                             .seed = t->cfg.seed};
+                             .seed = dyn->t->cfg.seed};
   const int n = sv_rigid_find(&s, motion, centre), first = b->n;
   b->n += n;
-  for (int k = 0; k < n; k++) make_body(t, first + k, &motion[k], centre[k], i_from, i_to, px_per_unit);
+  for (int k = 0; k < n; k++) make_body(dyn, first + k, &motion[k], centre[k], i_from, i_to, px_per_unit);
 }

@@ -7,7 +7,7 @@
 #ifndef SV_DYNAMIC_DISTIL_H
 #define SV_DYNAMIC_DISTIL_H
 
-#include "src/train/train.h"
+#include "src/dynamic/dynamic.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -16,33 +16,33 @@ extern "C" {
 // Prices of a squared error of each row, those of the means in 1/unit^2.
 typedef struct {
   float price[SV_ROW_LOGIT];
-} sv_fit_prices;
+} sv_fit_weights;
 
 // Of one block of 16 Gaussians that is at `is` [rows][16] and should be at `want`, e = is - want, o the opacity of is:
 //   L = sum_i o_i (sqrt(1 + price |e_mean|^2) - 1 + sum_(other rows) price e^2 / 2),
 // so that those for which a field has no room do not outvote the others. Rows from SV_ROW_LOGIT on do not take part.
-double sv_fit_loss(const sv_fit_prices *p, const float *is, const float *want);
+double sv_fit_loss(const sv_fit_weights *p, const float *is, const float *want);
 // dL/d(is) [n_rows][16]; opacity is not asked to give way.
-void sv_fit_loss_bwd(const sv_fit_prices *p, const float *is, const float *want, int n_rows, float *grad);
+void sv_fit_loss_bwd(const sv_fit_weights *p, const float *is, const float *want, int n_rows, float *grad);
 
 // Progress of the present stage's schedules, of a run that has two.
-float sv_train_stage_progress(const sv_trainer *t, float progress);
+float sv_distil_stage_progress(const sv_dynamic *dyn, float progress);
 // The stored Gaussians become the clip's of the middle time, and the field, still at rest, is what moves them from now
-// on; t->fit_left steps of the fit are to come.
-void sv_train_hand_over(sv_trainer *t);
+// on; dyn->fit_steps_left steps of the fit are to come.
+void sv_distil_begin(sv_dynamic *dyn);
 // Some of them, a tenth of a second or less. progress is the run's: of one with a time limit the fit takes half of what
 // is left at most.
-void sv_train_fit(sv_trainer *t, float progress);
+void sv_distil_fit(sv_dynamic *dyn, float progress);
 // Whether a field moves the Gaussians that a clip has taught, and still does.
-bool sv_train_is_taught(const sv_trainer *t);
+bool sv_distil_is_on(const sv_dynamic *dyn);
 // Between a training time and the next one, or the one before the last; `time` itself where there is no other.
-float sv_train_time_between(const sv_trainer *t, float time, float share);
+float sv_distil_time_between(const sv_dynamic *dyn, float time, float share);
 // The time of the next step on a picture of `time`: another one when it is to be the clip's.
-float sv_train_lesson_time(sv_trainer *t, float time);
+float sv_distil_time(sv_dynamic *dyn, float time);
 // The clip's picture of a view at its time as the target.
-sv_status sv_train_load_lesson(sv_trainer *t, const sv_view *view, const sv_render_options *o) SV_MUST_USE;
+sv_status sv_distil_load_target(sv_dynamic *dyn, const sv_view *view, const sv_render_options *o) SV_MUST_USE;
 // The field's step after a picture, at a progress of its stage.
-void sv_train_step_field(sv_trainer *t, float progress);
+void sv_distil_step_field(sv_dynamic *dyn, float progress);
 
 #ifdef __cplusplus
 }

@@ -12,7 +12,11 @@
 #include "src/base/mathx.h"
 #include "src/splat/constants.h"
 #include "src/dynamic/patch.h"
-#include "src/train/train.h"
+#include "src/dynamic/match.h"
+#include "src/dynamic/bodies.h"
+#include "src/dynamic/curriculum.h"
+#include "src/dynamic/search.h"
+#include "src/train/step.h"
 
 #define REACH           10    // 1/REACH of the larger side is searched
 #define STILL           0.25f // times that: within half a pixel of where it was
@@ -32,7 +36,7 @@
 #define CAP_TERMS (1 + SV_CAP_MOTION_FUNCTIONS)
 
 typedef struct {
-  sv_trainer *t;
+  sv_dynamic *dyn;
   sv_planes prev, next; // reduced
   sv_view from, to;
   sv_motion_values f;           // at the new time
@@ -86,33 +90,33 @@ static bool follow(const job *j, int x, int y, const float p[2], float d[2]) {
 
 // Where slot i is at the time of the last picture, and at the new time as its motion has it.
 static void places(const job *j, int i, float now[3], float then[3]) {
-  const sv_trainer *t = j->t;
-  const sv_motion *mo = &t->deform.motion;
+  const sv_dynamic *dyn = j->dyn;
+  const sv_motion *mo = &dyn->deform.motion;
   const bool is_moving = i < mo->n_moving;
   for (int k = 0; k < 3; k++) {
-    then[k] = *sv_gaussians_at(&t->g, i, SV_ROW_MEAN + k);
-    now[k] =
-        is_moving ? mo->moved[((long)(i >> 4) * t->g.n_rows + SV_ROW_MEAN + k) * 16 + (i & 15)] : then[k];
+    then[k] = *sv_gaussians_at(&dyn->t->g, i, SV_ROW_MEAN + k);
+    now[k] = is_moving ? mo->moved[((long)(i >> 4) * dyn->t->g.n_rows + SV_ROW_MEAN + k) * 16 + (i & 15)]
+                       : then[k];
     for (int f = 0; f < mo->cfg.n_pos && is_moving; f++)
       then[k] += j->f.pos[f] * *sv_motion_row(mo, i, SV_MROW_FUNCTIONS + 3 * f + k);
   }
-  const int body = sv_train_body_of(t, i);
+  const int body = sv_dynamic_body_of(dyn, i);
   if (body) sv_rigid_apply(&j->body[body], mo->bodies.centre[body], then, then);
 }
 
 // Pixels that slot i is displaced by at the new time when it goes on as it went from the time before to the last.
 static void go_on(const job *j, int i, const float now[3], const float px[2], float ahead[2]) {
-  const sv_trainer *t = j->t;
-  const sv_motion *mo = &t->deform.motion;
+  const sv_dynamic *dyn = j->dyn;
+  const sv_motion *mo = &dyn->deform.motion;
   float x[3], to[2], z;
   ahead[0] = ahead[1] = 0;
   if (i >= mo->n_moving || !(j->lead > 0)) return;
   for (int k = 0; k < 3; k++) {
-    x[k] = *sv_gaussians_at(&t->g, i, SV_ROW_MEAN + k);
+    x[k] = *sv_gaussians_at(&dyn->t->g, i, SV_ROW_MEAN + k);
     for (int f = 0; f < mo->cfg.n_pos; f++)
       x[k] += j->f_before.pos[f] * *sv_motion_row(mo, i, SV_MROW_FUNCTIONS + 3 * f + k);
   }
-  const int body = sv_train_body_of(t, i);
+  const int body = sv_dynamic_body_of(dyn, i);
   if (body) places(j, i, (float[3]){0}, x); // as it is expected
   else
     for (int k = 0; k < 3; k++) x[k] = now[k] + j->lead * (now[k] - x[k]);
@@ -120,7 +124,7 @@ static void go_on(const job *j, int i, const float now[3], const float px[2], fl
   for (int k = 0; k < 2; k++) ahead[k] = fabsf(to[k] - px[k]) < FAR_PX ? to[k] - px[k] : 0;
 }
 
-void sv_train_add_seen(sv_follow_sum *s, const float jac[6], const float r[2]) {
+void sv_match_add(sv_match_sum *s, const float jac[6], const float r[2]) {
   for (int e = 0; e < 2; e++) {
     const float *g = jac + 3 * e;
     const float a[6] = {g[0] * g[0], g[0] * g[1], g[0] * g[2], g[1] * g[1], g[1] * g[2], g[2] * g[2]};
@@ -132,52 +136,52 @@ void sv_train_add_seen(sv_follow_sum *s, const float jac[6], const float r[2]) {
 }
 
 static void follow_slot(const job *j, int i) {
-  sv_follow_sum *s = &j->t->follow[i];
+  sv_match_sum *s = &j->dyn->match[i];
   float now[3], then[3], px[2], at[2], ahead[2], jac[6], z, d[2];
-  if (!(*sv_gaussians_at(&j->t->g, i, SV_ROW_LOGIT) > SV_PATCH_LEAST_LOGIT)) return;
+  if (!(*sv_gaussians_at(&j->dyn->t->g, i, SV_ROW_LOGIT) > SV_PATCH_LEAST_LOGIT)) return;
   places(j, i, now, then);
   if (!sv_patch_project(&j->from, now, px, &z, NULL)) return;
   if (!(px[0] >= 0 && px[0] < (float)j->prev.width_px && px[1] >= 0 && px[1] < (float)j->prev.height_px))
     return;
   int x = (int)px[0], y = (int)px[1];
-  if (!sv_patch_is_inside(&j->prev, x, y) || !sv_patch_is_in_front(&j->t->render, x, y, z)) return;
+  if (!sv_patch_is_inside(&j->prev, x, y) || !sv_patch_is_in_front(&j->dyn->t->render, x, y, z)) return;
   go_on(j, i, now, px, ahead);
   if (!follow(j, x, y, ahead, d)) return;
   if (!sv_patch_project(&j->to, then, at, &z, jac)) return;
   const float r[2] = {px[0] + d[0] - at[0], px[1] + d[1] - at[1]};
-  sv_train_add_seen(s, jac, r);
+  sv_match_add(s, jac, r);
 }
 
 static void follow_task(void *arg, int i_task, int i_thread) {
   const job *j = arg;
   (void)i_thread;
-  int i1 = sv_mini(16 * BLOCKS_PER_TASK * (i_task + 1), j->t->g.n);
+  int i1 = sv_mini(16 * BLOCKS_PER_TASK * (i_task + 1), j->dyn->t->g.n);
   for (int i = 16 * BLOCKS_PER_TASK * i_task; i < i1; i++) follow_slot(j, i);
 }
 
 static sv_status look(job *j, int i_from, int i_to, float progress) {
-  sv_trainer *t = j->t;
-  const sv_train_view *a = &t->views[i_from], *b = &t->views[i_to];
-  const int k = sv_patch_scale(&a->view, t->usual_fx_px), k_size = sv_patch_scale(&a->view, 0);
-  sv_render_options o = sv_train_render_options(t, progress, true);
+  sv_dynamic *dyn = j->dyn;
+  const sv_train_view *a = &dyn->t->views[i_from], *b = &dyn->t->views[i_to];
+  const int k = sv_patch_scale(&a->view, dyn->usual_fx_px), k_size = sv_patch_scale(&a->view, 0);
+  sv_render_options o = sv_train_render_options(dyn->t, progress, true);
   j->from = sv_view_scaled(&a->view, k), j->to = sv_view_scaled(&b->view, k);
   j->reach = sv_maxi(a->view.width_px, a->view.height_px) / k_size / REACH;
-  sv_train_set_time(t, a->view.time);
-  sv_train_load_target(t, &b->image, k, o.bg);
-  for (int c = 0; c < 3; c++)
-    memcpy(t->grad.c[c], t->target.c[c], (size_t)t->grad.stride * (size_t)t->grad.height_px * sizeof(float));
-  sv_train_load_target(t, &a->image, k, o.bg);
-  sv_status s = sv_render(&t->render, &t->g, &j->from, &o);
-  j->prev = t->target, j->next = t->grad;
+  sv_train_set_time(dyn->t, a->view.time);
+  // The two images lie in the planes of a step's target and gradient, which are cleared afterwards.
+  sv_train_load_image(dyn->t, &a->image, k, o.bg, &dyn->t->target);
+  sv_train_load_image(dyn->t, &b->image, k, o.bg, &dyn->t->grad);
+  sv_status s = sv_render(&dyn->t->render, &dyn->t->g, &j->from, &o);
+  j->prev = dyn->t->target;
+  j->next = dyn->t->grad;
   if (s >= 0)
-    sv_pool_run(t->compute.pool, follow_task, j, (j->n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
+    sv_pool_run(dyn->t->compute.pool, follow_task, j, (j->n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
   return s;
 }
 
 // --- displacement --------------------------------------------------------------------------------
 
 // Pixels by which the cameras see slot i displaced from where its motion has it; -1: not known.
-static float displacement(const sv_follow_sum *s, float damping, float d[3]) {
+static float displacement(const sv_match_sum *s, float damping, float d[3]) {
   float a[6], most = 0;
   if (!s->n) return -1;
   memcpy(a, s->a, sizeof a);
@@ -191,9 +195,9 @@ static float displacement(const sv_follow_sum *s, float damping, float d[3]) {
 }
 
 static void bend(const job *j, int i, const float d[3]) {
-  const sv_motion *mo = &j->t->deform.motion;
+  const sv_motion *mo = &j->dyn->deform.motion;
   for (int k = 0; k < 3; k++) {
-    *sv_gaussians_at(&j->t->g, i, SV_ROW_MEAN + k) += j->gain[0] * d[k];
+    *sv_gaussians_at(&j->dyn->t->g, i, SV_ROW_MEAN + k) += j->gain[0] * d[k];
     for (int f = 0; f < mo->cfg.n_pos; f++)
       *sv_motion_row(mo, i, SV_MROW_FUNCTIONS + 3 * f + k) += j->gain[1 + f] * d[k];
   }
@@ -203,10 +207,10 @@ static void bend(const job *j, int i, const float d[3]) {
 
 // How a slot was displaced, with so much damping along the rays.
 static void fill(const job *j, float damping) {
-  sv_trainer *t = j->t;
-  for (int i = 0; i < t->g.n; i++) {
-    sv_displaced *o = &t->near->of[i];
-    const sv_follow_sum *s = &t->follow[i];
+  sv_dynamic *dyn = j->dyn;
+  for (int i = 0; i < dyn->t->g.n; i++) {
+    sv_displaced *o = &dyn->near->of[i];
+    const sv_match_sum *s = &dyn->match[i];
     float d[3] = {0}, then[3], px = displacement(s, damping, d);
     places(j, i, o->x, then);
     o->is_known = px >= 0;
@@ -217,20 +221,20 @@ static void fill(const job *j, float damping) {
 
 // What is to be followed, and how far the cameras saw it go.
 static void make_neighbours(const job *j) {
-  sv_trainer *t = j->t;
+  sv_dynamic *dyn = j->dyn;
   int n = 0;
-  for (int i = 0; i < t->g.n; i++) {
-    float d[3] = {0}, px = displacement(&t->follow[i], DAMPING, d);
-    if (t->is_moving[i] || px >= MOVES_PX) t->near->order[n++] = (uint32_t)i;
+  for (int i = 0; i < dyn->t->g.n; i++) {
+    float d[3] = {0}, px = displacement(&dyn->match[i], DAMPING, d);
+    if (dyn->is_moving[i] || px >= MOVES_PX) dyn->near->order[n++] = (uint32_t)i;
   }
-  sv_local_motion_find(t->near, t->compute.k, n, t->centre, t->radius);
+  sv_local_motion_find(dyn->near, dyn->t->compute.k, n, dyn->t->centre, dyn->t->radius);
 }
 
 // As displacement, but what no camera saw, or what seems to have gone another way than its neighbours, goes with them.
 static float agreed(const job *j, int i, float d[3]) {
-  const sv_displaced *o = &j->t->near->of[i];
-  float px = displacement(&j->t->follow[i], DAMPING, d), now[3], then[3], u[3], off2 = 0, d2 = 0;
-  if (!j->t->is_moving[i] || !sv_local_motion_say(j->t->near, i, u)) return px;
+  const sv_displaced *o = &j->dyn->near->of[i];
+  float px = displacement(&j->dyn->match[i], DAMPING, d), now[3], then[3], u[3], off2 = 0, d2 = 0;
+  if (!j->dyn->is_moving[i] || !sv_local_motion_say(j->dyn->near, i, u)) return px;
   for (int k = 0; k < 3; k++) off2 += (u[k] - o->u[k]) * (u[k] - o->u[k]);
   if (o->is_known && j->px_per_unit * sqrtf(off2) < DISAGREES_PX) return px;
   places(j, i, now, then);
@@ -240,16 +244,16 @@ static float agreed(const job *j, int i, float d[3]) {
 
 static void bend_task(void *arg, int i_task, int i_thread) {
   const job *j = arg;
-  sv_trainer *t = j->t;
+  sv_dynamic *dyn = j->dyn;
   (void)i_thread;
-  int i1 = sv_mini(16 * BLOCKS_PER_TASK * (i_task + 1), t->g.n);
+  int i1 = sv_mini(16 * BLOCKS_PER_TASK * (i_task + 1), dyn->t->g.n);
   for (int i = 16 * BLOCKS_PER_TASK * i_task; i < i1; i++) {
-    if (sv_train_body_of(t, i)) continue; // goes with its body
+    if (sv_dynamic_body_of(dyn, i)) continue; // goes with its body
     float d[3], px = agreed(j, i, d);
-    if (px < (t->is_moving[i] ? LEAST_PX : MOVES_PX)) continue;
-    if (!t->is_moving[i]) {
-      t->is_moving[i] = 2;
-      sv_motion_rest(&t->deform.motion, i);
+    if (px < (dyn->is_moving[i] ? LEAST_PX : MOVES_PX)) continue;
+    if (!dyn->is_moving[i]) {
+      dyn->is_moving[i] = 2;
+      sv_motion_rest(&dyn->deform.motion, i);
     }
     bend(j, i, d);
   }
@@ -257,9 +261,9 @@ static void bend_task(void *arg, int i_task, int i_thread) {
 
 // --- how motion bends ----------------------------------------------------------------------------
 
-static bool is_first_of_its_time(const sv_trainer *t, int i) {
+static bool is_first_of_its_time(const sv_dynamic *dyn, int i) {
   for (int k = 0; k < i; k++)
-    if (t->views[k].view.time == t->views[i].view.time) return false;
+    if (dyn->t->views[k].view.time == dyn->t->views[i].view.time) return false;
   return true;
 }
 
@@ -280,15 +284,16 @@ static void solve(int m, double a[CAP_TERMS][CAP_TERMS], double x[CAP_TERMS]) {
 // Change of the mean and the coefficients for a displacement of 1 at the new time: least at all times before, and
 // the less the higher the function. n: functions in use.
 static void make_gain(job *j, float new_time, float progress, int n) {
-  const sv_trainer *t = j->t;
-  const sv_motion_cfg *mc = &t->deform.motion.cfg;
+  const sv_dynamic *dyn = j->dyn;
+  const sv_motion_cfg *mc = &dyn->deform.motion.cfg;
   const int m = 1 + n;
   double a[CAP_TERMS][CAP_TERMS] = {{0}}, x[CAP_TERMS], at = 0;
   float f[CAP_TERMS] = {1.0f};
   for (int p = 0; p < m; p++) a[p][p] = BEND * (p * p) + 1e-9;
-  for (int i = 0; i < t->n_views; i++) {
-    float time = t->views[i].view.time;
-    if (time == new_time || !sv_train_has_time(t, time, progress) || !is_first_of_its_time(t, i)) continue;
+  for (int i = 0; i < dyn->t->n_views; i++) {
+    float time = dyn->t->views[i].view.time;
+    if (time == new_time || !sv_dynamic_has_time(dyn, time, progress) || !is_first_of_its_time(dyn, i))
+      continue;
     sv_motion_functions(mc, mc->n_pos, time, f + 1);
     for (int p = 0; p < m; p++)
       for (int q = 0; q < m; q++) a[p][q] += (double)f[p] * (double)f[q];
@@ -304,11 +309,11 @@ static void make_gain(job *j, float new_time, float progress, int n) {
 // --- a new time ----------------------------------------------------------------------------------
 
 // The time next to it that was there before; -1: none.
-static float neighbour_of(const sv_trainer *t, float time, float before) {
+static float neighbour_of(const sv_dynamic *dyn, float time, float before) {
   float best = -1;
-  for (int i = 0; i < t->n_views; i++) {
-    float here = t->views[i].view.time;
-    if (here != time && sv_train_has_time(t, here, before) &&
+  for (int i = 0; i < dyn->t->n_views; i++) {
+    float here = dyn->t->views[i].view.time;
+    if (here != time && sv_dynamic_has_time(dyn, here, before) &&
         (best < 0 || fabsf(here - time) < fabsf(best - time)))
       best = here;
   }
@@ -316,59 +321,60 @@ static float neighbour_of(const sv_trainer *t, float time, float before) {
 }
 
 static void set_lead(job *j, float from, float to, float before) {
-  const sv_trainer *t = j->t;
+  const sv_dynamic *dyn = j->dyn;
   float last = -1;
-  for (int i = 0; i < t->n_views; i++) {
-    float here = t->views[i].view.time;
+  for (int i = 0; i < dyn->t->n_views; i++) {
+    float here = dyn->t->views[i].view.time;
     bool is_before = to > from ? here < from : here > from;
-    if (is_before && sv_train_has_time(t, here, before) &&
+    if (is_before && sv_dynamic_has_time(dyn, here, before) &&
         (last < 0 || fabsf(here - from) < fabsf(last - from)))
       last = here;
   }
   j->lead = last < 0 ? 0 : (to - from) / (from - last);
-  if (last >= 0) j->f_before = sv_motion_values_at(&t->deform.motion.cfg, last);
+  if (last >= 0) j->f_before = sv_motion_values_at(&dyn->deform.motion.cfg, last);
 }
 
-static sv_status follow_to(sv_trainer *t, float from, float to, float progress) {
-  job j = {.t = t, .n_blocks = (t->g.n + 15) / 16};
-  sv_bodies_at(&t->deform.motion.bodies, to, j.body);
-  memset(t->follow, 0, (size_t)t->g.cap * sizeof *t->follow);
-  j.f = sv_motion_values_at(&t->deform.motion.cfg, to);
+static sv_status follow_to(sv_dynamic *dyn, float from, float to, float progress) {
+  job j = {.dyn = dyn, .n_blocks = (dyn->t->g.n + 15) / 16};
+  sv_bodies_at(&dyn->deform.motion.bodies, to, j.body);
+  memset(dyn->match, 0, (size_t)dyn->t->g.cap * sizeof *dyn->match);
+  j.f = sv_motion_values_at(&dyn->deform.motion.cfg, to);
   set_lead(&j, from, to, progress);
-  make_gain(&j, to, progress, sv_train_n_functions(t, progress));
-  for (int a = 0; a < t->n_views; a++)
-    for (int b = 0; b < t->n_views; b++) {
-      const sv_view *p = &t->views[a].view, *q = &t->views[b].view;
+  make_gain(&j, to, progress, sv_dynamic_n_functions(dyn, progress));
+  for (int a = 0; a < dyn->t->n_views; a++)
+    for (int b = 0; b < dyn->t->n_views; b++) {
+      const sv_view *p = &dyn->t->views[a].view, *q = &dyn->t->views[b].view;
       if (p->time != from || q->time != to || p->i_sub_view != q->i_sub_view) continue;
       if (p->width_px != q->width_px || p->height_px != q->height_px) continue;
       sv_status s = look(&j, a, b, progress);
       if (s < 0) return s;
     }
-  sv_planes_clear(&t->grad);
+  sv_planes_clear(&dyn->t->grad);
   float px[2], z;
   j.px_per_unit =
-      j.to.fx / (sv_patch_project(&j.to, t->centre, px, &z, NULL) ? sv_maxf(z, 0.1f * t->radius) : t->radius);
+      j.to.fx / (sv_patch_project(&j.to, dyn->t->centre, px, &z, NULL) ? sv_maxf(z, 0.1f * dyn->t->radius)
+                                                                       : dyn->t->radius);
   fill(&j, FREE_DAMPING);
   make_neighbours(&j);
-  sv_train_follow_bodies(t, from, to, j.px_per_unit);
+  sv_dynamic_match_bodies(dyn, from, to, j.px_per_unit);
   fill(&j, DAMPING);
-  sv_pool_run(t->compute.pool, bend_task, &j, (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
-  sv_train_sort_moving(t);
+  sv_pool_run(dyn->t->compute.pool, bend_task, &j, (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
+  sv_dynamic_sort(dyn);
   return SV_OK;
 }
 
-sv_status sv_train_follow(sv_trainer *t, float before, float progress) {
-  if (!t->follow || t->deform.kind != SV_DEFORM_CLIP) return SV_OK;
-  for (int i = 0; i < t->n_views; i++) {
-    float time = t->views[i].view.time;
-    if (sv_train_has_time(t, time, before) || !sv_train_has_time(t, time, progress) ||
-        !is_first_of_its_time(t, i))
+sv_status sv_dynamic_match(sv_dynamic *dyn, float before, float progress) {
+  if (!dyn->match || dyn->deform.kind != SV_DEFORM_CLIP) return SV_OK;
+  for (int i = 0; i < dyn->t->n_views; i++) {
+    float time = dyn->t->views[i].view.time;
+    if (sv_dynamic_has_time(dyn, time, before) || !sv_dynamic_has_time(dyn, time, progress) ||
+        !is_first_of_its_time(dyn, i))
       continue;
-    float from = neighbour_of(t, time, before);
+    float from = neighbour_of(dyn, time, before);
     if (from < 0) continue;
-    sv_train_expect_bodies(t, time, before);
-    sv_status s = sv_train_track_bodies(t, time, progress);
-    if (s >= 0) s = follow_to(t, from, time, progress);
+    sv_dynamic_extrapolate_bodies(dyn, time, before);
+    sv_status s = sv_dynamic_track_bodies(dyn, time, progress);
+    if (s >= 0) s = follow_to(dyn, from, time, progress);
     if (s < 0) return s;
   }
   return SV_OK;

@@ -3,6 +3,7 @@
 
 #include "src/base/mathx.h"
 #include "src/splat/constants.h"
+#include "src/dynamic/search.h"
 #include "src/train/stereo.h"
 
 // Chosen by trials on the simulator's moving scene, 30 and 60 steps an exposure.
@@ -12,12 +13,13 @@
 #define SPREAD  0.6f // standard deviation, in distances to the neighbours
 
 // Mean residual over a map's pixel; k: pixels of the whole picture a side of a residual's.
-static float residual_at(const sv_trainer *t, const sv_depth_map *m, int k, int x, int y) {
+static float residual_at(const sv_dynamic *dyn, const sv_depth_map *m, int k, int x, int y) {
   const int n = sv_maxi(m->k / k, 1), x0 = x * m->k / k, y0 = y * m->k / k;
   float sum = 0;
   for (int i = 0; i < n * n; i++) {
-    int v = sv_mini(y0 + i / n, t->grad.height_px - 1), u = sv_mini(x0 + i % n, t->grad.width_px - 1);
-    sum += t->err_plane[(long)v * t->grad.stride + u];
+    int v = sv_mini(y0 + i / n, dyn->t->grad.height_px - 1),
+        u = sv_mini(x0 + i % n, dyn->t->grad.width_px - 1);
+    sum += dyn->t->err_plane[(long)v * dyn->t->grad.stride + u];
   }
   return sum / (float)(n * n);
 }
@@ -27,44 +29,45 @@ static uint16_t *code_at(const sv_depth_map *m, int x, int y) {
 }
 
 // Leaves a map only what the model's picture does not show; returns how many pixels that is.
-static int forget_good(const sv_trainer *t, const sv_depth_map *m) {
-  const int k = sv_maxi(t->views[m->i_view].view.width_px / t->grad.width_px, 1);
+static int forget_good(const sv_dynamic *dyn, const sv_depth_map *m) {
+  const int k = sv_maxi(dyn->t->views[m->i_view].view.width_px / dyn->t->grad.width_px, 1);
   sv_point p;
   float z;
   int n = 0;
   for (int y = 0; y < m->view.height_px; y++)
     for (int x = 0; x < m->view.width_px; x++) {
       if (!*code_at(m, x, y)) continue;
-      bool is_off = residual_at(t, m, k, x, y) > OFF && sv_stereo_point(t, m, x, y, &p, &z);
+      bool is_off = residual_at(dyn, m, k, x, y) > OFF && sv_stereo_point(dyn->t, m, x, y, &p, &z);
       if (!is_off) *code_at(m, x, y) = 0;
       n += is_off;
     }
   return n;
 }
 
-static int next_stale(const sv_trainer *t, int i) {
-  while (i < t->g.n && !(t->weight[i] > SV_TRAIN_WEIGHT_MIN && t->residual[i] > OFF * t->weight[i])) i++;
+static int next_stale(const sv_dynamic *dyn, int i) {
+  while (i < dyn->t->g.n && !(dyn->share[i] > SV_DYNAMIC_SHARE_MIN && dyn->residual[i] > OFF * dyn->share[i]))
+    i++;
   return i;
 }
 
-static void place(sv_trainer *t, int i, const sv_point *p, float sigma) {
+static void place(sv_dynamic *dyn, int i, const sv_point *p, float sigma) {
   const float log_sigma = (float)sv_log((double)sigma);
   sv_gaussian g = {.mean = {p->mean[0], p->mean[1], p->mean[2]},
                    .quat_wxyz = {1},
                    .log_scale = {log_sigma, log_sigma, log_sigma},
                    .opacity_logit = (float)sv_log(OPACITY / (1.0 - OPACITY))};
   for (int c = 0; c < 3; c++) g.sh[0][c] = (p->rgb[c] - 0.5f) / (float)SV_SH_C0;
-  sv_gaussians_put(&t->g, i, &g);
-  const long at = sv_gaussians_at(&t->g, i, 0) - t->g.param;
-  for (int r = 0; r < t->g.n_rows; r++) t->m[at + 16 * r] = t->v[at + 16 * r] = 0;
-  t->err[i] = 0.0f;
-  t->is_moving[i] = 0;
+  sv_gaussians_put(&dyn->t->g, i, &g);
+  const long at = sv_gaussians_at(&dyn->t->g, i, 0) - dyn->t->g.param;
+  for (int r = 0; r < dyn->t->g.n_rows; r++) dyn->t->m[at + 16 * r] = dyn->t->v[at + 16 * r] = 0;
+  dyn->t->err[i] = 0.0f;
+  dyn->is_moving[i] = 0;
 }
 
 // One of the n_off places for each who goes, evenly over all maps, which see about the same.
-static void renew(sv_trainer *t, const sv_sweep *w, int n_off, int n) {
+static void renew(sv_dynamic *dyn, const sv_sweep *w, int n_off, int n) {
   const float apart = sv_maxf(sqrtf((float)n_off / ((float)n * (float)w->n)), 1.0f); // pixels of a map
-  int slot = next_stale(t, 0);
+  int slot = next_stale(dyn, 0);
   int64_t i_off = 0;
   for (int i = 0; i < w->n; i++)
     for (int y = 0; y < w->map[i].view.height_px; y++)
@@ -74,34 +77,35 @@ static void renew(sv_trainer *t, const sv_sweep *w, int n_off, int n) {
         float z;
         if (!*code_at(m, x, y)) continue;
         i_off++;
-        if (i_off * n / n_off == (i_off - 1) * n / n_off || !sv_stereo_point(t, m, x, y, &p, &z)) continue;
-        place(t, slot, &p, SPREAD * apart * z / m->view.fx);
-        slot = next_stale(t, slot + 1);
+        if (i_off * n / n_off == (i_off - 1) * n / n_off || !sv_stereo_point(dyn->t, m, x, y, &p, &z))
+          continue;
+        place(dyn, slot, &p, SPREAD * apart * z / m->view.fx);
+        slot = next_stale(dyn, slot + 1);
       }
 }
 
-static sv_status compare(sv_trainer *t, const sv_depth_map *m, float progress, int *n_off) {
-  sv_status s = sv_train_residual(t, m->i_view, progress);
+static sv_status compare(sv_dynamic *dyn, const sv_depth_map *m, float progress, int *n_off) {
+  sv_status s = sv_dynamic_residual(dyn, m->i_view, progress);
   if (s < 0) return s;
-  *n_off += forget_good(t, m);
-  return sv_train_share_residual(t);
+  *n_off += forget_good(dyn, m);
+  return sv_dynamic_share_residual(dyn);
 }
 
-sv_status sv_train_renew(sv_trainer *t, float progress, sv_arena *scratch) {
-  const sv_bounds b = {{t->centre[0], t->centre[1], t->centre[2]}, t->radius};
+sv_status sv_dynamic_renew(sv_dynamic *dyn, float progress, sv_arena *scratch) {
+  const sv_bounds b = {{dyn->t->centre[0], dyn->t->centre[1], dyn->t->centre[2]}, dyn->t->radius};
   const size_t mark = sv_arena_mark(scratch);
   sv_sweep w;
   int n_off = 0, n_stale = 0;
-  t->middle = t->newest; // depth maps are of that time
-  sv_status s = sv_sweep_run(&w, t, &b, sv_mini(MAP_PX * t->g.n, SV_SWEEP_CAP_PX), scratch);
-  sv_train_clear_shares(t);
-  for (int i = 0; s == SV_OK && i < w.n; i++) s = compare(t, &w.map[i], progress, &n_off);
+  dyn->t->reference_time = dyn->t->newest_time; // depth maps are of that time
+  sv_status s = sv_sweep_run(&w, dyn->t, &b, sv_mini(MAP_PX * dyn->t->g.n, SV_SWEEP_CAP_PX), scratch);
+  sv_dynamic_clear_shares(dyn);
+  for (int i = 0; s == SV_OK && i < w.n; i++) s = compare(dyn, &w.map[i], progress, &n_off);
   if (s == SV_OK) {
-    for (int i = next_stale(t, 0); i < t->g.n; i = next_stale(t, i + 1)) n_stale++;
+    for (int i = next_stale(dyn, 0); i < dyn->t->g.n; i = next_stale(dyn, i + 1)) n_stale++;
     const int n = sv_mini(n_off, n_stale);
-    if (n > 0) renew(t, &w, n_off, n);
-    if (n > 0) sv_train_sort_moving(t);
-    t->n_renewed += (uint32_t)n;
+    if (n > 0) renew(dyn, &w, n_off, n);
+    if (n > 0) sv_dynamic_sort(dyn);
+    dyn->n_renewed += (uint32_t)n;
   }
   sv_arena_reset(scratch, mark);
   return s < 0 ? s : SV_OK;

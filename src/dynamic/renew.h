@@ -5,15 +5,16 @@
 #ifndef SV_DYNAMIC_RENEW_H
 #define SV_DYNAMIC_RENEW_H
 
+#include "src/dynamic/dynamic.h"
 #include "src/train/sweep.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-// For a moving scene whose newest pictures have just come in. Counts in t->n_renewed. Does nothing where no two views of
+// For a moving scene whose newest pictures have just come in. Counts in dyn->n_renewed. Does nothing where no two views of
 // the newest time overlap, or nothing can be measured in them. Scratch: sv_sweep_bytes. Errors: of rendering.
-sv_status sv_train_renew(sv_trainer *t, float progress, sv_arena *scratch) SV_MUST_USE;
+sv_status sv_dynamic_renew(sv_dynamic *dyn, float progress, sv_arena *scratch) SV_MUST_USE;
 
 #ifdef __cplusplus
 }

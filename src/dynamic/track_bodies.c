@@ -8,7 +8,8 @@
 #include "src/base/mathx.h"
 #include "src/dynamic/patch.h"
 #include "src/dynamic/rigid.h"
-#include "src/train/train.h"
+#include "src/dynamic/bodies.h"
+#include "src/train/step.h"
 
 #define BETTER          0.7f  // a place must differ so much less than the expected one
 #define DAMPING         1e-4f // of the mean diagonal
@@ -28,14 +29,14 @@ enum { N_ROUNDS = 3 };
 static const round_of ROUNDS[N_ROUNDS + 1] = {{16, 8, 1.5f}, {4, 2, 1}, {2, 1.4f, 0.7f}, {0, 0, 0}};
 
 typedef struct {
-  sv_trainer *t;
+  sv_dynamic *dyn;
   sv_view view;
   int reach;
 } job;
 
 // Pixels by which the picture has what the model shows at (x, y) elsewhere; off_by: mismatch there as it is.
 static bool find(const job *j, int x, int y, float d[2], float *off_by) {
-  const sv_planes *a = &j->t->render.rgb, *b = &j->t->target;
+  const sv_planes *a = &j->dyn->t->render.rgb, *b = &j->dyn->t->target;
   int u = x, v = y;
   if (sv_patch_texture(a, x, y) < SV_PATCH_LEAST_TEXTURE) return false;
   const float here = sv_patch_mismatch(a, x, y, b, x, y, 1e30f);
@@ -49,69 +50,70 @@ static bool find(const job *j, int x, int y, float d[2], float *off_by) {
   return true;
 }
 
-static void place(const sv_trainer *t, int i, float x[3]) {
-  const sv_motion *mo = &t->deform.motion;
+static void place(const sv_dynamic *dyn, int i, float x[3]) {
+  const sv_motion *mo = &dyn->deform.motion;
   for (int k = 0; k < 3; k++)
-    x[k] = mo->moved[((long)(i >> 4) * t->g.n_rows + SV_ROW_MEAN + k) * 16 + (i & 15)];
+    x[k] = mo->moved[((long)(i >> 4) * dyn->t->g.n_rows + SV_ROW_MEAN + k) * 16 + (i & 15)];
 }
 
 static void track_slot(const job *j, int i) {
-  sv_trainer *t = j->t;
+  sv_dynamic *dyn = j->dyn;
   float x[3], px[2], jac[6], z, d[2];
-  if (!t->deform.motion.bodies.of[i] || !(*sv_gaussians_at(&t->g, i, SV_ROW_LOGIT) > SV_PATCH_LEAST_LOGIT))
+  if (!dyn->deform.motion.bodies.of[i] ||
+      !(*sv_gaussians_at(&dyn->t->g, i, SV_ROW_LOGIT) > SV_PATCH_LEAST_LOGIT))
     return;
-  place(t, i, x);
+  place(dyn, i, x);
   if (!sv_patch_project(&j->view, x, px, &z, jac)) return;
   if (!(px[0] >= 0 && px[0] < (float)j->view.width_px && px[1] >= 0 && px[1] < (float)j->view.height_px))
     return;
   const int u = (int)px[0], v = (int)px[1];
-  if (!sv_patch_is_inside(&t->target, u, v) || !sv_patch_is_in_front(&t->render, u, v, z) ||
-      !find(j, u, v, d, &t->weight[i]))
+  if (!sv_patch_is_inside(&dyn->t->target, u, v) || !sv_patch_is_in_front(&dyn->t->render, u, v, z) ||
+      !find(j, u, v, d, &dyn->share[i]))
     return;
-  sv_train_add_seen(&t->follow[i], jac, d);
+  sv_match_add(&dyn->match[i], jac, d);
 }
 
 static void track_task(void *arg, int i_task, int i_thread) {
   const job *j = arg;
   (void)i_thread;
-  const int i1 = sv_mini(16 * BLOCKS_PER_TASK * (i_task + 1), j->t->deform.motion.n_moving);
+  const int i1 = sv_mini(16 * BLOCKS_PER_TASK * (i_task + 1), j->dyn->deform.motion.n_moving);
   for (int i = 16 * BLOCKS_PER_TASK * i_task; i < i1; i++) track_slot(j, i);
 }
 
-static sv_status look(sv_trainer *t, int i_view, int reach, float progress) {
-  const sv_train_view *v = &t->views[i_view];
-  const sv_render_options o = sv_train_render_options(t, progress, true);
-  const int n_blocks = (t->deform.motion.n_moving + 15) / 16;
-  const int k = sv_patch_scale(&v->view, t->usual_fx_px);
-  job j = {.t = t, .view = sv_view_scaled(&v->view, k), .reach = reach};
-  sv_train_set_time(t, v->view.time);
-  sv_train_load_target(t, &v->image, k, o.bg);
-  sv_status s = sv_render(&t->render, &t->g, &j.view, &o);
+static sv_status look(sv_dynamic *dyn, int i_view, int reach, float progress) {
+  const sv_train_view *v = &dyn->t->views[i_view];
+  const sv_render_options o = sv_train_render_options(dyn->t, progress, true);
+  const int n_blocks = (dyn->deform.motion.n_moving + 15) / 16;
+  const int k = sv_patch_scale(&v->view, dyn->usual_fx_px);
+  job j = {.dyn = dyn, .view = sv_view_scaled(&v->view, k), .reach = reach};
+  sv_train_set_time(dyn->t, v->view.time);
+  sv_train_load_image(dyn->t, &v->image, k, o.bg, &dyn->t->target);
+  sv_status s = sv_render(&dyn->t->render, &dyn->t->g, &j.view, &o);
   if (s >= 0)
-    sv_pool_run(t->compute.pool, track_task, &j, (n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
+    sv_pool_run(dyn->t->compute.pool, track_task, &j, (n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
   return s;
 }
 
-// All pictures of a time: t->follow and, in t->weight, the mismatch of each member.
-static sv_status look_all(sv_trainer *t, float time, int reach, float progress) {
+// All pictures of a time: dyn->match and, in dyn->share, the mismatch of each member.
+static sv_status look_all(sv_dynamic *dyn, float time, int reach, float progress) {
   sv_status s = SV_OK;
-  memset(t->follow, 0, (size_t)t->g.cap * sizeof *t->follow);
-  memset(t->weight, 0, (size_t)t->g.cap * sizeof *t->weight);
-  for (int i = 0; i < t->n_views && s >= 0; i++)
-    if (t->views[i].view.time == time) s = look(t, i, reach, progress);
+  memset(dyn->match, 0, (size_t)dyn->t->g.cap * sizeof *dyn->match);
+  memset(dyn->share, 0, (size_t)dyn->t->g.cap * sizeof *dyn->share);
+  for (int i = 0; i < dyn->t->n_views && s >= 0; i++)
+    if (dyn->t->views[i].view.time == time) s = look(dyn, i, reach, progress);
   return s;
 }
 
 // --- poses ---------------------------------------------------------------------------------------
 
 // By how much slot i of a body, in its frame, is displaced.
-static void fill(sv_trainer *t, int i, const sv_rigid *pose, const float c[3]) {
-  sv_displaced *o = &t->near->of[i];
-  const sv_follow_sum *s = &t->follow[i];
+static void fill(sv_dynamic *dyn, int i, const sv_rigid *pose, const float c[3]) {
+  sv_displaced *o = &dyn->near->of[i];
+  const sv_match_sum *s = &dyn->match[i];
   float x[3], d[3], a[6];
   o->is_known = false;
   if (!s->n) return;
-  place(t, i, x);
+  place(dyn, i, x);
   sv_rigid_undo(pose, c, x, o->x);
   memcpy(a, s->a, sizeof a);
   const float ridge = DAMPING * 0.5f * (a[0] + a[3] + a[5]) + 1e-20f;
@@ -127,19 +129,19 @@ static bool is_far(const sv_rigid *a, const sv_rigid *b, float most) {
   return d[0] * d[0] + d[1] * d[1] + d[2] * d[2] > most * most;
 }
 
-static void move_body(sv_trainer *t, int body, int i_knot, const round_of *r) {
-  sv_bodies *b = &t->deform.motion.bodies;
+static void move_body(sv_dynamic *dyn, int body, int i_knot, const round_of *r) {
+  sv_bodies *b = &dyn->deform.motion.bodies;
   sv_rigid *knot = sv_bodies_knot(b, body, i_knot), m = *knot;
-  uint32_t *list = (uint32_t *)t->near->tmp;
+  uint32_t *list = (uint32_t *)dyn->near->tmp;
   int n = 0, n_agree = 0;
-  for (int i = 0; i < t->deform.motion.n_moving; i++) {
+  for (int i = 0; i < dyn->deform.motion.n_moving; i++) {
     if (b->of[i] != body) continue;
-    fill(t, i, knot, b->centre[body]);
-    if (t->near->of[i].is_known) list[n++] = (uint32_t)i;
+    fill(dyn, i, knot, b->centre[body]);
+    if (dyn->near->of[i].is_known) list[n++] = (uint32_t)i;
   }
   if (n < LEAST_AGREE) return;
   for (float px = r->wide_px;; px = sv_maxf(0.5f * px, r->tolerance_px)) {
-    if (!sv_rigid_fit(t->near->of, list, n, b->centre[body], px, &m, &m, &n_agree)) return;
+    if (!sv_rigid_fit(dyn->near->of, list, n, b->centre[body], px, &m, &m, &n_agree)) return;
     if (px <= r->tolerance_px) break;
   }
   if (n_agree < LEAST_AGREE || (float)n_agree < LEAST_SHARE * (float)n) return;
@@ -147,29 +149,29 @@ static void move_body(sv_trainer *t, int body, int i_knot, const round_of *r) {
 }
 
 // Mean mismatch of each body's members that are seen, as they are drawn; no one seen: much.
-static void mismatches(const sv_trainer *t, float out[SV_CAP_BODIES]) {
-  const sv_bodies *b = &t->deform.motion.bodies;
+static void mismatches(const sv_dynamic *dyn, float out[SV_CAP_BODIES]) {
+  const sv_bodies *b = &dyn->deform.motion.bodies;
   float n[SV_CAP_BODIES] = {0};
   memset(out, 0, SV_CAP_BODIES * sizeof *out);
-  for (int i = 0; i < t->deform.motion.n_moving; i++)
-    if (b->of[i] && t->weight[i] > 0) out[b->of[i]] += t->weight[i], n[b->of[i]] += 1;
+  for (int i = 0; i < dyn->deform.motion.n_moving; i++)
+    if (b->of[i] && dyn->share[i] > 0) out[b->of[i]] += dyn->share[i], n[b->of[i]] += 1;
   for (int body = 0; body < b->n; body++) out[body] = n[body] > 0 ? out[body] / n[body] : 1e30f;
 }
 
-sv_status sv_train_track_bodies(sv_trainer *t, float time, float progress) {
-  const sv_bodies *b = &t->deform.motion.bodies;
+sv_status sv_dynamic_track_bodies(sv_dynamic *dyn, float time, float progress) {
+  const sv_bodies *b = &dyn->deform.motion.bodies;
   const int i_knot = b->n > 1 ? sv_bodies_find_knot(b, time) : -1;
   sv_rigid expected[SV_CAP_BODIES];
   float before[SV_CAP_BODIES], after[SV_CAP_BODIES];
-  if (i_knot < 0 || time == t->middle) return SV_OK; // there they rest
+  if (i_knot < 0 || time == dyn->t->reference_time) return SV_OK; // there they rest
   for (int body = 1; body < b->n; body++) expected[body] = *sv_bodies_knot(b, body, i_knot);
   for (int round = 0; round <= N_ROUNDS; round++) {
-    sv_status s = look_all(t, time, ROUNDS[round].reach, progress);
+    sv_status s = look_all(dyn, time, ROUNDS[round].reach, progress);
     if (s < 0) return s;
-    if (round == 0) mismatches(t, before);
-    for (int body = 1; body < b->n && round < N_ROUNDS; body++) move_body(t, body, i_knot, &ROUNDS[round]);
+    if (round == 0) mismatches(dyn, before);
+    for (int body = 1; body < b->n && round < N_ROUNDS; body++) move_body(dyn, body, i_knot, &ROUNDS[round]);
   }
-  mismatches(t, after);
+  mismatches(dyn, after);
   for (int body = 1; body < b->n; body++)
     if (!(after[body] < KEPT * before[body])) *sv_bodies_knot(b, body, i_knot) = expected[body];
   return SV_OK;

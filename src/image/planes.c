@@ -5,7 +5,7 @@
 
 #define CAP_SIDE_PX 16384
 
-static void set_size(sv_planes *p, int width_px, int height_px) {
+void sv_planes_set_size(sv_planes *p, int width_px, int height_px) {
   p->width_px = width_px;
   p->height_px = height_px;
   p->stride = sv_plane_pad(width_px);
@@ -16,7 +16,7 @@ static int is_side_ok(int n) { return n >= 1 && n <= CAP_SIDE_PX; }
 
 sv_status sv_planes_init(sv_planes *p, int width_px, int height_px, sv_arena *a) {
   if (!is_side_ok(width_px) || !is_side_ok(height_px)) return SV_E_ARG;
-  set_size(p, width_px, height_px);
+  sv_planes_set_size(p, width_px, height_px);
   for (int k = 0; k < 3; k++) p->c[k] = SV_TAKE(a, float, sv_plane_floats(width_px, height_px));
   if (a->status < 0) return a->status;
   if (p->c[0]) sv_planes_clear(p);
@@ -26,7 +26,7 @@ sv_status sv_planes_init(sv_planes *p, int width_px, int height_px, sv_arena *a)
 sv_status sv_planes_resize(sv_planes *p, int width_px, int height_px, size_t cap_floats) {
   if (!is_side_ok(width_px) || !is_side_ok(height_px)) return SV_E_ARG;
   if (sv_plane_floats(width_px, height_px) > cap_floats) return SV_E_RANGE;
-  set_size(p, width_px, height_px);
+  sv_planes_set_size(p, width_px, height_px);
   sv_planes_clear(p);
   return SV_OK;
 }

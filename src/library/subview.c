@@ -11,6 +11,7 @@
 #include "src/metric/metric.h"
 #include "src/train/seed.h"
 #include "src/train/stereo.h"
+#include "src/train/supersample.h"
 
 // --- exposures in --------------------------------------------------------------------------------
 

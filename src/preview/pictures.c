@@ -4,6 +4,7 @@
 #include "src/run/app.h"
 #include "src/base/mathx.h"
 #include "src/metric/metric.h"
+#include "src/train/measurement.h"
 
 static uint8_t to_u8(float x) { return (uint8_t)(sv_clampf(x, 0.0f, 1.0f) * 255.0f + 0.5f); }
 

@@ -216,14 +216,13 @@ static void fill_viewpoint(const sv_app *app, sv_feed_model *m) {
   m->fov_y = 2 * (float)sv_atan2(0.5 * v->height_px, (double)v->fy);
 }
 
-size_t sv_preview_motion_floats(const sv_train_cfg *t) {
-  const sv_dynamic_cfg *d = &t->dynamic;
+size_t sv_preview_motion_floats(const sv_dynamic_cfg *d) {
   const size_t rows = d->kind == SV_DEFORM_CLIP ? (size_t)SV_N_MROWS(d->n_pos, d->n_rot, d->n_colour) : 0;
-  return rows + sv_train_has_bodies(t); // and which body
+  return rows + sv_dynamic_has_bodies(d); // and which body
 }
 
-size_t sv_preview_bodies_floats(const sv_train_cfg *t) {
-  return sv_train_has_bodies(t) ? SV_FEED_BODIES_FLOATS(SV_CAP_BODIES, SV_CAP_KNOTS, 0) : 0;
+size_t sv_preview_bodies_floats(const sv_dynamic_cfg *d) {
+  return sv_dynamic_has_bodies(d) ? SV_FEED_BODIES_FLOATS(SV_CAP_BODIES, SV_CAP_KNOTS, 0) : 0;
 }
 
 // Which times there are pictures of.
@@ -259,7 +258,7 @@ static void fill_bodies(const sv_motion *mo, sv_feed_model *m, float *out) {
 }
 
 static void fill_motion(const sv_app *app, sv_feed_model *m, float *row) {
-  const sv_motion *mo = &app->trainer.deform.motion;
+  const sv_motion *mo = &app->dynamic.deform.motion;
   m->n_moving = (uint32_t)mo->n_moving;
   m->n_motion = (uint32_t)mo->n_rows;
   m->motion = mo->cfg.functions == SV_MOTION_CHEBYSHEV ? SV_FEED_CHEBYSHEV
@@ -275,9 +274,9 @@ static void fill_motion(const sv_app *app, sv_feed_model *m, float *row) {
   if (mo->bodies.n > 1) fill_bodies(mo, m, row);
 }
 
-static size_t motion_floats(const sv_trainer *t) {
-  const sv_motion *mo = &t->deform.motion;
-  if (t->deform.kind != SV_DEFORM_CLIP) return 0;
+static size_t motion_floats(const sv_dynamic *dyn) {
+  const sv_motion *mo = &dyn->deform.motion;
+  if (dyn->deform.kind != SV_DEFORM_CLIP) return 0;
   return (size_t)mo->n_rows * (size_t)mo->n_moving +
          (mo->bodies.n > 1 ? SV_FEED_BODIES_FLOATS(mo->bodies.n, mo->bodies.n_knots, mo->n_moving) : 0);
 }
@@ -285,9 +284,10 @@ static size_t motion_floats(const sv_trainer *t) {
 static void publish_model(sv_app *app) {
   const sv_trainer *t = &app->trainer;
   sv_feed *feed = app->preview.feed;
-  const bool is_moving = t->deform.kind == SV_DEFORM_CLIP;
+  const bool is_moving = app->dynamic.deform.kind == SV_DEFORM_CLIP;
   const size_t n_floats = SV_GAUSSIAN_N_FLOATS(t->g.sh_degree);
-  const size_t bytes = sizeof(sv_feed_model) + sizeof(float) * (n_floats * (size_t)t->g.n + motion_floats(t));
+  const size_t bytes =
+      sizeof(sv_feed_model) + sizeof(float) * (n_floats * (size_t)t->g.n + motion_floats(&app->dynamic));
   if (!t->g.n || bytes > sv_feed_cap(feed, SV_FEED_MODEL)) return;
   sv_feed_model *m = sv_feed_begin(feed, SV_FEED_MODEL);
   memset(m, 0, sizeof *m);

@@ -13,7 +13,7 @@
 #include "src/port/port.h"
 #include "src/sync/camera_stats.h"
 #include "src/sync/sync.h"
-#include "src/train/train.h"
+#include "src/dynamic/dynamic.h"
 
 typedef struct sv_app sv_app;
 
@@ -51,9 +51,9 @@ typedef struct {
 } sv_preview;
 
 // Floats of each Gaussian's motion in the feed, beside SV_GAUSSIAN_N_FLOATS; 0: nothing moves.
-size_t sv_preview_motion_floats(const sv_train_cfg *t);
+size_t sv_preview_motion_floats(const sv_dynamic_cfg *d);
 // Floats of its rigid bodies, once for the whole model; 0: there are none.
-size_t sv_preview_bodies_floats(const sv_train_cfg *t);
+size_t sv_preview_bodies_floats(const sv_dynamic_cfg *d);
 void sv_preview_carve(sv_preview *l, bool is_on, int n_cameras, sv_arena *arena);
 void sv_preview_start(sv_app *app); // the run begins: the clock of the page starts
 

@@ -69,8 +69,8 @@ static uint32_t tile_of(const sv_renderer *r, int x, int y) {
 
 // The depth of the largest weight into prior.prior, 0 where there is no depth.
 static void mode_task(void *arg, int i_tile, int i_thread) {
-  sv_trainer *t = arg;
-  sv_renderer *r = &t->render;
+  sv_prior *prior = arg;
+  sv_renderer *r = &prior->t->render;
   const int x0 = i_tile % r->n_tiles_x * SV_TILE_PX, y0 = i_tile / r->n_tiles_x * SV_TILE_PX;
   const int x1 = sv_mini(x0 + SV_TILE_PX, r->rgb.width_px), y1 = sv_mini(y0 + SV_TILE_PX, r->rgb.height_px);
   (void)i_thread;
@@ -78,24 +78,23 @@ static void mode_task(void *arg, int i_tile, int i_thread) {
     for (int x = x0; x < x1; x++) {
       const size_t at = (size_t)y * (size_t)r->rgb.stride + (size_t)x;
       float z = 0.0f;
-      if (t->prior.mask[at])
+      if (prior->mask[at])
         (void)find_mode(r, r->tile_begin[i_tile], r->tile_begin[i_tile + 1], (float)x + 0.5f, (float)y + 0.5f,
                         &z);
-      t->prior.prior[at] = z;
+      prior->target[at] = z;
     }
 }
 
 // Relative differences into prior.share: (expected - mode) / (expected + floor), floor the least expected depth, or
 // three standard deviations below the mean when that is more.
-static void find_differences(sv_trainer *t) {
-  sv_prior *p = &t->prior;
-  const sv_planes *size = &t->render.rgb;
+static void find_differences(sv_prior *prior) {
+  const sv_planes *size = &prior->t->render.rgb;
   double n = 0, sum = 0, sum2 = 0, least = 1e30;
   for (int y = 0; y < size->height_px; y++)
     for (int x = 0; x < size->width_px; x++) {
       const size_t at = (size_t)y * (size_t)size->stride + (size_t)x;
-      const double e = (double)p->expected[at];
-      if (!p->mask[at]) continue;
+      const double e = (double)prior->expected[at];
+      if (!prior->mask[at]) continue;
       n++, sum += e, sum2 += e * e;
       least = sv_mind(least, e);
     }
@@ -104,37 +103,38 @@ static void find_differences(sv_trainer *t) {
   for (int y = 0; y < size->height_px; y++)
     for (int x = 0; x < size->width_px; x++) {
       const size_t at = (size_t)y * (size_t)size->stride + (size_t)x;
-      const float e = p->expected[at];
-      p->share[at] = p->mask[at] && p->prior[at] > 0.0f ? (e - p->prior[at]) / (e + (float)floor) : 0.0f;
+      const float e = prior->expected[at];
+      prior->share[at] =
+          prior->mask[at] && prior->target[at] > 0.0f ? (e - prior->target[at]) / (e + (float)floor) : 0.0f;
     }
 }
 
 // Positive differences, evenly over the picture, in ascending order; how many.
-static int take_samples(const sv_trainer *t, float *sample) {
-  const sv_planes *size = &t->render.rgb;
+static int take_samples(const sv_prior *prior, float *sample) {
+  const sv_planes *size = &prior->t->render.rgb;
   const int n_px = size->width_px * size->height_px, every = n_px / SAMPLES + 1;
   int n = 0;
   for (int i = every / 2; i < n_px && n < SAMPLES; i += every) {
     const float d =
-        t->prior.share[(size_t)(i / size->width_px) * (size_t)size->stride + (size_t)(i % size->width_px)];
+        prior->share[(size_t)(i / size->width_px) * (size_t)size->stride + (size_t)(i % size->width_px)];
     if (d > 0.0f) sample[n++] = d;
   }
   sv_prior_sort(sample, n);
   return n;
 }
 
-static sv_status look(sv_trainer *t, const work *w, int i_view, int *n_samples) {
-  sv_status s = sv_prior_render(t, &t->views[i_view].view, 1.0f);
+static sv_status look(sv_prior *prior, const work *w, int i_view, int *n_samples) {
+  sv_status s = sv_prior_render(prior, &prior->t->views[i_view].view, 1.0f);
   if (s < 0) return s;
-  sv_pool_run(t->compute.pool, mode_task, t, t->render.n_tiles);
-  find_differences(t);
-  *n_samples = take_samples(t, w->sample);
+  sv_pool_run(prior->t->compute.pool, mode_task, prior, prior->t->render.n_tiles);
+  find_differences(prior);
+  *n_samples = take_samples(prior, w->sample);
   return SV_OK;
 }
 
 // Marks what lies before or at the largest weight of a pixel, and covers it.
-static void mark_pixel(sv_trainer *t, int x, int y) {
-  const sv_renderer *r = &t->render;
+static void mark_pixel(sv_prior *prior, int x, int y) {
+  const sv_renderer *r = &prior->t->render;
   const uint32_t tile = tile_of(r, x, y), begin = r->tile_begin[tile];
   const float px = (float)x + 0.5f, py = (float)y + 0.5f;
   float z;
@@ -142,23 +142,23 @@ static void mark_pixel(sv_trainer *t, int x, int y) {
   for (int i = (int)begin; i <= mode; i++) {
     const uint32_t id = r->intersection[r->list[i]].id;
     const pair p = evaluate(r->splat + id, px, py);
-    if (p.power >= SV_LOG2_ALPHA_MIN && p.falloff > NEAR_2) t->copies[id] = -1;
+    if (p.power >= SV_LOG2_ALPHA_MIN && p.falloff > NEAR_2) prior->t->copies[id] = -1;
   }
 }
 
-static void mark_view(sv_trainer *t, const work *w, int n, double percentile) {
-  const sv_planes *size = &t->render.rgb;
+static void mark_view(sv_prior *prior, const work *w, int n, double percentile) {
+  const sv_planes *size = &prior->t->render.rgb;
   if (n < 1) return;
   const float beyond = w->sample[sv_mini(n - 1, (int)(percentile / 100 * n))];
   for (int y = 0; y < size->height_px; y++)
     for (int x = 0; x < size->width_px; x++)
-      if (t->prior.share[(size_t)y * (size_t)size->stride + (size_t)x] > beyond) mark_pixel(t, x, y);
+      if (prior->share[(size_t)y * (size_t)size->stride + (size_t)x] > beyond) mark_pixel(prior, x, y);
 }
 
 // --- all views -----------------------------------------------------------------------------------
 
-sv_status sv_prior_prune(sv_trainer *t, uint32_t *n_pruned) {
-  sv_arena *a = t->prior.scratch;
+sv_status sv_prior_prune(sv_prior *prior, uint32_t *n_pruned) {
+  sv_arena *a = prior->scratch;
   const size_t mark = sv_arena_mark(a);
   sv_status s = SV_OK;
   double dip = 0;
@@ -167,19 +167,19 @@ sv_status sv_prior_prune(sv_trainer *t, uint32_t *n_pruned) {
   *n_pruned = 0;
   carve(&w, a);
   if (a->status < 0) return a->status;
-  for (int i = 0; i < t->n_views && s >= 0; i++)
-    if ((s = look(t, &w, i, &n)) >= 0) dip += sv_prior_dip(w.sample, n, w.hull) / t->n_views;
+  for (int i = 0; i < prior->t->n_views && s >= 0; i++)
+    if ((s = look(prior, &w, i, &n)) >= 0) dip += sv_prior_dip(w.sample, n, w.hull) / prior->t->n_views;
   const double percentile = sv_maxd(LEAST_Q, MOST_Q * sv_exp(-SHARPNESS * dip));
-  for (int i = 0; i < t->g.n; i++) t->copies[i] = 0; // free between two relocations
-  for (int i = 0; i < t->n_views && s >= 0; i++)
-    if ((s = look(t, &w, i, &n)) >= 0) mark_view(t, &w, n, percentile);
-  for (int i = 0; i < t->g.n && s >= 0; i++) {
-    if (t->copies[i] >= 0) continue;
-    *sv_gaussians_at(&t->g, i, SV_ROW_LOGIT) = (float)sv_log((double)SV_OPACITY_DEAD / 2);
+  for (int i = 0; i < prior->t->g.n; i++) prior->t->copies[i] = 0; // free between two relocations
+  for (int i = 0; i < prior->t->n_views && s >= 0; i++)
+    if ((s = look(prior, &w, i, &n)) >= 0) mark_view(prior, &w, n, percentile);
+  for (int i = 0; i < prior->t->g.n && s >= 0; i++) {
+    if (prior->t->copies[i] >= 0) continue;
+    *sv_gaussians_at(&prior->t->g, i, SV_ROW_LOGIT) = (float)sv_log((double)SV_OPACITY_DEAD / 2);
     (*n_pruned)++;
   }
   sv_arena_reset(a, mark);
-  t->prior.last_dip = dip;
-  t->prior.n_pruned += (int)*n_pruned;
+  prior->last_dip = dip;
+  prior->n_pruned += (int)*n_pruned;
   return s;
 }

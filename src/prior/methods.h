@@ -6,8 +6,8 @@
 #ifndef SV_PRIOR_METHODS_H
 #define SV_PRIOR_METHODS_H
 
+#include "src/prior/prior.h"
 #include "src/rig/bounds.h"
-#include "src/train/train.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -15,32 +15,28 @@ extern "C" {
 
 const char *sv_prior_method_name(sv_prior_method m); // "none", "fsgs", "sparsegs"
 int sv_prior_method_by_name(const char *name);       // -1 when unknown
-// What a method needs, after the objective was set (objective.h): sv_prior_set_method, and FSGS's early SH degrees where
-// any are wanted.
-void sv_train_set_prior(sv_train_cfg *cfg, sv_prior_method method, int n_views);
-
 // Depth maps from the training views themselves, where they overlap (sweep.h), for those that have none yet; *n_maps is
 // their number, 0 when the views share too little. Scratch: sv_sweep_bytes.
-sv_status sv_prior_measure(sv_trainer *t, const sv_bounds *bounds, sv_arena *scratch,
+sv_status sv_prior_measure(sv_prior *prior, const sv_bounds *bounds, sv_arena *scratch,
                            int *n_maps) SV_MUST_USE;
 
 // A training view's picture, carried by its depth to a view beside it: a new pseudo-view with colours and depth where the
 // picture reaches. Depth is the view's map, brought to the rendering's scale by least squares, else the rendering's own
 // (for colours alone: without a map and without warp_colour nothing is done).
-sv_status sv_prior_warp(sv_trainer *t, float progress) SV_MUST_USE;
+sv_status sv_prior_warp(sv_prior *prior, float progress) SV_MUST_USE;
 
 // Proximity-guided unpooling: where the mean distance to the three nearest neighbours is more than cfg.unpool_distance
 // times its median, new Gaussians come to the middles of the edges to them, with the neighbour's scale, opacity and
 // colour from all sides, not rotated. Slots: dead ones, then those of opacity below 0.02. Returns how many.
-uint32_t sv_prior_unpool(sv_trainer *t);
+uint32_t sv_prior_unpool(sv_prior *prior);
 
 // Floaters: per training view the relative difference of expected depth and of the depth of the largest weight; the
 // more modes its distribution has (mean dip over the views), the more of its upper end are pixels of floaters, where what
 // lies at or before the largest weight, and covers the pixel, becomes dead slots. Returns how many slots did.
-sv_status sv_prior_prune(sv_trainer *t, uint32_t *n_pruned) SV_MUST_USE;
+sv_status sv_prior_prune(sv_prior *prior, uint32_t *n_pruned) SV_MUST_USE;
 
-// After a step: what is due at this progress; `before`: that of the step before.
-sv_status sv_prior_tend(sv_trainer *t, float before, float progress) SV_MUST_USE;
+// After a step: the method's own work that is due at this progress.
+sv_status sv_prior_update(sv_prior *prior, float progress) SV_MUST_USE;
 
 // --- pieces --------------------------------------------------------------------------------------
 // Hartigan & Hartigan's dip statistic (1985) of n ascending values: the least largest distance of their distribution

@@ -3,6 +3,9 @@
 
 #include <string.h>
 
+#include "src/prior/methods.h"
+#include "src/prior/views.h"
+
 #define METHOD_VIEWS 8 // warped pseudo-views kept
 
 size_t sv_prior_scratch_bytes(int n_gaussians) {
@@ -36,18 +39,17 @@ void sv_prior_set_method(sv_prior_cfg *c, sv_prior_method method, int n_views) {
   c->prune_at[0] = 2.0f / 3.0f;
 }
 
-static bool has_any(const sv_prior_cfg *c) { return c->cap_pseudo > 0 || c->cap_depths > 0; }
+static bool has_any(const sv_prior_cfg *c) { return c->cap_pseudo != 0 || c->cap_depths != 0; }
 
-sv_status sv_prior_init(sv_prior *p, const sv_prior_cfg *cfg, size_t cap_pixels, int n_gaussians,
-                        uint64_t seed, sv_compute compute, sv_arena *a) {
-  float **planes[] = {&p->expected, &p->prior, &p->g_depth, &p->g_trans, &p->g_expected, &p->share};
+static size_t cap_pixels_of(const sv_train_cfg *t) {
+  return t->cap_pixels ? t->cap_pixels : sv_plane_floats(t->cap_width_px, t->cap_height_px);
+}
+
+static sv_status carve(sv_prior *p, const sv_prior_cfg *cfg, const sv_train_cfg *train, sv_compute compute,
+                       sv_arena *a) {
+  const size_t cap_pixels = cap_pixels_of(train);
+  float **planes[] = {&p->expected, &p->target, &p->g_depth, &p->g_trans, &p->g_expected, &p->share};
   const sv_pearson_cfg pc = {.cap_patches = SV_PRIOR_PATCHES};
-  memset(p, 0, sizeof *p);
-  p->cfg = *cfg;
-  p->cap_pixels = cap_pixels;
-  p->rng = sv_rng_make(seed, 11);
-  if (!has_any(cfg)) return SV_OK;
-  if (cfg->cap_pseudo < 0 || cfg->cap_depths < 0 || (cfg->cap_pseudo > 0 && cfg->every < 1)) return SV_E_ARG;
   sv_arena_part_begin(a, "priors");
   p->views = SV_TAKE(a, sv_prior_view, cfg->cap_pseudo);
   p->depths = SV_TAKE(a, sv_prior_depth, cfg->cap_depths);
@@ -64,17 +66,104 @@ sv_status sv_prior_init(sv_prior *p, const sv_prior_cfg *cfg, size_t cap_pixels,
   if (cfg->method) {
     p->warped = SV_TAKE(a, uint8_t, 4 * cap_pixels);
     p->scratch = SV_TAKE(a, sv_arena, 1);
-    const sv_arena scratch = sv_arena_sub(a, sv_prior_scratch_bytes(n_gaussians));
+    const sv_arena scratch = sv_arena_sub(a, sv_prior_scratch_bytes(train->n_gaussians));
     if (p->scratch) *p->scratch = scratch;
   }
   sv_status s = sv_pearson_init(&p->pearson, &pc, compute, a);
   return s < 0 ? s : a->status < 0 ? a->status : SV_OK;
 }
 
+// Apart, so that the context and the arena do not share a stack frame.
+static __attribute__((noinline)) size_t carved_bytes(sv_prior *p, const sv_prior_cfg *cfg,
+                                                     const sv_train_cfg *train) {
+  sv_arena dry = sv_arena_dry();
+  return carve(p, cfg, train, (sv_compute){0}, &dry) < 0 ? 0 : dry.used_bytes;
+}
+
+size_t sv_prior_bytes(const sv_prior_cfg *cfg, const sv_train_cfg *train) {
+  sv_prior p;
+  memset(&p, 0, sizeof p);
+  return has_any(cfg) ? carved_bytes(&p, cfg, train) : 0;
+}
+
+void sv_prior_prepare(const sv_prior_cfg *cfg, sv_train_cfg *train) {
+  train->has_images = cfg->cap_pseudo > 0;
+  // One exposure cannot tell how colour turns: what was switched off stays off.
+  if (cfg->method == SV_PRIOR_FSGS && train->sh_step <= 1.0f) train->sh_step = 0.05f;
+}
+
+// --- hooks ---------------------------------------------------------------------------------------
+
+static void start(void *self) { sv_prior_clear(self); }
+
+static sv_status before_render(void *self, sv_train_image *im) {
+  const sv_prior *p = self;
+  // Depth has one value a pixel: with several samples, late in the run, it is no longer needed.
+  im->options.has_depth =
+      !im->is_supersampled && sv_prior_depth_of(p, im->i_view, &p->t->views[im->i_view].view);
+  return SV_OK;
+}
+
+static double add_loss(void *self, sv_train_image *im) {
+  sv_prior *p = self;
+  const sv_prior_depth *d = sv_prior_depth_of(p, im->i_view, &p->t->views[im->i_view].view);
+  const double loss = sv_prior_depth_loss(p, d, im->scale, sv_prior_depth_share(p, im->progress));
+  im->g_depth = p->g_depth;
+  im->g_trans = p->g_trans;
+  return loss;
+}
+
+static bool has_images(void *self, float progress) { return sv_prior_is_due(self, progress); }
+
+static sv_status add_images(void *self, float progress, const sv_render_options *o, double *loss) {
+  return sv_prior_step(self, progress, o, loss);
+}
+
+static sv_status after_step(void *self, float progress) { return sv_prior_update(self, progress); }
+
+static const sv_train_hooks hooks = {.before_render = before_render,
+                                     .add_loss = add_loss,
+                                     .has_images = has_images,
+                                     .add_images = add_images,
+                                     .after_step = after_step,
+                                     .start = start};
+
+static sv_status check(const sv_prior_cfg *c, const sv_train_cfg *t, sv_err *err) {
+  if (t->has_motion || t->cap_measurements > 0)
+    return sv_fail(
+        err, SV_E_UNSUPPORTED,
+        "sparse-view priors are for still scenes and whole pictures: not for moving ones, and not on "
+        "multiplexed sensors");
+  if (c->cap_pseudo < 0 || c->cap_depths < 0 || (c->cap_pseudo > 0 && c->every < 1))
+    return sv_fail(err, SV_E_ARG,
+                   "%d pseudo-views, one every %d steps, and %d depth maps, expected 0 or more",
+                   c->cap_pseudo, c->every, c->cap_depths);
+  if (c->cap_pseudo > 0 && !t->has_images)
+    return sv_fail(err, SV_E_ARG, "pseudo-views for a trainer without room for further images");
+  return SV_OK;
+}
+
+sv_status sv_prior_init(sv_prior *p, const sv_prior_cfg *cfg, sv_trainer *t, sv_arena *arena, sv_err *err) {
+  memset(p, 0, sizeof *p);
+  p->cfg = *cfg;
+  p->t = t;
+  p->cap_pixels = cap_pixels_of(&t->cfg);
+  p->rng = sv_rng_make(t->cfg.seed, 11);
+  if (!has_any(cfg) && !cfg->method) return SV_OK;
+  sv_status s = check(cfg, &t->cfg, err);
+  if (s < 0 || !has_any(cfg)) return s;
+  s = carve(p, cfg, &t->cfg, t->compute, arena);
+  if (s < 0)
+    return sv_fail(err, s, "priors need %zu bytes beside the trainer's, and the memory block has %zu left",
+                   sv_prior_bytes(cfg, &t->cfg), arena->cap_bytes - arena->used_bytes);
+  return sv_train_attach(t, &hooks, p);
+}
+
 void sv_prior_clear(sv_prior *p) {
   for (int i = 0; i < p->cfg.cap_pseudo; i++) p->views[i].id = 0;
   for (int i = 0; i < p->cfg.cap_depths; i++) p->depths[i].id = -1;
   p->n_views = p->n_depths = p->n_unpooled = p->n_pruned = p->n_warped = 0;
+  p->updated_until = 0.0f;
 }
 
 sv_status sv_prior_submit_view(sv_prior *p, const sv_view *view, const sv_image_u8 *im, float weight,

@@ -11,7 +11,7 @@
 #include "src/base/rng.h"
 #include "src/image/planes.h"
 #include "src/loss/pearson.h"
-#include "src/rig/rig.h"
+#include "src/train/train.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -70,13 +70,14 @@ typedef struct {
 
 typedef struct {
   sv_prior_cfg cfg;
+  sv_trainer *t;
   size_t cap_pixels;
   sv_prior_view *views;   // [cap_pseudo] ring
   sv_prior_depth *depths; // [cap_depths] ring
   int n_views, n_depths;  // ever submitted; places that were taken from others
   // Planes of the last picture's size, [cap_pixels] each: expected depth or its inverse, its prior, gradients of the sum
   // of w z, of what light is left, of the expected depth; share of each pixel that counts.
-  float *expected, *prior, *g_depth, *g_trans, *g_expected, *share;
+  float *expected, *target, *g_depth, *g_trans, *g_expected, *share;
   uint8_t *mask;
   uint8_t *warped;                    // [cap_pixels][4], with a method
   sv_arena *scratch;                  // of unpooling and pruning
@@ -85,12 +86,18 @@ typedef struct {
   sv_pearson pearson;
   sv_rng rng;
   double last_depth_loss; // of the last step that had one
+  float updated_until;    // progress up to which the method's own work is done
 } sv_prior;
 
-// Assigns all pointers; cap_pixels: padded floats of the largest view (sv_plane_floats). Takes nothing when both
-// capacities are 0.
-sv_status sv_prior_init(sv_prior *p, const sv_prior_cfg *cfg, size_t cap_pixels, int n_gaussians,
-                        uint64_t seed, sv_compute compute, sv_arena *arena) SV_MUST_USE;
+// What a trainer's settings need, after the objective was set (src/train/objective.h): room for further images, and FSGS's
+// early SH degrees where any are wanted.
+void sv_prior_prepare(const sv_prior_cfg *cfg, sv_train_cfg *train);
+// Memory beside that of a trainer with these settings; 0 when both capacities are.
+size_t sv_prior_bytes(const sv_prior_cfg *cfg, const sv_train_cfg *train);
+// Attaches priors to a trainer of a still scene, which must outlive them. Takes no memory and attaches nothing when both
+// capacities are 0. E_ARG and E_UNSUPPORTED name a bad setting in err.
+sv_status sv_prior_init(sv_prior *p, const sv_prior_cfg *cfg, sv_trainer *t, sv_arena *arena,
+                        sv_err *err) SV_MUST_USE;
 
 // Scratch of the methods' own work (unpool.c, floaters.c).
 size_t sv_prior_scratch_bytes(int n_gaussians);

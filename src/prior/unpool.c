@@ -5,6 +5,7 @@
 #include "src/prior/methods.h"
 #include "src/splat/constants.h"
 #include "src/splat/neighbours.h"
+#include "src/train/relocate.h"
 
 #define WEAK 0.02f // of this opacity and less a slot may go elsewhere
 
@@ -28,7 +29,9 @@ size_t sv_prior_unpool_bytes(int n) {
   return dry.used_bytes + sv_neighbours_bytes(n) + SV_ARENA_ALIGN;
 }
 
-static float logit_of(const sv_trainer *t, int i) { return *sv_gaussians_at(&t->g, i, SV_ROW_LOGIT); }
+static float logit_of(const sv_prior *prior, int i) {
+  return *sv_gaussians_at(&prior->t->g, i, SV_ROW_LOGIT);
+}
 static float logit(float o) { return (float)sv_log((double)o / (1.0 - (double)o)); }
 
 // Mean distances to the neighbours into score, and their median.
@@ -49,35 +52,35 @@ static float find_scores(work *w, int n) {
 }
 
 // The next slot from *at on that can be had: dead ones in a first round, then weak ones. -1: no more.
-static int next_free(const sv_trainer *t, const float below[2], int *at) {
-  for (; *at < 2 * t->g.n; (*at)++) {
-    const float l = logit_of(t, *at % t->g.n);
-    const int round = *at / t->g.n;
-    if (l <= below[round] && (round == 0 || l > below[0])) return (*at)++ % t->g.n;
+static int next_free(const sv_prior *prior, const float below[2], int *at) {
+  for (; *at < 2 * prior->t->g.n; (*at)++) {
+    const float l = logit_of(prior, *at % prior->t->g.n);
+    const int round = *at / prior->t->g.n;
+    if (l <= below[round] && (round == 0 || l > below[0])) return (*at)++ % prior->t->g.n;
   }
   return -1;
 }
 
-static void place(sv_trainer *t, int to, int from, const float *a, const float *b) {
-  sv_train_copy_slot(t, to, from);
-  float *p = sv_gaussians_at(&t->g, to, 0);
+static void place(sv_prior *prior, int to, int from, const float *a, const float *b) {
+  sv_train_copy_slot(prior->t, to, from);
+  float *p = sv_gaussians_at(&prior->t->g, to, 0);
   for (int k = 0; k < 3; k++) p[16 * k] = 0.5f * (a[k] + b[k]);
   for (int k = 0; k < 4; k++) p[16 * (SV_ROW_QUAT + k)] = k == 0 ? 1.0f : 0.0f;
-  for (int k = SV_ROW_SH + 3; k < t->g.n_rows; k++) p[16 * k] = 0.0f;
+  for (int k = SV_ROW_SH + 3; k < prior->t->g.n_rows; k++) p[16 * k] = 0.0f;
 }
 
-uint32_t sv_prior_unpool(sv_trainer *t) {
-  const sv_prior_cfg *c = &t->prior.cfg;
+uint32_t sv_prior_unpool(sv_prior *prior) {
+  const sv_prior_cfg *c = &prior->cfg;
   const float below[2] = {logit(SV_OPACITY_DEAD), logit(WEAK)};
-  sv_arena *a = t->prior.scratch;
+  sv_arena *a = prior->scratch;
   const size_t mark = sv_arena_mark(a);
   work w;
   int n = 0, at = 0, to = 0;
-  uint32_t n_new = 0, most = (uint32_t)(c->unpool_share * (float)t->g.n);
-  carve(&w, t->g.n, a);
-  for (int i = 0; i < t->g.n; i++) {
-    if (logit_of(t, i) <= below[1]) continue; // what may go is nobody's neighbour
-    for (int k = 0; k < 3; k++) w.xyz[3 * n + k] = *sv_gaussians_at(&t->g, i, k);
+  uint32_t n_new = 0, most = (uint32_t)(c->unpool_share * (float)prior->t->g.n);
+  carve(&w, prior->t->g.n, a);
+  for (int i = 0; i < prior->t->g.n; i++) {
+    if (logit_of(prior, i) <= below[1]) continue; // what may go is nobody's neighbour
+    for (int k = 0; k < 3; k++) w.xyz[3 * n + k] = *sv_gaussians_at(&prior->t->g, i, k);
     w.slot[n++] = i;
   }
   if (n < 5 || sv_neighbours_find(w.xyz, n, w.dist2, w.nearest, a) < 0) {
@@ -85,17 +88,17 @@ uint32_t sv_prior_unpool(sv_trainer *t) {
     return 0;
   }
   const float beyond = c->unpool_distance * find_scores(&w, n);
-  const int first = (int)sv_rng_below(&t->prior.rng, (uint32_t)n); // whoever comes first when slots are few
+  const int first = (int)sv_rng_below(&prior->rng, (uint32_t)n); // whoever comes first when slots are few
   for (int j = 0; j < n && n_new < most && to >= 0; j++) {
     const int i = (first + j) % n;
     for (int k = 0; k < 3 && w.score[i] > beyond && n_new < most; k++) {
       const int to_point = w.nearest[3 * i + k];
-      if ((to = next_free(t, below, &at)) < 0) break;
-      place(t, to, w.slot[to_point], w.xyz + 3 * i, w.xyz + 3 * to_point);
+      if ((to = next_free(prior, below, &at)) < 0) break;
+      place(prior, to, w.slot[to_point], w.xyz + 3 * i, w.xyz + 3 * to_point);
       n_new++;
     }
   }
   sv_arena_reset(a, mark);
-  t->prior.n_unpooled += (int)n_new;
+  prior->n_unpooled += (int)n_new;
   return n_new;
 }

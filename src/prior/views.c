@@ -5,25 +5,28 @@
 
 #include "src/base/mathx.h"
 #include "src/loss/depth.h"
+#include "src/train/novel.h"
+#include "src/train/optimize.h"
+#include "src/train/step.h"
 
 #define BAND_ROWS 16
 
 // --- views ---------------------------------------------------------------------------------------
 
-sv_status sv_prior_request_views(sv_trainer *t, float turn_rad, int n, sv_view *out) {
-  if (t->n_views < 1) return SV_E_UNSUPPORTED;
+sv_status sv_prior_request_views(sv_prior *prior, float turn_rad, int n, sv_view *out) {
+  if (prior->t->n_views < 1) return SV_E_UNSUPPORTED;
   for (int i = 0; i < n; i++) {
-    const sv_view *v = &t->views[sv_rng_below(&t->prior.rng, (uint32_t)t->n_views)].view;
-    out[i] = sv_train_turned_view(t, v, turn_rad, &t->prior.rng);
+    const sv_view *v = &prior->t->views[sv_rng_below(&prior->rng, (uint32_t)prior->t->n_views)].view;
+    out[i] = sv_train_turned_view(prior->t, v, turn_rad, &prior->rng);
     out[i].i_exposure = out[i].i_sub_view = -1;
   }
   return SV_OK;
 }
 
-static sv_depth_input depth_input(const sv_trainer *t, bool is_inverse) {
-  const sv_planes *p = &t->render.rgb;
-  return (sv_depth_input){.depth = t->render.depth,
-                          .trans = t->render.trans,
+static sv_depth_input depth_input(const sv_prior *prior, bool is_inverse) {
+  const sv_planes *p = &prior->t->render.rgb;
+  return (sv_depth_input){.depth = prior->t->render.depth,
+                          .trans = prior->t->render.trans,
                           .width_px = p->width_px,
                           .height_px = p->height_px,
                           .stride = p->stride,
@@ -31,27 +34,27 @@ static sv_depth_input depth_input(const sv_trainer *t, bool is_inverse) {
                           .is_inverse = is_inverse};
 }
 
-sv_status sv_prior_render(sv_trainer *t, const sv_view *view, float progress) {
-  sv_render_options o = sv_train_render_options(t, progress, true);
-  sv_status s = sv_render(&t->render, &t->g, view, &o);
+sv_status sv_prior_render(sv_prior *prior, const sv_view *view, float progress) {
+  sv_render_options o = sv_train_render_options(prior->t, progress, true);
+  sv_status s = sv_render(&prior->t->render, &prior->t->g, view, &o);
   if (s < 0) return s;
-  sv_depth_input in = depth_input(t, false);
-  memset(t->prior.mask, 1, (size_t)in.height_px * (size_t)in.stride);
-  sv_depth_expected(&in, t->prior.expected, t->prior.mask);
+  sv_depth_input in = depth_input(prior, false);
+  memset(prior->mask, 1, (size_t)in.height_px * (size_t)in.stride);
+  sv_depth_expected(&in, prior->expected, prior->mask);
   return SV_OK;
 }
 
-int sv_prior_nearest(const sv_trainer *t, const sv_view *view) {
+int sv_prior_nearest(const sv_prior *prior, const sv_view *view) {
   float from[3], to[3];
   double best = -2, a[3], b[3];
   int i_best = 0;
   sv_view_centre(from, view);
-  for (int k = 0; k < 3; k++) a[k] = (double)from[k] - (double)t->centre[k];
-  for (int i = 0; i < t->n_views; i++) {
-    sv_view_centre(to, &t->views[i].view);
+  for (int k = 0; k < 3; k++) a[k] = (double)from[k] - (double)prior->t->centre[k];
+  for (int i = 0; i < prior->t->n_views; i++) {
+    sv_view_centre(to, &prior->t->views[i].view);
     double dot = 0;
     for (int k = 0; k < 3; k++) {
-      b[k] = (double)to[k] - (double)t->centre[k];
+      b[k] = (double)to[k] - (double)prior->t->centre[k];
       dot += a[k] * b[k];
     }
     dot /= sv_norm3(a) * sv_norm3(b) + 1e-30;
@@ -62,8 +65,8 @@ int sv_prior_nearest(const sv_trainer *t, const sv_view *view) {
 
 // --- depth ---------------------------------------------------------------------------------------
 
-const sv_prior_depth *sv_prior_depth_of(const sv_trainer *t, int id, const sv_view *full) {
-  return t->prior.cfg.cap_depths > 0 ? sv_prior_find_depth(&t->prior, id, full) : NULL;
+const sv_prior_depth *sv_prior_depth_of(const sv_prior *prior, int id, const sv_view *full) {
+  return prior->cfg.cap_depths > 0 ? sv_prior_find_depth(prior, id, full) : NULL;
 }
 
 // The map's middle sample of each block of scale x scale; what it does not know is masked out.
@@ -75,64 +78,64 @@ static void load_map(sv_prior *p, const sv_prior_depth *d, int scale, const sv_p
       const float v = d->map[(size_t)sy * (size_t)d->width_px + (size_t)sx];
       const size_t i = (size_t)y * (size_t)size->stride + (size_t)x;
       p->mask[i] = v >= 0.0f;
-      p->prior[i] = v >= 0.0f ? v : 0.0f;
+      p->target[i] = v >= 0.0f ? v : 0.0f;
     }
 }
 
 // Correlation over patches drawn at random, beside that of the whole picture (SparseGS).
-static double patch_loss(sv_trainer *t, sv_pearson_input in) {
-  sv_prior *p = &t->prior;
+static double patch_loss(sv_prior *prior, sv_pearson_input in) {
   sv_pearson_patch patches[SV_PRIOR_PATCHES];
-  const int side = sv_maxi(4, (int)(p->cfg.patch_side * (float)sv_maxi(in.width_px, in.height_px)));
+  const int side = sv_maxi(4, (int)(prior->cfg.patch_side * (float)sv_maxi(in.width_px, in.height_px)));
   const int w = sv_mini(side, in.width_px), h = sv_mini(side, in.height_px);
-  const float n = p->cfg.patch_share * (float)(in.width_px * in.height_px) / (float)(w * h);
+  const float n = prior->cfg.patch_share * (float)(in.width_px * in.height_px) / (float)(w * h);
   in.n_patches = sv_clampi((int)(n + 0.5f), 1, SV_PRIOR_PATCHES);
   for (int i = 0; i < in.n_patches; i++) {
     sv_pearson_patch *q = &patches[i];
-    q->x0 = (int)sv_rng_below(&p->rng, (uint32_t)(in.width_px - w + 1));
-    q->y0 = (int)sv_rng_below(&p->rng, (uint32_t)(in.height_px - h + 1));
+    q->x0 = (int)sv_rng_below(&prior->rng, (uint32_t)(in.width_px - w + 1));
+    q->y0 = (int)sv_rng_below(&prior->rng, (uint32_t)(in.height_px - h + 1));
     q->x1 = q->x0 + w, q->y1 = q->y0 + h;
   }
   in.patches = patches;
-  in.weight *= p->cfg.patch_weight;
-  return sv_pearson_loss(&p->pearson, &in, p->g_expected);
+  in.weight *= prior->cfg.patch_weight;
+  return sv_pearson_loss(&prior->pearson, &in, prior->g_expected);
 }
 
-double sv_prior_depth_loss(sv_trainer *t, const sv_prior_depth *d, int scale, float weight) {
-  sv_prior *p = &t->prior;
-  const sv_planes *size = &t->render.rgb;
-  sv_depth_input in = depth_input(t, d->kind == SV_PRIOR_INVERSE);
+double sv_prior_depth_loss(sv_prior *prior, const sv_prior_depth *d, int scale, float weight) {
+  const sv_planes *size = &prior->t->render.rgb;
+  sv_depth_input in = depth_input(prior, d->kind == SV_PRIOR_INVERSE);
   weight *= d->weight;
-  load_map(p, d, scale, size);
-  sv_depth_expected(&in, p->expected, p->mask);
-  memset(p->g_expected, 0, (size_t)size->rows_padded * (size_t)size->stride * sizeof *p->g_expected);
-  const sv_pearson_input pearson = {.depth = p->expected,
-                                    .prior = p->prior,
-                                    .mask = p->mask,
+  load_map(prior, d, scale, size);
+  sv_depth_expected(&in, prior->expected, prior->mask);
+  memset(prior->g_expected, 0, (size_t)size->rows_padded * (size_t)size->stride * sizeof *prior->g_expected);
+  const sv_pearson_input pearson = {.depth = prior->expected,
+                                    .prior = prior->target,
+                                    .mask = prior->mask,
                                     .width_px = size->width_px,
                                     .height_px = size->height_px,
                                     .stride = size->stride,
                                     .weight = weight};
-  double loss = d->kind == SV_PRIOR_METRIC
-                    ? sv_depth_loss(p->expected, p->prior, p->mask, size->width_px, size->height_px,
-                                    size->stride, t->radius, weight, p->g_expected)
-                    : sv_pearson_loss(&p->pearson, &pearson, p->g_expected);
-  if (d->kind != SV_PRIOR_METRIC && p->cfg.patch_weight > 0.0f) loss += patch_loss(t, pearson);
-  sv_depth_expected_bwd(&in, p->expected, p->mask, p->g_expected, size->rows_padded, p->g_depth, p->g_trans);
-  p->last_depth_loss = loss;
+  double loss = d->kind == SV_PRIOR_METRIC ? sv_depth_loss(prior->expected, prior->target, prior->mask,
+                                                           size->width_px, size->height_px, size->stride,
+                                                           prior->t->radius, weight, prior->g_expected)
+                                           : sv_pearson_loss(&prior->pearson, &pearson, prior->g_expected);
+  if (d->kind != SV_PRIOR_METRIC && prior->cfg.patch_weight > 0.0f) loss += patch_loss(prior, pearson);
+  sv_depth_expected_bwd(&in, prior->expected, prior->mask, prior->g_expected, size->rows_padded,
+                        prior->g_depth, prior->g_trans);
+  prior->last_depth_loss = loss;
   return loss;
 }
 
 // --- pseudo-views --------------------------------------------------------------------------------
 
-float sv_prior_depth_share(const sv_trainer *t, float progress) {
-  const sv_prior_cfg *c = &t->prior.cfg;
+float sv_prior_depth_share(const sv_prior *prior, float progress) {
+  const sv_prior_cfg *c = &prior->cfg;
   return c->method && progress > c->late_from ? c->late_factor : 1.0f;
 }
 
-bool sv_prior_is_due(const sv_trainer *t, float progress) {
-  const sv_prior_cfg *c = &t->prior.cfg;
-  return c->cap_pseudo > 0 && t->step % (uint32_t)c->every == 0 && sv_prior_n_alive(&t->prior, progress) > 0;
+bool sv_prior_is_due(const sv_prior *prior, float progress) {
+  const sv_prior_cfg *c = &prior->cfg;
+  return c->cap_pseudo > 0 && prior->t->step % (uint32_t)c->every == 0 &&
+         sv_prior_n_alive(prior, progress) > 0;
 }
 
 static const sv_prior_view *choose(sv_prior *p, float progress) {
@@ -145,7 +148,7 @@ static const sv_prior_view *choose(sv_prior *p, float progress) {
 }
 
 typedef struct {
-  sv_trainer *t;
+  sv_prior *prior;
   const sv_prior_view *v;
   int scale;
 } load_job;
@@ -153,8 +156,8 @@ typedef struct {
 // The picture at 1/scale; where it does not count, the rendering stands in for it, so that there is nothing to learn.
 static void load_rows(void *arg, int i_task, int i_thread) {
   const load_job *j = arg;
-  sv_trainer *t = j->t;
-  const sv_planes *x = &t->render.rgb;
+  sv_prior *prior = j->prior;
+  const sv_planes *x = &prior->t->render.rgb;
   const int k = j->scale, y1 = sv_mini((i_task + 1) * BAND_ROWS, x->height_px);
   (void)i_thread;
   for (int y = i_task * BAND_ROWS; y < y1; y++)
@@ -168,42 +171,44 @@ static void load_rows(void *arg, int i_task, int i_thread) {
       }
       const size_t at = (size_t)y * (size_t)x->stride + (size_t)col;
       const float share = (float)sum[3] / (255.0f * (float)(k * k));
-      t->prior.share[at] = share;
+      prior->share[at] = share;
       for (int c = 0; c < 3; c++) {
         const float seen = sum[3] ? (float)sum[c] / (255.0f * (float)sum[3]) : 0.0f, now = x->c[c][at];
-        t->target.c[c][at] = now + share * (seen - now);
+        prior->t->target.c[c][at] = now + share * (seen - now);
       }
     }
 }
 
-static void weigh_gradient(sv_trainer *t, float weight) {
-  const sv_planes *g = &t->grad;
+static void weigh_gradient(sv_prior *prior, float weight) {
+  const sv_planes *g = &prior->t->grad;
   for (int y = 0; y < g->height_px; y++)
     for (int x = 0; x < g->width_px; x++) {
       const size_t at = (size_t)y * (size_t)g->stride + (size_t)x;
-      const float w = weight * t->prior.share[at];
+      const float w = weight * prior->share[at];
       for (int c = 0; c < 3; c++) g->c[c][at] *= w;
     }
 }
 
-sv_status sv_prior_step(sv_trainer *t, float progress, const sv_render_options *o, double *loss) {
-  const sv_prior_view *v = choose(&t->prior, progress);
-  const sv_prior_depth *d = sv_prior_depth_of(t, v->id, &v->view);
-  const int scale = sv_train_scale_at(t, &v->view, progress);
+sv_status sv_prior_step(sv_prior *prior, float progress, const sv_render_options *o, double *loss) {
+  const sv_prior_view *v = choose(prior, progress);
+  const sv_prior_depth *d = sv_prior_depth_of(prior, v->id, &v->view);
+  const int scale = sv_train_scale_at(prior->t, &v->view, progress, 1);
   sv_view view = sv_view_scaled(&v->view, scale);
   sv_render_options with = *o;
   with.has_depth = d != NULL;
-  sv_status s = sv_render(&t->render, &t->g, &view, &with);
+  sv_status s = sv_render(&prior->t->render, &prior->t->g, &view, &with);
   if (s < 0) return s;
-  load_job j = {t, v, scale};
-  sv_train_size_target(t, view.width_px, view.height_px);
-  sv_pool_run(t->compute.pool, load_rows, &j, (view.height_px + BAND_ROWS - 1) / BAND_ROWS);
-  *loss += (double)v->weight * sv_photometric_loss(&t->photometric, &t->render.rgb, &t->target, &t->grad,
-                                                   NULL, t->cfg.weight_ssim)
+  load_job j = {prior, v, scale};
+  sv_train_size_images(prior->t, view.width_px, view.height_px);
+  sv_pool_run(prior->t->compute.pool, load_rows, &j, (view.height_px + BAND_ROWS - 1) / BAND_ROWS);
+  *loss += (double)v->weight * sv_photometric_loss(&prior->t->photometric, &prior->t->render.rgb,
+                                                   &prior->t->target, &prior->t->grad, NULL,
+                                                   prior->t->cfg.weight_ssim)
                                    .loss;
-  weigh_gradient(t, v->weight);
-  if (d) *loss += sv_prior_depth_loss(t, d, scale, sv_prior_depth_share(t, progress));
-  s = sv_render_bwd(&t->render, &t->grad, d ? t->prior.g_depth : NULL, d ? t->prior.g_trans : NULL, NULL);
-  if (s >= 0) sv_train_collect(t, 0.0f, false);
+  weigh_gradient(prior, v->weight);
+  if (d) *loss += sv_prior_depth_loss(prior, d, scale, sv_prior_depth_share(prior, progress));
+  s = sv_render_bwd(&prior->t->render, &prior->t->grad, d ? prior->g_depth : NULL, d ? prior->g_trans : NULL,
+                    NULL);
+  if (s >= 0) sv_train_collect(prior->t, 0.0f, false);
   return s;
 }

@@ -6,6 +6,7 @@
 #include "src/prior/methods.h"
 #include "src/prior/views.h"
 #include "src/splat/constants.h"
+#include "src/train/novel.h"
 #include "src/train/sweep.h"
 
 #define LEAST_PIXELS 64    // for a fit of two numbers
@@ -22,12 +23,6 @@ int sv_prior_method_by_name(const char *name) {
   return -1;
 }
 
-void sv_train_set_prior(sv_train_cfg *c, sv_prior_method method, int n_views) {
-  sv_prior_set_method(&c->prior, method, n_views);
-  // One exposure cannot tell how colour turns: what was switched off stays off.
-  if (method == SV_PRIOR_FSGS && c->sh_step <= 1.0f) c->sh_step = 0.05f;
-}
-
 // --- depth of the source -------------------------------------------------------------------------
 
 typedef struct {
@@ -40,16 +35,15 @@ static float value_at(const sv_prior_depth *d, int x, int y) {
 }
 
 // Least squares over the pixels that both know.
-static fit align(const sv_trainer *t, const sv_prior_depth *d) {
-  const sv_planes *size = &t->render.rgb;
+static fit align(const sv_prior *prior, const sv_prior_depth *d) {
+  const sv_planes *size = &prior->t->render.rgb;
   double n = 0, mm = 0, mr = 0, vm = 0, c = 0;
   fit f = {.a = 1, .is_inverse = d->kind == SV_PRIOR_INVERSE, .is_good = d->kind == SV_PRIOR_METRIC};
   if (f.is_good) return f;
   for (int pass = 0; pass < 2; pass++) {
     for (int y = 0; y < size->height_px; y++)
       for (int x = 0; x < size->width_px; x++) {
-        const float e = t->prior.expected[(size_t)y * (size_t)size->stride + (size_t)x],
-                    v = value_at(d, x, y);
+        const float e = prior->expected[(size_t)y * (size_t)size->stride + (size_t)x], v = value_at(d, x, y);
         if (!(e > 0.0f) || v < 0.0f) continue;
         const double r = f.is_inverse ? 1.0 / (double)e : (double)e, m = (double)v;
         if (pass == 0) n++, mm += m, mr += r;
@@ -64,12 +58,12 @@ static fit align(const sv_trainer *t, const sv_prior_depth *d) {
 }
 
 // Depth of the source's pixels in place of the rendering's, 0 where it is not known.
-static void bring_to_scale(sv_trainer *t, const sv_prior_depth *d) {
-  const sv_planes *size = &t->render.rgb;
-  const fit f = align(t, d);
+static void bring_to_scale(sv_prior *prior, const sv_prior_depth *d) {
+  const sv_planes *size = &prior->t->render.rgb;
+  const fit f = align(prior, d);
   for (int y = 0; y < size->height_px && f.is_good; y++)
     for (int x = 0; x < size->width_px; x++) {
-      float *e = &t->prior.expected[(size_t)y * (size_t)size->stride + (size_t)x];
+      float *e = &prior->expected[(size_t)y * (size_t)size->stride + (size_t)x];
       const float v = value_at(d, x, y);
       const double z = f.a * (double)v + f.b;
       *e = v < 0.0f || !(z > 0) ? 0.0f : (float)(f.is_inverse ? 1 / z : z);
@@ -118,11 +112,11 @@ static bool is_edge(const float *e, long step) {
   return fabsf(e[step] - e[0]) > EDGE * e[0] || fabsf(e[-step] - e[0]) > EDGE * e[0];
 }
 
-static void splat_all(const sv_trainer *t, const splat_job *j, const sv_image_u8 *im, bool is_around) {
-  const long stride = t->render.rgb.stride;
+static void splat_all(const sv_prior *prior, const splat_job *j, const sv_image_u8 *im, bool is_around) {
+  const long stride = prior->t->render.rgb.stride;
   for (int y = 1; y < im->height_px - 1; y++)
     for (int x = 1; x < im->width_px - 1; x++) {
-      const float *e = t->prior.expected + (long)y * stride + x;
+      const float *e = prior->expected + (long)y * stride + x;
       const uint8_t *px = im->px + (size_t)y * (size_t)im->stride_bytes + (size_t)(x * im->n_channels);
       if (!(e[0] > 0.0f) || is_edge(e, 1) || is_edge(e, stride)) continue;
       if (im->n_channels == 4 && px[3] < 128) continue;
@@ -134,45 +128,44 @@ static float ramp(const sv_prior_cfg *c, float progress) {
   return sv_clampf((progress - c->warp_from) / c->warp_ramp, 0.0f, 1.0f);
 }
 
-sv_status sv_prior_warp(sv_trainer *t, float progress) {
-  sv_prior *p = &t->prior;
-  const int i = (int)sv_rng_below(&p->rng, (uint32_t)t->n_views);
-  const sv_train_view *from = &t->views[i];
-  const sv_view to = sv_train_turned_view(t, &from->view, t->cfg.unseen_rad, &p->rng);
+sv_status sv_prior_warp(sv_prior *prior, float progress) {
+  const int i = (int)sv_rng_below(&prior->rng, (uint32_t)prior->t->n_views);
+  const sv_train_view *from = &prior->t->views[i];
+  const sv_view to = sv_train_turned_view(prior->t, &from->view, prior->t->cfg.unseen_rad, &prior->rng);
   const size_t n = (size_t)to.width_px * (size_t)to.height_px;
-  const float up = ramp(&p->cfg, progress);
-  const splat_job j = {.from = &from->view, .to = &to, .z = p->g_expected, .rgba = p->warped};
-  const sv_image_u8 out = {p->warped, to.width_px, to.height_px, 4, 4 * to.width_px};
+  const float up = ramp(&prior->cfg, progress);
+  const splat_job j = {.from = &from->view, .to = &to, .z = prior->g_expected, .rgba = prior->warped};
+  const sv_image_u8 out = {prior->warped, to.width_px, to.height_px, 4, 4 * to.width_px};
   int id;
-  const sv_prior_depth *d = sv_prior_depth_of(t, i, &from->view);
-  if (!d && !(p->cfg.warp_colour > 0.0f))
+  const sv_prior_depth *d = sv_prior_depth_of(prior, i, &from->view);
+  if (!d && !(prior->cfg.warp_colour > 0.0f))
     return SV_OK; // its own depth would teach a model nothing but itself
-  sv_status s = sv_prior_render(t, &from->view, progress);
+  sv_status s = sv_prior_render(prior, &from->view, progress);
   if (s < 0) return s;
-  if (d) bring_to_scale(t, d);
+  if (d) bring_to_scale(prior, d);
   for (size_t k = 0; k < n; k++) j.z[k] = -1.0f;
-  memset(p->warped, 0, 4 * n);
-  for (int k = 0; k < 2; k++) splat_all(t, &j, &from->image, k == 1);
-  s = sv_prior_submit_view(p, &to, &out, up * p->cfg.warp_colour, 2.0f, &id);
-  if (s >= 0 && p->cfg.warp_depth > 0.0f)
-    s = sv_prior_submit_depth(p, id, j.z, to.width_px, to.height_px, SV_PRIOR_RELATIVE,
-                              up * p->cfg.warp_depth);
-  p->n_warped++;
+  memset(prior->warped, 0, 4 * n);
+  for (int k = 0; k < 2; k++) splat_all(prior, &j, &from->image, k == 1);
+  s = sv_prior_submit_view(prior, &to, &out, up * prior->cfg.warp_colour, 2.0f, &id);
+  if (s >= 0 && prior->cfg.warp_depth > 0.0f)
+    s = sv_prior_submit_depth(prior, id, j.z, to.width_px, to.height_px, SV_PRIOR_RELATIVE,
+                              up * prior->cfg.warp_depth);
+  prior->n_warped++;
   return s;
 }
 
 // --- depth maps of the views themselves ----------------------------------------------------------
 
-sv_status sv_prior_measure(sv_trainer *t, const sv_bounds *bounds, sv_arena *scratch, int *n_maps) {
+sv_status sv_prior_measure(sv_prior *prior, const sv_bounds *bounds, sv_arena *scratch, int *n_maps) {
   sv_sweep sweep;
   const size_t mark = sv_arena_mark(scratch);
-  sv_status s = sv_sweep_run(&sweep, t, bounds, SV_SWEEP_CAP_PX, scratch);
+  sv_status s = sv_sweep_run(&sweep, prior->t, bounds, SV_SWEEP_CAP_PX, scratch);
   *n_maps = 0;
   for (int i = 0; s == SV_OK && i < sweep.n; i++) {
     const sv_depth_map *m = &sweep.map[i];
-    const sv_view *v = &t->views[m->i_view].view;
-    float *map = t->prior.g_expected;
-    if (m->n_measured < LEAST_PIXELS || sv_prior_depth_of(t, m->i_view, v)) continue;
+    const sv_view *v = &prior->t->views[m->i_view].view;
+    float *map = prior->g_expected;
+    if (m->n_measured < LEAST_PIXELS || sv_prior_depth_of(prior, m->i_view, v)) continue;
     for (int y = 0; y < v->height_px; y++)
       for (int x = 0; x < v->width_px; x++) {
         const float z = x / m->k < m->view.width_px && y / m->k < m->view.height_px
@@ -180,8 +173,8 @@ sv_status sv_prior_measure(sv_trainer *t, const sv_bounds *bounds, sv_arena *scr
                             : 0.0f;
         map[(size_t)y * (size_t)v->width_px + (size_t)x] = z > 0.0f ? z : -1.0f;
       }
-    s = sv_prior_submit_depth(&t->prior, m->i_view, map, v->width_px, v->height_px, SV_PRIOR_RELATIVE,
-                              t->prior.cfg.depth_weight);
+    s = sv_prior_submit_depth(prior, m->i_view, map, v->width_px, v->height_px, SV_PRIOR_RELATIVE,
+                              prior->cfg.depth_weight);
     *n_maps += s == SV_OK;
   }
   sv_arena_reset(scratch, mark);
@@ -190,18 +183,21 @@ sv_status sv_prior_measure(sv_trainer *t, const sv_bounds *bounds, sv_arena *scr
 
 // --- when ----------------------------------------------------------------------------------------
 
-sv_status sv_prior_tend(sv_trainer *t, float before, float progress) {
-  const sv_prior_cfg *c = &t->prior.cfg;
-  const uint32_t every = (uint32_t)sv_maxi(t->cfg.relocate_every, 1);
+sv_status sv_prior_update(sv_prior *prior, float progress) {
+  const float before = prior->updated_until;
+  const sv_prior_cfg *c = &prior->cfg;
+  const uint32_t every = (uint32_t)sv_maxi(prior->t->cfg.relocate_every, 1);
   uint32_t n_pruned;
   sv_status s = SV_OK;
-  if (!c->method || t->n_views < 1) return SV_OK;
+  prior->updated_until = progress;
+  if (!c->method || prior->t->n_views < 1) return SV_OK;
   for (int i = 0; i < 2 && s >= 0; i++)
-    if (before < c->prune_at[i] && progress >= c->prune_at[i]) s = sv_prior_prune(t, &n_pruned);
-  if (progress >= c->unpool_from && progress < sv_minf(c->unpool_until, t->cfg.relocate_until) &&
-      t->step % every == 0)
-    (void)sv_prior_unpool(t); // before relocation takes the dead slots
+    if (before < c->prune_at[i] && progress >= c->prune_at[i]) s = sv_prior_prune(prior, &n_pruned);
+  if (progress >= c->unpool_from && progress < sv_minf(c->unpool_until, prior->t->cfg.relocate_until) &&
+      prior->t->step % every == 0)
+    (void)sv_prior_unpool(prior); // before relocation takes the dead slots
   const bool is_warped = c->warp_every > 0 && progress > c->warp_from && progress <= c->warp_until;
-  if (s >= 0 && is_warped && t->step % (uint32_t)c->warp_every == 0) s = sv_prior_warp(t, progress);
+  if (s >= 0 && is_warped && prior->t->step % (uint32_t)c->warp_every == 0)
+    s = sv_prior_warp(prior, progress);
   return s;
 }

@@ -84,6 +84,10 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
   if (s < 0) return s;
   s = sv_trainer_init(&app->trainer, t, compute, a, err);
   if (s < 0) return s;
+  const sv_dynamic_cfg dynamic = sv_app_dynamic_cfg(c);
+  const sv_prior_cfg prior = sv_app_prior_cfg(c, t->cap_views);
+  if ((s = sv_dynamic_init(&app->dynamic, &dynamic, &app->trainer, a, err)) < 0) return s;
+  if ((s = sv_prior_init(&app->prior, &prior, &app->trainer, a, err)) < 0) return s;
   sv_arena_part_begin(a, "start-up scratch");
   app->points = SV_TAKE(a, sv_point, t->n_gaussians);
   app->scratch = sv_arena_sub(a, scratch_bytes(c, t));
@@ -200,7 +204,7 @@ static sv_status first_model(sv_app *app, const sv_bounds *b, bool is_measured, 
   if (s == SV_AGAIN) choose_blind(app, &start);
   if (s >= 0) s = sv_driver_place(t, &start, err);
   if (s < 0 || !app->cfg.prior) return s;
-  if ((s = sv_prior_measure(t, b, &app->scratch, &start.n_maps)) < 0)
+  if ((s = sv_prior_measure(&app->prior, b, &app->scratch, &start.n_maps)) < 0)
     return sv_fail(err, s, "no depth maps for the prior: %s", sv_status_text(s));
   sv_app_log(app, SV_LOG_INFO, "prior %s: depth maps of %d views", sv_prior_method_name(app->cfg.prior),
              start.n_maps);

@@ -42,8 +42,10 @@ struct sv_app {
   sv_exposures exposures;
   sv_odometry odometry; // with is_tracking
 
-  // src/train, src/run
+  // src/train, src/dynamic, src/prior, src/run
   sv_trainer trainer;
+  sv_dynamic dynamic; // with is_dynamic
+  sv_prior prior;     // with cfg.prior
   sv_driver driver;
   sv_app_moving moving;
   sv_point *points; // [n_gaussians] of the first model

@@ -16,7 +16,6 @@ static void add(sv_arrays *f, const char *name, double per_gaussian, double per_
 // Bytes that each Gaussian and each pixel adds to a trainer.
 static void measure(const sv_train_cfg *cfg, double *per_gaussian, double *per_pixel) {
   sv_train_cfg c = *cfg;
-  c.dynamic.kind = SV_DEFORM_NONE;
   c.cap_pixels = 0;
   c.cap_width_px = c.cap_height_px = SIDE_PX;
   c.n_gaussians = MANY;

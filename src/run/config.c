@@ -34,6 +34,12 @@ static void plan_measurements(const sv_app_cfg *c, sv_train_cfg *t) {
           c->n_exposures * sv_train_n_regions(c->caps[i].width_px, c->caps[i].height_px, t->region_px);
 }
 
+sv_prior_cfg sv_app_prior_cfg(const sv_app_cfg *c, int n_views) {
+  sv_prior_cfg p = {0};
+  if (c->prior) sv_prior_set_method(&p, c->prior, n_views);
+  return p;
+}
+
 sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
   sv_train_cfg t = c->train;
   t.cap_views = c->n_exposures * sv_app_n_trained_sub_views(c);
@@ -56,7 +62,8 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
                                 .n_sub_views = sv_app_n_trained_sub_views(c),
                                 .is_multiplexed = is_multiplexed(c)};
   sv_driver_set_objective(&t, &sampling, c->optimizer);
-  if (c->prior) sv_train_set_prior(&t, c->prior, t.cap_views);
+  const sv_prior_cfg prior = sv_app_prior_cfg(c, t.cap_views);
+  sv_prior_prepare(&prior, &t);
   if (c->is_refining) // rates from trials on poses that were off by a quarter of a degree
     t.poses = (sv_train_poses_cfg){.cap_poses = c->n_exposures,
                                    .rot_rad = 2e-3f,

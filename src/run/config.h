@@ -6,6 +6,7 @@
 #ifndef SV_RUN_CONFIG_H
 #define SV_RUN_CONFIG_H
 
+#include "src/dynamic/dynamic.h"
 #include "src/prior/methods.h"
 #include "src/rig/bounds.h"
 #include "src/sync/capture_queue.h"
@@ -46,6 +47,8 @@ typedef struct {
   uint64_t sub_view_mask[SV_CAP_SUB_VIEWS / 64];
   // Settings of the trainer; sizes and numbers of views are filled in by sv_app_train_cfg.
   sv_train_cfg train;
+  // Settings of motion with is_dynamic: sv_dynamic_defaults(), or changed; what the exposures decide is filled in.
+  sv_dynamic_cfg dynamic;
   // Training ends after so many steps; 0: at the time limit.
   uint32_t steps;
   // Training ends after so many seconds; 0: no limit.
@@ -73,5 +76,7 @@ bool sv_app_is_trained_on(const sv_app_cfg *cfg, int i_sub_view);
 int sv_app_n_trained_sub_views(const sv_app_cfg *cfg);
 // The trainer's settings of such a run, with the objective that suits it.
 sv_train_cfg sv_app_train_cfg(const sv_app_cfg *cfg, int n_threads);
+// And of the prior, for so many training views.
+sv_prior_cfg sv_app_prior_cfg(const sv_app_cfg *cfg, int n_views);
 
 #endif

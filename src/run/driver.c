@@ -8,6 +8,8 @@
 #include "src/splat/constants.h"
 #include "src/train/stereo.h"
 #include "src/train/sweep.h"
+#include "src/train/measurement.h"
+#include "src/train/supersample.h"
 
 #define LOSS_STEPS   50  // that the mean loss is over, about
 #define LINE_EVERY_S 0.5 // between two progress lines

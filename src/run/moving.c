@@ -15,31 +15,37 @@
 #define FIND_EVERY      16 // exposures between two searches for what moves
 
 void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
-  sv_dynamic_cfg *d = &t->dynamic;
-  d->kind = SV_DEFORM_CLIP;
+  t->has_motion = true;
   t->n_unseen = 0;
-  sv_train_set_times(t, c->n_exposures);
   if (!c->is_continuous) return;
-  d->functions = SV_MOTION_POWERS;
-  d->n_pos = d->n_rot = d->n_colour = 1; // exposures of a ring are too few for more
-  d->pos = 1;                            // rates are per second, not per clip
-  d->window = d->window_start = 0;       // windows in a time that has no end
-  d->from = d->grow_until = 0;
-  d->find_every = d->find_until = 0; // by exposures instead
   // Every exposure is like the last one: nothing cools down, and there are but a few dozen steps
-  // for what is new in it. Five of six see the newest exposure, the others those of the ring in
-  // turn: they keep the shape of what is still, and would drag back what moves fast. What appears
-  // and disappears does so by opacity and colour, faster than it could travel; what the newest
-  // pictures show elsewhere is put there (src/dynamic/renew.h).
+  // for what is new in it.
   t->lr.mean_start = t->lr.mean_end = 9.6e-4f;
   t->lr.quat *= CONTINUOUS_RATE;
   t->lr.scale *= CONTINUOUS_RATE;
   t->lr.sh0 *= 2 * CONTINUOUS_RATE;
   t->lr.logit *= 2;
-  d->older_every = 6;
   t->start_scale = 1;
   t->relocate_until = 1;
   t->noise = 0;
+}
+
+sv_dynamic_cfg sv_app_dynamic_cfg(const sv_app_cfg *c) {
+  sv_dynamic_cfg d = c->dynamic;
+  d.kind = c->is_dynamic ? SV_DEFORM_CLIP : SV_DEFORM_NONE;
+  sv_dynamic_set_times(&d, 0, c->n_exposures);
+  if (!c->is_continuous) return d;
+  d.functions = SV_MOTION_POWERS;
+  d.n_pos = d.n_rot = d.n_colour = 1; // exposures of a ring are too few for more
+  d.lr_pos = 1;                       // rates are per second, not per clip
+  d.lr_window = d.window_start = 0;   // windows in a time that has no end
+  d.from = d.grow_until = 0;
+  d.find_every = d.find_until = 0; // by exposures instead
+  // Five of six steps see the newest exposure, the others those of the ring in turn: they keep the shape of what is
+  // still, and would drag back what moves fast. What appears and disappears does so by opacity and colour, faster than it
+  // could travel; what the newest images show elsewhere is put there (src/dynamic/renew.h).
+  d.older_every = 6;
+  return d;
 }
 
 float sv_app_time_of(const sv_app *app, sv_ns time_ns) {
@@ -57,7 +63,7 @@ void sv_app_begin_moving(sv_app *app) {
     if (e->exposure[i].time_ns < app->moving.first_ns) app->moving.first_ns = e->exposure[i].time_ns;
     if (e->exposure[i].time_ns > app->moving.last_ns) app->moving.last_ns = e->exposure[i].time_ns;
   }
-  app->trainer.deform.motion.cfg.t0 = sv_app_time_of(app, app->moving.last_ns);
+  app->dynamic.deform.motion.cfg.t0 = sv_app_time_of(app, app->moving.last_ns);
   app->moving.exposure_ns = app->port.machine.now_ns(app->port.machine.self);
 }
 
@@ -98,8 +104,8 @@ sv_status sv_app_enter_exposure(sv_app *app, int slot, float progress) {
   app->moving.exposure_ns += turn_ns;
   if (now_ns - app->moving.exposure_ns >= turn_ns) app->moving.exposure_ns = now_ns;
   app->moving.last_ns = app->exposures.exposure[slot].time_ns;
-  sv_motion_advance(&app->trainer.deform.motion, &app->trainer.g, sv_app_time_of(app, app->moving.last_ns));
-  sv_status s = sv_train_renew(&app->trainer, progress, &app->scratch);
+  sv_motion_advance(&app->dynamic.deform.motion, &app->trainer.g, sv_app_time_of(app, app->moving.last_ns));
+  sv_status s = sv_dynamic_renew(&app->dynamic, progress, &app->scratch);
   if (s < 0 || ++app->moving.n_entered % FIND_EVERY) return s;
-  return sv_train_find_moving(&app->trainer, progress);
+  return sv_dynamic_search(&app->dynamic, progress);
 }

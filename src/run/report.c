@@ -23,8 +23,8 @@ void sv_app_memory_map(sv_str *out, const sv_arena *a, bool is_json) {
 static void add_live(sv_str *s, const sv_app *app) {
   const sv_governor *g = &app->capture.governor;
   if (app->cfg.is_dynamic)
-    sv_str_add(s, "  \"moving\": %d, \"renewed\": %u,\n", sv_deform_n_moving(&app->trainer.deform),
-               app->trainer.n_renewed);
+    sv_str_add(s, "  \"moving\": %d, \"renewed\": %u,\n", sv_deform_n_moving(&app->dynamic.deform),
+               app->dynamic.n_renewed);
   if (app->moving.n_scored)
     sv_str_add(s, "  \"live_psnr\": %.3f, \"live_psnr_late\": %.3f, \"live_exposures\": %llu,\n",
                app->moving.psnr_sum / (double)app->moving.n_scored, app->moving.psnr_late,
@@ -77,7 +77,7 @@ static void add_settings(sv_str *s, const sv_app *app) {
   sv_str_add(s, "\",\n  \"rig\": \"");
   sv_str_add_json(s, app->cfg.rig->name);
   sv_str_add(s, "\",\n  \"gaussians\": %d,\n  \"threads\": %d,\n  \"isa\": \"%s\",\n  \"prior\": \"%s\",\n  ",
-             t->n_gaussians, t->n_threads, sv_isa_name(app->k->isa), sv_prior_method_name(t->prior.method));
+             t->n_gaussians, t->n_threads, sv_isa_name(app->k->isa), sv_prior_method_name(app->cfg.prior));
   sv_driver_add_settings(s, &app->trainer);
   sv_str_add(s, ",\n  \"exposures\": %d,\n  \"views\": %d,\n", app->exposures.n,
              sv_driver_n_views(&app->trainer));

@@ -33,7 +33,7 @@ sv_status sv_app_save_motion(sv_app *app, sv_err *err) {
   sv_store *st = &app->port.store;
   sv_status s = st->begin(st->self, "motion.bin", err);
   if (s < 0) return s;
-  return finish(st, sv_deform_write(&app->trainer.deform, &app->trainer.g, store_sink(st), err), err);
+  return finish(st, sv_deform_write(&app->dynamic.deform, &app->trainer.g, store_sink(st), err), err);
 }
 
 sv_status sv_app_save_checkpoint(sv_app *app, sv_err *err) {

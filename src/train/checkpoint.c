@@ -3,16 +3,13 @@
 
 #include <string.h>
 
-#include "src/dynamic/distil.h"
-
 typedef struct {
   int32_t n, sh_degree, n_items, i_order;
   uint32_t step, n_relocated;
   uint64_t rng_state, rng_inc;
   float centre[3], radius, jitter[2];
-  int32_t deform_kind, n_moving; // 0 for still scenes
-  float find_at, followed, lo[3], inv[3];
-  uint32_t field_step, fit_left, optimizer, unused;
+  sv_checkpoint_motion motion; // 0 for still scenes
+  uint32_t optimizer, unused;
   double trained_s;
   uint64_t seed, origin; // of the run: another one has another order of views, or other pictures
 } head_t;
@@ -30,120 +27,11 @@ static size_t floors_bytes(const sv_trainer *t) {
 
 static size_t moments_bytes(const sv_trainer *t) { return rows_bytes(t) / sizeof(float) * sizeof *t->m; }
 
-// The motion's parameters and Adam's moments of them.
-typedef struct {
-  float *param;
-  uint16_t *m, *v;
-  size_t n;
-} motion_state;
-
-static size_t motion_bytes(motion_state s) { return s.n * (sizeof *s.param + sizeof *s.m + sizeof *s.v); }
-
-static motion_state field_of(const sv_trainer *t) {
-  const sv_field *f = &t->deform.field;
-  return (motion_state){f->param, f->m, f->v, f->n_param};
-}
-
-// Sections MOTN, MOTM, MOTV: the clip's, or a field's that has none.
-static motion_state motion_of(const sv_trainer *t) {
-  const sv_motion *mo = &t->deform.motion;
-  if (!sv_train_is_dynamic(t)) return (motion_state){0};
-  if (!sv_train_has_clip(&t->cfg)) return field_of(t);
-  return (motion_state){mo->param, mo->m, mo->v, (size_t)mo->cap * (size_t)mo->n_rows};
-}
-
-// Sections FLDN, FLDM, FLDV: of a field that begins with a clip.
-static bool has_both(const sv_trainer *t) {
-  return t->cfg.dynamic.kind == SV_DEFORM_FIELD && sv_train_has_clip(&t->cfg);
-}
-
-// Rigid bodies: their number and sizes; then BTIM, BKNO, BADM, BSLO.
-typedef struct {
-  int32_t n, n_knots, cap_knots;
-  float centre[SV_CAP_BODIES][3], radius[SV_CAP_BODIES];
-} bodies_head;
-
-static size_t knots_of(const sv_bodies *b) { return (size_t)SV_CAP_BODIES * (size_t)b->cap_knots; }
-
-static size_t bodies_bytes(const sv_trainer *t) {
-  const sv_bodies *b = &t->deform.motion.bodies;
-  if (!b->of) return 0;
-  return 5 * 40 + sizeof(bodies_head) + (size_t)b->cap_knots * sizeof(float) +
-         knots_of(b) * (sizeof *b->knot + sizeof *b->adam) + (size_t)t->g.cap;
-}
-
-static sv_status put_bodies(sv_sections_writer *w, const sv_trainer *t, sv_err *err) {
-  const sv_bodies *b = &t->deform.motion.bodies;
-  bodies_head h = {.n = b->n, .n_knots = b->n_knots, .cap_knots = b->cap_knots};
-  memcpy(h.centre, b->centre, sizeof h.centre);
-  memcpy(h.radius, b->radius, sizeof h.radius);
-  sv_status s = sv_sections_put(w, "BODY", &h, sizeof h, err);
-  if (s >= 0) s = sv_sections_put(w, "BTIM", b->time, (size_t)b->cap_knots * sizeof(float), err);
-  if (s >= 0) s = sv_sections_put(w, "BKNO", b->knot, knots_of(b) * sizeof *b->knot, err);
-  if (s >= 0) s = sv_sections_put(w, "BADM", b->adam, knots_of(b) * sizeof *b->adam, err);
-  return s >= 0 ? sv_sections_put(w, "BSLO", b->of, (size_t)t->g.cap, err) : s;
-}
-
-static sv_status get_bodies(const sv_sections *r, sv_trainer *t, sv_err *err) {
-  sv_bodies *b = &t->deform.motion.bodies;
-  bodies_head h;
-  sv_status s = sv_sections_get(r, "BODY", &h, sizeof h, err);
-  if (s < 0) return s;
-  if (h.cap_knots != b->cap_knots || h.n_knots < 0 || h.n_knots > h.cap_knots || h.n < 1 ||
-      h.n > SV_CAP_BODIES)
-    return sv_fail(err, SV_E_FORMAT, "%s: %d rigid bodies at %d of %d times, expected at most %d at %d",
-                   r->name, h.n - 1, h.n_knots, h.cap_knots, SV_CAP_BODIES - 1, b->cap_knots);
-  s = sv_sections_get(r, "BTIM", b->time, (size_t)b->cap_knots * sizeof(float), err);
-  if (s >= 0) s = sv_sections_get(r, "BKNO", b->knot, knots_of(b) * sizeof *b->knot, err);
-  if (s >= 0) s = sv_sections_get(r, "BADM", b->adam, knots_of(b) * sizeof *b->adam, err);
-  if (s >= 0) s = sv_sections_get(r, "BSLO", b->of, (size_t)t->g.cap, err);
-  for (int i = 0; i < t->g.cap && s >= 0; i++)
-    if (b->of[i] >= h.n)
-      s = sv_fail(err, SV_E_FORMAT, "%s: Gaussian %d belongs to rigid body %d of %d", r->name, i, b->of[i],
-                  h.n - 1);
-  if (s < 0) return s;
-  b->n = h.n, b->n_knots = h.n_knots;
-  memcpy(b->centre, h.centre, sizeof h.centre);
-  memcpy(b->radius, h.radius, sizeof h.radius);
-  return SV_OK;
-}
-
-static const char *const of_motion[3] = {"MOTN", "MOTM", "MOTV"};
-static const char *const of_field[3] = {"FLDN", "FLDM", "FLDV"};
-
-static sv_status put_state(sv_sections_writer *w, const char *const name[3], motion_state o, sv_err *err) {
-  sv_status s = sv_sections_put(w, name[0], o.param, o.n * sizeof *o.param, err);
-  if (s >= 0) s = sv_sections_put(w, name[1], o.m, o.n * sizeof *o.m, err);
-  return s >= 0 ? sv_sections_put(w, name[2], o.v, o.n * sizeof *o.v, err) : s;
-}
-
-static sv_status put_motion(sv_sections_writer *w, const sv_trainer *t, sv_err *err) {
-  sv_status s = put_state(w, of_motion, motion_of(t), err);
-  if (s >= 0 && has_both(t)) s = put_state(w, of_field, field_of(t), err);
-  if (s >= 0 && sv_train_is_taught(t)) s = sv_sections_put(w, "TEAC", t->teacher.param, rows_bytes(t), err);
-  if (s >= 0) s = sv_sections_put(w, "MOVE", t->is_moving, (size_t)t->g.cap, err);
-  return s >= 0 && bodies_bytes(t) ? put_bodies(w, t, err) : s;
-}
-
-static sv_status get_state(const sv_sections *r, const char *const name[3], motion_state o, sv_err *err) {
-  sv_status s = sv_sections_get(r, name[0], o.param, o.n * sizeof *o.param, err);
-  if (s >= 0) s = sv_sections_get(r, name[1], o.m, o.n * sizeof *o.m, err);
-  return s >= 0 ? sv_sections_get(r, name[2], o.v, o.n * sizeof *o.v, err) : s;
-}
-
-static sv_status get_motion(const sv_sections *r, sv_trainer *t, bool is_taught, sv_err *err) {
-  sv_status s = get_state(r, of_motion, motion_of(t), err);
-  if (s >= 0 && has_both(t)) s = get_state(r, of_field, field_of(t), err);
-  if (s >= 0 && is_taught) s = sv_sections_get(r, "TEAC", t->teacher.param, rows_bytes(t), err);
-  if (s >= 0) s = sv_sections_get(r, "MOVE", t->is_moving, (size_t)t->g.cap, err);
-  return s >= 0 && bodies_bytes(t) ? get_bodies(r, t, err) : s;
-}
-
 size_t sv_checkpoint_bytes(const sv_trainer *t) {
-  return SV_SECTIONS_OVERHEAD_BYTES + 15 * 40 + floors_bytes(t) + motion_bytes(motion_of(t)) +
-         (has_both(t) ? motion_bytes(field_of(t)) + rows_bytes(t) : 0) + bodies_bytes(t) + (size_t)t->g.cap +
-         sizeof(head_t) + rows_bytes(t) + 2 * moments_bytes(t) + (size_t)t->g.cap * sizeof(float) +
-         (size_t)(t->cfg.cap_views + t->cfg.cap_regions) * sizeof(int);
+  return SV_SECTIONS_OVERHEAD_BYTES + 15 * 40 + floors_bytes(t) + sizeof(head_t) + rows_bytes(t) +
+         2 * moments_bytes(t) + (size_t)t->g.cap * sizeof(float) +
+         (size_t)(t->cfg.cap_views + t->cfg.cap_regions) * sizeof(int) +
+         (SV_TRAIN_HAS(t, checkpoint_bytes) ? t->hooks->checkpoint_bytes(t->hooked) : 0);
 }
 
 sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
@@ -159,13 +47,7 @@ sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
   h.trained_s = t->trained_s;
   h.seed = t->cfg.seed, h.origin = t->origin;
   h.optimizer = (uint32_t)t->cfg.optimizer;
-  if (sv_train_is_dynamic(t)) {
-    h.deform_kind = (int32_t)t->deform.kind, h.n_moving = sv_deform_n_moving(&t->deform);
-    h.find_at = t->find_at, h.followed = t->followed, h.field_step = t->field_step;
-    h.fit_left = t->fit_left;
-    memcpy(h.lo, t->deform.field.lo, sizeof h.lo);
-    memcpy(h.inv, t->deform.field.inv, sizeof h.inv);
-  }
+  if (SV_TRAIN_HAS(t, save_head)) t->hooks->save_head(t->hooked, &h.motion);
   sv_status s = sv_sections_begin(&w, sink, SV_CHECKPOINT_KIND, SV_CHECKPOINT_VERSION, err);
   if (s >= 0) s = sv_sections_put(&w, "HEAD", &h, sizeof h, err);
   if (s >= 0) s = sv_sections_put(&w, "GAUS", t->g.param, rows_bytes(t), err);
@@ -174,7 +56,7 @@ sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
   if (s >= 0) s = sv_sections_put(&w, "ERRS", t->err, (size_t)t->g.cap * sizeof(float), err);
   if (s >= 0) s = sv_sections_put(&w, "ORDR", t->order, (size_t)n_items(t) * sizeof(int), err);
   if (s >= 0 && t->floor) s = sv_sections_put(&w, "FLOR", t->floor, floors_bytes(t), err);
-  if (s >= 0 && sv_train_is_dynamic(t)) s = put_motion(&w, t, err);
+  if (s >= 0 && SV_TRAIN_HAS(t, save)) s = t->hooks->save(t->hooked, &w, err);
   return s >= 0 ? sv_sections_end(&w, err) : s;
 }
 
@@ -229,8 +111,8 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
   if (!(h.jitter[0] >= 0 && h.jitter[0] < 1 && h.jitter[1] >= 0 && h.jitter[1] < 1))
     return sv_fail(err, SV_E_FORMAT, "%s: the shift of the regions is not in 0..1", name);
   const bool is_kind =
-      h.deform_kind == (int)t->cfg.dynamic.kind || (has_both(t) && h.deform_kind == SV_DEFORM_CLIP);
-  if (!is_kind || h.n_moving < 0 || h.n_moving > h.n)
+      SV_TRAIN_HAS(t, is_loadable) ? t->hooks->is_loadable(t->hooked, &h.motion) : h.motion.kind == 0;
+  if (!is_kind || h.motion.n_moving < 0 || h.motion.n_moving > h.n)
     return sv_fail(err, SV_E_RANGE, "%s: made for another kind of scene (still or moving) than this run",
                    name);
   if (!(h.radius > 0)) return sv_fail(err, SV_E_FORMAT, "%s: the scene radius is not positive", name);
@@ -242,19 +124,8 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
   if (s >= 0) s = sv_sections_get(&r, "ERRS", t->err, (size_t)t->g.cap * sizeof(float), err);
   if (s >= 0) s = sv_sections_get(&r, "ORDR", t->order, (size_t)h.n_items * sizeof(int), err);
   if (s >= 0 && t->floor) s = sv_sections_get(&r, "FLOR", t->floor, floors_bytes(t), err);
-  if (s >= 0 && sv_train_is_dynamic(t))
-    s = get_motion(&r, t, has_both(t) && h.deform_kind == SV_DEFORM_FIELD, err);
+  if (s >= 0 && SV_TRAIN_HAS(t, load)) s = t->hooks->load(t->hooked, &r, &h.motion, err);
   if (s < 0) return s;
-  if (sv_train_is_dynamic(t)) {
-    t->deform.kind = (sv_deform_kind)h.deform_kind;
-    sv_deform_set_moving(&t->deform, h.n_moving);
-    t->find_at = h.find_at, t->followed = h.followed, t->field_step = h.field_step;
-    t->fit_left = h.fit_left;
-    if (t->deform.kind == SV_DEFORM_FIELD) {
-      memcpy(t->deform.field.lo, h.lo, sizeof h.lo);
-      memcpy(t->deform.field.inv, h.inv, sizeof h.inv);
-    }
-  }
   t->i_order = h.i_order, t->step = h.step, t->n_relocated = h.n_relocated, t->trained_s = h.trained_s;
   memcpy(t->jitter, h.jitter, sizeof t->jitter);
   t->rng = (sv_rng){h.rng_state, h.rng_inc};

@@ -5,10 +5,13 @@
 // 1 / sqrt(n w) in the place of the gradient, estimates its diagonal by squares (kernels/newton/newton.h). SSIM's share of
 // the loss is taken to bend like the rest; smoothing of views, measured or unseen, and regularisers do not count. The
 // running mean stands where Adam has its second moment.
+#include "src/train/curvature.h"
+
 #include <string.h>
 
 #include "src/base/mathx.h"
-#include "src/train/train.h"
+#include "src/train/optimize.h"
+#include "src/train/supersample.h"
 
 #define BLOCKS_PER_TASK 64
 #define ROWS_PER_TASK   16
@@ -22,7 +25,7 @@ bool sv_train_is_probe_due(const sv_trainer *t) {
 }
 
 typedef struct {
-  sv_trainer *t;
+  const sv_trainer *t;
   sv_probe_args probe[3];
   int n_rows, n_bands;
   int n_blocks;
@@ -38,8 +41,7 @@ static void probe_task(void *arg, int i_task, int i_thread) {
 }
 
 // Of a picture with so many values in the tiles that are looked at.
-static void make_probe(sv_trainer *t, double l1, double n) {
-  const sv_planes *p = &t->target;
+static void make_probe(const sv_trainer *t, double l1, double n, sv_planes *p) {
   job j = {.t = t, .n_rows = p->height_px, .n_bands = (p->height_px + ROWS_PER_TASK - 1) / ROWS_PER_TASK};
   for (uint32_t c = 0; c < 3; c++)
     j.probe[c] = (sv_probe_args){.plane = p->c[c],
@@ -52,7 +54,9 @@ static void make_probe(sv_trainer *t, double l1, double n) {
 
 static double n_values(const sv_planes *p) { return 3.0 * p->width_px * p->height_px; }
 
-void sv_train_make_probe(sv_trainer *t, double l1) { make_probe(t, l1, n_values(&t->target)); }
+void sv_train_make_probe(const sv_trainer *t, double l1, sv_planes *probe) {
+  make_probe(t, l1, n_values(probe), probe);
+}
 
 static job blocks_job(sv_trainer *t) {
   return (job){.t = t, .n_rows = SV_N_ROWS(t->render.project.sh_degree), .n_blocks = (t->g.n + 15) / 16};
@@ -65,14 +69,14 @@ static uint32_t gradients_of(const job *j, int b, int i_thread, float *grad) {
   const sv_trainer *t = j->t;
   uint32_t touched = sv_render_bwd_block(&t->render, b, i_thread, NULL,
                                          &(sv_block_grads){grad, grad + SV_CAP_ROWS * 16, NULL});
-  if (t->deform.kind == SV_DEFORM_CLIP && b < t->render.n_moved_blocks)
-    sv_motion_bodies_bwd(&t->deform.motion, b, touched, grad, NULL);
+  if (b < t->render.n_moved_blocks && SV_TRAIN_HAS(t, pull_back))
+    t->hooks->pull_back(t->hooked, b, touched, grad);
   return touched;
 }
 
 static void single_task(void *arg, int i_task, int i_thread) {
   const job *j = arg;
-  sv_trainer *t = j->t;
+  const sv_trainer *t = j->t;
   float *grad = t->block + (size_t)i_thread * SV_TRAIN_BLOCK_FLOATS;
   int b1 = sv_mini((i_task + 1) * BLOCKS_PER_TASK, j->n_blocks);
   for (int b = i_task * BLOCKS_PER_TASK; b < b1; b++) {
@@ -90,10 +94,10 @@ static sv_status probe_bwd(sv_trainer *t, const sv_planes *probe, bool is_half) 
   return sv_render_bwd_half(&t->render, probe, colour);
 }
 
-sv_status sv_train_curvature(sv_trainer *t, double l1, bool is_supersampled) {
+sv_status sv_train_curvature(sv_trainer *t, double l1, bool is_supersampled, sv_planes *probe) {
   const bool is_half = t->step >= (uint32_t)t->cfg.newton.half_from;
-  make_probe(t, l1, n_values(&t->target) * (is_half ? 0.5 : 1.0));
-  sv_status s = probe_bwd(t, is_supersampled ? sv_train_spread(t, &t->target, NULL) : &t->target, is_half);
+  make_probe(t, l1, n_values(probe) * (is_half ? 0.5 : 1.0), probe);
+  sv_status s = probe_bwd(t, is_supersampled ? sv_train_spread(t, probe, NULL) : probe, is_half);
   if (s < 0) return s;
   job j = blocks_job(t);
   sv_pool_run(t->compute.pool, single_task, &j, n_tasks(&j));
@@ -108,7 +112,7 @@ static float *sum_of(const sv_trainer *t, int b) {
 
 static void collect_task(void *arg, int i_task, int i_thread) {
   const job *j = arg;
-  sv_trainer *t = j->t;
+  const sv_trainer *t = j->t;
   float *grad = t->block + (size_t)i_thread * SV_TRAIN_BLOCK_FLOATS;
   int b1 = sv_mini((i_task + 1) * BLOCKS_PER_TASK, j->n_blocks);
   for (int b = i_task * BLOCKS_PER_TASK; b < b1; b++) {
@@ -121,7 +125,7 @@ static void collect_task(void *arg, int i_task, int i_thread) {
 
 static void apply_task(void *arg, int i_task, int i_thread) {
   const job *j = arg;
-  sv_trainer *t = j->t;
+  const sv_trainer *t = j->t;
   int b1 = sv_mini((i_task + 1) * BLOCKS_PER_TASK, j->n_blocks);
   (void)i_thread;
   for (int b = i_task * BLOCKS_PER_TASK; b < b1; b++) {

@@ -4,19 +4,6 @@
 #include "src/base/mathx.h"
 #include "src/splat/constants.h"
 
-#define CAP_FIELD_TIMES 150 // the most of the reference's configurations
-
-// What a field has learnt of a time does not carry over to the next one as a motion of its own does: the longer a run,
-// the more slowly times come in; but so many steps at its end see all of them.
-#define FIELD_SETTLE_STEPS 900.0f
-#define FIELD_GROW_LEAST   0.4f
-#define FIELD_GROW_MOST    0.7f
-// And a short run cannot afford to slow down as much: the last rates of a field are for so many steps.
-#define FIELD_STEPS 3000.0f
-
-// Points along time for each that there is, of a field that a clip tells what is between them.
-#define CLIP_TIMES 2
-
 // Where few exposures leave open what a scene is like elsewhere, each step leaves some Gaussians out: those that are
 // left have to be right without them. So many with SV_FEW_EXPOSURES and fewer, none with MANY_EXPOSURES and more.
 #define DROPOUT        0.35f
@@ -94,25 +81,4 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   cfg->n_unseen = 1;
   cfg->unseen_every = 4;
   if (s->is_multiplexed) cfg->weight_ssim = 0.3f; // structure tells whose light a pixel holds
-}
-
-void sv_train_set_times(sv_train_cfg *cfg, int n_times) {
-  sv_dynamic_cfg *d = &cfg->dynamic;
-  d->n_pos = sv_clampi(n_times / 3, 1, 8);
-  d->n_rot = sv_maxi(1, d->n_pos / 2);
-  d->n_colour = sv_maxi(1, d->n_pos / 4);
-  d->window_start = sv_maxf(0.4f, 3.0f / (float)sv_maxi(n_times, 1));
-  d->field.n_times = sv_clampi(n_times, 4, CAP_FIELD_TIMES);
-  if (d->kind == SV_DEFORM_FIELD && d->clip > 0) {
-    d->field.n_times = sv_clampi(CLIP_TIMES * n_times, 4, CAP_FIELD_TIMES);
-    return;
-  }
-  if (d->kind != SV_DEFORM_FIELD || cfg->steps_hint < 1) return;
-  d->grow_until =
-      sv_clampf(1.0f - FIELD_SETTLE_STEPS / (float)cfg->steps_hint, FIELD_GROW_LEAST, FIELD_GROW_MOST);
-  d->find_until = sv_maxf(d->find_until, d->grow_until);
-  sv_field_cfg *f = &d->field;
-  const float haste = FIELD_STEPS / (float)cfg->steps_hint;
-  f->lr_planes_end = sv_minf(f->lr_planes, haste * f->lr_planes_end);
-  f->lr_layers_end = sv_minf(f->lr_layers, haste * f->lr_layers_end);
 }

@@ -21,10 +21,6 @@ typedef struct {
   bool is_far;         // starts far from the surface though views may overlap that could have measured it
 } sv_sampling;
 
-// Clip mode: as many functions of time as n_times training times can bear (held-out times suffer from more), and
-// windows that hold several of them. A field: as many points along time, and a
-// pace at which times come in that suits steps_hint.
-void sv_train_set_times(sv_train_cfg *cfg, int n_times);
 // Sets optimizer, weights, dropout, unseen views, least sizes, low-pass and supersampling in cfg, whose is_antialiased and
 // n_gaussians are known by now. Captures of many exposures keep the other defaults.
 void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s);

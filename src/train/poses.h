@@ -8,6 +8,7 @@
 #define SV_TRAIN_POSES_H
 
 #include "src/rig/rig.h"
+#include "src/train/hooks.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -40,6 +41,13 @@ void sv_pose_twist_bwd(const sv_pose *cam_from_rig, const double dl_dcam[6], dou
 // One step of Adam; rates in radians and world units.
 void sv_train_pose_step(sv_train_pose *p, const double dl_drig[6], double rot_rad, double place);
 void sv_view_set_pose(sv_view *v, const sv_pose *cam_from_world);
+
+// View i_view, added before, is one of exposure i_pose, whose pose training refines. Of each exposure all views; of one
+// the pose is held. Kept apart from the view's own pose: cam_from_rig and rig_from_world as they are now.
+void sv_train_refine_view(sv_trainer *t, int i_view, int i_pose, const sv_pose *cam_from_rig,
+                          const sv_pose *rig_from_world, bool is_held);
+// Moves the pose of the view that was the last rendering, by the first n_sums of poses.sum.
+void sv_train_move_pose(sv_trainer *t, int i_view, float progress, int n_sums);
 
 #ifdef __cplusplus
 }

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Slots that became transparent move to where the picture is wrong.
+#include "src/train/relocate.h"
+
 #include "src/base/mathx.h"
 #include "src/splat/constants.h"
-#include "src/train/train.h"
 
 #define CAP_COPIES 51 // 3DGS-MCMC's limit on copies of one Gaussian at a time
 
@@ -94,6 +95,11 @@ static void displace(sv_trainer *t, int i) {
   }
 }
 
+bool sv_train_is_relocation_due(const sv_trainer *t, float progress) {
+  return t->cfg.relocate_every > 0 && progress >= t->cfg.relocate_from && progress <= t->cfg.relocate_until &&
+         t->step % (uint32_t)t->cfg.relocate_every == 0;
+}
+
 uint32_t sv_train_relocate(sv_trainer *t) {
   uint32_t n_dead, n_done = 0;
   double sum = accumulate(t, &n_dead);
@@ -116,7 +122,7 @@ uint32_t sv_train_relocate(sv_trainer *t) {
   for (int i = 0; i < t->g.n; i++) {
     if (t->source[i] < 0) continue;
     sv_train_copy_slot(t, i, t->source[i]);
-    if (sv_train_is_dynamic(t)) sv_train_copy_motion(t, i, t->source[i]);
+    if (SV_TRAIN_HAS(t, copy)) t->hooks->copy(t->hooked, i, t->source[i]);
     displace(t, i);
     n_done++;
   }

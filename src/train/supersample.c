@@ -2,9 +2,9 @@
 // A pixel measures the mean over its area. Rendered once per pixel, splats that are smaller than one are blurred to
 // its size first and laid over each other then, which is not the same: where several meet, the background shines
 // through, and edges move. Four samples a pixel bring training pictures closer to that mean than any low-pass does.
-#include <string.h>
+#include "src/train/supersample.h"
 
-#include "src/train/train.h"
+#include <string.h>
 
 #define SAMPLES 2 // of a pixel, along each side
 
@@ -36,10 +36,7 @@ bool sv_train_is_supersampled(const sv_trainer *t, int scale, float progress) {
 // Of gradients the padding must stay 0.
 static void size(sv_planes *p, int w, int h) {
   if (p->width_px == w && p->height_px == h) return;
-  p->width_px = w;
-  p->height_px = h;
-  p->stride = sv_plane_pad(w);
-  p->rows_padded = sv_plane_pad(h);
+  sv_planes_set_size(p, w, h);
   sv_planes_clear(p);
 }
 

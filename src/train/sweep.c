@@ -68,7 +68,7 @@ static bool is_chosen(const choice *c, int i) {
 }
 
 static bool is_eligible(const choice *c, int i) {
-  return !sv_train_is_dynamic(c->t) || c->t->views[i].view.time == c->t->middle;
+  return !c->t->cfg.has_motion || c->t->views[i].view.time == c->t->reference_time;
 }
 
 // The view farthest from all that are chosen, or (is_near) nearest to the one chosen as number `to`; -1: none left.

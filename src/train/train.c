@@ -6,6 +6,8 @@
 #include "src/base/mathx.h"
 #include "src/base/str.h"
 #include "src/splat/constants.h"
+#include "src/train/optimize.h"
+#include "src/train/supersample.h"
 
 sv_train_cfg sv_train_defaults(void) {
   sv_train_cfg c = {
@@ -52,38 +54,7 @@ sv_train_cfg sv_train_defaults(void) {
       .relocate_from = 0.05f,
       .relocate_until = 0.8f,
       .noise = 1.0f,
-      .dynamic = {.from = 0.1f,
-                  .clip = 0.33f,
-                  .fit = 0.22f,
-                  .taught = 0.25f,
-                  .find_every = 0.04f,
-                  .find_until = 0.6f,
-                  .grow_start = 0.02f,
-                  .grow_until = 0.5f,
-                  .coarse_for = 0.1f,
-                  .front_every = 2,
-                  .n_bodies = SV_CAP_BODIES - 1,
-                  .body = 20.0f,
-                  .is_followed = true,
-                  .shrink_pos = 0.1f,
-                  .least_share = 0.2f,
-                  .window_start = 0.4f,
-                  .unrest = 0.01f,
-                  .n_pos = 6,
-                  .n_rot = 3,
-                  .n_colour = 1,
-                  .pos = 30.0f,
-                  .rot = 2e-3f,
-                  .colour = 2e-3f,
-                  .window = 0.01f,
-                  .reg_pos = 0.01f,
-                  .reg_rot = 1e-3f,
-                  .reg_colour = 1e-3f,
-                  .still_px = 0.25f,
-                  .still_fade = 0.1f,
-                  .still_colour = 0.01f},
       .steps_hint = 3000};
-  (void)sv_field_preset("medium", &c.dynamic.field);
   return c;
 }
 
@@ -103,7 +74,7 @@ static size_t cap_floats(const sv_train_cfg *c) {
 
 // Steps of several pictures need their gradients' sum.
 static bool has_sum(const sv_train_cfg *c) {
-  return c->cap_measurements > 0 || c->n_unseen > 0 || c->prior.cap_pseudo > 0;
+  return c->cap_measurements > 0 || c->n_unseen > 0 || c->has_images;
 }
 
 static sv_status carve_sum(sv_trainer *t, const sv_train_cfg *c, size_t cap, size_t px, sv_arena *a) {
@@ -111,52 +82,12 @@ static sv_status carve_sum(sv_trainer *t, const sv_train_cfg *c, size_t cap, siz
   sv_arena_part_begin(a, "several pictures a step");
   t->sum = SV_TAKE(a, float, cap *(size_t)(t->g.n_rows + 1));
   t->sum_touched = SV_TAKE(a, uint32_t, cap / 8);
-  for (int k = 0; k < 3; k++) t->aux.c[k] = SV_TAKE(a, float, px);
-  t->aux_err = SV_TAKE(a, float, px);
+  for (int k = 0; k < 3; k++) t->part_grad.c[k] = SV_TAKE(a, float, px);
+  t->part_err = SV_TAKE(a, float, px);
   if (c->cap_measurements < 1) return SV_OK;
   sv_forward_cfg fc = {
       .cap_width_px = c->region_px, .cap_height_px = c->region_px, .n_threads = c->n_threads};
   return sv_forward_init(&t->forward, &fc, t->compute, a);
-}
-
-bool sv_train_has_clip(const sv_train_cfg *c) {
-  return c->dynamic.kind == SV_DEFORM_CLIP || (c->dynamic.kind == SV_DEFORM_FIELD && c->dynamic.clip > 0);
-}
-
-bool sv_train_has_bodies(const sv_train_cfg *c) {
-  const sv_dynamic_cfg *d = &c->dynamic;
-  return sv_train_has_clip(c) && d->is_followed && d->grow_until > 0 && d->n_bodies > 0 &&
-         d->functions == SV_MOTION_CHEBYSHEV;
-}
-
-static sv_status carve_dynamic(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
-  const sv_motion_cfg mc = {.functions = c->dynamic.functions,
-                            .n_pos = c->dynamic.n_pos,
-                            .n_rot = c->dynamic.n_rot,
-                            .n_colour = c->dynamic.n_colour,
-                            .has_grad = true,
-                            .cap_knots = sv_train_has_bodies(c) ? sv_mini(c->cap_views, SV_CAP_KNOTS) : 0};
-  sv_arena_part_begin(a, "motion");
-  t->is_moving = SV_TAKE(a, uint8_t, t->g.cap);
-  float **each[] = {&t->n_seen, &t->res_mean, &t->res_dev, &t->unrest, &t->weight, &t->residual};
-  for (size_t i = 0; i < sizeof each / sizeof *each; i++) *each[i] = SV_TAKE(a, float, t->g.cap);
-  bool is_followed = sv_train_has_clip(c) && c->dynamic.is_followed && c->dynamic.grow_until > 0;
-  t->follow = is_followed ? SV_TAKE(a, sv_follow_sum, t->g.cap) : NULL;
-  t->near = is_followed ? sv_local_motion_carve(t->g.cap, a) : NULL;
-  t->member = sv_train_has_bodies(c) ? SV_TAKE(a, sv_member, t->g.cap) : NULL;
-  if (sv_train_has_bodies(c))
-    t->body_sum = sv_arena_take(a, (size_t)t->g.cap / 16 / SV_FIELD_TASK + 1, sizeof *t->body_sum);
-  t->deform.kind = c->dynamic.kind;
-  if (c->dynamic.kind == SV_DEFORM_FIELD) {
-    sv_field_cfg fc = c->dynamic.field;
-    fc.has_grad = true, fc.n_threads = c->n_threads;
-    sv_status s = sv_field_init(&t->deform.field, &fc, &t->g, a);
-    if (s < 0 || !sv_train_has_clip(c)) return s;
-    t->deform.kind = SV_DEFORM_CLIP;
-    t->teacher = t->g;
-    t->teacher.param = SV_TAKE(a, float, (size_t)t->g.cap *(size_t)t->g.n_rows);
-  }
-  return sv_motion_init(&t->deform.motion, &mc, &t->g, a);
 }
 
 static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
@@ -174,7 +105,6 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   t->copies = SV_TAKE(a, int32_t, cap);
   t->source = SV_TAKE(a, int32_t, cap);
   t->touched_of = SV_TAKE(a, uint32_t, cap / 16 + 1);
-  if (c->dynamic.kind != SV_DEFORM_NONE && (s = carve_dynamic(t, c, a)) < 0) return s;
   sv_arena_part_begin(a, "renderer");
   sv_renderer_cfg rc = sv_train_renderer_cfg(c);
   if ((s = sv_renderer_init(&t->render, &rc, t->compute, a)) < 0) return s;
@@ -195,7 +125,6 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
       SV_TAKE(a, float, (size_t)c->n_threads *SV_UNPACK_SCRATCH_FLOATS((size_t)c->cap_width_px));
   if (c->is_supersampled) sv_train_supersample_carve(&t->supersample, px, a);
   if ((s = carve_sum(t, c, cap, px, a)) < 0) return s;
-  if ((s = sv_prior_init(&t->prior, &c->prior, px, c->n_gaussians, c->seed, t->compute, a)) < 0) return s;
   sv_arena_part_begin(a, "views");
   t->views = SV_TAKE(a, sv_train_view, c->cap_views);
   t->measurements = SV_TAKE(a, sv_train_measurement, c->cap_measurements);
@@ -244,25 +173,19 @@ static sv_status check(const sv_train_cfg *c, sv_err *err) {
                    c->cap_width_px, c->cap_height_px);
   if (!(c->weight_ssim >= 0 && c->weight_ssim <= 1))
     return sv_fail(err, SV_E_ARG, "the SSIM weight is %g, expected 0 to 1", (double)c->weight_ssim);
-  if (c->dynamic.kind != SV_DEFORM_NONE && (c->cap_measurements > 0 || c->n_unseen > 0))
+  if (c->has_motion && (c->cap_measurements > 0 || c->n_unseen > 0))
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "moving scenes are trained on whole pictures: not on multiplexed sensors, and without "
                    "unseen views");
-  if (c->dynamic.kind == SV_DEFORM_FIELD && sv_field_check(&c->dynamic.field, err) < 0) return SV_E_ARG;
-  if (c->poses.cap_poses > 0 && (c->dynamic.kind != SV_DEFORM_NONE || c->cap_measurements > 0))
+  if (c->poses.cap_poses > 0 && (c->has_motion || c->cap_measurements > 0))
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "poses are refined with still scenes and whole pictures: not with moving ones, and not on "
                    "multiplexed sensors");
-  if ((c->prior.cap_pseudo > 0 || c->prior.cap_depths > 0 || c->prior.method) &&
-      (c->dynamic.kind != SV_DEFORM_NONE || c->cap_measurements > 0))
+  if (c->has_images && (c->has_motion || c->cap_measurements > 0))
     return sv_fail(
         err, SV_E_UNSUPPORTED,
         "sparse-view priors are for still scenes and whole pictures: not for moving ones, and not on "
         "multiplexed sensors");
-  if (c->prior.cap_pseudo < 0 || c->prior.cap_depths < 0 || (c->prior.cap_pseudo > 0 && c->prior.every < 1))
-    return sv_fail(err, SV_E_ARG,
-                   "%d pseudo-views, one every %d steps, and %d depth maps, expected 0 or more",
-                   c->prior.cap_pseudo, c->prior.every, c->prior.cap_depths);
   if (c->optimizer == SV_OPTIMIZER_GAUSS_NEWTON && (c->newton.every < 1 || c->newton.first_every < 1 ||
                                                     !(c->newton.rate_start > 0) || !(c->newton.rate_end > 0)))
     return sv_fail(
@@ -293,6 +216,13 @@ sv_status sv_trainer_init(sv_trainer *t, const sv_train_cfg *cfg, sv_compute com
   return SV_OK;
 }
 
+sv_status sv_train_attach(sv_trainer *t, const sv_train_hooks *hooks, void *self) {
+  if (t->hooks) return SV_E_FULL;
+  t->hooks = hooks;
+  t->hooked = self;
+  return SV_OK;
+}
+
 sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u8 *image, sv_err *err) {
   if (t->n_views >= t->cfg.cap_views)
     return sv_fail(err, SV_E_FULL, "more than the %d planned training views", t->cfg.cap_views);
@@ -305,8 +235,9 @@ sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u
                    view->height_px, t->cfg.cap_width_px, t->cfg.cap_height_px);
   t->views[t->n_views] = (sv_train_view){*view, *image};
   if (t->cfg.poses.cap_poses > 0) t->poses.pose_of[t->n_views] = -1;
-  if (t->n_views == 0 || fabsf(view->time - 0.5f) < fabsf(t->middle - 0.5f)) t->middle = view->time;
-  if (t->n_views == 0 || view->time > t->newest) t->newest = view->time;
+  if (t->n_views == 0 || fabsf(view->time - 0.5f) < fabsf(t->reference_time - 0.5f))
+    t->reference_time = view->time;
+  if (t->n_views == 0 || view->time > t->newest_time) t->newest_time = view->time;
   t->n_views++;
   t->i_order = 0; // a new epoch, with the new view in it
   return SV_OK;
@@ -314,7 +245,7 @@ sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u
 
 void sv_train_replace_view(sv_trainer *t, int i_view, const sv_view *view, const sv_image_u8 *image) {
   t->views[i_view].view = *view, t->views[i_view].image = *image;
-  t->newest = sv_maxf(t->newest, view->time);
+  t->newest_time = sv_maxf(t->newest_time, view->time);
 }
 
 // One more than fit, so that they can be shifted and still cover the sensor.
@@ -371,13 +302,8 @@ sv_status sv_train_start(sv_trainer *t, const sv_init_cfg *init, const sv_point 
   }
   for (int i = 0; i < t->cfg.cap_views + t->cfg.cap_regions; i++) t->order[i] = i; // drawn by the first step
   t->trained_s = 0.0;
-  t->step = t->field_step = t->n_renewed = 0;
-  t->followed = t->tended = 0.0f;
-  sv_prior_clear(&t->prior);
-  if (sv_train_is_dynamic(t)) {
-    sv_train_start_moving(t);
-    t->find_at = t->cfg.dynamic.from;
-  }
+  t->step = 0;
+  if (SV_TRAIN_HAS(t, start)) t->hooks->start(t->hooked);
   sv_train_set_floors(t);
   return SV_OK;
 }
@@ -391,20 +317,11 @@ static uint64_t fnv1a(uint64_t h, const float *v, size_t n) {
   return h;
 }
 
+uint64_t sv_gaussians_digest(const sv_gaussians *g) {
+  return fnv1a(14695981039346656037ull, g->param, (size_t)g->cap * (size_t)g->n_rows);
+}
+
 uint64_t sv_train_digest(const sv_trainer *t) {
-  uint64_t h = fnv1a(14695981039346656037ull, t->g.param, (size_t)t->g.cap * (size_t)t->g.n_rows);
-  if (!sv_train_is_dynamic(t)) return h;
-  if (t->deform.kind == SV_DEFORM_FIELD) return fnv1a(h, t->deform.field.param, t->deform.field.n_param);
-  const sv_bodies *b = &t->deform.motion.bodies;
-  h = fnv1a(h, t->deform.motion.param,
-            (size_t)(t->deform.motion.n_moving + 15) / 16 * 16 * (size_t)t->deform.motion.n_rows);
-  for (int body = 1; body < b->n; body++) {
-    h = fnv1a(h, b->centre[body], 3);
-    for (int i = 0; i < b->n_knots; i++) {
-      const sv_rigid *m = sv_bodies_knot(b, body, i);
-      h = fnv1a(fnv1a(h, m->q, 4), m->d, 3);
-    }
-  }
-  for (int i = 0; i < t->deform.motion.n_moving && b->n > 1; i++) h = (h ^ b->of[i]) * 1099511628211ull;
-  return h;
+  const uint64_t h = sv_gaussians_digest(&t->g);
+  return SV_TRAIN_HAS(t, digest) ? t->hooks->digest(t->hooked, h) : h;
 }

@@ -8,9 +8,7 @@ void sv_train_get_stats(const sv_trainer *t, sv_train_stats *out) {
       .step = t->step,
       .trained_s = t->trained_s,
       .n_gaussians = t->g.n,
-      .n_moving = sv_deform_n_moving(&t->deform),
       .n_relocated = t->n_relocated,
-      .n_renewed = t->n_renewed,
       .n_views = t->n_views,
       .n_measurements = t->n_measurements,
       .n_regions = t->n_regions,
@@ -18,5 +16,6 @@ void sv_train_get_stats(const sv_trainer *t, sv_train_stats *out) {
       .optimizer = t->cfg.optimizer,
       .is_antialiased = t->cfg.is_antialiased,
   };
+  if (SV_TRAIN_HAS(t, count)) t->hooks->count(t->hooked, &out->n_moving, &out->n_renewed);
   memcpy(out->centre, t->centre, sizeof out->centre);
 }

@@ -63,7 +63,7 @@ void moving_scene_make(moving_scene *s, void *mem, size_t bytes) {
   }
 }
 
-sv_train_cfg moving_scene_cfg(sv_deform_kind kind, int n, int n_steps) {
+moving_scene_settings moving_scene_cfg(sv_deform_kind kind, int n, int n_steps) {
   sv_train_cfg c = sv_train_defaults();
   c.n_gaussians = n, c.sh_degree = 0;
   c.cap_views = MS_TIMES * MS_CAMERAS;
@@ -72,18 +72,21 @@ sv_train_cfg moving_scene_cfg(sv_deform_kind kind, int n, int n_steps) {
   c.relocate_every = 20;
   c.reg_opacity = 0.05f;
   c.steps_hint = n_steps;
-  c.dynamic.kind = kind;
-  (void)sv_field_preset("tiny", &c.dynamic.field);
-  sv_train_set_times(&c, MS_TIMES - 1);
-  return c;
+  c.has_motion = kind != SV_DEFORM_NONE;
+  moving_scene_settings m = {.train = c, .dynamic = sv_dynamic_defaults()};
+  m.dynamic.kind = kind;
+  (void)sv_field_preset("tiny", &m.dynamic.field);
+  sv_dynamic_set_times(&m.dynamic, n_steps, MS_TIMES - 1);
+  return m;
 }
 
-bool moving_scene_start(const moving_scene *s, sv_trainer *t, const sv_train_cfg *cfg, const sv_kernels *k,
-                        const sv_pool *pool, int held_out, void *mem, size_t bytes) {
-  sv_arena a = sv_arena_make(mem, bytes);
-  sv_train_cfg c = *cfg;
-  c.n_threads = pool->n_threads;
-  if (sv_trainer_init(t, &c, (sv_compute){k, pool}, &a, NULL) < 0) return false;
+bool moving_scene_start(const moving_scene *s, sv_trainer *t, sv_dynamic *dyn,
+                        const moving_scene_settings *cfg, sv_compute compute, int held_out, sv_arena a) {
+  sv_train_cfg c = cfg->train;
+  c.n_threads = compute.pool->n_threads;
+  c.has_motion = cfg->dynamic.kind != SV_DEFORM_NONE;
+  if (sv_trainer_init(t, &c, compute, &a, NULL) < 0) return false;
+  if (sv_dynamic_init(dyn, &cfg->dynamic, t, &a, NULL) < 0) return false;
   for (int i = 0; i < MS_TIMES * MS_CAMERAS; i++) {
     int time = i / MS_CAMERAS, camera_i = i % MS_CAMERAS;
     sv_image_u8 im = {.px = s->px[time][camera_i],
@@ -98,19 +101,20 @@ bool moving_scene_start(const moving_scene *s, sv_trainer *t, const sv_train_cfg
   return sv_train_start(t, &init, NULL, 0, &scratch) >= 0;
 }
 
-void moving_scene_plant_body(sv_trainer *t) {
-  sv_bodies *b = &t->deform.motion.bodies;
+void moving_scene_plant_body(sv_dynamic *dyn) {
+  const sv_trainer *t = dyn->t;
+  sv_bodies *b = &dyn->deform.motion.bodies;
   for (int i = 0; i < t->n_views; i++) (void)sv_bodies_add_knot(b, t->views[i].view.time);
   b->n = 2;
   b->radius[1] = 0.3f;
   for (int k = 0; k < 3; k++) b->centre[1][k] = *sv_gaussians_at(&t->g, 0, SV_ROW_MEAN + k);
   for (int i = 0; i < b->n_knots; i++) {
-    const float far = b->time[i] - t->middle, w = sqrtf(1.0f - 0.05f * far * far);
+    const float far = b->time[i] - t->reference_time, w = sqrtf(1.0f - 0.05f * far * far);
     if (far != 0)
       *sv_bodies_knot(b, 1, i) =
           (sv_rigid){{w, 0.2f * far, 0, 0.1f * far}, {0.05f * far, -0.02f * far, 0.01f * far}};
   }
-  for (int i = 0; i < t->deform.motion.n_moving; i += 2) b->of[i] = 1;
+  for (int i = 0; i < dyn->deform.motion.n_moving; i += 2) b->of[i] = 1;
 }
 
 double moving_scene_psnr(const moving_scene *s, sv_trainer *t, int i_time, bool is_still) {

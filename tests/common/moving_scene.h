@@ -4,7 +4,7 @@
 #ifndef SV_TESTS_COMMON_MOVING_SCENE_H
 #define SV_TESTS_COMMON_MOVING_SCENE_H
 
-#include "src/train/train.h"
+#include "src/dynamic/dynamic.h"
 
 #define MS_WIDTH   64
 #define MS_HEIGHT  64
@@ -16,16 +16,22 @@ typedef struct {
   sv_view view[MS_TIMES][MS_CAMERAS];
 } moving_scene;
 
+typedef struct {
+  sv_train_cfg train;
+  sv_dynamic_cfg dynamic;
+} moving_scene_settings;
+
 // Renders the truth; mem is workspace.
 void moving_scene_make(moving_scene *s, void *mem, size_t bytes);
 // A configuration for training on it, n Gaussians.
-sv_train_cfg moving_scene_cfg(sv_deform_kind kind, int n, int n_steps);
-// Trainer in mem, started, with all pictures but those of time `held_out` (below 0: all). False with a failure.
-bool moving_scene_start(const moving_scene *s, sv_trainer *t, const sv_train_cfg *cfg, const sv_kernels *k,
-                        const sv_pool *pool, int held_out, void *mem, size_t bytes);
+moving_scene_settings moving_scene_cfg(sv_deform_kind kind, int n, int n_steps);
+// Trainer and motion in the arena, started, with all pictures but those of time `held_out` (below 0: all). False with a
+// failure.
+bool moving_scene_start(const moving_scene *s, sv_trainer *t, sv_dynamic *dyn,
+                        const moving_scene_settings *cfg, sv_compute compute, int held_out, sv_arena a);
 // Has every other one of the Gaussians that move go with a body, whose poses at all times are made up. To be called
 // between two steps of a run that has bodies.
-void moving_scene_plant_body(sv_trainer *t);
+void moving_scene_plant_body(sv_dynamic *dyn);
 // PSNR of the trained model at one time, mean over the cameras; is_still: without its motion.
 double moving_scene_psnr(const moving_scene *s, sv_trainer *t, int i_time, bool is_still);
 

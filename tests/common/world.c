@@ -252,6 +252,7 @@ static bool finish_open(world *w, sv_source source, sv_clock clock, const char *
                         .skew_limit_ns = 20 * SV_NS_PER_MS,
                         .capture_timeout_ns = 10 * SV_NS_PER_S,
                         .train = sv_train_defaults(),
+                        .dynamic = sv_dynamic_defaults(),
                         .has_bounds = true};
   return true;
 }

@@ -96,7 +96,7 @@ static double clip_psnr(const char *spec, int n_gaussians, int n_bodies) {
   world_open_well(&w, spec, N_CLIP, ~0u, 1);
   w.cfg.is_dynamic = true;
   w.cfg.train.n_gaussians = n_gaussians;
-  w.cfg.train.dynamic.n_bodies = n_bodies;
+  w.cfg.dynamic.n_bodies = n_bodies;
   w.cfg.steps = CLIP_STEPS;
   world_run_well(&w);
   assert_int_equal(sv_driver_training_psnr(&w.app.trainer, &psnr), SV_OK);

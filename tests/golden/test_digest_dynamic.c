@@ -18,6 +18,7 @@
 static _Alignas(64) unsigned char block[64u << 20];
 static moving_scene scene;
 static sv_trainer trainer;
+static sv_dynamic dynamic;
 
 static uint64_t run(sv_deform_kind kind, float clip, bool has_body, uint32_t isa_mask, int n_threads) {
   sv_linux_pool threads;
@@ -26,18 +27,19 @@ static uint64_t run(sv_deform_kind kind, float clip, bool has_body, uint32_t isa
   sv_kernels_init(&k, isa_mask);
   assert_int_equal(sv_linux_pool_start(&threads, n_threads, 0, &err), SV_OK);
   sv_pool pool = sv_linux_pool_port(&threads);
-  sv_train_cfg c = moving_scene_cfg(kind, 700, N_STEPS);
-  c.relocate_every = 5;
-  c.dynamic.clip = clip, sv_train_set_times(&c, MS_TIMES - 1);
-  c.lr.logit = 0.3f;
+  moving_scene_settings c = moving_scene_cfg(kind, 700, N_STEPS);
+  c.train.relocate_every = 5;
+  c.dynamic.distil_at = clip, sv_dynamic_set_times(&c.dynamic, N_STEPS, MS_TIMES - 1);
+  c.train.lr.logit = 0.3f;
   c.dynamic.find_every = 0.4f; // two searches: each renders every view, which takes its time on the reference
-  assert_true(moving_scene_start(&scene, &trainer, &c, &k, &pool, -1, block, sizeof block));
+  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&k, &pool}, -1,
+                                 sv_arena_make(block, sizeof block)));
   for (int i = 0; i < N_STEPS; i++) {
-    if (has_body && i == N_STEPS / 2) moving_scene_plant_body(&trainer);
+    if (has_body && i == N_STEPS / 2) moving_scene_plant_body(&dynamic);
     assert_true(sv_train_step(&trainer, (float)i / N_STEPS, NULL) >= 0);
   }
   assert_true(trainer.n_relocated > 0);
-  assert_true(sv_deform_n_moving(&trainer.deform) > 0);
+  assert_true(sv_deform_n_moving(&dynamic.deform) > 0);
   sv_linux_pool_stop(&threads);
   return sv_train_digest(&trainer);
 }

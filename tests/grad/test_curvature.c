@@ -10,6 +10,8 @@
 #include "platform/linux/linux.h"
 #include "src/base/mathx.h"
 #include "src/train/train.h"
+#include "src/train/curvature.h"
+#include "src/train/supersample.h"
 #include "tests/common/test.h"
 
 #define W           42 // two tiles, and the scene on both
@@ -104,8 +106,9 @@ static void add_view_pixel(void) {
 }
 
 static void add_lens_pixel(const sv_crop *crop) {
-  sv_forward_bwd(&t.forward, &t.measurements[0].model, crop, &t.render.rgb, &t.grad, NULL, &t.aux, NULL);
-  assert_int_equal(sv_render_bwd(&t.render, &t.aux, NULL, NULL, NULL), SV_OK);
+  sv_forward_bwd(&t.forward, &t.measurements[0].model, crop, &t.render.rgb, &t.grad, NULL, &t.part_grad,
+                 NULL);
+  assert_int_equal(sv_render_bwd(&t.render, &t.part_grad, NULL, NULL, NULL), SV_OK);
   add_squares();
 }
 

@@ -9,6 +9,7 @@
 #include "platform/linux/linux.h"
 #include "src/base/mathx.h"
 #include "src/splat/render.h"
+#include "src/train/supersample.h"
 #include "tests/common/step_gradient.h"
 #include "tests/common/test.h"
 

@@ -9,6 +9,10 @@
 #include "src/train/checkpoint.h"
 #include "src/train/objective.h"
 #include "src/dynamic/patch.h"
+#include "src/dynamic/curriculum.h"
+#include "src/dynamic/search.h"
+#include "src/dynamic/update.h"
+#include "src/train/step.h"
 #include "tests/common/moving_scene.h"
 #include "tests/common/test.h"
 
@@ -21,6 +25,7 @@ static _Alignas(64) unsigned char block[BLOCK_SIZE], other[BLOCK_SIZE];
 static unsigned char file[8 << 20];
 static moving_scene scene;
 static sv_trainer trainer, second;
+static sv_dynamic dynamic, second_dynamic;
 static sv_kernels kernels;
 static sv_pool pool;
 
@@ -36,11 +41,12 @@ static void train(sv_trainer *t, int from, int to) {
 }
 
 static void learn(sv_deform_kind kind, float clip, double least_psnr, double least_gain) {
-  sv_train_cfg c = moving_scene_cfg(kind, N_GAUSS, N_STEPS);
-  c.dynamic.clip = clip, sv_train_set_times(&c, MS_TIMES - 1);
-  assert_true(moving_scene_start(&scene, &trainer, &c, &kernels, &pool, HELD_OUT, block, sizeof block));
+  moving_scene_settings c = moving_scene_cfg(kind, N_GAUSS, N_STEPS);
+  c.dynamic.distil_at = clip, sv_dynamic_set_times(&c.dynamic, N_STEPS, MS_TIMES - 1);
+  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, HELD_OUT,
+                                 sv_arena_make(block, sizeof block)));
   train(&trainer, 0, N_STEPS);
-  int n_moving = sv_deform_n_moving(&trainer.deform);
+  int n_moving = sv_deform_n_moving(&dynamic.deform);
   double seen = moving_scene_psnr(&scene, &trainer, 0, false),
          held = moving_scene_psnr(&scene, &trainer, HELD_OUT, false),
          still = moving_scene_psnr(&scene, &trainer, 0, true);
@@ -74,22 +80,23 @@ TEST(test_field_learns) {
 // times come in more slowly, and the last rates are lower, never above the first ones.
 TEST(test_field_times) {
   static const int n[][2] = {{1, 4}, {19, 19}, {400, 150}}; // times, points
-  sv_train_cfg c = sv_train_defaults();
+  sv_dynamic_cfg c = sv_dynamic_defaults();
   for (int i = 0; i < 3; i++) {
-    sv_train_set_times(&c, n[i][0]);
-    assert_int_equal(c.dynamic.field.n_times, n[i][1]);
-    assert_int_equal(sv_field_check(&c.dynamic.field, NULL), SV_OK);
+    sv_dynamic_set_times(&c, 3000, n[i][0]);
+    assert_int_equal(c.field.n_times, n[i][1]);
+    assert_int_equal(sv_field_check(&c.field, NULL), SV_OK);
   }
   float grow = 0, end = 1;
   for (int steps = 100; steps < 30000; steps *= 3) {
-    c = sv_train_defaults();
-    c.dynamic.kind = SV_DEFORM_FIELD, c.dynamic.clip = 0, c.steps_hint = steps;
-    sv_train_set_times(&c, 20);
-    const sv_field_cfg *f = &c.dynamic.field;
-    assert_true(c.dynamic.grow_until >= grow && c.dynamic.grow_until <= c.dynamic.find_until);
+    c = sv_dynamic_defaults();
+    c.kind = SV_DEFORM_FIELD;
+    c.distil_at = 0;
+    sv_dynamic_set_times(&c, steps, 20);
+    const sv_field_cfg *f = &c.field;
+    assert_true(c.grow_until >= grow && c.grow_until <= c.find_until);
     assert_true(f->lr_planes_end <= end && f->lr_planes_end <= f->lr_planes &&
                 f->lr_layers_end <= f->lr_layers);
-    grow = c.dynamic.grow_until, end = f->lr_planes_end;
+    grow = c.grow_until, end = f->lr_planes_end;
   }
   assert_true(grow < 0.8f && end > 0);
 }
@@ -97,36 +104,38 @@ TEST(test_field_times) {
 // Who does not move is drawn from the stored values themselves.
 TEST(test_still_is_still) {
   skip_where_emulated();
-  sv_train_cfg c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, N_STEPS);
-  assert_true(moving_scene_start(&scene, &trainer, &c, &kernels, &pool, -1, block, sizeof block));
+  moving_scene_settings c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, N_STEPS);
+  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
+                                 sv_arena_make(block, sizeof block)));
   train(&trainer, 0, 200);
-  sv_train_sort_moving(&trainer);
+  sv_dynamic_sort(&dynamic);
   sv_train_set_time(&trainer, 0.77f);
-  int n = sv_deform_n_moving(&trainer.deform), end = (n + 15) / 16 * 16;
+  int n = sv_deform_n_moving(&dynamic.deform), end = (n + 15) / 16 * 16;
   for (int i = n; i < end; i++) // those that share a block with moving ones
     for (int r = 0; r < trainer.g.n_rows; r++) {
       long at = sv_gaussians_at(&trainer.g, i, r) - trainer.g.param;
       assert_true(trainer.g.moved[at] == trainer.g.param[at]);
     }
-  for (int i = 0; i < N_GAUSS; i++) assert_int_equal(trainer.is_moving[i] != 0, i < n);
+  for (int i = 0; i < N_GAUSS; i++) assert_int_equal(dynamic.is_moving[i] != 0, i < n);
 }
 
 // Times come in to both sides of the middle one, small at first, and the newest of them have half of the steps.
 TEST(test_times_come_in) {
-  sv_train_cfg c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, 4000);
+  moving_scene_settings c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, 4000);
   c.dynamic.from = 0.1f, c.dynamic.grow_until = 0.5f, c.dynamic.grow_start = 0.02f,
   c.dynamic.coarse_for = 0.1f;
-  c.start_scale = 4, c.relocate_every = 0, c.dynamic.find_until = 0;
-  assert_true(moving_scene_start(&scene, &trainer, &c, &kernels, &pool, -1, block, sizeof block));
+  c.train.start_scale = 4, c.train.relocate_every = 0, c.dynamic.find_until = 0;
+  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
+                                 sv_arena_make(block, sizeof block)));
   const sv_trainer *t = &trainer;
-  assert_true(sv_train_has_time(t, 0.5f, 0.0f) && !sv_train_has_time(t, 0.65f, 0.1f));
-  assert_true(sv_train_has_time(t, 0.65f, 0.22f) && sv_train_has_time(t, 0.35f, 0.22f));
-  assert_false(sv_train_has_time(t, 0.8f, 0.22f));
-  assert_int_equal(sv_train_new_time_scale(t, 0.5f, 0.11f), 1); // was there before
-  assert_int_equal(sv_train_new_time_scale(t, 0.65f, 0.22f), 4);
-  assert_int_equal(sv_train_new_time_scale(t, 0.65f, 0.28f), 2);
-  assert_int_equal(sv_train_new_time_scale(t, 0.65f, 0.32f), 1);
-  assert_int_equal(sv_train_new_time_scale(t, 1.0f, 0.7f), 1);
+  assert_true(sv_dynamic_has_time(&dynamic, 0.5f, 0.0f) && !sv_dynamic_has_time(&dynamic, 0.65f, 0.1f));
+  assert_true(sv_dynamic_has_time(&dynamic, 0.65f, 0.22f) && sv_dynamic_has_time(&dynamic, 0.35f, 0.22f));
+  assert_false(sv_dynamic_has_time(&dynamic, 0.8f, 0.22f));
+  assert_int_equal(sv_dynamic_min_scale(&dynamic, 0.5f, 0.11f), 1); // was there before
+  assert_int_equal(sv_dynamic_min_scale(&dynamic, 0.65f, 0.22f), 4);
+  assert_int_equal(sv_dynamic_min_scale(&dynamic, 0.65f, 0.28f), 2);
+  assert_int_equal(sv_dynamic_min_scale(&dynamic, 0.65f, 0.32f), 1);
+  assert_int_equal(sv_dynamic_min_scale(&dynamic, 1.0f, 0.7f), 1);
   int n_front = 0;
   for (int i = 0; i < 60; i++) { // five of seven times are there, those 1/3 from the middle are new
     sv_step_stats st;
@@ -140,16 +149,17 @@ TEST(test_times_come_in) {
 
 // The long lens of a phone sees a 25th: it gets fewer turns, in which it counts less, the others the same.
 TEST(test_long_lens) {
-  sv_train_cfg c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, 4000);
+  moving_scene_settings c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, 4000);
   static moving_scene phone;
   phone = scene;
   for (int i = 0; i < MS_TIMES; i++) phone.view[i][1].fx *= 5, phone.view[i][1].fy *= 5;
-  c.relocate_every = 0, c.dynamic.find_until = 0;
-  assert_true(moving_scene_start(&phone, &trainer, &c, &kernels, &pool, -1, block, sizeof block));
-  assert_true(fabsf(sv_train_share(&trainer, &phone.view[0][1]) - 0.2f) < 1e-6f);
-  assert_true(fabsf(sv_train_weight(&trainer, &phone.view[0][1]) - 0.2f) < 1e-6f);
-  assert_true(sv_train_share(&trainer, &phone.view[0][0]) == 1.0f);
-  assert_true(sv_train_weight(&trainer, &phone.view[0][0]) == 1.0f);
+  c.train.relocate_every = 0, c.dynamic.find_until = 0;
+  assert_true(moving_scene_start(&phone, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
+                                 sv_arena_make(block, sizeof block)));
+  assert_true(fabsf(sv_dynamic_turn_share(&dynamic, &phone.view[0][1]) - 0.2f) < 1e-6f);
+  assert_true(fabsf(sv_dynamic_weight(&dynamic, &phone.view[0][1]) - 0.2f) < 1e-6f);
+  assert_true(sv_dynamic_turn_share(&dynamic, &phone.view[0][0]) == 1.0f);
+  assert_true(sv_dynamic_weight(&dynamic, &phone.view[0][0]) == 1.0f);
   int n_long = 0;
   for (int i = 0; i < 120; i++) {
     sv_step_stats st;
@@ -167,15 +177,16 @@ TEST(test_long_lens) {
 
 // The short lens shows small what another shows large: it gets fewer turns, and counts in full.
 TEST(test_short_lens) {
-  sv_train_cfg c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, 4000);
+  moving_scene_settings c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, 4000);
   static moving_scene phone;
   phone = scene;
   for (int i = 0; i < MS_TIMES; i++) phone.view[i][1].fx *= 0.5f, phone.view[i][1].fy *= 0.5f;
-  assert_true(moving_scene_start(&phone, &trainer, &c, &kernels, &pool, -1, block, sizeof block));
-  const float short_share = sv_train_share(&trainer, &phone.view[0][1]);
-  const float long_share = sv_train_share(&trainer, &phone.view[0][0]);
+  assert_true(moving_scene_start(&phone, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
+                                 sv_arena_make(block, sizeof block)));
+  const float short_share = sv_dynamic_turn_share(&dynamic, &phone.view[0][1]);
+  const float long_share = sv_dynamic_turn_share(&dynamic, &phone.view[0][0]);
   assert_true(fabsf(short_share * long_share - 0.5f) < 1e-6f); // one of them is the usual one
-  assert_true(sv_train_weight(&trainer, &phone.view[0][1]) == 1.0f);
+  assert_true(sv_dynamic_weight(&dynamic, &phone.view[0][1]) == 1.0f);
   sv_view v = phone.view[0][0]; // for patches it is reduced until its pixels are as coarse as the usual one's
   v.width_px = 800, v.height_px = 600, v.fx = 1000;
   assert_int_equal(sv_patch_scale(&v, 0), 4);
@@ -189,12 +200,13 @@ TEST(test_short_lens) {
 // What gradients do not ask for comes to rest, the higher functions first.
 TEST(test_motion_shrinks) {
   enum { N_POS = 3, N_MOTION = SV_N_MROWS(N_POS, 1, 1) };
-  sv_train_cfg c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, N_STEPS);
+  moving_scene_settings c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, N_STEPS);
   c.dynamic.n_pos = N_POS, c.dynamic.n_rot = c.dynamic.n_colour = 1;
   c.dynamic.reg_pos = 0;
-  assert_true(moving_scene_start(&scene, &trainer, &c, &kernels, &pool, -1, block, sizeof block));
-  sv_motion *mo = &trainer.deform.motion;
-  sv_deform_set_moving(&trainer.deform, 16);
+  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
+                                 sv_arena_make(block, sizeof block)));
+  sv_motion *mo = &dynamic.deform.motion;
+  sv_deform_set_moving(&dynamic.deform, 16);
   for (int i = 0; i < 16; i++)
     for (int j = 0; j < N_POS; j++) *sv_motion_row(mo, i, SV_MROW_FUNCTIONS + 3 * j) = 0.1f;
   float lr[SV_CAP_MROWS] = {0}, grad[SV_CAP_ROWS * 16] = {0}, scratch[SV_CAP_MROWS * 16];
@@ -203,14 +215,16 @@ TEST(test_motion_shrinks) {
   sv_motion_args a = sv_motion_args_of(mo, &trainer.g, 0.3f, &f);
   const sv_adam_args adam = {
       .beta1 = 0.9f, .beta2 = 0.999f, .eps = 1e-15f, .rsqrt_bias2 = 1, .lr = lr, .n_rows = N_MOTION};
-  sv_train_move_block(&trainer, &a, &adam, 0, 0x7fff, grad, scratch);
+  dynamic.update.args = a;
+  dynamic.update.adam = adam;
+  sv_dynamic_move_block(&dynamic, 0, 0x7fff, grad, scratch);
   float first = *sv_motion_row(mo, 0, SV_MROW_FUNCTIONS),
         third = *sv_motion_row(mo, 0, SV_MROW_FUNCTIONS + 6);
   // by = 0.1 x 0.01 of the length 0.1 sqrt(1 + 4 + 9), times 1 and 9
   assert_true(fabsf(first - (0.1f - 0.1f * 1e-3f / 0.374166f)) < 1e-7f);
   assert_true(fabsf(third - (0.1f - 0.9f * 1e-3f / 0.374166f)) < 1e-7f);
   assert_true(*sv_motion_row(mo, 15, SV_MROW_FUNCTIONS) == 0.1f); // was not touched
-  for (int n = 0; n < 2000; n++) sv_train_move_block(&trainer, &a, &adam, 0, 0xffff, grad, scratch);
+  for (int n = 0; n < 2000; n++) sv_dynamic_move_block(&dynamic, 0, 0xffff, grad, scratch);
   for (int i = 0; i < 16; i++)
     for (int r = 0; r < 3 * N_POS; r++)
       assert_true(fabsf(*sv_motion_row(mo, i, SV_MROW_FUNCTIONS + r)) < 2e-3f);
@@ -228,22 +242,25 @@ static sv_status append(void *self, const void *data, size_t bytes, sv_err *err)
 }
 
 static void resume(sv_deform_kind kind, float clip) {
-  sv_train_cfg c = moving_scene_cfg(kind, N_GAUSS, N_STEPS);
-  c.dynamic.clip = clip, sv_train_set_times(&c, MS_TIMES - 1);
+  moving_scene_settings c = moving_scene_cfg(kind, N_GAUSS, N_STEPS);
+  c.dynamic.distil_at = clip, sv_dynamic_set_times(&c.dynamic, N_STEPS, MS_TIMES - 1);
   mem_sink m = {0};
   sv_err err;
-  assert_true(moving_scene_start(&scene, &trainer, &c, &kernels, &pool, -1, block, sizeof block));
+  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
+                                 sv_arena_make(block, sizeof block)));
   train(&trainer, 0, 90);
-  if (trainer.deform.kind == SV_DEFORM_CLIP) moving_scene_plant_body(&trainer);
+  if (dynamic.deform.kind == SV_DEFORM_CLIP) moving_scene_plant_body(&dynamic);
   assert_int_equal(sv_checkpoint_write(&trainer, (sv_sink){&m, append}, &err), SV_OK);
   assert_true(m.n <= sv_checkpoint_bytes(&trainer));
-  assert_true(moving_scene_start(&scene, &second, &c, &kernels, &pool, -1, other, sizeof other));
+  assert_true(moving_scene_start(&scene, &second, &second_dynamic, &c, (sv_compute){&kernels, &pool}, -1,
+                                 sv_arena_make(other, sizeof other)));
   assert_int_equal(sv_checkpoint_read(&second, "memory", file, m.n, &err), SV_OK);
   train(&trainer, 90, 130);
   train(&second, 90, 130);
   assert_true(sv_train_digest(&trainer) == sv_train_digest(&second));
   c.dynamic.kind = SV_DEFORM_NONE; // a still run does not take it
-  assert_true(moving_scene_start(&scene, &second, &c, &kernels, &pool, -1, other, sizeof other));
+  assert_true(moving_scene_start(&scene, &second, &second_dynamic, &c, (sv_compute){&kernels, &pool}, -1,
+                                 sv_arena_make(other, sizeof other)));
   assert_int_equal(sv_checkpoint_read(&second, "memory", file, m.n, &err), SV_E_RANGE);
 }
 
@@ -271,15 +288,16 @@ TEST(test_resume) {
 }
 
 static void round_trip(sv_deform_kind kind) {
-  sv_train_cfg c = moving_scene_cfg(kind, N_GAUSS, N_STEPS);
+  moving_scene_settings c = moving_scene_cfg(kind, N_GAUSS, N_STEPS);
   mem_sink m = {0};
   sv_err err;
   sv_sections r;
   sv_deform_head h;
   sv_deform d;
-  assert_true(moving_scene_start(&scene, &trainer, &c, &kernels, &pool, -1, block, sizeof block));
+  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
+                                 sv_arena_make(block, sizeof block)));
   train(&trainer, 0, 120);
-  assert_int_equal(sv_deform_write(&trainer.deform, &trainer.g, (sv_sink){&m, append}, &err), SV_OK);
+  assert_int_equal(sv_deform_write(&dynamic.deform, &trainer.g, (sv_sink){&m, append}, &err), SV_OK);
   assert_int_equal(sv_deform_open(&r, &h, "memory", file, m.n, &err), SV_OK);
   sv_arena a = sv_arena_make(other, sizeof other);
   assert_int_equal(sv_deform_read(&d, &r, &h, &trainer.g, 1, &a, &err), SV_OK);
@@ -329,12 +347,13 @@ static void check_refused(const sv_deform *d, const char *sentence) {
 // What has bodies is of a later version; what has none is as it was. What no bodies are is refused.
 TEST(test_bodies_file) {
   enum { AT_VERSION = 12 };
-  sv_train_cfg c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, N_STEPS);
+  moving_scene_settings c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, N_STEPS);
   mem_sink m = {0}, without = {0};
-  sv_deform d, *of = &trainer.deform;
+  sv_deform d, *of = &dynamic.deform;
   sv_bodies *b = &of->motion.bodies;
   sv_err err;
-  assert_true(moving_scene_start(&scene, &trainer, &c, &kernels, &pool, -1, block, sizeof block));
+  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
+                                 sv_arena_make(block, sizeof block)));
   train(&trainer, 0, N_STEPS);
   assert_true(of->motion.n_moving > 3);
   sv_bodies_reset(b, of->motion.cap);
@@ -368,19 +387,22 @@ TEST(test_motion_file) {
 // One byte short is refused, the exact size is enough; forms that do not go together are refused with a sentence.
 TEST(test_memory) {
   for (int kind = SV_DEFORM_CLIP; kind <= SV_DEFORM_FIELD; kind++) {
-    sv_train_cfg c = moving_scene_cfg((sv_deform_kind)kind, N_GAUSS, N_STEPS);
-    c.n_threads = 1;
-    size_t n = sv_trainer_bytes(&c);
+    moving_scene_settings c = moving_scene_cfg((sv_deform_kind)kind, N_GAUSS, N_STEPS);
+    c.train.n_threads = 1;
+    const size_t own = sv_trainer_bytes(&c.train), n = own + sv_dynamic_bytes(&c.dynamic, &c.train);
     sv_err err;
-    assert_true(n > 0);
+    assert_true(own > 0 && n > own);
     for (size_t less = 0; less < 2; less++) {
       sv_arena a = sv_arena_make(block, n - less);
-      assert_int_equal(sv_trainer_init(&trainer, &c, (sv_compute){&kernels, &pool}, &a, &err),
-                       less ? SV_E_NOMEM : SV_OK);
+      assert_int_equal(sv_trainer_init(&trainer, &c.train, (sv_compute){&kernels, &pool}, &a, &err), SV_OK);
+      assert_int_equal(sv_dynamic_init(&dynamic, &c.dynamic, &trainer, &a, &err), less ? SV_E_NOMEM : SV_OK);
     }
-    c.n_unseen = 1;
+    sv_arena small = sv_arena_make(block, own - 1);
+    assert_int_equal(sv_trainer_init(&trainer, &c.train, (sv_compute){&kernels, &pool}, &small, &err),
+                     SV_E_NOMEM);
+    c.train.n_unseen = 1;
     sv_arena a = sv_arena_make(block, sizeof block);
-    assert_int_equal(sv_trainer_init(&trainer, &c, (sv_compute){&kernels, &pool}, &a, &err),
+    assert_int_equal(sv_trainer_init(&trainer, &c.train, (sv_compute){&kernels, &pool}, &a, &err),
                      SV_E_UNSUPPORTED);
   }
 }

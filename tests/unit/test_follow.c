@@ -7,7 +7,10 @@
 
 #include "src/base/mathx.h"
 #include "src/splat/constants.h"
-#include "src/train/train.h"
+#include "src/dynamic/bodies.h"
+#include "src/dynamic/curriculum.h"
+#include "src/dynamic/match.h"
+#include "src/dynamic/search.h"
 #include "tests/common/test.h"
 
 #define W        96
@@ -30,6 +33,7 @@ static _Alignas(64) unsigned char block[64u << 20];
 static unsigned char px[N_TIMES][N_CAMS][H][W][3];
 static sv_view views[N_TIMES][N_CAMS];
 static sv_trainer trainer;
+static sv_dynamic dynamic;
 static sv_kernels kernels;
 static sv_pool pool;
 static sv_point point[N];
@@ -89,14 +93,18 @@ static void start(int n_cams, int first, int last, int n_bodies) {
   static const sv_init_cfg init = {
       .kind = SV_INIT_POINTS, .radius = 2, .opacity = 0.95f, .scale_factor = 0.4f, .seed = 1};
   sv_train_cfg c = sv_train_defaults();
+  sv_dynamic_cfg m = sv_dynamic_defaults();
   sv_err err;
   sv_arena a = sv_arena_make(block, sizeof block);
   c.n_gaussians = N, c.sh_degree = 0, c.cap_views = N_TIMES * N_CAMS, c.cap_width_px = W, c.cap_height_px = H;
   c.start_scale = 1;
-  c.dynamic.kind = SV_DEFORM_CLIP;
-  c.dynamic.n_bodies = n_bodies;
-  c.dynamic.n_pos = 4, c.dynamic.n_rot = c.dynamic.n_colour = 1;
+  c.has_motion = true;
+  m.kind = SV_DEFORM_CLIP;
+  m.n_bodies = n_bodies;
+  m.n_pos = 4;
+  m.n_rot = m.n_colour = 1;
   assert_int_equal(sv_trainer_init(&trainer, &c, (sv_compute){&kernels, &pool}, &a, &err), SV_OK);
+  assert_int_equal(sv_dynamic_init(&dynamic, &m, &trainer, &a, &err), SV_OK);
   for (int t = first; t <= last; t++)
     for (int k = 0; k < n_cams; k++) {
       sv_image_u8 im = {&px[t][k][0][0][0], W, H, 3, 3 * W};
@@ -143,7 +151,7 @@ static outcome look(int n) {
     o.depth_error = sv_maxf(o.depth_error, sv_maxf(fabsf(a[2] - Z_SQUARE), fabsf(b[2] - Z_SQUARE)));
   }
   print_message("%d of %d followed, depth within %.3f; %d of %d of the wall astray; %d move\n", o.n_followed,
-                o.n_square, (double)o.depth_error, o.n_astray, o.n_wall, trainer.deform.motion.n_moving);
+                o.n_square, (double)o.depth_error, o.n_astray, o.n_wall, dynamic.deform.motion.n_moving);
   return o;
 }
 
@@ -156,8 +164,8 @@ FIXTURE(setup) {
 }
 
 static void follow_all(void) {
-  assert_true(sv_train_has_time(&trainer, 0.5f, 0.1f) && !sv_train_has_time(&trainer, 0.25f, 0.1f));
-  assert_int_equal(sv_train_follow(&trainer, 0.1f, 0.9f), SV_OK);
+  assert_true(sv_dynamic_has_time(&dynamic, 0.5f, 0.1f) && !sv_dynamic_has_time(&dynamic, 0.25f, 0.1f));
+  assert_int_equal(sv_dynamic_match(&dynamic, 0.1f, 0.9f), SV_OK);
 }
 
 TEST(test_two_cameras) {
@@ -168,7 +176,7 @@ TEST(test_two_cameras) {
     assert_true(o.n_square > 50 && o.n_followed > o.n_square * 9 / 10);
     assert_true(o.depth_error < 0.15f);
     assert_true(o.n_wall > 100 && o.n_astray < o.n_wall / 20);
-    assert_int_equal(trainer.deform.motion.bodies.n, n_bodies ? 2 : 0);
+    assert_int_equal(dynamic.deform.motion.bodies.n, n_bodies ? 2 : 0);
   }
 }
 
@@ -185,8 +193,8 @@ TEST(test_one_camera) {
 
 TEST(test_nothing_new) {
   start(N_CAMS, 1, 3, 15);
-  assert_int_equal(sv_train_follow(&trainer, 0.1f, 0.1f), SV_OK);
-  assert_int_equal(trainer.deform.motion.n_moving, 0);
+  assert_int_equal(sv_dynamic_match(&dynamic, 0.1f, 0.1f), SV_OK);
+  assert_int_equal(dynamic.deform.motion.n_moving, 0);
 }
 
 // Mean distance in camera 0 of the square's middle from where it belongs at the time after the middle.
@@ -196,7 +204,7 @@ static float off_px(void) {
     const float at = -0.5f * BASE;
     float x[3], y[3];
     place(i, 0.25f * MIDDLE, x);
-    if (trainer.deform.motion.bodies.of[i] != 1 || fabsf(x[2] - Z_SQUARE) > 0.1f) continue;
+    if (dynamic.deform.motion.bodies.of[i] != 1 || fabsf(x[2] - Z_SQUARE) > 0.1f) continue;
     place(i, 0.25f * (MIDDLE + 1), y);
     const float dx = F * ((y[0] - at) / y[2] - (x[0] + square_x(MIDDLE + 1) - at) / x[2]);
     const float dy = F * (y[1] / y[2] - x[1] / x[2]);
@@ -211,19 +219,19 @@ TEST(test_track) {
   for (int n_cams = 1; n_cams <= N_CAMS; n_cams++) {
     start(n_cams, 1, 3, 1);
     follow_all();
-    const sv_bodies *b = &trainer.deform.motion.bodies;
+    const sv_bodies *b = &dynamic.deform.motion.bodies;
     assert_int_equal(b->n, 2);
     sv_rigid *knot = sv_bodies_knot(b, 1, sv_bodies_find_knot(b, 0.75f)), was = *knot;
     const sv_rigid beside = {{0.9976f, 0, 0, 0.0698f}, {0.1f, -0.06f, 0}},
                    away = {{1, 0, 0, 0}, {0, 0.8f, 0}};
     *knot = sv_rigid_then(knot, &beside);
     const float before = off_px();
-    assert_int_equal(sv_train_track_bodies(&trainer, 0.75f, 0.9f), SV_OK);
+    assert_int_equal(sv_dynamic_track_bodies(&dynamic, 0.75f, 0.9f), SV_OK);
     const float after = off_px();
     print_message("%d cameras: from %.2f to %.2f px\n", n_cams, (double)before, (double)after);
     assert_true(before > 3 && after < 0.6f);
     const sv_rigid far = *knot = sv_rigid_then(&was, &away);
-    assert_int_equal(sv_train_track_bodies(&trainer, 0.75f, 0.9f), SV_OK);
+    assert_int_equal(sv_dynamic_track_bodies(&dynamic, 0.75f, 0.9f), SV_OK);
     assert_memory_equal(knot, &far, sizeof far);
   }
 }
@@ -235,36 +243,36 @@ TEST(test_members) {
   bool was_lost[N] = {false}, was_taken[N] = {false};
   start(N_CAMS, 1, 3, 1);
   follow_all();
-  sv_motion *mo = &trainer.deform.motion;
+  sv_motion *mo = &dynamic.deform.motion;
   sv_bodies *b = &mo->bodies;
   assert_int_equal(b->n, 2);
   const sv_motion_values mid = sv_motion_values_at(&mo->cfg, 0.5f);
   for (int i = 0; i < N; i++) {
     float x[3], q[4];
-    sv_train_own_place(&trainer, i, &mid, x, q);
+    sv_dynamic_local_position(&dynamic, i, &mid, x, q);
     const bool is_inside =
         fabsf(x[0]) < 0.7f * HALF && fabsf(x[1]) < 0.7f * HALF && fabsf(x[2] - Z_SQUARE) < 0.1f;
     const bool is_beside = fabsf(x[0]) > 1.3f && fabsf(x[0]) < 1.6f && fabsf(x[1]) < 1.0f && x[2] > 3.5f;
     if (i < mo->n_moving && b->of[i] == 1 && is_inside && i % 2) {
-      sv_train_settle(&trainer, i, 0, x, q);
+      sv_dynamic_attach(&dynamic, i, 0, x, q);
       was_lost[i] = true, n_lost++;
     } else if (is_beside && !(i < mo->n_moving && b->of[i])) {
-      sv_train_settle(&trainer, i, 1, x, q);
+      sv_dynamic_attach(&dynamic, i, 1, x, q);
       was_taken[i] = true, n_wall++;
     } else n_square += is_inside && i < mo->n_moving && b->of[i] == 1;
   }
-  sv_deform_set_moving(&trainer.deform, N); // all that have just begun to move, too
-  sv_train_begin_members(&trainer);
+  sv_deform_set_moving(&dynamic.deform, N); // all that have just begun to move, too
+  sv_dynamic_begin_assignment(&dynamic);
   for (int i = 0; i < trainer.n_views; i++) {
-    assert_int_equal(sv_train_residual(&trainer, i, 0.9f), SV_OK);
-    sv_train_look_at_members(&trainer, i);
+    assert_int_equal(sv_dynamic_residual(&dynamic, i, 0.9f), SV_OK);
+    sv_dynamic_compare_assignment(&dynamic, i);
   }
-  sv_train_end_members(&trainer);
+  sv_dynamic_end_assignment(&dynamic);
   for (int i = 0; i < N; i++) {
     n_back += was_lost[i] && b->of[i] == 1;
     n_let_go += was_taken[i] && b->of[i] == 0;
     float x[3];
-    sv_train_own_place(&trainer, i, &mid, x, NULL);
+    sv_dynamic_local_position(&dynamic, i, &mid, x, NULL);
     n_kept += !was_lost[i] && b->of[i] == 1 && fabsf(x[0]) < 0.7f * HALF && fabsf(x[1]) < 0.7f * HALF &&
               fabsf(x[2] - Z_SQUARE) < 0.1f;
   }
@@ -279,9 +287,9 @@ TEST(test_members) {
 TEST(test_ahead) {
   for (int n_bodies = 0; n_bodies < 2; n_bodies++) {
     start(N_CAMS, 0, 4, n_bodies);
-    assert_int_equal(sv_train_follow(&trainer, 0.1f, 0.3f), SV_OK);
-    assert_true(sv_train_has_time(&trainer, 0.75f, 0.3f) && !sv_train_has_time(&trainer, 1, 0.3f));
-    assert_int_equal(sv_train_follow(&trainer, 0.3f, 0.9f), SV_OK);
+    assert_int_equal(sv_dynamic_match(&dynamic, 0.1f, 0.3f), SV_OK);
+    assert_true(sv_dynamic_has_time(&dynamic, 0.75f, 0.3f) && !sv_dynamic_has_time(&dynamic, 1, 0.3f));
+    assert_int_equal(sv_dynamic_match(&dynamic, 0.3f, 0.9f), SV_OK);
     outcome o = look(2);
     assert_true(o.n_square > 50 && o.n_followed > o.n_square * 9 / 10);
   }

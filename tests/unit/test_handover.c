@@ -16,6 +16,7 @@
 static _Alignas(64) unsigned char block[96u << 20];
 static moving_scene scene;
 static sv_trainer trainer;
+static sv_dynamic dynamic;
 static sv_kernels kernels;
 static sv_pool pool;
 
@@ -28,7 +29,7 @@ FIXTURE(setup) {
 
 TEST(test_loss) {
   enum { N_ROWS = SV_ROW_SH + 3 };
-  sv_fit_prices p;
+  sv_fit_weights p;
   float is[N_ROWS * 16], want[N_ROWS * 16], grad[N_ROWS * 16];
   sv_rng rng = sv_rng_make(5, 1);
   for (int r = 0; r < SV_ROW_LOGIT; r++) p.price[r] = r < SV_ROW_QUAT ? 20.0f : 1.0f + (float)r;
@@ -50,19 +51,20 @@ TEST(test_loss) {
 // A trainer whose Gaussians move by polynomials: all as their place tells, far to one side and with a bend; half of
 // them are of a body besides that turns.
 static void start(const sv_pool *with) {
-  sv_train_cfg c = moving_scene_cfg(SV_DEFORM_FIELD, N_GAUSS, N_STEPS);
+  moving_scene_settings c = moving_scene_cfg(SV_DEFORM_FIELD, N_GAUSS, N_STEPS);
   c.dynamic.n_pos = 3, c.dynamic.fit = 1.0f;
-  assert_true(moving_scene_start(&scene, &trainer, &c, &kernels, with, -1, block, sizeof block));
-  sv_motion *mo = &trainer.deform.motion;
-  sv_deform_set_moving(&trainer.deform, N_GAUSS);
+  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, with}, -1,
+                                 sv_arena_make(block, sizeof block)));
+  sv_motion *mo = &dynamic.deform.motion;
+  sv_deform_set_moving(&dynamic.deform, N_GAUSS);
   for (int i = 0; i < N_GAUSS; i++) {
     const float *x = sv_gaussians_at(&trainer.g, i, SV_ROW_MEAN);
     sv_motion_rest(mo, i);
-    trainer.is_moving[i] = 1;
+    dynamic.is_moving[i] = 1;
     *sv_motion_row(mo, i, SV_MROW_FUNCTIONS) = 0.4f + 0.2f * x[16];
     *sv_motion_row(mo, i, SV_MROW_FUNCTIONS + 4) = 0.2f - 0.1f * x[0];
   }
-  moving_scene_plant_body(&trainer);
+  moving_scene_plant_body(&dynamic);
   for (int i = 0; i < N_GAUSS; i++) mo->bodies.of[i] = *sv_gaussians_at(&trainer.g, i, SV_ROW_MEAN) < -0.1f;
 }
 
@@ -81,12 +83,12 @@ TEST(test_fit) {
   double off = 0, far = 0;
   start(&pool);
   for (int n = 0; n < N_TIMES; n++) places(0.04f + 0.92f * (float)n / (N_TIMES - 1), before[n]);
-  places(trainer.middle, middle);
-  sv_train_hand_over(&trainer);
-  assert_int_equal(trainer.deform.kind, SV_DEFORM_FIELD);
-  assert_int_equal(trainer.deform.field.n_moving, N_GAUSS);
+  places(trainer.reference_time, middle);
+  sv_distil_begin(&dynamic);
+  assert_int_equal(dynamic.deform.kind, SV_DEFORM_FIELD);
+  assert_int_equal(dynamic.deform.field.n_moving, N_GAUSS);
   int n_calls = 0;
-  for (; trainer.fit_left > 0; n_calls++) sv_train_fit(&trainer, trainer.cfg.dynamic.clip);
+  for (; dynamic.fit_steps_left > 0; n_calls++) sv_distil_fit(&dynamic, dynamic.cfg.distil_at);
   assert_true(n_calls > 1); // a stop or a time limit is looked at between them
   for (int i = 0; i < N_GAUSS; i++)
     for (int k = 0; k < 3; k++) assert_true(*sv_gaussians_at(&trainer.g, i, k) == middle[i][k]);
@@ -112,9 +114,9 @@ TEST(test_threads) {
     assert_int_equal(sv_linux_pool_start(&threads, n, 0, &err), SV_OK);
     sv_pool with = sv_linux_pool_port(&threads);
     start(&with);
-    trainer.cfg.dynamic.fit = 0.1f;
+    dynamic.cfg.fit = 0.1f;
     for (int i = 0; i < 20; i++) assert_true(sv_train_step(&trainer, 0.6f + 0.01f * (float)i, NULL) >= 0);
-    assert_int_equal(trainer.deform.kind, SV_DEFORM_FIELD);
+    assert_int_equal(dynamic.deform.kind, SV_DEFORM_FIELD);
     digest[n - 1] = sv_train_digest(&trainer);
     sv_linux_pool_stop(&threads);
   }
@@ -128,26 +130,26 @@ TEST(test_lesson) {
   const sv_train_view *tv = &trainer.views[0];
   sv_view view = tv->view;
   const sv_render_options o = sv_train_render_options(&trainer, 1.0f, false);
-  view.time = sv_train_time_between(&trainer, view.time, 0.5f);
+  view.time = sv_distil_time_between(&dynamic, view.time, 0.5f);
   assert_true(view.time != tv->view.time);
   for (int i = 0; i < trainer.n_views; i++) assert_true(view.time != trainer.views[i].view.time);
-  assert_true(sv_train_lesson_time(&trainer, tv->view.time) == tv->view.time); // a clip needs none
+  assert_true(sv_distil_time(&dynamic, tv->view.time) == tv->view.time); // a clip needs none
   sv_train_set_time(&trainer, view.time);
   assert_true(sv_render(&trainer.render, &trainer.g, &view, &o) >= 0);
   const size_t n = (size_t)trainer.render.rgb.stride * (size_t)trainer.render.rgb.rows_padded;
   assert_true(n <= sizeof before[0] / sizeof before[0][0]);
   for (int c = 0; c < 3; c++) memcpy(before[c], trainer.render.rgb.c[c], n * sizeof(float));
-  sv_train_hand_over(&trainer);
-  while (trainer.fit_left > 0) sv_train_fit(&trainer, trainer.cfg.dynamic.clip);
+  sv_distil_begin(&dynamic);
+  while (dynamic.fit_steps_left > 0) sv_distil_fit(&dynamic, dynamic.cfg.distil_at);
   int n_lessons = 0;
   for (int i = 0; i < 400; i++) {
-    const float time = sv_train_lesson_time(&trainer, tv->view.time);
+    const float time = sv_distil_time(&dynamic, tv->view.time);
     n_lessons += time != tv->view.time;
     for (int k = 0; k < trainer.n_views && time != tv->view.time; k++)
       assert_true(time != trainer.views[k].view.time);
   }
   assert_in_range(n_lessons, 60, 140); // a quarter
-  assert_true(sv_train_load_lesson(&trainer, &view, &o) >= 0);
+  assert_true(sv_distil_load_target(&dynamic, &view, &o) >= 0);
   for (int c = 0; c < 3; c++) assert_memory_equal(before[c], trainer.target.c[c], n * sizeof(float));
 }
 
@@ -155,22 +157,23 @@ TEST(test_lesson) {
 TEST(test_time_limit) {
   sv_step_stats st;
   start(&pool);
-  const float clip = trainer.cfg.dynamic.clip, most = 0.5f + 0.5f * clip;
+  const float clip = dynamic.cfg.distil_at, most = 0.5f + 0.5f * clip;
   assert_true(sv_train_step(&trainer, clip, &st) >= 0);
-  assert_true(st.i_view == -1 && trainer.fit_left > 0);
+  assert_true(st.i_view == -1 && dynamic.fit_steps_left > 0);
   const uint32_t step = trainer.step;
   assert_true(sv_train_step(&trainer, most + 0.01f, &st) >= 0);
-  assert_true(st.i_view == -1 && trainer.fit_left == 0 && trainer.step == step);
+  assert_true(st.i_view == -1 && dynamic.fit_steps_left == 0 && trainer.step == step);
   assert_true(sv_train_step(&trainer, most + 0.02f, &st) >= 0);
   assert_true(st.i_view >= 0 && trainer.step == step + 1);
 }
 
 // Nothing moves: there is nothing to fit, and pictures go on.
 TEST(test_still) {
-  sv_train_cfg c = moving_scene_cfg(SV_DEFORM_FIELD, N_GAUSS, N_STEPS);
-  assert_true(moving_scene_start(&scene, &trainer, &c, &kernels, &pool, -1, block, sizeof block));
+  moving_scene_settings c = moving_scene_cfg(SV_DEFORM_FIELD, N_GAUSS, N_STEPS);
+  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
+                                 sv_arena_make(block, sizeof block)));
   for (int i = 0; i < 3; i++) assert_true(sv_train_step(&trainer, 0.6f, NULL) >= 0);
-  assert_int_equal(trainer.deform.kind, SV_DEFORM_FIELD);
+  assert_int_equal(dynamic.deform.kind, SV_DEFORM_FIELD);
   for (int i = 0; i < N_GAUSS; i++) assert_true(isfinite(*sv_gaussians_at(&trainer.g, i, SV_ROW_MEAN)));
 }
 

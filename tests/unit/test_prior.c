@@ -16,6 +16,7 @@ enum { W = 64, H = 64, N = 300 };
 static _Alignas(64) unsigned char block[8 << 20], again[8 << 20];
 static unsigned char px[H][W][3], brighter[H][W][4];
 static sv_trainer trainer, other;
+static sv_prior prior, other_prior;
 static sv_kernels kernels;
 
 static void run_in_order(void *self, sv_task_fn fn, void *arg, int n_tasks) {
@@ -37,9 +38,13 @@ static sv_view view_at(float x) {
 static sv_train_cfg config(void) {
   sv_train_cfg c = sv_train_defaults();
   c.n_gaussians = N, c.cap_views = 2, c.cap_width_px = W, c.cap_height_px = H, c.n_threads = 3;
-  c.prior = (sv_prior_cfg){.cap_pseudo = 3, .cap_depths = 2, .every = 2};
+  c.has_images = true;
   return c;
 }
+
+static const sv_prior_cfg rings = {.cap_pseudo = 3, .cap_depths = 2, .every = 2};
+
+static sv_prior *prior_of(sv_trainer *t) { return t->hooked; }
 
 // method NONE: rings alone.
 static void make_with(sv_trainer *t, sv_prior_method method, const sv_pool *pool, void *memory,
@@ -48,11 +53,13 @@ static void make_with(sv_trainer *t, sv_prior_method method, const sv_pool *pool
   sv_err err = {0};
   sv_train_cfg c = config();
   sv_init_cfg init = {.kind = SV_INIT_SPHERE, .radius = 1, .opacity = 0.3f, .scale_factor = 1, .seed = 4};
+  sv_prior_cfg pc = rings;
   if (method) {
-    c.prior = (sv_prior_cfg){0};
-    sv_prior_set_method(&c.prior, method, 2);
+    pc = (sv_prior_cfg){0};
+    sv_prior_set_method(&pc, method, 2);
   }
   assert_int_equal(sv_trainer_init(t, &c, (sv_compute){&kernels, pool}, &a, &err), SV_OK);
+  assert_int_equal(sv_prior_init(t == &trainer ? &prior : &other_prior, &pc, t, &a, &err), SV_OK);
   for (int i = 0; i < 2; i++) {
     const sv_view v = view_at(0.3f * (float)i);
     const sv_image_u8 im = {&px[0][0][0], W, H, 3, 3 * W};
@@ -76,11 +83,14 @@ TEST(test_rings) {
   static sv_prior p;
   static float map[W * H];
   sv_arena a = sv_arena_make(block, sizeof block);
+  const sv_train_cfg c = config();
+  sv_err err = {0};
   const sv_prior_cfg cfg = {.cap_pseudo = 3, .cap_depths = 2, .every = 1};
   const sv_view v = view_at(0);
   const sv_image_u8 im = {&px[0][0][0], W, H, 3, 3 * W}, small = {&px[0][0][0], W - 1, H, 3, 3 * W};
   int id, first = 0;
-  assert_int_equal(sv_prior_init(&p, &cfg, sv_plane_floats(W, H), N, 1, (sv_compute){0}, &a), SV_OK);
+  assert_int_equal(sv_trainer_init(&trainer, &c, (sv_compute){&kernels, &in_order}, &a, &err), SV_OK);
+  assert_int_equal(sv_prior_init(&p, &cfg, &trainer, &a, &err), SV_OK);
   assert_int_equal(sv_prior_n_alive(&p, 0), 0);
   assert_int_equal(sv_prior_submit_view(&p, &v, &small, 1, 1, &id), SV_E_RANGE);
   assert_int_equal(sv_prior_submit_view(&p, &v, &im, -1, 1, &id), SV_E_RANGE);
@@ -118,18 +128,32 @@ TEST(test_rings) {
 }
 
 TEST(test_memory) {
-  sv_train_cfg c = config(), none = config();
+  sv_train_cfg c = config();
+  sv_prior_cfg pc = rings;
   sv_err err = {0};
-  const size_t with = sv_trainer_bytes(&c), px_floats = sv_plane_floats(W, H);
-  none.prior = (sv_prior_cfg){0};
-  assert_true(with > sv_trainer_bytes(&none) + (3 + 2 + 6) * 4 * px_floats);
-  sv_arena a = sv_arena_make(block, with), b = sv_arena_make(block, with - 1);
+  const size_t own = sv_trainer_bytes(&c), with = own + sv_prior_bytes(&pc, &c),
+               px_floats = sv_plane_floats(W, H);
+  assert_int_equal(sv_prior_bytes(&(sv_prior_cfg){0}, &c), 0);
+  assert_true(with > own + (3 + 2 + 6) * 4 * px_floats);
+  for (size_t less = 0; less < 2; less++) {
+    sv_arena a = sv_arena_make(block, with - less);
+    assert_int_equal(sv_trainer_init(&trainer, &c, (sv_compute){&kernels, &in_order}, &a, &err), SV_OK);
+    assert_int_equal(sv_prior_init(&prior, &pc, &trainer, &a, &err), less ? SV_E_NOMEM : SV_OK);
+  }
+  sv_arena a = sv_arena_make(block, with);
   assert_int_equal(sv_trainer_init(&trainer, &c, (sv_compute){&kernels, &in_order}, &a, &err), SV_OK);
-  assert_int_equal(sv_trainer_init(&trainer, &c, (sv_compute){&kernels, &in_order}, &b, &err), SV_E_NOMEM);
-  c.prior.every = 0;
+  pc.every = 0;
+  assert_int_equal(sv_prior_init(&prior, &pc, &trainer, &a, &err), SV_E_ARG);
+  pc = rings;
+  c.has_images = false; // no room for the gradients of several images
   a = sv_arena_make(block, with);
-  assert_int_equal(sv_trainer_init(&trainer, &c, (sv_compute){&kernels, &in_order}, &a, &err), SV_E_ARG);
-  c = config(), c.dynamic.kind = SV_DEFORM_CLIP;
+  assert_int_equal(sv_trainer_init(&trainer, &c, (sv_compute){&kernels, &in_order}, &a, &err), SV_OK);
+  assert_int_equal(sv_prior_init(&prior, &pc, &trainer, &a, &err), SV_E_ARG);
+  c.has_motion = true;
+  a = sv_arena_make(block, with);
+  assert_int_equal(sv_trainer_init(&trainer, &c, (sv_compute){&kernels, &in_order}, &a, &err), SV_OK);
+  assert_int_equal(sv_prior_init(&prior, &pc, &trainer, &a, &err), SV_E_UNSUPPORTED);
+  c.has_images = true;
   assert_int_equal(sv_trainer_init(&trainer, &c, (sv_compute){&kernels, &in_order}, &a, &err),
                    SV_E_UNSUPPORTED);
 }
@@ -138,7 +162,7 @@ TEST(test_views) {
   sv_view v[20];
   bool is_other = false;
   make(&trainer, &in_order, block, sizeof block);
-  assert_int_equal(sv_prior_request_views(&trainer, 0.4f, 20, v), SV_OK);
+  assert_int_equal(sv_prior_request_views(&prior, 0.4f, 20, v), SV_OK);
   for (int i = 0; i < 20; i++) {
     float eye[3], x[3], was[3];
     sv_view_centre(eye, &v[i]);
@@ -148,16 +172,16 @@ TEST(test_views) {
     }
     const float off = fabsf(x[0] - trainer.centre[0]) < 0.01f ? 0 : 0.3f;
     assert_true(fabsf(x[0] + off - trainer.centre[0]) < 1e-4f && fabsf(x[2] - 3 - trainer.centre[2]) < 1e-4f);
-    const int near = sv_prior_nearest(&trainer, &v[i]);
+    const int near = sv_prior_nearest(&prior, &v[i]);
     sv_view_centre(was, &trainer.views[near].view);
     is_other |= near == 1;
     assert_true(fabsf(eye[0] - was[0]) < 1.5f);
   }
   assert_true(is_other);
-  assert_int_equal(sv_prior_render(&trainer, &v[0], 1.0f), SV_OK);
+  assert_int_equal(sv_prior_render(&prior, &v[0], 1.0f), SV_OK);
   int n_seen = 0;
   for (int y = 0; y < H; y++)
-    for (int x = 0; x < W; x++) n_seen += trainer.prior.expected[y * trainer.render.rgb.stride + x] > 1.0f;
+    for (int x = 0; x < W; x++) n_seen += prior.expected[y * trainer.render.rgb.stride + x] > 1.0f;
   assert_true(n_seen > 100);
 }
 
@@ -169,9 +193,9 @@ static uint64_t train(sv_trainer *t, bool has_prior) {
   for (int i = 0; i < W * H; i++) map[i] = i % 9 ? 2.0f + 0.02f * (float)(i % W) : -1.0f;
   for (int i = 0; i < W * H; i++) brighter[i / W][i % W][3] = i % W < W / 2 ? 255 : 0;
   if (has_prior) {
-    assert_int_equal(sv_prior_submit_view(&t->prior, &v, &im, 1, 2, &id), SV_OK);
-    assert_int_equal(sv_prior_submit_depth(&t->prior, id, map, W, H, SV_PRIOR_INVERSE, 0.1f), SV_OK);
-    assert_int_equal(sv_prior_submit_depth(&t->prior, 0, map, W, H, SV_PRIOR_RELATIVE, 0.1f), SV_OK);
+    assert_int_equal(sv_prior_submit_view(prior_of(t), &v, &im, 1, 2, &id), SV_OK);
+    assert_int_equal(sv_prior_submit_depth(prior_of(t), id, map, W, H, SV_PRIOR_INVERSE, 0.1f), SV_OK);
+    assert_int_equal(sv_prior_submit_depth(prior_of(t), 0, map, W, H, SV_PRIOR_RELATIVE, 0.1f), SV_OK);
   }
   for (int i = 0; i < 40; i++) assert_int_equal(sv_train_step(t, (float)i / 40, NULL), SV_OK);
   return sv_train_digest(t);
@@ -180,7 +204,7 @@ static uint64_t train(sv_trainer *t, bool has_prior) {
 static double mean_of(sv_trainer *t, int x0, int x1) {
   const sv_view v = view_at(-0.5f);
   double sum = 0;
-  assert_int_equal(sv_prior_render(t, &v, 1), SV_OK);
+  assert_int_equal(sv_prior_render(prior_of(t), &v, 1), SV_OK);
   for (int y = 0; y < H; y++)
     for (int x = x0; x < x1; x++) sum += (double)t->render.rgb.c[1][y * t->render.rgb.stride + x];
   return sum / (H * (x1 - x0));
@@ -263,19 +287,19 @@ static void put(int i, float x, float y, float z, float log_scale, float opacity
 // A lattice with a far-off point: new ones come to the middles of the edges to its neighbours, in dead slots alone.
 TEST(test_unpool) {
   make_with(&trainer, SV_PRIOR_FSGS, &in_order, block, sizeof block);
-  trainer.prior.cfg.unpool_share = 1;
+  prior.cfg.unpool_share = 1;
   for (int i = 0; i < N; i++)
     put(i, 0.1f * (float)(i % 7), 0.1f * (float)(i / 7 % 7), 0.1f * (float)(i / 49), -3,
         i < 290 ? 2.0f : -9.0f);
   put(0, 9, 9, 9, -3, 2);
-  assert_int_equal(sv_prior_unpool(&trainer), 3);
+  assert_int_equal(sv_prior_unpool(&prior), 3);
   for (int i = 290; i < 293; i++) {
     assert_true(*sv_gaussians_at(&trainer.g, i, 0) > 4 && *sv_gaussians_at(&trainer.g, i, 0) < 6);
     assert_true(*sv_gaussians_at(&trainer.g, i, SV_ROW_LOGIT) == 2.0f);
   }
   assert_true(*sv_gaussians_at(&trainer.g, 293, SV_ROW_LOGIT) == -9.0f);
   for (int i = 0; i < N; i++) *sv_gaussians_at(&trainer.g, i, SV_ROW_LOGIT) = 2.0f;
-  assert_int_equal(sv_prior_unpool(&trainer), 0); // no slot to be had
+  assert_int_equal(sv_prior_unpool(&prior), 0); // no slot to be had
 }
 
 // A wall, and before a small part of it a heavy veil that leaves a bit of the wall to be seen: the veil is taken.
@@ -285,7 +309,7 @@ TEST(test_prune) {
   for (int i = 0; i < 256; i++) put(i, 0.16f * (float)(i % 16 - 8), 0.16f * (float)(i / 16 - 8), 1, -2.2f, 5);
   for (int i = 256; i < N; i++)
     put(i, 0.05f * (float)(i % 6 - 3), 0.05f * (float)(i / 6 % 7 - 3), -1.5f, -3, 0.2f);
-  assert_int_equal(sv_prior_prune(&trainer, &n_pruned), SV_OK);
+  assert_int_equal(sv_prior_prune(&prior, &n_pruned), SV_OK);
   int n_veil = 0, n_wall = 0;
   for (int i = 0; i < N; i++)
     if (*sv_gaussians_at(&trainer.g, i, SV_ROW_LOGIT) < -5) n_veil += i >= 256, n_wall += i < 256;
@@ -303,15 +327,15 @@ TEST(test_methods) {
     for (int k = 0; k < 2; k++) {
       sv_trainer *t = k ? &other : &trainer;
       t->cfg.relocate_every = 10;
-      t->prior.cfg.unpool_distance = 1.2f;
+      prior_of(t)->cfg.unpool_distance = 1.2f;
       for (int i = 0; i < 30; i++) *sv_gaussians_at(&t->g, 9 * i, SV_ROW_LOGIT) = -9;
-      assert_int_equal(sv_prior_submit_depth(&t->prior, 0, map, W, H, SV_PRIOR_RELATIVE, 0.05f), SV_OK);
+      assert_int_equal(sv_prior_submit_depth(prior_of(t), 0, map, W, H, SV_PRIOR_RELATIVE, 0.05f), SV_OK);
       for (int i = 0; i < 120; i++) assert_int_equal(sv_train_step(t, (float)i / 120, NULL), SV_OK);
     }
     assert_true(sv_train_digest(&trainer) == sv_train_digest(&other));
-    assert_true(trainer.prior.n_warped > 3);
-    if (m == SV_PRIOR_FSGS) assert_true(trainer.prior.n_unpooled > 0);
-    else assert_true(trainer.prior.n_pruned > 0 && trainer.n_relocated > 0);
+    assert_true(prior.n_warped > 3);
+    if (m == SV_PRIOR_FSGS) assert_true(prior.n_unpooled > 0);
+    else assert_true(prior.n_pruned > 0 && trainer.n_relocated > 0);
   }
 }
 
@@ -321,10 +345,10 @@ TEST(test_warp) {
   make_with(&trainer, SV_PRIOR_SPARSEGS, &in_order, block, sizeof block);
   for (int i = 0; i < W * H; i++) map[i] = 3;
   for (int i = 0; i < 2; i++)
-    assert_int_equal(sv_prior_submit_depth(&trainer.prior, i, map, W, H, SV_PRIOR_METRIC, 1), SV_OK);
+    assert_int_equal(sv_prior_submit_depth(&prior, i, map, W, H, SV_PRIOR_METRIC, 1), SV_OK);
   trainer.cfg.unseen_rad = 0; // the same view again
-  assert_int_equal(sv_prior_warp(&trainer, 1), SV_OK);
-  const uint8_t *rgba = trainer.prior.views[0].rgba;
+  assert_int_equal(sv_prior_warp(&prior, 1), SV_OK);
+  const uint8_t *rgba = prior.views[0].rgba;
   int n_same = 0;
   for (int y = 4; y < H - 4; y++)
     for (int x = 4; x < W - 4; x++) {

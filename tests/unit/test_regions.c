@@ -6,6 +6,8 @@
 
 #include "src/base/mathx.h"
 #include "src/train/train.h"
+#include "src/train/measurement.h"
+#include "src/train/novel.h"
 #include "tests/common/test.h"
 
 #define N_LENSES  4

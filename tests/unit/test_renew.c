@@ -53,7 +53,7 @@ static double psnr_of_newest(void) {
 static uint32_t renew(void) {
   const uint32_t before = world_stats(&w).n_renewed;
   const size_t used = w.app.scratch.used_bytes;
-  assert_int_equal(sv_train_renew(&w.app.trainer, 0.5f, &w.app.scratch), SV_OK);
+  assert_int_equal(sv_dynamic_renew(&w.app.dynamic, 0.5f, &w.app.scratch), SV_OK);
   assert_int_equal(w.app.scratch.used_bytes, used);
   return world_stats(&w).n_renewed - before;
 }

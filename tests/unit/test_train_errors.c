@@ -4,6 +4,7 @@
 
 #include "platform/linux/linux.h"
 #include "src/train/train.h"
+#include "src/train/optimize.h"
 #include "tests/common/test.h"
 
 #define W           48

@@ -3,6 +3,7 @@
 #include "tools/bench/bench.h"
 
 #include "src/base/mathx.h"
+#include "src/train/optimize.h"
 
 static const sv_bench_op ops_of[SV_N_STAGES][2] = {
     [SV_STAGE_TARGET] = {SV_BENCH_UNPACK, SV_N_BENCH_OPS},

@@ -2,6 +2,8 @@
 // One step taken apart: its stages between two looks at the clock.
 #include "tools/bench/bench.h"
 #include "src/base/mathx.h"
+#include "src/train/curvature.h"
+#include "src/train/optimize.h"
 
 #define CASE_S   0.5  // a case is repeated for so long,
 #define LEAST    5    // and at least so often
@@ -86,7 +88,7 @@ static sv_status time_rest(sv_bench *b, const sv_pool *pool, const sv_render_opt
   sv_photometric_loss(&t->photometric, &t->render.rgb, &t->target, &t->grad, errors, t->cfg.weight_ssim);
   double t3 = now_ms(b);
   m->stage[SV_STAGE_LOSS][i] = t3 - t2;
-  s = sv_train_curvature(t, 0.1, false);
+  s = sv_train_curvature(t, 0.1, false, &t->target);
   m->stage[SV_STAGE_CURVATURE][i] = (now_ms(b) - t3) / t->cfg.newton.every;
   if (s < 0) return s;
   t3 = now_ms(b);

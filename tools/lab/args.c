@@ -178,7 +178,7 @@ static int check_together(const sv_tool_command *c, const lab_options *o) {
     return lab_usage(c->name, "--steps and --time-limit exclude each other");
   if (c->bit == LAB_TRAIN && !o->is_eval && (o->mask || o->has_lpips))
     return lab_usage(c->name, "--%s needs --eval", o->mask ? "mask" : "lpips");
-  sv_train_cfg scratch = sv_train_defaults();
+  sv_dynamic_cfg scratch = sv_dynamic_defaults();
   if (o->motion && !(o->method && strcmp(o->method, "4dgs") == 0))
     return lab_usage(c->name, "--motion needs --model 4dgs");
   if (o->motion && lab_parse_motion(o->motion, &scratch) != LAB_EXIT_OK)

@@ -6,7 +6,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "src/train/train.h"
+#include "src/dynamic/dynamic.h"
 #include "platform/linux/options.h"
 
 #define LAB_EXIT_OK     SV_OPTIONS_OK
@@ -54,8 +54,8 @@ typedef struct {
 // LAB_EXIT_OK, or LAB_EXIT_USAGE after one line on stderr. Strings stay where argv has them.
 int lab_args_parse(const sv_tool_command *c, int argc, char **argv, lab_options *o);
 void lab_args_help(const sv_tool_command *c); // on stdout
-// Sets what --motion says in c->dynamic. text may be NULL: clip. LAB_EXIT_USAGE when it cannot be read.
-int lab_parse_motion(const char *text, sv_train_cfg *c);
+// Sets what --motion says in *d. text may be NULL: clip. LAB_EXIT_USAGE when it cannot be read.
+int lab_parse_motion(const char *text, sv_dynamic_cfg *d);
 // One line: "subview-lab train: TEXT; try 'subview-lab train --help'". Returns LAB_EXIT_USAGE.
 int lab_usage(const char *command, const char *fmt, ...) SV_PRINTF(2, 3);
 

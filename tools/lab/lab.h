@@ -5,7 +5,7 @@
 
 #include "include/subview/version.h"
 #include "platform/linux/linux.h"
-#include "src/deform/deform.h"
+#include "src/dynamic/dynamic.h"
 #include "src/splat/model_file.h"
 #include "tools/common/fileio.h"
 #include "tools/lab/args.h"
@@ -42,7 +42,7 @@ void lab_session_stop(lab_session *s);
 int lab_failed(lab_session *s, const sv_err *err);
 // --model 4dgs: what --motion says (args.c has checked it), over the defaults, and over what n_times times ask for when
 // they are known (above 0).
-void lab_dynamic_cfg(const lab_options *o, int n_times, sv_train_cfg *c);
+void lab_dynamic_cfg(const lab_options *o, int expected_steps, int n_times, sv_dynamic_cfg *d);
 // The last line of a program's log, without a leading "error: "; empty when there is none.
 void lab_last_line(const char *path, char *out, size_t cap);
 double lab_seconds(const lab_session *s);  // since some moment

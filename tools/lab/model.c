@@ -105,16 +105,10 @@ sv_status lab_model_read(lab_model *m, const char *path, sv_err *err) {
     lab_model_free(m);
     return s;
   }
-  sv_trainer *t = calloc(1, sizeof *t); // the digest is defined on a trainer's parameters
   if (is_ply)
-    s = lab_motion_read(m, path, err); // other formats are still: what moves beside them is another model
-  if (t) {
-    t->g = m->g;
-    t->deform = m->deform;
-    t->cfg.dynamic.kind = m->deform.kind;
-    m->digest = sv_train_digest(t);
-  }
-  free(t);
+    s = lab_motion_read(m, path, err);    // other formats are still: what moves beside them is another model
+  m->digest = sv_gaussians_digest(&m->g); // as sv_train_digest
+  if (m->deform.kind != SV_DEFORM_NONE) m->digest = sv_dynamic_digest(&m->deform, m->digest);
   if (s != SV_OK) lab_model_free(m);
   return s;
 }

@@ -32,40 +32,39 @@ static int set_number(const setting *known, size_t n_known, const char *p, size_
   return LAB_EXIT_OK;
 }
 
-static int parse(const char *text, bool with_preset, sv_train_cfg *c) {
-  sv_dynamic_cfg *d = &c->dynamic;
-  int functions = (int)d->functions, tv_kind = SV_FIELD_TV_CODED, is_followed = d->is_followed;
+static int parse(const char *text, bool with_preset, sv_dynamic_cfg *d) {
+  int functions = (int)d->functions, tv_kind = SV_FIELD_TV_CODED, is_followed = d->is_matched;
   const setting known[] = {{"from", &d->from, 0, 1},
                            {"window", &d->window_start, 0, 10},
-                           {"clip", &d->clip, 0, 0.9},
+                           {"clip", &d->distil_at, 0, 0.9},
                            {"fit", &d->fit, 0, 10},
-                           {"taught", &d->taught, 0, 1},
+                           {"taught", &d->distilled, 0, 1},
                            {"grow_start", &d->grow_start, 0, 1},
                            {"grow_until", &d->grow_until, 0, 1},
                            {"coarse_for", &d->coarse_for, 0, 1},
                            {"front", 0, &d->front_every, 1000},
                            {"follow", 0, &is_followed, 1},
                            {"bodies", 0, &d->n_bodies, SV_CAP_BODIES - 1},
-                           {"lr_body", &d->body, 0, 1e3},
+                           {"lr_body", &d->lr_body, 0, 1e3},
                            {"shrink", &d->shrink_pos, 0, 10},
-                           {"least_share", &d->least_share, 0, 1},
+                           {"least_share", &d->share_min, 0, 1},
                            {"functions", 0, &functions, 1},
                            {"tv_kind", 0, &tv_kind, 1},
-                           {"unrest", &d->unrest, 0, 1},
+                           {"unrest", &d->residual_min, 0, 1},
                            {"find_every", &d->find_every, 0, 1},
                            {"find_until", &d->find_until, 0, 1},
                            {"pos", 0, &d->n_pos, SV_CAP_MOTION_FUNCTIONS},
                            {"rot", 0, &d->n_rot, SV_CAP_MOTION_FUNCTIONS},
                            {"colour", 0, &d->n_colour, SV_CAP_MOTION_FUNCTIONS},
-                           {"lr_pos", &d->pos, 0, 1e3},
-                           {"lr_rot", &d->rot, 0, 1},
-                           {"lr_colour", &d->colour, 0, 1},
-                           {"lr_window", &d->window, 0, 1},
+                           {"lr_pos", &d->lr_pos, 0, 1e3},
+                           {"lr_rot", &d->lr_rot, 0, 1},
+                           {"lr_colour", &d->lr_colour, 0, 1},
+                           {"lr_window", &d->lr_window, 0, 1},
                            {"reg_pos", &d->reg_pos, 0, 1e3},
                            {"reg_rot", &d->reg_rot, 0, 1e3},
                            {"reg_colour", &d->reg_colour, 0, 1e3},
-                           {"still_px", &d->still_px, 0, 1e3},
-                           {"still_fade", &d->still_fade, 0, 1e3},
+                           {"still_px", &d->static_px, 0, 1e3},
+                           {"still_fade", &d->static_fade, 0, 1e3},
                            {"tv", &d->field.tv, 0, 1e3},
                            {"smooth", &d->field.smooth, 0, 1e3},
                            {"l1", &d->field.l1_time, 0, 1e3},
@@ -79,7 +78,7 @@ static int parse(const char *text, bool with_preset, sv_train_cfg *c) {
                            {"width", 0, &d->field.width, SV_FIELD_CAP_WIDTH},
                            {"channels", 0, &d->field.n_channels, 32},
                            {"levels", 0, &d->field.n_levels, 3},
-                           {"still_colour", &d->still_colour, 0, 1}};
+                           {"still_colour", &d->static_colour, 0, 1}};
   const size_t n_known = sizeof known / sizeof *known;
   size_t n = text ? strcspn(text, ",") : 0;
   d->kind = SV_DEFORM_CLIP;
@@ -95,16 +94,16 @@ static int parse(const char *text, bool with_preset, sv_train_cfg *c) {
     p += n;
   }
   d->functions = (sv_motion_functions_kind)functions;
-  d->is_followed = is_followed > 0;
+  d->is_matched = is_followed > 0;
   d->field.tv_kind = (sv_field_tv)tv_kind;
   return LAB_EXIT_OK;
 }
 
-int lab_parse_motion(const char *text, sv_train_cfg *c) { return parse(text, true, c); }
+int lab_parse_motion(const char *text, sv_dynamic_cfg *d) { return parse(text, true, d); }
 
-void lab_dynamic_cfg(const lab_options *o, int n_times, sv_train_cfg *c) {
-  (void)parse(o->motion, true, c);
+void lab_dynamic_cfg(const lab_options *o, int expected_steps, int n_times, sv_dynamic_cfg *d) {
+  (void)parse(o->motion, true, d);
   if (n_times < 1) return;
-  sv_train_set_times(c, n_times);
-  (void)parse(o->motion, false, c); // what is asked for goes before what the times ask for; presets do not
+  sv_dynamic_set_times(d, expected_steps, n_times);
+  (void)parse(o->motion, false, d); // what is asked for goes before what the times ask for; presets do not
 }

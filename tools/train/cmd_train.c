@@ -27,6 +27,7 @@ typedef struct {
   lab_scene scene;
   sv_driver_start start; // its points are allocated here
   sv_train_cfg cfg;
+  lab_plan_extras extras;
   lab_plan plan;
   lab_prior prior;
   sv_driver driver;
@@ -44,14 +45,16 @@ typedef struct {
 
 // --- settings ------------------------------------------------------------------------------------
 
-static sv_train_cfg train_cfg(const lab_options *o) {
+static sv_train_cfg train_cfg(const lab_options *o, sv_dynamic_cfg *d) {
   sv_train_cfg c = sv_train_defaults();
   c.n_gaussians = o->gaussians > 0 ? (int)o->gaussians : 20000;
   c.sh_degree = o->sh >= 0 ? (int)o->sh : 1;
   c.seed = o->seed >= 0 ? (uint64_t)o->seed : 1;
   c.background = lab_background_by_name(o->background);
-  if (o->method && sv_str_eq(o->method, "4dgs")) lab_dynamic_cfg(o, 0, &c);
-  if (c.dynamic.kind == SV_DEFORM_FIELD) c.steps_hint = FIELD_STEPS;
+  *d = sv_dynamic_defaults();
+  if (o->method && sv_str_eq(o->method, "4dgs")) lab_dynamic_cfg(o, 0, 0, d);
+  c.has_motion = d->kind != SV_DEFORM_NONE;
+  if (d->kind == SV_DEFORM_FIELD) c.steps_hint = FIELD_STEPS;
   if (o->steps > 0) c.steps_hint = (int)o->steps;
   return c;
 }
@@ -106,8 +109,8 @@ static void choose_objective(run *r) {
   const lab_options *o = r->o;
   sv_train_cfg *c = &r->cfg;
   sv_sampling s = sampling_of(&r->views);
-  s.is_moving = c->dynamic.kind != SV_DEFORM_NONE;
-  if (s.is_moving) lab_dynamic_cfg(o, n_times(&r->views), c);
+  s.is_moving = c->has_motion;
+  if (s.is_moving) lab_dynamic_cfg(o, c->steps_hint, n_times(&r->views), &r->extras.dynamic);
   if (s.is_moving) s.n_exposures = (n_places(&r->views) + s.n_sub_views - 1) / s.n_sub_views;
   r->is_standing = s.is_moving && s.n_exposures == 1;
   s.is_far = o->init && (sv_str_eq(o->init, "sphere") || sv_str_eq(o->init, "cube"));
@@ -130,7 +133,8 @@ static void choose_objective(run *r) {
   if (o->opacity >= 0) c->reg_opacity = o->opacity;
   if (o->size >= 0) c->reg_scale = o->size;
   if (o->dropout >= 0) c->dropout = o->dropout;
-  lab_prior_cfg(o, &r->views, c);
+  lab_prior_cfg(o, &r->views, &r->extras.prior);
+  sv_prior_prepare(&r->extras.prior, c);
 }
 
 // The file of --init points:FILE, or the dataset's own; NULL: another start.
@@ -281,7 +285,7 @@ static sv_status load(run *r, sv_err *err) {
   if (s == SV_OK) s = choose_start(r, err);
   int most_points =
       r->is_stereo ? r->cfg.n_gaussians : r->start.n_points; // depth maps give up to one for each
-  if (s == SV_OK) s = lab_plan_make(&r->plan, &r->session, &r->views, r->cfg, most_points, err);
+  if (s == SV_OK) s = lab_plan_make(&r->plan, &r->session, &r->views, r->cfg, &r->extras, most_points, err);
   if (s == SV_OK) s = load_pictures(r, err);
   if (s == SV_OK) s = add_views(r, err);
   if (s == SV_OK) s = add_measurements(r, err);
@@ -339,7 +343,7 @@ static sv_status evaluate(run *r, sv_err *err) {
                       .has_lpips = r->o->has_lpips,
                       .mask_from = r->o->mask ? &train : NULL};
   job.render.has_depth = v.has_depth;
-  job.deform = sv_train_is_dynamic(&r->plan.trainer) ? &r->plan.trainer.deform : NULL;
+  job.deform = r->plan.trainer.cfg.has_motion ? &r->plan.dynamic.deform : NULL;
   if (s == SV_OK) s = lab_evaluate(&v, &job, &r->scores, err);
   lab_views_free(&v);
   r->has_scores = s == SV_OK;
@@ -367,8 +371,8 @@ static void report_figures(lab_report *j, const run *r) {
   if (r->has_scores) lab_scores_report(j, &r->scores);
   else lab_report_int(j, "views", r->views.n); // trained on; with scores: scored
   if (r->has_time_scores) lab_time_scores_report(j, &r->time_scores);
-  if (sv_train_is_dynamic(&r->plan.trainer))
-    lab_report_int(j, "moving", sv_deform_n_moving(&r->plan.trainer.deform));
+  if (r->plan.trainer.cfg.has_motion)
+    lab_report_int(j, "moving", sv_deform_n_moving(&r->plan.dynamic.deform));
   lab_prior_report(j, &r->prior);
   lab_report_int(j, "training_views", r->views.n);
   lab_report_int(j, "steps", (long long)r->plan.trainer.step);
@@ -395,7 +399,7 @@ static void report_settings(lab_report *j, const run *r) {
   lab_report_text(j, "data", r->o->data);
   lab_report_text(j, "transforms", r->views.transforms);
   if (r->o->exposures > 0) lab_report_int(j, "exposures", r->o->exposures);
-  lab_report_text(j, "model", sv_train_is_dynamic(t) ? "4dgs" : "3dgs");
+  lab_report_text(j, "model", t->cfg.has_motion ? "4dgs" : "3dgs");
   lab_report_text(j, "prior", r->o->prior ? r->o->prior : "none");
   if (r->n_steps > 0) lab_report_int(j, "steps_wanted", r->n_steps);
   else lab_report_num(j, "time_limit", r->limit_s);
@@ -422,7 +426,7 @@ static sv_status save(run *r, sv_err *err) {
   const sv_model_notes notes = {.is_mip = r->plan.trainer.cfg.is_antialiased,
                                 .dilation_px2 = r->plan.trainer.cfg.dilation_px2,
                                 .up = sv_up_name(r->scene.up)};
-  const bool is_dynamic = sv_train_is_dynamic(&r->plan.trainer);
+  const bool is_dynamic = r->plan.trainer.cfg.has_motion;
   const sv_gaussians *g = &r->plan.trainer.g;
   lab_report_begin(&j);
   report_settings(&j, r);
@@ -431,7 +435,7 @@ static sv_status save(run *r, sv_err *err) {
   sv_status s = sv_path_join(model, sizeof model, r->o->out, "model.ply", err);
   if (s == SV_OK) s = sv_path_join(path, sizeof path, r->o->out, "train.json", err);
   if (s == SV_OK) s = lab_model_begin(&files[MODEL], g, &notes, model, err);
-  if (s == SV_OK && is_dynamic) s = lab_motion_begin(&files[MOTION], &r->plan.trainer.deform, g, model, err);
+  if (s == SV_OK && is_dynamic) s = lab_motion_begin(&files[MOTION], &r->plan.dynamic.deform, g, model, err);
   if (s == SV_OK && j.is_failed) s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its text", path);
   if (s == SV_OK) s = sv_file_begin(&files[SETTINGS], path, err);
   if (s == SV_OK) s = sv_file_append(&files[SETTINGS], j.text, j.bytes, err);
@@ -480,7 +484,7 @@ static sv_status stages(run *r, sv_err *err) {
   lab_say(&r->session, "%d views of up to %dx%d%s, %d Gaussians, %.1f MB, loaded in %.2f s", r->views.n,
           r->views.cap_width_px, r->views.cap_height_px, r->views.is_undistorted ? " (undistorted)" : "",
           r->plan.trainer.g.n, 1e-6 * (double)r->plan.bytes, r->load_s);
-  s = lab_prior_begin(&r->prior, &r->session, r->o, &r->views, &r->plan.trainer, &r->start.bounds,
+  s = lab_prior_begin(&r->prior, &r->session, r->o, &r->views, &r->plan.prior, &r->start.bounds,
                       &r->plan.scratch, err);
   if (s != SV_OK || (s = train(r, err)) != SV_OK) return s;
   if ((s = save(r, err)) != SV_OK) return s; // whatever comes later, the model is there
@@ -501,7 +505,7 @@ int lab_cmd_train(const lab_options *o) {
   run *r = calloc(1, sizeof *r);
   if (!r) return LAB_EXIT_FAILED;
   r->o = o;
-  r->cfg = train_cfg(o);
+  r->cfg = train_cfg(o, &r->extras.dynamic);
   r->n_steps = o->time_limit_s > 0 ? 0 : r->cfg.steps_hint;
   r->limit_s = o->time_limit_s;
   sv_status s = lab_session_start(&r->session, o->threads, o->is_quiet, &err);

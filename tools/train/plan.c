@@ -10,18 +10,20 @@
 
 static size_t padded(size_t n) { return (n + SV_ARENA_ALIGN - 1) & ~(size_t)(SV_ARENA_ALIGN - 1); }
 
-static size_t total_bytes(const lab_views *v, const sv_train_cfg *cfg, int n_points) {
+static size_t total_bytes(const lab_views *v, const sv_train_cfg *cfg, const lab_plan_extras *x,
+                          int n_points) {
   size_t n = SV_ARENA_ALIGN + padded((size_t)v->n * sizeof(uint8_t *));
   for (int i = 0; i < v->n; i++)
     if (v->frames[i].i_measurement < 0) n += padded(lab_frame_bytes(&v->frames[i]));
   n += padded((size_t)v->n_measurements * sizeof(uint16_t *));
   n += v->n_measurements ? padded((size_t)v->n * sizeof(sv_lens)) : 0;
   for (int i = 0; i < v->n_measurements; i++) n += padded(2 * lab_measurement_values(&v->measurements[i]));
-  return n + sv_trainer_bytes(cfg) + padded(sv_driver_scratch_bytes(cfg, n_points));
+  return n + sv_trainer_bytes(cfg) + sv_dynamic_bytes(&x->dynamic, cfg) + sv_prior_bytes(&x->prior, cfg) +
+         padded(sv_driver_scratch_bytes(cfg, n_points));
 }
 
-static sv_status carve(lab_plan *p, lab_session *s, const lab_views *v, const sv_train_cfg *cfg, int n_points,
-                       sv_err *err) {
+static sv_status carve(lab_plan *p, lab_session *s, const lab_views *v, const sv_train_cfg *cfg,
+                       const lab_plan_extras *x, int n_points, sv_err *err) {
   sv_arena_part_begin(&p->arena, "pictures");
   p->pictures = SV_TAKE(&p->arena, uint8_t *, v->n);
   for (int i = 0; p->pictures && i < v->n; i++)
@@ -35,7 +37,9 @@ static sv_status carve(lab_plan *p, lab_session *s, const lab_views *v, const sv
   p->scratch = sv_arena_sub(&p->arena, sv_driver_scratch_bytes(cfg, n_points));
   if (p->arena.status < 0)
     return sv_fail(err, p->arena.status, "the memory plan is too small by its own count");
-  return sv_trainer_init(&p->trainer, cfg, (sv_compute){&s->k, &s->pool}, &p->arena, err);
+  sv_status st = sv_trainer_init(&p->trainer, cfg, (sv_compute){&s->k, &s->pool}, &p->arena, err);
+  if (st >= 0) st = sv_dynamic_init(&p->dynamic, &x->dynamic, &p->trainer, &p->arena, err);
+  return st >= 0 ? sv_prior_init(&p->prior, &x->prior, &p->trainer, &p->arena, err) : st;
 }
 
 // Lenses are rendered by regions of their sensor, never whole.
@@ -59,12 +63,12 @@ static void size_caps(sv_train_cfg *cfg, const lab_views *v) {
   }
 }
 
-sv_status lab_plan_make(lab_plan *p, lab_session *s, const lab_views *v, sv_train_cfg cfg, int n_points,
-                        sv_err *err) {
+sv_status lab_plan_make(lab_plan *p, lab_session *s, const lab_views *v, sv_train_cfg cfg,
+                        const lab_plan_extras *x, int n_points, sv_err *err) {
   memset(p, 0, sizeof *p);
   size_caps(&cfg, v);
   cfg.n_threads = s->n_threads;
-  p->bytes = total_bytes(v, &cfg, n_points);
+  p->bytes = total_bytes(v, &cfg, x, n_points);
   // Pages are given when they are first touched: what the plan has in reserve costs nothing here.
   p->block = mmap(NULL, p->bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
   if (p->block == MAP_FAILED) {
@@ -74,7 +78,7 @@ sv_status lab_plan_make(lab_plan *p, lab_session *s, const lab_views *v, sv_trai
   }
   sv_linux_large_pages(p->block, p->bytes);
   p->arena = sv_arena_make(p->block, p->bytes);
-  sv_status st = carve(p, s, v, &cfg, n_points, err);
+  sv_status st = carve(p, s, v, &cfg, x, n_points, err);
   if (st != SV_OK) {
     lab_plan_free(p);
     return st;

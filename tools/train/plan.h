@@ -3,13 +3,23 @@
 #ifndef SV_TOOLS_TRAIN_PLAN_H
 #define SV_TOOLS_TRAIN_PLAN_H
 
+#include "src/dynamic/dynamic.h"
+#include "src/prior/prior.h"
 #include "tools/lab/lab.h"
+
+// What is attached to the trainer.
+typedef struct {
+  sv_dynamic_cfg dynamic;
+  sv_prior_cfg prior;
+} lab_plan_extras;
 
 typedef struct {
   sv_arena arena;
   void *block;
   size_t bytes;
   sv_trainer trainer;
+  sv_dynamic dynamic;
+  sv_prior prior;
   uint8_t **pictures;      // [n views], into the arena; NULL for lenses of a measurement
   uint16_t **measurements; // [n measurements], the same
   sv_lens *lenses;         // [n views] those of all measurements, one after the other
@@ -17,8 +27,8 @@ typedef struct {
 } lab_plan;
 
 // Carves pictures and trainer, then seals. cfg: caps are filled in here. n_points: that it may start from.
-sv_status lab_plan_make(lab_plan *p, lab_session *s, const lab_views *v, sv_train_cfg cfg, int n_points,
-                        sv_err *err) SV_MUST_USE;
+sv_status lab_plan_make(lab_plan *p, lab_session *s, const lab_views *v, sv_train_cfg cfg,
+                        const lab_plan_extras *x, int n_points, sv_err *err) SV_MUST_USE;
 void lab_plan_free(lab_plan *p);
 
 #endif

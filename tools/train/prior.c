@@ -58,16 +58,16 @@ int lab_prior_check(const lab_options *o) {
   return LAB_EXIT_OK;
 }
 
-void lab_prior_cfg(const lab_options *o, const lab_views *v, sv_train_cfg *c) {
+void lab_prior_cfg(const lab_options *o, const lab_views *v, sv_prior_cfg *c) {
   const int n = o->prior_views > 0 ? (int)o->prior_views : LAB_PRIOR_VIEWS;
   if (command_of(o->prior)) {
-    c->prior.cap_pseudo = KEPT_CALLS * n;
-    c->prior.cap_depths = c->prior.cap_pseudo + v->n;
-    c->prior.every = PSEUDO_EVERY;
+    c->cap_pseudo = KEPT_CALLS * n;
+    c->cap_depths = c->cap_pseudo + v->n;
+    c->every = PSEUDO_EVERY;
   }
-  const int every = c->prior.every;
-  sv_train_set_prior(c, (sv_prior_method)method_of(o->prior), v->n);
-  if (every > 0) c->prior.every = every, c->prior.warp_every = 0; // mended views instead of warped ones
+  const int every = c->every;
+  sv_prior_set_method(c, (sv_prior_method)method_of(o->prior), v->n);
+  if (every > 0) c->every = every, c->warp_every = 0; // mended views instead of warped ones
 }
 
 // --- what a call is given ------------------------------------------------------------------------
@@ -92,7 +92,7 @@ static uint8_t byte_of(float v) { return (uint8_t)(v <= 0.0f ? 0 : v >= 1.0f ? 2
 // The model as it is, its alpha and depth, and the nearest picture that was taken.
 static sv_status write_render(lab_prior *p, int i, const sv_view *v, float progress, sv_err *err) {
   sv_trainer *t = p->trainer;
-  sv_status s = sv_prior_render(t, v, progress);
+  sv_status s = sv_prior_render(p->prior, v, progress);
   if (s < 0) return sv_fail(err, s, "a view for the prior cannot be rendered: %s", sv_status_text(s));
   const sv_planes *x = &t->render.rgb;
   for (int y = 0; y < x->height_px; y++)
@@ -101,18 +101,18 @@ static sv_status write_render(lab_prior *p, int i, const sv_view *v, float progr
                    to = (size_t)y * (size_t)x->width_px + (size_t)col;
       for (int c = 0; c < 3; c++) p->rgba[4 * to + (size_t)c] = byte_of(x->c[c][from]);
       p->rgba[4 * to + 3] = byte_of(1.0f - t->render.trans[from]);
-      p->units[to] = (uint16_t)fmin(65535, (double)t->prior.expected[from] / p->depth_unit + 0.5);
+      p->units[to] = (uint16_t)fmin(65535, (double)p->prior->expected[from] / p->depth_unit + 0.5);
     }
   const sv_bitmap colour = {v->width_px, v->height_px, 4, 8, p->rgba, NULL},
                   depth = {v->width_px, v->height_px, 1, 16, NULL, p->units};
   s = write_png(p, "render", i, &colour, err);
   if (s == SV_OK) s = write_png(p, "depth", i, &depth, err);
-  return s == SV_OK ? write_picture(p, "reference", i, &t->views[sv_prior_nearest(t, v)].image, err) : s;
+  return s == SV_OK ? write_picture(p, "reference", i, &t->views[sv_prior_nearest(p->prior, v)].image, err)
+                    : s;
 }
 
 // A view of the request, in the axes of transforms JSON (OpenGL's).
 static void list_view(const lab_prior *p, FILE *f, int i, const sv_view *v, bool is_picture) {
-  const sv_trainer *t = p->trainer;
   float eye[3];
   sv_view_centre(eye, v);
   fprintf(f, "%s  {\"file_path\": \"%s_%03d.png\", \"transform_matrix\": [", i ? ",\n" : "",
@@ -123,7 +123,7 @@ static void list_view(const lab_prior *p, FILE *f, int i, const sv_view *v, bool
   fprintf(f,
           "[0, 0, 0, 1]], \"fl_x\": %.9g, \"fl_y\": %.9g, \"cx\": %.9g, \"cy\": %.9g, \"w\": %d, \"h\": %d",
           (double)v->fx, (double)v->fy, (double)v->cx, (double)v->cy, v->width_px, v->height_px);
-  const int nearest = is_picture ? i : sv_prior_nearest(t, v);
+  const int nearest = is_picture ? i : sv_prior_nearest(p->prior, v);
   if (!is_picture)
     fprintf(f, ", \"depth_path\": \"depth_%03d.png\", \"reference_path\": \"reference_%03d.png\"", i, i);
   fprintf(f, ", \"training_view\": %d}", nearest);
@@ -197,7 +197,7 @@ static float interval(const lab_prior *p) {
 
 static sv_status call_for_views(lab_prior *p, float progress, sv_err *err) {
   const float turn = p->trainer->cfg.unseen_rad * (TURN_START + TURN_MORE * progress);
-  sv_status s = sv_prior_request_views(p->trainer, turn, p->n_views, p->request);
+  sv_status s = sv_prior_request_views(p->prior, turn, p->n_views, p->request);
   if (s < 0) return sv_fail(err, s, "no views to ask for: %s", sv_status_text(s));
   s = make_folder(p, err);
   for (int i = 0; i < p->n_views && s == SV_OK; i++) s = write_render(p, i, &p->request[i], progress, err);
@@ -224,7 +224,7 @@ static void set_depth_unit(lab_prior *p) {
 
 // What the pictures themselves tell of depth, for the views that nobody else told of.
 static sv_status measure(lab_prior *p, const sv_bounds *bounds, sv_arena *scratch, sv_err *err) {
-  sv_status s = sv_prior_measure(p->trainer, bounds, scratch, &p->n_maps);
+  sv_status s = sv_prior_measure(p->prior, bounds, scratch, &p->n_maps);
   if (s < 0) return sv_fail(err, s, "no depth maps for --prior: %s", sv_status_text(s));
   if (p->n_maps > 0) lab_say(p->session, "depth maps of %d views from where they overlap", p->n_maps);
   if (p->n_maps + p->n_files + p->n_depths == 0)
@@ -251,8 +251,13 @@ static sv_status begin_calls(lab_prior *p, sv_err *err) {
 }
 
 sv_status lab_prior_begin(lab_prior *p, lab_session *se, const lab_options *o, const lab_views *v,
-                          sv_trainer *t, const sv_bounds *bounds, sv_arena *scratch, sv_err *err) {
-  *p = (lab_prior){.o = o, .session = se, .trainer = t, .views = v, .command = command_of(o->prior)};
+                          sv_prior *prior, const sv_bounds *bounds, sv_arena *scratch, sv_err *err) {
+  *p = (lab_prior){.o = o,
+                   .session = se,
+                   .trainer = prior->t,
+                   .prior = prior,
+                   .views = v,
+                   .command = command_of(o->prior)};
   p->method = (sv_prior_method)method_of(o->prior);
   if (!p->command && !p->method) return SV_OK;
   const size_t px = v->cap_floats;
@@ -292,10 +297,10 @@ void lab_prior_report(lab_report *j, const lab_prior *p) {
     lab_report_int(j, "prior_depth_maps", p->n_maps);
   }
   if (p->method) {
-    lab_report_int(j, "prior_warped", p->trainer->prior.n_warped);
-    lab_report_int(j, "prior_unpooled", p->trainer->prior.n_unpooled);
-    lab_report_int(j, "prior_pruned", p->trainer->prior.n_pruned);
-    lab_report_num(j, "prior_dip", p->trainer->prior.last_dip);
+    lab_report_int(j, "prior_warped", p->prior->n_warped);
+    lab_report_int(j, "prior_unpooled", p->prior->n_unpooled);
+    lab_report_int(j, "prior_pruned", p->prior->n_pruned);
+    lab_report_num(j, "prior_dip", p->prior->last_dip);
   }
   if (!p->command) return;
   lab_report_int(j, "prior_calls", p->n_calls);

@@ -16,6 +16,7 @@ typedef struct {
   const lab_options *o;
   lab_session *session;
   sv_trainer *trainer;
+  sv_prior *prior; // of that trainer
   const lab_views *views;
   sv_prior_method method;
   const char *command; // of external:, else NULL
@@ -36,11 +37,12 @@ typedef struct {
 // LAB_EXIT_OK, or LAB_EXIT_USAGE after one line.
 int lab_prior_check(const lab_options *o);
 // Room for what the prior will hand in. n_views: that are trained on.
-void lab_prior_cfg(const lab_options *o, const lab_views *v, sv_train_cfg *c);
+void lab_prior_cfg(const lab_options *o, const lab_views *v, sv_prior_cfg *c);
 // Depth maps of the dataset, then the first call, with the training pictures, then what a method needs: before the first
 // step. A command that fails here stops the run. bounds, scratch: as for a stereo start.
 sv_status lab_prior_begin(lab_prior *p, lab_session *s, const lab_options *o, const lab_views *v,
-                          sv_trainer *t, const sv_bounds *bounds, sv_arena *scratch, sv_err *err) SV_MUST_USE;
+                          sv_prior *prior, const sv_bounds *bounds, sv_arena *scratch,
+                          sv_err *err) SV_MUST_USE;
 // Before a step: calls when it is time. A call that fails is told in a line, and is the last.
 void lab_prior_tick(lab_prior *p, float progress);
 void lab_prior_report(lab_report *j, const lab_prior *p); // what came of it

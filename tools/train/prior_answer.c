@@ -49,7 +49,7 @@ static sv_status take_picture(lab_prior *p, int i, const sv_view *v, const char 
   if (s == SV_OK) {
     const sv_image_u8 im = {b.u8, b.width_px, b.height_px, 4, 4 * b.width_px};
     const float weight = p->o->prior_weight >= 0 ? (float)p->o->prior_weight : PICTURE_WEIGHT;
-    s = sv_prior_submit_view(&p->trainer->prior, v, &im, weight, until, id);
+    s = sv_prior_submit_view(p->prior, v, &im, weight, until, id);
     if (s != SV_OK) s = sv_fail(err, s, "%s: %s", path, sv_status_text(s));
     p->n_pictures += s == SV_OK;
   }
@@ -108,7 +108,7 @@ static sv_status take_depth(lab_prior *p, int i, int id, const sv_view *v, sv_er
   else if (find(p, i, "_disparity.png", path)) kind = SV_PRIOR_INVERSE, s = read_png(p, path, v, true, err);
   else return SV_OK;
   if (s != SV_OK) return s;
-  s = sv_prior_submit_depth(&p->trainer->prior, id, p->map, v->width_px, v->height_px, kind, DEPTH_WEIGHT);
+  s = sv_prior_submit_depth(p->prior, id, p->map, v->width_px, v->height_px, kind, DEPTH_WEIGHT);
   if (s != SV_OK) return sv_fail(err, s, "%s: %s", path, sv_status_text(s));
   p->n_depths++;
   return SV_OK;
@@ -143,8 +143,7 @@ sv_status lab_prior_load(lab_prior *p, sv_err *err) {
       kind = SV_PRIOR_METRIC, s = read_pfm(p, path, &f->view, err);
     else s = read_png(p, path, &f->view, kind == SV_PRIOR_INVERSE, err);
     if (s != SV_OK) return s;
-    s = sv_prior_submit_depth(&p->trainer->prior, i, p->map, f->view.width_px, f->view.height_px, kind,
-                              DEPTH_WEIGHT);
+    s = sv_prior_submit_depth(p->prior, i, p->map, f->view.width_px, f->view.height_px, kind, DEPTH_WEIGHT);
     if (s != SV_OK) return sv_fail(err, s, "%s: %s", path, sv_status_text(s));
     p->n_files++;
   }

@@ -2,14 +2,15 @@
 // Gradients of one step -> parameters. Per block of 16 Gaussians: sum the records' slots, go back through the
 // projection, add the regularisers, Adam, position noise; the gradients never leave the cache. Steps of several
 // pictures collect their gradients per block first.
+#include "src/train/optimize.h"
+
 #include <string.h>
 
 #include "src/base/mathx.h"
 #include "src/splat/constants.h"
-#include "src/dynamic/distil.h"
 
-#define BLOCKS_PER_TASK SV_FIELD_TASK // a field sums by these tasks
-#define ERR_KEEP        0.9f          // running mean of the blended error over the views that see a Gaussian
+#define BLOCKS_PER_TASK SV_TRAIN_TASK_BLOCKS
+#define ERR_KEEP        0.9f // running mean of the blended error over the views that see a Gaussian
 
 #define KEEP_GRADIENT 0.9f // of its running mean, a step
 
@@ -26,11 +27,7 @@ typedef struct {
   int n_blocks;
   bool has_err; // collect: the error, too
   bool is_error_due;
-  bool has_pose;         // sum dL/d(twist) of the picture's pose
-  sv_motion_args motion; // of the last picture's time
-  sv_adam_args motion_adam;
-  sv_motion_values motion_f;
-  float motion_lr[SV_CAP_MROWS];
+  bool has_pose; // sum dL/d(twist) of the picture's pose
 } job;
 
 bool sv_train_is_error_due(const sv_trainer *t, float progress) {
@@ -40,7 +37,7 @@ bool sv_train_is_error_due(const sv_trainer *t, float progress) {
 }
 
 float sv_train_haste(const sv_train_cfg *c) {
-  if (c->dynamic.kind != SV_DEFORM_NONE || c->steps_hint < 1) return 1.0f;
+  if (c->has_motion || c->steps_hint < 1) return 1.0f;
   double h = sqrt(UNHURRIED_STEPS / (double)c->steps_hint);
   return sv_clampf((float)h, 1.0f, CAP_HASTE);
 }
@@ -198,10 +195,7 @@ static void optimise_task(void *arg, int i_task, int i_thread) {
                                            &(sv_block_grads){grad, err, j->has_pose ? pose : NULL});
     add_pose(j, i_task, pose);
     prefetch_lines(t->m + at, rows * sizeof *t->m);
-    if (b < t->render.n_moved_blocks && t->deform.kind == SV_DEFORM_FIELD)
-      sv_field_bwd_block(&t->deform.field, t->compute.k, b, i_thread, touched, grad);
-    if (touched && b < t->render.n_moved_blocks && t->deform.kind == SV_DEFORM_CLIP)
-      sv_train_move_block(t, &j->motion, &j->motion_adam, b, touched, grad, err + 16);
+    if (b < t->render.n_moved_blocks) t->hooks->update_block(t->hooked, b, i_thread, touched, grad, err + 16);
     if (touched) move(j, b, touched, touched, grad, err, &w);
     prefetch_lines(t->v + at, rows * sizeof *t->v);
     n += (uint32_t)__builtin_popcount(touched);
@@ -315,22 +309,8 @@ static uint32_t run(sv_trainer *t, float progress, sv_task_fn task) {
   j.adam = adam_args(&j, mean_lr * t->radius, bias1, bias2); // motion's, too
   if (t->cfg.optimizer == SV_OPTIMIZER_GAUSS_NEWTON)
     j.newton = newton_args(&j, mean_lr * t->radius, progress);
-  if (t->deform.kind == SV_DEFORM_CLIP) {
-    j.motion_f = sv_motion_values_at(&t->deform.motion.cfg, t->time);
-    sv_train_motion_rates(t, progress, mean_lr * t->radius, bias1, j.motion_lr);
-    j.motion = sv_motion_args_of(&t->deform.motion, &t->g, t->time, &j.motion_f);
-    float n = (float)t->g.n;
-    j.motion.reg_pos = t->cfg.dynamic.reg_pos / (n * t->radius);
-    j.motion.reg_rot = t->cfg.dynamic.reg_rot / n;
-    j.motion.reg_col = t->cfg.dynamic.reg_colour / n;
-    j.motion_adam = j.adam;
-    j.motion_adam.lr = j.motion_lr;
-    j.motion_adam.n_rows = t->deform.motion.n_rows;
-  }
-  sv_train_clear_body_sums(t);
+  if (SV_TRAIN_HAS(t, begin_update)) t->hooks->begin_update(t->hooked, progress, &j.adam);
   sv_pool_run(t->compute.pool, task, &j, n_tasks(&j));
-  if (t->deform.kind == SV_DEFORM_CLIP) sv_train_move_bodies(t, mean_lr * t->radius);
-  if (t->deform.kind == SV_DEFORM_FIELD && t->render.n_moved_blocks > 0) sv_train_step_field(t, progress);
   uint32_t n = 0;
   for (int i = 0; i < n_tasks(&j); i++) n += t->touched_of[i];
   return n;

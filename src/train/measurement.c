@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "src/train/measurement.h"
+
+#include "src/base/mathx.h"
+#include "src/train/curvature.h"
+#include "src/train/optimize.h"
+#include "src/train/step.h"
+
+// Regions lie side by side and reach beyond the sensor by less than one; the jitter shares that out between the
+// two ends, and the outer ones are pushed back onto the sensor.
+static void span(int side, int n, int region_px, float jitter, int i, int *from, int *to) {
+  int size = sv_mini(region_px, side), beyond = n * region_px - side;
+  *from = sv_maxi(0, sv_mini(i * region_px - (int)(jitter * (float)beyond), side - size));
+  *to = *from + size;
+}
+
+sv_region sv_train_region(const sv_trainer *t, const sv_train_measurement *c, int i) {
+  sv_region r;
+  span(c->model.width_px, c->n_x, t->cfg.region_px, t->jitter[0], i % c->n_x, &r.x0, &r.x1);
+  span(c->model.height_px, c->n_y, t->cfg.region_px, t->jitter[1], i / c->n_x, &r.y0, &r.y1);
+  return r;
+}
+
+static void load_region(sv_trainer *t, const sv_train_measurement *c, const sv_region *r) {
+  const int w = r->x1 - r->x0, h = r->y1 - r->y0;
+  sv_train_size_images(t, w, h);
+  for (int y = 0; y < h; y++) {
+    const uint16_t *src = c->px + 3 * ((size_t)(r->y0 + y) * (size_t)c->model.width_px + (size_t)r->x0);
+    for (int k = 0; k < 3; k++) {
+      float *dst = t->target.c[k] + (size_t)y * (size_t)t->target.stride;
+      for (int x = 0; x < w; x++) dst[x] = (float)src[3 * x + k] * (1.0f / 65535.0f);
+    }
+  }
+}
+
+sv_status sv_train_predict(sv_trainer *t, const sv_multiplexed *c, const sv_region *region,
+                           const sv_render_options *o, int *last, size_t *n_px) {
+  sv_crop crop;
+  size_t sum_px = 0;
+  if (last) *last = -1;
+  sv_status s = sv_forward_begin(&t->forward, region);
+  for (int m = 0; m < c->n_lenses && s >= 0; m++) {
+    if (!sv_multiplexed_crop(c, m, region, &crop)) continue;
+    if ((s = sv_render(&t->render, &t->g, &crop.view, o)) < 0) break;
+    sv_forward_add(&t->forward, c, &crop, &t->render.rgb);
+    if (last) *last = m;
+    sum_px += (size_t)crop.view.width_px * (size_t)crop.view.height_px;
+  }
+  if (n_px) *n_px = sum_px;
+  if (s >= 0) sv_forward_finish(&t->forward, c);
+  return s;
+}
+
+// The curvature of a region's loss. *held: the lens whose part the renderer holds, before and after.
+static sv_status probe_region(sv_trainer *t, const sv_multiplexed *c, const sv_region *region,
+                              const sv_render_options *o, double l1, int *held) {
+  sv_train_make_probe(t, l1, &t->target);
+  for (int m = *held; m >= 0; m--) {
+    sv_crop crop;
+    sv_status s = SV_OK;
+    if (!sv_multiplexed_crop(c, m, region, &crop)) continue;
+    if (m != *held && (s = sv_render(&t->render, &t->g, &crop.view, o)) < 0) return s;
+    *held = m;
+    sv_forward_bwd(&t->forward, c, &crop, &t->render.rgb, &t->target, NULL, &t->part_grad, NULL);
+    if ((s = sv_render_bwd(&t->render, &t->part_grad, NULL, NULL, NULL)) < 0) return s;
+    sv_train_collect_curvature(t);
+  }
+  sv_train_apply_curvature(t);
+  return SV_OK;
+}
+
+// The crops are rendered twice: once for their sum, once for their gradients, so that one renderer is enough.
+sv_status sv_train_region_step(sv_trainer *t, int i, float progress, const sv_render_options *o,
+                               sv_step_stats *out) {
+  int i_c = 0, last;
+  size_t n_px;
+  for (; i >= t->measurements[i_c].n_x * t->measurements[i_c].n_y; i_c++)
+    i -= t->measurements[i_c].n_x * t->measurements[i_c].n_y;
+  const sv_train_measurement *tc = &t->measurements[i_c];
+  const sv_multiplexed *c = &tc->model;
+  sv_region region = sv_train_region(t, tc, i);
+  sv_photometric_value loss;
+  t->forward.noise =
+      (sv_forward_noise){t->cfg.noise_read, t->cfg.noise_shot, sv_hash3((uint32_t)t->cfg.seed, t->step, 0)};
+  sv_status s = sv_train_predict(t, c, &region, o, &last, &n_px);
+  if (s < 0 || last < 0) return s;
+  t->forward.noise = (sv_forward_noise){0};
+  load_region(t, tc, &region);
+  float *const errors = sv_train_is_error_due(t, progress) ? t->err_plane : NULL, *const crop_errors =
+                                                                                      errors ? t->part_err
+                                                                                             : NULL;
+  loss = sv_photometric_loss(&t->photometric, &t->forward.predicted, &t->target, &t->grad, errors,
+                             t->cfg.weight_ssim);
+  out->loss = loss.loss, out->l1 = loss.l1, out->ssim = loss.ssim;
+  int held = last;
+  if (sv_train_is_probe_due(t) && (s = probe_region(t, c, &region, o, loss.l1, &held)) < 0) return s;
+  for (int m = last; m >= 0; m--) {
+    sv_crop crop;
+    if (!sv_multiplexed_crop(c, m, &region, &crop)) continue;
+    if (m != held && (s = sv_render(&t->render, &t->g, &crop.view, o)) < 0) return s;
+    held = m;
+    sv_forward_bwd(&t->forward, c, &crop, &t->render.rgb, &t->grad, errors, &t->part_grad, crop_errors);
+    float share = (float)((double)crop.view.width_px * (double)crop.view.height_px / (double)n_px);
+    if (t->cfg.weight_tv > 0.0f)
+      out->loss += sv_tv_loss(&t->tv, &t->render.rgb, &t->part_grad, SV_TV_SQUARED, t->cfg.weight_tv * share);
+    s = sv_render_bwd(&t->render, &t->part_grad, NULL, NULL, crop_errors);
+    if (s < 0) return s;
+    sv_train_collect(t, 1.0f / c->max_overlap, true); // about M_max crops see a Gaussian
+  }
+  return SV_OK;
+}
