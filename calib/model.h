@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Camera models on board: project, unproject and Jacobians without heap. models.inc lists them.
-// Pixel centres are at (i+0.5, j+0.5); mrcal and OpenCV put them at integers, so cx, cy are shifted by
+// Pixel centers are at (i+0.5, j+0.5); mrcal and OpenCV put them at integers, so cx, cy are shifted by
 // 0.5 where files are read (rig_file.c).
 #ifndef SV_CALIB_MODEL_H
 #define SV_CALIB_MODEL_H

@@ -84,7 +84,7 @@ void sv_remap_apply(const sv_remap *map, const sv_remap_job *job) {
         for (int c = 0; c < nc; c++) dst[c] = 0;
         continue;
       }
-      int x1 = e->x + 1 < map->src_width_px ? nc : 0; // the last column's neighbour has weight 0
+      int x1 = e->x + 1 < map->src_width_px ? nc : 0; // the last column's neighbor has weight 0
       size_t y1 = e->y + 1 < map->src_height_px ? job->src_stride_bytes : 0;
       const uint8_t *s = job->src + (size_t)e->y * job->src_stride_bytes + (size_t)e->x * (size_t)nc;
       uint32_t fx = e->fx, fy = e->fy, gx = 256 - fx, gy = 256 - fy;

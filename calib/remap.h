@@ -25,7 +25,7 @@ typedef struct {
 } sv_remap;
 
 typedef enum {
-  SV_PINHOLE_KEEP_FOCAL = 0, // fx, fy, cx, cy of the lens: the centre keeps its scale, corners may be black
+  SV_PINHOLE_KEEP_FOCAL = 0, // fx, fy, cx, cy of the lens: the center keeps its scale, corners may be black
   SV_PINHOLE_CROP_TO_VALID   // the widest view of the same size and aspect without a black pixel
 } sv_pinhole_choice;
 

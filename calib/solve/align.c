@@ -32,7 +32,7 @@ static bool sample(const sv_align_image *im, double x, double y, double *out) {
   return true;
 }
 
-// The window of a picture about uv through a map, with mean 0 and deviation 1 under the weights.
+// The window of an image about uv through a map, with mean 0 and deviation 1 under the weights.
 static bool window(const sv_align_image *im, const double uv[2], const double g[4], const double *w,
                    double *out) {
   double sum = 0, sq = 0;
@@ -42,7 +42,7 @@ static bool window(const sv_align_image *im, const double uv[2], const double g[
     sum += w[i] * out[i];
   }
   for (int i = 0; i < N_PX; i++) out[i] -= sum, sq += w[i] * out[i] * out[i];
-  if (!(sq > 1)) return false; // less than a grey level: nothing but noise
+  if (!(sq > 1)) return false; // less than a gray level: nothing but noise
   for (int i = 0; i < N_PX; i++) out[i] /= sqrt(sq);
   return true;
 }

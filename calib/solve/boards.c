@@ -140,11 +140,10 @@ sv_status sv_boards_chain(const sv_boards *b, const sv_pose *cam_from_board, sv_
         if (is_done[j] && n_shared(b, i, j) > best) best = n_shared(b, i, j), to = i, from = j;
     if (to < 0) {
       for (to = 0; is_done[to];) to++;
-      return sv_fail(
-          err, SV_E_FORMAT,
-          "%s never saw the board at the same instant as %s or a camera joined to it: take pictures "
-          "in which both see the whole board",
-          b->names[to], b->names[0]);
+      return sv_fail(err, SV_E_FORMAT,
+                     "%s never saw the board at the same time as %s or a camera linked to it: take images in "
+                     "which both see the whole board",
+                     b->names[to], b->names[0]);
     }
     sv_pose p = medoid(b, cam_from_board, to, from);
     cam_from_rig[to] = sv_pose_mul(&p, &cam_from_rig[from]);

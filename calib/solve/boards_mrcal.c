@@ -63,7 +63,7 @@ static sv_status problem_make(sv_mrcal_problem *p, const sv_boards *b, sv_err *e
       p->observations[p->n_observations] =
           (mrcal_observation_board_t){.icam = {c, c - 1}, .iframe = p->i_frame[f]};
       mrcal_point3_t *out = p->pool + (size_t)p->n_observations++ * n_corners(b);
-      for (size_t k = 0; k < n_corners(b); k++) // mrcal's pixel centres are at integers
+      for (size_t k = 0; k < n_corners(b); k++) // mrcal's pixel centers are at integers
         out[k] = (mrcal_point3_t){.x = b->uv_px[2 * (at * n_corners(b) + k)] - 0.5,
                                   .y = b->uv_px[2 * (at * n_corners(b) + k) + 1] - 0.5,
                                   .z = 1};
@@ -208,12 +208,11 @@ static sv_status check_views(const sv_boards *b, sv_boards_camera *cameras, cons
                              int c, sv_err *err) {
   sv_boards_measure(b, c, cam_from_board, &cameras[c]);
   if (cameras[c].tilt_deg < MIN_TILT_DEG)
-    return sv_fail(
-        err, SV_E_FORMAT,
-        "%s saw the board from almost one direction only (%.1f degrees between its normals, at least "
-        "%.0f are needed): focal length and distance cannot be told apart; tilt the board by 20 to 45 "
-        "degrees to all sides",
-        b->names[c], cameras[c].tilt_deg, MIN_TILT_DEG);
+    return sv_fail(err, SV_E_FORMAT,
+                   "%s saw the board from almost a single direction (%.1f degrees between board normals, at "
+                   "least %.0f needed): focal length and distance are ambiguous; tilt the board by 20 to 45 "
+                   "degrees in all directions",
+                   b->names[c], cameras[c].tilt_deg, MIN_TILT_DEG);
   return SV_OK;
 }
 
@@ -227,12 +226,13 @@ static sv_status seed(const sv_boards *b, sv_mrcal_problem *p, sv_boards_result 
     for (int f = 0; f < b->n_frames; f++) n += b->is_seen[c * b->n_frames + f];
     if (n < MIN_BOARDS)
       s = sv_fail(err, SV_E_FORMAT,
-                  "%s saw the whole board in %d pictures; at least %d are needed, 20 are good", b->names[c],
-                  n, MIN_BOARDS);
+                  "%s saw the whole board in %d images; at least %d are needed, 20 are good", b->names[c], n,
+                  MIN_BOARDS);
     else if (!sv_boards_seed_camera(b, c, lens, poses + (size_t)c * (size_t)b->n_frames))
-      s = sv_fail(err, SV_E_FORMAT,
-                  "%s: no lens explains its corners: is the board %dx%d inner corners, and flat?",
-                  b->names[c], b->n_cols, b->n_rows);
+      s = sv_fail(
+          err, SV_E_FORMAT,
+          "%s: no lens model fits its corners: does the board have %dx%d inner corners, and is it flat?",
+          b->names[c], b->n_cols, b->n_rows);
     else s = check_views(b, r->cameras, poses + (size_t)c * (size_t)b->n_frames, c, err);
     for (int k = 0; k < 5 && k < p->n_params && s == SV_OK; k++) p->intrinsics[c * p->n_params + k] = lens[k];
   }
@@ -250,15 +250,14 @@ static sv_status check_fit(const sv_boards *b, const sv_boards_result *r, sv_err
     bool is_sane = p[0] > 0 && p[1] > 0 && p[0] < 1e3 * size[0] && p[2] > -size[0] && p[2] < 2 * size[0] &&
                    p[3] > -size[1] && p[3] < 2 * size[1] && fabs(p[0] / p[1] - 1) < 0.5;
     if (!is_sane || !(r->cameras[c].rms_px < 0.02 * size[0]))
-      return sv_fail(
-          err, SV_E_FORMAT,
-          "%s does not fit: %.2f px RMS with focal length %.0f px; are pictures of one number from "
-          "one instant, with the rig's cameras fixed to each other?",
-          b->names[c], r->cameras[c].rms_px, p[0]);
+      return sv_fail(err, SV_E_FORMAT,
+                     "%s does not fit: %.2f px RMS with focal length %.0f px; check that images with the "
+                     "same number were taken at the same time and that the cameras are rigidly mounted",
+                     b->names[c], r->cameras[c].rms_px, p[0]);
   }
   if (r->n_outliers > 3 * r->n_points / 10)
-    return sv_fail(err, SV_E_FORMAT, "%d of %d corners do not fit the others: no calibration", r->n_outliers,
-                   r->n_outliers + r->n_points);
+    return sv_fail(err, SV_E_FORMAT, "%d of %d corners were rejected as outliers: no calibration",
+                   r->n_outliers, r->n_outliers + r->n_points);
   return SV_OK;
 }
 

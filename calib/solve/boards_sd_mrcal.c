@@ -197,6 +197,6 @@ sv_status sv_boards_uncertainty(sv_boards_result *out, const sv_mrcal_problem *p
   free(v.scale), free(rows);
   return is_good ? SV_OK
                  : sv_fail(err, SV_E_FORMAT,
-                           "the calibration is not determined by these pictures (its normal equations are "
-                           "singular): take more, with the board tilted and in all parts of the picture");
+                           "these images do not constrain the calibration (its normal equations are "
+                           "singular): take more, with the board tilted and in all parts of the image");
 }

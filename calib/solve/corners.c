@@ -13,7 +13,7 @@ static const double *corner(const grid *g, int i, int j) {
   return g->uv + 2 * ((size_t)j * (size_t)g->job->n_cols + (size_t)i);
 }
 
-// How much darker the squares of the first one's colour are than the others: a sum over the middles of the
+// How much darker the squares of the first one's color are than the others: a sum over the middles of the
 // inner squares.
 static double first_is_black(const grid *g) {
   double sum = 0;
@@ -32,7 +32,7 @@ static double first_is_black(const grid *g) {
   return sum;
 }
 
-// Is the order clockwise in the picture, as a board's front shows it (y down)?
+// Is the order clockwise in the image, as a board's front shows it (y down)?
 static bool is_front(const grid *g) {
   const double *o = corner(g, 0, 0), *x = corner(g, g->job->n_cols - 1, 0),
                *y = corner(g, 0, g->job->n_rows - 1);
@@ -102,7 +102,7 @@ bool sv_corners_find(const sv_corners_job *job, double *uv_px) {
 sv_status sv_corners_available(int n_cols, int n_rows, sv_err *err) {
   if (sv_corners_has_opencv() || (n_cols == n_rows && sv_corners_has_mrgingham())) return SV_OK;
   return sv_fail(err, SV_E_UNSUPPORTED,
-                 "this build cannot find the corners of a %dx%d board: it was made without OpenCV "
+                 "this build cannot find the corners of a %dx%d board: it was built without OpenCV "
                  "(libopencv-dev)%s",
                  n_cols, n_rows, n_cols == n_rows ? " and mrgingham (libmrgingham-dev)" : "");
 }

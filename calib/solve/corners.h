@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Corners of a chessboard in one picture: mrgingham for boards with as many columns as rows (it knows no
+// Corners of a chessboard in one image: mrgingham for boards with as many columns as rows (it knows no
 // others), OpenCV for the rest and for what mrgingham did not find. Tools and tests only: heap, C++.
 #ifndef SV_CALIB_SOLVE_CORNERS_H
 #define SV_CALIB_SOLVE_CORNERS_H
@@ -21,11 +21,11 @@ typedef struct {
   const uint8_t *grey; // [height][width]
 } sv_corners_job;
 
-// Fills uv_px[n_rows][n_cols][2], pixel centres at (i+0.5, j+0.5), and returns true when the whole board is
+// Fills uv_px[n_rows][n_cols][2], pixel centers at (i+0.5, j+0.5), and returns true when the whole board is
 // seen. The order is the board's own: seen from the front, columns turn into rows clockwise, and where the
-// colours allow it (n_cols + n_rows odd) the square between the first four corners is black, so that two
+// colors allow it (n_cols + n_rows odd) the square between the first four corners is black, so that two
 // cameras mean the same corner by the same index. Where they do not, the first corner is the one that lies
-// towards the picture's top left: cameras must then be upright alike.
+// towards the image's top left: cameras must then be upright alike.
 bool sv_corners_find(const sv_corners_job *job, double *uv_px);
 // E_UNSUPPORTED with a sentence when the build has no library that finds such boards.
 sv_status sv_corners_available(int n_cols, int n_rows, sv_err *err) SV_MUST_USE;

@@ -22,6 +22,6 @@ bool sv_corners_mrgingham(const sv_corners_job *job, double *uv_px) {
     }
     return true;
   } catch (const std::exception &) {
-    return false; // no memory, or a picture that the library cannot take
+    return false; // no memory, or an image that the library cannot take
   }
 }

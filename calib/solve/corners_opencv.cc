@@ -12,7 +12,7 @@
 
 bool sv_corners_has_opencv(void) { return true; }
 
-// Half of the shortest way from a corner to its neighbours: a larger window would see other corners.
+// Half of the shortest way from a corner to its neighbors: a larger window would see other corners.
 static double half_square(const std::vector<cv::Point2f> &p, cv::Size board) {
   double least = 1e9;
   for (int j = 0; j < board.height; j++)
@@ -44,8 +44,8 @@ static bool find_quads(const cv::Mat &image, cv::Size board, std::vector<cv::Poi
 
 bool sv_corners_opencv(const sv_corners_job *job, double *uv_px) {
   try {
-    // The first detector looks for neighbours in random trees: whatever was searched before, on whichever thread,
-    // a picture's corners shall be the same.
+    // The first detector looks for neighbors in random trees: whatever was searched before, on whichever thread,
+    // an image's corners shall be the same.
     cv::setNumThreads(1);
     cv::setRNGSeed(1);
     cv::Mat image(job->height_px, job->width_px, CV_8UC1, const_cast<uint8_t *>(job->grey));
@@ -61,6 +61,6 @@ bool sv_corners_opencv(const sv_corners_job *job, double *uv_px) {
     }
     return true;
   } catch (const std::exception &) {
-    return false; // no memory, or a picture that the library cannot take
+    return false; // no memory, or an image that the library cannot take
   }
 }

@@ -394,7 +394,7 @@ static sv_status run(work *w, state *old, int n_rounds, sv_array_stats *st, sv_e
   }
   if (!isfinite(st->rms_px) || st->n_outliers * 2 > b->n_observations || !uncertainty(w, st))
     return sv_fail(err, SV_E_FORMAT,
-                   "the bundle adjustment found no arrangement that most of the %d observations fit",
+                   "bundle adjustment found no solution that fits most of the %d observations",
                    b->n_observations);
   return SV_OK;
 }

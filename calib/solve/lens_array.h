@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Bundle adjustment of fixed views and free points with unknown pinhole lenses: what calibrates lens images of one
-// sensor from pictures of an unknown textured object. Levenberg and Marquardt, points eliminated by the Schur
+// sensor from images of an unknown textured object. Levenberg and Marquardt, points eliminated by the Schur
 // complement (Triggs et al., "Bundle Adjustment - A Modern Synthesis", 2000), Huber weights. Tools and tests only.
 // Frames: view 0's pose is held as given; the size of everything is not determined and stays near where it began.
 #ifndef SV_CALIB_SOLVE_LENS_ARRAY_H

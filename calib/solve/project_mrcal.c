@@ -27,7 +27,7 @@ int sv_project_mrcal(const sv_camera_model *m, const double x_cam[3], double uv[
   bool is_good = mrcal_project(&q, dq_dp, duv_dp, &x, 1, &lens, p);
   free(p);
   for (int a = 0; a < 2 && is_good; a++) {
-    uv[a] = q.xy[a] + 0.5; // mrcal's pixel centres are at integers
+    uv[a] = q.xy[a] + 0.5; // mrcal's pixel centers are at integers
     for (int k = 0; k < 3; k++) duv_dx[3 * a + k] = dq_dp[a].xyz[k];
   }
   return is_good ? n : 0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Absolute pose of a rig by OpenGV: the generalised three-point solver (gp3p, Kneip et al. 2013) in a RANSAC, then
-// its non-linear optimisation over the inliers. It needs no start, so it finds a rig again after any motion; heap and
+// its non-linear optimization over the inliers. It needs no start, so it finds a rig again after any motion; heap and
 // C++ are allowed, so it is for host tools. Built where OpenGV is installed.
 #ifndef SV_CALIB_SOLVE_RIG_POSE_H
 #define SV_CALIB_SOLVE_RIG_POSE_H

@@ -16,13 +16,13 @@ extern "C" {
 typedef struct {
   int width_px, height_px;
   const uint8_t *grey; // [height][width]
-  const uint8_t *mask; // [height][width] 0 where the picture must not be used; NULL: all of it
-  double x, y;         // where it lies among the views, in any unit: it is matched with its neighbours
+  const uint8_t *mask; // [height][width] 0 where the image must not be used; NULL: all of it
+  double x, y;         // where it lies among the views, in any unit: it is matched with its neighbors
 } sv_structure_view;
 
 bool sv_structure_available(void);
 
-// Points seen in at least three of the n_views pictures, as tracks: *observations (malloc'ed, the caller's) by
+// Points seen in at least three of the n_views images, as tracks: *observations (malloc'ed, the caller's) by
 // point. The number of points in *n_points, of observations returned; 0 when there are none, -1 without memory.
 int sv_structure_tracks(const sv_structure_view *views, int n_views, sv_array_observation **observations,
                         int *n_points);

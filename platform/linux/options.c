@@ -188,7 +188,7 @@ void sv_options_help(const sv_options *s, const sv_tool_command *c) {
     char left[120];
     snprintf(left, sizeof left, "--%s %s", op->name, op->value ? op->value : "");
     printf("  %-26s %s%s%s\n", left, strlen(left) > 26 ? "\n                             " : "", op->help,
-           op->required & c->bit ? "; needed" : "");
+           op->required & c->bit ? "; required" : "");
   }
   printf("\nExample:\n%s\n", c->example);
 }

@@ -171,16 +171,16 @@ static const bad_case cases[] = {
     {2, "train --data good --loss --out o", "--loss needs a value"},
     {2, "train --data good --loss dilation=0 --out o", "--loss dilation needs a number from 0.001 to 10"},
     {2, "train --data good --loss region=8 --out o", "from 16 to 4096"},
-    {2, "export --model m.ply --format ply --spz-version 2 --out o.ply", "--spz-version belongs to"},
+    {2, "export --model m.ply --format ply --spz-version 2 --out o.ply", "--spz-version needs"},
     {2, "export --model m.ply --format splat --up z --out o.splat", "--up has no effect"},
-    {2, "export --model m.ply --format glb --frames 9 --out o.glb", "--frames belongs to"},
+    {2, "export --model m.ply --format glb --frames 9 --out o.glb", "--frames needs"},
     {2, "train --data good --out o --gaussians 0", "--gaussians"},
     {2, "train --data good --out o --gaussians 5000000", "--gaussians"},
     {2, "train --data good --out o --steps -3", "--steps"},
     {2, "train --data good --out o --steps 1e3", "--steps"},
     {2, "train --data good --out o --steps 99999999999999999999", "--steps"},
     {2, "train --data good --out o --time-limit nan", "--time-limit"},
-    {2, "train --data good --out o --steps 3 --time-limit 3", "exclude"},
+    {2, "train --data good --out o --steps 3 --time-limit 3", "cannot be combined"},
     {2, "train --data good --out o --exposures 0", "--exposures"},
     {2, "train --data good --out o --sh 4", "--sh"},
     {2, "train --data good --out o --threads 0", "--threads"},
@@ -193,15 +193,15 @@ static const bad_case cases[] = {
     {2, "train --data good --out o --loss l7=1", "--loss"},
     {2, "train --data good --out o --loss ssim", "--loss"},
     {2, "train --data good --out o --motion clip", "needs --model 4dgs"},
-    {2, "train --data good --out o --model 4dgs --motion walk", "--motion is clip or field"},
-    {2, "train --data good --out o --model 4dgs --motion clip,pos=99", "--motion is clip or field"},
+    {2, "train --data good --out o --model 4dgs --motion walk", "--motion must be clip or field"},
+    {2, "train --data good --out o --model 4dgs --motion clip,pos=99", "--motion must be clip or field"},
     {1, "train --data good --out o --model 4dgs --motion field,base=1", "the first of 1 points a side"},
     {1, "train --data good --out o --model 4dgs --motion field,channels=20", "expected 16 or 32"},
     {1, "train --data good --out o --model 4dgs --motion field,width=24", "multiple of 16 up to 128"},
     {2, "train --data good --out o --prior fsgs,sparsegs", "external:CMD"},
-    {2, "train --data good --out o --prior sparsegs --model 4dgs", "still scenes"},
+    {2, "train --data good --out o --prior sparsegs --model 4dgs", "static scenes"},
     {2, "train --data good --out o --prior external:", "external:CMD"},
-    {2, "train --data good --out o --prior-calls 3", "belong to --prior external"},
+    {2, "train --data good --out o --prior-calls 3", "need --prior external"},
     {2, "train --data good --out o --noise read=2", "from 0 to 1"},
     {2, "train --data good --out o --antialias maybe", "auto|on|off"},
     {2, "train --data good --out o --eval=yes", "takes no value"},
@@ -210,7 +210,7 @@ static const bad_case cases[] = {
     {2, "eval --data good --model m.ply --mask all", "--mask"},
     {2, "train --data good --out o --lpips", "--eval"},
     {2, "train --data good --out o --mask covisible", "--eval"},
-    {2, "render --data good --model m.ply --out o --orbit 3 --split test", "exclude"},
+    {2, "render --data good --model m.ply --out o --orbit 3 --split test", "cannot be combined"},
     {2, "export --model m.ply --format obj --out o", "--format"},
     {2, "import --from colmap --out o", "folder"},
     {2, "import --from tape good --out o", "--from"},
@@ -231,13 +231,13 @@ static const bad_case cases[] = {
     {1, "train --data good --scale 16 --out o", "after --scale"},
     {1, "train --data text --out o", "not_a_picture.png"},
     {1, "train --data cut --out o", "cut.png"},
-    {1, "train --data pipe --out o", "pipe.png: not a plain file"},
-    {1, "train --data device --out o", "/dev/zero: not a plain file"},
+    {1, "train --data pipe --out o", "pipe.png: not a regular file"},
+    {1, "train --data device --out o", "/dev/zero: not a regular file"},
     {1, "train --data nan --out o", "transforms.json"},
     {1, "train --data nan_pose --out o", "transforms.json"},
     {1, "train --data skewed --out o", "rotation"},
     {1, "train --data empty --out o", "no frames"},
-    {1, "train --data held_out --out o", "left"},
+    {1, "train --data held_out --out o", "belongs to split"},
     {1, "train --data lens --out o", "lens"},
     {1, "train --data points --out o", "p.ply"},
     {1, "train --data unfinished --out o", "transforms.json"},
@@ -256,15 +256,15 @@ static const bad_case cases[] = {
      "nor gone.json, which elsewhere/train.json names; name"},
     {1, "eval --data good --transforms gone.json --model elsewhere/model.ply", "good/gone.json"},
     {1, "eval --data cameras --model model/model.ply --split all --camera nope",
-     "the camera nope; there are left, right\n"},
+     "camera nope; there are left, right\n"},
     {1, "eval --data cameras --model model/model.ply --split test_near --camera right",
      "right; there are left\n"},
-    {1, "eval --data good --model model/model.ply --camera nope", "nope; its views name no cameras\n"},
+    {1, "eval --data good --model model/model.ply --camera nope", "nope; its views do not name cameras\n"},
     {1, "render --data missing --model model/model.ply --split train --out o", "nowhere.png"},
     {1, "export --model bad.ply --format splat --out o.splat", "bad.ply"},
     {1, "export --model model/model.ply --format splat --out absent/o.splat --quiet", "o.splat"},
     {1, "import --from colmap good --out o", "images"},
-    {1, "import --from blender units --out o", "its unit of depth is 0.5 and that of units/../a.png is 0.25"},
+    {1, "import --from blender units --out o", "its depth unit is 0.5 and that of units/../a.png is 0.25"},
     {1, "import --from nerfstudio kinds --out o", "kinds/../b.png: depth along the ray"},
     {1, "import --from capture good --out o", "capture.json"},
     {1, "import --from blender nothing --out o", "transforms"},
@@ -353,7 +353,7 @@ static double json_number(const char *key) {
 TEST(test_calibrate) {
   static const char *const cases_of[][2] = {
       {"pose --rig r --capture c --out o --threads 2", "--threads"},
-      {"lenslets --isolated i --white w --out o --board 7x6 --spacing 0.02 --focal 900", "and --focal"}};
+      {"lenslets --isolated i --white w --out o --board 7x6 --spacing 0.02 --focal 900", "or --focal"}};
   char text[4096];
   for (size_t i = 0; i < sizeof cases_of / sizeof *cases_of; i++) {
     assert_int_equal(run_program("", g_calibrate, cases_of[i][0], text, sizeof text), 2);
@@ -422,10 +422,10 @@ TEST(test_start) {
 #define TRAIN "train --data known --gaussians 50 --steps 5 --json --out known_model "
   assert_int_equal(run_lab(TRAIN, text, sizeof text), 0);
   assert_true(started_from("points"));
-  assert_not_contains(text, "cannot have measured");
+  assert_not_contains(text, "could not have produced");
   assert_int_equal(run_lab(TRAIN "--exposures 2", text, sizeof text), 0);
   assert_false(started_from("points"));
-  assert_contains(text, "2 exposures cannot have measured the dataset's points");
+  assert_contains(text, "2 exposures could not have produced the dataset's points");
   assert_int_equal(run_lab(TRAIN "--exposures 2 --init points:known/p.ply", text, sizeof text), 0);
   assert_true(started_from("points"));
 }
@@ -504,7 +504,7 @@ TEST(test_stopped_import) {
   put("half/transforms_train_mono.json", "{}");
   int code = run_through("timeout --foreground --preserve-status -s INT 1",
                          "import --from sim textured,size=1200x1200 --out half", text, sizeof text);
-  assert_string_equal(text, "error: stopped by request: half is not whole; the same command makes it anew\n");
+  assert_string_equal(text, "error: stopped by request: half is incomplete; run the same command again\n");
   assert_int_equal(code, 1);
   assert_true(is_there("half/train/mono"));
   assert_false(is_there("half/transforms_train_mono.json"));

@@ -125,12 +125,12 @@ static void refuses(const char *line, int code, const char *sentence) {
 TEST(test_bad_input) {
   lab_shell_need(&shell);
   refuses("@ compare --data s --out x.png", 2, "--model is missing");
-  refuses("@ compare --data s --model a/model.ply --labels a,b --out x.png", 2, "as many names as there are");
+  refuses("@ compare --data s --model a/model.ply --labels a,b --out x.png", 2, "one name per model");
   refuses("@ compare --data s --model a/model.ply --out x.jpg", 2, "ends in .png");
   refuses("@ compare --data s --model a/model.ply gone.ply --out x.png", 1, "gone.ply: cannot open");
-  refuses("@ compare --data gone --model a/model.ply --out x.png", 1, "gone: there is no such folder");
+  refuses("@ compare --data gone --model a/model.ply --out x.png", 1, "gone: no such folder");
   refuses("@ compare --data s --model a/model.ply --split none --out x.png", 1, "split none");
-  refuses("@ render --data s --model a/model.ply --width 40 --out x", 2, "--width belongs to --orbit");
+  refuses("@ render --data s --model a/model.ply --width 40 --out x", 2, "--width needs --orbit");
   assert_int_not_equal(run("ls x.png"), 0);
 }
 

@@ -177,18 +177,18 @@ TEST(test_same_bits) {
   assert_contains(shell.said, first);
 }
 
-// A program that fails before the first step stops the run; later on, training goes on without it.
+// A program that fails before the first step stops the run; later on, training continues without it.
 TEST(test_failures) {
   lab_shell_need(&shell);
   assert_int_equal(train("f", "--prior 'external:echo no such net; exit 7;'"), 1);
   assert_contains(shell.said, "exit code 7: no such net");
   assert_int_equal(train("f", "--prior 'external:sleep 60;' --prior-limit 0.2"), 1);
-  assert_contains(shell.said, "ended after 0.2 s");
+  assert_contains(shell.said, "stopped after 0.2 s");
   assert_int_equal(train("f", "--prior 'external:kill -9 $$;'"), 1);
   assert_contains(shell.said, "signal 9");
   const char *const later = "--prior 'external:test ! -e f/prior/call_01 ||' --prior-calls 2";
   assert_int_equal(train("f", later), 0);
-  assert_contains(shell.said, "training goes on without");
+  assert_contains(shell.said, "training continues without");
   assert_contains(shell.said, "\"psnr\"");
   lab_shell_run_well(&shell, "grep -c '\"prior_failed\": true' f/train.json");
   const char *const damaged = "--prior 'external:head -c 99 s/test/r_000.png > "
@@ -295,7 +295,7 @@ TEST(test_refusals) {
   assert_int_equal(train("f", "--prior external:"), 2);
   assert_int_equal(train("f", "--prior magic"), 2);
   assert_int_equal(train("f", "--prior-views 3"), 2);
-  assert_contains(shell.said, "belong to --prior external");
+  assert_contains(shell.said, "need --prior external");
   assert_int_equal(train("f", "--prior external:true --model 4dgs"), 2);
 }
 

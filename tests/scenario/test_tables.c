@@ -193,11 +193,11 @@ TEST(test_pictures) {
 TEST(test_without_gnuplot) {
   lab_shell_need(&shell);
   run_well("cp -r a g && rm -f g/plots/*.png g/plots/*.svg && PATH=/nowhere @ tables " SETTING " --out g");
-  assert_int_equal(count(shell.said, "gnuplot is not installed"), 1);
+  assert_int_equal(count(shell.said, "gnuplot not found"), 1);
   assert_true(exists("g/plots/summary_psnr.gp"));
   assert_false(exists("g/plots/summary_psnr.png"));
   char *text = slurp("g/tables.md");
-  assert_contains(text, "gnuplot was not there");
+  assert_contains(text, "gnuplot was not found");
   free(text);
 }
 
@@ -205,7 +205,7 @@ TEST(test_without_gnuplot) {
 
 static void assert_done(int n_before, int n_made) {
   char text[80];
-  snprintf(text, sizeof text, "%d runs, %d of them done before", N_RUNS, n_before);
+  snprintf(text, sizeof text, "%d runs, %d already done", N_RUNS, n_before);
   if (!strstr(shell.said, text)) fail_msg("'%s' is not in: %s", text, shell.said);
   assert_int_equal(count(shell.said, "PSNR"), n_made);
 }
@@ -238,9 +238,9 @@ TEST(test_damage) {
            "truncate -s 0 s_mono_e1_g200_s3_[0-9a-f]*/result.json");
   run_well("@ tables " SETTING " --out d");
   assert_done(N_RUNS - 6, 6);
-  assert_int_equal(count(shell.said, "is damaged; it is measured again"), 3);
+  assert_int_equal(count(shell.said, "is damaged; measuring again"), 3);
   assert_int_equal(count(shell.said, "is the result of another run"), 1);
-  assert_int_equal(count(shell.said, "its pictures are missing"), 1);
+  assert_int_equal(count(shell.said, "its images are missing"), 1);
   figures_of("d/summary.csv", after, sizeof after);
   assert_string_equal(before, after);
 }
@@ -259,8 +259,8 @@ TEST(test_other_pictures) {
 TEST(test_noise_is_a_setting) {
   lab_shell_need(&shell);
   run_well("mkdir -p p && cp -r a/runs p && @ tables " SETTING " --noise prediction,read=0,shot=0 --out p");
-  assert_int_equal(count(shell.said, "other devices are left out"), 1);
-  assert_int_equal(count(shell.said, ", 0 of them done before"), 1);
+  assert_int_equal(count(shell.said, "skipping other devices"), 1);
+  assert_int_equal(count(shell.said, ", 0 already done"), 1);
   assert_true(count(shell.said, "PSNR") > 0 &&
               count(shell.said, "PSNR") == count(shell.said, "s, multiplexed"));
   run_well("grep -l 'noise_on_prediction\": true' p/runs/*/train.json");
@@ -278,7 +278,7 @@ TEST(test_stop) {
                  "for i in $(seq 200); do ls i/runs/*/log.txt >/dev/null 2>&1 && break; sleep 0.05; done; "
                  "sleep 0.3; kill -TERM $p; wait $p");
   assert_int_equal(code, 1);
-  assert_int_equal(count(shell.said, "stopped by request with 0 of 21 runs done; the same command goes on"),
+  assert_int_equal(count(shell.said, "stopped by request with 0 of 21 runs done; run the same command again"),
                    1);
   assert_false(exists("i/tables.md"));
   assert_int_equal(run("ls i/runs/*/result.json"), 2); // none
@@ -302,12 +302,12 @@ TEST(test_bad_input) {
       {"--data ../s --noise loud --out b", 2, "--noise is [prediction,]read=V,shot=V"},
       {"--data ../s --json --out b", 2, "unknown option '--json'"},
       {"--data ../s extra --out b", 2, "unexpected argument 'extra'"},
-      {"--data nowhere --out b", 1, "nowhere: there is no such folder"},
+      {"--data nowhere --out b", 1, "nowhere: no such folder"},
       {"--data ../s, --out b", 1, "one of them is empty"},
       {"--data ../s,../s/../s --out b", 1, "twice"},
       {"--data ../s/test --out b", 1, "has no file transforms_train_DEVICE.json"},
       {"--data bad_json --out b", 1, "transforms_train_mono.json:2: not JSON"},
-      {"--data no_picture --out b", 1, "the picture is missing"},
+      {"--data no_picture --out b", 1, "image not found"},
       {"--data no_test --out b", 1, "has no transforms_test.json"},
       {"--data ../s --quick --steps 3 --gaussians 40 --out file", 1, "file"},
   };

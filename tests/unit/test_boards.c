@@ -198,11 +198,11 @@ TEST(test_ill_posed) {
   world w;
   make_rig(&w, SV_DEVICE_STEREO, 15, 1280, 960);
   make_boards(&w, 20, 0, 0.5, 4); // always frontal
-  refused(&w, "one direction");
+  refused(&w, "single direction");
   drop(&w);
   make_boards(&w, 20, 45, 0.5, 5);
   for (int f = 0; f < 20; f++) w.seen[(f % 2) * 20 + f] = 0; // never together
-  refused(&w, "same instant");
+  refused(&w, "same time");
   for (int f = 2; f < 20; f++) w.seen[20 + f] = 0;
   w.seen[20] = w.seen[0] = 1;
   refused(&w, "at least 3");
@@ -217,7 +217,7 @@ TEST(test_spacing) {
   assert_int_equal(a->n, 0);
   cal_advise_spacing(a, 25);
   assert_int_equal(a->n, 1);
-  assert_string_equal(a->text[0], "--spacing is in metres: 25 m between corners?");
+  assert_string_equal(a->text[0], "--spacing is in meters: 25 m between corners?");
   free(a);
 }
 
@@ -242,7 +242,7 @@ TEST(test_three_boards) {
   if (sv_boards_solve(&w.b, &r, &err) == SV_OK) {
     cal_advise_boards(a, &b, &r);
     assert_true(a->n > 0);
-    assert_contains(a->text[0], "left saw the board in only 3 pictures");
+    assert_contains(a->text[0], "left saw the board in only 3 images");
     sv_boards_free(&r);
   }
   free(a);

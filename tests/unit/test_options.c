@@ -29,7 +29,7 @@ static const sv_option rows[] = {
     {"x", SV_OPT_REAL, LOOK, LOOK, AT(x), "A_LONG_ARGUMENT_OF_ITS_OWN", "another row", 0, 1, 0},
     {"many", SV_OPT_LIST, LOOK, LOOK, AT(many), "A B ...", "some of them", 0, 0, "birds"},
     {"fast", SV_OPT_FLAG, RUN, 0, AT(is_fast), 0, "no waiting", 0, 0, 0},
-    {"help", SV_OPT_FLAG, RUN | LOOK, 0, AT(is_help), 0, "this text", 0, 0, 0},
+    {"help", SV_OPT_FLAG, RUN | LOOK, 0, AT(is_help), 0, "show this help", 0, 0, 0},
     {"version", SV_OPT_FLAG, RUN | LOOK, 0, AT(is_version), 0, "the version", 0, 0, 0},
     {0, SV_OPT_OPERAND, RUN, RUN, AT(place), 0, "the place", 0, 0, 0},
 };
@@ -168,8 +168,8 @@ TEST(test_help_and_version) {
   assert_string_equal(said, "usage: prog look [options]\n\nLooks.\n\nOptions (defaults in brackets):\n"
                             "  --name NAME                what it is called\n"
                             "  --x A_LONG_ARGUMENT_OF_ITS_OWN \n"
-                            "                             another row; needed\n"
-                            "  --many A B ...             some of them; needed\n"
+                            "                             another row; required\n"
+                            "  --many A B ...             some of them; required\n"
                             "  --help                     this text\n"
                             "  --version                  the version\n"
                             "\nExample:\n  prog look\n");

@@ -9,7 +9,7 @@
 #define FEW_BOARDS     8
 #define FEW_SHARED     4
 #define LITTLE_TILT    25.0  // degrees between the board's normals
-#define LITTLE_SPREAD  0.65  // of the picture's width or height
+#define LITTLE_SPREAD  0.65  // of the image's width or height
 #define UNCERTAIN      0.005 // of the focal length
 #define UNCERTAIN_DEG  0.1
 #define LARGE_RMS_PX   1.0
@@ -25,7 +25,7 @@ void cal_advise(cal_advice *a, const char *fmt, ...) {
 }
 
 void cal_advise_spacing(cal_advice *a, double spacing_m) {
-  if (spacing_m > LARGE_SQUARE_M) cal_advise(a, "--spacing is in metres: %.6g m between corners?", spacing_m);
+  if (spacing_m > LARGE_SQUARE_M) cal_advise(a, "--spacing is in meters: %.6g m between corners?", spacing_m);
 }
 
 static const char *side(double centre, const char *low, const char *high) {
@@ -36,20 +36,21 @@ static void advise_coverage(cal_advice *a, const char *name, const sv_boards_cam
   bool is_narrow = q->spread_u < LITTLE_SPREAD, is_low = q->spread_v < LITTLE_SPREAD;
   if (is_narrow)
     cal_advise(a,
-               "%s saw the board only in the %s part of its picture (%.0f %% of the width): the lens is a "
-               "guess elsewhere; show the board at the %s edge, too",
+               "%s saw the board only in the %s part of its image (%.0f %% of the width): the lens model "
+               "is extrapolated elsewhere; show the board at the %s edge, too",
                name, side(q->centre_u, "left", "right"), 100 * q->spread_u,
                side(q->centre_u, "right", "left"));
   if (is_low)
     cal_advise(a,
-               "%s saw the board only in the %s part of its picture (%.0f %% of the height): the lens is a "
-               "guess elsewhere; show the board at the %s edge, too",
+               "%s saw the board only in the %s part of its image (%.0f %% of the height): the lens model "
+               "is extrapolated elsewhere; show the board at the %s edge, too",
                name, side(q->centre_v, "upper", "lower"), 100 * q->spread_v,
                side(q->centre_v, "lower", "upper"));
   if (!is_narrow && !is_low && q->coverage < 0.6)
-    cal_advise(
-        a, "%s has corners in only %.0f %% of its picture's 25 fields: show the board in its corners, too",
-        name, 100 * q->coverage);
+    cal_advise(a,
+               "%s has corners in only %.0f %% of the 25 cells of its image: show the board in the image "
+               "corners, too",
+               name, 100 * q->coverage);
 }
 
 static void advise_camera(cal_advice *a, const cal_boards *b, const sv_boards_result *r, int c) {
@@ -57,12 +58,12 @@ static void advise_camera(cal_advice *a, const cal_boards *b, const sv_boards_re
   const char *name = b->cameras[c].name;
   double share = q->fx_sd_px / r->models[c].p[0];
   if (q->n_boards < FEW_BOARDS)
-    cal_advise(a, "%s saw the board in only %d pictures: take at least %d, better 20", name, q->n_boards,
+    cal_advise(a, "%s saw the board in only %d images: take at least %d, better 20", name, q->n_boards,
                FEW_BOARDS);
   if (q->tilt_deg < LITTLE_TILT)
     cal_advise(a,
                "%s saw the board from nearly one direction (%.0f degrees between its normals): tilt it by 20 "
-               "to 45 degrees to all sides, or focal length and distance stay mixed up",
+               "to 45 degrees in all directions, or focal length and distance stay ambiguous",
                name, q->tilt_deg);
   advise_coverage(a, name, q);
   if (!(share < UNCERTAIN))
@@ -74,9 +75,9 @@ static void advise_camera(cal_advice *a, const cal_boards *b, const sv_boards_re
                "with other cameras help",
                name, q->rotation_sd_deg);
   if (q->rms_px > LARGE_RMS_PX)
-    cal_advise(
-        a, "%s has %.2f px RMS: is the board flat, are the pictures sharp, is the lens model rich enough?",
-        name, q->rms_px);
+    cal_advise(a,
+               "%s has %.2f px RMS: is the board flat, are the images sharp, is the lens model rich enough?",
+               name, q->rms_px);
 }
 
 static int compare(const void *a, const void *b) {
@@ -101,8 +102,7 @@ static void advise_frames(cal_advice *a, const cal_boards *b, const sv_boards_re
     for (int f = 0; f < b->n_frames; f++) {
       double rms = r->board_rms_px[c * b->n_frames + f];
       if (rms > limit && rms > 0.3)
-        cal_advise(a,
-                   "%s, frame %s: %.2f px RMS, the median is %.2f: was the board moving? Leave the frame out",
+        cal_advise(a, "%s, frame %s: %.2f px RMS, the median is %.2f: was the board moving? Remove the frame",
                    b->cameras[c].name, b->frames[f], rms, limit / FRAME_TIMES);
     }
 }
@@ -124,6 +124,6 @@ void cal_advise_boards(cal_advice *a, const cal_boards *b, const sv_boards_resul
   }
   advise_frames(a, b, r);
   if (r->n_outliers * 20 > r->n_points)
-    cal_advise(a, "%d of %d corners were left out as wrong: look at plots/ for where they lie", r->n_outliers,
+    cal_advise(a, "%d of %d corners were rejected as outliers; plots/ shows where they are", r->n_outliers,
                r->n_outliers + r->n_points);
 }

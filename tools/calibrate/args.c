@@ -13,48 +13,48 @@
 
 static const sv_option table[] = {
     {"images", SV_OPT_LIST, CAL_BOARD | CAL_CHECK, CAL_BOARD, AT(images), "CAM0 CAM1 ...",
-     "per camera a quoted pattern ('left*.jpg') or a folder; what the wildcards stand for numbers the frames",
+     "per camera a quoted pattern ('left*.jpg') or a folder; the text matched by the wildcard pairs frames "
+     "across cameras",
      0, 0, "cameras"},
     {"board", SV_OPT_TEXT, CAL_BOARD, CAL_BOARD, AT(board), "WxH", "inner corners of the chessboard: 9x6", 0,
      0, 0},
     {"isolated", SV_OPT_TEXT, CAL_LENSLETS, CAL_LENSLETS, AT(isolated), "DIR",
-     "pictures with one lens open: LENS.png, LENS/*.png (exposures by name) or EXPOSURE/LENS.png", 0, 0, 0},
+     "images with one lens open: LENS.png, LENS/*.png (exposures by name) or EXPOSURE/LENS.png", 0, 0, 0},
     {"white", SV_OPT_TEXT, CAL_LENSLETS, CAL_LENSLETS, AT(white), "DIR",
-     "the same of an even bright field: LENS.png, one for each lens", 0, 0, 0},
+     "images of an evenly lit bright field: LENS.png, one per lens", 0, 0, 0},
     {"pitch", SV_OPT_REAL, CAL_LENSLETS, 0, AT(pitch_m), "M",
-     "metres between neighbouring lenses: sets the scale (1, in unknown units)", 1e-9, 1e3, 0},
+     "meters between neighboring lenses: sets the scale (1, in unknown units)", 1e-9, 1e3, 0},
     {"focal", SV_OPT_REAL, CAL_LENSLETS, 0, AT(focal_px), "PX",
-     "mean focal length of the lenses, when it is known (estimated; a narrow array knows it badly)", 1, 1e6,
-     0},
-    {"dark", SV_OPT_REAL, CAL_LENSLETS, 0, AT(dark), "V", "level of no light, 0 to 1 (measured)", 0, 1, 0},
+     "mean focal length of the lenses, if known (estimated; a narrow array constrains it poorly)", 1, 1e6, 0},
+    {"dark", SV_OPT_REAL, CAL_LENSLETS, 0, AT(dark), "V", "black level, 0 to 1 (measured)", 0, 1, 0},
     {"linear", SV_OPT_FLAG, CAL_LENSLETS, 0, AT(is_linear), 0, "values are linear light, not sRGB-encoded", 0,
      0, 0},
     {"board", SV_OPT_TEXT, CAL_LENSLETS, 0, AT(board), "WxH",
-     "the object is a chessboard with so many inner corners, in several exposures", 0, 0, 0},
-    {"spacing", SV_OPT_REAL, CAL_LENSLETS, 0, AT(spacing_m), "M", "side of its squares in metres", 1e-6, 100,
+     "the object is a chessboard with this many inner corners, in several exposures", 0, 0, 0},
+    {"spacing", SV_OPT_REAL, CAL_LENSLETS, 0, AT(spacing_m), "M", "side of its squares in meters", 1e-6, 100,
      0},
     {"board", SV_OPT_TEXT, CAL_CHECK, 0, AT(board), "WxH", "inner corners of the chessboard: 9x6", 0, 0, 0},
-    {"spacing", SV_OPT_REAL, CAL_BOARD, CAL_BOARD, AT(spacing_m), "M", "side of a square in metres", 1e-6,
+    {"spacing", SV_OPT_REAL, CAL_BOARD, CAL_BOARD, AT(spacing_m), "M", "side of a square in meters", 1e-6,
      100, 0},
-    {"spacing", SV_OPT_REAL, CAL_CHECK, 0, AT(spacing_m), "M", "side of a square in metres", 1e-6, 100, 0},
+    {"spacing", SV_OPT_REAL, CAL_CHECK, 0, AT(spacing_m), "M", "side of a square in meters", 1e-6, 100, 0},
     {"model", SV_OPT_WORD, CAL_BOARD, 0, AT(model),
      "LENSMODEL_PINHOLE|LENSMODEL_OPENCV4|LENSMODEL_OPENCV5|LENSMODEL_OPENCV8",
      "lens model (LENSMODEL_OPENCV5)", 0, 0, 0},
-    {"flat", SV_OPT_FLAG, CAL_BOARD, 0, AT(is_flat), 0, "take the board as flat: do not estimate its bend", 0,
-     0, 0},
+    {"flat", SV_OPT_FLAG, CAL_BOARD, 0, AT(is_flat), 0,
+     "assume a flat board: do not estimate its deformation", 0, 0, 0},
     {"name", SV_OPT_TEXT, CAL_BOARD | CAL_LENSLETS, 0, AT(name), "NAME",
-     "of the rig (the name of the folder)", 0, 0, 0},
+     "name of the rig (the folder's name)", 0, 0, 0},
     {"rig", SV_OPT_TEXT, CAL_CHECK, CAL_CHECK, AT(rig), "RIG", "rig: a folder with rig.json", 0, 0, 0},
     {"threads", SV_OPT_INT, ALL & ~CAL_POSE, 0, AT(threads), "N", "threads (all CPUs)", 1, 64, 0},
     {"json", SV_OPT_FLAG, ALL, 0, AT(is_json), 0, "print one JSON object on stdout", 0, 0, 0},
-    {"quiet", SV_OPT_FLAG, ALL, 0, AT(is_quiet), 0, "no progress on stderr", 0, 0, 0},
-    {"out", SV_OPT_TEXT, CAL_BOARD | CAL_LENSLETS, CAL_BOARD | CAL_LENSLETS, AT(out), "RIG",
-     "folder to write", 0, 0, 0},
+    {"quiet", SV_OPT_FLAG, ALL, 0, AT(is_quiet), 0, "no progress messages on stderr", 0, 0, 0},
+    {"out", SV_OPT_TEXT, CAL_BOARD | CAL_LENSLETS, CAL_BOARD | CAL_LENSLETS, AT(out), "RIG", "output folder",
+     0, 0, 0},
     {"rig", SV_OPT_TEXT, CAL_POSE, CAL_POSE, AT(rig), "RIG", "folder with rig.json", 0, 0, 0},
     {"capture", SV_OPT_TEXT, CAL_POSE, CAL_POSE, AT(capture), "DIR", "capture folder", 0, 0, 0},
-    {"out", SV_OPT_TEXT, CAL_POSE, CAL_POSE, AT(out), "POSES", "folder to write", 0, 0, 0},
-    {"help", SV_OPT_FLAG, ALL, 0, AT(is_help), 0, "this text", 0, 0, 0},
-    {"version", SV_OPT_FLAG, ALL, 0, AT(is_version), 0, "the version", 0, 0, 0},
+    {"out", SV_OPT_TEXT, CAL_POSE, CAL_POSE, AT(out), "POSES", "output folder", 0, 0, 0},
+    {"help", SV_OPT_FLAG, ALL, 0, AT(is_help), 0, "show this help", 0, 0, 0},
+    {"version", SV_OPT_FLAG, ALL, 0, AT(is_version), 0, "show the version", 0, 0, 0},
 };
 
 static const sv_options options = {.program = "subview-calibrate",
@@ -88,9 +88,9 @@ int cal_args_parse(const sv_tool_command *c, int argc, char **argv, cal_options 
   int e = sv_options_parse(&options, c, argc, argv, o);
   if (o->is_help || o->is_version) return e;
   if (e == CAL_EXIT_OK && (o->board != NULL) != (o->spacing_m >= 0))
-    e = cal_usage(c->name, "--board and --spacing belong together");
+    e = cal_usage(c->name, "--board and --spacing must be given together");
   if (e == CAL_EXIT_OK && o->board && (o->pitch_m >= 0 || o->focal_px >= 0)) // only lenslets has these
-    e = cal_usage(c->name, "--board excludes --pitch and --focal: the board tells both");
+    e = cal_usage(c->name, "--board cannot be combined with --pitch or --focal: the board gives both");
   return e != CAL_EXIT_OK ? e : parse_board(c, o);
 }
 

@@ -16,7 +16,7 @@ int cal_cmd_lenslets(const cal_options *o);
 int cal_cmd_check(const cal_options *o);
 int cal_cmd_pose(const cal_options *o);
 
-// --- pictures of boards (gather.c) -----------------------------------------------------------------------
+// --- images of boards (gather.c) -----------------------------------------------------------------------
 typedef struct {
   char *path;
   int i_frame;
@@ -36,13 +36,13 @@ typedef struct {
   int (*size_px)[2];        // [n_cameras]
   double *uv_px;            // [n_cameras][n_frames][n_rows][n_cols][2]
   uint8_t *is_seen;         // [n_cameras][n_frames]
-  int n_searched, n_cached; // pictures searched for the board now, and taken from the cache
+  int n_searched, n_cached; // images searched for the board now, and taken from the cache
 } cal_boards;
 
-// Lists the pictures of --images by camera and frame. SV_E_NOT_FOUND for a pattern without pictures.
+// Lists the images of --images by camera and frame. SV_E_NOT_FOUND for a pattern without pictures.
 sv_status cal_boards_list(cal_boards *b, const cal_options *o, sv_err *err) SV_MUST_USE;
-// Finds the corners in all pictures on all threads. cache: a file that remembers them by path, size and time of
-// change, read and written anew; NULL: none. Pictures of one camera must have one size.
+// Finds the corners in all images on all threads. cache: a file that remembers them by path, size and time of
+// change, read and written anew; NULL: none. Images of one camera must have one size.
 sv_status cal_boards_find(cal_boards *b, lab_session *s, const char *cache, sv_err *err) SV_MUST_USE;
 void cal_boards_free(cal_boards *b);
 // SV_E_INTERRUPTED when a stop was requested, with a sentence. kept: what of the work stays; NULL: nothing.
@@ -55,15 +55,15 @@ typedef struct {
   char text[CAL_CAP_ADVICE][300];
 } cal_advice;
 void cal_advise(cal_advice *a, const char *fmt, ...) SV_PRINTF(2, 3);
-// Of squares that are hardly as large as said: millimetres, mostly.
+// Of squares that are hardly as large as said: millimeters, mostly.
 void cal_advise_spacing(cal_advice *a, double spacing_m);
-// Of a calibration: too few boards, parts of the picture without any, too little tilt, uncertain figures.
+// Of a calibration: too few boards, parts of the image without any, too little tilt, uncertain figures.
 void cal_advise_boards(cal_advice *a, const cal_boards *b, const sv_boards_result *r);
 
 // --- files (rig_out.c, plots.c) --------------------------------------------------------------------------
 // rig.json and one .cameramodel a sub-view into a folder that is made. coverage may be NULL.
 sv_status cal_rig_write(const char *folder, const sv_rig *rig, sv_err *err) SV_MUST_USE;
-// residuals.csv, and a picture per camera in folder/plots drawn by gnuplot (where it is installed).
+// residuals.csv, and an image per camera in folder/plots drawn by gnuplot (where it is installed).
 sv_status cal_plots_write(const char *folder, const cal_boards *b, const sv_boards_result *r, lab_session *s,
                           sv_err *err) SV_MUST_USE;
 

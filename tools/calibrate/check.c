@@ -134,7 +134,7 @@ static bool start(const job *j, int camera, int frame, sv_pose *rig_from_board) 
 }
 
 // Distance of the camera's corners from the epipolar lines of the first camera's, in pixels of an undistorted view:
-// of the true ray to the plane through both centres and the first camera's ray.
+// of the true ray to the plane through both centers and the first camera's ray.
 static double epipolar2(const job *j, int camera, int frame, int *n) {
   const cal_boards *b = j->b;
   size_t corners = (size_t)(b->n_cols * b->n_rows);
@@ -191,9 +191,8 @@ sv_status cal_check_boards(cal_check *c, const sv_rig *rig, const cal_boards *b,
       if (c->has_pose[f]) sum += left, n_all += n, c->n_frames++;
     }
   if (!c->n_frames)
-    return sv_fail(err, SV_E_NOT_FOUND,
-                   "no board of %dx%d inner corners fits the rig's lenses in any picture", b->n_cols,
-                   b->n_rows);
+    return sv_fail(err, SV_E_NOT_FOUND, "no board of %dx%d inner corners fits the rig's lenses in any image",
+                   b->n_cols, b->n_rows);
   c->rms_px = sqrt(sum / n_all);
   for (int i = 0; i < b->n_cameras; i++) measure_camera(c, &j, i);
   return SV_OK;

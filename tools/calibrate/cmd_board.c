@@ -27,7 +27,7 @@ static sv_boards problem_of(const cal_boards *b, const cal_options *o) {
                      .is_seen = b->is_seen};
 }
 
-// Shell-expanded patterns would make each picture a camera.
+// Shell-expanded patterns would make each image a camera.
 static int check_words(const cal_options *o) {
   int n_plain = 0;
   for (int i = 0; i < o->images.n; i++) {
@@ -36,7 +36,7 @@ static int check_words(const cal_options *o) {
   }
   if (n_plain && o->images.n > 1)
     return cal_usage("board",
-                     "'%.80s' is a single picture: --images takes one quoted pattern or folder per camera",
+                     "'%.80s' is a single image: --images takes one quoted pattern or folder per camera",
                      o->images.of[0]);
   return CAL_EXIT_OK;
 }
@@ -82,7 +82,7 @@ static void report_camera(lab_report *j, const cal_boards *b, const sv_boards_re
   lab_report_num(j, "fx_sd_px", q->fx_sd_px);
   lab_report_num(j, "rotation_sd_deg", q->rotation_sd_deg);
   lab_report_num(j, "translation_sd_m", q->translation_sd_m);
-  lab_report_num(j, "distance_m", sv_norm3(centre)); // of the camera's centre from the rig's origin
+  lab_report_num(j, "distance_m", sv_norm3(centre)); // of the camera's center from the rig's origin
   lab_report_num(j, "coverage", q->coverage);
   lab_report_num(j, "tilt_deg", q->tilt_deg);
   lab_report_num(j, "worst_uncertainty_px", worst_uncertainty(q));
@@ -133,7 +133,7 @@ static void say_camera(lab_session *se, const cal_boards *b, const sv_boards_res
   if (c)
     sv_fmt(place, sizeof place, "; %.4f m and %.3f degrees from %s", sv_norm3(centre),
            sv_norm3(w) * 57.29577951, b->cameras[0].name);
-  lab_say(se, "  %s: %d boards in %d pictures, %.3f px RMS, focal length %.2f (+- %.2f) px%s",
+  lab_say(se, "  %s: %d boards in %d images, %.3f px RMS, focal length %.2f (+- %.2f) px%s",
           b->cameras[c].name, q->n_boards, b->cameras[c].n_pictures, q->rms_px, p[0], q->fx_sd_px, place);
 }
 
@@ -145,7 +145,7 @@ static sv_status finish(const cal_options *o, lab_session *se, const cal_boards 
   if (!a) return sv_fail(err, SV_E_NOMEM, "%s: no memory for the report", o->out);
   cal_advise_spacing(a, o->spacing_m);
   cal_advise_boards(a, b, r);
-  lab_say(se, "%.3f px RMS over %d corners (%d left out), %s, board bent by %.2f and %.2f mm", r->rms_px,
+  lab_say(se, "%.3f px RMS over %d corners (%d rejected), %s, board deformation %.2f and %.2f mm", r->rms_px,
           r->n_points, r->n_outliers, model, 1e3 * r->warp_m[0], 1e3 * r->warp_m[1]);
   for (int c = 0; c < b->n_cameras; c++) say_camera(se, b, r, c);
   for (int i = 0; i < a->n; i++) se->console.log(se->console.self, SV_LOG_WARN, a->text[i]);
@@ -176,8 +176,8 @@ static sv_status calibrate(const cal_options *o, lab_session *se, cal_boards *b,
   if (s == SV_OK) s = sv_path_join(cache, sizeof cache, o->out, "corners.txt", err);
   if (s == SV_OK) s = cal_boards_find(b, se, cache, err);
   if (s != SV_OK) return s;
-  lab_say(se, "%d frames of %d cameras: %d pictures searched for the board, %d known from before",
-          b->n_frames, b->n_cameras, b->n_searched, b->n_cached);
+  lab_say(se, "%d frames of %d cameras: %d images searched for the board, %d from the cache", b->n_frames,
+          b->n_cameras, b->n_searched, b->n_cached);
   sv_boards problem = problem_of(b, o);
   s = sv_boards_solve(&problem, &r, err);
   if (s != SV_OK) return s;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A rig against new pictures of a chessboard: do its lenses and poses still hold?
+// A rig against new images of a chessboard: do its lenses and poses still hold?
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,7 +12,7 @@
 #include "tools/calibrate/check.h"
 
 #define RIG_BYTES     ((size_t)64 << 20)
-#define SCENE_SIZES   20.0 // the assumed distance of a scene, in widths of the rig, without pictures
+#define SCENE_SIZES   20.0 // the assumed distance of a scene, in widths of the rig, without images
 #define KNOCKED_TIMES 3.0  // poses fit so much worse together than each camera alone
 #define KNOCKED_PX    0.5
 #define LENS_RMS_PX   1.0
@@ -28,7 +28,7 @@ static sv_status read_rig(sv_rig *rig, const char *folder, void *block, sv_err *
   return sv_rig_read(rig, &files, "rig.json", -1, &scratch, err);
 }
 
-// The centre of gravity of the boards, or a point before the rig.
+// The center of gravity of the boards, or a point before the rig.
 static void scene_centre(const sv_rig *rig, const cal_check *c, double out[3]) {
   double n = 0, sum[3] = {0};
   for (int f = 0; c && f < c->boards->n_frames; f++) {
@@ -109,8 +109,8 @@ static void advise(cal_advice *a, const cal_check *c) {
     if (c->n_cameras > 1 && q->rms_rig_px > KNOCKED_PX && q->rms_rig_px > KNOCKED_TIMES * q->rms_alone_px)
       cal_advise(
           a,
-          "%s stands differently to the other cameras than the rig says (%.2f px RMS in the rig, %.2f px "
-          "alone): was the rig knocked, or are pictures of one number not of one instant? Calibrate again",
+          "%s has moved relative to the other cameras (%.2f px RMS in the rig, %.2f px alone): the rig was "
+          "knocked, or images with the same number were not taken at the same time. Calibrate again",
           name, q->rms_rig_px, q->rms_alone_px);
   }
 }
@@ -118,16 +118,17 @@ static void advise(cal_advice *a, const cal_check *c) {
 static sv_status check_images(const cal_options *o, lab_session *se, const sv_rig *rig, cal_boards *b,
                               cal_check *c, sv_err *err) {
   if (o->images.n != rig->n_sub_views)
-    return sv_fail(err, SV_E_ARG,
-                   "%s has %d sub-views, --images names %d cameras: one each, in the rig's order", o->rig,
-                   rig->n_sub_views, o->images.n);
+    return sv_fail(
+        err, SV_E_ARG,
+        "%s has %d sub-views, --images names %d cameras: expected one per sub-view, in the rig's order",
+        o->rig, rig->n_sub_views, o->images.n);
   sv_status s = sv_corners_available(o->n_cols, o->n_rows, err);
   if (s == SV_OK) s = cal_boards_list(b, o, err);
   if (s == SV_OK) s = cal_boards_find(b, se, NULL, err);
   for (int i = 0; i < b->n_cameras && s == SV_OK; i++) {
     const sv_camera_model *m = &rig->sub_views[i].model;
     if (b->size_px[i][0] != m->width_px || b->size_px[i][1] != m->height_px)
-      s = sv_fail(err, SV_E_FORMAT, "%s: pictures of %dx%d pixels, but the rig's %s is for %dx%d",
+      s = sv_fail(err, SV_E_FORMAT, "%s: images of %dx%d pixels, but the rig's %s is for %dx%d",
                   o->images.of[i], b->size_px[i][0], b->size_px[i][1], rig->sub_views[i].name, m->width_px,
                   m->height_px);
   }
@@ -136,11 +137,11 @@ static sv_status check_images(const cal_options *o, lab_session *se, const sv_ri
 
 static void say(lab_session *se, const sv_rig *rig, const cal_check *c, double angle_deg) {
   lab_say(se, "rig \"%s\": %d sub-views, angular baseline %.2f degrees at %s", rig->name, rig->n_sub_views,
-          angle_deg, c ? "the boards' centre" : "20 widths of the rig before it");
+          angle_deg, c ? "the boards' center" : "20 rig widths in front of it");
   for (int i = 0; i < rig->n_sub_views; i++) {
     const sv_camera_model *m = &rig->sub_views[i].model;
     if (c)
-      lab_say(se, "  %s: %d boards, %.3f px RMS alone, %.3f px in the rig, %.3f px off epipolar lines",
+      lab_say(se, "  %s: %d boards, %.3f px RMS alone, %.3f px in the rig, %.3f px from epipolar lines",
               rig->sub_views[i].name, c->cameras[i].n_boards, c->cameras[i].rms_alone_px,
               c->cameras[i].rms_rig_px, c->cameras[i].epipolar_px);
     else
@@ -163,7 +164,7 @@ static sv_status check(const cal_options *o, lab_session *se, cal_boards *b, voi
     double angle_deg = sv_rig_angular_baseline_rad(&rig, centre) * 180 / SV_PI;
     if (has_images) cal_advise_spacing(a, o->spacing_m), advise(a, &c);
     if (rig.n_sub_views > 1 && angle_deg < 0.2)
-      cal_advise(a, "the angular baseline is %.2f degrees: the paper's gain begins at about 0.2; go nearer",
+      cal_advise(a, "the angular baseline is %.2f degrees: the paper's gain begins at about 0.2; move closer",
                  angle_deg);
     say(se, &rig, found, angle_deg);
     for (int i = 0; i < a->n; i++) se->console.log(se->console.self, SV_LOG_WARN, a->text[i]);

@@ -73,9 +73,8 @@ static sv_status check_features(job *j, sv_err *err) {
     if (n[i] < FEW_OBSERVATIONS)
       return sv_fail(
           err, SV_E_FORMAT,
-          "lens %s shares %d features with two other lenses, at least %d are needed: take an object with "
-          "more fine texture that fills the picture, sharp and well lit, or add exposures of other "
-          "objects",
+          "lens %s shares %d features with two other lenses, at least %d are needed: use an object with more "
+          "fine texture that fills the image, sharp and well lit, or add exposures of other objects",
           j->lenses.lenses[i].name, n[i], FEW_OBSERVATIONS);
   return SV_OK;
 }
@@ -123,7 +122,8 @@ static sv_array_observation *thinned(const sv_lens_array *b, int *n_observations
 static sv_status solve_from(job *j, double focal_per_width, int n_rounds, sv_err *err) {
   sv_lens_array *b = &j->bundle;
   set_lenses(j, focal_per_width);
-  if (!sv_structure_start(b)) return sv_fail(err, SV_E_FORMAT, "the lenses' pictures cannot be joined");
+  if (!sv_structure_start(b))
+    return sv_fail(err, SV_E_FORMAT, "the images of the lenses cannot be linked by shared features");
   b->is_lens_fixed = true;
   sv_status s = sv_array_solve(b, 2, &j->stats, err);
   b->is_lens_fixed = false;
@@ -153,18 +153,17 @@ static sv_status solve_texture(job *j, sv_err *err) {
   free(few);
   b->observations = all.observations, b->n_observations = all.n_observations, b->n_points = all.n_points;
   if (best_guess > 0 && solve_from(j, best_guess, 5, err) == SV_OK) return SV_OK;
-  return sv_fail(
-      err, SV_E_FORMAT,
-      "%s: the features of the lenses' pictures do not fit one rigid object: did something move between "
-      "the pictures, or is the object flat and seen from the front only?",
-      j->o->isolated);
+  return sv_fail(err, SV_E_FORMAT,
+                 "%s: the features do not fit one rigid object: did something move between the images, or is "
+                 "the object flat and seen only from the front?",
+                 j->o->isolated);
 }
 
 static sv_status calibrate_texture(job *j, sv_err *err) {
   sv_status s = SV_OK;
   if (!sv_structure_available())
     return sv_fail(err, SV_E_UNSUPPORTED,
-                   "this build cannot match pictures: it was made without OpenCV "
+                   "this build cannot match images: it was built without OpenCV "
                    "(libopencv-dev)");
   for (int e = 0; e < j->lenses.n_exposures && s == SV_OK; e++)
     if ((s = cal_stopped(j->session, NULL, err)) == SV_OK) s = gather_exposure(j, e, err);
@@ -179,7 +178,7 @@ static sv_status calibrate_texture(job *j, sv_err *err) {
   return SV_OK;
 }
 
-// Neighbouring lenses are `pitch` apart in the mean.
+// Neighboring lenses are `pitch` apart in the mean.
 static void set_scale(job *j) {
   sv_lens_array *b = &j->bundle;
   double sum = 0;
@@ -198,13 +197,12 @@ static void set_scale(job *j) {
   for (int i = 0; i < b->n_views; i++)
     for (int k = 0; k < 3; k++) b->cam_from_rig[i].t[k] *= scale;
   if (!(j->o->pitch_m > 0))
-    cal_advise(&j->advice,
-               "the rig's size is not known: one unit is the distance of neighbouring lenses; give it "
-               "with --pitch, or calibrate with a chessboard");
+    cal_advise(&j->advice, "the scale is unknown: one unit is the distance between neighboring lenses; set "
+                           "it with --pitch or calibrate with a chessboard");
 }
 
 // --- a chessboard ----------------------------------------------------------------------------------------
-static double mean_distance(const sv_pose *poses, int n) { // of the views' centres from the first
+static double mean_distance(const sv_pose *poses, int n) { // of the views' centers from the first
   double sum = 0, c[3];
   for (int i = 1; i < n; i++) {
     sv_pose_centre(c, &poses[i]);
@@ -256,7 +254,7 @@ static void take_corners(job *j, const sv_boards *b, const sv_boards_result *r) 
 }
 
 // The board gives the lenses' mean focal length and the size. What each lens has of its own follows from the corners
-// as free points with the array's spread as a prior: a small picture alone mixes up direction and principal point.
+// as free points with the array's spread as a prior: a small image alone mixes up direction and principal point.
 static sv_status refine_board(job *j, const sv_boards *b, const sv_boards_result *r, sv_err *err) {
   sv_lens_array *a = &j->bundle;
   size_t n_points = (size_t)b->n_frames * (size_t)r->n_corners;
@@ -398,7 +396,7 @@ static sv_status finish(job *j, sv_err *err) {
           "degrees",
           j->rms_px, j->n_used, j->o->board ? "corners" : "features", j->lenses.n_exposures, j->focal_sd_px,
           j->rotation_sd_deg);
-  lab_say(se, "%d lenses, up to %.2f of them in one pixel", j->lenses.n_lenses,
+  lab_say(se, "%d lenses, at most %.2f overlap in one pixel", j->lenses.n_lenses,
           (double)j->lenses.max_overlap);
   for (int i = 0; i < j->advice.n; i++) se->console.log(se->console.self, SV_LOG_WARN, j->advice.text[i]);
   sv_status s = write_rig(j, err);
@@ -411,7 +409,7 @@ static sv_status finish(job *j, sv_err *err) {
     report(&r, j);
     s = lab_report_print(&r, err);
   }
-  if (s == SV_OK) lab_say(se, "written: %s (rig.json, calibration.json, coverage pictures)", j->o->out);
+  if (s == SV_OK) lab_say(se, "wrote %s (rig.json, calibration.json, coverage images)", j->o->out);
   return s;
 }
 

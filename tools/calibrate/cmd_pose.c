@@ -63,7 +63,7 @@ static sv_status open_capture(const cal_options *o, sv_err *err) {
   if (!p.caps) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its cameras", o->capture);
   for (int i = 0; i < p.source.n_cameras; i++) {
     if ((s = p.source.caps(p.source.self, i, &p.caps[i])) < 0)
-      return sv_fail(err, s, "%s: camera %d does not tell what it can do", o->capture, i);
+      return sv_fail(err, s, "%s: camera %d does not report its capabilities", o->capture, i);
     int n = p.replay.capture.cameras[i].n_frames;
     p.n = i == 0 || n < p.n ? n : p.n;
   }
@@ -79,7 +79,7 @@ static sv_status open_rig(const cal_options *o, sv_err *err) {
   return sv_odometry_can(&p.rig, p.n)
              ? SV_OK
              : sv_fail(err, SV_E_UNSUPPORTED,
-                       "%s: the lens images of a multiplexed rig overlap, they cannot be tracked", o->rig);
+                       "%s: the lens images of a multiplexed rig overlap and cannot be tracked", o->rig);
 }
 
 static sv_status open_tracker(sv_err *err) {
@@ -91,7 +91,7 @@ static sv_status open_tracker(sv_err *err) {
   sv_exposures_cfg ec = {
       .rig = &p.rig, .cap_exposures = 1, .caps = p.caps, .n_cameras = p.source.n_cameras, .n_threads = 1};
   sv_status s = sv_capture_queue_init(&p.queue, &ic, &p.source, &p.clock, &p.arena);
-  if (s < 0) return sv_fail(err, s, "no synchronisation for %d cameras", p.source.n_cameras);
+  if (s < 0) return sv_fail(err, s, "no synchronization for %d cameras", p.source.n_cameras);
   if ((s = sv_exposures_init(&p.pool, &ec, &p.arena, err)) < 0) return s;
   sv_kernels_init(&p.k, ~0u);
   p.threads = sv_pool_serial();
@@ -213,22 +213,22 @@ static void tell(const cal_options *o, const sv_track_summary *m) {
     return;
   }
   if (m->is_still)
-    printf("the rig stands still (background moves by %.2f px): %d exposures, %d points, reprojection RMS "
+    printf("stationary rig (background moves by %.2f px): %d exposures, %d points, reprojection RMS "
            "%.2f px\n",
            m->still_px, m->n_exposures, m->n_points, m->rms_px);
   else {
     char scale[32] = "unknown";
     if (m->scale_sigma >= 0) sv_fmt(scale, sizeof scale, "+- %.2f %%", 100 * m->scale_sigma);
-    printf("%d of %d exposures placed on a way of %.3f m, %d points, reprojection RMS %.2f px, scale %s\n",
+    printf("located %d of %d exposures over a %.3f m path, %d points, reprojection RMS %.2f px, scale %s\n",
            m->n_placed, m->n_exposures, m->path_m, m->n_points, m->rms_px, scale);
   }
   if (!m->is_still && (m->scale_sigma < 0 || m->scale_sigma > 0.02))
-    printf("warning: the rig's baseline is too small for this scene to tell its size well\n");
+    printf("warning: the rig's baseline is too small to determine the scale of this scene well\n");
   if (m->n_placed < m->n_exposures)
-    printf("warning: %d exposures could not be placed and are left out: %s\n", m->n_exposures - m->n_placed,
-           m->is_still ? "they show too little of what the first one does"
-                       : "move slower, or record more exposures on the same way (at most about 12 degrees "
-                         "apart)");
+    printf("warning: %d exposures could not be located and are skipped: %s\n", m->n_exposures - m->n_placed,
+           m->is_still ? "they overlap too little with the first one"
+                       : "move more slowly, or record more exposures along the same path (at most about 12 "
+                         "degrees apart)");
   printf("saved: %s/poses.json %s/points.ply\n", o->out, o->out);
 }
 
@@ -247,11 +247,9 @@ static int run(const cal_options *o) {
   if (stopped(&err) < 0) return fail(&err);
   if (!m.is_still && m.n_placed < 2) {
     s = sv_fail(&err, SV_E_NOT_FOUND,
-                "%s: %d of %d exposures could be placed from %d points: expected a textured scene, cameras "
-                "that see the "
-                "same things, and exposures at most about 12 degrees apart: record more of them on the same "
-                "way, or move "
-                "slower",
+                "%s: located only %d of %d exposures, from %d points: expected a textured scene, overlapping "
+                "cameras, and exposures at most about 12 degrees apart; record more exposures along the same "
+                "path, or move more slowly",
                 o->capture, m.n_placed, n, m.n_points);
     return fail(&err);
   }

@@ -51,8 +51,8 @@ static sv_status expand(const char *pattern, glob_t *g, sv_err *err) {
   sv_status s = is_folder ? sv_path_join(all, sizeof all, pattern, "*", err) : SV_OK;
   if (s != SV_OK) return s;
   int code = glob(is_folder ? all : pattern, 0, NULL, g);
-  if (code == GLOB_NOMATCH) return sv_fail(err, SV_E_NOT_FOUND, "%s: no picture has such a name", pattern);
-  return code == 0 ? SV_OK : sv_fail(err, SV_E_IO, "%s: cannot be searched for pictures", pattern);
+  if (code == GLOB_NOMATCH) return sv_fail(err, SV_E_NOT_FOUND, "%s: no image matches", pattern);
+  return code == 0 ? SV_OK : sv_fail(err, SV_E_IO, "%s: cannot search for images", pattern);
 }
 
 typedef struct {
@@ -95,7 +95,7 @@ static sv_status add_camera(entries *e, cal_boards *b, int camera, const char *p
   }
   globfree(&g);
   if (s == SV_OK && !b->cameras[camera].n_pictures)
-    s = sv_fail(err, SV_E_NOT_FOUND, "%s: no .png or .jpg among what it stands for", pattern);
+    s = sv_fail(err, SV_E_NOT_FOUND, "%s: no .png or .jpg file matches", pattern);
   return s;
 }
 
@@ -105,7 +105,7 @@ static sv_status sort_frames(entries *e, cal_boards *b, sv_err *err) {
   for (int c = 0; c < b->n_cameras; c++) {
     cal_camera *q = &b->cameras[c];
     q->pictures = calloc((size_t)q->n_pictures + 1, sizeof *q->pictures);
-    if (!q->pictures || !b->frames) return sv_fail(err, SV_E_NOMEM, "no memory for the list of pictures");
+    if (!q->pictures || !b->frames) return sv_fail(err, SV_E_NOMEM, "no memory for the list of images");
     q->n_pictures = 0;
     b->names[c] = q->name;
   }
@@ -113,7 +113,7 @@ static sv_status sort_frames(entries *e, cal_boards *b, sv_err *err) {
     entry *x = &e->all[i];
     if (!i || strcmp(x->key, b->frames[b->n_frames - 1]) != 0) {
       b->frames[b->n_frames] = strdup(x->key);
-      if (!b->frames[b->n_frames++]) return sv_fail(err, SV_E_NOMEM, "no memory for the list of pictures");
+      if (!b->frames[b->n_frames++]) return sv_fail(err, SV_E_NOMEM, "no memory for the list of images");
     }
     cal_camera *q = &b->cameras[x->camera];
     q->pictures[q->n_pictures++] = (cal_picture){x->path, b->n_frames - 1};

@@ -17,7 +17,7 @@
 static sv_status read_light(const char *path, bool is_linear, sv_bitmap *out, sv_err *err) {
   sv_status s = sv_bitmap_read(path, out, err);
   if (s == SV_OK && out->n_channels == 2)
-    s = sv_fail(err, SV_E_FORMAT, "%s: grey with alpha is no sensor's picture", path);
+    s = sv_fail(err, SV_E_FORMAT, "%s: gray with alpha is not a sensor image", path);
   size_t n = (size_t)out->width_px * (size_t)out->height_px;
   uint16_t *v = s == SV_OK ? malloc(n * sizeof *v) : NULL;
   if (s == SV_OK && !v) s = sv_fail(err, SV_E_NOMEM, "%s: no memory for it", path);
@@ -47,7 +47,7 @@ static bool is_picture(const char *name) {
          strcmp(e, ".jpeg") == 0;
 }
 
-// --- white pictures --------------------------------------------------------------------------------------
+// --- white images --------------------------------------------------------------------------------------
 // Well lit, and RIM_PX away from what is not: the lens's edge is no feature of the object.
 static void fill_mask(cal_lens *l) {
   int w = l->footprint.width_px, h = l->footprint.height_px;
@@ -68,8 +68,8 @@ static sv_status measure(cal_lenses *l, cal_lens *lens, const cal_options *o, co
   if (s != SV_OK) return s;
   if (!l->width_px) l->width_px = white.width_px, l->height_px = white.height_px;
   if (white.width_px != l->width_px || white.height_px != l->height_px)
-    s = sv_fail(err, SV_E_FORMAT, "%s: %dx%d pixels, the other white pictures have %dx%d", path,
-                white.width_px, white.height_px, l->width_px, l->height_px);
+    s = sv_fail(err, SV_E_FORMAT, "%s: %dx%d pixels, the other white images have %dx%d", path, white.width_px,
+                white.height_px, l->width_px, l->height_px);
   size_t n_scratch = sv_footprint_bytes(white.width_px, white.height_px) + 4 * SV_ARENA_ALIGN;
   size_t n_out = (size_t)white.width_px * (size_t)white.height_px + 4 * SV_ARENA_ALIGN;
   void *work = malloc(n_scratch);
@@ -100,7 +100,7 @@ static sv_status add_lens(cal_lenses *l, const cal_options *o, const char *file,
   cal_lens *lens = &l->lenses[l->n_lenses++];
   size_t n = strlen(file) - strlen(sv_path_extension(file));
   if (n >= sizeof lens->name)
-    return sv_fail(err, SV_E_RANGE, "%s: a lens's name of at most %zu letters was expected", path,
+    return sv_fail(err, SV_E_RANGE, "%s: expected a lens name of at most %zu characters", path,
                    sizeof lens->name - 1);
   sv_fmt(lens->name, sizeof lens->name, "%.*s", (int)n, file);
   return measure(l, lens, o, path, err);
@@ -118,7 +118,7 @@ static sv_status read_white(cal_lenses *l, const cal_options *o, sv_err *err) {
   if (s != SV_OK) return s;
   if (l->n_lenses < 3)
     return sv_fail(err, SV_E_NOT_FOUND,
-                   "%s: %d white pictures, one for each of at least 3 lenses was expected", o->white,
+                   "%s: found %d white images, expected one for each of at least 3 lenses", o->white,
                    l->n_lenses);
   float *sum = malloc((size_t)l->width_px * (size_t)l->height_px * sizeof *sum);
   sv_footprint *f = malloc((size_t)l->n_lenses * sizeof *f);
@@ -129,7 +129,7 @@ static sv_status read_white(cal_lenses *l, const cal_options *o, sv_err *err) {
   return s;
 }
 
-// --- isolated pictures -----------------------------------------------------------------------------------
+// --- isolated images -----------------------------------------------------------------------------------
 static int compare(const void *a, const void *b) {
   float x = *(const float *)a, y = *(const float *)b;
   return (x > y) - (x < y);
@@ -162,8 +162,7 @@ static sv_status cut_out(cal_lens *l, int exposure, const sv_bitmap *b, const ch
   }
   free(v);
   return is_dark ? sv_fail(err, SV_E_FORMAT,
-                           "%s: nothing is to be seen where lens %s lights the sensor; is another lens open?",
-                           path, l->name)
+                           "%s: dark where lens %s lights the sensor; is another lens open?", path, l->name)
                  : SV_OK;
 }
 
@@ -174,7 +173,7 @@ static sv_status take(cal_lenses *l, int lens, int exposure, const char *path, c
   if (s == SV_OK) s = read_light(path, o->is_linear, &b, err);
   if (s != SV_OK) return s;
   if (b.width_px != l->width_px || b.height_px != l->height_px)
-    s = sv_fail(err, SV_E_FORMAT, "%s: %dx%d pixels, the white pictures have %dx%d", path, b.width_px,
+    s = sv_fail(err, SV_E_FORMAT, "%s: %dx%d pixels, the white images have %dx%d", path, b.width_px,
                 b.height_px, l->width_px, l->height_px);
   if (s == SV_OK) s = cut_out(&l->lenses[lens], exposure, &b, path, err);
   sv_bitmap_free(&b);
@@ -199,7 +198,7 @@ static sv_status more_exposures(cal_lenses *l, int n, sv_err *err) {
   return SV_OK;
 }
 
-// A folder of pictures: of one lens in many exposures, or of one exposure through many lenses.
+// A folder of images: of one lens in many exposures, or of one exposure through many lenses.
 static sv_status read_inner(cal_lenses *l, const cal_options *o, const char *folder, int lens, int exposure,
                             sv_err *err) {
   sv_names names;
@@ -211,7 +210,7 @@ static sv_status read_inner(cal_lenses *l, const cal_options *o, const char *fol
     int i = lens >= 0 ? lens : lens_of(l, names.names[k]), e = lens >= 0 ? n++ : exposure;
     s = sv_path_join(path, sizeof path, folder, names.names[k], err);
     if (s == SV_OK && i < 0)
-      s = sv_fail(err, SV_E_NOT_FOUND, "%s: %s has no white picture of that name", path, o->white);
+      s = sv_fail(err, SV_E_NOT_FOUND, "%s: %s has no white image of that name", path, o->white);
     if (s == SV_OK) s = more_exposures(l, e + 1, err);
     if (s == SV_OK) s = take(l, i, e, path, o, err);
   }
@@ -232,7 +231,7 @@ static sv_status read_isolated(cal_lenses *l, const cal_options *o, sv_err *err)
       s = read_inner(l, o, path, i, i < 0 ? n_folders : 0, err);
       n_folders += i < 0;
     } else if (is_picture(path)) {
-      if (i < 0) s = sv_fail(err, SV_E_NOT_FOUND, "%s: %s has no white picture of that name", path, o->white);
+      if (i < 0) s = sv_fail(err, SV_E_NOT_FOUND, "%s: %s has no white image of that name", path, o->white);
       if (s == SV_OK) s = more_exposures(l, 1, err);
       if (s == SV_OK) s = take(l, i, 0, path, o, err);
     }
@@ -243,8 +242,7 @@ static sv_status read_isolated(cal_lenses *l, const cal_options *o, sv_err *err)
     for (int e = 0; e < l->n_exposures; e++) is_there = is_there || l->lenses[i].grey[e];
     if (!is_there)
       s = sv_fail(err, SV_E_NOT_FOUND,
-                  "%s: no picture with lens %s alone (%s.png, or in a folder %s or beside others "
-                  "in a folder an exposure)",
+                  "%s: no image with lens %s alone (%s.png, in a folder %s, or in a folder per exposure)",
                   o->isolated, l->lenses[i].name, l->lenses[i].name, l->lenses[i].name);
   }
   return s;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pictures of a multiplexed sensor's calibration: one white picture a lens, and pictures of a textured object
+// The images of a multiplexed sensor's calibration: one white image a lens, and images of a textured object
 // with all lenses masked but one.
 #ifndef SV_TOOLS_CALIBRATE_LENSES_H
 #define SV_TOOLS_CALIBRATE_LENSES_H
@@ -8,7 +8,7 @@
 #include "tools/calibrate/calibrate.h"
 
 typedef struct {
-  char name[32]; // of the white picture, without extension
+  char name[32]; // of the white image, without extension
   sv_footprint footprint;
   sv_footprint_stats stats;
   void *block;   // holds footprint.coverage
@@ -24,7 +24,7 @@ typedef struct {
   const lab_session *session; // tells of a request to stop
 } cal_lenses;
 
-// Reads WHITE/<lens>.png, measures the footprints, and reads the isolated pictures: ISOLATED/<lens>.png,
+// Reads WHITE/<lens>.png, measures the footprints, and reads the isolated images: ISOLATED/<lens>.png,
 // ISOLATED/<lens>/*.png (exposures in order of names) or ISOLATED/<exposure>/<lens>.png. Values are taken as
 // sRGB-encoded light unless o->is_linear. Sentences name the picture.
 sv_status cal_lenses_read(cal_lenses *l, const cal_options *o, const lab_session *session,

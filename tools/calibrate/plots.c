@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One picture per camera with four panels: where corners were seen, residuals as magnified vectors, residuals
+// One image per camera with four panels: where corners were seen, residuals as magnified vectors, residuals
 // about zero, and the projection's uncertainty over the picture.
 #include <math.h>
 #include <stdlib.h>
@@ -97,17 +97,17 @@ static sv_status write_script(const char *folder, const char *file, const cal_bo
   put_uncertainty(&w, r, c);
   put(&w,
       "set terminal svg size 1100,850 background 'white'\nset output '%s.svg'\n"
-      "set multiplot layout 2,2 title '%s: %.3f px RMS, %d boards, %d corners left out' "
+      "set multiplot layout 2,2 title '%s: %.3f px RMS, %d boards, %d corners rejected' "
       "noenhanced\n"
       "set size ratio %g\nset xrange [0:%d]\nset yrange [%d:0]\nset key off\n",
       name, name, q->rms_px, q->n_boards, q->n_outliers, (double)m->height_px / m->width_px, m->width_px,
       m->height_px);
-  put(&w, "set title 'corners (red: left out)'\nplot $in using 1:2 with points pointtype 7 pointsize 0.25 "
+  put(&w, "set title 'corners (red: rejected)'\nplot $in using 1:2 with points pointtype 7 pointsize 0.25 "
           "linecolor rgb "
           "'#1f5fa8', "
           "$out using 1:2 with points pointtype 2 linecolor rgb '#d02020'\n");
   put(&w,
-      "set title 'residuals, %.0f times enlarged'\nplot $in using 1:2:($3*%g):($4*%g) with vectors nohead "
+      "set title 'residuals, enlarged %.0f times'\nplot $in using 1:2:($3*%g):($4*%g) with vectors nohead "
       "linecolor rgb '#1f5fa8', $out using 1:2:($3*%g):($4*%g) with vectors nohead linecolor rgb '#d02020'\n",
       zoom, zoom, zoom, zoom, zoom);
   put(&w, "set title 'uncertainty of the projection at infinity [px, 1 sigma]'\nset palette defined "
@@ -131,9 +131,8 @@ sv_status cal_plots_write(const char *folder, const cal_boards *b, const sv_boar
     s = write_script(plots, file, b, r, c, err);
     if (s == SV_OK && code != 127) {
       code = sv_gnuplot(plots, file, c == 0);
-      if (code == 127) lab_say(se, "gnuplot is not installed: no plots, only their scripts in %s", plots);
-      else if (code)
-        lab_say(se, "gnuplot could not draw %s/%s; its messages are in gnuplot.log there", plots, file);
+      if (code == 127) lab_say(se, "gnuplot not found: wrote only the plot scripts in %s", plots);
+      else if (code) lab_say(se, "gnuplot failed on %s/%s; see gnuplot.log there", plots, file);
     }
   }
   return s;

@@ -24,7 +24,7 @@ static sv_status write_all(const char *folder, const sv_rig *rig, char *text, sv
     char name[80];
     sv_str t = sv_str_make(text, MODEL_BYTES);
     s = sv_cameramodel_write(&t, &v->model, &v->cam_from_rig);
-    if (s != SV_OK) s = sv_fail(err, s, "%s: the lens of %s is too large to be written", folder, v->name);
+    if (s != SV_OK) s = sv_fail(err, s, "%s: the lens model of %s is too large to write", folder, v->name);
     sv_fmt(name, sizeof name, "%s.cameramodel", v->name);
     if (s == SV_OK) s = save(folder, name, &t, err);
     if (s == SV_OK && v->footprint.coverage) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The search for corners, spread over the threads, and its memory: corners.txt.
 //   corners 1 COLUMNS ROWS
-//   picture FOUND WIDTH HEIGHT BYTES CHANGED_NS PATH      then, when found, a line "u v" per corner
+//   image FOUND WIDTH HEIGHT BYTES CHANGED_NS PATH      then, when found, a line "u v" per corner
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -54,7 +54,7 @@ static void search_one(void *arg, int i_task, int i_thread) {
   if (s == SV_OK) s = sv_bitmap_to_8(&image, &j->err);
   if (s == SV_OK && image.n_channels != 1) {
     if (image.n_channels == 2)
-      s = sv_fail(&j->err, SV_E_FORMAT, "%s: grey with alpha is no camera's picture", j->path);
+      s = sv_fail(&j->err, SV_E_FORMAT, "%s: gray with alpha is not a camera image", j->path);
     else s = sv_bitmap_to_channels(&image, 1, &j->err);
   }
   if (s == SV_OK) {
@@ -89,7 +89,7 @@ static void read_cache(search *se, const char *path) {
       rows == se->n_rows) {
     for (int i = 0; i < se->n; i++) sorted[i] = &se->jobs[i];
     qsort(sorted, (size_t)se->n, sizeof *sorted, by_path);
-    while (fscanf(f, "picture %d %d %d %" SCNd64 " %" SCNd64 " %1023[^\n]\n", &found, &w, &h, &at.bytes,
+    while (fscanf(f, "image %d %d %d %" SCNd64 " %" SCNd64 " %1023[^\n]\n", &found, &w, &h, &at.bytes,
                   &at.changed_ns, name) == 6) {
       if (found && !read_corners(f, uv, cols * rows)) break;
       job probe = {.path = name}, *key = &probe, **hit;
@@ -122,7 +122,7 @@ static sv_status write_cache(const search *se, const char *path, sv_err *err) {
   for (int i = 0; i < se->n && s == SV_OK; i++) {
     const job *j = &se->jobs[i];
     if (j->err.status != SV_OK) continue; // was not looked at
-    s = append(&f, err, "picture %d %d %d %lld %lld %s\n", j->is_found, j->width_px, j->height_px,
+    s = append(&f, err, "image %d %d %d %lld %lld %s\n", j->is_found, j->width_px, j->height_px,
                (long long)j->at.bytes, (long long)j->at.changed_ns, j->path);
     for (int k = 0; k < se->n_cols * se->n_rows && j->is_found && s == SV_OK; k++)
       s = append(&f, err, "%.17g %.17g\n", j->uv[2 * k], j->uv[2 * k + 1]);
@@ -138,20 +138,21 @@ static sv_status settle(cal_boards *b, const search *se, sv_err *err) {
     const job *j = &se->jobs[i];
     cal_camera *q = &b->cameras[j->camera];
     if (j->err.status != SV_OK) return sv_fail(err, j->err.status, "%s", j->err.text);
-    if (!j->is_found) { // another picture that the pattern catches, of whatever size
+    if (!j->is_found) { // another image that the pattern catches, of whatever size
       b->n_cached += j->is_known, b->n_searched += !j->is_known;
       continue;
     }
     if (!q->size_px[0]) q->size_px[0] = j->width_px, q->size_px[1] = j->height_px;
     if (q->size_px[0] != j->width_px || q->size_px[1] != j->height_px)
-      return sv_fail(err, SV_E_FORMAT, "%s: %dx%d pixels, but %s had %dx%d before: one camera has one size",
-                     j->path, j->width_px, j->height_px, q->name, q->size_px[0], q->size_px[1]);
+      return sv_fail(err, SV_E_FORMAT,
+                     "%s: %dx%d pixels, but %s has %dx%d: all images of a camera must have one size", j->path,
+                     j->width_px, j->height_px, q->name, q->size_px[0], q->size_px[1]);
     b->is_seen[(size_t)j->camera * (size_t)b->n_frames + (size_t)j->frame] = j->is_found;
     b->n_cached += j->is_known, b->n_searched += !j->is_known;
   }
   for (int c = 0; c < b->n_cameras; c++) {
     if (!b->cameras[c].size_px[0])
-      return sv_fail(err, SV_E_NOT_FOUND, "%s: no board of %dx%d inner corners in its %d pictures",
+      return sv_fail(err, SV_E_NOT_FOUND, "%s: no board of %dx%d inner corners in its %d images",
                      b->cameras[c].name, b->n_cols, b->n_rows, b->cameras[c].n_pictures);
     for (int k = 0; k < 2; k++) b->size_px[c][k] = b->cameras[c].size_px[k];
   }
@@ -161,7 +162,7 @@ static sv_status settle(cal_boards *b, const search *se, sv_err *err) {
 sv_status cal_stopped(const lab_session *session, const char *kept, sv_err *err) {
   if (!lab_is_stopped(session)) return SV_OK;
   return sv_fail(err, SV_E_INTERRUPTED, "stopped by request: no result was written%s%s",
-                 kept ? "; corners that were found are in " : "", kept ? kept : "");
+                 kept ? "; found corners are cached in " : "", kept ? kept : "");
 }
 
 sv_status cal_boards_find(cal_boards *b, lab_session *session, const char *cache, sv_err *err) {
@@ -171,7 +172,7 @@ sv_status cal_boards_find(cal_boards *b, lab_session *session, const char *cache
   if (s != SV_OK) return s;
   for (int c = 0; c < b->n_cameras; c++) se.n += b->cameras[c].n_pictures;
   se.jobs = calloc((size_t)se.n, sizeof *se.jobs);
-  if (!se.jobs) return sv_fail(err, SV_E_NOMEM, "no memory for %d pictures", se.n);
+  if (!se.jobs) return sv_fail(err, SV_E_NOMEM, "no memory for %d images", se.n);
   job *j = se.jobs;
   for (int c = 0; c < b->n_cameras; c++)
     for (int i = 0; i < b->cameras[c].n_pictures; i++, j++) {

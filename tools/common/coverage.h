@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Coverage pictures of footprints, 8-bit grey, beside rig.json (host; heap).
+// Coverage images of footprints, 8-bit gray, beside rig.json (host; heap).
 #ifndef SV_TOOLS_COMMON_COVERAGE_H
 #define SV_TOOLS_COMMON_COVERAGE_H
 
@@ -9,7 +9,7 @@
 extern "C" {
 #endif
 
-// Loads the pictures that are named into malloc'ed blocks at footprint.coverage; others become NULL (all of
+// Loads the images that are named into malloc'ed blocks at footprint.coverage; others become NULL (all of
 // each pixel). Nothing is loaded after a failure: E_NOT_FOUND, E_FORMAT (another size than the footprint's).
 sv_status sv_coverage_load(const char *folder, sv_rig *rig, const sv_coverage_names *names,
                            sv_err *err) SV_MUST_USE;

@@ -37,7 +37,7 @@ sv_status sv_file_open(const char *path, int *fd, size_t *bytes, sv_err *err) {
   if (*fd < 0) return io_error(err, path, "cannot open");
   if (fstat(*fd, &st) != 0 || !S_ISREG(st.st_mode)) {
     close(*fd);
-    return sv_fail(err, SV_E_FORMAT, "%s: not a plain file", path);
+    return sv_fail(err, SV_E_FORMAT, "%s: not a regular file", path);
   }
   *bytes = (size_t)st.st_size;
   return SV_OK;
@@ -68,7 +68,7 @@ sv_status sv_folder_read(void *folder, const char *name, void *buf, size_t cap, 
   sv_status s = sv_path_join(path, sizeof path, folder, name, err);
   if (s == SV_OK) s = sv_file_open(path, &fd, &size, err);
   if (s != SV_OK) return s;
-  s = size > cap ? sv_fail(err, SV_E_NOMEM, "%s: has %zu bytes, there is room for %zu", path, size, cap)
+  s = size > cap ? sv_fail(err, SV_E_NOMEM, "%s: %zu bytes exceed the limit of %zu", path, size, cap)
                  : read_all(fd, path, buf, size, bytes, err);
   close(fd);
   return s;
@@ -173,9 +173,9 @@ sv_status sv_path_make_folder(const char *path, sv_err *err) {
     if (path[i] != '/' && path[i]) continue;
     memcpy(part, path, i);
     part[i] = 0;
-    if (mkdir(part, 0755) != 0 && errno != EEXIST) return io_error(err, part, "cannot make the folder");
+    if (mkdir(part, 0755) != 0 && errno != EEXIST) return io_error(err, part, "cannot create the folder");
   }
-  return sv_path_is_folder(path) ? SV_OK : sv_fail(err, SV_E_IO, "%s: is there, but is not a folder", path);
+  return sv_path_is_folder(path) ? SV_OK : sv_fail(err, SV_E_IO, "%s: exists but is not a folder", path);
 }
 
 static int by_name(const void *a, const void *b) { return strcmp(*(char *const *)a, *(char *const *)b); }

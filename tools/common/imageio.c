@@ -132,7 +132,7 @@ static sv_status encode_png(stream *o, const sv_bitmap *b, sv_err *err) {
     png_destroy_write_struct(&png, NULL);
     return sv_fail(err, SV_E_NOMEM, "%s: no memory for the PNG encoder", o->name);
   }
-  if (setjmp(png_jmpbuf(png))) s = sv_fail(err, SV_E_IO, "%s: cannot make the PNG: %s", o->name, o->text);
+  if (setjmp(png_jmpbuf(png))) s = sv_fail(err, SV_E_IO, "%s: cannot encode the PNG: %s", o->name, o->text);
   else {
     png_set_write_fn(png, o, png_give, png_flush_nothing);
     png_set_compression_level(png, 6);
@@ -172,7 +172,7 @@ static void jpeg_failed(j_common_ptr cinfo) {
   longjmp(f->jump, 1);
 }
 
-// Warnings are about damaged data (a cut file ends in grey): that is a failure here. Bytes too many
+// Warnings are about damaged data (a cut file ends in gray): that is a failure here. Bytes too many
 // between markers are harmless, and webcams write them.
 static void jpeg_message(j_common_ptr cinfo, int level) {
   if (level < 0 && cinfo->err->msg_code != JWRN_EXTRANEOUS_DATA) jpeg_failed(cinfo);
@@ -227,7 +227,7 @@ static sv_status encode_jpeg(const char *path, const sv_bitmap *b, int quality, 
   volatile sv_status s = SV_OK;
   memset(&c, 0, sizeof c);
   c.err = jpeg_errors(&failure);
-  if (setjmp(failure.jump)) s = sv_fail(err, SV_E_IO, "%s: cannot make the JPEG: %s", path, failure.text);
+  if (setjmp(failure.jump)) s = sv_fail(err, SV_E_IO, "%s: cannot encode the JPEG: %s", path, failure.text);
   else {
     jpeg_create_compress(&c);
     jpeg_mem_dest(&c, mem, bytes);
@@ -306,7 +306,7 @@ static void set(sv_bitmap *b, size_t i, uint32_t v) {
 sv_status sv_bitmap_to_channels(sv_bitmap *b, int n_channels, sv_err *err) {
   if (b->n_channels == n_channels) return SV_OK;
   if (n_channels != 1 && n_channels != 3 && n_channels != 4)
-    return sv_fail(err, SV_E_ARG, "%d channels were asked for; 1, 3 or 4 are known", n_channels);
+    return sv_fail(err, SV_E_ARG, "%d channels requested; expected 1, 3 or 4", n_channels);
   sv_bitmap o = {b->width_px, b->height_px, n_channels, b->bits, NULL, NULL};
   sv_status s = allocate("bitmap", &o, err);
   if (s != SV_OK) return s;

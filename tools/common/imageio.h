@@ -12,7 +12,7 @@
 extern "C" {
 #endif
 
-// Interleaved rows without padding. 1 channel grey, 2 grey+alpha, 3 RGB, 4 RGBA (straight alpha).
+// Interleaved rows without padding. 1 channel gray, 2 gray+alpha, 3 RGB, 4 RGBA (straight alpha).
 typedef struct {
   int width_px, height_px, n_channels;
   int bits;      // 8 or 16 a sample
@@ -20,12 +20,12 @@ typedef struct {
   uint16_t *u16; // the same when bits is 16
 } sv_bitmap;
 
-// Limits of the decoders: pictures beyond are refused before memory is taken.
+// Limits of the decoders: images beyond are refused before memory is taken.
 #define SV_BITMAP_CAP_SIDE_PX 32767
 #define SV_BITMAP_CAP_SAMPLES (1u << 29) // pixels times channels
 
 // PNG (all kinds: palettes and 1, 2, 4 bits become 8-bit channels, transparency becomes alpha) or JPEG
-// (grey or RGB), told apart by content. Free with sv_bitmap_free. On failure out is empty.
+// (gray or RGB), told apart by content. Free with sv_bitmap_free. On failure out is empty.
 sv_status sv_bitmap_decode(const char *name, const void *data, size_t bytes, sv_bitmap *out,
                            sv_err *err) SV_MUST_USE;
 sv_status sv_bitmap_read(const char *path, sv_bitmap *out, sv_err *err) SV_MUST_USE;

@@ -103,7 +103,7 @@ static sv_status no_training_file(const lab_source *src, sv_err *err) {
 
 static sv_status training_name(const lab_source *src, char out[SV_TRANSFORMS_CAP_PATH], sv_err *err) {
   if (!sv_path_is_folder(src->folder))
-    return sv_fail(err, SV_E_NOT_FOUND, "%s: there is no such folder; a dataset was expected", src->folder);
+    return sv_fail(err, SV_E_NOT_FOUND, "%s: no such folder; expected a dataset", src->folder);
   const char *name = src->transforms && *src->transforms ? src->transforms : NULL;
   if (!name || (is_told(src) && !exists_in(src->folder, name)))
     name = exists_in(src->folder, "transforms_train.json") ? "transforms_train.json"
@@ -178,8 +178,8 @@ static sv_status keep_camera(const file *f, const lab_source *src, bool *is_in, 
     while (k < i && !(is_in[k] && sv_str_eq(f->frames[k].camera, f->frames[i].camera))) k++;
     if (is_in[i] && k == i && *f->frames[i].camera) list_name(&l, f->frames[i].camera);
   }
-  return sv_fail(err, SV_E_NOT_FOUND, "%s: no view of the split %s is of the camera %.40s; %s%s", f->path,
-                 src->split, src->camera, *l.text ? "there are " : "its views name no cameras", l.text);
+  return sv_fail(err, SV_E_NOT_FOUND, "%s: split %s has no view of camera %.40s; %s%s", f->path, src->split,
+                 src->camera, *l.text ? "there are " : "its views do not name cameras", l.text);
 }
 
 // Marks the frames of a split; f is the file that `name` names.
@@ -199,7 +199,7 @@ static sv_status choose_frames(const file *f, const lab_source *src, const char 
     n += is_in[i];
   }
   if (n == 0)
-    return sv_fail(err, SV_E_NOT_FOUND, "%s: no view of its %d is left for the split %s", f->path,
+    return sv_fail(err, SV_E_NOT_FOUND, "%s: none of its %d views belongs to split %s", f->path,
                    f->t.n_frames, src->split);
   sv_status s = src->camera ? keep_camera(f, src, is_in, err) : SV_OK;
   return s == SV_OK && is_train && src->n_exposures > 0 ? keep_exposures(f, src->n_exposures, is_in, err) : s;
@@ -219,10 +219,10 @@ static sv_status find_picture(lab_frame *f, const char *folder, sv_err *err) {
     }
   f->path[n] = 0;
   if (sv_path_exists(f->path)) return SV_OK;
-  return sv_fail(err, SV_E_NOT_FOUND, "%s: the picture is missing (named by the transforms file)", f->path);
+  return sv_fail(err, SV_E_NOT_FOUND, "%s: image not found (listed in the transforms file)", f->path);
 }
 
-// Finds the picture, reads its size and completes the camera.
+// Finds the image, reads its size and completes the camera.
 static sv_status find_frame(lab_frame *f, const char *folder, int scale, sv_err *err) {
   lab_peek peek;
   sv_status s = f->i_measurement < 0 ? find_picture(f, folder, err) : SV_OK;
@@ -238,8 +238,8 @@ static sv_status find_frame(lab_frame *f, const char *folder, int scale, sv_err 
   f->is_distorted = f->f.model.kind != SV_MODEL_PINHOLE;
   int w = peek.width_px / scale, h = peek.height_px / scale;
   if (w < LAB_MIN_SIDE_PX || h < LAB_MIN_SIDE_PX || w > 16384 || h > 16384)
-    return sv_fail(err, SV_E_RANGE, "%s: a picture of %dx%d pixels%s; sides of %d to 16384 were expected",
-                   f->path, w, h, scale > 1 ? " after --scale" : "", LAB_MIN_SIDE_PX);
+    return sv_fail(err, SV_E_RANGE, "%s: image is %dx%d pixels%s; expected sides from %d to 16384", f->path,
+                   w, h, scale > 1 ? " after --scale" : "", LAB_MIN_SIDE_PX);
   return SV_OK;
 }
 
@@ -401,7 +401,7 @@ static sv_status open_near(file *f, bool **is_in, const lab_source *src, char na
   sv_status s = open_marked(f, is_in, &part, name, err); // so marked in the training file
   if (s != SV_E_NOT_FOUND) return s;
   part.split = "train";
-  part.camera = NULL; // the centre is that of all that was trained on
+  part.camera = NULL; // the center is that of all that was trained on
   s = open_marked(f, is_in, &part, name, err);
   if (s != SV_OK) return s;
   lab_mean_centre(f->frames, f->t.n_frames, *is_in, centre);
@@ -434,7 +434,7 @@ sv_status lab_views_open(lab_views *v, const lab_source *src, const sv_pool *poo
   return s;
 }
 
-// The name of a frame's picture, or its path in one word.
+// The name of a frame's image, or its path in one word.
 static void name_frame(const lab_frame *f, bool is_path, char *out, size_t cap) {
   const char *path = f->f.file_path;
   sv_fmt(out, cap, "%s", is_path ? path : sv_path_name(path));

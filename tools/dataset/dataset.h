@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Datasets: transforms JSON and pictures -> views of one split, as the renderer wants them. Splits:
+// Datasets: transforms JSON and images -> views of one split, as the renderer wants them. Splits:
 //   train      the training file without what is held out
 //   test       transforms_test.json if it is there, else what the training file marks so; without such a mark all that
 //              it holds out, held-out times (test_time) only when there is nothing else
@@ -21,18 +21,18 @@
 #include "tools/common/imageio.h"
 
 #define LAB_N_NEAR      6     // as many as the paper scores one exposure on
-#define LAB_DEPTH_UNIT  0.001 // of depth files whose unit is not said: nerfstudio's default, millimetres
-#define LAB_MIN_SIDE_PX 8     // smaller pictures teach nothing, and a 1-pixel picture is a mistake
+#define LAB_DEPTH_UNIT  0.001 // of depth files whose unit is not said: nerfstudio's default, millimeters
+#define LAB_MIN_SIDE_PX 8     // smaller images teach nothing, and a 1-pixel image is a mistake
 
 typedef struct {
   sv_transforms_frame f; // camera complete; its size is that of the file
   char path[SV_CAP_PATH], depth_path[SV_CAP_PATH];
   int n_channels;          // 3, or 4 with alpha
-  bool is_distorted;       // the picture is undistorted when it is loaded
+  bool is_distorted;       // the image is undistorted when it is loaded
   int i_lens;              // frames of one lens share it
-  sv_camera_model pinhole; // full size; of the undistorted picture
+  sv_camera_model pinhole; // full size; of the undistorted image
   sv_view view;            // 1/scale of it
-  int i_measurement;       // the measurement that the frame is a lens of, -1: it has a picture of its own
+  int i_measurement;       // the measurement that the frame is a lens of, -1: it has an image of its own
 } lab_frame;
 
 // What one sensor with overlapping lens images measured in one exposure (measurement.h).
@@ -52,9 +52,8 @@ typedef struct {
   const char *camera; // only frames of this camera; NULL: all
   int n_exposures;    // trained on, for the splits train and test_near; below 1: all. Frames with exposure
       // numbers: those of the lowest; else each frame is one, and the most dispersed are taken
-  bool
-      is_multiplexed; // where the file has measurements, lenses are known by them, else by their own pictures
-  bool is_white;      // of two measurements, the one over white
+  bool is_multiplexed; // where the file has measurements, lenses are known by them, else by their own images
+  bool is_white;       // of two measurements, the one over white
   int scale;
 } lab_source;
 
@@ -71,10 +70,10 @@ typedef struct {
   char points[SV_CAP_PATH];                // its points, empty when it names none
 } lab_views;
 
-// Selects the frames, finds the files and reads their sizes; no picture is decoded. Free with lab_views_free.
+// Selects the frames, finds the files and reads their sizes; no image is decoded. Free with lab_views_free.
 sv_status lab_views_open(lab_views *v, const lab_source *src, const sv_pool *pool, sv_err *err) SV_MUST_USE;
 void lab_views_free(lab_views *v);
-// A name for view i, without extension: that of its picture; with the camera's folder when two pictures share one.
+// A name for view i, without extension: that of its image; with the camera's folder when two images share one.
 void lab_view_name(const lab_views *v, int i, char *out, size_t cap);
 // What a model is scored on: the paper's protocol is test_near for one exposure, which cannot see all of a
 // scene, and test for more.
@@ -86,32 +85,32 @@ static inline size_t lab_frame_bytes(const lab_frame *f) {
 }
 
 // --- exposures (exposures.c) ---------------------------------------------------------------------
-// Each frame with is_in is an exposure: leaves n_wanted of them, by max-min dispersion about the scene's centre.
+// Each frame with is_in is an exposure: leaves n_wanted of them, by max-min dispersion about the scene's center.
 sv_status lab_disperse_frames(const sv_transforms_frame *frames, int n_frames, int n_wanted, bool *is_in,
                               sv_err *err) SV_MUST_USE;
 void lab_mean_centre(const sv_transforms_frame *frames, int n_frames, const bool *is_in, double centre[3]);
-// Leaves the n_wanted frames whose cameras are nearest to centre.
+// Leaves the n_wanted frames whose cameras are nearest to center.
 void lab_keep_nearest(const sv_transforms_frame *frames, int n_frames, const double centre[3], int n_wanted,
                       bool *is_in);
 
-// --- pictures (picture.c) ------------------------------------------------------------------------
+// --- images (picture.c) ------------------------------------------------------------------------
 typedef struct {
   int width_px, height_px, n_channels; // channels as loaded: 3 or 4
 } lab_peek;
 // Size and channels from the file's header.
 sv_status lab_picture_peek(const char *path, lab_peek *out, sv_err *err) SV_MUST_USE;
 
-// What one loading thread keeps between pictures: the table of the last lens.
+// What one loading thread keeps between images: the table of the last lens.
 typedef struct {
   sv_remap map;
   sv_camera_model lens;
 } lab_loader;
 void lab_loader_free(lab_loader *l);
 
-// Decodes, undistorts and reduces one picture into dst[lab_frame_bytes].
+// Decodes, undistorts and reduces one image into dst[lab_frame_bytes].
 sv_status lab_picture_load(lab_loader *l, const lab_frame *f, int scale, uint8_t *dst,
                            sv_err *err) SV_MUST_USE;
-// All pictures of a split on all threads; dst[i] as above.
+// All images of a split on all threads; dst[i] as above.
 sv_status lab_pictures_load(const lab_views *v, uint8_t *const *dst, const sv_pool *pool,
                             sv_err *err) SV_MUST_USE;
 // True depth along the optical axis in scene units, 0 where there is none; dst[height][width] of f->view.
@@ -130,8 +129,8 @@ sv_status lab_undistort_map(lab_loader *l, const lab_frame *f, sv_err *err) SV_M
 // --- scene (scene.c) -----------------------------------------------------------------------------
 typedef struct {
   float centre[3], radius; // the sphere that random starts fill
-  float distance;          // median distance of the cameras to the centre
-  float up[3];             // mean of the pictures' up
+  float distance;          // median distance of the cameras to the center
+  float up[3];             // mean of the images' up
 } lab_scene;
 lab_scene lab_scene_of(const lab_views *v);
 

@@ -12,7 +12,7 @@ static int count(const bool *is_in, int n) {
   return k;
 }
 
-// Up for elevations: the mean up of pictures from all sides is a few degrees off, and datasets have their up
+// Up for elevations: the mean up of images from all sides is a few degrees off, and datasets have their up
 // along an axis; within 32 degrees of one, that axis is taken.
 static void up_of(double up[3], const lab_scene *scene) {
   for (int k = 0; k < 3; k++) up[k] = (double)scene->up[k];
@@ -44,7 +44,7 @@ static sv_status choose(const sv_transforms_frame *frames, const int *from, int 
     s = sv_disperse(&d, n_wanted, chosen, scratch);
   }
   free(v.frames), free(at), free(scratch);
-  return s == SV_OK ? SV_OK : sv_fail(err, s, "%d of %d views could not be chosen", n_wanted, n);
+  return s == SV_OK ? SV_OK : sv_fail(err, s, "could not choose %d of %d views", n_wanted, n);
 }
 
 sv_status lab_disperse_frames(const sv_transforms_frame *frames, int n_frames, int n_wanted, bool *is_in,

@@ -18,8 +18,7 @@ static sv_status find_one(lab_measurement *m, const sv_transforms *t, const char
   m->max_overlap = c.max_overlap;
   s = sv_path_join(m->path, sizeof m->path, folder, c.file_path, err);
   if (s == SV_OK && !sv_path_exists(m->path))
-    s = sv_fail(err, SV_E_NOT_FOUND, "%s: the measurement is missing (named by the transforms file)",
-                m->path);
+    s = sv_fail(err, SV_E_NOT_FOUND, "%s: measurement not found (listed in the transforms file)", m->path);
   if (s == SV_OK) s = lab_picture_peek(m->path, &peek, err);
   if (s != SV_OK) return s;
   m->width_px = peek.width_px, m->height_px = peek.height_px;
@@ -53,7 +52,7 @@ sv_status lab_measurements_find(lab_views *v, const sv_transforms *t, const char
     if (f->i_measurement >= 0) v->measurements[f->i_measurement].n_lenses++;
   }
   if (v->n_measurements && v->scale > 1)
-    return sv_fail(err, SV_E_UNSUPPORTED, "%s: lens images that overlap cannot be reduced; leave --scale out",
+    return sv_fail(err, SV_E_UNSUPPORTED, "%s: overlapping lens images cannot be downscaled; omit --scale",
                    v->measurements[0].path);
   return SV_OK;
 }

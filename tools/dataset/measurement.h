@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Multiplexed measurements of a dataset: one picture of a whole sensor per exposure, and the frames of the
-// transforms file that are its lenses. Their own pictures, if there are any, are not looked at.
+// Multiplexed measurements of a dataset: one image of a whole sensor per exposure, and the frames of the
+// transforms file that are its lenses. Their own images, if there are any, are not looked at.
 #ifndef SV_TOOLS_DATASET_MEASUREMENT_H
 #define SV_TOOLS_DATASET_MEASUREMENT_H
 

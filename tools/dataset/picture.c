@@ -12,7 +12,7 @@ static unsigned long be32(const uint8_t *p) { return (unsigned long)be16(p) << 1
 
 static bool read_at(int fd, off_t at, void *buf, size_t n) { return pread(fd, buf, n, at) == (ssize_t)n; }
 
-// Transparency is in the colour type, or in a tRNS chunk before the first IDAT.
+// Transparency is in the color type, or in a tRNS chunk before the first IDAT.
 static bool peek_png(int fd, lab_peek *out) {
   uint8_t h[26], c[8];
   if (!read_at(fd, 8, h, 18) || memcmp(h + 4, "IHDR", 4) != 0) return false;
@@ -61,7 +61,7 @@ sv_status lab_picture_peek(const char *path, lab_peek *out, sv_err *err) {
   if (is_good && memcmp(head, png, 8) == 0) is_good = peek_png(fd, out);
   else is_good = is_good && head[0] == 0xff && head[1] == 0xd8 && peek_jpeg(fd, out);
   close(fd);
-  return is_good ? SV_OK : sv_fail(err, SV_E_FORMAT, "%s: not a readable PNG or JPEG picture", path);
+  return is_good ? SV_OK : sv_fail(err, SV_E_FORMAT, "%s: not a readable PNG or JPEG image", path);
 }
 
 // --- decoding ------------------------------------------------------------------------------------
@@ -84,8 +84,8 @@ void lab_reduce(const uint8_t *src, int w, int h, int n_channels, int k, uint8_t
     }
 }
 
-// Straight alpha <-> colour times alpha: an interpolated pixel must not take colour from a transparent
-// neighbour.
+// Straight alpha <-> color times alpha: an interpolated pixel must not take color from a transparent
+// neighbor.
 static void multiply_alpha(uint8_t *p, size_t n) {
   for (; n--; p += 4)
     for (int c = 0; c < 3; c++) p[c] = (uint8_t)((p[c] * p[3] + 127) / 255);
@@ -103,7 +103,7 @@ static sv_status undistort(lab_loader *l, const lab_frame *f, sv_bitmap *b, sv_e
   if (s != SV_OK) return s;
   size_t n = (size_t)b->width_px * (size_t)b->height_px;
   uint8_t *to = malloc(n * (size_t)b->n_channels);
-  if (!to) return sv_fail(err, SV_E_NOMEM, "%s: no memory for the undistorted picture", f->path);
+  if (!to) return sv_fail(err, SV_E_NOMEM, "%s: no memory for the undistorted image", f->path);
   if (b->n_channels == 4) multiply_alpha(b->u8, n);
   sv_remap_job job = {.src = b->u8,
                       .src_stride_bytes = (size_t)b->width_px * (size_t)b->n_channels,
@@ -123,7 +123,7 @@ sv_status lab_picture_load(lab_loader *l, const lab_frame *f, int scale, uint8_t
   sv_status s = sv_bitmap_read(f->path, &b, err);
   if (s != SV_OK) return s;
   if (b.width_px != f->f.model.width_px || b.height_px != f->f.model.height_px)
-    s = sv_fail(err, SV_E_FORMAT, "%s: the picture changed while it was read", f->path);
+    s = sv_fail(err, SV_E_FORMAT, "%s: the image changed while it was read", f->path);
   if (s == SV_OK) s = sv_bitmap_to_8(&b, err);
   if (s == SV_OK) s = sv_bitmap_to_channels(&b, f->n_channels, err);
   if (s == SV_OK && f->is_distorted) s = undistort(l, f, &b, err);
@@ -145,7 +145,7 @@ typedef struct {
 static void load_task(void *arg, int i_task, int i_thread) {
   load_job *j = arg;
   int i = j->v->by_lens[i_task];
-  if (j->v->frames[i].i_measurement >= 0) return; // has no picture of its own
+  if (j->v->frames[i].i_measurement >= 0) return; // has no image of its own
   j->errs[i].status =
       lab_picture_load(&j->loaders[i_thread], &j->v->frames[i], j->v->scale, j->dst[i], &j->errs[i]);
 }
@@ -154,7 +154,7 @@ sv_status lab_pictures_load(const lab_views *v, uint8_t *const *dst, const sv_po
   load_job j = {v, dst, calloc((size_t)pool->n_threads, sizeof(lab_loader)),
                 calloc((size_t)v->n, sizeof(sv_err))};
   sv_status s = SV_OK;
-  if (!j.loaders || !j.errs) s = sv_fail(err, SV_E_NOMEM, "no memory for loading %d pictures", v->n);
+  if (!j.loaders || !j.errs) s = sv_fail(err, SV_E_NOMEM, "no memory for loading %d images", v->n);
   else sv_pool_run(pool, load_task, &j, v->n);
   for (int i = 0; i < v->n && s == SV_OK; i++)
     if ((s = j.errs[i].status) != SV_OK && err) *err = j.errs[i];
@@ -197,7 +197,7 @@ sv_status lab_depth_load(lab_loader *l, const lab_frame *f, int scale, float *ds
   sv_status s = sv_bitmap_read(f->depth_path, &b, err);
   if (s != SV_OK) return s;
   if (b.width_px != f->f.model.width_px || b.height_px != f->f.model.height_px || b.n_channels != 1)
-    s = sv_fail(err, SV_E_FORMAT, "%s: a depth picture of %dx%d with %d channels, expected %dx%d with one",
+    s = sv_fail(err, SV_E_FORMAT, "%s: depth image is %dx%d with %d channels; expected %dx%d with one",
                 f->depth_path, b.width_px, b.height_px, b.n_channels, f->f.model.width_px,
                 f->f.model.height_px);
   if (s == SV_OK && f->is_distorted) s = lab_undistort_map(l, f, err);

@@ -93,7 +93,7 @@ lab_scene lab_scene_of(const lab_views *v) {
   for (int k = 0; k < 3; k++) s.centre[k] = (float)x[k];
   for (int k = 0; k < 3; k++) s.up[k] = n > 1e-9 ? (float)(up[k] / n) : (k == 2);
   s.distance = d;
-  // At the usual field of view (40 degrees) 0.34 of the distance just fills the picture, and pictures of objects
+  // At the usual field of view (40 degrees) 0.34 of the distance just fills the image, and images of objects
   // have a margin: the tighter the sphere around the object, the less room one view leaves for its depth. Outward
   // cameras see several times further than they are apart.
   s.radius = is_inward ? 0.3f * d : 3.0f * d;
@@ -106,8 +106,8 @@ static sv_status read_points(const char *path, sv_ply *ply, sv_point *p, sv_err 
     if (s != SV_OK) return s;
     for (int k = 0; k < 3; k++)
       if (!(fabsf(p[i].mean[k]) < 1e9f))
-        return sv_fail(err, SV_E_RANGE, "%s: point %u is at %g; places below 1e9 were expected", path, i,
-                       (double)p[i].mean[k]);
+        return sv_fail(err, SV_E_RANGE, "%s: point %u has a coordinate of %g; expected magnitudes below 1e9",
+                       path, i, (double)p[i].mean[k]);
   }
   return SV_OK;
 }
@@ -140,7 +140,7 @@ sv_status lab_points_read(const char *path, sv_point **points, int *n, float cen
   *points = NULL;
   s = sv_ply_open(&ply, path, data, bytes, err);
   if (s == SV_OK && (ply.n < 1 || ply.n > 50000000))
-    s = sv_fail(err, SV_E_RANGE, "%s: has %u points; 1 to 50000000 were expected", path, ply.n);
+    s = sv_fail(err, SV_E_RANGE, "%s: %u points; expected 1 to 50000000", path, ply.n);
   if (s == SV_OK && !(*points = malloc(ply.n * sizeof **points)))
     s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its %u points", path, ply.n);
   if (s == SV_OK) s = read_points(path, &ply, *points, err);

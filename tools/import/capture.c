@@ -86,8 +86,8 @@ static sv_status load(source *src, const char *dir, sv_err *err) {
   sv_status s = sv_capture_load(&src->capture, dir, &src->arena, err);
   if (s != SV_OK) return s;
   if (!*src->capture.rig)
-    return sv_fail(err, SV_E_NOT_FOUND,
-                   "%s/capture.json: names no rig, so nobody knows where its cameras are", dir);
+    return sv_fail(err, SV_E_NOT_FOUND, "%s/capture.json: names no rig, so its camera poses are unknown",
+                   dir);
   s = sv_path_join(rig_dir, sizeof rig_dir, dir, src->capture.rig, err);
   if (s == SV_OK && sv_rig_init(&src->rig, SV_CAP_SUB_VIEWS, &src->arena) != SV_OK)
     s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its rig", dir);
@@ -95,8 +95,8 @@ static sv_status load(source *src, const char *dir, sv_err *err) {
   sv_file_reader files = {rig_dir, sv_folder_read};
   if (s == SV_OK) s = sv_rig_read(&src->rig, &files, "rig.json", src->capture.n_cameras, &scratch, err);
   if (s == SV_OK && src->rig.forward == SV_FORWARD_MULTIPLEXED)
-    s = sv_fail(err, SV_E_UNSUPPORTED,
-                "%s: sub-views of a multiplexed sensor overlap; they cannot be cut out", rig_dir);
+    s = sv_fail(err, SV_E_UNSUPPORTED, "%s: sub-views of a multiplexed sensor overlap and cannot be cropped",
+                rig_dir);
   return s;
 }
 

@@ -79,7 +79,7 @@ static sv_status import(const lab_options *o, lab_session *se, sv_err *err) {
   if (sv_str_eq(o->from, "sim")) {
     sv_status s = lab_import_sim(o->input, se, o->out, err);
     if (s == SV_OK)
-      lab_say(se, "%s: simulated pictures of %s, with held-out views and depth", o->out,
+      lab_say(se, "%s: simulated images of %s, with held-out views and depth", o->out,
               strstr(o->input, ",rig=") ? "one rig" : "several devices");
     return s;
   }
@@ -89,8 +89,7 @@ static sv_status import(const lab_options *o, lab_session *se, sv_err *err) {
     if (s == SV_OK) lab_say(se, "%s: a rig of %d cameras; 'subview run --rig' reads it", o->out, n);
     return s;
   }
-  if (!sv_path_is_folder(o->input))
-    return sv_fail(err, SV_E_NOT_FOUND, "%s: there is no such folder", o->input);
+  if (!sv_path_is_folder(o->input)) return sv_fail(err, SV_E_NOT_FOUND, "%s: no such folder", o->input);
   if (sv_str_eq(o->from, "4cam-board") || sv_str_eq(o->from, "qca")) {
     sv_import_job job = {o->input, o->out, se->console};
     sv_status s = sv_str_eq(o->from, "qca") ? sv_import_qca(&job, err) : sv_import_4cam_board(&job, err);
@@ -105,15 +104,15 @@ static sv_status import(const lab_options *o, lab_session *se, sv_err *err) {
                 : sv_str_eq(o->from, "lenslet") ? lab_import_lenslet(&im, o, se, err)
                 : sv_str_eq(o->from, "capture") ? lab_import_capture(&im, o->input, err)
                                                 : lab_import_transforms(&im, o->input, err);
-  if (s == SV_OK && im.n == 0) s = sv_fail(err, SV_E_NOT_FOUND, "%s: there are no views in it", o->input);
+  if (s == SV_OK && im.n == 0) s = sv_fail(err, SV_E_NOT_FOUND, "%s: contains no views", o->input);
   double unit_m = o->unit_m > 0 ? o->unit_m : 1;
   if (s == SV_OK && o->rig) s = lab_import_propagate(&im, o->rig, o->stream, unit_m, err);
   if (s == SV_OK && o->rig)
-    lab_say(se, "one unit of %s's poses is taken as %.6g m; --unit says otherwise", o->stream, unit_m);
+    lab_say(se, "assuming that one unit of %s's poses is %.6g m (override with --unit)", o->stream, unit_m);
   if (s == SV_OK) s = lab_import_write(&im, se, o->out, err);
   if (s == SV_OK) lab_say(se, "%s: %d views, %d points", o->out, im.n, im.n_points);
-  if (s == SV_OK && im.n_from_rig) lab_say(se, "%d of the views have their pose from the rig", im.n_from_rig);
-  if (s == SV_OK && im.n_lost) lab_say(se, "%d pictures of the rig were not found", im.n_lost);
+  if (s == SV_OK && im.n_from_rig) lab_say(se, "%d views take their pose from the rig", im.n_from_rig);
+  if (s == SV_OK && im.n_lost) lab_say(se, "%d images of the rig were not found", im.n_lost);
   lab_import_free(&im);
   return s;
 }
@@ -125,14 +124,14 @@ int lab_cmd_import(const lab_options *o) {
   bool has_stream =
       sv_str_eq(o->from, "colmap") || sv_str_eq(o->from, "nerfstudio") || sv_str_eq(o->from, "blender");
   if (!o->rig != !o->stream || (o->unit_m > 0 && !o->rig))
-    return lab_usage("import", "--rig and --stream belong together, and --unit to them");
+    return lab_usage("import", "--rig and --stream must be given together; --unit needs both");
   if (o->rig && !has_stream)
-    return lab_usage("import", "--rig and --stream belong to --from colmap, nerfstudio and blender");
+    return lab_usage("import", "--rig and --stream need --from colmap, nerfstudio or blender");
   sv_status s = lab_session_start(&se, 0, o->is_quiet, &err);
   if (s == SV_OK) s = sv_linux_catch_signals(&err);
   if (s == SV_OK) s = import(o, &se, &err);
   if (s == SV_E_INTERRUPTED)
-    s = sv_fail(&err, s, "stopped by request: %s is not whole; the same command makes it anew", o->out);
+    s = sv_fail(&err, s, "stopped by request: %s is incomplete; run the same command again", o->out);
   if (s != SV_OK) code = lab_failed(&se, &err);
   lab_session_stop(&se);
   return code;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // COLMAP models: cameras, images and points3D, of 3.12 and later also rigs and frames, as .bin or .txt, in DIR,
-// DIR/sparse or DIR/sparse/0; pictures in DIR/images or DIR.
+// DIR/sparse or DIR/sparse/0; images in DIR/images or DIR.
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -71,7 +71,7 @@ static sv_status add_image(lab_import *im, const char *dir, const char *model_pa
   int c = 0;
   while (c < n_cameras && cameras[c].id != g->camera_id) c++;
   if (c == n_cameras)
-    return sv_fail(err, SV_E_FORMAT, "%s: image %s is of camera %u, which the model does not have",
+    return sv_fail(err, SV_E_FORMAT, "%s: image %s refers to camera %u, which the model does not contain",
                    model_path, g->name, g->camera_id);
   lab_import_view *v = lab_import_add(im);
   if (!v) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its images", model_path);
@@ -80,7 +80,7 @@ static sv_status add_image(lab_import *im, const char *dir, const char *model_pa
   v->source_id = g->id;
   snprintf(v->camera, sizeof v->camera, "%u", g->camera_id);
   if (g->name[0] == '/' || strstr(g->name, "..") || !sv_copy(v->name, sizeof v->name, g->name))
-    return sv_fail(err, SV_E_FORMAT, "%s: the image name %s leaves the folder", model_path, g->name);
+    return sv_fail(err, SV_E_FORMAT, "%s: image name %s points outside the folder", model_path, g->name);
   sv_status s = sv_path_join(pictures, sizeof pictures, dir, "images", err);
   return s == SV_OK ? sv_path_join(v->source, sizeof v->source, sv_path_is_folder(pictures) ? pictures : dir,
                                    g->name, err)
@@ -155,8 +155,8 @@ static const mount *mount_of(const model *m, uint32_t rig, uint32_t camera) {
   return NULL;
 }
 
-// The picture that a camera took in a frame without being registered in it, by COLMAP's rule for rigs: a frame's
-// pictures have one name, in a folder for each camera. False when that gives no picture of its own.
+// The image that a camera took in a frame without being registered in it, by COLMAP's rule for rigs: a frame's
+// images have one name, in a folder for each camera. False when that gives no image of its own.
 static bool find_picture(const lab_import *im, const model *m, const sv_colmap_camera *camera, int i_frame,
                          char *name, size_t cap) {
   const char *folder = NULL, *file = NULL;
@@ -276,7 +276,7 @@ sv_status lab_import_colmap(lab_import *im, const char *dir, sv_err *err) {
   sv_colmap_camera *cameras = NULL;
   int n_cameras = 0;
   if (!find_model(dir, folder, sizeof folder))
-    return sv_fail(err, SV_E_NOT_FOUND, "%s: no images.bin or images.txt in it, nor in sparse/ or sparse/0/",
+    return sv_fail(err, SV_E_NOT_FOUND, "%s: no images.bin or images.txt in it, in sparse/ or in sparse/0/",
                    dir);
   sv_status s = read_cameras(folder, &cameras, &n_cameras, err);
   if (s == SV_OK) s = read_images(im, dir, folder, cameras, n_cameras, err);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Raw pictures of a lenslet camera and a white image -> sub-views, their rig, and a dataset.
+// Raw images of a lenslet camera and a white image -> sub-views, their rig, and a dataset.
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -11,7 +11,7 @@
 #include "tools/common/imageio.h"
 #include "tools/import/import.h"
 
-// What nobody has said: a field of view of 53 degrees and a millimetre between sub-views. Scale and depth of
+// What nobody has said: a field of view of 53 degrees and a millimeter between sub-views. Scale and depth of
 // the result are then arbitrary, its shape is right up to a stretch along the axis.
 #define DEFAULT_BASELINE_M 0.001
 
@@ -46,11 +46,11 @@ static sv_status find_grid(job *j, const char *path, const sv_raw *white, sv_len
   sv_status s = sv_lenslet_find(g, path, white, &a, err);
   free(block);
   if (s == SV_OK)
-    lab_say(
-        j->se,
-        "%s: %s lenslets of %.3f px, turned by %.3f degrees, one at %.2f, %.2f; %d of %d used, rms %.3f px",
-        path, g->is_hexagonal ? "hexagonal" : "square", g->pitch_px, g->rotation_rad * 180 / SV_PI,
-        g->offset_px[0], g->offset_px[1], g->n_used, g->n_seen, g->rms_px);
+    lab_say(j->se,
+            "%s: %s lenslets, pitch %.3f px, rotated by %.3f degrees, one at %.2f, %.2f; %d of %d used, RMS "
+            "%.3f px",
+            path, g->is_hexagonal ? "hexagonal" : "square", g->pitch_px, g->rotation_rad * 180 / SV_PI,
+            g->offset_px[0], g->offset_px[1], g->n_used, g->n_seen, g->rms_px);
   return s;
 }
 
@@ -79,8 +79,7 @@ static sv_status read_white(job *j, const sv_names *names, sv_err *err) {
   int i = 0;
   while (i < names->n && !(is_white(names->names[i]) && is_picture(names->names[i]))) i++;
   if (i == names->n)
-    return sv_fail(err, SV_E_NOT_FOUND, "%s: has no white.png (or .jpg): an even field through the lenslets",
-                   j->o->input);
+    return sv_fail(err, SV_E_NOT_FOUND, "%s: has no white.png (or .jpg) of an evenly lit field", j->o->input);
   sv_bitmap b;
   sv_status s = sv_path_join(path, sizeof path, j->o->input, names->names[i], err);
   if (s == SV_OK) s = sv_bitmap_read(path, &b, err);
@@ -149,7 +148,7 @@ static sv_status write_view(const shot *t, int i_view, sv_err *err) {
   void *px = malloc(n * (size_t)b.n_channels * (size_t)(b.bits / 8));
   if (b.bits == 8) b.u8 = px;
   else b.u16 = px;
-  if (!out || !px) s = sv_fail(err, SV_E_NOMEM, "%s: no memory for the picture", path);
+  if (!out || !px) s = sv_fail(err, SV_E_NOMEM, "%s: no memory for the image", path);
   sv_raw raw = raw_of(&t->raw);
   for (int c = 0; c < b.n_channels && s == SV_OK; c++) {
     sv_lenslet_decode(p, &raw, t->j->gain, c, i_view % p->cfg.keep, i_view / p->cfg.keep, out + n, out);
@@ -219,11 +218,10 @@ static sv_status run(lab_import *im, job *j, const sv_names *names, sv_err *err)
     if (is_picture(names->names[i]) && !is_white(names->names[i]))
       s = add_raw(im, j, names->names[i], n++, err);
   if (s != SV_OK) return s;
-  if (!n) return sv_fail(err, SV_E_NOT_FOUND, "%s: has a white image, but no other picture", j->o->input);
+  if (!n) return sv_fail(err, SV_E_NOT_FOUND, "%s: has a white image, but no other image", j->o->input);
   for (int i = 0; i < im->n && n > 1; i++) im->views[i].time = (double)im->views[i].exposure / (n - 1);
-  lab_say(j->se, "%s: %dx%d sub-views of %dx%d pixels, from %d picture%s; the rig is taken as standing still",
-          j->o->out, j->plan.cfg.keep, j->plan.cfg.keep, j->plan.width_px, j->plan.height_px, n,
-          n == 1 ? "" : "s");
+  lab_say(j->se, "%s: %dx%d sub-views of %dx%d pixels, from %d image%s; assuming a stationary rig", j->o->out,
+          j->plan.cfg.keep, j->plan.cfg.keep, j->plan.width_px, j->plan.height_px, n, n == 1 ? "" : "s");
   return SV_OK;
 }
 

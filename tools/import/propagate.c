@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Poses that are known for one camera of a rig -> views of all its sub-views, by the rig's fixed relative poses:
 //   rig_from_world = inverse(stream_from_rig) stream_from_world, and sub_from_world = sub_from_rig rig_from_world.
-// A picture of another sub-view has the stream's path with the sub-view's name in the place of the stream's:
+// An image of another sub-view has the stream's path with the sub-view's name in the place of the stream's:
 // images/left/0007.png and images/right/0007.png, or left_0007.png and right_0007.png.
 #include <ctype.h>
 #include <stdio.h>
@@ -21,7 +21,7 @@ typedef struct {
   double unit_m;
   sv_rig rig;
   sv_arena arena;
-  char first[SV_CAP_PATH]; // picture that was missed first
+  char first[SV_CAP_PATH]; // image that was missed first
 } job;
 
 static sv_status load_rig(job *j, sv_err *err) {
@@ -32,8 +32,8 @@ static sv_status load_rig(job *j, sv_err *err) {
   sv_status s = sv_rig_read(&j->rig, &files, "rig.json", -1, &scratch, err);
   if (s != SV_OK) return s;
   if (j->rig.forward == SV_FORWARD_MULTIPLEXED)
-    return sv_fail(err, SV_E_UNSUPPORTED,
-                   "%s: sub-views of a multiplexed sensor have no pictures of their own", j->folder);
+    return sv_fail(err, SV_E_UNSUPPORTED, "%s: sub-views of a multiplexed sensor have no images of their own",
+                   j->folder);
   for (j->i_stream = 0; j->i_stream < j->rig.n_sub_views; j->i_stream++)
     if (sv_str_eq(j->rig.sub_views[j->i_stream].name, j->stream)) return SV_OK;
   return sv_fail(err, SV_E_NOT_FOUND, "%s: the rig has no sub-view %.31s; its first of %d is %s", j->folder,
@@ -68,7 +68,7 @@ static sv_status check_size(const lab_import_view *v, sv_err *err) {
   lab_peek p;
   sv_status s = lab_picture_peek(v->source, &p, err);
   if (s == SV_OK && (p.width_px != v->model.width_px || p.height_px != v->model.height_px))
-    s = sv_fail(err, SV_E_FORMAT, "%s: a picture of %dx%d, the rig's sub-view %s has %dx%d", v->source,
+    s = sv_fail(err, SV_E_FORMAT, "%s: an image of %dx%d, the rig's sub-view %s has %dx%d", v->source,
                 p.width_px, p.height_px, v->camera, v->model.width_px, v->model.height_px);
   return s;
 }
@@ -85,7 +85,7 @@ static sv_status make_view(job *j, const lab_import_view *v, int k, lab_import_v
   out->cam_from_world = sv_pose_mul(&sub->cam_from_rig, &rig_from_world);
   out->model = sub->model;
   if (!rename_source(j, v, sub->name, out))
-    return sv_fail(err, SV_E_RANGE, "%s: the path of sub-view %s would be too long", v->source, sub->name);
+    return sv_fail(err, SV_E_RANGE, "%s: the path of sub-view %s is too long", v->source, sub->name);
   if (*v->depth_source &&
       (!rename_path(j, v->depth_source, sub->name, out->depth_source, sizeof out->depth_source) ||
        !sv_path_exists(out->depth_source)))
@@ -133,12 +133,11 @@ static sv_status propagate(job *j, const lab_import *im, lab_import *to, sv_err 
     if (s != SV_OK) return s;
   }
   if (!n_exposures)
-    return sv_fail(
-        err, SV_E_NOT_FOUND,
-        "no picture of the stream: a path with the word %s was expected, as in %s/0000.png, not %.80s",
-        j->stream, j->stream, im->n ? im->views[0].name : "");
+    return sv_fail(err, SV_E_NOT_FOUND,
+                   "no image of the stream: expected a path that contains %s, as in %s/0000.png, not %.80s",
+                   j->stream, j->stream, im->n ? im->views[0].name : "");
   if (!to->n_from_rig && j->rig.n_sub_views > 1)
-    return sv_fail(err, SV_E_NOT_FOUND, "%s: not there, nor any other picture of the rig's other sub-views",
+    return sv_fail(err, SV_E_NOT_FOUND, "%s: not found, nor any other image of the rig's other sub-views",
                    j->first);
   return SV_OK;
 }

@@ -32,7 +32,7 @@ char *sv_import_text(const char *dir, const char *file, sv_err *err) {
   return text;
 }
 
-// --- pictures ------------------------------------------------------------------------------------
+// --- images ------------------------------------------------------------------------------------
 static int is_picture(const struct dirent *d) {
   const char *dot = strrchr(d->d_name, '.');
   return dot && (!strcmp(dot, ".jpg") || !strcmp(dot, ".jpeg") || !strcmp(dot, ".png"));
@@ -88,11 +88,10 @@ static int take_pictures(const sv_import_job *job, const sv_import_camera *c, pi
   p->n = scandir(from, &p->names, is_picture, alphasort);
   if (p->n < 1) {
     p->n = 0;
-    return sv_fail(err, SV_E_NOT_FOUND, "%s: expected a folder of JPEG or PNG pictures", from);
+    return sv_fail(err, SV_E_NOT_FOUND, "%s: expected a folder of JPEG or PNG images", from);
   }
   if (p->n != c->n_times)
-    return sv_fail(err, SV_E_FORMAT, "%s: %d pictures, but %d times are known for them", from, p->n,
-                   c->n_times);
+    return sv_fail(err, SV_E_FORMAT, "%s: %d images but %d timestamps", from, p->n, c->n_times);
   snprintf(to, sizeof to, "%s/%s", out, c->name);
   int s = sv_linux_make_dir(to, err);
   for (int i = 0; i < p->n && s == SV_OK; i++) {
@@ -103,7 +102,7 @@ static int take_pictures(const sv_import_job *job, const sv_import_camera *c, pi
     s = picture_size(from, &w, &h, err);
     if (i == 0) p->width_px = w, p->height_px = h;
     else if (s == SV_OK && (w != p->width_px || h != p->height_px))
-      s = sv_fail(err, SV_E_FORMAT, "%s: %dx%d, but the camera's first picture is %dx%d", from, w, h,
+      s = sv_fail(err, SV_E_FORMAT, "%s: %dx%d, but the camera's first image is %dx%d", from, w, h,
                   p->width_px, p->height_px);
     if (s == SV_OK) s = copy_file(from, to, err);
   }
@@ -115,10 +114,10 @@ static int put_model(const char *out, const sv_import_camera *c, int w, int h, s
   char path[CAP_PATH];
   double kx = (double)w / c->calib_width_px, ky = (double)h / c->calib_height_px, r[3];
   if (kx / ky > 1.005 || kx / ky < 0.995)
-    return sv_fail(err, SV_E_FORMAT, "%s: calibrated for %dx%d, but its pictures are %dx%d", c->name,
+    return sv_fail(err, SV_E_FORMAT, "%s: calibrated for %dx%d, but its images are %dx%d", c->name,
                    c->calib_width_px, c->calib_height_px, w, h);
   if (sv_rotation_error(c->cam_from_world.r) > 1e-4)
-    return sv_fail(err, SV_E_FORMAT, "%s: its rotation matrix is off by %g from a proper rotation", c->name,
+    return sv_fail(err, SV_E_FORMAT, "%s: its rotation matrix deviates by %g from a rotation", c->name,
                    sv_rotation_error(c->cam_from_world.r));
   sv_rodrigues_inv(r, c->cam_from_world.r);
   const double *t = c->cam_from_world.t, *d = c->dist;
@@ -128,7 +127,7 @@ static int put_model(const char *out, const sv_import_camera *c, int w, int h, s
   fprintf(f, "{\n    'lensmodel':  'LENSMODEL_OPENCV5',\n");
   fprintf(f, "    'extrinsics': [ %.12g, %.12g, %.12g, %.12g, %.12g, %.12g ],\n", r[0], r[1], r[2], t[0],
           t[1], t[2]);
-  // A pixel's centre at integer i covers i-0.5..i+0.5: scaling keeps the edges, not the centres.
+  // A pixel's center at integer i covers i-0.5..i+0.5: scaling keeps the edges, not the centers.
   fprintf(f, "    'intrinsics': [ %.12g, %.12g, %.12g, %.12g, %.12g, %.12g, %.12g, %.12g, %.12g ],\n",
           c->fx * kx, c->fy * ky, (c->cx + 0.5) * kx - 0.5, (c->cy + 0.5) * ky - 0.5, d[0], d[1], d[2], d[3],
           d[4]);
@@ -190,18 +189,17 @@ static int write_all(const sv_import_job *job, const recording *r, pictures_t *p
   return fclose(f) == 0 ? SV_OK : sv_fail(err, SV_E_IO, "%s: cannot be written", path);
 }
 
-// Pictures that are there are replaced, which must not be the ones that are read. An unfinished capture's frames would
+// Images that are there are replaced, which must not be the ones that are read. An unfinished capture's frames would
 // be folded into the list that is written here.
 static int check_out(const sv_import_job *job, sv_err *err) {
   char path[CAP_PATH];
   struct stat from, to;
   if (stat(job->src_dir, &from) == 0 && stat(job->out_dir, &to) == 0 && from.st_dev == to.st_dev &&
       from.st_ino == to.st_ino)
-    return sv_fail(err, SV_E_ARG, "%s: is read from, so it cannot be written to; take another --out",
-                   job->out_dir);
+    return sv_fail(err, SV_E_ARG, "%s: is the input folder; choose another --out", job->out_dir);
   snprintf(path, sizeof path, "%s/frames.0.part", job->out_dir);
   return sv_path_exists(path)
-             ? sv_fail(err, SV_E_IO, "%s: holds an unfinished capture; take another --out", job->out_dir)
+             ? sv_fail(err, SV_E_IO, "%s: contains an unfinished capture; choose another --out", job->out_dir)
              : SV_OK;
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Recordings of other programs -> capture folders (platform/replay/capture.h) with a rig: rig/rig.json and
-// one mrcal .cameramodel a camera (pixel centres at integers, extrinsics cam_from_world). Pictures are hard
+// one mrcal .cameramodel a camera (pixel centers at integers, extrinsics cam_from_world). Images are hard
 // links where the file system allows, else copies; they are never encoded again. Host tools: heap and stdio.
 #ifndef SV_TOOLS_IMPORT_RECORDING_H
 #define SV_TOOLS_IMPORT_RECORDING_H
@@ -21,11 +21,11 @@ typedef struct {
 
 // Four webcams around a moving board: src/camN/*.jpg, camera_array.toml (K, OpenCV's five distortion terms,
 // R and T world to camera, for the size it names) and timestamps.csv (sync_index,cam_id,frame_time in
-// seconds; the n-th picture of a camera is its n-th row in order of time).
+// seconds; the n-th image of a camera is its n-th row in order of time).
 int sv_import_4cam_board(const sv_import_job *job, sv_err *err) SV_MUST_USE;
 
 // Qualisys: Calib.qca.txt and src/<serial of the camera>/*.jpg at 30 frames a second. In the file lengths
-// are millimetres, pixels are 1/64 of the full sensor's; x, y, z is the camera's centre, and the rows of r
+// are millimeters, pixels are 1/64 of the full sensor's; x, y, z is the camera's center, and the rows of r
 // are the camera's axes in the world: right, up, backward.
 int sv_import_qca(const sv_import_job *job, sv_err *err) SV_MUST_USE;
 
@@ -35,14 +35,14 @@ int sv_import_qca(const sv_import_job *job, sv_err *err) SV_MUST_USE;
 typedef struct {
   char name[48];
   int calib_width_px, calib_height_px; // the size the intrinsics are for
-  double fx, fy, cx, cy, dist[5];      // OpenCV: k1 k2 p1 p2 k3; pixel centres at integers
-  sv_pose cam_from_world;              // metres
+  double fx, fy, cx, cy, dist[5];      // OpenCV: k1 k2 p1 p2 k3; pixel centers at integers
+  sv_pose cam_from_world;              // meters
   int n_times;
   sv_ns *times_ns; // [n_times] in order; made with malloc, freed by sv_import_write
 } sv_import_camera;
 
-// Writes the capture: pictures are SRC/<name>/*.jpg in order of their names, as many as there are times
-// (a difference is an error). Intrinsics are scaled to the pictures' size. Checks that each rotation is
+// Writes the capture: images are SRC/<name>/*.jpg in order of their names, as many as there are times
+// (a difference is an error). Intrinsics are scaled to the images' size. Checks that each rotation is
 // one and that the aspect ratio agrees.
 int sv_import_write(const sv_import_job *job, const char *name, double fps, sv_import_camera *cams,
                     int n_cameras, sv_err *err) SV_MUST_USE;

@@ -27,7 +27,7 @@ static bool attributes(const char *tag, const char *const *names, int n, double 
   return true;
 }
 
-// Rows right, up, backward -> OpenCV's right, down, forward; centre in mm -> translation in metres.
+// Rows right, up, backward -> OpenCV's right, down, forward; center in mm -> translation in meters.
 static sv_pose pose_of(const double r[9], const double centre_mm[3]) {
   sv_pose p;
   double c[3];
@@ -74,7 +74,7 @@ static bool read_camera(const char *tag, sv_import_camera *c) {
     return false;
   if (!attributes(pose, pose_names, 12, p) || !attributes(lens, lens_names, 11, l)) return false;
   c->cam_from_world = pose_of(p, p + 9);
-  // The sensor's last pixel is its width less one times 64: pixel centres lie at whole numbers.
+  // The sensor's last pixel is its width less one times 64: pixel centers lie at whole numbers.
   c->calib_width_px = (int)(l[9] / 64) + 1, c->calib_height_px = (int)(l[10] / 64) + 1;
   c->fx = l[0] / 64, c->fy = l[1] / 64, c->cx = l[2] / 64, c->cy = l[3] / 64;
   memcpy(c->dist, l + 4, 5 * sizeof(double));
@@ -93,7 +93,7 @@ static int make_times(const char *src, sv_import_camera *c, sv_err *err) {
   int n = scandir(path, &names, is_picture, NULL);
   for (int i = 0; i < n; i++) free(names[i]);
   free(names);
-  if (n < 1) return sv_fail(err, SV_E_NOT_FOUND, "%s: expected a folder of JPEG pictures", path);
+  if (n < 1) return sv_fail(err, SV_E_NOT_FOUND, "%s: expected a folder of JPEG images", path);
   c->n_times = n;
   c->times_ns = calloc((size_t)n, sizeof(sv_ns));
   if (!c->times_ns) return sv_fail(err, SV_E_NOMEM, "%s: no memory", path);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Datasets of the simulator's scenes, laid out as those of the paper's experiment: for each device the pictures
+// Datasets of the simulator's scenes, laid out as those of the paper's experiment: for each device the images
 // of a few exposures, and held-out views with depth beside the first exposure and all around. Of a moving scene: a rig
 // that stands still, its camera alone, held-out times of all cameras, and held-out cameras over all times.
 // Of a scene with rig=: that rig alone, as `subview run` captures it, and the views that its PSNR
@@ -25,7 +25,7 @@
 
 #define CAP_FILES 8
 
-// A transforms file. All are kept until every picture is there: without them a folder does not look like a dataset.
+// A transforms file. All are kept until every image is there: without them a folder does not look like a dataset.
 typedef struct {
   char name[100];
   char *text;
@@ -91,7 +91,7 @@ static void put_measurements(job *j) {
   fprintf(j->f, "],\n");
 }
 
-// One of that name which is there already goes: its pictures are about to be replaced.
+// One of that name which is there already goes: its images are about to be replaced.
 static sv_status open_transforms(job *j, const char *name, bool has_measurements) {
   char path[SV_CAP_PATH];
   sv_status s = sv_path_join(path, sizeof path, j->out, name, j->err);
@@ -153,7 +153,7 @@ static void put_frame(job *j, const char *picture, const char *depth, const sv_v
   fprintf(j->f, "}");
 }
 
-// --- pictures ------------------------------------------------------------------------------------
+// --- images ------------------------------------------------------------------------------------
 
 static sv_status write_png(job *j, const char *name, const sv_bitmap *b) {
   char path[SV_CAP_PATH], folder[SV_CAP_PATH];
@@ -165,14 +165,14 @@ static sv_status write_png(job *j, const char *name, const sv_bitmap *b) {
   return s < 0 ? s : sv_bitmap_write_png(path, b, j->err);
 }
 
-// A clean picture with depth.
+// A clean image with depth.
 static sv_status write_view(job *j, const char *stem, const sv_view *v, double time_s, const char *camera) {
   char picture[200], depth[200];
   size_t px = (size_t)v->width_px * (size_t)v->height_px;
   snprintf(picture, sizeof picture, "%s.png", stem);
   snprintf(depth, sizeof depth, "%s_depth.png", stem);
   uint16_t *units = malloc(px * sizeof *units);
-  if (!units) return sv_fail(j->err, SV_E_NOMEM, "no memory for a depth picture");
+  if (!units) return sv_fail(j->err, SV_E_NOMEM, "no memory for a depth image");
   sv_sim_render(&j->sim, v, time_s, j->rgb, j->depth);
   for (size_t i = 0; i < px; i++) units[i] = (uint16_t)fmin(65535, (double)j->depth[i] / DEPTH_UNIT + 0.5);
   sv_bitmap colour = {v->width_px, v->height_px, 3, 8, j->rgb, NULL},
@@ -236,7 +236,7 @@ static sv_status write_device(job *j, const char *name) {
   return close_transforms(j, s >= 0 ? write_exposures(j) : s);
 }
 
-// A view from `direction`, at the cameras' distance, looking at the scene's centre.
+// A view from `direction`, at the cameras' distance, looking at the scene's center.
 static sv_view view_from(const job *j, const double direction[3], int i) {
   double eye[3], at[3] = {0, 0, 0}, up[3] = {0, 0, 1};
   const double *p = j->sim.rig.sub_views[0].model.p;
@@ -372,7 +372,7 @@ static sv_status import_moving(job *j, const char *spec) {
   sv_pose shared;
   if (strstr(spec, ",noise="))
     return sv_fail(j->err, SV_E_UNSUPPORTED,
-                   "sim:%.200s: pictures of moving scenes are written without noise; train --noise adds it",
+                   "sim:%.200s: images of moving scenes are written without noise; train --noise adds it",
                    spec);
   sv_status s = write_standing(j, spec, "stereo", 1, &shared, true);
   if (s >= 0) s = write_standing(j, spec, "stereo", 1, &shared, false);
@@ -424,7 +424,7 @@ static sv_status import_rig(job *j, const char *spec) {
 
 sv_status lab_import_sim(const char *spec, const lab_session *session, const char *out, sv_err *err) {
   job j = {.out = out, .session = session, .err = err};
-  sv_status s = is_moving(spec)         ? import_moving(&j, spec) // pictures make the folder
+  sv_status s = is_moving(spec)         ? import_moving(&j, spec) // images make the folder
                 : strstr(spec, ",rig=") ? import_rig(&j, spec)
                                         : import_still(&j, spec);
   if (s >= 0) s = write_transforms(&j);

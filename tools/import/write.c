@@ -39,7 +39,7 @@ void lab_import_free(lab_import *im) {
   memset(im, 0, sizeof *im);
 }
 
-// --- pictures ------------------------------------------------------------------------------------
+// --- images ------------------------------------------------------------------------------------
 
 static sv_status copy_whole(const char *from, const char *to, sv_err *err) {
   void *data;
@@ -56,7 +56,7 @@ static sv_status copy_crop(const char *from, const sv_footprint *c, const char *
   sv_status s = sv_bitmap_read(from, &b, err);
   if (s != SV_OK) return s;
   if (c->x0_px + c->width_px > b.width_px || c->y0_px + c->height_px > b.height_px) {
-    s = sv_fail(err, SV_E_RANGE, "%s: a picture of %dx%d; the sub-view's %dx%d at %d,%d is not inside", from,
+    s = sv_fail(err, SV_E_RANGE, "%s: an image of %dx%d; the sub-view's %dx%d at %d,%d is not inside", from,
                 b.width_px, b.height_px, c->width_px, c->height_px, c->x0_px, c->y0_px);
   } else {
     size_t sample = (size_t)(b.bits / 8 * b.n_channels), stride = sample * (size_t)b.width_px;
@@ -99,7 +99,7 @@ typedef struct {
   sv_err *errs;
 } copy_job;
 
-// The first view whose picture is written under view i's name: frames may share a picture.
+// The first view whose image is written under view i's name: frames may share a picture.
 static int first_of_name(const lab_import *im, int i) {
   int k = 0;
   while (strcmp(im->views[k].name, im->views[i].name) != 0) k++;
@@ -121,7 +121,7 @@ static void copy_task(void *arg, int i_task, int i_thread) {
 static sv_status copy_all(const lab_import *im, lab_session *se, const char *folder, sv_err *err) {
   copy_job j = {im, se, folder, calloc((size_t)im->n, sizeof(sv_err))};
   sv_status s = SV_OK;
-  if (!j.errs) return sv_fail(err, SV_E_NOMEM, "no memory to copy %d pictures", im->n);
+  if (!j.errs) return sv_fail(err, SV_E_NOMEM, "no memory to copy %d images", im->n);
   sv_pool_run(&se->pool, copy_task, &j, im->n);
   for (int i = 0; i < im->n && s == SV_OK; i++)
     if ((s = j.errs[i].status) != SV_OK && err) *err = j.errs[i];
@@ -164,13 +164,12 @@ typedef struct {
 static sv_status check_model(const lab_import_view *v, sv_err *err) {
   int n = sv_model_n_params(v->model.kind);
   if (v->model.kind == SV_MODEL_SPLINED)
-    return sv_fail(err, SV_E_UNSUPPORTED, "%s: its lens is a spline, which transforms.json cannot say",
+    return sv_fail(err, SV_E_UNSUPPORTED, "%s: transforms.json cannot represent its splined lens model",
                    v->source);
   for (int i = 9; i < n; i++)
     if (v->model.p[i] != 0)
       return sv_fail(err, SV_E_UNSUPPORTED,
-                     "%s: its lens has rational terms (k4 to k6), which transforms.json cannot say",
-                     v->source);
+                     "%s: transforms.json cannot represent its rational lens terms (k4 to k6)", v->source);
   return SV_OK;
 }
 
@@ -254,13 +253,13 @@ static sv_status check_depth(const lab_import *im, sv_err *err) {
     if (!first) first = v;
     if (v->depth_kind != first->depth_kind)
       return sv_fail(err, SV_E_UNSUPPORTED,
-                     "%s: depth along the ray and %s: along the optical axis; one kind for all was expected",
+                     "%s: depth along the ray and %s: along the optical axis; expected one kind for all",
                      v->depth_kind == SV_DEPTH_RAY ? v->depth_source : first->depth_source,
                      v->depth_kind == SV_DEPTH_RAY ? first->depth_source : v->depth_source);
     if (v->depth_unit != first->depth_unit)
       return sv_fail(err, SV_E_UNSUPPORTED,
-                     "%s: its unit of depth is %g and that of %s is %g; one for all was expected",
-                     v->depth_source, v->depth_unit, first->depth_source, first->depth_unit);
+                     "%s: its depth unit is %g and that of %s is %g; expected one for all", v->depth_source,
+                     v->depth_unit, first->depth_source, first->depth_unit);
   }
   return SV_OK;
 }
@@ -269,7 +268,7 @@ sv_status lab_import_write(lab_import *im, lab_session *se, const char *out, sv_
   char images[SV_CAP_PATH], path[SV_CAP_PATH];
   for (int i = 0; i < im->n; i++)
     sv_make_utf8(im->views[i].name); // the file is called as transforms.json says
-  if (im->n < 1) return sv_fail(err, SV_E_NOT_FOUND, "there are no views to import");
+  if (im->n < 1) return sv_fail(err, SV_E_NOT_FOUND, "no views to import");
   sv_status s = check_depth(im, err);
   if (s == SV_OK) s = sv_path_join(images, sizeof images, out, "images", err);
   if (s == SV_OK) s = sv_path_make_folder(images, err);

@@ -15,8 +15,8 @@
 #define OUT       (LAB_TRAIN | LAB_RENDER | LAB_EXPORT | LAB_IMPORT | LAB_TABLES | LAB_COMPARE)
 
 static const sv_option table[] = {
-    {"data", SV_OPT_TEXT, DATA, DATA, AT(data), "DIR", "dataset: a folder with transforms JSON and pictures",
-     0, 0, 0},
+    {"data", SV_OPT_TEXT, DATA, DATA, AT(data), "DIR", "dataset: a folder with transforms JSON and images", 0,
+     0, 0},
     {"data", SV_OPT_TEXT, LAB_TABLES, LAB_TABLES, AT(data), "DIR[,DIR...]",
      "datasets with files transforms_train_DEVICE[_thetaT].json", 0, 0, 0},
     {"quick", SV_OPT_FLAG, LAB_TABLES, 0, AT(is_quick), 0, "only the first dataset, fewer points and steps",
@@ -24,14 +24,13 @@ static const sv_option table[] = {
     {"transforms", SV_OPT_TEXT, DATA, 0, AT(transforms), "FILE",
      "training file (transforms_train.json, else transforms.json with every 8th view held out)", 0, 0, 0},
     {"exposures", SV_OPT_INT, LAB_TRAIN, 0, AT(exposures), "N",
-     "train on N exposures: the first by number, or else the N most dispersed views", 1, 1e6, 0},
+     "train on N exposures: the first N, or without exposure numbers the N most dispersed views", 1, 1e6, 0},
     {"model", SV_OPT_WORD, LAB_TRAIN, 0, AT(method), "3dgs|4dgs",
-     "what is trained: still Gaussians, or such that move with the pictures' time (3dgs)", 0, 0, 0},
+     "static Gaussians, or Gaussians that move with the time of the images (3dgs)", 0, 0, 0},
     {"motion", SV_OPT_TEXT, LAB_TRAIN, 0, AT(motion), "clip|field[,k=v...]",
-     "4dgs: each Gaussian for itself, or one field for all, which begins with a clip's motion (clip); "
-     "settings are "
-     "numbers: field,clip=0 begins with a still model, as the paper's does, clip=0.5 is a clip for half of "
-     "the run",
+     "4dgs: per-Gaussian motion (clip), or one deformation field that starts from per-Gaussian motion; "
+     "settings are numbers: field,clip=0 starts from a static model as in the paper, clip=0.5 trains "
+     "per-Gaussian motion for half of the run",
      0, 0, 0},
     {"camera", SV_OPT_TEXT, LAB_EVAL, 0, AT(camera), "NAME", "only the views of this camera", 0, 0, 0},
     {"model", SV_OPT_TEXT, LAB_EVAL | LAB_RENDER | LAB_EXPORT, LAB_EVAL | LAB_RENDER | LAB_EXPORT, AT(model),
@@ -40,110 +39,110 @@ static const sv_option table[] = {
      "models, in the order of the sheet's columns; settings are taken from train.json beside each", 0, 0,
      "models"},
     {"labels", SV_OPT_TEXT, LAB_COMPARE, 0, AT(labels), "A,B,...",
-     "what the columns are called (the names of the files or, for model.ply, of their folders)", 0, 0, 0},
+     "column titles (the file names or, for model.ply, the folder names)", 0, 0, 0},
     {"views", SV_OPT_INT, LAB_COMPARE, 0, AT(n_views), "N",
      "rows of the sheet: views spread evenly over the split (3)", 1, 1000, 0},
     {"prior", SV_OPT_TEXT, LAB_TRAIN, 0, AT(prior), "none|fsgs|sparsegs|[METHOD,]external:CMD",
-     "for few views: depth losses, unpooling or pruning of these methods; a program that mends renderings or "
-     "tells "
-     "depth, called with a folder (none)",
+     "for few views: the depth losses, unpooling or pruning of these methods; or a program that repairs "
+     "renderings or estimates depth, called with a folder (none)",
      0, 0, 0},
-    {"prior-views", SV_OPT_INT, LAB_TRAIN, 0, AT(prior_views), "N",
-     "of --prior external: views of a call (8)", 1, 256, 0},
+    {"prior-views", SV_OPT_INT, LAB_TRAIN, 0, AT(prior_views), "N", "--prior external: views per call (8)", 1,
+     256, 0},
     {"prior-calls", SV_OPT_INT, LAB_TRAIN, 0, AT(prior_calls), "N",
-     "calls, evenly spread, beside the first with the pictures (at 5 and 10 % of the run, then every 3.3 %)",
+     "number of calls, evenly spread, besides the first one with the training images (at 5 and 10 % of the "
+     "run, then every 3.3 %)",
      1, 10000, 0},
     {"prior-weight", SV_OPT_REAL, LAB_TRAIN, 0, AT(prior_weight), "W",
-     "of the pictures that come back, beside 1 of those taken (0.2)", 0, 100, 0},
-    {"prior-limit", SV_OPT_REAL, LAB_TRAIN, 0, AT(prior_limit_s), "SEC", "for one call (600)", 0.01, 1e6, 0},
+     "weight of the returned images, where captured images have 1 (0.2)", 0, 100, 0},
+    {"prior-limit", SV_OPT_REAL, LAB_TRAIN, 0, AT(prior_limit_s), "SEC", "time limit of one call (600)", 0.01,
+     1e6, 0},
     {"gaussians", SV_OPT_INT, LAB_TRAIN, 0, AT(gaussians), "N", "number of Gaussians, fixed (20000)", 1, 4e6,
      0},
     {"gaussians", SV_OPT_INT, LAB_TABLES, 0, AT(gaussians), "N",
      "Gaussians of each run (20000; with --quick 8000); one table has 5 times as many", 1, 8e5, 0},
-    {"sh", SV_OPT_INT, LAB_TRAIN, 0, AT(sh), "D", "degree of the view-dependent colour, 0 to 3 (1)", 0, 3, 0},
-    {"steps", SV_OPT_INT, LAB_TRAIN, 0, AT(steps), "N",
-     "length of the training (3000, with --motion field 9000)", 1, 1e9, 0},
-    {"steps", SV_OPT_INT, LAB_TABLES, 0, AT(steps), "N", "of each run (2000; with --quick 400)", 1, 1e7, 0},
-    {"time-limit", SV_OPT_REAL, LAB_TRAIN, 0, AT(time_limit_s), "SEC",
-     "the same in seconds, instead of --steps", 0.01, 1e7, 0},
+    {"sh", SV_OPT_INT, LAB_TRAIN, 0, AT(sh), "D", "spherical harmonics degree, 0 to 3 (1)", 0, 3, 0},
+    {"steps", SV_OPT_INT, LAB_TRAIN, 0, AT(steps), "N", "training steps (3000, with --motion field 9000)", 1,
+     1e9, 0},
+    {"steps", SV_OPT_INT, LAB_TABLES, 0, AT(steps), "N", "steps of each run (2000; with --quick 400)", 1, 1e7,
+     0},
+    {"time-limit", SV_OPT_REAL, LAB_TRAIN, 0, AT(time_limit_s), "SEC", "training time instead of --steps",
+     0.01, 1e7, 0},
     {"init", SV_OPT_TEXT, LAB_TRAIN, 0, AT(init), "stereo|sphere|cube|points:FILE",
-     "start (the dataset's points, not with --exposures up to 3; else stereo: depth where views overlap, "
-     "else random "
-     "points in a sphere)",
+     "initialization (the dataset's points, except with --exposures up to 3; else stereo: depth where views "
+     "overlap; else random points in a sphere)",
      0, 0, 0},
     {"background", SV_OPT_WORD, DATA, 0, AT(background), "black|white|random",
-     "behind transparent pictures (black); evaluation takes black for random", 0, 0, 0},
-    {"scale", SV_OPT_INT, DATA, 0, AT(scale), "K", "pictures at 1/K of their size (1)", 1, 64, 0},
+     "background of transparent images (black); evaluation replaces random with black", 0, 0, 0},
+    {"scale", SV_OPT_INT, DATA, 0, AT(scale), "K", "downscale images to 1/K (1)", 1, 64, 0},
     {"loss", SV_OPT_TEXT, LAB_TRAIN, 0, AT(loss), "k=v,...",
      "ssim, tv, opacity, scale, tv_unseen; unseen[_every|_px|_deg], region, floor, dilation, supersample "
      "(share of the run), dropout (share of the Gaussians)",
      0, 0, 0},
     {"noise", SV_OPT_TEXT, LAB_TRAIN | LAB_TABLES, 0, AT(noise), "[prediction,]read=V,shot=V",
-     "sensor noise on the training pictures: variance read + shot x of linear light x, then 14 bits; with "
+     "sensor noise on the training images: variance read + shot x for linear light x, then 14 bits; with "
      "prediction: on predicted multiplexed measurements in each step, standard deviation read + shot x",
      0, 0, 0},
     {"antialias", SV_OPT_WORD, LAB_TRAIN, 0, AT(antialias), "auto|on|off",
-     "Mip-Splatting's compensation; auto: on when focal lengths differ by more than 1.5 (auto)", 0, 0, 0},
+     "Mip-Splatting's opacity compensation; auto: on when focal lengths differ by more than 1.5 (auto)", 0, 0,
+     0},
     {"optimizer", SV_OPT_WORD, LAB_TRAIN, 0, AT(optimizer), "adam|gauss-newton",
-     "what moves the Gaussians (gauss-newton; adam where lens images overlap, in moving scenes, from --init "
-     "sphere or cube)",
+     "optimizer (gauss-newton; adam where lens images overlap, in moving scenes, and with --init sphere or "
+     "cube)",
      0, 0, 0},
-    {"seed", SV_OPT_INT, LAB_TRAIN | LAB_BENCH | LAB_TABLES, 0, AT(seed), "N", "of all random numbers (1)", 0,
+    {"seed", SV_OPT_INT, LAB_TRAIN | LAB_BENCH | LAB_TABLES, 0, AT(seed), "N", "random seed (1)", 0,
      4294967295.0, 0},
     {"split", SV_OPT_TEXT, LAB_EVAL | LAB_RENDER | LAB_COMPARE, 0, AT(split), "S",
      "views: train, test, test_near, test_time, ... (test; test_near for a model of one exposure)", 0, 0, 0},
     {"frames", SV_OPT_INT, LAB_RENDER | LAB_EXPORT, 0, AT(frames), "N",
-     "of a moving model: the first view (--orbit: one round) at N times; delta: as many frames (25)", 2,
-     10000, 0},
+     "moving model: number of time samples of the first view or of one orbit; delta: number of frames (25)",
+     2, 10000, 0},
     {"orbit", SV_OPT_INT, LAB_RENDER, 0, AT(orbit), "N",
-     "N views on a circle around the scene, instead of --split; also as orbit.webp (builds with libwebp)", 1,
+     "N views on a circle around the scene instead of --split; also orbit.webp (builds with libwebp)", 1,
      100000, 0},
     {"width", SV_OPT_INT, LAB_RENDER, 0, AT(width_px), "PX",
-     "orbit: width of the pictures, which keep their shape (that of the first camera)", 16, 8192, 0},
+     "orbit: image width; the aspect ratio is kept (the first camera's)", 16, 8192, 0},
     {"depth", SV_OPT_FLAG, LAB_EVAL | LAB_RENDER, 0, AT(has_depth), 0,
-     "eval: fail when the views have no true depth; render: 16-bit depth PNGs, too", 0, 0, 0},
+     "eval: fail if the views have no ground-truth depth; render: also write 16-bit depth PNGs", 0, 0, 0},
     {"mask", SV_OPT_WORD, LAB_TRAIN | LAB_EVAL, 0, AT(mask), "covisible",
-     "also score only the pixels that training views have seen; train: with --eval", 0, 0, 0},
+     "also score the pixels seen by training views alone; train: with --eval", 0, 0, 0},
     {"lpips", SV_OPT_FLAG, LAB_TRAIN | LAB_EVAL, 0, AT(has_lpips), 0,
      "also LPIPS (v0.1, SqueezeNet); train: with --eval", 0, 0, 0},
-    {"format", SV_OPT_WORD, LAB_EXPORT, LAB_EXPORT, AT(format), "ply|splat|spz|glb|delta",
-     "of the file to write", 0, 0, 0},
+    {"format", SV_OPT_WORD, LAB_EXPORT, LAB_EXPORT, AT(format), "ply|splat|spz|glb|delta", "output format", 0,
+     0, 0},
     {"up", SV_OPT_WORD, LAB_EVAL | LAB_RENDER, 0, AT(up), "x|y|z|-x|-y|-z",
-     "of an spz or glb, which stand upright: up in the dataset's world, to which it is turned back (as its "
-     "views have it)",
-     0, 0, 0},
+     "spz and glb are Y-up: rotate the model to the dataset's up axis (the views' up)", 0, 0, 0},
     {"up", SV_OPT_WORD, LAB_EXPORT, 0, AT(up), "x|y|z|-x|-y|-z",
-     "up in the model's world (what the file says, else -y): spz and glb stand upright by it", 0, 0, 0},
+     "the model's up axis (from the file, else -y); spz and glb are written Y-up", 0, 0, 0},
     {"spz-version", SV_OPT_INT, LAB_EXPORT, 0, AT(spz_version), "N",
      "spz: 4 (zstd, newest), 3 or 2 (gzip, older viewers) (4)", 2, 4, 0},
     {"from", SV_OPT_WORD, LAB_IMPORT, LAB_IMPORT, AT(from),
-     "colmap|nerfstudio|blender|capture|lenslet|4cam-board|qca|kalibr|sim", "what DIR is (kalibr: a file)", 0,
-     0, 0},
-    {"keep", SV_OPT_INT, LAB_IMPORT, 0, AT(keep), "K", "lenslet: K x K inner sub-views (7 of 10 a side)", 1,
-     16, 0},
-    {"baseline", SV_OPT_REAL, LAB_IMPORT, 0, AT(baseline_m), "M", "lenslet: metres between sub-views (0.001)",
-     1e-7, 10, 0},
+     "colmap|nerfstudio|blender|capture|lenslet|4cam-board|qca|kalibr|sim",
+     "kind of the input (kalibr: a file)", 0, 0, 0},
+    {"keep", SV_OPT_INT, LAB_IMPORT, 0, AT(keep), "K",
+     "lenslet: keep the K x K inner sub-views (7 of 10 per side)", 1, 16, 0},
+    {"baseline", SV_OPT_REAL, LAB_IMPORT, 0, AT(baseline_m), "M",
+     "lenslet: baseline between sub-views in meters (0.001)", 1e-7, 10, 0},
     {"focal", SV_OPT_REAL, LAB_IMPORT, 0, AT(focal_px), "PX", "lenslet: focal length in pixels (the width)",
      1, 1e6, 0},
-    {"focus", SV_OPT_REAL, LAB_IMPORT, 0, AT(focus_m), "M", "lenslet: distance in focus (infinity)", 1e-5,
-     1e6, 0},
+    {"focus", SV_OPT_REAL, LAB_IMPORT, 0, AT(focus_m), "M", "lenslet: focus distance in meters (infinity)",
+     1e-5, 1e6, 0},
     {"rig", SV_OPT_TEXT, LAB_IMPORT, 0, AT(rig), "DIR",
-     "colmap, nerfstudio, blender: poses are those of one camera of this rig; place all its sub-views", 0, 0,
-     0},
-    {"stream", SV_OPT_TEXT, LAB_IMPORT, 0, AT(stream), "NAME", "with --rig: that camera, a sub-view's name",
+     "colmap, nerfstudio, blender: the poses are those of one camera of this rig; add all its sub-views", 0,
+     0, 0},
+    {"stream", SV_OPT_TEXT, LAB_IMPORT, 0, AT(stream), "NAME", "with --rig: the sub-view that has the poses",
      0, 0, 0},
-    {"unit", SV_OPT_REAL, LAB_IMPORT, 0, AT(unit_m), "M", "with --rig: metres for one unit of the poses (1)",
+    {"unit", SV_OPT_REAL, LAB_IMPORT, 0, AT(unit_m), "M", "with --rig: meters per unit of the poses (1)",
      1e-9, 1e9, 0},
     {"threads", SV_OPT_INT, DATA | LAB_BENCH | LAB_TABLES, 0, AT(threads), "N", "threads (all CPUs)", 1, 64,
      0},
     {"eval", SV_OPT_FLAG, LAB_TRAIN, 0, AT(is_eval), 0,
-     "evaluate at the end: on the split test, after --exposures 1 on test_near", 0, 0, 0},
+     "evaluate at the end on split test (test_near with --exposures 1)", 0, 0, 0},
     {"json", SV_OPT_FLAG, LAB_TRAIN | LAB_EVAL | LAB_BENCH, 0, AT(is_json), 0,
      "print one JSON object on stdout", 0, 0, 0},
-    {"quiet", SV_OPT_FLAG, ALL, 0, AT(is_quiet), 0, "no progress on stderr", 0, 0, 0},
-    {"out", SV_OPT_TEXT, OUT, OUT, AT(out), "PATH", "folder to write (export, compare: file)", 0, 0, 0},
-    {"help", SV_OPT_FLAG, ALL, 0, AT(is_help), 0, "this text", 0, 0, 0},
-    {"version", SV_OPT_FLAG, ALL, 0, AT(is_version), 0, "the version", 0, 0, 0},
+    {"quiet", SV_OPT_FLAG, ALL, 0, AT(is_quiet), 0, "no progress messages on stderr", 0, 0, 0},
+    {"out", SV_OPT_TEXT, OUT, OUT, AT(out), "PATH", "output folder (export, compare: output file)", 0, 0, 0},
+    {"help", SV_OPT_FLAG, ALL, 0, AT(is_help), 0, "show this help", 0, 0, 0},
+    {"version", SV_OPT_FLAG, ALL, 0, AT(is_version), 0, "show the version", 0, 0, 0},
     {0, SV_OPT_OPERAND, LAB_IMPORT, LAB_IMPORT, AT(input), 0, "the folder to import", 0, 0, 0},
 };
 
@@ -162,10 +161,9 @@ static int check_compare(const sv_tool_command *c, const lab_options *o) {
   int n_labels = 1;
   for (const char *p = o->labels; p && *p; p++) n_labels += *p == ',';
   if (o->labels && n_labels != o->models.n)
-    return lab_usage(c->name, "--labels needs as many names as there are models: %d, not %d", o->models.n,
-                     n_labels);
+    return lab_usage(c->name, "--labels needs one name per model: %d, not %d", o->models.n, n_labels);
   if (!sv_str_eq(sv_path_extension(o->out), ".png"))
-    return lab_usage(c->name, "--out is a picture whose name ends in .png, not '%.200s'", o->out);
+    return lab_usage(c->name, "--out must be an image name that ends in .png, not '%.200s'", o->out);
   return LAB_EXIT_OK;
 }
 
@@ -173,27 +171,27 @@ static int check_compare(const sv_tool_command *c, const lab_options *o) {
 static int check_together(const sv_tool_command *c, const lab_options *o) {
   bool has_optics = o->keep >= 0 || o->baseline_m >= 0 || o->focal_px >= 0 || o->focus_m >= 0;
   if (has_optics && strcmp(o->from, "lenslet") != 0)
-    return lab_usage(c->name, "--keep, --baseline, --focal and --focus belong to --from lenslet");
+    return lab_usage(c->name, "--keep, --baseline, --focal and --focus need --from lenslet");
   if (o->steps >= 0 && o->time_limit_s >= 0)
-    return lab_usage(c->name, "--steps and --time-limit exclude each other");
+    return lab_usage(c->name, "--steps and --time-limit cannot be combined");
   if (c->bit == LAB_TRAIN && !o->is_eval && (o->mask || o->has_lpips))
     return lab_usage(c->name, "--%s needs --eval", o->mask ? "mask" : "lpips");
   sv_dynamic_cfg scratch = sv_dynamic_defaults();
   if (o->motion && !(o->method && strcmp(o->method, "4dgs") == 0))
     return lab_usage(c->name, "--motion needs --model 4dgs");
   if (o->motion && lab_parse_motion(o->motion, &scratch) != LAB_EXIT_OK)
-    return lab_usage(c->name, "--motion is clip or field, then settings ,name=number; not '%.80s'",
+    return lab_usage(c->name, "--motion must be clip or field, then settings ,name=number; not '%.80s'",
                      o->motion);
   if (c->bit == LAB_EXPORT && o->spz_version > 0 && strcmp(o->format, "spz") != 0)
-    return lab_usage(c->name, "--spz-version belongs to --format spz");
+    return lab_usage(c->name, "--spz-version needs --format spz");
   if (c->bit == LAB_EXPORT && o->frames > 0 && strcmp(o->format, "delta") != 0)
-    return lab_usage(c->name, "--frames belongs to --format delta");
+    return lab_usage(c->name, "--frames needs --format delta");
   if (c->bit == LAB_EXPORT && o->up && (!strcmp(o->format, "splat") || !strcmp(o->format, "delta")))
     return lab_usage(c->name, "--up has no effect with --format %s", o->format);
   if (c->bit != LAB_EXPORT && o->up && !lab_is_upright(o->model))
-    return lab_usage(c->name, "--up belongs to models that end in .spz or .glb");
-  if (o->orbit >= 0 && o->split) return lab_usage(c->name, "--split and --orbit exclude each other");
-  if (o->width_px > 0 && o->orbit < 0) return lab_usage(c->name, "--width belongs to --orbit");
+    return lab_usage(c->name, "--up needs a model that ends in .spz or .glb");
+  if (o->orbit >= 0 && o->split) return lab_usage(c->name, "--split and --orbit cannot be combined");
+  if (o->width_px > 0 && o->orbit < 0) return lab_usage(c->name, "--width needs --orbit");
   return c->bit == LAB_COMPARE ? check_compare(c, o) : LAB_EXIT_OK;
 }
 

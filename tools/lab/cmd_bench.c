@@ -71,7 +71,7 @@ static sv_status bench(lab_session *se, const lab_options *o, sv_err *err) {
   sv_arena arena = sv_arena_make(block, block ? bytes : 0);
   sv_status s = block && b
                     ? time_all(se, o, b, &arena, err)
-                    : sv_fail(err, SV_E_NOMEM, "the system does not give the %zu bytes of the bench", bytes);
+                    : sv_fail(err, SV_E_NOMEM, "cannot allocate the %zu bytes of the benchmark", bytes);
   free(b);
   free(block);
   return s;

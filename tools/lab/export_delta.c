@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A moving model as a "delta PLY", as Brush plays it: the base model, and after its vertices for each frame k an
-// element delta_vertex_k with what is added to x y z, scale and rot. There is no place in it for changes of colour
+// element delta_vertex_k with what is added to x y z, scale and rot. There is no place in it for changes of color
 // and opacity: a Gaussian that has faded away at a frame is made vanishingly small there.
 #include <stdlib.h>
 #include <string.h>
@@ -21,7 +21,7 @@ typedef struct {
 
 static sv_status append(void *self, const void *data, size_t bytes, sv_err *err) {
   memory *m = self;
-  if (bytes > m->cap - m->n) return sv_fail(err, SV_E_FULL, "a PLY longer than it said");
+  if (bytes > m->cap - m->n) return sv_fail(err, SV_E_FULL, "PLY data exceeds its header");
   memcpy(m->data + m->n, data, bytes);
   m->n += bytes;
   return SV_OK;
@@ -85,8 +85,7 @@ sv_status lab_write_delta(lab_model *m, const lab_session *se, int n_frames, con
                             .has_normals = true};
   sv_ply_writer w;
   sv_file f;
-  if (!m->deform.kind)
-    return sv_fail(err, SV_E_NOT_FOUND, "the model does not move: there is no motion.bin beside it");
+  if (!m->deform.kind) return sv_fail(err, SV_E_NOT_FOUND, "the model is static: no motion.bin beside it");
   memory base = {.cap = sv_ply_file_bytes(&o) + 64};
   if (!(base.data = malloc(base.cap))) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its base", path);
   const sv_model_notes notes = lab_model_notes(m);

@@ -20,7 +20,7 @@ static sv_status fill(lab_model *m, const char *path, sv_ply *ply, sv_err *err) 
   if (!m->block) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its %u Gaussians", path, ply->n);
   sv_arena a = sv_arena_make(m->block, bytes);
   sv_status s = sv_gaussians_init(&m->g, (int)ply->n, ply->sh_degree, &a);
-  if (s != SV_OK) return sv_fail(err, s, "%s: %u Gaussians cannot be held", path, ply->n);
+  if (s != SV_OK) return sv_fail(err, s, "%s: cannot hold %u Gaussians", path, ply->n);
   for (uint32_t i = 0; i < ply->n; i++) {
     sv_gaussian g;
     s = sv_ply_read_gaussian(ply, i, &g, err);
@@ -45,7 +45,7 @@ static sv_status take_motion(lab_model *m, const sv_sections *r, const sv_deform
   sv_status s = d ? sv_deform_carve(d, h, &m->g, SV_LINUX_CAP_THREADS, &dry) : SV_E_NOMEM;
   size_t bytes = dry.used_bytes + SV_ARENA_ALIGN;
   free(d);
-  if (s != SV_OK) return sv_fail(err, s, "%s: its sizes cannot be held", r->name);
+  if (s != SV_OK) return sv_fail(err, s, "%s: invalid sizes", r->name);
   if (!(m->deform_block = malloc(bytes)))
     return sv_fail(err, SV_E_NOMEM, "%s: no memory for its motion", r->name);
   sv_arena a = sv_arena_make(m->deform_block, bytes);
@@ -96,9 +96,9 @@ sv_status lab_model_read(lab_model *m, const char *path, sv_err *err) {
   else s = sv_ply_open(&ply, path, data, bytes, err);
   if (is_ply && s == SV_OK && ply.kind != SV_PLY_GAUSSIANS)
     s = sv_fail(err, SV_E_FORMAT,
-                "%s: a point cloud; a model with scale_0, rot_0, opacity and f_dc_0 was expected", path);
+                "%s: is a point cloud; expected a model with scale_0, rot_0, opacity and f_dc_0", path);
   if (is_ply && s == SV_OK && (ply.n < 1 || ply.n > 4000000))
-    s = sv_fail(err, SV_E_RANGE, "%s: has %u Gaussians; 1 to 4000000 were expected", path, ply.n);
+    s = sv_fail(err, SV_E_RANGE, "%s: %u Gaussians; expected 1 to 4000000", path, ply.n);
   if (is_ply && s == SV_OK) s = fill(m, path, &ply, err);
   free(data);
   if (s != SV_OK) {
@@ -162,7 +162,7 @@ static sv_status settings_parse(lab_settings *st, const sv_json *j, sv_err *err)
   char name[16] = "";
   long long scale = st->scale, n_exposures = 0;
   double c[3];
-  if (!sv_json_is_object(j, 0)) return sv_json_fail(j, 0, err, SV_E_FORMAT, "an object was expected");
+  if (!sv_json_is_object(j, 0)) return sv_json_fail(j, 0, err, SV_E_FORMAT, "expected an object");
   sv_status s = sv_json_get_string(j, 0, "background", name, sizeof name, err);
   if (s >= 0) s = sv_json_get_int(j, 0, "scale", 1, 64, &scale, err);
   if (s >= 0) s = sv_json_get_int(j, 0, "exposures", 1, 1000000, &n_exposures, err);

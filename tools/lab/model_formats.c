@@ -90,7 +90,7 @@ static sv_status unpack_zstd(sv_spz *z, const char *path, const uint8_t *data, s
   sv_status s = sv_spz_open4(z, path, data, n, at, compressed, err);
   if (s < 0) return s;
   if (z->n < 1 || z->n > CAP_N)
-    return sv_fail(err, SV_E_RANGE, "%s: %u Gaussians; 1 to %u were expected", path, z->n, CAP_N);
+    return sv_fail(err, SV_E_RANGE, "%s: %u Gaussians; expected 1 to %u", path, z->n, CAP_N);
   *packed = malloc(sv_spz_bytes(z));
   if (!*packed) return sv_fail(err, SV_E_NOMEM, "%s: no memory for %u Gaussians", path, z->n);
   for (int i = 0; i < SV_SPZ_N_STREAMS; i++) {
@@ -104,12 +104,12 @@ static sv_status unpack_zstd(sv_spz *z, const char *path, const uint8_t *data, s
 #else
 static sv_status write_zstd(const sv_spz *z, const uint8_t *packed, const char *path, sv_err *err) {
   (void)z, (void)packed;
-  return sv_fail(err, SV_E_UNSUPPORTED, "%s: this build has no zstd: SPZ version 2 or 3", path);
+  return sv_fail(err, SV_E_UNSUPPORTED, "%s: this build has no zstd; use SPZ version 2 or 3", path);
 }
 static sv_status unpack_zstd(sv_spz *z, const char *path, const uint8_t *data, size_t n, uint8_t **packed,
                              sv_err *err) {
   (void)z, (void)data, (void)n, (void)packed;
-  return sv_fail(err, SV_E_UNSUPPORTED, "%s: SPZ version 4, and this build has no zstd", path);
+  return sv_fail(err, SV_E_UNSUPPORTED, "%s: SPZ version 4 needs zstd, which this build lacks", path);
 }
 #endif
 
@@ -166,20 +166,19 @@ sv_status lab_write_glb(const sv_gaussians *g, const char *up, const char *path,
 static sv_status make_room(sv_gaussians *g, void **block, const char *path, uint32_t n, int degree,
                            sv_err *err) {
   if (n < 1 || n > CAP_N)
-    return sv_fail(err, SV_E_RANGE, "%s: %u Gaussians; 1 to %u were expected", path, n, CAP_N);
+    return sv_fail(err, SV_E_RANGE, "%s: %u Gaussians; expected 1 to %u", path, n, CAP_N);
   size_t bytes = sv_gaussians_bytes((int)n, degree) + SV_ARENA_ALIGN;
   *block = malloc(bytes);
   if (!*block) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its %u Gaussians", path, n);
   sv_arena a = sv_arena_make(*block, bytes);
   sv_status s = sv_gaussians_init(g, (int)n, degree, &a);
-  return s < 0 ? sv_fail(err, s, "%s: %u Gaussians cannot be held", path, n) : SV_OK;
+  return s < 0 ? sv_fail(err, s, "%s: cannot hold %u Gaussians", path, n) : SV_OK;
 }
 
 static sv_status read_splat(sv_gaussians *g, void **block, const char *path, const uint8_t *d, size_t bytes,
                             sv_err *err) {
   if (bytes % SV_SPLAT_BYTES)
-    return sv_fail(err, SV_E_FORMAT, "%s: %zu bytes; a multiple of %d was expected", path, bytes,
-                   SV_SPLAT_BYTES);
+    return sv_fail(err, SV_E_FORMAT, "%s: %zu bytes; expected a multiple of %d", path, bytes, SV_SPLAT_BYTES);
   sv_status s = make_room(g, block, path, (uint32_t)(bytes / SV_SPLAT_BYTES), 0, err);
   for (int i = 0; s == SV_OK && i < g->n; i++) {
     sv_gaussian v;
@@ -261,8 +260,7 @@ void lab_turn_back(lab_model *m, lab_session *s, const char *path, const char *u
     sv_gaussian_turn_by(&g, &back);
     sv_gaussians_put(&m->g, i, &g);
   }
-  lab_say(s, "%s: such files stand upright; turned back to a world whose up is %s (--up -y leaves it)", path,
-          up);
+  lab_say(s, "%s: file is Y-up; rotated to the dataset's up axis %s (--up -y keeps it)", path, up);
 }
 
 sv_status lab_read_viewer_format(sv_gaussians *g, bool *is_mip, void **block, const char *path,
@@ -277,7 +275,7 @@ sv_status lab_read_viewer_format(sv_gaussians *g, bool *is_mip, void **block, co
     for (int k = 0; k < g->n_rows; k++) {
       float v = *sv_gaussians_at(g, i, k);
       if (!(v > -1e30f && v < 1e30f))
-        s = sv_fail(err, SV_E_FORMAT, "%s: Gaussian %d has values that are no numbers", path, i);
+        s = sv_fail(err, SV_E_FORMAT, "%s: Gaussian %d has values that are not finite", path, i);
     }
   if (s == SV_OK) return s;
   free(*block);

@@ -5,7 +5,7 @@
 
 #define TOLERANCE  0.005 // of the depth
 #define NEAR       1e-4  // scene units; nothing is projected from nearer
-#define OVERLAP    1.25  // splats of neighbouring pixels must not leave gaps
+#define OVERLAP    1.25  // splats of neighboring pixels must not leave gaps
 #define MAX_RADIUS 8.0   // px
 
 int sv_covisible_needed(int n) {
@@ -55,7 +55,7 @@ static int below(double x, int lo, int hi) { // floor, kept in [lo, hi]
 static void splat(sv_zbuffer *zb, double u, double v, double rx, double ry, float z) {
   int w = zb->view.width_px, h = zb->view.height_px;
   if (!(u + rx >= 0 && v + ry >= 0 && u - rx < w && v - ry < h)) return;
-  // All pixels whose centres it covers, and the one it lies in.
+  // All pixels whose centers it covers, and the one it lies in.
   int x0 = below(u - rx + 0.5, 0, w - 1), x1 = below(u + rx - 0.5, 0, w - 1);
   int y0 = below(v - ry + 0.5, 0, h - 1), y1 = below(v + ry - 0.5, 0, h - 1);
   int xc = below(u, 0, w - 1), yc = below(v, 0, h - 1);

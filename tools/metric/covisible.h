@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Co-visibility: which pixels of a test picture the training ("support") pictures have seen, too. Masked metrics look
-// at these only (DyCheck, Gao et al., NeurIPS 2022). Two ways to tell for one support picture: by depth
+// Co-visibility: which pixels of a test image the training ("support") images have seen, too. Masked metrics look
+// at these only (DyCheck, Gao et al., NeurIPS 2022). Two ways to tell for one support image: by depth
 // (reprojection against what is known to stand in front) here, by flow (forward-backward check) in flow.h.
 #ifndef SV_TOOLS_METRIC_COVISIBLE_H
 #define SV_TOOLS_METRIC_COVISIBLE_H
@@ -14,7 +14,7 @@
 extern "C" {
 #endif
 
-// In how many of n support pictures a pixel must be seen: in all of at most 4, else in max(3, ceil(5 %)).
+// In how many of n support images a pixel must be seen: in all of at most 4, else in max(3, ceil(5 %)).
 int sv_covisible_needed(int n_support);
 
 // What is known of the surfaces in front of one support camera.
@@ -35,7 +35,7 @@ typedef struct {
                // everything: they are infinitely far. Others without depth count as not seen.
 } sv_covisible_test;
 
-// seen [height][width] = 1 where the pixel's point lies inside the support picture and is not behind a surface there: it
+// seen [height][width] = 1 where the pixel's point lies inside the support image and is not behind a surface there: it
 // is when everything in the 3x3 pixels around it is nearer by more than 0.5 % (edges of splatted surfaces are uncertain
 // by a pixel).
 void sv_covisible_by_depth(const sv_covisible_test *test, const sv_zbuffer *support, uint8_t *seen);

@@ -8,11 +8,11 @@
 #define PATCH      8
 #define AREA       (PATCH * PATCH)
 #define STEP       4  // pixels from one patch to the next
-#define BORDER     16 // a patch may lie outside the picture by this much, less one patch
+#define BORDER     16 // a patch may lie outside the image by this much, less one patch
 #define MIN_SIDE   16 // of the coarsest level
 #define ITERATIONS 12
 #define REACH      PATCH      // a patch that moved further from its start than this has lost itself
-#define DAMPING    (4 * AREA) // grey levels^2: keeps patches without structure where they started
+#define DAMPING    (4 * AREA) // gray levels^2: keeps patches without structure where they started
 
 // --- pyramid -------------------------------------------------------------------------------------
 
@@ -179,7 +179,7 @@ static void try_start(found *best, const patch *p, const level *lv, const found 
   if (error < best->error) *best = (found){other->u, other->v, error};
 }
 
-// First from the top left: start from the coarser level or the neighbours before; then back: the neighbours behind.
+// First from the top left: start from the coarser level or the neighbors before; then back: the neighbors behind.
 static void search_patches(search *s) {
   const level *lv = &s->lv;
   size_t n = (size_t)lv->a_width * (size_t)lv->a_height;
@@ -228,7 +228,7 @@ static void blend(search *s) {
 
 // --- all levels ----------------------------------------------------------------------------------
 
-// The coarsest level begins where the homography (or the pictures' sizes) says.
+// The coarsest level begins where the homography (or the images' sizes) says.
 static void begin(search *s, const double *h, double unit_a, double size_x, double size_y) {
   int w = s->lv.a_width;
   size_t n = (size_t)w * (size_t)s->lv.a_height;

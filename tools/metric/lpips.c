@@ -20,7 +20,7 @@ static const float shift[3] = {-0.030f, -0.088f, -0.188f}, scale[3] = {0.458f, 0
 struct sv_lpips {
   sv_net net;
   float linear[LINEAR_FLOATS]; // of all taps, one after the other
-  float *tap_map, *full_map;   // [height][width] of the largest tap, and of the picture
+  float *tap_map, *full_map;   // [height][width] of the largest tap, and of the image
   size_t cap_tap, cap_full;
 };
 
@@ -33,10 +33,9 @@ static uint32_t le32(const uint8_t *p) {
 static sv_status check(const uint8_t *p, size_t bytes, sv_err *err) {
   size_t n = SV_NET_FLOATS + LINEAR_FLOATS;
   if (bytes != HEADER_BYTES + 4 * n || memcmp(p, "SVLPIPS1", 8) != 0 || le32(p + 8) != 4 || le32(p + 12) != n)
-    return sv_fail(err, SV_E_FORMAT, "the weights of LPIPS in this program are not the %zu values expected",
-                   n);
+    return sv_fail(err, SV_E_FORMAT, "the built-in LPIPS weights are not the expected %zu values", n);
   if (sv_crc32c(0, p + HEADER_BYTES, 4 * n) != le32(p + 16))
-    return sv_fail(err, SV_E_FORMAT, "the weights of LPIPS in this program are damaged (CRC)");
+    return sv_fail(err, SV_E_FORMAT, "the built-in LPIPS weights are damaged (CRC)");
   return SV_OK;
 }
 
@@ -178,14 +177,13 @@ static sv_status run(compare_job *j, sv_err *err) {
   sv_net_job net = {.width = im->width, .height = im->height, .pixel = pixel, .tap = tap, .arg = j};
   if (im->n_channels != 3 || im->width < SV_LPIPS_MIN_SIDE_PX || im->height < SV_LPIPS_MIN_SIDE_PX)
     return sv_fail(err, SV_E_RANGE,
-                   "LPIPS needs RGB pictures of at least %dx%d pixels, not %dx%d with %d channels",
+                   "LPIPS needs RGB images of at least %dx%d pixels, not %dx%d with %d channels",
                    SV_LPIPS_MIN_SIDE_PX, SV_LPIPS_MIN_SIDE_PX, im->width, im->height, im->n_channels);
   j->linear = j->l->linear;
   if (j->map) memset(j->map, 0, (size_t)im->width * (size_t)im->height * sizeof(float));
   sv_status s = sv_net_run(&j->l->net, &net, j->pool);
-  return s == SV_OK
-             ? SV_OK
-             : sv_fail(err, s, "no memory for LPIPS of pictures of %dx%d pixels", im->width, im->height);
+  return s == SV_OK ? SV_OK
+                    : sv_fail(err, s, "no memory for LPIPS of images of %dx%d pixels", im->width, im->height);
 }
 
 sv_status sv_lpips_compare(sv_lpips *l, const sv_image_pair *im, const sv_pool *pool, double *out,
@@ -206,7 +204,7 @@ sv_status sv_lpips_masked(sv_lpips *l, const sv_image_pair *im, const uint8_t *m
   size_t n = (size_t)im->width * (size_t)im->height, n_used = 0;
   *out = 0;
   if (!grow(&l->full_map, &l->cap_full, n))
-    return sv_fail(err, SV_E_NOMEM, "no memory for LPIPS of pictures of %dx%d pixels", im->width, im->height);
+    return sv_fail(err, SV_E_NOMEM, "no memory for LPIPS of images of %dx%d pixels", im->width, im->height);
   compare_job j = {.l = l, .im = im, .pool = pool, .map = l->full_map, .mask = mask};
   sv_status s = run(&j, err);
   if (s != SV_OK) return s;

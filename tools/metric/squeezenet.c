@@ -69,7 +69,7 @@ typedef struct {
   int channel0;           // of out, where this convolution's outputs begin
 } conv_job;
 
-// COLS neighbouring outputs of 8 channels. a: their first inputs; one row of the kernel is contiguous in the input.
+// COLS neighboring outputs of 8 channels. a: their first inputs; one row of the kernel is contiguous in the input.
 static void conv_block(const sv_conv *c, size_t row_floats, const float *const a[COLS], const float *w,
                        lanes sum[COLS]) {
   int run = c->k * c->n_in;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The convolution layers of SqueezeNet 1.1 (Iandola et al. 2016; layout of torchvision's `features`), forward only.
-// Pictures are [y][x][channel] floats. Sums run in one order, without fused multiply-add: the same bits on every
+// Images are [y][x][channel] floats. Sums run in one order, without fused multiply-add: the same bits on every
 // machine and for any number of threads.
 #ifndef SV_TOOLS_METRIC_SQUEEZENET_H
 #define SV_TOOLS_METRIC_SQUEEZENET_H
@@ -34,7 +34,7 @@ typedef struct {
 typedef struct {
   sv_conv conv[SV_NET_CONVS];
   float *weights;      // of all of them, 64-byte aligned
-  float *buffer[2][3]; // of the two pictures; grows
+  float *buffer[2][3]; // of the two images; grows
   size_t cap_floats[3];
 } sv_net;
 
@@ -45,7 +45,7 @@ void sv_net_close(sv_net *n);
 // Channels of tap i (0..6).
 int sv_net_tap_channels(int i);
 
-// Runs two pictures of the same size through the network side by side; after each layer that is compared calls
+// Runs two images of the same size through the network side by side; after each layer that is compared calls
 // tap(arg, i, a, b). pixel(arg, i_picture, y, x, out[3]) gives the network's input. E_NOMEM, E_RANGE (too small),
 // or what tap returns.
 typedef struct {

@@ -39,7 +39,7 @@ sv_status lab_animation_begin(lab_animation **out, int w, int h, int frame_ms, s
     return SV_OK;
   }
   lab_animation_free(a);
-  return sv_fail(err, SV_E_NOMEM, "libwebp could not begin an animation of %dx%d", w, h);
+  return sv_fail(err, SV_E_NOMEM, "libwebp could not start an animation of %dx%d", w, h);
 }
 
 // rgb NULL: the end of the last frame.
@@ -66,7 +66,7 @@ sv_status lab_animation_write(lab_animation *a, const char *path, sv_err *err) {
   WebPData data;
   WebPDataInit(&data);
   if (!put(a, NULL) || !WebPAnimEncoderAssemble(a->encoder, &data))
-    return sv_fail(err, SV_E_NOMEM, "%s: libwebp could not end the animation: %s", path,
+    return sv_fail(err, SV_E_NOMEM, "%s: libwebp could not finish the animation: %s", path,
                    WebPAnimEncoderGetError(a->encoder));
   sv_status s = sv_file_write(path, data.bytes, data.size, err);
   WebPDataClear(&data);

@@ -13,7 +13,7 @@
 #define N_VIEWS    3 // rows, unless --views says another number
 #define GAP_PX     4
 #define CAP_LABEL  120
-#define FONT_WIDTH 160 // of a picture, pixels for each pixel of a font unit: then 26 characters fit
+#define FONT_WIDTH 160 // of an image, pixels for each pixel of a font unit: then 26 characters fit
 
 static const uint8_t ink[3] = {20, 20, 20}, white[3] = {255, 255, 255}, black[3] = {0, 0, 0};
 
@@ -55,7 +55,7 @@ static void draw_head(run *r, int i_column, const char *label, const char *figur
   lab_sheet_text(&r->sheet, x, r->scale + line, k, figure, ink);
 }
 
-// Text in the lower left corner of a picture, on black.
+// Text in the lower left corner of an image, on black.
 static void draw_note(run *r, int i_column, int i_row, int picture_h, const char *text) {
   int k = fitting(r, text), w = lab_sheet_text_width(text, k) + 3 * k, h = (LAB_SHEET_TEXT_PX + 1) * k;
   int x = cell_x(r, i_column), y = cell_y(r, i_row) + picture_h - h;

@@ -31,7 +31,7 @@ typedef struct {
   double depth_unit; // scene units of one step of a depth PNG
 } run;
 
-// Of the pictures of an orbit, against the first view's.
+// Of the images of an orbit, against the first view's.
 static double orbit_scale(const run *r) {
   bool is_given = r->o->orbit > 0 && r->o->width_px > 0;
   return is_given ? (double)r->o->width_px / r->views.frames[0].view.width_px : 1;
@@ -62,7 +62,7 @@ static sv_status orbit_view(const run *r, const lab_scene *sc, int i, sv_view *o
     eye[k] = c[k] + height * up[k] + flat * (sv_cos(angle) * side[k] + sv_sin(angle) * ahead[k]);
   sv_pose pose;
   if (!sv_pose_look_at(&pose, eye, c, up))
-    return sv_fail(err, SV_E_RANGE, "the cameras do not tell a circle to orbit on");
+    return sv_fail(err, SV_E_RANGE, "the cameras do not define an orbit");
   const sv_view *v0 = &r->views.frames[0].view;
   double k = orbit_scale(r);
   *out = sv_view_make(scaled(v0->width_px, k), scaled(v0->height_px, k), k * (double)v0->fx,
@@ -158,12 +158,12 @@ static sv_status prepare(run *r, lab_scene *scene, sv_err *err) {
   r->depth_unit = round_up_125(((double)scene->distance + 4 * (double)r->settings.radius) / 65535);
   int w = scaled(r->views.cap_width_px, orbit_scale(r)), h = scaled(r->views.cap_height_px, orbit_scale(r));
   if (h > SV_BITMAP_CAP_SIDE_PX)
-    return sv_fail(err, SV_E_RANGE, "--width %ld: the pictures would be %d pixels high", r->o->width_px, h);
+    return sv_fail(err, SV_E_RANGE, "--width %ld: the images would be %d pixels high", r->o->width_px, h);
   size_t n = sv_plane_floats(w, h); // padded, so at least as much as is needed
   if (n < r->views.cap_floats) n = r->views.cap_floats;
   if ((s = lab_viewer_start(&r->viewer, &r->session, r->model.g.n, w, h, n, err)) != SV_OK) return s;
   r->rgb = malloc(3 * n), r->z = malloc(n * sizeof *r->z), r->depth = malloc(n * sizeof *r->depth);
-  if (!r->rgb || !r->z || !r->depth) return sv_fail(err, SV_E_NOMEM, "no memory for a picture");
+  if (!r->rgb || !r->z || !r->depth) return sv_fail(err, SV_E_NOMEM, "no memory for an image");
   return sv_path_make_folder(r->o->out, err);
 }
 
@@ -172,7 +172,7 @@ static int n_pictures(const run *r) {
   return (int)(is_film(r) ? r->o->frames : r->o->orbit > 0 ? r->o->orbit : r->views.n);
 }
 
-// Frames that follow one another become an animation, too; without one the pictures remain.
+// Frames that follow one another become an animation, too; without one the images remain.
 static void start_animation(run *r) {
   sv_err why;
   const sv_view *v = &r->views.frames[0].view;
@@ -193,9 +193,10 @@ static sv_status finish(run *r, int n, sv_err *err) {
   if (s == SV_OK) s = lab_report_save(&r->list, path, err);
   if (s != SV_OK) return s;
   if (r->o->has_depth)
-    lab_say(&r->session,
-            "%d views in %s; a step of a depth PNG is %g scene units along the optical axis, 0 is no depth",
-            n, r->o->out, r->depth_unit);
+    lab_say(
+        &r->session,
+        "%d views in %s; one step of a depth PNG is %g scene units along the optical axis; 0 means no depth",
+        n, r->o->out, r->depth_unit);
   else lab_say(&r->session, "%d views in %s", n, r->o->out);
   if (r->animation) {
     s = sv_path_join(path, sizeof path, r->o->out, is_film(r) ? "movie.webp" : "orbit.webp", err);
@@ -214,7 +215,7 @@ static sv_status render_all(run *r, sv_err *err) {
   if (s != SV_OK) return s;
   if (is_film(r) && !r->model.deform.kind)
     return sv_fail(err, SV_E_NOT_FOUND,
-                   "%s: does not move (no motion.bin beside it), so --frames has no sense", r->o->model);
+                   "%s: is static (no motion.bin beside it); --frames needs a moving model", r->o->model);
   int n = n_pictures(r);
   start_animation(r);
   lab_report_begin(&r->list);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pictures frame_0000.png ... of a folder -> movie.mp4 and a contact sheet sheet.png, by ffmpeg where it is
+// Images frame_0000.png ... of a folder -> movie.mp4 and a contact sheet sheet.png, by ffmpeg where it is
 // installed.
 #include <math.h>
 #include <spawn.h>
@@ -40,7 +40,7 @@ sv_status lab_movie_make(lab_session *se, const char *folder, int n_frames, doub
                                     "-vf",    tile, "-frames:v", "1",  sheet, NULL};
   int code = run(make_movie);
   if (code < 0 || code == 127) {
-    lab_say(se, "no ffmpeg here: the frames stay single pictures");
+    lab_say(se, "ffmpeg not found; no video written");
     return SV_OK;
   }
   if (code != 0 || run(make_sheet) != 0) return sv_fail(err, SV_E_DEVICE, "%s: ffmpeg failed", movie);

@@ -18,7 +18,7 @@ sv_status lab_sheet_start(lab_sheet *sh, long w, long h, sv_err *err) {
   *sh = (lab_sheet){0, 0, NULL};
   if (w < 1 || h < 1 || w > SV_BITMAP_CAP_SIDE_PX || h > SV_BITMAP_CAP_SIDE_PX ||
       3 * w > (long)SV_BITMAP_CAP_SAMPLES / h)
-    return sv_fail(err, SV_E_RANGE, "a sheet of %ldx%ld pixels is too large for one picture", w, h);
+    return sv_fail(err, SV_E_RANGE, "a sheet of %ldx%ld pixels is too large for one image", w, h);
   size_t bytes = 3 * (size_t)w * (size_t)h;
   sh->px = malloc(bytes);
   if (!sh->px) return sv_fail(err, SV_E_NOMEM, "no memory for a sheet of %ldx%ld pixels", w, h);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A sheet of pictures and text, written as a PNG: the contact sheets of `tables` and `compare`.
+// A sheet of images and text, written as a PNG: the contact sheets of `tables` and `compare`.
 #ifndef SV_TOOLS_PICTURES_SHEET_H
 #define SV_TOOLS_PICTURES_SHEET_H
 
@@ -8,7 +8,7 @@
 
 #include "src/base/status.h"
 
-#define LAB_SHEET_PAPER   255 // grey value of an empty sheet
+#define LAB_SHEET_PAPER   255 // gray value of an empty sheet
 #define LAB_SHEET_TEXT_PX 12  // height of a line of text at scale 1
 
 typedef struct {

@@ -60,29 +60,30 @@ static sv_status judge(const tables_child *c, int status, sv_err *err) {
   if (con->is_stop_requested(con->self)) return sv_fail(err, SV_E_INTERRUPTED, "stopped by request");
   if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return SV_OK;
   if (WIFSIGNALED(status))
-    return sv_fail(err, SV_E_DEVICE, "%s was ended by signal %d; its messages: %.120s", c->argv[1],
+    return sv_fail(err, SV_E_DEVICE, "%s was killed by signal %d; its output: %.120s", c->argv[1],
                    WTERMSIG(status), c->log);
   if (WEXITSTATUS(status) == 127)
-    return sv_fail(err, SV_E_DEVICE, "%.120s could not be started again to %s", c->program, c->argv[1]);
+    return sv_fail(err, SV_E_DEVICE, "%.120s could not be restarted for %s", c->program, c->argv[1]);
   lab_last_line(c->log, said, sizeof said);
-  return sv_fail(err, SV_E_DEVICE, "%s: %s", c->argv[1], *said ? said : "failed without a word");
+  return sv_fail(err, SV_E_DEVICE, "%s: %s", c->argv[1], *said ? said : "failed without a message");
 }
 
 sv_status tables_child_run(const tables_child *c, char *out, size_t cap, sv_err *err) {
   int ends[2], status = 0;
   pid_t parent = getpid();
   out[0] = 0;
-  if (pipe2(ends, O_CLOEXEC) < 0) return sv_fail(err, SV_E_DEVICE, "no pipe to a child process");
+  if (pipe2(ends, O_CLOEXEC) < 0) return sv_fail(err, SV_E_DEVICE, "cannot create a pipe to a child process");
   pid_t pid = fork();
   if (pid == 0) become(c, ends[1], parent);
   close(ends[1]);
   if (pid < 0) {
     close(ends[0]);
-    return sv_fail(err, SV_E_DEVICE, "no child process for %s: %s", c->argv[1], sv_linux_reason(errno));
+    return sv_fail(err, SV_E_DEVICE, "cannot start a child process for %s: %s", c->argv[1],
+                   sv_linux_reason(errno));
   }
   collect(c, pid, ends[0], out, cap);
   close(ends[0]);
   while (waitpid(pid, &status, 0) < 0)
-    if (errno != EINTR) return sv_fail(err, SV_E_DEVICE, "a child process for %s got lost", c->argv[1]);
+    if (errno != EINTR) return sv_fail(err, SV_E_DEVICE, "lost the child process for %s", c->argv[1]);
   return judge(c, status, err);
 }

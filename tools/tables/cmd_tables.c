@@ -17,7 +17,7 @@
 static sv_status know_program(tables *t, sv_err *err) {
   uint64_t h = TABLES_HASH;
   ssize_t n = readlink("/proc/self/exe", t->program, sizeof t->program - 1);
-  if (n <= 0) return sv_fail(err, SV_E_DEVICE, "/proc/self/exe does not say which program this is");
+  if (n <= 0) return sv_fail(err, SV_E_DEVICE, "cannot find this program through /proc/self/exe");
   t->program[n] = 0;
   sv_status s = tables_hash_file(&h, t->program, err);
   snprintf(t->build, sizeof t->build, "%016llx", (unsigned long long)h);
@@ -34,12 +34,12 @@ static sv_status leave_multiplexed(tables *t, sv_err *err) {
       if (d != TABLES_MULTIPLEXED) *n = 0;
     }
   if (!n_multiplexed)
-    return sv_fail(err, SV_E_ARG,
-                   "%s: no transforms_train_multiplexed.json; --noise prediction is for those measurements, "
-                   "expected read=V,shot=V",
-                   t->o->data);
+    return sv_fail(
+        err, SV_E_ARG,
+        "%s: no transforms_train_multiplexed.json; --noise prediction needs them; use read=V,shot=V",
+        t->o->data);
   if (n_others)
-    lab_say(&t->session, "--noise prediction is for multiplexed measurements: other devices are left out");
+    lab_say(&t->session, "--noise prediction needs multiplexed measurements: skipping other devices");
   return SV_OK;
 }
 

@@ -251,16 +251,17 @@ static sv_status write_file(const job *j, const char *name, bool is_csv, bool ha
   if (s != SV_OK) return s;
   if (!f) return sv_fail(err, SV_E_DEVICE, "%s: cannot be written", path);
   if (!is_csv)
-    fprintf(f,
-            "# Moving scenes: one camera, stereo, phone\n\n"
-            "Written by `subview-lab tables`: %ld Gaussians, %ld steps; devices of several cameras start "
-            "from depth maps of theirs. \"Cameras\": held-out "
-            "cameras "
-            "over all times. \"Times\": held-out frames of the camera that all devices share. \"clip\": each "
-            "Gaussian moves for itself; \"field\": one deformation field (HexPlane and layers), as in 4DGS. "
-            "`s` is "
-            "the time of training, `MB` its one memory block.\n\n",
-            j->t->n_gaussians, j->t->n_steps);
+    fprintf(
+        f,
+        "# Moving scenes: one camera, stereo, phone\n\n"
+        "Written by `subview-lab tables`: %ld Gaussians, %ld steps; devices with several cameras start from "
+        "their own depth maps. \"Cameras\": held-out "
+        "cameras "
+        "over all times. \"Times\": held-out frames of the camera that all devices share. \"clip\": each "
+        "Gaussian has its own motion; \"field\": one deformation field (HexPlane and layers), as in 4DGS. "
+        "`s` is "
+        "the time of training, `MB` its one memory block.\n\n",
+        j->t->n_gaussians, j->t->n_steps);
   put_all(f, j, is_csv);
   if (!is_csv) tables_put_plots(f, j->t, has_plots);
   bool is_bad = ferror(f) != 0;

@@ -49,7 +49,7 @@ static void put_measured(const page *p) {
       "row's runs. LPIPS is that of SqueezeNet (v0.1). Depth: expected depth against the true one.\n");
   if (n_other)
     fprintf(p->f,
-            "\n**%d of the %d results are of another build of this program.** Remove `runs/` to measure "
+            "\n**%d of the %d results come from another build of this program.** Remove `runs/` to measure "
             "them again.\n",
             n_other, t->n_runs);
 }
@@ -62,7 +62,7 @@ static void put_differences(const page *p) {
       "with 100,000 Gaussians, which densification may change, about 3,000 iterations, noise on the "
       "measurements, 200 test views (the six nearest for one exposure) and LPIPS by another network (VGG), "
       "which is not comparable with ours; it does not print its resolution. Ours: %d scene%s of our own, "
-      "%ld Gaussians that stay that many, %ld steps, %s, views as above, black behind the objects. Compare "
+      "a fixed %ld Gaussians, %ld steps, %s, views as above, black behind the objects. Compare "
       "the differences between devices rather than the figures themselves.\n",
       t->n_scenes, t->n_scenes == 1 ? "" : "s", t->n_gaussians, t->n_steps,
       t->o->noise ? "noise as given by --noise" : "no noise");
@@ -233,7 +233,7 @@ static void put_tv_sentence(const page *p) {
   }
 }
 
-// --- pictures and runs ---------------------------------------------------------------------------
+// --- images and runs ---------------------------------------------------------------------------
 
 static void put_sheets(const page *p) {
   fprintf(p->f, "\n## Renderings\n\nOne exposure. Rows: ");

@@ -296,7 +296,7 @@ static sv_status plan_init(tables *t, sv_err *err) {
       .name = "init",
       .title = "Start: sphere or cube",
       .text = "One exposure, near views. Random points in a sphere around the object, or in the cube around "
-              "the sphere. The paper shows the difference as a picture (more floaters from the cube)."};
+              "the sphere. The paper shows the difference as an image (more floaters from the cube)."};
   for (int k = 0; k < (t->o->is_quick ? 2 : 3) && s == SV_OK; k++)
     for (int is_cube = 0; is_cube < 2 && s == SV_OK; is_cube++) {
       tables_setting like = {.n_gaussians = t->n_gaussians, .is_cube = is_cube != 0};

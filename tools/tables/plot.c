@@ -155,11 +155,10 @@ void tables_draw(tables *t, tables_drawing *d, const char *name) {
   if (code == 0) d->n_drawn++;
   else if (code == 127) {
     d->is_missing = true;
-    lab_say(&t->session, "gnuplot is not installed: no plots, only their scripts in %s", d->folder);
+    lab_say(&t->session, "gnuplot not found: wrote only the plot scripts in %s", d->folder);
   } else if (!d->is_failed) {
     d->is_failed = true;
-    lab_say(&t->session, "gnuplot could not draw %s/%s; its messages are in gnuplot.log there", d->folder,
-            script);
+    lab_say(&t->session, "gnuplot failed on %s/%s; see gnuplot.log there", d->folder, script);
   }
 }
 
@@ -183,7 +182,7 @@ void tables_put_plots(FILE *f, const tables *t, bool has_plots) {
   sv_names names;
   fprintf(f, "\n## Plots\n\n");
   if (!has_plots) {
-    fprintf(f, "gnuplot was not there when this was written; `gnuplot *.gp` in `plots/` draws them.\n");
+    fprintf(f, "gnuplot was not found; run `gnuplot *.gp` in `plots/` to draw them.\n");
     return;
   }
   if (sv_path_join(path, sizeof path, t->o->out, "plots", NULL) != SV_OK ||

@@ -23,7 +23,7 @@ FILE *tables_script_open(const tables *t, const char *name, sv_err *err);
 sv_status tables_script_close(FILE *f, const char *name, const char *plot, sv_err *err) SV_MUST_USE;
 // Has gnuplot draw a script; what hinders it is said once, and is no failure.
 void tables_draw(tables *t, tables_drawing *d, const char *name);
-// The section `Plots` of a page: the pictures of OUT/plots, or what draws them.
+// The section `Plots` of a page: the images of OUT/plots, or what draws them.
 void tables_put_plots(FILE *f, const tables *t, bool has_plots);
 
 #endif

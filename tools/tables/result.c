@@ -129,7 +129,7 @@ sv_status tables_result_read(tables_run *r, const char *path, sv_err *err) {
   void *text;
   size_t bytes;
   document d = {.tok = NULL};
-  if (!sv_path_exists(path)) return sv_fail(err, SV_E_NOT_FOUND, "%s: there is no result", path);
+  if (!sv_path_exists(path)) return sv_fail(err, SV_E_NOT_FOUND, "%s: no such result", path);
   sv_status s = sv_file_read(path, &text, &bytes, err);
   if (s != SV_OK) return s;
   if (!is_whole(text, bytes)) s = sv_fail(err, SV_E_FORMAT, "%s: is damaged", path);

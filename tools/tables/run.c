@@ -173,8 +173,8 @@ static bool is_there(job *j, sv_err *err) {
                            sv_path_exists(list) && sv_path_exists(j->model));
   sv_status s = tables_result_read(j->r, j->result, err);
   if (s == SV_OK && has_views) return true;
-  if (s == SV_OK) lab_say(&j->t->session, "%s: its pictures are missing; it is measured again", j->folder);
-  else if (s != SV_E_NOT_FOUND) lab_say(&j->t->session, "%s; it is measured again", err->text);
+  if (s == SV_OK) lab_say(&j->t->session, "%s: its images are missing; measuring again", j->folder);
+  else if (s != SV_E_NOT_FOUND) lab_say(&j->t->session, "%s; measuring again", err->text);
   return false;
 }
 
@@ -205,7 +205,8 @@ static sv_status fail_run(const job *j, sv_status s, sv_err *err) {
   int n_done = 0;
   for (int i = 0; i < j->t->n_runs; i++) n_done += j->t->runs[i].is_done;
   if (s == SV_E_INTERRUPTED)
-    return sv_fail(err, s, "stopped by request with %d of %d runs done; the same command goes on from there",
+    return sv_fail(err, s,
+                   "stopped by request with %d of %d runs done; run the same command again to continue",
                    n_done, j->t->n_runs);
   tables_describe(j->t, j->r, what, sizeof what);
   return sv_fail(err, s, "run %d (%s): %s", j->i_run, what, cause.text);
@@ -216,12 +217,12 @@ static void say_start(const job *j) {
   int n_other = 0;
   clock_text(eta, sizeof eta, left_s(j, 0));
   for (int i = 0; i < j->t->n_runs; i++) n_other += j->t->runs[i].is_done && j->t->runs[i].is_other_build;
-  lab_say(&j->t->session, "%d runs, %d of them done before; about %s on two cores", j->t->n_runs,
+  lab_say(&j->t->session, "%d runs, %d already done; about %s on two cores", j->t->n_runs,
           j->t->n_runs - j->n_left, eta);
   if (n_other)
     lab_say(&j->t->session,
-            "%d results are of another build of this program; remove %s/runs to measure them again", n_other,
-            j->t->o->out);
+            "%d results come from another build of this program; remove %s/runs to measure them again",
+            n_other, j->t->o->out);
 }
 
 sv_status tables_run_all(tables *t, sv_err *err) {

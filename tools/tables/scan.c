@@ -56,7 +56,7 @@ static int compare_ints(const void *a, const void *b) {
   return (x > y) - (x < y);
 }
 
-// Opens all of its training views, so that a missing picture is found before the first run.
+// Opens all of its training views, so that a missing image is found before the first run.
 static sv_status read_file(tables_file *f, const char *folder, sv_err *err) {
   char path[SV_CAP_PATH];
   lab_views v;
@@ -182,8 +182,7 @@ static sv_status add_scene(tables *t, const char *name, size_t n, sv_err *err) {
   char *real = realpath(given, NULL);
   bool is_good = real && sv_path_is_folder(real), is_short = real && sv_copy(sc->folder, SV_CAP_PATH, real);
   free(real);
-  if (!is_good)
-    return sv_fail(err, SV_E_NOT_FOUND, "%.150s: there is no such folder; a dataset was expected", given);
+  if (!is_good) return sv_fail(err, SV_E_NOT_FOUND, "%.150s: no such folder; expected a dataset", given);
   if (!is_short) return sv_fail(err, SV_E_RANGE, "%.80s...: the path is too long", given);
   for (int i = 0; i < t->n_scenes; i++)
     if (sv_str_eq(t->scenes[i].folder, sc->folder))

@@ -14,7 +14,7 @@
 #define ERROR_GAIN 4
 #define GAP_PX     4
 
-// One row's pictures; all of the view's size.
+// One row's images; all of the view's size.
 typedef struct {
   int w, h;
   uint8_t *truth;            // [h][w][3], over black
@@ -69,7 +69,7 @@ static sv_status read_picture(const char *folder, const char *name, const char *
       out->n_channels == (bits == 16 ? 1 : 3))
     return SV_OK;
   sv_bitmap_free(out);
-  return sv_fail(err, SV_E_FORMAT, "%s: is not a picture of %dx%d that render wrote", path, c->w, c->h);
+  return sv_fail(err, SV_E_FORMAT, "%s: is not a %dx%d image written by render", path, c->w, c->h);
 }
 
 static sv_status read_render(cells *c, const char *folder, int i_view, sv_err *err) {
@@ -94,7 +94,7 @@ static sv_status read_truth(cells *c, const lab_frame *f, int scale, bool has_de
   c->depth = malloc(n * sizeof *c->depth);
   c->depth_true = has_depth ? malloc(n * sizeof *c->depth_true) : NULL;
   if (!c->truth || !c->depth || (has_depth && !c->depth_true))
-    return sv_fail(err, SV_E_NOMEM, "no memory for a picture of the contact sheet");
+    return sv_fail(err, SV_E_NOMEM, "no memory for an image of the contact sheet");
   sv_status s = lab_picture_load(&l, f, scale, c->truth, err);
   if (s == SV_OK && has_depth) s = lab_depth_load(&l, f, scale, c->depth_true, err);
   lab_loader_free(&l);

@@ -48,7 +48,7 @@ typedef struct {
   char name[TABLES_CAP_NAME];
   int n_views[TABLES_N_SPLITS], width_px, height_px; // held out
   bool has_depth, is_dynamic;                        // dynamic: the held-out views are of several times
-  uint64_t digest;                                   // of a held-out picture of each split
+  uint64_t digest;                                   // of a held-out image of each split
   tables_capture of[TABLES_N_DEVICES];
 } tables_scene;
 
@@ -182,7 +182,7 @@ void tables_format(char *out, size_t cap, int figure, double v); // "-" for NAN
 sv_status tables_write_csv(const tables *t, sv_err *err) SV_MUST_USE;
 // Contact sheets OUT/sheet_SCENE.png: one near view of each scene, a row for each device.
 sv_status tables_write_sheets(tables *t, sv_err *err) SV_MUST_USE;
-// OUT/plots: scripts, and pictures when there is gnuplot; *has_pictures tells.
+// OUT/plots: scripts, and images when there is gnuplot; *has_pictures tells.
 sv_status tables_write_plots(tables *t, bool *has_pictures, sv_err *err) SV_MUST_USE;
 sv_status tables_write_markdown(const tables *t, bool has_plots, sv_err *err) SV_MUST_USE;
 

@@ -48,7 +48,7 @@ static sv_status evaluate(run *r, sv_err *err) {
   s = lab_evaluate(&r->views, &job, &r->scores, err);
   r->seconds = lab_seconds(&r->session) - t0;
   if (s == SV_OK && r->o->has_depth && r->scores.n_depth == 0)
-    return sv_fail(err, SV_E_NOT_FOUND, "%s/%s: no pixel of its depth pictures can be compared (all empty?)",
+    return sv_fail(err, SV_E_NOT_FOUND, "%s/%s: no pixel of its depth images can be compared (all empty?)",
                    r->o->data, r->views.transforms);
   return s;
 }

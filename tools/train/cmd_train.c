@@ -146,13 +146,12 @@ static const char *points_file(run *r) {
   // Nor can so few views, which lie as far apart as can be. What a device measures by itself is the stereo start's.
   if (n > 0 && n <= SV_FEW_EXPOSURES) {
     if (n > 1)
-      lab_say(&r->session, "%ld exposures cannot have measured the dataset's points; starting without them",
-              n);
+      lab_say(&r->session,
+              "%ld exposures could not have produced the dataset's points; starting without them", n);
     return NULL;
   }
   if (sv_path_exists(r->views.points)) return r->views.points;
-  lab_say(&r->session, "%s: the points that the dataset names are missing; starting without them",
-          r->views.points);
+  lab_say(&r->session, "%s: the dataset's point file is missing; starting without it", r->views.points);
   return NULL;
 }
 
@@ -180,7 +179,7 @@ static int check_init(const lab_options *o) {
   if (!i || sv_str_eq(i, "sphere") || sv_str_eq(i, "cube") || sv_str_eq(i, "stereo") ||
       (strncmp(i, "points:", 7) == 0 && i[7]))
     return LAB_EXIT_OK;
-  return lab_usage("train", "--init is stereo, sphere, cube or points:FILE, not '%.80s'", i);
+  return lab_usage("train", "--init must be stereo, sphere, cube or points:FILE, not '%.80s'", i);
 }
 
 static void choose_antialiasing(run *r) {
@@ -195,11 +194,11 @@ static sv_status add_noise(run *r, sv_err *err) {
   sv_noise_model m = {r->o->noise_read, r->o->noise_shot};
   if (!r->o->noise) return SV_OK;
   if (r->o->is_noise_on_prediction)
-    return r->views.n_measurements ? SV_OK
-                                   : sv_fail(err, SV_E_ARG,
-                                             "%s: no multiplexed measurements; --noise prediction is for "
-                                             "those, expected read=V,shot=V",
-                                             r->o->data);
+    return r->views.n_measurements
+               ? SV_OK
+               : sv_fail(err, SV_E_ARG,
+                         "%s: no multiplexed measurements; --noise prediction needs them; use read=V,shot=V",
+                         r->o->data);
   return lab_noise_add(&r->views, &r->plan, &m, r->cfg.seed, r->cfg.background, &r->session.pool, err);
 }
 
@@ -412,7 +411,7 @@ static void report_settings(lab_report *j, const run *r) {
     lab_report_num(j, "noise_read", (double)r->o->noise_read);
     lab_report_num(j, "noise_shot", (double)r->o->noise_shot);
   }
-  lab_report_bool(j, "undistorted", r->views.is_undistorted); // pictures of training and evaluation alike
+  lab_report_bool(j, "undistorted", r->views.is_undistorted); // images of training and evaluation alike
   lab_report_num(j, "near_z", (double)r->render.near_z);
   lab_report_bool(j, "stopped", r->is_stopped);
 }
@@ -464,7 +463,7 @@ static sv_status print(const run *r, sv_err *err) {
     printf("\n");
   }
   printf("model: %s/model.ply, settings and figures: %s/train.json%s%s%s\n", r->o->out, r->o->out,
-         r->has_scores ? ", pictures: " : "", r->has_scores ? r->o->out : "", r->has_scores ? "/eval" : "");
+         r->has_scores ? ", images: " : "", r->has_scores ? r->o->out : "", r->has_scores ? "/eval" : "");
   return SV_OK;
 }
 

@@ -28,7 +28,7 @@ sv_status lab_viewer_start(lab_viewer *v, const lab_session *s, int n_gaussians,
   sv_status st = sv_renderer_init(&v->r, &c, (sv_compute){&s->k, &s->pool}, &a);
   if (st == SV_OK) return SV_OK;
   lab_viewer_stop(v);
-  return sv_fail(err, st, "a picture of %dx%d cannot be rendered", w, h);
+  return sv_fail(err, st, "an image of %dx%d cannot be rendered", w, h);
 }
 
 void lab_viewer_stop(lab_viewer *v) {
@@ -207,7 +207,7 @@ static sv_status write_panel(const run *r, const slot *s, int i_view, sv_err *er
     return sv_fail(err, SV_E_RANGE, "%s: the path is too long", f->path);
   size_t w = (size_t)f->view.width_px, h = (size_t)f->view.height_px, n = r->masks ? 3 : 2;
   uint8_t *px = malloc(n * w * h * 3);
-  if (!px) return sv_fail(err, SV_E_NOMEM, "%s: no memory for the picture", path);
+  if (!px) return sv_fail(err, SV_E_NOMEM, "%s: no memory for the image", path);
   for (size_t y = 0; y < h; y++)
     for (size_t x = 0; x < w; x++)
       for (size_t c = 0; c < 3; c++) {

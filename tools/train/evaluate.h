@@ -15,7 +15,7 @@ sv_status lab_viewer_start(lab_viewer *v, const lab_session *s, int n_gaussians,
                            int cap_height_px, size_t cap_floats, sv_err *err) SV_MUST_USE;
 void lab_viewer_stop(lab_viewer *v);
 
-// A view that was scored. Pictures are [3][height][width], 0 to 1, over the background.
+// A view that was scored. Images are [3][height][width], 0 to 1, over the background.
 typedef struct {
   int i_view; // in lab_views.frames
   double psnr;
@@ -27,7 +27,7 @@ typedef struct {
   sv_gaussians *g;
   sv_deform *deform;        // takes g to each view's time; NULL: nothing moves
   sv_render_options render; // has_depth: compare depth, too
-  const char *panel_folder; // NULL, or where n_panels pictures "truth | render" (with masks: "| seen") go
+  const char *panel_folder; // NULL, or where n_panels images "truth | render" (with masks: "| seen") go
   int n_panels;
   // NULL, or called with each view, one after another, in the order of lab_views.by_lens. `of` is
   // its first argument.
@@ -52,7 +52,7 @@ typedef struct {
 
 // Scores all views of v, a few at a time, on all threads; the result does not depend on their number.
 // Truth is laid over the same background. Depth: expected depth against the file's, on pixels whose alpha
-// and its 3x3 neighbours' is at least 250/255, true depth above 0.01 and rendered alpha above 1e-4.
+// and its 3x3 neighbors' is at least 250/255, true depth above 0.01 and rendered alpha above 1e-4.
 // Stops with E_INTERRUPTED when a stop is requested.
 sv_status lab_evaluate(const lab_views *v, const lab_eval_job *job, lab_scores *out, sv_err *err) SV_MUST_USE;
 
@@ -65,7 +65,7 @@ void lab_scores_print(const lab_scores *s);
 // Those of held-out times: keys with "time_" before them.
 void lab_time_scores_report(lab_report *j, const lab_scores *s);
 
-// Planes of a picture -> interleaved RGB bytes, clamped and rounded.
+// Planes of an image -> interleaved RGB bytes, clamped and rounded.
 uint8_t lab_to_byte(float x);
 void lab_to_bytes(const sv_planes *p, uint8_t *rgb);
 

@@ -8,8 +8,8 @@
 #include "tools/metric/covisible.h"
 #include "tools/metric/flow.h"
 
-#define WORK_SIDE_PX 640 // larger pictures are compared at 1/k
-#define CAP_SOURCES  96  // depth pictures that tell what stands in front; more of them are thinned out
+#define WORK_SIDE_PX 640 // larger images are compared at 1/k
+#define CAP_SOURCES  96  // depth images that tell what stands in front; more of them are thinned out
 #define CLEAR        127 // of 255: alpha of a pixel that one looks through
 
 // A training view.
@@ -24,7 +24,7 @@ typedef struct {
 typedef struct {
   lab_loader loader;
   sv_flow_work flow;
-  float *fw, *bw;  // [2][working height][width] of the largest picture
+  float *fw, *bw;  // [2][working height][width] of the largest image
   uint8_t *seen;   // [height][width] of the largest masked view
   uint16_t *count; // the same
   sv_err err;
@@ -166,9 +166,9 @@ static sv_status open_depth(lab_masks *m, const lab_source *train, sv_err *err) 
   return s;
 }
 
-// --- flow: the training pictures in grey ----------------------------------------------------------
+// --- flow: the training images in gray ----------------------------------------------------------
 
-// Luma of a picture over the background at 1/k, 0..255.
+// Luma of an image over the background at 1/k, 0..255.
 static void grey_of_u8(const uint8_t *u8, const lab_frame *f, const float bg[3], int k, float *out) {
   static const float luma[3] = {0.299f, 0.587f, 0.114f};
   size_t w = (size_t)f->view.width_px, nc = (size_t)f->n_channels, ww = w / (size_t)k;
@@ -192,19 +192,19 @@ static void pyramid_task(void *arg, int i_task, int i_thread) {
   uint8_t *u8 = malloc(lab_frame_bytes(f));
   float *grey = malloc(pixels(&s->view) * sizeof *grey);
   s->err.status = u8 && grey ? lab_picture_load(&m->workers[i_thread].loader, f, m->train.scale, u8, &s->err)
-                             : sv_fail(&s->err, SV_E_NOMEM, "%s: no memory for the picture", f->path);
+                             : sv_fail(&s->err, SV_E_NOMEM, "%s: no memory for the image", f->path);
   if (s->err.status == SV_OK) {
     grey_of_u8(u8, f, m->bg, reduction(&f->view), grey);
     s->err.status = sv_flow_pyramid_make(&s->pyramid, grey, s->view.width_px, s->view.height_px);
     if (s->err.status != SV_OK)
-      sv_fail(&s->err, s->err.status, "%s: a picture of %dx%d pixels cannot be used for flow", f->path,
+      sv_fail(&s->err, s->err.status, "%s: an image of %dx%d pixels cannot be used for flow", f->path,
               s->view.width_px, s->view.height_px);
   }
   free(u8);
   free(grey);
 }
 
-// Where camera a's pixels are in camera b if everything lay in the plane that faces a at the scene's centre.
+// Where camera a's pixels are in camera b if everything lay in the plane that faces a at the scene's center.
 static void start_homography(const sv_view *a, const sv_view *b, const float centre[3], double h[9]) {
   double r[9], t[3], depth = (double)a->t[2];
   for (int i = 0; i < 3; i++) depth += (double)a->r[6 + i] * (double)centre[i];
@@ -274,7 +274,7 @@ static sv_status open_all(lab_masks *m, const lab_source *train, sv_err *err) {
   lab_source src = *train;
   src.split = "train";
   sv_status s = lab_views_open(&m->train, &src, &m->se->pool, err);
-  if (s == SV_E_NOT_FOUND) { // lenses of one sensor need not have pictures of their own
+  if (s == SV_E_NOT_FOUND) { // lenses of one sensor need not have images of their own
     src.is_multiplexed = true;
     s = lab_views_open(&m->train, &src, &m->se->pool, err);
   }
@@ -285,11 +285,10 @@ static sv_status open_all(lab_masks *m, const lab_source *train, sv_err *err) {
   m->is_by_depth = m->v->has_depth && is_one_time(m->v, &m->train);
   m->scene = lab_scene_of(&m->train);
   if (!m->is_by_depth && m->train.n_measurements)
-    return sv_fail(
-        err, SV_E_NOT_FOUND,
-        "%s: without true depth of a scene at rest, masks need pictures of the training views, and "
-        "these have only what they measured together",
-        train->folder);
+    return sv_fail(err, SV_E_NOT_FOUND,
+                   "%s: without true depth of a scene at rest, masks need images of the training views, "
+                   "and these have only multiplexed measurements",
+                   train->folder);
   if (!alloc_all(m))
     return sv_fail(err, SV_E_NOMEM, "no memory for masks from %d training views", m->train.n);
   if (m->is_by_depth) s = open_depth(m, train, err);
@@ -374,7 +373,7 @@ static sv_status prepare_flow(lab_masks *m, const lab_masked_view *view, sv_err 
   sv_flow_pyramid_free(&m->now_pyramid);
   sv_status s = sv_flow_pyramid_make(&m->now_pyramid, m->grey, a->width_px, a->height_px);
   return s == SV_OK ? SV_OK
-                    : sv_fail(err, s, "%s: a picture of %dx%d pixels cannot be used for flow",
+                    : sv_fail(err, s, "%s: an image of %dx%d pixels cannot be used for flow",
                               view->frame->path, a->width_px, a->height_px);
 }
 

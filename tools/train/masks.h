@@ -8,8 +8,8 @@
 typedef struct lab_masks lab_masks;
 
 // v: the views to be masked, kept. train: source of the training views (its split is "train"). bg: what transparent
-// pictures are laid over. By depth when each view of v has true depth and nothing moves (all frames have one time);
-// what stands in front of the training cameras is then known from all depth pictures of the splits train, test,
+// images are laid over. By depth when each view of v has true depth and nothing moves (all frames have one time);
+// what stands in front of the training cameras is then known from all depth images of the splits train, test,
 // test_near and v. Otherwise by flow between the pictures.
 sv_status lab_masks_open(lab_masks **out, lab_session *se, const lab_views *v, const lab_source *train,
                          const float bg[3], sv_err *err) SV_MUST_USE;

@@ -42,7 +42,7 @@ static void task(void *arg, int i_task, int i_thread) {
     s = sv_noise_u16(&j->tables, &n, j->p->measurements[i_task - j->v->n], 3,
                      (size_t)m->width_px * (size_t)m->height_px);
   }
-  (void)s; // pictures have 3 or 4 channels
+  (void)s; // images have 3 or 4 channels
 }
 
 sv_status lab_noise_add(const lab_views *v, const lab_plan *p, const sv_noise_model *m, uint64_t seed,
@@ -51,8 +51,7 @@ sv_status lab_noise_add(const lab_views *v, const lab_plan *p, const sv_noise_mo
   for (int i = 0; i < v->n; i++)
     if (v->frames[i].i_measurement < 0 && v->frames[i].n_channels == 4 && background != SV_BG_BLACK)
       return sv_fail(err, SV_E_ARG,
-                     "%s: has alpha, and --noise measures such pictures over black; --background black was "
-                     "expected",
+                     "%s: has alpha, which --noise composites over black; use --background black",
                      v->frames[i].path);
   size_t bytes = sv_noise_bytes() + SV_ARENA_ALIGN;
   void *block = malloc(bytes);

@@ -73,8 +73,7 @@ sv_status lab_plan_make(lab_plan *p, lab_session *s, const lab_views *v, sv_trai
   p->block = mmap(NULL, p->bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
   if (p->block == MAP_FAILED) {
     p->block = NULL;
-    return sv_fail(err, SV_E_NOMEM, "the system does not give the %zu bytes that this training needs",
-                   p->bytes);
+    return sv_fail(err, SV_E_NOMEM, "cannot allocate the %zu bytes that this training needs", p->bytes);
   }
   sv_linux_large_pages(p->block, p->bytes);
   p->arena = sv_arena_make(p->block, p->bytes);

@@ -47,14 +47,14 @@ int lab_prior_check(const lab_options *o) {
   const bool has_more =
       o->prior_views >= 0 || o->prior_calls >= 0 || o->prior_limit_s >= 0 || o->prior_weight >= 0;
   if (method_of(o->prior) < 0 || (command && !*command))
-    return lab_usage(
-        "train", "--prior is none, fsgs, sparsegs, external:CMD or fsgs,external:CMD, not '%.80s'", o->prior);
-  if (has_more && !command)
     return lab_usage("train",
-                     "--prior-views, --prior-calls, --prior-weight and --prior-limit belong to --prior "
-                     "external:CMD");
+                     "--prior must be none, fsgs, sparsegs, external:CMD or fsgs,external:CMD, not '%.80s'",
+                     o->prior);
+  if (has_more && !command)
+    return lab_usage("train", "--prior-views, --prior-calls, --prior-weight and --prior-limit need --prior "
+                              "external:CMD");
   if ((command || method_of(o->prior) > 0) && o->method && sv_str_eq(o->method, "4dgs"))
-    return lab_usage("train", "--prior is for still scenes, not with --model 4dgs");
+    return lab_usage("train", "--prior supports static scenes only, not --model 4dgs");
   return LAB_EXIT_OK;
 }
 
@@ -89,7 +89,7 @@ static sv_status write_picture(lab_prior *p, const char *what, int i, const sv_i
 
 static uint8_t byte_of(float v) { return (uint8_t)(v <= 0.0f ? 0 : v >= 1.0f ? 255 : v * 255.0f + 0.5f); }
 
-// The model as it is, its alpha and depth, and the nearest picture that was taken.
+// The model as it is, its alpha and depth, and the nearest image that was taken.
 static sv_status write_render(lab_prior *p, int i, const sv_view *v, float progress, sv_err *err) {
   sv_trainer *t = p->trainer;
   sv_status s = sv_prior_render(p->prior, v, progress);
@@ -222,16 +222,15 @@ static void set_depth_unit(lab_prior *p) {
   p->depth_unit = (farthest + 4.0 * (double)t->radius) / 65535.0; // well behind the scene
 }
 
-// What the pictures themselves tell of depth, for the views that nobody else told of.
+// What the images themselves tell of depth, for the views that nobody else told of.
 static sv_status measure(lab_prior *p, const sv_bounds *bounds, sv_arena *scratch, sv_err *err) {
   sv_status s = sv_prior_measure(p->prior, bounds, scratch, &p->n_maps);
   if (s < 0) return sv_fail(err, s, "no depth maps for --prior: %s", sv_status_text(s));
-  if (p->n_maps > 0) lab_say(p->session, "depth maps of %d views from where they overlap", p->n_maps);
+  if (p->n_maps > 0) lab_say(p->session, "depth maps of %d views from their overlap", p->n_maps);
   if (p->n_maps + p->n_files + p->n_depths == 0)
     lab_say(p->session,
-            "--prior %s: no depth maps (the views do not overlap, the dataset has no depth_prior); going on "
-            "without a loss "
-            "of depth",
+            "--prior %s: no depth maps (the views do not overlap, the dataset has no depth_prior); "
+            "continuing without a depth loss",
             sv_prior_method_name(p->method));
   return SV_OK;
 }
@@ -263,7 +262,7 @@ sv_status lab_prior_begin(lab_prior *p, lab_session *se, const lab_options *o, c
   const size_t px = v->cap_floats;
   p->rgba = malloc(4 * px), p->units = malloc(px * sizeof *p->units), p->map = malloc(px * sizeof *p->map);
   if (!p->rgba || !p->units || !p->map)
-    return sv_fail(err, SV_E_NOMEM, "no memory for the pictures of --prior");
+    return sv_fail(err, SV_E_NOMEM, "no memory for the images of --prior");
   sv_status s = lab_prior_load(p, err);
   if (s == SV_OK && p->command) s = begin_calls(p, err);
   return s == SV_OK && p->method ? measure(p, bounds, scratch, err) : s;
@@ -285,10 +284,10 @@ void lab_prior_tick(lab_prior *p, float progress) {
   plan_next(p, progress);
   sv_status s = call_for_views(p, progress, &err);
   if (s == SV_OK && p->n_pictures + p->n_depths == before)
-    lab_say(p->session, "%s: call %d answered nothing", p->folder, p->n_calls - 1);
+    lab_say(p->session, "%s: call %d returned nothing", p->folder, p->n_calls - 1);
   if (s == SV_OK || s == SV_E_INTERRUPTED) return;
   p->is_off = true;
-  fprintf(stderr, "warning: %s; training goes on without the prior\n", err.text);
+  fprintf(stderr, "warning: %s; training continues without the prior\n", err.text);
 }
 
 void lab_prior_report(lab_report *j, const lab_prior *p) {

@@ -22,7 +22,7 @@ static sv_status check_size(const char *path, int w, int h, const sv_view *v, sv
                  v->width_px, v->height_px);
 }
 
-// Without alpha of its own, a picture counts where the model was at all.
+// Without alpha of its own, an image counts where the model was at all.
 static void mask_by_model(const lab_prior *p, int i, sv_bitmap *b) {
   char path[SV_CAP_PATH], name[64];
   sv_bitmap was;
@@ -64,7 +64,7 @@ static sv_status read_png(lab_prior *p, const char *path, const sv_view *v, bool
   if (s != SV_OK) return s;
   s = check_size(path, b.width_px, b.height_px, v, err);
   if (s == SV_OK && b.n_channels != 1)
-    s = sv_fail(err, SV_E_FORMAT, "%s: %d channels, expected one (grey, 8 or 16 bits)", path, b.n_channels);
+    s = sv_fail(err, SV_E_FORMAT, "%s: %d channels, expected one (gray, 8 or 16 bits)", path, b.n_channels);
   const size_t n = s == SV_OK ? (size_t)b.width_px * (size_t)b.height_px : 0;
   for (size_t k = 0; k < n; k++) {
     const float value = b.bits == 16 ? (float)b.u16[k] / 65535.0f : (float)b.u8[k] / 255.0f;
@@ -84,7 +84,7 @@ static sv_status read_pfm(lab_prior *p, const char *path, const sv_view *v, sv_e
   if (s != SV_OK) return s;
   const char *text = data; // one zero byte follows
   if (sscanf(text, "Pf %d %d %lf%n", &w, &h, &scale, &at) != 3 || at < 1 || w < 1 || h < 1)
-    s = sv_fail(err, SV_E_FORMAT, "%s: no grey PFM, expected \"Pf\", width, height and scale", path);
+    s = sv_fail(err, SV_E_FORMAT, "%s: not a gray PFM, expected \"Pf\", width, height and scale", path);
   else s = check_size(path, w, h, v, err);
   if (s == SV_OK && (scale >= 0 || bytes != (size_t)at + 1 + sizeof(float) * (size_t)w * (size_t)h))
     s = sv_fail(err, SV_E_FORMAT,
@@ -117,7 +117,7 @@ static sv_status take_depth(lab_prior *p, int i, int id, const sv_view *v, sv_er
 sv_status lab_prior_take(lab_prior *p, int i, int id, float until, sv_err *err) {
   char path[SV_CAP_PATH];
   const sv_view *v = id >= 0 ? &p->trainer->views[id].view : &p->request[i];
-  if (id < 0) { // depth goes with a picture: alone it would have no view to belong to
+  if (id < 0) { // depth goes with an image: alone it would have no view to belong to
     if (!find(p, i, ".png", path)) return SV_OK;
     sv_status s = take_picture(p, i, v, path, until, &id, err);
     if (s != SV_OK) return s;
@@ -136,7 +136,7 @@ sv_status lab_prior_load(lab_prior *p, sv_err *err) {
     if ((s = sv_path_join(path, sizeof path, p->o->data, f->f.prior_path, err)) != SV_OK) return s;
     if (f->is_distorted)
       return sv_fail(err, SV_E_UNSUPPORTED,
-                     "%s: depth priors of distorted pictures are not supported, expected a pinhole "
+                     "%s: depth priors of distorted images are not supported, expected a pinhole "
                      "camera",
                      path);
     if (strcmp(sv_path_extension(path), ".pfm") == 0)

@@ -81,17 +81,17 @@ sv_status lab_prior_run(const char *command, const char *folder, const char *log
       finish(pid);
       return is_stop ? sv_fail(err, SV_E_INTERRUPTED, "stopped by request")
                      : sv_fail(err, SV_E_TIMEOUT,
-                               "'%.80s' was ended after %g s (--prior-limit); its output: %.120s", command,
+                               "'%.80s' was stopped after %g s (--prior-limit); its output: %.120s", command,
                                limit_s, log);
     }
     nanosleep(&tick, NULL);
   }
-  if (got < 0) return sv_fail(err, SV_E_DEVICE, "'%.80s' got lost", command);
+  if (got < 0) return sv_fail(err, SV_E_DEVICE, "lost track of '%.80s'", command);
   if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return SV_OK;
   if (WIFSIGNALED(status))
-    return sv_fail(err, SV_E_DEVICE, "'%.80s' was ended by signal %d; its output: %.120s", command,
+    return sv_fail(err, SV_E_DEVICE, "'%.80s' was killed by signal %d; its output: %.120s", command,
                    WTERMSIG(status), log);
   lab_last_line(log, said, sizeof said);
   return sv_fail(err, SV_E_DEVICE, "'%.80s' failed with exit code %d: %s", command, WEXITSTATUS(status),
-                 *said ? said : "it said nothing");
+                 *said ? said : "it printed nothing");
 }
