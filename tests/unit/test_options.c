@@ -170,7 +170,7 @@ TEST(test_help_and_version) {
                             "  --x A_LONG_ARGUMENT_OF_ITS_OWN \n"
                             "                             another row; required\n"
                             "  --many A B ...             some of them; required\n"
-                            "  --help                     this text\n"
+                            "  --help                     show this help\n"
                             "  --version                  the version\n"
                             "\nExample:\n  prog look\n");
 }
