@@ -43,15 +43,27 @@ bool sv_kb4_project(const sv_camera_model *m, const double x_cam[3], double uv[2
   if (duv_dx) {
     double da_dr2 = is_axis ? 0 : (g.dd * z / n2 - a) / r2; // da/dX = X da_dr2
     double da_dz = is_axis ? -1 / (z * z) : -g.dd / n2;
-    duv_dx[0] = fx * (a + x * x * da_dr2), duv_dx[1] = fx * x * y * da_dr2, duv_dx[2] = fx * x * da_dz;
-    duv_dx[3] = fy * x * y * da_dr2, duv_dx[4] = fy * (a + y * y * da_dr2), duv_dx[5] = fy * y * da_dz;
+    duv_dx[0] = fx * (a + x * x * da_dr2);
+    duv_dx[1] = fx * x * y * da_dr2;
+    duv_dx[2] = fx * x * da_dz;
+    duv_dx[3] = fy * x * y * da_dr2;
+    duv_dx[4] = fy * (a + y * y * da_dr2);
+    duv_dx[5] = fy * y * da_dz;
   }
   if (duv_dp) {
     double cx = is_axis ? 0 : x / r, cy = is_axis ? 0 : y / r, power = t * t * t;
-    duv_dp[0] = a * x, duv_dp[1] = 0, duv_dp[2] = 1, duv_dp[3] = 0;
-    duv_dp[8] = 0, duv_dp[9] = a * y, duv_dp[10] = 0, duv_dp[11] = 1;
-    for (int i = 0; i < 4; i++, power *= t * t)
-      duv_dp[4 + i] = fx * cx * power, duv_dp[12 + i] = fy * cy * power;
+    duv_dp[0] = a * x;
+    duv_dp[1] = 0;
+    duv_dp[2] = 1;
+    duv_dp[3] = 0;
+    duv_dp[8] = 0;
+    duv_dp[9] = a * y;
+    duv_dp[10] = 0;
+    duv_dp[11] = 1;
+    for (int i = 0; i < 4; i++, power *= t * t) {
+      duv_dp[4 + i] = fx * cx * power;
+      duv_dp[12 + i] = fy * cy * power;
+    }
   }
   return true;
 }
@@ -77,6 +89,8 @@ bool sv_kb4_unproject(const sv_camera_model *m, const double uv[2], double ray[3
   }
   if (!is_growing(k, t) || !(fabs(radial_at(k, t).d - rho) * f < 1e-8)) return false;
   double s = rho > 0 ? sv_sin(t) / rho : 0;
-  ray[0] = x * s, ray[1] = y * s, ray[2] = sv_cos(t);
+  ray[0] = x * s;
+  ray[1] = y * s;
+  ray[2] = sv_cos(t);
   return true;
 }

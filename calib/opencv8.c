@@ -76,9 +76,11 @@ bool sv_opencv8_project(const sv_camera_model *m, const double x_cam[3], double 
   uv[1] = fy * o.yd + m->p[3];
   if (!(fabs(uv[0]) < 1e300 && fabs(uv[1]) < 1e300)) return false;
   if (duv_dx) {
-    duv_dx[0] = fx * o.jxx * iz, duv_dx[1] = fx * o.jxy * iz;
+    duv_dx[0] = fx * o.jxx * iz;
+    duv_dx[1] = fx * o.jxy * iz;
     duv_dx[2] = -(duv_dx[0] * x + duv_dx[1] * y);
-    duv_dx[3] = fy * o.jyx * iz, duv_dx[4] = fy * o.jyy * iz;
+    duv_dx[3] = fy * o.jyx * iz;
+    duv_dx[4] = fy * o.jyy * iz;
     duv_dx[5] = -(duv_dx[3] * x + duv_dx[4] * y);
   }
   if (duv_dp) {
@@ -108,7 +110,10 @@ bool sv_opencv8_project(const sv_camera_model *m, const double x_cam[3], double 
                               fy * y * ec * s,
                               fy * y * ec * s * s,
                               fy * y * ec * s * s * s};
-    for (int i = 0; i < n && i < 12; i++) duv_dp[i] = row_u[i], duv_dp[n + i] = row_v[i];
+    for (int i = 0; i < n && i < 12; i++) {
+      duv_dp[i] = row_u[i];
+      duv_dp[n + i] = row_v[i];
+    }
   }
   return true;
 }
@@ -121,7 +126,11 @@ bool sv_opencv8_unproject(const sv_camera_model *m, const double uv[2], double r
   distortion k = read_terms(m);
   double x = tx, y = ty;
   distorted o = distort(&k, x, y);
-  for (int i = 0; i < 60 && !is_inside(&k, &o); i++) x *= 0.75, y *= 0.75, o = distort(&k, x, y);
+  for (int i = 0; i < 60 && !is_inside(&k, &o); i++) {
+    x *= 0.75;
+    y *= 0.75;
+    o = distort(&k, x, y);
+  }
   if (!is_inside(&k, &o)) return false;
   double ex = o.xd - tx, ey = o.yd - ty, err = ex * ex + ey * ey;
   for (int it = 0; it < 100 && err > 0; it++) {
@@ -132,14 +141,21 @@ bool sv_opencv8_unproject(const sv_camera_model *m, const double uv[2], double r
       distorted o2 = distort(&k, x - step * dx, y - step * dy);
       double fx2 = o2.xd - tx, fy2 = o2.yd - ty, err2 = fx2 * fx2 + fy2 * fy2;
       if (!(err2 < err) || !is_inside(&k, &o2)) continue;
-      x -= step * dx, y -= step * dy;
-      o = o2, ex = fx2, ey = fy2, err = err2, is_better = true;
+      x -= step * dx;
+      y -= step * dy;
+      o = o2;
+      ex = fx2;
+      ey = fy2;
+      err = err2;
+      is_better = true;
     }
     if (!is_better) break;
   }
   // Far from the pixel means outside what the lens sees; what rounding leaves is below 1e-10 px.
   if (!(sqrt(err) * (fabs(fx) > fabs(fy) ? fabs(fx) : fabs(fy)) < 1e-8)) return false;
   double n = sqrt(x * x + y * y + 1);
-  ray[0] = x / n, ray[1] = y / n, ray[2] = 1 / n;
+  ray[0] = x / n;
+  ray[1] = y / n;
+  ray[2] = 1 / n;
   return true;
 }

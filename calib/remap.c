@@ -27,16 +27,19 @@ bool sv_pinhole_for_model(const sv_camera_model *m, sv_pinhole_choice choice, sv
   if (!(m->p[0] > 0 && m->p[1] > 0 && m->width_px > 0 && m->height_px > 0)) return false;
   if (choice == SV_PINHOLE_CROP_TO_VALID && m->kind != SV_MODEL_PINHOLE) {
     double lo = 0.5, hi = 4; // hi is always a scale that shows no black
-    view.p[0] = m->p[0] * hi, view.p[1] = m->p[1] * hi;
+    view.p[0] = m->p[0] * hi;
+    view.p[1] = m->p[1] * hi;
     if (!is_border_seen(m, &view)) return false;
     for (int it = 0; it < 24; it++) {
       double k = it == 0 ? lo : 0.5 * (lo + hi);
-      view.p[0] = m->p[0] * k, view.p[1] = m->p[1] * k;
+      view.p[0] = m->p[0] * k;
+      view.p[1] = m->p[1] * k;
       if (is_border_seen(m, &view)) hi = k;
       else lo = k;
       if (lo == hi) break; // the widest allowed view fits already
     }
-    view.p[0] = m->p[0] * hi, view.p[1] = m->p[1] * hi;
+    view.p[0] = m->p[0] * hi;
+    view.p[1] = m->p[1] * hi;
   }
   *out = view;
   return true;

@@ -36,18 +36,25 @@ static bool basis_at(basis *b, int order, int n, double x) {
     int i = sv_mini((int)floor(x), n - 3);
     double t = x - i, t2 = t * t, t3 = t2 * t;
     b->i0 = i - 1;
-    b->w[0] = (1 - 3 * t + 3 * t2 - t3) / 6, b->dw[0] = (-1 + 2 * t - t2) / 2;
-    b->w[1] = (4 - 6 * t2 + 3 * t3) / 6, b->dw[1] = (-4 * t + 3 * t2) / 2;
-    b->w[2] = (1 + 3 * t + 3 * t2 - 3 * t3) / 6, b->dw[2] = (1 + 2 * t - 3 * t2) / 2;
-    b->w[3] = t3 / 6, b->dw[3] = t2 / 2;
+    b->w[0] = (1 - 3 * t + 3 * t2 - t3) / 6;
+    b->dw[0] = (-1 + 2 * t - t2) / 2;
+    b->w[1] = (4 - 6 * t2 + 3 * t3) / 6;
+    b->dw[1] = (-4 * t + 3 * t2) / 2;
+    b->w[2] = (1 + 3 * t + 3 * t2 - 3 * t3) / 6;
+    b->dw[2] = (1 + 2 * t - 3 * t2) / 2;
+    b->w[3] = t3 / 6;
+    b->dw[3] = t2 / 2;
   } else {
     if (!(x >= 0.5 && x <= n - 1.5)) return false;
     int i = sv_clampi((int)floor(x + 0.5), 1, n - 2);
     double t = x - i;
     b->i0 = i - 1;
-    b->w[0] = (4 * t * t - 4 * t + 1) / 8, b->dw[0] = t - 0.5;
-    b->w[1] = (3 - 4 * t * t) / 4, b->dw[1] = -2 * t;
-    b->w[2] = (4 * t * t + 4 * t + 1) / 8, b->dw[2] = t + 0.5;
+    b->w[0] = (4 * t * t - 4 * t + 1) / 8;
+    b->dw[0] = t - 0.5;
+    b->w[1] = (3 - 4 * t * t) / 4;
+    b->dw[1] = -2 * t;
+    b->w[2] = (4 * t * t + 4 * t + 1) / 8;
+    b->dw[2] = t + 0.5;
     b->w[3] = b->dw[3] = 0;
   }
   return true;
@@ -74,7 +81,8 @@ static bool shift_at(const sv_lens_spline *s, const double u[2], shifted *o) {
     }
   for (int a = 0; a < 2; a++) {
     o->q[a] = u[a] + sum[a];
-    o->dq[2 * a] = (a == 0) + dx[a] * k, o->dq[2 * a + 1] = (a == 1) + dy[a] * k;
+    o->dq[2 * a] = (a == 0) + dx[a] * k;
+    o->dq[2 * a + 1] = (a == 1) + dy[a] * k;
   }
   return o->dq[0] * o->dq[3] - o->dq[1] * o->dq[2] > 0; // not folded
 }
@@ -83,7 +91,8 @@ static bool stereographic(const double x[3], double u[2], double *du_dx) {
   double n = sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]), d = n + x[2];
   if (!(n > 0 && n < 1e150 && d > 1e-12 * n)) return false;
   double s = 2 / d;
-  u[0] = s * x[0], u[1] = s * x[1];
+  u[0] = s * x[0];
+  u[1] = s * x[1];
   for (int a = 0; a < 2 && du_dx; a++)
     for (int k = 0; k < 3; k++) du_dx[3 * a + k] = (a == k) * s - u[a] / d * (x[k] / n + (k == 2));
   return true;
@@ -100,8 +109,14 @@ bool sv_splined_project(const sv_camera_model *m, const double x_cam[3], double 
     for (int k = 0; k < 3; k++)
       duv_dx[3 * a + k] = m->p[a] * (o.dq[2 * a] * du[k] + o.dq[2 * a + 1] * du[3 + k]);
   if (duv_dp) {
-    duv_dp[0] = o.q[0], duv_dp[1] = 0, duv_dp[2] = 1, duv_dp[3] = 0;
-    duv_dp[4] = 0, duv_dp[5] = o.q[1], duv_dp[6] = 0, duv_dp[7] = 1;
+    duv_dp[0] = o.q[0];
+    duv_dp[1] = 0;
+    duv_dp[2] = 1;
+    duv_dp[3] = 0;
+    duv_dp[4] = 0;
+    duv_dp[5] = o.q[1];
+    duv_dp[6] = 0;
+    duv_dp[7] = 1;
   }
   return true;
 }
@@ -113,7 +128,8 @@ bool sv_spline_weights(const sv_camera_model *m, const double x_cam[3], int i0[2
       !shift_at(&m->spline, u, &o))
     return false;
   int n = m->spline.order + 1;
-  i0[0] = o.x.i0, i0[1] = o.y.i0;
+  i0[0] = o.x.i0;
+  i0[1] = o.y.i0;
   for (int j = 0; j < n; j++)
     for (int i = 0; i < n; i++) weight[j * n + i] = o.y.w[j] * o.x.w[i];
   return true;
@@ -126,7 +142,10 @@ bool sv_splined_unproject(const sv_camera_model *m, const double uv[2], double r
   if (!is_usable(&m->spline)) return false;
   for (int a = 0; a < 2; a++) u[a] = t[a] = (uv[a] - m->p[2 + a]) / m->p[a];
   if (!(fabs(t[0]) < 1e6 && fabs(t[1]) < 1e6)) return false;
-  for (int i = 0; i < 60 && !shift_at(&m->spline, u, &o); i++) u[0] *= 0.75, u[1] *= 0.75;
+  for (int i = 0; i < 60 && !shift_at(&m->spline, u, &o); i++) {
+    u[0] *= 0.75;
+    u[1] *= 0.75;
+  }
   if (!shift_at(&m->spline, u, &o)) return false;
   double e[2] = {o.q[0] - t[0], o.q[1] - t[1]}, err = e[0] * e[0] + e[1] * e[1];
   for (int it = 0; it < 100 && err > 0; it++) {
@@ -139,13 +158,20 @@ bool sv_splined_unproject(const sv_camera_model *m, const double uv[2], double r
       if (!shift_at(&m->spline, v, &o2)) continue;
       double e2[2] = {o2.q[0] - t[0], o2.q[1] - t[1]}, err2 = e2[0] * e2[0] + e2[1] * e2[1];
       if (!(err2 < err)) continue;
-      for (int a = 0; a < 2; a++) u[a] = v[a], e[a] = e2[a];
-      o = o2, err = err2, is_better = true;
+      for (int a = 0; a < 2; a++) {
+        u[a] = v[a];
+        e[a] = e2[a];
+      }
+      o = o2;
+      err = err2;
+      is_better = true;
     }
     if (!is_better) break;
   }
   if (!(sqrt(err) * f < 1e-8)) return false;
   double s = 0.25 * (u[0] * u[0] + u[1] * u[1]), n = 1 / (1 + s); // |x| = 1: u = 2 tan(t / 2)
-  ray[0] = u[0] * n, ray[1] = u[1] * n, ray[2] = (1 - s) * n;
+  ray[0] = u[0] * n;
+  ray[1] = u[1] * n;
+  ray[2] = (1 - s) * n;
   return true;
 }

@@ -24,7 +24,8 @@ static void weights(double f, double w[4]) {
 static bool sample(const sv_align_image *im, double x, double y, double *out) {
   double fx = floor(x), fy = floor(y), wx[4], wy[4], sum = 0;
   if (!(fx >= 1 && fy >= 1 && fx < im->width_px - 2 && fy < im->height_px - 2)) return false;
-  weights(x - fx, wx), weights(y - fy, wy);
+  weights(x - fx, wx);
+  weights(y - fy, wy);
   const uint8_t *p = im->grey + ((size_t)fy - 1) * (size_t)im->width_px + (size_t)fx - 1;
   for (int j = 0; j < 4; j++, p += im->width_px)
     sum += wy[j] * (wx[0] * p[0] + wx[1] * p[1] + wx[2] * p[2] + wx[3] * p[3]);
@@ -41,7 +42,10 @@ static bool window(const sv_align_image *im, const double uv[2], const double g[
     if (!sample(im, uv[0] + g[0] * x + g[1] * y, uv[1] + g[2] * x + g[3] * y, &out[i])) return false;
     sum += w[i] * out[i];
   }
-  for (int i = 0; i < N_PX; i++) out[i] -= sum, sq += w[i] * out[i] * out[i];
+  for (int i = 0; i < N_PX; i++) {
+    out[i] -= sum;
+    sq += w[i] * out[i] * out[i];
+  }
   if (!(sq > 1)) return false; // less than a gray level: nothing but noise
   for (int i = 0; i < N_PX; i++) out[i] /= sqrt(sq);
   return true;

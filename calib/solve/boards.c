@@ -18,13 +18,19 @@ static size_t n_corners(const sv_boards *b) { return (size_t)b->n_cols * (size_t
 void sv_boards_corner(double out[3], const sv_boards *b, const double warp_m[2], int i, int j) {
   // mrcal's calobject_warp: z = kx (1 - 4 (u - 1/2)^2) + ky (1 - 4 (v - 1/2)^2), u and v from 0 to 1
   double u = (double)i / (b->n_cols - 1) - 0.5, v = (double)j / (b->n_rows - 1) - 0.5;
-  out[0] = i * b->spacing_m, out[1] = j * b->spacing_m;
+  out[0] = i * b->spacing_m;
+  out[1] = j * b->spacing_m;
   out[2] = warp_m[0] * (1 - 4 * u * u) + warp_m[1] * (1 - 4 * v * v);
 }
 
 void sv_boards_free(sv_boards_result *r) {
-  free(r->models), free(r->cam_from_rig), free(r->rig_from_board), free(r->residual_px);
-  free(r->is_outlier), free(r->board_rms_px), free(r->cameras);
+  free(r->models);
+  free(r->cam_from_rig);
+  free(r->rig_from_board);
+  free(r->residual_px);
+  free(r->is_outlier);
+  free(r->board_rms_px);
+  free(r->cameras);
   memset(r, 0, sizeof *r);
 }
 
@@ -66,8 +72,10 @@ void sv_boards_measure(const sv_boards *b, int i_camera, const sv_pose *cam_from
   for (int i = 0; i < N_CELLS * N_CELLS; i++) n_hit += is_hit[i];
   out->coverage = (double)n_hit / (N_CELLS * N_CELLS);
   if (n) {
-    out->centre_u = sum[0] / (double)n, out->centre_v = sum[1] / (double)n;
-    out->spread_u = hi[0] - lo[0], out->spread_v = hi[1] - lo[1];
+    out->centre_u = sum[0] / (double)n;
+    out->centre_v = sum[1] / (double)n;
+    out->spread_u = hi[0] - lo[0];
+    out->spread_v = hi[1] - lo[1];
   }
   out->tilt_deg = largest_tilt(b, i_camera, cam_from_board);
 }
@@ -107,7 +115,10 @@ static sv_pose medoid(const sv_boards *b, const sv_pose *cam_from_board, int to,
       sv_pose q = relative(b, cam_from_board, to, from, g);
       sum += distance(&p, &q, unit_m);
     }
-    if (sum < best) best = sum, out = p;
+    if (sum < best) {
+      best = sum;
+      out = p;
+    }
   }
   return out;
 }
@@ -137,7 +148,11 @@ sv_status sv_boards_chain(const sv_boards *b, const sv_pose *cam_from_board, sv_
     int best = 0, to = -1, from = -1;
     for (int i = 0; i < b->n_cameras; i++)
       for (int j = 0; j < b->n_cameras && !is_done[i]; j++)
-        if (is_done[j] && n_shared(b, i, j) > best) best = n_shared(b, i, j), to = i, from = j;
+        if (is_done[j] && n_shared(b, i, j) > best) {
+          best = n_shared(b, i, j);
+          to = i;
+          from = j;
+        }
     if (to < 0) {
       for (to = 0; is_done[to];) to++;
       return sv_fail(err, SV_E_FORMAT,

@@ -35,8 +35,13 @@ static sv_pose from_rt(const mrcal_pose_t *rt) {
 
 // --- the problem in mrcal's terms ------------------------------------------------------------------------
 static void problem_free(sv_mrcal_problem *p) {
-  free(p->intrinsics), free(p->extrinsics), free(p->frames), free(p->observations);
-  free(p->pool), free(p->i_frame), free(p->x);
+  free(p->intrinsics);
+  free(p->extrinsics);
+  free(p->frames);
+  free(p->observations);
+  free(p->pool);
+  free(p->i_frame);
+  free(p->x);
 }
 
 static sv_status problem_make(sv_mrcal_problem *p, const sv_boards *b, sv_err *err) {
@@ -98,12 +103,17 @@ static int reject(sv_mrcal_problem *p) {
   size_t n = (size_t)p->n_observations * n_corners(p->b), n_in = 0;
   double sum = 0;
   for (size_t k = 0; k < n; k++)
-    if (p->pool[k].z > 0) sum += p->x[2 * k] * p->x[2 * k] + p->x[2 * k + 1] * p->x[2 * k + 1], n_in += 2;
+    if (p->pool[k].z > 0) {
+      sum += p->x[2 * k] * p->x[2 * k] + p->x[2 * k + 1] * p->x[2 * k + 1];
+      n_in += 2;
+    }
   double limit = n_in ? OUTLIER_SIGMAS * sqrt(sum / (double)n_in) : 0;
   int n_new = 0;
   for (size_t k = 0; k < n; k++)
-    if (p->pool[k].z > 0 && (fabs(p->x[2 * k]) > limit || fabs(p->x[2 * k + 1]) > limit))
-      p->pool[k].z = -1, n_new++;
+    if (p->pool[k].z > 0 && (fabs(p->x[2 * k]) > limit || fabs(p->x[2 * k + 1]) > limit)) {
+      p->pool[k].z = -1;
+      n_new++;
+    }
   return n_new;
 }
 
@@ -155,7 +165,10 @@ static void take_solution(sv_boards_result *r, const sv_mrcal_problem *p) {
   }
   for (int f = 0; f < b->n_frames; f++)
     r->rig_from_board[f] = p->i_frame[f] < 0 ? sv_pose_identity() : from_rt(&p->frames[p->i_frame[f]]);
-  if (b->has_warp) r->warp_m[0] = p->warp.x2, r->warp_m[1] = p->warp.y2;
+  if (b->has_warp) {
+    r->warp_m[0] = p->warp.x2;
+    r->warp_m[1] = p->warp.y2;
+  }
 }
 
 static void take_residuals(sv_boards_result *r, const sv_mrcal_problem *p) {
@@ -170,13 +183,22 @@ static void take_residuals(sv_boards_result *r, const sv_mrcal_problem *p) {
       if (!b->is_seen[at]) continue;
       for (size_t k = 0; k < n; k++, i++) {
         double *out = r->residual_px + 2 * (at * n + k), d2 = 0;
-        for (int a = 0; a < 2; a++) out[a] = p->x[2 * i + (size_t)a], d2 += out[a] * out[a];
-        if (p->pool[i].z > 0) board += d2, n_in++;
-        else r->is_outlier[at * n + k] = 1, r->cameras[c].n_outliers++;
+        for (int a = 0; a < 2; a++) {
+          out[a] = p->x[2 * i + (size_t)a];
+          d2 += out[a] * out[a];
+        }
+        if (p->pool[i].z > 0) {
+          board += d2;
+          n_in++;
+        } else {
+          r->is_outlier[at * n + k] = 1;
+          r->cameras[c].n_outliers++;
+        }
       }
       r->board_rms_px[at] = n_in ? sqrt(board / n_in) : 0;
       r->cameras[c].rms_px += board;
-      sum += board, r->n_points += n_in;
+      sum += board;
+      r->n_points += n_in;
     }
   for (int c = 0; c < b->n_cameras; c++) {
     sv_boards_camera *q = &r->cameras[c];

@@ -9,6 +9,7 @@ sv_status sv_boards_available(sv_err *err) {
 }
 
 sv_status sv_boards_solve(const sv_boards *b, sv_boards_result *out, sv_err *err) {
-  (void)b, (void)out;
+  (void)b;
+  (void)out;
   return sv_boards_available(err);
 }

@@ -61,7 +61,8 @@ static bool factor(covariance *v) {
   is_good =
       is_good && v->factor && cholmod_factorize(jt, v->factor, &v->common) && v->common.status == CHOLMOD_OK;
   cholmod_free_sparse(&jt, &v->common);
-  free(packed), free(x);
+  free(packed);
+  free(x);
   return is_good;
 }
 
@@ -194,7 +195,8 @@ sv_status sv_boards_uncertainty(sv_boards_result *out, const sv_mrcal_problem *p
   }
   if (v.factor) cholmod_free_factor(&v.factor, &v.common);
   cholmod_finish(&v.common);
-  free(v.scale), free(rows);
+  free(v.scale);
+  free(rows);
   return is_good ? SV_OK
                  : sv_fail(err, SV_E_FORMAT,
                            "these images do not constrain the calibration (its normal equations are "

@@ -57,12 +57,16 @@ bool seed_lens(const Seen &s, int w, int h, cv::Mat &k, cv::Mat &d) {
   std::vector<std::vector<cv::Point3f>> object;
   std::vector<std::vector<cv::Point2f>> image;
   const size_t n = s.frames.size(), n_used = std::min(n, kSeedBoards);
-  for (size_t i = 0; i < n_used; i++)
-    object.push_back(s.object[i * n / n_used]), image.push_back(s.image[i * n / n_used]);
-  k = cv::initCameraMatrix2D(object, image, cv::Size(w, h), 1.0), d = cv::Mat::zeros(1, 5, CV_64F);
+  for (size_t i = 0; i < n_used; i++) {
+    object.push_back(s.object[i * n / n_used]);
+    image.push_back(s.image[i * n / n_used]);
+  }
+  k = cv::initCameraMatrix2D(object, image, cv::Size(w, h), 1.0);
+  d = cv::Mat::zeros(1, 5, CV_64F);
   const double focal = k.at<double>(0, 0), side = w > h ? w : h;
   if (!(focal > 0.2 * side && focal < 20 * side)) k.at<double>(0, 0) = k.at<double>(1, 1) = side;
-  k.at<double>(0, 2) = 0.5 * (w - 1), k.at<double>(1, 2) = 0.5 * (h - 1);
+  k.at<double>(0, 2) = 0.5 * (w - 1);
+  k.at<double>(1, 2) = 0.5 * (h - 1);
   std::vector<cv::Mat> r, t;
   return std::isfinite(cv::calibrateCamera(object, image, cv::Size(w, h), k, d, r, t, flags));
 }
@@ -81,8 +85,10 @@ bool sv_boards_seed_camera(const sv_boards *b, int i_camera, double lens[5], sv_
       cv::solvePnPRefineLM(s.object[i], s.image[i], k, d, r, t);
       to_pose(r, t, &cam_from_board[s.frames[i]]);
     }
-    lens[0] = k.at<double>(0, 0), lens[1] = k.at<double>(1, 1);
-    lens[2] = k.at<double>(0, 2), lens[3] = k.at<double>(1, 2);
+    lens[0] = k.at<double>(0, 0);
+    lens[1] = k.at<double>(1, 1);
+    lens[2] = k.at<double>(0, 2);
+    lens[3] = k.at<double>(1, 2);
     lens[4] = d.at<double>(0);
     return lens[0] > 0 && std::isfinite(lens[0]);
   } catch (const std::exception &) {

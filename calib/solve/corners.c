@@ -22,7 +22,8 @@ static double first_is_black(const grid *g) {
       double x = 0, y = 0;
       for (int k = 0; k < 4; k++) {
         const double *c = corner(g, i + k % 2, j + k / 2);
-        x += 0.25 * c[0], y += 0.25 * c[1];
+        x += 0.25 * c[0];
+        y += 0.25 * c[1];
       }
       int u = (int)floor(x), v = (int)floor(y);
       if (u < 0 || v < 0 || u >= g->job->width_px || v >= g->job->height_px) continue;
@@ -42,7 +43,8 @@ static bool is_front(const grid *g) {
 static void swap_corners(grid *g, int a, int b) {
   for (int k = 0; k < 2; k++) {
     double t = g->uv[2 * a + k];
-    g->uv[2 * a + k] = g->uv[2 * b + k], g->uv[2 * b + k] = t;
+    g->uv[2 * a + k] = g->uv[2 * b + k];
+    g->uv[2 * b + k] = t;
   }
 }
 
@@ -83,7 +85,10 @@ static void put_in_order(grid *g) {
     if (n_turns == 4) quarter_turn(g);
     else half_turn(g);
     // a board lying on its corner has two equal choices: the later must be clearly better
-    if (upright(g) > best * 1.0001) best = upright(g), best_turn = k;
+    if (upright(g) > best * 1.0001) {
+      best = upright(g);
+      best_turn = k;
+    }
   }
   for (int k = n_turns - 1; k != best_turn + n_turns; k++) {
     if (n_turns == 4) quarter_turn(g);

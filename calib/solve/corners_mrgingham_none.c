@@ -5,6 +5,7 @@
 bool sv_corners_has_mrgingham(void) { return false; }
 
 bool sv_corners_mrgingham(const sv_corners_job *job, double *uv_px) {
-  (void)job, (void)uv_px;
+  (void)job;
+  (void)uv_px;
   return false;
 }

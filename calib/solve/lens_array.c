@@ -48,7 +48,8 @@ static bool residual(const sv_lens_array *b, const sv_array_observation *o, line
       l->jp[a][k] = d[0] * p->r[k] + d[1] * p->r[3 + k] + d[2] * p->r[6 + k];
     }
     l->jc[a][6] = uv[a] - m->p[2 + a];
-    l->jc[a][7] = a == 0, l->jc[a][8] = a == 1;
+    l->jc[a][7] = a == 0;
+    l->jc[a][8] = a == 1;
   }
   return true;
 }
@@ -82,9 +83,12 @@ static void add_priors(const work *w) {
     const sv_camera_model *m = &b->models[c];
     size_t at = (size_t)c * N_CAM;
     double f = sv_log(m->p[0] / w->focal0) - w->log_focal;
-    w->s[(at + 6) * n + at + 6] += kf, w->s[last * n + last] += kf;
-    w->s[(at + 6) * n + last] -= kf, w->s[last * n + at + 6] -= kf;
-    w->g[at + 6] += kf * f, w->g[last] -= kf * f;
+    w->s[(at + 6) * n + at + 6] += kf;
+    w->s[last * n + last] += kf;
+    w->s[(at + 6) * n + last] -= kf;
+    w->s[last * n + at + 6] -= kf;
+    w->g[at + 6] += kf * f;
+    w->g[last] -= kf * f;
     for (size_t a = 0; a < 2; a++) {
       w->s[(at + 7 + a) * n + at + 7 + a] += kc;
       w->g[at + 7 + a] += kc * (m->p[2 + a] - b->centre_px[c][a]);
@@ -197,7 +201,8 @@ static bool build(const work *w, double lambda) {
     *d += lambda * fabs(*d) + 1e-12;
     if (!is_held(w, (int)i)) continue;
     for (size_t j = 0; j < n; j++) w->s[i * n + j] = w->s[j * n + i] = 0;
-    *d = 1, w->g[i] = 0;
+    *d = 1;
+    w->g[i] = 0;
   }
   return true;
 }
@@ -263,7 +268,10 @@ static void move_views(work *w) {
     sv_rodrigues(r, d);
     sv_mul33(b->cam_from_rig[c].r, r, b->cam_from_rig[c].r);
     for (int k = 0; k < 3; k++) b->cam_from_rig[c].t[k] += d[3 + k];
-    for (int a = 0; a < 2; a++) b->models[c].p[a] *= scale, b->models[c].p[2 + a] += d[7 + a];
+    for (int a = 0; a < 2; a++) {
+      b->models[c].p[a] *= scale;
+      b->models[c].p[2 + a] += d[7 + a];
+    }
   }
   w->log_focal += w->step[w->n - 1];
 }
@@ -279,12 +287,12 @@ static void keep(const work *w, state *s, bool is_back) {
   sv_lens_array *b = w->b;
   size_t nv = (size_t)b->n_views, np = (size_t)b->n_points;
   if (is_back) {
-    memcpy(b->models, s->models, nv * sizeof *s->models),
-        memcpy(b->cam_from_rig, s->poses, nv * sizeof *s->poses);
+    memcpy(b->models, s->models, nv * sizeof *s->models);
+    memcpy(b->cam_from_rig, s->poses, nv * sizeof *s->poses);
     memcpy(b->points, s->points, np * sizeof *s->points);
   } else {
-    memcpy(s->models, b->models, nv * sizeof *s->models),
-        memcpy(s->poses, b->cam_from_rig, nv * sizeof *s->poses);
+    memcpy(s->models, b->models, nv * sizeof *s->models);
+    memcpy(s->poses, b->cam_from_rig, nv * sizeof *s->poses);
     memcpy(s->points, b->points, np * sizeof *s->points);
   }
 }
@@ -307,7 +315,8 @@ static int minimise(work *w, state *old) {
     double next = cost(w);
     if (next < now) {
       bool is_done = now - next < 1e-7 * now;
-      now = next, lambda = lambda > 1e-9 ? 0.2 * lambda : lambda;
+      now = next;
+      lambda = lambda > 1e-9 ? 0.2 * lambda : lambda;
       if (is_done) break;
     } else {
       keep(w, old, true);
@@ -342,7 +351,10 @@ static void measure(work *w, sv_array_stats *st, bool is_marking) {
     double r = is_good ? sqrt(l.r[0] * l.r[0] + l.r[1] * l.r[1]) : INFINITY;
     if (is_marking) o->is_outlier = !(r < OUTLIER * 1.1774 * w->sigma);
     if (o->is_outlier) st->n_outliers++;
-    else sum += r * r, n++;
+    else {
+      sum += r * r;
+      n++;
+    }
   }
   st->sigma_px = w->sigma;
   st->rms_px = n ? sqrt(sum / n) : INFINITY;
@@ -376,15 +388,18 @@ static void choose_scale(work *w) {
   w->i_scale = -1;
   for (int c = 1; c < w->b->n_views; c++)
     for (int k = 0; k < 3; k++)
-      if (fabs(w->b->cam_from_rig[c].t[k]) > most)
-        most = fabs(w->b->cam_from_rig[c].t[k]), w->i_scale = c * N_CAM + 3 + k;
+      if (fabs(w->b->cam_from_rig[c].t[k]) > most) {
+        most = fabs(w->b->cam_from_rig[c].t[k]);
+        w->i_scale = c * N_CAM + 3 + k;
+      }
 }
 
 static sv_status run(work *w, state *old, int n_rounds, sv_array_stats *st, sv_err *err) {
   sv_lens_array *b = w->b;
   double sum = 0;
   for (int c = 0; c < b->n_views; c++) sum += b->models[c].p[0];
-  w->focal0 = sum / b->n_views, w->log_focal = 0;
+  w->focal0 = sum / b->n_views;
+  w->log_focal = 0;
   memset(st, 0, sizeof *st);
   choose_scale(w);
   measure(w, st, true);
@@ -404,9 +419,13 @@ sv_status sv_array_solve(sv_lens_array *b, int n_rounds, sv_array_stats *stats, 
   size_t n = (size_t)w.n, np = (size_t)b->n_points, nv = (size_t)b->n_views;
   state old = {malloc(nv * sizeof *old.models), malloc(nv * sizeof *old.poses),
                malloc(np * sizeof *old.points), 0};
-  w.s = malloc(n * n * sizeof(double)), w.g = malloc(n * sizeof(double)), w.step = malloc(n * sizeof(double));
-  w.w = malloc(256 * N_CAM * 3 * sizeof(double)), w.first = calloc(np + 1, sizeof(int));
-  w.vinv = calloc(np * 9, sizeof(double)), w.gp = calloc(np * 3, sizeof(double));
+  w.s = malloc(n * n * sizeof(double));
+  w.g = malloc(n * sizeof(double));
+  w.step = malloc(n * sizeof(double));
+  w.w = malloc(256 * N_CAM * 3 * sizeof(double));
+  w.first = calloc(np + 1, sizeof(int));
+  w.vinv = calloc(np * 9, sizeof(double));
+  w.gp = calloc(np * 3, sizeof(double));
   w.abs_r = malloc((size_t)b->n_observations * sizeof(double) + 8);
   sv_status s = SV_OK;
   if (!old.models || !old.poses || !old.points || !w.s || !w.g || !w.step || !w.w || !w.first || !w.vinv ||
@@ -418,7 +437,16 @@ sv_status sv_array_solve(sv_lens_array *b, int n_rounds, sv_array_stats *stats, 
     for (size_t p = 0; p < np; p++) w.first[p + 1] += w.first[p];
     s = run(&w, &old, n_rounds, stats, err);
   }
-  free(old.models), free(old.poses), free(old.points), free(w.s), free(w.g), free(w.step), free(w.w);
-  free(w.first), free(w.vinv), free(w.gp), free(w.abs_r);
+  free(old.models);
+  free(old.poses);
+  free(old.points);
+  free(w.s);
+  free(w.g);
+  free(w.step);
+  free(w.w);
+  free(w.first);
+  free(w.vinv);
+  free(w.gp);
+  free(w.abs_r);
   return s;
 }

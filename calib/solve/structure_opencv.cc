@@ -44,8 +44,11 @@ std::vector<int> nearest(const cv::Mat &squared) {
     int best = 0;
     float first = INFINITY, second = INFINITY;
     for (int k = 0; k < squared.cols; k++)
-      if (d[k] < first) second = first, first = d[k], best = k;
-      else if (d[k] < second) second = d[k];
+      if (d[k] < first) {
+        second = first;
+        first = d[k];
+        best = k;
+      } else if (d[k] < second) second = d[k];
     if (first < kRatio * kRatio * second) out[static_cast<size_t>(i)] = best;
   }
   return out;
@@ -72,7 +75,8 @@ void match(const Features &a, const Features &b, int first_a, int first_b, Sets 
   std::vector<std::pair<int, int>> pairs;
   for (size_t i = 0; i < there.size(); i++)
     if (there[i] >= 0 && back[static_cast<size_t>(there[i])] == static_cast<int>(i)) {
-      pa.push_back(a.keys[i].pt), pb.push_back(b.keys[static_cast<size_t>(there[i])].pt);
+      pa.push_back(a.keys[i].pt);
+      pb.push_back(b.keys[static_cast<size_t>(there[i])].pt);
       pairs.emplace_back(static_cast<int>(i), there[i]);
     }
   if (pairs.size() < kMinInliers) return;
@@ -120,7 +124,8 @@ void refine(const std::vector<Features> &f, std::vector<std::vector<Seen>> &trac
 
 std::vector<std::vector<Seen>> gather(const std::vector<Features> &f, const std::vector<int> &first,
                                       Sets &sets) {
-  std::vector<std::vector<Seen>> by_root(sets.up.size()), out;
+  std::vector<std::vector<Seen>> by_root(sets.up.size());
+  out;
   for (size_t v = 0; v < f.size(); v++)
     for (size_t k = 0; k < f[v].keys.size(); k++)
       by_root[static_cast<size_t>(sets.root(first[v] + static_cast<int>(k)))].push_back(
@@ -142,7 +147,8 @@ bool sv_structure_available(void) { return true; }
 
 int sv_structure_tracks(const sv_structure_view *views, int n_views, sv_array_observation **observations,
                         int *n_points) {
-  *observations = nullptr, *n_points = 0;
+  *observations = nullptr;
+  *n_points = 0;
   try {
     std::vector<Features> f;
     std::vector<int> first;
@@ -247,7 +253,10 @@ int first_pair(const sv_lens_array *b, const Rays &r, sv_pose *pose) {
     std::vector<cv::Point2d> p, q;
     for (int i = 0; i < b->n_points; i++) {
       const cv::Point2d *a = seen_by(r, i, 0), *c = seen_by(r, i, v);
-      if (a && c) p.push_back(*a), q.push_back(*c);
+      if (a && c) {
+        p.push_back(*a);
+        q.push_back(*c);
+      }
     }
     if (p.size() < kMinInliers) continue;
     cv::Mat mask, rot, t;
@@ -260,7 +269,11 @@ int first_pair(const sv_lens_array *b, const Rays &r, sv_pose *pose) {
     for (size_t i = 0; i < p.size(); i++) shift.push_back(cv::norm(q[i] - p[i] - mean));
     std::nth_element(shift.begin(), shift.begin() + static_cast<long>(shift.size() / 2), shift.end());
     const double score = std::min(n, 150) * shift[shift.size() / 2];
-    if (n >= kMinInliers && score > best_score) best_score = score, best = v, *pose = pose_of(rot, t);
+    if (n >= kMinInliers && score > best_score) {
+      best_score = score;
+      best = v;
+      *pose = pose_of(rot, t);
+    }
   }
   return best;
 }
@@ -298,24 +311,31 @@ void spread_points(sv_lens_array *b, const Rays &r, const std::vector<bool> &is_
 bool sv_structure_start(sv_lens_array *b) {
   try {
     const Rays r = rays_of(b);
-    std::vector<bool> is_placed(static_cast<size_t>(b->n_views)), has_point(static_cast<size_t>(b->n_points));
+    std::vector<bool> is_placed(static_cast<size_t>(b->n_views));
+    has_point(static_cast<size_t>(b->n_points));
     sv_pose second;
     cv::setRNGSeed(1); // RANSAC draws the same on every run
     const int v = first_pair(b, r, &second);
     if (v < 0) return false;
-    b->cam_from_rig[0] = sv_pose_identity(), b->cam_from_rig[v] = second;
+    b->cam_from_rig[0] = sv_pose_identity();
+    b->cam_from_rig[v] = second;
     is_placed[0] = is_placed[static_cast<size_t>(v)] = true;
     spread_points(b, r, is_placed, has_point);
     for (int n = 2; n < b->n_views;) {
       const int before = n;
       for (int c = 0; c < b->n_views; c++)
-        if (!is_placed[static_cast<size_t>(c)] && place(b, r, has_point, c, &b->cam_from_rig[c]))
-          is_placed[static_cast<size_t>(c)] = true, n++;
+        if (!is_placed[static_cast<size_t>(c)] && place(b, r, has_point, c, &b->cam_from_rig[c])) {
+          is_placed[static_cast<size_t>(c)] = true;
+          n++;
+        }
       if (n == before) return false;
       spread_points(b, r, is_placed, has_point);
     }
     for (int i = 0; i < b->n_points; i++) // a point without a place: before view 0, all that sees it left out
-      if (!has_point[static_cast<size_t>(i)]) b->points[i][0] = b->points[i][1] = 0, b->points[i][2] = 1;
+      if (!has_point[static_cast<size_t>(i)]) {
+        b->points[i][0] = b->points[i][1] = 0;
+        b->points[i][2] = 1;
+      }
     for (int i = 0; i < b->n_observations; i++)
       b->observations[i].is_outlier = !has_point[static_cast<size_t>(b->observations[i].point)];
     return true;

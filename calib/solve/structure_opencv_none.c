@@ -8,8 +8,10 @@ bool sv_structure_available(void) { return false; }
 
 int sv_structure_tracks(const sv_structure_view *views, int n_views, sv_array_observation **observations,
                         int *n_points) {
-  (void)views, (void)n_views;
-  *observations = NULL, *n_points = 0;
+  (void)views;
+  (void)n_views;
+  *observations = NULL;
+  *n_points = 0;
   return 0;
 }
 

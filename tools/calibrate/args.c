@@ -79,7 +79,8 @@ static int parse_board(const sv_tool_command *c, cal_options *o) {
       w > SV_BOARD_CAP_SIDE || h > SV_BOARD_CAP_SIDE)
     return cal_usage(c->name, "--board is WxH inner corners, each from 3 to %d, not '%.80s'",
                      SV_BOARD_CAP_SIDE, o->board);
-  o->n_cols = (int)w, o->n_rows = (int)h;
+  o->n_cols = (int)w;
+  o->n_rows = (int)h;
   return CAL_EXIT_OK;
 }
 

@@ -89,13 +89,18 @@ static double refine(const job *j, int only, int frame, sv_pose *p, int *n) {
   for (int it = 0; it < 100 && isfinite(now); it++) {
     double a[36] = {0}, g[6] = {0};
     cost(j, only, frame, p, a, g, n);
-    for (int i = 0; i < 6; i++) a[7 * i] *= 1 + lambda, g[i] = -g[i];
+    for (int i = 0; i < 6; i++) {
+      a[7 * i] *= 1 + lambda;
+      g[i] = -g[i];
+    }
     if (!solve6(a, g)) break;
     sv_pose next = moved(p, g);
     double then = cost(j, only, frame, &next, NULL, NULL, n);
     if (then < now) {
       bool is_done = now - then < 1e-12 * now;
-      *p = next, now = then, lambda *= 0.2;
+      *p = next;
+      now = then;
+      lambda *= 0.2;
       if (is_done) break;
     } else if ((lambda *= 8) > 1e9) break;
   }
@@ -120,7 +125,8 @@ static bool start(const job *j, int camera, int frame, sv_pose *rig_from_board) 
     double tilt[3] = {0.6 * (k % 3 - 1), 0.6 * (k / 3 - 1), 0}, spin[3] = {0, 0, roll}, a[9], c[9];
     sv_pose p;
     int n;
-    sv_rodrigues(a, tilt), sv_rodrigues(c, spin);
+    sv_rodrigues(a, tilt);
+    sv_rodrigues(c, spin);
     sv_mul33(p.r, a, c);
     double middle[3] = {0.5 * (b->n_cols - 1) * j->spacing_m, 0.5 * (b->n_rows - 1) * j->spacing_m, 0},
            off[3];
@@ -128,7 +134,10 @@ static bool start(const job *j, int camera, int frame, sv_pose *rig_from_board) 
     for (int i = 0; i < 3; i++) p.t[i] = depth * 0.5 * (r0[i] + r2[i]) - off[i];
     p = sv_pose_mul(&rig_from_cam, &p);
     double left = refine(j, camera, frame, &p, &n);
-    if (left < best) best = left, *rig_from_board = p;
+    if (left < best) {
+      best = left;
+      *rig_from_board = p;
+    }
   }
   return isfinite(best);
 }
@@ -149,7 +158,8 @@ static double epipolar2(const job *j, int camera, int frame, int *n) {
     sv_apply33(ray0, p.r, ray0);
     sv_cross3(normal, p.t, ray0);
     double size = sv_norm3(normal), d = size > 0 ? sv_dot3(normal, ray) / size * v->model.p[0] : 0;
-    sum += d * d, (*n)++;
+    sum += d * d;
+    (*n)++;
   }
   return sum;
 }
@@ -162,8 +172,10 @@ static void measure_camera(cal_check *c, const job *j, int i) {
     if (!b->is_seen[at(b, i, f)] || !c->has_pose[f]) continue;
     sv_pose p = c->rig_from_board[f];
     c->cameras[i].n_boards++;
-    alone += refine(j, i, f, &p, &k), n += k;
-    rig += cost(j, i, f, &c->rig_from_board[f], NULL, NULL, &k), n_rig += k;
+    alone += refine(j, i, f, &p, &k);
+    n += k;
+    rig += cost(j, i, f, &c->rig_from_board[f], NULL, NULL, &k);
+    n_rig += k;
     if (i && b->is_seen[at(b, 0, f)]) lines += epipolar2(j, i, f, &n_lines);
   }
   c->cameras[i].rms_alone_px = n ? sqrt(alone / n) : NAN;
@@ -188,7 +200,11 @@ sv_status cal_check_boards(cal_check *c, const sv_rig *rig, const cal_boards *b,
       if (!b->is_seen[at(b, i, f)] || !start(&j, i, f, &c->rig_from_board[f])) continue;
       double left = refine(&j, -1, f, &c->rig_from_board[f], &n);
       c->has_pose[f] = isfinite(left);
-      if (c->has_pose[f]) sum += left, n_all += n, c->n_frames++;
+      if (c->has_pose[f]) {
+        sum += left;
+        n_all += n;
+        c->n_frames++;
+      }
     }
   if (!c->n_frames)
     return sv_fail(err, SV_E_NOT_FOUND, "no board of %dx%d inner corners fits the rig's lenses in any image",
@@ -199,6 +215,8 @@ sv_status cal_check_boards(cal_check *c, const sv_rig *rig, const cal_boards *b,
 }
 
 void cal_check_free(cal_check *c) {
-  free(c->cameras), free(c->rig_from_board), free(c->has_pose);
+  free(c->cameras);
+  free(c->rig_from_board);
+  free(c->has_pose);
   memset(c, 0, sizeof *c);
 }

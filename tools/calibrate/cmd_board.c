@@ -77,8 +77,10 @@ static void report_camera(lab_report *j, const cal_boards *b, const sv_boards_re
   lab_report_int(j, "boards", q->n_boards);
   lab_report_int(j, "outliers", q->n_outliers);
   lab_report_num(j, "rms_px", q->rms_px);
-  lab_report_num(j, "fx_px", p[0]), lab_report_num(j, "fy_px", p[1]);
-  lab_report_num(j, "cx_px", p[2]), lab_report_num(j, "cy_px", p[3]);
+  lab_report_num(j, "fx_px", p[0]);
+  lab_report_num(j, "fy_px", p[1]);
+  lab_report_num(j, "cx_px", p[2]);
+  lab_report_num(j, "cy_px", p[3]);
   lab_report_num(j, "fx_sd_px", q->fx_sd_px);
   lab_report_num(j, "rotation_sd_deg", q->rotation_sd_deg);
   lab_report_num(j, "translation_sd_m", q->translation_sd_m);

@@ -162,7 +162,10 @@ static sv_status check(const cal_options *o, lab_session *se, cal_boards *b, voi
     const cal_check *found = has_images ? &c : NULL;
     scene_centre(&rig, found, centre);
     double angle_deg = sv_rig_angular_baseline_rad(&rig, centre) * 180 / SV_PI;
-    if (has_images) cal_advise_spacing(a, o->spacing_m), advise(a, &c);
+    if (has_images) {
+      cal_advise_spacing(a, o->spacing_m);
+      advise(a, &c);
+    }
     if (rig.n_sub_views > 1 && angle_deg < 0.2)
       cal_advise(a, "the angular baseline is %.2f degrees: the paper's gain begins at about 0.2; move closer",
                  angle_deg);

@@ -59,10 +59,12 @@ static sv_status gather_exposure(job *j, int exposure, sv_err *err) {
   b->observations = more;
   for (int k = 0; k < n_found; k++) {
     more[n_old + k] = found[k];
-    more[n_old + k].view = whose[found[k].view], more[n_old + k].point += b->n_points;
+    more[n_old + k].view = whose[found[k].view];
+    more[n_old + k].point += b->n_points;
   }
   free(found);
-  b->n_observations += n_found, b->n_points += n_points;
+  b->n_observations += n_found;
+  b->n_points += n_points;
   return SV_OK;
 }
 
@@ -87,7 +89,9 @@ static void find_centre(const cal_lens *l, double centre_px[2]) {
     for (int x = 0; x < f->width_px; x++) {
       // half lit counts as lit: fall-off of the light does not move the middle, a rim's share does
       double c = (double)sv_minf(1, 2 * (float)f->coverage[y * f->width_px + x] / 255);
-      sum[0] += c, sum[1] += c * (x + 0.5), sum[2] += c * (y + 0.5);
+      sum[0] += c;
+      sum[1] += c * (x + 0.5);
+      sum[2] += c * (y + 0.5);
     }
   for (int k = 0; k < 2; k++) centre_px[k] = sum[1 + k] / sum[0];
 }
@@ -110,7 +114,8 @@ static void set_lenses(job *j, double focal_per_width) {
 static sv_array_observation *thinned(const sv_lens_array *b, int *n_observations, int *n_points) {
   int every = 1 + b->n_points / CAP_GUESS_POINTS;
   sv_array_observation *out = malloc((size_t)b->n_observations * sizeof *out);
-  *n_observations = 0, *n_points = 1 + (b->n_points - 1) / every;
+  *n_observations = 0;
+  *n_points = 1 + (b->n_points - 1) / every;
   for (int k = 0; k < b->n_observations && out; k++)
     if (b->observations[k].point % every == 0) {
       out[*n_observations] = b->observations[k];
@@ -141,17 +146,21 @@ static sv_status solve_texture(job *j, sv_err *err) {
   double width = b->n_views ? j->lenses.lenses[0].footprint.width_px : 1, known = j->o->focal_px / width;
   size_t n_guesses = known > 0 ? 1 : sizeof guesses / sizeof *guesses;
   b->is_focal_known = known > 0;
-  b->focal_sd = FOCAL_SD, b->centre_sd_px = CENTRE_SD * j->lenses.lenses[0].footprint.width_px;
+  b->focal_sd = FOCAL_SD;
+  b->centre_sd_px = CENTRE_SD * j->lenses.lenses[0].footprint.width_px;
   b->observations = few;
   for (size_t g = 0; g < n_guesses; g++) {
     if (solve_from(j, known > 0 ? known : guesses[g], 2, err) != SV_OK) continue;
     int n_in = b->n_observations - j->stats.n_outliers;
     if (n_in * 10 < best_in * 9 || j->stats.sigma_px >= best) continue;
-    best = j->stats.sigma_px, best_in = n_in;
+    best = j->stats.sigma_px;
+    best_in = n_in;
     best_guess = known > 0 ? known : b->models[0].p[0] / width; // where it went from the guess
   }
   free(few);
-  b->observations = all.observations, b->n_observations = all.n_observations, b->n_points = all.n_points;
+  b->observations = all.observations;
+  b->n_observations = all.n_observations;
+  b->n_points = all.n_points;
   if (best_guess > 0 && solve_from(j, best_guess, 5, err) == SV_OK) return SV_OK;
   return sv_fail(err, SV_E_FORMAT,
                  "%s: the features do not fit one rigid object: did something move between the images, or is "
@@ -173,8 +182,10 @@ static sv_status calibrate_texture(job *j, sv_err *err) {
     s = sv_fail(err, SV_E_NOMEM, "%s: no memory for points", j->o->isolated);
   if (s == SV_OK) s = solve_texture(j, err);
   if (s != SV_OK) return s;
-  j->rms_px = j->stats.rms_px, j->n_used = j->bundle.n_observations - j->stats.n_outliers;
-  j->rotation_sd_deg = j->stats.rotation_sd_deg, j->focal_sd_px = j->stats.focal_sd_px;
+  j->rms_px = j->stats.rms_px;
+  j->n_used = j->bundle.n_observations - j->stats.n_outliers;
+  j->rotation_sd_deg = j->stats.rotation_sd_deg;
+  j->focal_sd_px = j->stats.focal_sd_px;
   return SV_OK;
 }
 
@@ -264,7 +275,9 @@ static sv_status refine_board(job *j, const sv_boards *b, const sv_boards_result
   for (int i = 0; i < b->n_cameras; i++) {
     sv_camera_model *m = &a->models[i];
     *m = r->models[i];
-    m->p[0] = m->p[1] = focal, m->p[2] = a->centre_px[i][0], m->p[3] = a->centre_px[i][1];
+    m->p[0] = m->p[1] = focal;
+    m->p[2] = a->centre_px[i][0];
+    m->p[3] = a->centre_px[i][1];
     a->cam_from_rig[i] = r->cam_from_rig[i];
   }
   a->points = calloc(n_points, sizeof *a->points);
@@ -274,13 +287,16 @@ static sv_status refine_board(job *j, const sv_boards *b, const sv_boards_result
   a->n_points = 0;
   take_corners(j, b, r);
   a->is_focal_known = true;
-  a->focal_sd = FOCAL_SD, a->centre_sd_px = CENTRE_SD * j->lenses.lenses[0].footprint.width_px;
+  a->focal_sd = FOCAL_SD;
+  a->centre_sd_px = CENTRE_SD * j->lenses.lenses[0].footprint.width_px;
   sv_status s = sv_array_solve(a, 4, &j->stats, err);
   double scale = s == SV_OK ? size / mean_distance(a->cam_from_rig, a->n_views) : 1;
   for (int i = 0; i < a->n_views; i++)
     for (int k = 0; k < 3; k++) a->cam_from_rig[i].t[k] *= scale;
-  j->rms_px = j->stats.rms_px, j->n_used = a->n_observations - j->stats.n_outliers;
-  j->rotation_sd_deg = j->stats.rotation_sd_deg, j->focal_sd_px = j->stats.focal_sd_px;
+  j->rms_px = j->stats.rms_px;
+  j->n_used = a->n_observations - j->stats.n_outliers;
+  j->rotation_sd_deg = j->stats.rotation_sd_deg;
+  j->focal_sd_px = j->stats.focal_sd_px;
   return s;
 }
 
@@ -298,7 +314,9 @@ static sv_status calibrate_board(job *j, sv_err *err) {
   if (s == SV_OK && (!uv || !seen)) s = sv_fail(err, SV_E_NOMEM, "%s: no memory for corners", j->o->isolated);
   for (int i = 0; i < l->n_lenses && s == SV_OK; i++) {
     const sv_footprint *f = &l->lenses[i].footprint;
-    names[i] = l->lenses[i].name, size[i][0] = f->width_px, size[i][1] = f->height_px;
+    names[i] = l->lenses[i].name;
+    size[i][0] = f->width_px;
+    size[i][1] = f->height_px;
     for (int e = 0; e < l->n_exposures && (s = cal_stopped(j->session, NULL, err)) == SV_OK; e++) {
       size_t at = (size_t)i * (size_t)l->n_exposures + (size_t)e;
       sv_corners_job c = {j->o->n_cols, j->o->n_rows, f->width_px, f->height_px, l->lenses[i].grey[e]};
@@ -320,7 +338,8 @@ static sv_status calibrate_board(job *j, sv_err *err) {
     s = refine_board(j, &b, &r, err);
     sv_boards_free(&r);
   }
-  free(uv), free(seen);
+  free(uv);
+  free(seen);
   return s;
 }
 
@@ -367,7 +386,8 @@ static void report(lab_report *r, const job *j) {
                     4);
     lab_report_num(r, "area_px", l->stats.area_px);
     lab_report_num(r, "fx_px", p[0]);
-    lab_report_num(r, "cx_px", p[2]), lab_report_num(r, "cy_px", p[3]);
+    lab_report_num(r, "cx_px", p[2]);
+    lab_report_num(r, "cy_px", p[3]);
     lab_report_nums(r, "centre", (float[3]){(float)c[0], (float)c[1], (float)c[2]}, 3);
     lab_report_item_end(r);
   }
@@ -441,13 +461,17 @@ int cal_cmd_lenslets(const cal_options *o) {
   if (s == SV_OK) s = sv_linux_catch_signals(&err);
   if (s == SV_OK && !j) s = sv_fail(&err, SV_E_NOMEM, "no memory");
   if (s == SV_OK) {
-    j->o = o, j->session = &se;
+    j->o = o;
+    j->session = &se;
     s = calibrate(j, &err);
   }
   if (s != SV_OK) lab_failed(&se, &err);
   if (j) {
-    free(j->bundle.models), free(j->bundle.centre_px), free(j->bundle.cam_from_rig), free(j->bundle.points),
-        free(j->bundle.observations);
+    free(j->bundle.models);
+    free(j->bundle.centre_px);
+    free(j->bundle.cam_from_rig);
+    free(j->bundle.points);
+    free(j->bundle.observations);
     cal_lenses_free(&j->lenses);
   }
   free(j);

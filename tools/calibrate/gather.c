@@ -83,7 +83,10 @@ static sv_status add_camera(entries *e, cal_boards *b, int camera, const char *p
       int cap = e->cap ? 2 * e->cap : 256;
       entry *more = realloc(e->all, (size_t)cap * sizeof *more);
       if (!more) s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its list", pattern);
-      else e->all = more, e->cap = cap;
+      else {
+        e->all = more;
+        e->cap = cap;
+      }
     }
     if (s == SV_OK) {
       entry *x = &e->all[e->n];
@@ -139,7 +142,10 @@ sv_status cal_boards_list(cal_boards *b, const cal_options *o, sv_err *err) {
     b->is_seen = calloc(nc * (size_t)b->n_frames, 1);
     if (!b->uv_px || !b->is_seen) s = sv_fail(err, SV_E_NOMEM, "no memory for corners");
   }
-  for (int i = 0; i < e.n; i++) free(e.all[i].key), free(e.all[i].path);
+  for (int i = 0; i < e.n; i++) {
+    free(e.all[i].key);
+    free(e.all[i].path);
+  }
   free(e.all);
   return s;
 }
@@ -151,6 +157,11 @@ void cal_boards_free(cal_boards *b) {
     free(b->cameras[c].pictures);
   }
   for (int f = 0; f < b->n_frames && b->frames; f++) free(b->frames[f]);
-  free(b->cameras), free(b->frames), free(b->names), free(b->size_px), free(b->uv_px), free(b->is_seen);
+  free(b->cameras);
+  free(b->frames);
+  free(b->names);
+  free(b->size_px);
+  free(b->uv_px);
+  free(b->is_seen);
   memset(b, 0, sizeof *b);
 }

@@ -35,7 +35,8 @@ static sv_status read_light(const char *path, bool is_linear, sv_bitmap *out, sv
     sv_bitmap_free(out);
     return s;
   }
-  free(out->u8), free(out->u16);
+  free(out->u8);
+  free(out->u16);
   *out = (sv_bitmap){
       .width_px = out->width_px, .height_px = out->height_px, .n_channels = 1, .bits = 16, .u16 = v};
   return SV_OK;
@@ -66,7 +67,10 @@ static sv_status measure(cal_lenses *l, cal_lens *lens, const cal_options *o, co
   sv_bitmap white = {0};
   sv_status s = read_light(path, o->is_linear, &white, err);
   if (s != SV_OK) return s;
-  if (!l->width_px) l->width_px = white.width_px, l->height_px = white.height_px;
+  if (!l->width_px) {
+    l->width_px = white.width_px;
+    l->height_px = white.height_px;
+  }
   if (white.width_px != l->width_px || white.height_px != l->height_px)
     s = sv_fail(err, SV_E_FORMAT, "%s: %dx%d pixels, the other white images have %dx%d", path, white.width_px,
                 white.height_px, l->width_px, l->height_px);
@@ -125,7 +129,8 @@ static sv_status read_white(cal_lenses *l, const cal_options *o, sv_err *err) {
   if (!sum || !f) s = sv_fail(err, SV_E_NOMEM, "%s: no memory for the sum of footprints", o->white);
   for (int i = 0; i < l->n_lenses && f; i++) f[i] = l->lenses[i].footprint;
   if (s == SV_OK) s = sv_footprint_sum(f, l->n_lenses, l->width_px, l->height_px, sum, &l->max_overlap, err);
-  free(sum), free(f);
+  free(sum);
+  free(f);
   return s;
 }
 
@@ -258,7 +263,9 @@ sv_status cal_lenses_read(cal_lenses *l, const cal_options *o, const lab_session
 void cal_lenses_free(cal_lenses *l) {
   for (int i = 0; i < l->n_lenses; i++) {
     for (int e = 0; e < l->n_exposures && l->lenses[i].grey; e++) free(l->lenses[i].grey[e]);
-    free(l->lenses[i].grey), free(l->lenses[i].mask), free(l->lenses[i].block);
+    free(l->lenses[i].grey);
+    free(l->lenses[i].mask);
+    free(l->lenses[i].block);
   }
   free(l->lenses);
   memset(l, 0, sizeof *l);

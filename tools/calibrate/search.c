@@ -58,7 +58,8 @@ static void search_one(void *arg, int i_task, int i_thread) {
     else s = sv_bitmap_to_channels(&image, 1, &j->err);
   }
   if (s == SV_OK) {
-    j->width_px = image.width_px, j->height_px = image.height_px;
+    j->width_px = image.width_px;
+    j->height_px = image.height_px;
     sv_corners_job c = {se->n_cols, se->n_rows, image.width_px, image.height_px, image.u8};
     j->is_found = sv_corners_find(&c, j->uv);
   }
@@ -95,13 +96,16 @@ static void read_cache(search *se, const char *path) {
       job probe = {.path = name}, *key = &probe, **hit;
       hit = bsearch(&key, sorted, (size_t)se->n, sizeof *sorted, by_path);
       if (!hit || (*hit)->at.bytes != at.bytes || (*hit)->at.changed_ns != at.changed_ns) continue;
-      (*hit)->is_known = true, (*hit)->is_found = found != 0;
-      (*hit)->width_px = w, (*hit)->height_px = h;
+      (*hit)->is_known = true;
+      (*hit)->is_found = found != 0;
+      (*hit)->width_px = w;
+      (*hit)->height_px = h;
       if (found) memcpy((*hit)->uv, uv, 2 * (size_t)(cols * rows) * sizeof *uv);
     }
   }
   if (f) fclose(f);
-  free(sorted), free(uv);
+  free(sorted);
+  free(uv);
 }
 
 static sv_status append(sv_file *f, sv_err *err, const char *fmt, ...) SV_PRINTF(3, 4);
@@ -139,16 +143,21 @@ static sv_status settle(cal_boards *b, const search *se, sv_err *err) {
     cal_camera *q = &b->cameras[j->camera];
     if (j->err.status != SV_OK) return sv_fail(err, j->err.status, "%s", j->err.text);
     if (!j->is_found) { // another image that the pattern catches, of whatever size
-      b->n_cached += j->is_known, b->n_searched += !j->is_known;
+      b->n_cached += j->is_known;
+      b->n_searched += !j->is_known;
       continue;
     }
-    if (!q->size_px[0]) q->size_px[0] = j->width_px, q->size_px[1] = j->height_px;
+    if (!q->size_px[0]) {
+      q->size_px[0] = j->width_px;
+      q->size_px[1] = j->height_px;
+    }
     if (q->size_px[0] != j->width_px || q->size_px[1] != j->height_px)
       return sv_fail(err, SV_E_FORMAT,
                      "%s: %dx%d pixels, but %s has %dx%d: all images of a camera must have one size", j->path,
                      j->width_px, j->height_px, q->name, q->size_px[0], q->size_px[1]);
     b->is_seen[(size_t)j->camera * (size_t)b->n_frames + (size_t)j->frame] = j->is_found;
-    b->n_cached += j->is_known, b->n_searched += !j->is_known;
+    b->n_cached += j->is_known;
+    b->n_searched += !j->is_known;
   }
   for (int c = 0; c < b->n_cameras; c++) {
     if (!b->cameras[c].size_px[0])

@@ -17,7 +17,10 @@ static sv_status load_one(const char *folder, const char *name, sv_footprint *f,
   if (s == SV_OK && (b.width_px != f->width_px || b.height_px != f->height_px))
     s = sv_fail(err, SV_E_FORMAT, "%s: %dx%d pixels, its footprint in rig.json has %dx%d", path, b.width_px,
                 b.height_px, f->width_px, f->height_px);
-  if (s == SV_OK) f->coverage = b.u8, b.u8 = NULL;
+  if (s == SV_OK) {
+    f->coverage = b.u8;
+    b.u8 = NULL;
+  }
   sv_bitmap_free(&b);
   return s;
 }

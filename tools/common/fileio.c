@@ -90,7 +90,8 @@ sv_status sv_file_append(void *file, const void *data, size_t bytes, sv_err *err
     ssize_t w = write(f->fd, p, bytes);
     if (w < 0 && errno == EINTR) continue;
     if (w <= 0) return io_error(err, f->path, "cannot write");
-    p += w, bytes -= (size_t)w;
+    p += w;
+    bytes -= (size_t)w;
   }
   return SV_OK;
 }

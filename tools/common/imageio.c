@@ -50,7 +50,10 @@ static void png_failed(png_structp png, png_const_charp text) {
   png_longjmp(png, 1);
 }
 
-static void png_warned(png_structp png, png_const_charp text) { (void)png, (void)text; }
+static void png_warned(png_structp png, png_const_charp text) {
+  (void)png;
+  (void)text;
+}
 
 static void png_take(png_structp png, png_bytep to, size_t n) {
   stream *s = png_get_io_ptr(png);
@@ -84,9 +87,10 @@ static sv_status decode_png(stream *in, sv_bitmap *out, sv_err *err) {
     png_set_user_limits(png, SV_BITMAP_CAP_SIDE_PX, SV_BITMAP_CAP_SIDE_PX);
     png_read_info(png, info);
     png_normalise(png, info);
-    out->width_px = (int)png_get_image_width(png, info),
+    out->width_px = (int)png_get_image_width(png, info);
     out->height_px = (int)png_get_image_height(png, info);
-    out->n_channels = png_get_channels(png, info), out->bits = png_get_bit_depth(png, info);
+    out->n_channels = png_get_channels(png, info);
+    out->bits = png_get_bit_depth(png, info);
     s = allocate(in->name, out, err);
     rows = malloc(sizeof(png_bytep) * (size_t)out->height_px);
     if (s == SV_OK && !rows) s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its rows", in->name);
@@ -109,7 +113,8 @@ static void png_give(png_structp png, png_bytep from, size_t n) {
     size_t cap = 2 * s->cap + n + 65536;
     uint8_t *more = realloc(s->out, cap);
     if (!more) png_error(png, "no memory");
-    s->out = more, s->cap = cap;
+    s->out = more;
+    s->cap = cap;
   }
   memcpy(s->out + s->at, from, n);
   s->at += n;
@@ -206,8 +211,10 @@ static sv_status decode_jpeg(const char *name, const uint8_t *data, size_t bytes
       d.out_color_space = d.num_components == 1 ? JCS_GRAYSCALE : JCS_RGB;
       d.dct_method = JDCT_ISLOW;
       jpeg_start_decompress(&d);
-      out->width_px = (int)d.output_width, out->height_px = (int)d.output_height;
-      out->n_channels = d.output_components, out->bits = 8;
+      out->width_px = (int)d.output_width;
+      out->height_px = (int)d.output_height;
+      out->n_channels = d.output_components;
+      out->bits = 8;
       s = allocate(name, out, err);
       while (s == SV_OK && d.output_scanline < d.output_height) {
         JSAMPROW row = out->u8 + (size_t)d.output_scanline * (size_t)out->width_px * (size_t)out->n_channels;
@@ -231,7 +238,8 @@ static sv_status encode_jpeg(const char *path, const sv_bitmap *b, int quality, 
   else {
     jpeg_create_compress(&c);
     jpeg_mem_dest(&c, mem, bytes);
-    c.image_width = (JDIMENSION)b->width_px, c.image_height = (JDIMENSION)b->height_px;
+    c.image_width = (JDIMENSION)b->width_px;
+    c.image_height = (JDIMENSION)b->height_px;
     c.input_components = b->n_channels;
     c.in_color_space = b->n_channels == 1 ? JCS_GRAYSCALE : JCS_RGB;
     jpeg_set_defaults(&c);
@@ -293,7 +301,9 @@ sv_status sv_bitmap_to_8(sv_bitmap *b, sv_err *err) {
   if (!u8) return sv_fail(err, SV_E_NOMEM, "no memory for %zu samples", n);
   for (size_t i = 0; i < n; i++) u8[i] = (uint8_t)((b->u16[i] + 128u) / 257u);
   free(b->u16);
-  b->u16 = NULL, b->u8 = u8, b->bits = 8;
+  b->u16 = NULL;
+  b->u8 = u8;
+  b->bits = 8;
   return SV_OK;
 }
 

@@ -19,7 +19,8 @@ static char *room(lab_report *r, size_t n) {
       r->is_failed = true;
       return NULL;
     }
-    r->text = p, r->cap = cap;
+    r->text = p;
+    r->cap = cap;
   }
   return r->text + r->bytes;
 }

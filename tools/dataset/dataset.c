@@ -249,7 +249,8 @@ static void make_view(lab_frame *f, int scale) {
       sv_view_make(f->pinhole.width_px, f->pinhole.height_px, p[0], p[1], p[2], p[3], &f->f.cam_from_world);
   f->view = sv_view_scaled(&full, scale);
   f->view.time = f->f.time >= 0 ? (float)f->f.time : 0.0f;
-  f->view.i_exposure = f->f.exposure, f->view.i_sub_view = f->f.sub_view;
+  f->view.i_exposure = f->f.exposure;
+  f->view.i_sub_view = f->f.sub_view;
 }
 
 typedef struct {

@@ -43,7 +43,9 @@ static sv_status choose(const sv_transforms_frame *frames, const int *from, int 
     for (int k = 0; k < 3; k++) d.centre[k] = (double)scene.centre[k];
     s = sv_disperse(&d, n_wanted, chosen, scratch);
   }
-  free(v.frames), free(at), free(scratch);
+  free(v.frames);
+  free(at);
+  free(scratch);
   return s == SV_OK ? SV_OK : sv_fail(err, s, "could not choose %d of %d views", n_wanted, n);
 }
 
@@ -58,7 +60,8 @@ sv_status lab_disperse_frames(const sv_transforms_frame *frames, int n_frames, i
   if (s == SV_OK) s = choose(frames, from, n, n_wanted, chosen, err);
   if (s == SV_OK) memset(is_in, 0, (size_t)n_frames * sizeof *is_in);
   for (int i = 0; s == SV_OK && i < n_wanted; i++) is_in[from[chosen[i]]] = true;
-  free(from), free(chosen);
+  free(from);
+  free(chosen);
   return s;
 }
 
@@ -83,7 +86,10 @@ void lab_keep_nearest(const sv_transforms_frame *frames, int n_frames, const dou
       if (!is_in[i]) continue;
       sv_pose_centre(c, &frames[i].cam_from_world);
       sv_sub3(c, c, centre);
-      if (sv_dot3(c, c) >= most) most = sv_dot3(c, c), far = i;
+      if (sv_dot3(c, c) >= most) {
+        most = sv_dot3(c, c);
+        far = i;
+      }
     }
     is_in[far] = false;
   }

@@ -21,7 +21,8 @@ static sv_status find_one(lab_measurement *m, const sv_transforms *t, const char
     s = sv_fail(err, SV_E_NOT_FOUND, "%s: measurement not found (listed in the transforms file)", m->path);
   if (s == SV_OK) s = lab_picture_peek(m->path, &peek, err);
   if (s != SV_OK) return s;
-  m->width_px = peek.width_px, m->height_px = peek.height_px;
+  m->width_px = peek.width_px;
+  m->height_px = peek.height_px;
   return SV_OK;
 }
 

@@ -179,7 +179,8 @@ static double depth_at(const depth_source *d, int x, int y) {
   if (d->map) {
     const sv_remap_tap *e = &d->map->entries[(size_t)y * (size_t)d->map->width_px + (size_t)x];
     if (e->x == SV_REMAP_NONE) return 0;
-    sx = e->x + (e->fx >= 128), sy = e->y + (e->fy >= 128);
+    sx = e->x + (e->fx >= 128);
+    sy = e->y + (e->fy >= 128);
     if (sx >= d->b->width_px) sx = d->b->width_px - 1;
     if (sy >= d->b->height_px) sy = d->b->height_px - 1;
   }
@@ -208,7 +209,8 @@ sv_status lab_depth_load(lab_loader *l, const lab_frame *f, int scale, float *ds
       int n = 0;
       for (int i = 0; i < scale * scale; i++) {
         double z = depth_at(&d, x * scale + i % scale, y * scale + i / scale);
-        sum += z, n += z > 0;
+        sum += z;
+        n += z > 0;
       }
       *dst++ = n == scale * scale ? (float)(sum / n) : 0.0f; // a block at an edge has no one depth
     }

@@ -31,7 +31,10 @@ static int nearest(const sv_capture_camera *c, sv_ns t_ns) {
   int best = -1;
   for (int i = 0; i < c->n_frames; i++) {
     double d = fabs((double)(mid_exposure_ns(c, &c->frames[i]) - t_ns));
-    if (d < half_ns) half_ns = d, best = i;
+    if (d < half_ns) {
+      half_ns = d;
+      best = i;
+    }
   }
   return best;
 }
@@ -47,7 +50,9 @@ static sv_status add(lab_import *im, const char *dir, const source *src, int i_s
   snprintf(inside, sizeof inside, "%.500s/%.500s", c->folder, file);
   v->model = sub->model;
   v->cam_from_world = sv_pose_mul(&sub->cam_from_rig, rig_from_world);
-  v->exposure = i_exposure, v->sub_view = i_sub_view, v->time = time;
+  v->exposure = i_exposure;
+  v->sub_view = i_sub_view;
+  v->time = time;
   sv_copy(v->camera, sizeof v->camera, sub->name);
   if (sub->footprint.width_px > 0 &&
       (sub->footprint.width_px != c->caps.width_px || sub->footprint.height_px != c->caps.height_px))

@@ -15,9 +15,13 @@ static sv_status add_views(lab_import *im, const lab_views *v, const char *mark,
     const sv_transforms_frame *f = &v->frames[i].f;
     lab_import_view *o = lab_import_add(im);
     if (!o) return sv_fail(err, SV_E_NOMEM, "no memory for %d views", im->n + 1);
-    o->model = f->model, o->cam_from_world = f->cam_from_world;
-    o->depth_kind = f->depth_kind, o->depth_unit = f->depth_unit;
-    o->time = f->time, o->exposure = f->exposure, o->sub_view = f->sub_view;
+    o->model = f->model;
+    o->cam_from_world = f->cam_from_world;
+    o->depth_kind = f->depth_kind;
+    o->depth_unit = f->depth_unit;
+    o->time = f->time;
+    o->exposure = f->exposure;
+    o->sub_view = f->sub_view;
     sv_copy(o->camera, sizeof o->camera, f->camera);
     sv_copy(o->split, sizeof o->split, *f->split ? f->split : mark);
     sv_copy(o->source, sizeof o->source, v->frames[i].path);

@@ -127,7 +127,8 @@ static sv_status add_mounts(model *m, const sv_colmap_rig *g, sv_err *err) {
       int cap = m->cap_mounts ? 2 * m->cap_mounts : 16;
       void *more = realloc(m->mounts, (size_t)cap * sizeof *m->mounts);
       if (!more) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its rigs", m->folder);
-      m->mounts = more, m->cap_mounts = cap;
+      m->mounts = more;
+      m->cap_mounts = cap;
     }
     m->mounts[m->n_mounts++] = (mount){g->id, g->cameras[i].camera_id, g->cameras[i].cam_from_rig};
   }
@@ -193,7 +194,8 @@ static sv_status add_unregistered(lab_import *im, model *m, const sv_colmap_fram
   sv_status s = add_image(im, m->dir, m->path, &g, m->cameras, m->n_cameras, err);
   if (s != SV_OK) return s;
   lab_import_view *v = &im->views[im->n - 1];
-  v->exposure = i_frame, v->source_id = UINT64_MAX;
+  v->exposure = i_frame;
+  v->source_id = UINT64_MAX;
   v->sub_view = seat_of(m->seats, &m->n_seats, f->rig_id, at->camera);
   im->n_from_rig++;
   return SV_OK;
@@ -209,7 +211,10 @@ static sv_status add_frame(lab_import *im, model *m, const sv_colmap_frame *f, i
       const mount *at = mount_of(m, f->rig_id, f->images[k].camera_id);
       v->exposure = i_frame;
       v->sub_view = seat_of(m->seats, &m->n_seats, f->rig_id, f->images[k].camera_id);
-      if (at) has[at - m->mounts] = 1, v->cam_from_world = sv_pose_mul(&at->cam_from_rig, &f->rig_from_world);
+      if (at) {
+        has[at - m->mounts] = 1;
+        v->cam_from_world = sv_pose_mul(&at->cam_from_rig, &f->rig_from_world);
+      }
     }
   for (int i = 0; s == SV_OK && i < m->n_mounts; i++)
     if (m->mounts[i].rig == f->rig_id && !has[i]) s = add_unregistered(im, m, f, i_frame, &m->mounts[i], err);
@@ -265,7 +270,10 @@ static sv_status read_points(lab_import *im, const char *folder, sv_err *err) {
       s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its points", p.path);
       break;
     }
-    for (int k = 0; k < 3; k++) q->mean[k] = (float)g.xyz[k], q->rgb[k] = (float)g.rgb[k] / 255.0f;
+    for (int k = 0; k < 3; k++) {
+      q->mean[k] = (float)g.xyz[k];
+      q->rgb[k] = (float)g.rgb[k] / 255.0f;
+    }
   }
   free(p.data);
   return s < 0 ? s : SV_OK;
@@ -282,7 +290,12 @@ sv_status lab_import_colmap(lab_import *im, const char *dir, sv_err *err) {
   if (s == SV_OK) s = read_images(im, dir, folder, cameras, n_cameras, err);
   model *m = calloc(1, sizeof *m);
   if (s == SV_OK && !m) s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its rigs", dir);
-  if (m) m->dir = dir, m->folder = folder, m->cameras = cameras, m->n_cameras = n_cameras;
+  if (m) {
+    m->dir = dir;
+    m->folder = folder;
+    m->cameras = cameras;
+    m->n_cameras = n_cameras;
+  }
   if (s == SV_OK) s = read_rigs(m, err);
   if (s == SV_OK) s = read_frames(im, m, err);
   if (s == SV_OK) s = read_points(im, folder, err);

@@ -185,8 +185,10 @@ static sv_status add_views(lab_import *im, const job *j, int exposure, sv_err *e
     const sv_sub_view *sub = &j->rig.sub_views[i];
     lab_import_view *v = lab_import_add(im);
     if (!v) return sv_fail(err, SV_E_NOMEM, "no memory for %d views", im->n + 1);
-    v->model = sub->model, v->cam_from_world = sub->cam_from_rig;
-    v->exposure = exposure, v->sub_view = i;
+    v->model = sub->model;
+    v->cam_from_world = sub->cam_from_rig;
+    v->exposure = exposure;
+    v->sub_view = i;
     sv_copy(v->camera, sizeof v->camera, sub->name);
     view_name(sub, exposure, v->name, sizeof v->name);
     s = sv_path_join(v->source, sizeof v->source, j->images, v->name, err); // where it already is
@@ -229,7 +231,8 @@ sv_status lab_import_lenslet(lab_import *im, const lab_options *o, lab_session *
   sv_names names;
   job *j = calloc(1, sizeof *j);
   if (!j) return sv_fail(err, SV_E_NOMEM, "%s: no memory to read it", o->input);
-  j->o = o, j->se = se;
+  j->o = o;
+  j->se = se;
   sv_status s = sv_folder_list(o->input, &names, err);
   if (s == SV_OK) {
     s = run(im, j, &names, err);

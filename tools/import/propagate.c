@@ -88,8 +88,10 @@ static sv_status make_view(job *j, const lab_import_view *v, int k, lab_import_v
     return sv_fail(err, SV_E_RANGE, "%s: the path of sub-view %s is too long", v->source, sub->name);
   if (*v->depth_source &&
       (!rename_path(j, v->depth_source, sub->name, out->depth_source, sizeof out->depth_source) ||
-       !sv_path_exists(out->depth_source)))
-    *out->depth_source = 0, out->depth_kind = SV_DEPTH_NONE;
+       !sv_path_exists(out->depth_source))) {
+    *out->depth_source = 0;
+    out->depth_kind = SV_DEPTH_NONE;
+  }
   if (!sv_path_exists(out->source)) {
     if (!*j->first) sv_copy(j->first, sizeof j->first, out->source);
     return SV_END;
@@ -158,8 +160,11 @@ sv_status lab_import_propagate(lab_import *im, const char *rig_folder, const cha
     for (int i = 0; i < im->n_points; i++)
       for (int k = 0; k < 3; k++) im->points[i].mean[k] *= (float)unit_m;
     free(im->views);
-    im->views = to.views, im->n = to.n, im->cap = to.cap;
-    im->n_from_rig = to.n_from_rig, im->n_lost = to.n_lost;
+    im->views = to.views;
+    im->n = to.n;
+    im->cap = to.cap;
+    im->n_from_rig = to.n_from_rig;
+    im->n_lost = to.n_lost;
   } else {
     lab_import_free(&to);
   }

@@ -65,7 +65,8 @@ static int picture_size(const char *path, int *w, int *h, sv_err *err) {
   sv_err why = {.text = ""};
   s = sv_codec_probe(head, n > 0 ? (size_t)n : 0, &info, &why);
   if (s < 0) return sv_fail(err, s, "%s: %s", path, why.text);
-  *w = info.width_px, *h = info.height_px;
+  *w = info.width_px;
+  *h = info.height_px;
   return SV_OK;
 }
 
@@ -100,8 +101,10 @@ static int take_pictures(const sv_import_job *job, const sv_import_camera *c, pi
     snprintf(from, sizeof from, "%s/%s/%s", src, c->name, p->names[i]->d_name);
     snprintf(to, sizeof to, "%s/%s/%s", out, c->name, p->names[i]->d_name);
     s = picture_size(from, &w, &h, err);
-    if (i == 0) p->width_px = w, p->height_px = h;
-    else if (s == SV_OK && (w != p->width_px || h != p->height_px))
+    if (i == 0) {
+      p->width_px = w;
+      p->height_px = h;
+    } else if (s == SV_OK && (w != p->width_px || h != p->height_px))
       s = sv_fail(err, SV_E_FORMAT, "%s: %dx%d, but the camera's first image is %dx%d", from, w, h,
                   p->width_px, p->height_px);
     if (s == SV_OK) s = copy_file(from, to, err);

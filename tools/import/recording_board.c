@@ -44,8 +44,12 @@ static int read_camera(const char *toml, int i, sv_import_camera *c, sv_err *err
         err, SV_E_FORMAT,
         "camera_array.toml: %s: expected size, matrix (9), distortions (5), rotation (9) and translation (3)",
         head);
-  c->calib_width_px = (int)size[0], c->calib_height_px = (int)size[1];
-  c->fx = k[0], c->cx = k[2], c->fy = k[4], c->cy = k[5];
+  c->calib_width_px = (int)size[0];
+  c->calib_height_px = (int)size[1];
+  c->fx = k[0];
+  c->cx = k[2];
+  c->fy = k[4];
+  c->cy = k[5];
   return SV_OK;
 }
 

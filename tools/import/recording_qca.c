@@ -75,8 +75,12 @@ static bool read_camera(const char *tag, sv_import_camera *c) {
   if (!attributes(pose, pose_names, 12, p) || !attributes(lens, lens_names, 11, l)) return false;
   c->cam_from_world = pose_of(p, p + 9);
   // The sensor's last pixel is its width less one times 64: pixel centers lie at whole numbers.
-  c->calib_width_px = (int)(l[9] / 64) + 1, c->calib_height_px = (int)(l[10] / 64) + 1;
-  c->fx = l[0] / 64, c->fy = l[1] / 64, c->cx = l[2] / 64, c->cy = l[3] / 64;
+  c->calib_width_px = (int)(l[9] / 64) + 1;
+  c->calib_height_px = (int)(l[10] / 64) + 1;
+  c->fx = l[0] / 64;
+  c->fy = l[1] / 64;
+  c->cx = l[2] / 64;
+  c->cy = l[3] / 64;
   memcpy(c->dist, l + 4, 5 * sizeof(double));
   return c->calib_width_px > 1 && c->calib_width_px < 32768 && c->calib_height_px > 1 &&
          c->calib_height_px < 32768;

@@ -244,7 +244,8 @@ static sv_view view_from(const job *j, const double direction[3], int i) {
   for (int k = 0; k < 3; k++) eye[k] = SV_SIM_DISTANCE_M * direction[k] / sv_norm3(direction);
   (void)sv_pose_look_at(&pose, eye, at, up);
   sv_view v = sv_view_make(j->sim.cfg.width_px, j->sim.cfg.height_px, p[0], p[1], p[2], p[3], &pose);
-  v.i_exposure = -1, v.i_sub_view = i;
+  v.i_exposure = -1;
+  v.i_sub_view = i;
   return v;
 }
 
@@ -311,7 +312,8 @@ static sv_status write_times(job *j, const char *folder, sv_view *views, const c
       char stem[100];
       snprintf(stem, sizeof stem, "frames/%s_%s/f%03d", folder, names[i], k);
       views[i].time = (float)k / (N_TIMES - 1);
-      views[i].i_exposure = k, views[i].i_sub_view = i;
+      views[i].i_exposure = k;
+      views[i].i_sub_view = i;
       j->split = !is_device ? "test_view" : k % 4 == 2 ? "test_time" : "train";
       s = write_view(j, stem, &views[i], sv_sim_slot_time_s(&j->sim, k), names[i]);
     }
@@ -406,7 +408,8 @@ static sv_status write_heldout(job *j) {
     double time_s;
     sv_view v;
     sv_sim_heldout_view(&j->sim, i, SV_SIM_N_HELDOUT, &v, &time_s);
-    v.i_exposure = -1, v.i_sub_view = i;
+    v.i_exposure = -1;
+    v.i_sub_view = i;
     snprintf(stem, sizeof stem, "test/r_%03d", i);
     s = write_view(j, stem, &v, time_s, "test");
   }

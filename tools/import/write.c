@@ -22,7 +22,8 @@ lab_import_view *lab_import_add(lab_import *im) {
   im->views = p;
   lab_import_view *v = &im->views[im->n++];
   memset(v, 0, sizeof *v);
-  v->time = -1, v->exposure = v->sub_view = -1;
+  v->time = -1;
+  v->exposure = v->sub_view = -1;
   return v;
 }
 
@@ -64,7 +65,8 @@ static sv_status copy_crop(const char *from, const sv_footprint *c, const char *
     for (size_t y = 0; y < (size_t)c->height_px; y++)
       memmove(px + y * sample * (size_t)c->width_px,
               px + (y + (size_t)c->y0_px) * stride + sample * (size_t)c->x0_px, sample * (size_t)c->width_px);
-    b.width_px = c->width_px, b.height_px = c->height_px;
+    b.width_px = c->width_px;
+    b.height_px = c->height_px;
     s = sv_bitmap_write_png(to, &b, err);
   }
   sv_bitmap_free(&b);

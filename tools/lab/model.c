@@ -175,7 +175,8 @@ static sv_status settings_parse(lab_settings *st, const sv_json *j, sv_err *err)
   if (s >= 0 && k >= 0 && (s = sv_json_doubles(j, k, c, 3, err)) == SV_OK)
     for (int d = 0; d < 3; d++) st->centre[d] = (float)c[d];
   st->background = lab_background_by_name(name);
-  st->scale = (int)scale, st->n_exposures = (int)n_exposures;
+  st->scale = (int)scale;
+  st->n_exposures = (int)n_exposures;
   return s < 0 ? s : SV_OK;
 }
 

@@ -69,7 +69,10 @@ static sv_status write_zstd(const sv_spz *z, const uint8_t *packed, const char *
     if (!bytes) continue;
     size_t got = ZSTD_compress(body + n, cap - n, packed + at, bytes, 12);
     if (ZSTD_isError(got)) s = sv_fail(err, SV_E_NOMEM, "%s: %s", path, ZSTD_getErrorName(got));
-    else sizes[i] = got, n += got;
+    else {
+      sizes[i] = got;
+      n += got;
+    }
   }
   sv_file f;
   if (s == SV_OK) s = sv_file_begin(&f, path, err);
@@ -103,12 +106,16 @@ static sv_status unpack_zstd(sv_spz *z, const char *path, const uint8_t *data, s
 }
 #else
 static sv_status write_zstd(const sv_spz *z, const uint8_t *packed, const char *path, sv_err *err) {
-  (void)z, (void)packed;
+  (void)z;
+  (void)packed;
   return sv_fail(err, SV_E_UNSUPPORTED, "%s: this build has no zstd; use SPZ version 2 or 3", path);
 }
 static sv_status unpack_zstd(sv_spz *z, const char *path, const uint8_t *data, size_t n, uint8_t **packed,
                              sv_err *err) {
-  (void)z, (void)data, (void)n, (void)packed;
+  (void)z;
+  (void)data;
+  (void)n;
+  (void)packed;
   return sv_fail(err, SV_E_UNSUPPORTED, "%s: SPZ version 4 needs zstd, which this build lacks", path);
 }
 #endif

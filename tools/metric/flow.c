@@ -20,7 +20,10 @@ static void fill_border(sv_flow_pyramid *p, int l) {
   int w = p->width[l], h = p->height[l], s = p->stride[l];
   for (int y = 0; y < h; y++) {
     float *row = p->px[l] + (ptrdiff_t)y * s;
-    for (int i = 1; i <= BORDER; i++) row[-i] = row[0], row[w - 1 + i] = row[w - 1];
+    for (int i = 1; i <= BORDER; i++) {
+      row[-i] = row[0];
+      row[w - 1 + i] = row[w - 1];
+    }
   }
   for (int i = 1; i <= BORDER; i++) {
     memcpy(p->px[l] - (ptrdiff_t)i * s - BORDER, p->px[l] - BORDER, (size_t)s * sizeof(float));
@@ -36,7 +39,9 @@ sv_status sv_flow_pyramid_make(sv_flow_pyramid *p, const float *grey, int width,
   for (int w = width, h = height; w >= MIN_SIDE && h >= MIN_SIDE && p->n_levels < SV_FLOW_CAP_LEVELS;
        w /= 2, h /= 2) {
     int l = p->n_levels++;
-    p->width[l] = w, p->height[l] = h, p->stride[l] = w + 2 * BORDER;
+    p->width[l] = w;
+    p->height[l] = h;
+    p->stride[l] = w + 2 * BORDER;
     floats += (size_t)p->stride[l] * (size_t)(h + 2 * BORDER);
   }
   float *at = p->block = malloc(floats * sizeof(float));
@@ -108,17 +113,22 @@ static void remove_mean(row v[PATCH]) {
 }
 
 static void patch_make(patch *p, const level *lv, int x0, int y0) {
-  p->x0 = (float)x0, p->y0 = (float)y0;
+  p->x0 = (float)x0;
+  p->y0 = (float)y0;
   for (int i = 0; i < PATCH; i++) {
     const float *c = lv->a + (ptrdiff_t)(y0 + i) * lv->a_stride + x0;
     p->a[i] = *(const row *)c;
     p->gx[i] = 0.5f * (*(const row *)(c + 1) - *(const row *)(c - 1));
     p->gy[i] = 0.5f * (*(const row *)(c + lv->a_stride) - *(const row *)(c - lv->a_stride));
   }
-  remove_mean(p->a), remove_mean(p->gx), remove_mean(p->gy);
+  remove_mean(p->a);
+  remove_mean(p->gx);
+  remove_mean(p->gy);
   float xx = DAMPING + dot(p->gx, p->gx), xy = dot(p->gx, p->gy), yy = DAMPING + dot(p->gy, p->gy);
   float det = xx * yy - xy * xy; // at least DAMPING^2
-  p->ixx = yy / det, p->ixy = -xy / det, p->iyy = xx / det;
+  p->ixx = yy / det;
+  p->ixy = -xy / det;
+  p->iyy = xx / det;
 }
 
 static float clamp(float x, float lo, float hi) { return x < lo ? lo : x > hi ? hi : x; }
@@ -149,7 +159,8 @@ static found align(const patch *p, const level *lv, float u, float v) {
   for (int i = 0; i < ITERATIONS; i++) {
     float bx = dot(p->gx, d), by = dot(p->gy, d);
     float du = p->ixx * bx + p->ixy * by, dv = p->ixy * bx + p->iyy * by;
-    u -= du, v -= dv;
+    u -= du;
+    v -= dv;
     if (!(fabsf(u - u0) <= REACH && fabsf(v - v0) <= REACH)) break;
     float error = difference(p, lv, u, v, d);
     if (!(error < best.error)) break;
@@ -220,10 +231,15 @@ static void blend(search *s) {
     for (int k = 0; k < AREA; k++) {
       size_t to = (size_t)(y0 + k / PATCH) * w + (size_t)(x0 + k % PATCH);
       float e = fabsf(d[k / PATCH][k % PATCH]), g = 1.0f / (e > 1 ? e : 1);
-      s->uv[to] += g * f->u, s->uv[n + to] += g * f->v, s->weight[to] += g;
+      s->uv[to] += g * f->u;
+      s->uv[n + to] += g * f->v;
+      s->weight[to] += g;
     }
   }
-  for (size_t i = 0; i < n; i++) s->uv[i] /= s->weight[i], s->uv[n + i] /= s->weight[i];
+  for (size_t i = 0; i < n; i++) {
+    s->uv[i] /= s->weight[i];
+    s->uv[n + i] /= s->weight[i];
+  }
 }
 
 // --- all levels ----------------------------------------------------------------------------------
@@ -237,11 +253,16 @@ static void begin(search *s, const double *h, double unit_a, double size_x, doub
     double u = x * size_x, v = y * size_y;
     if (h) {
       double z = h[6] * x + h[7] * y + h[8];
-      if (z > 1e-9) u = (h[0] * x + h[1] * y + h[2]) / z, v = (h[3] * x + h[4] * y + h[5]) / z;
+      if (z > 1e-9) {
+        u = (h[0] * x + h[1] * y + h[2]) / z;
+        v = (h[3] * x + h[4] * y + h[5]) / z;
+      }
     }
     double far = 4.0 * (s->lv.b_width + s->lv.b_height) * unit_a; // a horizon may project to anywhere
-    u = u < -far ? -far : u > far ? far : u, v = v < -far ? -far : v > far ? far : v;
-    s->uv[i] = (float)((u - x) / unit_a), s->uv[n + i] = (float)((v - y) / unit_a);
+    u = u < -far ? -far : u > far ? far : u;
+    v = v < -far ? -far : v > far ? far : v;
+    s->uv[i] = (float)((u - x) / unit_a);
+    s->uv[n + i] = (float)((v - y) / unit_a);
   }
 }
 
@@ -251,7 +272,8 @@ static void refine_from(const float *coarse, int cw, int ch, float *uv, int w, i
     for (int x = 0; x < w; x++) {
       int cx = x / 2 < cw ? x / 2 : cw - 1, cy = y / 2 < ch ? y / 2 : ch - 1;
       size_t from = (size_t)cy * (size_t)cw + (size_t)cx, to = (size_t)y * (size_t)w + (size_t)x;
-      uv[to] = 2 * coarse[from], uv[n + to] = 2 * coarse[cn + from];
+      uv[to] = 2 * coarse[from];
+      uv[n + to] = 2 * coarse[cn + from];
     }
 }
 

@@ -159,7 +159,8 @@ static sv_status tap(void *arg, int i_tap, const sv_act *a, const sv_act *b) {
   compare_job *j = arg;
   size_t n = (size_t)a->width * (size_t)a->height;
   if (!grow(&j->l->tap_map, &j->l->cap_tap, n)) return SV_E_NOMEM;
-  j->a = a, j->b = b;
+  j->a = a;
+  j->b = b;
   sv_pool_run(j->pool, map_task, j, a->height);
   j->linear += sv_net_tap_channels(i_tap);
   if (j->map) {
@@ -210,7 +211,10 @@ sv_status sv_lpips_masked(sv_lpips *l, const sv_image_pair *im, const uint8_t *m
   if (s != SV_OK) return s;
   double sum = 0;
   for (size_t i = 0; i < n; i++)
-    if (mask[i]) sum += (double)l->full_map[i], n_used++;
+    if (mask[i]) {
+      sum += (double)l->full_map[i];
+      n_used++;
+    }
   *out = n_used ? sum / (double)n_used : 0;
   return SV_OK;
 }

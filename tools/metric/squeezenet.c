@@ -46,10 +46,12 @@ sv_status sv_net_open(sv_net *n, const float *values) {
       *c = (sv_conv){
           .n_in = fires[f].n_squeeze, .n_out = fires[f].n_expand, .k = part == 1 ? 1 : 3, .stride = 1};
     size_t n_weights = (size_t)(c->n_in * c->n_out * c->k * c->k), n_out = (size_t)c->n_out;
-    c->weight = to, c->bias = to + n_weights; // all counts are multiples of 8: everything stays aligned
+    c->weight = to;
+    c->bias = to + n_weights; // all counts are multiples of 8: everything stays aligned
     arrange(c, values, to);
     memcpy(to + n_weights, values + n_weights, n_out * sizeof(float));
-    to += n_weights + n_out, values += n_weights + n_out;
+    to += n_weights + n_out;
+    values += n_weights + n_out;
   }
   return SV_OK;
 }
@@ -79,10 +81,16 @@ static void conv_block(const sv_conv *c, size_t row_floats, const float *const a
     const float *a0 = a[0] + at, *a1 = a[1] + at, *a2 = a[2] + at, *a3 = a[3] + at;
     for (int j = 0; j < run; j++, w += LANES) {
       lanes v = *(const lanes *)w;
-      s0 += v * a0[j], s1 += v * a1[j], s2 += v * a2[j], s3 += v * a3[j];
+      s0 += v * a0[j];
+      s1 += v * a1[j];
+      s2 += v * a2[j];
+      s3 += v * a3[j];
     }
   }
-  sum[0] = s0, sum[1] = s1, sum[2] = s2, sum[3] = s3;
+  sum[0] = s0;
+  sum[1] = s1;
+  sum[2] = s2;
+  sum[3] = s3;
 }
 
 static void conv_task(void *arg, int i_task, int i_thread) {

@@ -28,7 +28,9 @@ sv_status lab_animation_begin(lab_animation **out, int w, int h, int frame_ms, s
                    h);
   lab_animation *a = calloc(1, sizeof *a);
   if (!a) return sv_fail(err, SV_E_NOMEM, "no memory for an animation");
-  a->width_px = w, a->height_px = h, a->frame_ms = frame_ms;
+  a->width_px = w;
+  a->height_px = h;
+  a->frame_ms = frame_ms;
   bool is_good = WebPAnimEncoderOptionsInit(&o) && WebPConfigInit(&a->config);
   a->config.quality = QUALITY;
   a->config.method = METHOD;
@@ -48,7 +50,9 @@ static bool put(lab_animation *a, const uint8_t *rgb) {
   int at_ms = a->n_frames * a->frame_ms;
   if (!rgb) return WebPAnimEncoderAdd(a->encoder, NULL, at_ms, NULL);
   if (!WebPPictureInit(&p)) return false;
-  p.width = a->width_px, p.height = a->height_px, p.use_argb = 1;
+  p.width = a->width_px;
+  p.height = a->height_px;
+  p.use_argb = 1;
   bool is_good =
       WebPPictureImportRGB(&p, rgb, 3 * a->width_px) && WebPAnimEncoderAdd(a->encoder, &p, at_ms, &a->config);
   WebPPictureFree(&p);

@@ -44,7 +44,10 @@ static int scaled(int px, double k) {
 // N views around the scene at the cameras' median distance and height, with the first camera's lens.
 static sv_status orbit_view(const run *r, const lab_scene *sc, int i, sv_view *out, sv_err *err) {
   double up[3], side[3], ahead[3], eye[3], c[3], height = 0, d = (double)sc->distance;
-  for (int k = 0; k < 3; k++) up[k] = (double)sc->up[k], c[k] = (double)sc->centre[k];
+  for (int k = 0; k < 3; k++) {
+    up[k] = (double)sc->up[k];
+    c[k] = (double)sc->centre[k];
+  }
   for (int v = 0; v < r->views.n; v++) {
     double p[3];
     sv_pose_centre(p, &r->views.frames[v].f.cam_from_world);
@@ -162,7 +165,9 @@ static sv_status prepare(run *r, lab_scene *scene, sv_err *err) {
   size_t n = sv_plane_floats(w, h); // padded, so at least as much as is needed
   if (n < r->views.cap_floats) n = r->views.cap_floats;
   if ((s = lab_viewer_start(&r->viewer, &r->session, r->model.g.n, w, h, n, err)) != SV_OK) return s;
-  r->rgb = malloc(3 * n), r->z = malloc(n * sizeof *r->z), r->depth = malloc(n * sizeof *r->depth);
+  r->rgb = malloc(3 * n);
+  r->z = malloc(n * sizeof *r->z);
+  r->depth = malloc(n * sizeof *r->depth);
   if (!r->rgb || !r->z || !r->depth) return sv_fail(err, SV_E_NOMEM, "no memory for an image");
   return sv_path_make_folder(r->o->out, err);
 }
@@ -248,7 +253,9 @@ int lab_cmd_render(const lab_options *o) {
   lab_session_stop(&r.session);
   lab_report_free(&r.list);
   lab_animation_free(r.animation);
-  free(r.rgb), free(r.z), free(r.depth);
+  free(r.rgb);
+  free(r.z);
+  free(r.depth);
   lab_viewer_stop(&r.viewer);
   lab_views_free(&r.views);
   lab_model_free(&r.model);

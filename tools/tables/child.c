@@ -47,8 +47,10 @@ static void collect(const tables_child *c, pid_t pid, int fd, char *out, size_t 
     }
     if (con->is_stop_requested(con->self)) {
       double now = lab_seconds(c->session);
-      if (asked_s == 0) kill(pid, SIGTERM), asked_s = now;
-      else if (now - asked_s > PATIENCE_S) kill(pid, SIGKILL);
+      if (asked_s == 0) {
+        kill(pid, SIGTERM);
+        asked_s = now;
+      } else if (now - asked_s > PATIENCE_S) kill(pid, SIGKILL);
     } else if (got <= 0) c->tick(c->self);
   }
   out[n] = 0;

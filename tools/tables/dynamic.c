@@ -67,7 +67,9 @@ static sv_status child(job *j, const char *name, char **argv, const char *doing,
 // An option that was given is passed on; returns what follows it.
 static const char **pass_on(const char **to, const char *option, const char *value) {
   if (!value || !*value) return to;
-  to[0] = option, to[1] = value, to[2] = NULL;
+  to[0] = option;
+  to[1] = value;
+  to[2] = NULL;
   return to + 2;
 }
 

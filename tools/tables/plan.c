@@ -68,7 +68,8 @@ static int want_run(tables *t, const tables_setting *s, int split) {
     int cap = 2 * t->cap_runs + 32;
     tables_run *p = realloc(t->runs, (size_t)cap * sizeof *p);
     if (!p) return -1;
-    t->runs = p, t->cap_runs = cap;
+    t->runs = p;
+    t->cap_runs = cap;
   }
   tables_run *r = &t->runs[t->n_runs];
   memset(r, 0, sizeof *r);
@@ -98,11 +99,13 @@ static tables_row *add_row(tables *t, tables_id id, int device, int n_exposures,
       sv_fail(err, SV_E_NOMEM, "no memory for %d rows", cap);
       return NULL;
     }
-    b->rows = p, b->cap = cap;
+    b->rows = p;
+    b->cap = cap;
   }
   tables_row *r = &b->rows[b->n++];
   memset(r, 0, sizeof *r);
-  r->device = device, r->n_exposures = n_exposures;
+  r->device = device;
+  r->n_exposures = n_exposures;
   r->split = n_exposures == 1 ? TABLES_NEAR : TABLES_TEST;
   return r;
 }
@@ -126,11 +129,13 @@ static sv_status add_mean_row(tables *t, tables_id id, int device, int n_exposur
   tables_row *r = add_row(t, id, device, n_exposures, err);
   if (!r) return SV_E_NOMEM;
   sv_copy(r->label, sizeof r->label, label);
-  like.i_file = -1, like.n_exposures = n_exposures;
+  like.i_file = -1;
+  like.n_exposures = n_exposures;
   for (int i = 0; i < t->n_scenes; i++)
     for (int d = 0; d < TABLES_N_DEVICES; d++) {
       if (device >= 0 && d != device) continue;
-      like.i_scene = i, like.device = d;
+      like.i_scene = i;
+      like.device = d;
       sv_status s = add_to_row(t, r, like, err);
       if (s != SV_OK) return s;
     }
@@ -279,7 +284,8 @@ static sv_status plan_exposures(tables *t, sv_err *err) {
       if (t->o->is_quick && n != 1 && n != 3 && n != (most < 8 ? most : 8)) continue;
       tables_row *r = add_row(t, TABLE_EXPOSURES, devices[k], n, err);
       if (!r) return SV_E_NOMEM;
-      r->split = TABLES_TEST, r->x = n;
+      r->split = TABLES_TEST;
+      r->x = n;
       for (int i = 0; i < t->n_scenes && s == SV_OK; i++) {
         tables_setting set = {i, devices[k], -1, n, t->n_gaussians, false, false};
         if (is_in[i]) s = add_to_row(t, r, set, err);

@@ -61,7 +61,9 @@ static sv_status get_training(const sv_json *j, int i, tables_result *r, sv_err 
   if (s == SV_OK) s = need_number(j, i, "peak_rss_bytes", &r->peak_rss_bytes, err);
   if (s == SV_OK) s = need_text(j, i, "isa", r->isa, sizeof r->isa, err);
   if (s == SV_OK) s = need_text(j, i, "digest", r->digest, sizeof r->digest, err);
-  r->steps = (long)steps, r->gaussians = (long)gaussians, r->threads = (int)threads;
+  r->steps = (long)steps;
+  r->gaussians = (long)gaussians;
+  r->threads = (int)threads;
   return s;
 }
 

@@ -15,7 +15,10 @@ tables_mean tables_row_mean(const tables *t, const tables_row *r) {
     m.wall_s += v->wall_s / r->n_runs;
     if (v->arena_bytes > m.arena_bytes) m.arena_bytes = v->arena_bytes;
     if (v->peak_rss_bytes > m.peak_rss_bytes) m.peak_rss_bytes = v->peak_rss_bytes;
-    if (i == 0) m.steps = v->steps, m.gaussians = v->gaussians;
+    if (i == 0) {
+      m.steps = v->steps;
+      m.gaussians = v->gaussians;
+    }
   }
   return m;
 }

@@ -111,8 +111,14 @@ static sv_status train(job *j, sv_err *err) {
   add_number(&w, "--seed", t->seed);
   add(&w, "--init");
   add(&w, s->is_cube ? "cube" : "sphere");
-  if (s->is_tv_off) add(&w, "--loss"), add(&w, "tv=0,tv_unseen=0");
-  if (t->o->noise) add(&w, "--noise"), add(&w, t->o->noise);
+  if (s->is_tv_off) {
+    add(&w, "--loss");
+    add(&w, "tv=0,tv_unseen=0");
+  }
+  if (t->o->noise) {
+    add(&w, "--noise");
+    add(&w, t->o->noise);
+  }
   if (t->o->threads > 0) add_number(&w, "--threads", t->o->threads);
   add(&w, "--json");
   add(&w, "--out");
@@ -240,7 +246,8 @@ sv_status tables_run_all(tables *t, sv_err *err) {
   }
   if (s == SV_OK) say_start(j);
   for (int i = 0; i < t->n_runs && s == SV_OK; i++) {
-    j->r = &t->runs[i], j->i_run = i + 1;
+    j->r = &t->runs[i];
+    j->i_run = i + 1;
     if (j->r->is_done) continue;
     if ((s = find_paths(j, err)) == SV_OK) s = measure(j, err);
     if (t->session.console.is_stop_requested(t->session.console.self)) s = SV_E_INTERRUPTED;
@@ -249,7 +256,8 @@ sv_status tables_run_all(tables *t, sv_err *err) {
       break;
     }
     j->r->is_done = true;
-    done_cost += j->r->cost, done_s += j->r->result.wall_s;
+    done_cost += j->r->cost;
+    done_s += j->r->result.wall_s;
     say_done(j);
   }
   free(j);

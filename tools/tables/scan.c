@@ -112,7 +112,8 @@ static sv_status read_split(tables_scene *sc, const char *transforms, int split,
   sv_status s = lab_views_open(&v, &src, &serial, err);
   if (s != SV_OK) return s;
   sc->n_views[split] = v.n;
-  sc->width_px = v.cap_width_px, sc->height_px = v.cap_height_px;
+  sc->width_px = v.cap_width_px;
+  sc->height_px = v.cap_height_px;
   sc->has_depth = v.has_depth;
   for (int i = 1; i < v.n; i++) sc->is_dynamic |= v.frames[i].f.time != v.frames[0].f.time;
   s = tables_hash_file(&sc->digest, v.frames[0].path, err);
@@ -167,8 +168,10 @@ static void name_scene(tables *t, tables_scene *sc) {
     if (!strchr("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-.", *p)) *p = '_';
   sv_copy(sc->name, sizeof sc->name, base);
   for (int k = 2, i = 0; i < t->n_scenes; i++)
-    if (&t->scenes[i] != sc && sv_str_eq(t->scenes[i].name, sc->name))
-      sv_fmt(sc->name, sizeof sc->name, "%.40s-%d", base, k++), i = -1;
+    if (&t->scenes[i] != sc && sv_str_eq(t->scenes[i].name, sc->name)) {
+      sv_fmt(sc->name, sizeof sc->name, "%.40s-%d", base, k++);
+      i = -1;
+    }
 }
 
 static sv_status add_scene(tables *t, const char *name, size_t n, sv_err *err) {

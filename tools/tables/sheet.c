@@ -89,7 +89,8 @@ static sv_status read_render(cells *c, const char *folder, int i_view, sv_err *e
 static sv_status read_truth(cells *c, const lab_frame *f, int scale, bool has_depth, sv_err *err) {
   lab_loader l = {.map = {0}};
   size_t n = (size_t)f->view.width_px * (size_t)f->view.height_px, ch = (size_t)f->n_channels;
-  c->w = f->view.width_px, c->h = f->view.height_px;
+  c->w = f->view.width_px;
+  c->h = f->view.height_px;
   c->truth = malloc(4 * n);
   c->depth = malloc(n * sizeof *c->depth);
   c->depth_true = has_depth ? malloc(n * sizeof *c->depth_true) : NULL;

@@ -123,7 +123,10 @@ static void choose_objective(run *r) {
   if (o->unseen_px >= 0) c->unseen_px = (int)o->unseen_px;
   if (o->unseen_deg >= 0) c->unseen_rad = o->unseen_deg * (float)(SV_PI / 180);
   if (o->floor_px >= 0) c->floor_px = o->floor_px;
-  if (o->is_noise_on_prediction) c->noise_read = o->noise_read, c->noise_shot = o->noise_shot;
+  if (o->is_noise_on_prediction) {
+    c->noise_read = o->noise_read;
+    c->noise_shot = o->noise_shot;
+  }
   if (o->dilation_px2 > 0) c->dilation_px2 = o->dilation_px2;
   if (o->supersample >= 0) {
     c->is_supersampled = o->supersample > 0;
@@ -280,7 +283,10 @@ static sv_status load(run *r, sv_err *err) {
                     .is_white = r->cfg.background == SV_BG_WHITE,
                     .scale = (int)r->o->scale};
   sv_status s = lab_views_open(&r->views, &src, &r->session.pool, err);
-  if (s == SV_OK) choose_antialiasing(r), choose_objective(r);
+  if (s == SV_OK) {
+    choose_antialiasing(r);
+    choose_objective(r);
+  }
   if (s == SV_OK) s = choose_start(r, err);
   int most_points =
       r->is_stereo ? r->cfg.n_gaussians : r->start.n_points; // depth maps give up to one for each

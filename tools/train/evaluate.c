@@ -73,8 +73,14 @@ static const lab_frame *frame_of(const run *r, int i_slot) {
 }
 
 static void slot_free(slot *s) {
-  free(s->truth_u8), free(s->truth), free(s->image), free(s->depth), free(s->depth_true), free(s->plane),
-      free(s->mask), free(s->seen);
+  free(s->truth_u8);
+  free(s->truth);
+  free(s->image);
+  free(s->depth);
+  free(s->depth_true);
+  free(s->plane);
+  free(s->mask);
+  free(s->seen);
   free(s->ssim_scratch);
 }
 
@@ -242,14 +248,19 @@ static sv_status first_error(const run *r, int n, sv_err *err) {
 }
 
 static void add_scores(lab_scores *out, const slot *s, const lab_frame *f) {
-  out->psnr += s->psnr, out->ssim += s->ssim, out->lpips += s->lpips;
+  out->psnr += s->psnr;
+  out->ssim += s->ssim;
+  out->lpips += s->lpips;
   if (out->covisible_by && s->n_seen) {
-    out->mpsnr += s->mpsnr, out->mssim += s->mssim, out->mlpips += s->mlpips;
+    out->mpsnr += s->mpsnr;
+    out->mssim += s->mssim;
+    out->mlpips += s->mlpips;
     out->coverage += (double)s->n_seen / ((double)f->view.width_px * f->view.height_px);
     out->n_masked++;
   }
   if (s->depth_error.n > 0) {
-    out->abs_rel += s->depth_error.abs_rel, out->rmse += s->depth_error.rmse;
+    out->abs_rel += s->depth_error.abs_rel;
+    out->rmse += s->depth_error.rmse;
     out->n_depth++;
   }
 }
@@ -268,7 +279,9 @@ static sv_status batch(run *r, int n, lab_scores *out, sv_err *err) {
   s = first_error(r, n, err);
   for (int i = 0; s == SV_OK && r->lpips && i < n; i++) s = lpips_slot(r, &r->slots[i], frame_of(r, i), err);
   if (s != SV_OK) return s;
-  out->load_s += t1 - t0, out->render_s += t2 - t1, out->compare_s += lab_seconds(se) - t2;
+  out->load_s += t1 - t0;
+  out->render_s += t2 - t1;
+  out->compare_s += lab_seconds(se) - t2;
   for (int i = 0; i < n; i++) {
     const slot *sl = &r->slots[i];
     add_scores(out, sl, frame_of(r, i));
@@ -295,9 +308,19 @@ static sv_status evaluate(run *r, lab_scores *out, sv_err *err) {
     se->console.log(se->console.self, SV_LOG_LIVE, line);
   }
   out->n = r->v->n;
-  out->psnr /= out->n, out->ssim /= out->n, out->lpips /= out->n, out->coverage /= out->n;
-  if (out->n_masked) out->mpsnr /= out->n_masked, out->mssim /= out->n_masked, out->mlpips /= out->n_masked;
-  if (out->n_depth) out->abs_rel /= out->n_depth, out->rmse /= out->n_depth;
+  out->psnr /= out->n;
+  out->ssim /= out->n;
+  out->lpips /= out->n;
+  out->coverage /= out->n;
+  if (out->n_masked) {
+    out->mpsnr /= out->n_masked;
+    out->mssim /= out->n_masked;
+    out->mlpips /= out->n_masked;
+  }
+  if (out->n_depth) {
+    out->abs_rel /= out->n_depth;
+    out->rmse /= out->n_depth;
+  }
   return SV_OK;
 }
 

@@ -148,7 +148,8 @@ static sv_status open_depth(lab_masks *m, const lab_source *train, sv_err *err) 
   sv_status s = SV_OK;
   for (int i = 0; i < 2 && s == SV_OK; i++) {
     lab_source src = *train;
-    src.split = names[i], src.n_exposures = 0;
+    src.split = names[i];
+    src.n_exposures = 0;
     s = lab_views_open(&other[i], &src, &m->se->pool, err);
     if (s == SV_E_NOT_FOUND) s = SV_OK; // no such split
     else if (s == SV_OK && !has_views_of(splits, n, &other[i])) splits[n++] = &other[i];
@@ -225,7 +226,8 @@ static void start_homography(const sv_view *a, const sv_view *b, const float cen
   }
   for (int i = 0; i < 3; i++) { // ... K_a^-1
     double x = rows[3 * i] / (double)a->fx, y = rows[3 * i + 1] / (double)a->fy;
-    h[3 * i] = x, h[3 * i + 1] = y;
+    h[3 * i] = x;
+    h[3 * i + 1] = y;
     h[3 * i + 2] = rows[3 * i + 2] - x * (double)a->cx - y * (double)a->cy;
   }
 }
@@ -302,7 +304,8 @@ sv_status lab_masks_open(lab_masks **out, lab_session *se, const lab_views *v, c
                          const float bg[3], sv_err *err) {
   lab_masks *m = *out = calloc(1, sizeof *m);
   if (!m) return sv_fail(err, SV_E_NOMEM, "no memory for masks");
-  m->se = se, m->v = v;
+  m->se = se;
+  m->v = v;
   memcpy(m->bg, bg, sizeof m->bg);
   sv_status s = open_all(m, train, err);
   if (s == SV_OK) return SV_OK;
@@ -321,9 +324,15 @@ void lab_masks_close(lab_masks *m) {
     worker *w = &m->workers[i];
     lab_loader_free(&w->loader);
     sv_flow_work_free(&w->flow);
-    free(w->fw), free(w->bw), free(w->seen), free(w->count);
+    free(w->fw);
+    free(w->bw);
+    free(w->seen);
+    free(w->count);
   }
-  free(m->supports), free(m->workers), free(m->sky), free(m->grey);
+  free(m->supports);
+  free(m->workers);
+  free(m->sky);
+  free(m->grey);
   sv_flow_pyramid_free(&m->now_pyramid);
   lab_views_free(&m->train);
   free(m);

@@ -260,7 +260,9 @@ sv_status lab_prior_begin(lab_prior *p, lab_session *se, const lab_options *o, c
   p->method = (sv_prior_method)method_of(o->prior);
   if (!p->command && !p->method) return SV_OK;
   const size_t px = v->cap_floats;
-  p->rgba = malloc(4 * px), p->units = malloc(px * sizeof *p->units), p->map = malloc(px * sizeof *p->map);
+  p->rgba = malloc(4 * px);
+  p->units = malloc(px * sizeof *p->units);
+  p->map = malloc(px * sizeof *p->map);
   if (!p->rgba || !p->units || !p->map)
     return sv_fail(err, SV_E_NOMEM, "no memory for the images of --prior");
   sv_status s = lab_prior_load(p, err);

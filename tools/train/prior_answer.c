@@ -104,9 +104,13 @@ static sv_status take_depth(lab_prior *p, int i, int id, const sv_view *v, sv_er
   sv_prior_depth_kind kind = SV_PRIOR_METRIC;
   sv_status s;
   if (find(p, i, "_depth.pfm", path)) s = read_pfm(p, path, v, err);
-  else if (find(p, i, "_depth.png", path)) kind = SV_PRIOR_RELATIVE, s = read_png(p, path, v, false, err);
-  else if (find(p, i, "_disparity.png", path)) kind = SV_PRIOR_INVERSE, s = read_png(p, path, v, true, err);
-  else return SV_OK;
+  else if (find(p, i, "_depth.png", path)) {
+    kind = SV_PRIOR_RELATIVE;
+    s = read_png(p, path, v, false, err);
+  } else if (find(p, i, "_disparity.png", path)) {
+    kind = SV_PRIOR_INVERSE;
+    s = read_png(p, path, v, true, err);
+  } else return SV_OK;
   if (s != SV_OK) return s;
   s = sv_prior_submit_depth(p->prior, id, p->map, v->width_px, v->height_px, kind, DEPTH_WEIGHT);
   if (s != SV_OK) return sv_fail(err, s, "%s: %s", path, sv_status_text(s));
@@ -139,9 +143,10 @@ sv_status lab_prior_load(lab_prior *p, sv_err *err) {
                      "%s: depth priors of distorted images are not supported, expected a pinhole "
                      "camera",
                      path);
-    if (strcmp(sv_path_extension(path), ".pfm") == 0)
-      kind = SV_PRIOR_METRIC, s = read_pfm(p, path, &f->view, err);
-    else s = read_png(p, path, &f->view, kind == SV_PRIOR_INVERSE, err);
+    if (strcmp(sv_path_extension(path), ".pfm") == 0) {
+      kind = SV_PRIOR_METRIC;
+      s = read_pfm(p, path, &f->view, err);
+    } else s = read_png(p, path, &f->view, kind == SV_PRIOR_INVERSE, err);
     if (s != SV_OK) return s;
     s = sv_prior_submit_depth(p->prior, i, p->map, f->view.width_px, f->view.height_px, kind, DEPTH_WEIGHT);
     if (s != SV_OK) return sv_fail(err, s, "%s: %s", path, sv_status_text(s));
