@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Kannala and Brandt's fisheye ("A Generic Camera Model and Calibration Method for Conventional, Wide-Angle, and
-// Fish-Eye Lenses", PAMI 2006) with four terms, as OpenCV's fisheye module, COLMAP's OPENCV_FISHEYE and Kalibr's
-// equidistant have it. With r = sqrt(X^2 + Y^2), t = atan2(r, Z):
+// Kannala and Brandt's fisheye ("A Generic Camera Model and Calibration Method for Conventional,
+// Wide-Angle, and Fish-Eye Lenses", PAMI 2006) with four terms, as OpenCV's fisheye module,
+// COLMAP's OPENCV_FISHEYE and Kalibr's equidistant have it. With r = sqrt(X^2 + Y^2), t = atan2(r,
+// Z):
 //   d(t) = t + k1 t^3 + k2 t^5 + k3 t^7 + k4 t^9,  u = fx d(t) X/r + cx,  v = fy d(t) Y/r + cy
-// Rays are accepted as far as d grows, at most to 180 degrees off the axis: also behind the camera's plane.
+// Rays are accepted as far as d grows, at most to 180 degrees off the axis: also behind the
+// camera's plane.
 #include <math.h>
 #include <stddef.h>
 

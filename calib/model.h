@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Camera models on board: project, unproject and Jacobians without heap. models.inc lists them.
-// Pixel centers are at (i+0.5, j+0.5); mrcal and OpenCV put them at integers, so cx, cy are shifted by
-// 0.5 where files are read (rig_file.c).
+// Pixel centers are at (i+0.5, j+0.5); mrcal and OpenCV put them at integers, so cx, cy are shifted
+// by 0.5 where files are read (rig_file.c).
 #ifndef SV_CALIB_MODEL_H
 #define SV_CALIB_MODEL_H
 
@@ -22,7 +22,8 @@ typedef enum {
   SV_N_MODELS
 } sv_model_kind;
 
-// Of mrcal's splined stereographic model: B-splines of the given order over a grid of control points.
+// Of mrcal's splined stereographic model: B-splines of the given order over a grid of control
+// points.
 typedef struct {
   int order, nx, ny;     // order 2 or 3; at least order + 1 points a side
   double fov_x_deg;      // what the grid spans, left to right
@@ -37,9 +38,10 @@ typedef struct {
   sv_lens_spline spline;         // SPLINED only
 } sv_camera_model;
 
-// uv [px] of a point in the camera's frame. Jacobians may be NULL: duv_dx [2][3], duv_dp [2][n_params], row-major.
-// False when the point does not project: behind the camera (KB4 and SPLINED see there, too, as far as their lens
-// reaches), or outside the range in which the distortion is one to one.
+// uv [px] of a point in the camera's frame. Jacobians may be NULL: duv_dx [2][3], duv_dp
+// [2][n_params], row-major. False when the point does not project: behind the camera (KB4 and
+// SPLINED see there, too, as far as their lens reaches), or outside the range in which the
+// distortion is one to one.
 bool sv_model_project(const sv_camera_model *m, const double x_cam[3], double uv[2], double *duv_dx,
                       double *duv_dp);
 // Unit ray in the camera's frame of a pixel. False when no ray was found (Newton did not converge).
@@ -50,9 +52,9 @@ int sv_model_n_params(sv_model_kind kind);
 bool sv_model_by_name(const char *name, sv_model_kind *out);
 // Does it map straight lines to straight lines: PINHOLE, or distortion terms that are all 0?
 bool sv_model_is_straight(const sv_camera_model *m);
-// Of a SPLINED lens: which control points move the projection of a point, and how much. The (order + 1)^2 points
-// from column i0[0] and row i0[1] on; weight[order + 1][order + 1] by row and column: duv[k]/dcontrol[j][i][k] =
-// p[k] weight[j][i]. False where the lens does not project.
+// Of a SPLINED lens: which control points move the projection of a point, and how much. The (order
+// + 1)^2 points from column i0[0] and row i0[1] on; weight[order + 1][order + 1] by row and column:
+// duv[k]/dcontrol[j][i][k] = p[k] weight[j][i]. False where the lens does not project.
 bool sv_spline_weights(const sv_camera_model *m, const double x_cam[3], int i0[2], double weight[16]);
 
 #ifdef __cplusplus

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Private to calib/: the prototypes that models.inc names. A model file implements its prefix's pair
-// with the contract of sv_model_project and sv_model_unproject (model.h).
+// Private to calib/: the prototypes that models.inc names. A model file implements its prefix's
+// pair with the contract of sv_model_project and sv_model_unproject (model.h).
 #ifndef SV_CALIB_MODEL_FN_H
 #define SV_CALIB_MODEL_FN_H
 

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// OpenCV's distortion with 4, 5 or 8 terms k1 k2 p1 p2 [k3 [k4 k5 k6]] (OpenCV documentation, "Camera
-// Calibration and 3D Reconstruction"), with x = X/Z, y = Y/Z, s = x^2 + y^2:
+// OpenCV's distortion with 4, 5 or 8 terms k1 k2 p1 p2 [k3 [k4 k5 k6]] (OpenCV documentation,
+// "Camera Calibration and 3D Reconstruction"), with x = X/Z, y = Y/Z, s = x^2 + y^2:
 //   c  = (1 + k1 s + k2 s^2 + k3 s^3) / (1 + k4 s + k5 s^2 + k6 s^3)
 //   x' = x c + 2 p1 x y + p2 (s + 2 x^2),   y' = y c + p1 (s + 2 y^2) + 2 p2 x y
 //   u  = fx x' + cx,                        v  = fy y' + cy
-// The radial part r c(r^2) grows only up to some angle; beyond it the polynomial folds back and shows
-// rays that the lens never saw inside the image. Such points are refused.
+// The radial part r c(r^2) grows only up to some angle; beyond it the polynomial folds back and
+// shows rays that the lens never saw inside the image. Such points are refused.
 #include <math.h>
 #include <stddef.h>
 
@@ -26,8 +26,8 @@ static distortion read_terms(const sv_camera_model *m) {
   return (distortion){d[0], d[1], d[2], d[3], d[4], d[5], d[6], d[7]};
 }
 
-// Does r c(r^2) grow strictly on the whole way from the axis to s = r^2? With c = N/D its derivative has
-// the sign of N D + 2 s (N' D - N D').
+// Does r c(r^2) grow strictly on the whole way from the axis to s = r^2? With c = N/D its
+// derivative has the sign of N D + 2 s (N' D - N D').
 static bool is_monotonic(const distortion *k, double s) {
   const double n[4] = {1, k->k1, k->k2, k->k3}, d[4] = {1, k->k4, k->k5, k->k6};
   double g[N_COEF] = {0}, den[N_COEF] = {1, k->k4, k->k5, k->k6};
@@ -58,8 +58,8 @@ static distorted distort(const distortion *k, double x, double y) {
   return o;
 }
 
-// Inside the range where the map is one to one: the radial part grows, and the tangential terms have
-// not turned the image inside out.
+// Inside the range where the map is one to one: the radial part grows, and the tangential terms
+// have not turned the image inside out.
 static bool is_inside(const distortion *k, const distorted *o) {
   if (!(o->s <= MAX_S) || !(o->jxx * o->jyy - o->jxy * o->jyx > 0)) return false;
   return is_monotonic(k, o->s);

@@ -4,8 +4,8 @@
 #define N_COEF  SV_POLY_COEF
 #define N_SPLIT 24
 
-// Bernstein coefficients bound the polynomial from below; where the bound does not decide, the interval is
-// halved (de Casteljau), left half first.
+// Bernstein coefficients bound the polynomial from below; where the bound does not decide, the
+// interval is halved (de Casteljau), left half first.
 bool sv_poly_is_positive(const double a[N_COEF], double s_max) {
   // binomial(i, j) / binomial(6, j): from powers to the Bernstein basis on [0, 1]
   static const double w[N_COEF][N_COEF] = {{1},

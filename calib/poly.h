@@ -11,8 +11,8 @@ extern "C" {
 
 #define SV_POLY_COEF 7 // polynomials of degree 6
 
-// Is the polynomial sum a_i s^i positive on all of [0, s_max]? When that cannot be decided (a root, or nearly one):
-// false.
+// Is the polynomial sum a_i s^i positive on all of [0, s_max]? When that cannot be decided (a root,
+// or nearly one): false.
 bool sv_poly_is_positive(const double a[SV_POLY_COEF], double s_max);
 
 #ifdef __cplusplus

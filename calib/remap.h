@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Undistortion as a table: for each pixel of a pinhole view, where it lies in the camera's image. The
-// table is built once per sub-view (floating point) for the kernel of kernels/remap/remap.h, which says what an
-// entry is. Places are off by at most 1/512 px.
+// Undistortion as a table: for each pixel of a pinhole view, where it lies in the camera's image.
+// The table is built once per sub-view (floating point) for the kernel of kernels/remap/remap.h,
+// which says what an entry is. Places are off by at most 1/512 px.
 #ifndef SV_CALIB_REMAP_H
 #define SV_CALIB_REMAP_H
 
@@ -25,17 +25,18 @@ typedef struct {
 } sv_remap;
 
 typedef enum {
-  SV_PINHOLE_KEEP_FOCAL = 0, // fx, fy, cx, cy of the lens: the center keeps its scale, corners may be black
-  SV_PINHOLE_CROP_TO_VALID   // the widest view of the same size and aspect without a black pixel
+  // fx, fy, cx, cy of the lens: the center keeps its scale, corners may be black
+  SV_PINHOLE_KEEP_FOCAL = 0,
+  SV_PINHOLE_CROP_TO_VALID // the widest view of the same size and aspect without a black pixel
 } sv_pinhole_choice;
 
-// The pinhole view that stands for a lens, of the same size in pixels. A pinhole comes back unchanged.
-// Crop scales fx and fy by one factor in [0.5, 4] about the principal point: below 0.5 a corner would
-// be stretched over a quarter of the picture. False when the lens sees no such view.
+// The pinhole view that stands for a lens, of the same size in pixels. A pinhole comes back
+// unchanged. Crop scales fx and fy by one factor in [0.5, 4] about the principal point: below 0.5 a
+// corner would be stretched over a quarter of the picture. False when the lens sees no such view.
 bool sv_pinhole_for_model(const sv_camera_model *m, sv_pinhole_choice choice, sv_camera_model *out);
 
-// Fills entries[height][width] for `view` (a pinhole) of the camera `lens`. E_RANGE for sizes outside
-// 1..32767, E_ARG when view is not a pinhole.
+// Fills entries[height][width] for `view` (a pinhole) of the camera `lens`. E_RANGE for sizes
+// outside 1..32767, E_ARG when view is not a pinhole.
 sv_status sv_remap_build(sv_remap *map, const sv_camera_model *lens, const sv_camera_model *view,
                          sv_remap_tap *entries) SV_MUST_USE;
 

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// mrcal's splined stereographic model (D. Kogan, mrcal documentation, "Lens models"): the stereographic projection
+// mrcal's splined stereographic model (D. Kogan, mrcal documentation, "Lens models"): the
+// stereographic projection
 //   u = 2 (X, Y) / (|x| + Z)
 // shifted by a B-spline surface over a grid of control points c, then scaled:
 //   uv = f (u + sum_ji B_j(y) B_i(x) c_ji) + (cx, cy)
-// with knots at equal distances in u, so that the field of view across fits between the outermost usable ones.
-// Rays outside the grid are refused: there mrcal extrapolates the outer polynomial.
+// with knots at equal distances in u, so that the field of view across fits between the outermost
+// usable ones. Rays outside the grid are refused: there mrcal extrapolates the outer polynomial.
 #include <math.h>
 #include <stddef.h>
 
@@ -14,8 +15,9 @@
 #define CAP_ORDER 3
 
 typedef struct {
-  int i0;                                     // first control point
-  double w[CAP_ORDER + 1], dw[CAP_ORDER + 1]; // weights, and their derivatives by the knot coordinate
+  int i0; // first control point
+  // weights, and their derivatives by the knot coordinate
+  double w[CAP_ORDER + 1], dw[CAP_ORDER + 1];
 } basis;
 
 static double knots_per_u(const sv_lens_spline *s) {
@@ -29,7 +31,8 @@ static bool is_usable(const sv_lens_spline *s) {
          s->fov_x_deg < 360 && s->control;
 }
 
-// The uniform B-spline's polynomials on the segment that holds coordinate x in knots. False outside the grid.
+// The uniform B-spline's polynomials on the segment that holds coordinate x in knots. False outside
+// the grid.
 static bool basis_at(basis *b, int order, int n, double x) {
   if (order == 3) {
     if (!(x >= 1 && x <= n - 2)) return false;

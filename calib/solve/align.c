@@ -94,10 +94,15 @@ static bool prepare(model *m, const sv_align_image *from, const double at[2]) {
   }
   for (int i = 0; i < N_PX; i++) m->w[i] /= sum;
   if (!window(from, at, one, m->w, m->t)) return false;
-  // Slopes of the template in its own units: differences of windows half a pixel apart, before they were evened out.
+  // Slopes of the template in its own units: differences of windows half a pixel apart, before they
+  // were evened out.
   for (int a = 0; a < 2; a++)
     for (int i = 0; i < N_PX; i++) {
-      double x = at[0] + i % SIDE - r, y = at[1] + i / SIDE - r, lo, hi, dx = a ? 0 : 0.5, dy = a ? 0.5 : 0;
+      double lo, hi;
+      double x = at[0] + i % SIDE - r;
+      double y = at[1] + i / SIDE - r;
+      double dx = a ? 0 : 0.5;
+      double dy = a ? 0.5 : 0;
       if (!sample(from, x - dx, y - dy, &lo) || !sample(from, x + dx, y + dy, &hi)) return false;
       px[a][i] = hi - lo;
     }

@@ -16,7 +16,8 @@ static size_t at(const sv_boards *b, int camera, int frame) {
 static size_t n_corners(const sv_boards *b) { return (size_t)b->n_cols * (size_t)b->n_rows; }
 
 void sv_boards_corner(double out[3], const sv_boards *b, const double warp_m[2], int i, int j) {
-  // mrcal's calobject_warp: z = kx (1 - 4 (u - 1/2)^2) + ky (1 - 4 (v - 1/2)^2), u and v from 0 to 1
+  // mrcal's calobject_warp: z = kx (1 - 4 (u - 1/2)^2) + ky (1 - 4 (v - 1/2)^2), u and v from 0 to
+  // 1
   double u = (double)i / (b->n_cols - 1) - 0.5, v = (double)j / (b->n_rows - 1) - 0.5;
   out[0] = i * b->spacing_m;
   out[1] = j * b->spacing_m;
@@ -80,7 +81,7 @@ void sv_boards_measure(const sv_boards *b, int i_camera, const sv_pose *cam_from
   out->tilt_deg = largest_tilt(b, i_camera, cam_from_board);
 }
 
-// --- relative poses --------------------------------------------------------------------------------------
+// --- relative poses ------------------------------------------------------------------------------
 static int n_shared(const sv_boards *b, int i, int j) {
   int n = 0;
   for (int f = 0; f < b->n_frames; f++) n += b->is_seen[at(b, i, f)] && b->is_seen[at(b, j, f)];
@@ -101,8 +102,8 @@ static double distance(const sv_pose *p, const sv_pose *q, double unit_m) {
   return sv_norm3(w) + sv_norm3(d) / unit_m;
 }
 
-// The relative pose that is nearest to all others: a board whose pose was seen the wrong way round (a flat
-// board has two that look alike from afar) does not count.
+// The relative pose that is nearest to all others: a board whose pose was seen the wrong way round
+// (a flat board has two that look alike from afar) does not count.
 static sv_pose medoid(const sv_boards *b, const sv_pose *cam_from_board, int to, int from) {
   double best = 1e300, unit_m = b->spacing_m * (b->n_cols + b->n_rows);
   sv_pose out = sv_pose_identity();

@@ -33,7 +33,7 @@ static sv_pose from_rt(const mrcal_pose_t *rt) {
   return p;
 }
 
-// --- the problem in mrcal's terms ------------------------------------------------------------------------
+// --- the problem in mrcal's terms ----------------------------------------------------------------
 static void problem_free(sv_mrcal_problem *p) {
   free(p->intrinsics);
   free(p->extrinsics);
@@ -96,9 +96,9 @@ static double solve(sv_mrcal_problem *p, mrcal_problem_selections_t sel) {
   return stats.rms_reproj_error__pixels;
 }
 
-// --- outliers --------------------------------------------------------------------------------------------
-// Marks corners whose residual along an axis is beyond the limit; mrcal's own rule with the deviation of what
-// is left in. Returns how many are new.
+// --- outliers ------------------------------------------------------------------------------------
+// Marks corners whose residual along an axis is beyond the limit; mrcal's own rule with the
+// deviation of what is left in. Returns how many are new.
 static int reject(sv_mrcal_problem *p) {
   size_t n = (size_t)p->n_observations * n_corners(p->b), n_in = 0;
   double sum = 0;
@@ -120,7 +120,8 @@ static int reject(sv_mrcal_problem *p) {
 static sv_status optimise(sv_mrcal_problem *p, sv_err *err) {
   const sv_boards *b = p->b;
   mrcal_problem_selections_t sel = {.do_optimize_extrinsics = b->n_cameras > 1, .do_optimize_frames = true};
-  double rms = solve(p, sel); // the poses with the seeded lenses, then the lenses, then all they have
+  // the poses with the seeded lenses, then the lenses, then all they have
+  double rms = solve(p, sel);
   sel.do_optimize_intrinsics_core = true;
   if (rms >= 0) rms = solve(p, sel);
   sel.do_optimize_intrinsics_distortions = p->n_params > 4;
@@ -137,7 +138,7 @@ static sv_status optimise(sv_mrcal_problem *p, sv_err *err) {
   return SV_OK;
 }
 
-// --- the result ------------------------------------------------------------------------------------------
+// --- the result ----------------------------------------------------------------------------------
 static sv_status result_make(sv_boards_result *r, const sv_boards *b, sv_err *err) {
   size_t nc = (size_t)b->n_cameras, nf = (size_t)b->n_frames;
   *r = (sv_boards_result){.n_cameras = b->n_cameras, .n_frames = b->n_frames, .n_corners = (int)n_corners(b)};
@@ -225,7 +226,7 @@ static void fill_outliers(sv_boards_result *r, const sv_boards *b) {
       }
 }
 
-// --- what cannot be solved -------------------------------------------------------------------------------
+// --- what cannot be solved -----------------------------------------------------------------------
 static sv_status check_views(const sv_boards *b, sv_boards_camera *cameras, const sv_pose *cam_from_board,
                              int c, sv_err *err) {
   sv_boards_measure(b, c, cam_from_board, &cameras[c]);

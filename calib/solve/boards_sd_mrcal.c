@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Covariance of the solution from the solver's Jacobian J (mrcal's, in packed units): noise of the residuals'
-// size sigma on each coordinate gives cov(b) = sigma^2 (J^T J)^-1, factored by CHOLMOD.
-// Projection uncertainty is mrcal's ("mean-frames" of its documentation, at infinity): a direction is held fixed
-// in the frame of each board; where it projects then depends on the lens, the camera's rotation and the mean of
-// the boards' rotations.
+// Covariance of the solution from the solver's Jacobian J (mrcal's, in packed units): noise of the
+// residuals' size sigma on each coordinate gives cov(b) = sigma^2 (J^T J)^-1, factored by CHOLMOD.
+// Projection uncertainty is mrcal's ("mean-frames" of its documentation, at infinity): a direction
+// is held fixed in the frame of each board; where it projects then depends on the lens, the
+// camera's rotation and the mean of the boards' rotations.
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -66,8 +66,8 @@ static bool factor(covariance *v) {
   return is_good;
 }
 
-// rows[n_rows][n_states], derivatives by the state in full units (packed by this call) -> their covariance
-// [n_rows][n_rows]. False without memory.
+// rows[n_rows][n_states], derivatives by the state in full units (packed by this call) -> their
+// covariance [n_rows][n_rows]. False without memory.
 static bool covariance_of(covariance *v, double *rows, int n_rows, double *out) {
   size_t n = (size_t)v->n_states;
   for (int r = 0; r < n_rows; r++)

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Z. Zhang's method ("A Flexible New Technique for Camera Calibration", PAMI 2000) as OpenCV has it, with the
-// principal point in the middle and one distortion term: few enough unknowns to start from anything.
+// Z. Zhang's method ("A Flexible New Technique for Camera Calibration", PAMI 2000) as OpenCV has
+// it, with the principal point in the middle and one distortion term: few enough unknowns to start
+// from anything.
 #include <opencv2/calib3d.hpp>
 
 #include <algorithm>
@@ -80,7 +81,8 @@ bool sv_boards_seed_camera(const sv_boards *b, int i_camera, double lens[5], sv_
     cv::Mat k, d, r, t;
     if (!seed_lens(s, b->size_px[i_camera][0], b->size_px[i_camera][1], k, d)) return false;
     for (size_t i = 0; i < s.frames.size(); i++) {
-      // A small board far away has two poses that look alike: IPPE compares both, from which Gauss-Newton goes on.
+      // A small board far away has two poses that look alike: IPPE compares both, from which
+      // Gauss-Newton goes on.
       if (!cv::solvePnP(s.object[i], s.image[i], k, d, r, t, false, cv::SOLVEPNP_IPPE)) return false;
       cv::solvePnPRefineLM(s.object[i], s.image[i], k, d, r, t);
       to_pose(r, t, &cam_from_board[s.frames[i]]);

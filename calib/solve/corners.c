@@ -13,8 +13,8 @@ static const double *corner(const grid *g, int i, int j) {
   return g->uv + 2 * ((size_t)j * (size_t)g->job->n_cols + (size_t)i);
 }
 
-// How much darker the squares of the first one's color are than the others: a sum over the middles of the
-// inner squares.
+// How much darker the squares of the first one's color are than the others: a sum over the middles
+// of the inner squares.
 static double first_is_black(const grid *g) {
   double sum = 0;
   for (int j = 0; j + 1 < g->job->n_rows; j++)

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Two detectors of OpenCV: the sector based one (findChessboardCornersSB: A. Duda and U. Frese, "Accurate
-// Detection and Localization of Checkerboard Corners for Calibration", BMVC 2018), and where it does not find
-// the board, the one by quadrangles, refined by gradients (cornerSubPix).
+// Two detectors of OpenCV: the sector based one (findChessboardCornersSB: A. Duda and U. Frese,
+// "Accurate Detection and Localization of Checkerboard Corners for Calibration", BMVC 2018), and
+// where it does not find the board, the one by quadrangles, refined by gradients (cornerSubPix).
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -44,8 +44,8 @@ static bool find_quads(const cv::Mat &image, cv::Size board, std::vector<cv::Poi
 
 bool sv_corners_opencv(const sv_corners_job *job, double *uv_px) {
   try {
-    // The first detector looks for neighbors in random trees: whatever was searched before, on whichever thread,
-    // an image's corners shall be the same.
+    // The first detector looks for neighbors in random trees: whatever was searched before, on
+    // whichever thread, an image's corners shall be the same.
     cv::setNumThreads(1);
     cv::setRNGSeed(1);
     cv::Mat image(job->height_px, job->width_px, CV_8UC1, const_cast<uint8_t *>(job->grey));

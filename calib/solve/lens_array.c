@@ -14,20 +14,21 @@
 
 typedef struct {
   sv_lens_array *b;
-  int i_scale;   // the unknown that is held to fix the size of everything: a coordinate of a far view
-  int n;         // camera unknowns, and one for the common log focal length
-  double *s, *g; // reduced system [n][n], its right side [n]
-  double *w;     // [n_views][N_CAM * 3] of the point at hand
-  int *first;    // [n_points + 1] observations of each point
-  double *vinv;  // [n_points][9]
-  double *gp;    // [n_points][3]
-  double *step;  // [n]
+  // the unknown that is held to fix the size of everything: a coordinate of a far view
+  int i_scale;
+  int n;                    // camera unknowns, and one for the common log focal length
+  double *s, *g;            // reduced system [n][n], its right side [n]
+  double *w;                // [n_views][N_CAM * 3] of the point at hand
+  int *first;               // [n_points + 1] observations of each point
+  double *vinv;             // [n_points][9]
+  double *gp;               // [n_points][3]
+  double *step;             // [n]
   double focal0, log_focal; // the common one: focal0 exp(log_focal)
   double *abs_r;            // for medians
   double sigma;
 } work;
 
-// --- one observation -------------------------------------------------------------------------------------
+// --- one observation -----------------------------------------------------------------------------
 typedef struct {
   double r[2], jc[2][N_CAM], jp[2][3];
 } linear;
@@ -60,7 +61,7 @@ static double huber(double r2, double sigma, double *weight) {
   return r <= k ? r2 : 2 * k * r - k * k;
 }
 
-// --- priors ----------------------------------------------------------------------------------------------
+// --- priors --------------------------------------------------------------------------------------
 static double prior_cost(const work *w) {
   const sv_lens_array *b = w->b;
   double sum = 0, s2 = w->sigma * w->sigma;
@@ -109,7 +110,7 @@ static double cost(const work *w) {
   return sum;
 }
 
-// --- the reduced system ----------------------------------------------------------------------------------
+// --- the reduced system --------------------------------------------------------------------------
 static bool invert3(double out[9], const double a[9]) {
   double c0 = a[4] * a[8] - a[5] * a[7], c1 = a[5] * a[6] - a[3] * a[8], c2 = a[3] * a[7] - a[4] * a[6];
   double det = a[0] * c0 + a[1] * c1 + a[2] * c2;
@@ -177,7 +178,8 @@ static bool add_point(const work *w, int p, double lambda) {
   for (int k = 0; k < 3; k++) v[4 * k] *= 1 + lambda;
   memcpy(w->gp + 3 * p, gp, sizeof gp);
   memset(w->vinv + 9 * p, 0, 9 * sizeof(double));
-  if (!n_seen || !invert3(w->vinv + 9 * p, v)) return true; // a point that nothing holds stays where it is
+  // a point that nothing holds stays where it is
+  if (!n_seen || !invert3(w->vinv + 9 * p, v)) return true;
   eliminate(w, p, views, n_seen);
   return true;
 }
@@ -235,8 +237,9 @@ static void substitute(const double *s, size_t n, double *x) {
   }
 }
 
-// --- a step ----------------------------------------------------------------------------------------------
-// Points follow from the cameras' step: dp = -V^-1 (gp + W^T dc); W is computed again, as it was not kept.
+// --- a step --------------------------------------------------------------------------------------
+// Points follow from the cameras' step: dp = -V^-1 (gp + W^T dc); W is computed again, as it was
+// not kept.
 static void move_points(const work *w) {
   const sv_lens_array *b = w->b;
   linear l;
@@ -328,7 +331,7 @@ static int minimise(work *w, state *old) {
   return it;
 }
 
-// --- rounds ----------------------------------------------------------------------------------------------
+// --- rounds --------------------------------------------------------------------------------------
 static int compare(const void *a, const void *b) {
   double x = *(const double *)a, y = *(const double *)b;
   return (x > y) - (x < y);

@@ -10,8 +10,9 @@ extern "C" {
 #endif
 
 bool sv_project_mrcal_available(void);
-// As sv_model_project, through mrcal_project. duv_dp: [2][n] with all n parameters of the model (control points of
-// a spline included). Returns n; 0 when mrcal has no such model, or n is above cap.
+// As sv_model_project, through mrcal_project. duv_dp: [2][n] with all n parameters of the model
+// (control points of a spline included). Returns n; 0 when mrcal has no such model, or n is above
+// cap.
 int sv_project_mrcal(const sv_camera_model *m, const double x_cam[3], double uv[2], double duv_dx[6],
                      double *duv_dp, int cap);
 // Does mrcal read this .cameramodel?

@@ -63,7 +63,8 @@ bool sv_rig_pose_opengv(void *, const sv_bundle_camera *cameras, const sv_pose_m
     opengv::absolute_pose::NoncentralAbsoluteAdapter adapter(r.bearings, r.cameras, r.points, r.offsets,
                                                              r.rotations);
     opengv::sac::Ransac<Problem> ransac;
-    ransac.sac_model_.reset(new Problem(adapter, Problem::GP3P, false)); // false: the same samples every time
+    // false: the same samples every time
+    ransac.sac_model_.reset(new Problem(adapter, Problem::GP3P, false));
     ransac.threshold_ = 1 - std::cos(std::atan(limit_px / r.focal_px));
     ransac.max_iterations_ = kIterations;
     if (!ransac.computeModel(0) || ransac.inliers_.size() < kLeast) return false;

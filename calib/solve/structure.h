@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Structure from motion over the views of one instant, all of one textured, still object: features (SIFT),
-// matches refined by alignment (align.h), a first pair by the essential matrix, the others by PnP with
-// RANSAC; OpenCV's. It makes the start of the bundle adjustment. Tools and tests only: heap, C++.
+// Structure from motion over the views of one instant, all of one textured, still object: features
+// (SIFT), matches refined by alignment (align.h), a first pair by the essential matrix, the others
+// by PnP with RANSAC; OpenCV's. It makes the start of the bundle adjustment. Tools and tests only:
+// heap, C++.
 #ifndef SV_CALIB_SOLVE_STRUCTURE_H
 #define SV_CALIB_SOLVE_STRUCTURE_H
 
@@ -17,18 +18,21 @@ typedef struct {
   int width_px, height_px;
   const uint8_t *grey; // [height][width]
   const uint8_t *mask; // [height][width] 0 where the image must not be used; NULL: all of it
-  double x, y;         // where it lies among the views, in any unit: it is matched with its neighbors
+  // where it lies among the views, in any unit: it is matched with its neighbors
+  double x, y;
 } sv_structure_view;
 
 bool sv_structure_available(void);
 
-// Points seen in at least three of the n_views images, as tracks: *observations (malloc'ed, the caller's) by
-// point. The number of points in *n_points, of observations returned; 0 when there are none, -1 without memory.
+// Points seen in at least three of the n_views images, as tracks: *observations (malloc'ed, the
+// caller's) by point. The number of points in *n_points, of observations returned; 0 when there are
+// none, -1 without memory.
 int sv_structure_tracks(const sv_structure_view *views, int n_views, sv_array_observation **observations,
                         int *n_points);
 
-// Poses of all views (view 0: identity) and positions of the points from their tracks, with the lenses as given.
-// Observations that RANSAC threw out are marked. False when the views could not be joined.
+// Poses of all views (view 0: identity) and positions of the points from their tracks, with the
+// lenses as given. Observations that RANSAC threw out are marked. False when the views could not be
+// joined.
 bool sv_structure_start(sv_lens_array *b);
 
 #ifdef __cplusplus

@@ -36,7 +36,8 @@ Features describe(const sv_structure_view &v) {
   return f;
 }
 
-// The best match of each row where it clearly is the best; -1 elsewhere. squared: distances of descriptors.
+// The best match of each row where it clearly is the best; -1 elsewhere. squared: distances of
+// descriptors.
 std::vector<int> nearest(const cv::Mat &squared) {
   std::vector<int> out(static_cast<size_t>(squared.rows), -1);
   for (int i = 0; i < squared.rows; i++) {
@@ -106,8 +107,8 @@ struct Seen {
 
 sv_align_image image_of(const Features &f) { return {f.image.cols, f.image.rows, f.image.ptr<uint8_t>()}; }
 
-// Aligns the patch of the first view with the others: SIFT's places are good to some tenths of a pixel only.
-// What does not look like it there is left out.
+// Aligns the patch of the first view with the others: SIFT's places are good to some tenths of a
+// pixel only. What does not look like it there is left out.
 void refine(const std::vector<Features> &f, std::vector<std::vector<Seen>> &tracks) {
   for (auto &t : tracks) {
     const sv_align_image from = image_of(f[static_cast<size_t>(t[0].view)]);
@@ -125,7 +126,7 @@ void refine(const std::vector<Features> &f, std::vector<std::vector<Seen>> &trac
 std::vector<std::vector<Seen>> gather(const std::vector<Features> &f, const std::vector<int> &first,
                                       Sets &sets) {
   std::vector<std::vector<Seen>> by_root(sets.up.size());
-  out;
+  std::vector<std::vector<Seen>> out;
   for (size_t v = 0; v < f.size(); v++)
     for (size_t k = 0; k < f[v].keys.size(); k++)
       by_root[static_cast<size_t>(sets.root(first[v] + static_cast<int>(k)))].push_back(
@@ -182,7 +183,7 @@ int sv_structure_tracks(const sv_structure_view *views, int n_views, sv_array_ob
   }
 }
 
-// --- the start -------------------------------------------------------------------------------------------
+// --- the start -----------------------------------------------------------------------------------
 namespace {
 
 struct Rays { // observations by point, as directions on z = 1
@@ -244,7 +245,8 @@ sv_pose pose_of(const cv::Mat &r, const cv::Mat &t) {
   return p;
 }
 
-// View 0 and the partner with which most points are seen in front of both, from the far side of the array first.
+// View 0 and the partner with which most points are seen in front of both, from the far side of the
+// array first.
 int first_pair(const sv_lens_array *b, const Rays &r, sv_pose *pose) {
   int best = -1;
   double best_score = 0;
@@ -312,7 +314,7 @@ bool sv_structure_start(sv_lens_array *b) {
   try {
     const Rays r = rays_of(b);
     std::vector<bool> is_placed(static_cast<size_t>(b->n_views));
-    has_point(static_cast<size_t>(b->n_points));
+    std::vector<bool> has_point(static_cast<size_t>(b->n_points));
     sv_pose second;
     cv::setRNGSeed(1); // RANSAC draws the same on every run
     const int v = first_pair(b, r, &second);
@@ -331,7 +333,8 @@ bool sv_structure_start(sv_lens_array *b) {
       if (n == before) return false;
       spread_points(b, r, is_placed, has_point);
     }
-    for (int i = 0; i < b->n_points; i++) // a point without a place: before view 0, all that sees it left out
+    // a point without a place: before view 0, all that sees it left out
+    for (int i = 0; i < b->n_points; i++)
       if (!has_point[static_cast<size_t>(i)]) {
         b->points[i][0] = b->points[i][1] = 0;
         b->points[i][2] = 1;

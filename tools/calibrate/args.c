@@ -90,7 +90,8 @@ int cal_args_parse(const sv_tool_command *c, int argc, char **argv, cal_options 
   if (o->is_help || o->is_version) return e;
   if (e == CAL_EXIT_OK && (o->board != NULL) != (o->spacing_m >= 0))
     e = cal_usage(c->name, "--board and --spacing must be given together");
-  if (e == CAL_EXIT_OK && o->board && (o->pitch_m >= 0 || o->focal_px >= 0)) // only lenslets has these
+  // only lenslets has these
+  if (e == CAL_EXIT_OK && o->board && (o->pitch_m >= 0 || o->focal_px >= 0))
     e = cal_usage(c->name, "--board cannot be combined with --pitch or --focal: the board gives both");
   return e != CAL_EXIT_OK ? e : parse_board(c, o);
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The options of all commands, in one table (args.c) for platform/linux/options.h, and what goes together.
+// The options of all commands, in one table (args.c) for platform/linux/options.h, and what goes
+// together.
 #ifndef SV_TOOLS_CALIBRATE_ARGS_H
 #define SV_TOOLS_CALIBRATE_ARGS_H
 
@@ -31,7 +32,8 @@ typedef struct {
 // CAL_EXIT_OK, or CAL_EXIT_USAGE after one line on stderr. Strings stay where argv has them.
 int cal_args_parse(const sv_tool_command *c, int argc, char **argv, cal_options *o);
 void cal_args_help(const sv_tool_command *c); // on stdout
-// One line: "subview-calibrate board: TEXT; try 'subview-calibrate board --help'". Returns CAL_EXIT_USAGE.
+// One line: "subview-calibrate board: TEXT; try 'subview-calibrate board --help'". Returns
+// CAL_EXIT_USAGE.
 int cal_usage(const char *command, const char *fmt, ...) SV_PRINTF(2, 3);
 
 #endif

@@ -16,7 +16,7 @@ int cal_cmd_lenslets(const cal_options *o);
 int cal_cmd_check(const cal_options *o);
 int cal_cmd_pose(const cal_options *o);
 
-// --- images of boards (gather.c) -----------------------------------------------------------------------
+// --- images of boards (gather.c) -----------------------------------------------------------------
 typedef struct {
   char *path;
   int i_frame;
@@ -41,14 +41,15 @@ typedef struct {
 
 // Lists the images of --images by camera and frame. SV_E_NOT_FOUND for a pattern without pictures.
 sv_status cal_boards_list(cal_boards *b, const cal_options *o, sv_err *err) SV_MUST_USE;
-// Finds the corners in all images on all threads. cache: a file that remembers them by path, size and time of
-// change, read and written anew; NULL: none. Images of one camera must have one size.
+// Finds the corners in all images on all threads. cache: a file that remembers them by path, size
+// and time of change, read and written anew; NULL: none. Images of one camera must have one size.
 sv_status cal_boards_find(cal_boards *b, lab_session *s, const char *cache, sv_err *err) SV_MUST_USE;
 void cal_boards_free(cal_boards *b);
-// SV_E_INTERRUPTED when a stop was requested, with a sentence. kept: what of the work stays; NULL: nothing.
+// SV_E_INTERRUPTED when a stop was requested, with a sentence. kept: what of the work stays; NULL:
+// nothing.
 sv_status cal_stopped(const lab_session *s, const char *kept, sv_err *err) SV_MUST_USE;
 
-// --- what the user is told (advice.c) --------------------------------------------------------------------
+// --- what the user is told (advice.c) ------------------------------------------------------------
 #define CAL_CAP_ADVICE 64
 typedef struct {
   int n;
@@ -57,10 +58,11 @@ typedef struct {
 void cal_advise(cal_advice *a, const char *fmt, ...) SV_PRINTF(2, 3);
 // Of squares that are hardly as large as said: millimeters, mostly.
 void cal_advise_spacing(cal_advice *a, double spacing_m);
-// Of a calibration: too few boards, parts of the image without any, too little tilt, uncertain figures.
+// Of a calibration: too few boards, parts of the image without any, too little tilt, uncertain
+// figures.
 void cal_advise_boards(cal_advice *a, const cal_boards *b, const sv_boards_result *r);
 
-// --- files (rig_out.c, plots.c) --------------------------------------------------------------------------
+// --- files (rig_out.c, plots.c) ------------------------------------------------------------------
 // rig.json and one .cameramodel a sub-view into a folder that is made. coverage may be NULL.
 sv_status cal_rig_write(const char *folder, const sv_rig *rig, sv_err *err) SV_MUST_USE;
 // residuals.csv, and an image per camera in folder/plots drawn by gnuplot (where it is installed).

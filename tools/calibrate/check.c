@@ -15,8 +15,9 @@ static size_t at(const cal_boards *b, int camera, int frame) {
   return (size_t)camera * (size_t)b->n_frames + (size_t)frame;
 }
 
-// Adds one camera's squared residuals for a board pose; with a and g also the normal equations (6 unknowns: rotation
-// and translation in the rig's frame, applied from the left). Infinite when a corner does not project.
+// Adds one camera's squared residuals for a board pose; with a and g also the normal equations (6
+// unknowns: rotation and translation in the rig's frame, applied from the left). Infinite when a
+// corner does not project.
 static double add_camera(const job *j, int camera, int frame, const sv_pose *rig_from_board, double a[36],
                          double g[6]) {
   const cal_boards *b = j->b;
@@ -107,8 +108,8 @@ static double refine(const job *j, int only, int frame, sv_pose *p, int *n) {
   return now;
 }
 
-// A start from four corners: the board's axes from the rays through its outer corners, as if it stood across the
-// line of sight, tilted several ways; the best after refinement holds.
+// A start from four corners: the board's axes from the rays through its outer corners, as if it
+// stood across the line of sight, tilted several ways; the best after refinement holds.
 static bool start(const job *j, int camera, int frame, sv_pose *rig_from_board) {
   const cal_boards *b = j->b;
   const sv_sub_view *v = &j->rig->sub_views[camera];
@@ -142,8 +143,8 @@ static bool start(const job *j, int camera, int frame, sv_pose *rig_from_board) 
   return isfinite(best);
 }
 
-// Distance of the camera's corners from the epipolar lines of the first camera's, in pixels of an undistorted view:
-// of the true ray to the plane through both centers and the first camera's ray.
+// Distance of the camera's corners from the epipolar lines of the first camera's, in pixels of an
+// undistorted view: of the true ray to the plane through both centers and the first camera's ray.
 static double epipolar2(const job *j, int camera, int frame, int *n) {
   const cal_boards *b = j->b;
   size_t corners = (size_t)(b->n_cols * b->n_rows);

@@ -8,9 +8,11 @@
 typedef struct {
   int n_boards;
   double rms_alone_px; // with the pose of each board free for this camera: what the lens leaves
-  double rms_rig_px;   // with one pose of each board for all cameras: what lens and relative poses leave
+  // with one pose of each board for all cameras: what lens and relative poses leave
+  double rms_rig_px;
   double
-      epipolar_px; // RMS distance of its corners from the epipolar lines of the first camera's; NAN: none shared
+      // RMS distance of its corners from the epipolar lines of the first camera's; NAN: none shared
+      epipolar_px;
 } cal_check_camera;
 
 typedef struct {
@@ -22,8 +24,8 @@ typedef struct {
   bool *has_pose;
 } cal_check;
 
-// Poses of the boards by Gauss and Newton with lenses and relative poses as the rig has them. Sub-view i is camera
-// i of the boards. E_NOT_FOUND when no camera saw a board.
+// Poses of the boards by Gauss and Newton with lenses and relative poses as the rig has them.
+// Sub-view i is camera i of the boards. E_NOT_FOUND when no camera saw a board.
 sv_status cal_check_boards(cal_check *c, const sv_rig *rig, const cal_boards *b, double spacing_m,
                            sv_err *err) SV_MUST_USE;
 void cal_check_free(cal_check *c);

@@ -10,7 +10,8 @@
 
 static sv_boards problem_of(const cal_boards *b, const cal_options *o) {
   sv_model_kind model = SV_MODEL_OPENCV5;
-  if (o->model && !sv_model_by_name(o->model, &model)) model = SV_MODEL_OPENCV5; // the words were checked
+  // the words were checked
+  if (o->model && !sv_model_by_name(o->model, &model)) model = SV_MODEL_OPENCV5;
   int n_seen = 0;
   for (int i = 0; i < b->n_cameras * b->n_frames; i++) n_seen += b->is_seen[i];
   return (sv_boards){.n_cameras = b->n_cameras,
@@ -20,7 +21,8 @@ static sv_boards problem_of(const cal_boards *b, const cal_options *o) {
                      .spacing_m = o->spacing_m,
                      .model = model,
                      .has_warp =
-                         !o->is_flat && n_seen >= 8, // a few views would explain their noise by a bend
+                         // a few views would explain their noise by a bend
+                     !o->is_flat && n_seen >= 8,
                      .names = b->names,
                      .size_px = (const int(*)[2])b->size_px,
                      .uv_px = b->uv_px,

@@ -49,8 +49,8 @@ static void scene_centre(const sv_rig *rig, const cal_check *c, double out[3]) {
   for (int k = 0; k < 3; k++) out[k] = centre[k] + axis[k] * SCENE_SIZES * (width > 0 ? width : 1);
 }
 
-// From the left to the right edge at the height of the principal point, also more than 180 degrees. NAN where the
-// lens tells no direction of an edge.
+// From the left to the right edge at the height of the principal point, also more than 180 degrees.
+// NAN where the lens tells no direction of an edge.
 static double field_of_view_deg(const sv_camera_model *m) {
   const double left[2] = {0, m->p[3]}, right[2] = {m->width_px, m->p[3]};
   double a[3], b[3];

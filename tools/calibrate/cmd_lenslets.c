@@ -12,11 +12,12 @@
 
 #define FEW_OBSERVATIONS 40 // of a lens
 #define GOOD_SD_DEG      0.025
-#define FOCAL_SD         0.01   // lenses of one array: spread of their focal lengths
-#define CAP_GUESS_POINTS 400    // that the first focal length is found with
-#define LIKENESS         0.95   // correlation of a corner's patch in two lenses
-#define MOVE_PX          1.5    // that alignment may move a corner
-#define CENTRE_SD        0.0003 // spread of principal points about the middle of what they light, of its width
+#define FOCAL_SD         0.01 // lenses of one array: spread of their focal lengths
+#define CAP_GUESS_POINTS 400  // that the first focal length is found with
+#define LIKENESS         0.95 // correlation of a corner's patch in two lenses
+#define MOVE_PX          1.5  // that alignment may move a corner
+// spread of principal points about the middle of what they light, of its width
+#define CENTRE_SD 0.0003
 
 typedef struct {
   const cal_options *o;
@@ -30,7 +31,7 @@ typedef struct {
   cal_advice advice;
 } job;
 
-// --- a textured object -----------------------------------------------------------------------------------
+// --- a textured object ---------------------------------------------------------------------------
 static sv_status gather_exposure(job *j, int exposure, sv_err *err) {
   cal_lenses *l = &j->lenses;
   sv_lens_array *b = &j->bundle;
@@ -135,7 +136,8 @@ static sv_status solve_from(job *j, double focal_per_width, int n_rounds, sv_err
   return s == SV_OK ? sv_array_solve(b, n_rounds, &j->stats, err) : s;
 }
 
-// The focal length is not known: several are tried on some of the points; from the one that fits best all goes on.
+// The focal length is not known: several are tried on some of the points; from the one that fits
+// best all goes on.
 static sv_status solve_texture(job *j, sv_err *err) {
   static const double guesses[] = {0.9, 1.5, 2.5};
   sv_lens_array *b = &j->bundle, all = *b;
@@ -212,7 +214,7 @@ static void set_scale(job *j) {
                            "it with --pitch or calibrate with a chessboard");
 }
 
-// --- a chessboard ----------------------------------------------------------------------------------------
+// --- a chessboard --------------------------------------------------------------------------------
 static double mean_distance(const sv_pose *poses, int n) { // of the views' centers from the first
   double sum = 0, c[3];
   for (int i = 1; i < n; i++) {
@@ -227,8 +229,8 @@ static const double *corner(const sv_boards *b, const sv_boards_result *r, int l
   return b->is_seen[at] && !r->is_outlier[at * n + k] ? b->uv_px + 2 * (at * n + k) : NULL;
 }
 
-// A corner as the lenses see it: found in one of the middle, its patch aligned with the others. What a detector finds
-// in each by itself is worse by some times.
+// A corner as the lenses see it: found in one of the middle, its patch aligned with the others.
+// What a detector finds in each by itself is worse by some times.
 static void take_corner(job *j, const sv_boards *b, const sv_boards_result *r, int e, size_t k) {
   sv_lens_array *a = &j->bundle;
   const double *ref = NULL;
@@ -264,8 +266,9 @@ static void take_corners(job *j, const sv_boards *b, const sv_boards_result *r) 
     }
 }
 
-// The board gives the lenses' mean focal length and the size. What each lens has of its own follows from the corners
-// as free points with the array's spread as a prior: a small image alone mixes up direction and principal point.
+// The board gives the lenses' mean focal length and the size. What each lens has of its own follows
+// from the corners as free points with the array's spread as a prior: a small image alone mixes up
+// direction and principal point.
 static sv_status refine_board(job *j, const sv_boards *b, const sv_boards_result *r, sv_err *err) {
   sv_lens_array *a = &j->bundle;
   size_t n_points = (size_t)b->n_frames * (size_t)r->n_corners;
@@ -343,7 +346,7 @@ static sv_status calibrate_board(job *j, sv_err *err) {
   return s;
 }
 
-// --- the result ------------------------------------------------------------------------------------------
+// --- the result ----------------------------------------------------------------------------------
 static sv_status write_rig(job *j, sv_err *err) {
   cal_lenses *l = &j->lenses;
   sv_sub_view *views = calloc((size_t)l->n_lenses, sizeof *views);

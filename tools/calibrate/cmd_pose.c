@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// subview-calibrate pose: where a rig was for each exposure of a capture. The runtime's own tracker (src/track), with
-// OpenGV's absolute pose as a second opinion where it is installed.
+// subview-calibrate pose: where a rig was for each exposure of a capture. The runtime's own tracker
+// (src/track), with OpenGV's absolute pose as a second opinion where it is installed.
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -8,8 +8,9 @@
 #include "src/base/str.h"
 #include "tools/calibrate/calibrate.h"
 
-// --- names -----------------------------------------------------------------------------------------------
-// A camera's name: the pattern's file name up to the first wildcard without what separates, else its folder's.
+// --- names ---------------------------------------------------------------------------------------
+// A camera's name: the pattern's file name up to the first wildcard without what separates, else
+// its folder's.
 static void name_camera(cal_boards *b, int i_camera, const char *pattern) {
   char folder[SV_CAP_PATH], *name = b->cameras[i_camera].name;
   const char *file = sv_path_name(pattern);

@@ -48,7 +48,7 @@ static bool is_picture(const char *name) {
          strcmp(e, ".jpeg") == 0;
 }
 
-// --- white images --------------------------------------------------------------------------------------
+// --- white images --------------------------------------------------------------------------------
 // Well lit, and RIM_PX away from what is not: the lens's edge is no feature of the object.
 static void fill_mask(cal_lens *l) {
   int w = l->footprint.width_px, h = l->footprint.height_px;
@@ -134,14 +134,14 @@ static sv_status read_white(cal_lenses *l, const cal_options *o, sv_err *err) {
   return s;
 }
 
-// --- isolated images -----------------------------------------------------------------------------------
+// --- isolated images -----------------------------------------------------------------------------
 static int compare(const void *a, const void *b) {
   float x = *(const float *)a, y = *(const float *)b;
   return (x > y) - (x < y);
 }
 
-// The lens's part, divided by its coverage, between its darkest and nearly brightest values, as 8 bits with a
-// gamma of 2: features are found in the shadows, too.
+// The lens's part, divided by its coverage, between its darkest and nearly brightest values, as 8
+// bits with a gamma of 2: features are found in the shadows, too.
 static sv_status cut_out(cal_lens *l, int exposure, const sv_bitmap *b, const char *path, sv_err *err) {
   const sv_footprint *f = &l->footprint;
   size_t n = (size_t)f->width_px * (size_t)f->height_px, n_lit = 0;

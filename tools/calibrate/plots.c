@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One image per camera with four panels: where corners were seen, residuals as magnified vectors, residuals
-// about zero, and the projection's uncertainty over the picture.
+// One image per camera with four panels: where corners were seen, residuals as magnified vectors,
+// residuals about zero, and the projection's uncertainty over the picture.
 #include <math.h>
 #include <stdlib.h>
 
@@ -90,7 +90,8 @@ static sv_status write_script(const char *folder, const char *file, const cal_bo
   const sv_camera_model *m = &r->models[c];
   const sv_boards_camera *q = &r->cameras[c];
   const char *name = b->cameras[c].name;
-  double zoom = q->rms_px > 0 ? 0.03 * m->width_px / q->rms_px : 1; // a mean residual is 3 % of the width
+  // a mean residual is 3 % of the width
+  double zoom = q->rms_px > 0 ? 0.03 * m->width_px / q->rms_px : 1;
   begin(&w, folder, file, err);
   put_corners(&w, b, r, c, false);
   put_corners(&w, b, r, c, true);

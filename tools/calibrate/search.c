@@ -67,7 +67,7 @@ static void search_one(void *arg, int i_task, int i_thread) {
   j->err.status = s;
 }
 
-// --- corners.txt -----------------------------------------------------------------------------------------
+// --- corners.txt ---------------------------------------------------------------------------------
 static int by_path(const void *a, const void *b) {
   return strcmp((*(job *const *)a)->path, (*(job *const *)b)->path);
 }
@@ -136,7 +136,7 @@ static sv_status write_cache(const search *se, const char *path, sv_err *err) {
   return s;
 }
 
-// --- all of it -------------------------------------------------------------------------------------------
+// --- all of it -----------------------------------------------------------------------------------
 static sv_status settle(cal_boards *b, const search *se, sv_err *err) {
   for (int i = 0; i < se->n; i++) {
     const job *j = &se->jobs[i];

@@ -33,7 +33,8 @@ static sv_status read_all(int fd, const char *path, char *buf, size_t cap, size_
 
 sv_status sv_file_open(const char *path, int *fd, size_t *bytes, sv_err *err) {
   struct stat st;
-  *fd = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC); // a pipe that nobody writes to would block here
+  // a pipe that nobody writes to would block here
+  *fd = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
   if (*fd < 0) return io_error(err, path, "cannot open");
   if (fstat(*fd, &st) != 0 || !S_ISREG(st.st_mode)) {
     close(*fd);
@@ -115,7 +116,8 @@ sv_status sv_file_commit(sv_file *f, sv_err *err) {
   }
   sv_path_folder(folder, sizeof folder, f->path);
   int fd = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC); // makes the new name last; some file
-  if (fd >= 0) {                                             // systems cannot, which loses nothing else
+  // systems cannot, which loses nothing else
+  if (fd >= 0) {
     (void)fsync(fd);
     close(fd);
   }

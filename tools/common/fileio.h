@@ -14,20 +14,20 @@ extern "C" {
 
 #define SV_CAP_PATH 1024
 
-// Opens a plain file for reading; *fd is the caller's to close. E_NOT_FOUND, E_IO, E_FORMAT (a folder, pipe or device:
-// reading those may never end).
+// Opens a plain file for reading; *fd is the caller's to close. E_NOT_FOUND, E_IO, E_FORMAT (a
+// folder, pipe or device: reading those may never end).
 sv_status sv_file_open(const char *path, int *fd, size_t *bytes, sv_err *err) SV_MUST_USE;
 
 // The whole file in a malloc'ed block, the caller frees it; one zero byte follows the content.
 // E_NOMEM, and what sv_file_open returns.
 sv_status sv_file_read(const char *path, void **data, size_t *bytes, sv_err *err) SV_MUST_USE;
 
-// Atomic: a temporary file in the same folder, fsync, rename, fsync of the folder. After a failure the old
-// file is still there.
+// Atomic: a temporary file in the same folder, fsync, rename, fsync of the folder. After a failure
+// the old file is still there.
 sv_status sv_file_write(const char *path, const void *data, size_t bytes, sv_err *err) SV_MUST_USE;
 
-// The same in pieces. begin, write (the shape of sv_sink.write with self = the file), then commit or
-// abandon. After a failed write call abandon.
+// The same in pieces. begin, write (the shape of sv_sink.write with self = the file), then commit
+// or abandon. After a failed write call abandon.
 typedef struct {
   int fd; // -1 when closed
   char path[SV_CAP_PATH], temporary[SV_CAP_PATH + 16];

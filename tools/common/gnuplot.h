@@ -8,8 +8,8 @@
 extern "C" {
 #endif
 
-// Runs gnuplot on a script in a folder; its messages go to gnuplot.log there, which is_first begins anew. Returns
-// its exit code: 127 when it is not installed, 126 when it could not be started.
+// Runs gnuplot on a script in a folder; its messages go to gnuplot.log there, which is_first begins
+// anew. Returns its exit code: 127 when it is not installed, 126 when it could not be started.
 int sv_gnuplot(const char *folder, const char *script, bool is_first);
 
 #ifdef __cplusplus

@@ -24,8 +24,8 @@ typedef struct {
 #define SV_BITMAP_CAP_SIDE_PX 32767
 #define SV_BITMAP_CAP_SAMPLES (1u << 29) // pixels times channels
 
-// PNG (all kinds: palettes and 1, 2, 4 bits become 8-bit channels, transparency becomes alpha) or JPEG
-// (gray or RGB), told apart by content. Free with sv_bitmap_free. On failure out is empty.
+// PNG (all kinds: palettes and 1, 2, 4 bits become 8-bit channels, transparency becomes alpha) or
+// JPEG (gray or RGB), told apart by content. Free with sv_bitmap_free. On failure out is empty.
 sv_status sv_bitmap_decode(const char *name, const void *data, size_t bytes, sv_bitmap *out,
                            sv_err *err) SV_MUST_USE;
 sv_status sv_bitmap_read(const char *path, sv_bitmap *out, sv_err *err) SV_MUST_USE;

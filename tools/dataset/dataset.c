@@ -128,7 +128,8 @@ static bool is_held_out(const file *f, const lab_source *src, const char *name, 
   return i % 8 == 0;
 }
 
-// How near the split that a held-out frame is marked as comes to test: held-out times are a split of their own.
+// How near the split that a held-out frame is marked as comes to test: held-out times are a split
+// of their own.
 static int test_rank(const sv_transforms_frame *f) {
   return sv_str_eq(f->split, "test") ? 2 : sv_str_eq(f->split, "test_time") ? 0 : 1;
 }
@@ -144,8 +145,8 @@ static int compare_ints(const void *a, const void *b) {
   return (x > y) - (x < y);
 }
 
-// Takes away the mark of frames beyond the first n exposures. Without exposure numbers each frame is one, and
-// the most dispersed stay.
+// Takes away the mark of frames beyond the first n exposures. Without exposure numbers each frame
+// is one, and the most dispersed stay.
 static sv_status keep_exposures(const file *f, int n, bool *is_in, sv_err *err) {
   int *id = malloc((size_t)f->t.n_frames * sizeof *id), n_id = 0;
   if (!id) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its exposures", f->path);
@@ -368,7 +369,8 @@ static sv_status open_split(file *f, const lab_source *src, char name[SV_TRANSFO
   else sv_copy(name, SV_TRANSFORMS_CAP_PATH, own);
   if (s == SV_OK) s = file_open(f, src->folder, name, err);
   if (s != SV_OK || is_train || is_test || !has_own) return s;
-  for (int i = 0; i < f->t.n_frames; i++) // marks inside the training file go before a file of the name
+  // marks inside the training file go before a file of the name
+  for (int i = 0; i < f->t.n_frames; i++)
     if (sv_str_eq(f->frames[i].split, src->split)) return SV_OK;
   file_free(f);
   *is_training_file = false;
@@ -417,7 +419,8 @@ static sv_status open_near(file *f, bool **is_in, const lab_source *src, char na
   lab_keep_nearest(f->frames, f->t.n_frames, centre, LAB_N_NEAR, *is_in);
   char all[SV_TRANSFORMS_CAP_PATH];
   sv_copy(all, sizeof all, name);
-  sv_fmt(name, SV_TRANSFORMS_CAP_PATH, "%.180s (nearest)", all); // for messages; it is not that split
+  // for messages; it is not that split
+  sv_fmt(name, SV_TRANSFORMS_CAP_PATH, "%.180s (nearest)", all);
   return SV_OK;
 }
 

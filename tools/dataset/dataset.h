@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // Datasets: transforms JSON and images -> views of one split, as the renderer wants them. Splits:
 //   train      the training file without what is held out
-//   test       transforms_test.json if it is there, else what the training file marks so; without such a mark all that
-//              it holds out, held-out times (test_time) only when there is nothing else
-//   test_near  transforms_test_near.json, else what the training file marks so, else the LAB_N_NEAR views of test whose
-//              cameras are nearest to the mean place of the cameras that were trained on
+//   test       transforms_test.json if it is there, else the frames that the training file marks
+//              so; without such marks all held-out frames, and held-out times (test_time) only if
+//              there are no others
+//   test_near  transforms_test_near.json, else the frames that the training file marks so, else
+//              the LAB_N_NEAR views of test nearest to the mean position of the training cameras
 //   all        every frame of the training file
 //   others     frames of the training file so marked, else transforms_<name>.json
-// Held out are frames whose "split" is not train; without any such mark, without transforms_test.json and
-// unless the file is transforms_train.json: every 8th frame, from the first.
+// Held out are frames whose "split" is not train; without any such mark, without
+// transforms_test.json and unless the file is transforms_train.json: every 8th frame, from the
+// first.
 #ifndef SV_TOOLS_DATASET_DATASET_H
 #define SV_TOOLS_DATASET_DATASET_H
 
@@ -20,9 +22,10 @@
 #include "tools/common/fileio.h"
 #include "tools/common/imageio.h"
 
-#define LAB_N_NEAR      6     // as many as the paper scores one exposure on
-#define LAB_DEPTH_UNIT  0.001 // of depth files whose unit is not said: nerfstudio's default, millimeters
-#define LAB_MIN_SIDE_PX 8     // smaller images teach nothing, and a 1-pixel image is a mistake
+#define LAB_N_NEAR 6 // as many as the paper scores one exposure on
+// of depth files whose unit is not said: nerfstudio's default, millimeters
+#define LAB_DEPTH_UNIT  0.001
+#define LAB_MIN_SIDE_PX 8 // smaller images teach nothing, and a 1-pixel image is a mistake
 
 typedef struct {
   sv_transforms_frame f; // camera complete; its size is that of the file
@@ -32,7 +35,8 @@ typedef struct {
   int i_lens;              // frames of one lens share it
   sv_camera_model pinhole; // full size; of the undistorted image
   sv_view view;            // 1/scale of it
-  int i_measurement;       // the measurement that the frame is a lens of, -1: it has an image of its own
+  // the measurement that the frame is a lens of, -1: it has an image of its own
+  int i_measurement;
 } lab_frame;
 
 // What one sensor with overlapping lens images measured in one exposure (measurement.h).
@@ -46,20 +50,24 @@ typedef struct {
 typedef struct {
   const char *folder;
   const char *transforms; // NULL or empty: by the rule
-  const char *told_by;    // the file that `transforms` is from, which may be gone by now: then by the rule.
-                          // NULL or empty: the user said it
+  // the file that `transforms` is from, which may be gone by now: then by the rule. NULL or empty:
+  // the user said it
+  const char *told_by;
   const char *split;
   const char *camera; // only frames of this camera; NULL: all
-  int n_exposures;    // trained on, for the splits train and test_near; below 1: all. Frames with exposure
-      // numbers: those of the lowest; else each frame is one, and the most dispersed are taken
-  bool is_multiplexed; // where the file has measurements, lenses are known by them, else by their own images
-  bool is_white;       // of two measurements, the one over white
+  // trained on, for the splits train and test_near; below 1: all. Frames with exposure
+  int n_exposures;
+  // numbers: those of the lowest; else each frame is one, and the most dispersed are taken
+  // where the file has measurements, lenses are known by them, else by their own images
+  bool is_multiplexed;
+  bool is_white; // of two measurements, the one over white
   int scale;
 } lab_source;
 
 typedef struct {
   lab_frame *frames;
-  int *by_lens; // [n] all frames, lens by lens: loading in this order builds each undistortion table once
+  // [n] all frames, lens by lens: loading in this order builds each undistortion table once
+  int *by_lens;
   int n, scale;
   lab_measurement *measurements; // [n_measurements]
   int n_measurements;
@@ -70,13 +78,15 @@ typedef struct {
   char points[SV_CAP_PATH];                // its points, empty when it names none
 } lab_views;
 
-// Selects the frames, finds the files and reads their sizes; no image is decoded. Free with lab_views_free.
+// Selects the frames, finds the files and reads their sizes; no image is decoded. Free with
+// lab_views_free.
 sv_status lab_views_open(lab_views *v, const lab_source *src, const sv_pool *pool, sv_err *err) SV_MUST_USE;
 void lab_views_free(lab_views *v);
-// A name for view i, without extension: that of its image; with the camera's folder when two images share one.
+// A name for view i, without extension: that of its image; with the camera's folder when two images
+// share one.
 void lab_view_name(const lab_views *v, int i, char *out, size_t cap);
-// What a model is scored on: the paper's protocol is test_near for one exposure, which cannot see all of a
-// scene, and test for more.
+// What a model is scored on: the paper's protocol is test_near for one exposure, which cannot see
+// all of a scene, and test for more.
 static inline const char *lab_default_split(int n_exposures) {
   return n_exposures == 1 ? "test_near" : "test";
 }
@@ -85,7 +95,8 @@ static inline size_t lab_frame_bytes(const lab_frame *f) {
 }
 
 // --- exposures (exposures.c) ---------------------------------------------------------------------
-// Each frame with is_in is an exposure: leaves n_wanted of them, by max-min dispersion about the scene's center.
+// Each frame with is_in is an exposure: leaves n_wanted of them, by max-min dispersion about the
+// scene's center.
 sv_status lab_disperse_frames(const sv_transforms_frame *frames, int n_frames, int n_wanted, bool *is_in,
                               sv_err *err) SV_MUST_USE;
 void lab_mean_centre(const sv_transforms_frame *frames, int n_frames, const bool *is_in, double centre[3]);
@@ -113,7 +124,8 @@ sv_status lab_picture_load(lab_loader *l, const lab_frame *f, int scale, uint8_t
 // All images of a split on all threads; dst[i] as above.
 sv_status lab_pictures_load(const lab_views *v, uint8_t *const *dst, const sv_pool *pool,
                             sv_err *err) SV_MUST_USE;
-// True depth along the optical axis in scene units, 0 where there is none; dst[height][width] of f->view.
+// True depth along the optical axis in scene units, 0 where there is none; dst[height][width] of
+// f->view.
 sv_status lab_depth_load(lab_loader *l, const lab_frame *f, int scale, float *dst, sv_err *err) SV_MUST_USE;
 // Area average of K x K pixels, alpha-weighted for 4 channels. dst may be src.
 void lab_reduce(const uint8_t *src, int width_px, int height_px, int n_channels, int k, uint8_t *dst);

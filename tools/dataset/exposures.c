@@ -12,8 +12,8 @@ static int count(const bool *is_in, int n) {
   return k;
 }
 
-// Up for elevations: the mean up of images from all sides is a few degrees off, and datasets have their up
-// along an axis; within 32 degrees of one, that axis is taken.
+// Up for elevations: the mean up of images from all sides is a few degrees off, and datasets have
+// their up along an axis; within 32 degrees of one, that axis is taken.
 static void up_of(double up[3], const lab_scene *scene) {
   for (int k = 0; k < 3; k++) up[k] = (double)scene->up[k];
   for (int k = 0; k < 3; k++)
@@ -28,8 +28,8 @@ static void up_of(double up[3], const lab_scene *scene) {
 static sv_status choose(const sv_transforms_frame *frames, const int *from, int n, int n_wanted, int *chosen,
                         sv_err *err) {
   lab_views v = {.frames = calloc((size_t)n, sizeof *v.frames), .n = n};
-  double(*at)[3] = malloc((size_t)n * sizeof *at),
-  *scratch = malloc(sv_dispersion_scratch(n) * sizeof *scratch);
+  double(*at)[3] = malloc((size_t)n * sizeof *at);
+  double *scratch = malloc(sv_dispersion_scratch(n) * sizeof *scratch);
   sv_status s = SV_E_NOMEM;
   if (v.frames && at && scratch) {
     for (int i = 0; i < n; i++) {

@@ -26,7 +26,8 @@ static sv_status find_one(lab_measurement *m, const sv_transforms *t, const char
   return SV_OK;
 }
 
-// The measurement of an exposure, made when it is the exposure's first frame; NULL: the file has none.
+// The measurement of an exposure, made when it is the exposure's first frame; NULL: the file has
+// none.
 static sv_status measurement_of(lab_views *v, int exposure, const sv_transforms *t, const char *folder,
                                 bool is_white, int *out, sv_err *err) {
   for (*out = 0; *out < v->n_measurements; ++*out)

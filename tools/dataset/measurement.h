@@ -1,15 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// Multiplexed measurements of a dataset: one image of a whole sensor per exposure, and the frames of the
-// transforms file that are its lenses. Their own images, if there are any, are not looked at.
+// Multiplexed measurements of a dataset: one image of a whole sensor per exposure, and the frames
+// of the transforms file that are its lenses. Their own images, if there are any, are not looked
+// at.
 #ifndef SV_TOOLS_DATASET_MEASUREMENT_H
 #define SV_TOOLS_DATASET_MEASUREMENT_H
 
 #include "src/rig/forward.h"
 #include "tools/dataset/dataset.h"
 
-// Finds the measurement of each exposure among v's frames that have a footprint. is_white: of sub-views over
-// white, added as display values ("composites"); else of light over black ("composites_linear"). Where the
-// file has one kind only, that one. v->measurements stays empty when the file has none.
+// Finds the measurement of each exposure among v's frames that have a footprint. is_white: of
+// sub-views over white, added as display values ("composites"); else of light over black
+// ("composites_linear"). Where the file has one kind only, that one. v->measurements stays empty
+// when the file has none.
 sv_status lab_measurements_find(lab_views *v, const sv_transforms *t, const char *folder, bool is_white,
                                 sv_err *err) SV_MUST_USE;
 

@@ -84,8 +84,8 @@ void lab_reduce(const uint8_t *src, int w, int h, int n_channels, int k, uint8_t
     }
 }
 
-// Straight alpha <-> color times alpha: an interpolated pixel must not take color from a transparent
-// neighbor.
+// Straight alpha <-> color times alpha: an interpolated pixel must not take color from a
+// transparent neighbor.
 static void multiply_alpha(uint8_t *p, size_t n) {
   for (; n--; p += 4)
     for (int c = 0; c < 3; c++) p[c] = (uint8_t)((p[c] * p[3] + 127) / 255);
@@ -172,8 +172,8 @@ typedef struct {
   const sv_remap *map; // NULL: the view is the file
 } depth_source;
 
-// Depth along the axis at pixel (x, y) of the full-size pinhole view, 0: none. Nearest sample: depths of two
-// surfaces must not be mixed.
+// Depth along the axis at pixel (x, y) of the full-size pinhole view, 0: none. Nearest sample:
+// depths of two surfaces must not be mixed.
 static double depth_at(const depth_source *d, int x, int y) {
   int sx = x, sy = y;
   if (d->map) {

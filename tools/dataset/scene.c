@@ -29,8 +29,9 @@ static bool solve3(const double a[9], const double b[3], double x[3]) {
   return true;
 }
 
-// The point nearest to all optical axes: sum (I - d d^T)(x - c) = 0. One exposure's axes leave the distance
-// open; a trace of pull to the origin, where datasets put their subject, decides it and nothing else.
+// The point nearest to all optical axes: sum (I - d d^T)(x - c) = 0. One exposure's axes leave the
+// distance open; a trace of pull to the origin, where datasets put their subject, decides it and
+// nothing else.
 static void nearest_to_axes(const lab_views *v, double x[3]) {
   double a[9] = {0}, b[3] = {0}, pull = 1e-6 * v->n;
   for (int i = 0; i < v->n; i++) {
@@ -93,9 +94,9 @@ lab_scene lab_scene_of(const lab_views *v) {
   for (int k = 0; k < 3; k++) s.centre[k] = (float)x[k];
   for (int k = 0; k < 3; k++) s.up[k] = n > 1e-9 ? (float)(up[k] / n) : (k == 2);
   s.distance = d;
-  // At the usual field of view (40 degrees) 0.34 of the distance just fills the image, and images of objects
-  // have a margin: the tighter the sphere around the object, the less room one view leaves for its depth. Outward
-  // cameras see several times further than they are apart.
+  // At the usual field of view (40 degrees) 0.34 of the distance just fills the image, and images
+  // of objects have a margin: the tighter the sphere around the object, the less room one view
+  // leaves for its depth. Outward cameras see several times further than they are apart.
   s.radius = is_inward ? 0.3f * d : 3.0f * d;
   return s;
 }

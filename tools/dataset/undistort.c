@@ -6,7 +6,8 @@
 #include "tools/dataset/dataset.h"
 
 sv_status lab_undistort_choose(lab_frame *f, sv_err *err) {
-  // Pixels that the lens never saw must not be trained on, so the view is cropped to where it saw all.
+  // Pixels that the lens never saw must not be trained on, so the view is cropped to where it saw
+  // all.
   if (sv_pinhole_for_model(&f->f.model, SV_PINHOLE_CROP_TO_VALID, &f->pinhole)) return SV_OK;
   return sv_fail(err, SV_E_RANGE,
                  "%s: no undistorted view fits this lens (%s, fx %g px); check its distortion", f->path,

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A capture folder with its rig -> a dataset: frames of all cameras that belong together are one exposure.
+// A capture folder with its rig -> a dataset: frames of all cameras that belong together are one
+// exposure.
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

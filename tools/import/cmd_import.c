@@ -64,14 +64,16 @@ sv_status lab_import_transforms(lab_import *im, const char *dir, sv_err *err) {
   static const struct {
     const char *name, *mark;
   } others[] = {{"transforms_val.json", "val"}, {"transforms_test_near.json", "test_near"}};
-  bool is_found = false, is_test = false, is_any = false; // without training views there is no dataset
+  // without training views there is no dataset
+  bool is_found = false, is_test = false, is_any = false;
   sv_status s = add_file(im, dir, "transforms_train.json", "train", &is_found, err);
   const bool is_split = is_found;
   if (s == SV_OK && !is_found) s = add_file(im, dir, "transforms.json", "", &is_found, err);
   if (s == SV_OK && !is_found)
     return sv_fail(err, SV_E_NOT_FOUND, "%s: has neither transforms_train.json nor transforms.json", dir);
   if (s == SV_OK) s = add_file(im, dir, "transforms_test.json", "test", &is_test, err);
-  // Beside transforms.json alone other marks would take the place of every 8th view, which is held out then.
+  // Beside transforms.json alone other marks would take the place of every 8th view, which is held
+  // out then.
   for (size_t i = 0; i < sizeof others / sizeof *others && s == SV_OK && (is_split || is_test); i++)
     s = add_file(im, dir, others[i].name, others[i].mark, &is_any, err);
   return s;

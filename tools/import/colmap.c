@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// COLMAP models: cameras, images and points3D, of 3.12 and later also rigs and frames, as .bin or .txt, in DIR,
-// DIR/sparse or DIR/sparse/0; images in DIR/images or DIR.
+// COLMAP models: cameras, images and points3D, of 3.12 and later also rigs and frames, as .bin or
+// .txt, in DIR, DIR/sparse or DIR/sparse/0; images in DIR/images or DIR.
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -87,8 +87,8 @@ static sv_status add_image(lab_import *im, const char *dir, const char *model_pa
                     : s;
 }
 
-// Rigs: images of one frame are one exposure, and the sub-view is the camera's place among the rig's cameras. A
-// model without frames, or with one image a frame, says nothing about that.
+// Rigs: images of one frame are one exposure, and the sub-view is the camera's place among the
+// rig's cameras. A model without frames, or with one image a frame, says nothing about that.
 typedef struct {
   uint32_t rig, camera;
 } seat; // of a rig, in order of first appearance
@@ -156,8 +156,9 @@ static const mount *mount_of(const model *m, uint32_t rig, uint32_t camera) {
   return NULL;
 }
 
-// The image that a camera took in a frame without being registered in it, by COLMAP's rule for rigs: a frame's
-// images have one name, in a folder for each camera. False when that gives no image of its own.
+// The image that a camera took in a frame without being registered in it, by COLMAP's rule for
+// rigs: a frame's images have one name, in a folder for each camera. False when that gives no image
+// of its own.
 static bool find_picture(const lab_import *im, const model *m, const sv_colmap_camera *camera, int i_frame,
                          char *name, size_t cap) {
   const char *folder = NULL, *file = NULL;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the importers share: views as they were found, and the dataset that is written from them. On Ctrl-C those that
-// write images return SV_E_INTERRUPTED without a sentence. What makes a folder a dataset is written last.
+// What the importers share: views as they were found, and the dataset that is written from them. On
+// Ctrl-C those that write images return SV_E_INTERRUPTED without a sentence. What makes a folder a
+// dataset is written last.
 #ifndef SV_TOOLS_IMPORT_IMPORT_H
 #define SV_TOOLS_IMPORT_IMPORT_H
 
@@ -25,7 +26,8 @@ typedef struct {
   int n, cap;
   sv_point *points;
   int n_points, cap_points;
-  int n_from_rig, n_lost; // views that were placed by their rig only; images of the rig that were not found
+  // views that were placed by their rig only; images of the rig that were not found
+  int n_from_rig, n_lost;
 } lab_import;
 
 // Room for one more, cleared ("not said" everywhere); NULL without memory.
@@ -33,7 +35,8 @@ lab_import_view *lab_import_add(lab_import *im);
 sv_point *lab_import_add_point(lab_import *im);
 void lab_import_free(lab_import *im);
 
-// Copies the images and writes transforms.json and points3d.ply into `out`. Names that are not UTF-8 become it.
+// Copies the images and writes transforms.json and points3d.ply into `out`. Names that are not
+// UTF-8 become it.
 sv_status lab_import_write(lab_import *im, lab_session *s, const char *out, sv_err *err) SV_MUST_USE;
 
 // A rig folder: rig.json and lens files. Coverage images are not written.
@@ -41,23 +44,26 @@ sv_status lab_rig_write(const sv_rig *rig, const char *folder, sv_err *err) SV_M
 // Kalibr's camchain.yaml -> a rig folder.
 sv_status lab_import_kalibr(const char *file, const char *out, int *n_cameras, sv_err *err) SV_MUST_USE;
 
-// Views of one camera of a rig (`stream`, a sub-view's name that stands in the paths of its images) -> views of
-// all sub-views, by the rig's relative poses. The stream keeps its poses and lenses; views of other cameras are
-// dropped; what has no number of its exposure gets one, in order. unit_m: meters for one unit of the poses given.
-// n_from_rig and n_lost count. `im` is left alone on failure.
+// Views of one camera of a rig (`stream`, a sub-view's name that stands in the paths of its images)
+// -> views of all sub-views, by the rig's relative poses. The stream keeps its poses and lenses;
+// views of other cameras are dropped; what has no number of its exposure gets one, in order.
+// unit_m: meters for one unit of the poses given. n_from_rig and n_lost count. `im` is left alone
+// on failure.
 sv_status lab_import_propagate(lab_import *im, const char *rig_folder, const char *stream, double unit_m,
                                sv_err *err) SV_MUST_USE;
 
 sv_status lab_import_transforms(lab_import *im, const char *dir, sv_err *err) SV_MUST_USE;
 sv_status lab_import_colmap(lab_import *im, const char *dir, sv_err *err) SV_MUST_USE;
-// A whole dataset from the simulator: SCENE or a source string's part behind `sim:` -> transforms_train_RIG.json
-// for each of the five devices (three exposures), transforms_test_near.json, transforms_test.json, with depth.
-// Of the scene `moving`: mono, stereo and phone stand still and share one camera, 25 times of which every fourth is
-// marked test_time, and four held-out cameras over all times.
+// A whole dataset from the simulator: SCENE or a source string's part behind `sim:` ->
+// transforms_train_RIG.json for each of the five devices (three exposures),
+// transforms_test_near.json, transforms_test.json, with depth. Of the scene `moving`: mono, stereo
+// and phone stand still and share one camera, 25 times of which every fourth is marked test_time,
+// and four held-out cameras over all times.
 // Of another scene with rig= in it: that rig's exposures (exposures=N of them) as
 // transforms_train.json, and the run's held-out views as transforms_test.json.
 sv_status lab_import_sim(const char *spec, const lab_session *s, const char *out, sv_err *err) SV_MUST_USE;
-// Raw images and white.png of a lenslet sensor: sub-views are written to out/images, their rig to out/rig.
+// Raw images and white.png of a lenslet sensor: sub-views are written to out/images, their rig to
+// out/rig.
 sv_status lab_import_lenslet(lab_import *im, const lab_options *o, lab_session *se, sv_err *err) SV_MUST_USE;
 sv_status lab_import_capture(lab_import *im, const char *dir, sv_err *err) SV_MUST_USE;
 

@@ -11,8 +11,8 @@
 #include "tools/common/imageio.h"
 #include "tools/import/import.h"
 
-// What nobody has said: a field of view of 53 degrees and a millimeter between sub-views. Scale and depth of
-// the result are then arbitrary, its shape is right up to a stretch along the axis.
+// What nobody has said: a field of view of 53 degrees and a millimeter between sub-views. Scale and
+// depth of the result are then arbitrary, its shape is right up to a stretch along the axis.
 #define DEFAULT_BASELINE_M 0.001
 
 typedef struct {

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Poses that are known for one camera of a rig -> views of all its sub-views, by the rig's fixed relative poses:
-//   rig_from_world = inverse(stream_from_rig) stream_from_world, and sub_from_world = sub_from_rig rig_from_world.
-// An image of another sub-view has the stream's path with the sub-view's name in the place of the stream's:
-// images/left/0007.png and images/right/0007.png, or left_0007.png and right_0007.png.
+// Poses that are known for one camera of a rig -> views of all its sub-views, by the rig's fixed
+// relative poses:
+//   rig_from_world = inverse(stream_from_rig) stream_from_world
+//   sub_from_world = sub_from_rig rig_from_world
+// An image of another sub-view has the stream's path with the sub-view's name in the place of the
+// stream's: images/left/0007.png and images/right/0007.png, or left_0007.png and right_0007.png.
 #include <ctype.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -40,7 +42,8 @@ static sv_status load_rig(job *j, sv_err *err) {
                  j->stream, j->rig.n_sub_views, j->rig.sub_views[0].name);
 }
 
-// Where `word` stands last in a path as a word of its own: not inside of others like "left" in "leftover".
+// Where `word` stands last in a path as a word of its own: not inside of others like "left" in
+// "leftover".
 static const char *find_word(const char *path, const char *word) {
   const char *last = NULL;
   size_t n = strlen(word);
@@ -49,13 +52,15 @@ static const char *find_word(const char *path, const char *word) {
   return last;
 }
 
-// The path with the stream's name replaced. False when it does not stand there, or the result does not fit.
+// The path with the stream's name replaced. False when it does not stand there, or the result does
+// not fit.
 static bool rename_path(const job *j, const char *path, const char *name, char *out, size_t cap) {
   const char *p = find_word(path, j->stream);
   return p && snprintf(out, cap, "%.*s%s%s", (int)(p - path), path, name, p + strlen(j->stream)) < (int)cap;
 }
 
-// The stream's name is looked for in the part of the path that is inside the dataset, not in folders above it.
+// The stream's name is looked for in the part of the path that is inside the dataset, not in
+// folders above it.
 static bool rename_source(const job *j, const lab_import_view *v, const char *name, lab_import_view *out) {
   size_t n = strlen(v->source), tail = strlen(v->name);
   if (!rename_path(j, v->name, name, out->name, sizeof out->name)) return false;
@@ -126,7 +131,8 @@ static sv_status propagate(job *j, const lab_import *im, lab_import *to, sv_err 
   for (int i = 0; i < im->n; i++) {
     lab_import_view v = im->views[i];
     lab_import_view probe;
-    if (!rename_source(j, &v, j->stream, &probe)) continue; // of another camera: placed by the stream
+    // of another camera: placed by the stream
+    if (!rename_source(j, &v, j->stream, &probe)) continue;
     for (int k = 0; k < 3; k++) v.cam_from_world.t[k] *= j->unit_m;
     v.depth_unit = (v.depth_unit > 0 ? v.depth_unit : LAB_DEPTH_UNIT) * j->unit_m;
     if (v.exposure < 0) v.exposure = ++last;

@@ -192,8 +192,8 @@ static int write_all(const sv_import_job *job, const recording *r, pictures_t *p
   return fclose(f) == 0 ? SV_OK : sv_fail(err, SV_E_IO, "%s: cannot be written", path);
 }
 
-// Images that are there are replaced, which must not be the ones that are read. An unfinished capture's frames would
-// be folded into the list that is written here.
+// Images that are there are replaced, which must not be the ones that are read. An unfinished
+// capture's frames would be folded into the list that is written here.
 static int check_out(const sv_import_job *job, sv_err *err) {
   char path[CAP_PATH];
   struct stat from, to;

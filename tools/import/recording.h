@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Recordings of other programs -> capture folders (platform/replay/capture.h) with a rig: rig/rig.json and
-// one mrcal .cameramodel a camera (pixel centers at integers, extrinsics cam_from_world). Images are hard
-// links where the file system allows, else copies; they are never encoded again. Host tools: heap and stdio.
+// Recordings of other programs -> capture folders (platform/replay/capture.h) with a rig:
+// rig/rig.json and one mrcal .cameramodel a camera (pixel centers at integers, extrinsics
+// cam_from_world). Images are hard links where the file system allows, else copies; they are never
+// encoded again. Host tools: heap and stdio.
 #ifndef SV_TOOLS_IMPORT_RECORDING_H
 #define SV_TOOLS_IMPORT_RECORDING_H
 
@@ -19,14 +20,15 @@ typedef struct {
   sv_console console; // Ctrl-C: SV_E_INTERRUPTED without a sentence; capture.json is written last
 } sv_import_job;
 
-// Four webcams around a moving board: src/camN/*.jpg, camera_array.toml (K, OpenCV's five distortion terms,
-// R and T world to camera, for the size it names) and timestamps.csv (sync_index,cam_id,frame_time in
-// seconds; the n-th image of a camera is its n-th row in order of time).
+// Four webcams around a moving board: src/camN/*.jpg, camera_array.toml (K, OpenCV's five
+// distortion terms, R and T world to camera, for the size it names) and timestamps.csv
+// (sync_index,cam_id,frame_time in seconds; the n-th image of a camera is its n-th row in order of
+// time).
 int sv_import_4cam_board(const sv_import_job *job, sv_err *err) SV_MUST_USE;
 
-// Qualisys: Calib.qca.txt and src/<serial of the camera>/*.jpg at 30 frames a second. In the file lengths
-// are millimeters, pixels are 1/64 of the full sensor's; x, y, z is the camera's center, and the rows of r
-// are the camera's axes in the world: right, up, backward.
+// Qualisys: Calib.qca.txt and src/<serial of the camera>/*.jpg at 30 frames a second. In the file
+// lengths are millimeters, pixels are 1/64 of the full sensor's; x, y, z is the camera's center,
+// and the rows of r are the camera's axes in the world: right, up, backward.
 int sv_import_qca(const sv_import_job *job, sv_err *err) SV_MUST_USE;
 
 // --- shared by the importers ---------------------------------------------------------------------
@@ -41,9 +43,9 @@ typedef struct {
   sv_ns *times_ns; // [n_times] in order; made with malloc, freed by sv_import_write
 } sv_import_camera;
 
-// Writes the capture: images are SRC/<name>/*.jpg in order of their names, as many as there are times
-// (a difference is an error). Intrinsics are scaled to the images' size. Checks that each rotation is
-// one and that the aspect ratio agrees.
+// Writes the capture: images are SRC/<name>/*.jpg in order of their names, as many as there are
+// times (a difference is an error). Intrinsics are scaled to the images' size. Checks that each
+// rotation is one and that the aspect ratio agrees.
 int sv_import_write(const sv_import_job *job, const char *name, double fps, sv_import_camera *cams,
                     int n_cameras, sv_err *err) SV_MUST_USE;
 

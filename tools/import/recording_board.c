@@ -6,7 +6,8 @@
 
 #include "tools/import/recording.h"
 
-// The numbers of "key = [[..], ..]" between `p` and `end`, brackets skipped. False unless there are n.
+// The numbers of "key = [[..], ..]" between `p` and `end`, brackets skipped. False unless there are
+// n.
 static bool numbers(const char *p, const char *end, const char *key, int n, double *out) {
   char want[64];
   snprintf(want, sizeof want, "\n%s", key);

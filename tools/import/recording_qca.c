@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Calib.qca.txt. Only a few attributes of a flat XML file are needed, so they are looked up by name.
+// Calib.qca.txt. Only a few attributes of a flat XML file are needed, so they are looked up by
+// name.
 #include <dirent.h>
 #include <stdio.h>
 #include <stdlib.h>

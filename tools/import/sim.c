@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Datasets of the simulator's scenes, laid out as those of the paper's experiment: for each device the images
-// of a few exposures, and held-out views with depth beside the first exposure and all around. Of a moving scene: a rig
-// that stands still, its camera alone, held-out times of all cameras, and held-out cameras over all times.
-// Of a scene with rig=: that rig alone, as `subview run` captures it, and the views that its PSNR
-// is measured on.
+// Datasets of the simulator's scenes, laid out as those of the paper's experiment: for each device
+// the images of a few exposures, and held-out views with depth beside the first exposure and all
+// around. Of a moving scene: a rig that stands still, its camera alone, held-out times of all
+// cameras, and held-out cameras over all times. Of a scene with rig=: that rig alone, as `subview
+// run` captures it, and the views that its PSNR is measured on.
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -25,7 +25,8 @@
 
 #define CAP_FILES 8
 
-// A transforms file. All are kept until every image is there: without them a folder does not look like a dataset.
+// A transforms file. All are kept until every image is there: without them a folder does not look
+// like a dataset.
 typedef struct {
   char name[100];
   char *text;

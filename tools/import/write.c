@@ -84,7 +84,8 @@ static sv_status copy_view(const lab_import_view *v, const char *folder, sv_err 
   char to[SV_CAP_PATH], up[SV_CAP_PATH], name[SV_TRANSFORMS_CAP_PATH + 16];
   sv_status s = sv_path_join(to, sizeof to, folder, v->name, err);
   if (s != SV_OK) return s;
-  if (strcmp(v->source, to) == 0 && !v->crop.width_px && !*v->depth_source) return SV_OK; // made in place
+  // made in place
+  if (strcmp(v->source, to) == 0 && !v->crop.width_px && !*v->depth_source) return SV_OK;
   sv_path_folder(up, sizeof up, to);
   if ((s = sv_path_make_folder(up, err)) != SV_OK) return s;
   s = v->crop.width_px ? copy_crop(v->source, &v->crop, to, err) : copy_whole(v->source, to, err);

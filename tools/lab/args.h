@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The options of all commands, in one table (args.c) for platform/linux/options.h, and what goes together.
+// The options of all commands, in one table (args.c) for platform/linux/options.h, and what goes
+// together.
 #ifndef SV_TOOLS_LAB_ARGS_H
 #define SV_TOOLS_LAB_ARGS_H
 

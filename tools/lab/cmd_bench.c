@@ -12,7 +12,8 @@ static void print(void *out, const char *text) {
   fflush(out);
 }
 
-// A single thread that waits for nobody is timed by its own CPU time: what other programs take does not count.
+// A single thread that waits for nobody is timed by its own CPU time: what other programs take does
+// not count.
 static sv_ns cpu_now_ns(void *self) {
   struct timespec t;
   (void)self;

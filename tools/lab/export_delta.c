@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// A moving model as a "delta PLY", as Brush plays it: the base model, and after its vertices for each frame k an
-// element delta_vertex_k with what is added to x y z, scale and rot. There is no place in it for changes of color
-// and opacity: a Gaussian that has faded away at a frame is made vanishingly small there.
+// A moving model as a "delta PLY", as Brush plays it: the base model, and after its vertices for
+// each frame k an element delta_vertex_k with what is added to x y z, scale and rot. There is no
+// place in it for changes of color and opacity: a Gaussian that has faded away at a frame is made
+// vanishingly small there.
 #include <stdlib.h>
 #include <string.h>
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the commands share: the machine (threads, kernels, console), models on disk, settings beside them.
+// What the commands share: the machine (threads, kernels, console), models on disk, settings beside
+// them.
 #ifndef SV_TOOLS_LAB_LAB_H
 #define SV_TOOLS_LAB_LAB_H
 
@@ -34,8 +35,8 @@ typedef struct {
   sv_clock clock;
 } lab_session;
 
-// Starts n_threads (below 1: as many as CPUs are online) and fills the kernel table as SV_ISA says. The
-// session must stay where it is.
+// Starts n_threads (below 1: as many as CPUs are online) and fills the kernel table as SV_ISA says.
+// The session must stay where it is.
 sv_status lab_session_start(lab_session *s, long n_threads, bool is_quiet, sv_err *err) SV_MUST_USE;
 void lab_session_stop(lab_session *s);
 // Prints a failure as one sentence on stderr; returns LAB_EXIT_FAILED.
@@ -67,12 +68,14 @@ typedef struct {
 
 sv_status lab_model_read(lab_model *m, const char *path, sv_err *err) SV_MUST_USE;
 void lab_model_free(lab_model *m);
-// A model, and motion.bin beside it, up to the commit, so that what belongs together comes at once. Failed: abandon.
+// A model, and motion.bin beside it, up to the commit, so that what belongs together comes at once.
+// Failed: abandon.
 sv_status lab_model_begin(sv_file *f, const sv_gaussians *g, const sv_model_notes *notes, const char *path,
                           sv_err *err) SV_MUST_USE;
 sv_status lab_motion_begin(sv_file *f, const sv_deform *d, const sv_gaussians *g, const char *model_path,
                            sv_err *err) SV_MUST_USE;
-// The motion.bin of an earlier model there, if any: a still model that was just written does not move.
+// The motion.bin of an earlier model there, if any: a still model that was just written does not
+// move.
 sv_status lab_motion_remove(const char *model_path, sv_err *err) SV_MUST_USE;
 sv_status lab_model_write(const sv_gaussians *g, const sv_model_notes *notes, const char *path,
                           sv_err *err) SV_MUST_USE;
@@ -82,7 +85,8 @@ sv_model_notes lab_model_notes(const lab_model *m);
 // lab_settings_default.
 typedef struct {
   char transforms[SV_TRANSFORMS_CAP_PATH]; // empty: by the rule of the dataset
-  char told_by[SV_CAP_PATH];               // train.json, when it is who says `transforms`; else empty
+  // train.json, when it is who says `transforms`; else empty
+  char told_by[SV_CAP_PATH];
   sv_background background;
   int scale;
   int n_exposures; // trained on; 0: all

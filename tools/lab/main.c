@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// subview-lab: trains, evaluates and renders on datasets, with the same arena-bound core as the runtime.
+// subview-lab: trains, evaluates and renders on datasets, with the same arena-bound core as the
+// runtime.
 #include <stdio.h>
 #include <string.h>
 

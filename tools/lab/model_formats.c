@@ -29,7 +29,8 @@ typedef struct {
   int i;
 } ranked;
 
-static int by_order(const void *a, const void *b) { // largest first; equal ones stay in the model's order
+// largest first; equal ones stay in the model's order
+static int by_order(const void *a, const void *b) {
   const ranked *x = a, *y = b;
   return x->order > y->order ? -1 : x->order < y->order ? 1 : (x->i > y->i) - (x->i < y->i);
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Models in the formats of viewers: .splat, SPZ, GLB (src/format has the layouts; here is the memory and the
-// compressing).
+// Models in the formats of viewers: .splat, SPZ, GLB (src/format has the layouts; here is the
+// memory and the compressing).
 #ifndef SV_TOOLS_LAB_MODEL_FORMATS_H
 #define SV_TOOLS_LAB_MODEL_FORMATS_H
 
@@ -14,8 +14,8 @@ extern "C" {
 #endif
 
 sv_status lab_write_splat(const sv_gaussians *g, const char *path, sv_err *err) SV_MUST_USE;
-// Both formats say which way is up: the model is turned there from `up` (src/format/axes.h; NULL: the default).
-// version 2, 3 (gzip) or 4 (zstd; E_UNSUPPORTED in a build without libzstd).
+// Both formats say which way is up: the model is turned there from `up` (src/format/axes.h; NULL:
+// the default). version 2, 3 (gzip) or 4 (zstd; E_UNSUPPORTED in a build without libzstd).
 sv_status lab_write_spz(const sv_gaussians *g, bool is_mip, int version, const char *up, const char *path,
                         sv_err *err) SV_MUST_USE;
 sv_status lab_write_glb(const sv_gaussians *g, const char *up, const char *path, sv_err *err) SV_MUST_USE;
@@ -24,7 +24,8 @@ sv_status lab_write_glb(const sv_gaussians *g, const char *up, const char *path,
 bool lab_is_viewer_format(const char *path, const void *data, size_t bytes);
 // SPZ and GLB, by name, hold a world that was turned upright.
 bool lab_is_upright(const char *path);
-// Turns such a model back to where up is `up`, or, if that is NULL, to the world of the views, and says so.
+// Turns such a model back to where up is `up`, or, if that is NULL, to the world of the views, and
+// says so.
 void lab_turn_back(lab_model *m, lab_session *s, const char *path, const char *up, const lab_views *views);
 // Reads it into Gaussians inside a block of malloc (*block, the caller's to free).
 sv_status lab_read_viewer_format(sv_gaussians *g, bool *is_mip, void **block, const char *path,

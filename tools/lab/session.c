@@ -18,7 +18,8 @@ sv_status lab_session_start(lab_session *s, long n_threads, bool is_quiet, sv_er
   s->lines.live_period_ns = 3 * SV_NS_PER_S;
   s->console = sv_linux_console_port(&s->lines);
   s->clock = sv_linux_clock();
-  s->lines.last_live_ns = s->clock.now_ns(s->clock.self); // short work prints no progress into a log
+  // short work prints no progress into a log
+  s->lines.last_live_ns = s->clock.now_ns(s->clock.self);
   sv_status st = sv_isa_choose(getenv("SV_ISA"), &s->isa_mask, err);
   sv_kernels_init(&s->k, s->isa_mask);
   if (st == SV_OK) st = sv_linux_pool_start(&s->threads, s->n_threads, -1, err);

@@ -81,7 +81,8 @@ typedef struct {
   int a_stride, b_stride, a_width, a_height, b_width, b_height;
 } level;
 
-// A row of a patch. The compiler maps it to whatever vectors the machine has; the bits are the same.
+// A row of a patch. The compiler maps it to whatever vectors the machine has; the bits are the
+// same.
 typedef float row __attribute__((vector_size(PATCH * sizeof(float)), aligned(sizeof(float)), may_alias));
 
 typedef struct {
@@ -133,8 +134,8 @@ static void patch_make(patch *p, const level *lv, int x0, int y0) {
 
 static float clamp(float x, float lo, float hi) { return x < lo ? lo : x > hi ? hi : x; }
 
-// b at the patch moved by (u, v), without its mean, minus a. Returns the sum of squares. A patch that is
-// moved out of b looks at the border.
+// b at the patch moved by (u, v), without its mean, minus a. Returns the sum of squares. A patch
+// that is moved out of b looks at the border.
 static float difference(const patch *p, const level *lv, float u, float v, row d[PATCH]) {
   float x = clamp(p->x0 + u, -BORDER + 1, (float)(lv->b_width + BORDER - PATCH - 2));
   float y = clamp(p->y0 + v, -BORDER + 1, (float)(lv->b_height + BORDER - PATCH - 2));
@@ -190,7 +191,8 @@ static void try_start(found *best, const patch *p, const level *lv, const found 
   if (error < best->error) *best = (found){other->u, other->v, error};
 }
 
-// First from the top left: start from the coarser level or the neighbors before; then back: the neighbors behind.
+// First from the top left: start from the coarser level or the neighbors before; then back: the
+// neighbors behind.
 static void search_patches(search *s) {
   const level *lv = &s->lv;
   size_t n = (size_t)lv->a_width * (size_t)lv->a_height;
@@ -258,7 +260,8 @@ static void begin(search *s, const double *h, double unit_a, double size_x, doub
         v = (h[3] * x + h[4] * y + h[5]) / z;
       }
     }
-    double far = 4.0 * (s->lv.b_width + s->lv.b_height) * unit_a; // a horizon may project to anywhere
+    // a horizon may project to anywhere
+    double far = 4.0 * (s->lv.b_width + s->lv.b_height) * unit_a;
     u = u < -far ? -far : u > far ? far : u;
     v = v < -far ? -far : v > far ? far : v;
     s->uv[i] = (float)((u - x) / unit_a);

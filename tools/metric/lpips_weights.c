@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The weights as part of the program: nothing to find at run time. The path is that from the root of the tree, where
-// the compiler is started.
+// The weights as part of the program: nothing to find at run time. The path is that from the root
+// of the tree, where the compiler is started.
 #include "tools/metric/lpips_weights.h"
 
 __asm__(".pushsection .rodata\n"

@@ -7,7 +7,8 @@
 #define LANES 8 // output channels computed together
 #define COLS  4 // pixels computed together
 
-// The compiler maps this to whatever vectors the machine has; lanes never mix, so the bits are the same.
+// The compiler maps this to whatever vectors the machine has; lanes never mix, so the bits are the
+// same.
 typedef float lanes __attribute__((vector_size(LANES * sizeof(float)), may_alias));
 
 // --- the layers ----------------------------------------------------------------------------------
@@ -71,7 +72,8 @@ typedef struct {
   int channel0;           // of out, where this convolution's outputs begin
 } conv_job;
 
-// COLS neighboring outputs of 8 channels. a: their first inputs; one row of the kernel is contiguous in the input.
+// COLS neighboring outputs of 8 channels. a: their first inputs; one row of the kernel is
+// contiguous in the input.
 static void conv_block(const sv_conv *c, size_t row_floats, const float *const a[COLS], const float *w,
                        lanes sum[COLS]) {
   int run = c->k * c->n_in;
@@ -121,7 +123,7 @@ static void conv_task(void *arg, int i_task, int i_thread) {
   }
 }
 
-// --- pooling: 3x3, stride 2, a last window may stick out (ceil mode) -----------------------------------
+// --- pooling: 3x3, stride 2, a last window may stick out (ceil mode) -----------------------------
 
 typedef struct {
   const sv_act *in, *out; // [2]
@@ -167,8 +169,9 @@ static sv_status reserve(sv_net *n, int i_buffer, size_t floats) {
   return SV_OK;
 }
 
-// Buffers: 0 and 1 take turns as a layer's input and output, 2 holds what a fire module squeezed. The first
-// convolution's output is the largest of all but the pooled ones, whose sizes are known as well.
+// Buffers: 0 and 1 take turns as a layer's input and output, 2 holds what a fire module squeezed.
+// The first convolution's output is the largest of all but the pooled ones, whose sizes are known
+// as well.
 static sv_status reserve_all(sv_net *n, int w, int h) {
   int w1 = (w - 3) / 2 + 1, h1 = (h - 3) / 2 + 1, w2 = pooled(w1), h2 = pooled(h1);
   size_t first = act_floats(w1, h1, 64), input = act_floats(w, h, 3), fire = act_floats(w2, h2, 128);
@@ -204,7 +207,8 @@ static void fire_layer(sv_net *n, int i_fire, sv_act a[2], int *i_buffer, const 
   *i_buffer ^= 1;
   for (int p = 0; p < 2; p++) {
     squeezed[p] = act_make(n, p, 2, w, h, c[0].n_out);
-    memset(squeezed[p].px, 0, act_floats(w, h, c[0].n_out) * sizeof(float)); // its border pads the 3x3
+    // its border pads the 3x3
+    memset(squeezed[p].px, 0, act_floats(w, h, c[0].n_out) * sizeof(float));
     out[p] = act_make(n, p, *i_buffer, w, h, 2 * c[1].n_out);
   }
   convolve(&c[0], a, squeezed, 0, 0, pool);

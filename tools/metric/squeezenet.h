@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The convolution layers of SqueezeNet 1.1 (Iandola et al. 2016; layout of torchvision's `features`), forward only.
-// Images are [y][x][channel] floats. Sums run in one order, without fused multiply-add: the same bits on every
-// machine and for any number of threads.
+// The convolution layers of SqueezeNet 1.1 (Iandola et al. 2016; layout of torchvision's
+// `features`), forward only. Images are [y][x][channel] floats. Sums run in one order, without
+// fused multiply-add: the same bits on every machine and for any number of threads.
 #ifndef SV_TOOLS_METRIC_SQUEEZENET_H
 #define SV_TOOLS_METRIC_SQUEEZENET_H
 
@@ -45,9 +45,9 @@ void sv_net_close(sv_net *n);
 // Channels of tap i (0..6).
 int sv_net_tap_channels(int i);
 
-// Runs two images of the same size through the network side by side; after each layer that is compared calls
-// tap(arg, i, a, b). pixel(arg, i_picture, y, x, out[3]) gives the network's input. E_NOMEM, E_RANGE (too small),
-// or what tap returns.
+// Runs two images of the same size through the network side by side; after each layer that is
+// compared calls tap(arg, i, a, b). pixel(arg, i_picture, y, x, out[3]) gives the network's input.
+// E_NOMEM, E_RANGE (too small), or what tap returns.
 typedef struct {
   int width, height;
   void (*pixel)(const void *arg, int i_picture, int y, int x, float out[3]);

@@ -41,7 +41,8 @@ static int scaled(int px, double k) {
   return n < 1 ? 1 : n;
 }
 
-// N views around the scene at the cameras' median distance and height, with the first camera's lens.
+// N views around the scene at the cameras' median distance and height, with the first camera's
+// lens.
 static sv_status orbit_view(const run *r, const lab_scene *sc, int i, sv_view *out, sv_err *err) {
   double up[3], side[3], ahead[3], eye[3], c[3], height = 0, d = (double)sc->distance;
   for (int k = 0; k < 3; k++) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Images frame_0000.png ... of a folder -> movie.mp4 and a contact sheet sheet.png, by ffmpeg where it is
-// installed.
+// Images frame_0000.png ... of a folder -> movie.mp4 and a contact sheet sheet.png, by ffmpeg where
+// it is installed.
 #include <math.h>
 #include <spawn.h>
 #include <stdio.h>

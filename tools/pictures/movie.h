@@ -5,7 +5,8 @@
 
 #include "tools/lab/lab.h"
 
-// FOLDER/frame_0000.png and on -> FOLDER/movie.mp4 and FOLDER/sheet.png. Says so where there is no ffmpeg.
+// FOLDER/frame_0000.png and on -> FOLDER/movie.mp4 and FOLDER/sheet.png. Says so where there is no
+// ffmpeg.
 sv_status lab_movie_make(lab_session *se, const char *folder, int n_frames, double fps,
                          sv_err *err) SV_MUST_USE;
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A command of this program as a child process: a run's peak memory is its own, and a crash is not ours.
+// A command of this program as a child process: a run's peak memory is its own, and a crash is not
+// ours.
 #include <errno.h>
 #include <fcntl.h>
 #include <poll.h>

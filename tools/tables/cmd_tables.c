@@ -7,7 +7,8 @@
 #include "src/base/str.h"
 #include "tools/tables/tables.h"
 
-// A full run over four scenes of 400x400 takes about an hour on two cores, a quick one about three minutes.
+// A full run over four scenes of 400x400 takes about an hour on two cores, a quick one about three
+// minutes.
 #define STEPS           2000 // the paper: about 3,000
 #define GAUSSIANS       20000
 #define QUICK_STEPS     400
@@ -24,7 +25,8 @@ static sv_status know_program(tables *t, sv_err *err) {
   return s;
 }
 
-// Noise on the prediction is for multiplexed measurements, and its figures mean another thing than noise on pictures.
+// Noise on the prediction is for multiplexed measurements, and its figures mean another thing than
+// noise on pictures.
 static sv_status leave_multiplexed(tables *t, sv_err *err) {
   int n_multiplexed = 0, n_others = 0;
   for (int i = 0; i < t->n_scenes; i++)
@@ -78,7 +80,8 @@ int lab_cmd_tables(const lab_options *o) {
   t->n_gaussians = o->gaussians > 0 ? o->gaussians : o->is_quick ? QUICK_GAUSSIANS : GAUSSIANS;
   t->n_steps = o->steps > 0 ? o->steps : o->is_quick ? QUICK_STEPS : STEPS;
   t->seed = o->seed >= 0 ? o->seed : 1;
-  sv_status s = lab_session_start(&t->session, 1, o->is_quiet, &err); // the runs have threads, not we
+  // the runs have threads, not we
+  sv_status s = lab_session_start(&t->session, 1, o->is_quiet, &err);
   t->session.lines.live_period_ns = 60 * SV_NS_PER_S; // each run says a line in a log when it ends
   if (s == SV_OK) s = work(t, &err);
   sv_linux_console_finish(&t->session.lines);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// CSV: one file a table, one with the figures of each scene, one with every run. Empty cells are not known.
+// CSV: one file a table, one with the figures of each scene, one with every run. Empty cells are
+// not known.
 #include <math.h>
 #include <stdio.h>
 

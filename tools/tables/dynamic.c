@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tables `dynamic`: moving scenes, each device against its own monocular stream, in both forms of motion. Every
-// model is scored on the held-out cameras over all times, and on the held-out times of the camera that all devices
-// share, the monocular one (the paper's protocol).
+// The tables `dynamic`: moving scenes, each device against its own monocular stream, in both forms
+// of motion. Every model is scored on the held-out cameras over all times, and on the held-out
+// times of the camera that all devices share, the monocular one (the paper's protocol).
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -45,7 +45,8 @@ static const char *file_of(const tables *t, int i_scene, int device) {
   return c->files[c->i_main].transforms;
 }
 
-// Runs a command of this program, or takes what it printed when it was run before; kept in FOLDER/name.
+// Runs a command of this program, or takes what it printed when it was run before; kept in
+// FOLDER/name.
 static sv_status child(job *j, const char *name, char **argv, const char *doing, sv_err *err) {
   char path[SV_CAP_PATH];
   void *text;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// tables.md: the tables beside the paper's figures, where the order of the devices breaks, plots and sheets.
+// tables.md: the tables beside the paper's figures, where the order of the devices breaks, plots
+// and sheets.
 #include <math.h>
 #include <stdio.h>
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which runs there are: each table is laid out as rows, and a row asks for the runs it averages over.
+// Which runs there are: each table is laid out as rows, and a row asks for the runs it averages
+// over.
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -8,11 +9,13 @@
 #include "src/base/str.h"
 #include "tools/tables/tables.h"
 
-// What a run takes on a nominal machine of two cores: only its share of the whole matters, for the time left.
+// What a run takes on a nominal machine of two cores: only its share of the whole matters, for the
+// time left.
 #define NOMINAL_PX     (400.0 * 400.0)
 #define NOMINAL_VIEW_S 0.16 // to score a view
 #define NOMINAL_CALL_S 0.3
-static const double nominal_s[TABLES_N_DEVICES] = {6.5, 9.5, 6.5, 5.5, 17}; // 1000 steps, 20,000 Gaussians
+// 1000 steps, 20,000 Gaussians
+static const double nominal_s[TABLES_N_DEVICES] = {6.5, 9.5, 6.5, 5.5, 17};
 
 const tables_file *tables_file_of(const tables *t, const tables_setting *s) {
   return &t->scenes[s->i_scene].of[s->device].files[s->i_file];
@@ -110,7 +113,8 @@ static tables_row *add_row(tables *t, tables_id id, int device, int n_exposures,
   return r;
 }
 
-// Adds one scene's run to a row. Nothing is added when the scene has no such device or too few exposures.
+// Adds one scene's run to a row. Nothing is added when the scene has no such device or too few
+// exposures.
 static sv_status add_to_row(tables *t, tables_row *r, tables_setting s, sv_err *err) {
   const tables_capture *c = &t->scenes[s.i_scene].of[s.device];
   if (!c->n) return SV_OK;
@@ -122,8 +126,8 @@ static sv_status add_to_row(tables *t, tables_row *r, tables_setting s, sv_err *
   return SV_OK;
 }
 
-// A row over all scenes with the main file of a device; like->device and n_exposures are filled in here. A row
-// without runs is taken back.
+// A row over all scenes with the main file of a device; like->device and n_exposures are filled in
+// here. A row without runs is taken back.
 static sv_status add_mean_row(tables *t, tables_id id, int device, int n_exposures, tables_setting like,
                               const char *label, sv_err *err) {
   tables_row *r = add_row(t, id, device, n_exposures, err);
@@ -181,7 +185,8 @@ static int find_theta(const tables_capture *c, double theta_deg) {
 
 static int n_angles(const tables_scene *sc) { return sc->of[TABLES_STEREO].n + sc->of[TABLES_LIGHTFIELD].n; }
 
-// The scenes that have every angle of the scene with the most; that scene, or -1 when none has two of a device.
+// The scenes that have every angle of the scene with the most; that scene, or -1 when none has two
+// of a device.
 static int choose_angle_scenes(const tables *t, bool *is_in) {
   static const int devices[] = {TABLES_STEREO, TABLES_LIGHTFIELD};
   int best = -1;

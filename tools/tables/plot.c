@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// OUT/plots: a gnuplot script with its data inside for each plot; gnuplot, when it is there, draws SVG and PNG.
+// OUT/plots: a gnuplot script with its data inside for each plot; gnuplot, when it is there, draws
+// SVG and PNG.
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -59,8 +60,8 @@ sv_status tables_script_close(FILE *f, const char *name, const char *plot, sv_er
 
 // --- curves --------------------------------------------------------------------------------------
 
-// Points of one device as a data block; returns how many. A curve of the exposures has all of them, one of
-// the angles those of one number of exposures.
+// Points of one device as a data block; returns how many. A curve of the exposures has all of them,
+// one of the angles those of one number of exposures.
 static int put_points(FILE *f, const tables *t, const curve_plot *c, int device, int n_exposures) {
   const tables_table *b = &t->tables[c->table];
   int n = 0;

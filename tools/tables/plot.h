@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the plots of all tables share: a gnuplot script with its data inside, drawn as SVG and PNG when gnuplot is there.
+// What the plots of all tables share: a gnuplot script with its data inside, drawn as SVG and PNG
+// when gnuplot is there.
 #ifndef SV_TOOLS_TABLES_PLOT_H
 #define SV_TOOLS_TABLES_PLOT_H
 
@@ -17,8 +18,8 @@ extern const int tables_device_colours[TABLES_N_DEVICES]; // 0xrrggbb
 
 // Makes OUT/plots.
 sv_status tables_drawing_begin(const tables *t, tables_drawing *d, sv_err *err) SV_MUST_USE;
-// OUT/plots/NAME.gp, open for the data; NULL: err says why. To be closed with the plot command, which is run once for
-// each picture.
+// OUT/plots/NAME.gp, open for the data; NULL: err says why. To be closed with the plot command,
+// which is run once for each picture.
 FILE *tables_script_open(const tables *t, const char *name, sv_err *err);
 sv_status tables_script_close(FILE *f, const char *name, const char *plot, sv_err *err) SV_MUST_USE;
 // Has gnuplot draw a script; what hinders it is said once, and is no failure.

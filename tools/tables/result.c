@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A run's result.json: settings and figures, and as its last key a hash of all bytes before that key, so that a
-// file that was cut or changed is told from one that this program wrote.
+// A run's result.json: settings and figures, and as its last key a hash of all bytes before that
+// key, so that a file that was cut or changed is told from one that this program wrote.
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The runs: each trains, is scored and, for the contact sheet, renders its near views, in OUT/runs/KEY. result.json
-// is written last, so what a stopped command leaves unfinished is done again and nothing else is.
+// The runs: each trains, is scored and, for the contact sheet, renders its near views, in
+// OUT/runs/KEY. result.json is written last, so what a stopped command leaves unfinished is done
+// again and nothing else is.
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -145,7 +145,8 @@ static sv_status read_scene(tables_scene *sc, sv_err *err) {
     choose_main(&sc->of[i]);
     if (sc->of[i].n && !any) any = sc->of[i].files[sc->of[i].i_main].transforms;
   }
-  // Without it views would be taken from the training file, and each device would be scored on others.
+  // Without it views would be taken from the training file, and each device would be scored on
+  // others.
   char test[SV_CAP_PATH];
   s = sv_path_join(test, sizeof test, sc->folder, "transforms_test.json", err);
   if (s == SV_OK && !sv_path_exists(test))
@@ -158,7 +159,8 @@ static sv_status read_scene(tables_scene *sc, sv_err *err) {
 
 // --- the list ------------------------------------------------------------------------------------
 
-// The folder's name, made different from those before it; without what would trouble a table or a file name.
+// The folder's name, made different from those before it; without what would trouble a table or a
+// file name.
 static void name_scene(tables *t, tables_scene *sc) {
   char base[TABLES_CAP_NAME];
   const char *name = sv_path_name(sc->folder);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Contact sheets: for each device a row of truth, render, error, true depth and depth of one near view, from
-// what the runs with one exposure rendered.
+// Contact sheets: for each device a row of truth, render, error, true depth and depth of one near
+// view, from what the runs with one exposure rendered.
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,20 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
-// The paper's tables measured by our own runtime. Datasets are scanned (scan.c); the tables are laid out
-// as rows that name the runs they average over (plan.c); the runs are child processes of this program
-// whose results stay in OUT/runs (run.c, result.c); then rows are averaged and compared
-// (rows.c) and written as Markdown, CSV, plots and contact sheets.
+// The paper's tables measured by our own runtime. Datasets are scanned (scan.c); the tables are
+// laid out as rows that name the runs they average over (plan.c); the runs are child processes of
+// this program whose results stay in OUT/runs (run.c, result.c); then rows are averaged and
+// compared (rows.c) and written as Markdown, CSV, plots and contact sheets.
 #ifndef SV_TOOLS_TABLES_TABLES_H
 #define SV_TOOLS_TABLES_TABLES_H
 
 #include "tools/lab/lab.h"
 
-#define TABLES_CAP_SCENES    32
-#define TABLES_CAP_FILES     24  // angular baselines of one device
-#define TABLES_CAP_NAME      48  // of a scene
-#define TABLES_CAP_KEY       160 // a run's folder
-#define TABLES_CAP_SETTINGS  (3 * SV_TRANSFORMS_CAP_PATH)
-#define TABLES_THETA_DEG     10 // of the paper's tables
-#define TABLES_MANY          5  // times as many Gaussians in the comparison of counts, as in the paper
+#define TABLES_CAP_SCENES   32
+#define TABLES_CAP_FILES    24  // angular baselines of one device
+#define TABLES_CAP_NAME     48  // of a scene
+#define TABLES_CAP_KEY      160 // a run's folder
+#define TABLES_CAP_SETTINGS (3 * SV_TRANSFORMS_CAP_PATH)
+#define TABLES_THETA_DEG    10 // of the paper's tables
+// times as many Gaussians in the comparison of counts, as in the paper
+#define TABLES_MANY          5
 #define TABLES_CAP_EXPOSURES 12 // the exposure sweep ends here
 
 enum { TABLES_MONO, TABLES_PHONE, TABLES_STEREO, TABLES_LIGHTFIELD, TABLES_MULTIPLEXED, TABLES_N_DEVICES };
@@ -40,15 +41,17 @@ typedef struct {
 
 typedef struct {
   tables_file files[TABLES_CAP_FILES]; // by angle
-  int n, i_main;                       // n 0: the dataset has no such device; i_main: that of the tables
+  // n 0: the dataset has no such device; i_main: that of the tables
+  int n, i_main;
 } tables_capture;
 
 typedef struct {
   char folder[SV_CAP_PATH]; // without links
   char name[TABLES_CAP_NAME];
   int n_views[TABLES_N_SPLITS], width_px, height_px; // held out
-  bool has_depth, is_dynamic;                        // dynamic: the held-out views are of several times
-  uint64_t digest;                                   // of a held-out image of each split
+  // dynamic: the held-out views are of several times
+  bool has_depth, is_dynamic;
+  uint64_t digest; // of a held-out image of each split
   tables_capture of[TABLES_N_DEVICES];
 } tables_scene;
 
@@ -125,8 +128,8 @@ typedef struct {
 uint64_t tables_hash(uint64_t h, const void *data, size_t bytes);
 sv_status tables_hash_file(uint64_t *h, const char *path, sv_err *err) SV_MUST_USE;
 
-// Finds the datasets' devices, angles and exposures; every file that a run will need is looked at. `list` is
-// DIR[,DIR...].
+// Finds the datasets' devices, angles and exposures; every file that a run will need is looked at.
+// `list` is DIR[,DIR...].
 sv_status tables_scan(tables *t, const char *list, sv_err *err) SV_MUST_USE;
 
 // Lays out all tables and the runs they need, each once.
@@ -136,16 +139,17 @@ void tables_free(tables *t);
 void tables_describe(const tables *t, const tables_run *r, char *out, size_t cap);
 const tables_file *tables_file_of(const tables *t, const tables_setting *s);
 
-// Makes the runs that have no result yet, one after the other. E_INTERRUPTED when a stop was requested: what is
-// done stays.
+// Makes the runs that have no result yet, one after the other. E_INTERRUPTED when a stop was
+// requested: what is done stays.
 sv_status tables_run_all(tables *t, sv_err *err) SV_MUST_USE;
 
 // The tables of moving scenes, instead of all others: OUT/tables.md, OUT/dynamic.csv and plots of
 // PSNR in OUT/plots. What was run before is taken from OUT/runs.
 sv_status tables_dynamic(tables *t, int *n_runs, sv_err *err) SV_MUST_USE;
 
-// A child process of this program with the arguments argv[1..], NULL at the end. Its stdout (at most cap - 1
-// bytes, terminated) is returned, its stderr goes to `log`. `tick` is called a few times a second.
+// A child process of this program with the arguments argv[1..], NULL at the end. Its stdout (at
+// most cap - 1 bytes, terminated) is returned, its stderr goes to `log`. `tick` is called a few
+// times a second.
 typedef struct {
   const char *program, *log;
   char *const *argv;
@@ -155,7 +159,8 @@ typedef struct {
 } tables_child;
 sv_status tables_child_run(const tables_child *c, char *out, size_t cap, sv_err *err) SV_MUST_USE;
 
-// result.json of a run. read: E_NOT_FOUND when there is none; E_FORMAT when it is damaged or of another run.
+// result.json of a run. read: E_NOT_FOUND when there is none; E_FORMAT when it is damaged or of
+// another run.
 sv_status tables_result_read(tables_run *r, const char *path, sv_err *err) SV_MUST_USE;
 sv_status tables_result_write(const tables_run *r, const char *path, sv_err *err) SV_MUST_USE;
 // Figures from what `train --json` and `eval --json` print.

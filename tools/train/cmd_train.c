@@ -16,7 +16,8 @@
 
 #define N_PANELS 4
 
-// Thrice as many as others: a clip comes first, and a network learns more slowly than each Gaussian for itself.
+// Thrice as many as others: a clip comes first, and a network learns more slowly than each Gaussian
+// for itself.
 #define FIELD_STEPS 9000
 
 // One training run, from the options to what is saved.
@@ -59,7 +60,8 @@ static sv_train_cfg train_cfg(const lab_options *o, sv_dynamic_cfg *d) {
   return c;
 }
 
-// How often the file's frames share an exposure; frames without a number are exposures of their own.
+// How often the file's frames share an exposure; frames without a number are exposures of their
+// own.
 static sv_sampling sampling_of(const lab_views *v) {
   sv_sampling s = {.is_multiplexed = v->n_measurements > 0};
   for (int i = 0; i < v->n; i++) {
@@ -146,7 +148,8 @@ static const char *points_file(run *r) {
   const long n = r->o->exposures;
   if (init) return strncmp(init, "points:", 7) == 0 ? init + 7 : NULL;
   if (!*r->views.points || r->is_standing) return NULL; // such a rig cannot have measured them
-  // Nor can so few views, which lie as far apart as can be. What a device measures by itself is the stereo start's.
+  // Nor can so few views, which lie as far apart as can be. What a device measures by itself is the
+  // stereo start's.
   if (n > 0 && n <= SV_FEW_EXPOSURES) {
     if (n > 1)
       lab_say(&r->session,
@@ -417,12 +420,14 @@ static void report_settings(lab_report *j, const run *r) {
     lab_report_num(j, "noise_read", (double)r->o->noise_read);
     lab_report_num(j, "noise_shot", (double)r->o->noise_shot);
   }
-  lab_report_bool(j, "undistorted", r->views.is_undistorted); // images of training and evaluation alike
+  // images of training and evaluation alike
+  lab_report_bool(j, "undistorted", r->views.is_undistorted);
   lab_report_num(j, "near_z", (double)r->render.near_z);
   lab_report_bool(j, "stopped", r->is_stopped);
 }
 
-// All are written before the first takes its place: what can fail or take long leaves an older model whole.
+// All are written before the first takes its place: what can fail or take long leaves an older
+// model whole.
 static sv_status save(run *r, sv_err *err) {
   enum { MODEL, MOTION, SETTINGS, N_FILES };
   sv_file files[N_FILES] = {{.fd = -1}, {.fd = -1}, {.fd = -1}};

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rendering a model for looking and for scoring: a renderer without gradients in a block of its own.
+// Rendering a model for looking and for scoring: a renderer without gradients in a block of its
+// own.
 #ifndef SV_TOOLS_TRAIN_EVALUATE_H
 #define SV_TOOLS_TRAIN_EVALUATE_H
 
@@ -27,7 +28,8 @@ typedef struct {
   sv_gaussians *g;
   sv_deform *deform;        // takes g to each view's time; NULL: nothing moves
   sv_render_options render; // has_depth: compare depth, too
-  const char *panel_folder; // NULL, or where n_panels images "truth | render" (with masks: "| seen") go
+  // NULL, or where n_panels images "truth | render" (with masks: "| seen") go
+  const char *panel_folder;
   int n_panels;
   // NULL, or called with each view, one after another, in the order of lab_views.by_lens. `of` is
   // its first argument.
@@ -50,10 +52,10 @@ typedef struct {
   double load_s, render_s, compare_s;
 } lab_scores;
 
-// Scores all views of v, a few at a time, on all threads; the result does not depend on their number.
-// Truth is laid over the same background. Depth: expected depth against the file's, on pixels whose alpha
-// and its 3x3 neighbors' is at least 250/255, true depth above 0.01 and rendered alpha above 1e-4.
-// Stops with E_INTERRUPTED when a stop is requested.
+// Scores all views of v, a few at a time, on all threads; the result does not depend on their
+// number. Truth is laid over the same background. Depth: expected depth against the file's, on
+// pixels whose alpha and its 3x3 neighbors' is at least 250/255, true depth above 0.01 and rendered
+// alpha above 1e-4. Stops with E_INTERRUPTED when a stop is requested.
 sv_status lab_evaluate(const lab_views *v, const lab_eval_job *job, lab_scores *out, sv_err *err) SV_MUST_USE;
 
 // n_wanted views spread evenly over n_views: which of them view i is, -1 for none.

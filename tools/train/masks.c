@@ -9,8 +9,9 @@
 #include "tools/metric/flow.h"
 
 #define WORK_SIDE_PX 640 // larger images are compared at 1/k
-#define CAP_SOURCES  96  // depth images that tell what stands in front; more of them are thinned out
-#define CLEAR        127 // of 255: alpha of a pixel that one looks through
+// depth images that tell what stands in front; more of them are thinned out
+#define CAP_SOURCES 96
+#define CLEAR       127 // of 255: alpha of a pixel that one looks through
 
 // A training view.
 typedef struct {
@@ -58,7 +59,7 @@ static int reduction(const sv_view *v) {
 }
 static size_t pixels(const sv_view *v) { return (size_t)v->width_px * (size_t)v->height_px; }
 
-// --- depth: what stands in front of the training cameras ------------------------------------------
+// --- depth: what stands in front of the training cameras -----------------------------------------
 
 typedef struct {
   const lab_frame *frame;
@@ -88,7 +89,8 @@ static void source_task(void *arg, int i_task, int i_thread) {
   }
   d->err.status = lab_depth_load(&j->m->workers[i_thread].loader, d->frame, d->scale, depth, &d->err);
   if (k == 1 || d->err.status != SV_OK) return;
-  for (int y = 0; y < d->view.height_px; y++) // the middle sample: depths of two surfaces are not mixed
+  // the middle sample: depths of two surfaces are not mixed
+  for (int y = 0; y < d->view.height_px; y++)
     for (int x = 0; x < d->view.width_px; x++)
       depth[(size_t)y * (size_t)d->view.width_px + (size_t)x] =
           depth[(size_t)(y * k + k / 2) * (size_t)w + (size_t)(x * k + k / 2)];
@@ -205,7 +207,8 @@ static void pyramid_task(void *arg, int i_task, int i_thread) {
   free(grey);
 }
 
-// Where camera a's pixels are in camera b if everything lay in the plane that faces a at the scene's center.
+// Where camera a's pixels are in camera b if everything lay in the plane that faces a at the
+// scene's center.
 static void start_homography(const sv_view *a, const sv_view *b, const float centre[3], double h[9]) {
   double r[9], t[3], depth = (double)a->t[2];
   for (int i = 0; i < 3; i++) depth += (double)a->r[6 + i] * (double)centre[i];

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Co-visibility masks of a split (tools/metric/covisible.h): which pixels of its views the training views have seen.
+// Co-visibility masks of a split (tools/metric/covisible.h): which pixels of its views the training
+// views have seen.
 #ifndef SV_TOOLS_TRAIN_MASKS_H
 #define SV_TOOLS_TRAIN_MASKS_H
 
@@ -7,10 +8,11 @@
 
 typedef struct lab_masks lab_masks;
 
-// v: the views to be masked, kept. train: source of the training views (its split is "train"). bg: what transparent
-// images are laid over. By depth when each view of v has true depth and nothing moves (all frames have one time);
-// what stands in front of the training cameras is then known from all depth images of the splits train, test,
-// test_near and v. Otherwise by flow between the pictures.
+// v: the views to be masked, kept. train: source of the training views (its split is "train"). bg:
+// what transparent images are laid over. By depth when each view of v has true depth and nothing
+// moves (all frames have one time); what stands in front of the training cameras is then known from
+// all depth images of the splits train, test, test_near and v. Otherwise by flow between the
+// pictures.
 sv_status lab_masks_open(lab_masks **out, lab_session *se, const lab_views *v, const lab_source *train,
                          const float bg[3], sv_err *err) SV_MUST_USE;
 void lab_masks_close(lab_masks *m);               // also NULL

@@ -97,8 +97,8 @@ static sv_status write_render(lab_prior *p, int i, const sv_view *v, float progr
   const sv_planes *x = &t->render.rgb;
   for (int y = 0; y < x->height_px; y++)
     for (int col = 0; col < x->width_px; col++) {
-      const size_t from = (size_t)y * (size_t)x->stride + (size_t)col,
-                   to = (size_t)y * (size_t)x->width_px + (size_t)col;
+      const size_t from = (size_t)y * (size_t)x->stride + (size_t)col;
+      const size_t to = (size_t)y * (size_t)x->width_px + (size_t)col;
       for (int c = 0; c < 3; c++) p->rgba[4 * to + (size_t)c] = byte_of(x->c[c][from]);
       p->rgba[4 * to + 3] = byte_of(1.0f - t->render.trans[from]);
       p->units[to] = (uint16_t)fmin(65535, (double)p->prior->expected[from] / p->depth_unit + 0.5);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// --prior: what is known beyond the pictures. external:CMD calls a program with a folder of what is to be mended, and
-// hands what it leaves there to the core (src/prior/views.h; docs/priors.md is the folder's contract).
+// --prior: knowledge beyond the captured images. external:CMD calls a program with a folder of
+// renderings and passes the images and depth maps that it writes there to the core
+// (src/prior/views.h; docs/priors.md is the folder's contract).
 #ifndef SV_TOOLS_TRAIN_PRIOR_H
 #define SV_TOOLS_TRAIN_PRIOR_H
 
@@ -49,11 +50,13 @@ void lab_prior_report(lab_report *j, const lab_prior *p); // what came of it
 void lab_prior_end(lab_prior *p);
 
 // --- pieces --------------------------------------------------------------------------------------
-// "CMD FOLDER" by the shell, in a group of its own, its stdout and stderr into `log`. E_TIMEOUT after limit_s,
-// E_INTERRUPTED when a stop is requested, E_DEVICE when it cannot be started or fails; then the group is ended.
+// "CMD FOLDER" by the shell, in a group of its own, its stdout and stderr into `log`. E_TIMEOUT
+// after limit_s, E_INTERRUPTED when a stop is requested, E_DEVICE when it cannot be started or
+// fails; then the group is ended.
 sv_status lab_prior_run(const char *command, const char *folder, const char *log, double limit_s,
                         const sv_console *console, sv_err *err) SV_MUST_USE;
-// What came back for view i of a call (prior_answer.c): `id` of a view that has a number, -1: one of the request.
+// What came back for view i of a call (prior_answer.c): `id` of a view that has a number, -1: one
+// of the request.
 sv_status lab_prior_take(lab_prior *p, int i, int id, float until, sv_err *err) SV_MUST_USE;
 // The depth maps that the dataset names (depth_prior, disparity_prior).
 sv_status lab_prior_load(lab_prior *p, sv_err *err) SV_MUST_USE;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What came back from a call: answer_NNN.png, answer_NNN_depth.png (or .pfm, in world units), answer_NNN_disparity.png.
+// What came back from a call: answer_NNN.png, answer_NNN_depth.png (or .pfm, in world units),
+// answer_NNN_disparity.png.
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -74,7 +75,8 @@ static sv_status read_png(lab_prior *p, const char *path, const sv_view *v, bool
   return s;
 }
 
-// "Pf", width, height, scale (negative: little-endian), one white character, floats from the bottom row up.
+// "Pf", width, height, scale (negative: little-endian), one white character, floats from the bottom
+// row up.
 static sv_status read_pfm(lab_prior *p, const char *path, const sv_view *v, sv_err *err) {
   void *data;
   size_t bytes;
