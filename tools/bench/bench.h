@@ -35,7 +35,7 @@ extern "C" {
 
 // Stages of a step, each with the operations of the kernel table that it runs.
 typedef enum {
-  SV_STAGE_TARGET,     // the picture to planes
+  SV_STAGE_TARGET,     // the image to planes
   SV_STAGE_PROJECT,    // Gaussians to splats
   SV_STAGE_ORDER,      // depth sort and lists of the tiles
   SV_STAGE_RASTER,     // blending
@@ -77,7 +77,7 @@ typedef struct {
   double median, least, q1, q3; // ms; quartiles
 } sv_bench_times;
 
-// What one picture of a scene asks for.
+// What one image of a scene asks for.
 typedef struct {
   uint64_t pairs; // pixel-splat pairs that the kernels evaluate
   // Of those, pairs that are blended: alpha of 1/255 and more, and light left to stop
@@ -136,7 +136,7 @@ typedef struct {
   sv_bench_cost cost; // of one item
 } sv_bench_kernel;
 
-// A scene to be timed: one training view with a smooth, noisy picture, and Gaussians that together
+// A scene to be timed: one training view with a smooth, noisy image, and Gaussians that together
 // cover it about ten deep, as trained models do: half on a surface, log-normal sizes, flat,
 // opacities of 0.05 to 0.95. Learning rates are so low that no parameter moves: all steps are the
 // same work.
@@ -185,7 +185,7 @@ size_t sv_bench_kernel_bytes(void); // what the kernels' part takes
 // Median, least and quartiles of v[n], which is sorted; zeros when n < 1.
 sv_bench_times sv_bench_times_of(double *v, int n);
 
-// Counts of the trainer's last picture, which has no depth: the plane of depths is overwritten.
+// Counts of the trainer's last image, which has no depth: the plane of depths is overwritten.
 // n_touched is left 0.
 sv_bench_counts sv_bench_count(sv_trainer *t);
 sv_bench_cost sv_bench_cost_of(sv_bench_op op, const sv_bench_counts *n);

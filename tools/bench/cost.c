@@ -95,7 +95,7 @@ double sv_bench_arrays_bytes(const sv_bench_counts *n) {
   const double gaussian = (4 + 2 * 2) * n->n_rows + (double)sizeof(sv_splat);
   const double record = sizeof(sv_intersection) + sizeof(uint32_t) + sizeof(sv_pair) + SV_IGRAD_BYTES;
   const double pixel =
-      3 + 4 * (3 + 3 + 3 + 1); // the picture; planes of it, of the rendering, its gradient, errors
+      3 + 4 * (3 + 3 + 3 + 1); // the image; planes of it, of the rendering, its gradient, errors
   return gaussian * n->n_gaussians + record * n->n_intersections + pixel * n->n_pixels;
 }
 

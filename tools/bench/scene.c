@@ -18,7 +18,7 @@ static sv_view camera(int w, int h) {
 
 static void fill_gaussians(sv_gaussians *g, uint64_t seed) {
   sv_rng rng = sv_rng_make(seed, 11);
-  // n discs of radius r cover a picture of area about (2 x 1.2)^2 DEEP times when n pi r^2 = DEEP x
+  // n discs of radius r cover an image of area about (2 x 1.2)^2 DEEP times when n pi r^2 = DEEP x
   // area.
   double r = sqrt(DEEP * 5.76 / (SV_PI * g->n));
   for (int i = 0; i < g->n; i++) {

@@ -106,7 +106,8 @@ sv_status lab_model_read(lab_model *m, const char *path, sv_err *err) {
     return s;
   }
   if (is_ply)
-    s = lab_motion_read(m, path, err);    // other formats are still: what moves beside them is another model
+    // other formats are still: what moves beside them is another model
+    s = lab_motion_read(m, path, err);
   m->digest = sv_gaussians_digest(&m->g); // as sv_train_digest
   if (m->deform.kind != SV_DEFORM_NONE) m->digest = sv_dynamic_digest(&m->deform, m->digest);
   if (s != SV_OK) lab_model_free(m);

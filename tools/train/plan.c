@@ -36,7 +36,7 @@ static sv_status carve(lab_plan *p, lab_session *s, const lab_views *v, const sv
   sv_arena_part_begin(&p->arena, "start");
   p->scratch = sv_arena_sub(&p->arena, sv_driver_scratch_bytes(cfg, n_points));
   if (p->arena.status < 0)
-    return sv_fail(err, p->arena.status, "the memory plan is too small by its own count");
+    return sv_fail(err, p->arena.status, "internal error: the memory plan is too small");
   sv_status st = sv_trainer_init(&p->trainer, cfg, (sv_compute){&s->k, &s->pool}, &p->arena, err);
   if (st >= 0) st = sv_dynamic_init(&p->dynamic, &x->dynamic, &p->trainer, &p->arena, err);
   return st >= 0 ? sv_prior_init(&p->prior, &x->prior, &p->trainer, &p->arena, err) : st;

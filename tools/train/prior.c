@@ -67,7 +67,10 @@ void lab_prior_cfg(const lab_options *o, const lab_views *v, sv_prior_cfg *c) {
   }
   const int every = c->every;
   sv_prior_set_method(c, (sv_prior_method)method_of(o->prior), v->n);
-  if (every > 0) c->every = every, c->warp_every = 0; // mended views instead of warped ones
+  if (every > 0) { // mended views instead of warped ones
+    c->every = every;
+    c->warp_every = 0;
+  }
 }
 
 // --- what a call is given ------------------------------------------------------------------------
