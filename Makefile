@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # One make, not recursive; the rules are in mk/, by subject. `make help` lists the targets below.
 
-# --- options -----------------------------------------------------------------------------------------------------------
+# --- options ----------------------------------------
 HOST_ARCH := $(shell uname -m)
 # The board to build for: a folder of boards/ (BOARD=rpi5).
 BOARD     ?= $(if $(filter aarch64,$(HOST_ARCH)),generic-arm64,sim-x86)
@@ -13,9 +13,11 @@ SAN       ?=
 WERROR    ?=
 # minimal: subview and subview-lab alone, without calibration, preview page and libcamera.
 WITH      ?= all
-# Debugging information; line numbers by default, -g has local variables too and compiles a quarter longer.
+# Debugging information; line numbers by default, -g has local variables too and compiles a quarter
+# longer.
 DEBUG     ?= $(if $(SAN),-g,-g1)
-# A compiler prefix without a sysroot, for the library alone; with ARCH_FLAGS and ISAS (mk/foreign.mk).
+# A compiler prefix without a sysroot, for the library alone; with ARCH_FLAGS and ISAS
+# (mk/foreign.mk).
 CROSS     ?=
 # Where `make install` installs.
 PREFIX    ?= /usr/local
@@ -27,8 +29,8 @@ GROUPS    ?= $(if $(TESTS),named,unit)
 FUZZ_ARGS ?=
 # The port of `make demo-live`.
 PORT      ?= 8080
-# Also: CC=clang takes another compiler, V=1 prints commands, OPT and OPT_KERNELS set optimization levels, RUNS selects
-# systems of `make bare-test`, DESTDIR prefixes PREFIX.
+# Also: CC=clang takes another compiler, V=1 prints commands, OPT and OPT_KERNELS set optimization
+# levels, RUNS selects systems of `make bare-test`, DESTDIR prefixes PREFIX.
 
 # What make already runs in parallel keeps its jobs; otherwise an inner make takes all cores.
 PARALLEL = $(if $(findstring jobserver,$(MAKEFLAGS)),,-j$(JOBS))
@@ -37,7 +39,7 @@ PARALLEL = $(if $(findstring jobserver,$(MAKEFLAGS)),,-j$(JOBS))
 include mk/board.mk mk/kernels.mk mk/flags.mk mk/sources.mk mk/compile.mk mk/programs.mk mk/tests.mk mk/checks.mk mk/install.mk \
   mk/library.mk
 
-# --- targets -----------------------------------------------------------------------------------------------------------
+# --- targets ----------------------------------------
 all: ## build the runtime, the tools and the tests for BOARD
 programs: ## build the runtime and the tools only
 demo: ## install what is missing, build, run the main job on the simulator
@@ -57,6 +59,7 @@ cross: ## the fast tests and the digests for arm64, emulated
 board-test: ## capture and train on a virtual ARM board with cameras (QEMU); under 5 minutes, 4 more the first time
 bare-test: ## the README's commands on minimal Debian 12 and 13 systems (needs root); RUNS=trixie: one of them
 bench: ## time the kernels (also into kernels.csv), whole steps and their stages
+stage-digests: ## digests of each stage of each step (STAGE_ARGS="STEPS ISA THREADS"); compare two builds by diff
 accept-counts: ## take the instructions counted now as those a step may take
 mca: ## predicted cycles of the kernels on ARM cores, and the steps that follow (llvm-mca)
 plan: ## the board's memory map; fails when it does not fit

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernel table. A caller owns one sv_kernels, fills it once, and calls through it; nothing here has
-// state. Each op's contract is in kernels/<op>/<op>.h.
+// The kernel table. A caller owns one sv_kernels, fills it once, and calls through it; nothing here
+// has state. Each op's contract is in kernels/<op>/<op>.h.
 #ifndef SV_KERNELS_KERNELS_H
 #define SV_KERNELS_KERNELS_H
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// All contracts and prototypes: a header declares sv_<name>_fn, the type of an operation; the functions of that
-// type follow from variants.inc.
+// All contracts and prototypes: a header declares sv_<name>_fn, the type of an operation; the
+// functions of that type follow from variants.inc.
 #ifndef SV_KERNELS_OPS_H
 #define SV_KERNELS_OPS_H
 
@@ -9,13 +9,13 @@
 #include "kernels/color/color.h"
 #include "kernels/corner/corner.h"
 #include "kernels/demosaic/demosaic.h"
-#include "kernels/explore/explore.h"
 #include "kernels/field/field.h"
 #include "kernels/fma_peak/fma_peak.h"
 #include "kernels/luma/luma.h"
 #include "kernels/motion/motion.h"
 #include "kernels/newton/newton.h"
 #include "kernels/patch/patch.h"
+#include "kernels/position_noise/position_noise.h"
 #include "kernels/project/project.h"
 #include "kernels/raster/raster.h"
 #include "kernels/raw/raw.h"

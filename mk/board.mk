@@ -13,8 +13,8 @@ endif
 BOARD_BENCH ?= yes
 HAVE_BENCH  := $(filter-out no,$(BOARD_BENCH))
 
-# A machine of the board's own architecture needs no cross compiler, sysroot or emulator. A board without
-# BOARD_DEBIAN_ARCH has a toolchain that brings its own headers.
+# A machine of the board's own architecture needs no cross compiler, sysroot or emulator. A board
+# without BOARD_DEBIAN_ARCH has a toolchain that brings its own headers.
 ifeq ($(BOARD_ARCH),$(HOST_ARCH))
 override BOARD_CROSS :=
 override BOARD_RUN   :=

@@ -33,7 +33,8 @@ $(O)/obj/%.o: %.c
 $(O)/obj/platform/preview/bundle.o: $(wildcard platform/preview/page/*)
 $(O)/obj/tools/metric/lpips_weights.o: tools/weights/lpips_squeeze.bin
 
-# archive_rule NAME,OBJECTS. A changed list of members makes the archive anew: a deleted source must not live on in it.
+# archive_rule NAME,OBJECTS. A changed list of members makes the archive anew: a deleted source must
+# not live on in it.
 define archive_rule
 $(O)/$(1).list: FORCE
 	@mkdir -p $$(@D); echo '$(2)' | cmp -s - $$@ || echo '$(2)' > $$@

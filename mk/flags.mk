@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # Compiler and linker flags.
 
-# The same bits on every machine: no contraction, no fast-math (kernels/kernels.h has the rules of the arithmetic).
+# The same bits on every machine: no contraction, no fast-math (kernels/kernels.h has the rules of
+# the arithmetic).
 ARITH  := -ffp-contract=off -fno-math-errno -fno-trapping-math
 ERRORS := $(if $(filter-out 0,$(WERROR)),-Werror)
 WARN   := -Wall -Wextra -Wpedantic -Wshadow -Wvla -Walloca -Wstrict-prototypes \

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-# Kernels. Every kernels/<op>/<op>_vec.c is compiled once for each instruction set of the board (BOARD_ISAS), with the
-# vector vocabulary kernels/simd/v16_<isa>.h; files named *_<isa>.c are for that one only; all others are plain C.
+# Kernels. Every kernels/<op>/<op>_vec.c is compiled once for each instruction set of the board
+# (BOARD_ISAS), with the vector vocabulary kernels/simd/v16_<isa>.h; files named *_<isa>.c are for
+# that one only; all others are plain C.
 #
 # An instruction set: its flags, its name in SV_HAVE_... and SV_ISA_...
 ALL_ISAS := sse41 avx2 avx512 neon
@@ -14,8 +15,8 @@ NAME_avx2   := AVX2
 NAME_avx512 := AVX512
 NAME_neon   := NEON
 HAVE := $(foreach i,$(BOARD_ISAS),-DSV_HAVE_$(NAME_$(i))=1)
-# Projection is long, has no loops and more live vectors than registers: scheduling before register allocation runs more
-# of its chains side by side.
+# Projection is long, has no loops and more live vectors than registers: scheduling before register
+# allocation runs more of its chains side by side.
 PROJECT_CFLAGS := $(if $(IS_CLANG),,-fschedule-insns -fsched-pressure)
 
 KERNEL_VEC := $(wildcard kernels/*/*_vec.c)
@@ -40,6 +41,6 @@ $(foreach i,ref $(BOARD_ISAS),$(eval $(call probe_rule,$(i))))
 $(O)/obj/kernels/%.o: kernels/%.c
 	$(call compile,$(KERNEL_CFLAGS))
 $(O)/obj/kernels/project/%.o: KERNEL_CFLAGS += $(PROJECT_CFLAGS)
-# GCC 12 for AArch64 at -O3 moves a copy of one struct over another's (tests/kernels/check_v16.c found it); the
-# vocabulary's reference is compiled without that freedom.
+# GCC 12 for AArch64 at -O3 moves a copy of one struct over another's (tests/kernels/check_v16.c
+# found it); the vocabulary's reference is compiled without that freedom.
 $(O)/obj/tests/kernels/v16_probe_vec_ref.o: HOST_CFLAGS += -fno-strict-aliasing

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# Libraries and programs: libcore.a (src, calib, kernels), libplatform.a, libtools.a, and the programs in bin/.
+# Libraries and programs: libcore.a (src, calib, kernels), libplatform.a, libtools.a, and the
+# programs in bin/.
 ifneq ($(filter-out all minimal,$(WITH)),)
 $(error WITH is all or minimal, not $(WITH))
 endif
@@ -15,7 +16,8 @@ $(eval $(call archive_rule,libplatform,$(call obj,$(PLAT_SRC))))
 $(eval $(call archive_rule,libtools,$(call obj,$(HELPER_SRC))))
 $(eval $(call archive_rule,libcalibrate,$(call obj,$(filter-out %/main.c,$(CAL_SRC)) $(SOLVE_SRC))))
 
-# Optional libraries are looked up when a program is linked, as the same make may have made the sysroot.
+# Optional libraries are looked up when a program is linked, as the same make may have made the
+# sysroot.
 has_lib = $(if $(wildcard $(INC_DIR)/$(1)),$(2))
 link = @mkdir -p $(@D); $(if $(V),echo link $@;) $(CC) $(filter %.o,$^) $(filter %.a,$^) $(LDFLAGS_ALL) $(1) \
   $(LIBS) $(call has_lib,zstd.h,-lzstd) $(call has_lib,webp/mux.h,-lwebpmux -lwebpdemux -lwebp) -o $@

@@ -12,7 +12,7 @@ LAB_SRC     := $(filter-out $(CAL_SRC),$(call c_files,tools/*))
 HELPER_SRC  := $(filter-out %/main.c,$(LAB_SRC))
 TEST_SRC    := $(filter-out %_vec.c,$(call c_files,tests/*))
 
-# --- optional libraries: what is missing is left out -------------------------------------------------------------------
+# --- optional libraries: what is missing is left out ----------------------------------------
 have     = $(if $(filter minimal,$(WITH)),,$(if $(filter $(words $(1)),$(words $(wildcard $(addprefix $(INC_DIR)/,$(1))))),1))
 have_cxx = $(if $(HAVE_CXX),$(call have,$(1)))
 HAVE_libcamera := $(call have_cxx,libcamera/libcamera/libcamera.h)
@@ -28,8 +28,8 @@ PLAT_SRC := $(filter-out platform/libcamera/libcamera_none.c,$(PLAT_SRC))
 LIBS     += $(if $(HAVE_libcamera),-lcamera -lcamera-base -lstdc++)
 endif
 
-# Of calib/solve the files named *_LIB.c or *_LIB.cc need LIB; without it *_LIB_none.c takes their place, whose functions
-# report that LIB is missing.
+# Of calib/solve the files named *_LIB.c or *_LIB.cc need LIB; without it *_LIB_none.c takes their
+# place, whose functions report that LIB is missing.
 SOLVE_ALL  := mrcal opencv mrgingham opengv
 SOLVE_LIBS_mrcal     := -lmrcal -lcholmod
 SOLVE_LIBS_opencv    := -lopencv_calib3d -lopencv_video -lopencv_features2d -lopencv_imgproc -lopencv_core

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-# Tests: tests/GROUP/test_*.c are programs of their own; the other files of a group's folder are linked to all of its
-# programs, tests/common to all of all groups.
+# Tests: tests/GROUP/test_*.c are programs of their own; the other files of a group's folder are
+# linked to all of its programs, tests/common to all of all groups.
 GROUPS_PLAIN := unit grad golden fault scenario budget
 
-# Programs that count or forbid heap calls are linked with the malloc interposer; any other program would be interposed
-# unasked.
+# Programs that count or forbid heap calls are linked with the malloc interposer; any other program
+# would be interposed unasked.
 HEAP_SRC   := tests/fault/heap_count.c
 HEAP_USERS := fault/test_hostile_jpeg fault/test_heap_live fault/test_heap_run fault/test_v4l2_faults \
   unit/test_codec unit/test_linux unit/test_heap_count unit/test_replay
@@ -46,20 +46,26 @@ $(O)/tests/source-check: $(call obj,tests/conform/source_check.c) $(TEST_ARCHIVE
 $(O)/tests/source-faults: $(call obj,tests/conform/source_faults.c tests/conform/inject.c) $(TEST_ARCHIVES)
 	$(call link)
 
+# Digests of every stage of every step, to find the first that differs between two builds.
+PROGS_digests := $(O)/tests/stage-digests
+$(PROGS_digests): $(call obj,tests/digests/stage_digests.c) $(TEST_ARCHIVES)
+	$(call link,-lcmocka)
+
 PROGS_lint  := $(CORE) $(PROGRAMS)
 PROGS_named := $(addprefix $(O)/tests/,$(TESTS))
 
 .PHONY: tests-build conform
-tests-build: $(foreach g,$(GROUPS_PLAIN) kernels fuzz conform,$(PROGS_$(g)))
+tests-build: $(foreach g,$(GROUPS_PLAIN) kernels fuzz conform digests,$(PROGS_$(g)))
 conform: $(PROGS_conform)
 
-# --- running -----------------------------------------------------------------------------------------------------------
-# Tests that start a program read these: where the programs are, and what to put before them when they are foreign.
+# --- running ----------------------------------------
+# Tests that start a program read these: where the programs are, and what to put before them when
+# they are foreign.
 export SV_BIN := $(O)/bin
 export SV_EMULATE := $(EMULATE)
 
-# A group's list for tests/run/run.sh: one line an item, "label\tcommand" or "label\tcommand\tseconds". An item whose
-# label begins with "!" runs alone.
+# A group's list for tests/run/run.sh: one line an item, "label\tcommand" or
+# "label\tcommand\tseconds". An item whose label begins with "!" runs alone.
 LINTS := files words includes headers symbols stack links docs format
 LINT_ENV := CC='$(CC) $(SYSROOT_FLAG)' OBJDUMP='$(OBJDUMP)' SAN='$(SAN)'
 item = "$(1)\t$(2)$(if $(3),\t$(3))"
@@ -99,6 +105,10 @@ $(eval $(call run_rule,fuzz,fuzz))
 $(eval $(call run_rule,lint,lint))
 $(eval $(call run_rule,only,$(GROUPS)))
 test-all: programs
+
+.PHONY: stage-digests
+stage-digests: $(PROGS_digests)
+	@$(EMULATE) $< $(STAGE_ARGS)
 
 .PHONY: test cross board-test bare-test accept-counts
 test:

@@ -17,14 +17,16 @@ typedef struct {
   uint32_t step; // one more each time; rounds v
 } sv_adam_args;
 
-// m and v are kept as the upper halves of floats (bfloat16), m to the nearest. So would a v that changes by a thousandth a
-// step stay where it is: it goes up or down as often as its mean asks for (stochastic rounding). To its bits 16 others are
-// added before the lower half is cut off, those of a sequence that fills them evenly, the multiples of the golden section
-// by step, and the lower ones of g and p.
+// m and v are kept as the upper halves of floats (bfloat16), m to the nearest. So would a v that
+// changes by a thousandth a step stay where it is: it goes up or down as often as its mean asks for
+// (stochastic rounding). To its bits 16 others are added before the lower half is cut off, those of
+// a sequence that fills them evenly, the multiples of the golden section by step, and the lower
+// ones of g and p.
 #define SV_ADAM_GOLDEN 0x9e3779b1u
 
-// p, m, v: [n_rows][16] of the block, updated; grad [n_rows][16]. Lanes whose bit in touched is 0 keep
-// p, m and v.   m = b1 m + (1-b1) g;  v = b2 v + (1-b2) g^2;  p -= lr m / (sqrt(v) rsqrt_bias2 + eps). exact.
+// p, m, v: [n_rows][16] of the block, updated; grad [n_rows][16]. Lanes whose bit in touched is 0
+// keep p, m and v.   m = b1 m + (1-b1) g;  v = b2 v + (1-b2) g^2;  p -= lr m / (sqrt(v) rsqrt_bias2
+// + eps). exact.
 typedef void sv_adam_fn(const sv_adam_args *a, uint32_t touched, const float *grad, float *p, uint16_t *m,
                         uint16_t *v);
 

@@ -5,14 +5,15 @@
 
 #include "kernels/project/project.h"
 
-// From a real column to the first or last pixel inside: 0.99 to round up, less 0.5 for the pixel's centre;
-// 0.02 px of slack cover rounding errors.
+// From a real column to the first or last pixel inside: 0.99 to round up, less 0.5 for the pixel's
+// centre; 0.02 px of slack cover rounding errors.
 #define BIN_ROUND_LO (0.99f - 0.5f - 0.02f)
 #define BIN_ROUND_HI (-0.5f + 0.02f)
 
-// Square roots from bits, x to the power of -1/2 by one step of Newton's from an estimate that is right to 3.5 %, times
-// x: too small by at most 1.8e-3 of them, and BIN_ROOT_UP makes them too large by as much. A vector's true square root
-// takes as long as the rest of a row. Of numbers that are not positive the result means nothing.
+// Square roots from bits, x to the power of -1/2 by one step of Newton's from an estimate that is
+// right to 3.5 %, times x: too small by at most 1.8e-3 of them, and BIN_ROOT_UP makes them too
+// large by as much. A vector's true square root takes as long as the rest of a row. Of numbers that
+// are not positive the result means nothing.
 #define BIN_ROOT_BITS 1597463007.0f // 0x5f3759df
 #define BIN_ROOT_UP   1.0018f
 #define BIN_ALL       1e30f // a discriminant that reaches all of the bounds

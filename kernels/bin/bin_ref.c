@@ -9,8 +9,9 @@
 
 // The ellipse, its columns in blocks from the first tile's first one on.
 typedef struct {
-  float k, l;         // discriminant k dy^2 + l
-  float b, lo, hi, r; // edges: lo + b dy + r root, and hi + b dy - r root, the discriminant's root; r < 0
+  float k, l; // discriminant k dy^2 + l
+  // edges: lo + b dy + r root, and hi + b dy - r root, the discriminant's root; r < 0
+  float b, lo, hi, r;
 } ellipse;
 
 static ellipse ellipse_of(const sv_splat *s) {
@@ -41,8 +42,8 @@ static void mark_row(const sv_splat *s, int row, sv_intersection *intersection) 
   const ellipse e = ellipse_of(s);
   const int col = s->bx0 & ~7;
   const float min = (float)(s->bx0 - col), max = (float)(s->bx1 + 1 - col);
-  // The rows' pixel centres span dy in [top - 3, top]; the ellipse is widest there at the height nearest to its
-  // own extreme. Both of these heights are on the ellipse, or neither.
+  // The rows' pixel centres span dy in [top - 3, top]; the ellipse is widest there at the height
+  // nearest to its own extreme. Both of these heights are on the ellipse, or neither.
   float top = s->v_px - ((float)(4 * row) + 0.5f), bottom = top - 3.0f;
   float left = s1_min(s1_max(-s->dy_right, bottom), top), right = s1_min(s1_max(s->dy_right, bottom), top);
   float disc = disc_at(&e, left);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// `bin`, a row of blocks each of 16 splats at once; splats that are not small are cut into strips first.
-// bin_ref.c is the specification.
+// `bin`, a row of blocks each of 16 splats at once; splats that are not small are cut into strips
+// first. bin_ref.c is the specification.
 #include "kernels/bin/bin.h"
 
 #include <stddef.h>
@@ -11,9 +11,10 @@
 
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "two words of an intersection are written as one");
 
-// --- rows of ellipses ----------------------------------------------------------------------------
+// --- rows of ellipses ----------------------------------------
 
-// What a vector of rows needs of its splats. Columns are in blocks, from the first tile's first one on.
+// What a vector of rows needs of its splats. Columns are in blocks, from the first tile's first one
+// on.
 typedef struct {
   v16 k, l, b, lo, hi, r; // as in the reference
   v16 v, dy_right;
@@ -87,7 +88,8 @@ V16_INLINE v16m end_columns(const splats16 *s, const half_row *h, v16 *from, v16
   return v16_gt(h->disc_lo, v16_zero());
 }
 
-// The columns of the block row whose first pixel centres lie at y: from *from to *to, both cut to whole numbers.
+// The columns of the block row whose first pixel centres lie at y: from *from to *to, both cut to
+// whole numbers.
 static inline v16m columns(const splats16 *s, v16 y, v16 *from, v16 *to) {
   const half_row h = begin_columns(s, y);
   return end_columns(s, &h, from, to);
@@ -99,18 +101,19 @@ static inline v16i bits_between(v16m in, v16 from, v16 to) {
   return v16_bits(v16_keep(in, v16_from_bits(bits)));
 }
 
-// --- intersections -------------------------------------------------------------------------------------
+// --- intersections ----------------------------------------
 
-// An intersection's fields as two words: a structure that is put together and then copied by wide loads waits for its stores.
+// An intersection's fields as two words: a structure that is put together and then copied by wide
+// loads waits for its stores.
 static inline void put_record(sv_intersection *r, uint64_t tile_id, uint64_t mask) {
   memcpy(&r->tile, &tile_id, sizeof tile_id);
   r->mask = mask;
 }
 
-// --- small splats --------------------------------------------------------------------------------
+// --- small splats ----------------------------------------
 
-// The rows of blocks j..j + 3 of a tile, a byte each, of the left and the right one of two tiles side by side. Those above
-// the splat's first row are rows of the tile below.
+// The rows of blocks j..j + 3 of a tile, a byte each, of the left and the right one of two tiles
+// side by side. Those above the splat's first row are rows of the tile below.
 static __attribute__((noinline)) void four_rows(const splats16 *s, float j, v16i *left, v16i *right) {
   const v16i even = v16i_set1(0x00ff00ff), odd = v16i_set1((int32_t)0xff00ff00);
   const v16 first = v16_sub(s->first, s->row), last = v16_sub(s->last, s->row);
@@ -133,9 +136,10 @@ static __attribute__((noinline)) void four_rows(const splats16 *s, float j, v16i
   *right = v16i_or(v16i_shr8(v16i_and(b[0], odd)), v16i_and(b[1], odd));
 }
 
-// Sixteen splats, four intersections each: the tile, the one to the right, those below. How many of them a splat has cannot be
-// predicted; what is too much is in the place of the next one's, which are written after it. Returns the bits of the
-// splats of more than eight rows of blocks or two tiles wide, whose intersections are anything.
+// Sixteen splats, four intersections each: the tile, the one to the right, those below. How many of
+// them a splat has cannot be predicted; what is too much is in the place of the next one's, which
+// are written after it. Returns the bits of the splats of more than eight rows of blocks or two
+// tiles wide, whose intersections are anything.
 static __attribute__((noinline)) uint32_t bin_small(const splats16 *s, const uint32_t *id, uint32_t n_tiles_x,
                                                     sv_intersection *intersection, const sv_splat *splat,
                                                     const uint32_t *next_id, splats16 *next) {
@@ -173,7 +177,7 @@ static __attribute__((noinline)) uint32_t bin_small(const splats16 *s, const uin
   return large;
 }
 
-// --- large splats --------------------------------------------------------------------------------
+// --- large splats ----------------------------------------
 
 #define STRIP_TILES 3 // a row of bits is a whole number in a float
 
@@ -183,14 +187,18 @@ typedef struct {
   uint32_t id[16];
   uint32_t tile[16], intersection[16]; // the first one, and its intersection
   uint32_t after[16];                  // tiles after the first one
-  float row[16], col[16];              // first row of blocks, first column from the splat's first tile on
+  // first row of blocks, first column from the splat's first tile on
+  float row[16], col[16];
 } strips16;
 
 static __attribute__((noinline)) void bin_strips(const sv_splat *splat, strips16 *p,
                                                  sv_intersection *intersection) {
   _Alignas(64) uint32_t bits[2 * STRIP_TILES][16];
-  for (uint32_t k = p->n, last = k - 1; k < 16; k++)
-    p->id[k] = p->id[last], p->row[k] = p->row[last], p->col[k] = p->col[last];
+  for (uint32_t k = p->n, last = k - 1; k < 16; k++) {
+    p->id[k] = p->id[last];
+    p->row[k] = p->row[last];
+    p->col[k] = p->col[last];
+  }
   splats16 s;
   load_splats(splat, p->id, &s);
   const v16 row = v16_load(p->row), col = v16_load(p->col);
@@ -242,7 +250,7 @@ static void add_strips(const sv_splat *splat, uint32_t id, uint32_t n_tiles_x, s
     }
 }
 
-// --- all -----------------------------------------------------------------------------------------
+// --- all ----------------------------------------
 
 // The ids from i on, the last one again where there are less than sixteen.
 static inline const uint32_t *ids_at(const uint32_t *id, uint32_t n, uint32_t i, uint32_t some[16]) {

@@ -4,12 +4,12 @@
 // srgb_to_linear, linear_to_srgb: the transfer curve of IEC 61966-2-1,
 //   linear = v / 12.92 for v <= 0.04045, else ((v + 0.055) / 1.055)^2.4
 //   srgb = 12.92 l for l <= 0.0031308, else 1.055 l^(1/2.4) - 0.055
-// as 2^(y log2 x) with this library's own polynomials, so the bits are the same everywhere. Against double:
-// |error| < 6e-7 on [0, 1], both ways. Nothing is clamped; below 0 the straight part goes on.
-// Exact for AVX2, AVX-512 and NEON; SSE4.1 abs = 2e-6 max(1, |value|).
+// as 2^(y log2 x) with this library's own polynomials, so the bits are the same everywhere. Against
+// double: |error| < 6e-7 on [0, 1], both ways. Nothing is clamped; below 0 the straight part goes
+// on. Exact for AVX2, AVX-512 and NEON; SSE4.1 abs = 2e-6 max(1, |value|).
 //
-// pack: three planes -> interleaved RGB bytes, round to nearest even of 255 v, clamped to 0..255, NaN -> 0.
-// Exact for all.
+// pack: three planes -> interleaved RGB bytes, round to nearest even of 255 v, clamped to 0..255,
+// NaN -> 0. Exact for all.
 #ifndef SV_KERNELS_COLOR_H
 #define SV_KERNELS_COLOR_H
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The best corner of each cell of 16x16 pixels: the pixel whose 5x5 neighbourhood has the largest smaller
-// eigenvalue of the gradients' second moments (Shi and Tomasi 1994, "Good features to track"):
+// The best corner of each cell of 16x16 pixels: the pixel whose 5x5 neighbourhood has the largest
+// smaller eigenvalue of the gradients' second moments (Shi and Tomasi 1994, "Good features to
+// track"):
 //   g = (x[+1] - x[-1], y[+1] - y[-1])    M = sum over 5x5 of g g^T = (a b; b c)
 //   score = (a + c)/2 - sqrt(((a - c)/2)^2 + b^2)
 // Without fused operations, so exact for all.
@@ -26,9 +27,10 @@ typedef struct {
 typedef struct {
   const float *src;                // [height][stride]
   int width_px, height_px, stride; // stride: a multiple of 32
-  int margin_px;                   // pixels nearer to the border are left out, at least SV_CORNER_MIN_MARGIN
-  int cell0, cell1;                // rows of cells, of ceil(height / 16)
-  sv_corner *out;                  // [ceil(height / 16)][ceil(width / 16)]
+  // pixels nearer to the border are left out, at least SV_CORNER_MIN_MARGIN
+  int margin_px;
+  int cell0, cell1; // rows of cells, of ceil(height / 16)
+  sv_corner *out;   // [ceil(height / 16)][ceil(width / 16)]
   float *scratch;
 } sv_corner_args;
 

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// corner over the vocabulary: products of gradients of five rows in a ring, summed down, then across. A cell is
-// one vector wide, so each lane keeps the best of its column until the cell ends.
+// corner over the vocabulary: products of gradients of five rows in a ring, summed down, then
+// across. A cell is one vector wide, so each lane keeps the best of its column until the cell ends.
 #include <stddef.h>
 
 #include "kernels/corner/corner.h"
 #include "kernels/simd/v16.h"
 
 typedef struct {
-  float *ring, *sum, *best, *row; // [3][5][pitch], [3][pitch], [pitch], [pitch]; a pitch starts with 16 spare
+  // [3][5][pitch], [3][pitch], [pitch], [pitch]; a pitch starts with 16 spare
+  float *ring, *sum, *best, *row;
   int pitch;
 } corner_rows;
 
@@ -77,8 +78,11 @@ static void end_cells(const sv_corner_args *a, const corner_rows *r, int cy) {
     for (int x = cx * SV_CORNER_CELL; x < (cx + 1) * SV_CORNER_CELL; x++) {
       float s = r->best[x];
       int y = (int)r->row[x];
-      if (s > best.score || (s == best.score && s > 0.0f && y < best.y))
-        best.score = s, best.x = (int16_t)x, best.y = (int16_t)y;
+      if (s > best.score || (s == best.score && s > 0.0f && y < best.y)) {
+        best.score = s;
+        best.x = (int16_t)x;
+        best.y = (int16_t)y;
+      }
     }
     a->out[cy * n_x + cx] = best;
   }
@@ -87,7 +91,8 @@ static void end_cells(const sv_corner_args *a, const corner_rows *r, int cy) {
 void V(sv_corner)(const sv_corner_args *a) {
   const corner_rows r = rows_of(a);
   int n_done = -1; // rows up to this one are in the ring
-  // The five rows about a pixel at the border hold spare floats: whatever they are, they are masked.
+  // The five rows about a pixel at the border hold spare floats: whatever they are, they are
+  // masked.
   for (int i = 0; i < SV_CORNER_SCRATCH_FLOATS(a->stride); i++) a->scratch[i] = 0.0f;
   for (int cy = a->cell0; cy < a->cell1; cy++) {
     for (int x = 0; x < a->stride; x += 16) v16_store(r.best + x, v16_zero());

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bayer mosaic of bytes -> RGB8. Gradient-corrected bilinear interpolation: H. Malvar, L. He, R. Cutler,
-// "High-quality linear interpolation for demosaicing of Bayer-patterned color images", ICASSP 2004, figure 2:
+// Bayer mosaic of bytes -> RGB8. Gradient-corrected bilinear interpolation: H. Malvar, L. He, R.
+// Cutler, "High-quality linear interpolation for demosaicing of Bayer-patterned color images",
+// ICASSP 2004, figure 2:
 //   green at red or blue          4 c + 2 (n+s+e+w) - (n2+s2+e2+w2)                             / 8
 //   the colour of the row's       5 c + 4 (e+w) - diagonals - (e2+w2) + (n2+s2) / 2             / 8
 //     other pixels at green
 //   that of the column's at green the same, turned
 //   red at blue, blue at red      6 c + 2 diagonals - 3/2 (n2+s2+e2+w2)                         / 8
-// rounded to nearest (2 t + 1 over 32: never half way), clamped. Borders are mirrored without repeating the edge,
-// which keeps the pattern. Integers throughout: exact for all variants.
+// rounded to nearest (2 t + 1 over 32: never half way), clamped. Borders are mirrored without
+// repeating the edge, which keeps the pattern. Integers throughout: exact for all variants.
 #ifndef SV_KERNELS_DEMOSAIC_H
 #define SV_KERNELS_DEMOSAIC_H
 

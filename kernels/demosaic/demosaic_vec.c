@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// demosaic over the vocabulary: five mirrored copies of rows in the scratch, then 16 pixels at a time; all four
-// interpolations are formed and the pattern chooses.
+// demosaic over the vocabulary: five mirrored copies of rows in the scratch, then 16 pixels at a
+// time; all four interpolations are formed and the pattern chooses.
 #include <string.h>
 
 #include "kernels/demosaic/demosaic.h"
@@ -14,8 +14,10 @@ static inline int mirrored(int i, int n) { return i < 0 ? -i : i >= n ? 2 * (n -
 static void copy_row(const sv_demosaic_args *a, int y, uint8_t *row) {
   int w = a->width_px;
   memcpy(row, a->src + (size_t)mirrored(y, a->height_px) * a->src_stride_bytes, (size_t)w);
-  row[-1] = row[1], row[-2] = row[2];
-  row[w] = row[w - 2], row[w + 1] = row[w - 3];
+  row[-1] = row[1];
+  row[-2] = row[2];
+  row[w] = row[w - 2];
+  row[w + 1] = row[w - 3];
 }
 
 typedef struct {

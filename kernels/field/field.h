@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pieces of a deformation field (4D Gaussian Splatting, Wu et al. 2024; HexPlane, Cao & Johnson 2023): samples
-// of six planes multiplied, and linear layers, each for a block of 16 Gaussians.
+// The pieces of a deformation field (4D Gaussian Splatting, Wu et al. 2024; HexPlane, Cao & Johnson
+// 2023): samples of six planes multiplied, and linear layers, each for a block of 16 Gaussians.
 //
-// A level has six planes over pairs of x y z t, in the order xy xz xt yz yt zt; a plane is [n_second][n_first][F]
-// floats, F = 16 n_vec. The level's feature is the product of its six bilinear samples, per channel. Levels are
-// concatenated. Outside the grid the border counts.
+// A level has six planes over pairs of x y z t, in the order xy xz xt yz yt zt; a plane is
+// [n_second][n_first][F] floats, F = 16 n_vec. The level's feature is the product of its six
+// bilinear samples, per channel. Levels are concatenated. Outside the grid the border counts.
 #ifndef SV_KERNELS_FIELD_H
 #define SV_KERNELS_FIELD_H
 
@@ -24,21 +24,23 @@ typedef struct {
   const float *plane[SV_FIELD_CAP_LEVELS][SV_FIELD_PLANES]; // 64-byte aligned
 } sv_planes_args;
 
-// c [4][16]: x y z t of each Gaussian, 0..1 along the grid (other values count as the border). Writes feature
-// [n_levels F][16]. exact.
+// c [4][16]: x y z t of each Gaussian, 0..1 along the grid (other values count as the border).
+// Writes feature [n_levels F][16]. exact.
 typedef void sv_planes_fn(const sv_planes_args *a, const float *c, float *feature);
 
-// dL/dfeature [n_levels F][16] -> part [16][n_levels][6][F]: dL/d(sample of each plane) of each Gaussian (the
-// gradient times the other five, never divided), and dc [3][16]: dL/dc of x y z, 0 beyond the border. exact.
+// dL/dfeature [n_levels F][16] -> part [16][n_levels][6][F]: dL/d(sample of each plane) of each
+// Gaussian (the gradient times the other five, never divided), and dc [3][16]: dL/dc of x y z, 0
+// beyond the border. exact.
 typedef void sv_planes_bwd_fn(const sv_planes_args *a, const float *c, const float *d_feature, float *part,
                               float *dc);
 
-// Adds the part of one plane of one level to its gradient, Gaussian by Gaussian: tap += weight part. part is that of
-// the block; lanes whose bit in touched is 0 are left out. exact.
+// Adds the part of one plane of one level to its gradient, Gaussian by Gaussian: tap += weight
+// part. part is that of the block; lanes whose bit in touched is 0 are left out. exact.
 typedef void sv_planes_add_fn(const sv_planes_args *a, int level, int plane, const float *c, uint32_t touched,
                               const float *part, float *grad);
 
-// y [n_out][16] = b + w relu(x), x [n_in][16], w [n_out][n_in]; without is_relu x itself. n_in is a multiple of 16.
+// y [n_out][16] = b + w relu(x), x [n_in][16], w [n_out][n_in]; without is_relu x itself. n_in is a
+// multiple of 16.
 typedef struct {
   const float *w, *b;
   int n_in, n_out, is_relu;

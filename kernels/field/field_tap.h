@@ -24,7 +24,8 @@ static inline field_tap field_tap_at(float c, int n) {
   return t;
 }
 
-// Offsets of the taps 00 10 01 11 (first axis first), their weights and the weights' slopes along both axes.
+// Offsets of the taps 00 10 01 11 (first axis first), their weights and the weights' slopes along
+// both axes.
 typedef struct {
   long at[4];
   float w[4], d0[4], d1[4];

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The field on vectors: of channels for the planes, of Gaussians for the layers. field_ref.c is the specification.
+// The field on vectors: of channels for the planes, of Gaussians for the layers. field_ref.c is the
+// specification.
 #include "kernels/field/field_tap.h"
 #include "kernels/simd/v16.h"
 
@@ -127,8 +128,8 @@ void V(sv_linear)(const sv_linear_args *a, const float *x, float *y) {
   }
 }
 
-// Adds dy x^T to n rows of dw at 16 columns, Gaussian by Gaussian; xt: the inputs of each Gaussian. Four rows at a time
-// hide the chain of sums.
+// Adds dy x^T to n rows of dw at 16 columns, Gaussian by Gaussian; xt: the inputs of each Gaussian.
+// Four rows at a time hide the chain of sums.
 static inline void outer(const v16 xt[16], const float *dy, int n, float *dw, long stride) {
   v16 s[4];
   for (int j = 0; j < n; j++) s[j] = v16_load(dw + j * stride);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// `fma_peak` on 16 lanes. AT_ONCE chains run side by side: no more than the registers hold beside two constants.
+// `fma_peak` on 16 lanes. AT_ONCE chains run side by side: no more than the registers hold beside
+// two constants.
 #include "kernels/fma_peak/fma_peak.h"
 #include "kernels/simd/v16.h"
 

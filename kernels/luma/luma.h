@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// RGB bytes -> one float plane of grey values in [0, 1], for what looks at shapes and not at colours:
+// RGB bytes -> one float plane of grey values in [0, 1], for what looks at shapes and not at
+// colours:
 //   y = (77 r + 150 g + 29 b) / (255 * 256)      (the luma weights of ITU-R BT.601, in 256ths)
 // of display values, as they are. The sums are integers below 2^24. Exact for all.
 #ifndef SV_KERNELS_LUMA_H

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Diagonal Gauss-Newton on blocks of 16 Gaussians: the probe that estimates diag(J^T W J), its running mean, and the
-// damped step.
+// Diagonal Gauss-Newton on blocks of 16 Gaussians: the probe that estimates diag(J^T W J), its
+// running mean, and the damped step.
 //
-// For a plane s of independent random signs, E[(J^T W^(1/2) s)_i^2] = (J^T W J)_ii (Hutchinson 1990; Bekas, Kokiopoulou
-// and Saad 2007, "An estimator for the diagonal of a matrix"): a backward pass with s in the place of the loss's
-// gradient, and a square, estimate the whole diagonal without a bias.
+// For a plane s of independent random signs, E[(J^T W^(1/2) s)_i^2] = (J^T W J)_ii (Hutchinson
+// 1990; Bekas, Kokiopoulou and Saad 2007, "An estimator for the diagonal of a matrix"): a backward
+// pass with s in the place of the loss's gradient, and a square, estimate the whole diagonal
+// without a bias.
 #ifndef SV_KERNELS_NEWTON_H
 #define SV_KERNELS_NEWTON_H
 
@@ -14,7 +15,8 @@
 extern "C" {
 #endif
 
-// One channel's probe: +-size in the rows [row0, row1) and columns [0, width), 0 in [width, next multiple of 16).
+// One channel's probe: +-size in the rows [row0, row1) and columns [0, width), 0 in [width, next
+// multiple of 16).
 typedef struct {
   float *plane;         // [height][stride] out
   int width_px, stride; // stride: a multiple of 16
@@ -23,8 +25,8 @@ typedef struct {
   uint32_t key; // other keys give independent signs
 } sv_probe_args;
 
-// 32 signs of columns [32 i_col, 32 i_col + 32) of a row: bit set, minus. The finaliser of MurmurHash3 (A. Appleby)
-// over the three numbers in turn.
+// 32 signs of columns [32 i_col, 32 i_col + 32) of a row: bit set, minus. The finaliser of
+// MurmurHash3 (A. Appleby) over the three numbers in turn.
 static inline uint32_t sv_probe_mix(uint32_t h) {
   h = (h ^ h >> 16) * 0x85ebca6bu;
   h = (h ^ h >> 13) * 0xc2b2ae35u;
@@ -37,10 +39,10 @@ static inline uint32_t sv_probe_bits(uint32_t i_col, uint32_t row, uint32_t key)
 // exact.
 typedef void sv_probe_fn(const sv_probe_args *a);
 
-// diag, and m below, are kept as the upper halves of floats (bfloat16), rounded to the nearest: means of 0.9 a step
-// change by more than that loses.
-// diag [n_rows][16], updated in the lanes of touched with a new estimate s, the squares of x [n_rows][16], or x >= 0
-// itself where it is_square: diag = keep diag + (1 - keep) s, and where it was 0 (none yet) diag = s. exact.
+// diag, and m below, are kept as the upper halves of floats (bfloat16), rounded to the nearest:
+// means of 0.9 a step change by more than that loses. diag [n_rows][16], updated in the lanes of
+// touched with a new estimate s, the squares of x [n_rows][16], or x >= 0 itself where it
+// is_square: diag = keep diag + (1 - keep) s, and where it was 0 (none yet) diag = s. exact.
 typedef void sv_curvature_fn(float keep, int n_rows, uint32_t touched, const float *x, int is_square,
                              uint16_t *diag);
 
@@ -52,8 +54,8 @@ typedef struct {
   int n_rows;
 } sv_newton_args;
 
-// p, m: [n_rows][16] of the block, updated; grad, diag [n_rows][16]. Lanes whose bit in touched is 0 keep p and m;
-// parameters without an estimate (diag 0) stay where they are.
+// p, m: [n_rows][16] of the block, updated; grad, diag [n_rows][16]. Lanes whose bit in touched is
+// 0 keep p and m; parameters without an estimate (diag 0) stay where they are.
 //   m = b1 m + (1-b1) g;  p -= clamp(rate m / (diag + damping mean(diag)), -cap, cap). exact.
 typedef void sv_newton_fn(const sv_newton_args *a, uint32_t touched, const float *grad, const uint16_t *diag,
                           float *p, uint16_t *m);

@@ -29,9 +29,9 @@ void V(sv_curvature)(float keep, int n_rows, uint32_t touched, const float *x, i
   }
 }
 
-// The dampings of n rows, at most ROWS: that of row i at 4 i. Four at a time, and before all steps: alone a sum of lanes
-// waits longer for itself than the rest of a row takes. Not so where a vector is four registers: the diagonal would be
-// taken apart twice.
+// The dampings of n rows, at most ROWS: that of row i at 4 i. Four at a time, and before all steps:
+// alone a sum of lanes waits longer for itself than the rest of a row takes. Not so where a vector
+// is four registers: the diagonal would be taken apart twice.
 #define ROWS 32
 #ifndef V16_UNROLL
 static inline void dampings(float damping, int n, const uint16_t *diag, float *out) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The specification of `project`: one Gaussian at a time, plain C. project_vec.c does the same operations
-// in the same order on 16 lanes.
+// The specification of `project`: one Gaussian at a time, plain C. project_vec.c does the same
+// operations in the same order on 16 lanes.
 #include "kernels/project/project.h"
 
 #include "kernels/project/sh.h"
@@ -40,10 +40,10 @@ static void geometry(const sv_kview *v, const float *p, geom *g) {
   g->iz = 1.0f / g->t[2];
   g->xz = g->t[0] * g->iz;
   g->yz = g->t[1] * g->iz;
-  g->clamp_x = g->xz > v->most_x || g->xz < v->least_x;
-  g->clamp_y = g->yz > v->most_y || g->yz < v->least_y;
-  g->rx = s1_min(s1_max(g->xz, v->least_x), v->most_x);
-  g->ry = s1_min(s1_max(g->yz, v->least_y), v->most_y);
+  g->clamp_x = g->xz > v->max_x || g->xz < v->min_x;
+  g->clamp_y = g->yz > v->max_y || g->yz < v->min_y;
+  g->rx = s1_min(s1_max(g->xz, v->min_x), v->max_x);
+  g->ry = s1_min(s1_max(g->yz, v->min_y), v->max_y);
   const float *q = p + 16 * SV_ROW_QUAT;
   float n2 = fmaf(q[0], q[0], fmaf(q[16], q[16], fmaf(q[32], q[32], q[48] * q[48])));
   g->rn = 1.0f / sqrtf(s1_max(n2, 1e-20f));
@@ -64,8 +64,8 @@ static void geometry(const sv_kview *v, const float *p, geom *g) {
   g->syy = fmaf(g->b[0], g->b[0], fmaf(g->b[1], g->b[1], g->b[2] * g->b[2]));
   g->ca = g->sxx + v->dilation_px2;
   g->cc = g->syy + v->dilation_px2;
-  // The determinant before dilation is |a x b|^2 (Lagrange): never negative, and not the difference of two
-  // large products, which for a long splat has no correct digit left.
+  // The determinant before dilation is |a x b|^2 (Lagrange): never negative, and not the difference
+  // of two large products, which for a long splat has no correct digit left.
   float det = 0.0f;
   for (int i = 0; i < 3; i++) {
     int j = (i + 1) % 3, k = (i + 2) % 3;
@@ -120,7 +120,8 @@ static float direction(const sv_kview *v, const float *p, float d[3]) { // unit;
   return rl;
 }
 
-static float colour(const float *sh, int c, int n_coef, const float b[16]) { // before the clamp at 0
+// before the clamp at 0
+static float colour(const float *sh, int c, int n_coef, const float b[16]) {
   float s = 0.5f;
   for (int k = 0; k < n_coef; k++) s = fmaf(b[k], sh[16 * (3 * k + c)], s);
   return s;
@@ -140,13 +141,15 @@ static void project_one(const sv_project_args *a, int id, const float *p) {
   s->qc = -0.5f * LOG2E * g.conic[2];
   s->lo = lo - SV_POWER_SHIFT;
   s->z = g.t[2];
-  float ex = sqrtf(tau * g.ca), ey = sqrtf(tau * g.cc); // half-widths of the region where alpha >= 1/255
+  // half-widths of the region where alpha >= 1/255
+  float ex = sqrtf(tau * g.ca), ey = sqrtf(tau * g.cc);
   s->dy_right = s->qb * ex / (2.0f * s->qc);
   s->inv_2qa = 0.5f / s->qa;
   float w1 = (float)(v->width_px - 1), h1 = (float)(v->height_px - 1);
   float x0 = s1_max(0.0f, s->u_px - ex - 0.5f), x1 = s1_min(s->u_px + ex - 0.5f, w1);
   float y0 = s1_max(0.0f, s->v_px - ey - 0.5f), y1 = s1_min(s->v_px + ey - 0.5f, h1);
-  // A NaN anywhere makes x0 or y0 a NaN, and a form that is not negative an infinite splat: not visible.
+  // A NaN anywhere makes x0 or y0 a NaN, and a form that is not negative an infinite splat: not
+  // visible.
   int is_visible = g.t[2] > v->near_z && level > 0.0f && x0 <= x1 && y0 <= y1 && id < a->n_gaussians;
   is_visible = is_visible && s->qa < 0.0f && s->qc < 0.0f;
   is_visible = is_visible && !(a->dropout_mask && (a->dropout_mask[id / SV_LANES] >> id % SV_LANES & 1));
@@ -161,8 +164,10 @@ static void project_one(const sv_project_args *a, int id, const float *p) {
   if (!is_visible) return;
   int px0 = (int)(x0 + SV_ROUND_UP), px1 = (int)x1, py0 = (int)(y0 + SV_ROUND_UP), py1 = (int)y1;
   if (px0 > px1 || py0 > py1) return; // between the pixels' centres
-  s->bx0 = (uint16_t)(px0 / 4), s->bx1 = (uint16_t)(px1 / 4);
-  s->by0 = (uint16_t)(py0 / 4), s->by1 = (uint16_t)(py1 / 4);
+  s->bx0 = (uint16_t)(px0 / 4);
+  s->bx1 = (uint16_t)(px1 / 4);
+  s->by0 = (uint16_t)(py0 / 4);
+  s->by1 = (uint16_t)(py1 / 4);
   s->n_intersections =
       (uint32_t)((s->bx1 >> 3) - (s->bx0 >> 3) + 1) * (uint32_t)((s->by1 >> 3) - (s->by0 >> 3) + 1);
   a->depth_key[id] = s1_bits(g.t[2]);
@@ -181,8 +186,9 @@ sv_project_counts sv_project_ref(const sv_project_args *a, int block0, int block
   return n;
 }
 
-// Here no result of fmaf is negated: compilers make one instruction of the two, and that gives the other zero.
-// --- backward ------------------------------------------------------------------------------------
+// Here no result of fmaf is negated: compilers make one instruction of the two, and that gives the
+// other zero.
+// --- backward ----------------------------------------
 
 static void sh_basis_grad(int degree, float x, float y, float z, float bx[16], float by[16], float bz[16]) {
   for (int k = 0; k < 16; k++) bx[k] = by[k] = bz[k] = 0.0f;
@@ -192,24 +198,42 @@ static void sh_basis_grad(int degree, float x, float y, float z, float bx[16], f
   bx[3] = -SH1;
   if (degree < 2) return;
   float xx = x * x, yy = y * y, zz = z * z, s = xx + yy, d = xx - yy, xy = x * y, xz = x * z, yz = y * z;
-  bx[4] = SH2A * y, by[4] = SH2A * x;
-  by[5] = -SH2A * z, bz[5] = -SH2A * y;
-  bx[6] = -2.0f * SH2B * x, by[6] = -2.0f * SH2B * y, bz[6] = 4.0f * SH2B * z;
-  bx[7] = -SH2A * z, bz[7] = -SH2A * x;
-  bx[8] = 2.0f * SH2C * x, by[8] = -2.0f * SH2C * y;
+  bx[4] = SH2A * y;
+  by[4] = SH2A * x;
+  by[5] = -SH2A * z;
+  bz[5] = -SH2A * y;
+  bx[6] = -2.0f * SH2B * x;
+  by[6] = -2.0f * SH2B * y;
+  bz[6] = 4.0f * SH2B * z;
+  bx[7] = -SH2A * z;
+  bz[7] = -SH2A * x;
+  bx[8] = 2.0f * SH2C * x;
+  by[8] = -2.0f * SH2C * y;
   if (degree < 3) return;
   float zz4 = 4.0f * zz;
-  bx[9] = -6.0f * SH3A * xy, by[9] = -3.0f * SH3A * d;
-  bx[10] = SH3B * yz, by[10] = SH3B * xz, bz[10] = SH3B * xy;
-  bx[11] = 2.0f * SH3C * xy, by[11] = -SH3C * (zz4 - fmaf(3.0f, yy, xx)), bz[11] = -8.0f * SH3C * yz;
-  bx[12] = -6.0f * SH3D * xz, by[12] = -6.0f * SH3D * yz, bz[12] = SH3D * fmaf(6.0f, zz, -3.0f * s);
-  bx[13] = -SH3C * (zz4 - fmaf(3.0f, xx, yy)), by[13] = 2.0f * SH3C * xy, bz[13] = -8.0f * SH3C * xz;
-  bx[14] = 2.0f * SH3E * xz, by[14] = -2.0f * SH3E * yz, bz[14] = SH3E * d;
-  bx[15] = -3.0f * SH3A * d, by[15] = 6.0f * SH3A * xy;
+  bx[9] = -6.0f * SH3A * xy;
+  by[9] = -3.0f * SH3A * d;
+  bx[10] = SH3B * yz;
+  by[10] = SH3B * xz;
+  bz[10] = SH3B * xy;
+  bx[11] = 2.0f * SH3C * xy;
+  by[11] = -SH3C * (zz4 - fmaf(3.0f, yy, xx));
+  bz[11] = -8.0f * SH3C * yz;
+  bx[12] = -6.0f * SH3D * xz;
+  by[12] = -6.0f * SH3D * yz;
+  bz[12] = SH3D * fmaf(6.0f, zz, -3.0f * s);
+  bx[13] = -SH3C * (zz4 - fmaf(3.0f, xx, yy));
+  by[13] = 2.0f * SH3C * xy;
+  bz[13] = -8.0f * SH3C * xz;
+  bx[14] = 2.0f * SH3E * xz;
+  by[14] = -2.0f * SH3E * yz;
+  bz[14] = SH3E * d;
+  bx[15] = -3.0f * SH3A * d;
+  by[15] = 6.0f * SH3A * xy;
 }
 
-// Conic and opacity moments -> twice the gradient of the 2D covariance [xx, xy (matrix entry), yy], and that of the
-// logit. (The moments are -2 times the gradient of the conic: no factor is left.)
+// Conic and opacity moments -> twice the gradient of the 2D covariance [xx, xy (matrix entry), yy],
+// and that of the logit. (The moments are -2 times the gradient of the conic: no factor is left.)
 static float screen_bwd(const sv_kview *v, const geom *g, const float *m, float vs[3]) {
   float ga = m[SV_IGRAD_GXX], gb = m[SV_IGRAD_GXY], gc = m[SV_IGRAD_GYY];
   float A = g->conic[0], B = g->conic[1], C = g->conic[2];
@@ -220,8 +244,8 @@ static float screen_bwd(const sv_kview *v, const geom *g, const float *m, float 
   vs[2] = fmaf(q10, B, q11 * C);
   float v_oe = m[SV_IGRAD_G] / g->oe, v_o = v_oe * g->comp;
   if (v->is_antialiased && !g->is_comp_floor) {
-    // h d(comp^2)/dS, by the adjugate: the textbook form (1 - comp^2) Q - 0.3 det Q I is a difference of
-    // equals.
+    // h d(comp^2)/dS, by the adjugate: the textbook form (1 - comp^2) Q - 0.3 det Q I is a
+    // difference of equals.
     float h = v_oe * g->o / g->comp * v->dilation_px2, bb = B * B;
     vs[0] = fmaf(h, fmaf(A, g->syy * g->inv_d, bb), vs[0]);
     vs[1] = fmaf(h, B * ((g->sxx + g->cc) * g->inv_d), vs[1]);

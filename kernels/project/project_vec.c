@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// `project` on 16 Gaussians at once. project_ref.c is the specification: same operations, same order.
+// `project` on 16 Gaussians at once. project_ref.c is the specification: same operations, same
+// order.
 #include "kernels/project/project.h"
 #include "kernels/simd/v16.h"
 #include "kernels/project/sh.h"
@@ -22,8 +23,9 @@ typedef struct {
   v16 m[12], vs[3], vt[3], vw[9], vm[3];
 } project_work;
 
-// Where the registers hold many vectors each direction is one function, and what they cannot hold goes to the stack. Else
-// it is several, and what they share is in the caller's scratch: it would fill several KiB of stack.
+// Where the registers hold many vectors each direction is one function, and what they cannot hold
+// goes to the stack. Else it is several, and what they share is in the caller's scratch: it would
+// fill several KiB of stack.
 #if V16_REGISTERS >= 32
 #define PART V16_INLINE
 #else
@@ -74,8 +76,8 @@ V16_INLINE void place(const sv_kview *v, const float *p, geom *g) {
   g->iz = v16_div(S(1.0f), g->t[2]);
   g->xz = v16_mul(g->t[0], g->iz);
   g->yz = v16_mul(g->t[1], g->iz);
-  g->rx = clamp_ratio(g->xz, v->least_x, v->most_x);
-  g->ry = clamp_ratio(g->yz, v->least_y, v->most_y);
+  g->rx = clamp_ratio(g->xz, v->min_x, v->max_x);
+  g->ry = clamp_ratio(g->yz, v->min_y, v->max_y);
   UNROLL
   for (int i = 0; i < 4; i++) g->q[i] = v16_load(p + 16 * (SV_ROW_QUAT + i));
   v16 n2 = v16_fma(g->q[0], g->q[0],
@@ -212,18 +214,22 @@ PART void colours(const sv_project_args *a, const float *p, v16 rgb[3]) {
   else colours_of(3, a, p, rgb);
 }
 
-// The integer fields of 16 splats from the bounds of their ellipses, as vectors of the same bits, to be laid beside the
-// float fields: fields written one by one would be waited for where they are loaded together. Small whole numbers are
-// exact as floats. Returns who is visible.
+// The integer fields of 16 splats from the bounds of their ellipses, as vectors of the same bits,
+// to be laid beside the float fields: fields written one by one would be waited for where they are
+// loaded together. Small whole numbers are exact as floats. Returns who is visible.
 V16_INLINE v16m finish_splats(v16m visible, v16 x0, v16 x1, v16 y0, v16 y1, v16 row[4]) {
   const v16 up = S(SV_ROUND_UP), quarter = S(0.25f), eighth = S(0.125f), one = S(1.0f);
 #define WHOLE(x) v16i_to_f(v16_trunc_i(x))
-  x0 = WHOLE(v16_add(x0, up)), x1 = WHOLE(x1);
-  y0 = WHOLE(v16_add(y0, up)), y1 = WHOLE(y1);
+  x0 = WHOLE(v16_add(x0, up));
+  x1 = WHOLE(x1);
+  y0 = WHOLE(v16_add(y0, up));
+  y1 = WHOLE(y1);
   // Not visible either: between the pixels' centres.
   visible = v16m_and(visible, v16m_and(v16_le(x0, x1), v16_le(y0, y1)));
-  x0 = WHOLE(v16_mul(x0, quarter)), x1 = WHOLE(v16_mul(x1, quarter)); // blocks
-  y0 = WHOLE(v16_mul(y0, quarter)), y1 = WHOLE(v16_mul(y1, quarter));
+  x0 = WHOLE(v16_mul(x0, quarter));
+  x1 = WHOLE(v16_mul(x1, quarter)); // blocks
+  y0 = WHOLE(v16_mul(y0, quarter));
+  y1 = WHOLE(v16_mul(y1, quarter));
   v16 n_x = v16_add(v16_sub(WHOLE(v16_mul(x1, eighth)), WHOLE(v16_mul(x0, eighth))), one); // tiles
   v16 n_y = v16_add(v16_sub(WHOLE(v16_mul(y1, eighth)), WHOLE(v16_mul(y0, eighth))), one);
 #undef WHOLE
@@ -244,8 +250,15 @@ typedef struct { // what is drawn
 } ellipse;
 
 V16_INLINE void ellipse_of(const geom *g, ellipse *e) {
-  e->xz = g->xz, e->yz = g->yz, e->z = g->t[2], e->ca = g->ca, e->cc = g->cc, e->oe = g->oe;
-  e->conic[0] = g->conic[0], e->conic[1] = g->conic[1], e->conic[2] = g->conic[2];
+  e->xz = g->xz;
+  e->yz = g->yz;
+  e->z = g->t[2];
+  e->ca = g->ca;
+  e->cc = g->cc;
+  e->oe = g->oe;
+  e->conic[0] = g->conic[0];
+  e->conic[1] = g->conic[1];
+  e->conic[2] = g->conic[2];
 }
 
 typedef struct { // where, in real pixels
@@ -254,7 +267,8 @@ typedef struct { // where, in real pixels
 } bounds;
 
 V16_INLINE void level_of(const sv_project_args *a, v16 oe, bounds *b) {
-  b->lo = v16_add(v16_log2(oe), S(a->log2_compensation)), b->level = v16_sub(b->lo, S(SV_LOG2_ALPHA_MIN));
+  b->lo = v16_add(v16_log2(oe), S(a->log2_compensation));
+  b->level = v16_sub(b->lo, S(SV_LOG2_ALPHA_MIN));
   b->tau = v16_mul(S(1.38629436f), v16_max(b->level, S(0.0f)));
 }
 
@@ -262,8 +276,10 @@ V16_INLINE void bounds_of(const sv_kview *v, const ellipse *e, uint32_t in_use, 
   v16 u = v16_fma(S(v->fx), e->xz, S(v->cx)), w = v16_fma(S(v->fy), e->yz, S(v->cy));
   v16 ex = v16_sqrt(v16_mul(b->tau, e->ca)), ey = v16_sqrt(v16_mul(b->tau, e->cc));
   v16 half = S(0.5f), zero = S(0.0f), w1 = S((float)(v->width_px - 1)), h1 = S((float)(v->height_px - 1));
-  b->x0 = v16_max(zero, v16_sub(v16_sub(u, ex), half)), b->x1 = v16_min(v16_sub(v16_add(u, ex), half), w1);
-  b->y0 = v16_max(zero, v16_sub(v16_sub(w, ey), half)), b->y1 = v16_min(v16_sub(v16_add(w, ey), half), h1);
+  b->x0 = v16_max(zero, v16_sub(v16_sub(u, ex), half));
+  b->x1 = v16_min(v16_sub(v16_add(u, ex), half), w1);
+  b->y0 = v16_max(zero, v16_sub(v16_sub(w, ey), half));
+  b->y1 = v16_min(v16_sub(v16_add(w, ey), half), h1);
   v16m vis = v16m_and(v16_gt(e->z, S(v->near_z)), v16_gt(b->level, zero));
   vis = v16m_and(vis, v16m_and(v16_le(b->x0, b->x1), v16_le(b->y0, b->y1)));
   b->visible = v16m_and(vis, v16m_from_bits(in_use));
@@ -316,8 +332,9 @@ static inline uint32_t in_use(const sv_project_args *a, int block) {
 
 #if V16_REGISTERS >= 32
 
-// The chain from the parameters to a splat's last field is as long as the rest of the block's instructions take, and the
-// next block is beyond the processor's window: two blocks take turns, stage by stage. What waits longest begins first.
+// The chain from the parameters to a splat's last field is as long as the rest of the block's
+// instructions take, and the next block is beyond the processor's window: two blocks take turns,
+// stage by stage. What waits longest begins first.
 typedef struct {
   const float *p;
   int block;
@@ -328,8 +345,8 @@ typedef struct {
   bounds b;
 } side;
 
-// Part i of 8 of the lines of two blocks. They have left the near caches since the last step, and all at once would be
-// waited for.
+// Part i of 8 of the lines of two blocks. They have left the near caches since the last step, and
+// all at once would be waited for.
 V16_INLINE void fetch(int degree, const sv_project_args *a, int block, int i) {
   const int n = SV_N_ROWS(degree);
   const float *p = rows_of(a, block);
@@ -388,7 +405,8 @@ static __attribute__((noinline)) void project_pair(const sv_project_args *a, int
   else pair_of(3, a, block, other, next, n);
 }
 
-// Lines are fetched two pairs ahead, beyond the range as well: the next one is most often this thread's.
+// Lines are fetched two pairs ahead, beyond the range as well: the next one is most often this
+// thread's.
 static void project_range(const sv_project_args *a, int block0, int block1, project_work *work, counts16 *n) {
   const int n_blocks = (a->n_gaussians + SV_LANES - 1) / SV_LANES;
   (void)work;
@@ -426,7 +444,8 @@ static void project_block(const sv_project_args *a, int block, project_work *wor
 
 static void project_range(const sv_project_args *a, int block0, int block1, project_work *work, counts16 *n) {
   for (int b = block0; b < block1; b++) {
-    if (b + 1 < block1) { // the next block's rows and splats have left the near caches since the last step
+    // the next block's rows and splats have left the near caches since the last step
+    if (b + 1 < block1) {
       const float *next = rows_of(a, b + 1);
       UNROLL
       for (int row = 0; row < SV_N_ROWS(a->sh_degree); row++) __builtin_prefetch(next + SV_LANES * row);

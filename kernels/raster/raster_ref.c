@@ -70,7 +70,10 @@ void sv_raster_ref(const sv_raster_args *a, uint32_t tile, const uint32_t *list,
     long o = at + pixel_offset(i / 16, i % 16, a->stride);
     float t = trans[i];
     for (int c = 0; c < 3; c++) a->rgb[c][o] = fmaf(t, a->bg[c], acc[c][i]);
-    if (a->depth) a->depth[o] = acc[3][i], a->trans[o] = t;
+    if (a->depth) {
+      a->depth[o] = acc[3][i];
+      a->trans[o] = t;
+    }
   }
 }
 

@@ -20,14 +20,15 @@ INLINE void load_colours(splat16 *q, const sv_splat *s) {
   q->z = v16_set1(s->z);
 }
 
-// Blending a block is a chain of dependent operations longer than most cores see ahead, and so is the exponential
-// before it. Where registers allow, backward begins the next block's exponential before the present block is finished (1),
-// and the power of the one after that before the exponential, and the next intersection before the present one is finished (2).
+// Blending a block is a chain of dependent operations longer than most cores see ahead, and so is
+// the exponential before it. Where registers allow, backward begins the next block's exponential
+// before the present block is finished (1), and the power of the one after that before the
+// exponential, and the next intersection before the present one is finished (2).
 #define V_LOOKS_AHEAD (V16_PARTS == 1 ? 2 : V16_PARTS == 2 ? 1 : 0)
 
-// Behind the state that the blocks are blended into: pixel centres of a tile's 32 columns, then of its eight rows of
-// blocks, 16 lanes each. Where blocks of several rows are worked on at once (V_LOOKS_AHEAD), each has those of its row in
-// its state, too: one address instead of two.
+// Behind the state that the blocks are blended into: pixel centres of a tile's 32 columns, then of
+// its eight rows of blocks, 16 lanes each. Where blocks of several rows are worked on at once
+// (V_LOOKS_AHEAD), each has those of its row in its state, too: one address instead of two.
 #define CENTRES (SV_RASTER_SCRATCH_FLOATS - 160)
 
 // Of 16 columns, of a row of blocks. Sums of such small numbers are exact.
@@ -61,9 +62,9 @@ INLINE long block_offset(int block, int stride) {
   return (long)(4 * (block >> 3)) * stride + 4 * (block & 7);
 }
 
-// A tile of a plane is 64 lines of the cache, eight for a row of blocks, and the planes of a picture do not fit the
-// nearest caches. The line that is fetched while `block` is read or written, one of the row of blocks below; -8..-1: of
-// the first row.
+// A tile of a plane is 64 lines of the cache, eight for a row of blocks, and the planes of a
+// image do not fit the nearest caches. The line that is fetched while `block` is read or written,
+// one of the row of blocks below; -8..-1: of the first row.
 #define FIRST_FETCH (-8)
 INLINE int is_fetching(int block) { return block < SV_TILE_BLOCKS - 8; }
 INLINE long line_below(int block, int stride) {
@@ -81,22 +82,24 @@ INLINE void load_blocks(v16 out[SIDE], const float *p, long stride) { out[0] = v
 INLINE void store_blocks(float *p, long stride, const v16 a[SIDE]) { v16_store4x4(p, stride, a[0]); }
 #endif
 
-// What the loop over a tile's list needs at hand: a store into an intersection might else have changed the arguments.
+// What the loop over a tile's list needs at hand: a store into an intersection might else have
+// changed the arguments.
 typedef struct {
   sv_intersection *intersection;
   const sv_splat *splat;
   const uint32_t *end;
 } tile_list;
 
-// Intersections and splats lie by Gaussian, a tile's anywhere. Eight intersections take half a microsecond or more.
+// Intersections and splats lie by Gaussian, a tile's anywhere. Eight intersections take half a
+// microsecond or more.
 #define AHEAD 8
 INLINE void prefetch_ahead(const tile_list *l, const uint32_t *at, long ahead) {
   if (l->end - at > 2 * ahead) __builtin_prefetch(l->intersection + at[2 * ahead]);
   if (l->end - at > ahead) __builtin_prefetch(l->splat + l->intersection[at[ahead]].id);
 }
 
-// What a splat's power takes from the column of pixels alone: power = (qc dy + b) dy + c. Found once for 16 columns of a
-// tile; all four rows of a block read the same four of them.
+// What a splat's power takes from the column of pixels alone: power = (qc dy + b) dy + c. Found
+// once for 16 columns of a tile; all four rows of a block read the same four of them.
 typedef struct {
   v16 b, c;
 } column_terms;
@@ -113,8 +116,8 @@ typedef struct {
   float dx[32], dx2[32], b[32], c[32];
 } splat_columns;
 
-// Of those halves of the tile that mask has blocks in; where a half is one vector, of both: it takes less than a branch
-// that cannot be foreseen. x: centres of all columns.
+// Of those halves of the tile that mask has blocks in; where a half is one vector, of both: it
+// takes less than a branch that cannot be foreseen. x: centres of all columns.
 INLINE void find_columns(splat_columns *out, const sv_splat *s, uint64_t mask, const float *x) {
   for (int i = 0; i < 32; i += 16) {
     if (V16_REGISTERS < 32 && !(mask & LEFT_BLOCKS << i / 4)) continue;
@@ -138,8 +141,9 @@ INLINE v16 find_power(const splat16 *q, const column_terms *at, v16 dy) {
 
 INLINE int is_other_row(long block, long other) { return (block ^ other) > 7; }
 
-// A pointer that compilers take as it is: found as a whole, as an operand that has an index, too, is an instruction more
-// within x86 cores, and to anywhere, so that what it points to is read there.
+// A pointer that compilers take as it is: found as a whole, as an operand that has an index, too,
+// is an instruction more within x86 cores, and to anywhere, so that what it points to is read
+// there.
 #define OPAQUE(pointer) __asm__("" : "+r"(pointer))
 
 INLINE long lowest(uint64_t mask) { return (long)(uint32_t)__builtin_ctzll(mask); }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// remap on AVX2: eight pixels at a time through gathers. Two 4-byte gathers, two bytes apart, cover the six
-// bytes of a pixel pair (and of a table entry) without reading past them.
+// remap on AVX2: eight pixels at a time through gathers. Two 4-byte gathers, two bytes apart, cover
+// the six bytes of a pixel pair (and of a table entry) without reading past them.
 #include <immintrin.h>
 #include <string.h>
 

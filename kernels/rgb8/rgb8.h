@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rows of camera pixels to RGB8. The Y'CbCr forms use integers, so that every variant gives the same bits:
+// Rows of camera pixels to RGB8. The Y'CbCr forms use integers, so that every variant gives the
+// same bits:
 //   R = clamp(round(t / 2^14)),  t = ky (Y - y0) + krv (Cr - 128) + 1      (G, B alike)
-// with even coefficients: t is odd, so nothing ever lies half way. Exact for all variants, SSE4.1 included.
-// Matrices: ITU-R BT.601-7 (2.5.1, 2.5.2) and BT.709-6 (3.2, 3.3); limited range Y 16..235, C 16..240.
+// with even coefficients: t is odd, so nothing ever lies half way. Exact for all variants, SSE4.1
+// included. Matrices: ITU-R BT.601-7 (2.5.1, 2.5.2) and BT.709-6 (3.2, 3.3); limited range Y
+// 16..235, C 16..240.
 #ifndef SV_KERNELS_RGB8_H
 #define SV_KERNELS_RGB8_H
 

@@ -2,8 +2,8 @@
 #include "kernels/rgb8/rgb8.h"
 #include "kernels/ops.h"
 
-// 1.402, -0.344136, -0.714136, 1.772 (601) and 1.5748, -0.187324, -0.468124, 1.8556 (709), times 255/224 and
-// 255/219 for limited range; times 2^14, to the nearest even number.
+// 1.402, -0.344136, -0.714136, 1.772 (601) and 1.5748, -0.187324, -0.468124, 1.8556 (709), times
+// 255/224 and 255/219 for limited range; times 2^14, to the nearest even number.
 sv_yuv_matrix sv_rgb8_matrix(int is_709, int is_full) {
   static const sv_yuv_matrix m[2][2] = {
       {{16, 19078, 26150, -6418, -13320, 33050}, {0, 16384, 22970, -5638, -11700, 29032}},
@@ -19,7 +19,8 @@ static uint8_t clamp14(int32_t t) {
 
 static void put_yuv(uint8_t *dst, const sv_yuv_matrix *m, int y, int u, int v) {
   int32_t l = m->ky * (y - m->y0) + 1;
-  u -= 128, v -= 128;
+  u -= 128;
+  v -= 128;
   dst[0] = clamp14(l + m->krv * v);
   dst[1] = clamp14(l + m->kgu * u + m->kgv * v);
   dst[2] = clamp14(l + m->kbu * u);
@@ -30,9 +31,21 @@ static void put(const sv_rgb8_args *a, const uint8_t *s, const uint8_t *c, int x
   int k = x & 1;
   switch (a->layout) {
   case SV_RGB8_GREY: dst[0] = dst[1] = dst[2] = s[x]; break;
-  case SV_RGB8_BGR: dst[0] = s[3 * x + 2], dst[1] = s[3 * x + 1], dst[2] = s[3 * x]; break;
-  case SV_RGB8_RGBX: dst[0] = s[4 * x], dst[1] = s[4 * x + 1], dst[2] = s[4 * x + 2]; break;
-  case SV_RGB8_BGRX: dst[0] = s[4 * x + 2], dst[1] = s[4 * x + 1], dst[2] = s[4 * x]; break;
+  case SV_RGB8_BGR:
+    dst[0] = s[3 * x + 2];
+    dst[1] = s[3 * x + 1];
+    dst[2] = s[3 * x];
+    break;
+  case SV_RGB8_RGBX:
+    dst[0] = s[4 * x];
+    dst[1] = s[4 * x + 1];
+    dst[2] = s[4 * x + 2];
+    break;
+  case SV_RGB8_BGRX:
+    dst[0] = s[4 * x + 2];
+    dst[1] = s[4 * x + 1];
+    dst[2] = s[4 * x];
+    break;
   case SV_RGB8_YUYV: put_yuv(dst, &a->yuv, pair[2 * k], pair[1], pair[3]); break;
   case SV_RGB8_UYVY: put_yuv(dst, &a->yuv, pair[1 + 2 * k], pair[0], pair[2]); break;
   case SV_RGB8_NV12: put_yuv(dst, &a->yuv, s[x], c[x - k], c[x - k + 1]); break;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// rgb8 over the vocabulary: 32 pixels at a time, so that a vector of 16 chroma pairs meets 16 even and 16 odd
-// lumas. All products are integers below 2^24: floats hold them exactly.
+// rgb8 over the vocabulary: 32 pixels at a time, so that a vector of 16 chroma pairs meets 16 even
+// and 16 odd lumas. All products are integers below 2^24: floats hold them exactly.
 #include <string.h>
 
 #include "kernels/rgb8/rgb8.h"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Shuffles that the 16-lane vocabulary does not have: interleaved bytes <-> 16-byte planes, and sums of
-// neighbours. SSE4.1 instructions, for all x86 variants; px_neon.h says the same.
+// Shuffles that the 16-lane vocabulary does not have: interleaved bytes <-> 16-byte planes, and
+// sums of neighbours. SSE4.1 instructions, for all x86 variants; px_neon.h says the same.
 #ifndef SV_PX_X86_H
 #define SV_PX_X86_H
 #include <smmintrin.h>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scalar twins of v16_math.h and of the lane tree, for the reference kernels: same operations, same order,
-// same bits.
+// Scalar twins of v16_math.h and of the lane tree, for the reference kernels: same operations, same
+// order, same bits.
 #ifndef SV_S1_MATH_H
 #define SV_S1_MATH_H
 
@@ -20,14 +20,15 @@ static inline float s1_from_bits(uint32_t b) {
 }
 static inline float s1_from_high(uint16_t h) { return s1_from_bits((uint32_t)h << 16); }
 static inline uint16_t s1_high(float x) { return (uint16_t)((s1_bits(x) + 0x8000u) >> 16); }
-// Eleven numbers in 32 bytes: 0 to 9 to the nearest of 24 bits, a float's first, 10 cut to its first 16. Four numbers
-// after the other (4, 4, 3): their upper halves, then their third bytes.
+// Eleven numbers in 32 bytes: 0 to 9 to the nearest of 24 bits, a float's first, 10 cut to its
+// first 16. Four numbers after the other (4, 4, 3): their upper halves, then their third bytes.
 static inline int s1_third11(int i) { return 12 * (i / 4) + (i < 8 ? 8 : 6) + i % 4; }
 static inline void s1_store11(uint8_t *p, const float *a) {
   for (int i = 0; i < 11; i++) {
     const uint32_t b = s1_bits(a[i]) + 0x80;
     uint8_t *upper = p + 12 * (i / 4) + 2 * (i % 4);
-    upper[0] = (uint8_t)(b >> 16), upper[1] = (uint8_t)(b >> 24);
+    upper[0] = (uint8_t)(b >> 16);
+    upper[1] = (uint8_t)(b >> 24);
     if (i < 10) p[s1_third11(i)] = (uint8_t)(b >> 8);
   }
 }

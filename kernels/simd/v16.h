@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a vector kernel is written in: the 16-lane vocabulary of the instruction set that this compilation is
-// for, V(name) for the kernel's name with that instruction set's suffix, and all prototypes.
-// mk/kernels.mk compiles each <op>_vec.c once per instruction set, with -DSV_ISA=avx2 and so on; without
-// SV_ISA (an editor, a lint) it is the reference vocabulary.
+// What a vector kernel is written in: the 16-lane vocabulary of the instruction set that this
+// compilation is for, V(name) for the kernel's name with that instruction set's suffix, and all
+// prototypes. mk/kernels.mk compiles each <op>_vec.c once per instruction set, with -DSV_ISA=avx2
+// and so on; without SV_ISA (an editor, a lint) it is the reference vocabulary.
 #ifndef SV_KERNELS_V16_H
 #define SV_KERNELS_V16_H
 

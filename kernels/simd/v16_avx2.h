@@ -246,7 +246,8 @@ static inline float v16_sum(v16 x) {
   q = _mm_add_ps(q, _mm_movehl_ps(q, q));
   return _mm_cvtss_f32(_mm_add_ss(q, _mm_shuffle_ps(q, q, 1)));
 }
-static inline __m256 v16_sum2_(v16 x, v16 y) { // the sum of x in four lanes, that of y in the others
+// the sum of x in four lanes, that of y in the others
+static inline __m256 v16_sum2_(v16 x, v16 y) {
   __m256 a = _mm256_add_ps(x.a, x.b), b = _mm256_add_ps(y.a, y.b);
   a = _mm256_add_ps(_mm256_permute2f128_ps(a, b, 0x20), _mm256_permute2f128_ps(a, b, 0x31));
   a = _mm256_add_ps(a, _mm256_permute_ps(a, 0x4e));
@@ -309,12 +310,20 @@ static inline void v16_tr8_(__m256 r[8]) {
 }
 static __attribute__((noinline)) void v16_transpose(v16 x[16]) {
   __m256 p[8], q[8], r[8], s[8];
-  for (int i = 0; i < 8; i++) p[i] = x[i].a, q[i] = x[i].b, r[i] = x[i + 8].a, s[i] = x[i + 8].b;
+  for (int i = 0; i < 8; i++) {
+    p[i] = x[i].a;
+    q[i] = x[i].b;
+    r[i] = x[i + 8].a;
+    s[i] = x[i + 8].b;
+  }
   v16_tr8_(p);
   v16_tr8_(q);
   v16_tr8_(r);
   v16_tr8_(s);
-  for (int i = 0; i < 8; i++) x[i] = v16_make_(p[i], r[i]), x[i + 8] = v16_make_(q[i], s[i]);
+  for (int i = 0; i < 8; i++) {
+    x[i] = v16_make_(p[i], r[i]);
+    x[i + 8] = v16_make_(q[i], s[i]);
+  }
 }
 #include "kernels/simd/v16_math.h"
 #endif

@@ -49,8 +49,10 @@ static inline void v16_store4x4(float *p, long stride, v16 a) {
 static inline void v16_swap_quads_(v16 out[4], const v16 a[4]) {
   v16 p = _mm512_shuffle_f32x4(a[0], a[1], 0x44), q = _mm512_shuffle_f32x4(a[2], a[3], 0x44);
   v16 r = _mm512_shuffle_f32x4(a[0], a[1], 0xee), s = _mm512_shuffle_f32x4(a[2], a[3], 0xee);
-  out[0] = _mm512_shuffle_f32x4(p, q, 0x88), out[1] = _mm512_shuffle_f32x4(p, q, 0xdd);
-  out[2] = _mm512_shuffle_f32x4(r, s, 0x88), out[3] = _mm512_shuffle_f32x4(r, s, 0xdd);
+  out[0] = _mm512_shuffle_f32x4(p, q, 0x88);
+  out[1] = _mm512_shuffle_f32x4(p, q, 0xdd);
+  out[2] = _mm512_shuffle_f32x4(r, s, 0x88);
+  out[3] = _mm512_shuffle_f32x4(r, s, 0xdd);
 }
 #define V16_HAS_4X16 1 // four 4x4 blocks side by side: whole vectors go to and from memory
 static inline void v16_load4x16(v16 out[4], const float *p, long stride) {
@@ -156,8 +158,8 @@ static inline v16i v16i_or_if(uint64_t bits, v16i a, v16i b) {
   const __m512i on = _mm512_set1_epi64((long long)bits);
   return _mm512_maskz_or_epi64(_mm512_test_epi64_mask(on, on), a, b);
 }
-// Bit 8 y + x of a[i] to bit i of out[8 x + y], 64 words each: swaps of bits between words far apart, a transpose of
-// words, swaps again.
+// Bit 8 y + x of a[i] to bit i of out[8 x + y], 64 words each: swaps of bits between words far
+// apart, a transpose of words, swaps again.
 #define V16_HAS_TRANSPOSE64 1
 static inline void v16_swap_bits(__m512i *a, __m512i *b, int shift, uint64_t low) {
   __m512i t = _mm512_and_si512(_mm512_xor_si512(_mm512_srli_epi64(*a, (unsigned)shift), *b),
@@ -175,12 +177,15 @@ static inline void v16_transpose64(uint64_t *out, const uint64_t *a) {
     t[i] = _mm512_unpacklo_epi64(r[i], r[i + 1]);
     t[i + 1] = _mm512_unpackhi_epi64(r[i], r[i + 1]);
   }
-  for (int i = 0; i < 2; i++) { // t[i]: rows 0, 1 of column 2 k + i in the lane k; t[2 + i]: rows 2, 3, ...
+  // t[i]: rows 0, 1 of column 2 k + i in the lane k; t[2 + i]: rows 2, 3, ...
+  for (int i = 0; i < 2; i++) {
     __m512i p = _mm512_shuffle_i64x2(t[i], t[2 + i], 0x88), q = _mm512_shuffle_i64x2(t[i], t[2 + i], 0xdd);
     __m512i u = _mm512_shuffle_i64x2(t[4 + i], t[6 + i], 0x88),
             v = _mm512_shuffle_i64x2(t[4 + i], t[6 + i], 0xdd);
-    r[i] = _mm512_shuffle_i64x2(p, u, 0x88), r[4 + i] = _mm512_shuffle_i64x2(p, u, 0xdd);
-    r[2 + i] = _mm512_shuffle_i64x2(q, v, 0x88), r[6 + i] = _mm512_shuffle_i64x2(q, v, 0xdd);
+    r[i] = _mm512_shuffle_i64x2(p, u, 0x88);
+    r[4 + i] = _mm512_shuffle_i64x2(p, u, 0xdd);
+    r[2 + i] = _mm512_shuffle_i64x2(q, v, 0x88);
+    r[6 + i] = _mm512_shuffle_i64x2(q, v, 0xdd);
   }
   for (int i = 0; i < 4; i++) v16_swap_bits(r + i, r + i + 4, 4, 0x0f0f0f0f0f0f0f0full);
   for (int i = 0; i < 8; i += i % 2 ? 3 : 1) v16_swap_bits(r + i, r + i + 2, 2, 0x3333333333333333ull);
@@ -209,8 +214,8 @@ static inline void v16_tr4(v16 a, v16 b, v16 c, v16 d, v16 out[4]) {
   out[2] = _mm512_shuffle_ps(ab1, cd1, 0x44);
   out[3] = _mm512_shuffle_ps(ab1, cd1, 0xee);
 }
-// Two vectors are folded at once by exchanging halves: a blend goes through either of two ports, where each of two
-// shuffles would go through the same one.
+// Two vectors are folded at once by exchanging halves: a blend goes through either of two ports,
+// where each of two shuffles would go through the same one.
 static inline v16 v16_fold2_(v16 a, v16 b) { // [a: lanes i + (i+8)] [b: the same]
   return _mm512_add_ps(_mm512_mask_mov_ps(a, 0xff00, b), _mm512_shuffle_f32x4(a, b, 0x4e));
 }
@@ -254,7 +259,8 @@ static inline void v16_transpose(v16 a[16]) {
   v16 t[16];
   _Pragma("GCC unroll 4") for (int g = 0; g < 4; g++)
       v16_tr4(a[4 * g], a[4 * g + 1], a[4 * g + 2], a[4 * g + 3], t + 4 * g);
-  _Pragma("GCC unroll 4") for (int k = 0; k < 4; k++) { // t[4g+k] group q = element 4q+k of rows 4g..4g+3
+  // t[4g+k] group q = element 4q+k of rows 4g..4g+3
+  _Pragma("GCC unroll 4") for (int k = 0; k < 4; k++) {
     v16 x0 = _mm512_shuffle_f32x4(t[k], t[4 + k], 0x44), x1 = _mm512_shuffle_f32x4(t[k], t[4 + k], 0xee);
     v16 y0 = _mm512_shuffle_f32x4(t[8 + k], t[12 + k], 0x44),
         y1 = _mm512_shuffle_f32x4(t[8 + k], t[12 + k], 0xee);

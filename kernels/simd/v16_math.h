@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Not alone: it is a part of each v16_*.h.
-// exp2 and log2 over the vocabulary; included by each v16_*.h. The scalar twins are in s1_math.h: same
-// operations in the same order.
+// Not alone: it is a part of each v16_*.h. exp2 and log2 over the vocabulary; included by each
+// v16_*.h. The scalar twins are in s1_math.h: same operations in the same order.
 #ifndef SV_V16_MATH_H
 #define SV_V16_MATH_H
 
-// Where a vector is four registers the compiler would call these: the caller's registers then go to the stack and
-// back in every inner loop, and one chain of operations waits where others could run beside it.
+// Where a vector is four registers the compiler would call these: the caller's registers then go to
+// the stack and back in every inner loop, and one chain of operations waits where others could run
+// beside it.
 #define V16_INLINE static inline __attribute__((always_inline))
 
 // Rounded to the nearest number of 16 bits, of two the one farther from 0.
@@ -27,9 +27,10 @@ V16_INLINE v16 v16_rest(v16 x) {
 // Of v16_exp2_up8, degree 4 first.
 #define V16_EXP2_UP8_TERMS                                                                                   \
   { 256 * 0.0135557475f, 256 * 0.0520323701f, 256 * 0.241379768f, 256 * 0.693032146f, 256.0f }
-// 2^(8 + x) for x in [-126, -0.5], relative error 3.4e-6: x less its floor is exact there, degree 4 on [0, 1), 1 and 2
-// at its ends. Elsewhere the result means nothing: mask it. Forward and backward rasterization use this one.
-// terms: those, for callers who know better than compilers where they should lie.
+// 2^(8 + x) for x in [-126, -0.5], relative error 3.4e-6: x less its floor is exact there, degree 4
+// on [0, 1), 1 and 2 at its ends. Elsewhere the result means nothing: mask it. Forward and backward
+// rasterization use this one. terms: those, for callers who know better than compilers where they
+// should lie.
 V16_INLINE v16 v16_exp2_up8_by(v16 x, const float *terms) {
 #ifdef V16_HAS_SCALE
   v16 f = v16_above_floor(x);
@@ -79,10 +80,11 @@ V16_INLINE v16 v16_exp2_fine(v16 x) {
   return v16_from_bits(v16i_add(v16_bits(p), v16i_shl23(v16_bits(t))));
 }
 
-// log2 of a positive normal number, absolute error 2e-7 (relative 3e-7 away from 1): exponent plus the
-// atanh series of the mantissa in [sqrt(1/2), sqrt(2)).
+// log2 of a positive normal number, absolute error 2e-7 (relative 3e-7 away from 1): exponent plus
+// the atanh series of the mantissa in [sqrt(1/2), sqrt(2)).
 V16_INLINE v16 v16_log2(v16 x) {
-  v16i b = v16i_add(v16_bits(x), v16i_set1(0x3f800000 - 0x3f3504f3)); // so that the split is at sqrt(1/2)
+  // so that the split is at sqrt(1/2)
+  v16i b = v16i_add(v16_bits(x), v16i_set1(0x3f800000 - 0x3f3504f3));
   v16 e = v16_sub(v16i_to_f(v16i_shr23(b)), v16_set1(127.0f));
   v16 m = v16_from_bits(v16i_add(v16i_and(b, v16i_set1(0x007fffff)), v16i_set1(0x3f3504f3)));
   v16 s = v16_div(v16_sub(m, v16_set1(1.0f)), v16_add(m, v16_set1(1.0f)));

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The 16-lane vocabulary on AArch64 NEON: four 128-bit quarters. v16_ref.h states what every word means.
+// The 16-lane vocabulary on AArch64 NEON: four 128-bit quarters. v16_ref.h states what every word
+// means.
 #ifndef SV_V16_NEON_H
 #define SV_V16_NEON_H
 #include <arm_neon.h>
@@ -18,7 +19,8 @@ typedef struct {
   uint32x4_t q[4]; // all ones or all zeros per lane
 } v16m;
 
-// -O2 leaves four-step loops rolled, and a rolled loop keeps the vector in memory: five times slower.
+// -O2 leaves four-step loops rolled, and a rolled loop keeps the vector in memory: five times
+// slower.
 #define V16_UNROLL _Pragma("GCC unroll 4")
 #define V16_EACH(type, expr)                                                                                 \
   type r;                                                                                                    \
@@ -199,7 +201,10 @@ static inline void v16_tr4_(float32x4_t *a, float32x4_t *b, float32x4_t *c, floa
 static inline void v16_tr4(v16 a, v16 b, v16 c, v16 d, v16 out[4]) {
   V16_UNROLL
   for (int i = 0; i < 4; i++) v16_tr4_(&a.q[i], &b.q[i], &c.q[i], &d.q[i]);
-  out[0] = a, out[1] = b, out[2] = c, out[3] = d;
+  out[0] = a;
+  out[1] = b;
+  out[2] = c;
+  out[3] = d;
 }
 static inline float32x4_t v16_sum4_(const v16 *x) {
   float32x4_t a = v16_fold4_(x[0]), b = v16_fold4_(x[1]), c = v16_fold4_(x[2]), d = v16_fold4_(x[3]);

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The 16-lane vector vocabulary in plain C: the meaning of every word. The other v16_*.h say the same in
-// intrinsics and give the same bits (SSE4.1 has no fused multiply-add: v16_fma rounds twice there).
+// The 16-lane vector vocabulary in plain C: the meaning of every word. The other v16_*.h say the
+// same in intrinsics and give the same bits (SSE4.1 has no fused multiply-add: v16_fma rounds twice
+// there).
 //
-// Lane order: in images a vector is a 4x4 block of pixels, lane = 4 * (y mod 4) + (x mod 4); in Gaussian
-// data it is 16 consecutive slots. Sums over lanes always use one tree: i with i+8, then +4, +2, +1.
-// Masks are opaque (v16m). min/max return the second operand when either is NaN.
+// Lane order: in images a vector is a 4x4 block of pixels, lane = 4 * (y mod 4) + (x mod 4); in
+// Gaussian data it is 16 consecutive Gaussians. Sums over lanes always use one tree: i with i+8, then
+// +4, +2, +1. Masks are opaque (v16m). min/max return the second operand when either is NaN.
 #ifndef SV_V16_REF_H
 #define SV_V16_REF_H
 #include <math.h>
@@ -73,10 +74,14 @@ static inline v16 v16_add(v16 a, v16 b) { V16_EACH(a.l[k] + b.l[k]); }
 static inline v16 v16_sub(v16 a, v16 b) { V16_EACH(a.l[k] - b.l[k]); }
 static inline v16 v16_mul(v16 a, v16 b) { V16_EACH(a.l[k] * b.l[k]); }
 static inline v16 v16_div(v16 a, v16 b) { V16_EACH(a.l[k] / b.l[k]); }
-static inline v16 v16_fma(v16 a, v16 b, v16 c) { V16_EACH(fmaf(a.l[k], b.l[k], c.l[k])); }    // a b + c
-static inline v16 v16_fnma(v16 a, v16 b, v16 c) { V16_EACH(fmaf(-a.l[k], b.l[k], c.l[k])); }  // c - a b
-static inline v16 v16_fms(v16 a, v16 b, v16 c) { V16_EACH(fmaf(a.l[k], b.l[k], -c.l[k])); }   // a b - c
-static inline v16 v16_fnms(v16 a, v16 b, v16 c) { V16_EACH(fmaf(-a.l[k], b.l[k], -c.l[k])); } // -a b - c
+// a b + c
+static inline v16 v16_fma(v16 a, v16 b, v16 c) { V16_EACH(fmaf(a.l[k], b.l[k], c.l[k])); }
+// c - a b
+static inline v16 v16_fnma(v16 a, v16 b, v16 c) { V16_EACH(fmaf(-a.l[k], b.l[k], c.l[k])); }
+// a b - c
+static inline v16 v16_fms(v16 a, v16 b, v16 c) { V16_EACH(fmaf(a.l[k], b.l[k], -c.l[k])); }
+// -a b - c
+static inline v16 v16_fnms(v16 a, v16 b, v16 c) { V16_EACH(fmaf(-a.l[k], b.l[k], -c.l[k])); }
 static inline v16 v16_min(v16 a, v16 b) { V16_EACH(a.l[k] < b.l[k] ? a.l[k] : b.l[k]); }
 static inline v16 v16_max(v16 a, v16 b) { V16_EACH(a.l[k] > b.l[k] ? a.l[k] : b.l[k]); }
 static inline v16 v16_sqrt(v16 a) { V16_EACH(sqrtf(a.l[k])); }
@@ -156,7 +161,8 @@ static inline v16 v16_sum4(v16 a, v16 b, v16 c, v16 d) {
   V16_EACH(s[k >> 2]);
 }
 static inline v16 v16_sum16(const v16 a[16]) { V16_EACH(v16_sum(a[k])); } // lane k = sum of a[k]
-// 4x4 transposes in each group of four lanes: lane 4 g + i of out[k] is lane 4 g + k of the i-th vector.
+// 4x4 transposes in each group of four lanes: lane 4 g + i of out[k] is lane 4 g + k of the i-th
+// vector.
 static inline void v16_tr4(v16 a, v16 b, v16 c, v16 d, v16 out[4]) {
   const v16 in[4] = {a, b, c, d};
   for (int k = 0; k < 4; k++)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The 16-lane vocabulary on SSE4.1: four 128-bit quarters, no fused multiply-add (v16_fma rounds twice).
-// v16_ref.h states what every word means.
+// The 16-lane vocabulary on SSE4.1: four 128-bit quarters, no fused multiply-add (v16_fma rounds
+// twice). v16_ref.h states what every word means.
 #ifndef SV_V16_SSE41_H
 #define SV_V16_SSE41_H
 #include <smmintrin.h>
@@ -19,7 +19,8 @@ typedef struct {
   __m128 q[4]; // all ones or all zeros per lane
 } v16m;
 
-// -O2 leaves four-step loops rolled, and a rolled loop keeps the vector in memory: five times slower.
+// -O2 leaves four-step loops rolled, and a rolled loop keeps the vector in memory: five times
+// slower.
 #define V16_UNROLL _Pragma("GCC unroll 4")
 #define V16_EACH(type, expr)                                                                                 \
   type r;                                                                                                    \
@@ -193,7 +194,10 @@ static inline v16 v16_sum4(v16 a, v16 b, v16 c, v16 d) {
 static inline void v16_tr4(v16 a, v16 b, v16 c, v16 d, v16 out[4]) {
   V16_UNROLL
   for (int i = 0; i < 4; i++) _MM_TRANSPOSE4_PS(a.q[i], b.q[i], c.q[i], d.q[i]);
-  out[0] = a, out[1] = b, out[2] = c, out[3] = d;
+  out[0] = a;
+  out[1] = b;
+  out[2] = c;
+  out[3] = d;
 }
 static inline __m128 v16_sum4_(const v16 *x) {
   __m128 a = v16_fold4_(x[0]), b = v16_fold4_(x[1]), c = v16_fold4_(x[2]), d = v16_fold4_(x[3]);

@@ -23,9 +23,10 @@ typedef struct {
   uint32_t *order; // [n] out: values by rising key, equal keys in the order in which they came
 } sv_sort_args;
 
-// There is one such order, so each variant may sort as it is fastest. The reference: two passes over digits of the leading
-// bits of the range of the keys, of at most 8 bits, 11 of long lists; what shares them is put in order by insertion, or,
-// if that is much, by passes over all bits. exact.
+// There is one such order, so each variant may sort as it is fastest. The reference: two passes
+// over digits of the leading bits of the range of the keys, of at most 8 bits, 11 of long lists;
+// what shares them is put in order by insertion, or, if that is much, by passes over all bits.
+// exact.
 typedef void sv_sort_fn(const sv_sort_args *a);
 
 #ifdef __cplusplus

@@ -30,10 +30,10 @@ STEP(flip_7, 0xf0f0,
 STEP(flip_15, 0xff00, key16_reverse(a))
 #define flip_1 step_1
 
-// --- 256 words -----------------------------------------------------------------------------------
+// --- 256 words ----------------------------------------
 
-// A block of sixteen vectors, all in registers: the word of place p is in lane p / 16 of the vector p % 16, so that most
-// steps order whole vectors, and few lanes within one.
+// A block of sixteen vectors, all in registers: the word of place p is in lane p / 16 of the vector
+// p % 16, so that most steps order whole vectors, and few lanes within one.
 #define HAS_BLOCK 1
 enum { BLOCK = 16 };
 #define EACH(i) _Pragma("GCC unroll 16") for (int i = 0; i < BLOCK; i++)
@@ -54,7 +54,8 @@ V16_INLINE void order_columns(key16 v[BLOCK], int distance) {
   EACH(i) if (!(i & distance)) order_vectors(v, i, i ^ distance);
 }
 
-// MIRROR(x): the lanes of x in runs of two halves the other way round. upper: the lanes of the second halves.
+// MIRROR(x): the lanes of x in runs of two halves the other way round. upper: the lanes of the
+// second halves.
 #define JOIN_LANES(name, upper, MIRROR)                                                                      \
   V16_INLINE void name(key16 v[BLOCK]) {                                                                     \
     _Pragma("GCC unroll 8") for (int i = 0; i < BLOCK / 2; i++) {                                            \

@@ -4,8 +4,9 @@
 
 #include <string.h>
 
-// FEW pairs are sorted by insertion. Buckets of longer digits take longer to add up than lists of less than LONG, or MANY,
-// pairs take to be moved. MOVES places a pair and more, and two more passes are less work.
+// FEW pairs are sorted by insertion. Buckets of longer digits take longer to add up than lists of
+// less than LONG, or MANY, pairs take to be moved. MOVES places a pair and more, and two more
+// passes are less work.
 enum { CAP_PASSES = 4, FEW = 24, LONG = 1024, MANY = 2048, MOVES = 2 };
 
 typedef struct {
@@ -80,7 +81,8 @@ static sv_pair *by_digits(const sv_sort_args *a, sv_pair *from, const digits *d)
   return from;
 }
 
-// Sorts the pairs, and puts their values into `order`; gives up after `left` moves, and what it leaves is as stable as what it got.
+// Sorts the pairs, and puts their values into `order`; gives up after `left` moves, and what it
+// leaves is as stable as what it got.
 static int by_insertion(sv_pair *pair, uint32_t n, uint64_t left, uint32_t *order) {
   for (uint32_t i = 0; i < n; i++) {
     const sv_pair p = pair[i];

@@ -35,7 +35,10 @@ static void blur_column(const float *const xr[11], const float *const yr[11], in
     e = fmaf(fmaf(c, c, a * a) + fmaf(d, d, b * b), g[k], e);
     p = fmaf(a * c + b * d, g[k], p);
   }
-  out[0] = mx, out[1] = my, out[2] = e, out[3] = p;
+  out[0] = mx;
+  out[1] = my;
+  out[2] = e;
+  out[3] = p;
 }
 
 static float blur_row(const float *p) {
@@ -82,7 +85,9 @@ void sv_ssim_ref(const sv_ssim_args *a) {
       ssim_point s = {0};
       if (i < w) s = point(blur_row(t[0] + i), blur_row(t[1] + i), blur_row(t[2] + i), blur_row(t[3] + i));
       lanes[i & 15] += s.ssim;
-      t[4][i] = s.dm1, t[5][i] = s.ds1, t[6][i] = s.ds12;
+      t[4][i] = s.dm1;
+      t[5][i] = s.ds1;
+      t[6][i] = s.ds12;
     }
     for (int i = 0; i < w && a->dm1; i++) {
       a->dm1[at + (size_t)i] = blur_row(t[4] + i);
@@ -93,9 +98,9 @@ void sv_ssim_ref(const sv_ssim_args *a) {
   }
 }
 
-// --- gradient ------------------------------------------------------------------------------------
-// A map about column i of the picture's row r, blurred along the column: windows at even distances when one stands
-// on the row, else those at odd ones.
+// --- gradient ----------------------------------------
+// A map about column i of the image's row r, blurred along the column: windows at even distances
+// when one stands on the row, else those at odd ones.
 static float blur_map(const sv_ssim_bwd_args *a, const float *map, int r, int i) {
   const int n = (a->height_px - a->phase + 1) / 2, is_off = (r - a->phase) & 1;
   float s = 0;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// ssim and ssim_bwd over the 16-lane vocabulary. Rows are blurred vertically straight from the planes into a scratch row with zero borders, then horizontally from there:
-// no ring of rows, so a band costs no halo rows.
+// ssim and ssim_bwd over the 16-lane vocabulary. Rows are blurred vertically straight from the
+// planes into a scratch row with zero borders, then horizontally from there: no ring of rows, so a
+// band costs no halo rows.
 #include <stddef.h>
 #include <string.h>
 
@@ -22,8 +23,8 @@ static inline void rows_around(const float *row[11], const float *plane, int r, 
 
 static inline v16m lanes_below(int n) { return v16m_from_bits(n >= 16 ? 0xffffu : (1u << n) - 1u); }
 
-// The rows about one row of the picture. Away from its edges they are a stride apart, and nothing but the middle one has
-// to be known: eleven pointers a plane would not stay in registers.
+// The rows about one row of the image. Away from its edges they are a stride apart, and nothing
+// but the middle one has to be known: eleven pointers a plane would not stay in registers.
 typedef struct {
   const float *middle;
   long stride;
@@ -67,7 +68,8 @@ V16_INLINE void blur_columns(const window *x, const window *y, int inner, long i
   v16_store(t + 3 * map + i, p);
 }
 
-// A call for each vector keeps the compiler from taking eleven pointers a plane out of the loop again.
+// A call for each vector keeps the compiler from taking eleven pointers a plane out of the loop
+// again.
 static __attribute__((noinline)) void inner_columns(const window *x, const window *y, long i, float *t,
                                                     long map) {
   const window wx = {.middle = x->middle, .stride = x->stride},
@@ -80,7 +82,7 @@ static __attribute__((noinline)) void edge_columns(const window *x, const window
   for (int i = 0; i < w; i += 16) blur_columns(x, y, 0, i, t, map);
 }
 
-// What lies beyond the picture counts as 0.
+// What lies beyond the image counts as 0.
 static inline void clear_beyond(float *const *t, int n, int w) {
   for (int m = 0; m < n; m++)
     for (int i = w; i % 16; i++) t[m][i] = 0.0f;
@@ -94,8 +96,9 @@ static inline void clear_beyond(float *const *t, int n, int w) {
   s = v16_fma(v16_add(LO(4), HI(4)), v16_set1(SSIM_G4), s);                                                  \
   s = v16_fma(v16_add(LO(5), HI(5)), v16_set1(SSIM_G5), s)
 
-// Most loads beside p go across the border of two lines and take two turns. Where vectors can be shifted into each
-// other most taps are made that way: as many as the ports of arithmetic have time for beside the sums.
+// Most loads beside p go across the border of two lines and take two turns. Where vectors can be
+// shifted into each other most taps are made that way: as many as the ports of arithmetic have time
+// for beside the sums.
 static inline v16 blur_row(const float *p) {
   v16 here = v16_load(p), s = v16_mul(here, v16_set1(SSIM_G0));
 #ifdef V16_HAS_SHIFT_IN
@@ -119,8 +122,8 @@ static inline v16 blur_row(const float *p) {
   return s;
 }
 
-// Four rows at once, where registers hold the seventeen that they are made of: each is loaded, squared and multiplied
-// once instead of up to six times.
+// Four rows at once, where registers hold the seventeen that they are made of: each is loaded,
+// squared and multiplied once instead of up to six times.
 #if V16_REGISTERS >= 32
 enum { AT_ONCE = 4 };
 #else
@@ -156,7 +159,8 @@ V16_INLINE void blur_rows_about(const v16 x[ROWS_ABOUT], float *t, long row) {
 
 static __attribute__((noinline)) void inner_rows(const float *x, const float *y, long stride, int w, float *t,
                                                  long row, long map, int is_fetching) {
-  x -= SSIM_R * stride, y -= SSIM_R * stride;
+  x -= SSIM_R * stride;
+  y -= SSIM_R * stride;
   for (int i = 0; i < w; i += 16) {
     v16 r[ROWS_ABOUT];
     if (is_fetching) fetch_rows(x + i + ROWS_ABOUT * stride, stride);
@@ -209,7 +213,8 @@ V16_INLINE v16 put_maps(const terms *t, float *p, long row, v16m keep) {
   return v16_keep(keep, ssim);
 }
 
-// Planes about rows of windows from r on, blurred along columns: row k of map m at t + m * map + k * row. Returns how many.
+// Planes about rows of windows from r on, blurred along columns: row k of map m at t + m * map + k
+// * row. Returns how many.
 static int blur_planes(const sv_ssim_args *a, int r, float *t, long row, long map, const float *zero) {
   const int first = 2 * r + a->phase, h = a->height_px;
   const int is_fetching = (long)a->stride * h > NEAR_FLOATS;
@@ -227,15 +232,17 @@ static int blur_planes(const sv_ssim_args *a, int r, float *t, long row, long ma
   if (!is_inner(first, h)) edge_columns(&x, &y, a->width_px, t, map);
   else
     for (int i = 0; i < a->width_px; i += 16) {
-      if (is_fetching) fetch_rows(x.middle + i + below, x.stride), fetch_rows(y.middle + i + below, x.stride);
+      if (is_fetching) {
+        fetch_rows(x.middle + i + below, x.stride);
+        fetch_rows(y.middle + i + below, x.stride);
+      }
       inner_columns(&x, &y, i, t, map);
     }
   return 1;
 }
 
-// The chain of operations behind the blurs is longer than the core looks ahead: it is of the vector before, in two parts
-// between the blurs of this one.
-// maps: three rows, `row` apart, or NULL.
+// The chain of operations behind the blurs is longer than the core looks ahead: it is of the vector
+// before, in two parts between the blurs of this one. maps: three rows, `row` apart, or NULL.
 static float ssim_row(int w, const float *t, long map, float *maps, long row) {
   v16 sum = v16_zero();
   moments now = {blur_row(t), blur_row(t + map), blur_row(t + 2 * map), blur_row(t + 3 * map)}, next;
@@ -256,7 +263,8 @@ static float ssim_row(int w, const float *t, long map, float *maps, long row) {
 
 static void blur_maps(const sv_ssim_args *a, int r, const float *maps, long row) {
   const size_t at = (size_t)(r - a->map_row0) * (size_t)a->stride;
-  float *dm1 = a->dm1 + at, *ds1 = a->ds1 + at, *ds12 = a->ds12 + at; // not read again after each store
+  // not read again after each store
+  float *dm1 = a->dm1 + at, *ds1 = a->ds1 + at, *ds12 = a->ds12 + at;
   for (int i = 0, w = a->width_px; i < w; i += 16) {
     v16_store(dm1 + i, blur_row(maps + i));
     v16_store(ds1 + i, blur_row(maps + row + i));
@@ -283,7 +291,7 @@ void V(sv_ssim)(const sv_ssim_args *a) {
   }
 }
 
-// --- gradient ------------------------------------------------------------------------------------
+// --- gradient ----------------------------------------
 typedef struct {
   v16 l1, minus_l1, ssim, err;
 } weights;
@@ -327,8 +335,8 @@ static void end_row(const sv_ssim_bwd_args *a, int r, v16 sum) {
   a->row_l1[r] = v16_sum(sum);
 }
 
-// One vector of a map, blurred along columns for a row of the picture on which a window stands, and for one between two.
-// x: that of the rows of windows about it, from the second one above.
+// One vector of a map, blurred along columns for a row of the image on which a window stands, and
+// for one between two. x: that of the rows of windows about it, from the second one above.
 V16_INLINE v16 on_row(const v16 *x) {
   v16 s = v16_mul(x[2], v16_set1(SSIM_G0));
   s = v16_fma(v16_add(x[1], x[3]), v16_set1(SSIM_G2), s);
@@ -348,7 +356,8 @@ V16_INLINE void load_maps(v16 x[PAIRS + 5], const float *p, long stride) {
   for (int k = 0; k < PAIRS + 5; k++) x[k] = v16_load(p + k * stride);
 }
 
-// Rows r to r + 2 PAIRS - 1, about which the maps have all rows; at: of the second row of windows above.
+// Rows r to r + 2 PAIRS - 1, about which the maps have all rows; at: of the second row of windows
+// above.
 V16_INLINE void pairs(const sv_ssim_bwd_args *a, int r, size_t at, put_how of_err) {
   const long stride = a->stride;
   const size_t px = (size_t)r * (size_t)stride;
@@ -361,7 +370,10 @@ V16_INLINE void pairs(const sv_ssim_bwd_args *a, int r, size_t at, put_how of_er
     const v16m keep = lanes_below(left);
     v16 x[PAIRS + 5], s[2 * PAIRS];
     load_maps(x, m1, stride);
-    for (int k = 0; k < PAIRS; k++) s[2 * k] = on_row(x + k), s[2 * k + 1] = off_row(x + k);
+    for (int k = 0; k < PAIRS; k++) {
+      s[2 * k] = on_row(x + k);
+      s[2 * k + 1] = off_row(x + k);
+    }
     load_maps(x, s1, stride);
     for (int k = 0; k < PAIRS; k++) {
       s[2 * k] = v16_fma(v16_load(px_x + 2 * k * stride), on_row(x + k), s[2 * k]);
@@ -376,7 +388,12 @@ V16_INLINE void pairs(const sv_ssim_bwd_args *a, int r, size_t at, put_how of_er
       sum[k] =
           v16_add(sum[k], put_gradient(&w, v16_load(px_x + k * stride), v16_load(px_y + k * stride), s + k,
                                        keep, grad + k * stride, PUT, err ? err + k * stride : NULL, of_err));
-    m1 += 16, s1 += 16, s12 += 16, px_x += 16, px_y += 16, grad += 16;
+    m1 += 16;
+    s1 += 16;
+    s12 += 16;
+    px_x += 16;
+    px_y += 16;
+    grad += 16;
     if (err) err += 16;
   }
   for (int k = 0; k < 2 * PAIRS; k++) end_row(a, r + k, sum[k]);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// tv over the vocabulary. The row is copied between repeated borders so that neighbours are plain loads.
+// tv over the vocabulary. The row is copied between repeated borders so that neighbours are plain
+// loads.
 #include <stddef.h>
 #include <string.h>
 

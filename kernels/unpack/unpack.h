@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bytes to planes: RGB or RGBA (straight alpha) -> three float planes in [0, 1], reduced k x k by area
-// average. With alpha the picture is first laid over a background colour, then averaged:
+// Bytes to planes: RGB or RGBA (straight alpha) -> three float planes in [0, 1], reduced k x k by
+// area average. With alpha the image is first laid over a background colour, then averaged:
 //   out = mean(c a) + (1 - mean a) bg       (c, a in 0..1)
-// The sums are integers below 2^24, so every order gives the same bits. Exact for AVX2, AVX-512 and NEON;
-// SSE4.1 abs = 1e-6 (RGBA only).
+// The sums are integers below 2^24, so every order gives the same bits. Exact for AVX2, AVX-512 and
+// NEON; SSE4.1 abs = 1e-6 (RGBA only).
 #ifndef SV_KERNELS_UNPACK_H
 #define SV_KERNELS_UNPACK_H
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// unpack over the vocabulary: rows are summed vertically into float rows (integers, so exact), then folded
-// horizontally, pairs first.
+// unpack over the vocabulary: rows are summed vertically into float rows (integers, so exact), then
+// folded horizontally, pairs first.
 #include <string.h>
 
 #include "kernels/unpack/unpack.h"
@@ -68,7 +68,7 @@ static void finish_row(const sv_unpack_args *a, float *const t[4], int y, int w)
   }
 }
 
-// A row of a picture that keeps its size: nothing is summed, so nothing goes through memory.
+// A row of an image that keeps its size: nothing is summed, so nothing goes through memory.
 V16_INLINE void copy_row(const sv_unpack_args *a, int y, int n_channels) {
   const v16 inv = v16_set1(1.0f / 255.0f), inv_alpha = v16_set1(1.0f / (255.0f * 255.0f));
   const uint8_t *src = a->src + (size_t)y * a->src_stride_bytes;

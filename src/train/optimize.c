@@ -108,7 +108,7 @@ typedef struct {
 
 static void explore(const job *j, wanderers *w) {
   if (w->n == 0) return;
-  j->t->compute.k->explore(w->p[0], (1u << w->n) - 1, w->eta[0], j->noise_gain, SV_OPACITY_DEAD);
+  j->t->compute.k->position_noise(w->p[0], (1u << w->n) - 1, w->eta[0], j->noise_gain, SV_OPACITY_DEAD);
   for (int i = 0; i < w->n; i++)
     for (int a = 0; a < 3; a++) w->mean[i][16 * a] = w->p[SV_ROW_MEAN + a][i];
   w->n = 0;

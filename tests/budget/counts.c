@@ -102,7 +102,8 @@ static int by_name(const void *a, const void *b) {
   return isa ? isa : strcmp(x->function, y->function);
 }
 
-// Below "fn=NAME" stand lines "position cost": the function's own, and after "calls=" those of what it called.
+// Below "fn=NAME" stand lines "position cost": the function's own, and after "calls=" those of what
+// it called.
 bool counts_add_callgrind(counts_table *t, const char *path, const char *isa) {
   char line[1000];
   counts_row *r = NULL;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Wall-clock budgets, loose because machines are noisy: they catch a thing that became many times slower, not a
-// few per cent. The figures are printed. Medians, so that one interruption does not count.
+// Wall-clock budgets, loose because machines are noisy: they catch a thing that became many times
+// slower, not a few per cent. The figures are printed. Medians, so that one interruption does not
+// count.
 #include <stdio.h>
 #include <stdlib.h>
 #include <time.h>

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Instructions of five training steps against tests/budget/counts.csv. The program runs itself under callgrind:
+// Instructions of five training steps against tests/budget/counts.csv. The program runs itself
+// under callgrind:
 //
 //   test_budget_counts            compares
 //   test_budget_counts --accept   measures, and writes the record anew (make accept-counts)

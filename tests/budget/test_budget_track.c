@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What odometry costs a frame of 640x480 before any geometry: pyramid, corners, and following what it knows. Processor
-// time of one core, the least of several runs.
+// What odometry costs a frame of 640x480 before any geometry: pyramid, corners, and following what
+// it knows. Processor time of one core, the least of several runs.
 #include <string.h>
 #include <time.h>
 
@@ -32,7 +32,8 @@ TEST(test_frame) {
   assert_int_equal(sv_sim_parse(&c, "room,rig=stereo,path=handheld,size=640x480,exposures=60", &err), SV_OK);
   assert_int_equal(sv_sim_init(&sim, &c, &a, &err), SV_OK);
   sv_track_cfg t = sv_track_defaults();
-  t.rig = sv_sim_rig(&sim), t.cap_exposures = 4;
+  t.rig = sv_sim_rig(&sim);
+  t.cap_exposures = 4;
   assert_int_equal(sv_tracker_init(&tracker, &t, &k, &a, &err), SV_OK);
   sv_source src = sv_sim_source(&sim);
   assert_int_equal(src.start(src.self), SV_OK);

@@ -44,7 +44,7 @@ static void on_crash(int sig) {
   siglongjmp(crash_jump, 1);
 }
 
-// --- buffers -------------------------------------------------------------------------------------
+// --- buffers ----------------------------------------
 static void bad(ck *c, const char *fmt, ...) {
   va_list ap;
   if (c->n_bad++ >= 5) return; // the first five say enough
@@ -129,7 +129,7 @@ void ck_begin(ck *c, const char *fmt, ...) {
   va_end(ap);
 }
 
-// --- fills ---------------------------------------------------------------------------------------
+// --- fills ----------------------------------------
 static const char *const fill_names[CK_N_FILLS] = {"unit",   "signed", "flat", "binary",
                                                    "denorm", "huge",   "mixed"};
 const char *ck_fill_name(int kind) { return fill_names[kind]; }
@@ -161,7 +161,7 @@ void ck_fill_bytes(ck *c, void *p, size_t n) {
   }
 }
 
-// --- comparisons ---------------------------------------------------------------------------------
+// --- comparisons ----------------------------------------
 static uint32_t float_bits(float x) {
   uint32_t b;
   memcpy(&b, &x, 4);
@@ -205,7 +205,7 @@ void ck_true(ck *c, bool is_ok, const char *fmt, ...) {
   bad(c, "%s", text);
 }
 
-// --- bench ---------------------------------------------------------------------------------------
+// --- bench ----------------------------------------
 static double now_ns(void) { // CPU time of this thread: other programs on the machine do not count
   struct timespec t;
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
@@ -228,7 +228,7 @@ void ck_time(ck *c, const char *size, double n_items, void (*fn)(void *arg, cons
   fflush(stdout);
 }
 
-// --- the list ------------------------------------------------------------------------------------
+// --- the list ----------------------------------------
 typedef struct {
   const char *op;
   unsigned isas; // bit per variant, reference included
@@ -357,7 +357,10 @@ int main(int argc, char **argv) {
   for (const ck_entry *e = entries; e; e = e->next)
     if (!strncmp(e->op, "v16", 3) && (!only || !strcmp(only, e->op)))
       run_op(e->op, allowed, pin, is_bench, &t);
-  if (only && !t.n_passed && !t.n_failed && !t.n_skipped) printf("FAIL %s: no such op\n", only), t.n_failed++;
+  if (only && !t.n_passed && !t.n_failed && !t.n_skipped) {
+    printf("FAIL %s: no such op\n", only);
+    t.n_failed++;
+  }
   printf("%d passed, %d failed, %d skipped\n", t.n_passed, t.n_failed, t.n_skipped);
   return t.n_failed ? 1 : 0;
 }

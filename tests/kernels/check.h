@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernel checker's frame. A file tests/kernels/check_<op>.c holds one function that exercises one op
-// through c->ref (reference table) and c->var (table with the variant under test) and registers itself:
+// The kernel checker's frame. A file tests/kernels/check_<op>.c holds one function that exercises
+// one op through c->ref (reference table) and c->var (table with the variant under test) and
+// registers itself:
 //
 //   static void check_foo(ck *c) {
 //     for (int n = 1; n < 70; n++)
 //       for (int fill = 0; fill < CK_N_FILLS; fill++) {
-//         ck_begin(c, "n=%d %s", n, ck_fill_name(fill)); // names the case, frees the buffers of the last one
+//         ck_begin(c, "n=%d %s", n, ck_fill_name(fill)); // names the case, frees the buffers of
+//         the last one
 //         float *in = ck_floats(c, n), *a = ck_floats(c, n), *b = ck_floats(c, n);
 //         ck_fill(c, in, n, fill);
 //         c->ref.foo(in, a, n);
@@ -16,8 +18,8 @@
 //   static void bench_foo(ck *c) { ... ck_time(c, "1024", 1024, run, &args); }
 //   CK_REGISTER(foo, check_foo, bench_foo)
 //
-// The op name must be the one of variants.inc; an op without a check counts as failed. A crash inside a
-// check is caught, named with its case, and counts as failed.
+// The op name must be the one of variants.inc; an op without a check counts as failed. A crash
+// inside a check is caught, named with its case, and counts as failed.
 #ifndef SV_TESTS_KERNELS_CHECK_H
 #define SV_TESTS_KERNELS_CHECK_H
 
@@ -67,8 +69,8 @@ void ck_register(ck_entry *e);
 // Starts a case: checks the guards of the last one, drops its buffers, and names the new one.
 void ck_begin(ck *c, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 
-// Buffers with guard words on both sides, 64-byte aligned, filled with a pattern that is a NaN as float,
-// gone at the next ck_begin. `ck_floats_odd` starts 4 bytes off alignment.
+// Buffers with guard words on both sides, 64-byte aligned, filled with a pattern that is a NaN as
+// float, gone at the next ck_begin. `ck_floats_odd` starts 4 bytes off alignment.
 void *ck_bytes(ck *c, size_t bytes);
 // The same, not aligned, and ending where the memory ends: reading one byte too far is a crash.
 void *ck_bytes_at_end(ck *c, size_t bytes);
@@ -83,8 +85,8 @@ void ck_fill(ck *c, float *p, size_t n, int kind);
 void ck_fill_bytes(ck *c, void *p, size_t n); // random bytes with runs of 0 and 255
 const char *ck_fill_name(int kind);
 
-// Float arrays: same bits when c->is_exact (any NaN equals any NaN), else |a - b| <= tol * max(1, |a|).
-// tol_abs: |a - b| <= tol.
+// Float arrays: same bits when c->is_exact (any NaN equals any NaN), else |a - b| <= tol * max(1,
+// |a|). tol_abs: |a - b| <= tol.
 void ck_same(ck *c, const char *name, const float *ref, const float *var, size_t n, double tol);
 void ck_same_abs(ck *c, const char *name, const float *ref, const float *var, size_t n, double tol);
 void ck_same_bytes(ck *c, const char *name, const void *ref, const void *var, size_t bytes);

@@ -17,7 +17,8 @@ static adam_job make_job(ck *c, int n_rows, int fill, uint32_t touched) {
   ck_fill(c, j.p, n, CK_SIGNED);
   ck_fill(c, m, n, fill);
   ck_fill(c, v, n, CK_UNIT);
-  for (size_t i = 0; i < n; i += 3) v[i] = i % 2 ? 0.0f : m[i] * m[i]; // a first step; a settled one
+  // a first step; a settled one
+  for (size_t i = 0; i < n; i += 3) v[i] = i % 2 ? 0.0f : m[i] * m[i];
   for (size_t i = 0; i < n; i += 6) m[i] = 0.0f;
   j.m = ck_highs(c, m, n);
   j.v = ck_highs(c, v, n);
@@ -35,7 +36,9 @@ static void check_rows(ck *c, int n_rows, int fill, uint32_t touched) {
   size_t n = 16 * (size_t)n_rows;
   adam_job a = make_job(c, n_rows, fill, touched), b = a;
   const float *before = ck_copy(c, a.p, n), *m = ck_wide(c, a.m, n), *v = ck_wide(c, a.v, n);
-  b.p = ck_copy(c, a.p, n), b.m = ck_highs(c, m, n), b.v = ck_highs(c, v, n);
+  b.p = ck_copy(c, a.p, n);
+  b.m = ck_highs(c, m, n);
+  b.v = ck_highs(c, v, n);
   c->ref.adam(&a.args, a.touched, a.grad, a.p, a.m, a.v);
   c->var.adam(&b.args, b.touched, b.grad, b.p, b.m, b.v);
   ck_same(c, "p", a.p, b.p, n, 1e-5);
@@ -56,7 +59,8 @@ static void run_adam(void *arg, const sv_kernels *k) {
 static void bench_adam(ck *c) {
   ck_begin(c, "bench");
   adam_job a = make_job(c, 59, CK_SIGNED, 0xffff), b = make_job(c, 14, CK_SIGNED, 0xffff);
-  a.args.lr = a.lr, b.args.lr = b.lr;
+  a.args.lr = a.lr;
+  b.args.lr = b.lr;
   ck_time(c, "59 rows; per Gaussian", 16, run_adam, &a);
   ck_time(c, "14 rows; per Gaussian", 16, run_adam, &b);
 }

@@ -36,8 +36,10 @@ static void against_brute_force(ck *c, const sc_scene *s, uint32_t id, const sv_
         is_marked = intersection[p->intersection_offset + (uint32_t)(ty * n_tx + tx)].mask >>
                         (8 * (by & 7) + (bx & 7)) &
                     1;
-      if (is_marked) sum->n_marked++, sum->n_needed += is_needed(p, v, bx, by, 0);
-      else
+      if (is_marked) {
+        sum->n_marked++;
+        sum->n_needed += is_needed(p, v, bx, by, 0);
+      } else
         ck_true(c, !is_needed(p, v, bx, by, slack), "splat %u: block %d,%d is needed, but not marked", id, bx,
                 by);
     }

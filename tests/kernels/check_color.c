@@ -63,7 +63,10 @@ static sv_pack_args pack_args(ck *c, int w, int h, int fill) {
   for (int ch = 0; ch < 3; ch++) {
     float *p = ck_floats(c, (size_t)(a.stride * h));
     for (int r = 0; r < h; r++) ck_fill(c, p + r * a.stride, (size_t)w, fill);
-    if (w > 2) p[1] = NAN, p[2] = 0.5f / 255.0f;
+    if (w > 2) {
+      p[1] = NAN;
+      p[2] = 0.5f / 255.0f;
+    }
     a.src[ch] = p;
   }
   a.dst_stride_bytes = (size_t)(3 * w) + 2;
@@ -76,7 +79,8 @@ static void check_pack(ck *c) {
       int h = 1 + w % 3;
       ck_begin(c, "width %d %s", w, ck_fill_name(fill));
       sv_pack_args a = pack_args(c, w, h, fill), b = a;
-      size_t bytes = a.dst_stride_bytes * (size_t)(h - 1) + (size_t)(3 * w); // ends with the last pixel
+      // ends with the last pixel
+      size_t bytes = a.dst_stride_bytes * (size_t)(h - 1) + (size_t)(3 * w);
       a.dst = ck_bytes(c, bytes);
       b.dst = ck_bytes(c, bytes);
       c->ref.pack(&a);

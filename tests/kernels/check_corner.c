@@ -22,7 +22,8 @@ static void one_case(ck *c, int w, int h, int margin, int fill) {
   c->ref.corner(&a);
   b.cell1 = cells(h) / 2;
   c->var.corner(&b);
-  b.cell0 = cells(h) / 2, b.cell1 = cells(h);
+  b.cell0 = cells(h) / 2;
+  b.cell1 = cells(h);
   c->var.corner(&b);
   ck_same_bytes(c, "out", a.out, b.out, sizeof(sv_corner) * (size_t)n);
 }

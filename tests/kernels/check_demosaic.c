@@ -23,13 +23,15 @@ static void one_case(ck *c, int w, int h, int phase) {
   c->ref.demosaic(&a);
   b.row1 = h / 2;
   c->var.demosaic(&b);
-  b.row0 = h / 2, b.row1 = h;
+  b.row0 = h / 2;
+  b.row1 = h;
   c->var.demosaic(&b);
   ck_same_bytes(c, "dst", a.dst, b.dst, a.dst_stride_bytes * (size_t)(h - 1) + (size_t)(3 * w));
 }
 
-// A picture that is linear in x and y, the same in all colours, comes back as it was, away from the border; and a
-// flat colour comes back everywhere. Both follow from the filters' sums, for each of the four patterns.
+// A picture that is linear in x and y, the same in all colours, comes back as it was, away from the
+// border; and a flat colour comes back everywhere. Both follow from the filters' sums, for each of
+// the four patterns.
 static void known_pictures(ck *c, int phase) {
   const int w = 37, h = 20, flat[3] = {200, 90, 17};
   ck_begin(c, "known pictures, phase %d", phase);

@@ -22,7 +22,8 @@ static const int axes[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
 
 static planes_job make_planes(ck *c, const int s[6], int fill) {
   planes_job j = {.a = {.n_vec = s[0], .n_levels = s[1]}};
-  j.n_feature = (size_t)(256 * s[0] * s[1]), j.n_part = 6 * j.n_feature;
+  j.n_feature = (size_t)(256 * s[0] * s[1]);
+  j.n_part = 6 * j.n_feature;
   for (int l = 0; l < s[1]; l++) {
     for (int i = 0; i < 4; i++) j.a.res[l][i] = s[2 + i] * (i < 3 ? 1 + l : 1);
     for (int p = 0; p < SV_FIELD_PLANES; p++) {
@@ -38,7 +39,9 @@ static planes_job make_planes(ck *c, const int s[6], int fill) {
   ck_fill(c, j.c, 64, CK_UNIT);
   ck_fill(c, j.d, j.n_feature, fill);
   for (int i = 0; i < 64; i += 7) j.c[i] = (float)(i % 3) - 0.5f; // beyond the border, and on it
-  j.c[1] = 0.0f, j.c[18] = 1.0f, j.c[35] = 1.0f;
+  j.c[1] = 0.0f;
+  j.c[18] = 1.0f;
+  j.c[35] = 1.0f;
   return j;
 }
 
@@ -161,7 +164,8 @@ static planes_job bench_planes_job(ck *c) {
   static const int s[6] = {1, 1, 48, 48, 48, 48};
   ck_begin(c, "bench");
   planes_job j = make_planes(c, s, CK_SIGNED);
-  j.part = ck_floats(c, j.n_part), j.grad = ck_floats(c, j.n_plane);
+  j.part = ck_floats(c, j.n_part);
+  j.grad = ck_floats(c, j.n_plane);
   ck_fill(c, j.part, j.n_part, CK_SIGNED);
   ck_fill(c, j.grad, j.n_plane, CK_SIGNED);
   return j;

@@ -17,7 +17,8 @@ static void check_luma(ck *c) {
     c->ref.luma(&a);
     b.row1 = h / 2;
     c->var.luma(&b);
-    b.row0 = h / 2, b.row1 = h;
+    b.row0 = h / 2;
+    b.row1 = h;
     c->var.luma(&b);
     ck_same_bytes(c, "dst", a.dst, b.dst, sizeof(float) * (size_t)(stride * h));
     const uint8_t *p = src + 3 * (w - 1);

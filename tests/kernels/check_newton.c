@@ -4,7 +4,7 @@
 
 #include "tests/kernels/parameter_rows.h"
 
-// --- the probe -----------------------------------------------------------------------------------
+// --- the probe ----------------------------------------
 
 static void check_probe(ck *c) {
   enum { N_ROWS_OF_PLANE = 5, ROW0 = 1, ROW1 = 4 };
@@ -26,18 +26,23 @@ static void check_probe(ck *c) {
   }
 }
 
-// Signs that do not know of each other: as many plus as minus, and neighbours, rows and keys that agree half the time.
+// Signs that do not know of each other: as many plus as minus, and neighbours, rows and keys that
+// agree half the time.
 static void check_signs(ck *c) {
   enum { SIDE = 512 };
   static const float limit = 4.0f / SIDE; // four standard deviations of a mean of SIDE^2 signs
   ck_begin(c, "statistics of the signs");
   sv_probe_args a = {ck_floats(c, SIDE * SIDE), SIDE, SIDE, 0, SIDE, 1.0f, 5}, b = a;
-  b.plane = ck_floats(c, SIDE * SIDE), b.key = 6;
+  b.plane = ck_floats(c, SIDE * SIDE);
+  b.key = 6;
   c->var.probe(&a);
   c->var.probe(&b);
   const int shift[] = {1, 16, 32, SIDE, SIDE + 1, 7 * SIDE};
   double sum = 0, keys = 0;
-  for (int i = 0; i < SIDE * SIDE; i++) sum += (double)a.plane[i], keys += (double)(a.plane[i] * b.plane[i]);
+  for (int i = 0; i < SIDE * SIDE; i++) {
+    sum += (double)a.plane[i];
+    keys += (double)(a.plane[i] * b.plane[i]);
+  }
   ck_true(c, fabs(sum) < (double)(limit * SIDE * SIDE), "the sum is %g", sum);
   ck_true(c, fabs(keys) < (double)(limit * SIDE * SIDE), "two keys agree by %g", keys);
   for (size_t k = 0; k < sizeof shift / sizeof *shift; k++) {
@@ -62,7 +67,7 @@ static void bench_probe(ck *c) {
 
 CK_REGISTER(probe, check_probe_all, bench_probe)
 
-// --- the running mean ----------------------------------------------------------------------------
+// --- the running mean ----------------------------------------
 
 typedef struct {
   float *square;
@@ -77,7 +82,10 @@ static curvature_job make_curvature(ck *c, int n_rows, int fill, uint32_t touche
   float *diag = ck_floats(c, n);
   ck_fill(c, j.square, n, fill);
   ck_fill(c, diag, n, fill);
-  for (size_t i = 0; i < n; i++) j.square[i] = fabsf(j.square[i]), diag[i] = i % 5 ? fabsf(diag[i]) : 0.0f;
+  for (size_t i = 0; i < n; i++) {
+    j.square[i] = fabsf(j.square[i]);
+    diag[i] = i % 5 ? fabsf(diag[i]) : 0.0f;
+  }
   j.diag = ck_highs(c, diag, n);
   return j;
 }
@@ -108,7 +116,7 @@ static void bench_curvature(ck *c) {
 
 CK_REGISTER(curvature, check_curvature, bench_curvature)
 
-// --- the step ------------------------------------------------------------------------------------
+// --- the step ----------------------------------------
 
 typedef struct {
   float *cap, *grad, *p;

@@ -20,14 +20,18 @@ static float place(ck *c, int n, int i) { // the first two at the borders
 static void check_sums(ck *c) {
   for (int fill = 0; fill < CK_N_FILLS; fill++) {
     if (!c->is_exact && fill >= CK_HUGE) continue;
-    if (fill == CK_HUGE) continue; // five sums of products of 1e18 overflow, and inf - inf has no order
+    // five sums of products of 1e18 overflow, and inf - inf has no order
+    if (fill == CK_HUGE) continue;
     const int w = 45, h = 31, stride = 64;
     ck_begin(c, "%s", ck_fill_name(fill));
     float *src = ck_bytes_at_end(c, sizeof(float) * (size_t)(stride * h - (stride - w)));
     for (int r = 0; r < h; r++) ck_fill(c, src + r * stride, (size_t)w, fill);
     float *x = ck_floats(c, N_PLACES), *y = ck_floats(c, N_PLACES);
     float *a = ck_floats(c, 5 * N_PLACES), *b = ck_floats(c, 5 * N_PLACES);
-    for (int i = 0; i < N_PLACES; i++) x[i] = place(c, w, i), y[i] = place(c, h, i);
+    for (int i = 0; i < N_PLACES; i++) {
+      x[i] = place(c, w, i);
+      y[i] = place(c, h, i);
+    }
     sv_patch_take_args t = {.src = src,
                             .width_px = w,
                             .height_px = h,
@@ -49,7 +53,8 @@ static float wave(double x, double y) {
   return (float)(0.5 + 0.2 * sin(0.4 * x) * cos(0.3 * y) + 0.1 * sin(0.25 * x + 0.5 * y));
 }
 
-// At its own place a patch correlates to 1; a step from beside leads back; A = 2 sees twice as much.
+// At its own place a patch correlates to 1; a step from beside leads back; A = 2 sees twice as
+// much.
 static void check_take(ck *c) {
   const int w = 64, h = 48;
   ck_begin(c, "waves");
@@ -66,7 +71,12 @@ static void check_take(ck *c) {
   double pp = 0, hxx = 0, hxy = 0, hyy = 0, px = 0, py = 0;
   for (int i = 0; i < SV_PATCH_PIXELS; i++) {
     double v = t.out->v[0][i], gx = t.out->v[1][i], gy = t.out->v[2][i];
-    pp += v * v, hxx += gx * gx, hxy += gx * gy, hyy += gy * gy, px += v * gx, py += v * gy;
+    pp += v * v;
+    hxx += gx * gx;
+    hxy += gx * gy;
+    hyy += gy * gy;
+    px += v * gx;
+    py += v * gy;
   }
   double zncc = out[0][2] / sqrt((out[0][1] - out[0][0] * out[0][0] / 144.0) * pp);
   ck_true(c, fabs(zncc - 1) < 1e-4, "correlation with itself is %g", zncc);
@@ -84,7 +94,8 @@ static void check_take(ck *c) {
   static const float out_of_it[][2] = {{7.4f, 24}, {24, 7.4f}, {56.6f, 24}, {24, 40.6f}, {NAN, 24}};
   t.a[0] = t.a[3] = 1.0f;
   for (int i = 0; i < 5; i++) {
-    t.x = out_of_it[i][0] - (i < 1 ? 1.0f : 0), t.y = out_of_it[i][1] - (i == 1 ? 1.0f : 0);
+    t.x = out_of_it[i][0] - (i < 1 ? 1.0f : 0);
+    t.y = out_of_it[i][1] - (i == 1 ? 1.0f : 0);
     if (i == 2) t.x += 1;
     if (i == 3) t.y += 1;
     take(c, &t, &c->var);
@@ -123,7 +134,10 @@ static bench_arg bench_args(ck *c) {
   static float x[256], y[256], out[256][5];
   float *src = ck_floats(c, 640 * 480);
   ck_fill(c, src, 640 * 480, CK_UNIT);
-  for (int i = 0; i < 256; i++) x[i] = place(c, 640, i), y[i] = place(c, 480, i);
+  for (int i = 0; i < 256; i++) {
+    x[i] = place(c, 640, i);
+    y[i] = place(c, 480, i);
+  }
   bench_arg a = {.t = {.src = src,
                        .width_px = 640,
                        .height_px = 480,

@@ -5,7 +5,8 @@
 #include "kernels/simd/s1_math.h"
 #include "tests/kernels/splat_scene.h"
 
-static const int degrees[][2] = {{0, 0}, {1, 1}, {2, 2}, {3, 3}, {3, 0}, {2, 1}}; // of the rows, in use
+// of the rows, in use
+static const int degrees[][2] = {{0, 0}, {1, 1}, {2, 2}, {3, 3}, {3, 0}, {2, 1}};
 static const int counts[] = {1, 15, 16, 17, 31, 48, 61};
 static const int sizes[][2] = {{1, 1}, {14, 12}, {320, 240}, {1000, 37}, {16384, 40}};
 #define N_OF(a) ((int)(sizeof(a) / sizeof *(a)))
@@ -83,7 +84,7 @@ static void check_project(ck *c) {
         }
 }
 
-// --- backward ------------------------------------------------------------------------------------
+// --- backward ----------------------------------------
 
 // Slots as rasterization would leave them, but of any size; a third of the intersections has none.
 static void make_igrads(ck *c, sc_scene *s, int fill, uint8_t **igrad) {
@@ -129,8 +130,11 @@ static void bwd_case(ck *c, const sc_cfg *cfg, int fill) {
   sc_init(c, &s, cfg);
   sc_project(c, &s);
   make_igrads(c, &s, fill, &igrad);
-  for (int i = 0; i < 2; i++)
-    g[i] = ck_floats(c, 16 * (size_t)s.n_rows), err[i] = ck_floats(c, 16), pose[i] = ck_floats(c, 6);
+  for (int i = 0; i < 2; i++) {
+    g[i] = ck_floats(c, 16 * (size_t)s.n_rows);
+    err[i] = ck_floats(c, 16);
+    pose[i] = ck_floats(c, 6);
+  }
   for (int b = 0; b < s.n_blocks; b++) {
     sv_project_bwd_args a = {&s.project, s.intersection, igrad, pose[0], 0.01f, 0.02f};
     for (int i = 0; i < 2; i++) memset(g[i], 0xff, 64 * (size_t)s.n_rows);
@@ -164,7 +168,7 @@ static void check_project_bwd(ck *c) {
         }
 }
 
-// --- bench ---------------------------------------------------------------------------------------
+// --- bench ----------------------------------------
 
 typedef struct {
   sc_scene s;
@@ -202,7 +206,9 @@ static void bench_project_bwd(ck *c) {
     uint8_t *igrad;
     sc_project(c, &j.s);
     make_igrads(c, &j.s, CK_SIGNED, &igrad);
-    j.grad = ck_floats(c, 16 * SV_CAP_ROWS), j.err = ck_floats(c, 16), j.pose = ck_floats(c, 6);
+    j.grad = ck_floats(c, 16 * SV_CAP_ROWS);
+    j.err = ck_floats(c, 16);
+    j.pose = ck_floats(c, 6);
     j.bwd = (sv_project_bwd_args){&j.s.project, j.s.intersection, igrad, j.pose, 0.01f, 0.02f};
     ck_time(c, degree ? "SH 3; per Gaussian" : "SH 0; per Gaussian", 4096, run_bwd, &j);
   }

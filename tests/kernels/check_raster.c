@@ -70,7 +70,8 @@ static void make_scene(ck *c, raster_job *j, const sc_cfg *cfg, int masks) {
   j->n_px = 1024 * (size_t)j->s.n_tiles;
 }
 
-// Without FMA a contribution at a cut-off may fall on the other side: few pixels, and of a bounded size.
+// Without FMA a contribution at a cut-off may fall on the other side: few pixels, and of a bounded
+// size.
 static void compare_plane(ck *c, const char *name, const float *a, const float *b, size_t n, double scale) {
   if (c->is_exact) {
     ck_same(c, name, a, b, n, 0);
@@ -118,7 +119,8 @@ static void raster_case(ck *c, int kind, int n, int size, int masks, int flags, 
   for (int i = 0; i < 3; i++) a.bwd.g_rgb[i] = plane(c, &a, fill, 1);
   b.bwd = a.bwd;
   size_t n_igrads = a.s.n_intersections;
-  a.bwd.igrad = ck_bytes(c, n_igrads * SV_IGRAD_BYTES), b.bwd.igrad = ck_bytes(c, n_igrads * SV_IGRAD_BYTES);
+  a.bwd.igrad = ck_bytes(c, n_igrads * SV_IGRAD_BYTES);
+  b.bwd.igrad = ck_bytes(c, n_igrads * SV_IGRAD_BYTES);
   run_tiles_bwd(&a, &c->ref);
   run_tiles_bwd(&b, &c->var); // on what the reference's forward pass left
   float *sums[2] = {ck_floats(c, n_igrads * SV_IGRAD_VALUES), ck_floats(c, n_igrads * SV_IGRAD_VALUES)};
@@ -146,7 +148,8 @@ static void all_cases(ck *c, bool has_bwd) {
             if (has_bwd && flags == 7) fill = CK_DENORM;
             // backward: every set of planes on a few splats, fewer on many
             if (has_bwd ? (flags + n + size + masks) % (n < 2 ? 3 : 11) : flags > 1) continue;
-            if (!c->is_exact && (kind == SC_HOSTILE || kind == SC_EDGE)) continue; // no bound without FMA
+            // no bound without FMA
+            if (!c->is_exact && (kind == SC_HOSTILE || kind == SC_EDGE)) continue;
             raster_case(c, kind, counts[n], size, masks, flags, fill, has_bwd);
           }
 }
@@ -154,7 +157,7 @@ static void all_cases(ck *c, bool has_bwd) {
 static void check_raster(ck *c) { all_cases(c, false); }
 static void check_raster_bwd(ck *c) { all_cases(c, true); }
 
-// --- bench: splats of the size that training ends with (4 to 15 px) and starts with (20 to 60 px) ----
+// --- bench: splats as at the end of training (4 to 15 px) and at its start (20 to 60 px) ---------
 
 static double make_bench(ck *c, raster_job *j, int n, int kind) {
   ck_begin(c, "bench");

@@ -7,7 +7,10 @@
 static size_t pack(int container, const unsigned *v, int n, uint8_t *out) {
   memset(out, 0, (size_t)(2 * n + 8));
   for (int x = 0; x < n; x++) switch (container) {
-    case SV_RAW_16LE: out[2 * x] = (uint8_t)v[x], out[2 * x + 1] = (uint8_t)(v[x] >> 8); break;
+    case SV_RAW_16LE:
+      out[2 * x] = (uint8_t)v[x];
+      out[2 * x + 1] = (uint8_t)(v[x] >> 8);
+      break;
     case SV_RAW_10P:
       out[x / 4 * 5 + x % 4] = (uint8_t)(v[x] >> 2);
       out[x / 4 * 5 + 4] |= (uint8_t)((v[x] & 3) << x % 4 * 2);

@@ -68,7 +68,8 @@ static void check_remap(ck *c) {
       c->ref.remap(&a);
       b.row1 = dh / 2;
       c->var.remap(&b);
-      b.row0 = dh / 2, b.row1 = dh;
+      b.row0 = dh / 2;
+      b.row1 = dh;
       c->var.remap(&b);
       ck_same_bytes(c, "dst", a.dst, b.dst, bytes);
       if (a.mask) ck_same_bytes(c, "mask", a.mask, b.mask, (size_t)(dw * dh));

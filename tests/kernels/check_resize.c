@@ -37,7 +37,8 @@ static void check_resize(ck *c) {
         c->ref.resize(&a);
         b.row1 = dh / 2;
         c->var.resize(&b);
-        b.row0 = dh / 2, b.row1 = dh;
+        b.row0 = dh / 2;
+        b.row1 = dh;
         c->var.resize(&b);
         ck_same(c, "dst", a.dst, b.dst, (size_t)(pad(dw) * dh), 1e-5);
         for (int k = 0; k < w * h && w == dw && h == dh; k++)
@@ -71,14 +72,17 @@ static void check_half_bwd(ck *c) {
                             .src_stride = pad(2 * w),
                             .row1 = h},
                        b = a;
-      a.src_grad = ck_floats(c, n), b.src_grad = ck_floats(c, n);
+      a.src_grad = ck_floats(c, n);
+      b.src_grad = ck_floats(c, n);
       c->ref.half_bwd(&a);
       b.row1 = h / 2;
       c->var.half_bwd(&b);
-      b.row0 = h / 2, b.row1 = h;
+      b.row0 = h / 2;
+      b.row1 = h;
       c->var.half_bwd(&b);
       ck_same_bytes(c, "gradient", a.src_grad, b.src_grad, sizeof(float) * n);
-      // The mean of what it spreads is a quarter of what it was given; a quarter of a power of two is exact.
+      // The mean of what it spreads is a quarter of what it was given; a quarter of a power of two
+      // is exact.
       sv_resize_args back = make_args(c, a.src_grad, 2 * w, 2 * h, w, h);
       c->ref.half(&back);
       for (int k = 0; k < w * h && fill == CK_UNIT; k++)

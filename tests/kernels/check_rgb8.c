@@ -66,7 +66,8 @@ static void one_case(ck *c, int layout, int w, int h, int matrix) {
   c->ref.rgb8(&a);
   b.row1 = h / 2;
   c->var.rgb8(&b);
-  b.row0 = h / 2, b.row1 = h;
+  b.row0 = h / 2;
+  b.row1 = h;
   c->var.rgb8(&b);
   ck_same_bytes(c, "dst", a.dst, b.dst, out);
   against_formula(c, &a, matrix & 1, matrix >> 1);

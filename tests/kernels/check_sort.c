@@ -55,7 +55,8 @@ static void check_sort(ck *c) {
       ck_begin(c, "n %u keys %d", n, kind);
       sv_pair *in = ck_bytes(c, n * sizeof *in), *want = ck_bytes(c, n * sizeof *in);
       for (uint32_t i = 0; i < n; i++) want[i] = in[i] = (sv_pair){make_key(c, kind, i), i};
-      if (n) qsort(want, n, sizeof *want, by_key_then_value); // values rise in the input: stable = this order
+      // values rise in the input: stable = this order
+      if (n) qsort(want, n, sizeof *want, by_key_then_value);
       uint32_t *order = ck_bytes(c, n * sizeof *order);
       sort(c, in, n, order);
       for (uint32_t i = 0; i < n; i++) ck_true(c, order[i] == want[i].value, "rank %u: %u", i, order[i]);

@@ -36,7 +36,11 @@ static sv_ssim_args forward_args(ck *c, const pair *p, int phase, bool has_maps)
                     .scratch = p->scratch};
   const size_t n = (size_t)(a.row1 * p->stride);
   a.row_ssim = ck_floats(c, (size_t)a.row1);
-  if (has_maps) a.dm1 = ck_floats(c, n), a.ds1 = ck_floats(c, n), a.ds12 = ck_floats(c, n);
+  if (has_maps) {
+    a.dm1 = ck_floats(c, n);
+    a.ds1 = ck_floats(c, n);
+    a.ds12 = ck_floats(c, n);
+  }
   return a;
 }
 
@@ -71,7 +75,8 @@ static void forward_case(ck *c, int w, int h, int fill, int phase) {
   c->ref.ssim(&a);
   b.row1 = n / 2; // in two bands: the banding must not matter
   c->var.ssim(&b);
-  b.row0 = n / 2, b.row1 = n;
+  b.row0 = n / 2;
+  b.row1 = n;
   c->var.ssim(&b);
   c->var.ssim(&v);
   ck_same_abs(c, "row_ssim", a.row_ssim, b.row_ssim, (size_t)n, 1e-4 * (1 + p.w / 16));
@@ -103,7 +108,12 @@ static sv_ssim_bwd_args backward_args(ck *c, const pair *p, const sv_ssim_args *
                         .is_grad_add = mode & 1,
                         .is_err_add = mode >> 1 & 1,
                         .scratch = p->scratch};
-  if (f) a.dm1 = f->dm1, a.ds1 = f->ds1, a.ds12 = f->ds12, a.phase = f->phase;
+  if (f) {
+    a.dm1 = f->dm1;
+    a.ds1 = f->ds1;
+    a.ds12 = f->ds12;
+    a.phase = f->phase;
+  }
   a.grad = ck_floats(c, p->n);
   a.row_l1 = ck_floats(c, (size_t)p->h);
   if (!(mode & 4)) a.err = ck_floats(c, p->n);
@@ -133,13 +143,16 @@ static void backward_case(ck *c, int w, int h, int fill, int mode, int phase, bo
   c->ref.ssim_bwd(&a);
   b.row1 = h / 3;
   c->var.ssim_bwd(&b);
-  b.row0 = h / 3, b.row1 = h;
+  b.row0 = h / 3;
+  b.row1 = h;
   c->var.ssim_bwd(&b);
   ck_same_abs(c, "grad", a.grad, b.grad, p.n, 1e-5 * (1 + largest(a.grad, p.n)));
   ck_same(c, "row_l1", a.row_l1, b.row_l1, (size_t)h, 1e-5);
   if (a.err) ck_same(c, "err", a.err, b.err, p.n, 1e-6);
   sv_ssim_bwd_args v = b; // without a gradient: the same sums
-  v.grad = v.err = NULL, v.row0 = 0, v.row_l1 = ck_floats(c, (size_t)h);
+  v.grad = v.err = NULL;
+  v.row0 = 0;
+  v.row_l1 = ck_floats(c, (size_t)h);
   c->var.ssim_bwd(&v);
   ck_same_bytes(c, "row_l1 without gradient", b.row_l1, v.row_l1, sizeof(float) * (size_t)h);
   for (int r = 0; r < h; r++)

@@ -33,7 +33,8 @@ static void one_case(ck *c, int w, int h, int fill, sv_tv_form form) {
   c->ref.tv(&a);
   b.row1 = h / 2;
   c->var.tv(&b);
-  b.row0 = h / 2, b.row1 = h;
+  b.row0 = h / 2;
+  b.row1 = h;
   c->var.tv(&b);
   ck_same(c, "grad", a.grad, b.grad, n, 1e-6);
   ck_same(c, "row_v", a.row_v, b.row_v, (size_t)h, 1e-5);

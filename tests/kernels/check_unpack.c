@@ -46,7 +46,8 @@ static void one_case(ck *c, int w, int h, int nc, int k) {
   c->ref.unpack(&a);
   b.row1 = h / k / 2;
   c->var.unpack(&b);
-  b.row0 = b.row1, b.row1 = h / k;
+  b.row0 = b.row1;
+  b.row1 = h / k;
   c->var.unpack(&b);
   for (int ch = 0; ch < 3; ch++) {
     ck_same(c, "dst", a.dst[ch], b.dst[ch], (size_t)(h / k) * (size_t)a.dst_stride, 1e-6);

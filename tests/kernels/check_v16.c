@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The vector vocabulary itself: every word against v16_ref.h, and its exp2 and log2 against libm in double.
+// The vector vocabulary itself: every word against v16_ref.h, and its exp2 and log2 against libm in
+// double.
 #include <math.h>
 #include <string.h>
 
@@ -39,7 +40,11 @@ static void every_word(ck *c) {
       ck_fill(c, in, 48, fill);
       ck_fill(c, block, 256, fill);
       ck_fill_bytes(c, u8, 16);
-      if (fill == CK_MIXED) in[4] = NAN, in[21] = NAN, in[9] = INFINITY;
+      if (fill == CK_MIXED) {
+        in[4] = NAN;
+        in[21] = NAN;
+        in[9] = INFINITY;
+      }
       int n = v16_probe_ref(in, block, u8, ref), m = probes[c->isa](in, block, u8, var);
       ck_true(c, n == m, "%d words, the reference has %d", m, n);
       for (int i = 0; i < n && i < m; i++) {
@@ -84,7 +89,8 @@ static void accuracy(ck *c) {
   for (int i = 0; i < 40000; i++) {
     for (int k = 0; k < 16; k++) {
       float u = ((float)(16 * i + k) + sv_rng_f(&c->rng)) / (16 * 40000);
-      in[k] = i & 1 ? u * 126 : powf(10, u * 6 - 3); // exp2 and log2 take |a| limited to [1e-3, 1e3]
+      // exp2 and log2 take |a| limited to [1e-3, 1e3]
+      in[k] = i & 1 ? u * 126 : powf(10, u * 6 - 3);
       in[k] = fminf(in[k], 126);
       in[32 + k] = u * 252 - 126;
     }
@@ -140,6 +146,9 @@ static void twins(ck *c) {
 static void check_v16(ck *c) {
   every_word(c);
   accuracy(c);
-  if (c->isa == SV_ISA_REF) twins(c), rounding(c);
+  if (c->isa == SV_ISA_REF) {
+    twins(c);
+    rounding(c);
+  }
 }
 CK_REGISTER(v16, check_v16, NULL)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gaussians, views and binned tiles for the checks of the splatting kernels. All memory is the case's
-// (ck_bytes): it goes at the next ck_begin.
+// Gaussians, views and binned tiles for the checks of the splatting kernels. All memory is the
+// case's (ck_bytes): it goes at the next ck_begin.
 #ifndef SV_TESTS_KERNELS_SPLAT_SCENE_H
 #define SV_TESTS_KERNELS_SPLAT_SCENE_H
 
@@ -10,7 +10,8 @@ typedef enum {
   SC_TYPICAL, // what training holds: a unit cloud before the camera
   SC_OPAQUE,  // large and nearly opaque: pixels end early
   SC_EDGE,    // beyond the frustum limits, at, on and behind the near plane and the camera plane
-  SC_HOSTILE, // opacities 1e-6..1-1e-7, log-scales -20..8, quaternions near 0, huge and denormal values
+  // opacities 1e-6..1-1e-7, log-scales -20..8, quaternions near 0, huge and denormal values
+  SC_HOSTILE,
   SC_N_KINDS
 } sc_kind;
 const char *sc_name(int kind);

@@ -55,7 +55,10 @@ static v16_probe_word *probe_words(const float *in, v16_probe_word *o) {
   I(v16i_shl_by(v16i_set1(-2), v16_min(p, v16_set1(29.5f)))); F(v16i_to_f(v16_bits(a))); I(v16_trunc_i(v16_sub(p, c)));
   F(v16_min4(p)); F(v16_max4(p)); F(v16_set1(v16_sum(a))); F(v16_sum4(a, b, c, p));
   F(v16_rest(v16_min(v16_max(a, v16_set1(-4e6f)), v16_set1(4e6f)))); F(v16_rest(v16_mul(v16_set1(0.5f), v16i_to_f(v16_trunc_i(v16_sub(p, c))))));
-  FF(v16_exp2_up8(v16_max(v16_sub(v16_set1(-0.5f), p), v16_set1(-126.0f)))); FF(v16_exp2_fine(c)); FF(v16_log2(p)); // clang-format on
+  // clang-format on
+  FF(v16_exp2_up8(v16_max(v16_sub(v16_set1(-0.5f), p), v16_set1(-126.0f))));
+  FF(v16_exp2_fine(c));
+  FF(v16_log2(p));
   return o;
 }
 
@@ -81,23 +84,31 @@ int V(v16_probe)(const float *in, const float *block, const uint8_t *u8, v16_pro
   uint8_t bytes[64] = {0};
   v16_store_u8(bytes, v16_mul(v16_load(in + 32), v16_set1(40.0f)));
   memcpy(o->bits, bytes, 64);
-  o->name = "v16_store_u8", o->has_fma = 0, o++;
+  o->name = "v16_store_u8";
+  o->has_fma = 0;
+  o++;
   uint16_t high[16];
   v16_store_high(high, v16_load(in));
   memset(o->bits, 0, 64);
   memcpy(o->bits, high, 32);
-  o->name = "v16_store_high", o->has_fma = 0, o++;
+  o->name = "v16_store_high";
+  o->has_fma = 0;
+  o++;
   memcpy(high, in + 7, 32);
   put_f(o++, "v16_load_high", 0, v16_load_high(high));
   v16i_store_high(high, v16_bits(v16_load(in + 16)));
   memset(o->bits, 0, 64);
   memcpy(o->bits, high, 32);
-  o->name = "v16i_store_high", o->has_fma = 0, o++;
+  o->name = "v16i_store_high";
+  o->has_fma = 0;
+  o++;
   uint8_t eleven[32];
   v16_store11(eleven, v16_load(in));
   memset(o->bits, 0, 64);
   memcpy(o->bits, eleven, 32);
-  o->name = "v16_store11", o->has_fma = 0, o++;
+  o->name = "v16_store11";
+  o->has_fma = 0;
+  o++;
   put_f(o++, "v16_load11", 0, v16_load11(eleven));
   float square[32] = {0};
   v16_store4x4(square, 7, v16_load(in));

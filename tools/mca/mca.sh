@@ -1,13 +1,15 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Predicted cycles of the kernels' inner loops (llvm-mca on the compiler's assembler output), for 16 lanes:
+# Predicted cycles of the kernels' inner loops (llvm-mca on the compiler's assembler output), for 16
+# lanes:
 #
-#   make mca [V=1]  a table: operation, instructions, vectors kept on the stack, cycles on each core, and the steps that
+#   make mca [V=1]  a table: operation, instructions, vectors kept on the stack, cycles on each
+#   core, and the steps that
 #                   follow from it on boards. V=1: each region, too
 #
-# A model of the core alone: every load hits the first cache, no branch is mispredicted, nothing else runs. LLVM has no
-# model of the Cortex-A76; that of the Neoverse N1, the same core for servers, stands in (LLVM 17 and later). Exit 77 with
-# the reason when a tool is missing.
+# A model of the core alone: every load hits the first cache, no branch is mispredicted, nothing
+# else runs. LLVM has no model of the Cortex-A76; that of the Neoverse N1, the same core for
+# servers, stands in (LLVM 17 and later). Exit 77 with the reason when a tool is missing.
 set -u
 root=$(readlink -f "$(dirname "$0")/../..")
 cd "$root" || exit 2

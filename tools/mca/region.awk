@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 # Cuts one region out of a compiler's assembler output:
 #   -v fn=REGEX     of the function's name
-#   -v kind=KIND    its shortest or longest innermost loop with at least min_fma fused multiply-adds, or body: all of it
-# A loop reaches from a label to the first branch back to it: what the compiler moved behind is what seldom runs.
-# -v what=count prints "instructions spills" instead of the text; a spill is a vector on the stack.
+#   -v kind=KIND    its shortest or longest innermost loop with at least min_fma fused
+#   multiply-adds, or body: all of it
+# A loop reaches from a label to the first branch back to it: what the compiler moved behind is what
+# seldom runs. -v what=count prints "instructions spills" instead of the text; a spill is a vector
+# on the stack.
 function is_branch(s) { return s ~ /^\t(b|b\.?[a-z][a-z]|cbn?z|tbn?z|j[a-z]+)\t/ }
 function is_code(s) { return s ~ /^\t[a-z]/ }
 function target(s) { return match(s, /\.L[A-Za-z0-9_]+/) ? substr(s, RSTART, RLENGTH) : "" }
@@ -44,7 +46,8 @@ END {
     n_code++
     if (line[i] ~ /\[(sp|x29)[],]/ && line[i] ~ /[^a-z]q[0-9]/) n_spills++
     if (line[i] ~ /\(%r(sp|bp)\)/ && line[i] ~ /%[xyz]mm/) n_spills++
-    if (what != "count" && line[i] !~ /^\t(bl|call|ret)(\t|$)/) print line[i] # what is called is a region of its own
+    # A called function is a region of its own.
+    if (what != "count" && line[i] !~ /^\t(bl|call|ret)(\t|$)/) print line[i]
   }
   if (what == "count") print n_code + 0, n_spills + 0
 }

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-# First file: rows "core op region times instructions spills cycles"; second: steps and boards. Prints the tables of
-# tools/mca/mca.sh.
+# First file: rows "core op region times instructions spills cycles"; second: steps and boards.
+# Prints the tables of tools/mca/mca.sh.
 #
-# A step: pixel-splat pairs blended and gone back through, three channels of loss, Gaussians projected, gone back through
-# and optimised (23 rows of SH degree 1), a fifth of the way back once more for the curvature (GRADIENTS), and what is scalar: sort, lists and target, by instructions that callgrind
-# counted on x86, at SCALAR_IPC. DERATE: measured over predicted cycles of the same loops on x86 (1.2), and some for what
-# the small cores hide worse: caches, branches, the end of each stage.
+# A step: pixel-splat pairs blended forward and backward, three channels of loss, Gaussians
+# projected forward and backward and optimised (23 rows of SH degree 1), a fifth of the backward
+# pass once more for the curvature (GRADIENTS), and the scalar part: sort, lists and target, by
+# instructions that callgrind counted on x86, at SCALAR_IPC. DERATE: measured over predicted cycles of the same
+# loops on x86 (1.2), and some for what the small cores hide worse: caches, branches, the end of
+# each stage.
 function of(core, op) { return cyc[core, op] / 16 }
 FNR == 1 { file++ }
 /^#/ { next }
@@ -18,10 +20,10 @@ file == 1 {
   next
 }
 $1 == "step" { n_steps++; step[n_steps] = $2 " Gaussians, " $3; n_g[n_steps] = $2; split($3, px, "x")
-  n_px[n_steps] = px[1] * px[2]; pairs[n_steps] = $4; visible[n_steps] = $5; recs[n_steps] = $6 }
+  n_px[n_steps] = px[1] * px[2]; pairs[n_steps] = $4; visible[n_steps] = $5; intersections[n_steps] = $6 }
 $1 == "board" { boards++; board[boards] = $2; for (i = 3; i <= NF; i++) word[boards, i] = $i; words[boards] = NF }
 function step_cycles(c, s) {
-  scalar = (SORT * visible[s] + BIN * recs[s] + TARGET * n_px[s]) / (c == "A76" ? 1.5 : 1)
+  scalar = (SORT * visible[s] + BIN * intersections[s] + TARGET * n_px[s]) / (c == "A76" ? 1.5 : 1)
   return pairs[s] * (of(c, "raster") + GRADIENTS * of(c, "raster_bwd")) + 3 * n_px[s] * (of(c, "ssim") / 2 + of(c, "ssim_bwd")) \
     + n_g[s] * (of(c, "project") + GRADIENTS * of(c, "project_bwd") + 23 * of(c, "newton")) + scalar
 }

@@ -12,11 +12,11 @@ enum { ROWS = SV_ROW_SH + 3 };
 typedef struct {
   float *p, *eta;
   uint32_t on;
-} explore_job;
+} noise_job;
 
 // A block of Gaussians as training has them: any turn, sizes over six decades, nearly transparent.
-static explore_job make_job(ck *c, uint32_t on) {
-  explore_job j = {ck_floats(c, 16 * ROWS), ck_floats(c, 48), on};
+static noise_job make_job(ck *c, uint32_t on) {
+  noise_job j = {ck_floats(c, 16 * ROWS), ck_floats(c, 48), on};
   ck_fill(c, j.p, 16 * ROWS, CK_SIGNED);
   ck_fill(c, j.eta, 48, CK_SIGNED);
   for (int k = 0; k < 16; k++) {
@@ -29,14 +29,17 @@ static explore_job make_job(ck *c, uint32_t on) {
 // The reference itself against the rotation matrix in double.
 static void check_formula(ck *c) {
   ck_begin(c, "formula");
-  explore_job j = make_job(c, 0xffff);
+  noise_job j = make_job(c, 0xffff);
   float *b = ck_floats(c, 16 * ROWS);
   memcpy(b, j.p, 16 * ROWS * sizeof *b);
-  c->ref.explore(b, j.on, j.eta, 0.5f, 0.005f);
+  c->ref.position_noise(b, j.on, j.eta, 0.5f, 0.005f);
   for (int k = 0; k < 16; k++) {
     double q[4], r[9], n = 0, d[3], o = 1 / (1 + exp(-(double)j.p[16 * SV_ROW_LOGIT + k]));
     double gate = 1 / (1 + exp(100 * (o - 0.005)));
-    for (int i = 0; i < 4; i++) q[i] = (double)j.p[16 * (SV_ROW_QUAT + i) + k], n += q[i] * q[i];
+    for (int i = 0; i < 4; i++) {
+      q[i] = (double)j.p[16 * (SV_ROW_QUAT + i) + k];
+      n += q[i] * q[i];
+    }
     for (int i = 0; i < 4; i++) q[i] /= sqrt(n);
     sv_quat_to_mat(r, q);
     for (int a = 0; a < 3; a++) {
@@ -51,38 +54,38 @@ static void check_formula(ck *c) {
   }
 }
 
-static void check_explore(ck *c) {
+static void check_position_noise(ck *c) {
   check_formula(c);
   static const float gains[] = {0.0f, 1e-3f, 40.0f};
   for (size_t g = 0; g < sizeof gains / sizeof *gains; g++)
     for (size_t m = 0; m < sizeof masks / sizeof *masks; m++) {
       ck_begin(c, "gain %g mask %04x", (double)gains[g], masks[m]);
-      explore_job a = make_job(c, masks[m]);
+      noise_job a = make_job(c, masks[m]);
       float *b = ck_floats(c, 16 * ROWS), *before = ck_floats(c, 16 * ROWS);
       memcpy(b, a.p, 16 * ROWS * sizeof *b);
       memcpy(before, a.p, 16 * ROWS * sizeof *b);
-      c->ref.explore(a.p, a.on, a.eta, gains[g], 0.005f);
-      c->var.explore(b, a.on, a.eta, gains[g], 0.005f);
+      c->ref.position_noise(a.p, a.on, a.eta, gains[g], 0.005f);
+      c->var.position_noise(b, a.on, a.eta, gains[g], 0.005f);
       ck_same(c, "p", a.p, b, 16 * ROWS, 1e-5);
       for (int i = 0; i < 16 * ROWS; i++)
         ck_true(c, b[i] == before[i] || (i < 48 && (masks[m] >> i % 16 & 1)), "entry %d moved", i);
     }
 }
 
-static void run_explore(void *arg, const sv_kernels *k) {
-  explore_job *j = arg;
-  k->explore(j->p, j->on, j->eta, 1e-3f, 0.005f);
+static void run_position_noise(void *arg, const sv_kernels *k) {
+  noise_job *j = arg;
+  k->position_noise(j->p, j->on, j->eta, 1e-3f, 0.005f);
 }
 
-static void bench_explore(ck *c) {
+static void bench_position_noise(ck *c) {
   ck_begin(c, "bench");
-  explore_job j = make_job(c, 0xffff);
-  ck_time(c, "per Gaussian", 16, run_explore, &j);
+  noise_job j = make_job(c, 0xffff);
+  ck_time(c, "per Gaussian", 16, run_position_noise, &j);
 }
 
-CK_REGISTER(explore, check_explore, bench_explore)
+CK_REGISTER(position_noise, check_position_noise, bench_position_noise)
 
-// --- errors --------------------------------------------------------------------------------------
+// --- errors ----------------------------------------
 
 typedef struct {
   float *err, *e, *logit;
@@ -93,7 +96,8 @@ static errors_job make_errors(ck *c) {
   ck_fill(c, j.err, 16, CK_SIGNED);
   ck_fill(c, j.e, 16, CK_SIGNED);
   ck_fill(c, j.logit, 16, CK_SIGNED);
-  j.logit[3] = NAN, j.logit[9] = -0.25f; // may wander, as what lies on the limit
+  j.logit[3] = NAN;
+  j.logit[9] = -0.25f; // may wander, as what lies on the limit
   return j;
 }
 

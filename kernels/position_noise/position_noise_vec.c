@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// `explore` on 16 lanes. explore_ref.c is the specification.
-#include "kernels/explore/explore.h"
+// `position_noise` on 16 lanes. position_noise_ref.c is the specification.
+#include "kernels/position_noise/position_noise.h"
 #include "kernels/simd/v16.h"
 
 static inline v16 row(const float *p, int i) { return v16_load(p + 16 * i); }
@@ -12,10 +12,10 @@ static inline v16 logistic(v16 log2_odds_against) {
 // a b - c d
 static inline v16 cross(v16 a, v16 b, v16 c, v16 d) { return v16_fma(a, b, v16_neg(v16_mul(c, d))); }
 
-void V(sv_explore)(float *p, uint32_t on, const float *eta, float gain, float dead) {
-  const v16 log2e = v16_set1(SV_EXPLORE_LOG2E);
+void V(sv_position_noise)(float *p, uint32_t on, const float *eta, float gain, float dead) {
+  const v16 log2e = v16_set1(SV_POSITION_NOISE_LOG2E);
   v16 o = logistic(v16_mul(v16_neg(log2e), row(p, SV_ROW_LOGIT)));
-  v16 gate = logistic(v16_mul(v16_set1(SV_EXPLORE_STEEPNESS), v16_sub(o, v16_set1(dead))));
+  v16 gate = logistic(v16_mul(v16_set1(SV_POSITION_NOISE_STEEPNESS), v16_sub(o, v16_set1(dead))));
   v16 w = row(p, SV_ROW_QUAT), x = row(p, SV_ROW_QUAT + 1), y = row(p, SV_ROW_QUAT + 2),
       z = row(p, SV_ROW_QUAT + 3);
   v16 n = v16_div(v16_set1(2.0f), v16_fma(w, w, v16_fma(x, x, v16_fma(y, y, v16_mul(z, z))))), d[3];
