@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// SGLD position noise of 3DGS-MCMC (Kheradmand et al. 2024, eq. 8): nearly transparent Gaussians are
-// moved by noise that has their own covariance.
+// SGLD position noise of 3DGS-MCMC (Kheradmand et al. 2024, eq. 8): nearly transparent Gaussians
+// are moved by noise that has their own covariance.
 #ifndef SV_KERNELS_POSITION_NOISE_H
 #define SV_KERNELS_POSITION_NOISE_H
 

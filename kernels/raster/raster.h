@@ -15,10 +15,10 @@
 // Backward, with the image's gradient dot = rgb . dL/drgb + z dL/ddepth and w = a T:
 //   S' = S - w dot
 //   dL/d(ln a) = w dot - S' a / (1 - a) = S - S' / (1 - a);  0 where 2^(8 + power) > 0.99
-// S, the suffix, begins at colour . dL/drgb + depth dL/ddepth + T dL/dtrans of the pixel; S' is what
-// lies behind the splat. The quotient depends on the splat alone, so nothing waits for it. Where T
-// is below 1e-4 there is no gradient: S is then rounding error, and hidden Gaussians would follow
-// it. Splats that cannot reach the limit of 0.99 are not compared with it.
+// S, the suffix, begins at colour . dL/drgb + depth dL/ddepth + T dL/dtrans of the pixel; S' is
+// what lies behind the splat. The quotient depends on the splat alone, so nothing waits for it.
+// Where T is below 1e-4 there is no gradient: S is then rounding error, and hidden Gaussians would
+// follow it. Splats that cannot reach the limit of 0.99 are not compared with it.
 #ifndef SV_KERNELS_RASTER_H
 #define SV_KERNELS_RASTER_H
 
@@ -59,7 +59,8 @@ typedef struct {
   const float *g_depth;      // plane dL/ddepth, or NULL
   const float *g_trans;      // plane dL/dtrans, or NULL (alpha = 1 - trans)
   const float *err;          // plane of residuals: weight * err is summed per splat; or NULL
-  // [n_intersections][SV_IGRAD_BYTES] out: per-intersection gradients; not written where the mask is 0.
+  // [n_intersections][SV_IGRAD_BYTES] out: per-intersection gradients; not written where the mask
+  // is 0.
   uint8_t *igrad;
 } sv_raster_bwd_args;
 

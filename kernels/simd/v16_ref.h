@@ -4,8 +4,8 @@
 // there).
 //
 // Lane order: in images a vector is a 4x4 block of pixels, lane = 4 * (y mod 4) + (x mod 4); in
-// Gaussian data it is 16 consecutive Gaussians. Sums over lanes always use one tree: i with i+8, then
-// +4, +2, +1. Masks are opaque (v16m). min/max return the second operand when either is NaN.
+// Gaussian data it is 16 consecutive Gaussians. Sums over lanes always use one tree: i with i+8,
+// then +4, +2, +1. Masks are opaque (v16m). min/max return the second operand when either is NaN.
 #ifndef SV_V16_REF_H
 #define SV_V16_REF_H
 #include <math.h>

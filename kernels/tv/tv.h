@@ -24,8 +24,8 @@ typedef struct {
   float w_v, w_h;
   // [height][stride]: the gradient is added; columns >= width are kept. NULL: value only
   float *grad;
-  // [height] out: the row's sum of phi, without weight, of the differences to the next row (row_v) and
-  // of those within it (row_h); lane k adds the columns k mod 16, then the tree.
+  // [height] out: the row's sum of phi, without weight, of the differences to the next row (row_v)
+  // and of those within it (row_h); lane k adds the columns k mod 16, then the tree.
   float *row_v, *row_h;
   float *scratch;
 } sv_tv_args;

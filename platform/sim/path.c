@@ -10,13 +10,13 @@
 #define ARC_MIDDLE_DEG 45.0 // open side of the scenes with walls
 #define ELEVATION_DEG  30.0
 #define RISE_DEG       20.0
-#define WAVES          2.6   // oscillations per round: a small number of stops never repeats an
-                             // elevation
-#define GOLDEN         0.618 // a second round falls between the stops of the first
-#define HELDOUT_DEG    3.0
-#define SWAY_M         0.04 // sway of the hand, per axis
-#define AIM_M          0.08 // sway of the target point
-#define ROLL           0.03
+// oscillations per round: a small number of stops never repeats an elevation
+#define WAVES       2.6
+#define GOLDEN      0.618 // a second round falls between the stops of the first
+#define HELDOUT_DEG 3.0
+#define SWAY_M      0.04 // sway of the hand, per axis
+#define AIM_M       0.08 // sway of the target point
+#define ROLL        0.03
 
 sv_ns sv_sim_slot_ns(const sv_sim *sim, int64_t slot) {
   return SV_SIM_EPOCH_NS + slot * sim->period_ns + sim->period_ns / 2;

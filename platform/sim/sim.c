@@ -8,8 +8,8 @@
 #include "src/base/mathx.h"
 #include "src/base/rng.h"
 
-#define LATE_NS (200 * SV_NS_PER_US) // delay of a reordered frame or a second copy after the other
-                                     // one
+// delay of a reordered frame or a second copy after the other one
+#define LATE_NS (200 * SV_NS_PER_US)
 
 #define LINE_NS (10 * SV_NS_PER_US) // step in which a camera's frame length can be set
 

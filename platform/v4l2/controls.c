@@ -155,8 +155,8 @@ sv_status sv_v4l2_set_exposure(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns
 }
 
 // --- frame length --------------------------------------------------------------------------------
-#define MAX_OFF 0.02 // of the frame rate told: else the sensor's mode is another one than the
-                     // frames' size
+// of the frame rate told: else the sensor's mode is another one than the frames' size
+#define MAX_OFF 0.02
 
 static bool pixel_rate(const sv_v4l2_camera *c, double *hz) {
   struct v4l2_ext_control x = {.id = V4L2_CID_PIXEL_RATE};

@@ -5,8 +5,8 @@
 #include "platform/linux/linux.h"
 #include "platform/v4l2/camera.h"
 
-#define MAX_WAIT_NS                                                                                          \
-  (100 * SV_NS_PER_MS) // one wait of the poll loop; retries and stalls are looked at in between
+// one wait of the poll loop; retries and stalls are looked at in between
+#define MAX_WAIT_NS (100 * SV_NS_PER_MS)
 
 static sv_ns now(const sv_v4l2 *v) { return v->clock.now_ns(v->clock.self); }
 

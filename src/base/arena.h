@@ -16,8 +16,8 @@
 extern "C" {
 #endif
 
-#define SV_ARENA_ALIGN     64 // every take starts on a cache line, which is also the widest
-                              // vector's alignment
+// every take starts on a cache line, which is also the widest vector's alignment
+#define SV_ARENA_ALIGN     64
 #define SV_ARENA_CAP_PARTS 48
 
 typedef struct {

@@ -48,7 +48,8 @@ sv_status sv_bodies_init(sv_bodies *b, int cap, int cap_knots, bool has_grad, sv
   if (cap_knots < 0 || cap_knots > SV_CAP_KNOTS) return SV_E_ARG;
   if (cap_knots == 0) return SV_OK;
   const size_t n = (size_t)SV_CAP_BODIES * (size_t)cap_knots;
-  b->cap_knots = cap_knots, b->n = 1;
+  b->cap_knots = cap_knots;
+  b->n = 1;
   b->centre = sv_arena_take(arena, SV_CAP_BODIES, sizeof *b->centre);
   b->radius = SV_TAKE(arena, float, SV_CAP_BODIES);
   b->now = SV_TAKE(arena, sv_rigid, SV_CAP_BODIES);
@@ -66,7 +67,8 @@ void sv_bodies_reset(sv_bodies *b, int cap) {
   memset(b->centre, 0, SV_CAP_BODIES * sizeof *b->centre);
   memset(b->radius, 0, SV_CAP_BODIES * sizeof *b->radius);
   memset(b->time, 0, (size_t)b->cap_knots * sizeof *b->time);
-  b->n = 1, b->n_knots = 0;
+  b->n = 1;
+  b->n_knots = 0;
   for (long i = 0; i < (long)SV_CAP_BODIES * b->cap_knots; i++) {
     b->knot[i] = SV_RIGID_IDENTITY;
     if (b->adam) b->adam[i] = (sv_knot_adam){.n_steps = 0};
@@ -141,7 +143,10 @@ float sv_bodies_reach(const sv_bodies *b, int body) {
   for (int i = 0; i < b->n_knots; i++) {
     const sv_rigid *m = sv_bodies_knot(b, body, i);
     float d2 = 0, turn2 = 0;
-    for (int k = 0; k < 3; k++) d2 += m->d[k] * m->d[k], turn2 += m->q[1 + k] * m->q[1 + k];
+    for (int k = 0; k < 3; k++) {
+      d2 += m->d[k] * m->d[k];
+      turn2 += m->q[1 + k] * m->q[1 + k];
+    }
     most = sv_maxf(most, sqrtf(d2) + 2.0f * sqrtf(turn2) * b->radius[body]);
   }
   return most;
@@ -157,7 +162,8 @@ typedef struct {
   float w[N_AROUND];
 } blend;
 
-// Lagrange's weights at a time t, of the polynomial through the knots of l, of those left of which there are n_before.
+// Lagrange's weights at a time t, of the polynomial through the knots of l, of those left of which
+// there are n_before.
 static void weigh(const sv_bodies *b, float t, int n_before, blend *l) {
   for (;;) {
     float sum = 0;
@@ -165,7 +171,8 @@ static void weigh(const sv_bodies *b, float t, int n_before, blend *l) {
       float p = 1, here = b->time[l->at[k]];
       for (int o = 0; o < l->n; o++)
         if (o != k) p *= (t - b->time[l->at[o]]) / (here - b->time[l->at[o]]);
-      l->w[k] = p, sum += fabsf(p);
+      l->w[k] = p;
+      sum += fabsf(p);
     }
     if (l->n < 3 || sum <= MOST_SUM) return;
     const float before = t - b->time[l->at[0]], behind = b->time[l->at[l->n - 1]] - t;
@@ -176,7 +183,8 @@ static void weigh(const sv_bodies *b, float t, int n_before, blend *l) {
   }
 }
 
-// Signs of quaternions go along from knot to knot, so that turns of more than half a circle within the knots are told.
+// Signs of quaternions go along from knot to knot, so that turns of more than half a circle within
+// the knots are told.
 static sv_rigid mix(const sv_bodies *b, int body, const blend *l) {
   sv_rigid m = {{0}, {0}};
   float sign = 1;

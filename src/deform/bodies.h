@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // Rigid bodies of a clip: Gaussians that move as one.
 //
-// At a time that was measured (a knot) body b is displaced by d_b and turned by q_b about its centre c_b:
+// At a time that was measured (a knot) body b is displaced by d_b and turned by q_b about its
+// centre c_b:
 //   x(t) = R(q_b) (x - c_b) + c_b + d_b,   quaternion(t) = q_b * quaternion,
-// where x and the quaternion are those of the body's own frame, what a Gaussian has of its own motion (motion.h) added.
-// Between knots d and q follow the polynomial through the three knots before and the three behind (Lagrange's; fewer near
-// the ends, and where knots lie so unevenly that it would swing), q with its sign aligned and normalised; before the
-// first and after the last knot bodies rest. Body 0 never moves.
+// where x and the quaternion are those of the body's own frame, what a Gaussian has of its own
+// motion (motion.h) added. Between knots d and q follow the polynomial through the three knots
+// before and the three behind (Lagrange's; fewer near the ends, and where knots lie so unevenly
+// that it would swing), q with its sign aligned and normalised; before the first and after the last
+// knot bodies rest. Body 0 never moves.
 #ifndef SV_DEFORM_BODIES_H
 #define SV_DEFORM_BODIES_H
 
@@ -38,7 +40,8 @@ sv_rigid sv_rigid_then(const sv_rigid *a, const sv_rigid *b);
 void sv_quat_mul(const float a[4], const float b[4], float out[4]);
 
 typedef struct {
-  float m[6], v[6]; // running means of the gradient and of its squares: of the turn, of the displacement
+  float m[6], v[6]; // running means of the gradient and of its squares: of the turn, of the
+                    // displacement
   uint32_t n_steps;
 } sv_knot_adam;
 
@@ -63,8 +66,8 @@ static inline sv_rigid *sv_bodies_knot(const sv_bodies *b, int body, int i_knot)
 }
 // Number of the knot of this very time; -1: there is none.
 int sv_bodies_find_knot(const sv_bodies *b, float time);
-// Makes a knot of a time, where all bodies go on as they went between the two knots next to it on one side (or rest).
-// Returns its number; the one that is there already, or -1 when all are taken.
+// Makes a knot of a time, where all bodies go on as they went between the two knots next to it on
+// one side (or rest). Returns its number; the one that is there already, or -1 when all are taken.
 int sv_bodies_add_knot(sv_bodies *b, float time);
 // Pose of a body at a knot as those next to it have it, on both sides; false: there are too few.
 bool sv_bodies_among(const sv_bodies *b, int body, int i_knot, sv_rigid *out);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How the Gaussians of a moving scene get from the stored ones to those of a time: by a motion of their own each
-// (motion.h) or through one field that all share (field.h).
+// How the Gaussians of a moving scene get from the stored ones to those of a time: by a motion of
+// their own each (motion.h) or through one field that all share (field.h).
 #ifndef SV_DEFORM_DEFORM_H
 #define SV_DEFORM_DEFORM_H
 

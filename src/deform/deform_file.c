@@ -20,7 +20,8 @@ typedef struct {
 } bodies_head;
 
 uint64_t sv_deform_model_digest(const sv_gaussians *g) {
-  uint64_t h = 14695981039346656037ull; // FNV-1a over the used slots: the file of a model has no others
+  // FNV-1a over the used slots: the file of a model has no others
+  uint64_t h = 14695981039346656037ull;
   for (int i = 0; i < g->n; i++)
     for (int r = 0; r < g->n_rows; r++) {
       uint32_t b;
@@ -38,13 +39,22 @@ static void head_of(const sv_deform *d, const sv_gaussians *g, sv_deform_head *h
   const sv_motion_cfg *c = &d->motion.cfg;
   const sv_field_cfg *f = &d->field.cfg;
   memset(h, 0, sizeof *h); // padding, too, goes to the file
-  h->kind = (int32_t)d->kind, h->n_gaussians = g->n, h->n_moving = sv_deform_n_moving(d);
-  h->functions = (int32_t)c->functions, h->n_pos = c->n_pos, h->n_rot = c->n_rot, h->n_colour = c->n_colour;
+  h->kind = (int32_t)d->kind;
+  h->n_gaussians = g->n;
+  h->n_moving = sv_deform_n_moving(d);
+  h->functions = (int32_t)c->functions;
+  h->n_pos = c->n_pos;
+  h->n_rot = c->n_rot;
+  h->n_colour = c->n_colour;
   h->t0 = c->t0;
-  h->n_channels = f->n_channels, h->n_levels = f->n_levels;
+  h->n_channels = f->n_channels;
+  h->n_levels = f->n_levels;
   for (int l = 0; l < f->n_levels; l++) h->mult[l] = f->mult[l];
-  h->base = f->base, h->n_times = f->n_times, h->width = f->width;
-  h->is_shared = f->is_shared, h->has_colour = f->has_colour;
+  h->base = f->base;
+  h->n_times = f->n_times;
+  h->width = f->width;
+  h->is_shared = f->is_shared;
+  h->has_colour = f->has_colour;
   memcpy(h->lo, d->field.lo, sizeof h->lo);
   memcpy(h->inv, d->field.inv, sizeof h->inv);
   h->model_digest = sv_deform_model_digest(g);
@@ -99,7 +109,8 @@ static bool is_good_clip(const sv_deform_head *h) {
          h->t0 <= 1e9f;
 }
 
-static bool is_good_field(const sv_deform_head *h) { // the sizes themselves are checked where they are used
+// the sizes themselves are checked where they are used
+static bool is_good_field(const sv_deform_head *h) {
   for (int l = 0; l < SV_FIELD_CAP_LEVELS; l++)
     if (h->mult[l] < (l < h->n_levels) || h->mult[l] > 16) return false;
   for (int k = 0; k < 3; k++)
@@ -146,7 +157,8 @@ sv_status sv_deform_open(sv_sections *r, sv_deform_head *h, const char *name, co
   if (r->version < VERSION_BODIES) return SV_OK;
   bodies_head b;
   if ((s = find_bodies(r, h->kind, &b, err)) < 0) return s;
-  h->n_bodies = b.n_bodies, h->n_knots = b.n_knots;
+  h->n_bodies = b.n_bodies;
+  h->n_knots = b.n_knots;
   return SV_OK;
 }
 
@@ -215,7 +227,8 @@ static sv_status read_bodies(sv_motion *mo, const sv_sections *r, sv_err *err) {
     s = sv_sections_get(r, "KNOT", b->knot, (size_t)(bh.n_bodies * bh.n_knots) * sizeof *b->knot, err);
   if (s >= 0) s = sv_sections_get(r, "OF  ", b->of, (size_t)mo->n_moving, err);
   if (s < 0) return s;
-  b->n = bh.n_bodies, b->n_knots = bh.n_knots;
+  b->n = bh.n_bodies;
+  b->n_knots = bh.n_knots;
   if ((s = check_bodies(mo, r->name, err)) < 0) sv_bodies_reset(b, mo->cap);
   return s;
 }

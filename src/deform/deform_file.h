@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The motion of a model as a file of its own beside the model's PLY, which stays one that every viewer opens: a
-// checksummed container (format/sections.h) of kind "MOTN". Little endian, float32:
+// The motion of a model as a file of its own beside the model's PLY, which stays one that every
+// viewer opens: a checksummed container (format/sections.h) of kind "MOTN". Little endian, float32:
 //   "HEAD"  sv_deform_head up to n_bodies
-//   "ROWS"  of a clip [ceil(n_moving/16)][rows of kernels/motion/motion.h][16], of a field its parameters (field.h)
+//   "ROWS"  of a clip [ceil(n_moving/16)][rows of kernels/motion/motion.h][16], of a field its
+//           parameters (field.h)
 // Version 2, a clip with rigid bodies (bodies.h), has besides
 //   "BODY"  i32 n_bodies (number 0, which rests, among them), n_knots; centres [n_bodies][3]
 //   "TIME"  [n_knots] rising
@@ -38,7 +39,8 @@ sv_status sv_deform_carve(sv_deform *d, const sv_deform_head *head, const sv_gau
 // Verifies the whole buffer and reads its head. E_FORMAT, E_CORRUPT, E_UNSUPPORTED.
 sv_status sv_deform_open(sv_sections *r, sv_deform_head *head, const char *name, const void *buf,
                          size_t bytes, sv_err *err) SV_MUST_USE;
-// Carves d for g as the head says, to be used with at most n_threads, and fills it. E_RANGE when the file belongs to other Gaussians than g.
+// Carves d for g as the head says, to be used with at most n_threads, and fills it. E_RANGE when
+// the file belongs to other Gaussians than g.
 sv_status sv_deform_read(sv_deform *d, const sv_sections *r, const sv_deform_head *head,
                          const sv_gaussians *g, int n_threads, sv_arena *arena, sv_err *err) SV_MUST_USE;
 

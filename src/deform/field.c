@@ -42,7 +42,8 @@ bool sv_field_preset(const char *name, sv_field_cfg *cfg) {
                           .smooth = all[i].smooth,
                           .l1_time = 1e-4f,
                           .lr_planes =
-                              all[i].is_shared ? 1e-2f : 1.6e-3f, // for thousands of steps instead of 20,000
+                              // for thousands of steps instead of 20,000
+                          all[i].is_shared ? 1e-2f : 1.6e-3f,
                           .lr_planes_end = all[i].is_shared ? 1e-3f : 1.6e-4f,
                           .lr_layers = all[i].is_shared ? 1e-3f : 1.6e-4f,
                           .lr_layers_end = all[i].is_shared ? 1e-4f : 1.6e-5f};
@@ -66,9 +67,12 @@ static size_t take(size_t *at, size_t n) {
 static void add_head(sv_field *f, int row, int n, size_t *at) {
   size_t w = (size_t)f->cfg.width;
   sv_field_head *h = &f->head[f->n_heads++];
-  h->row = row, h->n = n;
-  h->w1 = take(at, w * w), h->b1 = take(at, w);
-  h->w2 = take(at, w * (size_t)n), h->b2 = take(at, (size_t)n);
+  h->row = row;
+  h->n = n;
+  h->w1 = take(at, w * w);
+  h->b1 = take(at, w);
+  h->w2 = take(at, w * (size_t)n);
+  h->b2 = take(at, (size_t)n);
 }
 
 static void lay_out(sv_field *f) {
@@ -117,7 +121,8 @@ sv_status sv_field_init(sv_field *f, const sv_field_cfg *cfg, const sv_gaussians
   if (s < 0) return s;
   memset(f, 0, sizeof *f);
   f->cfg = *cfg;
-  f->cap = g->cap, f->n_gaussian_rows = g->n_rows;
+  f->cap = g->cap;
+  f->n_gaussian_rows = g->n_rows;
   lay_out(f);
   size_t n_blocks = (size_t)g->cap / 16;
   f->n_scratch = 16 * (5 * (size_t)cfg->width + 2 * (size_t)f->n_feature + SV_CAP_ROWS);
@@ -154,7 +159,8 @@ static void set_box(sv_field *f, const sv_gaussians *g) {
       var += d * d / g->n;
     }
     double half = 3.0 * sqrt(var) + 1e-6;
-    f->lo[k] = (float)(mean - half), f->inv[k] = (float)(0.5 / half);
+    f->lo[k] = (float)(mean - half);
+    f->inv[k] = (float)(0.5 / half);
   }
 }
 
@@ -313,7 +319,8 @@ void sv_field_bwd_block(sv_field *f, const sv_kernels *k, int b, int i_thread, u
 
 // --- plane losses --------------------------------------------------------------------------------
 
-// Values along one axis of a plane: n_lines lines of n points, `stride` floats from one to the next.
+// Values along one axis of a plane: n_lines lines of n points, `stride` floats from one to the
+// next.
 typedef struct {
   const float *p;
   int n_lines, n, n_channels;
@@ -335,7 +342,8 @@ static double differences(const along *a, int order, float weight) {
   return (double)weight * sum / count;
 }
 
-// Their gradient, added. Apart from the value, which training does not ask for: this is of every step.
+// Their gradient, added. Apart from the value, which training does not ask for: this is of every
+// step.
 static void differences_bwd(const along *a, int order, float weight, float *restrict grad) {
   if (a->n <= order) return;
   const size_t st = a->stride;
@@ -347,13 +355,16 @@ static void differences_bwd(const along *a, int order, float weight, float *rest
       if (order == 1)
         for (int ch = 0; ch < a->n_channels; ch++) {
           float s = scale * (p[st + (size_t)ch] - p[ch]);
-          g[ch] -= s, g[st + (size_t)ch] += s;
+          g[ch] -= s;
+          g[st + (size_t)ch] += s;
         }
       else
         for (int ch = 0; ch < a->n_channels; ch++) {
           size_t mid = st + (size_t)ch, far = st + mid;
           float s = scale * (p[far] - 2.0f * p[mid] + p[ch]);
-          g[ch] += s, g[mid] -= 2.0f * s, g[far] += s;
+          g[ch] += s;
+          g[mid] -= 2.0f * s;
+          g[far] += s;
         }
     }
 }
@@ -427,7 +438,8 @@ static void adam_run(const step_job *j, size_t at, size_t n, const float *grad, 
   }
 }
 
-// One plane a task, so that no two threads add to one gradient and the order is that of the Gaussians.
+// One plane a task, so that no two threads add to one gradient and the order is that of the
+// Gaussians.
 static void plane_task(void *arg, int i_task, int i_thread) {
   const step_job *j = arg;
   sv_field *f = j->f;

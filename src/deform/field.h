@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// A deformation field that all moving Gaussians share, as in 4D Gaussian Splatting (Wu et al. 2024): six
-// multi-resolution planes over x y z t, their samples multiplied (HexPlane, Cao & Johnson 2023), a linear trunk and
-// heads of two layers, whose outputs are added to the stored values. Kernels: kernels/field/field.h.
+// A deformation field that all moving Gaussians share, as in 4D Gaussian Splatting (Wu et al.
+// 2024): six multi-resolution planes over x y z t, their samples multiplied (HexPlane, Cao &
+// Johnson 2023), a linear trunk and heads of two layers, whose outputs are added to the stored
+// values. Kernels: kernels/field/field.h.
 //
-// Differences from the paper's reference, both on purpose: time runs over the whole plane (there only its upper half
-// is used), and the box is that of the Gaussians when they begin to move.
+// Differences from the paper's reference, both on purpose: time runs over the whole plane (there
+// only its upper half is used), and the box is that of the Gaussians when they begin to move.
 #ifndef SV_DEFORM_FIELD_H
 #define SV_DEFORM_FIELD_H
 
@@ -26,14 +27,16 @@ typedef struct {
   int n_channels; // 16 or 32 per level
   int n_levels, mult[SV_FIELD_CAP_LEVELS];
   int base,
-      n_times; // points a side of level 1; points along time, the same on all levels: about as many as there
-               // are training times. With more, those between two of them are held by smoothness alone.
-  int width;   // of the layers, a multiple of 16
+      n_times;     // points a side of level 1; points along time, the same on all levels: about as
+                   // many as there are training times. With more, those between two of them are
+                   // held by smoothness alone.
+  int width;       // of the layers, a multiple of 16
   bool is_shared;  // one head for position, rotation and scale; else one each
   bool has_colour; // heads for opacity and SH, too; not with is_shared
   float start;     // output weights begin with so much of Xavier's; the reference's is 1
-  // Weights: second differences (coded as in the reference: along one axis, of its mean square) or squared first
-  // differences along both; second differences along time; distance of time planes from 1.
+  // Weights: second differences (coded as in the reference: along one axis, of its mean square) or
+  // squared first differences along both; second differences along time; distance of time planes
+  // from 1.
   sv_field_tv tv_kind;
   float tv, smooth, l1_time;
   float lr_planes, lr_planes_end, lr_layers, lr_layers_end; // times the scene's radius
@@ -41,9 +44,9 @@ typedef struct {
   int n_threads;
 } sv_field_cfg;
 
-// By name: tiny, small, medium, dnerf, dynerf, hypernerf, dycheck, multiview (sizes and weights of the reference's
-// configurations; the first three are for boards; n_times is sv_train_set_times' business). False for others; *cfg then is
-// untouched.
+// By name: tiny, small, medium, dnerf, dynerf, hypernerf, dycheck, multiview (sizes and weights of
+// the reference's configurations; the first three are for boards; n_times is sv_train_set_times'
+// business). False for others; *cfg then is untouched.
 bool sv_field_preset(const char *name, sv_field_cfg *cfg);
 
 typedef struct {
@@ -56,10 +59,12 @@ typedef struct {
   int cap, n_gaussian_rows, n_moving, n_heads, n_feature;
   sv_field_head head[SV_FIELD_CAP_HEADS];
   size_t plane_at[SV_FIELD_CAP_LEVELS][SV_FIELD_PLANES], plane_n[SV_FIELD_CAP_LEVELS][SV_FIELD_PLANES];
-  size_t trunk_w, trunk_b, n_planes, n_param; // parameters: planes first, then the layers; multiples of 16
-  float *param;                               // [n_param]
-  uint16_t *m, *v;                            // [n_param] as in kernels/adam/adam.h; NULL without has_grad
-  float *grad;                                // [n_planes] of the planes, of one step
+  // parameters: planes first, then the layers; multiples of 16
+  size_t trunk_w, trunk_b, n_planes, n_param;
+  float *param; // [n_param]
+  // [n_param] as in kernels/adam/adam.h; NULL without has_grad
+  uint16_t *m, *v;
+  float *grad;       // [n_planes] of the planes, of one step
   float *layers;     // [cap / 16 / SV_FIELD_TASK + 1][n_param - n_planes] of the layers, by task
   float *part;       // [cap/16][16][n_levels][6][n_channels] of the planes' samples
   uint32_t *touched; // [cap/16]
@@ -75,17 +80,20 @@ sv_status sv_field_check(const sv_field_cfg *cfg, sv_err *err) SV_MUST_USE;
 // E_ARG as sv_field_check.
 sv_status sv_field_init(sv_field *f, const sv_field_cfg *cfg, const sv_gaussians *g,
                         sv_arena *arena) SV_MUST_USE;
-// Random layers, planes of space in 0.1..0.5, planes of time at 1; the box: mean and three standard deviations of g.
+// Random layers, planes of space in 0.1..0.5, planes of time at 1; the box: mean and three standard
+// deviations of g.
 void sv_field_reset(sv_field *f, const sv_gaussians *g, uint64_t seed);
 // As sv_motion_at.
 void sv_field_at(sv_field *f, const sv_compute *c, sv_gaussians *g, float t);
-// One block of it, at a time of its own: f->moved and f->coord. For sv_field_bwd_block, whose places are those.
+// One block of it, at a time of its own: f->moved and f->coord. For sv_field_bwd_block, whose
+// places are those.
 void sv_field_at_block(sv_field *f, const sv_kernels *k, const sv_gaussians *g, int block, int i_thread,
                        float t);
 
-// Backward of one block, in the task of its number: grad [rows][16] of the moved ones gets what goes to their
-// places through the field; the field's own gradients are kept until sv_field_step. To be called by tasks of
-// SV_FIELD_TASK blocks, each from its first block on, also when touched is 0.
+// Backward of one block, in the task of its number: grad [rows][16] of the moved ones gets what
+// goes to their places through the field; the field's own gradients are kept until sv_field_step.
+// To be called by tasks of SV_FIELD_TASK blocks, each from its first block on, also when touched is
+// 0.
 void sv_field_bwd_block(sv_field *f, const sv_kernels *k, int block, int i_thread, uint32_t touched,
                         float *grad);
 // Adam on planes and layers after all blocks; step counts from 1; progress 0..1 of the stage.

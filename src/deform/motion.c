@@ -6,7 +6,8 @@
 #include "src/base/mathx.h"
 
 #define BLOCKS_PER_TASK 64
-#define SHARPNESS_START (-4.0f) // ln: over the whole clip the window takes less than 0.01 from a logit
+// ln: over the whole clip the window takes less than 0.01 from a logit
+#define SHARPNESS_START (-4.0f)
 #define SHARPNESS_NONE  (-60.0f)
 #define N_SAMPLES       17 // times at which an extent is looked at
 
@@ -51,7 +52,8 @@ void sv_motion_reset(sv_motion *mo, int n) {
   sv_bodies_reset(&mo->bodies, mo->cap);
 }
 
-// Weights of the knots i-1 .. i+2 at a place u in 0..1 between knots i and i+1 (Catmull & Rom 1974).
+// Weights of the knots i-1 .. i+2 at a place u in 0..1 between knots i and i+1 (Catmull & Rom
+// 1974).
 static void catmull_rom(float u, float w[4]) {
   float u2 = u * u, u3 = u2 * u;
   w[0] = 0.5f * (2.0f * u2 - u3 - u);
@@ -60,7 +62,8 @@ static void catmull_rom(float u, float w[4]) {
   w[3] = 0.5f * (u3 - u2);
 }
 
-// Knot k is coefficient k - 1; knot 0 is at rest, and those outside go on straight from the last two.
+// Knot k is coefficient k - 1; knot 0 is at rest, and those outside go on straight from the last
+// two.
 static void spline(int n, float t, float f[SV_CAP_MOTION_FUNCTIONS]) {
   float x = sv_clampf(t, 0.0f, 1.0f) * (float)n, w[4];
   int i = sv_mini((int)x, n - 1);
@@ -91,7 +94,8 @@ void sv_motion_functions(const sv_motion_cfg *cfg, int n, float t, float f[SV_CA
   for (int j = 0; j < n; j++) {
     f[j] = now;
     float next = fmaf(2.0f * x, now, -before);
-    before = now, now = next;
+    before = now;
+    now = next;
   }
 }
 
@@ -103,7 +107,8 @@ sv_motion_values sv_motion_values_at(const sv_motion_cfg *cfg, float t) {
   return v;
 }
 
-// Taylor shift by h of one value and its n coefficients (Horner's scheme: each pass leaves one of the new ones).
+// Taylor shift by h of one value and its n coefficients (Horner's scheme: each pass leaves one of
+// the new ones).
 static void shift(float *value, const sv_motion *mo, int i, int row, int n, int width, int w, float h) {
   for (int first = 0; first < n; first++)
     for (int j = n - 1; j >= first; j--) {
@@ -175,7 +180,8 @@ static void bwd_slot(const sv_motion *mo, int i, float *grad, float sum[6]) {
   if (sum) {
     const float y[3] = {x[0] - c[0] - d[0], x[16] - c[1] - d[1], x[32] - c[2] - d[2]};
     const float q[4] = {p[0], p[16], p[32], p[48]};
-    sum[0] += y[1] * g[2] - y[2] * g[1], sum[1] += y[2] * g[0] - y[0] * g[2];
+    sum[0] += y[1] * g[2] - y[2] * g[1];
+    sum[1] += y[2] * g[0] - y[0] * g[2];
     sum[2] += y[0] * g[1] - y[1] * g[0];
     // d(quaternion)/d(turn_k) = e_k quaternion / 2
     sum[0] += 0.5f * (-q[1] * gq[0] + q[0] * gq[1] - q[3] * gq[2] + q[2] * gq[3]);
@@ -258,19 +264,22 @@ sv_motion_extent sv_motion_extent_of(const sv_motion *mo, int i) {
 
 static void swap_h(uint16_t *a, uint16_t *b) {
   uint16_t s = *a;
-  *a = *b, *b = s;
+  *a = *b;
+  *b = s;
 }
 
 static void swap(float *a, float *b) {
   float t = *a;
-  *a = *b, *b = t;
+  *a = *b;
+  *b = t;
 }
 
 void sv_motion_swap(sv_motion *mo, int i, int j) {
   long a = sv_motion_row(mo, i, 0) - mo->param, b = sv_motion_row(mo, j, 0) - mo->param;
   if (mo->bodies.of) {
     uint8_t of = mo->bodies.of[i];
-    mo->bodies.of[i] = mo->bodies.of[j], mo->bodies.of[j] = of;
+    mo->bodies.of[i] = mo->bodies.of[j];
+    mo->bodies.of[j] = of;
   }
   for (int r = 0; r < mo->n_rows; r++) {
     swap(mo->param + a + 16 * r, mo->param + b + 16 * r);

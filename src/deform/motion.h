@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Motion of each Gaussian for itself (clip mode): position, rotation and colour follow a few functions of time,
-// opacity a window in time; no network is shared. Formulas and layout: kernels/motion/motion.h.
+// Motion of each Gaussian for itself (clip mode): position, rotation and colour follow a few
+// functions of time, opacity a window in time; no network is shared. Formulas and layout:
+// kernels/motion/motion.h.
 //
-// Moving Gaussians stand first: slots [0, n_moving) have motion, the others are still and cost nothing per frame.
-// Which are which is learnt: lengths of the coefficients are priced, and who does not move by a fraction of a
-// pixel becomes still (sv_motion_sort).
+// Moving Gaussians stand first: slots [0, n_moving) have motion, the others are still and cost
+// nothing per frame. Which are which is learnt: lengths of the coefficients are priced, and who
+// does not move by a fraction of a pixel becomes still (sv_motion_sort).
 #ifndef SV_DEFORM_MOTION_H
 #define SV_DEFORM_MOTION_H
 
@@ -19,8 +20,10 @@ extern "C" {
 
 typedef enum {
   SV_MOTION_CHEBYSHEV, // polynomial: T_1 .. T_n of 2 t - 1
-  SV_MOTION_SPLINE,    // Catmull-Rom: coefficient j is the place at time (j + 1)/n; at time 0 it is at rest
-  SV_MOTION_POWERS     // (t - t0), (t - t0)^2, ...: can be moved on to another t0 (sv_motion_advance)
+  SV_MOTION_SPLINE,    // Catmull-Rom: coefficient j is the place at time (j + 1)/n; at time 0 it is
+                       // at rest
+  SV_MOTION_POWERS     // (t - t0), (t - t0)^2, ...: can be moved on to another t0
+                       // (sv_motion_advance)
 } sv_motion_functions_kind;
 
 typedef struct {
@@ -59,24 +62,27 @@ typedef struct {
   float pos[SV_CAP_MOTION_FUNCTIONS], rot[SV_CAP_MOTION_FUNCTIONS], colour[SV_CAP_MOTION_FUNCTIONS];
 } sv_motion_values;
 sv_motion_values sv_motion_values_at(const sv_motion_cfg *cfg, float t);
-// Powers: re-expands the series of what moves about t0, and moves the stored Gaussians g there; what is drawn at any
-// time stays the same.
+// Powers: re-expands the series of what moves about t0, and moves the stored Gaussians g there;
+// what is drawn at any time stays the same.
 void sv_motion_advance(sv_motion *mo, sv_gaussians *g, float t0);
 // Arguments of the kernels for g at time t; f must live as long as they.
 sv_motion_args sv_motion_args_of(const sv_motion *mo, const sv_gaussians *g, float t,
                                  const sv_motion_values *f);
-// Makes the moving Gaussians of time t and has g drawn with them (g->moved, g->n_moved), until the next call.
+// Makes the moving Gaussians of time t and has g drawn with them (g->moved, g->n_moved), until the
+// next call.
 void sv_motion_at(sv_motion *mo, const sv_compute *c, sv_gaussians *g, float t);
 
-// Slots [i0, i1) of mo->moved, as they are by their own functions, go with their bodies, whose poses are now.
+// Slots [i0, i1) of mo->moved, as they are by their own functions, go with their bodies, whose
+// poses are now.
 void sv_motion_go_with_bodies(const sv_motion *mo, const sv_rigid *now, int i0, int i1);
 
-// From the gradient of the moved Gaussians of one block to that in their bodies' frames, in place; with sum, also to
-// what the last poses of the bodies get: sum[body] += dL/d(turn about the moved centre, rad; displacement).
+// From the gradient of the moved Gaussians of one block to that in their bodies' frames, in place;
+// with sum, also to what the last poses of the bodies get: sum[body] += dL/d(turn about the moved
+// centre, rad; displacement).
 void sv_motion_bodies_bwd(const sv_motion *mo, int block, uint32_t touched, float *grad, float (*sum)[6]);
 
-// How far slot i gets from where it is on average, in world units, and by how much its opacity's logit and its
-// colour change, over times 0..1 (or the span before t0 for powers).
+// How far slot i gets from where it is on average, in world units, and by how much its opacity's
+// logit and its colour change, over times 0..1 (or the span before t0 for powers).
 typedef struct {
   float distance, fade, colour;
 } sv_motion_extent;

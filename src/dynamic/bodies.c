@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rigid bodies in training: found among what a new time's pictures show displaced (rigid.h), followed from time to
-// time, and refined by the pictures' gradients: dL/dd = sum g, dL/d(turn) = sum (x - c - d) x g and the quaternions'
-// part, over the members. Beside that each step takes a pose towards the polynomial through those before and behind, as
-// far as a share of the learning rate: what pictures do not ask for steadily is smooth in time.
+// Rigid bodies in training: found among what a new time's pictures show displaced (rigid.h),
+// followed from time to time, and refined by the pictures' gradients: dL/dd = sum g, dL/d(turn) =
+// sum (x - c - d) x g and the quaternions' part, over the members. Beside that each step takes a
+// pose towards the polynomial through those before and behind, as far as a share of the learning
+// rate: what pictures do not ask for steadily is smooth in time.
 #include <string.h>
 
 #include "src/base/mathx.h"
@@ -24,7 +25,7 @@
 // Of the learning rate: how far a step takes a pose towards what those before and behind say.
 #define PULL 0.5f
 
-// --- refining -------------------------------------------------------------------------------------
+// --- refining ------------------------------------------------------------------------------------
 
 // Turned by f v rad, which is little.
 static void turn_knot(sv_rigid *knot, float f, const float v[3]) {
@@ -253,7 +254,10 @@ static int body_of(const sv_dynamic *dyn, int i, int i_from, int i_to) {
     if (r2 > NEAR_RADII * NEAR_RADII * b->radius[body] * b->radius[body]) continue;
     sv_rigid_apply(sv_bodies_knot(b, body, i_to), c, x, y);
     float here = off2(o, y);
-    if (here < least) least = here, best = body;
+    if (here < least) {
+      least = here;
+      best = body;
+    }
   }
   return best;
 }

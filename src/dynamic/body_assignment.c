@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whose part a Gaussian is, as the pictures say: what goes with a body meets its own colour wherever the body takes it.
+// Whose part a Gaussian is, as the pictures say: what goes with a body meets its own colour
+// wherever the body takes it.
 //
-// In a search for what moves (moving.c), which looks at all pictures anyway, the colour of each Gaussian that is seen is
-// compared with the pictures' at the places where it is, and where it would be as a part of the bodies near it (or, being
-// a part, at rest), at the times at which its window is open. A motion that clearly leaves less of a difference is taken
-// over: what was followed by too few patches to be a part becomes one, what lies behind is let go.
+// In a search for what moves (moving.c), which looks at all pictures anyway, the colour of each
+// Gaussian that is seen is compared with the pictures' at the places where it is, and where it
+// would be as a part of the bodies near it (or, being a part, at rest), at the times at which its
+// window is open. A motion that clearly leaves less of a difference is taken over: what was
+// followed by too few patches to be a part becomes one, what lies behind is let go.
 #include <string.h>
 
 #include "src/base/mathx.h"
@@ -40,9 +42,12 @@ static int knot_of(const sv_dynamic *dyn, int i) {
 static void add_near(sv_body_assignment *m, float d[SV_DYNAMIC_NEAR_BODIES], int body, float here) {
   int at = SV_DYNAMIC_NEAR_BODIES - 1;
   if (m->body[at] && here >= d[at]) return;
-  for (; at > 0 && (!m->body[at - 1] || d[at - 1] > here); at--)
-    m->body[at] = m->body[at - 1], d[at] = d[at - 1];
-  m->body[at] = (uint8_t)body, d[at] = here;
+  for (; at > 0 && (!m->body[at - 1] || d[at - 1] > here); at--) {
+    m->body[at] = m->body[at - 1];
+    d[at] = d[at - 1];
+  }
+  m->body[at] = (uint8_t)body;
+  d[at] = here;
 }
 
 // What a slot is a part of comes first, then what is near.
@@ -97,7 +102,8 @@ static void look_at(const job *j, const float x[3], const float colour[3], float
   const float alpha = 1.0f - dyn->t->render.trans[at];
   if (alpha > 0.5f && z * alpha > (1.0f + HIDDEN) * dyn->t->render.depth[at]) return;
   for (int c = 0; c < 3; c++) off += fabsf(p->c[c][at] - colour[c]);
-  *err += sv_minf(off, MOST_OFF), *n += 1;
+  *err += sv_minf(off, MOST_OFF);
+  *n += 1;
 }
 
 static void look_slot(const job *j, int i) {
@@ -156,7 +162,10 @@ static int decide(const sv_dynamic *dyn, int i) {
   for (int k = 0; k <= SV_DYNAMIC_NEAR_BODIES; k++) {
     if (k == now || (k && !m->body[k - 1]) || m->n[k] < sv_maxf(LEAST_LOOKS, 0.5f * m->n[now])) continue;
     const float here = m->err[k] / m->n[k];
-    if (here < least) least = here, best = k;
+    if (here < least) {
+      least = here;
+      best = k;
+    }
   }
   return best;
 }

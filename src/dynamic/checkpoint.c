@@ -80,7 +80,8 @@ static sv_status get_bodies(const sv_sections *r, sv_dynamic *dyn, sv_err *err) 
       s = sv_fail(err, SV_E_FORMAT, "%s: Gaussian %d belongs to rigid body %d of %d", r->name, i, b->of[i],
                   h.n - 1);
   if (s < 0) return s;
-  b->n = h.n, b->n_knots = h.n_knots;
+  b->n = h.n;
+  b->n_knots = h.n_knots;
   memcpy(b->centre, h.centre, sizeof h.centre);
   memcpy(b->radius, h.radius, sizeof h.radius);
   return SV_OK;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Motion's part of a checkpoint (src/train/checkpoint.h). Hooks of the trainer's; self is an sv_dynamic.
+// Motion's part of a checkpoint (src/train/checkpoint.h). Hooks of the trainer's; self is an
+// sv_dynamic.
 #ifndef SV_DYNAMIC_CHECKPOINT_H
 #define SV_DYNAMIC_CHECKPOINT_H
 

@@ -5,12 +5,14 @@
 
 #define CAP_FIELD_TIMES 150 // the most of the reference's configurations
 
-// What a field has learnt of a time does not carry over to the next one as a motion of its own does: the longer a run,
-// the more slowly times come in; but so many steps at its end see all of them.
+// What a field has learnt of a time does not carry over to the next one as a motion of its own
+// does: the longer a run, the more slowly times come in; but so many steps at its end see all of
+// them.
 #define FIELD_SETTLE_STEPS 900.0f
 #define FIELD_GROW_LEAST   0.4f
 #define FIELD_GROW_MOST    0.7f
-// And a short run cannot afford to slow down as much: the last rates of a field are for so many steps.
+// And a short run cannot afford to slow down as much: the last rates of a field are for so many
+// steps.
 #define FIELD_STEPS 3000.0f
 
 // Points along time for each that there is, of a field that a clip tells what is between them.

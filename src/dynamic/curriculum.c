@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which image a step takes. Times are added outwards from the middle one (temporal curriculum), the latest ones at reduced
-// size and with more turns; images of unusual lenses have fewer turns and count less.
+// Which image a step takes. Times are added outwards from the middle one (temporal curriculum), the
+// latest ones at reduced size and with more turns; images of unusual lenses have fewer turns and
+// count less.
 #include "src/dynamic/curriculum.h"
 
 #include <math.h>
@@ -9,7 +10,8 @@
 #include "src/dynamic/distil.h"
 #include "src/train/step.h"
 
-// 0..1 while the times come in, to both sides of the middle one; 1 when there is nothing to wait for.
+// 0..1 while the times come in, to both sides of the middle one; 1 when there is nothing to wait
+// for.
 static float grown(const sv_dynamic_cfg *d, float progress) {
   if (!(d->grow_until > d->from) || progress >= d->grow_until) return 1.0f;
   return sv_maxf((progress - d->from) / (d->grow_until - d->from), 0.0f);
@@ -60,10 +62,12 @@ void sv_dynamic_set_usual_view(sv_dynamic *dyn) {
     int n_less = 0, n_same = 0;
     for (int j = 0; j < dyn->t->n_views; j++) {
       float there = solid_angle(&dyn->t->views[j].view);
-      n_less += there < here, n_same += there == here;
+      n_less += there < here;
+      n_same += there == here;
     }
     if (n_less > dyn->t->n_views / 2 || n_less + n_same <= dyn->t->n_views / 2) continue;
-    dyn->usual_sr = here, dyn->usual_fx_px = dyn->t->views[i].view.fx;
+    dyn->usual_sr = here;
+    dyn->usual_fx_px = dyn->t->views[i].view.fx;
     return;
   }
 }
@@ -91,8 +95,8 @@ static int newest_view(const sv_dynamic *dyn) {
   return k;
 }
 
-// In clip mode now and then one of the views whose time came in last, on either side. -1: none is due. (A network that
-// all times share would forget the others.)
+// In clip mode now and then one of the views whose time came in last, on either side. -1: none is
+// due. (A network that all times share would forget the others.)
 static int front_view(sv_dynamic *dyn, float progress) {
   const sv_dynamic_cfg *d = &dyn->cfg;
   if (dyn->deform.kind != SV_DEFORM_CLIP || d->front_every < 1 || dyn->t->step % (uint32_t)d->front_every)
@@ -102,7 +106,8 @@ static int front_view(sv_dynamic *dyn, float progress) {
   for (int i = 0; i < dyn->t->n_views; i++) {
     float time = dyn->t->views[i].view.time;
     if (!sv_dynamic_has_time(dyn, time, progress)) continue;
-    first = sv_minf(first, time), last = sv_maxf(last, time);
+    first = sv_minf(first, time);
+    last = sv_maxf(last, time);
   }
   int n = 0, k = 0;
   for (int i = 0; i < dyn->t->n_views; i++)

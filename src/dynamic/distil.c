@@ -10,14 +10,15 @@
 
 #define BLOCKS_PER_TASK SV_FIELD_TASK // a field sums by these tasks
 #define TURN            4             // one block of so many has a turn in a step
-#define PRICE_QUAT      36.0f         // squared pixels: a turn by 1 rad of what is a few pixels large
-#define PRICE_SCALE     9.0f          // of ln
-#define FIT_RATE        4.0f          // the fit's rates at first, of the field's
-#define FIT_END         0.05f         // and at its end, of those at first
-#define FIT_TURN        25            // steps of the fit in one call
-#define FIT_MOST        0.5f          // of the time after the clip, in a run of so many seconds
-#define PICTURE_RATE    0.5f          // with pictures, what is there already is not to be lost
-#define RESUME          0.8f          // of the Gaussians' schedules: they are in place
+// squared pixels: a turn by 1 rad of what is a few pixels large
+#define PRICE_QUAT   36.0f
+#define PRICE_SCALE  9.0f  // of ln
+#define FIT_RATE     4.0f  // the fit's rates at first, of the field's
+#define FIT_END      0.05f // and at its end, of those at first
+#define FIT_TURN     25    // steps of the fit in one call
+#define FIT_MOST     0.5f  // of the time after the clip, in a run of so many seconds
+#define PICTURE_RATE 0.5f  // with pictures, what is there already is not to be lost
+#define RESUME       0.8f  // of the Gaussians' schedules: they are in place
 
 double sv_fit_loss(const sv_fit_weights *p, const float *is, const float *want) {
   double sum = 0;
@@ -63,8 +64,8 @@ static void less(float *f, const float *middle, int n) {
   for (int i = 0; i < n; i++) f[i] -= middle[i];
 }
 
-// The clip's Gaussians of one block at a time of its own, in motion.moved. Functions count from their values at the
-// middle time, as what is stored is where things are then.
+// The clip's Gaussians of one block at a time of its own, in motion.moved. Functions count from
+// their values at the middle time, as what is stored is where things are then.
 static void clip_at(const job *j, int b, float time) {
   sv_dynamic *dyn = j->dyn;
   const sv_motion *mo = &dyn->deform.motion;
@@ -199,7 +200,8 @@ void sv_distil_begin(sv_dynamic *dyn) {
   if (mo->n_moving > 0) moving.n = mo->n_moving; // the box is theirs
   sv_field_reset(f, &moving, dyn->t->cfg.seed);
   f->n_moving = mo->n_moving;
-  dyn->deform.kind = SV_DEFORM_FIELD, dyn->field_step = 0;
+  dyn->deform.kind = SV_DEFORM_FIELD;
+  dyn->field_step = 0;
   dyn->fit_steps_left = mo->n_moving > 0 ? (uint32_t)n_fit_steps(dyn) : 0;
 }
 

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// From a clip to a field. A field does not find large motion by the pictures' gradients, so it begins with motion that a
-// clip has found: planes and layers are fitted to it by regression, at times between the pictures', too, before they
-// go on with pictures. These say nothing about the times between them, so the clip, which stays as it was, goes on
-// teaching what is there: a share of the steps is held against its picture of such a time.
+// From a clip to a field. A field does not find large motion by the pictures' gradients, so it
+// begins with motion that a clip has found: planes and layers are fitted to it by regression, at
+// times between the pictures', too, before they go on with pictures. These say nothing about the
+// times between them, so the clip, which stays as it was, goes on teaching what is there: a share
+// of the steps is held against its picture of such a time.
 // The stored Gaussians, from which a field's offsets count, are those of the clip's middle time.
 #ifndef SV_DYNAMIC_DISTIL_H
 #define SV_DYNAMIC_DISTIL_H
@@ -18,24 +19,27 @@ typedef struct {
   float price[SV_ROW_LOGIT];
 } sv_fit_weights;
 
-// Of one block of 16 Gaussians that is at `is` [rows][16] and should be at `want`, e = is - want, o the opacity of is:
+// Of one block of 16 Gaussians that is at `is` [rows][16] and should be at `want`, e = is - want, o
+// the opacity of is:
 //   L = sum_i o_i (sqrt(1 + price |e_mean|^2) - 1 + sum_(other rows) price e^2 / 2),
-// so that those for which a field has no room do not outvote the others. Rows from SV_ROW_LOGIT on do not take part.
+// so that those for which a field has no room do not outvote the others. Rows from SV_ROW_LOGIT on
+// do not take part.
 double sv_fit_loss(const sv_fit_weights *p, const float *is, const float *want);
 // dL/d(is) [n_rows][16]; opacity is not asked to give way.
 void sv_fit_loss_bwd(const sv_fit_weights *p, const float *is, const float *want, int n_rows, float *grad);
 
 // Progress of the present stage's schedules, of a run that has two.
 float sv_distil_stage_progress(const sv_dynamic *dyn, float progress);
-// The stored Gaussians become the clip's of the middle time, and the field, still at rest, is what moves them from now
-// on; dyn->fit_steps_left steps of the fit are to come.
+// The stored Gaussians become the clip's of the middle time, and the field, still at rest, is what
+// moves them from now on; dyn->fit_steps_left steps of the fit are to come.
 void sv_distil_begin(sv_dynamic *dyn);
-// Some of them, a tenth of a second or less. progress is the run's: of one with a time limit the fit takes half of what
-// is left at most.
+// Some of them, a tenth of a second or less. progress is the run's: of one with a time limit the
+// fit takes half of what is left at most.
 void sv_distil_fit(sv_dynamic *dyn, float progress);
 // Whether a field moves the Gaussians that a clip has taught, and still does.
 bool sv_distil_is_on(const sv_dynamic *dyn);
-// Between a training time and the next one, or the one before the last; `time` itself where there is no other.
+// Between a training time and the next one, or the one before the last; `time` itself where there
+// is no other.
 float sv_distil_time_between(const sv_dynamic *dyn, float time, float share);
 // The time of the next step on a picture of `time`: another one when it is to be the clip's.
 float sv_distil_time(sv_dynamic *dyn, float time);

@@ -159,8 +159,9 @@ static sv_status after_step(void *self, float progress) {
   return SV_OK;
 }
 
-// A search renders all views, at half their size: about half a step each. In progress, by what a step has taken so far, so
-// that searches never take more than half of a run, be it one of many views and little time.
+// A search renders all views, at half their size: about half a step each. In progress, by what a
+// step has taken so far, so that searches never take more than half of a run, be it one of many
+// views and little time.
 static float search_costs(const sv_dynamic *dyn, float progress) {
   return 0.5f * (float)dyn->t->n_views * progress / (float)dyn->t->step;
 }

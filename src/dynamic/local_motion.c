@@ -60,8 +60,12 @@ void sv_local_motion_find(sv_local_motion *b, const sv_kernels *k, int n, const 
 static void add_near(near_list *l, const sv_displaced *o, float d2) {
   if (l->n == N_NEAR && d2 >= l->d2[N_NEAR - 1]) return;
   int at = l->n < N_NEAR ? l->n++ : N_NEAR - 1;
-  for (; at > 0 && l->d2[at - 1] > d2; at--) l->of[at] = l->of[at - 1], l->d2[at] = l->d2[at - 1];
-  l->of[at] = o, l->d2[at] = d2;
+  for (; at > 0 && l->d2[at - 1] > d2; at--) {
+    l->of[at] = l->of[at - 1];
+    l->d2[at] = l->d2[at - 1];
+  }
+  l->of[at] = o;
+  l->d2[at] = d2;
 }
 
 static void find_near(const sv_local_motion *b, int i, near_list *l) {
@@ -93,20 +97,29 @@ static bool fit(const float x[3], const near_list *l, affine *f) {
     const sv_displaced *o = l->of[n];
     float w = l->w[n], dy[3];
     sum += w;
-    for (int k = 0; k < 3; k++) dy[k] = o->x[k] - x[k], y[k] += w * dy[k], u[k] += w * o->u[k];
+    for (int k = 0; k < 3; k++) {
+      dy[k] = o->x[k] - x[k];
+      y[k] += w * dy[k];
+      u[k] += w * o->u[k];
+    }
     for (int k = 0, e = 0; k < 3; k++) {
       for (int m = k; m < 3; m++) yy[e++] += w * (dy[k] * dy[m]);
       for (int m = 0; m < 3; m++) uy[m][k] += w * (dy[k] * o->u[m]);
     }
   }
   if (!(sum > 0)) return false;
-  for (int k = 0; k < 3; k++) y[k] /= sum, u[k] /= sum;
+  for (int k = 0; k < 3; k++) {
+    y[k] /= sum;
+    u[k] /= sum;
+  }
   for (int k = 0, e = 0; k < 3; k++) {
     for (int m = k; m < 3; m++, e++) yy[e] = yy[e] / sum - y[k] * y[m];
     for (int m = 0; m < 3; m++) uy[m][k] = uy[m][k] / sum - y[k] * u[m];
   }
   float ridge = RIDGE / 3 * (yy[0] + yy[3] + yy[5]) + 1e-20f;
-  yy[0] += ridge, yy[3] += ridge, yy[5] += ridge;
+  yy[0] += ridge;
+  yy[3] += ridge;
+  yy[5] += ridge;
   for (int m = 0; m < 3; m++) {
     float *s = f->slope + 3 * m;
     if (!sv_solve3(yy, uy[m], s)) return false;
@@ -126,7 +139,8 @@ static float misfit(const float x[3], const near_list *l, const affine *f, float
       for (int k = 0; k < 3; k++) u += f->slope[3 * m + k] * (o->x[k] - x[k]);
       r2[n] += (u - o->u[m]) * (u - o->u[m]);
     }
-    sum += l->w[n] * r2[n], of += l->w[n];
+    sum += l->w[n] * r2[n];
+    of += l->w[n];
   }
   return sum / of;
 }

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // Following: when a time comes in, the pictures tell where to what is seen at its neighbour moves.
 //
-// Each Gaussian in front takes the patch of the neighbour's picture around it and looks for it in the new one (sum of
-// squared differences over the patch, all places within a radius, then a parabola through the three best along x and
-// y; Lucas & Kanade's residual, searched instead of linearised, as fast things move by more than their texture). It is
-// looked for around its old place and around the one that it was going to. What its cameras saw is solved for one
-// displacement in space, damped where none can tell; what none saw, and what disagrees with its neighbours, goes as
-// they do (local_motion.h). The motion is then bent to pass there, and at the times before as little as it can.
+// Each Gaussian in front takes the patch of the neighbour's picture around it and looks for it in
+// the new one (sum of squared differences over the patch, all places within a radius, then a
+// parabola through the three best along x and y; Lucas & Kanade's residual, searched instead of
+// linearised, as fast things move by more than their texture). It is looked for around its old
+// place and around the one that it was going to. What its cameras saw is solved for one
+// displacement in space, damped where none can tell; what none saw, and what disagrees with its
+// neighbours, goes as they do (local_motion.h). The motion is then bent to pass there, and at the
+// times before as little as it can.
 #include <string.h>
 
 #include "src/base/mathx.h"
@@ -18,17 +20,18 @@
 #include "src/dynamic/search.h"
 #include "src/train/step.h"
 
-#define REACH           10    // 1/REACH of the larger side is searched
-#define STILL           0.25f // times that: within half a pixel of where it was
-#define MOST_MISMATCH   2.0f  // times that: a match that is worse is none
-#define BETTER          0.5f  // a place must differ so much less than the old one
-#define BACK_PX         1     // looked for from there, the old place is found within so much
-#define LEAST_PX        0.3f  // displacements below are left to the gradients
-#define MOVES_PX        1.0f  // who stood still and is displaced by more moves
-#define APART_PX        2.0f  // cameras that disagree by more have followed something else
-#define DISAGREES_PX    2.0f  // with its neighbours: it has followed something else
-#define FAR_PX          1e4f  // no picture is so large
-#define DAMPING         0.01f // of the mean diagonal: where no camera can tell, things go on as they did
+#define REACH         10    // 1/REACH of the larger side is searched
+#define STILL         0.25f // times that: within half a pixel of where it was
+#define MOST_MISMATCH 2.0f  // times that: a match that is worse is none
+#define BETTER        0.5f  // a place must differ so much less than the old one
+#define BACK_PX       1     // looked for from there, the old place is found within so much
+#define LEAST_PX      0.3f  // displacements below are left to the gradients
+#define MOVES_PX      1.0f  // who stood still and is displaced by more moves
+#define APART_PX      2.0f  // cameras that disagree by more have followed something else
+#define DISAGREES_PX  2.0f  // with its neighbours: it has followed something else
+#define FAR_PX        1e4f  // no picture is so large
+// of the mean diagonal: where no camera can tell, things go on as they did
+#define DAMPING         0.01f
 #define FREE_DAMPING    1e-4f // for bodies, whose parts tell together where they go
 #define BEND            1e-3  // price of a function's coefficient, times its number squared
 #define BLOCKS_PER_TASK 4
@@ -43,7 +46,8 @@ typedef struct {
   float gain[CAP_TERMS];        // of the mean and the coefficients, for a displacement of 1
   sv_motion_values f_before;    // at the time before the last
   sv_rigid body[SV_CAP_BODIES]; // at the new time, as expected
-  float lead; // from the last to the new time, in spans from the time before to the last; 0: none before
+  float lead; // from the last to the new time, in spans from the time before to the last; 0: none
+              // before
   int n_blocks, reach;
   float px_per_unit; // at the scene's centre
 } job;
@@ -52,7 +56,8 @@ typedef struct {
 
 static int abs_i(int x) { return x < 0 ? -x : x; }
 
-// The place in the new picture, from near (u, v), of the old one's patch at (x, y), if looking back finds it.
+// The place in the new picture, from near (u, v), of the old one's patch at (x, y), if looking back
+// finds it.
 static bool look_near(const job *j, int x, int y, int reach, int *u, int *v, float *unlike) {
   const int du = *u - x, dv = *v - y;
   *unlike = sv_patch_search(&j->prev, x, y, &j->next, reach, u, v);
@@ -62,8 +67,8 @@ static bool look_near(const job *j, int x, int y, int reach, int *u, int *v, flo
   return abs_i(back_x - x) <= BACK_PX && abs_i(back_y - y) <= BACK_PX;
 }
 
-// Where the patch at (x, y) of the old picture is in the new one, where it was, near it or near where it was going to
-// (by p); false: cannot be told.
+// Where the patch at (x, y) of the old picture is in the new one, where it was, near it or near
+// where it was going to (by p); false: cannot be told.
 static bool follow(const job *j, int x, int y, const float p[2], float d[2]) {
   const sv_planes *a = &j->prev, *b = &j->next;
   float here, unlike = sv_patch_texture(a, x, y);
@@ -75,14 +80,21 @@ static bool follow(const job *j, int x, int y, const float p[2], float d[2]) {
     int u2 = x + (int)floorf(p[0] + 0.5f), v2 = y + (int)floorf(p[1] + 0.5f);
     bool is_found = look_near(j, x, y, j->reach, &u, &v, &best);
     bool is_ahead = u2 != x || v2 != y ? look_near(j, x, y, j->reach / 2, &u2, &v2, &ahead) : false;
-    if (is_ahead && (!is_found || ahead <= best)) is_found = true, best = ahead, u = u2, v = v2;
+    if (is_ahead && (!is_found || ahead <= best)) {
+      is_found = true;
+      best = ahead;
+      u = u2;
+      v = v2;
+    }
     if (!is_found || best > MOST_MISMATCH * unlike || ((u != x || v != y) && best > BETTER * here))
       return false;
   }
-  d[0] = (float)(u - x), d[1] = (float)(v - y);
+  d[0] = (float)(u - x);
+  d[1] = (float)(v - y);
   float more[2];
   sv_patch_offset(a, x, y, b, u, v, more);
-  d[0] += more[0], d[1] += more[1];
+  d[0] += more[0];
+  d[1] += more[1];
   return true;
 }
 
@@ -104,7 +116,8 @@ static void places(const job *j, int i, float now[3], float then[3]) {
   if (body) sv_rigid_apply(&j->body[body], mo->bodies.centre[body], then, then);
 }
 
-// Pixels that slot i is displaced by at the new time when it goes on as it went from the time before to the last.
+// Pixels that slot i is displaced by at the new time when it goes on as it went from the time
+// before to the last.
 static void go_on(const job *j, int i, const float now[3], const float px[2], float ahead[2]) {
   const sv_dynamic *dyn = j->dyn;
   const sv_motion *mo = &dyn->deform.motion;
@@ -164,7 +177,8 @@ static sv_status look(job *j, int i_from, int i_to, float progress) {
   const sv_train_view *a = &dyn->t->views[i_from], *b = &dyn->t->views[i_to];
   const int k = sv_patch_scale(&a->view, dyn->usual_fx_px), k_size = sv_patch_scale(&a->view, 0);
   sv_render_options o = sv_train_render_options(dyn->t, progress, true);
-  j->from = sv_view_scaled(&a->view, k), j->to = sv_view_scaled(&b->view, k);
+  j->from = sv_view_scaled(&a->view, k);
+  j->to = sv_view_scaled(&b->view, k);
   j->reach = sv_maxi(a->view.width_px, a->view.height_px) / k_size / REACH;
   sv_train_set_time(dyn->t, a->view.time);
   // The two images lie in the planes of a step's target and gradient, which are cleared afterwards.
@@ -186,7 +200,9 @@ static float displacement(const sv_match_sum *s, float damping, float d[3]) {
   if (!s->n) return -1;
   memcpy(a, s->a, sizeof a);
   float ridge = damping * 0.5f * (a[0] + a[3] + a[5]) + 1e-20f;
-  a[0] += ridge, a[3] += ridge, a[5] += ridge;
+  a[0] += ridge;
+  a[3] += ridge;
+  a[5] += ridge;
   if (!sv_solve3(a, s->b, d)) return -1;
   float fit = d[0] * s->b[0] + d[1] * s->b[1] + d[2] * s->b[2];
   if (s->r2 - fit > APART_PX * APART_PX * (float)s->n) return -1;
@@ -230,7 +246,8 @@ static void make_neighbours(const job *j) {
   sv_local_motion_find(dyn->near, dyn->t->compute.k, n, dyn->t->centre, dyn->t->radius);
 }
 
-// As displacement, but what no camera saw, or what seems to have gone another way than its neighbours, goes with them.
+// As displacement, but what no camera saw, or what seems to have gone another way than its
+// neighbours, goes with them.
 static float agreed(const job *j, int i, float d[3]) {
   const sv_displaced *o = &j->dyn->near->of[i];
   float px = displacement(&j->dyn->match[i], DAMPING, d), now[3], then[3], u[3], off2 = 0, d2 = 0;
@@ -238,7 +255,10 @@ static float agreed(const job *j, int i, float d[3]) {
   for (int k = 0; k < 3; k++) off2 += (u[k] - o->u[k]) * (u[k] - o->u[k]);
   if (o->is_known && j->px_per_unit * sqrtf(off2) < DISAGREES_PX) return px;
   places(j, i, now, then);
-  for (int k = 0; k < 3; k++) d[k] = now[k] + u[k] - then[k], d2 += d[k] * d[k];
+  for (int k = 0; k < 3; k++) {
+    d[k] = now[k] + u[k] - then[k];
+    d2 += d[k] * d[k];
+  }
   return j->px_per_unit * sqrtf(d2);
 }
 
@@ -281,8 +301,8 @@ static void solve(int m, double a[CAP_TERMS][CAP_TERMS], double x[CAP_TERMS]) {
   }
 }
 
-// Change of the mean and the coefficients for a displacement of 1 at the new time: least at all times before, and
-// the less the higher the function. n: functions in use.
+// Change of the mean and the coefficients for a displacement of 1 at the new time: least at all
+// times before, and the less the higher the function. n: functions in use.
 static void make_gain(job *j, float new_time, float progress, int n) {
   const sv_dynamic *dyn = j->dyn;
   const sv_motion_cfg *mc = &dyn->deform.motion.cfg;

@@ -49,7 +49,11 @@ float sv_patch_search(const sv_planes *a, int xa, int ya, const sv_planes *b, in
     for (int i = -reach; i <= reach; i++) {
       if (!sv_patch_is_inside(b, x0 + i, y0 + j)) continue;
       float here = sv_patch_mismatch(a, xa, ya, b, x0 + i, y0 + j, best);
-      if (here < best) best = here, *x = x0 + i, *y = y0 + j;
+      if (here < best) {
+        best = here;
+        *x = x0 + i;
+        *y = y0 + j;
+      }
     }
   return best;
 }
@@ -66,7 +70,8 @@ bool sv_patch_project(const sv_view *v, const float x[3], float px[2], float *z,
     c[r] = v->r[3 * r] * x[0] + v->r[3 * r + 1] * x[1] + v->r[3 * r + 2] * x[2] + v->t[r];
   *z = c[2];
   if (!(c[2] > 1e-6f)) return false;
-  px[0] = v->fx * c[0] / c[2] + v->cx, px[1] = v->fy * c[1] / c[2] + v->cy;
+  px[0] = v->fx * c[0] / c[2] + v->cx;
+  px[1] = v->fy * c[1] / c[2] + v->cy;
   for (int k = 0; k < 3 && jac; k++) {
     jac[k] = v->fx / c[2] * (v->r[k] - c[0] / c[2] * v->r[6 + k]);
     jac[3 + k] = v->fy / c[2] * (v->r[3 + k] - c[1] / c[2] * v->r[6 + k]);

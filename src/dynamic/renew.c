@@ -66,7 +66,8 @@ static void place(sv_dynamic *dyn, int i, const sv_point *p, float sigma) {
 
 // One of the n_off places for each who goes, evenly over all maps, which see about the same.
 static void renew(sv_dynamic *dyn, const sv_sweep *w, int n_off, int n) {
-  const float apart = sv_maxf(sqrtf((float)n_off / ((float)n * (float)w->n)), 1.0f); // pixels of a map
+  // pixels of a map
+  const float apart = sv_maxf(sqrtf((float)n_off / ((float)n * (float)w->n)), 1.0f);
   int slot = next_stale(dyn, 0);
   int64_t i_off = 0;
   for (int i = 0; i < w->n; i++)

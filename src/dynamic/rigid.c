@@ -7,8 +7,9 @@
 #include "src/base/mathx.h"
 #include "src/base/rng.h"
 
-#define N_STEPS      12    // of Gauss-Newton, at most
-#define N_WIDE       4     // of these with a tolerance wider by 16, 8, 4, 2 when the start is not known
+#define N_STEPS 12 // of Gauss-Newton, at most
+// of these with a tolerance wider by 16, 8, 4, 2 when the start is not known
+#define N_WIDE       4
 #define DAMPING      1e-4  // of the mean diagonal: what the pictures leave open does not change
 #define LIKELY_TURN  0.15  // rad, standard deviation of a turn from the one expected,
 #define LIKELY_SHIFT 0.5   // and of a shift, in radii of the body
@@ -19,13 +20,14 @@
 #define SIDE         32    // neighbours before and after a seed that a triple must explain
 #define LEAST_NEAR   0.4f  // share of them that must agree
 #define MOST_TURN    0.6f  // |vector part| of q: more between two times is no motion, 74 degrees
-#define GAP          3.0f  // times the usual distance to the next of a body: what is farther is another
-#define N_FAILED     4     // winners that are no body, until the search ends
-#define VOTERS       8     // nearest that say which body a stray belongs to
-#define NEAR         0.7f  // of a body's size: who votes for it is no farther
-#define MAJORITY     5     // of them
-#define UNANIMITY    7     // of them, where a stray goes by itself
-#define MOST_STRAY   4.0f  // tolerances: off by more is to go by itself
+// times the usual distance to the next of a body: what is farther is another
+#define GAP        3.0f
+#define N_FAILED   4    // winners that are no body, until the search ends
+#define VOTERS     8    // nearest that say which body a stray belongs to
+#define NEAR       0.7f // of a body's size: who votes for it is no farther
+#define MAJORITY   5    // of them
+#define UNANIMITY  7    // of them, where a stray goes by itself
+#define MOST_STRAY 4.0f // tolerances: off by more is to go by itself
 
 typedef struct {
   const sv_displaced *of;
@@ -93,7 +95,8 @@ static bool solve6(double h[6][6], double g[6]) {
   return true;
 }
 
-static void turn_by(float q[4], const double w[3]) { // about small vectors: half the vector, normalised
+// about small vectors: half the vector, normalised
+static void turn_by(float q[4], const double w[3]) {
   double s[4] = {1, 0.5 * w[0], 0.5 * w[1], 0.5 * w[2]},
          b[4] = {(double)q[0], (double)q[1], (double)q[2], (double)q[3]};
   double r[4] = {s[0] * b[0] - s[1] * b[1] - s[2] * b[2] - s[3] * b[3],
@@ -104,8 +107,8 @@ static void turn_by(float q[4], const double w[3]) { // about small vectors: hal
   for (int k = 0; k < 4; k++) q[k] = (float)(r[k] / norm);
 }
 
-// What is expected counts as one measurement off by the tolerance at the standard deviations. It matters where pictures
-// hardly tell: how near a small thing is that one camera sees.
+// What is expected counts as one measurement off by the tolerance at the standard deviations. It
+// matters where pictures hardly tell: how near a small thing is that one camera sees.
 static void expect(normal *s, const sv_rigid *m, const sv_rigid *start, double tolerance, double radius2) {
   const float back[4] = {start->q[0], -start->q[1], -start->q[2], -start->q[3]};
   float by[4];
@@ -113,12 +116,15 @@ static void expect(normal *s, const sv_rigid *m, const sv_rigid *start, double t
   const double turn = tolerance * tolerance / (LIKELY_TURN * LIKELY_TURN), to = by[0] < 0 ? -2 : 2;
   const double shift = tolerance * tolerance / (LIKELY_SHIFT * LIKELY_SHIFT * radius2 + 1e-30);
   for (int k = 0; k < 3; k++) {
-    s->h[k][k] += shift, s->h[3 + k][3 + k] += turn;
-    s->g[k] += shift * (double)(m->d[k] - start->d[k]), s->g[3 + k] += turn * to * (double)by[1 + k];
+    s->h[k][k] += shift;
+    s->h[3 + k][3 + k] += turn;
+    s->g[k] += shift * (double)(m->d[k] - start->d[k]);
+    s->g[3 + k] += turn * to * (double)by[1 + k];
   }
 }
 
-// One step of m with weights for tolerance; moved2: its squared size, a turn and in radii. False: singular.
+// One step of m with weights for tolerance; moved2: its squared size, a turn and in radii. False:
+// singular.
 static bool step(const cloud *p, float tolerance, sv_rigid *m, double *moved2) {
   normal s = {{{0}}, {0}};
   double arm2 = 0, sum = 0, tr = 0, rot = 0;
@@ -131,15 +137,23 @@ static bool step(const cloud *p, float tolerance, sv_rigid *m, double *moved2) {
     for (int k = 0; k < 3; k++) arm[k] = e[k] + o->u[k] + o->x[k] - p->c[k] - m->d[k];
     double w = (double)(agrees * agrees);
     add_normal(&s, o, arm, e, w);
-    arm2 += w * (double)(arm[0] * arm[0] + arm[1] * arm[1] + arm[2] * arm[2]), sum += w;
+    arm2 += w * (double)(arm[0] * arm[0] + arm[1] * arm[1] + arm[2] * arm[2]);
+    sum += w;
   }
-  for (int k = 0; k < 3; k++) tr += s.h[k][k] / 3, rot += s.h[3 + k][3 + k] / 3;
-  for (int k = 0; k < 3; k++) s.h[k][k] += DAMPING * tr + 1e-30, s.h[3 + k][3 + k] += DAMPING * rot + 1e-30;
+  for (int k = 0; k < 3; k++) {
+    tr += s.h[k][k] / 3;
+    rot += s.h[3 + k][3 + k] / 3;
+  }
+  for (int k = 0; k < 3; k++) {
+    s.h[k][k] += DAMPING * tr + 1e-30;
+    s.h[3 + k][3 + k] += DAMPING * rot + 1e-30;
+  }
   if (p->start) expect(&s, m, p->start, (double)tolerance, arm2 / sum);
   if (!(sum > 0) || !solve6(s.h, s.g)) return false;
   double w[3], size2 = 0;
   for (int k = 0; k < 3; k++) {
-    m->d[k] -= (float)s.g[k], w[k] = -s.g[3 + k];
+    m->d[k] -= (float)s.g[k];
+    w[k] = -s.g[3 + k];
     size2 += s.g[k] * s.g[k];
   }
   *moved2 = size2 / (arm2 / sum + 1e-30) + w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
@@ -248,7 +262,9 @@ static bool draw(search *q, int at, int side, uint32_t slot[3]) {
   int lo = sv_maxi(at - side, 0), n = sv_mini(at + side, q->n - 1) - lo + 1;
   if (n < 3) return false;
   int a = lo + (int)sv_rng_below(&q->rng, (uint32_t)n), b = lo + (int)sv_rng_below(&q->rng, (uint32_t)n);
-  slot[0] = q->s->list[at], slot[1] = q->s->list[a], slot[2] = q->s->list[b];
+  slot[0] = q->s->list[at];
+  slot[1] = q->s->list[a];
+  slot[2] = q->s->list[b];
   return a != at && b != at && a != b;
 }
 
@@ -300,14 +316,19 @@ static int best_motion(search *q, sv_rigid *best, float c[3]) {
     if (!propose(q, SIDE >> trial % 4, &m, at)) continue;
     refined++;
     int n = widen(q, &m, at);
-    if (n > most) most = n, *best = m, memcpy(c, at, sizeof at);
+    if (n > most) {
+      most = n;
+      *best = m;
+      memcpy(c, at, sizeof at);
+    }
   }
   return most;
 }
 
 // --- what hangs together -------------------------------------------------------------------------
 
-// Mean distance of the n slots to the nearest other, over some of them; a share of their spread if that is more.
+// Mean distance of the n slots to the nearest other, over some of them; a share of their spread if
+// that is more.
 static float usual_gap(const sv_displaced *of, const uint32_t *slot, int n) {
   const int every = sv_maxi(n / 64, 1);
   float sum = 0;
@@ -321,7 +342,8 @@ static float usual_gap(const sv_displaced *of, const uint32_t *slot, int n) {
   return sum / (float)count;
 }
 
-// The largest set of the n slots in which each is near another of it, moved to the front. Returns its size.
+// The largest set of the n slots in which each is near another of it, moved to the front. Returns
+// its size.
 static int largest_part(const sv_displaced *of, uint32_t *slot, int n) {
   const float gap = GAP * usual_gap(of, slot, n), gap2 = gap * gap;
   int first = 0, most = 0, begin = 0;
@@ -331,9 +353,13 @@ static int largest_part(const sv_displaced *of, uint32_t *slot, int n) {
       for (int j = end; j < n; j++) {
         if (!(apart2(&of[slot[i]], &of[slot[j]]) < gap2)) continue;
         uint32_t keep = slot[end];
-        slot[end++] = slot[j], slot[j] = keep;
+        slot[end++] = slot[j];
+        slot[j] = keep;
       }
-    if (end - begin > most) most = end - begin, first = begin;
+    if (end - begin > most) {
+      most = end - begin;
+      first = begin;
+    }
     begin = end;
   }
   memmove(slot, slot + first, (size_t)most * sizeof *slot);
@@ -384,8 +410,12 @@ typedef struct {
 static void add_voter(voters *v, uint32_t slot, float d2) {
   if (v->n == VOTERS && d2 >= v->d2[VOTERS - 1]) return;
   int at = v->n < VOTERS ? v->n++ : VOTERS - 1;
-  for (; at > 0 && v->d2[at - 1] > d2; at--) v->slot[at] = v->slot[at - 1], v->d2[at] = v->d2[at - 1];
-  v->slot[at] = slot, v->d2[at] = d2;
+  for (; at > 0 && v->d2[at - 1] > d2; at--) {
+    v->slot[at] = v->slot[at - 1];
+    v->d2[at] = v->d2[at - 1];
+  }
+  v->slot[at] = slot;
+  v->d2[at] = d2;
 }
 
 // Nearest of those before and after at in the order that are of a body, or stand still.
@@ -405,7 +435,8 @@ static float size2(const sv_rigid_search *s, int label, const float c[3]) {
   for (int i = 0; i < s->n; i++) {
     if (s->label[s->order[i]] != label) continue;
     const float *x = s->of[s->order[i]].x, y[3] = {x[0] - c[0], x[1] - c[1], x[2] - c[2]};
-    sum += length2(y), n += 1;
+    sum += length2(y);
+    n += 1;
   }
   return sum / n;
 }
@@ -439,7 +470,10 @@ static void take_strays(search *q, const sv_rigid *motion, float centre[][3], in
   for (int i = 0; i < s->n; i++) {
     if (s->label[s->order[i]]) continue;
     int b = body_around(s, i, motion, centre, near2, n_bodies);
-    if (b >= 0) s->list[n++] = (uint32_t)i, s->list[n++] = (uint32_t)b;
+    if (b >= 0) {
+      s->list[n++] = (uint32_t)i;
+      s->list[n++] = (uint32_t)b;
+    }
   }
   for (int i = 0; i < n; i += 2)
     s->label[s->order[s->list[i]]] = (uint8_t)(s->first_label + (int)s->list[i + 1]);

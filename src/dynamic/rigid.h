@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Rigid bodies among what was displaced from one time to another: y = R(q) (x - c) + c + d.
 //
-// A displacement is known in the pictures, not in space: along the rays of its cameras it is poor (two cameras close
-// together), along those of a single camera unknown. So what is fitted is the squared distance in pixels,
-// (y - x - u)^T a (y - x - u), by Gauss-Newton over q and d, with Geman & McClure's weights against those that followed
-// something else. Bodies are found by sequential RANSAC (Fischler & Bolles 1981) with the winners refined (Chum, Matas
-// & Kittler 2003): three neighbours propose a motion, those around them and then all that go along with it refine it,
-// and what hangs together with the largest body's seed becomes the next body.
+// A displacement is known in the pictures, not in space: along the rays of its cameras it is poor
+// (two cameras close together), along those of a single camera unknown. So what is fitted is the
+// squared distance in pixels, (y - x - u)^T a (y - x - u), by Gauss-Newton over q and d, with Geman
+// & McClure's weights against those that followed something else. Bodies are found by sequential
+// RANSAC (Fischler & Bolles 1981) with the winners refined (Chum, Matas & Kittler 2003): three
+// neighbours propose a motion, those around them and then all that go along with it refine it, and
+// what hangs together with the largest body's seed becomes the next body.
 #ifndef SV_DYNAMIC_RIGID_H
 #define SV_DYNAMIC_RIGID_H
 
@@ -17,11 +18,12 @@
 extern "C" {
 #endif
 
-// The motion about c that those of the n slots have that are known: near start, which is what is expected and matters
-// where pictures hardly tell (to 0.15 rad and half the body's radius, as one measurement off by the tolerance), or from
-// how they move in the mean when that is NULL; what is left open then (points in a line, or few) turns least.
-// tolerance_px: who is off by so much counts a quarter. n_agree (may be NULL): who is off by less.
-// False, and *out as it was: fewer than three are known, or no motion of theirs is found.
+// The motion about c that those of the n slots have that are known: near start, which is what is
+// expected and matters where pictures hardly tell (to 0.15 rad and half the body's radius, as one
+// measurement off by the tolerance), or from how they move in the mean when that is NULL; what is
+// left open then (points in a line, or few) turns least. tolerance_px: who is off by so much counts
+// a quarter. n_agree (may be NULL): who is off by less. False, and *out as it was: fewer than three
+// are known, or no motion of theirs is found.
 bool sv_rigid_fit(const sv_displaced *of, const uint32_t *slot, int n, const float c[3], float tolerance_px,
                   const sv_rigid *start, sv_rigid *out, int *n_agree);
 
@@ -31,16 +33,18 @@ typedef struct {
   uint8_t *label;         // by slot; 0: of no body yet. In and out
   uint32_t *list;         // [2 n] scratch
   int n;
-  int first_label, cap_bodies; // bodies get first_label, first_label + 1, ...; fewer than SV_CAP_BODIES
+  int first_label, cap_bodies; // bodies get first_label, first_label + 1, ...; fewer than
+                               // SV_CAP_BODIES
   int least_members;
   float least_px;     // a body's members move by more, in the median
   float tolerance_px; // its members are off by less
   uint64_t seed;
 } sv_rigid_search;
 
-// Finds bodies among slots of no body, largest first; motion [cap_bodies] and centre [cap_bodies][3] (the members'
-// mean place) are theirs. Slots that are not known, or have followed something else, join the body they are amid.
-// Returns how many there are. The same for the same input on every machine.
+// Finds bodies among slots of no body, largest first; motion [cap_bodies] and centre
+// [cap_bodies][3] (the members' mean place) are theirs. Slots that are not known, or have followed
+// something else, join the body they are amid. Returns how many there are. The same for the same
+// input on every machine.
 int sv_rigid_find(const sv_rigid_search *s, sv_rigid *motion, float centre[][3]);
 
 #ifdef __cplusplus

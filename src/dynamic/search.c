@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What moves: a Gaussian whose residual changes with time, in any of the cameras, moves from now on; one whose motion is
-// below the static thresholds comes to rest. Moving Gaussians are kept first.
+// What moves: a Gaussian whose residual changes with time, in any of the cameras, moves from now
+// on; one whose motion is below the static thresholds comes to rest. Moving Gaussians are kept
+// first.
 #include "src/dynamic/search.h"
 
 #include <math.h>
@@ -36,12 +37,14 @@ static bool is_worth_it(const sv_dynamic *dyn, int i) {
 
 static void swap_f(float *a, float *b) {
   float s = *a;
-  *a = *b, *b = s;
+  *a = *b;
+  *b = s;
 }
 
 static void swap_h(uint16_t *a, uint16_t *b) {
   uint16_t s = *a;
-  *a = *b, *b = s;
+  *a = *b;
+  *b = s;
 }
 
 static void swap_slots(sv_dynamic *dyn, int i, int j) {
@@ -56,7 +59,8 @@ static void swap_slots(sv_dynamic *dyn, int i, int j) {
   if (dyn->t->floor) swap_f(dyn->t->floor + i, dyn->t->floor + j);
   if (dyn->deform.kind == SV_DEFORM_CLIP) sv_motion_swap(&dyn->deform.motion, i, j);
   uint8_t s = dyn->is_moving[i];
-  dyn->is_moving[i] = dyn->is_moving[j], dyn->is_moving[j] = s;
+  dyn->is_moving[i] = dyn->is_moving[j];
+  dyn->is_moving[j] = s;
 }
 
 void sv_dynamic_sort(sv_dynamic *dyn) {

@@ -9,12 +9,14 @@
 extern "C" {
 #endif
 
-#define SV_DYNAMIC_SHARE_MIN 1.0f // pixels: a Gaussian that covers less of an image is not judged by it
+// pixels: a Gaussian that covers less of an image is not judged by it
+#define SV_DYNAMIC_SHARE_MIN 1.0f
 
-// Renders a training view, at half size at most, and leaves its residual in the trainer's err_plane; no gradients.
+// Renders a training view, at half size at most, and leaves its residual in the trainer's
+// err_plane; no gradients.
 sv_status sv_dynamic_residual(sv_dynamic *dyn, int i_view, float progress) SV_MUST_USE;
-// Adds each Gaussian's share of that image, in pixels, to dyn->share, and of its residual to dyn->residual. Reuses the
-// trainer's target, whose values are gone afterwards.
+// Adds each Gaussian's share of that image, in pixels, to dyn->share, and of its residual to
+// dyn->residual. Reuses the trainer's target, whose values are gone afterwards.
 sv_status sv_dynamic_share_residual(sv_dynamic *dyn) SV_MUST_USE;
 void sv_dynamic_clear_shares(sv_dynamic *dyn);
 // Gaussians that move too little come to rest, the moving ones are put first.

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tracking rigid bodies from the model to the picture: at a new time a body is expected where its motion takes it. What
-// the model looks like there has the body's turn and size, so patches of the rendering around its members are found in
-// the picture close by, and how they are displaced says by what the expected pose was off. What leaves the
-// picture hardly better explained than the expected pose is not taken.
+// Tracking rigid bodies from the model to the picture: at a new time a body is expected where its
+// motion takes it. What the model looks like there has the body's turn and size, so patches of the
+// rendering around its members are found in the picture close by, and how they are displaced says
+// by what the expected pose was off. What leaves the picture hardly better explained than the
+// expected pose is not taken.
 #include <string.h>
 
 #include "src/base/mathx.h"
@@ -34,7 +35,8 @@ typedef struct {
   int reach;
 } job;
 
-// Pixels by which the picture has what the model shows at (x, y) elsewhere; off_by: mismatch there as it is.
+// Pixels by which the picture has what the model shows at (x, y) elsewhere; off_by: mismatch there
+// as it is.
 static bool find(const job *j, int x, int y, float d[2], float *off_by) {
   const sv_planes *a = &j->dyn->t->render.rgb, *b = &j->dyn->t->target;
   int u = x, v = y;
@@ -46,7 +48,8 @@ static bool find(const job *j, int x, int y, float d[2], float *off_by) {
   const int off = sv_maxi(sv_maxi(u - x, x - u), sv_maxi(v - y, y - v));
   if (off == j->reach || (off > 1 && best > BETTER * here)) return false;
   sv_patch_offset(a, x, y, b, u, v, d);
-  d[0] += (float)(u - x), d[1] += (float)(v - y);
+  d[0] += (float)(u - x);
+  d[1] += (float)(v - y);
   return true;
 }
 
@@ -117,7 +120,9 @@ static void fill(sv_dynamic *dyn, int i, const sv_rigid *pose, const float c[3])
   sv_rigid_undo(pose, c, x, o->x);
   memcpy(a, s->a, sizeof a);
   const float ridge = DAMPING * 0.5f * (a[0] + a[3] + a[5]) + 1e-20f;
-  a[0] += ridge, a[3] += ridge, a[5] += ridge;
+  a[0] += ridge;
+  a[3] += ridge;
+  a[5] += ridge;
   if (!sv_solve3(a, s->b, d)) return;
   for (int k = 0; k < 6; k++) o->a[k] = a[k] / (float)s->n;
   for (int k = 0; k < 3; k++) o->u[k] = x[k] + d[k] - o->x[k];
@@ -154,7 +159,10 @@ static void mismatches(const sv_dynamic *dyn, float out[SV_CAP_BODIES]) {
   float n[SV_CAP_BODIES] = {0};
   memset(out, 0, SV_CAP_BODIES * sizeof *out);
   for (int i = 0; i < dyn->deform.motion.n_moving; i++)
-    if (b->of[i] && dyn->share[i] > 0) out[b->of[i]] += dyn->share[i], n[b->of[i]] += 1;
+    if (b->of[i] && dyn->share[i] > 0) {
+      out[b->of[i]] += dyn->share[i];
+      n[b->of[i]] += 1;
+    }
   for (int body = 0; body < b->n; body++) out[body] = n[body] > 0 ? out[body] / n[body] : 1e30f;
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The optimizer's step of per-Gaussian motion and of the bodies' poses, beside that of the Gaussians.
+// The optimizer's step of per-Gaussian motion and of the bodies' poses, beside that of the
+// Gaussians.
 #include "src/dynamic/update.h"
 
 #include <math.h>
@@ -36,9 +37,9 @@ void sv_dynamic_rates(const sv_dynamic *dyn, float progress, float mean_lr, doub
                                        : dye * late);
 }
 
-// A step of length `by` down the length of each touched lane's coefficients c[n][3][16], function j's times j + 1:
-// the group lasso's, beside Adam as in AdamW (Loshchilov & Hutter 2019), so that it is not normalised away. Parts of
-// bodies (of, or NULL): PART_SHRINK as long.
+// A step of length `by` down the length of each touched lane's coefficients c[n][3][16], function
+// j's times j + 1: the group lasso's, beside Adam as in AdamW (Loshchilov & Hutter 2019), so that
+// it is not normalised away. Parts of bodies (of, or NULL): PART_SHRINK as long.
 static void shrink(float *c, int n, float by, uint32_t touched, const uint8_t *of) {
   float len2[16] = {0}, share[16];
   for (int j = 0; j < n; j++) {

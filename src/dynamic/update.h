@@ -16,8 +16,8 @@ void sv_dynamic_pull_back(sv_dynamic *dyn, int block, uint32_t touched, float *g
 // The field's or the bodies' step, after all blocks.
 void sv_dynamic_finish_update(sv_dynamic *dyn, float progress);
 
-// Gradients of a block of moving Gaussians with per-Gaussian motion, from those of the moved ones, and their step, as
-// dyn->update says. touched: lanes. scratch [SV_CAP_MROWS][16].
+// Gradients of a block of moving Gaussians with per-Gaussian motion, from those of the moved ones,
+// and their step, as dyn->update says. touched: lanes. scratch [SV_CAP_MROWS][16].
 void sv_dynamic_move_block(sv_dynamic *dyn, int block, uint32_t touched, float *grad, float *scratch);
 // Adam's learning rates of the motion's rows for one step.
 void sv_dynamic_rates(const sv_dynamic *dyn, float progress, float mean_lr, double bias1,

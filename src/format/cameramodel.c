@@ -71,7 +71,10 @@ static sv_status read_string(lexer *l) {
 static sv_status next(lexer *l) {
   skip_blank(l);
   l->from = l->to = l->at;
-  if (l->at == l->bytes) return l->kind = T_END, SV_OK;
+  if (l->at == l->bytes) {
+    l->kind = T_END;
+    return SV_OK;
+  }
   char c = l->text[l->at];
   if (strchr("bBrRuU", c) && c) { // a prefixed string?
     size_t n = 1;
@@ -83,7 +86,10 @@ static sv_status next(lexer *l) {
       return read_string(l);
     }
   }
-  if (c == '\'' || c == '"') return l->kind = T_STRING, read_string(l);
+  if (c == '\'' || c == '"') {
+    l->kind = T_STRING;
+    return read_string(l);
+  }
   if (is_letter(c)) {
     while (is_letter(peek(l, 0)) || is_digit(peek(l, 0))) l->at++;
     l->kind = T_WORD;

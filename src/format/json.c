@@ -46,7 +46,11 @@ static int hex4(const unsigned char *t, size_t n) { // -1 when not four hex digi
 static bool scan_string(scan *s) { // at the opening quote
   for (s->i++; s->i < s->n; s->i++) {
     unsigned char c = s->t[s->i];
-    if (c == '"') return s->i++, s->n_tok++, true;
+    if (c == '"') {
+      s->i++;
+      s->n_tok++;
+      return true;
+    }
     if (c < 0x20) return wrong(s, "a control byte inside a string");
     if (c != '\\') continue;
     if (++s->i == s->n) break;
@@ -90,7 +94,11 @@ static bool scan_scalar(scan *s) {
   if (c == '-' || (c >= '0' && c <= '9')) return scan_number(s);
   for (int k = 0; k < 3; k++) {
     size_t n = strlen(words[k]);
-    if (s->n - s->i >= n && memcmp(s->t + s->i, words[k], n) == 0) return s->i += n, s->n_tok++, true;
+    if (s->n - s->i >= n && memcmp(s->t + s->i, words[k], n) == 0) {
+      s->i += n;
+      s->n_tok++;
+      return true;
+    }
   }
   return wrong(s, "a value was expected");
 }

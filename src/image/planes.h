@@ -42,7 +42,8 @@ sv_status sv_planes_resize(sv_planes *p, int width_px, int height_px, size_t cap
 
 // Sets every float of the three planes, padding included, to 0.
 void sv_planes_clear(sv_planes *p);
-// Another size in the same memory, whose values are then undefined. Never more than it was initialised for.
+// Another size in the same memory, whose values are then undefined. Never more than it was
+// initialised for.
 void sv_planes_set_size(sv_planes *p, int width_px, int height_px);
 
 // An image of bytes that someone else owns: [height][stride_bytes], n_channels interleaved (1

@@ -5,8 +5,9 @@
 
 #include "src/base/mathx.h"
 
-#define BAND_ROWS      16
-#define MIN_CONTRAST_2 1e-12 // variance over squared mean: below it, differences are rounding errors
+#define BAND_ROWS 16
+// variance over squared mean: below it, differences are rounding errors
+#define MIN_CONTRAST_2 1e-12
 
 static void carve(sv_pearson *p, const sv_pearson_cfg *cfg, sv_arena *a) {
   p->stats = SV_TAKE(a, sv_pearson_stat, cfg->cap_patches);
@@ -63,7 +64,10 @@ static void stat_task(void *arg, int i_patch, int i_thread) {
       s.mean_t += (double)in->prior[i];
       n++;
     }
-  if (n > 0) s.mean_d /= n, s.mean_t /= n;
+  if (n > 0) {
+    s.mean_d /= n;
+    s.mean_t /= n;
+  }
   for (int y = q.y0; y < q.y1; y++) // a second pass: one-pass sums cancel
     for (int x = q.x0; x < q.x1; x++) {
       size_t i = (size_t)y * (size_t)in->stride + (size_t)x;

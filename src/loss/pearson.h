@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Depth against a depth prior whose scale and offset are unknown: one minus Pearson's correlation, over the
-// whole picture (FSGS, Zhu et al. 2024, eq. 5) or over patches (SparseGS, Xiong et al. 2023, sec. 3.2).
-//   r = sum a b / sqrt(sum a^2 sum b^2),  a = d - mean d,  b = t - mean t,  L = weight mean over patches (1 -
-//   r) dL/dd = -weight / n_patches (b / sqrt(Saa Sbb) - r a / Saa)
+// Depth against a depth prior whose scale and offset are unknown: one minus Pearson's correlation,
+// over the whole picture (FSGS, Zhu et al. 2024, eq. 5) or over patches (SparseGS, Xiong et al.
+// 2023, sec. 3.2).
+//   r = sum a b / sqrt(sum a^2 sum b^2),  a = d - mean d,  b = t - mean t,  L = weight mean over
+//                                         patches (1 - r) dL/dd = -weight / n_patches (b / sqrt(Saa
+//                                         Sbb) - r a / Saa)
 #ifndef SV_LOSS_PEARSON_H
 #define SV_LOSS_PEARSON_H
 
@@ -49,9 +51,10 @@ typedef struct {
   float weight;
 } sv_pearson_input;
 
-// Returns the loss and adds its gradient to grad_depth ([height][stride], may be NULL). A patch with fewer
-// than two pixels or without contrast (deviation below 1e-6 of the mean) counts as r = 0 and has no gradient.
-// Patches may overlap; they are cut to the picture. The same bits for any number of threads.
+// Returns the loss and adds its gradient to grad_depth ([height][stride], may be NULL). A patch
+// with fewer than two pixels or without contrast (deviation below 1e-6 of the mean) counts as r = 0
+// and has no gradient. Patches may overlap; they are cut to the picture. The same bits for any
+// number of threads.
 double sv_pearson_loss(sv_pearson *p, const sv_pearson_input *in, float *grad_depth);
 
 #ifdef __cplusplus

@@ -5,8 +5,9 @@
 
 #include "src/base/mathx.h"
 
-// Each band finds the maps of five rows beyond both of its ends once more, so bands are as high as the number of threads
-// allows. Within a band SSIM runs ahead of its gradient by a few rows, whose maps stay in the cache.
+// Each band finds the maps of five rows beyond both of its ends once more, so bands are as high as
+// the number of threads allows. Within a band SSIM runs ahead of its gradient by a few rows, whose
+// maps stay in the cache.
 #define CAP_BAND_ROWS 256
 #define MIN_BAND_ROWS 16
 #define AHEAD_ROWS    32
@@ -63,15 +64,16 @@ typedef struct {
   int n_bands;
 } photometric_job;
 
-// Windows stand on every second row: rows of them above the picture's row, and their number in a picture so high.
+// Windows stand on every second row: rows of them above the picture's row, and their number in a
+// picture so high.
 static int windows_above(const photometric_job *j, int row) { return (row - j->phase + 1) / 2; }
 
 static int band_begin(const photometric_job *j, int i_band) {
   return (int)((int64_t)j->x->height_px * i_band / j->n_bands);
 }
 
-// SSIM of the windows of rows from the first that have no maps yet up to row1, without a gradient without maps; *b gets
-// them.
+// SSIM of the windows of rows from the first that have no maps yet up to row1, without a gradient
+// without maps; *b gets them.
 static void forward(const photometric_job *j, int row0, int row1, int i_thread, sv_ssim_bwd_args *b) {
   sv_photometric *p = j->p;
   sv_ssim_args a = {
@@ -91,8 +93,11 @@ static void forward(const photometric_job *j, int row0, int row1, int i_thread, 
     const size_t one = (size_t)p->cap_map_rows * (size_t)a.stride;
     a.dm1 =
         p->map + 3 * (size_t)i_thread * (size_t)p->cap_map_rows * (size_t)sv_plane_pad(p->cfg.cap_width_px);
-    a.ds1 = a.dm1 + one, a.ds12 = a.ds1 + one;
-    b->dm1 = a.dm1, b->ds1 = a.ds1, b->ds12 = a.ds12;
+    a.ds1 = a.dm1 + one;
+    a.ds12 = a.ds1 + one;
+    b->dm1 = a.dm1;
+    b->ds1 = a.ds1;
+    b->ds12 = a.ds12;
   }
   j->k->ssim(&a);
 }
@@ -108,7 +113,8 @@ static void slide(const photometric_job *j, int row0, int row1, int i_thread, sv
   b->map_row0 = row0;
 }
 
-// A band's loss and gradient with SSIM. The maps also need the rows next to it, whose sums are their own band's to keep.
+// A band's loss and gradient with SSIM. The maps also need the rows next to it, whose sums are
+// their own band's to keep.
 static void ssim_band(const photometric_job *j, int c, int row0, int row1, int i_thread,
                       sv_ssim_bwd_args *b) {
   const sv_photometric *p = j->p;
@@ -117,7 +123,8 @@ static void ssim_band(const photometric_job *j, int c, int row0, int row1, int i
   const int h = b->height_px, reach = j->grad ? REACH : 0;
   int done = b->map_row0 = windows_above(j, sv_maxi(0, row0 - reach));
   for (int r = row0; r < row1; r = b->row1) {
-    b->row0 = r, b->row1 = sv_mini(r + AHEAD_ROWS, row1);
+    b->row0 = r;
+    b->row1 = sv_mini(r + AHEAD_ROWS, row1);
     if (j->grad && r > row0) slide(j, windows_above(j, r - REACH), done, i_thread, b);
     const int until = windows_above(j, sv_mini(h, b->row1 + reach));
     forward(j, done, until, i_thread, b);

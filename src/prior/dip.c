@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The dip statistic (Hartigan & Hartigan 1985): between the greatest convex minorant of the distribution function, left
-// of the modal interval, and its least concave majorant, right of it. The interval shrinks to where the two are farthest
-// apart, until it does not matter any more.
+// The dip statistic (Hartigan & Hartigan 1985): between the greatest convex minorant of the
+// distribution function, left of the modal interval, and its least concave majorant, right of it.
+// The interval shrinks to where the two are farthest apart, until it does not matter any more.
 #include "src/base/mathx.h"
 #include "src/prior/methods.h"
 
@@ -25,7 +25,8 @@ void sv_prior_sort(float *v, int n) {
   }
 }
 
-// Vertices, left to right, of the lower (sign 1) or upper (sign -1) hull of the points (x[i], i), low <= i <= high.
+// Vertices, left to right, of the lower (sign 1) or upper (sign -1) hull of the points (x[i], i),
+// low <= i <= high.
 static int hull_of(const float *x, int low, int high, double sign, int32_t *out) {
   int n = 0;
   for (int i = low; i <= high; i++) {
@@ -48,7 +49,8 @@ static double height(const float *x, const int32_t *hull, int k, double at) {
   return width > 0 ? a + (b - a) * (at - (double)x[a]) / width : b;
 }
 
-// Largest distance of the points' steps from a hull over its segments [k0, k1]; the minorant lies below (sign 1).
+// Largest distance of the points' steps from a hull over its segments [k0, k1]; the minorant lies
+// below (sign 1).
 static double largest_gap(const float *x, const int32_t *hull, int k0, int k1, double sign) {
   double most = 0;
   for (int k = k0 + 1; k <= k1; k++)
@@ -57,19 +59,28 @@ static double largest_gap(const float *x, const int32_t *hull, int k0, int k1, d
   return most;
 }
 
-// Where the hulls are farthest apart: vertices *at_g and *at_l of the two, between which the modal interval lies.
+// Where the hulls are farthest apart: vertices *at_g and *at_l of the two, between which the modal
+// interval lies.
 static double widest(const float *x, const int32_t *g, int n_g, const int32_t *l, int n_l, int *at_g,
                      int *at_l) {
   double most = -1;
   for (int i = 0, k = 1; i < n_g; i++) { // the minorant's vertices below the majorant's segments
     while (k < n_l - 1 && l[k] < g[i]) k++;
     const double d = height(x, l, k, (double)x[g[i]]) + 1 - g[i];
-    if (d > most) most = d, *at_g = i, *at_l = k;
+    if (d > most) {
+      most = d;
+      *at_g = i;
+      *at_l = k;
+    }
   }
   for (int i = 0, k = 1; i < n_l; i++) {
     while (k < n_g - 1 && g[k] < l[i]) k++;
     const double d = l[i] + 1 - height(x, g, k, (double)x[l[i]]);
-    if (d > most) most = d, *at_g = k - 1, *at_l = i;
+    if (d > most) {
+      most = d;
+      *at_g = k - 1;
+      *at_l = i;
+    }
   }
   return most;
 }
@@ -85,7 +96,8 @@ double sv_prior_dip(const float *x, int n, int32_t *hull) {
     dip = sv_maxd(dip, largest_gap(x, g, 0, at_g, 1));
     dip = sv_maxd(dip, largest_gap(x, l, at_l, n_l - 1, -1));
     if ((g[at_g] == low && l[at_l] == high) || g[at_g] >= l[at_l]) break;
-    low = g[at_g], high = l[at_l];
+    low = g[at_g];
+    high = l[at_l];
   }
   return dip / (2.0 * n);
 }

@@ -44,8 +44,9 @@ static pair evaluate(const sv_splat *s, float x, float y) {
   return p;
 }
 
-// Front to back through the records of a pixel's tile, as the rasterizer does, to the Gaussian of the largest weight.
-// Returns its place in the list, -1 when there is none; *z its depth. Rare and slow, so exp is the exact one.
+// Front to back through the records of a pixel's tile, as the rasterizer does, to the Gaussian of
+// the largest weight. Returns its place in the list, -1 when there is none; *z its depth. Rare and
+// slow, so exp is the exact one.
 static int find_mode(const sv_renderer *r, uint32_t begin, uint32_t end, float x, float y, float *z) {
   float trans = 1.0f, most = 0.0f;
   int mode = -1;
@@ -54,9 +55,14 @@ static int find_mode(const sv_renderer *r, uint32_t begin, uint32_t end, float x
     const pair p = evaluate(s, x, y);
     if (p.power < SV_LOG2_ALPHA_MIN) continue;
     const float a = sv_minf(SV_ALPHA_MAX, (float)sv_exp((double)p.power * 0.6931471805599453)), w = a * trans;
-    if (w > most) most = w, mode = (int)i, *z = s->z;
+    if (w > most) {
+      most = w;
+      mode = (int)i;
+      *z = s->z;
+    }
     trans -= w;
-    if (trans < most || trans < SV_T_MIN) break; // nothing behind can weigh more, or the pixel has ended
+    // nothing behind can weigh more, or the pixel has ended
+    if (trans < most || trans < SV_T_MIN) break;
   }
   return mode;
 }
@@ -85,8 +91,8 @@ static void mode_task(void *arg, int i_tile, int i_thread) {
     }
 }
 
-// Relative differences into prior.share: (expected - mode) / (expected + floor), floor the least expected depth, or
-// three standard deviations below the mean when that is more.
+// Relative differences into prior.share: (expected - mode) / (expected + floor), floor the least
+// expected depth, or three standard deviations below the mean when that is more.
 static void find_differences(sv_prior *prior) {
   const sv_planes *size = &prior->t->render.rgb;
   double n = 0, sum = 0, sum2 = 0, least = 1e30;
@@ -95,7 +101,9 @@ static void find_differences(sv_prior *prior) {
       const size_t at = (size_t)y * (size_t)size->stride + (size_t)x;
       const double e = (double)prior->expected[at];
       if (!prior->mask[at]) continue;
-      n++, sum += e, sum2 += e * e;
+      n++;
+      sum += e;
+      sum2 += e * e;
       least = sv_mind(least, e);
     }
   const double mean = n > 0 ? sum / n : 0, var = n > 0 ? sum2 / n - mean * mean : 0;

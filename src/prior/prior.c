@@ -20,21 +20,32 @@ void sv_prior_set_method(sv_prior_cfg *c, sv_prior_method method, int n_views) {
   c->cap_pseudo += METHOD_VIEWS;
   c->cap_depths += METHOD_VIEWS + n_views;
   c->depth_weight = 0.05f;
-  c->late_from = 2.0f, c->late_factor = 1.0f;
+  c->late_from = 2.0f;
+  c->late_factor = 1.0f;
   c->warp_until = 2.0f;
   if (method == SV_PRIOR_FSGS) { // Zhu et al. 2024, in shares of 10,000 steps
-    c->every = 10, c->warp_every = 10;
-    c->late_from = 0.95f, c->late_factor = 0.02f;
-    c->warp_from = 0.2f, c->warp_until = 0.95f, c->warp_ramp = 0.05f;
+    c->every = 10;
+    c->warp_every = 10;
+    c->late_from = 0.95f;
+    c->late_factor = 0.02f;
+    c->warp_from = 0.2f;
+    c->warp_until = 0.95f;
+    c->warp_ramp = 0.05f;
     c->warp_depth = 0.5f;
-    c->unpool_from = 0.05f, c->unpool_until = 1.0f;
-    c->unpool_distance = 3.0f, c->unpool_share = 0.02f;
+    c->unpool_from = 0.05f;
+    c->unpool_until = 1.0f;
+    c->unpool_distance = 3.0f;
+    c->unpool_share = 0.02f;
     return;
   }
   // Xiong et al. 2023, in shares of 30,000 steps.
-  c->patch_weight = 3.0f, c->patch_side = 0.25f, c->patch_share = 0.5f;
-  c->every = 3, c->warp_every = 12;
-  c->warp_from = 1.0f / 6.0f, c->warp_ramp = 0.01f;
+  c->patch_weight = 3.0f;
+  c->patch_side = 0.25f;
+  c->patch_share = 0.5f;
+  c->every = 3;
+  c->warp_every = 12;
+  c->warp_from = 1.0f / 6.0f;
+  c->warp_ramp = 0.01f;
   c->warp_colour = 0.1f;
   c->prune_at[0] = 2.0f / 3.0f;
 }
@@ -176,7 +187,8 @@ sv_status sv_prior_submit_view(sv_prior *p, const sv_view *view, const sv_image_
     return SV_E_RANGE;
   sv_prior_view *v = &p->views[p->n_views % p->cfg.cap_pseudo];
   v->view = *view;
-  v->weight = weight, v->until = until;
+  v->weight = weight;
+  v->until = until;
   v->id = SV_PRIOR_FIRST_PSEUDO + p->n_views++;
   for (int y = 0; y < im->height_px; y++) {
     const uint8_t *src = im->px + (size_t)y * (size_t)im->stride_bytes;
@@ -190,8 +202,8 @@ sv_status sv_prior_submit_view(sv_prior *p, const sv_view *view, const sv_image_
   return SV_OK;
 }
 
-// The map that this view already has, a place that nobody needs (never used, or of a pseudo-view that is gone), else the
-// next in turn: maps of training views stay while there is room.
+// The map that this view already has, a place that nobody needs (never used, or of a pseudo-view
+// that is gone), else the next in turn: maps of training views stay while there is room.
 static sv_prior_depth *place_of(sv_prior *p, int id) {
   sv_prior_depth *unused = NULL;
   for (int i = 0; i < p->cfg.cap_depths; i++) {
@@ -211,8 +223,11 @@ sv_status sv_prior_submit_depth(sv_prior *p, int id, const float *map, int width
       sv_plane_floats(width_px, height_px) > p->cap_pixels)
     return SV_E_RANGE;
   sv_prior_depth *d = place_of(p, id);
-  d->id = id, d->width_px = width_px, d->height_px = height_px;
-  d->kind = kind, d->weight = weight;
+  d->id = id;
+  d->width_px = width_px;
+  d->height_px = height_px;
+  d->kind = kind;
+  d->weight = weight;
   memcpy(d->map, map, (size_t)width_px * (size_t)height_px * sizeof *map);
   return SV_OK;
 }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What somebody else knows of a scene that few views saw: pictures of views that no camera took, and depth maps. Both
-// come from outside the core (a fixer such as Difix3D+ of Wu et al. 2025, a monocular depth network, the rig's own
-// depth maps) and are kept in two rings of fixed size, so that a trainer's memory is known at start. What is done with
-// them is in views.h.
+// What somebody else knows of a scene that few views saw: pictures of views that no camera took,
+// and depth maps. Both come from outside the core (a fixer such as Difix3D+ of Wu et al. 2025, a
+// monocular depth network, the rig's own depth maps) and are kept in two rings of fixed size, so
+// that a trainer's memory is known at start. What is done with them is in views.h.
 #ifndef SV_PRIOR_PRIOR_H
 #define SV_PRIOR_PRIOR_H
 
@@ -19,8 +19,10 @@ extern "C" {
 
 // What the values of a depth map are, of depth along the optical axis.
 typedef enum {
-  SV_PRIOR_RELATIVE, // some scale and offset of depth: Pearson's correlation with the rendered depth
-  SV_PRIOR_INVERSE,  // of inverse depth (disparity, as monocular networks tell): the same with inverse depth
+  SV_PRIOR_RELATIVE, // some scale and offset of depth: Pearson's correlation with the rendered
+                     // depth
+  SV_PRIOR_INVERSE,  // of inverse depth (disparity, as monocular networks tell): the same with
+                     // inverse depth
   SV_PRIOR_METRIC    // depth itself, in world units: mean absolute difference in scene radii
 } sv_prior_depth_kind;
 
@@ -30,27 +32,32 @@ typedef struct {
   int cap_pseudo; // pseudo-views kept at a time; 0: none are ever submitted
   int cap_depths; // depth maps kept at a time; 0: none
   int every;      // steps from one that also takes a pseudo-view to the next
-  // What the trainer does of its own (sv_prior_set_method), at these progresses and with these weights.
+  // What the trainer does of its own (sv_prior_set_method), at these progresses and with these
+  // weights.
   sv_prior_method method;
   float depth_weight;            // of the rig's own depth maps
   float late_from, late_factor;  // from there on depth counts so many times of it
-  float patch_weight;            // of the patch-wise correlation, beside 1 of the whole picture's; 0: none
-  float patch_side, patch_share; // of the picture's longer side; of its area, that patches are drawn for
+  float patch_weight;            // of the patch-wise correlation, beside 1 of the whole picture's;
+                                 // 0: none
+  float patch_side, patch_share; // of the picture's longer side; of its area, that patches are
+                                 // drawn for
   int warp_every;                // steps from one warped pseudo-view to the next
   float warp_from, warp_until, warp_ramp;
-  float warp_colour, warp_depth; // weights of a warped pseudo-view's colours and of its depth, after the ramp
+  float warp_colour, warp_depth;   // weights of a warped pseudo-view's colours and of its depth,
+                                   // after the ramp
   float unpool_from, unpool_until; // 0, 0: none
   float unpool_distance;           // times the median of the mean distance to the three neighbours
   float unpool_share;              // of the Gaussians, at most, in one go
   float prune_at[2];               // 2: never
 } sv_prior_cfg;
 
-// Weights and schedules of a method (prior.c names their source), with rings for n_views training views. Adds to what
-// cfg has room for.
+// Weights and schedules of a method (prior.c names their source), with rings for n_views training
+// views. Adds to what cfg has room for.
 void sv_prior_set_method(sv_prior_cfg *cfg, sv_prior_method method, int n_views);
 
-#define SV_PRIOR_PATCHES      16         // of a patch-wise correlation, at most
-#define SV_PRIOR_FIRST_PSEUDO 0x40000000 // their numbers go on from here; those of training views lie below
+#define SV_PRIOR_PATCHES 16 // of a patch-wise correlation, at most
+// their numbers go on from here; those of training views lie below
+#define SV_PRIOR_FIRST_PSEUDO 0x40000000
 
 typedef struct {
   sv_view view;
@@ -75,8 +82,9 @@ typedef struct {
   sv_prior_view *views;   // [cap_pseudo] ring
   sv_prior_depth *depths; // [cap_depths] ring
   int n_views, n_depths;  // ever submitted; places that were taken from others
-  // Planes of the last picture's size, [cap_pixels] each: expected depth or its inverse, its prior, gradients of the sum
-  // of w z, of what light is left, of the expected depth; share of each pixel that counts.
+  // Planes of the last picture's size, [cap_pixels] each: expected depth or its inverse, its prior,
+  // gradients of the sum of w z, of what light is left, of the expected depth; share of each pixel
+  // that counts.
   float *expected, *target, *g_depth, *g_trans, *g_expected, *share;
   uint8_t *mask;
   uint8_t *warped;                    // [cap_pixels][4], with a method
@@ -89,13 +97,13 @@ typedef struct {
   float updated_until;    // progress up to which the method's own work is done
 } sv_prior;
 
-// What a trainer's settings need, after the objective was set (src/train/objective.h): room for further images, and FSGS's
-// early SH degrees where any are wanted.
+// What a trainer's settings need, after the objective was set (src/train/objective.h): room for
+// further images, and FSGS's early SH degrees where any are wanted.
 void sv_prior_prepare(const sv_prior_cfg *cfg, sv_train_cfg *train);
 // Memory beside that of a trainer with these settings; 0 when both capacities are.
 size_t sv_prior_bytes(const sv_prior_cfg *cfg, const sv_train_cfg *train);
-// Attaches priors to a trainer of a still scene, which must outlive them. Takes no memory and attaches nothing when both
-// capacities are 0. E_ARG and E_UNSUPPORTED name a bad setting in err.
+// Attaches priors to a trainer of a still scene, which must outlive them. Takes no memory and
+// attaches nothing when both capacities are 0. E_ARG and E_UNSUPPORTED name a bad setting in err.
 sv_status sv_prior_init(sv_prior *p, const sv_prior_cfg *cfg, sv_trainer *t, sv_arena *arena,
                         sv_err *err) SV_MUST_USE;
 
@@ -107,13 +115,14 @@ size_t sv_prior_prune_bytes(int n_gaussians);
 // Forgets what was submitted, and counts anew.
 void sv_prior_clear(sv_prior *p);
 
-// A picture (3 channels, or 4 with what counts in alpha) of a view that no camera took; copied. Returns its number;
-// the oldest one's place is taken when the ring is full. E_RANGE for a size that is not the view's or beyond the
-// capacity, a weight below 0; E_FULL without a ring.
+// A picture (3 channels, or 4 with what counts in alpha) of a view that no camera took; copied.
+// Returns its number; the oldest one's place is taken when the ring is full. E_RANGE for a size
+// that is not the view's or beyond the capacity, a weight below 0; E_FULL without a ring.
 sv_status sv_prior_submit_view(sv_prior *p, const sv_view *view, const sv_image_u8 *picture, float weight,
                                float until, int *id) SV_MUST_USE;
-// A depth map of view `id`, of width x height floats without padding, copied; below 0: nothing is known. A map of the
-// same view is replaced, else one of a pseudo-view that is gone, else the next in turn.
+// A depth map of view `id`, of width x height floats without padding, copied; below 0: nothing is
+// known. A map of the same view is replaced, else one of a pseudo-view that is gone, else the next
+// in turn.
 sv_status sv_prior_submit_depth(sv_prior *p, int id, const float *map, int width_px, int height_px,
                                 sv_prior_depth_kind kind, float weight) SV_MUST_USE;
 // NULL when there is none, or its size is not the view's.

@@ -51,7 +51,8 @@ static float find_scores(work *w, int n) {
   return w->dist2[n / 2];
 }
 
-// The next slot from *at on that can be had: dead ones in a first round, then weak ones. -1: no more.
+// The next slot from *at on that can be had: dead ones in a first round, then weak ones. -1: no
+// more.
 static int next_free(const sv_prior *prior, const float below[2], int *at) {
   for (; *at < 2 * prior->t->g.n; (*at)++) {
     const float l = logit_of(prior, *at % prior->t->g.n);
@@ -88,7 +89,8 @@ uint32_t sv_prior_unpool(sv_prior *prior) {
     return 0;
   }
   const float beyond = c->unpool_distance * find_scores(&w, n);
-  const int first = (int)sv_rng_below(&prior->rng, (uint32_t)n); // whoever comes first when slots are few
+  // whoever comes first when slots are few
+  const int first = (int)sv_rng_below(&prior->rng, (uint32_t)n);
   for (int j = 0; j < n && n_new < most && to >= 0; j++) {
     const int i = (first + j) % n;
     for (int k = 0; k < 3 && w.score[i] > beyond && n_new < most; k++) {

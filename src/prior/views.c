@@ -58,7 +58,10 @@ int sv_prior_nearest(const sv_prior *prior, const sv_view *view) {
       dot += a[k] * b[k];
     }
     dot /= sv_norm3(a) * sv_norm3(b) + 1e-30;
-    if (dot > best) best = dot, i_best = i;
+    if (dot > best) {
+      best = dot;
+      i_best = i;
+    }
   }
   return i_best;
 }
@@ -93,7 +96,8 @@ static double patch_loss(sv_prior *prior, sv_pearson_input in) {
     sv_pearson_patch *q = &patches[i];
     q->x0 = (int)sv_rng_below(&prior->rng, (uint32_t)(in.width_px - w + 1));
     q->y0 = (int)sv_rng_below(&prior->rng, (uint32_t)(in.height_px - h + 1));
-    q->x1 = q->x0 + w, q->y1 = q->y0 + h;
+    q->x1 = q->x0 + w;
+    q->y1 = q->y0 + h;
   }
   in.patches = patches;
   in.weight *= prior->cfg.patch_weight;
@@ -153,7 +157,8 @@ typedef struct {
   int scale;
 } load_job;
 
-// The picture at 1/scale; where it does not count, the rendering stands in for it, so that there is nothing to learn.
+// The picture at 1/scale; where it does not count, the rendering stands in for it, so that there is
+// nothing to learn.
 static void load_rows(void *arg, int i_task, int i_thread) {
   const load_job *j = arg;
   sv_prior *prior = j->prior;

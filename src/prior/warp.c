@@ -9,9 +9,10 @@
 #include "src/train/novel.h"
 #include "src/train/sweep.h"
 
-#define LEAST_PIXELS 64    // for a fit of two numbers
-#define EDGE         0.05f // relative step of depth to the next pixel: between two surfaces there is nothing
-#define SAME         0.02f // relative: the first of two that fall on a pixel stays
+#define LEAST_PIXELS 64 // for a fit of two numbers
+// relative step of depth to the next pixel: between two surfaces there is nothing
+#define EDGE 0.05f
+#define SAME 0.02f // relative: the first of two that fall on a pixel stays
 
 static const char *const names[] = {"none", "fsgs", "sparsegs"};
 
@@ -46,13 +47,23 @@ static fit align(const sv_prior *prior, const sv_prior_depth *d) {
         const float e = prior->expected[(size_t)y * (size_t)size->stride + (size_t)x], v = value_at(d, x, y);
         if (!(e > 0.0f) || v < 0.0f) continue;
         const double r = f.is_inverse ? 1.0 / (double)e : (double)e, m = (double)v;
-        if (pass == 0) n++, mm += m, mr += r;
-        else vm += (m - mm) * (m - mm), c += (m - mm) * (r - mr);
+        if (pass == 0) {
+          n++;
+          mm += m;
+          mr += r;
+        } else {
+          vm += (m - mm) * (m - mm);
+          c += (m - mm) * (r - mr);
+        }
       }
-    if (pass == 0 && n > 0) mm /= n, mr /= n;
+    if (pass == 0 && n > 0) {
+      mm /= n;
+      mr /= n;
+    }
   }
   if (n < LEAST_PIXELS || !(vm > 0) || !(c > 0)) return f;
-  f.a = c / vm, f.b = mr - f.a * mm;
+  f.a = c / vm;
+  f.b = mr - f.a * mm;
   f.is_good = true;
   return f;
 }
@@ -87,8 +98,8 @@ static void put(const splat_job *j, int x, int y, float z, const uint8_t *rgb) {
   j->rgba[4 * at + 3] = 255;
 }
 
-// One pixel of the source goes to where it falls; in a second round also to the two by two pixels around, for what is
-// still empty there or farther away: no holes at small turns.
+// One pixel of the source goes to where it falls; in a second round also to the two by two pixels
+// around, for what is still empty there or farther away: no holes at small turns.
 static void carry(const splat_job *j, int x, int y, float z, const uint8_t *rgb, bool is_around) {
   const sv_view *a = j->from, *b = j->to;
   const float c[3] = {((float)x + 0.5f - a->cx) / a->fx * z - a->t[0],

@@ -19,7 +19,7 @@ extern "C" {
 
 // combinations; 2000 candidates for pairs, 229 for triples
 #define SV_DISPERSION_CAP_TRIES     2000000
-#define SV_DISPERSION_ELEVATION_DEG 30.0    // preferred elevation of a single exposure
+#define SV_DISPERSION_ELEVATION_DEG 30.0 // preferred elevation of a single exposure
 
 typedef struct {
   int n;                 // candidates

@@ -6,8 +6,8 @@
 #include "src/base/mathx.h"
 #include "src/rig/lenslet_lattice.h"
 
-#define REACH 0.75 // radius of the window around a centre, in pitches: the dark gaps on all sides
-                   // are in it
+// radius of the window around a centre, in pitches: the dark gaps on all sides are in it
+#define REACH 0.75
 
 size_t sv_lenslet_find_bytes(void) { return sv_lenslet_coarse_bytes(); }
 

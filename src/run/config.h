@@ -47,7 +47,8 @@ typedef struct {
   uint64_t sub_view_mask[SV_CAP_SUB_VIEWS / 64];
   // Settings of the trainer; sizes and numbers of views are filled in by sv_app_train_cfg.
   sv_train_cfg train;
-  // Settings of motion with is_dynamic: sv_dynamic_defaults(), or changed; what the exposures decide is filled in.
+  // Settings of motion with is_dynamic: sv_dynamic_defaults(), or changed; what the exposures
+  // decide is filled in.
   sv_dynamic_cfg dynamic;
   // Training ends after so many steps; 0: at the time limit.
   uint32_t steps;

@@ -41,9 +41,10 @@ sv_dynamic_cfg sv_app_dynamic_cfg(const sv_app_cfg *c) {
   d.lr_window = d.window_start = 0;   // windows in a time that has no end
   d.from = d.grow_until = 0;
   d.find_every = d.find_until = 0; // by exposures instead
-  // Five of six steps see the newest exposure, the others those of the ring in turn: they keep the shape of what is
-  // still, and would drag back what moves fast. What appears and disappears does so by opacity and colour, faster than it
-  // could travel; what the newest images show elsewhere is put there (src/dynamic/renew.h).
+  // Five of six steps see the newest exposure, the others those of the ring in turn: they keep the
+  // shape of what is still, and would drag back what moves fast. What appears and disappears does
+  // so by opacity and colour, faster than it could travel; what the newest images show elsewhere is
+  // put there (src/dynamic/renew.h).
   d.older_every = 6;
   return d;
 }

@@ -95,7 +95,8 @@ static void place(const sv_init_cfg *cfg, const sv_point *point, int n_points, i
   if (cfg->kind == SV_INIT_POINTS) choose_points(&rng, pick, n, order, n_points);
   for (int i = 0; i < n; i++) {
     if (cfg->kind == SV_INIT_POINTS) {
-      // Copies of a point must not coincide: spread them by a hundredth of the scene, training does the rest.
+      // Copies of a point must not coincide: spread them by a hundredth of the scene, training does
+      // the rest.
       for (int k = 0; k < 3; k++)
         xyz[3 * i + k] =
             point[pick[i]].mean[k] + (i < n_points ? 0.0f : 0.01f * cfg->radius * sv_rng_normal(&rng));

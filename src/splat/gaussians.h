@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The model: a fixed number of Gaussian slots in blocks of 16 (layout in kernels/project/project.h).
+// The model: a fixed number of Gaussian slots in blocks of 16 (layout in
+// kernels/project/project.h).
 #ifndef SV_SPLAT_GAUSSIANS_H
 #define SV_SPLAT_GAUSSIANS_H
 
@@ -18,8 +19,8 @@ typedef struct {
   int sh_degree; // 0..3, of the rows
   int n_rows;    // SV_N_ROWS(sh_degree)
   float *param;  // [cap/16][n_rows][16]
-  // Of a moving scene (src/deform): slots [0, n_moved) as they are at one time, laid out as param. Drawn in their
-  // place. NULL and 0: nothing moves.
+  // Of a moving scene (src/deform): slots [0, n_moved) as they are at one time, laid out as param.
+  // Drawn in their place. NULL and 0: nothing moves.
   const float *moved;
   int n_moved;
 } sv_gaussians;
@@ -50,16 +51,16 @@ typedef struct {
   uint64_t seed;
 } sv_init_cfg;
 
-// Fills all n slots. Points: when there are more points than slots a random subset is taken, when there are
-// fewer the rest are copies displaced by about the neighbour distance. Scale = rms distance to the three
-// nearest neighbours (Kerbl et al. 2023), found on a uniform grid held in scratch. E_NOMEM: scratch too
-// small (sv_init_scratch_bytes); E_ARG: no points.
+// Fills all n slots. Points: when there are more points than slots a random subset is taken, when
+// there are fewer the rest are copies displaced by about the neighbour distance. Scale = rms
+// distance to the three nearest neighbours (Kerbl et al. 2023), found on a uniform grid held in
+// scratch. E_NOMEM: scratch too small (sv_init_scratch_bytes); E_ARG: no points.
 sv_status sv_gaussians_fill(sv_gaussians *g, const sv_init_cfg *cfg, const sv_point *point, int n_points,
                             sv_arena *scratch) SV_MUST_USE;
 size_t sv_init_scratch_bytes(int n_slots, int n_points);
 
-// Robust radius of the model: 1.5 x the median distance of the slots to their centroid. Never derived from
-// camera positions: a single exposure has no camera spread.
+// Robust radius of the model: 1.5 x the median distance of the slots to their centroid. Never
+// derived from camera positions: a single exposure has no camera spread.
 float sv_gaussians_radius(const sv_gaussians *g, sv_arena *scratch, float centre[3]);
 
 #ifdef __cplusplus

@@ -12,8 +12,8 @@
 extern "C" {
 #endif
 
-// What a file says beside the Gaussians: trained with anti-aliasing (Brush's "SplatRenderMode: mip"), and with this
-// low-pass (0: not said); up in the world (src/format/axes.h; NULL: not said).
+// What a file says beside the Gaussians: trained with anti-aliasing (Brush's "SplatRenderMode:
+// mip"), and with this low-pass (0: not said); up in the world (src/format/axes.h; NULL: not said).
 typedef struct {
   bool is_mip;
   float dilation_px2;

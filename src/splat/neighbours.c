@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tree is implicit: a range [lo, hi) of the index array has its median at the middle, split along the
-// axis stored for that position; no nodes, no recursion.
+// The tree is implicit: a range [lo, hi) of the index array has its median at the middle, split
+// along the axis stored for that position; no nodes, no recursion.
 #include "src/splat/neighbours.h"
 
 typedef struct {
@@ -25,7 +25,10 @@ static int widest_axis(const tree *t, range r) {
       lo = x < lo ? x : lo;
       hi = x > hi ? x : hi;
     }
-    if (hi - lo > best) best = hi - lo, axis = a;
+    if (hi - lo > best) {
+      best = hi - lo;
+      axis = a;
+    }
   }
   return axis;
 }
@@ -76,8 +79,12 @@ typedef struct {
 static void offer(best3 *b, float d2, int of) {
   if (b->n == 3 && d2 >= b->d2[2]) return;
   int i = b->n < 3 ? b->n++ : 2;
-  for (; i > 0 && b->d2[i - 1] > d2; i--) b->d2[i] = b->d2[i - 1], b->of[i] = b->of[i - 1];
-  b->d2[i] = d2, b->of[i] = of;
+  for (; i > 0 && b->d2[i - 1] > d2; i--) {
+    b->d2[i] = b->d2[i - 1];
+    b->of[i] = b->of[i - 1];
+  }
+  b->d2[i] = d2;
+  b->of[i] = of;
 }
 
 static best3 query(const tree *t, int n, int self) {

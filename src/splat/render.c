@@ -21,8 +21,8 @@ static size_t cap_pixels_of(const sv_renderer_cfg *cfg) {
   return cfg->cap_pixels ? cfg->cap_pixels : sv_plane_floats(cfg->cap_width_px, cfg->cap_height_px);
 }
 
-// Twelve records a Gaussian covers a random start (large splats) at the usual sizes; a view has at least
-// room for every tile to be covered 64 deep.
+// Twelve records a Gaussian covers a random start (large splats) at the usual sizes; a view has at
+// least room for every tile to be covered 64 deep.
 static uint32_t cap_recs_of(const sv_renderer_cfg *cfg) {
   if (cfg->cap_recs) return cfg->cap_recs;
   size_t by_n = 8 * (size_t)cfg->cap_gaussians, by_px = cap_pixels_of(cfg) / (SV_TILE_PX * SV_TILE_PX) * 64;
@@ -44,7 +44,8 @@ static void carve(sv_renderer *r, const sv_renderer_cfg *cfg, sv_arena *a) {
   r->tile_order = SV_TAKE(a, uint32_t, n_tiles);
   r->chunk_at = SV_TAKE(a, uint32_t, n_tiles * SV_RENDER_CHUNKS);
   r->chunk_end = SV_TAKE(a, uint32_t, n_tiles * SV_RENDER_CHUNKS);
-  // The pairs are sorted before the slots are filled, which are emptied before the next pairs are made.
+  // The pairs are sorted before the slots are filled, which are emptied before the next pairs are
+  // made.
   uint8_t *igrad = SV_TAKE(a, uint8_t, cfg->has_grad ? places * SV_IGRAD_BYTES : recs * PAIRS_BYTES);
   r->igrad = cfg->has_grad ? igrad : NULL;
   r->pair = (sv_pair *)(void *)igrad;
@@ -97,8 +98,8 @@ typedef struct {
 #define DROPOUT_BITS  8
 #define DROPOUT_STEPS (1 << DROPOUT_BITS)
 
-// Sixteen bits, each of which is set with the probability share / DROPOUT_STEPS: from its last digit on, a random bit
-// halves what was there, and adds a half where the digit is 1.
+// Sixteen bits, each of which is set with the probability share / DROPOUT_STEPS: from its last
+// digit on, a random bit halves what was there, and adds a half where the digit is 1.
 static uint16_t draw16(int share, uint32_t block, uint32_t seed) {
   uint32_t bits = 0;
   for (uint32_t digit = 0; digit < DROPOUT_BITS; digit++) {
@@ -151,8 +152,9 @@ static uint64_t add_up(job *j) {
   return sum;
 }
 
-// When the pool of records is full the farthest splats go: front to back, equal depths by slot, from the first that does
-// not fit, all. Finds its key digit by digit, then its place among equal ones. Rare, so one thread does it.
+// When the pool of records is full the farthest splats go: front to back, equal depths by slot,
+// from the first that does not fit, all. Finds its key digit by digit, then its place among equal
+// ones. Rare, so one thread does it.
 static void drop_farthest(job *j) {
   enum { DIGIT = 8, DIGITS = 1 << DIGIT };
   sv_renderer *r = j->r;
@@ -184,8 +186,8 @@ static void drop_farthest(job *j) {
   }
 }
 
-// Places in the pool of records, marks of the touched blocks, and the tiles' counts, a few slots at a time so that they
-// stay in the nearest cache.
+// Places in the pool of records, marks of the touched blocks, and the tiles' counts, a few slots at
+// a time so that they stay in the nearest cache.
 static void bin_task(void *arg, int c, int i_thread) {
   job *j = arg;
   sv_renderer *r = j->r;
@@ -209,8 +211,9 @@ static void bin_task(void *arg, int c, int i_thread) {
   }
 }
 
-// The lines that the chunk's pairs go to: slots were written there since the last ones, and a store whose line has yet to
-// come holds up those behind it. Inlined always: compilers drop calls of what only fetches.
+// The lines that the chunk's pairs go to: slots were written there since the last ones, and a store
+// whose line has yet to come holds up those behind it. Inlined always: compilers drop calls of what
+// only fetches.
 static inline __attribute__((always_inline)) void fetch_places(const sv_renderer *r, int c) {
   const uint32_t *at = r->chunk_at + (size_t)c * (size_t)r->n_tiles;
   const uint32_t *end = r->chunk_end + (size_t)c * (size_t)r->n_tiles;
@@ -274,8 +277,8 @@ static uint32_t length_bucket(uint32_t n) {
   return 4 * zeros + 3 - next;
 }
 
-// Each thread begins with tiles that lie together, as they share splats, the longest lists first; it helps others out
-// from the end, where lists are short, so that all are done at the same time.
+// Each thread begins with tiles that lie together, as they share splats, the longest lists first;
+// it helps others out from the end, where lists are short, so that all are done at the same time.
 static void order_share(sv_renderer *r, int begin, int end) {
   uint32_t count[132] = {0};
   for (int t = begin; t < end; t++) count[length_bucket(r->tile_begin[t + 1] - r->tile_begin[t])]++;
@@ -293,7 +296,8 @@ static void order_tiles(sv_renderer *r, int n_threads) {
     order_share(r, sv_pool_share(r->n_tiles, k, n_threads), sv_pool_share(r->n_tiles, k + 1, n_threads));
 }
 
-// Pairs that the sort can move to and fro within a thread's scratch, behind its buckets; most lists are shorter.
+// Pairs that the sort can move to and fro within a thread's scratch, behind its buckets; most lists
+// are shorter.
 #define NEAR_PAIRS                                                                                           \
   ((uint32_t)((SV_RASTER_SCRATCH_FLOATS - SV_SORT_CAP_BUCKETS) * sizeof(float) / sizeof(sv_pair)))
 
@@ -396,7 +400,8 @@ static void raster_bwd_task(void *arg, int i_task, int i_thread) {
   j->k->raster_bwd(j->bwd, t, r->list + begin, r->tile_begin[t + 1] - begin, thread_scratch(r, i_thread));
 }
 
-// Who is in such tiles alone is as touched as ever, by gradients of 0. Slots of records without a mask may be anything.
+// Who is in such tiles alone is as touched as ever, by gradients of 0. Slots of records without a
+// mask may be anything.
 static void clear_slots(sv_renderer *r, uint32_t tile) {
   for (uint32_t i = r->tile_begin[tile]; i < r->tile_begin[tile + 1]; i++)
     memset(r->igrad + (size_t)r->list[i] * SV_IGRAD_BYTES, 0, SV_IGRAD_BYTES);

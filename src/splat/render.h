@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gaussians -> picture -> gradients: projection, depth sort, binning and rasterization over a thread pool,
-// all in memory carved at start. Every stage works on ranges that do not depend on the thread count, and
-// sums are folded in index order: the same bits for any number of threads.
+// Gaussians -> picture -> gradients: projection, depth sort, binning and rasterization over a
+// thread pool, all in memory carved at start. Every stage works on ranges that do not depend on the
+// thread count, and sums are folded in index order: the same bits for any number of threads.
 #ifndef SV_SPLAT_RENDER_H
 #define SV_SPLAT_RENDER_H
 
@@ -19,7 +19,8 @@ extern "C" {
 typedef struct {
   int cap_gaussians;
   int cap_width_px, cap_height_px; // each of any view
-  size_t cap_pixels;               // of any view, padded: sv_plane_floats; 0: cap_width x cap_height
+  size_t cap_pixels;               // of any view, padded: sv_plane_floats; 0: cap_width x
+                                   // cap_height
   uint32_t cap_recs;               // (splat, tile) pairs; 0: a default from the two above
   int n_threads;                   // scratch is per thread
   bool has_grad;                   // room for backward
@@ -36,22 +37,27 @@ typedef struct {
   sv_splat *splat;     // [cap]
   uint32_t *depth_key; // [cap]
   uint32_t *n_in_range,
-      *recs_in_range;            // [cap/512 + 1] visible splats per range of 512 slots, and their records
+      *recs_in_range;            // [cap/512 + 1] visible splats per range of 512 slots, and their
+                                 // records
   uint16_t *dropout_mask;        // [cap/16] bits of those that dropout leaves out
-  sv_intersection *intersection; // [cap_recs and some slack] by Gaussian, each splat's own side by side
+  sv_intersection *intersection; // [cap_recs and some slack] by Gaussian, each splat's own side by
+                                 // side
   sv_pair *pair,
-      *tmp; // [cap_recs] (depth, record) by tile, to be sorted; scratch of the sort. Both lie in `slot`,
-            // which only the way back fills
-  uint32_t *list;                           // [cap_recs] records by tile, front to back
-  uint32_t *tile_begin;                     // [n_tiles + 1]
-  uint32_t *tile_order;                     // [n_tiles] tile of each task of the rasterization
-  uint32_t *chunk_at;                       // [SV_RENDER_CHUNKS][n_tiles] counts, then write positions
-  uint32_t *chunk_end;                      // the same, where the positions end
-  uint32_t chunk_rec[SV_RENDER_CHUNKS + 1]; // a chunk's first record; where they and their slack end
-  uint8_t *igrad;                           // as intersection, [SV_IGRAD_BYTES] each, NULL without has_grad
-  float *scratch;                           // [n_threads][SV_RASTER_SCRATCH_FLOATS]
-  sv_planes rgb;                            // the last picture
-  float *depth, *trans;                     // planes: sum of w z; 1 - alpha
+      *tmp;             // [cap_recs] (depth, record) by tile, to be sorted; scratch of the sort.
+                        // Both lie in `slot`, which only the way back fills
+  uint32_t *list;       // [cap_recs] records by tile, front to back
+  uint32_t *tile_begin; // [n_tiles + 1]
+  uint32_t *tile_order; // [n_tiles] tile of each task of the rasterization
+  // [SV_RENDER_CHUNKS][n_tiles] counts, then write positions
+  uint32_t *chunk_at;
+  uint32_t *chunk_end; // the same, where the positions end
+  // a chunk's first record; where they and their slack end
+  uint32_t chunk_rec[SV_RENDER_CHUNKS + 1];
+  // as intersection, [SV_IGRAD_BYTES] each, NULL without has_grad
+  uint8_t *igrad;
+  float *scratch;       // [n_threads][SV_RASTER_SCRATCH_FLOATS]
+  sv_planes rgb;        // the last picture
+  float *depth, *trans; // planes: sum of w z; 1 - alpha
   int n_tiles_x, n_tiles;
   sv_project_args project; // of the last forward pass
   sv_project_args moved;   // the same for the blocks [0, n_moved_blocks), which are at other places
@@ -71,21 +77,24 @@ typedef struct {
   float dilation_px2;  // low-pass of the pixel grid; 0: SV_DILATION_PX2
   bool has_depth;      // fill r->depth and r->trans
   float bg[3];
-  // Share of the Gaussians that are left out, each drawn for itself, in steps of 1/256; the opacities of the others are
-  // divided by 1 - it (DropGaussian, Park et al. 2025).
+  // Share of the Gaussians that are left out, each drawn for itself, in steps of 1/256; the
+  // opacities of the others are divided by 1 - it (DropGaussian, Park et al. 2025).
   float dropout;
   uint32_t dropout_seed;
 } sv_render_options;
 
-// Renders into r->rgb; with has_depth, into r->depth and r->trans, too. E_RANGE when the view is larger than the caps.
+// Renders into r->rgb; with has_depth, into r->depth and r->trans, too. E_RANGE when the view is
+// larger than the caps.
 sv_status sv_render(sv_renderer *r, const sv_gaussians *g, const sv_view *view,
                     const sv_render_options *o) SV_MUST_USE;
 
-// Gradients of the last picture's planes -> slots per record. g_depth and g_trans, of pictures with has_depth only, and err
-// may be NULL. The planes have the picture's stride; padding must be 0. Then sv_render_bwd_block per block of 16 Gaussians.
+// Gradients of the last picture's planes -> slots per record. g_depth and g_trans, of pictures with
+// has_depth only, and err may be NULL. The planes have the picture's stride; padding must be 0.
+// Then sv_render_bwd_block per block of 16 Gaussians.
 sv_status sv_render_bwd(sv_renderer *r, const sv_planes *g_rgb, const float *g_depth, const float *g_trans,
                         const float *err) SV_MUST_USE;
-// The same of the tiles of one colour, laid out as a chessboard's fields, at half the price: 0, that of the first tile, or
+// The same of the tiles of one colour, laid out as a chessboard's fields, at half the price: 0,
+// that of the first tile, or
 // 1. The slots of the others' records are 0, as if g_rgb were 0 there.
 sv_status sv_render_bwd_half(sv_renderer *r, const sv_planes *g_rgb, uint32_t colour) SV_MUST_USE;
 // Regularisers added to the gradients of touched Gaussians: opacity sum(o) + scale sum(s).
@@ -107,8 +116,8 @@ uint32_t sv_render_bwd_block(const sv_renderer *r, int block, int i_thread, cons
 // Pixel-splat pairs that the last picture evaluated: 16 per marked block.
 uint64_t sv_render_count_pairs(const sv_renderer *r);
 
-// Expected depth of the last picture: sum w z / max(alpha, 1e-10), 0 where alpha <= alpha_min. out: plane
-// with the picture's stride.
+// Expected depth of the last picture: sum w z / max(alpha, 1e-10), 0 where alpha <= alpha_min. out:
+// plane with the picture's stride.
 void sv_render_expected_depth(const sv_renderer *r, float alpha_min, float *out);
 
 #ifdef __cplusplus

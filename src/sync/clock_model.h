@@ -3,13 +3,14 @@
 // Owns the points that the line is fitted to.
 // Never reads a clock: the caller brings pairs of (camera_ns, arrival_ns).
 //
-// arrival - camera is the offset plus a transport delay that is never negative. So the line lies below
-// all points and touches the fastest deliveries: it is the edge of the lower convex hull over the mean
-// camera time, which is the line below all points with the smallest sum of distances (S. Moon,
-// P. Skelly, D. Towsley, "Estimation and removal of clock skew from network delay measurements",
-// INFOCOM 1999; L. Zhang, Z. Liu, C. Xia, "Clock synchronization algorithms for network
-// measurements", INFOCOM 2002). The shortest delay itself cannot be measured from one side; it stays
-// in the offset, less transport_ns. Cameras of one kind share it, and it cancels between them.
+// arrival - camera is the offset plus a transport delay that is never negative. So the line lies
+// below all points and touches the fastest deliveries: it is the edge of the lower convex hull over
+// the mean camera time, which is the line below all points with the smallest sum of distances (S.
+// Moon, P. Skelly, D. Towsley, "Estimation and removal of clock skew from network delay
+// measurements", INFOCOM 1999; L. Zhang, Z. Liu, C. Xia, "Clock synchronization algorithms for
+// network measurements", INFOCOM 2002). The shortest delay itself cannot be measured from one side;
+// it stays in the offset, less transport_ns. Cameras of one kind share it, and it cancels between
+// them.
 #ifndef SV_SYNC_CLOCK_MODEL_H
 #define SV_SYNC_CLOCK_MODEL_H
 
@@ -24,8 +25,8 @@ extern "C" {
 
 #define SV_CLOCK_BLOCK_FRAMES 16 // the fastest delivery of so many frames is one point
 #define SV_CLOCK_CAP_BLOCKS   32 // 17 s at 30 fps
-#define SV_CLOCK_RAISED_PAIRS                                                                                \
-  8 // so many slow deliveries in a row are no delays: the camera's clock went back
+// so many slow deliveries in a row are no delays: the camera's clock went back
+#define SV_CLOCK_RAISED_PAIRS 8
 
 typedef struct {
   double x_s;  // camera time since the reference

@@ -4,12 +4,12 @@
 // Owns the measured phase and the pending correction of each camera.
 // Never talks to a camera: the caller sends the frame lengths. Never changes a timestamp.
 //
-// For each camera, the phase is the mean over SV_FRAME_LENGTH_MEASURE frames. Then as many frames are
-// made longer (or shorter) as remove the phase, together with the drift that the two oscillators will
-// add until the next correction; after that frames have their normal length again. Both commands reach
-// the camera with the same delay, so the sum is exact even for cameras that set lengths in steps of a
-// line. Bounds: no frame changes by more than SV_FRAME_LENGTH_MAX of the period; at most two commands
-// per measurement; a rig within the dead band is left alone.
+// For each camera, the phase is the mean over SV_FRAME_LENGTH_MEASURE frames. Then as many frames
+// are made longer (or shorter) as remove the phase, together with the drift that the two
+// oscillators will add until the next correction; after that frames have their normal length again.
+// Both commands reach the camera with the same delay, so the sum is exact even for cameras that set
+// lengths in steps of a line. Bounds: no frame changes by more than SV_FRAME_LENGTH_MAX of the
+// period; at most two commands per measurement; a rig within the dead band is left alone.
 #ifndef SV_SYNC_FRAME_LENGTH_H
 #define SV_SYNC_FRAME_LENGTH_H
 
@@ -24,11 +24,11 @@ extern "C" {
 #endif
 
 #define SV_FRAME_LENGTH_MEASURE 16 // frames whose mean is the phase
-#define SV_FRAME_LENGTH_SETTLE                                                                               \
-  8 // frames after a command that may still have the old length: cameras queue them
-#define SV_FRAME_LENGTH_MAX   0.01  // largest change of a frame, of the period: 333 us at 30 fps
-#define SV_FRAME_LENGTH_BURST 256   // most frames of one correction
-#define SV_FRAME_LENGTH_DRIFT 0.001 // largest difference of two oscillators that is followed
+// frames after a command that may still have the old length: cameras queue them
+#define SV_FRAME_LENGTH_SETTLE 8
+#define SV_FRAME_LENGTH_MAX    0.01  // largest change of a frame, of the period: 333 us at 30 fps
+#define SV_FRAME_LENGTH_BURST  256   // most frames of one correction
+#define SV_FRAME_LENGTH_DRIFT  0.001 // largest difference of two oscillators that is followed
 
 typedef struct {
   int n_cameras;

@@ -2,8 +2,8 @@
 // Synchronization: puts the timestamps of all cameras on the host's clock, finds one frame of every
 // camera for each instant, and accounts for every frame that is not used.
 // Owns the descriptors of frames that wait for their partners, the clock models and the ledger.
-// Never copies an image: frames stay on loan from their source, and each one pushed comes back once,
-// in an exposure or through sv_sync_pop_return, so that the caller can requeue it.
+// Never copies an image: frames stay on loan from their source, and each one pushed comes back
+// once, in an exposure or through sv_sync_pop_return, so that the caller can requeue it.
 //
 //   while (source has a frame f) {
 //     sv_sync_push(&sync, &f);

@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // Timestamp filter: removes the noise of one camera's timestamps.
 // Owns the estimate of phase and period.
-// Never changes exact timestamps: it is for cameras whose stamps are known to scatter (software stamps).
+// Never changes exact timestamps: it is for cameras whose stamps are known to scatter (software
+// stamps).
 //
 // A sensor exposes at a steady period: stamp(k) = phase + period k + noise. Phase and period are
-// estimated by least squares over the stamps with exponentially fading weight (discounted least squares
-// of a line: R. G. Brown, "Smoothing, forecasting and prediction", 1963, chapter 12), in the recursive
-// form of a two-state Kalman filter. With noise of standard deviation s, the error is about
-// 2 s / sqrt(n) after n frames, and s sqrt(1.25 / SV_TIMESTAMP_FILTER_FRAMES) in the long run: 18 us for
-// s = 1 ms.
+// estimated by least squares over the stamps with exponentially fading weight (discounted least
+// squares of a line: R. G. Brown, "Smoothing, forecasting and prediction", 1963, chapter 12), in
+// the recursive form of a two-state Kalman filter. With noise of standard deviation s, the error is
+// about
+// 2 s / sqrt(n) after n frames, and s sqrt(1.25 / SV_TIMESTAMP_FILTER_FRAMES) in the long run: 18
+// us for s = 1 ms.
 #ifndef SV_SYNC_TIMESTAMP_FILTER_H
 #define SV_SYNC_TIMESTAMP_FILTER_H
 
@@ -21,9 +23,9 @@
 extern "C" {
 #endif
 
-#define SV_TIMESTAMP_FILTER_FRAMES                                                                           \
-  4096 // of fading memory: long against the noise, short against a crystal's temperature
-#define SV_TIMESTAMP_FILTER_HOLD 128 // frames whose mean tells how far a clock has stepped
+// of fading memory: long against the noise, short against a crystal's temperature
+#define SV_TIMESTAMP_FILTER_FRAMES 4096
+#define SV_TIMESTAMP_FILTER_HOLD   128 // frames whose mean tells how far a clock has stepped
 
 typedef struct {
   sv_ns noise_ns; // standard deviation of the stamps; 0: they are passed through

@@ -11,8 +11,8 @@
 #define ALIGN_ITER   12
 #define ALIGN_ENOUGH 0.01f // px
 #define AFFINE_ITER  10
-#define AFFINE_DAMP  0.02 // damping of the map's four parameters; the two of position are better
-                          // determined
+// damping of the map's four parameters; the two of position are better determined
+#define AFFINE_DAMP  0.02
 #define AFFINE_REACH 4.0f // pixels of the patch
 #define ALIGN_REACH  6.0f // px of the level; a larger motion is a wrong match
 

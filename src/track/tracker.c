@@ -5,10 +5,10 @@
 
 #include "src/base/mathx.h"
 
-#define N_FEATURES    250
-#define MIN_SIDE_PX   30  // minimum side of a pyramid's coarsest level
-#define FOUND_PER     2   // capacity for detections per feature and view: known points come on top
-                          // of corners
+#define N_FEATURES  250
+#define MIN_SIDE_PX 30 // minimum side of a pyramid's coarsest level
+// capacity for detections per feature and view: known points come on top of corners
+#define FOUND_PER     2
 #define LEAST_MATCHES 10  // minimum matches that locate a rig
 #define LEAST_SHARE   0.3 // minimum share of the re-detected points
 #define LIMIT_PX      2.0
@@ -18,10 +18,10 @@
 #define WINDOW_ITER   4
 #define FINAL_ITER    12
 #define FINAL_ROUNDS  3
-#define CAP_TRIES     5   // exposures a point is tracked without finding its depth
-#define STILL_PX      0.6 // below this distance from exposure 0 the rig is stationary
-                          // (way_from_start)
-#define STILL_LEAST   8   // minimum observations for that
+#define CAP_TRIES     5 // exposures a point is tracked without finding its depth
+// below this distance from exposure 0 the rig is stationary (way_from_start)
+#define STILL_PX    0.6
+#define STILL_LEAST 8 // minimum observations for that
 
 sv_track_cfg sv_track_defaults(void) { return (sv_track_cfg){.n_features = N_FEATURES, .seed = 1}; }
 

@@ -38,14 +38,20 @@ sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
   head_t h;
   sv_sections_writer w;
   memset(&h, 0, sizeof h);
-  h.n = t->g.n, h.sh_degree = t->g.sh_degree, h.n_items = n_items(t), h.i_order = t->i_order;
-  h.step = t->step, h.n_relocated = t->n_relocated;
-  h.rng_state = t->rng.state, h.rng_inc = t->rng.inc;
+  h.n = t->g.n;
+  h.sh_degree = t->g.sh_degree;
+  h.n_items = n_items(t);
+  h.i_order = t->i_order;
+  h.step = t->step;
+  h.n_relocated = t->n_relocated;
+  h.rng_state = t->rng.state;
+  h.rng_inc = t->rng.inc;
   memcpy(h.centre, t->centre, sizeof h.centre);
   memcpy(h.jitter, t->jitter, sizeof h.jitter);
   h.radius = t->radius;
   h.trained_s = t->trained_s;
-  h.seed = t->cfg.seed, h.origin = t->origin;
+  h.seed = t->cfg.seed;
+  h.origin = t->origin;
   h.optimizer = (uint32_t)t->cfg.optimizer;
   if (SV_TRAIN_HAS(t, save_head)) t->hooks->save_head(t->hooked, &h.motion);
   sv_status s = sv_sections_begin(&w, sink, SV_CHECKPOINT_KIND, SV_CHECKPOINT_VERSION, err);
@@ -76,7 +82,8 @@ static sv_status check_order(const sv_sections *r, int n, sv_err *err) {
   return SV_OK;
 }
 
-// Pictures of two scenes in one model, or a sequence of random numbers that is no run's, are worse than no resume.
+// Pictures of two scenes in one model, or a sequence of random numbers that is no run's, are worse
+// than no resume.
 static sv_status check_run(const head_t *h, const sv_trainer *t, const char *name, sv_err *err) {
   if (h->origin != t->origin)
     return sv_fail(err, SV_E_RANGE,
@@ -126,7 +133,10 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
   if (s >= 0 && t->floor) s = sv_sections_get(&r, "FLOR", t->floor, floors_bytes(t), err);
   if (s >= 0 && SV_TRAIN_HAS(t, load)) s = t->hooks->load(t->hooked, &r, &h.motion, err);
   if (s < 0) return s;
-  t->i_order = h.i_order, t->step = h.step, t->n_relocated = h.n_relocated, t->trained_s = h.trained_s;
+  t->i_order = h.i_order;
+  t->step = h.step;
+  t->n_relocated = h.n_relocated;
+  t->trained_s = h.trained_s;
   memcpy(t->jitter, h.jitter, sizeof t->jitter);
   t->rng = (sv_rng){h.rng_state, h.rng_inc};
   sv_train_set_scene(t, h.centre, h.radius);

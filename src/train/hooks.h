@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// How motion (src/dynamic) and priors of sparse views (src/prior) attach to a trainer: functions that a step calls, in
-// this order, and functions for state that goes along with the Gaussians. A still scene without priors has none.
-// The trainer owns the step's order and never knows who is attached; whoever is attached outlives the training.
+// How motion (src/dynamic) and priors of sparse views (src/prior) attach to a trainer: functions
+// that a step calls, in this order, and functions for state that goes along with the Gaussians. A
+// still scene without priors has none. The trainer owns the step's order and never knows who is
+// attached; whoever is attached outlives the training.
 #ifndef SV_TRAIN_HOOKS_H
 #define SV_TRAIN_HOOKS_H
 
@@ -68,8 +69,9 @@ typedef struct {
   uint64_t (*digest)(const void *self, uint64_t h);
   void (*count)(const void *self, int *n_moving, uint32_t *n_renewed); // for statistics
 
-  // An update of the parameters: before its blocks, whose Adam has these arguments; of one block whose Gaussians were
-  // rendered moved: gradients of the moved ones, which become those of the stored ones, and the step of the motion.
+  // An update of the parameters: before its blocks, whose Adam has these arguments; of one block
+  // whose Gaussians were rendered moved: gradients of the moved ones, which become those of the
+  // stored ones, and the step of the motion.
   void (*begin_update)(void *self, float progress, const sv_adam_args *adam);
   void (*update_block)(void *self, int block, int i_thread, uint32_t touched, float *grad, float *scratch);
   // The same gradients without a step, for estimates of the curvature.

@@ -6,8 +6,8 @@
 #include "src/train/optimize.h"
 #include "src/train/step.h"
 
-// Regions lie side by side and reach beyond the sensor by less than one; the jitter shares that out between the
-// two ends, and the outer ones are pushed back onto the sensor.
+// Regions lie side by side and reach beyond the sensor by less than one; the jitter shares that out
+// between the two ends, and the outer ones are pushed back onto the sensor.
 static void span(int side, int n, int region_px, float jitter, int i, int *from, int *to) {
   int size = sv_mini(region_px, side), beyond = n * region_px - side;
   *from = sv_maxi(0, sv_mini(i * region_px - (int)(jitter * (float)beyond), side - size));
@@ -51,7 +51,8 @@ sv_status sv_train_predict(sv_trainer *t, const sv_multiplexed *c, const sv_regi
   return s;
 }
 
-// The curvature of a region's loss. *held: the lens whose part the renderer holds, before and after.
+// The curvature of a region's loss. *held: the lens whose part the renderer holds, before and
+// after.
 static sv_status probe_region(sv_trainer *t, const sv_multiplexed *c, const sv_region *region,
                               const sv_render_options *o, double l1, int *held) {
   sv_train_make_probe(t, l1, &t->target);
@@ -69,7 +70,8 @@ static sv_status probe_region(sv_trainer *t, const sv_multiplexed *c, const sv_r
   return SV_OK;
 }
 
-// The crops are rendered twice: once for their sum, once for their gradients, so that one renderer is enough.
+// The crops are rendered twice: once for their sum, once for their gradients, so that one renderer
+// is enough.
 sv_status sv_train_region_step(sv_trainer *t, int i, float progress, const sv_render_options *o,
                                sv_step_stats *out) {
   int i_c = 0, last;
@@ -91,7 +93,9 @@ sv_status sv_train_region_step(sv_trainer *t, int i, float progress, const sv_re
                                                                                              : NULL;
   loss = sv_photometric_loss(&t->photometric, &t->forward.predicted, &t->target, &t->grad, errors,
                              t->cfg.weight_ssim);
-  out->loss = loss.loss, out->l1 = loss.l1, out->ssim = loss.ssim;
+  out->loss = loss.loss;
+  out->l1 = loss.l1;
+  out->ssim = loss.ssim;
   int held = last;
   if (sv_train_is_probe_due(t) && (s = probe_region(t, c, &region, o, loss.l1, &held)) < 0) return s;
   for (int m = last; m >= 0; m--) {

@@ -28,9 +28,13 @@ sv_view sv_train_turned_view(const sv_trainer *t, const sv_view *v, float rad, s
     norm = sv_norm3(axis);
   } while (norm > 1.0 || norm < 0.1); // uniform on the sphere
   double half = 0.5 * (double)rad * (double)sv_rng_f(rng), s = sv_sin(half) / norm;
-  q[0] = sv_cos(half), q[1] = s * axis[0], q[2] = s * axis[1], q[3] = s * axis[2];
+  q[0] = sv_cos(half);
+  q[1] = s * axis[0];
+  q[2] = s * axis[1];
+  q[3] = s * axis[2];
   sv_quat_to_mat(turn, q);
-  // The camera goes round with the world: R' = R Q, and the scene's centre keeps its place in the picture.
+  // The camera goes round with the world: R' = R Q, and the scene's centre keeps its place in the
+  // picture.
   for (int i = 0; i < 3; i++) {
     double at = (double)v->t[i];
     for (int k = 0; k < 3; k++) {

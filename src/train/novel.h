@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Novel views: renderings that no camera took, regularized by their total variation (the paper, section 3.2).
+// Novel views: renderings that no camera took, regularized by their total variation (the paper,
+// section 3.2).
 #ifndef SV_TRAIN_NOVEL_H
 #define SV_TRAIN_NOVEL_H
 

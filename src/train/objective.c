@@ -4,15 +4,17 @@
 #include "src/base/mathx.h"
 #include "src/splat/constants.h"
 
-// Where few exposures leave open what a scene is like elsewhere, each step leaves some Gaussians out: those that are
-// left have to be right without them. So many with SV_FEW_EXPOSURES and fewer, none with MANY_EXPOSURES and more.
+// Where few exposures leave open what a scene is like elsewhere, each step leaves some Gaussians
+// out: those that are left have to be right without them. So many with SV_FEW_EXPOSURES and fewer,
+// none with MANY_EXPOSURES and more.
 #define DROPOUT        0.35f
 #define DROPOUT_GRID   0.2f  // sub-views beside each other pin it down, too
 #define DROPOUT_UNTIL  0.85f // the rest of a run is for what all of them are like together
 #define MANY_EXPOSURES 18
 
-// The price of opacity is of the mean. With more Gaussians than this, each would pay the less, and where few exposures
-// see what they do, they would be the haze that one does not pay for: there each pays what it would pay among so many.
+// The price of opacity is of the mean. With more Gaussians than this, each would pay the less, and
+// where few exposures see what they do, they would be the haze that one does not pay for: there
+// each pays what it would pay among so many.
 #define PRICED_GAUSSIANS 20000
 
 #define GRID_VIEWS 6 // more sub-views than a phone has: a lens grid, whose images are small
@@ -28,8 +30,8 @@ static float dropout_of(const sv_sampling *s, bool is_grid) {
   return fewness(s) * (is_grid ? DROPOUT_GRID : DROPOUT);
 }
 
-// How many times the price of PRICED_GAUSSIANS so many pay together. Lens grids do without: their own sub-views leave
-// no room for haze.
+// How many times the price of PRICED_GAUSSIANS so many pay together. Lens grids do without: their
+// own sub-views leave no room for haze.
 static float opacity_share(const sv_train_cfg *cfg, const sv_sampling *s, bool is_grid) {
   const float more = sv_maxf((float)cfg->n_gaussians / PRICED_GAUSSIANS - 1.0f, 0.0f);
   return is_grid || s->is_moving ? 1.0f : 1.0f + fewness(s) * more;
@@ -39,26 +41,32 @@ static float opacity_share(const sv_train_cfg *cfg, const sv_sampling *s, bool i
 static float opacity_price(const sv_sampling *s, bool is_grid) {
   if (s->n_sub_views == 1)
     return s->n_exposures == 1 ? 0.1f : 0.03f; // what is not needed is seen from elsewhere as haze
-  // With parallax, transparent Gaussians in front of the surface can be told and are worth a higher price, the more the
-  // farther the start is from it; lens images are too coarse for it, there it eats into the surface.
+  // With parallax, transparent Gaussians in front of the surface can be told and are worth a higher
+  // price, the more the farther the start is from it; lens images are too coarse for it, there it
+  // eats into the surface.
   return is_grid ? 0.015f : s->is_far ? 0.05f : 0.03f;
 }
 
 void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   bool is_grid = s->n_sub_views >= GRID_VIEWS || s->is_multiplexed;
   // Lens images are coarser than the pictures that one looks at.
-  if (is_grid) cfg->floor_px = 0.4f, cfg->dilation_px2 = SV_DILATION_AREA_PX2;
-  // With compensation a low-pass of 0.3 takes what the pixels show for blur of their own: finer detail is lost.
+  if (is_grid) {
+    cfg->floor_px = 0.4f;
+    cfg->dilation_px2 = SV_DILATION_AREA_PX2;
+  }
+  // With compensation a low-pass of 0.3 takes what the pixels show for blur of their own: finer
+  // detail is lost.
   if (cfg->is_antialiased) cfg->dilation_px2 = SV_DILATION_AREA_PX2;
-  // Where several lenses share a pixel, whose light it is settles better in Adam's even steps (docs/notes/quality.md).
-  // So does what is seen at some times only, whose curvature of a step ago was another picture's.
-  // From afar they come nearer to a surface that several views see.
+  // Where several lenses share a pixel, whose light it is settles better in Adam's even steps
+  // (docs/notes/quality.md). So does what is seen at some times only, whose curvature of a step ago
+  // was another picture's. From afar they come nearer to a surface that several views see.
   const bool is_even =
       s->is_multiplexed || s->is_moving || (s->is_far && s->n_exposures * s->n_sub_views > 1);
   cfg->optimizer = is_even ? SV_OPTIMIZER_ADAM : SV_OPTIMIZER_GAUSS_NEWTON;
-  if (s->is_moving) cfg->newton.rate_end = cfg->newton.rate_start; // what comes in last has as much to learn
-  // What the splats are like within a pixel matters once they are in place: before, one sample is none the worse, and
-  // a quarter of the work.
+  // what comes in last has as much to learn
+  if (s->is_moving) cfg->newton.rate_end = cfg->newton.rate_start;
+  // What the splats are like within a pixel matters once they are in place: before, one sample is
+  // none the worse, and a quarter of the work.
   cfg->is_supersampled = is_grid && !s->is_multiplexed;
   cfg->supersample_from = 0.7f;
   cfg->dropout = dropout_of(s, is_grid);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gradients of one step -> parameters. Per block of 16 Gaussians: sum the records' slots, go back through the
-// projection, add the regularisers, Adam, position noise; the gradients never leave the cache. Steps of several
-// pictures collect their gradients per block first.
+// Gradients of one step -> parameters. Per block of 16 Gaussians: sum the records' slots, go back
+// through the projection, add the regularisers, Adam, position noise; the gradients never leave the
+// cache. Steps of several pictures collect their gradients per block first.
 #include "src/train/optimize.h"
 
 #include <string.h>
@@ -96,7 +96,8 @@ int sv_train_n_tasks(const sv_trainer *t) {
 
 static int n_tasks(const job *j) { return (j->n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK; }
 
-// The mean of a Gaussian of opacity 0.076 and more stays where it is: the gate's opening is below 1e-3.
+// The mean of a Gaussian of opacity 0.076 and more stays where it is: the gate's opening is below
+// 1e-3.
 #define EXPLORE_BELOW -2.5f
 
 // Those of a task that wander, sixteen at a time: few of a block do.
@@ -145,7 +146,8 @@ static float *block_of(const job *j, int i_thread) {
   return j->t->block + (size_t)i_thread * SV_TRAIN_BLOCK_FLOATS;
 }
 
-// Always inline: GCC takes a function that only prefetches for one without effects and drops its calls.
+// Always inline: GCC takes a function that only prefetches for one without effects and drops its
+// calls.
 static inline __attribute__((always_inline)) void prefetch_lines(const void *block, size_t bytes) {
   for (const char *p = block, *end = p + bytes; p < end; p += 256) { // up to three lines more
     __builtin_prefetch(p);
@@ -170,7 +172,8 @@ static void move(const job *j, int b, uint32_t touched, uint32_t with_err, const
   if (t->floor) keep_above(t->floor + 16 * (size_t)b, p + 16 * SV_ROW_SCALE);
 }
 
-// How many blocks ahead lines are fetched, in three parts: as many as a block has at once are waited for.
+// How many blocks ahead lines are fetched, in three parts: as many as a block has at once are
+// waited for.
 #define AHEAD 2
 
 static void optimise_task(void *arg, int i_task, int i_thread) {
@@ -185,10 +188,12 @@ static void optimise_task(void *arg, int i_task, int i_thread) {
   const size_t rows = 16 * (size_t)j->adam.n_rows;
   begin_pose(j, i_task);
   for (int b = b0; b < b1; b++) {
-    // They have left the near caches since the last step. One after the other: row by row was slower.
+    // They have left the near caches since the last step. One after the other: row by row was
+    // slower.
     const int next = b + AHEAD < j->n_blocks ? b + AHEAD : b;
     const size_t at = (size_t)next * (size_t)t->g.n_rows * 16;
-    __builtin_prefetch(t->render.splat + 16 * next); // the first and the last know where the records are
+    // the first and the last know where the records are
+    __builtin_prefetch(t->render.splat + 16 * next);
     __builtin_prefetch(t->render.splat + 16 * next + 15);
     prefetch_lines(t->g.param + at, rows * sizeof *t->g.param);
     uint32_t touched = sv_render_bwd_block(&t->render, b, i_thread, &j->reg,
@@ -223,7 +228,8 @@ static void collect_task(void *arg, int i_task, int i_thread) {
     add_pose(j, i_task, pose);
     if (!touched) continue;
     float *sum = sum_of(t, b);
-    for (int i = 0; i < 16 * j->adam.n_rows; i++) sum[i] += grad[i]; // lanes that were not touched are 0
+    // lanes that were not touched are 0
+    for (int i = 0; i < 16 * j->adam.n_rows; i++) sum[i] += grad[i];
     t->sum_touched[2 * b] |= touched;
     if (!j->has_err) continue;
     for (int k = 0; k < 16; k++) sum[16 * t->g.n_rows + k] += err[k];

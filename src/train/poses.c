@@ -6,7 +6,8 @@
 #include "src/train/train.h"
 
 void sv_pose_twist_bwd(const sv_pose *c, const double g[6], double out[6]) {
-  // omega_c = R omega, v_c = R v + t x R omega: what v_c feels of omega is its moment about the camera.
+  // omega_c = R omega, v_c = R v + t x R omega: what v_c feels of omega is its moment about the
+  // camera.
   double moment[3];
   sv_cross3(moment, g + 3, c->t);
   for (int i = 0; i < 3; i++) {

@@ -11,8 +11,8 @@ static double opacity_of(const sv_trainer *t, int i) {
   return 1.0 / (1.0 + sv_exp(-(double)*sv_gaussians_at(&t->g, i, SV_ROW_LOGIT)));
 }
 
-// K = sum_j C(n,j) (-1)^(j-1) o'^j / sqrt(j): the 1-D integral of the copies' composited alpha, in units of
-// one copy's scale (algorithm of 3DGS-MCMC, in its single-sum form).
+// K = sum_j C(n,j) (-1)^(j-1) o'^j / sqrt(j): the 1-D integral of the copies' composited alpha, in
+// units of one copy's scale (algorithm of 3DGS-MCMC, in its single-sum form).
 void sv_relocation_split(double o, int n, double *o_new, double *scale_factor) {
   double on = 1.0 - sv_pow(1.0 - o, 1.0 / n), k = 0, binom = 1, power = 1;
   for (int j = 1; j <= n; j++) {
@@ -60,7 +60,8 @@ void sv_train_copy_slot(sv_trainer *t, int to, int from) {
   t->err[to] = t->err[from];
 }
 
-// Opacity and scale of the copies of one source; the copies are also spread along the source's own axes.
+// Opacity and scale of the copies of one source; the copies are also spread along the source's own
+// axes.
 static void apply_split(sv_trainer *t, int i, int n) {
   double o_new, factor;
   float *p = sv_gaussians_at(&t->g, i, 0);

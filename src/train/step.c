@@ -169,7 +169,9 @@ static sv_status view_step(sv_trainer *t, const sv_train_choice *c, const sv_ren
   const sv_photometric_value loss =
       sv_photometric_loss(&t->photometric, x, &t->target, &t->grad, errors, t->cfg.weight_ssim);
   out->scale = im.scale;
-  out->loss = loss.loss, out->l1 = loss.l1, out->ssim = loss.ssim;
+  out->loss = loss.loss;
+  out->l1 = loss.l1;
+  out->ssim = loss.ssim;
   sv_train_weigh(t, im.weight, errors);
   if (t->cfg.weight_tv > 0.0f) out->loss += sv_tv_loss(&t->tv, x, &t->grad, SV_TV_SQUARED, t->cfg.weight_tv);
   if (sv_train_is_probe_due(t)) {

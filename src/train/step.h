@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A step's choice and images. Owns nothing: target, gradient and error planes are the trainer's; who else fills them says
-// so by taking them as an argument.
+// A step's choice and images. Owns nothing: target, gradient and error planes are the trainer's;
+// who else fills them says so by taking them as an argument.
 #ifndef SV_TRAIN_STEP_H
 #define SV_TRAIN_STEP_H
 
@@ -12,7 +12,8 @@ extern "C" {
 
 // Views and regions are drawn without replacement; regions lie elsewhere in each epoch.
 int sv_train_next_item(sv_trainer *t);
-// Reduction of a view's image: by coarse to fine, at least min_scale, and no smaller than 64 pixels a side.
+// Reduction of a view's image: by coarse to fine, at least min_scale, and no smaller than 64 pixels
+// a side.
 int sv_train_scale_at(const sv_trainer *t, const sv_view *view, float progress, int min_scale);
 // Gives t->target, t->grad and t->err_plane this size, their padding cleared.
 void sv_train_size_images(sv_trainer *t, int width_px, int height_px);

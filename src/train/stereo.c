@@ -3,9 +3,11 @@
 
 #include "src/base/mathx.h"
 
-#define LEAST_SHARE 16   // of the Gaussians: fewer points leave most of the scene empty
-#define OPACITY     0.3f // neither covers what is behind a wrong depth nor is faded before it is tried
-#define SCALE       0.8f // with half of the neighbours' distance, surfaces have holes (docs/notes/quality.md)
+#define LEAST_SHARE 16 // of the Gaussians: fewer points leave most of the scene empty
+// neither covers what is behind a wrong depth nor is faded before it is tried
+#define OPACITY 0.3f
+// with half of the neighbours' distance, surfaces have holes (docs/notes/quality.md)
+#define SCALE 0.8f
 
 // Mean colour of the pixels that a map's pixel was reduced from; false where they are transparent.
 static bool colour(const sv_image_u8 *im, int k, int x, int y, float rgb[3]) {
@@ -67,7 +69,8 @@ sv_status sv_stereo_points(const sv_trainer *t, const sv_bounds *bounds, sv_aren
   if (s == SV_OK && all.n_all * LEAST_SHARE < n) s = SV_AGAIN;
   all.point = point;
   for (int i = 0; s == SV_OK && i < sweep.n; i++) sample(t, &sweep.map[i], &all);
-  *n_points = all.n_out, *n_maps = sweep.n;
+  *n_points = all.n_out;
+  *n_maps = sweep.n;
   sv_arena_reset(scratch, mark);
   return s;
 }

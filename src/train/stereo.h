@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Starting points from what the views themselves tell of the surface (sweep.h), for rigs whose sub-views overlap and
-// for neighbouring pictures of one camera.
+// Starting points from what the views themselves tell of the surface (sweep.h), for rigs whose
+// sub-views overlap and for neighbouring pictures of one camera.
 #ifndef SV_TRAIN_STEREO_H
 #define SV_TRAIN_STEREO_H
 
@@ -10,10 +10,11 @@
 extern "C" {
 #endif
 
-// Up to n points into point[n], in the pictures' colours, from depth maps of the trainer's views: all of them or, when
-// there are more, evenly over all maps. *n_points is their number, *n_maps that of the maps. `bounds` is where the
-// scene is about (its near side and far behind it are searched). AGAIN: too few for a start (a sixteenth of n), as the
-// views do not overlap or are without structure; transparent pixels give none. Scratch: sv_sweep_bytes.
+// Up to n points into point[n], in the pictures' colours, from depth maps of the trainer's views:
+// all of them or, when there are more, evenly over all maps. *n_points is their number, *n_maps
+// that of the maps. `bounds` is where the scene is about (its near side and far behind it are
+// searched). AGAIN: too few for a start (a sixteenth of n), as the views do not overlap or are
+// without structure; transparent pixels give none. Scratch: sv_sweep_bytes.
 sv_status sv_stereo_points(const sv_trainer *t, const sv_bounds *bounds, sv_arena *scratch, sv_point *point,
                            int n, int *n_points, int *n_maps) SV_MUST_USE;
 // The point of a map's pixel, *z its depth; false: not measured, or transparent.

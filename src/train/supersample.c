@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// A pixel measures the mean over its area. Rendered once per pixel, splats that are smaller than one are blurred to
-// its size first and laid over each other then, which is not the same: where several meet, the background shines
-// through, and edges move. Four samples a pixel bring training pictures closer to that mean than any low-pass does.
+// A pixel measures the mean over its area. Rendered once per pixel, splats that are smaller than
+// one are blurred to its size first and laid over each other then, which is not the same: where
+// several meet, the background shines through, and edges move. Four samples a pixel bring training
+// pictures closer to that mean than any low-pass does.
 #include "src/train/supersample.h"
 
 #include <string.h>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rendering as a camera measures: with one sample a pixel, or the mean of 2 x 2 (supersample.c). Owns the planes of the
-// samples; who renders again takes them back.
+// Rendering as a camera measures: with one sample a pixel, or the mean of 2 x 2 (supersample.c).
+// Owns the planes of the samples; who renders again takes them back.
 #ifndef SV_TRAIN_SUPERSAMPLE_H
 #define SV_TRAIN_SUPERSAMPLE_H
 
@@ -17,7 +17,8 @@ void sv_train_supersample_carve(sv_supersample *s, size_t px,
 bool sv_train_is_supersampled(const sv_trainer *t, int scale, float progress);
 // Renders 2 x 2 samples a pixel of a view; their means go to t->supersample.mean.
 sv_status sv_train_supersample(sv_trainer *t, const sv_view *view, const sv_render_options *o) SV_MUST_USE;
-// A view as it is measured, with one sample a pixel or more. *out is the trainer's, until it renders again.
+// A view as it is measured, with one sample a pixel or more. *out is the trainer's, until it
+// renders again.
 sv_status sv_train_measure(sv_trainer *t, const sv_view *view, const sv_render_options *o,
                            bool is_supersampled, const sv_planes **out) SV_MUST_USE;
 // Spreads the gradient, returned, and the error (or NULL) of the means over the samples.

@@ -11,11 +11,13 @@
 #define RADIUS       2      // of the windows that are compared
 #define BAND         16     // rows of a task
 #define ROWS         (BAND + 2 * RADIUS)
-#define BEST_DEG     8.0 // between two views: less tells depth badly, more and surfaces look different
-#define LEAST_DEG    0.2
-#define MOST_DEG     35.0
-#define LEAST_VAR    4.0f  // of the window, levels of 255 squared: less is noise
-#define LEAST_SLOPE2 4.0f  // of the pixel: beside an edge, an even ground would be put at the edge's depth
+// between two views: less tells depth badly, more and surfaces look different
+#define BEST_DEG  8.0
+#define LEAST_DEG 0.2
+#define MOST_DEG  35.0
+#define LEAST_VAR 4.0f // of the window, levels of 255 squared: less is noise
+// of the pixel: beside an edge, an even ground would be put at the edge's depth
+#define LEAST_SLOPE2 4.0f
 #define LEAST_CORR2  0.49f // squared correlation
 #define ALONE        0.05f // less for a place that one other view sees alone
 #define NOT_SEEN     (-2.0f)
@@ -71,7 +73,8 @@ static bool is_eligible(const choice *c, int i) {
   return !c->t->cfg.has_motion || c->t->views[i].view.time == c->t->reference_time;
 }
 
-// The view farthest from all that are chosen, or (is_near) nearest to the one chosen as number `to`; -1: none left.
+// The view farthest from all that are chosen, or (is_near) nearest to the one chosen as number
+// `to`; -1: none left.
 static int next_view(const choice *c, bool is_near, int to) {
   int best = -1;
   double best_d = 0;
@@ -82,7 +85,10 @@ static int next_view(const choice *c, bool is_near, int to) {
       double here = apart(&c->t->views[i].view, &c->t->views[c->s->map[k].i_view].view, c->distance);
       if (here < d) d = here;
     }
-    if (best < 0 || (is_near ? d < best_d : d > best_d)) best = i, best_d = d;
+    if (best < 0 || (is_near ? d < best_d : d > best_d)) {
+      best = i;
+      best_d = d;
+    }
   }
   return best;
 }
@@ -98,7 +104,7 @@ static void choose_views(choice *c) {
   }
 }
 
-// Focal lengths of all pictures become alike, within a factor of two: coarse is compared with coarse.
+// Scales all images to similar focal lengths, within a factor of two.
 static void choose_sizes(sv_sweep *s, const sv_trainer *t, int cap_px) {
   float least = 0;
   for (int i = 0; i < s->n; i++) {
@@ -121,7 +127,10 @@ static double worth(const sv_view *a, const sv_view *b, double z) {
   double p[3], q[3];
   sv_view_centre(ca, a);
   sv_view_centre(cb, b);
-  for (int i = 0; i < 3; i++) p[i] = z * (double)a->r[6 + i], q[i] = p[i] + (double)ca[i] - cb[i];
+  for (int i = 0; i < 3; i++) {
+    p[i] = z * (double)a->r[6 + i];
+    q[i] = p[i] + (double)ca[i] - cb[i];
+  }
   double deg = sv_angle_between(p, q) * (180 / SV_PI);
   double ahead = (double)b->r[6] * q[0] + (double)b->r[7] * q[1] + (double)b->r[8] * q[2];
   if (deg < LEAST_DEG || deg > MOST_DEG || ahead < 0.7 * sv_norm3(q)) return 0;
@@ -136,8 +145,14 @@ static void choose_sources(sv_sweep *s, int i, double z) {
     if (!(here > 0)) continue;
     int at = m->n_sources < SV_SWEEP_CAP_SOURCES ? m->n_sources++ : SV_SWEEP_CAP_SOURCES;
     for (; at > 0 && w[at - 1] < here; at--)
-      if (at < SV_SWEEP_CAP_SOURCES) w[at] = w[at - 1], m->source[at] = m->source[at - 1];
-    if (at < SV_SWEEP_CAP_SOURCES) w[at] = here, m->source[at] = k;
+      if (at < SV_SWEEP_CAP_SOURCES) {
+        w[at] = w[at - 1];
+        m->source[at] = m->source[at - 1];
+      }
+    if (at < SV_SWEEP_CAP_SOURCES) {
+      w[at] = here;
+      m->source[at] = k;
+    }
   }
 }
 
@@ -186,7 +201,8 @@ static void choose_planes(sv_sweep *s, int i, const sv_bounds *b) {
   for (int k = 0; k < m->n_sources; k++) {
     transfer q = transfer_to(&s->map[m->source[k]].view, v);
     float x = 0.5f * (float)v->width_px, y = 0.5f * (float)v->height_px, u[2], w[2], z;
-    float at = zc > near ? 1 / zc : 1 / near, d = 0.01f * span; // shift a unit of w, where the scene is
+    // shift a unit of w, where the scene is
+    float at = zc > near ? 1 / zc : 1 / near, d = 0.01f * span;
     if (!see(&q, x, y, at, &u[0], &w[0], &z) || !see(&q, x, y, at + d, &u[1], &w[1], &z)) continue;
     most = sv_maxf(most, 100 * (float)sqrt((double)(u[1] - u[0]) * (u[1] - u[0]) +
                                            (double)(w[1] - w[0]) * (w[1] - w[0])));
@@ -219,7 +235,8 @@ static void load_grey(const sv_trainer *t, sv_depth_map *m) {
 
 // --- the sweep of one band -----------------------------------------------------------------------
 
-// Planes of floats in rows of `stride`, those of pictures with RADIUS rows above and below and LEFT columns before.
+// Planes of floats in rows of `stride`, those of pictures with RADIUS rows above and below and LEFT
+// columns before.
 typedef struct {
   float *ref, *warped, *sum[3], *mean, *norm, *is_in, *first, *second, *last, *best, *before, *after, *plane;
 } lane;
@@ -275,10 +292,12 @@ static void warp16(const sv_depth_map *src, const float h[3], const float base[3
   float u[16], v[16], is_in[16];
   for (int i = 0; i < 16; i++) {
     float c = x + (float)i, z = h[2] * c + base[2], f = 1.0f / (z > 1e-6f ? z : 1e-6f);
-    u[i] = (h[0] * c + base[0]) * f, v[i] = (h[1] * c + base[1]) * f;
+    u[i] = (h[0] * c + base[0]) * f;
+    v[i] = (h[1] * c + base[1]) * f;
     bool is_seen = (z > 1e-6f) & (u[i] >= 0) & (u[i] <= right) & (v[i] >= 0) & (v[i] <= bottom);
     is_in[i] = is_seen ? 1.0f : 0.0f;
-    u[i] = sv_clampf(u[i] - 0.5f, 0, right - 1.001f), v[i] = sv_clampf(v[i] - 0.5f, 0, bottom - 1.001f);
+    u[i] = sv_clampf(u[i] - 0.5f, 0, right - 1.001f);
+    v[i] = sv_clampf(v[i] - 0.5f, 0, bottom - 1.001f);
   }
   for (int i = 0; i < 16; i++) out[i] = bilinear(src->grey, src->view.width_px, u[i], v[i]);
   for (int i = 0; in && i < 16; i++) in[i] = is_in[i];
@@ -320,13 +339,14 @@ static inline float down(const float *s, int stride) {
 
 #define N_WINDOW ((float)((2 * RADIUS + 1) * (2 * RADIUS + 1)))
 
-// Mean and 1 / (sum of squared deviations) of the windows of the map's own picture, 0 without structure; and the
-// columns that have some.
+// Mean and 1 / (sum of squared deviations) of the windows of the map's own picture, 0 without
+// structure; and the columns that have some.
 static void describe(band *b) {
   lane *l = b->l;
   const int n = b->m->view.width_px;
   int first = n, last = -1;
-  b->x0 = 0, b->x1 = (n + 15) / 16 * 16;
+  b->x0 = 0;
+  b->x1 = (n + 15) / 16 * 16;
   sum_rows(b, l->ref, l->ref);
   for (int i = 0; i < BAND; i++)
     for (int x = 0; x < b->x1; x++) {
@@ -339,9 +359,13 @@ static void describe(band *b) {
                      dx * dx + dy * dy > LEAST_SLOPE2;
       l->mean[at] = s1 * (1 / N_WINDOW);
       l->norm[at] = is_used ? 1 / dev : 0;
-      if (is_used) first = sv_mini(first, x), last = sv_maxi(last, x);
+      if (is_used) {
+        first = sv_mini(first, x);
+        last = sv_maxi(last, x);
+      }
     }
-  b->x0 = last < 0 ? 0 : first / 16 * 16, b->x1 = (last + 16) / 16 * 16;
+  b->x0 = last < 0 ? 0 : first / 16 * 16;
+  b->x1 = (last + 16) / 16 * 16;
 }
 
 // Correlations with one warped picture, squared with their sign, into the best two so far.
@@ -376,7 +400,11 @@ static void keep_best(const band *b, int plane) {
       int at = i * b->stride + LEFT + x;
       float c = l->second[at] > NOT_SEEN ? 0.5f * (l->first[at] + l->second[at]) : l->first[at] - ALONE;
       if (l->plane[at] == (float)(plane - 1)) l->after[at] = c;
-      if (c > l->best[at]) l->best[at] = c, l->plane[at] = (float)plane, l->before[at] = l->last[at];
+      if (c > l->best[at]) {
+        l->best[at] = c;
+        l->plane[at] = (float)plane;
+        l->before[at] = l->last[at];
+      }
       l->last[at] = c;
     }
 }
@@ -414,11 +442,14 @@ static void sweep_task(void *arg, int i_task, int i_thread) {
   for (int k = 0; k < m->n_sources; k++) q[k] = transfer_to(&j->s->map[m->source[k]].view, &m->view);
   load_rows(&b);
   describe(&b);
-  fill(l->best, n, NOT_SEEN), fill(l->last, n, NOT_SEEN), fill(l->before, n, NOT_SEEN),
-      fill(l->after, n, NOT_SEEN);
+  fill(l->best, n, NOT_SEEN);
+  fill(l->last, n, NOT_SEEN);
+  fill(l->before, n, NOT_SEEN);
+  fill(l->after, n, NOT_SEEN);
   fill(l->plane, n, -2);
   for (int p = 0; p < m->n_planes && b.x1 > b.x0; p++) {
-    fill(l->first, n, NOT_SEEN), fill(l->second, n, NOT_SEEN);
+    fill(l->first, n, NOT_SEEN);
+    fill(l->second, n, NOT_SEEN);
     for (int k = 0; k < m->n_sources; k++) {
       warp(&b, &j->s->map[m->source[k]], &q[k], m->w0 + (float)p * m->dw);
       correlate(&b);
@@ -434,7 +465,8 @@ static inline float inverse_depth(const sv_depth_map *m, uint16_t code) {
   return m->w0 + m->dw * ((float)(code - 1) * (1.0f / 256.0f));
 }
 
-// Whether another map has the same surface there. Codes are read as they were measured: `keep` is written later.
+// Whether another map has the same surface there. Codes are read as they were measured: `keep` is
+// written later.
 static bool is_confirmed(const sv_sweep *s, const sv_depth_map *m, const transfer *q, int x, int y, float w) {
   for (int k = 0; k < m->n_sources; k++) {
     const sv_depth_map *o = &s->map[m->source[k]];
@@ -473,7 +505,7 @@ static uint16_t between(uint16_t a, uint16_t b, int at, int gap) {
   return (uint16_t)((int)a + d * (at + 1) / (gap + 1));
 }
 
-// Fills the gaps of one line of `n` pixels, `step` apart: `from` has what was measured, `to` gets it and the rest.
+// Fills the gaps of a line of `n` pixels, `step` apart, from the measured ones in `from`.
 static void fill_line(const uint16_t *from, uint16_t *to, int n, int step) {
   int last = -1;
   for (int i = 0; i < n; i++) {
@@ -545,7 +577,8 @@ sv_status sv_sweep_run(sv_sweep *s, const sv_trainer *t, const sv_bounds *bounds
                (double)x[8] * bounds->centre[2] + m->view.t[2];
     size_t px = (size_t)m->view.width_px * (size_t)m->view.height_px;
     if (px > cap - used || m->view.width_px < 16 || m->view.height_px < 16) return SV_AGAIN;
-    m->grey = grey + used, m->code = code + used;
+    m->grey = grey + used;
+    m->code = code + used;
     used += px;
     load_grey(t, m);
     choose_sources(s, i, sv_maxf((float)z, bounds->radius));

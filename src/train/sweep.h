@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Depth maps from the pictures that are trained on, where their views overlap: plane sweep (Collins 1996, "A
-// space-sweep approach to true multi-image matching") with zero-mean normalised cross-correlation over 5x5 pixels,
-// and a check from the other side. For starting Gaussians; needs no rectification, so any views with known poses do:
-// sub-views of one exposure, of different focal lengths, or neighbouring pictures of one camera.
+// Depth maps from the pictures that are trained on, where their views overlap: plane sweep (Collins
+// 1996, "A space-sweep approach to true multi-image matching") with zero-mean normalised
+// cross-correlation over 5x5 pixels, and a check from the other side. For starting Gaussians; needs
+// no rectification, so any views with known poses do: sub-views of one exposure, of different focal
+// lengths, or neighbouring pictures of one camera.
 #ifndef SV_TRAIN_SWEEP_H
 #define SV_TRAIN_SWEEP_H
 
@@ -37,10 +38,11 @@ typedef struct {
 
 // Scratch that sv_sweep_run takes for views of these sizes; 0: there are no two views.
 size_t sv_sweep_bytes(const sv_train_cfg *cfg);
-// Depth maps of up to SV_SWEEP_CAP_VIEWS of the trainer's views; of a moving scene, of those at its middle time. More
-// views than that are taken as groups of neighbours from all sides. The planes reach from the near side of `bounds`
-// to far behind it. A map has at most cap_px pixels, of up to SV_SWEEP_CAP_PX. The maps lie in scratch, which the caller
-// resets. AGAIN: no two views see the same.
+// Depth maps of up to SV_SWEEP_CAP_VIEWS of the trainer's views; of a moving scene, of those at its
+// middle time. More views than that are taken as groups of neighbours from all sides. The planes
+// reach from the near side of `bounds` to far behind it. A map has at most cap_px pixels, of up to
+// SV_SWEEP_CAP_PX. The maps lie in scratch, which the caller resets. AGAIN: no two views see the
+// same.
 sv_status sv_sweep_run(sv_sweep *s, const sv_trainer *t, const sv_bounds *bounds, int cap_px,
                        sv_arena *scratch) SV_MUST_USE;
 // Depth along the optical axis, world units; 0: not measured.

@@ -37,7 +37,8 @@ sv_train_cfg sv_train_defaults(void) {
              .sh0 = 2.5e-3f,
              .sh_rest = 2.5e-3f / 20.0f},
       .optimizer = SV_OPTIMIZER_GAUSS_NEWTON,
-      .newton = {.first_every = 5, // no divisors of what repeats otherwise: all kinds of views have turns
+      .newton = {.first_every = 5, // no divisors of what repeats otherwise: all kinds of views have
+                                   // turns
                  .first_steps = 300,
                  .every = 17,
                  .half_from = 1000, // earlier they may not scatter more (docs/notes/quality.md)
@@ -244,7 +245,8 @@ sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u
 }
 
 void sv_train_replace_view(sv_trainer *t, int i_view, const sv_view *view, const sv_image_u8 *image) {
-  t->views[i_view].view = *view, t->views[i_view].image = *image;
+  t->views[i_view].view = *view;
+  t->views[i_view].image = *image;
   t->newest_time = sv_maxf(t->newest_time, view->time);
 }
 
@@ -300,7 +302,8 @@ sv_status sv_train_start(sv_trainer *t, const sv_init_cfg *init, const sv_point 
     float centre[3], radius = sv_gaussians_radius(&t->g, scratch, centre);
     sv_train_set_scene(t, centre, radius);
   }
-  for (int i = 0; i < t->cfg.cap_views + t->cfg.cap_regions; i++) t->order[i] = i; // drawn by the first step
+  // drawn by the first step
+  for (int i = 0; i < t->cfg.cap_views + t->cfg.cap_regions; i++) t->order[i] = i;
   t->trained_s = 0.0;
   t->step = 0;
   if (SV_TRAIN_HAS(t, start)) t->hooks->start(t->hooked);

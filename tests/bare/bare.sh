@@ -1,19 +1,21 @@
 #!/bin/bash
 # SPDX-License-Identifier: Apache-2.0
-# The README's commands as a newcomer gives them, on minimal Debian systems: a fresh root with make, git and
-# ca-certificates, a fresh clone of this repository's HEAD inside, `make demo`, then the fast tests and one
-# scenario, then the programs with clang. Ends with "N passed, N failed, N skipped".
+# The README's commands as a newcomer gives them, on minimal Debian systems: a fresh root with make,
+# git and ca-certificates, a fresh clone of this repository's HEAD inside, `make demo`, then the
+# fast tests and one scenario, then the programs with clang. Ends with "N passed, N failed, N
+# skipped".
 #
 #   bare.sh BUILD [RUN...]        default: bookworm trixie trixie-minimal trixie-board
 #
-# A RUN is a SUITE; SUITE-minimal, which is `make demo WITH=minimal` alone; or SUITE-board, which is `make board-test`:
-# the virtual ARM board with the suite's cross compiler, kernel and libcamera.
-# Needs root: each system is a chroot in a mount namespace of its own, removed at the end. BUILD/bare keeps the
-# roots' archives for a week, the downloaded packages and the logs.
+# A RUN is a SUITE; SUITE-minimal, which is `make demo WITH=minimal` alone; or SUITE-board, which is
+# `make board-test`: the virtual ARM board with the suite's cross compiler, kernel and libcamera.
+# Needs root: each system is a chroot in a mount namespace of its own, removed at the end.
+# BUILD/bare keeps the roots' archives for a week, the downloaded packages and the logs.
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 source=$(cd "$here/../.." && pwd)
-stereo_db=39.01 left_db=28.05 # of the demo; the same digits on every machine with AVX2, AVX-512 or NEON
+stereo_db=39.01 left_db=28.05 # of the demo; the same digits on every machine with AVX2, AVX-512 or
+                              # NEON
 
 skip() {
   echo "skipped: $*"
@@ -28,7 +30,7 @@ first_error() {
   grep -m 1 -E 'error:|^E: |could not install|cannot find -l|\*\*\* ' "$1" || tail -n 1 "$1"
 }
 
-# --- inside of the namespace: one run ----------------------------------------------------------------
+# --- inside of the namespace: one run -------------------------------------------------------------
 inside() { # FOLDER SUITE RUN
   local folder=$1 suite=$2 run=$3 log=$1/$3.log root=$1/$3.root with=all
   [ "$run" != "$suite-minimal" ] || with=minimal
@@ -97,7 +99,7 @@ if [ "${1:-}" = --inside ]; then
   exit
 fi
 
-# --- outside -------------------------------------------------------------------------------------------
+# --- outside --------------------------------------------------------------------------------------
 build=$1
 shift
 [ $# -gt 0 ] || set -- bookworm trixie trixie-minimal trixie-board
@@ -112,7 +114,8 @@ mkdir -p "$build/bare"
 folder=$(cd "$build/bare" && pwd)
 
 make_root() { # SUITE
-  local archive=$folder/$1.tar part=$folder/$1.part.tar mirror try # mmdebstrap makes an archive of a name in .tar
+  # mmdebstrap makes an archive of a name in .tar
+  local archive=$folder/$1.tar part=$folder/$1.part.tar mirror try
   [ -z "$(find "$archive" -type f -mtime -7 2>/dev/null)" ] || return 0
   rm -rf "$archive" "$part"
   # From where this machine's apt gets Debian, if it does; else from where mmdebstrap does.

@@ -1,7 +1,8 @@
 #!/bin/busybox sh
 # SPDX-License-Identifier: Apache-2.0
-# Runs on the virtual board (run.sh starts it). One line a check: "@ ok NAME", "@ FAIL NAME  REASON", "@ skip NAME
-# REASON"; "@ note" lines are figures. The whole output is in the log of the serial line.
+# Runs on the virtual board (run.sh starts it). One line a check: "@ ok NAME", "@ FAIL NAME
+# REASON", "@ skip NAME REASON"; "@ note" lines are figures. The whole output is in the log of the
+# serial line.
 only=$(cat only)
 out=/tmp/out
 mkdir -p $out
@@ -38,7 +39,8 @@ set -- $loop
 loop0=$1 loop1=$2 loop2=$3
 board_tool list
 for device in $vivid; do
-  board_tool control $device timestamp_source 1 # stamps at the start of the frame: the default's lie in the future
+  # stamps at the start of the frame: the default's lie in the future
+  board_tool control $device timestamp_source 1
 done
 
 # A rig of three cameras: side by side (0), or each turned by so many degrees against the next.
@@ -96,8 +98,8 @@ heap_of() { # NAME LOG
   check "$1_heap" "$(sed -n 's/^heap: started 1, ours \([0-9]*\),.*/\1/p' "$2" | tail -n 1)" = 0
 }
 
-# Depth maps of six overlapping views, from which training starts, take an emulated core 20 s: one run makes them, and
-# the other rigs look apart.
+# Depth maps of six overlapping views, from which training starts, take an emulated core 20 s: one
+# run makes them, and the other rigs look apart.
 job() { # NAME SOURCE WIDTH HEIGHT DEG
   make_rig $out/rig "$3" "$4" "$5"
   make_rig $out/apart "$3" "$4" 60
@@ -143,8 +145,8 @@ if wanted libcamera && [ $has_libcamera = yes ]; then
   check libcamera_length_refused $? -eq 1 -a "$(grep -c 'do not tell their frame rate' $out/log)" = 1
 fi
 
-# A camera whose driver loses it and finds it again (tests/board/refuse.c): libcamera's own virtual cameras cannot be
-# unplugged, its handler takes no note of it.
+# A camera whose driver loses it and finds it again (tests/board/refuse.c): libcamera's own virtual
+# cameras cannot be unplugged, its handler takes no note of it.
 if wanted lost && [ $has_libcamera = yes ]; then
   export LIBCAMERA_LOG_LEVELS='*:ERROR'
   node=$(grep -l 'RGB/YUV Capture' /sys/devices/platform/vimc.1/video4linux/video*/name)
@@ -174,8 +176,9 @@ if wanted lost && [ $has_libcamera = yes ]; then
 fi
 
 # --- skew through the kernel ---------------------------------------------------------------------
-# On a slow host the capture may come too late for a frame. The loopback's buffers are the writer's and the reader's at
-# once, so the stamps of such frames are not the ones that were written: measured again, four times at most.
+# On a slow host the capture may come too late for a frame. The loopback's buffers are the writer's
+# and the reader's at once, so the stamps of such frames are not the ones that were written:
+# measured again, four times at most.
 play_skew() { # DEVICE DEVICE
   board_tool feed 30 20 $loop0:0 $loop1:7 $loop2:14 >$out/feed 2>&1 &
   feeder=$!
@@ -206,8 +209,8 @@ if wanted skew; then
 fi
 
 # --- the source suite ----------------------------------------------------------------------------
-# Requests by count and kind; every camera starts and stops some hundred times. Most of it is waiting for frames, and
-# the cameras of the two are others: both at once.
+# Requests by count and kind; every camera starts and stops some hundred times. Most of it is
+# waiting for frames, and the cameras of the two are others: both at once.
 suite_start() { # NAME SPEC
   (
     source-check "$2" >"$out/$1.log" 2>&1
@@ -229,7 +232,8 @@ if wanted suite; then
 fi
 
 # --- faults --------------------------------------------------------------------------------------
-# A line for each fault: named, the other cameras untouched, back within three frames, the ledger exact.
+# A line for each fault: named, the other cameras untouched, back within three frames, the ledger
+# exact.
 faults() { # NAME SPEC
   source-faults "$2" >$out/log 2>&1
   cat $out/log

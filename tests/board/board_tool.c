@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the tests on the virtual board need beside subview itself, without a heap or a library:
 //
-//   board_tool control DEVICE NAME VALUE          sets a V4L2 control by the name that v4l2-ctl gives it
-//   board_tool list [DRIVER]                      "DEVICE DRIVER CARD" of each video device (of this driver)
-//   board_tool feed SECONDS FPS DEVICE:OFFSET_US...   plays frames into v4l2loopback devices, all due at the same
+//   board_tool control DEVICE NAME VALUE          sets a V4L2 control by the name that v4l2-ctl
+//                                                 gives it
+//   board_tool list [DRIVER]                      "DEVICE DRIVER CARD" of each video device (of
+//                                                 this driver)
+//   board_tool feed SECONDS FPS DEVICE:OFFSET_US...   plays frames into v4l2loopback devices, all
+//   due at the same
 //                                                 instants, each stamped so many microseconds later
 #include <errno.h>
 #include <fcntl.h>
@@ -162,7 +165,10 @@ static int play(double seconds, double fps, int n, char **specs) {
     clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, NULL);
     for (int i = 0; i < n; i++)
       if (put(&f[i], k, due_us)) return 1;
-    if (k == 2) printf("feeding\n"), fflush(stdout);
+    if (k == 2) {
+      printf("feeding\n");
+      fflush(stdout);
+    }
   }
   return 0;
 }

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// A library to be preloaded into subview on the virtual board: counts the calls of the malloc family and of C++'s
-// operator new from the cameras' start (the first VIDIOC_STREAMON) to their stop (the first VIDIOC_STREAMOFF), apart by
-// who calls: the program itself, libcamera and what it is made of, anything else. Says so on stderr at the end:
+// A library to be preloaded into subview on the virtual board: counts the calls of the malloc
+// family and of C++'s operator new from the cameras' start (the first VIDIOC_STREAMON) to their
+// stop (the first VIDIOC_STREAMOFF), apart by who calls: the program itself, libcamera and what it
+// is made of, anything else. Says so on stderr at the end:
 //   heap: started 1, ours 0, libcamera 1234, others 0
 #define _GNU_SOURCE
 #include <dlfcn.h>

@@ -1,12 +1,14 @@
 #!/bin/bash
 # SPDX-License-Identifier: Apache-2.0
-# The virtual ARM board's own parts, made once and kept: Debian's arm64 kernel, the camera drivers (vivid from the
-# kernel's package; vimc and v4l2loopback built from Debian's sources) and a small root file system.
+# The virtual ARM board's own parts, made once and kept: Debian's arm64 kernel, the camera drivers
+# (vivid from the kernel's package; vimc and v4l2loopback built from Debian's sources) and a small
+# root file system.
 #
-#   image.sh FOLDER        leaves FOLDER/{vmlinuz,base.cpio.gz,.complete}; does nothing when they are there
+#   image.sh FOLDER        leaves FOLDER/{vmlinuz,base.cpio.gz,.complete}; does nothing when they
+#                          are there
 #
-# Packages come from where this machine's apt gets its own; nothing is installed and no foreign code runs. The last
-# line of a failure is the reason.
+# Packages come from where this machine's apt gets its own; nothing is installed and no foreign code
+# runs. The last line of a failure is the reason.
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 mkdir -p "$1"
@@ -81,12 +83,14 @@ for link in "$tree"/scripts "$tree"/tools "$folder/h/usr/src/linux-headers-${ver
   [ -L "$link" ] && ln -sfn "$folder/h/usr/lib/$kbuild/$(basename "$link")" "$link"
 done
 
-# The drivers that the kernel's package leaves out, and two more vimc devices (the module makes one).
+# The drivers that the kernel's package leaves out, and two more vimc devices (the module makes
+# one).
 mkdir -p drivers/loop drivers/more
 (cd drivers && dpkg-deb --fsys-tarfile ../debs/linux-source-"$series"_*.deb |
   tar -xO "./usr/src/linux-source-$series.tar.xz" |
   tar -xJ --strip-components=4 "linux-source-$series/drivers/media/test-drivers/vimc")
-# libcamera 0.4 takes 1920x1080 from the sensor, whatever size it delivers: that takes an emulated core a second a frame.
+# libcamera 0.4 takes 1920x1080 from the sensor, whatever size it delivers: that takes an emulated
+# core a second a frame.
 sed -i -E 's/(VIMC_FRAME_MAX_WIDTH[ \t]+)4096/\1168/; s/(VIMC_FRAME_MAX_HEIGHT[ \t]+)4096/\1128/' drivers/vimc/vimc-common.h
 grep -q 'VIMC_FRAME_MAX_WIDTH[ \t]*168' drivers/vimc/vimc-common.h || fail "vimc's largest frame is not where it was"
 printf 'vimc-y := %s\nobj-m := vimc.o\n' "$(cd drivers/vimc && ls ./*.c | sed 's#^\./##; s/\.c$/.o/' | tr '\n' ' ')" \
@@ -103,7 +107,8 @@ for driver in vimc loop more; do
     >"drivers/$driver.log" 2>&1 || fail "driver $driver: $(grep -m 1 -i error "drivers/$driver.log")"
 done
 
-# The root file system: busybox and the modules, in the order of their loading. run.sh adds init and the tests.
+# The root file system: busybox and the modules, in the order of their loading. run.sh adds init and
+# the tests.
 rm -rf root
 mkdir -p root/{bin,dev,proc,sys,tmp,run,etc,modules}
 cp b/bin/busybox root/bin/

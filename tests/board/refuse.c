@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A library to be preloaded into subview on the virtual board: while the file REFUSE_WHILE exists, the video device
-// REFUSE_DEVICE takes buffers and gives none back, and does not start: a driver that has lost its camera and finds it
-// again. Everything else goes to the kernel.
+// A library to be preloaded into subview on the virtual board: while the file REFUSE_WHILE exists,
+// the video device REFUSE_DEVICE takes buffers and gives none back, and does not start: a driver
+// that has lost its camera and finds it again. Everything else goes to the kernel.
 #include <errno.h>
 #include <linux/videodev2.h>
 #include <stdarg.h>

@@ -1,12 +1,14 @@
 #!/bin/bash
 # SPDX-License-Identifier: Apache-2.0
-# Runs subview on the virtual ARM board: boots Debian's arm64 kernel under QEMU with three vivid and three vimc cameras
-# and three loopback devices, and runs board.sh there. Ends with "N passed, N failed, N skipped".
+# Runs subview on the virtual ARM board: boots Debian's arm64 kernel under QEMU with three vivid and
+# three vimc cameras and three loopback devices, and runs board.sh there. Ends with "N passed, N
+# failed, N skipped".
 #
 #   run.sh BUILD PROGRAMS        e.g. run.sh build build/generic-arm64; needs BUILD/sysroot-arm64
 #
-# What does not change is kept in BUILD/board. BOARD_CPU=cortex-a76 is the Pi 5's core (cortex-a72: the Pi 4's).
-# BOARD_ONLY=NAME runs one part of board.sh (v4l2, libcamera, lost, skew, suite, faults, page). BOARD_TIMEOUT=SEC ends a board that hangs.
+# What does not change is kept in BUILD/board. BOARD_CPU=cortex-a76 is the Pi 5's core (cortex-a72:
+# the Pi 4's). BOARD_ONLY=NAME runs one part of board.sh (v4l2, libcamera, lost, skew, suite,
+# faults, page). BOARD_TIMEOUT=SEC ends a board that hangs.
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 build=$1 programs=$2 sysroot=$1/sysroot-arm64
@@ -21,7 +23,8 @@ command -v qemu-system-aarch64 >/dev/null || skip "qemu-system-aarch64 is not in
 command -v aarch64-linux-gnu-gcc >/dev/null || skip "aarch64-linux-gnu-gcc is not installed"
 "$here/image.sh" "$work/image" 2>"$work.err" || { mkdir -p "$work"; skip "$(tail -n 1 "$work.err")"; }
 
-# Programs, the libraries they need from the sysroot, and the tests, as a second archive: the kernel unpacks both.
+# Programs, the libraries they need from the sysroot, and the tests, as a second archive: the kernel
+# unpacks both.
 libs=$sysroot/usr/lib/aarch64-linux-gnu
 test=$work/files/test
 rm -rf "$work/files"
@@ -61,8 +64,9 @@ echo "${BOARD_ONLY:-}" >"$test/only"
 (cd "$work/files" && find . | cpio -o -H newc --quiet) | gzip -1 >"$work/tests.cpio.gz"
 cat "$work/image/base.cpio.gz" "$work/tests.cpio.gz" >"$work/initrd"
 
-# No image of a disk, no network, no share: results come back on the serial line. Page tables of the kernel's own, which
-# it takes whenever it lies at a random place, would cost an emulated core a quarter of its time.
+# No image of a disk, no network, no share: results come back on the serial line. Page tables of the
+# kernel's own, which it takes whenever it lies at a random place, would cost an emulated core a
+# quarter of its time.
 boot="console=ttyAMA0 quiet panic=-1 print-fatal-signals=1 nokaslr kpti=off mitigations=off"
 started=$(date +%s)
 timeout -k 5 "${BOARD_TIMEOUT:-480}" qemu-system-aarch64 -M virt -cpu "${BOARD_CPU:-cortex-a72}" -smp 2 -m 1536 -nographic -no-reboot \

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Or, at your choice, GPL-2.0: this one file is a kernel module, and the kernel asks for that.
-// The vimc driver makes one camera; this module, loaded after it, registers more of its platform devices. It is
-// built for the virtual board only (tests/board) and never part of a program.
+// Or, at your choice, GPL-2.0: this one file is a kernel module, and the kernel asks for that. The
+// vimc driver makes one camera; this module, loaded after it, registers more of its platform
+// devices. It is built for the virtual board only (tests/board) and never part of a program.
 #include <linux/err.h>
 #include <linux/module.h>
 #include <linux/platform_device.h>

@@ -42,7 +42,10 @@ static void exec_browser(const browser *b, const char *program, const char *fold
   setenv("HOME", home, 1);
   setenv("TMPDIR", b->sockets, 1);
   int fd = open("/dev/null", O_RDWR);
-  if (fd >= 0) dup2(fd, 0), dup2(fd, 1);
+  if (fd >= 0) {
+    dup2(fd, 0);
+    dup2(fd, 1);
+  }
   int words = open(log, O_WRONLY | O_CREAT | O_TRUNC, 0600);
   if (words >= 0) dup2(words, 2);
   execl(program, program, "--headless=new", "--remote-debugging-pipe", "--no-sandbox", "--use-gl=angle",
@@ -75,7 +78,8 @@ static bool call(browser *b, const char *method, const char *params) {
     for (char *end; (end = memchr(b->message, 0, b->n_message));) {
       size_t length = (size_t)(end - b->message) + 1;
       if (!strncmp(b->message, wanted, strlen(wanted))) return !strstr(b->message, "\"error\":{\"code\"");
-      memmove(b->message, end + 1, b->n_message - length); // an event, or an answer that nobody waits for
+      // an event, or an answer that nobody waits for
+      memmove(b->message, end + 1, b->n_message - length);
       b->n_message -= length;
     }
   }
@@ -111,12 +115,16 @@ static bool open_once(browser *b, const char *folder, int w, int h) {
   if (b->pid == 0) {
     setpgid(0, 0);
     int in = fcntl(to[0], F_DUPFD, 10), out = fcntl(from[1], F_DUPFD, 10);
-    dup2(in, 3), dup2(out, 4);
-    close(in), close(out);
+    dup2(in, 3);
+    dup2(out, 4);
+    close(in);
+    close(out);
     exec_browser(b, browser_program(), folder, w, h);
   }
-  close(to[0]), close(from[1]);
-  b->to_fd = to[1], b->from_fd = from[0];
+  close(to[0]);
+  close(from[1]);
+  b->to_fd = to[1];
+  b->from_fd = from[0];
   char target[64], params[128];
   if (!call(b, "Target.createTarget", "{\"url\":\"about:blank\"}") ||
       !text_of(b, "targetId", target, sizeof target))
@@ -242,7 +250,8 @@ void browser_close(browser *b) {
   if (b->pid > 0) {
     kill(-b->pid, SIGKILL); // its own group: all its processes
     while (waitpid(b->pid, NULL, 0) < 0 && errno == EINTR) continue;
-    close(b->to_fd), close(b->from_fd);
+    close(b->to_fd);
+    close(b->from_fd);
   }
   char command[64];
   snprintf(command, sizeof command, "rm -rf '%s'", b->sockets);

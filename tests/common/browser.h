@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A headless Chromium in a test, driven over its debugging pipe (Chrome DevTools Protocol): no other tool is needed.
+// A headless Chromium in a test, driven over its debugging pipe (Chrome DevTools Protocol): no
+// other tool is needed.
 #ifndef SV_TESTS_COMMON_BROWSER_H
 #define SV_TESTS_COMMON_BROWSER_H
 
@@ -24,7 +25,8 @@ typedef struct {
 
 // The program's path, NULL when there is none.
 const char *browser_program(void);
-// Starts it with a window of that size, a profile below the folder. False: it does not start; why: its last words.
+// Starts it with a window of that size, a profile below the folder. False: it does not start; why:
+// its last words.
 bool browser_open(browser *b, const char *folder, int width_px, int height_px, char *why, size_t cap_why);
 bool browser_goto(browser *b, const char *url);
 // What an expression (or its promise) gives, as text. False when it throws.

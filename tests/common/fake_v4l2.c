@@ -138,7 +138,8 @@ static int do_control(fake_device *d, unsigned long request, void *arg) {
 
 static void reset_device(fake_device *d) {
   d->fourcc = V4L2_PIX_FMT_YUYV;
-  d->width_px = FAKE_V4L2_WIDTH_PX, d->height_px = FAKE_V4L2_HEIGHT_PX;
+  d->width_px = FAKE_V4L2_WIDTH_PX;
+  d->height_px = FAKE_V4L2_HEIGHT_PX;
   d->interval_ns = 0;
   for (int i = 0; i < FAKE_V4L2_N_CONTROLS; i++) d->control[i] = controls[i].default_value;
 }
@@ -155,7 +156,8 @@ static int do_format(fake_device *d, unsigned long request, struct v4l2_format *
   if (!is_get && d->is_other_size) wanted.width_px = FAKE_V4L2_WIDTH_PX / 2;
   if (request == VIDIOC_S_FMT) {
     if (d->n_buffers || d->is_busy) return -EBUSY;
-    d->fourcc = wanted.fourcc, d->width_px = wanted.width_px;
+    d->fourcc = wanted.fourcc;
+    d->width_px = wanted.width_px;
   }
   uint32_t bytes = (uint32_t)image_bytes(&wanted), w = (uint32_t)wanted.width_px,
            h = (uint32_t)wanted.height_px;
@@ -196,7 +198,11 @@ static void put_buffer(const fake_v4l2 *f, const fake_device *d, uint32_t i, str
       b->m.planes[p].m.mem_offset = offset + p * FAKE_V4L2_CAP_BUFFERS * 4096;
       b->m.planes[p].bytesused = p ? k->bytes / (d->has_short_chroma ? 4 : 2) : k->bytes;
     }
-  } else b->length = FAKE_V4L2_PAGE_BYTES, b->m.offset = offset, b->bytesused = k->bytes;
+  } else {
+    b->length = FAKE_V4L2_PAGE_BYTES;
+    b->m.offset = offset;
+    b->bytesused = k->bytes;
+  }
 }
 
 static int do_buffer(fake_v4l2 *f, fake_device *d, unsigned long request, struct v4l2_buffer *b) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// V4L2 cameras that are not there, behind the table of system calls: as many as CAP, on a virtual clock that moves
-// while poll waits, with every fault a real one has. Buffers are pages that are counted; what is unmapped is
-// overwritten, so that a reader who comes too late sees it.
+// V4L2 cameras that are not there, behind the table of system calls: as many as CAP, on a virtual
+// clock that moves while poll waits, with every fault a real one has. Buffers are pages that are
+// counted; what is unmapped is overwritten, so that a reader who comes too late sees it.
 #ifndef SV_TESTS_COMMON_FAKE_V4L2_H
 #define SV_TESTS_COMMON_FAKE_V4L2_H
 
@@ -35,8 +35,8 @@ typedef struct {
   bool has_frozen_sequence, is_short, is_flagged, is_wrong_jpeg;
   double max_fps_raw; // of formats that are not compressed; 0: as all
   bool has_controls, is_mplane;
-  bool
-      has_blanking; // the sensor's blanking can be set: 64 + 56 pixels a line, 48 + 52 lines a frame at 25 fps
+  bool has_blanking;     // the sensor's blanking can be set: 64 + 56 pixels a line, 48 + 52 lines a
+                         // frame at 25 fps
   bool can_set_rate;     // its frame interval can be set while it runs
   bool is_coarse;        // but only to one of a few
   bool has_short_chroma; // the second plane has half of its bytes
@@ -82,7 +82,8 @@ int fake_v4l2_n_open(const fake_v4l2 *f);   // descriptors, exported buffers inc
 int fake_v4l2_n_mapped(const fake_v4l2 *f); // pages, detached ones included
 void fake_v4l2_unplug(fake_v4l2 *f, int i); // frames in the driver are gone
 void fake_v4l2_plug(fake_v4l2 *f, int i);   // back, with all settings as new
-// The signal at input i is another one (width 0: the old one again; an error number: none), and the driver says so.
+// The signal at input i is another one (width 0: the old one again; an error number: none), and the
+// driver says so.
 void fake_v4l2_signal(fake_v4l2 *f, int i, int width_px, int error);
 // Was the picture written by frame number `sequence` of device i, and is it still so?
 bool fake_v4l2_is_frame(const uint8_t *data, int i, uint32_t sequence);

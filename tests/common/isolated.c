@@ -92,13 +92,16 @@ void isolated_open(isolated *s, const char *spec, bool is_flat, int n_exposures)
   sv_sim_config cfg;
   assert_ok(sv_sim_parse(&cfg, spec, &err), &err);
   size_t n_bytes = sv_sim_bytes(&cfg) + 4096;
-  s->block = malloc(n_bytes), s->is_flat = is_flat, s->n_saved = 0;
+  s->block = malloc(n_bytes);
+  s->is_flat = is_flat;
+  s->n_saved = 0;
   make_tables();
   sv_arena arena = sv_arena_make(s->block, n_bytes);
   assert_ok(sv_sim_init(&s->sim, &cfg, &arena, &err), &err);
   snprintf(s->folder, sizeof s->folder, "%s/subview-lenslets-%ld", tmp ? tmp : "/tmp", (long)getpid());
-  join(s->white, s->folder, "white"), join(s->isolated, s->folder, "isolated"),
-      join(s->out, s->folder, "rig");
+  join(s->white, s->folder, "white");
+  join(s->isolated, s->folder, "isolated");
+  join(s->out, s->folder, "rig");
   assert_int_equal(sv_path_make_folder(s->white, &err), SV_OK);
   for (int i = 0; i < s->sim.rig.n_sub_views; i++) {
     const sv_sub_view *v = &s->sim.rig.sub_views[i];
@@ -141,7 +144,8 @@ isolated_errors isolated_compare(const sv_rig *rig, const sv_rig *want) {
     double r[9], w[3], a[3], b[3];
     sv_mul33(r, v->cam_from_rig.r, inv.r);
     sv_rodrigues_inv(w, r);
-    sv_pose_centre(a, &v->cam_from_rig), sv_pose_centre(b, &true_pose);
+    sv_pose_centre(a, &v->cam_from_rig);
+    sv_pose_centre(b, &true_pose);
     sv_sub3(a, a, b);
     e.rotation_deg = fmax(e.rotation_deg, sv_norm3(w) * 180 / SV_PI);
     e.place = fmax(e.place, sv_norm3(a) / sv_norm3(far));

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What subview-calibrate lenslets reads, made by the simulator: white pictures of each lens of a multiplexed sensor,
-// and pictures with all lenses masked but one. 16 bits, sRGB-encoded, with read noise.
+// What subview-calibrate lenslets reads, made by the simulator: white pictures of each lens of a
+// multiplexed sensor, and pictures with all lenses masked but one. 16 bits, sRGB-encoded, with read
+// noise.
 #ifndef SV_TESTS_COMMON_ISOLATED_H
 #define SV_TESTS_COMMON_ISOLATED_H
 
@@ -10,7 +11,8 @@
 typedef struct {
   sv_sim sim;
   void *block;
-  bool is_flat; // lenses light all of their rectangle alike, as the simulator's sensor has it; else discs
+  bool is_flat; // lenses light all of their rectangle alike, as the simulator's sensor has it; else
+                // discs
   char folder[SV_CAP_PATH], white[SV_CAP_PATH], isolated[SV_CAP_PATH], out[SV_CAP_PATH];
   uint32_t n_saved; // pictures, each with noise of its own
 } isolated;
@@ -19,8 +21,8 @@ typedef struct {
 void isolated_open(isolated *s, const char *spec, bool is_flat, int n_exposures);
 void isolated_close(isolated *s);
 
-// A lens's true share of light at a pixel of its footprint: 1, or a disc as wide as its rectangle with a rim of one
-// pixel, darker outwards by ISOLATED_FALL_OFF at its edge.
+// A lens's true share of light at a pixel of its footprint: 1, or a disc as wide as its rectangle
+// with a rim of one pixel, darker outwards by ISOLATED_FALL_OFF at its edge.
 #define ISOLATED_FALL_OFF 0.25
 double isolated_share(const isolated *s, const sv_footprint *f, int x, int y);
 // Picture e of lens i: rgb [height][width][3] of its footprint, display values.
@@ -33,7 +35,8 @@ void isolated_read_rig(isolated *s, sv_rig *rig, sv_arena *arena, sv_arena *scra
 
 // How far a rig is from the simulator's, both as seen from lens 0: the worst lens.
 typedef struct {
-  double rotation_deg, focal, place; // the last two as shares: of the focal length, of the array's size
+  double rotation_deg, focal, place; // the last two as shares: of the focal length, of the array's
+                                     // size
 } isolated_errors;
 isolated_errors isolated_compare(const sv_rig *rig, const sv_rig *want);
 

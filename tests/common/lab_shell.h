@@ -14,11 +14,12 @@ typedef struct {
   bool is_ready;        // set by who has prepared it
 } lab_shell;
 
-// Finds the program in the folder SV_BIN and makes root. 0; 1: it is not here, or would run under emulation, which
-// its starting itself again does not survive; -1: failed.
+// Finds the program in the folder SV_BIN and makes root. 0; 1: it is not here, or would run under
+// emulation, which its starting itself again does not survive; -1: failed.
 int lab_shell_open(lab_shell *s, const char *name);
 int lab_shell_close(lab_shell *s); // removes root; 0 when it is gone
-// A command; @ stands for the program. Its exit code, or 128 and the signal; `said` is what it printed.
+// A command; @ stands for the program. Its exit code, or 128 and the signal; `said` is what it
+// printed.
 int lab_shell_run(lab_shell *s, const char *line);
 void lab_shell_run_well(lab_shell *s, const char *line); // fails the test otherwise
 void lab_shell_need(const lab_shell *s);                 // skips the test when it is not ready

@@ -40,7 +40,8 @@ static void read_err(live_run *r) {
 }
 
 static void exec_run(live_run *r, const char *args) {
-  prctl(PR_SET_THP_DISABLE, 1, 0, 0, 0); // the run is weighed: what it has touched, not the pages around that
+  // the run is weighed: what it has touched, not the pages around that
+  prctl(PR_SET_THP_DISABLE, 1, 0, 0, 0);
   static char text[2048];
   char *words[CAP_WORDS], *save = NULL;
   const char *bin = getenv("SV_BIN"), *emulate = getenv("SV_EMULATE");
@@ -59,7 +60,8 @@ static void exec_run(live_run *r, const char *args) {
   int out = open(path, O_WRONLY | O_CREAT | O_TRUNC, 0666);
   snprintf(path, sizeof path, "%s/stderr", r->folder);
   int err = open(path, O_WRONLY | O_CREAT | O_TRUNC, 0666);
-  dup2(out, 1), dup2(err, 2);
+  dup2(out, 1);
+  dup2(err, 2);
   execv(words[0], words);
   _exit(98);
 }

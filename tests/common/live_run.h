@@ -20,7 +20,8 @@ typedef struct {
   char err[4096]; // what it wrote to stderr, after start and stop
 } live_run;
 
-// Starts SV_BIN/subview run ARGS --preview PORT --out FOLDER/out and waits for its link. "@" in args: the folder.
+// Starts SV_BIN/subview run ARGS --preview PORT --out FOLDER/out and waits for its link. "@" in
+// args: the folder.
 bool live_run_start(live_run *r, const char *folder, const char *args);
 // Waits for its own end; the exit code, -1 when it takes longer.
 int live_run_wait(live_run *r, double seconds);
@@ -30,7 +31,8 @@ pid_t live_run_server(const live_run *r); // process number of its subview-previ
 
 // A connection to it, -1.
 int live_run_connect(const live_run *r);
-// One request, headers as they are (NULL: none; lines end with \r\n); the whole answer with headers.
+// One request, headers as they are (NULL: none; lines end with \r\n); the whole answer with
+// headers.
 size_t live_run_get(const live_run *r, const char *path, const char *headers, uint8_t *out, size_t cap);
 size_t live_run_request(const live_run *r, const char *method, const char *path, const char *headers,
                         uint8_t *out, size_t cap);

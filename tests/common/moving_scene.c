@@ -21,7 +21,8 @@ static void place(sv_gaussians *g, float time) {
     q.mean[1] = is_wall ? 1.2f * v : 0.25f * v;
     q.mean[2] = is_wall ? 0.5f : -0.4f + 0.2f * d;
     for (int k = 0; k < 3; k++) q.log_scale[k] = is_wall ? -2.3f : -2.7f;
-    q.sh[0][0] = is_wall ? u : 1.5f, q.sh[0][1] = is_wall ? v : -1.0f,
+    q.sh[0][0] = is_wall ? u : 1.5f;
+    q.sh[0][1] = is_wall ? v : -1.0f;
     q.sh[0][2] = d - (is_wall ? 0.5f : 1.5f);
     sv_gaussians_put(g, i, &q);
   }
@@ -32,7 +33,8 @@ static sv_view camera(int i, float time) {
   const double eye[3] = {i ? 0.5 : -0.5, 0, -3}, at[3] = {0, 0, 0}, up[3] = {0, -1, 0};
   (void)sv_pose_look_at(&p, eye, at, up);
   sv_view v = sv_view_make(MS_WIDTH, MS_HEIGHT, 70, 70, 32, 32, &p);
-  v.time = time, v.i_sub_view = i;
+  v.time = time;
+  v.i_sub_view = i;
   return v;
 }
 
@@ -65,9 +67,11 @@ void moving_scene_make(moving_scene *s, void *mem, size_t bytes) {
 
 moving_scene_settings moving_scene_cfg(sv_deform_kind kind, int n, int n_steps) {
   sv_train_cfg c = sv_train_defaults();
-  c.n_gaussians = n, c.sh_degree = 0;
+  c.n_gaussians = n;
+  c.sh_degree = 0;
   c.cap_views = MS_TIMES * MS_CAMERAS;
-  c.cap_width_px = MS_WIDTH, c.cap_height_px = MS_HEIGHT;
+  c.cap_width_px = MS_WIDTH;
+  c.cap_height_px = MS_HEIGHT;
   c.start_scale = 1;
   c.relocate_every = 20;
   c.reg_opacity = 0.05f;

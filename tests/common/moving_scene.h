@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A small moving scene with known truth: a still wall of Gaussians and a cluster before it that swings sideways,
-// seen by a rig of two cameras that stands still, at N_TIMES times.
+// A small moving scene with known truth: a still wall of Gaussians and a cluster before it that
+// swings sideways, seen by a rig of two cameras that stands still, at N_TIMES times.
 #ifndef SV_TESTS_COMMON_MOVING_SCENE_H
 #define SV_TESTS_COMMON_MOVING_SCENE_H
 
@@ -25,12 +25,12 @@ typedef struct {
 void moving_scene_make(moving_scene *s, void *mem, size_t bytes);
 // A configuration for training on it, n Gaussians.
 moving_scene_settings moving_scene_cfg(sv_deform_kind kind, int n, int n_steps);
-// Trainer and motion in the arena, started, with all pictures but those of time `held_out` (below 0: all). False with a
-// failure.
+// Trainer and motion in the arena, started, with all pictures but those of time `held_out` (below
+// 0: all). False with a failure.
 bool moving_scene_start(const moving_scene *s, sv_trainer *t, sv_dynamic *dyn,
                         const moving_scene_settings *cfg, sv_compute compute, int held_out, sv_arena a);
-// Has every other one of the Gaussians that move go with a body, whose poses at all times are made up. To be called
-// between two steps of a run that has bodies.
+// Has every other one of the Gaussians that move go with a body, whose poses at all times are made
+// up. To be called between two steps of a run that has bodies.
 void moving_scene_plant_body(sv_dynamic *dyn);
 // PSNR of the trained model at one time, mean over the cameras; is_still: without its motion.
 double moving_scene_psnr(const moving_scene *s, sv_trainer *t, int i_time, bool is_still);

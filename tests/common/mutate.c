@@ -5,7 +5,9 @@
 #include <string.h>
 
 static uint32_t rnd(mutate_pool *p, uint32_t n) { // 0..n-1
-  p->rng_state ^= p->rng_state << 13, p->rng_state ^= p->rng_state >> 7, p->rng_state ^= p->rng_state << 17;
+  p->rng_state ^= p->rng_state << 13;
+  p->rng_state ^= p->rng_state >> 7;
+  p->rng_state ^= p->rng_state << 17;
   return n ? (uint32_t)((p->rng_state >> 11) % n) : 0;
 }
 

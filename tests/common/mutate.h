@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Damaged inputs from good ones: bits, bytes and numbers changed, pieces cut, doubled and exchanged. The same seeds and
-// calls give the same inputs on every machine.
+// Damaged inputs from good ones: bits, bytes and numbers changed, pieces cut, doubled and
+// exchanged. The same seeds and calls give the same inputs on every machine.
 #ifndef SV_TESTS_COMMON_MUTATE_H
 #define SV_TESTS_COMMON_MUTATE_H
 

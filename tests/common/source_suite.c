@@ -142,7 +142,8 @@ bool source_suite_bad_calls(source_suite *s) {
   CHECK(src->requeue(src->self, &f) < 0, "a frame that is not on loan is refused");
   f.i_camera = 99;
   CHECK(src->requeue(src->self, &f) < 0, "a frame of no camera is refused");
-  f.i_camera = 0, f.i_buffer = 1000;
+  f.i_camera = 0;
+  f.i_buffer = 1000;
   CHECK(src->requeue(src->self, &f) < 0, "a frame of no buffer is refused");
   f.i_buffer = -1;
   CHECK(src->requeue(src->self, &f) < 0, "buffer -1 is refused");

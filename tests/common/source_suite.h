@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What every source of frames must do: the checks, for any sv_source. The request counts are those of libcamera's
-// compliance suite. Needs no test framework: it also runs on the virtual board and on real cameras.
+// What every source of frames must do: the checks, for any sv_source. The request counts are those
+// of libcamera's compliance suite. Needs no test framework: it also runs on the virtual board and
+// on real cameras.
 #ifndef SV_TESTS_COMMON_SOURCE_SUITE_H
 #define SV_TESTS_COMMON_SOURCE_SUITE_H
 

@@ -57,7 +57,9 @@ void step_gradient_start(sv_trainer *t, float log_scale, sv_arena *arena) {
 // The loss of the next view or region; the trainer is where it was before.
 static double loss_of(sv_trainer *t, const sv_trainer *before) {
   sv_step_stats st;
-  t->rng = before->rng, t->i_order = before->i_order, t->step = before->step;
+  t->rng = before->rng;
+  t->i_order = before->i_order;
+  t->step = before->step;
   memcpy(t->jitter, before->jitter, sizeof t->jitter);
   memset(caught, 0, sizeof caught);
   assert_int_equal(sv_train_step(t, 0.5f, &st), SV_OK);
@@ -74,15 +76,17 @@ static double quotient(sv_trainer *t, const sv_trainer *before, float *p, float 
   return (up - down) / (up_at - down_at);
 }
 
-// A quotient that depends on its step straddles a jump: splats end where they fall below 1/255, change places in
-// depth, or are clamped at 0.99.
+// A quotient that depends on its step straddles a jump: splats end where they fall below 1/255,
+// change places in depth, or are clamped at 0.99.
 static void compare(sv_trainer *t, const sv_trainer *before, float *p, double is,
                     step_gradient_deviation *d) {
   double expected = quotient(t, before, p, 0.01f), wide = quotient(t, before, p, 0.02f);
   bool is_jump = fabs(expected - wide) > 0.03 * fabs(expected) + 5e-7;
-  d->n += expected != 0, d->n_jumps += is_jump;
+  d->n += expected != 0;
+  d->n_jumps += is_jump;
   if (is_jump) return;
-  d->diff2 += (is - expected) * (is - expected), d->size2 += expected * expected;
+  d->diff2 += (is - expected) * (is - expected);
+  d->size2 += expected * expected;
 }
 
 void step_gradient_check(sv_trainer *t, step_gradient *sum) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The header every test begins with: cmocka, assertions that print what they saw, a temporary folder, shell commands, and
-// kernels with a thread pool. It owns the folder and the threads; it never knows what is tested.
+// The header every test begins with: cmocka, assertions that print what they saw, a temporary
+// folder, shell commands, and kernels with a thread pool. It owns the folder and the threads; it
+// never knows what is tested.
 #ifndef SV_TESTS_COMMON_TEST_H
 #define SV_TESTS_COMMON_TEST_H
 
@@ -20,7 +21,8 @@
 extern "C" {
 #endif
 
-// A test function, and a function that cmocka calls before or after tests (it returns 0 when all is well).
+// A test function, and a function that cmocka calls before or after tests (it returns 0 when all is
+// well).
 #define TEST(name)    static void name(__attribute__((unused)) void **state)
 #define FIXTURE(name) static int name(__attribute__((unused)) void **state)
 
@@ -62,7 +64,8 @@ bool is_one_sentence(const char *text);
 
 // --- files ---------------------------------------------------------------------------------------
 
-// Makes TMPDIR/sv_NAME_ and six characters and writes its path. 0; -1: it cannot be made, or cap is too small.
+// Makes TMPDIR/sv_NAME_ and six characters and writes its path. 0; -1: it cannot be made, or cap is
+// too small.
 int temp_folder_make(char *path, size_t cap, const char *name);
 int temp_folder_remove(const char *path); // with its contents; 0 when it is gone
 
@@ -76,7 +79,8 @@ const char *temp_path(const char *format, ...) SV_PRINTF(1, 2);
 // Writes a file below the folder, and the folders it needs.
 void temp_put(const char *name, const void *data, size_t bytes);
 void temp_put_text(const char *name, const char *text);
-// The whole file FOLDER/NAME, ended by a zero byte; the caller frees it. Fails the test when it cannot be read.
+// The whole file FOLDER/NAME, ended by a zero byte; the caller frees it. Fails the test when it
+// cannot be read.
 char *temp_read(const char *folder, const char *name);
 
 // --- programs ------------------------------------------------------------------------------------
@@ -92,7 +96,8 @@ bool is_emulated(void);
 
 // The fastest kernels on the calling thread alone.
 sv_compute compute_serial(void);
-// Kernels of these instruction sets and a pool of n threads, both valid until compute_end or the next call.
+// Kernels of these instruction sets and a pool of n threads, both valid until compute_end or the
+// next call.
 sv_compute compute_start(uint32_t isa_mask, int n_threads);
 void compute_end(void);
 

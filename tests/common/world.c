@@ -12,7 +12,8 @@
 #define BLOCK_BYTES ((size_t)96 << 20)
 
 static _Alignas(SV_ARENA_ALIGN) uint8_t block[BLOCK_BYTES];
-static uint8_t file_block[WORLD_CAP_FILES + 1][WORLD_CAP_FILE]; // the last one: the file being written
+// the last one: the file being written
+static uint8_t file_block[WORLD_CAP_FILES + 1][WORLD_CAP_FILE];
 static uint8_t truth[640 * 480 * 3];
 
 static const char *const CALL_NAMES[WORLD_N_CALLS] = {"start", "dequeue",     "requeue", "stop",   "rig_pose",
@@ -54,7 +55,8 @@ static sv_status src_requeue(void *self, const sv_frame *f) {
   w->n_back++;
   return fails(w, WORLD_REQUEUE) ? SV_E_DEVICE : w->inner.source.requeue(w->inner.source.self, f);
 }
-static sv_status src_stop(void *self) { // a failing stop still ends the stream, as a device that went away
+// a failing stop still ends the stream, as a device that went away
+static sv_status src_stop(void *self) {
   world *w = self;
   sv_status s = w->inner.source.stop(w->inner.source.self);
   return fails(w, WORLD_STOP) ? SV_E_DEVICE : s;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // C only: the runtime's counters are atomic.
-// A whole runtime in a test: the simulator on its virtual clock, a store in memory, a machine clock that ticks by
-// itself, and a port that fails on demand. One world at a time: they share one block.
+// A whole runtime in a test: the simulator on its virtual clock, a store in memory, a machine clock
+// that ticks by itself, and a port that fails on demand. One world at a time: they share one block.
 #ifndef SV_TESTS_COMMON_WORLD_H
 #define SV_TESTS_COMMON_WORLD_H
 
@@ -72,8 +72,10 @@ typedef struct {
   sv_port port, inner; // the app's, and what it wraps
   world_store store;
   world_fault fault;
-  sv_linux_background background; // the cameras' thread, when the test sets port.worker = world_worker(w)
-  long n_out, n_back; // frames that dequeue gave, and that were handed back (whether or not that failed)
+  sv_linux_background background; // the cameras' thread, when the test sets port.worker =
+                                  // world_worker(w)
+  long n_out, n_back;             // frames that dequeue gave, and that were handed back (whether or
+                                  // not that failed)
   sv_camera_caps caps[4];
   sv_err err;
   sv_ns machine_ns, machine_tick_ns; // each reading of the machine's clock adds a tick
@@ -85,8 +87,8 @@ typedef struct {
   int n_images, image_width_px, image_height_px;
 } world;
 
-// Fills in everything but the app: simulator of `spec`, kernels of isa_mask, a pool of n_threads, cfg with
-// sensible values (1 ms a tick). Change w->cfg, then world_init. False: w->err tells why.
+// Fills in everything but the app: simulator of `spec`, kernels of isa_mask, a pool of n_threads,
+// cfg with sensible values (1 ms a tick). Change w->cfg, then world_init. False: w->err tells why.
 bool world_open(world *w, const char *spec, int n_exposures, uint32_t isa_mask, int n_threads);
 // The same with the capture in a folder, its own rig and scene bounds.
 bool world_open_replay(world *w, const char *dir, int n_exposures, uint32_t isa_mask, int n_threads);
@@ -94,7 +96,8 @@ sv_status world_init(world *w);                  // sv_app_init in what is left 
 sv_status world_init_in(world *w, size_t bytes); // the same in so many bytes of it
 // open, init and run; the run's status.
 sv_status world_run(world *w);
-// The cameras' thread for a live run; the simulator then runs as fast as it can beside the training.
+// The cameras' thread for a live run; the simulator then runs as fast as it can beside the
+// training.
 sv_worker world_worker(world *w);
 // A decoder of compressed frames that can fail; `inner` does the work.
 sv_decoder world_decoder(world *w, const sv_decoder *inner);
@@ -108,10 +111,12 @@ size_t world_app_bytes(world *w);
 // Mean PSNR over n held-out views of the simulator.
 double world_heldout_psnr(world *w, int n);
 
-// The same as without _well, but a failure fails the test with its message; after run_well the app is done.
+// The same as without _well, but a failure fails the test with its message; after run_well the app
+// is done.
 void world_open_well(world *w, const char *spec, int n_exposures, uint32_t isa_mask, int n_threads);
 void world_run_well(world *w);
-// What the trainer has done, the digest of its parameters, and the PSNR of the images that it trains on.
+// What the trainer has done, the digest of its parameters, and the PSNR of the images that it
+// trains on.
 sv_train_stats world_stats(const world *w);
 uint64_t world_digest(const world *w);
 double world_training_psnr(world *w);

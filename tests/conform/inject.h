@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What makes a camera fail: the fault controls of the kernel's vivid driver, a device node that goes and comes back
-// under another number, and frames played into v4l2loopback devices that are not what they should be.
+// What makes a camera fail: the fault controls of the kernel's vivid driver, a device node that
+// goes and comes back under another number, and frames played into v4l2loopback devices that are
+// not what they should be.
 #ifndef SV_TESTS_CONFORM_INJECT_H
 #define SV_TESTS_CONFORM_INJECT_H
 
@@ -34,7 +35,8 @@ typedef struct {
   size_t jpeg_bytes[2];
 } inject;
 
-// "/dev/video0,/dev/video1,..."; words that are not device names are left out. False: told on stderr.
+// "/dev/video0,/dev/video1,..."; words that are not device names are left out. False: told on
+// stderr.
 bool inject_open(inject *j, const char *cameras, bool is_feeding);
 void inject_close(inject *j);
 // Sets a control of the first camera by the name that v4l2-ctl gives it.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The source-conformance suite on cameras that are there: source-check v4l2:/dev/video0[,...] or libcamera:0[,...]. Runs
-// on the virtual board, or by hand on a real one. One line a check; exit 1 when one failed.
+// The source-conformance suite on cameras that are there: source-check v4l2:/dev/video0[,...] or
+// libcamera:0[,...]. Runs on the virtual board, or by hand on a real one. One line a check; exit 1
+// when one failed.
 #include <stdio.h>
 #include <string.h>
 
@@ -70,7 +71,8 @@ int main(int argc, char **argv) {
       if (!is_good) (void)s.source.stop(s.source.self);
       printf("%s %s %d%s%s\n", is_good ? "ok  " : "FAIL", k < 3 ? kinds[k].name : "bad_calls", k < 3 ? n : 0,
              is_good ? "" : ": ", s.why);
-      n_passed += is_good, n_failed += !is_good;
+      n_passed += is_good;
+      n_failed += !is_good;
     }
   close_source();
   printf("%d passed, %d failed; %llu frames of %d cameras\n", n_passed, n_failed,

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Faults on cameras that are there, through the capture side of the runtime: the first camera fails, by what its
-// driver can inject; it must say so by name, be back within three frames of the fault's end, and leave the others and
-// the ledger alone. Runs on the virtual board.
+// Faults on cameras that are there, through the capture side of the runtime: the first camera
+// fails, by what its driver can inject; it must say so by name, be back within three frames of the
+// fault's end, and leave the others and the ledger alone. Runs on the virtual board.
 //
 //   source-faults v4l2:/dev/video0,/dev/video1[,...]     vivid's fault controls, unplugging
-//   source-faults hdmi:/dev/video3,/dev/video0[,...]     the first one's signal changes, goes, comes back
-//   source-faults loop:/dev/video20,/dev/video21[,...]   frames played into v4l2loopback: short, of another size, none
+//   source-faults hdmi:/dev/video3,/dev/video0[,...]     the first one's signal changes, goes,
+//   comes back
+//   source-faults loop:/dev/video20,/dev/video21[,...]   frames played into v4l2loopback: short, of
+//   another size, none
 #include <stdio.h>
 #include <string.h>
 #include <unistd.h>
@@ -16,9 +18,11 @@
 #include "tests/conform/inject.h"
 
 #define CAP_CAMERAS 4
-#define MOST_FRAMES 3                    // from the fault's end to the first good frame, of the other cameras
-#define WARM_FRAMES 6                    // of each camera, before the fault
-#define WRAP_FRAMES 1000                 // more between two frames are another start, no wrap of the numbers
+// from the fault's end to the first good frame, of the other cameras
+#define MOST_FRAMES 3
+#define WARM_FRAMES 6 // of each camera, before the fault
+// more between two frames are another start, no wrap of the numbers
+#define WRAP_FRAMES 1000
 #define GIVE_UP_NS  (18 * SV_NS_PER_S)   // an emulated board can be slow
 #define HOLD_NS     (700 * SV_NS_PER_MS) // of faults that last until they are taken away
 
@@ -74,8 +78,9 @@ static const fault vivid_faults[] = {
     {"req_validate_error", no_request, NULL, NONE, NONE, "", true},
     {"stall", stall_on, stall_off, SV_CAMERA_STALLED, NONE, ",stall=300"},
     {"wrap_timestamp", time_wrap_on, time_wrap_off, NONE, SV_SYNC_EVENT_CLOCK_STEP, ""},
-    // Numbers that start 128 frames before the end of 32 bits: the start is told, the wrap is none. 9 s at this rate,
-    // which is one at which the others send no four frames while the first one starts again.
+    // Numbers that start 128 frames before the end of 32 bits: the start is told, the wrap is none.
+    // 9 s at this rate, which is one at which the others send no four frames while the first one
+    // starts again.
     {"wrap_sequence_number", number_wrap_on, number_wrap_off, NONE, SV_SYNC_EVENT_SEQUENCE_RESET, ",fps=15",
      false, true},
     {"timestamp_source", stamps_on, stamps_off, NONE, NONE, "", true},
@@ -125,7 +130,8 @@ static void on_frame(void *self, const sv_frame *f) {
   }
   if (!t.is_ended || c > 0) return;
   uint64_t n_lost = sv_v4l2_camera_stats(&t.v4l2, 0)->n_lost;
-  if (n_lost != t.n_lost) t.n_good_first = 0; // what came since the end had been on its way before the fault
+  // what came since the end had been on its way before the fault
+  if (n_lost != t.n_lost) t.n_good_first = 0;
   t.n_lost = n_lost;
   if (f->is_error || f->arrival_ns < t.end_ns || t.n_good_first++) return;
   t.back_ns = f->arrival_ns;

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Makes tests/data/capture_tiny: two cameras 12 cm apart look at a ball over a chequered floor in front of
-// a wall, four exposures while the rig moves. Everything is computed here, so the pictures, the rig and
-// the poses agree and the files are ours.
-//   gcc -std=c11 -D_GNU_SOURCE -I. tests/data/make_capture_tiny.c platform/replay/*.c platform/codec/*.c
+// Makes tests/data/capture_tiny: two cameras 12 cm apart look at a ball over a chequered floor in
+// front of a wall, four exposures while the rig moves. Everything is computed here, so the
+// pictures, the rig and the poses agree and the files are ours.
+//   gcc -std=c11 -D_GNU_SOURCE -I. tests/data/make_capture_tiny.c platform/replay/*.c
+//   platform/codec/*.c
 //     platform/linux/*.c src/base/*.c -ljpeg -lpng -lm -lpthread -o make_capture_tiny
 //   ./make_capture_tiny tests/data/capture_tiny
 #include <math.h>
@@ -16,7 +17,8 @@
 enum { W = 64, H = 48, N_CAMERAS = 2, N_EXPOSURES = 4 };
 static const double FOCAL_PX = 60, BASELINE_M = 0.12;
 
-// Colour of the ray o + s d in the world (x right, y down, z forward; floor at y = 0.5, wall at z = 3).
+// Colour of the ray o + s d in the world (x right, y down, z forward; floor at y = 0.5, wall at z =
+// 3).
 static void shade(const double o[3], const double d[3], uint8_t rgb[3]) {
   static const double ball[3] = {0.1, 0.15, 1.6}, radius = 0.35;
   double oc[3], s = 3, hit[3];
@@ -24,8 +26,14 @@ static void shade(const double o[3], const double d[3], uint8_t rgb[3]) {
   double b = sv_dot3(oc, d), disc = b * b - sv_dot3(oc, oc) + radius * radius;
   int what = 0; // wall
   s = (3 - o[2]) / d[2];
-  if (d[1] > 0 && (0.5 - o[1]) / d[1] < s) what = 1, s = (0.5 - o[1]) / d[1];
-  if (disc > 0 && -b - sqrt(disc) > 0 && -b - sqrt(disc) < s) what = 2, s = -b - sqrt(disc);
+  if (d[1] > 0 && (0.5 - o[1]) / d[1] < s) {
+    what = 1;
+    s = (0.5 - o[1]) / d[1];
+  }
+  if (disc > 0 && -b - sqrt(disc) > 0 && -b - sqrt(disc) < s) {
+    what = 2;
+    s = -b - sqrt(disc);
+  }
   for (int i = 0; i < 3; i++) hit[i] = o[i] + s * d[i];
   double c[3];
   if (what == 2) {
@@ -33,12 +41,17 @@ static void shade(const double o[3], const double d[3], uint8_t rgb[3]) {
     sv_sub3(n, hit, ball);
     double light = 0.35 + 0.65 * sv_maxf(0, (float)((n[0] * -0.4 - n[1] * 0.8 - n[2] * 0.45) / radius));
     int band = ((int)floor(n[0] * 12) + (int)floor(n[1] * 12)) & 1;
-    c[0] = 230 * light, c[1] = (band ? 120 : 70) * light, c[2] = 50 * light;
+    c[0] = 230 * light;
+    c[1] = (band ? 120 : 70) * light;
+    c[2] = 50 * light;
   } else if (what == 1) {
     int dark = ((int)floor(hit[0] * 4) + (int)floor(hit[2] * 4)) & 1;
-    c[0] = c[1] = dark ? 60 : 200, c[2] = dark ? 80 : 190;
+    c[0] = c[1] = dark ? 60 : 200;
+    c[2] = dark ? 80 : 190;
   } else {
-    c[0] = 90 + 40 * sv_sin(hit[0] * 5), c[1] = 140 + 50 * sv_sin(hit[1] * 7 + hit[0]), c[2] = 190;
+    c[0] = 90 + 40 * sv_sin(hit[0] * 5);
+    c[1] = 140 + 50 * sv_sin(hit[1] * 7 + hit[0]);
+    c[2] = 190;
   }
   for (int i = 0; i < 3; i++) rgb[i] = (uint8_t)(c[i] < 0 ? 0 : c[i] > 255 ? 255 : c[i]);
 }
@@ -90,8 +103,12 @@ int main(int argc, char **argv) {
   static const double scene_m[6] = {-1.5, -1, 0.5, 1.5, 0.5, 3};
   if (argc != 2) return 2;
   sv_camera_caps caps[N_CAMERAS] = {{.name = "cam0"}, {.name = "cam1"}};
-  for (int c = 0; c < N_CAMERAS; c++)
-    caps[c].width_px = W, caps[c].height_px = H, caps[c].fps = 10, caps[c].clock = SV_CLOCK_MONOTONIC;
+  for (int c = 0; c < N_CAMERAS; c++) {
+    caps[c].width_px = W;
+    caps[c].height_px = H;
+    caps[c].fps = 10;
+    caps[c].clock = SV_CLOCK_MONOTONIC;
+  }
   sv_capture_writer_cfg cfg = {.dir = argv[1],
                                .name = "tiny",
                                .rig = "rig",
@@ -127,7 +144,8 @@ int main(int argc, char **argv) {
                     .data_bytes = sizeof rgb};
       s = sv_capture_writer_add(&w, &f, &err);
     }
-    if (s == SV_OK) s = sv_capture_writer_add_pose(&w, t_ns, &rig, &err); // of the middle of the exposure
+    // of the middle of the exposure
+    if (s == SV_OK) s = sv_capture_writer_add_pose(&w, t_ns, &rig, &err);
   }
   if (s == SV_OK) s = sv_capture_writer_close(&w, &err);
   if (s < 0) {

@@ -5,8 +5,8 @@
 //
 //   stage-digests [STEPS [ISA [THREADS]]]     (20, the best of this CPU, 1)
 //
-// Bytes that a stage leaves undefined are not part of its digest. A stage digest is of the last image
-// rendered in a step.
+// Bytes that a stage leaves undefined are not part of its digest. A stage digest is of the last
+// image rendered in a step.
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

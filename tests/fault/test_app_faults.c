@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every call that the runtime makes to the machine fails once: the first, the second, ... until a run no longer
-// reaches it; once only, or from then on. Never a crash; one sentence; the files that were there are whole; and
-// the runtime can go on saving when the machine works again. What it comes to is one of two states, each with every
-// buffer accounted for: RUN, the run went on to its end; SAFE, it has ended with a sentence, its cameras stand still,
-// and what was captured and trained is there to be saved.
+// Every call that the runtime makes to the machine fails once: the first, the second, ... until a
+// run no longer reaches it; once only, or from then on. Never a crash; one sentence; the files that
+// were there are whole; and the runtime can go on saving when the machine works again. What it
+// comes to is one of two states, each with every buffer accounted for: RUN, the run went on to its
+// end; SAFE, it has ended with a sentence, its cameras stand still, and what was captured and
+// trained is there to be saved.
 #include <string.h>
 
 #include "platform/codec/codec.h"
@@ -23,8 +24,8 @@ static size_t old_bytes[3];
 static const char *const FILES[3] = {"model.ply", "checkpoint.bin", "run.json"};
 static uint64_t whole_digest;
 
-// Cameras that are brought together by the length of their frames, by a trigger line, that have a thread, whose pictures
-// are compressed.
+// Cameras that are brought together by the length of their frames, by a trigger line, that have a
+// thread, whose pictures are compressed.
 static world_call kind_of_run = WORLD_N_CALLS;
 
 static sv_codec codec;
@@ -133,7 +134,8 @@ static bool must_fail(world_call c, bool is_lasting) {
 typedef enum { RUN, SAFE } end_state;
 static long n_ended[2];
 
-// Every frame that came was handed back, once; the cameras stand still; and the state says how it ended.
+// Every frame that came was handed back, once; the cameras stand still; and the state says how it
+// ended.
 static void check_state(sv_status s) {
   end_state state = s < 0 && s != SV_E_INTERRUPTED ? SAFE : RUN;
   assert_int_equal(w.n_out, w.n_back);
@@ -169,10 +171,12 @@ static bool run_with(world_call c, long at, bool is_lasting) {
   } else {
     if (must_fail(c, is_lasting))
       fail_msg("%s, call %ld failed and the run did not tell", world_call_name(c), at);
-    // Seen and counted. Without a pose the rig stands still; a camera that takes no frame length is left alone.
+    // Seen and counted. Without a pose the rig stands still; a camera that takes no frame length is
+    // left alone.
     if (c == WORLD_DEQUEUE || c == WORLD_REQUEUE) assert_true(w.app.capture.n_device_errors > 0);
     if (c == WORLD_SET_CONTROL) assert_true(world_has_line(&w, "free_running"));
-    if (c == WORLD_DECODE) assert_true(w.app.capture.n_bad_exposures > 0); // and costs its exposure only
+    // and costs its exposure only
+    if (c == WORLD_DECODE) assert_true(w.app.capture.n_bad_exposures > 0);
   }
   bool has_old_files = kind_of_run == WORLD_N_CALLS;
   if (has_old_files) check_files();

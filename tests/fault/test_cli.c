@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The built `subview`, run as a user runs it: bad input ends with exit code 1 or 2 and one line on stderr and leaves
-// no file behind; a killed run goes on; Ctrl-C saves; the memory it takes is what its report says. SV_BIN names the
-// programs' folder, SV_EMULATE what runs them on a foreign machine.
+// The built `subview`, run as a user runs it: bad input ends with exit code 1 or 2 and one line on
+// stderr and leaves no file behind; a killed run goes on; Ctrl-C saves; the memory it takes is what
+// its report says. SV_BIN names the programs' folder, SV_EMULATE what runs them on a foreign
+// machine.
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -204,7 +205,8 @@ TEST(test_bad_input) {
   assert_int_equal(n_bad, 0);
 }
 
-// The first picture that cannot be used is named, once; the run goes on without it as long as there are others.
+// The first picture that cannot be used is named, once; the run goes on without it as long as there
+// are others.
 TEST(test_bad_pictures) {
   static const struct {
     const char *make, *says;
@@ -291,8 +293,9 @@ TEST(test_json_and_digest) {
   assert_int_equal(n_files("json"), 4);
 }
 
-// Peak resident memory, all pages the process ever had (program, libraries and the touched part of the block),
-// against what the run took of the block. In small pages: large ones bring what lies beside it.
+// Peak resident memory, all pages the process ever had (program, libraries and the touched part of
+// the block), against what the run took of the block. In small pages: large ones bring what lies
+// beside it.
 TEST(test_memory) {
   if (IS_SANITIZED || g_emulate[0]) {
     print_message("skip the peak of memory: a sanitizer or an emulator takes more than the program\n");
@@ -340,7 +343,8 @@ static void expect_mux(int code, const char *says) {
   assert_int_equal(code == 0 ? 0 : n_files("mux_bad"), 0);
 }
 
-// A recorded shared sensor, its rig with a coverage picture: good, absent, of another size, damaged, no picture.
+// A recorded shared sensor, its rig with a coverage picture: good, absent, of another size,
+// damaged, no picture.
 TEST(test_shared_sensor) {
   static char json[CAP_JSON];
   int w = 0, h = 0;
@@ -449,7 +453,8 @@ TEST(test_resume_of_another_run) {
 static void test_interrupt_saves(void **state) {
   (void)state;
   static char json[CAP_JSON];
-  static const int signals[] = {SIGINT, SIGHUP}; // a person; a connection that drops, which is told of twice
+  // a person; a connection that drops, which is told of twice
+  static const int signals[] = {SIGINT, SIGHUP};
   for (int i = 0; i < 2; i++) {
     pid_t pid = start(LONG_RUN "--steps 5000000 --quiet --out @/stopped");
     if (!wait_for("stopped/checkpoint.bin", pid)) fail_msg("no checkpoint came");
@@ -478,8 +483,9 @@ TEST(test_closed_output) {
 
 // --- a slow disk ---------------------------------------------------------------------------------
 
-// A pipe in the place of the first picture: writing it lasts until somebody opens its other end, after `ms`. The
-// replay's cameras go on meanwhile, at four times their speed, as does the capture's time.
+// A pipe in the place of the first picture: writing it lasts until somebody opens its other end,
+// after `ms`. The replay's cameras go on meanwhile, at four times their speed, as does the
+// capture's time.
 static int capture_to_slow_disk(const char *name, const char *options, long ms) {
   char path[600], line[700];
   shell("mkdir -p '%s/%s/left' && mkfifo '%s/%s/left/000000.jpg'", g_root, name, g_root, name);
@@ -499,7 +505,8 @@ TEST(test_capture_on_a_slow_disk) {
   assert_int_equal(
       run("capture --source sim:textured,rig=stereo,size=32x24,fps=10 --exposures 200 --out @/long --quiet"),
       0);
-  // The time that a picture took is none in which no exposure came: 12 s of the capture's, more than it waits.
+  // The time that a picture took is none in which no exposure came: 12 s of the capture's, more
+  // than it waits.
   int code = capture_to_slow_disk("slow", "--exposures 5", 3000);
   if (code || !strstr(g_out, "\"exposures\": 5,")) fail_msg("exit %d: %s%s", code, g_out, g_err);
   // It ends when it is told to, although exposures are ready that the disk has kept waiting.

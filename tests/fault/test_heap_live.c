@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A moving scene live, five hundred exposures long: no heap, the memory block as it was to the byte, a ledger that
-// adds up, and a model that stays good: at the end of an exposure's time about as good as one of a clip.
+// A moving scene live, five hundred exposures long: no heap, the memory block as it was to the
+// byte, a ledger that adds up, and a model that stays good: at the end of an exposure's time about
+// as good as one of a clip.
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -25,7 +26,8 @@ static uint64_t n_seen;
 static double sum, first_sum, last_sum;
 static int n_exposures;
 
-// A machine whose steps all take the same time, so that each exposure gets as many; it notes what each came to.
+// A machine whose steps all take the same time, so that each exposure gets as many; it notes what
+// each came to.
 static sv_ns now_ns(void *self) {
   (void)self;
   if (w.app.moving.n_scored != n_seen) {
@@ -45,7 +47,8 @@ static void open_live(const char *spec, int n_ring, double exposure_s, int steps
   w.cfg.steps = (uint32_t)((n_exposures + 2) * steps_each);
   w.port.machine.now_ns = now_ns;
   step_ns = (sv_ns)(exposure_s * 1e9 / steps_each);
-  n_readings = 0, n_seen = 0;
+  n_readings = 0;
+  n_seen = 0;
   sum = first_sum = last_sum = 0;
 }
 
@@ -104,8 +107,9 @@ static double clip_psnr(const char *spec, int n_gaussians, int n_bodies) {
   return psnr;
 }
 
-// The newest exposure when its time is up, after thirty steps, against what a clip comes to: one of the same motion,
-// and one that has rigid bodies, which need all times. With SV_LONG=1 as large and as long as what the run is for.
+// The newest exposure when its time is up, after thirty steps, against what a clip comes to: one of
+// the same motion, and one that has rigid bodies, which need all times. With SV_LONG=1 as large and
+// as long as what the run is for.
 TEST(as_good_as_a_clip) {
   const char *is_long = getenv("SV_LONG");
   const bool is_full = is_long && *is_long == '1';

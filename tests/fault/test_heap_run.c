@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// No heap between the seal and the end of a run, its report and its preview: on the simulator and on a capture,
-// with one thread and with two, on the machine's own store, console and clock, the preview compressed by libjpeg.
+// No heap between the seal and the end of a run, its report and its preview: on the simulator and
+// on a capture, with one thread and with two, on the machine's own store, console and clock, the
+// preview compressed by libjpeg.
 #include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>

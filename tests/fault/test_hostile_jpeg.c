@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Hostile JPEGs on the way that a camera's frames take: cut at every byte, every bit of their headers flipped, tens of
-// thousands of mutations, and headers that ask for what no picture is. None crashes, none writes beyond the picture,
-// and not one heap call is made for any of them: a whole picture decodes after each as it did before.
+// Hostile JPEGs on the way that a camera's frames take: cut at every byte, every bit of their
+// headers flipped, tens of thousands of mutations, and headers that ask for what no picture is.
+// None crashes, none writes beyond the picture, and not one heap call is made for any of them: a
+// whole picture decodes after each as it did before.
 #include <stdio.h>
 #include <string.h>
 
@@ -89,7 +90,8 @@ static const uint8_t *marker(uint8_t *data, size_t bytes, uint8_t m) {
 }
 
 TEST(unreasonable_demands) {
-  // Where a frame header has what: precision 4, height 5, width 7, components 9, sampling of each 11 + 3 i.
+  // Where a frame header has what: precision 4, height 5, width 7, components 9, sampling of each
+  // 11 + 3 i.
   static const struct {
     int at, n;
     uint8_t bytes[4];
@@ -121,7 +123,8 @@ TEST(unreasonable_demands) {
       memcpy(sof + frames[i].at, frames[i].bytes, (size_t)frames[i].n);
       decode(input, seed_bytes[k]);
     }
-  // Without one of its tables; a table many times; nothing but restart markers; nothing but fill bytes.
+  // Without one of its tables; a table many times; nothing but restart markers; nothing but fill
+  // bytes.
   static const uint8_t tables[] = {0xdb, 0xc4, 0xda};
   for (size_t i = 0; i < sizeof tables; i++) {
     memcpy(input, seed[0], seed_bytes[0]);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// subview-lab on bad input: the program is run as a user runs it, on files made here. Each case must end
-// with the stated exit code and exactly one line on stderr that names what is wrong; a crash or a second line
-// fails. Skipped when the program is not built (SV_BIN names its folder, SV_EMULATE what runs it).
+// subview-lab on bad input: the program is run as a user runs it, on files made here. Each case
+// must end with the stated exit code and exactly one line on stderr that names what is wrong; a
+// crash or a second line fails. Skipped when the program is not built (SV_BIN names its folder,
+// SV_EMULATE what runs it).
 #include <signal.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -273,7 +274,8 @@ static const bad_case cases[] = {
     {1, "import --from 4cam-board good --out o", "camera_array"},
 };
 
-// What must work, so that the cases above fail for their own reason; it also makes the model they use.
+// What must work, so that the cases above fail for their own reason; it also makes the model they
+// use.
 TEST(test_good_input) {
   char text[4096];
   assert_int_equal(run_lab("train --data good --gaussians 50 --steps 5 --quiet --json --eval --out model",
@@ -313,7 +315,8 @@ static void make_damaged_models(void) {
   free(data);
 }
 
-// A model meets another dataset: what train.json remembers is not there, so the dataset's own file is taken.
+// A model meets another dataset: what train.json remembers is not there, so the dataset's own file
+// is taken.
 TEST(test_other_dataset) {
   char text[4096];
   make_damaged_models();
@@ -395,13 +398,15 @@ static double checked_view_deg(const char *model, const char *intrinsics) {
   return json_number("field_of_view_deg");
 }
 
-// A fisheye's field of view is not a pinhole's; where the lens does not reach the edges there is none.
+// A fisheye's field of view is not a pinhole's; where the lens does not reach the edges there is
+// none.
 TEST(test_field_of_view) {
   double pinhole = checked_view_deg("LENSMODEL_PINHOLE", "500,500,499.5,399.5"),
          fisheye = checked_view_deg("LENSMODEL_KB4", "318.3098862,318.3098862,499.5,399.5,0,0,0,0");
   assert_true(pinhole > 89.999 && pinhole < 90.001);
   assert_true(fisheye > 179.999 && fisheye < 180.001);
-  (void)checked_view_deg("LENSMODEL_KB4", "100,100,499.5,399.5,0,0,0,0"); // 286 degrees to each side
+  // 286 degrees to each side
+  (void)checked_view_deg("LENSMODEL_KB4", "100,100,499.5,399.5,0,0,0,0");
   char *json = temp_read(g_root, "out.txt");
   assert_contains(json, "\"field_of_view_deg\": null");
   free(json);
@@ -415,8 +420,8 @@ static bool started_from(const char *word) {
   return is_there;
 }
 
-// The dataset's points start a run, but not one of so few exposures that they cannot have measured them: that is said,
-// and points that are asked for are taken all the same.
+// The dataset's points start a run, but not one of so few exposures that they cannot have measured
+// them: that is said, and points that are asked for are taken all the same.
 TEST(test_start) {
   char text[4096];
 #define TRAIN "train --data known --gaussians 50 --steps 5 --json --out known_model "
@@ -450,7 +455,8 @@ TEST(test_model_file) {
   assert_true(json_number("psnr") - psnr < 1e-6 && psnr - json_number("psnr") < 1e-6);
 }
 
-// Names that are not UTF-8: the JSON is valid all the same, and a dataset that is made from them can be read.
+// Names that are not UTF-8: the JSON is valid all the same, and a dataset that is made from them
+// can be read.
 TEST(test_names_of_bytes) {
   char text[4096], path[1024];
   sv_err err;
@@ -476,8 +482,8 @@ TEST(test_names_of_bytes) {
       0);
 }
 
-// Ctrl-C in the middle: exit 0, and what was trained is saved. In the foreground `timeout` sends one signal, not
-// another to its group, which would be a second Ctrl-C.
+// Ctrl-C in the middle: exit 0, and what was trained is saved. In the foreground `timeout` sends
+// one signal, not another to its group, which would be a second Ctrl-C.
 TEST(test_stop) {
   char text[4096], path[1024];
   int code = run_through("timeout --foreground --preserve-status -s INT 1.5",
@@ -497,7 +503,8 @@ static bool is_there(const char *name) {
   return sv_path_exists(path);
 }
 
-// An import that is stopped says so and leaves nothing that looks like a dataset, also of an older one in its place.
+// An import that is stopped says so and leaves nothing that looks like a dataset, also of an older
+// one in its place.
 TEST(test_stopped_import) {
   char text[4096];
   folder("half");
@@ -515,8 +522,10 @@ TEST(test_stopped_import) {
 // Pictures of two cameras that are called the same do not overwrite each other's panel.
 TEST(test_panels) {
   char text[4096];
-  folder("twins/left"), folder("twins/right");
-  put_picture("twins/left/x.png", 32, 24, 3), put_picture("twins/right/x.png", 32, 24, 3);
+  folder("twins/left");
+  folder("twins/right");
+  put_picture("twins/left/x.png", 32, 24, 3);
+  put_picture("twins/right/x.png", 32, 24, 3);
   dataset(
       "twins", ANGLE,
       FRAME("../a.png", 4, ", \"split\": \"train\"") "," FRAME(
@@ -527,7 +536,8 @@ TEST(test_panels) {
   assert_true(is_there("twins/m/eval/left_x.png") && is_there("twins/m/eval/right_x.png"));
 }
 
-// The emulator's folder of libraries is named from the root of the tree; the program runs elsewhere.
+// The emulator's folder of libraries is named from the root of the tree; the program runs
+// elsewhere.
 static void find_emulator(const char *cwd) {
   const char *e = getenv("SV_EMULATE"), *l = e ? strstr(e, " -L ") : NULL;
   if (!e) return;

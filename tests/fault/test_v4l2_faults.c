@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every system call of the V4L2 source fails once, for each call in turn: transient (this one) and lasting (it and all
-// after it). Whatever happens, the other camera runs, no buffer is lost, and all is given back at the end; after a
-// transient failure the camera runs again. Then: no heap call from open to close, MJPEG decoding included.
+// Every system call of the V4L2 source fails once, for each call in turn: transient (this one) and
+// lasting (it and all after it). Whatever happens, the other camera runs, no buffer is lost, and
+// all is given back at the end; after a transient failure the camera runs again. Then: no heap call
+// from open to close, MJPEG decoding included.
 #include <errno.h>
 #include <stdio.h>
 #include <string.h>
@@ -46,7 +47,8 @@ static void run(sv_source *src, sv_ns ns, int n[2]) {
     if (n_held[c] == 3) { // the oldest goes back, its picture as it was
       if (!held[c][0].is_error) assert_true(fake_v4l2_is_frame(held[c][0].data, c, held[c][0].sequence));
       assert_int_equal(src->requeue(src->self, &held[c][0]), SV_OK);
-      held[c][0] = held[c][1], held[c][1] = held[c][2];
+      held[c][0] = held[c][1];
+      held[c][1] = held[c][2];
       n_held[c]--;
     }
     held[c][n_held[c]++] = f;
@@ -55,13 +57,15 @@ static void run(sv_source *src, sv_ns ns, int n[2]) {
     for (int i = 0; i < n_held[c]; i++) assert_int_equal(src->requeue(src->self, &held[c][i]), SV_OK);
 }
 
-// One session with a failure at call `at` of camera 0. False: the session has fewer calls. is_hdmi: camera 0 has a signal
-// of its own, and frames of two planes.
+// One session with a failure at call `at` of camera 0. False: the session has fewer calls. is_hdmi:
+// camera 0 has a signal of its own, and frames of two planes.
 static bool is_hdmi;
 static bool session(long at, bool is_lasting, int error) {
   fake_v4l2_init(&fake, 2);
   fake.device[0].is_hdmi = fake.device[0].is_mplane = fake.device[1].is_mplane = is_hdmi;
-  fake.fail_at = at, fake.is_lasting = is_lasting, fake.fail_errno = error;
+  fake.fail_at = at;
+  fake.is_lasting = is_lasting;
+  fake.fail_errno = error;
   sv_status s = open_spec(is_hdmi ? SPEC ",format=NM12" : SPEC);
   if (s >= 0) {
     sv_source src = sv_v4l2_source(&v);

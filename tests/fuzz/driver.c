@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// fuzz_X [-n MUTATIONS] [-s SEED] [FILES...]: runs the target on its built-in seeds and on the files, then
-// on mutations of them. The same arguments give the same inputs on every machine. Each input lies in a
-// block of exactly its size, so that the address sanitizer sees a read behind it. A crash leaves the input
-// in ./crash-<name> when the environment variable FUZZ_KEEP is set.
+// fuzz_X [-n MUTATIONS] [-s SEED] [FILES...]: runs the target on its built-in seeds and on the
+// files, then on mutations of them. The same arguments give the same inputs on every machine. Each
+// input lies in a block of exactly its size, so that the address sanitizer sees a read behind it. A
+// crash leaves the input in ./crash-<name> when the environment variable FUZZ_KEEP is set.
 #include <stdio.h>
 #include <string.h>
 

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a fuzz target gives: the standard entry point, and built-in seeds so that it needs no files.
-// Under libFuzzer only LLVMFuzzerTestOneInput counts (build without driver.c); driver.c is a small main()
-// that replays files and runs a fixed number of repeatable mutations, for compilers without libFuzzer.
+// Under libFuzzer only LLVMFuzzerTestOneInput counts (build without driver.c); driver.c is a small
+// main() that replays files and runs a fixed number of repeatable mutations, for compilers without
+// libFuzzer.
 #ifndef SV_TESTS_FUZZ_FUZZ_H
 #define SV_TESTS_FUZZ_FUZZ_H
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The first byte picks the file's kind: cameras, images, points, rigs, frames, as text (0..4) or binary (5..9).
+// The first byte picks the file's kind: cameras, images, points, rigs, frames, as text (0..4) or
+// binary (5..9).
 #include <math.h>
 #include <string.h>
 
@@ -26,25 +27,47 @@ size_t fuzz_seed(int i, uint8_t *b, size_t cap) {
   b[n++] = (uint8_t)i;
   if (i < 5) return memcpy(b + 1, texts[i], strlen(texts[i])), 1 + strlen(texts[i]);
   memset(b + 1, 0, 999);
-  sv_put_le64(b + n, 1), n += 8;
+  sv_put_le64(b + n, 1);
+  n += 8;
   if (i == 5) {
-    sv_put_le32(b + n, 1), sv_put_le32(b + n + 4, 4), sv_put_le64(b + n + 8, 640),
-        sv_put_le64(b + n + 16, 480);
-    n += 24, n += put_doubles(b + n, 8);
+    sv_put_le32(b + n, 1);
+    sv_put_le32(b + n + 4, 4);
+    sv_put_le64(b + n + 8, 640);
+    sv_put_le64(b + n + 16, 480);
+    n += 24;
+    n += put_doubles(b + n, 8);
   } else if (i == 6) {
-    n += 4, put_doubles(b + n, 1), n += 56, n += 4;
-    memcpy(b + n, "a.jpg", 6), n += 6;
-    sv_put_le64(b + n, 2), n += 8 + 48;
+    n += 4;
+    put_doubles(b + n, 1);
+    n += 56;
+    n += 4;
+    memcpy(b + n, "a.jpg", 6);
+    n += 6;
+    sv_put_le64(b + n, 2);
+    n += 8 + 48;
   } else if (i == 8) {
-    sv_put_le32(b + n, 1), sv_put_le32(b + n + 4, 3), sv_put_le32(b + n + 12, 1), n += 16;
-    sv_put_le32(b + n + 4, 2), b[n + 8] = 1, put_doubles(b + n + 9, 1), n += 9 + 56;
-    sv_put_le32(b + n + 4, 3), n += 9;
+    sv_put_le32(b + n, 1);
+    sv_put_le32(b + n + 4, 3);
+    sv_put_le32(b + n + 12, 1);
+    n += 16;
+    sv_put_le32(b + n + 4, 2);
+    b[n + 8] = 1;
+    put_doubles(b + n + 9, 1);
+    n += 9 + 56;
+    sv_put_le32(b + n + 4, 3);
+    n += 9;
   } else if (i == 9) {
-    n += 8, put_doubles(b + n, 1), n += 56;
-    sv_put_le32(b + n, 2), n += 4 + 32;
+    n += 8;
+    put_doubles(b + n, 1);
+    n += 56;
+    sv_put_le32(b + n, 2);
+    n += 4 + 32;
   } else {
-    n += 8, n += put_doubles(b + n, 3), n += 3 + put_doubles(b + n + 3, 1);
-    sv_put_le64(b + n, 2), n += 8 + 16;
+    n += 8;
+    n += put_doubles(b + n, 3);
+    n += 3 + put_doubles(b + n + 3, 1);
+    sv_put_le64(b + n, 2);
+    n += 8 + 16;
   }
   return n;
 }

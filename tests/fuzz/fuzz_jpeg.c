@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Hostile MJPEG frames: the look at the header that the sources take, then the decoder over its fixed block.
+// Hostile MJPEG frames: the look at the header that the sources take, then the decoder over its
+// fixed block.
 #include <stddef.h>
 #include <string.h>
 

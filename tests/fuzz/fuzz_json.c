@@ -25,7 +25,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t bytes) {
     return 0;
   }
   if (n > 4096) return 0;
-  FUZZ_CHECK(sv_json_parse(&j, "f", (const char *)data, bytes, tok, n, &err) == SV_OK); // n tokens are enough
+  // n tokens are enough
+  FUZZ_CHECK(sv_json_parse(&j, "f", (const char *)data, bytes, tok, n, &err) == SV_OK);
   if (n > 1) FUZZ_CHECK(sv_json_parse(&j, "f", (const char *)data, bytes, tok, n - 1, &err) == SV_E_NOMEM);
   FUZZ_CHECK(sv_json_parse(&j, "f", (const char *)data, bytes, tok, n, &err) == SV_OK);
   for (int i = 0; i < j.n_tok; i++) {

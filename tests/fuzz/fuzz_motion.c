@@ -41,11 +41,15 @@ size_t fuzz_seed(int i, uint8_t *buf, size_t cap) {
   sv_motion_cfg mc = {.functions = i == 1 ? SV_MOTION_POWERS : SV_MOTION_CHEBYSHEV, .n_pos = 2, .n_rot = 1};
   mc.cap_knots = has_bodies ? 3 : 0;
   sv_field_cfg fc = {.n_channels = 16, .n_levels = 1, .mult = {1}, .base = 2, .n_times = 2, .width = 16};
-  fc.is_shared = true, fc.n_threads = 1;
+  fc.is_shared = true;
+  fc.n_threads = 1;
   sv_status s = is_clip ? sv_motion_init(&d.motion, &mc, &g, &a) : sv_field_init(&d.field, &fc, &g, &a);
   if (s < 0) return 0;
   if (is_clip) sv_motion_reset(&d.motion, N / 2);
-  else sv_field_reset(&d.field, &g, 1), d.field.n_moving = N / 2;
+  else {
+    sv_field_reset(&d.field, &g, 1);
+    d.field.n_moving = N / 2;
+  }
   if (has_bodies) {
     sv_bodies *b = &d.motion.bodies;
     b->n = 3;
@@ -74,7 +78,8 @@ static void read_one(const uint8_t *data, size_t bytes) {
   for (int i = 0; i < b->n; i++) FUZZ_CHECK(at[i].q[0] == at[i].q[0] && at[i].d[0] == at[i].d[0]);
 }
 
-// Makes the checksums those of what is there, as far as the sections can be told: a mutation gets past them.
+// Makes the checksums those of what is there, as far as the sections can be told: a mutation gets
+// past them.
 static void seal(uint8_t *f, size_t bytes) {
   enum { HEAD = 24, TAIL = 8 };
   if (bytes < HEAD) return;

@@ -25,7 +25,8 @@ typedef struct {
 static sv_status from_input(void *self, const char *name, void *buf, size_t cap, size_t *bytes, sv_err *err) {
   const files *f = self;
   int is_json = strcmp(name, "rig.json") == 0;
-  FUZZ_CHECK(!strchr(name, '/') && name[0] != '.'); // no path from a file reaches outside its folder
+  // no path from a file reaches outside its folder
+  FUZZ_CHECK(!strchr(name, '/') && name[0] != '.');
   size_t n = is_json ? f->n_json : f->n_model;
   if (n > cap) return sv_fail(err, SV_E_NOMEM, "%s: too large", name);
   memcpy(buf, is_json ? f->json : f->model, n);
@@ -52,7 +53,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t bytes) {
   char text[4096];
   sv_str out = sv_str_make(text, sizeof text);
   FUZZ_CHECK(sv_rig_json_write(&out, &rig) == SV_OK);
-  f.json = (const uint8_t *)text, f.n_json = out.len; // what was read can be written, and read again
+  // what was read can be written, and read again
+  f.json = (const uint8_t *)text;
+  f.n_json = out.len;
   FUZZ_CHECK(sv_rig_read(&rig, &(sv_file_reader){&f, from_input}, "rig.json", 2, &scratch, &err) == SV_OK);
   return 0;
 }

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// A whole run (simulated capture, then training) gives the same bits for any number of threads, for every
-// instruction set with a fused multiply-add, and on every machine: the digests stand in this file. Who changes
-// the arithmetic of training on purpose takes the new digests from what the failing test prints.
+// A whole run (simulated capture, then training) gives the same bits for any number of threads, for
+// every instruction set with a fused multiply-add, and on every machine: the digests stand in this
+// file. Who changes the arithmetic of training on purpose takes the new digests from what the
+// failing test prints.
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -72,8 +73,8 @@ TEST(test_instruction_sets) {
   }
 }
 
-// Without a fused multiply-add the last bits differ. A relocation turns such a difference into another choice of
-// slots, so the losses are compared where there is none.
+// Without a fused multiply-add the last bits differ. A relocation turns such a difference into
+// another choice of slots, so the losses are compared where there is none.
 TEST(test_without_fma) {
   if (!(sv_cpu_isas() & SV_ISA_BIT(SV_ISA_SSE41))) {
     print_message("skip SSE4.1: this CPU or build has none\n");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Training of a moving scene gives the same bits for any number of threads, for every instruction set with a fused
-// multiply-add, and on every machine, in both forms of motion.
+// Training of a moving scene gives the same bits for any number of threads, for every instruction
+// set with a fused multiply-add, and on every machine, in both forms of motion.
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -29,9 +29,11 @@ static uint64_t run(sv_deform_kind kind, float clip, bool has_body, uint32_t isa
   sv_pool pool = sv_linux_pool_port(&threads);
   moving_scene_settings c = moving_scene_cfg(kind, 700, N_STEPS);
   c.train.relocate_every = 5;
-  c.dynamic.distil_at = clip, sv_dynamic_set_times(&c.dynamic, N_STEPS, MS_TIMES - 1);
+  c.dynamic.distil_at = clip;
+  sv_dynamic_set_times(&c.dynamic, N_STEPS, MS_TIMES - 1);
   c.train.lr.logit = 0.3f;
-  c.dynamic.find_every = 0.4f; // two searches: each renders every view, which takes its time on the reference
+  c.dynamic.find_every = 0.4f; // two searches: each renders every view, which takes its time on the
+                               // reference
   assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&k, &pool}, -1,
                                  sv_arena_make(block, sizeof block)));
   for (int i = 0; i < N_STEPS; i++) {
@@ -50,7 +52,8 @@ static void expect(uint64_t digest, uint64_t expected, const char *what, int n) 
              (unsigned long long)expected);
 }
 
-// An emulator is asked once: it is a hundred times slower, and one thread and the reference are the native run's.
+// An emulator is asked once: it is a hundred times slower, and one thread and the reference are the
+// native run's.
 static void check(sv_deform_kind kind, float clip, bool has_body, uint64_t expected) {
   const char *emulator = getenv("SV_EMULATE");
   if (emulator && *emulator) {

@@ -31,7 +31,9 @@ static uint64_t digest(uint32_t isa_mask) {
   assert_int_equal(sv_sim_parse(&c, SPEC, &err), SV_OK);
   assert_int_equal(sv_sim_init(&sim, &c, &a, &err), SV_OK);
   sv_track_cfg t = sv_track_defaults();
-  t.rig = sv_sim_rig(&sim), t.cap_exposures = N, t.n_features = 200;
+  t.rig = sv_sim_rig(&sim);
+  t.cap_exposures = N;
+  t.n_features = 200;
   assert_int_equal(sv_tracker_init(&tracker, &t, &k, &a, &err), SV_OK);
   sv_source src = sv_sim_source(&sim);
   assert_int_equal(src.start(src.self), SV_OK);
@@ -56,7 +58,8 @@ static uint64_t digest(uint32_t isa_mask) {
 
 TEST(test_digest) {
   for (int isa = 0; isa < SV_N_ISAS; isa++) {
-    if (!(sv_cpu_isas() & SV_ISA_BIT(isa)) || isa == SV_ISA_SSE41) continue; // SSE4.1 has no fused operations
+    // SSE4.1 has no fused operations
+    if (!(sv_cpu_isas() & SV_ISA_BIT(isa)) || isa == SV_ISA_SSE41) continue;
     uint64_t h = digest(sv_isa_only((sv_isa)isa));
     if (h != GOLDEN)
       fail_msg("%s: digest 0x%llx, expected 0x%llx", sv_isa_name((sv_isa)isa), (unsigned long long)h, GOLDEN);

@@ -106,7 +106,9 @@ static bool project(const dr_view *v, double gain, const double rc[9], const dou
   s->opacity = 1 / (1 + exp(-p[10]));
   if (v->is_antialiased) s->opacity *= sqrt(comp2 > 0.005 * 0.005 ? comp2 : 0.005 * 0.005);
   s->opacity *= gain;
-  s->conic[0] = c / det, s->conic[1] = -b / det, s->conic[2] = a / det;
+  s->conic[0] = c / det;
+  s->conic[1] = -b / det;
+  s->conic[2] = a / det;
   s->u = v->fx * t[0] / t[2] + v->cx;
   s->v = v->fy * t[1] / t[2] + v->cy;
   s->z = t[2];
@@ -175,7 +177,10 @@ static pixel shade(const screen *g, int n, double x, double y, double err, dr_sh
     q.depth += w * g[i].z;
     q.trans *= 1 - a;
     if (q.is_low) continue;
-    if (share) share[g[i].i].weight += w, share[g[i].i].err += w * err;
+    if (share) {
+      share[g[i].i].weight += w;
+      share[g[i].i].err += w * err;
+    }
     q.margin = fmin(q.margin, fabs(q.trans * 1e4 - 1));
     q.is_low = q.trans < 1e-4;
     if (q.is_low) front = q;

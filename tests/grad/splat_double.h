@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A renderer in double precision, written from the formulas of the literature and not from the kernels:
-// EWA projection with clamped ratios, exact exponentials, no tiles, no bounds. The judge of values and,
-// by central differences, of gradients.
+// A renderer in double precision, written from the formulas of the literature and not from the
+// kernels: EWA projection with clamped ratios, exact exponentials, no tiles, no bounds. The judge
+// of values and, by central differences, of gradients.
 #ifndef SV_TESTS_GRAD_SPLAT_DOUBLE_H
 #define SV_TESTS_GRAD_SPLAT_DOUBLE_H
 
@@ -28,7 +28,8 @@ typedef struct {
   dr_view view;
 } dr_scene;
 
-// What lies behind the Gaussian that takes a pixel's light below 1e-4, in terms of that light: gradients take it for given.
+// What lies behind the Gaussian that takes a pixel's light below 1e-4, in terms of that light:
+// gradients take it for given.
 typedef struct {
   double rgb[3], depth, trans;
 } dr_rest;
@@ -36,7 +37,8 @@ typedef struct {
 // Planes without padding, [height][width]; any may be NULL.
 typedef struct {
   double *rgb[3], *depth, *trans;
-  double *margin; // smallest relative distance of a contribution to the 1/255 skip, or of the light to 1e-4
+  double *margin; // smallest relative distance of a contribution to the 1/255 skip, or of the light
+                  // to 1e-4
   dr_rest *rest;
   int *n_low; // pixels with less than 1e-4 of the light left
 } dr_picture;
@@ -51,7 +53,8 @@ typedef struct {
 // err: [height][width] or NULL; share: [n] or NULL.
 void dr_render(const dr_scene *s, const dr_picture *out, const double *err, dr_share *share);
 
-// Sum over pixels of w_rgb . rgb + w_depth depth + w_trans trans; planes as above, NULL counts as 0.
+// Sum over pixels of w_rgb . rgb + w_depth depth + w_trans trans; planes as above, NULL counts as
+// 0.
 typedef struct {
   double *rgb[3], *depth, *trans;
   const dr_rest *rest; // as dr_render left it

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rigid bodies: moved places and quaternions against the definition in double, gradients of the bodies' poses and of
-// their members against central differences of it, for the loss sum(weight x moved).
+// Rigid bodies: moved places and quaternions against the definition in double, gradients of the
+// bodies' poses and of their members against central differences of it, for the loss sum(weight x
+// moved).
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -55,7 +56,8 @@ static void make(sv_arena *a) {
   for (int i = 0; i < N; i++) b->of[i] = (uint8_t)(i % 3);
 }
 
-// Rows 0..6 of a slot, moved by its functions, and then by its body, which is turned by w and shifted by s more.
+// Rows 0..6 of a slot, moved by its functions, and then by its body, which is turned by w and
+// shifted by s more.
 static void moved(const double own[7], int body, const double w[3], const double s[3], double out[7]) {
   memcpy(out, own, 7 * sizeof *out);
   if (!body) return;
@@ -107,7 +109,8 @@ static void check_poses(float (*sum)[6]) {
   for (int body = 0; body < 3; body++)
     for (int e = 0; e < 6; e++) {
       double up[6] = {0}, down[6] = {0}, d = 0, own[7];
-      up[e] = h, down[e] = -h;
+      up[e] = h;
+      down[e] = -h;
       for (int i = 0; i < N; i++) {
         if (mo.bodies.of[i] != body || body == 0) continue;
         own_of(i, own);

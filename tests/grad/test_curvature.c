@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The estimate of the Gauss-Newton diagonal: its mean over many probes against diag(J^T J) / (n w) whose rows of J are
-// gradients of single pixel values, of pictures with one sample a pixel and with four, of all tiles and of half of them,
-// and of a measurement through its forward model; then how a step uses it.
+// The estimate of the Gauss-Newton diagonal: its mean over many probes against diag(J^T J) / (n w)
+// whose rows of J are gradients of single pixel values, of pictures with one sample a pixel and
+// with four, of all tiles and of half of them, and of a measurement through its forward model; then
+// how a step uses it.
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -66,12 +67,17 @@ static void open_training(sv_train_cfg cfg, bool is_measurement) {
   sv_err err;
   sv_kernels_init(&k, ~0u);
   pool = sv_pool_serial();
-  cfg.n_gaussians = N_GAUSSIANS, cfg.sh_degree = 1, cfg.sh_step = 0;
-  cfg.cap_views = !is_measurement, cfg.cap_measurements = cfg.cap_regions = is_measurement;
+  cfg.n_gaussians = N_GAUSSIANS;
+  cfg.sh_degree = 1;
+  cfg.sh_step = 0;
+  cfg.cap_views = !is_measurement;
+  cfg.cap_measurements = cfg.cap_regions = is_measurement;
   cfg.cap_width_px = cfg.cap_height_px = cfg.region_px = 64; // one region is the whole sensor
   cfg.reg_opacity = cfg.reg_scale = cfg.noise = 0;
-  cfg.relocate_every = 0, cfg.start_scale = 1;
-  cfg.newton.first_every = cfg.newton.every = 1, cfg.newton.cap = cfg.newton.cap_scale = 0;
+  cfg.relocate_every = 0;
+  cfg.start_scale = 1;
+  cfg.newton.first_every = cfg.newton.every = 1;
+  cfg.newton.cap = cfg.newton.cap_scale = 0;
   if (sv_trainer_init(&t, &cfg, (sv_compute){&k, &pool}, &a, &err) < 0) fail_msg("%s", err.text);
   for (int px = 0; px < W * H * 3; px++) picture[px] = (px / 20) % 2 ? 255 : 0;
   sv_view view = view_from(0);
@@ -148,8 +154,9 @@ static void add_estimate(int n) {
       estimate[i][r] += (double)s1_from_high(t.v[sv_gaussians_at(&t.g, i, r) - t.g.param]) / n;
 }
 
-// A mean of n squares of about normal numbers scatters by sqrt(2 / n) = 3.7 % of itself. With twice the squares of what
-// is in half of the tiles by sqrt(5 / n) = 4.1 % at most, where all is in one tile.
+// A mean of n squares of about normal numbers scatters by sqrt(2 / n) = 3.7 % of itself. With twice
+// the squares of what is in half of the tiles by sqrt(5 / n) = 4.1 % at most, where all is in one
+// tile.
 static void compare(const char *what) {
   double sum = 0, worst = 0, largest[N_ROWS] = {0};
   int n = 0;
@@ -159,7 +166,8 @@ static void compare(const char *what) {
     for (int r = 0; r < N_ROWS; r++) {
       if (!(exact[i][r] > 1e-3 * largest[r])) continue;
       double ratio = estimate[i][r] / exact[i][r];
-      sum += ratio, n++;
+      sum += ratio;
+      n++;
       worst = fabs(ratio - 1) > worst ? fabs(ratio - 1) : worst;
     }
   print_message("%s: %d entries, mean ratio %.4f, worst deviation %.3f\n", what, n, sum / n, worst);
@@ -193,7 +201,8 @@ TEST(test_supersampled) {
   check_estimate("four samples a pixel, half of the tiles", cfg, false, true, N_HALVES);
 }
 
-// Light is added, of which each lens gives half: the curves and the share of both are in J. Always of all tiles.
+// Light is added, of which each lens gives half: the curves and the share of both are in J. Always
+// of all tiles.
 TEST(test_measurement) {
   check_estimate("measurement of two lenses", sv_train_defaults(), true, true, N_PROBES);
 }
@@ -230,7 +239,8 @@ TEST(test_chessboard) {
 
 // --- what a step does with it --------------------------------------------------------------------
 
-// Rows without an estimate rest; after the first step with one no Gaussian has moved by more than the cap.
+// Rows without an estimate rest; after the first step with one no Gaussian has moved by more than
+// the cap.
 TEST(test_step) {
   static float before[2 * 16 * N_ROWS];
   sv_train_cfg cfg = sv_train_defaults();

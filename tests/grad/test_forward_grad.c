@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The forward model of multiplexed sensors: its value against double, its adjoint against central differences and as a
-// transposed matrix, the same bits for any thread count and instruction set; then the gradient of a whole training
-// step on a region, through every lens that reaches into it.
+// The forward model of multiplexed sensors: its value against double, its adjoint against central
+// differences and as a transposed matrix, the same bits for any thread count and instruction set;
+// then the gradient of a whole training step on a region, through every lens that reaches into it.
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -27,8 +27,8 @@ static uint8_t coverage[2][CAP_LENS];
 static float image[N_LENSES][3][CAP_LENS]; // of the lenses, whole
 static float row[W];
 
-// Place, size and coverage: a corner, an edge, the middle; two with fractional coverage, one of them with none at
-// its rim; the last one covers a single row.
+// Place, size and coverage: a corner, an edge, the middle; two with fractional coverage, one of
+// them with none at its rim; the last one covers a single row.
 static void make_lenses(void) {
   static const int at[N_LENSES][5] = {{0, 0, 40, 30, -1},  {25, 10, 40, 30, 0},  {50, 40, 40, 30, -1},
                                       {10, 25, 33, 41, 1}, {30, 20, 60, 40, -1}, {5, 69, 50, 1, -1}};
@@ -36,7 +36,8 @@ static void make_lenses(void) {
   for (int i = 0; i < N_LENSES; i++) {
     const int *a = at[i];
     sv_pose pose = sv_pose_identity();
-    pose.t[0] = 0.1 * (i - 2), pose.t[2] = 4;
+    pose.t[0] = 0.1 * (i - 2);
+    pose.t[2] = 4;
     lens[i] = (sv_lens){sv_view_make(a[2], a[3], 40, 40, 0.5 * a[2], 0.5 * a[3], &pose),
                         {a[0], a[1], a[2], a[3], a[4] < 0 ? NULL : coverage[a[4]]}};
     for (int k = 0; k < 3; k++)
@@ -153,13 +154,15 @@ static void run_backward(const sv_multiplexed *c, const sv_region *r, uint64_t s
   for (int m = 0; m < c->n_lenses; m++) {
     if (!b.is_in[m]) continue;
     size_t bytes = sv_plane_floats(W, H) * sizeof(float);
-    for (int k = 0; k < 3; k++) memset(b.out[m].c[k], 0x7f, bytes); // what was there does not matter
+    // what was there does not matter
+    for (int k = 0; k < 3; k++) memset(b.out[m].c[k], 0x7f, bytes);
     memset(b.out_err[m], 0x7f, bytes);
     sv_forward_bwd(&b.f, c, &b.crop[m], &b.rgb[m], &b.g, b.err, &b.out[m], b.out_err[m]);
   }
 }
 
-// The whole sensor; parts of lenses at every side; inside one lens; one pixel; where only the fractional ones are.
+// The whole sensor; parts of lenses at every side; inside one lens; one pixel; where only the
+// fractional ones are.
 static const sv_region REGIONS[] = {{0, 0, W, H},     {20, 15, 61, 48}, {0, 40, 33, 70}, {70, 0, 90, 20},
                                     {30, 30, 31, 31}, {9, 24, 44, 67},  {37, 11, 69, 43}};
 #define N_REGIONS (sizeof REGIONS / sizeof *REGIONS)
@@ -310,7 +313,8 @@ TEST(test_dot_product) {
           for (int x = 0; x < b.out[m].width_px; x++) {
             double p = (double)b.rgb[m].c[k][y * b.rgb[m].stride + x] *
                        (double)b.out[m].c[k][y * b.out[m].stride + x];
-            x_aty += p, size += fabs(p);
+            x_aty += p;
+            size += fabs(p);
           }
     }
     assert_true(fabs(ax_y - x_aty) < 1e-6 * (size + 1e-3));
@@ -368,7 +372,9 @@ static void open_training(const sv_multiplexed *c, const sv_kernels *k, const sv
   sv_err err;
   sv_train_cfg cfg = sv_train_defaults();
   step_gradient_settings(&cfg);
-  cfg.cap_views = 0, cfg.cap_measurements = 1, cfg.region_px = REGION_PX;
+  cfg.cap_views = 0;
+  cfg.cap_measurements = 1;
+  cfg.region_px = REGION_PX;
   cfg.cap_regions = sv_train_n_regions(W, H, REGION_PX);
   cfg.cap_width_px = cfg.cap_height_px = REGION_PX;
   cfg.n_threads = pool->n_threads;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every loss of losses.inc: first its value against a plain double implementation, then its gradient against
-// central differences of that implementation, borders included; then the same bits for any thread count,
-// padding zero, and memory exactly as announced.
+// Every loss of losses.inc: first its value against a plain double implementation, then its
+// gradient against central differences of that implementation, borders included; then the same bits
+// for any thread count, padding zero, and memory exactly as announced.
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -42,7 +42,8 @@ static scene make_scene(sv_arena *a, int w, int h, uint64_t seed) {
     for (size_t i = 0; i < sv_plane_floats(w, h); i++) {
       bool is_in = (int)i % s.x.stride < w && (int)i / s.x.stride < h;
       float u = sv_rng_f(&r), smooth = 0.5f + 0.4f * sinf((float)i * 0.05f + (float)c);
-      s.x.c[c][i] = is_in ? 0.6f * smooth + 0.4f * u : NAN; // garbage in the padding must not matter
+      // garbage in the padding must not matter
+      s.x.c[c][i] = is_in ? 0.6f * smooth + 0.4f * u : NAN;
       s.y.c[c][i] = is_in ? 0.7f * smooth + 0.3f * sv_rng_f(&r) : NAN;
       s.grad.c[c][i] = 7; // and stale values must go
       s.err[i] = 7;
@@ -147,8 +148,10 @@ static void photometric_case(int w, int h, int phase, float lambda) {
       int at = c * w * h + i;
       double keep = x[at], plus, minus;
       if (fabs(keep - y[at]) < 1e-5) continue; // |x - y| has a corner there
-      x[at] = keep + step, plus = photometric_double(x, y, w, h, phase, (double)lambda);
-      x[at] = keep - step, minus = photometric_double(x, y, w, h, phase, (double)lambda);
+      x[at] = keep + step;
+      plus = photometric_double(x, y, w, h, phase, (double)lambda);
+      x[at] = keep - step;
+      minus = photometric_double(x, y, w, h, phase, (double)lambda);
       x[at] = keep;
       double numeric = n * (plus - minus) / (2 * step),
              analytic = n * (double)s.grad.c[c][i / w * s.grad.stride + i % w];
@@ -196,7 +199,10 @@ TEST(photometric_threads) {
       sv_photometric p = make_photometric(&a, (sv_compute){&k, &pool}, true);
       double got = sv_photometric_loss(&p, &s.x, &s.y, &s.grad, s.err, 0.2f).loss;
       for (int c = 0; c < 3; c++) {
-        if (!first[c]) first[c] = memcpy(malloc(bytes), s.grad.c[c], bytes), want = got;
+        if (!first[c]) {
+          first[c] = memcpy(malloc(bytes), s.grad.c[c], bytes);
+          want = got;
+        }
         assert_true(got == want);
         assert_memory_equal(first[c], s.grad.c[c], bytes);
       }
@@ -238,8 +244,10 @@ static void tv_case(int w, int h, sv_tv_form form) {
     for (int i = 0; i < w * h; i++) {
       int at = c * w * h + i;
       double keep = x[at], plus, minus;
-      x[at] = keep + step, plus = tv_double(x, w, h, form == SV_TV_SQUARED);
-      x[at] = keep - step, minus = tv_double(x, w, h, form == SV_TV_SQUARED);
+      x[at] = keep + step;
+      plus = tv_double(x, w, h, form == SV_TV_SQUARED);
+      x[at] = keep - step;
+      minus = tv_double(x, w, h, form == SV_TV_SQUARED);
       x[at] = keep;
       // the gradient was added to 7
       double numeric = weight * (plus - minus) / (2 * step),
@@ -270,10 +278,20 @@ static double one_minus_r(const double *d, const sv_pearson_input *in, sv_pearso
         int i = y * in->stride + x;
         if (in->mask && !in->mask[i]) continue;
         double t = (double)in->prior[i];
-        if (pass == 0) n++, md += d[i], mt += t;
-        else aa += (d[i] - md) * (d[i] - md), bb += (t - mt) * (t - mt), ab += (d[i] - md) * (t - mt);
+        if (pass == 0) {
+          n++;
+          md += d[i];
+          mt += t;
+        } else {
+          aa += (d[i] - md) * (d[i] - md);
+          bb += (t - mt) * (t - mt);
+          ab += (d[i] - md) * (t - mt);
+        }
       }
-    if (pass == 0) md /= n, mt /= n;
+    if (pass == 0) {
+      md /= n;
+      mt /= n;
+    }
   }
   return 1 - ab / sqrt(aa * bb);
 }
@@ -288,7 +306,8 @@ static double pearson_double(const double *d, const sv_pearson_input *in) {
 
 static void pearson_case(bool has_patches, bool has_mask) {
   enum { W = 23, H = 35, S = 32 };
-  static const sv_pearson_patch patches[3] = {{0, 0, 8, 8}, {4, 5, 20, 30}, {15, 20, 23, 35}}; // overlapping
+  // overlapping
+  static const sv_pearson_patch patches[3] = {{0, 0, 8, 8}, {4, 5, 20, 30}, {15, 20, 23, 35}};
   static float d[H * S], t[H * S], grad[H * S];
   static double x[H * S];
   static uint8_t mask[H * S];
@@ -318,8 +337,10 @@ static void pearson_case(bool has_patches, bool has_mask) {
       assert_true(grad[i] == 0);
       continue;
     }
-    x[i] = keep + step, plus = pearson_double(x, &in);
-    x[i] = keep - step, minus = pearson_double(x, &in);
+    x[i] = keep + step;
+    plus = pearson_double(x, &in);
+    x[i] = keep - step;
+    minus = pearson_double(x, &in);
     x[i] = keep;
     double numeric = (plus - minus) / (2 * step);
     if (fabs(numeric - (double)grad[i]) > 1e-8 + 1e-5 * fabs(numeric))
@@ -336,7 +357,10 @@ static void pearson_flat(void) { // no contrast, too few pixels: finite, no grad
   sv_pearson_cfg cfg = {1};
   sv_pool pool = sv_pool_serial();
   assert_int_equal(sv_pearson_init(&p, &cfg, (sv_compute){NULL, &pool}, &a), SV_OK);
-  for (int i = 0; i < 32; i++) d[i] = 2, t[i] = (float)i;
+  for (int i = 0; i < 32; i++) {
+    d[i] = 2;
+    t[i] = (float)i;
+  }
   sv_pearson_input in = {d, t, NULL, 32, 1, 32, NULL, 0, 1.0f};
   assert_true(sv_pearson_loss(&p, &in, grad) == 1);
   in.mask = mask;
@@ -352,7 +376,8 @@ static void check_pearson(void) {
 // --- depth ---------------------------------------------------------------------------------------
 enum { DEPTH_W = 13, DEPTH_H = 7, DEPTH_S = 32, DEPTH_N = 32 * DEPTH_S };
 
-// The loss as a function of what the rasterizer gives, sum of w z and what light is left, in double.
+// The loss as a function of what the rasterizer gives, sum of w z and what light is left, in
+// double.
 static double depth_double(const double *depth, const double *trans, const float *prior, const uint8_t *known,
                            bool is_inverse) {
   double sum = 0, n = 0;
@@ -378,7 +403,8 @@ static void depth_case(bool is_inverse) {
     depth[i] = (1.0f - trans[i]) * (1.0f + sv_rng_f(&r));
     prior[i] = is_inverse ? 0.4f + 0.6f * sv_rng_f(&r) : 1.0f + sv_rng_f(&r);
     known[i] = mask[i] = sv_rng_below(&r, 6) != 0;
-    d[i] = (double)depth[i], t[i] = (double)trans[i];
+    d[i] = (double)depth[i];
+    t[i] = (double)trans[i];
     g[i] = 0;
   }
   const sv_depth_input in = {depth, trans, DEPTH_W, DEPTH_H, DEPTH_S, 0.5f, is_inverse};

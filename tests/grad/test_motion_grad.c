@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Motion and deformation field: values against formulas in double, gradients against central differences of these,
-// for the loss sum(weight x moved).
+// Motion and deformation field: values against formulas in double, gradients against central
+// differences of these, for the loss sum(weight x moved).
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -72,7 +72,9 @@ static void check_motion(sv_motion_functions_kind kind, float t) {
   sv_motion_at(&mo, &(sv_compute){&k, &pool}, &g, t);
   sv_motion_values f = sv_motion_values_at(&c, t);
   sv_motion_args args = sv_motion_args_of(&mo, &g, t, &f);
-  args.reg_pos = 0.1f, args.reg_rot = 0.2f, args.reg_col = 0.3f;
+  args.reg_pos = 0.1f;
+  args.reg_rot = 0.2f;
+  args.reg_col = 0.3f;
   for (int i = 0; i < N; i++) {
     float grad[N_MROWS * 16];
     double m[N_MROWS];
@@ -263,7 +265,8 @@ static void check_field(bool is_shared, bool has_colour, int n_channels, int n_l
     check_param(field.n_planes + sv_rng_below(&rng, (uint32_t)(field.n_param - field.n_planes)), 0, 0, t,
                 &n_kinks);
   print_message("left out: %d means, %d parameters\n", n_mean, n_kinks);
-  assert_true(n_mean < 6 && n_kinks < 40); // where a ReLU or a cell of the grid changes between the steps
+  // where a ReLU or a cell of the grid changes between the steps
+  assert_true(n_mean < 6 && n_kinks < 40);
 }
 
 TEST(test_field) {
@@ -293,7 +296,8 @@ TEST(test_plane_losses) {
                       .n_threads = 1};
     assert_int_equal(sv_field_init(&field, &c, &g, &a), SV_OK);
     sv_field_reset(&field, &g, 5);
-    for (size_t i = 0; i < field.n_planes; i++) field.param[i] = 1.4f + 0.3f * sv_rng_f(&rng); // away from 1
+    // away from 1
+    for (size_t i = 0; i < field.n_planes; i++) field.param[i] = 1.4f + 0.3f * sv_rng_f(&rng);
     for (int p = 0; p < 6; p++) {
       memset(grad, 0, sizeof grad);
       sv_field_plane_loss_bwd(&field, 0, p, grad);

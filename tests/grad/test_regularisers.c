@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The regularisers that the projection's backward pass adds: reg_opacity sum(o) + reg_scale sum(s) over the touched
-// Gaussians, against central differences in double.
+// The regularisers that the projection's backward pass adds: reg_opacity sum(o) + reg_scale sum(s)
+// over the touched Gaussians, against central differences in double.
 #include <math.h>
 #include <string.h>
 
@@ -35,8 +35,10 @@ static void test_isa(sv_isa isa) {
   sv_rng rng = sv_rng_make(5, 1);
   for (int i = 0; i < N; i++) {
     sv_gaussian v = {.quat_wxyz = {1, 0, 0, 0}, .opacity_logit = 3 * sv_rng_normal(&rng)};
-    for (int c = 0; c < 3; c++)
-      v.mean[c] = sv_rng_f(&rng) - 0.5f, v.log_scale[c] = -2.5f + sv_rng_normal(&rng) * 0.5f;
+    for (int c = 0; c < 3; c++) {
+      v.mean[c] = sv_rng_f(&rng) - 0.5f;
+      v.log_scale[c] = -2.5f + sv_rng_normal(&rng) * 0.5f;
+    }
     sv_gaussians_put(&g, i, &v);
   }
   sv_pose pose = sv_pose_identity();

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The renderer's values against a double-precision renderer (splat_double.h) and its gradients against
-// central differences of that one, for every parameter and the camera's twist.
+// The renderer's values against a double-precision renderer (splat_double.h) and its gradients
+// against central differences of that one, for every parameter and the camera's twist.
 //
-// Two tiers near the cut-offs (1/255 skip, gradients' end at 1e-4 of the light): a pixel where a contribution lies within
-// `band` (relative) of one may be decided differently in float. Its value gets a wide tolerance, it carries no
-// loss weight, and such pixels are counted and must be few. A difference quotient whose steps h and 2h
-// disagree straddles a jump (two Gaussians of one depth, the 0.99 clamp): dropped, counted, few.
+// Two tiers near the cut-offs (1/255 skip, gradients' end at 1e-4 of the light): a pixel where a
+// contribution lies within `band` (relative) of one may be decided differently in float. Its value
+// gets a wide tolerance, it carries no loss weight, and such pixels are counted and must be few. A
+// difference quotient whose steps h and 2h disagree straddles a jump (two Gaussians of one depth,
+// the 0.99 clamp): dropped, counted, few.
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -33,11 +34,12 @@ typedef struct {
   float dropout;
 } scene_case;
 
-// Values: absolute, of colours and transmittance (depth: five times that). Gradients: largest error of one
-// Gaussian's group, relative to its norm plus a tenth of the group's rms norm over the scene. In Gaussians
-// far longer than they are wide the exponent is a difference of large terms in float, and the gradient of an
-// axis far below the pixel's dilation is rounding of a larger one: the cases that hold them are `hard`.
-// SSE4.1 rounds twice where the others fuse: twice the tolerance.
+// Values: absolute, of colours and transmittance (depth: five times that). Gradients: largest error
+// of one Gaussian's group, relative to its norm plus a tenth of the group's rms norm over the
+// scene. In Gaussians far longer than they are wide the exponent is a difference of large terms in
+// float, and the gradient of an axis far below the pixel's dilation is rounding of a larger one:
+// the cases that hold them are `hard`. SSE4.1 rounds twice where the others fuse: twice the
+// tolerance.
 static double tol_value(bool is_hard) { return is_hard ? 1e-4 : 2e-5; }
 // Needles: the terms of their power cancel; up to 5e-3 over 13 seeds.
 static double tol_grad(bool is_hard) { return is_hard ? 6e-3 : 2e-4; }
@@ -107,7 +109,8 @@ static void unproject(const dr_view *v, double x, double y, double z, double out
 }
 
 static void random_gaussian(sv_rng *r, const dr_view *v, double *p) {
-  // One draw a statement: C does not order a call's arguments, and every machine must get this scene.
+  // One draw a statement: C does not order a call's arguments, and every machine must get this
+  // scene.
   double x = uniform(r, 0.05, 0.95) * v->width_px;
   double y = uniform(r, 0.05, 0.95) * v->height_px;
   unproject(v, x, y, uniform(r, 1.8, 3.6), p);
@@ -119,11 +122,17 @@ static void random_gaussian(sv_rng *r, const dr_view *v, double *p) {
 
 static void special_gaussian(scene_kind kind, int i, sv_rng *r, const dr_view *v, double *p) {
   double w = v->width_px, h = v->height_px, z = uniform(r, 1.8, 3.6);
-  if (kind == CLAMPED && i % 3 != 2) { // centres outside the picture by more than 0.15 of it, reaching in
+  // centres outside the picture by more than 0.15 of it, reaching in
+  if (kind == CLAMPED && i % 3 != 2) {
     double x = i % 2 ? -uniform(r, 0.3, 0.6) * w : uniform(r, 1.3, 1.6) * w, y = uniform(r, 0.1, 0.9) * h;
-    if (i % 4 >= 2)
-      x = uniform(r, 0.1, 0.9) * w, y = i % 2 ? -uniform(r, 0.3, 0.6) * h : uniform(r, 1.3, 1.6) * h;
-    if (i % 6 == 0) x = -0.4 * w, y = -0.3 * h;
+    if (i % 4 >= 2) {
+      x = uniform(r, 0.1, 0.9) * w;
+      y = i % 2 ? -uniform(r, 0.3, 0.6) * h : uniform(r, 1.3, 1.6) * h;
+    }
+    if (i % 6 == 0) {
+      x = -0.4 * w;
+      y = -0.3 * h;
+    }
     unproject(v, x, y, z, p);
     for (int k = 7; k < 10; k++) p[k] = uniform(r, -0.7, 0.0);
     p[10] = uniform(r, 0, 3);
@@ -161,7 +170,8 @@ static void make_scene(const scene_case *c, dr_scene *s, sv_view *view) {
   sv_rng r = sv_rng_make(c->seed, 77);
   memset(s, 0, sizeof *s);
   make_view(c, s, view);
-  s->n = c->n, s->gain = 1;
+  s->n = c->n;
+  s->gain = 1;
   for (int i = 0; i < c->n; i++) {
     double *p = s->p[i];
     random_gaussian(&r, &s->view, p);
@@ -348,7 +358,8 @@ static void gradient_errors(const scene_case *c, const dr_scene *s, const truth 
   }
 }
 
-// Touched bits, exact zeros of what is not seen, and the weighted residuals (16 bits of a record's).
+// Touched bits, exact zeros of what is not seen, and the weighted residuals (16 bits of a
+// record's).
 static void check_shares(const scene_case *c, const dr_scene *s, const truth *t, const run *q, double slack) {
   int n_hidden = 0;
   for (int i = 0; i < q->g.cap; i++) {
@@ -454,8 +465,9 @@ TEST(test_cases) {
 
 // --- Adam ----------------------------------------------------------------------------------------
 
-// Of each step of 300: parameters against the same step in double, m to the nearest of 16 bits, v to one of both
-// neighbours. Of all: v, as its rounding has no bias, against the mean of squares without rounding.
+// Of each step of 300: parameters against the same step in double, m to the nearest of 16 bits, v
+// to one of both neighbours. Of all: v, as its rounding has no bias, against the mean of squares
+// without rounding.
 typedef struct {
   double p, m, v; // largest differences, relative ones of m and v
   double share;   // mean of v's ratio to the unrounded one
@@ -469,7 +481,11 @@ static adam_errors adam_steps(const sv_kernels *k) {
   const double b1 = 0.9f, b2 = 0.999f, eps = 1e-15f;
   adam_errors e = {0};
   sv_rng r = sv_rng_make(3, 9);
-  for (int i = 0; i < N; i++) p[i] = sv_rng_normal(&r), m[i] = v[i] = 0, exact[i] = 0;
+  for (int i = 0; i < N; i++) {
+    p[i] = sv_rng_normal(&r);
+    m[i] = v[i] = 0;
+    exact[i] = 0;
+  }
   for (int t = 1; t <= N_STEPS; t++) {
     float lr[N_ROWS];
     const double bias2 = sqrt(1 - pow(b2, t));
@@ -478,7 +494,8 @@ static adam_errors adam_steps(const sv_kernels *k) {
     for (int i = 0; i < N; i++) {
       g[i] = (touched >> i % 16 & 1) ? sv_rng_normal(&r) * powf(10, (float)(i % 9 - 6)) : 0;
       before[0][i] = (double)p[i];
-      before[1][i] = (double)s1_from_high(m[i]), before[2][i] = (double)s1_from_high(v[i]);
+      before[1][i] = (double)s1_from_high(m[i]);
+      before[2][i] = (double)s1_from_high(v[i]);
     }
     sv_adam_args a = {.beta1 = 0.9f,
                       .beta2 = 0.999f,

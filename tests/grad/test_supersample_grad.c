@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Supersampled training pictures: their value against four renderings' mean in double, a whole step's gradient against
-// central differences, and the same bits from all kernels and any number of threads.
+// Supersampled training pictures: their value against four renderings' mean in double, a whole
+// step's gradient against central differences, and the same bits from all kernels and any number of
+// threads.
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -23,11 +24,14 @@ static void open_training(const sv_kernels *k, const sv_pool *pool, sv_train_cfg
   sv_arena a = sv_arena_make(block, sizeof block);
   sv_err err;
   step_gradient_settings(&cfg);
-  cfg.cap_views = 2, cfg.cap_width_px = W, cfg.cap_height_px = H;
+  cfg.cap_views = 2;
+  cfg.cap_width_px = W;
+  cfg.cap_height_px = H;
   cfg.n_threads = pool->n_threads;
   if (sv_trainer_init(&t, &cfg, (sv_compute){k, pool}, &a, &err) < 0) fail_msg("%s", err.text);
   for (int i = 0; i < 2; i++) {
-    // The nearest and the farthest value there are: the absolute difference does not bend in between.
+    // The nearest and the farthest value there are: the absolute difference does not bend in
+    // between.
     for (int px = 0; px < W * H * 3; px++) picture[i][px] = (px / (20 + 7 * i)) % 2 ? 255 : 0;
     sv_pose pose;
     double eye[3] = {3, i - 0.5, 0.7}, at[3] = {0, 0, 0}, up[3] = {0, 0, 1};
@@ -47,8 +51,8 @@ static sv_train_cfg settings(void) {
 
 // --- value ---------------------------------------------------------------------------------------
 
-// Each sample is the pixel of a picture of the same size whose principal point is half a sample off; small splats, so
-// that four samples of one pixel differ.
+// Each sample is the pixel of a picture of the same size whose principal point is half a sample
+// off; small splats, so that four samples of one pixel differ.
 TEST(test_value) {
   static double sum[3][H][W];
   double worst = 0, spread = 0;
@@ -66,7 +70,8 @@ TEST(test_value) {
   fine.dilation_px2 = 0.25f * o.dilation_px2;
   for (int s = 0; s < 4; s++) {
     sv_view shifted = *v;
-    shifted.cx += s % 2 ? -0.25f : 0.25f, shifted.cy += s / 2 ? -0.25f : 0.25f;
+    shifted.cx += s % 2 ? -0.25f : 0.25f;
+    shifted.cy += s / 2 ? -0.25f : 0.25f;
     assert_int_equal(sv_render(&t.render, &t.g, &shifted, &fine), SV_OK);
     for (int c = 0; c < 3; c++)
       for (int y = 0; y < H; y++)
@@ -96,7 +101,11 @@ static void check_gradients(float tv, bool has_unseen) {
   char what[80];
   step_gradient_kernels(&k);
   cfg.weight_tv = tv;
-  if (has_unseen) cfg.n_unseen = 1, cfg.weight_tv_unseen = 200.0f, cfg.unseen_px = 30;
+  if (has_unseen) {
+    cfg.n_unseen = 1;
+    cfg.weight_tv_unseen = 200.0f;
+    cfg.unseen_px = 30;
+  }
   open_training(&k, &pool, cfg, 0.9f);
   for (int i = 0; i < 2; i++) step_gradient_check(&t, &sum);
   snprintf(what, sizeof what, "supersampled step, tv %g%s", (double)tv, has_unseen ? ", unseen views" : "");
@@ -150,7 +159,8 @@ TEST(test_from_and_scale) {
   open_training(&k, &pool, cfg, 0);
   assert_false(sv_train_is_supersampled(&t, 1, 0.4f));
   assert_true(sv_train_is_supersampled(&t, 1, 0.5f));
-  assert_false(sv_train_is_supersampled(&t, 2, 0.9f)); // reduced pictures are means of pixels already
+  // reduced pictures are means of pixels already
+  assert_false(sv_train_is_supersampled(&t, 2, 0.9f));
   cfg.is_supersampled = false;
   open_training(&k, &pool, cfg, 0);
   assert_false(sv_train_is_supersampled(&t, 1, 0.9f));

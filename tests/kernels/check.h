@@ -79,8 +79,8 @@ float *ck_floats_odd(ck *c, size_t n);
 // Numbers of 16 bits (upper halves of floats): those nearest to floats, and floats of them.
 uint16_t *ck_highs(ck *c, const float *from, size_t n);
 float *ck_wide(ck *c, const uint16_t *from, size_t n);
-#define CK_HIGH_TOL                                                                                          \
-  8e-3 // that two of them may differ by, where they are rounded from what differs by a little
+// that two of them may differ by, where they are rounded from what differs by a little
+#define CK_HIGH_TOL 8e-3
 void ck_fill(ck *c, float *p, size_t n, int kind);
 void ck_fill_bytes(ck *c, void *p, size_t n); // random bytes with runs of 0 and 255
 const char *ck_fill_name(int kind);

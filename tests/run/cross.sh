@@ -1,8 +1,9 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# The fast tests and the golden digests of another board on this machine, under emulation: `cross.sh generic-arm64`.
-# Emulation tells whether results are right (and whether they are the same bits), nothing about speed. Where the tools
-# or the foreign libraries cannot be had, says why and exits 77.
+# The fast tests and the golden digests of another board on this machine, under emulation: `cross.sh
+# generic-arm64`. Emulation tells whether results are right (and whether they are the same bits),
+# nothing about speed. Where the tools or the foreign libraries cannot be had, says why and exits
+# 77.
 set -u
 board=${1:?board} build=${BUILD:-build}
 cd "$(dirname "$(readlink -f "$0")")/../.." || exit 2

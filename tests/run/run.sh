@@ -4,16 +4,18 @@
 #
 #   run.sh [-j JOBS] [-t SECONDS] [-o FOLDER] LIST
 #
-# LIST holds one check a line: label <TAB> command [<TAB> seconds]. A label that starts with "!" runs after
-# the others, with nothing beside it. Cases are counted from cmocka's output, or from a line of the form above
-# that the command prints itself (the last one holds). A command that says neither is one case: exit 0 passed,
-# 77 skipped (its last line is the reason), anything else failed. A command that ends badly, or not in time,
-# adds a failure even when all its cases look well. Skipped cases are summed up at the end, a line a reason. Logs stay in FOLDER. Exit 1 when something failed or
-# nothing passed.
+# LIST holds one check a line: label <TAB> command [<TAB> seconds]. A label that starts with "!"
+# runs after the others, with nothing beside it. Cases are counted from cmocka's output, or from a
+# line of the form above that the command prints itself (the last one holds). A command that says
+# neither is one case: exit 0 passed, 77 skipped (its last line is the reason), anything else
+# failed. A command that ends badly, or not in time, adds a failure even when all its cases look
+# well. Skipped cases are summed up at the end, a line a reason. Logs stay in FOLDER. Exit 1 when
+# something failed or nothing passed.
 set -u
 
-# Why cases of a check were skipped, a line each: cases, label, reason, separated by tabs. A name in brackets at a
-# reason's end is the case's own; "skip  3 x REASON (LABELS)" is the summary of a run inside of this one.
+# Why cases of a check were skipped, a line each: cases, label, reason, separated by tabs. A name in
+# brackets at a reason's end is the case's own; "skip  3 x REASON (LABELS)" is the summary of a run
+# inside of this one.
 skips() {
   reasons=$(if [ "$1" -eq 77 ]; then tail -n 1 "$3"; else grep -iE '^ *skip(ped)?[: ]' "$3"; fi)
   printf '%s\n' "${reasons:-no reason was given}" | sed -E 's/^ *skip(ped)?:? *//' | awk -v label="$2" '{

@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# A check that cannot fail proves nothing. Each lint, the runner and the installer get a small tree with one seeded
-# fault that must turn them red, beside a clean tree that must leave them green.
+# A check that cannot fail proves nothing. Each lint, the runner and the installer get a small tree
+# with one seeded fault that must turn them red, beside a clean tree that must leave them green.
 set -u
 root=$(readlink -f "$(dirname "$0")/../..")
 lint=$root/tools/lint
@@ -112,6 +112,48 @@ add calib/solve/solve.h 'void *p(void) { return malloc(3); }'
 add src/app/app.c 'void f(struct pool *p) { p->free(3); sv_free(3); }'
 green "words: tools and solvers may, members and longer names are not the heap" "$lint/words.sh"
 
+# --- width and statements
+clean
+green "width: clean" "$lint/width.sh"
+long=$(yes word | head -n 25 | tr '\n' ' ')
+wide() { # file, line
+  clean
+  add "$1" "$2"
+  WANT='beyond column 100' red "width: $1" "$lint/width.sh"
+}
+wide src/app/app.c "// $long"
+wide src/app/app.c "int sv_count(void); // $long"
+wide tools/lab/run.sh "# $long"
+clean
+add src/app/app.c "static const char *sv_line = \"// $long\";"
+green "width: a long string is not a comment" "$lint/width.sh"
+clean
+green "statements: clean" "$lint/statements.sh"
+chain() { # line
+  clean
+  add src/app/app.c "void sv_f(int a, int b) {\n$1\n}"
+  WANT='chained by commas' red "statements: $1" "$lint/statements.sh"
+}
+chain '  a = 1, b = 2;'
+chain '  if (a) a++, b--;'
+chain '  for (int i = 0; i < 3; i++) a += i, b -= i;'
+chain '  sv_f(1, 2), sv_f(3, 4);'
+clean
+add src/app/app.c 'void sv_f(int a) {\n  int x = a, *p = &x;\n  int v[2] = {1, 2};\n  for (int i = 0, j = 1; i < j; i++, j--) sv_f(i);\n}'
+green "statements: declarations, initialisers and heads of for" "$lint/statements.sh"
+
+# --- terms
+clean
+green "terms: clean" "$lint/terms.sh"
+word_of_old() { # text, wanted term
+  clean
+  add src/app/app.c "$1"
+  WANT=$2 red "terms: $1" "$lint/terms.sh"
+}
+word_of_old "// the wa""y back of blending" 'backward pass'
+word_of_old "int has""te;" 'learning-rate boost'
+word_of_old "// an ow""n rasterizer" 'its own'
+
 # --- headers
 clean
 green "headers: clean" "$lint/headers.sh"
@@ -171,7 +213,8 @@ rm -rf build
 WANT='were they built' red "links: nothing built" "$lint/links.sh" build
 
 # --- calibration: a release of mrcal with other calls is named, not guessed
-mrcal() { # colour, name, an argument list for the call that tells the releases apart; "real" is the library's own
+mrcal() { # colour, name, an argument list for the call that tells the releases apart; "real" is the
+          # library's own
   mkdir -p fake/mrcal
   printf '#define mrcal_unpack_solver_state_vector sv_real\n#include_next <mrcal/mrcal.h>\n#undef %s\nvoid %s(%s);\n' \
     mrcal_unpack_solver_state_vector mrcal_unpack_solver_state_vector "$3" >fake/mrcal/mrcal.h
@@ -256,7 +299,7 @@ ended() { # with the run ends what it has started
 }
 green 'runner: ended before its time' ended
 
-# --- installer: on a machine that has everything it does nothing, without it asks for what is missing
+# --- installer: on a machine that has everything it does nothing, without it asks for what is missi
 mkdir -p bin
 for tool in sh uname id dirname readlink sort awk sed grep tr cut; do ln -sf "$(command -v $tool)" bin/; done
 needs() {

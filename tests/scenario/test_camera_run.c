@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The whole runtime on V4L2 cameras (behind their table of system calls): what they deliver is converted, trained on
-// and accounted for; faults cost exposures, never the run.
+// The whole runtime on V4L2 cameras (behind their table of system calls): what they deliver is
+// converted, trained on and accounted for; faults cost exposures, never the run.
 #include <string.h>
 
 #include "platform/camera/tiled.h"
@@ -22,7 +22,8 @@ static sv_status decode(void *self, const uint8_t *data, size_t bytes, int width
   return sv_codec_decode(self, data, bytes, &out, err);
 }
 
-// The simulator gives the rig, the cameras are ours. is_tiled: one camera, two sub-views side by side.
+// The simulator gives the rig, the cameras are ours. is_tiled: one camera, two sub-views side by
+// side.
 static void open_cameras(const char *options, bool is_tiled) {
   char spec[128];
   sv_camera_options o;
@@ -49,7 +50,8 @@ static void open_cameras(const char *options, bool is_tiled) {
   w.inner.clock = w.port.clock = clock;
   w.port.decoder = (sv_decoder){&codec, decode};
   for (int i = 0; i < 2; i++) assert_int_equal(src.caps(src.self, i, &w.caps[i]), SV_OK);
-  w.cfg.train.n_gaussians = 100, w.cfg.steps = 5;
+  w.cfg.train.n_gaussians = 100;
+  w.cfg.steps = 5;
 }
 
 static void close_cameras(void) {
@@ -106,7 +108,8 @@ TEST(a_damaged_picture_costs_its_exposure) {
   for (size_t i = at; i + 2 < n && i < at + 64; i++) fake.jpeg[0][i] = 0xff;
   w.cfg.capture_timeout_ns = 2 * SV_NS_PER_S;
   assert_int_equal(world_init(&w), SV_OK);
-  assert_int_equal(sv_app_run(&w.app, &w.err), SV_E_TIMEOUT); // none was whole: said, not trained on
+  // none was whole: said, not trained on
+  assert_int_equal(sv_app_run(&w.app, &w.err), SV_E_TIMEOUT);
   assert_true(w.app.capture.n_bad_exposures > 10);
   assert_int_equal(w.app.exposures.n, 0);
   assert_true(world_has_line(&w, "JPEG"));
@@ -127,7 +130,8 @@ TEST(short_frames_are_dropped_by_name) {
   close_cameras();
 }
 
-// A host that is held up for seconds while the streams start, or at any of the first frames: no clock has stepped.
+// A host that is held up for seconds while the streams start, or at any of the first frames: no
+// clock has stepped.
 static sv_source held_inner;
 static int n_dequeues, i_held;
 static sv_ns held_ns;
@@ -152,7 +156,8 @@ static sv_status held_stop(void *self) {
 TEST(a_host_held_up_at_the_start_costs_no_exposure) {
   static const char *const clocks[] = {",settle=0", ",settle=0,clock=boottime"};
   for (int k = 0; k < 2 * 7 * 2; k++) {
-    i_held = k % 7, held_ns = (k / 7 % 2 ? 5000 : 1400) * SV_NS_PER_MS;
+    i_held = k % 7;
+    held_ns = (k / 7 % 2 ? 5000 : 1400) * SV_NS_PER_MS;
     open_cameras(clocks[k / 14], false);
     held_inner = w.port.source;
     w.port.source = (sv_source){.n_cameras = 2,

@@ -19,7 +19,8 @@ static void must_complete(const char *line, const char *wanted) {
   FILE *p = popen(command, "r");
   assert_non_null(p);
   size_t n = fread(got, 1, sizeof got - 2, p);
-  got[n] = ' ', got[n + 1] = 0;
+  got[n] = ' ';
+  got[n + 1] = 0;
   assert_int_equal(pclose(p), 0);
   char mark[64];
   snprintf(mark, sizeof mark, " %s ", wanted);

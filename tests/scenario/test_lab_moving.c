@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Moving scenes in the host tool, run as a user runs it: a dataset of the simulator, its tables, frames and films,
-// the model as a PLY of differences.
+// Moving scenes in the host tool, run as a user runs it: a dataset of the simulator, its tables,
+// frames and films, the model as a PLY of differences.
 #include <stdio.h>
 #include <string.h>
 
@@ -30,7 +30,8 @@ FIXTURE(setup) {
 
 FIXTURE(teardown) { return lab_shell_close(&shell); }
 
-// One time in four of the training cameras is held out, and four cameras that no device has, over all times.
+// One time in four of the training cameras is held out, and four cameras that no device has, over
+// all times.
 TEST(test_dataset) {
   lab_shell_need(&shell);
   says("grep -c '\"split\": \"train\"' s/transforms_train_mono.json", "19");
@@ -39,7 +40,8 @@ TEST(test_dataset) {
   says("grep -c '\"split\": \"test_view\"' s/transforms_test.json", "100");
   run_well("cmp s/frames/mono_right/f007.png s/frames/stereo_right/f007.png"); // the same camera
   run_well("cmp s/frames/mono_right/f007.png s/frames/phone_wide/f007.png");
-  assert_int_equal(run("cmp s/frames/mono_right/f007.png s/frames/mono_right/f010.png"), 1); // it moves
+  // it moves
+  assert_int_equal(run("cmp s/frames/mono_right/f007.png s/frames/mono_right/f010.png"), 1);
   says("cat m.json", "\"time_psnr\"");
   says("@ import --from sim moving,noise=read:0.001 --out n || true", "are written without noise");
 }
@@ -58,7 +60,8 @@ TEST(test_tables) {
   says("grep -l '\"threads\": 1[,}]' u/runs/*_noise_0_*/time.out.json | wc -l", "6");
 }
 
-// A bar for each device, a group for each form of motion; pictures where there is gnuplot, and the page shows them.
+// A bar for each device, a group for each form of motion; pictures where there is gnuplot, and the
+// page shows them.
 TEST(test_plots) {
   static const char *const plots[] = {"dynamic_cameras_psnr", "dynamic_frames_psnr"};
   char line[200];
@@ -83,7 +86,8 @@ TEST(test_plots) {
   says("ls g/plots; cat g/tables.md", "gnuplot was not found");
 }
 
-// A still model in the folder of a moving one, and a file of viewers beside a moving one, do not move.
+// A still model in the folder of a moving one, and a file of viewers beside a moving one, do not
+// move.
 TEST(test_still_after_moving) {
   lab_shell_need(&shell);
   run_well("mkdir still && cp m/model.ply m/motion.bin still && "
@@ -97,7 +101,8 @@ TEST(test_still_after_moving) {
            "--out still/p");
 }
 
-// Files of viewers stand upright; a dataset's views see them as they see the model that they were made of.
+// Files of viewers stand upright; a dataset's views see them as they see the model that they were
+// made of.
 TEST(test_upright) {
   lab_shell_need(&shell);
   run_well("@ train --data s --transforms transforms_train_stereo.json --gaussians 60 --steps 40 --quiet "
@@ -112,7 +117,8 @@ TEST(test_upright) {
   assert_int_equal(run("@ eval --data s --model up/model.ply --up z"), 2);
 }
 
-// A disk that is full before all is written leaves the older model with its motion and settings, and nothing beside.
+// A disk that is full before all is written leaves the older model with its motion and settings,
+// and nothing beside.
 TEST(test_full_disk) {
   lab_shell_need(&shell);
   run_well("cp -r m full");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A multiplexed sensor from its calibration to its reconstruction: isolated pictures of a simulated scene make a rig,
-// and a run with that rig is compared with one with the true one.
+// A multiplexed sensor from its calibration to its reconstruction: isolated pictures of a simulated
+// scene make a rig, and a run with that rig is compared with one with the true one.
 #include <stdio.h>
 
 #include "calib/solve/structure.h"
@@ -16,7 +16,8 @@ static isolated set;
 static world w;
 
 typedef struct {
-  double held_out, measured; // mean PSNR: of views that were not taken, of the sensor's own pictures
+  double held_out, measured; // mean PSNR: of views that were not taken, of the sensor's own
+                             // pictures
 } quality;
 
 static quality reconstruct(const sv_rig *rig) {
@@ -50,7 +51,8 @@ TEST(test_reconstruction) {
   isolated_scene(&set, 3);
   const sv_rig *truth = &set.sim.rig;
   double a[3], b[3];
-  sv_pose_centre(a, &truth->sub_views[0].cam_from_rig), sv_pose_centre(b, &truth->sub_views[1].cam_from_rig);
+  sv_pose_centre(a, &truth->sub_views[0].cam_from_rig);
+  sv_pose_centre(b, &truth->sub_views[1].cam_from_rig);
   sv_sub3(a, a, b);
   cal_options o = {.isolated = set.isolated,
                    .white = set.white,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Capture that goes on while training: the newest exposures are what is trained on, each picture at its own pose; the
-// ledger stays exact; in turns on the virtual clock, and with a thread for the cameras.
+// Capture that goes on while training: the newest exposures are what is trained on, each picture at
+// its own pose; the ledger stays exact; in turns on the virtual clock, and with a thread for the
+// cameras.
 #include <string.h>
 
 #include "tests/common/test.h"
@@ -25,7 +26,8 @@ static void run_well(void) {
   }
 }
 
-// Each training view: its exposure's picture (rendered again at the view's place it is the same), and its pose.
+// Each training view: its exposure's picture (rendered again at the view's place it is the same),
+// and its pose.
 static void check_views(void) {
   static uint8_t rgb[64 * 48 * 3];
   int n_sub = w.cfg.rig->n_sub_views;
@@ -63,7 +65,8 @@ TEST(in_turns_on_the_virtual_clock) {
   assert_int_equal(world_stats(&w).step, 200);
   assert_true(has_live_line("capture  ", " | right 30.0 fps "));
   assert_true(
-      has_live_line("train  ", " | left 30.0 fps +0.000 ms dropped ")); // the cameras, while it trains
+      // the cameras, while it trains
+      has_live_line("train  ", " | left 30.0 fps +0.000 ms dropped "));
   check_views();
   world_close(&w);
 }

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The live view under attack while a run goes on: who may ask what, paths that are not there, damaged requests, slow
-// and many clients, a server that is killed again and again. The run must not notice: the same digest, an exact
-// ledger, no memory. SV_LONG=1 runs the long form (1,000,000 damaged requests, 16 clients for 60 s, 100 kills).
+// The live view under attack while a run goes on: who may ask what, paths that are not there,
+// damaged requests, slow and many clients, a server that is killed again and again. The run must
+// not notice: the same digest, an exact ledger, no memory. SV_LONG=1 runs the long form (1,000,000
+// damaged requests, 16 clients for 60 s, 100 kills).
 #include <errno.h>
 #include <netinet/in.h>
 #include <poll.h>
@@ -154,7 +155,9 @@ static void test_traversal(void **state) {
 
 static _Thread_local uint64_t rng = 88172645463325252ull;
 static uint32_t rnd(uint32_t n) {
-  rng ^= rng << 13, rng ^= rng >> 7, rng ^= rng << 17;
+  rng ^= rng << 13;
+  rng ^= rng >> 7;
+  rng ^= rng << 17;
   return (uint32_t)((rng >> 20) % n);
 }
 
@@ -261,8 +264,8 @@ static void keep_clients(int *slow, int *readers, storm *t) {
   }
 }
 
-// Those that send damaged requests and the one that kills have threads of their own: a client may have to wait for
-// its turn, and holds up nobody else then.
+// Those that send damaged requests and the one that kills have threads of their own: a client may
+// have to wait for its turn, and holds up nobody else then.
 #define N_SENDERS 4
 typedef struct {
   double gap_s; // from one kill to the next
@@ -301,7 +304,8 @@ static void attackers_stop(attackers *a) {
   while (a->n_started > 0) pthread_join(a->threads[--a->n_started], NULL);
 }
 
-// All of it at once on the run that is under way: at least so long, so many damaged requests and kills.
+// All of it at once on the run that is under way: at least so long, so many damaged requests and
+// kills.
 static storm attack(double seconds, long n_damaged, int n_kills, double at_most_s) {
   storm t = {.rss_kib = live_run_rss_kib(&r)};
   int slow[N_SLOW], readers[N_READERS];
@@ -310,7 +314,8 @@ static storm attack(double seconds, long n_damaged, int n_kills, double at_most_
   for (int i = 0; i < N_READERS; i++) begin_reader(&readers[i], i);
   attackers_start(&a);
   for (double begin = now_s(); t.seconds < at_most_s; t.seconds = now_s() - begin) {
-    t.n_damaged = atomic_load(&a.n_damaged), t.n_kills = atomic_load(&a.n_kills);
+    t.n_damaged = atomic_load(&a.n_damaged);
+    t.n_kills = atomic_load(&a.n_kills);
     if (t.seconds >= seconds && t.n_damaged >= n_damaged && t.n_kills >= n_kills) break;
     t.n_good += code_of("GET", "/state", NULL) == 200;
     t.n_good += code_of("GET", "/model.ply", NULL) == 200;
@@ -332,7 +337,8 @@ static storm attack(double seconds, long n_damaged, int n_kills, double at_most_
   assert_true(t.n_kills >= n_kills);
   assert_true(t.n_damaged >= n_damaged);
   assert_true(t.n_good > 0);
-  assert_true(t.half_rss_kib <= t.rss_kib + 2048); // pages of the block that had not been touched yet
+  // pages of the block that had not been touched yet
+  assert_true(t.half_rss_kib <= t.rss_kib + 2048);
   assert_true(t.most_rss_kib <= t.half_rss_kib + 128);
   return t;
 }
@@ -355,8 +361,9 @@ static void test_the_run_does_not_notice(void **state) {
   assert_string_equal(got, "true");
 }
 
-// Cameras on real time (a recording at its own speed, on the thread that cameras get) while the run trains and the
-// server is under attack: every frame is taken before the next one comes, and the ledger closes.
+// Cameras on real time (a recording at its own speed, on the thread that cameras get) while the run
+// trains and the server is under attack: every frame is taken before the next one comes, and the
+// ledger closes.
 static void test_capture_meets_its_deadlines(void **state) {
   (void)state;
   char command[700], got[64];

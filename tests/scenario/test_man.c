@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The man pages: made for every program, without a warning of groff, and with every option that --help has.
+// The man pages: made for every program, without a warning of groff, and with every option that
+// --help has.
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

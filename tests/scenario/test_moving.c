@@ -43,7 +43,8 @@ TEST(test_clip_beats_still) {
   assert_true(digest[0] == digest[1]); // one thread or two
 }
 
-// Every exposure gets its time, what comes meanwhile is left out and counted, and the memory stays what it was.
+// Every exposure gets its time, what comes meanwhile is left out and counted, and the memory stays
+// what it was.
 TEST(test_live) {
   open_world(3, 2);
   w.cfg.is_dynamic = w.cfg.is_continuous = true;

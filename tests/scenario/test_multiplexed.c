@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The whole runtime on sensors where lens images overlap: quality, threads, resumes, captures that replay, coverage,
-// and what is refused.
+// The whole runtime on sensors where lens images overlap: quality, threads, resumes, captures that
+// replay, coverage, and what is refused.
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -109,7 +109,8 @@ TEST(test_frames) {
   sv_measurements_get(&c, 1, 0, &model, &kept);
   for (int y = 0; y < 120; y++)
     for (int x = 0; x < 480; x++) assert_int_equal(kept[480 * y + x], 257 * px[y * f.stride_bytes + x]);
-  f.format = SV_PIX_RGB16, f.stride_bytes = 6 * 160 + 1; // at odd addresses, too
+  f.format = SV_PIX_RGB16;
+  f.stride_bytes = 6 * 160 + 1; // at odd addresses, too
   assert_int_equal(sv_measurements_put(&c, 1, &ex, &f, &w.inner.pool, &w.err), SV_OK);
   for (int y = 0; y < 120; y++)
     for (int x = 0; x < 480; x++) {
@@ -119,7 +120,8 @@ TEST(test_frames) {
   f.format = SV_PIX_GREY8;
   assert_int_equal(sv_measurements_put(&c, 0, &ex, &f, &w.inner.pool, &w.err), SV_E_UNSUPPORTED);
   assert_one_sentence(w.err.text);
-  f.format = SV_PIX_RGB8, f.width_px = 159;
+  f.format = SV_PIX_RGB8;
+  f.width_px = 159;
   assert_int_equal(sv_measurements_put(&c, 0, &ex, &f, &w.inner.pool, &w.err), SV_E_RANGE);
   assert_one_sentence(w.err.text);
   world_close(&w);

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// A million frames through the capture side of the runtime, in virtual time, while its user is given one to four times
-// the work it has time for: cameras with jitter, bursts, losses, duplicates, sequence resets and clock steps; a capture
-// side and a user that run side by side, each with a time of its own. The ledger stays exact, memory flat, frames are
-// taken up at once, no exposure is a half one, and what gives way does so in order: previews, training, exposures.
+// A million frames through the capture side of the runtime, in virtual time, while its user is
+// given one to four times the work it has time for: cameras with jitter, bursts, losses,
+// duplicates, sequence resets and clock steps; a capture side and a user that run side by side,
+// each with a time of its own. The ledger stays exact, memory flat, frames are taken up at once, no
+// exposure is a half one, and what gives way does so in order: previews, training, exposures.
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
@@ -32,7 +33,8 @@ typedef struct {
 static struct {
   camera_t cam[N_CAMERAS];
   sv_rng rng;
-  sv_ns now_ns, burst_until_ns; // while the host is stalled nothing arrives, then everything at once
+  sv_ns now_ns, burst_until_ns; // while the host is stalled nothing arrives, then everything at
+                                // once
   uint64_t n_frames;
   bool is_clean; // no faults: for the count of what overload alone costs
 } world;
@@ -74,7 +76,10 @@ static void expose(int c) {
   else {
     m->n_sent++;
     put(m, c, camera_ns, arrival_ns, sequence);
-    if (fault > 0.985 && fault < 0.99) m->n_sent++, put(m, c, camera_ns, arrival_ns, sequence);
+    if (fault > 0.985 && fault < 0.99) {
+      m->n_sent++;
+      put(m, c, camera_ns, arrival_ns, sequence);
+    }
   }
   m->slot++;
   m->next_ns += PERIOD_NS;
@@ -237,8 +242,8 @@ static void close_queue(void) {
     assert_true(sv_ledger_is_exact(l) && l->pending == 0);
     assert_int_equal(l->delivered, user.n_exposures); // the same for all: no half exposures
     assert_int_equal(m->n_on_loan, 0);
-    // Each frame that could be dequeued was, and is in the ledger; of those lost before, the gaps that the numbers
-    // tell of.
+    // Each frame that could be dequeued was, and is in the ledger; of those lost before, the gaps
+    // that the numbers tell of.
     uint64_t came = m->n_sent - m->n_starved - (uint64_t)m->n_waiting;
     assert_true(l->captured >= came && l->captured <= came + m->n_lost + m->n_starved);
   }
@@ -296,7 +301,8 @@ TEST(a_million_frames) {
   assert_true(world.n_frames >= 1000000);
   assert_true(p999_ns < 2 * SV_NS_PER_MS);
   assert_true(grown_kib < 256);
-  // In this order things give way. (A burst of more exposures than may wait costs some at any load.)
+  // In this order things give way. (A burst of more exposures than may wait costs some at any
+  // load.)
   assert_true(p[0].slowdown == 1 && p[0].n_overload < p[0].n_delivered / 1000 && p[0].train_share > 0.4);
   assert_true(p[1].slowdown > 1 && p[1].n_overload < p[1].n_delivered / 1000 && p[1].train_share > 0.38);
   assert_true(p[2].slowdown == SV_GOVERNOR_SLOWEST && p[2].n_overload < p[2].n_delivered / 100);
@@ -309,7 +315,8 @@ TEST(a_million_frames) {
   close_queue();
 }
 
-// When the user comes back from a long absence, the load goes and everything has its own pace again.
+// When the user comes back from a long absence, the load goes and everything has its own pace
+// again.
 TEST(overload_passes) {
   open_queue();
   world.is_clean = true;
@@ -343,7 +350,10 @@ TEST(bad_configs_are_refused) {
   sv_err err;
   sv_capture_queue_cfg good = {.n_cameras = 1, .caps = &caps, .queue_len = 2, .cap_ready = 1}, bad[4];
   for (int i = 0; i < 4; i++) bad[i] = good;
-  bad[0].n_cameras = 0, bad[1].cap_ready = 0, bad[2].queue_len = 0, bad[3].caps = NULL;
+  bad[0].n_cameras = 0;
+  bad[1].cap_ready = 0;
+  bad[2].queue_len = 0;
+  bad[3].caps = NULL;
   for (int i = 0; i < 4; i++) {
     sv_arena a = sv_arena_make(block, sizeof block);
     assert_int_equal(sv_capture_queue_init(&queue, &bad[i], &source, &clock, &a), SV_E_ARG);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page of a running simulator in a headless Chromium: what the person in front of the rig sees and does.
+// The page of a running simulator in a headless Chromium: what the person in front of the rig sees
+// and does.
 #include <errno.h>
 #include <fcntl.h>
 #include <math.h>
@@ -49,7 +50,8 @@ static bool skipped(void) {
   return false;
 }
 
-// A machine may have the program and still not let it run (sandboxes): that is as good as not having it.
+// A machine may have the program and still not let it run (sandboxes): that is as good as not
+// having it.
 static void open_browser(int w, int h) {
   char why[200];
   if (browser_open(&b, root, w, h, why, sizeof why)) return;
@@ -84,8 +86,8 @@ static void watch_and_start(void) {
   print_message("first model %.2f s after Start\n", now_s() - started);
 }
 
-// Pause is pressed by the page itself as soon as the PSNR has risen, with a curve and a picture to see: a fast machine
-// is done soon after.
+// Pause is pressed by the page itself as soon as the PSNR has risen, with a curve and a picture to
+// see: a fast machine is done soon after.
 static void watch_training(void) {
   MUST("page.state.psnr > 0", 60);
   assert_true(browser_eval(&b,

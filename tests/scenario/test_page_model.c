@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the page draws against what the runtime's renderer draws of the saved model: shape, SH of degree 2, motion, times;
-// by WebGL2 and by the page's own rasterizer.
+// What the page draws against what the runtime's renderer draws of the saved model: shape, SH of
+// degree 2, motion, times; by WebGL2 and by the page's own rasterizer.
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -59,7 +59,11 @@ static sv_view view_of_page(void) {
                    text, sizeof text));
   char *p = text;
   for (int i = 0; i < 12; i++) v[i] = strtod(p, &p);
-  for (int k = 0; k < 3; k++) eye[k] = v[k], at[k] = v[3 + k], up[k] = v[6 + k];
+  for (int k = 0; k < 3; k++) {
+    eye[k] = v[k];
+    at[k] = v[3 + k];
+    up[k] = v[6 + k];
+  }
   sv_pose pose;
   assert_true(sv_pose_look_at(&pose, eye, at, up));
   assert_true(v[10] <= CAP_W && v[11] <= CAP_W);
@@ -91,7 +95,9 @@ static double difference(const uint8_t *a, const uint8_t *c, int n) {
 
 static int render(const sv_view *v, float time, uint8_t *rgb) {
   lab_settings st = lab_settings_default();
-  st.is_antialiased = model.is_mip, st.dilation_px2 = model.dilation_px2, st.near_z = 0.05f;
+  st.is_antialiased = model.is_mip;
+  st.dilation_px2 = model.dilation_px2;
+  st.near_z = 0.05f;
   sv_render_options o = lab_render_options(&st, model.g.sh_degree, false);
   if (model.deform.kind)
     sv_deform_at(&model.deform, &(sv_compute){&session.k, &session.pool}, &model.g, time);
@@ -173,8 +179,8 @@ static void must_download(const char *url, const char *path) {
   free(file);
 }
 
-// What the page hands out is, byte by byte, what the run has saved, and what the host tool exports from that: the
-// simulator's worlds have z up, so SPZ is turned.
+// What the page hands out is, byte by byte, what the run has saved, and what the host tool exports
+// from that: the simulator's worlds have z up, so SPZ is turned.
 static void check_downloads(void) {
   char path[400];
   sv_err err;

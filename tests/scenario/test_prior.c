@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sparse-view priors as a user runs them. This program is also the one that --prior external: calls: a fixer that knows
-// the simulator's scene, as good as such a program could be.
+// Sparse-view priors as a user runs them. This program is also the one that --prior external:
+// calls: a fixer that knows the simulator's scene, as good as such a program could be.
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -87,13 +87,16 @@ static int fix(const char *mode, const char *folder) {
   }
   int bad = answer(&o, mode, folder, &views);
   lab_views_free(&views);
-  free(block), free(o.rgb), free(o.depth);
+  free(block);
+  free(o.rgb);
+  free(o.depth);
   return bad;
 }
 
 // --- tests ---------------------------------------------------------------------------------------
 
-// A training of one camera's only exposure; `prior` stands for its options, # in it for this program as a fixer.
+// A training of one camera's only exposure; `prior` stands for its options, # in it for this
+// program as a fixer.
 static int train(const char *out, const char *prior) {
   char line[2048];
   size_t at =
@@ -157,7 +160,8 @@ TEST(test_depth) {
   const double depth_off = number("abs_rel");
   const double metric = psnr_of("metric", "--prior 'external:# metric' --prior-calls 1 --prior-views 1");
   const double metric_off = number("abs_rel");
-  assert_int_equal((int)number("prior_depths"), 1); // without a picture, no pseudo-view to have depth
+  // without a picture, no pseudo-view to have depth
+  assert_int_equal((int)number("prior_depths"), 1);
   const double relative =
       psnr_of("relative", "--prior 'external:# disparity' --prior-calls 1 --prior-views 1");
   const double relative_off = number("abs_rel");
@@ -177,7 +181,8 @@ TEST(test_same_bits) {
   assert_contains(shell.said, first);
 }
 
-// A program that fails before the first step stops the run; later on, training continues without it.
+// A program that fails before the first step stops the run; later on, training continues without
+// it.
 TEST(test_failures) {
   lab_shell_need(&shell);
   assert_int_equal(train("f", "--prior 'external:echo no such net; exit 7;'"), 1);
@@ -204,8 +209,8 @@ TEST(test_failures) {
   assert_contains(shell.said, "9x9 pixels, expected the 96x72");
 }
 
-// FSGS and SparseGS on a stereo pair, whose views tell of depth themselves; and on one camera with estimated depth, from a
-// program or from files that the dataset names.
+// FSGS and SparseGS on a stereo pair, whose views tell of depth themselves; and on one camera with
+// estimated depth, from a program or from files that the dataset names.
 TEST(test_methods) {
   lab_shell_need(&shell);
   static const char *const names[] = {"fsgs", "sparsegs"};
@@ -246,7 +251,8 @@ TEST(test_methods) {
   assert_contains(shell.said, "e0.png");
 }
 
-// The runtime itself, on the simulator: the same model from any number of threads, in the block that was planned.
+// The runtime itself, on the simulator: the same model from any number of threads, in the block
+// that was planned.
 TEST(test_run) {
   static const char *const methods[] = {"fsgs", "sparsegs"};
   char line[600];

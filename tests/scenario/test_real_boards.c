@@ -57,7 +57,11 @@ TEST(test_real_stereo) {
   need_mrcal();
   out_folder(out, "stereo");
   cal_options o = options_of("LENSMODEL_OPENCV5", out);
-  o.images.of[0] = left, o.images.of[1] = right, o.images.n = 2, o.n_cols = 9, o.n_rows = 6,
+  o.images.of[0] = left;
+  o.images.of[1] = right;
+  o.images.n = 2;
+  o.n_cols = 9;
+  o.n_rows = 6;
   o.spacing_m = 0.025;
   assert_int_equal(cal_cmd_board(&o), CAL_EXIT_OK);
   double l = focal_of(out, "left"), r = focal_of(out, "right");
@@ -75,8 +79,14 @@ TEST(test_real_stereo) {
   assert_int_equal(cal_cmd_board(&o), CAL_EXIT_OK); // from corners.txt
   assert_true(fabs(focal_of(out, "left") / l - 1) < 1e-9);
   cal_options check = options_of(NULL, NULL);
-  check.rig = out, check.images.of[0] = left, check.images.of[1] = right, check.images.n = 2;
-  check.board = "9x6", check.n_cols = 9, check.n_rows = 6, check.spacing_m = 0.025;
+  check.rig = out;
+  check.images.of[0] = left;
+  check.images.of[1] = right;
+  check.images.n = 2;
+  check.board = "9x6";
+  check.n_cols = 9;
+  check.n_rows = 6;
+  check.spacing_m = 0.025;
   assert_int_equal(cal_cmd_check(&check), CAL_EXIT_OK);
   // Ctrl-C: what was found before is kept, and no file of a result is begun.
   char command[3 * SV_CAP_PATH];
@@ -105,7 +115,11 @@ TEST(test_real_stills) {
     snprintf(name, sizeof name, "cam0%d", c + 1);
     out_folder(out, name);
     cal_options o = options_of(NULL, out);
-    o.images.of[0] = images, o.images.n = 1, o.n_cols = 4, o.n_rows = 7, o.spacing_m = 0.06;
+    o.images.of[0] = images;
+    o.images.n = 1;
+    o.n_cols = 4;
+    o.n_rows = 7;
+    o.spacing_m = 0.06;
     assert_int_equal(cal_cmd_board(&o), CAL_EXIT_OK);
     assert_true(fabs(focal_of(out, name) / (want[c] / 128) - 1) < 0.015);
     remove_folder(out);

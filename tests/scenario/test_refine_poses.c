@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Training that corrects the rig's poses: a source that is off by a third of a degree and some millimetres.
+// Training that corrects the rig's poses: a source that is off by a third of a degree and some
+// millimetres.
 #include <math.h>
 #include <string.h>
 
@@ -59,11 +60,14 @@ static outcome run(bool is_wrong, bool is_refining, int n_threads) {
             d = sv_pose_mul(&p, &inv);
     double v[3], a[3], b[3];
     sv_rodrigues_inv(v, d.r);
-    sv_pose_centre(a, &p), sv_pose_centre(b, &truth[e]);
+    sv_pose_centre(a, &p);
+    sv_pose_centre(b, &truth[e]);
     sv_sub3(a, a, b);
-    o.rotation_deg += sv_dot3(v, v) / N, o.place_m += sv_dot3(a, a) / N;
+    o.rotation_deg += sv_dot3(v, v) / N;
+    o.place_m += sv_dot3(a, a) / N;
   }
-  o.rotation_deg = sqrt(o.rotation_deg) * 180 / SV_PI, o.place_m = sqrt(o.place_m);
+  o.rotation_deg = sqrt(o.rotation_deg) * 180 / SV_PI;
+  o.place_m = sqrt(o.place_m);
   for (int i = 0; i < 8; i++) {
     sv_view v;
     double t, mse;
@@ -101,8 +105,12 @@ TEST(test_gain) {
 // The twist's gradient by differences: of a linear function of cam_from_world's twist.
 TEST(test_chain) {
   sv_pose cam, rig;
-  sv_rodrigues(cam.r, (double[3]){0.3, -0.5, 0.9}), sv_rodrigues(rig.r, (double[3]){-0.8, 0.2, 0.4});
-  for (int k = 0; k < 3; k++) cam.t[k] = 0.4 * k - 0.3, rig.t[k] = 1.7 - 0.9 * k;
+  sv_rodrigues(cam.r, (double[3]){0.3, -0.5, 0.9});
+  sv_rodrigues(rig.r, (double[3]){-0.8, 0.2, 0.4});
+  for (int k = 0; k < 3; k++) {
+    cam.t[k] = 0.4 * k - 0.3;
+    rig.t[k] = 1.7 - 0.9 * k;
+  }
   const double g[6] = {0.3, -1.2, 0.7, 0.9, 0.1, -0.6};
   double out[6], h = 1e-6;
   sv_pose_twist_bwd(&cam, g, out);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a run that goes on asks of its checkpoint: made by this run, not by one of another scene or another seed.
+// What a run that goes on asks of its checkpoint: made by this run, not by one of another scene or
+// another seed.
 #include <string.h>
 
 #include "tests/common/test.h"

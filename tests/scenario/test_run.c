@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The whole runtime on the simulator and its virtual clock: quality, rigs, clocks that lie, cameras that vanish,
-// captures that replay, stops and resumes, and sizes at their limits.
+// The whole runtime on the simulator and its virtual clock: quality, rigs, clocks that lie, cameras
+// that vanish, captures that replay, stops and resumes, and sizes at their limits.
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -54,7 +54,8 @@ static double train_quality(const quality *q, uint64_t mask) {
 
 TEST(test_stereo_beats_one_sub_view) {
   static const quality runs[] = {
-      {"textured,rig=stereo,size=160x120", 8, 29.0, 0.3}, // measured: 30.6 dB, 0.8 dB over the left one alone
+      // measured: 30.6 dB, 0.8 dB over the left one alone
+      {"textured,rig=stereo,size=160x120", 8, 29.0, 0.3},
       {"occlusion,rig=stereo,size=160x120", 8, 27.3, 0.8}, // 28.9 dB, 1.6 dB
       {"textured,rig=stereo,size=160x120", 4, 29.5,
        2.0}, // 31.1 dB, 3.4 dB: the fewer exposures, the more it helps
@@ -83,7 +84,8 @@ TEST(test_gauss_newton_beats_adam) {
 
 // --- cameras in time -----------------------------------------------------------------------------
 
-// Every exposure's pose is the simulator's at the exposure's own time, and lies within the limit of the truth.
+// Every exposure's pose is the simulator's at the exposure's own time, and lies within the limit of
+// the truth.
 static void assert_exposures(sv_ns skew_limit_ns) {
   const sv_exposures *e = &w.app.exposures;
   for (int i = 0; i < e->n; i++) {
@@ -104,7 +106,8 @@ static void assert_exposures(sv_ns skew_limit_ns) {
   }
 }
 
-// A picture belongs to its pose: rendered again at the view's true place, it is the same but for noise.
+// A picture belongs to its pose: rendered again at the view's true place, it is the same but for
+// noise.
 static void assert_pictures(double max_rms) {
   static uint8_t rgb[640 * 480 * 3];
   for (int i = 0; i < w.app.exposures.n; i++)
@@ -148,8 +151,8 @@ TEST(test_bad_timing) {
     assert_pictures(1e-9);
     sv_ledger l = sv_sync_ledger_sum(&w.app.queue.sync);
     assert_true(sv_ledger_dropped(&l) >= runs[i].min_dropped);
-    // What the simulator says it exposed is what the ledger says was captured: each frame that came, and the
-    // lost ones that a later frame has told of.
+    // What the simulator says it exposed is what the ledger says was captured: each frame that
+    // came, and the lost ones that a later frame has told of.
     for (int c = 0; c < w.cfg.n_cameras; c++) {
       const sv_sim_counts *n = sv_sim_camera_counts(&w.sim, c);
       uint64_t captured = sv_sync_ledger(&w.app.queue.sync, c)->captured;
@@ -432,13 +435,15 @@ TEST(test_save_every) {
 // --- limits --------------------------------------------------------------------------------------
 
 TEST(test_smallest_run) {
-  // One pixel: a light field of 16 x 16 px lenses is the simulator's smallest, so the rig is cut by hand.
+  // One pixel: a light field of 16 x 16 px lenses is the simulator's smallest, so the rig is cut by
+  // hand.
   open_world("textured,rig=lightfield,size=16x16", 1);
   sv_rig rig = w.sim.rig;
   for (int i = 0; i < rig.n_sub_views; i++) {
     sv_sub_view *v = &rig.sub_views[i];
     v->model.width_px = v->model.height_px = 1;
-    v->model.p[0] = v->model.p[1] = 1.3, v->model.p[2] = v->model.p[3] = 0.5;
+    v->model.p[0] = v->model.p[1] = 1.3;
+    v->model.p[2] = v->model.p[3] = 0.5;
     v->footprint.width_px = v->footprint.height_px = 1;
   }
   w.cfg.rig = &rig;
@@ -477,8 +482,8 @@ TEST(test_bad_settings) {
   }
 }
 
-// The plan is exact: a block of that size runs, one that is a take's alignment or more shorter is refused with a
-// sentence, whatever the size.
+// The plan is exact: a block of that size runs, one that is a take's alignment or more shorter is
+// refused with a sentence, whatever the size.
 TEST(test_short_arena) {
   open_world("textured,rig=phone,size=64x48", 3);
   w.cfg.steps = 2;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Skew on the simulator, against what it knows: measured skew within 100 us of the true difference of mid-exposures
-// at 50 ppm and 1 ms of jitter (of the arrivals, of the stamps, of both); again so within 2 s of any clock step; free
-// cameras brought together by the length of their frames; triggered ones; and the exposures of a real recording
-// counted by hand.
+// Skew on the simulator, against what it knows: measured skew within 100 us of the true difference
+// of mid-exposures at 50 ppm and 1 ms of jitter (of the arrivals, of the stamps, of both); again so
+// within 2 s of any clock step; free cameras brought together by the length of their frames;
+// triggered ones; and the exposures of a real recording counted by hand.
 #include <math.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -151,7 +151,8 @@ TEST(steps_are_over_in_two_seconds) {
     }
 }
 
-// Oscillators 60 ppm apart and 7 ms of phase: left alone they drift out of the limit, corrected they meet.
+// Oscillators 60 ppm apart and 7 ms of phase: left alone they drift out of the limit, corrected
+// they meet.
 TEST(frame_lengths_bring_cameras_together) {
   static const char spec[] =
       "textured,rig=stereo,size=16x16,fps=30,skew_us=7000,rate_ppm=30,frames=9000,delay_jitter_us=500";
@@ -218,9 +219,9 @@ static void read_rows(const char *path) {
   }
 }
 
-// By the definition, without queues or waiting: the most exposures of one frame of each camera within the limit, in
-// order of time. Greedy from the oldest head is best: when the heads do not fit, the oldest one fits with nothing
-// later either.
+// By the definition, without queues or waiting: the most exposures of one frame of each camera
+// within the limit, in order of time. Greedy from the oldest head is best: when the heads do not
+// fit, the oldest one fits with nothing later either.
 static int count_directly(double limit_s) {
   int at[4] = {0}, n = 0;
   for (;;) {
@@ -228,7 +229,10 @@ static int count_directly(double limit_s) {
     double first = 1e300, last = -1e300;
     for (int c = 0; c < 4; c++) {
       if (at[c] >= n_rows[c]) return n;
-      if (rows[c][at[c]] < first) first = rows[c][at[c]], oldest = c;
+      if (rows[c][at[c]] < first) {
+        first = rows[c][at[c]];
+        oldest = c;
+      }
       if (rows[c][at[c]] > last) last = rows[c][at[c]];
     }
     if (last - first > limit_s) at[oldest]++;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What every source of frames must do (tests/common/source_suite.h), on all that exist here. A new source is one line
-// in SOURCES; cameras that are really there: tests/conform/source_check.c.
+// What every source of frames must do (tests/common/source_suite.h), on all that exist here. A new
+// source is one line in SOURCES; cameras that are really there: tests/conform/source_check.c.
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -124,7 +124,8 @@ static void record(void) {
     assert_int_equal(src->requeue(src->self, &f), SV_OK);
   }
   assert_int_equal(src->stop(src->self), SV_OK);
-  for (int k = 0; k < 2 * N_RECORDED; k++) { // the rig stands still from 40 ms before to 40 ms after mid-slot
+  // the rig stands still from 40 ms before to 40 ms after mid-slot
+  for (int k = 0; k < 2 * N_RECORDED; k++) {
     sv_pose pose;
     sv_ns t = sv_sim_slot_ns(&w.sim, k / 2) + (k & 1 ? 40 : -40) * SV_NS_PER_MS;
     sv_sim_rig_pose(&w.sim, t, &pose);
@@ -185,7 +186,8 @@ TEST(test_replay_gives_the_same_exposures) {
   static sv_exposure want[8];
   static uint8_t px[8][2][64 * 48 * 3];
   if (!open_sim()) fail_msg("%s", w.err.text);
-  w.cfg.train.n_gaussians = 50, w.cfg.steps = 2;
+  w.cfg.train.n_gaussians = 50;
+  w.cfg.steps = 2;
   world_run_well(&w);
   assert_int_equal(w.app.exposures.n, 8);
   sv_image_u8 im;
@@ -199,7 +201,8 @@ TEST(test_replay_gives_the_same_exposures) {
   }
   world_close(&w);
   if (!open_replay()) fail_msg("%s", w.err.text);
-  w.cfg.train.n_gaussians = 50, w.cfg.steps = 2;
+  w.cfg.train.n_gaussians = 50;
+  w.cfg.steps = 2;
   world_run_well(&w);
   assert_int_equal(w.app.exposures.n, 8);
   for (int i = 0; i < 8; i++) {

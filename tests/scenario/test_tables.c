@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// `subview-lab tables` as a user runs it, on a tiny simulated dataset: what it writes, going on after a stop and
-// after damage, without gnuplot, and bad input. SV_BIN names the programs' folder. Skipped under emulation: the
-// program starts itself again, which an emulator does not do.
+// `subview-lab tables` as a user runs it, on a tiny simulated dataset: what it writes, going on
+// after a stop and after damage, without gnuplot, and bad input. SV_BIN names the programs' folder.
+// Skipped under emulation: the program starts itself again, which an emulator does not do.
 #include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -118,7 +118,8 @@ TEST(test_rows) {
   }
 }
 
-// One exposure is scored near, three are scored all around, the curve of exposures always all around.
+// One exposure is scored near, three are scored all around, the curve of exposures always all
+// around.
 TEST(test_protocol) {
   char cell[3][40];
   lab_shell_need(&shell);
@@ -220,7 +221,8 @@ TEST(test_nothing_is_done_twice) {
   free(before);
   free(after);
   run_well(
-      "cp -r a n && @ tables --data ../s --quick --steps 2 --gaussians 40 --out n --quiet"); // other settings: others
+      // other settings: others
+      "cp -r a n && @ tables --data ../s --quick --steps 2 --gaussians 40 --out n --quiet");
   assert_string_equal(shell.said, "");
 }
 
@@ -254,8 +256,8 @@ TEST(test_other_pictures) {
   assert_done(0, N_RUNS);
 }
 
-// Noise on the predicted measurements makes other runs than the same figures on the pictures, and none of the devices
-// that have pictures only.
+// Noise on the predicted measurements makes other runs than the same figures on the pictures, and
+// none of the devices that have pictures only.
 TEST(test_noise_is_a_setting) {
   lab_shell_need(&shell);
   run_well("mkdir -p p && cp -r a/runs p && @ tables " SETTING " --noise prediction,read=0,shot=0 --out p");
@@ -273,7 +275,8 @@ TEST(test_noise_is_a_setting) {
 
 TEST(test_stop) {
   lab_shell_need(&shell);
-  // The first run is long enough to be stopped in; SIGTERM reaches the program only, Ctrl-C would do the same.
+  // The first run is long enough to be stopped in; SIGTERM reaches the program only, Ctrl-C would
+  // do the same.
   int code = run("@ tables --data ../s --quick --steps 2000000 --gaussians 40 --out i & p=$!; "
                  "for i in $(seq 200); do ls i/runs/*/log.txt >/dev/null 2>&1 && break; sleep 0.05; done; "
                  "sleep 0.3; kill -TERM $p; wait $p");
@@ -325,7 +328,8 @@ TEST(test_bad_input) {
   }
 }
 
-// Many more Gaussians than depth maps give points: the plan has room for what depth maps give, however many are asked for.
+// Many more Gaussians than depth maps give points: the plan has room for what depth maps give,
+// however many are asked for.
 TEST(test_many_start_on_the_surface) {
   lab_shell_need(&shell);
   if (run("@ train --data ../s --transforms transforms_train_stereo_theta10.json --exposures 1 "

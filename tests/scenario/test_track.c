@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Odometry on handheld captures of the simulator: how far off, how sure of its scale, what it does when it cannot
-// know; and a run whose source does not tell its poses against one whose source does.
+// Odometry on handheld captures of the simulator: how far off, how sure of its scale, what it does
+// when it cannot know; and a run whose source does not tell its poses against one whose source
+// does.
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -42,7 +43,10 @@ static outcome compare(int n) {
   int m = 0;
   sv_tracker_finish(&tracker, &o.s);
   for (int i = 0; i < n; i++)
-    if (tracker.is_placed[i]) a[m] = tracker.pose[i], b[m++] = truth[i];
+    if (tracker.is_placed[i]) {
+      a[m] = tracker.pose[i];
+      b[m++] = truth[i];
+    }
   sv_similarity q = sv_align_trajectories(a, b, m, true);
   for (int i = 0; i < m; i++) {
     sv_pose p = sv_similarity_apply(&q, &a[i]);
@@ -71,7 +75,8 @@ static outcome track_covered(const char *spec, int n, uint32_t isa_mask, int i_d
   if (!strstr(spec, "exposures=")) c.n_exposures = n;
   assert_ok(sv_sim_init(&sim, &c, &a, &err), &err);
   sv_track_cfg t = sv_track_defaults();
-  t.rig = sv_sim_rig(&sim), t.cap_exposures = n;
+  t.rig = sv_sim_rig(&sim);
+  t.cap_exposures = n;
   sv_kernels_init(&k, isa_mask);
   size_t before = a.used_bytes;
   assert_ok(sv_tracker_init(&tracker, &t, &k, &a, &err), &err);
@@ -81,7 +86,8 @@ static outcome track_covered(const char *spec, int n, uint32_t isa_mask, int i_d
   for (int i = 0; i < n; i++) {
     sv_image_u8 last = take(&src, src.n_cameras - 1);
     for (int v = 0; v < src.n_cameras; v++) {
-      image[v] = last, image[v].px = picture[v];
+      image[v] = last;
+      image[v].px = picture[v];
       if (i >= i_dark && i < i_dark + n_dark) memset(picture[v], 0, sizeof picture[v]);
     }
     sv_sim_rig_pose(&sim, sv_sim_slot_ns(&sim, i), &truth[i]);
@@ -118,8 +124,8 @@ TEST(test_handheld) {
   }
 }
 
-// More exposures than are adjusted together, and the last part of them sees nothing: the scale is as well known as
-// without those.
+// More exposures than are adjusted together, and the last part of them sees nothing: the scale is
+// as well known as without those.
 TEST(test_long) {
   outcome o[2];
   for (int i = 0; i < 2; i++) {
@@ -165,8 +171,8 @@ TEST(test_still) {
   assert_int_equal(sv_tracker_add(&tracker, image), SV_E_RANGE);
 }
 
-// Exposures that see nothing of what the first one saw do not tell whether the rig stands: they are left out, and when
-// there are no others nothing is known.
+// Exposures that see nothing of what the first one saw do not tell whether the rig stands: they are
+// left out, and when there are no others nothing is known.
 TEST(test_still_covered) {
   static const char spec[] = "room,rig=stereo,path=step,arc=0,exposures=100000,size=320x240" NOISE;
   outcome o = track_covered(spec, 6, ~0u, 2, 1);
@@ -194,9 +200,10 @@ static void true_pose(void *self, sv_ns time_ns, sv_pose *rig_from_world) {
   sv_sim_rig_pose(self, time_ns, rig_from_world);
 }
 
-// Mean squared error of a held-out view, turned by up to half a pixel to where it fits best: a world that was found fits
-// the true one by its trajectory only as well as that is known. So are views of unknown poses scored elsewhere (Lin et
-// al., BARF, 2021: the poses of test views are optimised).
+// Mean squared error of a held-out view, turned by up to half a pixel to where it fits best: a
+// world that was found fits the true one by its trajectory only as well as that is known. So are
+// views of unknown poses scored elsewhere (Lin et al., BARF, 2021: the poses of test views are
+// optimised).
 static double registered_mse(const sv_view *v, const uint8_t *rgb) {
   static const float toward[4][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}};
   sv_view at = *v;
@@ -208,10 +215,15 @@ static double registered_mse(const sv_view *v, const uint8_t *rgb) {
       is_better = false;
       for (int k = 0; k < 4; k++) {
         sv_view u = from;
-        u.cx += step * toward[k][0], u.cy += step * toward[k][1];
+        u.cx += step * toward[k][0];
+        u.cy += step * toward[k][1];
         if (fabsf(u.cx - v->cx) > 0.51f || fabsf(u.cy - v->cy) > 0.51f) continue;
         assert_int_equal(sv_driver_mse(&w.app.trainer, &u, rgb, &mse), SV_OK);
-        if (mse < best) best = mse, at = u, is_better = true;
+        if (mse < best) {
+          best = mse;
+          at = u;
+          is_better = true;
+        }
       }
     }
   return best;

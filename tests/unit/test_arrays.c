@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The list of arrays in the plan against the trainer's own layout: an array that is new, or of another type, shows.
+// The list of arrays in the plan against the trainer's own layout: an array that is new, or of
+// another type, shows.
 #include <math.h>
 #include <string.h>
 
@@ -13,7 +14,8 @@ static void check(const sv_train_cfg *c, const char *what) {
     if (strcmp(f.row[i].name, "other") == 0)
       fail_msg("%s: %.2f bytes a Gaussian and %.3f a pixel are in no row of src/app/arrays.c", what,
                f.row[i].per_gaussian, f.row[i].per_pixel);
-    g += f.row[i].per_gaussian, px += f.row[i].per_pixel;
+    g += f.row[i].per_gaussian;
+    px += f.row[i].per_pixel;
   }
   if (fabs(g - f.per_gaussian) > 0.1 || fabs(px - f.per_pixel) > 0.1)
     fail_msg("%s: the rows of src/app/arrays.c add up to %.2f and %.3f bytes, the trainer takes %.2f a "

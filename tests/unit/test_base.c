@@ -143,7 +143,8 @@ TEST(test_text) {
       {"\xc3(\x80", "\xef\xbf\xbd(\xef\xbf\xbd", "_(_"},               // stray
       {"\xc0\xaf", "\xef\xbf\xbd\xef\xbf\xbd", "__"},                  // longer than it need be
       {"\xed\xa0\x80", "\xef\xbf\xbd\xef\xbf\xbd\xef\xbf\xbd", "___"}, // a surrogate
-      {"\xf4\x90\x80\x80 ", "\xef\xbf\xbd\xef\xbf\xbd\xef\xbf\xbd\xef\xbf\xbd ", "____ "}, // beyond Unicode
+      // beyond Unicode
+      {"\xf4\x90\x80\x80 ", "\xef\xbf\xbd\xef\xbf\xbd\xef\xbf\xbd\xef\xbf\xbd ", "____ "},
   };
   for (size_t i = 0; i < sizeof texts / sizeof *texts; i++) {
     s = sv_str_make(b, sizeof b);
@@ -187,7 +188,8 @@ TEST(test_random) {
     n_same += sv_rng_u32(&a) == sv_rng_u32(&c);
     (void)sv_rng_u32(&b);
     double z = (double)sv_rng_normal(&c);
-    sum += z, sq += z * z;
+    sum += z;
+    sq += z * z;
     count[sv_rng_below(&c, 7)]++;
   }
   assert_true(n_same < 5);
@@ -202,8 +204,10 @@ TEST(test_poses) {
   for (int i = 0; i < 1000; i++) {
     double w[3], back[3], q[4], x[3] = {0.3, -2, 5}, y[3];
     sv_pose a, b;
-    for (int k = 0; k < 3; k++)
-      w[k] = 1.7 * (2 * (double)sv_rng_f(&r) - 1), a.t[k] = (double)sv_rng_normal(&r);
+    for (int k = 0; k < 3; k++) {
+      w[k] = 1.7 * (2 * (double)sv_rng_f(&r) - 1);
+      a.t[k] = (double)sv_rng_normal(&r);
+    }
     sv_rodrigues(a.r, w);
     assert_true(sv_rotation_error(a.r) < 1e-14);
     sv_rodrigues_inv(back, a.r);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The bench's own arithmetic: sorted times, growth, bounds and counts. Real times are not tested here.
+// The bench's own arithmetic: sorted times, growth, bounds and counts. Real times are not tested
+// here.
 #include <math.h>
 #include <stdlib.h>
 
@@ -130,7 +131,8 @@ TEST(test_stages) {
   const double share = 100.0 / b.scene.t.cfg.newton.every; // of what is timed over several steps
   assert_true(fabs(r.step_ms.median - share) < 1e-6 && fabs(r.render_ms.least - 100) < 1e-6);
   for (int s = 0; s < SV_N_STAGES; s++) {
-    double is = s == SV_STAGE_ORDER ? 0 /* the rest of a rendering */ : s == SV_STAGE_CURVATURE ? share : 100;
+    // SV_STAGE_ORDER is the rest of a rendering
+    double is = s == SV_STAGE_ORDER ? 0 : s == SV_STAGE_CURVATURE ? share : 100;
     assert_true(fabs(r.stage_ms[s].median - is) < 1e-6);
   }
   assert_true(r.n.n_touched > 100 && r.n.n_touched <= 300 && r.n.n_intersections > 0 &&

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The chessboard solver on simulated rigs with 0.3 px of corner noise, and on inputs that cannot be solved.
+// The chessboard solver on simulated rigs with 0.3 px of corner noise, and on inputs that cannot be
+// solved.
 #include <math.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -33,14 +34,17 @@ typedef struct {
 
 static void make_rig(world *w, sv_device_id id, double angle_deg, int width_px, int height_px) {
   sv_device_params p = sv_device_defaults(id);
-  p.width_px = width_px, p.height_px = height_px, p.focal_per_width = 1.0, p.distance_m = DISTANCE_M;
+  p.width_px = width_px;
+  p.height_px = height_px;
+  p.focal_per_width = 1.0;
+  p.distance_m = DISTANCE_M;
   p.angle_rad = angle_deg * SV_PI / 180;
   w->rig = (sv_rig){.cap_sub_views = CAP_VIEWS, .sub_views = w->views};
   assert_ok(sv_device_build(&w->rig, &p, &err), &err);
 }
 
-// Boards about the scene's centre, tilted by up to tilt_deg to all sides, within range metres; a negative range: every
-// second board within a third of it.
+// Boards about the scene's centre, tilted by up to tilt_deg to all sides, within range metres; a
+// negative range: every second board within a third of it.
 static void make_boards(world *w, int n_frames, double tilt_deg, double range, uint64_t seed) {
   sv_rng rng = sv_rng_make(seed, 1);
   int n = w->rig.n_sub_views, corners = COLS * ROWS;
@@ -72,14 +76,18 @@ static void make_boards(world *w, int n_frames, double tilt_deg, double range, u
   }
   for (int c = 0; c < n; c++) {
     w->names[c] = w->views[c].name;
-    w->size[c][0] = w->views[c].model.width_px, w->size[c][1] = w->views[c].model.height_px;
+    w->size[c][0] = w->views[c].model.width_px;
+    w->size[c][1] = w->views[c].model.height_px;
   }
   w->b = (sv_boards){
       n,     n_frames, COLS, ROWS, SPACING_M, SV_MODEL_PINHOLE, false, w->names, (const int(*)[2])w->size,
       w->uv, w->seen};
 }
 
-static void drop(world *w) { free(w->uv), free(w->seen); }
+static void drop(world *w) {
+  free(w->uv);
+  free(w->seen);
+}
 
 static void need_mrcal(void) {
   if (sv_boards_available(&err) == SV_OK && sv_corners_has_opencv()) return;
@@ -88,7 +96,8 @@ static void need_mrcal(void) {
 }
 
 typedef struct {
-  double focal, rotation_deg, place; // the worst camera: error, or what the solver says of its deviation
+  double focal, rotation_deg, place; // the worst camera: error, or what the solver says of its
+                                     // deviation
   double chi2;                       // of the rotations: mean of (error / deviation)^2
 } accuracy;
 
@@ -107,7 +116,8 @@ static accuracy solve(world *w, const char *name, accuracy *told) {
     sv_sub3(d, r.cam_from_rig[c].t, want.t);
     double deg = sv_norm3(v) * 180 / SV_PI;
     e.focal = fmax(e.focal, fabs(r.models[c].p[0] / w->views[c].model.p[0] - 1));
-    e.rotation_deg = fmax(e.rotation_deg, deg), e.place = fmax(e.place, sv_norm3(d) / DISTANCE_M);
+    e.rotation_deg = fmax(e.rotation_deg, deg);
+    e.place = fmax(e.place, sv_norm3(d) / DISTANCE_M);
     told->focal = fmax(told->focal, q->fx_sd_px / r.models[c].p[0]);
     told->rotation_deg = fmax(told->rotation_deg, q->rotation_sd_deg);
     told->place = fmax(told->place, q->translation_sd_m / DISTANCE_M);
@@ -130,7 +140,8 @@ static void check_rig(world *w, const char *name) {
   assert_true(sd.focal < 0.0005 && sd.rotation_deg < 0.01 && sd.place < 0.001);
 }
 
-// Pictures of 1280 px: a rotation's deviation of 0.01 degrees takes 120 boards, of which each camera sees half.
+// Pictures of 1280 px: a rotation's deviation of 0.01 degrees takes 120 boards, of which each
+// camera sees half.
 TEST(test_stereo) {
   need_mrcal();
   world w;
@@ -147,7 +158,10 @@ TEST(test_phone) {
   make_rig(&w, SV_DEVICE_PHONE, 5, 4000, 3000);
   // The long lens needs a board of its own size: it sees the whole only from afar.
   for (int c = 0; c < w.rig.n_sub_views; c++)
-    if (strcmp(w.views[c].name, "tele") == 0) w.views[c].model.p[0] /= 2, w.views[c].model.p[1] /= 2;
+    if (strcmp(w.views[c].name, "tele") == 0) {
+      w.views[c].model.p[0] /= 2;
+      w.views[c].model.p[1] /= 2;
+    }
   make_boards(&w, 240, 45, -2, 2); // far to the sides, too, for the widest lens
   check_rig(&w, "phone");
   drop(&w);
@@ -163,8 +177,8 @@ TEST(test_grid) {
   drop(&w);
 }
 
-// The solver is as good as theory allows and knows how good it is: errors over many draws of noise have the deviation
-// that the normal equations tell, which goes with pixels and boards as it must.
+// The solver is as good as theory allows and knows how good it is: errors over many draws of noise
+// have the deviation that the normal equations tell, which goes with pixels and boards as it must.
 TEST(test_theory) {
   enum { N_DRAWS = 8 };
   need_mrcal();

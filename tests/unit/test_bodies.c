@@ -35,7 +35,8 @@ static sv_rigid truth(float t) {
   return m;
 }
 
-static const float times[] = {0.5f, 0.4f, 0.0f, 0.7f, 0.15f, 1.0f, 0.8f, 0.3f}; // as they come in, unevenly
+// as they come in, unevenly
+static const float times[] = {0.5f, 0.4f, 0.0f, 0.7f, 0.15f, 1.0f, 0.8f, 0.3f};
 
 static void fill(int n) {
   for (int i = 0; i < n; i++) (void)sv_bodies_add_knot(&b, times[i]);
@@ -78,7 +79,8 @@ TEST(test_between) {
   }
 }
 
-// A fast swing between knots of which every fourth time is missing; and what a knot should be as those beside it have it.
+// A fast swing between knots of which every fourth time is missing; and what a knot should be as
+// those beside it have it.
 TEST(test_swing) {
   start(32);
   for (int i = 0; i < 25; i++)

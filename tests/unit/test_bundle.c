@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bundle adjustment of a rig: derivatives against central differences, the reduced step against a dense solve of
-// the whole system, convergence, outliers, held calibration; the absolute pose; aligned trajectories.
+// Bundle adjustment of a rig: derivatives against central differences, the reduced step against a
+// dense solve of the whole system, convergence, outliers, held calibration; the absolute pose;
+// aligned trajectories.
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -28,16 +29,22 @@ static const sv_bundle_options plain = {
 static double uniform(double lo, double hi) { return lo + (hi - lo) * (double)sv_rng_f(&rng); }
 
 static void random_twist(double t[6], double rot, double trans) {
-  for (int i = 0; i < 3; i++) t[i] = uniform(-rot, rot), t[3 + i] = uniform(-trans, trans);
+  for (int i = 0; i < 3; i++) {
+    t[i] = uniform(-rot, rot);
+    t[3 + i] = uniform(-trans, trans);
+  }
 }
 
-// A rig of three cameras `base` apart that looks at points about (0, 0, 4), all seen from everywhere.
+// A rig of three cameras `base` apart that looks at points about (0, 0, 4), all seen from
+// everywhere.
 static void make_problem(double base, double noise_px) {
   sv_arena a = sv_arena_make(block, sizeof block);
   sv_bundle_cfg cfg = {N_POSES, N_CAMS, N_POINTS, N_POSES * N_CAMS * N_POINTS, true};
   assert_int_equal(sv_bundle_init(&b, &cfg, &a), SV_OK);
   rng = sv_rng_make(7, 1);
-  b.n_poses = N_POSES, b.n_cameras = N_CAMS, b.n_points = N_POINTS;
+  b.n_poses = N_POSES;
+  b.n_cameras = N_CAMS;
+  b.n_points = N_POINTS;
   for (int i = 0; i < N_CAMS; i++) {
     double t[6] = {0.02 * i, -0.03 * i, 0.01, -base * i, 0.1 * base * i * i, 0};
     true_cam[i] = sv_pose_identity();
@@ -107,7 +114,8 @@ static void check_numeric(sv_bundle_obs *o, double x[3], const double jp[12], co
       else if (k < 12) sv_pose_twist(&b.camera[o->i_camera].cam_from_rig, t);
       else y[k - 12] += d;
       assert_true(sv_bundle_residual(&b, o, y, r[side], NULL, NULL, NULL));
-      b.pose[o->i_pose] = pose, b.camera[o->i_camera].cam_from_rig = cam;
+      b.pose[o->i_pose] = pose;
+      b.camera[o->i_camera].cam_from_rig = cam;
     }
     for (int i = 0; i < 2; i++) {
       double want = (r[1][i] - r[0][i]) / (2 * h);
@@ -180,7 +188,8 @@ static void dense_solve(double x[N_DENSE]) { // Gauss-Jordan with pivots
       if (fabs(dense_h[k][i]) > fabs(dense_h[p][i])) p = k;
     for (int c = 0; c <= N_DENSE; c++) {
       double t = dense_h[i][c];
-      dense_h[i][c] = dense_h[p][c], dense_h[p][c] = t;
+      dense_h[i][c] = dense_h[p][c];
+      dense_h[p][c] = t;
     }
     for (int k = 0; k < N_DENSE; k++) {
       double f = k == i ? 0 : dense_h[k][i] / dense_h[i][i];
@@ -227,7 +236,8 @@ TEST(test_converges) {
   sv_bundle_options o = plain;
   o.is_extrinsics = true;
   for (int trust = 0; trust < 2; trust++) {
-    o.sigma_rot_rad = trust ? 1e-7 : 0.1, o.sigma_trans_m = trust ? 1e-7 : 0.1;
+    o.sigma_rot_rad = trust ? 1e-7 : 0.1;
+    o.sigma_trans_m = trust ? 1e-7 : 0.1;
     make_problem(0.2, 0);
     for (int i = 1; i < N_CAMS; i++) {
       double t[6] = {0.002, -0.001, 0.001, 0, 0, 0};
@@ -267,8 +277,8 @@ TEST(test_refuses) {
   for (int i = 0; i < N_POSES; i++) assert_true(isfinite(b.pose[i].t[0]));
 }
 
-// A hundred noises: the scatter of the trajectory's size is what scale_sigma says, and it grows as the baseline
-// shrinks.
+// A hundred noises: the scatter of the trajectory's size is what scale_sigma says, and it grows as
+// the baseline shrinks.
 TEST(test_scale_sigma) {
   double told[2], seen[2];
   for (int c = 0; c < 2; c++) {
@@ -292,9 +302,11 @@ TEST(test_scale_sigma) {
         for (int d = 0; d < 3; d++) size += (p[d] - mean[d]) * (p[d] - mean[d]);
       }
       double s = 0.5 * log(size);
-      sum += s, sum2 += s * s;
+      sum += s;
+      sum2 += s * s;
     }
-    told[c] = sigma, seen[c] = sqrt(sum2 / n - sum / n * (sum / n));
+    told[c] = sigma;
+    seen[c] = sqrt(sum2 / n - sum / n * (sum / n));
   }
   print_message("scale: told %.5f and %.5f, seen %.5f and %.5f\n", told[0], told[1], seen[0], seen[1]);
   for (int c = 0; c < 2; c++) assert_true(told[c] > 0.7 * seen[c] && told[c] < 1.4 * seen[c]);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Camera models: Jacobians against central differences, project and unproject as inverses, the fold of
-// wide lenses, and the undistortion table.
+// Camera models: Jacobians against central differences, project and unproject as inverses, the fold
+// of wide lenses, and the undistortion table.
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -116,8 +116,8 @@ TEST(test_fold) {
   assert_true(sv_model_unproject(&m, in_uv, ray));
   assert_true(ray[0] / ray[2] < r);
   assert_false(sv_model_unproject(&m, out_uv, ray));
-  // A polynomial that falls and rises again: at r = 1.5 its slope is positive, but the way there is not.
-  // slope 1 + 3 k1 s + 5 k2 s^2 with k1 = -0.5, k2 = 0.1: zero at s = 1 and s = 2
+  // A polynomial that falls and rises again: at r = 1.5 its slope is positive, but the way there is
+  // not. slope 1 + 3 k1 s + 5 k2 s^2 with k1 = -0.5, k2 = 0.1: zero at s = 1 and s = 2
   sv_camera_model w = {SV_MODEL_OPENCV4, 2000, 2000, {1000, 1000, 1000, 1000, -0.5, 0.1, 0, 0}};
   double p[3] = {0.99, 0, 1};
   assert_true(sv_model_project(&w, p, uv, NULL, NULL));
@@ -170,8 +170,10 @@ TEST(test_kb4) {
   assert_false(sv_model_unproject(&turns, beyond, ray));
   double back[3] = {0, 0, -1}, zero[3] = {0, 0, 0}, bad[2] = {NAN, 0};
   assert_false(sv_model_project(&m, back, uv, NULL, NULL));
-  sv_camera_model whole = {SV_MODEL_KB4, 2000, 2000, {300, 300, 1000, 1000}}; // d = t as far as 180 degrees
-  for (double off = 1e-16; off < 1e-2; off *= 10) { // right behind: at the rim or nowhere, not in the middle
+  // d = t as far as 180 degrees
+  sv_camera_model whole = {SV_MODEL_KB4, 2000, 2000, {300, 300, 1000, 1000}};
+  // right behind: at the rim or nowhere, not in the middle
+  for (double off = 1e-16; off < 1e-2; off *= 10) {
     double x[3] = {off, 0, -1};
     if (sv_model_project(&whole, x, uv, NULL, NULL))
       assert_true(fabs(uv[0] - (1000 + 300 * (M_PI - off))) < 1e-3);
@@ -207,7 +209,8 @@ TEST(test_pinhole_for_model) {
     assert_int_equal(sv_remap_build(&map, &lenses[l], &z, e), SV_OK);
     assert_int_equal(map.n_outside, 0);
     if (lenses[l].kind == SV_MODEL_PINHOLE || z.p[0] <= lenses[l].p[0] * 0.5) continue;
-    z.p[0] *= 0.999, z.p[1] *= 0.999; // the crop is the widest: a little wider shows black
+    z.p[0] *= 0.999;
+    z.p[1] *= 0.999; // the crop is the widest: a little wider shows black
     assert_int_equal(sv_remap_build(&map, &lenses[l], &z, e), SV_OK);
     assert_true(map.n_outside > 0);
   }
@@ -219,8 +222,11 @@ TEST(test_remap) {
   static sv_remap_tap e[W * H];
   static uint8_t src[H][W * 3], dst[H][W][3], mask[H][W];
   for (int y = 0; y < H; y++)
-    for (int x = 0; x < W; x++)
-      src[y][x * 3] = (uint8_t)(3 * x), src[y][x * 3 + 1] = (uint8_t)(4 * y), src[y][x * 3 + 2] = 77;
+    for (int x = 0; x < W; x++) {
+      src[y][x * 3] = (uint8_t)(3 * x);
+      src[y][x * 3 + 1] = (uint8_t)(4 * y);
+      src[y][x * 3 + 2] = 77;
+    }
   sv_camera_model pin = {SV_MODEL_PINHOLE, W, H, {50, 50, 32, 24}}, shifted = pin;
   sv_remap map;
   sv_remap_job job = {&src[0][0], W * 3, 3, &dst[0][0][0], &mask[0][0], 0, H};

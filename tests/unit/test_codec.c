@@ -45,7 +45,8 @@ static void paint(uint8_t *rgb, int w, int h) { // smooth, so that JPEG keeps it
   for (int y = 0; y < h; y++)
     for (int x = 0; x < w; x++) {
       uint8_t *p = rgb + (size_t)(y * w + x) * 3;
-      p[0] = (uint8_t)(255 * x / w), p[1] = (uint8_t)(255 * y / h),
+      p[0] = (uint8_t)(255 * x / w);
+      p[1] = (uint8_t)(255 * y / h);
       p[2] = (uint8_t)(128 + 100 * ((x / 32 + y / 32) & 1));
     }
 }
@@ -65,7 +66,9 @@ static size_t libjpeg_file(int w, int h, bool is_progressive, J_COLOR_SPACE spac
   c.err = jpeg_std_error(&e);
   jpeg_create_compress(&c);
   jpeg_mem_dest(&c, &out, &n);
-  c.image_width = (JDIMENSION)w, c.image_height = (JDIMENSION)h, c.input_components = 3,
+  c.image_width = (JDIMENSION)w;
+  c.image_height = (JDIMENSION)h;
+  c.input_components = 3;
   c.in_color_space = JCS_RGB;
   jpeg_set_defaults(&c);
   jpeg_set_colorspace(&c, space);
@@ -171,7 +174,9 @@ static size_t png_file(const void *data, int w, int h, uint32_t format) {
   png_image im;
   memset(&im, 0, sizeof im);
   im.version = PNG_IMAGE_VERSION;
-  im.width = (uint32_t)w, im.height = (uint32_t)h, im.format = format;
+  im.width = (uint32_t)w;
+  im.height = (uint32_t)h;
+  im.format = format;
   png_alloc_size_t n = sizeof g_file;
   assert_true(png_image_write_to_memory(&im, g_file, &n, 0, data, 0, NULL));
   return n;
@@ -227,8 +232,10 @@ TEST(png_depth_interlaced) {
   int n_passes = png_set_interlace_handling(png);
   for (int p = 0; p < n_passes; p++)
     for (int y = 0; y < 30; y++) {
-      for (int x = 0; x < 40; x++)
-        row[2 * x] = (uint8_t)((y * 1000 + x) >> 8), row[2 * x + 1] = (uint8_t)(y * 1000 + x);
+      for (int x = 0; x < 40; x++) {
+        row[2 * x] = (uint8_t)((y * 1000 + x) >> 8);
+        row[2 * x + 1] = (uint8_t)(y * 1000 + x);
+      }
       png_write_row(png, row);
     }
   png_write_end(png, info);
@@ -247,7 +254,8 @@ TEST(png_depth_interlaced) {
   bench_close(&b);
 }
 
-// All three forms come back bit for bit, within the size that is promised, without heap; libpng's own reader agrees.
+// All three forms come back bit for bit, within the size that is promised, without heap; libpng's
+// own reader agrees.
 TEST(png_round_trips) {
   static const sv_pixel_format forms[] = {SV_PIX_GREY8, SV_PIX_RGB8, SV_PIX_RGB16};
   static const int sizes[][2] = {{1, 1}, {33, 17}, {640, 48}};
@@ -280,13 +288,15 @@ TEST(png_round_trips) {
     assert_int_equal(sv_codec_encode_png(&b.codec, &in, file, bytes - 1, &bytes, &err), SV_E_FULL);
     in.width_px++;
     assert_int_equal(sv_codec_encode_png(&b.codec, &in, file, cap, &bytes, &err), SV_E_RANGE);
-    in.width_px--, in.format = SV_PIX_JPEG;
+    in.width_px--;
+    in.format = SV_PIX_JPEG;
     assert_int_equal(sv_codec_encode_png(&b.codec, &in, file, cap, &bytes, &err), SV_E_ARG);
     bench_close(&b);
   }
 }
 
-// Every cut and many flips of both kinds of file: some status, no crash, and the next good one is fine.
+// Every cut and many flips of both kinds of file: some status, no crash, and the next good one is
+// fine.
 TEST(damaged_files) {
   bench_t b;
   sv_err err;

@@ -13,14 +13,23 @@ static sv_err err;
 
 static uint8_t bin[4096];
 static size_t n_bin;
-static void p32(uint32_t v) { sv_put_le32(bin + n_bin, v), n_bin += 4; }
-static void p64(uint64_t v) { sv_put_le64(bin + n_bin, v), n_bin += 8; }
+static void p32(uint32_t v) {
+  sv_put_le32(bin + n_bin, v);
+  n_bin += 4;
+}
+static void p64(uint64_t v) {
+  sv_put_le64(bin + n_bin, v);
+  n_bin += 8;
+}
 static void pd(double d) {
   uint64_t u;
   memcpy(&u, &d, 8);
   p64(u);
 }
-static void pstr(const char *s) { memcpy(bin + n_bin, s, strlen(s) + 1), n_bin += strlen(s) + 1; }
+static void pstr(const char *s) {
+  memcpy(bin + n_bin, s, strlen(s) + 1);
+  n_bin += strlen(s) + 1;
+}
 
 static void check_cameras(sv_colmap *c) {
   sv_colmap_camera k;
@@ -42,8 +51,18 @@ TEST(test_cameras) {
   check_cameras(&c);
   n_bin = 0;
   p64(2);
-  p32(1), p32(2), p64(640), p64(480), pd(500), pd(320), pd(240), pd(0.1);
-  p32(7), p32(6), p64(10), p64(20);
+  p32(1);
+  p32(2);
+  p64(640);
+  p64(480);
+  pd(500);
+  pd(320);
+  pd(240);
+  pd(0.1);
+  p32(7);
+  p32(6);
+  p64(10);
+  p64(20);
   for (int i = 1; i <= 12; i++) pd(i);
   assert_int_equal(sv_colmap_open(&c, "cameras.bin", bin, n_bin, true, &err), SV_OK);
   check_cameras(&c);
@@ -72,9 +91,31 @@ TEST(test_images) {
   check_images(&c);
   n_bin = 0;
   p64(2);
-  p32(1), pd(0.70710678), pd(0), pd(0), pd(0.70710678), pd(1), pd(2), pd(3), p32(7), pstr("a b.jpg"), p64(0);
-  p32(2), pd(1), pd(0), pd(0), pd(0), pd(0), pd(0), pd(0), p32(7), pstr("c.jpg"), p64(1), pd(1), pd(2),
-      p64(UINT64_MAX);
+  p32(1);
+  pd(0.70710678);
+  pd(0);
+  pd(0);
+  pd(0.70710678);
+  pd(1);
+  pd(2);
+  pd(3);
+  p32(7);
+  pstr("a b.jpg");
+  p64(0);
+  p32(2);
+  pd(1);
+  pd(0);
+  pd(0);
+  pd(0);
+  pd(0);
+  pd(0);
+  pd(0);
+  p32(7);
+  pstr("c.jpg");
+  p64(1);
+  pd(1);
+  pd(2);
+  p64(UINT64_MAX);
   assert_int_equal(sv_colmap_open(&c, "images.bin", bin, n_bin, true, &err), SV_OK);
   check_images(&c);
   for (size_t n = 0; n < n_bin; n++) { // every truncation is refused
@@ -107,9 +148,20 @@ TEST(test_points) {
   assert_int_equal(sv_colmap_open(&c, "points3D.txt", text, sizeof text - 1, false, &err), SV_OK);
   check_points(&c);
   n_bin = 0;
-  p64(1), p64(9), pd(1), pd(-2), pd(3);
-  bin[n_bin++] = 255, bin[n_bin++] = 2, bin[n_bin++] = 3;
-  pd(0.5), p64(2), p32(1), p32(2), p32(3), p32(4);
+  p64(1);
+  p64(9);
+  pd(1);
+  pd(-2);
+  pd(3);
+  bin[n_bin++] = 255;
+  bin[n_bin++] = 2;
+  bin[n_bin++] = 3;
+  pd(0.5);
+  p64(2);
+  p32(1);
+  p32(2);
+  p32(3);
+  p32(4);
   assert_int_equal(sv_colmap_open(&c, "points3D.bin", bin, n_bin, true, &err), SV_OK);
   check_points(&c);
 }
@@ -134,9 +186,35 @@ TEST(test_frames) {
   check_frames(&c);
   n_bin = 0;
   p64(2);
-  p32(1), p32(4), pd(1), pd(0), pd(0), pd(0), pd(1), pd(2), pd(3), p32(3);
-  p32(0), p32(1), p64(11), p32(1), p32(7), p64(5), p32(0), p32(2), p64(12);
-  p32(9), p32(4), pd(1), pd(0), pd(0), pd(0), pd(0), pd(0), pd(0), p32(0);
+  p32(1);
+  p32(4);
+  pd(1);
+  pd(0);
+  pd(0);
+  pd(0);
+  pd(1);
+  pd(2);
+  pd(3);
+  p32(3);
+  p32(0);
+  p32(1);
+  p64(11);
+  p32(1);
+  p32(7);
+  p64(5);
+  p32(0);
+  p32(2);
+  p64(12);
+  p32(9);
+  p32(4);
+  pd(1);
+  pd(0);
+  pd(0);
+  pd(0);
+  pd(0);
+  pd(0);
+  pd(0);
+  p32(0);
   assert_int_equal(sv_colmap_open(&c, "frames.bin", bin, n_bin, true, &err), SV_OK);
   check_frames(&c);
   for (size_t n = 8; n < n_bin; n++) { // cut anywhere
@@ -178,13 +256,32 @@ TEST(test_rigs) {
   check_rigs(&c);
   n_bin = 0;
   p64(3);
-  p32(1), p32(4), p32(0), p32(5);
-  p32(0), p32(2), bin[n_bin++] = 1;
-  pd(0.70710678), pd(0), pd(0), pd(0.70710678), pd(1), pd(2), pd(3);
-  p32(1), p32(2), bin[n_bin++] = 0;
-  p32(0), p32(3), bin[n_bin++] = 0;
-  p32(2), p32(1), p32(0), p32(4);
-  p32(7), p32(0);
+  p32(1);
+  p32(4);
+  p32(0);
+  p32(5);
+  p32(0);
+  p32(2);
+  bin[n_bin++] = 1;
+  pd(0.70710678);
+  pd(0);
+  pd(0);
+  pd(0.70710678);
+  pd(1);
+  pd(2);
+  pd(3);
+  p32(1);
+  p32(2);
+  bin[n_bin++] = 0;
+  p32(0);
+  p32(3);
+  bin[n_bin++] = 0;
+  p32(2);
+  p32(1);
+  p32(0);
+  p32(4);
+  p32(7);
+  p32(0);
   assert_int_equal(sv_colmap_open(&c, "rigs.bin", bin, n_bin, true, &err), SV_OK);
   check_rigs(&c);
   for (size_t n = 8; n < n_bin; n++) { // cut anywhere

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Camera frames to RGB8: each format of the list from one known picture, tones of raw sensors, tiles of compressed
-// pictures, and what is refused.
+// Camera frames to RGB8: each format of the list from one known picture, tones of raw sensors,
+// tiles of compressed pictures, and what is refused.
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -27,7 +27,8 @@ FIXTURE(setup) {
   return 0;
 }
 
-// A flat colour, so that every format must give it back: in RGB, Y'CbCr (601, limited) and a Bayer pattern.
+// A flat colour, so that every format must give it back: in RGB, Y'CbCr (601, limited) and a Bayer
+// pattern.
 static const uint8_t colour[3] = {180, 90, 40};
 
 static void put_sample(sv_pixel_format f, int x, int y, unsigned v8) {
@@ -37,7 +38,10 @@ static void put_sample(sv_pixel_format f, int x, int y, unsigned v8) {
   unsigned max = (1u << p->bits) - 1, v = (v8 * max + 127) / 255;
   switch (p->container_bits) {
   case 8: row[x] = (uint8_t)v; break;
-  case 16: row[2 * x] = (uint8_t)v, row[2 * x + 1] = (uint8_t)(v >> 8); break;
+  case 16:
+    row[2 * x] = (uint8_t)v;
+    row[2 * x + 1] = (uint8_t)(v >> 8);
+    break;
   case 10:
     row[x / 4 * 5 + x % 4] = (uint8_t)(v >> 2);
     row[x / 4 * 5 + 4] |= (uint8_t)((v & 3) << x % 4 * 2);
@@ -53,7 +57,10 @@ static void put_yuv(sv_pixel_format f) {
           v = (uint8_t)(128 + 224 * (r - l) / 1.402 + 0.5);
   if (f == SV_PIX_NV12) {
     memset(px, y, W * H);
-    for (int i = 0; i < W * H / 2; i += 2) px[W * H + i] = u, px[W * H + i + 1] = v;
+    for (int i = 0; i < W * H / 2; i += 2) {
+      px[W * H + i] = u;
+      px[W * H + i + 1] = v;
+    }
     return;
   }
   const uint8_t quad[2][4] = {{y, u, y, v}, {u, y, v, y}};
@@ -137,7 +144,10 @@ TEST(tones_of_raw_sensors) {
   sv_image_u8 out;
   sv_pool pool = sv_pool_serial();
   assert_int_equal(sv_convert_init(&c, &cfg, &arena, NULL), SV_OK);
-  for (int i = 0; i < W * H; i++) px[2 * i] = 364 & 255, px[2 * i + 1] = 364 >> 8;
+  for (int i = 0; i < W * H; i++) {
+    px[2 * i] = 364 & 255;
+    px[2 * i + 1] = 364 >> 8;
+  }
   sv_frame fr = frame_of(SV_PIX_RGGB10);
   assert_int_equal(sv_convert_frame(&c, &fr, &k, &pool, &out, NULL), SV_OK);
   assert_int_equal(out.px[out.stride_bytes * 10 + 30], (int)(255 * 600.0 / 959 + 0.5));

@@ -18,8 +18,10 @@ static sv_rig empty_rig(void) {
 
 static sv_device_params params(sv_device_id id, int w, int h) {
   sv_device_params p = sv_device_defaults(id);
-  p.width_px = w, p.height_px = h;
-  p.focal_per_width = 1.3, p.distance_m = 4;
+  p.width_px = w;
+  p.height_px = h;
+  p.focal_per_width = 1.3;
+  p.distance_m = 4;
   return p;
 }
 
@@ -44,7 +46,10 @@ TEST(test_angular_baseline_is_the_asked_one) {
       for (size_t g = 0; g < sizeof grids / sizeof *grids; g++) {
         sv_device_params p = params((sv_device_id)id, 1280, 960);
         p.angle_rad = angles_deg[a] * SV_PI / 180;
-        if (sv_device_info_of(p.device)->layout == SV_LAYOUT_GRID) p.rows = grids[g][0], p.cols = grids[g][1];
+        if (sv_device_info_of(p.device)->layout == SV_LAYOUT_GRID) {
+          p.rows = grids[g][0];
+          p.cols = grids[g][1];
+        }
         sv_rig rig = build(&p);
         double asked = rig.n_sub_views > 1 ? angles_deg[a] : 0;
         assert_true(fabs(baseline_deg(&rig, &p) - asked) < 1e-9);
@@ -118,13 +123,16 @@ TEST(test_footprints) {
                {3, 5, 333, 217, 1.0001, 1}, {3, 3, 64, 64, 16, 9},    {1, 1, 64, 48, 1, 1}};
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
     sv_device_params p = params(SV_DEVICE_MULTIPLEXED, cases[i].w, cases[i].h);
-    p.rows = cases[i].rows, p.cols = cases[i].cols, p.overlap = cases[i].overlap;
+    p.rows = cases[i].rows;
+    p.cols = cases[i].cols;
+    p.overlap = cases[i].overlap;
     sv_rig rig = build(&p);
     int n_lit, painted = painted_overlap(&rig, p.width_px, p.height_px, &n_lit);
     assert_int_equal(painted, cases[i].max_overlap);
     assert_int_equal(sv_device_largest_overlap(&rig, 0), painted);
     assert_int_equal(sv_device_largest_overlap(&rig, 1), 0);
-    const sv_footprint *last = &rig.sub_views[rig.n_sub_views - 1].footprint; // little of the sensor is idle
+    // little of the sensor is idle
+    const sv_footprint *last = &rig.sub_views[rig.n_sub_views - 1].footprint;
     assert_true(p.width_px - (last->x0_px + last->width_px) < p.cols + (int)p.overlap + 1);
     assert_true(p.height_px - (last->y0_px + last->height_px) < p.rows + (int)p.overlap + 1);
     if (p.overlap >= 1 && p.overlap == floor(p.overlap)) // no gaps
@@ -138,7 +146,8 @@ TEST(test_footprints) {
   assert_string_equal(rig.sub_views[6].name, "v12");
   p = params(SV_DEVICE_STEREO, 400, 400);
   rig = build(&p);
-  assert_int_equal(sv_device_largest_overlap(&rig, 0), 0); // cameras of their own have no footprints
+  // cameras of their own have no footprints
+  assert_int_equal(sv_device_largest_overlap(&rig, 0), 0);
 }
 
 static void assert_refused(sv_device_params p, const char *text) {
@@ -150,21 +159,52 @@ static void assert_refused(sv_device_params p, const char *text) {
 
 TEST(test_what_cannot_be_built_is_refused) {
   sv_device_params good = params(SV_DEVICE_MULTIPLEXED, 400, 400), p;
-  p = good, p.rows = 17, p.cols = 16, assert_refused(p, "17x16 lenses");
-  p = good, p.rows = 0, assert_refused(p, "0x4 lenses");
-  p = good, p.rows = p.cols = 1 << 16, assert_refused(p, "lenses");
-  p = good, p.overlap = 0.5, assert_refused(p, "overlap of 0.5");
-  p = good, p.overlap = NAN, assert_refused(p, "overlap");
-  p = good, p.angle_rad = 0, assert_refused(p, "expected more than 0");
-  p = good, p.angle_rad = NAN, assert_refused(p, "expected more than 0");
-  p = good, p.angle_rad = 2, assert_refused(p, "at most 90");
-  p = good, p.width_px = 4, assert_refused(p, "do not fit on a sensor of 4x400");
-  p = good, p.height_px = 0, assert_refused(p, "a sensor of 400x0");
-  p = good, p.focal_per_width = 0, assert_refused(p, "focal length");
-  p = good, p.distance_m = -1, assert_refused(p, "-1 m");
-  p = good, p.device = SV_N_DEVICES, assert_refused(p, "no device 5");
-  p = params(SV_DEVICE_LIGHTFIELD, 400, 400), p.overlap = 2, assert_refused(p, "side by side");
-  p = params(SV_DEVICE_STEREO, 400, 400), p.cols = 2, assert_refused(p, "no grid");
+  p = good;
+  p.rows = 17;
+  p.cols = 16;
+  assert_refused(p, "17x16 lenses");
+  p = good;
+  p.rows = 0;
+  assert_refused(p, "0x4 lenses");
+  p = good;
+  p.rows = p.cols = 1 << 16;
+  assert_refused(p, "lenses");
+  p = good;
+  p.overlap = 0.5;
+  assert_refused(p, "overlap of 0.5");
+  p = good;
+  p.overlap = NAN;
+  assert_refused(p, "overlap");
+  p = good;
+  p.angle_rad = 0;
+  assert_refused(p, "expected more than 0");
+  p = good;
+  p.angle_rad = NAN;
+  assert_refused(p, "expected more than 0");
+  p = good;
+  p.angle_rad = 2;
+  assert_refused(p, "at most 90");
+  p = good;
+  p.width_px = 4;
+  assert_refused(p, "do not fit on a sensor of 4x400");
+  p = good;
+  p.height_px = 0;
+  assert_refused(p, "a sensor of 400x0");
+  p = good;
+  p.focal_per_width = 0;
+  assert_refused(p, "focal length");
+  p = good;
+  p.distance_m = -1;
+  assert_refused(p, "-1 m");
+  p = good;
+  p.device = SV_N_DEVICES;
+  assert_refused(p, "no device 5");
+  p = params(SV_DEVICE_LIGHTFIELD, 400, 400);
+  p.overlap = 2;
+  assert_refused(p, "side by side");
+  p = params(SV_DEVICE_STEREO, 400, 400);
+  p.cols = 2;
+  assert_refused(p, "no grid");
   sv_rig rig = empty_rig();
   rig.cap_sub_views = 15;
   assert_int_equal(sv_device_build(&rig, &good, NULL), SV_E_RANGE);

@@ -20,7 +20,9 @@ static sv_dispersion hemisphere(int n, uint64_t seed) {
   sv_dispersion d = {.n = n, .at = (const double(*)[3])at, .centre = {1, -2, 0.5}, .up = UP};
   for (int i = 0; i < n; i++) {
     double z = 0.15 + 0.8 * (double)sv_rng_f(&r), a = 2 * SV_PI * (double)sv_rng_f(&r), s = sqrt(1 - z * z);
-    at[i][0] = 1 + 4 * s * cos(a), at[i][1] = -2 + 4 * s * sin(a), at[i][2] = 0.5 + 4 * z;
+    at[i][0] = 1 + 4 * s * cos(a);
+    at[i][1] = -2 + 4 * s * sin(a);
+    at[i][2] = 0.5 + 4 * z;
   }
   return d;
 }
@@ -80,7 +82,8 @@ TEST(test_one) {
   }
 }
 
-// At least half of what is possible (three is exact, more are not), each a farthest point, and nested.
+// At least half of what is possible (three is exact, more are not), each a farthest point, and
+// nested.
 TEST(test_many) {
   int c[50], fewer[50];
   sv_dispersion d = hemisphere(100, 9);
@@ -113,8 +116,9 @@ TEST(test_large_sets) {
   disperse(&d, 3, c);
   int t[2] = {c[0], c[1]};
   assert_true(sv_dispersion_of(&d, t, 2) > 1);
-  assert_true(sv_dispersion_of(&d, c, 3) > 0.5 * 1.9); // three on the rim of a hemisphere: about 1.9 rad
-  d = hemisphere(CAP, 4);                              // not even pairs
+  // three on the rim of a hemisphere: about 1.9 rad
+  assert_true(sv_dispersion_of(&d, c, 3) > 0.5 * 1.9);
+  d = hemisphere(CAP, 4); // not even pairs
   disperse(&d, 2, c);
   assert_true(sv_dispersion_of(&d, c, 2) > 2);
   disperse(&d, 20, c);
@@ -139,7 +143,8 @@ TEST(test_odd_cases) {
   d.n = 0;
   assert_int_equal(sv_disperse(&d, 1, c, scratch), SV_E_ARG);
   d.n = 6;
-  for (int i = 0; i < 6; i++) memcpy(at[i], at[0], sizeof at[i]); // all in one place: any six will do
+  // all in one place: any six will do
+  for (int i = 0; i < 6; i++) memcpy(at[i], at[0], sizeof at[i]);
   disperse(&d, 6, c);
   for (int i = 0; i < 6; i++) memcpy(at[i], d.centre, sizeof at[i]);
   disperse(&d, 4, c);
@@ -151,7 +156,11 @@ TEST(test_tiny_angles) {
   sv_dispersion d = hemisphere(4, 1);
   d.n = 4;
   static const double x[4] = {0, 3e-10, 1e-9, 1.2e-9};
-  for (int i = 0; i < 4; i++) at[i][0] = 1 + 4 * x[i], at[i][1] = -2 + 4, at[i][2] = 0.5;
+  for (int i = 0; i < 4; i++) {
+    at[i][0] = 1 + 4 * x[i];
+    at[i][1] = -2 + 4;
+    at[i][2] = 0.5;
+  }
   disperse(&d, 2, c);
   assert_true(c[0] == 0 && c[1] == 3);
   d.up = NULL;

@@ -42,7 +42,8 @@ static void train(sv_trainer *t, int from, int to) {
 
 static void learn(sv_deform_kind kind, float clip, double least_psnr, double least_gain) {
   moving_scene_settings c = moving_scene_cfg(kind, N_GAUSS, N_STEPS);
-  c.dynamic.distil_at = clip, sv_dynamic_set_times(&c.dynamic, N_STEPS, MS_TIMES - 1);
+  c.dynamic.distil_at = clip;
+  sv_dynamic_set_times(&c.dynamic, N_STEPS, MS_TIMES - 1);
   assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, HELD_OUT,
                                  sv_arena_make(block, sizeof block)));
   train(&trainer, 0, N_STEPS);
@@ -76,8 +77,9 @@ TEST(test_field_learns) {
   learn(SV_DEFORM_FIELD, 0.33f, 25.0, 1); // a clip of 200 steps is no great teacher
 }
 
-// Points along time come from the data: those that no picture reaches would be held by smoothness alone. In a longer run
-// times come in more slowly, and the last rates are lower, never above the first ones.
+// Points along time come from the data: those that no picture reaches would be held by smoothness
+// alone. In a longer run times come in more slowly, and the last rates are lower, never above the
+// first ones.
 TEST(test_field_times) {
   static const int n[][2] = {{1, 4}, {19, 19}, {400, 150}}; // times, points
   sv_dynamic_cfg c = sv_dynamic_defaults();
@@ -96,7 +98,8 @@ TEST(test_field_times) {
     assert_true(c.grow_until >= grow && c.grow_until <= c.find_until);
     assert_true(f->lr_planes_end <= end && f->lr_planes_end <= f->lr_planes &&
                 f->lr_layers_end <= f->lr_layers);
-    grow = c.grow_until, end = f->lr_planes_end;
+    grow = c.grow_until;
+    end = f->lr_planes_end;
   }
   assert_true(grow < 0.8f && end > 0);
 }
@@ -119,12 +122,17 @@ TEST(test_still_is_still) {
   for (int i = 0; i < N_GAUSS; i++) assert_int_equal(dynamic.is_moving[i] != 0, i < n);
 }
 
-// Times come in to both sides of the middle one, small at first, and the newest of them have half of the steps.
+// Times come in to both sides of the middle one, small at first, and the newest of them have half
+// of the steps.
 TEST(test_times_come_in) {
   moving_scene_settings c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, 4000);
-  c.dynamic.from = 0.1f, c.dynamic.grow_until = 0.5f, c.dynamic.grow_start = 0.02f,
+  c.dynamic.from = 0.1f;
+  c.dynamic.grow_until = 0.5f;
+  c.dynamic.grow_start = 0.02f;
   c.dynamic.coarse_for = 0.1f;
-  c.train.start_scale = 4, c.train.relocate_every = 0, c.dynamic.find_until = 0;
+  c.train.start_scale = 4;
+  c.train.relocate_every = 0;
+  c.dynamic.find_until = 0;
   assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
                                  sv_arena_make(block, sizeof block)));
   const sv_trainer *t = &trainer;
@@ -147,13 +155,18 @@ TEST(test_times_come_in) {
   assert_in_range(n_front, 34, 54); // every second step, and two fifths of the others
 }
 
-// The long lens of a phone sees a 25th: it gets fewer turns, in which it counts less, the others the same.
+// The long lens of a phone sees a 25th: it gets fewer turns, in which it counts less, the others
+// the same.
 TEST(test_long_lens) {
   moving_scene_settings c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, 4000);
   static moving_scene phone;
   phone = scene;
-  for (int i = 0; i < MS_TIMES; i++) phone.view[i][1].fx *= 5, phone.view[i][1].fy *= 5;
-  c.train.relocate_every = 0, c.dynamic.find_until = 0;
+  for (int i = 0; i < MS_TIMES; i++) {
+    phone.view[i][1].fx *= 5;
+    phone.view[i][1].fy *= 5;
+  }
+  c.train.relocate_every = 0;
+  c.dynamic.find_until = 0;
   assert_true(moving_scene_start(&phone, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
                                  sv_arena_make(block, sizeof block)));
   assert_true(fabsf(sv_dynamic_turn_share(&dynamic, &phone.view[0][1]) - 0.2f) < 1e-6f);
@@ -180,15 +193,21 @@ TEST(test_short_lens) {
   moving_scene_settings c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, 4000);
   static moving_scene phone;
   phone = scene;
-  for (int i = 0; i < MS_TIMES; i++) phone.view[i][1].fx *= 0.5f, phone.view[i][1].fy *= 0.5f;
+  for (int i = 0; i < MS_TIMES; i++) {
+    phone.view[i][1].fx *= 0.5f;
+    phone.view[i][1].fy *= 0.5f;
+  }
   assert_true(moving_scene_start(&phone, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
                                  sv_arena_make(block, sizeof block)));
   const float short_share = sv_dynamic_turn_share(&dynamic, &phone.view[0][1]);
   const float long_share = sv_dynamic_turn_share(&dynamic, &phone.view[0][0]);
   assert_true(fabsf(short_share * long_share - 0.5f) < 1e-6f); // one of them is the usual one
   assert_true(sv_dynamic_weight(&dynamic, &phone.view[0][1]) == 1.0f);
-  sv_view v = phone.view[0][0]; // for patches it is reduced until its pixels are as coarse as the usual one's
-  v.width_px = 800, v.height_px = 600, v.fx = 1000;
+  sv_view v = phone.view[0][0]; // for patches it is reduced until its pixels are as coarse as the
+                                // usual one's
+  v.width_px = 800;
+  v.height_px = 600;
+  v.fx = 1000;
   assert_int_equal(sv_patch_scale(&v, 0), 4);
   assert_int_equal(sv_patch_scale(&v, 1000), 4);
   assert_int_equal(sv_patch_scale(&v, 3000), 2);
@@ -201,7 +220,8 @@ TEST(test_short_lens) {
 TEST(test_motion_shrinks) {
   enum { N_POS = 3, N_MOTION = SV_N_MROWS(N_POS, 1, 1) };
   moving_scene_settings c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, N_STEPS);
-  c.dynamic.n_pos = N_POS, c.dynamic.n_rot = c.dynamic.n_colour = 1;
+  c.dynamic.n_pos = N_POS;
+  c.dynamic.n_rot = c.dynamic.n_colour = 1;
   c.dynamic.reg_pos = 0;
   assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
                                  sv_arena_make(block, sizeof block)));
@@ -243,7 +263,8 @@ static sv_status append(void *self, const void *data, size_t bytes, sv_err *err)
 
 static void resume(sv_deform_kind kind, float clip) {
   moving_scene_settings c = moving_scene_cfg(kind, N_GAUSS, N_STEPS);
-  c.dynamic.distil_at = clip, sv_dynamic_set_times(&c.dynamic, N_STEPS, MS_TIMES - 1);
+  c.dynamic.distil_at = clip;
+  sv_dynamic_set_times(&c.dynamic, N_STEPS, MS_TIMES - 1);
   mem_sink m = {0};
   sv_err err;
   assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
@@ -370,12 +391,19 @@ TEST(test_bodies_file) {
   sv_deform_at(&d, &(sv_compute){&kernels, &pool}, &g, 0.3f);
   size_t n = (size_t)(g.n_moved + 15) / 16 * 16 * (size_t)g.n_rows * sizeof(float);
   assert_memory_equal(g.moved, trainer.g.moved, n);
-  b->of[1] = 3, check_refused(of, "is of body 3"), b->of[1] = 1;
-  b->time[2] = 0.5f, check_refused(of, "knot 2 of its bodies is not later"), b->time[2] = 1;
-  sv_bodies_knot(b, 2, 1)->q[0] = NAN, check_refused(of, "knot 1 of body 2 is no rigid motion");
-  sv_bodies_knot(b, 2, 1)->q[0] = 0.8f, b->centre[1][2] = 1e30f,
-                       check_refused(of, "numbers that no bodies have");
-  b->centre[1][2] = 0.3f, of->motion.param[3] = NAN,
+  b->of[1] = 3;
+  check_refused(of, "is of body 3");
+  b->of[1] = 1;
+  b->time[2] = 0.5f;
+  check_refused(of, "knot 2 of its bodies is not later");
+  b->time[2] = 1;
+  sv_bodies_knot(b, 2, 1)->q[0] = NAN;
+  check_refused(of, "knot 1 of body 2 is no rigid motion");
+  sv_bodies_knot(b, 2, 1)->q[0] = 0.8f;
+  b->centre[1][2] = 1e30f;
+  check_refused(of, "numbers that no bodies have");
+  b->centre[1][2] = 0.3f;
+  of->motion.param[3] = NAN;
   check_refused(of, "value 3 of section \"ROWS\" is not finite");
 }
 
@@ -384,7 +412,8 @@ TEST(test_motion_file) {
   round_trip(SV_DEFORM_FIELD);
 }
 
-// One byte short is refused, the exact size is enough; forms that do not go together are refused with a sentence.
+// One byte short is refused, the exact size is enough; forms that do not go together are refused
+// with a sentence.
 TEST(test_memory) {
   for (int kind = SV_DEFORM_CLIP; kind <= SV_DEFORM_FIELD; kind++) {
     moving_scene_settings c = moving_scene_cfg((sv_deform_kind)kind, N_GAUSS, N_STEPS);

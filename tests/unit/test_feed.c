@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The feed: layout, snapshots that are whole or not there, a reader that was overtaken, foreign blocks; thumbnails.
+// The feed: layout, snapshots that are whole or not there, a reader that was overtaken, foreign
+// blocks; thumbnails.
 #include <pthread.h>
 #include <sched.h>
 #include <string.h>
@@ -60,8 +61,9 @@ TEST(test_overtaken) {
   (void)sv_feed_begin(&f, SV_FEED_MODEL);
   sv_feed_commit(&f, SV_FEED_MODEL, 64);
   sv_feed_slot *slot =
-      (sv_feed_slot *)(block + r.ring[SV_FEED_MODEL].at + // number 1 of a ring of two: the second slot
-                       sizeof(sv_feed_slot) + r.ring[SV_FEED_MODEL].slot_bytes);
+      // number 1 of a ring of two: the second slot
+      (sv_feed_slot *)(block + r.ring[SV_FEED_MODEL].at + sizeof(sv_feed_slot) +
+                       r.ring[SV_FEED_MODEL].slot_bytes);
   assert_int_equal(slot->seq, 4);
   slot->seq = 7; // number 3 is being written
   assert_int_equal(sv_feed_read(&r, SV_FEED_MODEL, &seq, copy, sizeof copy, &bytes), SV_AGAIN);
@@ -82,7 +84,8 @@ TEST(test_foreign) {
   assert_int_equal(sv_feed_attach(&r, block, 20, &err), SV_E_FORMAT);
   h->version++;
   assert_int_equal(sv_feed_attach(&r, block, n, &err), SV_E_UNSUPPORTED);
-  h->version--, h->magic++;
+  h->version--;
+  h->magic++;
   assert_int_equal(sv_feed_attach(&r, block, n, &err), SV_E_FORMAT);
   h->magic--;
   uint64_t *fields[] = {&h->ring[2].at, &h->ring[2].slot_bytes, &h->ring[2].n_slots};
@@ -97,8 +100,8 @@ TEST(test_foreign) {
   assert_int_equal(sv_feed_attach(&r, block, n, &err), SV_OK);
 }
 
-#if !defined(                                                                                                \
-    __SANITIZE_THREAD__) // a sequence lock reads while it is written, and then throws away what it read
+// A sequence lock reads while it is written, and then discards the copy.
+#if !defined(__SANITIZE_THREAD__)
 static _Atomic int is_over;
 
 static void *write_on(void *arg) {
@@ -137,7 +140,11 @@ TEST(test_torn) {
 TEST(test_thumbnails) {
   static uint8_t px[640 * 480 * 4], rgb[SV_FEED_TILE_W * SV_FEED_TILE_H * 3];
   int w, h;
-  for (int i = 0; i < 640 * 480; i++) px[3 * i] = 200, px[3 * i + 1] = 100, px[3 * i + 2] = 50;
+  for (int i = 0; i < 640 * 480; i++) {
+    px[3 * i] = 200;
+    px[3 * i + 1] = 100;
+    px[3 * i + 2] = 50;
+  }
   sv_frame f = {.width_px = 640, .height_px = 480, .stride_bytes = 1920, .format = SV_PIX_RGB8, .data = px};
   assert_true(sv_preview_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, rgb, &w, &h));
   assert_int_equal(w, 160);
@@ -146,18 +153,25 @@ TEST(test_thumbnails) {
   f.format = SV_PIX_BGR8;
   assert_true(sv_preview_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, rgb, &w, &h));
   assert_int_equal(rgb[0], 50);
-  for (int i = 0; i < 640 * 480; i++) px[2 * i] = 81, px[2 * i + 1] = i % 2 ? 240 : 90; // red in YUYV
-  f.format = SV_PIX_YUYV, f.stride_bytes = 1280;
+  // red in YUYV
+  for (int i = 0; i < 640 * 480; i++) {
+    px[2 * i] = 81;
+    px[2 * i + 1] = i % 2 ? 240 : 90;
+  }
+  f.format = SV_PIX_YUYV;
+  f.stride_bytes = 1280;
   assert_true(sv_preview_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, rgb, &w, &h));
   assert_true(rgb[0] > 180 && rgb[1] < 60 && rgb[2] < 60);
   f.data_bytes = 1000; // shorter than it says
   assert_false(sv_preview_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, rgb, &w, &h));
-  f.data_bytes = 0, f.format = SV_PIX_JPEG;
+  f.data_bytes = 0;
+  f.format = SV_PIX_JPEG;
   assert_false(sv_preview_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, rgb, &w, &h));
   memset(px, 255, sizeof px);
   for (int i = 0; i < 640 * 480; i++)
     px[i] = i / 640 % 2 == 0 && i % 2 == 0 ? 255 : 0; // only red samples are lit
-  f.format = SV_PIX_RGGB8, f.stride_bytes = 640;
+  f.format = SV_PIX_RGGB8;
+  f.stride_bytes = 640;
   assert_true(sv_preview_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, rgb, &w, &h));
   assert_int_equal(rgb[0], 255);
   assert_int_equal(rgb[1], 0);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Following: a textured square that jumps by more than its texture from one picture to the next, before a textured
-// wall, seen by two cameras; and neighbours, who say where those went that no camera saw.
+// Following: a textured square that jumps by more than its texture from one picture to the next,
+// before a textured wall, seen by two cameras; and neighbours, who say where those went that no
+// camera saw.
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -21,13 +22,14 @@
 #define F        100.0f
 #define Z_WALL   4.0f
 #define Z_SQUARE 3.0f
-#define HALF     0.3f  // of the square, world units: 10 px
-#define STEP     0.27f // to the right, from the middle time to the next: 9 px, as far as is looked for
-#define STEP2    0.33f // and to the last: 11 px
-#define BASE     0.2f  // between the cameras
-#define SIDE     40    // Gaussians along the wall, and
-#define SIDE2    14    // along the square
-#define N        (SIDE * SIDE + SIDE2 * SIDE2)
+#define HALF     0.3f // of the square, world units: 10 px
+// to the right, from the middle time to the next: 9 px, as far as is looked for
+#define STEP  0.27f
+#define STEP2 0.33f // and to the last: 11 px
+#define BASE  0.2f  // between the cameras
+#define SIDE  40    // Gaussians along the wall, and
+#define SIDE2 14    // along the square
+#define N     (SIDE * SIDE + SIDE2 * SIDE2)
 
 static _Alignas(64) unsigned char block[64u << 20];
 static unsigned char px[N_TIMES][N_CAMS][H][W][3];
@@ -88,7 +90,8 @@ static void make_points(void) {
       point[i].rgb[k] = shade(point[i].mean[0], point[i].mean[1], (point[i].mean[2] < Z_WALL ? 7 : 1) + k);
 }
 
-// A trainer that knows the wall and the square of the middle time, and what it takes to follow to the others.
+// A trainer that knows the wall and the square of the middle time, and what it takes to follow to
+// the others.
 static void start(int n_cams, int first, int last, int n_bodies) {
   static const sv_init_cfg init = {
       .kind = SV_INIT_POINTS, .radius = 2, .opacity = 0.95f, .scale_factor = 0.4f, .seed = 1};
@@ -96,7 +99,11 @@ static void start(int n_cams, int first, int last, int n_bodies) {
   sv_dynamic_cfg m = sv_dynamic_defaults();
   sv_err err;
   sv_arena a = sv_arena_make(block, sizeof block);
-  c.n_gaussians = N, c.sh_degree = 0, c.cap_views = N_TIMES * N_CAMS, c.cap_width_px = W, c.cap_height_px = H;
+  c.n_gaussians = N;
+  c.sh_degree = 0;
+  c.cap_views = N_TIMES * N_CAMS;
+  c.cap_width_px = W;
+  c.cap_height_px = H;
   c.start_scale = 1;
   c.has_motion = true;
   m.kind = SV_DEFORM_CLIP;
@@ -124,7 +131,8 @@ static void place(int i, float time, float x[3]) {
 
 typedef struct {
   int n_square,
-      n_followed;       // well inside the square at the middle time; of these, where they belong at both ends
+      n_followed;       // well inside the square at the middle time; of these, where they belong at
+                        // both ends
   int n_wall, n_astray; // away from it; of these, those that moved by more than a pixel
   float depth_error;    // largest, of those followed
 } outcome;
@@ -197,7 +205,8 @@ TEST(test_nothing_new) {
   assert_int_equal(dynamic.deform.motion.n_moving, 0);
 }
 
-// Mean distance in camera 0 of the square's middle from where it belongs at the time after the middle.
+// Mean distance in camera 0 of the square's middle from where it belongs at the time after the
+// middle.
 static float off_px(void) {
   float sum = 0, n = 0;
   for (int i = 0; i < N; i++) {
@@ -208,13 +217,14 @@ static float off_px(void) {
     place(i, 0.25f * (MIDDLE + 1), y);
     const float dx = F * ((y[0] - at) / y[2] - (x[0] + square_x(MIDDLE + 1) - at) / x[2]);
     const float dy = F * (y[1] / y[2] - x[1] / x[2]);
-    sum += sqrtf(dx * dx + dy * dy), n += 1;
+    sum += sqrtf(dx * dx + dy * dy);
+    n += 1;
   }
   return sum / n;
 }
 
-// A body that is expected 4 px and 8 degrees beside where the pictures show it is moved there; one that is expected
-// where nothing of it can be seen stays.
+// A body that is expected 4 px and 8 degrees beside where the pictures show it is moved there; one
+// that is expected where nothing of it can be seen stays.
 TEST(test_track) {
   for (int n_cams = 1; n_cams <= N_CAMS; n_cams++) {
     start(n_cams, 1, 3, 1);
@@ -236,8 +246,8 @@ TEST(test_track) {
   }
 }
 
-// Half of the square's parts were taken for others that stand still, and some of the wall, before which the square goes,
-// for parts of the square: the pictures say whose they are.
+// Half of the square's parts were taken for others that stand still, and some of the wall, before
+// which the square goes, for parts of the square: the pictures say whose they are.
 TEST(test_members) {
   int n_lost = 0, n_back = 0, n_wall = 0, n_let_go = 0, n_kept = 0, n_square = 0;
   bool was_lost[N] = {false}, was_taken[N] = {false};
@@ -255,10 +265,12 @@ TEST(test_members) {
     const bool is_beside = fabsf(x[0]) > 1.3f && fabsf(x[0]) < 1.6f && fabsf(x[1]) < 1.0f && x[2] > 3.5f;
     if (i < mo->n_moving && b->of[i] == 1 && is_inside && i % 2) {
       sv_dynamic_attach(&dynamic, i, 0, x, q);
-      was_lost[i] = true, n_lost++;
+      was_lost[i] = true;
+      n_lost++;
     } else if (is_beside && !(i < mo->n_moving && b->of[i])) {
       sv_dynamic_attach(&dynamic, i, 1, x, q);
-      was_taken[i] = true, n_wall++;
+      was_taken[i] = true;
+      n_wall++;
     } else n_square += is_inside && i < mo->n_moving && b->of[i] == 1;
   }
   sv_deform_set_moving(&dynamic.deform, N); // all that have just begun to move, too
@@ -283,7 +295,8 @@ TEST(test_members) {
   assert_true(n_square > 20 && n_kept > n_square * 9 / 10);
 }
 
-// The second jump is farther than is looked for around the old place: what moved is looked for where it was going.
+// The second jump is farther than is looked for around the old place: what moved is looked for
+// where it was going.
 TEST(test_ahead) {
   for (int n_bodies = 0; n_bodies < 2; n_bodies++) {
     start(N_CAMS, 0, 4, n_bodies);
@@ -299,8 +312,8 @@ TEST(test_ahead) {
 
 #define N_BODY 400
 
-// Points on a ball that turns and shifts; of some the displacement is unknown, of some it is wrong. All, asked of the
-// others, went with the ball.
+// Points on a ball that turns and shifts; of some the displacement is unknown, of some it is wrong.
+// All, asked of the others, went with the ball.
 TEST(test_neighbours) {
   static const float centre[3] = {0.2f, -0.1f, 3.0f};
   static const double turn[4] = {0.98, 0.1, -0.15, 0.08};
@@ -331,7 +344,8 @@ TEST(test_neighbours) {
     float off2 = 0;
     assert_true(sv_local_motion_say(near, i, u));
     for (int k = 0; k < 3; k++) off2 += (u[k] - truth[i][k]) * (u[k] - truth[i][k]);
-    wrong += (float)(off2 > 0.05f * 0.05f), most = sv_maxf(most, sqrtf(off2));
+    wrong += (float)(off2 > 0.05f * 0.05f);
+    most = sv_maxf(most, sqrtf(off2));
   }
   print_message("%d of %d are off by more than 0.05, at most by %.3f\n", (int)wrong, N_BODY, (double)most);
   assert_true(wrong < 0.05f * N_BODY);

@@ -90,8 +90,12 @@ static void check(const lens *l, uint64_t seed) {
   for (int y = 0; y < H; y++)
     for (int x = 0; x < W; x++) {
       double t = (double)truth[y * W + x], e = fabs((double)covers(&f, x, y) - t);
-      error += e / (W * H), area += t;
-      if (t > 0) lit += e, n_lit++;
+      error += e / (W * H);
+      area += t;
+      if (t > 0) {
+        lit += e;
+        n_lit++;
+      }
     }
   lit /= n_lit;
   double off = fabs(st.area_px / area - 1);
@@ -99,18 +103,21 @@ static void check(const lens *l, uint64_t seed) {
     fail_msg(
         "lens %g,%g half %g round %g: error %.4f (lit part %.4f), area off by %.4f, dark %.4f, plateau %.4f",
         l->x, l->y, l->half, l->round, error, lit, off, st.dark, st.plateau);
-  worst_error = fmax(worst_error, error), worst_lit_error = fmax(worst_lit_error, lit);
+  worst_error = fmax(worst_error, error);
+  worst_lit_error = fmax(worst_lit_error, lit);
   worst_area = fmax(worst_area, off);
   free(truth);
 }
 
 TEST(test_measure) {
-  static const double shot[] = {3e-5, 1.3e-4, 2.7e-4}, read[] = {1e-8, 1.4e-7, 5e-7}; // ISO 100, 400, 800
+  // ISO 100, 400, 800
+  static const double shot[] = {3e-5, 1.3e-4, 2.7e-4}, read[] = {1e-8, 1.4e-7, 5e-7};
   for (int iso = 0; iso < 3; iso++)
     for (int k = 0; k < 6; k++) {
       double half = 22 + 14 * k;
       lens l = lens_make(100.3 + 7 * k, 118.6 - k, half, k & 1 ? half : 0.3 * half);
-      l.shot = shot[iso], l.read = read[iso];
+      l.shot = shot[iso];
+      l.read = read[iso];
       if (k == 4) l.x = 40; // over the sensor's edge
       if (k == 3) l.n_dead = 5e-4;
       check(&l, (uint64_t)(iso * 6 + k));
@@ -124,7 +131,9 @@ TEST(test_measure) {
 // Light that falls off inside the lens is part of its weight.
 TEST(test_fall_off) {
   lens l = lens_make(150.2, 121.7, 80, 80);
-  l.fall_off = 0.1, l.shot = 1.3e-4, l.read = 1.4e-7;
+  l.fall_off = 0.1;
+  l.shot = 1.3e-4;
+  l.read = 1.4e-7;
   check(&l, 3);
 }
 
@@ -148,9 +157,11 @@ TEST(test_no_footprint) {
   refuse(&l, -1, "no lit lens");
   l.level = 0.97;
   refuse(&l, -1, "overexposed");
-  l.level = 0.4, l.dark = 0.45; // other lenses are not masked
+  l.level = 0.4;
+  l.dark = 0.45; // other lenses are not masked
   refuse(&l, -1, "mask the other lenses");
-  lens all = lens_make(150, 120, 400, 400); // lights the whole sensor: only a given dark level helps
+  // lights the whole sensor: only a given dark level helps
+  lens all = lens_make(150, 120, 400, 400);
   refuse(&all, -1, "no lit lens");
   float *truth = malloc(sizeof *truth * W * H);
   sv_arena out = sv_arena_make(out_block, sizeof out_block), small = sv_arena_make(out_block, 1000);
@@ -171,7 +182,8 @@ TEST(test_sum) {
   float *want = calloc(W * H, sizeof *want), max_overlap, most = 0;
   for (int m = 0; m < 4; m++) {
     lens l = lens_make(110 + 80 * (m & 1), 85 + 70 * (m >> 1), 60, 60);
-    l.shot = 1.3e-4, l.read = 1.4e-7;
+    l.shot = 1.3e-4;
+    l.read = 1.4e-7;
     assert_int_equal(measure(&l, truth, &f[m], &st, -1, (uint64_t)m, &out), SV_OK);
     for (int i = 0; i < W * H; i++) want[i] += truth[i];
   }
@@ -187,7 +199,9 @@ TEST(test_sum) {
   assert_true(sum[f[2].y0_px * W + f[2].x0_px] >= 1);
   assert_int_equal(sv_footprint_sum(f, 4, W - 90, H, sum, &max_overlap, &err), SV_E_RANGE);
   assert_contains(err.text, "not on the sensor");
-  free(truth), free(sum), free(want);
+  free(truth);
+  free(sum);
+  free(want);
 }
 
 // --- files ---------------------------------------------------------------------------------------

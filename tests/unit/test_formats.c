@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Models in viewers' formats: written and read back within the quantisation of each, refused when damaged, and read by
-// an independent program where it is installed (splat-transform of PlayCanvas: npm install -g
-// @playcanvas/splat-transform, or its path in SV_SPLAT_TRANSFORM).
+// Models in viewers' formats: written and read back within the quantisation of each, refused when
+// damaged, and read by an independent program where it is installed (splat-transform of PlayCanvas:
+// npm install -g @playcanvas/splat-transform, or its path in SV_SPLAT_TRANSFORM).
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -62,7 +62,10 @@ static double angle_between(const float a[4], const float b[4]) {
                             {-b[2], -b[3], b[0], b[1]},
                             {-b[3], b[2], -b[1], b[0]}}; // b, b i, b j, b k
   double best = 0, aa = 0, bb = 0;
-  for (int k = 0; k < 4; k++) aa += (double)a[k] * (double)a[k], bb += (double)b[k] * (double)b[k];
+  for (int k = 0; k < 4; k++) {
+    aa += (double)a[k] * (double)a[k];
+    bb += (double)b[k] * (double)b[k];
+  }
   for (int t = 0; t < 4; t++) {
     double ab = 0;
     for (int k = 0; k < 4; k++) ab += (double)a[k] * (double)same[t][k];
@@ -104,7 +107,10 @@ static void compare_all(const sv_gaussians *g, int degree, const limits *l) {
     for (int k = 0; k < N; k++) {
       double d = 0;
       for (int a = 0; a < 3; a++) d += pow((double)v.mean[a] - (double)fixture[k].mean[a], 2);
-      if (d < least) least = d, best = k;
+      if (d < least) {
+        least = d;
+        best = k;
+      }
     }
     assert_false(seen[best]);
     seen[best] = true;
@@ -128,7 +134,8 @@ static void write_as(const lab_model *m, int kind, const char *path) {
   if (s != SV_OK) fail_msg("%s", err.text);
 }
 
-static const char *const names[] = {"m.splat", "m.glb", "m2.spz", "m3.spz", "m4.spz"}; // kinds 0, 1, 2, 3, 4
+// kinds 0, 1, 2, 3, 4
+static const char *const names[] = {"m.splat", "m.glb", "m2.spz", "m3.spz", "m4.spz"};
 static const limits *const limits_of[] = {&splat_limits, &float_limits, &spz2_limits, &spz3_limits,
                                           &spz3_limits};
 
@@ -192,14 +199,21 @@ TEST(test_turns) {
       }
       for (int c = 0; c < 3; c++) assert_true(fabs(colour(&g, c, turned) - colour(&fixture[i], c, d)) < 1e-9);
       double q[4], q0[4];
-      for (int k = 0; k < 4; k++) q[k] = (double)g.quat_wxyz[k], q0[k] = (double)fixture[i].quat_wxyz[k];
-      sv_quat_to_mat(r, q), sv_quat_to_mat(r0, q0);
-      // The Gaussian's covariance in the turned world: S R R' S. Its first axis is enough to see a wrong sign.
+      for (int k = 0; k < 4; k++) {
+        q[k] = (double)g.quat_wxyz[k];
+        q0[k] = (double)fixture[i].quat_wxyz[k];
+      }
+      sv_quat_to_mat(r, q);
+      sv_quat_to_mat(r0, q0);
+      // The Gaussian's covariance in the turned world: S R R' S. Its first axis is enough to see a
+      // wrong sign.
       for (int a = 0; a < 3; a++)
         for (int b = 0; b < 3; b++) {
           double cov = 0, cov0 = 0;
-          for (int k = 0; k < 3; k++)
-            cov += r[3 * a + k] * r[3 * b + k] * (k + 1), cov0 += r0[3 * a + k] * r0[3 * b + k] * (k + 1);
+          for (int k = 0; k < 3; k++) {
+            cov += r[3 * a + k] * r[3 * b + k] * (k + 1);
+            cov0 += r0[3 * a + k] * r0[3 * b + k] * (k + 1);
+          }
           assert_true(fabs(cov - signs[t][a] * signs[t][b] * cov0) < 1e-9);
         }
       sv_gaussian_turn(&g, (sv_half_turn)t);
@@ -220,13 +234,16 @@ static void covariance(const sv_gaussian *g, double out[9]) {
     }
 }
 
-// A turned world seen from turned places is the same: places, covariances, colours of the real SH in any direction.
+// A turned world seen from turned places is the same: places, covariances, colours of the real SH
+// in any direction.
 static void must_be_turned(const sv_gaussian *g, const sv_gaussian *was, const double r[9]) {
   double x[3], want[3], c[9], c0[9], d[3] = {0.36, -0.48, 0.8}, turned[3];
   for (int k = 0; k < 3; k++) x[k] = (double)was->mean[k];
-  sv_apply33(want, r, x), sv_apply33(turned, r, d);
+  sv_apply33(want, r, x);
+  sv_apply33(turned, r, d);
   for (int k = 0; k < 3; k++) must_be_near("turned place", (double)g->mean[k], want[k], 1e-5);
-  covariance(g, c), covariance(was, c0);
+  covariance(g, c);
+  covariance(was, c0);
   for (int a = 0; a < 3; a++)
     for (int b = 0; b < 3; b++) {
       double v = 0;
@@ -239,7 +256,10 @@ static void must_be_turned(const sv_gaussian *g, const sv_gaussian *was, const d
                                   0.5463, -0.5900, 2.8906, -0.4570, 0.37318, -0.4570, 1.4453,  -0.5900};
   sv_gaussian a = *g, b = *was;
   for (int k = 0; k < 16; k++)
-    for (int ch = 0; ch < 3; ch++) a.sh[k][ch] *= (float)norm[k], b.sh[k][ch] *= (float)norm[k];
+    for (int ch = 0; ch < 3; ch++) {
+      a.sh[k][ch] *= (float)norm[k];
+      b.sh[k][ch] *= (float)norm[k];
+    }
   for (int ch = 0; ch < 3; ch++)
     must_be_near("turned colour", colour(&a, ch, turned), colour(&b, ch, d), 2e-3);
 }
@@ -260,7 +280,8 @@ TEST(test_any_turn) {
   }
 }
 
-// Models of worlds with each way up stand upright in the formats that say where up is, and lie as they did in PLY.
+// Models of worlds with each way up stand upright in the formats that say where up is, and lie as
+// they did in PLY.
 TEST(test_up) {
   static const char *const ups[] = {"x", "y", "z", "-x", "-y", "-z"};
   char path[400];
@@ -321,7 +342,8 @@ TEST(test_up) {
   lab_session_stop(&session);
 }
 
-// Cut anywhere, and changed anywhere in the head: refused with a sentence, or at least read without a fault.
+// Cut anywhere, and changed anywhere in the head: refused with a sentence, or at least read without
+// a fault.
 TEST(test_damage) {
   char path[400], cut[400];
   sv_err err;
@@ -343,7 +365,8 @@ TEST(test_damage) {
       err.text[0] = 0;
       sv_status s = lab_read_viewer_format(&g, &is_mip, &block, cut, part, n, &err);
       if (s == SV_OK) {
-        assert_int_equal(kind, 0); // a whole number of .splat records cannot be told from a whole file
+        assert_int_equal(kind, 0); // a whole number of .splat records cannot be told from a whole
+                                   // file
         assert_int_equal(n % 32, 0);
         free(block);
       } else assert_true(err.text[0] != 0);
@@ -386,8 +409,8 @@ static double distance(const sv_gaussian *g) {
   return least;
 }
 
-// Its releases turn .spz files, whose axes are right-up-back, or keep their numbers: one for all Gaussians, which are
-// compared whole afterwards. GLB it only writes: then ours is the reader.
+// Its releases turn .spz files, whose axes are right-up-back, or keep their numbers: one for all
+// Gaussians, which are compared whole afterwards. GLB it only writes: then ours is the reader.
 TEST(test_independent) {
   char tool[600], path[400], back_path[400], command[2000];
   sv_err err;

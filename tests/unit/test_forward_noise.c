@@ -49,8 +49,10 @@ static void make_world(world *w) {
   assert_int_equal(a.status, SV_OK);
   for (int y = 0; y < SIDE; y++)
     for (int x = 0; x < SIDE; x++)
-      for (int k = 0; k < 3; k++)
-        w->rgb.c[k][y * w->rgb.stride + x] = LEVEL, w->g.c[k][y * w->g.stride + x] = 1.0f;
+      for (int k = 0; k < 3; k++) {
+        w->rgb.c[k][y * w->rgb.stride + x] = LEVEL;
+        w->g.c[k][y * w->g.stride + x] = 1.0f;
+      }
   assert_true(sv_multiplexed_crop(&w->c, 0, &w->region, &w->crop));
 }
 
@@ -77,7 +79,8 @@ TEST(test_size_rounding_and_derivative) {
         assert_float_equal(code, floor(code + 0.5), 2e-3);
         // y + (read + shot y) n: the derivative is 1 + shot n.
         assert_float_equal(w.out.c[k][y * w.out.stride + x], 1 + (double)SHOT * e, 1e-4);
-        sum += e, sum2 += e * e;
+        sum += e;
+        sum2 += e * e;
       }
   const double n = 3.0 * SIDE * SIDE;
   assert_float_equal(sum / n, 0, 0.03);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Cameras that run freely are brought together by the length of their frames, through a camera that queues commands
-// and counts in lines; bounded, rate-limited, and not at all when there is nothing to correct.
+// Cameras that run freely are brought together by the length of their frames, through a camera that
+// queues commands and counts in lines; bounded, rate-limited, and not at all when there is nothing
+// to correct.
 #include <math.h>
 #include <stdint.h>
 
@@ -54,7 +55,8 @@ TEST(pairs_come_together) {
     int n_latency, settle;
     double limit_ns;
   } runs[] = {
-      {14e6, 100e-6, 0, 1, 3, 400, 60e3},          // nearly half a frame off, 100 ppm between the oscillators
+      // nearly half a frame off, 100 ppm between the oscillators
+      {14e6, 100e-6, 0, 1, 3, 400, 60e3},
       {-9e6, -100e-6, 20e3, 18900, 5, 400, 110e3}, // in lines of 18.9 us, stamps that scatter
       {16.6e6, 0, 100e3, 10000, 2, 600, 150e3},    // the sign of half a period is noise
       {300e3, 20e-6, 5e3, 10000, 7, 200, 60e3},
@@ -85,7 +87,10 @@ TEST(synchronous_rigs_are_left_alone) {
   sv_rng r = sv_rng_make(1, 1);
   double largest = 0;
   open_loop(2);
-  for (int k = 0; k < 2000; k++) step(&a, 0, 0, &r, 1, &largest), step(&b, 1, 0, &r, 1, &largest);
+  for (int k = 0; k < 2000; k++) {
+    step(&a, 0, 0, &r, 1, &largest);
+    step(&b, 1, 0, &r, 1, &largest);
+  }
   assert_int_equal(loop.n_commands, 0);
 }
 
@@ -107,7 +112,10 @@ TEST(refusals_and_lost_leaders) {
   free_camera b = camera(0, 0, 1), c = camera(4e6, 0, 1);
   double largest = 0;
   (void)sv_frame_length_frame(&loop, 0, (sv_ns)(b.next_ns - 7e6), &wanted_ns); // then silent
-  for (int k = 0; k < 600; k++) step(&b, 1, 0, &r, 1, &largest), step(&c, 2, 0, &r, 1, &largest);
+  for (int k = 0; k < 600; k++) {
+    step(&b, 1, 0, &r, 1, &largest);
+    step(&c, 2, 0, &r, 1, &largest);
+  }
   double d = c.next_ns - b.next_ns;
   d -= PERIOD_NS * floor(d / PERIOD_NS + 0.5);
   print_message("after the leader is lost: %.1f us\n", d * 1e-3);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A field is fitted to a clip's motion that is known: the loss and its gradient, how much of the motion is left over, what
-// is drawn at the middle time, and the same bits for any number of threads.
+// A field is fitted to a clip's motion that is known: the loss and its gradient, how much of the
+// motion is left over, what is drawn at the middle time, and the same bits for any number of
+// threads.
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -33,7 +34,10 @@ TEST(test_loss) {
   float is[N_ROWS * 16], want[N_ROWS * 16], grad[N_ROWS * 16];
   sv_rng rng = sv_rng_make(5, 1);
   for (int r = 0; r < SV_ROW_LOGIT; r++) p.price[r] = r < SV_ROW_QUAT ? 20.0f : 1.0f + (float)r;
-  for (int i = 0; i < N_ROWS * 16; i++) is[i] = 2 * sv_rng_f(&rng) - 1, want[i] = 2 * sv_rng_f(&rng) - 1;
+  for (int i = 0; i < N_ROWS * 16; i++) {
+    is[i] = 2 * sv_rng_f(&rng) - 1;
+    want[i] = 2 * sv_rng_f(&rng) - 1;
+  }
   assert_true(sv_fit_loss(&p, is, is) == 0.0);
   sv_fit_loss_bwd(&p, is, want, N_ROWS, grad);
   for (int i = 0; i < 16 * SV_ROW_LOGIT; i++) {
@@ -41,18 +45,20 @@ TEST(test_loss) {
     is[i] = was + h;
     double up = sv_fit_loss(&p, is, want), step = (double)is[i];
     is[i] = was - h;
-    up -= sv_fit_loss(&p, is, want), step -= (double)is[i];
+    up -= sv_fit_loss(&p, is, want);
+    step -= (double)is[i];
     is[i] = was;
     assert_true(fabs(up / step - (double)grad[i]) < 1e-3 * (1.0 + fabs(up / step)));
   }
   for (int i = 16 * SV_ROW_LOGIT; i < 16 * N_ROWS; i++) assert_true(grad[i] == 0.0f);
 }
 
-// A trainer whose Gaussians move by polynomials: all as their place tells, far to one side and with a bend; half of
-// them are of a body besides that turns.
+// A trainer whose Gaussians move by polynomials: all as their place tells, far to one side and with
+// a bend; half of them are of a body besides that turns.
 static void start(const sv_pool *with) {
   moving_scene_settings c = moving_scene_cfg(SV_DEFORM_FIELD, N_GAUSS, N_STEPS);
-  c.dynamic.n_pos = 3, c.dynamic.fit = 1.0f;
+  c.dynamic.n_pos = 3;
+  c.dynamic.fit = 1.0f;
   assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, with}, -1,
                                  sv_arena_make(block, sizeof block)));
   sv_motion *mo = &dynamic.deform.motion;
@@ -98,7 +104,8 @@ TEST(test_fit) {
       for (int k = 0; k < 3; k++) {
         const double e = (double)after[i][k] - (double)before[n][i][k];
         const double d = (double)before[n][i][k] - (double)middle[i][k];
-        off += e * e, far += d * d;
+        off += e * e;
+        far += d * d;
       }
   }
   print_message("root mean square of motion %.3f, left over %.4f\n", sqrt(far / (N_TIMES * N_GAUSS)),

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The heap counter must see every way to the heap, or a "no heap" test that passes would prove nothing.
+// The heap counter must see every way to the heap, or a "no heap" test that passes would prove
+// nothing.
 #include <errno.h>
 #include <pthread.h>
 #include <stdint.h>

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// PNG and JPEG of every kind that host tools read, and the files under them. Works in a folder of its own.
+// PNG and JPEG of every kind that host tools read, and the files under them. Works in a folder of
+// its own.
 #include <math.h>
 #include <png.h>
 #include <stdint.h>
@@ -63,8 +64,10 @@ static void write_small(int type, int bits) {
                PNG_FILTER_TYPE_DEFAULT);
   png_color colours[4] = {{0, 0, 0}, {255, 0, 0}, {0, 255, 0}, {1, 2, 3}};
   png_byte alpha[2] = {255, 7}, row[1] = {bits == 2 ? 0x1B : 0x50}; // 0 1 2 3, or 0 1 0 1
-  if (type == PNG_COLOR_TYPE_PALETTE)
-    png_set_PLTE(png, info, colours, 4), png_set_tRNS(png, info, alpha, 2, NULL);
+  if (type == PNG_COLOR_TYPE_PALETTE) {
+    png_set_PLTE(png, info, colours, 4);
+    png_set_tRNS(png, info, alpha, 2, NULL);
+  }
   png_write_info(png, info);
   png_write_row(png, row);
   png_write_end(png, info);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// From raw pictures of a simulated lenslet camera to a dataset: a textured plane at a known distance must be
-// where the rig of the result sees it, in all sub-views.
+// From raw pictures of a simulated lenslet camera to a dataset: a textured plane at a known
+// distance must be where the rig of the result sees it, in all sub-views.
 #include <math.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -87,8 +87,10 @@ static double check_views(const char *out, const sv_rig *rig, double scale) {
         continue;
       double value = bilinear(&b, uv[0], uv[1], k % 3), want = texture(x[0], x[1], k % 3);
       double e = fabs(value - scale * want);
-      seen += value, there += want;
-      sum += e, n++;
+      seen += value;
+      there += want;
+      sum += e;
+      n++;
       worst = e > worst ? e : worst;
     }
     sv_bitmap_free(&b);
@@ -97,7 +99,8 @@ static double check_views(const char *out, const sv_rig *rig, double scale) {
   print_message("plane seen in %d sub-views: mean error %.4f, worst %.4f, %d points\n", rig->n_sub_views,
                 sum / n, worst, n);
   assert_true(n > 25 * 200);
-  assert_true(sum / n < 0.01 && worst < 0.06); // a wrong sign or shift of one step gives 0.05 on average
+  // a wrong sign or shift of one step gives 0.05 on average
+  assert_true(sum / n < 0.01 && worst < 0.06);
   return seen / there;
 }
 
@@ -125,7 +128,8 @@ TEST(test_import) {
   assert_ok(sv_rig_read(&rig, &files, "rig.json", KEEP * KEEP, &scratch, &err), &err);
   assert_true(rig.n_sub_views == KEEP * KEEP && rig.forward == SV_FORWARD_LIGHT_FIELD);
   assert_true(rig.sub_views[0].model.width_px >= 26 && rig.sub_views[0].model.height_px >= 24);
-  // The white image's 99th percentile is what decoded values are scaled to: a little below its peak.
+  // The white image's 99th percentile is what decoded values are scaled to: a little below its
+  // peak.
   double scale = check_views(out, &rig, 0);
   assert_true(scale > 0.85 && scale <= 1);
   check_views(out, &rig, scale);

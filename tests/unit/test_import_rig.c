@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rigs at import: COLMAP models whose frames place images that are not registered, and poses of one camera that
-// place all sub-views of a rig. Which frames of several files, with and without marks, a split is.
+// Rigs at import: COLMAP models whose frames place images that are not registered, and poses of one
+// camera that place all sub-views of a rig. Which frames of several files, with and without marks,
+// a split is.
 #include <math.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -95,7 +96,8 @@ static int import(const char *from, const char *in, const char *out) {
   return lab_cmd_import(&o);
 }
 
-// The right camera stands 0.5 to the right of the left one; frame k at x = k, frame 3 turned by a quarter about y.
+// The right camera stands 0.5 to the right of the left one; frame k at x = k, frame 3 turned by a
+// quarter about y.
 #define FRAMES "1 1 1 0 0 0 -1 0 0 2 CAMERA 5 1 CAMERA 9 2\n2 1 1 0 0 0 -2 0 0 2 CAMERA 5 3 CAMERA 9 4\n"
 #define TURN   "3 1 0.70710678118654752 0 0.70710678118654752 0 0 0 0 1 CAMERA 5 5\n"
 
@@ -118,8 +120,10 @@ TEST(test_colmap) {
   check_view(&v, "left/a", (double[3]){1, 0, 0}, 0, 0, 0);
   check_view(&v, "right/a", (double[3]){1.5, 0, 0}, 0, 1, 40);
   check_view(&v, "left/b", (double[3]){2, 0, 0}, 1, 0, 80);
-  check_view(&v, "right/b", (double[3]){2.5, 0, 0}, 1, 1, 120); // listed in its frame, not registered
-  // Not even listed. rig_from_world takes x to -z, so 0.5 to the right in the rig is 0.5 along z in the world.
+  // listed in its frame, not registered
+  check_view(&v, "right/b", (double[3]){2.5, 0, 0}, 1, 1, 120);
+  // Not even listed. rig_from_world takes x to -z, so 0.5 to the right in the rig is 0.5 along z in
+  // the world.
   check_view(&v, "right/c", (double[3]){0, 0, 0.5}, 2, 1, 200);
   assert_true(view_of(&v, "right/c")->f.model.p[0] == 21); // the right camera's lens
   lab_views_free(&v);
@@ -137,7 +141,8 @@ TEST(test_colmap_without) {
   put("a/sparse/0/rigs.txt", "1 2 CAMERA 5 CAMERA 9 1 1 0 0 0 -0.5 0 0\n");
   snprintf(command, sizeof command, "rm '%s/a/images/rig/right/b.png'", folder);
   assert_int_equal(system(command), 0);
-  assert_int_equal(import("colmap", "a", "c_out"), LAB_EXIT_OK); // a picture that is not there is left out
+  // a picture that is not there is left out
+  assert_int_equal(import("colmap", "a", "c_out"), LAB_EXIT_OK);
   open_dataset(&v, "c_out");
   assert_int_equal(v.n, 5);
   lab_views_free(&v);
@@ -153,8 +158,10 @@ TEST(test_colmap_one_folder) {
   put("e/frames.txt", FRAMES);
   put("e/images.txt",
       "1 1 0 0 0 -1 0 0 5 l0.png\n\n2 1 0 0 0 -1.5 0 0 9 r0.png\n\n3 1 0 0 0 -2 0 0 5 l1.png\n\n");
-  put_picture("e/l0.png", 1), put_picture("e/r0.png", 2), put_picture("e/l1.png", 3),
-      put_picture("e/r1.png", 4);
+  put_picture("e/l0.png", 1);
+  put_picture("e/r0.png", 2);
+  put_picture("e/l1.png", 3);
+  put_picture("e/r1.png", 4);
   assert_int_equal(import("colmap", "e", "e_out"), LAB_EXIT_OK);
   open_dataset(&v, "e_out");
   assert_int_equal(v.n, 3);
@@ -162,7 +169,8 @@ TEST(test_colmap_one_folder) {
   lab_views_free(&v);
 }
 
-// Left stands at x = -0.1 in the rig, right at x = 0.1 and turned by a quarter about its axis, top at y = -0.3.
+// Left stands at x = -0.1 in the rig, right at x = 0.1 and turned by a quarter about its axis, top
+// at y = -0.3.
 static void put_rig(void) {
   static sv_sub_view views[3] = {
       {.name = "left", .i_camera = 0}, {.name = "right", .i_camera = 1}, {.name = "top"}};
@@ -185,7 +193,8 @@ static void put_rig(void) {
 
 #define EYE "\"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]"
 
-// OpenGL's camera-to-world: the camera at z = 4 looks along -z, that at x = 1 likewise turned by a quarter about y.
+// OpenGL's camera-to-world: the camera at z = 4 looks along -z, that at x = 1 likewise turned by a
+// quarter about y.
 static void put_stream(void) {
   put("s/transforms.json",
       "{\"fl_x\": 25, \"fl_y\": 25, \"cx\": 8, \"cy\": 6, \"w\": 16, \"h\": 12, \"ply_file_path\": "
@@ -200,8 +209,10 @@ static void put_stream(void) {
   put("s/p.ply",
       "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
       "end_header\n1 2 3\n-1 0 1\n");
-  put_picture("s/images/left/0.png", 10), put_picture("s/images/left/1.png", 20);
-  put_picture("s/images/right/0.png", 30), put_picture("s/images/right/1.png", 40);
+  put_picture("s/images/left/0.png", 10);
+  put_picture("s/images/left/1.png", 20);
+  put_picture("s/images/right/0.png", 30);
+  put_picture("s/images/right/1.png", 40);
   put_picture("s/images/top/1.png", 50);
 }
 
@@ -216,15 +227,18 @@ TEST(test_stream) {
   open_dataset(&v, "s_out");
   assert_int_equal(v.n, 5); // top has no picture of exposure 0
   check_view(&v, "left/0", (double[3]){0, 0, 8}, 0, 0, 10);
-  check_view(&v, "right/0", (double[3]){0.2, 0, 8}, 0, 1, 30); // the baseline is the rig's, not scaled
+  // the baseline is the rig's, not scaled
+  check_view(&v, "right/0", (double[3]){0.2, 0, 8}, 0, 1, 30);
   check_view(&v, "left/1", (double[3]){2, 0, 0}, 1, 0, 20);
   // Its right is -z of the world, its down -y. Top: 0.1 to the right and 0.3 up.
   check_view(&v, "right/1", (double[3]){2, 0, -0.2}, 1, 1, 40);
   check_view(&v, "top/1", (double[3]){2, 0.3, -0.1}, 1, 2, 50);
   assert_true(view_of(&v, "left/0")->f.model.p[0] == 25 && view_of(&v, "right/0")->f.model.p[0] == 31);
-  assert_string_equal(view_of(&v, "right/0")->f.split, "test"); // what is held out stays so in all sub-views
+  // what is held out stays so in all sub-views
+  assert_string_equal(view_of(&v, "right/0")->f.split, "test");
   assert_string_equal(view_of(&v, "top/1")->f.camera, "top");
-  // right is left turned by a quarter about the axis: what is to the right of left is below for right.
+  // right is left turned by a quarter about the axis: what is to the right of left is below for
+  // right.
   double at[3], x[3] = {0.2 + 0.5, 0, 6};
   sv_pose_apply(at, &view_of(&v, "right/0")->f.cam_from_world, x);
   assert_true(fabs(at[0]) < 1e-9 && fabs(at[1] - 0.5) < 1e-9 && fabs(at[2] - 2) < 1e-9);
@@ -234,8 +248,8 @@ TEST(test_stream) {
   lab_views_free(&v);
 }
 
-// Depth without a unit is in thousandths of a unit that is not a metre any more; exposure numbers that are given stay
-// alone.
+// Depth without a unit is in thousandths of a unit that is not a metre any more; exposure numbers
+// that are given stay alone.
 TEST(test_stream_numbers) {
   lab_views v;
   put_rig();
@@ -244,8 +258,10 @@ TEST(test_stream_numbers) {
       "{\"file_path\": \"images/left/0.png\", \"exposure\": 1, \"depth_path\": \"images/left/d.png\", " EYE
       "},\n"
       "{\"file_path\": \"images/left/1.png\", " EYE "}]}\n");
-  put_picture("n/images/left/0.png", 10), put_picture("n/images/left/1.png", 20);
-  put_picture("n/images/right/0.png", 30), put_picture("n/images/right/1.png", 40);
+  put_picture("n/images/left/0.png", 10);
+  put_picture("n/images/left/1.png", 20);
+  put_picture("n/images/right/0.png", 30);
+  put_picture("n/images/right/1.png", 40);
   put_picture("n/images/left/d.png", 50);
   assert_int_equal(import_stream("n", "n_out", "rig", "left", 2), LAB_EXIT_OK);
   open_dataset(&v, "n_out");
@@ -315,8 +331,11 @@ TEST(test_splits) {
 
 // Pictures and panels are written under these names, so no two are the same.
 TEST(test_names) {
-  put_picture("v/l/x.png", 1), put_picture("v/r/x.png", 2), put_picture("v/l_x.png", 3);
-  put_picture("v/f.1.png", 4), put_picture("v/f.2.png", 5);
+  put_picture("v/l/x.png", 1);
+  put_picture("v/r/x.png", 2);
+  put_picture("v/l_x.png", 3);
+  put_picture("v/f.1.png", 4);
+  put_picture("v/f.2.png", 5);
   put("v/transforms.json",
       "{\"fl_x\": 25, \"frames\": [" FRAME("l/x.png", "") "," FRAME("r/x.png", "") "," FRAME(
           "l_x.png", "") "," FRAME("f.1", "") "," FRAME("f.2", "") "," FRAME("f.2.png",
@@ -327,9 +346,12 @@ TEST(test_names) {
 
 TEST(test_stream_refused) {
   char command[600];
-  assert_int_equal(import_stream("s", "t_out", "rig", "middle", 1), LAB_EXIT_FAILED); // not in the rig
-  assert_int_equal(import_stream("s", "t_out", "s", "left", 1), LAB_EXIT_FAILED);     // no rig there
-  assert_int_equal(import_stream("s", "t_out", "rig", "top", 1), LAB_EXIT_FAILED);    // no view of it
+  // not in the rig
+  assert_int_equal(import_stream("s", "t_out", "rig", "middle", 1), LAB_EXIT_FAILED);
+  // no rig there
+  assert_int_equal(import_stream("s", "t_out", "s", "left", 1), LAB_EXIT_FAILED);
+  // no view of it
+  assert_int_equal(import_stream("s", "t_out", "rig", "top", 1), LAB_EXIT_FAILED);
   assert_int_equal(import_stream("s", "t_out", "rig", NULL, 1), LAB_EXIT_USAGE);
   lab_options o = {.from = "capture", .input = folder, .out = folder, .rig = folder, .stream = "left"};
   assert_int_equal(lab_cmd_import(&o), LAB_EXIT_USAGE);
@@ -340,7 +362,8 @@ TEST(test_stream_refused) {
   assert_int_equal(system(command), 0);
   put("s/transforms.json", "{\"fl_x\": 25, \"frames\": [{\"file_path\": \"images/left/0.png\", "
                            "\"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}]}");
-  assert_int_equal(import_stream("s", "t_out", "rig", "left", 1), LAB_EXIT_FAILED); // nothing to place
+  // nothing to place
+  assert_int_equal(import_stream("s", "t_out", "rig", "left", 1), LAB_EXIT_FAILED);
 }
 
 // A recording that is imported into its own folder, or over a capture that is not finished.
@@ -348,7 +371,8 @@ TEST(test_recording_refused) {
   char from[400], to[400];
   sv_import_camera camera = {.name = "cam"};
   put_picture("w/cam/0.png", 7);
-  snprintf(from, sizeof from, "%s/w", folder), snprintf(to, sizeof to, "%s/w/../w/", folder);
+  snprintf(from, sizeof from, "%s/w", folder);
+  snprintf(to, sizeof to, "%s/w/../w/", folder);
   assert_int_equal(
       sv_import_write(&(sv_import_job){.src_dir = from, .out_dir = to}, "r", 30, &camera, 1, &err), SV_E_ARG);
   snprintf(to, sizeof to, "%s/w/cam/0.png", folder);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Kalibr's camchain.yaml: a chain as Kalibr writes it, other ways to write the same lists, refusals, and the
-// import to a rig folder that is read back.
+// Kalibr's camchain.yaml: a chain as Kalibr writes it, other ways to write the same lists,
+// refusals, and the import to a rig folder that is read back.
 #include <math.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -17,7 +17,8 @@ static sv_sub_view views[CAP];
 static sv_rig rig = {.sub_views = views, .cap_sub_views = CAP};
 static sv_err err;
 
-// cam1 is 0.11 m to the right of cam0; cam2 is turned by a quarter about z against cam1, and 0.2 m ahead.
+// cam1 is 0.11 m to the right of cam0; cam2 is turned by a quarter about z against cam1, and 0.2 m
+// ahead.
 #define CAM0                                                                                                 \
   "cam0:\n  cam_overlaps: [1, 2]\n  camera_model: pinhole\n"                                                 \
   "  distortion_coeffs: [-0.27695497, 0.06712482, 0.00087538,\n    1.1556e-04]\n"                            \
@@ -58,7 +59,8 @@ static void check_chain(void) {
   assert_true(x[0] == 0.3 && x[1] == 0.05 && x[2] == 2);
   sv_pose_apply(x, &views[1].cam_from_rig, world);
   assert_true(fabs(x[0] - 0.19) < 1e-12 && fabs(x[1] - 0.05) < 1e-12 && fabs(x[2] - 2) < 1e-12);
-  sv_pose_apply(x, &views[2].cam_from_rig, world); // through cam1: the chain is multiplied in this order
+  // through cam1: the chain is multiplied in this order
+  sv_pose_apply(x, &views[2].cam_from_rig, world);
   assert_true(fabs(x[0] - 0.05) < 1e-12 && fabs(x[1] + 0.19) < 1e-12 && fabs(x[2] - 1.8) < 1e-12);
 }
 
@@ -72,13 +74,15 @@ TEST(test_chain) {
 
 TEST(test_truncated) {
   static const char text[] = CAM0 CAM1 CAM2;
-  for (size_t n = 0; n + 1 < sizeof text; n++) { // memory of its own, so that a sanitizer sees the end
+  // memory of its own, so that a sanitizer sees the end
+  for (size_t n = 0; n + 1 < sizeof text; n++) {
     char *cut = malloc(n ? n : 1);
     memcpy(cut, text, n);
     sv_status s = sv_kalibr_read(&rig, "cut", cut, n, &err);
     free(cut);
     assert_true(s <= 0 && (s == SV_OK || err.text[0]));
-    if (s == SV_OK && rig.n_sub_views == 3) assert_true(n > sizeof text - 6); // only within the last number
+    // only within the last number
+    if (s == SV_OK && rig.n_sub_views == 3) assert_true(n > sizeof text - 6);
   }
 }
 
@@ -148,7 +152,8 @@ TEST(test_import) {
   assert_int_equal(sv_rig_init(&back, CAP, &a), SV_OK);
   assert_ok(sv_rig_read(&back, &files, "rig.json", 3, &scratch, &err), &err);
   memcpy(views, back.sub_views, sizeof(sv_sub_view) * 3);
-  rig.n_sub_views = back.n_sub_views, rig.forward = back.forward;
+  rig.n_sub_views = back.n_sub_views;
+  rig.forward = back.forward;
   check_chain();
   snprintf(command, sizeof command, "rm -r '%s'", folder);
   assert_int_equal(system(command), 0);

@@ -9,7 +9,8 @@
 #define N 60
 static sv_transforms_frame frames[N];
 
-// Cameras at azimuth 6 i degrees, alternating between two elevations, that look at (1, 2, 3); z is up.
+// Cameras at azimuth 6 i degrees, alternating between two elevations, that look at (1, 2, 3); z is
+// up.
 static void place(double low_deg, double high_deg) {
   static const double at[3] = {1, 2, 3}, up[3] = {0, 0, 1};
   memset(frames, 0, sizeof frames);
@@ -90,9 +91,11 @@ TEST(test_noise) {
   memset(px, 128, sizeof px);
   for (int i = 0; i < 3 * 64; i++) measured[i] = 40000;
   for (int i = 0; i < 3; i++) {
-    f[i].n_channels = 3, f[i].view.width_px = f[i].view.height_px = 8;
+    f[i].n_channels = 3;
+    f[i].view.width_px = f[i].view.height_px = 8;
     f[i].i_measurement = i == 2 ? 0 : -1;
-    f[i].f.exposure = 0, f[i].f.sub_view = i;
+    f[i].f.exposure = 0;
+    f[i].f.sub_view = i;
   }
   assert_int_equal(lab_noise_add(&v, &p, &model, 1, SV_BG_WHITE, &pool, &err), SV_OK);
   assert_memory_not_equal(px[0], clean, 3 * 64);

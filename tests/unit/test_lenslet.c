@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lenslet sensors: the lattice of simulated white images, and sub-views of a simulated light field. The
-// simulator integrates a formula over the pixels of the sensor; it knows nothing of the decoder.
+// Lenslet sensors: the lattice of simulated white images, and sub-views of a simulated light field.
+// The simulator integrates a formula over the pixels of the sensor; it knows nothing of the
+// decoder.
 #include <math.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -44,8 +45,9 @@ static sensor sensor_make(int w, int h, double pitch, double turn_deg, bool is_h
                   .sn = sin(turn_deg * DEG)};
 }
 
-// One wave of the light field: in the plane of the picture with a slope (disparity) of its own, so each wave
-// is a textured plane at another depth. s, t count pixels of a sub-view, u, v steps in the aperture.
+// One wave of the light field: in the plane of the picture with a slope (disparity) of its own, so
+// each wave is a textured plane at another depth. s, t count pixels of a sub-view, u, v steps in
+// the aperture.
 static const struct {
   double amplitude, fs, ft, phase, slope;
 } waves[] = {{0.12, 0.021, 0.013, 0.3, 0.25},
@@ -59,7 +61,8 @@ typedef struct {
   double share[N_WAVES]; // what is left of each wave's amplitude after integration over a cell
 } light;
 
-// Integration of the waves over a cell of the picture plane: |s| <= a/2, |t| <= b/2, or a hexagon of width a.
+// Integration of the waves over a cell of the picture plane: |s| <= a/2, |t| <= b/2, or a hexagon
+// of width a.
 static light light_over(double a, double b, bool is_hexagon) {
   light l;
   for (int k = 0; k < N_WAVES; k++) {
@@ -69,7 +72,8 @@ static light light_over(double a, double b, bool is_hexagon) {
         double s = a * ((i + 0.5) / 64 - 0.5),
                t = (is_hexagon ? 2 / sqrt(3) * a : b) * ((j + 0.5) / 64 - 0.5);
         if (is_hexagon && fabs(s) / 2 + fabs(t) * sqrt(3) / 2 > a / 2) continue;
-        sum += cos(2 * SV_PI * (waves[k].fs * s + waves[k].ft * t)), n++;
+        sum += cos(2 * SV_PI * (waves[k].fs * s + waves[k].ft * t));
+        n++;
       }
     l.share[k] = sum / n;
   }
@@ -90,13 +94,19 @@ static void nearest(const sv_lenslet_grid *g, double x, double y, int *bi, int *
   double det = g->col_px[0] * g->row_px[1] - g->col_px[1] * g->row_px[0], best = 1e30;
   double dx = x - g->offset_px[0], dy = y - g->offset_px[1];
   double p = (dx * g->row_px[1] - dy * g->row_px[0]) / det, q = (dy * g->col_px[0] - dx * g->col_px[1]) / det;
-  // Of a square array the nearest is the rounded one; of a hexagonal one it is in one of the two rows around.
+  // Of a square array the nearest is the rounded one; of a hexagonal one it is in one of the two
+  // rows around.
   int j0 = (int)floor(g->is_hexagonal ? q : q + 0.5);
   for (int j = j0; j <= j0 + g->is_hexagonal; j++) {
     double h = g->is_hexagonal && (j & 1) ? 0.5 : 0, i = floor(p - h + 0.5), ex = dx, ey = dy;
-    ex -= (i + h) * g->col_px[0] + j * g->row_px[0], ey -= (i + h) * g->col_px[1] + j * g->row_px[1];
+    ex -= (i + h) * g->col_px[0] + j * g->row_px[0];
+    ey -= (i + h) * g->col_px[1] + j * g->row_px[1];
     if (ex * ex + ey * ey >= best) continue;
-    best = ex * ex + ey * ey, *bi = (int)i, *bj = j, c[0] = x - ex, c[1] = y - ey;
+    best = ex * ex + ey * ey;
+    *bi = (int)i;
+    *bj = j;
+    c[0] = x - ex;
+    c[1] = y - ey;
   }
 }
 
@@ -114,7 +124,8 @@ static double radiance(const sensor *s, const light *l, double x, double y) {
   double value = s->level * open * (1 - 0.25 * r * r) * (1 - s->fall_off * 0.5 * (fx * fx + fy * fy)) + 0.004;
   if (!l) return value;
   double cs = s->cs, sn = s->sn, lx = c[0] - 0.5 * s->w, ly = c[1] - 0.5 * s->h;
-  double unit = g->is_hexagonal ? 0.86602540378443865 * g->pitch_px : g->pitch_px; // a pixel of a sub-view
+  // a pixel of a sub-view
+  double unit = g->is_hexagonal ? 0.86602540378443865 * g->pitch_px : g->pitch_px;
   return value * light_at(l, (cs * lx + sn * ly) / unit, (cs * ly - sn * lx) / unit, cs * dx + sn * dy,
                           cs * dy - sn * dx);
 }
@@ -194,7 +205,9 @@ TEST(test_find) {
       int side = pitches[p] < 14 ? 160 : pitches[p] < 30 ? 240 : 420;
       sensor s = sensor_make(side + 40, side, pitches[p], turns[k], (p + k) & 1);
       s.seed = (uint64_t)(p * 5 + k);
-      s.n_dead = 0.03, s.shot = 2.7e-4, s.read = 5e-7; // ISO 800
+      s.n_dead = 0.03;
+      s.shot = 2.7e-4;
+      s.read = 5e-7; // ISO 800
       check_found(&s);
     }
   print_message("found lattices: worst pitch %.4f px, rotation %.4f deg, centre %.3f px\n", worst_pitch,
@@ -204,10 +217,14 @@ TEST(test_find) {
 TEST(test_find_hard) {
   skip_under_emulation();
   sensor s = sensor_make(420, 300, 9.13, 1.3, true); // a tenth dead, strong noise and fall-off
-  s.n_dead = 0.1, s.shot = 5e-3, s.read = 1e-4, s.fall_off = 0.8;
+  s.n_dead = 0.1;
+  s.shot = 5e-3;
+  s.read = 1e-4;
+  s.fall_off = 0.8;
   check_found(&s);
   s = sensor_make(260, 380, 11.02, -2, false); // 8 bits
-  s.bits = 8, s.n_dead = 0.05;
+  s.bits = 8;
+  s.n_dead = 0.05;
   check_found(&s);
   s = sensor_make(160, 160, 14, 3, true); // few lenslets
   check_found(&s);
@@ -270,8 +287,10 @@ typedef struct {
 static shot take(const sensor *s) {
   shot t = {.s = s, .pixel = light_over(1, 1, false)};
   light lens = s->grid.is_hexagonal ? light_over(1 / sqrt(0.75), 0, true) : t.pixel;
-  t.white_px = expose(s, NULL), t.raw_px = expose(s, &lens);
-  t.white = raw_of(s, t.white_px), t.raw = raw_of(s, t.raw_px);
+  t.white_px = expose(s, NULL);
+  t.raw_px = expose(s, &lens);
+  t.white = raw_of(s, t.white_px);
+  t.raw = raw_of(s, t.raw_px);
   return t;
 }
 
@@ -307,7 +326,8 @@ static quality decode(const shot *t, const sv_lenslet_grid *g, int keep) {
         *row = malloc(sizeof *row * (size_t)p.n_columns);
   float *out = malloc(sizeof *out * (size_t)(p.width_px * p.height_px));
   assert_int_equal(sv_lenslet_gain(&p, "white.png", &t->white, gain, &err), SV_OK);
-  // Decoded values are in units of the white image's bright level; the formula's are shares of the white.
+  // Decoded values are in units of the white image's bright level; the formula's are shares of the
+  // white.
   double bright = 0, total = 0;
   for (int i = 0; i < s->w * s->h; i++)
     if (gain[i] < 9.9f) bright = ((double)t->white_px[i] / 65535 - 0.004) * (double)gain[i];
@@ -319,18 +339,24 @@ static quality decode(const shot *t, const sv_lenslet_grid *g, int keep) {
     if (-10 * log10(e) < q.worst_db) q.worst_db = -10 * log10(e);
   }
   q.all_db = -10 * log10(total);
-  free(gain), free(row), free(out);
+  free(gain);
+  free(row);
+  free(out);
   return q;
 }
 
 TEST(test_decode) {
   for (int is_hex = 0; is_hex < 2; is_hex++) {
     sensor s = sensor_make(400, 380, 13.07, 1.1, is_hex), n = s;
-    n.shot = 1.3e-4, n.read = 1.4e-7; // ISO 400
+    n.shot = 1.3e-4;
+    n.read = 1.4e-7; // ISO 400
     shot clean = take(&s), grainy = take(&n);
     quality known = decode(&clean, &s.grid, 9), found = decode(&clean, NULL, 9);
     quality noisy = decode(&grainy, NULL, 9);
-    free(clean.white_px), free(clean.raw_px), free(grainy.white_px), free(grainy.raw_px);
+    free(clean.white_px);
+    free(clean.raw_px);
+    free(grainy.white_px);
+    free(grainy.raw_px);
     print_message("%s %dx%d: known lattice %.2f dB (worst sub-view %.2f), found %.2f (%.2f), noise %.2f\n",
                   is_hex ? "hexagonal" : "square", known.w, known.h, known.all_db, known.worst_db,
                   found.all_db, found.worst_db, noisy.all_db);
@@ -370,7 +396,8 @@ TEST(test_plan) {
                    SV_E_RANGE);
 }
 
-// A point in the plane of focus is at one place in all sub-views; a nearer one moves against the camera.
+// A point in the plane of focus is at one place in all sub-views; a nearer one moves against the
+// camera.
 TEST(test_rig) {
   sensor s = sensor_make(400, 300, 10, 0, true);
   sv_lenslet_plan p;
@@ -390,7 +417,10 @@ TEST(test_rig) {
     double x[3];
     sv_pose_apply(x, &rig.sub_views[i].cam_from_rig, far);
     assert_true(sv_model_project(&rig.sub_views[i].model, x, uv, NULL, NULL));
-    if (i == 0) first[0] = uv[0], first[1] = uv[1];
+    if (i == 0) {
+      first[0] = uv[0];
+      first[1] = uv[1];
+    }
     assert_true(fabs(uv[0] - first[0]) < 1e-9 && fabs(uv[1] - first[1]) < 1e-9);
     sv_pose_apply(x, &rig.sub_views[i].cam_from_rig, near);
     assert_true(sv_model_project(&rig.sub_views[i].model, x, uv, NULL, NULL));

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// subview-calibrate lenslets on simulated pictures: a ray-traced scene through each lens of a multiplexed sensor
-// alone, and white pictures with round, partly lit footprints. The alignment of patches that it is built on.
+// subview-calibrate lenslets on simulated pictures: a ray-traced scene through each lens of a
+// multiplexed sensor alone, and white pictures with round, partly lit footprints. The alignment of
+// patches that it is built on.
 #include <math.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -19,11 +20,12 @@
 static isolated set;
 static sv_err err;
 
-// --- a chessboard through the lenses --------------------------------------------------------------
+// --- a chessboard through the lenses -------------------------------------------------------------
 enum { COLS = 7, ROWS = 6 };
 #define SQUARE_M 0.2
 
-// What a lens sees of a board of (COLS + 1) x (ROWS + 1) squares with a white rim, on grey; 4 x 4 samples a pixel.
+// What a lens sees of a board of (COLS + 1) x (ROWS + 1) squares with a white rim, on grey; 4 x 4
+// samples a pixel.
 static void render_board(const sv_sub_view *v, const sv_pose *rig_from_board, uint8_t *rgb) {
   sv_pose p = sv_pose_mul(&v->cam_from_rig, rig_from_board);
   const double *n = (double[3]){p.r[2], p.r[5], p.r[8]};
@@ -74,9 +76,11 @@ static void check_footprint(const sv_sub_view *v, const sv_sub_view *want) {
       int fx = x + g->x0_px - f->x0_px, fy = y + g->y0_px - f->y0_px;
       bool is_in = fx >= 0 && fy >= 0 && fx < f->width_px && fy < f->height_px;
       double c = is_in ? f->coverage[fy * f->width_px + fx] / 255.0 : 0;
-      // The plateau is the brightest 5 % of the lit part: in a disc, what d^2 < r^2 / 20 sees at least.
+      // The plateau is the brightest 5 % of the lit part: in a disc, what d^2 < r^2 / 20 sees at
+      // least.
       double want_share = fmin(1, isolated_share(&set, g, x, y) / (1 - ISOLATED_FALL_OFF * 0.05));
-      sum += want_share, diff += fabs(c - want_share);
+      sum += want_share;
+      diff += fabs(c - want_share);
     }
   if (!(diff < 0.01 * sum)) fail_msg("%s: coverage is off by %.2f %%", v->name, 100 * diff / sum);
 }
@@ -89,7 +93,8 @@ static void calibrate(const char *spec, bool is_board, int n_exposures, double l
   if (is_board) make_board_pictures(n_exposures);
   else isolated_scene(&set, n_exposures);
   double a[3], b[3];
-  sv_pose_centre(a, &want->sub_views[0].cam_from_rig), sv_pose_centre(b, &want->sub_views[1].cam_from_rig);
+  sv_pose_centre(a, &want->sub_views[0].cam_from_rig);
+  sv_pose_centre(b, &want->sub_views[1].cam_from_rig);
   sv_sub3(a, a, b);
   cal_options o = {.isolated = set.isolated,
                    .white = set.white,
@@ -99,8 +104,12 @@ static void calibrate(const char *spec, bool is_board, int n_exposures, double l
                    .spacing_m = -1,
                    .focal_px = -1,
                    .is_quiet = true};
-  if (is_board) o.board = "7x6", o.n_cols = COLS, o.n_rows = ROWS, o.spacing_m = SQUARE_M;
-  else o.pitch_m = sv_norm3(a);
+  if (is_board) {
+    o.board = "7x6";
+    o.n_cols = COLS;
+    o.n_rows = ROWS;
+    o.spacing_m = SQUARE_M;
+  } else o.pitch_m = sv_norm3(a);
   assert_int_equal(cal_cmd_lenslets(&o), CAL_EXIT_OK);
   sv_rig rig;
   sv_arena arena = sv_arena_make(block, sizeof block), scratch = sv_arena_make(room, sizeof room);
@@ -132,7 +141,8 @@ TEST(test_board) {
   calibrate("textured,rig=multiplexed,size=480x480,grid=3x3", true, 8, 0.1, 0.01);
 }
 
-// A picture seen through a known map, with another gain and offset: place and map are found to a hundredth of a pixel.
+// A picture seen through a known map, with another gain and offset: place and map are found to a
+// hundredth of a pixel.
 static double bumps(double x, double y) {
   return 128 + 50 * sin(0.41 * x + 0.13 * y) * cos(0.29 * y - 0.17 * x) + 30 * sin(0.11 * x - 0.53 * y);
 }
@@ -144,7 +154,8 @@ TEST(test_align) {
   double det = map[0] * map[3] - map[1] * map[2], worst = 0;
   for (int i = 0; i < W * W; i++) {
     double dx = i % W - to[0], dy = i / W - to[1]; // b at `to` + map d is a at `at` + d
-    a[i] = (uint8_t)lrint(bumps(i % W, i / W)), flat[i] = 90;
+    a[i] = (uint8_t)lrint(bumps(i % W, i / W));
+    flat[i] = 90;
     b[i] = (uint8_t)lrint(20 + 0.7 * bumps(at[0] + (map[3] * dx - map[1] * dy) / det,
                                            at[1] + (map[0] * dy - map[2] * dx) / det));
   }
@@ -173,7 +184,10 @@ TEST(test_lens_array) {
   static sv_array_observation seen[N * N_POINTS];
   sv_rig rig = {.sub_views = views, .cap_sub_views = N};
   sv_device_params p = sv_device_defaults(SV_DEVICE_MULTIPLEXED);
-  p.width_px = p.height_px = 480, p.focal_per_width = 1.1, p.distance_m = 4, p.angle_rad = 0.17,
+  p.width_px = p.height_px = 480;
+  p.focal_per_width = 1.1;
+  p.distance_m = 4;
+  p.angle_rad = 0.17;
   p.rows = p.cols = 3;
   assert_ok(sv_device_build(&rig, &p, &err), &err);
   sv_lens_array a = {.n_views = N,
@@ -209,13 +223,17 @@ TEST(test_lens_array) {
     sv_rodrigues(off, w);
     sv_mul33(poses[c].r, off, poses[c].r);
     models[c] = views[c].model;
-    models[c].p[0] *= 1.1, models[c].p[1] *= 1.1;
+    models[c].p[0] *= 1.1;
+    models[c].p[1] *= 1.1;
     for (int k = 0; k < 2; k++) centre[c][k] = models[c].p[2 + k];
   }
   sv_array_stats st;
   assert_ok(sv_array_solve(&a, 5, &st, &err), &err);
   sv_rig got = {.sub_views = calloc(N, sizeof(sv_sub_view)), .n_sub_views = N};
-  for (int c = 0; c < N; c++) got.sub_views[c].cam_from_rig = poses[c], got.sub_views[c].model = models[c];
+  for (int c = 0; c < N; c++) {
+    got.sub_views[c].cam_from_rig = poses[c];
+    got.sub_views[c].model = models[c];
+  }
   isolated_errors e = isolated_compare(&got, &rig);
   printf("points: sigma %.4f px, %d left out, rotation %.4f degrees (sd %.4f), focal length %.3f %% (sd %.3f "
          "%%)\n",

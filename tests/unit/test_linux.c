@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The Linux machine: pool, store, console, clock. The system calls of a save are replaced here, so each
-// of them can fail, be cut short, be interrupted, or be the last thing the process does.
+// The Linux machine: pool, store, console, clock. The system calls of a save are replaced here, so
+// each of them can fail, be cut short, be interrupted, or be the last thing the process does.
 #include <errno.h>
 #include <fcntl.h>
 #include <signal.h>
@@ -371,7 +371,8 @@ TEST(console_lines) {
   c.log(c.self, SV_LOG_ERROR, line); // cut, but a line
   size_t n = read_pipe(fd[0], buf, sizeof buf);
   assert_true(n > 900 && buf[n - 1] == '\n');
-  close(fd[0]), close(fd[1]);
+  close(fd[0]);
+  close(fd[1]);
 }
 
 TEST(stop_signals) {
@@ -397,7 +398,8 @@ TEST(stop_signals) {
   raise(SIGHUP);
   assert_false(c.is_stop_requested(c.self));
   signal(SIGHUP, SIG_DFL);
-  raise(SIGINT), raise(SIGTERM);
+  raise(SIGINT);
+  raise(SIGTERM);
   sv_linux_reset_stop();
   pid_t pid = fork();
   if (pid == 0) {

@@ -20,7 +20,8 @@ static const sv_image_pair im = {&a[0][0][0], &b[0][0][0], W, H, 3};
 static sv_lpips *lpips;
 static sv_err err;
 
-// Discs on a checkerboard; b has them moved and some noise. Integers only, so the pictures are the same everywhere.
+// Discs on a checkerboard; b has them moved and some noise. Integers only, so the pictures are the
+// same everywhere.
 FIXTURE(setup) {
   for (int i = 0; i < H * W; i++) {
     int x = i % W, y = i / W;
@@ -103,7 +104,8 @@ TEST(test_threads) {
   assert_true(v1 == v3 && m1 == m3);
 }
 
-// The network and its buffers serve one size after the other, also larger ones; too small is refused.
+// The network and its buffers serve one size after the other, also larger ones; too small is
+// refused.
 TEST(test_sizes) {
   static const struct { int w, h; } size[] = {{17, 17}, {18, 40}, {19, 19}, {41, 17}, {20, 23}, {50, 40}};
   sv_pool one = sv_pool_serial();
@@ -130,7 +132,8 @@ static float *read_planes(const char *name, int *w, int *h) {
   size_t n = (size_t)m.width_px * (size_t)m.height_px;
   float *p = m.bits == 8 && m.n_channels == 3 ? malloc(3 * n * sizeof *p) : NULL;
   for (size_t i = 0; p && i < 3 * n; i++) p[i % 3 * n + i / 3] = (float)m.u8[i] / 255.0f;
-  *w = m.width_px, *h = m.height_px;
+  *w = m.width_px;
+  *h = m.height_px;
   sv_bitmap_free(&m);
   return p;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Metrics against values that an independent script computed from the formulas (direct sums in double),
-// and against cases that can be done by hand.
+// Metrics against values that an independent script computed from the formulas (direct sums in
+// double), and against cases that can be done by hand.
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -63,14 +63,22 @@ TEST(test_by_hand) {
   assert_near(sv_psnr_masked(&im, &none[0][0]), 100, 1e-12);
   assert_int_equal(sv_ssim_masked(&im, &none[0][0], scratch, &v), SV_OK);
   assert_near(v, 1, 1e-12);
-  // constant images: variances are zero, SSIM = (2 m1 m2 + C1) / (m1^2 + m2^2 + C1) in every whole window
+  // constant images: variances are zero, SSIM = (2 m1 m2 + C1) / (m1^2 + m2^2 + C1) in every whole
+  // window
   static float flat[2][H][W];
-  for (int i = 0; i < H * W; i++) flat[0][i / W][i % W] = 0.25f, flat[1][i / W][i % W] = 0.75f;
+  for (int i = 0; i < H * W; i++) {
+    flat[0][i / W][i % W] = 0.25f;
+    flat[1][i / W][i % W] = 0.75f;
+  }
   sv_image_pair f = {&flat[0][0][0], &flat[1][0][0], W, H, 1};
   assert_int_equal(sv_ssim(&f, SV_SSIM_VALID, scratch, &v), SV_OK);
   assert_near(v, (2 * 0.25 * 0.75 + 1e-4) / (0.0625 + 0.5625 + 1e-4), 1e-12);
   assert_near(sv_psnr(&f), -10 * log10(0.25), 1e-12);
-  for (int i = 0; i < 300; i++) u[i] = 10, w[i] = (uint8_t)(i % 3 ? 10 : 13); // mse = 3 of 255^2
+  // mse = 3 of 255^2
+  for (int i = 0; i < 300; i++) {
+    u[i] = 10;
+    w[i] = (uint8_t)(i % 3 ? 10 : 13);
+  }
   assert_near(sv_psnr_u8(u, w, 300), -10 * log10(3 / 65025.0), 1e-10);
   sv_image_pair tiny = {&a[0][0][0], &b[0][0][0], 10, 23, 1};
   assert_int_equal(sv_ssim(&tiny, SV_SSIM_VALID, scratch, &v), SV_E_RANGE);
@@ -81,9 +89,10 @@ TEST(test_by_hand) {
   assert_near(v, 1, 1e-12);
 }
 
-// Flat pictures, mask only in the columns from K on: the sums can be written down. A window that sees `count` of its
-// 11 columns weights them with s = (their weights) * 11 / count, so means are s m, second moments s m^2, variances
-// (s - s^2) m^2 (0 when negative); with no column at all the window counts as 1.
+// Flat pictures, mask only in the columns from K on: the sums can be written down. A window that
+// sees `count` of its 11 columns weights them with s = (their weights) * 11 / count, so means are s
+// m, second moments s m^2, variances (s - s^2) m^2 (0 when negative); with no column at all the
+// window counts as 1.
 TEST(test_masked_by_hand) {
   enum { K = 17 };
   static float flat[2][H][W];
@@ -91,7 +100,8 @@ TEST(test_masked_by_hand) {
   double v, sum = 0, g[11], total = 0;
   const double ma = 0.25, mb = 0.75;
   for (int i = 0; i < H * W; i++) {
-    flat[0][i / W][i % W] = (float)ma, flat[1][i / W][i % W] = (float)mb;
+    flat[0][i / W][i % W] = (float)ma;
+    flat[1][i / W][i % W] = (float)mb;
     half[i / W][i % W] = i % W >= K;
   }
   sv_image_pair f = {&flat[0][0][0], &flat[1][0][0], W, H, 1};
@@ -100,7 +110,10 @@ TEST(test_masked_by_hand) {
     double w = 0;
     int count = 0;
     for (int t = 0; t < 11; t++)
-      if (x + t >= K) w += g[t] / total, count++;
+      if (x + t >= K) {
+        w += g[t] / total;
+        count++;
+      }
     double s = count ? w * 11 / count : 0, d = s - s * s > 0 ? s - s * s : 0, c = s - s * s;
     double cov = c * ma * mb > d * ma * mb    ? d * ma * mb
                  : c * ma * mb < -d * ma * mb ? -d * ma * mb
@@ -116,7 +129,10 @@ TEST(test_masked_by_hand) {
   for (int i = 0; i < H * W; i++) flat[0][i / W][i % W] = i % W < K ? 0.0f : i % 2 ? 0.5f : 0.625f;
   double n = 0, e = 0;
   for (int i = 0; i < H * W; i++)
-    if (i % W >= K) n++, e += i % 2 ? 1.0 / 16 : 1.0 / 64;
+    if (i % W >= K) {
+      n++;
+      e += i % 2 ? 1.0 / 16 : 1.0 / 64;
+    }
   assert_near(sv_psnr_masked(&f, &half[0][0]), -10 * log10(e / n), 1e-12);
 }
 

@@ -24,8 +24,8 @@ FIXTURE(setup) {
 static double encode(double x) { return x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1 / 2.4) - 0.055; }
 static double decode(double y) { return y <= 0.04045 ? y / 12.92 : pow((y + 0.055) / 1.055, 2.4); }
 
-// N samples of y = x + s z: the mean within 5 s / sqrt(N), the variance within 5 sqrt(2 / N) of itself, the
-// channels uncorrelated within 5 / sqrt(N).
+// N samples of y = x + s z: the mean within 5 s / sqrt(N), the variance within 5 sqrt(2 / N) of
+// itself, the channels uncorrelated within 5 / sqrt(N).
 #define N 400000
 TEST(test_moments) {
   static const sv_noise_model models[] = {{1e-4f, 0.01f}, {0.0f, 0.004f}, {2.5e-3f, 0.0f}, {1e-6f, 1e-6f}};
@@ -39,7 +39,11 @@ TEST(test_moments) {
         float in[3] = {(float)x, (float)x, (float)x}, out[3];
         sv_noise_add(&tables, &models[m], key, k, in, out);
         double z[3];
-        for (int c = 0; c < 3; c++) z[c] = ((double)out[c] - x) / s, sum[c] += z[c], sq[c] += z[c] * z[c];
+        for (int c = 0; c < 3; c++) {
+          z[c] = ((double)out[c] - x) / s;
+          sum[c] += z[c];
+          sq[c] += z[c] * z[c];
+        }
         for (int c = 0; c < 3; c++) cross[c] += z[c] * z[(c + 1) % 3];
         kurt += z[0] * z[0] * z[0] * z[0];
       }
@@ -60,8 +64,10 @@ TEST(test_neighbours_are_independent) {
     sv_noise_add(&tables, &m, (uint32_t[]){1, 2}, k, zero, a);
     sv_noise_add(&tables, &m, (uint32_t[]){1, 3}, k, zero, b);
     sv_noise_add(&tables, &m, (uint32_t[]){2, 2}, k, zero, c);
-    across += (double)a[0] * (double)last, last = a[0];
-    pictures[0] += (double)a[0] * (double)b[0], pictures[1] += (double)a[0] * (double)c[0];
+    across += (double)a[0] * (double)last;
+    last = a[0];
+    pictures[0] += (double)a[0] * (double)b[0];
+    pictures[1] += (double)a[0] * (double)c[0];
   }
   assert_true(fabs(across / N) < 5 / sqrt(N));
   assert_true(fabs(pictures[0] / N) < 5 / sqrt(N) && fabs(pictures[1] / N) < 5 / sqrt(N));
@@ -102,7 +108,8 @@ TEST(test_display_pictures) {
   static uint8_t px[SIDE * SIDE * 3], again[SIDE * SIDE * 3];
   static uint16_t deep[SIDE * SIDE * 3];
   sv_noise_job j = {.model = {4e-4f, 2e-3f}, .key = {3, 9}};
-  memset(px, 170, sizeof px), memset(again, 170, sizeof again);
+  memset(px, 170, sizeof px);
+  memset(again, 170, sizeof again);
   for (int i = 0; i < SIDE * SIDE * 3; i++) deep[i] = 170 * 257;
   assert_int_equal(sv_noise_u8(&tables, &j, px, 3, SIDE * SIDE), SV_OK);
   assert_int_equal(sv_noise_u8(&tables, &j, again, 3, SIDE * SIDE), SV_OK);
@@ -111,7 +118,8 @@ TEST(test_display_pictures) {
   double x = decode(170 / 255.0), want = 4e-4 + 2e-3 * x, n = SIDE * SIDE * 3, sum = 0, sq = 0;
   for (int i = 0; i < SIDE * SIDE * 3; i++) {
     double e = decode(deep[i] / 65535.0) - x;
-    sum += e, sq += e * e;
+    sum += e;
+    sq += e * e;
     assert_true(abs((deep[i] + 128) / 257 - px[i]) <= 1); // the same noise at both depths
   }
   assert_true(fabs(sum / n) < 5 * sqrt(want / n));

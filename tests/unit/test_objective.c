@@ -18,8 +18,8 @@ static sv_train_cfg of(int n_exposures, int n_sub_views, bool is_multiplexed, bo
   return of_gaussians(20000, n_exposures, n_sub_views, is_multiplexed, is_moving);
 }
 
-// The fewer exposures, the more Gaussians are left out of a step; none where there are many, where the scene moves or
-// lenses share a sensor.
+// The fewer exposures, the more Gaussians are left out of a step; none where there are many, where
+// the scene moves or lenses share a sensor.
 TEST(test_dropout) {
   assert_true(sv_train_defaults().dropout == 0);
   for (int n_sub_views = 1; n_sub_views <= 16; n_sub_views *= 4) {
@@ -37,7 +37,8 @@ TEST(test_dropout) {
   assert_true(of(1, 16, false, false).dropout < of(1, 2, false, false).dropout);
 }
 
-// Where exposures are few, of more than 20,000 Gaussians each pays what it would pay among so many; fewer share the price.
+// Where exposures are few, of more than 20,000 Gaussians each pays what it would pay among so many;
+// fewer share the price.
 TEST(test_price_of_many) {
   for (int n_sub_views = 1; n_sub_views <= 4; n_sub_views++)
     for (int n = 1; n <= 30; n++) {
@@ -52,8 +53,8 @@ TEST(test_price_of_many) {
   assert_true(of_gaussians(100000, 1, 2, false, true).reg_opacity == of(1, 2, false, true).reg_opacity);
 }
 
-// What starts far from the surface has Adam's steps where several views see it, and pays as much for opacity as before
-// there was dropout; a light field then does without it.
+// What starts far from the surface has Adam's steps where several views see it, and pays as much
+// for opacity as before there was dropout; a light field then does without it.
 TEST(test_far) {
   for (int n_sub_views = 1; n_sub_views <= 16; n_sub_views *= 2) {
     const bool is_grid = n_sub_views > 4;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The options of the tools: what lands in the caller's struct, each sentence that refuses, and --help.
+// The options of the tools: what lands in the caller's struct, each sentence that refuses, and
+// --help.
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -88,7 +89,8 @@ TEST(test_values) {
   assert_string_equal(got.mode, "quick");
   assert_string_equal(got.place, "here");
   assert_true(got.n == 7 && got.x == 2.5 && got.is_fast && !got.is_help && got.many.n == 0);
-  assert_int_equal(parse(&run, "here --name a --n 0 --name b=c"), SV_OPTIONS_OK); // the last one counts
+  // the last one counts
+  assert_int_equal(parse(&run, "here --name a --n 0 --name b=c"), SV_OPTIONS_OK);
   assert_string_equal(got.name, "b=c");
   assert_int_equal(parse(&run, "here --name --name=--fast"), SV_OPTIONS_USAGE);
   assert_int_equal(parse(&run, "here --name=--fast"), SV_OPTIONS_OK); // meant so
@@ -108,7 +110,8 @@ TEST(test_list) {
   assert_string_equal(got.many.of[3], "d");
   refused(&look, "--x 1 --many", "--many needs a value");
   refused(&look, "--x 1 --many a _", "--many needs a value");
-  words[0] = "--x=1", words[1] = "--many";
+  words[0] = "--x=1";
+  words[1] = "--many";
   for (int i = 2; i < CAP_WORDS; i++) words[i] = "w";
   assert_int_equal(parse_words(&look, 2 + SV_OPTIONS_CAP_LIST), SV_OPTIONS_OK);
   assert_int_equal(got.many.n, SV_OPTIONS_CAP_LIST);
@@ -128,7 +131,8 @@ TEST(test_sentences) {
   refused(&look, "--fast", "unknown option '--fast'"); // of the other command
   refused(&run, "--name", "--name needs a value");
   refused(&run, "--name=", "--name needs a value");
-  refused(&run, "--name --fast here", "--name needs a value"); // what follows is an option, known or not
+  // what follows is an option, known or not
+  refused(&run, "--name --fast here", "--name needs a value");
   refused(&run, "--mode --fast --name a here", "--mode needs a value");
   refused(&run, "--n --bogus", "--n needs a value");
   refused(&run, "--x --", "--x needs a value");

@@ -31,7 +31,10 @@ static sv_status to_memory(void *self, const void *data, size_t bytes, sv_err *e
 
 static sv_gaussian random_gaussian(sv_rng *r, int degree) {
   sv_gaussian g = {{0}, {0}, {0}, sv_rng_normal(r), {{0}}};
-  for (int i = 0; i < 3; i++) g.mean[i] = sv_rng_normal(r), g.log_scale[i] = sv_rng_normal(r) - 4;
+  for (int i = 0; i < 3; i++) {
+    g.mean[i] = sv_rng_normal(r);
+    g.log_scale[i] = sv_rng_normal(r) - 4;
+  }
   for (int i = 0; i < 4; i++) g.quat_wxyz[i] = sv_rng_normal(r);
   for (int k = 0; k < (degree + 1) * (degree + 1); k++)
     for (int c = 0; c < 3; c++) g.sh[k][c] = sv_rng_normal(r);
@@ -94,7 +97,8 @@ TEST(test_writer_failures) {
   o.sh_degree = 4;
   assert_int_equal(sv_ply_write_begin(&w, (sv_sink){&mem, to_memory}, &o, &err), SV_E_ARG);
   o.sh_degree = 0;
-  mem.fail_at = 0, mem.n = 0;
+  mem.fail_at = 0;
+  mem.n = 0;
   assert_int_equal(sv_ply_write_begin(&w, (sv_sink){&mem, to_memory}, &o, &err), SV_OK);
   assert_int_equal(sv_ply_write_end(&w, &err), SV_E_ARG);
 }

@@ -37,7 +37,11 @@ static sv_view view_at(float x) {
 
 static sv_train_cfg config(void) {
   sv_train_cfg c = sv_train_defaults();
-  c.n_gaussians = N, c.cap_views = 2, c.cap_width_px = W, c.cap_height_px = H, c.n_threads = 3;
+  c.n_gaussians = N;
+  c.cap_views = 2;
+  c.cap_width_px = W;
+  c.cap_height_px = H;
+  c.n_threads = 3;
   c.has_images = true;
   return c;
 }
@@ -116,7 +120,8 @@ TEST(test_rings) {
   assert_true(sv_prior_find_depth(&p, 2, &v)->map[0] == 9);
   assert_int_equal(sv_prior_submit_depth(&p, id, map, W, H, SV_PRIOR_METRIC, 1), SV_OK);
   const int kept = sv_prior_find_depth(&p, 1, &v) ? 1 : 2;
-  for (int i = 0; i < 9; i++) { // maps of pseudo-views that are gone give their places to those of later ones
+  for (int i = 0; i < 9; i++) { // maps of pseudo-views that are gone give their places to those of
+                                // later ones
     for (int k = 0; k < 3; k++) assert_int_equal(sv_prior_submit_view(&p, &v, &im, 1, 1, &id), SV_OK);
     assert_int_equal(sv_prior_submit_depth(&p, id, map, W, H, SV_PRIOR_METRIC, 1), SV_OK);
     assert_non_null(sv_prior_find_depth(&p, id, &v));
@@ -166,7 +171,8 @@ TEST(test_views) {
   for (int i = 0; i < 20; i++) {
     float eye[3], x[3], was[3];
     sv_view_centre(eye, &v[i]);
-    for (int k = 0; k < 3; k++) { // the scene's centre stays where it was in the picture of one of the views
+    for (int k = 0; k < 3; k++) { // the scene's centre stays where it was in the picture of one of
+                                  // the views
       x[k] = v[i].t[k];
       for (int j = 0; j < 3; j++) x[k] += v[i].r[3 * k + j] * trainer.centre[j];
     }
@@ -210,7 +216,8 @@ static double mean_of(sv_trainer *t, int x0, int x1) {
   return sum / (H * (x1 - x0));
 }
 
-// A pseudo-view draws what is left of its mask's edge to itself; all of it with the same bits in any order of tasks.
+// A pseudo-view draws what is left of its mask's edge to itself; all of it with the same bits in
+// any order of tasks.
 TEST(test_steps) {
   make(&trainer, &in_order, block, sizeof block);
   (void)train(&trainer, false);
@@ -231,8 +238,8 @@ static double dip_of(float *v, int n) {
   return sv_prior_dip(v, n, hull);
 }
 
-// Known values: evenly spaced ones 1/(2n), two equal heaps 1/4; what is unimodal has a dip of about the resolution of
-// its distribution function, what is not has half of the trough's share.
+// Known values: evenly spaced ones 1/(2n), two equal heaps 1/4; what is unimodal has a dip of about
+// the resolution of its distribution function, what is not has half of the trough's share.
 TEST(test_dip) {
   static float v[4096];
   sv_rng r = sv_rng_make(5, 5);
@@ -246,7 +253,8 @@ TEST(test_dip) {
   assert_true(dip_of(v, 4000) < 0.01);
   for (int i = 0; i < 4000; i++) v[i] = sv_rng_f(&r) * sv_rng_f(&r); // steep, one mode
   assert_true(dip_of(v, 4000) < 0.01);
-  for (int i = 0; i < 1000; i++) v[i] = (i % 5 == 0 ? 100.0f : 0.0f) + 1e-3f * sv_rng_f(&r); // a fifth apart
+  // a fifth apart
+  for (int i = 0; i < 1000; i++) v[i] = (i % 5 == 0 ? 100.0f : 0.0f) + 1e-3f * sv_rng_f(&r);
   assert_true(fabs(dip_of(v, 1000) - 0.1) < 0.002);
   for (int i = 0; i < 100; i++) v[i] = 3;
   assert_true(dip_of(v, 100) == 0.5 / 100);
@@ -279,12 +287,15 @@ TEST(test_neighbours) {
 
 static void put(int i, float x, float y, float z, float log_scale, float opacity_logit) {
   float *p = sv_gaussians_at(&trainer.g, i, 0);
-  p[0] = x, p[16] = y, p[32] = z;
+  p[0] = x;
+  p[16] = y;
+  p[32] = z;
   for (int k = 0; k < 3; k++) p[16 * (SV_ROW_SCALE + k)] = log_scale;
   p[16 * SV_ROW_LOGIT] = opacity_logit;
 }
 
-// A lattice with a far-off point: new ones come to the middles of the edges to its neighbours, in dead slots alone.
+// A lattice with a far-off point: new ones come to the middles of the edges to its neighbours, in
+// dead slots alone.
 TEST(test_unpool) {
   make_with(&trainer, SV_PRIOR_FSGS, &in_order, block, sizeof block);
   prior.cfg.unpool_share = 1;
@@ -302,7 +313,8 @@ TEST(test_unpool) {
   assert_int_equal(sv_prior_unpool(&prior), 0); // no slot to be had
 }
 
-// A wall, and before a small part of it a heavy veil that leaves a bit of the wall to be seen: the veil is taken.
+// A wall, and before a small part of it a heavy veil that leaves a bit of the wall to be seen: the
+// veil is taken.
 TEST(test_prune) {
   uint32_t n_pruned;
   make_with(&trainer, SV_PRIOR_SPARSEGS, &in_order, block, sizeof block);
@@ -312,7 +324,10 @@ TEST(test_prune) {
   assert_int_equal(sv_prior_prune(&prior, &n_pruned), SV_OK);
   int n_veil = 0, n_wall = 0;
   for (int i = 0; i < N; i++)
-    if (*sv_gaussians_at(&trainer.g, i, SV_ROW_LOGIT) < -5) n_veil += i >= 256, n_wall += i < 256;
+    if (*sv_gaussians_at(&trainer.g, i, SV_ROW_LOGIT) < -5) {
+      n_veil += i >= 256;
+      n_wall += i < 256;
+    }
   assert_int_equal(n_veil + n_wall, n_pruned);
   assert_true(n_veil > 10 && n_wall < 10);
 }

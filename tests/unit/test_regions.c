@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the trainer looks: regions cover their sensor wherever an epoch shifts them, and views that no camera took
-// stand about the scene's centre like those that were.
+// Where the trainer looks: regions cover their sensor wherever an epoch shifts them, and views that
+// no camera took stand about the scene's centre like those that were.
 #include <math.h>
 #include <string.h>
 
@@ -28,14 +28,18 @@ static void open_trainer(void) {
   pool = sv_pool_serial();
   sv_kernels_init(&kernels, ~0u);
   cfg.n_gaussians = 4;
-  cfg.cap_views = 0, cfg.cap_measurements = 1, cfg.region_px = REGION_PX;
+  cfg.cap_views = 0;
+  cfg.cap_measurements = 1;
+  cfg.region_px = REGION_PX;
   cfg.cap_regions = sv_train_n_regions(90, 70, REGION_PX);
   cfg.cap_width_px = cfg.cap_height_px = 64;
   if (sv_trainer_init(&t, &cfg, (sv_compute){&kernels, &pool}, &a, &err) < 0) fail_msg("%s", err.text);
   for (int i = 0; i < N_LENSES; i++) {
     int w = size[i][0], h = size[i][1];
     sv_pose pose = sv_pose_identity();
-    pose.t[0] = 0.3 * (i - 2), pose.t[1] = 0.1 * i, pose.t[2] = 4;
+    pose.t[0] = 0.3 * (i - 2);
+    pose.t[1] = 0.1 * i;
+    pose.t[2] = 4;
     lens[i] = (sv_lens){sv_view_make(w, h, 40, 42, 0.5 * w, 0.5 * h, &pose), {5 * i, 3 * i, w, h, NULL}};
   }
   sv_multiplexed c = {90, 70, N_LENSES, lens, N_LENSES, true};
@@ -46,9 +50,10 @@ static void check_cover(int width_px, int height_px, float jx, float jy) {
   static unsigned char seen[200][200];
   sv_train_measurement c = {.model = {.width_px = width_px, .height_px = height_px}};
   memset(seen, 0, sizeof seen);
-  t.jitter[0] = jx, t.jitter[1] = jy;
+  t.jitter[0] = jx;
+  t.jitter[1] = jy;
   int n = sv_train_n_regions(width_px, height_px, t.cfg.region_px);
-  c.n_x = sv_train_n_regions(width_px, 1, t.cfg.region_px),
+  c.n_x = sv_train_n_regions(width_px, 1, t.cfg.region_px);
   c.n_y = sv_train_n_regions(1, height_px, t.cfg.region_px);
   assert_int_equal(c.n_x * c.n_y, n);
   for (int i = 0; i < n; i++) {
@@ -100,12 +105,14 @@ TEST(test_unseen_views) {
     for (; m < N_LENSES; m++) {
       int side = sv_maxi(lens[m].view.width_px, lens[m].view.height_px);
       sv_view s = sv_view_scaled(&lens[m].view, (side + t.cfg.unseen_px - 1) / t.cfg.unseen_px);
-      project(&s, centre, was), project(&v, centre, is);
+      project(&s, centre, was);
+      project(&v, centre, is);
       if (s.width_px == v.width_px && s.height_px == v.height_px && fabs(was[0] - is[0]) < 1e-3) break;
     }
     assert_true(m < N_LENSES);
     assert_true(sv_maxi(v.width_px, v.height_px) <= t.cfg.unseen_px);
-    assert_true(fabs(was[1] - is[1]) < 1e-3 && fabs(was[2] - is[2]) < 1e-5); // place and distance are kept
+    // place and distance are kept
+    assert_true(fabs(was[1] - is[1]) < 1e-3 && fabs(was[2] - is[2]) < 1e-5);
     n_of[m]++;
     for (int r = 0; r < 3; r++)
       for (int q = 0; q < 3; q++) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A model of one instant meets the pictures of another: Gaussians come back where the newest pictures have surfaces,
-// what is right stays, and nothing happens where depth cannot be told.
+// A model of one instant meets the pictures of another: Gaussians come back where the newest
+// pictures have surfaces, what is right stays, and nothing happens where depth cannot be told.
 #include <math.h>
 #include <string.h>
 

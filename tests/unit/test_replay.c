@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Captures: written, killed, recovered, played back; pictures that are damaged (wrong JSON: test_capture_json.c). Run
-// from the repository's root (the committed capture is tests/data/capture_tiny).
+// Captures: written, killed, recovered, played back; pictures that are damaged (wrong JSON:
+// test_capture_json.c). Run from the repository's root (the committed capture is
+// tests/data/capture_tiny).
 #include <errno.h>
 #include <math.h>
 #include <signal.h>
@@ -121,7 +122,8 @@ TEST(tiny_plays_in_order) {
   sv_pose p;
   assert_int_equal(s.rig_pose(s.self, 1100000000, &p), SV_OK);
   assert_true(fabs(p.t[1] - 0.05) < 1e-9 && sv_rotation_error(p.r) < 1e-12);
-  assert_int_equal(s.rig_pose(s.self, 1150000000, &p), SV_OK); // between two poses, turned by nothing
+  // between two poses, turned by nothing
+  assert_int_equal(s.rig_pose(s.self, 1150000000, &p), SV_OK);
   assert_true(fabs(p.r[0] - 1) < 1e-12 && fabs(p.t[0]) < 1e-12 && fabs(p.t[1] - 0.075) < 1e-12);
   assert_int_equal(s.rig_pose(s.self, 0, &p), SV_OK);
   assert_int_equal(s.rig_pose(s.self, INT64_MAX, &p), SV_OK);
@@ -337,7 +339,8 @@ TEST(writer_round_trip) {
   sv_frame f = make_frame(10, 0);
   f.is_error = true;
   assert_int_equal(sv_capture_writer_add(&g_writer, &f, &err), SV_DROPPED);
-  f.is_error = false, f.width_px = 41;
+  f.is_error = false;
+  f.width_px = 41;
   assert_int_equal(sv_capture_writer_add(&g_writer, &f, &err), SV_E_ARG);
   f.i_camera = 2;
   assert_int_equal(sv_capture_writer_add(&g_writer, &f, &err), SV_E_ARG);
@@ -387,7 +390,8 @@ TEST(pictures_are_synced_at_close) {
   assert_int_equal(g_n_syncs, 2);
 }
 
-// A process of its own writes n frames and is killed: at the unlink_no-th file that it removes at close, or (0) before.
+// A process of its own writes n frames and is killed: at the unlink_no-th file that it removes at
+// close, or (0) before.
 static void write_and_die(const char *dir, int n, int unlink_no) {
   int status;
   sv_err err;
@@ -455,7 +459,8 @@ TEST(what_cannot_be_written_is_read) {
   write_and_die(dir, 4, 0);
   assert_int_equal(shell("chmod -R a+rX '%s'", g_dir) | shell("chmod a-w '%s'", dir), 0);
   pid_t pid = fork();
-  if (pid == 0) _exit(getuid() == 0 && setuid(65534) < 0 ? 99 : count_frames(dir)); // root may write anywhere
+  // root may write anywhere
+  if (pid == 0) _exit(getuid() == 0 && setuid(65534) < 0 ? 99 : count_frames(dir));
   waitpid(pid, &status, 0);
   assert_int_equal(shell("chmod u+w '%s'", dir), 0);
   if (WEXITSTATUS(status) == 99) skip();
@@ -477,7 +482,8 @@ TEST(damaged_pictures_are_delivered_as_errors) {
          "000003.jpg",
          dir, f0);
   assert_int_equal(system(cmd), 0);
-  sv_fmt(cmd, sizeof cmd, "cp " TINY "/cam0/000000.jpg '%s/%s/000004.jpg'", dir, f0); // 64x48, not 40x30
+  // 64x48, not 40x30
+  sv_fmt(cmd, sizeof cmd, "cp " TINY "/cam0/000000.jpg '%s/%s/000004.jpg'", dir, f0);
   assert_int_equal(system(cmd), 0);
   sv_fmt(cmd, sizeof cmd, "%s,speed=max", dir);
   assert_int_equal(open_replay(cmd, &err), SV_OK);

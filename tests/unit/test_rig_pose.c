@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// OpenGV's absolute pose of a rig: found without a start, with outliers, by cameras in different places.
+// OpenGV's absolute pose of a rig: found without a start, with outliers, by cameras in different
+// places.
 #include <math.h>
 #include <stdint.h>
 
@@ -33,7 +34,8 @@ TEST(test_finds) {
     sv_pose rig_from_cam = sv_pose_inv(&cam[c].cam_from_rig);
     sv_pose_apply(x, &rig_from_cam, q);
     sv_pose_apply(m[i].x, &world, x);
-    m[i].i_camera = c, m[i].sigma_px = 1;
+    m[i].i_camera = c;
+    m[i].sigma_px = 1;
     if (i % 5 < 2) m[i].uv_px[i % 2] += 25;
   }
   sv_pose found;

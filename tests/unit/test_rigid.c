@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rigid bodies from displacements that one, two or two close cameras have seen to half a pixel, three in ten of them
-// wrong: motions fitted to one body, and bodies found among others that touch, stand still or hide.
+// Rigid bodies from displacements that one, two or two close cameras have seen to half a pixel,
+// three in ten of them wrong: motions fitted to one body, and bodies found among others that touch,
+// stand still or hide.
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -44,12 +45,14 @@ static sv_rigid motion_of(float wx, float wy, float wz, float dx, float dy,
 }
 
 static void pixel(float cam, const float x[3], float px[2], float jac[6]) {
-  px[0] = F * (x[0] - cam) / x[2], px[1] = F * x[1] / x[2];
+  px[0] = F * (x[0] - cam) / x[2];
+  px[1] = F * x[1] / x[2];
   const float j[6] = {F / x[2], 0, -px[0] / x[2], 0, F / x[2], -px[1] / x[2]};
   memcpy(jac, j, sizeof j);
 }
 
-// What the cameras tell of the way from x to y: each to NOISE pixels, or all together of somewhere else.
+// What the cameras tell of the way from x to y: each to NOISE pixels, or all together of somewhere
+// else.
 static void see(const cameras *c, sv_displaced *o, const float x[3], const float y[3], bool wrong) {
   float a[6] = {0}, b[3] = {0};
   const float off[2] = {wrong ? 30 * sv_rng_f(&rng) - 15 : 0, wrong ? 30 * sv_rng_f(&rng) - 15 : 0};
@@ -67,12 +70,15 @@ static void see(const cameras *c, sv_displaced *o, const float x[3], const float
     }
   }
   const float ridge = LEFT_OPEN / 3 * (a[0] + a[3] + a[5]);
-  a[0] += ridge, a[3] += ridge, a[5] += ridge;
+  a[0] += ridge;
+  a[3] += ridge;
+  a[5] += ridge;
   memcpy(o->a, a, sizeof a);
   assert_true(sv_solve3(a, b, o->u));
 }
 
-// n points from slot on, on the half of a ball that faces the cameras, or (flat) on a square of twice the size.
+// n points from slot on, on the half of a ball that faces the cameras, or (flat) on a square of
+// twice the size.
 static void add_body(const cameras *c, int slot, int n, int which, const float centre[3], float radius,
                      bool flat, const sv_rigid *m, float wrong) {
   for (int i = slot; i < slot + n; i++) {
@@ -90,7 +96,8 @@ static void add_body(const cameras *c, int slot, int n, int which, const float c
   }
 }
 
-// Mean distance, seen by camera at, of where m and truth take slots [0, n) of a body; in space, too.
+// Mean distance, seen by camera at, of where m and truth take slots [0, n) of a body; in space,
+// too.
 static float mean_off(float at, const sv_rigid *m, const float c[3], const sv_rigid *truth, const float c0[3],
                       int which, int n, float *in_space) {
   float sum = 0, count = 0;
@@ -100,7 +107,8 @@ static float mean_off(float at, const sv_rigid *m, const float c[3], const sv_ri
     float y[3], y0[3], p[2], p0[2], jac[6];
     sv_rigid_apply(m, c, of[i].x, y);
     sv_rigid_apply(truth, c0, of[i].x, y0);
-    pixel(at, y, p, jac), pixel(at, y0, p0, jac);
+    pixel(at, y, p, jac);
+    pixel(at, y0, p0, jac);
     sum += sqrtf((p[0] - p0[0]) * (p[0] - p0[0]) + (p[1] - p0[1]) * (p[1] - p0[1]));
     *in_space += sqrtf((y[0] - y0[0]) * (y[0] - y0[0]) + (y[1] - y0[1]) * (y[1] - y0[1]) +
                        (y[2] - y0[2]) * (y[2] - y0[2]));
@@ -168,7 +176,8 @@ TEST(test_few) {
   assert_false(sv_rigid_fit(of, order, 20, centre, TOLERANCE, NULL, &m, &agree));
   assert_memory_equal(&m, &before, sizeof m);
   for (int i = 2; i < 20; i++) of[i].is_known = true;
-  of[4].u[0] = NAN, of[5].x[1] = INFINITY; // nothing follows from these: refused, not spread
+  of[4].u[0] = NAN;
+  of[5].x[1] = INFINITY; // nothing follows from these: refused, not spread
   assert_false(sv_rigid_fit(of, order, 20, centre, TOLERANCE, NULL, &m, &agree));
   assert_memory_equal(&m, &before, sizeof m);
 }
@@ -220,7 +229,8 @@ static const float LEFT[3] = {-0.25f, 0, Z}, RIGHT[3] = {0.25f, 0.02f, Z}, WALL[
 static const sv_rigid STILL = {.q = {1, 0, 0, 0}};
 
 static int two_balls(const cameras *c, sv_rigid truth[2]) {
-  truth[0] = motion_of(0, 0, 15, 0.02f, 0, 0), truth[1] = motion_of(5, 0, -15, -0.03f, 0.02f, 0);
+  truth[0] = motion_of(0, 0, 15, 0.02f, 0, 0);
+  truth[1] = motion_of(5, 0, -15, -0.03f, 0.02f, 0);
   rng = sv_rng_make(7, 0);
   add_body(c, 0, 300, 1, LEFT, 0.25f, false, &truth[0], WRONG);
   add_body(c, 300, 200, 2, RIGHT, 0.25f, false, &truth[1], WRONG);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// CRC-32C against known values, and the container: every truncation and every flipped bit is refused.
+// CRC-32C against known values, and the container: every truncation and every flipped bit is
+// refused.
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
@@ -38,7 +39,8 @@ TEST(test_crc) {
 
 static sv_status write_sample(void) {
   sv_sections_writer w;
-  n_mem = 0, n_calls = 0;
+  n_mem = 0;
+  n_calls = 0;
   sv_status s = sv_sections_begin(&w, (sv_sink){NULL, to_memory}, "CKPT", 3, &err);
   if (s == SV_OK) s = sv_sections_put(&w, "conf", "hello", 5, &err);
   if (s == SV_OK) s = sv_sections_put(&w, "none", NULL, 0, &err);

@@ -33,8 +33,8 @@ static uint64_t hash_of(const void *data, size_t n) { // FNV-1a
 static uint8_t rgb[640 * 480 * 3], rgb_b[640 * 480 * 3];
 static float depth[640 * 480], depth_b[640 * 480];
 
-// The same digests hold on x86-64 and on aarch64. A change of a scene or of the renderer changes them: look
-// at the pictures, then take the new ones.
+// The same digests hold on x86-64 and on aarch64. A change of a scene or of the renderer changes
+// them: look at the pictures, then take the new ones.
 TEST(test_same_bits) {
   static const struct {
     const char *spec;
@@ -74,8 +74,9 @@ TEST(test_rows_do_not_matter) {
   assert_memory_equal(depth, depth_b, n * sizeof *depth);
 }
 
-// A pixel's depth lifted to the world and seen from another camera must agree with that camera's depth
-// where the surface is smooth and visible there. Returns the number compared, and the worst error.
+// A pixel's depth lifted to the world and seen from another camera must agree with that camera's
+// depth where the surface is smooth and visible there. Returns the number compared, and the worst
+// error.
 static int compare_depth(const sv_view *a, const sv_view *b, double *median_m) {
   static float errors[640 * 480];
   int n = 0;
@@ -84,7 +85,8 @@ static int compare_depth(const sv_view *a, const sv_view *b, double *median_m) {
       double z = (double)depth[y * a->width_px + x], p[3], q[3], w[3];
       if (z == 0) continue;
       p[0] = (x + 0.5 - (double)a->cx) / (double)a->fx * z - (double)a->t[0];
-      p[1] = (y + 0.5 - (double)a->cy) / (double)a->fy * z - (double)a->t[1], p[2] = z - (double)a->t[2];
+      p[1] = (y + 0.5 - (double)a->cy) / (double)a->fy * z - (double)a->t[1];
+      p[2] = z - (double)a->t[2];
       for (int i = 0; i < 3; i++)
         w[i] = (double)a->r[i] * p[0] + (double)a->r[3 + i] * p[1] + (double)a->r[6 + i] * p[2];
       for (int i = 0; i < 3; i++)
@@ -97,7 +99,8 @@ static int compare_depth(const sv_view *a, const sv_view *b, double *median_m) {
       const float *d = depth_b + j * b->width_px + i;
       float lo = sv_minf(sv_minf(d[0], d[1]), sv_minf(d[b->width_px], d[b->width_px + 1]));
       float hi = sv_maxf(sv_maxf(d[0], d[1]), sv_maxf(d[b->width_px], d[b->width_px + 1]));
-      if (lo == 0 || hi - lo > 0.04f || fabs(q[2] - (double)lo) > 0.1) continue; // an edge, or hidden
+      // an edge, or hidden
+      if (lo == 0 || hi - lo > 0.04f || fabs(q[2] - (double)lo) > 0.1) continue;
       double fu = u - i, fv = v - j;
       double top = (double)d[0] * (1 - fu) + (double)d[1] * fu;
       double low = (double)d[b->width_px] * (1 - fu) + (double)d[b->width_px + 1] * fu;
@@ -140,7 +143,8 @@ TEST(test_depth_is_exact) {
                                      .i_motion = -1,
                                      .r = {1, 0, 0, 0, 1, 0, 0, 0, 1},
                                      .material = {.cell_m = 0.1f}};
-  sim.scene->n_prims = 1, sim.scene->prims[0] = sphere;
+  sim.scene->n_prims = 1;
+  sim.scene->prims[0] = sphere;
   sv_view v;
   double t, worst = 0;
   sv_sim_view(&sim, 0, 0, &v, &t);
@@ -156,8 +160,8 @@ TEST(test_depth_is_exact) {
   assert_true(worst < 5e-6);
 }
 
-// Sixteen samples and one shade a surface against the mean of 4 x 4 pixels of a larger picture. Plain
-// surfaces: texture is filtered to the footprint on purpose and would hide the edges' error.
+// Sixteen samples and one shade a surface against the mean of 4 x 4 pixels of a larger picture.
+// Plain surfaces: texture is filtered to the footprint on purpose and would hide the edges' error.
 TEST(test_edges_are_antialiased) {
   make("occlusion,size=160x120");
   for (int i = 0; i < sim.scene->n_prims; i++) sim.scene->prims[i].material.cell_m = 1000;
@@ -166,7 +170,12 @@ TEST(test_edges_are_antialiased) {
   sv_sim_view(&sim, 1, 0, &v, &t);
   sv_sim_render(&sim, &v, t, rgb, NULL);
   big = v;
-  big.width_px *= 4, big.height_px *= 4, big.fx *= 4, big.fy *= 4, big.cx *= 4, big.cy *= 4;
+  big.width_px *= 4;
+  big.height_px *= 4;
+  big.fx *= 4;
+  big.fy *= 4;
+  big.cx *= 4;
+  big.cy *= 4;
   sv_sim_render(&sim, &big, t, rgb_b, NULL);
   for (int y = 0; y < v.height_px; y++)
     for (int x = 0; x < v.width_px; x++)
@@ -202,7 +211,8 @@ TEST(test_rigs) {
     assert_int_equal(sv_sim_source(&sim).n_cameras, rigs[i].n_cameras);
     assert_int_equal(rig->n_sub_views, rigs[i].n_sub_views);
     assert_true(fabs(sv_rig_angular_baseline_rad(rig, centre) * 180 / SV_PI - rigs[i].angle_deg) < 1e-9);
-    for (int k = 0; k < rig->n_sub_views; k++) { // every sub-view has the scene's centre in its middle
+    // every sub-view has the scene's centre in its middle
+    for (int k = 0; k < rig->n_sub_views; k++) {
       const sv_sub_view *s = &rig->sub_views[k];
       double x[3];
       sv_pose_apply(x, &s->cam_from_rig, centre);
@@ -264,7 +274,8 @@ TEST(test_frames_match_poses) {
       sv_sim_render(&sim, &v, sv_ns_to_s(f.camera_ns - SV_SIM_EPOCH_NS), rgb, NULL);
       assert_memory_equal(rgb, f.data, f.data_bytes);
       assert_true(f.arrival_ns > f.camera_ns);
-      give_back(&f), n++;
+      give_back(&f);
+      n++;
     }
     assert_int_equal(n, 8);
   }
@@ -298,7 +309,8 @@ TEST(test_lenses) {
         const sv_footprint *p = &sv_sim_rig(&sim)->sub_views[i].footprint;
         n += x >= p->x0_px && x < p->x0_px + p->width_px && y >= p->y0_px && y < p->y0_px + p->height_px;
       }
-      most = sv_maxi(most, n), cover[n > 4 ? 0 : n]++;
+      most = sv_maxi(most, n);
+      cover[n > 4 ? 0 : n]++;
     }
   assert_int_equal(most, 4);
   assert_true(cover[4] > 0 && cover[0] == 0);
@@ -318,7 +330,10 @@ TEST(test_noise) {
     if (rgb[i] < 80 || rgb[i] > 200) continue; // away from the clipping
     double s = rgb[i] / 255.0, g = f.data[i] / 255.0;
     double x = pow((s + 0.055) / 1.055, 2.4), y = g <= 0.04045 ? g / 12.92 : pow((g + 0.055) / 1.055, 2.4);
-    n++, sum += y - x, sq += (y - x) * (y - x), expected += 0.0004 + 0.002 * x;
+    n++;
+    sum += y - x;
+    sq += (y - x) * (y - x);
+    expected += 0.0004 + 0.002 * x;
   }
   assert_true(n > 10000);
   assert_true(fabs(sum / n) < 1e-3);
@@ -352,7 +367,9 @@ static void play(const char *spec, seen out[3]) {
     }
     assert_int_equal(s, SV_OK);
     assert_true(o->n < N_SEEN);
-    o->sequence[o->n] = f.sequence, o->camera_ns[o->n] = f.camera_ns, o->arrival_ns[o->n++] = f.arrival_ns;
+    o->sequence[o->n] = f.sequence;
+    o->camera_ns[o->n] = f.camera_ns;
+    o->arrival_ns[o->n++] = f.arrival_ns;
     o->n_flagged += f.is_error;
     give_back(&f);
   }
@@ -402,8 +419,8 @@ TEST(test_clocks) {
   assert_true(sqrt(sq / 60) > 35e3 && sqrt(sq / 60) < 65e3);
 }
 
-// A host that dawdles: it keeps frames, sleeps, gives them back. Every frame is somewhere in the ledger,
-// and every frame that did not come shows as a gap in the sequence.
+// A host that dawdles: it keeps frames, sleeps, gives them back. Every frame is somewhere in the
+// ledger, and every frame that did not come shows as a gap in the sequence.
 TEST(test_ledger) {
   make("textured,size=16x16,rig=phone,frames=400,fps=100,drop=0.1,buffers=3,delay_jitter_us=2000");
   sv_clock clock = sv_sim_clock(&sim);
@@ -416,7 +433,8 @@ TEST(test_ledger) {
     assert_int_equal(s, SV_OK);
     assert_true(first[c] || f.sequence > last[c]);
     gaps[c] += first[c] ? f.sequence : f.sequence - last[c] - 1;
-    last[c] = f.sequence, first[c] = 0;
+    last[c] = f.sequence;
+    first[c] = 0;
     held[c][n_held[c]++] = f;
     if (n_held[c] == 3 || n % 5 == 0) {
       if (n % 7 == 0) clock.sleep_until_ns(clock.self, clock.now_ns(clock.self) + 50 * SV_NS_PER_MS);
@@ -515,7 +533,8 @@ TEST(test_memory) {
   free(block);
 }
 
-// A loose bound: the goal is 10 ms on one desktop core, checked here with room for slow or busy machines.
+// A loose bound: the goal is 10 ms on one desktop core, checked here with room for slow or busy
+// machines.
 TEST(test_speed) {
   static const char *const scenes[] = {"textured", "thin", "occlusion", "moving", "room"};
   for (int i = 0; i < 5; i++) {

@@ -18,7 +18,8 @@ static void make(const char *spec) {
   if (sv_sim_init(&sim, &cfg, &arena, &err) < 0) fail_msg("%s: %s", spec, err.text);
 }
 
-// A multiplexed measurement is the linear sum of its lens images over the largest overlap, whatever the grid.
+// A multiplexed measurement is the linear sum of its lens images over the largest overlap, whatever
+// the grid.
 TEST(test_measurements_of_any_grid) {
   static const struct {
     const char *spec;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gaussian arrays and their start, nearest neighbours, and the renderer as a whole: memory, full pools,
-// the same bits for any number of threads and any instruction set.
+// Gaussian arrays and their start, nearest neighbours, and the renderer as a whole: memory, full
+// pools, the same bits for any number of threads and any instruction set.
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -25,7 +25,10 @@ TEST(test_put_get) {
     assert_int_equal(g.cap, 48);
     assert_int_equal(a.used_bytes, sv_gaussians_bytes(37, degree));
     for (int i = 0; i < 37; i++) {
-      for (int k = 0; k < 3; k++) in.mean[k] = (float)(i + k), in.log_scale[k] = (float)(-i - k);
+      for (int k = 0; k < 3; k++) {
+        in.mean[k] = (float)(i + k);
+        in.log_scale[k] = (float)(-i - k);
+      }
       for (int k = 0; k < 4; k++) in.quat_wxyz[k] = (float)(10 * i + k);
       for (int k = 0; k < 48; k++) in.sh[k / 3][k % 3] = (float)(100 * i + k + 1);
       sv_gaussians_put(&g, i, &in);
@@ -231,8 +234,10 @@ static void make_scene(scene *s, sv_arena *a, int n, uint32_t cap_recs, int n_th
   assert_int_equal(sv_gaussians_init(&s->g, n, 2, a), SV_OK);
   for (int i = 0; i < n; i++) {
     sv_gaussian v;
-    for (int k = 0; k < 3; k++)
-      v.mean[k] = 2.2f * sv_rng_f(&r) - 1.1f, v.log_scale[k] = -4 + 1.5f * sv_rng_f(&r);
+    for (int k = 0; k < 3; k++) {
+      v.mean[k] = 2.2f * sv_rng_f(&r) - 1.1f;
+      v.log_scale[k] = -4 + 1.5f * sv_rng_f(&r);
+    }
     for (int k = 0; k < 4; k++) v.quat_wxyz[k] = sv_rng_normal(&r);
     v.opacity_logit = 2 * sv_rng_normal(&r);
     for (int k = 0; k < 48; k++) v.sh[k / 3][k % 3] = 0.3f * sv_rng_normal(&r);
@@ -311,8 +316,8 @@ TEST(test_same_bits) {
     }
 }
 
-// Each is left out as often as asked for, and the light that goes through is what it was, in the mean of many draws: the
-// transmittances of a pixel's splats are drawn independently of each other.
+// Each is left out as often as asked for, and the light that goes through is what it was, in the
+// mean of many draws: the transmittances of a pixel's splats are drawn independently of each other.
 TEST(test_dropout) {
   enum { DRAWS = 256 };
   const float share = 0.25f;
@@ -331,7 +336,8 @@ TEST(test_dropout) {
   float *whole = SV_TAKE(&a, float, n), *mean = SV_TAKE(&a, float, n);
   uint32_t *n_out = SV_TAKE(&a, uint32_t, N), sum = 0;
   memcpy(whole, s.r.trans, n * sizeof *whole);
-  memset(mean, 0, n * sizeof *mean), memset(n_out, 0, N * sizeof *n_out);
+  memset(mean, 0, n * sizeof *mean);
+  memset(n_out, 0, N * sizeof *n_out);
   s.o.dropout = share;
   for (uint32_t d = 0; d < DRAWS; d++) {
     s.o.dropout_seed = d;
@@ -351,7 +357,8 @@ TEST(test_dropout) {
   for (int y = 0; y < H; y++)
     for (int x = 0; x < W; x++) {
       const double d = (double)mean[y * s.r.rgb.stride + x] - (double)whole[y * s.r.rgb.stride + x];
-      off += d / (W * H), most = fmax(most, fabs(d));
+      off += d / (W * H);
+      most = fmax(most, fabs(d));
     }
   assert_true(fabs(off) < 0.002 && most < 0.06);
 }
@@ -370,7 +377,8 @@ TEST(test_memory) {
     sv_renderer_cfg bad = cfg;
     bad.cap_gaussians = 0;
     assert_int_equal(sv_renderer_init(&r, &bad, (sv_compute){0}, &a), SV_E_ARG);
-    bad = cfg, bad.cap_width_px = 16385;
+    bad = cfg;
+    bad.cap_width_px = 16385;
     assert_int_equal(sv_renderer_init(&r, &bad, (sv_compute){0}, &a), SV_E_ARG);
   }
 }
@@ -386,9 +394,11 @@ TEST(test_limits) {
   sv_view v = s.view;
   v.width_px = W + 1;
   assert_int_equal(sv_render(&s.r, &s.g, &v, &s.o), SV_E_RANGE);
-  v = s.view, v.height_px = H + 1;
+  v = s.view;
+  v.height_px = H + 1;
   assert_int_equal(sv_render(&s.r, &s.g, &v, &s.o), SV_E_RANGE);
-  v = s.view, v.width_px = 0;
+  v = s.view;
+  v.width_px = 0;
   assert_int_equal(sv_render(&s.r, &s.g, &v, &s.o), SV_E_RANGE);
   sv_gaussians more = s.g;
   more.n = 41;
@@ -489,7 +499,8 @@ TEST(test_smaller_view) {
   static const int sizes[][2] = {{1, 1}, {33, 90}, {150, 1}, {64, 64}, {150, 90}};
   for (int i = 0; i < 5; i++) { // one renderer, any size up to its caps
     sv_view v = s.view;
-    v.width_px = sizes[i][0], v.height_px = sizes[i][1];
+    v.width_px = sizes[i][0];
+    v.height_px = sizes[i][1];
     assert_int_equal(sv_render(&s.r, &s.g, &v, &s.o), SV_OK);
     assert_int_equal(s.r.rgb.width_px, v.width_px);
     assert_int_equal(s.r.rgb.stride % 32, 0);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Depth maps of the simulator's scene against its true depth, from rigs of two alike cameras, of three focal lengths
-// and of sixteen small ones; and what gives none.
+// Depth maps of the simulator's scene against its true depth, from rigs of two alike cameras, of
+// three focal lengths and of sixteen small ones; and what gives none.
 #include <math.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -60,7 +60,8 @@ static double error_of(const sv_point *p) {
 
 typedef struct {
   int n_maps, n;
-  double median, wrong; // relative error of the depth, share of the points that are off by more than 3 %
+  double median, wrong; // relative error of the depth, share of the points that are off by more
+                        // than 3 %
   uint64_t digest;
 } outcome;
 

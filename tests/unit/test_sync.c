@@ -27,6 +27,13 @@ typedef struct {
   double p_drop, p_dup, p_swap, p_reset, p_step, p_error;
 } world_t;
 
+static void use_one_clock(world_t *w) {
+  for (int c = 0; c < 3; c++) {
+    w->cam[c].drift = 0;
+    w->cam[c].offset_ns = 1000 * SV_NS_PER_S;
+  }
+}
+
 typedef struct {
   sv_sync sync;
   void *block;
@@ -81,7 +88,10 @@ static void drain(bench_t *b) {
     for (int c = 0; c < b->sync.cfg.n_cameras; c++) {
       bool is_present = e.present[0] >> c & 1;
       assert_int_equal(is_present, frames[c].i_camera == c);
-      if (is_present) back(b, &frames[c]), n++;
+      if (is_present) {
+        back(b, &frames[c]);
+        n++;
+      }
     }
     assert_true(n >= b->sync.cfg.min_cameras);
   }
@@ -121,18 +131,21 @@ static sv_frame make_frame(bench_t *b, const world_t *w, sv_rng *r, int c, int k
                     .exposure_ns = 8000000};
 }
 
+static bool happens(sv_rng *r, double p, uint64_t *count) {
+  bool is_hit = sv_rng_f(r) < p;
+  *count += is_hit;
+  return is_hit;
+}
+
 static void play_frame(bench_t *b, const world_t *w, sv_rng *r, int c, int k) {
-  if (sv_rng_f(r) < w->p_reset) b->seq[c] = 0, b->n_resets++;
-  if (sv_rng_f(r) < w->p_step) {
-    b->step_ns[c] += sv_rng_below(r, 2) ? HOUR_NS : -HOUR_NS;
-    b->n_steps++;
-  }
+  if (happens(r, w->p_reset, &b->n_resets)) b->seq[c] = 0;
+  if (happens(r, w->p_step, &b->n_steps)) b->step_ns[c] += sv_rng_below(r, 2) ? HOUR_NS : -HOUR_NS;
   sv_frame f = make_frame(b, w, r, c, k);
   if (sv_rng_f(r) < w->p_drop) {
     b->n_lost[c]++;
     return;
   }
-  if (sv_rng_f(r) < w->p_error) f.is_error = true, b->n_errors++;
+  if (happens(r, w->p_error, &b->n_errors)) f.is_error = true;
   if (sv_rng_f(r) < w->p_swap && !b->has_held[c]) { // comes after its successor
     b->held[c] = f;
     b->has_held[c] = true;
@@ -140,8 +153,11 @@ static void play_frame(bench_t *b, const world_t *w, sv_rng *r, int c, int k) {
     return;
   }
   push(b, f, true);
-  if (sv_rng_f(r) < w->p_dup) push(b, f, true), b->n_dup++;
-  if (b->has_held[c]) push(b, b->held[c], true), b->has_held[c] = false;
+  if (happens(r, w->p_dup, &b->n_dup)) push(b, f, true);
+  if (b->has_held[c]) {
+    push(b, b->held[c], true);
+    b->has_held[c] = false;
+  }
 }
 
 static void play(bench_t *b, const world_t *w, uint64_t seed, int k0, int n) {
@@ -173,7 +189,7 @@ TEST(perfect_streams_lose_nothing) {
 
 TEST(common_clock_is_exact) {
   world_t w = world3();
-  for (int c = 0; c < 3; c++) w.cam[c].drift = 0, w.cam[c].offset_ns = 1000 * SV_NS_PER_S;
+  use_one_clock(&w);
   w.jitter_ns = 3e6;
   bench_t b;
   bench_open(&b, &w,
@@ -276,12 +292,12 @@ TEST(a_step_of_an_hour_relocks) {
   for (int dir = -1; dir <= 1; dir += 2)
     for (int mode = 0; mode < 2; mode++) {
       world_t w = world3();
-      if (mode)
-        for (int c = 0; c < 3; c++) w.cam[c].drift = 0, w.cam[c].offset_ns = 1000 * SV_NS_PER_S;
+      if (mode) use_one_clock(&w);
       bench_t b;
       sv_sync_cfg cfg = {
           .skew_limit_ns = 500000, .queue_len = 4, .clock_mode = mode ? SV_SYNC_CLOCK_COMMON : 0};
-      cfg.skew_limit_ns = mode ? 8000000 : 500000; // the estimate keeps the shortest delay, 5 ms here
+      // the estimate keeps the shortest delay, 5 ms here
+      cfg.skew_limit_ns = mode ? 8000000 : 500000;
       bench_open(&b, &w, cfg, 4000);
       play(&b, &w, 1, 0, 300);
       b.step_ns[1] = dir * HOUR_NS;
@@ -302,8 +318,7 @@ TEST(a_step_of_an_hour_relocks) {
 TEST(a_held_up_host_is_no_step) {
   for (int mode = 0; mode < 2; mode++) {
     world_t w = world3();
-    if (mode)
-      for (int c = 0; c < 3; c++) w.cam[c].drift = 0, w.cam[c].offset_ns = 1000 * SV_NS_PER_S;
+    if (mode) use_one_clock(&w);
     bench_t b;
     sv_rng r = sv_rng_make(5, 1);
     bench_open(
@@ -325,12 +340,11 @@ TEST(a_held_up_host_is_no_step) {
   }
 }
 
-// The same while the streams start, before anything is known of clocks and rates: the first frames wait, as many as
-// there are buffers; what comes meanwhile is lost; then all arrive at once.
+// The same while the streams start, before anything is known of clocks and rates: the first frames
+// wait, as many as there are buffers; what comes meanwhile is lost; then all arrive at once.
 static void hold_up_at(int mode, int i_first, sv_ns held_ns, int n_buffers) {
   world_t w = world3();
-  if (mode)
-    for (int c = 0; c < 3; c++) w.cam[c].drift = 0, w.cam[c].offset_ns = 1000 * SV_NS_PER_S;
+  if (mode) use_one_clock(&w);
   bench_t b;
   sv_rng r = sv_rng_make(5, 1);
   sv_sync_cfg cfg = {.skew_limit_ns = mode ? 500000 : 8000000,
@@ -355,7 +369,7 @@ static void hold_up_at(int mode, int i_first, sv_ns held_ns, int n_buffers) {
     const sv_ledger *l = sv_sync_ledger(&b.sync, c);
     assert_int_equal(l->dropped[SV_DROP_CLOCK_STEP], 0);
     assert_int_equal(l->dropped[SV_DROP_SEQUENCE_GAP], (uint64_t)(n_held - n_kept));
-    // Where all clocks are one, nothing at all is lost. Else the first ones have no common time yet.
+    // With a single clock nothing is lost. Otherwise the first frames have no common time yet.
     if (mode) assert_int_equal(l->delivered, (uint64_t)(i_first + n_kept + 200));
     else assert_true(l->delivered >= 195);
   }
@@ -394,8 +408,8 @@ TEST(missing_camera_policies) {
   }
 }
 
-// With a skew limit of many frames a queue is full long before the limit is over: what goes without a silent camera may
-// not take the frames with it that this camera brings when it is back. Also one that starts after the others.
+// With a skew limit of many frames, a queue is full long before the limit. Exposures that go out
+// without a silent or late camera must not consume the frames that it delivers when it is back.
 TEST(a_camera_is_back_at_once_at_any_skew_limit) {
   world_t w = world3();
   for (int c = 0; c < 3; c++) w.cam[c].skew_ns = c * 9 * SV_NS_PER_MS;
@@ -526,8 +540,12 @@ TEST(bad_configs_are_refused) {
   sv_sync s;
   sv_sync_cfg good = {.n_cameras = 1, .cameras = &cam, .skew_limit_ns = 1, .queue_len = 2}, bad[6];
   for (int i = 0; i < 6; i++) bad[i] = good;
-  bad[0].n_cameras = 0, bad[1].cameras = NULL, bad[2].queue_len = 1, bad[3].skew_limit_ns = -1;
-  bad[4].min_cameras = 2, bad[5].max_drift = 1;
+  bad[0].n_cameras = 0;
+  bad[1].cameras = NULL;
+  bad[2].queue_len = 1;
+  bad[3].skew_limit_ns = -1;
+  bad[4].min_cameras = 2;
+  bad[5].max_drift = 1;
   static _Alignas(64) uint8_t block[64 << 10];
   for (int i = 0; i < 6; i++) {
     sv_arena a = sv_arena_make(block, sizeof block);
@@ -542,12 +560,14 @@ TEST(bad_configs_are_refused) {
 TEST(rates_are_those_of_the_stamps) {
   sv_camera_stat stat[1] = {{0}};
   sv_frame f = {.camera_ns = 7 * HOUR_NS};
-  // A burst: all of them arrive at once, 40 ms apart by their stamps; then the camera's clock steps, back and forth.
+  // A burst: all arrive at once, with stamps 40 ms apart; then the camera's clock steps.
   for (int i = 0; i < 20; i++, f.camera_ns += 40000000, f.arrival_ns += 1000) sv_camera_stat_frame(stat, &f);
   assert_true(stat[0].interval_ns > 39.99e6 && stat[0].interval_ns < 40.01e6);
-  f.camera_ns -= HOUR_NS, f.arrival_ns += 40000000 - 1000;
+  f.camera_ns -= HOUR_NS;
+  f.arrival_ns += 40000000 - 1000;
   sv_camera_stat_frame(stat, &f);
-  f.camera_ns += HOUR_NS, f.arrival_ns += 40000000;
+  f.camera_ns += HOUR_NS;
+  f.arrival_ns += 40000000;
   sv_camera_stat_frame(stat, &f);
   assert_true(stat[0].interval_ns > 39.99e6 && stat[0].interval_ns < 40.01e6);
 }

@@ -24,8 +24,13 @@ static void open_training(uint64_t seed, int relocate_every) {
   sv_kernels_init(&k, ~0u);
   pool = sv_pool_serial();
   sv_train_cfg cfg = sv_train_defaults();
-  cfg.n_gaussians = N_GAUSSIANS, cfg.cap_views = 1, cfg.cap_width_px = W, cfg.cap_height_px = H;
-  cfg.seed = seed, cfg.relocate_every = relocate_every, cfg.start_scale = 1;
+  cfg.n_gaussians = N_GAUSSIANS;
+  cfg.cap_views = 1;
+  cfg.cap_width_px = W;
+  cfg.cap_height_px = H;
+  cfg.seed = seed;
+  cfg.relocate_every = relocate_every;
+  cfg.start_scale = 1;
   sv_arena scratch = sv_arena_sub(&a, sv_init_scratch_bytes(N_GAUSSIANS, 0) + SV_ARENA_ALIGN);
   if (sv_trainer_init(&t, &cfg, (sv_compute){&k, &pool}, &a, &err) < 0) fail_msg("%s", err.text);
   for (int i = 0; i < W * H * 3; i++) picture[i] = (uint8_t)(i * 37 % 251);

@@ -32,7 +32,8 @@ TEST(test_axes) {
   assert_int_equal(t.n_frames, 1);
   assert_string_equal(frames[0].file_path, "a/r_0");
   assert_false(frames[0].has_extension);
-  // an OpenGL camera at (2,3,4) looks along -z: a point 5 in front, 1 right, 2 up is (1, -2, 5) for OpenCV
+  // an OpenGL camera at (2,3,4) looks along -z: a point 5 in front, 1 right, 2 up is (1, -2, 5) for
+  // OpenCV
   double x[3], world[3] = {2 + 1, 3 + 2, 4 - 5};
   sv_pose_apply(x, &frames[0].cam_from_world, world);
   assert_true(fabs(x[0] - 1) < 1e-12 && fabs(x[1] + 2) < 1e-12 && fabs(x[2] - 5) < 1e-12);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The V4L2 source against cameras behind its table of system calls: formats, controls, and each fault with its named
-// event, the other camera untouched, and the way back.
+// The V4L2 source against cameras behind its table of system calls: formats, controls, and each
+// fault with its named event, the other camera untouched, and the way back.
 #include <errno.h>
 #include <linux/videodev2.h>
 #include <string.h>
@@ -232,7 +232,8 @@ TEST(what_is_wrong_is_said_of_each_camera) {
   sv_arena own = sv_arena_make(block, sizeof block);
   char text[200];
   must_open("/dev/video0,/dev/video1,settle=0");
-  both[0] = *caps(0), both[1] = *caps(1);
+  both[0] = *caps(0);
+  both[1] = *caps(1);
   sv_capture_queue_cfg cfg = {
       .n_cameras = 2, .caps = both, .skew_limit_ns = SV_NS_PER_MS, .queue_len = 4, .cap_ready = 2};
   assert_int_equal(sv_capture_queue_init(&in, &cfg, &src, &clock, &own), SV_OK);
@@ -307,7 +308,8 @@ TEST(damaged_frames_are_named) {
     assert_int_equal(t.n[0], 0);
     assert_in_range(t.n_error[0], 9, 11);
     the_other_is_untouched(&t, 10);
-    assert_int_equal(n_events(kinds[i].kind, NULL), (uint64_t)t.n_error[0]); // each one, by its name
+    // each one, by its name
+    assert_int_equal(n_events(kinds[i].kind, NULL), (uint64_t)t.n_error[0]);
     *is_on = false;
     t = run_for(400 * SV_NS_PER_MS);
     assert_in_range(t.n[0], 9, 11);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The V4L2 source on what only some devices have: frames of two planes, inputs with a signal of their own, sensors whose
-// frame length can be set.
+// The V4L2 source on what only some devices have: frames of two planes, inputs with a signal of
+// their own, sensors whose frame length can be set.
 #include <errno.h>
 #include <string.h>
 
@@ -61,7 +61,10 @@ TEST(a_signal_that_changes_or_goes_is_named) {
     int n_signal = 0, n_wrong = 0;
     while (src.event(src.self, &e) == SV_OK) {
       assert_int_equal(e.i_camera, 0);
-      if (e.kind == SV_CAMERA_SIGNAL) n_signal++, detail = e.detail;
+      if (e.kind == SV_CAMERA_SIGNAL) {
+        n_signal++;
+        detail = e.detail;
+      }
       if (e.kind == SV_CAMERA_LOST) error = e.detail;
       n_wrong += e.kind == SV_CAMERA_WRONG_SIZE;
     }

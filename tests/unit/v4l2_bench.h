@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// C only. After cmocka's headers: two V4L2 cameras behind their table of system calls, for the tests of the source.
+// C only. After cmocka's headers: two V4L2 cameras behind their table of system calls, for the
+// tests of the source.
 #ifndef SV_TESTS_UNIT_V4L2_BENCH_H
 #define SV_TESTS_UNIT_V4L2_BENCH_H
 
@@ -81,7 +82,8 @@ static uint64_t n_events(sv_camera_event_kind kind, int64_t *detail) {
 #define BOTH   "/dev/video0,/dev/video1,settle=0"
 #define PERIOD FAKE_V4L2_PERIOD_NS
 
-// In all of them camera 1 goes on: 25 frames a second, sequence without a gap, its stream started once.
+// In all of them camera 1 goes on: 25 frames a second, sequence without a gap, its stream started
+// once.
 static void the_other_is_untouched(const tally *t, int n_frames) {
   assert_in_range(t->n[1], n_frames - 1, n_frames + 1);
   assert_int_equal(t->n_error[1] + t->n_failed[1], 0);

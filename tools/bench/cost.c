@@ -109,7 +109,8 @@ static double copy_rate(const sv_bench_peak *p, double bytes) {
       if (size_above <= 0) return rate;
       return rate + (above - rate) * sv_log(bytes / size) / sv_log(size_above / size);
     }
-    above = rate, size_above = size;
+    above = rate;
+    size_above = size;
   }
   return above;
 }

@@ -8,8 +8,8 @@
 #define N_ROUNDS 200000
 #define LEAST    4 // runs
 #define LEAST_S  0.05
-#define SMALLEST                                                                                             \
-  ((size_t)256 << 10) // bytes of a copy, read and written together; each size is twice the last
+// bytes of a copy, read and written together; each size is twice the last
+#define SMALLEST ((size_t)256 << 10)
 
 static void fma_task(void *arg, int i_task, int i_thread) {
   const sv_kernels *k = arg;

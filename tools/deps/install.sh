@@ -8,10 +8,11 @@
 #   install.sh board    for the build, and what the virtual ARM board needs
 #   install.sh bare     for the tests on minimal systems: what makes those systems
 #
-# packages.txt lists the packages. WITH=minimal leaves out those that only some features need.
-# It looks for files, not for packages, so it is done in an instant when everything is there, whoever
-# installed it. sudo is asked only when something is missing. A package that only a feature needs may fail to
-# install: the build leaves that feature out. `--list` prints the missing packages and changes nothing.
+# packages.txt lists the packages. WITH=minimal leaves out those that only some features need. It
+# looks for files, not for packages, so it is done in an instant when everything is there, whoever
+# installed it. sudo is asked only when something is missing. A package that only a feature needs
+# may fail to install: the build leaves that feature out. `--list` prints the missing packages and
+# changes nothing.
 set -u
 what=${1:-build} list=${2:-} with=${WITH:-all}
 table=$(dirname "$(readlink -f "$0")")/packages.txt
@@ -63,7 +64,8 @@ if [ "$list" = --list ]; then
   exit 0
 fi
 
-# Leaves out what a feature needs and the distribution does not have, where apt has lists to know it from.
+# Leaves out what a feature needs and the distribution does not have, where apt has lists to know it
+# from.
 drop_unknown() {
   apt-cache show libc6-dev >/dev/null 2>&1 || return 0
   for package in $(packages_of ''); do

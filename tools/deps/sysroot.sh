@@ -4,9 +4,9 @@
 #
 #   sysroot.sh ARCH FOLDER        e.g. sysroot.sh arm64 build/sysroot-arm64
 #
-# Packages are only unpacked, so no foreign code runs and this machine's own packages stay as they are. Where
-# they come from is what apt is configured to use here. FOLDER/.complete marks a finished one; a second call
-# does nothing. The last line of a failure is the reason.
+# Packages are only unpacked, so no foreign code runs and this machine's own packages stay as they
+# are. Where they come from is what apt is configured to use here. FOLDER/.complete marks a finished
+# one; a second call does nothing. The last line of a failure is the reason.
 set -eu
 arch=$1 folder=$2
 packages=libc6-dev,linux-libc-dev,libjpeg-dev,libpng-dev,zlib1g-dev,libcmocka-dev,libjsmn-dev

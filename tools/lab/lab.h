@@ -41,8 +41,8 @@ sv_status lab_session_start(lab_session *s, long n_threads, bool is_quiet, sv_er
 void lab_session_stop(lab_session *s);
 // Prints a failure as one sentence on stderr; returns LAB_EXIT_FAILED.
 int lab_failed(lab_session *s, const sv_err *err);
-// --model 4dgs: what --motion says (args.c has checked it), over the defaults, and over what n_times times ask for when
-// they are known (above 0).
+// --model 4dgs: what --motion says (args.c has checked it), over the defaults, and over what
+// n_times times ask for when they are known (above 0).
 void lab_dynamic_cfg(const lab_options *o, int expected_steps, int n_times, sv_dynamic_cfg *d);
 // The last line of a program's log, without a leading "error: "; empty when there is none.
 void lab_last_line(const char *path, char *out, size_t cap);

@@ -105,6 +105,6 @@ void lab_dynamic_cfg(const lab_options *o, int expected_steps, int n_times, sv_d
   (void)parse(o->motion, true, d);
   if (n_times < 1) return;
   sv_dynamic_set_times(d, expected_steps, n_times);
-  // what is asked for goes before what the times ask for; presets do not
-  (void)parse(o->motion, false, d);
+  (void)parse(o->motion, false, d); // what is asked for goes before what the times ask for; presets
+                                    // do not
 }

@@ -3,9 +3,11 @@
 # What the documents say about the tree is true, and the README stays short:
 #   - README.md has at most 150 lines
 #   - relative links lead to files, and their #anchors to headings
-#   - `src/room/file.c` in backticks exists; of `src/room/file.c: name` the file also contains that name
+#   - `src/room/file.c` in backticks exists; of `src/room/file.c: name` the file also contains that
+#     name
 #   - targets of `make TARGET` are in the Makefile, and tests named like unit/test_base exist
-#   - every sv_ name outside code blocks, and in those of ARCHITECTURE.md, stands somewhere in the sources
+#   - every sv_ name outside code blocks, and in those of ARCHITECTURE.md, stands somewhere in the
+#     sources
 # A path with a word in capitals (boards/NAME) is a placeholder.
 # shellcheck disable=SC2016 # backticks are those of Markdown
 cd "${1:-.}" || exit 2

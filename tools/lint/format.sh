@@ -1,8 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# clang-format decides about layout (.clang-format). Tells the files it would change; `--fix` changes them.
-# Lists of X(...) lines are left as they are. Other versions lay out some lines differently, so only one
-# version counts.
+# clang-format settles the layout (.clang-format). Prints the files it would change; `--fix` changes
+# them. Lists of X(...) lines stay as they are. Only one version counts, as others differ in places.
 cd "${ROOT:-.}" || exit 2
 lint=$(dirname "$(readlink -f "$0")")
 version=14

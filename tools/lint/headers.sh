@@ -1,9 +1,9 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Each header compiles alone, as C11 and as C++17: it includes what it needs, and C++ code can use it. A
-# header that C++ cannot take says so in a line of its own, `// C only` (the reason may follow). Headers of
-# one instruction set are compiled for it, by a cross compiler where that is what it takes. A header that is
-# a part of another says `// Not alone` and is left to the one that includes it.
+# Each header compiles alone, as C11 and as C++17: it includes what it needs, and C++ code can use
+# it. A header that C++ cannot take has a line `// C only` (a reason may follow). Headers of one
+# instruction set are compiled for it, with a cross compiler if necessary. A header that is a part
+# of another has a line `// Not alone` and is left to the one that includes it.
 cd "${ROOT:-.}" || exit 2
 lint=$(dirname "$(readlink -f "$0")")
 CC=${CC:-gcc}

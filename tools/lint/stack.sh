@@ -8,7 +8,8 @@ find "$folder/obj/src" "$folder/obj/kernels" "$folder/obj/calib" -name '*.su' 2>
   while read -r su; do
   source=${su#"$folder/obj/"} # what was left behind by a source that is gone does not count
   source=${source%.su}
-  case $source in *_vec_*) source=${source%_*} ;; esac # x_vec.c makes an object for each instruction set
+  # x_vec.c makes an object for each instruction set
+  case $source in *_vec_*) source=${source%_*} ;; esac
   [ -e "${su%.su}.o" ] && [ -e "$source.c" ] && cat "$su"
 done | LC_ALL=C awk -F '\t' -v limit=4096 '
   { n++ }

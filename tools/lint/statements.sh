@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# One statement a line: no assignments or calls chained by commas. Heads of `for` and initialisers may
-# use them.
+# One statement a line: no assignments or calls chained by commas. Heads of `for` and initialisers
+# may use them.
 cd "${1:-.}" || exit 2
 lint=$(dirname "$(readlink -f "$0")")
 # shellcheck disable=SC2046 # names of ours have no spaces
@@ -21,10 +21,9 @@ hits=$(LC_ALL=C awk -f "$lint/strip.awk" $("$lint/sources.sh" c) /dev/null | LC_
       if (c == "(" || c == "[") depth++
       else if (c == ")" || c == "]") depth--
       if (depth == 0 && (c == ";" || c == "{" || c == "}")) {
-        # A brace after = opens an initialiser, which has no statements.
-        # So does one after `return (type)`, and the brace of an enum.
-        if (c == "{" && statement ~ /(=|\)|,|\{)[ \t]*$/ && statement ~ /=|^[ \t]*\{/ ) braces++
-        else if (c == "{" && statement ~ /^[ \t]*(return[ \t]*\(.*\)|(typedef[ \t]+)?enum[ \t]*[a-z_0-9]*)[ \t]*$/) braces++
+        # A brace after =, in a list or after `return (type)` opens an initialiser, which has no
+        # statements; so does the brace of an enum.
+        if (c == "{" && opens_list(body_of(statement))) braces++
         else if (c == "}" && braces > 0) { braces--; statement = statement c; continue }
         else if (!braces) { check(); statement = ""; continue }
       }
@@ -33,23 +32,29 @@ hits=$(LC_ALL=C awk -f "$lint/strip.awk" $("$lint/sources.sh" c) /dev/null | LC_
     }
     if (statement != "") statement = statement " "
   }
-  # A chain has an assignment before a comma outside of brackets and no type in front.
-  function check(  s, before) {
-    s = statement
-    sub(/^((else|do)[ \t]+)/, "", s)
-    while (1) {
+  function opens_list(s) {
+    if (s ~ /^[ \t]*(return[ \t]*\(.*\)|(typedef[ \t]+)?enum[ \t]*[a-z_0-9]*)[ \t]*$/) return 1
+    return s ~ /(=|\)|,|\{)[ \t]*$/ && s ~ /=|^[ \t]*\{/
+  }
+  # The statement behind labels, conditions and heads of loops.
+  function body_of(s,  before) {
+    do {
       before = s
-      if (match(s, /^(if|while|switch|for)[ \t]*\(/)) s = after_bracket(s)
       sub(/^[ \t]*((else|do)[ \t]+)?/, "", s)
-      sub(/^(case[^:]*|default)[ \t]*:[ \t]*/, "", s)
-      if (s == before) break
-    }
+      if (match(s, /^(if|while|switch|for)[ \t]*\(/)) s = after_bracket(s)
+      sub(/^[ \t]*(case[^:]*|default)[ \t]*:[ \t]*/, "", s)
+    } while (s != before)
+    return s
+  }
+  # A chain has an assignment before a comma outside of brackets and no type in front.
+  function check(  s) {
+    s = body_of(statement)
     # Outside of brackets only.
     s = flat(s)
-    if (s !~ /,/) return
+    if (s !~ /,/ || s ~ /^(std::|double\()/) return
     if (s ~ /^(return|goto|typedef|enum|struct|union|static|const|extern|unsigned|signed|register)[ \t]/ && s !~ /^return/) return
     # `type name` or `type *name` in front: a declaration
-    if (s ~ /^[A-Za-z_][A-Za-z0-9_]*([ \t]+[A-Za-z_][A-Za-z0-9_]*)*[ \t]*[ *&]+[A-Za-z_][A-Za-z0-9_]*[ \t]*(=|,|\(|\[|;|$)/ &&
+    if (s ~ /^[A-Za-z_][A-Za-z0-9_]*([ \t]+[A-Za-z_][A-Za-z0-9_]*)*[ \t]*[ *&]+((const|restrict)[ \t]+)?[A-Za-z_][A-Za-z0-9_]*[ \t]*(=|,|\(|\[|;|$)/ &&
         s !~ /^[A-Za-z_][A-Za-z0-9_]*[ \t]*([-+*\/%&|^]|<<|>>)?=/) return
     if (s ~ /[-+*\/%&|^<>!=]?=[^=].*,|(\+\+|--)[ \t]*,|,[^,]*=[^=]|\)[ \t]*,/) print file ":" start ": " substr(statement, 1, 90)
   }

@@ -1,6 +1,6 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# clang-tidy (.clang-tidy says which checks) and cppcheck over the sources that are compiled on this machine.
+# clang-tidy (checks: .clang-tidy) and cppcheck over the sources that are compiled on this machine.
 # HAVE: the -DSV_HAVE_... of the board. Arguments: files, or none for all.
 cd "${ROOT:-.}" || exit 2
 lint=$(dirname "$(readlink -f "$0")")

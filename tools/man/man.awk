@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# A text of --help as man page source. -v part=page: name, synopsis, description and commands of a program;
-# -v part=command -v command=NAME: a subsection for one of its commands. -v program=NAME.
+# A text of --help as man page source. -v part=page: name, synopsis, description and commands of a
+# program; -v part=command -v command=NAME: a subsection for one of its commands. -v program=NAME.
 function plain(s) {
   gsub(/\\/, "\\e", s)
   gsub(/-/, "\\-", s)

@@ -1,8 +1,10 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Man pages of the programs from what their own --help says, so that no page knows less or more than the program:
+# Man pages of the programs from what their own --help says, so that no page knows less or more than
+# the program:
 #
-#   man.sh BIN OUT          BIN/PROGRAM -> OUT/PROGRAM.1; EMULATE goes before the programs when they are foreign
+#   man.sh BIN OUT          BIN/PROGRAM -> OUT/PROGRAM.1; EMULATE goes before the programs when they
+#                           are foreign
 set -eu
 bin=$1 out=$2
 here=$(dirname "$(readlink -f "$0")")

@@ -5,9 +5,9 @@
 # A step: pixel-splat pairs blended forward and backward, three channels of loss, Gaussians
 # projected forward and backward and optimised (23 rows of SH degree 1), a fifth of the backward
 # pass once more for the curvature (GRADIENTS), and the scalar part: sort, lists and target, by
-# instructions that callgrind counted on x86, at SCALAR_IPC. DERATE: measured over predicted cycles of the same
-# loops on x86 (1.2), and some for what the small cores hide worse: caches, branches, the end of
-# each stage.
+# instructions that callgrind counted on x86, at SCALAR_IPC. DERATE: measured over predicted cycles
+# of the same loops on x86 (1.2), and some for what the small cores hide worse: caches, branches,
+# the end of each stage.
 function of(core, op) { return cyc[core, op] / 16 }
 FNR == 1 { file++ }
 /^#/ { next }

@@ -26,8 +26,8 @@ typedef struct {
   sv_arena scratch;        // for the start
 } lab_plan;
 
-// Carves images and trainer, then seals. cfg: caps are filled in here. n_points: that it may start
-// from.
+// Carves pictures and trainer, then seals. cfg: caps are filled in here. n_points: that it may
+// start from.
 sv_status lab_plan_make(lab_plan *p, lab_session *s, const lab_views *v, sv_train_cfg cfg,
                         const lab_plan_extras *x, int n_points, sv_err *err) SV_MUST_USE;
 void lab_plan_free(lab_plan *p);

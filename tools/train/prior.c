@@ -18,9 +18,9 @@
 // It draws a pseudo-view in three of ten steps, whose loss counts a fifth of the others'.
 #define PSEUDO_EVERY  3
 #define PSEUDO_WEIGHT 0.2f
-#define TURN_START                                                                                           \
-  0.5f // of cfg.unseen_rad, and how much more at the end: a model learns to be seen from afar
-#define TURN_MORE 1.0f
+// of cfg.unseen_rad, and how much more at the end: a model learns to be seen from afar
+#define TURN_START 0.5f
+#define TURN_MORE  1.0f
 
 // [METHOD,]external:CMD
 static const char *command_of(const char *prior) {
@@ -67,10 +67,10 @@ void lab_prior_cfg(const lab_options *o, const lab_views *v, sv_prior_cfg *c) {
   }
   const int every = c->every;
   sv_prior_set_method(c, (sv_prior_method)method_of(o->prior), v->n);
-  if (every > 0) { // mended views instead of warped ones
+  if (every > 0) {
     c->every = every;
     c->warp_every = 0;
-  }
+  } // mended views instead of warped ones
 }
 
 // --- what a call is given ------------------------------------------------------------------------

@@ -39,7 +39,7 @@ typedef struct {
 int lab_prior_check(const lab_options *o);
 // Room for what the prior will hand in. n_views: that are trained on.
 void lab_prior_cfg(const lab_options *o, const lab_views *v, sv_prior_cfg *c);
-// Depth maps of the dataset, then the first call, with the training images, then what a method
+// Depth maps of the dataset, then the first call, with the training pictures, then what a method
 // needs: before the first step. A command that fails here stops the run. bounds, scratch: as for a
 // stereo start.
 sv_status lab_prior_begin(lab_prior *p, lab_session *s, const lab_options *o, const lab_views *v,

@@ -279,7 +279,9 @@ function theme(is_light) {
 $("theme").onclick = () => {
   const is_light = !document.documentElement.classList.contains("light");
   theme(is_light);
-  try { localStorage.setItem("theme", is_light ? "light" : "dark"); } catch (e) { /* private mode */ }
+  try {
+    localStorage.setItem("theme", is_light ? "light" : "dark");
+  } catch (e) { /* private mode */ }
 };
 let stored = null;
 try { stored = localStorage.getItem("theme"); } catch (e) { /* private mode */ }
