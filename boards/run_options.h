@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// C only: board_main.h holds the runtime.
 // The options of `subview run`.
 #ifndef SV_BOARDS_RUN_OPTIONS_H
 #define SV_BOARDS_RUN_OPTIONS_H

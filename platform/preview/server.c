@@ -245,8 +245,10 @@ static enum MHD_Result post(pv_server *s, struct MHD_Connection *c, const char *
   static const struct {
     const char *url;
     char byte;
-  } commands[] = {
-      {"/start", SV_PREVIEW_START}, {"/pause", SV_PREVIEW_PAUSE}, {"/save", SV_PREVIEW_SAVE}, {"/new", SV_PREVIEW_NEW}};
+  } commands[] = {{"/start", SV_PREVIEW_START},
+                  {"/pause", SV_PREVIEW_PAUSE},
+                  {"/save", SV_PREVIEW_SAVE},
+                  {"/new", SV_PREVIEW_NEW}};
   for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
     if (!strcmp(url, commands[i].url)) {
       if (!has_token(s, c, false))

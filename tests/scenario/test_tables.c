@@ -300,8 +300,8 @@ TEST(test_bad_input) {
   } cases[] = {
       {"--data ../s", 2, "--out is missing"},
       {"--out b", 2, "--data is missing"},
-      {"--data ../s --steps 0 --out b", 2, "--steps needs a whole number"},
-      {"--data ../s --gaussians 1000000 --out b", 2, "--gaussians needs a whole number"},
+      {"--data ../s --steps 0 --out b", 2, "--steps 0: expected a whole number"},
+      {"--data ../s --gaussians 1000000 --out b", 2, "--gaussians 1000000: expected a whole number"},
       {"--data ../s --noise loud --out b", 2, "--noise is [prediction,]read=V,shot=V"},
       {"--data ../s --json --out b", 2, "unknown option '--json'"},
       {"--data ../s extra --out b", 2, "unexpected argument 'extra'"},
