@@ -198,7 +198,7 @@ TEST(test_rig_refused) {
       {"{\"version\":1,\"name\":\"a\",\"forward\":\"sideways\"}", "sideways", SV_E_FORMAT},
       {"{\"version\":1,\"name\":\"a\",\"forward\":\"direct\"}", "sub_views", SV_E_FORMAT},
       {RIG(""), "at least one", SV_E_FORMAT},
-      {RIG(LEFT "," LEFT), "\"left\" is there twice", SV_E_FORMAT},
+      {RIG(LEFT "," LEFT), "\"left\" is used twice", SV_E_FORMAT},
       {RIG(LEFT "," LEFT "," LEFT), "room for 2", SV_E_FULL},
       {RIG(VIEW("left", "gone.cameramodel", "0")), "gone.cameramodel: not there", SV_E_NOT_FOUND},
       {RIG(VIEW("left", "broken.cameramodel", "0")), "broken.cameramodel: \"imagersize\" is missing",

@@ -248,9 +248,9 @@ TEST(test_no_white_image) {
   sv_raw r = {.u8 = px, .width_px = W, .height_px = H, .n_channels = 1};
   sv_rng rng = sv_rng_make(3, 3);
   memset(px, 200, sizeof px);
-  refuse(&r, "no pattern repeats");
+  refuse(&r, "no repeating pattern");
   for (int i = 0; i < W * H; i++) px[i] = (uint8_t)sv_rng_below(&rng, 256);
-  refuse(&r, "no pattern repeats");
+  refuse(&r, "no repeating pattern");
   for (int i = 0; i < W * H; i++) { // a smooth picture
     double x = i % W, y = i / W;
     px[i] = (uint8_t)(128 + 50 * sin(x * x * 0.0007 + y * 0.05) + 40 * cos(y * y * 0.0004 - x * 0.03));

@@ -68,7 +68,7 @@ TEST(what_cannot_be_opened_is_refused_with_a_sentence) {
              {"/dev/video0,size=640x480", "no format of 640x480 px"},
              {"/dev/video0,format=H264", "format H264 is not known"},
              {"/dev/video0,/dev/video0", "named twice"},
-             {"size=640x480", "no camera is named"},
+             {"size=640x480", "expected a camera before the options"},
              {"", "no camera is named, expected names"},
              {"/dev/video0,speed=1", "\"speed=1\" is not an option"},
              {"/dev/video0,size=4x4", "\"size=4x4\""},
