@@ -5,9 +5,8 @@
 
 #define CAP_FIELD_TIMES 150 // the most of the reference's configurations
 
-// What a field has learnt of a time does not carry over to the next one as a motion of its own
-// does: the longer a run, the more slowly times come in; but so many steps at its end see all of
-// them.
+// A field does not extrapolate to new times as per-Gaussian motion does. So in long runs its
+// temporal curriculum is slower, but the last FIELD_SETTLE_STEPS steps train on all times.
 #define FIELD_SETTLE_STEPS 900.0f
 #define FIELD_GROW_LEAST   0.4f
 #define FIELD_GROW_MOST    0.7f

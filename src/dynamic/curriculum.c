@@ -10,8 +10,8 @@
 #include "src/dynamic/distil.h"
 #include "src/train/step.h"
 
-// 0..1 while the times come in, to both sides of the middle one; 1 when there is nothing to wait
-// for.
+// Progress of the temporal curriculum, 0 to 1: the share of the times on both sides of the middle
+// one that are trained on. 1 without a curriculum.
 static float grown(const sv_dynamic_cfg *d, float progress) {
   if (!(d->grow_until > d->from) || progress >= d->grow_until) return 1.0f;
   return sv_maxf((progress - d->from) / (d->grow_until - d->from), 0.0f);

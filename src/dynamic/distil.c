@@ -17,7 +17,7 @@
 #define FIT_END      0.05f // and at its end, of those at first
 #define FIT_TURN     25    // steps of the fit in one call
 #define FIT_MOST     0.5f  // of the time after the clip, in a run of so many seconds
-#define PICTURE_RATE 0.5f  // with pictures, what is there already is not to be lost
+#define PICTURE_RATE 0.5f  // lower when images follow, to keep the fit
 #define RESUME       0.8f  // of the Gaussians' schedules: they are in place
 
 double sv_fit_loss(const sv_fit_weights *p, const float *is, const float *want) {

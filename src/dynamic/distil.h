@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// From a clip to a field. A field does not find large motion by the pictures' gradients, so it
-// begins with motion that a clip has found: planes and layers are fitted to it by regression, at
-// times between the pictures', too, before they go on with pictures. These say nothing about the
-// times between them, so the clip, which stays as it was, goes on teaching what is there: a share
-// of the steps is held against its picture of such a time.
+// Distils per-Gaussian motion to a field. Image gradients do not lead a field to large motion, so
+// the field is first fitted by regression to motion that was trained per Gaussian, at the images'
+// times and between them. Images constrain only their own times: a share of the later steps
+// therefore trains on a rendering of the per-Gaussian model at a time between two images.
 // The stored Gaussians, from which a field's offsets count, are those of the clip's middle time.
 #ifndef SV_DYNAMIC_DISTIL_H
 #define SV_DYNAMIC_DISTIL_H

@@ -12,10 +12,10 @@
 #define DROPOUT_UNTIL  0.85f // the rest of a run is for what all of them are like together
 #define MANY_EXPOSURES 18
 
-// The price of opacity is of the mean. With more Gaussians than this, each would pay the less, and
-// where few exposures see what they do, they would be the haze that one does not pay for: there
-// each pays what it would pay among so many.
-#define PRICED_GAUSSIANS 20000
+// Opacity is regularized by its mean, so the weight of one Gaussian falls as the budget grows.
+// Above this budget, few exposures then leave low-opacity fog. There each Gaussian keeps the weight
+// that it has in a budget of this size.
+#define REGULARIZED_GAUSSIANS 20000
 
 #define GRID_VIEWS 6 // more sub-views than a phone has: a lens grid, whose images are small
 
@@ -30,10 +30,10 @@ static float dropout_of(const sv_sampling *s, bool is_grid) {
   return fewness(s) * (is_grid ? DROPOUT_GRID : DROPOUT);
 }
 
-// How many times the price of PRICED_GAUSSIANS so many pay together. Lens grids do without: their
-// own sub-views leave no room for haze.
+// Factor of the opacity regularization weight over that of REGULARIZED_GAUSSIANS. 1 for lens grids:
+// their many sub-views prevent low-opacity fog.
 static float opacity_share(const sv_train_cfg *cfg, const sv_sampling *s, bool is_grid) {
-  const float more = sv_maxf((float)cfg->n_gaussians / PRICED_GAUSSIANS - 1.0f, 0.0f);
+  const float more = sv_maxf((float)cfg->n_gaussians / REGULARIZED_GAUSSIANS - 1.0f, 0.0f);
   return is_grid || s->is_moving ? 1.0f : 1.0f + fewness(s) * more;
 }
 
