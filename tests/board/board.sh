@@ -142,7 +142,7 @@ if wanted libcamera && [ $has_libcamera = yes ]; then
   subview capture --source libcamera:0,size=162x120,sync=client --exposures 1 --quiet --out $out/cap 2>$out/log
   check libcamera_sync_refused $? -eq 1 -a "$(grep -c 'no rpi.sync with libcamera' $out/log)" = 1
   subview capture --source libcamera:0,size=162x120 --sync frame-length --exposures 1 --quiet --out $out/cap 2>$out/log
-  check libcamera_length_refused $? -eq 1 -a "$(grep -c 'do not tell their frame rate' $out/log)" = 1
+  check libcamera_length_refused $? -eq 1 -a "$(grep -c 'report no frame rate' $out/log)" = 1
 fi
 
 # A camera whose driver loses it and finds it again (tests/board/refuse.c): libcamera's own virtual
