@@ -63,10 +63,10 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   const bool is_even =
       s->is_multiplexed || s->is_moving || (s->is_far && s->n_exposures * s->n_sub_views > 1);
   cfg->optimizer = is_even ? SV_OPTIMIZER_ADAM : SV_OPTIMIZER_GAUSS_NEWTON;
-  // what comes in last has as much to learn
+  // The times added last need the full rate, too.
   if (s->is_moving) cfg->newton.rate_end = cfg->newton.rate_start;
-  // What the splats are like within a pixel matters once they are in place: before, one sample is
-  // none the worse, and a quarter of the work.
+  // Detail within a pixel matters only once the splats are in place. Until then one sample a pixel
+  // gives the same quality for a quarter of the work.
   cfg->is_supersampled = is_grid && !s->is_multiplexed;
   cfg->supersample_from = 0.7f;
   cfg->dropout = dropout_of(s, is_grid);

@@ -78,8 +78,8 @@ static void read_one(const uint8_t *data, size_t bytes) {
   for (int i = 0; i < b->n; i++) FUZZ_CHECK(at[i].q[0] == at[i].q[0] && at[i].d[0] == at[i].d[0]);
 }
 
-// Makes the checksums those of what is there, as far as the sections can be told: a mutation gets
-// past them.
+// Computes the checksums again, as far as the sections can be parsed, so that mutations get past
+// them.
 static void seal(uint8_t *f, size_t bytes) {
   enum { HEAD = 24, TAIL = 8 };
   if (bytes < HEAD) return;

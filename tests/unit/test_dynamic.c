@@ -77,9 +77,9 @@ TEST(test_field_learns) {
   learn(SV_DEFORM_FIELD, 0.33f, 25.0, 1); // a clip of 200 steps is no great teacher
 }
 
-// Points along time come from the data: those that no picture reaches would be held by smoothness
-// alone. In a longer run times come in more slowly, and the last rates are lower, never above the
-// first ones.
+// The number of points along time follows the data: smoothness alone would hold points without
+// images. In longer runs the temporal curriculum is slower, and the last learning rates are lower
+// and never above the first ones.
 TEST(test_field_times) {
   static const int n[][2] = {{1, 4}, {19, 19}, {400, 150}}; // times, points
   sv_dynamic_cfg c = sv_dynamic_defaults();
@@ -122,8 +122,8 @@ TEST(test_still_is_still) {
   for (int i = 0; i < N_GAUSS; i++) assert_int_equal(dynamic.is_moving[i] != 0, i < n);
 }
 
-// Times come in to both sides of the middle one, small at first, and the newest of them have half
-// of the steps.
+// The temporal curriculum adds times on both sides of the middle one, at reduced size first; the
+// frontier frames get half of the steps.
 TEST(test_times_come_in) {
   moving_scene_settings c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, 4000);
   c.dynamic.from = 0.1f;
