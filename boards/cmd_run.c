@@ -247,6 +247,14 @@ static int do_run(const run_options *o, bool *is_again) {
   if (s >= 0 && o->orbit && sv_app_publish_orbit(&run.app, (int)o->orbit) < 0)
     s = sv_fail(&err, SV_E_RANGE, "the model could not be rendered for --orbit");
   int code = s < 0 ? fail_with(&err) : report(o, &err);
+  if (!code && sv_app_has_quality_fallen(&run.app.moving)) {
+    sv_fail(
+        &err, SV_E_RANGE,
+        "the model is saved, but quality has fallen to %.1f dB, from %.1f dB earlier in this run: look at "
+        "it before you use it",
+        run.app.moving.psnr_late, run.app.moving.psnr_usual);
+    code = fail_with(&err);
+  }
   if (!code && run.preview_err.status < 0) code = fail_with(&run.preview_err);
   run.preview_err = (sv_err){0};
   *is_again = sv_preview_stay(&run.app) == SV_AGAIN;

@@ -46,6 +46,11 @@ $(O)/tests/source-check: $(call obj,tests/conform/source_check.c) $(TEST_ARCHIVE
 $(O)/tests/source-faults: $(call obj,tests/conform/source_faults.c tests/conform/inject.c) $(TEST_ARCHIVES)
 	$(call link)
 
+# Long runs (make soak, make soak-sim).
+PROGS_soak := $(O)/tests/live-soak
+$(O)/tests/live-soak: $(call obj,tests/soak/live_soak.c) $(TEST_ARCHIVES)
+	$(call link,-lcmocka)
+
 # Digests of every stage of every step, to find the first that differs between two builds.
 PROGS_digests := $(O)/tests/stage-digests
 $(PROGS_digests): $(call obj,tests/digests/stage_digests.c) $(TEST_ARCHIVES)
@@ -55,7 +60,7 @@ PROGS_lint  := $(CORE) $(PROGRAMS)
 PROGS_named := $(addprefix $(O)/tests/,$(TESTS))
 
 .PHONY: tests-build conform
-tests-build: $(foreach g,$(GROUPS_PLAIN) kernels fuzz conform digests,$(PROGS_$(g)))
+tests-build: $(foreach g,$(GROUPS_PLAIN) kernels fuzz conform digests soak,$(PROGS_$(g)))
 conform: $(PROGS_conform)
 
 # --- running ----------------------------------------

@@ -197,7 +197,7 @@ static sv_status replace_oldest(sv_app *app, sv_err *err) {
     view.time = sv_app_time_of(app, app->exposures.exposure[slot].time_ns);
     sv_train_replace_view(&app->trainer, slot * n + i_view++, &view, &image);
   }
-  return sv_app_enter_exposure(app, slot, 0.5f);
+  return sv_app_enter_exposure(app, slot);
 }
 
 sv_status sv_app_continuous_turn(sv_app *app, bool *is_train, sv_err *err) {

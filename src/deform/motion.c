@@ -118,6 +118,18 @@ static void shift(float *value, const sv_motion *mo, int i, int row, int n, int 
     }
 }
 
+// Gradients of a quaternion are perpendicular to it, so each step makes it longer, and the next
+// steps turn it less.
+static void normalize(sv_motion *mo, sv_gaussians *g, int i, int row) {
+  float len2 = 0;
+  for (int w = 0; w < 4; w++)
+    len2 += *sv_gaussians_at(g, i, SV_ROW_QUAT + w) * *sv_gaussians_at(g, i, SV_ROW_QUAT + w);
+  if (!(len2 > 0)) return;
+  const float f = 1.0f / sqrtf(len2);
+  for (int w = 0; w < 4; w++) *sv_gaussians_at(g, i, SV_ROW_QUAT + w) *= f;
+  for (int r = 0; r < 4 * mo->cfg.n_rot; r++) *sv_motion_row(mo, i, row + r) *= f;
+}
+
 void sv_motion_advance(sv_motion *mo, sv_gaussians *g, float t0) {
   const sv_motion_cfg *c = &mo->cfg;
   float h = t0 - c->t0;
@@ -129,6 +141,7 @@ void sv_motion_advance(sv_motion *mo, sv_gaussians *g, float t0) {
     for (int w = 0; w < 3; w++)
       shift(sv_gaussians_at(g, i, SV_ROW_SH + w), mo, i, colour, c->n_colour, 3, w, h);
   }
+  for (int i = 0; i < g->n; i++) normalize(mo, g, i, rot);
   mo->cfg.t0 = t0;
 }
 

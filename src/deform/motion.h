@@ -63,7 +63,7 @@ typedef struct {
 } sv_motion_values;
 sv_motion_values sv_motion_values_at(const sv_motion_cfg *cfg, float t);
 // Powers: re-expands the series of what moves about t0, and moves the stored Gaussians g there;
-// what is drawn at any time stays the same.
+// their quaternions get length 1. What is drawn at any time stays the same.
 void sv_motion_advance(sv_motion *mo, sv_gaussians *g, float t0);
 // Arguments of the kernels for g at time t; f must live as long as they.
 sv_motion_args sv_motion_args_of(const sv_motion *mo, const sv_gaussians *g, float t,

@@ -24,6 +24,7 @@ static sv_status carve(sv_dynamic *dyn, const sv_dynamic_cfg *c, const sv_train_
                             .cap_knots = sv_dynamic_has_bodies(c) ? sv_mini(t->cap_views, SV_CAP_KNOTS) : 0};
   sv_arena_part_begin(a, "motion");
   dyn->is_moving = SV_TAKE(a, uint8_t, g->cap);
+  dyn->hidden_for = SV_TAKE(a, uint8_t, g->cap);
   float **each[] = {&dyn->n_seen, &dyn->residual_mean, &dyn->residual_dev, &dyn->temporal_residual,
                     &dyn->share,  &dyn->residual};
   for (size_t i = 0; i < sizeof each / sizeof *each; i++) *each[i] = SV_TAKE(a, float, g->cap);
@@ -73,6 +74,7 @@ static void start(void *self) {
   dyn->matched_until = 0.0f;
   dyn->next_search = dyn->cfg.from;
   memset(dyn->is_moving, 0, (size_t)dyn->t->g.cap);
+  memset(dyn->hidden_for, 0, (size_t)dyn->t->g.cap);
   if (sv_dynamic_has_clip(&dyn->cfg)) dyn->deform.kind = SV_DEFORM_CLIP;
   if (dyn->deform.kind == SV_DEFORM_CLIP) sv_motion_reset(&dyn->deform.motion, 0);
   if (dyn->cfg.kind == SV_DEFORM_FIELD) sv_field_reset(&dyn->deform.field, &dyn->t->g, dyn->t->cfg.seed);

@@ -44,10 +44,22 @@ static int forget_good(const sv_dynamic *dyn, const sv_depth_map *m) {
   return n;
 }
 
+// Seen where the picture is wrong, or seen by nobody for long: out of view, behind a surface or
+// transparent. Without the latter the model loses a part of its Gaussians with each exposure.
+static bool is_stale(const sv_dynamic *dyn, int i) {
+  if (dyn->share[i] > SV_DYNAMIC_SHARE_MIN) return dyn->residual[i] > OFF * dyn->share[i];
+  return dyn->hidden_for[i] > dyn->cfg.keep_hidden;
+}
+
 static int next_stale(const sv_dynamic *dyn, int i) {
-  while (i < dyn->t->g.n && !(dyn->share[i] > SV_DYNAMIC_SHARE_MIN && dyn->residual[i] > OFF * dyn->share[i]))
-    i++;
+  while (i < dyn->t->g.n && !is_stale(dyn, i)) i++;
   return i;
+}
+
+static void count_hidden(sv_dynamic *dyn) {
+  for (int i = 0; i < dyn->t->g.n; i++)
+    if (dyn->share[i] > SV_DYNAMIC_SHARE_MIN) dyn->hidden_for[i] = 0;
+    else if (dyn->hidden_for[i] < UINT8_MAX) dyn->hidden_for[i]++;
 }
 
 static void place(sv_dynamic *dyn, int i, const sv_point *p, float sigma) {
@@ -62,6 +74,7 @@ static void place(sv_dynamic *dyn, int i, const sv_point *p, float sigma) {
   for (int r = 0; r < dyn->t->g.n_rows; r++) dyn->t->m[at + 16 * r] = dyn->t->v[at + 16 * r] = 0;
   dyn->t->err[i] = 0.0f;
   dyn->is_moving[i] = 0;
+  dyn->hidden_for[i] = 0;
 }
 
 // One of the n_off places for each who goes, evenly over all maps, which see about the same.
@@ -102,6 +115,7 @@ sv_status sv_dynamic_renew(sv_dynamic *dyn, float progress, sv_arena *scratch) {
   sv_dynamic_clear_shares(dyn);
   for (int i = 0; s == SV_OK && i < w.n; i++) s = compare(dyn, &w.map[i], progress, &n_off);
   if (s == SV_OK) {
+    count_hidden(dyn);
     for (int i = next_stale(dyn, 0); i < dyn->t->g.n; i = next_stale(dyn, i + 1)) n_stale++;
     const int n = sv_mini(n_off, n_stale);
     if (n > 0) renew(dyn, &w, n_off, n);

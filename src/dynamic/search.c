@@ -47,6 +47,12 @@ static void swap_h(uint16_t *a, uint16_t *b) {
   *b = s;
 }
 
+static void swap_b(uint8_t *a, uint8_t *b) {
+  uint8_t s = *a;
+  *a = *b;
+  *b = s;
+}
+
 static void swap_slots(sv_dynamic *dyn, int i, int j) {
   long a = sv_gaussians_at(&dyn->t->g, i, 0) - dyn->t->g.param,
        b = sv_gaussians_at(&dyn->t->g, j, 0) - dyn->t->g.param;
@@ -58,9 +64,8 @@ static void swap_slots(sv_dynamic *dyn, int i, int j) {
   swap_f(dyn->t->err + i, dyn->t->err + j);
   if (dyn->t->floor) swap_f(dyn->t->floor + i, dyn->t->floor + j);
   if (dyn->deform.kind == SV_DEFORM_CLIP) sv_motion_swap(&dyn->deform.motion, i, j);
-  uint8_t s = dyn->is_moving[i];
-  dyn->is_moving[i] = dyn->is_moving[j];
-  dyn->is_moving[j] = s;
+  swap_b(dyn->is_moving + i, dyn->is_moving + j);
+  swap_b(dyn->hidden_for + i, dyn->hidden_for + j);
 }
 
 void sv_dynamic_sort(sv_dynamic *dyn) {

@@ -290,6 +290,7 @@ static sv_status train(sv_app *app, sv_err *err) {
   const sv_clock *m = &app->port.machine;
   const sv_driver_cfg cfg = {.n_steps = app->cfg.steps,
                              .limit_s = app->cfg.time_limit_s,
+                             .steady_progress = sv_app_steady_progress(&app->cfg),
                              .clock = *m,
                              .console = app->port.console,
                              .self = app,

@@ -117,14 +117,15 @@ sv_status sv_driver_run(sv_driver *d, const sv_driver_cfg *cfg, sv_trainer *t, s
     if (progress >= 1.0f || (cfg->limit_s > 0 && t->trained_s >= cfg->limit_s)) return SV_OK;
     if (is_stop_requested(d))
       return sv_fail(err, SV_E_INTERRUPTED, "stopped by request after %u steps", t->step);
+    const float scheduled = cfg->steady_progress > 0 ? cfg->steady_progress : progress;
     sv_driver_turn turn = {0};
-    sv_status s = cfg->before_step ? cfg->before_step(cfg->self, progress, &turn, err) : SV_OK;
+    sv_status s = cfg->before_step ? cfg->before_step(cfg->self, scheduled, &turn, err) : SV_OK;
     if (s < 0) return s;
     t0_s += turn.away_s;
     now_s += turn.away_s;
     if (turn.has_taken_time || turn.is_other_work) now_s = seconds(d);
     if (turn.is_other_work) continue;
-    if ((s = timed_step(d, t, progress, &now_s, err)) < 0) return s;
+    if ((s = timed_step(d, t, scheduled, &now_s, err)) < 0) return s;
     if (now_s - line_s < LINE_EVERY_S) continue;
     progress_line(d, t, progress);
     line_s = now_s;

@@ -69,6 +69,9 @@ typedef struct {
   uint32_t n_steps; // the run ends when the trainer has done so many steps; 0: no such limit
   // The run ends after so many seconds of training; 0: no such limit. One of both is needed
   double limit_s;
+  // Progress that all schedules see, 0 to 1; 0: that of the run. For runs without an end in view,
+  // in which every moment is like the last.
+  float steady_progress;
   sv_clock clock;     // of the machine
   sv_console console; // progress lines and the stop request; members may be NULL
   void *self;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Moving scenes in a run. A clip: exposures are captured first, their times run from 0 to 1, and
 // the motion is a few functions of that time. Live: exposures stream through a ring; times are
-// seconds, and the motion is a power series about the newest exposure, which is moved on with each
-// new one, so that the last model's motion is the start of the next; what is not there gets
+// seconds before the newest exposure, and the motion is a power series about it, which is moved on
+// with each new one, so that the last model's motion is the start of the next; what is not there gets
 // Gaussians from the newest exposure's depth maps. Each exposure gets a fixed time; what came
 // meanwhile is left out as whole exposures (src/sync/capture_queue.h).
 #include "src/run/app.h"
@@ -12,7 +12,13 @@
 #include "src/dynamic/renew.h"
 
 #define CONTINUOUS_RATE 3.0f
-#define FIND_EVERY      16 // exposures between two searches for what moves
+#define FIND_EVERY      16   // exposures between two searches for what moves
+#define STEADY_PROGRESS 0.5f // all detail is on, and dead Gaussians are relocated
+#define MIN_SCALE_PX    0.1f // of a Gaussian; a smaller one only blinks, and Adam never ends shrinking it
+#define MEAN_EXPOSURES  50.0 // that psnr_late is a mean of, about
+#define USUAL_EXPOSURES 5000.0
+#define FALL_DB         3.0 // below the usual PSNR
+#define FALL_EXPOSURES  100 // before which nothing is usual
 
 void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
   t->has_motion = true;
@@ -28,6 +34,15 @@ void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
   t->start_scale = 1;
   t->relocate_until = 1;
   t->noise = 0;
+  t->floor_px = MIN_SCALE_PX;
+}
+
+float sv_app_steady_progress(const sv_app_cfg *c) {
+  return c->is_dynamic && c->is_continuous ? STEADY_PROGRESS : 0;
+}
+
+bool sv_app_has_quality_fallen(const sv_app_moving *m) {
+  return m->n_scored >= FALL_EXPOSURES && m->psnr_late < m->psnr_usual - FALL_DB;
 }
 
 sv_dynamic_cfg sv_app_dynamic_cfg(const sv_app_cfg *c) {
@@ -46,6 +61,7 @@ sv_dynamic_cfg sv_app_dynamic_cfg(const sv_app_cfg *c) {
   // so by opacity and colour, faster than it could travel; what the newest images show elsewhere is
   // put there (src/dynamic/renew.h).
   d.older_every = 6;
+  d.keep_hidden = sv_mini(sv_maxi(c->n_exposures, d.keep_hidden), 254);
   return d;
 }
 
@@ -86,17 +102,45 @@ static sv_status score_newest(sv_app *app) {
     if (s < 0) return s;
     sum += sv_psnr_of_mse(mse) / n;
   }
-  app->moving.n_scored++;
-  app->moving.psnr_sum += sum;
-  app->moving.psnr_late = app->moving.n_scored == 1 ? sum : 0.98 * app->moving.psnr_late + 0.02 * sum;
+  sv_app_moving *m = &app->moving;
+  m->n_scored++;
+  m->psnr_sum += sum;
+  m->psnr_late +=
+      (sum - m->psnr_late) / (m->n_scored < MEAN_EXPOSURES ? (double)m->n_scored : MEAN_EXPOSURES);
+  m->psnr_usual += (m->psnr_late - m->psnr_usual) / USUAL_EXPOSURES;
+  if (m->psnr_usual < m->psnr_late) m->psnr_usual = m->psnr_late;
   return SV_OK;
 }
 
-sv_status sv_app_leave_exposure(sv_app *app) {
-  return app->cfg.is_dynamic && app->cfg.is_continuous ? score_newest(app) : SV_OK;
+// Tells the user once when quality falls, and again after it has recovered.
+static void watch_quality(sv_app *app) {
+  sv_app_moving *m = &app->moving;
+  const bool has_fallen = sv_app_has_quality_fallen(m);
+  if (has_fallen && !m->has_fallen)
+    sv_app_log(app, SV_LOG_WARN,
+               "quality has fallen: %.1f dB in the last exposures, usually %.1f dB; are all cameras free, in "
+               "focus and evenly lit?",
+               m->psnr_late, m->psnr_usual);
+  m->has_fallen = has_fallen;
 }
 
-sv_status sv_app_enter_exposure(sv_app *app, int slot, float progress) {
+sv_status sv_app_leave_exposure(sv_app *app) {
+  if (!app->cfg.is_dynamic || !app->cfg.is_continuous) return SV_OK;
+  sv_status s = score_newest(app);
+  if (s >= 0) watch_quality(app);
+  return s;
+}
+
+// The model's time begins anew with the newest exposure, so that floats hold it for ever.
+static void move_origin(sv_app *app, sv_ns newest_ns) {
+  const float shift = (float)sv_ns_to_s(newest_ns - app->moving.first_ns);
+  sv_motion_advance(&app->dynamic.deform.motion, &app->trainer.g, shift);
+  app->dynamic.deform.motion.cfg.t0 = 0;
+  sv_train_shift_times(&app->trainer, -shift);
+  app->moving.first_ns = app->moving.last_ns = newest_ns;
+}
+
+sv_status sv_app_enter_exposure(sv_app *app, int slot) {
   const sv_clock *m = &app->port.machine;
   if (!app->cfg.is_dynamic) return SV_OK;
   // Turns of equal length, what it takes to change exposures included; who is late by a whole turn
@@ -104,9 +148,8 @@ sv_status sv_app_enter_exposure(sv_app *app, int slot, float progress) {
   const sv_ns now_ns = m->now_ns(m->self), turn_ns = (sv_ns)(app->cfg.exposure_s * 1e9);
   app->moving.exposure_ns += turn_ns;
   if (now_ns - app->moving.exposure_ns >= turn_ns) app->moving.exposure_ns = now_ns;
-  app->moving.last_ns = app->exposures.exposure[slot].time_ns;
-  sv_motion_advance(&app->dynamic.deform.motion, &app->trainer.g, sv_app_time_of(app, app->moving.last_ns));
-  sv_status s = sv_dynamic_renew(&app->dynamic, progress, &app->scratch);
+  move_origin(app, app->exposures.exposure[slot].time_ns);
+  sv_status s = sv_dynamic_renew(&app->dynamic, STEADY_PROGRESS, &app->scratch);
   if (s < 0 || ++app->moving.n_entered % FIND_EVERY) return s;
-  return sv_dynamic_search(&app->dynamic, progress);
+  return sv_dynamic_search(&app->dynamic, STEADY_PROGRESS);
 }

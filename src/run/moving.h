@@ -17,6 +17,9 @@ typedef struct {
   uint64_t n_scored;       // of these: scored at the end of their turn
   double psnr_sum;         // dB, over the scored ones
   double psnr_late;        // dB, running mean of about the last 50
+  // dB, the highest psnr_late, which falls to what it is now within about 5,000 exposures
+  double psnr_usual;
+  bool has_fallen; // the user was told that quality has fallen
 } sv_app_moving;
 
 // The trainer's settings of a moving scene, and those of its motion (none when the scene is still).
@@ -28,6 +31,10 @@ void sv_app_begin_moving(sv_app *app); // all exposures are there, training begi
 // The newest exposure has had its turn; always true where nothing moves.
 bool sv_app_is_exposure_due(const sv_app *app);
 sv_status sv_app_leave_exposure(sv_app *app) SV_MUST_USE;
-sv_status sv_app_enter_exposure(sv_app *app, int slot, float progress) SV_MUST_USE;
+sv_status sv_app_enter_exposure(sv_app *app, int slot) SV_MUST_USE;
+// Progress for the schedules of a run in which every exposure is like the last; 0: that of the run.
+float sv_app_steady_progress(const sv_app_cfg *cfg);
+// The pictures of the last exposures are far worse than usual: something has gone wrong.
+bool sv_app_has_quality_fallen(const sv_app_moving *m);
 
 #endif

@@ -26,9 +26,12 @@ static void add_live(sv_str *s, const sv_app *app) {
     sv_str_add(s, "  \"moving\": %d, \"renewed\": %u,\n", sv_deform_n_moving(&app->dynamic.deform),
                app->dynamic.n_renewed);
   if (app->moving.n_scored)
-    sv_str_add(s, "  \"live_psnr\": %.3f, \"live_psnr_late\": %.3f, \"live_exposures\": %llu,\n",
-               app->moving.psnr_sum / (double)app->moving.n_scored, app->moving.psnr_late,
-               (unsigned long long)app->moving.n_scored);
+    sv_str_add(
+        s,
+        "  \"live_psnr\": %.3f, \"live_psnr_late\": %.3f, \"live_psnr_usual\": %.3f, \"live_exposures\": "
+        "%llu,\n",
+        app->moving.psnr_sum / (double)app->moving.n_scored, app->moving.psnr_late, app->moving.psnr_usual,
+        (unsigned long long)app->moving.n_scored);
   if (!app->cfg.is_continuous) return;
   sv_str_add(s,
              "  \"live\": {\"exposures_replaced\": %llu, \"previews\": %llu, \"preview_slowdown\": %d, "

@@ -250,6 +250,12 @@ void sv_train_replace_view(sv_trainer *t, int i_view, const sv_view *view, const
   t->newest_time = sv_maxf(t->newest_time, view->time);
 }
 
+void sv_train_shift_times(sv_trainer *t, float by) {
+  for (int i = 0; i < t->n_views; i++) t->views[i].view.time += by;
+  t->newest_time += by;
+  t->reference_time += by;
+}
+
 // One more than fit, so that they can be shifted and still cover the sensor.
 static int n_regions_along(int side_px, int region_px) {
   return side_px <= region_px ? 1 : side_px / region_px + 1;

@@ -67,6 +67,21 @@ TEST(test_live) {
   world_forget_files(&w);
 }
 
+// Of slot i of one block of 16 Gaussians.
+static float length_of_quaternion(const float *block, int i) {
+  float sum = 0;
+  for (int k = 0; k < 4; k++) sum += block[16 * (SV_ROW_QUAT + k) + i] * block[16 * (SV_ROW_QUAT + k) + i];
+  return sqrtf(sum);
+}
+
+// A quaternion's length has no effect.
+static void normalize_quaternions(float *block) {
+  for (int i = 0; i < 16; i++) {
+    const float len = length_of_quaternion(block, i);
+    for (int k = 0; k < 4; k++) block[16 * (SV_ROW_QUAT + k) + i] /= len;
+  }
+}
+
 // Moving on to another time changes nothing of what is drawn.
 TEST(test_advance) {
   static _Alignas(64) unsigned char block[1 << 20];
@@ -86,10 +101,43 @@ TEST(test_advance) {
   for (int i = 0; i < 16; i++)
     for (int r = SV_MROW_FUNCTIONS; r < mo.n_rows; r++) *sv_motion_row(&mo, i, r) = sv_rng_f(&rng) - 0.5f;
   sv_motion_at(&mo, &(sv_compute){&k, &pool}, &g, 4.4f);
+  normalize_quaternions(mo.moved);
   for (int i = 0; i < 16 * 14; i++) before[i] = g.moved[i];
   sv_motion_advance(&mo, &g, 5.5f);
   sv_motion_at(&mo, &(sv_compute){&k, &pool}, &g, 4.4f);
+  normalize_quaternions(mo.moved);
   for (int i = 0; i < 16 * 14; i++) assert_true(fabsf(g.moved[i] - before[i]) < 1e-4f);
+  for (int i = 0; i < 16; i++) assert_true(fabsf(length_of_quaternion(g.param, i) - 1) < 1e-6f);
+}
+
+// A long run ends with what a short one ends with: no schedule cools down or begins late, and no
+// Gaussian is lost (make soak-sim has 10,000 exposures).
+TEST(test_steady_state) {
+  const uint32_t steps[2] = {2000, 16000};
+  double psnr[2];
+  for (int i = 0; i < 2; i++) {
+    open_world(4, 2);
+    w.cfg.is_dynamic = w.cfg.is_continuous = true;
+    w.cfg.exposure_s = 0.12;
+    w.cfg.steps = steps[i];
+    world_run_well(&w);
+    psnr[i] = w.app.moving.psnr_late;
+    print_message("%u steps, %d exposures: %.2f dB, usually %.2f dB\n", steps[i], (int)w.app.moving.n_scored,
+                  psnr[i], w.app.moving.psnr_usual);
+    assert_true(psnr[i] <= w.app.moving.psnr_usual && !sv_app_has_quality_fallen(&w.app.moving));
+    world_close(&w);
+    world_forget_files(&w);
+  }
+  assert_true(psnr[1] > psnr[0] - 1);
+}
+
+TEST(test_fall_of_quality) {
+  sv_app_moving m = {.n_scored = 200, .psnr_late = 30, .psnr_usual = 32.9};
+  assert_false(sv_app_has_quality_fallen(&m));
+  m.psnr_usual = 33.1;
+  assert_true(sv_app_has_quality_fallen(&m));
+  m.n_scored = 50; // nothing is usual yet
+  assert_false(sv_app_has_quality_fallen(&m));
 }
 
 // What lies in the block from a run before is in no file of this one.
@@ -113,7 +161,9 @@ TEST(test_block_of_before) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_clip_beats_still), cmocka_unit_test(test_live),
-                                     cmocka_unit_test(test_block_of_before), cmocka_unit_test(test_advance)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_clip_beats_still), cmocka_unit_test(test_live),
+      cmocka_unit_test(test_steady_state),     cmocka_unit_test(test_fall_of_quality),
+      cmocka_unit_test(test_block_of_before),  cmocka_unit_test(test_advance)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
