@@ -20,8 +20,9 @@ void sv_depth_expected(const sv_depth_input *in, float *out, uint8_t *mask) {
 }
 
 void sv_depth_expected_bwd(const sv_depth_input *in, const float *out, const uint8_t *mask,
-                           const float *g_out, int rows_padded, float *g_depth, float *g_trans) {
-  const size_t n = (size_t)rows_padded * (size_t)in->stride;
+                           const float *g_out, const sv_depth_grad *grad) {
+  float *g_depth = grad->depth, *g_trans = grad->trans;
+  const size_t n = (size_t)grad->rows_padded * (size_t)in->stride;
   memset(g_depth, 0, n * sizeof *g_depth);
   memset(g_trans, 0, n * sizeof *g_trans);
   for (int y = 0; y < in->height_px; y++)
@@ -39,21 +40,21 @@ void sv_depth_expected_bwd(const sv_depth_input *in, const float *out, const uin
     }
 }
 
-double sv_depth_loss(const float *depth, const float *prior, const uint8_t *mask, int width_px, int height_px,
-                     int stride, float unit, float weight, float *grad) {
+double sv_depth_loss(const sv_depth_pair *in, float *grad) {
+  const int stride = in->stride;
   long n = 0;
   double sum = 0;
-  for (int y = 0; y < height_px; y++)
-    for (int x = 0; x < width_px; x++) n += mask[(size_t)y * (size_t)stride + (size_t)x] != 0;
+  for (int y = 0; y < in->height_px; y++)
+    for (int x = 0; x < in->width_px; x++) n += in->mask[(size_t)y * (size_t)stride + (size_t)x] != 0;
   if (!n) return 0;
-  const float step = (float)((double)weight / ((double)n * (double)unit));
-  for (int y = 0; y < height_px; y++)
-    for (int x = 0; x < width_px; x++) {
+  const float step = (float)((double)in->weight / ((double)n * (double)in->unit));
+  for (int y = 0; y < in->height_px; y++)
+    for (int x = 0; x < in->width_px; x++) {
       const size_t i = (size_t)y * (size_t)stride + (size_t)x;
-      if (!mask[i]) continue;
-      const float off = depth[i] - prior[i];
+      if (!in->mask[i]) continue;
+      const float off = in->depth[i] - in->prior[i];
       sum += fabs((double)off);
       grad[i] += off > 0.0f ? step : off < 0.0f ? -step : 0.0f;
     }
-  return (double)weight * sum / ((double)n * (double)unit);
+  return (double)in->weight * sum / ((double)n * (double)in->unit);
 }

@@ -118,13 +118,19 @@ double sv_prior_depth_loss(sv_prior *prior, const sv_prior_depth *d, int scale, 
                                     .height_px = size->height_px,
                                     .stride = size->stride,
                                     .weight = weight};
-  double loss = d->kind == SV_PRIOR_METRIC ? sv_depth_loss(prior->expected, prior->target, prior->mask,
-                                                           size->width_px, size->height_px, size->stride,
-                                                           prior->t->radius, weight, prior->g_expected)
+  const sv_depth_pair metric = {.depth = prior->expected,
+                                .prior = prior->target,
+                                .mask = prior->mask,
+                                .width_px = size->width_px,
+                                .height_px = size->height_px,
+                                .stride = size->stride,
+                                .unit = prior->t->radius,
+                                .weight = weight};
+  double loss = d->kind == SV_PRIOR_METRIC ? sv_depth_loss(&metric, prior->g_expected)
                                            : sv_pearson_loss(&prior->pearson, &pearson, prior->g_expected);
   if (d->kind != SV_PRIOR_METRIC && prior->cfg.patch_weight > 0.0f) loss += patch_loss(prior, pearson);
-  sv_depth_expected_bwd(&in, prior->expected, prior->mask, prior->g_expected, size->rows_padded,
-                        prior->g_depth, prior->g_trans);
+  sv_depth_expected_bwd(&in, prior->expected, prior->mask, prior->g_expected,
+                        &(sv_depth_grad){prior->g_depth, prior->g_trans, size->rows_padded});
   prior->last_depth_loss = loss;
   return loss;
 }

@@ -69,7 +69,7 @@ static void mul23(const double j[6], const double r[9], double out[6]) {
 }
 
 bool sv_bundle_residual(const sv_bundle *b, const sv_bundle_obs *obs, const double x[3], double r[2],
-                        double *dr_dpose, double *dr_dcam, double *dr_dx) {
+                        sv_bundle_jacobian *j) {
   const sv_pose *rig = &b->pose[obs->i_pose];
   const sv_bundle_camera *c = &b->camera[obs->i_camera];
   double x_rig[3], q[3];
@@ -79,12 +79,12 @@ bool sv_bundle_residual(const sv_bundle *b, const sv_bundle_obs *obs, const doub
   double iz = 1 / q[2], u = q[0] * iz, v = q[1] * iz;
   r[0] = c->fx * u + c->cx - (double)obs->uv_px[0];
   r[1] = c->fy * v + c->cy - (double)obs->uv_px[1];
-  if (!dr_dpose && !dr_dcam && !dr_dx) return true;
-  double j[6] = {c->fx * iz, 0, -c->fx * u * iz, 0, c->fy * iz, -c->fy * v * iz}, j_rig[6];
-  if (dr_dcam) by_twist(j, q, dr_dcam);
-  mul23(j, c->cam_from_rig.r, j_rig);
-  if (dr_dpose) by_twist(j_rig, x_rig, dr_dpose);
-  if (dr_dx) mul23(j_rig, rig->r, dr_dx);
+  if (!j) return true;
+  double j_cam[6] = {c->fx * iz, 0, -c->fx * u * iz, 0, c->fy * iz, -c->fy * v * iz}, j_rig[6];
+  by_twist(j_cam, q, j->camera);
+  mul23(j_cam, c->cam_from_rig.r, j_rig);
+  by_twist(j_rig, x_rig, j->pose);
+  mul23(j_rig, rig->r, j->point);
   return true;
 }
 
@@ -118,9 +118,8 @@ double sv_bundle_cost(const sv_bundle *b, const sv_bundle_options *o) {
       const sv_bundle_obs *obs = &b->obs[k];
       double r[2], loss, w2 = (double)obs->weight * (double)obs->weight;
       if (w2 == 0) continue;
-      double r2 = sv_bundle_residual(b, obs, b->point[i], r, NULL, NULL, NULL)
-                      ? w2 * (r[0] * r[0] + r[1] * r[1])
-                      : BEHIND_PX * BEHIND_PX;
+      double r2 = sv_bundle_residual(b, obs, b->point[i], r, NULL) ? w2 * (r[0] * r[0] + r[1] * r[1])
+                                                                   : BEHIND_PX * BEHIND_PX;
       (void)huber(r2, o->huber_px, &loss);
       sum += loss;
     }
@@ -162,8 +161,16 @@ typedef struct {
   int n_local;        // blocks the point is seen from
 } point_sums;
 
-static void add_block(sv_bundle *b, point_sums *p, int block, double k, const double *j, const double *jx,
-                      const double r[2], bool is_full) {
+// A residual of the point with its weight.
+typedef struct {
+  double k, r[2];
+  sv_bundle_jacobian j;
+} weighted_residual;
+
+// Adds a residual to the block of a pose or a camera, by which its derivatives are j.
+static void add_block(sv_bundle *b, point_sums *p, int block, const weighted_residual *o, const double *j,
+                      bool is_full) {
+  const double k = o->k, *jx = o->j.point, *r = o->r;
   int at = -1;
   for (int i = 0; i < p->n_local && at < 0; i++)
     if (b->in_use[i] == block) at = i;
@@ -184,17 +191,19 @@ static void sum_point(sv_bundle *b, const sv_bundle_options *o, int i, point_sum
   memset(p, 0, sizeof *p);
   for (int n = b->first[i]; n < b->first[i + 1]; n++) {
     const sv_bundle_obs *obs = &b->obs[n];
-    double r[2], jp[12], jc[12], jx[6], loss, w2 = (double)obs->weight * (double)obs->weight;
-    if (w2 == 0 || !sv_bundle_residual(b, obs, b->point[i], r, jp, jc, jx)) continue;
-    double k = w2 * huber(w2 * (r[0] * r[0] + r[1] * r[1]), o->huber_px, &loss);
+    weighted_residual w;
+    const double *r = w.r, *jx = w.j.point;
+    double loss, w2 = (double)obs->weight * (double)obs->weight;
+    if (w2 == 0 || !sv_bundle_residual(b, obs, b->point[i], w.r, &w.j)) continue;
+    w.k = w2 * huber(w2 * (r[0] * r[0] + r[1] * r[1]), o->huber_px, &loss);
     int pose = b->block_of[obs->i_pose], cam = b->block_of[b->n_poses + obs->i_camera], at = 0;
     for (int c = 0; c < 3; c++) {
-      p->gx[c] += k * (jx[c] * r[0] + jx[3 + c] * r[1]);
-      for (int d = c; d < 3; d++) p->v[at++] += k * (jx[c] * jx[d] + jx[3 + c] * jx[3 + d]);
+      p->gx[c] += w.k * (jx[c] * r[0] + jx[3 + c] * r[1]);
+      for (int d = c; d < 3; d++) p->v[at++] += w.k * (jx[c] * jx[d] + jx[3 + c] * jx[3 + d]);
     }
-    if (pose >= 0) add_block(b, p, pose, k, jp, jx, r, is_full);
-    if (cam >= 0) add_block(b, p, cam, k, jc, jx, r, is_full);
-    if (pose >= 0 && cam >= 0 && is_full) add_pair(b, pose, cam, k, jp, jc);
+    if (pose >= 0) add_block(b, p, pose, &w, w.j.pose, is_full);
+    if (cam >= 0) add_block(b, p, cam, &w, w.j.camera, is_full);
+    if (pose >= 0 && cam >= 0 && is_full) add_pair(b, pose, cam, w.k, w.j.pose, w.j.camera);
   }
 }
 
@@ -349,8 +358,7 @@ static void measure(const sv_bundle *b, sv_bundle_result *out) {
   for (int i = 0; i < b->n_points; i++)
     for (int k = b->first[i]; k < b->first[i + 1]; k++) {
       double r[2];
-      if (b->obs[k].weight == 0 || !sv_bundle_residual(b, &b->obs[k], b->point[i], r, NULL, NULL, NULL))
-        continue;
+      if (b->obs[k].weight == 0 || !sv_bundle_residual(b, &b->obs[k], b->point[i], r, NULL)) continue;
       sum += r[0] * r[0] + r[1] * r[1];
       out->n_obs++;
     }

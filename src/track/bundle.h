@@ -87,10 +87,14 @@ sv_status sv_bundle_solve(sv_bundle *b, const sv_bundle_options *o, sv_bundle_re
 double sv_bundle_scale_sigma(sv_bundle *b, const sv_bundle_options *o);
 
 // --- pieces, for tests ---------------------------------------------------------------------------
-// Residual of an observation of x (world), not weighted, and its derivatives (each may be NULL):
-// dr_dpose, dr_dcam [2][6] by the twists, dr_dx [2][3]. False behind the camera.
+// Derivatives of a residual by the twists of pose and camera, [2][6], and by the point, [2][3].
+typedef struct {
+  double pose[12], camera[12], point[6];
+} sv_bundle_jacobian;
+// Residual of an observation of x (world), not weighted, and its derivatives (j may be NULL). False
+// behind the camera.
 bool sv_bundle_residual(const sv_bundle *b, const sv_bundle_obs *obs, const double x[3], double r[2],
-                        double *dr_dpose, double *dr_dcam, double *dr_dx);
+                        sv_bundle_jacobian *j);
 // One damped step at the present values into b->step (blocks of six in the order of free poses,
 // then cameras) and b->point_step: (H + lambda diag H) d = -gradient. False when the system is
 // singular.

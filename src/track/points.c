@@ -268,24 +268,25 @@ static bool is_crowded(const sv_tracker *t, int cell, int n_x, int n_y) {
 }
 
 typedef struct {
-  float uv[SV_TRACK_CAP_VIEWS][2],
-      map[SV_TRACK_CAP_VIEWS][4]; // map: pixels of the view for those of the corner's
+  sv_track_match in[SV_TRACK_CAP_VIEWS];
   bool has[SV_TRACK_CAP_VIEWS];
-  float f_least; // smallest focal length among the matches
+  float min_focal_px; // smallest focal length among the matches
 } view_matches;
 
 // Matches of a corner in the other sub-views. Matching backwards must return to the corner.
 static view_matches match_views(sv_tracker *t, int v, const float uv[2]) {
-  view_matches m = {.f_least = (float)t->cam[v].fx};
+  view_matches m = {.min_focal_px = (float)t->cam[v].fx};
   for (int b = 0; b < t->n_views; b++) {
-    float step, back[2], back_step, back_map[4];
-    double base = base_of(t, v, b), near = NEAR_BASE * base, far = FAR_BASE * base;
+    double base = base_of(t, v, b), near_m = NEAR_BASE * base, far_m = FAR_BASE * base;
+    sv_track_match *there = &m.in[b], back;
     if (b == v || !(base > 0)) continue;
-    if (!sv_track_stereo(t, v, uv, b, near, far, m.uv[b], &step, m.map[b])) continue;
-    if (!sv_track_stereo(t, b, m.uv[b], v, near, far, back, &back_step, back_map)) continue;
-    float dx = back[0] - uv[0], dy = back[1] - uv[1];
-    m.has[b] = dx * dx + dy * dy < BACK_PX * BACK_PX * back_step * back_step;
-    if (m.has[b]) m.f_least = sv_minf(m.f_least, (float)t->cam[b].fx);
+    sv_track_corner from = {v, {uv[0], uv[1]}, near_m, far_m};
+    if (!sv_track_stereo(t, &from, b, there)) continue;
+    sv_track_corner to = {b, {there->uv_px[0], there->uv_px[1]}, near_m, far_m};
+    if (!sv_track_stereo(t, &to, v, &back)) continue;
+    float dx = back.uv_px[0] - uv[0], dy = back.uv_px[1] - uv[1];
+    m.has[b] = dx * dx + dy * dy < BACK_PX * BACK_PX * back.step_px * back.step_px;
+    if (m.has[b]) m.min_focal_px = sv_minf(m.min_focal_px, (float)t->cam[b].fx);
   }
   return m;
 }
@@ -306,7 +307,8 @@ static void add_view(sv_tracker *t, int32_t i_point, int b, const float uv[2], c
 static bool bear(sv_tracker *t, int v, const float uv[2]) {
   view_matches m = match_views(t, v, uv);
   int level = 0;
-  while (level + 1 < t->n_levels[v] && (float)t->cam[v].fx > 1.42f * m.f_least * (float)(1 << level)) level++;
+  while (level + 1 < t->n_levels[v] && (float)t->cam[v].fx > 1.42f * m.min_focal_px * (float)(1 << level))
+    level++;
   int32_t i = new_point(t, v, uv);
   if (i < 0) return false;
   sv_track_point *p = &t->point[i];
@@ -318,8 +320,8 @@ static bool bear(sv_tracker *t, int v, const float uv[2]) {
   for (int b = 0; b < t->n_views; b++) {
     float warp[4];
     if (!m.has[b]) continue;
-    times(m.map[b], space, warp);
-    add_view(t, i, b, m.uv[b], warp);
+    times(m.in[b].b_from_a, space, warp);
+    add_view(t, i, b, m.in[b].uv_px, warp);
   }
   p->has_depth = p->first_obs != p->last_obs && sv_track_triangulate(t, p);
   if (p->has_depth || p->first_obs == p->last_obs) return true;
@@ -351,15 +353,19 @@ void sv_track_new_points(sv_tracker *t) {
 static void rematch_view(sv_tracker *t, int32_t i_point, int a, int b, double z) {
   const sv_track_point *p = &t->point[i_point];
   const float *from = t->obs[p->now[a]].uv_px, *w = p->warp[a];
-  float uv[2], step, map[4], warp[4];
+  float warp[4];
   double seen[2];
+  sv_track_match m;
   if (!sv_track_see(&t->cam[b], &t->pose[t->n_exposures - 1], p->x, seen)) return;
-  if (!sv_track_stereo(t, a, from, b, (1 - REMATCH) * z, (1 + REMATCH) * z, uv, &step, map)) return;
-  double dx = (double)uv[0] - seen[0], dy = (double)uv[1] - seen[1], limit = WRONG_PX * (double)step;
+  if (!sv_track_stereo(t, &(sv_track_corner){a, {from[0], from[1]}, (1 - REMATCH) * z, (1 + REMATCH) * z}, b,
+                       &m))
+    return;
+  double dx = (double)m.uv_px[0] - seen[0], dy = (double)m.uv_px[1] - seen[1],
+         limit = WRONG_PX * (double)m.step_px;
   if (dx * dx + dy * dy > limit * limit) return;
   for (int i = 0; i < 2; i++)
-    for (int k = 0; k < 2; k++) warp[2 * i + k] = map[2 * i] * w[k] + map[2 * i + 1] * w[2 + k];
-  add_view(t, i_point, b, uv, warp);
+    for (int k = 0; k < 2; k++) warp[2 * i + k] = m.b_from_a[2 * i] * w[k] + m.b_from_a[2 * i + 1] * w[2 + k];
+  add_view(t, i_point, b, m.uv_px, warp);
 }
 
 void sv_track_rematch(sv_tracker *t) {

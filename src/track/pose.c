@@ -11,10 +11,10 @@
 
 // Residual of one match, with the bundle's code: one pose and the cameras.
 static bool residual(const sv_pose_problem *p, const sv_pose *pose, const sv_pose_match *m, double r[2],
-                     double *j) {
+                     sv_bundle_jacobian *j) {
   sv_bundle b = {.pose = (sv_pose *)(uintptr_t)pose, .camera = (sv_bundle_camera *)(uintptr_t)p->cameras};
   sv_bundle_obs obs = {0, (int16_t)m->i_camera, {m->uv_px[0], m->uv_px[1]}, 1.0f};
-  return sv_bundle_residual(&b, &obs, m->x, r, j, NULL, NULL);
+  return sv_bundle_residual(&b, &obs, m->x, r, j);
 }
 
 // Solves the damped symmetric 6x6 system in place by Cholesky. False when it is singular.
@@ -49,8 +49,10 @@ static bool refine(const sv_pose_problem *p, which use, const int sample[N_SAMPL
     int n = use == USE_SAMPLE ? N_SAMPLE : p->n;
     for (int i = 0; i < n; i++) {
       const sv_pose_match *m = &p->matches[use == USE_SAMPLE ? sample[i] : i];
-      double r[2], j[12];
-      if ((use == USE_INLIERS && !m->is_inlier) || !residual(p, pose, m, r, j)) continue;
+      double r[2];
+      sv_bundle_jacobian jacobian;
+      const double *j = jacobian.pose;
+      if ((use == USE_INLIERS && !m->is_inlier) || !residual(p, pose, m, r, &jacobian)) continue;
       double s = (double)m->sigma_px, d = sqrt(r[0] * r[0] + r[1] * r[1]) / s;
       double w = (d > k ? k / d : 1) / (s * s);
       for (int u = 0; u < 6; u++) {

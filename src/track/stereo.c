@@ -6,7 +6,7 @@
 #include "src/track/tracker.h"
 
 #define WIDE_PX     400   // larger images are searched at half their size
-#define LEAST_CORR  0.75f // minimum correlation of the best position along the line
+#define MIN_CORR    0.75f // minimum correlation of the best position along the line
 #define UNIQUE      0.6f  // (1 - best) / (1 - second best), or
 #define UNIQUE_BY   0.12f // best - second best
 #define APART       3     // minimum samples between two separate maxima
@@ -23,14 +23,6 @@ static bool project(const sv_bundle_camera *c, const double x[3], double uv[2]) 
   uv[0] = c->fx * x[0] / x[2] + c->cx;
   uv[1] = c->fy * x[1] / x[2] + c->cy;
   return true;
-}
-
-// Projection into b of the point at a depth on a pixel's ray of a.
-static bool transfer(const sv_bundle_camera *a, const sv_bundle_camera *b, const sv_pose *b_from_a, double u,
-                     double v, double z, double uv[2]) {
-  double x[3] = {(u - a->cx) / a->fx * z, (v - a->cy) / a->fy * z, z};
-  sv_pose_apply(x, b_from_a, (const double[3]){x[0], x[1], x[2]});
-  return project(b, x, uv);
 }
 
 static int level_of(double ratio, int n_levels) { // nearest power of two
@@ -50,12 +42,19 @@ typedef struct {
   double p0[2], p1[2];     // the line's ends in b, full size
 } search;
 
+// Projection into b of the point at a depth on a pixel's ray of a.
+static bool transfer(const search *s, double u, double v, double z, double uv[2]) {
+  const sv_bundle_camera *a = s->ca;
+  double x[3] = {(u - a->cx) / a->fx * z, (v - a->cy) / a->fy * z, z};
+  sv_pose_apply(x, &s->b_from_a, (const double[3]){x[0], x[1], x[2]});
+  return project(s->cb, x, uv);
+}
+
 // Local map of a's picture to b's, for a surface across the ray at depth z; false where it folds.
 static bool find_warp(search *s, double z) {
   double o[2], u[2], v[2];
-  if (!transfer(s->ca, s->cb, &s->b_from_a, s->uv_a[0], s->uv_a[1], z, o) ||
-      !transfer(s->ca, s->cb, &s->b_from_a, s->uv_a[0] + 1, s->uv_a[1], z, u) ||
-      !transfer(s->ca, s->cb, &s->b_from_a, s->uv_a[0], s->uv_a[1] + 1, z, v))
+  if (!transfer(s, s->uv_a[0], s->uv_a[1], z, o) || !transfer(s, s->uv_a[0] + 1, s->uv_a[1], z, u) ||
+      !transfer(s, s->uv_a[0], s->uv_a[1] + 1, z, v))
     return false;
   double j[4] = {u[0] - o[0], v[0] - o[0], u[1] - o[1], v[1] - o[1]}, det = j[0] * j[3] - j[1] * j[2];
   if (!(det > 1e-4)) return false;
@@ -113,7 +112,7 @@ static int best_on_line(sv_tracker *t, const search *s) {
     t->sums[i][0] = var > 1e-6 && pp > 1e-6 ? (float)((double)t->sums[i][2] / sqrt(var * pp)) : -1.0f;
     if (best < 0 || t->sums[i][0] > t->sums[best][0]) best = i;
   }
-  if (best < 0 || t->sums[best][0] < LEAST_CORR) return -1;
+  if (best < 0 || t->sums[best][0] < MIN_CORR) return -1;
   float second = -1, top = t->sums[best][0];
   for (int i = 0; i < n; i++)
     if ((i < best - APART || i > best + APART) && t->sums[i][0] > second) second = t->sums[i][0];
@@ -122,10 +121,10 @@ static int best_on_line(sv_tracker *t, const search *s) {
 
 // The line of depths from near to far in b. Near is moved out until b sees it.
 static bool find_line(search *s, double near_m, double far_m) {
-  if (!transfer(s->ca, s->cb, &s->b_from_a, s->uv_a[0], s->uv_a[1], far_m, s->p0)) return false;
+  if (!transfer(s, s->uv_a[0], s->uv_a[1], far_m, s->p0)) return false;
   for (int i = 0; i < 12; i++, near_m *= 1.4) {
     if (near_m >= far_m) return false;
-    if (transfer(s->ca, s->cb, &s->b_from_a, s->uv_a[0], s->uv_a[1], near_m, s->p1)) return true;
+    if (transfer(s, s->uv_a[0], s->uv_a[1], near_m, s->p1)) return true;
   }
   return false;
 }
@@ -136,24 +135,24 @@ static float off_line(const search *s, const float uv[2]) {
   return (float)(n > 1e-6 ? fabs(ex * dy - ey * dx) / n : sqrt(ex * ex + ey * ey));
 }
 
-bool sv_track_stereo(sv_tracker *t, int a, const float uv_a[2], int b, double near_m, double far_m,
-                     float uv_b[2], float *step_px, float b_from_a[4]) {
-  search s = {.a = a, .b = b, .ca = &t->cam[a], .cb = &t->cam[b], .uv_a = {uv_a[0], uv_a[1]}};
+bool sv_track_stereo(sv_tracker *t, const sv_track_corner *c, int b, sv_track_match *out) {
+  const int a = c->i_view;
+  search s = {.a = a, .b = b, .ca = &t->cam[a], .cb = &t->cam[b], .uv_a = {c->uv_px[0], c->uv_px[1]}};
   sv_pose inv = sv_pose_inv(&s.ca->cam_from_rig);
   s.b_from_a = sv_pose_mul(&s.cb->cam_from_rig, &inv);
   int half = t->width_px[a] > WIDE_PX ? 2 : 1;
   double f = (s.ca->fx < s.cb->fx ? s.ca->fx : s.cb->fx) / half;
   s.la = level_of(s.ca->fx / f, t->n_levels[a]);
   s.lb = level_of(s.cb->fx / f, t->n_levels[b]);
-  double middle = 2 / (1 / near_m + 1 / far_m);
-  if (!find_line(&s, near_m, far_m) || !find_warp(&s, middle) || !take(t, &s, s.la, s.lb)) return false;
+  double middle = 2 / (1 / c->near_m + 1 / c->far_m);
+  if (!find_line(&s, c->near_m, c->far_m) || !find_warp(&s, middle) || !take(t, &s, s.la, s.lb)) return false;
   int i = best_on_line(t, &s);
   if (i < 0) return false;
   float x = t->place_x[i], y = t->place_y[i], corr = -1;
   for (;;) {
     sv_track_plane p = sv_track_level(t, true, b, s.lb);
     corr = sv_track_align(t, &p, &x, &y);
-    if (corr < LEAST_CORR) return false;
+    if (corr < MIN_CORR) return false;
     if (s.la == 0 || s.lb == 0) break;
     s.la--;
     s.lb--;
@@ -161,13 +160,13 @@ bool sv_track_stereo(sv_tracker *t, int a, const float uv_a[2], int b, double ne
     y *= 2;
     if (!take(t, &s, s.la, s.lb)) return false;
   }
-  uv_b[0] = x * (float)(1 << s.lb);
-  uv_b[1] = y * (float)(1 << s.lb);
-  *step_px = (float)(1 << s.lb);
+  out->uv_px[0] = x * (float)(1 << s.lb);
+  out->uv_px[1] = y * (float)(1 << s.lb);
+  out->step_px = (float)(1 << s.lb);
   double det = s.warp[0] * s.warp[3] - s.warp[1] * s.warp[2];
-  b_from_a[0] = (float)(s.warp[3] / det);
-  b_from_a[1] = (float)(-s.warp[1] / det);
-  b_from_a[2] = (float)(-s.warp[2] / det);
-  b_from_a[3] = (float)(s.warp[0] / det);
-  return corr >= LEAST_CORR && off_line(&s, uv_b) < OFF_LINE_PX * *step_px;
+  out->b_from_a[0] = (float)(s.warp[3] / det);
+  out->b_from_a[1] = (float)(-s.warp[1] / det);
+  out->b_from_a[2] = (float)(-s.warp[2] / det);
+  out->b_from_a[3] = (float)(s.warp[0] / det);
+  return corr >= MIN_CORR && off_line(&s, out->uv_px) < OFF_LINE_PX * out->step_px;
 }

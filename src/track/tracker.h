@@ -174,11 +174,20 @@ float sv_track_spacing(const float warp[4]);  // mean pixels of the view for one
 // Follows all live points from the exposure placed last into t->found, starting where `guess` sees
 // them (points.c).
 void sv_track_follow(sv_tracker *t, const sv_pose *guess);
-// Looks for a corner of view a in view b along its epipolar line, depths (along the ray) from near
-// to far; true with its place, the resolution it was found at (pixels of b) and the map of a's
-// pixels to b's (stereo.c).
-bool sv_track_stereo(sv_tracker *t, int a, const float uv_a[2], int b, double near_m, double far_m,
-                     float uv_b[2], float *step_px, float b_from_a[4]);
+// A corner of view a whose depth along its ray is between two bounds, and its match in view b.
+typedef struct {
+  int i_view;
+  float uv_px[2];
+  double near_m, far_m;
+} sv_track_corner;
+typedef struct {
+  float uv_px[2];    // position in b
+  float step_px;     // resolution at which it was found, in pixels of b
+  float b_from_a[4]; // local map of a's pixels to b's, row-major
+} sv_track_match;
+// Searches view b for a corner along its epipolar line. False when there is no distinct match
+// (stereo.c).
+bool sv_track_stereo(sv_tracker *t, const sv_track_corner *c, int b, sv_track_match *out);
 // Where a camera of a rig at that pose sees a point of the world. False behind it.
 bool sv_track_see(const sv_bundle_camera *c, const sv_pose *rig, const double x[3], double uv[2]);
 // in the camera, z = 1

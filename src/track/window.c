@@ -88,7 +88,7 @@ static void take_back(sv_tracker *t, int first) {
     memcpy(p->x, b->point[i], sizeof p->x);
     for (int k = b->first[i]; k < b->first[i + 1]; k++) {
       double r[2], w = (double)b->obs[k].weight;
-      bool is_good = sv_bundle_residual(b, &b->obs[k], b->point[i], r, NULL, NULL, NULL) &&
+      bool is_good = sv_bundle_residual(b, &b->obs[k], b->point[i], r, NULL) &&
                      w * w * (r[0] * r[0] + r[1] * r[1]) < WRONG_PX * WRONG_PX;
       if (!is_good) give_up(t, t->bundle_obs[k]);
       n_good += is_good;

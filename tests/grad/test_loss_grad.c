@@ -409,10 +409,11 @@ static void depth_case(bool is_inverse) {
   }
   const sv_depth_input in = {depth, trans, DEPTH_W, DEPTH_H, DEPTH_S, 0.5f, is_inverse};
   sv_depth_expected(&in, out, mask);
-  const double got = sv_depth_loss(out, prior, mask, DEPTH_W, DEPTH_H, DEPTH_S, 1.7f, 0.3f, g);
+  const double got =
+      sv_depth_loss(&(sv_depth_pair){out, prior, mask, DEPTH_W, DEPTH_H, DEPTH_S, 1.7f, 0.3f}, g);
   const double want = depth_double(d, t, prior, known, is_inverse), step = 1e-6;
   if (fabs(got - want) > 1e-6 * want) fail_msg("depth: value %.9g, in double %.9g", got, want);
-  sv_depth_expected_bwd(&in, out, mask, g, 32, g_depth, g_trans);
+  sv_depth_expected_bwd(&in, out, mask, g, &(sv_depth_grad){g_depth, g_trans, 32});
   for (int i = 0; i < DEPTH_N; i++) {
     if (i % DEPTH_S >= DEPTH_W || i / DEPTH_S >= DEPTH_H) {
       assert_true(g_depth[i] == 0 && g_trans[i] == 0);
@@ -438,7 +439,7 @@ static void check_depth(void) {
   depth_case(true);
   float none = 3, grad = 0;
   uint8_t mask = 0;
-  assert_true(sv_depth_loss(&none, &none, &mask, 1, 1, 1, 1, 1, &grad) == 0 && grad == 0);
+  assert_true(sv_depth_loss(&(sv_depth_pair){&none, &none, &mask, 1, 1, 1, 1, 1}, &grad) == 0 && grad == 0);
 }
 
 // --- memory --------------------------------------------------------------------------------------

@@ -69,7 +69,7 @@ static void make_problem(double base, double noise_px) {
       for (int c = 0; c < N_CAMS; c++) {
         sv_bundle_obs o = {(int16_t)p, (int16_t)c, {0, 0}, 1.0f};
         double r[2];
-        assert_true(sv_bundle_residual(&b, &o, true_point[i], r, NULL, NULL, NULL));
+        assert_true(sv_bundle_residual(&b, &o, true_point[i], r, NULL));
         for (int k = 0; k < 2; k++) o.uv_px[k] = (float)(r[k] + noise_px * (double)sv_rng_normal(&rng));
         b.obs[n++] = o;
       }
@@ -100,8 +100,7 @@ static double pose_error(const sv_pose *p, const sv_pose *q) {
 
 // --- derivatives ---------------------------------------------------------------------------------
 
-static void check_numeric(sv_bundle_obs *o, double x[3], const double jp[12], const double jc[12],
-                          const double jx[6]) {
+static void check_numeric(sv_bundle_obs *o, double x[3], const sv_bundle_jacobian *j) {
   const double h = 1e-6;
   for (int k = 0; k < 15; k++) {
     double r[2][2], t[6] = {0};
@@ -113,13 +112,13 @@ static void check_numeric(sv_bundle_obs *o, double x[3], const double jp[12], co
       if (k < 6) sv_pose_twist(&b.pose[o->i_pose], t);
       else if (k < 12) sv_pose_twist(&b.camera[o->i_camera].cam_from_rig, t);
       else y[k - 12] += d;
-      assert_true(sv_bundle_residual(&b, o, y, r[side], NULL, NULL, NULL));
+      assert_true(sv_bundle_residual(&b, o, y, r[side], NULL));
       b.pose[o->i_pose] = pose;
       b.camera[o->i_camera].cam_from_rig = cam;
     }
     for (int i = 0; i < 2; i++) {
       double want = (r[1][i] - r[0][i]) / (2 * h);
-      double have = k < 6 ? jp[6 * i + k] : k < 12 ? jc[6 * i + k - 6] : jx[3 * i + k - 12];
+      double have = k < 6 ? j->pose[6 * i + k] : k < 12 ? j->camera[6 * i + k - 6] : j->point[3 * i + k - 12];
       if (fabs(want - have) > 1e-5 * fmax(1, fabs(want)))
         fail_msg("derivative %d of residual %d: %.9g, by differences %.9g", k, i, have, want);
     }
@@ -131,9 +130,10 @@ TEST(test_derivatives) {
   disturb(0.05, 0.1, true);
   for (int i = 0; i < N_POINTS; i += 3)
     for (int k = b.first[i]; k < b.first[i + 1]; k++) {
-      double r[2], jp[12], jc[12], jx[6];
-      assert_true(sv_bundle_residual(&b, &b.obs[k], b.point[i], r, jp, jc, jx));
-      check_numeric(&b.obs[k], b.point[i], jp, jc, jx);
+      double r[2];
+      sv_bundle_jacobian j;
+      assert_true(sv_bundle_residual(&b, &b.obs[k], b.point[i], r, &j));
+      check_numeric(&b.obs[k], b.point[i], &j);
     }
 }
 
@@ -155,13 +155,16 @@ static void dense_build(const sv_bundle_options *o, double lambda) {
   for (int i = 0; i < N_POINTS; i++)
     for (int k = b.first[i]; k < b.first[i + 1]; k++) {
       const sv_bundle_obs *ob = &b.obs[k];
-      double r[2], jp[12], jc[12], jx[6], j[2][15];
+      double r[2], j[2][15];
+      sv_bundle_jacobian d_r;
       int at[15];
-      assert_true(sv_bundle_residual(&b, ob, b.point[i], r, jp, jc, jx));
+      assert_true(sv_bundle_residual(&b, ob, b.point[i], r, &d_r));
       double w2 = (double)ob->weight * (double)ob->weight, n = sqrt(w2 * (r[0] * r[0] + r[1] * r[1]));
       for (int c = 0; c < 15; c++) {
         for (int d = 0; d < 2; d++)
-          j[d][c] = c < 6 ? jp[6 * d + c] : c < 12 ? jc[6 * d + c - 6] : jx[3 * d + c - 12];
+          j[d][c] = c < 6    ? d_r.pose[6 * d + c]
+                    : c < 12 ? d_r.camera[6 * d + c - 6]
+                             : d_r.point[3 * d + c - 12];
         at[c] = c < 6    ? (ob->i_pose > 0 ? 6 * (ob->i_pose - 1) + c : -1)
                 : c < 12 ? (ob->i_camera > 0 ? 6 * (N_POSES - 1 + ob->i_camera - 1) + c - 6 : -1)
                          : 6 * (N_POSES - 1 + N_CAMS - 1) + 3 * i + c - 12;
