@@ -69,7 +69,7 @@ int cmd_cameras(int argc, char **argv) {
   const char *kind = o.kind;
   if (!kind[0]) {
     list_kind("v4l2");
-    if (sv_libcamera_version()) list_kind("libcamera");
+    list_kind("libcamera");
     return list_kind("sim") < 0;
   }
   if (strcmp(kind, "sim") && strcmp(kind, "v4l2") && strcmp(kind, "libcamera"))

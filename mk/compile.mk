@@ -12,8 +12,10 @@ $(ALL_OBJ): $(O)/flags | $(SYSROOT_STAMP)
 
 compile = @mkdir -p $(@D); $(if $(V),echo $(CC) $(1) $<;) $(CC) -MMD -MP $(1) -c $< -o $@
 compile_cxx = @mkdir -p $(@D); $(if $(V),echo $(CXX) $(1) $<;) $(CXX) -MMD -MP $(CXXFLAGS_ALL) $(1) -c $< -o $@
-$(O)/obj/platform/%.o: platform/%.cc
-	$(call compile_cxx,-isystem $(INC_DIR)/libcamera)
+$(O)/obj/shared/%.o: %.cc
+	$(call compile_cxx,$(SHARED_CFLAGS) -isystem $(INC_DIR)/libcamera)
+$(O)/obj/shared/%.o: %.c
+	$(call compile,$(HOST_CFLAGS) $(SHARED_CFLAGS))
 $(O)/obj/platform/%.o: platform/%.c
 	$(call compile,$(HOST_CFLAGS))
 $(O)/obj/boards/%.o: boards/%.c

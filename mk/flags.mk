@@ -18,6 +18,8 @@ KERNEL_CFLAGS := $(COMMON) $(OPT_KERNELS) -fstack-usage
 HOST_CFLAGS   := $(COMMON) $(OPT) -D_GNU_SOURCE
 SOLVE_CFLAGS  := -std=c11 $(DEBUG) $(INCLUDES) $(filter-out -Wpedantic,$(WARN)) $(SANF) $(SYSROOT_FLAG) $(OPT) -D_GNU_SOURCE
 CXXFLAGS_ALL  := -std=c++17 $(DEBUG) $(INCLUDES) -Wall -Wextra $(ERRORS) $(SANF) $(SYSROOT_FLAG) $(OPT)
+# Of a shared object: what is not marked is not seen outside of it.
+SHARED_CFLAGS := -fPIC -fvisibility=hidden
 # Board sizes are visible only where board, platform and runtime meet: programs and tests.
 BOARD_HDR     := -include boards/$(BOARD)/board.h $(if $(HAVE_BENCH),-DBOARD_HAS_BENCH)
 LDFLAGS_ALL   := $(SANF) $(SYSROOT_FLAG) -Wl,--as-needed $(LDFLAGS)

@@ -16,6 +16,8 @@ man: programs
 install: programs man
 	@install -d '$(DESTDIR)$(PREFIX)/bin'
 	@install $(PROGRAMS) '$(DESTDIR)$(PREFIX)/bin'
+	@$(if $(MODULES),install -d '$(DESTDIR)$(PREFIX)/lib/subview' && \
+	  install -m 644 $(MODULES) '$(DESTDIR)$(PREFIX)/lib/subview')
 	@install -d '$(DESTDIR)$(PREFIX)/share/man/man1'
 	@install -m 644 $(O)/man/*.1 '$(DESTDIR)$(PREFIX)/share/man/man1'
 	@install -d '$(DESTDIR)$(PREFIX)/share/bash-completion/completions'

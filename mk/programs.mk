@@ -7,6 +7,9 @@ endif
 CORE     := $(O)/libcore.a
 ARCHIVES := $(O)/libtools.a $(O)/libplatform.a $(CORE)
 PROGRAMS := $(O)/bin/subview $(O)/bin/subview-lab
+# Opened by `subview` when a libcamera source is asked for: as in an installation, in lib/subview
+# beside bin.
+MODULES  := $(if $(MODULE_CXX),$(O)/lib/subview/subview-libcamera.so)
 ifneq ($(WITH),minimal)
 PROGRAMS += $(O)/bin/subview-preview $(O)/bin/subview-calibrate
 endif
@@ -29,10 +32,13 @@ $(O)/bin/subview-lab: $(call obj,tools/lab/main.c) $(ARCHIVES)
 	$(call link)
 $(O)/bin/subview-calibrate: $(call obj,tools/calibrate/main.c) $(O)/libcalibrate.a $(ARCHIVES)
 	$(call link,$(SOLVE_LIBS))
+$(MODULES): $(MODULE_OBJ)
+	@mkdir -p $(@D); $(if $(V),echo link $@;) $(CXX) -shared $(MODULE_OBJ) $(LDFLAGS_ALL) $(if $(SAN),,-Wl$(comma)-z$(comma)defs) \
+	  -lcamera -lcamera-base -o $@
 
 .PHONY: all programs plan clean
-all: $(CORE) $(PROGRAMS) tests-build
-programs: $(CORE) $(PROGRAMS)
+all: $(CORE) $(PROGRAMS) $(MODULES) tests-build
+programs: $(CORE) $(PROGRAMS) $(MODULES)
 plan: $(O)/bin/subview
 	@$(EMULATE) $< plan
 clean:

@@ -21,12 +21,14 @@ HAVE_opencv    := $(call have_cxx,opencv4/opencv2/calib3d.hpp opencv4/opencv2/vi
 HAVE_mrgingham := $(call have_cxx,mrgingham/mrgingham.hh opencv4/opencv2/core.hpp)
 HAVE_opengv    := $(call have_cxx,opengv/types.hpp eigen3/Eigen/Core)
 
-PLAT_SRC := $(foreach p,$(BOARD_PLATFORMS),$(wildcard platform/$(p)/*.c $(if $(HAVE_$(p)),platform/$(p)/*.cc)))
+PLAT_SRC := $(foreach p,$(BOARD_PLATFORMS),$(wildcard platform/$(p)/*.c))
 LIBS     := $(BOARD_LIBS) -ljpeg -lpng -lz -lpthread -lm
-ifneq ($(filter libcamera,$(BOARD_PLATFORMS))$(HAVE_libcamera),libcamera)
-PLAT_SRC := $(filter-out platform/libcamera/libcamera_none.c,$(PLAT_SRC))
-LIBS     += $(if $(HAVE_libcamera),-lcamera -lcamera-base -lstdc++)
-endif
+
+# The module subview-libcamera.so, and the few C files that it shares with the programs; they are
+# compiled once more, as code of a shared object.
+MODULE_CXX := $(if $(HAVE_libcamera),$(foreach p,$(BOARD_PLATFORMS),$(wildcard platform/$(p)/*.cc)))
+MODULE_C   := $(if $(MODULE_CXX),platform/camera/options.c src/base/status.c src/base/str.c src/port/pixel.c)
+MODULE_OBJ := $(MODULE_CXX:%.cc=$(O)/obj/shared/%.o) $(MODULE_C:%.c=$(O)/obj/shared/%.o)
 
 # Of calib/solve the files named *_LIB.c or *_LIB.cc need LIB; without it *_LIB_none.c takes their
 # place, whose functions report that LIB is missing.
@@ -42,5 +44,5 @@ SOLVE_LIBS := $(foreach l,$(SOLVE_ALL),$(if $(HAVE_$(l)),$(SOLVE_LIBS_$(l)))) \
   $(if $(HAVE_opencv)$(HAVE_mrgingham)$(HAVE_opengv),-lstdc++)
 
 CORE_OBJ := $(call obj,$(CORE_SRC)) $(KERNEL_OBJ)
-ALL_OBJ  := $(CORE_OBJ) $(PROBE_OBJ) \
+ALL_OBJ  := $(CORE_OBJ) $(PROBE_OBJ) $(MODULE_OBJ) \
   $(call obj,$(PLAT_SRC) $(PREVIEW_SRC) $(MAIN_SRC) $(LAB_SRC) $(CAL_SRC) $(SOLVE_SRC) $(TEST_SRC))

@@ -88,7 +88,7 @@ items = $(or $(ITEMS_$(1)),$(foreach p,$(PROGS_$(1)),$(call item,$(p:$(O)/tests/
 USE_PROGRAMS := scenario fault budget named
 define run_rule
 .PHONY: $(1)
-$(1): $(foreach g,$(2),$$(PROGS_$(g))) $(if $(filter $(USE_PROGRAMS),$(2)),$(PROGRAMS)) | $(SYSROOT_STAMP)
+$(1): $(foreach g,$(2),$$(PROGS_$(g))) $(if $(filter $(USE_PROGRAMS),$(2)),$(PROGRAMS) $(MODULES)) | $(SYSROOT_STAMP)
 	@mkdir -p $(O)/run
 	@printf '%b\n' $$(foreach g,$(2),$$(call items,$$(g))) > $(O)/run/$(1).list
 	@tests/run/run.sh -j $(JOBS) -o $(O)/run/$(1) $(O)/run/$(1).list

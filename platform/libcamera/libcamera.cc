@@ -7,6 +7,7 @@
 #include <string>
 #include <sys/mman.h>
 
+#include "platform/libcamera/module.h"
 #include "platform/libcamera/shim.hpp"
 
 using namespace libcamera;
@@ -327,11 +328,6 @@ extern "C" void sv_libcamera_close(sv_libcamera *s) {
 }
 
 // --- the list ------------------------------------------------------------------------------------
-extern "C" const char *sv_libcamera_version(void) {
-  static const std::string version = CameraManager::version();
-  return version.c_str();
-}
-
 static void list_one(sv_str *out, int i, Camera *camera) {
   sv_str_add(out, "libcamera:%d  %s", i, camera->id().c_str());
   auto config = camera->generateConfiguration({StreamRole::VideoRecording});
@@ -367,4 +363,13 @@ extern "C" int sv_libcamera_list(sv_str *out, sv_err *err) {
   }
   manager.stop();
   return n;
+}
+
+// --- the module ----------------------------------------------------------------------------------
+extern "C" {
+__attribute__((visibility("default"))) extern const sv_libcamera_table_t sv_libcamera_table;
+const sv_libcamera_table_t sv_libcamera_table = {
+    SV_LIBCAMERA_REVISION, SV_LIBCAMERA_SIZES,  sv_libcamera_open,
+    sv_libcamera_close,    sv_libcamera_source, sv_libcamera_list,
+};
 }

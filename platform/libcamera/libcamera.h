@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Cameras behind libcamera as one source. The shim is C++ (libcamera has no C interface); without
-// libcamera's headers a few lines of C report that it is missing. Owns requests and buffers, which
-// are created once and reused.
+// Cameras behind libcamera as one source. The code that uses libcamera is C++ and belongs to one of
+// libcamera's releases, so it is a module (subview-libcamera.so, module.h), opened when the first
+// of these functions is called. Owns requests and buffers, which are created once and reused.
 // Never allocates after init on our side; libcamera allocates inside of its own library while it
 // runs. A lost camera is looked up by its id and opened again when udev reports it, through
 // templates of libcamera that allocate.
@@ -18,12 +18,9 @@ extern "C" {
 
 typedef struct sv_libcamera sv_libcamera;
 
-// The library's version ("0.0.3"), or NULL: this build has none.
-const char *sv_libcamera_version(void);
-
 // Opens the named cameras (numbers of the list, or ids), negotiates formats and maps the buffers.
 // clock: CLOCK_MONOTONIC. One at a time in a process (libcamera's rule). E_UNSUPPORTED without the
-// library; E_NOT_FOUND, E_RANGE, E_DEVICE with a sentence.
+// module or its libcamera; E_NOT_FOUND, E_RANGE, E_DEVICE with a sentence.
 sv_status sv_libcamera_open(sv_libcamera **self, const sv_camera_options *cfg, const sv_clock *clock,
                             sv_err *err) SV_MUST_USE;
 void sv_libcamera_close(sv_libcamera *self); // NULL is allowed

@@ -34,7 +34,9 @@ cc -o "$test/bin/board_tool" "$here/board_tool.c"
 cc -fPIC -shared -o "$test/lib/heap_watch.so" "$here/heap_watch.c"
 cc -fPIC -shared -o "$test/lib/refuse.so" "$here/refuse.c"
 cp "$programs/bin/subview" "$programs/bin/subview-preview" "$programs/tests/source-check" "$programs/tests/source-faults" "$test/bin/"
-aarch64-linux-gnu-strip "$test"/bin/*
+mkdir -p "$test/lib/subview"
+cp "$programs"/lib/subview/*.so "$test/lib/subview/"
+aarch64-linux-gnu-strip "$test"/bin/* "$test"/lib/subview/*
 cp "$here/board.sh" "$test/"
 cp "$here/init" "$work/files/init"
 chmod +x "$work/files/init"
@@ -56,7 +58,7 @@ need() { # recursively, what a file is linked to
     need "$path"
   done
 }
-for program in "$test"/bin/*; do need "$program"; done
+for program in "$test"/bin/* "$test"/lib/subview/*; do need "$program"; done
 for ipa in "$work"/files/usr/lib/aarch64-linux-gnu/libcamera/*.so; do [ ! -e "$ipa" ] || need "$ipa"; done
 loader=$(find "$sysroot" -name ld-linux-aarch64.so.1 -print -quit)
 cp -L "$loader" "$work/files/lib/"

@@ -209,6 +209,16 @@ program() { # colour, name, a file below tests/ or nothing
 }
 program green clean ''
 WANT='tests/helper.c is linked in' program red "a test's helper" tests/helper.c
+# What `subview` may need of the system, and a library more than that.
+runtime() { # colour, name, libraries
+  # shellcheck disable=SC2086 # a list of words
+  gcc -g tools/lab/main.c -Wl,--no-as-needed $3 -o build/bin/subview && $1 "links: $2" "$lint/links.sh" build
+}
+clean
+mkdir -p build/bin
+echo 'int main(void) { return 0; }' >tools/lab/main.c
+runtime green "libraries of subview" '-lm'
+WANT='needs libz.so.1, expected' runtime red "subview needs a library more" '-lm -lz'
 rm -rf build
 WANT='were they built' red "links: nothing built" "$lint/links.sh" build
 
