@@ -72,7 +72,7 @@ void sv_sim_rig_pose(const sv_sim *sim, sv_ns host_ns, sv_pose *rig_from_world) 
 
 static sv_view view_of(const sv_sim *sim, const sv_camera_model *m, const sv_pose *cam_from_world,
                        sv_ns host_ns) {
-  sv_view v = sv_view_make(m->width_px, m->height_px, m->p[0], m->p[1], m->p[2], m->p[3], cam_from_world);
+  sv_view v = sv_view_make(m->width_px, m->height_px, m->p, cam_from_world);
   double clip = (double)(sim->cfg.n_exposures > 1 ? sim->cfg.n_exposures - 1 : 1) * (double)sim->period_ns;
   double x = (double)(host_ns - sv_sim_slot_ns(sim, 0)) / clip;
   v.time = (float)(x < 0 ? 0 : x > 1 ? 1 : x);

@@ -179,8 +179,7 @@ void sv_exposures_get(const sv_exposures *e, int i, int i_sub, sv_image_u8 *imag
   *image = (sv_image_u8){e->px + (size_t)e->place[i] * e->exposure_bytes + s->at, w, h, 3, w * 3};
   sv_pose cam_from_world =
       sv_pose_mul(&e->cfg.rig->sub_views[i_sub].cam_from_rig, &e->exposure[i].rig_from_world);
-  *view =
-      sv_view_make(w, h, s->pinhole.p[0], s->pinhole.p[1], s->pinhole.p[2], s->pinhole.p[3], &cam_from_world);
+  *view = sv_view_make(w, h, s->pinhole.p, &cam_from_world);
   view->i_exposure = (int)e->exposure[i].id;
   view->i_sub_view = i_sub;
 }

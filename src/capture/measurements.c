@@ -63,8 +63,7 @@ static void place(const sv_measurements *c, sv_lens *lens, const sv_exposure *ex
       const sv_camera_model *m = &v->model;
       if (v->i_camera != c->sensor[s].i_camera) continue;
       sv_pose cam_from_world = sv_pose_mul(&v->cam_from_rig, &exposure->rig_from_world);
-      lens->view =
-          sv_view_make(m->width_px, m->height_px, m->p[0], m->p[1], m->p[2], m->p[3], &cam_from_world);
+      lens->view = sv_view_make(m->width_px, m->height_px, m->p, &cam_from_world);
       lens->view.i_exposure = (int)exposure->id;
       lens->view.i_sub_view = i;
       lens->footprint = footprint_of(v);

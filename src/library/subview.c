@@ -244,8 +244,8 @@ subview_status subview_render(subview *s, const subview_view *view, uint8_t *rgb
   if (view->width_px < 1 || view->height_px < 1 || !(view->fx > 0 && view->fy > 0))
     return sv_fail(err_of(error), SV_E_ARG, "a view of %dx%d pixels with focal lengths of %g and %g px",
                    view->width_px, view->height_px, view->fx, view->fy);
-  const sv_view v =
-      sv_view_make(view->width_px, view->height_px, view->fx, view->fy, view->cx, view->cy, &pose);
+  const sv_view v = sv_view_make(view->width_px, view->height_px,
+                                 (const double[]){view->fx, view->fy, view->cx, view->cy}, &pose);
   const sv_status r = measure(s, &v, &p);
   if (r < 0) return explain(error, r, "the view could not be rendered (render_width_px, render_height_px)");
   for (int y = 0; y < v.height_px; y++)

@@ -29,8 +29,9 @@ static sv_view orbit_view(const sv_app *app, int i, int n) {
   sv_pose pose;
   // Straight from above: there is no way round
   if (!sv_pose_look_at(&pose, eye, centre, up)) return *first;
-  return sv_view_make(first->width_px, first->height_px, (double)first->fx, (double)first->fy,
-                      (double)first->cx, (double)first->cy, &pose);
+  return sv_view_make(
+      first->width_px, first->height_px,
+      (const double[]){(double)first->fx, (double)first->fy, (double)first->cx, (double)first->cy}, &pose);
 }
 
 sv_status sv_app_publish_orbit(sv_app *app, int n) {

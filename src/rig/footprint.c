@@ -175,13 +175,13 @@ static void find_rectangle(work *k) {
 // Standard deviation of a pixel on the plateau: median difference of neighbours that are both on
 // it.
 static double plateau_noise(work *k) {
-  float least = (float)(k->dark + 0.8 * (k->plateau - k->dark));
+  float bright = (float)(k->dark + 0.8 * (k->plateau - k->dark));
   uint32_t n = 0;
   memset(k->bins, 0, sizeof *k->bins * BINS);
   for (int y = k->y0; y < k->y1; y++)
     for (int x = k->x0; x + 1 < k->x1; x++) {
       float a = at(k, x, y), b = at(k, x + 1, y);
-      if (a > least && b > least) {
+      if (a > bright && b > bright) {
         k->bins[bin_of(fabsf(a - b))]++;
         n++;
       }
@@ -189,35 +189,42 @@ static double plateau_noise(work *k) {
   return n ? value_of(quantile(k, 0, BINS, 0.5)) / (0.6745 * 1.41421356) : 0;
 }
 
-// Mean and range over (2 r + 1)^2 pixels, cut at the rectangle. Returns the number of pixels.
-static int patch(const work *k, int x, int y, int r, float *mean, float *lo, float *hi) {
-  int xa = sv_maxi(x - r, k->x0), xb = sv_mini(x + r + 1, k->x1), n = 0;
+typedef struct {
+  int n; // pixels
+  float mean, lo, hi;
+} patch;
+
+// Mean and range over (2 r + 1)^2 pixels, cut at the rectangle.
+static patch patch_at(const work *k, int x, int y, int r) {
+  int xa = sv_maxi(x - r, k->x0), xb = sv_mini(x + r + 1, k->x1);
   int ya = sv_maxi(y - r, k->y0), yb = sv_mini(y + r + 1, k->y1);
-  float sum = 0;
-  *lo = *hi = at(k, x, y);
+  float sum = 0, first = at(k, x, y);
+  patch p = {0, 0, first, first};
   for (int b = ya; b < yb; b++)
-    for (int a = xa; a < xb; a++, n++) {
+    for (int a = xa; a < xb; a++, p.n++) {
       float v = at(k, a, b);
       sum += v;
-      *lo = sv_minf(*lo, v);
-      *hi = sv_maxf(*hi, v);
+      p.lo = sv_minf(p.lo, v);
+      p.hi = sv_maxf(p.hi, v);
     }
-  *mean = sum / (float)n;
-  return n;
+  p.mean = sum / (float)p.n;
+  return p;
 }
 
 // 95th percentile of the means of whole patches; their noise would raise it by 1.645 deviations.
 static void find_plateau(work *k) {
-  float half = (float)(0.5 * (k->dark + k->plateau)), mean, lo, hi;
+  float half = (float)(0.5 * (k->dark + k->plateau));
   double sigma = plateau_noise(k);
   uint32_t n = 0;
   memset(k->bins, 0, sizeof *k->bins * BINS);
   for (int y = k->y0; y < k->y1; y += 2)
-    for (int x = k->x0; x < k->x1; x += 2)
-      if (patch(k, x, y, 3, &mean, &lo, &hi) == 49 && lo > half) {
-        k->bins[bin_of(mean)]++;
+    for (int x = k->x0; x < k->x1; x += 2) {
+      patch p = patch_at(k, x, y, 3);
+      if (p.n == 49 && p.lo > half) {
+        k->bins[bin_of(p.mean)]++;
         n++;
       }
+    }
   if (n >= 8) k->plateau = value_of(quantile(k, 0, BINS, 0.95)) - 1.645 * sigma / 7;
   k->noise = sigma / (k->plateau - k->dark);
 }
@@ -225,15 +232,15 @@ static void find_plateau(work *k) {
 // --- coverage ------------------------------------------------------------------------------------
 
 static double write_coverage(work *k, uint8_t *coverage) {
-  float scale = (float)(1 / (k->plateau - k->dark)), dark = (float)k->dark, mean, lo, hi;
+  float scale = (float)(1 / (k->plateau - k->dark)), dark = (float)k->dark;
   // The range of 25 normal values is 4 deviations, above 6.5 in one case of a thousand. Noise is
   // smaller on the dark side, where the same limit averages over a few more pixels.
   float limit = (float)(6.5 * k->noise) / scale;
   double area = 0;
   for (int y = k->y0; y < k->y1; y++)
     for (int x = k->x0; x < k->x1; x++) {
-      patch(k, x, y, 2, &mean, &lo, &hi);
-      float v = (hi - lo <= limit ? mean : at(k, x, y)) - dark;
+      patch p = patch_at(k, x, y, 2);
+      float v = (p.hi - p.lo <= limit ? p.mean : at(k, x, y)) - dark;
       uint8_t c = (uint8_t)(sv_clampf(v * scale, 0, 1) * 255 + 0.5f);
       *coverage++ = c;
       area += c / 255.0;
@@ -241,26 +248,26 @@ static double write_coverage(work *k, uint8_t *coverage) {
   return area;
 }
 
-static sv_status measure(work *k, const sv_raw *white, double dark, sv_err *err) {
-  load(k, white);
-  sv_status s = levels(k, dark, err);
+static sv_status measure(work *k, const sv_white_image *white, sv_err *err) {
+  load(k, white->raw);
+  sv_status s = levels(k, white->dark, err);
   if (s != SV_OK) return s;
   find_rectangle(k);
   find_plateau(k);
   return SV_OK;
 }
 
-sv_status sv_footprint_measure(sv_footprint *f, sv_footprint_stats *stats, const char *name,
-                               const sv_raw *white, double dark, sv_arena *out_arena, sv_arena *scratch,
-                               sv_err *err) {
+sv_status sv_footprint_measure(sv_footprint *f, sv_footprint_stats *stats, const sv_white_image *white,
+                               sv_arena *out_arena, sv_arena *scratch, sv_err *err) {
   size_t mark = sv_arena_mark(scratch);
-  work k = {.name = name, .w = white->width_px, .h = white->height_px};
-  if (k.w < 3 || k.h < 3 || white->n_channels != 1)
+  const char *name = white->name;
+  work k = {.name = name, .w = white->raw->width_px, .h = white->raw->height_px};
+  if (k.w < 3 || k.h < 3 || white->raw->n_channels != 1)
     return sv_fail(err, SV_E_FORMAT, "%s: %dx%d pixels of %d channels; a grey picture was expected", name,
-                   k.w, k.h, white->n_channels);
+                   k.w, k.h, white->raw->n_channels);
   k.bins = SV_TAKE(scratch, uint32_t, BINS);
   k.v = SV_TAKE(scratch, float, (size_t)k.w *(size_t)k.h);
-  sv_status s = k.bins && k.v ? measure(&k, white, dark, err)
+  sv_status s = k.bins && k.v ? measure(&k, white, err)
                               : sv_fail(err, scratch->status, "%s: its footprint needs %zu bytes of scratch",
                                         name, sv_footprint_bytes(k.w, k.h));
   if (s == SV_OK) {
@@ -277,8 +284,9 @@ sv_status sv_footprint_measure(sv_footprint *f, sv_footprint_stats *stats, const
   return s;
 }
 
-sv_status sv_footprint_sum(const sv_footprint *f, int n, int width, int height, float *sum,
-                           float *max_overlap, sv_err *err) {
+sv_status sv_footprint_sum(const sv_footprint *f, int n, sv_overlap_map *map, sv_err *err) {
+  const int width = map->width_px, height = map->height_px;
+  float *sum = map->sum;
   size_t n_px = (size_t)width * (size_t)height;
   for (size_t i = 0; i < n_px; i++) sum[i] = 0;
   for (int m = 0; m < n; m++) {
@@ -293,7 +301,7 @@ sv_status sv_footprint_sum(const sv_footprint *f, int n, int width, int height, 
       for (int x = 0; x < p->width_px; x++) to[x] += c ? (float)c[x] * (1.0f / 255) : 1.0f;
     }
   }
-  *max_overlap = 0;
-  for (size_t i = 0; i < n_px; i++) *max_overlap = sv_maxf(*max_overlap, sum[i]);
+  map->max_overlap = 0;
+  for (size_t i = 0; i < n_px; i++) map->max_overlap = sv_maxf(map->max_overlap, sum[i]);
   return SV_OK;
 }

@@ -23,23 +23,35 @@ typedef struct {
 // Scratch for images of this size: 65536 bins and one float a pixel.
 size_t sv_footprint_bytes(int width_px, int height_px);
 
-// Measures one isolated white image (linear values, one channel). coverage is taken from
-// `out_arena` (width x height of the rectangle; nothing is left there after a failure); scratch is
-// given back. dark below 0: measured, as the level of the unlit part of the picture (which must
-// then be there).
+// The image of an even field through one lens, with all others masked.
+typedef struct {
+  const char *name;  // of the file, for messages
+  const sv_raw *raw; // linear values, one channel
+  // Value of no light, 0..1. Below 0: measured, as the level of the unlit part of the image, which
+  // must then be there.
+  double dark;
+} sv_white_image;
+
+// Measures one white image. coverage is taken from `out_arena` (width x height of the rectangle;
+// nothing is left there after a failure); scratch is given back.
 //   coverage = (value - dark) / (plateau - dark), clamped to 0..1, in 255ths,
 // with the plateau at the lens's brightest part (95th percentile of means over 7x7 pixels,
 // corrected for noise): vignetting inside the lens is part of its weight. Where 5x5 pixels differ
 // by no more than noise their mean is used. E_FORMAT with a sentence: dark, overexposed, nothing
-// unlit (`name` is the picture's).
-sv_status sv_footprint_measure(sv_footprint *f, sv_footprint_stats *stats, const char *name,
-                               const sv_raw *white, double dark, sv_arena *out_arena, sv_arena *scratch,
-                               sv_err *err) SV_MUST_USE;
+// unlit.
+sv_status sv_footprint_measure(sv_footprint *f, sv_footprint_stats *stats, const sv_white_image *white,
+                               sv_arena *out_arena, sv_arena *scratch, sv_err *err) SV_MUST_USE;
 
-// Sum of all footprints, sum[height_px][width_px] in lenses, and its maximum M_max (0: nothing is
-// lit). E_RANGE with a sentence when a footprint is not on the sensor.
-sv_status sv_footprint_sum(const sv_footprint *f, int n, int width_px, int height_px, float *sum,
-                           float *max_overlap, sv_err *err) SV_MUST_USE;
+// How many lenses light each pixel of a sensor.
+typedef struct {
+  int width_px, height_px;
+  float *sum;        // [height_px][width_px] in lenses
+  float max_overlap; // M_max, the largest of them; 0: nothing is lit
+} sv_overlap_map;
+
+// Fills in sum and max_overlap from all footprints. E_RANGE with a sentence when a footprint is not
+// on the sensor.
+sv_status sv_footprint_sum(const sv_footprint *f, int n, sv_overlap_map *map, sv_err *err) SV_MUST_USE;
 
 #ifdef __cplusplus
 }

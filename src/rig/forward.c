@@ -255,16 +255,17 @@ static void bwd_task(void *arg, int i_task, int i_thread) {
 }
 
 void sv_forward_bwd(const sv_forward *f, const sv_multiplexed *c, const sv_crop *crop, const sv_planes *rgb,
-                    const sv_planes *g, const float *err, sv_planes *out, float *out_err) {
+                    const sv_forward_grad *grad) {
+  sv_planes *out = grad->rgb;
   set_size(out, crop->view.width_px, crop->view.height_px);
   run_rows(f, bwd_task,
            &(job){.f = f,
                   .c = c,
                   .crop = crop,
                   .rgb = rgb,
-                  .g = g,
-                  .err = err,
+                  .g = grad->predicted,
+                  .err = grad->err,
                   .out = out,
-                  .out_err = out_err,
+                  .out_err = grad->rgb_err,
                   .n_rows = out->rows_padded});
 }

@@ -94,11 +94,16 @@ sv_status sv_forward_begin(sv_forward *f, const sv_region *region) SV_MUST_USE;
 void sv_forward_add(sv_forward *f, const sv_multiplexed *c, const sv_crop *crop, const sv_planes *rgb);
 void sv_forward_finish(sv_forward *f, const sv_multiplexed *c);
 
-// After finish: g is dL/dpredicted and err a weight per pixel, both of the region. Writes dL/drgb
-// and the crop's share of err with the rendering's stride and zero padding. err and out_err may be
-// NULL together.
+// Gradients of a region and of one of its crops. The errors may be NULL together.
+typedef struct {
+  const sv_planes *predicted; // dL/dpredicted
+  const float *err;           // a weight per pixel of the region
+  sv_planes *rgb;             // out: dL/drgb
+  float *rgb_err;             // out: the crop's share of err
+} sv_forward_grad;
+// After finish. The outputs have the rendering's stride and zero padding.
 void sv_forward_bwd(const sv_forward *f, const sv_multiplexed *c, const sv_crop *crop, const sv_planes *rgb,
-                    const sv_planes *g, const float *err, sv_planes *out, float *out_err);
+                    const sv_forward_grad *grad);
 
 #ifdef __cplusplus
 }

@@ -181,7 +181,6 @@ static void cubic(float t, float w[4]) {
 }
 
 typedef struct {
-  const sv_lenslet_plan *p;
   const sv_raw *raw;
   const float *gain;
   int channel;
@@ -239,9 +238,9 @@ static void spread(const sv_lenslet_plan *p, int j, const float *row, float *out
   }
 }
 
-void sv_lenslet_decode(const sv_lenslet_plan *p, const sv_raw *raw, const float *gain, int channel, int c,
-                       int r, float *row, float *out) {
-  reader rd = {p, raw, gain, channel, (float)p->cfg.black, (float)(1 / p->cfg.floor)};
+void sv_lenslet_decode(const sv_lenslet_plan *p, const sv_lenslet_image *image, int c, int r, float *row,
+                       float *out) {
+  reader rd = {image->raw, image->gain, image->channel, (float)p->cfg.black, (float)(1 / p->cfg.floor)};
   double u = c - 0.5 * (p->cfg.keep - 1), v = r - 0.5 * (p->cfg.keep - 1);
   for (int t = 0; t < p->height_px; t++, out += p->width_px) {
     float *to = p->grid.is_hexagonal ? row : out;

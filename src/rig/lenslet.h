@@ -87,11 +87,16 @@ sv_status sv_lenslet_plan_make(sv_lenslet_plan *p, const sv_lenslet_grid *g, con
 sv_status sv_lenslet_gain(const sv_lenslet_plan *p, const char *name, const sv_raw *white, float *gain,
                           sv_err *err) SV_MUST_USE;
 
+// One channel of an image of the sensor's size, and the gains of its pixels.
+typedef struct {
+  const sv_raw *raw;
+  const float *gain;
+  int channel;
+} sv_lenslet_image;
 // Sub-view in column c, row r of the K x K grid (c to the right in the aperture, r down): out
-// [height_px] [width_px] of one channel, not clamped above. row: scratch of [n_columns] floats. raw
-// has the sensor's size.
-void sv_lenslet_decode(const sv_lenslet_plan *p, const sv_raw *raw, const float *gain, int channel, int c,
-                       int r, float *row, float *out);
+// [height_px] [width_px], not clamped above. row: scratch of [n_columns] floats.
+void sv_lenslet_decode(const sv_lenslet_plan *p, const sv_lenslet_image *image, int c, int r, float *row,
+                       float *out);
 
 // Parameters that the white image cannot tell. The sub-views are parallel cameras on a plane with
 // shifted frusta: a point at focus_m has the same position in all of them.

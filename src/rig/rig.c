@@ -24,9 +24,13 @@ double sv_rig_angular_baseline_rad(const sv_rig *rig, const double point[3]) {
   return best;
 }
 
-sv_view sv_view_make(int w, int h, double fx, double fy, double cx, double cy, const sv_pose *pose) {
-  sv_view v = {
-      .width_px = w, .height_px = h, .fx = (float)fx, .fy = (float)fy, .cx = (float)cx, .cy = (float)cy};
+sv_view sv_view_make(int w, int h, const double pinhole[4], const sv_pose *pose) {
+  sv_view v = {.width_px = w,
+               .height_px = h,
+               .fx = (float)pinhole[0],
+               .fy = (float)pinhole[1],
+               .cx = (float)pinhole[2],
+               .cy = (float)pinhole[3]};
   for (int i = 0; i < 9; i++) v.r[i] = (float)pose->r[i];
   for (int i = 0; i < 3; i++) v.t[i] = (float)pose->t[i];
   return v;

@@ -63,8 +63,8 @@ typedef struct {
   int i_exposure, i_sub_view;
 } sv_view;
 
-sv_view sv_view_make(int width_px, int height_px, double fx, double fy, double cx, double cy,
-                     const sv_pose *cam_from_world);
+// pinhole: fx, fy, cx, cy in px, as a camera model's first parameters.
+sv_view sv_view_make(int width_px, int height_px, const double pinhole[4], const sv_pose *cam_from_world);
 void sv_view_centre(float out[3], const sv_view *v); // camera centre in the world
 // The same view with 1/k of the pixels a side (k >= 1); sizes are rounded down, at least 1.
 sv_view sv_view_scaled(const sv_view *v, int k);

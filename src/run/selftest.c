@@ -50,7 +50,7 @@ static sv_status train(sv_selftest *t, const sv_kernels *k, const sv_pool *pool,
     sv_pose pose;
     double eye[3] = {3, i - 0.5, 0.7}, at[3] = {0, 0, 0}, up[3] = {0, 0, 1};
     if (!sv_pose_look_at(&pose, eye, at, up)) return SV_E_ARG;
-    sv_view view = sv_view_make(WIDTH, HEIGHT, 90, 91, 47, 34.5, &pose);
+    sv_view view = sv_view_make(WIDTH, HEIGHT, (const double[]){90, 91, 47, 34.5}, &pose);
     sv_image_u8 im = {px + i * WIDTH * HEIGHT * 3, WIDTH, HEIGHT, 3, WIDTH * 3};
     noise_picture(px + i * WIDTH * HEIGHT * 3, (uint64_t)i + 1);
     if ((s = sv_train_add_view(&t->trainer, &view, &im, &err)) < 0) return s;

@@ -62,7 +62,8 @@ static sv_status probe_region(sv_trainer *t, const sv_multiplexed *c, const sv_r
     if (!sv_multiplexed_crop(c, m, region, &crop)) continue;
     if (m != *held && (s = sv_render(&t->render, &t->g, &crop.view, o)) < 0) return s;
     *held = m;
-    sv_forward_bwd(&t->forward, c, &crop, &t->render.rgb, &t->target, NULL, &t->part_grad, NULL);
+    sv_forward_bwd(&t->forward, c, &crop, &t->render.rgb,
+                   &(sv_forward_grad){&t->target, NULL, &t->part_grad, NULL});
     if ((s = sv_render_bwd(&t->render, &t->part_grad, NULL, NULL, NULL)) < 0) return s;
     sv_train_collect_curvature(t);
   }
@@ -103,7 +104,8 @@ sv_status sv_train_region_step(sv_trainer *t, int i, float progress, const sv_re
     if (!sv_multiplexed_crop(c, m, &region, &crop)) continue;
     if (m != held && (s = sv_render(&t->render, &t->g, &crop.view, o)) < 0) return s;
     held = m;
-    sv_forward_bwd(&t->forward, c, &crop, &t->render.rgb, &t->grad, errors, &t->part_grad, crop_errors);
+    sv_forward_bwd(&t->forward, c, &crop, &t->render.rgb,
+                   &(sv_forward_grad){&t->grad, errors, &t->part_grad, crop_errors});
     float share = (float)((double)crop.view.width_px * (double)crop.view.height_px / (double)n_px);
     if (t->cfg.weight_tv > 0.0f)
       out->loss += sv_tv_loss(&t->tv, &t->render.rgb, &t->part_grad, SV_TV_SQUARED, t->cfg.weight_tv * share);

@@ -32,7 +32,7 @@ static sv_view camera(int i, float time) {
   sv_pose p;
   const double eye[3] = {i ? 0.5 : -0.5, 0, -3}, at[3] = {0, 0, 0}, up[3] = {0, -1, 0};
   (void)sv_pose_look_at(&p, eye, at, up);
-  sv_view v = sv_view_make(MS_WIDTH, MS_HEIGHT, 70, 70, 32, 32, &p);
+  sv_view v = sv_view_make(MS_WIDTH, MS_HEIGHT, (const double[]){70, 70, 32, 32}, &p);
   v.time = time;
   v.i_sub_view = i;
   return v;

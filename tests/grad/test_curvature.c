@@ -34,7 +34,7 @@ static sv_view view_from(int i) {
   sv_pose pose;
   double eye[3] = {3, i - 0.5, 0.7}, at[3] = {0, 0, 0}, up[3] = {0, 0, 1};
   assert_true(sv_pose_look_at(&pose, eye, at, up));
-  return sv_view_make(W, H, 24, 25, 31, 9.5, &pose);
+  return sv_view_make(W, H, (const double[]){24, 25, 31, 9.5}, &pose);
 }
 
 static void place_gaussians(void) {
@@ -112,8 +112,8 @@ static void add_view_pixel(void) {
 }
 
 static void add_lens_pixel(const sv_crop *crop) {
-  sv_forward_bwd(&t.forward, &t.measurements[0].model, crop, &t.render.rgb, &t.grad, NULL, &t.part_grad,
-                 NULL);
+  sv_forward_bwd(&t.forward, &t.measurements[0].model, crop, &t.render.rgb,
+                 &(sv_forward_grad){&t.grad, NULL, &t.part_grad, NULL});
   assert_int_equal(sv_render_bwd(&t.render, &t.part_grad, NULL, NULL, NULL), SV_OK);
   add_squares();
 }

@@ -38,7 +38,7 @@ static void make_lenses(void) {
     sv_pose pose = sv_pose_identity();
     pose.t[0] = 0.1 * (i - 2);
     pose.t[2] = 4;
-    lens[i] = (sv_lens){sv_view_make(a[2], a[3], 40, 40, 0.5 * a[2], 0.5 * a[3], &pose),
+    lens[i] = (sv_lens){sv_view_make(a[2], a[3], (const double[]){40, 40, 0.5 * a[2], 0.5 * a[3]}, &pose),
                         {a[0], a[1], a[2], a[3], a[4] < 0 ? NULL : coverage[a[4]]}};
     for (int k = 0; k < 3; k++)
       for (int p = 0; p < a[2] * a[3]; p++)
@@ -157,7 +157,7 @@ static void run_backward(const sv_multiplexed *c, const sv_region *r, uint64_t s
     // what was there does not matter
     for (int k = 0; k < 3; k++) memset(b.out[m].c[k], 0x7f, bytes);
     memset(b.out_err[m], 0x7f, bytes);
-    sv_forward_bwd(&b.f, c, &b.crop[m], &b.rgb[m], &b.g, b.err, &b.out[m], b.out_err[m]);
+    sv_forward_bwd(&b.f, c, &b.crop[m], &b.rgb[m], &(sv_forward_grad){&b.g, b.err, &b.out[m], b.out_err[m]});
   }
 }
 

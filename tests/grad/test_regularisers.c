@@ -43,7 +43,7 @@ static void test_isa(sv_isa isa) {
   }
   sv_pose pose = sv_pose_identity();
   pose.t[2] = 3;
-  sv_view view = sv_view_make(64, 48, 80, 80, 32, 24, &pose);
+  sv_view view = sv_view_make(64, 48, (const double[]){80, 80, 32, 24}, &pose);
   sv_render_options o = {.sh_degree = 1, .near_z = 0.01f};
   assert_int_equal(sv_render(&r, &g, &view, &o), SV_OK);
   assert_int_equal(sv_render_bwd(&r, &zero, NULL, NULL, NULL), SV_OK); // only the regularisers act

@@ -85,8 +85,9 @@ static void make_view(const scene_case *c, dr_scene *s, sv_view *view) {
   sv_pose pose;
   assert_true(sv_pose_look_at(&pose, eye, at, up));
   double w = c->width_px, h = c->height_px;
-  *view = sv_view_make(c->width_px, c->height_px, 0.95 * w, 0.92 * w, w * (0.5 + c->cx_shift),
-                       h * (0.5 + c->cy_shift), &pose);
+  *view = sv_view_make(c->width_px, c->height_px,
+                       (const double[]){0.95 * w, 0.92 * w, w * (0.5 + c->cx_shift), h * (0.5 + c->cy_shift)},
+                       &pose);
   dr_view *v = &s->view;
   *v = (dr_view){.width_px = c->width_px,
                  .height_px = c->height_px,

@@ -36,7 +36,7 @@ static void open_training(const sv_kernels *k, const sv_pool *pool, sv_train_cfg
     sv_pose pose;
     double eye[3] = {3, i - 0.5, 0.7}, at[3] = {0, 0, 0}, up[3] = {0, 0, 1};
     assert_true(sv_pose_look_at(&pose, eye, at, up));
-    sv_view view = sv_view_make(W, H, 40, 41, 18, 13.5, &pose);
+    sv_view view = sv_view_make(W, H, (const double[]){40, 41, 18, 13.5}, &pose);
     sv_image_u8 im = {picture[i], W, H, 3, W * 3};
     assert_ok(sv_train_add_view(&t, &view, &im, &err), &err);
   }

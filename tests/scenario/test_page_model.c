@@ -67,7 +67,7 @@ static sv_view view_of_page(void) {
   sv_pose pose;
   assert_true(sv_pose_look_at(&pose, eye, at, up));
   assert_true(v[10] <= CAP_W && v[11] <= CAP_W);
-  return sv_view_make((int)v[10], (int)v[11], v[9], v[9], v[10] / 2, v[11] / 2, &pose);
+  return sv_view_make((int)v[10], (int)v[11], (const double[]){v[9], v[9], v[10] / 2, v[11] / 2}, &pose);
 }
 
 // Samples of the page's picture, rows from above.

@@ -252,7 +252,7 @@ TEST(test_rig) {
   rig.sub_views[1].cam_from_rig.t[0] = -0.5;
   assert_true(fabs(sv_rig_angular_baseline_rad(&rig, point) - 2 * atan(0.125)) < 1e-14);
   sv_pose id = sv_pose_identity();
-  sv_view v = sv_view_make(641, 480, 500, 510, 320, 240, &id), s = sv_view_scaled(&v, 4);
+  sv_view v = sv_view_make(641, 480, (const double[]){500, 510, 320, 240}, &id), s = sv_view_scaled(&v, 4);
   assert_int_equal(s.width_px, 160);
   assert_true(s.fx == 125.0f && s.cy == 60.0f);
   s = sv_view_scaled(&v, 1000);

@@ -32,7 +32,7 @@ static sv_view camera(double x, double turn_rad) {
   p.r[6] = s;
   p.r[8] = c;
   for (int i = 0; i < 3; i++) p.t[i] = -p.r[3 * i] * x;
-  return sv_view_make(W, H, 100, 100, W / 2.0, H / 2.0, &p);
+  return sv_view_make(W, H, (const double[]){100, 100, W / 2.0, H / 2.0}, &p);
 }
 
 // A wall at z = 4 and before it, at z = 2, a board |x| < 0.2, |y| < 0.2 (when has_board), as a

@@ -61,7 +61,7 @@ static void predict(world *w, uint32_t key) {
   assert_int_equal(sv_forward_begin(&w->f, &w->region), SV_OK);
   sv_forward_add(&w->f, &w->c, &w->crop, &w->rgb);
   sv_forward_finish(&w->f, &w->c);
-  sv_forward_bwd(&w->f, &w->c, &w->crop, &w->rgb, &w->g, NULL, &w->out, NULL);
+  sv_forward_bwd(&w->f, &w->c, &w->crop, &w->rgb, &(sv_forward_grad){&w->g, NULL, &w->out, NULL});
 }
 
 TEST(test_size_rounding_and_derivative) {

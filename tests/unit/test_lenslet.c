@@ -333,7 +333,7 @@ static quality decode(const shot *t, const sv_lenslet_grid *g, int keep) {
     if (gain[i] < 9.9f) bright = ((double)t->white_px[i] / 65535 - 0.004) * (double)gain[i];
   quality q = {.worst_db = 1e9, .w = p.width_px, .h = p.height_px};
   for (int i = 0; i < keep * keep; i++) {
-    sv_lenslet_decode(&p, &t->raw, gain, 0, i % keep, i / keep, row, out);
+    sv_lenslet_decode(&p, &(sv_lenslet_image){&t->raw, gain, 0}, i % keep, i / keep, row, out);
     double e = error_of(t, &p, out, i % keep - 0.5 * (keep - 1), i / keep - 0.5 * (keep - 1), 1 / bright);
     total += e / (keep * keep);
     if (-10 * log10(e) < q.worst_db) q.worst_db = -10 * log10(e);

@@ -40,7 +40,8 @@ static void open_trainer(void) {
     pose.t[0] = 0.3 * (i - 2);
     pose.t[1] = 0.1 * i;
     pose.t[2] = 4;
-    lens[i] = (sv_lens){sv_view_make(w, h, 40, 42, 0.5 * w, 0.5 * h, &pose), {5 * i, 3 * i, w, h, NULL}};
+    lens[i] = (sv_lens){sv_view_make(w, h, (const double[]){40, 42, 0.5 * w, 0.5 * h}, &pose),
+                        {5 * i, 3 * i, w, h, NULL}};
   }
   sv_multiplexed c = {90, 70, N_LENSES, lens, N_LENSES, true};
   assert_ok(sv_train_add_measurement(&t, &c, measured, &err), &err);

@@ -270,7 +270,7 @@ TEST(test_frames_match_poses) {
       assert_int_equal(src.rig_pose(src.self, f.camera_ns, &rig), SV_OK);
       const sv_sub_view *s = &sv_sim_rig(&sim)->sub_views[f.i_camera];
       cam = sv_pose_mul(&s->cam_from_rig, &rig);
-      sv_view v = sv_view_make(96, 72, s->model.p[0], s->model.p[1], s->model.p[2], s->model.p[3], &cam);
+      sv_view v = sv_view_make(96, 72, s->model.p, &cam);
       sv_sim_render(&sim, &v, sv_ns_to_s(f.camera_ns - SV_SIM_EPOCH_NS), rgb, NULL);
       assert_memory_equal(rgb, f.data, f.data_bytes);
       assert_true(f.arrival_ns > f.camera_ns);

@@ -258,7 +258,7 @@ static void make_scene(scene *s, sv_arena *a, int n, uint32_t cap_recs, int n_th
   double eye[3] = {2.3, 0.6, 0.5}, at[3] = {0, 0, 0}, up[3] = {0, 0, 1};
   sv_pose pose;
   assert_true(sv_pose_look_at(&pose, eye, at, up));
-  s->view = sv_view_make(W, H, 140, 138, 74, 46, &pose);
+  s->view = sv_view_make(W, H, (const double[]){140, 138, 74, 46}, &pose);
   s->o = (sv_render_options){.sh_degree = 2, .near_z = 0.05f, .has_depth = true, .bg = {0.1f, 0.2f, 0.3f}};
 }
 

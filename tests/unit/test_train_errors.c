@@ -36,7 +36,7 @@ static void open_training(uint64_t seed, int relocate_every) {
   for (int i = 0; i < W * H * 3; i++) picture[i] = (uint8_t)(i * 37 % 251);
   sv_pose pose = sv_pose_identity();
   pose.t[2] = 4;
-  sv_view view = sv_view_make(W, H, 60, 60, W / 2.0, H / 2.0, &pose);
+  sv_view view = sv_view_make(W, H, (const double[]){60, 60, W / 2.0, H / 2.0}, &pose);
   sv_image_u8 im = {picture, W, H, 3, W * 3};
   assert_ok(sv_train_add_view(&t, &view, &im, &err), &err);
   sv_init_cfg init = {

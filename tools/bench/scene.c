@@ -13,7 +13,7 @@ static sv_view camera(int w, int h) {
   sv_pose p = sv_pose_identity();
   p.t[2] = DISTANCE;
   double f = 0.5 * sv_maxi(w, h) * DISTANCE / 1.3;
-  return sv_view_make(w, h, f, f, 0.5 * w, 0.5 * h, &p);
+  return sv_view_make(w, h, (const double[]){f, f, 0.5 * w, 0.5 * h}, &p);
 }
 
 static void fill_gaussians(sv_gaussians *g, uint64_t seed) {

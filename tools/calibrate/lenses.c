@@ -83,7 +83,8 @@ static sv_status measure(cal_lenses *l, cal_lens *lens, const cal_options *o, co
   if (s == SV_OK) {
     sv_arena scratch = sv_arena_make(work, n_scratch), out = sv_arena_make(lens->block, n_out);
     sv_raw raw = {NULL, white.u16, white.width_px, white.height_px, 1};
-    s = sv_footprint_measure(&lens->footprint, &lens->stats, path, &raw, o->dark, &out, &scratch, err);
+    s = sv_footprint_measure(&lens->footprint, &lens->stats, &(sv_white_image){path, &raw, o->dark}, &out,
+                             &scratch, err);
   }
   sv_bitmap_free(&white);
   free(work);
@@ -128,7 +129,9 @@ static sv_status read_white(cal_lenses *l, const cal_options *o, sv_err *err) {
   sv_footprint *f = malloc((size_t)l->n_lenses * sizeof *f);
   if (!sum || !f) s = sv_fail(err, SV_E_NOMEM, "%s: no memory for the sum of footprints", o->white);
   for (int i = 0; i < l->n_lenses && f; i++) f[i] = l->lenses[i].footprint;
-  if (s == SV_OK) s = sv_footprint_sum(f, l->n_lenses, l->width_px, l->height_px, sum, &l->max_overlap, err);
+  sv_overlap_map map = {.width_px = l->width_px, .height_px = l->height_px, .sum = sum};
+  if (s == SV_OK) s = sv_footprint_sum(f, l->n_lenses, &map, err);
+  if (s == SV_OK) l->max_overlap = map.max_overlap;
   free(sum);
   free(f);
   return s;

@@ -246,8 +246,7 @@ static sv_status find_frame(lab_frame *f, const char *folder, int scale, sv_err 
 
 static void make_view(lab_frame *f, int scale) {
   const double *p = f->pinhole.p;
-  sv_view full =
-      sv_view_make(f->pinhole.width_px, f->pinhole.height_px, p[0], p[1], p[2], p[3], &f->f.cam_from_world);
+  sv_view full = sv_view_make(f->pinhole.width_px, f->pinhole.height_px, p, &f->f.cam_from_world);
   f->view = sv_view_scaled(&full, scale);
   f->view.time = f->f.time >= 0 ? (float)f->f.time : 0.0f;
   f->view.i_exposure = f->f.exposure;

@@ -151,7 +151,8 @@ static sv_status write_view(const shot *t, int i_view, sv_err *err) {
   if (!out || !px) s = sv_fail(err, SV_E_NOMEM, "%s: no memory for the image", path);
   sv_raw raw = raw_of(&t->raw);
   for (int c = 0; c < b.n_channels && s == SV_OK; c++) {
-    sv_lenslet_decode(p, &raw, t->j->gain, c, i_view % p->cfg.keep, i_view / p->cfg.keep, out + n, out);
+    sv_lenslet_decode(p, &(sv_lenslet_image){&raw, t->j->gain, c}, i_view % p->cfg.keep, i_view / p->cfg.keep,
+                      out + n, out);
     put_channel(out, &b, c);
   }
   if (s == SV_OK) s = sv_bitmap_write_png(path, &b, err);

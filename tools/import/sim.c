@@ -244,7 +244,7 @@ static sv_view view_from(const job *j, const double direction[3], int i) {
   sv_pose pose;
   for (int k = 0; k < 3; k++) eye[k] = SV_SIM_DISTANCE_M * direction[k] / sv_norm3(direction);
   (void)sv_pose_look_at(&pose, eye, at, up);
-  sv_view v = sv_view_make(j->sim.cfg.width_px, j->sim.cfg.height_px, p[0], p[1], p[2], p[3], &pose);
+  sv_view v = sv_view_make(j->sim.cfg.width_px, j->sim.cfg.height_px, p, &pose);
   v.i_exposure = -1;
   v.i_sub_view = i;
   return v;

@@ -69,8 +69,10 @@ static sv_status orbit_view(const run *r, const lab_scene *sc, int i, sv_view *o
     return sv_fail(err, SV_E_RANGE, "the cameras do not define an orbit");
   const sv_view *v0 = &r->views.frames[0].view;
   double k = orbit_scale(r);
-  *out = sv_view_make(scaled(v0->width_px, k), scaled(v0->height_px, k), k * (double)v0->fx,
-                      k * (double)v0->fy, k * (double)v0->cx, k * (double)v0->cy, &pose);
+  *out = sv_view_make(
+      scaled(v0->width_px, k), scaled(v0->height_px, k),
+      (const double[]){k * (double)v0->fx, k * (double)v0->fy, k * (double)v0->cx, k * (double)v0->cy},
+      &pose);
   return SV_OK;
 }
 
