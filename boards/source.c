@@ -81,14 +81,11 @@ static sv_status open_replay(board_source *s, const char *spec, sv_arena *arena,
   s->source = sv_replay_source(&s->u.replay);
   s->clock = sv_replay_clock(&s->u.replay);
   if (c->has_scene) {
-    double d2 = 0;
+    double centre[3], radius;
+    sv_capture_scene(c, centre, &radius);
     s->has_bounds = true;
-    for (int i = 0; i < 3; i++) {
-      double e = 0.5 * (c->scene_max_m[i] - c->scene_min_m[i]);
-      s->bounds.centre[i] = (float)(0.5 * (c->scene_max_m[i] + c->scene_min_m[i]));
-      d2 += e * e;
-    }
-    s->bounds.radius = (float)sqrt(d2);
+    for (int i = 0; i < 3; i++) s->bounds.centre[i] = (float)centre[i];
+    s->bounds.radius = (float)radius;
   }
   if (c->rig[0]) sv_fmt(s->rig_dir, sizeof s->rig_dir, "%s/%s", cfg.dir, c->rig);
   return SV_OK;

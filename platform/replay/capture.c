@@ -16,6 +16,8 @@
 #include "platform/replay/capture_writer.h"
 #include "src/base/mathx.h"
 #include "src/base/str.h"
+#include "src/base/vec.h"
+#include "src/rig/limits.h"
 
 #define MAX_JSON_BYTES (512u << 20)
 #define MAX_SIDE_PX    32768
@@ -208,7 +210,9 @@ static sv_status read_pose(const json_t *j, int t, sv_capture_pose *p) {
     return bad(j, t, "rig_from_world", "a unit quaternion w,x,y,z and a translation");
   memcpy(p->q_wxyz, v, sizeof p->q_wxyz);
   memcpy(p->t_m, v + 4, sizeof p->t_m);
-  return SV_OK;
+  sv_pose pose = {.t = {v[4], v[5], v[6]}};
+  sv_quat_to_mat(pose.r, v);
+  return sv_limits_check_pose(&pose, j->where, j->err);
 }
 
 static sv_status read_poses(const json_t *j, int t, sv_capture *c) {
@@ -223,6 +227,15 @@ static sv_status read_poses(const json_t *j, int t, sv_capture *c) {
   }
   c->n_poses = j->tokens[t].size;
   return SV_OK;
+}
+
+void sv_capture_scene(const sv_capture *c, double centre[3], double *radius) {
+  double half[3];
+  for (int i = 0; i < 3; i++) {
+    centre[i] = 0.5 * (c->scene_max_m[i] + c->scene_min_m[i]);
+    half[i] = 0.5 * (c->scene_max_m[i] - c->scene_min_m[i]);
+  }
+  *radius = sv_norm3(half);
 }
 
 static sv_status read_head(const json_t *j, sv_capture *c) {
@@ -240,7 +253,10 @@ static sv_status read_head(const json_t *j, sv_capture *c) {
   c->has_scene = j->tokens[v].type == JSMN_OBJECT &&
                  read_doubles(j, find(j, v, "min_m"), 3, c->scene_min_m) &&
                  read_doubles(j, find(j, v, "max_m"), 3, c->scene_max_m);
-  return c->has_scene ? SV_OK : bad(j, v, "scene", "min_m and max_m, three numbers each");
+  if (!c->has_scene) return bad(j, v, "scene", "min_m and max_m, three numbers each");
+  double centre[3], radius;
+  sv_capture_scene(c, centre, &radius);
+  return sv_limits_check_scene(centre, radius, j->where, j->err);
 }
 
 static sv_status read_all(const json_t *j, sv_capture *c, sv_capture_frame *pool) {

@@ -74,6 +74,8 @@ typedef struct {
 // Reads DIR/capture.json into the arena (text and lists; the parser's tokens are given back). If a
 // writer was killed before it closed, its sidecars are first folded into capture.json, if the
 // folder can be written; of a capture that is being written, what was saved last is read.
+// Centre and radius in m of the ball that holds the scene of a capture that has one.
+void sv_capture_scene(const sv_capture *c, double centre[3], double *radius);
 sv_status sv_capture_load(sv_capture *c, const char *dir, sv_arena *arena, sv_err *err) SV_MUST_USE;
 
 // The same from a text in memory. `text` [bytes] is written to (names are terminated in place) and

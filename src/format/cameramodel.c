@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "src/rig/limits.h"
+
 #define CAP_DEPTH 16
 
 typedef enum { T_END, T_STRING, T_BYTES, T_NUMBER, T_WORD, T_PUNCT } token_kind;
@@ -276,15 +278,13 @@ static sv_status check(const lexer *l, const dict *d) {
   if (d->n_intrinsics != n)
     return sv_fail(l->err, SV_E_FORMAT, "%s: %s has %d intrinsics, %d were expected", l->name,
                    sv_model_name(d->kind), d->n_intrinsics, n);
-  for (int i = 0; i < 2; i++) {
-    if (!(d->size[i] >= 1 && d->size[i] <= 32767 && d->size[i] == floor(d->size[i])))
+  for (int i = 0; i < 2; i++)
+    if (!(d->size[i] >= 1 && d->size[i] <= SV_CAP_IMAGE_SIDE_PX && d->size[i] == floor(d->size[i])))
       return sv_fail(l->err, SV_E_RANGE, "%s: imagersize %g is not a whole number of 1 to 32767", l->name,
                      d->size[i]);
-    if (!(p[i] > 0 && p[i] < 1e9))
-      return sv_fail(l->err, SV_E_RANGE, "%s: a focal length of %g px is not usable", l->name, p[i]);
-  }
-  for (int i = 0; i < n; i++)
-    if (!(fabs(p[i]) < 1e12)) return sv_fail(l->err, SV_E_RANGE, "%s: an intrinsic is out of range", l->name);
+  for (int i = 4; d->splined && i < n; i++) // the others are checked with the model
+    if (!(fabs(p[i]) < 1e12))
+      return sv_fail(l->err, SV_E_RANGE, "%s: a control point is out of range", l->name);
   for (int i = 0; i < 6; i++) // a rotation vector of many turns is a mistake of units
     if (!(fabs(d->extrinsics[i]) < (i < 3 ? 100 : 1e12)))
       return sv_fail(l->err, SV_E_RANGE, "%s: extrinsics %g is out of range", l->name, d->extrinsics[i]);
@@ -328,7 +328,8 @@ sv_status sv_cameramodel_read_splined(const char *name, const char *text, size_t
   take_model(&d, model);
   sv_rodrigues(cam_from_ref->r, d.extrinsics);
   for (int i = 0; i < 3; i++) cam_from_ref->t[i] = d.extrinsics[3 + i];
-  return SV_OK;
+  s = sv_limits_check_camera(model, name, err);
+  return s < 0 ? s : sv_limits_check_pose(cam_from_ref, name, err);
 }
 
 sv_status sv_cameramodel_write(sv_str *out, const sv_camera_model *model, const sv_pose *cam_from_ref) {

@@ -6,6 +6,7 @@
 
 #include "src/base/str.h"
 #include "src/format/bytes.h"
+#include "src/rig/limits.h"
 
 // COLMAP's models by number; kind is SV_N_MODELS for unsupported ones. map: target of each of the
 // file's parameters (fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6); 16 means both fx and fy.
@@ -39,10 +40,18 @@ sv_status sv_colmap_open(sv_colmap *c, const char *name, const void *buf, size_t
   return SV_OK;
 }
 
+#define CAP_PLACE 256
+
+// Where in the file the reader is, for errors.
+static const char *place_of(const sv_colmap *c, char out[CAP_PLACE]) {
+  if (c->is_binary) sv_fmt(out, CAP_PLACE, "%s: record %llu", c->text.name, (unsigned long long)c->i);
+  else sv_fmt(out, CAP_PLACE, "%s:%d", c->text.name, c->text.line);
+  return out;
+}
+
 static sv_status fail_at(const sv_colmap *c, sv_err *err, sv_status s, const char *what) {
-  if (c->is_binary)
-    return sv_fail(err, s, "%s: record %llu: %s", c->text.name, (unsigned long long)c->i, what);
-  return sv_fail(err, s, "%s:%d: %s", c->text.name, c->text.line, what);
+  char place[CAP_PLACE];
+  return sv_fail(err, s, "%s: %s", place_of(c, place), what);
 }
 
 // --- text ----------------------------------------------------------------------------------------
@@ -95,18 +104,17 @@ static sv_status make_camera(const sv_colmap *c, int model, const uint64_t size[
                              sv_camera_model *m, sv_err *err) {
   *m = (sv_camera_model){.kind = models[model].kind};
   for (int i = 0; i < 2; i++)
-    if (size[i] < 1 || size[i] > 32767)
-      return fail_at(c, err, SV_E_RANGE, "an image size outside 1 to 32767");
+    if (size[i] < 1 || size[i] > SV_CAP_IMAGE_SIDE_PX)
+      return fail_at(c, err, SV_E_RANGE, "an image size outside 1 to 32767 px");
   m->width_px = (int)size[0];
   m->height_px = (int)size[1];
   for (int i = 0; i < models[model].n_params; i++) {
     int to = models[model].map[i];
-    if (!(fabs(params[i]) < 1e12)) return fail_at(c, err, SV_E_RANGE, "a camera parameter is not finite");
     m->p[to == 16 ? 0 : to] = params[i];
     if (to == 16) m->p[1] = params[i];
   }
-  if (!(m->p[0] > 0 && m->p[1] > 0)) return fail_at(c, err, SV_E_RANGE, "a focal length is not positive");
-  return SV_OK;
+  char place[CAP_PLACE];
+  return sv_limits_check_camera(m, place_of(c, place), err);
 }
 
 static sv_status unsupported(const sv_colmap *c, const char *name, size_t n, sv_err *err) {
@@ -164,12 +172,10 @@ sv_status sv_colmap_next_camera(sv_colmap *c, sv_colmap_camera *out, sv_err *err
 static sv_status make_pose(const sv_colmap *c, const double v[7], sv_pose *out, sv_err *err) {
   double n = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] + v[3] * v[3];
   if (!(n > 0.98 && n < 1.02)) return fail_at(c, err, SV_E_RANGE, "the quaternion is not of length 1");
-  for (int i = 0; i < 3; i++) {
-    if (!(fabs(v[4 + i]) < 1e12)) return fail_at(c, err, SV_E_RANGE, "the translation is not finite");
-    out->t[i] = v[4 + i];
-  }
+  for (int i = 0; i < 3; i++) out->t[i] = v[4 + i];
   sv_quat_to_mat(out->r, v);
-  return SV_OK;
+  char place[CAP_PLACE];
+  return sv_limits_check_pose(out, place_of(c, place), err);
 }
 
 static sv_status set_name(const sv_colmap *c, sv_colmap_image *out, const char *t, size_t n, sv_err *err) {

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "src/base/str.h"
+#include "src/rig/limits.h"
 #include "src/format/text.h"
 
 typedef enum { K_MODEL, K_INTRINSICS, K_LENS, K_COEFFS, K_SIZE, K_POSE, N_KEYS, K_OTHER, K_NONE } key;
@@ -102,6 +103,13 @@ static sv_status take_values(reader *r, sv_word line) {
 
 // --- cameras -------------------------------------------------------------------------------------
 
+#define CAP_PLACE 256
+
+static const char *place_of(const reader *r, char out[CAP_PLACE]) {
+  sv_fmt(out, CAP_PLACE, "%s: cam%d", r->text.name, r->i_camera);
+  return out;
+}
+
 static sv_status set_lens(reader *r, sv_camera_model *m) {
   bool is_radtan = sv_str_eq(r->lens, "radtan"), is_fisheye = sv_str_eq(r->lens, "equidistant");
   if (!sv_str_eq(r->model, "pinhole"))
@@ -121,11 +129,8 @@ static sv_status set_lens(reader *r, sv_camera_model *m) {
                    "there are %d, %d and %d",
                    r->text.name, r->i_camera, n, r->n[K_INTRINSICS], r->n[K_COEFFS], r->n[K_SIZE]);
   for (int k = 0; k < 2; k++) {
-    if (!(r->size[k] >= 1 && r->size[k] <= 32767 && r->size[k] == floor(r->size[k])))
+    if (!(r->size[k] >= 1 && r->size[k] <= SV_CAP_IMAGE_SIDE_PX && r->size[k] == floor(r->size[k])))
       return sv_fail(r->err, SV_E_RANGE, "%s: cam%d: resolution: whole numbers from 1 to 32767 were expected",
-                     r->text.name, r->i_camera);
-    if (!(r->intrinsics[k] > 0))
-      return sv_fail(r->err, SV_E_RANGE, "%s: cam%d: intrinsics: a focal length is not positive",
                      r->text.name, r->i_camera);
   }
   *m = (sv_camera_model){.kind = is_radtan    ? SV_MODEL_OPENCV4
@@ -135,7 +140,8 @@ static sv_status set_lens(reader *r, sv_camera_model *m) {
                          .height_px = (int)r->size[1]};
   for (int k = 0; k < 4; k++) m->p[k] = r->intrinsics[k] + (k < 2 ? 0 : 0.5);
   for (int k = 0; k < n; k++) m->p[4 + k] = r->coeffs[k];
-  return SV_OK;
+  char place[CAP_PLACE];
+  return sv_limits_check_camera(m, place_of(r, place), r->err);
 }
 
 // T_cn_cnm1, until all cameras are there.
@@ -167,6 +173,7 @@ static sv_status end_entry(reader *r) {
 }
 
 static sv_status end_camera(reader *r) {
+  char place[CAP_PLACE];
   sv_status s = end_entry(r);
   if (s != SV_OK || r->i_camera < 0) return s;
   sv_sub_view *v = &r->rig->sub_views[r->i_camera];
@@ -181,6 +188,7 @@ static sv_status end_camera(reader *r) {
   s = set_lens(r, &v->model);
   v->cam_from_rig = sv_pose_identity();
   if (s == SV_OK && r->i_camera > 0) s = set_pose(r, &v->cam_from_rig);
+  if (s == SV_OK) s = sv_limits_check_pose(&v->cam_from_rig, place_of(r, place), r->err);
   sv_fmt(v->name, sizeof v->name, "cam%d", r->i_camera);
   v->i_camera = r->i_camera;
   r->i_camera = -1;

@@ -6,6 +6,7 @@
 
 #include "src/base/mathx.h"
 #include "src/base/str.h"
+#include "src/rig/limits.h"
 
 // The camera's keys, at the top level (for all frames) or in a frame (which wins).
 enum { FL_X, FL_Y, CX, CY, ANGLE_X, ANGLE_Y, K1, K2, P1, P2, K3, K4, N_KEYS };
@@ -133,10 +134,7 @@ static sv_status read_pose(const sv_json *j, int i_frame, sv_pose *cam_from_worl
     return sv_json_fail(j, i, err, SV_E_FORMAT, "not a rotation: off by %g, at most 0.001 was expected", e);
   orthonormalise(w.r);
   *cam_from_world = sv_pose_inv(&w);
-  for (int k = 0; k < 3; k++)
-    if (!(fabs(cam_from_world->t[k]) < 1e12))
-      return sv_json_fail(j, i, err, SV_E_RANGE, "the position is too far away");
-  return SV_OK;
+  return sv_limits_check_pose(cam_from_world, j->name, err);
 }
 
 static sv_status get_path(const sv_json *j, int i_object, const char *key, char *out, sv_err *err) {
@@ -291,8 +289,6 @@ sv_status sv_transforms_finish(sv_transforms_frame *f, int width_px, int height_
   double fy = m->p[1] > 0                 ? m->p[1]
               : f->camera_angle_y_rad > 0 ? focal(f->camera_angle_y_rad, height_px)
                                           : fx;
-  if (!(fx > 0 && fx < 1e9 && fy > 0 && fy < 1e9))
-    return sv_fail(err, SV_E_RANGE, "%s: a focal length of %g x %g px is not usable", f->file_path, fx, fy);
   m->width_px = width_px;
   m->height_px = height_px;
   m->p[0] = fx;
@@ -300,7 +296,7 @@ sv_status sv_transforms_finish(sv_transforms_frame *f, int width_px, int height_
   if (!f->has_cx) m->p[2] = 0.5 * width_px;
   if (!f->has_cy) m->p[3] = 0.5 * height_px;
   f->has_cx = f->has_cy = true;
-  return SV_OK;
+  return sv_limits_check_camera(m, f->file_path, err);
 }
 
 sv_status sv_transforms_find_measurement(const sv_transforms *t, bool is_linear, int exposure,

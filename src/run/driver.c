@@ -5,6 +5,7 @@
 
 #include "src/base/mathx.h"
 #include "src/metric/metric.h"
+#include "src/rig/limits.h"
 #include "src/splat/constants.h"
 #include "src/train/stereo.h"
 #include "src/train/sweep.h"
@@ -51,13 +52,40 @@ sv_status sv_driver_measure(const sv_trainer *t, sv_driver_start *start, sv_err 
   return SV_OK;
 }
 
+static bool is_in_view(const sv_view *v, const float *p) {
+  float x[3];
+  for (int r = 0; r < 3; r++)
+    x[r] = v->r[3 * r] * p[0] + v->r[3 * r + 1] * p[16] + v->r[3 * r + 2] * p[32] + v->t[r];
+  if (!(x[2] > 0)) return false;
+  const float u = v->fx * x[0] / x[2] + v->cx, w = v->fy * x[1] / x[2] + v->cy;
+  return u >= 0 && u < (float)v->width_px && w >= 0 && w < (float)v->height_px;
+}
+
+#define SEEN_PART 100 // one of so many Gaussians must be in a view for a start
+
+static bool is_seen(const sv_trainer *t) {
+  const int n_views = sv_driver_n_views(t), n_needed = sv_maxi(t->g.n / SEEN_PART, 1);
+  int n = 0;
+  for (int v = 0; v < n_views && n < n_needed; v++)
+    for (int i = 0; i < t->g.n && n < n_needed; i++)
+      n += is_in_view(sv_driver_view(t, v), sv_gaussians_at(&t->g, i, SV_ROW_MEAN));
+  return n >= n_needed;
+}
+
 sv_status sv_driver_place(sv_trainer *t, const sv_driver_start *start, sv_err *err) {
   sv_status s = sv_train_start(t, &start->init, start->points, start->n_points, start->scratch);
   if (s < 0)
     return sv_fail(err, s, "the first Gaussians could not be placed from %d points: %s", start->n_points,
                    sv_status_text(s));
   if (start->is_scene_set) sv_train_set_scene(t, start->bounds.centre, start->bounds.radius);
-  return SV_OK;
+  const double centre[3] = {(double)t->centre[0], (double)t->centre[1], (double)t->centre[2]};
+  if ((s = sv_limits_check_scene(centre, (double)t->radius, "the first model", err)) < 0) return s;
+  if (is_seen(t)) return SV_OK;
+  return sv_fail(
+      err, SV_E_RANGE,
+      "no camera sees the first model: %d of %d Gaussians were expected in front of one; are points "
+      "and poses of one world, and poses not inverted?",
+      sv_maxi(t->g.n / SEEN_PART, 1), t->g.n);
 }
 
 // --- loop ----------------------------------------------------------------------------------------

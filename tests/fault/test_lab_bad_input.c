@@ -64,7 +64,10 @@ static void dataset(const char *name, const char *head, const char *frames) {
   put(file, text);
 }
 
-#define ANGLE       "\"camera_angle_x\": 0.7,"
+#define ANGLE "\"camera_angle_x\": 0.7,"
+#define POINTS(n)                                                                                            \
+  "ply\nformat ascii 1.0\nelement vertex " #n                                                                \
+  "\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
 #define GOOD_FRAMES FRAME("../a.png", 4, "") "," FRAME("../b.png", 4.5, "") "," FRAME("../a", 5, "")
 
 static void make_files(void) {
@@ -94,13 +97,16 @@ static void make_files(void) {
   dataset("held_out", ANGLE, FRAME("../a.png", 4, ", \"split\": \"test\""));
   dataset("lens", ANGLE "\"k1\": -9e9,", GOOD_FRAMES);
   dataset("points", ANGLE "\"ply_file_path\": \"p.ply\",", GOOD_FRAMES);
-  put("points/p.ply",
-      "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\n"
-      "end_header\n1 2 3\n4 5\n");
+  put("points/p.ply", POINTS(5) "1 2 3\n4 5\n");
   dataset("known", ANGLE "\"ply_file_path\": \"p.ply\",", GOOD_FRAMES);
-  put("known/p.ply",
-      "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\n"
-      "end_header\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 1 0\n");
+  put("known/p.ply", POINTS(5) "0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 1 0\n");
+  dataset("blind", ANGLE "\"ply_file_path\": \"p.ply\",", GOOD_FRAMES);
+  put("blind/p.ply", // behind the cameras, which look along -z
+      POINTS(3) "0 0 90\n1 0 91\n0 1 92\n");
+  dataset("no_focal", "\"fl_x\": 1e-30,", GOOD_FRAMES);
+  dataset(
+      "far_pose", ANGLE,
+      "{\"file_path\": \"../a.png\", \"transform_matrix\": [[1,0,0,1e300],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}");
   dataset("kinds", ANGLE "\"depth_unit_scale_factor\": 0.25,",
           FRAME("../a.png", 4, ", \"depth_path\": \"../a.png\"") "," FRAME(
               "../b.png", 4.5, ", \"ray_distance_path\": \"../b.png\""));
@@ -122,9 +128,7 @@ static void make_files(void) {
   dataset(
       "cameras", ANGLE,
       FRAME("../a.png", 4, ", \"camera\": \"left\"") "," FRAME("../b.png", 4.5, ", \"camera\": \"right\""));
-  put("cloud.ply",
-      "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
-      "end_header\n1 2 3\n");
+  put("cloud.ply", POINTS(1) "1 2 3\n");
   put("bad.ply", "ply\nformat binary_little_endian 1.0\nelement vertex 9\nproperty fl");
 }
 
@@ -239,6 +243,9 @@ static const bad_case cases[] = {
     {1, "train --data skewed --out o", "rotation"},
     {1, "train --data empty --out o", "no frames"},
     {1, "train --data held_out --out o", "belongs to split"},
+    {1, "train --data blind --steps 3 --init points:blind/p.ply --out o", "no camera sees the first model"},
+    {1, "train --data no_focal --steps 3 --out o", "the focal length is"},
+    {1, "train --data far_pose --steps 3 --out o", "a camera's position is 1e300 m"},
     {1, "train --data lens --out o", "lens"},
     {1, "train --data points --out o", "p.ply"},
     {1, "train --data unfinished --out o", "transforms.json"},

@@ -32,7 +32,7 @@ TEST(test_read) {
 
 TEST(test_round_trip) {
   static const sv_camera_model models[] = {
-      {SV_MODEL_PINHOLE, 1, 32767, {1.0 / 3, 2e5 / 7, 0, -1e-7}},
+      {SV_MODEL_PINHOLE, 1, 32767, {32767.0 / 3, 2e5 / 7, 0, -1e-7}},
       {SV_MODEL_OPENCV8,
        4056,
        3040,
@@ -62,12 +62,12 @@ TEST(test_round_trip) {
 
 // Numbers just below a power of ten are where a formatter drops a digit.
 TEST(test_awkward_numbers) {
-  for (int e = -30; e <= 12; e++)
+  for (int e = -30; e <= 6; e++)
     for (int k = 0; k < 30; k++) {
       double x = pow(10, e);
       for (int i = 0; i < k; i++) x = nextafter(x, 0);
-      sv_camera_model m = {SV_MODEL_OPENCV4, 4, 3, {1, 1, 1, 1, e < 12 ? x : 1}}, back;
-      sv_pose pose = {{1, 0, 0, 0, 1, 0, 0, 0, 1}, {e < 12 ? x : 0, -0.099999999999999978, 0}}, p;
+      sv_camera_model m = {SV_MODEL_OPENCV4, 4, 3, {1, 1, 1, 1, x}}, back;
+      sv_pose pose = {{1, 0, 0, 0, 1, 0, 0, 0, 1}, {x, -0.099999999999999978, 0}}, p;
       char buf[512];
       sv_str s = sv_str_make(buf, sizeof buf);
       assert_int_equal(sv_cameramodel_write(&s, &m, &pose), SV_OK);

@@ -70,6 +70,31 @@ TEST(wrong_json_gets_a_sentence) {
   }
 }
 
+// Within the bounds of src/rig/limits.inc.
+TEST(garbage_gets_its_reason) {
+#define SCENE(min, max)                                                                                      \
+  "{\"version\":1,\"scene\":{\"min_m\":" min ",\"max_m\":" max "},\"cameras\":[" ONE "]}"
+#define POSES(x)                                                                                             \
+  "{\"version\":1,\"poses\":[{\"time_ns\":1,\"rig_from_world\":[1,0,0,0," x ",0,0]}],\"cameras\":[" ONE "]}"
+#define ONE "{\"name\":\"a\",\"folder\":\"a\",\"width\":4,\"height\":3,\"frames\":[]}"
+  static const struct {
+    const char *text, *word;
+  } bad[] = {
+      {SCENE("[-1e300,-1e300,-1e300]", "[1e300,1e300,1e300]"), "the scene's radius"},
+      {SCENE("[0,0,0]", "[0,0,0]"), "the scene's radius is 0 m; expected 0.0001 to 100000"},
+      {SCENE("[7000000,0,0]", "[7000001,1,1]"), "subtract an origin near the scene"},
+      {POSES("1e300"), "a camera's position"},
+  };
+  sv_capture c;
+  sv_err err;
+  assert_ok(parse(SCENE("[-1,-1,-1]", "[1,1,1]"), &c, &err), &err);
+  assert_ok(parse(POSES("900000"), &c, &err), &err);
+  for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+    sv_status s = parse(bad[i].text, &c, &err);
+    assert_error(s, SV_E_RANGE, &err, bad[i].word);
+  }
+}
+
 TEST(mutated_json_never_harms) {
   static char good[8192], text[8192];
   FILE *f = fopen(TINY "/capture.json", "rb");
@@ -91,7 +116,7 @@ TEST(mutated_json_never_harms) {
     sv_err err;
     sv_arena a = sv_arena_make(g_block, sizeof g_block);
     sv_status s = sv_capture_parse(&c, exact, m, "x", &a, &err);
-    assert_true(s == SV_OK || s == SV_E_FORMAT);
+    assert_true(s == SV_OK || s == SV_E_FORMAT || s == SV_E_RANGE);
     n_ok += s == SV_OK;
     free(exact);
   }
@@ -101,6 +126,7 @@ TEST(mutated_json_never_harms) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(wrong_json_gets_a_sentence),
+      cmocka_unit_test(garbage_gets_its_reason),
       cmocka_unit_test(mutated_json_never_harms),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

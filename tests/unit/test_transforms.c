@@ -136,7 +136,7 @@ TEST(test_refused) {
       {M("[[1,0,0,0],[0,1,0,0],[0,0,1.01,0]]"), "not a rotation", SV_E_FORMAT},
       {M("[[1,0,0,0],[0,1,0,0],[0,0,-1,0]]"), "not a rotation", SV_E_FORMAT}, // a reflection
       {M("[[1,0,0,NaN],[0,1,0,0],[0,0,1,0]]"), "not JSON", SV_E_FORMAT},
-      {M("[[1,0,0,1e300],[0,1,0,0],[0,0,1,0]]"), "too far", SV_E_RANGE},
+      {M("[[1,0,0,1e300],[0,1,0,0],[0,0,1,0]]"), "camera's position is 1e300 m", SV_E_RANGE},
   };
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
     sv_status s = read_text(cases[i].text, strlen(cases[i].text));
