@@ -40,7 +40,9 @@ static void publish_image(void *self, const char *name, int w, int h, const uint
   size_t bytes;
   sv_store st = sv_linux_store_port(&run.store);
   sv_err *err = &run.preview_err;
-  if (sv_codec_encode_jpeg(&run.codec, &pic, 92, true, run.jpeg, run.cap_jpeg, &bytes, err) < 0) return;
+  if (sv_codec_encode_jpeg(&run.codec, &pic, (sv_jpeg_options){92, true},
+                           (sv_codec_buffer){run.jpeg, run.cap_jpeg}, &bytes, err) < 0)
+    return;
   sv_fmt(file, sizeof file, "%s.jpg", name);
   if (st.begin(st.self, file, err) < 0) return;
   if (st.write(st.self, run.jpeg, bytes, err) < 0) st.abandon(st.self);

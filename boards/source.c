@@ -66,7 +66,7 @@ static sv_status read_rig(board_source *s, sv_arena *arena, sv_err *err) {
   sv_coverage_names *names = SV_TAKE(&scratch, sv_coverage_names, 1);
   if (!names) return sv_fail(err, SV_E_NOMEM, "no room for a rig");
   memset(names, 0, sizeof *names);
-  r = sv_rig_read_coverage(&s->rig_read, names, &files, "rig.json", s->source.n_cameras, &scratch, err);
+  r = sv_rig_read_coverage(&s->rig_read, names, &files, s->source.n_cameras, &scratch, err);
   s->rig = &s->rig_read;
   return r < 0 ? r : coverage_read(&s->rig_read, names, &files, s->rig_dir, arena, err);
 }
@@ -178,9 +178,8 @@ static sv_status assume_rig(board_source *s, double fov_deg, sv_arena *arena, sv
   return SV_OK;
 }
 
-static sv_status decode(void *self, const uint8_t *data, size_t bytes, int w, int h, size_t stride,
-                        uint8_t *rgb, sv_err *err) {
-  sv_picture out = {w, h, stride, SV_PIX_RGB8, rgb};
+static sv_status decode(void *self, const uint8_t *data, size_t bytes, const sv_decoded *to, sv_err *err) {
+  sv_picture out = {to->width_px, to->height_px, to->stride_bytes, SV_PIX_RGB8, to->rgb};
   return sv_codec_decode(self, data, bytes, &out, err);
 }
 

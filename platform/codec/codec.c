@@ -58,7 +58,8 @@ sv_status sv_codec_init(sv_codec *c, const sv_codec_cfg *cfg, sv_arena *arena) {
   sv_picture dot = {.width_px = 1, .height_px = 1, .stride_bytes = 3, .format = SV_PIX_RGB8, .data = px};
   size_t bytes;
   sv_err err;
-  return sv_codec_encode_jpeg(c, &dot, 90, true, out, sizeof out, &bytes, &err);
+  return sv_codec_encode_jpeg(c, &dot, (sv_jpeg_options){90, true}, (sv_codec_buffer){out, sizeof out},
+                              &bytes, &err);
 }
 
 void sv_codec_close(sv_codec *c) {

@@ -66,11 +66,18 @@ sv_status sv_codec_decode_png(sv_codec *c, const uint8_t *data, size_t bytes, co
 sv_status sv_codec_decode(sv_codec *c, const uint8_t *data, size_t bytes, const sv_picture *out,
                           sv_err *err) SV_MUST_USE;
 
-// rgb (format RGB8 or GREY8) -> JPEG in out[cap]. quality 1..100; is_full_colour keeps the chroma
-// at full resolution (4:4:4, else 4:2:0). E_FULL when cap is too small: width * height * 3 + 4096
-// always suffices in practice, a tenth of it usually.
-sv_status sv_codec_encode_jpeg(sv_codec *c, const sv_picture *in, int quality, bool is_full_colour,
-                               uint8_t *out, size_t cap, size_t *bytes, sv_err *err) SV_MUST_USE;
+typedef struct {
+  int quality;        // 1..100
+  bool is_full_color; // chroma at full resolution (4:4:4, else 4:2:0)
+} sv_jpeg_options;
+typedef struct {
+  uint8_t *data; // [cap_bytes]
+  size_t cap_bytes;
+} sv_codec_buffer;
+// in (format RGB8 or GREY8) -> JPEG of so many bytes. E_FULL when out is too small: width * height *
+// 3 + 4096 always suffices in practice, a tenth of it usually.
+sv_status sv_codec_encode_jpeg(sv_codec *c, const sv_picture *in, sv_jpeg_options o, sv_codec_buffer out,
+                               size_t *bytes, sv_err *err) SV_MUST_USE;
 
 // GREY8, RGB8 or RGB16 -> PNG in out[cap], without loss. sv_codec_png_cap bytes always suffice;
 // E_FULL.

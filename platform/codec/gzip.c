@@ -35,9 +35,10 @@ sv_status sv_gzip(const sv_piece *piece, int n_pieces, uint8_t **out, size_t *by
   return SV_OK;
 }
 
-sv_status sv_gunzip(const char *name, const uint8_t *data, size_t n, size_t cap, uint8_t **out, size_t *bytes,
-                    sv_err *err) {
-  z_stream z = {.next_in = (Bytef *)(uintptr_t)data, .avail_in = (uInt)n};
+sv_status sv_gunzip(const sv_file_data *file, size_t cap, uint8_t **out, size_t *bytes, sv_err *err) {
+  const char *name = file->name;
+  const size_t n = file->bytes;
+  z_stream z = {.next_in = (Bytef *)(uintptr_t)file->data, .avail_in = (uInt)n};
   size_t room = 4 * n + 4096;
   *out = NULL;
   if (n > 0x7fffffff || inflateInit2(&z, WITH_GZIP_HEADER))

@@ -6,6 +6,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "src/base/file_data.h"
 #include "src/base/status.h"
 
 #ifdef __cplusplus
@@ -19,7 +20,7 @@ typedef struct {
 } sv_piece;
 sv_status sv_gzip(const sv_piece *piece, int n_pieces, uint8_t **out, size_t *bytes, sv_err *err) SV_MUST_USE;
 // Decompresses at most cap bytes; E_RANGE beyond, so that a small file cannot fill the memory.
-sv_status sv_gunzip(const char *name, const uint8_t *data, size_t n, size_t cap, uint8_t **out, size_t *bytes,
+sv_status sv_gunzip(const sv_file_data *file, size_t cap, uint8_t **out, size_t *bytes,
                     sv_err *err) SV_MUST_USE;
 
 #ifdef __cplusplus

@@ -175,16 +175,16 @@ static boolean dest_full(j_compress_ptr c) {
   return FALSE;
 }
 
-static void encode_rows(sv_codec *c, const sv_picture *in, int quality, bool is_full_colour) {
+static void encode_rows(sv_codec *c, const sv_picture *in, sv_jpeg_options o) {
   struct jpeg_compress_struct *e = &state(c)->enc.c;
   e->image_width = (JDIMENSION)in->width_px;
   e->image_height = (JDIMENSION)in->height_px;
   e->input_components = in->format == SV_PIX_RGB8 ? 3 : 1;
   e->in_color_space = in->format == SV_PIX_RGB8 ? JCS_RGB : JCS_GRAYSCALE;
   jpeg_set_defaults(e);
-  jpeg_set_quality(e, quality, TRUE);
+  jpeg_set_quality(e, o.quality, TRUE);
   e->dct_method = JDCT_ISLOW;
-  if (is_full_colour) e->comp_info[0].h_samp_factor = e->comp_info[0].v_samp_factor = 1;
+  if (o.is_full_color) e->comp_info[0].h_samp_factor = e->comp_info[0].v_samp_factor = 1;
   jpeg_start_compress(e, TRUE);
   while (e->next_scanline < e->image_height) {
     JSAMPROW row = in->data + in->stride_bytes * e->next_scanline;
@@ -210,24 +210,24 @@ static void encoder_begin(sv_codec *c, uint8_t *out, size_t cap) {
   j->c.dest = &j->dest;
 }
 
-sv_status sv_codec_encode_jpeg(sv_codec *c, const sv_picture *in, int quality, bool is_full_colour,
-                               uint8_t *out, size_t cap, size_t *bytes, sv_err *err) {
+sv_status sv_codec_encode_jpeg(sv_codec *c, const sv_picture *in, sv_jpeg_options o, sv_codec_buffer out,
+                               size_t *bytes, sv_err *err) {
   sv_jpeg_encoder *j = &state(c)->enc;
   *bytes = 0;
-  if ((in->format != SV_PIX_RGB8 && in->format != SV_PIX_GREY8) || quality < 1 || quality > 100)
+  if ((in->format != SV_PIX_RGB8 && in->format != SV_PIX_GREY8) || o.quality < 1 || o.quality > 100)
     return sv_fail(err, SV_E_ARG, "JPEG: only RGB8 and GREY8 with a quality of 1 to 100 can be encoded");
   if (in->width_px < 1 || in->height_px < 1 || in->width_px > c->cfg.max_width_px ||
       in->height_px > c->cfg.max_height_px)
     return sv_fail(err, SV_E_RANGE, "JPEG: %dx%d does not lie within 1x1 and the %dx%d reserved for",
                    in->width_px, in->height_px, c->cfg.max_width_px, c->cfg.max_height_px);
-  encoder_begin(c, out, cap);
+  encoder_begin(c, out.data, out.cap_bytes);
   if (setjmp(j->common.exit)) {
     bool is_full = j->c.err->msg_code == JERR_BUFFER_SIZE;
     jpeg_abort_compress(&j->c);
-    if (is_full) return sv_fail(err, SV_E_FULL, "JPEG: the image does not fit into %zu bytes", cap);
+    if (is_full) return sv_fail(err, SV_E_FULL, "JPEG: the image does not fit into %zu bytes", out.cap_bytes);
     return sv_fail(err, SV_E_FORMAT, "JPEG: %s", j->common.text);
   }
-  encode_rows(c, in, quality, is_full_colour);
-  *bytes = cap - j->dest.free_in_buffer;
+  encode_rows(c, in, o);
+  *bytes = out.cap_bytes - j->dest.free_in_buffer;
   return SV_OK;
 }

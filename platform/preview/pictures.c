@@ -62,7 +62,8 @@ static size_t encode(pictures *p, const uint8_t *rgb, int w, int h) {
                     .data = (uint8_t *)(uintptr_t)rgb};
   size_t bytes;
   sv_err err;
-  return sv_codec_encode_jpeg(&p->codec, &pic, QUALITY, false, p->jpeg, p->cap_jpeg, &bytes, &err) < 0
+  return sv_codec_encode_jpeg(&p->codec, &pic, (sv_jpeg_options){QUALITY, false},
+                              (sv_codec_buffer){p->jpeg, p->cap_jpeg}, &bytes, &err) < 0
              ? 0
              : bytes;
 }

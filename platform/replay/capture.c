@@ -80,17 +80,21 @@ static bool read_doubles(const json_t *j, int t, int n, double *out) {
   return true;
 }
 
-// A whole number of object t in [lo, hi]; absent: `otherwise`. lo > otherwise makes the key
-// necessary.
-static sv_status get_int(const json_t *j, int t, const char *key, int64_t lo, int64_t hi, int64_t otherwise,
-                         int64_t *out, const char *expected) {
-  int v = find(j, t, key);
-  long long x = otherwise;
+// A whole number in [lo, hi]; absent: `otherwise`. lo > otherwise makes the key necessary.
+typedef struct {
+  const char *key;
+  int64_t lo, hi, otherwise;
+  const char *expected; // for messages
+} int_key;
+
+static sv_status get_int(const json_t *j, int t, const int_key *k, int64_t *out) {
+  int v = find(j, t, k->key);
+  long long x = k->otherwise;
   if (v >= 0 &&
       (j->tokens[v].type != JSMN_PRIMITIVE ||
        !sv_parse_int(j->text + j->tokens[v].start, (size_t)(j->tokens[v].end - j->tokens[v].start), &x)))
-    return bad(j, v, key, expected);
-  if (x < lo || x > hi) return bad(j, v >= 0 ? v : t, key, expected);
+    return bad(j, v, k->key, k->expected);
+  if (x < k->lo || x > k->hi) return bad(j, v >= 0 ? v : t, k->key, k->expected);
   *out = x;
   return SV_OK;
 }
@@ -123,11 +127,14 @@ static sv_status read_frame(const json_t *j, int t, int i, sv_capture_frame *f) 
     return bad(j, t, "file", "a plain path below the camera's folder");
   static const char whole_ns[] = "a whole number of nanoseconds";
   int64_t seq = 0;
-  sv_status s = get_int(j, t, "sequence", 0, UINT32_MAX, i, &seq, "a whole number from 0 to 4294967295");
+  sv_status s =
+      get_int(j, t, &(int_key){"sequence", 0, UINT32_MAX, i, "a whole number from 0 to 4294967295"}, &seq);
   f->sequence = (uint32_t)seq;
-  if (s == SV_OK) s = get_int(j, t, "camera_ns", -MAX_NS, MAX_NS, INT64_MIN, &f->camera_ns, whole_ns);
-  if (s == SV_OK) s = get_int(j, t, "arrival_ns", -MAX_NS, MAX_NS, f->camera_ns, &f->arrival_ns, whole_ns);
-  if (s == SV_OK) s = get_int(j, t, "exposure_ns", 0, MAX_NS, 0, &f->exposure_ns, whole_ns);
+  if (s == SV_OK)
+    s = get_int(j, t, &(int_key){"camera_ns", -MAX_NS, MAX_NS, INT64_MIN, whole_ns}, &f->camera_ns);
+  if (s == SV_OK)
+    s = get_int(j, t, &(int_key){"arrival_ns", -MAX_NS, MAX_NS, f->camera_ns, whole_ns}, &f->arrival_ns);
+  if (s == SV_OK) s = get_int(j, t, &(int_key){"exposure_ns", 0, MAX_NS, 0, whole_ns}, &f->exposure_ns);
   return s;
 }
 
@@ -146,17 +153,24 @@ static sv_status read_frames(const json_t *j, int t, sv_capture_camera *c, sv_ca
   return SV_OK;
 }
 
-static sv_status read_choice(const json_t *j, int t, const char *key, const char *const *names, int n,
-                             int otherwise, const char *expected, int *out) {
-  int v = find(j, t, key);
-  *out = otherwise;
+// One of several words; absent: `otherwise`.
+typedef struct {
+  const char *key;
+  const char *const *words;
+  int n, otherwise;
+  const char *expected; // for messages
+} choice_key;
+
+static sv_status read_choice(const json_t *j, int t, const choice_key *k, int *out) {
+  int v = find(j, t, k->key);
+  *out = k->otherwise;
   if (v < 0) return SV_OK;
-  for (int i = 0; i < n; i++)
-    if (is_key(j, v, names[i])) {
+  for (int i = 0; i < k->n; i++)
+    if (is_key(j, v, k->words[i])) {
       *out = i;
       return SV_OK;
     }
-  return bad(j, v, key, expected);
+  return bad(j, v, k->key, k->expected);
 }
 
 static sv_status read_camera(const json_t *j, int t, sv_capture_camera *c, sv_capture_frame **pool) {
@@ -172,12 +186,15 @@ static sv_status read_camera(const json_t *j, int t, sv_capture_camera *c, sv_ca
   if (v < 0 || !get_text(j, v, &c->folder) || !is_below(c->folder))
     return bad(j, t, "folder", "a plain path below the capture's folder");
   int64_t w = 0, h = 0;
-  sv_status s = get_int(j, t, "width", 1, MAX_SIDE_PX, 0, &w, "1 to 32768 px");
-  if (s == SV_OK) s = get_int(j, t, "height", 1, MAX_SIDE_PX, 0, &h, "1 to 32768 px");
+  sv_status s = get_int(j, t, &(int_key){"width", 1, MAX_SIDE_PX, 0, "1 to 32768 px"}, &w);
+  if (s == SV_OK) s = get_int(j, t, &(int_key){"height", 1, MAX_SIDE_PX, 0, "1 to 32768 px"}, &h);
   if (s == SV_OK)
-    s = read_choice(j, t, "clock", clocks, 4, SV_CLOCK_MONOTONIC, "camera, monotonic, boottime or realtime",
-                    &clock);
-  if (s == SV_OK) s = read_choice(j, t, "stamp", stamps, 3, SV_STAMP_START, "start, middle or end", &stamp);
+    s = read_choice(
+        j, t,
+        &(choice_key){"clock", clocks, 4, SV_CLOCK_MONOTONIC, "camera, monotonic, boottime or realtime"},
+        &clock);
+  if (s == SV_OK)
+    s = read_choice(j, t, &(choice_key){"stamp", stamps, 3, SV_STAMP_START, "start, middle or end"}, &stamp);
   if (s < 0) return s;
   v = find(j, t, "fps");
   if (v >= 0 && (!read_double(j, v, &c->caps.fps) || c->caps.fps < 0 || c->caps.fps > 1e6))
@@ -187,7 +204,7 @@ static sv_status read_camera(const json_t *j, int t, sv_capture_camera *c, sv_ca
   c->caps.clock = (sv_clock_id)clock;
   c->caps.stamp = (sv_stamp_source)stamp;
   int64_t bits = 8;
-  s = get_int(j, t, "bits", 8, 16, 8, &bits, "8 or 16");
+  s = get_int(j, t, &(int_key){"bits", 8, 16, 8, "8 or 16"}, &bits);
   if (s == SV_OK && bits != 8 && bits != 16) s = bad(j, find(j, t, "bits"), "bits", "8 or 16");
   if (s < 0) return s;
   if (bits == 16) c->caps.format = SV_PIX_RGB16;
@@ -200,8 +217,8 @@ static sv_status read_camera(const json_t *j, int t, sv_capture_camera *c, sv_ca
 static sv_status read_pose(const json_t *j, int t, sv_capture_pose *p) {
   double v[7];
   if (j->tokens[t].type != JSMN_OBJECT) return bad(j, t, "poses", "a list of objects");
-  sv_status s =
-      get_int(j, t, "time_ns", -MAX_NS, MAX_NS, INT64_MIN, &p->time_ns, "a whole number of nanoseconds");
+  sv_status s = get_int(
+      j, t, &(int_key){"time_ns", -MAX_NS, MAX_NS, INT64_MIN, "a whole number of nanoseconds"}, &p->time_ns);
   if (s < 0) return s;
   double n = 0;
   if (read_doubles(j, find(j, t, "rig_from_world"), 7, v))
@@ -242,7 +259,7 @@ static sv_status read_head(const json_t *j, sv_capture *c) {
   if (j->n_tokens < 1 || j->tokens[0].type != JSMN_OBJECT)
     return sv_fail(j->err, SV_E_FORMAT, "%s: expected one JSON object", j->where);
   int64_t version;
-  sv_status s = get_int(j, 0, "version", 1, 1, 0, &version, "1, the only version there is");
+  sv_status s = get_int(j, 0, &(int_key){"version", 1, 1, 0, "1, the only version there is"}, &version);
   if (s < 0) return s;
   int v = find(j, 0, "name");
   if (v >= 0 && !get_text(j, v, &c->name)) return bad(j, v, "name", "a plain string");
@@ -375,7 +392,8 @@ static sv_status parse_poses(sv_capture *c, const char *path, char *text, size_t
   sv_status s = SV_OK;
   if (j.n_tokens < 1 || j.tokens[0].type != JSMN_OBJECT)
     s = sv_fail(err, SV_E_FORMAT, "%s: expected one JSON object with \"poses\"", path);
-  if (s == SV_OK) s = get_int(&j, 0, "version", 1, 1, 0, &version, "1, the only version there is");
+  if (s == SV_OK)
+    s = get_int(&j, 0, &(int_key){"version", 1, 1, 0, "1, the only version there is"}, &version);
   int v = s == SV_OK ? find(&j, 0, "poses") : -1;
   if (s == SV_OK && (v < 0 || j.tokens[v].type != JSMN_ARRAY || j.tokens[v].size < 1))
     s = bad(&j, v < 0 ? 0 : v, "poses", "a list of at least one pose");

@@ -317,8 +317,8 @@ static sv_status picture_bytes(sv_capture_writer *w, const sv_frame *f, const ui
   *data = w->encoded;
   if (f->format == SV_PIX_RGB16)
     return sv_codec_encode_png(&w->codec, &in, w->encoded, w->cap_encoded, bytes, err);
-  return sv_codec_encode_jpeg(&w->codec, &in, w->cfg.quality, !w->cfg.is_chroma_halved, w->encoded,
-                              w->cap_encoded, bytes, err);
+  return sv_codec_encode_jpeg(&w->codec, &in, (sv_jpeg_options){w->cfg.quality, !w->cfg.is_chroma_halved},
+                              (sv_codec_buffer){w->encoded, w->cap_encoded}, bytes, err);
 }
 
 static sv_status put_picture(sv_capture_writer *w, int dir_fd, const char *name, const uint8_t *data,

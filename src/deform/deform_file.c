@@ -142,9 +142,11 @@ static sv_status find_bodies(const sv_sections *r, int32_t kind, bodies_head *b,
   return SV_OK;
 }
 
-sv_status sv_deform_open(sv_sections *r, sv_deform_head *h, const char *name, const void *buf, size_t bytes,
-                         sv_err *err) {
-  sv_status s = sv_sections_open(r, name, buf, bytes, KIND, VERSION_BODIES, err);
+sv_status sv_deform_open(sv_deform_file *f, const sv_file_data *file, sv_err *err) {
+  const char *name = file->name;
+  sv_sections *r = &f->sections;
+  sv_deform_head *h = &f->head;
+  sv_status s = sv_sections_open(r, file, KIND, VERSION_BODIES, err);
   memset(h, 0, sizeof *h);
   if (s >= 0) s = sv_sections_get(r, "HEAD", h, HEAD_BYTES, err);
   if (s < 0) return s;
@@ -233,8 +235,10 @@ static sv_status read_bodies(sv_motion *mo, const sv_sections *r, sv_err *err) {
   return s;
 }
 
-sv_status sv_deform_read(sv_deform *d, const sv_sections *r, const sv_deform_head *h, const sv_gaussians *g,
-                         int n_threads, sv_arena *arena, sv_err *err) {
+sv_status sv_deform_read(sv_deform *d, const sv_deform_file *f, const sv_gaussians *g, int n_threads,
+                         sv_arena *arena, sv_err *err) {
+  const sv_sections *r = &f->sections;
+  const sv_deform_head *h = &f->head;
   size_t bytes;
   if (h->n_gaussians != g->n || h->model_digest != sv_deform_model_digest(g))
     return sv_fail(err, SV_E_RANGE, "%s: belongs to another model of %d Gaussians, not to this one of %d",

@@ -36,13 +36,17 @@ sv_status sv_deform_write(const sv_deform *d, const sv_gaussians *g, sv_sink sin
 // Its memory, without moments; what sv_deform_read carves.
 sv_status sv_deform_carve(sv_deform *d, const sv_deform_head *head, const sv_gaussians *g, int n_threads,
                           sv_arena *arena) SV_MUST_USE;
-// Verifies the whole buffer and reads its head. E_FORMAT, E_CORRUPT, E_UNSUPPORTED.
-sv_status sv_deform_open(sv_sections *r, sv_deform_head *head, const char *name, const void *buf,
-                         size_t bytes, sv_err *err) SV_MUST_USE;
+typedef struct {
+  sv_sections sections;
+  sv_deform_head head;
+} sv_deform_file;
+// Verifies the whole file and reads its head; the file must outlive f. E_FORMAT, E_CORRUPT,
+// E_UNSUPPORTED.
+sv_status sv_deform_open(sv_deform_file *f, const sv_file_data *file, sv_err *err) SV_MUST_USE;
 // Carves d for g as the head says, to be used with at most n_threads, and fills it. E_RANGE when
 // the file belongs to other Gaussians than g.
-sv_status sv_deform_read(sv_deform *d, const sv_sections *r, const sv_deform_head *head,
-                         const sv_gaussians *g, int n_threads, sv_arena *arena, sv_err *err) SV_MUST_USE;
+sv_status sv_deform_read(sv_deform *d, const sv_deform_file *f, const sv_gaussians *g, int n_threads,
+                         sv_arena *arena, sv_err *err) SV_MUST_USE;
 
 #ifdef __cplusplus
 }

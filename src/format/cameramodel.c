@@ -291,9 +291,9 @@ static sv_status check(const lexer *l, const dict *d) {
   return SV_OK;
 }
 
-sv_status sv_cameramodel_read(const char *name, const char *text, size_t bytes, sv_camera_model *model,
-                              sv_pose *cam_from_ref, sv_err *err) {
-  return sv_cameramodel_read_splined(name, text, bytes, NULL, model, cam_from_ref, err);
+sv_status sv_cameramodel_read(const sv_file_data *file, sv_camera_model *model, sv_pose *cam_from_ref,
+                              sv_err *err) {
+  return sv_cameramodel_read_splined(file, NULL, model, cam_from_ref, err);
 }
 
 static void take_model(const dict *d, sv_camera_model *model) {
@@ -305,9 +305,9 @@ static void take_model(const dict *d, sv_camera_model *model) {
   if (d->splined) model->spline.control = d->splined + 4;
 }
 
-sv_status sv_cameramodel_read_splined(const char *name, const char *text, size_t bytes, sv_arena *splines,
-                                      sv_camera_model *model, sv_pose *cam_from_ref, sv_err *err) {
-  lexer l = {.name = name, .text = text, .bytes = bytes, .line = 1, .err = err};
+sv_status sv_cameramodel_read_splined(const sv_file_data *file, sv_arena *splines, sv_camera_model *model,
+                                      sv_pose *cam_from_ref, sv_err *err) {
+  lexer l = {.name = file->name, .text = file->data, .bytes = file->bytes, .line = 1, .err = err};
   dict d = {.arena = splines};
   sv_status s = next(&l);
   if (s != SV_OK) return s;

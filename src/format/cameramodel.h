@@ -8,6 +8,7 @@
 
 #include "calib/model.h"
 #include "src/base/arena.h"
+#include "src/base/file_data.h"
 #include "src/base/str.h"
 #include "src/base/vec.h"
 
@@ -15,17 +16,17 @@
 extern "C" {
 #endif
 
-// name: of the file, for errors. E_FORMAT, E_UNSUPPORTED (a lens model not in models.inc),
+// E_FORMAT, E_UNSUPPORTED (a lens model not in models.inc),
 // E_NOT_FOUND (a key is missing), E_RANGE. Outputs do not change on failure.
-sv_status sv_cameramodel_read(const char *name, const char *text, size_t bytes, sv_camera_model *model,
-                              sv_pose *cam_from_ref, sv_err *err) SV_MUST_USE;
+sv_status sv_cameramodel_read(const sv_file_data *file, sv_camera_model *model, sv_pose *cam_from_ref,
+                              sv_err *err) SV_MUST_USE;
 
 // The same, with memory for the control points of
 // LENSMODEL_SPLINED_STEREOGRAPHIC_order=.._Nx=.._Ny=.._fov_x_deg=.., which stay in `splines` (NULL:
 // such a model is refused). Its key must precede the intrinsics, as mrcal writes it. E_NOMEM,
 // E_SEALED.
-sv_status sv_cameramodel_read_splined(const char *name, const char *text, size_t bytes, sv_arena *splines,
-                                      sv_camera_model *model, sv_pose *cam_from_ref, sv_err *err) SV_MUST_USE;
+sv_status sv_cameramodel_read_splined(const sv_file_data *file, sv_arena *splines, sv_camera_model *model,
+                                      sv_pose *cam_from_ref, sv_err *err) SV_MUST_USE;
 
 // Appends the whole file to out. E_NOMEM when it does not fit (1 KiB does, and 25 bytes
 // for each number of a spline).

@@ -130,7 +130,8 @@ typedef struct {
   const sv_json *j;
   const uint8_t *bin;
   size_t bin_bytes;
-  int accessors, views;
+  int accessors, views, attributes;
+  uint32_t n; // values of an attribute, 0: not known yet
 } source;
 
 static int element(const sv_json *j, int i_array, long long i) {
@@ -139,29 +140,30 @@ static int element(const sv_json *j, int i_array, long long i) {
   return t;
 }
 
-static sv_status get_field(const source *s, int attributes, const char *key, int width, bool is_needed,
-                           uint32_t *n, sv_glb_field *out, sv_err *err) {
+static sv_status get_field(source *s, const char *key, int width, bool is_needed, sv_glb_field *out,
+                           sv_err *err) {
   const sv_json *j = s->j;
+  const int attributes = s->attributes;
   long long i, count = 0, view = -1, type = 0, at = 0, more = 0, length = 0, stride = 4 * width;
-  sv_status r = sv_json_get_int(j, attributes, key, 0, 1 << 20, &i, err);
+  sv_status r = sv_json_get_int(j, attributes, key, (sv_json_range){0, 1 << 20}, &i, err);
   if (r == SV_END && !is_needed) return SV_OK;
   if (r != SV_OK) return r == SV_END ? sv_json_missing(j, attributes, key, err) : r;
   int a = element(j, s->accessors, i);
   if (a < 0) return sv_json_fail(j, attributes, err, SV_E_FORMAT, "%s: no accessor %lld", key, i);
-  r = sv_json_get_int(j, a, "bufferView", 0, 1 << 20, &view, err);
-  if (r >= 0) r = sv_json_get_int(j, a, "componentType", 0, 65535, &type, err);
-  if (r >= 0) r = sv_json_get_int(j, a, "count", 1, 100000000, &count, err);
-  if (r >= 0) r = sv_json_get_int(j, a, "byteOffset", 0, UINT32_MAX, &more, err);
+  r = sv_json_get_int(j, a, "bufferView", (sv_json_range){0, 1 << 20}, &view, err);
+  if (r >= 0) r = sv_json_get_int(j, a, "componentType", (sv_json_range){0, 65535}, &type, err);
+  if (r >= 0) r = sv_json_get_int(j, a, "count", (sv_json_range){1, 100000000}, &count, err);
+  if (r >= 0) r = sv_json_get_int(j, a, "byteOffset", (sv_json_range){0, UINT32_MAX}, &more, err);
   int v = r >= 0 && view >= 0 ? element(j, s->views, view) : -1;
-  if (r >= 0 && v >= 0) r = sv_json_get_int(j, v, "byteOffset", 0, UINT32_MAX, &at, err);
-  if (r >= 0 && v >= 0) r = sv_json_get_int(j, v, "byteLength", 0, UINT32_MAX, &length, err);
-  if (r >= 0 && v >= 0) r = sv_json_get_int(j, v, "byteStride", 4, 252, &stride, err);
+  if (r >= 0 && v >= 0) r = sv_json_get_int(j, v, "byteOffset", (sv_json_range){0, UINT32_MAX}, &at, err);
+  if (r >= 0 && v >= 0) r = sv_json_get_int(j, v, "byteLength", (sv_json_range){0, UINT32_MAX}, &length, err);
+  if (r >= 0 && v >= 0) r = sv_json_get_int(j, v, "byteStride", (sv_json_range){4, 252}, &stride, err);
   if (r < 0) return r;
   if (type != FLOAT_TYPE || v < 0)
     return sv_json_fail(j, a, err, SV_E_UNSUPPORTED, "%s: floats in a buffer view were expected", key);
-  if (*n && (long long)*n != count)
-    return sv_json_fail(j, a, err, SV_E_FORMAT, "%s: %lld values, POSITION has %u", key, count, *n);
-  *n = (uint32_t)count;
+  if (s->n && (long long)s->n != count)
+    return sv_json_fail(j, a, err, SV_E_FORMAT, "%s: %lld values, POSITION has %u", key, count, s->n);
+  s->n = (uint32_t)count;
   bool is_inside =
       more + (count - 1) * stride + 4 * width <= length && at + length <= (long long)s->bin_bytes;
   if (stride < 4 * width || !is_inside)
@@ -180,23 +182,26 @@ static int find_primitive(const sv_json *j) {
   return -1;
 }
 
-static sv_status read_fields(sv_glb_reader *r, const source *s, int attributes, sv_err *err) {
+static sv_status read_fields(sv_glb_reader *r, source *s, sv_err *err) {
   char key[64];
-  sv_status t = get_field(s, attributes, "POSITION", 3, true, &r->n, &r->position, err);
-  if (t >= 0) t = get_field(s, attributes, EXTENSION ":ROTATION", 4, true, &r->n, &r->rotation, err);
-  if (t >= 0) t = get_field(s, attributes, EXTENSION ":SCALE", 3, true, &r->n, &r->scale, err);
-  if (t >= 0) t = get_field(s, attributes, EXTENSION ":OPACITY", 1, true, &r->n, &r->opacity, err);
+  sv_status t = get_field(s, "POSITION", 3, true, &r->position, err);
+  if (t >= 0) t = get_field(s, EXTENSION ":ROTATION", 4, true, &r->rotation, err);
+  if (t >= 0) t = get_field(s, EXTENSION ":SCALE", 3, true, &r->scale, err);
+  if (t >= 0) t = get_field(s, EXTENSION ":OPACITY", 1, true, &r->opacity, err);
   for (int k = 0; t >= 0 && k < SV_GLB_N_SH; k++) {
     int degree = k < 1 ? 0 : k < 4 ? 1 : k < 9 ? 2 : 3;
     sv_fmt(key, sizeof key, EXTENSION ":SH_DEGREE_%d_COEF_%d", degree, k - degree * degree);
-    t = get_field(s, attributes, key, 3, k == 0, &r->n, &r->sh[k], err);
+    t = get_field(s, key, 3, k == 0, &r->sh[k], err);
     if (t >= 0 && r->sh[k].at) r->sh_degree = degree;
   }
+  r->n = s->n;
   return t < 0 ? t : SV_OK;
 }
 
-sv_status sv_glb_open(sv_glb_reader *r, const char *name, const uint8_t *d, size_t bytes, jsmntok_t *tok,
-                      sv_err *err) {
+sv_status sv_glb_open(sv_glb_reader *r, const sv_file_data *file, jsmntok_t *tok, sv_err *err) {
+  const char *name = file->name;
+  const uint8_t *d = file->data;
+  const size_t bytes = file->bytes;
   memset(r, 0, sizeof *r);
   if (bytes < 28 || sv_le32(d) != MAGIC || sv_le32(d + 4) != 2 || sv_le32(d + 16) != JSON_CHUNK)
     return sv_fail(err, SV_E_FORMAT, "%s: not a binary glTF 2.0 file", name);
@@ -204,17 +209,17 @@ sv_status sv_glb_open(sv_glb_reader *r, const char *name, const uint8_t *d, size
   if (json > bytes - 28 || sv_le32(d + after + 4) != BIN_CHUNK || sv_le32(d + after) > bytes - after - 8)
     return sv_fail(err, SV_E_FORMAT, "%s: its chunks are longer than the file", name);
   sv_json j;
-  sv_status s = sv_json_parse(&j, name, (const char *)d + 20, json, tok, SV_GLB_CAP_TOKENS, err);
+  sv_status s = sv_json_parse(&j, &(sv_file_data){name, d + 20, json}, tok, SV_GLB_CAP_TOKENS, err);
   if (s < 0) return s;
   source src = {.j = &j,
                 .bin = d + after + 8,
                 .bin_bytes = sv_le32(d + after),
                 .accessors = sv_json_get(&j, 0, "accessors"),
-                .views = sv_json_get(&j, 0, "bufferViews")};
-  int attributes = find_primitive(&j);
-  if (attributes < 0)
+                .views = sv_json_get(&j, 0, "bufferViews"),
+                .attributes = find_primitive(&j)};
+  if (src.attributes < 0)
     return sv_fail(err, SV_E_NOT_FOUND, "%s: expected a primitive with " EXTENSION ", found none", name);
-  return read_fields(r, &src, attributes, err);
+  return read_fields(r, &src, err);
 }
 
 static float at_float(const sv_glb_field *f, uint32_t i, int k) {

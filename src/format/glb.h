@@ -10,6 +10,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "src/base/file_data.h"
 #include "src/format/gaussian.h"
 #include "src/format/json.h"
 
@@ -48,8 +49,7 @@ typedef struct {
 // Finds the first primitive with the extension. tok: [SV_GLB_CAP_TOKENS] workspace of the call;
 // data must outlive r. Transforms of nodes are not applied. E_FORMAT, E_RANGE, E_UNSUPPORTED
 // (attributes that are not floats, data outside of the file).
-sv_status sv_glb_open(sv_glb_reader *r, const char *name, const uint8_t *data, size_t bytes, jsmntok_t *tok,
-                      sv_err *err) SV_MUST_USE;
+sv_status sv_glb_open(sv_glb_reader *r, const sv_file_data *file, jsmntok_t *tok, sv_err *err) SV_MUST_USE;
 void sv_glb_get(const sv_glb_reader *r, uint32_t i, sv_gaussian *out);
 
 #ifdef __cplusplus

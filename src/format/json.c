@@ -169,8 +169,9 @@ sv_status sv_json_count(const char *name, const char *text, size_t bytes, int *n
   return SV_OK;
 }
 
-sv_status sv_json_parse(sv_json *j, const char *name, const char *text, size_t bytes, jsmntok_t *tok,
-                        int cap_tok, sv_err *err) {
+sv_status sv_json_parse(sv_json *j, const sv_file_data *file, jsmntok_t *tok, int cap_tok, sv_err *err) {
+  const char *name = file->name, *text = file->data;
+  const size_t bytes = file->bytes;
   int n = 0;
   *j = (sv_json){name, text, bytes, tok, 0};
   sv_status s = sv_json_count(name, text, bytes, &n, err);
@@ -391,10 +392,10 @@ sv_status sv_json_get_double(const sv_json *j, int i_object, const char *key, do
   return i < 0 || is_null(j, i) ? SV_END : sv_json_double(j, i, out, err);
 }
 
-sv_status sv_json_get_int(const sv_json *j, int i_object, const char *key, long long lo, long long hi,
+sv_status sv_json_get_int(const sv_json *j, int i_object, const char *key, sv_json_range range,
                           long long *out, sv_err *err) {
   int i = sv_json_get(j, i_object, key);
-  return i < 0 || is_null(j, i) ? SV_END : sv_json_int(j, i, lo, hi, out, err);
+  return i < 0 || is_null(j, i) ? SV_END : sv_json_int(j, i, range.lo, range.hi, out, err);
 }
 
 sv_status sv_json_get_string(const sv_json *j, int i_object, const char *key, char *out, size_t cap,

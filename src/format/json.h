@@ -9,6 +9,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#include "src/base/file_data.h"
 #include "src/base/status.h"
 
 #ifndef JSMN_PARENT_LINKS
@@ -36,10 +37,10 @@ typedef struct {
 // Checks the grammar and counts the tokens that sv_json_parse needs.
 sv_status sv_json_count(const char *name, const char *text, size_t bytes, int *n_tok,
                         sv_err *err) SV_MUST_USE;
-// text, name and tok must outlive j. E_FORMAT for anything that is not JSON, E_NOMEM when cap_tok
+// The file and tok must outlive j. E_FORMAT for anything that is not JSON, E_NOMEM when cap_tok
 // is too small.
-sv_status sv_json_parse(sv_json *j, const char *name, const char *text, size_t bytes, jsmntok_t *tok,
-                        int cap_tok, sv_err *err) SV_MUST_USE;
+sv_status sv_json_parse(sv_json *j, const sv_file_data *file, jsmntok_t *tok, int cap_tok,
+                        sv_err *err) SV_MUST_USE;
 
 // Token indices: -1 means "absent" and may be passed to any of these.
 // the value of a key, -1 when absent
@@ -71,7 +72,10 @@ sv_status sv_json_doubles(const sv_json *j, int i, double *out, int n, sv_err *e
 // change; a caller that requires the key then calls sv_json_missing), or a failure.
 sv_status sv_json_get_double(const sv_json *j, int i_object, const char *key, double *out,
                              sv_err *err) SV_MUST_USE;
-sv_status sv_json_get_int(const sv_json *j, int i_object, const char *key, long long lo, long long hi,
+typedef struct {
+  long long lo, hi; // both included
+} sv_json_range;
+sv_status sv_json_get_int(const sv_json *j, int i_object, const char *key, sv_json_range range,
                           long long *out, sv_err *err) SV_MUST_USE;
 sv_status sv_json_get_string(const sv_json *j, int i_object, const char *key, char *out, size_t cap,
                              sv_err *err) SV_MUST_USE;

@@ -89,7 +89,8 @@ static sv_status read_model(const reader *r, const sv_json *j, int i_view, sv_su
   if (s != SV_OK) return s;
   s = load(r->files, file, r->scratch, &text, &bytes, err);
   if (s == SV_OK)
-    s = sv_cameramodel_read_splined(file, text, bytes, splines, &v->model, &v->cam_from_rig, err);
+    s = sv_cameramodel_read_splined(&(sv_file_data){file, text, bytes}, splines, &v->model, &v->cam_from_rig,
+                                    err);
   sv_arena_reset(r->scratch, mark);
   if (s != SV_OK) return s;
   const sv_footprint *f = &v->footprint;
@@ -110,7 +111,7 @@ static sv_status read_sub_view(const reader *r, const sv_json *j, int i, sv_err 
   for (int k = 0; k < r->rig->n_sub_views; k++)
     if (sv_str_eq(r->rig->sub_views[k].name, v->name))
       return sv_json_fail(j, i, err, SV_E_FORMAT, "the name \"%s\" is used twice", v->name);
-  s = sv_json_get_int(j, i, "camera", 0, SV_CAP_SUB_VIEWS - 1, &camera, err);
+  s = sv_json_get_int(j, i, "camera", (sv_json_range){0, SV_CAP_SUB_VIEWS - 1}, &camera, err);
   if (s == SV_END) return sv_json_missing(j, i, "camera", err);
   if (s != SV_OK) return s;
   if (r->n_cameras >= 0 && camera >= r->n_cameras)
@@ -127,7 +128,7 @@ static sv_status read_sub_view(const reader *r, const sv_json *j, int i, sv_err 
 static sv_status read_top(const reader *r, const sv_json *j, sv_err *err) {
   char forward[16];
   long long version;
-  sv_status s = sv_json_get_int(j, 0, "version", 1, 1, &version, err);
+  sv_status s = sv_json_get_int(j, 0, "version", (sv_json_range){1, 1}, &version, err);
   if (s == SV_END) return sv_json_missing(j, 0, "version", err);
   if (s == SV_OK) s = required_string(j, 0, "name", r->rig->name, sizeof r->rig->name, err);
   if (s == SV_OK) s = required_string(j, 0, "forward", forward, sizeof forward, err);
@@ -152,13 +153,14 @@ static sv_status read_top(const reader *r, const sv_json *j, sv_err *err) {
   return SV_OK;
 }
 
-sv_status sv_rig_read(sv_rig *rig, const sv_file_reader *files, const char *json_name, int n_cameras,
-                      sv_arena *scratch, sv_err *err) {
-  return sv_rig_read_coverage(rig, NULL, files, json_name, n_cameras, scratch, err);
+sv_status sv_rig_read(sv_rig *rig, const sv_file_reader *files, int n_cameras, sv_arena *scratch,
+                      sv_err *err) {
+  return sv_rig_read_coverage(rig, NULL, files, n_cameras, scratch, err);
 }
 
 sv_status sv_rig_read_coverage(sv_rig *rig, sv_coverage_names *names, const sv_file_reader *files,
-                               const char *json_name, int n_cameras, sv_arena *scratch, sv_err *err) {
+                               int n_cameras, sv_arena *scratch, sv_err *err) {
+  static const char json_name[] = "rig.json";
   size_t mark = sv_arena_mark(scratch), bytes = 0;
   char *text;
   int n_tok = 0;
@@ -170,7 +172,7 @@ sv_status sv_rig_read_coverage(sv_rig *rig, sv_coverage_names *names, const sv_f
     jsmntok_t *tok = SV_TAKE(scratch, jsmntok_t, n_tok);
     if (!tok)
       s = sv_fail(err, SV_E_NOMEM, "%s: no scratch memory is left for its %d tokens", json_name, n_tok);
-    else s = sv_json_parse(&j, json_name, text, bytes, tok, n_tok, err);
+    else s = sv_json_parse(&j, &(sv_file_data){json_name, text, bytes}, tok, n_tok, err);
   }
   if (s == SV_OK)
     s = sv_json_is_object(&j, 0) ? read_top(&r, &j, err)

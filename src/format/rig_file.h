@@ -22,12 +22,12 @@ typedef struct {
   sv_status (*read)(void *self, const char *name, void *buf, size_t cap, size_t *bytes, sv_err *err);
 } sv_file_reader;
 
-// Reads rig.json (json_name) and its models into a rig that sv_rig_init made. n_cameras: cameras of
+// Reads rig.json and its models into a rig that sv_rig_init made. n_cameras: cameras of
 // the source, -1 when there is none yet. Scratch holds the files' text and the JSON tokens; it is
 // reset to where it was; it must not be the rig's own arena when a lens is splined. The rig's count
 // and content are undefined after a failure.
-sv_status sv_rig_read(sv_rig *rig, const sv_file_reader *files, const char *json_name, int n_cameras,
-                      sv_arena *scratch, sv_err *err) SV_MUST_USE;
+sv_status sv_rig_read(sv_rig *rig, const sv_file_reader *files, int n_cameras, sv_arena *scratch,
+                      sv_err *err) SV_MUST_USE;
 
 // Names of coverage images by sub-view; empty where there is none.
 typedef struct {
@@ -38,8 +38,7 @@ typedef struct {
 // the caller, who has a decoder (tools/common/coverage.h on hosts). names may be NULL; they are
 // checked nevertheless.
 sv_status sv_rig_read_coverage(sv_rig *rig, sv_coverage_names *names, const sv_file_reader *files,
-                               const char *json_name, int n_cameras, sv_arena *scratch,
-                               sv_err *err) SV_MUST_USE;
+                               int n_cameras, sv_arena *scratch, sv_err *err) SV_MUST_USE;
 
 // Appends rig.json to out. Model files are named "<sub-view>.cameramodel"; write those with
 // sv_cameramodel_write. E_NOMEM when it does not fit.

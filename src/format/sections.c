@@ -105,9 +105,11 @@ static sv_status check_section(const sv_sections *r, size_t *at, uint32_t index,
   return SV_OK;
 }
 
-sv_status sv_sections_open(sv_sections *r, const char *name, const void *buf, size_t bytes, const char *kind,
-                           uint32_t max_version, sv_err *err) {
-  *r = (sv_sections){.name = name, .buf = buf, .bytes = bytes};
+sv_status sv_sections_open(sv_sections *r, const sv_file_data *file, const char *kind, uint32_t max_version,
+                           sv_err *err) {
+  const char *name = file->name;
+  const size_t bytes = file->bytes;
+  *r = (sv_sections){.name = name, .buf = file->data, .bytes = bytes};
   if (bytes < HEAD_BYTES)
     return sv_fail(err, SV_E_CORRUPT, "%s: %zu bytes are too short for a header", name, bytes);
   if (memcmp(r->buf, magic, 8) != 0) return sv_fail(err, SV_E_FORMAT, "%s: not a subview container", name);

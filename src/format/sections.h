@@ -11,6 +11,7 @@
 
 #include <stdint.h>
 
+#include "src/base/file_data.h"
 #include "src/format/gaussian.h"
 
 #ifdef __cplusplus
@@ -47,9 +48,9 @@ typedef struct {
 } sv_sections;
 
 // Verifies the whole buffer: E_FORMAT (not this kind of file), E_UNSUPPORTED (version above
-// max_version), E_CORRUPT (cut or damaged). buf and name must outlive r.
-sv_status sv_sections_open(sv_sections *r, const char *name, const void *buf, size_t bytes, const char *kind,
-                           uint32_t max_version, sv_err *err) SV_MUST_USE;
+// max_version), E_CORRUPT (cut or damaged). The file must outlive r.
+sv_status sv_sections_open(sv_sections *r, const sv_file_data *file, const char *kind, uint32_t max_version,
+                           sv_err *err) SV_MUST_USE;
 // The first section with a tag: its payload inside buf. E_NOT_FOUND when absent.
 sv_status sv_sections_find(const sv_sections *r, const char *tag, const void **data, size_t *bytes,
                            sv_err *err) SV_MUST_USE;

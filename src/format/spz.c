@@ -189,7 +189,10 @@ static sv_status read_header(sv_spz *z, const char *name, const uint8_t *d, sv_e
   return SV_OK;
 }
 
-sv_status sv_spz_open(sv_spz *z, const char *name, const uint8_t *d, size_t bytes, sv_err *err) {
+sv_status sv_spz_open(sv_spz *z, const sv_file_data *stream, sv_err *err) {
+  const char *name = stream->name;
+  const uint8_t *d = stream->data;
+  const size_t bytes = stream->bytes;
   if (bytes < SV_SPZ_HEADER_BYTES || sv_le32(d) != MAGIC)
     return sv_fail(err, SV_E_FORMAT, "%s: not an SPZ file: it does not begin with NGSP", name);
   sv_status s = read_header(z, name, d, err);
@@ -201,8 +204,11 @@ sv_status sv_spz_open(sv_spz *z, const char *name, const uint8_t *d, size_t byte
   return SV_OK;
 }
 
-sv_status sv_spz_open4(sv_spz *z, const char *name, const uint8_t *d, size_t bytes,
-                       size_t at[SV_SPZ_N_STREAMS], size_t compressed[SV_SPZ_N_STREAMS], sv_err *err) {
+sv_status sv_spz_open4(sv_spz *z, const sv_file_data *file, size_t at[SV_SPZ_N_STREAMS],
+                       size_t compressed[SV_SPZ_N_STREAMS], sv_err *err) {
+  const char *name = file->name;
+  const uint8_t *d = file->data;
+  const size_t bytes = file->bytes;
   if (!sv_spz_is_4(d, bytes))
     return sv_fail(err, SV_E_FORMAT, "%s: not an SPZ file: it does not begin with NGSP", name);
   if (bytes < 32) return sv_fail(err, SV_E_FORMAT, "%s: the file ends early, in its header", name);

@@ -20,6 +20,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "src/base/file_data.h"
 #include "src/format/gaussian.h"
 
 #ifdef __cplusplus
@@ -52,14 +53,12 @@ void sv_spz_header(const sv_spz *z, uint8_t out[SV_SPZ_HEADER_BYTES]);
 size_t sv_spz_head4(const sv_spz *z, const uint64_t compressed[SV_SPZ_N_STREAMS],
                     uint8_t out[SV_SPZ_HEAD4_BYTES]);
 
-// Versions 2 and 3: reads the header of the decompressed stream of so many bytes.
-sv_status sv_spz_open(sv_spz *z, const char *name, const uint8_t *data, size_t bytes,
-                      sv_err *err) SV_MUST_USE;
+// Versions 2 and 3: reads the header of the decompressed stream.
+sv_status sv_spz_open(sv_spz *z, const sv_file_data *stream, sv_err *err) SV_MUST_USE;
 // Version 4: reads header and table; at[i] and compressed[i] say where stream i lies in the file (0
 // bytes: empty).
-sv_status sv_spz_open4(sv_spz *z, const char *name, const uint8_t *data, size_t bytes,
-                       size_t at[SV_SPZ_N_STREAMS], size_t compressed[SV_SPZ_N_STREAMS],
-                       sv_err *err) SV_MUST_USE;
+sv_status sv_spz_open4(sv_spz *z, const sv_file_data *file, size_t at[SV_SPZ_N_STREAMS],
+                       size_t compressed[SV_SPZ_N_STREAMS], sv_err *err) SV_MUST_USE;
 bool sv_spz_is_4(const uint8_t *data, size_t bytes); // "NGSP" in plain
 
 #ifdef __cplusplus

@@ -55,7 +55,7 @@ static sv_status read_camera(const sv_json *j, int i_object, camera *c, sv_err *
   if (own >> ANGLE_X & 1u) c->has &= ~(1u << ANGLE_Y);
   c->has |= own;
   for (int k = 0; k < 2; k++) {
-    s = sv_json_get_int(j, i_object, k ? "h" : "w", 1, 32767, k ? &c->h : &c->w, err);
+    s = sv_json_get_int(j, i_object, k ? "h" : "w", (sv_json_range){1, 32767}, k ? &c->h : &c->w, err);
     if (s < 0) return s;
   }
   for (int k = FL_X; k <= FL_Y; k++)
@@ -197,8 +197,9 @@ static sv_status read_labels(const sv_json *j, int i_frame, sv_transforms_frame 
   long long exposure = -1, sub_view = -1;
   double rect[4];
   f->time = -1;
-  sv_status s = sv_json_get_int(j, i_frame, "exposure", -1, 1000000000, &exposure, err);
-  if (s >= 0) s = sv_json_get_int(j, i_frame, "sub_view", -1, SV_CAP_SUB_VIEWS - 1, &sub_view, err);
+  sv_status s = sv_json_get_int(j, i_frame, "exposure", (sv_json_range){-1, 1000000000}, &exposure, err);
+  if (s >= 0)
+    s = sv_json_get_int(j, i_frame, "sub_view", (sv_json_range){-1, SV_CAP_SUB_VIEWS - 1}, &sub_view, err);
   if (s >= 0) s = sv_json_get_string(j, i_frame, "camera", f->camera, sizeof f->camera, err);
   if (s >= 0) s = sv_json_get_string(j, i_frame, "split", f->split, sizeof f->split, err);
   if (s >= 0) s = sv_json_get_double(j, i_frame, "time", &f->time, err);
@@ -241,10 +242,10 @@ static sv_status read_frame(const sv_json *j, int i_frame, const camera *common,
   return s;
 }
 
-sv_status sv_transforms_open(sv_transforms *t, const char *name, const char *text, size_t bytes,
-                             jsmntok_t *tok, int cap_tok, sv_err *err) {
+sv_status sv_transforms_open(sv_transforms *t, const sv_file_data *file, jsmntok_t *tok, int cap_tok,
+                             sv_err *err) {
   memset(t, 0, sizeof *t);
-  sv_status s = sv_json_parse(&t->json, name, text, bytes, tok, cap_tok, err);
+  sv_status s = sv_json_parse(&t->json, file, tok, cap_tok, err);
   if (s != SV_OK) return s;
   const sv_json *j = &t->json;
   if (!sv_json_is_object(j, 0))
@@ -305,10 +306,10 @@ sv_status sv_transforms_find_measurement(const sv_transforms *t, bool is_linear,
   int i = sv_json_first(j, sv_json_get(j, 0, is_linear ? "composites_linear" : "composites"));
   for (; i >= 0; i = sv_json_next(j, i)) {
     long long e = -1, max_overlap = 0;
-    sv_status s = sv_json_get_int(j, i, "exposure", 0, 1000000000, &e, err);
+    sv_status s = sv_json_get_int(j, i, "exposure", (sv_json_range){0, 1000000000}, &e, err);
     if (s < 0) return s;
     if (e != exposure) continue;
-    s = sv_json_get_int(j, i, "M_max", 1, SV_CAP_SUB_VIEWS, &max_overlap, err);
+    s = sv_json_get_int(j, i, "M_max", (sv_json_range){1, SV_CAP_SUB_VIEWS}, &max_overlap, err);
     if (s == SV_END) return sv_json_missing(j, i, "M_max", err);
     if (s < 0) return s;
     s = get_path(j, i, "file_path", out->file_path, err);

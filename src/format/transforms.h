@@ -57,11 +57,11 @@ typedef struct {
   char ply_file_path[SV_TRANSFORMS_CAP_PATH]; // the initial points; empty when absent
 } sv_transforms;
 
-// Checks the file and its top level. sv_json_count tells how many tokens it takes; name, text and
+// Checks the file and its top level. sv_json_count tells how many tokens it takes; the file and
 // tok must outlive t. E_NOT_FOUND without frames, E_UNSUPPORTED for models other than PINHOLE,
 // OPENCV and OPENCV_FISHEYE.
-sv_status sv_transforms_open(sv_transforms *t, const char *name, const char *text, size_t bytes,
-                             jsmntok_t *tok, int cap_tok, sv_err *err) SV_MUST_USE;
+sv_status sv_transforms_open(sv_transforms *t, const sv_file_data *file, jsmntok_t *tok, int cap_tok,
+                             sv_err *err) SV_MUST_USE;
 // All frames in the file's order into frames[t->n_frames] (cap is checked). Refused: matrices that
 // are not rotations (more than 1e-3 off; smaller errors are corrected), times outside 0..1, an r^8
 // term k4.

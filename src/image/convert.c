@@ -215,7 +215,7 @@ static sv_status from_coded(sv_convert *c, const sv_frame *f, sv_image_u8 *out, 
                    f->i_camera, caps->name, w, h);
   if (c->coded != f->data) {
     c->coded = NULL;
-    sv_status s = d->decode(d->self, f->data, f->data_bytes, w, h, stride, c->rgb, &why);
+    sv_status s = d->decode(d->self, f->data, f->data_bytes, &(sv_decoded){w, h, stride, c->rgb}, &why);
     if (s < 0)
       return sv_fail(err, s, "camera %d (%s), frame %u: %s", f->i_camera, caps->name, f->sequence, why.text);
     c->coded = f->data;

@@ -193,12 +193,18 @@ typedef struct {
   sv_status (*trigger)(void *self, bool is_external);
 } sv_source;
 
-// Decodes one compressed image (JPEG or PNG) to RGB8, rgb[height_px][stride_bytes]. NULL: there is
-// no decoder. E_RANGE when the image has another size, E_FORMAT or E_CORRUPT when it is damaged.
+// Where a decoded image goes.
+typedef struct {
+  int width_px, height_px;
+  size_t stride_bytes;
+  uint8_t *rgb; // [height_px][stride_bytes] RGB8
+} sv_decoded;
+
+// Decodes one compressed image (JPEG or PNG). NULL: there is no decoder. E_RANGE when the image has
+// another size, E_FORMAT or E_CORRUPT when it is damaged.
 typedef struct {
   void *self;
-  sv_status (*decode)(void *self, const uint8_t *data, size_t bytes, int width_px, int height_px,
-                      size_t stride_bytes, uint8_t *rgb, sv_err *err);
+  sv_status (*decode)(void *self, const uint8_t *data, size_t bytes, const sv_decoded *out, sv_err *err);
 } sv_decoder;
 
 // --- store ---------------------------------------------------------------------------------------

@@ -99,7 +99,8 @@ static sv_status check_run(const head_t *h, const sv_trainer *t, const char *nam
 sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, size_t bytes, sv_err *err) {
   sv_sections r;
   head_t h;
-  sv_status s = sv_sections_open(&r, name, buf, bytes, SV_CHECKPOINT_KIND, SV_CHECKPOINT_VERSION, err);
+  sv_status s =
+      sv_sections_open(&r, &(sv_file_data){name, buf, bytes}, SV_CHECKPOINT_KIND, SV_CHECKPOINT_VERSION, err);
   if (s >= 0 && r.version != SV_CHECKPOINT_VERSION)
     return sv_fail(err, SV_E_UNSUPPORTED, "%s: a checkpoint of version %u, expected %u; begin a new run",
                    name, r.version, SV_CHECKPOINT_VERSION);

@@ -102,7 +102,9 @@ TEST(test_mjpeg) {
     sv_sim_render(&w.sim, &v, t, rgb, NULL);
     for (int k = 0; k < W * H * 3; k++)
       rgb[k] = (uint8_t)(rgb[k] / 8 * 7 + (k * 2654435761u >> 28)); // a sensor's noise
-    assert_int_equal(sv_codec_encode_jpeg(&codec, &picture, 85, false, jpeg[i], CAP, &bytes[i], NULL), SV_OK);
+    assert_int_equal(sv_codec_encode_jpeg(&codec, &picture, (sv_jpeg_options){85, false},
+                                          (sv_codec_buffer){jpeg[i], CAP}, &bytes[i], NULL),
+                     SV_OK);
     sum += bytes[i];
   }
   struct timespec from, to;

@@ -22,7 +22,8 @@ static void make_jpeg(fake_v4l2 *f, int i, int w, int h) {
   for (int k = 0; k < w * h * 3; k++) px[k] = (uint8_t)(40 + k / 3 % w * 2 + k % 3 * 20);
   sv_picture in = {w, h, (size_t)w * 3, SV_PIX_RGB8, px};
   if (sv_codec_init(&codec, &cfg, &a) < 0 ||
-      sv_codec_encode_jpeg(&codec, &in, 90, true, f->jpeg[i], sizeof f->jpeg[i], &f->jpeg_bytes[i], NULL) < 0)
+      sv_codec_encode_jpeg(&codec, &in, (sv_jpeg_options){90, true},
+                           (sv_codec_buffer){f->jpeg[i], sizeof f->jpeg[i]}, &f->jpeg_bytes[i], NULL) < 0)
     f->jpeg_bytes[i] = 0;
   sv_codec_close(&codec);
 }

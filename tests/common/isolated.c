@@ -127,8 +127,7 @@ void isolated_read_rig(isolated *s, sv_rig *rig, sv_arena *a, sv_arena *scratch)
   static sv_coverage_names names;
   sv_file_reader files = {s->out, sv_folder_read};
   assert_int_equal(sv_rig_init(rig, 64, a), SV_OK);
-  if (sv_rig_read_coverage(rig, &names, &files, "rig.json", 1, scratch, &err) != SV_OK)
-    fail_msg("%s", err.text);
+  if (sv_rig_read_coverage(rig, &names, &files, 1, scratch, &err) != SV_OK) fail_msg("%s", err.text);
   assert_ok(sv_coverage_load(s->out, rig, &names, &err), &err);
 }
 

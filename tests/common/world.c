@@ -81,12 +81,10 @@ static sv_status src_trigger(void *self, bool is_external) {
   return fails(w, WORLD_TRIGGER) ? SV_E_DEVICE : w->inner.source.trigger(w->inner.source.self, is_external);
 }
 
-static sv_status decode(void *self, const uint8_t *data, size_t bytes, int width_px, int height_px,
-                        size_t stride_bytes, uint8_t *rgb, sv_err *err) {
+static sv_status decode(void *self, const uint8_t *data, size_t bytes, const sv_decoded *out, sv_err *err) {
   world *w = self;
   if (fails(w, WORLD_DECODE)) return sv_fail(err, SV_E_CORRUPT, "a picture cannot be decoded: made to fail");
-  return w->inner.decoder.decode(w->inner.decoder.self, data, bytes, width_px, height_px, stride_bytes, rgb,
-                                 err);
+  return w->inner.decoder.decode(w->inner.decoder.self, data, bytes, out, err);
 }
 sv_decoder world_decoder(world *w, const sv_decoder *inner) {
   w->inner.decoder = *inner;
@@ -307,7 +305,7 @@ bool world_open_replay(world *w, const char *dir, int n_exposures, uint32_t isa_
   sv_fmt(rig_dir, sizeof rig_dir, "%s/%s", dir, c->rig);
   sv_file_reader files = {rig_dir, read_rig_file};
   w->cfg.rig = &w->rig;
-  return sv_rig_read(&w->rig, &files, "rig.json", w->cfg.n_cameras, &scratch, &w->err) >= 0;
+  return sv_rig_read(&w->rig, &files, w->cfg.n_cameras, &scratch, &w->err) >= 0;
 }
 
 sv_status world_init(world *w) { return sv_app_init(&w->app, &w->cfg, &w->k, &w->port, &w->arena, &w->err); }

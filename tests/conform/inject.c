@@ -89,9 +89,10 @@ static bool make_jpeg(inject *j, int i, int w, int h) {
   sv_codec_cfg cfg = {WIDTH, HEIGHT, false};
   for (int k = 0; k < w * h * 3; k++) px[k] = (uint8_t)(40 + k / 3 % w * 2 + k % 3 * 20);
   sv_picture in = {w, h, (size_t)w * 3, SV_PIX_RGB8, px};
-  bool is_good = sv_codec_init(&codec, &cfg, &a) >= 0 &&
-                 sv_codec_encode_jpeg(&codec, &in, 90, true, j->jpeg[i], sizeof j->jpeg[i], &j->jpeg_bytes[i],
-                                      NULL) >= 0;
+  bool is_good =
+      sv_codec_init(&codec, &cfg, &a) >= 0 &&
+      sv_codec_encode_jpeg(&codec, &in, (sv_jpeg_options){90, true},
+                           (sv_codec_buffer){j->jpeg[i], sizeof j->jpeg[i]}, &j->jpeg_bytes[i], NULL) >= 0;
   sv_codec_close(&codec);
   return is_good;
 }

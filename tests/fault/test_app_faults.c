@@ -29,9 +29,8 @@ static uint64_t whole_digest;
 static world_call kind_of_run = WORLD_N_CALLS;
 
 static sv_codec codec;
-static sv_status decode(void *self, const uint8_t *data, size_t bytes, int width_px, int height_px,
-                        size_t stride, uint8_t *rgb, sv_err *err) {
-  sv_picture out = {width_px, height_px, stride, SV_PIX_RGB8, rgb};
+static sv_status decode(void *self, const uint8_t *data, size_t bytes, const sv_decoded *to, sv_err *err) {
+  sv_picture out = {to->width_px, to->height_px, to->stride_bytes, SV_PIX_RGB8, to->rgb};
   return sv_codec_decode(self, data, bytes, &out, err);
 }
 
@@ -118,7 +117,7 @@ static void check_files(void) {
     assert_non_null(f);
     if (f->bytes == old_bytes[i] && !memcmp(f->data, old_file[i], f->bytes)) continue;
     if (i == 0) assert_int_equal(f->bytes, old_bytes[0]); // as many Gaussians
-    if (i == 1 && sv_sections_open(&sections, f->name, f->data, f->bytes, SV_CHECKPOINT_KIND,
+    if (i == 1 && sv_sections_open(&sections, &(sv_file_data){f->name, f->data, f->bytes}, SV_CHECKPOINT_KIND,
                                    SV_CHECKPOINT_VERSION, &err) < 0)
       fail_msg("%s", err.text);
     if (i == 2) assert_int_equal(f->data[f->bytes - 2], '}');

@@ -36,7 +36,9 @@ static void publish_jpeg(void *self, const char *name, int width_px, int height_
   sv_err err;
   (void)self;
   (void)name;
-  if (sv_codec_encode_jpeg(&codec, &pic, 92, true, jpeg, CAP_JPEG, &bytes, &err) < 0) return;
+  if (sv_codec_encode_jpeg(&codec, &pic, (sv_jpeg_options){92, true}, (sv_codec_buffer){jpeg, CAP_JPEG},
+                           &bytes, &err) < 0)
+    return;
   if (st.begin(st.self, "preview.jpg", &err) < 0) return;
   if (st.write(st.self, jpeg, bytes, &err) < 0) st.abandon(st.self);
   else if (st.commit(st.self, &err) == SV_OK) n_pictures++;

@@ -160,8 +160,8 @@ FIXTURE(open_all) {
   for (int i = 0; i < 4; i++) {
     sv_picture in = {WIDTH, HEIGHT, (size_t)WIDTH * (i == 2 ? 1 : 3), i == 2 ? SV_PIX_GREY8 : SV_PIX_RGB8,
                      from};
-    if (sv_codec_encode_jpeg(&encoder, &in, i == 3 ? 5 : 60, i == 1, seed[i], CAP_SEED, &seed_bytes[i],
-                             NULL) < 0)
+    if (sv_codec_encode_jpeg(&encoder, &in, (sv_jpeg_options){i == 3 ? 5 : 60, i == 1},
+                             (sv_codec_buffer){seed[i], CAP_SEED}, &seed_bytes[i], NULL) < 0)
       return -1;
     mutate_add(&pool, seed[i], seed_bytes[i]);
   }

@@ -24,12 +24,12 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t bytes) {
   sv_pose p, p2;
   sv_err err;
   char text[2048];
-  if (sv_cameramodel_read("f", (const char *)data, bytes, &m, &p, &err) != SV_OK) return 0;
+  if (sv_cameramodel_read(&(sv_file_data){"f", data, bytes}, &m, &p, &err) != SV_OK) return 0;
   FUZZ_CHECK(m.p[0] > 0 && m.width_px > 0 && sv_rotation_error(p.r) < 1e-9);
   sv_str s = sv_str_make(text, sizeof text);
   // what was accepted can be written, and read again
   FUZZ_CHECK(sv_cameramodel_write(&s, &m, &p) == SV_OK);
-  FUZZ_CHECK(sv_cameramodel_read("g", text, s.len, &m2, &p2, &err) == SV_OK);
+  FUZZ_CHECK(sv_cameramodel_read(&(sv_file_data){"g", text, s.len}, &m2, &p2, &err) == SV_OK);
   FUZZ_CHECK(m2.kind == m.kind && m2.width_px == m.width_px && m2.height_px == m.height_px);
   for (int i = 0; i < 9; i++) FUZZ_CHECK(fabs(p.r[i] - p2.r[i]) < 1e-9);
   return 0;

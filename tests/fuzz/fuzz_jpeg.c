@@ -31,7 +31,8 @@ size_t fuzz_seed(int i, uint8_t *buf, size_t cap) {
   bool is_grey = i == 2;
   sv_picture in = {WIDTH, HEIGHT, (size_t)WIDTH * (is_grey ? 1 : 3), is_grey ? SV_PIX_GREY8 : SV_PIX_RGB8,
                    px};
-  FUZZ_CHECK(sv_codec_encode_jpeg(&codec, &in, i == 3 ? 5 : 90, i == 1, buf, cap, &n, &err) == SV_OK);
+  FUZZ_CHECK(sv_codec_encode_jpeg(&codec, &in, (sv_jpeg_options){i == 3 ? 5 : 90, i == 1},
+                                  (sv_codec_buffer){buf, cap}, &n, &err) == SV_OK);
   return n;
 }
 

@@ -21,14 +21,14 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t bytes) {
   sv_status s = sv_json_count("f", (const char *)data, bytes, &n, &err);
   if (s != SV_OK) {
     FUZZ_CHECK(s < 0 && strncmp(err.text, "f:", 2) == 0);
-    FUZZ_CHECK(sv_json_parse(&j, "f", (const char *)data, bytes, tok, 4096, &err) == s);
+    FUZZ_CHECK(sv_json_parse(&j, &(sv_file_data){"f", data, bytes}, tok, 4096, &err) == s);
     return 0;
   }
   if (n > 4096) return 0;
   // n tokens are enough
-  FUZZ_CHECK(sv_json_parse(&j, "f", (const char *)data, bytes, tok, n, &err) == SV_OK);
-  if (n > 1) FUZZ_CHECK(sv_json_parse(&j, "f", (const char *)data, bytes, tok, n - 1, &err) == SV_E_NOMEM);
-  FUZZ_CHECK(sv_json_parse(&j, "f", (const char *)data, bytes, tok, n, &err) == SV_OK);
+  FUZZ_CHECK(sv_json_parse(&j, &(sv_file_data){"f", data, bytes}, tok, n, &err) == SV_OK);
+  if (n > 1) FUZZ_CHECK(sv_json_parse(&j, &(sv_file_data){"f", data, bytes}, tok, n - 1, &err) == SV_E_NOMEM);
+  FUZZ_CHECK(sv_json_parse(&j, &(sv_file_data){"f", data, bytes}, tok, n, &err) == SV_OK);
   for (int i = 0; i < j.n_tok; i++) {
     double d = 0, v[3];
     long long k;

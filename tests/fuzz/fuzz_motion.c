@@ -61,14 +61,13 @@ size_t fuzz_seed(int i, uint8_t *buf, size_t cap) {
 }
 
 static void read_one(const uint8_t *data, size_t bytes) {
-  sv_sections r;
-  sv_deform_head h;
+  sv_deform_file f;
   sv_deform d;
   sv_gaussians g;
   sv_err err;
   sv_arena a = sv_arena_make(block, sizeof block);
-  if (!make_model(&g) || sv_deform_open(&r, &h, "f", data, bytes, &err) != SV_OK) return;
-  if (sv_deform_read(&d, &r, &h, &g, 1, &a, &err) != SV_OK) return;
+  if (!make_model(&g) || sv_deform_open(&f, &(sv_file_data){"f", data, bytes}, &err) != SV_OK) return;
+  if (sv_deform_read(&d, &f, &g, 1, &a, &err) != SV_OK) return;
   FUZZ_CHECK(sv_deform_n_moving(&d) >= 0 && sv_deform_n_moving(&d) <= N);
   const sv_bodies *b = &d.motion.bodies;
   if (d.kind != SV_DEFORM_CLIP || b->n < 2) return;

@@ -44,7 +44,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t bytes) {
   sv_rig rig;
   sv_err err;
   FUZZ_CHECK(sv_rig_init(&rig, 4, &a) == SV_OK);
-  sv_status s = sv_rig_read(&rig, &(sv_file_reader){&f, from_input}, "rig.json", 2, &scratch, &err);
+  sv_status s = sv_rig_read(&rig, &(sv_file_reader){&f, from_input}, 2, &scratch, &err);
   FUZZ_CHECK(sv_arena_mark(&scratch) == 0);
   if (s != SV_OK) return 0;
   FUZZ_CHECK(rig.n_sub_views >= 1 && rig.n_sub_views <= 4);
@@ -56,6 +56,6 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t bytes) {
   // what was read can be written, and read again
   f.json = (const uint8_t *)text;
   f.n_json = out.len;
-  FUZZ_CHECK(sv_rig_read(&rig, &(sv_file_reader){&f, from_input}, "rig.json", 2, &scratch, &err) == SV_OK);
+  FUZZ_CHECK(sv_rig_read(&rig, &(sv_file_reader){&f, from_input}, 2, &scratch, &err) == SV_OK);
   return 0;
 }

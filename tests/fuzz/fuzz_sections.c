@@ -33,7 +33,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t bytes) {
   static const char *const tags[] = {"conf", "data", "END ", "none"};
   sv_sections r;
   sv_err err;
-  if (sv_sections_open(&r, "f", data, bytes, "CKPT", 1, &err) != SV_OK) return 0;
+  if (sv_sections_open(&r, &(sv_file_data){"f", data, bytes}, "CKPT", 1, &err) != SV_OK) return 0;
   for (int i = 0; i < 4; i++) {
     const void *p;
     size_t n;

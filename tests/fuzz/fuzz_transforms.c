@@ -27,7 +27,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t bytes) {
   sv_transforms t;
   sv_transforms_measurement c;
   sv_err err;
-  if (sv_transforms_open(&t, "f", (const char *)data, bytes, tok, 4096, &err) != SV_OK) return 0;
+  if (sv_transforms_open(&t, &(sv_file_data){"f", data, bytes}, tok, 4096, &err) != SV_OK) return 0;
   (void)!sv_transforms_find_measurement(&t, false, 0, &c, &err);
   if (sv_transforms_read(&t, frames, 64, &err) != SV_OK) return 0;
   for (int i = 0; i < t.n_frames; i++) {

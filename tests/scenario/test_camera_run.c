@@ -16,9 +16,8 @@ static sv_tiled tiled;
 static sv_codec codec;
 static uint8_t tiled_block[1 << 16], codec_block[1 << 20];
 
-static sv_status decode(void *self, const uint8_t *data, size_t bytes, int width_px, int height_px,
-                        size_t stride, uint8_t *rgb, sv_err *err) {
-  sv_picture out = {width_px, height_px, stride, SV_PIX_RGB8, rgb};
+static sv_status decode(void *self, const uint8_t *data, size_t bytes, const sv_decoded *to, sv_err *err) {
+  sv_picture out = {to->width_px, to->height_px, to->stride_bytes, SV_PIX_RGB8, to->rgb};
   return sv_codec_decode(self, data, bytes, &out, err);
 }
 

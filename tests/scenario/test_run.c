@@ -518,7 +518,8 @@ static void test_report(void **state) {
   assert_non_null(f);
   static jsmntok_t tokens[2048];
   sv_json j;
-  if (sv_json_parse(&j, "run.json", (const char *)f->data, f->bytes, tokens, 2048, &w.err) < 0)
+  if (sv_json_parse(&j, &(sv_file_data){"run.json", (const char *)f->data, f->bytes}, tokens, 2048, &w.err) <
+      0)
     fail_msg("%s", w.err.text);
   static const char *const keys[] = {"\"digest\"",         "\"ledger\"",     "\"memory\"",
                                      "\"step_ms\"",        "\"psnr\": 12.5", "\"is_exact\": true",

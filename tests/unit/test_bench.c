@@ -171,7 +171,8 @@ TEST(test_json) {
     for (int n = 0; n < 2 * i; n++) sv_bench_put_kernel(&b, &kernel);
     sv_bench_end(&b, "\"extra\": 1");
     assert_false(s.is_cut);
-    if (sv_json_parse(&j, "bench", text, s.len, tok, CAP, &err) < 0) fail_msg("%s\n%s", err.text, text);
+    if (sv_json_parse(&j, &(sv_file_data){"bench", text, s.len}, tok, CAP, &err) < 0)
+      fail_msg("%s\n%s", err.text, text);
     static const char *const lists[] = {"steps", "kernels", "pools", "skipped"};
     for (int l = 0; l < 4; l++) {
       int at = sv_json_get(&j, 0, lists[l]);

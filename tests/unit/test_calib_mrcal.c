@@ -115,14 +115,15 @@ TEST(test_splined_file) {
   sv_str s = sv_str_make(text, sizeof text);
   assert_int_equal(sv_cameramodel_write(&s, &m, &p), SV_OK);
   sv_arena a = sv_arena_make(block, sizeof block);
-  assert_ok(sv_cameramodel_read_splined("m", text, s.len, &a, &back, &q, &err), &err);
+  assert_ok(sv_cameramodel_read_splined(&(sv_file_data){"m", text, s.len}, &a, &back, &q, &err), &err);
   assert_true(back.spline.nx == 30 && back.spline.ny == 18 && back.spline.order == 3 &&
               back.spline.fov_x_deg == 150);
   for (int i = 0; i < 2 * 30 * 18; i++) assert_true(fabs(back.spline.control[i] - control[i]) < 1e-15);
   assert_memory_equal(back.p, m.p, 4 * sizeof(double));
-  assert_int_equal(sv_cameramodel_read("m", text, s.len, &back, &q, &err), SV_E_FORMAT);
+  assert_int_equal(sv_cameramodel_read(&(sv_file_data){"m", text, s.len}, &back, &q, &err), SV_E_FORMAT);
   sv_arena tiny = sv_arena_make(block, 1000);
-  assert_int_equal(sv_cameramodel_read_splined("m", text, s.len, &tiny, &back, &q, &err), SV_E_FORMAT);
+  assert_int_equal(sv_cameramodel_read_splined(&(sv_file_data){"m", text, s.len}, &tiny, &back, &q, &err),
+                   SV_E_FORMAT);
   assert_contains(err.text, "memory");
   need_mrcal();
   assert_true(sv_project_mrcal_reads(text));

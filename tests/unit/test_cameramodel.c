@@ -12,7 +12,7 @@
 static sv_err err;
 
 static sv_status read_text(const char *text, sv_camera_model *m, sv_pose *p) {
-  return sv_cameramodel_read("c.cameramodel", text, strlen(text), m, p, &err);
+  return sv_cameramodel_read(&(sv_file_data){"c.cameramodel", text, strlen(text)}, m, p, &err);
 }
 
 TEST(test_read) {
@@ -155,7 +155,7 @@ static sv_status read_rig(const char *text, sv_rig *rig) {
            scratch = sv_arena_make(scratch_block, sizeof scratch_block);
   rig_text = text;
   assert_int_equal(sv_rig_init(rig, 2, &a), SV_OK);
-  sv_status s = sv_rig_read(rig, &files, "rig.json", 2, &scratch, &err);
+  sv_status s = sv_rig_read(rig, &files, 2, &scratch, &err);
   assert_int_equal(sv_arena_mark(&scratch), 0);
   return s;
 }
@@ -227,7 +227,7 @@ TEST(test_rig_refused) {
   int n_ok = 0;
   for (size_t n = 0; n <= sizeof small; n += 64) {
     sv_arena scratch = sv_arena_make(small, n);
-    sv_status s = sv_rig_read(&rig, &files, "rig.json", -1, &scratch, &err);
+    sv_status s = sv_rig_read(&rig, &files, -1, &scratch, &err);
     assert_true(s == SV_OK || s == SV_E_NOMEM);
     n_ok += s == SV_OK;
   }

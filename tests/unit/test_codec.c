@@ -97,7 +97,9 @@ TEST(jpeg_round_trip) {
       sv_picture in = picture(g_rgb, w, h, SV_PIX_RGB8), out = picture(g_back, w, h, SV_PIX_RGB8);
       size_t n;
       sv_err err;
-      assert_int_equal(sv_codec_encode_jpeg(&b.codec, &in, 95, full, g_file, sizeof g_file, &n, &err), SV_OK);
+      assert_int_equal(sv_codec_encode_jpeg(&b.codec, &in, (sv_jpeg_options){95, full},
+                                            (sv_codec_buffer){g_file, sizeof g_file}, &n, &err),
+                       SV_OK);
       size_t enc_high = b.codec.high_bytes;
       memset(g_back, 0, sizeof g_back);
       assert_int_equal(sv_codec_decode(&b.codec, g_file, n, &out, &err), SV_OK);
@@ -109,7 +111,9 @@ TEST(jpeg_round_trip) {
       if (i > 2)
         print_message("%dx%d: %zu bytes, block encoding %zu, decoding %zu of %zu\n", w, h, n, enc_high,
                       b.codec.high_bytes, b.codec.block_bytes);
-      assert_int_equal(sv_codec_encode_jpeg(&b.codec, &in, 95, full, g_file, n - 1, &n, &err), SV_E_FULL);
+      assert_int_equal(sv_codec_encode_jpeg(&b.codec, &in, (sv_jpeg_options){95, full},
+                                            (sv_codec_buffer){g_file, n - 1}, &n, &err),
+                       SV_E_FULL);
       bench_close(&b);
     }
 }
@@ -155,13 +159,16 @@ TEST(sizes_must_agree) {
   sv_picture in = picture(g_rgb, 64, 48, SV_PIX_RGB8), out = picture(g_back, 64, 40, SV_PIX_RGB8);
   size_t n;
   sv_err err;
-  assert_int_equal(sv_codec_encode_jpeg(&b.codec, &in, 90, false, g_file, sizeof g_file, &n, &err), SV_OK);
+  assert_int_equal(sv_codec_encode_jpeg(&b.codec, &in, (sv_jpeg_options){90, false},
+                                        (sv_codec_buffer){g_file, sizeof g_file}, &n, &err),
+                   SV_OK);
   assert_int_equal(sv_codec_decode(&b.codec, g_file, n, &out, &err), SV_E_RANGE);
   assert_contains(err.text, "64x48");
   out.width_px = 200;
   assert_int_equal(sv_codec_decode(&b.codec, g_file, n, &out, &err), SV_E_RANGE);
   in.width_px = 101;
-  assert_int_equal(sv_codec_encode_jpeg(&b.codec, &in, 90, false, g_file, sizeof g_file, &n, &err),
+  assert_int_equal(sv_codec_encode_jpeg(&b.codec, &in, (sv_jpeg_options){90, false},
+                                        (sv_codec_buffer){g_file, sizeof g_file}, &n, &err),
                    SV_E_RANGE);
   assert_int_equal(sv_codec_decode(&b.codec, (const uint8_t *)"hello", 5, &out, &err), SV_E_RANGE);
   assert_int_equal(sv_codec_decode(&b.codec, g_file, 0, &in, &err), SV_E_RANGE);
@@ -376,7 +383,9 @@ TEST(no_heap_call_a_frame) {
   sv_picture in = picture(g_rgb, 320, 240, SV_PIX_RGB8), out = picture(g_back, 320, 240, SV_PIX_RGB8);
   sv_heap_arm();
   for (int i = 0; i < 20; i++) {
-    assert_int_equal(sv_codec_encode_jpeg(&b.codec, &in, 90, i & 1, jpeg, sizeof jpeg, &n_jpeg, &err), SV_OK);
+    assert_int_equal(sv_codec_encode_jpeg(&b.codec, &in, (sv_jpeg_options){90, i & 1},
+                                          (sv_codec_buffer){jpeg, sizeof jpeg}, &n_jpeg, &err),
+                     SV_OK);
     assert_int_equal(sv_codec_decode(&b.codec, jpeg, n_jpeg, &out, &err), SV_OK);
     assert_int_equal(sv_codec_decode(&b.codec, prog, n_prog, &out, &err), SV_OK);
     assert_int_equal(sv_codec_decode(&b.codec, png, n_png, &out, &err), SV_OK);

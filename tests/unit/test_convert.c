@@ -157,9 +157,8 @@ TEST(tones_of_raw_sensors) {
   assert_false(sv_camera_tone(&o, SV_PIX_GREY10).is_linear);
 }
 
-static sv_status decode(void *self, const uint8_t *data, size_t bytes, int w, int h, size_t stride,
-                        uint8_t *rgb, sv_err *err) {
-  sv_picture out = {w, h, stride, SV_PIX_RGB8, rgb};
+static sv_status decode(void *self, const uint8_t *data, size_t bytes, const sv_decoded *to, sv_err *err) {
+  sv_picture out = {to->width_px, to->height_px, to->stride_bytes, SV_PIX_RGB8, to->rgb};
   n_decoded++;
   return sv_codec_decode(self, data, bytes, &out, err);
 }
@@ -190,7 +189,9 @@ TEST(tiles_of_a_jpeg_are_decoded_once) {
   assert_int_equal(sv_codec_init(&codec, &cc, &a), SV_OK);
   for (int i = 0; i < W * H; i++) memset(px + 3 * i, i % W < W / 2 ? 60 : 200, 3);
   sv_picture in = {W, H, W * 3, SV_PIX_RGB8, px};
-  assert_int_equal(sv_codec_encode_jpeg(&codec, &in, 95, true, jpeg, sizeof jpeg, &jpeg_bytes, NULL), SV_OK);
+  assert_int_equal(sv_codec_encode_jpeg(&codec, &in, (sv_jpeg_options){95, true},
+                                        (sv_codec_buffer){jpeg, sizeof jpeg}, &jpeg_bytes, NULL),
+                   SV_OK);
   int n_back = 0;
   sv_source one = {
       .self = &n_back, .n_cameras = 1, .caps = one_caps, .dequeue = one_dequeue, .requeue = one_requeue};

@@ -312,16 +312,15 @@ static void round_trip(sv_deform_kind kind) {
   moving_scene_settings c = moving_scene_cfg(kind, N_GAUSS, N_STEPS);
   mem_sink m = {0};
   sv_err err;
-  sv_sections r;
-  sv_deform_head h;
+  sv_deform_file f;
   sv_deform d;
   assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
                                  sv_arena_make(block, sizeof block)));
   train(&trainer, 0, 120);
   assert_int_equal(sv_deform_write(&dynamic.deform, &trainer.g, (sv_sink){&m, append}, &err), SV_OK);
-  assert_int_equal(sv_deform_open(&r, &h, "memory", file, m.n, &err), SV_OK);
+  assert_int_equal(sv_deform_open(&f, &(sv_file_data){"memory", file, m.n}, &err), SV_OK);
   sv_arena a = sv_arena_make(other, sizeof other);
-  assert_int_equal(sv_deform_read(&d, &r, &h, &trainer.g, 1, &a, &err), SV_OK);
+  assert_int_equal(sv_deform_read(&d, &f, &trainer.g, 1, &a, &err), SV_OK);
   sv_gaussians g = trainer.g;
   sv_train_set_time(&trainer, 0.4f);
   sv_deform_at(&d, &(sv_compute){&kernels, &pool}, &g, 0.4f);
@@ -330,9 +329,9 @@ static void round_trip(sv_deform_kind kind) {
   assert_memory_equal(g.moved, trainer.g.moved, n);
   trainer.g.param[0] += 1.0f; // another model
   a = sv_arena_make(other, sizeof other);
-  assert_int_equal(sv_deform_read(&d, &r, &h, &trainer.g, 1, &a, &err), SV_E_RANGE);
+  assert_int_equal(sv_deform_read(&d, &f, &trainer.g, 1, &a, &err), SV_E_RANGE);
   file[m.n / 2] ^= 1;
-  assert_int_equal(sv_deform_open(&r, &h, "memory", file, m.n, &err), SV_E_CORRUPT);
+  assert_int_equal(sv_deform_open(&f, &(sv_file_data){"memory", file, m.n}, &err), SV_E_CORRUPT);
 }
 
 // A few of the moving Gaussians made two bodies by hand, at three knots.
@@ -349,11 +348,10 @@ static void make_bodies(sv_motion *mo) {
 }
 
 static sv_status reread(sv_deform *d, size_t bytes, sv_err *err) {
-  sv_sections r;
-  sv_deform_head h;
+  sv_deform_file f;
   sv_arena a = sv_arena_make(other, sizeof other);
-  sv_status s = sv_deform_open(&r, &h, "memory", file, bytes, err);
-  return s < 0 ? s : sv_deform_read(d, &r, &h, &trainer.g, 1, &a, err);
+  sv_status s = sv_deform_open(&f, &(sv_file_data){"memory", file, bytes}, err);
+  return s < 0 ? s : sv_deform_read(d, &f, &trainer.g, 1, &a, err);
 }
 
 static void check_refused(const sv_deform *d, const char *sentence) {

@@ -9,11 +9,11 @@
 #define SIDE 32
 
 // A "picture" is a byte: all pixels have it; 0 is damaged.
-static sv_status decode(void *self, const uint8_t *data, size_t bytes, int width_px, int height_px,
-                        size_t stride, uint8_t *rgb, sv_err *err) {
+static sv_status decode(void *self, const uint8_t *data, size_t bytes, const sv_decoded *out, sv_err *err) {
   (void)self, (void)bytes;
   if (!data[0]) return sv_fail(err, SV_E_CORRUPT, "the picture is damaged");
-  for (int y = 0; y < height_px; y++) memset(rgb + (size_t)y * stride, data[0], 3 * (size_t)width_px);
+  for (int y = 0; y < out->height_px; y++)
+    memset(out->rgb + (size_t)y * out->stride_bytes, data[0], 3 * (size_t)out->width_px);
   return SV_OK;
 }
 

@@ -231,7 +231,7 @@ static sv_status read_rig(const char *json, sv_rig *rig, sv_coverage_names *name
   sv_arena scratch = sv_arena_make(scratch_block, sizeof scratch_block);
   assert_int_equal(sv_rig_init(rig, 4, &a), SV_OK);
   sv_file_reader files = {(void *)(uintptr_t)json, from_text};
-  return sv_rig_read_coverage(rig, names, &files, "rig.json", 1, &scratch, &err);
+  return sv_rig_read_coverage(rig, names, &files, 1, &scratch, &err);
 }
 
 #define RIG(rest)                                                                                            \

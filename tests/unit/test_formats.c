@@ -363,7 +363,7 @@ TEST(test_damage) {
       uint8_t *part = malloc(n); // of exactly its size, for the address sanitizer
       memcpy(part, data, n);
       err.text[0] = 0;
-      sv_status s = lab_read_viewer_format(&g, &is_mip, &block, cut, part, n, &err);
+      sv_status s = lab_read_viewer_format(&g, &is_mip, &block, &(sv_file_data){cut, part, n}, &err);
       if (s == SV_OK) {
         assert_int_equal(kind, 0); // a whole number of .splat records cannot be told from a whole
                                    // file
@@ -380,7 +380,8 @@ TEST(test_damage) {
       void *block = NULL;
       memcpy(copy, data, bytes);
       copy[i] ^= (uint8_t)(1 << i % 8);
-      if (lab_read_viewer_format(&g, &is_mip, &block, cut, copy, bytes, &err) == SV_OK) free(block);
+      if (lab_read_viewer_format(&g, &is_mip, &block, &(sv_file_data){cut, copy, bytes}, &err) == SV_OK)
+        free(block);
     }
     free(copy);
     free(data);

@@ -125,7 +125,7 @@ TEST(test_import) {
   snprintf(path, sizeof path, "%s/rig", out);
   assert_int_equal(sv_rig_init(&rig, KEEP * KEEP, &a), SV_OK);
   sv_file_reader files = {path, sv_folder_read};
-  assert_ok(sv_rig_read(&rig, &files, "rig.json", KEEP * KEEP, &scratch, &err), &err);
+  assert_ok(sv_rig_read(&rig, &files, KEEP * KEEP, &scratch, &err), &err);
   assert_true(rig.n_sub_views == KEEP * KEEP && rig.forward == SV_FORWARD_LIGHT_FIELD);
   assert_true(rig.sub_views[0].model.width_px >= 26 && rig.sub_views[0].model.height_px >= 24);
   // The white image's 99th percentile is what decoded values are scaled to: a little below its

@@ -12,7 +12,7 @@ static jsmntok_t tok[CAP];
 static sv_err err;
 
 static sv_status parse(sv_json *j, const char *text) {
-  return sv_json_parse(j, "t.json", text, strlen(text), tok, CAP, &err);
+  return sv_json_parse(j, &(sv_file_data){"t.json", text, strlen(text)}, tok, CAP, &err);
 }
 
 TEST(test_grammar) {
@@ -82,7 +82,7 @@ TEST(test_grammar) {
     if (parse(&j, good[i]) != SV_OK) fail_msg("refused %s: %s", good[i], err.text);
   for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
     if (parse(&j, bad[i]) != SV_E_FORMAT) fail_msg("accepted %s", bad[i]);
-  assert_int_equal(sv_json_parse(&j, "t", "[1]\0", 4, tok, CAP, &err),
+  assert_int_equal(sv_json_parse(&j, &(sv_file_data){"t", "[1]\0", 4}, tok, CAP, &err),
                    SV_E_FORMAT); // a NUL is text after the end
   char deep[2 * SV_JSON_CAP_DEPTH + 3] = {0};
   memset(deep, '[', SV_JSON_CAP_DEPTH);
@@ -94,8 +94,8 @@ TEST(test_grammar) {
   int n = 0;
   assert_int_equal(sv_json_count("t", "{\"a\":[1,2]}", 11, &n, &err), SV_OK);
   assert_int_equal(n, 5);
-  assert_int_equal(sv_json_parse(&j, "t", "{\"a\":[1,2]}", 11, tok, 4, &err), SV_E_NOMEM);
-  assert_int_equal(sv_json_parse(&j, "t", "{\"a\":[1,2]}", 11, tok, 5, &err), SV_OK);
+  assert_int_equal(sv_json_parse(&j, &(sv_file_data){"t", "{\"a\":[1,2]}", 11}, tok, 4, &err), SV_E_NOMEM);
+  assert_int_equal(sv_json_parse(&j, &(sv_file_data){"t", "{\"a\":[1,2]}", 11}, tok, 5, &err), SV_OK);
 }
 
 TEST(test_values) {
@@ -113,11 +113,11 @@ TEST(test_values) {
   assert_true(d == -125);
   assert_int_equal(sv_json_get_double(&j, 0, "t", &d, &err), SV_OK);
   assert_true(d == 0);
-  assert_int_equal(sv_json_get_int(&j, 0, "i", 0, 100, &i, &err), SV_OK);
+  assert_int_equal(sv_json_get_int(&j, 0, "i", (sv_json_range){0, 100}, &i, &err), SV_OK);
   assert_int_equal(i, 42);
-  assert_int_equal(sv_json_get_int(&j, 0, "f", 0, 1000, &i, &err), SV_OK);
+  assert_int_equal(sv_json_get_int(&j, 0, "f", (sv_json_range){0, 1000}, &i, &err), SV_OK);
   assert_int_equal(i, 540);
-  assert_int_equal(sv_json_get_int(&j, 0, "i", 0, 41, &i, &err), SV_E_RANGE);
+  assert_int_equal(sv_json_get_int(&j, 0, "i", (sv_json_range){0, 41}, &i, &err), SV_E_RANGE);
   assert_int_equal(sv_json_get_string(&j, 0, "s", s, sizeof s, &err), SV_OK);
   assert_string_equal(s, "a\xc3\xa9\xf0\x9f\x98\x80\n");
   assert_int_equal(sv_json_get_string(&j, 0, "s", s, 8, &err), SV_E_RANGE); // needs 9 with its end

@@ -150,7 +150,7 @@ TEST(test_import) {
   sv_rig back;
   sv_file_reader files = {out, sv_folder_read};
   assert_int_equal(sv_rig_init(&back, CAP, &a), SV_OK);
-  assert_ok(sv_rig_read(&back, &files, "rig.json", 3, &scratch, &err), &err);
+  assert_ok(sv_rig_read(&back, &files, 3, &scratch, &err), &err);
   memcpy(views, back.sub_views, sizeof(sv_sub_view) * 3);
   rig.n_sub_views = back.n_sub_views;
   rig.forward = back.forward;

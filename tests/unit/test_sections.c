@@ -57,7 +57,7 @@ TEST(test_round_trip) {
   char five[5];
   assert_int_equal(write_sample(), SV_OK);
   assert_int_equal(n_mem, SV_SECTIONS_OVERHEAD_BYTES + 3 * 32 + 8 + 0 + 16);
-  assert_int_equal(sv_sections_open(&r, "c", mem, n_mem, "CKPT", 3, &err), SV_OK);
+  assert_int_equal(sv_sections_open(&r, &(sv_file_data){"c", mem, n_mem}, "CKPT", 3, &err), SV_OK);
   assert_true(r.n_sections == 3 && r.version == 3);
   assert_int_equal(sv_sections_find(&r, "data", &p, &n, &err), SV_OK);
   assert_int_equal(n, 16);
@@ -69,9 +69,10 @@ TEST(test_round_trip) {
   assert_int_equal(sv_sections_get(&r, "none", five, 0, &err), SV_OK);
   assert_int_equal(sv_sections_find(&r, "what", &p, &n, &err), SV_E_NOT_FOUND);
   assert_int_equal(sv_sections_find(&r, "END ", &p, &n, &err), SV_E_NOT_FOUND);
-  assert_int_equal(sv_sections_open(&r, "c", mem, n_mem, "CKPT", 2, &err), SV_E_UNSUPPORTED);
-  assert_int_equal(sv_sections_open(&r, "c", mem, n_mem, "RIGS", 3, &err), SV_E_FORMAT);
-  assert_int_equal(sv_sections_open(&r, "c", "something else entirely", 24, "CKPT", 3, &err), SV_E_FORMAT);
+  assert_int_equal(sv_sections_open(&r, &(sv_file_data){"c", mem, n_mem}, "CKPT", 2, &err), SV_E_UNSUPPORTED);
+  assert_int_equal(sv_sections_open(&r, &(sv_file_data){"c", mem, n_mem}, "RIGS", 3, &err), SV_E_FORMAT);
+  assert_int_equal(sv_sections_open(&r, &(sv_file_data){"c", "something else entirely", 24}, "CKPT", 3, &err),
+                   SV_E_FORMAT);
 }
 
 TEST(test_damage) {
@@ -80,19 +81,20 @@ TEST(test_damage) {
   for (size_t n = 0; n < n_mem; n++) {
     uint8_t *copy = malloc(n ? n : 1); // its own block, so that reading behind it is seen
     memcpy(copy, mem, n);
-    assert_int_equal(sv_sections_open(&r, "c", copy, n, "CKPT", 3, &err), SV_E_CORRUPT);
+    assert_int_equal(sv_sections_open(&r, &(sv_file_data){"c", copy, n}, "CKPT", 3, &err), SV_E_CORRUPT);
     free(copy);
   }
-  assert_int_equal(sv_sections_open(&r, "c", mem, n_mem + 1, "CKPT", 3, &err), SV_E_CORRUPT);
+  assert_int_equal(sv_sections_open(&r, &(sv_file_data){"c", mem, n_mem + 1}, "CKPT", 3, &err), SV_E_CORRUPT);
   for (size_t bit = 0; bit < 8 * n_mem; bit++) {
     mem[bit / 8] ^= (uint8_t)(1u << bit % 8);
-    assert_true(sv_sections_open(&r, "c", mem, n_mem, "CKPT", 3, &err) < 0);
+    assert_true(sv_sections_open(&r, &(sv_file_data){"c", mem, n_mem}, "CKPT", 3, &err) < 0);
     mem[bit / 8] ^= (uint8_t)(1u << bit % 8);
   }
-  assert_int_equal(sv_sections_open(&r, "c", mem, n_mem, "CKPT", 3, &err), SV_OK);
+  assert_int_equal(sv_sections_open(&r, &(sv_file_data){"c", mem, n_mem}, "CKPT", 3, &err), SV_OK);
   // whole sections taken out or swapped: numbered, so seen
   memmove(mem + 24, mem + 24 + 40, n_mem - 64);
-  assert_int_equal(sv_sections_open(&r, "c", mem, n_mem - 40, "CKPT", 3, &err), SV_E_CORRUPT);
+  assert_int_equal(sv_sections_open(&r, &(sv_file_data){"c", mem, n_mem - 40}, "CKPT", 3, &err),
+                   SV_E_CORRUPT);
 }
 
 TEST(test_writer_failures) {

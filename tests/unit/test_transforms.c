@@ -19,7 +19,7 @@ static sv_transforms t;
 static sv_err err;
 
 static sv_status read_text(const char *text, size_t n) {
-  sv_status s = sv_transforms_open(&t, "t.json", text, n, tok, CAP_TOK, &err);
+  sv_status s = sv_transforms_open(&t, &(sv_file_data){"t.json", text, n}, tok, CAP_TOK, &err);
   return s == SV_OK ? sv_transforms_read(&t, frames, CAP_FRAMES, &err) : s;
 }
 

@@ -25,7 +25,7 @@ static sv_status read_rig(sv_rig *rig, const char *folder, void *block, sv_err *
   sv_file_reader files = {path, sv_folder_read};
   if (sv_rig_init(rig, SV_CAP_SUB_VIEWS, &a) != SV_OK)
     return sv_fail(err, SV_E_NOMEM, "%s: no memory", folder);
-  return sv_rig_read(rig, &files, "rig.json", -1, &scratch, err);
+  return sv_rig_read(rig, &files, -1, &scratch, err);
 }
 
 // The center of gravity of the boards, or a point before the rig.

@@ -74,7 +74,7 @@ static sv_status open_rig(const cal_options *o, sv_err *err) {
   sv_file_reader files = {(void *)(uintptr_t)o->rig, sv_folder_read};
   if (sv_rig_init(&p.rig, SV_CAP_SUB_VIEWS, &p.arena) < 0)
     return sv_fail(err, SV_E_NOMEM, "%s: no memory for the rig", o->rig);
-  sv_status s = sv_rig_read(&p.rig, &files, "rig.json", p.source.n_cameras, &p.arena, err);
+  sv_status s = sv_rig_read(&p.rig, &files, p.source.n_cameras, &p.arena, err);
   if (s < 0) return s;
   return sv_odometry_can(&p.rig, p.n)
              ? SV_OK

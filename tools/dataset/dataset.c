@@ -32,7 +32,7 @@ static sv_status file_parse(file *f, size_t bytes, sv_err *err) {
   if (s != SV_OK) return s;
   f->tok = malloc(((size_t)n_tok + 1) * sizeof *f->tok);
   if (!f->tok) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its %d JSON tokens", f->path, n_tok);
-  s = sv_transforms_open(&f->t, f->path, f->text, bytes, f->tok, n_tok, err);
+  s = sv_transforms_open(&f->t, &(sv_file_data){f->path, f->text, bytes}, f->tok, n_tok, err);
   if (s != SV_OK) return s;
   f->frames = calloc((size_t)f->t.n_frames, sizeof *f->frames);
   if (!f->frames) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its %d frames", f->path, f->t.n_frames);

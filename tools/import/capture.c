@@ -99,7 +99,7 @@ static sv_status load(source *src, const char *dir, sv_err *err) {
     s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its rig", dir);
   sv_arena scratch = sv_arena_sub(&src->arena, RIG_SCRATCH_BYTES);
   sv_file_reader files = {rig_dir, sv_folder_read};
-  if (s == SV_OK) s = sv_rig_read(&src->rig, &files, "rig.json", src->capture.n_cameras, &scratch, err);
+  if (s == SV_OK) s = sv_rig_read(&src->rig, &files, src->capture.n_cameras, &scratch, err);
   if (s == SV_OK && src->rig.forward == SV_FORWARD_MULTIPLEXED)
     s = sv_fail(err, SV_E_UNSUPPORTED, "%s: sub-views of a multiplexed sensor overlap and cannot be cropped",
                 rig_dir);

@@ -31,7 +31,7 @@ static sv_status load_rig(job *j, sv_err *err) {
   if (sv_rig_init(&j->rig, SV_CAP_SUB_VIEWS, &j->arena) != SV_OK)
     return sv_fail(err, SV_E_NOMEM, "%s: no memory for the rig", j->folder);
   sv_arena scratch = sv_arena_sub(&j->arena, SCRATCH_BYTES);
-  sv_status s = sv_rig_read(&j->rig, &files, "rig.json", -1, &scratch, err);
+  sv_status s = sv_rig_read(&j->rig, &files, -1, &scratch, err);
   if (s != SV_OK) return s;
   if (j->rig.forward == SV_FORWARD_MULTIPLEXED)
     return sv_fail(err, SV_E_UNSUPPORTED, "%s: sub-views of a multiplexed sensor have no images of their own",

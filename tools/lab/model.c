@@ -39,30 +39,29 @@ static sv_status motion_path(char out[SV_CAP_PATH], const char *model_path, sv_e
   return sv_path_join(out, SV_CAP_PATH, folder, "motion.bin", err);
 }
 
-static sv_status take_motion(lab_model *m, const sv_sections *r, const sv_deform_head *h, sv_err *err) {
+static sv_status take_motion(lab_model *m, const sv_deform_file *f, sv_err *err) {
   sv_arena dry = sv_arena_dry();
   sv_deform *d = malloc(sizeof *d);
-  sv_status s = d ? sv_deform_carve(d, h, &m->g, SV_LINUX_CAP_THREADS, &dry) : SV_E_NOMEM;
+  sv_status s = d ? sv_deform_carve(d, &f->head, &m->g, SV_LINUX_CAP_THREADS, &dry) : SV_E_NOMEM;
   size_t bytes = dry.used_bytes + SV_ARENA_ALIGN;
   free(d);
-  if (s != SV_OK) return sv_fail(err, s, "%s: invalid sizes", r->name);
+  if (s != SV_OK) return sv_fail(err, s, "%s: invalid sizes", f->sections.name);
   if (!(m->deform_block = malloc(bytes)))
-    return sv_fail(err, SV_E_NOMEM, "%s: no memory for its motion", r->name);
+    return sv_fail(err, SV_E_NOMEM, "%s: no memory for its motion", f->sections.name);
   sv_arena a = sv_arena_make(m->deform_block, bytes);
-  return sv_deform_read(&m->deform, r, h, &m->g, SV_LINUX_CAP_THREADS, &a, err);
+  return sv_deform_read(&m->deform, f, &m->g, SV_LINUX_CAP_THREADS, &a, err);
 }
 
 static sv_status lab_motion_read(lab_model *m, const char *model_path, sv_err *err) {
   char path[SV_CAP_PATH];
   void *data;
   size_t bytes;
-  sv_sections r;
-  sv_deform_head h;
+  sv_deform_file f;
   sv_status s = motion_path(path, model_path, err);
   if (s != SV_OK || !sv_path_exists(path)) return s;
   if ((s = sv_file_read(path, &data, &bytes, err)) != SV_OK) return s;
-  s = sv_deform_open(&r, &h, path, data, bytes, err);
-  if (s == SV_OK) s = take_motion(m, &r, &h, err);
+  s = sv_deform_open(&f, &(sv_file_data){path, data, bytes}, err);
+  if (s == SV_OK) s = take_motion(m, &f, err);
   free(data);
   return s;
 }
@@ -92,7 +91,8 @@ sv_status lab_model_read(lab_model *m, const char *path, sv_err *err) {
   sv_status s = sv_file_read(path, &data, &bytes, err);
   if (s != SV_OK) return s;
   bool is_ply = !lab_is_viewer_format(path, data, bytes);
-  if (!is_ply) s = lab_read_viewer_format(&m->g, &m->is_mip, &m->block, path, data, bytes, err);
+  if (!is_ply)
+    s = lab_read_viewer_format(&m->g, &m->is_mip, &m->block, &(sv_file_data){path, data, bytes}, err);
   else s = sv_ply_open(&ply, path, data, bytes, err);
   if (is_ply && s == SV_OK && ply.kind != SV_PLY_GAUSSIANS)
     s = sv_fail(err, SV_E_FORMAT,
@@ -165,8 +165,8 @@ static sv_status settings_parse(lab_settings *st, const sv_json *j, sv_err *err)
   double c[3];
   if (!sv_json_is_object(j, 0)) return sv_json_fail(j, 0, err, SV_E_FORMAT, "expected an object");
   sv_status s = sv_json_get_string(j, 0, "background", name, sizeof name, err);
-  if (s >= 0) s = sv_json_get_int(j, 0, "scale", 1, 64, &scale, err);
-  if (s >= 0) s = sv_json_get_int(j, 0, "exposures", 1, 1000000, &n_exposures, err);
+  if (s >= 0) s = sv_json_get_int(j, 0, "scale", (sv_json_range){1, 64}, &scale, err);
+  if (s >= 0) s = sv_json_get_int(j, 0, "exposures", (sv_json_range){1, 1000000}, &n_exposures, err);
   if (s >= 0) s = sv_json_get_string(j, 0, "transforms", st->transforms, sizeof st->transforms, err);
   int i = sv_json_get(j, 0, "antialiased"), k = sv_json_get(j, 0, "scene_centre");
   if (s >= 0 && i >= 0) s = sv_json_bool(j, i, &st->is_antialiased, err);
@@ -195,7 +195,7 @@ sv_status lab_settings_read(lab_settings *out, const char *model_path, sv_err *e
   s = sv_json_count(path, text, bytes, &n_tok, err);
   if (s == SV_OK && !(tok = malloc(((size_t)n_tok + 1) * sizeof *tok)))
     s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its %d JSON tokens", path, n_tok);
-  if (s == SV_OK) s = sv_json_parse(&j, path, text, bytes, tok, n_tok, err);
+  if (s == SV_OK) s = sv_json_parse(&j, &(sv_file_data){path, text, bytes}, tok, n_tok, err);
   if (s == SV_OK) s = settings_parse(out, &j, err);
   sv_copy(out->told_by, sizeof out->told_by, path);
   free(tok);

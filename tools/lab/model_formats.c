@@ -88,10 +88,11 @@ static sv_status write_zstd(const sv_spz *z, const uint8_t *packed, const char *
   return s;
 }
 
-static sv_status unpack_zstd(sv_spz *z, const char *path, const uint8_t *data, size_t n, uint8_t **packed,
-                             sv_err *err) {
+static sv_status unpack_zstd(sv_spz *z, const sv_file_data *file, uint8_t **packed, sv_err *err) {
+  const char *path = file->name;
+  const uint8_t *data = file->data;
   size_t at[SV_SPZ_N_STREAMS], compressed[SV_SPZ_N_STREAMS];
-  sv_status s = sv_spz_open4(z, path, data, n, at, compressed, err);
+  sv_status s = sv_spz_open4(z, file, at, compressed, err);
   if (s < 0) return s;
   if (z->n < 1 || z->n > CAP_N)
     return sv_fail(err, SV_E_RANGE, "%s: %u Gaussians; expected 1 to %u", path, z->n, CAP_N);
@@ -111,13 +112,10 @@ static sv_status write_zstd(const sv_spz *z, const uint8_t *packed, const char *
   (void)packed;
   return sv_fail(err, SV_E_UNSUPPORTED, "%s: this build has no zstd; use SPZ version 2 or 3", path);
 }
-static sv_status unpack_zstd(sv_spz *z, const char *path, const uint8_t *data, size_t n, uint8_t **packed,
-                             sv_err *err) {
+static sv_status unpack_zstd(sv_spz *z, const sv_file_data *file, uint8_t **packed, sv_err *err) {
   (void)z;
-  (void)data;
-  (void)n;
   (void)packed;
-  return sv_fail(err, SV_E_UNSUPPORTED, "%s: SPZ version 4 needs zstd, which this build lacks", path);
+  return sv_fail(err, SV_E_UNSUPPORTED, "%s: SPZ version 4 needs zstd, which this build lacks", file->name);
 }
 #endif
 
@@ -183,8 +181,10 @@ static sv_status make_room(sv_gaussians *g, void **block, const char *path, uint
   return s < 0 ? sv_fail(err, s, "%s: cannot hold %u Gaussians", path, n) : SV_OK;
 }
 
-static sv_status read_splat(sv_gaussians *g, void **block, const char *path, const uint8_t *d, size_t bytes,
-                            sv_err *err) {
+static sv_status read_splat(sv_gaussians *g, void **block, const sv_file_data *file, sv_err *err) {
+  const char *path = file->name;
+  const uint8_t *d = file->data;
+  const size_t bytes = file->bytes;
   if (bytes % SV_SPLAT_BYTES)
     return sv_fail(err, SV_E_FORMAT, "%s: %zu bytes; expected a multiple of %d", path, bytes, SV_SPLAT_BYTES);
   sv_status s = make_room(g, block, path, (uint32_t)(bytes / SV_SPLAT_BYTES), 0, err);
@@ -196,16 +196,17 @@ static sv_status read_splat(sv_gaussians *g, void **block, const char *path, con
   return s;
 }
 
-static sv_status read_spz(sv_gaussians *g, bool *is_mip, void **block, const char *path, const uint8_t *d,
-                          size_t n, sv_err *err) {
+static sv_status read_spz(sv_gaussians *g, bool *is_mip, void **block, const sv_file_data *file,
+                          sv_err *err) {
+  const char *path = file->name;
   sv_spz z;
   uint8_t *raw = NULL, *packed = NULL;
   size_t bytes;
   sv_status s;
-  if (sv_spz_is_4(d, n)) s = unpack_zstd(&z, path, d, n, &packed, err);
+  if (sv_spz_is_4(file->data, file->bytes)) s = unpack_zstd(&z, file, &packed, err);
   else {
-    s = sv_gunzip(path, d, n, (size_t)CAP_N * 65 + SV_SPZ_HEADER_BYTES, &raw, &bytes, err);
-    if (s == SV_OK) s = sv_spz_open(&z, path, raw, bytes, err);
+    s = sv_gunzip(file, (size_t)CAP_N * 65 + SV_SPZ_HEADER_BYTES, &raw, &bytes, err);
+    if (s == SV_OK) s = sv_spz_open(&z, &(sv_file_data){path, raw, bytes}, err);
   }
   if (s == SV_OK) s = make_room(g, block, path, z.n, z.sh_degree, err);
   for (int i = 0; s == SV_OK && i < g->n; i++) {
@@ -219,12 +220,12 @@ static sv_status read_spz(sv_gaussians *g, bool *is_mip, void **block, const cha
   return s;
 }
 
-static sv_status read_glb(sv_gaussians *g, void **block, const char *path, const uint8_t *d, size_t bytes,
-                          sv_err *err) {
+static sv_status read_glb(sv_gaussians *g, void **block, const sv_file_data *file, sv_err *err) {
+  const char *path = file->name;
   sv_glb_reader r;
   jsmntok_t *tok = malloc(SV_GLB_CAP_TOKENS * sizeof *tok);
   if (!tok) return sv_fail(err, SV_E_NOMEM, "%s: no memory", path);
-  sv_status s = sv_glb_open(&r, path, d, bytes, tok, err);
+  sv_status s = sv_glb_open(&r, file, tok, err);
   if (s == SV_OK) s = make_room(g, block, path, r.n, r.sh_degree, err);
   for (int i = 0; s == SV_OK && i < g->n; i++) {
     sv_gaussian v;
@@ -271,19 +272,19 @@ void lab_turn_back(lab_model *m, lab_session *s, const char *path, const char *u
   lab_say(s, "%s: file is Y-up; rotated to the dataset's up axis %s (--up -y keeps it)", path, up);
 }
 
-sv_status lab_read_viewer_format(sv_gaussians *g, bool *is_mip, void **block, const char *path,
-                                 const void *data, size_t bytes, sv_err *err) {
+sv_status lab_read_viewer_format(sv_gaussians *g, bool *is_mip, void **block, const sv_file_data *file,
+                                 sv_err *err) {
   *is_mip = false;
   *block = NULL;
-  sv_status s = is_glb(data, bytes)   ? read_glb(g, block, path, data, bytes, err)
-                : is_spz(data, bytes) ? read_spz(g, is_mip, block, path, data, bytes, err)
-                                      : read_splat(g, block, path, data, bytes, err);
+  sv_status s = is_glb(file->data, file->bytes)   ? read_glb(g, block, file, err)
+                : is_spz(file->data, file->bytes) ? read_spz(g, is_mip, block, file, err)
+                                                  : read_splat(g, block, file, err);
   // Numbers that no model has: a file of another kind, or damage that the format cannot show.
   for (int i = 0; s == SV_OK && i < g->n; i++)
     for (int k = 0; k < g->n_rows; k++) {
       float v = *sv_gaussians_at(g, i, k);
       if (!(v > -1e30f && v < 1e30f))
-        s = sv_fail(err, SV_E_FORMAT, "%s: Gaussian %d has values that are not finite", path, i);
+        s = sv_fail(err, SV_E_FORMAT, "%s: Gaussian %d has values that are not finite", file->name, i);
     }
   if (s == SV_OK) return s;
   free(*block);

@@ -28,8 +28,8 @@ bool lab_is_upright(const char *path);
 // says so.
 void lab_turn_back(lab_model *m, lab_session *s, const char *path, const char *up, const lab_views *views);
 // Reads it into Gaussians inside a block of malloc (*block, the caller's to free).
-sv_status lab_read_viewer_format(sv_gaussians *g, bool *is_mip, void **block, const char *path,
-                                 const void *data, size_t bytes, sv_err *err) SV_MUST_USE;
+sv_status lab_read_viewer_format(sv_gaussians *g, bool *is_mip, void **block, const sv_file_data *file,
+                                 sv_err *err) SV_MUST_USE;
 
 #ifdef __cplusplus
 }

@@ -28,7 +28,7 @@ static sv_status parse(document *d, const char *name, const char *text, size_t b
   if (s != SV_OK) return s;
   d->tok = malloc(((size_t)n_tok + 1) * sizeof *d->tok);
   if (!d->tok) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its JSON tokens", name);
-  return sv_json_parse(&d->j, name, text, bytes, d->tok, n_tok, err);
+  return sv_json_parse(&d->j, &(sv_file_data){name, text, bytes}, d->tok, n_tok, err);
 }
 
 static sv_status need_number(const sv_json *j, int i, const char *key, double *out, sv_err *err) {

@@ -44,7 +44,7 @@ static sv_status read_list(const char *path, int i_view, char *name, size_t cap,
   s = sv_json_count(path, text, bytes, &n_tok, err);
   if (s == SV_OK && !(tok = malloc(((size_t)n_tok + 1) * sizeof *tok)))
     s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its JSON tokens", path);
-  if (s == SV_OK) s = sv_json_parse(&j, path, text, bytes, tok, n_tok, err);
+  if (s == SV_OK) s = sv_json_parse(&j, &(sv_file_data){path, text, bytes}, tok, n_tok, err);
   if (s == SV_OK) {
     int at = sv_json_first(&j, sv_json_get(&j, 0, "views"));
     for (int i = 0; i < i_view && at >= 0; i++) at = sv_json_next(&j, at);
