@@ -74,8 +74,8 @@ typedef struct {
   uint8_t *data; // [cap_bytes]
   size_t cap_bytes;
 } sv_codec_buffer;
-// in (format RGB8 or GREY8) -> JPEG of so many bytes. E_FULL when out is too small: width * height *
-// 3 + 4096 always suffices in practice, a tenth of it usually.
+// in (format RGB8 or GREY8) -> JPEG of so many bytes. E_FULL when out is too small:
+// width * height * 3 + 4096 always suffices in practice, a tenth of it usually.
 sv_status sv_codec_encode_jpeg(sv_codec *c, const sv_picture *in, sv_jpeg_options o, sv_codec_buffer out,
                                size_t *bytes, sv_err *err) SV_MUST_USE;
 

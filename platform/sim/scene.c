@@ -26,20 +26,24 @@ static const sv_sim_material
     plaster = {SV_SIM_NOISE,          0.22f, {0.48f, 0.58f, 0.66f}, {0.85f, 0.86f, 0.80f},
                {0.62f, 0.44f, 0.50f}, 0.0f};
 
-static sv_sim_prim *add(sv_sim_scene *s, sv_sim_shape shape, const sv_sim_material *m, double x, double y,
-                        double z, double sx, double sy, double sz) {
+typedef struct {
+  double x, y, z;
+} xyz;
+
+static sv_sim_prim *add(sv_sim_scene *s, sv_sim_shape shape, const sv_sim_material *m, xyz centre_m,
+                        xyz size_m) {
   sv_sim_prim *p = &s->prims[s->n_prims++];
   *p = (sv_sim_prim){.shape = shape,
                      .material = *m,
                      .i_motion = -1,
                      .r = {1, 0, 0, 0, 1, 0, 0, 0, 1},
-                     .size_m = {(float)sx, (float)sy, (float)sz},
-                     .centre_m = {x, y, z}};
+                     .size_m = {(float)size_m.x, (float)size_m.y, (float)size_m.z},
+                     .centre_m = {centre_m.x, centre_m.y, centre_m.z}};
   return p;
 }
 
 static sv_sim_prim *ball(sv_sim_scene *s, const sv_sim_material *m, double x, double y, double z, double r) {
-  return add(s, SV_SIM_ELLIPSOID, m, x, y, z, r, r, r);
+  return add(s, SV_SIM_ELLIPSOID, m, (xyz){x, y, z}, (xyz){r, r, r});
 }
 
 static void turn(sv_sim_prim *p, double wx_rad, double wy_rad, double wz_rad) {
@@ -60,7 +64,7 @@ static sv_sim_prim *rod(sv_sim_scene *s, const sv_sim_material *m, const double 
   double nx = sv_norm3(x);
   for (int i = 0; i < 3; i++) x[i] /= nx;
   sv_cross3(y, z, x);
-  sv_sim_prim *p = add(s, SV_SIM_CAPSULE, m, mid[0], mid[1], mid[2], radius_m, 0.5 * len, 0);
+  sv_sim_prim *p = add(s, SV_SIM_CAPSULE, m, (xyz){mid[0], mid[1], mid[2]}, (xyz){radius_m, 0.5 * len, 0});
   for (int i = 0; i < 3; i++) {
     p->r[i * 3] = x[i];
     p->r[i * 3 + 1] = y[i];
@@ -75,39 +79,44 @@ static void on_circle(double out[3], double radius_m, double angle_rad, double z
   out[2] = z;
 }
 
-static void ring(sv_sim_scene *s, const sv_sim_material *m, int n, double radius_m, double z, double tilt_rad,
-                 double thick_m) {
-  for (int i = 0; i < n; i++) {
-    double a[3], b[3], r[9], w[3] = {tilt_rad, 0, 0};
-    on_circle(a, radius_m, 2 * SV_PI * i / n, 0);
-    on_circle(b, radius_m, 2 * SV_PI * (i + 1) / n, 0);
+// A ring of n rods.
+typedef struct {
+  int n;
+  double radius_m, z_m, tilt_rad, thick_m;
+} ring_size;
+
+static void ring(sv_sim_scene *s, const sv_sim_material *m, const ring_size *g) {
+  for (int i = 0; i < g->n; i++) {
+    double a[3], b[3], r[9], w[3] = {g->tilt_rad, 0, 0};
+    on_circle(a, g->radius_m, 2 * SV_PI * i / g->n, 0);
+    on_circle(b, g->radius_m, 2 * SV_PI * (i + 1) / g->n, 0);
     sv_rodrigues(r, w);
     sv_apply33(a, r, a);
     sv_apply33(b, r, b);
-    a[2] += z;
-    b[2] += z;
-    rod(s, m, a, b, thick_m);
+    a[2] += g->z_m;
+    b[2] += g->z_m;
+    rod(s, m, a, b, g->thick_m);
   }
 }
 
 static void build_textured(sv_sim_scene *s) {
-  add(s, SV_SIM_CYLINDER, &stone, 0, 0, -0.70, 0.72, 0.10, 0)->is_stage = true;
+  add(s, SV_SIM_CYLINDER, &stone, (xyz){0, 0, -0.70}, (xyz){0.72, 0.10, 0})->is_stage = true;
   ball(s, &ocean, 0.16, 0.10, -0.14, 0.46);
-  turn(add(s, SV_SIM_BOX, &brick, -0.44, -0.20, -0.32, 0.22, 0.22, 0.28), 0, 0, 0.5);
-  add(s, SV_SIM_CYLINDER, &violet, 0.42, -0.44, -0.34, 0.19, 0.26, 0);
-  turn(add(s, SV_SIM_ELLIPSOID, &amber, -0.26, 0.48, -0.38, 0.30, 0.20, 0.22), 0, 0, 0.7);
-  turn(add(s, SV_SIM_BOX, &moss, 0.10, 0.08, 0.48, 0.24, 0.20, 0.16), 0.25, 0.2, 0.9);
+  turn(add(s, SV_SIM_BOX, &brick, (xyz){-0.44, -0.20, -0.32}, (xyz){0.22, 0.22, 0.28}), 0, 0, 0.5);
+  add(s, SV_SIM_CYLINDER, &violet, (xyz){0.42, -0.44, -0.34}, (xyz){0.19, 0.26, 0});
+  turn(add(s, SV_SIM_ELLIPSOID, &amber, (xyz){-0.26, 0.48, -0.38}, (xyz){0.30, 0.20, 0.22}), 0, 0, 0.7);
+  turn(add(s, SV_SIM_BOX, &moss, (xyz){0.10, 0.08, 0.48}, (xyz){0.24, 0.20, 0.16}), 0.25, 0.2, 0.9);
   double a[3] = {-0.62, -0.24, 0.08}, b[3] = {-0.28, -0.16, 0.52};
   rod(s, &copper, a, b, 0.12);
   ball(s, &brick, 0.06, 0.06, 0.80, 0.15);
 }
 
 static void build_thin(sv_sim_scene *s) {
-  add(s, SV_SIM_CYLINDER, &wood, 0, 0, -0.80, 0.55, 0.06, 0)->is_stage = true;
+  add(s, SV_SIM_CYLINDER, &wood, (xyz){0, 0, -0.80}, (xyz){0.55, 0.06, 0})->is_stage = true;
   double foot[3] = {0, 0, -0.74}, top[3] = {0, 0, 0.86};
   rod(s, &steel, foot, top, 0.035);
-  ring(s, &copper, 16, 0.62, 0.30, 0.0, 0.022);
-  ring(s, &amber, 12, 0.38, 0.62, 0.5, 0.018);
+  ring(s, &copper, &(ring_size){16, 0.62, 0.30, 0.0, 0.022});
+  ring(s, &amber, &(ring_size){12, 0.38, 0.62, 0.5, 0.018});
   for (int i = 0; i < 6; i++) { // spokes of the large ring, and stays down to the base
     double hub[3] = {0, 0, 0.30}, rim[3], low[3];
     on_circle(rim, 0.62, 2 * SV_PI * i / 6, 0.30);
@@ -118,7 +127,7 @@ static void build_thin(sv_sim_scene *s) {
   for (int i = 0; i < 7; i++) { // leaves on a spiral round the mast
     double c[3];
     on_circle(c, 0.24, 2.4 * i, -0.60 + 0.12 * i);
-    turn(add(s, SV_SIM_ELLIPSOID, &leaf, c[0], c[1], c[2], 0.20, 0.09, 0.018), 0, 0, 2.4 * i);
+    turn(add(s, SV_SIM_ELLIPSOID, &leaf, (xyz){c[0], c[1], c[2]}, (xyz){0.20, 0.09, 0.018}), 0, 0, 2.4 * i);
   }
   for (int i = 0; i < 4; i++) {
     double c[3];
@@ -129,23 +138,25 @@ static void build_thin(sv_sim_scene *s) {
 }
 
 static void build_occlusion(sv_sim_scene *s) {
-  add(s, SV_SIM_CYLINDER, &tile, 0, 0, -0.66, 0.76, 0.06, 0)->is_stage = true;
-  add(s, SV_SIM_CYLINDER, &stone, 0, 0, 0.52, 0.64, 0.05, 0);
+  add(s, SV_SIM_CYLINDER, &tile, (xyz){0, 0, -0.66}, (xyz){0.76, 0.06, 0})->is_stage = true;
+  add(s, SV_SIM_CYLINDER, &stone, (xyz){0, 0, 0.52}, (xyz){0.64, 0.05, 0});
   for (int i = 0; i < 9; i++) { // outer pillars
     double c[3];
     on_circle(c, 0.62, 2 * SV_PI * i / 9, -0.065);
     const sv_sim_material *m = i % 3 == 0 ? &brick : i % 3 == 1 ? &steel : &wood;
-    if (i & 1) add(s, SV_SIM_CYLINDER, m, c[0], c[1], c[2], 0.06, 0.535, 0);
-    else turn(add(s, SV_SIM_BOX, m, c[0], c[1], c[2], 0.055, 0.055, 0.535), 0, 0, 2 * SV_PI * i / 9);
+    if (i & 1) add(s, SV_SIM_CYLINDER, m, (xyz){c[0], c[1], c[2]}, (xyz){0.06, 0.535, 0});
+    else
+      turn(add(s, SV_SIM_BOX, m, (xyz){c[0], c[1], c[2]}, (xyz){0.055, 0.055, 0.535}), 0, 0,
+           2 * SV_PI * i / 9);
   }
   for (int i = 0; i < 5; i++) { // inner slats, turned against the outer ring
     double c[3];
     on_circle(c, 0.38, 2 * SV_PI * i / 5 + 0.3, -0.24);
-    turn(add(s, SV_SIM_BOX, i & 1 ? &violet : &copper, c[0], c[1], c[2], 0.02, 0.09, 0.36), 0, 0,
-         2 * SV_PI * i / 5 + 0.3);
+    turn(add(s, SV_SIM_BOX, i & 1 ? &violet : &copper, (xyz){c[0], c[1], c[2]}, (xyz){0.02, 0.09, 0.36}), 0,
+         0, 2 * SV_PI * i / 5 + 0.3);
   }
   ball(s, &ocean, 0, 0, -0.36, 0.24);
-  turn(add(s, SV_SIM_BOX, &amber, 0, 0, 0.10, 0.16, 0.16, 0.16), 0.6, 0.6, 0);
+  turn(add(s, SV_SIM_BOX, &amber, (xyz){0, 0, 0.10}, (xyz){0.16, 0.16, 0.16}), 0.6, 0.6, 0);
   ball(s, &moss, 0.0, 0.0, 0.74, 0.19);
 }
 
@@ -155,7 +166,7 @@ static int motion(sv_sim_scene *s, sv_sim_motion m) {
 }
 
 static void build_moving(sv_sim_scene *s) {
-  add(s, SV_SIM_CYLINDER, &tile, 0, 0, -0.82, 1.05, 0.06, 0)->is_stage = true;
+  add(s, SV_SIM_CYLINDER, &tile, (xyz){0, 0, -0.82}, (xyz){1.05, 0.06, 0})->is_stage = true;
   int swing = motion(s, (sv_sim_motion){SV_SIM_SWING, {-0.35, 0, 0.80}, {0, 1, 0}, 0.55, 0.6, 0.0});
   int spin = motion(s, (sv_sim_motion){SV_SIM_SPIN, {0.40, 0.15, 0}, {0, 0, 1}, 0, 0.35, 0.3});
   int lift = motion(s, (sv_sim_motion){SV_SIM_SLIDE, {0, 0, 0}, {0, 0, 1}, 0.20, 0.8, 1.0});
@@ -165,17 +176,17 @@ static void build_moving(sv_sim_scene *s) {
   double bob[3] = {-0.35, 0, -0.28};
   rod(s, &steel, gallows[3], bob, 0.022)->i_motion = swing;
   ball(s, &amber, -0.35, 0, -0.36, 0.21)->i_motion = swing;
-  add(s, SV_SIM_CYLINDER, &stone, 0.40, 0.15, -0.62, 0.10, 0.14, 0);
-  add(s, SV_SIM_CYLINDER, &violet, 0.40, 0.15, -0.42, 0.42, 0.05, 0)->i_motion = spin;
+  add(s, SV_SIM_CYLINDER, &stone, (xyz){0.40, 0.15, -0.62}, (xyz){0.10, 0.14, 0});
+  add(s, SV_SIM_CYLINDER, &violet, (xyz){0.40, 0.15, -0.42}, (xyz){0.42, 0.05, 0})->i_motion = spin;
   for (int i = 0; i < 3; i++) {
     double c[3];
     on_circle(c, 0.29, 2 * SV_PI * i / 3, 0);
     const sv_sim_material *m = i == 0 ? &ocean : i == 1 ? &moss : &brick;
     double x = 0.40 + c[0], y = 0.15 + c[1];
-    if (i == 1) add(s, SV_SIM_BOX, m, x, y, -0.24, 0.10, 0.10, 0.13)->i_motion = spin;
+    if (i == 1) add(s, SV_SIM_BOX, m, (xyz){x, y, -0.24}, (xyz){0.10, 0.10, 0.13})->i_motion = spin;
     else ball(s, m, x, y, -0.24, 0.13)->i_motion = spin;
   }
-  turn(add(s, SV_SIM_BOX, &copper, 0.10, -0.55, -0.35, 0.14, 0.14, 0.14), 0, 0, 0.6);
+  turn(add(s, SV_SIM_BOX, &copper, (xyz){0.10, -0.55, -0.35}, (xyz){0.14, 0.14, 0.14}), 0, 0, 0.6);
   s->prims[s->n_prims - 1].i_motion = lift;
   double low[3] = {0.10, -0.55, -0.78}, high[3] = {0.10, -0.55, 0.20};
   rod(s, &steel, low, high, 0.035);
@@ -183,26 +194,26 @@ static void build_moving(sv_sim_scene *s) {
 
 // The open side looks along +x and +y: the default arc stays inside it.
 static void build_room(sv_sim_scene *s) {
-  add(s, SV_SIM_BOX, &tile, 0.4, 0.4, -0.86, 2.6, 2.6, 0.06)->is_stage = true;
-  add(s, SV_SIM_BOX, &paper, -1.36, 0.4, 0.7, 0.06, 2.6, 1.56)->is_stage = true;
-  add(s, SV_SIM_BOX, &plaster, 0.4, -1.36, 0.7, 2.6, 0.06, 1.56)->is_stage = true;
-  add(s, SV_SIM_BOX, &wood, 0.15, 0.15, -0.22, 0.55, 0.42, 0.035); // table
+  add(s, SV_SIM_BOX, &tile, (xyz){0.4, 0.4, -0.86}, (xyz){2.6, 2.6, 0.06})->is_stage = true;
+  add(s, SV_SIM_BOX, &paper, (xyz){-1.36, 0.4, 0.7}, (xyz){0.06, 2.6, 1.56})->is_stage = true;
+  add(s, SV_SIM_BOX, &plaster, (xyz){0.4, -1.36, 0.7}, (xyz){2.6, 0.06, 1.56})->is_stage = true;
+  add(s, SV_SIM_BOX, &wood, (xyz){0.15, 0.15, -0.22}, (xyz){0.55, 0.42, 0.035}); // table
   for (int i = 0; i < 4; i++)
-    add(s, SV_SIM_BOX, &steel, 0.15 + (i & 1 ? 0.48 : -0.48), 0.15 + (i & 2 ? 0.35 : -0.35), -0.53, 0.035,
-        0.035, 0.28);
+    add(s, SV_SIM_BOX, &steel, (xyz){0.15 + (i & 1 ? 0.48 : -0.48), 0.15 + (i & 2 ? 0.35 : -0.35), -0.53},
+        (xyz){0.035, 0.035, 0.28});
   ball(s, &amber, 0.30, 0.30, -0.03, 0.155);
-  add(s, SV_SIM_CYLINDER, &ocean, -0.15, 0.25, -0.06, 0.10, 0.125, 0);
-  turn(add(s, SV_SIM_BOX, &brick, 0.02, -0.06, -0.10, 0.16, 0.10, 0.085), 0, 0, 0.4);
-  turn(add(s, SV_SIM_BOX, &moss, 0.04, -0.05, 0.05, 0.13, 0.09, 0.06), 0, 0, 0.9);
-  add(s, SV_SIM_BOX, &violet, -0.98, -0.70, -0.10, 0.26, 0.40, 0.70); // cupboard
+  add(s, SV_SIM_CYLINDER, &ocean, (xyz){-0.15, 0.25, -0.06}, (xyz){0.10, 0.125, 0});
+  turn(add(s, SV_SIM_BOX, &brick, (xyz){0.02, -0.06, -0.10}, (xyz){0.16, 0.10, 0.085}), 0, 0, 0.4);
+  turn(add(s, SV_SIM_BOX, &moss, (xyz){0.04, -0.05, 0.05}, (xyz){0.13, 0.09, 0.06}), 0, 0, 0.9);
+  add(s, SV_SIM_BOX, &violet, (xyz){-0.98, -0.70, -0.10}, (xyz){0.26, 0.40, 0.70}); // cupboard
   ball(s, &copper, -0.98, -0.70, 0.76, 0.16);
   double lamp[2][3] = {{0.85, -0.95, -0.80}, {0.85, -0.95, 0.55}};
   rod(s, &steel, lamp[0], lamp[1], 0.035);
-  add(s, SV_SIM_ELLIPSOID, &amber, 0.85, -0.95, 0.62, 0.26, 0.26, 0.20);
-  turn(add(s, SV_SIM_BOX, &brick, -0.55, 0.85, -0.55, 0.24, 0.24, 0.25), 0, 0, 0.5); // crate
+  add(s, SV_SIM_ELLIPSOID, &amber, (xyz){0.85, -0.95, 0.62}, (xyz){0.26, 0.26, 0.20});
+  turn(add(s, SV_SIM_BOX, &brick, (xyz){-0.55, 0.85, -0.55}, (xyz){0.24, 0.24, 0.25}), 0, 0, 0.5); // crate
   ball(s, &leaf, -0.55, 0.85, -0.08, 0.22);
-  add(s, SV_SIM_BOX, &amber, 0.10, -1.28, 0.75, 0.40, 0.03, 0.28); // picture
-  add(s, SV_SIM_CYLINDER, &leaf, 0.95, 0.75, -0.68, 0.22, 0.12, 0);
+  add(s, SV_SIM_BOX, &amber, (xyz){0.10, -1.28, 0.75}, (xyz){0.40, 0.03, 0.28}); // picture
+  add(s, SV_SIM_CYLINDER, &leaf, (xyz){0.95, 0.75, -0.68}, (xyz){0.22, 0.12, 0});
 }
 
 void sv_sim_scene_build(sv_sim_scene *s, sv_sim_scene_id id) {

@@ -107,13 +107,20 @@ static look see(const strip *st, v4f x, v4f y, int lo_px, int hi_px, bool is_cen
 static v4f ray_x(const sv_sim_shot *s, v4f px) { return (px - s->view.cx) * (1.0f / s->view.fx); }
 static v4f ray_y(const sv_sim_shot *s, v4f py) { return (py - s->view.cy) * (1.0f / s->view.fy); }
 
-// Linear radiance of four points of one primitive at depth t on rays (x, y, 1): a Lambertian
-// surface under a sun and a sky that is brighter above, and a highlight (Blinn's half vector, power
-// 16).
-static void shade(const sv_sim_shot *s, int i, v4f x, v4f y, v4f t, v4i face, v4i is_dark, v4f rgb[3]) {
+// Four points of one primitive, at depth t on rays (x, y, 1). is_dark: in the shadow.
+typedef struct {
+  v4f x, y, t;
+  v4i face, is_dark;
+} points4;
+
+// Linear radiance of four points: a Lambertian surface under a sun and a sky that is brighter
+// above, and a highlight (Blinn's half vector, power 16).
+static void shade(const sv_sim_shot *s, int i, const points4 *points, v4f rgb[3]) {
+  const v4f t = points->t;
+  const v4i face = points->face;
   const sv_sim_seen *p = &s->seen[i];
   const sv_sim_prim *prim = &s->scene->prims[i];
-  v4_vec ray = local_ray(p, x, y), at = local_point(p, ray, t);
+  v4_vec ray = local_ray(p, points->x, points->y), at = local_point(p, ray, t);
   v4_vec n = v4_normal(prim->shape, p->half, at, face);
   v4f inv_len = 1.0f / v4_sqrt(v4_dot(ray, ray));
   v4f facing = v4_max(-v4_dot(n, ray) * inv_len, v4_set(0.15f));
@@ -125,7 +132,7 @@ static void shade(const sv_sim_shot *s, int i, v4f x, v4f y, v4f t, v4i face, v4
   v4i flat[3] = {is_box & (axis == 0), is_box & (axis == 1), is_box & (axis == 2)};
   if (prim->shape == SV_SIM_CYLINDER) flat[2] = face != 0;
   v4_texture(&prim->material, q, footprint, flat, rgb);
-  v4f lit = v4_select(is_dark, v4_set(0), v4_max(v4_dotf(n, p->sun), v4_set(0)));
+  v4f lit = v4_select(points->is_dark, v4_set(0), v4_max(v4_dotf(n, p->sun), v4_set(0)));
   v4f light = s->scene->sun * lit + s->scene->sky * (0.65f + 0.35f * v4_dotf(n, p->up));
   v4f shine = v4_set(0);
   if (prim->material.gloss > 0) {
@@ -185,22 +192,22 @@ static void shade_shares(const sv_sim_shot *shot, const pixel_shares *px, float 
   for (int k = 0; k < px->n_shares; k++) {
     if (is_done[k]) continue;
     int prim = ((px->shares[k].key >> 1) - 1) >> 3, n = 0;
-    v4f x = v4_set(0), y = x, t = v4_set(1), weight = x, c[3];
-    v4i face = v4_seti(0), is_dark = face;
+    v4f weight = v4_set(0), c[3];
+    points4 at = {weight, weight, v4_set(1), v4_seti(0), v4_seti(0)};
     for (int j = k; j < px->n_shares && n < 4; j++) {
       const struct share *s = &px->shares[j];
       if (is_done[j] || ((s->key >> 1) - 1) >> 3 != prim) continue;
       float inv = 1.0f / s->n;
       is_done[j] = true;
-      x[n] = s->x * inv;
-      y[n] = s->y * inv;
-      t[n] = s->t * inv;
+      at.x[n] = s->x * inv;
+      at.y[n] = s->y * inv;
+      at.t[n] = s->t * inv;
       weight[n] = s->n / N_SAMPLES;
-      face[n] = ((s->key >> 1) - 1) & 7;
-      is_dark[n] = -(s->key & 1);
+      at.face[n] = ((s->key >> 1) - 1) & 7;
+      at.is_dark[n] = -(s->key & 1);
       n++;
     }
-    shade(shot, prim, x, y, t, face, is_dark, c);
+    shade(shot, prim, &at, c);
     for (int i = 0; i < 3; i++)
       for (int j = 0; j < n; j++) rgb[i] += c[i][j] * weight[j];
   }
@@ -246,12 +253,13 @@ static void shade_quad(const strip *st, int q, int y_px, const look *l, const ui
   // the background has no depth to look up a texture at
   v4f t = v4_select(l->key != 0, l->t, v4_set(1));
   v4i id = (l->key >> 1) - 1;
+  const points4 at = {x, y, t, id & 7, -(l->key & 1)};
   bool is_done[4];
   for (int i = 0; i < 4; i++) is_done[i] = is_edge[i] || !l->key[i];
   for (int i = 0; i < 4; i++) {
     if (is_done[i]) continue;
     v4f c[3];
-    shade(st->shot, id[i] >> 3, x, y, t, id & 7, -(l->key & 1), c);
+    shade(st->shot, id[i] >> 3, &at, c);
     for (int k = i; k < 4; k++) {
       if (is_done[k] || id[k] >> 3 != id[i] >> 3) continue;
       is_done[k] = true;

@@ -328,8 +328,8 @@ sv_status sv_cameramodel_read_splined(const sv_file_data *file, sv_arena *spline
   take_model(&d, model);
   sv_rodrigues(cam_from_ref->r, d.extrinsics);
   for (int i = 0; i < 3; i++) cam_from_ref->t[i] = d.extrinsics[3 + i];
-  s = sv_limits_check_camera(model, name, err);
-  return s < 0 ? s : sv_limits_check_pose(cam_from_ref, name, err);
+  s = sv_limits_check_camera(model, file->name, err);
+  return s < 0 ? s : sv_limits_check_pose(cam_from_ref, file->name, err);
 }
 
 sv_status sv_cameramodel_write(sv_str *out, const sv_camera_model *model, const sv_pose *cam_from_ref) {

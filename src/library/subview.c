@@ -166,7 +166,7 @@ subview_status subview_start(subview *s, subview_error *error) {
   sv_err *err = err_of(error);
   sv_trainer *t = &s->trainer;
   const int n_views = s->exposures.n * s->rig.n_sub_views;
-  int n_points = 0, n_maps;
+  int n_points = 0;
   if (s->is_started) return sv_fail(err, SV_E_ARG, "training has started already; expected a new instance");
   if (n_views < 1) return sv_fail(err, SV_E_NOT_FOUND, "there is no exposure to train on");
   sv_status r = SV_OK;
@@ -174,7 +174,9 @@ subview_status subview_start(subview *s, subview_error *error) {
   if (r < 0) return r;
   if (!s->has_bounds) s->bounds = sv_bounds_of_views(s->views, n_views);
   sv_init_cfg init = sv_stereo_init(&s->bounds, t->cfg.seed);
-  r = sv_stereo_points(t, &s->bounds, &s->scratch, s->points, t->g.n, &n_points, &n_maps);
+  sv_stereo_cloud cloud = {.point = s->points, .cap = t->g.n};
+  r = sv_stereo_points(t, &s->bounds, &s->scratch, &cloud);
+  n_points = cloud.n;
   if (r == SV_AGAIN) { // views do not overlap
     init = (sv_init_cfg){.kind = s->has_bounds ? SV_INIT_SPHERE : SV_INIT_POINTS,
                          .radius = s->bounds.radius,

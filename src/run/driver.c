@@ -43,8 +43,10 @@ size_t sv_driver_scratch_bytes(const sv_train_cfg *cfg, int n_points) {
 }
 
 sv_status sv_driver_measure(const sv_trainer *t, sv_driver_start *start, sv_err *err) {
-  sv_status s = sv_stereo_points(t, &start->bounds, start->scratch, start->points, t->g.n, &start->n_points,
-                                 &start->n_maps);
+  sv_stereo_cloud cloud = {.point = start->points, .cap = t->g.n};
+  sv_status s = sv_stereo_points(t, &start->bounds, start->scratch, &cloud);
+  start->n_points = cloud.n;
+  start->n_maps = cloud.n_maps;
   if (s < 0) return sv_fail(err, s, "no depth maps for the first model: %s", sv_status_text(s));
   if (s != SV_OK) return s;
   start->init = sv_stereo_init(&start->bounds, t->cfg.seed);

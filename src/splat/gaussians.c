@@ -59,7 +59,7 @@ static void random_point(sv_rng *rng, sv_init_kind kind, float out[3]) {
   for (int k = 0; k < 3; k++) out[k] = (float)(d[k] * r);
 }
 
-// Chooses the point of each slot: a random subset, or every point several times.
+// Chooses the point of each Gaussian: a random subset, or every point several times.
 static void choose_points(sv_rng *rng, int *pick, int n, int *order, int n_points) {
   for (int i = 0; i < n_points; i++) order[i] = i;
   for (int i = 0; i < n; i++) {
@@ -73,33 +73,40 @@ static void choose_points(sv_rng *rng, int *pick, int n, int *order, int n_point
   }
 }
 
-static void carve_scratch(sv_arena *a, int n, int n_points, float **xyz, float **dist2, int **pick,
-                          int **order) {
-  *xyz = SV_TAKE(a, float, 3 * (size_t)n);
-  *dist2 = SV_TAKE(a, float, (size_t)n);
-  *pick = SV_TAKE(a, int, (size_t)n);
-  *order = SV_TAKE(a, int, (size_t)n_points);
+// Scratch of a fill.
+typedef struct {
+  float *xyz;   // [n][3] means
+  float *dist2; // [n] mean squared distance of the nearest neighbours
+  int *pick;    // [n] the point of each Gaussian
+  int *order;   // [n_points] their shuffle
+} fill_scratch;
+
+static fill_scratch carve_scratch(sv_arena *a, int n, int n_points) {
+  fill_scratch f;
+  f.xyz = SV_TAKE(a, float, 3 * (size_t)n);
+  f.dist2 = SV_TAKE(a, float, (size_t)n);
+  f.pick = SV_TAKE(a, int, (size_t)n);
+  f.order = SV_TAKE(a, int, (size_t)n_points);
+  return f;
 }
 
-size_t sv_init_scratch_bytes(int n_slots, int n_points) {
+size_t sv_init_scratch_bytes(int n_gaussians, int n_points) {
   sv_arena dry = sv_arena_dry();
-  float *f;
-  int *i;
-  carve_scratch(&dry, n_slots, n_points, &f, &f, &i, &i);
-  return dry.used_bytes + sv_neighbours_bytes(n_slots);
+  (void)carve_scratch(&dry, n_gaussians, n_points);
+  return dry.used_bytes + sv_neighbours_bytes(n_gaussians);
 }
 
-static void place(const sv_init_cfg *cfg, const sv_point *point, int n_points, int n, float *xyz, int *pick,
-                  int *order) {
+static void place(const sv_init_cfg *cfg, const sv_point *point, int n_points, int n, const fill_scratch *f) {
+  float *xyz = f->xyz;
   sv_rng rng = sv_rng_make(cfg->seed, 1);
-  if (cfg->kind == SV_INIT_POINTS) choose_points(&rng, pick, n, order, n_points);
+  if (cfg->kind == SV_INIT_POINTS) choose_points(&rng, f->pick, n, f->order, n_points);
   for (int i = 0; i < n; i++) {
     if (cfg->kind == SV_INIT_POINTS) {
       // Copies of a point must not coincide: spread them by a hundredth of the scene, training does
       // the rest.
       for (int k = 0; k < 3; k++)
         xyz[3 * i + k] =
-            point[pick[i]].mean[k] + (i < n_points ? 0.0f : 0.01f * cfg->radius * sv_rng_normal(&rng));
+            point[f->pick[i]].mean[k] + (i < n_points ? 0.0f : 0.01f * cfg->radius * sv_rng_normal(&rng));
     } else {
       random_point(&rng, cfg->kind, xyz + 3 * i);
       for (int k = 0; k < 3; k++) xyz[3 * i + k] = cfg->centre[k] + cfg->radius * xyz[3 * i + k];
@@ -113,23 +120,21 @@ sv_status sv_gaussians_fill(sv_gaussians *g, const sv_init_cfg *cfg, const sv_po
   if (!(cfg->opacity > 0 && cfg->opacity < 1) || !(cfg->radius > 0) || !(cfg->scale_factor > 0))
     return SV_E_ARG;
   size_t mark = sv_arena_mark(scratch);
-  float *xyz, *dist2;
-  int *pick, *order;
-  carve_scratch(scratch, g->n, cfg->kind == SV_INIT_POINTS ? n_points : 0, &xyz, &dist2, &pick, &order);
+  const fill_scratch f = carve_scratch(scratch, g->n, cfg->kind == SV_INIT_POINTS ? n_points : 0);
   sv_status s = scratch->status < 0 ? SV_E_NOMEM : SV_OK;
   if (s == SV_OK) {
-    place(cfg, point, n_points, g->n, xyz, pick, order);
-    s = sv_neighbours(xyz, g->n, dist2, scratch);
+    place(cfg, point, n_points, g->n, &f);
+    s = sv_neighbours(f.xyz, g->n, f.dist2, scratch);
   }
   float logit = (float)sv_log((double)cfg->opacity / (1.0 - (double)cfg->opacity));
   for (int i = 0; s == SV_OK && i < g->n; i++) {
-    double d = sqrt(dist2[i] > 1e-14f ? (double)dist2[i] : 1e-14), max = 0.1 * (double)cfg->radius;
+    double d = sqrt(f.dist2[i] > 1e-14f ? (double)f.dist2[i] : 1e-14), max = 0.1 * (double)cfg->radius;
     sv_gaussian v = {.quat_wxyz = {1, 0, 0, 0}, .opacity_logit = logit};
     float scale = (float)sv_log((d < max ? d : max) * (double)cfg->scale_factor);
     for (int k = 0; k < 3; k++) {
-      v.mean[k] = xyz[3 * i + k];
+      v.mean[k] = f.xyz[3 * i + k];
       v.log_scale[k] = scale;
-      if (cfg->kind == SV_INIT_POINTS) v.sh[0][k] = (point[pick[i]].rgb[k] - 0.5f) / (float)SV_SH_C0;
+      if (cfg->kind == SV_INIT_POINTS) v.sh[0][k] = (point[f.pick[i]].rgb[k] - 0.5f) / (float)SV_SH_C0;
     }
     sv_gaussians_put(g, i, &v);
   }

@@ -57,7 +57,7 @@ typedef struct {
 // scratch. E_NOMEM: scratch too small (sv_init_scratch_bytes); E_ARG: no points.
 sv_status sv_gaussians_fill(sv_gaussians *g, const sv_init_cfg *cfg, const sv_point *point, int n_points,
                             sv_arena *scratch) SV_MUST_USE;
-size_t sv_init_scratch_bytes(int n_slots, int n_points);
+size_t sv_init_scratch_bytes(int n_gaussians, int n_points);
 
 // Robust radius of the model: 1.5 x the median distance of the slots to their centroid. Never
 // derived from camera positions: a single exposure has no camera spread.

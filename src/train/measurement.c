@@ -8,17 +8,16 @@
 
 // Regions lie side by side and reach beyond the sensor by less than one; the jitter shares that out
 // between the two ends, and the outer ones are pushed back onto the sensor.
-static void span(int side, int n, int region_px, float jitter, int i, int *from, int *to) {
+static int start_of(int side, int n, int region_px, float jitter, int i) {
   int size = sv_mini(region_px, side), beyond = n * region_px - side;
-  *from = sv_maxi(0, sv_mini(i * region_px - (int)(jitter * (float)beyond), side - size));
-  *to = *from + size;
+  return sv_maxi(0, sv_mini(i * region_px - (int)(jitter * (float)beyond), side - size));
 }
 
 sv_region sv_train_region(const sv_trainer *t, const sv_train_measurement *c, int i) {
-  sv_region r;
-  span(c->model.width_px, c->n_x, t->cfg.region_px, t->jitter[0], i % c->n_x, &r.x0, &r.x1);
-  span(c->model.height_px, c->n_y, t->cfg.region_px, t->jitter[1], i / c->n_x, &r.y0, &r.y1);
-  return r;
+  const int w = c->model.width_px, h = c->model.height_px, region_px = t->cfg.region_px;
+  const int x0 = start_of(w, c->n_x, region_px, t->jitter[0], i % c->n_x);
+  const int y0 = start_of(h, c->n_y, region_px, t->jitter[1], i / c->n_x);
+  return (sv_region){.x0 = x0, .y0 = y0, .x1 = x0 + sv_mini(region_px, w), .y1 = y0 + sv_mini(region_px, h)};
 }
 
 static void load_region(sv_trainer *t, const sv_train_measurement *c, const sv_region *r) {

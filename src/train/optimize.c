@@ -157,17 +157,24 @@ static inline __attribute__((always_inline)) void prefetch_lines(const void *blo
   }
 }
 
-static void move(const job *j, int b, uint32_t touched, uint32_t with_err, const float *grad,
-                 const float *err, wanderers *w) {
+// Gradients and blended errors of a block, and the lanes that have them.
+typedef struct {
+  const float *grad, *err;
+  uint32_t touched, has_err;
+} block_grads;
+
+static void move(const job *j, int b, const block_grads *from, wanderers *w) {
   sv_trainer *t = j->t;
+  const float *grad = from->grad;
+  const uint32_t touched = from->touched;
   size_t at = (size_t)b * (size_t)t->g.n_rows * 16;
   float *p = t->g.param + at;
   if (t->cfg.optimizer == SV_OPTIMIZER_ADAM)
     t->compute.k->adam(&j->adam, touched, grad, p, t->m + at, t->v + at);
   else t->compute.k->newton(&j->newton, touched, grad, t->v + at, p, t->m + at);
   const uint32_t below =
-      t->compute.k->blend_errors(j->is_error_due ? with_err : 0, ERR_KEEP, err, t->err + 16 * (size_t)b,
-                                 p + 16 * SV_ROW_LOGIT, EXPLORE_BELOW);
+      t->compute.k->blend_errors(j->is_error_due ? from->has_err : 0, ERR_KEEP, from->err,
+                                 t->err + 16 * (size_t)b, p + 16 * SV_ROW_LOGIT, EXPLORE_BELOW);
   if (j->noise_gain > 0.0f) add_wanderers(j, b, below & touched, p, w);
   if (t->floor) keep_above(t->floor + 16 * (size_t)b, p + 16 * SV_ROW_SCALE);
 }
@@ -201,7 +208,7 @@ static void optimise_task(void *arg, int i_task, int i_thread) {
     add_pose(j, i_task, pose);
     prefetch_lines(t->m + at, rows * sizeof *t->m);
     if (b < t->render.n_moved_blocks) t->hooks->update_block(t->hooked, b, i_thread, touched, grad, err + 16);
-    if (touched) move(j, b, touched, touched, grad, err, &w);
+    if (touched) move(j, b, &(block_grads){grad, err, touched, touched}, &w);
     prefetch_lines(t->v + at, rows * sizeof *t->v);
     n += (uint32_t)__builtin_popcount(touched);
   }
@@ -249,7 +256,7 @@ static void apply_task(void *arg, int i_task, int i_thread) {
     uint32_t *touched = t->sum_touched + 2 * b;
     if (!touched[0]) continue;
     float *sum = sum_of(t, b);
-    move(j, b, touched[0], touched[1], sum, sum + 16 * t->g.n_rows, &w);
+    move(j, b, &(block_grads){sum, sum + 16 * t->g.n_rows, touched[0], touched[1]}, &w);
     n += (uint32_t)__builtin_popcount(touched[0]);
     memset(sum, 0, (size_t)(t->g.n_rows + 1) * 16 * sizeof *sum);
     touched[0] = touched[1] = 0;

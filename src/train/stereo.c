@@ -3,7 +3,7 @@
 
 #include "src/base/mathx.h"
 
-#define LEAST_SHARE 16 // of the Gaussians: fewer points leave most of the scene empty
+#define MIN_SHARE 16 // of the Gaussians: fewer points leave most of the scene empty
 // neither covers what is behind a wrong depth nor is faded before it is tried
 #define OPACITY 0.3f
 // with half of the neighbours' distance, surfaces have holes (docs/notes/quality.md)
@@ -59,18 +59,18 @@ static void sample(const sv_trainer *t, const sv_depth_map *m, sampler *s) {
     }
 }
 
-sv_status sv_stereo_points(const sv_trainer *t, const sv_bounds *bounds, sv_arena *scratch, sv_point *point,
-                           int n, int *n_points, int *n_maps) {
+sv_status sv_stereo_points(const sv_trainer *t, const sv_bounds *bounds, sv_arena *scratch,
+                           sv_stereo_cloud *out) {
   sv_sweep sweep;
   size_t mark = sv_arena_mark(scratch);
   sv_status s = sv_sweep_run(&sweep, t, bounds, SV_SWEEP_CAP_PX, scratch);
-  sampler all = {.n = n};
+  sampler all = {.n = out->cap};
   for (int i = 0; s == SV_OK && i < sweep.n; i++) sample(t, &sweep.map[i], &all);
-  if (s == SV_OK && all.n_all * LEAST_SHARE < n) s = SV_AGAIN;
-  all.point = point;
+  if (s == SV_OK && all.n_all * MIN_SHARE < out->cap) s = SV_AGAIN;
+  all.point = out->point;
   for (int i = 0; s == SV_OK && i < sweep.n; i++) sample(t, &sweep.map[i], &all);
-  *n_points = all.n_out;
-  *n_maps = sweep.n;
+  out->n = all.n_out;
+  out->n_maps = sweep.n;
   sv_arena_reset(scratch, mark);
   return s;
 }

@@ -10,13 +10,20 @@
 extern "C" {
 #endif
 
-// Up to n points into point[n], in the pictures' colours, from depth maps of the trainer's views:
-// all of them or, when there are more, evenly over all maps. *n_points is their number, *n_maps
-// that of the maps. `bounds` is where the scene is about (its near side and far behind it are
-// searched). AGAIN: too few for a start (a sixteenth of n), as the views do not overlap or are
-// without structure; transparent pixels give none. Scratch: sv_sweep_bytes.
-sv_status sv_stereo_points(const sv_trainer *t, const sv_bounds *bounds, sv_arena *scratch, sv_point *point,
-                           int n, int *n_points, int *n_maps) SV_MUST_USE;
+// Points of the surface, the caller's memory.
+typedef struct {
+  sv_point *point; // [cap]
+  int cap;
+  int n;      // out: points
+  int n_maps; // out: depth maps that they are from
+} sv_stereo_cloud;
+
+// Points in the images' colors from depth maps of the trainer's views: all of them or, when there
+// are more than cap, evenly over all maps. `bounds` is where the scene is about (its near side and
+// far behind it are searched). AGAIN: too few for a start (a sixteenth of cap), as the views do not
+// overlap or are without structure; transparent pixels give none. Scratch: sv_sweep_bytes.
+sv_status sv_stereo_points(const sv_trainer *t, const sv_bounds *bounds, sv_arena *scratch,
+                           sv_stereo_cloud *out) SV_MUST_USE;
 // The point of a map's pixel, *z its depth; false: not measured, or transparent.
 bool sv_stereo_point(const sv_trainer *t, const sv_depth_map *m, int x, int y, sv_point *out, float *z);
 // How Gaussians start at such points. Points lie about as far apart as they should be large.

@@ -182,11 +182,16 @@ static transfer transfer_to(const sv_view *b, const sv_view *a) {
   return out;
 }
 
-static bool see(const transfer *q, float x, float y, float w, float *u, float *v, float *z) {
-  *z = q->h[6] * x + q->h[7] * y + q->h[8] + w * q->e[2];
-  if (!(*z > 1e-6f)) return false;
-  *u = (q->h[0] * x + q->h[1] * y + q->h[2] + w * q->e[0]) / *z;
-  *v = (q->h[3] * x + q->h[4] * y + q->h[5] + w * q->e[1]) / *z;
+typedef struct {
+  float u, v, z; // pixel, homogeneous depth
+} seen;
+
+static bool see(const transfer *q, float x, float y, float w, seen *out) {
+  const float z = q->h[6] * x + q->h[7] * y + q->h[8] + w * q->e[2];
+  if (!(z > 1e-6f)) return false;
+  out->u = (q->h[0] * x + q->h[1] * y + q->h[2] + w * q->e[0]) / z;
+  out->v = (q->h[3] * x + q->h[4] * y + q->h[5] + w * q->e[1]) / z;
+  out->z = z;
   return true;
 }
 
@@ -200,12 +205,13 @@ static void choose_planes(sv_sweep *s, int i, const sv_bounds *b) {
   float span = 1 / near - m->w0;
   for (int k = 0; k < m->n_sources; k++) {
     transfer q = transfer_to(&s->map[m->source[k]].view, v);
-    float x = 0.5f * (float)v->width_px, y = 0.5f * (float)v->height_px, u[2], w[2], z;
+    float x = 0.5f * (float)v->width_px, y = 0.5f * (float)v->height_px;
+    seen from, to;
     // shift a unit of w, where the scene is
     float at = zc > near ? 1 / zc : 1 / near, d = 0.01f * span;
-    if (!see(&q, x, y, at, &u[0], &w[0], &z) || !see(&q, x, y, at + d, &u[1], &w[1], &z)) continue;
-    most = sv_maxf(most, 100 * (float)sqrt((double)(u[1] - u[0]) * (u[1] - u[0]) +
-                                           (double)(w[1] - w[0]) * (w[1] - w[0])));
+    if (!see(&q, x, y, at, &from) || !see(&q, x, y, at + d, &to)) continue;
+    most = sv_maxf(most, 100 * (float)sqrt((double)(to.u - from.u) * (to.u - from.u) +
+                                           (double)(to.v - from.v) * (to.v - from.v)));
   }
   m->n_planes = sv_clampi((int)(most + 1.5f), 16, SV_SWEEP_CAP_PLANES);
   m->dw = span / (float)(m->n_planes - 1);
@@ -470,11 +476,11 @@ static inline float inverse_depth(const sv_depth_map *m, uint16_t code) {
 static bool is_confirmed(const sv_sweep *s, const sv_depth_map *m, const transfer *q, int x, int y, float w) {
   for (int k = 0; k < m->n_sources; k++) {
     const sv_depth_map *o = &s->map[m->source[k]];
-    float u, v, z;
-    if (!see(&q[k], (float)x + 0.5f, (float)y + 0.5f, w, &u, &v, &z)) continue;
-    if (!(u >= 0 && u < (float)o->view.width_px && v >= 0 && v < (float)o->view.height_px)) continue;
-    uint16_t code = o->code[(size_t)(int)v * (size_t)o->view.width_px + (size_t)(int)u];
-    if (code && fabsf(inverse_depth(o, code) - w / z) <= AGREE * o->dw) return true;
+    seen p;
+    if (!see(&q[k], (float)x + 0.5f, (float)y + 0.5f, w, &p)) continue;
+    if (!(p.u >= 0 && p.u < (float)o->view.width_px && p.v >= 0 && p.v < (float)o->view.height_px)) continue;
+    uint16_t code = o->code[(size_t)(int)p.v * (size_t)o->view.width_px + (size_t)(int)p.u];
+    if (code && fabsf(inverse_depth(o, code) - w / p.z) <= AGREE * o->dw) return true;
   }
   return false;
 }

@@ -74,7 +74,10 @@ static outcome measure(int n) {
   static double error[20000];
   outcome o = {.digest = 14695981039346656037ull};
   sv_arena a = scratch_of(0);
-  assert_int_equal(sv_stereo_points(&w.app.trainer, &w.cfg.bounds, &a, point, n, &o.n, &o.n_maps), SV_OK);
+  sv_stereo_cloud cloud = {.point = point, .cap = n};
+  assert_int_equal(sv_stereo_points(&w.app.trainer, &w.cfg.bounds, &a, &cloud), SV_OK);
+  o.n = cloud.n;
+  o.n_maps = cloud.n_maps;
   assert_int_equal(a.used_bytes, 0);
   assert_true(a.high_bytes <= a.cap_bytes);
   render_truth();
@@ -148,11 +151,10 @@ TEST(test_many_views) {
 
 static void expect_none(const char *spec, int n_exposures) {
   open_views(spec, n_exposures, 2);
-  int n_points = -1, n_maps;
+  sv_stereo_cloud cloud = {.point = point, .cap = 4000, .n = -1};
   sv_arena a = sv_arena_make(scratch_block, sizeof scratch_block);
-  assert_int_equal(sv_stereo_points(&w.app.trainer, &w.cfg.bounds, &a, point, 4000, &n_points, &n_maps),
-                   SV_AGAIN);
-  assert_int_equal(n_points, 0);
+  assert_int_equal(sv_stereo_points(&w.app.trainer, &w.cfg.bounds, &a, &cloud), SV_AGAIN);
+  assert_int_equal(cloud.n, 0);
   assert_int_equal(world_stats(&w).step, 1); // it ran all the same
   assert_false(world_has_line(&w, "depth maps"));
   world_close(&w);
@@ -163,19 +165,17 @@ TEST(test_nothing_to_compare) {
   // The same picture twice from one place.
   open_views("textured,rig=mono,size=64x48", 2, 2);
   w.app.trainer.views[1] = w.app.trainer.views[0];
-  int n_points, n_maps;
+  sv_stereo_cloud cloud = {.point = point, .cap = 4000};
   sv_arena a = scratch_of(0);
-  assert_int_equal(sv_stereo_points(&w.app.trainer, &w.cfg.bounds, &a, point, 4000, &n_points, &n_maps),
-                   SV_AGAIN);
+  assert_int_equal(sv_stereo_points(&w.app.trainer, &w.cfg.bounds, &a, &cloud), SV_AGAIN);
   world_close(&w);
 }
 
 TEST(test_memory) {
   open_views("textured,rig=stereo,size=100x76", 2, 3);
-  int n_points, n_maps;
+  sv_stereo_cloud cloud = {.point = point, .cap = 4000};
   sv_arena a = scratch_of(64);
-  assert_int_equal(sv_stereo_points(&w.app.trainer, &w.cfg.bounds, &a, point, 4000, &n_points, &n_maps),
-                   SV_E_NOMEM);
+  assert_int_equal(sv_stereo_points(&w.app.trainer, &w.cfg.bounds, &a, &cloud), SV_E_NOMEM);
   assert_int_equal(a.used_bytes, 0);
   assert_true(world_has_line(&w, "depth maps of 4 views"));
   world_close(&w);
