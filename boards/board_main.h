@@ -20,10 +20,11 @@
 #include "src/run/app.h"
 #include "src/format/rig_file.h"
 
-#define EXIT_USAGE  2
-#define VERSION     SUBVIEW_VERSION
-#define TEXT_OF_(x) #x
-#define TEXT_OF(x)  TEXT_OF_(x) // a number of board.h, for a sentence
+#define EXIT_USAGE   2
+#define EXIT_RESCUED 3 // a run: done, but saved in the second place
+#define VERSION      SUBVIEW_VERSION
+#define TEXT_OF_(x)  #x
+#define TEXT_OF(x)   TEXT_OF_(x) // a number of board.h, for a sentence
 
 // --- options -------------------------------------------------------------------------------------
 // Each command's struct of options begins with a member `common` of this type, and its table ends
@@ -52,7 +53,8 @@ void say(int fd, const char *fmt, ...) SV_PRINTF(2, 3);
 int fail_with(const sv_err *err);
 
 // --- the board's one block -----------------------------------------------------------------------
-sv_arena board_arena(void);
+// An arena over all of it; a second one in the same program is over the same memory.
+sv_status board_arena(sv_arena *arena, sv_err *err) SV_MUST_USE;
 // Kernels of this CPU, or of SV_ISA, and the mask they were chosen by. False after a message.
 bool board_kernels(sv_kernels *k, uint32_t *mask);
 

@@ -85,6 +85,6 @@ int cmd_bench(int argc, char **argv) {
   if (r) return r < 0 ? 0 : r;
   if (!board_kernels(&b.k, &b.isa_mask)) return EXIT_USAGE;
   sv_linux_console_init(&b.console, 2, o.is_quiet);
-  b.arena = board_arena();
+  if (board_arena(&b.arena, &err) < 0) return fail_with(&err);
   return time_all(&o, &err) < 0 ? fail_with(&err) : 0;
 }

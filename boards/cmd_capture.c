@@ -17,6 +17,11 @@
 #define CAP_VIRTUAL 8
 #define TIMEOUT_NS  (10 * SV_NS_PER_S) // without any exposure
 #define LOOK_NS     (2 * SV_NS_PER_MS) // the thread of the cameras is looked at so often
+#define N_TRIES     6                  // to save a frame, where the source's time waits for it
+#define N_TRIES_NOW 2                  // where it does not
+#define N_CLOSE     6                  // to save capture.json at the end
+#define FIRST_WAIT  (100 * SV_NS_PER_MS)
+#define CAP_WAIT    (4 * SV_NS_PER_S)
 
 typedef struct {
   options_common common;
@@ -44,6 +49,10 @@ static struct {
   sv_coverage_names coverage;
   char text[64 * 1024];
   long n_exposures;
+  // Exposures that could not be saved. After each, so many that come before retry_ns are left out.
+  long n_lost;
+  int n_lost_in_a_row;
+  sv_ns retry_ns, lost_since_ns;
 } cap;
 
 static sv_status write_rig(const char *dir, sv_arena *arena, sv_err *err) {
@@ -95,16 +104,62 @@ static sv_status write_frame(const sv_frame *frame, sv_err *err) {
   return sv_capture_writer_add(&cap.writer, &f, err);
 }
 
+static void wait_ns(sv_ns ns) {
+  sv_clock m = sv_linux_clock();
+  m.sleep_until_ns(m.self, m.now_ns(m.self) + ns);
+}
+
+// A disk may refuse once. Where the source's time waits, so does the next try.
+static bool is_tried_again(sv_status s, int n_tried) {
+  if (s != SV_E_IO || n_tried >= (cap.src.is_virtual ? N_TRIES : N_TRIES_NOW)) return false;
+  if (cap.src.is_virtual) wait_ns(FIRST_WAIT << (n_tried - 1));
+  return true;
+}
+
 static sv_status save_exposure(sv_exposure_slot *t, sv_err *err) {
   sv_status s = SV_OK;
   for (int i = 0; s >= 0 && i < cap.src.source.n_cameras; i++)
-    if (t->frames[i].i_camera >= 0) s = write_frame(&t->frames[i], err);
+    for (int n = 1; t->frames[i].i_camera >= 0; n++) {
+      s = write_frame(&t->frames[i], err);
+      if (!is_tried_again(s, n)) break;
+    }
   sv_convert_forget(&cap.convert);
-  if (s >= 0 && t->exposure.has_pose)
+  for (int n = 1; s >= 0 && t->exposure.has_pose; n++) {
     s = sv_capture_writer_add_pose(&cap.writer, t->exposure.time_ns, &t->exposure.rig_from_world, err);
-  sv_capture_queue_give_back(&cap.in, t, true);
+    if (!is_tried_again(s, n)) break;
+  }
+  sv_capture_queue_give_back(&cap.in, t, s >= 0);
   if (s >= 0) cap.n_exposures++;
   return s;
+}
+
+// Real cameras go on. What cannot be saved is left out, with longer and longer pauses; a disk that
+// takes nothing for TIMEOUT_NS ends the capture.
+static sv_status save_or_leave_out(sv_exposure_slot *t, const sv_console *con, sv_err *err) {
+  sv_ns now = cap.src.clock.now_ns(cap.src.clock.self);
+  if (cap.n_lost_in_a_row && now < cap.retry_ns) {
+    cap.n_lost++;
+    sv_capture_queue_give_back(&cap.in, t, false);
+    return SV_OK;
+  }
+  sv_status s = save_exposure(t, err);
+  if (s >= 0) cap.n_lost_in_a_row = 0;
+  if (s != SV_E_IO || cap.src.is_virtual) return s;
+  char line[400];
+  sv_ns wait = FIRST_WAIT << (cap.n_lost_in_a_row < 6 ? cap.n_lost_in_a_row : 6);
+  if (!cap.n_lost_in_a_row++) cap.lost_since_ns = now;
+  cap.n_lost++;
+  cap.retry_ns = now + (wait < CAP_WAIT ? wait : CAP_WAIT);
+  if (now - cap.lost_since_ns > TIMEOUT_NS) return s;
+  sv_fmt(line, sizeof line, "%s; exposures are left out until it can", err->text);
+  con->log(con->self, SV_LOG_WARN, line);
+  return SV_OK;
+}
+
+// capture.json on the way: the frames are in the folder without it.
+static void tell_save(const sv_console *con) {
+  if (cap.writer.saved < 0) con->log(con->self, SV_LOG_WARN, cap.writer.save_err.text);
+  cap.writer.saved = SV_OK;
 }
 
 // True when a camera has come back: it gets the time that all had at the start.
@@ -196,8 +251,9 @@ static sv_status record(const capture_options *o, sv_err *err) {
                      sv_status_text(atomic_load(&cap.in.broken_status)));
     sv_exposure_slot *slot;
     if (sv_capture_queue_take(&cap.in, &slot) == SV_OK) {
-      sv_status s = save_exposure(slot, err);
+      sv_status s = save_or_leave_out(slot, &con, err);
       if (s < 0) return s;
+      tell_save(&con);
       last_ns = clk->now_ns(clk->self); // only from here on nothing comes: saving took its time
       log_live(&con, sv_ns_to_s(last_ns - begin));
     } else if (now - last_ns > TIMEOUT_NS)
@@ -214,9 +270,10 @@ static void print_ledger(const capture_options *o) {
   sv_ledger l = sv_sync_ledger_sum(&cap.in.sync);
   if (o->is_json)
     say(1,
-        "{\"exposures\": %ld, \"captured\": %llu, \"delivered\": %llu, \"dropped\": %llu, \"skew_us_p99\": "
-        "%.1f}\n",
-        cap.n_exposures, (unsigned long long)l.captured, (unsigned long long)l.delivered,
+        "{\"exposures\": %ld, \"not_saved\": %ld, \"captured\": %llu, \"delivered\": %llu, \"dropped\": "
+        "%llu, "
+        "\"skew_us_p99\": %.1f}\n",
+        cap.n_exposures, cap.n_lost, (unsigned long long)l.captured, (unsigned long long)l.delivered,
         (unsigned long long)sv_ledger_dropped(&l),
         (double)sv_skew_percentile_ns(&cap.in.sync.skew, 99) * 1e-3);
   else
@@ -227,6 +284,7 @@ static void print_ledger(const capture_options *o) {
         (unsigned long long)sv_ledger_dropped(&l),
         (double)sv_skew_percentile_ns(&cap.in.sync.skew, 99) * 1e-3, o->out);
   if (o->is_json) return;
+  if (cap.n_lost) say(1, "%ld exposures could not be saved and were left out\n", cap.n_lost);
   for (int i = 0; i < cap.src.source.n_cameras; i++) {
     char line[512];
     sv_str s = sv_str_make(line, sizeof line);
@@ -269,7 +327,6 @@ static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err
   if ((s = sv_capture_queue_check(&cap.in, err)) < 0) return s;
   if (sv_capture_has_frames(o->out))
     return sv_fail(err, SV_E_ARG, "%s: already holds a capture; choose another --out or remove it", o->out);
-  if (cap.src.rig && (s = write_rig(o->out, arena, err)) < 0) return s;
   if ((s = open_conversion(arena, err)) < 0) return s;
   double scene[6];
   for (int i = 0; i < 3; i++) {
@@ -284,15 +341,34 @@ static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err
                               .caps = cap.caps,
                               .scene_m = cap.src.has_bounds ? scene : NULL};
   sv_arena_part_begin(arena, "writer");
-  return sv_capture_writer_open(&cap.writer, &wc, arena, err);
+  if ((s = sv_capture_writer_open(&cap.writer, &wc, arena, err)) < 0) return s;
+  // The writer holds the folder's lock: nothing of another capture is written over.
+  if (!cap.src.rig || (s = write_rig(o->out, arena, err)) >= 0) return s;
+  sv_err close_err;
+  if (sv_capture_writer_close(&cap.writer, &close_err) < 0) return s;
+  return s;
+}
+
+// At the end there is no later try: several, over a few seconds.
+static sv_status close_writer(sv_err *err) {
+  for (int i = 0; i < N_CLOSE - 1; i++) {
+    if (sv_capture_writer_finish(&cap.writer, err) >= 0) break;
+    wait_ns(FIRST_WAIT << i);
+  }
+  sv_status s = sv_capture_writer_close(&cap.writer, err);
+  if (s >= 0) return s;
+  const sv_err why = *err;
+  return sv_fail(err, s, "%s; the frames are saved, and the next program that reads the folder lists them",
+                 why.text);
 }
 
 static int capture_all(const capture_options *o) {
   sv_err err = {0}, close_err = {0};
-  sv_arena arena = board_arena();
+  sv_arena arena;
   sv_linux_console_init(&cap.console, 2, o->is_quiet);
   sv_linux_outlive_readers();
-  if (sv_linux_catch_signals(&err) < 0 || open_all(o, &arena, &err) < 0) return fail_with(&err);
+  if (board_arena(&arena, &err) < 0 || sv_linux_catch_signals(&err) < 0 || open_all(o, &arena, &err) < 0)
+    return fail_with(&err);
   sv_arena_seal(&arena);
   sv_status s = start(&err);
   if (s >= 0) {
@@ -303,7 +379,7 @@ static int capture_all(const capture_options *o) {
     }
   }
   sv_linux_console_finish(&cap.console);
-  if (sv_capture_writer_close(&cap.writer, &close_err) < 0 && s >= 0) {
+  if (close_writer(&close_err) < 0 && s >= 0) {
     s = close_err.status;
     err = close_err;
   }

@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include "boards/board_main.h"
+#include "boards/outputs.h"
 #include "boards/preview.h"
 #include "boards/run_options.h"
 #include "platform/codec/codec.h"
@@ -20,33 +21,15 @@ static struct {
   sv_kernels k;
   sv_linux_pool pool;
   sv_linux_background background;
-  sv_linux_store store;
   sv_linux_console console;
-  sv_codec codec;
-  uint8_t *jpeg, *truth;
-  size_t cap_jpeg;
-  sv_err preview_err;
+  outputs out;
+  uint8_t *truth; // held-out views of the simulator
 } run;
 
-// Publishes a picture as NAME.jpg in the run's folder.
+// self is the page's.
 static void publish_image(void *self, const char *name, int w, int h, const uint8_t *rgb) {
   (void)self;
-  sv_picture pic = {.width_px = w,
-                    .height_px = h,
-                    .stride_bytes = (size_t)w * 3,
-                    .format = SV_PIX_RGB8,
-                    .data = (uint8_t *)(uintptr_t)rgb};
-  char file[64];
-  size_t bytes;
-  sv_store st = sv_linux_store_port(&run.store);
-  sv_err *err = &run.preview_err;
-  if (sv_codec_encode_jpeg(&run.codec, &pic, (sv_jpeg_options){92, true},
-                           (sv_codec_buffer){run.jpeg, run.cap_jpeg}, &bytes, err) < 0)
-    return;
-  sv_fmt(file, sizeof file, "%s.jpg", name);
-  if (st.begin(st.self, file, err) < 0) return;
-  if (st.write(st.self, run.jpeg, bytes, err) < 0) st.abandon(st.self);
-  else if (st.commit(st.self, err) < 0) return;
+  outputs_publish(&run.out, name, w, h, rgb);
 }
 
 // "left,right" -> bits of the rig's sub-views.
@@ -116,11 +99,8 @@ static sv_status carve_outputs(sv_arena *a, const sv_app_cfg *cfg, sv_err *err) 
   int w = 1, h = 1;
   sv_app_preview_size(cfg, &w, &h);
   sv_arena_part_begin(a, "preview");
-  sv_codec_cfg cc = {.max_width_px = w, .max_height_px = h};
-  sv_status s = sv_codec_init(&run.codec, &cc, a);
-  if (s < 0) return sv_fail(err, s, "no room for a preview of %dx%d pixels", w, h);
-  run.cap_jpeg = (size_t)w * (size_t)h * 3 + 4096;
-  run.jpeg = SV_TAKE(a, uint8_t, run.cap_jpeg);
+  sv_status s = outputs_carve(&run.out, a, w, h, err);
+  if (s < 0) return s;
   const sv_camera_model *m = &run.src.rig->sub_views[0].model; // that of the held-out views
   if (run.src.kind == SOURCE_SIM)
     run.truth = SV_TAKE(a, uint8_t, (size_t)m->width_px * (size_t)m->height_px * 3);
@@ -180,12 +160,19 @@ static int report(const run_options *o, sv_err *err) {
   }
   if (n) say(1, "held-out PSNR %.2f dB (%d views), training views %.2f dB\n", psnr, n, train_psnr);
   else say(1, "training views %.2f dB\n", train_psnr);
-  say(1,
-      "%d exposures, %d views, %u steps in %.1f s\nsaved: %s/model.ply %s/run.json %s/preview.jpg "
-      "%s/checkpoint.bin\n",
-      run.app.exposures.n, sv_driver_n_views(&run.app.trainer), run.app.trainer.step, run.app.driver.train_s,
-      o->out, o->out, o->out, o->out);
+  say(1, "%d exposures, %d views, %u steps in %.1f s\n", run.app.exposures.n,
+      sv_driver_n_views(&run.app.trainer), run.app.trainer.step, run.app.driver.train_s);
+  outputs_say(&run.out);
   return 0;
+}
+
+// Exit code of a run whose files are in the second place, at least in part.
+static int tell_rescue(const run_options *o) {
+  say(2,
+      "subview: %s did not take all files; the others are in %s; copy them before the machine is switched "
+      "off\n",
+      o->out, run.out.rescue.dir);
+  return EXIT_RESCUED;
 }
 
 // A run that goes on capturing uses the others later, in the place of the oldest.
@@ -214,18 +201,18 @@ static sv_status set_up(const run_options *o, sv_arena *arena, const char **what
   *what = "options";
   if (o->sub_views && !choose_sub_views(o->sub_views, run.src.rig, cfg.sub_view_mask)) return SV_E_ARG;
   *what = "folder";
-  if ((s = sv_linux_store_open(&run.store, o->out, err)) < 0) return s;
+  if ((s = outputs_open(&run.out, o, &run.app, sv_linux_console_port(&run.console), err)) < 0) return s;
   sv_port port = {.clock = run.src.clock,
                   .machine = sv_linux_clock(),
                   .pool = sv_linux_pool_port(&run.pool),
                   .source = run.src.source,
-                  .store = sv_linux_store_port(&run.store),
                   .console = sv_linux_console_port(&run.console),
                   .publish = {.image = publish_image},
                   .decoder = run.src.decoder};
   // Cameras on real time get a thread; the simulator's and a recording's time waits for nobody.
   if (!run.src.is_virtual) port.worker = sv_linux_worker_port(&run.background);
   preview_publish(&port.publish);
+  outputs_port(&run.out, &port);
   *what = "memory";
   return sv_app_init(&run.app, &cfg, &run.k, &port, arena, err);
 }
@@ -257,8 +244,8 @@ static int do_run(const run_options *o, bool *is_again) {
         run.app.moving.psnr_late, run.app.moving.psnr_usual);
     code = fail_with(&err);
   }
-  if (!code && run.preview_err.status < 0) code = fail_with(&run.preview_err);
-  run.preview_err = (sv_err){0};
+  if (!code && run.out.picture_err.status < 0) code = fail_with(&run.out.picture_err);
+  if (!code && (run.app.files.rescued || run.out.is_preview_rescued)) code = tell_rescue(o);
   *is_again = sv_preview_stay(&run.app) == SV_AGAIN;
   return code;
 }
@@ -267,11 +254,12 @@ static int do_run(const run_options *o, bool *is_again) {
 static int run_once(const run_options *o, bool *is_again) {
   sv_err err = {0};
   const char *what;
-  sv_arena arena = board_arena();
+  sv_arena arena = {0};
   sv_console console = sv_linux_console_port(&run.console);
-  run.store.dir_fd = run.store.fd = -1;
   int code = 0;
   *is_again = false;
+  outputs_init(&run.out);
+  if (board_arena(&arena, &err) < 0) return fail_with(&err);
   if (set_up(o, &arena, &what, &err) < 0) {
     if (err.text[0]) { // the other failures have spoken
       if (o->is_check) check_list_fails(what, err.text);
@@ -285,9 +273,8 @@ static int run_once(const run_options *o, bool *is_again) {
       check_list(o, &run.src, &arena, &run.k);
     if (!o->is_check) code = do_run(o, is_again);
   }
-  sv_linux_store_close(&run.store);
+  outputs_close(&run.out);
   source_close(&run.src);
-  sv_codec_close(&run.codec);
   return code;
 }
 

@@ -24,7 +24,8 @@ int cmd_selftest(int argc, char **argv) {
   selftest_options o = {0};
   int r = options_parse(&command, rows, sizeof rows / sizeof *rows, argc, argv, &o);
   if (r) return r < 0 ? 0 : r;
-  sv_arena arena = board_arena();
+  sv_arena arena;
+  if (board_arena(&arena, &err) < 0) return fail_with(&err);
   if (sv_selftest_run(&test, &arena, &err) < 0) return fail_with(&err);
   for (int i = 0; i < test.n_lines; i++) {
     const sv_selftest_line *l = &test.line[i];

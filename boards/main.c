@@ -1,17 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-// `subview`: the runtime on this board. One static block of memory, carved at start and sealed; no
-// heap after.
+// `subview`: the runtime on this board. One block of memory, taken from the system at start, carved
+// and sealed; no heap after.
 #include <stdlib.h>
 #include <string.h>
 
 #include "boards/board_main.h"
 #include "src/run/isa.h"
 
-static _Alignas(SV_ARENA_ALIGN) uint8_t block[BOARD_ARENA_BYTES];
-
-sv_arena board_arena(void) {
-  sv_linux_large_pages(block, sizeof block);
-  return sv_arena_make(block, sizeof block);
+sv_status board_arena(sv_arena *arena, sv_err *err) {
+  static void *block; // of the program: a second run in it takes the same
+  if (!block) block = sv_linux_block(BOARD_ARENA_BYTES, err);
+  if (!block) return SV_E_NOMEM;
+  sv_linux_large_pages(block, BOARD_ARENA_BYTES);
+  *arena = sv_arena_make(block, BOARD_ARENA_BYTES);
+  return SV_OK;
 }
 
 bool board_kernels(sv_kernels *k, uint32_t *mask) {
@@ -52,7 +54,7 @@ static void help(int fd) {
       "example:\n  subview run --source sim:textured,rig=stereo --out out/demo\n");
 }
 
-int main(int argc, char **argv) {
+static int run_command(int argc, char **argv) {
   if (argc < 2) {
     help(2);
     return EXIT_USAGE;
@@ -69,4 +71,9 @@ int main(int argc, char **argv) {
     if (!strcmp(argv[1], commands[i].name)) return commands[i].run(argc - 1, argv + 1);
   say(2, "subview: unknown command '%s'; try 'subview --help'\n", argv[1]);
   return EXIT_USAGE;
+}
+
+int main(int argc, char **argv) {
+  sv_linux_begin_program();
+  return sv_linux_end_program("subview", run_command(argc, argv));
 }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "boards/board_main.h"
 
@@ -12,11 +11,7 @@ void say(int fd, const char *fmt, ...) {
   size_t n = sv_vfmt(text, sizeof text, fmt, ap);
   va_end(ap);
   if (n >= sizeof text) n = sizeof text - 1;
-  for (size_t at = 0; at < n;) {
-    ssize_t w = write(fd, text + at, n - at);
-    if (w <= 0) return; // a closed terminal is no reason to stop
-    at += (size_t)w;
-  }
+  sv_linux_print(fd, text, n); // a closed terminal is no reason to stop
 }
 
 int usage_error(const char *command, const char *fmt, ...) {

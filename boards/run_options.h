@@ -8,7 +8,7 @@
 
 typedef struct {
   options_common common;
-  const char *source, *rig, *scene, *out, *sub_views, *sync, *preview;
+  const char *source, *rig, *scene, *out, *rescue, *sub_views, *sync, *preview;
   long exposures, steps, gaussians, sh, threads, seed, skew_ms, orbit;
   double time_limit, save_every, picture_every;
   double exposure_s;

@@ -11,6 +11,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "platform/linux/file.h"
 #include "src/port/port.h"
 
 // The pool's words are lock-free in C; C++ only needs to know their size, which is the same.
@@ -30,6 +31,9 @@ sv_clock sv_linux_clock(void);
 // Asks for pages of 2 MiB (transparent huge pages) in a block that is not touched yet: passes over
 // the whole block then miss the TLB rarely. Without support the usual pages are used.
 void sv_linux_large_pages(void *block, size_t bytes);
+// A block of zeros from the system, for as long as the program runs; only touched pages take
+// memory. NULL after a sentence in err, for example under ulimit -v.
+void *sv_linux_block(size_t bytes, sv_err *err);
 
 // --- threads -------------------------------------------------------------------------------------
 #define SV_LINUX_CAP_THREADS 64
@@ -85,20 +89,20 @@ sv_worker sv_linux_worker_port(sv_linux_background *b);
 
 // --- store ---------------------------------------------------------------------------------------
 #define SV_LINUX_CAP_PATH 512
-#define SV_LINUX_CAP_NAME 200
 
 typedef struct {
-  int dir_fd, fd;               // -1: not open
-  char dir[SV_LINUX_CAP_PATH];  // for error messages
-  char name[SV_LINUX_CAP_NAME]; // the file between begin and commit
-  uint64_t n_bytes;             // written since begin
-  sv_status status;             // first failure since begin; commit repeats it
+  int dir_fd;                  // -1: not open
+  char dir[SV_LINUX_CAP_PATH]; // for error messages
+  sv_linux_file file;          // between begin and commit
 } sv_linux_store;
 
-// Opens a folder; makes it (and its parents) when it is missing. Left-over temporary files of an
-// earlier, killed run are harmless: they are replaced by the next save of the same name.
+void sv_linux_store_init(sv_linux_store *s); // not open: close does nothing
+// Opens a folder; makes it (and its parents) when it is missing. Temporary files that a killed
+// program has left there are removed.
 sv_status sv_linux_store_open(sv_linux_store *s, const char *dir, sv_err *err) SV_MUST_USE;
-// begin/write/commit: NAME.tmp in the same folder, write, fsync, rename, fsync of the folder.
+// E_IO with a sentence when another program writes into the folder. Held until close.
+sv_status sv_linux_store_lock(const sv_linux_store *s, sv_err *err) SV_MUST_USE;
+// begin/write/commit: platform/linux/file.h.
 sv_store sv_linux_store_port(sv_linux_store *s);
 void sv_linux_store_close(sv_linux_store *s); // abandons a file that was not committed
 
@@ -127,6 +131,14 @@ void sv_linux_console_finish(sv_linux_console *c); // ends a live line
 // second one has its usual effect, so a hanging program can still be ended. SIGHUP sets it too,
 // however often it comes, unless it is ignored.
 sv_status sv_linux_catch_signals(sv_err *err) SV_MUST_USE;
+// What every program does first: a file that grows over the limit of its size (ulimit -f) is then an
+// error of a write (EFBIG), not the end of the program.
+void sv_linux_begin_program(void);
+// And last: what was printed must have arrived. `code`, or 1 after a sentence on stderr. A reader
+// that has gone is no failure.
+int sv_linux_end_program(const char *program, int code);
+// write() to stdout or stderr until all is written; remembers a failure for sv_linux_end_program.
+void sv_linux_print(int fd, const char *text, size_t bytes);
 // From here on, output without a reader is dropped instead of ending the program (SIGPIPE).
 void sv_linux_outlive_readers(void);
 void sv_linux_reset_stop(void); // clears the flag (tests; a second run in one process)

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <errno.h>
 #include <fcntl.h>
-#include <stdio.h> // renameat
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -16,9 +15,13 @@ const char *sv_linux_reason(int e) {
   case EDQUOT: return "the disk quota is used up";
   case EACCES:
   case EPERM: return "no permission";
+  case EFBIG: return "the limit of a file's size is reached (ulimit -f)";
   case EROFS: return "the file system is read-only";
   case ENOENT: return "it does not exist";
   case ENOTDIR: return "a part of the path is not a folder";
+  case EEXIST: return "a file of that name is in the way";
+  case ELOOP: return "a symbolic link is in the way";
+  case ENOMEM: return "no memory";
   case EISDIR: return "it is a folder";
   case EIO: return "the device reports an I/O error";
   case EMFILE:
@@ -33,110 +36,62 @@ const char *sv_linux_reason(int e) {
 
 static bool is_good_name(const char *name) {
   size_t n = strlen(name);
-  if (n == 0 || n + sizeof ".tmp" > SV_LINUX_CAP_NAME) return false;
+  if (n == 0 || n >= SV_LINUX_CAP_NAME) return false;
   return name[0] != '.' && !strchr(name, '/') && !strchr(name, '\\');
-}
-
-static void tmp_name(char out[SV_LINUX_CAP_NAME + 8], const char *name) {
-  sv_fmt(out, SV_LINUX_CAP_NAME + 8, "%s.tmp", name);
-}
-
-static int close_fd(int fd) { // EINTR: Linux has closed it all the same
-  return close(fd) < 0 && errno != EINTR ? -1 : 0;
-}
-
-static int sync_fd(int fd) {
-  int r;
-  do r = fsync(fd);
-  while (r < 0 && errno == EINTR);
-  // Some file systems cannot sync a folder and say EINVAL.
-  return r < 0 && errno != EINVAL ? -1 : 0;
 }
 
 static int open_at(int dir_fd, const char *name, int flags) {
   int fd;
-  do fd = openat(dir_fd, name, flags | O_CLOEXEC, 0666);
+  do fd = openat(dir_fd, name, flags | O_CLOEXEC);
   while (fd < 0 && errno == EINTR);
   return fd;
 }
 
 static void store_abandon(void *self) {
   sv_linux_store *s = self;
-  if (s->fd < 0) return;
-  char tmp[SV_LINUX_CAP_NAME + 8];
-  tmp_name(tmp, s->name);
-  close_fd(s->fd);
-  unlinkat(s->dir_fd, tmp, 0);
-  s->fd = -1;
+  sv_linux_file_abandon(&s->file);
 }
 
 static sv_status store_begin(void *self, const char *name, sv_err *err) {
   sv_linux_store *s = self;
-  if (s->fd >= 0)
-    return sv_fail(err, SV_E_ARG, "%s/%s: cannot be saved while %s is being saved", s->dir, name, s->name);
+  if (s->file.fd >= 0)
+    return sv_fail(err, SV_E_ARG, "%s/%s: cannot be saved while %s is being saved", s->dir, name,
+                   s->file.name);
   if (!is_good_name(name))
     return sv_fail(err, SV_E_ARG,
                    "\"%s\": not a file name (no separators, no dot at the start, 1 to %d characters)", name,
-                   (int)(SV_LINUX_CAP_NAME - sizeof ".tmp"));
-  char tmp[SV_LINUX_CAP_NAME + 8];
-  tmp_name(tmp, name);
-  s->fd = open_at(s->dir_fd, tmp, O_WRONLY | O_CREAT | O_TRUNC);
-  if (s->fd < 0)
-    return sv_fail(err, SV_E_IO, "%s/%s: cannot be written: %s", s->dir, tmp, sv_linux_reason(errno));
-  sv_copy(s->name, sizeof s->name, name);
-  s->n_bytes = 0;
-  s->status = SV_OK;
-  return SV_OK;
+                   SV_LINUX_CAP_NAME - 1);
+  int e = sv_linux_file_begin(&s->file, s->dir_fd, name);
+  return e ? sv_fail(err, SV_E_IO, "%s/%s: cannot be written: %s", s->dir, name, sv_linux_reason(e)) : SV_OK;
 }
 
-static sv_status store_failed(sv_linux_store *s, int e, sv_err *err) {
-  s->status = sv_fail(err, SV_E_IO,
-                      "%s/%s: not saved: %s after %llu bytes; a file that was there before is unchanged",
-                      s->dir, s->name, sv_linux_reason(e), (unsigned long long)s->n_bytes);
-  return s->status;
+static sv_status result(const sv_linux_store *s, int e, sv_err *err) {
+  const sv_linux_file *f = &s->file;
+  if (!e) return SV_OK;
+  if (f->is_in_place)
+    return sv_fail(err, SV_E_IO, "%s/%s: saved, but the folder could not be synced: %s", s->dir, f->name,
+                   sv_linux_reason(e));
+  return sv_fail(err, SV_E_IO,
+                 "%s/%s: not saved: %s after %llu bytes; a file that was there before is unchanged", s->dir,
+                 f->name, sv_linux_reason(e), (unsigned long long)f->n_bytes);
 }
 
 static sv_status store_write(void *self, const void *data, size_t bytes, sv_err *err) {
   sv_linux_store *s = self;
-  if (s->fd < 0) return sv_fail(err, SV_E_ARG, "%s: write without begin", s->dir);
-  if (s->status < 0) return sv_fail(err, s->status, "%s/%s: an earlier write failed", s->dir, s->name);
-  const uint8_t *p = data;
-  while (bytes) {
-    ssize_t n = write(s->fd, p, bytes);
-    if (n < 0 && errno == EINTR) continue;
-    if (n < 0) return store_failed(s, errno, err);
-    if (n == 0) return store_failed(s, EIO, err); // would loop forever
-    p += n;
-    bytes -= (size_t)n;
-    s->n_bytes += (uint64_t)n;
-  }
-  return SV_OK;
+  if (s->file.fd < 0) return sv_fail(err, SV_E_ARG, "%s: write without begin", s->dir);
+  return result(s, sv_linux_file_write(&s->file, data, bytes), err);
 }
 
 static sv_status store_commit(void *self, sv_err *err) {
   sv_linux_store *s = self;
-  if (s->fd < 0) return sv_fail(err, SV_E_ARG, "%s: commit without begin", s->dir);
-  sv_status status = s->status;
-  if (status < 0) sv_fail(err, status, "%s/%s: not saved: a write failed", s->dir, s->name);
-  else if (sync_fd(s->fd) < 0) status = store_failed(s, errno, err);
-  if (status < 0) {
-    store_abandon(s);
-    return status;
-  }
-  char tmp[SV_LINUX_CAP_NAME + 8];
-  tmp_name(tmp, s->name);
-  int fd = s->fd;
-  s->fd = -1;
-  if (close_fd(fd) < 0 || renameat(s->dir_fd, tmp, s->dir_fd, s->name) < 0) {
-    status = store_failed(s, errno, err);
-    unlinkat(s->dir_fd, tmp, 0);
-    return status;
-  }
-  // The new file is in place; without this, a power cut could lose only its name.
-  if (sync_fd(s->dir_fd) < 0)
-    return sv_fail(err, SV_E_IO, "%s/%s: saved, but the folder could not be synced: %s", s->dir, s->name,
-                   sv_linux_reason(errno));
-  return SV_OK;
+  if (s->file.fd < 0) return sv_fail(err, SV_E_ARG, "%s: commit without begin", s->dir);
+  return result(s, sv_linux_file_commit(&s->file), err);
+}
+
+static sv_status store_commit_over(void *self, const char *older, bool is_kept, sv_err *err) {
+  sv_linux_store *s = self;
+  if (s->file.fd < 0) return sv_fail(err, SV_E_ARG, "%s: commit without begin", s->dir);
+  return result(s, sv_linux_file_commit_over(&s->file, older, is_kept), err);
 }
 
 static sv_status read_all(sv_linux_store *s, int fd, const char *name, void *buf, size_t cap, size_t *bytes,
@@ -169,7 +124,7 @@ static sv_status store_read(void *self, const char *name, void *buf, size_t cap,
     return sv_fail(err, SV_E_NOT_FOUND, "%s/%s: there is no such file", s->dir, name);
   if (fd < 0) return sv_fail(err, SV_E_IO, "%s/%s: cannot be read: %s", s->dir, name, sv_linux_reason(errno));
   sv_status status = read_all(s, fd, name, buf, cap, bytes, err);
-  close_fd(fd);
+  close(fd);
   return status;
 }
 
@@ -190,23 +145,37 @@ sv_status sv_linux_make_dir(const char *dir, sv_err *err) {
   }
 }
 
+void sv_linux_store_init(sv_linux_store *s) { *s = (sv_linux_store){.dir_fd = -1, .file.fd = -1}; }
+
 sv_status sv_linux_store_open(sv_linux_store *s, const char *dir, sv_err *err) {
-  *s = (sv_linux_store){.dir_fd = -1, .fd = -1};
+  sv_linux_store_init(s);
   sv_status status = sv_linux_make_dir(dir, err);
   if (status < 0) return status;
   sv_copy(s->dir, sizeof s->dir, dir);
   s->dir_fd = open_at(AT_FDCWD, dir, O_RDONLY | O_DIRECTORY);
   if (s->dir_fd < 0)
     return sv_fail(err, SV_E_IO, "%s: cannot be opened as a folder: %s", dir, sv_linux_reason(errno));
+  sv_linux_file_sweep(s->dir_fd);
   return SV_OK;
 }
 
+sv_status sv_linux_store_lock(const sv_linux_store *s, sv_err *err) {
+  if (sv_linux_folder_lock(s->dir_fd) != SV_LINUX_LOCK_IN_USE) return SV_OK;
+  return sv_fail(err, SV_E_IO, "%s: another program is writing there; choose another --out", s->dir);
+}
+
 sv_store sv_linux_store_port(sv_linux_store *s) {
-  return (sv_store){s, store_begin, store_write, store_commit, store_abandon, store_read};
+  return (sv_store){.self = s,
+                    .begin = store_begin,
+                    .write = store_write,
+                    .commit = store_commit,
+                    .commit_over = store_commit_over,
+                    .abandon = store_abandon,
+                    .read = store_read};
 }
 
 void sv_linux_store_close(sv_linux_store *s) {
   store_abandon(s);
-  if (s->dir_fd >= 0) close_fd(s->dir_fd);
+  if (s->dir_fd >= 0) close(s->dir_fd);
   s->dir_fd = -1;
 }

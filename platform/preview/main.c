@@ -33,7 +33,7 @@ static void say(int fd, const char *fmt, ...) {
   va_start(ap, fmt);
   size_t n = sv_vfmt(text, sizeof text, fmt, ap);
   va_end(ap);
-  if (write(fd, text, n < sizeof text ? n : sizeof text - 1) < 0) return;
+  sv_linux_print(fd, text, n < sizeof text ? n : sizeof text - 1);
 }
 
 static void help(void) {
@@ -182,7 +182,7 @@ int main(int argc, char **argv) {
   options o;
   sv_err err = {0};
   int r = parse(argc, argv, &o, &err);
-  if (r) return r < 0 ? 0 : r;
+  if (r) return sv_linux_end_program("subview-preview", r < 0 ? 0 : r);
   signal(SIGPIPE, SIG_IGN);
   if (!o.attach_pid) prctl(PR_SET_PDEATHSIG, SIGKILL);
   sv_status s = o.attach_pid ? attach(&o, &err) : SV_OK;

@@ -6,7 +6,7 @@
 #include <stdio.h> // SEEK_*
 #include <string.h>
 #include <strings.h>
-#include <sys/file.h>
+#include <sys/file.h> // flock
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -19,15 +19,6 @@
 // comma at the start of all lines but the first; a line counts when its newline is there.
 static void sidecar_name(char out[32], int i_camera) { sv_fmt(out, 32, "frames.%d.part", i_camera); }
 #define POSES_SIDECAR "poses.part"
-
-// Whoever writes holds the folder's lock: a writer as long as it lives, recovery while it folds in.
-// The kernel drops it when a process dies.
-typedef enum { FOLDER_OURS, FOLDER_IN_USE, FOLDER_WITHOUT_LOCKS } folder_lock;
-
-static folder_lock lock_folder(int dir_fd) {
-  if (flock(dir_fd, LOCK_EX | LOCK_NB) == 0) return FOLDER_OURS;
-  return errno == EWOULDBLOCK ? FOLDER_IN_USE : FOLDER_WITHOUT_LOCKS; // some network file systems
-}
 
 // All that may be there: an older capture may have had more cameras.
 static void remove_sidecars(int dir_fd) {
@@ -89,20 +80,20 @@ size_t sv_capture_writer_bytes(const sv_capture_writer_cfg *cfg) {
 }
 
 // --- files ---------------------------------------------------------------------------------------
-static bool put_all(int fd, const void *data, size_t bytes) {
-  const uint8_t *p = data;
-  while (bytes) {
-    ssize_t n = write(fd, p, bytes);
-    if (n < 0 && errno == EINTR) continue;
-    if (n <= 0) return false;
-    p += n;
-    bytes -= (size_t)n;
-  }
-  return true;
+static sv_status io_failed(const sv_capture_writer *w, const char *what, int e, sv_err *err) {
+  return sv_fail(err, SV_E_IO, "%s: %s cannot be written: %s", w->store.dir, what, sv_linux_reason(e));
 }
 
-static sv_status io_failed(const sv_capture_writer *w, const char *what, sv_err *err) {
-  return sv_fail(err, SV_E_IO, "%s: %s cannot be written: %s", w->store.dir, what, sv_linux_reason(errno));
+// One line. What a failed write has left of it is cut off before the next one; until then readers
+// skip it, as it has no newline.
+static sv_status append(sv_capture_writer *w, sv_capture_sidecar *c, const char *line, size_t n,
+                        sv_err *err) {
+  int e = c->is_torn && ftruncate(c->fd, (off_t)c->n_bytes) < 0 ? errno : 0;
+  if (!e) e = sv_linux_write_all(c->fd, line, n, NULL);
+  c->is_torn = e != 0;
+  if (e) return io_failed(w, "a list of frames", e, err);
+  c->n_bytes += (int64_t)n;
+  return SV_OK;
 }
 
 static bool is_line_end(int fd, off_t at) {
@@ -172,7 +163,7 @@ static sv_status put_camera(sv_capture_writer *w, int i, sv_err *err) {
          c->name, w->cameras[i].folder, c->width_px, c->height_px, c->fps, c->format == SV_PIX_RGB16 ? 16 : 8,
          clocks[c->clock], stamps[c->stamp]);
   sv_status s = put_text(&w->store, line, err);
-  if (s == SV_OK) s = copy_lines(&w->store, w->cameras[i].fd, 0, w->copy, w->cap_copy, err);
+  if (s == SV_OK) s = copy_lines(&w->store, w->cameras[i].list.fd, 0, w->copy, w->cap_copy, err);
   if (s == SV_OK) s = put_text(&w->store, i + 1 < w->cfg.n_cameras ? "]},\n" : "]}\n", err);
   return s;
 }
@@ -184,7 +175,7 @@ sv_status sv_capture_writer_save(sv_capture_writer *w, sv_err *err) {
   if (s == SV_OK) s = put_head(w, err);
   for (int i = 0; i < w->cfg.n_cameras && s == SV_OK; i++) s = put_camera(w, i, err);
   if (s == SV_OK) s = put_text(&w->store, "],\n\"poses\":[\n", err);
-  if (s == SV_OK) s = copy_lines(&w->store, w->pose_fd, 0, w->copy, w->cap_copy, err);
+  if (s == SV_OK) s = copy_lines(&w->store, w->poses.fd, 0, w->copy, w->cap_copy, err);
   if (s == SV_OK) s = put_text(&w->store, "]\n}\n", err);
   if (s < 0) {
     store.abandon(store.self);
@@ -231,27 +222,28 @@ static void choose_folder(sv_capture_writer *w, int i) {
 }
 
 static int open_sidecar(const sv_capture_writer *w, const char *name) {
-  return openat(w->store.dir_fd, name, O_RDWR | O_CREAT | O_TRUNC | O_APPEND | O_CLOEXEC, 0666);
+  return openat(w->store.dir_fd, name, O_RDWR | O_CREAT | O_TRUNC | O_APPEND | O_NOFOLLOW | O_CLOEXEC, 0666);
 }
 
 static sv_status open_camera(sv_capture_writer *w, int i, sv_err *err) {
   sv_capture_writer_camera *c = &w->cameras[i];
   char name[32];
   choose_folder(w, i);
-  if (mkdirat(w->store.dir_fd, c->folder, 0777) < 0 && errno != EEXIST) return io_failed(w, c->folder, err);
+  if (mkdirat(w->store.dir_fd, c->folder, 0777) < 0 && errno != EEXIST)
+    return io_failed(w, c->folder, errno, err);
   c->dir_fd = openat(w->store.dir_fd, c->folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (c->dir_fd < 0) return io_failed(w, c->folder, err);
+  if (c->dir_fd < 0) return io_failed(w, c->folder, errno, err);
   sidecar_name(name, i);
-  c->fd = open_sidecar(w, name);
-  return c->fd < 0 ? io_failed(w, name, err) : SV_OK;
+  c->list.fd = open_sidecar(w, name);
+  return c->list.fd < 0 ? io_failed(w, name, errno, err) : SV_OK;
 }
 
 static void close_all(sv_capture_writer *w) {
   for (int i = 0; i < w->cfg.n_cameras; i++) {
-    if (w->cameras[i].fd >= 0) close(w->cameras[i].fd);
+    if (w->cameras[i].list.fd >= 0) close(w->cameras[i].list.fd);
     if (w->cameras[i].dir_fd >= 0) close(w->cameras[i].dir_fd);
   }
-  if (w->pose_fd >= 0) close(w->pose_fd);
+  if (w->poses.fd >= 0) close(w->poses.fd);
   sv_linux_store_close(&w->store);
   sv_codec_close(&w->codec);
   w->is_open = false;
@@ -259,12 +251,11 @@ static void close_all(sv_capture_writer *w) {
 
 static sv_status open_files(sv_capture_writer *w, sv_err *err) {
   sv_status s = sv_linux_store_open(&w->store, w->cfg.dir, err);
-  if (s == SV_OK && lock_folder(w->store.dir_fd) == FOLDER_IN_USE)
-    s = sv_fail(err, SV_E_IO, "%s: another program is writing a capture there", w->store.dir);
+  if (s == SV_OK) s = sv_linux_store_lock(&w->store, err);
   for (int i = 0; i < w->cfg.n_cameras && s == SV_OK; i++) s = open_camera(w, i, err);
   if (s < 0) return s;
-  w->pose_fd = open_sidecar(w, POSES_SIDECAR);
-  if (w->pose_fd < 0) return io_failed(w, POSES_SIDECAR, err);
+  w->poses.fd = open_sidecar(w, POSES_SIDECAR);
+  if (w->poses.fd < 0) return io_failed(w, POSES_SIDECAR, errno, err);
   w->is_open = true;
   return sv_capture_writer_save(w, err); // from here on a kill leaves a capture
 }
@@ -272,7 +263,8 @@ static sv_status open_files(sv_capture_writer *w, sv_err *err) {
 sv_status sv_capture_writer_open(sv_capture_writer *w, const sv_capture_writer_cfg *cfg, sv_arena *arena,
                                  sv_err *err) {
   memset(w, 0, sizeof *w);
-  w->pose_fd = w->store.fd = w->store.dir_fd = -1;
+  w->poses.fd = -1;
+  sv_linux_store_init(&w->store);
   if (!cfg_is_good(cfg)) return sv_fail(err, SV_E_ARG, "capture: the writer's settings are out of range");
   carve(w, cfg, arena);
   if (arena->status < 0)
@@ -288,7 +280,7 @@ sv_status sv_capture_writer_open(sv_capture_writer *w, const sv_capture_writer_c
   if (cfg->scene_m) memcpy(w->scene_m, cfg->scene_m, sizeof w->scene_m);
   for (int i = 0; i < cfg->n_cameras; i++) {
     w->caps[i] = cfg->caps[i];
-    w->cameras[i] = (sv_capture_writer_camera){.fd = -1, .dir_fd = -1};
+    w->cameras[i] = (sv_capture_writer_camera){.list.fd = -1, .dir_fd = -1};
   }
   s = open_files(w, err);
   w->cfg.caps = w->caps;
@@ -297,10 +289,15 @@ sv_status sv_capture_writer_open(sv_capture_writer *w, const sv_capture_writer_c
   return s;
 }
 
+sv_status sv_capture_writer_finish(sv_capture_writer *w, sv_err *err) {
+  if (!w->is_open) return sv_fail(err, SV_E_ARG, "capture: the writer is not open");
+  sv_status s = sync_all(&w->store, err);
+  return s < 0 ? s : sv_capture_writer_save(w, err);
+}
+
 sv_status sv_capture_writer_close(sv_capture_writer *w, sv_err *err) {
   if (!w->is_open) return SV_OK;
-  sv_status s = sync_all(&w->store, err);
-  if (s == SV_OK) s = sv_capture_writer_save(w, err);
+  sv_status s = sv_capture_writer_finish(w, err);
   if (s == SV_OK) remove_sidecars(w->store.dir_fd); // otherwise they are all there is
   close_all(w);
   return s;
@@ -323,13 +320,12 @@ static sv_status picture_bytes(sv_capture_writer *w, const sv_frame *f, const ui
 
 static sv_status put_picture(sv_capture_writer *w, int dir_fd, const char *name, const uint8_t *data,
                              size_t bytes, sv_err *err) {
-  int fd = openat(dir_fd, name, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
-  if (fd < 0) return io_failed(w, name, err);
-  bool is_good = put_all(fd, data, bytes);
-  sv_status s = is_good ? SV_OK : io_failed(w, name, err);
+  int fd = openat(dir_fd, name, O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0666);
+  if (fd < 0) return io_failed(w, name, errno, err);
+  int e = sv_linux_write_all(fd, data, bytes, NULL);
   // Some file systems tell only here that there was no room.
-  if (close(fd) < 0 && errno != EINTR && s == SV_OK) s = io_failed(w, name, err);
-  return s;
+  if (close(fd) < 0 && errno != EINTR && !e) e = errno;
+  return e ? io_failed(w, name, e, err) : SV_OK;
 }
 
 sv_status sv_capture_writer_add(sv_capture_writer *w, const sv_frame *f, sv_err *err) {
@@ -359,10 +355,13 @@ sv_status sv_capture_writer_add(sv_capture_writer *w, const sv_frame *f, sv_err 
       "%s{\"file\":\"%s\",\"sequence\":%u,\"camera_ns\":%lld,\"arrival_ns\":%lld,\"exposure_ns\":%lld}\n",
       c->n_frames ? "," : "", name, f->sequence, (long long)f->camera_ns, (long long)f->arrival_ns,
       (long long)f->exposure_ns);
-  if (!put_all(c->fd, line, n)) return io_failed(w, "a sidecar", err);
+  if ((s = append(w, &c->list, line, n, err)) < 0) return s;
   c->n_frames++;
   w->n_frames++;
-  return ++w->n_unsaved >= (uint64_t)w->cfg.save_period ? sv_capture_writer_save(w, err) : SV_OK;
+  if (++w->n_unsaved < (uint64_t)w->cfg.save_period) return SV_OK;
+  w->n_unsaved = 0; // after a failure the next try comes as many frames later
+  w->saved = sv_capture_writer_save(w, &w->save_err);
+  return SV_OK;
 }
 
 sv_status sv_capture_writer_add_pose(sv_capture_writer *w, sv_ns time_ns, const sv_pose *p, sv_err *err) {
@@ -374,9 +373,9 @@ sv_status sv_capture_writer_add_pose(sv_capture_writer *w, sv_ns time_ns, const 
       sv_fmt(line, sizeof line,
              "%s{\"time_ns\":%lld,\"rig_from_world\":[%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g]}\n",
              w->n_poses ? "," : "", (long long)time_ns, q[0], q[1], q[2], q[3], p->t[0], p->t[1], p->t[2]);
-  if (!put_all(w->pose_fd, line, n)) return io_failed(w, POSES_SIDECAR, err);
-  w->n_poses++;
-  return SV_OK;
+  sv_status s = append(w, &w->poses, line, n, err);
+  if (s == SV_OK) w->n_poses++;
+  return s;
 }
 
 // --- recovery ------------------------------------------------------------------------------------
@@ -450,7 +449,7 @@ static sv_status rewrite(sv_linux_store *store, lines_t *l, sv_err *err) {
   return s;
 }
 
-static sv_status fold_in(sv_linux_store *store, folder_lock lock, sv_err *err) {
+static sv_status fold_in(sv_linux_store *store, sv_linux_lock lock, sv_err *err) {
   lines_t l = {.fd = openat(store->dir_fd, "capture.json", O_RDONLY | O_CLOEXEC)};
   if (l.fd < 0) return SV_OK; // killed before the first save: there is nothing
   sv_store s = sv_linux_store_port(store);
@@ -462,17 +461,18 @@ static sv_status fold_in(sv_linux_store *store, folder_lock lock, sv_err *err) {
   close(l.fd);
   // Once is enough: with the sidecars there, each load would write again, and undo what was edited
   // since.
-  if (status == SV_OK && lock == FOLDER_OURS) remove_sidecars(store->dir_fd);
+  if (status == SV_OK && lock == SV_LINUX_LOCK_OURS) remove_sidecars(store->dir_fd);
   return status;
 }
 
 static sv_status recover_locked(const char *dir, const char *first_sidecar, sv_err *err) {
   sv_linux_store store;
   sv_status s = sv_linux_store_open(&store, dir, err);
-  folder_lock lock = s == SV_OK ? lock_folder(store.dir_fd) : FOLDER_IN_USE;
+  sv_linux_lock lock = s == SV_OK ? sv_linux_folder_lock(store.dir_fd) : SV_LINUX_LOCK_IN_USE;
   // A writer that lives keeps its sidecars. On a medium that cannot be written the last save has to
   // do, and where another process has recovered meanwhile nothing is left to be done.
-  if (lock != FOLDER_IN_USE && faccessat(store.dir_fd, ".", W_OK, 0) == 0 && access(first_sidecar, F_OK) == 0)
+  if (lock != SV_LINUX_LOCK_IN_USE && faccessat(store.dir_fd, ".", W_OK, 0) == 0 &&
+      access(first_sidecar, F_OK) == 0)
     s = fold_in(&store, lock, err);
   sv_linux_store_close(&store);
   return s;

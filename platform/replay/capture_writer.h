@@ -34,7 +34,14 @@ typedef struct {
 } sv_capture_writer_cfg;
 
 typedef struct {
-  int fd, dir_fd; // sidecar, folder; -1
+  int fd; // -1: not open
+  int64_t n_bytes;
+  bool is_torn; // a failed write has left a part of a line behind them
+} sv_capture_sidecar;
+
+typedef struct {
+  sv_capture_sidecar list;
+  int dir_fd; // -1: not open
   uint64_t n_frames;
   char folder[48];
 } sv_capture_writer_camera;
@@ -49,7 +56,11 @@ typedef struct {
   size_t cap_encoded;
   uint8_t *copy; // [cap_copy] between sidecar and capture.json
   size_t cap_copy;
-  int pose_fd;
+  sv_capture_sidecar poses;
+  // What became of the last capture.json that an added frame made due; a failure costs nothing, as
+  // the sidecars have it all. The caller may tell it and set `saved` to OK.
+  sv_status saved;
+  sv_err save_err;
   uint64_t n_poses, n_frames, n_unsaved;
   bool is_open;
   char name[48], rig[256];
@@ -67,8 +78,10 @@ sv_status sv_capture_writer_add_pose(sv_capture_writer *w, sv_ns time_ns, const 
                                      sv_err *err) SV_MUST_USE;
 // capture.json, now; the pictures are not synced.
 sv_status sv_capture_writer_save(sv_capture_writer *w, sv_err *err) SV_MUST_USE;
-// Syncs the pictures, saves, removes the sidecars and gives everything back, also when it fails;
-// the sidecars then stay.
+// Syncs the pictures and saves; may be tried again.
+sv_status sv_capture_writer_finish(sv_capture_writer *w, sv_err *err) SV_MUST_USE;
+// The same, then removes the sidecars and gives everything back, also when it fails; the
+// sidecars then stay, and the next reader folds them in.
 sv_status sv_capture_writer_close(sv_capture_writer *w, sv_err *err) SV_MUST_USE;
 
 // Whether the folder holds a capture of which frames are listed or waiting in a sidecar.

@@ -88,12 +88,22 @@ static sv_status write_bodies(const sv_motion *mo, sv_sections_writer *w, sv_err
   return s >= 0 ? sv_sections_put(w, "OF  ", b->of, (size_t)mo->n_moving, err) : s;
 }
 
+static size_t first_infinite(const float *x, size_t n) {
+  size_t i = 0;
+  while (i < n && fabsf(x[i]) <= FLT_MAX) i++;
+  return i;
+}
+
 sv_status sv_deform_write(const sv_deform *d, const sv_gaussians *g, sv_sink sink, sv_err *err) {
   sv_sections_writer w;
   sv_deform_head h;
   size_t bytes;
   const void *rows = rows_of(d, &bytes);
   head_of(d, g, &h);
+  if (first_infinite(rows, bytes / sizeof(float)) < bytes / sizeof(float))
+    return sv_fail(err, SV_E_RANGE,
+                   "the motion is not saved: a value is not finite; check the scene's bounds, the poses and "
+                   "the lens models of the source");
   sv_status s = sv_sections_begin(&w, sink, KIND, has_bodies(d) ? VERSION_BODIES : VERSION, err);
   if (s >= 0) s = sv_sections_put(&w, "HEAD", &h, HEAD_BYTES, err);
   if (s >= 0) s = sv_sections_put(&w, "ROWS", rows, bytes, err);
@@ -196,10 +206,9 @@ static bool is_motion(const sv_rigid *m) {
 
 // As of a model's PLY: what was exported from it would be refused elsewhere.
 static sv_status check_rows(const float *x, size_t n, const char *name, sv_err *err) {
-  for (size_t i = 0; i < n; i++)
-    if (!(fabsf(x[i]) <= FLT_MAX))
-      return sv_fail(err, SV_E_FORMAT, "%s: value %zu of section \"ROWS\" is not finite", name, i);
-  return SV_OK;
+  const size_t i = first_infinite(x, n);
+  return i == n ? SV_OK
+                : sv_fail(err, SV_E_FORMAT, "%s: value %zu of section \"ROWS\" is not finite", name, i);
 }
 
 static sv_status check_bodies(const sv_motion *mo, const char *name, sv_err *err) {

@@ -215,6 +215,9 @@ typedef struct {
   sv_status (*begin)(void *self, const char *name, sv_err *err); // one file at a time
   sv_status (*write)(void *self, const void *data, size_t bytes, sv_err *err);
   sv_status (*commit)(void *self, sv_err *err);
+  // Commits a file of which two generations are kept. is_kept: the file that was there becomes
+  // `older`; otherwise it is replaced, and `older` is removed. NULL: there is one generation.
+  sv_status (*commit_over)(void *self, const char *older, bool is_kept, sv_err *err);
   void (*abandon)(void *self);
   // Reads a whole file into buf; *bytes is its size. E_NOT_FOUND, E_NOMEM (larger than cap), E_IO.
   sv_status (*read)(void *self, const char *name, void *buf, size_t cap, size_t *bytes, sv_err *err);
@@ -262,6 +265,8 @@ typedef struct {
   sv_worker worker; // only with cameras on real time
   sv_source source;
   sv_store store;
+  sv_store rescue;        // for what `store` does not take at the end; begin NULL: there is none
+  const char *rescue_dir; // where that is, for messages; valid once a file is saved there
   sv_console console;
   sv_publish publish; // image may be NULL
   sv_decoder decoder; // of cameras that deliver compressed pictures; decode may be NULL

@@ -386,10 +386,13 @@ static sv_status save_now(sv_app *app, sv_err *err) {
   sv_feed_status was = l->status;
   sv_preview_show(app, SV_FEED_STATUS_SAVING, NULL);
   sv_status s = sv_app_save_all(app, err);
-  if (s < 0) return s;
-  l->n_saves++;
-  sv_preview_show_model(app);
-  sv_preview_event(app, SV_LOG_INFO, "saved model.ply and checkpoint.bin");
+  if (s < 0 && s != SV_E_IO) return s;
+  if (s < 0) sv_app_log(app, SV_LOG_WARN, "%s", err->text);
+  else {
+    l->n_saves++;
+    sv_preview_show_model(app);
+    sv_preview_event(app, SV_LOG_INFO, "saved model.ply and checkpoint.bin");
+  }
   sv_preview_show(app, was, NULL);
   return SV_OK;
 }

@@ -235,7 +235,6 @@ static sv_status start_training(sv_app *app, sv_err *err) {
   if (!app->cfg.is_resume) return first_model(app, &b, true, err);
   sv_status s = first_model(app, &b, false, err); // a checkpoint replaces it
   if (s >= 0) s = sv_app_resume(app, err);
-  if (s == SV_OK) sv_app_log(app, SV_LOG_INFO, "resumed at step %u from checkpoint.bin", app->trainer.step);
   if (s != SV_AGAIN) return s;
   sv_app_log(app, SV_LOG_INFO, "no checkpoint.bin in the output folder; starting at step 0");
   return first_model(app, &b, true, err);
@@ -254,11 +253,6 @@ static sv_status before_step(void *self, float progress, sv_driver_turn *turn, s
   return s;
 }
 
-static sv_status save_running(sv_app *app, sv_err *err) {
-  sv_status s = sv_app_save_checkpoint(app, err);
-  return s < 0 ? s : sv_app_publish_preview(app);
-}
-
 static bool is_due(double every_s, double last_s, double now_s) {
   return every_s > 0 && now_s - last_s >= every_s;
 }
@@ -267,15 +261,18 @@ static sv_status after_step(void *self, double from_s, double *now_s, sv_err *er
   sv_app *app = self;
   const sv_app_cfg *c = &app->cfg;
   const sv_clock *m = &app->port.machine;
-  const bool is_save = is_due(c->save_every_s, app->files.checkpoint_s, *now_s),
-             is_picture = is_due(c->picture_every_s, app->files.picture_s, *now_s);
+  sv_app_files *f = &app->files;
+  const bool is_save =
+                 is_due(c->save_every_s, f->checkpoint_s, *now_s) && (!f->n_failed || *now_s >= f->retry_s),
+             is_picture = is_due(c->picture_every_s, f->picture_s, *now_s);
   sv_app_continuous_trained(app, from_s, *now_s);
   if (!is_save && !is_picture) return SV_OK;
-  sv_status s = is_save ? save_running(app, err) : sv_app_publish_preview(app);
+  sv_status s = is_save ? sv_app_save_running(app, *now_s, err) : SV_OK;
+  if (s >= 0) s = sv_app_publish_preview(app);
   if (s < 0) return s;
   *now_s = sv_ns_to_s(m->now_ns(m->self));
-  if (is_save) app->files.checkpoint_s = *now_s;
-  app->files.picture_s = *now_s;
+  if (is_save && !f->n_failed) f->checkpoint_s = *now_s;
+  f->picture_s = *now_s;
   return SV_OK;
 }
 
@@ -325,7 +322,7 @@ static sv_status run_all(sv_app *app, sv_err *err) {
   if (s >= 0 || (s == SV_E_INTERRUPTED && is_trained && !app->preview.is_new_requested)) {
     sv_preview_show(app, SV_FEED_STATUS_SAVING, NULL);
     app->state = SV_APP_SAVING;
-    saved = sv_app_save_all(app, err);
+    saved = sv_app_save_final(app, err);
     if (saved < 0) s = saved;
   }
   if (s == SV_E_INTERRUPTED && app->state == SV_APP_CAPTURING)

@@ -5,7 +5,7 @@
 
 #define LINE_BYTES 512
 
-static void take(sv_app *app) {
+void sv_app_take_poses(sv_app *app) {
   double sum_rad = 0, sum = 0;
   int n = 0;
   for (int i = 0; i < app->trainer.n_views; i++) {
@@ -29,11 +29,11 @@ static void take(sv_app *app) {
                sum_rad / n * 180 / SV_PI, sum / n);
 }
 
-static sv_status write(sv_app *app, sv_store *st, sv_err *err) {
+sv_status sv_app_write_poses(sv_app *app, sv_sink sink, sv_err *err) {
   static const char head[] = "{\"version\": 1, \"poses\": [", tail[] = "\n]}\n";
   char line[LINE_BYTES];
   bool has = false;
-  sv_status s = st->write(st->self, head, sizeof head - 1, err);
+  sv_status s = sink.write(sink.self, head, sizeof head - 1, err);
   for (int i = 0; i < app->exposures.n && s >= 0; i++) {
     const sv_exposure *e = &app->exposures.exposure[i];
     double q[4];
@@ -46,17 +46,7 @@ static sv_status write(sv_app *app, sv_store *st, sv_err *err) {
         "%s\n  {\"time_ns\": %lld, \"rig_from_world\": [%.17g, %.17g, %.17g, %.17g, %.17g, %.17g, %.17g]}",
         has ? "," : "", (long long)e->time_ns, q[0], q[1], q[2], q[3], t[0], t[1], t[2]);
     has = true;
-    s = st->write(st->self, out.buf, out.len, err);
+    s = sink.write(sink.self, out.buf, out.len, err);
   }
-  return s < 0 ? s : st->write(st->self, tail, sizeof tail - 1, err);
-}
-
-sv_status sv_app_save_poses(sv_app *app, sv_err *err) {
-  sv_store *st = &app->port.store;
-  take(app);
-  sv_status s = st->begin(st->self, "poses.json", err);
-  if (s < 0) return s;
-  if ((s = write(app, st, err)) >= 0) return st->commit(st->self, err);
-  st->abandon(st->self);
-  return s;
+  return s < 0 ? s : sink.write(sink.self, tail, sizeof tail - 1, err);
 }

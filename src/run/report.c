@@ -112,7 +112,6 @@ static void add_timing(sv_str *s, const sv_app *app) {
 
 sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) {
   sv_str s = sv_str_make(app->files.report, SV_APP_REPORT_BYTES);
-  sv_store *st = &app->port.store;
   sv_str_add(&s, "{\n  \"version\": 1,\n  \"state\": \"%s\",\n", sv_app_state_name(app->state));
   add_settings(&s, app);
   sv_str_add(&s, "  \"steps\": %u,\n  \"digest\": \"%08x%08x\",\n  \"loss\": %.6f,\n", app->trainer.step,
@@ -132,10 +131,6 @@ sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) {
   sv_app_memory_map(&s, app->arena, true);
   sv_str_add(&s, "]}\n}\n");
   if (s.is_cut) return sv_fail(err, SV_E_NOMEM, "run.json: longer than %d bytes", SV_APP_REPORT_BYTES);
-  sv_status r = st->begin(st->self, "run.json", err);
-  if (r < 0) return r;
-  r = st->write(st->self, s.buf, s.len, err);
-  if (r >= 0) return st->commit(st->self, err);
-  st->abandon(st->self);
-  return r;
+  app->files.report_bytes = s.len;
+  return sv_app_put_report(app, err);
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "src/splat/gaussians.h"
 
+#include <float.h>
 #include <string.h>
 
 #include "src/base/mathx.h"
@@ -16,6 +17,19 @@ sv_status sv_gaussians_init(sv_gaussians *g, int n, int sh_degree, sv_arena *are
   g->param = SV_TAKE(arena, float, (size_t)g->cap *(size_t)g->n_rows);
   if (arena->status < 0) return arena->status;
   if (g->param) memset(g->param, 0, (size_t)g->cap * (size_t)g->n_rows * sizeof(float));
+  return SV_OK;
+}
+
+sv_status sv_gaussians_check(const sv_gaussians *g, sv_err *err) {
+  for (int i = 0; i < g->n; i++)
+    for (int r = 0; r < g->n_rows; r++) {
+      const float x = *sv_gaussians_at(g, i, r);
+      if (x >= -FLT_MAX && x <= FLT_MAX) continue;
+      return sv_fail(err, SV_E_RANGE,
+                     "the model is not saved: Gaussian %d has a value that is not finite; check the scene's "
+                     "bounds, the poses and the lens models of the source",
+                     i);
+    }
   return SV_OK;
 }
 

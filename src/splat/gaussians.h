@@ -37,6 +37,9 @@ static inline float *sv_gaussians_at(const sv_gaussians *g, int i, int row) {
 void sv_gaussians_put(sv_gaussians *g, int i, const sv_gaussian *in);
 void sv_gaussians_get(const sv_gaussians *g, int i, sv_gaussian *out);
 
+// E_RANGE with a sentence when a value is not finite: such a model is never saved.
+sv_status sv_gaussians_check(const sv_gaussians *g, sv_err *err) SV_MUST_USE;
+
 typedef struct {
   float mean[3], rgb[3]; // world; display colour 0..1
 } sv_point;

@@ -10,7 +10,8 @@ sv_status sv_model_write_ply(const sv_gaussians *g, const sv_model_notes *notes,
                       .dilation_px2 = notes->dilation_px2,
                       .up = notes->up,
                       .has_normals = true};
-  sv_status s = sv_ply_write_begin(w, sink, &o, err);
+  sv_status s = sv_gaussians_check(g, err);
+  if (s >= 0) s = sv_ply_write_begin(w, sink, &o, err);
   for (int i = 0; s >= 0 && i < g->n; i++) {
     sv_gaussians_get(g, i, &v);
     s = sv_ply_write_gaussian(w, &v, err);

@@ -37,6 +37,8 @@ size_t sv_checkpoint_bytes(const sv_trainer *t) {
 sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
   head_t h;
   sv_sections_writer w;
+  sv_status s = sv_gaussians_check(&t->g, err);
+  if (s < 0) return s;
   memset(&h, 0, sizeof h);
   h.n = t->g.n;
   h.sh_degree = t->g.sh_degree;
@@ -54,7 +56,7 @@ sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
   h.origin = t->origin;
   h.optimizer = (uint32_t)t->cfg.optimizer;
   if (SV_TRAIN_HAS(t, save_head)) t->hooks->save_head(t->hooked, &h.motion);
-  sv_status s = sv_sections_begin(&w, sink, SV_CHECKPOINT_KIND, SV_CHECKPOINT_VERSION, err);
+  s = sv_sections_begin(&w, sink, SV_CHECKPOINT_KIND, SV_CHECKPOINT_VERSION, err);
   if (s >= 0) s = sv_sections_put(&w, "HEAD", &h, sizeof h, err);
   if (s >= 0) s = sv_sections_put(&w, "GAUS", t->g.param, rows_bytes(t), err);
   if (s >= 0) s = sv_sections_put(&w, "ADAM", t->m, moments_bytes(t), err);

@@ -14,6 +14,7 @@
 static _Alignas(SV_ARENA_ALIGN) uint8_t block[BLOCK_BYTES];
 // the last one: the file being written
 static uint8_t file_block[WORLD_CAP_FILES + 1][WORLD_CAP_FILE];
+static uint8_t second_block[WORLD_CAP_FILES + 1][WORLD_CAP_FILE];
 static uint8_t truth[640 * 480 * 3];
 
 static const char *const CALL_NAMES[WORLD_N_CALLS] = {"start", "dequeue",     "requeue", "stop",   "rig_pose",
@@ -108,47 +109,103 @@ sv_worker world_worker(world *w) {
 
 // --- store ---------------------------------------------------------------------------------------
 
-static sv_status st_begin(void *self, const char *name, sv_err *err) {
-  world *w = self;
-  world_store *s = &w->store;
+static sv_status put_begin(world_store *s, uint8_t *data, const char *name, sv_err *err) {
   if (s->is_open) return sv_fail(err, SV_E_ARG, "%s: begin while %s is open", name, s->open_name);
-  if (fails(w, WORLD_BEGIN)) return sv_fail(err, SV_E_IO, "%s: cannot be written: made to fail", name);
-  sv_copy(s->open_name, sizeof s->open_name, name);
   s->is_open = true;
   s->open_bytes = 0;
-  s->open_data = file_block[WORLD_CAP_FILES];
+  s->open_data = data;
+  sv_copy(s->open_name, sizeof s->open_name, name);
   return SV_OK;
 }
 
-static sv_status st_write(void *self, const void *data, size_t bytes, sv_err *err) {
-  world *w = self;
-  world_store *s = &w->store;
+static sv_status put_write(world_store *s, const void *data, size_t bytes, sv_err *err) {
   if (!s->is_open) return sv_fail(err, SV_E_ARG, "write without begin");
-  if (fails(w, WORLD_WRITE)) return sv_fail(err, SV_E_IO, "%s: write failed: made to fail", s->open_name);
   if (bytes > WORLD_CAP_FILE - s->open_bytes) return sv_fail(err, SV_E_IO, "%s: too large", s->open_name);
   memcpy(s->open_data + s->open_bytes, data, bytes);
   s->open_bytes += bytes;
   return SV_OK;
 }
 
-static sv_status st_commit(void *self, sv_err *err) {
-  world *w = self;
-  world_store *s = &w->store;
+// The file of that name, a new one if need be; NULL: there is no room.
+static world_file *file_of(world_store *s, uint8_t (*blocks)[WORLD_CAP_FILE], const char *name) {
   int i = 0;
+  while (i < s->n_files && strcmp(s->file[i].name, name) != 0) i++;
+  for (int k = 0; i == s->n_files && k < s->n_files; k++)
+    if (!s->file[k].name[0]) i = k; // of a file that was removed
+  if (i == WORLD_CAP_FILES) return NULL;
+  if (i == s->n_files) s->file[s->n_files++] = (world_file){.data = blocks[i]};
+  sv_copy(s->file[i].name, sizeof s->file[i].name, name);
+  return &s->file[i];
+}
+
+static sv_status put_commit(world_store *s, uint8_t (*blocks)[WORLD_CAP_FILE], sv_err *err) {
   if (!s->is_open) return sv_fail(err, SV_E_ARG, "commit without begin");
   s->is_open = false;
-  if (fails(w, WORLD_COMMIT)) return sv_fail(err, SV_E_IO, "%s: not saved: made to fail", s->open_name);
-  while (i < s->n_files && strcmp(s->file[i].name, s->open_name) != 0) i++;
-  if (i == WORLD_CAP_FILES) return sv_fail(err, SV_E_IO, "%s: too many files", s->open_name);
-  if (i == s->n_files) s->n_files++;
-  s->file[i].data = file_block[i];
-  s->file[i].bytes = s->open_bytes;
-  sv_copy(s->file[i].name, sizeof s->file[i].name, s->open_name);
-  memcpy(s->file[i].data, s->open_data, s->open_bytes);
+  world_file *f = file_of(s, blocks, s->open_name);
+  if (!f) return sv_fail(err, SV_E_IO, "%s: too many files", s->open_name);
+  memcpy(f->data, s->open_data, f->bytes = s->open_bytes);
+  return SV_OK;
+}
+
+static sv_status st_begin(void *self, const char *name, sv_err *err) {
+  world *w = self;
+  if (!w->store.is_open && fails(w, WORLD_BEGIN))
+    return sv_fail(err, SV_E_IO, "%s: cannot be written: made to fail", name);
+  return put_begin(&w->store, file_block[WORLD_CAP_FILES], name, err);
+}
+
+static sv_status st_write(void *self, const void *data, size_t bytes, sv_err *err) {
+  world *w = self;
+  if (w->store.is_open && fails(w, WORLD_WRITE))
+    return sv_fail(err, SV_E_IO, "%s: write failed: made to fail", w->store.open_name);
+  return put_write(&w->store, data, bytes, err);
+}
+
+static sv_status st_commit(void *self, sv_err *err) {
+  world *w = self;
+  if (!w->store.is_open || !fails(w, WORLD_COMMIT)) return put_commit(&w->store, file_block, err);
+  w->store.is_open = false;
+  return sv_fail(err, SV_E_IO, "%s: not saved: made to fail", w->store.open_name);
+}
+
+static sv_status st_commit_over(void *self, const char *older, bool is_kept, sv_err *err) {
+  world *w = self;
+  static uint8_t was[WORLD_CAP_FILE];
+  const world_file *f = world_find(w, w->store.open_name);
+  const size_t bytes = is_kept && f ? f->bytes : 0;
+  if (bytes) memcpy(was, f->data, bytes);
+  sv_status s = st_commit(self, err);
+  for (int i = 0; s >= 0 && !is_kept && i < w->store.n_files; i++)
+    if (!strcmp(w->store.file[i].name, older)) w->store.file[i].name[0] = 0;
+  if (s < 0 || !bytes) return s;
+  world_file *o = file_of(&w->store, file_block, older);
+  if (!o) return sv_fail(err, SV_E_IO, "%s: too many files", older);
+  memcpy(o->data, was, o->bytes = bytes);
   return SV_OK;
 }
 
 static void st_abandon(void *self) { ((world *)self)->store.is_open = false; }
+
+// The second place never fails.
+static sv_status second_begin(void *self, const char *name, sv_err *err) {
+  return put_begin(&((world *)self)->second, second_block[WORLD_CAP_FILES], name, err);
+}
+static sv_status second_write(void *self, const void *data, size_t bytes, sv_err *err) {
+  return put_write(&((world *)self)->second, data, bytes, err);
+}
+static sv_status second_commit(void *self, sv_err *err) {
+  return put_commit(&((world *)self)->second, second_block, err);
+}
+static void second_abandon(void *self) { ((world *)self)->second.is_open = false; }
+
+sv_store world_rescue(world *w) {
+  w->port.rescue_dir = "the second place";
+  return (sv_store){.self = w,
+                    .begin = second_begin,
+                    .write = second_write,
+                    .commit = second_commit,
+                    .abandon = second_abandon};
+}
 
 static sv_status st_read(void *self, const char *name, void *buf, size_t cap, size_t *bytes, sv_err *err) {
   world *w = self;
@@ -168,7 +225,10 @@ const world_file *world_find(const world *w, const char *name) {
   return NULL;
 }
 
-void world_forget_files(world *w) { memset(&w->store, 0, sizeof w->store); }
+void world_forget_files(world *w) {
+  memset(&w->store, 0, sizeof w->store);
+  memset(&w->second, 0, sizeof w->second);
+}
 
 // --- clock, console, publisher -------------------------------------------------------------------
 
@@ -240,7 +300,13 @@ static bool finish_open(world *w, sv_source source, sv_clock clock, const char *
                                .event = src_event,
                                .set_control = source.set_control ? src_set_control : NULL,
                                .trigger = source.trigger ? src_trigger : NULL};
-  w->port.store = (sv_store){w, st_begin, st_write, st_commit, st_abandon, st_read};
+  w->port.store = (sv_store){.self = w,
+                             .begin = st_begin,
+                             .write = st_write,
+                             .commit = st_commit,
+                             .commit_over = st_commit_over,
+                             .abandon = st_abandon,
+                             .read = st_read};
   w->port.console = (sv_console){w, log_line, is_stop_requested};
   w->port.publish = (sv_publish){.self = w, .image = publish};
   for (int i = 0; i < n; i++)

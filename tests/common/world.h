@@ -70,7 +70,7 @@ typedef struct {
   sv_linux_pool pool;
   sv_arena arena;
   sv_port port, inner; // the app's, and what it wraps
-  world_store store;
+  world_store store, second;
   world_fault fault;
   sv_linux_background background; // the cameras' thread, when the test sets port.worker =
                                   // world_worker(w)
@@ -99,6 +99,8 @@ sv_status world_run(world *w);
 // The cameras' thread for a live run; the simulator then runs as fast as it can beside the
 // training.
 sv_worker world_worker(world *w);
+// A second place for what the store does not take, for port.rescue; its files are in w->second.
+sv_store world_rescue(world *w);
 // A decoder of compressed frames that can fail; `inner` does the work.
 sv_decoder world_decoder(world *w, const sv_decoder *inner);
 void world_close(world *w);                                     // ends the threads; the files stay

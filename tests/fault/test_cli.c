@@ -430,7 +430,7 @@ TEST(test_killed_run_goes_on) {
   sleep_ms(300);
   assert_int_equal(kill(pid, SIGTERM), 0);
   assert_int_equal(finish(pid, NULL), 0);
-  assert_int_equal(n_files("killed"), 4); // and no half-written one
+  assert_int_equal(n_files("killed"), 5); // two checkpoints, and no half-written one
 }
 
 // What is in a folder is not touched by a run of something else that was meant for another one.
@@ -463,7 +463,7 @@ static void test_interrupt_saves(void **state) {
     assert_int_equal(finish(pid, NULL), 0);
     assert_int_equal(n_lines(g_err), 1);
     assert_contains(g_err, "saved");
-    assert_int_equal(n_files("stopped"), 4);
+    assert_int_equal(n_files("stopped"), 4 + exists("stopped/checkpoint.1.bin"));
     assert_true(exists("stopped/model.ply") && exists("stopped/preview.jpg"));
     slurp("stopped/run.json", json, sizeof json);
     assert_true(atol(value_of(json, "steps")) > 0);

@@ -176,7 +176,7 @@ static sv_status calibrate(const cal_options *o, lab_session *se, cal_boards *b,
   sv_status s = sv_boards_available(err);
   if (s == SV_OK) s = sv_corners_available(o->n_cols, o->n_rows, err);
   if (s == SV_OK) s = cal_boards_list(b, o, err);
-  if (s == SV_OK) s = sv_path_make_folder(o->out, err);
+  if (s == SV_OK) s = lab_session_folder(se, o->out, err);
   if (s == SV_OK) s = sv_path_join(cache, sizeof cache, o->out, "corners.txt", err);
   if (s == SV_OK) s = cal_boards_find(b, se, cache, err);
   if (s != SV_OK) return s;

@@ -145,7 +145,7 @@ static sv_status track(const cal_options *o, int *n, sv_err *err) {
 
 static sv_status begin(sv_file *f, const cal_options *o, const char *name, sv_err *err) {
   char path[SV_CAP_PATH];
-  f->fd = -1;
+  sv_file_init(f);
   sv_status s = sv_path_join(path, sizeof path, o->out, name, err);
   return s < 0 ? s : sv_file_begin(f, path, err);
 }

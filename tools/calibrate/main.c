@@ -54,7 +54,7 @@ static void help(void) {
   printf("\nsubview-calibrate COMMAND --help explains a command.\n\nExample:\n%s\n", commands[0].c.example);
 }
 
-int main(int argc, char **argv) {
+static int run_command(int argc, char **argv) {
   if (argc < 2) return cal_usage(NULL, "a command is missing");
   if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0) {
     help();
@@ -75,4 +75,9 @@ int main(int argc, char **argv) {
     return CAL_EXIT_OK;
   }
   return cal_usage(NULL, "unknown command '%.80s'", argv[1]);
+}
+
+int main(int argc, char **argv) {
+  sv_linux_begin_program();
+  return sv_linux_end_program("subview-calibrate", run_command(argc, argv));
 }

@@ -18,7 +18,7 @@ static void begin(writer *w, const char *folder, const char *name, sv_err *err) 
   char path[SV_CAP_PATH];
   *w = (writer){.err = err};
   w->s = sv_path_join(path, sizeof path, folder, name, err);
-  w->file.fd = -1;
+  sv_file_init(&w->file);
   if (w->s == SV_OK) w->s = sv_file_begin(&w->file, path, err);
 }
 
@@ -35,7 +35,7 @@ static void put(writer *w, const char *fmt, ...) {
 
 static sv_status end(writer *w) {
   if (w->s == SV_OK) return sv_file_commit(&w->file, w->err);
-  if (w->file.fd >= 0) sv_file_abandon(&w->file);
+  sv_file_abandon(&w->file);
   return w->s;
 }
 

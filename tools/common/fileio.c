@@ -75,53 +75,63 @@ sv_status sv_folder_read(void *folder, const char *name, void *buf, size_t cap, 
   return s;
 }
 
+// Temporary files that a killed tool has left, once a folder: the first time that it is written to.
+static void sweep_once(int dir_fd) {
+  static dev_t device;
+  static ino_t inode;
+  struct stat st;
+  if (fstat(dir_fd, &st) != 0 || (st.st_dev == device && st.st_ino == inode)) return;
+  device = st.st_dev;
+  inode = st.st_ino;
+  sv_linux_file_sweep(dir_fd);
+}
+
+static int open_folder(const char *path) {
+  int fd;
+  do fd = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  while (fd < 0 && errno == EINTR);
+  if (fd >= 0) sweep_once(fd);
+  return fd;
+}
+
+static sv_status not_written(sv_err *err, const char *path, int e) {
+  errno = e;
+  return io_error(err, path, "cannot write");
+}
+
+void sv_file_init(sv_file *f) { f->file.fd = f->dir_fd = -1; }
+
 sv_status sv_file_begin(sv_file *f, const char *path, sv_err *err) {
-  f->fd = -1;
+  char folder[SV_CAP_PATH];
+  sv_file_init(f);
   if (strlen(path) >= sizeof f->path) return sv_fail(err, SV_E_RANGE, "%s: the path is too long", path);
   strcpy(f->path, path);
-  snprintf(f->temporary, sizeof f->temporary, "%s.%d.tmp", path, (int)getpid() % 1000000);
-  f->fd = open(f->temporary, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
-  return f->fd < 0 ? io_error(err, path, "cannot write") : SV_OK;
+  sv_path_folder(folder, sizeof folder, path);
+  f->dir_fd = open_folder(folder);
+  if (f->dir_fd < 0) return not_written(err, path, errno);
+  int e = sv_linux_file_begin(&f->file, f->dir_fd, sv_path_name(path));
+  if (!e) return SV_OK;
+  close(f->dir_fd);
+  f->dir_fd = -1;
+  return not_written(err, path, e);
 }
 
 sv_status sv_file_append(void *file, const void *data, size_t bytes, sv_err *err) {
   sv_file *f = file;
-  const char *p = data;
-  while (bytes) {
-    ssize_t w = write(f->fd, p, bytes);
-    if (w < 0 && errno == EINTR) continue;
-    if (w <= 0) return io_error(err, f->path, "cannot write");
-    p += w;
-    bytes -= (size_t)w;
-  }
-  return SV_OK;
+  int e = sv_linux_file_write(&f->file, data, bytes);
+  return e ? not_written(err, f->path, e) : SV_OK;
 }
 
 void sv_file_abandon(sv_file *f) {
-  if (f->fd < 0) return;
-  close(f->fd);
-  unlink(f->temporary);
-  f->fd = -1;
+  sv_linux_file_abandon(&f->file);
+  if (f->dir_fd >= 0) close(f->dir_fd);
+  f->dir_fd = -1;
 }
 
 sv_status sv_file_commit(sv_file *f, sv_err *err) {
-  char folder[SV_CAP_PATH];
-  int failed = fsync(f->fd) != 0;
-  failed |= close(f->fd) != 0;
-  f->fd = -1;
-  if (failed || rename(f->temporary, f->path) != 0) {
-    sv_status s = io_error(err, f->path, "cannot write");
-    unlink(f->temporary);
-    return s;
-  }
-  sv_path_folder(folder, sizeof folder, f->path);
-  int fd = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC); // makes the new name last; some file
-  // systems cannot, which loses nothing else
-  if (fd >= 0) {
-    (void)fsync(fd);
-    close(fd);
-  }
-  return SV_OK;
+  int e = sv_linux_file_commit(&f->file);
+  sv_file_abandon(f);
+  return e ? not_written(err, f->path, e) : SV_OK;
 }
 
 sv_status sv_file_write(const char *path, const void *data, size_t bytes, sv_err *err) {
@@ -133,6 +143,58 @@ sv_status sv_file_write(const char *path, const void *data, size_t bytes, sv_err
   sv_file_abandon(&f);
   return s;
 }
+
+// --- streams -------------------------------------------------------------------------------------
+
+typedef struct stream {
+  FILE *f;
+  sv_file file;
+  sv_err err;
+  struct stream *next;
+} stream;
+static stream *streams; // that are open
+
+static ssize_t stream_write(void *cookie, const char *data, size_t bytes) {
+  stream *s = cookie;
+  return sv_file_append(&s->file, data, bytes, &s->err) == SV_OK ? (ssize_t)bytes : 0;
+}
+
+FILE *sv_stream_open(const char *path, sv_err *err) {
+  stream *s = calloc(1, sizeof *s);
+  const cookie_io_functions_t io = {.write = stream_write};
+  if (!s || sv_file_begin(&s->file, path, err) != SV_OK) {
+    if (!s) sv_fail(err, SV_E_NOMEM, "%s: no memory to write it", path);
+    free(s);
+    return NULL;
+  }
+  s->f = fopencookie(s, "w", io);
+  if (!s->f) {
+    sv_fail(err, SV_E_NOMEM, "%s: no memory to write it", path);
+    sv_file_abandon(&s->file);
+    free(s);
+    return NULL;
+  }
+  s->next = streams;
+  streams = s;
+  return s->f;
+}
+
+sv_status sv_stream_save(FILE *f, sv_err *err) {
+  stream **at = &streams;
+  while ((*at)->f != f) at = &(*at)->next;
+  stream *s = *at;
+  *at = s->next;
+  fclose(f); // a failure is in s->err
+  sv_status status = s->err.status;
+  if (status < 0) {
+    *err = s->err;
+    sv_file_abandon(&s->file);
+  } else status = sv_file_commit(&s->file, err);
+  free(s);
+  return status;
+}
+
+// --- paths ---------------------------------------------------------------------------------------
 
 sv_status sv_path_join(char *out, size_t cap, const char *folder, const char *name, sv_err *err) {
   size_t n = strlen(folder);
@@ -179,6 +241,16 @@ sv_status sv_path_make_folder(const char *path, sv_err *err) {
     if (mkdir(part, 0755) != 0 && errno != EEXIST) return io_error(err, part, "cannot create the folder");
   }
   return sv_path_is_folder(path) ? SV_OK : sv_fail(err, SV_E_IO, "%s: exists but is not a folder", path);
+}
+
+sv_status sv_path_lock_folder(const char *path, int *fd, sv_err *err) {
+  sv_status s = sv_path_make_folder(path, err);
+  if (s != SV_OK) return s;
+  *fd = open_folder(path);
+  if (*fd < 0) return io_error(err, path, "cannot open the folder");
+  if (sv_linux_folder_lock(*fd) != SV_LINUX_LOCK_IN_USE) return SV_OK;
+  close(*fd);
+  return sv_fail(err, SV_E_IO, "%s: another program is writing there; choose another --out", path);
 }
 
 static int by_name(const void *a, const void *b) { return strcmp(*(char *const *)a, *(char *const *)b); }

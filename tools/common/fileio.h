@@ -5,7 +5,9 @@
 
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdio.h>
 
+#include "platform/linux/file.h"
 #include "src/base/status.h"
 
 #ifdef __cplusplus
@@ -22,20 +24,26 @@ sv_status sv_file_open(const char *path, int *fd, size_t *bytes, sv_err *err) SV
 // E_NOMEM, and what sv_file_open returns.
 sv_status sv_file_read(const char *path, void **data, size_t *bytes, sv_err *err) SV_MUST_USE;
 
-// Atomic: a temporary file in the same folder, fsync, rename, fsync of the folder. After a failure
-// the old file is still there.
+// Atomic (platform/linux/file.h). After a failure the old file is still there.
 sv_status sv_file_write(const char *path, const void *data, size_t bytes, sv_err *err) SV_MUST_USE;
 
 // The same in pieces. begin, write (the shape of sv_sink.write with self = the file), then commit
 // or abandon. After a failed write call abandon.
 typedef struct {
-  int fd; // -1 when closed
-  char path[SV_CAP_PATH], temporary[SV_CAP_PATH + 16];
+  sv_linux_file file;
+  int dir_fd; // -1 when closed
+  char path[SV_CAP_PATH];
 } sv_file;
+void sv_file_init(sv_file *f); // not open: abandon does nothing
 sv_status sv_file_begin(sv_file *f, const char *path, sv_err *err) SV_MUST_USE;
 sv_status sv_file_append(void *file, const void *data, size_t bytes, sv_err *err) SV_MUST_USE;
 sv_status sv_file_commit(sv_file *f, sv_err *err) SV_MUST_USE;
 void sv_file_abandon(sv_file *f);
+
+// The same for printf. NULL: a failure with its sentence.
+FILE *sv_stream_open(const char *path, sv_err *err);
+// Closes it. Nothing is saved when a write failed.
+sv_status sv_stream_save(FILE *f, sv_err *err) SV_MUST_USE;
 
 // "folder/name"; an absolute name stands alone. E_RANGE when it does not fit cap.
 sv_status sv_path_join(char *out, size_t cap, const char *folder, const char *name, sv_err *err) SV_MUST_USE;
@@ -47,6 +55,9 @@ bool sv_path_exists(const char *path);
 bool sv_path_is_folder(const char *path);
 // Makes a folder and those above it.
 sv_status sv_path_make_folder(const char *path, sv_err *err) SV_MUST_USE;
+
+// Makes a folder and holds its lock until *fd is closed. E_IO: another program writes there.
+sv_status sv_path_lock_folder(const char *path, int *fd, sv_err *err) SV_MUST_USE;
 
 // Names in a folder, sorted by bytes, without those that start with '.'. Free with sv_names_free.
 typedef struct {

@@ -41,16 +41,13 @@ static int is_picture(const struct dirent *d) {
 static int copy_file(const char *from, const char *to, sv_err *err) {
   if (unlink(to) < 0 && errno != ENOENT) return sv_fail(err, SV_E_IO, "%s: %s", to, sv_linux_reason(errno));
   if (link(from, to) == 0) return SV_OK;
-  FILE *a = fopen(from, "rb"), *b = fopen(to, "wb");
-  static char buf[65536];
-  bool is_good = a && b;
-  for (size_t n = 1; is_good && n;) {
-    n = fread(buf, 1, sizeof buf, a);
-    is_good = fwrite(buf, 1, n, b) == n && !ferror(a);
-  }
-  if (a) fclose(a);
-  if (b && fclose(b) != 0) is_good = false;
-  return is_good ? SV_OK : sv_fail(err, SV_E_IO, "%s: cannot be copied to %s", from, to);
+  void *data;
+  size_t bytes;
+  sv_status s = sv_file_read(from, &data, &bytes, err);
+  if (s != SV_OK) return s;
+  s = sv_file_write(to, data, bytes, err);
+  free(data);
+  return s;
 }
 
 static int picture_size(const char *path, int *w, int *h, sv_err *err) {
@@ -125,8 +122,8 @@ static int put_model(const char *out, const sv_import_camera *c, int w, int h, s
   sv_rodrigues_inv(r, c->cam_from_world.r);
   const double *t = c->cam_from_world.t, *d = c->dist;
   snprintf(path, sizeof path, "%s/rig/%s.cameramodel", out, c->name);
-  FILE *f = fopen(path, "w");
-  if (!f) return sv_fail(err, SV_E_IO, "%s: cannot be written", path);
+  FILE *f = sv_stream_open(path, err);
+  if (!f) return SV_E_IO;
   fprintf(f, "{\n    'lensmodel':  'LENSMODEL_OPENCV5',\n");
   fprintf(f, "    'extrinsics': [ %.12g, %.12g, %.12g, %.12g, %.12g, %.12g ],\n", r[0], r[1], r[2], t[0],
           t[1], t[2]);
@@ -135,20 +132,20 @@ static int put_model(const char *out, const sv_import_camera *c, int w, int h, s
           c->fx * kx, c->fy * ky, (c->cx + 0.5) * kx - 0.5, (c->cy + 0.5) * ky - 0.5, d[0], d[1], d[2], d[3],
           d[4]);
   fprintf(f, "    'imagersize': [ %d, %d ]\n}\n", w, h);
-  return fclose(f) == 0 ? SV_OK : sv_fail(err, SV_E_IO, "%s: cannot be written", path);
+  return sv_stream_save(f, err);
 }
 
 static int put_rig(const char *out, const char *name, const sv_import_camera *cams, int n, sv_err *err) {
   char path[CAP_PATH];
   snprintf(path, sizeof path, "%s/rig/rig.json", out);
-  FILE *f = fopen(path, "w");
-  if (!f) return sv_fail(err, SV_E_IO, "%s: cannot be written", path);
+  FILE *f = sv_stream_open(path, err);
+  if (!f) return SV_E_IO;
   fprintf(f, "{\"version\": 1, \"name\": \"%s\", \"forward\": \"direct\", \"sub_views\": [\n", name);
   for (int i = 0; i < n; i++)
     fprintf(f, "  {\"name\": \"%s\", \"model\": \"%s.cameramodel\", \"camera\": %d}%s\n", cams[i].name,
             cams[i].name, i, i + 1 < n ? "," : "");
   fprintf(f, "]}\n");
-  return fclose(f) == 0 ? SV_OK : sv_fail(err, SV_E_IO, "%s: cannot be written", path);
+  return sv_stream_save(f, err);
 }
 
 // --- capture.json --------------------------------------------------------------------------------
@@ -184,12 +181,12 @@ static int write_all(const sv_import_job *job, const recording *r, pictures_t *p
   if (s == SV_OK) s = put_rig(out, r->name, cams, n, err);
   if (s < 0) return s;
   snprintf(path, sizeof path, "%s/capture.json", out);
-  FILE *f = fopen(path, "w");
-  if (!f) return sv_fail(err, SV_E_IO, "%s: cannot be written", path);
+  FILE *f = sv_stream_open(path, err);
+  if (!f) return SV_E_IO;
   fprintf(f, "{\n\"version\":1,\n\"name\":\"%s\",\n\"rig\":\"rig\",\n\"cameras\":[\n", r->name);
   for (int i = 0; i < n; i++) put_camera(f, &cams[i], &pics[i], r->fps, i + 1 < n ? "," : "");
   fprintf(f, "],\n\"poses\":[\n]\n}\n");
-  return fclose(f) == 0 ? SV_OK : sv_fail(err, SV_E_IO, "%s: cannot be written", path);
+  return sv_stream_save(f, err);
 }
 
 // Images that are there are replaced, which must not be the ones that are read. An unfinished

@@ -273,6 +273,7 @@ sv_status lab_import_write(lab_import *im, lab_session *se, const char *out, sv_
     sv_make_utf8(im->views[i].name); // the file is called as transforms.json says
   if (im->n < 1) return sv_fail(err, SV_E_NOT_FOUND, "no views to import");
   sv_status s = check_depth(im, err);
+  if (s == SV_OK) s = lab_session_folder(se, out, err);
   if (s == SV_OK) s = sv_path_join(images, sizeof images, out, "images", err);
   if (s == SV_OK) s = sv_path_make_folder(images, err);
   if (s == SV_OK) s = copy_all(im, se, images, err);

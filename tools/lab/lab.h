@@ -30,6 +30,7 @@ typedef struct {
   int n_threads;
   sv_kernels k;
   uint32_t isa_mask; // that k was chosen by
+  int folder_fd;     // of lab_session_folder; -1: none
   sv_linux_console lines;
   sv_console console;
   sv_clock clock;
@@ -39,6 +40,9 @@ typedef struct {
 // The session must stay where it is.
 sv_status lab_session_start(lab_session *s, long n_threads, bool is_quiet, sv_err *err) SV_MUST_USE;
 void lab_session_stop(lab_session *s);
+// Makes the folder of --out and holds its lock until the session stops. E_IO: another program
+// writes there.
+sv_status lab_session_folder(lab_session *s, const char *folder, sv_err *err) SV_MUST_USE;
 // Prints a failure as one sentence on stderr; returns LAB_EXIT_FAILED.
 int lab_failed(lab_session *s, const sv_err *err);
 // --model 4dgs: what --motion says (args.c has checked it), over the defaults, and over what

@@ -99,7 +99,7 @@ static void help(void) {
       "\nExample:\n  subview-lab train --data nerf_mic_400 --steps 2000 --eval --out mic\n");
 }
 
-int main(int argc, char **argv) {
+static int run_command(int argc, char **argv) {
   if (argc < 2) return lab_usage(NULL, "a command is missing");
   if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0) {
     help();
@@ -120,4 +120,9 @@ int main(int argc, char **argv) {
     return LAB_EXIT_OK;
   }
   return lab_usage(NULL, "unknown command '%.80s'", argv[1]);
+}
+
+int main(int argc, char **argv) {
+  sv_linux_begin_program();
+  return sv_linux_end_program("subview-lab", run_command(argc, argv));
 }

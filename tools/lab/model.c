@@ -69,7 +69,7 @@ static sv_status lab_motion_read(lab_model *m, const char *model_path, sv_err *e
 sv_status lab_motion_begin(sv_file *f, const sv_deform *d, const sv_gaussians *g, const char *model_path,
                            sv_err *err) {
   char path[SV_CAP_PATH];
-  f->fd = -1;
+  sv_file_init(f);
   sv_status s = motion_path(path, model_path, err);
   if (s == SV_OK) s = sv_file_begin(f, path, err);
   return s == SV_OK ? sv_deform_write(d, g, (sv_sink){f, sv_file_append}, err) : s;

@@ -13,6 +13,7 @@
 sv_status lab_session_start(lab_session *s, long n_threads, bool is_quiet, sv_err *err) {
   long n = n_threads > 0 ? n_threads : sysconf(_SC_NPROCESSORS_ONLN);
   memset(s, 0, sizeof *s);
+  s->folder_fd = -1;
   s->n_threads = (int)(n < 1 ? 1 : n > SV_LINUX_CAP_THREADS ? SV_LINUX_CAP_THREADS : n);
   sv_linux_console_init(&s->lines, 2, is_quiet);
   s->lines.live_period_ns = 3 * SV_NS_PER_S;
@@ -32,6 +33,12 @@ void lab_session_stop(lab_session *s) {
   sv_linux_console_finish(&s->lines);
   if (s->n_threads) sv_linux_pool_stop(&s->threads);
   s->n_threads = 0;
+  if (s->folder_fd >= 0) close(s->folder_fd);
+  s->folder_fd = -1;
+}
+
+sv_status lab_session_folder(lab_session *s, const char *folder, sv_err *err) {
+  return sv_path_lock_folder(folder, &s->folder_fd, err);
 }
 
 int lab_failed(lab_session *s, const sv_err *err) {

@@ -172,7 +172,7 @@ static sv_status prepare(run *r, lab_scene *scene, sv_err *err) {
   r->z = malloc(n * sizeof *r->z);
   r->depth = malloc(n * sizeof *r->depth);
   if (!r->rgb || !r->z || !r->depth) return sv_fail(err, SV_E_NOMEM, "no memory for an image");
-  return sv_path_make_folder(r->o->out, err);
+  return lab_session_folder(&r->session, r->o->out, err);
 }
 
 static bool is_film(const run *r) { return r->o->frames > 0; }

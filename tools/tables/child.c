@@ -20,7 +20,7 @@
 
 // In the child: no way back.
 static void become(const tables_child *c, int out, pid_t parent) {
-  int in = open("/dev/null", O_RDONLY), log = open(c->log, O_WRONLY | O_CREAT | O_APPEND, 0666);
+  int in = open("/dev/null", O_RDONLY), log = open(c->log, O_WRONLY | O_CREAT | O_APPEND | O_NOFOLLOW, 0666);
   // Ctrl-C on the terminal goes to the parent, which passes it on once; a second one would kill.
   setpgid(0, 0);
   prctl(PR_SET_PDEATHSIG, SIGTERM);

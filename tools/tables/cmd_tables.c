@@ -57,13 +57,13 @@ static sv_status work(tables *t, sv_err *err) {
     return sv_fail(err, SV_E_UNSUPPORTED, "%s: moving and still scenes have different tables; name one kind",
                    t->o->data);
   if (n_dynamic > 0) {
-    s = sv_path_make_folder(t->o->out, err);
+    s = lab_session_folder(&t->session, t->o->out, err);
     return s == SV_OK ? tables_dynamic(t, &t->n_runs, err) : s;
   }
   if (s == SV_OK) s = tables_plan(t, err);
   if (s == SV_OK && t->n_runs == 0)
     s = sv_fail(err, SV_E_NOT_FOUND, "%s: no device has an exposure to train on", t->o->data);
-  if (s == SV_OK) s = sv_path_make_folder(t->o->out, err);
+  if (s == SV_OK) s = lab_session_folder(&t->session, t->o->out, err);
   if (s == SV_OK) s = tables_run_all(t, err);
   if (s == SV_OK) s = tables_write_csv(t, err);
   if (s == SV_OK) s = tables_write_sheets(t, err);

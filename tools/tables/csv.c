@@ -11,15 +11,7 @@ static FILE *open_csv(const tables *t, const char *name, sv_err *err) {
   char path[SV_CAP_PATH], file[80];
   snprintf(file, sizeof file, "%s.csv", name);
   if (sv_path_join(path, sizeof path, t->o->out, file, err) != SV_OK) return NULL;
-  FILE *f = fopen(path, "w");
-  if (!f) sv_fail(err, SV_E_IO, "%s: cannot be written", path);
-  return f;
-}
-
-static sv_status close_csv(FILE *f, const char *name, sv_err *err) {
-  bool is_bad = ferror(f) != 0;
-  is_bad |= fclose(f) != 0;
-  return is_bad ? sv_fail(err, SV_E_IO, "%s.csv: could not be written (disk full?)", name) : SV_OK;
+  return sv_stream_open(path, err);
 }
 
 static void put(FILE *f, double v) {
@@ -48,7 +40,7 @@ static sv_status write_table(const tables *t, const tables_table *b, sv_err *err
     for (int k = 0; k < TABLES_N_FIGURES; k++) put(f, paper.of[k]);
     fprintf(f, "\n");
   }
-  return close_csv(f, b->name, err);
+  return sv_stream_save(f, err);
 }
 
 static sv_status write_scenes(const tables *t, sv_err *err) {
@@ -70,7 +62,7 @@ static sv_status write_scenes(const tables *t, sv_err *err) {
         fprintf(f, ",%ld,%ld,%.3f,%.3f,%.0f,%.0f\n", v->steps, v->gaussians, v->seconds, v->wall_s,
                 v->arena_bytes, v->peak_rss_bytes);
       }
-  return close_csv(f, "scenes", err);
+  return sv_stream_save(f, err);
 }
 
 static sv_status write_runs(const tables *t, sv_err *err) {
@@ -93,7 +85,7 @@ static sv_status write_runs(const tables *t, sv_err *err) {
       fprintf(f, ",%ld,%ld,%.3f,%.3f,%.0f,%.0f,%d,%s,%s,%s\n", v->steps, v->gaussians, v->seconds, v->wall_s,
               v->arena_bytes, v->peak_rss_bytes, v->threads, v->isa, v->digest, v->build);
     }
-  return close_csv(f, "runs", err);
+  return sv_stream_save(f, err);
 }
 
 sv_status tables_write_csv(const tables *t, sv_err *err) {

@@ -250,9 +250,9 @@ static sv_status write_plots(const job *j, bool *has_pictures, sv_err *err) {
 static sv_status write_file(const job *j, const char *name, bool is_csv, bool has_plots, sv_err *err) {
   char path[SV_CAP_PATH];
   sv_status s = sv_path_join(path, sizeof path, j->t->o->out, name, err);
-  FILE *f = s == SV_OK ? fopen(path, "w") : NULL;
   if (s != SV_OK) return s;
-  if (!f) return sv_fail(err, SV_E_DEVICE, "%s: cannot be written", path);
+  FILE *f = sv_stream_open(path, err);
+  if (!f) return SV_E_IO;
   if (!is_csv)
     fprintf(
         f,
@@ -267,8 +267,7 @@ static sv_status write_file(const job *j, const char *name, bool is_csv, bool ha
         j->t->n_gaussians, j->t->n_steps);
   put_all(f, j, is_csv);
   if (!is_csv) tables_put_plots(f, j->t, has_plots);
-  bool is_bad = ferror(f) != 0;
-  return fclose(f) != 0 || is_bad ? sv_fail(err, SV_E_DEVICE, "%s: writing failed", path) : SV_OK;
+  return sv_stream_save(f, err);
 }
 
 sv_status tables_dynamic(tables *t, int *n_runs, sv_err *err) {

@@ -271,8 +271,8 @@ sv_status tables_write_markdown(const tables *t, bool has_plots, sv_err *err) {
   char path[SV_CAP_PATH];
   sv_status s = sv_path_join(path, sizeof path, t->o->out, "tables.md", err);
   if (s != SV_OK) return s;
-  page p = {t, fopen(path, "w")};
-  if (!p.f) return sv_fail(err, SV_E_IO, "%s: cannot be written", path);
+  page p = {t, sv_stream_open(path, err)};
+  if (!p.f) return SV_E_IO;
   put_measured(&p);
   put_differences(&p);
   put_table(&p, TABLE_SUMMARY);
@@ -286,7 +286,5 @@ sv_status tables_write_markdown(const tables *t, bool has_plots, sv_err *err) {
   tables_put_plots(p.f, t, has_plots);
   put_sheets(&p);
   put_runs(&p);
-  bool is_bad = ferror(p.f) != 0;
-  is_bad |= fclose(p.f) != 0;
-  return is_bad ? sv_fail(err, SV_E_IO, "%s: could not be written (disk full?)", path) : SV_OK;
+  return sv_stream_save(p.f, err);
 }

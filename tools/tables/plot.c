@@ -40,11 +40,8 @@ FILE *tables_script_open(const tables *t, const char *name, sv_err *err) {
   char path[SV_CAP_PATH], file[80];
   snprintf(file, sizeof file, "plots/%s.gp", name);
   if (sv_path_join(path, sizeof path, t->o->out, file, err) != SV_OK) return NULL;
-  FILE *f = fopen(path, "w");
-  if (!f) {
-    sv_fail(err, SV_E_IO, "%s: cannot be written", path);
-    return NULL;
-  }
+  FILE *f = sv_stream_open(path, err);
+  if (!f) return NULL;
   fprintf(f, "# Draws %s.svg and %s.png. Written by subview-lab tables.\n", name, name);
   return f;
 }
@@ -53,9 +50,7 @@ FILE *tables_script_open(const tables *t, const char *name, sv_err *err) {
 sv_status tables_script_close(FILE *f, const char *name, const char *plot, sv_err *err) {
   fprintf(f, "set terminal svg size 800,500 background 'white'\nset output '%s.svg'\n%s\n", name, plot);
   fprintf(f, "set terminal pngcairo size 800,500\nset output '%s.png'\n%s\nset output\n", name, plot);
-  bool is_bad = ferror(f) != 0;
-  is_bad |= fclose(f) != 0;
-  return is_bad ? sv_fail(err, SV_E_IO, "plots/%s.gp: could not be written (disk full?)", name) : SV_OK;
+  return sv_stream_save(f, err);
 }
 
 // --- curves --------------------------------------------------------------------------------------

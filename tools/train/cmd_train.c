@@ -16,6 +16,9 @@
 
 #define N_PANELS 4
 
+#define N_SAVES       6                    // tries to save the model
+#define FIRST_WAIT_NS (250 * SV_NS_PER_MS) // between the first two; then twice as long each
+
 // Thrice as many as others: a clip comes first, and a network learns more slowly than each Gaussian
 // for itself.
 #define FIELD_STEPS 9000
@@ -428,9 +431,9 @@ static void report_settings(lab_report *j, const run *r) {
 
 // All are written before the first takes its place: what can fail or take long leaves an older
 // model whole.
-static sv_status save(run *r, sv_err *err) {
+static sv_status save_once(run *r, sv_err *err) {
   enum { MODEL, MOTION, SETTINGS, N_FILES };
-  sv_file files[N_FILES] = {{.fd = -1}, {.fd = -1}, {.fd = -1}};
+  sv_file files[N_FILES];
   char model[SV_CAP_PATH], path[SV_CAP_PATH];
   lab_report j;
   const sv_model_notes notes = {.is_mip = r->plan.trainer.cfg.is_antialiased,
@@ -438,6 +441,7 @@ static sv_status save(run *r, sv_err *err) {
                                 .up = sv_up_name(r->scene.up)};
   const bool is_dynamic = r->plan.trainer.cfg.has_motion;
   const sv_gaussians *g = &r->plan.trainer.g;
+  for (int i = 0; i < N_FILES; i++) sv_file_init(&files[i]);
   lab_report_begin(&j);
   report_settings(&j, r);
   report_figures(&j, r);
@@ -451,9 +455,21 @@ static sv_status save(run *r, sv_err *err) {
   if (s == SV_OK) s = sv_file_append(&files[SETTINGS], j.text, j.bytes, err);
   lab_report_free(&j);
   for (int i = 0; i < N_FILES; i++)
-    if (s == SV_OK && files[i].fd >= 0) s = sv_file_commit(&files[i], err);
+    if (s == SV_OK && files[i].dir_fd >= 0) s = sv_file_commit(&files[i], err);
     else if (s == SV_OK) s = lab_motion_remove(model, err); // of an earlier model
     else sv_file_abandon(&files[i]);
+  return s;
+}
+
+// A disk may refuse for a moment; a model that took an hour is worth a few more seconds.
+static sv_status save(run *r, sv_err *err) {
+  const sv_clock *c = &r->session.clock;
+  sv_status s = save_once(r, err);
+  for (int i = 1; s == SV_E_IO && i < N_SAVES; i++) {
+    if (i == 1) lab_say(&r->session, "%s; trying again for some seconds", err->text);
+    c->sleep_until_ns(c->self, c->now_ns(c->self) + (FIRST_WAIT_NS << (i - 1)));
+    s = save_once(r, err);
+  }
   return s;
 }
 
@@ -489,7 +505,7 @@ static sv_status check_eval(const run *r, sv_err *err) { // before an hour of tr
 static sv_status stages(run *r, sv_err *err) {
   sv_status s = load(r, err);
   if (s == SV_OK && r->o->is_eval) s = check_eval(r, err);
-  if (s == SV_OK) s = sv_path_make_folder(r->o->out, err);
+  if (s == SV_OK) s = lab_session_folder(&r->session, r->o->out, err);
   if (s != SV_OK) return s;
   lab_say(&r->session, "%d views of up to %dx%d%s, %d Gaussians, %.1f MB, loaded in %.2f s", r->views.n,
           r->views.cap_width_px, r->views.cap_height_px, r->views.is_undistorted ? " (undistorted)" : "",

@@ -137,8 +137,8 @@ static sv_status write_request(const lab_prior *p, const sv_view *views, int n, 
   const bool is_picture = !views;
   sv_status s = sv_path_join(path, sizeof path, p->folder, "request.json", err);
   if (s != SV_OK) return s;
-  FILE *f = fopen(path, "w");
-  if (!f) return sv_fail(err, SV_E_IO, "%s: cannot write", path);
+  FILE *f = sv_stream_open(path, err);
+  if (!f) return SV_E_IO;
   fprintf(f,
           "{\"kind\": \"%s\", \"step\": %u, \"progress\": %.6g, \"camera_model\": \"PINHOLE\", "
           "\"depth_unit_scale_factor\": %.9g,\n \"frames\": [\n",
@@ -146,9 +146,7 @@ static sv_status write_request(const lab_prior *p, const sv_view *views, int n, 
   for (int i = 0; i < n; i++)
     list_view(p, f, i, is_picture ? &p->trainer->views[i].view : &views[i], is_picture);
   fprintf(f, "\n]}\n");
-  bool is_bad = ferror(f) != 0;
-  is_bad |= fclose(f) != 0;
-  return is_bad ? sv_fail(err, SV_E_IO, "%s: cannot write", path) : SV_OK;
+  return sv_stream_save(f, err);
 }
 
 // OUT/prior/call_NN, without answers of an earlier run.

@@ -42,12 +42,14 @@ static sv_status start(const char *command, const char *folder, const char *log,
   sigemptyset(&usual);
   sigaddset(&usual, SIGINT);
   sigaddset(&usual, SIGTERM);
+  sigaddset(&usual, SIGXFSZ);
   posix_spawnattr_setsigmask(&attr, &none);
   posix_spawnattr_setsigdefault(&attr, &usual);
   posix_spawnattr_setpgroup(&attr, 0); // it is ended with all that it has started
   posix_spawnattr_setflags(&attr, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETPGROUP);
   int e = posix_spawn_file_actions_addopen(&files, 0, "/dev/null", O_RDONLY, 0);
-  if (!e) e = posix_spawn_file_actions_addopen(&files, 1, log, O_WRONLY | O_CREAT | O_TRUNC, 0666);
+  if (!e)
+    e = posix_spawn_file_actions_addopen(&files, 1, log, O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW, 0666);
   if (!e) e = posix_spawn_file_actions_adddup2(&files, 1, 2);
   if (!e) e = posix_spawn(pid, "/bin/sh", &files, &attr, argv, environ);
   posix_spawn_file_actions_destroy(&files);
