@@ -24,8 +24,12 @@ $$(PROGS_$(1)): $(O)/tests/$(1)/%: $(O)/obj/tests/$(1)/%.o \
 	$$(call link,-lcmocka $$(SOLVE_LIBS_HERE))
 endef
 $(foreach g,$(GROUPS_PLAIN),$(if $(call group_main,$(g)),$(eval $(call group_rules,$(g)))))
+# Programs that are linked with a part of subview-preview.
+SANDBOX_USERS := unit/test_sandbox
 
 $(HEAP_USERS:%=$(O)/tests/%): $(call obj,$(HEAP_SRC))
+$(SANDBOX_USERS:%=$(O)/tests/%): $(call obj,platform/preview/sandbox.c)
+$(SANDBOX_USERS:%=$(O)/tests/%): SOLVE_LIBS_HERE = $(call has_lib,seccomp.h,-lseccomp)
 $(SOLVE_USERS:%=$(O)/tests/%): SOLVE_LIBS_HERE = $(O)/libcalibrate.a $(TEST_ARCHIVES) $(SOLVE_LIBS)
 $(SOLVE_USERS:%=$(O)/tests/%): $(O)/libcalibrate.a
 

@@ -120,8 +120,9 @@ static void start_server(sv_linux_preview *l) {
   sigaddset(&usual, SIGTERM);
   posix_spawnattr_setsigmask(&attr, &none);
   posix_spawnattr_setsigdefault(&attr, &usual);
-  posix_spawnattr_setpgroup(&attr, 0); // Ctrl-C is for us; we end it when we are done
-  posix_spawnattr_setflags(&attr, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETPGROUP);
+  // A session of its own: Ctrl-C is for us, and our terminal is not its terminal. We end it when we
+  // are done.
+  posix_spawnattr_setflags(&attr, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETSID);
   pid_t pid;
   fcntl(l->feed_fd, F_SETFD, 0);
   fcntl(l->pipe_fd[1], F_SETFD, 0);

@@ -7,7 +7,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
-#include <sys/prctl.h>
 #include <sys/random.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -147,6 +146,9 @@ static bool tell(const options *o, char byte) {
   return o->command_fd < 0 || write(o->command_fd, &byte, 1) == 1 || errno == EAGAIN || errno == EINTR;
 }
 
+// EPERM: it is another user's, or behind Landlock, and there.
+static bool is_gone(pid_t writer) { return kill(writer, 0) != 0 && errno == ESRCH; }
+
 static int serve(options *o, pv_source *source, sv_err *err) {
   static char token[40];
   bool is_child = !o->attach_pid;
@@ -160,6 +162,9 @@ static int serve(options *o, pv_source *source, sv_err *err) {
                        .is_private = !is_loopback(o->addr)};
   long writer = source->reader.header->writer_pid;
   sv_status s = pv_server_open(&server, &cfg, err);
+  if (s >= 0 && !is_child)
+    say(2, strchr(o->addr, ':') ? "page: http://[%s]:%d/#%s\n" : "page: http://%s:%d/#%s\n", o->addr, o->port,
+        token);
   if (s >= 0) s = pv_sandbox_enter(source->sandbox, sizeof source->sandbox, err);
   if (s < 0) {
     say(2, "subview-preview: %s\n", err->text);
@@ -167,13 +172,9 @@ static int serve(options *o, pv_source *source, sv_err *err) {
     return 1;
   }
   if (is_child) (void)tell(o, SV_PREVIEW_READY);
-  else
-    say(2, "page: http://%s%s%s:%d/#%s\nsandbox: %s\n", strchr(o->addr, ':') ? "[" : "", o->addr,
-        strchr(o->addr, ':') ? "]" : "", o->port, token, source->sandbox);
   for (;;) {
     pv_server_step(server, BEAT_MS);
-    // The runtime is gone
-    if (is_child ? !tell(o, SV_PREVIEW_BEAT) : kill((pid_t)writer, 0) != 0) return 0;
+    if (is_child ? !tell(o, SV_PREVIEW_BEAT) : is_gone((pid_t)writer)) return 0;
   }
 }
 
@@ -184,8 +185,9 @@ int main(int argc, char **argv) {
   int r = parse(argc, argv, &o, &err);
   if (r) return sv_linux_end_program("subview-preview", r < 0 ? 0 : r);
   signal(SIGPIPE, SIG_IGN);
-  if (!o.attach_pid) prctl(PR_SET_PDEATHSIG, SIGKILL);
-  sv_status s = o.attach_pid ? attach(&o, &err) : SV_OK;
+  sv_status s = pv_sandbox_begin(o.feed_fd, o.command_fd, &err);
+  if (s >= 0 && o.attach_pid) pv_sandbox_leave_terminal();
+  if (s >= 0 && o.attach_pid) s = attach(&o, &err);
   if (s >= 0) s = map_feed(&o, &source, &err);
   if (s >= 0) pv_limits_set(DATA_BYTES + 6 * (size_t)source.reader.ring[SV_FEED_MODEL].slot_bytes);
   if (s >= 0) s = pv_pictures_open(&source, &err);

@@ -53,7 +53,7 @@ typedef struct {
   pv_blob *jpeg;    // /picture.jpg
   pv_blob *file[PV_N_FILES];
   void *codec; // sv_codec of the pictures
-  char sandbox[96];
+  char sandbox[128];
 } pv_source;
 
 // tiles.c, model.c: memory for the largest snapshots of this feed. E_NOMEM.
@@ -106,9 +106,29 @@ bool pv_origin_is_ours(const char *origin, const char *host);
 // In a time that does not depend on where they differ
 bool pv_token_is(const char *given, const char *token);
 
-// From here on: no new privileges, no file, no new socket, no new process; Landlock where the
-// kernel has it. What took hold is written into text[cap]. E_DEVICE: the seccomp filter could not
-// be set, then nothing may be served.
+// Builds with sanitizers (SAN=...) run with a sandbox that is relaxed for their runtime; programs
+// that are installed never do.
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define PV_IS_SANITIZED 1
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
+#define PV_IS_SANITIZED 1
+#endif
+#endif
+#ifndef PV_IS_SANITIZED
+#define PV_IS_SANITIZED 0
+#endif
+
+// At the start, before anything is opened: stdin is /dev/null, and all other descriptors but 1, 2,
+// a_fd and b_fd (-1: none) are closed.
+sv_status pv_sandbox_begin(int a_fd, int b_fd, sv_err *err) SV_MUST_USE;
+// For a server that the user has started: a session of its own, without a terminal. This process
+// stays behind to wait for its child, which returns from here.
+void pv_sandbox_leave_terminal(void);
+// From here on: user nobody when it was root, no capabilities, no new privileges, no output, no
+// file, no new socket, no new process, no signal; Landlock where the kernel has it; killed when the
+// parent ends. What took hold is written into text[cap]. E_DEVICE: a part of it could not be set,
+// then nothing may be served.
 sv_status pv_sandbox_enter(char *text, size_t cap, sv_err *err) SV_MUST_USE;
 void pv_limits_set(size_t data_bytes);
 
