@@ -224,7 +224,7 @@ typedef struct {
 
 typedef struct {
   pid_t pid, victim;
-  int from_fd, go_fd, peer_fd; // its report; it goes on to its end after a byte; the end of in.socket
+  int from_fd, go_fd; // it sends its report, then waits until go_fd closes
 } prisoner;
 
 static void write_file(const char *path, const char *text) {
