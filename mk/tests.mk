@@ -51,7 +51,11 @@ $(O)/tests/source-faults: $(call obj,tests/conform/source_faults.c tests/conform
 	$(call link)
 
 # Long runs (make soak, make soak-sim).
-PROGS_soak := $(O)/tests/live-soak
+PROGS_soak := $(O)/tests/live-soak $(O)/tests/process-soak $(O)/tests/ring-stress
+$(O)/tests/ring-stress: $(call obj,tests/soak/ring_stress.c) $(TEST_ARCHIVES)
+	$(call link)
+$(O)/tests/process-soak: $(call obj,tests/soak/process_soak.c) $(TEST_ARCHIVES)
+	$(call link)
 $(O)/tests/live-soak: $(call obj,tests/soak/live_soak.c) $(TEST_ARCHIVES)
 	$(call link,-lcmocka)
 
@@ -84,12 +88,15 @@ ITEMS_lint = $(foreach l,$(LINTS),$(call item,lint/$(l),$(LINT_ENV) tools/lint/$
 ITEMS_cross = $(call item,cross/generic-arm64,BUILD='$(BUILD)' tests/run/cross.sh generic-arm64,1500)
 # The installed library; one item, as the parts without a system are compared with the first.
 ITEMS_library = $(call item,library/installed,BUILD='$(BUILD)' tests/run/library.sh,900)
+# Short forms of the long runs.
+ITEMS_soak = $(call item,!soak/live,$(O)/tests/live-soak 600 1000 20 0.05) \
+  $(call item,!soak/process,mkdir -p $(O)/soak && $(O)/tests/process-soak 0.01 $(O)/soak)
 ITEMS_budget = $(foreach p,$(PROGS_budget),$(call item,!$(p:$(O)/tests/%=%),$(EMULATE) $(p)))
 ITEMS_fuzz = $(foreach p,$(PROGS_fuzz),$(call item,$(p:$(O)/tests/%=%),$(EMULATE) $(p) $(FUZZ_ARGS)))
 items = $(or $(ITEMS_$(1)),$(foreach p,$(PROGS_$(1)),$(call item,$(p:$(O)/tests/%=%),$(EMULATE) $(p))))
 
 # run_rule TARGET,GROUPS. Tests of these groups start the programs.
-USE_PROGRAMS := scenario fault budget named
+USE_PROGRAMS := scenario fault budget soak named
 define run_rule
 .PHONY: $(1)
 $(1): $(foreach g,$(2),$$(PROGS_$(g))) $(if $(filter $(USE_PROGRAMS),$(2)),$(PROGRAMS) $(MODULES)) | $(SYSROOT_STAMP)
@@ -98,7 +105,7 @@ $(1): $(foreach g,$(2),$$(PROGS_$(g))) $(if $(filter $(USE_PROGRAMS),$(2)),$(PRO
 	@tests/run/run.sh -j $(JOBS) -o $(O)/run/$(1) $(O)/run/$(1).list
 endef
 ifeq ($(BOARD_ARCH)$(SAN),$(HOST_ARCH))
-ALL_GROUPS := lint unit kernels grad golden fault fuzz scenario cross library budget
+ALL_GROUPS := lint unit kernels grad golden fault fuzz scenario cross library soak budget
 else
 ALL_GROUPS := unit kernels grad golden fault fuzz scenario
 endif
@@ -119,7 +126,7 @@ test-all: programs
 stage-digests: $(PROGS_digests)
 	@$(EMULATE) $< $(STAGE_ARGS)
 
-.PHONY: test cross board-test bare-test accept-counts
+.PHONY: test cross board-test bare-test accept-counts soak soak-sim ring-stress
 test:
 	@[ '$(WITH)' != minimal ] || { echo "make test: the tests are of all features, so not with WITH=minimal" >&2; exit 2; }
 	@WITH='$(WITH)' tools/deps/install.sh test
@@ -137,3 +144,10 @@ bare-test:
 	@tests/bare/bare.sh '$(BUILD)' $(RUNS)
 accept-counts: $(O)/tests/budget/test_budget_counts
 	@$< --accept
+soak: $(PROGS_soak) programs
+	@tests/soak/soak.sh real $(O) $(or $(HOURS),1)
+soak-sim: $(PROGS_soak)
+	@tests/soak/soak.sh sim $(O) $(EXPOSURES)
+ring-stress:
+	@+$(MAKE) --no-print-directory SAN=thread '$(BUILD)/$(BOARD)-thread/tests/ring-stress'
+	@'$(BUILD)/$(BOARD)-thread/tests/ring-stress' $(or $(OPERATIONS),100000000)
