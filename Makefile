@@ -59,6 +59,9 @@ cross: ## the fast tests and the digests for arm64, emulated
 board-test: ## capture and train on a virtual ARM board with cameras (QEMU); under 5 minutes, 4 more the first time
 bare-test: ## the README's commands on minimal Debian 12 and 13 systems (needs root); RUNS=trixie: one of them
 bench: ## time the kernels (also into kernels.csv), whole steps and their stages
+soak: ## still, session and moving runs for HOURS=1, with memory, descriptors, ledger and quality watched
+soak-sim: ## long live runs on virtual clocks (EXPOSURES=10000 each)
+ring-stress: ## OPERATIONS=100000000 of a ring between two threads, under ThreadSanitizer
 stage-digests: ## digests of each stage of each step (STAGE_ARGS="STEPS ISA THREADS"); compare two builds by diff
 accept-counts: ## take the instructions counted now as those a step may take
 mca: ## predicted cycles of the kernels on ARM cores, and the steps that follow (llvm-mca)
