@@ -144,10 +144,26 @@ static void fill_uniform(sv_rng *rng, float *p, size_t n, float lo, float hi) {
   for (size_t i = 0; i < n; i++) p[i] = lo + (hi - lo) * sv_rng_f(rng);
 }
 
-static void fill_layer(sv_field *f, sv_rng *rng, size_t w, size_t b, int n_in, int n_out, float share) {
-  float xavier = share * (float)sqrt(6.0 / (n_in + n_out)), bias = share * (float)sqrt(1.0 / n_in);
-  fill_uniform(rng, f->param + w, (size_t)n_in * (size_t)n_out, -xavier, xavier);
-  fill_uniform(rng, f->param + b, (size_t)n_out, -bias, bias);
+// A linear layer: where its weights and biases begin in the parameters, and its size.
+typedef struct {
+  size_t w, b;
+  int n_in, n_out;
+} layer;
+
+static layer trunk_layer(const sv_field *f) {
+  return (layer){f->trunk_w, f->trunk_b, f->n_feature, f->cfg.width};
+}
+static layer head1_layer(const sv_field *f, int h) {
+  return (layer){f->head[h].w1, f->head[h].b1, f->cfg.width, f->cfg.width};
+}
+static layer head2_layer(const sv_field *f, int h) {
+  return (layer){f->head[h].w2, f->head[h].b2, f->cfg.width, f->head[h].n};
+}
+
+static void fill_layer(sv_field *f, sv_rng *rng, layer l, float share) {
+  float xavier = share * (float)sqrt(6.0 / (l.n_in + l.n_out)), bias = share * (float)sqrt(1.0 / l.n_in);
+  fill_uniform(rng, f->param + l.w, (size_t)l.n_in * (size_t)l.n_out, -xavier, xavier);
+  fill_uniform(rng, f->param + l.b, (size_t)l.n_out, -bias, bias);
 }
 
 static void set_box(sv_field *f, const sv_gaussians *g) {
@@ -173,10 +189,10 @@ void sv_field_reset(sv_field *f, const sv_gaussians *g, uint64_t seed) {
       fill_uniform(&rng, f->param + f->plane_at[l][p], f->plane_n[l][p], is_time ? 1.0f : 0.1f,
                    is_time ? 1.0f : 0.5f);
     }
-  fill_layer(f, &rng, f->trunk_w, f->trunk_b, f->n_feature, f->cfg.width, 1.0f);
+  fill_layer(f, &rng, trunk_layer(f), 1.0f);
   for (int h = 0; h < f->n_heads; h++) {
-    fill_layer(f, &rng, f->head[h].w1, f->head[h].b1, f->cfg.width, f->cfg.width, 1.0f);
-    fill_layer(f, &rng, f->head[h].w2, f->head[h].b2, f->cfg.width, f->head[h].n, f->cfg.start);
+    fill_layer(f, &rng, head1_layer(f, h), 1.0f);
+    fill_layer(f, &rng, head2_layer(f, h), f->cfg.start);
   }
   set_box(f, g);
   if (!f->m) return;
@@ -195,18 +211,12 @@ static sv_planes_args planes_of(const sv_field *f) {
   return a;
 }
 
-static sv_linear_args layer(const sv_field *f, size_t w, size_t b, int n_in, int n_out, bool is_relu) {
-  return (sv_linear_args){f->param + w, f->param + b, n_in, n_out, is_relu};
+static sv_linear_args linear(const sv_field *f, layer l, bool is_relu) {
+  return (sv_linear_args){f->param + l.w, f->param + l.b, l.n_in, l.n_out, is_relu};
 }
-static sv_linear_args trunk(const sv_field *f) {
-  return layer(f, f->trunk_w, f->trunk_b, f->n_feature, f->cfg.width, false);
-}
-static sv_linear_args head1(const sv_field *f, int h) {
-  return layer(f, f->head[h].w1, f->head[h].b1, f->cfg.width, f->cfg.width, true);
-}
-static sv_linear_args head2(const sv_field *f, int h) {
-  return layer(f, f->head[h].w2, f->head[h].b2, f->cfg.width, f->head[h].n, true);
-}
+static sv_linear_args trunk(const sv_field *f) { return linear(f, trunk_layer(f), false); }
+static sv_linear_args head1(const sv_field *f, int h) { return linear(f, head1_layer(f, h), true); }
+static sv_linear_args head2(const sv_field *f, int h) { return linear(f, head2_layer(f, h), true); }
 
 typedef struct {
   float *feature, *d_feature, *h, *h2, *dh, *dh2, *dh_one, *out;

@@ -107,13 +107,18 @@ sv_motion_values sv_motion_values_at(const sv_motion_cfg *cfg, float t) {
   return v;
 }
 
-// Taylor shift by h of one value and its n coefficients (Horner's scheme: each pass leaves one of
-// the new ones).
-static void shift(float *value, const sv_motion *mo, int i, int row, int n, int width, int w, float h) {
-  for (int first = 0; first < n; first++)
-    for (int j = n - 1; j >= first; j--) {
-      float up = *sv_motion_row(mo, i, row + width * j + w);
-      float *to = j > 0 ? sv_motion_row(mo, i, row + width * (j - 1) + w) : value;
+// Rows of the n coefficients of one component: the first row, and the step to the next.
+typedef struct {
+  int row, n, step;
+} series;
+
+// Taylor shift by h of one value and its coefficients (Horner's scheme: each pass leaves one of the
+// new ones).
+static void shift(float *value, const sv_motion *mo, int i, series s, float h) {
+  for (int first = 0; first < s.n; first++)
+    for (int j = s.n - 1; j >= first; j--) {
+      float up = *sv_motion_row(mo, i, s.row + s.step * j);
+      float *to = j > 0 ? sv_motion_row(mo, i, s.row + s.step * (j - 1)) : value;
       *to += h * up;
     }
 }
@@ -136,10 +141,11 @@ void sv_motion_advance(sv_motion *mo, sv_gaussians *g, float t0) {
   int rot = SV_MROW_FUNCTIONS + 3 * c->n_pos, colour = rot + 4 * c->n_rot;
   for (int i = 0; i < mo->n_moving; i++) {
     for (int w = 0; w < 3; w++)
-      shift(sv_gaussians_at(g, i, SV_ROW_MEAN + w), mo, i, SV_MROW_FUNCTIONS, c->n_pos, 3, w, h);
-    for (int w = 0; w < 4; w++) shift(sv_gaussians_at(g, i, SV_ROW_QUAT + w), mo, i, rot, c->n_rot, 4, w, h);
+      shift(sv_gaussians_at(g, i, SV_ROW_MEAN + w), mo, i, (series){SV_MROW_FUNCTIONS + w, c->n_pos, 3}, h);
+    for (int w = 0; w < 4; w++)
+      shift(sv_gaussians_at(g, i, SV_ROW_QUAT + w), mo, i, (series){rot + w, c->n_rot, 4}, h);
     for (int w = 0; w < 3; w++)
-      shift(sv_gaussians_at(g, i, SV_ROW_SH + w), mo, i, colour, c->n_colour, 3, w, h);
+      shift(sv_gaussians_at(g, i, SV_ROW_SH + w), mo, i, (series){colour + w, c->n_colour, 3}, h);
   }
   for (int i = 0; i < g->n; i++) normalize(mo, g, i, rot);
   mo->cfg.t0 = t0;

@@ -216,19 +216,19 @@ static sv_prior_depth *place_of(sv_prior *p, int id) {
   return unused ? unused : &p->depths[p->n_depths++ % p->cfg.cap_depths];
 }
 
-sv_status sv_prior_submit_depth(sv_prior *p, int id, const float *map, int width_px, int height_px,
-                                sv_prior_depth_kind kind, float weight) {
+sv_status sv_prior_submit_depth(sv_prior *p, int id, const sv_prior_map *map) {
+  const int width_px = map->width_px, height_px = map->height_px;
   if (p->cfg.cap_depths < 1) return SV_E_FULL;
-  if (id < 0 || width_px < 1 || height_px < 1 || !(weight >= 0.0f) ||
+  if (id < 0 || width_px < 1 || height_px < 1 || !(map->weight >= 0.0f) ||
       sv_plane_floats(width_px, height_px) > p->cap_pixels)
     return SV_E_RANGE;
   sv_prior_depth *d = place_of(p, id);
   d->id = id;
   d->width_px = width_px;
   d->height_px = height_px;
-  d->kind = kind;
-  d->weight = weight;
-  memcpy(d->map, map, (size_t)width_px * (size_t)height_px * sizeof *map);
+  d->kind = map->kind;
+  d->weight = map->weight;
+  memcpy(d->map, map->px, (size_t)width_px * (size_t)height_px * sizeof *map->px);
   return SV_OK;
 }
 

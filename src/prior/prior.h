@@ -120,11 +120,16 @@ void sv_prior_clear(sv_prior *p);
 // that is not the view's or beyond the capacity, a weight below 0; E_FULL without a ring.
 sv_status sv_prior_submit_view(sv_prior *p, const sv_view *view, const sv_image_u8 *picture, float weight,
                                float until, int *id) SV_MUST_USE;
-// A depth map of view `id`, of width x height floats without padding, copied; below 0: nothing is
-// known. A map of the same view is replaced, else one of a pseudo-view that is gone, else the next
+// A depth map from outside.
+typedef struct {
+  const float *px; // [height_px][width_px]; below 0: unknown
+  int width_px, height_px;
+  sv_prior_depth_kind kind;
+  float weight; // of its loss
+} sv_prior_map;
+// A depth map of view `id`, copied. A map of the same view is replaced, else one of a pseudo-view that is gone, else the next
 // in turn.
-sv_status sv_prior_submit_depth(sv_prior *p, int id, const float *map, int width_px, int height_px,
-                                sv_prior_depth_kind kind, float weight) SV_MUST_USE;
+sv_status sv_prior_submit_depth(sv_prior *p, int id, const sv_prior_map *map) SV_MUST_USE;
 // NULL when there is none, or its size is not the view's.
 const sv_prior_depth *sv_prior_find_depth(const sv_prior *p, int id, const sv_view *view);
 // Pseudo-views that have not expired.

@@ -159,8 +159,9 @@ sv_status sv_prior_warp(sv_prior *prior, float progress) {
   for (int k = 0; k < 2; k++) splat_all(prior, &j, &from->image, k == 1);
   s = sv_prior_submit_view(prior, &to, &out, up * prior->cfg.warp_colour, 2.0f, &id);
   if (s >= 0 && prior->cfg.warp_depth > 0.0f)
-    s = sv_prior_submit_depth(prior, id, j.z, to.width_px, to.height_px, SV_PRIOR_RELATIVE,
-                              up * prior->cfg.warp_depth);
+    s = sv_prior_submit_depth(
+        prior, id,
+        &(sv_prior_map){j.z, to.width_px, to.height_px, SV_PRIOR_RELATIVE, up * prior->cfg.warp_depth});
   prior->n_warped++;
   return s;
 }
@@ -184,8 +185,9 @@ sv_status sv_prior_measure(sv_prior *prior, const sv_bounds *bounds, sv_arena *s
                             : 0.0f;
         map[(size_t)y * (size_t)v->width_px + (size_t)x] = z > 0.0f ? z : -1.0f;
       }
-    s = sv_prior_submit_depth(prior, m->i_view, map, v->width_px, v->height_px, SV_PRIOR_RELATIVE,
-                              prior->cfg.depth_weight);
+    s = sv_prior_submit_depth(
+        prior, m->i_view,
+        &(sv_prior_map){map, v->width_px, v->height_px, SV_PRIOR_RELATIVE, prior->cfg.depth_weight});
     *n_maps += s == SV_OK;
   }
   sv_arena_reset(scratch, mark);

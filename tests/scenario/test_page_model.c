@@ -135,7 +135,12 @@ static void open_model(void) {
   snprintf(path, sizeof path, "%s/out/model.ply", root);
   assert_ok(lab_session_start(&session, 1, true, &err), &err);
   assert_ok(lab_model_read(&model, path, &err), &err);
-  if (lab_viewer_start(&viewer, &session, model.g.cap, CAP_W, CAP_W, sv_plane_floats(CAP_W, CAP_W), &err) < 0)
+  if (lab_viewer_start(&viewer, &session,
+                       (sv_renderer_cfg){.cap_gaussians = model.g.cap,
+                                         .cap_width_px = CAP_W,
+                                         .cap_height_px = CAP_W,
+                                         .cap_pixels = sv_plane_floats(CAP_W, CAP_W)},
+                       &err) < 0)
     fail_msg("%s", err.text);
 }
 

@@ -97,7 +97,9 @@ TEST(test_noise) {
     f[i].f.exposure = 0;
     f[i].f.sub_view = i;
   }
-  assert_int_equal(lab_noise_add(&v, &p, &model, 1, SV_BG_WHITE, &pool, &err), SV_OK);
+  assert_int_equal(
+      lab_noise_add(&v, &p, &model, &(sv_train_cfg){.seed = 1, .background = SV_BG_WHITE}, &pool, &err),
+      SV_OK);
   assert_memory_not_equal(px[0], clean, 3 * 64);
   assert_memory_not_equal(px[0], px[1], 3 * 64); // each sub-view has its own
   assert_memory_equal(px[2], clean, 3 * 64);     // a lens has no picture: its measurement is noisy
@@ -106,12 +108,18 @@ TEST(test_noise) {
   memcpy(first, px[0], sizeof first);
   memset(px, 128, sizeof px);
   f[1].n_channels = 4;
-  assert_int_equal(lab_noise_add(&v, &p, &model, 1, SV_BG_WHITE, &pool, &err), SV_E_ARG);
-  assert_int_equal(lab_noise_add(&v, &p, &model, 1, SV_BG_BLACK, &pool, &err), SV_OK);
+  assert_int_equal(
+      lab_noise_add(&v, &p, &model, &(sv_train_cfg){.seed = 1, .background = SV_BG_WHITE}, &pool, &err),
+      SV_E_ARG);
+  assert_int_equal(
+      lab_noise_add(&v, &p, &model, &(sv_train_cfg){.seed = 1, .background = SV_BG_BLACK}, &pool, &err),
+      SV_OK);
   assert_memory_equal(px[0], first, sizeof first); // the same again
   assert_int_equal(px[1][3], 255);
   memset(px, 128, sizeof px);
-  assert_int_equal(lab_noise_add(&v, &p, &model, 2, SV_BG_BLACK, &pool, &err), SV_OK);
+  assert_int_equal(
+      lab_noise_add(&v, &p, &model, &(sv_train_cfg){.seed = 2, .background = SV_BG_BLACK}, &pool, &err),
+      SV_OK);
   assert_memory_not_equal(px[0], first, sizeof first);
 }
 

@@ -107,27 +107,28 @@ TEST(test_rings) {
   assert_int_equal(sv_prior_n_alive(&p, 0.35f), 2); // expired
   assert_int_equal(sv_prior_n_alive(&p, 0.6f), 0);
   assert_int_equal(p.views[0].rgba[3], 255); // without alpha all counts
-  assert_int_equal(sv_prior_submit_depth(&p, -1, map, W, H, SV_PRIOR_METRIC, 1), SV_E_RANGE);
-  assert_int_equal(sv_prior_submit_depth(&p, 0, map, W, 2 * H, SV_PRIOR_METRIC, 1), SV_E_RANGE);
+  assert_int_equal(sv_prior_submit_depth(&p, -1, &(sv_prior_map){map, W, H, SV_PRIOR_METRIC, 1}), SV_E_RANGE);
+  assert_int_equal(sv_prior_submit_depth(&p, 0, &(sv_prior_map){map, W, 2 * H, SV_PRIOR_METRIC, 1}),
+                   SV_E_RANGE);
   for (int i = 0; i < 3; i++) {
     map[0] = (float)i;
-    assert_int_equal(sv_prior_submit_depth(&p, i, map, W, H, SV_PRIOR_METRIC, 1), SV_OK);
+    assert_int_equal(sv_prior_submit_depth(&p, i, &(sv_prior_map){map, W, H, SV_PRIOR_METRIC, 1}), SV_OK);
   }
   assert_null(sv_prior_find_depth(&p, 0, &v)); // the oldest one's place was taken
   map[0] = 9;
-  assert_int_equal(sv_prior_submit_depth(&p, 2, map, W, H, SV_PRIOR_RELATIVE, 1), SV_OK);
+  assert_int_equal(sv_prior_submit_depth(&p, 2, &(sv_prior_map){map, W, H, SV_PRIOR_RELATIVE, 1}), SV_OK);
   assert_non_null(sv_prior_find_depth(&p, 1, &v)); // a second map of a view replaces its first
   assert_true(sv_prior_find_depth(&p, 2, &v)->map[0] == 9);
-  assert_int_equal(sv_prior_submit_depth(&p, id, map, W, H, SV_PRIOR_METRIC, 1), SV_OK);
+  assert_int_equal(sv_prior_submit_depth(&p, id, &(sv_prior_map){map, W, H, SV_PRIOR_METRIC, 1}), SV_OK);
   const int kept = sv_prior_find_depth(&p, 1, &v) ? 1 : 2;
   for (int i = 0; i < 9; i++) { // maps of pseudo-views that are gone give their places to those of
                                 // later ones
     for (int k = 0; k < 3; k++) assert_int_equal(sv_prior_submit_view(&p, &v, &im, 1, 1, &id), SV_OK);
-    assert_int_equal(sv_prior_submit_depth(&p, id, map, W, H, SV_PRIOR_METRIC, 1), SV_OK);
+    assert_int_equal(sv_prior_submit_depth(&p, id, &(sv_prior_map){map, W, H, SV_PRIOR_METRIC, 1}), SV_OK);
     assert_non_null(sv_prior_find_depth(&p, id, &v));
     assert_non_null(sv_prior_find_depth(&p, kept, &v));
   }
-  assert_int_equal(sv_prior_submit_depth(&p, 1, map, W, H, SV_PRIOR_METRIC, 1), SV_OK);
+  assert_int_equal(sv_prior_submit_depth(&p, 1, &(sv_prior_map){map, W, H, SV_PRIOR_METRIC, 1}), SV_OK);
   const sv_view half = sv_view_scaled(&v, 2);
   assert_null(sv_prior_find_depth(&p, 1, &half));
 }
@@ -200,8 +201,10 @@ static uint64_t train(sv_trainer *t, bool has_prior) {
   for (int i = 0; i < W * H; i++) brighter[i / W][i % W][3] = i % W < W / 2 ? 255 : 0;
   if (has_prior) {
     assert_int_equal(sv_prior_submit_view(prior_of(t), &v, &im, 1, 2, &id), SV_OK);
-    assert_int_equal(sv_prior_submit_depth(prior_of(t), id, map, W, H, SV_PRIOR_INVERSE, 0.1f), SV_OK);
-    assert_int_equal(sv_prior_submit_depth(prior_of(t), 0, map, W, H, SV_PRIOR_RELATIVE, 0.1f), SV_OK);
+    assert_int_equal(
+        sv_prior_submit_depth(prior_of(t), id, &(sv_prior_map){map, W, H, SV_PRIOR_INVERSE, 0.1f}), SV_OK);
+    assert_int_equal(
+        sv_prior_submit_depth(prior_of(t), 0, &(sv_prior_map){map, W, H, SV_PRIOR_RELATIVE, 0.1f}), SV_OK);
   }
   for (int i = 0; i < 40; i++) assert_int_equal(sv_train_step(t, (float)i / 40, NULL), SV_OK);
   return sv_train_digest(t);
@@ -344,7 +347,8 @@ TEST(test_methods) {
       t->cfg.relocate_every = 10;
       prior_of(t)->cfg.unpool_distance = 1.2f;
       for (int i = 0; i < 30; i++) *sv_gaussians_at(&t->g, 9 * i, SV_ROW_LOGIT) = -9;
-      assert_int_equal(sv_prior_submit_depth(prior_of(t), 0, map, W, H, SV_PRIOR_RELATIVE, 0.05f), SV_OK);
+      assert_int_equal(
+          sv_prior_submit_depth(prior_of(t), 0, &(sv_prior_map){map, W, H, SV_PRIOR_RELATIVE, 0.05f}), SV_OK);
       for (int i = 0; i < 120; i++) assert_int_equal(sv_train_step(t, (float)i / 120, NULL), SV_OK);
     }
     assert_true(sv_train_digest(&trainer) == sv_train_digest(&other));
@@ -360,7 +364,7 @@ TEST(test_warp) {
   make_with(&trainer, SV_PRIOR_SPARSEGS, &in_order, block, sizeof block);
   for (int i = 0; i < W * H; i++) map[i] = 3;
   for (int i = 0; i < 2; i++)
-    assert_int_equal(sv_prior_submit_depth(&prior, i, map, W, H, SV_PRIOR_METRIC, 1), SV_OK);
+    assert_int_equal(sv_prior_submit_depth(&prior, i, &(sv_prior_map){map, W, H, SV_PRIOR_METRIC, 1}), SV_OK);
   trainer.cfg.unseen_rad = 0; // the same view again
   assert_int_equal(sv_prior_warp(&prior, 1), SV_OK);
   const uint8_t *rgba = prior.views[0].rgba;

@@ -15,11 +15,16 @@ static size_t at(const cal_boards *b, int camera, int frame) {
   return (size_t)camera * (size_t)b->n_frames + (size_t)frame;
 }
 
-// Adds one camera's squared residuals for a board pose; with a and g also the normal equations (6
-// unknowns: rotation and translation in the rig's frame, applied from the left). Infinite when a
-// corner does not project.
-static double add_camera(const job *j, int camera, int frame, const sv_pose *rig_from_board, double a[36],
-                         double g[6]) {
+// Normal equations of a board pose (6 unknowns: rotation and translation in the rig's frame,
+// applied from the left).
+typedef struct {
+  double a[36], g[6];
+} normal_equations;
+
+// Adds one camera's squared residuals for a board pose; with eq also to the normal equations.
+// Infinite when a corner does not project.
+static double add_camera(const job *j, int camera, int frame, const sv_pose *rig_from_board,
+                         normal_equations *eq) {
   const cal_boards *b = j->b;
   const sv_sub_view *v = &j->rig->sub_views[camera];
   const double *uv = b->uv_px + 2 * (size_t)(b->n_cols * b->n_rows) * at(b, camera, frame);
@@ -38,21 +43,21 @@ static double add_camera(const job *j, int camera, int frame, const sv_pose *rig
       sv_cross3(row, x, t);
       for (int i = 0; i < 3; i++) row[3 + i] = t[i];
       sum += r * r;
-      for (int i = 0; i < 6 && a; i++) {
-        g[i] += row[i] * r;
-        for (int n = 0; n < 6; n++) a[6 * i + n] += row[i] * row[n];
+      for (int i = 0; i < 6 && eq; i++) {
+        eq->g[i] += row[i] * r;
+        for (int n = 0; n < 6; n++) eq->a[6 * i + n] += row[i] * row[n];
       }
     }
   }
   return sum;
 }
 
-static double cost(const job *j, int only, int frame, const sv_pose *p, double a[36], double g[6], int *n) {
+static double cost(const job *j, int only, int frame, const sv_pose *p, normal_equations *eq, int *n) {
   double sum = 0;
   *n = 0;
   for (int c = 0; c < j->b->n_cameras; c++) {
     if (!j->b->is_seen[at(j->b, c, frame)] || (only >= 0 && c != only)) continue;
-    sum += add_camera(j, c, frame, p, a, g);
+    sum += add_camera(j, c, frame, p, eq);
     *n += j->b->n_cols * j->b->n_rows;
   }
   return sum;
@@ -86,17 +91,17 @@ static sv_pose moved(const sv_pose *p, const double d[6]) {
 
 // Levenberg and Marquardt on the pose; returns the squared residuals.
 static double refine(const job *j, int only, int frame, sv_pose *p, int *n) {
-  double lambda = 1e-3, now = cost(j, only, frame, p, NULL, NULL, n);
+  double lambda = 1e-3, now = cost(j, only, frame, p, NULL, n);
   for (int it = 0; it < 100 && isfinite(now); it++) {
-    double a[36] = {0}, g[6] = {0};
-    cost(j, only, frame, p, a, g, n);
+    normal_equations eq = {0};
+    cost(j, only, frame, p, &eq, n);
     for (int i = 0; i < 6; i++) {
-      a[7 * i] *= 1 + lambda;
-      g[i] = -g[i];
+      eq.a[7 * i] *= 1 + lambda;
+      eq.g[i] = -eq.g[i];
     }
-    if (!solve6(a, g)) break;
-    sv_pose next = moved(p, g);
-    double then = cost(j, only, frame, &next, NULL, NULL, n);
+    if (!solve6(eq.a, eq.g)) break;
+    sv_pose next = moved(p, eq.g);
+    double then = cost(j, only, frame, &next, NULL, n);
     if (then < now) {
       bool is_done = now - then < 1e-12 * now;
       *p = next;
@@ -175,7 +180,7 @@ static void measure_camera(cal_check *c, const job *j, int i) {
     c->cameras[i].n_boards++;
     alone += refine(j, i, f, &p, &k);
     n += k;
-    rig += cost(j, i, f, &c->rig_from_board[f], NULL, NULL, &k);
+    rig += cost(j, i, f, &c->rig_from_board[f], NULL, &k);
     n_rig += k;
     if (i && b->is_seen[at(b, 0, f)]) lines += epipolar2(j, i, f, &n_lines);
   }

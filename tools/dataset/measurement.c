@@ -4,19 +4,25 @@
 #include <stdlib.h>
 #include <string.h>
 
-static sv_status find_one(lab_measurement *m, const sv_transforms *t, const char *folder, bool is_white,
-                          sv_err *err) {
+// Where measurements are listed. is_white: those of display values are preferred.
+typedef struct {
+  const sv_transforms *t;
+  const char *folder;
+  bool is_white;
+} listing;
+
+static sv_status find_one(lab_measurement *m, const listing *in, sv_err *err) {
   sv_transforms_measurement c;
   lab_peek peek;
-  m->is_linear = !is_white;
-  sv_status s = sv_transforms_find_measurement(t, m->is_linear, m->exposure, &c, err);
+  m->is_linear = !in->is_white;
+  sv_status s = sv_transforms_find_measurement(in->t, m->is_linear, m->exposure, &c, err);
   if (s == SV_END) {
     m->is_linear = !m->is_linear;
-    s = sv_transforms_find_measurement(t, m->is_linear, m->exposure, &c, err);
+    s = sv_transforms_find_measurement(in->t, m->is_linear, m->exposure, &c, err);
   }
   if (s != SV_OK) return s;
   m->max_overlap = c.max_overlap;
-  s = sv_path_join(m->path, sizeof m->path, folder, c.file_path, err);
+  s = sv_path_join(m->path, sizeof m->path, in->folder, c.file_path, err);
   if (s == SV_OK && !sv_path_exists(m->path))
     s = sv_fail(err, SV_E_NOT_FOUND, "%s: measurement not found (listed in the transforms file)", m->path);
   if (s == SV_OK) s = lab_picture_peek(m->path, &peek, err);
@@ -28,13 +34,12 @@ static sv_status find_one(lab_measurement *m, const sv_transforms *t, const char
 
 // The measurement of an exposure, made when it is the exposure's first frame; NULL: the file has
 // none.
-static sv_status measurement_of(lab_views *v, int exposure, const sv_transforms *t, const char *folder,
-                                bool is_white, int *out, sv_err *err) {
+static sv_status measurement_of(lab_views *v, int exposure, const listing *in, int *out, sv_err *err) {
   for (*out = 0; *out < v->n_measurements; ++*out)
     if (v->measurements[*out].exposure == exposure) return SV_OK;
   lab_measurement *m = &v->measurements[v->n_measurements];
   *m = (lab_measurement){.exposure = exposure};
-  sv_status s = find_one(m, t, folder, is_white, err);
+  sv_status s = find_one(m, in, err);
   if (s == SV_OK) v->n_measurements++;
   if (s != SV_END) return s;
   *out = -1;
@@ -43,13 +48,14 @@ static sv_status measurement_of(lab_views *v, int exposure, const sv_transforms 
 
 sv_status lab_measurements_find(lab_views *v, const sv_transforms *t, const char *folder, bool is_white,
                                 sv_err *err) {
+  const listing in = {t, folder, is_white};
   v->measurements = calloc((size_t)v->n, sizeof *v->measurements);
   if (!v->measurements) return sv_fail(err, SV_E_NOMEM, "no memory for the measurements");
   for (int i = 0; i < v->n; i++) {
     lab_frame *f = &v->frames[i];
     f->i_measurement = -1;
     if (!f->f.footprint.width_px || f->f.exposure < 0) continue;
-    sv_status s = measurement_of(v, f->f.exposure, t, folder, is_white, &f->i_measurement, err);
+    sv_status s = measurement_of(v, f->f.exposure, &in, &f->i_measurement, err);
     if (s != SV_OK) return s;
     if (f->i_measurement >= 0) v->measurements[f->i_measurement].n_lenses++;
   }

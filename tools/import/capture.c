@@ -40,25 +40,31 @@ static int nearest(const sv_capture_camera *c, sv_ns t_ns) {
   return best;
 }
 
-static sv_status add(lab_import *im, const char *dir, const source *src, int i_sub_view, int i_frame,
-                     int i_exposure, double time, const sv_pose *rig_from_world, sv_err *err) {
-  const sv_sub_view *sub = &src->rig.sub_views[i_sub_view];
+// A sub-view's frame of an exposure.
+typedef struct {
+  int i_sub_view, i_frame, i_exposure;
+  double time; // 0..1 over the recording
+  sv_pose rig_from_world;
+} captured;
+
+static sv_status add(lab_import *im, const char *dir, const source *src, const captured *t, sv_err *err) {
+  const sv_sub_view *sub = &src->rig.sub_views[t->i_sub_view];
   const sv_capture_camera *c = &src->capture.cameras[sub->i_camera];
-  const char *file = c->frames[i_frame].file;
+  const char *file = c->frames[t->i_frame].file;
   char inside[SV_CAP_PATH];
   lab_import_view *v = lab_import_add(im);
   if (!v) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its frames", dir);
   snprintf(inside, sizeof inside, "%.500s/%.500s", c->folder, file);
   v->model = sub->model;
-  v->cam_from_world = sv_pose_mul(&sub->cam_from_rig, rig_from_world);
-  v->exposure = i_exposure;
-  v->sub_view = i_sub_view;
-  v->time = time;
+  v->cam_from_world = sv_pose_mul(&sub->cam_from_rig, &t->rig_from_world);
+  v->exposure = t->i_exposure;
+  v->sub_view = t->i_sub_view;
+  v->time = t->time;
   sv_copy(v->camera, sizeof v->camera, sub->name);
   if (sub->footprint.width_px > 0 &&
       (sub->footprint.width_px != c->caps.width_px || sub->footprint.height_px != c->caps.height_px))
     v->crop = sub->footprint;
-  snprintf(v->name, sizeof v->name, "%.31s/%06d%s", sub->name, i_exposure,
+  snprintf(v->name, sizeof v->name, "%.31s/%06d%s", sub->name, t->i_exposure,
            v->crop.width_px ? ".png" : sv_path_extension(file));
   return sv_path_join(v->source, sizeof v->source, dir, inside, err);
 }
@@ -73,15 +79,15 @@ static sv_status add_exposures(lab_import *im, const char *dir, const source *sr
   for (int e = 0; e < c0->n_frames; e++) {
     sv_ns t_ns = mid_exposure_ns(c0, &c0->frames[e]);
     double time = last_ns > first_ns ? (double)(t_ns - first_ns) / (double)(last_ns - first_ns) : 0;
-    sv_pose rig_from_world;
-    sv_status s = sv_capture_pose_at(&src->capture, c0->frames[e].arrival_ns, &rig_from_world);
-    if (s == SV_E_NOT_FOUND) rig_from_world = sv_pose_identity(); // the rig stood still
+    captured t = {.i_exposure = e, .time = time < 0 ? 0 : time > 1 ? 1 : time};
+    sv_status s = sv_capture_pose_at(&src->capture, c0->frames[e].arrival_ns, &t.rig_from_world);
+    if (s == SV_E_NOT_FOUND) t.rig_from_world = sv_pose_identity(); // the rig stood still
     else if (s < 0) return sv_fail(err, s, "%s: its poses cannot be used", dir);
     for (int k = 0; k < src->rig.n_sub_views; k++) {
-      int i = nearest(&src->capture.cameras[src->rig.sub_views[k].i_camera], t_ns);
-      if (i < 0) continue; // that camera lost the frame
-      if ((s = add(im, dir, src, k, i, e, time < 0 ? 0 : time > 1 ? 1 : time, &rig_from_world, err)) != SV_OK)
-        return s;
+      t.i_sub_view = k;
+      t.i_frame = nearest(&src->capture.cameras[src->rig.sub_views[k].i_camera], t_ns);
+      if (t.i_frame < 0) continue; // that camera lost the frame
+      if ((s = add(im, dir, src, &t, err)) != SV_OK) return s;
     }
   }
   return SV_OK;

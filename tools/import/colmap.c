@@ -65,17 +65,22 @@ static sv_status read_cameras(const char *folder, sv_colmap_camera **cameras, in
   return s == SV_END ? SV_OK : s;
 }
 
+typedef struct {
+  sv_colmap_camera *at;
+  int n;
+} camera_list;
+
 static sv_status add_image(lab_import *im, const char *dir, const char *model_path, const sv_colmap_image *g,
-                           const sv_colmap_camera *cameras, int n_cameras, sv_err *err) {
+                           const camera_list *cameras, sv_err *err) {
   char pictures[SV_CAP_PATH];
   int c = 0;
-  while (c < n_cameras && cameras[c].id != g->camera_id) c++;
-  if (c == n_cameras)
+  while (c < cameras->n && cameras->at[c].id != g->camera_id) c++;
+  if (c == cameras->n)
     return sv_fail(err, SV_E_FORMAT, "%s: image %s refers to camera %u, which the model does not contain",
                    model_path, g->name, g->camera_id);
   lab_import_view *v = lab_import_add(im);
   if (!v) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its images", model_path);
-  v->model = cameras[c].model;
+  v->model = cameras->at[c].model;
   v->cam_from_world = g->cam_from_world;
   v->source_id = g->id;
   snprintf(v->camera, sizeof v->camera, "%u", g->camera_id);
@@ -112,8 +117,7 @@ typedef struct {
 
 typedef struct {
   const char *dir, *folder, *path; // path: of the frames
-  const sv_colmap_camera *cameras;
-  int n_cameras;
+  camera_list cameras;
   mount *mounts;
   int n_mounts, cap_mounts;
   seat seats[SV_COLMAP_CAP_DATA];
@@ -184,15 +188,15 @@ static sv_status add_unregistered(lab_import *im, model *m, const sv_colmap_fram
   sv_colmap_image g = {.id = 0, .camera_id = at->camera};
   const sv_colmap_camera *camera = NULL;
   bool is_listed = false;
-  for (int i = 0; i < m->n_cameras; i++)
-    if (m->cameras[i].id == at->camera) camera = &m->cameras[i];
+  for (int i = 0; i < m->cameras.n; i++)
+    if (m->cameras.at[i].id == at->camera) camera = &m->cameras.at[i];
   for (int k = 0; k < f->n_images; k++) is_listed = is_listed || f->images[k].camera_id == at->camera;
   if (!camera || !find_picture(im, m, camera, i_frame, g.name, sizeof g.name)) {
     im->n_lost += is_listed; // not listed: the camera may have taken none
     return SV_OK;
   }
   g.cam_from_world = sv_pose_mul(&at->cam_from_rig, &f->rig_from_world);
-  sv_status s = add_image(im, m->dir, m->path, &g, m->cameras, m->n_cameras, err);
+  sv_status s = add_image(im, m->dir, m->path, &g, &m->cameras, err);
   if (s != SV_OK) return s;
   lab_import_view *v = &im->views[im->n - 1];
   v->exposure = i_frame;
@@ -246,13 +250,13 @@ static int by_name(const void *a, const void *b) {
   return strcmp(((const lab_import_view *)a)->name, ((const lab_import_view *)b)->name);
 }
 
-static sv_status read_images(lab_import *im, const char *dir, const char *folder,
-                             const sv_colmap_camera *cameras, int n_cameras, sv_err *err) {
+static sv_status read_images(lab_import *im, const char *dir, const char *folder, const camera_list *cameras,
+                             sv_err *err) {
   part p;
   sv_colmap_image g;
   sv_status s = open_part(&p, folder, "images", err);
   while (s == SV_OK && (s = sv_colmap_next_image(&p.c, &g, err)) == SV_OK)
-    s = add_image(im, dir, p.path, &g, cameras, n_cameras, err);
+    s = add_image(im, dir, p.path, &g, cameras, err);
   free(p.data);
   return s < 0 ? s : SV_OK;
 }
@@ -282,20 +286,18 @@ static sv_status read_points(lab_import *im, const char *folder, sv_err *err) {
 
 sv_status lab_import_colmap(lab_import *im, const char *dir, sv_err *err) {
   char folder[SV_CAP_PATH];
-  sv_colmap_camera *cameras = NULL;
-  int n_cameras = 0;
+  camera_list cameras = {0};
   if (!find_model(dir, folder, sizeof folder))
     return sv_fail(err, SV_E_NOT_FOUND, "%s: no images.bin or images.txt in it, in sparse/ or in sparse/0/",
                    dir);
-  sv_status s = read_cameras(folder, &cameras, &n_cameras, err);
-  if (s == SV_OK) s = read_images(im, dir, folder, cameras, n_cameras, err);
+  sv_status s = read_cameras(folder, &cameras.at, &cameras.n, err);
+  if (s == SV_OK) s = read_images(im, dir, folder, &cameras, err);
   model *m = calloc(1, sizeof *m);
   if (s == SV_OK && !m) s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its rigs", dir);
   if (m) {
     m->dir = dir;
     m->folder = folder;
     m->cameras = cameras;
-    m->n_cameras = n_cameras;
   }
   if (s == SV_OK) s = read_rigs(m, err);
   if (s == SV_OK) s = read_frames(im, m, err);
@@ -304,6 +306,6 @@ sv_status lab_import_colmap(lab_import *im, const char *dir, sv_err *err) {
     qsort(im->views, (size_t)im->n, sizeof *im->views, by_name);
   if (m) free(m->mounts);
   free(m);
-  free(cameras);
+  free(cameras.at);
   return s;
 }

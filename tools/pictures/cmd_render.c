@@ -167,7 +167,12 @@ static sv_status prepare(run *r, lab_scene *scene, sv_err *err) {
     return sv_fail(err, SV_E_RANGE, "--width %ld: the images would be %d pixels high", r->o->width_px, h);
   size_t n = sv_plane_floats(w, h); // padded, so at least as much as is needed
   if (n < r->views.cap_floats) n = r->views.cap_floats;
-  if ((s = lab_viewer_start(&r->viewer, &r->session, r->model.g.n, w, h, n, err)) != SV_OK) return s;
+  if ((s = lab_viewer_start(
+           &r->viewer, &r->session,
+           (sv_renderer_cfg){
+               .cap_gaussians = r->model.g.n, .cap_width_px = w, .cap_height_px = h, .cap_pixels = n},
+           err)) != SV_OK)
+    return s;
   r->rgb = malloc(3 * n);
   r->z = malloc(n * sizeof *r->z);
   r->depth = malloc(n * sizeof *r->depth);

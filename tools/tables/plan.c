@@ -126,15 +126,14 @@ static sv_status add_to_row(tables *t, tables_row *r, tables_setting s, sv_err *
   return SV_OK;
 }
 
-// A row over all scenes with the main file of a device; like->device and n_exposures are filled in
-// here. A row without runs is taken back.
-static sv_status add_mean_row(tables *t, tables_id id, int device, int n_exposures, tables_setting like,
-                              const char *label, sv_err *err) {
-  tables_row *r = add_row(t, id, device, n_exposures, err);
+// A row over all scenes with the main file of like.device, -1: of every device. A row without runs
+// is taken back.
+static sv_status add_mean_row(tables *t, tables_id id, tables_setting like, const char *label, sv_err *err) {
+  const int device = like.device;
+  tables_row *r = add_row(t, id, device, like.n_exposures, err);
   if (!r) return SV_E_NOMEM;
   sv_copy(r->label, sizeof r->label, label);
   like.i_file = -1;
-  like.n_exposures = n_exposures;
   for (int i = 0; i < t->n_scenes; i++)
     for (int d = 0; d < TABLES_N_DEVICES; d++) {
       if (device >= 0 && d != device) continue;
@@ -157,7 +156,6 @@ static void list_names(const tables *t, const bool *is_in, char *out, size_t cap
 // --- the tables ----------------------------------------------------------------------------------
 
 static sv_status plan_summary(tables *t, sv_err *err) {
-  tables_setting like = {.n_gaussians = t->n_gaussians};
   sv_status s = SV_OK;
   t->tables[TABLE_SUMMARY] = (tables_table){
       .name = "summary",
@@ -171,8 +169,10 @@ static sv_status plan_summary(tables *t, sv_err *err) {
       .text = "The same runs beside the depth errors of the paper (its table synthetic-depth)."};
   for (int id = TABLE_SUMMARY; id <= TABLE_DEPTH; id++)
     for (int e = 1; e <= 3; e += 2)
-      for (int d = 0; d < TABLES_N_DEVICES && s == SV_OK; d++)
-        s = add_mean_row(t, (tables_id)id, d, e, like, "", err);
+      for (int d = 0; d < TABLES_N_DEVICES && s == SV_OK; d++) {
+        tables_setting like = {.n_gaussians = t->n_gaussians, .device = d, .n_exposures = e};
+        s = add_mean_row(t, (tables_id)id, like, "", err);
+      }
   for (int i = 0; i < t->n_runs; i++) t->runs[i].has_views = t->runs[i].set.n_exposures == 1;
   return s;
 }
@@ -310,8 +310,9 @@ static sv_status plan_init(tables *t, sv_err *err) {
               "the sphere. The paper shows the difference as an image (more floaters from the cube)."};
   for (int k = 0; k < (t->o->is_quick ? 2 : 3) && s == SV_OK; k++)
     for (int is_cube = 0; is_cube < 2 && s == SV_OK; is_cube++) {
-      tables_setting like = {.n_gaussians = t->n_gaussians, .is_cube = is_cube != 0};
-      s = add_mean_row(t, TABLE_INIT, devices[k], 1, like, is_cube ? "cube" : "sphere", err);
+      tables_setting like = {
+          .n_gaussians = t->n_gaussians, .device = devices[k], .n_exposures = 1, .is_cube = is_cube != 0};
+      s = add_mean_row(t, TABLE_INIT, like, is_cube ? "cube" : "sphere", err);
     }
   return s;
 }
@@ -325,8 +326,9 @@ static sv_status plan_tv(tables *t, sv_err *err) {
               "training and unseen views."};
   for (int d = TABLES_LIGHTFIELD; d <= TABLES_MULTIPLEXED; d++)
     for (int is_off = 0; is_off < 2 && s == SV_OK; is_off++) {
-      tables_setting like = {.n_gaussians = t->n_gaussians, .is_tv_off = is_off != 0};
-      s = add_mean_row(t, TABLE_TV, d, 1, like, is_off ? "off" : "on", err);
+      tables_setting like = {
+          .n_gaussians = t->n_gaussians, .device = d, .n_exposures = 1, .is_tv_off = is_off != 0};
+      s = add_mean_row(t, TABLE_TV, like, is_off ? "off" : "on", err);
     }
   return s;
 }
@@ -341,10 +343,12 @@ static sv_status plan_count(tables *t, sv_err *err) {
            t->n_gaussians, TABLES_MANY * t->n_gaussians);
   for (int d = 0; d <= TABLES_N_DEVICES; d++)
     for (int is_many = 0; is_many < 2 && s == SV_OK; is_many++) {
-      tables_setting like = {.n_gaussians = t->n_gaussians * (is_many ? TABLES_MANY : 1)};
+      tables_setting like = {.n_gaussians = t->n_gaussians * (is_many ? TABLES_MANY : 1),
+                             .device = d == TABLES_N_DEVICES ? -1 : d,
+                             .n_exposures = 1};
       char label[32];
       snprintf(label, sizeof label, "%ld", like.n_gaussians);
-      s = add_mean_row(t, TABLE_COUNT, d == TABLES_N_DEVICES ? -1 : d, 1, like, label, err);
+      s = add_mean_row(t, TABLE_COUNT, like, label, err);
     }
   return s;
 }

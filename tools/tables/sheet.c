@@ -58,15 +58,15 @@ static sv_status read_list(const char *path, int i_view, char *name, size_t cap,
   return s;
 }
 
-static sv_status read_picture(const char *folder, const char *name, const char *tail, int bits,
-                              const cells *c, sv_bitmap *out, sv_err *err) {
+static sv_status read_picture(const char *folder, const char *name, bool is_depth, const cells *c,
+                              sv_bitmap *out, sv_err *err) {
   char path[SV_CAP_PATH], file[SV_CAP_PATH];
-  snprintf(file, sizeof file, "%.900s%s", name, tail);
+  snprintf(file, sizeof file, "%.900s%s", name, is_depth ? "_depth.png" : ".png");
   sv_status s = sv_path_join(path, sizeof path, folder, file, err);
   if (s == SV_OK) s = sv_bitmap_read(path, out, err);
   if (s != SV_OK) return s;
-  if (out->width_px == c->w && out->height_px == c->h && out->bits == bits &&
-      out->n_channels == (bits == 16 ? 1 : 3))
+  if (out->width_px == c->w && out->height_px == c->h && out->bits == (is_depth ? 16 : 8) &&
+      out->n_channels == (is_depth ? 1 : 3))
     return SV_OK;
   sv_bitmap_free(out);
   return sv_fail(err, SV_E_FORMAT, "%s: is not a %dx%d image written by render", path, c->w, c->h);
@@ -78,8 +78,8 @@ static sv_status read_render(cells *c, const char *folder, int i_view, sv_err *e
   sv_bitmap z;
   sv_status s = sv_path_join(path, sizeof path, folder, "views.json", err);
   if (s == SV_OK) s = read_list(path, i_view, name, sizeof name, &unit, err);
-  if (s == SV_OK) s = read_picture(folder, name, ".png", 8, c, &c->render, err);
-  if (s == SV_OK) s = read_picture(folder, name, "_depth.png", 16, c, &z, err);
+  if (s == SV_OK) s = read_picture(folder, name, false, c, &c->render, err);
+  if (s == SV_OK) s = read_picture(folder, name, true, c, &z, err);
   if (s != SV_OK) return s;
   for (size_t i = 0; i < (size_t)c->w * (size_t)c->h; i++) c->depth[i] = (float)(z.u16[i] * unit);
   sv_bitmap_free(&z);

@@ -208,7 +208,7 @@ static sv_status add_noise(run *r, sv_err *err) {
                : sv_fail(err, SV_E_ARG,
                          "%s: no multiplexed measurements; --noise prediction needs them; use read=V,shot=V",
                          r->o->data);
-  return lab_noise_add(&r->views, &r->plan, &m, r->cfg.seed, r->cfg.background, &r->session.pool, err);
+  return lab_noise_add(&r->views, &r->plan, &m, &r->cfg, &r->session.pool, err);
 }
 
 // --- stages --------------------------------------------------------------------------------------
@@ -294,9 +294,9 @@ static sv_status load(run *r, sv_err *err) {
     choose_objective(r);
   }
   if (s == SV_OK) s = choose_start(r, err);
-  int most_points =
-      r->is_stereo ? r->cfg.n_gaussians : r->start.n_points; // depth maps give up to one for each
-  if (s == SV_OK) s = lab_plan_make(&r->plan, &r->session, &r->views, r->cfg, &r->extras, most_points, err);
+  // depth maps give up to one for each
+  r->extras.n_points = r->is_stereo ? r->cfg.n_gaussians : r->start.n_points;
+  if (s == SV_OK) s = lab_plan_make(&r->plan, &r->session, &r->views, r->cfg, &r->extras, err);
   if (s == SV_OK) s = load_pictures(r, err);
   if (s == SV_OK) s = add_views(r, err);
   if (s == SV_OK) s = add_measurements(r, err);
@@ -510,8 +510,8 @@ static sv_status stages(run *r, sv_err *err) {
   lab_say(&r->session, "%d views of up to %dx%d%s, %d Gaussians, %.1f MB, loaded in %.2f s", r->views.n,
           r->views.cap_width_px, r->views.cap_height_px, r->views.is_undistorted ? " (undistorted)" : "",
           r->plan.trainer.g.n, 1e-6 * (double)r->plan.bytes, r->load_s);
-  s = lab_prior_begin(&r->prior, &r->session, r->o, &r->views, &r->plan.prior, &r->start.bounds,
-                      &r->plan.scratch, err);
+  s = lab_prior_begin(&r->prior, &(lab_prior_input){&r->session, r->o, &r->views, &r->plan.prior},
+                      &r->start.bounds, &r->plan.scratch, err);
   if (s != SV_OK || (s = train(r, err)) != SV_OK) return s;
   if ((s = save(r, err)) != SV_OK) return s; // whatever comes later, the model is there
   if (r->o->is_eval && !r->is_stopped) {

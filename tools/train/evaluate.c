@@ -13,13 +13,9 @@
 #define DEPTH_MIN 0.01f // scene units
 #define ALPHA_MIN 1e-4f // rendered
 
-sv_status lab_viewer_start(lab_viewer *v, const lab_session *s, int n_gaussians, int w, int h,
-                           size_t cap_floats, sv_err *err) {
-  sv_renderer_cfg c = {.cap_gaussians = n_gaussians,
-                       .cap_width_px = w,
-                       .cap_height_px = h,
-                       .cap_pixels = cap_floats,
-                       .n_threads = s->n_threads};
+sv_status lab_viewer_start(lab_viewer *v, const lab_session *s, sv_renderer_cfg c, sv_err *err) {
+  const int w = c.cap_width_px, h = c.cap_height_px;
+  c.n_threads = s->n_threads;
   size_t bytes = sv_renderer_bytes(&c) + SV_ARENA_ALIGN;
   memset(v, 0, sizeof *v);
   v->block = malloc(bytes);
@@ -328,8 +324,12 @@ sv_status lab_evaluate(const lab_views *v, const lab_eval_job *job, lab_scores *
   lab_session *se = job->session;
   run r = {.v = v, .job = job, .n_slots = se->n_threads};
   memset(out, 0, sizeof *out);
-  sv_status s =
-      lab_viewer_start(&r.viewer, se, job->g->n, v->cap_width_px, v->cap_height_px, v->cap_floats, err);
+  sv_status s = lab_viewer_start(&r.viewer, se,
+                                 (sv_renderer_cfg){.cap_gaussians = job->g->n,
+                                                   .cap_width_px = v->cap_width_px,
+                                                   .cap_height_px = v->cap_height_px,
+                                                   .cap_pixels = v->cap_floats},
+                                 err);
   if (s != SV_OK) return s;
   if (job->has_lpips) s = sv_lpips_open(&r.lpips, err);
   if (s == SV_OK && job->mask_from) s = lab_masks_open(&r.masks, se, v, job->mask_from, job->render.bg, err);

@@ -12,8 +12,7 @@ typedef struct {
   void *block;
 } lab_viewer;
 
-sv_status lab_viewer_start(lab_viewer *v, const lab_session *s, int n_gaussians, int cap_width_px,
-                           int cap_height_px, size_t cap_floats, sv_err *err) SV_MUST_USE;
+sv_status lab_viewer_start(lab_viewer *v, const lab_session *s, sv_renderer_cfg cfg, sv_err *err) SV_MUST_USE;
 void lab_viewer_stop(lab_viewer *v);
 
 // A view that was scored. Images are [3][height][width], 0 to 1, over the background.

@@ -45,11 +45,12 @@ static void task(void *arg, int i_task, int i_thread) {
   (void)s; // images have 3 or 4 channels
 }
 
-sv_status lab_noise_add(const lab_views *v, const lab_plan *p, const sv_noise_model *m, uint64_t seed,
-                        sv_background background, const sv_pool *pool, sv_err *err) {
+sv_status lab_noise_add(const lab_views *v, const lab_plan *p, const sv_noise_model *m,
+                        const sv_train_cfg *cfg, const sv_pool *pool, sv_err *err) {
+  const uint64_t seed = cfg->seed;
   job j = {.v = v, .p = p, .model = *m, .seed = sv_hash3((uint32_t)seed, (uint32_t)(seed >> 32), 0x6e01)};
   for (int i = 0; i < v->n; i++)
-    if (v->frames[i].i_measurement < 0 && v->frames[i].n_channels == 4 && background != SV_BG_BLACK)
+    if (v->frames[i].i_measurement < 0 && v->frames[i].n_channels == 4 && cfg->background != SV_BG_BLACK)
       return sv_fail(err, SV_E_ARG,
                      "%s: has alpha, which --noise composites over black; use --background black",
                      v->frames[i].path);

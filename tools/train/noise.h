@@ -10,7 +10,7 @@
 // is trained on, images with alpha over black and opaque afterwards (E_ARG when the background is
 // another). Noise differs by seed, exposure, sub-view and file name and by nothing else; images
 // keep their 8 bits a channel.
-sv_status lab_noise_add(const lab_views *v, const lab_plan *p, const sv_noise_model *m, uint64_t seed,
-                        sv_background background, const sv_pool *pool, sv_err *err) SV_MUST_USE;
+sv_status lab_noise_add(const lab_views *v, const lab_plan *p, const sv_noise_model *m,
+                        const sv_train_cfg *cfg, const sv_pool *pool, sv_err *err) SV_MUST_USE;
 
 #endif

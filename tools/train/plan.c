@@ -10,8 +10,7 @@
 
 static size_t padded(size_t n) { return (n + SV_ARENA_ALIGN - 1) & ~(size_t)(SV_ARENA_ALIGN - 1); }
 
-static size_t total_bytes(const lab_views *v, const sv_train_cfg *cfg, const lab_plan_extras *x,
-                          int n_points) {
+static size_t total_bytes(const lab_views *v, const sv_train_cfg *cfg, const lab_plan_extras *x) {
   size_t n = SV_ARENA_ALIGN + padded((size_t)v->n * sizeof(uint8_t *));
   for (int i = 0; i < v->n; i++)
     if (v->frames[i].i_measurement < 0) n += padded(lab_frame_bytes(&v->frames[i]));
@@ -19,11 +18,11 @@ static size_t total_bytes(const lab_views *v, const sv_train_cfg *cfg, const lab
   n += v->n_measurements ? padded((size_t)v->n * sizeof(sv_lens)) : 0;
   for (int i = 0; i < v->n_measurements; i++) n += padded(2 * lab_measurement_values(&v->measurements[i]));
   return n + sv_trainer_bytes(cfg) + sv_dynamic_bytes(&x->dynamic, cfg) + sv_prior_bytes(&x->prior, cfg) +
-         padded(sv_driver_scratch_bytes(cfg, n_points));
+         padded(sv_driver_scratch_bytes(cfg, x->n_points));
 }
 
 static sv_status carve(lab_plan *p, lab_session *s, const lab_views *v, const sv_train_cfg *cfg,
-                       const lab_plan_extras *x, int n_points, sv_err *err) {
+                       const lab_plan_extras *x, sv_err *err) {
   sv_arena_part_begin(&p->arena, "pictures");
   p->pictures = SV_TAKE(&p->arena, uint8_t *, v->n);
   for (int i = 0; p->pictures && i < v->n; i++)
@@ -34,7 +33,7 @@ static sv_status carve(lab_plan *p, lab_session *s, const lab_views *v, const sv
   for (int i = 0; p->measurements && i < v->n_measurements; i++)
     p->measurements[i] = SV_TAKE(&p->arena, uint16_t, lab_measurement_values(&v->measurements[i]));
   sv_arena_part_begin(&p->arena, "start");
-  p->scratch = sv_arena_sub(&p->arena, sv_driver_scratch_bytes(cfg, n_points));
+  p->scratch = sv_arena_sub(&p->arena, sv_driver_scratch_bytes(cfg, x->n_points));
   if (p->arena.status < 0)
     return sv_fail(err, p->arena.status, "internal error: the memory plan is too small");
   sv_status st = sv_trainer_init(&p->trainer, cfg, (sv_compute){&s->k, &s->pool}, &p->arena, err);
@@ -64,11 +63,11 @@ static void size_caps(sv_train_cfg *cfg, const lab_views *v) {
 }
 
 sv_status lab_plan_make(lab_plan *p, lab_session *s, const lab_views *v, sv_train_cfg cfg,
-                        const lab_plan_extras *x, int n_points, sv_err *err) {
+                        const lab_plan_extras *x, sv_err *err) {
   memset(p, 0, sizeof *p);
   size_caps(&cfg, v);
   cfg.n_threads = s->n_threads;
-  p->bytes = total_bytes(v, &cfg, x, n_points);
+  p->bytes = total_bytes(v, &cfg, x);
   // Pages are given when they are first touched: what the plan has in reserve costs nothing here.
   p->block = mmap(NULL, p->bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
   if (p->block == MAP_FAILED) {
@@ -77,7 +76,7 @@ sv_status lab_plan_make(lab_plan *p, lab_session *s, const lab_views *v, sv_trai
   }
   sv_linux_large_pages(p->block, p->bytes);
   p->arena = sv_arena_make(p->block, p->bytes);
-  sv_status st = carve(p, s, v, &cfg, x, n_points, err);
+  sv_status st = carve(p, s, v, &cfg, x, err);
   if (st != SV_OK) {
     lab_plan_free(p);
     return st;

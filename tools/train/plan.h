@@ -7,10 +7,11 @@
 #include "src/prior/prior.h"
 #include "tools/lab/lab.h"
 
-// What is attached to the trainer.
+// What is attached to the trainer, and what it starts from.
 typedef struct {
   sv_dynamic_cfg dynamic;
   sv_prior_cfg prior;
+  int n_points; // that the first model may start from
 } lab_plan_extras;
 
 typedef struct {
@@ -26,10 +27,9 @@ typedef struct {
   sv_arena scratch;        // for the start
 } lab_plan;
 
-// Carves pictures and trainer, then seals. cfg: caps are filled in here. n_points: that it may
-// start from.
+// Carves pictures and trainer, then seals. cfg: caps are filled in here.
 sv_status lab_plan_make(lab_plan *p, lab_session *s, const lab_views *v, sv_train_cfg cfg,
-                        const lab_plan_extras *x, int n_points, sv_err *err) SV_MUST_USE;
+                        const lab_plan_extras *x, sv_err *err) SV_MUST_USE;
 void lab_plan_free(lab_plan *p);
 
 #endif

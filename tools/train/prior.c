@@ -250,17 +250,17 @@ static sv_status begin_calls(lab_prior *p, sv_err *err) {
   return s;
 }
 
-sv_status lab_prior_begin(lab_prior *p, lab_session *se, const lab_options *o, const lab_views *v,
-                          sv_prior *prior, const sv_bounds *bounds, sv_arena *scratch, sv_err *err) {
-  *p = (lab_prior){.o = o,
-                   .session = se,
-                   .trainer = prior->t,
-                   .prior = prior,
-                   .views = v,
-                   .command = command_of(o->prior)};
-  p->method = (sv_prior_method)method_of(o->prior);
+sv_status lab_prior_begin(lab_prior *p, const lab_prior_input *run, const sv_bounds *bounds,
+                          sv_arena *scratch, sv_err *err) {
+  *p = (lab_prior){.o = run->o,
+                   .session = run->session,
+                   .trainer = run->prior->t,
+                   .prior = run->prior,
+                   .views = run->views,
+                   .command = command_of(run->o->prior)};
+  p->method = (sv_prior_method)method_of(run->o->prior);
   if (!p->command && !p->method) return SV_OK;
-  const size_t px = v->cap_floats;
+  const size_t px = run->views->cap_floats;
   p->rgba = malloc(4 * px);
   p->units = malloc(px * sizeof *p->units);
   p->map = malloc(px * sizeof *p->map);

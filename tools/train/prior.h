@@ -42,9 +42,14 @@ void lab_prior_cfg(const lab_options *o, const lab_views *v, sv_prior_cfg *c);
 // Depth maps of the dataset, then the first call, with the training pictures, then what a method
 // needs: before the first step. A command that fails here stops the run. bounds, scratch: as for a
 // stereo start.
-sv_status lab_prior_begin(lab_prior *p, lab_session *s, const lab_options *o, const lab_views *v,
-                          sv_prior *prior, const sv_bounds *bounds, sv_arena *scratch,
-                          sv_err *err) SV_MUST_USE;
+typedef struct {
+  lab_session *session;
+  const lab_options *o;
+  const lab_views *views;
+  sv_prior *prior;
+} lab_prior_input;
+sv_status lab_prior_begin(lab_prior *p, const lab_prior_input *run, const sv_bounds *bounds,
+                          sv_arena *scratch, sv_err *err) SV_MUST_USE;
 // Before a step: calls when it is time. A call that fails is told in a line, and is the last.
 void lab_prior_tick(lab_prior *p, float progress);
 void lab_prior_report(lab_report *j, const lab_prior *p); // what came of it

@@ -37,8 +37,8 @@ static void mask_by_model(const lab_prior *p, int i, sv_bitmap *b) {
   sv_bitmap_free(&was);
 }
 
-static sv_status take_picture(lab_prior *p, int i, const sv_view *v, const char *path, float until, int *id,
-                              sv_err *err) {
+static sv_status take_picture(lab_prior *p, int i, const char *path, float until, int *id, sv_err *err) {
+  const sv_view *v = &p->request[i];
   sv_bitmap b;
   sv_status s = sv_bitmap_read(path, &b, err);
   if (s != SV_OK) return s;
@@ -114,7 +114,8 @@ static sv_status take_depth(lab_prior *p, int i, int id, const sv_view *v, sv_er
     s = read_png(p, path, v, true, err);
   } else return SV_OK;
   if (s != SV_OK) return s;
-  s = sv_prior_submit_depth(p->prior, id, p->map, v->width_px, v->height_px, kind, DEPTH_WEIGHT);
+  s = sv_prior_submit_depth(p->prior, id,
+                            &(sv_prior_map){p->map, v->width_px, v->height_px, kind, DEPTH_WEIGHT});
   if (s != SV_OK) return sv_fail(err, s, "%s: %s", path, sv_status_text(s));
   p->n_depths++;
   return SV_OK;
@@ -125,7 +126,7 @@ sv_status lab_prior_take(lab_prior *p, int i, int id, float until, sv_err *err) 
   const sv_view *v = id >= 0 ? &p->trainer->views[id].view : &p->request[i];
   if (id < 0) { // depth goes with an image: alone it would have no view to belong to
     if (!find(p, i, ".png", path)) return SV_OK;
-    sv_status s = take_picture(p, i, v, path, until, &id, err);
+    sv_status s = take_picture(p, i, path, until, &id, err);
     if (s != SV_OK) return s;
   }
   return take_depth(p, i, id, v, err);
@@ -150,7 +151,8 @@ sv_status lab_prior_load(lab_prior *p, sv_err *err) {
       s = read_pfm(p, path, &f->view, err);
     } else s = read_png(p, path, &f->view, kind == SV_PRIOR_INVERSE, err);
     if (s != SV_OK) return s;
-    s = sv_prior_submit_depth(p->prior, i, p->map, f->view.width_px, f->view.height_px, kind, DEPTH_WEIGHT);
+    s = sv_prior_submit_depth(
+        p->prior, i, &(sv_prior_map){p->map, f->view.width_px, f->view.height_px, kind, DEPTH_WEIGHT});
     if (s != SV_OK) return sv_fail(err, s, "%s: %s", path, sv_status_text(s));
     p->n_files++;
   }
