@@ -210,7 +210,8 @@ static void build_room(sv_sim_scene *s) {
   double lamp[2][3] = {{0.85, -0.95, -0.80}, {0.85, -0.95, 0.55}};
   rod(s, &steel, lamp[0], lamp[1], 0.035);
   add(s, SV_SIM_ELLIPSOID, &amber, (xyz){0.85, -0.95, 0.62}, (xyz){0.26, 0.26, 0.20});
-  turn(add(s, SV_SIM_BOX, &brick, (xyz){-0.55, 0.85, -0.55}, (xyz){0.24, 0.24, 0.25}), 0, 0, 0.5); // crate
+  turn(add(s, SV_SIM_BOX, &brick, (xyz){-0.55, 0.85, -0.55}, (xyz){0.24, 0.24, 0.25}), 0, 0,
+       0.5); // crate
   ball(s, &leaf, -0.55, 0.85, -0.08, 0.22);
   add(s, SV_SIM_BOX, &amber, (xyz){0.10, -1.28, 0.75}, (xyz){0.40, 0.03, 0.28}); // picture
   add(s, SV_SIM_CYLINDER, &leaf, (xyz){0.95, 0.75, -0.68}, (xyz){0.22, 0.12, 0});

@@ -127,8 +127,8 @@ typedef struct {
   sv_prior_depth_kind kind;
   float weight; // of its loss
 } sv_prior_map;
-// A depth map of view `id`, copied. A map of the same view is replaced, else one of a pseudo-view that is gone, else the next
-// in turn.
+// A depth map of view `id`, copied. One of the same view is replaced, else one of a pseudo-view
+// that is gone, else the next in turn.
 sv_status sv_prior_submit_depth(sv_prior *p, int id, const sv_prior_map *map) SV_MUST_USE;
 // NULL when there is none, or its size is not the view's.
 const sv_prior_depth *sv_prior_find_depth(const sv_prior *p, int id, const sv_view *view);
