@@ -5,6 +5,7 @@
 HOST_ARCH := $(shell uname -m)
 # The board to build for: a folder of boards/ (BOARD=rpi5).
 BOARD     ?= $(if $(filter aarch64,$(HOST_ARCH)),generic-arm64,sim-x86)
+# SUITE, the Debian release to build for (bookworm, trixie), is that of this machine by default.
 # Where everything that is built goes.
 BUILD     ?= build
 # Sanitizers (SAN=address,undefined); objects go to a folder of their own.

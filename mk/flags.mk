@@ -22,4 +22,7 @@ CXXFLAGS_ALL  := -std=c++17 $(DEBUG) $(INCLUDES) -Wall -Wextra $(ERRORS) $(SANF)
 SHARED_CFLAGS := -fPIC -fvisibility=hidden
 # Board sizes are visible only where board, platform and runtime meet: programs and tests.
 BOARD_HDR     := -include boards/$(BOARD)/board.h $(if $(HAVE_BENCH),-DBOARD_HAS_BENCH)
-LDFLAGS_ALL   := $(SANF) $(SYSROOT_FLAG) -Wl,--as-needed $(LDFLAGS)
+# The cross compiler's own C and C++ libraries may be older than those that the sysroot's libraries
+# need: the sysroot's come first.
+SYSROOT_L     := $(if $(SYSROOT),$(addprefix -L,$(wildcard $(SYSROOT)/usr/lib/*-linux-gnu $(SYSROOT)/usr/lib/gcc/*/*)))
+LDFLAGS_ALL   := $(SANF) $(SYSROOT_FLAG) $(SYSROOT_L) -Wl,--as-needed $(LDFLAGS)

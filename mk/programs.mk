@@ -36,6 +36,17 @@ $(MODULES): $(MODULE_OBJ)
 	@mkdir -p $(@D); $(if $(V),echo link $@;) $(CXX) -shared $(MODULE_OBJ) $(LDFLAGS_ALL) $(if $(SAN),,-Wl$(comma)-z$(comma)defs) \
 	  -lcamera -lcamera-base -o $@
 
+# What this build has of the optional libraries: a line that is printed when it changes.
+LIBCAMERA_VERSION := $(if $(HAVE_libcamera),$(shell sed -n 's/.*VERSION_\(MAJOR\|MINOR\|PATCH\)[^0-9]*\([0-9]*\)$$/\2/p' \
+  $(INC_DIR)/libcamera/libcamera/version.h | paste -sd .))
+FEATURE_LIST := libcamera page mrcal opencv mrgingham opengv zstd
+with_feature = $(if $(HAVE_$(1)),$(1)$(if $(filter libcamera,$(1)), $(LIBCAMERA_VERSION)))
+WITHOUT  := $(strip $(foreach f,$(FEATURE_LIST),$(if $(HAVE_$(f)),,$(f))))
+FEATURES := $(O), $(SUITE): with $(strip $(foreach f,$(FEATURE_LIST),$(call with_feature,$(f)))); without $(or $(WITHOUT),nothing)
+$(O)/features: FORCE
+	@mkdir -p $(@D); echo '$(FEATURES)' | cmp -s - $@ || echo '$(FEATURES)' | tee $@
+$(ALL_OBJ): | $(O)/features
+
 .PHONY: all programs plan clean
 all: $(CORE) $(PROGRAMS) $(MODULES) tests-build
 programs: $(CORE) $(PROGRAMS) $(MODULES)

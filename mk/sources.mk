@@ -12,7 +12,7 @@ LAB_SRC     := $(filter-out $(CAL_SRC),$(call c_files,tools/*))
 HELPER_SRC  := $(filter-out %/main.c,$(LAB_SRC))
 TEST_SRC    := $(filter-out %_vec.c,$(call c_files,tests/*))
 
-# --- optional libraries: what is missing is left out ----------------------------------------
+# --- optional libraries: what is missing is left out, and said (features below) -------------
 have     = $(if $(filter minimal,$(WITH)),,$(if $(filter $(words $(1)),$(words $(wildcard $(addprefix $(INC_DIR)/,$(1))))),1))
 have_cxx = $(if $(HAVE_CXX),$(call have,$(1)))
 HAVE_libcamera := $(call have_cxx,libcamera/libcamera/libcamera.h)
@@ -20,6 +20,8 @@ HAVE_mrcal     := $(call have,mrcal/mrcal.h suitesparse/cholmod.h)
 HAVE_opencv    := $(call have_cxx,opencv4/opencv2/calib3d.hpp opencv4/opencv2/video.hpp)
 HAVE_mrgingham := $(call have_cxx,mrgingham/mrgingham.hh opencv4/opencv2/core.hpp)
 HAVE_opengv    := $(call have_cxx,opengv/types.hpp eigen3/Eigen/Core)
+HAVE_page      := $(call have,microhttpd.h seccomp.h)
+HAVE_zstd      := $(if $(wildcard $(INC_DIR)/zstd.h),1)
 
 PLAT_SRC := $(foreach p,$(BOARD_PLATFORMS),$(wildcard platform/$(p)/*.c))
 LIBS     := $(BOARD_LIBS) -ljpeg -lpng -lz -lpthread -lm

@@ -27,6 +27,11 @@ $(foreach g,$(GROUPS_PLAIN),$(if $(call group_main,$(g)),$(eval $(call group_rul
 # Programs that are linked with a part of subview-preview.
 SANDBOX_USERS := unit/test_sandbox
 
+# Minutes of solving each under emulation: only where the programs are not foreign, or by name.
+ifneq ($(EMULATE),)
+PROGS_unit := $(filter-out %/test_boards %/test_lenslets,$(PROGS_unit))
+endif
+
 $(HEAP_USERS:%=$(O)/tests/%): $(call obj,$(HEAP_SRC))
 $(SANDBOX_USERS:%=$(O)/tests/%): $(call obj,platform/preview/sandbox.c)
 $(SANDBOX_USERS:%=$(O)/tests/%): SOLVE_LIBS_HERE = $(call has_lib,seccomp.h,-lseccomp)
@@ -85,7 +90,7 @@ item = "$(1)\t$(2)$(if $(3),\t$(3))"
 ITEMS_lint = $(foreach l,$(LINTS),$(call item,lint/$(l),$(LINT_ENV) tools/lint/$(l).sh \
   $(if $(filter symbols stack links,$(l)),$(O)))) $(call item,lint/selftest,tests/run/selftest.sh)
 # Building and emulating takes longer than other checks.
-ITEMS_cross = $(call item,cross/generic-arm64,BUILD='$(BUILD)' tests/run/cross.sh generic-arm64,1500)
+ITEMS_cross = $(call item,cross/generic-arm64,BUILD='$(BUILD)' SUITE='$(SUITE)' tests/run/cross.sh generic-arm64,1500)
 # The installed library; one item, as the parts without a system are compared with the first.
 ITEMS_library = $(call item,library/installed,BUILD='$(BUILD)' tests/run/library.sh,900)
 # Short forms of the long runs.
@@ -132,13 +137,12 @@ test:
 	@WITH='$(WITH)' tools/deps/install.sh test
 	@+$(MAKE) --no-print-directory $(PARALLEL) test-all
 cross:
-	@BUILD='$(BUILD)' tests/run/cross.sh generic-arm64
-# The sysroot comes first: what it has decides what is built.
+	@BUILD='$(BUILD)' SUITE='$(SUITE)' tests/run/cross.sh generic-arm64
 board-test:
 	@WITH='$(WITH)' tools/deps/install.sh board
-	@+$(MAKE) --no-print-directory '$(BUILD)/sysroot-arm64/.complete'
+	@tools/deps/sysroot.sh '$(SUITE)' arm64 '$(BUILD)/sysroot-$(SUITE)-arm64'
 	@+$(MAKE) --no-print-directory BOARD=generic-arm64 SAN= $(PARALLEL) programs conform
-	@tests/board/run.sh '$(BUILD)' '$(BUILD)/generic-arm64'
+	@tests/board/run.sh '$(BUILD)' '$(BUILD)/generic-arm64$(OTHER_SUITE)' '$(BUILD)/sysroot-$(SUITE)-arm64'
 bare-test:
 	@tools/deps/install.sh bare
 	@tests/bare/bare.sh '$(BUILD)' $(RUNS)

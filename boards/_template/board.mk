@@ -5,7 +5,7 @@
 # What `uname -m` prints on the board. When it is the building machine's own, nothing is crossed or
 # emulated, and BOARD_CROSS and BOARD_RUN are not used: the same board also builds on itself.
 BOARD_ARCH        := aarch64
-# Debian's name of it, for the folder of foreign headers and libraries (tools/deps/sysroot.sh).
+# Debian's name of it, for the folder of headers and libraries (tools/deps/sysroot.sh).
 BOARD_DEBIAN_ARCH := arm64
 # Prefix of the cross compiler.
 BOARD_CROSS       := aarch64-linux-gnu-

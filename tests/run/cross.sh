@@ -5,7 +5,7 @@
 # nothing about speed. Where the tools or the foreign libraries cannot be had, says why and exits
 # 77.
 set -u
-board=${1:?board} build=${BUILD:-build}
+board=${1:?board} build=${BUILD:-build} suite=${SUITE:?}
 cd "$(dirname "$(readlink -f "$0")")/../.." || exit 2
 
 value() { sed -n "s/^$1[ ]*:=[ ]*//p" "boards/$board/board.mk"; }
@@ -17,11 +17,12 @@ if [ "$(uname -m)" != "$arch" ]; then
       exit 77
     fi
   done
-  if ! reason=$(tools/deps/sysroot.sh "$(value BOARD_DEBIAN_ARCH)" "$build/sysroot-$(value BOARD_DEBIAN_ARCH)" 2>&1); then
+  debian=$(value BOARD_DEBIAN_ARCH)
+  if ! reason=$(tools/deps/sysroot.sh "$suite" "$debian" "$build/sysroot-$suite-$debian" 2>&1); then
     echo "skipped: $board: $(printf '%s\n' "$reason" | tail -n 1)"
     exit 77
   fi
 fi
 # A make of its own: what the outer one was told (targets, jobs, sanitizers) is not for this one.
 unset MAKEFLAGS MAKELEVEL MFLAGS
-make --no-print-directory -j"$(nproc)" BUILD="$build" BOARD="$board" SAN= GROUPS='unit kernels grad golden' only
+make --no-print-directory -j"$(nproc)" BUILD="$build" SUITE="$suite" BOARD="$board" SAN= GROUPS='unit kernels grad golden' only
