@@ -48,9 +48,21 @@ bool pv_origin_is_ours(const char *origin, const char *host) {
 }
 
 bool pv_token_is(const char *given, const char *token) {
-  size_t n = strlen(token);
-  if (!given || n == 0 || strlen(given) != n) return false;
-  unsigned char differs = 0;
-  for (size_t i = 0; i < n; i++) differs |= (unsigned char)(given[i] ^ token[i]);
+  const size_t n = strlen(token), n_given = given ? strlen(given) : 0;
+  if (n == 0) return false;
+  size_t differs = n ^ n_given;
+  for (size_t i = 0; i < n; i++) differs |= (size_t)((i < n_given ? given[i] : 0) ^ token[i]);
   return differs == 0;
+}
+
+sv_status pv_token_check(const char *token, sv_err *err) {
+  static const char alphabet[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_";
+  const size_t n = strlen(token), n_good = strspn(token, alphabet);
+  if (n >= PV_MIN_TOKEN && n <= PV_CAP_TOKEN && n_good == n) return SV_OK;
+  if (n_good < n)
+    return sv_fail(err, SV_E_ARG,
+                   "SUBVIEW_PREVIEW_TOKEN: character %zu is none of A-Z a-z 0-9 - _; choose another token",
+                   n_good + 1);
+  return sv_fail(err, SV_E_ARG, "SUBVIEW_PREVIEW_TOKEN has %zu characters; expected %d to %d", n,
+                 PV_MIN_TOKEN, PV_CAP_TOKEN);
 }

@@ -11,6 +11,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "include/subview/version.h"
 #include "platform/linux/linux.h"
 #include "platform/linux/preview.h"
 #include "platform/preview/preview.h"
@@ -50,7 +51,8 @@ static void help(void) {
          "  --feed-fd N --command-fd N   used by subview itself\n"
          "  --version              print the version\n"
          "  --help                 this text\n\n"
-         "The token is SUBVIEW_PREVIEW_TOKEN, or random; the printed link holds it.\n\n"
+         "The token is SUBVIEW_PREVIEW_TOKEN (16 to 128 of A-Z a-z 0-9 - _), or random; the printed link "
+         "holds it.\n\n"
          "example:\n  subview-preview --attach $(pidof subview) --listen 8081\n");
 }
 
@@ -71,7 +73,7 @@ static int parse(int argc, char **argv, options *o, sv_err *err) {
       return -1;
     }
     if (!strcmp(argv[i], "--version")) {
-      say(1, "subview-preview 0.1.0 (feed version %u)\n", SV_FEED_VERSION);
+      say(1, "subview-preview %s (feed version %u)\n", SUBVIEW_VERSION, SV_FEED_VERSION);
       return -1;
     }
     if (!strcmp(argv[i], "--listen")) {
@@ -126,16 +128,21 @@ static sv_status map_feed(const options *o, pv_source *s, sv_err *err) {
   return r;
 }
 
-static void make_token(char token[40]) {
+// 128 random bits as text. Empty: the system gives none.
+static void make_key(char key[static PV_CAP_TOKEN + 1]) {
   uint8_t r[16];
+  key[0] = 0;
+  if (getrandom(r, sizeof r, 0) != (ssize_t)sizeof r) return;
+  for (int i = 0; i < 16; i++) sv_fmt(key + 2 * i, 3, "%x%x", r[i] >> 4, r[i] & 15);
+}
+
+static sv_status make_token(char token[static PV_CAP_TOKEN + 1], sv_err *err) {
   const char *given = getenv("SUBVIEW_PREVIEW_TOKEN");
-  token[0] = 0;
-  if (given && *given) {
-    sv_copy(token, 40, given);
-    return;
-  }
-  if (getrandom(r, sizeof r, 0) == (ssize_t)sizeof r)
-    for (int i = 0; i < 16; i++) sv_fmt(token + 2 * i, 3, "%x%x", r[i] >> 4, r[i] & 15);
+  make_key(token);
+  if (!given || !*given) return SV_OK;
+  sv_status s = pv_token_check(given, err);
+  if (s >= 0) sv_copy(token, PV_CAP_TOKEN + 1, given);
+  return s;
 }
 
 static bool is_loopback(const char *addr) { return !strncmp(addr, "127.", 4) || !strcmp(addr, "::1"); }
@@ -150,18 +157,20 @@ static bool tell(const options *o, char byte) {
 static bool is_gone(pid_t writer) { return kill(writer, 0) != 0 && errno == ESRCH; }
 
 static int serve(options *o, pv_source *source, sv_err *err) {
-  static char token[40];
+  static char token[PV_CAP_TOKEN + 1], read_key[PV_CAP_TOKEN + 1];
   bool is_child = !o->attach_pid;
   pv_server *server;
-  make_token(token);
+  sv_status s = make_token(token, err);
+  make_key(read_key);
   pv_server_cfg cfg = {.source = source,
                        .addr = o->addr,
                        .port = o->port,
                        .command_fd = o->command_fd,
                        .token = token,
+                       .read_key = read_key,
                        .is_private = !is_loopback(o->addr)};
   long writer = source->reader.header->writer_pid;
-  sv_status s = pv_server_open(&server, &cfg, err);
+  if (s >= 0) s = pv_server_open(&server, &cfg, err);
   if (s >= 0 && !is_child)
     say(2, strchr(o->addr, ':') ? "page: http://[%s]:%d/#%s\n" : "page: http://%s:%d/#%s\n", o->addr, o->port,
         token);

@@ -13,6 +13,7 @@
 //   GET  /model       the Gaussians, compact (model.c); 204 when ?after=N is the newest
 //   GET  /model.ply /model.splat /model.spz   downloads
 //   POST /start /pause /save /new             with the token in X-Subview-Token
+//   POST /enter       likewise; the answer sets a cookie that reading takes, too
 #ifndef SV_PLATFORM_PREVIEW_PREVIEW_H
 #define SV_PLATFORM_PREVIEW_PREVIEW_H
 
@@ -21,7 +22,7 @@
 
 // --- limits --------------------------------------------------------------------------------------
 #define PV_CAP_CONNECTIONS 128
-#define PV_CAP_PER_ADDRESS 96
+#define PV_CAP_PER_ADDRESS 24 // a browser has 6 at most
 #define PV_CONNECTION_MEM  (32u << 10)
 #define PV_IDLE_S          10 // without a byte
 #define PV_REQUEST_S       10 // until a request is whole
@@ -90,8 +91,9 @@ typedef struct {
   pv_source *source;
   const char *addr;
   int port, command_fd;
-  const char *token; // empty: nothing can be changed
-  bool is_private;   // not on loopback: reading takes the token, too
+  const char *token;    // of PV_MIN_TOKEN to PV_CAP_TOKEN characters; empty: nothing can be changed
+  const char *read_key; // the cookie's value: browsers send cookies to all ports of this machine
+  bool is_private;      // not on loopback: reading takes the token or the cookie
 } pv_server_cfg;
 
 typedef struct pv_server pv_server;
@@ -103,8 +105,12 @@ void pv_server_step(pv_server *s, int timeout_ms);
 // May a request with these headers be answered? host NULL: none was sent.
 bool pv_host_is_ours(const char *host, int port, const char *machine_name);
 bool pv_origin_is_ours(const char *origin, const char *host);
-// In a time that does not depend on where they differ
+// In a time that does not depend on where they differ. False for an empty token.
 bool pv_token_is(const char *given, const char *token);
+#define PV_MIN_TOKEN 16
+#define PV_CAP_TOKEN 128
+// E_ARG with a sentence: another length, or other characters than A-Z a-z 0-9 - _.
+sv_status pv_token_check(const char *token, sv_err *err) SV_MUST_USE;
 
 // Builds with sanitizers (SAN=...) run with a sandbox that is relaxed for their runtime; programs
 // that are installed never do.

@@ -47,7 +47,7 @@ struct pv_server {
   pv_server_cfg cfg;
   struct MHD_Daemon *daemon;
   int epoll_fd;
-  char machine[128];
+  char machine[128], cookie[32];
   client *clients;
   stream *streams;
   pv_blob *newest[N_STREAMS];
@@ -238,7 +238,23 @@ static const char *header(struct MHD_Connection *c, const char *name) {
 
 static bool has_token(const pv_server *s, struct MHD_Connection *c, bool is_to_read) {
   if (pv_token_is(header(c, "X-Subview-Token"), s->cfg.token)) return true;
-  return is_to_read && pv_token_is(MHD_lookup_connection_value(c, MHD_COOKIE_KIND, "subview"), s->cfg.token);
+  return is_to_read &&
+         pv_token_is(MHD_lookup_connection_value(c, MHD_COOKIE_KIND, s->cookie), s->cfg.read_key);
+}
+
+static enum MHD_Result refuse_token(struct MHD_Connection *c) {
+  return say(c, MHD_HTTP_FORBIDDEN, "the token is missing or wrong: open the link that subview printed\n");
+}
+
+// Scripts cannot read the cookie, other sites' requests do not carry it, and it allows reading
+// alone.
+static enum MHD_Result enter(pv_server *s, struct MHD_Connection *c) {
+  char text[PV_CAP_TOKEN + 96];
+  if (!has_token(s, c, false)) return refuse_token(c);
+  struct MHD_Response *r = MHD_create_response_from_buffer(0, (void *)(uintptr_t) "", MHD_RESPMEM_PERSISTENT);
+  sv_fmt(text, sizeof text, "%s=%s; Path=/; HttpOnly; SameSite=Strict", s->cookie, s->cfg.read_key);
+  if (r && s->cfg.read_key[0]) MHD_add_response_header(r, "Set-Cookie", text);
+  return finish(c, MHD_HTTP_NO_CONTENT, r, "text/plain; charset=utf-8");
 }
 
 static enum MHD_Result post(pv_server *s, struct MHD_Connection *c, const char *url) {
@@ -249,11 +265,10 @@ static enum MHD_Result post(pv_server *s, struct MHD_Connection *c, const char *
                   {"/pause", SV_PREVIEW_PAUSE},
                   {"/save", SV_PREVIEW_SAVE},
                   {"/new", SV_PREVIEW_NEW}};
+  if (!strcmp(url, "/enter")) return enter(s, c);
   for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
     if (!strcmp(url, commands[i].url)) {
-      if (!has_token(s, c, false))
-        return say(c, MHD_HTTP_FORBIDDEN,
-                   "the token is missing or wrong: open the link that subview printed\n");
+      if (!has_token(s, c, false)) return refuse_token(c);
       if (write(s->cfg.command_fd, &commands[i].byte, 1) == 1) return say(c, MHD_HTTP_OK, "asked\n");
       return say(c, MHD_HTTP_SERVICE_UNAVAILABLE, "the run accepts no commands at the moment\n");
     }
@@ -286,8 +301,7 @@ static enum MHD_Result get(pv_server *s, struct MHD_Connection *c, const char *u
   size_t i = 0;
   while (i < sizeof data / sizeof *data && strcmp(url, data[i])) i++;
   if (i == sizeof data / sizeof *data) return say(c, MHD_HTTP_NOT_FOUND, "no such page\n");
-  if (s->cfg.is_private && !has_token(s, c, true))
-    return say(c, MHD_HTTP_FORBIDDEN, "the token is missing or wrong: open the link that subview printed\n");
+  if (s->cfg.is_private && !has_token(s, c, true)) return refuse_token(c);
   switch (i) {
   case 0: return send_json(s, c, pv_state_json);
   case 1: return send_json(s, c, pv_curve_json);
@@ -412,6 +426,7 @@ sv_status pv_server_open(pv_server **out, const pv_server_cfg *cfg, sv_err *err)
   pv_server *s = *out = &the_server;
   s->cfg = *cfg;
   if (gethostname(s->machine, sizeof s->machine - 1) != 0) s->machine[0] = 0;
+  sv_fmt(s->cookie, sizeof s->cookie, "subview-%d", cfg->port);
   int fd = listen_on(cfg, err);
   if (fd < 0) return SV_E_DEVICE;
   s->daemon = MHD_start_daemon(

@@ -152,7 +152,11 @@ pid_t live_run_server(const live_run *r) {
 
 // --- HTTP ----------------------------------------------------------------------------------------
 
-int live_run_connect(const live_run *r) {
+int live_run_connect(const live_run *r) { return live_run_connect_from(r, 1); }
+
+int live_run_connect_from(const live_run *r, int host) {
+  struct sockaddr_in from = {.sin_family = AF_INET,
+                             .sin_addr.s_addr = htonl(INADDR_LOOPBACK - 1 + (in_addr_t)host)};
   struct sockaddr_in a = {
       .sin_family = AF_INET, .sin_port = htons((uint16_t)r->port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
   struct timeval limit = {.tv_sec = 10};
@@ -160,7 +164,9 @@ int live_run_connect(const live_run *r) {
   if (fd < 0) return -1;
   setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &limit, sizeof limit);
   setsockopt(fd, SOL_SOCKET, SO_SNDTIMEO, &limit, sizeof limit);
-  if (connect(fd, (struct sockaddr *)&a, sizeof a) == 0) return fd;
+  if (bind(fd, (struct sockaddr *)&from, sizeof from) == 0 &&
+      connect(fd, (struct sockaddr *)&a, sizeof a) == 0)
+    return fd;
   close(fd);
   return -1;
 }

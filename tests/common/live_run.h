@@ -29,8 +29,9 @@ int live_run_stop(live_run *r); // SIGINT, then wait
 long live_run_rss_kib(const live_run *r);
 pid_t live_run_server(const live_run *r); // process number of its subview-preview, 0: none
 
-// A connection to it, -1.
+// A connection to it, -1. From 127.0.0.HOST: each such address is a client of its own.
 int live_run_connect(const live_run *r);
+int live_run_connect_from(const live_run *r, int host);
 // One request, headers as they are (NULL: none; lines end with \r\n); the whole answer with
 // headers.
 size_t live_run_get(const live_run *r, const char *path, const char *headers, uint8_t *out, size_t cap);

@@ -211,6 +211,27 @@ TEST(test_failed) {
   live_run_stop(&r);
 }
 
+// Over the network: the page gets its cookie from the server, no script reads it, and a server that
+// was started again gives a new one.
+TEST(test_private_page) {
+  char text[96];
+  if (skipped()) skip();
+  r.is_open = true;
+  bool is_started = live_run_start(&r, root, "--source sim:textured,rig=stereo --exposures 4 --session");
+  r.is_open = false;
+  if (!is_started) fail_msg("the run does not start: %s", r.err);
+  open_browser(900, 600);
+  assert_true(browser_goto(&b, r.link));
+  MUST("document.querySelector('#tiles').naturalWidth > 0 && $('state').textContent === 'waiting'", 20);
+  assert_true(browser_eval(&b, "document.cookie", text, sizeof text));
+  assert_string_equal(text, "");
+  assert_int_equal(kill(live_run_server(&r), SIGKILL), 0);
+  MUST("$('state').textContent === 'not connected'", 10);
+  MUST("$('state').textContent === 'waiting'", 20);
+  browser_close(&b);
+  live_run_stop(&r);
+}
+
 FIXTURE(make_root) { return temp_folder_make(root, sizeof root, "page"); }
 FIXTURE(clean) {
   browser_close(&b);
@@ -223,6 +244,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test_teardown(test_page, clean),
       cmocka_unit_test_teardown(test_failed, clean),
+      cmocka_unit_test_teardown(test_private_page, clean),
   };
   return cmocka_run_group_tests(tests, make_root, remove_root);
 }

@@ -44,7 +44,7 @@ LC_ALL=C awk -f "$lint/strip.awk" $("$lint/sources.sh" c) /dev/null |
     if (starts(file, "include/")) return to !~ /\//
     if (starts(file, "examples/")) return 0
     if (starts(to, "tests/")) return starts(file, "tests/")
-    if (to == "include/subview/version.h") return file ~ /^(boards|tools)\//
+    if (to == "include/subview/version.h") return file ~ /^(boards|tools|platform\/preview)\//
     if (starts(to, "include/")) return file ~ /^(src\/library|tests)\//
     if (starts(file, "src/base/")) return starts(to, "src/base/")
     if (starts(file, "kernels/")) return starts(to, "kernels/")

@@ -4,8 +4,18 @@
 "use strict";
 const $ = (id) => document.getElementById(id);
 const page = { token: location.hash.slice(1), state: null, points: [], model_seq: -1, picture_seq: -1, is_loading: false, is_away: false, started: 0 };
-if (page.token) document.cookie = "subview=" + page.token + "; path=/; SameSite=Strict";
-$("tiles").src = "/cameras"; // first of all
+const token_header = { "X-Subview-Token": page.token };
+// The server gives a cookie for the token: images and event streams carry no headers of ours.
+async function enter() {
+  if (!page.token) return;
+  try {
+    await fetch("/enter", { method: "POST", headers: token_header });
+  } catch (e) {
+    // the connection tells
+  }
+}
+const entered = enter();
+entered.then(() => ($("tiles").src = "/cameras")); // first of all
 
 const titles = {
   starting: ["Starting", "Opening cameras and memory."],
@@ -221,14 +231,15 @@ function away(is) {
     set("state", "not connected"), ($("state").className = "chip away");
     $("message").hidden = !!(view && view.n);
     set("message-title", "No connection to subview"), set("message-text", "Retrying. Check that subview is still running.");
-    look_for_refusal();
     for (const id of ["start", "pause", "save", "new"]) $(id).disabled = true;
   } else $("tiles").src = "/cameras?" + Date.now();
 }
 // Links are of one run: a bookmark of an earlier one is refused, and an event stream does not tell
-// why it ends.
+// why it ends. A server that was started again has new cookies.
 async function look_for_refusal() {
   try {
+    if ((await fetch("/state")).status !== 403) return;
+    await enter();
     if ((await fetch("/state")).status !== 403) return;
     set("message-title", "This link belongs to another run"), set("message-text", "Open the newest link that subview printed.");
   } catch (e) {
@@ -243,14 +254,16 @@ function connect() {
   };
   events.onerror = () => {
     away(true);
-    if (events.readyState === EventSource.CLOSED) setTimeout(connect, 1000);
+    if (events.readyState !== EventSource.CLOSED) return;
+    look_for_refusal();
+    setTimeout(connect, 1000);
   };
 }
 $("tiles").onerror = () => setTimeout(() => ($("tiles").src = "/cameras?" + Date.now()), 1000);
 
 async function ask(what) {
   try {
-    const r = await fetch("/" + what, { method: "POST", headers: { "X-Subview-Token": page.token } });
+    const r = await fetch("/" + what, { method: "POST", headers: token_header });
     if (r.ok) return;
     $("notice").hidden = false;
     set("notice", await r.text());
@@ -286,4 +299,4 @@ $("theme").onclick = () => {
 let stored = null;
 try { stored = localStorage.getItem("theme"); } catch (e) { /* private mode */ }
 theme(stored ? stored === "light" : matchMedia("(prefers-color-scheme: light)").matches);
-addEventListener("DOMContentLoaded", connect); // the other scripts are there then
+addEventListener("DOMContentLoaded", () => entered.then(connect)); // the other scripts are there then
