@@ -19,7 +19,7 @@
 #define LOOK_NS     (2 * SV_NS_PER_MS) // the thread of the cameras is looked at so often
 #define N_TRIES     6                  // to save a frame, where the source's time waits for it
 #define N_TRIES_NOW 2                  // where it does not
-#define N_CLOSE     6                  // to save capture.json at the end
+#define N_CLOSE     6                  // to save the rig at the start and capture.json at the end
 #define FIRST_WAIT  (100 * SV_NS_PER_MS)
 #define CAP_WAIT    (4 * SV_NS_PER_S)
 
@@ -54,6 +54,11 @@ static struct {
   int n_lost_in_a_row;
   sv_ns retry_ns, lost_since_ns;
 } cap;
+
+static void wait_ns(sv_ns ns) {
+  sv_clock m = sv_linux_clock();
+  m.sleep_until_ns(m.self, m.now_ns(m.self) + ns);
+}
 
 static sv_status write_rig(const char *dir, sv_arena *arena, sv_err *err) {
   sv_linux_store folder;
@@ -104,11 +109,6 @@ static sv_status write_frame(const sv_frame *frame, sv_err *err) {
   return sv_capture_writer_add(&cap.writer, &f, err);
 }
 
-static void wait_ns(sv_ns ns) {
-  sv_clock m = sv_linux_clock();
-  m.sleep_until_ns(m.self, m.now_ns(m.self) + ns);
-}
-
 // A disk may refuse once. Where the source's time waits, so does the next try.
 static bool is_tried_again(sv_status s, int n_tried) {
   if (s != SV_E_IO || n_tried >= (cap.src.is_virtual ? N_TRIES : N_TRIES_NOW)) return false;
@@ -116,18 +116,23 @@ static bool is_tried_again(sv_status s, int n_tried) {
   return true;
 }
 
+static sv_status write_surely(const sv_frame *f, sv_err *err) {
+  sv_status s;
+  int n = 0;
+  do s = write_frame(f, err);
+  while (is_tried_again(s, ++n));
+  return s;
+}
+
 static sv_status save_exposure(sv_exposure_slot *t, sv_err *err) {
   sv_status s = SV_OK;
   for (int i = 0; s >= 0 && i < cap.src.source.n_cameras; i++)
-    for (int n = 1; t->frames[i].i_camera >= 0; n++) {
-      s = write_frame(&t->frames[i], err);
-      if (!is_tried_again(s, n)) break;
-    }
+    if (t->frames[i].i_camera >= 0) s = write_surely(&t->frames[i], err);
   sv_convert_forget(&cap.convert);
-  for (int n = 1; s >= 0 && t->exposure.has_pose; n++) {
-    s = sv_capture_writer_add_pose(&cap.writer, t->exposure.time_ns, &t->exposure.rig_from_world, err);
-    if (!is_tried_again(s, n)) break;
-  }
+  int n = 0;
+  if (s >= 0 && t->exposure.has_pose) do
+      s = sv_capture_writer_add_pose(&cap.writer, t->exposure.time_ns, &t->exposure.rig_from_world, err);
+    while (is_tried_again(s, ++n));
   sv_capture_queue_give_back(&cap.in, t, s >= 0);
   if (s >= 0) cap.n_exposures++;
   return s;
@@ -343,7 +348,12 @@ static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err
   sv_arena_part_begin(arena, "writer");
   if ((s = sv_capture_writer_open(&cap.writer, &wc, arena, err)) < 0) return s;
   // The writer holds the folder's lock: nothing of another capture is written over.
-  if (!cap.src.rig || (s = write_rig(o->out, arena, err)) >= 0) return s;
+  for (int i = 0; cap.src.rig && i < N_CLOSE; i++) {
+    s = write_rig(o->out, arena, err);
+    if (s != SV_E_IO) break;
+    wait_ns(FIRST_WAIT << i);
+  }
+  if (s >= 0) return s;
   sv_err close_err;
   if (sv_capture_writer_close(&cap.writer, &close_err) < 0) return s;
   return s;

@@ -257,7 +257,9 @@ static sv_status open_files(sv_capture_writer *w, sv_err *err) {
   w->poses.fd = open_sidecar(w, POSES_SIDECAR);
   if (w->poses.fd < 0) return io_failed(w, POSES_SIDECAR, errno, err);
   w->is_open = true;
-  return sv_capture_writer_save(w, err); // from here on a kill leaves a capture
+  w->saved = sv_capture_writer_save(w, &w->save_err);                // from here on a kill leaves a capture
+  if (w->saved < 0) w->n_unsaved = (uint64_t)w->cfg.save_period - 1; // or with the first frame
+  return SV_OK;
 }
 
 sv_status sv_capture_writer_open(sv_capture_writer *w, const sv_capture_writer_cfg *cfg, sv_arena *arena,
@@ -291,8 +293,10 @@ sv_status sv_capture_writer_open(sv_capture_writer *w, const sv_capture_writer_c
 
 sv_status sv_capture_writer_finish(sv_capture_writer *w, sv_err *err) {
   if (!w->is_open) return sv_fail(err, SV_E_ARG, "capture: the writer is not open");
-  sv_status s = sync_all(&w->store, err);
-  return s < 0 ? s : sv_capture_writer_save(w, err);
+  sv_status s = w->is_finished ? SV_OK : sync_all(&w->store, err);
+  if (s == SV_OK && !w->is_finished) s = sv_capture_writer_save(w, err);
+  w->is_finished = s == SV_OK;
+  return s;
 }
 
 sv_status sv_capture_writer_close(sv_capture_writer *w, sv_err *err) {
@@ -329,6 +333,7 @@ static sv_status put_picture(sv_capture_writer *w, int dir_fd, const char *name,
 }
 
 sv_status sv_capture_writer_add(sv_capture_writer *w, const sv_frame *f, sv_err *err) {
+  w->is_finished = false;
   if (!w->is_open || f->i_camera < 0 || f->i_camera >= w->cfg.n_cameras)
     return sv_fail(err, SV_E_ARG, "capture: the writer is not open, or has no camera %d", f->i_camera);
   sv_capture_writer_camera *c = &w->cameras[f->i_camera];
@@ -368,6 +373,7 @@ sv_status sv_capture_writer_add_pose(sv_capture_writer *w, sv_ns time_ns, const 
   if (!w->is_open) return sv_fail(err, SV_E_ARG, "capture: the writer is not open");
   double q[4];
   char line[LINE_BYTES];
+  w->is_finished = false;
   sv_quat_from_mat(q, p->r);
   size_t n =
       sv_fmt(line, sizeof line,

@@ -57,12 +57,12 @@ typedef struct {
   uint8_t *copy; // [cap_copy] between sidecar and capture.json
   size_t cap_copy;
   sv_capture_sidecar poses;
-  // What became of the last capture.json that an added frame made due; a failure costs nothing, as
-  // the sidecars have it all. The caller may tell it and set `saved` to OK.
+  // What became of the last capture.json, of open or of an added frame that made it due; a failure
+  // costs nothing, as the sidecars have it all. The caller may tell it and set `saved` to OK.
   sv_status saved;
   sv_err save_err;
   uint64_t n_poses, n_frames, n_unsaved;
-  bool is_open;
+  bool is_open, is_finished;
   char name[48], rig[256];
   double scene_m[6];
 } sv_capture_writer;

@@ -466,7 +466,7 @@ static sv_status save(run *r, sv_err *err) {
   const sv_clock *c = &r->session.clock;
   sv_status s = save_once(r, err);
   for (int i = 1; s == SV_E_IO && i < N_SAVES; i++) {
-    if (i == 1) lab_say(&r->session, "%s; trying again for some seconds", err->text);
+    if (i == 1) r->session.console.log(r->session.console.self, SV_LOG_WARN, err->text);
     c->sleep_until_ns(c->self, c->now_ns(c->self) + (FIRST_WAIT_NS << (i - 1)));
     s = save_once(r, err);
   }
