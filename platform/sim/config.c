@@ -44,6 +44,8 @@ static const char *const RIGS[] = {
 #define X(id, name, text, angle_deg, forward, layout, rows, cols, overlap) name,
 #include "src/rig/devices.inc"
 };
+static const char *const SHUTTERS[] = {"down", "up", "right", "left"};
+#define N_SHUTTERS ((int)(sizeof SHUTTERS / sizeof *SHUTTERS))
 static const char *const FAULTS[] = {
 #define X(id, name, default_n, text) name,
 #include "platform/sim/faults.inc"
@@ -79,6 +81,17 @@ static const number_option NUMBERS[] = {
     REAL("delay_jitter_us", delay_jitter_us, 0, 1e6),
     REAL("shutter_us", shutter_us, 0, 1e6),
     REAL("drop", drop, 0, 1),
+    REAL("gain", optics.gain, 0, 0.9),
+    REAL("white", optics.white_k, 2000, 20000),
+    REAL("crosstalk", optics.crosstalk, 0, 0.3),
+    REAL("response", optics.response, 0.3, 3),
+    REAL("black", optics.black, 0, 0.5),
+    REAL("auto_exposure", optics.auto_exposure, 0.05, 20),
+    REAL("readout_ms", optics.readout_ms, 0, 1000),
+    REAL("aperture_mm", optics.aperture_mm, 0, 200),
+    REAL("focus_m", optics.focus_m, 0.1, 1000),
+    WHOLE("samples", optics.n_samples, 1, 1024),
+    WHOLE("hot", optics.n_hot, 0, 10000),
     WHOLE("exposures", n_exposures, 1, 100000),
     WHOLE("frames", n_frames, 0, 1e9),
     WHOLE("buffers", n_buffers, 1, SV_SIM_CAP_BUFFERS),
@@ -139,6 +152,20 @@ static sv_status read_noise(sv_sim_config *c, word v, sv_err *err) {
     *(is_read ? &c->noise_read : &c->noise_shot) = x;
   }
   return SV_OK;
+}
+
+// cos4, or K1[:K2[:K3]].
+static sv_status read_vignetting(sv_sim_config *c, word v, sv_err *err) {
+  word rest = v, w;
+  double sum = 1, *k = c->optics.vignetting;
+  c->optics.is_cos4 = is(v, "cos4");
+  k[0] = k[1] = k[2] = 0;
+  for (int i = 0; !c->optics.is_cos4 && next_word(&rest, ':', &w); i++) {
+    if (i >= 3 || !sv_parse_double(w.p, w.n, &k[i]) || !(k[i] >= -2 && k[i] <= 2))
+      return bad(err, "vignetting", v, "cos4, or K1[:K2[:K3]] from -2 to 2");
+    sum += k[i];
+  }
+  return sum > 0 ? SV_OK : bad(err, "vignetting", v, "1 + K1 + K2 + K3 above 0: some light in the corners");
 }
 
 static sv_status read_faults(sv_sim_config *c, word v, sv_err *err) {
@@ -205,14 +232,21 @@ static sv_status read_option(sv_sim_config *c, word option, sv_err *err) {
     c->has_unknown_poses = is(v, "unknown");
     return c->has_unknown_poses || is(v, "known") ? SV_OK : bad(err, "poses", v, "known or unknown");
   }
+  if (is(name, "vignetting")) return read_vignetting(c, v, err);
+  if (is(name, "shutter")) {
+    const int direction = find(v, SHUTTERS, N_SHUTTERS);
+    if (direction < 0) return unknown(err, "shutter", v, SHUTTERS, N_SHUTTERS);
+    c->optics.shutter = (sv_sim_shutter)direction;
+    return SV_OK;
+  }
+  if (is(name, "blur")) {
+    c->optics.is_blurred = is(v, "on");
+    return c->optics.is_blurred || is(v, "off") ? SV_OK : bad(err, "blur", v, "on or off");
+  }
   for (int i = 0; i < N_NUMBERS; i++)
     if (is(name, NUMBERS[i].name)) return read_number(c, &NUMBERS[i], v, err);
-  char list[200];
-  sv_str s = sv_str_make(list, sizeof list);
-  sv_str_add(&s, "rig, size, seed, grid, path, poses, noise, fault");
-  for (int i = 0; i < N_NUMBERS; i++) sv_str_add(&s, ", %s", NUMBERS[i].name);
-  return sv_fail(err, SV_E_NOT_FOUND, "sim: no option '%.*s'; available: %s",
-                 (int)(name.n < 20 ? name.n : 20), name.p, list);
+  return sv_fail(err, SV_E_NOT_FOUND, "sim: no option '%.*s'; `subview cameras` lists them",
+                 (int)(name.n < 20 ? name.n : 20), name.p);
 }
 
 sv_device_params sv_sim_device(const sv_sim_config *c) {
@@ -254,6 +288,7 @@ sv_sim_config sv_sim_defaults(void) {
                          .seed = 1,
                          .delay_us = 3000,
                          .shutter_us = 4000,
+                         .optics = sv_sim_optics_defaults(),
                          .n_buffers = 4};
 }
 
@@ -312,7 +347,8 @@ void sv_sim_list(sv_str *out) {
   sv_str_add(
       out,
       ", grid=RxC, size=WxH, seed=N, path=step|smooth|handheld, poses=known|unknown, noise=read:V:shot:V, "
-      "fault=NAME[:CAMERA[:SLOT[:N]]][+...]");
+      "fault=NAME[:CAMERA[:SLOT[:N]]][+...], vignetting=cos4|K1[:K2[:K3]], shutter=down|up|right|left, "
+      "blur=on|off");
   for (int i = 0; i < N_NUMBERS; i++) sv_str_add(out, ", %s=", NUMBERS[i].name);
   sv_str_add(out, "\n  faults: ");
   for (int i = 0; i < SV_SIM_N_FAULTS; i++) sv_str_add(out, "%s%s", i ? ", " : "", FAULTS[i]);

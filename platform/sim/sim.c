@@ -30,10 +30,11 @@ static sv_status carve(sv_sim *s, const sv_sim_config *cfg, sv_arena *a) {
   s->scene = SV_TAKE(a, sv_sim_scene, 1);
   s->shot = SV_TAKE(a, sv_sim_shot, 1);
   s->ready = SV_TAKE(a, sv_sim_event, s->cap_ready);
-  s->sum = is_sum ? SV_TAKE(a, float, n_values) : NULL;
   for (int i = 0; i < s->n_cameras; i++)
     s->cameras[i].buffers = SV_TAKE(a, uint8_t, s->frame_bytes * (size_t)cfg->n_buffers);
   if (status >= 0) status = sv_noise_init(&s->noise, a);
+  if (status >= 0) status = sv_sim_optics_init(&s->optics, &cfg->optics, s->noise.srgb16, a);
+  s->sum = is_sum || s->optics.is_on ? SV_TAKE(a, float, n_values) : NULL;
   return status < 0 ? status : a->status;
 }
 

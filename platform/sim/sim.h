@@ -5,8 +5,8 @@
 // same bits on every machine.
 //
 // Time. Host time is the virtual clock's, in ns; scene time is (host - SV_SIM_EPOCH_NS) in seconds.
-// Slot k is the k-th period of the frame rate; its cameras expose at its middle, for an instant (no
-// motion blur; shutter_us only moves the arrival). With the default `step` trajectory the rig is
+// Slot k is the k-th period of the frame rate; its cameras expose at its middle, for an instant
+// (shutter_us only moves the arrival, unless blur=on). With the default `step` trajectory the rig is
 // stationary within a slot; with `path=smooth` it moves continuously along the same path; with
 // `path=handheld` a hand adds up to 7 cm and 1.5 degrees. `poses=unknown` hides its poses.
 //
@@ -19,6 +19,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "platform/sim/optics.h"
 #include "platform/sim/trace.h"
 #include "src/base/arena.h"
 #include "src/base/str.h"
@@ -77,7 +78,8 @@ typedef struct {
   double delay_us, delay_jitter_us; // from the end of the exposure to the arrival: fixed, and
                                     // uniform on top
   double shutter_us;
-  double drop; // probability that the link loses a frame
+  double drop;              // probability that the link loses a frame
+  sv_sim_optics_cfg optics; // ideal by default
   int n_buffers;
   int n_faults;
   sv_sim_fault faults[SV_SIM_CAP_FAULTS];
@@ -137,7 +139,8 @@ typedef struct {
   sv_sim_scene *scene;
   sv_sim_shot *shot; // scratch of the source and of sv_sim_render
   sv_noise noise;
-  float *sum;          // [height][width][3] linear, multiplexed only
+  sv_sim_optics optics;
+  float *sum;          // [height][width][3] linear, multiplexed or with optics only; else NULL
   int largest_overlap; // lens images that meet in one pixel at most, multiplexed only
   sv_sim_camera cameras[SV_SIM_CAP_CAMERAS];
   sv_sim_event *ready; // [cap_ready] arrived, oldest first

@@ -475,7 +475,7 @@ TEST(test_bad_specs) {
   } bad[] = {{"kitchen", "textured, thin, occlusion, moving, room"},
              {"", "textured"},
              {"thin,rig=cube", "mono, stereo, phone, lightfield, multiplexed"},
-             {"thin,colour=red", "rig, size, seed"},
+             {"thin,colour=red", "subview cameras"},
              {"thin,fps=fast", "a number from 0.1 to 1000"},
              {"thin,fps=", "fps"},
              {"thin,fps", "fps"},
