@@ -97,8 +97,12 @@ void sv_linux_file_abandon(sv_linux_file *f) {
   f->fd = -1;
 }
 
-// With a file of that name, or without one; true: `older` now holds it.
+// The file that is there becomes `older` too, so that a kill at any moment leaves it under one of
+// both names. Where a file cannot have two (FAT), it is moved.
 static int keep(const sv_linux_file *f, const char *older, bool *is_moved) {
+  *is_moved = false;
+  unlinkat(f->dir_fd, older, 0);
+  if (linkat(f->dir_fd, f->name, f->dir_fd, older, 0) == 0 || errno == ENOENT) return 0;
   *is_moved = renameat(f->dir_fd, f->name, f->dir_fd, older) == 0;
   return *is_moved || errno == ENOENT ? 0 : errno;
 }

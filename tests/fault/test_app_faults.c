@@ -60,6 +60,7 @@ static void open_cameras(void) {
     assert_int_equal(w.inner.source.caps(w.inner.source.self, i, &w.caps[i]), SV_OK);
   w.port.source.rig_pose = NULL;
   w.port.source.trigger = NULL;
+  w.cfg.has_bounds = false; // the simulator's are not those of cameras without poses
   w.port.decoder = world_decoder(&w, &decoder);
 }
 

@@ -98,6 +98,11 @@ int renameat(int from_fd, const char *from, int to_fd, const char *to) {
   return (int)syscall(SYS_renameat, from_fd, from, to_fd, to);
 }
 
+int linkat(int from_fd, const char *from, int to_fd, const char *to, int flags) {
+  if (fails(is_at_below(from_fd, from))) return -1;
+  return (int)syscall(SYS_linkat, from_fd, from, to_fd, to, flags);
+}
+
 int mkdirat(int fd, const char *path, mode_t mode) {
   return fails(is_at_below(fd, path)) ? -1 : (int)syscall(SYS_mkdirat, fd, path, mode);
 }

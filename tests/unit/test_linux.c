@@ -62,6 +62,16 @@ int renameat(int from_fd, const char *from, int to_fd, const char *to) {
   return (int)syscall(SYS_renameat, from_fd, from, to_fd, to);
 }
 
+// A file system without hard links.
+static bool g_is_without_links;
+int linkat(int from_fd, const char *from, int to_fd, const char *to, int flags) {
+  if (is_hit() || g_is_without_links) {
+    errno = g_is_without_links ? EPERM : g_fail_errno;
+    return -1;
+  }
+  return (int)syscall(SYS_linkat, from_fd, from, to_fd, to, flags);
+}
+
 // --- pool ----------------------------------------------------------------------------------------
 typedef struct {
   _Atomic int n_runs[4096];
@@ -300,6 +310,76 @@ TEST(store_failure_at_every_call) {
   sv_linux_store_close(&ls);
 }
 
+// What stands in the temporary file's place is not opened, a symbolic link neither.
+TEST(store_follows_no_link) {
+  sv_linux_store ls;
+  sv_store s;
+  sv_err err;
+  char path[200], kept[16] = "";
+  open_store(&ls, &s, "l");
+  shell_ok("echo precious > %s/victim && ln -s %s/victim %s/l/x.bin.%ld-0.subview-tmp", g_dir, g_dir, g_dir,
+           (long)getpid());
+  assert_int_equal(save(&s, "x.bin", 'a', &err), SV_OK);
+  assert_int_equal(content(&s, "x.bin"), 'a');
+  sv_fmt(path, sizeof path, "%s/victim", g_dir);
+  FILE *f = fopen(path, "r");
+  assert_non_null(f);
+  assert_non_null(fgets(kept, sizeof kept, f));
+  fclose(f);
+  assert_string_equal(kept, "precious\n");
+  sv_linux_store_close(&ls);
+}
+
+TEST(store_has_a_lock) {
+  sv_linux_store a, b;
+  sv_store s;
+  sv_err err;
+  open_store(&a, &s, "lock");
+  open_store(&b, &s, "lock");
+  assert_int_equal(sv_linux_store_lock(&a, &err), SV_OK);
+  assert_error(sv_linux_store_lock(&b, &err), SV_E_IO, &err, "another program is writing there");
+  sv_linux_store_close(&a);
+  assert_int_equal(sv_linux_store_lock(&b, &err), SV_OK);
+  sv_linux_store_close(&b);
+}
+
+// A file of which the one before is kept: at every moment one of both names has a whole file, of
+// the newest two, also where there are no hard links.
+TEST(two_generations_survive_a_kill_at_every_call) {
+  for (int without = 0; without < 2; without++) {
+    sv_linux_store ls;
+    sv_store s;
+    sv_err err;
+    open_store(&ls, &s, without ? "g0" : "g1");
+    g_is_without_links = without != 0;
+    assert_int_equal(save(&s, "x.bin", 'a', &err), SV_OK);
+    int n_killed = 0, newest = 'a';
+    for (int i = 0; i < 16; i++) {
+      const pid_t pid = fork();
+      assert_true(pid >= 0);
+      if (pid == 0) {
+        static char data[40000];
+        reset_faults();
+        memset(data, 'b' + i, sizeof data);
+        g_die_at = i;
+        if (s.begin(s.self, "x.bin", &err) < 0 || s.write(s.self, data, sizeof data, &err) < 0) _exit(1);
+        _exit(s.commit_over(s.self, "x.1.bin", true, &err) == SV_OK ? 0 : 1);
+      }
+      int status;
+      waitpid(pid, &status, 0);
+      assert_true(WIFEXITED(status));
+      n_killed += WEXITSTATUS(status) == 42;
+      const int x = content(&s, "x.bin"), older = content(&s, "x.1.bin");
+      if (x < 0 || older < 0) fail_msg("call %d: torn", i);
+      if (x != newest && x != 'b' + i && older != newest) fail_msg("call %d: %d and %d", i, x, older);
+      if (x > 0) newest = x;
+    }
+    assert_true(n_killed >= 5);
+    g_is_without_links = false;
+    sv_linux_store_close(&ls);
+  }
+}
+
 TEST(store_survives_a_kill_at_every_call) {
   sv_linux_store ls;
   sv_store s;
@@ -429,6 +509,9 @@ int main(void) {
       cmocka_unit_test(store_round_trip),
       cmocka_unit_test(store_refuses_bad_names),
       cmocka_unit_test(store_failure_at_every_call),
+      cmocka_unit_test(store_follows_no_link),
+      cmocka_unit_test(store_has_a_lock),
+      cmocka_unit_test(two_generations_survive_a_kill_at_every_call),
       cmocka_unit_test(store_survives_a_kill_at_every_call),
       cmocka_unit_test(console_lines),
       cmocka_unit_test(stop_signals),
