@@ -59,6 +59,7 @@ only: ## the groups or tests named: make only GROUPS="unit golden", make only TE
 cross: ## the fast tests and the digests for arm64, emulated
 board-test: ## capture and train on a virtual ARM board with cameras (QEMU); under 5 minutes, 4 more the first time
 bare-test: ## the README's commands on minimal Debian 12 and 13 systems (needs root); RUNS=trixie: one of them
+kill-test: ## N=1000 kills of running programs at random moments: nothing torn, always resumed, the same digest
 bench: ## time the kernels (also into kernels.csv), whole steps and their stages
 soak: ## still, session and moving runs for HOURS=1, with memory, descriptors, ledger and quality watched
 soak-sim: ## long live runs on virtual clocks (EXPOSURES=10000 each)

@@ -153,6 +153,10 @@ board-test:
 bare-test:
 	@tools/deps/install.sh bare
 	@tests/bare/bare.sh '$(BUILD)' $(RUNS)
+# N kills of runs and N / 4 of captures, at random moments; KILL_SEED repeats them.
+.PHONY: kill-test
+kill-test: $(O)/tests/fault/test_kills programs
+	@KILL_N=$(or $(N),1000) $<
 accept-counts: $(O)/tests/budget/test_budget_counts
 	@$< --accept
 soak: $(PROGS_soak) programs
