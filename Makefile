@@ -77,6 +77,7 @@ man: ## man pages from the programs' own --help, in build/BOARD/man
 libsubview: ## the library for embedding; with CROSS=PREFIX- ARCH_FLAGS=... for a board without a system
 examples: ## build the examples against the library, as installed in build/BOARD/stage
 library-test: ## the installed library: its symbols, C and C++, the examples, the same digest without a system
+package: ## Debian packages for BOARD and SUITE: subview, subview-calibrate, subview-lab, libsubview-dev
 install: ## copy programs, man pages, library, headers and examples to PREFIX (and DESTDIR)
 install-library: ## the library part of it alone
 clean: ## remove what was built for BOARD

@@ -25,4 +25,5 @@ BOARD_HDR     := -include boards/$(BOARD)/board.h $(if $(HAVE_BENCH),-DBOARD_HAS
 # The cross compiler's own C and C++ libraries may be older than those that the sysroot's libraries
 # need: the sysroot's come first.
 SYSROOT_L     := $(if $(SYSROOT),$(addprefix -L,$(wildcard $(SYSROOT)/usr/lib/*-linux-gnu $(SYSROOT)/usr/lib/gcc/*/*)))
-LDFLAGS_ALL   := $(SANF) $(SYSROOT_FLAG) $(SYSROOT_L) -Wl,--as-needed $(LDFLAGS)
+# No build ID: it would be a sum over the names of the build's folders, too.
+LDFLAGS_ALL   := $(SANF) $(SYSROOT_FLAG) $(SYSROOT_L) -Wl,--as-needed,--build-id=none,-z,relro,-z,now $(LDFLAGS)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # The machine: packages the build needs, the demo, installation.
-.PHONY: deps demo demo-live man install
+.PHONY: deps demo demo-live man install package
 deps:
 	@WITH='$(WITH)' tools/deps/install.sh test
 demo:
@@ -23,3 +23,12 @@ install: programs man
 	@install -d '$(DESTDIR)$(PREFIX)/share/bash-completion/completions'
 	@for p in subview subview-lab subview-calibrate; do install -m 644 tools/completion/subview.bash \
 	  "$(DESTDIR)$(PREFIX)/share/bash-completion/completions/$$p"; done
+
+# Debian packages of this build, in $(O)/packages. REVISION is the last part of their version.
+REVISION ?= 1
+PACKAGES := $(O)/packages
+package: programs man libsubview
+	@rm -rf '$(PACKAGES)' && mkdir -p '$(PACKAGES)'
+	@+$(MAKE) --no-print-directory install DESTDIR='$(abspath $(PACKAGES))/stage' PREFIX=/usr
+	@tools/package/package.sh '$(PACKAGES)/stage' '$(PACKAGES)' '$(BOARD_DEBIAN_ARCH)' '$(SUITE)' '$(REVISION)' '$(SYSROOT)'
+	@rm -rf '$(PACKAGES)/stage'

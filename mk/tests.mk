@@ -103,6 +103,7 @@ ITEMS_library = $(call item,library/installed,BUILD='$(BUILD)' tests/run/library
 # Short forms of the long runs.
 ITEMS_soak = $(call item,!soak/live,$(O)/tests/live-soak 600 1000 20 0.05) \
   $(call item,!soak/process,mkdir -p $(O)/soak && $(O)/tests/process-soak 0.01 $(O)/soak)
+ITEMS_package = $(call item,package/built,BUILD='$(BUILD)' O='$(O)' tests/run/packages.sh,600)
 ITEMS_budget = $(foreach p,$(PROGS_budget),$(call item,!$(p:$(O)/tests/%=%),$(EMULATE) $(p)))
 ITEMS_fuzz = $(foreach p,$(PROGS_fuzz),$(call item,$(p:$(O)/tests/%=%),$(EMULATE) $(p) $(FUZZ_ARGS)))
 items = $(or $(ITEMS_$(1)),$(foreach p,$(PROGS_$(1)),$(call item,$(p:$(O)/tests/%=%),$(EMULATE) $(p))))

@@ -9,7 +9,19 @@
 # are. Where they come from is what apt is configured to use here. FOLDER/.complete marks a finished
 # one (a makefile that names its packages); a second call does nothing. The last line of a failure
 # is the reason.
+#
+# FOLDER/DEBIAN tells dpkg-shlibdeps -S which package and version each library needs; `sysroot.sh
+# --names FOLDER`, called while FOLDER is made, takes it from the downloaded packages.
 set -eu
+if [ "$1" = --names ]; then
+  mkdir -p "$2/DEBIAN"
+  for package in "$2"/var/cache/apt/archives/*.deb; do
+    for name in symbols shlibs; do
+      dpkg-deb --ctrl-tarfile "$package" | tar -xO "./$name" 2>/dev/null >>"$2/DEBIAN/$name" || :
+    done
+  done
+  exit
+fi
 suite=$1 arch=$2 folder=$3
 packages=libc6-dev,linux-libc-dev,libjpeg-dev,libpng-dev,zlib1g-dev,libcmocka-dev,libjsmn-dev
 packages=$packages,libmicrohttpd-dev,libseccomp-dev,libstb-dev,libwebp-dev,libzstd-dev,libcamera-dev,libcamera-ipa
@@ -24,8 +36,8 @@ fail() {
   exit 1
 }
 
-made_of="SYSROOT_PACKAGES := $packages"
-# Complete, and of these packages.
+made_of="SYSROOT_MADE_OF := $(cksum <"$0" | cut -d ' ' -f 1) $packages"
+# Complete, of these packages and by this script.
 is_done() {
   [ "$(cat "$folder/.complete" 2>/dev/null)" = "$made_of" ] || return 1
   touch "$folder/.complete"
@@ -55,7 +67,8 @@ while :; do
   echo "sysroot: unpacking $suite $arch packages into $folder (try $try)"
   rm -rf "$folder.part"
   if printf '%s\n' "$sources" | mmdebstrap --quiet --mode=$mode --arch="$arch" --variant=extract \
-    --format=directory --include="$packages" --skip=check/qemu --aptopt='Acquire::Retries "5"' '' "$folder.part" - \
+    --format=directory --include="$packages" --skip=check/qemu \
+    --extract-hook="'$(readlink -f "$0")' --names \"\$1\"" --aptopt='Acquire::Retries "5"' '' "$folder.part" - \
     >"$folder.log" 2>&1; then
     break
   fi
