@@ -8,6 +8,7 @@
 #include "boards/preview.h"
 #include "boards/run_options.h"
 #include "platform/codec/codec.h"
+#include "platform/linux/watch.h"
 #include "src/base/mathx.h"
 #include "src/metric/metric.h"
 
@@ -22,6 +23,7 @@ static struct {
   sv_linux_pool pool;
   sv_linux_background background;
   sv_linux_console console;
+  sv_linux_watch watch;
   outputs out;
   uint8_t *truth; // held-out views of the simulator
 } run;
@@ -208,7 +210,9 @@ static sv_status set_up(const run_options *o, sv_arena *arena, const char **what
                   .source = run.src.source,
                   .console = sv_linux_console_port(&run.console),
                   .publish = {.image = publish_image},
-                  .decoder = run.src.decoder};
+                  .decoder = run.src.decoder,
+                  .thermometer = sv_linux_thermometer(&run.watch),
+                  .heartbeats = &run.watch.beats};
   // Cameras on real time get a thread; the simulator's and a recording's time waits for nobody.
   if (!run.src.is_virtual) port.worker = sv_linux_worker_port(&run.background);
   preview_publish(&port.publish);
@@ -266,8 +270,11 @@ static int run_once(const run_options *o, bool *is_again) {
       else fail_with(&err);
     }
     code = err.text[0] ? 1 : EXIT_USAGE;
-    sv_feed_cause cause = what[0] == 'c' ? SV_CAUSE_CAMERA : what[0] == 'r' ? SV_CAUSE_RIG : SV_CAUSE_OTHER;
-    *is_again = preview_failed(o, cause, err.text, &console);
+    const preview_failure why = {.cause = what[0] == 'c'   ? SV_CAUSE_CAMERA
+                                          : what[0] == 'r' ? SV_CAUSE_RIG
+                                                           : SV_CAUSE_OTHER,
+                                 .sentence = err.text};
+    *is_again = preview_failed(o, &why, &console, &run.watch.beats);
   } else {
     if (o->is_check || (run.console.is_terminal && !o->is_quiet && is_first_run(o)))
       check_list(o, &run.src, &arena, &run.k);
@@ -289,9 +296,14 @@ int cmd_run(int argc, char **argv) {
   if (sv_linux_catch_signals(&err) < 0) return fail_with(&err);
   sv_linux_outlive_readers();
   if (sv_linux_pool_start(&run.pool, (int)o.threads, SPIN_US, &err) < 0) return fail_with(&err);
+  sv_linux_watch_open(&run.watch, "/sys");
   int code = preview_open(&o, &err) < 0;
+  sv_linux_watch_share(&run.watch, preview_beats());
   if (code && err.text[0]) fail_with(&err); // the server has spoken otherwise
+  if (!code) sv_linux_watch_ready(&run.watch);
   for (bool is_again = !code; is_again;) code = run_once(&o, &is_again);
+  sv_linux_watch_close(&run.watch);
+  sv_linux_watch_share(&run.watch, NULL);
   preview_close();
   sv_linux_pool_stop(&run.pool);
   return code;

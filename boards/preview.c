@@ -59,14 +59,17 @@ void preview_publish(sv_publish *p) {
   if (is_open) sv_linux_preview_publish(&live, p);
 }
 
-bool preview_failed(const run_options *o, sv_feed_cause cause, const char *sentence,
-                    const sv_console *console) {
+sv_beat_of *preview_beats(void) { return is_open ? live.feed.header->beats : NULL; }
+
+bool preview_failed(const run_options *o, const preview_failure *why, const sv_console *console,
+                    sv_heartbeats *beats) {
   if (!is_open) return false;
   sv_publish p = {0};
   sv_clock clock = sv_linux_clock();
   preview_publish(&p);
-  sv_preview_show_failure(p.feed, cause, BOARD_NAME, o->source, o->is_session, sentence);
+  sv_preview_show_failure(p.feed, why->cause, BOARD_NAME, o->source, o->is_session, why->sentence);
   while (o->is_session && !console->is_stop_requested(console->self)) {
+    sv_beat(beats, SV_BEAT_MAIN);
     if (p.command(p.self) == SV_COMMAND_NEW) return true;
     clock.sleep_until_ns(clock.self, clock.now_ns(clock.self) + 50 * SV_NS_PER_MS);
   }

@@ -12,10 +12,15 @@
 // without --preview and --feed.
 sv_status preview_open(const run_options *o, sv_err *err) SV_MUST_USE;
 void preview_publish(sv_publish *p); // fills in the live part; nothing when it is not open
+sv_beat_of *preview_beats(void);     // where the page looks for heartbeats; NULL: it is not open
 // A run that could not begin: the page says why. In a session: waits for New (true) or a stop
 // request.
-bool preview_failed(const run_options *o, sv_feed_cause cause, const char *sentence,
-                    const sv_console *console);
+typedef struct {
+  sv_feed_cause cause;
+  const char *sentence;
+} preview_failure;
+bool preview_failed(const run_options *o, const preview_failure *why, const sv_console *console,
+                    sv_heartbeats *beats);
 void preview_close(void);
 
 // What is there, a line each: board, cameras, rig, memory, folder, page.

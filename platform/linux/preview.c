@@ -5,7 +5,6 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <linux/memfd.h>
-#include <math.h>
 #include <poll.h>
 #include <signal.h>
 #include <spawn.h>
@@ -59,7 +58,7 @@ static sv_status make_feed(sv_linux_preview *l, uint32_t cap_gaussians, uint32_t
 
 sv_status sv_linux_preview_open(sv_linux_preview *l, uint32_t cap_gaussians, uint32_t cap_floats,
                                 sv_err *err) {
-  *l = (sv_linux_preview){.feed_fd = -1, .pipe_fd = {-1, -1}, .health_fd = -1, .throttled_fd = -1};
+  *l = (sv_linux_preview){.feed_fd = -1, .pipe_fd = {-1, -1}};
   sv_status s = make_feed(l, cap_gaussians, cap_floats, err);
   if (s >= 0 && pipe2(l->pipe_fd, O_NONBLOCK | O_CLOEXEC) < 0)
     s = sv_fail(err, SV_E_DEVICE, "preview: no pipe (%s)", sv_linux_reason(errno));
@@ -69,38 +68,7 @@ sv_status sv_linux_preview_open(sv_linux_preview *l, uint32_t cap_gaussians, uin
   }
   l->feed.header->writer_pid = (int32_t)getpid();
   l->feed.header->command_fd = l->pipe_fd[1];
-  l->health_fd = open("/sys/class/thermal/thermal_zone0/temp", O_RDONLY | O_CLOEXEC);
-  l->throttled_fd = open("/sys/devices/platform/soc/soc:firmware/get_throttled", O_RDONLY | O_CLOEXEC);
   return SV_OK;
-}
-
-static long read_number(int fd, int base, long missing) {
-  char text[32];
-  ssize_t n = fd < 0 ? -1 : pread(fd, text, sizeof text - 1, 0);
-  if (n <= 0) return missing;
-  long v = 0;
-  int i = 0, sign = 1, digits = 0;
-  if (text[0] == '-') {
-    sign = -1;
-    i = 1;
-  }
-  for (; i < n; i++, digits++) {
-    int d = text[i] >= '0' && text[i] <= '9'   ? text[i] - '0'
-            : text[i] >= 'a' && text[i] <= 'f' ? text[i] - 'a' + 10
-                                               : 99;
-    if (d >= base || digits > 12) break;
-    v = v * base + d;
-  }
-  return digits ? sign * v : missing;
-}
-
-// Bits 0 to 3 of the Raspberry Pi's get_throttled tell what is so now; elsewhere only the
-// temperature is known.
-static sv_health health(void *self) {
-  const sv_linux_preview *l = self;
-  long milli_c = read_number(l->health_fd, 10, -1000000), flags = read_number(l->throttled_fd, 16, -1);
-  return (sv_health){.temperature_c = milli_c > -1000000 ? (double)milli_c * 1e-3 : (double)NAN,
-                     .is_throttled = flags < 0 ? -1 : (flags & 0xf) != 0};
 }
 
 // --- the server ----------------------------------------------------------------------------------
@@ -239,7 +207,6 @@ void sv_linux_preview_publish(sv_linux_preview *l, sv_publish *p) {
   p->feed = &l->feed;
   p->self = l;
   p->command = next_command;
-  p->health = health;
 }
 
 void sv_linux_preview_close(sv_linux_preview *l) {
@@ -255,7 +222,7 @@ void sv_linux_preview_close(sv_linux_preview *l) {
     }
   }
   if (l->block) munmap(l->block, l->block_bytes);
-  int *fds[] = {&l->feed_fd, &l->pipe_fd[0], &l->pipe_fd[1], &l->health_fd, &l->throttled_fd};
+  int *fds[] = {&l->feed_fd, &l->pipe_fd[0], &l->pipe_fd[1]};
   for (size_t i = 0; i < sizeof fds / sizeof *fds; i++) {
     if (*fds[i] >= 0) close(*fds[i]);
     *fds[i] = -1;

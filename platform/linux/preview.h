@@ -25,8 +25,7 @@ typedef struct {
   sv_feed feed;
   void *block;
   size_t block_bytes;
-  int feed_fd, pipe_fd[2]; // -1: not open
-  int health_fd, throttled_fd;
+  int feed_fd, pipe_fd[2];                  // -1: not open
   char program[512], listen[64], token[40]; // of subview-preview
   char *argv[12];
   pid_t pid; // 0: not running
@@ -43,7 +42,7 @@ sv_status sv_linux_preview_open(sv_linux_preview *live, uint32_t cap_gaussians, 
 // subview-preview has said on stderr why it cannot.
 sv_status sv_linux_preview_serve(sv_linux_preview *live, const char *program, const char *addr, int port,
                                  sv_err *err) SV_MUST_USE;
-// The port's view: feed, commands (which also looks after the server), health.
+// The port's view: feed, commands (which also looks after the server).
 void sv_linux_preview_publish(sv_linux_preview *live, sv_publish *p);
 void sv_linux_preview_close(sv_linux_preview *live); // ends the server, too
 

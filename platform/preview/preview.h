@@ -27,6 +27,7 @@
 #define PV_IDLE_S          10 // without a byte
 #define PV_REQUEST_S       10 // until a request is whole
 #define PV_CAP_BODY        1024
+#define PV_STALE_S         5 // without progress of a thread that has work
 
 // --- bytes that several connections send at the same time ----------------------------------------
 typedef struct {
@@ -54,6 +55,7 @@ typedef struct {
   pv_blob *jpeg;    // /picture.jpg
   pv_blob *file[PV_N_FILES];
   void *codec; // sv_codec of the pictures
+  int stale_s; // seconds without progress, 0: the run is well
   char sandbox[128];
 } pv_source;
 
@@ -62,6 +64,9 @@ sv_status pv_pictures_open(pv_source *s, sv_err *err) SV_MUST_USE;
 sv_status pv_model_open(pv_source *s, sv_err *err) SV_MUST_USE;
 // Brings s->state up to date; true when it changed.
 bool pv_state_read(pv_source *s);
+// Brings s->stale_s up to date from the heartbeats. A runtime that is stopped publishes nothing, so
+// its state stays what it was.
+void pv_stale_read(pv_source *s);
 // state, curve, events as one line of JSON; a number that is not finite is null.
 void pv_state_json(const pv_source *s, sv_str *out);
 void pv_curve_json(const pv_source *s, sv_str *out);

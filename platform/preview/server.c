@@ -51,6 +51,11 @@ struct pv_server {
   client *clients;
   stream *streams;
   pv_blob *newest[N_STREAMS];
+  uint64_t n_states; // that the event stream had, of the runtime or of its heartbeats
+  struct {
+    uint64_t seq;
+    int stale_s;
+  } told; // the newest of them
   sv_ns next_mosaic_ns;
   char json[CAP_JSON];
 };
@@ -128,6 +133,7 @@ typedef void (*json_fn)(const pv_source *s, sv_str *o);
 static enum MHD_Result send_json(pv_server *s, struct MHD_Connection *c, json_fn fill) {
   sv_str o = sv_str_make(s->json, sizeof s->json);
   (void)pv_state_read(s->cfg.source);
+  pv_stale_read(s->cfg.source);
   fill(s->cfg.source, &o);
   return finish(c, MHD_HTTP_OK, MHD_create_response_from_buffer(o.len, s->json, MHD_RESPMEM_MUST_COPY),
                 "application/json");
@@ -203,14 +209,19 @@ static void resume(pv_server *s, stream_kind kind) {
 }
 
 static void renew_state(pv_server *s) {
+  const pv_source *p = s->cfg.source;
   (void)pv_state_read(s->cfg.source);
+  pv_stale_read(s->cfg.source);
+  if (s->told.seq != p->state_seq || s->told.stale_s != p->stale_s) s->n_states++;
+  s->told.seq = p->state_seq;
+  s->told.stale_s = p->stale_s;
   const pv_blob *newest = s->newest[STREAM_EVENTS];
-  if (!has_stream(s, STREAM_EVENTS) || (newest && newest->seq == s->cfg.source->state_seq)) return;
+  if (!has_stream(s, STREAM_EVENTS) || (newest && newest->seq == s->n_states)) return;
   sv_str o = sv_str_make(s->json, sizeof s->json);
   sv_str_add(&o, "data: ");
   pv_state_json(s->cfg.source, &o);
   sv_str_add(&o, "\n\n");
-  pv_blob *b = o.is_cut ? NULL : pv_blob_make(o.len, s->cfg.source->state_seq);
+  pv_blob *b = o.is_cut ? NULL : pv_blob_make(o.len, s->n_states);
   if (!b) return;
   memcpy(b->data, s->json, o.len);
   pv_blob_drop(s->newest[STREAM_EVENTS]);

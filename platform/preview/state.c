@@ -3,6 +3,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include "platform/preview/preview.h"
 
@@ -27,6 +28,19 @@ void pv_blob_drop(pv_blob *b) {
 bool pv_state_read(pv_source *s) {
   size_t bytes;
   return sv_feed_read(&s->reader, SV_FEED_STATE, &s->state_seq, &s->state, sizeof s->state, &bytes) == SV_OK;
+}
+
+// The clock of the heartbeats
+static sv_ns now_ns(void) {
+  struct timespec t;
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return (sv_ns)t.tv_sec * SV_NS_PER_S + t.tv_nsec;
+}
+
+void pv_stale_read(pv_source *s) {
+  sv_ns age_ns;
+  (void)sv_beat_oldest(s->reader.header->beats, now_ns(), &age_ns);
+  s->stale_s = age_ns < PV_STALE_S * SV_NS_PER_S ? 0 : (int)(age_ns / SV_NS_PER_S % 1000000000);
 }
 
 static void add_text(sv_str *o, const char *key, const char *text, size_t cap) {
@@ -87,6 +101,24 @@ static void add_memory(sv_str *o, const sv_feed_state *s) {
   close_with(o, "]},");
 }
 
+static void add_threads(sv_str *o, const pv_source *p) {
+  const sv_beat_of *beats = p->reader.header->beats;
+  const sv_ns now = now_ns();
+  sv_ns oldest_ns;
+  char name[16];
+  sv_beat_name(sv_beat_oldest(beats, now, &oldest_ns), name);
+  sv_str_add(o, "\"stale_s\":%d,\"stale_thread\":\"%s\",\"heartbeats\":[", p->stale_s,
+             p->stale_s ? name : "");
+  for (int i = 0; i < SV_CAP_BEATS; i++) {
+    const sv_ns age_ns = sv_beat_age_ns(beats, i, now), longest_ns = sv_beat_longest_ns(beats, i);
+    if (!age_ns && !longest_ns) continue; // there is no such thread
+    sv_beat_name(i, name);
+    sv_str_add(o, "{\"name\":\"%s\",\"age_s\":%.3f,\"longest_s\":%.3f},", name, sv_ns_to_s(age_ns),
+               sv_ns_to_s(longest_ns));
+  }
+  close_with(o, "],");
+}
+
 static const char *status_name(int v) {
   static const char *const names[] = {"waiting", "capturing", "training", "paused",
                                       "saving",  "done",      "failed"};
@@ -120,6 +152,7 @@ void pv_state_json(const pv_source *p, sv_str *o) {
   add_number(o, "loss", s->loss);
   add_number(o, "psnr", s->psnr);
   add_number(o, "temperature", p->state_seq ? s->temperature_c : (double)NAN);
+  add_number(o, "train_duty", p->state_seq ? s->train_duty : 1);
   add_number(o, "skew_p50_us", s->skew_p50_us);
   add_number(o, "skew_p99_us", s->skew_p99_us);
   add_number(o, "skew_max_us", s->skew_max_us);
@@ -129,6 +162,7 @@ void pv_state_json(const pv_source *p, sv_str *o) {
   sv_str_add(o, "],\"grid\":[%d,%d],", columns, rows);
   add_cameras(o, s);
   add_memory(o, s);
+  add_threads(o, p);
   close_with(o, "}");
 }
 

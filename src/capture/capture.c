@@ -6,6 +6,7 @@
 #include "src/run/app.h"
 
 #define WAIT_NS (100 * SV_NS_PER_MS)
+#define REST_NS (2 * SV_NS_PER_MS) // in a piece, between two looks at the cameras
 
 // One camera failed; the others go on, and the timeout ends a capture that cannot complete.
 static void note_errors(sv_app *app) {
@@ -66,6 +67,7 @@ static sv_status capture_loop(sv_app *app, sv_err *err) {
   sv_ns last_ns = clk->now_ns(clk->self);
   while (app->exposures.n < app->cfg.n_exposures) {
     sv_ns now = clk->now_ns(clk->self);
+    sv_app_beat(app);
     if (sv_app_is_stop_requested(app) || sv_preview_tick(app) < 0) return SV_E_INTERRUPTED;
     if (now - last_ns > app->cfg.capture_timeout_ns)
       return sv_fail(err, SV_E_TIMEOUT,
@@ -151,10 +153,12 @@ sv_status sv_app_capture(sv_app *app, sv_err *err) {
 static void capture_thread(void *arg) {
   sv_app *app = arg;
   sv_clock *clk = &app->port.clock;
-  while (!atomic_load(&app->capture.is_ending)) {
-    sv_status s = sv_capture_queue_step(&app->queue, clk->now_ns(clk->self) + 20 * SV_NS_PER_MS);
-    if (s == SV_END) return;
+  sv_status s = SV_OK;
+  while (!atomic_load(&app->capture.is_ending) && s != SV_END) {
+    sv_beat(app->port.heartbeats, SV_BEAT_CAMERAS);
+    s = sv_capture_queue_step(&app->queue, clk->now_ns(clk->self) + 20 * SV_NS_PER_MS);
   }
+  sv_beat_rest(app->port.heartbeats, SV_BEAT_CAMERAS);
 }
 
 sv_status sv_app_continuous_begin(sv_app *app, sv_err *err) {
@@ -200,6 +204,38 @@ static sv_status replace_oldest(sv_app *app, sv_err *err) {
   return sv_app_enter_exposure(app, slot);
 }
 
+// Less training when the processor is hot, and a sentence when that begins and when it ends.
+static void heed_heat(sv_app *app, sv_ns now_ns) {
+  sv_governor *g = &app->capture.governor;
+  if (!app->port.thermometer.read || now_ns - g->heat_ns < SV_NS_PER_S) return;
+  const sv_heat heat = sv_app_heat(app);
+  if (!sv_governor_heat(g, &heat, now_ns)) return;
+  if (g->duty >= 1)
+    sv_app_log(app, SV_LOG_INFO, "the processor has cooled down to %.0f C; training at full rate again",
+               heat.temperature_c);
+  else if (heat.is_throttled == 1)
+    sv_app_log(
+        app, SV_LOG_WARN,
+        "the processor slows down for heat or power; training rests at times so that no frame is lost");
+  else
+    sv_app_log(
+        app, SV_LOG_WARN,
+        "the processor is at %.0f C; training rests at times so that it does not slow down and lose frames",
+        heat.temperature_c);
+}
+
+static sv_status do_work(sv_app *app, sv_work work, sv_err *err) {
+  const sv_clock *m = &app->port.machine;
+  const sv_ns rest_ns = app->capture.governor.rest_ns;
+  switch (work) {
+  case SV_WORK_EXPOSURE: return replace_oldest(app, err);
+  case SV_WORK_PREVIEW: return sv_app_publish_preview(app);
+  default:
+    m->sleep_until_ns(m->self, m->now_ns(m->self) + (rest_ns < REST_NS ? rest_ns : REST_NS));
+    return SV_OK;
+  }
+}
+
 sv_status sv_app_continuous_turn(sv_app *app, bool *is_train, sv_err *err) {
   const sv_clock *m = &app->port.machine;
   *is_train = true;
@@ -208,11 +244,12 @@ sv_status sv_app_continuous_turn(sv_app *app, bool *is_train, sv_err *err) {
   note_errors(app);
   (void)log_events(app);
   sv_ns from_ns = m->now_ns(m->self);
+  heed_heat(app, from_ns);
   bool is_ready = sv_capture_queue_n_ready(&app->queue) > 0 && sv_app_is_exposure_due(app);
   sv_work work = sv_governor_next(&app->capture.governor, from_ns, is_ready);
   *is_train = work == SV_WORK_TRAIN;
   if (*is_train) return SV_OK;
-  sv_status s = work == SV_WORK_EXPOSURE ? replace_oldest(app, err) : sv_app_publish_preview(app);
+  sv_status s = do_work(app, work, err);
   sv_governor_done(&app->capture.governor, work, from_ns, m->now_ns(m->self));
   return s < 0 ? s : SV_OK;
 }

@@ -27,6 +27,7 @@ sv_status sv_odometry_init(sv_odometry *o, const sv_odometry_cfg *cfg, sv_arena 
   c.model = o->model;
   c.cap_exposures = cfg->cap_exposures;
   c.seed = cfg->seed;
+  c.heartbeats = cfg->heartbeats;
   o->is_on = true;
   if (a->base) {
     sv_status s = sv_tracker_init(&o->tracker, &c, cfg->k, a, err);

@@ -34,6 +34,7 @@ typedef struct {
   const sv_exposures *pool; // where the images will be; NULL on a dry arena
   const sv_kernels *k;      // likewise
   uint64_t seed;
+  struct sv_heartbeats *heartbeats; // may be NULL
 } sv_odometry_cfg;
 
 // On a dry arena only counts.

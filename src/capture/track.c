@@ -63,6 +63,7 @@ sv_status sv_app_track(sv_app *app, sv_err *err) {
   for (int e = 0; e < app->exposures.n; e++)
     if (app->exposures.exposure[e].has_pose) return SV_OK; // the source knew after all
   for (int e = 0; e < app->exposures.n; e++) {
+    sv_app_beat(app);
     if (sv_app_is_stop_requested(app)) return SV_E_INTERRUPTED;
     sv_status s = sv_odometry_add(o, &app->exposures, e);
     if (s < 0) return sv_fail(err, s, "odometry, exposure %d: %s", e, sv_status_text(s));

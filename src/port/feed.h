@@ -17,9 +17,10 @@
 #include <stdint.h>
 
 #include "src/base/status.h"
+#include "src/port/heartbeat.h"
 
 #define SV_FEED_MAGIC   0x64656673u // "sfed"
-#define SV_FEED_VERSION 2u
+#define SV_FEED_VERSION 3u
 
 #define SV_FEED_CAP_CAMERAS   64  // listed
 #define SV_FEED_CAP_TILES     16  // with a thumbnail
@@ -83,6 +84,7 @@ typedef struct {
   uint64_t arena_cap_bytes, arena_used_bytes;
   double temperature_c; // NaN: not known
   int32_t is_throttled; // -1: not known
+  double train_duty;    // share of its time that training may use; below 1 when it is hot
   uint64_t n_skew;
   double skew_p50_us, skew_p99_us, skew_max_us;
   // quarter octaves: bin b starts at 2^(b/4) x 1 us
@@ -169,6 +171,7 @@ typedef struct {
   int32_t writer_pid, command_fd; // lets a reader in another session send commands; -1: not
                                   // possible
   sv_feed_ring ring[SV_FEED_N_CHANNELS];
+  sv_beat_of beats[SV_CAP_BEATS]; // of the writer's threads, also while it publishes nothing
 } sv_feed_header;
 
 // --- writer --------------------------------------------------------------------------------------

@@ -242,11 +242,6 @@ typedef enum {
   SV_COMMAND_NEW
 } sv_command;
 
-typedef struct {
-  double temperature_c; // of the processor; NaN: unknown
-  int is_throttled;     // 1: the processor is slowed down for heat or power now; -1: unknown
-} sv_health;
-
 // Where a preview gets its images. Never blocks. rgb: [height][width][3] display values.
 struct sv_feed;
 typedef struct {
@@ -254,8 +249,20 @@ typedef struct {
   void (*image)(void *self, const char *name, int width_px, int height_px, const uint8_t *rgb);
   struct sv_feed *feed;              // src/port/feed.h; NULL: no preview
   sv_command (*command)(void *self); // the next command or NONE; may be NULL
-  sv_health (*health)(void *self);   // may be NULL
 } sv_publish;
+
+// --- watch ---------------------------------------------------------------------------------------
+typedef struct {
+  double temperature_c; // of the processor; NaN: unknown
+  int is_throttled;     // 1: the processor is slowed down for heat or power now; -1: unknown
+} sv_heat;
+
+typedef struct {
+  void *self;
+  sv_heat (*read)(void *self); // NULL: nothing is known. Never blocks
+} sv_thermometer;
+
+struct sv_heartbeats;
 
 typedef struct {
   sv_clock clock;   // host time of the cameras; virtual in the simulator and in replays at full
@@ -270,6 +277,8 @@ typedef struct {
   sv_console console;
   sv_publish publish; // image may be NULL
   sv_decoder decoder; // of cameras that deliver compressed pictures; decode may be NULL
+  sv_thermometer thermometer;
+  struct sv_heartbeats *heartbeats; // src/port/heartbeat.h; NULL: nobody watches
 } sv_port;
 
 #ifdef __cplusplus

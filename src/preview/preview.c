@@ -92,16 +92,12 @@ static void fill_skew(const sv_app *app, sv_feed_state *s) {
   }
 }
 
-static void fill_machine(const sv_app *app, sv_feed_state *s) {
-  const sv_publish *p = &app->port.publish;
+static void fill_machine(sv_app *app, sv_feed_state *s) {
   const sv_arena *a = app->arena;
-  s->temperature_c = NAN;
-  s->is_throttled = -1;
-  if (p->health) {
-    sv_health h = p->health(p->self);
-    s->temperature_c = h.temperature_c;
-    s->is_throttled = h.is_throttled;
-  }
+  const sv_heat heat = sv_app_heat(app);
+  s->temperature_c = heat.temperature_c;
+  s->is_throttled = heat.is_throttled;
+  s->train_duty = app->capture.governor.duty;
   s->arena_cap_bytes = a->cap_bytes;
   s->arena_used_bytes = a->used_bytes;
   s->n_parts = sv_mini(a->n_parts, SV_FEED_CAP_PARTS);
@@ -161,6 +157,7 @@ void sv_preview_show_failure(sv_feed *feed, sv_feed_cause cause, const char *boa
   s->is_session = is_session;
   s->temperature_c = NAN;
   s->is_throttled = -1;
+  s->train_duty = 1;
   sv_copy(s->sentence, sizeof s->sentence, sentence);
   sv_copy(s->board, sizeof s->board, board);
   sv_copy(s->source, sizeof s->source, source);
@@ -370,6 +367,7 @@ static sv_status new_or_ok(const sv_app *app) {
 }
 
 static void rest(sv_app *app) {
+  sv_app_beat(app);
   const sv_clock *c = &app->port.machine;
   c->sleep_until_ns(c->self, c->now_ns(c->self) + POLL_NS);
 }
@@ -444,6 +442,7 @@ sv_status sv_preview_wait_start(sv_app *app, sv_err *err) {
   sv_ns ahead_ns = machine->now_ns(machine->self) - host->now_ns(host->self);
   bool is_over = false;
   for (sv_command c = SV_COMMAND_NONE; c != SV_COMMAND_START && s >= 0; c = next_command(app)) {
+    sv_app_beat(app);
     publish_due(app);
     if (sv_app_is_stop_requested(app) || l->is_new_requested) s = SV_E_INTERRUPTED;
     sv_frame f;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "src/run/app.h"
 
+#include <math.h>
 #include <stdarg.h>
 #include <string.h>
 
@@ -28,6 +29,15 @@ void sv_app_log(sv_app *app, sv_log_level level, const char *fmt, ...) {
 bool sv_app_is_stop_requested(const sv_app *app) {
   const sv_console *c = &app->port.console;
   return c->is_stop_requested && c->is_stop_requested(c->self);
+}
+
+void sv_app_beat(sv_app *app) { sv_beat(app->port.heartbeats, SV_BEAT_MAIN); }
+
+sv_heat sv_app_heat(sv_app *app) {
+  const sv_thermometer *t = &app->port.thermometer;
+  if (t->read) app->heat = t->read(t->self);
+  if (!(app->hottest_c >= app->heat.temperature_c)) app->hottest_c = app->heat.temperature_c;
+  return app->heat;
 }
 
 static bool is_multiplexed(const sv_app_cfg *c) { return c->rig->forward == SV_FORWARD_MULTIPLEXED; }
@@ -78,7 +88,8 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
                               .cap_exposures = c->n_exposures,
                               .pool = a->base ? &app->exposures : NULL,
                               .k = compute.k,
-                              .seed = c->train.seed};
+                              .seed = c->train.seed,
+                              .heartbeats = app->port.heartbeats};
   if (c->is_tracking && sv_odometry_can(c->rig, c->n_exposures))
     s = sv_odometry_init(&app->odometry, &oc, a, err);
   if (s < 0) return s;
@@ -125,6 +136,10 @@ sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, c
   app->cfg = *cfg;
   app->k = k;
   app->port = *port;
+  app->port.pool = sv_watch_pool(&app->pool, &port->pool, port->heartbeats);
+  app->heat = (sv_heat){.temperature_c = (double)NAN, .is_throttled = -1};
+  app->hottest_c = (double)NAN;
+  app->capture.governor.duty = app->capture.governor.least_duty = 1;
   app->arena = arena;
   sv_train_cfg t = sv_app_train_cfg(cfg, port->pool.n_threads);
   size_t left = arena->cap_bytes - arena->used_bytes, used = arena->used_bytes;
@@ -246,6 +261,7 @@ static sv_status before_step(void *self, float progress, sv_driver_turn *turn, s
   sv_app *app = self;
   bool is_train = true;
   (void)progress;
+  sv_app_beat(app);
   sv_status s = sv_preview_between_steps(app, &turn->away_s, err);
   if (s >= 0) s = sv_app_continuous_turn(app, &is_train, err);
   turn->is_other_work = !is_train;

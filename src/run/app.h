@@ -10,6 +10,7 @@
 #include "src/capture/capture.h"
 #include "src/capture/exposures.h"
 #include "src/capture/odometry.h"
+#include "src/port/heartbeat.h"
 #include "src/preview/pictures.h"
 #include "src/preview/preview.h"
 #include "src/run/config.h"
@@ -51,6 +52,11 @@ struct sv_app {
   sv_point *points; // [n_gaussians] of the first model
   sv_arena scratch; // of the start, and of what a moving scene renews
 
+  // What is watched
+  sv_watched_pool pool; // behind port.pool
+  sv_heat heat;         // as last read
+  double hottest_c;     // NaN: not known
+
   // What leaves the run
   sv_app_files files;
   sv_preview preview; // the page
@@ -73,5 +79,9 @@ sv_status sv_app_run(sv_app *app, sv_err *err) SV_MUST_USE;
 // A line for the console and the page.
 void sv_app_log(sv_app *app, sv_log_level level, const char *fmt, ...) SV_PRINTF(3, 4);
 bool sv_app_is_stop_requested(const sv_app *app);
+// The main thread made progress.
+void sv_app_beat(sv_app *app);
+// The processor's temperature now; keeps the highest.
+sv_heat sv_app_heat(sv_app *app);
 
 #endif

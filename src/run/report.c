@@ -44,6 +44,34 @@ static void add_live(sv_str *s, const sv_app *app) {
              (unsigned long long)app->queue.n_missed);
 }
 
+static void add_celsius(sv_str *s, const char *key, double c) {
+  if (c > -300 && c < 1000) sv_str_add(s, "\"%s\": %.1f, ", key, c);
+  else sv_str_add(s, "\"%s\": null, ", key);
+}
+
+// Heat, what training gave up for it, and how each thread made progress.
+static void add_watch(sv_str *s, const sv_app *app) {
+  const sv_heartbeats *h = app->port.heartbeats;
+  const sv_governor *g = &app->capture.governor;
+  sv_str_add(s, "  \"heat\": {");
+  add_celsius(s, "temperature_c", app->heat.temperature_c);
+  add_celsius(s, "hottest_c", app->hottest_c);
+  sv_str_add(s, "\"throttled\": %d, \"train_duty\": %.3f, \"least_train_duty\": %.3f},\n",
+             app->heat.is_throttled, g->duty, g->least_duty);
+  if (!h) return;
+  const sv_ns now_ns = h->clock.now_ns(h->clock.self);
+  sv_str_add(s, "  \"heartbeats\": [");
+  for (int i = 0, n = 0; i < SV_CAP_BEATS; i++) {
+    char name[16];
+    const sv_ns longest_ns = sv_beat_longest_ns(h->beats, i);
+    if (!longest_ns && i != SV_BEAT_MAIN) continue; // there is no such thread
+    sv_beat_name(i, name);
+    sv_str_add(s, "%s{\"name\": \"%s\", \"age_s\": %.3f, \"longest_s\": %.3f}", n++ ? ", " : "", name,
+               sv_ns_to_s(sv_beat_age_ns(h->beats, i, now_ns)), sv_ns_to_s(longest_ns));
+  }
+  sv_str_add(s, "],\n");
+}
+
 static void add_events(sv_str *s, const sv_sync_stream *st) {
   sv_str_add(s, ", \"events\": {");
   for (int k = 0, n = 0; k < SV_N_SYNC_EVENTS; k++)
@@ -124,6 +152,7 @@ sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) {
   add_odometry(&s, app);
   add_timing(&s, app);
   add_live(&s, app);
+  add_watch(&s, app);
   add_ledger(&s, app);
   sv_str_add(&s,
              "  \"memory\": {\"arena_bytes\": %zu, \"used_bytes\": %zu, \"high_bytes\": %zu, \"parts\": [",

@@ -33,6 +33,18 @@ static sv_status write_model(sv_app *app, sv_sink sink, sv_err *err) {
   return sv_model_write_ply(&app->trainer.g, &notes, sink, &app->files.ply, err);
 }
 
+// A large file on a slow disk is progress, too.
+typedef struct {
+  sv_app *app;
+  sv_store *store;
+} beating_sink;
+
+static sv_status write_and_beat(void *self, const void *data, size_t bytes, sv_err *err) {
+  const beating_sink *k = self;
+  sv_app_beat(k->app);
+  return k->store->write(k->store->self, data, bytes, err);
+}
+
 static sv_status write_file(sv_app *app, sv_app_file f, sv_sink sink, sv_err *err) {
   const sv_app_files *files = &app->files;
   switch (f) {
@@ -53,7 +65,8 @@ static sv_status commit(sv_app *app, sv_store *st, sv_app_file f, sv_err *err) {
 static sv_status put(sv_app *app, sv_store *st, sv_app_file f, sv_err *err) {
   sv_status s = st->begin(st->self, sv_app_file_name(f), err);
   if (s < 0) return s;
-  s = write_file(app, f, (sv_sink){.self = st->self, .write = st->write}, err);
+  beating_sink sink = {.app = app, .store = st};
+  s = write_file(app, f, (sv_sink){.self = &sink, .write = write_and_beat}, err);
   if (s < 0) {
     st->abandon(st->self); // the old file is still there
     return s;
@@ -94,6 +107,7 @@ static sv_status put_with_patience(sv_app *app, sv_app_file f, sv_err *err) {
   sv_status s = put(app, &app->port.store, f, err);
   for (int i = 1; s == SV_E_IO && i < N_TRIES && !app->files.is_store_lost; i++) {
     if (i == 1) sv_app_log(app, SV_LOG_WARN, "%s; trying again for some seconds", err->text);
+    sv_app_beat(app);
     m->sleep_until_ns(m->self, m->now_ns(m->self) + (FIRST_WAIT_NS << (i - 1)));
     s = put(app, &app->port.store, f, err);
   }

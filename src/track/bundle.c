@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "src/base/mathx.h"
+#include "src/port/heartbeat.h"
 
 #define NEAR_Z       1e-3  // m; nearer points do not project
 #define BEHIND_PX    100.0 // cost of an observation whose point lies behind the camera
@@ -375,6 +376,7 @@ sv_status sv_bundle_solve(sv_bundle *b, const sv_bundle_options *o, sv_bundle_re
   b->lambda = LAMBDA_START;
   while (out->n_iterations < o->max_iterations && b->lambda < LAMBDA_MAX) {
     out->n_iterations++;
+    sv_beat(o->heartbeats, SV_BEAT_MAIN);
     keep(b, false);
     if (!sv_bundle_linear_step(b, o, b->lambda)) {
       b->lambda *= 10;

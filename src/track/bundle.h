@@ -42,6 +42,7 @@ typedef struct {
   bool is_extrinsics;   // also correct cam_from_rig; camera 0 is fixed (it defines the rig's frame)
   double sigma_rot_rad; // prior of the calibration: standard deviation of rotation
   double sigma_trans_m; // and of position of a camera
+  struct sv_heartbeats *heartbeats; // each iteration is progress; may be NULL
 } sv_bundle_options;
 
 typedef struct {

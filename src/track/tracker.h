@@ -35,6 +35,7 @@ typedef struct {
   uint64_t seed;
   bool has_extrinsics;                // correct the calibration softly at the end
   sv_pose_solver solver;              // .absolute may be NULL
+  struct sv_heartbeats *heartbeats;   // of the main thread, which runs this; may be NULL
 } sv_track_cfg;                       // rig and models must outlive the tracker
 sv_track_cfg sv_track_defaults(void); // without cameras: 250 features, calibration taken as it is
 

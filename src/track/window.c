@@ -100,6 +100,7 @@ static void take_back(sv_tracker *t, int first) {
 static sv_bundle_options options(const sv_tracker *t, int max_iterations, bool is_extrinsics) {
   return (sv_bundle_options){.max_iterations = max_iterations,
                              .huber_px = HUBER_PX,
+                             .heartbeats = t->cfg.heartbeats,
                              .is_extrinsics = is_extrinsics,
                              .sigma_rot_rad = SIGMA_ROT,
                              .sigma_trans_m = SIGMA_TRANS * size_of_rig(t)};

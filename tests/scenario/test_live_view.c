@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The live view under attack while a run goes on: damaged requests, slow and many clients, a server
 // that is killed again and again. The run must not notice: the same digest, an exact ledger, no
-// memory. SV_LONG=1 runs the long form (1,000,000 damaged requests, 16 clients for 60 s, 100 kills).
+// memory. SV_LONG=1 runs the long form (1,000,000 damaged requests, 16 clients for 60 s, 100
+// kills).
 #include <errno.h>
 #include <netinet/in.h>
 #include <poll.h>

@@ -121,6 +121,23 @@ static void turn_it(void) {
   browser_number(&b, "view.reset()");
 }
 
+// A runtime that is stopped does nothing any more, whatever its last state was.
+static void stop_it(void) {
+  char text[96];
+  assert_int_equal(kill(r.pid, SIGSTOP), 0);
+  MUST("/^stale since [0-9]+ s$/.test($('state').textContent)", 15);
+  assert_true(browser_eval(&b, "$('notice').textContent", text, sizeof text));
+  assert_contains(text, "thread of subview makes no progress");
+  MUST("['start', 'pause', 'save', 'new'].every((id) => $(id).disabled)", 5);
+  picture("page-stale");
+  assert_true(browser_size(&b, 390, 844, true));
+  poll(NULL, 0, 600);
+  picture("page-stale-phone");
+  assert_true(browser_size(&b, 1180, 760, false));
+  assert_int_equal(kill(r.pid, SIGCONT), 0);
+  MUST("$('state').textContent === 'paused' && $('notice').hidden", 10);
+}
+
 static void measure_rate(void) {
   // The rate of a steady turn, once the number of pixels has settled.
   double fps = browser_number(
@@ -178,6 +195,7 @@ static void test_page(void **state) {
   open_browser(1180, 760);
   watch_and_start();
   watch_training();
+  stop_it();
   turn_it();
   save_download();
   read_download();
@@ -235,6 +253,7 @@ TEST(test_private_page) {
 FIXTURE(make_root) { return temp_folder_make(root, sizeof root, "page"); }
 FIXTURE(clean) {
   browser_close(&b);
+  if (r.pid > 0) kill(r.pid, SIGCONT);
   live_run_stop(&r);
   return 0;
 }

@@ -24,6 +24,7 @@ const titles = {
   training: ["Training", "The first model appears in a moment."],
   done: ["Done", ""],
 };
+const stale_text = (s) => "The " + s.stale_thread + " thread of subview makes no progress. The figures are those of " + s.stale_s + " s ago.";
 const causes = { camera: "No camera", rig: "No rig", other: "The run failed" };
 
 const number = (v, digits) => (v === null || v === undefined ? "–" : v.toFixed(digits));
@@ -129,6 +130,7 @@ function show_message(s) {
   let [title, text] = titles[s.state] || ["", ""];
   if (s.state === "failed") (title = causes[s.cause] || causes.other), (text = s.sentence);
   $("message").hidden = has_model && s.state !== "failed";
+  if (s.stale_s) (title = "Stale since " + s.stale_s + " s"), (text = stale_text(s));
   if (s.state === "failed" && s.session) text += ". Fix this and press New to try again.";
   set("message-title", title), set("message-text", text);
   $("figures").hidden = $("tools").hidden = !has_model;
@@ -142,8 +144,20 @@ function show_message(s) {
   $("machine-box").hidden = $("frames-box").hidden = !s.cameras.length;
 }
 
+// Over a model there is no room for a message: a line below the header says it.
+function show_stale(s) {
+  if (s.stale_s) {
+    page.is_stale = true;
+    $("notice").hidden = false;
+    set("notice", stale_text(s));
+  } else if (page.is_stale) {
+    page.is_stale = false;
+    $("notice").hidden = true;
+  }
+}
+
 function show_buttons(s) {
-  const may = page.token !== "" && !page.is_away, on = (id, is) => ($(id).disabled = !(may && is));
+  const may = page.token !== "" && !page.is_away && !s.stale_s, on = (id, is) => ($(id).disabled = !(may && is));
   set("start", s.state === "paused" ? "Resume" : "Start");
   on("start", s.state === "waiting" || s.state === "paused");
   on("pause", s.state === "training");
@@ -197,13 +211,16 @@ function show_memory(s) {
     })
   );
   set("memory-line", m.cap ? bytes(m.used) + " of " + bytes(m.cap) + " used; fixed for the whole run" : "");
-  const hot = s.throttled === 1 ? ", throttled" : "";
+  const rests = s.train_duty < 1 ? ", training at " + (100 * s.train_duty).toFixed(0) + " %" : "";
+  const hot = (s.throttled === 1 ? ", throttled" : "") + rests;
+  set("threads-line", s.heartbeats.map((t) => t.name + " " + t.age_s.toFixed(1) + " s").join(", "));
   set("machine-line", [s.board, s.temperature !== null ? s.temperature.toFixed(0) + " °C" + hot : ""].filter(Boolean).join(", "));
 }
 
 function show(s) {
   page.state = s;
-  set("state", s.state), ($("state").className = "chip " + s.state);
+  set("state", s.stale_s ? "stale since " + s.stale_s + " s" : s.state), ($("state").className = "chip " + (s.stale_s ? "stale" : s.state));
+  show_stale(s);
   set("where", [s.source, s.rig && "rig " + s.rig].filter(Boolean).join("  ·  "));
   const part = s.state === "done" ? 1 : s.steps ? s.step / s.steps : s.time_limit ? s.seconds / s.time_limit : 0;
   const taken = s.cap_exposures ? s.exposures / s.cap_exposures : 0;
@@ -299,4 +316,5 @@ $("theme").onclick = () => {
 let stored = null;
 try { stored = localStorage.getItem("theme"); } catch (e) { /* private mode */ }
 theme(stored ? stored === "light" : matchMedia("(prefers-color-scheme: light)").matches);
-addEventListener("DOMContentLoaded", () => entered.then(connect)); // the other scripts are there then
+// The other scripts are there then.
+addEventListener("DOMContentLoaded", () => entered.then(connect));
