@@ -136,13 +136,19 @@ static __attribute__((noinline)) void four_rows(const splats16 *s, float j, v16i
   *right = v16i_or(v16i_shr8(v16i_and(b[0], odd)), v16i_and(b[1], odd));
 }
 
+typedef struct {
+  const sv_splat *splat;
+  const uint32_t *id; // [16]
+  splats16 *to;
+} next_splats;
+
 // Sixteen splats, four intersections each: the tile, the one to the right, those below. How many of
 // them a splat has cannot be predicted; what is too much is in the place of the next one's, which
 // are written after it. Returns the bits of the splats of more than eight rows of blocks or two
 // tiles wide, whose intersections are anything.
+// next: loaded on the way.
 static __attribute__((noinline)) uint32_t bin_small(const splats16 *s, const uint32_t *id, uint32_t n_tiles_x,
-                                                    sv_intersection *intersection, const sv_splat *splat,
-                                                    const uint32_t *next_id, splats16 *next) {
+                                                    sv_intersection *intersection, const next_splats *next) {
   // All bits of the rows that are not of the tile below, by halves of a tile.
   const v16 first = v16_mul(v16_sub(s->first, s->row), v16_set1(8.0f)), minus = v16_set1(-1.0f);
   const v16i upper[2] = {
@@ -171,7 +177,7 @@ static __attribute__((noinline)) uint32_t bin_small(const splats16 *s, const uin
   v16i_store((int32_t *)at, s->intersection_offset);
   const uint32_t large =
       v16m_bits(v16m_or(v16_gt(v16_sub(s->last, s->first), v16_set1(7.0f)), v16_gt(s->max, v16_set1(16.0f))));
-  load_splats(splat, next_id, next);
+  load_splats(next->splat, next->id, next->to);
   v16_transpose(out);
   for (uint32_t k = 0; k < 16; k++) v16_store((float *)(void *)(intersection + at[k]), out[k]);
   return large;
@@ -272,8 +278,8 @@ void V(sv_bin)(const sv_splat *splat, const uint32_t *id, uint32_t n, int n_tile
   for (uint32_t i = 0, turn = 0; i < n; i += 16, turn ^= 1, now = next) {
     const uint32_t m = n - i < 16 ? n - i : 16;
     next = i + 16 < n ? ids_at(id, n, i + 16, some[turn ^ 1]) : now;
-    uint32_t large = bin_small(splats + turn, now, n_x, intersection, splat, next, splats + (turn ^ 1)) &
-                     (0xffffu >> (16 - m));
+    const next_splats then = {splat, next, splats + (turn ^ 1)};
+    uint32_t large = bin_small(splats + turn, now, n_x, intersection, &then) & (0xffffu >> (16 - m));
     for (; large; large &= large - 1)
       add_strips(splat, now[__builtin_ctz(large)], n_x, intersection, &strips);
   }

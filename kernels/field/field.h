@@ -34,10 +34,16 @@ typedef void sv_planes_fn(const sv_planes_args *a, const float *c, float *featur
 typedef void sv_planes_bwd_fn(const sv_planes_args *a, const float *c, const float *d_feature, float *part,
                               float *dc);
 
+// A block's coordinates and part, and the lanes that have a gradient.
+typedef struct {
+  const float *c, *part;
+  uint32_t touched;
+} sv_planes_block;
+
 // Adds the part of one plane of one level to its gradient, Gaussian by Gaussian: tap += weight
-// part. part is that of the block; lanes whose bit in touched is 0 are left out. exact.
-typedef void sv_planes_add_fn(const sv_planes_args *a, int level, int plane, const float *c, uint32_t touched,
-                              const float *part, float *grad);
+// part. Lanes whose bit in touched is 0 are left out. exact.
+typedef void sv_planes_add_fn(const sv_planes_args *a, int level, int plane, const sv_planes_block *block,
+                              float *grad);
 
 // y [n_out][16] = b + w relu(x), x [n_in][16], w [n_out][n_in]; without is_relu x itself. n_in is a
 // multiple of 16.

@@ -65,13 +65,13 @@ void sv_planes_bwd_ref(const sv_planes_args *a, const float *c, const float *d_f
   }
 }
 
-void sv_planes_add_ref(const sv_planes_args *a, int level, int plane, const float *c, uint32_t touched,
-                       const float *part, float *grad) {
+void sv_planes_add_ref(const sv_planes_args *a, int level, int plane, const sv_planes_block *block,
+                       float *grad) {
   const int n_f = 16 * a->n_vec;
   for (int k = 0; k < 16; k++) {
-    if (!(touched >> k & 1)) continue;
-    field_taps t = field_taps_at(a, level, plane, c, k);
-    const float *d = part + ((k * a->n_levels + level) * SV_FIELD_PLANES + plane) * n_f;
+    if (!(block->touched >> k & 1)) continue;
+    field_taps t = field_taps_at(a, level, plane, block->c, k);
+    const float *d = block->part + ((k * a->n_levels + level) * SV_FIELD_PLANES + plane) * n_f;
     for (int i = 0; i < 4; i++)
       for (int ch = 0; ch < n_f; ch++) grad[t.at[i] + ch] = fmaf(t.w[i], d[ch], grad[t.at[i] + ch]);
   }

@@ -41,10 +41,19 @@ static inline void products(const v16 s[SV_FIELD_PLANES], v16 rest[SV_FIELD_PLAN
   }
 }
 
-// One Gaussian at one level; g: gradient of its channels; sum: dc of x y z.
+// One Gaussian at one level.
+typedef struct {
+  const float *c;
+  const v16 *g; // gradient of its channels
+  float *part;
+  float *sum; // [3] dc of x y z
+} one_gaussian;
+
 // Not inlined: the vectors of both would fill more stack than a function may.
-static __attribute__((noinline)) void one_bwd(const sv_planes_args *a, int l, int k, const float *c,
-                                              const v16 *g, float *part, float sum[3]) {
+static __attribute__((noinline)) void one_bwd(const sv_planes_args *a, int l, int k, const one_gaussian *of) {
+  const float *c = of->c;
+  const v16 *g = of->g;
+  float *part = of->part, *sum = of->sum;
   field_taps t[SV_FIELD_PLANES];
   v16 slope[SV_FIELD_PLANES][2];
   for (int p = 0; p < SV_FIELD_PLANES; p++) {
@@ -79,17 +88,18 @@ void V(sv_planes_bwd)(const sv_planes_args *a, const float *c, const float *d_fe
     }
     for (int k = 0; k < 16; k++) {
       for (int v = 0; v < a->n_vec; v++) one[v] = g[v][k];
-      one_bwd(a, l, k, c, one, part, sum[k]);
+      one_bwd(a, l, k, &(one_gaussian){c, one, part, sum[k]});
     }
   }
   for (int k = 0; k < 16; k++)
     for (int i = 0; i < 3; i++) dc[16 * i + k] = sum[k][i];
 }
 
-void V(sv_planes_add)(const sv_planes_args *a, int level, int plane, const float *c, uint32_t touched,
-                      const float *part, float *grad) {
+void V(sv_planes_add)(const sv_planes_args *a, int level, int plane, const sv_planes_block *block,
+                      float *grad) {
   const int n_f = 16 * a->n_vec;
-  for (; touched; touched &= touched - 1) {
+  const float *c = block->c, *part = block->part;
+  for (uint32_t touched = block->touched; touched; touched &= touched - 1) {
     int k = __builtin_ctz(touched);
     field_taps t = field_taps_at(a, level, plane, c, k);
     const float *d = part + ((k * a->n_levels + level) * SV_FIELD_PLANES + plane) * n_f;

@@ -37,8 +37,17 @@ void sv_motion_ref(const sv_motion_args *a, int block0, int block1) {
   }
 }
 
-static void functions_bwd(const float *f, const float *c, int n, int width, float reg, const float *grad,
-                          float *out, int k) {
+// Coefficients of one property and the values of its basis functions.
+typedef struct {
+  const float *f; // [n]
+  const float *c; // [n][width][16]
+  int n, width;
+  float reg; // weight of the coefficients' length
+} series;
+
+static void functions_bwd(const series *s, const float *grad, float *out, int k) {
+  const float *f = s->f, *c = s->c, reg = s->reg;
+  const int n = s->n, width = s->width;
   float len2 = 0;
   for (int i = 0; i < n * width; i++) len2 = fmaf(c[16 * i + k], c[16 * i + k], len2);
   float pull = len2 > TINY2 ? reg / sqrtf(len2) : 0.0f;
@@ -61,9 +70,11 @@ void sv_motion_bwd_ref(const sv_motion_args *a, int block, uint32_t touched, con
     float g = w < SV_WINDOW_MAX ? grad[16 * SV_ROW_LOGIT + k] : 0.0f;
     grad_motion[16 * SV_MROW_CENTRE + k] = g * (2.0f * (e * d));
     grad_motion[16 * SV_MROW_SHARPNESS + k] = -(g * w);
-    functions_bwd(a->f_pos, m + pos, a->n_pos, 3, a->reg_pos, grad + 16 * SV_ROW_MEAN, grad_motion + pos, k);
-    functions_bwd(a->f_rot, m + rot, a->n_rot, 4, a->reg_rot, grad + 16 * SV_ROW_QUAT, grad_motion + rot, k);
-    functions_bwd(a->f_colour, m + col, a->n_colour, 3, a->reg_col, grad + 16 * SV_ROW_SH, grad_motion + col,
-                  k);
+    functions_bwd(&(series){a->f_pos, m + pos, a->n_pos, 3, a->reg_pos}, grad + 16 * SV_ROW_MEAN,
+                  grad_motion + pos, k);
+    functions_bwd(&(series){a->f_rot, m + rot, a->n_rot, 4, a->reg_rot}, grad + 16 * SV_ROW_QUAT,
+                  grad_motion + rot, k);
+    functions_bwd(&(series){a->f_colour, m + col, a->n_colour, 3, a->reg_col}, grad + 16 * SV_ROW_SH,
+                  grad_motion + col, k);
   }
 }

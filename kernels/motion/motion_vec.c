@@ -41,8 +41,17 @@ void V(sv_motion)(const sv_motion_args *a, int block0, int block1) {
   }
 }
 
-static inline void functions_bwd(const float *f, const float *c, int n, int width, float reg, v16m on,
-                                 const float *grad, float *out) {
+// Coefficients of one property and the values of its basis functions.
+typedef struct {
+  const float *f; // [n]
+  const float *c; // [n][width][16]
+  int n, width;
+  float reg; // weight of the coefficients' length
+} series;
+
+static inline void functions_bwd(const series *s, v16m on, const float *grad, float *out) {
+  const float *f = s->f, *c = s->c, reg = s->reg;
+  const int n = s->n, width = s->width;
   v16 len2 = v16_zero();
   for (int i = 0; i < n * width; i++) len2 = v16_fma(v16_load(c + 16 * i), v16_load(c + 16 * i), len2);
   v16m is_any = v16_gt(len2, v16_set1(TINY2));
@@ -67,8 +76,10 @@ void V(sv_motion_bwd)(const sv_motion_args *a, int block, uint32_t touched, cons
   v16 centre = v16_mul(g, v16_mul(v16_set1(2.0f), v16_mul(e, d)));
   v16_store(grad_motion + 16 * SV_MROW_CENTRE, v16_keep(on, centre));
   v16_store(grad_motion + 16 * SV_MROW_SHARPNESS, v16_keep(on, v16_neg(v16_mul(g, w))));
-  functions_bwd(a->f_pos, m + pos, a->n_pos, 3, a->reg_pos, on, grad + 16 * SV_ROW_MEAN, grad_motion + pos);
-  functions_bwd(a->f_rot, m + rot, a->n_rot, 4, a->reg_rot, on, grad + 16 * SV_ROW_QUAT, grad_motion + rot);
-  functions_bwd(a->f_colour, m + col, a->n_colour, 3, a->reg_col, on, grad + 16 * SV_ROW_SH,
+  functions_bwd(&(series){a->f_pos, m + pos, a->n_pos, 3, a->reg_pos}, on, grad + 16 * SV_ROW_MEAN,
+                grad_motion + pos);
+  functions_bwd(&(series){a->f_rot, m + rot, a->n_rot, 4, a->reg_rot}, on, grad + 16 * SV_ROW_QUAT,
+                grad_motion + rot);
+  functions_bwd(&(series){a->f_colour, m + col, a->n_colour, 3, a->reg_col}, on, grad + 16 * SV_ROW_SH,
                 grad_motion + col);
 }

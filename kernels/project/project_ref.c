@@ -190,7 +190,10 @@ sv_project_counts sv_project_ref(const sv_project_args *a, int block0, int block
 // other zero.
 // --- backward ----------------------------------------
 
-static void sh_basis_grad(int degree, float x, float y, float z, float bx[16], float by[16], float bz[16]) {
+// g: derivatives by x, y and z.
+static void sh_basis_grad(int degree, const float dir[3], float g[3][16]) {
+  const float x = dir[0], y = dir[1], z = dir[2];
+  float *bx = g[0], *by = g[1], *bz = g[2];
   for (int k = 0; k < 16; k++) bx[k] = by[k] = bz[k] = 0.0f;
   if (degree < 1) return;
   by[1] = -SH1;
@@ -309,18 +312,16 @@ static void colour_bwd(const sv_project_args *a, const float *p, const float *v_
                        float vm[3]) {
   int n = (a->sh_degree + 1) * (a->sh_degree + 1);
   const float *sh = p + 16 * SV_ROW_SH;
-  float d[3], b[16], bx[16], by[16], bz[16], vd[3] = {0, 0, 0}, vc[3];
+  float d[3], b[16], by_dir[3][16], vd[3] = {0, 0, 0}, vc[3];
   float rl = direction(&a->view, p, d);
   sh_basis(a->sh_degree, d[0], d[1], d[2], b);
-  sh_basis_grad(a->sh_degree, d[0], d[1], d[2], bx, by, bz);
+  sh_basis_grad(a->sh_degree, d, by_dir);
   for (int c = 0; c < 3; c++) vc[c] = colour(sh, c, n, b) > 0.0f ? v_rgb[c] : 0.0f;
   for (int k = 0; k < n; k++) {
     for (int c = 0; c < 3; c++) grad[16 * (SV_ROW_SH + 3 * k + c)] = b[k] * vc[c];
     if (k == 0) continue;
     float f = fmaf(sh[16 * 3 * k], vc[0], fmaf(sh[16 * (3 * k + 1)], vc[1], sh[16 * (3 * k + 2)] * vc[2]));
-    vd[0] = fmaf(bx[k], f, vd[0]);
-    vd[1] = fmaf(by[k], f, vd[1]);
-    vd[2] = fmaf(bz[k], f, vd[2]);
+    for (int i = 0; i < 3; i++) vd[i] = fmaf(by_dir[i][k], f, vd[i]);
   }
   float dot = fmaf(vd[0], d[0], fmaf(vd[1], d[1], vd[2] * d[2]));
   for (int i = 0; i < 3; i++) vm[i] = fmaf(dot, -d[i], vd[i]) * rl;

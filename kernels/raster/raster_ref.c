@@ -79,6 +79,7 @@ void sv_raster_ref(const sv_raster_args *a, uint32_t tile, const uint32_t *list,
 
 typedef struct {
   float *trans, *suffix, *g[3], *g_depth, *err; // [64][16]
+  float x0, y0;                                 // the tile's corner
 } tile_state;
 
 static void load_state(const sv_raster_bwd_args *a, long at, tile_state *st) {
@@ -100,12 +101,12 @@ static void load_state(const sv_raster_bwd_args *a, long at, tile_state *st) {
 }
 
 // One block of a splat: sums per lane into row and m[SLOT][16].
-static void block_bwd(const sv_splat *s, float x0, float y0, int b, const tile_state *st, int is_small,
-                      float row[2][16], float m[11][16]) {
+static void block_bwd(const sv_splat *s, int b, const tile_state *st, int is_small, float row[2][16],
+                      float m[11][16]) {
   const int is_free = s->lo <= SV_POWER_FREE;
   for (int k = 0; k < 16; k++) {
     int i = 16 * b + k;
-    pair_eval e = evaluate(s, x0, y0, b, k);
+    pair_eval e = evaluate(s, st->x0, st->y0, b, k);
     float t = st->trans[i];
     if (is_free) e.a = e.a_raw;
     if (!(e.power >= SV_POWER_MIN && t >= SV_T_MIN)) continue;
@@ -135,17 +136,16 @@ static void block_bwd(const sv_splat *s, float x0, float y0, int b, const tile_s
   }
 }
 
-static void splat_bwd(const sv_splat *s, float x0, float y0, uint64_t mask, const tile_state *st,
-                      uint8_t *igrad) {
+static void splat_bwd(const sv_splat *s, uint64_t mask, const tile_state *st, uint8_t *igrad) {
   const int is_small = __builtin_popcountll(mask) <= SV_RASTER_SMALL;
   float m[11][16] = {{0}};
   for (int by = 0; by < 8; by++) {
     float row[2][16] = {{0}};
     uint64_t bits = mask >> (8 * by) & 255;
     if (!bits) continue;
-    for (; bits; bits &= bits - 1) block_bwd(s, x0, y0, 8 * by + __builtin_ctzll(bits), st, is_small, row, m);
+    for (; bits; bits &= bits - 1) block_bwd(s, 8 * by + __builtin_ctzll(bits), st, is_small, row, m);
     for (int k = 0; k < 16 && !is_small; k++) { // within a lane's row dy is constant
-      float dy = s->v_px - (y0 + ((float)(4 * by + (k >> 2)) + 0.5f));
+      float dy = s->v_px - (st->y0 + ((float)(4 * by + (k >> 2)) + 0.5f));
       m[SV_IGRAD_G][k] += row[0][k];
       m[SV_IGRAD_GX][k] += row[1][k];
       m[SV_IGRAD_GY][k] = fmaf(row[0][k], dy, m[SV_IGRAD_GY][k]);
@@ -164,14 +164,15 @@ void sv_raster_bwd_ref(const sv_raster_bwd_args *a, uint32_t tile, const uint32_
                    scratch + 1024,
                    {scratch + 2048, scratch + 3072, scratch + 4096},
                    scratch + 5120,
-                   scratch + 6144};
-  float x0, y0;
+                   scratch + 6144,
+                   0,
+                   0};
   long at;
-  tile_origin(a->fwd, tile, &x0, &y0, &at);
+  tile_origin(a->fwd, tile, &st.x0, &st.y0, &at);
   load_state(a, at, &st);
   for (uint32_t i = 0; i < n; i++) {
     const sv_intersection *r = a->fwd->intersection + list[i];
     const sv_splat *s = a->fwd->splat + r->id;
-    if (r->mask) splat_bwd(s, x0, y0, r->mask, &st, a->igrad + (long)list[i] * SV_IGRAD_BYTES);
+    if (r->mask) splat_bwd(s, r->mask, &st, a->igrad + (long)list[i] * SV_IGRAD_BYTES);
   }
 }

@@ -157,11 +157,12 @@ V16_INLINE void blur_rows_about(const v16 x[ROWS_ABOUT], float *t, long row) {
   }
 }
 
-static __attribute__((noinline)) void inner_rows(const float *x, const float *y, long stride, int w, float *t,
-                                                 long row, long map, int is_fetching) {
-  x -= SSIM_R * stride;
-  y -= SSIM_R * stride;
-  for (int i = 0; i < w; i += 16) {
+// AT_ONCE rows of windows, the first about row `first` of the image.
+static __attribute__((noinline)) void inner_rows(const sv_ssim_args *a, int first, float *t, long row,
+                                                 long map, int is_fetching) {
+  const long stride = a->stride;
+  const float *x = a->x + (first - SSIM_R) * stride, *y = a->y + (first - SSIM_R) * stride;
+  for (int i = 0, w = a->width_px; i < w; i += 16) {
     v16 r[ROWS_ABOUT];
     if (is_fetching) fetch_rows(x + i + ROWS_ABOUT * stride, stride);
     load_rows(r, x + i, stride);
@@ -220,8 +221,7 @@ static int blur_planes(const sv_ssim_args *a, int r, float *t, long row, long ma
   const int is_fetching = (long)a->stride * h > NEAR_FLOATS;
 #if V16_REGISTERS >= 32
   if (r + AT_ONCE <= a->row1 && is_inner(first, h) && is_inner(first + 2 * (AT_ONCE - 1), h)) {
-    const size_t at = (size_t)first * (size_t)a->stride;
-    inner_rows(a->x + at, a->y + at, a->stride, a->width_px, t, row, map, is_fetching);
+    inner_rows(a, first, t, row, map, is_fetching);
     return AT_ONCE;
   }
 #else
@@ -305,25 +305,38 @@ V16_INLINE weights weights_of(const sv_ssim_bwd_args *a) {
 typedef enum { PUT_NONE, PUT, PUT_ADD } put_how;
 static inline put_how how(const float *p, int is_add) { return !p ? PUT_NONE : is_add ? PUT_ADD : PUT; }
 
+typedef struct {
+  float *at;
+  put_how how;
+} put_to;
+
+typedef struct {
+  put_to grad, err;
+  v16m keep; // lanes of the image
+} results;
+
 // One vector's gradient and error; returns |x - y|. ssim: its gradient of SSIM, or NULL.
-V16_INLINE v16 put_gradient(const weights *w, v16 x, v16 y, const v16 *ssim, v16m keep, float *grad,
-                            put_how of_grad, float *err, put_how of_err) {
+V16_INLINE v16 put_gradient(const weights *w, v16 x, v16 y, const v16 *ssim, results to) {
+  const v16m keep = to.keep;
   v16 d = v16_sub(x, y), e = v16_keep(keep, v16_abs(d));
-  if (of_grad != PUT_NONE) {
+  if (to.grad.how != PUT_NONE) {
     v16 g = v16_sel(v16_lt(d, v16_zero()), w->minus_l1, v16_keep(v16_gt(d, v16_zero()), w->l1));
     if (ssim) g = v16_fma(w->ssim, *ssim, g);
     g = v16_keep(keep, g);
-    v16_store(grad, of_grad == PUT_ADD ? v16_add(v16_load(grad), g) : g);
+    v16_store(to.grad.at, to.grad.how == PUT_ADD ? v16_add(v16_load(to.grad.at), g) : g);
   }
-  if (of_err != PUT_NONE)
-    v16_store(err, of_err == PUT_ADD ? v16_fma(e, w->err, v16_load(err)) : v16_mul(e, w->err));
+  if (to.err.how != PUT_NONE)
+    v16_store(to.err.at,
+              to.err.how == PUT_ADD ? v16_fma(e, w->err, v16_load(to.err.at)) : v16_mul(e, w->err));
   return e;
 }
 
 V16_INLINE v16 put_gradient_at(const sv_ssim_bwd_args *a, const weights *w, const v16 *ssim, size_t at,
                                v16m keep) {
-  return put_gradient(w, v16_load(a->x + at), v16_load(a->y + at), ssim, keep, a->grad ? a->grad + at : NULL,
-                      how(a->grad, a->is_grad_add), a->err ? a->err + at : NULL, how(a->err, a->is_err_add));
+  const results to = {{a->grad ? a->grad + at : NULL, how(a->grad, a->is_grad_add)},
+                      {a->err ? a->err + at : NULL, how(a->err, a->is_err_add)},
+                      keep};
+  return put_gradient(w, v16_load(a->x + at), v16_load(a->y + at), ssim, to);
 }
 
 static void end_row(const sv_ssim_bwd_args *a, int r, v16 sum) {
@@ -385,9 +398,10 @@ V16_INLINE void pairs(const sv_ssim_bwd_args *a, int r, size_t at, put_how of_er
       s[2 * k + 1] = v16_fma(v16_load(px_y + (2 * k + 1) * stride), off_row(x + k), s[2 * k + 1]);
     }
     for (int k = 0; k < 2 * PAIRS; k++)
-      sum[k] =
-          v16_add(sum[k], put_gradient(&w, v16_load(px_x + k * stride), v16_load(px_y + k * stride), s + k,
-                                       keep, grad + k * stride, PUT, err ? err + k * stride : NULL, of_err));
+      sum[k] = v16_add(
+          sum[k],
+          put_gradient(&w, v16_load(px_x + k * stride), v16_load(px_y + k * stride), s + k,
+                       (results){{grad + k * stride, PUT}, {err ? err + k * stride : NULL, of_err}, keep}));
     m1 += 16;
     s1 += 16;
     s12 += 16;

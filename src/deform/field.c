@@ -459,8 +459,10 @@ static void plane_task(void *arg, int i_task, int i_thread) {
   memset(grad, 0, f->plane_n[l][p] * sizeof *grad);
   for (int b = 0; b < j->n_blocks; b++)
     if (f->touched[b])
-      j->k->planes_add(&j->planes, l, p, f->coord + 64 * (size_t)b, f->touched[b],
-                       f->part + (size_t)b * 96 * (size_t)f->n_feature, grad);
+      j->k->planes_add(&j->planes, l, p,
+                       &(sv_planes_block){f->coord + 64 * (size_t)b,
+                                          f->part + (size_t)b * 96 * (size_t)f->n_feature, f->touched[b]},
+                       grad);
   sv_field_plane_loss_bwd(f, l, p, grad);
   adam_run(j, f->plane_at[l][p], f->plane_n[l][p], grad, j->lr_planes);
 }

@@ -12,19 +12,19 @@
 #define BAND         16     // rows of a task
 #define ROWS         (BAND + 2 * RADIUS)
 // between two views: less tells depth badly, more and surfaces look different
-#define BEST_DEG  8.0
-#define LEAST_DEG 0.2
-#define MOST_DEG  35.0
-#define LEAST_VAR 4.0f // of the window, levels of 255 squared: less is noise
+#define BEST_DEG 8.0
+#define MIN_DEG  0.2
+#define MAX_DEG  35.0
+#define MIN_VAR  4.0f // of the window, levels of 255 squared: less is noise
 // of the pixel: beside an edge, an even ground would be put at the edge's depth
-#define LEAST_SLOPE2 4.0f
-#define LEAST_CORR2  0.49f // squared correlation
-#define ALONE        0.05f // less for a place that one other view sees alone
-#define NOT_SEEN     (-2.0f)
-#define CAP_GAP      10        // pixels that are filled in between measured ones
-#define EDGE         (4 * 256) // of neighbours: two surfaces
-#define LEFT         32        // columns before a row
-#define AGREE        1.5f      // planes that two maps may differ by
+#define MIN_SLOPE2 4.0f
+#define MIN_CORR2  0.49f // squared correlation
+#define ALONE      0.05f // less for a place that one other view sees alone
+#define NOT_SEEN   (-2.0f)
+#define CAP_GAP    10        // pixels that are filled in between measured ones
+#define EDGE       (4 * 256) // of neighbours: two surfaces
+#define LEFT       32        // columns before a row
+#define AGREE      1.5f      // planes that two maps may differ by
 
 // --- choice of views -----------------------------------------------------------------------------
 
@@ -133,7 +133,7 @@ static double worth(const sv_view *a, const sv_view *b, double z) {
   }
   double deg = sv_angle_between(p, q) * (180 / SV_PI);
   double ahead = (double)b->r[6] * q[0] + (double)b->r[7] * q[1] + (double)b->r[8] * q[2];
-  if (deg < LEAST_DEG || deg > MOST_DEG || ahead < 0.7 * sv_norm3(q)) return 0;
+  if (deg < MIN_DEG || deg > MAX_DEG || ahead < 0.7 * sv_norm3(q)) return 0;
   return deg < BEST_DEG ? deg / BEST_DEG : BEST_DEG / deg;
 }
 
@@ -182,17 +182,12 @@ static transfer transfer_to(const sv_view *b, const sv_view *a) {
   return out;
 }
 
-typedef struct {
-  float u, v, z; // pixel, homogeneous depth
-} seen;
-
-static bool see(const transfer *q, float x, float y, float w, seen *out) {
-  const float z = q->h[6] * x + q->h[7] * y + q->h[8] + w * q->e[2];
-  if (!(z > 1e-6f)) return false;
-  out->u = (q->h[0] * x + q->h[1] * y + q->h[2] + w * q->e[0]) / z;
-  out->v = (q->h[3] * x + q->h[4] * y + q->h[5] + w * q->e[1]) / z;
-  out->z = z;
-  return true;
+// uvz: the pixel and its homogeneous depth.
+static bool see(const transfer *q, float x, float y, float w, float uvz[3]) {
+  uvz[2] = q->h[6] * x + q->h[7] * y + q->h[8] + w * q->e[2];
+  for (int i = 0; i < 2; i++)
+    uvz[i] = (q->h[3 * i] * x + q->h[3 * i + 1] * y + q->h[3 * i + 2] + w * q->e[i]) / uvz[2];
+  return uvz[2] > 1e-6f;
 }
 
 // Planes at equal steps of inverse depth, about a pixel apart in the view that shifts most.
@@ -205,13 +200,12 @@ static void choose_planes(sv_sweep *s, int i, const sv_bounds *b) {
   float span = 1 / near - m->w0;
   for (int k = 0; k < m->n_sources; k++) {
     transfer q = transfer_to(&s->map[m->source[k]].view, v);
-    float x = 0.5f * (float)v->width_px, y = 0.5f * (float)v->height_px;
-    seen from, to;
+    float x = 0.5f * (float)v->width_px, y = 0.5f * (float)v->height_px, from[3], to[3];
     // shift a unit of w, where the scene is
     float at = zc > near ? 1 / zc : 1 / near, d = 0.01f * span;
-    if (!see(&q, x, y, at, &from) || !see(&q, x, y, at + d, &to)) continue;
-    most = sv_maxf(most, 100 * (float)sqrt((double)(to.u - from.u) * (to.u - from.u) +
-                                           (double)(to.v - from.v) * (to.v - from.v)));
+    if (!see(&q, x, y, at, from) || !see(&q, x, y, at + d, to)) continue;
+    most = sv_maxf(most, 100 * (float)sqrt((double)(to[0] - from[0]) * (to[0] - from[0]) +
+                                           (double)(to[1] - from[1]) * (to[1] - from[1])));
   }
   m->n_planes = sv_clampi((int)(most + 1.5f), 16, SV_SWEEP_CAP_PLANES);
   m->dw = span / (float)(m->n_planes - 1);
@@ -361,8 +355,8 @@ static void describe(band *b) {
             dev = down(l->sum[1] + at, b->stride) - s1 * s1 * (1 / N_WINDOW);
       const float *c = l->ref + at + RADIUS * b->stride;
       float dx = c[1] - c[-1], dy = c[b->stride] - c[-b->stride];
-      bool is_used = x < n && b->y0 + i < b->m->view.height_px && dev > LEAST_VAR * N_WINDOW &&
-                     dx * dx + dy * dy > LEAST_SLOPE2;
+      bool is_used = x < n && b->y0 + i < b->m->view.height_px && dev > MIN_VAR * N_WINDOW &&
+                     dx * dx + dy * dy > MIN_SLOPE2;
       l->mean[at] = s1 * (1 / N_WINDOW);
       l->norm[at] = is_used ? 1 / dev : 0;
       if (is_used) {
@@ -388,7 +382,7 @@ static void correlate(const band *b) {
       float *restrict first = b->l->first + at, *restrict second = b->l->second + at;
       for (int k = 0; k < 16; k++) {
         float sum = down(s0 + k, stride), dev = down(s1 + k, stride) - sum * sum * (1 / N_WINDOW);
-        float cov = down(s2 + k, stride) - sum * mean[k], floor = 0.5f * LEAST_VAR * N_WINDOW;
+        float cov = down(s2 + k, stride) - sum * mean[k], floor = 0.5f * MIN_VAR * N_WINDOW;
         float c = cov * (cov < 0 ? -cov : cov) * norm[k] / (dev > floor ? dev : floor);
         c = in[k] > 0 ? c : NOT_SEEN;
         float low = c < first[k] ? c : first[k];
@@ -426,7 +420,7 @@ static void write_codes(const band *b) {
       int at = i * b->stride + LEFT + x;
       float p = l->plane[at], before = l->before[at], best = l->best[at], after = l->after[at];
       float bend = 2 * best - before - after;
-      if (!(l->norm[at] > 0) || best < LEAST_CORR2 || p < 1 || p > (float)(m->n_planes - 2)) continue;
+      if (!(l->norm[at] > 0) || best < MIN_CORR2 || p < 1 || p > (float)(m->n_planes - 2)) continue;
       if (bend > 1e-6f) p += sv_clampf(0.5f * (after - before) / bend, -0.5f, 0.5f);
       out[x] = (uint16_t)(1.5f + 256 * p);
     }
@@ -471,16 +465,16 @@ static inline float inverse_depth(const sv_depth_map *m, uint16_t code) {
   return m->w0 + m->dw * ((float)(code - 1) * (1.0f / 256.0f));
 }
 
-// Whether another map has the same surface there. Codes are read as they were measured: `keep` is
-// written later.
+// Whether another map has the same surface there, by its codes as measured (`keep` comes later).
 static bool is_confirmed(const sv_sweep *s, const sv_depth_map *m, const transfer *q, int x, int y, float w) {
   for (int k = 0; k < m->n_sources; k++) {
     const sv_depth_map *o = &s->map[m->source[k]];
-    seen p;
-    if (!see(&q[k], (float)x + 0.5f, (float)y + 0.5f, w, &p)) continue;
-    if (!(p.u >= 0 && p.u < (float)o->view.width_px && p.v >= 0 && p.v < (float)o->view.height_px)) continue;
-    uint16_t code = o->code[(size_t)(int)p.v * (size_t)o->view.width_px + (size_t)(int)p.u];
-    if (code && fabsf(inverse_depth(o, code) - w / p.z) <= AGREE * o->dw) return true;
+    float p[3];
+    if (!see(&q[k], (float)x + 0.5f, (float)y + 0.5f, w, p)) continue;
+    if (!(p[0] >= 0 && p[0] < (float)o->view.width_px && p[1] >= 0 && p[1] < (float)o->view.height_px))
+      continue;
+    uint16_t code = o->code[(size_t)(int)p[1] * (size_t)o->view.width_px + (size_t)(int)p[0]];
+    if (code && fabsf(inverse_depth(o, code) - w / p[2]) <= AGREE * o->dw) return true;
   }
   return false;
 }

@@ -191,8 +191,10 @@ static double analytic(size_t at, int l, int p) {
     for (int d = 0; d < 4; d++) a.res[i][d] = d == 3 ? field.cfg.n_times : field.cfg.base * field.cfg.mult[i];
   memset(grad, 0, field.plane_n[l][p] * sizeof *grad);
   for (int b = 0; b < CAP / 16; b++)
-    k.planes_add(&a, l, p, field.coord + 64 * b, field.touched[b],
-                 field.part + (size_t)b * 96 * (size_t)field.n_feature, grad);
+    k.planes_add(&a, l, p,
+                 &(sv_planes_block){field.coord + 64 * b,
+                                    field.part + (size_t)b * 96 * (size_t)field.n_feature, field.touched[b]},
+                 grad);
   return (double)grad[at - field.plane_at[l][p]];
 }
 

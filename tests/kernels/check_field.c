@@ -80,8 +80,8 @@ static void check_planes_add(ck *c) {
       ck_fill(c, part, j.n_part, CK_SIGNED);
       ck_fill(c, a, j.n_plane, CK_SIGNED);
       memcpy(b, a, j.n_plane * sizeof *a);
-      c->ref.planes_add(&j.a, j.a.n_levels - 1, 4, j.c, masks[m], part, a);
-      c->var.planes_add(&j.a, j.a.n_levels - 1, 4, j.c, masks[m], part, b);
+      c->ref.planes_add(&j.a, j.a.n_levels - 1, 4, &(sv_planes_block){j.c, part, masks[m]}, a);
+      c->var.planes_add(&j.a, j.a.n_levels - 1, 4, &(sv_planes_block){j.c, part, masks[m]}, b);
       ck_same(c, "gradient", a, b, j.n_plane, 1e-5);
     }
 }
@@ -149,7 +149,7 @@ static void run_planes_bwd(void *arg, const sv_kernels *k) {
 }
 static void run_planes_add(void *arg, const sv_kernels *k) {
   planes_job *j = arg;
-  k->planes_add(&j->a, 0, 4, j->c, 0xffff, j->part, j->grad);
+  k->planes_add(&j->a, 0, 4, &(sv_planes_block){j->c, j->part, 0xffff}, j->grad);
 }
 static void run_linear(void *arg, const sv_kernels *k) {
   linear_job *j = arg;
