@@ -7,6 +7,7 @@
 #include "boards/outputs.h"
 #include "boards/preview.h"
 #include "boards/run_options.h"
+#include "boards/scans.h"
 #include "platform/codec/codec.h"
 #include "platform/linux/watch.h"
 #include "src/base/mathx.h"
@@ -26,6 +27,7 @@ static struct {
   sv_linux_watch watch;
   outputs out;
   uint8_t *truth; // held-out views of the simulator
+  bool is_retry;  // the cameras of the same scan are tried again
 } run;
 
 // self is the page's.
@@ -89,7 +91,8 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .picture_every_s = o->picture_every,
                   .board_name = BOARD_NAME,
                   .has_preview = o->preview || o->has_feed,
-                  .is_session = o->is_session};
+                  .is_session = o->is_session,
+                  .starts_at_once = o->is_interrupted};
   c.train.n_gaussians = (int)o->gaussians;
   c.train.sh_degree = (int)o->sh;
   c.train.seed = (uint64_t)o->seed;
@@ -274,7 +277,9 @@ static int run_once(const run_options *o, bool *is_again) {
                                           : what[0] == 'r' ? SV_CAUSE_RIG
                                                            : SV_CAUSE_OTHER,
                                  .sentence = err.text};
-    *is_again = preview_failed(o, &why, &console, &run.watch.beats);
+    preview_answer answer = preview_failed(o, &why, &console, &run.watch.beats);
+    *is_again = answer != PREVIEW_STOP;
+    run.is_retry = answer == PREVIEW_RETRY;
   } else {
     if (o->is_check || (run.console.is_terminal && !o->is_quiet && is_first_run(o)))
       check_list(o, &run.src, &arena, &run.k);
@@ -283,6 +288,27 @@ static int run_once(const run_options *o, bool *is_again) {
   outputs_close(&run.out);
   source_close(&run.src);
   return code;
+}
+
+// With --keep: the folder of the next scan, in which an interrupted one goes on. False: there is
+// none, and *is_again tells whether to ask again.
+static bool next_scan(run_options *o, const char *folder, bool is_new, bool *is_again) {
+  static char path[SV_LINUX_CAP_PATH];
+  sv_err err = {0};
+  sv_console console = sv_linux_console_port(&run.console);
+  o->out = path;
+  run.is_retry = false;
+  if (scans_next(folder, (int)o->keep, is_new, path, sizeof path, &o->is_interrupted, &err) >= 0) {
+    const bool is_resumable = !o->is_refining && o->i_prior == 0 && !(o->is_dynamic && o->is_continuous);
+    o->is_resume = o->is_interrupted && is_resumable;
+    say(2, "subview: %s %s\n", o->is_interrupted ? "going on with the interrupted scan" : "the next scan is",
+        path);
+    return true;
+  }
+  fail_with(&err);
+  const preview_failure why = {.cause = SV_CAUSE_OTHER, .sentence = err.text};
+  *is_again = preview_failed(o, &why, &console, &run.watch.beats) != PREVIEW_STOP;
+  return false;
 }
 
 int cmd_run(int argc, char **argv) {
@@ -301,7 +327,11 @@ int cmd_run(int argc, char **argv) {
   sv_linux_watch_share(&run.watch, preview_beats());
   if (code && err.text[0]) fail_with(&err); // the server has spoken otherwise
   if (!code) sv_linux_watch_ready(&run.watch);
-  for (bool is_again = !code; is_again;) code = run_once(&o, &is_again);
+  const char *folder = o.out;
+  for (bool is_again = !code, is_new = false; is_again; is_new = !run.is_retry) {
+    if (o.keep > 0 && !next_scan(&o, folder, is_new, &is_again)) continue;
+    code = run_once(&o, &is_again);
+  }
   sv_linux_watch_close(&run.watch);
   sv_linux_watch_share(&run.watch, NULL);
   preview_close();

@@ -2,6 +2,8 @@
 #include "boards/preview.h"
 
 #include <arpa/inet.h>
+#include <errno.h>
+#include <fcntl.h>
 #include <ifaddrs.h>
 #include <net/if.h>
 #include <string.h>
@@ -9,6 +11,8 @@
 #include <unistd.h>
 
 #include "src/run/isa.h"
+
+#define RETRY_NS (5 * SV_NS_PER_S) // between two looks for cameras
 
 static sv_linux_preview live;
 static bool is_open;
@@ -36,6 +40,33 @@ static void print_links(const run_options *o) {
       live.token);
 }
 
+// The token of --token-file, for the page's link to stay valid. A file that holds no token is
+// refused, not replaced.
+static sv_status read_token(const char *path, sv_err *err) {
+  char text[40] = "";
+  int fd = open(path, O_RDONLY | O_NOFOLLOW | O_CLOEXEC);
+  if (fd < 0 && errno == ENOENT) return SV_OK; // made below
+  ssize_t n = fd < 0 ? -1 : read(fd, text, sizeof text - 1);
+  if (fd >= 0) close(fd);
+  if (n < 0) return sv_fail(err, SV_E_IO, "%s: the page's token cannot be read", path);
+  if (strspn(text, "0123456789abcdef") != 32 || (text[32] && text[32] != '\n'))
+    return sv_fail(err, SV_E_FORMAT,
+                   "%s: no token of a page (32 digits of 0-9a-f); remove the file for a new one", path);
+  text[32] = 0;
+  sv_copy(live.token, sizeof live.token, text);
+  return SV_OK;
+}
+
+static sv_status write_token(const char *path, sv_err *err) {
+  int fd = open(path, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0600);
+  if (fd < 0 && errno == EEXIST) return SV_OK; // it was read
+  bool is_written = fd >= 0 && write(fd, live.token, 32) == 32 && write(fd, "\n", 1) == 1 && fsync(fd) == 0;
+  if (fd >= 0) close(fd);
+  if (is_written) return SV_OK;
+  if (fd >= 0) (void)unlink(path);
+  return sv_fail(err, SV_E_IO, "%s: the page's token cannot be written", path);
+}
+
 sv_status preview_open(const run_options *o, sv_err *err) {
   if (!o->preview && !o->has_feed) return SV_OK;
   const sv_app_cfg planned = {.n_exposures = (int)o->exposures,
@@ -48,7 +79,10 @@ sv_status preview_open(const run_options *o, sv_err *err) {
                     (sv_preview_bodies_floats(&motion) + n - 1) / n;
   sv_status s = sv_linux_preview_open(&live, (uint32_t)o->gaussians, (uint32_t)n_floats, err);
   is_open = s >= 0;
+  const bool has_token_file = o->preview && o->token_file;
+  if (s >= 0 && has_token_file) s = read_token(o->token_file, err);
   if (s >= 0 && o->preview) s = sv_linux_preview_serve(&live, NULL, o->preview_addr, o->preview_port, err);
+  if (s >= 0 && has_token_file) s = write_token(o->token_file, err);
   if (s >= 0 && o->preview) print_links(o);
   if (s >= 0 && o->has_feed && !o->preview)
     say(2, "feed: subview-preview --attach %ld serves it\n", (long)getpid());
@@ -61,19 +95,22 @@ void preview_publish(sv_publish *p) {
 
 sv_beat_of *preview_beats(void) { return is_open ? live.feed.header->beats : NULL; }
 
-bool preview_failed(const run_options *o, const preview_failure *why, const sv_console *console,
-                    sv_heartbeats *beats) {
-  if (!is_open) return false;
+preview_answer preview_failed(const run_options *o, const preview_failure *why, const sv_console *console,
+                              sv_heartbeats *beats) {
+  if (!is_open) return PREVIEW_STOP;
   sv_publish p = {0};
   sv_clock clock = sv_linux_clock();
   preview_publish(&p);
   sv_preview_show_failure(p.feed, why->cause, BOARD_NAME, o->source, o->is_session, why->sentence);
+  const bool is_retrying = o->keep > 0 && why->cause == SV_CAUSE_CAMERA;
+  const sv_ns retry_ns = clock.now_ns(clock.self) + RETRY_NS;
   while (o->is_session && !console->is_stop_requested(console->self)) {
     sv_beat(beats, SV_BEAT_MAIN);
-    if (p.command(p.self) == SV_COMMAND_NEW) return true;
+    if (p.command(p.self) == SV_COMMAND_NEW) return PREVIEW_NEW;
+    if (is_retrying && clock.now_ns(clock.self) > retry_ns) return PREVIEW_RETRY;
     clock.sleep_until_ns(clock.self, clock.now_ns(clock.self) + 50 * SV_NS_PER_MS);
   }
-  return false;
+  return PREVIEW_STOP;
 }
 
 void preview_close(void) {

@@ -13,14 +13,15 @@
 sv_status preview_open(const run_options *o, sv_err *err) SV_MUST_USE;
 void preview_publish(sv_publish *p); // fills in the live part; nothing when it is not open
 sv_beat_of *preview_beats(void);     // where the page looks for heartbeats; NULL: it is not open
-// A run that could not begin: the page says why. In a session: waits for New (true) or a stop
-// request.
 typedef struct {
   sv_feed_cause cause;
   const char *sentence;
 } preview_failure;
-bool preview_failed(const run_options *o, const preview_failure *why, const sv_console *console,
-                    sv_heartbeats *beats);
+typedef enum { PREVIEW_STOP, PREVIEW_NEW, PREVIEW_RETRY } preview_answer;
+// A run that could not begin: the page says why. In a session: waits for New or a stop request. One
+// that keeps scans (--keep) tries cameras again after some seconds.
+preview_answer preview_failed(const run_options *o, const preview_failure *why, const sv_console *console,
+                              sv_heartbeats *beats);
 void preview_close(void);
 
 // What is there, a line each: board, cameras, rig, memory, folder, page.

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "boards/board_main.h"
+#include "boards/config.h"
 #include "platform/linux/preview.h"
 #include "src/prior/methods.h"
 
@@ -65,6 +66,15 @@ static const sv_option rows[] = {
      0, NULL},
     {"out", SV_OPT_TEXT, 1, 1, AT(out), "DIR",
      "output folder: model.ply, run.json, preview.jpg, checkpoint.bin", 0, 0, NULL},
+    {"keep", SV_OPT_INT, 1, 0, AT(keep), "N",
+     "DIR holds numbered scans, a new one for each run; the newest N are kept, one that was interrupted is "
+     "resumed",
+     1, 10000, NULL},
+    {"token-file", SV_OPT_TEXT, 1, 0, AT(token_file), "FILE",
+     "keeps the page's token, so that its link stays valid; made when missing [a new token each time]", 0, 0,
+     NULL},
+    {"config", SV_OPT_TEXT, 1, 0, AT(config), "FILE",
+     "options from a file, name=value a line; the command line wins", 0, 0, NULL},
     {"rescue", SV_OPT_TEXT, 1, 0, AT(rescue), "DIR",
      "where to save at the end if --out fails; exit code 3 then [a new folder in memory, /dev/shm]", 0, 0,
      NULL},
@@ -129,7 +139,8 @@ int run_options_parse(int argc, char **argv, run_options *o) {
                      .prior = "none",
                      .scene = "static",
                      .sync = "free"};
-  int r = options_parse(&command, rows, sizeof rows / sizeof *rows, argc, argv, o);
+  int r = config_expand("run", &argc, &argv);
+  if (!r) r = options_parse(&command, rows, sizeof rows / sizeof *rows, argc, argv, o);
   if (r) return r;
   return check(o);
 }

@@ -8,8 +8,8 @@
 
 typedef struct {
   options_common common;
-  const char *source, *rig, *scene, *out, *rescue, *sub_views, *sync, *preview;
-  long exposures, steps, gaussians, sh, threads, seed, skew_ms, orbit;
+  const char *source, *rig, *scene, *out, *rescue, *sub_views, *sync, *preview, *token_file, *config;
+  long exposures, steps, gaussians, sh, threads, seed, skew_ms, orbit, keep;
   double time_limit, save_every, picture_every;
   double exposure_s;
   const char *optimizer; // NULL: the one that suits the exposures
@@ -17,6 +17,7 @@ typedef struct {
   int i_prior;     // an sv_prior_method
   int i_optimizer; // an sv_optimizer, -1
   bool is_dynamic, is_refining;
+  bool is_interrupted; // of --keep: the scan in --out was, and starts at once
   bool is_resume, is_continuous, is_json, is_quiet, is_session, has_feed, is_check;
   char preview_addr[64];    // of --preview; port 0: none
   int preview_port, i_sync; // of --sync, in the order of sv_sync_method

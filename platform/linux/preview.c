@@ -178,7 +178,7 @@ sv_status sv_linux_preview_serve(sv_linux_preview *l, const char *program, const
   sv_fmt(l->listen, sizeof l->listen, strchr(addr, ':') ? "[%s]:%d" : "%s:%d", addr, port);
   sv_fmt(feed_text, sizeof feed_text, "%d", l->feed_fd);
   sv_fmt(pipe_text, sizeof pipe_text, "%d", l->pipe_fd[1]);
-  make_token(l->token);
+  if (!l->token[0]) make_token(l->token);
   // Not among the words, which every user of the machine can read: the environment is the owner's.
   if (setenv("SUBVIEW_PREVIEW_TOKEN", l->token, 1) != 0)
     return sv_fail(err, SV_E_NOMEM, "preview: no room for its token");

@@ -435,7 +435,7 @@ sv_status sv_preview_wait_start(sv_app *app, sv_err *err) {
   sv_preview *l = &app->preview;
   sv_source *src = &app->port.source;
   const sv_clock *host = &app->port.clock, *machine = &app->port.machine;
-  if (!l->feed || !l->is_session) return SV_OK;
+  if (!l->feed || !l->is_session || app->cfg.starts_at_once) return SV_OK;
   l->status = SV_FEED_STATUS_WAITING;
   sv_status s = src->start(src->self);
   if (s < 0) return sv_fail(err, s, "the cameras did not start: %s", sv_status_text(s));

@@ -27,6 +27,8 @@ typedef struct {
   bool has_preview;
   // With a feed: the run waits for Start on the page, and New begins another one.
   bool is_session;
+  // In a session: captures without waiting for Start, as an interrupted run goes on. Default false.
+  bool starts_at_once;
   // Exposures to capture and train on, at least 1.
   int n_exposures;
   // Largest time skew between the cameras of an exposure, in nanoseconds.

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # The packages of this build: packed twice, their bytes are the same; lintian finds no error; they
 # depend on what they should, hold what they should, and nothing of a build's folder.
-#   packages.sh        environment: BUILD, O (the board's folder). Ends with "N passed, N failed, N skipped".
+#   packages.sh        environment: BUILD, O (the board's folder)
+# Ends with "N passed, N failed, N skipped".
 set -u
 build=${BUILD:-build} o=${O:?}
 cd "$(dirname "$(readlink -f "$0")")/../.." || exit 2
