@@ -39,6 +39,23 @@ static void read_err(live_run *r) {
   if (fd >= 0) close(fd);
 }
 
+// What a sanitizer has found in the run or in its server, which is started again, is a failure.
+static void must_be_clean(const live_run *r) {
+  static char text[64 << 10];
+  static const char *const marks[] = {"Sanitizer", "runtime error:"};
+  char path[320];
+  snprintf(path, sizeof path, "%s/stderr", r->folder);
+  int fd = open(path, O_RDONLY | O_CLOEXEC);
+  ssize_t n = fd < 0 ? 0 : read(fd, text, sizeof text - 1);
+  if (fd >= 0) close(fd);
+  text[n > 0 ? n : 0] = 0;
+  for (size_t i = 0; i < sizeof marks / sizeof *marks; i++)
+    if (strstr(text, marks[i])) {
+      fprintf(stderr, "%s\n", text);
+      abort();
+    }
+}
+
 static void exec_run(live_run *r, const char *args) {
   // the run is weighed: what it has touched, not the pages around that
   prctl(PR_SET_THP_DISABLE, 1, 0, 0, 0);
@@ -101,6 +118,7 @@ int live_run_wait(live_run *r, double seconds) {
     if (waitpid(r->pid, &status, WNOHANG) == r->pid) {
       r->pid = 0;
       read_err(r);
+      must_be_clean(r);
       return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
     }
     poll(NULL, 0, 50);

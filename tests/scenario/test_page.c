@@ -20,6 +20,11 @@
 #include "tests/common/test.h"
 
 #define GAUSSIANS 20000
+#if defined(__SANITIZE_ADDRESS__)
+#define STEPS 600 // a sixth of the speed
+#else
+#define STEPS 2000
+#endif
 
 static char root[256];
 static live_run r;
@@ -190,7 +195,8 @@ static void test_page(void **state) {
   char text[64], args[256];
   if (skipped()) skip();
   snprintf(args, sizeof args,
-           "--source sim:textured,rig=stereo --exposures 4 --steps 2000 --gaussians %d --session", GAUSSIANS);
+           "--source sim:textured,rig=stereo --exposures 4 --steps %d --gaussians %d --session", STEPS,
+           GAUSSIANS);
   if (!live_run_start(&r, root, args)) fail_msg("the run does not start: %s", r.err);
   open_browser(1180, 760);
   watch_and_start();
