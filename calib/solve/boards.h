@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Calibration of a rig from images of a flat chessboard: seeds by OpenCV, one joint solve of all
-// lenses, relative poses, board poses and the board's bend by mrcal (libmrcal: D. Kogan, "mrcal",
+// lenses, relative poses, board poses and the board's warp by mrcal (libmrcal: D. Kogan, "mrcal",
 // JPL), outliers rejected, covariance from the solver's Jacobian. Tools and tests only: heap, C++.
 // Frames: the rig's is camera 0's. The board's has its origin in corner 0, x along columns, y along
 // rows.
@@ -27,7 +27,7 @@ typedef struct {
   int n_cols, n_rows;       // inner corners
   double spacing_m;         // between neighboring corners
   sv_model_kind model;      // PINHOLE, OPENCV4, OPENCV5 or OPENCV8
-  bool has_warp;            // estimate the board's bend (two parabolas, mrcal's calobject_warp)
+  bool has_warp;            // estimate the board's warp (two parabolas, mrcal's calobject_warp)
   const char *const *names; // [n_cameras] for sentences
   const int (*size_px)[2];  // [n_cameras] width, height
   const double *uv_px;      // [n_cameras][n_frames][n_rows][n_cols][2], pixel centers at +0.5
@@ -56,7 +56,7 @@ typedef struct {
   sv_camera_model *models;            // [n_cameras]
   sv_pose *cam_from_rig;              // [n_cameras], the first is the identity
   sv_pose *rig_from_board;            // [n_frames]; frames that no camera saw: identity
-  double warp_m[2];                   // bend along x and y
+  double warp_m[2];                   // warp along x and y
   double rms_px;
   int n_points, n_outliers;
   // [n_cameras][n_frames][n_corners][2] predicted - measured; 0 where not seen

@@ -25,8 +25,8 @@ typedef enum {
 } sv_sim_shutter;
 
 typedef struct {
-  // Light left at distance r from the principal point: 1 + k1 r^2 + k2 r^4 + k3 r^6, r = 1 at the
-  // farthest corner. Default 0.
+  // Relative illumination at distance r from the principal point: 1 + k1 r^2 + k2 r^4 + k3 r^6, r =
+  // 1 at the farthest corner. Default 0.
   double vignetting[3];
   bool is_cos4;         // and the natural falloff cos^4 of the ray's angle
   double gain;          // camera 1 gets 1 + gain of the light, camera 2 1 - gain. Default 0

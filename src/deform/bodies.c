@@ -98,7 +98,7 @@ static void normalise(float q[4]) {
 }
 
 // Where a body goes that was at a, then at b, `share` times the way from a to b behind b.
-static sv_rigid go_on(const sv_rigid *a, const sv_rigid *b, float share) {
+static sv_rigid extrapolate(const sv_rigid *a, const sv_rigid *b, float share) {
   const float back[4] = {a->q[0], -a->q[1], -a->q[2], -a->q[3]};
   float by[4], more[4];
   sv_rigid m;
@@ -120,8 +120,8 @@ int sv_bodies_add_knot(sv_bodies *b, float time) {
   sv_bodies_at(b, time, before);
   for (int body = 1; body < b->n && (is_last || is_first); body++) {
     const int i1 = is_last ? at - 1 : 0, i0 = is_last ? at - 2 : 1;
-    before[body] = go_on(sv_bodies_knot(b, body, i0), sv_bodies_knot(b, body, i1),
-                         (time - b->time[i1]) / (b->time[i1] - b->time[i0]));
+    before[body] = extrapolate(sv_bodies_knot(b, body, i0), sv_bodies_knot(b, body, i1),
+                               (time - b->time[i1]) / (b->time[i1] - b->time[i0]));
   }
   const int n_behind = b->n_knots - at;
   memmove(b->time + at + 1, b->time + at, (size_t)n_behind * sizeof *b->time);

@@ -97,7 +97,7 @@ static int newest_view(const sv_dynamic *dyn) {
 
 // In clip mode now and then one of the views whose time came in last, on either side. -1: none is
 // due. (A network that all times share would forget the others.)
-static int front_view(sv_dynamic *dyn, float progress) {
+static int frontier_view(sv_dynamic *dyn, float progress) {
   const sv_dynamic_cfg *d = &dyn->cfg;
   if (dyn->deform.kind != SV_DEFORM_CLIP || d->front_every < 1 || dyn->t->step % (uint32_t)d->front_every)
     return -1;
@@ -125,7 +125,7 @@ static bool is_passed_over(sv_dynamic *dyn, int i, float progress) {
 }
 
 static int choose(sv_dynamic *dyn, float progress) {
-  int i = is_newest_due(dyn) ? newest_view(dyn) : front_view(dyn, progress);
+  int i = is_newest_due(dyn) ? newest_view(dyn) : frontier_view(dyn, progress);
   if (i >= 0 && !is_passed_over(dyn, i, progress)) return i;
   do i = sv_train_next_item(dyn->t);
   while (is_passed_over(dyn, i, progress));

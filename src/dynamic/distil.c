@@ -11,8 +11,8 @@
 #define BLOCKS_PER_TASK SV_FIELD_TASK // a field sums by these tasks
 #define TURN            4             // one block of so many has a turn in a step
 // squared pixels: a turn by 1 rad of what is a few pixels large
-#define PRICE_QUAT   36.0f
-#define PRICE_SCALE  9.0f  // of ln
+#define WEIGHT_QUAT  36.0f
+#define WEIGHT_SCALE 9.0f  // of ln
 #define FIT_RATE     4.0f  // the fit's rates at first, of the field's
 #define FIT_END      0.05f // and at its end, of those at first
 #define FIT_TURN     25    // steps of the fit in one call
@@ -26,8 +26,8 @@ double sv_fit_loss(const sv_fit_weights *p, const float *is, const float *want) 
     double o = 1.0 / (1.0 + sv_exp(-(double)is[16 * SV_ROW_LOGIT + k])), e2 = 0, rest = 0;
     for (int r = 0; r < SV_ROW_LOGIT; r++) {
       double e = (double)is[16 * r + k] - (double)want[16 * r + k];
-      if (r < SV_ROW_QUAT) e2 += (double)p->price[SV_ROW_MEAN] * e * e;
-      else rest += 0.5 * (double)p->price[r] * e * e;
+      if (r < SV_ROW_QUAT) e2 += (double)p->row[SV_ROW_MEAN] * e * e;
+      else rest += 0.5 * (double)p->row[r] * e * e;
     }
     sum += o * (sqrt(1.0 + e2) - 1.0 + rest);
   }
@@ -44,10 +44,10 @@ void sv_fit_loss_bwd(const sv_fit_weights *p, const float *is, const float *want
       e2 += e * e;
     }
     weight[k] = 1.0f / (1.0f + (float)sv_exp(-(double)is[16 * SV_ROW_LOGIT + k]));
-    mean[k] = weight[k] / sqrtf(1.0f + p->price[SV_ROW_MEAN] * e2);
+    mean[k] = weight[k] / sqrtf(1.0f + p->row[SV_ROW_MEAN] * e2);
   }
   for (int i = 0; i < 16 * SV_ROW_LOGIT; i++)
-    grad[i] = p->price[i / 16] * (i < 16 * SV_ROW_QUAT ? mean : weight)[i & 15] * (is[i] - want[i]);
+    grad[i] = p->row[i / 16] * (i < 16 * SV_ROW_QUAT ? mean : weight)[i & 15] * (is[i] - want[i]);
 }
 
 // --- the clip's side -----------------------------------------------------------------------------
@@ -55,7 +55,7 @@ void sv_fit_loss_bwd(const sv_fit_weights *p, const float *is, const float *want
 typedef struct {
   sv_dynamic *dyn;
   sv_motion_values middle;
-  sv_fit_weights prices;
+  sv_fit_weights weights;
   uint32_t step;
   int n_blocks;
 } job;
@@ -99,7 +99,7 @@ static job job_of(sv_dynamic *dyn) {
            .n_blocks = (dyn->deform.field.n_moving + 15) / 16};
   const float px = px_per_unit(dyn);
   for (int r = 0; r < SV_ROW_LOGIT; r++)
-    j.prices.price[r] = r < SV_ROW_QUAT ? px * px : r < SV_ROW_SCALE ? PRICE_QUAT : PRICE_SCALE;
+    j.weights.row[r] = r < SV_ROW_QUAT ? px * px : r < SV_ROW_SCALE ? WEIGHT_QUAT : WEIGHT_SCALE;
   return j;
 }
 
@@ -119,7 +119,7 @@ static void fit_task(void *arg, int i_task, int i_thread) {
       const size_t at = (size_t)b * (size_t)dyn->t->g.n_rows * 16;
       clip_at(j, b, time);
       sv_field_at_block(f, dyn->t->compute.k, &dyn->t->g, b, i_thread, time);
-      sv_fit_loss_bwd(&j->prices, f->moved + at, dyn->deform.motion.moved + at, dyn->t->g.n_rows, grad);
+      sv_fit_loss_bwd(&j->weights, f->moved + at, dyn->deform.motion.moved + at, dyn->t->g.n_rows, grad);
     }
     sv_field_bwd_block(f, dyn->t->compute.k, b, i_thread, has_turn ? 0xffff : 0, grad);
   }
@@ -177,7 +177,7 @@ float sv_distil_stage_progress(const sv_dynamic *dyn, float progress) {
 }
 
 static int n_fit_steps(const sv_dynamic *dyn) {
-  return sv_maxi(1, (int)(dyn->cfg.fit * (float)dyn->t->cfg.steps_hint));
+  return sv_maxi(1, (int)(dyn->cfg.fit * (float)dyn->t->cfg.expected_steps));
 }
 
 void sv_distil_step_field(sv_dynamic *dyn, float progress) {

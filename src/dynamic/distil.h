@@ -13,14 +13,14 @@
 extern "C" {
 #endif
 
-// Prices of a squared error of each row, those of the means in 1/unit^2.
+// Residual weights of each row, those of the means in 1/unit^2.
 typedef struct {
-  float price[SV_ROW_LOGIT];
+  float row[SV_ROW_LOGIT];
 } sv_fit_weights;
 
 // Of one block of 16 Gaussians that is at `is` [rows][16] and should be at `want`, e = is - want, o
 // the opacity of is:
-//   L = sum_i o_i (sqrt(1 + price |e_mean|^2) - 1 + sum_(other rows) price e^2 / 2),
+//   L = sum_i o_i (sqrt(1 + w |e_mean|^2) - 1 + sum_(other rows) w e^2 / 2),
 // so that those for which a field has no room do not outvote the others. Rows from SV_ROW_LOGIT on
 // do not take part.
 double sv_fit_loss(const sv_fit_weights *p, const float *is, const float *want);
@@ -35,7 +35,7 @@ void sv_distil_begin(sv_dynamic *dyn);
 // Some of them, a tenth of a second or less. progress is the run's: of one with a time limit the
 // fit takes half of what is left at most.
 void sv_distil_fit(sv_dynamic *dyn, float progress);
-// Whether a field moves the Gaussians that a clip has taught, and still does.
+// Whether a distilled field moves the Gaussians, or is still being fitted.
 bool sv_distil_is_on(const sv_dynamic *dyn);
 // Between a training time and the next one, or the one before the last; `time` itself where there
 // is no other.

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Following: when a time comes in, the pictures tell where to what is seen at its neighbour moves.
+// Following: when a time enters the curriculum, the pictures tell where to what is seen at its
+// neighbour moves.
 //
 // Each Gaussian in front takes the patch of the neighbour's picture around it and looks for it in
 // the new one (sum of squared differences over the patch, all places within a radius, then a
@@ -33,7 +34,7 @@
 // of the mean diagonal: where no camera can tell, things go on as they did
 #define DAMPING         0.01f
 #define FREE_DAMPING    1e-4f // for bodies, whose parts tell together where they go
-#define BEND            1e-3  // price of a function's coefficient, times its number squared
+#define SMOOTHNESS      1e-3  // weight of a function's coefficient, times its number squared
 #define BLOCKS_PER_TASK 4
 
 #define CAP_TERMS (1 + SV_CAP_MOTION_FUNCTIONS)
@@ -118,7 +119,7 @@ static void places(const job *j, int i, float now[3], float then[3]) {
 
 // Pixels that slot i is displaced by at the new time when it goes on as it went from the time
 // before to the last.
-static void go_on(const job *j, int i, const float now[3], const float px[2], float ahead[2]) {
+static void extrapolate(const job *j, int i, const float now[3], const float px[2], float ahead[2]) {
   const sv_dynamic *dyn = j->dyn;
   const sv_motion *mo = &dyn->deform.motion;
   float x[3], to[2], z;
@@ -158,7 +159,7 @@ static void follow_slot(const job *j, int i) {
     return;
   int x = (int)px[0], y = (int)px[1];
   if (!sv_patch_is_inside(&j->prev, x, y) || !sv_patch_is_in_front(&j->dyn->t->render, x, y, z)) return;
-  go_on(j, i, now, px, ahead);
+  extrapolate(j, i, now, px, ahead);
   if (!follow(j, x, y, ahead, d)) return;
   if (!sv_patch_project(&j->to, then, at, &z, jac)) return;
   const float r[2] = {px[0] + d[0] - at[0], px[1] + d[1] - at[1]};
@@ -210,7 +211,7 @@ static float displacement(const sv_match_sum *s, float damping, float d[3]) {
   return most > 0 ? sqrtf(most) : 0;
 }
 
-static void bend(const job *j, int i, const float d[3]) {
+static void fit_coefficients(const job *j, int i, const float d[3]) {
   const sv_motion *mo = &j->dyn->deform.motion;
   for (int k = 0; k < 3; k++) {
     *sv_gaussians_at(&j->dyn->t->g, i, SV_ROW_MEAN + k) += j->gain[0] * d[k];
@@ -262,7 +263,7 @@ static float agreed(const job *j, int i, float d[3]) {
   return j->px_per_unit * sqrtf(d2);
 }
 
-static void bend_task(void *arg, int i_task, int i_thread) {
+static void fit_task(void *arg, int i_task, int i_thread) {
   const job *j = arg;
   sv_dynamic *dyn = j->dyn;
   (void)i_thread;
@@ -275,11 +276,11 @@ static void bend_task(void *arg, int i_task, int i_thread) {
       dyn->is_moving[i] = 2;
       sv_motion_rest(&dyn->deform.motion, i);
     }
-    bend(j, i, d);
+    fit_coefficients(j, i, d);
   }
 }
 
-// --- how motion bends ----------------------------------------------------------------------------
+// --- basis coefficients --------------------------------------------------------------------------
 
 static bool is_first_of_its_time(const sv_dynamic *dyn, int i) {
   for (int k = 0; k < i; k++)
@@ -309,7 +310,7 @@ static void make_gain(job *j, float new_time, float progress, int n) {
   const int m = 1 + n;
   double a[CAP_TERMS][CAP_TERMS] = {{0}}, x[CAP_TERMS], at = 0;
   float f[CAP_TERMS] = {1.0f};
-  for (int p = 0; p < m; p++) a[p][p] = BEND * (p * p) + 1e-9;
+  for (int p = 0; p < m; p++) a[p][p] = SMOOTHNESS * (p * p) + 1e-9;
   for (int i = 0; i < dyn->t->n_views; i++) {
     float time = dyn->t->views[i].view.time;
     if (time == new_time || !sv_dynamic_has_time(dyn, time, progress) || !is_first_of_its_time(dyn, i))
@@ -378,7 +379,7 @@ static sv_status follow_to(sv_dynamic *dyn, float from, float to, float progress
   make_neighbours(&j);
   sv_dynamic_match_bodies(dyn, from, to, j.px_per_unit);
   fill(&j, DAMPING);
-  sv_pool_run(dyn->t->compute.pool, bend_task, &j, (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
+  sv_pool_run(dyn->t->compute.pool, fit_task, &j, (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
   sv_dynamic_sort(dyn);
   return SV_OK;
 }

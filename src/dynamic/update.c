@@ -27,14 +27,14 @@ void sv_dynamic_rates(const sv_dynamic *dyn, float progress, float mean_lr, doub
   int rot = SV_MROW_FUNCTIONS + 3 * mc->n_pos, colour = rot + 4 * mc->n_rot;
   // What a field is to begin with neither comes and goes nor changes its colour.
   const float window = d->kind == SV_DEFORM_CLIP ? d->lr_window : 0,
-              dye = d->kind == SV_DEFORM_CLIP ? d->lr_colour : 0;
+              color_rate = d->kind == SV_DEFORM_CLIP ? d->lr_colour : 0;
   int off = SV_MROW_FUNCTIONS + 3 * n_on;
   for (int i = 0; i < dyn->deform.motion.n_rows; i++)
     lr[i] = f * (i < SV_MROW_FUNCTIONS ? window * late
                  : i < off             ? d->lr_pos * mean_lr
                  : i < rot             ? 0.0f
                  : i < colour          ? d->lr_rot * late
-                                       : dye * late);
+                                       : color_rate * late);
 }
 
 // A step of length `by` down the length of each touched lane's coefficients c[n][3][16], function

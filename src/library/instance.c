@@ -69,7 +69,7 @@ subview_config subview_defaults(void) {
   return (subview_config){.n_exposures = 1,
                           .n_gaussians = t.n_gaussians,
                           .sh_degree = t.sh_degree,
-                          .n_steps = t.steps_hint,
+                          .n_steps = t.expected_steps,
                           .seed = t.seed,
                           .skew_limit_s = 0.002};
 }
@@ -153,7 +153,7 @@ static sv_train_cfg train_cfg(const subview_config *c) {
   t.n_gaussians = c->n_gaussians;
   t.sh_degree = c->sh_degree;
   t.seed = c->seed;
-  t.steps_hint = c->n_steps;
+  t.expected_steps = c->n_steps;
   t.cap_views = c->n_exposures * c->n_cameras;
   t.n_threads = n_threads_of(c);
   t.cap_width_px = 1;

@@ -195,7 +195,7 @@ static double pair_region(const sv_train_measurement *tc, const sv_region *r, co
   return sum;
 }
 
-static sv_status pair_of_composite(sv_app *app, const sv_train_measurement *tc, sv_app_pair *p) {
+static sv_status pair_of_measurement(sv_app *app, const sv_train_measurement *tc, sv_app_pair *p) {
   const sv_multiplexed *c = &tc->model;
   const int side = app->trainer.cfg.region_px, w = c->width_px, h = c->height_px, step = begin_pair(p, w, h);
   sv_render_options o = sv_train_render_options(&app->trainer, 1.0f, false);
@@ -214,6 +214,6 @@ static sv_status pair_of_composite(sv_app *app, const sv_train_measurement *tc, 
 sv_status sv_app_show_pair(sv_app *app, uint32_t i, sv_app_pair *pair) {
   const sv_trainer *t = &app->trainer;
   if (t->n_measurements > 0)
-    return pair_of_composite(app, &t->measurements[i % (uint32_t)t->n_measurements], pair);
+    return pair_of_measurement(app, &t->measurements[i % (uint32_t)t->n_measurements], pair);
   return t->n_views > 0 ? pair_of_view(app, &t->views[i % (uint32_t)t->n_views], pair) : SV_E_NOT_FOUND;
 }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // What FSGS (Zhu et al. 2024) and SparseGS (Xiong et al. 2023) do of their own beside the losses:
 // unpooling, pruning of floaters, pseudo-views warped from the pictures that were taken, depth maps
-// where views overlap. The number of Gaussians stays what it is: unpooled ones go to dead or weak
-// slots, pruned ones become dead slots, which relocation uses.
+// where views overlap. The number of Gaussians stays what it is: unpooled ones take the place of
+// dead or weak ones, pruned ones become dead Gaussians, which relocation uses.
 #ifndef SV_PRIOR_METHODS_H
 #define SV_PRIOR_METHODS_H
 
@@ -28,14 +28,14 @@ sv_status sv_prior_warp(sv_prior *prior, float progress) SV_MUST_USE;
 
 // Proximity-guided unpooling: where the mean distance to the three nearest neighbours is more than
 // cfg.unpool_distance times its median, new Gaussians come to the middles of the edges to them,
-// with the neighbour's scale, opacity and colour from all sides, not rotated. Slots: dead ones,
-// then those of opacity below 0.02. Returns how many.
+// with the neighbour's scale, opacity and colour from all sides, not rotated. They take the place
+// of dead ones, then of those of opacity below 0.02. Returns how many.
 uint32_t sv_prior_unpool(sv_prior *prior);
 
 // Floaters: per training view the relative difference of expected depth and of the depth of the
 // largest weight; the more modes its distribution has (mean dip over the views), the more of its
 // upper end are pixels of floaters, where what lies at or before the largest weight, and covers the
-// pixel, becomes dead slots. Returns how many slots did.
+// pixel, dies. Returns how many did.
 sv_status sv_prior_prune(sv_prior *prior, uint32_t *n_pruned) SV_MUST_USE;
 
 // After a step: the method's own work that is due at this progress.

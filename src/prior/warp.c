@@ -142,15 +142,15 @@ static float ramp(const sv_prior_cfg *c, float progress) {
 sv_status sv_prior_warp(sv_prior *prior, float progress) {
   const int i = (int)sv_rng_below(&prior->rng, (uint32_t)prior->t->n_views);
   const sv_train_view *from = &prior->t->views[i];
-  const sv_view to = sv_train_turned_view(prior->t, &from->view, prior->t->cfg.unseen_rad, &prior->rng);
+  const sv_view to = sv_train_turned_view(prior->t, &from->view, prior->t->cfg.novel_rad, &prior->rng);
   const size_t n = (size_t)to.width_px * (size_t)to.height_px;
   const float up = ramp(&prior->cfg, progress);
   const splat_job j = {.from = &from->view, .to = &to, .z = prior->g_expected, .rgba = prior->warped};
   const sv_image_u8 out = {prior->warped, to.width_px, to.height_px, 4, 4 * to.width_px};
   int id;
   const sv_prior_depth *d = sv_prior_depth_of(prior, i, &from->view);
-  if (!d && !(prior->cfg.warp_colour > 0.0f))
-    return SV_OK; // its own depth would teach a model nothing but itself
+  // a model learns nothing from its own depth
+  if (!d && !(prior->cfg.warp_colour > 0.0f)) return SV_OK;
   sv_status s = sv_prior_render(prior, &from->view, progress);
   if (s < 0) return s;
   if (d) bring_to_scale(prior, d);
@@ -208,7 +208,7 @@ sv_status sv_prior_update(sv_prior *prior, float progress) {
     if (before < c->prune_at[i] && progress >= c->prune_at[i]) s = sv_prior_prune(prior, &n_pruned);
   if (progress >= c->unpool_from && progress < sv_minf(c->unpool_until, prior->t->cfg.relocate_until) &&
       prior->t->step % every == 0)
-    (void)sv_prior_unpool(prior); // before relocation takes the dead slots
+    (void)sv_prior_unpool(prior); // before relocation takes the dead Gaussians
   const bool is_warped = c->warp_every > 0 && progress > c->warp_from && progress <= c->warp_until;
   if (s >= 0 && is_warped && prior->t->step % (uint32_t)c->warp_every == 0)
     s = sv_prior_warp(prior, progress);

@@ -5,8 +5,8 @@
 #define MANY    65536 // Gaussians: a multiple of all ranges
 
 // The renderer's room for records, when the settings do not say: src/splat/render.c.
-#define RECS_PER_GAUSSIAN 8.0
-#define RECS_PER_PIXEL    (64.0 / (SV_TILE_PX * SV_TILE_PX))
+#define INTERSECTIONS_PER_GAUSSIAN 8.0
+#define INTERSECTIONS_PER_PIXEL    (64.0 / (SV_TILE_PX * SV_TILE_PX))
 
 static void add(sv_arrays *f, const char *name, double per_gaussian, double per_pixel) {
   if (f->n_rows < SV_ARRAYS_CAP_ROWS && (per_gaussian > 0 || per_pixel > 0))
@@ -29,20 +29,21 @@ static void measure(const sv_train_cfg *cfg, double *per_gaussian, double *per_p
 
 sv_arrays sv_arrays_of(const sv_train_cfg *c) {
   sv_arrays f = {0};
-  const double rows = SV_N_ROWS(c->sh_degree), rec = sizeof(sv_intersection) + sizeof(uint32_t),
-               slot = SV_IGRAD_BYTES;
-  const double recs_g = c->cap_recs ? 0 : RECS_PER_GAUSSIAN, recs_px = c->cap_recs ? 0 : RECS_PER_PIXEL;
+  const double rows = SV_N_ROWS(c->sh_degree), intersection = sizeof(sv_intersection) + sizeof(uint32_t),
+               igrad = SV_IGRAD_BYTES;
+  const double n_g = c->cap_intersections ? 0 : INTERSECTIONS_PER_GAUSSIAN,
+               n_px = c->cap_intersections ? 0 : INTERSECTIONS_PER_PIXEL;
   const double samples = c->is_supersampled ? 4 : 1; // of a pixel
-  const bool has_sum = c->cap_measurements > 0 || c->n_unseen > 0;
+  const bool has_sum = c->cap_measurements > 0 || c->n_novel > 0;
   add(&f, "parameters", 4 * rows, 0);
   add(&f, c->optimizer == SV_OPTIMIZER_ADAM ? "Adam's moments" : "mean gradient, curvature", 4 * rows, 0);
-  add(&f, "errors, floors, touched", 4 + (c->floor_px > 0.0f ? 4 : 0) + 0.25, 0);
+  add(&f, "errors, floors, touched", 4 + (c->min_scale_px > 0.0f ? 4 : 0) + 0.25, 0);
   add(&f, "relocation", sizeof(double) + 2 * sizeof(int32_t), 0);
   add(&f, "sum over several images", has_sum ? 4 * (rows + 1) + 0.5 : 0, has_sum ? 16 : 0);
   add(&f, "splats", sizeof(sv_splat), 0);
   add(&f, "depths, dropout mask", 4 + 0.125, 0);
-  add(&f, "intersections", rec * recs_g, samples * rec * recs_px);
-  add(&f, "intersection gradients, sort", slot * recs_g, samples * slot * recs_px);
+  add(&f, "intersections", intersection * n_g, samples * intersection * n_px);
+  add(&f, "intersection gradients, sort", igrad * n_g, samples * igrad * n_px);
   add(&f, "tile lists", 0, samples * 4.0 * (2 + 2 * SV_RENDER_CHUNKS) / (SV_TILE_PX * SV_TILE_PX));
   add(&f, "color, depth, transmittance", 0, samples * 20);
   add(&f, "means, their gradients", 0, c->is_supersampled ? 12 + samples * 16 : 0);

@@ -72,6 +72,6 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
                                    .from = 0.05f,
                                    .until = 1};
   if (c->is_dynamic) sv_app_plan_moving(c, &t);
-  if (c->steps) t.steps_hint = (int)c->steps;
+  if (c->steps) t.expected_steps = (int)c->steps;
   return t;
 }

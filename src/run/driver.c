@@ -256,13 +256,13 @@ void sv_driver_add_settings(sv_str *out, const sv_trainer *t) {
   const sv_train_cfg *c = &t->cfg;
   sv_str_add(out, "\"sh\": %d, \"background\": \"%s\", \"optimizer\": \"%s\", \"seed\": %llu", c->sh_degree,
              sv_background_name(c->background), sv_optimizer_name(c->optimizer), (unsigned long long)c->seed);
-  sv_str_add(out, ", \"antialiased\": %s, \"unseen_views\": %d", c->is_antialiased ? "true" : "false",
-             c->n_unseen);
+  sv_str_add(out, ", \"antialiased\": %s, \"novel_views\": %d", c->is_antialiased ? "true" : "false",
+             c->n_novel);
   add_number(out, "loss_ssim", (double)c->weight_ssim);
   add_number(out, "loss_tv", (double)c->weight_tv);
-  add_number(out, "loss_tv_unseen", (double)c->weight_tv_unseen);
+  add_number(out, "loss_tv_novel", (double)c->weight_tv_novel);
   add_number(out, "supersample", c->is_supersampled ? 1.0 - (double)c->supersample_from : 0);
-  add_number(out, "floor_px", (double)c->floor_px);
+  add_number(out, "min_scale_px", (double)c->min_scale_px);
   add_number(out, "dilation_px2", (double)c->dilation_px2);
   add_number(out, "loss_opacity", (double)c->reg_opacity);
   add_number(out, "loss_scale", (double)c->reg_scale);

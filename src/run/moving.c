@@ -22,7 +22,7 @@
 
 void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
   t->has_motion = true;
-  t->n_unseen = 0;
+  t->n_novel = 0;
   if (!c->is_continuous) return;
   // Every exposure is like the last one: nothing cools down, and there are but a few dozen steps
   // for what is new in it.
@@ -34,7 +34,7 @@ void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
   t->start_scale = 1;
   t->relocate_until = 1;
   t->noise = 0;
-  t->floor_px = MIN_SCALE_PX;
+  t->min_scale_px = MIN_SCALE_PX;
 }
 
 float sv_app_steady_progress(const sv_app_cfg *c) {

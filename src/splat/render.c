@@ -23,33 +23,34 @@ static size_t cap_pixels_of(const sv_renderer_cfg *cfg) {
 
 // Twelve records a Gaussian covers a random start (large splats) at the usual sizes; a view has at
 // least room for every tile to be covered 64 deep.
-static uint32_t cap_recs_of(const sv_renderer_cfg *cfg) {
-  if (cfg->cap_recs) return cfg->cap_recs;
+static uint32_t cap_intersections_of(const sv_renderer_cfg *cfg) {
+  if (cfg->cap_intersections) return cfg->cap_intersections;
   size_t by_n = 8 * (size_t)cfg->cap_gaussians, by_px = cap_pixels_of(cfg) / (SV_TILE_PX * SV_TILE_PX) * 64;
   size_t n = by_n + by_px;
   return n > 0x7fffffff ? 0x7fffffff : (uint32_t)n;
 }
 
 static void carve(sv_renderer *r, const sv_renderer_cfg *cfg, sv_arena *a) {
-  size_t cap = (size_t)(cfg->cap_gaussians + 15) / 16 * 16, px = cap_pixels_of(cfg), recs = cap_recs_of(cfg);
-  size_t n_tiles = px / (SV_TILE_PX * SV_TILE_PX), places = recs + SV_RENDER_CHUNKS * SV_BIN_SLACK;
+  size_t cap = (size_t)(cfg->cap_gaussians + 15) / 16 * 16, px = cap_pixels_of(cfg),
+         n = cap_intersections_of(cfg);
+  size_t n_tiles = px / (SV_TILE_PX * SV_TILE_PX), padded = n + SV_RENDER_CHUNKS * SV_BIN_SLACK;
   r->splat = SV_TAKE(a, sv_splat, cap);
   r->depth_key = SV_TAKE(a, uint32_t, cap);
   r->n_in_range = SV_TAKE(a, uint32_t, cap / RANGE + 1);
-  r->recs_in_range = SV_TAKE(a, uint32_t, cap / RANGE + 1);
+  r->n_intersections_in_range = SV_TAKE(a, uint32_t, cap / RANGE + 1);
   r->dropout_mask = SV_TAKE(a, uint16_t, cap / 16);
-  r->intersection = SV_TAKE(a, sv_intersection, places);
-  r->list = SV_TAKE(a, uint32_t, recs);
+  r->intersection = SV_TAKE(a, sv_intersection, padded);
+  r->list = SV_TAKE(a, uint32_t, n);
   r->tile_begin = SV_TAKE(a, uint32_t, n_tiles + 1);
   r->tile_order = SV_TAKE(a, uint32_t, n_tiles);
-  r->chunk_at = SV_TAKE(a, uint32_t, n_tiles * SV_RENDER_CHUNKS);
-  r->chunk_end = SV_TAKE(a, uint32_t, n_tiles * SV_RENDER_CHUNKS);
+  r->write_offset = SV_TAKE(a, uint32_t, n_tiles * SV_RENDER_CHUNKS);
+  r->write_end = SV_TAKE(a, uint32_t, n_tiles * SV_RENDER_CHUNKS);
   // The pairs are sorted before the slots are filled, which are emptied before the next pairs are
   // made.
-  uint8_t *igrad = SV_TAKE(a, uint8_t, cfg->has_grad ? places * SV_IGRAD_BYTES : recs * PAIRS_BYTES);
+  uint8_t *igrad = SV_TAKE(a, uint8_t, cfg->has_grad ? padded * SV_IGRAD_BYTES : n * PAIRS_BYTES);
   r->igrad = cfg->has_grad ? igrad : NULL;
   r->pair = (sv_pair *)(void *)igrad;
-  r->tmp = r->pair ? r->pair + recs : NULL;
+  r->tmp = r->pair ? r->pair + n : NULL;
   r->scratch = SV_TAKE(a, float, (size_t)cfg->n_threads *SV_RASTER_SCRATCH_FLOATS);
   for (int c = 0; c < 3; c++) r->rgb.c[c] = SV_TAKE(a, float, px);
   r->depth = SV_TAKE(a, float, px);
@@ -71,7 +72,7 @@ sv_status sv_renderer_init(sv_renderer *r, const sv_renderer_cfg *cfg, sv_comput
   r->cfg = *cfg;
   r->compute = compute;
   r->cfg.cap_pixels = cap_pixels_of(cfg);
-  r->cfg.cap_recs = cap_recs_of(cfg);
+  r->cfg.cap_intersections = cap_intersections_of(cfg);
   carve(r, cfg, arena);
   return arena->status < 0 ? arena->status : SV_OK;
 }
@@ -121,7 +122,7 @@ static void project_task(void *arg, int i_task, int i_thread) {
   if (b0 < moved) n = j->k->project(&r->moved, b0, moved, thread_scratch(r, i_thread));
   if (moved < b1) rest = j->k->project(&r->project, b0 > moved ? b0 : moved, b1, thread_scratch(r, i_thread));
   r->n_in_range[i_task] = n.n_visible + rest.n_visible;
-  r->recs_in_range[i_task] = n.n_intersections + rest.n_intersections;
+  r->n_intersections_in_range[i_task] = n.n_intersections + rest.n_intersections;
 }
 
 // Ranges [range_begin(c), range_begin(c + 1)) belong to chunk c.
@@ -142,13 +143,13 @@ static uint64_t add_up(job *j) {
   uint64_t sum = 0;
   r->stats.n_visible = 0;
   for (int c = 0; c < SV_RENDER_CHUNKS; c++) {
-    r->chunk_rec[c] = (uint32_t)sum + (uint32_t)c * SV_BIN_SLACK;
+    r->chunk_begin[c] = (uint32_t)sum + (uint32_t)c * SV_BIN_SLACK;
     for (int i = range_begin(j, c); i < range_begin(j, c + 1); i++) {
-      sum += r->recs_in_range[i];
+      sum += r->n_intersections_in_range[i];
       r->stats.n_visible += r->n_in_range[i];
     }
   }
-  r->chunk_rec[SV_RENDER_CHUNKS] = (uint32_t)sum + SV_RENDER_CHUNKS * SV_BIN_SLACK;
+  r->chunk_begin[SV_RENDER_CHUNKS] = (uint32_t)sum + SV_RENDER_CHUNKS * SV_BIN_SLACK;
   return sum;
 }
 
@@ -159,7 +160,7 @@ static void drop_farthest(job *j) {
   enum { DIGIT = 8, DIGITS = 1 << DIGIT };
   sv_renderer *r = j->r;
   const uint32_t n = 16 * (uint32_t)j->n_blocks;
-  uint64_t left = r->cfg.cap_recs, sum[DIGITS];
+  uint64_t left = r->cfg.cap_intersections, sum[DIGITS];
   uint32_t key = 0, known = 0; // the digits that are known, and their mask
   for (int shift = 32 - DIGIT; shift >= 0; shift -= DIGIT) {
     uint32_t d = 0;
@@ -180,7 +181,7 @@ static void drop_farthest(job *j) {
       continue;
     }
     is_full = is_full || r->depth_key[i] == key;
-    r->recs_in_range[i / RANGE] -= s->n_intersections;
+    r->n_intersections_in_range[i / RANGE] -= s->n_intersections;
     r->stats.n_dropped++;
     s->n_intersections = 0;
   }
@@ -191,8 +192,8 @@ static void drop_farthest(job *j) {
 static void bin_task(void *arg, int c, int i_thread) {
   job *j = arg;
   sv_renderer *r = j->r;
-  uint32_t at = r->chunk_rec[c], intersection = at, i, end, id[BATCH];
-  uint32_t *count = r->chunk_at + (size_t)c * (size_t)r->n_tiles;
+  uint32_t at = r->chunk_begin[c], intersection = at, i, end, id[BATCH];
+  uint32_t *count = r->write_offset + (size_t)c * (size_t)r->n_tiles;
   (void)i_thread;
   slots_of(j, c, &i, &end);
   memset(count, 0, (size_t)r->n_tiles * sizeof *count);
@@ -214,9 +215,9 @@ static void bin_task(void *arg, int c, int i_thread) {
 // The lines that the chunk's pairs go to: slots were written there since the last ones, and a store
 // whose line has yet to come holds up those behind it. Inlined always: compilers drop calls of what
 // only fetches.
-static inline __attribute__((always_inline)) void fetch_places(const sv_renderer *r, int c) {
-  const uint32_t *at = r->chunk_at + (size_t)c * (size_t)r->n_tiles;
-  const uint32_t *end = r->chunk_end + (size_t)c * (size_t)r->n_tiles;
+static inline __attribute__((always_inline)) void prefetch_pairs(const sv_renderer *r, int c) {
+  const uint32_t *at = r->write_offset + (size_t)c * (size_t)r->n_tiles;
+  const uint32_t *end = r->write_end + (size_t)c * (size_t)r->n_tiles;
   for (int t = 0; t < r->n_tiles; t++)
     for (uint32_t p = at[t]; p < end[t]; p += 64 / sizeof(sv_pair)) __builtin_prefetch(r->pair + p, 1);
 }
@@ -224,10 +225,10 @@ static inline __attribute__((always_inline)) void fetch_places(const sv_renderer
 static void scatter_task(void *arg, int c, int i_thread) {
   job *j = arg;
   sv_renderer *r = j->r;
-  uint32_t *at = r->chunk_at + (size_t)c * (size_t)r->n_tiles;
+  uint32_t *at = r->write_offset + (size_t)c * (size_t)r->n_tiles;
   (void)i_thread;
-  fetch_places(r, c);
-  for (uint32_t i = r->chunk_rec[c]; i < r->chunk_rec[c + 1] - SV_BIN_SLACK; i++) {
+  prefetch_pairs(r, c);
+  for (uint32_t i = r->chunk_begin[c]; i < r->chunk_begin[c + 1] - SV_BIN_SLACK; i++) {
     const sv_intersection *intersection = r->intersection + i;
     if (intersection->mask) r->pair[at[intersection->tile]++] = (sv_pair){r->depth_key[intersection->id], i};
   }
@@ -239,7 +240,7 @@ static void place_tiles(sv_renderer *r) {
   uint32_t *begin = r->tile_begin, sum = 0;
   memset(begin, 0, (n_tiles + 1) * sizeof *begin);
   for (size_t c = 0; c < SV_RENDER_CHUNKS; c++)
-    for (size_t t = 0; t < n_tiles; t++) begin[t] += r->chunk_at[c * n_tiles + t];
+    for (size_t t = 0; t < n_tiles; t++) begin[t] += r->write_offset[c * n_tiles + t];
   for (size_t t = 0; t <= n_tiles; t++) {
     const uint32_t n = begin[t];
     begin[t] = sum;
@@ -247,7 +248,7 @@ static void place_tiles(sv_renderer *r) {
   }
   const uint32_t *from = begin; // where the chunk in front ends
   for (size_t c = 0; c < SV_RENDER_CHUNKS; c++) {
-    uint32_t *at = r->chunk_at + c * n_tiles, *end = r->chunk_end + c * n_tiles;
+    uint32_t *at = r->write_offset + c * n_tiles, *end = r->write_end + c * n_tiles;
     for (size_t t = 0; t < n_tiles; t++) {
       end[t] = from[t] + at[t];
       at[t] = from[t];
@@ -260,7 +261,7 @@ static void bin_all(job *j) {
   sv_renderer *r = j->r;
   const sv_pool *pool = r->compute.pool;
   r->stats.n_dropped = 0;
-  if (add_up(j) > r->cfg.cap_recs) {
+  if (add_up(j) > r->cfg.cap_intersections) {
     drop_farthest(j);
     (void)add_up(j);
   }

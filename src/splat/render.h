@@ -21,14 +21,14 @@ typedef struct {
   int cap_width_px, cap_height_px; // each of any view
   size_t cap_pixels;               // of any view, padded: sv_plane_floats; 0: cap_width x
                                    // cap_height
-  uint32_t cap_recs;               // (splat, tile) pairs; 0: a default from the two above
+  uint32_t cap_intersections;      // (splat, tile) pairs; 0: a default from the two above
   int n_threads;                   // scratch is per thread
   bool has_grad;                   // room for backward
 } sv_renderer_cfg;
 
 typedef struct {
   uint32_t n_visible, n_intersections;
-  uint32_t n_dropped; // splats left out because cap_recs was reached (the farthest ones)
+  uint32_t n_dropped; // splats left out because cap_intersections was reached (the farthest ones)
 } sv_render_stats;
 
 typedef struct {
@@ -36,23 +36,22 @@ typedef struct {
   sv_compute compute;
   sv_splat *splat;     // [cap]
   uint32_t *depth_key; // [cap]
-  uint32_t *n_in_range,
-      *recs_in_range;            // [cap/512 + 1] visible splats per range of 512 slots, and their
-                                 // records
-  uint16_t *dropout_mask;        // [cap/16] bits of those that dropout leaves out
-  sv_intersection *intersection; // [cap_recs and some slack] by Gaussian, each splat's own side by
-                                 // side
-  sv_pair *pair,
-      *tmp;             // [cap_recs] (depth, record) by tile, to be sorted; scratch of the sort.
-                        // Both lie in `slot`, which only the way back fills
-  uint32_t *list;       // [cap_recs] records by tile, front to back
+  // [cap / 512 + 1] visible splats per range of 512 Gaussians, and their intersections
+  uint32_t *n_in_range, *n_intersections_in_range;
+  uint16_t *dropout_mask; // [cap / 16] a bit for each Gaussian that dropout leaves out
+  // [cap_intersections and padding] by Gaussian; those of a splat lie side by side
+  sv_intersection *intersection;
+  // [cap_intersections] depth and intersection by tile, and scratch of the sort. Both lie in
+  // `igrad`, which only the backward pass fills.
+  sv_pair *pair, *tmp;
+  uint32_t *list;       // [cap_intersections] intersections by tile, front to back
   uint32_t *tile_begin; // [n_tiles + 1]
   uint32_t *tile_order; // [n_tiles] tile of each task of the rasterization
   // [SV_RENDER_CHUNKS][n_tiles] counts, then write positions
-  uint32_t *chunk_at;
-  uint32_t *chunk_end; // the same, where the positions end
-  // a chunk's first record; where they and their slack end
-  uint32_t chunk_rec[SV_RENDER_CHUNKS + 1];
+  uint32_t *write_offset;
+  uint32_t *write_end; // the same, where the positions end
+  // a chunk's first intersection; where they and their padding end
+  uint32_t chunk_begin[SV_RENDER_CHUNKS + 1];
   // as intersection, [SV_IGRAD_BYTES] each, NULL without has_grad
   uint8_t *igrad;
   float *scratch;       // [n_threads][SV_RASTER_SCRATCH_FLOATS]
@@ -93,9 +92,9 @@ sv_status sv_render(sv_renderer *r, const sv_gaussians *g, const sv_view *view,
 // Then sv_render_bwd_block per block of 16 Gaussians.
 sv_status sv_render_bwd(sv_renderer *r, const sv_planes *g_rgb, const float *g_depth, const float *g_trans,
                         const float *err) SV_MUST_USE;
-// The same of the tiles of one colour, laid out as a chessboard's fields, at half the price: 0,
-// that of the first tile, or
-// 1. The slots of the others' records are 0, as if g_rgb were 0 there.
+// The same of the tiles of one colour, laid out as a chessboard's fields, at half the cost: 0,
+// that of the first tile, or 1. The per-intersection gradients of the other tiles are 0, as if
+// g_rgb were 0 there.
 sv_status sv_render_bwd_half(sv_renderer *r, const sv_planes *g_rgb, uint32_t colour) SV_MUST_USE;
 // Regularisers added to the gradients of touched Gaussians: opacity sum(o) + scale sum(s).
 typedef struct {

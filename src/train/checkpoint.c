@@ -22,7 +22,7 @@ static size_t rows_bytes(const sv_trainer *t) {
 
 // Section FLOR. A trainer that is planned only has no memory yet.
 static size_t floors_bytes(const sv_trainer *t) {
-  return t->cfg.floor_px > 0.0f ? (size_t)t->g.cap * sizeof *t->floor : 0;
+  return t->cfg.min_scale_px > 0.0f ? (size_t)t->g.cap * sizeof *t->floor : 0;
 }
 
 static size_t moments_bytes(const sv_trainer *t) { return rows_bytes(t) / sizeof(float) * sizeof *t->m; }

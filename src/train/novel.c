@@ -5,11 +5,10 @@
 #include "src/train/optimize.h"
 
 bool sv_train_is_novel_due(const sv_trainer *t) {
-  return t->cfg.n_unseen > 0 && t->cfg.weight_tv_unseen > 0.0f &&
-         t->step % (uint32_t)t->cfg.unseen_every == 0;
+  return t->cfg.n_novel > 0 && t->cfg.weight_tv_novel > 0.0f && t->step % (uint32_t)t->cfg.novel_every == 0;
 }
 
-static sv_view any_view(sv_trainer *t) {
+static sv_view random_view(sv_trainer *t) {
   int n = t->n_views;
   for (int i = 0; i < t->n_measurements; i++) n += t->measurements[i].model.n_lenses;
   int v = (int)sv_rng_below(&t->rng, (uint32_t)n);
@@ -48,21 +47,21 @@ sv_view sv_train_turned_view(const sv_trainer *t, const sv_view *v, float rad, s
   return out;
 }
 
-sv_view sv_train_unseen_view(sv_trainer *t) {
-  sv_view v = any_view(t), out = sv_train_turned_view(t, &v, t->cfg.unseen_rad, &t->rng);
+sv_view sv_train_novel_view(sv_trainer *t) {
+  sv_view v = random_view(t), out = sv_train_turned_view(t, &v, t->cfg.novel_rad, &t->rng);
   int side = sv_maxi(v.width_px, v.height_px);
-  return sv_view_scaled(&out, (side + t->cfg.unseen_px - 1) / t->cfg.unseen_px);
+  return sv_view_scaled(&out, (side + t->cfg.novel_px - 1) / t->cfg.novel_px);
 }
 
 sv_status sv_train_novel_step(sv_trainer *t, const sv_render_options *o, double *loss) {
-  for (int i = 0; i < t->cfg.n_unseen; i++) {
-    sv_view view = sv_train_unseen_view(t);
+  for (int i = 0; i < t->cfg.n_novel; i++) {
+    sv_view view = sv_train_novel_view(t);
     sv_status s = sv_render(&t->render, &t->g, &view, o);
     if (s < 0) return s;
     sv_planes_set_size(&t->part_grad, view.width_px, view.height_px);
     sv_planes_clear(&t->part_grad);
     *loss += sv_tv_loss(&t->tv, &t->render.rgb, &t->part_grad, SV_TV_SQUARED,
-                        t->cfg.weight_tv_unseen / (float)t->cfg.n_unseen);
+                        t->cfg.weight_tv_novel / (float)t->cfg.n_novel);
     if ((s = sv_render_bwd(&t->render, &t->part_grad, NULL, NULL, NULL)) < 0) return s;
     sv_train_collect(t, 0.0f, false);
   }

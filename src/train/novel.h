@@ -13,7 +13,7 @@ extern "C" {
 // Whether this step regularizes novel views.
 bool sv_train_is_novel_due(const sv_trainer *t);
 // A novel view beside a random captured one, turned about the scene's centre, reduced in size.
-sv_view sv_train_unseen_view(sv_trainer *t);
+sv_view sv_train_novel_view(sv_trainer *t);
 // A view turned about the scene's centre by up to `rad`, about a random axis.
 sv_view sv_train_turned_view(const sv_trainer *t, const sv_view *v, float rad, sv_rng *rng);
 // Renders this step's novel views and adds the gradients of their regularizer to the step's sum.

@@ -38,11 +38,11 @@ static float opacity_share(const sv_train_cfg *cfg, const sv_sampling *s, bool i
 }
 
 // Of the mean opacity, for few exposures of a still scene.
-static float opacity_price(const sv_sampling *s, bool is_grid) {
-  if (s->n_sub_views == 1)
-    return s->n_exposures == 1 ? 0.1f : 0.03f; // what is not needed is seen from elsewhere as haze
-  // With parallax, transparent Gaussians in front of the surface can be told and are worth a higher
-  // price, the more the farther the start is from it; lens images are too coarse for it, there it
+static float opacity_weight(const sv_sampling *s, bool is_grid) {
+  // Gaussians that are not needed show as floaters from elsewhere.
+  if (s->n_sub_views == 1) return s->n_exposures == 1 ? 0.1f : 0.03f;
+  // With parallax, transparent Gaussians in front of the surface can be told and deserve a higher
+  // weight, the more the farther the start is from it; lens images are too coarse for it, there it
   // eats into the surface.
   return is_grid ? 0.015f : s->is_far ? 0.05f : 0.03f;
 }
@@ -51,7 +51,7 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   bool is_grid = s->n_sub_views >= GRID_VIEWS || s->is_multiplexed;
   // Lens images are coarser than the pictures that one looks at.
   if (is_grid) {
-    cfg->floor_px = 0.4f;
+    cfg->min_scale_px = 0.4f;
     cfg->dilation_px2 = SV_DILATION_AREA_PX2;
   }
   // With compensation a low-pass of 0.3 takes what the pixels show for blur of their own: finer
@@ -71,12 +71,12 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   cfg->supersample_from = 0.7f;
   cfg->dropout = dropout_of(s, is_grid);
   cfg->dropout_until = cfg->is_supersampled ? cfg->supersample_from : DROPOUT_UNTIL;
-  if (s->n_exposures <= SV_FEW_EXPOSURES && !s->is_moving) cfg->reg_opacity = opacity_price(s, is_grid);
+  if (s->n_exposures <= SV_FEW_EXPOSURES && !s->is_moving) cfg->reg_opacity = opacity_weight(s, is_grid);
   cfg->reg_opacity *= opacity_share(cfg, s, is_grid);
   if (s->n_exposures > SV_FEW_EXPOSURES) return;
-  cfg->newton.is_hasty = true;
+  cfg->newton.is_boosted = true;
   if (s->is_moving) { // of a rig that stands still, also where there is but one camera
-    // One camera alone cannot tell what is in front of the surface; of it a low price leaves more.
+    // One camera alone cannot tell what is in front of the surface; a low weight leaves more of it.
     cfg->reg_opacity = s->n_sub_views > 1 ? 0.03f : 0.05f;
     cfg->sh_step = 2.0f;
     return;
@@ -85,8 +85,8 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
     cfg->sh_step = 2.0f; // one view cannot tell how colour turns: never
   if (!is_grid) return;
   cfg->weight_tv = 0.05f;
-  cfg->weight_tv_unseen = s->is_multiplexed ? 0.5f : 0.1f;
-  cfg->n_unseen = 1;
-  cfg->unseen_every = 4;
+  cfg->weight_tv_novel = s->is_multiplexed ? 0.5f : 0.1f;
+  cfg->n_novel = 1;
+  cfg->novel_every = 4;
   if (s->is_multiplexed) cfg->weight_ssim = 0.3f; // structure tells whose light a pixel holds
 }

@@ -23,7 +23,7 @@ typedef struct {
                        // measured it
 } sv_sampling;
 
-// Sets optimizer, weights, dropout, unseen views, least sizes, low-pass and supersampling in cfg,
+// Sets optimizer, weights, dropout, novel views, least sizes, low-pass and supersampling in cfg,
 // whose is_antialiased and n_gaussians are known by now. Captures of many exposures keep the other
 // defaults.
 void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s);

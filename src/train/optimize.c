@@ -14,8 +14,8 @@
 
 #define KEEP_GRADIENT 0.9f // of its running mean, a step
 
-#define UNHURRIED_STEPS 2000.0 // runs of fewer steps learn faster (docs/notes/quality.md)
-#define CAP_HASTE       2.5f
+#define UNBOOSTED_STEPS 2000.0 // runs of fewer steps learn faster (docs/notes/quality.md)
+#define CAP_BOOST       2.5f
 
 typedef struct {
   sv_trainer *t;
@@ -36,33 +36,33 @@ bool sv_train_is_error_due(const sv_trainer *t, float progress) {
   return t->step % SV_TRAIN_ERROR_EVERY == drawn % SV_TRAIN_ERROR_EVERY;
 }
 
-float sv_train_haste(const sv_train_cfg *c) {
-  if (c->has_motion || c->steps_hint < 1) return 1.0f;
-  double h = sqrt(UNHURRIED_STEPS / (double)c->steps_hint);
-  return sv_clampf((float)h, 1.0f, CAP_HASTE);
+float sv_train_short_run_boost(const sv_train_cfg *c) {
+  if (c->has_motion || c->expected_steps < 1) return 1.0f;
+  double h = sqrt(UNBOOSTED_STEPS / (double)c->expected_steps);
+  return sv_clampf((float)h, 1.0f, CAP_BOOST);
 }
 
 float sv_train_mean_lr(const sv_train_cfg *cfg, float progress) {
-  double haste = (double)sv_train_haste(cfg);
-  double a = sv_log((double)cfg->lr.mean_start), b = sv_log((double)cfg->lr.mean_end * haste * haste);
+  double boost = (double)sv_train_short_run_boost(cfg);
+  double a = sv_log((double)cfg->lr.mean_start), b = sv_log((double)cfg->lr.mean_end * boost * boost);
   return (float)sv_exp(a + (b - a) * (double)sv_clampf(progress, 0.0f, 1.0f));
 }
 
-static void fill_rates(job *j, float mean_lr, float f, float haste) {
+static void fill_rates(job *j, float mean_lr, float f, float boost) {
   const sv_learning_rates *lr = &j->t->cfg.lr;
   for (int i = 0; i < SV_CAP_ROWS; i++) {
     float r = i < SV_ROW_QUAT     ? mean_lr
               : i < SV_ROW_SCALE  ? lr->quat
-              : i < SV_ROW_LOGIT  ? lr->scale * haste
-              : i < SV_ROW_SH     ? lr->logit * haste
-              : i < SV_ROW_SH + 3 ? lr->sh0 * haste
+              : i < SV_ROW_LOGIT  ? lr->scale * boost
+              : i < SV_ROW_SH     ? lr->logit * boost
+              : i < SV_ROW_SH + 3 ? lr->sh0 * boost
                                   : lr->sh_rest;
     j->lr[i] = r * f;
   }
 }
 
 static sv_adam_args adam_args(job *j, float mean_lr, double bias1, double bias2) {
-  fill_rates(j, mean_lr, (float)(1.0 / bias1), sv_train_haste(&j->t->cfg));
+  fill_rates(j, mean_lr, (float)(1.0 / bias1), sv_train_short_run_boost(&j->t->cfg));
   return (sv_adam_args){.beta1 = KEEP_GRADIENT,
                         .beta2 = 0.999f,
                         .eps = 1e-15f,
@@ -73,9 +73,9 @@ static sv_adam_args adam_args(job *j, float mean_lr, double bias1, double bias2)
 }
 
 static float newton_rate(const sv_train_cfg *c, float progress) {
-  double haste = (double)sv_train_haste(c), more = c->newton.is_hasty ? haste : 1.0;
+  double boost = (double)sv_train_short_run_boost(c), more = c->newton.is_boosted ? boost : 1.0;
   double a = sv_log((double)c->newton.rate_start * more);
-  double b = sv_log((double)c->newton.rate_end * haste * haste * more);
+  double b = sv_log((double)c->newton.rate_end * boost * boost * more);
   return (float)sv_exp(a + ((b < a ? b : a) - a) * (double)sv_clampf(progress, 0.0f, 1.0f));
 }
 
@@ -98,16 +98,16 @@ static int n_tasks(const job *j) { return (j->n_blocks + BLOCKS_PER_TASK - 1) / 
 
 // The mean of a Gaussian of opacity 0.076 and more stays where it is: the gate's opening is below
 // 1e-3.
-#define EXPLORE_BELOW -2.5f
+#define NOISE_BELOW -2.5f
 
-// Those of a task that wander, sixteen at a time: few of a block do.
+// Gaussians of a task that get position noise, sixteen at a time: few of a block do.
 typedef struct {
   float p[SV_ROW_SH][16], eta[3][16];
   float *mean[16]; // of the model; the rows are 16 floats apart
   int n;
-} wanderers;
+} noise_batch;
 
-static void explore(const job *j, wanderers *w) {
+static void add_position_noise(const job *j, noise_batch *w) {
   if (w->n == 0) return;
   j->t->compute.k->position_noise(w->p[0], (1u << w->n) - 1, w->eta[0], j->noise_gain, SV_OPACITY_DEAD);
   for (int i = 0; i < w->n; i++)
@@ -115,7 +115,7 @@ static void explore(const job *j, wanderers *w) {
   w->n = 0;
 }
 
-static void add_wanderers(const job *j, int block, uint32_t on, float *p, wanderers *w) {
+static void add_to_noise_batch(const job *j, int block, uint32_t on, float *p, noise_batch *w) {
   for (; on; on &= on - 1) {
     const int k = __builtin_ctz(on), i = w->n;
 #pragma GCC unroll 11
@@ -124,11 +124,11 @@ static void add_wanderers(const job *j, int block, uint32_t on, float *p, wander
       w->eta[a][i] =
           sv_hash_normal(sv_hash3((uint32_t)(block * 16 + k), j->t->step, (uint32_t)j->t->cfg.seed * 4u + a));
     w->mean[i] = p + 16 * SV_ROW_MEAN + k;
-    if (++w->n == 16) explore(j, w);
+    if (++w->n == 16) add_position_noise(j, w);
   }
 }
 
-static void keep_above(const float *floor, float *log_scale) { // [16], [3][16]
+static void clamp_scales(const float *floor, float *log_scale) { // [16], [3][16]
   for (int i = 0; i < 48; i++)
     if (log_scale[i] < floor[i & 15]) log_scale[i] = floor[i & 15];
 }
@@ -163,7 +163,7 @@ typedef struct {
   uint32_t touched, has_err;
 } block_grads;
 
-static void move(const job *j, int b, const block_grads *from, wanderers *w) {
+static void move(const job *j, int b, const block_grads *from, noise_batch *w) {
   sv_trainer *t = j->t;
   const float *grad = from->grad;
   const uint32_t touched = from->touched;
@@ -174,9 +174,9 @@ static void move(const job *j, int b, const block_grads *from, wanderers *w) {
   else t->compute.k->newton(&j->newton, touched, grad, t->v + at, p, t->m + at);
   const uint32_t below =
       t->compute.k->blend_errors(j->is_error_due ? from->has_err : 0, ERR_KEEP, from->err,
-                                 t->err + 16 * (size_t)b, p + 16 * SV_ROW_LOGIT, EXPLORE_BELOW);
-  if (j->noise_gain > 0.0f) add_wanderers(j, b, below & touched, p, w);
-  if (t->floor) keep_above(t->floor + 16 * (size_t)b, p + 16 * SV_ROW_SCALE);
+                                 t->err + 16 * (size_t)b, p + 16 * SV_ROW_LOGIT, NOISE_BELOW);
+  if (j->noise_gain > 0.0f) add_to_noise_batch(j, b, below & touched, p, w);
+  if (t->floor) clamp_scales(t->floor + 16 * (size_t)b, p + 16 * SV_ROW_SCALE);
 }
 
 // How many blocks ahead lines are fetched, in three parts: as many as a block has at once are
@@ -190,7 +190,7 @@ static void optimise_task(void *arg, int i_task, int i_thread) {
   int b0 = i_task * BLOCKS_PER_TASK, b1 = sv_mini(b0 + BLOCKS_PER_TASK, j->n_blocks);
   uint32_t n = 0;
   float pose[6];
-  wanderers w;
+  noise_batch w;
   w.n = 0; // the rest is filled before it is read
   const size_t rows = 16 * (size_t)j->adam.n_rows;
   begin_pose(j, i_task);
@@ -212,7 +212,7 @@ static void optimise_task(void *arg, int i_task, int i_thread) {
     prefetch_lines(t->v + at, rows * sizeof *t->v);
     n += (uint32_t)__builtin_popcount(touched);
   }
-  explore(j, &w);
+  add_position_noise(j, &w);
   t->touched_of[i_task] = n;
 }
 
@@ -249,7 +249,7 @@ static void apply_task(void *arg, int i_task, int i_thread) {
   sv_trainer *t = j->t;
   int b0 = i_task * BLOCKS_PER_TASK, b1 = sv_mini(b0 + BLOCKS_PER_TASK, j->n_blocks);
   uint32_t n = 0;
-  wanderers w;
+  noise_batch w;
   w.n = 0; // the rest is filled before it is read
   (void)i_thread;
   for (int b = b0; b < b1; b++) {
@@ -261,7 +261,7 @@ static void apply_task(void *arg, int i_task, int i_thread) {
     memset(sum, 0, (size_t)(t->g.n_rows + 1) * 16 * sizeof *sum);
     touched[0] = touched[1] = 0;
   }
-  explore(j, &w);
+  add_position_noise(j, &w);
   t->touched_of[i_task] = n;
 }
 
@@ -294,7 +294,7 @@ static void floor_task(void *arg, int i_task, int i_thread) {
       for (int i = 0; i < t->measurements[c].model.n_lenses; i++)
         sample(&t->measurements[c].model.lenses[i].view, p, near_z, rate);
     for (int i = 0; i < 16; i++)
-      floor[i] = rate[i] > 0 ? (float)sv_log((double)(t->cfg.floor_px / rate[i])) : -1e30f;
+      floor[i] = rate[i] > 0 ? (float)sv_log((double)(t->cfg.min_scale_px / rate[i])) : -1e30f;
   }
 }
 

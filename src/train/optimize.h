@@ -18,7 +18,7 @@ float sv_train_mean_lr(const sv_train_cfg *cfg, float progress); // per unit of 
 // Short-run learning-rate boost: runs of less than 2,000 steps, of still scenes, have higher rates
 // of scales, opacities and colours (with Adam alone), and end with higher ones of means: by
 // sqrt(2000 / expected_steps), at most 2.5; the means' by its square.
-float sv_train_haste(const sv_train_cfg *cfg);
+float sv_train_short_run_boost(const sv_train_cfg *cfg);
 // Minimum log-scales from the views that see each Gaussian: the log of min_scale_px z / f at the
 // highest f / z. What is smaller was never measured (Mip-Splatting, Yu et al. 2024, eq. 7), and
 // would look thin from nearer cameras.

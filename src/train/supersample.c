@@ -18,7 +18,7 @@ sv_renderer_cfg sv_train_renderer_cfg(const sv_train_cfg *c) {
                            .cap_width_px = k * c->cap_width_px,
                            .cap_height_px = k * c->cap_height_px,
                            .cap_pixels = (size_t)(k * k) * px,
-                           .cap_recs = c->cap_recs,
+                           .cap_intersections = c->cap_intersections,
                            .n_threads = c->n_threads,
                            .has_grad = true};
 }

@@ -419,9 +419,9 @@ static void write_codes(const band *b) {
     for (int x = b->x0; x < sv_mini(b->x1, w); x++) {
       int at = i * b->stride + LEFT + x;
       float p = l->plane[at], before = l->before[at], best = l->best[at], after = l->after[at];
-      float bend = 2 * best - before - after;
+      float curvature = 2 * best - before - after;
       if (!(l->norm[at] > 0) || best < MIN_CORR2 || p < 1 || p > (float)(m->n_planes - 2)) continue;
-      if (bend > 1e-6f) p += sv_clampf(0.5f * (after - before) / bend, -0.5f, 0.5f);
+      if (curvature > 1e-6f) p += sv_clampf(0.5f * (after - before) / curvature, -0.5f, 0.5f);
       out[x] = (uint16_t)(1.5f + 256 * p);
     }
   }

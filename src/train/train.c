@@ -23,9 +23,9 @@ sv_train_cfg sv_train_defaults(void) {
       .weight_ssim = 0.2f,
       .weight_tv = 0.0f,
       .region_px = 128,
-      .unseen_every = 1,
-      .unseen_px = 100,
-      .unseen_rad = 0.35f,
+      .novel_every = 1,
+      .novel_px = 100,
+      .novel_rad = 0.35f,
       .reg_opacity = 0.01f,
       .reg_scale = 0.01f,
       .dropout_until = 1.0f,
@@ -55,7 +55,7 @@ sv_train_cfg sv_train_defaults(void) {
       .relocate_from = 0.05f,
       .relocate_until = 0.8f,
       .noise = 1.0f,
-      .steps_hint = 3000};
+      .expected_steps = 3000};
   return c;
 }
 
@@ -75,7 +75,7 @@ static size_t cap_floats(const sv_train_cfg *c) {
 
 // Steps of several pictures need their gradients' sum.
 static bool has_sum(const sv_train_cfg *c) {
-  return c->cap_measurements > 0 || c->n_unseen > 0 || c->has_images;
+  return c->cap_measurements > 0 || c->n_novel > 0 || c->has_images;
 }
 
 static sv_status carve_sum(sv_trainer *t, const sv_train_cfg *c, size_t cap, size_t px, sv_arena *a) {
@@ -101,7 +101,7 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   t->v = SV_TAKE(a, uint16_t, cap * (size_t)t->g.n_rows);
   t->err = SV_TAKE(a, float, cap);
   t->block = SV_TAKE(a, float, (size_t)c->n_threads *SV_TRAIN_BLOCK_FLOATS);
-  t->floor = c->floor_px > 0.0f ? SV_TAKE(a, float, cap) : NULL;
+  t->floor = c->min_scale_px > 0.0f ? SV_TAKE(a, float, cap) : NULL;
   t->cum = SV_TAKE(a, double, cap);
   t->copies = SV_TAKE(a, int32_t, cap);
   t->source = SV_TAKE(a, int32_t, cap);
@@ -117,7 +117,7 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   if ((s = sv_photometric_init(&t->photometric, &pc, t->compute, a)) < 0) return s;
   sv_tv_cfg tc = {
       .cap_width_px = c->cap_width_px, .cap_height_px = c->cap_height_px, .n_threads = c->n_threads};
-  bool has_tv = c->weight_tv > 0.0f || (c->n_unseen > 0 && c->weight_tv_unseen > 0.0f);
+  bool has_tv = c->weight_tv > 0.0f || (c->n_novel > 0 && c->weight_tv_novel > 0.0f);
   if (has_tv && (s = sv_tv_init(&t->tv, &tc, t->compute, a)) < 0) return s;
   for (int k = 0; k < 3; k++) t->target.c[k] = SV_TAKE(a, float, px);
   for (int k = 0; k < 3; k++) t->grad.c[k] = SV_TAKE(a, float, px);
@@ -163,9 +163,9 @@ static sv_status check(const sv_train_cfg *c, sv_err *err) {
     return sv_fail(err, SV_E_ARG,
                    "regions of %d px, expected at least 16 and at most the largest view, %dx%d", c->region_px,
                    c->cap_width_px, c->cap_height_px);
-  if (c->n_unseen < 0 || (c->n_unseen > 0 && (c->unseen_every < 1 || c->unseen_px < 8)))
-    return sv_fail(err, SV_E_ARG, "%d unseen views of %d px, expected 0 or more of at least 8", c->n_unseen,
-                   c->unseen_px);
+  if (c->n_novel < 0 || (c->n_novel > 0 && (c->novel_every < 1 || c->novel_px < 8)))
+    return sv_fail(err, SV_E_ARG, "%d novel views of %d px, expected 0 or more of at least 8", c->n_novel,
+                   c->novel_px);
   if (c->cap_width_px < 1 || c->cap_height_px < 1 || c->cap_width_px > 16384 || c->cap_height_px > 16384)
     return sv_fail(err, SV_E_ARG, "a view of %dx%d pixels, expected sides of 1 to 16384", c->cap_width_px,
                    c->cap_height_px);
@@ -174,10 +174,10 @@ static sv_status check(const sv_train_cfg *c, sv_err *err) {
                    c->cap_width_px, c->cap_height_px);
   if (!(c->weight_ssim >= 0 && c->weight_ssim <= 1))
     return sv_fail(err, SV_E_ARG, "the SSIM weight is %g, expected 0 to 1", (double)c->weight_ssim);
-  if (c->has_motion && (c->cap_measurements > 0 || c->n_unseen > 0))
+  if (c->has_motion && (c->cap_measurements > 0 || c->n_novel > 0))
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "moving scenes are trained on whole pictures: not on multiplexed sensors, and without "
-                   "unseen views");
+                   "novel views");
   if (c->poses.cap_poses > 0 && (c->has_motion || c->cap_measurements > 0))
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "poses are refined with still scenes and whole pictures: not with moving ones, and not on "

@@ -6,7 +6,7 @@
 // Owns the Gaussians, the optimizer's state, the renderer and the losses, all carved at init. Never
 // owns images, and never knows of motion or sparse-view priors, which attach by hooks.h. Parts:
 // step.h, optimize.h, curvature.h, relocate.h, supersample.h, measurement.h, novel.h, poses.h,
-// checkpoint.h.
+// checkpoint.h. Settings: train_cfg.h.
 #ifndef SV_TRAIN_TRAIN_H
 #define SV_TRAIN_TRAIN_H
 
@@ -15,119 +15,11 @@
 #include "src/rig/forward.h"
 #include "src/splat/render.h"
 #include "src/train/hooks.h"
-#include "src/train/poses.h"
+#include "src/train/train_cfg.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-typedef enum { SV_BG_BLACK, SV_BG_WHITE, SV_BG_RANDOM } sv_background;
-
-// Adam's learning rates.
-typedef struct {
-  // Of means, at the start and the end of the run (log-linear between), times the scene radius.
-  // Defaults 1.6e-4, 1.6e-6.
-  float mean_start, mean_end;
-  // Of quaternions, log-scales, opacity logits, SH degree 0 and higher degrees. Defaults 1e-3,
-  // 1e-2, 0.05, 2.5e-3, 1.25e-4.
-  float quat, scale, logit, sh0, sh_rest;
-} sv_learning_rates;
-
-// What moves the Gaussians. Motion and poses are always Adam's.
-typedef enum { SV_OPTIMIZER_ADAM, SV_OPTIMIZER_GAUSS_NEWTON } sv_optimizer;
-const char *sv_optimizer_name(sv_optimizer o); // "adam", "gauss-newton"
-int sv_optimizer_by_name(const char *name);    // -1 when unknown
-
-// Diagonal Gauss-Newton (curvature.c): p -= rate m / (h + damping mean(h)), with m the running mean
-// of the gradient and h that of the Hutchinson estimates of the diagonal.
-typedef struct {
-  // Steps from one estimate of the diagonal to the next during the first first_steps steps.
-  // Defaults 5 and 300.
-  int first_every, first_steps;
-  int every;        // Steps between estimates from then on. Default 17.
-  int half_from;    // Step from which an estimate looks at half of the tiles. Default 1000.
-  float keep;       // Share of its running mean that an estimate keeps, 0 to 1. Default 0.9.
-  float rate_start; // Step length at the start of the run, a share of the Newton step. Default 0.1.
-  // And at its end (log-linear between), times the square of the short-run boost, at most
-  // rate_start. Default 0.02.
-  float rate_end;
-  bool is_hasty;   // Whether both rates are boosted in short runs, for few images, whose gradients
-                   // agree. Default false.
-  float damping;   // Weight of the mean diagonal over a block of 16 Gaussians. Default 1.
-  float cap;       // No step is longer than so many of Adam's. Default 5.
-  float cap_scale; // The same, of log-scales. Default 2.5.
-} sv_newton_cfg;
-
-typedef struct {
-  int n_gaussians;      // Gaussians, 1 to 4,000,000; their number never changes. Default 20000.
-  int sh_degree;        // Highest degree of spherical harmonics, 0 to 3. Default 1.
-  int cap_views;        // Views that can be added. Default 64.
-  int cap_measurements; // Multiplexed measurements (shared sensors) that can be added. Default 0.
-  int cap_regions;      // Regions of all of them together (sv_train_n_regions). Default 0.
-  // Side of a region in pixels, 16 or more; a smaller sensor is one region. Default 128.
-  int region_px;
-  int cap_width_px,
-      // Largest width and height of any view, region and novel view. Defaults 640, 480.
-      cap_height_px;
-  // Largest padded number of pixels of a view; 0: width x height. Default 0.
-  size_t cap_pixels;
-  // Intersections (splat-tile pairs) of a rendering; 0: the renderer's default. Default 0.
-  uint32_t cap_recs;
-  int n_threads; // Threads of the pool, at most. Default 1.
-  uint64_t seed; // Seed of all random draws. Default 1.
-  // What images with alpha are laid over; others are trained over black. Default black.
-  sv_background background;
-  // Whether opacities are compensated (Mip-Splatting's 2D filter). Default false.
-  bool is_antialiased;
-  // Variance in px^2 of the renderer's low-pass. Default SV_DILATION_PX2.
-  float dilation_px2;
-  // Whether pixels of full-size images are means of 2 x 2 samples. Default false.
-  bool is_supersampled;
-  float supersample_from;       // Progress from which they are. Default 0.
-  float weight_ssim;            // Lambda of (1 - lambda) L1 + lambda (1 - SSIM), 0 to 1. Default
-                                // 0.2.
-  float weight_tv;              // Weight of the squared total variation of rendered views. Default
-                                // 0.
-  float weight_tv_unseen;       // The same, of novel views. Default 0.
-  float noise_read, noise_shot; // Noise added to predicted measurements (sv_forward_noise).
-                                // Defaults 0: none.
-  int n_unseen;                 // Novel views that are regularized in such a step. Default 0: none.
-  int unseen_every;             // Steps from one with novel views to the next. Default 1.
-  int unseen_px;                // Their longer side is reduced to at most so many pixels. Default
-                                // 100.
-  // Largest angle in rad by which a novel view is turned about the scene from a captured one.
-  // Default 0.35.
-  float unseen_rad;
-  float reg_opacity,
-      reg_scale;       // Regularization weights of mean opacity and mean scale (3DGS-MCMC).
-                       // Defaults 0.01.
-  float dropout;       // Share of the Gaussians that a step drops, 0 to 1. Default 0.
-  float dropout_until; // Progress until which it does. Default 1.
-  sv_learning_rates lr;
-  sv_optimizer optimizer; // Default Gauss-Newton.
-  sv_newton_cfg newton;
-  int start_scale; // Coarse to fine: images are reduced by 1, 2, 4 or 8 at first. Default 4.
-  float fine_at;   // Progress at which full size is reached. Default 0.3.
-  float sh_step;   // Progress from one SH degree to the next; above 1 only degree 0 is trained.
-                   // Default 0.2.
-  // Steps from one relocation to the next; 0: none. Default 100.
-  int relocate_every;
-  // Progress between which there are relocations. Defaults 0.05 and 0.8.
-  float relocate_from, relocate_until;
-  float noise; // Factor on the SGLD position noise of low-opacity Gaussians. Default 1.
-  // Minimum screen-space scale: smallest standard deviation of a Gaussian, in pixels of the view
-  // that sees it sharpest. Default 0: none.
-  float floor_px;
-  int steps_hint; // Expected steps of the run, which set the short-run learning-rate boost. Default
-                  // 3000; 0: no boost.
-  // Whether motion will be attached (src/dynamic): no boost, no measurements, novel views, pose
-  // refinement or priors. Default false.
-  bool has_motion;
-  // Whether hooks add images to a step (sv_train_hooks.add_images), which takes memory. Default
-  // false.
-  bool has_images;
-  sv_train_poses_cfg poses; // Pose refinement. Default: none.
-} sv_train_cfg;
 
 typedef struct {
   sv_view view;
@@ -178,10 +70,17 @@ struct sv_trainer {
   sv_forward forward; // of regions
   sv_supersample supersample;
   sv_train_poses poses;
-  sv_planes target; // of the image that a step compares with
-  sv_planes grad;   // dL/d(rendering) of that image
-  float *err_plane; // its mean |residual| over the channels
-  // Of one rendering of several: a lens's part of a region, or a novel view.
+  // Image planes. The rule of who may write which when:
+  // - target is of the step's image: written when it is loaded, read until its loss is known. From
+  //   then on it is free for reuse (curvature.c puts the probe's signs there).
+  // - grad and err_plane are of that image, too: from its loss to the end of its backward pass.
+  // - part_grad and part_err are of one rendering of several (a lens's part of a region, a novel
+  //   view, an image that a hook adds): from its loss to the end of its backward pass.
+  // - Between steps, and in the hooks choose_view, after_step and search, all of them are free.
+  //   Nothing in them outlives a step.
+  sv_planes target;
+  sv_planes grad;   // dL/d(rendering)
+  float *err_plane; // mean |residual| over the channels
   sv_planes part_grad;
   float *part_err;
   float *unpack_scratch;
@@ -204,7 +103,6 @@ struct sv_trainer {
   sv_rng rng;
 };
 
-sv_train_cfg sv_train_defaults(void);
 size_t sv_trainer_bytes(const sv_train_cfg *cfg);
 // E_ARG and E_UNSUPPORTED name a bad setting in err. Kernels and pool must outlive the trainer.
 sv_status sv_trainer_init(sv_trainer *t, const sv_train_cfg *cfg, sv_compute compute, sv_arena *arena,

@@ -75,7 +75,7 @@ moving_scene_settings moving_scene_cfg(sv_deform_kind kind, int n, int n_steps) 
   c.start_scale = 1;
   c.relocate_every = 20;
   c.reg_opacity = 0.05f;
-  c.steps_hint = n_steps;
+  c.expected_steps = n_steps;
   c.has_motion = kind != SV_DEFORM_NONE;
   moving_scene_settings m = {.train = c, .dynamic = sv_dynamic_defaults()};
   m.dynamic.kind = kind;

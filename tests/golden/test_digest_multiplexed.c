@@ -12,7 +12,7 @@
 
 static world w;
 
-// Odd sizes, noise, total variation of lens images and of unseen views, relocation: everything
+// Odd sizes, noise, total variation of lens images and of novel views, relocation: everything
 // takes part.
 static void expect(uint32_t isa_mask, int n_threads, const char *what) {
   world_open_well(&w, "textured,rig=multiplexed,grid=2x3,size=100x76,noise=read:1e-4:shot:1e-3", 2, isa_mask,
@@ -24,10 +24,10 @@ static void expect(uint32_t isa_mask, int n_threads, const char *what) {
   t->lr.logit = 0.3f; // fades what is not needed within a few steps
   t->region_px = 40;
   t->weight_tv = 0.02f;
-  t->n_unseen = 1;
-  t->unseen_every = 3;
-  t->unseen_px = 24;
-  t->weight_tv_unseen = 0.05f;
+  t->n_novel = 1;
+  t->novel_every = 3;
+  t->novel_px = 24;
+  t->weight_tv_novel = 0.05f;
   w.cfg.steps = STEPS;
   world_run_well(&w);
   assert_int_equal(world_stats(&w).step, STEPS);

@@ -134,7 +134,7 @@ static int prepare(const dr_scene *s, screen *out) {
   for (int i = 0; i < 3; i++) tc[i] += v->twist[3 + i];
   for (int i = 0; i < s->n; i++) {
     screen g = {.i = i};
-    if (s->is_left_out[i] || !project(v, s->gain, rc, tc, s->p[i], &g)) continue;
+    if (s->is_dropped[i] || !project(v, s->gain, rc, tc, s->p[i], &g)) continue;
     int k = n++;
     for (; k > 0 && out[k - 1].z > g.z; k--) out[k] = out[k - 1];
     out[k] = g;

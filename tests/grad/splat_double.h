@@ -23,7 +23,7 @@ typedef struct {
 typedef struct {
   int n;
   double p[DR_CAP_GAUSSIANS][DR_N_PARAMS];
-  bool is_left_out[DR_CAP_GAUSSIANS];
+  bool is_dropped[DR_CAP_GAUSSIANS];
   double gain; // of the others' opacities
   dr_view view;
 } dr_scene;
@@ -40,7 +40,7 @@ typedef struct {
   double *margin; // smallest relative distance of a contribution to the 1/255 skip, or of the light
                   // to 1e-4
   dr_rest *rest;
-  int *n_low; // pixels with less than 1e-4 of the light left
+  int *n_low; // pixels of a transmittance below 1e-4
 } dr_picture;
 
 typedef struct {

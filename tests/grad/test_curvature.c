@@ -209,7 +209,7 @@ TEST(test_measurement) {
 
 // --- backward on half of the tiles ---------------------------------------------------------------
 
-static bool is_left_out(int i_px, uint32_t colour) {
+static bool is_masked(int i_px, uint32_t colour) {
   return ((uint32_t)(i_px % t.grad.stride / SV_TILE_PX + i_px / t.grad.stride / SV_TILE_PX) & 1) != colour;
 }
 
@@ -228,7 +228,7 @@ TEST(test_chessboard) {
       assert_int_equal(sv_render_bwd_half(&t.render, &t.grad, colour), SV_OK);
       uint32_t touched = sv_render_bwd_block(&t.render, b, 0, NULL, &(sv_block_grads){half, err, NULL});
       for (int i = 0; i < 3 * n_px; i++)
-        if (is_left_out(i % n_px, colour)) t.grad.c[i / n_px][i % n_px] = 0;
+        if (is_masked(i % n_px, colour)) t.grad.c[i / n_px][i % n_px] = 0;
       assert_int_equal(sv_render_bwd(&t.render, &t.grad, NULL, NULL, NULL), SV_OK);
       assert_int_equal(sv_render_bwd_block(&t.render, b, 0, NULL, &(sv_block_grads){whole, err, NULL}),
                        touched);

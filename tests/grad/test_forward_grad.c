@@ -246,7 +246,7 @@ static void check_adjoint(const sv_multiplexed *c, const sv_region *r, int m, do
         double at = (double)b.rgb[m].c[k][v * b.rgb[m].stride + u];
         double light = reference(c, k, x, y, -1, 0);
         if (c->is_linear && (fabs(at - 0.04045) < 1e-4 || fabs(light - 0.04045) < 1e-3))
-          continue; // the bends
+          continue; // the kinks
         double g = (double)b.g.c[k][(y - r->y0) * b.g.stride + x - r->x0];
         double d = g * (reference(c, k, x, y, m, at + h) - reference(c, k, x, y, m, at - h)) / (2 * h);
         double is = (double)out->c[k][v * out->stride + u], off = fabs(is - d) / (1e-2 + fabs(d));
@@ -380,7 +380,7 @@ static void open_training(const sv_multiplexed *c, const sv_kernels *k, const sv
   cfg.n_threads = pool->n_threads;
   cfg.weight_tv = tv;
   if (sv_trainer_init(&t, &cfg, (sv_compute){k, pool}, &a, &err) < 0) fail_msg("%s", err.text);
-  // The nearest and the farthest value there are: the absolute difference does not bend in between.
+  // The nearest and the farthest value there are: the absolute difference has no kink in between.
   for (int i = 0; i < 3 * W * H; i++) measured[i] = i / 40 % 2 ? 65535 : 0;
   assert_ok(sv_train_add_measurement(&t, c, measured, &err), &err);
   step_gradient_start(&t, 0.9f, &a);

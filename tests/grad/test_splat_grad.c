@@ -418,7 +418,7 @@ static void leave_out(const scene_case *c, dr_scene *s, const sv_view *view, run
   int n = 0;
   sv_kernels_init(&k, sv_isa_only(SV_ISA_REF));
   render_float(c, s, view, &none, NULL, &k, q);
-  for (int i = 0; i < s->n; i++) n += s->is_left_out[i] = q->r.dropout_mask[i / 16] >> i % 16 & 1;
+  for (int i = 0; i < s->n; i++) n += s->is_dropped[i] = q->r.dropout_mask[i / 16] >> i % 16 & 1;
   assert_true(n > 0 && n < s->n);
   s->gain = 1 / (1 - round(256 * (double)c->dropout) / 256);
 }

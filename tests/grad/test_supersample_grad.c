@@ -30,7 +30,7 @@ static void open_training(const sv_kernels *k, const sv_pool *pool, sv_train_cfg
   cfg.n_threads = pool->n_threads;
   if (sv_trainer_init(&t, &cfg, (sv_compute){k, pool}, &a, &err) < 0) fail_msg("%s", err.text);
   for (int i = 0; i < 2; i++) {
-    // The nearest and the farthest value there are: the absolute difference does not bend in
+    // The nearest and the farthest value there are: the absolute difference has no kink in
     // between.
     for (int px = 0; px < W * H * 3; px++) picture[i][px] = (px / (20 + 7 * i)) % 2 ? 255 : 0;
     sv_pose pose;
@@ -93,7 +93,7 @@ TEST(test_value) {
 
 // --- gradient ------------------------------------------------------------------------------------
 
-static void check_gradients(float tv, bool has_unseen) {
+static void check_gradients(float tv, bool has_novel) {
   sv_kernels k;
   sv_pool pool = sv_pool_serial();
   sv_train_cfg cfg = settings();
@@ -101,14 +101,14 @@ static void check_gradients(float tv, bool has_unseen) {
   char what[80];
   step_gradient_kernels(&k);
   cfg.weight_tv = tv;
-  if (has_unseen) {
-    cfg.n_unseen = 1;
-    cfg.weight_tv_unseen = 200.0f;
-    cfg.unseen_px = 30;
+  if (has_novel) {
+    cfg.n_novel = 1;
+    cfg.weight_tv_novel = 200.0f;
+    cfg.novel_px = 30;
   }
   open_training(&k, &pool, cfg, 0.9f);
   for (int i = 0; i < 2; i++) step_gradient_check(&t, &sum);
-  snprintf(what, sizeof what, "supersampled step, tv %g%s", (double)tv, has_unseen ? ", unseen views" : "");
+  snprintf(what, sizeof what, "supersampled step, tv %g%s", (double)tv, has_novel ? ", novel views" : "");
   step_gradient_agrees(&sum, what, 100, 300, 8);
 }
 

@@ -101,7 +101,7 @@ TEST(test_still_after_moving) {
            "--out still/p");
 }
 
-// Files of viewers stand upright; a dataset's views see them as they see the model that they were
+// Files of viewers are Y-up; a dataset's views see them as they see the model that they were
 // made of.
 TEST(test_upright) {
   lab_shell_need(&shell);

@@ -138,7 +138,7 @@ FIXTURE(setup) {
 
 FIXTURE(teardown) { return lab_shell_close(&shell); }
 
-// Views that a fixer completed teach what one camera could not see.
+// From views that a fixer completed the model learns what one camera could not see.
 TEST(test_pictures) {
   lab_shell_need(&shell);
   const double none = psnr_of("none", "");

@@ -31,13 +31,13 @@ TEST(test_rows_add_up) {
     check(&c, "defaults");
     c.weight_ssim = 0;
     check(&c, "no SSIM");
-    c.floor_px = 0.3f;
+    c.min_scale_px = 0.3f;
     check(&c, "floors");
-    c.n_unseen = 2;
-    check(&c, "unseen views");
+    c.n_novel = 2;
+    check(&c, "novel views");
     c.is_supersampled = true;
     check(&c, "supersampled");
-    c.cap_recs = 100000;
+    c.cap_intersections = 100000;
     check(&c, "a fixed number of records");
   }
 }

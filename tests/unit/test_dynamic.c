@@ -74,7 +74,7 @@ TEST(test_clip_learns) {
 TEST(test_field_learns) {
   skip_where_emulated();
   learn(SV_DEFORM_FIELD, 0, 26.5, 1);
-  learn(SV_DEFORM_FIELD, 0.33f, 25.0, 1); // a clip of 200 steps is no great teacher
+  learn(SV_DEFORM_FIELD, 0.33f, 25.0, 1); // a per-Gaussian model of 200 steps is a poor teacher
 }
 
 // The number of points along time follows the data: smoothness alone would hold points without
@@ -124,7 +124,7 @@ TEST(test_still_is_still) {
 
 // The temporal curriculum adds times on both sides of the middle one, at reduced size first; the
 // frontier frames get half of the steps.
-TEST(test_times_come_in) {
+TEST(test_temporal_curriculum) {
   moving_scene_settings c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, 4000);
   c.dynamic.from = 0.1f;
   c.dynamic.grow_until = 0.5f;
@@ -303,7 +303,7 @@ TEST(test_resume) {
   resume(SV_DEFORM_CLIP, 0);
   resume(SV_DEFORM_FIELD, 0);
   resume(SV_DEFORM_FIELD, 0.5f);  // while it is a clip
-  resume(SV_DEFORM_FIELD, 0.18f); // which at the next steps hands over
+  resume(SV_DEFORM_FIELD, 0.18f); // which is distilled at the next steps
   resume(SV_DEFORM_FIELD, 0.14f); // while it is fitted
   resume(SV_DEFORM_FIELD, 0.1f);  // afterwards
 }
@@ -427,7 +427,7 @@ TEST(test_memory) {
     sv_arena small = sv_arena_make(block, own - 1);
     assert_int_equal(sv_trainer_init(&trainer, &c.train, (sv_compute){&kernels, &pool}, &small, &err),
                      SV_E_NOMEM);
-    c.train.n_unseen = 1;
+    c.train.n_novel = 1;
     sv_arena a = sv_arena_make(block, sizeof block);
     assert_int_equal(sv_trainer_init(&trainer, &c.train, (sv_compute){&kernels, &pool}, &a, &err),
                      SV_E_UNSUPPORTED);
@@ -436,12 +436,18 @@ TEST(test_memory) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_clip_learns),   cmocka_unit_test(test_field_learns),
-      cmocka_unit_test(test_field_times),   cmocka_unit_test(test_still_is_still),
-      cmocka_unit_test(test_resume),        cmocka_unit_test(test_old_checkpoint),
-      cmocka_unit_test(test_times_come_in), cmocka_unit_test(test_long_lens),
-      cmocka_unit_test(test_short_lens),    cmocka_unit_test(test_motion_shrinks),
-      cmocka_unit_test(test_motion_file),   cmocka_unit_test(test_bodies_file),
+      cmocka_unit_test(test_clip_learns),
+      cmocka_unit_test(test_field_learns),
+      cmocka_unit_test(test_field_times),
+      cmocka_unit_test(test_still_is_still),
+      cmocka_unit_test(test_resume),
+      cmocka_unit_test(test_old_checkpoint),
+      cmocka_unit_test(test_temporal_curriculum),
+      cmocka_unit_test(test_long_lens),
+      cmocka_unit_test(test_short_lens),
+      cmocka_unit_test(test_motion_shrinks),
+      cmocka_unit_test(test_motion_file),
+      cmocka_unit_test(test_bodies_file),
       cmocka_unit_test(test_memory),
   };
   return cmocka_run_group_tests(tests, setup, NULL);

@@ -280,8 +280,7 @@ TEST(test_any_turn) {
   }
 }
 
-// Models of worlds with each way up stand upright in the formats that say where up is, and lie as
-// they did in PLY.
+// Models of worlds with each way up are Y-up in the formats that define it, and unchanged in PLY.
 TEST(test_up) {
   static const char *const ups[] = {"x", "y", "z", "-x", "-y", "-z"};
   char path[400];

@@ -33,7 +33,7 @@ TEST(test_loss) {
   sv_fit_weights p;
   float is[N_ROWS * 16], want[N_ROWS * 16], grad[N_ROWS * 16];
   sv_rng rng = sv_rng_make(5, 1);
-  for (int r = 0; r < SV_ROW_LOGIT; r++) p.price[r] = r < SV_ROW_QUAT ? 20.0f : 1.0f + (float)r;
+  for (int r = 0; r < SV_ROW_LOGIT; r++) p.row[r] = r < SV_ROW_QUAT ? 20.0f : 1.0f + (float)r;
   for (int i = 0; i < N_ROWS * 16; i++) {
     is[i] = 2 * sv_rng_f(&rng) - 1;
     want[i] = 2 * sv_rng_f(&rng) - 1;
@@ -53,8 +53,8 @@ TEST(test_loss) {
   for (int i = 16 * SV_ROW_LOGIT; i < 16 * N_ROWS; i++) assert_true(grad[i] == 0.0f);
 }
 
-// A trainer whose Gaussians move by polynomials: all as their place tells, far to one side and with
-// a bend; half of them are of a body besides that turns.
+// A trainer whose Gaussians move by polynomials: by position, far to one side and curved;
+// half of them are of a body besides that turns.
 static void start(const sv_pool *with) {
   moving_scene_settings c = moving_scene_cfg(SV_DEFORM_FIELD, N_GAUSS, N_STEPS);
   c.dynamic.n_pos = 3;

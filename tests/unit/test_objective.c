@@ -37,9 +37,9 @@ TEST(test_dropout) {
   assert_true(of(1, 16, false, false).dropout < of(1, 2, false, false).dropout);
 }
 
-// Where exposures are few, of more than 20,000 Gaussians each pays what it would pay among so many;
-// fewer share the price.
-TEST(test_price_of_many) {
+// Where exposures are few, of more than 20,000 Gaussians each has the weight that it would have
+// among so many; fewer share the whole weight.
+TEST(test_weight_of_many) {
   for (int n_sub_views = 1; n_sub_views <= 4; n_sub_views++)
     for (int n = 1; n <= 30; n++) {
       const float base = of(n, n_sub_views, false, false).reg_opacity;
@@ -69,7 +69,7 @@ TEST(test_far) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dropout), cmocka_unit_test(test_price_of_many),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dropout), cmocka_unit_test(test_weight_of_many),
                                      cmocka_unit_test(test_far)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

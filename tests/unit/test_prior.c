@@ -298,7 +298,7 @@ static void put(int i, float x, float y, float z, float log_scale, float opacity
 }
 
 // A lattice with a far-off point: new ones come to the middles of the edges to its neighbours, in
-// dead slots alone.
+// dead Gaussians alone.
 TEST(test_unpool) {
   make_with(&trainer, SV_PRIOR_FSGS, &in_order, block, sizeof block);
   prior.cfg.unpool_share = 1;
@@ -365,7 +365,7 @@ TEST(test_warp) {
   for (int i = 0; i < W * H; i++) map[i] = 3;
   for (int i = 0; i < 2; i++)
     assert_int_equal(sv_prior_submit_depth(&prior, i, &(sv_prior_map){map, W, H, SV_PRIOR_METRIC, 1}), SV_OK);
-  trainer.cfg.unseen_rad = 0; // the same view again
+  trainer.cfg.novel_rad = 0; // the same view again
   assert_int_equal(sv_prior_warp(&prior, 1), SV_OK);
   const uint8_t *rgba = prior.views[0].rgba;
   int n_same = 0;

@@ -92,26 +92,26 @@ static void project(const sv_view *v, const float p[3], double out[3]) {
   out[2] = x[2];
 }
 
-TEST(test_unseen_views) {
+TEST(test_novel_views) {
   open_trainer();
   const float centre[3] = {0.2f, -0.1f, 0.3f};
   sv_train_set_scene(&t, centre, 1);
   double largest = 0;
   int n_of[N_LENSES] = {0};
   for (int i = 0; i < 600; i++) {
-    t.cfg.unseen_px = i & 1 ? 16 : 100;
-    sv_view v = sv_train_unseen_view(&t);
+    t.cfg.novel_px = i & 1 ? 16 : 100;
+    sv_view v = sv_train_novel_view(&t);
     int m = 0; // whose view it was: their frames differ in size
     double was[3], is[3], trace = 0;
     for (; m < N_LENSES; m++) {
       int side = sv_maxi(lens[m].view.width_px, lens[m].view.height_px);
-      sv_view s = sv_view_scaled(&lens[m].view, (side + t.cfg.unseen_px - 1) / t.cfg.unseen_px);
+      sv_view s = sv_view_scaled(&lens[m].view, (side + t.cfg.novel_px - 1) / t.cfg.novel_px);
       project(&s, centre, was);
       project(&v, centre, is);
       if (s.width_px == v.width_px && s.height_px == v.height_px && fabs(was[0] - is[0]) < 1e-3) break;
     }
     assert_true(m < N_LENSES);
-    assert_true(sv_maxi(v.width_px, v.height_px) <= t.cfg.unseen_px);
+    assert_true(sv_maxi(v.width_px, v.height_px) <= t.cfg.novel_px);
     // place and distance are kept
     assert_true(fabs(was[1] - is[1]) < 1e-3 && fabs(was[2] - is[2]) < 1e-5);
     n_of[m]++;
@@ -123,17 +123,17 @@ TEST(test_unseen_views) {
         trace += (double)v.r[3 * r + q] * (double)lens[m].view.r[3 * r + q];
       }
     double angle = acos(fmin(1, 0.5 * (trace - 1)));
-    assert_true(angle <= (double)t.cfg.unseen_rad + 1e-3);
+    assert_true(angle <= (double)t.cfg.novel_rad + 1e-3);
     largest = fmax(largest, angle);
   }
-  assert_true(largest > 0.8 * (double)t.cfg.unseen_rad);
+  assert_true(largest > 0.8 * (double)t.cfg.novel_rad);
   for (int m = 0; m < N_LENSES; m++) assert_true(n_of[m] > 40);
 }
 
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_regions_cover),
-      cmocka_unit_test(test_unseen_views),
+      cmocka_unit_test(test_novel_views),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

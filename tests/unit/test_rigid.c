@@ -270,7 +270,7 @@ TEST(test_two_that_touch) {
 }
 
 // Two alike that do not touch and go the same way: two bodies, as later they may not.
-TEST(test_two_apart) {
+TEST(test_two_distant) {
   const sv_rigid truth = motion_of(0, 0, 0, 0.06f, 0, 0);
   sv_rigid m[6];
   float centre[6][3];
@@ -344,7 +344,7 @@ int main(void) {
       cmocka_unit_test(test_few),
       cmocka_unit_test(test_line),
       cmocka_unit_test(test_two_that_touch),
-      cmocka_unit_test(test_two_apart),
+      cmocka_unit_test(test_two_distant),
       cmocka_unit_test(test_none),
       cmocka_unit_test(test_room),
       cmocka_unit_test(test_same_again),

@@ -228,7 +228,7 @@ typedef struct {
   sv_view view;
 } scene;
 
-static void make_scene(scene *s, sv_arena *a, int n, uint32_t cap_recs, int n_threads) {
+static void make_scene(scene *s, sv_arena *a, int n, uint32_t cap_intersections, int n_threads) {
   sv_rng r = sv_rng_make(21, 1);
   memset(s, 0, sizeof *s);
   assert_int_equal(sv_gaussians_init(&s->g, n, 2, a), SV_OK);
@@ -246,7 +246,7 @@ static void make_scene(scene *s, sv_arena *a, int n, uint32_t cap_recs, int n_th
   sv_renderer_cfg cfg = {.cap_gaussians = n,
                          .cap_width_px = W,
                          .cap_height_px = H,
-                         .cap_recs = cap_recs,
+                         .cap_intersections = cap_intersections,
                          .n_threads = n_threads,
                          .has_grad = true};
   assert_int_equal(sv_renderer_init(&s->r, &cfg, (sv_compute){0}, a), SV_OK);

@@ -132,7 +132,7 @@ TEST(test_threads) {
 }
 
 // More views than maps: groups of neighbours, all of which find something.
-TEST(test_many_views) {
+TEST(test_more_views_than_maps) {
   open_views("textured,rig=stereo,size=64x64", 40, 2);
   sv_sweep s;
   sv_arena a = scratch_of(0);
@@ -183,8 +183,10 @@ TEST(test_memory) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_rigs),       cmocka_unit_test(test_threads),
-      cmocka_unit_test(test_many_views), cmocka_unit_test(test_nothing_to_compare),
+      cmocka_unit_test(test_rigs),
+      cmocka_unit_test(test_threads),
+      cmocka_unit_test(test_more_views_than_maps),
+      cmocka_unit_test(test_nothing_to_compare),
       cmocka_unit_test(test_memory),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The V4L2 source against cameras behind its table of system calls: formats, controls, and each
-// fault with its named event, the other camera untouched, and the way back.
+// fault with its named event, the other camera untouched, and the recovery.
 #include <errno.h>
 #include <linux/videodev2.h>
 #include <string.h>

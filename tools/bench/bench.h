@@ -80,7 +80,7 @@ typedef struct {
 // What one image of a scene asks for.
 typedef struct {
   uint64_t pairs; // pixel-splat pairs that the kernels evaluate
-  // Of those, pairs that are blended: alpha of 1/255 and more, and light left to stop
+  // Of those, pairs that are blended: alpha of 1/255 and more, and transmittance left to stop
   uint64_t useful;
   uint64_t rows;       // rows of 4x4 blocks under the visible splats
   uint64_t block_rows; // rows of a tile's blocks that the kernels evaluate

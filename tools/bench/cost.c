@@ -19,16 +19,16 @@ static const sv_bench_op ops_of[SV_N_STAGES][2] = {
 // Operations of one pair, kernels/raster/raster_vec.c without depth: quadric 4, 2^x 11, min 1,
 // weight and transmittance 2, three colours 6; and backward the same but for the colours and the
 // min, then 6 gradients of colour, 5 for their product, 2 suffix, 2 quotient, 2 to dL/d(ln alpha),
-// 5 moments. Errors: ERROR_FLOP. What a column of pixels has in common (6 once a record) is not
-// counted.
+// 5 moments. Errors: ERROR_FLOP. What a column of pixels has in common (6 once an intersection) is
+// not counted.
 #define FORWARD_FLOP  24.0
 #define BACKWARD_FLOP 39.0
-// A row of blocks, each of its lanes: offset 1; backward the moments 9 as well. A record: its nine
-// sums of sixteen lanes.
-#define FORWARD_ROW_FLOP     1.0
-#define BACKWARD_ROW_FLOP    10.0
-#define BACKWARD_RECORD_FLOP 135.0
-// What a step with errors asks for besides: of a pair, a record, a channel of a pixel.
+// A row of blocks, each of its lanes: offset 1; backward the moments 9 as well. An intersection:
+// its nine sums of sixteen lanes.
+#define FORWARD_ROW_FLOP           1.0
+#define BACKWARD_ROW_FLOP          10.0
+#define BACKWARD_INTERSECTION_FLOP 135.0
+// What a step with errors asks for besides: of a pair, an intersection, a channel of a pixel.
 #define ERROR_FLOP        2.0
 #define ERROR_RECORD_FLOP 15.0
 
@@ -36,7 +36,7 @@ static const sv_bench_op ops_of[SV_N_STAGES][2] = {
 // AVX-512: quadric 2, 2^x 6, min 1, comparisons 2, weight and transmittance 2, colours 3; and
 // backward the same but for the last and the min, then 3 gradients, 3, 1, 4 (a division takes the
 // place of three), 1, 3. What a row of blocks has in common once a row: the offset 1, and backward
-// 5 of the moments, too. Loads, stores, and what is done once for a record are free here.
+// 5 of the moments, too. Loads, stores, and what is done once for an intersection are free here.
 #define FORWARD_SLOTS      16.0
 #define BACKWARD_SLOTS     27.0
 #define FORWARD_ROW_SLOTS  1.0
@@ -58,31 +58,33 @@ static const sv_bench_op ops_of[SV_N_STAGES][2] = {
 #define NEWTON_FLOP      10.0
 
 sv_bench_cost sv_bench_cost_of(sv_bench_op op, const sv_bench_counts *n) {
-  const double px = n->n_pixels, all = n->n_gaussians, visible = n->n_visible, recs = n->n_intersections;
+  const double px = n->n_pixels, all = n->n_gaussians, visible = n->n_visible,
+               intersections = n->n_intersections;
   const double touched = n->n_touched, rows = n->n_rows, pairs = (double)n->pairs;
   const double row_lanes = BLOCK_PX * (double)n->block_rows;
-  const double coef = (rows - SV_ROW_SH) / 3.0, record = sizeof(sv_intersection) + sizeof(uint32_t);
-  const double slot = SV_IGRAD_BYTES;
+  const double coef = (rows - SV_ROW_SH) / 3.0, intersection = sizeof(sv_intersection) + sizeof(uint32_t);
+  const double igrad = SV_IGRAD_BYTES;
   switch (op) {
   case SV_BENCH_UNPACK: return (sv_bench_cost){3 * px, (3 + 12) * px};
   case SV_BENCH_PROJECT:
     return (sv_bench_cost){(PROJECT_FLOP + 6 * coef) * all,
                            4 * rows * all + sizeof(sv_splat) * all + 4 * visible};
-  case SV_BENCH_SORT: return (sv_bench_cost){0, (2 * sizeof(sv_pair) + sizeof(uint32_t)) * recs};
+  case SV_BENCH_SORT: return (sv_bench_cost){0, (2 * sizeof(sv_pair) + sizeof(uint32_t)) * intersections};
   case SV_BENCH_BIN:
-    return (sv_bench_cost){BIN_ROW_FLOP * (double)n->rows, sizeof(sv_splat) * visible + record * recs};
+    return (sv_bench_cost){BIN_ROW_FLOP * (double)n->rows,
+                           sizeof(sv_splat) * visible + intersection * intersections};
   case SV_BENCH_RASTER:
     return (sv_bench_cost){FORWARD_FLOP * pairs + FORWARD_ROW_FLOP * row_lanes,
-                           (record + 8) * recs + sizeof(sv_splat) * visible + 12 * px};
+                           (intersection + 8) * intersections + sizeof(sv_splat) * visible + 12 * px};
   case SV_BENCH_SSIM: return (sv_bench_cost){3 * SSIM_FLOP * px, 3 * (8 + 6) * px};
   case SV_BENCH_SSIM_BWD: return (sv_bench_cost){3 * SSIM_BWD_FLOP * px, 3 * (8 + 6 + 4) * px};
   case SV_BENCH_RASTER_BWD:
     return (sv_bench_cost){BACKWARD_FLOP * pairs + BACKWARD_ROW_FLOP * row_lanes +
-                               BACKWARD_RECORD_FLOP * recs,
-                           (record + slot) * recs + sizeof(sv_splat) * visible + 28 * px};
+                               BACKWARD_INTERSECTION_FLOP * intersections,
+                           (intersection + igrad) * intersections + sizeof(sv_splat) * visible + 28 * px};
   case SV_BENCH_PROJECT_BWD:
-    return (sv_bench_cost){(PROJECT_BWD_FLOP + 17 * coef) * touched + SV_IGRAD_ERR * recs,
-                           (sizeof(sv_intersection) + slot) * recs + sizeof(sv_splat) * visible +
+    return (sv_bench_cost){(PROJECT_BWD_FLOP + 17 * coef) * touched + SV_IGRAD_ERR * intersections,
+                           (sizeof(sv_intersection) + igrad) * intersections + sizeof(sv_splat) * visible +
                                4 * rows * touched};
   case SV_BENCH_NEWTON:
     return (sv_bench_cost){NEWTON_FLOP * rows * touched, (2 * 4 + 3 * 2) * rows * touched};
@@ -91,12 +93,12 @@ sv_bench_cost sv_bench_cost_of(sv_bench_op op, const sv_bench_counts *n) {
 }
 
 double sv_bench_arrays_bytes(const sv_bench_counts *n) {
-  // parameters and two moments of 16 bits; record, its place in a list, pair to sort, slot
+  // parameters and two moments of 16 bits; intersection, its place in a list, pair to sort, igrad
   const double gaussian = (4 + 2 * 2) * n->n_rows + (double)sizeof(sv_splat);
-  const double record = sizeof(sv_intersection) + sizeof(uint32_t) + sizeof(sv_pair) + SV_IGRAD_BYTES;
+  const double intersection = sizeof(sv_intersection) + sizeof(uint32_t) + sizeof(sv_pair) + SV_IGRAD_BYTES;
   const double pixel =
       3 + 4 * (3 + 3 + 3 + 1); // the image; planes of it, of the rendering, its gradient, errors
-  return gaussian * n->n_gaussians + record * n->n_intersections + pixel * n->n_pixels;
+  return gaussian * n->n_gaussians + intersection * n->n_intersections + pixel * n->n_pixels;
 }
 
 // Nothing is copied slower out of a smaller block than out of a larger one, unless something

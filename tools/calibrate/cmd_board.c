@@ -21,7 +21,7 @@ static sv_boards problem_of(const cal_boards *b, const cal_options *o) {
                      .spacing_m = o->spacing_m,
                      .model = model,
                      .has_warp =
-                         // a few views would explain their noise by a bend
+                         // a few views would explain their noise by a warp
                      !o->is_flat && n_seen >= 8,
                      .names = b->names,
                      .size_px = (const int(*)[2])b->size_px,

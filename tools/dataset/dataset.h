@@ -24,8 +24,9 @@
 
 #define LAB_N_NEAR 6 // as many as the paper scores one exposure on
 // of depth files whose unit is not said: nerfstudio's default, millimeters
-#define LAB_DEPTH_UNIT  0.001
-#define LAB_MIN_SIDE_PX 8 // smaller images teach nothing, and a 1-pixel image is a mistake
+#define LAB_DEPTH_UNIT 0.001
+// Nothing is learned from smaller images, and a 1-pixel image is a mistake.
+#define LAB_MIN_SIDE_PX 8
 
 typedef struct {
   sv_transforms_frame f; // camera complete; its size is that of the file

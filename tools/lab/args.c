@@ -75,7 +75,7 @@ static const sv_option table[] = {
      "background of transparent images (black); evaluation replaces random with black", 0, 0, 0},
     {"scale", SV_OPT_INT, DATA, 0, AT(scale), "K", "downscale images to 1/K (1)", 1, 64, 0},
     {"loss", SV_OPT_TEXT, LAB_TRAIN, 0, AT(loss), "k=v,...",
-     "ssim, tv, opacity, scale, tv_unseen; unseen[_every|_px|_deg], region, floor, dilation, supersample "
+     "ssim, tv, opacity, scale, tv_novel; novel[_every|_px|_deg], region, floor, dilation, supersample "
      "(share of the run), dropout (share of the Gaussians)",
      0, 0, 0},
     {"noise", SV_OPT_TEXT, LAB_TRAIN | LAB_TABLES, 0, AT(noise), "[prediction,]read=V,shot=V",
@@ -202,13 +202,13 @@ static int parse_loss(const sv_tool_command *c, lab_options *o) {
     double least, most;
   } known[] = {{"ssim", &o->ssim, 0, 1},
                {"tv", &o->tv, 0, 1e6},
-               {"tv_unseen", &o->tv_unseen, 0, 1e6},
-               {"unseen", &o->n_unseen, 0, 16},
-               {"unseen_every", &o->unseen_every, 1, 1e6},
-               {"unseen_px", &o->unseen_px, 8, 4096},
-               {"unseen_deg", &o->unseen_deg, 0, 180},
+               {"tv_novel", &o->tv_novel, 0, 1e6},
+               {"novel", &o->n_novel, 0, 16},
+               {"novel_every", &o->novel_every, 1, 1e6},
+               {"novel_px", &o->novel_px, 8, 4096},
+               {"novel_deg", &o->novel_deg, 0, 180},
                {"region", &o->region_px, 16, 4096},
-               {"floor", &o->floor_px, 0, 10},
+               {"floor", &o->min_scale_px, 0, 10},
                {"dilation", &o->dilation_px2, 0.001, 10},
                {"supersample", &o->supersample, 0, 1},
                {"opacity", &o->opacity, 0, 1e6},
@@ -223,8 +223,8 @@ static int parse_loss(const sv_tool_command *c, lab_options *o) {
     if (k >= n || i == N)
       return lab_usage(
           c->name,
-          "--loss is a list of ssim=, tv=, tv_unseen=, unseen=, unseen_every=, unseen_px=, "
-          "unseen_deg=, region=, floor=, dilation=, supersample=, opacity=, scale= and dropout=, not '%.80s'",
+          "--loss is a list of ssim=, tv=, tv_novel=, novel=, novel_every=, novel_px=, "
+          "novel_deg=, region=, floor=, dilation=, supersample=, opacity=, scale= and dropout=, not '%.80s'",
           o->loss);
     if (!sv_parse_double(p + k + 1, n - k - 1, &v) || !(v >= known[i].least && v <= known[i].most))
       return lab_usage(c->name, "--loss %s needs a number from %g to %g", known[i].name, known[i].least,
@@ -276,14 +276,14 @@ int lab_args_parse(const sv_tool_command *c, int argc, char **argv, lab_options 
                      .prior_calls = -1,
                      .prior_limit_s = -1,
                      .prior_weight = -1,
-                     .tv_unseen = -1,
-                     .n_unseen = -1,
-                     .unseen_every = -1,
-                     .unseen_px = -1,
-                     .unseen_deg = -1,
+                     .tv_novel = -1,
+                     .n_novel = -1,
+                     .novel_every = -1,
+                     .novel_px = -1,
+                     .novel_deg = -1,
                      .dropout = -1,
                      .region_px = -1,
-                     .floor_px = -1,
+                     .min_scale_px = -1,
                      .supersample = -1,
                      .ssim = -1,
                      .tv = -1,

@@ -42,8 +42,8 @@ typedef struct {
   double prior_limit_s, prior_weight;
   bool is_eval, is_json, is_quiet, is_quick, has_depth, has_lpips, is_help, is_version;
   // Of --loss; below 0: not given
-  float ssim, tv, opacity, size, tv_unseen, n_unseen, unseen_every, unseen_px, unseen_deg, region_px,
-      floor_px, dilation_px2, supersample, dropout;
+  float ssim, tv, opacity, size, tv_novel, n_novel, novel_every, novel_px, novel_deg, region_px, min_scale_px,
+      dilation_px2, supersample, dropout;
   float noise_read, noise_shot; // of --noise, 0: none
 } lab_options;
 

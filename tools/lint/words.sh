@@ -6,7 +6,7 @@ cd "${1:-.}" || exit 2
 lint=$(dirname "$(readlink -f "$0")")
 bad=0
 
-# A struct member may carry such a name (a store's free slot); only calls are meant.
+# A struct member may carry such a name (an entry that is free); only calls are meant.
 heap='malloc|calloc|realloc|reallocarray|free|alloca|aligned_alloc|posix_memalign|strdup'
 process='exit|abort|printf|fprintf|sprintf|snprintf|puts|fopen|getenv|rand|srand|time|setjmp|longjmp'
 call="(^|[^A-Za-z0-9_.>])($heap|$process)[ ]*\\("

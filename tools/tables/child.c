@@ -18,7 +18,7 @@
 #define PATIENCE_S   20 // for a child that was asked to stop
 #define CAP_SENTENCE 200
 
-// In the child: no way back.
+// In the child: never returns.
 static void become(const tables_child *c, int out, pid_t parent) {
   int in = open("/dev/null", O_RDONLY), log = open(c->log, O_WRONLY | O_CREAT | O_APPEND | O_NOFOLLOW, 0666);
   // Ctrl-C on the terminal goes to the parent, which passes it on once; a second one would kill.

@@ -323,7 +323,7 @@ static sv_status plan_tv(tables *t, sv_err *err) {
       .name = "tv",
       .title = "Total variation",
       .text = "One exposure, near views. With the objective's weights for the device, and with TV off on "
-              "training and unseen views."};
+              "training and novel views."};
   for (int d = TABLES_LIGHTFIELD; d <= TABLES_MULTIPLEXED; d++)
     for (int is_off = 0; is_off < 2 && s == SV_OK; is_off++) {
       tables_setting like = {

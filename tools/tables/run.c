@@ -114,7 +114,7 @@ static sv_status train(job *j, sv_err *err) {
   add(&w, s->is_cube ? "cube" : "sphere");
   if (s->is_tv_off) {
     add(&w, "--loss");
-    add(&w, "tv=0,tv_unseen=0");
+    add(&w, "tv=0,tv_novel=0");
   }
   if (t->o->noise) {
     add(&w, "--noise");

@@ -58,8 +58,8 @@ static sv_train_cfg train_cfg(const lab_options *o, sv_dynamic_cfg *d) {
   *d = sv_dynamic_defaults();
   if (o->method && sv_str_eq(o->method, "4dgs")) lab_dynamic_cfg(o, 0, 0, d);
   c.has_motion = d->kind != SV_DEFORM_NONE;
-  if (d->kind == SV_DEFORM_FIELD) c.steps_hint = FIELD_STEPS;
-  if (o->steps > 0) c.steps_hint = (int)o->steps;
+  if (d->kind == SV_DEFORM_FIELD) c.expected_steps = FIELD_STEPS;
+  if (o->steps > 0) c.expected_steps = (int)o->steps;
   return c;
 }
 
@@ -115,19 +115,19 @@ static void choose_objective(run *r) {
   sv_train_cfg *c = &r->cfg;
   sv_sampling s = sampling_of(&r->views);
   s.is_moving = c->has_motion;
-  if (s.is_moving) lab_dynamic_cfg(o, c->steps_hint, n_times(&r->views), &r->extras.dynamic);
+  if (s.is_moving) lab_dynamic_cfg(o, c->expected_steps, n_times(&r->views), &r->extras.dynamic);
   if (s.is_moving) s.n_exposures = (n_places(&r->views) + s.n_sub_views - 1) / s.n_sub_views;
   r->is_standing = s.is_moving && s.n_exposures == 1;
   s.is_far = o->init && (sv_str_eq(o->init, "sphere") || sv_str_eq(o->init, "cube"));
   sv_driver_set_objective(c, &s, o->optimizer ? 1 + sv_optimizer_by_name(o->optimizer) : 0);
   if (o->ssim >= 0) c->weight_ssim = o->ssim;
   if (o->tv >= 0) c->weight_tv = o->tv;
-  if (o->tv_unseen >= 0) c->weight_tv_unseen = o->tv_unseen;
-  if (o->n_unseen >= 0) c->n_unseen = (int)o->n_unseen;
-  if (o->unseen_every >= 0) c->unseen_every = (int)o->unseen_every;
-  if (o->unseen_px >= 0) c->unseen_px = (int)o->unseen_px;
-  if (o->unseen_deg >= 0) c->unseen_rad = o->unseen_deg * (float)(SV_PI / 180);
-  if (o->floor_px >= 0) c->floor_px = o->floor_px;
+  if (o->tv_novel >= 0) c->weight_tv_novel = o->tv_novel;
+  if (o->n_novel >= 0) c->n_novel = (int)o->n_novel;
+  if (o->novel_every >= 0) c->novel_every = (int)o->novel_every;
+  if (o->novel_px >= 0) c->novel_px = (int)o->novel_px;
+  if (o->novel_deg >= 0) c->novel_rad = o->novel_deg * (float)(SV_PI / 180);
+  if (o->min_scale_px >= 0) c->min_scale_px = o->min_scale_px;
   if (o->is_noise_on_prediction) {
     c->noise_read = o->noise_read;
     c->noise_shot = o->noise_shot;
@@ -532,7 +532,7 @@ int lab_cmd_train(const lab_options *o) {
   if (!r) return LAB_EXIT_FAILED;
   r->o = o;
   r->cfg = train_cfg(o, &r->extras.dynamic);
-  r->n_steps = o->time_limit_s > 0 ? 0 : r->cfg.steps_hint;
+  r->n_steps = o->time_limit_s > 0 ? 0 : r->cfg.expected_steps;
   r->limit_s = o->time_limit_s;
   sv_status s = lab_session_start(&r->session, o->threads, o->is_quiet, &err);
   if (s == SV_OK) s = sv_linux_catch_signals(&err);

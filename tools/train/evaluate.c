@@ -101,7 +101,7 @@ static bool slot_alloc(slot *s, const lab_views *v, bool has_depth, bool has_mas
 }
 
 // Straight alpha over the background, exactly as training does it.
-static void composite(const uint8_t *u8, int n_channels, size_t n, const float bg[3], float *out) {
+static void blend_over(const uint8_t *u8, int n_channels, size_t n, const float bg[3], float *out) {
   for (size_t i = 0; i < n; i++, u8 += n_channels)
     for (int c = 0; c < 3; c++) {
       float v = (float)u8[c] * (1.0f / 255.0f), a = n_channels == 4 ? (float)u8[3] * (1.0f / 255.0f) : 1.0f;
@@ -118,8 +118,8 @@ static void load_task(void *arg, int i_task, int i_thread) {
   if (s->err.status == SV_OK && r->job->render.has_depth)
     s->err.status = lab_depth_load(l, f, r->v->scale, s->depth_true, &s->err);
   if (s->err.status == SV_OK)
-    composite(s->truth_u8, f->n_channels, (size_t)f->view.width_px * (size_t)f->view.height_px,
-              r->job->render.bg, s->truth);
+    blend_over(s->truth_u8, f->n_channels, (size_t)f->view.width_px * (size_t)f->view.height_px,
+               r->job->render.bg, s->truth);
 }
 
 static sv_status render_slot(run *r, slot *s, const lab_frame *f, sv_err *err) {

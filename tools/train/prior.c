@@ -18,7 +18,7 @@
 // It draws a pseudo-view in three of ten steps, whose loss counts a fifth of the others'.
 #define PSEUDO_EVERY  3
 #define PSEUDO_WEIGHT 0.2f
-// of cfg.unseen_rad, and how much more at the end: a model learns to be seen from afar
+// of cfg.novel_rad, and how much more at the end: a model learns to be seen from afar
 #define TURN_START 0.5f
 #define TURN_MORE  1.0f
 
@@ -197,7 +197,7 @@ static float interval(const lab_prior *p) {
 }
 
 static sv_status call_for_views(lab_prior *p, float progress, sv_err *err) {
-  const float turn = p->trainer->cfg.unseen_rad * (TURN_START + TURN_MORE * progress);
+  const float turn = p->trainer->cfg.novel_rad * (TURN_START + TURN_MORE * progress);
   sv_status s = sv_prior_request_views(p->prior, turn, p->n_views, p->request);
   if (s < 0) return sv_fail(err, s, "no views to ask for: %s", sv_status_text(s));
   s = make_folder(p, err);
