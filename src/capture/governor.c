@@ -11,10 +11,13 @@
 #define HOT_C  77.0
 #define COOL_C 72.0
 // In each look at the temperature
-#define HEAT_NS      SV_NS_PER_S
-#define DUTY_DOWN    0.85
-#define DUTY_UP      0.02
-#define MOST_REST_NS (200 * SV_NS_PER_MS)
+#define HEAT_NS   SV_NS_PER_S
+#define DUTY_DOWN 0.85
+#define DUTY_UP   0.02
+// Kept when the processor is slowed down but not hot: its power supply is weak, and a pause helps
+// little.
+#define MIN_DUTY_COOL 0.5
+#define MOST_REST_NS  (200 * SV_NS_PER_MS)
 
 sv_governor_cfg sv_governor_defaults(sv_ns preview_every_ns) {
   return (sv_governor_cfg){.preview_every_ns = preview_every_ns,
@@ -54,12 +57,13 @@ static void judge(sv_governor *g, sv_ns now_ns) {
 
 bool sv_governor_heat(sv_governor *g, const sv_heat *heat, sv_ns now_ns) {
   const bool was_full = g->duty >= 1;
+  const bool is_warm = heat->temperature_c >= g->cfg.cool_c; // false when it is not known
   if (now_ns - g->heat_ns < HEAT_NS) return false;
   g->heat_ns = now_ns;
-  // Comparisons with an unknown temperature are false.
-  if (heat->is_throttled == 1 || heat->temperature_c >= g->cfg.hot_c) g->duty *= DUTY_DOWN;
-  else if (!(heat->temperature_c >= g->cfg.cool_c)) g->duty += DUTY_UP;
-  if (g->duty < g->cfg.min_duty) g->duty = g->cfg.min_duty;
+  const double min_duty = is_warm || g->cfg.min_duty > MIN_DUTY_COOL ? g->cfg.min_duty : MIN_DUTY_COOL;
+  if (heat->is_throttled == 1 || heat->temperature_c >= g->cfg.hot_c) {
+    if (g->duty > min_duty) g->duty = g->duty * DUTY_DOWN > min_duty ? g->duty * DUTY_DOWN : min_duty;
+  } else if (!is_warm) g->duty += DUTY_UP;
   if (g->duty > 1) g->duty = 1;
   if (g->duty < g->least_duty) g->least_duty = g->duty;
   return was_full != (g->duty >= 1);

@@ -16,6 +16,7 @@
 
 #include "platform/linux/linux.h"
 #include "platform/linux/watch.h"
+#include "src/capture/governor.h"
 #include "tests/common/test.h"
 
 #define MS SV_NS_PER_MS
@@ -225,6 +226,31 @@ static void put(const char *path, const char *text) {
   fclose(f);
 }
 
+// The share of its time that training keeps after so many seconds of this.
+static double duty_after(double c, int is_throttled, int seconds) {
+  sv_governor g;
+  sv_governor_cfg cfg = sv_governor_defaults(0);
+  sv_heat h = {.temperature_c = c, .is_throttled = is_throttled};
+  int n_told = 0;
+  sv_governor_init(&g, &cfg, 0);
+  for (sv_ns t = 0; t <= seconds * SV_NS_PER_S; t += SV_NS_PER_S / 4) n_told += sv_governor_heat(&g, &h, t);
+  assert_int_equal(n_told, g.duty < 1);
+  assert_true(g.least_duty == g.duty);
+  return g.duty;
+}
+
+TEST(test_duty) {
+  assert_true(duty_after(60, 0, 100) == 1);
+  assert_true(duty_after((double)NAN, -1, 100) == 1); // a machine that tells nothing
+  assert_true(duty_after(75, 0, 100) == 1);           // between the two limits nothing changes
+  assert_true(fabs(duty_after(77, 0, 1) - 0.85) < 1e-9);
+  assert_true(fabs(duty_after(90, 0, 100) - 0.1) < 1e-9);
+  assert_true(fabs(duty_after(90, 1, 100) - 0.1) < 1e-9);
+  // slow for want of power
+  assert_true(fabs(duty_after(50, 1, 100) - 0.5) < 1e-9);
+  assert_true(fabs(duty_after((double)NAN, 1, 100) - 0.5) < 1e-9);
+}
+
 #define THROTTLED "devices/platform/soc/soc:firmware/get_throttled"
 
 TEST(test_temperature) {
@@ -263,7 +289,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_ages),        cmocka_unit_test(test_pool_thread_that_hangs),
       cmocka_unit_test(test_watchdog),    cmocka_unit_test(test_no_watchdog),
-      cmocka_unit_test(test_temperature),
+      cmocka_unit_test(test_temperature), cmocka_unit_test(test_duty),
   };
   return cmocka_run_group_tests(tests, make_root, remove_root);
 }
