@@ -3,7 +3,7 @@
 
 #define WINDOW_NS (500 * SV_NS_PER_MS)
 // A long exposure must not be followed by nothing but training
-#define MOST_OWED_NS (200 * SV_NS_PER_MS)
+#define MAX_OWED_NS (200 * SV_NS_PER_MS)
 // Previews come faster again when training has so much more than its share
 #define SHARE_RELAXED 1.25
 
@@ -17,7 +17,7 @@
 // Kept when the processor is slowed down but not hot: its power supply is weak, and a pause helps
 // little.
 #define MIN_DUTY_COOL 0.5
-#define MOST_REST_NS  (200 * SV_NS_PER_MS)
+#define MAX_REST_NS  (200 * SV_NS_PER_MS)
 
 sv_governor_cfg sv_governor_defaults(sv_ns preview_every_ns) {
   return (sv_governor_cfg){.preview_every_ns = preview_every_ns,
@@ -72,7 +72,7 @@ bool sv_governor_heat(sv_governor *g, const sv_heat *heat, sv_ns now_ns) {
 sv_work sv_governor_next(sv_governor *g, sv_ns now_ns, bool is_exposure_ready) {
   if (now_ns > g->now_ns) {
     g->credit_ns += (sv_ns)((double)(now_ns - g->now_ns) * g->cfg.train_floor);
-    if (g->credit_ns > MOST_OWED_NS) g->credit_ns = MOST_OWED_NS;
+    if (g->credit_ns > MAX_OWED_NS) g->credit_ns = MAX_OWED_NS;
     g->now_ns = now_ns;
   }
   if (now_ns - g->window_ns >= WINDOW_NS) judge(g, now_ns);
@@ -88,9 +88,9 @@ void sv_governor_done(sv_governor *g, sv_work work, sv_ns from_ns, sv_ns now_ns)
   g->spent_ns[work] += took_ns;
   if (work == SV_WORK_TRAIN) {
     g->credit_ns -= took_ns;
-    if (g->credit_ns < -MOST_OWED_NS) g->credit_ns = -MOST_OWED_NS;
+    if (g->credit_ns < -MAX_OWED_NS) g->credit_ns = -MAX_OWED_NS;
     g->rest_ns += (sv_ns)((double)took_ns * (1 - g->duty) / g->duty);
-    if (g->rest_ns > MOST_REST_NS / g->cfg.min_duty) g->rest_ns = (sv_ns)(MOST_REST_NS / g->cfg.min_duty);
+    if (g->rest_ns > MAX_REST_NS / g->cfg.min_duty) g->rest_ns = (sv_ns)(MAX_REST_NS / g->cfg.min_duty);
   }
   if (work == SV_WORK_REST) g->rest_ns -= took_ns;
   if (work == SV_WORK_PREVIEW) g->preview_ns = now_ns;

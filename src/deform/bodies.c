@@ -155,7 +155,7 @@ float sv_bodies_reach(const sv_bodies *b, int body) {
 // --- between knots -------------------------------------------------------------------------------
 
 #define N_AROUND 6    // knots that a pose between two of them is found from, at most
-#define MOST_SUM 4.0f // of the weights' sizes: where knots lie unevenly, fewer are taken
+#define MAX_SUM  4.0f // of the weights' sizes: where knots lie unevenly, fewer are taken
 
 typedef struct {
   int n, at[N_AROUND]; // knots, rising
@@ -174,7 +174,7 @@ static void weigh(const sv_bodies *b, float t, int n_before, blend *l) {
       l->w[k] = p;
       sum += fabsf(p);
     }
-    if (l->n < 3 || sum <= MOST_SUM) return;
+    if (l->n < 3 || sum <= MAX_SUM) return;
     const float before = t - b->time[l->at[0]], behind = b->time[l->at[l->n - 1]] - t;
     l->n--;
     if (n_before < 2 || (n_before < l->n && before < behind)) continue;

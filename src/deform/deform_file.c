@@ -11,8 +11,8 @@
 #define VERSION_BODIES 2
 #define HEAD_BYTES     offsetof(sv_deform_head, n_bodies)
 #define MOST           1e9f  // places beyond are not measured
-#define MOST_TIME      1e6f  // a clip lasts from 0 to 1
-#define LEAST_SPAN     1e-9f // between knots: where they are closer, cubics overflow
+#define MAX_TIME       1e6f  // a clip lasts from 0 to 1
+#define MIN_SPAN       1e-9f // between knots: where they are closer, cubics overflow
 
 typedef struct {
   int32_t n_bodies, n_knots;
@@ -214,7 +214,7 @@ static sv_status check_rows(const float *x, size_t n, const char *name, sv_err *
 static sv_status check_bodies(const sv_motion *mo, const char *name, sv_err *err) {
   const sv_bodies *b = &mo->bodies;
   for (int i = 0; i < b->n_knots; i++)
-    if (!(fabsf(b->time[i]) < MOST_TIME) || (i && !(b->time[i] - b->time[i - 1] > LEAST_SPAN)))
+    if (!(fabsf(b->time[i]) < MAX_TIME) || (i && !(b->time[i] - b->time[i - 1] > MIN_SPAN)))
       return sv_fail(err, SV_E_FORMAT, "%s: knot %d of its bodies is not later than the one before", name, i);
   for (int i = 0; i < b->n * b->n_knots; i++)
     if (!is_motion(sv_bodies_knot(b, i / b->n_knots, i % b->n_knots)))

@@ -12,13 +12,13 @@
 #include "src/dynamic/curriculum.h"
 #include "src/train/optimize.h"
 
-#define TOLERANCE_PX  0.7f // a member is off by less
-#define LEAST_PX      1.0f // a new body's members move by more
-#define LEAST_MEMBERS 12   // of a new body
-#define LEAST_AGREE   6    // members that tell where a body went
-#define LEAST_SHARE   0.4f // of those that know, else it goes on as it went
-#define NEAR_RADII    1.6f // of a body: who joins it
-#define JOIN_PX       2.0f // and moves by more
+#define TOLERANCE_PX 0.7f // a member is off by less
+#define MIN_PX       1.0f // a new body's members move by more
+#define MIN_MEMBERS  12   // of a new body
+#define MIN_AGREE    6    // members that tell where a body went
+#define MIN_SHARE    0.4f // of those that know, else it goes on as it went
+#define NEAR_RADII   1.6f // of a body: who joins it
+#define JOIN_PX      2.0f // and moves by more
 
 #define KEEP1 0.8f // of Adam's moments: each knot has a view but every so often
 #define KEEP2 0.95f
@@ -118,19 +118,20 @@ static const uint32_t *members(const sv_dynamic *dyn, int body, int *n) {
 }
 
 // Poses of the known bodies at a new time. Where too few tell, they go on as they went.
-static void follow_known(sv_dynamic *dyn, int i_from, int i_to) {
+static void track_known(sv_dynamic *dyn, int i_from, int i_to) {
   sv_bodies *b = &dyn->deform.motion.bodies;
   for (int body = 1; body < b->n; body++) {
-    int n, n_agree = 0;
+    int n, n_inliers = 0;
     const uint32_t *list = members(dyn, body, &n);
     const sv_rigid *from = sv_bodies_knot(b, body, i_from);
     sv_rigid *to = sv_bodies_knot(b, body, i_to), rel = relative(from, to), found;
     float c[3];
     for (int k = 0; k < 3; k++) c[k] = b->centre[body][k] + from->d[k];
-    if (!sv_rigid_fit(dyn->near->of, list, n, c, TOLERANCE_PX, &rel, &found, &n_agree)) continue;
+    if (!sv_rigid_fit(&(sv_rigid_points){dyn->near->of, list, n, c}, TOLERANCE_PX, &rel, &found, &n_inliers))
+      continue;
     int n_known = 0;
     for (int i = 0; i < n; i++) n_known += dyn->near->of[list[i]].is_known;
-    if (n_agree >= LEAST_AGREE && (float)n_agree >= LEAST_SHARE * (float)n_known)
+    if (n_inliers >= MIN_AGREE && (float)n_inliers >= MIN_SHARE * (float)n_known)
       *to = sv_rigid_then(from, &found);
   }
 }
@@ -186,7 +187,8 @@ static void find_past(sv_dynamic *dyn, int body, const uint32_t *list, int n, in
       o->is_known = true;
     }
     sv_rigid found;
-    if (sv_rigid_fit(dyn->near->of, list, n, b->centre[body], TOLERANCE_PX, NULL, &found, NULL))
+    if (sv_rigid_fit(&(sv_rigid_points){dyn->near->of, list, n, b->centre[body]}, TOLERANCE_PX, NULL, &found,
+                     NULL))
       *sv_bodies_knot(b, body, i_knot) = found;
   }
 }
@@ -206,9 +208,14 @@ static void measure(sv_dynamic *dyn, int body, const uint32_t *list, int n, cons
   dyn->deform.motion.bodies.radius[body] = sqrtf(sum / (float)n) + 1e-6f * dyn->t->radius;
 }
 
-// A body of those that bear its number, which goes from where it was by motion about from_centre.
+typedef struct {
+  int from, to; // knots
+} knot_span;
+
+// Makes a body of the Gaussians assigned to it, which moves between two knots by motion about
+// from_centre.
 static void make_body(sv_dynamic *dyn, int body, const sv_rigid *motion, const float from_centre[3],
-                      int i_from, int i_to, float px_per_unit) {
+                      knot_span span, float px_per_unit) {
   sv_bodies *b = &dyn->deform.motion.bodies;
   const sv_motion_values mid = sv_motion_values_at(&dyn->deform.motion.cfg, dyn->t->reference_time);
   int n;
@@ -216,9 +223,9 @@ static void make_body(sv_dynamic *dyn, int body, const sv_rigid *motion, const f
   const float *c = b->centre[body];
   measure(dyn, body, list, n, &mid);
   for (int i = 0; i < b->n_knots; i++) *sv_bodies_knot(b, body, i) = SV_RIGID_IDENTITY;
-  find_past(dyn, body, list, n, i_to, px_per_unit);
-  const sv_rigid *from = sv_bodies_knot(b, body, i_from);
-  sv_rigid *to = sv_bodies_knot(b, body, i_to);
+  find_past(dyn, body, list, n, span.to, px_per_unit);
+  const sv_rigid *from = sv_bodies_knot(b, body, span.from);
+  sv_rigid *to = sv_bodies_knot(b, body, span.to);
   float x[3], q[4];
   for (int k = 0; k < 3; k++) x[k] = c[k] + from->d[k];
   sv_rigid_apply(motion, from_centre, x, x);
@@ -287,7 +294,7 @@ void sv_dynamic_match_bodies(sv_dynamic *dyn, float from, float to, float px_per
   if (!b->of) return;
   const int i_from = sv_bodies_find_knot(b, from), i_to = sv_bodies_find_knot(b, to);
   if (i_from < 0 || i_to < 0) return;
-  follow_known(dyn, i_from, i_to);
+  track_known(dyn, i_from, i_to);
   join(dyn, i_from, i_to);
   const int room = sv_mini(dyn->cfg.n_bodies, SV_CAP_BODIES - 1) + 1 - b->n;
   if (room < 1) return;
@@ -300,11 +307,12 @@ void sv_dynamic_match_bodies(sv_dynamic *dyn, float from, float to, float px_per
                              .n = dyn->near->n,
                              .first_label = b->n,
                              .cap_bodies = room,
-                             .least_members = LEAST_MEMBERS,
-                             .least_px = LEAST_PX,
+                             .min_members = MIN_MEMBERS,
+                             .min_px = MIN_PX,
                              .tolerance_px = TOLERANCE_PX,
                              .seed = dyn->t->cfg.seed};
   const int n = sv_rigid_find(&s, motion, centre), first = b->n;
   b->n += n;
-  for (int k = 0; k < n; k++) make_body(dyn, first + k, &motion[k], centre[k], i_from, i_to, px_per_unit);
+  for (int k = 0; k < n; k++)
+    make_body(dyn, first + k, &motion[k], centre[k], (knot_span){i_from, i_to}, px_per_unit);
 }

@@ -16,10 +16,10 @@
 
 #define NEAR_RADII      8.0f  // of a body: its parts are no farther
 #define HIDDEN          0.02f // of the depth: what is farther than what is seen by so much
-#define MOST_OFF        0.6f  // a difference, summed over the colours, counts no more
-#define LEAST_LOOKS     6.0f  // pictures that tell
+#define MAX_OFF         0.6f  // a difference, summed over the colours, counts no more
+#define MIN_LOOKS       6.0f  // pictures that tell
 #define BETTER          0.7f  // of the difference as it is: another motion leaves less
-#define LEAST_BETTER    0.03f // and by so much
+#define MIN_BETTER      0.03f // and by so much
 #define BLOCKS_PER_TASK 4
 
 // --- whom it may be a part of --------------------------------------------------------------------
@@ -57,7 +57,7 @@ static void begin_slot(sv_dynamic *dyn, int i) {
   sv_body_assignment *m = &dyn->assignment[i];
   float d[SV_DYNAMIC_NEAR_BODIES] = {0};
   memset(m, 0, sizeof *m);
-  if (!(*sv_gaussians_at(&dyn->t->g, i, SV_ROW_LOGIT) > SV_PATCH_LEAST_LOGIT)) return;
+  if (!(*sv_gaussians_at(&dyn->t->g, i, SV_ROW_LOGIT) > SV_PATCH_MIN_LOGIT)) return;
   const int k = knot_of(dyn, i), of = i < mo->n_moving ? b->of[i] : 0;
   const sv_motion_values f = sv_motion_values_at(&mo->cfg, b->time[k]);
   m->knot = (uint8_t)k;
@@ -102,7 +102,7 @@ static void look_at(const job *j, const float x[3], const float colour[3], float
   const float alpha = 1.0f - dyn->t->render.trans[at];
   if (alpha > 0.5f && z * alpha > (1.0f + HIDDEN) * dyn->t->render.depth[at]) return;
   for (int c = 0; c < 3; c++) off += fabsf(p->c[c][at] - colour[c]);
-  *err += sv_minf(off, MOST_OFF);
+  *err += sv_minf(off, MAX_OFF);
   *n += 1;
 }
 
@@ -157,10 +157,10 @@ static int decide(const sv_dynamic *dyn, int i) {
   const int now = i < dyn->deform.motion.n_moving && dyn->deform.motion.bodies.of[i] ? 1 : 0;
   if (!(m->n[now] > 0)) return -1;
   const float as_is = m->err[now] / m->n[now];
-  float least = sv_minf(BETTER * as_is, as_is - LEAST_BETTER);
+  float least = sv_minf(BETTER * as_is, as_is - MIN_BETTER);
   int best = -1;
   for (int k = 0; k <= SV_DYNAMIC_NEAR_BODIES; k++) {
-    if (k == now || (k && !m->body[k - 1]) || m->n[k] < sv_maxf(LEAST_LOOKS, 0.5f * m->n[now])) continue;
+    if (k == now || (k && !m->body[k - 1]) || m->n[k] < sv_maxf(MIN_LOOKS, 0.5f * m->n[now])) continue;
     const float here = m->err[k] / m->n[k];
     if (here < least) {
       least = here;

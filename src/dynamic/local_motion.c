@@ -5,12 +5,12 @@
 
 #include "src/base/mathx.h"
 
-#define SIDE       32   // candidates before and after a slot in the order
-#define N_NEAR     12   // neighbours
-#define LEAST_NEAR 4    // fewer tell nothing
-#define RIDGE      0.1f // of the mean variance of the neighbours' places
-#define BITS       10   // of the curve, along each axis
-#define N_ROUNDS   3
+#define SIDE     32   // candidates before and after a slot in the order
+#define N_NEAR   12   // neighbours
+#define MIN_NEAR 4    // fewer tell nothing
+#define RIDGE    0.1f // of the mean variance of the neighbours' places
+#define BITS     10   // of the curve, along each axis
+#define N_ROUNDS 3
 
 typedef struct {
   int n;
@@ -145,13 +145,13 @@ static float misfit(const float x[3], const near_list *l, const affine *f, float
   return sum / of;
 }
 
-bool sv_local_motion_say(const sv_local_motion *b, int i, float u[3]) {
+bool sv_local_motion_interpolate(const sv_local_motion *b, int i, float u[3]) {
   const float *x = b->of[i].x;
   near_list l;
   affine f;
   float r2[N_NEAR];
   find_near(b, i, &l);
-  if (l.n < LEAST_NEAR) return false;
+  if (l.n < MIN_NEAR) return false;
   const float far2 = 1.2f * l.d2[l.n - 1] + 1e-30f;
   for (int k = 0; k < l.n; k++) l.w[k] = 1.0f - l.d2[k] / far2;
   for (int round = 0; round < N_ROUNDS; round++) {

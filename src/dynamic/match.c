@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// Following: when a time enters the curriculum, the pictures tell where to what is seen at its
-// neighbour moves.
+// Patch matching: when a time enters the curriculum, its images tell how the Gaussians moved since
+// the neighboring time.
 //
-// Each Gaussian in front takes the patch of the neighbour's picture around it and looks for it in
-// the new one (sum of squared differences over the patch, all places within a radius, then a
-// parabola through the three best along x and y; Lucas & Kanade's residual, searched instead of
-// linearised, as fast things move by more than their texture). It is looked for around its old
-// place and around the one that it was going to. What its cameras saw is solved for one
-// displacement in space, damped where none can tell; what none saw, and what disagrees with its
-// neighbours, goes as they do (local_motion.h). The motion is then bent to pass there, and at the
-// times before as little as it can.
+// Each Gaussian in front takes the patch of the old image around it and searches the new image for
+// it: sum of squared differences over the patch at all positions within a radius, then a parabola
+// through the three best along x and y (Lucas & Kanade's residual, searched instead of linearized,
+// as fast objects move by more than their texture). The search starts at the old position and at
+// the predicted one. One displacement in space is solved from what all cameras of a Gaussian saw,
+// damped along directions that no camera determines. Gaussians that no camera saw, and outliers
+// among neighbors, take their neighbors' displacement (local_motion.h). The basis coefficients are
+// then fitted to pass through the new position with the smallest change at the times before.
 #include <string.h>
 
 #include "src/base/mathx.h"
@@ -21,19 +21,19 @@
 #include "src/dynamic/search.h"
 #include "src/train/step.h"
 
-#define REACH         10    // 1/REACH of the larger side is searched
-#define STILL         0.25f // times that: within half a pixel of where it was
-#define MOST_MISMATCH 2.0f  // times that: a match that is worse is none
-#define BETTER        0.5f  // a place must differ so much less than the old one
-#define BACK_PX       1     // looked for from there, the old place is found within so much
-#define LEAST_PX      0.3f  // displacements below are left to the gradients
-#define MOVES_PX      1.0f  // who stood still and is displaced by more moves
-#define APART_PX      2.0f  // cameras that disagree by more have followed something else
-#define DISAGREES_PX  2.0f  // with its neighbours: it has followed something else
-#define FAR_PX        1e4f  // no picture is so large
-// of the mean diagonal: where no camera can tell, things go on as they did
+#define REACH        10    // 1/REACH of the larger side is searched
+#define STILL        0.25f // times that: within half a pixel of where it was
+#define MAX_MISMATCH 2.0f  // times that: worse matches are rejected
+#define BETTER       0.5f  // the best mismatch is at most this share of that at the old position
+#define BACK_PX      1     // the backward match returns to the old position within so much
+#define MIN_PX       0.3f  // smaller displacements are left to the gradients
+#define MOVES_PX     1.0f  // a static Gaussian displaced by more becomes moving
+#define APART_PX     2.0f  // cameras that disagree by more have wrong matches
+#define DISAGREES_PX 2.0f  // from its neighbors: the match is wrong
+#define FAR_PX       1e4f  // larger than any image
+// of the mean diagonal: undetermined directions keep the predicted motion
 #define DAMPING         0.01f
-#define FREE_DAMPING    1e-4f // for bodies, whose parts tell together where they go
+#define FREE_DAMPING    1e-4f // for bodies, which all of their members determine together
 #define SMOOTHNESS      1e-3  // weight of a function's coefficient, times its number squared
 #define BLOCKS_PER_TASK 4
 
@@ -57,43 +57,41 @@ typedef struct {
 
 static int abs_i(int x) { return x < 0 ? -x : x; }
 
-// The place in the new picture, from near (u, v), of the old one's patch at (x, y), if looking back
-// finds it.
-static bool look_near(const job *j, int x, int y, int reach, int *u, int *v, float *unlike) {
-  const int du = *u - x, dv = *v - y;
-  *unlike = sv_patch_search(&j->prev, x, y, &j->next, reach, u, v);
-  if (!sv_patch_is_inside(&j->next, *u, *v)) return false;
-  int back_x = *u - du, back_y = *v - dv;
-  sv_patch_search(&j->next, *u, *v, &j->prev, reach, &back_x, &back_y);
-  return abs_i(back_x - x) <= BACK_PX && abs_i(back_y - y) <= BACK_PX;
+// Moves b to the best match for a near it. False: the backward match from there misses a.
+static bool match_near(sv_image_patch a, sv_image_patch *b, int reach, float *mismatch) {
+  const int dx = b->x - a.x, dy = b->y - a.y;
+  *mismatch = sv_patch_search(a, b, reach);
+  if (!sv_patch_is_inside(b->image, b->x, b->y)) return false;
+  sv_image_patch back = {a.image, b->x - dx, b->y - dy};
+  sv_patch_search(*b, &back, reach);
+  return abs_i(back.x - a.x) <= BACK_PX && abs_i(back.y - a.y) <= BACK_PX;
 }
 
-// Where the patch at (x, y) of the old picture is in the new one, where it was, near it or near
-// where it was going to (by p); false: cannot be told.
-static bool follow(const job *j, int x, int y, const float p[2], float d[2]) {
-  const sv_planes *a = &j->prev, *b = &j->next;
-  float here, unlike = sv_patch_texture(a, x, y);
-  int u = x, v = y;
-  if (unlike < SV_PATCH_LEAST_TEXTURE) return false;
-  here = sv_patch_mismatch(a, x, y, b, x, y, 1e30f);
-  if (here > STILL * unlike) {
+// Displacement d of the patch at (x, y) of the old image: none, or to the best match near it or
+// near its predicted position (by p). False: unknown.
+static bool match_patch(const job *j, int x, int y, const float p[2], float d[2]) {
+  const sv_image_patch a = {&j->prev, x, y};
+  sv_image_patch b = {&j->next, x, y};
+  const float texture = sv_patch_texture(&j->prev, x, y);
+  if (texture < SV_PATCH_MIN_TEXTURE) return false;
+  const float here = sv_patch_mismatch(a, b, 1e30f);
+  if (here > STILL * texture) {
     float best, ahead = 1e30f;
-    int u2 = x + (int)floorf(p[0] + 0.5f), v2 = y + (int)floorf(p[1] + 0.5f);
-    bool is_found = look_near(j, x, y, j->reach, &u, &v, &best);
-    bool is_ahead = u2 != x || v2 != y ? look_near(j, x, y, j->reach / 2, &u2, &v2, &ahead) : false;
+    sv_image_patch b2 = {&j->next, x + (int)floorf(p[0] + 0.5f), y + (int)floorf(p[1] + 0.5f)};
+    bool is_found = match_near(a, &b, j->reach, &best);
+    bool is_ahead = b2.x != x || b2.y != y ? match_near(a, &b2, j->reach / 2, &ahead) : false;
     if (is_ahead && (!is_found || ahead <= best)) {
       is_found = true;
       best = ahead;
-      u = u2;
-      v = v2;
+      b = b2;
     }
-    if (!is_found || best > MOST_MISMATCH * unlike || ((u != x || v != y) && best > BETTER * here))
+    if (!is_found || best > MAX_MISMATCH * texture || ((b.x != x || b.y != y) && best > BETTER * here))
       return false;
   }
-  d[0] = (float)(u - x);
-  d[1] = (float)(v - y);
+  d[0] = (float)(b.x - x);
+  d[1] = (float)(b.y - y);
   float more[2];
-  sv_patch_offset(a, x, y, b, u, v, more);
+  sv_patch_offset(a, b, more);
   d[0] += more[0];
   d[1] += more[1];
   return true;
@@ -101,8 +99,9 @@ static bool follow(const job *j, int x, int y, const float p[2], float d[2]) {
 
 // --- one camera ----------------------------------------------------------------------------------
 
-// Where slot i is at the time of the last picture, and at the new time as its motion has it.
-static void places(const job *j, int i, float now[3], float then[3]) {
+// Positions of Gaussian i at the time of the last image, and predicted by its motion at the new
+// time.
+static void predict_position(const job *j, int i, float now[3], float then[3]) {
   const sv_dynamic *dyn = j->dyn;
   const sv_motion *mo = &dyn->deform.motion;
   const bool is_moving = i < mo->n_moving;
@@ -117,8 +116,8 @@ static void places(const job *j, int i, float now[3], float then[3]) {
   if (body) sv_rigid_apply(&j->body[body], mo->bodies.centre[body], then, then);
 }
 
-// Pixels that slot i is displaced by at the new time when it goes on as it went from the time
-// before to the last.
+// Displacement in pixels of Gaussian i at the new time, extrapolated from its motion between the
+// two times before.
 static void extrapolate(const job *j, int i, const float now[3], const float px[2], float ahead[2]) {
   const sv_dynamic *dyn = j->dyn;
   const sv_motion *mo = &dyn->deform.motion;
@@ -131,7 +130,7 @@ static void extrapolate(const job *j, int i, const float now[3], const float px[
       x[k] += j->f_before.pos[f] * *sv_motion_row(mo, i, SV_MROW_FUNCTIONS + 3 * f + k);
   }
   const int body = sv_dynamic_body_of(dyn, i);
-  if (body) places(j, i, (float[3]){0}, x); // as it is expected
+  if (body) predict_position(j, i, (float[3]){0}, x);
   else
     for (int k = 0; k < 3; k++) x[k] = now[k] + j->lead * (now[k] - x[k]);
   if (!sv_patch_project(&j->to, x, to, &z, NULL)) return;
@@ -149,31 +148,31 @@ void sv_match_add(sv_match_sum *s, const float jac[6], const float r[2]) {
   s->n++;
 }
 
-static void follow_slot(const job *j, int i) {
+static void match_gaussian(const job *j, int i) {
   sv_match_sum *s = &j->dyn->match[i];
   float now[3], then[3], px[2], at[2], ahead[2], jac[6], z, d[2];
-  if (!(*sv_gaussians_at(&j->dyn->t->g, i, SV_ROW_LOGIT) > SV_PATCH_LEAST_LOGIT)) return;
-  places(j, i, now, then);
+  if (!(*sv_gaussians_at(&j->dyn->t->g, i, SV_ROW_LOGIT) > SV_PATCH_MIN_LOGIT)) return;
+  predict_position(j, i, now, then);
   if (!sv_patch_project(&j->from, now, px, &z, NULL)) return;
   if (!(px[0] >= 0 && px[0] < (float)j->prev.width_px && px[1] >= 0 && px[1] < (float)j->prev.height_px))
     return;
   int x = (int)px[0], y = (int)px[1];
   if (!sv_patch_is_inside(&j->prev, x, y) || !sv_patch_is_in_front(&j->dyn->t->render, x, y, z)) return;
   extrapolate(j, i, now, px, ahead);
-  if (!follow(j, x, y, ahead, d)) return;
+  if (!match_patch(j, x, y, ahead, d)) return;
   if (!sv_patch_project(&j->to, then, at, &z, jac)) return;
   const float r[2] = {px[0] + d[0] - at[0], px[1] + d[1] - at[1]};
   sv_match_add(s, jac, r);
 }
 
-static void follow_task(void *arg, int i_task, int i_thread) {
+static void match_task(void *arg, int i_task, int i_thread) {
   const job *j = arg;
   (void)i_thread;
   int i1 = sv_mini(16 * BLOCKS_PER_TASK * (i_task + 1), j->dyn->t->g.n);
-  for (int i = 16 * BLOCKS_PER_TASK * i_task; i < i1; i++) follow_slot(j, i);
+  for (int i = 16 * BLOCKS_PER_TASK * i_task; i < i1; i++) match_gaussian(j, i);
 }
 
-static sv_status look(job *j, int i_from, int i_to, float progress) {
+static sv_status match_views(job *j, int i_from, int i_to, float progress) {
   sv_dynamic *dyn = j->dyn;
   const sv_train_view *a = &dyn->t->views[i_from], *b = &dyn->t->views[i_to];
   const int k = sv_patch_scale(&a->view, dyn->usual_fx_px), k_size = sv_patch_scale(&a->view, 0);
@@ -189,13 +188,13 @@ static sv_status look(job *j, int i_from, int i_to, float progress) {
   j->prev = dyn->t->target;
   j->next = dyn->t->grad;
   if (s >= 0)
-    sv_pool_run(dyn->t->compute.pool, follow_task, j, (j->n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
+    sv_pool_run(dyn->t->compute.pool, match_task, j, (j->n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
   return s;
 }
 
 // --- displacement --------------------------------------------------------------------------------
 
-// Pixels by which the cameras see slot i displaced from where its motion has it; -1: not known.
+// Displacement in pixels, as the cameras see it, from the position by motion; -1: unknown.
 static float displacement(const sv_match_sum *s, float damping, float d[3]) {
   float a[6], most = 0;
   if (!s->n) return -1;
@@ -229,7 +228,7 @@ static void fill(const job *j, float damping) {
     sv_displaced *o = &dyn->near->of[i];
     const sv_match_sum *s = &dyn->match[i];
     float d[3] = {0}, then[3], px = displacement(s, damping, d);
-    places(j, i, o->x, then);
+    predict_position(j, i, o->x, then);
     o->is_known = px >= 0;
     for (int k = 0; k < 3 && o->is_known; k++) o->u[k] = then[k] + d[k] - o->x[k];
     for (int k = 0; k < 6 && o->is_known; k++) o->a[k] = s->a[k] / (float)s->n;
@@ -252,10 +251,10 @@ static void make_neighbours(const job *j) {
 static float agreed(const job *j, int i, float d[3]) {
   const sv_displaced *o = &j->dyn->near->of[i];
   float px = displacement(&j->dyn->match[i], DAMPING, d), now[3], then[3], u[3], off2 = 0, d2 = 0;
-  if (!j->dyn->is_moving[i] || !sv_local_motion_say(j->dyn->near, i, u)) return px;
+  if (!j->dyn->is_moving[i] || !sv_local_motion_interpolate(j->dyn->near, i, u)) return px;
   for (int k = 0; k < 3; k++) off2 += (u[k] - o->u[k]) * (u[k] - o->u[k]);
   if (o->is_known && j->px_per_unit * sqrtf(off2) < DISAGREES_PX) return px;
-  places(j, i, now, then);
+  predict_position(j, i, now, then);
   for (int k = 0; k < 3; k++) {
     d[k] = now[k] + u[k] - then[k];
     d2 += d[k] * d[k];
@@ -271,7 +270,7 @@ static void fit_task(void *arg, int i_task, int i_thread) {
   for (int i = 16 * BLOCKS_PER_TASK * i_task; i < i1; i++) {
     if (sv_dynamic_body_of(dyn, i)) continue; // goes with its body
     float d[3], px = agreed(j, i, d);
-    if (px < (dyn->is_moving[i] ? LEAST_PX : MOVES_PX)) continue;
+    if (px < (dyn->is_moving[i] ? MIN_PX : MOVES_PX)) continue;
     if (!dyn->is_moving[i]) {
       dyn->is_moving[i] = 2;
       sv_motion_rest(&dyn->deform.motion, i);
@@ -367,7 +366,7 @@ static sv_status follow_to(sv_dynamic *dyn, float from, float to, float progress
       const sv_view *p = &dyn->t->views[a].view, *q = &dyn->t->views[b].view;
       if (p->time != from || q->time != to || p->i_sub_view != q->i_sub_view) continue;
       if (p->width_px != q->width_px || p->height_px != q->height_px) continue;
-      sv_status s = look(&j, a, b, progress);
+      sv_status s = match_views(&j, a, b, progress);
       if (s < 0) return s;
     }
   sv_planes_clear(&dyn->t->grad);

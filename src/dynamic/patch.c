@@ -10,8 +10,8 @@
 int sv_patch_scale(const sv_view *v, float usual_fx_px) {
   int k = 1;
   while (k < SV_UNPACK_CAP_K && sv_maxi(v->width_px, v->height_px) / k > SIDE_PX) k++;
-  const float most = 1.0001f * usual_fx_px / (float)k;
-  while (k > 1 && v->fx / (float)(k - 1) <= most) k--;
+  const float max = 1.0001f * usual_fx_px / (float)k;
+  while (k > 1 && v->fx / (float)(k - 1) <= max) k--;
   return k;
 }
 
@@ -25,40 +25,51 @@ bool sv_patch_is_inside(const sv_planes *p, int x, int y) {
   return x >= RADIUS && y >= RADIUS && x < p->width_px - RADIUS && y < p->height_px - RADIUS;
 }
 
-float sv_patch_mismatch(const sv_planes *a, int xa, int ya, const sv_planes *b, int xb, int yb, float most) {
+static const float *row_of(sv_image_patch p, int c, int j) {
+  return p.image->c[c] + (long)(p.y + j) * p.image->stride + p.x - RADIUS;
+}
+
+float sv_patch_mismatch(sv_image_patch a, sv_image_patch b, float max) {
   float sum = 0;
-  for (int j = -RADIUS; j <= RADIUS && sum <= most; j++)
+  for (int j = -RADIUS; j <= RADIUS && sum <= max; j++)
     for (int c = 0; c < 3; c++) {
-      const float *p = a->c[c] + (long)(ya + j) * a->stride + xa - RADIUS;
-      const float *q = b->c[c] + (long)(yb + j) * b->stride + xb - RADIUS;
+      const float *p = row_of(a, c, j), *q = row_of(b, c, j);
       for (int i = 0; i < 2 * RADIUS + 1; i++) sum += (p[i] - q[i]) * (p[i] - q[i]);
     }
   return sum;
 }
 
-float sv_patch_texture(const sv_planes *p, int x, int y) {
-  if (!sv_patch_is_inside(p, x - 1, y - 1) || !sv_patch_is_inside(p, x + 1, y + 1)) return 0;
-  return sv_minf(sv_patch_mismatch(p, x, y, p, x + 1, y, 1e30f),
-                 sv_patch_mismatch(p, x, y, p, x, y + 1, 1e30f));
+static sv_image_patch moved(sv_image_patch p, int dx, int dy) {
+  p.x += dx;
+  p.y += dy;
+  return p;
 }
 
-float sv_patch_search(const sv_planes *a, int xa, int ya, const sv_planes *b, int reach, int *x, int *y) {
-  const int x0 = *x, y0 = *y;
-  float best = sv_patch_is_inside(b, x0, y0) ? sv_patch_mismatch(a, xa, ya, b, x0, y0, 1e30f) : 1e30f;
+static bool is_inside(sv_image_patch p) { return sv_patch_is_inside(p.image, p.x, p.y); }
+
+float sv_patch_texture(const sv_planes *p, int x, int y) {
+  const sv_image_patch a = {p, x, y};
+  if (!sv_patch_is_inside(p, x - 1, y - 1) || !sv_patch_is_inside(p, x + 1, y + 1)) return 0;
+  return sv_minf(sv_patch_mismatch(a, moved(a, 1, 0), 1e30f), sv_patch_mismatch(a, moved(a, 0, 1), 1e30f));
+}
+
+float sv_patch_search(sv_image_patch a, sv_image_patch *b, int reach) {
+  const sv_image_patch start = *b;
+  float best = is_inside(start) ? sv_patch_mismatch(a, start, 1e30f) : 1e30f;
   for (int j = -reach; j <= reach; j++)
     for (int i = -reach; i <= reach; i++) {
-      if (!sv_patch_is_inside(b, x0 + i, y0 + j)) continue;
-      float here = sv_patch_mismatch(a, xa, ya, b, x0 + i, y0 + j, best);
+      const sv_image_patch at = moved(start, i, j);
+      if (!is_inside(at)) continue;
+      float here = sv_patch_mismatch(a, at, best);
       if (here < best) {
         best = here;
-        *x = x0 + i;
-        *y = y0 + j;
+        *b = at;
       }
     }
   return best;
 }
 
-// Offset of the least of a parabola through three values, the middle one the least.
+// Offset of the minimum of a parabola through three values, the middle one the smallest.
 static float vertex(float l, float m, float r) {
   float curve = l - 2 * m + r;
   return curve > 0 ? sv_clampf(0.5f * (l - r) / curve, -0.5f, 0.5f) : 0;
@@ -79,12 +90,10 @@ bool sv_patch_project(const sv_view *v, const float x[3], float px[2], float *z,
   return true;
 }
 
-void sv_patch_offset(const sv_planes *a, int xa, int ya, const sv_planes *b, int x, int y, float d[2]) {
+void sv_patch_offset(sv_image_patch a, sv_image_patch b, float d[2]) {
   d[0] = d[1] = 0;
-  if (!sv_patch_is_inside(b, x - 1, y - 1) || !sv_patch_is_inside(b, x + 1, y + 1)) return;
-  float m = sv_patch_mismatch(a, xa, ya, b, x, y, 1e30f);
-  d[0] = vertex(sv_patch_mismatch(a, xa, ya, b, x - 1, y, 1e30f), m,
-                sv_patch_mismatch(a, xa, ya, b, x + 1, y, 1e30f));
-  d[1] = vertex(sv_patch_mismatch(a, xa, ya, b, x, y - 1, 1e30f), m,
-                sv_patch_mismatch(a, xa, ya, b, x, y + 1, 1e30f));
+  if (!is_inside(moved(b, -1, -1)) || !is_inside(moved(b, 1, 1))) return;
+  float m = sv_patch_mismatch(a, b, 1e30f);
+  d[0] = vertex(sv_patch_mismatch(a, moved(b, -1, 0), 1e30f), m, sv_patch_mismatch(a, moved(b, 1, 0), 1e30f));
+  d[1] = vertex(sv_patch_mismatch(a, moved(b, 0, -1), 1e30f), m, sv_patch_mismatch(a, moved(b, 0, 1), 1e30f));
 }

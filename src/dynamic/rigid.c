@@ -13,25 +13,25 @@
 #define DAMPING      1e-4  // of the mean diagonal: what the pictures leave open does not change
 #define LIKELY_TURN  0.15  // rad, standard deviation of a turn from the one expected,
 #define LIKELY_SHIFT 0.5   // and of a shift, in radii of the body
-#define SETTLED      1e-10 // squared step, rad^2 and in radii of the body
+#define CONVERGED    1e-10 // squared step, rad^2 and in radii of the body
 #define N_TRIALS     256   // triples a body
 #define N_DRAWS      64    // for one that moves
 #define N_REFINED    24    // of these, at most, are refined
 #define SIDE         32    // neighbours before and after a seed that a triple must explain
-#define LEAST_NEAR   0.4f  // share of them that must agree
-#define MOST_TURN    0.6f  // |vector part| of q: more between two times is no motion, 74 degrees
+#define MIN_NEAR     0.4f  // share of them that must agree
+#define MAX_TURN     0.6f  // |vector part| of q: more between two times is no motion, 74 degrees
 // times the usual distance to the next of a body: what is farther is another
-#define GAP        3.0f
-#define N_FAILED   4    // winners that are no body, until the search ends
-#define VOTERS     8    // nearest that say which body a stray belongs to
-#define NEAR       0.7f // of a body's size: who votes for it is no farther
-#define MAJORITY   5    // of them
-#define UNANIMITY  7    // of them, where a stray goes by itself
-#define MOST_STRAY 4.0f // tolerances: off by more is to go by itself
+#define GAP       3.0f
+#define N_FAILED  4    // winners that are no body, until the search ends
+#define VOTERS    8    // nearest that say which body a stray belongs to
+#define NEAR      0.7f // of a body's size: who votes for it is no farther
+#define MAJORITY  5    // of them
+#define UNANIMITY 7    // of them, where a stray goes by itself
+#define MAX_STRAY 4.0f // tolerances: off by more is to go by itself
 
 typedef struct {
   const sv_displaced *of;
-  const uint32_t *slot;
+  const uint32_t *index;
   int n;
   const float *c;
   const sv_rigid *start; // what is expected, within LIKELY_TURN and LIKELY_SHIFT; NULL: anything
@@ -129,7 +129,7 @@ static bool step(const cloud *p, float tolerance, sv_rigid *m, double *moved2) {
   normal s = {{{0}}, {0}};
   double arm2 = 0, sum = 0, tr = 0, rot = 0;
   for (int i = 0; i < p->n; i++) {
-    const sv_displaced *o = &p->of[p->slot[i]];
+    const sv_displaced *o = &p->of[p->index[i]];
     float e[3], arm[3];
     if (!o->is_known) continue;
     float agrees = tolerance * tolerance, r2 = off2(o, m, p->c, e);
@@ -162,21 +162,21 @@ static bool step(const cloud *p, float tolerance, sv_rigid *m, double *moved2) {
 }
 
 // From m, with tolerances that end as given and start wider by 2^n_wide.
-static bool settle(const cloud *p, float tolerance, int n_wide, int n_steps, sv_rigid *m) {
+static bool iterate(const cloud *p, float tolerance, int n_wide, int n_steps, sv_rigid *m) {
   for (int i = 0; i < n_steps; i++) {
     double moved2 = 0;
     float wider = i < n_wide ? (float)(1 << (n_wide - i)) : 1.0f;
     if (!step(p, tolerance * wider, m, &moved2)) return false;
     if (!(moved2 < 1e6)) return false;
-    if (i >= n_wide && moved2 < SETTLED) break;
+    if (i >= n_wide && moved2 < CONVERGED) break;
   }
   return true;
 }
 
-static int n_agreeing(const cloud *p, const sv_rigid *m, float tolerance) {
+static int count_inliers(const cloud *p, const sv_rigid *m, float tolerance) {
   int n = 0;
   for (int i = 0; i < p->n; i++) {
-    const sv_displaced *o = &p->of[p->slot[i]];
+    const sv_displaced *o = &p->of[p->index[i]];
     float e[3];
     n += o->is_known && off2(o, m, p->c, e) < tolerance * tolerance;
   }
@@ -187,7 +187,7 @@ static int shift_by_mean(const cloud *p, sv_rigid *m) {
   int n = 0;
   *m = SV_RIGID_IDENTITY;
   for (int i = 0; i < p->n; i++) {
-    const sv_displaced *o = &p->of[p->slot[i]];
+    const sv_displaced *o = &p->of[p->index[i]];
     if (!o->is_known) continue;
     for (int k = 0; k < 3; k++) m->d[k] += o->u[k];
     n++;
@@ -196,18 +196,18 @@ static int shift_by_mean(const cloud *p, sv_rigid *m) {
   return n;
 }
 
-bool sv_rigid_fit(const sv_displaced *of, const uint32_t *slot, int n, const float c[3], float tolerance_px,
-                  const sv_rigid *start, sv_rigid *out, int *n_agree) {
-  const cloud p = {of, slot, n, c, start};
+bool sv_rigid_fit(const sv_rigid_points *points, float tolerance_px, const sv_rigid *start, sv_rigid *out,
+                  int *n_inliers) {
+  const cloud p = {points->of, points->index, points->n, points->c, start};
   sv_rigid m;
-  if (n_agree) *n_agree = 0;
+  if (n_inliers) *n_inliers = 0;
   if (shift_by_mean(&p, &m) < 3) return false;
   if (start) m = *start;
-  if (!settle(&p, tolerance_px, start ? 1 : N_WIDE, N_STEPS, &m)) return false;
-  int agree = n_agreeing(&p, &m, tolerance_px);
-  if (agree < 3) return false;
+  if (!iterate(&p, tolerance_px, start ? 1 : N_WIDE, N_STEPS, &m)) return false;
+  int inliers = count_inliers(&p, &m, tolerance_px);
+  if (inliers < 3) return false;
   *out = m;
-  if (n_agree) *n_agree = agree;
+  if (n_inliers) *n_inliers = inliers;
   return true;
 }
 
@@ -216,13 +216,13 @@ bool sv_rigid_fit(const sv_displaced *of, const uint32_t *slot, int n, const flo
 typedef struct {
   const sv_rigid_search *s;
   sv_rng rng;
-  int n;           // known slots without a body, as in order: s->list [0, n)
-  uint32_t *found; // [s->n] slots of a motion
+  int n;           // known Gaussians without a body, as in order: s->list [0, n)
+  uint32_t *found; // [s->n] Gaussians of a motion
 } search;
 
 static float length2(const float v[3]) { return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]; }
 
-static float apart2(const sv_displaced *a, const sv_displaced *b) {
+static float distance2(const sv_displaced *a, const sv_displaced *b) {
   float y[3] = {a->x[0] - b->x[0], a->x[1] - b->x[1], a->x[2] - b->x[2]};
   return length2(y);
 }
@@ -231,21 +231,21 @@ static void list_free(search *q) {
   const sv_rigid_search *s = q->s;
   q->n = 0;
   for (int i = 0; i < s->n; i++) {
-    uint32_t slot = s->order[i];
-    if (!s->label[slot] && s->of[slot].is_known) s->list[q->n++] = slot;
+    uint32_t index = s->order[i];
+    if (!s->label[index] && s->of[index].is_known) s->list[q->n++] = index;
   }
 }
 
-static bool moves(const sv_rigid_search *s, uint32_t slot) {
-  return square(s->of[slot].a, s->of[slot].u) > s->least_px * s->least_px;
+static bool moves(const sv_rigid_search *s, uint32_t index) {
+  return square(s->of[index].a, s->of[index].u) > s->min_px * s->min_px;
 }
 
-static bool is_moved(const sv_rigid_search *s, uint32_t slot, const sv_rigid *m, const float c[3]) {
-  const sv_displaced *o = &s->of[slot];
+static bool is_moved(const sv_rigid_search *s, uint32_t index, const sv_rigid *m, const float c[3]) {
+  const sv_displaced *o = &s->of[index];
   float y[3];
   sv_rigid_apply(m, c, o->x, y);
   for (int k = 0; k < 3; k++) y[k] -= o->x[k];
-  return square(o->a, y) > s->least_px * s->least_px;
+  return square(o->a, y) > s->min_px * s->min_px;
 }
 
 // Where in the list one is that moves; -1: they are few.
@@ -258,41 +258,41 @@ static int draw_mover(search *q) {
 }
 
 // Two others near place at, three different ones in all.
-static bool draw(search *q, int at, int side, uint32_t slot[3]) {
+static bool draw(search *q, int at, int side, uint32_t index[3]) {
   int lo = sv_maxi(at - side, 0), n = sv_mini(at + side, q->n - 1) - lo + 1;
   if (n < 3) return false;
   int a = lo + (int)sv_rng_below(&q->rng, (uint32_t)n), b = lo + (int)sv_rng_below(&q->rng, (uint32_t)n);
-  slot[0] = q->s->list[at];
-  slot[1] = q->s->list[a];
-  slot[2] = q->s->list[b];
+  index[0] = q->s->list[at];
+  index[1] = q->s->list[a];
+  index[2] = q->s->list[b];
   return a != at && b != at && a != b;
 }
 
-static void slots_within(const search *q, const sv_rigid *m, const float c[3], float tolerance, int *n) {
+static void gather_inliers(const search *q, const sv_rigid *m, const float c[3], float tolerance, int *n) {
   *n = 0;
   for (int i = 0; i < q->n; i++) {
     float e[3];
-    uint32_t slot = q->s->list[i];
-    if (off2(&q->s->of[slot], m, c, e) < tolerance * tolerance) q->found[(*n)++] = slot;
+    uint32_t index = q->s->list[i];
+    if (off2(&q->s->of[index], m, c, e) < tolerance * tolerance) q->found[(*n)++] = index;
   }
 }
 
 // A motion that three neighbours propose and those around them agree to; c: the first's place.
 static bool propose(search *q, int side, sv_rigid *m, float c[3]) {
   const sv_rigid_search *s = q->s;
-  uint32_t slot[3];
+  uint32_t index[3];
   const int at = draw_mover(q);
-  if (at < 0 || !draw(q, at, side, slot)) return false;
-  memcpy(c, s->of[slot[0]].x, 3 * sizeof *c);
-  const cloud three = {s->of, slot, 3, c, NULL};
+  if (at < 0 || !draw(q, at, side, index)) return false;
+  memcpy(c, s->of[index[0]].x, 3 * sizeof *c);
+  const cloud three = {s->of, index, 3, c, NULL};
   shift_by_mean(&three, m);
-  if (!settle(&three, 64.0f * s->tolerance_px, 0, N_STEPS / 2, m)) return false;
-  if (n_agreeing(&three, m, s->tolerance_px) < 3) return false;
+  if (!iterate(&three, 64.0f * s->tolerance_px, 0, N_STEPS / 2, m)) return false;
+  if (count_inliers(&three, m, s->tolerance_px) < 3) return false;
   const int lo = sv_maxi(at - side, 0), hi = sv_mini(at + side, q->n - 1);
   const cloud near = {s->of, s->list + lo, hi - lo + 1, c, NULL};
-  if ((float)n_agreeing(&near, m, 2 * s->tolerance_px) < LEAST_NEAR * (float)near.n) return false;
-  return settle(&near, s->tolerance_px, 1, N_STEPS / 2, m) && is_moved(s, slot[0], m, c) &&
-         length2(m->q + 1) < MOST_TURN * MOST_TURN;
+  if ((float)count_inliers(&near, m, 2 * s->tolerance_px) < MIN_NEAR * (float)near.n) return false;
+  return iterate(&near, s->tolerance_px, 1, N_STEPS / 2, m) && is_moved(s, index[0], m, c) &&
+         length2(m->q + 1) < MAX_TURN * MAX_TURN;
 }
 
 // All that go along with m, in q->found, after m was fitted to them.
@@ -300,11 +300,11 @@ static int widen(search *q, sv_rigid *m, const float c[3]) {
   const sv_rigid_search *s = q->s;
   int n = 0;
   for (int round = 0; round < 3; round++) {
-    slots_within(q, m, c, round < 2 ? 2 * s->tolerance_px : s->tolerance_px, &n);
+    gather_inliers(q, m, c, round < 2 ? 2 * s->tolerance_px : s->tolerance_px, &n);
     const cloud p = {s->of, q->found, n, c, NULL};
-    if (n < 3 || (round < 2 && !settle(&p, s->tolerance_px, 0, N_STEPS / 2, m))) return 0;
+    if (n < 3 || (round < 2 && !iterate(&p, s->tolerance_px, 0, N_STEPS / 2, m))) return 0;
   }
-  return length2(m->q + 1) < MOST_TURN * MOST_TURN ? n : 0;
+  return length2(m->q + 1) < MAX_TURN * MAX_TURN ? n : 0;
 }
 
 // The motion that most go along with, and its centre of turning; how many.
@@ -327,34 +327,34 @@ static int best_motion(search *q, sv_rigid *best, float c[3]) {
 
 // --- what hangs together -------------------------------------------------------------------------
 
-// Mean distance of the n slots to the nearest other, over some of them; a share of their spread if
-// that is more.
-static float usual_gap(const sv_displaced *of, const uint32_t *slot, int n) {
+// Mean distance of the n Gaussians to the nearest other, over some of them; a share of their spread
+// if that is more.
+static float usual_gap(const sv_displaced *of, const uint32_t *index, int n) {
   const int every = sv_maxi(n / 64, 1);
   float sum = 0;
   int count = 0;
   for (int i = 0; i < n; i += every, count++) {
     float least = 1e30f;
     for (int j = 0; j < n; j++)
-      if (j != i) least = sv_minf(least, apart2(&of[slot[i]], &of[slot[j]]));
+      if (j != i) least = sv_minf(least, distance2(&of[index[i]], &of[index[j]]));
     sum += sqrtf(least);
   }
   return sum / (float)count;
 }
 
-// The largest set of the n slots in which each is near another of it, moved to the front. Returns
-// its size.
-static int largest_part(const sv_displaced *of, uint32_t *slot, int n) {
-  const float gap = GAP * usual_gap(of, slot, n), gap2 = gap * gap;
+// The largest set of the n Gaussians in which each is near another of it, moved to the front.
+// Returns its size.
+static int largest_part(const sv_displaced *of, uint32_t *index, int n) {
+  const float gap = GAP * usual_gap(of, index, n), gap2 = gap * gap;
   int first = 0, most = 0, begin = 0;
   while (begin < n) {
-    int end = begin + 1; // of the part that grows from slot[begin]
+    int end = begin + 1; // of the part that grows from index[begin]
     for (int i = begin; i < end; i++)
       for (int j = end; j < n; j++) {
-        if (!(apart2(&of[slot[i]], &of[slot[j]]) < gap2)) continue;
-        uint32_t keep = slot[end];
-        slot[end++] = slot[j];
-        slot[j] = keep;
+        if (!(distance2(&of[index[i]], &of[index[j]]) < gap2)) continue;
+        uint32_t keep = index[end];
+        index[end++] = index[j];
+        index[j] = keep;
       }
     if (end - begin > most) {
       most = end - begin;
@@ -362,14 +362,14 @@ static int largest_part(const sv_displaced *of, uint32_t *slot, int n) {
     }
     begin = end;
   }
-  memmove(slot, slot + first, (size_t)most * sizeof *slot);
+  memmove(index, index + first, (size_t)most * sizeof *index);
   return most;
 }
 
-static bool most_move(const sv_rigid_search *s, const uint32_t *slot, int n, const sv_rigid *m,
+static bool most_move(const sv_rigid_search *s, const uint32_t *index, int n, const sv_rigid *m,
                       const float c[3]) {
   int count = 0;
-  for (int i = 0; i < n; i++) count += is_moved(s, slot[i], m, c);
+  for (int i = 0; i < n; i++) count += is_moved(s, index[i], m, c);
   return 2 * count > n;
 }
 
@@ -385,14 +385,14 @@ static int members(search *q, sv_rigid *m, float c[3]) {
   sv_rigid fitted = *m;
   float centre[3] = {0};
   int n;
-  slots_within(q, m, c, s->tolerance_px, &n);
+  gather_inliers(q, m, c, s->tolerance_px, &n);
   if (n >= 3) n = largest_part(s->of, q->found, n);
-  if (n < sv_maxi(s->least_members, 3)) return 0;
+  if (n < sv_maxi(s->min_members, 3)) return 0;
   for (int i = 0; i < n; i++)
     for (int k = 0; k < 3; k++) centre[k] += s->of[q->found[i]].x[k] / (float)n;
   recentre(&fitted, c, centre);
   const cloud p = {s->of, q->found, n, centre, NULL};
-  if (!settle(&p, s->tolerance_px, 0, N_STEPS, &fitted) || !most_move(s, q->found, n, &fitted, centre))
+  if (!iterate(&p, s->tolerance_px, 0, N_STEPS, &fitted) || !most_move(s, q->found, n, &fitted, centre))
     return 0;
   *m = fitted;
   memcpy(c, centre, sizeof centre);
@@ -403,18 +403,18 @@ static int members(search *q, sv_rigid *m, float c[3]) {
 
 typedef struct {
   int n;
-  uint32_t slot[VOTERS];
+  uint32_t index[VOTERS];
   float d2[VOTERS];
 } voters;
 
-static void add_voter(voters *v, uint32_t slot, float d2) {
+static void add_voter(voters *v, uint32_t index, float d2) {
   if (v->n == VOTERS && d2 >= v->d2[VOTERS - 1]) return;
   int at = v->n < VOTERS ? v->n++ : VOTERS - 1;
   for (; at > 0 && v->d2[at - 1] > d2; at--) {
-    v->slot[at] = v->slot[at - 1];
+    v->index[at] = v->index[at - 1];
     v->d2[at] = v->d2[at - 1];
   }
-  v->slot[at] = slot;
+  v->index[at] = index;
   v->d2[at] = d2;
 }
 
@@ -423,9 +423,10 @@ static void find_voters(const sv_rigid_search *s, int at, voters *v) {
   const int last = sv_mini(at + SIDE, s->n - 1);
   v->n = 0;
   for (int i = sv_maxi(at - SIDE, 0); i <= last; i++) {
-    uint32_t slot = s->order[i];
-    if (i == at || !s->of[slot].is_known) continue;
-    if (s->label[slot] || !moves(s, slot)) add_voter(v, slot, apart2(&s->of[s->order[at]], &s->of[slot]));
+    uint32_t index = s->order[i];
+    if (i == at || !s->of[index].is_known) continue;
+    if (s->label[index] || !moves(s, index))
+      add_voter(v, index, distance2(&s->of[s->order[at]], &s->of[index]));
   }
 }
 
@@ -441,20 +442,20 @@ static float size2(const sv_rigid_search *s, int label, const float c[3]) {
   return sum / n;
 }
 
-// The new body that slot order[at] is amid; -1: none.
+// The new body that index order[at] is amid; -1: none.
 static int body_around(const sv_rigid_search *s, int at, const sv_rigid *motion, float centre[][3],
                        const float *near2, int n_bodies) {
-  const uint32_t slot = s->order[at];
-  const sv_displaced *o = &s->of[slot];
+  const uint32_t index = s->order[at];
+  const sv_displaced *o = &s->of[index];
   voters v;
   find_voters(s, at, &v);
   for (int b = 0; b < n_bodies; b++) {
     int votes = 0, least = MAJORITY;
-    float e[3], most = MOST_STRAY * s->tolerance_px;
-    for (int i = 0; i < v.n; i++) votes += s->label[v.slot[i]] == s->first_label + b && v.d2[i] < near2[b];
+    float e[3], most = MAX_STRAY * s->tolerance_px;
+    for (int i = 0; i < v.n; i++) votes += s->label[v.index[i]] == s->first_label + b && v.d2[i] < near2[b];
     if (votes < MAJORITY) continue;
     if (o->is_known && off2(o, &motion[b], centre[b], e) > most * most) {
-      if (!moves(s, slot)) return -1; // still: what lies behind or beside it
+      if (!moves(s, index)) return -1; // still: what lies behind or beside it
       least = UNANIMITY;
     }
     return votes >= least ? b : -1;
@@ -466,7 +467,7 @@ static void take_strays(search *q, const sv_rigid *motion, float centre[][3], in
   const sv_rigid_search *s = q->s;
   float near2[SV_CAP_BODIES];
   for (int b = 0; b < n_bodies; b++) near2[b] = NEAR * NEAR * size2(s, s->first_label + b, centre[b]);
-  int n = 0; // they do not vote themselves: slot and label side by side, then taken together
+  int n = 0; // they do not vote themselves: index and label side by side, then taken together
   for (int i = 0; i < s->n; i++) {
     if (s->label[s->order[i]]) continue;
     int b = body_around(s, i, motion, centre, near2, n_bodies);
@@ -485,7 +486,7 @@ int sv_rigid_find(const sv_rigid_search *s, sv_rigid *motion, float centre[][3])
   for (int failed = 0; n_bodies < s->cap_bodies && failed < N_FAILED;) {
     float c[3];
     list_free(&q);
-    if (q.n < s->least_members || !best_motion(&q, &motion[n_bodies], c)) break;
+    if (q.n < s->min_members || !best_motion(&q, &motion[n_bodies], c)) break;
     int n = members(&q, &motion[n_bodies], c);
     if (!n) {
       failed++;

@@ -18,14 +18,22 @@
 extern "C" {
 #endif
 
-// The motion about c that those of the n slots have that are known: near start, which is what is
-// expected and matters where pictures hardly tell (to 0.15 rad and half the body's radius, as one
-// measurement off by the tolerance), or from how they move in the mean when that is NULL; what is
-// left open then (points in a line, or few) turns least. tolerance_px: who is off by so much counts
-// a quarter. n_agree (may be NULL): who is off by less. False, and *out as it was: fewer than three
-// are known, or no motion of theirs is found.
-bool sv_rigid_fit(const sv_displaced *of, const uint32_t *slot, int n, const float c[3], float tolerance_px,
-                  const sv_rigid *start, sv_rigid *out, int *n_agree);
+// Gaussians whose displacements are fitted, and the center of rotation.
+typedef struct {
+  const sv_displaced *of; // by Gaussian
+  const uint32_t *index;  // [n]
+  int n;
+  const float *c; // [3]
+} sv_rigid_points;
+
+// The rigid motion about c of those points whose displacement is known. start: the expected motion,
+// a weak prior (0.15 rad and half the body's radius weigh as one measurement off by the tolerance).
+// NULL: start from the mean displacement; undetermined rotations (points on a line, or few) are
+// then minimal. tolerance_px: a residual of this size has a weight of a quarter. n_inliers (may be
+// NULL): points with a smaller residual. False, and *out unchanged: fewer than three points are
+// known, or no motion is found.
+bool sv_rigid_fit(const sv_rigid_points *p, float tolerance_px, const sv_rigid *start, sv_rigid *out,
+                  int *n_inliers);
 
 typedef struct {
   const sv_displaced *of; // by slot
@@ -35,8 +43,8 @@ typedef struct {
   int n;
   int first_label, cap_bodies; // bodies get first_label, first_label + 1, ...; fewer than
                                // SV_CAP_BODIES
-  int least_members;
-  float least_px;     // a body's members move by more, in the median
+  int min_members;
+  float min_px;       // a body's members move by more, in the median
   float tolerance_px; // its members are off by less
   uint64_t seed;
 } sv_rigid_search;

@@ -14,10 +14,10 @@
 
 #define BETTER          0.7f  // a place must differ so much less than the expected one
 #define DAMPING         1e-4f // of the mean diagonal
-#define MOST_RADII      4.0f  // of a body: it is not off by more
+#define MAX_RADII       4.0f  // of a body: it is not off by more
 #define KEPT            0.9f  // of the mismatch at the expected pose: what leaves more is not taken
-#define LEAST_AGREE     8
-#define LEAST_SHARE     0.3f // of those that were found
+#define MIN_AGREE       8
+#define MIN_SHARE       0.3f // of those that were found
 #define BLOCKS_PER_TASK 4
 
 typedef struct {
@@ -35,21 +35,21 @@ typedef struct {
   int reach;
 } job;
 
-// Pixels by which the picture has what the model shows at (x, y) elsewhere; off_by: mismatch there
-// as it is.
+// Displacement in pixels from the rendering to the image at (x, y). off_by: adds the mismatch
+// without it.
 static bool find(const job *j, int x, int y, float d[2], float *off_by) {
-  const sv_planes *a = &j->dyn->t->render.rgb, *b = &j->dyn->t->target;
-  int u = x, v = y;
-  if (sv_patch_texture(a, x, y) < SV_PATCH_LEAST_TEXTURE) return false;
-  const float here = sv_patch_mismatch(a, x, y, b, x, y, 1e30f);
+  const sv_image_patch a = {&j->dyn->t->render.rgb, x, y};
+  sv_image_patch b = {&j->dyn->t->target, x, y};
+  if (sv_patch_texture(a.image, x, y) < SV_PATCH_MIN_TEXTURE) return false;
+  const float here = sv_patch_mismatch(a, b, 1e30f);
   *off_by += here;
   if (!j->reach) return false;
-  const float best = sv_patch_search(a, x, y, b, j->reach, &u, &v);
-  const int off = sv_maxi(sv_maxi(u - x, x - u), sv_maxi(v - y, y - v));
+  const float best = sv_patch_search(a, &b, j->reach);
+  const int off = sv_maxi(sv_maxi(b.x - x, x - b.x), sv_maxi(b.y - y, y - b.y));
   if (off == j->reach || (off > 1 && best > BETTER * here)) return false;
-  sv_patch_offset(a, x, y, b, u, v, d);
-  d[0] += (float)(u - x);
-  d[1] += (float)(v - y);
+  sv_patch_offset(a, b, d);
+  d[0] += (float)(b.x - x);
+  d[1] += (float)(b.y - y);
   return true;
 }
 
@@ -63,7 +63,7 @@ static void track_slot(const job *j, int i) {
   sv_dynamic *dyn = j->dyn;
   float x[3], px[2], jac[6], z, d[2];
   if (!dyn->deform.motion.bodies.of[i] ||
-      !(*sv_gaussians_at(&dyn->t->g, i, SV_ROW_LOGIT) > SV_PATCH_LEAST_LOGIT))
+      !(*sv_gaussians_at(&dyn->t->g, i, SV_ROW_LOGIT) > SV_PATCH_MIN_LOGIT))
     return;
   place(dyn, i, x);
   if (!sv_patch_project(&j->view, x, px, &z, jac)) return;
@@ -138,19 +138,20 @@ static void move_body(sv_dynamic *dyn, int body, int i_knot, const round_of *r) 
   sv_bodies *b = &dyn->deform.motion.bodies;
   sv_rigid *knot = sv_bodies_knot(b, body, i_knot), m = *knot;
   uint32_t *list = (uint32_t *)dyn->near->tmp;
-  int n = 0, n_agree = 0;
+  int n = 0, n_inliers = 0;
   for (int i = 0; i < dyn->deform.motion.n_moving; i++) {
     if (b->of[i] != body) continue;
     fill(dyn, i, knot, b->centre[body]);
     if (dyn->near->of[i].is_known) list[n++] = (uint32_t)i;
   }
-  if (n < LEAST_AGREE) return;
+  if (n < MIN_AGREE) return;
   for (float px = r->wide_px;; px = sv_maxf(0.5f * px, r->tolerance_px)) {
-    if (!sv_rigid_fit(dyn->near->of, list, n, b->centre[body], px, &m, &m, &n_agree)) return;
+    if (!sv_rigid_fit(&(sv_rigid_points){dyn->near->of, list, n, b->centre[body]}, px, &m, &m, &n_inliers))
+      return;
     if (px <= r->tolerance_px) break;
   }
-  if (n_agree < LEAST_AGREE || (float)n_agree < LEAST_SHARE * (float)n) return;
-  if (!is_far(&m, knot, MOST_RADII * b->radius[body])) *knot = m;
+  if (n_inliers < MIN_AGREE || (float)n_inliers < MIN_SHARE * (float)n) return;
+  if (!is_far(&m, knot, MAX_RADII * b->radius[body])) *knot = m;
 }
 
 // Mean mismatch of each body's members that are seen, as they are drawn; no one seen: much.

@@ -8,8 +8,8 @@
 
 #define SAMPLES   4096 // of a view, for the dip and the percentile
 #define SHARPNESS 7.5  // SparseGS: percentile 98 exp(-7.5 dip), at least 80
-#define MOST_Q    98.0
-#define LEAST_Q   80.0
+#define MAX_Q     98.0
+#define MIN_Q     80.0
 #define NEAR_2    (-5.7707802f) // log2 of e^-4: a Gaussian covers a pixel where its falloff is more
 
 typedef struct {
@@ -177,7 +177,7 @@ sv_status sv_prior_prune(sv_prior *prior, uint32_t *n_pruned) {
   if (a->status < 0) return a->status;
   for (int i = 0; i < prior->t->n_views && s >= 0; i++)
     if ((s = look(prior, &w, i, &n)) >= 0) dip += sv_prior_dip(w.sample, n, w.hull) / prior->t->n_views;
-  const double percentile = sv_maxd(LEAST_Q, MOST_Q * sv_exp(-SHARPNESS * dip));
+  const double percentile = sv_maxd(MIN_Q, MAX_Q * sv_exp(-SHARPNESS * dip));
   for (int i = 0; i < prior->t->g.n; i++) prior->t->copies[i] = 0; // free between two relocations
   for (int i = 0; i < prior->t->n_views && s >= 0; i++)
     if ((s = look(prior, &w, i, &n)) >= 0) mark_view(prior, &w, n, percentile);

@@ -9,7 +9,7 @@
 #include "src/train/novel.h"
 #include "src/train/sweep.h"
 
-#define LEAST_PIXELS 64 // for a fit of two numbers
+#define MIN_PIXELS 64 // for a fit of two numbers
 // relative step of depth to the next pixel: between two surfaces there is nothing
 #define EDGE 0.05f
 #define SAME 0.02f // relative: the first of two that fall on a pixel stays
@@ -61,7 +61,7 @@ static fit align(const sv_prior *prior, const sv_prior_depth *d) {
       mr /= n;
     }
   }
-  if (n < LEAST_PIXELS || !(vm > 0) || !(c > 0)) return f;
+  if (n < MIN_PIXELS || !(vm > 0) || !(c > 0)) return f;
   f.a = c / vm;
   f.b = mr - f.a * mm;
   f.is_good = true;
@@ -177,7 +177,7 @@ sv_status sv_prior_measure(sv_prior *prior, const sv_bounds *bounds, sv_arena *s
     const sv_depth_map *m = &sweep.map[i];
     const sv_view *v = &prior->t->views[m->i_view].view;
     float *map = prior->g_expected;
-    if (m->n_measured < LEAST_PIXELS || sv_prior_depth_of(prior, m->i_view, v)) continue;
+    if (m->n_measured < MIN_PIXELS || sv_prior_depth_of(prior, m->i_view, v)) continue;
     for (int y = 0; y < v->height_px; y++)
       for (int x = 0; x < v->width_px; x++) {
         const float z = x / m->k < m->view.width_px && y / m->k < m->view.height_px

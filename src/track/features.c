@@ -6,7 +6,7 @@
 #include "src/track/tracker.h"
 
 #define QUALITY      0.01f // minimum relative to the best corner's score
-#define LEAST_SCORE  2e-4f // absolute minimum: about 1 % contrast over the neighbourhood
+#define MIN_SCORE    2e-4f // absolute minimum: about 1 % contrast over the neighbourhood
 #define APART_PX     10.0f // between two features of a view
 #define ALIGN_ITER   12
 #define ALIGN_ENOUGH 0.01f // px
@@ -97,7 +97,7 @@ int sv_track_detect(sv_tracker *t, int i_view) {
   t->k->corner(&a);
   float best = 0;
   for (int i = 0; i < n_x * n_y; i++) best = sv_maxf(best, t->corner[i].score);
-  float least = sv_maxf(QUALITY * best, LEAST_SCORE);
+  float least = sv_maxf(QUALITY * best, MIN_SCORE);
   forget_taken(t, i_view, n_x, n_y);
   for (int i = 0; i < n_x * n_y; i++)
     if (t->corner[i].score >= least) t->order[n++] = i;

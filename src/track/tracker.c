@@ -8,17 +8,17 @@
 #define N_FEATURES  250
 #define MIN_SIDE_PX 30 // minimum side of a pyramid's coarsest level
 // capacity for detections per feature and view: known points come on top of corners
-#define FOUND_PER     2
-#define LEAST_MATCHES 10  // minimum matches that locate a rig
-#define LEAST_SHARE   0.3 // minimum share of the re-detected points
-#define LIMIT_PX      2.0
-#define N_SAMPLES     60
-#define WINDOW        8 // newest exposures, adjusted as they arrive
-#define WINDOW_HELD   4 // older exposures held fixed
-#define WINDOW_ITER   4
-#define FINAL_ITER    12
-#define FINAL_ROUNDS  3
-#define CAP_TRIES     5 // exposures a point is tracked without finding its depth
+#define FOUND_PER    2
+#define MIN_MATCHES  10  // minimum matches that locate a rig
+#define MIN_SHARE    0.3 // minimum share of the re-detected points
+#define LIMIT_PX     2.0
+#define N_SAMPLES    60
+#define WINDOW       8 // newest exposures, adjusted as they arrive
+#define WINDOW_HELD  4 // older exposures held fixed
+#define WINDOW_ITER  4
+#define FINAL_ITER   12
+#define FINAL_ROUNDS 3
+#define CAP_TRIES    5 // exposures a point is tracked without finding its depth
 // below this distance from exposure 0 the rig is stationary (way_from_start)
 #define STILL_PX    0.6
 #define STILL_LEAST 8 // minimum observations for that
@@ -209,7 +209,7 @@ static int place(sv_tracker *t, sv_pose *pose) {
   int n_in = sv_pose_find(&p, pose);
   for (int i = 0; i < p.n; i++) // outliers are dropped
     if (!t->match[i].is_inlier) t->found[t->match_of[i]].sigma_px = 0;
-  return n_in >= LEAST_MATCHES && n_in >= LEAST_SHARE * p.n ? n_in : 0;
+  return n_in >= MIN_MATCHES && n_in >= MIN_SHARE * p.n ? n_in : 0;
 }
 
 static void take_found(sv_tracker *t) {
@@ -297,7 +297,7 @@ sv_status sv_tracker_add(sv_tracker *t, const sv_image_u8 *image) {
   t->has_way[e] = e == 0;
   if (t->i_last < 0) {
     sv_track_new_points(t);
-    if (t->n_live < LEAST_MATCHES) forget_all(t);
+    if (t->n_live < MIN_MATCHES) forget_all(t);
   } else {
     t->pose[e] = t->pose[t->i_last];
     t->is_placed[e] = find_again(t, &t->pose[e]);

@@ -342,7 +342,7 @@ TEST(test_neighbours) {
   sv_local_motion_find(near, &kernels, N_BODY, centre, 1.0f);
   for (int i = 0; i < N_BODY; i++) {
     float off2 = 0;
-    assert_true(sv_local_motion_say(near, i, u));
+    assert_true(sv_local_motion_interpolate(near, i, u));
     for (int k = 0; k < 3; k++) off2 += (u[k] - truth[i][k]) * (u[k] - truth[i][k]);
     wrong += (float)(off2 > 0.05f * 0.05f);
     most = sv_maxf(most, sqrtf(off2));
@@ -362,7 +362,7 @@ TEST(test_few_neighbours) {
     near->order[i] = (uint32_t)i;
   }
   sv_local_motion_find(near, &kernels, 4, centre, 1.0f); // far outside of the grid
-  assert_false(sv_local_motion_say(near, 0, u));
+  assert_false(sv_local_motion_interpolate(near, 0, u));
 }
 
 int main(void) {

@@ -135,7 +135,7 @@ static void check_fit(const char *name, const cameras *c, bool flat, float most_
   float space;
   rng = sv_rng_make(3, 0);
   add_body(c, 0, n, 1, centre, 0.25f, flat, &truth, WRONG);
-  assert_true(sv_rigid_fit(of, order, n, centre, TOLERANCE, NULL, &m, &agree));
+  assert_true(sv_rigid_fit(&(sv_rigid_points){of, order, n, centre}, TOLERANCE, NULL, &m, &agree));
   float px = mean_off(0, &m, centre, &truth, centre, 1, n, &space), turn = degrees_off(&m, &truth);
   print_message("%s: %.3f px, %.2f degrees, %.4f in space; %d of %d agree\n", name, (double)px, (double)turn,
                 (double)space, agree, n);
@@ -159,7 +159,7 @@ TEST(test_fit_from_a_start) {
   float space;
   rng = sv_rng_make(4, 0);
   add_body(&TWO, 0, 200, 1, centre, 0.25f, false, &truth, WRONG);
-  assert_true(sv_rigid_fit(of, order, 200, centre, TOLERANCE, &start, &m, NULL));
+  assert_true(sv_rigid_fit(&(sv_rigid_points){of, order, 200, centre}, TOLERANCE, &start, &m, NULL));
   assert_true(mean_off(0, &m, centre, &truth, centre, 1, 200, &space) < 0.15f);
 }
 
@@ -170,15 +170,15 @@ TEST(test_few) {
   int agree;
   rng = sv_rng_make(5, 0);
   add_body(&TWO, 0, 20, 1, centre, 0.2f, false, &truth, 0);
-  assert_false(sv_rigid_fit(of, order, 2, centre, TOLERANCE, NULL, &m, &agree));
-  assert_false(sv_rigid_fit(of, order, 0, centre, TOLERANCE, NULL, &m, &agree));
+  assert_false(sv_rigid_fit(&(sv_rigid_points){of, order, 2, centre}, TOLERANCE, NULL, &m, &agree));
+  assert_false(sv_rigid_fit(&(sv_rigid_points){of, order, 0, centre}, TOLERANCE, NULL, &m, &agree));
   for (int i = 2; i < 20; i++) of[i].is_known = false;
-  assert_false(sv_rigid_fit(of, order, 20, centre, TOLERANCE, NULL, &m, &agree));
+  assert_false(sv_rigid_fit(&(sv_rigid_points){of, order, 20, centre}, TOLERANCE, NULL, &m, &agree));
   assert_memory_equal(&m, &before, sizeof m);
   for (int i = 2; i < 20; i++) of[i].is_known = true;
   of[4].u[0] = NAN;
   of[5].x[1] = INFINITY; // nothing follows from these: refused, not spread
-  assert_false(sv_rigid_fit(of, order, 20, centre, TOLERANCE, NULL, &m, &agree));
+  assert_false(sv_rigid_fit(&(sv_rigid_points){of, order, 20, centre}, TOLERANCE, NULL, &m, &agree));
   assert_memory_equal(&m, &before, sizeof m);
 }
 
@@ -194,7 +194,7 @@ TEST(test_line) {
     see(&TWO, &of[i], x, y, false);
     order[i] = (uint32_t)i;
   }
-  assert_true(sv_rigid_fit(of, order, 40, centre, TOLERANCE, NULL, &m, NULL));
+  assert_true(sv_rigid_fit(&(sv_rigid_points){of, order, 40, centre}, TOLERANCE, NULL, &m, NULL));
   assert_true(degrees_off(&m, &truth) < 2);
   assert_true(fabsf(m.q[1]) < 0.02f);
 }
@@ -217,8 +217,8 @@ static int find(int n, int cap_bodies, sv_rigid *m, float centre[][3]) {
                                           .n = n,
                                           .first_label = 1,
                                           .cap_bodies = cap_bodies,
-                                          .least_members = 20,
-                                          .least_px = 1,
+                                          .min_members = 20,
+                                          .min_px = 1,
                                           .tolerance_px = TOLERANCE,
                                           .seed = 1},
                        m, centre);
@@ -312,8 +312,8 @@ TEST(test_room) {
                            .n = n,
                            .first_label = 9,
                            .cap_bodies = 1,
-                           .least_members = 20,
-                           .least_px = 1,
+                           .min_members = 20,
+                           .min_px = 1,
                            .tolerance_px = TOLERANCE};
   assert_int_equal(sv_rigid_find(&again, m, centre), 1);
   for (int i = 0; i < n; i++) assert_true(before[i] ? label[i] == before[i] : label[i] == 0 || label[i] == 9);
