@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// C only: sv_app is.
 // Where a run's files go: the output folder, the second place for what that does not take at the
 // end, and the pictures for people. Owns both folders and the JPEG encoder's buffers. Never ends a
 // run because a picture could not be saved.
