@@ -17,7 +17,7 @@
 // Kept when the processor is slowed down but not hot: its power supply is weak, and a pause helps
 // little.
 #define MIN_DUTY_COOL 0.5
-#define MAX_REST_NS  (200 * SV_NS_PER_MS)
+#define MAX_REST_NS   (200 * SV_NS_PER_MS)
 
 sv_governor_cfg sv_governor_defaults(sv_ns preview_every_ns) {
   return (sv_governor_cfg){.preview_every_ns = preview_every_ns,
