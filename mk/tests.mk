@@ -49,11 +49,7 @@ PROGS_kernels := $(O)/tests/kernels-check
 $(PROGS_kernels): $(call obj,$(filter tests/kernels/%,$(TEST_SRC))) $(PROBE_OBJ) $(TEST_ARCHIVES)
 	$(call link)
 
-FUZZ_SRC   := $(wildcard tests/fuzz/fuzz_*.c)
-PROGS_fuzz := $(FUZZ_SRC:%.c=$(O)/%)
-$(PROGS_fuzz): $(O)/tests/fuzz/%: $(O)/obj/tests/fuzz/%.o \
-  $(call obj,$(filter-out $(FUZZ_SRC),$(wildcard tests/fuzz/*.c))) $(TEST_ARCHIVES)
-	$(call link)
+include mk/fuzz.mk
 
 # The source suite and fault injection on cameras that are present; the virtual board runs them.
 PROGS_conform := $(O)/tests/source-check $(O)/tests/source-faults
@@ -105,7 +101,6 @@ ITEMS_soak = $(call item,!soak/live,$(O)/tests/live-soak 600 1000 20 0.05) \
   $(call item,!soak/process,mkdir -p $(O)/soak && $(O)/tests/process-soak 0.01 $(O)/soak)
 ITEMS_package = $(call item,package/built,BUILD='$(BUILD)' O='$(O)' tests/run/packages.sh,600)
 ITEMS_budget = $(foreach p,$(PROGS_budget),$(call item,!$(p:$(O)/tests/%=%),$(EMULATE) $(p)))
-ITEMS_fuzz = $(foreach p,$(PROGS_fuzz),$(call item,$(p:$(O)/tests/%=%),$(EMULATE) $(p) $(FUZZ_ARGS)))
 items = $(or $(ITEMS_$(1)),$(foreach p,$(PROGS_$(1)),$(call item,$(p:$(O)/tests/%=%),$(EMULATE) $(p))))
 
 # run_rule TARGET,GROUPS. Tests of these groups start the programs.

@@ -94,6 +94,8 @@ static sv_status probe_jpeg(const uint8_t *p, size_t n, sv_codec_info *out, sv_e
     if (is_frame && i + 10 <= n) {
       unsigned h = be16(p + i + 5), w = be16(p + i + 7);
       if (!w || !h || w > MAX_SIDE_PX || h > MAX_SIDE_PX) break;
+      if (p[i + 9] != 1 && p[i + 9] != 3 && p[i + 9] != 4)
+        return sv_fail(err, SV_E_FORMAT, "JPEG: %d channels, expected 1, 3 or 4", p[i + 9]);
       *out = (sv_codec_info){SV_PIX_JPEG, (int)w, (int)h, p[i + 9], p[i + 4]};
       return SV_OK;
     }

@@ -464,6 +464,7 @@ void pv_server_step(pv_server *s, int timeout_ms) {
                        .events = POLLIN}; // not epoll_wait: it would take the library's edges
     MHD_UNSIGNED_LONG_LONG due;
     int wait_ms = (int)(LOOP_STEP_NS / SV_NS_PER_MS);
+    if (timeout_ms < wait_ms) wait_ms = timeout_ms;
     if (MHD_get_timeout(s->daemon, &due) == MHD_YES && due < (MHD_UNSIGNED_LONG_LONG)wait_ms)
       wait_ms = (int)due;
     (void)poll(&p, 1, wait_ms);

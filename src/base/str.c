@@ -264,6 +264,12 @@ void sv_str_add_json(sv_str *s, const char *text) {
   }
 }
 
+bool sv_is_utf8(const char *text) {
+  for (int n; *text; text += n)
+    if (!(n = utf8_bytes(text))) return false;
+  return true;
+}
+
 void sv_make_utf8(char *text) {
   for (int n; *text; text += n ? n : 1)
     if (!(n = utf8_bytes(text))) *text = '_';

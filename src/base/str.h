@@ -34,6 +34,7 @@ void sv_str_add(sv_str *s, const char *fmt, ...) SV_PRINTF(2, 3);
 // Adds text as the inside of a JSON string: quotes, backslashes and control bytes are escaped; each
 // byte that is not valid UTF-8 becomes U+FFFD. Takes at most six bytes for each byte of text.
 void sv_str_add_json(sv_str *s, const char *text);
+bool sv_is_utf8(const char *text);
 // Replaces each byte that is not valid UTF-8 by '_': for file names that also appear in JSON.
 void sv_make_utf8(char *text);
 

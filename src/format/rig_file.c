@@ -39,7 +39,11 @@ static sv_status check_name(const sv_json *j, int i, const char *name, sv_err *e
 static sv_status required_string(const sv_json *j, int i_object, const char *key, char *out, size_t cap,
                                  sv_err *err) {
   sv_status s = sv_json_get_string(j, i_object, key, out, cap, err);
-  return s == SV_END ? sv_json_missing(j, i_object, key, err) : s;
+  if (s == SV_END) return sv_json_missing(j, i_object, key, err);
+  // Written again it would be another name, and a longer one.
+  if (s == SV_OK && !sv_is_utf8(out))
+    s = sv_json_fail(j, sv_json_get(j, i_object, key), err, SV_E_FORMAT, "\"%s\" is not valid UTF-8", key);
+  return s;
 }
 
 static sv_status read_footprint(const sv_json *j, int i_view, sv_sub_view *v, sv_err *err) {

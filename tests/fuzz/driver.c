@@ -49,8 +49,10 @@ int main(int argc, char **argv) {
         fprintf(stderr, "%s: cannot open\n", argv[i]);
         return 1;
       }
-      mutate_add(&pool, b, fread(b, 1, sizeof b, f));
+      const size_t n = fread(b, 1, sizeof b, f);
       fclose(f);
+      run_one(b, n, keep[0] ? keep : NULL); // all, also those that the pool has no room for
+      mutate_add(&pool, b, n);
     }
   }
   for (int i = 0; i < pool.n_seeds; i++) run_one(pool.seeds[i].data, pool.seeds[i].n, keep[0] ? keep : NULL);

@@ -3,26 +3,12 @@
 #include <string.h>
 
 #include "src/deform/deform_file.h"
-#include "src/format/bytes.h"
-#include "src/format/crc32c.h"
+#include "tests/fuzz/blob.h"
 #include "tests/fuzz/fuzz.h"
 
 #define N 20
 
-typedef struct {
-  uint8_t *buf;
-  size_t n, cap;
-} memory;
-
 static _Alignas(64) uint8_t block[4u << 20], model[1u << 16];
-
-static sv_status to_memory(void *self, const void *data, size_t bytes, sv_err *err) {
-  memory *m = self;
-  if (bytes > m->cap - m->n) return sv_fail(err, SV_E_NOMEM, "full");
-  memcpy(m->buf + m->n, data, bytes);
-  m->n += bytes;
-  return SV_OK;
-}
 
 static bool make_model(sv_gaussians *g) {
   sv_arena a = sv_arena_make(model, sizeof model);
@@ -36,7 +22,7 @@ size_t fuzz_seed(int i, uint8_t *buf, size_t cap) {
   const bool is_clip = i != 2, has_bodies = i == 3;
   sv_deform d = {.kind = is_clip ? SV_DEFORM_CLIP : SV_DEFORM_FIELD};
   sv_arena a = sv_arena_make(block, sizeof block);
-  memory m = {buf, 0, cap};
+  blob m = {buf, 0, cap};
   if (i > 3 || !make_model(&g)) return 0;
   sv_motion_cfg mc = {.functions = i == 1 ? SV_MOTION_POWERS : SV_MOTION_CHEBYSHEV, .n_pos = 2, .n_rot = 1};
   mc.cap_knots = has_bodies ? 3 : 0;
@@ -57,7 +43,7 @@ size_t fuzz_seed(int i, uint8_t *buf, size_t cap) {
       if (sv_bodies_add_knot(b, 0.5f * (float)k) < 0) return 0;
     for (int k = 0; k < N / 2; k++) b->of[k] = (uint8_t)(k % 3);
   }
-  return sv_deform_write(&d, &g, (sv_sink){&m, to_memory}, NULL) == SV_OK ? m.n : 0;
+  return sv_deform_write(&d, &g, (sv_sink){&m, blob_write}, NULL) == SV_OK ? m.n : 0;
 }
 
 static void read_one(const uint8_t *data, size_t bytes) {
@@ -77,29 +63,12 @@ static void read_one(const uint8_t *data, size_t bytes) {
   for (int i = 0; i < b->n; i++) FUZZ_CHECK(at[i].q[0] == at[i].q[0] && at[i].d[0] == at[i].d[0]);
 }
 
-// Computes the checksums again, as far as the sections can be parsed, so that mutations get past
-// them.
-static void seal(uint8_t *f, size_t bytes) {
-  enum { HEAD = 24, TAIL = 8 };
-  if (bytes < HEAD) return;
-  sv_put_le32(f + 20, sv_crc32c(0, f, 20));
-  for (size_t at = HEAD; bytes - at >= HEAD + TAIL;) {
-    const uint64_t n = sv_le64(f + at + 8), padded = (n + 7) & ~7ull;
-    if (n > bytes || padded > bytes - at - HEAD - TAIL) return;
-    sv_put_le32(f + at + 20, sv_crc32c(0, f + at, 20));
-    const uint32_t crc = sv_crc32c(0, f + at + HEAD, (size_t)padded);
-    sv_put_le32(f + at + HEAD + padded, crc);
-    sv_put_le32(f + at + HEAD + padded + 4, ~crc);
-    at += HEAD + (size_t)padded + TAIL;
-  }
-}
-
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t bytes) {
   static uint8_t sealed[1u << 16];
   read_one(data, bytes);
   if (bytes > sizeof sealed) return 0;
   if (bytes) memcpy(sealed, data, bytes);
-  seal(sealed, bytes);
+  blob_seal(sealed, bytes);
   read_one(sealed, bytes);
   return 0;
 }

@@ -4,24 +4,12 @@
 
 #include "src/format/ply.h"
 #include "src/format/splat_file.h"
+#include "tests/fuzz/blob.h"
 #include "tests/fuzz/fuzz.h"
-
-typedef struct {
-  uint8_t *buf;
-  size_t n, cap;
-} memory;
-
-static sv_status to_memory(void *self, const void *data, size_t bytes, sv_err *err) {
-  memory *m = self;
-  if (bytes > m->cap - m->n) return sv_fail(err, SV_E_NOMEM, "full");
-  memcpy(m->buf + m->n, data, bytes);
-  m->n += bytes;
-  return SV_OK;
-}
 
 static size_t model_seed(int degree, uint8_t *buf, size_t cap) {
   static sv_ply_writer w;
-  memory m = {buf, 0, cap};
+  blob m = {buf, 0, cap};
   sv_ply_options o = {.n = 3,
                       .sh_degree = degree,
                       .vertical = "y",
@@ -29,7 +17,7 @@ static size_t model_seed(int degree, uint8_t *buf, size_t cap) {
                       .dilation_px2 = degree == 3 ? 0.1f : 0.0f,
                       .has_normals = degree == 1};
   sv_gaussian g = {{1, 2, 3}, {1, 0, 0, 0.5f}, {-1, -2, -3}, 0.25f, {{1, 2, 3}, {4, 5, 6}}};
-  sv_status s = sv_ply_write_begin(&w, (sv_sink){&m, to_memory}, &o, NULL);
+  sv_status s = sv_ply_write_begin(&w, (sv_sink){&m, blob_write}, &o, NULL);
   for (int i = 0; i < 3 && s == SV_OK; i++) s = sv_ply_write_gaussian(&w, &g, NULL);
   if (s == SV_OK) s = sv_ply_write_end(&w, NULL);
   return s == SV_OK ? m.n : 0;

@@ -2,26 +2,14 @@
 #include <string.h>
 
 #include "src/format/sections.h"
+#include "tests/fuzz/blob.h"
 #include "tests/fuzz/fuzz.h"
-
-typedef struct {
-  uint8_t *buf;
-  size_t n, cap;
-} memory;
-
-static sv_status to_memory(void *self, const void *data, size_t bytes, sv_err *err) {
-  memory *m = self;
-  if (bytes > m->cap - m->n) return sv_fail(err, SV_E_NOMEM, "full");
-  memcpy(m->buf + m->n, data, bytes);
-  m->n += bytes;
-  return SV_OK;
-}
 
 size_t fuzz_seed(int i, uint8_t *buf, size_t cap) {
   sv_sections_writer w;
-  memory m = {buf, 0, cap};
+  blob m = {buf, 0, cap};
   if (i > 2) return 0;
-  sv_status s = sv_sections_begin(&w, (sv_sink){&m, to_memory}, "CKPT", 1, NULL);
+  sv_status s = sv_sections_begin(&w, (sv_sink){&m, blob_write}, "CKPT", 1, NULL);
   if (s == SV_OK && i > 0) s = sv_sections_put(&w, "conf", "hello", 5, NULL);
   if (s == SV_OK && i > 1)
     s = sv_sections_put(&w, "data", "0123456789012345678901234567890123456789", 40, NULL);
