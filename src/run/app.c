@@ -113,6 +113,85 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
   return a->status < 0 ? sv_fail(err, a->status, "the memory block is too small") : SV_OK;
 }
 
+// --- capture -------------------------------------------------------------------------------------
+
+static void log_capture(void *self, sv_log_level level, const char *line) {
+  sv_app_log(self, level, "%s", line);
+}
+
+static sv_status poll(void *self) {
+  sv_app_beat(self);
+  return sv_app_is_stop_requested(self) ? SV_E_INTERRUPTED : SV_OK;
+}
+
+static sv_status serve_page(void *self) { return sv_preview_tick(self); }
+static void show_exposure(void *self) { sv_preview_exposure(self); }
+static sv_heat heat_now(void *self) { return sv_app_heat(self); }
+static bool is_exposure_due(void *self) { return sv_app_is_exposure_due(self); }
+static sv_status publish(void *self) { return sv_app_publish_preview(self); }
+
+// The newest exposure takes the place of the oldest, in the pool and in what is trained on.
+static sv_status replace_oldest(void *self, sv_err *err) {
+  sv_app *app = self;
+  int slot = app->exposures.i_next, i_view = 0, n = sv_app_n_trained_sub_views(&app->cfg);
+  sv_status s = sv_app_leave_exposure(app);
+  if (s < 0) return s;
+  s = sv_capture_side_keep(&app->capture, err);
+  if (s != SV_OK || is_multiplexed(&app->cfg)) return s; // lenses are in the pool itself
+  for (int i = 0; i < app->cfg.rig->n_sub_views; i++) {
+    sv_image_u8 image;
+    sv_view view;
+    if (!sv_app_is_trained_on(&app->cfg, i)) continue;
+    sv_exposures_get(&app->exposures, slot, i, &image, &view);
+    view.time = sv_app_time_of(app, app->exposures.exposure[slot].time_ns);
+    sv_train_replace_view(&app->trainer, slot * n + i_view++, &view, &image);
+  }
+  return sv_app_enter_exposure(app, slot);
+}
+
+static void init_capture(sv_app *app) {
+  const sv_app_cfg *c = &app->cfg;
+  const sv_capture_side_cfg cfg = {.queue = &app->queue,
+                                   .exposures = &app->exposures,
+                                   .port = &app->port,
+                                   .k = app->k,
+                                   .rig = c->rig,
+                                   .caps = c->caps,
+                                   .n_cameras = c->n_cameras,
+                                   .n_exposures = c->n_exposures,
+                                   .skew_limit_ns = c->skew_limit_ns,
+                                   .timeout_ns = c->capture_timeout_ns,
+                                   .is_continuous = c->is_continuous,
+                                   .preview_every_s = c->preview_every_s,
+                                   .calls = {.self = app,
+                                             .log = log_capture,
+                                             .poll = poll,
+                                             .serve = serve_page,
+                                             .kept = show_exposure,
+                                             .heat = heat_now,
+                                             .is_exposure_due = is_exposure_due,
+                                             .replace = replace_oldest,
+                                             .publish = publish}};
+  sv_capture_side_init(&app->capture, &cfg);
+}
+
+static const char *why_untracked(const sv_app_cfg *c) {
+  return c->is_continuous    ? "--live does not track"
+         : c->is_dynamic     ? "a moving scene is not tracked"
+         : is_multiplexed(c) ? "a multiplexed sensor is not tracked"
+                             : "tracking is off";
+}
+
+static sv_status capture(sv_app *app, sv_err *err) {
+  app->state = SV_APP_CAPTURING;
+  sv_status s = sv_preview_wait_start(app, err);
+  if (s >= 0) s = sv_capture_side_run(&app->capture, err);
+  if (s >= 0) s = sv_capture_side_track(&app->capture, &app->odometry, why_untracked(&app->cfg), err);
+  return s;
+}
+
+// --- memory --------------------------------------------------------------------------------------
+
 sv_status sv_app_plan(sv_app *app, const sv_app_cfg *cfg, int n_threads, sv_arena *dry, sv_err *err) {
   sv_train_cfg t = sv_app_train_cfg(cfg, n_threads);
   memset(app, 0, sizeof *app);
@@ -139,7 +218,7 @@ sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, c
   app->port.pool = sv_watch_pool(&app->pool, &port->pool, port->heartbeats);
   app->heat = (sv_heat){.temperature_c = (double)NAN, .is_throttled = -1};
   app->hottest_c = (double)NAN;
-  app->capture.governor.duty = app->capture.governor.least_duty = 1;
+  init_capture(app);
   app->arena = arena;
   sv_train_cfg t = sv_app_train_cfg(cfg, port->pool.n_threads);
   size_t left = arena->cap_bytes - arena->used_bytes, used = arena->used_bytes;
@@ -263,7 +342,7 @@ static sv_status before_step(void *self, float progress, sv_driver_turn *turn, s
   (void)progress;
   sv_app_beat(app);
   sv_status s = sv_preview_between_steps(app, &turn->away_s, err);
-  if (s >= 0) s = sv_app_continuous_turn(app, &is_train, err);
+  if (s >= 0) s = sv_capture_side_turn(&app->capture, &is_train, err);
   turn->is_other_work = !is_train;
   turn->has_taken_time = app->capture.is_running;
   return s;
@@ -281,7 +360,7 @@ static sv_status after_step(void *self, double from_s, double *now_s, sv_err *er
   const bool is_save =
                  is_due(c->save_every_s, f->checkpoint_s, *now_s) && (!f->n_failed || *now_s >= f->retry_s),
              is_picture = is_due(c->picture_every_s, f->picture_s, *now_s);
-  sv_app_continuous_trained(app, from_s, *now_s);
+  sv_capture_side_trained(&app->capture, from_s, *now_s);
   if (!is_save && !is_picture) return SV_OK;
   sv_status s = is_save ? sv_app_save_running(app, *now_s, err) : SV_OK;
   if (s >= 0) s = sv_app_publish_preview(app);
@@ -315,12 +394,11 @@ static sv_status train(sv_app *app, sv_err *err) {
 }
 
 static sv_status run_all(sv_app *app, sv_err *err) {
-  sv_status s = sv_app_capture(app, err), saved, ended;
+  sv_status s = capture(app, err), saved, ended;
   sv_err end_err;
-  if (s >= 0) s = sv_app_track(app, err);
   if (s >= 0)
     // From here on cameras are served whatever takes how long
-    s = sv_app_continuous_begin(app, err);
+    s = sv_capture_side_begin(&app->capture, err);
   if (s >= 0) s = start_training(app, err);
   if (s >= 0) {
     app->state = SV_APP_TRAINING;
@@ -328,7 +406,7 @@ static sv_status run_all(sv_app *app, sv_err *err) {
     sv_preview_show(app, SV_FEED_STATUS_TRAINING, NULL);
     s = train(app, err);
   }
-  ended = sv_app_continuous_end(app, &end_err);
+  ended = sv_capture_side_end(&app->capture, &end_err);
   if (ended < 0 && s >= 0) {
     s = ended;
     *err = end_err;
