@@ -102,7 +102,7 @@ static sv_app_cfg app_cfg(const run_options *o) {
 // Buffers of the preview and of the comparison with the simulator's truth.
 static sv_status carve_outputs(sv_arena *a, const sv_app_cfg *cfg, sv_err *err) {
   int w = 1, h = 1;
-  sv_app_preview_size(cfg, &w, &h);
+  sv_pictures_size(cfg->rig, cfg->caps, cfg->n_cameras, &w, &h);
   sv_arena_part_begin(a, "preview");
   sv_status s = outputs_carve(&run.out, a, w, h, err);
   if (s < 0) return s;
@@ -240,7 +240,8 @@ static int do_run(const run_options *o, bool *is_again) {
     say(2, "subview: %s\n", err.text);
     s = SV_OK;
   }
-  if (s >= 0 && o->orbit && sv_app_publish_orbit(&run.app, (int)o->orbit) < 0)
+  const sv_pictures pictures = sv_app_pictures(&run.app);
+  if (s >= 0 && o->orbit && sv_pictures_orbit(&pictures, (int)o->orbit) < 0)
     s = sv_fail(&err, SV_E_RANGE, "the model could not be rendered for --orbit");
   int code = s < 0 ? fail_with(&err) : report(o, &err);
   if (!code && sv_app_has_quality_fallen(&run.app.moving)) {
@@ -253,7 +254,7 @@ static int do_run(const run_options *o, bool *is_again) {
   }
   if (!code && run.out.picture_err.status < 0) code = fail_with(&run.out.picture_err);
   if (!code && (run.app.files.rescued || run.out.is_preview_rescued)) code = tell_rescue(o);
-  *is_again = sv_preview_stay(&run.app) == SV_AGAIN;
+  *is_again = sv_preview_stay(&run.app.preview) == SV_AGAIN;
   return code;
 }
 

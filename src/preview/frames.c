@@ -1,45 +1,42 @@
 // SPDX-License-Identifier: Apache-2.0
 // The live view's side of the frames, on whatever thread takes them.
-#include <string.h>
-
-#include "src/run/app.h"
 #include "src/preview/preview.h"
+
+#include <string.h>
 
 #define TILE_PERIOD_S  0.12
 #define TILES_PERIOD_S 0.06
 #define COUNT_PERIOD_S 0.2
 
-static double machine_s(const sv_app *app) {
-  const sv_clock *c = &app->port.machine;
+static double machine_s(const sv_preview *l) {
+  const sv_clock *c = &l->cfg.port->machine;
   return sv_ns_to_s(c->now_ns(c->self));
 }
 
 // The ledger as the capture side has it now, for the other side: the half that is not shown is
 // filled, then shown. A reader is done long before the next turn.
-static void copy_counts(sv_app *app, double now) {
-  sv_preview *l = &app->preview;
+static void copy_counts(sv_preview *l, double now) {
   if (now < l->next_counts_s) return;
   l->next_counts_s = now + COUNT_PERIOD_S;
   int i = 1 - atomic_load(&l->i_counts);
-  for (int c = 0; c < app->cfg.n_cameras && c < SV_FEED_CAP_CAMERAS; c++)
-    l->counts[i].ledger[c] = *sv_sync_ledger(&app->queue.sync, c);
-  l->counts[i].skew = app->queue.sync.skew;
+  for (int c = 0; c < l->cfg.n_cameras && c < SV_FEED_CAP_CAMERAS; c++)
+    l->counts[i].ledger[c] = *sv_sync_ledger(&l->cfg.queue->sync, c);
+  l->counts[i].skew = l->cfg.queue->sync.skew;
   atomic_store(&l->i_counts, i);
 }
 
-const sv_ledger *sv_preview_ledger(const sv_app *app, int i_camera) {
-  if (!app->capture.has_worker) return sv_sync_ledger(&app->queue.sync, i_camera);
-  return &app->preview.counts[app->preview.i_counts].ledger[i_camera];
+const sv_ledger *sv_preview_ledger(const sv_preview *l, int i_camera) {
+  if (!l->cfg.capture->has_worker) return sv_sync_ledger(&l->cfg.queue->sync, i_camera);
+  return &l->counts[l->i_counts].ledger[i_camera];
 }
 
-const sv_skew_stats *sv_preview_skew(const sv_app *app) {
-  return app->capture.has_worker ? &app->preview.counts[app->preview.i_counts].skew : &app->queue.sync.skew;
+const sv_skew_stats *sv_preview_skew(const sv_preview *l) {
+  return l->cfg.capture->has_worker ? &l->counts[l->i_counts].skew : &l->cfg.queue->sync.skew;
 }
 
 // --- thumbnails ----------------------------------------------------------------------------------
 
-static void publish_tile(sv_app *app, int i, int w, int h, double now) {
-  sv_preview *l = &app->preview;
+static void publish_tile(sv_preview *l, int i, int w, int h, double now) {
   l->cameras[i].next_tile_s = now + TILE_PERIOD_S;
   l->tiles->tile[i].width_px = w;
   l->tiles->tile[i].height_px = h;
@@ -51,55 +48,54 @@ static void publish_tile(sv_app *app, int i, int w, int h, double now) {
   sv_feed_commit(l->feed, SV_FEED_TILES, bytes);
 }
 
-void sv_preview_frame(sv_app *app, const sv_frame *f) {
-  sv_preview *l = &app->preview;
-  if (!l->feed || f->i_camera < 0 || f->i_camera >= app->cfg.n_cameras) return;
+void sv_preview_frame(sv_preview *l, const sv_frame *f) {
+  if (!l->feed || f->i_camera < 0 || f->i_camera >= l->cfg.n_cameras) return;
   sv_preview_camera *c = &l->cameras[f->i_camera];
   sv_camera_stat_frame(&c->stat, f);
   c->fps = sv_camera_stat_fps(&c->stat);
-  double now = machine_s(app);
-  copy_counts(app, now);
+  double now = machine_s(l);
+  copy_counts(l, now);
   if (l->is_coded || f->i_camera >= l->tiles->n || f->is_error || now < c->next_tile_s) return;
   int w, h;
   if (sv_preview_thumbnail(f, SV_FEED_TILE_W, SV_FEED_TILE_H, l->tiles->rgb[f->i_camera], &w, &h))
-    publish_tile(app, f->i_camera, w, h, now);
+    publish_tile(l, f->i_camera, w, h, now);
 }
 
-void sv_preview_decoded(sv_app *app, int i_camera, const sv_image_u8 *image) {
-  if (!app->preview.feed || !app->preview.is_coded) return;
+void sv_preview_decoded(sv_preview *l, int i_camera, const sv_image_u8 *image) {
+  if (!l->feed || !l->is_coded) return;
   sv_frame f = {.i_camera = i_camera,
                 .width_px = image->width_px,
                 .height_px = image->height_px,
                 .stride_bytes = image->stride_bytes,
                 .format = SV_PIX_RGB8,
                 .data = image->px};
-  double now = machine_s(app);
+  double now = machine_s(l);
   int w, h;
-  if (i_camera >= app->preview.tiles->n || now < app->preview.cameras[i_camera].next_tile_s) return;
-  if (sv_preview_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, app->preview.tiles->rgb[i_camera], &w, &h))
-    publish_tile(app, i_camera, w, h, now);
+  if (i_camera >= l->tiles->n || now < l->cameras[i_camera].next_tile_s) return;
+  if (sv_preview_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, l->tiles->rgb[i_camera], &w, &h))
+    publish_tile(l, i_camera, w, h, now);
 }
 
 // The newest exposure's pictures, for cameras whose frames are compressed.
-void sv_preview_exposure(sv_app *app) {
-  const sv_exposures *e = &app->exposures;
-  if (!app->preview.feed || !app->preview.is_coded || !e->sub || e->n < 1) return;
+void sv_preview_exposure(sv_preview *l) {
+  const sv_exposures *e = l->cfg.exposures;
+  if (!l->feed || !l->is_coded || !e->sub || e->n < 1) return;
   int slot = (e->i_next + e->cfg.cap_exposures - 1) % e->cfg.cap_exposures;
-  for (int i = 0; i < app->cfg.rig->n_sub_views; i++) {
+  for (int i = 0; i < l->cfg.rig->n_sub_views; i++) {
     sv_image_u8 image;
     sv_view view;
     sv_exposures_get(e, slot, i, &image, &view);
-    sv_preview_decoded(app, app->cfg.rig->sub_views[i].i_camera, &image);
+    sv_preview_decoded(l, l->cfg.rig->sub_views[i].i_camera, &image);
   }
 }
 
 // While nothing is captured yet; the converter is free then.
-void sv_preview_decode(sv_app *app, const sv_frame *f) {
+void sv_preview_decode(sv_preview *l, const sv_frame *f) {
   sv_image_u8 image;
   sv_err err;
-  if (!app->preview.is_coded || f->i_camera >= app->preview.tiles->n) return;
-  if (machine_s(app) < app->preview.cameras[f->i_camera].next_tile_s) return;
-  if (sv_convert_frame(&app->exposures.convert, f, app->k, &app->port.pool, &image, &err) >= 0)
-    sv_preview_decoded(app, f->i_camera, &image);
-  sv_convert_forget(&app->exposures.convert);
+  if (!l->is_coded || f->i_camera >= l->tiles->n) return;
+  if (machine_s(l) < l->cameras[f->i_camera].next_tile_s) return;
+  if (sv_convert_frame(&l->cfg.exposures->convert, f, l->cfg.k, &l->cfg.port->pool, &image, &err) >= 0)
+    sv_preview_decoded(l, f->i_camera, &image);
+  sv_convert_forget(&l->cfg.exposures->convert);
 }

@@ -1,24 +1,31 @@
 // SPDX-License-Identifier: Apache-2.0
-// C only: sv_app is.
+// C only: the port is.
 // Images of a run for people: a captured image beside its rendering, and renderings from around the
-// scene. Owns nothing; the buffer is the app's (`picture`), and the port's publisher encodes what
-// it is handed. Never changes the model.
+// scene. Owns nothing; the buffer is the caller's, and the port's publisher encodes what it is
+// handed. Never changes the model.
 #ifndef SV_PREVIEW_PICTURES_H
 #define SV_PREVIEW_PICTURES_H
 
-#include "src/run/config.h"
+#include "src/port/port.h"
+#include "src/train/train.h"
 
-typedef struct sv_app sv_app;
+#define SV_PICTURES_CAP_PX 8192 // width of the three panels of a multiplexed rig
 
-#define SV_APP_CAP_PREVIEW_PX 8192 // width of the three panels of a multiplexed rig
+// What images are made of, and where they go.
+typedef struct {
+  sv_trainer *t;
+  const sv_publish *publish;
+  uint8_t *rgb; // scratch, of sv_pictures_size
+} sv_pictures;
 
-// Size of the preview image of such a run.
-void sv_app_preview_size(const sv_app_cfg *cfg, int *width_px, int *height_px);
+// Size of the preview image of such a rig.
+void sv_pictures_size(const sv_rig *rig, const sv_camera_caps *caps, int n_cameras, int *width_px,
+                      int *height_px);
 // Hands an image to the port's publisher as "preview": the first captured image beside its
 // rendering. Of a multiplexed rig: the first sensor's measurement, the same from the model, and the
 // view of its middle lens alone, enlarged; reduced by whole steps until the three fit into
-// SV_APP_CAP_PREVIEW_PX.
-sv_status sv_app_publish_preview(sv_app *app) SV_MUST_USE;
+// SV_PICTURES_CAP_PX.
+sv_status sv_pictures_publish(const sv_pictures *p) SV_MUST_USE;
 
 // A captured image beside its rendering, reduced by whole steps to fit cap_width_px x
 // cap_height_px.
@@ -27,15 +34,15 @@ typedef struct {
   int cap_width_px, cap_height_px;
   int width_px, height_px; // filled in, as the PSNR in dB
   double psnr;
-} sv_app_pair;
+} sv_picture_pair;
 
 // Captured image i (modulo their number). Of a multiplexed rig: the measurement of a sensor.
 // E_NOT_FOUND: there is none.
-sv_status sv_app_show_pair(sv_app *app, uint32_t i, sv_app_pair *pair) SV_MUST_USE;
+sv_status sv_pictures_pair(sv_trainer *t, uint32_t i, sv_picture_pair *pair) SV_MUST_USE;
 // N renderings around the scene's center at the height of the first view, published as "orbit_000",
 // ...
-sv_status sv_app_publish_orbit(sv_app *app, int n) SV_MUST_USE;
+sv_status sv_pictures_orbit(const sv_pictures *p, int n) SV_MUST_USE;
 // Up in the world: the mean of the images' up (-y when there are none).
-void sv_app_up(const sv_app *app, float up[3]);
+void sv_pictures_up(const sv_trainer *t, float up[3]);
 
 #endif

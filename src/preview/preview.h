@@ -8,14 +8,46 @@
 #define SV_PREVIEW_PREVIEW_H
 
 #include "src/base/arena.h"
+#include "src/capture/capture.h"
 #include "src/image/planes.h"
 #include "src/port/feed.h"
 #include "src/port/port.h"
 #include "src/sync/camera_stats.h"
 #include "src/sync/sync.h"
 #include "src/dynamic/dynamic.h"
+#include "src/train/driver.h"
 
-typedef struct sv_app sv_app;
+// What a run answers. self is its own.
+typedef struct {
+  void *self;
+  void (*log)(void *self, sv_log_level level, const char *line);
+  void (*beat)(void *self); // the main thread made progress
+  bool (*is_stopping)(void *self);
+  sv_status (*save)(void *self, sv_err *err);  // E_IO: not now, the run goes on
+  sv_heat (*heat)(void *self);                 // of the processor, now
+  float (*time_of)(void *self, sv_ns time_ns); // the model's time of a moment of the host's clock
+} sv_preview_calls;
+
+// The parts of a run that are shown; all must outlive it.
+typedef struct {
+  const sv_port *port;
+  const sv_kernels *k;
+  const sv_arena *arena; // for the memory map
+  const sv_capture_queue *queue;
+  sv_capture_side *capture;
+  sv_exposures *exposures;
+  sv_trainer *trainer;
+  const sv_dynamic *dynamic;
+  const sv_driver *driver;
+  const sv_rig *rig;
+  const sv_camera_caps *caps; // [n_cameras]
+  int n_cameras, n_exposures;
+  const char *source_name, *board_name; // may be NULL
+  uint32_t steps;                       // limits; 0: none
+  double time_limit_s;
+  bool is_session, starts_at_once; // sv_app_cfg
+  sv_preview_calls calls;
+} sv_preview_cfg;
 
 // Written by whoever takes the cameras' frames, which may be another thread than the one that
 // publishes the rest.
@@ -32,6 +64,7 @@ typedef struct {
 } sv_preview_counts;
 
 typedef struct {
+  sv_preview_cfg cfg;
   sv_feed *feed;   // NULL: nothing is shown
   bool is_session; // wait for Start, stay after the end
   sv_preview_camera *cameras;
@@ -55,37 +88,38 @@ size_t sv_preview_motion_floats(const sv_dynamic_cfg *d);
 // Floats of its rigid bodies, once for the whole model; 0: there are none.
 size_t sv_preview_bodies_floats(const sv_dynamic_cfg *d);
 void sv_preview_carve(sv_preview *l, bool is_on, int n_cameras, sv_arena *arena);
-void sv_preview_start(sv_app *app); // the run begins: the clock of the page starts
+void sv_preview_init(sv_preview *l, const sv_preview_cfg *cfg);
+void sv_preview_start(sv_preview *l); // the run begins: the clock of the page starts
 
 // A frame came in (compressed ones give no thumbnail here: sv_preview_decoded). May be called from
 // another thread than everything else, but only from one.
-void sv_preview_frame(sv_app *app, const sv_frame *f);
+void sv_preview_frame(sv_preview *l, const sv_frame *f);
 // Thumbnails of compressed frames: of the newest exposure, which was decoded anyway; of a frame
 // before capture, which is decoded for this; of an image that was decoded.
-void sv_preview_exposure(sv_app *app);
-void sv_preview_decode(sv_app *app, const sv_frame *f);
-void sv_preview_decoded(sv_app *app, int i_camera, const sv_image_u8 *image);
+void sv_preview_exposure(sv_preview *l);
+void sv_preview_decode(sv_preview *l, const sv_frame *f);
+void sv_preview_decoded(sv_preview *l, int i_camera, const sv_image_u8 *image);
 // The capture side's newest counts, whichever thread it is on.
-const sv_ledger *sv_preview_ledger(const sv_app *app, int i_camera);
-const sv_skew_stats *sv_preview_skew(const sv_app *app);
+const sv_ledger *sv_preview_ledger(const sv_preview *l, int i_camera);
+const sv_skew_stats *sv_preview_skew(const sv_preview *l);
 // Call it in every loop: publishes whatever is due. E_INTERRUPTED when New was requested.
-sv_status sv_preview_tick(sv_app *app) SV_MUST_USE;
+sv_status sv_preview_tick(sv_preview *l) SV_MUST_USE;
 // In a session, before the capture: shows the cameras until Start. E_INTERRUPTED after a stop
 // request.
-sv_status sv_preview_wait_start(sv_app *app, sv_err *err) SV_MUST_USE;
+sv_status sv_preview_wait_start(sv_preview *l, sv_err *err) SV_MUST_USE;
 
 // Between two training steps: as tick; saves when Save was requested, and does not return while
 // paused. *paused_s: time that is no training time.
-sv_status sv_preview_between_steps(sv_app *app, double *paused_s, sv_err *err) SV_MUST_USE;
+sv_status sv_preview_between_steps(sv_preview *l, double *paused_s, sv_err *err) SV_MUST_USE;
 // The model and the state at once (training begins, or ended).
-void sv_preview_show_model(sv_app *app);
-void sv_preview_show(sv_app *app, sv_feed_status status, const char *sentence);
+void sv_preview_show_model(sv_preview *l);
+void sv_preview_show(sv_preview *l, sv_feed_status status, const char *sentence);
 // In a session, after the end: until New (AGAIN) or a stop request (OK).
-sv_status sv_preview_stay(sv_app *app) SV_MUST_USE;
+sv_status sv_preview_stay(sv_preview *l) SV_MUST_USE;
 // A line of the log, for the page.
-void sv_preview_event(sv_app *app, sv_log_level level, const char *text);
+void sv_preview_event(sv_preview *l, sv_log_level level, const char *text);
 
-// For a run that could not be set up, so that there is no app: the state with the reason.
+// For a run that could not be set up: the state with the reason.
 void sv_preview_show_failure(sv_feed *feed, sv_feed_cause cause, const char *board, const char *source,
                              bool is_session, const char *sentence);
 

@@ -23,7 +23,7 @@ void sv_app_log(sv_app *app, sv_log_level level, const char *fmt, ...) {
   sv_vfmt(line, sizeof line, fmt, ap);
   va_end(ap);
   if (app->port.console.log) app->port.console.log(app->port.console.self, level, line);
-  sv_preview_event(app, level, line);
+  sv_preview_event(&app->preview, level, line);
 }
 
 bool sv_app_is_stop_requested(const sv_app *app) {
@@ -32,6 +32,15 @@ bool sv_app_is_stop_requested(const sv_app *app) {
 }
 
 void sv_app_beat(sv_app *app) { sv_beat(app->port.heartbeats, SV_BEAT_MAIN); }
+
+sv_pictures sv_app_pictures(sv_app *app) {
+  return (sv_pictures){.t = &app->trainer, .publish = &app->port.publish, .rgb = app->picture};
+}
+
+sv_status sv_app_publish_preview(sv_app *app) {
+  const sv_pictures p = sv_app_pictures(app);
+  return sv_pictures_publish(&p);
+}
 
 sv_heat sv_app_heat(sv_app *app) {
   const sv_thermometer *t = &app->port.thermometer;
@@ -50,7 +59,10 @@ static size_t scratch_bytes(const sv_app_cfg *c, const sv_train_cfg *t) {
   return start > views ? start : views;
 }
 
-static void show_frame(void *self, const sv_frame *f) { sv_preview_frame(self, f); }
+static void show_frame(void *self, const sv_frame *f) {
+  sv_app *app = self;
+  sv_preview_frame(&app->preview, f);
+}
 
 static sv_capture_queue_cfg queue_cfg(const sv_app_cfg *c, sv_app *app) {
   return (sv_capture_queue_cfg){.n_cameras = c->n_cameras,
@@ -107,7 +119,7 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
   app->files.checkpoint_bytes = c->is_resume ? sv_checkpoint_bytes(&app->trainer) : 0;
   app->files.checkpoint = SV_TAKE(a, uint8_t, app->files.checkpoint_bytes);
   int w, h;
-  sv_app_preview_size(c, &w, &h);
+  sv_pictures_size(c->rig, c->caps, c->n_cameras, &w, &h);
   app->picture = SV_TAKE(a, uint8_t, (size_t)w * (size_t)h * 3);
   sv_preview_carve(&app->preview, c->has_preview, c->n_cameras, a);
   return a->status < 0 ? sv_fail(err, a->status, "the memory block is too small") : SV_OK;
@@ -115,7 +127,7 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
 
 // --- capture -------------------------------------------------------------------------------------
 
-static void log_capture(void *self, sv_log_level level, const char *line) {
+static void log_line(void *self, sv_log_level level, const char *line) {
   sv_app_log(self, level, "%s", line);
 }
 
@@ -124,8 +136,16 @@ static sv_status poll(void *self) {
   return sv_app_is_stop_requested(self) ? SV_E_INTERRUPTED : SV_OK;
 }
 
-static sv_status serve_page(void *self) { return sv_preview_tick(self); }
-static void show_exposure(void *self) { sv_preview_exposure(self); }
+static sv_status serve_page(void *self) {
+  sv_app *app = self;
+  return sv_preview_tick(&app->preview);
+}
+
+static void show_exposure(void *self) {
+  sv_app *app = self;
+  sv_preview_exposure(&app->preview);
+}
+
 static sv_heat heat_now(void *self) { return sv_app_heat(self); }
 static bool is_exposure_due(void *self) { return sv_app_is_exposure_due(self); }
 static sv_status publish(void *self) { return sv_app_publish_preview(self); }
@@ -164,7 +184,7 @@ static void init_capture(sv_app *app) {
                                    .is_continuous = c->is_continuous,
                                    .preview_every_s = c->preview_every_s,
                                    .calls = {.self = app,
-                                             .log = log_capture,
+                                             .log = log_line,
                                              .poll = poll,
                                              .serve = serve_page,
                                              .kept = show_exposure,
@@ -173,6 +193,42 @@ static void init_capture(sv_app *app) {
                                              .replace = replace_oldest,
                                              .publish = publish}};
   sv_capture_side_init(&app->capture, &cfg);
+}
+
+static bool is_stopping(void *self) { return sv_app_is_stop_requested(self); }
+static sv_status save(void *self, sv_err *err) { return sv_app_save_all(self, err); }
+static void beat(void *self) { sv_app_beat(self); }
+static float time_of(void *self, sv_ns time_ns) { return sv_app_time_of(self, time_ns); }
+
+static void init_preview(sv_app *app) {
+  const sv_app_cfg *c = &app->cfg;
+  const sv_preview_cfg cfg = {.port = &app->port,
+                              .k = app->k,
+                              .arena = app->arena,
+                              .queue = &app->queue,
+                              .capture = &app->capture,
+                              .exposures = &app->exposures,
+                              .trainer = &app->trainer,
+                              .dynamic = &app->dynamic,
+                              .driver = &app->driver,
+                              .rig = c->rig,
+                              .caps = c->caps,
+                              .n_cameras = c->n_cameras,
+                              .n_exposures = c->n_exposures,
+                              .source_name = c->source_name,
+                              .board_name = c->board_name,
+                              .steps = c->steps,
+                              .time_limit_s = c->time_limit_s,
+                              .is_session = c->is_session,
+                              .starts_at_once = c->starts_at_once,
+                              .calls = {.self = app,
+                                        .log = log_line,
+                                        .beat = beat,
+                                        .is_stopping = is_stopping,
+                                        .save = save,
+                                        .heat = heat_now,
+                                        .time_of = time_of}};
+  sv_preview_init(&app->preview, &cfg);
 }
 
 static const char *why_untracked(const sv_app_cfg *c) {
@@ -184,7 +240,7 @@ static const char *why_untracked(const sv_app_cfg *c) {
 
 static sv_status capture(sv_app *app, sv_err *err) {
   app->state = SV_APP_CAPTURING;
-  sv_status s = sv_preview_wait_start(app, err);
+  sv_status s = sv_preview_wait_start(&app->preview, err);
   if (s >= 0) s = sv_capture_side_run(&app->capture, err);
   if (s >= 0) s = sv_capture_side_track(&app->capture, &app->odometry, why_untracked(&app->cfg), err);
   return s;
@@ -220,6 +276,7 @@ sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, c
   app->hottest_c = (double)NAN;
   init_capture(app);
   app->arena = arena;
+  init_preview(app);
   sv_train_cfg t = sv_app_train_cfg(cfg, port->pool.n_threads);
   size_t left = arena->cap_bytes - arena->used_bytes, used = arena->used_bytes;
   sv_status s = carve(app, cfg, &t, (sv_compute){k, &app->port.pool}, arena, err);
@@ -341,7 +398,7 @@ static sv_status before_step(void *self, float progress, sv_driver_turn *turn, s
   bool is_train = true;
   (void)progress;
   sv_app_beat(app);
-  sv_status s = sv_preview_between_steps(app, &turn->away_s, err);
+  sv_status s = sv_preview_between_steps(&app->preview, &turn->away_s, err);
   if (s >= 0) s = sv_capture_side_turn(&app->capture, &is_train, err);
   turn->is_other_work = !is_train;
   turn->has_taken_time = app->capture.is_running;
@@ -402,8 +459,8 @@ static sv_status run_all(sv_app *app, sv_err *err) {
   if (s >= 0) s = start_training(app, err);
   if (s >= 0) {
     app->state = SV_APP_TRAINING;
-    sv_preview_show_model(app); // the first rough model, at once
-    sv_preview_show(app, SV_FEED_STATUS_TRAINING, NULL);
+    sv_preview_show_model(&app->preview); // the first rough model, at once
+    sv_preview_show(&app->preview, SV_FEED_STATUS_TRAINING, NULL);
     s = train(app, err);
   }
   ended = sv_capture_side_end(&app->capture, &end_err);
@@ -414,7 +471,7 @@ static sv_status run_all(sv_app *app, sv_err *err) {
   const bool is_trained =
       app->driver.step_time.n > 0; // else what an earlier run left in the folder is worth more
   if (s >= 0 || (s == SV_E_INTERRUPTED && is_trained && !app->preview.is_new_requested)) {
-    sv_preview_show(app, SV_FEED_STATUS_SAVING, NULL);
+    sv_preview_show(&app->preview, SV_FEED_STATUS_SAVING, NULL);
     app->state = SV_APP_SAVING;
     saved = sv_app_save_final(app, err);
     if (saved < 0) s = saved;
@@ -434,11 +491,11 @@ static sv_status run_all(sv_app *app, sv_err *err) {
 }
 
 sv_status sv_app_run(sv_app *app, sv_err *err) {
-  sv_preview_start(app);
+  sv_preview_start(&app->preview);
   sv_status s = run_all(app, err);
-  sv_preview_show_model(app);
+  sv_preview_show_model(&app->preview);
   if (app->state == SV_APP_FAILED && !app->preview.is_new_requested)
-    sv_preview_show(app, SV_FEED_STATUS_FAILED, err ? err->text : "");
-  else sv_preview_show(app, SV_FEED_STATUS_DONE, NULL);
+    sv_preview_show(&app->preview, SV_FEED_STATUS_FAILED, err ? err->text : "");
+  else sv_preview_show(&app->preview, SV_FEED_STATUS_DONE, NULL);
   return s;
 }

@@ -14,7 +14,7 @@
 #include "src/preview/pictures.h"
 #include "src/preview/preview.h"
 #include "src/run/config.h"
-#include "src/run/driver.h"
+#include "src/train/driver.h"
 #include "src/run/files.h"
 #include "src/run/moving.h"
 
@@ -60,7 +60,7 @@ struct sv_app {
   // What leaves the run
   sv_app_files files;
   sv_preview preview; // the page
-  uint8_t *picture;   // RGB, of sv_app_preview_size
+  uint8_t *picture;   // RGB, of sv_pictures_size
 };
 
 // The memory of a run: the parts and their sum are in `dry` (sv_arena_dry()) afterwards. `app` is
@@ -79,6 +79,9 @@ sv_status sv_app_run(sv_app *app, sv_err *err) SV_MUST_USE;
 // A line for the console and the page.
 void sv_app_log(sv_app *app, sv_log_level level, const char *fmt, ...) SV_PRINTF(3, 4);
 bool sv_app_is_stop_requested(const sv_app *app);
+// Images of the run, in its buffer; and the preview image, published.
+sv_pictures sv_app_pictures(sv_app *app);
+sv_status sv_app_publish_preview(sv_app *app) SV_MUST_USE;
 // The main thread made progress.
 void sv_app_beat(sv_app *app);
 // The processor's temperature now; keeps the highest.

@@ -3,7 +3,7 @@
 
 #include "src/base/mathx.h"
 #include "src/capture/measurements.h"
-#include "src/run/driver.h"
+#include "src/train/driver.h"
 #include "src/run/moving.h"
 
 bool sv_app_is_trained_on(const sv_app_cfg *c, int i_sub) {

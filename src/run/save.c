@@ -26,7 +26,7 @@ const char *sv_app_file_name(sv_app_file f) {
 
 static sv_status write_model(sv_app *app, sv_sink sink, sv_err *err) {
   float up[3];
-  sv_app_up(app, up);
+  sv_pictures_up(&app->trainer, up);
   const sv_model_notes notes = {.is_mip = app->trainer.cfg.is_antialiased,
                                 .dilation_px2 = app->trainer.cfg.dilation_px2,
                                 .up = sv_up_name(up)};

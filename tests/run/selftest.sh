@@ -80,6 +80,11 @@ WANT='must not include' breach tools/lab/lab.c '"tests/helper.h"'
 WANT='lists for the build' breach tools/lab/lab.c '<cmocka.h>'
 WANT='lists for the build' breach platform/sim/sim.c '<unheard/of.h>'
 clean
+mkdir -p src/run
+printf '%s\n' "$licence" >src/run/run.h
+add src/rig/rig.h '#include "src/run/run.h"'
+WANT='must not include' red "includes: a room takes a header of the run" "$lint/includes.sh"
+clean
 add tools/lab/lab.c '#include <png.h>\n#include <sys/stat.h>'
 green "includes: a tool takes a library of the build" "$lint/includes.sh"
 

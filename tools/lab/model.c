@@ -8,7 +8,7 @@
 #include "src/deform/deform_file.h"
 #include "src/format/ply.h"
 #include "src/splat/constants.h"
-#include "src/run/driver.h"
+#include "src/train/driver.h"
 #include "tools/lab/lab.h"
 #include "tools/lab/model_formats.h"
 

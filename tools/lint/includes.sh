@@ -4,7 +4,7 @@
 #   src/base         src/base
 #   kernels          kernels
 #   calib            calib, kernels, src/base
-#   src              src, calib, kernels/kernels.h
+#   src              src, calib, kernels/kernels.h; src/run, which is on top, only src/run
 #   platform         platform, src/port, src/base, src/rig, calib/model.h, src/image/noise.h (what a
 #                    sensor does to light); platform/preview src/format, too: it hands files out
 #   boards           boards, platform, src, tools/bench (where a board wants it), the version
@@ -51,6 +51,7 @@ LC_ALL=C awk -f "$lint/strip.awk" $("$lint/sources.sh" c) /dev/null |
     if (starts(to, "calib/solve/")) return file ~ /^(calib\/solve|tools|tests)\//
     if (starts(file, "calib/solve/")) return to ~ /^(calib|kernels|src)\//
     if (starts(file, "calib/")) return to ~ /^(calib|kernels|src\/base)\//
+    if (starts(file, "src/") && starts(to, "src/run/")) return starts(file, "src/run/")
     if (starts(file, "src/")) return starts(to, "src/") || starts(to, "calib/") || to == "kernels/kernels.h"
     if (starts(file, "platform/"))
       return to ~ /^(platform|src\/port|src\/base|src\/rig)\// || to == "calib/model.h" ||

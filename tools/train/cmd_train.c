@@ -6,7 +6,7 @@
 #include "src/base/mathx.h"
 #include "src/format/axes.h"
 #include "src/base/str.h"
-#include "src/run/driver.h"
+#include "src/train/driver.h"
 #include "tools/dataset/measurement.h"
 #include "tools/common/report.h"
 #include "tools/train/evaluate.h"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/train/plan.h"
 
-#include "src/run/driver.h"
+#include "src/train/driver.h"
 #include "tools/dataset/measurement.h"
 
 #include <stdlib.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "src/run/driver.h"
+#include "src/train/driver.h"
 
 #include <string.h>
 

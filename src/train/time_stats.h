@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Durations as a histogram: adds in constant time and memory, answers mean, percentiles and
 // maximum. Owns nothing beyond its own struct. All zero is empty. Never reads a clock.
-#ifndef SV_RUN_TIME_STATS_H
-#define SV_RUN_TIME_STATS_H
+#ifndef SV_TRAIN_TIME_STATS_H
+#define SV_TRAIN_TIME_STATS_H
 
 #include <stdint.h>
 

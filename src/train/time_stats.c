@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "src/run/time_stats.h"
+#include "src/train/time_stats.h"
 
 #include "src/base/mathx.h"
 

@@ -3,13 +3,13 @@
 // Both `subview run` and `subview-lab train` use it. Owns the loop's clock, the mean loss and the
 // step times; the trainer and its views are the caller's. Never captures, reads or writes files,
 // and takes no memory of its own.
-#ifndef SV_RUN_DRIVER_H
-#define SV_RUN_DRIVER_H
+#ifndef SV_TRAIN_DRIVER_H
+#define SV_TRAIN_DRIVER_H
 
 #include "src/base/str.h"
 #include "src/port/port.h"
 #include "src/rig/bounds.h"
-#include "src/run/time_stats.h"
+#include "src/train/time_stats.h"
 #include "src/train/objective.h"
 #include "src/train/train.h"
 
