@@ -299,7 +299,10 @@ static bool next_scan(run_options *o, const char *folder, bool is_new, bool *is_
   sv_console console = sv_linux_console_port(&run.console);
   o->out = path;
   run.is_retry = false;
-  if (scans_next(folder, (int)o->keep, is_new, path, sizeof path, &o->is_interrupted, &err) >= 0) {
+  scans_run next = {.path = path, .cap = sizeof path};
+  const sv_status s = scans_next(folder, (int)o->keep, is_new, &next, &err);
+  o->is_interrupted = next.is_interrupted;
+  if (s >= 0) {
     const bool is_resumable = !o->is_refining && o->i_prior == 0 && !(o->is_dynamic && o->is_continuous);
     o->is_resume = o->is_interrupted && is_resumable;
     say(2, "subview: %s %s\n", o->is_interrupted ? "going on with the interrupted scan" : "the next scan is",

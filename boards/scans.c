@@ -81,11 +81,12 @@ static void prune(const char *folder, const scan_list *list, int n_kept) {
   close(fd);
 }
 
-sv_status scans_next(const char *folder, int n_kept, bool is_new, char *out, size_t cap, bool *is_interrupted,
-                     sv_err *err) {
+sv_status scans_next(const char *folder, int n_kept, bool is_new, scans_run *run, sv_err *err) {
   static scan_list list;
+  char *out = run->path;
+  const size_t cap = run->cap;
   long newest = 0;
-  *is_interrupted = false;
+  run->is_interrupted = false;
   sv_status s = list_scans(folder, &list, err);
   if (s < 0) return s;
   for (int i = 0; i < list.n; i++)
@@ -93,8 +94,8 @@ sv_status scans_next(const char *folder, int n_kept, bool is_new, char *out, siz
   sv_fmt(out, cap, "%s/%04ld", folder, newest);
   bool is_empty = newest > 0 && !has_files(out);
   bool has_checkpoint = newest > 0 && (has(out, "checkpoint.bin") || has(out, "checkpoint.1.bin"));
-  *is_interrupted = !is_new && has_checkpoint && !has(out, "run.json");
-  if (!is_empty && !*is_interrupted) {
+  run->is_interrupted = !is_new && has_checkpoint && !has(out, "run.json");
+  if (!is_empty && !run->is_interrupted) {
     if (list.n == CAP_SCANS) return sv_fail(err, SV_E_IO, "%s: holds %d scans or more", folder, CAP_SCANS);
     if (sv_fmt(out, cap, "%s/%04ld", folder, newest + 1) >= cap)
       return sv_fail(err, SV_E_RANGE, "%s: too long a path", folder);

@@ -10,10 +10,14 @@
 
 #include "src/base/status.h"
 
-// Writes the folder of the next run into out: that of the newest scan if it left a checkpoint and
-// no report (it was interrupted: *is_interrupted) or nothing at all, else a new one. is_new: always
+// Fills in path and is_interrupted, the folder of the next run: that of the newest scan if it left a checkpoint and
+// no report (it was interrupted) or nothing at all, else a new one. is_new: always
 // a new one, unless the newest is empty. Then removes the oldest scans beyond n_kept.
-sv_status scans_next(const char *folder, int n_kept, bool is_new, char *out, size_t cap, bool *is_interrupted,
-                     sv_err *err) SV_MUST_USE;
+typedef struct {
+  char *path; // [cap]
+  size_t cap;
+  bool is_interrupted;
+} scans_run;
+sv_status scans_next(const char *folder, int n_kept, bool is_new, scans_run *out, sv_err *err) SV_MUST_USE;
 
 #endif

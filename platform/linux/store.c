@@ -94,8 +94,9 @@ static sv_status store_commit_over(void *self, const char *older, bool is_kept, 
   return result(s, sv_linux_file_commit_over(&s->file, older, is_kept), err);
 }
 
-static sv_status read_all(sv_linux_store *s, int fd, const char *name, void *buf, size_t cap, size_t *bytes,
-                          sv_err *err) {
+// Bytes of an open file, which must fit into cap.
+static sv_status size_of(const sv_linux_store *s, int fd, const char *name, size_t cap, size_t *bytes,
+                         sv_err *err) {
   struct stat st;
   if (fstat(fd, &st) < 0 || !S_ISREG(st.st_mode))
     return sv_fail(err, SV_E_IO, "%s/%s: not a regular file", s->dir, name);
@@ -103,13 +104,18 @@ static sv_status read_all(sv_linux_store *s, int fd, const char *name, void *buf
   if (*bytes > cap)
     return sv_fail(err, SV_E_NOMEM, "%s/%s: %zu bytes do not fit into the %zu reserved for it", s->dir, name,
                    *bytes, cap);
+  return SV_OK;
+}
+
+static sv_status read_all(const sv_linux_store *s, int fd, const char *name, void *buf, size_t bytes,
+                          sv_err *err) {
   size_t got = 0;
-  while (got < *bytes) {
-    ssize_t n = read(fd, (uint8_t *)buf + got, *bytes - got);
+  while (got < bytes) {
+    ssize_t n = read(fd, (uint8_t *)buf + got, bytes - got);
     if (n < 0 && errno == EINTR) continue;
     if (n < 0)
       return sv_fail(err, SV_E_IO, "%s/%s: reading failed: %s", s->dir, name, sv_linux_reason(errno));
-    if (n == 0) return sv_fail(err, SV_E_IO, "%s/%s: ends after %zu of %zu bytes", s->dir, name, got, *bytes);
+    if (n == 0) return sv_fail(err, SV_E_IO, "%s/%s: ends after %zu of %zu bytes", s->dir, name, got, bytes);
     got += (size_t)n;
   }
   return SV_OK;
@@ -123,7 +129,8 @@ static sv_status store_read(void *self, const char *name, void *buf, size_t cap,
   if (fd < 0 && errno == ENOENT)
     return sv_fail(err, SV_E_NOT_FOUND, "%s/%s: there is no such file", s->dir, name);
   if (fd < 0) return sv_fail(err, SV_E_IO, "%s/%s: cannot be read: %s", s->dir, name, sv_linux_reason(errno));
-  sv_status status = read_all(s, fd, name, buf, cap, bytes, err);
+  sv_status status = size_of(s, fd, name, cap, bytes, err);
+  if (status >= 0) status = read_all(s, fd, name, buf, *bytes, err);
   close(fd);
   return status;
 }
