@@ -112,6 +112,7 @@ int cmd_capture(int argc, char **argv);
 int cmd_cameras(int argc, char **argv);
 int cmd_plan(int argc, char **argv);
 int cmd_selftest(int argc, char **argv);
+int cmd_status(int argc, char **argv);
 int cmd_bench(int argc, char **argv);
 
 #endif

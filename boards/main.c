@@ -39,6 +39,7 @@ static const command commands[] = {
 #ifdef BOARD_HAS_BENCH
     {"bench", "time whole training steps on this machine", cmd_bench},
 #endif
+    {"status", "print what the service of this machine does", cmd_status},
     {"selftest", "check every kernel against its reference on this CPU", cmd_selftest},
 };
 

@@ -92,6 +92,14 @@ if [ -e "$stage/usr/lib/subview/subview-libcamera.so" ]; then
   "$strip" --strip-unneeded --remove-section=.comment \
     "$work/subview/usr/lib/subview/subview-libcamera.so"
 fi
+files=$here/files
+put 644 "$files/subview.service" usr/lib/systemd/system
+put 644 "$files/subview.conf" etc/subview
+put 644 "$files/60-subview.rules" usr/lib/udev/rules.d
+put 644 "$files/subview-avahi.service" etc/avahi/services subview.service
+put 755 "$files/status" usr/lib/subview
+for script in postinst prerm postrm; do put 755 "$files/subview.$script" DEBIAN $script; done
+printf '%s\n' /etc/avahi/services/subview.service /etc/subview/subview.conf >"$work/subview/DEBIAN/conffiles"
 package=subview-calibrate
 program subview-calibrate
 package=subview-lab
