@@ -79,6 +79,9 @@ libsubview: ## the library for embedding; with CROSS=PREFIX- ARCH_FLAGS=... for 
 examples: ## build the examples against the library, as installed in build/BOARD/stage
 library-test: ## the installed library: its symbols, C and C++, the examples, the same digest without a system
 package: ## Debian packages for BOARD and SUITE: subview, subview-calibrate, subview-lab, libsubview-dev
+deploy: ## build the package, install it on boards by ssh, check them there: HOST=pi, HOST="pi1 pi2"
+deploy-rollback: ## on the boards HOST, the package before the present one
+deploy-test: ## calibration, packages and the service on virtual boards with Debian 12 and 13 (needs root)
 install: ## copy programs, man pages, library, headers and examples to PREFIX (and DESTDIR)
 install-library: ## the library part of it alone
 clean: ## remove what was built for BOARD

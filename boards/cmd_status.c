@@ -15,9 +15,10 @@ static const sv_option rows[] = {OPTIONS_COMMON(status_options)};
 static const sv_tool_command command = {
     .name = "status",
     .args = "[options]",
-    .text = "Prints what the service subview of this machine does, in ten lines: state, page, cameras, scans.\n"
-            "As root with the page's link. Exit code 0 if the service is active. The service is part of the "
-            "package.",
+    .text =
+        "Prints what the service subview of this machine does, in ten lines: state, page, cameras, scans.\n"
+        "As root with the page's link. Exit code 0 if the service is active. The service is part of the "
+        "package.",
     .example = "  sudo subview status",
     .bit = 1};
 

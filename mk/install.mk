@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # The machine: packages the build needs, the demo, installation.
-.PHONY: deps demo demo-live man install package
+.PHONY: deps demo demo-live man install package deploy deploy-rollback
 deps:
 	@WITH='$(WITH)' tools/deps/install.sh test
 demo:
@@ -32,3 +32,10 @@ package: programs man libsubview
 	@+$(MAKE) --no-print-directory install DESTDIR='$(abspath $(PACKAGES))/stage' PREFIX=/usr
 	@tools/package/package.sh '$(PACKAGES)/stage' '$(PACKAGES)' '$(BOARD_DEBIAN_ARCH)' '$(SUITE)' '$(REVISION)' '$(SYSROOT)'
 	@rm -rf '$(PACKAGES)/stage'
+
+# On boards that ssh reaches: HOST=pi, or several, HOST="pi1 pi2".
+HOST ?=
+deploy: package
+	@tools/package/deploy.sh install $(PACKAGES)/subview_*.deb '$(SUITE)' $(HOST)
+deploy-rollback:
+	@tools/package/deploy.sh rollback $(HOST)

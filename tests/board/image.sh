@@ -114,11 +114,19 @@ mkdir -p root/{bin,dev,proc,sys,tmp,run,etc,modules}
 cp b/bin/busybox root/bin/
 modprobe -d k -S "$version" --show-depends vivid | awk '/^insmod/ { print $2 }' >modules.txt
 modprobe -d k -S "$version" --show-depends videobuf2-dma-contig | awk '/^insmod/ { print $2 }' >>modules.txt
-awk '!seen[$0]++' modules.txt | while read -r module; do
-  name=$(basename "$module" .xz) # busybox loads them unpacked
-  case $module in *.xz) xz -dc "$module" >"root/modules/$name" ;; *) cp "$module" root/modules/ ;; esac
-  echo "$name"
-done | grep -v '^vivid\.ko' >root/modules/order
+take() { # the modules of a list, once each; prints their names
+  awk '!seen[$0]++' "$1" | while read -r module; do
+    name=$(basename "$module" .xz) # busybox loads them unpacked
+    case $module in *.xz) xz -dc "$module" >"root/modules/$name" ;; *) cp "$module" root/modules/ ;; esac
+    echo "$name"
+  done
+}
+take modules.txt | grep -v '^vivid\.ko' >root/modules/order
+# A board that boots from a disk (tests/deploy) needs these first.
+for module in virtio_pci virtio_mmio virtio_blk ext4 crc32c_generic; do
+  modprobe -d k -S "$version" --show-depends $module | awk '/^insmod/ { print $2 }'
+done >disk.txt
+take disk.txt >root/modules/disk
 cp drivers/vimc/vimc.ko drivers/loop/v4l2loopback.ko drivers/more/vimc_more.ko root/modules/
 cp "k/boot/vmlinuz-$version" vmlinuz
 (cd root && find . | cpio -o -H newc --quiet) | gzip -1 >base.cpio.gz

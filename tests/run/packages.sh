@@ -60,7 +60,8 @@ holds() { # package, paths
   done
 }
 holds subview usr/bin/subview usr/bin/subview-preview usr/lib/subview/subview-libcamera.so usr/share/man/man1/subview.1.gz \
-  usr/share/bash-completion/completions/subview usr/share/doc/subview/copyright
+  usr/share/bash-completion/completions/subview usr/share/doc/subview/copyright usr/lib/systemd/system/subview.service \
+  etc/subview/subview.conf usr/lib/udev/rules.d/60-subview.rules usr/lib/subview/status
 verdict $? "files of subview"
 holds libsubview-dev usr/include/subview/subview.h "usr/lib/$(uname -m)-linux-gnu/libsubview.a" \
   "usr/lib/$(uname -m)-linux-gnu/pkgconfig/subview.pc"
@@ -71,6 +72,20 @@ for package in "$o"/packages/*.deb; do dpkg-deb -x "$package" "$tmp/root"; done
 verdict $? "nothing names the folder of the build"
 "$tmp/root/usr/bin/subview" --version
 verdict $? "subview starts from the package's files"
+
+dpkg-deb -I "$o"/packages/subview_*.deb conffiles | grep -qx /etc/subview/subview.conf
+verdict $? "the configuration is kept by upgrades"
+(cd "$tmp" && sed "s|^token-file=.*|token-file=$tmp/token|; s|^preview=.*|preview=18081|; \
+  s|^source=.*|source=sim:textured|" root/etc/subview/subview.conf >conf && root/usr/bin/subview run --config conf --out scans --check)
+verdict $? "subview takes the service's configuration"
+if systemd-analyze security --help 2>/dev/null | grep -q offline; then
+  systemd-analyze security --offline=true --threshold=25 "$tmp/root/usr/lib/systemd/system/subview.service" >"$tmp/security" 2>&1
+  code=$?
+  tail -n 1 "$tmp/security"
+  verdict $code "the service's exposure is 2.5 or lower"
+else
+  skip "no systemd-analyze security here"
+fi
 
 if command -v lintian >/dev/null; then
   lintian --allow-root "$o"/packages/*.deb >"$tmp/lintian" 2>&1

@@ -6,6 +6,7 @@
 #   install.sh test     the same, and what the tests use
 #   install.sh tidy     the same, and the static analysers
 #   install.sh board    for the build, and what the virtual ARM board needs
+#   install.sh deploy   for the virtual ARM board that boots from a disk
 #   install.sh bare     for the tests on minimal systems: what makes those systems
 #
 # packages.txt lists the packages. WITH=minimal leaves out those that only some features need. It
@@ -22,9 +23,10 @@ build) stages='build' ;;
 test) stages='build test' ;;
 tidy) stages='build test tidy' ;;
 board) stages='build board' ;;
+deploy) stages='build test board deploy' ;;
 bare) stages='bare' ;;
 *)
-  echo "install.sh: the first word is build, test, tidy, board or bare, not $what" >&2
+  echo "install.sh: the first word is build, test, tidy, board, deploy or bare, not $what" >&2
   exit 2
   ;;
 esac

@@ -1,0 +1,73 @@
+#!/bin/bash
+# SPDX-License-Identifier: Apache-2.0
+# The installed service on the virtual ARM board with Debian and systemd, booted from a disk: see
+# service.sh for what is checked. Ends with "N passed, N failed, N skipped".
+#
+#   deploy.sh BUILD SUITE FIRST SECOND        packages of subview, the second for the upgrade
+#
+# BUILD/deploy keeps the disks, and the console's output. Environment: CUTS, how often the power is
+# cut (3).
+set -euo pipefail
+here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+build=$1 suite=$2 first=$3 second=$4
+work=$build/deploy
+mkdir -p "$work"
+
+skip() {
+  echo "skip  deploy/$suite                           $*"
+  echo "0 passed, 0 failed, 1 skipped"
+  exit 0
+}
+"$here/../board/image.sh" "$build/board/image" 2>"$work/err" || skip "$(tail -n 1 "$work/err")"
+"$here/root.sh" "$build/board/image" "$suite" "$work/$suite.disk" 2>"$work/err" || skip "$(tail -n 1 "$work/err")"
+started=$SECONDS
+cp --sparse=always "$work/$suite.disk" "$work/$suite.run"
+rm -rf "$work/files"
+mkdir -p "$work/files/first" "$work/files/second"
+cp "$here/service.sh" "$work/files/"
+cp "$first" "$work/files/first/"
+cp "$second" "$work/files/second/"
+
+console=$work/$suite.console
+: >"$console"
+# One start of the machine; ended by a power cut when the board asks for it, or by itself.
+run() { # SECONDS
+  local log=$work/$suite.now end=$((SECONDS + $1)) status=0
+  rm -f "$work/pid"
+  timeout -k 5 "$1" "$here/boot.sh" "$build/board/image" "$work/$suite.run" "$work/files" run "$work/pid" >"$log" 2>&1 &
+  local job=$!
+  while kill -0 $job 2>/dev/null && [ $SECONDS -lt $end ]; do
+    if grep -q '^@ cut me' "$log"; then
+      sleep "$(awk -v seed="$SECONDS$RANDOM" 'BEGIN { srand(seed); printf "%.2f", 0.5 + 2 * rand() }')"
+      kill -9 "$(cat "$work/pid")"
+      break
+    fi
+    sleep 0.3
+  done
+  wait $job || status=$?
+  cat "$log" >>"$console"
+  return $status
+}
+set_stage() { # the disk of a board that is off
+  PATH=$PATH:/usr/sbin:/sbin debugfs -w -R "rm /var/lib/deploy-test/stage" "$work/$suite.run" >/dev/null 2>&1
+  echo "$1" >"$work/stage"
+  PATH=$PATH:/usr/sbin:/sbin debugfs -w -R "write $work/stage /var/lib/deploy-test/stage" "$work/$suite.run" >/dev/null 2>&1
+}
+run 1500 || true
+for ((i = 1; i < ${CUTS:-3}; i++)); do run 600 || true; done
+# The journal of the file system, as a boot would.
+PATH=$PATH:/usr/sbin:/sbin e2fsck -p "$work/$suite.run" >/dev/null 2>&1 || true
+set_stage upgrade
+run 900 || true
+rm -f "$work/$suite.run"
+
+grep -E '^@ (ok|FAIL|skip|note)|^    \|' "$console" | sed 's/^@ //' || true
+passed=$(grep -c '^@ ok' "$console" || true) failed=$(grep -c '^@ FAIL' "$console" || true)
+if ! grep -q '^@ end' "$console"; then
+  echo "FAIL  the board did not get to the end of its tests; its last lines:"
+  tail -n 5 "$console" | sed 's/^/      | /'
+  failed=$((failed + 1))
+fi
+echo "deploy/$suite: $((SECONDS - started)) s (log: $console)"
+echo "$passed passed, $failed failed, 0 skipped"
+[ "$failed" -eq 0 ]

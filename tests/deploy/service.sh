@@ -1,0 +1,136 @@
+#!/bin/bash
+# SPDX-License-Identifier: Apache-2.0
+# Runs on the virtual board at each boot from the disk (deploy.sh starts it): installs the package,
+# and checks the service through reboots, kills, hangs, power cuts, an upgrade and a purge. One line
+# a check: "@ ok NAME", "@ FAIL NAME REASON"; "@ note" lines are figures. The stage is kept on the
+# disk.
+memory=/var/lib/deploy-test
+conf=/etc/subview/subview.conf
+mkdir -p $memory
+cd /root || exit 1
+stage=$(cat $memory/stage 2>/dev/null || echo 0)
+
+ok() { echo "@ ok    deploy/$1"; }
+bad() {
+  echo "@ FAIL  deploy/$1  $2"
+  systemctl status --no-pager -l subview.service 2>&1 | tail -n 15 | sed 's/^/    | /'
+  journalctl -b -u subview.service --no-pager -o cat 2>/dev/null | tail -n 15 | sed 's/^/    | /'
+}
+note() { echo "@ note  $*"; }
+check() { # NAME, then a test's words
+  check_name=$1
+  shift
+  if [ "$@" ]; then ok "$check_name"; else bad "$check_name" "expected: $*"; fi
+}
+next_stage() {
+  echo "$1" >$memory/stage
+  sync
+}
+uptime_s() { cut -d ' ' -f 1 /proc/uptime; }
+since() { awk -v a="$1" -v b="$(uptime_s)" 'BEGIN { printf "%.1f", b - a }'; }
+get() { busybox wget -q -O - "$@" 2>/dev/null; }
+base=http://127.0.0.1:8080
+state_is() { get $base/state | grep -q "\"state\":\"$1\""; }
+post() { get --header "X-Subview-Token: $(cat /var/lib/subview/token)" --post-data= "$base/$1" >/dev/null; }
+until_so() { # SECONDS, then what has to become true
+  local end=$(($(cut -d . -f 1 /proc/uptime) + $1))
+  shift
+  until "$@"; do
+    [ "$(cut -d . -f 1 /proc/uptime)" -lt $end ] || return 1
+    sleep 0.2
+  done
+}
+holds() { # NAME, then a command that has to succeed
+  local name=$1
+  shift
+  if "$@"; then ok "$name"; else bad "$name" "not so: $*"; fi
+}
+of_unit() { systemctl show subview.service -p "$1" --value; }
+journal() { journalctl -b -u subview.service --no-pager -o cat; }
+set_option() { # NAME VALUE
+  sed -i "s|^$1=.*|$1=$2|" $conf
+}
+newest() { find /var/lib/subview/scans -mindepth 1 -maxdepth 1 -type d 2>/dev/null | sort | tail -n 1; }
+has_checkpoint() { [ -e "$(newest)/checkpoint.bin" ]; }
+resumed_since() { journal | tail -n +"$1" | grep -q 'resumed at step'; }
+
+case $stage in
+0)
+  started=$(uptime_s)
+  apt-get install -y --no-install-recommends /test/first/subview_*.deb >/tmp/log 2>&1
+  code=$?
+  [ $code -eq 0 ] || sed 's/^/    | /' /tmp/log
+  check installed_without_libcamera $code -eq 0
+  note "installed in $(since "$started") s"
+  check enabled "$(systemctl is-enabled subview.service)" = enabled
+  subview cameras >/tmp/text 2>/tmp/log
+  check cameras $? -eq 0 -a "$(grep -c '^v4l2:' /tmp/text)" -ge 3 -a "$(grep -c 'v4l2: works without it' /tmp/log)" = 1
+  holds page_after_installation until_so 60 state_is waiting
+  set_option source v4l2:/dev/video0,size=320x180
+  set_option exposures 2
+  set_option gaussians 100
+  set_option steps 20
+  echo save-every=0.5 >>$conf
+  mkdir -p /var/lib/subview/rig
+  echo kept >/var/lib/subview/rig/note
+  next_stage 1
+  systemctl reboot
+  ;;
+1)
+  holds page_after_reboot until_so 120 state_is waiting
+  usec=$(of_unit ActiveEnterTimestampMonotonic) began=$(of_unit ExecMainStartTimestampMonotonic)
+  note "ready $((usec / 1000)) ms after the kernel's start; $(((usec - began) / 1000)) ms of it are subview's"
+  subview status >/tmp/log
+  sed 's/^/    | /' /tmp/log
+  check status "$(grep -c . /tmp/log)" = 10 -a "$(grep -c "#$(cat /var/lib/subview/token)" /tmp/log)" = 1
+  sandbox=$(get $base/state | sed -n 's/.*"sandbox":"\([^"]*\)".*/\1/p')
+  note "page: $sandbox"
+  holds start post start
+  holds scan until_so 240 state_is "done"
+  check model -s "$(newest)/model.ply" -a -s "$(newest)/run.json"
+
+  # A long scan, for what interrupts it.
+  set_option steps 10000000
+  systemctl restart subview.service
+  until_so 60 state_is waiting
+  post start
+  until_so 240 has_checkpoint
+  lines=$(journal | wc -l)
+  started=$(uptime_s)
+  kill -9 "$(of_unit MainPID)"
+  holds killed_resumes until_so 240 resumed_since "$lines"
+  note "killed: training goes on after $(since "$started") s"
+  holds killed_trains until_so 60 state_is training
+  lines=$(journal | wc -l)
+  started=$(uptime_s)
+  kill -STOP "$(of_unit MainPID)"
+  holds hang_resumes until_so 240 resumed_since "$lines"
+  note "hung: training goes on after $(since "$started") s, 5 s of them are the watchdog's"
+  check restarts "$(of_unit NRestarts)" = 2
+  next_stage cut
+  echo "@ cut me"
+  ;;
+cut)
+  # The power was cut while checkpoints were being saved.
+  holds cut_resumes until_so 240 resumed_since 1
+  check cut_whole "$(journal | grep -c 'damaged\|no checkpoint')" = 0
+  echo "@ cut me"
+  ;;
+upgrade)
+  until_so 240 state_is training
+  before=$(cat $conf /var/lib/subview/rig/note /var/lib/subview/token | sha256sum)
+  scans=$(find /var/lib/subview/scans -mindepth 1 -maxdepth 1 | wc -l)
+  apt-get install -y --no-install-recommends /test/second/subview_*.deb >/tmp/log 2>&1
+  check upgraded $? -eq 0 -a "$(dpkg-query -W -f '${Version}' subview)" = "$(dpkg-deb -f /test/second/subview_*.deb Version)"
+  check upgrade_keeps "$(cat $conf /var/lib/subview/rig/note /var/lib/subview/token | sha256sum)" = "$before" \
+    -a "$(find /var/lib/subview/scans -mindepth 1 -maxdepth 1 | wc -l)" -ge "$scans"
+  holds upgraded_runs until_so 240 state_is training
+  apt-get purge -y subview >/tmp/log 2>&1
+  check purged $? -eq 0 -a "$(find / -xdev -name '*subview*' ! -path '/proc/*' ! -path '/var/lib/subview*' ! -path '/var/cache/*' \
+    ! -path '/var/log/*' ! -path '/var/lib/deploy-test*' | wc -l)" = 0
+  find / -xdev -name '*subview*' ! -path '/proc/*' | sed 's/^/    | /'
+  check purge_keeps -e /var/lib/subview/rig/note -a "$(find /var/lib/subview/scans -name model.ply | wc -l)" -ge 1
+  echo "@ end"
+  systemctl poweroff
+  ;;
+esac
