@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rigid bodies of a clip: Gaussians that move as one.
+// Rigid bodies among Gaussians with per-Gaussian motion.
 //
-// At a time that was measured (a knot) body b is displaced by d_b and turned by q_b about its
-// centre c_b:
+// At a knot, a time with images, body b is displaced by d_b and rotated by q_b about its center
+// c_b:
 //   x(t) = R(q_b) (x - c_b) + c_b + d_b,   quaternion(t) = q_b * quaternion,
-// where x and the quaternion are those of the body's own frame, what a Gaussian has of its own
-// motion (motion.h) added. Between knots d and q follow the polynomial through the three knots
-// before and the three behind (Lagrange's; fewer near the ends, and where knots lie so unevenly
-// that it would swing), q with its sign aligned and normalised; before the first and after the last
-// knot bodies rest. Body 0 never moves.
+// where x and the quaternion are body-local, with the Gaussian's own motion (motion.h) added.
+// Between knots d and q are interpolated by the Lagrange polynomial through three knots on each
+// side, fewer near the ends and where uneven knots would make it oscillate; q has its sign aligned
+// and is normalized. Before the first and after the last knot bodies are at rest. Body 0 is static.
+// Owns the bodies' arrays. Never decides which Gaussians form a body: src/dynamic does.
 #ifndef SV_DEFORM_BODIES_H
 #define SV_DEFORM_BODIES_H
 
@@ -22,7 +22,7 @@ extern "C" {
 #endif
 
 #define SV_CAP_BODIES 16  // with number 0
-#define SV_CAP_KNOTS  256 // distinct times of a clip
+#define SV_CAP_KNOTS  256 // distinct times
 
 typedef struct {
   float q[4], d[3]; // unit quaternion w x y z; world units
@@ -40,8 +40,7 @@ sv_rigid sv_rigid_then(const sv_rigid *a, const sv_rigid *b);
 void sv_quat_mul(const float a[4], const float b[4], float out[4]);
 
 typedef struct {
-  float m[6], v[6]; // running means of the gradient and of its squares: of the turn, of the
-                    // displacement
+  float m[6], v[6]; // Adam's moments of rotation (3) and displacement (3)
   uint32_t n_steps;
 } sv_knot_adam;
 
@@ -49,29 +48,29 @@ typedef struct {
   int cap_knots, n_knots;
   int n;              // bodies in use are 1 .. n - 1; 0 when there can be none
   float (*centre)[3]; // [SV_CAP_BODIES]
-  float *radius;      // [SV_CAP_BODIES] of their members about the centre: root of the mean square
+  float *radius;      // [SV_CAP_BODIES] root mean square distance of the members from the center
   float *time;        // [cap_knots] rising
   sv_rigid *knot;     // [SV_CAP_BODIES][cap_knots]
-  uint8_t *of;        // [cap] body of a slot; NULL without knots
+  uint8_t *of;        // [cap] body of each Gaussian; NULL without knots
   sv_knot_adam *adam; // as knot; NULL without has_grad
   sv_rigid *now;      // [SV_CAP_BODIES] of the last sv_motion_at
 } sv_bodies;
 
-// cap: slots. cap_knots 0: no bodies.
+// cap: Gaussians. cap_knots 0: no bodies.
 sv_status sv_bodies_init(sv_bodies *b, int cap, int cap_knots, bool has_grad, sv_arena *arena) SV_MUST_USE;
-// No body, no knot.
+// Removes all bodies and knots.
 void sv_bodies_reset(sv_bodies *b, int cap);
 static inline sv_rigid *sv_bodies_knot(const sv_bodies *b, int body, int i_knot) {
   return b->knot + (long)body * b->cap_knots + i_knot;
 }
-// Number of the knot of this very time; -1: there is none.
+// Index of the knot at exactly this time; -1: none.
 int sv_bodies_find_knot(const sv_bodies *b, float time);
-// Makes a knot of a time, where all bodies go on as they went between the two knots next to it on
-// one side (or rest). Returns its number; the one that is there already, or -1 when all are taken.
+// Adds a knot, at which all bodies are extrapolated from the two nearest knots on one side (or at
+// rest). Returns its index, that of an existing knot at this time, or -1 when all are in use.
 int sv_bodies_add_knot(sv_bodies *b, float time);
-// Pose of a body at a knot as those next to it have it, on both sides; false: there are too few.
+// Pose of a body at a knot, interpolated from the knots on both sides; false: there are too few.
 bool sv_bodies_among(const sv_bodies *b, int body, int i_knot, sv_rigid *out);
-// How far a body's members get from where they are at rest, at most, as seen from about its radius.
+// Largest displacement of a body's members from rest, at a distance of about its radius.
 float sv_bodies_reach(const sv_bodies *b, int body);
 // Poses of all bodies in use at a time.
 void sv_bodies_at(const sv_bodies *b, float time, sv_rigid out[SV_CAP_BODIES]);

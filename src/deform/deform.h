@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// How the Gaussians of a moving scene get from the stored ones to those of a time: by a motion of
-// their own each (motion.h) or through one field that all share (field.h).
+// Deformation of a moving scene: the Gaussians of a time from the stored ones, by per-Gaussian
+// motion (motion.h) or by a shared field (field.h).
+// Owns both models' arrays. Never trains: src/dynamic does.
 #ifndef SV_DEFORM_DEFORM_H
 #define SV_DEFORM_DEFORM_H
 
@@ -19,7 +20,7 @@ typedef struct {
   sv_field field;   // of FIELD
 } sv_deform;
 
-// Slots [0, n) move.
+// Gaussians [0, n) move.
 static inline int sv_deform_n_moving(const sv_deform *d) {
   return d->kind == SV_DEFORM_FIELD ? d->field.n_moving : d->motion.n_moving;
 }

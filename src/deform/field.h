@@ -4,8 +4,9 @@
 // Johnson 2023), a linear trunk and heads of two layers, whose outputs are added to the stored
 // values. Kernels: kernels/field/field.h.
 //
-// Differences from the paper's reference, both on purpose: time runs over the whole plane (there
-// only its upper half is used), and the box is that of the Gaussians when they begin to move.
+// Two differences from the authors' implementation: time covers the whole plane (theirs uses the
+// upper half), and the bounding box is that of the Gaussians when they begin to move.
+// Owns parameters, moments and scratch. Never chooses which Gaussians move.
 #ifndef SV_DEFORM_FIELD_H
 #define SV_DEFORM_FIELD_H
 
@@ -26,14 +27,13 @@ typedef enum { SV_FIELD_TV_CODED, SV_FIELD_TV_BOTH } sv_field_tv;
 typedef struct {
   int n_channels; // 16 or 32 per level
   int n_levels, mult[SV_FIELD_CAP_LEVELS];
-  int base,
-      n_times;     // points a side of level 1; points along time, the same on all levels: about as
-                   // many as there are training times. With more, those between two of them are
-                   // held by smoothness alone.
+  int base;        // grid points a side of level 1
+  int n_times;     // grid points along time, the same on all levels: about the number of training
+                   // times. Further points are determined by the smoothness loss alone.
   int width;       // of the layers, a multiple of 16
   bool is_shared;  // one head for position, rotation and scale; else one each
   bool has_colour; // heads for opacity and SH, too; not with is_shared
-  float start;     // output weights begin with so much of Xavier's; the reference's is 1
+  float start;     // scale of the output layers' Xavier initialization; the authors' is 1
   // Weights: second differences (coded as in the reference: along one axis, of its mean square) or
   // squared first differences along both; second differences along time; distance of time planes
   // from 1.
@@ -45,12 +45,12 @@ typedef struct {
 } sv_field_cfg;
 
 // By name: tiny, small, medium, dnerf, dynerf, hypernerf, dycheck, multiview (sizes and weights of
-// the reference's configurations; the first three are for boards; n_times is sv_train_set_times'
-// business). False for others; *cfg then is untouched.
+// the authors' configurations; the first three are for boards; n_times is set by the caller). False
+// for others; *cfg then is untouched.
 bool sv_field_preset(const char *name, sv_field_cfg *cfg);
 
 typedef struct {
-  int row, n;            // rows of a Gaussian that it moves
+  int row, n;            // rows of a Gaussian to which its output is added
   size_t w1, b1, w2, b2; // offsets into param
 } sv_field_head;
 
@@ -75,7 +75,7 @@ typedef struct {
   float lo[3], inv[3]; // box: c = (x - lo) inv
 } sv_field;
 
-// E_ARG: says in err which size is out of range.
+// E_ARG: a size is out of range; err names it.
 sv_status sv_field_check(const sv_field_cfg *cfg, sv_err *err) SV_MUST_USE;
 // E_ARG as sv_field_check.
 sv_status sv_field_init(sv_field *f, const sv_field_cfg *cfg, const sv_gaussians *g,
@@ -85,15 +85,13 @@ sv_status sv_field_init(sv_field *f, const sv_field_cfg *cfg, const sv_gaussians
 void sv_field_reset(sv_field *f, const sv_gaussians *g, uint64_t seed);
 // As sv_motion_at.
 void sv_field_at(sv_field *f, const sv_compute *c, sv_gaussians *g, float t);
-// One block of it, at a time of its own: f->moved and f->coord. For sv_field_bwd_block, whose
-// places are those.
+// One block at a time of its own: fills f->moved and f->coord, which sv_field_bwd_block reads.
 void sv_field_at_block(sv_field *f, const sv_kernels *k, const sv_gaussians *g, int block, int i_thread,
                        float t);
 
-// Backward of one block, in the task of its number: grad [rows][16] of the moved ones gets what
-// goes to their places through the field; the field's own gradients are kept until sv_field_step.
-// To be called by tasks of SV_FIELD_TASK blocks, each from its first block on, also when touched is
-// 0.
+// Field backward of one block: adds to grad [rows][16] of the moved Gaussians the gradient of their
+// positions through the field, and keeps the field's own gradients until sv_field_step. Tasks of
+// SV_FIELD_TASK blocks call it for each of their blocks in order, also when touched is 0.
 void sv_field_bwd_block(sv_field *f, const sv_kernels *k, int block, int i_thread, uint32_t touched,
                         float *grad);
 // Adam on planes and layers after all blocks; step counts from 1; progress 0..1 of the stage.

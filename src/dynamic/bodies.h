@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rigid bodies of a scene: found, matched, tracked, refined, and which Gaussians are theirs
-// (bodies.c, track_bodies.c, body_assignment.c).
+// Rigid bodies of a scene: detection and matching (bodies.c), tracking (track_bodies.c), assignment
+// of Gaussians (body_assignment.c), refinement of poses.
+// Owns nothing: bodies are part of the motion, scratch is sv_dynamic's.
+// Never moves a static Gaussian.
 #ifndef SV_DYNAMIC_BODIES_H
 #define SV_DYNAMIC_BODIES_H
 
@@ -27,8 +29,7 @@ void sv_dynamic_attach(sv_dynamic *dyn, int i, int body, const float x[3], const
 
 // Knots for all times trained on before, and for a new one, at which bodies are extrapolated.
 void sv_dynamic_extrapolate_bodies(sv_dynamic *dyn, float to, float before);
-// Moves the poses of the bodies at a time, expected there, to what its images show
-// (track_bodies.c).
+// Tracks the bodies in the images of a time, from their extrapolated poses (track_bodies.c).
 sv_status sv_dynamic_track_bodies(sv_dynamic *dyn, float time, float progress) SV_MUST_USE;
 // From dyn->near, positions at time `from` and displacements to `to`: the bodies' poses at `to`,
 // and new bodies.

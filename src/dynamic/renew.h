@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Live: what the newest exposure shows elsewhere, or for the first time, is not travelled to. Where
-// the model's pictures are off, the Gaussians that are seen there go, and as many come back on the
-// surface that the newest exposure's own depth maps tell of (sweep.h), in its colours. However far
-// things moved meanwhile, they start in place.
+// Continuous capture: replaces Gaussians that contradict the newest exposure. Where renderings
+// differ from its images, the visible Gaussians are removed, and as many are placed on the surface
+// of the exposure's own depth maps (sweep.h), in its colors. So objects that moved far, or
+// appeared, start at their position.
+//
+// Owns nothing. Never changes the number of Gaussians.
 #ifndef SV_DYNAMIC_RENEW_H
 #define SV_DYNAMIC_RENEW_H
 
@@ -13,8 +15,8 @@
 extern "C" {
 #endif
 
-// For a moving scene whose newest pictures have just come in. Counts in dyn->n_renewed. Does
-// nothing where no two views of the newest time overlap, or nothing can be measured in them.
+// Call it when a new exposure has been added. Counts in dyn->n_renewed. Does nothing when no two
+// views of the newest time overlap, or their depth cannot be measured.
 // Scratch: sv_sweep_bytes. Errors: of rendering.
 sv_status sv_dynamic_renew(sv_dynamic *dyn, float progress, sv_arena *scratch) SV_MUST_USE;
 

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rigid bodies among what was displaced from one time to another: y = R(q) (x - c) + c + d.
+// Rigid bodies from displacements between two times: y = R(q) (x - c) + c + d.
 //
-// A displacement is known in the pictures, not in space: along the rays of its cameras it is poor
-// (two cameras close together), along those of a single camera unknown. So what is fitted is the
-// squared distance in pixels, (y - x - u)^T a (y - x - u), by Gauss-Newton over q and d, with Geman
-// & McClure's weights against those that followed something else. Bodies are found by sequential
-// RANSAC (Fischler & Bolles 1981) with the winners refined (Chum, Matas & Kittler 2003): three
-// neighbours propose a motion, those around them and then all that go along with it refine it, and
-// what hangs together with the largest body's seed becomes the next body.
+// A displacement is measured in images: it is uncertain along the rays of nearby cameras, and
+// undetermined along the ray of a single one. The residual is therefore a squared distance in
+// pixels, (y - x - u)^T a (y - x - u), minimized by Gauss-Newton over q and d with Geman &
+// McClure's weights against wrong matches. Bodies are found by sequential RANSAC (Fischler & Bolles
+// 1981) with local optimization (Chum, Matas & Kittler 2003): three neighbors propose a motion,
+// their neighborhood and then all inliers refine it, and the largest connected set becomes a body.
+//
+// Owns nothing. Never changes a Gaussian.
 #ifndef SV_DYNAMIC_RIGID_H
 #define SV_DYNAMIC_RIGID_H
 
@@ -36,23 +37,22 @@ bool sv_rigid_fit(const sv_rigid_points *p, float tolerance_px, const sv_rigid *
                   int *n_inliers);
 
 typedef struct {
-  const sv_displaced *of; // by slot
-  const uint32_t *order;  // [n] slots, neighbours mostly side by side (sv_local_motion_find)
-  uint8_t *label;         // by slot; 0: of no body yet. In and out
+  const sv_displaced *of; // by Gaussian
+  const uint32_t *order;  // [n] Gaussians along a Morton curve (sv_local_motion_find)
+  uint8_t *label;         // by Gaussian, in and out; 0: in no body
   uint32_t *list;         // [2 n] scratch
   int n;
   int first_label, cap_bodies; // bodies get first_label, first_label + 1, ...; fewer than
                                // SV_CAP_BODIES
   int min_members;
-  float min_px;       // a body's members move by more, in the median
-  float tolerance_px; // its members are off by less
+  float min_px;       // smallest median displacement of a body
+  float tolerance_px; // largest residual of a member
   uint64_t seed;
 } sv_rigid_search;
 
-// Finds bodies among slots of no body, largest first; motion [cap_bodies] and centre
-// [cap_bodies][3] (the members' mean place) are theirs. Slots that are not known, or have followed
-// something else, join the body they are amid. Returns how many there are. The same for the same
-// input on every machine.
+// Finds bodies among Gaussians without a body, largest first; motion [cap_bodies] and centre
+// [cap_bodies][3] (the members' mean position) are theirs. Gaussians with an unknown displacement
+// or a wrong match join the body that surrounds them. Returns the number of bodies. Deterministic.
 int sv_rigid_find(const sv_rigid_search *s, sv_rigid *motion, float centre[][3]);
 
 #ifdef __cplusplus

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// What somebody else knows of a scene that few views saw: pictures of views that no camera took,
-// and depth maps. Both come from outside the core (a fixer such as Difix3D+ of Wu et al. 2025, a
-// monocular depth network, the rig's own depth maps) and are kept in two rings of fixed size, so
-// that a trainer's memory is known at start. What is done with them is in views.h.
+// Priors for sparse views: images of pseudo-views, which no camera captured, and depth maps. Both
+// come from outside the trainer (a fixer such as Difix3D+, Wu et al. 2025; a monocular depth
+// network; depth maps of the rig's own views). views.h says how they enter the loss.
+// Owns two rings of fixed size, so that memory is known at start.
+// Never calls a network or reads a file: the caller submits images and maps.
 #ifndef SV_PRIOR_PRIOR_H
 #define SV_PRIOR_PRIOR_H
 
@@ -17,23 +18,20 @@
 extern "C" {
 #endif
 
-// What the values of a depth map are, of depth along the optical axis.
+// What a depth map holds, all along the optical axis.
 typedef enum {
-  SV_PRIOR_RELATIVE, // some scale and offset of depth: Pearson's correlation with the rendered
-                     // depth
-  SV_PRIOR_INVERSE,  // of inverse depth (disparity, as monocular networks tell): the same with
-                     // inverse depth
-  SV_PRIOR_METRIC    // depth itself, in world units: mean absolute difference in scene radii
+  SV_PRIOR_RELATIVE, // depth up to scale and offset; loss: Pearson correlation with rendered depth
+  SV_PRIOR_INVERSE,  // the same of inverse depth (disparity, as monocular networks give it)
+  SV_PRIOR_METRIC    // depth in world units; loss: mean absolute difference in scene radii
 } sv_prior_depth_kind;
 
 typedef enum { SV_PRIOR_NONE, SV_PRIOR_FSGS, SV_PRIOR_SPARSEGS } sv_prior_method;
 
 typedef struct {
-  int cap_pseudo; // pseudo-views kept at a time; 0: none are ever submitted
-  int cap_depths; // depth maps kept at a time; 0: none
-  int every;      // steps from one that also takes a pseudo-view to the next
-  // What the trainer does of its own (sv_prior_set_method), at these progresses and with these
-  // weights.
+  int cap_pseudo; // Size of the ring of pseudo-views; 0: none are submitted.
+  int cap_depths; // Size of the ring of depth maps; 0: none.
+  int every;      // Steps from one that also renders a pseudo-view to the next.
+  // The method's own schedule (progress 0 to 1) and weights, set by sv_prior_set_method.
   sv_prior_method method;
   float depth_weight;            // of the rig's own depth maps
   float late_from, late_factor;  // from there on depth counts so many times of it
@@ -61,15 +59,15 @@ void sv_prior_set_method(sv_prior_cfg *cfg, sv_prior_method method, int n_views)
 
 typedef struct {
   sv_view view;
-  uint8_t *rgba; // [height][width][4] of the view; A: what share of a pixel counts
-  float weight;  // of its photometric loss, beside 1 of a training view
+  uint8_t *rgba; // [height][width][4]; A: weight of the pixel, 0 to 255
+  float weight;  // of its photometric loss; a training view has 1
   float until;   // progress at which it expires
   int id;        // 0: never used
 } sv_prior_view;
 
 typedef struct {
   int id;     // of a training view, or of a pseudo-view; -1: never used
-  float *map; // [height][width] of that view, below 0: nothing is known
+  float *map; // [height][width] of that view; below 0: unknown
   int width_px, height_px;
   sv_prior_depth_kind kind;
   float weight;
@@ -81,10 +79,9 @@ typedef struct {
   size_t cap_pixels;
   sv_prior_view *views;   // [cap_pseudo] ring
   sv_prior_depth *depths; // [cap_depths] ring
-  int n_views, n_depths;  // ever submitted; places that were taken from others
-  // Planes of the last picture's size, [cap_pixels] each: expected depth or its inverse, its prior,
-  // gradients of the sum of w z, of what light is left, of the expected depth; share of each pixel
-  // that counts.
+  int n_views, n_depths;  // submitted so far; maps that replaced others
+  // Planes of the last image's size, [cap_pixels] each: expected depth or its inverse, its prior,
+  // gradients of the sum of w z, of transmittance and of expected depth; weight of each pixel.
   float *expected, *target, *g_depth, *g_trans, *g_expected, *share;
   uint8_t *mask;
   uint8_t *warped;                    // [cap_pixels][4], with a method
@@ -97,8 +94,8 @@ typedef struct {
   float updated_until;    // progress up to which the method's own work is done
 } sv_prior;
 
-// What a trainer's settings need, after the objective was set (src/train/objective.h): room for
-// further images, and FSGS's early SH degrees where any are wanted.
+// Adapts a trainer's settings after the objective was set (src/train/objective.h): memory for
+// further images, and FSGS's early SH degrees where there are any.
 void sv_prior_prepare(const sv_prior_cfg *cfg, sv_train_cfg *train);
 // Memory beside that of a trainer with these settings; 0 when both capacities are.
 size_t sv_prior_bytes(const sv_prior_cfg *cfg, const sv_train_cfg *train);
@@ -112,12 +109,12 @@ size_t sv_prior_scratch_bytes(int n_gaussians);
 size_t sv_prior_unpool_bytes(int n_gaussians);
 size_t sv_prior_prune_bytes(int n_gaussians);
 
-// Forgets what was submitted, and counts anew.
+// Empties both rings and resets the counts.
 void sv_prior_clear(sv_prior *p);
 
-// A picture (3 channels, or 4 with what counts in alpha) of a view that no camera took; copied.
-// Returns its number; the oldest one's place is taken when the ring is full. E_RANGE for a size
-// that is not the view's or beyond the capacity, a weight below 0; E_FULL without a ring.
+// An image (3 channels, or 4 with the pixels' weights in alpha) of a pseudo-view; copied. *id is
+// its number; a full ring replaces its oldest image. E_RANGE: the size differs from the view's or
+// exceeds the capacity, or the weight is below 0. E_FULL: there is no ring.
 sv_status sv_prior_submit_view(sv_prior *p, const sv_view *view, const sv_image_u8 *picture, float weight,
                                float until, int *id) SV_MUST_USE;
 // A depth map from outside.
