@@ -5,6 +5,7 @@
 // comes to is one of two states, each with every buffer accounted for: RUN, the run went on to its
 // end; SAFE, it has ended with a sentence, its cameras stand still, and what was captured and
 // trained is there to be saved.
+#include <math.h>
 #include <string.h>
 
 #include "platform/codec/codec.h"
@@ -248,6 +249,51 @@ EACH(write, WORLD_WRITE)
 EACH(commit, WORLD_COMMIT)
 EACH(read, WORLD_READ)
 
+// A store that is gone for good: few tries while training, and at the end everything is in the
+// second place, with the model of an undisturbed run.
+TEST(test_backs_off_and_rescues) {
+  world_store kept = w.store;
+  uint64_t digest[2];
+  for (int is_bad = 0; is_bad < 2; is_bad++) {
+    world_forget_files(&w);
+    open_run();
+    w.cfg.is_resume = false;
+    w.cfg.steps = 3000; // 6 s or so of the machine's clock, a save due every 2 ms
+    w.port.rescue = world_rescue(&w);
+    if (is_bad) w.fault = (world_fault){.call = WORLD_COMMIT, .at = 1, .is_lasting = true};
+    sv_status s = world_run(&w);
+    if (s < 0) fail_msg("%s", w.err.text);
+    digest[is_bad] = world_digest(&w);
+    if (is_bad && w.fault.n[WORLD_COMMIT] > 20) fail_msg("%ld tries", w.fault.n[WORLD_COMMIT]);
+    assert_true((w.app.files.rescued != 0) == (is_bad != 0));
+    assert_true(world_has_line(&w, "is saved in the second place instead") == (is_bad != 0));
+    assert_int_equal(w.second.n_files, is_bad ? 2 : 0);
+    assert_int_equal(w.store.n_files, is_bad ? 0 : 3);
+    world_close(&w);
+  }
+  assert_true(digest[0] == digest[1]);
+  world_forget_files(&w);
+  w.store = kept;
+}
+
+TEST(test_never_saves_what_is_not_finite) {
+  world_store kept = w.store;
+  world_forget_files(&w);
+  open_run();
+  world_run_well(&w);
+  const size_t bytes = world_find(&w, "model.ply")->bytes;
+  w.app.trainer.g.param[5] = (float)NAN;
+  assert_error(sv_app_save_model(&w.app, &w.err), SV_E_RANGE, &w.err, "not finite");
+  assert_one_sentence(w.err.text);
+  assert_error(sv_app_save_checkpoint(&w.app, &w.err), SV_E_RANGE, &w.err, "not finite");
+  assert_int_equal(world_find(&w, "model.ply")->bytes, bytes);
+  const long n_tries = w.fault.n[WORLD_BEGIN];
+  assert_error(sv_app_save_final(&w.app, &w.err), SV_E_RANGE, &w.err, "not finite");
+  assert_int_equal(w.fault.n[WORLD_BEGIN] - n_tries, 2); // trying again would not help
+  world_close(&w);
+  w.store = kept;
+}
+
 FIXTURE(setup) {
   make_old_files();
   open_run();
@@ -259,11 +305,22 @@ FIXTURE(setup) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_start),       cmocka_unit_test(test_dequeue), cmocka_unit_test(test_requeue),
-      cmocka_unit_test(test_stop),        cmocka_unit_test(test_begin),   cmocka_unit_test(test_write),
-      cmocka_unit_test(test_commit),      cmocka_unit_test(test_read),    cmocka_unit_test(test_rig_pose),
-      cmocka_unit_test(test_set_control), cmocka_unit_test(test_trigger), cmocka_unit_test(test_worker),
-      cmocka_unit_test(test_event),       cmocka_unit_test(test_decode),
+      cmocka_unit_test(test_start),
+      cmocka_unit_test(test_dequeue),
+      cmocka_unit_test(test_requeue),
+      cmocka_unit_test(test_stop),
+      cmocka_unit_test(test_begin),
+      cmocka_unit_test(test_write),
+      cmocka_unit_test(test_commit),
+      cmocka_unit_test(test_read),
+      cmocka_unit_test(test_rig_pose),
+      cmocka_unit_test(test_set_control),
+      cmocka_unit_test(test_trigger),
+      cmocka_unit_test(test_worker),
+      cmocka_unit_test(test_event),
+      cmocka_unit_test(test_decode),
+      cmocka_unit_test(test_backs_off_and_rescues),
+      cmocka_unit_test(test_never_saves_what_is_not_finite),
   };
   return cmocka_run_group_tests(tests, setup, NULL);
 }
