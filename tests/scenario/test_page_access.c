@@ -254,6 +254,26 @@ static void test_traversal(void **state) {
   live_run_stop(&r);
 }
 
+// --- a save that fails ---------------------------------------------------------------------------
+
+// The page says "saved" after a save that succeeded, and the reason after one that did not.
+TEST(test_failed_save) {
+  char headers[128], command[400];
+  start(BASE "--time-limit 600 --rescue @/rescue");
+  assert_true(wait_for("\"state\":\"training\"", 20));
+  snprintf(headers, sizeof headers, "X-Subview-Token: %s\r\n", r.token);
+  snprintf(command, sizeof command, "rm -r '%s/out'", root); // the disk is pulled
+  assert_int_equal(system(command), 0);
+  assert_int_equal(code_of("POST", "/save", headers), 200);
+  for (int i = 0; i < 100 && !strstr((char *)answer, "model.ply"); i++, poll(NULL, 0, 50))
+    (void)code_of("GET", "/events", NULL);
+  assert_contains((char *)answer, "model.ply");
+  assert_null(strstr((char *)answer, "saved model.ply"));
+  assert_true(state_has("\"saves\":0,"));
+  assert_true(wait_for("\"state\":\"training\"", 5));
+  assert_int_equal(live_run_stop(&r), 3); // the model is in the second place
+}
+
 // --- setup ---------------------------------------------------------------------------------------
 
 FIXTURE(make_root) {
@@ -274,6 +294,7 @@ int main(void) {
       cmocka_unit_test_teardown(test_one_address_cannot_take_all, stop),
       cmocka_unit_test_teardown(test_server_is_shut_in, stop),
       cmocka_unit_test_teardown(test_traversal, stop),
+      cmocka_unit_test_teardown(test_failed_save, stop),
   };
   return cmocka_run_group_tests(tests, make_root, remove_root);
 }
