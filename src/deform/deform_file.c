@@ -10,7 +10,7 @@
 #define VERSION        1 // as every reader knows
 #define VERSION_BODIES 2
 #define HEAD_BYTES     offsetof(sv_deform_head, n_bodies)
-#define MOST           1e9f  // places beyond are not measured
+#define MAX_POSITION   1e9f  // larger coordinates are damage
 #define MAX_TIME       1e6f  // a clip lasts from 0 to 1
 #define MIN_SPAN       1e-9f // between knots: where they are closer, cubics overflow
 
@@ -20,7 +20,7 @@ typedef struct {
 } bodies_head;
 
 uint64_t sv_deform_model_digest(const sv_gaussians *g) {
-  // FNV-1a over the used slots: the file of a model has no others
+  // FNV-1a over the Gaussians in use: the model's file has no others
   uint64_t h = 14695981039346656037ull;
   for (int i = 0; i < g->n; i++)
     for (int r = 0; r < g->n_rows; r++) {
@@ -130,7 +130,7 @@ static bool is_good_field(const sv_deform_head *h) {
 
 static bool is_measured(const float *x, int n) {
   for (int k = 0; k < n; k++)
-    if (!(x[k] >= -MOST && x[k] <= MOST)) return false;
+    if (!(x[k] >= -MAX_POSITION && x[k] <= MAX_POSITION)) return false;
   return true;
 }
 

@@ -22,7 +22,7 @@
 
 #define KEEP1 0.8f // of Adam's moments: each knot has a view but every so often
 #define KEEP2 0.95f
-// Of the learning rate: how far a step takes a pose towards what those before and behind say.
+// Of the learning rate: share by which a step pulls a pose towards its neighbor knots'.
 #define PULL 0.5f
 
 // --- refining ------------------------------------------------------------------------------------
@@ -108,7 +108,7 @@ static sv_rigid relative(const sv_rigid *from, const sv_rigid *to) {
   return m;
 }
 
-// Slots of a body, in scratch memory of dyn->near.
+// Gaussians of a body, in scratch memory of dyn->near.
 static const uint32_t *members(const sv_dynamic *dyn, int body, int *n) {
   uint32_t *list = (uint32_t *)dyn->near->tmp;
   *n = 0;
@@ -117,7 +117,7 @@ static const uint32_t *members(const sv_dynamic *dyn, int body, int *n) {
   return list;
 }
 
-// Poses of the known bodies at a new time. Where too few tell, they go on as they went.
+// Poses of the known bodies at a new time. With too few inliers the extrapolated pose stays.
 static void track_known(sv_dynamic *dyn, int i_from, int i_to) {
   sv_bodies *b = &dyn->deform.motion.bodies;
   for (int body = 1; body < b->n; body++) {
@@ -193,7 +193,7 @@ static void find_past(sv_dynamic *dyn, int body, const uint32_t *list, int n, in
   }
 }
 
-// Centre and radius of a new body, by its members' places at the middle time.
+// Center and radius of a new body from its members' positions at the reference time.
 static void measure(sv_dynamic *dyn, int body, const uint32_t *list, int n, const sv_motion_values *mid) {
   float *c = dyn->deform.motion.bodies.centre[body], x[3], sum = 0;
   c[0] = c[1] = c[2] = 0;
@@ -247,7 +247,7 @@ static float off2(const sv_displaced *o, const float y[3]) {
          2 * (a[1] * e[0] * e[1] + a[2] * e[0] * e[2] + a[4] * e[1] * e[2]);
 }
 
-// The body that slot i went with, of those that it is close to; 0: none.
+// The nearby body whose motion fits that of Gaussian i; 0: none.
 static int body_of(const sv_dynamic *dyn, int i, int i_from, int i_to) {
   const sv_bodies *b = &dyn->deform.motion.bodies;
   const sv_displaced *o = &dyn->near->of[i];

@@ -28,7 +28,7 @@ static bool has_bodies(const sv_dynamic *dyn) {
   return dyn->deform.kind == SV_DEFORM_CLIP && dyn->deform.motion.bodies.n > 1;
 }
 
-// The knot next to the middle of a slot's window.
+// The knot nearest to the center of a Gaussian's window.
 static int knot_of(const sv_dynamic *dyn, int i) {
   const sv_bodies *b = &dyn->deform.motion.bodies;
   const float at =
@@ -50,7 +50,7 @@ static void add_near(sv_body_assignment *m, float d[SV_DYNAMIC_NEAR_BODIES], int
   d[at] = here;
 }
 
-// What a slot is a part of comes first, then what is near.
+// Candidates: the present body first, then the nearby ones.
 static void begin_slot(sv_dynamic *dyn, int i) {
   const sv_motion *mo = &dyn->deform.motion;
   const sv_bodies *b = &mo->bodies;
@@ -151,7 +151,7 @@ void sv_dynamic_compare_assignment(sv_dynamic *dyn, int i_view) {
 
 // --- deciding ------------------------------------------------------------------------------------
 
-// The motion, numbered as its differences, that slot i is to have; -1: as it has.
+// The candidate to which Gaussian i is attached, by index of its color differences; -1: unchanged.
 static int decide(const sv_dynamic *dyn, int i) {
   const sv_body_assignment *m = &dyn->assignment[i];
   const int now = i < dyn->deform.motion.n_moving && dyn->deform.motion.bodies.of[i] ? 1 : 0;

@@ -5,10 +5,10 @@
 
 #include "src/base/mathx.h"
 
-#define SIDE     32   // candidates before and after a slot in the order
+#define SIDE     32   // candidates before and after a Gaussian in the order
 #define N_NEAR   12   // neighbours
 #define MIN_NEAR 4    // fewer tell nothing
-#define RIDGE    0.1f // of the mean variance of the neighbours' places
+#define RIDGE    0.1f // of the mean variance of the neighbors' positions
 #define BITS     10   // of the curve, along each axis
 #define N_ROUNDS 3
 

@@ -221,7 +221,7 @@ static void fit_coefficients(const job *j, int i, const float d[3]) {
 
 // --- neighbours ----------------------------------------------------------------------------------
 
-// How a slot was displaced, with so much damping along the rays.
+// Displacements of all Gaussians, damped along undetermined directions.
 static void fill(const job *j, float damping) {
   sv_dynamic *dyn = j->dyn;
   for (int i = 0; i < dyn->t->g.n; i++) {
@@ -235,7 +235,7 @@ static void fill(const job *j, float damping) {
   }
 }
 
-// What is to be followed, and how far the cameras saw it go.
+// Neighbors of the Gaussians to be matched, with their displacements.
 static void make_neighbours(const job *j) {
   sv_dynamic *dyn = j->dyn;
   int n = 0;
@@ -246,9 +246,9 @@ static void make_neighbours(const job *j) {
   sv_local_motion_find(dyn->near, dyn->t->compute.k, n, dyn->t->centre, dyn->t->radius);
 }
 
-// As displacement, but what no camera saw, or what seems to have gone another way than its
-// neighbours, goes with them.
-static float agreed(const job *j, int i, float d[3]) {
+// Displacement of Gaussian i. Where no camera saw it, or it is an outlier among its neighbors, it
+// is interpolated from them.
+static float consensus(const job *j, int i, float d[3]) {
   const sv_displaced *o = &j->dyn->near->of[i];
   float px = displacement(&j->dyn->match[i], DAMPING, d), now[3], then[3], u[3], off2 = 0, d2 = 0;
   if (!j->dyn->is_moving[i] || !sv_local_motion_interpolate(j->dyn->near, i, u)) return px;
@@ -269,7 +269,7 @@ static void fit_task(void *arg, int i_task, int i_thread) {
   int i1 = sv_mini(16 * BLOCKS_PER_TASK * (i_task + 1), dyn->t->g.n);
   for (int i = 16 * BLOCKS_PER_TASK * i_task; i < i1; i++) {
     if (sv_dynamic_body_of(dyn, i)) continue; // goes with its body
-    float d[3], px = agreed(j, i, d);
+    float d[3], px = consensus(j, i, d);
     if (px < (dyn->is_moving[i] ? MIN_PX : MOVES_PX)) continue;
     if (!dyn->is_moving[i]) {
       dyn->is_moving[i] = 2;

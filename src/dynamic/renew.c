@@ -81,7 +81,7 @@ static void place(sv_dynamic *dyn, int i, const sv_point *p, float sigma) {
 static void renew(sv_dynamic *dyn, const sv_sweep *w, int n_off, int n) {
   // pixels of a map
   const float apart = sv_maxf(sqrtf((float)n_off / ((float)n * (float)w->n)), 1.0f);
-  int slot = next_stale(dyn, 0);
+  int index = next_stale(dyn, 0);
   int64_t i_off = 0;
   for (int i = 0; i < w->n; i++)
     for (int y = 0; y < w->map[i].view.height_px; y++)
@@ -93,8 +93,8 @@ static void renew(sv_dynamic *dyn, const sv_sweep *w, int n_off, int n) {
         i_off++;
         if (i_off * n / n_off == (i_off - 1) * n / n_off || !sv_stereo_point(dyn->t, m, x, y, &p, &z))
           continue;
-        place(dyn, slot, &p, SPREAD * apart * z / m->view.fx);
-        slot = next_stale(dyn, slot + 1);
+        place(dyn, index, &p, SPREAD * apart * z / m->view.fx);
+        index = next_stale(dyn, index + 1);
       }
 }
 

@@ -83,7 +83,7 @@ static void track_task(void *arg, int i_task, int i_thread) {
   for (int i = 16 * BLOCKS_PER_TASK * i_task; i < i1; i++) track_slot(j, i);
 }
 
-static sv_status look(sv_dynamic *dyn, int i_view, int reach, float progress) {
+static sv_status match_view(sv_dynamic *dyn, int i_view, int reach, float progress) {
   const sv_train_view *v = &dyn->t->views[i_view];
   const sv_render_options o = sv_train_render_options(dyn->t, progress, true);
   const int n_blocks = (dyn->deform.motion.n_moving + 15) / 16;
@@ -103,13 +103,13 @@ static sv_status look_all(sv_dynamic *dyn, float time, int reach, float progress
   memset(dyn->match, 0, (size_t)dyn->t->g.cap * sizeof *dyn->match);
   memset(dyn->share, 0, (size_t)dyn->t->g.cap * sizeof *dyn->share);
   for (int i = 0; i < dyn->t->n_views && s >= 0; i++)
-    if (dyn->t->views[i].view.time == time) s = look(dyn, i, reach, progress);
+    if (dyn->t->views[i].view.time == time) s = match_view(dyn, i, reach, progress);
   return s;
 }
 
 // --- poses ---------------------------------------------------------------------------------------
 
-// By how much slot i of a body, in its frame, is displaced.
+// Body-local displacement of Gaussian i.
 static void fill(sv_dynamic *dyn, int i, const sv_rigid *pose, const float c[3]) {
   sv_displaced *o = &dyn->near->of[i];
   const sv_match_sum *s = &dyn->match[i];

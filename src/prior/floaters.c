@@ -44,9 +44,9 @@ static pair evaluate(const sv_splat *s, float x, float y) {
   return p;
 }
 
-// Front to back through the records of a pixel's tile, as the rasterizer does, to the Gaussian of
-// the largest weight. Returns its place in the list, -1 when there is none; *z its depth. Rare and
-// slow, so exp is the exact one.
+// Front to back through the intersections of a pixel's tile, as the rasterizer does, to the
+// Gaussian of the largest weight. Returns its place in the list, -1 when there is none; *z its
+// depth. Rare and slow, so exp is the exact one.
 static int find_mode(const sv_renderer *r, uint32_t begin, uint32_t end, float x, float y, float *z) {
   float trans = 1.0f, most = 0.0f;
   int mode = -1;
@@ -131,7 +131,7 @@ static int take_samples(const sv_prior *prior, float *sample) {
   return n;
 }
 
-static sv_status look(sv_prior *prior, const work *w, int i_view, int *n_samples) {
+static sv_status score_view(sv_prior *prior, const work *w, int i_view, int *n_samples) {
   sv_status s = sv_prior_render(prior, &prior->t->views[i_view].view, 1.0f);
   if (s < 0) return s;
   sv_pool_run(prior->t->compute.pool, mode_task, prior, prior->t->render.n_tiles);
@@ -176,11 +176,11 @@ sv_status sv_prior_prune(sv_prior *prior, uint32_t *n_pruned) {
   carve(&w, a);
   if (a->status < 0) return a->status;
   for (int i = 0; i < prior->t->n_views && s >= 0; i++)
-    if ((s = look(prior, &w, i, &n)) >= 0) dip += sv_prior_dip(w.sample, n, w.hull) / prior->t->n_views;
+    if ((s = score_view(prior, &w, i, &n)) >= 0) dip += sv_prior_dip(w.sample, n, w.hull) / prior->t->n_views;
   const double percentile = sv_maxd(MIN_Q, MAX_Q * sv_exp(-SHARPNESS * dip));
   for (int i = 0; i < prior->t->g.n; i++) prior->t->copies[i] = 0; // free between two relocations
   for (int i = 0; i < prior->t->n_views && s >= 0; i++)
-    if ((s = look(prior, &w, i, &n)) >= 0) mark_view(prior, &w, n, percentile);
+    if ((s = score_view(prior, &w, i, &n)) >= 0) mark_view(prior, &w, n, percentile);
   for (int i = 0; i < prior->t->g.n && s >= 0; i++) {
     if (prior->t->copies[i] >= 0) continue;
     *sv_gaussians_at(&prior->t->g, i, SV_ROW_LOGIT) = (float)sv_log((double)SV_OPACITY_DEAD / 2);

@@ -7,11 +7,11 @@
 #include "src/splat/neighbours.h"
 #include "src/train/relocate.h"
 
-#define WEAK 0.02f // of this opacity and less a slot may go elsewhere
+#define WEAK 0.02f // a Gaussian of this opacity or less may be moved
 
 typedef struct {
   float *xyz, *dist2, *score; // [n]
-  int32_t *nearest, *slot;    // [n][3]; [n] slot of each point
+  int32_t *nearest, *index;   // [n][3]; [n] index of each point's Gaussian
 } work;
 
 static void carve(work *w, int n, sv_arena *a) {
@@ -19,7 +19,7 @@ static void carve(work *w, int n, sv_arena *a) {
   w->dist2 = SV_TAKE(a, float, n);
   w->score = SV_TAKE(a, float, n);
   w->nearest = SV_TAKE(a, int32_t, 3 * (size_t)n);
-  w->slot = SV_TAKE(a, int32_t, n);
+  w->index = SV_TAKE(a, int32_t, n);
 }
 
 size_t sv_prior_unpool_bytes(int n) {
@@ -51,7 +51,7 @@ static float find_scores(work *w, int n) {
   return w->dist2[n / 2];
 }
 
-// The next slot from *at on that can be had: dead ones in a first round, then weak ones. -1: no
+// The next Gaussian from *at on that may be moved: dead ones first, then weak ones. -1: no
 // more.
 static int next_free(const sv_prior *prior, const float below[2], int *at) {
   for (; *at < 2 * prior->t->g.n; (*at)++) {
@@ -82,21 +82,21 @@ uint32_t sv_prior_unpool(sv_prior *prior) {
   for (int i = 0; i < prior->t->g.n; i++) {
     if (logit_of(prior, i) <= below[1]) continue; // what may go is nobody's neighbour
     for (int k = 0; k < 3; k++) w.xyz[3 * n + k] = *sv_gaussians_at(&prior->t->g, i, k);
-    w.slot[n++] = i;
+    w.index[n++] = i;
   }
   if (n < 5 || sv_neighbours_find(w.xyz, n, w.dist2, w.nearest, a) < 0) {
     sv_arena_reset(a, mark);
     return 0;
   }
   const float beyond = c->unpool_distance * find_scores(&w, n);
-  // whoever comes first when slots are few
+  // in index order when there are too few
   const int first = (int)sv_rng_below(&prior->rng, (uint32_t)n);
   for (int j = 0; j < n && n_new < most && to >= 0; j++) {
     const int i = (first + j) % n;
     for (int k = 0; k < 3 && w.score[i] > beyond && n_new < most; k++) {
       const int to_point = w.nearest[3 * i + k];
       if ((to = next_free(prior, below, &at)) < 0) break;
-      place(prior, to, w.slot[to_point], w.xyz + 3 * i, w.xyz + 3 * to_point);
+      place(prior, to, w.index[to_point], w.xyz + 3 * i, w.xyz + 3 * to_point);
       n_new++;
     }
   }

@@ -4,7 +4,7 @@
 #define SIDE_PX 1024
 #define MANY    65536 // Gaussians: a multiple of all ranges
 
-// The renderer's room for records, when the settings do not say: src/splat/render.c.
+// The renderer's default capacity of intersections: src/splat/render.c.
 #define INTERSECTIONS_PER_GAUSSIAN 8.0
 #define INTERSECTIONS_PER_PIXEL    (64.0 / (SV_TILE_PX * SV_TILE_PX))
 

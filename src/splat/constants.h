@@ -9,7 +9,7 @@
 // would count as blur of the scene.
 #define SV_DILATION_AREA_PX2 0.1f
 #define SV_NEAR_FRACTION     0.01f  // near plane, in scene radii
-#define SV_OPACITY_DEAD      0.005f // a slot below this opacity is free for relocation (3DGS-MCMC)
+#define SV_OPACITY_DEAD      0.005f // below it a Gaussian is dead: free for relocation (3DGS-MCMC)
 // A Gaussian's screen size follows the focal length in pixels, the low-pass above does not: views
 // whose focal lengths differ by more than this need Mip-Splatting's compensation.
 #define SV_MIP_FOCAL_RATIO 1.5f

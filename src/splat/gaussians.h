@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The model: a fixed number of Gaussian slots in blocks of 16 (layout in
-// kernels/project/project.h).
+// The model: a fixed number of Gaussians in blocks of 16 (layout in kernels/project/project.h).
+// Owns their parameters, carved at init. Never trains and never renders.
 #ifndef SV_SPLAT_GAUSSIANS_H
 #define SV_SPLAT_GAUSSIANS_H
 
@@ -14,13 +14,13 @@ extern "C" {
 #endif
 
 typedef struct {
-  int cap;       // slots, a multiple of 16
-  int n;         // slots in use: [0, n)
+  int cap;       // a multiple of 16
+  int n;         // Gaussians in use: [0, n)
   int sh_degree; // 0..3, of the rows
   int n_rows;    // SV_N_ROWS(sh_degree)
   float *param;  // [cap/16][n_rows][16]
-  // Of a moving scene (src/deform): slots [0, n_moved) as they are at one time, laid out as param.
-  // Drawn in their place. NULL and 0: nothing moves.
+  // Of a moving scene (src/deform): Gaussians [0, n_moved) at one time, laid out as param, rendered
+  // instead of the stored ones. NULL and 0: nothing moves.
   const float *moved;
   int n_moved;
 } sv_gaussians;
@@ -29,11 +29,11 @@ typedef struct {
 sv_status sv_gaussians_init(sv_gaussians *g, int n, int sh_degree, sv_arena *arena) SV_MUST_USE;
 size_t sv_gaussians_bytes(int n, int sh_degree);
 
-// Address of one row's value of one slot; other rows are 16 floats apart.
+// Address of one row's value of one Gaussian; other rows are 16 floats apart.
 static inline float *sv_gaussians_at(const sv_gaussians *g, int i, int row) {
   return g->param + ((long)(i >> 4) * g->n_rows + row) * 16 + (i & 15);
 }
-// Writes or reads one slot in the exchange form; SH above the model's degree is cut or zero.
+// Writes or reads one Gaussian in the exchange form; SH above the model's degree is cut or zero.
 void sv_gaussians_put(sv_gaussians *g, int i, const sv_gaussian *in);
 void sv_gaussians_get(const sv_gaussians *g, int i, sv_gaussian *out);
 
@@ -54,15 +54,15 @@ typedef struct {
   uint64_t seed;
 } sv_init_cfg;
 
-// Fills all n slots. Points: when there are more points than slots a random subset is taken, when
-// there are fewer the rest are copies displaced by about the neighbour distance. Scale = rms
+// Fills all n Gaussians. Points: of more than n a random subset is used; of fewer, the rest are
+// copies displaced by about the neighbor distance. Scale = rms
 // distance to the three nearest neighbours (Kerbl et al. 2023), found on a uniform grid held in
 // scratch. E_NOMEM: scratch too small (sv_init_scratch_bytes); E_ARG: no points.
 sv_status sv_gaussians_fill(sv_gaussians *g, const sv_init_cfg *cfg, const sv_point *point, int n_points,
                             sv_arena *scratch) SV_MUST_USE;
 size_t sv_init_scratch_bytes(int n_gaussians, int n_points);
 
-// Robust radius of the model: 1.5 x the median distance of the slots to their centroid. Never
+// Robust radius of the model: 1.5 x the median distance of the Gaussians to their centroid. Never
 // derived from camera positions: a single exposure has no camera spread.
 float sv_gaussians_radius(const sv_gaussians *g, sv_arena *scratch, float centre[3]);
 

@@ -7,11 +7,11 @@
 #include "src/base/rng.h"
 #include "src/splat/constants.h"
 
-#define RANGE 512 // slots projected by one task
-#define BATCH 512 // slots binned at a time
+#define RANGE 512 // Gaussians projected by one task
+#define BATCH 512 // Gaussians binned at a time
 
-#define PAIRS_BYTES (2 * sizeof(sv_pair)) // of a record, with the sort's scratch
-_Static_assert(PAIRS_BYTES <= SV_IGRAD_BYTES, "pairs and scratch lie in the slots");
+#define PAIRS_BYTES (2 * sizeof(sv_pair)) // of an intersection, with the sort's scratch
+_Static_assert(PAIRS_BYTES <= SV_IGRAD_BYTES, "pairs and scratch lie in the gradients");
 
 static int n_tiles_of(int w, int h) {
   return (sv_plane_pad(w) / SV_TILE_PX) * (sv_plane_pad(h) / SV_TILE_PX);
@@ -21,8 +21,8 @@ static size_t cap_pixels_of(const sv_renderer_cfg *cfg) {
   return cfg->cap_pixels ? cfg->cap_pixels : sv_plane_floats(cfg->cap_width_px, cfg->cap_height_px);
 }
 
-// Twelve records a Gaussian covers a random start (large splats) at the usual sizes; a view has at
-// least room for every tile to be covered 64 deep.
+// Default capacity: 8 intersections for each Gaussian and 64 for each tile. A random start, whose
+// splats are large, has about 12 for each Gaussian at the usual sizes.
 static uint32_t cap_intersections_of(const sv_renderer_cfg *cfg) {
   if (cfg->cap_intersections) return cfg->cap_intersections;
   size_t by_n = 8 * (size_t)cfg->cap_gaussians, by_px = cap_pixels_of(cfg) / (SV_TILE_PX * SV_TILE_PX) * 64;
@@ -45,8 +45,8 @@ static void carve(sv_renderer *r, const sv_renderer_cfg *cfg, sv_arena *a) {
   r->tile_order = SV_TAKE(a, uint32_t, n_tiles);
   r->write_offset = SV_TAKE(a, uint32_t, n_tiles * SV_RENDER_CHUNKS);
   r->write_end = SV_TAKE(a, uint32_t, n_tiles * SV_RENDER_CHUNKS);
-  // The pairs are sorted before the slots are filled, which are emptied before the next pairs are
-  // made.
+  // The memory of the per-intersection gradients holds the pairs until they are sorted: the
+  // backward pass fills it only then, and has read it before the next forward pass.
   uint8_t *igrad = SV_TAKE(a, uint8_t, cfg->has_grad ? padded * SV_IGRAD_BYTES : n * PAIRS_BYTES);
   r->igrad = cfg->has_grad ? igrad : NULL;
   r->pair = (sv_pair *)(void *)igrad;
@@ -99,8 +99,8 @@ typedef struct {
 #define DROPOUT_BITS  8
 #define DROPOUT_STEPS (1 << DROPOUT_BITS)
 
-// Sixteen bits, each of which is set with the probability share / DROPOUT_STEPS: from its last
-// digit on, a random bit halves what was there, and adds a half where the digit is 1.
+// Sixteen bits, each set with probability share / DROPOUT_STEPS. From the last digit of share on, a
+// random bit halves the probability, and adds a half where the digit is 1.
 static uint16_t draw16(int share, uint32_t block, uint32_t seed) {
   uint32_t bits = 0;
   for (uint32_t digit = 0; digit < DROPOUT_BITS; digit++) {
@@ -130,14 +130,15 @@ static int range_begin(const job *j, int chunk) {
   return sv_pool_share(j->n_ranges, chunk, SV_RENDER_CHUNKS);
 }
 
-static void slots_of(const job *j, int chunk, uint32_t *begin, uint32_t *end) {
+static void gaussians_of(const job *j, int chunk, uint32_t *begin, uint32_t *end) {
   const uint32_t n = 16 * (uint32_t)j->n_blocks;
   *begin = (uint32_t)range_begin(j, chunk) * RANGE;
   *end = (uint32_t)range_begin(j, chunk + 1) * RANGE;
   if (*end > n) *end = n;
 }
 
-// Records of all ranges; a chunk's follow those of the chunks before and the binning's slack.
+// Intersections of all ranges. Those of a chunk follow the previous chunk's and the binning's
+// padding.
 static uint64_t add_up(job *j) {
   sv_renderer *r = j->r;
   uint64_t sum = 0;
@@ -153,9 +154,9 @@ static uint64_t add_up(job *j) {
   return sum;
 }
 
-// When the pool of records is full the farthest splats go: front to back, equal depths by slot,
-// from the first that does not fit, all. Finds its key digit by digit, then its place among equal
-// ones. Rare, so one thread does it.
+// When there are more intersections than memory, the farthest splats are dropped: in the order of
+// depth, then index, all from the first one that does not fit. A radix search finds its depth, then
+// a scan its index. This is rare, so one thread does it.
 static void drop_farthest(job *j) {
   enum { DIGIT = 8, DIGITS = 1 << DIGIT };
   sv_renderer *r = j->r;
@@ -187,15 +188,15 @@ static void drop_farthest(job *j) {
   }
 }
 
-// Places in the pool of records, marks of the touched blocks, and the tiles' counts, a few slots at
-// a time so that they stay in the nearest cache.
+// Intersections with their block masks, and the count of each tile, for a batch of Gaussians that
+// fits into the nearest cache.
 static void bin_task(void *arg, int c, int i_thread) {
   job *j = arg;
   sv_renderer *r = j->r;
   uint32_t at = r->chunk_begin[c], intersection = at, i, end, id[BATCH];
   uint32_t *count = r->write_offset + (size_t)c * (size_t)r->n_tiles;
   (void)i_thread;
-  slots_of(j, c, &i, &end);
+  gaussians_of(j, c, &i, &end);
   memset(count, 0, (size_t)r->n_tiles * sizeof *count);
   while (i < end) {
     uint32_t n = 0;
@@ -212,9 +213,9 @@ static void bin_task(void *arg, int c, int i_thread) {
   }
 }
 
-// The lines that the chunk's pairs go to: slots were written there since the last ones, and a store
-// whose line has yet to come holds up those behind it. Inlined always: compilers drop calls of what
-// only fetches.
+// Prefetches the lines that the chunk's pairs are written to: gradients were there since, and a
+// store to a missing line stalls the stores behind it. Always inline: compilers drop calls of a
+// function that only prefetches.
 static inline __attribute__((always_inline)) void prefetch_pairs(const sv_renderer *r, int c) {
   const uint32_t *at = r->write_offset + (size_t)c * (size_t)r->n_tiles;
   const uint32_t *end = r->write_end + (size_t)c * (size_t)r->n_tiles;
@@ -234,7 +235,8 @@ static void scatter_task(void *arg, int c, int i_thread) {
   }
 }
 
-// Counts per (chunk, tile) -> write positions: tile by tile, chunks in the order of their slots.
+// Counts per (chunk, tile) -> write positions: tile by tile, chunks in the order of their
+// Gaussians.
 static void place_tiles(sv_renderer *r) {
   const size_t n_tiles = (size_t)r->n_tiles;
   uint32_t *begin = r->tile_begin, sum = 0;
@@ -302,7 +304,7 @@ static void order_tiles(sv_renderer *r, int n_threads) {
 #define NEAR_PAIRS                                                                                           \
   ((uint32_t)((SV_RASTER_SCRATCH_FLOATS - SV_SORT_CAP_BUCKETS) * sizeof(float) / sizeof(sv_pair)))
 
-// Front to back, equal depths by slot: the sort is stable.
+// Front to back, equal depths by index: the sort is stable.
 static void raster_task(void *arg, int i_task, int i_thread) {
   job *j = arg;
   sv_renderer *r = j->r;
@@ -334,7 +336,7 @@ static sv_kview make_kview(const sv_view *v, const sv_render_options *o) {
   return k;
 }
 
-// What makes up for those that are left out: the light that goes through is the same in the mean.
+// Opacity compensation of dropout: keeps the mean transmittance.
 static float log2_compensation(int dropout) {
   const double kept = 1.0 - (double)dropout / DROPOUT_STEPS;
   return dropout > 0 ? (float)(-sv_log(kept) / 0.6931471805599453) : 0.0f;
@@ -401,9 +403,9 @@ static void raster_bwd_task(void *arg, int i_task, int i_thread) {
   j->k->raster_bwd(j->bwd, t, r->list + begin, r->tile_begin[t + 1] - begin, thread_scratch(r, i_thread));
 }
 
-// Who is in such tiles alone is as touched as ever, by gradients of 0. Slots of records without a
-// mask may be anything.
-static void clear_slots(sv_renderer *r, uint32_t tile) {
+// Gaussians in such tiles alone count as touched, with gradients of 0. Gradients of intersections
+// without a mask are undefined.
+static void clear_gradients(sv_renderer *r, uint32_t tile) {
   for (uint32_t i = r->tile_begin[tile]; i < r->tile_begin[tile + 1]; i++)
     memset(r->igrad + (size_t)r->list[i] * SV_IGRAD_BYTES, 0, SV_IGRAD_BYTES);
 }
@@ -417,7 +419,7 @@ static void raster_bwd_half_task(void *arg, int i_task, int i_thread) {
   job *j = arg;
   const uint32_t tile = j->r->tile_order[i_task];
   if (is_of_colour(j->r, tile, j->colour)) raster_bwd_task(arg, i_task, i_thread);
-  else clear_slots(j->r, tile);
+  else clear_gradients(j->r, tile);
 }
 
 sv_status sv_render_bwd(sv_renderer *r, const sv_planes *g_rgb, const float *g_depth, const float *g_trans,

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gaussians -> picture -> gradients: projection, depth sort, binning and rasterization over a
-// thread pool, all in memory carved at start. Every stage works on ranges that do not depend on the
-// thread count, and sums are folded in index order: the same bits for any number of threads.
+// The renderer and its backward pass: projection, binning, sorting and rasterization over a thread
+// pool. Every stage works on ranges that do not depend on the thread count, and sums are folded in
+// index order: the same bits for any number of threads.
+// Owns intersections, per-intersection gradients and image planes, carved at init. Never changes a
+// Gaussian.
 #ifndef SV_SPLAT_RENDER_H
 #define SV_SPLAT_RENDER_H
 
@@ -55,11 +57,11 @@ typedef struct {
   // as intersection, [SV_IGRAD_BYTES] each, NULL without has_grad
   uint8_t *igrad;
   float *scratch;       // [n_threads][SV_RASTER_SCRATCH_FLOATS]
-  sv_planes rgb;        // the last picture
+  sv_planes rgb;        // the last image
   float *depth, *trans; // planes: sum of w z; 1 - alpha
   int n_tiles_x, n_tiles;
   sv_project_args project; // of the last forward pass
-  sv_project_args moved;   // the same for the blocks [0, n_moved_blocks), which are at other places
+  sv_project_args moved;   // the same for the moved blocks [0, n_moved_blocks)
   int n_moved_blocks;
   sv_raster_args raster;
   sv_render_stats stats;
@@ -76,8 +78,8 @@ typedef struct {
   float dilation_px2;  // low-pass of the pixel grid; 0: SV_DILATION_PX2
   bool has_depth;      // fill r->depth and r->trans
   float bg[3];
-  // Share of the Gaussians that are left out, each drawn for itself, in steps of 1/256; the
-  // opacities of the others are divided by 1 - it (DropGaussian, Park et al. 2025).
+  // Probability with which each Gaussian is dropped, in steps of 1/256; the opacities of the others
+  // are divided by 1 - dropout (DropGaussian, Park et al. 2025).
   float dropout;
   uint32_t dropout_seed;
 } sv_render_options;
@@ -87,13 +89,13 @@ typedef struct {
 sv_status sv_render(sv_renderer *r, const sv_gaussians *g, const sv_view *view,
                     const sv_render_options *o) SV_MUST_USE;
 
-// Gradients of the last picture's planes -> slots per record. g_depth and g_trans, of pictures with
-// has_depth only, and err may be NULL. The planes have the picture's stride; padding must be 0.
-// Then sv_render_bwd_block per block of 16 Gaussians.
+// Rasterization backward: gradients of the last image's planes to per-intersection gradients.
+// g_depth and g_trans (with has_depth only) and err may be NULL. The planes have the image's
+// stride; padding must be 0. Then call sv_render_bwd_block for each block of 16 Gaussians.
 sv_status sv_render_bwd(sv_renderer *r, const sv_planes *g_rgb, const float *g_depth, const float *g_trans,
                         const float *err) SV_MUST_USE;
-// The same of the tiles of one colour, laid out as a chessboard's fields, at half the cost: 0,
-// that of the first tile, or 1. The per-intersection gradients of the other tiles are 0, as if
+// The same for the tiles of one color of a checkerboard, at half the cost: 0 (that of the first
+// tile) or 1. The per-intersection gradients of the other tiles are 0, as if
 // g_rgb were 0 there.
 sv_status sv_render_bwd_half(sv_renderer *r, const sv_planes *g_rgb, uint32_t colour) SV_MUST_USE;
 // Regularisers added to the gradients of touched Gaussians: opacity sum(o) + scale sum(s).
@@ -112,11 +114,11 @@ typedef struct {
 uint32_t sv_render_bwd_block(const sv_renderer *r, int block, int i_thread, const sv_regularisers *reg,
                              const sv_block_grads *out);
 
-// Pixel-splat pairs that the last picture evaluated: 16 per marked block.
+// Pixel-splat pairs that the last image evaluated: 16 for each block of a mask.
 uint64_t sv_render_count_pairs(const sv_renderer *r);
 
-// Expected depth of the last picture: sum w z / max(alpha, 1e-10), 0 where alpha <= alpha_min. out:
-// plane with the picture's stride.
+// Expected depth of the last image: sum w z / max(alpha, 1e-10), 0 where alpha <= alpha_min. out:
+// plane with the image's stride.
 void sv_render_expected_depth(const sv_renderer *r, float alpha_min, float *out);
 
 #ifdef __cplusplus

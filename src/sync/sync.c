@@ -5,9 +5,9 @@
 #include <string.h>
 
 #define MAX_GAP_FRAMES  10000 // a larger leap of the sequence number is a restart, not a loss
-#define MOST_LATE       128   // after so many in a row the path is another one
-#define MOST_LATE_FIRST 16    // the same when none has come in time yet
-#define MOST_ODD        3     // spacings in a row after which the frame rate is another one
+#define MAX_LATE        128   // after so many in a row the path is another one
+#define MAX_LATE_FIRST  16    // the same when none has come in time yet
+#define MAX_ODD         3     // spacings in a row after which the frame rate is another one
 #define SEEN_FRAMES     64
 #define CAP_QUEUE       64
 #define MAX_STAMP_NS    (INT64_MAX / 4) // sums and differences of two stamps stay in range
@@ -280,7 +280,7 @@ static sv_ns most_set_ns(sv_sync_stream *st, const sv_frame *f, uint32_t n_frame
   bool goes_on = dt_ns > 0.5 * n * was_ns && dt_ns < (n + 0.5) * was_ns;
   st->n_odd = goes_on ? 0 : st->n_odd + 1;
   if (goes_on) st->interval_ns += (dt_ns / n - was_ns) / 16;
-  else if (st->n_odd >= MOST_ODD) st->interval_ns = dt_ns / n;
+  else if (st->n_odd >= MAX_ODD) st->interval_ns = dt_ns / n;
   return goes_on ? (sv_ns)floor(off_ns + 0.5) : INT64_MAX;
 }
 
@@ -295,7 +295,7 @@ static bool is_just_late(const sv_sync *s, sv_sync_stream *st, const sv_frame *f
     return false;
   }
   if (f->arrival_ns - st->last_arrival_ns > (f->camera_ns - st->last_camera_ns) / 2) st->n_late++;
-  return st->n_late <= (st->clock.n_pairs > 1 ? MOST_LATE : MOST_LATE_FIRST);
+  return st->n_late <= (st->clock.n_pairs > 1 ? MAX_LATE : MAX_LATE_FIRST);
 }
 
 sv_status sv_sync_push(sv_sync *s, const sv_frame *f) {

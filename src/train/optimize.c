@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gradients of one step -> parameters. Per block of 16 Gaussians: sum the records' slots, go back
-// through the projection, add the regularisers, Adam, position noise; the gradients never leave the
-// cache. Steps of several pictures collect their gradients per block first.
+// Gradients of one step to parameters. For each block of 16 Gaussians: projection backward (which
+// sums the per-intersection gradients), regularizers, Gauss-Newton or Adam, position noise; the
+// gradients never leave the cache. Steps of several images sum their gradients per block first.
 #include "src/train/optimize.h"
 
 #include <string.h>
@@ -199,7 +199,7 @@ static void optimise_task(void *arg, int i_task, int i_thread) {
     // slower.
     const int next = b + AHEAD < j->n_blocks ? b + AHEAD : b;
     const size_t at = (size_t)next * (size_t)t->g.n_rows * 16;
-    // the first and the last know where the records are
+    // the first and the last splat hold the offsets of the intersections
     __builtin_prefetch(t->render.splat + 16 * next);
     __builtin_prefetch(t->render.splat + 16 * next + 15);
     prefetch_lines(t->g.param + at, rows * sizeof *t->g.param);

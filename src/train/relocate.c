@@ -70,7 +70,7 @@ static void apply_split(sv_trainer *t, int i, int n) {
   for (int k = 0; k < 3; k++) p[16 * (SV_ROW_SCALE + k)] += (float)sv_log(factor);
 }
 
-// Weights of all alive slots: opacity x (mean error + error).
+// Weights of all live Gaussians: opacity x (mean error + error).
 static double accumulate(sv_trainer *t, uint32_t *n_dead) {
   double mean = 0, sum = 0;
   *n_dead = 0;
