@@ -55,6 +55,7 @@ golden: ## digests that must be equal on every machine
 fault: ## failures injected at every port call, power cuts, heap use
 fuzz: ## every parser on damaged files, a short run
 fuzz-long: ## MINUTES=10 of libFuzzer on all parsers and protocols, with sanitizers (clang); executions and coverage of each
+fuzz-corpus: ## takes the inputs that fuzz-long found and that reach new edges into tests/fuzz/corpus
 lint: ## includes, headers, sizes, words, symbols, stack, format
 only: ## the groups or tests named: make only GROUPS="unit golden", make only TESTS=scenario/test_run
 cross: ## the fast tests and the digests for arm64, emulated

@@ -19,7 +19,9 @@ ITEMS_fuzz = $(foreach p,$(PROGS_fuzz),$(call item,$(p:$(O)/tests/%=%),$(EMULATE
 
 # MINUTES of all targets together, in turn; the corpus of the tree and what was found before are
 # where they begin. Needs clang.
-.PHONY: fuzz-programs fuzz-long
+.PHONY: fuzz-programs fuzz-long fuzz-corpus
 fuzz-programs: $(PROGS_fuzz)
 fuzz-long:
 	@BUILD='$(BUILD)' tests/run/fuzz_long.sh $(or $(MINUTES),10) $(TARGETS)
+fuzz-corpus:
+	@BUILD='$(BUILD)' tests/run/fuzz_corpus.sh
