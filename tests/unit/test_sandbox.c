@@ -378,6 +378,12 @@ static void check_identity(const prisoner *p, starter who) {
   must_say(p->pid, "NoNewPrivs:\t", "1");
   must_say(p->pid, "Seccomp:\t", "2");
   assert_int_equal(getsid(p->pid), p->pid);
+  // Of a process that cannot be dumped or traced, all of /proc is root's.
+  struct stat st;
+  char path[64];
+  snprintf(path, sizeof path, "/proc/%d/environ", (int)p->pid);
+  assert_int_equal(stat(path, &st), 0);
+  if (!PV_IS_SANITIZED) assert_int_equal(st.st_uid, 0);
 }
 
 // Only what was kept and what was opened since.
