@@ -77,7 +77,7 @@ moving_scene_settings moving_scene_cfg(sv_deform_kind kind, int n, int n_steps) 
   c.reg_opacity = 0.05f;
   c.expected_steps = n_steps;
   c.has_motion = kind != SV_DEFORM_NONE;
-  moving_scene_settings m = {.train = c, .dynamic = sv_dynamic_defaults()};
+  moving_scene_settings m = {.train = c, .dynamic = sv_dynamic_defaults(), .held_out = -1};
   m.dynamic.kind = kind;
   (void)sv_field_preset("tiny", &m.dynamic.field);
   sv_dynamic_set_times(&m.dynamic, n_steps, MS_TIMES - 1);
@@ -85,7 +85,7 @@ moving_scene_settings moving_scene_cfg(sv_deform_kind kind, int n, int n_steps) 
 }
 
 bool moving_scene_start(const moving_scene *s, sv_trainer *t, sv_dynamic *dyn,
-                        const moving_scene_settings *cfg, sv_compute compute, int held_out, sv_arena a) {
+                        const moving_scene_settings *cfg, sv_compute compute, sv_arena a) {
   sv_train_cfg c = cfg->train;
   c.n_threads = compute.pool->n_threads;
   c.has_motion = cfg->dynamic.kind != SV_DEFORM_NONE;
@@ -98,7 +98,7 @@ bool moving_scene_start(const moving_scene *s, sv_trainer *t, sv_dynamic *dyn,
                       .height_px = MS_HEIGHT,
                       .n_channels = 3,
                       .stride_bytes = 3 * MS_WIDTH};
-    if (time != held_out && sv_train_add_view(t, &s->view[time][camera_i], &im, NULL) < 0) return false;
+    if (time != cfg->held_out && sv_train_add_view(t, &s->view[time][camera_i], &im, NULL) < 0) return false;
   }
   sv_init_cfg init = {.kind = SV_INIT_SPHERE, .radius = 1.3f, .opacity = 0.1f, .scale_factor = 1, .seed = 1};
   sv_arena scratch = sv_arena_sub(&a, sv_init_scratch_bytes(c.n_gaussians, 1) + 4096);

@@ -19,16 +19,16 @@ typedef struct {
 typedef struct {
   sv_train_cfg train;
   sv_dynamic_cfg dynamic;
+  int held_out; // time whose images are not trained on; -1: none
 } moving_scene_settings;
 
 // Renders the truth; mem is workspace.
 void moving_scene_make(moving_scene *s, void *mem, size_t bytes);
 // A configuration for training on it, n Gaussians.
 moving_scene_settings moving_scene_cfg(sv_deform_kind kind, int n, int n_steps);
-// Trainer and motion in the arena, started, with all pictures but those of time `held_out` (below
-// 0: all). False with a failure.
+// Trainer and motion in the arena, started. False with a failure.
 bool moving_scene_start(const moving_scene *s, sv_trainer *t, sv_dynamic *dyn,
-                        const moving_scene_settings *cfg, sv_compute compute, int held_out, sv_arena a);
+                        const moving_scene_settings *cfg, sv_compute compute, sv_arena a);
 // Has every other one of the Gaussians that move go with a body, whose poses at all times are made
 // up. To be called between two steps of a run that has bodies.
 void moving_scene_plant_body(sv_dynamic *dyn);

@@ -13,47 +13,46 @@ char temp_folder[256];
 
 // --- assertions ----------------------------------------------------------------------------------
 
-void assert_near_at(double got, double expected, double tolerance, const char *what, const char *file,
-                    int line) {
+void assert_near_at(double got, double expected, double tolerance, const char *what, test_place at) {
   if (fabs(got - expected) <= tolerance) return;
   print_error("%s: %.15g, expected %.15g within %g\n", what, got, expected, tolerance);
-  _fail(file, line);
+  _fail(at.file, at.line);
 }
 
 void assert_floats_near_at(const float *got, const float *expected, size_t n, double tolerance,
-                           const char *what, const char *file, int line) {
+                           const char *what, test_place at) {
   for (size_t i = 0; i < n; i++) {
     if (fabs((double)got[i] - (double)expected[i]) <= tolerance) continue;
     print_error("%s[%zu]: %.9g, expected %.9g within %g\n", what, i, (double)got[i], (double)expected[i],
                 tolerance);
-    _fail(file, line);
+    _fail(at.file, at.line);
   }
 }
 
-void assert_psnr_at(double got_db, double least_db, const char *what, const char *file, int line) {
+void assert_psnr_at(double got_db, double least_db, const char *what, test_place at) {
   if (got_db >= least_db && got_db < 100) return;
   print_error("%s: %.3f dB, expected at least %g dB\n", what, got_db, least_db);
-  _fail(file, line);
+  _fail(at.file, at.line);
 }
 
-void assert_ok_at(sv_status s, const char *message, const char *what, const char *file, int line) {
+void assert_ok_at(sv_status s, const char *message, const char *what, test_place at) {
   if (s == SV_OK) return;
   print_error("%s: %s: %s\n", what, sv_status_name(s), message);
-  _fail(file, line);
+  _fail(at.file, at.line);
 }
 
 void assert_error_at(sv_status s, sv_status expected, const char *message, const char *part, const char *what,
-                     const char *file, int line) {
+                     test_place at) {
   if (s == expected && strstr(message, part)) return;
   print_error("%s: %s \"%s\", expected %s with \"%s\"\n", what, sv_status_name(s), s < 0 ? message : "",
               sv_status_name(expected), part);
-  _fail(file, line);
+  _fail(at.file, at.line);
 }
 
-void assert_contains_at(const char *text, const char *part, bool is_expected, const char *file, int line) {
+void assert_contains_at(const char *text, const char *part, bool is_expected, test_place at) {
   if ((strstr(text, part) != NULL) == is_expected) return;
   print_error("\"%s\" %s in: %s\n", part, is_expected ? "is missing" : "was not expected", text);
-  _fail(file, line);
+  _fail(at.file, at.line);
 }
 
 bool is_one_sentence(const char *text) {
@@ -64,17 +63,17 @@ bool is_one_sentence(const char *text) {
   return true;
 }
 
-void assert_one_sentence_at(const char *text, const char *file, int line) {
+void assert_one_sentence_at(const char *text, test_place at) {
   if (is_one_sentence(text)) return;
   print_error("not one printable sentence: \"%s\"\n", text);
-  _fail(file, line);
+  _fail(at.file, at.line);
 }
 
-void assert_digest_at(uint64_t got, uint64_t expected, const char *what, const char *file, int line) {
+void assert_digest_at(uint64_t got, uint64_t expected, const char *what, test_place at) {
   if (got == expected) return;
   print_error("%s: digest 0x%016llxull, expected 0x%016llxull\n", what, (unsigned long long)got,
               (unsigned long long)expected);
-  _fail(file, line);
+  _fail(at.file, at.line);
 }
 
 // --- files ---------------------------------------------------------------------------------------

@@ -28,37 +28,42 @@ extern "C" {
 
 // --- assertions ----------------------------------------------------------------------------------
 
+// Where an assertion stands.
+typedef struct {
+  const char *file;
+  int line;
+} test_place;
+#define TEST_HERE ((test_place){__FILE__, __LINE__})
+
 // |got - expected| <= tolerance. Fails for NaN.
-#define assert_near(got, expected, tolerance)                                                                \
-  assert_near_at(got, expected, tolerance, #got, __FILE__, __LINE__)
+#define assert_near(got, expected, tolerance) assert_near_at(got, expected, tolerance, #got, TEST_HERE)
 // All values of two float arrays.
 #define assert_floats_near(got, expected, n, tolerance)                                                      \
-  assert_floats_near_at(got, expected, n, tolerance, #got, __FILE__, __LINE__)
+  assert_floats_near_at(got, expected, n, tolerance, #got, TEST_HERE)
 // The PSNR in dB, expected in [least, 100).
-#define assert_psnr(got_db, least_db) assert_psnr_at(got_db, least_db, #got_db, __FILE__, __LINE__)
+#define assert_psnr(got_db, least_db) assert_psnr_at(got_db, least_db, #got_db, TEST_HERE)
 // A call that returns no failure. err: the sv_err that the call fills.
-#define assert_ok(call, err) assert_ok_at(call, (err)->text, #call, __FILE__, __LINE__)
+#define assert_ok(call, err) assert_ok_at(call, (err)->text, #call, TEST_HERE)
 // A call that is refused with this status and a message that contains `part`.
 #define assert_error(call, expected, err, part)                                                              \
-  assert_error_at(call, expected, (err)->text, part, #call, __FILE__, __LINE__)
-#define assert_contains(text, part)     assert_contains_at(text, part, true, __FILE__, __LINE__)
-#define assert_not_contains(text, part) assert_contains_at(text, part, false, __FILE__, __LINE__)
+  assert_error_at(call, expected, (err)->text, part, #call, TEST_HERE)
+#define assert_contains(text, part)     assert_contains_at(text, part, true, TEST_HERE)
+#define assert_not_contains(text, part) assert_contains_at(text, part, false, TEST_HERE)
 // A message for users: one line of 15 to 255 characters.
-#define assert_one_sentence(text) assert_one_sentence_at(text, __FILE__, __LINE__)
+#define assert_one_sentence(text) assert_one_sentence_at(text, TEST_HERE)
 // Prints an unexpected digest so that it can be pasted.
-#define assert_digest(got, expected, what) assert_digest_at(got, expected, what, __FILE__, __LINE__)
+#define assert_digest(got, expected, what) assert_digest_at(got, expected, what, TEST_HERE)
 
-void assert_near_at(double got, double expected, double tolerance, const char *what, const char *file,
-                    int line);
+void assert_near_at(double got, double expected, double tolerance, const char *what, test_place at);
 void assert_floats_near_at(const float *got, const float *expected, size_t n, double tolerance,
-                           const char *what, const char *file, int line);
-void assert_psnr_at(double got_db, double least_db, const char *what, const char *file, int line);
-void assert_ok_at(sv_status s, const char *message, const char *what, const char *file, int line);
+                           const char *what, test_place at);
+void assert_psnr_at(double got_db, double least_db, const char *what, test_place at);
+void assert_ok_at(sv_status s, const char *message, const char *what, test_place at);
 void assert_error_at(sv_status s, sv_status expected, const char *message, const char *part, const char *what,
-                     const char *file, int line);
-void assert_contains_at(const char *text, const char *part, bool is_expected, const char *file, int line);
-void assert_one_sentence_at(const char *text, const char *file, int line);
-void assert_digest_at(uint64_t got, uint64_t expected, const char *what, const char *file, int line);
+                     test_place at);
+void assert_contains_at(const char *text, const char *part, bool is_expected, test_place at);
+void assert_one_sentence_at(const char *text, test_place at);
+void assert_digest_at(uint64_t got, uint64_t expected, const char *what, test_place at);
 
 bool is_one_sentence(const char *text);
 

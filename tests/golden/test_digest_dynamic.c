@@ -34,7 +34,7 @@ static uint64_t run(sv_deform_kind kind, float clip, bool has_body, uint32_t isa
   c.train.lr.logit = 0.3f;
   c.dynamic.find_every = 0.4f; // two searches: each renders every view, which takes its time on the
                                // reference
-  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&k, &pool}, -1,
+  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&k, &pool},
                                  sv_arena_make(block, sizeof block)));
   for (int i = 0; i < N_STEPS; i++) {
     if (has_body && i == N_STEPS / 2) moving_scene_plant_body(&dynamic);

@@ -141,11 +141,16 @@ static double sample(int l, int p, int ch, const double c[4]) {
          u[1] * ((1 - u[0]) * q[res[0] * n_f] + u[0] * q[(res[0] + 1) * n_f]);
 }
 
-static void linear(size_t w, size_t b, int n_in, int n_out, const double *x, double *y, bool is_relu) {
-  for (int o = 0; o < n_out; o++) {
-    y[o] = param[b + (size_t)o];
-    for (int i = 0; i < n_in; i++)
-      y[o] += param[w + (size_t)(o * n_in + i)] * (is_relu ? fmax(x[i], 0) : x[i]);
+typedef struct {
+  size_t w, b; // offsets of weights and biases
+  int n_in, n_out;
+} layer;
+
+static void linear(layer l, const double *x, double *y, bool is_relu) {
+  for (int o = 0; o < l.n_out; o++) {
+    y[o] = param[l.b + (size_t)o];
+    for (int i = 0; i < l.n_in; i++)
+      y[o] += param[l.w + (size_t)(o * l.n_in + i)] * (is_relu ? fmax(x[i], 0) : x[i]);
   }
 }
 
@@ -160,11 +165,11 @@ static double field_loss(int i, const double mean[3], double t) {
       feature[l * n_f + ch] = 1;
       for (int p = 0; p < 6; p++) feature[l * n_f + ch] *= sample(l, p, ch, c);
     }
-  linear(field.trunk_w, field.trunk_b, field.n_feature, w, feature, h, false);
+  linear((layer){field.trunk_w, field.trunk_b, field.n_feature, w}, feature, h, false);
   for (int hd = 0; hd < field.n_heads; hd++) {
     const sv_field_head *o = &field.head[hd];
-    linear(o->w1, o->b1, w, w, h, h2, true);
-    linear(o->w2, o->b2, w, o->n, h2, out, true);
+    linear((layer){o->w1, o->b1, w, w}, h, h2, true);
+    linear((layer){o->w2, o->b2, w, o->n}, h2, out, true);
     for (int r = 0; r < o->n; r++) sum += (double)weight[i / 16][o->row + r][i % 16] * out[r];
   }
   for (int r = 0; r < N_ROWS; r++)

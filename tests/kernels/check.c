@@ -168,22 +168,26 @@ static uint32_t float_bits(float x) {
   return b;
 }
 
-static void same(ck *c, const char *name, const float *ref, const float *var, size_t n, double tol,
-                 bool is_abs) {
+typedef struct {
+  double tol;
+  bool is_abs; // else relative, of values above 1
+} tolerance;
+
+static void same(ck *c, const char *name, const float *ref, const float *var, size_t n, tolerance t) {
   for (size_t i = 0; i < n; i++) {
     if (float_bits(ref[i]) == float_bits(var[i]) || (isnan(ref[i]) && isnan(var[i]))) continue;
-    double scale = is_abs ? 1 : fmax(1, fabs(ref[i]));
-    if (!c->is_exact && (fabs((double)ref[i] - var[i]) <= tol * scale)) continue;
+    double scale = t.is_abs ? 1 : fmax(1, fabs(ref[i]));
+    if (!c->is_exact && (fabs((double)ref[i] - var[i]) <= t.tol * scale)) continue;
     bad(c, "%s[%zu] of %zu: reference %.9g, variant %.9g", name, i, n, ref[i], var[i]);
     return;
   }
 }
 
 void ck_same(ck *c, const char *name, const float *ref, const float *var, size_t n, double tol) {
-  same(c, name, ref, var, n, tol, false);
+  same(c, name, ref, var, n, (tolerance){tol, false});
 }
 void ck_same_abs(ck *c, const char *name, const float *ref, const float *var, size_t n, double tol) {
-  same(c, name, ref, var, n, tol, true);
+  same(c, name, ref, var, n, (tolerance){tol, true});
 }
 
 void ck_same_bytes(ck *c, const char *name, const void *ref, const void *var, size_t bytes) {

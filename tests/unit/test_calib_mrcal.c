@@ -50,11 +50,11 @@ static void compare(const sv_camera_model *m, const double x[3], int *n_seen) {
   }
 }
 
-static void random_spline(sv_camera_model *m, double *control, int order, int nx, int ny, double fov_deg,
-                          sv_rng *rng) {
+static void random_spline(sv_camera_model *m, double *control, sv_lens_spline s, sv_rng *rng) {
   *m = (sv_camera_model){SV_MODEL_SPLINED, 4000, 3000, {1500.5, 1510.25, 2010.25, 1490.5}};
-  m->spline = (sv_lens_spline){order, nx, ny, fov_deg, control};
-  for (int i = 0; i < 2 * nx * ny; i++) control[i] = 0.02 * sv_rng_f(rng) - 0.01;
+  m->spline = s;
+  m->spline.control = control;
+  for (int i = 0; i < 2 * s.nx * s.ny; i++) control[i] = 0.02 * sv_rng_f(rng) - 0.01;
 }
 
 TEST(test_projection) {
@@ -85,7 +85,7 @@ TEST(test_splined) {
   for (int order = 2; order <= 3; order++) {
     sv_camera_model m;
     int n_seen = 0, n_behind = 0;
-    random_spline(&m, control, order, 30, 18, 220, &rng);
+    random_spline(&m, control, (sv_lens_spline){order, 30, 18, 220, NULL}, &rng);
     for (int i = 0; i < 4000; i++) {
       double x[3] = {2 * sv_rng_f(&rng) - 1, 1.2 * sv_rng_f(&rng) - 0.6, 1.6 * sv_rng_f(&rng) - 0.6}, uv[2],
              back[3];
@@ -111,7 +111,7 @@ TEST(test_splined_file) {
   sv_camera_model m, back;
   sv_pose p = sv_pose_identity(), q;
   sv_err err = {0};
-  random_spline(&m, control, 3, 30, 18, 150, &rng);
+  random_spline(&m, control, (sv_lens_spline){3, 30, 18, 150, NULL}, &rng);
   sv_str s = sv_str_make(text, sizeof text);
   assert_int_equal(sv_cameramodel_write(&s, &m, &p), SV_OK);
   sv_arena a = sv_arena_make(block, sizeof block);

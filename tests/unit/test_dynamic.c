@@ -44,7 +44,8 @@ static void learn(sv_deform_kind kind, float clip, double least_psnr, double lea
   moving_scene_settings c = moving_scene_cfg(kind, N_GAUSS, N_STEPS);
   c.dynamic.distil_at = clip;
   sv_dynamic_set_times(&c.dynamic, N_STEPS, MS_TIMES - 1);
-  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, HELD_OUT,
+  c.held_out = HELD_OUT;
+  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool},
                                  sv_arena_make(block, sizeof block)));
   train(&trainer, 0, N_STEPS);
   int n_moving = sv_deform_n_moving(&dynamic.deform);
@@ -108,7 +109,7 @@ TEST(test_field_times) {
 TEST(test_still_is_still) {
   skip_where_emulated();
   moving_scene_settings c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, N_STEPS);
-  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
+  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool},
                                  sv_arena_make(block, sizeof block)));
   train(&trainer, 0, 200);
   sv_dynamic_sort(&dynamic);
@@ -133,7 +134,7 @@ TEST(test_temporal_curriculum) {
   c.train.start_scale = 4;
   c.train.relocate_every = 0;
   c.dynamic.find_until = 0;
-  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
+  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool},
                                  sv_arena_make(block, sizeof block)));
   const sv_trainer *t = &trainer;
   assert_true(sv_dynamic_has_time(&dynamic, 0.5f, 0.0f) && !sv_dynamic_has_time(&dynamic, 0.65f, 0.1f));
@@ -167,7 +168,7 @@ TEST(test_long_lens) {
   }
   c.train.relocate_every = 0;
   c.dynamic.find_until = 0;
-  assert_true(moving_scene_start(&phone, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
+  assert_true(moving_scene_start(&phone, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool},
                                  sv_arena_make(block, sizeof block)));
   assert_true(fabsf(sv_dynamic_turn_share(&dynamic, &phone.view[0][1]) - 0.2f) < 1e-6f);
   assert_true(fabsf(sv_dynamic_weight(&dynamic, &phone.view[0][1]) - 0.2f) < 1e-6f);
@@ -197,7 +198,7 @@ TEST(test_short_lens) {
     phone.view[i][1].fx *= 0.5f;
     phone.view[i][1].fy *= 0.5f;
   }
-  assert_true(moving_scene_start(&phone, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
+  assert_true(moving_scene_start(&phone, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool},
                                  sv_arena_make(block, sizeof block)));
   const float short_share = sv_dynamic_turn_share(&dynamic, &phone.view[0][1]);
   const float long_share = sv_dynamic_turn_share(&dynamic, &phone.view[0][0]);
@@ -223,7 +224,7 @@ TEST(test_motion_shrinks) {
   c.dynamic.n_pos = N_POS;
   c.dynamic.n_rot = c.dynamic.n_colour = 1;
   c.dynamic.reg_pos = 0;
-  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
+  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool},
                                  sv_arena_make(block, sizeof block)));
   sv_motion *mo = &dynamic.deform.motion;
   sv_deform_set_moving(&dynamic.deform, 16);
@@ -267,20 +268,20 @@ static void resume(sv_deform_kind kind, float clip) {
   sv_dynamic_set_times(&c.dynamic, N_STEPS, MS_TIMES - 1);
   mem_sink m = {0};
   sv_err err;
-  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
+  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool},
                                  sv_arena_make(block, sizeof block)));
   train(&trainer, 0, 90);
   if (dynamic.deform.kind == SV_DEFORM_CLIP) moving_scene_plant_body(&dynamic);
   assert_int_equal(sv_checkpoint_write(&trainer, (sv_sink){&m, append}, &err), SV_OK);
   assert_true(m.n <= sv_checkpoint_bytes(&trainer));
-  assert_true(moving_scene_start(&scene, &second, &second_dynamic, &c, (sv_compute){&kernels, &pool}, -1,
+  assert_true(moving_scene_start(&scene, &second, &second_dynamic, &c, (sv_compute){&kernels, &pool},
                                  sv_arena_make(other, sizeof other)));
   assert_int_equal(sv_checkpoint_read(&second, "memory", file, m.n, &err), SV_OK);
   train(&trainer, 90, 130);
   train(&second, 90, 130);
   assert_true(sv_train_digest(&trainer) == sv_train_digest(&second));
   c.dynamic.kind = SV_DEFORM_NONE; // a still run does not take it
-  assert_true(moving_scene_start(&scene, &second, &second_dynamic, &c, (sv_compute){&kernels, &pool}, -1,
+  assert_true(moving_scene_start(&scene, &second, &second_dynamic, &c, (sv_compute){&kernels, &pool},
                                  sv_arena_make(other, sizeof other)));
   assert_int_equal(sv_checkpoint_read(&second, "memory", file, m.n, &err), SV_E_RANGE);
 }
@@ -314,7 +315,7 @@ static void round_trip(sv_deform_kind kind) {
   sv_err err;
   sv_deform_file f;
   sv_deform d;
-  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
+  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool},
                                  sv_arena_make(block, sizeof block)));
   train(&trainer, 0, 120);
   assert_int_equal(sv_deform_write(&dynamic.deform, &trainer.g, (sv_sink){&m, append}, &err), SV_OK);
@@ -371,7 +372,7 @@ TEST(test_bodies_file) {
   sv_deform d, *of = &dynamic.deform;
   sv_bodies *b = &of->motion.bodies;
   sv_err err;
-  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
+  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool},
                                  sv_arena_make(block, sizeof block)));
   train(&trainer, 0, N_STEPS);
   assert_true(of->motion.n_moving > 3);

@@ -59,7 +59,7 @@ static void start(const sv_pool *with) {
   moving_scene_settings c = moving_scene_cfg(SV_DEFORM_FIELD, N_GAUSS, N_STEPS);
   c.dynamic.n_pos = 3;
   c.dynamic.fit = 1.0f;
-  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, with}, -1,
+  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, with},
                                  sv_arena_make(block, sizeof block)));
   sv_motion *mo = &dynamic.deform.motion;
   sv_deform_set_moving(&dynamic.deform, N_GAUSS);
@@ -177,7 +177,7 @@ TEST(test_time_limit) {
 // Nothing moves: there is nothing to fit, and pictures go on.
 TEST(test_still) {
   moving_scene_settings c = moving_scene_cfg(SV_DEFORM_FIELD, N_GAUSS, N_STEPS);
-  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool}, -1,
+  assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool},
                                  sv_arena_make(block, sizeof block)));
   for (int i = 0; i < 3; i++) assert_true(sv_train_step(&trainer, 0.6f, NULL) >= 0);
   assert_int_equal(dynamic.deform.kind, SV_DEFORM_FIELD);

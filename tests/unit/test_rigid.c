@@ -77,11 +77,19 @@ static void see(const cameras *c, sv_displaced *o, const float x[3], const float
   assert_true(sv_solve3(a, b, o->u));
 }
 
-// n points from slot on, on the half of a ball that faces the cameras, or (flat) on a square of
-// twice the size.
-static void add_body(const cameras *c, int slot, int n, int which, const float centre[3], float radius,
-                     bool flat, const sv_rigid *m, float wrong) {
-  for (int i = slot; i < slot + n; i++) {
+// n points from index `first` on, on the half of a ball that faces the cameras, or (flat) on a
+// square of twice the size.
+typedef struct {
+  int first, n, which;
+  const float *centre;
+  float radius;
+  bool flat;
+} shape;
+
+static void add_body(const cameras *c, const shape *s, const sv_rigid *m, float wrong) {
+  const float *centre = s->centre, radius = s->radius;
+  const bool flat = s->flat;
+  for (int i = s->first; i < s->first + s->n; i++) {
     float x[3], y[3], z = flat ? 0 : sv_rng_f(&rng), r = sqrtf(1 - z * z);
     float along = (float)(2 * SV_PI) * sv_rng_f(&rng);
     x[0] = flat ? 2 * sv_rng_f(&rng) - 1 : r * (float)sv_cos((double)along);
@@ -90,23 +98,27 @@ static void add_body(const cameras *c, int slot, int n, int which, const float c
     for (int k = 0; k < 3; k++) x[k] = centre[k] + radius * x[k];
     sv_rigid_apply(m, centre, x, y);
     is_wrong[i] = sv_rng_f(&rng) < wrong;
-    body[i] = (uint8_t)which;
+    body[i] = (uint8_t)s->which;
     see(c, &of[i], x, y, is_wrong[i]);
     order[i] = (uint32_t)i;
   }
 }
 
-// Mean distance, seen by camera at, of where m and truth take slots [0, n) of a body; in space,
+// Mean distance, seen by camera at, of where two motions take points [0, n) of a body; in space,
 // too.
-static float mean_off(float at, const sv_rigid *m, const float c[3], const sv_rigid *truth, const float c0[3],
-                      int which, int n, float *in_space) {
+typedef struct {
+  const sv_rigid *m;
+  const float *centre;
+} motion;
+
+static float mean_off(float at, motion found, motion truth, int which, int n, float *in_space) {
   float sum = 0, count = 0;
   *in_space = 0;
   for (int i = 0; i < n; i++) {
     if (body[i] != which) continue;
     float y[3], y0[3], p[2], p0[2], jac[6];
-    sv_rigid_apply(m, c, of[i].x, y);
-    sv_rigid_apply(truth, c0, of[i].x, y0);
+    sv_rigid_apply(found.m, found.centre, of[i].x, y);
+    sv_rigid_apply(truth.m, truth.centre, of[i].x, y0);
     pixel(at, y, p, jac);
     pixel(at, y0, p0, jac);
     sum += sqrtf((p[0] - p0[0]) * (p[0] - p0[0]) + (p[1] - p0[1]) * (p[1] - p0[1]));
@@ -134,9 +146,10 @@ static void check_fit(const char *name, const cameras *c, bool flat, float most_
   int agree = 0, n = 300;
   float space;
   rng = sv_rng_make(3, 0);
-  add_body(c, 0, n, 1, centre, 0.25f, flat, &truth, WRONG);
+  add_body(c, &(shape){0, n, 1, centre, 0.25f, flat}, &truth, WRONG);
   assert_true(sv_rigid_fit(&(sv_rigid_points){of, order, n, centre}, TOLERANCE, NULL, &m, &agree));
-  float px = mean_off(0, &m, centre, &truth, centre, 1, n, &space), turn = degrees_off(&m, &truth);
+  float px = mean_off(0, (motion){&m, centre}, (motion){&truth, centre}, 1, n, &space),
+        turn = degrees_off(&m, &truth);
   print_message("%s: %.3f px, %.2f degrees, %.4f in space; %d of %d agree\n", name, (double)px, (double)turn,
                 (double)space, agree, n);
   assert_true(px < most_px && turn < most_degrees && space < most_in_space);
@@ -158,9 +171,9 @@ TEST(test_fit_from_a_start) {
   sv_rigid m = start;
   float space;
   rng = sv_rng_make(4, 0);
-  add_body(&TWO, 0, 200, 1, centre, 0.25f, false, &truth, WRONG);
+  add_body(&TWO, &(shape){0, 200, 1, centre, 0.25f, false}, &truth, WRONG);
   assert_true(sv_rigid_fit(&(sv_rigid_points){of, order, 200, centre}, TOLERANCE, &start, &m, NULL));
-  assert_true(mean_off(0, &m, centre, &truth, centre, 1, 200, &space) < 0.15f);
+  assert_true(mean_off(0, (motion){&m, centre}, (motion){&truth, centre}, 1, 200, &space) < 0.15f);
 }
 
 TEST(test_few) {
@@ -169,7 +182,7 @@ TEST(test_few) {
   sv_rigid m = before;
   int agree;
   rng = sv_rng_make(5, 0);
-  add_body(&TWO, 0, 20, 1, centre, 0.2f, false, &truth, 0);
+  add_body(&TWO, &(shape){0, 20, 1, centre, 0.2f, false}, &truth, 0);
   assert_false(sv_rigid_fit(&(sv_rigid_points){of, order, 2, centre}, TOLERANCE, NULL, &m, &agree));
   assert_false(sv_rigid_fit(&(sv_rigid_points){of, order, 0, centre}, TOLERANCE, NULL, &m, &agree));
   for (int i = 2; i < 20; i++) of[i].is_known = false;
@@ -232,9 +245,9 @@ static int two_balls(const cameras *c, sv_rigid truth[2]) {
   truth[0] = motion_of(0, 0, 15, 0.02f, 0, 0);
   truth[1] = motion_of(5, 0, -15, -0.03f, 0.02f, 0);
   rng = sv_rng_make(7, 0);
-  add_body(c, 0, 300, 1, LEFT, 0.25f, false, &truth[0], WRONG);
-  add_body(c, 300, 200, 2, RIGHT, 0.25f, false, &truth[1], WRONG);
-  add_body(c, 500, 800, 0, WALL, 1.0f, true, &STILL, 0.03f);
+  add_body(c, &(shape){0, 300, 1, LEFT, 0.25f, false}, &truth[0], WRONG);
+  add_body(c, &(shape){300, 200, 2, RIGHT, 0.25f, false}, &truth[1], WRONG);
+  add_body(c, &(shape){500, 800, 0, WALL, 1.0f, true}, &STILL, 0.03f);
   for (int i = 0; i < 500; i += 10) of[i].is_known = false; // hidden
   return 1300;
 }
@@ -253,7 +266,7 @@ static void check_two(const char *name, const cameras *c) {
       joined[0][1], joined[0][2]);
   for (int b = 1; b <= 2; b++) {
     const float *at = b == 1 ? LEFT : RIGHT;
-    float px = mean_off(0, &m[b - 1], centre[b - 1], &truth[b - 1], at, b, n, &space);
+    float px = mean_off(0, (motion){&m[b - 1], centre[b - 1]}, (motion){&truth[b - 1], at}, b, n, &space);
     print_message("  ball %d: %.3f px, %.2f degrees\n", b, (double)px,
                   (double)degrees_off(&m[b - 1], &truth[b - 1]));
     assert_true(px < 0.3f && degrees_off(&m[b - 1], &truth[b - 1]) < 1.5f);
@@ -275,8 +288,8 @@ TEST(test_two_distant) {
   sv_rigid m[6];
   float centre[6][3];
   rng = sv_rng_make(8, 0);
-  add_body(&TWO, 0, 300, 1, LEFT, 0.1f, false, &truth, WRONG);
-  add_body(&TWO, 300, 300, 2, RIGHT, 0.1f, false, &truth, WRONG);
+  add_body(&TWO, &(shape){0, 300, 1, LEFT, 0.1f, false}, &truth, WRONG);
+  add_body(&TWO, &(shape){300, 300, 2, RIGHT, 0.1f, false}, &truth, WRONG);
   assert_int_equal(find(600, 6, m, centre), 2);
   for (int i = 0; i < 600; i++) assert_true(!label[i] || label[i] % 2 == label[0] % 2 || body[i] == 2);
   for (int b = 0; b < 2; b++) assert_true(fabsf(fabsf(centre[b][0]) - 0.25f) < 0.02f);
@@ -286,9 +299,9 @@ TEST(test_none) {
   sv_rigid m[2];
   float centre[2][3];
   rng = sv_rng_make(9, 0);
-  add_body(&TWO, 0, 1000, 0, WALL, 1.0f, true, &STILL, 0); // nothing moves
+  add_body(&TWO, &(shape){0, 1000, 0, WALL, 1.0f, true}, &STILL, 0); // nothing moves
   assert_int_equal(find(1000, 2, m, centre), 0);
-  add_body(&TWO, 0, 1000, 0, WALL, 1.0f, true, &STILL, 1); // each its own way
+  add_body(&TWO, &(shape){0, 1000, 0, WALL, 1.0f, true}, &STILL, 1); // each its own way
   assert_int_equal(find(1000, 2, m, centre), 0);
   assert_int_equal(find(0, 2, m, centre), 0);
   for (int i = 0; i < 1000; i++) of[i].is_known = false;
