@@ -14,7 +14,11 @@ $(PROGS_fuzz): $(O)/tests/fuzz/%: $(O)/obj/tests/fuzz/%.o $(call obj,$(FUZZ_MAIN
 $(FUZZ_PAGE:%.c=$(O)/%): $(call obj,$(filter-out %/main.c,$(PREVIEW_SRC)))
 $(FUZZ_PAGE:%.c=$(O)/%): FUZZ_LIBS = -lmicrohttpd -lseccomp
 
-ITEMS_fuzz = $(foreach p,$(PROGS_fuzz),$(call item,$(p:$(O)/tests/%=%),$(EMULATE) $(p) $(FUZZ_ARGS))) \
+# These wait for the system, or copy much: fewer mutations in a short run.
+FUZZ_ARGS_fuzz_http := -n 500
+FUZZ_ARGS_fuzz_page := -n 4000
+ITEMS_fuzz = $(foreach p,$(PROGS_fuzz),$(call item,$(p:$(O)/tests/%=%),$(EMULATE) $(p) \
+  $(or $(FUZZ_ARGS),$(FUZZ_ARGS_$(notdir $(p)))))) \
   $(if $(SAN),,$(call item,fuzz/corpus,BUILD='$(BUILD)' tests/run/corpus.sh,900))
 
 # MINUTES of all targets together, in turn; the corpus of the tree and what was found before are
