@@ -30,6 +30,13 @@ void sv_beat(sv_heartbeats *h, int i_thread) {
   if (i_thread == SV_BEAT_MAIN) tell_alive(h, now_ns);
 }
 
+void sv_beat_for(sv_heartbeats *h, int i_thread, sv_ns allowed_ns) {
+  sv_beat(h, i_thread);
+  if (!h || !is_thread(i_thread)) return;
+  const sv_ns now_ns = load(&h->beats[i_thread].ns);
+  atomic_store_explicit(&h->beats[i_thread].ns, now_ns + allowed_ns, memory_order_relaxed);
+}
+
 void sv_beat_rest(sv_heartbeats *h, int i_thread) {
   if (h && is_thread(i_thread)) atomic_store_explicit(&h->beats[i_thread].ns, 0, memory_order_relaxed);
 }

@@ -32,6 +32,9 @@ typedef struct sv_heartbeats {
 
 // The thread made progress. h may be NULL.
 void sv_beat(sv_heartbeats *h, int i_thread);
+// Likewise, and it begins something that has no beats of its own and may take so long: the thread is
+// late only afterwards.
+void sv_beat_for(sv_heartbeats *h, int i_thread, sv_ns allowed_ns);
 // The thread has nothing to do until its next beat.
 void sv_beat_rest(sv_heartbeats *h, int i_thread);
 // Since the last progress; 0 for a thread that rests.

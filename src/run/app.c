@@ -8,8 +8,9 @@
 #include "src/train/checkpoint.h"
 #include "src/train/seed.h"
 
-#define QUEUE_LEN 4
-#define CAP_READY 2 // exposures that may wait for a training step to end
+#define QUEUE_LEN     4
+#define NEIGHBOURS_NS (70 * SV_NS_PER_US)
+#define CAP_READY     2 // exposures that may wait for a training step to end
 
 const char *sv_app_state_name(sv_app_state s) {
   static const char *const names[] = {"idle", "capturing", "training", "saving", "done", "failed"};
@@ -353,6 +354,8 @@ static sv_status first_model(sv_app *app, const sv_bounds *b, bool is_measured, 
     sv_app_log(app, SV_LOG_INFO, "first model: %d points from the depth maps of %d views", start.n_points,
                start.n_maps);
   if (s == SV_AGAIN) choose_blind(app, &start);
+  // Their nearest neighbours: 7 us a Gaussian on x86-64, ten times as long on a slow board.
+  sv_beat_for(app->port.heartbeats, SV_BEAT_MAIN, NEIGHBOURS_NS * t->g.n);
   if (s >= 0) s = sv_driver_place(t, &start, err);
   if (s < 0 || !app->cfg.prior) return s;
   if ((s = sv_prior_measure(&app->prior, b, &app->scratch, &start.n_maps)) < 0)

@@ -63,6 +63,17 @@ TEST(test_ages) {
   now += 500 * MS;
   sv_beat(&h, SV_BEAT_POOL + 1);
   assert_int_equal(sv_beat_longest_ns(beats, SV_BEAT_POOL + 1), 0); // rest is no gap
+  // Work without beats of its own
+  sv_beat_for(&h, SV_BEAT_POOL + 1, 900 * MS);
+  now += 800 * MS;
+  assert_int_equal(sv_beat_age_ns(beats, SV_BEAT_POOL + 1, now), 0);
+  now += 150 * MS;
+  assert_int_equal(sv_beat_age_ns(beats, SV_BEAT_POOL + 1, now), 50 * MS);
+  sv_beat_for(&h, SV_BEAT_POOL + 1, 900 * MS);
+  sv_beat(&h, SV_BEAT_POOL + 1);
+  assert_int_equal(sv_beat_longest_ns(beats, SV_BEAT_POOL + 1), 50 * MS);
+  sv_beat_for(NULL, SV_BEAT_MAIN, MS);
+  sv_beat_for(&h, SV_CAP_BEATS, MS);
 }
 
 // --- a pool with a thread that hangs ------------------------------------------------------------
