@@ -5,6 +5,7 @@
 #define SV_KERNELS_OPS_H
 
 #include "kernels/adam/adam.h"
+#include "kernels/appearance/appearance.h"
 #include "kernels/bin/bin.h"
 #include "kernels/color/color.h"
 #include "kernels/corner/corner.h"
