@@ -42,6 +42,10 @@ static const sv_option rows[] = {
      NULL},
     {"live", SV_OPT_FLAG, 1, 0, AT(is_continuous), NULL,
      "keep capturing while training; new exposures replace the oldest", 0, 0, NULL},
+    {"appearance", SV_OPT_TEXT, 1, 0, AT(appearance), "HOW",
+     "learn the color of: cameras (each its own, and its falloff), exposures (and cameras), off; auto: what "
+     "the source does not lock [auto]",
+     0, 0, NULL},
     {"refine-poses", SV_OPT_FLAG, 1, 0, AT(is_refining), NULL,
      "refine the rig's poses while training; writes poses.json", 0, 0, NULL},
     {"threads", SV_OPT_INT, 1, 0, AT(threads), "N",
@@ -98,6 +102,12 @@ static int check(run_options *o) {
   o->i_optimizer = o->optimizer ? sv_optimizer_by_name(o->optimizer) : -1;
   if (o->optimizer && o->i_optimizer < 0)
     return usage_error("run", "--optimizer %s: expected adam or gauss-newton", o->optimizer);
+  const int appearance = sv_appearance_mode_by_name(o->appearance);
+  if (appearance < 0)
+    return usage_error("run", "--appearance %s: expected auto, off, cameras or exposures", o->appearance);
+  if (appearance == SV_APPEARANCE_EXPOSURES && o->is_continuous)
+    return usage_error("run", "--appearance exposures: not with --live, which replaces exposures");
+  o->appearance_mode = (sv_appearance_mode)appearance;
   o->i_prior = sv_prior_method_by_name(o->prior);
   if (o->i_prior < 0) return usage_error("run", "--prior %s: expected none, fsgs or sparsegs", o->prior);
   if (o->i_prior > 0 && (o->is_continuous || o->is_dynamic || o->is_resume))
@@ -138,6 +148,7 @@ int run_options_parse(int argc, char **argv, run_options *o) {
                      .exposure_s = 0.45,
                      .prior = "none",
                      .scene = "static",
+                     .appearance = "auto",
                      .sync = "free"};
   int r = config_expand("run", &argc, &argv);
   if (!r) r = options_parse(&command, rows, sizeof rows / sizeof *rows, argc, argv, o);

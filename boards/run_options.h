@@ -12,9 +12,11 @@ typedef struct {
   long exposures, steps, gaussians, sh, threads, seed, skew_ms, orbit, keep;
   double time_limit, save_every, picture_every;
   double exposure_s;
-  const char *optimizer; // NULL: the one that suits the exposures
+  const char *appearance; // auto, off, cameras or exposures
+  const char *optimizer;  // NULL: the one that suits the exposures
   const char *prior;
-  int i_prior;     // an sv_prior_method
+  int i_prior; // an sv_prior_method
+  sv_appearance_mode appearance_mode;
   int i_optimizer; // an sv_optimizer, -1
   bool is_dynamic, is_refining;
   bool is_interrupted; // of --keep: the scan in --out was, and starts at once

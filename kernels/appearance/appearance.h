@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a camera makes of a rendered image: an affine color transform and a radial falloff,
+// What a camera makes of an image in linear light: an affine color transform and a radial falloff,
 //   out = f(r^2) (M x + b),  f = 1 + k1 r^2 + k2 r^4 + k3 r^6,
 //   r^2 = ((i + 0.5 - cx)^2 + (j + 0.5 - cy)^2) inv_r2,
 // and the gradient of a loss of it. After "Affine Color Transformations" of Rematas et al. 2022
@@ -17,7 +17,7 @@ extern "C" {
 typedef struct {
   float m[9], b[3], k[3]; // M row-major
   float cx, cy, inv_r2;   // px, px, 1/px^2
-  const float *x[3];      // [height][stride] the rendered image; columns >= width are never used
+  const float *x[3];      // [height][stride] the image; columns >= width are never used
   int width_px, stride;
   int row0, row1;
   // appearance: [height][stride] out; columns >= width become 0. appearance_bwd: dL/d out, replaced

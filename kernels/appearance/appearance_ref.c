@@ -42,11 +42,14 @@ void sv_appearance_bwd_ref(const sv_appearance_args *a) {
     for (int i = 0; i < a->width_px; i++) {
       const size_t p = at + (size_t)i;
       const int l = i & 15;
-      const float x[3] = {a->x[0][p], a->x[1][p], a->x[2][p]},
-                  g[3] = {a->out[0][p], a->out[1][p], a->out[2][p]};
-      const float r2 = square_of(a, r, i), f = falloff(a, r2), h[3] = {f * g[0], f * g[1], f * g[2]};
-      float y[3];
+      const float x[3] = {a->x[0][p], a->x[1][p], a->x[2][p]};
+      const float r2 = square_of(a, r, i), f = falloff(a, r2);
+      float y[3], g[3], h[3];
       affine(a, x, y);
+      for (int c = 0; c < 3; c++) {
+        g[c] = a->out[c][p];
+        h[c] = f * g[c];
+      }
       for (int c = 0; c < 3; c++) {
         for (int k = 0; k < 3; k++) lane[3 * c + k][l] = fmaf(h[c], x[k], lane[3 * c + k][l]);
         lane[9 + c][l] += h[c];

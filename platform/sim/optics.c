@@ -15,12 +15,17 @@ sv_sim_optics_cfg sv_sim_optics_defaults(void) {
 
 static bool has_samples(const sv_sim_optics_cfg *c) { return c->is_blurred || c->aperture_mm > 0; }
 
+bool sv_sim_optics_is_color_known(const sv_sim_optics_cfg *c) {
+  const bool has_falloff =
+      c->vignetting[0] != 0 || c->vignetting[1] != 0 || c->vignetting[2] != 0 || c->is_cos4;
+  return !has_falloff && c->gain == 0 && c->white_k == REFERENCE_K && c->crosstalk == 0 && c->response == 1 &&
+         c->black == 0;
+}
+
 sv_status sv_sim_optics_init(sv_sim_optics *o, const sv_sim_optics_cfg *c, const uint16_t *srgb16,
                              sv_arena *arena) {
-  const sv_sim_optics_cfg none = sv_sim_optics_defaults();
-  o->is_on = c->vignetting[0] != 0 || c->vignetting[1] != 0 || c->vignetting[2] != 0 || c->is_cos4 ||
-             c->gain != 0 || c->white_k != none.white_k || c->crosstalk != 0 || c->response != 1 ||
-             c->black != 0 || c->auto_exposure != 1 || c->readout_ms > 0 || c->n_hot > 0 || has_samples(c);
+  o->is_on = !sv_sim_optics_is_color_known(c) || c->auto_exposure != 1 || c->readout_ms > 0 || c->n_hot > 0 ||
+             has_samples(c);
   o->response = c->response != 1 ? SV_TAKE(arena, uint16_t, SV_NOISE_CODE_MAX + 1) : NULL;
   if (arena->status < 0 || !arena->base || !o->response) return arena->status;
   for (int i = 0; i <= SV_NOISE_CODE_MAX; i++) {

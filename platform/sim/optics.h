@@ -57,6 +57,8 @@ sv_sim_optics_cfg sv_sim_optics_defaults(void);
 sv_status sv_sim_optics_init(sv_sim_optics *o, const sv_sim_optics_cfg *cfg, const uint16_t *srgb16,
                              sv_arena *arena) SV_MUST_USE;
 
+// Whether all cameras give the same values for the same light, auto-exposure apart.
+bool sv_sim_optics_is_color_known(const sv_sim_optics_cfg *cfg);
 // Linear color transform of a camera in a slot, row-major; progress: the slot's place in the round, 0
 // to 1. Without the black level.
 void sv_sim_optics_matrix(const sv_sim_optics_cfg *cfg, int i_camera, double progress, float m[9]);

@@ -231,6 +231,7 @@ static sv_status source_caps(void *self, int i, sv_camera_caps *out) {
   sv_v4l2 *v = self;
   if (i < 0 || i >= v->n_cameras) return SV_E_ARG;
   *out = v->cameras[i].caps;
+  out->is_light_locked = !v->cfg.is_unlocked;
   return SV_OK;
 }
 

@@ -305,6 +305,7 @@ static sv_status add_pictures(sv_app *app, int e, sv_err *err) {
     view.time = sv_app_time_of(app, app->exposures.exposure[e].time_ns);
     sv_status s = sv_train_add_view(&app->trainer, &view, &image, err);
     if (s < 0) return s;
+    sv_train_set_appearance(&app->trainer, app->trainer.n_views - 1, app->cfg.rig->sub_views[i].i_camera, e);
     if (app->cfg.is_refining)
       sv_train_refine_view(&app->trainer, app->trainer.n_views - 1, e,
                            &app->cfg.rig->sub_views[i].cam_from_rig,

@@ -40,6 +40,30 @@ sv_prior_cfg sv_app_prior_cfg(const sv_app_cfg *c, int n_views) {
   return p;
 }
 
+int sv_appearance_mode_by_name(const char *name) {
+  static const char *const names[] = {"auto", "off", "cameras", "exposures"};
+  for (int i = 0; i < 4; i++)
+    if (sv_str_eq(name, names[i])) return i;
+  return -1;
+}
+
+// Sensors whose lens images overlap have but one camera's color.
+static void plan_appearance(const sv_app_cfg *c, sv_train_cfg *t) {
+  bool is_known = true, is_locked = true;
+  for (int i = 0; i < c->n_cameras; i++) {
+    is_known &= c->caps[i].is_color_known;
+    is_locked &= c->caps[i].is_light_locked;
+  }
+  sv_appearance_mode mode = c->appearance;
+  if (mode == SV_APPEARANCE_AUTO)
+    mode = !is_locked && !c->is_continuous ? SV_APPEARANCE_EXPOSURES
+           : !is_known                     ? SV_APPEARANCE_CAMERAS
+                                           : SV_APPEARANCE_OFF;
+  if (mode == SV_APPEARANCE_OFF || is_multiplexed(c)) return;
+  t->appearance.n_cameras = c->n_cameras;
+  t->appearance.n_exposures = mode == SV_APPEARANCE_EXPOSURES ? c->n_exposures : 0;
+}
+
 sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
   sv_train_cfg t = c->train;
   t.cap_views = c->n_exposures * sv_app_n_trained_sub_views(c);
@@ -71,6 +95,7 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
                                    .decay = 0.01f,
                                    .from = 0.05f,
                                    .until = 1};
+  plan_appearance(c, &t);
   if (c->is_dynamic) sv_app_plan_moving(c, &t);
   if (c->steps) t.expected_steps = (int)c->steps;
   return t;

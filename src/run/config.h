@@ -12,6 +12,16 @@
 #include "src/sync/capture_queue.h"
 #include "src/train/train.h"
 
+// Automatic: per camera where the colors of some are not known, per exposure where light is not
+// locked; not while exposures are replaced.
+typedef enum {
+  SV_APPEARANCE_AUTO,
+  SV_APPEARANCE_OFF,
+  SV_APPEARANCE_CAMERAS,
+  SV_APPEARANCE_EXPOSURES // and cameras
+} sv_appearance_mode;
+int sv_appearance_mode_by_name(const char *name); // "auto", "off", "cameras", "exposures"; -1: unknown
+
 typedef struct {
   // The rig whose sub-views are trained on.
   const sv_rig *rig;
@@ -60,6 +70,8 @@ typedef struct {
   sv_prior_method prior;
   // 1 + an sv_optimizer; 0: the one that suits the exposures.
   int optimizer;
+  // Whether training learns what cameras and exposures do to color (src/train/appearance.h).
+  sv_appearance_mode appearance;
   // Training refines the rig's poses; those of the first exposure are held.
   bool is_refining;
   // The source has no poses of the rig: find them from the images.

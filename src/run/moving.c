@@ -96,9 +96,8 @@ static sv_status score_newest(sv_app *app) {
   const int slot = (app->exposures.i_next + app->cfg.n_exposures - 1) % app->cfg.n_exposures;
   double sum = 0;
   for (int i = 0; i < n; i++) {
-    const sv_train_view *v = &app->trainer.views[slot * n + i];
     double mse;
-    sv_status s = sv_driver_mse(&app->trainer, &v->view, v->image.px, &mse);
+    sv_status s = sv_driver_view_mse(&app->trainer, slot * n + i, &mse);
     if (s < 0) return s;
     sum += sv_psnr_of_mse(mse) / n;
   }

@@ -114,6 +114,36 @@ static void add_settings(sv_str *s, const sv_app *app) {
              sv_driver_n_views(&app->trainer));
 }
 
+static void add_values(sv_str *s, const char *key, const double *v, int n) {
+  sv_str_add(s, "\"%s\": [", key);
+  for (int i = 0; i < n; i++) sv_str_add(s, "%s%.4f", i ? ", " : "", v[i]);
+  sv_str_add(s, "]");
+}
+
+// What training learned of the cameras' and the exposures' color.
+static void add_appearance(sv_str *s, const sv_app *app) {
+  const sv_appearance_cfg *c = &app->trainer.cfg.appearance;
+  const sv_appearance *a = &app->trainer.appearance;
+  if (c->n_cameras < 1) return;
+  sv_str_add(s, "  \"appearance\": {\"cameras\": [");
+  for (int i = 0; i < c->n_cameras; i++) {
+    sv_str_add(s, "%s\n    {", i ? "," : "");
+    add_values(s, "color", a->camera[i].p, 9);
+    sv_str_add(s, ", ");
+    add_values(s, "offset", a->camera[i].p + 9, 3);
+    sv_str_add(s, ", ");
+    add_values(s, "falloff", a->camera[i].p + 12, 3);
+    sv_str_add(s, "}");
+  }
+  sv_str_add(s, "], \"exposures\": [");
+  for (int i = 0; i < c->n_exposures; i++) {
+    sv_str_add(s, "%s\n    {", i ? "," : "");
+    add_values(s, "color", a->exposure[i].p, 9);
+    sv_str_add(s, "}");
+  }
+  sv_str_add(s, "]},\n");
+}
+
 static void add_odometry(sv_str *s, const sv_app *app) {
   const sv_odometry *o = &app->odometry;
   const sv_track_summary *m = &o->summary;
@@ -149,6 +179,7 @@ sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) {
   sv_str_add(&s, "  \"relocated\": %u,\n  \"dropped_splats\": %u,\n  \"device_errors\": %llu,\n",
              app->trainer.n_relocated, app->trainer.render.stats.n_dropped,
              (unsigned long long)app->capture.n_device_errors);
+  add_appearance(&s, app);
   add_odometry(&s, app);
   add_timing(&s, app);
   add_live(&s, app);

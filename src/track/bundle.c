@@ -3,6 +3,7 @@
 
 #include <string.h>
 
+#include "src/base/cholesky.h"
 #include "src/base/mathx.h"
 #include "src/port/heartbeat.h"
 
@@ -284,31 +285,6 @@ static void build(sv_bundle *b, const sv_bundle_options *o, double lambda) {
 
 // --- solving -------------------------------------------------------------------------------------
 
-// Cholesky in the lower triangle, in place.
-static bool factor(double *s, int n) {
-  for (int i = 0; i < n; i++)
-    for (int j = 0; j <= i; j++) {
-      double *si = s + (size_t)i * (size_t)n, *sj = s + (size_t)j * (size_t)n, sum = si[j];
-      for (int k = 0; k < j; k++) sum -= si[k] * sj[k];
-      if (i > j) si[j] = sum / sj[j];
-      else if (sum > 0) si[j] = sqrt(sum);
-      else return false;
-    }
-  return true;
-}
-
-static void substitute(const double *s, int n, double *x) {
-  for (int i = 0; i < n; i++) {
-    const double *row = s + (size_t)i * (size_t)n;
-    for (int k = 0; k < i; k++) x[i] -= row[k] * x[k];
-    x[i] /= row[i];
-  }
-  for (int i = n - 1; i >= 0; i--) {
-    x[i] /= s[(size_t)i * (size_t)n + (size_t)i];
-    for (int k = 0; k < i; k++) x[k] -= s[(size_t)i * (size_t)n + (size_t)k] * x[i];
-  }
-}
-
 static void step_points(sv_bundle *b, const sv_bundle_options *o, double lambda) {
   point_sums p;
   double vi[6];
@@ -327,9 +303,9 @@ static void step_points(sv_bundle *b, const sv_bundle_options *o, double lambda)
 bool sv_bundle_linear_step(sv_bundle *b, const sv_bundle_options *o, double lambda) {
   number_blocks(b, o);
   build(b, o, lambda);
-  if (!factor(b->s, b->n_params)) return false;
+  if (!sv_cholesky(b->s, b->n_params)) return false;
   for (int i = 0; i < b->n_params; i++) b->step[i] = -b->g[i];
-  substitute(b->s, b->n_params, b->step);
+  sv_cholesky_solve(b->s, b->n_params, b->step);
   step_points(b, o, lambda);
   return true;
 }
@@ -420,7 +396,7 @@ double sv_bundle_scale_sigma(sv_bundle *b, const sv_bundle_options *o) {
     spread += sv_dot3(e, e);
   }
   build(b, o, 0);
-  if (!(spread > 0) || !factor(b->s, b->n_params)) return -1;
+  if (!(spread > 0) || !sv_cholesky(b->s, b->n_params)) return -1;
   // d log(size) by the twists: a position moves by -R^T v and is invariant to rotation.
   memset(b->step, 0, (size_t)b->n_params * sizeof *b->step);
   for (int i = 0; i < b->n_poses; i++) {
@@ -431,7 +407,7 @@ double sv_bundle_scale_sigma(sv_bundle *b, const sv_bundle_options *o) {
     for (int k = 0; k < 3; k++) b->step[6 * b->block_of[i] + 3 + k] = -e[k] / spread;
   }
   memcpy(b->g, b->step, (size_t)b->n_params * sizeof *b->step);
-  substitute(b->s, b->n_params, b->step);
+  sv_cholesky_solve(b->s, b->n_params, b->step);
   for (int i = 0; i < b->n_params; i++) var += b->g[i] * b->step[i];
   measure(b, &m);
   return var >= 0 ? sqrt(var) * m.rms_px : -1;

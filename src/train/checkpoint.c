@@ -25,11 +25,19 @@ static size_t floors_bytes(const sv_trainer *t) {
   return t->cfg.min_scale_px > 0.0f ? (size_t)t->g.cap * sizeof *t->floor : 0;
 }
 
+// Sections APPC and APPE: what was learned of cameras and exposures.
+static size_t cameras_bytes(const sv_trainer *t) {
+  return (size_t)t->cfg.appearance.n_cameras * sizeof *t->appearance.camera;
+}
+static size_t exposures_bytes(const sv_trainer *t) {
+  return cameras_bytes(t) ? (size_t)t->cfg.appearance.n_exposures * sizeof *t->appearance.exposure : 0;
+}
+
 static size_t moments_bytes(const sv_trainer *t) { return rows_bytes(t) / sizeof(float) * sizeof *t->m; }
 
 size_t sv_checkpoint_bytes(const sv_trainer *t) {
-  return SV_SECTIONS_OVERHEAD_BYTES + 15 * 40 + floors_bytes(t) + sizeof(head_t) + rows_bytes(t) +
-         2 * moments_bytes(t) + (size_t)t->g.cap * sizeof(float) +
+  return SV_SECTIONS_OVERHEAD_BYTES + 17 * 40 + floors_bytes(t) + cameras_bytes(t) + exposures_bytes(t) +
+         sizeof(head_t) + rows_bytes(t) + 2 * moments_bytes(t) + (size_t)t->g.cap * sizeof(float) +
          (size_t)(t->cfg.cap_views + t->cfg.cap_regions) * sizeof(int) +
          (SV_TRAIN_HAS(t, checkpoint_bytes) ? t->hooks->checkpoint_bytes(t->hooked) : 0);
 }
@@ -64,6 +72,10 @@ sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
   if (s >= 0) s = sv_sections_put(&w, "ERRS", t->err, (size_t)t->g.cap * sizeof(float), err);
   if (s >= 0) s = sv_sections_put(&w, "ORDR", t->order, (size_t)n_items(t) * sizeof(int), err);
   if (s >= 0 && t->floor) s = sv_sections_put(&w, "FLOR", t->floor, floors_bytes(t), err);
+  if (s >= 0 && cameras_bytes(t))
+    s = sv_sections_put(&w, "APPC", t->appearance.camera, cameras_bytes(t), err);
+  if (s >= 0 && exposures_bytes(t))
+    s = sv_sections_put(&w, "APPE", t->appearance.exposure, exposures_bytes(t), err);
   if (s >= 0 && SV_TRAIN_HAS(t, save)) s = t->hooks->save(t->hooked, &w, err);
   return s >= 0 ? sv_sections_end(&w, err) : s;
 }
@@ -134,6 +146,10 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
   if (s >= 0) s = sv_sections_get(&r, "ERRS", t->err, (size_t)t->g.cap * sizeof(float), err);
   if (s >= 0) s = sv_sections_get(&r, "ORDR", t->order, (size_t)h.n_items * sizeof(int), err);
   if (s >= 0 && t->floor) s = sv_sections_get(&r, "FLOR", t->floor, floors_bytes(t), err);
+  if (s >= 0 && cameras_bytes(t))
+    s = sv_sections_get(&r, "APPC", t->appearance.camera, cameras_bytes(t), err);
+  if (s >= 0 && exposures_bytes(t))
+    s = sv_sections_get(&r, "APPE", t->appearance.exposure, exposures_bytes(t), err);
   if (s >= 0 && SV_TRAIN_HAS(t, load)) s = t->hooks->load(t->hooked, &r, &h.motion, err);
   if (s < 0) return s;
   t->i_order = h.i_order;

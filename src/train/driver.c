@@ -7,6 +7,8 @@
 #include "src/metric/metric.h"
 #include "src/rig/limits.h"
 #include "src/splat/constants.h"
+#include "src/train/appearance_start.h"
+#include "src/train/step.h"
 #include "src/train/stereo.h"
 #include "src/train/sweep.h"
 #include "src/train/measurement.h"
@@ -39,6 +41,8 @@ size_t sv_driver_scratch_bytes(const sv_train_cfg *cfg, int n_points) {
   const size_t radius = (size_t)cfg->n_gaussians * sizeof(float); // sv_gaussians_radius
   size_t most = fill > sweep ? fill : sweep;
   if (most < radius) most = radius;
+  const size_t appearance = sv_appearance_start_bytes(cfg);
+  if (most < appearance) most = appearance;
   return most + 4096;
 }
 
@@ -74,6 +78,13 @@ static bool is_seen(const sv_trainer *t) {
   return n >= n_needed;
 }
 
+static sv_status start_appearance(sv_trainer *t, sv_arena *scratch, sv_err *err) {
+  int n_points;
+  sv_status s = sv_appearance_start(t, scratch, &n_points);
+  return s < 0 ? sv_fail(err, s, "the colors of the cameras could not be compared: %s", sv_status_text(s))
+               : SV_OK;
+}
+
 sv_status sv_driver_place(sv_trainer *t, const sv_driver_start *start, sv_err *err) {
   sv_status s = sv_train_start(t, &start->init, start->points, start->n_points, start->scratch);
   if (s < 0)
@@ -82,7 +93,7 @@ sv_status sv_driver_place(sv_trainer *t, const sv_driver_start *start, sv_err *e
   if (start->is_scene_set) sv_train_set_scene(t, start->bounds.centre, start->bounds.radius);
   const double centre[3] = {(double)t->centre[0], (double)t->centre[1], (double)t->centre[2]};
   if ((s = sv_limits_check_scene(centre, (double)t->radius, "the first model", err)) < 0) return s;
-  if (is_seen(t)) return SV_OK;
+  if (is_seen(t)) return start->n_maps > 0 ? start_appearance(t, start->scratch, err) : SV_OK;
   return sv_fail(
       err, SV_E_RANGE,
       "no camera sees the first model: %d of %d Gaussians were expected in front of one; are points "
@@ -185,10 +196,7 @@ sv_status sv_driver_render(sv_trainer *t, const sv_view *view, const sv_planes *
   return sv_train_measure(t, view, &o, sv_train_is_supersampled(t, 1, 1.0f), out);
 }
 
-sv_status sv_driver_mse(sv_trainer *t, const sv_view *view, const uint8_t *rgb, double *mse) {
-  const sv_planes *p;
-  sv_status s = sv_driver_render(t, view, &p);
-  if (s < 0) return s;
+static double mse_of(const sv_planes *p, const sv_view *view, const uint8_t *rgb) {
   double sum = 0;
   for (int y = 0; y < view->height_px; y++)
     for (int x = 0; x < view->width_px; x++)
@@ -197,8 +205,24 @@ sv_status sv_driver_mse(sv_trainer *t, const sv_view *view, const uint8_t *rgb, 
                    rgb[((size_t)y * (size_t)view->width_px + (size_t)x) * 3 + (size_t)c] / 255.0;
         sum += d * d;
       }
-  *mse = sum / (3.0 * view->width_px * view->height_px);
-  return SV_OK;
+  return sum / (3.0 * view->width_px * view->height_px);
+}
+
+sv_status sv_driver_mse(sv_trainer *t, const sv_view *view, const uint8_t *rgb, double *mse) {
+  const sv_planes *p;
+  sv_status s = sv_driver_render(t, view, &p);
+  if (s >= 0) *mse = mse_of(p, view, rgb);
+  return s;
+}
+
+sv_status sv_driver_view_mse(sv_trainer *t, int i_view, double *mse) {
+  const sv_train_view *v = &t->views[i_view];
+  const sv_planes *p;
+  const float black[3] = {0};
+  sv_status s = sv_driver_render(t, &v->view, &p);
+  if (s >= 0 && sv_train_has_appearance(t, i_view)) sv_train_load_image(t, &v->image, 1, black, &t->target);
+  if (s >= 0) *mse = mse_of(sv_train_appear(t, i_view, &v->view, p), &v->view, v->image.px);
+  return s;
 }
 
 // Of one region, which was predicted.
@@ -235,7 +259,7 @@ sv_status sv_driver_training_psnr(sv_trainer *t, double *psnr) {
   *psnr = 0;
   for (int i = 0; i < n; i++) {
     double mse;
-    sv_status s = i < t->n_views ? sv_driver_mse(t, &t->views[i].view, t->views[i].image.px, &mse)
+    sv_status s = i < t->n_views ? sv_driver_view_mse(t, i, &mse)
                                  : measurement_mse(t, &t->measurements[i - t->n_views], &mse);
     if (s < 0) return s;
     *psnr += sv_psnr_of_mse(mse) / n;

@@ -166,13 +166,15 @@ static sv_status view_step(sv_trainer *t, const sv_train_choice *c, const sv_ren
   sv_train_image im;
   sv_status s = begin_image(t, c, o, &im);
   if (s < 0 || (s = sv_train_measure(t, &im.view, &im.options, im.is_supersampled, &x)) < 0) return s;
+  const sv_planes *shown = sv_train_appear(t, c->i_view, &im.view, x);
   const sv_photometric_value loss =
-      sv_photometric_loss(&t->photometric, x, &t->target, &t->grad, errors, t->cfg.weight_ssim);
+      sv_photometric_loss(&t->photometric, shown, &t->target, &t->grad, errors, t->cfg.weight_ssim);
   out->scale = im.scale;
   out->loss = loss.loss;
   out->l1 = loss.l1;
   out->ssim = loss.ssim;
   sv_train_weigh(t, im.weight, errors);
+  sv_train_appear_bwd(t, c->i_view, x, &im.view, c->progress);
   if (t->cfg.weight_tv > 0.0f) out->loss += sv_tv_loss(&t->tv, x, &t->grad, SV_TV_SQUARED, t->cfg.weight_tv);
   if (sv_train_is_probe_due(t)) {
     const double l1 = loss.l1 / (double)im.weight; // its square must count once

@@ -55,7 +55,8 @@ sv_train_cfg sv_train_defaults(void) {
       .relocate_from = 0.05f,
       .relocate_until = 0.8f,
       .noise = 1.0f,
-      .expected_steps = 3000};
+      .expected_steps = 3000,
+      .appearance = sv_appearance_defaults()};
   return c;
 }
 
@@ -136,6 +137,7 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
     t->poses.cam_from_rig = SV_TAKE(a, sv_pose, c->cap_views);
     t->poses.sum = sv_arena_take(a, cap / 16 + 1, sizeof *t->poses.sum);
   }
+  sv_appearance_carve(&t->appearance, c, px, a);
   return a->status < 0 ? a->status : SV_OK;
 }
 
@@ -236,6 +238,7 @@ sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u
                    view->height_px, t->cfg.cap_width_px, t->cfg.cap_height_px);
   t->views[t->n_views] = (sv_train_view){*view, *image};
   if (t->cfg.poses.cap_poses > 0) t->poses.pose_of[t->n_views] = -1;
+  sv_train_set_appearance(t, t->n_views, -1, -1);
   if (t->n_views == 0 || fabsf(view->time - 0.5f) < fabsf(t->reference_time - 0.5f))
     t->reference_time = view->time;
   if (t->n_views == 0 || view->time > t->newest_time) t->newest_time = view->time;
@@ -312,6 +315,7 @@ sv_status sv_train_start(sv_trainer *t, const sv_init_cfg *init, const sv_point 
   for (int i = 0; i < t->cfg.cap_views + t->cfg.cap_regions; i++) t->order[i] = i;
   t->trained_s = 0.0;
   t->step = 0;
+  sv_appearance_reset(&t->appearance, &t->cfg.appearance);
   if (SV_TRAIN_HAS(t, start)) t->hooks->start(t->hooked);
   sv_train_set_floors(t);
   return SV_OK;

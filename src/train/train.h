@@ -14,6 +14,7 @@
 #include "src/loss/tv.h"
 #include "src/rig/forward.h"
 #include "src/splat/render.h"
+#include "src/train/appearance.h"
 #include "src/train/hooks.h"
 #include "src/train/train_cfg.h"
 
@@ -70,6 +71,7 @@ struct sv_trainer {
   sv_forward forward; // of regions
   sv_supersample supersample;
   sv_train_poses poses;
+  sv_appearance appearance;
   // Image planes. The rule of who may write which when:
   // - target is of the step's image: written when it is loaded, read until its loss is known. From
   //   then on it is free for reuse (curvature.c puts the probe's signs there).

@@ -8,6 +8,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "src/train/appearance.h"
 #include "src/train/poses.h"
 
 #ifdef __cplusplus
@@ -51,7 +52,7 @@ typedef struct {
   float cap_scale; // The same, of log-scales. Default 2.5.
 } sv_newton_cfg;
 
-typedef struct {
+typedef struct sv_train_cfg {
   int n_gaussians;      // Gaussians, 1 to 4,000,000; their number never changes. Default 20000.
   int sh_degree;        // Highest degree of spherical harmonics, 0 to 3. Default 1.
   int cap_views;        // Views that can be added. Default 64.
@@ -117,7 +118,8 @@ typedef struct {
   // Whether hooks add images to a step (sv_train_hooks.add_images), which takes memory. Default
   // false.
   bool has_images;
-  sv_train_poses_cfg poses; // Pose refinement. Default: none.
+  sv_train_poses_cfg poses;     // Pose refinement. Default: none.
+  sv_appearance_cfg appearance; // Of cameras and exposures. Default: none.
 } sv_train_cfg;
 
 sv_train_cfg sv_train_defaults(void);
