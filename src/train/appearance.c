@@ -196,8 +196,8 @@ static void step(sv_appearance_group *g, const double *grad, int from, int to, d
 }
 
 // M = E C and b = E c: dL/dC = E^T dL/dM, dL/dc = E^T dL/db, dL/dE = dL/dM C^T + dL/db c^T.
-static void share(const double *sum, const double *camera, const double *exposure, double d_camera[N_COLOR],
-                  double d_exposure[9]) {
+void sv_appearance_share(const double *sum, const double *camera, const double *exposure, double *d_camera,
+                         double *d_exposure) {
   for (int i = 0; i < 3; i++)
     for (int k = 0; k < 3; k++) {
       double dc = 0, de = sum[9 + i] * camera[9 + k];
@@ -223,7 +223,7 @@ static void move(sv_trainer *t, int i_view, const double sum[SV_APPEARANCE_SUMS]
   memcpy(d_camera, sum, sizeof d_camera);
   if (i_exposure >= 0) {
     sv_appearance_group *e = &t->appearance.exposure[i_exposure];
-    share(sum, camera->p, e->p, d_camera, d_exposure);
+    sv_appearance_share(sum, camera->p, e->p, d_camera, d_exposure);
     e->n_steps++;
     if (i_exposure > 0) step(e, d_exposure, 0, 9, rate * (double)c->lr_exposure, (double)c->pull);
   }

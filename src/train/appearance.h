@@ -64,6 +64,10 @@ bool sv_train_has_appearance(const sv_trainer *t, int i_view);
 const sv_planes *sv_train_appear(sv_trainer *t, int i_view, const sv_view *view, const sv_planes *x);
 // t->grad, dL/d(what the camera shows), becomes dL/dx; then the view's groups move. x as before.
 void sv_train_appear_bwd(sv_trainer *t, int i_view, const sv_planes *x, const sv_view *view, float progress);
+// From sums [SV_APPEARANCE_SUMS] of the product's gradients to those of camera and exposure, whose
+// parameters are given: d_camera[12], d_exposure[9].
+void sv_appearance_share(const double *sum, const double *camera, const double *exposure, double *d_camera,
+                         double *d_exposure);
 // The transform of a view (M, b, k).
 void sv_train_appearance_of(const sv_trainer *t, int i_view, double out[SV_APPEARANCE_SUMS]);
 

@@ -1,0 +1,240 @@
+// SPDX-License-Identifier: Apache-2.0
+// Appearance: gradients of the rendered image and of all parameters against central differences,
+// through sRGB and back; saturated targets; the start from surface points.
+#include <math.h>
+#include <string.h>
+
+#include "src/base/rng.h"
+#include "src/train/appearance_start.h"
+#include "src/train/train.h"
+#include "tests/common/test.h"
+
+#define W      40
+#define H      24
+#define N_PX   (W * H)
+#define SPREAD 0.002
+
+static uint8_t block[24 << 20] __attribute__((aligned(64)));
+static uint8_t pictures[4][N_PX * 3];
+static sv_trainer t;
+static sv_kernels k;
+static sv_pool pool;
+static sv_planes x, weights;
+
+static void open_trainer(int n_views, int n_exposures, int n_gaussians) {
+  sv_arena a = sv_arena_make(block, sizeof block);
+  sv_err err = {0};
+  sv_train_cfg cfg = sv_train_defaults();
+  sv_kernels_init(&k, ~0u);
+  pool = sv_pool_serial();
+  cfg.n_gaussians = n_gaussians;
+  cfg.cap_views = n_views;
+  cfg.cap_width_px = cfg.cap_height_px = 64;
+  cfg.appearance.n_cameras = 2;
+  cfg.appearance.n_exposures = n_exposures;
+  assert_ok(sv_trainer_init(&t, &cfg, (sv_compute){&k, &pool}, &a, &err), &err);
+  assert_ok(sv_planes_init(&x, W, H, &a), &err);
+  assert_ok(sv_planes_init(&weights, W, H, &a), &err);
+  for (int i = 0; i < n_views; i++) {
+    sv_pose pose;
+    const double eye[3] = {3, 0.9 * i - 1.3, i & 1 ? 0.9 : -0.5},
+                 at[3] = {0, 0.3 * (i & 2) - 0.3, 0.2 * (i & 1)}, up[3] = {0, 0, 1};
+    assert_true(sv_pose_look_at(&pose, eye, at, up));
+    const sv_view v = sv_view_make(W, H, (const double[]){44, 44, 0.45 * W, 0.55 * H}, &pose);
+    const sv_image_u8 image = {pictures[i], W, H, 3, 3 * W};
+    assert_ok(sv_train_add_view(&t, &v, &image, &err), &err);
+    sv_train_set_appearance(&t, i, i % 2, n_exposures ? i / 2 : -1);
+  }
+  sv_appearance_reset(&t.appearance, &t.cfg.appearance);
+}
+
+static void fill(sv_planes *p, sv_rng *rng, float from, float to) {
+  for (int c = 0; c < 3; c++)
+    for (int y = 0; y < H; y++)
+      for (int i = 0; i < W; i++) p->c[c][y * p->stride + i] = from + (to - from) * sv_rng_f(rng);
+}
+
+// The weighted sum of what view i_view's camera shows.
+static double value(int i_view) {
+  const sv_planes *shown = sv_train_appear(&t, i_view, &t.views[i_view].view, &x);
+  double sum = 0;
+  for (int c = 0; c < 3; c++)
+    for (int y = 0; y < H; y++)
+      for (int i = 0; i < W; i++)
+        sum += (double)weights.c[c][y * weights.stride + i] * (double)shown->c[c][y * shown->stride + i];
+  return sum;
+}
+
+static void make_problem(sv_appearance_group *camera, sv_appearance_group *exposure) {
+  static const double m[9] = {1.2, 0.1, -0.05, 0.02, 0.8, 0.03, -0.1, 0.07, 1.1};
+  sv_rng rng = sv_rng_make(3, 3);
+  fill(&x, &rng, 0.3f, 0.9f); // not where sRGB has its kink
+  fill(&weights, &rng, -1, 1);
+  sv_planes_set_size(&t.target, W, H);
+  sv_planes_clear(&t.target); // nothing is saturated
+  memcpy(camera->p, m, sizeof m);
+  for (int i = 0; i < 3; i++) camera->p[9 + i] = 0.01 * (i - 1);
+  for (int i = 0; i < 3; i++) camera->p[12 + i] = -0.1 - 0.05 * i;
+  for (int i = 0; i < 9; i++) exposure->p[i] = (i % 4 == 0 ? 0.9 : 0.02) + 0.01 * i;
+}
+
+// The gradient of view 3 without a step: with rates of 0.
+static void gradient(double sum[SV_APPEARANCE_SUMS]) {
+  t.cfg.appearance.lr_camera = t.cfg.appearance.lr_falloff = t.cfg.appearance.lr_exposure = 0;
+  sv_planes_set_size(&t.grad, W, H);
+  for (int c = 0; c < 3; c++) memcpy(t.grad.c[c], weights.c[c], (size_t)weights.stride * H * sizeof(float));
+  sv_train_appear_bwd(&t, 3, &x, &t.views[3].view, 0.5f);
+  memset(sum, 0, SV_APPEARANCE_SUMS * sizeof *sum);
+  for (int y = 0; y < H; y++)
+    for (int i = 0; i < SV_APPEARANCE_SUMS; i++)
+      sum[i] += (double)t.appearance.row_sum[y * SV_APPEARANCE_SUMS + i];
+}
+
+TEST(test_gradients) {
+  double sum[SV_APPEARANCE_SUMS];
+  open_trainer(4, 2, 16);
+  sv_appearance_group *camera = &t.appearance.camera[1], *exposure = &t.appearance.exposure[1];
+  make_problem(camera, exposure);
+  gradient(sum);
+  for (int s = 0; s < 60; s++) { // of the image
+    const int c = s % 3, at = (s * 7 % H) * x.stride + s * 11 % W;
+    float *v = &x.c[c][at];
+    const float was = *v;
+    *v = was + (float)SPREAD;
+    const double up = value(3);
+    *v = was - (float)SPREAD;
+    const double down = value(3);
+    *v = was;
+    assert_near((double)t.grad.c[c][at], (up - down) / (2 * SPREAD), 0.01);
+  }
+  // Of the falloff, and of the exposure and the camera, through what the kernel sums of their
+  // product.
+  for (int i = 0; i < 3; i++) {
+    camera->p[12 + i] += SPREAD;
+    const double up = value(3);
+    camera->p[12 + i] -= 2 * SPREAD;
+    assert_near(sum[12 + i], (up - value(3)) / (2 * SPREAD), 0.02 * (1 + fabs(sum[12 + i])));
+    camera->p[12 + i] += SPREAD;
+  }
+  sv_appearance_group *groups[2] = {exposure, camera};
+  double got[2][12];
+  sv_appearance_share(sum, camera->p, exposure->p, got[1], got[0]);
+  for (int g = 0; g < 2; g++)
+    for (int i = 0; i < (g ? 12 : 9); i++) {
+      groups[g]->p[i] += SPREAD;
+      const double up = value(3);
+      groups[g]->p[i] -= 2 * SPREAD;
+      assert_near(got[g][i], (up - value(3)) / (2 * SPREAD), 0.02 * (1 + fabs(got[g][i])));
+      groups[g]->p[i] += SPREAD;
+    }
+}
+
+// A pixel of the target that is saturated takes no gradient where the camera would show more.
+TEST(test_saturated) {
+  double sum[SV_APPEARANCE_SUMS];
+  open_trainer(4, 2, 16);
+  make_problem(&t.appearance.camera[1], &t.appearance.exposure[1]);
+  t.appearance.camera[1].p[0] = 2;
+  for (int c = 0; c < 3; c++)
+    for (int i = 0; i < H * t.target.stride; i++) t.target.c[c][i] = 1;
+  const sv_planes *shown = sv_train_appear(&t, 3, &t.views[3].view, &x);
+  int n = 0;
+  for (int y = 0; y < H; y++)
+    for (int i = 0; i < W; i++) {
+      assert_true(shown->c[0][y * shown->stride + i] <= 1.0f);
+      n += shown->c[0][y * shown->stride + i] == 1.0f;
+    }
+  assert_true(n > 20 && n < N_PX);
+  gradient(sum);
+  for (int y = 0; y < H; y++)
+    for (int i = 0; i < W; i++)
+      if (shown->c[0][y * shown->stride + i] == 1.0f && shown->c[1][y * shown->stride + i] == 1.0f &&
+          shown->c[2][y * shown->stride + i] == 1.0f)
+        assert_true(t.grad.c[0][y * t.grad.stride + i] == 0.0f);
+}
+
+// The reference camera and exposure stay as they are, but for the falloff; the others move.
+TEST(test_reference) {
+  open_trainer(4, 2, 16);
+  make_problem(&t.appearance.camera[1], &t.appearance.exposure[1]);
+  for (int i = 0; i < 4; i++) {
+    sv_planes_set_size(&t.grad, W, H);
+    for (int c = 0; c < 3; c++) memcpy(t.grad.c[c], weights.c[c], (size_t)weights.stride * H * sizeof(float));
+    sv_train_appear_bwd(&t, i, &x, &t.views[i].view, 0.0f);
+  }
+  for (int i = 0; i < 12; i++) {
+    const double identity = i < 9 && i % 4 == 0;
+    assert_true(t.appearance.camera[0].p[i] == identity);
+    if (i < 9) assert_true(t.appearance.exposure[0].p[i] == identity);
+  }
+  assert_true(t.appearance.camera[0].p[12] != 0 && t.appearance.camera[1].n_steps == 2);
+}
+
+// --- the start -------------------------------------------------------------------------------------
+
+static double display_of(double light) {
+  return light <= 0.0031308 ? 12.92 * light : 1.055 * pow(light, 1 / 2.4) - 0.055;
+}
+
+// A textured plane through the origin, seen by four views; Gaussians on it. What the cameras do to its
+// light is found.
+TEST(test_start) {
+  static const double gain[2][3] = {{1, 1, 1}, {1.3, 0.9, 0.7}}, drift[2] = {1, 0.8},
+                      falloff[2] = {-0.3, -0.2};
+  static uint8_t memory[8 << 20] __attribute__((aligned(64)));
+  sv_arena scratch = sv_arena_make(memory, sizeof memory);
+  int n_points;
+  open_trainer(4, 2, 3600);
+  for (int v = 0; v < 4; v++) {
+    const sv_view *view = &t.views[v].view;
+    const double far_x = fmax((double)view->cx, W - (double)view->cx),
+                 far_y = fmax((double)view->cy, H - (double)view->cy);
+    for (int p = 0; p < N_PX; p++) { // the ray meets the plane x = 0
+      const double d[3] = {((p % W) + 0.5 - (double)view->cx) / (double)view->fx,
+                           ((p / W) + 0.5 - (double)view->cy) / (double)view->fy, 1};
+      double o[3], dir[3];
+      for (int i = 0; i < 3; i++) {
+        o[i] = dir[i] = 0;
+        for (int j = 0; j < 3; j++) {
+          o[i] -= (double)view->r[3 * j + i] * (double)view->t[j];
+          dir[i] += (double)view->r[3 * j + i] * d[j];
+        }
+      }
+      const double s = -o[0] / dir[0], yw = o[1] + s * dir[1], zw = o[2] + s * dir[2];
+      const double r2 =
+          (pow((p % W) + 0.5 - (double)view->cx, 2) + pow((p / W) + 0.5 - (double)view->cy, 2)) /
+          (far_x * far_x + far_y * far_y);
+      for (int c = 0; c < 3; c++) {
+        const double light = (0.35 + 0.1 * sin(3 * yw + c) * cos(2 * zw)) * gain[v % 2][c] * drift[v / 2] *
+                             (1 + falloff[v % 2] * r2);
+        pictures[v][3 * p + c] = (uint8_t)(255 * display_of(light) + 0.5);
+      }
+    }
+  }
+  for (int i = 0; i < 3600; i++) {
+    const sv_gaussian g = {.mean = {0, (float)(i % 60) / 30 - 1, (float)(i / 60) / 30 - 1},
+                           .quat_wxyz = {1},
+                           .log_scale = {-6, -3.6f, -3.6f},
+                           .opacity_logit = 3};
+    sv_gaussians_put(&t.g, i, &g);
+  }
+  sv_train_set_scene(&t, (const float[]){0, 0, 0}, 1.5f);
+  assert_int_equal(sv_appearance_start(&t, &scratch, &n_points), SV_OK);
+  print_message("%d points\n", n_points);
+  assert_true(n_points > 300);
+  for (int c = 0; c < 3; c++) {
+    assert_near(t.appearance.camera[1].p[4 * c], gain[1][c], 0.02);
+    assert_near(t.appearance.exposure[1].p[4 * c], drift[1], 0.02);
+  }
+  for (int i = 0; i < 2; i++) {
+    const double *f = t.appearance.camera[i].p + 12;
+    assert_near(f[0] + f[1] + f[2], falloff[i], 0.03);
+    assert_near(f[0] / 2 + f[1] / 4 + f[2] / 8, falloff[i] / 2, 0.03);
+  }
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_gradients), cmocka_unit_test(test_saturated),
+                                     cmocka_unit_test(test_reference), cmocka_unit_test(test_start)};
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
