@@ -1,16 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "boards/outputs.h"
 
-#include <errno.h>
-#include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #define N_TRIES       6 // of a picture at the end
 #define FIRST_WAIT_NS (250 * SV_NS_PER_MS)
 #define CAP_DOUBLINGS 6
-#define CAP_FOLDERS   100
 
 void outputs_init(outputs *o) {
   *o = (outputs){0};
@@ -38,26 +34,12 @@ sv_status outputs_open(outputs *o, const run_options *opt, const sv_app *app, sv
 
 // --- the second place ----------------------------------------------------------------------------
 
-// A new folder of this user alone; /dev/shm is everybody's.
-static bool make_private(char *path, size_t cap, const char *in) {
-  struct stat st;
-  if (!in || stat(in, &st) < 0 || !S_ISDIR(st.st_mode)) return false;
-  for (int i = 0; i < CAP_FOLDERS; i++) {
-    if (sv_fmt(path, cap, "%s/subview-rescue.%ld.%d", in, (long)getpid(), i) >= cap) return false;
-    if (mkdir(path, 0700) == 0) return true;
-    if (errno != EEXIST) return false;
-  }
-  return false;
-}
-
 static sv_status open_rescue(outputs *o, sv_err *err) {
   char path[SV_LINUX_CAP_PATH];
   if (o->rescue.dir_fd >= 0) return SV_OK;
   if (o->rescue_option) return sv_linux_store_open(&o->rescue, o->rescue_option, err);
-  if (!make_private(path, sizeof path, "/dev/shm") &&
-      !make_private(path, sizeof path, getenv("XDG_RUNTIME_DIR")))
-    return sv_fail(err, SV_E_IO, "there is no memory-backed folder to save in instead; give --rescue DIR");
-  return sv_linux_store_open(&o->rescue, path, err);
+  sv_status s = sv_linux_rescue_dir(path, sizeof path, err);
+  return s < 0 ? s : sv_linux_store_open(&o->rescue, path, err);
 }
 
 static sv_status rescue_begin(void *self, const char *name, sv_err *err) {

@@ -106,6 +106,10 @@ sv_status sv_linux_store_lock(const sv_linux_store *s, sv_err *err) SV_MUST_USE;
 sv_store sv_linux_store_port(sv_linux_store *s);
 void sv_linux_store_close(sv_linux_store *s); // abandons a file that was not committed
 
+// Makes a new folder in memory (/dev/shm, $XDG_RUNTIME_DIR), readable by this user alone, for what
+// an output folder does not take.
+sv_status sv_linux_rescue_dir(char *path, size_t cap, sv_err *err) SV_MUST_USE;
+
 // Makes a folder and its missing parents.
 sv_status sv_linux_make_dir(const char *dir, sv_err *err) SV_MUST_USE;
 

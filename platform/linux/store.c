@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <errno.h>
 #include <fcntl.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include "platform/linux/linux.h"
 #include "src/base/str.h"
+
+#define CAP_RESCUES 100 // second places of one process
 
 // The system's words for an error without strerror, which may allocate for its translations.
 const char *sv_linux_reason(int e) {
@@ -150,6 +153,23 @@ sv_status sv_linux_make_dir(const char *dir, sv_err *err) {
     path[i] = c;
     if (!c) return SV_OK;
   }
+}
+
+// A new folder of this user alone; /dev/shm is everybody's.
+static bool make_private(char *path, size_t cap, const char *in) {
+  struct stat st;
+  if (!in || stat(in, &st) < 0 || !S_ISDIR(st.st_mode)) return false;
+  for (int i = 0; i < CAP_RESCUES; i++) {
+    if (sv_fmt(path, cap, "%s/subview-rescue.%ld.%d", in, (long)getpid(), i) >= cap) return false;
+    if (mkdir(path, 0700) == 0) return true;
+    if (errno != EEXIST) return false;
+  }
+  return false;
+}
+
+sv_status sv_linux_rescue_dir(char *path, size_t cap, sv_err *err) {
+  if (make_private(path, cap, "/dev/shm") || make_private(path, cap, getenv("XDG_RUNTIME_DIR"))) return SV_OK;
+  return sv_fail(err, SV_E_IO, "there is no memory-backed folder to save in instead");
 }
 
 void sv_linux_store_init(sv_linux_store *s) { *s = (sv_linux_store){.dir_fd = -1, .file.fd = -1}; }

@@ -76,6 +76,17 @@ TEST(test_rescue) {
   shell_ok("cmp %s/model.ply %s && rm -r %s", place, temp_path("whole/model.ply"), place);
 }
 
+TEST(test_rescue_of_lab) {
+  shell_ok("mkdir -p %s/x", temp_path("lost_lab/model.ply"));
+  expect(1, "the model is saved in ",
+         "@subview-lab train --data tests/data/kitchen --transforms transforms_train_stereo_theta10.json "
+         "--exposures 1 --steps 1 --gaussians 64 --quiet --out $/lost_lab 2>&1");
+  char *at = strstr(said, "is saved in "), *end = at ? strstr(at, " instead") : NULL;
+  if (!end || end - at > 250) fail_msg("no place in: %s", said);
+  shell_ok("cd '%.*s' && test -s model.ply && test -s train.json && rm -r \"$PWD\"", (int)(end - at - 12),
+           at + 12);
+}
+
 TEST(test_saved_list) {
   shell_ok("mkdir -p %s/x", temp_path("no_preview/preview.jpg"));
   // Only files that are there are listed as saved.
@@ -225,10 +236,11 @@ FIXTURE(set_up) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_rescue),          cmocka_unit_test(test_saved_list),
-      cmocka_unit_test(test_two_programs),    cmocka_unit_test(test_limits),
-      cmocka_unit_test(test_full_output),     cmocka_unit_test(test_not_finite),
-      cmocka_unit_test(test_two_generations), cmocka_unit_test(test_temporaries)};
+      cmocka_unit_test(test_rescue),     cmocka_unit_test(test_rescue_of_lab),
+      cmocka_unit_test(test_saved_list), cmocka_unit_test(test_two_programs),
+      cmocka_unit_test(test_limits),     cmocka_unit_test(test_full_output),
+      cmocka_unit_test(test_not_finite), cmocka_unit_test(test_two_generations),
+      cmocka_unit_test(test_temporaries)};
   if (is_emulated()) {
     printf("the programs are started by their names here, which an emulator does not take\n");
     return 77;

@@ -2,6 +2,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "src/base/mathx.h"
 #include "src/format/axes.h"
@@ -431,7 +432,7 @@ static void report_settings(lab_report *j, const run *r) {
 
 // All are written before the first takes its place: what can fail or take long leaves an older
 // model whole.
-static sv_status save_once(run *r, sv_err *err) {
+static sv_status save_in(run *r, const char *folder, sv_err *err) {
   enum { MODEL, MOTION, SETTINGS, N_FILES };
   sv_file files[N_FILES];
   char model[SV_CAP_PATH], path[SV_CAP_PATH];
@@ -446,8 +447,8 @@ static sv_status save_once(run *r, sv_err *err) {
   report_settings(&j, r);
   report_figures(&j, r);
   lab_report_end(&j);
-  sv_status s = sv_path_join(model, sizeof model, r->o->out, "model.ply", err);
-  if (s == SV_OK) s = sv_path_join(path, sizeof path, r->o->out, "train.json", err);
+  sv_status s = sv_path_join(model, sizeof model, folder, "model.ply", err);
+  if (s == SV_OK) s = sv_path_join(path, sizeof path, folder, "train.json", err);
   if (s == SV_OK) s = lab_model_begin(&files[MODEL], g, &notes, model, err);
   if (s == SV_OK && is_dynamic) s = lab_motion_begin(&files[MOTION], &r->plan.dynamic.deform, g, model, err);
   if (s == SV_OK && j.is_failed) s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its text", path);
@@ -461,16 +462,25 @@ static sv_status save_once(run *r, sv_err *err) {
   return s;
 }
 
-// A disk may refuse for a moment; a model that took an hour is worth a few more seconds.
+// A disk may refuse for a moment; a model that took an hour is worth a few more seconds, and a second
+// place.
 static sv_status save(run *r, sv_err *err) {
   const sv_clock *c = &r->session.clock;
-  sv_status s = save_once(r, err);
+  sv_status s = save_in(r, r->o->out, err);
   for (int i = 1; s == SV_E_IO && i < N_SAVES; i++) {
     if (i == 1) r->session.console.log(r->session.console.self, SV_LOG_WARN, err->text);
     c->sleep_until_ns(c->self, c->now_ns(c->self) + (FIRST_WAIT_NS << (i - 1)));
-    s = save_once(r, err);
+    s = save_in(r, r->o->out, err);
   }
-  return s;
+  char place[SV_LINUX_CAP_PATH];
+  sv_err second;
+  if (s != SV_E_IO || sv_linux_rescue_dir(place, sizeof place, &second) < 0) return s;
+  if (save_in(r, place, &second) < 0) {
+    (void)rmdir(place);
+    return s;
+  }
+  const sv_err why = *err;
+  return sv_fail(err, s, "%.150s; the model is saved in %s instead", why.text, place);
 }
 
 static sv_status print(const run *r, sv_err *err) {
