@@ -15,7 +15,7 @@ typedef struct {
 } blob;
 
 static inline sv_status blob_write(void *self, const void *data, size_t bytes, sv_err *err) {
-  blob *m = self;
+  blob *m = (blob *)self;
   if (bytes > m->cap - m->n) return sv_fail(err, SV_E_NOMEM, "full");
   if (bytes) memcpy(m->buf + m->n, data, bytes);
   m->n += bytes;
