@@ -50,7 +50,9 @@ for host in "$@"; do
   there=$(on_board '. /etc/os-release; echo $VERSION_CODENAME $(dpkg --print-architecture)') || fail "ssh does not get there"
   [ "$there" = "$suite $arch" ] || fail "runs $there, and the package is for $suite $arch (SUITE=${there% *})"
   on_board "mkdir -p $cache/next && rm -f $cache/next/* && cat >$cache/next/$name" <"$package"
-  on_board "apt-get install -y --reinstall --allow-downgrades $cache/next/$name" || fail "the package does not install"
+  # The board's lists of packages may be old, or missing.
+  on_board "apt-get install -y --reinstall --allow-downgrades $cache/next/$name || { apt-get update && \
+    apt-get install -y --reinstall --allow-downgrades $cache/next/$name; }" || fail "the package does not install"
   on_board "if ls $cache/current/*.deb >/dev/null 2>&1; then rm -rf $cache/previous && mv $cache/current $cache/previous; fi && \
     rm -rf $cache/current && mv $cache/next $cache/current"
   echo "$host: $name is installed"
