@@ -38,12 +38,12 @@ $(SANDBOX_USERS:%=$(O)/tests/%): SOLVE_LIBS_HERE = $(call has_lib,seccomp.h,-lse
 $(SOLVE_USERS:%=$(O)/tests/%): SOLVE_LIBS_HERE = $(O)/libcalibrate.a $(TEST_ARCHIVES) $(SOLVE_LIBS)
 $(SOLVE_USERS:%=$(O)/tests/%): $(O)/libcalibrate.a
 
-# Preloaded into programs by fault/test_save_calls: a system call of a save fails.
+# Preloaded into programs by these tests: a system call of a save fails, pauses are short.
 SAVE_FAULTS := $(O)/tests/save_faults.so
 $(SAVE_FAULTS): $(O)/obj/shared/tests/preload/save_faults.o
 	@mkdir -p $(@D); $(CC) -shared $< $(SYSROOT_FLAG) -o $@
 $(O)/obj/shared/tests/preload/save_faults.o: SHARED_CFLAGS = -fPIC
-$(O)/tests/fault/test_save_calls: | $(SAVE_FAULTS)
+$(O)/tests/fault/test_save_calls $(O)/tests/fault/test_saving: | $(SAVE_FAULTS)
 
 PROGS_kernels := $(O)/tests/kernels-check
 $(PROGS_kernels): $(call obj,$(filter tests/kernels/%,$(TEST_SRC))) $(PROBE_OBJ) $(TEST_ARCHIVES)

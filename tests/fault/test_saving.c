@@ -19,14 +19,16 @@
   "subview run --source sim:textured,rig=stereo,size=32x24 --exposures 1 --gaussians 24 --threads 1 "        \
   "--quiet "
 
-static char bin[256], said[16 << 10];
+static char bin[256], hurry[500], said[16 << 10];
 
-// A shell line; @ is the folder of the programs, $ that of the test. What it prints goes to `said`.
+// A shell line; @ is the folder of the programs, $ that of the test, ^ makes a program's pauses
+// short. What it prints goes to `said`.
 static int run(const char *line) {
   char text[2000];
   size_t n = 0;
   for (; *line && n + 300 < sizeof text; line++) {
     if (*line == '@') n += (size_t)snprintf(text + n, sizeof text - n, "%s/", bin);
+    else if (*line == '^') n += (size_t)snprintf(text + n, sizeof text - n, "%s", hurry);
     else if (*line == '$') n += (size_t)snprintf(text + n, sizeof text - n, "%s", temp_folder);
     else text[n++] = *line;
   }
@@ -57,7 +59,7 @@ TEST(test_rescue) {
   expect(0, NULL, "@" RUN "--steps 3 --out $/whole 2>&1");
   // A folder in the place of the file: rename refuses for good.
   shell_ok("mkdir -p %s/x %s/x", temp_path("lost/model.ply"), temp_path("lost/checkpoint.bin"));
-  expect(3, "the others are in", "@" RUN "--steps 3 --out $/lost --rescue $/second 2>&1");
+  expect(3, "the others are in", "^@" RUN "--steps 3 --out $/lost --rescue $/second 2>&1");
   assert_contains(said, "second");
   assert_true(is_there("second/model.ply") && is_there("second/checkpoint.bin") && is_there("lost/run.json"));
   expect(0, NULL, "cmp $/second/model.ply $/whole/model.ply");
@@ -66,7 +68,7 @@ TEST(test_rescue) {
          "@subview run --source sim:textured,rig=stereo,size=32x24 --exposures 1 "
          "--gaussians 24 --threads 1 --steps 5 --resume --out $/second 2>&1");
   // Without --rescue: a new folder in memory, of this user alone.
-  expect(3, "/subview-rescue.", "@" RUN "--steps 3 --out $/lost 2>&1");
+  expect(3, "/subview-rescue.", "^@" RUN "--steps 3 --out $/lost 2>&1");
   char place[300] = "", *at = strstr(said, "are in "), *end = at ? strchr(at, ';') : NULL;
   if (!end || end - at > 250) fail_msg("no place in: %s", said);
   snprintf(place, sizeof place, "%.*s", (int)(end - at - 7), at + 7);
@@ -79,7 +81,7 @@ TEST(test_rescue) {
 TEST(test_rescue_of_lab) {
   shell_ok("mkdir -p %s/x", temp_path("lost_lab/model.ply"));
   expect(1, "the model is saved in ",
-         "@subview-lab train --data tests/data/kitchen --transforms transforms_train_stereo_theta10.json "
+         "^@subview-lab train --data tests/data/kitchen --transforms transforms_train_stereo_theta10.json "
          "--exposures 1 --steps 1 --gaussians 64 --quiet --out $/lost_lab 2>&1");
   char *at = strstr(said, "is saved in "), *end = at ? strstr(at, " instead") : NULL;
   if (!end || end - at > 250) fail_msg("no place in: %s", said);
@@ -90,7 +92,7 @@ TEST(test_rescue_of_lab) {
 TEST(test_saved_list) {
   shell_ok("mkdir -p %s/x", temp_path("no_preview/preview.jpg"));
   // Only files that are there are listed as saved.
-  expect(3, NULL, "@" RUN "--steps 3 --out $/no_preview --rescue $/second3 2>$/err");
+  expect(3, NULL, "^@" RUN "--steps 3 --out $/no_preview --rescue $/second3 2>$/err");
   assert_contains(said, "second3/preview.jpg");
   assert_contains(said, "no_preview/model.ply");
   assert_not_contains(said, "no_preview/preview.jpg");
@@ -142,7 +144,7 @@ TEST(test_two_programs) {
 // --- limits --------------------------------------------------------------------------------------
 
 TEST(test_limits) {
-  expect(1, "limit of a file's size", "(ulimit -f 4; @" RUN "--steps 3 --out $/small) 2>&1");
+  expect(1, "limit of a file's size", "(ulimit -f 4; ^@" RUN "--steps 3 --out $/small) 2>&1");
   assert_int_equal(run("find $/small -name '*tmp*' | grep ."), 1);
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
   expect(1, "ulimit -v", "(ulimit -v 500000; @" RUN "--steps 3 --out $/narrow) 2>&1");
@@ -231,6 +233,11 @@ TEST(test_temporaries) {
 FIXTURE(set_up) {
   const char *b = getenv("SV_BIN");
   snprintf(bin, sizeof bin, "%s", b ? b : "build/sim-x86/bin");
+  char here[128] = "";
+  if (bin[0] != '/' && !getcwd(here, sizeof here)) return -1;
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+  snprintf(hurry, sizeof hurry, "LD_PRELOAD=%s%s%s/../tests/save_faults.so ", here, here[0] ? "/" : "", bin);
+#endif
   return temp_folder_setup(NULL);
 }
 
