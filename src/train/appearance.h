@@ -12,7 +12,7 @@
 
 #include <stdint.h>
 
-#include "kernels/appearance/appearance.h"
+#include "src/port/compute.h"
 #include "src/base/arena.h"
 #include "src/image/planes.h"
 #include "src/rig/rig.h"
