@@ -156,6 +156,33 @@ TEST(test_run) {
   assert_true(n_warned > 50); // no silent failure
 }
 
+// Killed at each call: nothing is torn, and the next run goes on to the same model.
+TEST(test_run_killed_at_each_call) {
+  const job j = {
+      "subview run --source sim:textured,rig=stereo,size=32x24 --exposures 1 --gaussians 24 --steps 3 "
+      "--save-every 0.000001 --threads 1 --resume --quiet --out %s --rescue %s",
+      "model.ply", true, 0};
+  const long stride = getenv("SV_LONG") ? 1 : 3;
+  long n_killed = 0;
+  shell_ok("rm -rf %s %s %s", temp_path("old"), temp_path("good"), temp_path("work"));
+  shell_ok("mkdir %s %s", temp_path("work"), temp_path("old"));
+  if (run(&j, 0, "5", false) != 0) fail_msg("%s", said);
+  const long n = n_calls();
+  shell_ok("mv %s %s && echo of an earlier run > %s", temp_path("work"), temp_path("good"),
+           temp_path("old/%s", j.must));
+  for (long at = 1 + n % stride; at <= n; at += stride) {
+    begin("old");
+    const int code = run(&j, at, "kill", false);
+    if (code != 128 + 9) fail_msg("call %ld: exit %d: %s", at, code, said);
+    if (!is_same("work", "good", j.must) && !is_same("work", "old", j.must)) fail_msg("call %ld: torn", at);
+    if (run(&j, 0, "5", false) != 0) fail_msg("after a kill at call %ld: %s", at, said);
+    if (!is_same("work", "good", j.must)) fail_msg("after a kill at call %ld: another model", at);
+    if (has_temporary("work")) fail_msg("after a kill at call %ld: a temporary file is left", at);
+    n_killed++;
+  }
+  print_message("killed at %ld of %ld calls\n", n_killed, n);
+}
+
 TEST(test_capture) {
   const job j = {
       "subview capture --source sim:textured,rig=stereo,size=32x24 --exposures 2 --quiet --out %s/c",
@@ -220,9 +247,10 @@ FIXTURE(set_up) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_run), cmocka_unit_test(test_capture),
-                                     cmocka_unit_test(test_capture_leaves_out), cmocka_unit_test(test_train),
-                                     cmocka_unit_test(test_export)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_run),     cmocka_unit_test(test_run_killed_at_each_call),
+      cmocka_unit_test(test_capture), cmocka_unit_test(test_capture_leaves_out),
+      cmocka_unit_test(test_train),   cmocka_unit_test(test_export)};
   // A sanitizer's own library has to come first; a preloaded one is not for it.
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
   printf("not with sanitizers: they do not let another library come first\n");

@@ -2,7 +2,8 @@
 // Preloaded into a program (LD_PRELOAD): one of its system calls that write below a folder fails.
 //   SV_FAULT_DIR    the folder; other files are left alone
 //   SV_FAULT_AT     the at-th call fails (1: the first); 0: none
-//   SV_FAULT_KIND   an errno's number; "short": writes take half; "xfsz": as over `ulimit -f`
+//   SV_FAULT_KIND   an errno's number; "short": writes take half; "xfsz": as over `ulimit -f`;
+//                   "kill": the program ends at once
 //   SV_FAULT_LASTS  so many calls fail one after the other; 1 without it
 //   SV_FAULT_COUNT  a file for the number of calls, written at exit
 // Waiting is cut to a millisecond, so that a save's retries cost no time.
@@ -64,6 +65,7 @@ static bool fails(bool is_ours) {
   if (!is_ours) return false;
   const long n = ++n_calls;
   if (!is_hit(n) || strcmp(kind, "short") == 0) return false;
+  if (strcmp(kind, "kill") == 0) raise(SIGKILL);
   if (strcmp(kind, "xfsz") == 0) {
     raise(SIGXFSZ);
     errno = EFBIG;
