@@ -24,6 +24,13 @@ typedef struct {
   float log_value[3], r2; // r2 < 0: not seen
 } observation;
 
+// What one view tells of one point: unknowns i with factors h.
+typedef struct {
+  int i[4];
+  double h[4];
+  int n;
+} row;
+
 typedef struct {
   sv_trainer *t;
   int n_points, n_views, stride, n; // of points one of so many Gaussians; n: unknowns of a channel
@@ -32,6 +39,9 @@ typedef struct {
   observation *seen; // [n_points][n_views]
   double *a, *b, *x; // [n][n], [n], [n]
   double spread;
+  // Of the point that is being added: the views that see it.
+  row rows[MAX_VIEWS];
+  double w[MAX_VIEWS], y[MAX_VIEWS];
   double solved[3][SV_CAP_APPEARANCE_UNKNOWNS];
 } problem;
 
@@ -108,12 +118,6 @@ static sv_status look(problem *p) {
 
 // --- the system of one channel ---------------------------------------------------------------------
 
-typedef struct {
-  int i[4];
-  double h[4];
-  int n;
-} row;
-
 static row row_of(const problem *p, int k, float r2) {
   const int c = p->t->appearance.camera_of[p->view[k]], e = p->t->appearance.exposure_of[p->view[k]];
   const double q = (double)r2;
@@ -134,8 +138,8 @@ static double model(const problem *p, const row *r) {
 
 // Adds a point, its own color eliminated: with weights w, sum w h h^T - (sum w h)(sum w h)^T / sum w.
 static void add_point(problem *p, const observation *seen, int channel) {
-  row rows[MAX_VIEWS];
-  double w[MAX_VIEWS], y[MAX_VIEWS], sum_w = 0, mean_y = 0, residual = 0;
+  row *rows = p->rows;
+  double *w = p->w, *y = p->y, sum_w = 0, mean_y = 0, residual = 0;
   int n = 0;
   for (int k = 0; k < p->n_views; k++) {
     if (seen[k].r2 < 0) continue;
@@ -169,7 +173,7 @@ static bool solve_channel(problem *p, int channel) {
   memset(p->x, 0, (size_t)p->n * sizeof *p->x);
   for (int round = 0; round < N_ROUNDS; round++) {
     double mean = 0;
-    p->spread = round > 0 ? fmax(0.5 * p->spread, SPREAD) : FIRST_SPREAD;
+    p->spread = round > 0 ? (double)sv_maxf((float)(0.5 * p->spread), (float)SPREAD) : FIRST_SPREAD;
     memset(p->a, 0, (size_t)p->n * (size_t)p->n * sizeof *p->a);
     memset(p->b, 0, (size_t)p->n * sizeof *p->b);
     for (int i = 0; i < p->n_points; i++) add_point(p, p->seen + i * p->n_views, channel);
