@@ -22,12 +22,16 @@ size_t fuzz_seed(int i, uint8_t *buf, size_t cap) {
   return 9;
 }
 
-// Start of the newest slot of a channel, its head included.
+// Start of the newest slot of a channel in the good feed, its head included; the header from the
+// last channel on.
 static size_t place_of(int channel) {
+  static size_t places[SV_FEED_N_CHANNELS];
   const sv_feed_header *h = (const sv_feed_header *)(const void *)page_block;
-  if (channel >= SV_FEED_N_CHANNELS) return 0;
-  const sv_feed_ring *r = &h->ring[channel];
-  return (size_t)(r->at + (r->head - 1) % r->n_slots * (sizeof(sv_feed_slot) + r->slot_bytes));
+  for (int i = 0; i < SV_FEED_N_CHANNELS && !places[SV_FEED_N_CHANNELS - 1]; i++) {
+    const sv_feed_ring *r = &h->ring[i];
+    places[i] = (size_t)(r->at + r->head % r->n_slots * (sizeof(sv_feed_slot) + r->slot_bytes));
+  }
+  return channel < SV_FEED_N_CHANNELS ? places[channel] : 0;
 }
 
 static void look(void) {
@@ -55,6 +59,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t bytes) {
   static change changes[CAP_CHANGES];
   int n = 0;
   page_make();
+  (void)place_of(0); // of the feed before it is changed
   for (size_t i = 0; i + 5 <= bytes && n < CAP_CHANGES; n++) {
     change *c = &changes[n];
     c->n = data[i + 4];
