@@ -13,6 +13,8 @@ what=$1
 shift
 ssh=${SSH:-ssh}
 cache=/var/cache/subview
+# Without questions; configuration that was changed on the board stays.
+apt="DEBIAN_FRONTEND=noninteractive apt-get -y -o Dpkg::Options::=--force-confold --allow-downgrades"
 
 fail() {
   echo "$host: $*" >&2
@@ -41,7 +43,7 @@ fi
 for host in "$@"; do
   if [ "$what" = rollback ]; then
     on_board "test -e $cache/previous/*.deb" || fail "keeps no package before the present one"
-    on_board "apt-get install -y --allow-downgrades $cache/previous/*.deb && rm -rf $cache/next && mv $cache/current $cache/next && \
+    on_board "$apt install $cache/previous/*.deb && rm -rf $cache/next && mv $cache/current $cache/next && \
       mv $cache/previous $cache/current && mv $cache/next $cache/previous" || fail "the package before does not install"
     echo "$host: back to $(on_board "dpkg-query -W -f \"\\\${Version}\" subview")"
     report
@@ -51,8 +53,7 @@ for host in "$@"; do
   [ "$there" = "$suite $arch" ] || fail "runs $there, and the package is for $suite $arch (SUITE=${there% *})"
   on_board "mkdir -p $cache/next && rm -f $cache/next/* && cat >$cache/next/$name" <"$package"
   # The board's lists of packages may be old, or missing.
-  on_board "apt-get install -y --reinstall --allow-downgrades $cache/next/$name || { apt-get update && \
-    apt-get install -y --reinstall --allow-downgrades $cache/next/$name; }" || fail "the package does not install"
+  on_board "$apt install --reinstall $cache/next/$name || { apt-get update && $apt install --reinstall $cache/next/$name; }" || fail "the package does not install"
   on_board "if ls $cache/current/*.deb >/dev/null 2>&1; then rm -rf $cache/previous && mv $cache/current $cache/previous; fi && \
     rm -rf $cache/current && mv $cache/next $cache/current"
   echo "$host: $name is installed"
