@@ -98,11 +98,12 @@ typedef struct {
 sv_status source_open(board_source *s, const source_cfg *cfg, sv_arena *arena, sv_err *err) SV_MUST_USE;
 void source_close(board_source *s);
 
-// Pictures of coverage that names tells of, decoded into the arena at footprint.coverage; dir is
-// for sentences. What is needed only meanwhile is given back.
+// Pictures of coverage and masks that names tells of, decoded into the arena at footprint.coverage
+// and mask; dir is for sentences. What is needed only meanwhile is given back.
 sv_status coverage_read(sv_rig *rig, const sv_coverage_names *names, const sv_file_reader *files,
                         const char *dir, sv_arena *arena, sv_err *err) SV_MUST_USE;
-// Writes <sub-view>.coverage.png of each footprint that has one, and fills in names for rig.json.
+// Writes <sub-view>.coverage.png and <sub-view>.mask.png of each sub-view that has them, and fills in
+// names for rig.json.
 sv_status coverage_write(const sv_rig *rig, sv_coverage_names *names, const sv_store *st, sv_arena *arena,
                          sv_err *err) SV_MUST_USE;
 

@@ -99,3 +99,12 @@ void sv_remap_apply(const sv_remap *map, const sv_remap_job *job) {
     }
   }
 }
+
+bool sv_remap_counts(const sv_remap *map, const uint8_t *mask, int x, int y) {
+  const sv_remap_tap *e = map->entries + (size_t)y * (size_t)map->width_px + (size_t)x;
+  if (e->x == SV_REMAP_NONE) return false;
+  const int w = map->src_width_px;
+  const size_t at = (size_t)e->y * (size_t)w + (size_t)e->x, right = e->fx ? 1 : 0,
+               below = e->fy ? (size_t)w : 0;
+  return mask[at] && mask[at + right] && mask[at + below] && mask[at + below + right];
+}

@@ -52,6 +52,10 @@ typedef struct {
 // Bilinear, rounded to nearest. src and dst must not overlap.
 void sv_remap_apply(const sv_remap *map, const sv_remap_job *job);
 
+// Whether all that pixel (x, y) of the view is interpolated from has mask != 0; mask is
+// [src_height][src_width].
+bool sv_remap_counts(const sv_remap *map, const uint8_t *mask, int x, int y);
+
 #ifdef __cplusplus
 }
 #endif

@@ -36,10 +36,11 @@ static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a
     bool is_bent = has_distortion(m);
     sv_remap_tap *entries =
         is_bent ? SV_TAKE(a, sv_remap_tap, (size_t)m->width_px * (size_t)m->height_px) : NULL;
-    size_t bytes = ((size_t)m->width_px * (size_t)m->height_px * 3 + 63) & ~(size_t)63;
+    const size_t px = (size_t)m->width_px * (size_t)m->height_px, bytes = (px * 3 + 63) & ~(size_t)63;
+    uint8_t *mask = rig->sub_views[i].mask ? SV_TAKE(a, uint8_t, px) : NULL;
     if (e->sub) {
       sv_sub_view_store *s = &e->sub[i];
-      *s = (sv_sub_view_store){.at = at, .bytes = bytes};
+      *s = (sv_sub_view_store){.at = at, .bytes = bytes, .mask = mask};
       s->map.entries = entries;
       if (!sv_pinhole_for_model(m, SV_PINHOLE_CROP_TO_VALID, &s->pinhole))
         return sv_fail(err, SV_E_RANGE,
@@ -61,6 +62,18 @@ static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a
              : SV_OK;
 }
 
+// The mask of a sub-view as its pinhole sees it: a pixel counts where all that it is interpolated
+// from do.
+static void undistort_mask(sv_sub_view_store *s, const sv_sub_view *v) {
+  const int w = s->pinhole.width_px, src_w = v->model.width_px;
+  for (int y = 0; s->mask && y < s->pinhole.height_px; y++)
+    for (int x = 0; x < w; x++) {
+      const size_t at = (size_t)y * (size_t)w + (size_t)x;
+      s->mask[at] = s->map.entries ? sv_remap_counts(&s->map, v->mask, x, y)
+                                   : v->mask[(size_t)y * (size_t)src_w + (size_t)x] != 0;
+    }
+}
+
 sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *arena, sv_err *err) {
   if (cfg->cap_exposures < 1 || cfg->rig->n_sub_views < 1)
     return sv_fail(err, SV_E_ARG, "%d exposures of %d sub-views, expected at least one of each",
@@ -70,11 +83,12 @@ sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_are
   sv_status s = carve(e, cfg, arena, err);
   for (int i = 0; s >= 0 && e->sub && i < cfg->rig->n_sub_views; i++) {
     sv_sub_view_store *v = &e->sub[i];
-    if (!v->map.entries) continue;
-    s = sv_remap_build(&v->map, &cfg->rig->sub_views[i].model, &v->pinhole, v->map.entries);
+    if (v->map.entries)
+      s = sv_remap_build(&v->map, &cfg->rig->sub_views[i].model, &v->pinhole, v->map.entries);
     if (s < 0)
       return sv_fail(err, s, "rig \"%s\", sub-view \"%s\": no undistortion table for %dx%d pixels",
                      cfg->rig->name, cfg->rig->sub_views[i].name, v->pinhole.width_px, v->pinhole.height_px);
+    undistort_mask(v, &cfg->rig->sub_views[i]);
   }
   return s;
 }
@@ -176,7 +190,7 @@ sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const s
 void sv_exposures_get(const sv_exposures *e, int i, int i_sub, sv_image_u8 *image, sv_view *view) {
   const sv_sub_view_store *s = &e->sub[i_sub];
   int w = s->pinhole.width_px, h = s->pinhole.height_px;
-  *image = (sv_image_u8){e->px + (size_t)e->place[i] * e->exposure_bytes + s->at, w, h, 3, w * 3};
+  *image = (sv_image_u8){e->px + (size_t)e->place[i] * e->exposure_bytes + s->at, w, h, 3, w * 3, s->mask};
   sv_pose cam_from_world =
       sv_pose_mul(&e->cfg.rig->sub_views[i_sub].cam_from_rig, &e->exposure[i].rig_from_world);
   *view = sv_view_make(w, h, s->pinhole.p, &cam_from_world);

@@ -30,6 +30,7 @@ typedef struct {
   sv_camera_model pinhole; // after undistortion
   sv_remap map;            // entries NULL for a lens without distortion
   size_t at, bytes;        // of its picture inside one exposure's block
+  uint8_t *mask;           // [height][width] of the pinhole, NULL without one
 } sv_sub_view_store;
 
 typedef struct {

@@ -10,6 +10,7 @@
 #include "src/base/mathx.h"
 #include "src/dynamic/bodies.h"
 #include "src/dynamic/curriculum.h"
+#include "src/train/mask.h"
 #include "src/train/optimize.h"
 #include "src/train/step.h"
 
@@ -102,6 +103,7 @@ sv_status sv_dynamic_residual(sv_dynamic *dyn, int i_view, float progress) {
   sv_train_load_image(dyn->t, &tv->image, scale, o.bg, &dyn->t->target);
   sv_status s = sv_render(&dyn->t->render, &dyn->t->g, &view, &o);
   if (s < 0) return s;
+  sv_train_mask_copy(dyn->t, &tv->image, scale, &dyn->t->render.rgb, &dyn->t->target);
   sv_photometric_loss(&dyn->t->photometric, &dyn->t->render.rgb, &dyn->t->target, &dyn->t->grad,
                       dyn->t->err_plane, 0.0f);
   return SV_OK;

@@ -61,18 +61,33 @@ static sv_status read_footprint(const sv_json *j, int i_view, sv_sub_view *v, sv
   return SV_OK;
 }
 
-// Only checks and keeps the image's name, which is meaningless without its rectangle.
-static sv_status read_coverage(const sv_json *j, int i_view, const sv_sub_view *v, char *kept, sv_err *err) {
-  char name[sizeof((sv_coverage_names *)0)->name[0]] = "";
-  sv_status s = sv_json_get_string(j, i_view, "coverage", name, sizeof name, err);
-  if (kept) *kept = 0;
-  if (s == SV_END) return SV_OK;
-  int i = sv_json_get(j, i_view, "coverage");
-  if (s == SV_OK) s = check_name(j, i, name, err);
-  if (s == SV_OK && !v->footprint.width_px)
-    s = sv_json_fail(j, i, err, SV_E_FORMAT, "a coverage without a footprint; [x, y, w, h] was expected");
-  if (s == SV_OK && kept) sv_copy(kept, sizeof name, name);
-  return s;
+typedef char image_name[sizeof((sv_coverage_names *)0)->name[0]];
+
+// Only checks and keeps the name of an image; empty when there is none.
+static sv_status read_image(const sv_json *j, int i_view, const char *key, image_name name, sv_err *err) {
+  *name = 0;
+  sv_status s = sv_json_get_string(j, i_view, key, name, sizeof(image_name), err);
+  if (s == SV_OK) s = check_name(j, sv_json_get(j, i_view, key), name, err);
+  return s == SV_END ? SV_OK : s;
+}
+
+static sv_status read_images(const sv_json *j, int i_view, const sv_rig *rig, sv_coverage_names *names,
+                             sv_err *err) {
+  const sv_sub_view *v = &rig->sub_views[rig->n_sub_views];
+  image_name coverage, mask;
+  sv_status s = read_image(j, i_view, "coverage", coverage, err);
+  if (s == SV_OK) s = read_image(j, i_view, "mask", mask, err);
+  if (s == SV_OK && *coverage && !v->footprint.width_px) // meaningless without its rectangle
+    s = sv_json_fail(j, sv_json_get(j, i_view, "coverage"), err, SV_E_FORMAT,
+                     "a coverage without a footprint; [x, y, w, h] was expected");
+  if (s == SV_OK && *mask && rig->forward == SV_FORWARD_MULTIPLEXED)
+    s = sv_json_fail(j, sv_json_get(j, i_view, "mask"), err, SV_E_UNSUPPORTED,
+                     "a mask of a sub-view that shares its pixels with others; masks are for direct and "
+                     "light_field rigs");
+  if (s != SV_OK || !names) return s;
+  sv_copy(names->name[rig->n_sub_views], sizeof coverage, coverage);
+  sv_copy(names->mask[rig->n_sub_views], sizeof mask, mask);
+  return SV_OK;
 }
 
 typedef struct {
@@ -123,7 +138,7 @@ static sv_status read_sub_view(const reader *r, const sv_json *j, int i, sv_err 
                         r->n_cameras);
   v->i_camera = (int)camera;
   s = read_footprint(j, i, v, err);
-  if (s == SV_OK) s = read_coverage(j, i, v, r->names ? r->names->name[r->rig->n_sub_views] : NULL, err);
+  if (s == SV_OK) s = read_images(j, i, r->rig, r->names, err);
   if (s == SV_OK) s = read_model(r, j, i, v, err);
   if (s == SV_OK) r->rig->n_sub_views++;
   return s;
@@ -189,6 +204,13 @@ sv_status sv_rig_json_write(sv_str *out, const sv_rig *rig) {
   return sv_rig_json_write_coverage(out, rig, NULL);
 }
 
+static void add_image(sv_str *out, const char *key, const char *name) {
+  if (!*name) return;
+  sv_str_add(out, ", \"%s\": \"", key);
+  sv_str_add_json(out, name);
+  sv_str_add(out, "\"");
+}
+
 sv_status sv_rig_json_write_coverage(sv_str *out, const sv_rig *rig, const sv_coverage_names *names) {
   sv_str_add(out, "{\n  \"version\": 1,\n  \"name\": \"");
   sv_str_add_json(out, rig->name);
@@ -203,11 +225,8 @@ sv_status sv_rig_json_write_coverage(sv_str *out, const sv_rig *rig, const sv_co
     if (v->footprint.width_px)
       sv_str_add(out, ", \"footprint\": [%d, %d, %d, %d]", v->footprint.x0_px, v->footprint.y0_px,
                  v->footprint.width_px, v->footprint.height_px);
-    if (names && *names->name[i]) {
-      sv_str_add(out, ", \"coverage\": \"");
-      sv_str_add_json(out, names->name[i]);
-      sv_str_add(out, "\"");
-    }
+    if (names) add_image(out, "coverage", names->name[i]);
+    if (names) add_image(out, "mask", names->mask[i]);
     sv_str_add(out, "}");
   }
   sv_str_add(out, "\n  ]\n}\n");

@@ -5,7 +5,8 @@
 //                   "footprint": [x, y, w, h]}, ...]}
 // "footprint" is the sub-view's rectangle on a shared sensor and optional. With it, "coverage":
 // "a.png" may name an 8-bit grey image of its size: the share of 255 of each pixel that the lens
-// lights.
+// lights. "mask": "b.png" may name an 8-bit grey image of the sub-view's size, black where its
+// image is ignored: housing, own shadow; not for multiplexed rigs.
 #ifndef SV_FORMAT_RIG_FILE_H
 #define SV_FORMAT_RIG_FILE_H
 
@@ -29,14 +30,15 @@ typedef struct {
 sv_status sv_rig_read(sv_rig *rig, const sv_file_reader *files, int n_cameras, sv_arena *scratch,
                       sv_err *err) SV_MUST_USE;
 
-// Names of coverage images by sub-view; empty where there is none.
+// Names of coverage images and masks by sub-view; empty where there is none.
 typedef struct {
-  char name[SV_CAP_SUB_VIEWS][64];
+  char name[SV_CAP_SUB_VIEWS][64]; // of coverage
+  char mask[SV_CAP_SUB_VIEWS][64];
 } sv_coverage_names;
 
-// The same, with the names of coverage images. footprint.coverage stays NULL: images are loaded by
-// the caller, who has a decoder (tools/common/coverage.h on hosts). names may be NULL; they are
-// checked nevertheless.
+// The same, with the names of coverage images and masks. footprint.coverage and mask stay NULL:
+// images are loaded by the caller, who has a decoder (tools/common/coverage.h on hosts). names may
+// be NULL; they are checked nevertheless.
 sv_status sv_rig_read_coverage(sv_rig *rig, sv_coverage_names *names, const sv_file_reader *files,
                                int n_cameras, sv_arena *scratch, sv_err *err) SV_MUST_USE;
 

@@ -34,3 +34,10 @@ sv_status sv_planes_resize(sv_planes *p, int width_px, int height_px, size_t cap
 void sv_planes_clear(sv_planes *p) {
   for (int k = 0; k < 3; k++) memset(p->c[k], 0, sizeof(float) * (size_t)p->stride * (size_t)p->rows_padded);
 }
+
+long sv_image_n_counted(const sv_image_u8 *im) {
+  const long n = (long)im->width_px * im->height_px;
+  long n_counted = 0;
+  for (long i = 0; i < n && im->mask; i++) n_counted += im->mask[i] != 0;
+  return im->mask ? n_counted : n;
+}

@@ -6,6 +6,7 @@
 #ifndef SV_IMAGE_PLANES_H
 #define SV_IMAGE_PLANES_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -51,7 +52,21 @@ void sv_planes_set_size(sv_planes *p, int width_px, int height_px);
 typedef struct {
   const uint8_t *px;
   int width_px, height_px, n_channels, stride_bytes;
+  const uint8_t *mask; // [height][width] 0: the pixel is ignored; NULL: all of them count
 } sv_image_u8;
+
+// Whether a pixel of the image at 1/k counts: none of the k x k pixels that it is the mean of is
+// ignored.
+static inline bool sv_image_counts(const sv_image_u8 *im, int k, int x, int y) {
+  if (!im->mask) return true;
+  const uint8_t *at = im->mask + (size_t)y * (size_t)k * (size_t)im->width_px + (size_t)x * (size_t)k;
+  for (int j = 0; j < k; j++, at += im->width_px)
+    for (int i = 0; i < k; i++)
+      if (!at[i]) return false;
+  return true;
+}
+// Pixels that count.
+long sv_image_n_counted(const sv_image_u8 *im);
 
 #ifdef __cplusplus
 }

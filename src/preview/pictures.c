@@ -166,7 +166,7 @@ static sv_status pair_of_view(sv_trainer *t, const sv_train_view *tv, sv_picture
     for (int x = 0; x < w; x++) {
       uint8_t got[3], *left = pair_at(p, step, x, y);
       put_pixel(got, rendered, x, y);
-      for (int k = 0; k < 3; k++) {
+      for (int k = 0; k < 3 && sv_image_counts(&tv->image, 1, x, y); k++) {
         double d = (double)got[k] - (double)in[n_ch * x + k];
         sum += d * d;
       }
@@ -175,7 +175,8 @@ static sv_status pair_of_view(sv_trainer *t, const sv_train_view *tv, sv_picture
       memcpy(left + 3 * (size_t)(p->width_px / 2), got, 3);
     }
   }
-  p->psnr = sv_psnr_of_mse(sum / (255.0 * 255.0 * 3.0 * w * h));
+  p->psnr =
+      sv_psnr_of_mse(sum / (255.0 * 255.0 * 3.0 * (double)sv_maxi(1, (int)sv_image_n_counted(&tv->image))));
   return SV_OK;
 }
 

@@ -130,7 +130,7 @@ static void splat_all(const sv_prior *prior, const splat_job *j, const sv_image_
       const float *e = prior->expected + (long)y * stride + x;
       const uint8_t *px = im->px + (size_t)y * (size_t)im->stride_bytes + (size_t)(x * im->n_channels);
       if (!(e[0] > 0.0f) || is_edge(e, 1) || is_edge(e, stride)) continue;
-      if (im->n_channels == 4 && px[3] < 128) continue;
+      if ((im->n_channels == 4 && px[3] < 128) || !sv_image_counts(im, 1, x, y)) continue;
       carry(j, x, y, e[0], px, is_around);
     }
 }

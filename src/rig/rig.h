@@ -36,6 +36,8 @@ typedef struct {
   sv_camera_model model;
   sv_pose cam_from_rig;
   sv_footprint footprint;
+  // [height][width] of the model: 0 where its image is ignored (housing, own shadow); NULL: nowhere
+  const uint8_t *mask;
 } sv_sub_view;
 
 typedef struct {

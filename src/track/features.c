@@ -5,12 +5,13 @@
 #include "src/base/mathx.h"
 #include "src/track/tracker.h"
 
-#define QUALITY      0.01f // minimum relative to the best corner's score
-#define MIN_SCORE    2e-4f // absolute minimum: about 1 % contrast over the neighbourhood
-#define APART_PX     10.0f // between two features of a view
-#define ALIGN_ITER   12
-#define ALIGN_ENOUGH 0.01f // px
-#define AFFINE_ITER  10
+#define QUALITY       0.01f // minimum relative to the best corner's score
+#define MIN_SCORE     2e-4f // absolute minimum: about 1 % contrast over the neighbourhood
+#define APART_PX      10.0f // between two features of a view
+#define MASK_REACH_PX 6     // half of a patch
+#define ALIGN_ITER    12
+#define ALIGN_ENOUGH  0.01f // px
+#define AFFINE_ITER   10
 // damping of the map's four parameters; the two of position are better determined
 #define AFFINE_DAMP  0.02
 #define AFFINE_REACH 4.0f // pixels of the patch
@@ -82,6 +83,20 @@ static void forget_taken(sv_tracker *t, int i_view, int n_x, int n_y) {
   }
 }
 
+// What is in a mask or at its border does not belong to the scene.
+static bool has_masked_near(const sv_image_u8 *im, int x, int y) {
+  for (int j = sv_maxi(y - MASK_REACH_PX, 0); j <= sv_mini(y + MASK_REACH_PX, im->height_px - 1); j++)
+    for (int i = sv_maxi(x - MASK_REACH_PX, 0); i <= sv_mini(x + MASK_REACH_PX, im->width_px - 1); i++)
+      if (!sv_image_counts(im, 1, i, j)) return true;
+  return false;
+}
+
+static void forget_masked(sv_tracker *t, int i_view, int n_cells) {
+  const sv_image_u8 *im = &t->image[i_view];
+  for (int i = 0; i < n_cells && im->mask; i++)
+    if (t->corner[i].score > 0 && has_masked_near(im, t->corner[i].x, t->corner[i].y)) t->corner[i].score = 0;
+}
+
 int sv_track_detect(sv_tracker *t, int i_view) {
   sv_track_plane p = sv_track_level(t, true, i_view, 0);
   int n_x = (p.width_px + SV_CORNER_CELL - 1) / SV_CORNER_CELL,
@@ -95,6 +110,7 @@ int sv_track_detect(sv_tracker *t, int i_view) {
                       .out = t->corner,
                       .scratch = t->scratch};
   t->k->corner(&a);
+  forget_masked(t, i_view, n_x * n_y);
   float best = 0;
   for (int i = 0; i < n_x * n_y; i++) best = sv_maxf(best, t->corner[i].score);
   float least = sv_maxf(QUALITY * best, MIN_SCORE);

@@ -133,6 +133,10 @@ static bool follow_one(sv_tracker *t, const sv_track_point *p, int v, const floa
   return sv_track_align_affine(t, p->i_ref, v, uv, warp) >= FOLLOW_CORR;
 }
 
+static bool is_masked(const sv_tracker *t, int v, const float uv[2]) {
+  return !sv_image_counts(&t->image[v], 1, (int)uv[0], (int)uv[1]);
+}
+
 void sv_track_follow(sv_tracker *t, const sv_pose *guess) {
   double depth = nominal_depth(t);
   t->n_found = 0;
@@ -143,7 +147,8 @@ void sv_track_follow(sv_tracker *t, const sv_pose *guess) {
       const sv_track_obs *o = &t->obs[p->now[v]];
       sv_track_candidate c = {t->live[i], v, {o->uv_px[0], o->uv_px[1]}, o->sigma_px, {0}};
       expect(t, p, v, guess, depth, c.uv_px);
-      if (follow_one(t, p, v, o->uv_px, c.uv_px, c.warp)) t->found[t->n_found++] = c;
+      if (follow_one(t, p, v, o->uv_px, c.uv_px, c.warp) && !is_masked(t, v, c.uv_px))
+        t->found[t->n_found++] = c;
     }
   }
 }

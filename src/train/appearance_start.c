@@ -72,7 +72,7 @@ static bool value_at(const sv_image_u8 *im, int x, int y, float out[3]) {
   for (int j = y - 1; j <= y + 1; j++)
     for (int i = x - 1; i <= x + 1; i++) {
       const uint8_t *p = im->px + (size_t)j * (size_t)im->stride_bytes + (size_t)(i * im->n_channels);
-      if (im->n_channels == 4 && p[3] < 255) return false;
+      if ((im->n_channels == 4 && p[3] < 255) || !sv_image_counts(im, 1, i, j)) return false;
       for (int k = 0; k < 3; k++) {
         if (p[k] < DARK || p[k] > BRIGHT) return false;
         sum[k] += p[k];

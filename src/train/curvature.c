@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "src/base/mathx.h"
+#include "src/train/mask.h"
 #include "src/train/optimize.h"
 #include "src/train/supersample.h"
 
@@ -95,10 +96,11 @@ static sv_status probe_bwd(sv_trainer *t, const sv_planes *probe, bool is_half) 
   return sv_render_bwd_half(&t->render, probe, colour);
 }
 
-sv_status sv_train_curvature(sv_trainer *t, double l1, bool is_supersampled, sv_planes *probe) {
+sv_status sv_train_curvature(sv_trainer *t, const sv_train_residual *r, sv_planes *probe) {
   const bool is_half = t->step >= (uint32_t)t->cfg.newton.half_from;
-  make_probe(t, l1, n_values(probe) * (is_half ? 0.5 : 1.0), probe);
-  sv_status s = probe_bwd(t, is_supersampled ? sv_train_spread(t, probe, NULL) : probe, is_half);
+  make_probe(t, r->l1, n_values(probe) * (is_half ? 0.5 : 1.0), probe);
+  sv_train_mask_clear(t, r->masked, r->scale, probe);
+  sv_status s = probe_bwd(t, r->is_supersampled ? sv_train_spread(t, probe, NULL) : probe, is_half);
   if (s < 0) return s;
   job j = blocks_job(t);
   sv_pool_run(t->compute.pool, single_task, &j, n_tasks(&j));

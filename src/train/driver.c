@@ -196,22 +196,27 @@ sv_status sv_driver_render(sv_trainer *t, const sv_view *view, const sv_planes *
   return sv_train_measure(t, view, &o, sv_train_is_supersampled(t, 1, 1.0f), out);
 }
 
-static double mse_of(const sv_planes *p, const sv_view *view, const uint8_t *rgb) {
+// Over the pixels that count; 0 when none does.
+static double mse_of(const sv_planes *p, const sv_image_u8 *im) {
   double sum = 0;
-  for (int y = 0; y < view->height_px; y++)
-    for (int x = 0; x < view->width_px; x++)
+  const long n_counted = sv_image_n_counted(im);
+  for (int y = 0; y < im->height_px; y++)
+    for (int x = 0; x < im->width_px; x++) {
+      const uint8_t *rgb = im->px + (size_t)y * (size_t)im->stride_bytes + (size_t)x * (size_t)im->n_channels;
+      if (!sv_image_counts(im, 1, x, y)) continue;
       for (int c = 0; c < 3; c++) {
-        double d = (double)sv_clampf(p->c[c][(long)y * p->stride + x], 0.0f, 1.0f) -
-                   rgb[((size_t)y * (size_t)view->width_px + (size_t)x) * 3 + (size_t)c] / 255.0;
+        double d = (double)sv_clampf(p->c[c][(long)y * p->stride + x], 0.0f, 1.0f) - rgb[c] / 255.0;
         sum += d * d;
       }
-  return sum / (3.0 * view->width_px * view->height_px);
+    }
+  return n_counted ? sum / (3.0 * (double)n_counted) : 0;
 }
 
 sv_status sv_driver_mse(sv_trainer *t, const sv_view *view, const uint8_t *rgb, double *mse) {
   const sv_planes *p;
   sv_status s = sv_driver_render(t, view, &p);
-  if (s >= 0) *mse = mse_of(p, view, rgb);
+  if (s >= 0)
+    *mse = mse_of(p, &(sv_image_u8){rgb, view->width_px, view->height_px, 3, 3 * view->width_px, NULL});
   return s;
 }
 
@@ -221,7 +226,7 @@ sv_status sv_driver_view_mse(sv_trainer *t, int i_view, double *mse) {
   const float black[3] = {0};
   sv_status s = sv_driver_render(t, &v->view, &p);
   if (s >= 0 && sv_train_has_appearance(t, i_view)) sv_train_load_image(t, &v->image, 1, black, &t->target);
-  if (s >= 0) *mse = mse_of(sv_train_appear(t, i_view, &v->view, p), &v->view, v->image.px);
+  if (s >= 0) *mse = mse_of(sv_train_appear(t, i_view, &v->view, p), &v->image);
   return s;
 }
 

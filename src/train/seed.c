@@ -3,6 +3,8 @@
 
 #include "src/base/mathx.h"
 
+#define MAX_TRIES 64 // for a pixel that is not masked
+
 // Distances along the ray o + s d (|d| = 1) inside the ball; false when it passes by.
 static bool chord(const sv_bounds *b, const double o[3], const double d[3], double *near, double *far) {
   double e[3] = {b->centre[0] - o[0], b->centre[1] - o[1], b->centre[2] - o[2]};
@@ -58,9 +60,12 @@ void sv_seed_points(const sv_trainer *t, const sv_bounds *bounds, uint64_t seed,
   for (int i = 0; i < n; i++) {
     const source from = source_of(t, i % n_sources);
     const sv_view *v = from.view;
-    int x = (int)sv_rng_below(&rng, (uint32_t)v->width_px),
-        y = (int)sv_rng_below(&rng, (uint32_t)v->height_px);
+    int x, y, n_tries = 0;
     float c[3];
+    do {
+      x = (int)sv_rng_below(&rng, (uint32_t)v->width_px);
+      y = (int)sv_rng_below(&rng, (uint32_t)v->height_px);
+    } while (from.image && !sv_image_counts(from.image, 1, x, y) && ++n_tries < MAX_TRIES);
     sv_view_centre(c, v);
     double ray[3] = {((double)x + 0.5 - v->cx) / v->fx, ((double)y + 0.5 - v->cy) / v->fy, 1};
     double o[3] = {c[0], c[1], c[2]}, d[3];

@@ -7,6 +7,7 @@
 #include "src/base/mathx.h"
 #include "src/splat/constants.h"
 #include "src/train/curvature.h"
+#include "src/train/mask.h"
 #include "src/train/measurement.h"
 #include "src/train/novel.h"
 #include "src/train/optimize.h"
@@ -167,18 +168,25 @@ static sv_status view_step(sv_trainer *t, const sv_train_choice *c, const sv_ren
   sv_status s = begin_image(t, c, o, &im);
   if (s < 0 || (s = sv_train_measure(t, &im.view, &im.options, im.is_supersampled, &x)) < 0) return s;
   const sv_planes *shown = sv_train_appear(t, c->i_view, &im.view, x);
+  const sv_image_u8 *image = im.has_target ? NULL : &t->views[c->i_view].image; // with its mask
+  sv_train_mask_copy(t, image, im.scale, shown, &t->target);
   const sv_photometric_value loss =
       sv_photometric_loss(&t->photometric, shown, &t->target, &t->grad, errors, t->cfg.weight_ssim);
   out->scale = im.scale;
   out->loss = loss.loss;
   out->l1 = loss.l1;
   out->ssim = loss.ssim;
+  sv_train_mask_clear(t, image, im.scale, &t->grad); // SSIM has some, from windows that reach out
   sv_train_weigh(t, im.weight, errors);
   sv_train_appear_bwd(t, c->i_view, x, &im.view, c->progress);
   if (t->cfg.weight_tv > 0.0f) out->loss += sv_tv_loss(&t->tv, x, &t->grad, SV_TV_SQUARED, t->cfg.weight_tv);
   if (sv_train_is_probe_due(t)) {
-    const double l1 = loss.l1 / (double)im.weight; // its square must count once
-    if ((s = sv_train_curvature(t, l1, im.is_supersampled, &t->target)) < 0) return s;
+    const double share = image && image->mask ? (double)t->views[c->i_view].share : 1.0;
+    const sv_train_residual r = {.l1 = loss.l1 / ((double)im.weight * share), // its square must count once
+                                 .masked = image,
+                                 .scale = im.scale,
+                                 .is_supersampled = im.is_supersampled};
+    if ((s = sv_train_curvature(t, &r, &t->target)) < 0) return s;
   }
   if (im.options.has_depth) out->loss += t->hooks->add_loss(t->hooked, &im);
   return backward(t, &im, errors);

@@ -9,9 +9,11 @@
 // with half of the neighbours' distance, surfaces have holes (docs/notes/quality.md)
 #define SCALE 0.8f
 
-// Mean colour of the pixels that a map's pixel was reduced from; false where they are transparent.
+// Mean colour of the pixels that a map's pixel was reduced from; false where they are transparent or
+// masked.
 static bool colour(const sv_image_u8 *im, int k, int x, int y, float rgb[3]) {
   uint32_t sum[4] = {0};
+  if (!sv_image_counts(im, k, x, y)) return false;
   for (int j = 0; j < k * k; j++) {
     const uint8_t *p = im->px + (size_t)(y * k + j / k) * (size_t)im->stride_bytes +
                        (size_t)((x * k + j % k) * im->n_channels);

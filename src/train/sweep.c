@@ -250,6 +250,7 @@ typedef struct {
 
 typedef struct { // what one task does
   const sv_depth_map *m;
+  const sv_image_u8 *image; // that m is of
   lane *l;
   int y0, x0, x1, stride; // columns [x0, x1) have structure; both are multiples of 16
 } band;
@@ -413,6 +414,7 @@ static void write_codes(const band *b) {
   const sv_depth_map *m = b->m;
   const lane *l = b->l;
   const int w = m->view.width_px;
+  const sv_image_u8 *im = b->image;
   for (int i = 0; i < BAND && b->y0 + i < m->view.height_px; i++) {
     uint16_t *out = m->code + (size_t)(b->y0 + i) * (size_t)w;
     for (int x = 0; x < w; x++) out[x] = 0;
@@ -421,6 +423,7 @@ static void write_codes(const band *b) {
       float p = l->plane[at], before = l->before[at], best = l->best[at], after = l->after[at];
       float curvature = 2 * best - before - after;
       if (!(l->norm[at] > 0) || best < MIN_CORR2 || p < 1 || p > (float)(m->n_planes - 2)) continue;
+      if (!sv_image_counts(im, m->k, x, b->y0 + i)) continue;
       if (curvature > 1e-6f) p += sv_clampf(0.5f * (after - before) / curvature, -0.5f, 0.5f);
       out[x] = (uint16_t)(1.5f + 256 * p);
     }
@@ -435,7 +438,11 @@ static void sweep_task(void *arg, int i_task, int i_thread) {
   job *j = arg;
   const sv_depth_map *m = &j->s->map[i_task / j->bands_of_map];
   lane *l = &j->lanes[i_thread];
-  band b = {.m = m, .l = l, .y0 = i_task % j->bands_of_map * BAND, .stride = stride_of(m->view.width_px)};
+  band b = {.m = m,
+            .image = &j->t->views[m->i_view].image,
+            .l = l,
+            .y0 = i_task % j->bands_of_map * BAND,
+            .stride = stride_of(m->view.width_px)};
   transfer q[SV_SWEEP_CAP_SOURCES];
   const int n = BAND * b.stride;
   if (b.y0 >= m->view.height_px) return;

@@ -226,6 +226,11 @@ sv_status sv_train_attach(sv_trainer *t, const sv_train_hooks *hooks, void *self
   return SV_OK;
 }
 
+static sv_train_view view_of(const sv_view *view, const sv_image_u8 *im) {
+  const double n = (double)im->width_px * im->height_px;
+  return (sv_train_view){*view, *im, im->mask ? (float)(sv_maxd(sv_image_n_counted(im), 1) / n) : 1.0f};
+}
+
 sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u8 *image, sv_err *err) {
   if (t->n_views >= t->cfg.cap_views)
     return sv_fail(err, SV_E_FULL, "more than the %d planned training views", t->cfg.cap_views);
@@ -236,7 +241,7 @@ sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u
       sv_plane_floats(view->width_px, view->height_px) > cap_floats(&t->cfg))
     return sv_fail(err, SV_E_RANGE, "a view of %dx%d is larger than the planned %dx%d", view->width_px,
                    view->height_px, t->cfg.cap_width_px, t->cfg.cap_height_px);
-  t->views[t->n_views] = (sv_train_view){*view, *image};
+  t->views[t->n_views] = view_of(view, image);
   if (t->cfg.poses.cap_poses > 0) t->poses.pose_of[t->n_views] = -1;
   sv_train_set_appearance(t, t->n_views, -1, -1);
   if (t->n_views == 0 || fabsf(view->time - 0.5f) < fabsf(t->reference_time - 0.5f))
@@ -248,8 +253,7 @@ sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u
 }
 
 void sv_train_replace_view(sv_trainer *t, int i_view, const sv_view *view, const sv_image_u8 *image) {
-  t->views[i_view].view = *view;
-  t->views[i_view].image = *image;
+  t->views[i_view] = view_of(view, image);
   t->newest_time = sv_maxf(t->newest_time, view->time);
 }
 

@@ -24,7 +24,8 @@ extern "C" {
 
 typedef struct {
   sv_view view;
-  sv_image_u8 image; // not copied: must live as long as the trainer
+  sv_image_u8 image; // not copied: must live as long as the trainer, and so must its mask
+  float share;       // of the pixels, that its mask lets count; above 0
 } sv_train_view;
 
 typedef struct {

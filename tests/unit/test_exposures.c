@@ -80,7 +80,51 @@ TEST(test_damaged_picture) {
   assert_int_equal(pool.n_replaced, 2);
 }
 
+// The mask of a camera comes with each of its images: as it is of a straight lens; of others a pixel
+// counts where all pixels that it is interpolated from do. It takes memory of its own.
+TEST(test_mask) {
+  static uint8_t mask[SIDE * SIDE];
+  static sv_sub_view sub[2];
+  static sv_camera_caps caps[2];
+  const sv_rig rig = {.sub_views = sub, .n_sub_views = 2, .cap_sub_views = 2};
+  size_t bytes[2];
+  for (int i = 0; i < 2; i++) {
+    sub[i] = (sv_sub_view){.i_camera = i,
+                           .model = {.kind = i ? SV_MODEL_OPENCV4 : SV_MODEL_PINHOLE,
+                                     .width_px = SIDE,
+                                     .height_px = SIDE,
+                                     .p = {30, 30, SIDE / 2, SIDE / 2, -0.2}},
+                           .cam_from_rig = sv_pose_identity()};
+    caps[i] = (sv_camera_caps){.width_px = SIDE, .height_px = SIDE, .format = SV_PIX_RGB8};
+  }
+  memset(mask, 255, sizeof mask);
+  memset(mask, 0, 5 * SIDE); // the upper five rows
+  const sv_exposures_cfg cfg = {
+      .rig = &rig, .cap_exposures = 2, .caps = caps, .n_cameras = 2, .n_threads = 1};
+  for (int has_mask = 0; has_mask < 2; has_mask++) {
+    sv_arena arena = sv_arena_make(block, sizeof block);
+    sv_err err;
+    for (int i = 0; i < 2; i++) sub[i].mask = has_mask ? mask : NULL;
+    assert_ok(sv_exposures_init(&pool, &cfg, &arena, &err), &err);
+    bytes[has_mask] = arena.used_bytes;
+    for (int i = 0; i < 2; i++) {
+      sv_image_u8 image;
+      sv_view view;
+      sv_exposures_get(&pool, 0, i, &image, &view);
+      assert_true((image.mask != NULL) == has_mask);
+      for (int y = 0; y < SIDE && has_mask; y++) {
+        const double up = (y + 0.5 - (double)view.cy) / (double)view.fy; // in the middle column, x = 0
+        const double y_px = i ? 30 * up * (1 - 0.2 * up * up) + SIDE / 2 : y + 0.5;
+        const bool is_masked = !sv_image_counts(&image, 1, SIDE / 2, y);
+        if (y_px < 5) assert_true(is_masked);
+        if (y_px > (i ? 6.6 : 5)) assert_true(!is_masked);
+      }
+    }
+  }
+  assert_true(bytes[1] >= bytes[0] + 2 * SIDE * SIDE);
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_damaged_picture)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_damaged_picture), cmocka_unit_test(test_mask)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -239,6 +239,10 @@ static sv_status read_rig(const char *json, sv_rig *rig, sv_coverage_names *name
   "\"a.cameramodel\",\"camera\":0" rest "},{\"name\":\"b\",\"model\":\"b.cameramodel\",\"camera\":0,"        \
   "\"footprint\":[5,6,4,3]}]}"
 
+#define DIRECT(rest)                                                                                         \
+  "{\"version\":1,\"name\":\"d\",\"forward\":\"direct\",\"sub_views\":[{\"name\":\"a\",\"model\":"           \
+  "\"a.cameramodel\",\"camera\":0" rest "},{\"name\":\"b\",\"model\":\"b.cameramodel\",\"camera\":0}]}"
+
 TEST(test_rig_json) {
   sv_rig rig;
   sv_coverage_names names;
@@ -261,7 +265,10 @@ TEST(test_rig_json) {
       {RIG(",\"footprint\":[1,2,4,3],\"coverage\":7"), "coverage"},
       {RIG(",\"footprint\":[1,2,4,3],\"coverage\":"
            "\"a012345678901234567890123456789012345678901234567890123456789012345.png\""),
-       "coverage"}};
+       "coverage"},
+      {RIG(",\"footprint\":[1,2,4,3],\"mask\":\"a.png\""), "shares its pixels"},
+      {DIRECT(",\"mask\":\"../a.png\""), "'.'"},
+      {DIRECT(",\"mask\":7"), "mask"}};
   for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
     if (read_rig(bad[i][0], &rig, &names) >= 0 || !strstr(err.text, bad[i][1]) ||
         !strstr(err.text, "rig.json"))
@@ -293,10 +300,41 @@ TEST(test_folder) {
   rmdir(folder);
 }
 
+// A mask beside a lens file: its name is kept and written again, its picture has the sub-view's size.
+TEST(test_mask) {
+  char folder[] = "/tmp/subview-footprint-XXXXXX", path[128], text[2048];
+  static const uint8_t px[12] = {0, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 0};
+  assert_non_null(mkdtemp(folder));
+  sv_rig rig;
+  sv_coverage_names names;
+  assert_ok(read_rig(DIRECT(",\"mask\":\"own shadow.png\""), &rig, &names), &err);
+  sv_str out = sv_str_make(text, sizeof text);
+  assert_int_equal(sv_rig_json_write_coverage(&out, &rig, &names), SV_OK);
+  assert_contains(text, "\"mask\": \"own shadow.png\"}");
+  assert_ok(read_rig(text, &rig, &names), &err);
+  assert_string_equal(names.mask[0], "own shadow.png");
+  assert_string_equal(names.mask[1], "");
+  assert_error(sv_coverage_load(folder, &rig, &names, &err), SV_E_NOT_FOUND, &err, "own shadow.png");
+  const sv_footprint same = {0, 0, 4, 3, px}, other = {0, 0, 3, 4, px};
+  assert_ok(sv_coverage_save(folder, "own shadow.png", &same, &err), &err);
+  assert_ok(sv_coverage_load(folder, &rig, &names, &err), &err);
+  assert_memory_equal(rig.sub_views[0].mask, px, 12);
+  assert_true(!rig.sub_views[1].mask);
+  sv_coverage_free(&rig);
+  assert_true(!rig.sub_views[0].mask);
+  assert_ok(sv_coverage_save(folder, "own shadow.png", &other, &err), &err);
+  assert_error(sv_coverage_load(folder, &rig, &names, &err), SV_E_FORMAT, &err,
+               "3x4 pixels, its sub-view in rig.json has 4x3");
+  snprintf(path, sizeof path, "%s/own shadow.png", folder);
+  unlink(path);
+  rmdir(folder);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_measure), cmocka_unit_test(test_fall_off), cmocka_unit_test(test_no_footprint),
       cmocka_unit_test(test_sum),     cmocka_unit_test(test_rig_json), cmocka_unit_test(test_folder),
+      cmocka_unit_test(test_mask),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -88,7 +88,7 @@ static sv_status time_rest(sv_bench *b, const sv_pool *pool, const sv_render_opt
   sv_photometric_loss(&t->photometric, &t->render.rgb, &t->target, &t->grad, errors, t->cfg.weight_ssim);
   double t3 = now_ms(b);
   m->stage[SV_STAGE_LOSS][i] = t3 - t2;
-  s = sv_train_curvature(t, 0.1, false, &t->target);
+  s = sv_train_curvature(t, &(sv_train_residual){.l1 = 0.1}, &t->target);
   m->stage[SV_STAGE_CURVATURE][i] = (now_ms(b) - t3) / t->cfg.newton.every;
   if (s < 0) return s;
   t3 = now_ms(b);
