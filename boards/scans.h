@@ -10,8 +10,8 @@
 
 #include "src/base/status.h"
 
-// Fills in path and is_interrupted, the folder of the next run: that of the newest scan if it left a checkpoint and
-// no report (it was interrupted) or nothing at all, else a new one. is_new: always
+// Fills in path and is_interrupted, the folder of the next run: that of the newest scan if it left
+// a checkpoint and no report (it was interrupted) or nothing at all, else a new one. is_new: always
 // a new one, unless the newest is empty. Then removes the oldest scans beyond n_kept.
 typedef struct {
   char *path; // [cap]

@@ -87,7 +87,7 @@ export SV_EMULATE := $(EMULATE)
 
 # A group's list for tests/run/run.sh: one line an item, "label\tcommand" or
 # "label\tcommand\tseconds". An item whose label begins with "!" runs alone.
-LINTS := files words terms includes headers symbols stack links docs format
+LINTS := files words terms width statements includes headers symbols stack links docs format
 LINT_ENV := CC='$(CC) $(SYSROOT_FLAG)' OBJDUMP='$(OBJDUMP)' SAN='$(SAN)'
 item = "$(1)\t$(2)$(if $(3),\t$(3))"
 ITEMS_lint = $(foreach l,$(LINTS),$(call item,lint/$(l),$(LINT_ENV) tools/lint/$(l).sh \

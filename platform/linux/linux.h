@@ -135,8 +135,8 @@ void sv_linux_console_finish(sv_linux_console *c); // ends a live line
 // second one has its usual effect, so a hanging program can still be ended. SIGHUP sets it too,
 // however often it comes, unless it is ignored.
 sv_status sv_linux_catch_signals(sv_err *err) SV_MUST_USE;
-// What every program does first: a file that grows over the limit of its size (ulimit -f) is then an
-// error of a write (EFBIG), not the end of the program.
+// What every program does first: a file that grows over the limit of its size (ulimit -f) is then
+// an error of a write (EFBIG), not the end of the program.
 void sv_linux_begin_program(void);
 // And last: what was printed must have arrived. `code`, or 1 after a sentence on stderr. A reader
 // that has gone is no failure.

@@ -39,7 +39,8 @@ sv_status sv_linux_preview_open(sv_linux_preview *live, uint32_t cap_gaussians, 
                                 sv_err *err) SV_MUST_USE;
 // Starts subview-preview, which lies beside this program, on ADDR:PORT, and waits until it listens
 // (3 s at most). live->token: kept when it is set, else a new one. program NULL: beside
-// /proc/self/exe. E_DEVICE with an empty sentence: subview-preview has said on stderr why it cannot.
+// /proc/self/exe. E_DEVICE with an empty sentence: subview-preview has said on stderr why it
+// cannot.
 sv_status sv_linux_preview_serve(sv_linux_preview *live, const char *program, const char *addr, int port,
                                  sv_err *err) SV_MUST_USE;
 // The port's view: feed, commands (which also looks after the server).

@@ -257,7 +257,8 @@ static sv_status open_files(sv_capture_writer *w, sv_err *err) {
   w->poses.fd = open_sidecar(w, POSES_SIDECAR);
   if (w->poses.fd < 0) return io_failed(w, POSES_SIDECAR, errno, err);
   w->is_open = true;
-  w->saved = sv_capture_writer_save(w, &w->save_err);                // from here on a kill leaves a capture
+  // from here on a kill leaves a capture
+  w->saved = sv_capture_writer_save(w, &w->save_err);
   if (w->saved < 0) w->n_unsaved = (uint64_t)w->cfg.save_period - 1; // or with the first frame
   return SV_OK;
 }

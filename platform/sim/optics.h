@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // What lenses, sensors and shutters do to light, camera by camera: vignetting, exposure, white
 // balance, color matrix, response, black level, hot pixels, rolling shutter, motion blur, defocus.
-// Owns the settings and a table. Never draws random numbers: all is a function of the configuration,
-// the camera and the slot. Camera 0 is the reference: gains, white balance, color matrix and response
-// leave its light as it is.
+// Owns the settings and a table. Never draws random numbers: all is a function of the
+// configuration, the camera and the slot. Camera 0 is the reference: gains, white balance, color
+// matrix and response leave its light as it is.
 #ifndef SV_SIM_OPTICS_H
 #define SV_SIM_OPTICS_H
 
@@ -28,10 +28,11 @@ typedef struct {
   // Relative illumination at distance r from the principal point: 1 + k1 r^2 + k2 r^4 + k3 r^6, r =
   // 1 at the farthest corner. Default 0.
   double vignetting[3];
-  bool is_cos4;         // and the natural falloff cos^4 of the ray's angle
-  double gain;          // camera 1 gets 1 + gain of the light, camera 2 1 - gain. Default 0
-  double white_k;       // color temperature in K to which camera 1 is balanced, camera 2 half-way (in
-                        // 1/K); camera 0 to 6500. Default 6500
+  bool is_cos4; // and the natural falloff cos^4 of the ray's angle
+  double gain;  // camera 1 gets 1 + gain of the light, camera 2 1 - gain. Default 0
+  // color temperature in K to which camera 1 is balanced, camera 2 half-way (in 1/K); camera 0 to
+  // 6500. Default 6500
+  double white_k;
   double crosstalk;     // share of each channel's light that the two others get, cameras 1 and 2.
                         // Default 0
   double response;      // exponent on display values, cameras 1 and 2. Default 1
@@ -43,13 +44,15 @@ typedef struct {
   bool is_blurred;    // moves during shutter_us
   double aperture_mm; // diameter of the lens; 0: a pinhole
   double focus_m;     // distance that is sharp. Default 4
-  int n_samples;      // times and places on the lens that a frame is the mean of, for both. Default 16
-  int n_hot;          // pixels of a camera that are always bright. Default 0
+  // times and places on the lens that a frame is the mean of, for both. Default 16
+  int n_samples;
+  int n_hot; // pixels of a camera that are always bright. Default 0
 } sv_sim_optics_cfg;
 
 typedef struct {
   bool is_on; // anything but ideal
-  // display value of 65535 per 14-bit code, cameras 1 and 2; NULL when the response is linear's sRGB
+  // display value of 65535 per 14-bit code, cameras 1 and 2; NULL when the response is linear's
+  // sRGB
   uint16_t *response;
 } sv_sim_optics;
 
@@ -59,14 +62,14 @@ sv_status sv_sim_optics_init(sv_sim_optics *o, const sv_sim_optics_cfg *cfg, con
 
 // Whether all cameras give the same values for the same light, auto-exposure apart.
 bool sv_sim_optics_is_color_known(const sv_sim_optics_cfg *cfg);
-// Linear color transform of a camera in a slot, row-major; progress: the slot's place in the round, 0
-// to 1. Without the black level.
+// Linear color transform of a camera in a slot, row-major; progress: the slot's place in the round,
+// 0 to 1. Without the black level.
 void sv_sim_optics_matrix(const sv_sim_optics_cfg *cfg, int i_camera, double progress, float m[9]);
 // Share of the light at pixel (x, y) of a view.
 float sv_sim_optics_falloff(const sv_sim_optics_cfg *cfg, const sv_view *v, float x, float y);
 int sv_sim_optics_n_samples(const sv_sim_optics_cfg *cfg);
-// Sample i of a frame: by how much of the shutter time it is late, -0.5 to 0.5, and its place on the
-// lens in m.
+// Sample i of a frame: by how much of the shutter time it is late, -0.5 to 0.5, and its place on
+// the lens in m.
 void sv_sim_optics_sample(const sv_sim_optics_cfg *cfg, int i, double *late, double lens_m[2]);
 // The view through that place of the lens: points at focus_m stay where they are.
 sv_view sv_sim_optics_through(const sv_sim_optics_cfg *cfg, const sv_view *v, const double lens_m[2]);

@@ -16,7 +16,8 @@ typedef struct {
   float *sum;     // the same: adds linear light instead of writing rgb, or NULL
   int stride_px;
   int x0_px, y0_px; // position on the sensor, for the noise
-  // Through optics: adds this share of the light of columns [x0, x1), after the lens's falloff, to sum
+  // Through optics: adds this share of the light of columns [x0, x1), after the lens's falloff, to
+  // sum
   const sv_view *lens;
   float weight;
   int x0, x1;
@@ -85,7 +86,8 @@ void sv_sim_render(sv_sim *sim, const sv_view *view, double time_s, uint8_t *rgb
   sv_sim_render_rows(sim, sim->shot, 0, view->height_px, rgb, depth_m);
 }
 
-// --- through optics --------------------------------------------------------------------------------
+// --- through optics
+// --------------------------------------------------------------------------------
 
 // Lines that are read at one time; with a global shutter all.
 #define ROWS_A_BAND    2
@@ -127,7 +129,8 @@ static void draw_through(sv_sim *sim, const sv_sub_view *sv, sv_ns mid_ns, canva
   }
 }
 
-// --- from the sum to the frame ---------------------------------------------------------------------
+// --- from the sum to the frame
+// ---------------------------------------------------------------------
 
 typedef struct {
   float m[9], black, scale;

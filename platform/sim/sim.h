@@ -6,8 +6,8 @@
 //
 // Time. Host time is the virtual clock's, in ns; scene time is (host - SV_SIM_EPOCH_NS) in seconds.
 // Slot k is the k-th period of the frame rate; its cameras expose at its middle, for an instant
-// (shutter_us only moves the arrival, unless blur=on). With the default `step` trajectory the rig is
-// stationary within a slot; with `path=smooth` it moves continuously along the same path; with
+// (shutter_us only moves the arrival, unless blur=on). With the default `step` trajectory the rig
+// is stationary within a slot; with `path=smooth` it moves continuously along the same path; with
 // `path=handheld` a hand adds up to 7 cm and 1.5 degrees. `poses=unknown` hides its poses.
 //
 // Space. World z is up, metres. The rig's frame is a camera's (x right, y down, z forward) whose z

@@ -126,9 +126,10 @@ typedef struct {
   float matched_until;    // progress up to which new times were matched
   uint32_t field_step;    // of the field's stage
   uint32_t fit_steps_left;
-  uint32_t n_renewed;  // ever
-  uint8_t *hidden_for; // [cap] exposures for which no view has seen a Gaussian, at most 255 (renew.c)
-  uint8_t *is_moving;  // [cap] 0: static, 1: moves, 2: began to move since the last sort
+  uint32_t n_renewed; // ever
+  // [cap] exposures for which no view has seen a Gaussian, at most 255 (renew.c)
+  uint8_t *hidden_for;
+  uint8_t *is_moving; // [cap] 0: static, 1: moves, 2: began to move since the last sort
   // [cap] each, of the search: frames that saw a Gaussian, mean and squared deviations of its
   // residual over them, largest deviation over the cameras; pixels of the current frame, and the
   // sum of their residuals.

@@ -16,8 +16,9 @@ typedef enum { SV_BEAT_MAIN, SV_BEAT_CAMERAS, SV_BEAT_POOL } sv_beat_thread;
 #define SV_CAP_BEATS 65
 
 typedef struct {
-  _Alignas(64) _Atomic int64_t ns; // of the last progress; 0: the thread rests, so it cannot be late
-  _Atomic int64_t longest_ns;      // the longest time between two of them without rest
+  // of the last progress; 0: the thread rests, so it cannot be late
+  _Alignas(64) _Atomic int64_t ns;
+  _Atomic int64_t longest_ns; // the longest time between two of them without rest
 } sv_beat_of;
 
 typedef struct sv_heartbeats {
@@ -32,8 +33,8 @@ typedef struct sv_heartbeats {
 
 // The thread made progress. h may be NULL.
 void sv_beat(sv_heartbeats *h, int i_thread);
-// Likewise, and it begins something that has no beats of its own and may take so long: the thread is
-// late only afterwards.
+// Likewise, and it begins something that has no beats of its own and may take so long: the thread
+// is late only afterwards.
 void sv_beat_for(sv_heartbeats *h, int i_thread, sv_ns allowed_ns);
 // The thread has nothing to do until its next beat.
 void sv_beat_rest(sv_heartbeats *h, int i_thread);

@@ -121,8 +121,8 @@ typedef struct {
   sv_yuv_kind yuv;      // of YUYV, UYVY, NV12
   sv_raw_tone tone;     // of Bayer, and of grey with more than 8 bits
   int coded_width_px,
-      coded_height_px;  // of the compressed image that holds this camera; 0: the camera is the whole
-                        // image
+      // of the compressed image that holds this camera; 0: the camera is the whole image
+      coded_height_px;
   bool is_light_locked; // exposure time, gain and white balance do not change while frames come
   bool is_color_known;  // the same light gives the same value at every pixel and in all cameras of
                         // which this holds

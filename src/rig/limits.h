@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Bounds of cameras, poses and scenes, from one table with reasons (limits.inc). Each reader of
-// files asks here. Owns nothing. Never corrects a value: what is outside is refused with a sentence.
+// files asks here. Owns nothing. Never corrects a value: what is outside is refused with a
+// sentence.
 #ifndef SV_RIG_LIMITS_H
 #define SV_RIG_LIMITS_H
 

@@ -20,7 +20,8 @@ typedef enum {
   SV_APPEARANCE_CAMERAS,
   SV_APPEARANCE_EXPOSURES // and cameras
 } sv_appearance_mode;
-int sv_appearance_mode_by_name(const char *name); // "auto", "off", "cameras", "exposures"; -1: unknown
+// "auto", "off", "cameras", "exposures"; -1: unknown
+int sv_appearance_mode_by_name(const char *name);
 
 typedef struct {
   // The rig whose sub-views are trained on.

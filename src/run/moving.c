@@ -2,8 +2,8 @@
 // Moving scenes in a run. A clip: exposures are captured first, their times run from 0 to 1, and
 // the motion is a few functions of that time. Live: exposures stream through a ring; times are
 // seconds before the newest exposure, and the motion is a power series about it, which is moved on
-// with each new one, so that the last model's motion is the start of the next; what is not there gets
-// Gaussians from the newest exposure's depth maps. Each exposure gets a fixed time; what came
+// with each new one, so that the last model's motion is the start of the next; what is not there
+// gets Gaussians from the newest exposure's depth maps. Each exposure gets a fixed time; what came
 // meanwhile is left out as whole exposures (src/sync/capture_queue.h).
 #include "src/run/app.h"
 #include "src/base/mathx.h"
@@ -14,7 +14,8 @@
 #define CONTINUOUS_RATE 3.0f
 #define FIND_EVERY      16   // exposures between two searches for what moves
 #define STEADY_PROGRESS 0.5f // all detail is on, and dead Gaussians are relocated
-#define MIN_SCALE_PX    0.1f // of a Gaussian; a smaller one only blinks, and Adam never ends shrinking it
+// of a Gaussian; a smaller one only blinks, and Adam never ends shrinking it
+#define MIN_SCALE_PX    0.1f
 #define MEAN_EXPOSURES  50.0 // that psnr_late is a mean of, about
 #define USUAL_EXPOSURES 5000.0
 #define FALL_DB         3.0 // below the usual PSNR

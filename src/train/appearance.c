@@ -54,7 +54,8 @@ bool sv_train_has_appearance(const sv_trainer *t, int i_view) {
   return t->cfg.appearance.n_cameras > 0 && t->appearance.camera_of[i_view] >= 0;
 }
 
-// --- transforms ------------------------------------------------------------------------------------
+// --- transforms
+// ------------------------------------------------------------------------------------
 
 static const sv_appearance_group *exposure_of(const sv_trainer *t, int i_view) {
   const int e = t->appearance.exposure_of[i_view];
@@ -70,8 +71,8 @@ void sv_train_appearance_of(const sv_trainer *t, int i_view, double out[SV_APPEA
   sv_apply33(out + 9, e->p, c->p + 9);
 }
 
-// A rendering of a view, what it is compared with, and where what the camera shows, or its gradient,
-// goes.
+// A rendering of a view, what it is compared with, and where what the camera shows, or its
+// gradient, goes.
 typedef struct {
   const sv_trainer *t;
   sv_appearance_args args; // of any row but for cy
@@ -95,8 +96,8 @@ static rows rows_of(const sv_trainer *t, int i_thread, int stride) {
   return r;
 }
 
-// Display values of a row -> linear light -> the camera's light -> display values in out, slopes with
-// is_bwd.
+// Display values of a row -> linear light -> the camera's light -> display values in out, slopes
+// with is_bwd.
 static void show_row(const job *j, const rows *r, int y, float *const out[3], bool is_bwd) {
   const sv_kernels *k = j->t->compute.k;
   const int w = j->x->width_px;
@@ -183,7 +184,8 @@ const sv_planes *sv_train_appear(sv_trainer *t, int i_view, const sv_view *view,
   return &t->appearance.image;
 }
 
-// --- gradients -------------------------------------------------------------------------------------
+// --- gradients
+// -------------------------------------------------------------------------------------
 
 static void step(sv_appearance_group *g, const double *grad, int from, int to, double rate, double pull) {
   const double n = (double)g->n_steps, bias1 = 1 - sv_pow(0.9, n), bias2 = 1 - sv_pow(0.999, n);

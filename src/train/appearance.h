@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Appearance: what each camera makes of the scene's light, learned with the Gaussians, so that
-// differences between cameras and exposures do not end up in the scene. In linear light, per camera an
-// affine color transform and a radial falloff, per exposure a 3x3 color transform:
+// differences between cameras and exposures do not end up in the scene. In linear light, per camera
+// an affine color transform and a radial falloff, per exposure a 3x3 color transform:
 //   out = f(r^2) E (C x + c)                                    (kernels/appearance/appearance.h)
-// by Adam, pulled towards where they start (appearance_start.h). The transforms of camera 0 (its falloff apart) and of exposure
-// 0 are the identity: the model has the reference camera's colors.
+// by Adam, pulled towards where they start (appearance_start.h). The transforms of camera 0 (its
+// falloff apart) and of exposure 0 are the identity: the model has the reference camera's colors.
 // Owns the groups and one rendered image. Never changes what is exported, and knows no sensors
 // whose lens images overlap.
 #ifndef SV_TRAIN_APPEARANCE_H

@@ -61,11 +61,13 @@ size_t sv_appearance_start_bytes(const sv_train_cfg *c) {
          8 * SV_ARENA_ALIGN;
 }
 
-// --- what is seen ----------------------------------------------------------------------------------
+// --- what is seen
+// ----------------------------------------------------------------------------------
 
 static double linear_of(double v) { return v <= 0.04045 ? v / 12.92 : sv_pow((v + 0.055) / 1.055, 2.4); }
 
-// Logarithm of the light, mean over 3 x 3 pixels; false at the border, and where one is too dark or saturated.
+// Logarithm of the light, mean over 3 x 3 pixels; false at the border, and where one is too dark or
+// saturated.
 static bool value_at(const sv_image_u8 *im, int x, int y, float out[3]) {
   int sum[3] = {0};
   if (im->n_channels < 3 || x < 1 || y < 1 || x + 1 >= im->width_px || y + 1 >= im->height_px) return false;
@@ -116,7 +118,8 @@ static sv_status look(problem *p) {
   return SV_OK;
 }
 
-// --- the system of one channel ---------------------------------------------------------------------
+// --- the system of one channel
+// ---------------------------------------------------------------------
 
 static row row_of(const problem *p, int k, float r2) {
   const int c = p->t->appearance.camera_of[p->view[k]], e = p->t->appearance.exposure_of[p->view[k]];
@@ -136,7 +139,8 @@ static double model(const problem *p, const row *r) {
   return y;
 }
 
-// Adds a point, its own color eliminated: with weights w, sum w h h^T - (sum w h)(sum w h)^T / sum w.
+// Adds a point, its own color eliminated: with weights w, sum w h h^T - (sum w h)(sum w h)^T / sum
+// w.
 static void add_point(problem *p, const observation *seen, int channel) {
   row *rows = p->rows;
   double *w = p->w, *y = p->y, sum_w = 0, mean_y = 0, residual = 0;
@@ -190,7 +194,8 @@ static bool solve_channel(problem *p, int channel) {
   return true;
 }
 
-// --- from logarithms to groups ---------------------------------------------------------------------
+// --- from logarithms to groups
+// ---------------------------------------------------------------------
 
 // k1, k2, k3 so that 1 + k1 q + k2 q^2 + k3 q^3 is exp(f1 q + f2 q^2) at q = 1/3, 2/3 and 1.
 static void falloff_of(double f1, double f2, double k[3]) {

@@ -41,7 +41,8 @@ for pause in 5 20 0; do
   sleep $pause
 done
 mkdir -p "$root/etc/dpkg/dpkg.cfg.d"
-echo force-unsafe-io >"$root/etc/dpkg/dpkg.cfg.d/installation" # the disk is thrown away when this fails
+# the disk is thrown away when this fails
+echo force-unsafe-io >"$root/etc/dpkg/dpkg.cfg.d/installation"
 echo subview >"$root/etc/hostname"
 echo '/dev/vda / ext4 defaults 0 1' >"$root/etc/fstab"
 mkdir -p "$root/test" "$root/etc/systemd/system/multi-user.target.wants"

@@ -13,7 +13,8 @@
 
 #define CAP_CALLS 1000
 
-static const char *const kinds[] = {"5", "28", "122", "30", "short", "xfsz"}; // of Linux on x86 and ARM
+// of Linux on x86 and ARM
+static const char *const kinds[] = {"5", "28", "122", "30", "short", "xfsz"};
 #define N_KINDS ((int)(sizeof kinds / sizeof *kinds))
 
 static char bin[256], preload[500], said[16 << 10];

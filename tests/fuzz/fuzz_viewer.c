@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Models in viewers' formats. The first byte picks the name, which decides for .splat: 0 SPZ, 1 GLB,
-// 2 .splat; the file follows.
+// Models in viewers' formats. The first byte picks the name, which decides for .splat: 0 SPZ, 1
+// GLB, 2 .splat; the file follows.
 #include <math.h>
 #include <stdio.h>
 #include <unistd.h>

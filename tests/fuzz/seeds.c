@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Beside libFuzzer's main: with FUZZ_SEEDS_TO=DIR the target writes its built-in seeds there and ends.
+// Beside libFuzzer's main: with FUZZ_SEEDS_TO=DIR the target writes its built-in seeds there and
+// ends.
 #include <stdio.h>
 
 #include "tests/fuzz/fuzz.h"

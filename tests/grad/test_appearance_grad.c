@@ -170,14 +170,15 @@ TEST(test_reference) {
   assert_true(t.appearance.camera[0].p[12] != 0 && t.appearance.camera[1].n_steps == 2);
 }
 
-// --- the start -------------------------------------------------------------------------------------
+// --- the start
+// -------------------------------------------------------------------------------------
 
 static double display_of(double light) {
   return light <= 0.0031308 ? 12.92 * light : 1.055 * pow(light, 1 / 2.4) - 0.055;
 }
 
-// A textured plane through the origin, seen by four views; Gaussians on it. What the cameras do to its
-// light is found.
+// A textured plane through the origin, seen by four views; Gaussians on it. What the cameras do to
+// its light is found.
 TEST(test_start) {
   static const double gain[2][3] = {{1, 1, 1}, {1.3, 0.9, 0.7}}, drift[2] = {1, 0.8},
                       falloff[2] = {-0.3, -0.2};

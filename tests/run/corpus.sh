@@ -1,6 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Replays tests/fuzz/corpus, and a few mutations of it, with the address and undefined-behaviour sanitizers.
+# Replays tests/fuzz/corpus, and a few mutations of it, with the address and undefined-behaviour
+# sanitizers.
 set -u
 cd "$(dirname "$(readlink -f "$0")")/../.." || exit 2
 build=${BUILD:-build}

@@ -1,7 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Takes what fuzz_long.sh has found into tests/fuzz/corpus: of each target the inputs that reach all edges (libFuzzer's merge),
-# the smallest ones first, at most 60 and 100 kB. Inputs with a name of words are regressions and stay.
+# Takes what fuzz_long.sh has found into tests/fuzz/corpus: of each target the inputs that reach all
+# edges (libFuzzer's merge), the smallest ones first, at most 60 and 100 kB. Inputs with a name of
+# words are regressions and stay.
 set -u
 cd "$(dirname "$(readlink -f "$0")")/../.." || exit 2
 build=${BUILD:-build}/fuzz

@@ -1,8 +1,9 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# fuzz_long.sh MINUTES [TARGET...]: libFuzzer with address and undefined-behaviour sanitizers on each fuzz target in turn.
-# Prints executions, edges and new inputs of each; a finding stops its target, and its input is named. What was found stays in
-# BUILD/fuzz/corpus, where the next call begins.
+# fuzz_long.sh MINUTES [TARGET...]: libFuzzer with address and undefined-behaviour sanitizers on
+# each fuzz target in turn. Prints executions, edges and new inputs of each; a finding stops its
+# target, and its input is named. What was found stays in BUILD/fuzz/corpus, where the next call
+# begins.
 set -u
 minutes=${1:?minutes}
 shift

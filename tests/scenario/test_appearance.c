@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Runs with cameras that differ in exposure, white balance and falloff, on the simulator: measured on
-// held-out views of the reference camera without falloff.
+// Runs with cameras that differ in exposure, white balance and falloff, on the simulator: measured
+// on held-out views of the reference camera without falloff.
 #include <string.h>
 
 #include "tests/common/test.h"

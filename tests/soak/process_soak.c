@@ -71,7 +71,8 @@ static double number_of(const char *key) {
 
 static void take_sample(const char *phase) {
   const pid_t server = live_run_server(&r);
-  if (!server || !read_state() || n_samples == CAP_SAMPLES) return; // it is just being started again
+  // it is just being started again
+  if (!server || !read_state() || n_samples == CAP_SAMPLES) return;
   const double v[N_VALUES] = {rss_kib(r.pid), rss_kib(server), n_files(r.pid), n_files(server),
                               number_of("\"psnr\":")};
   fprintf(csv, "%s,%.1f", phase, now_s() - t0_s);

@@ -462,8 +462,8 @@ static sv_status save_in(run *r, const char *folder, sv_err *err) {
   return s;
 }
 
-// A disk may refuse for a moment; a model that took an hour is worth a few more seconds, and a second
-// place.
+// A disk may refuse for a moment; a model that took an hour is worth a few more seconds, and a
+// second place.
 static sv_status save(run *r, sv_err *err) {
   const sv_clock *c = &r->session.clock;
   sv_status s = save_in(r, r->o->out, err);
