@@ -53,7 +53,7 @@ set_option() { # NAME VALUE
 }
 newest() { find /var/lib/subview/scans -mindepth 1 -maxdepth 1 -type d 2>/dev/null | sort | tail -n 1; }
 has_checkpoint() { [ -e "$(newest)/checkpoint.bin" ]; }
-resumed_since() { journal | tail -n +"$1" | grep -q 'resumed at step'; }
+resumed_since() { journal | tail -n +$(($1 + 1)) | grep -q 'resumed at step'; }
 
 case $stage in
 0)
@@ -106,14 +106,14 @@ case $stage in
   started=$(uptime_s)
   kill -STOP "$(of_unit MainPID)"
   holds hang_resumes until_so 240 resumed_since "$lines"
-  note "hung: training goes on after $(since "$started") s, 5 s of them are the watchdog's"
+  note "hung: training goes on after $(since "$started") s, of which the watchdog waits 5 s at most"
   check restarts "$(of_unit NRestarts)" = 2
   next_stage cut
   echo "@ cut me"
   ;;
 cut)
   # The power was cut while checkpoints were being saved.
-  holds cut_resumes until_so 240 resumed_since 1
+  holds cut_resumes until_so 240 resumed_since 0
   check cut_whole "$(journal | grep -c 'damaged\|no checkpoint')" = 0
   echo "@ cut me"
   ;;
@@ -125,7 +125,8 @@ upgrade)
   check upgraded $? -eq 0 -a "$(dpkg-query -W -f '${Version}' subview)" = "$(dpkg-deb -f /test/second/subview_*.deb Version)"
   check upgrade_keeps "$(cat $conf /var/lib/subview/rig/note /var/lib/subview/token | sha256sum)" = "$before" \
     -a "$(find /var/lib/subview/scans -mindepth 1 -maxdepth 1 | wc -l)" -ge "$scans"
-  holds upgraded_runs until_so 240 state_is training
+  # The scan that was stopped for it is saved, and the next one waits for Start.
+  holds upgraded_waits until_so 240 state_is waiting
   apt-get purge -y subview >/tmp/log 2>&1
   check purged $? -eq 0 -a "$(find / -xdev -name '*subview*' ! -path '/proc/*' ! -path '/var/lib/subview*' ! -path '/var/cache/*' \
     ! -path '/var/log/*' ! -path '/var/lib/deploy-test*' | wc -l)" = 0
