@@ -150,7 +150,7 @@ static void mark_pixel(sv_prior *prior, int x, int y) {
   for (int i = (int)begin; i <= mode; i++) {
     const uint32_t id = r->intersection[r->list[i]].id;
     const pair p = evaluate(r->splat + id, px, py);
-    if (p.power >= SV_LOG2_ALPHA_MIN && p.falloff > NEAR_2) prior->t->copies[id] = -1;
+    if (p.power >= SV_LOG2_ALPHA_MIN && p.falloff > NEAR_2) prior->t->relocation.copies[id] = -1;
   }
 }
 
@@ -178,11 +178,11 @@ sv_status sv_prior_prune(sv_prior *prior, uint32_t *n_pruned) {
   for (int i = 0; i < prior->t->n_views && s >= 0; i++)
     if ((s = score_view(prior, &w, i, &n)) >= 0) dip += sv_prior_dip(w.sample, n, w.hull) / prior->t->n_views;
   const double percentile = sv_maxd(MIN_Q, MAX_Q * sv_exp(-SHARPNESS * dip));
-  for (int i = 0; i < prior->t->g.n; i++) prior->t->copies[i] = 0; // free between two relocations
+  for (int i = 0; i < prior->t->g.n; i++) prior->t->relocation.copies[i] = 0; // free between two relocations
   for (int i = 0; i < prior->t->n_views && s >= 0; i++)
     if ((s = score_view(prior, &w, i, &n)) >= 0) mark_view(prior, &w, n, percentile);
   for (int i = 0; i < prior->t->g.n && s >= 0; i++) {
-    if (prior->t->copies[i] >= 0) continue;
+    if (prior->t->relocation.copies[i] >= 0) continue;
     *sv_gaussians_at(&prior->t->g, i, SV_ROW_LOGIT) = (float)sv_log((double)SV_OPACITY_DEAD / 2);
     (*n_pruned)++;
   }

@@ -79,8 +79,8 @@ static double accumulate(sv_trainer *t, uint32_t *n_dead) {
     double o = opacity_of(t, i);
     if (o <= (double)SV_OPACITY_DEAD) (*n_dead)++;
     else sum += o * (0.1 * mean + (double)t->err[i] + 1e-12);
-    t->cum[i] = sum;
-    t->copies[i] = 1;
+    t->relocation.cum[i] = sum;
+    t->relocation.copies[i] = 1;
   }
   return sum;
 }
@@ -107,23 +107,23 @@ uint32_t sv_train_relocate(sv_trainer *t) {
   if (!n_dead || !(sum > 0)) return 0;
   // All sources are chosen by the weights of now; then each is split once by its number of copies.
   for (int i = 0; i < t->g.n; i++) {
-    t->source[i] = -1;
-    if (t->cum[i] > (i ? t->cum[i - 1] : 0.0)) continue; // alive
-    int src = draw(t->cum, t->g.n, (double)sv_rng_f(&t->rng) * sum);
-    if (t->copies[src] >= CAP_COPIES) continue;
-    t->copies[src]++;
-    t->source[i] = src;
+    t->relocation.source[i] = -1;
+    if (t->relocation.cum[i] > (i ? t->relocation.cum[i - 1] : 0.0)) continue; // alive
+    int src = draw(t->relocation.cum, t->g.n, (double)sv_rng_f(&t->rng) * sum);
+    if (t->relocation.copies[src] >= CAP_COPIES) continue;
+    t->relocation.copies[src]++;
+    t->relocation.source[i] = src;
   }
   for (int i = 0; i < t->g.n; i++) {
-    if (t->copies[i] < 2) continue;
-    apply_split(t, i, t->copies[i]);
+    if (t->relocation.copies[i] < 2) continue;
+    apply_split(t, i, t->relocation.copies[i]);
     clear_moments(t, i);
-    t->err[i] /= (float)t->copies[i];
+    t->err[i] /= (float)t->relocation.copies[i];
   }
   for (int i = 0; i < t->g.n; i++) {
-    if (t->source[i] < 0) continue;
-    sv_train_copy_slot(t, i, t->source[i]);
-    if (SV_TRAIN_HAS(t, copy)) t->hooks->copy(t->hooked, i, t->source[i]);
+    if (t->relocation.source[i] < 0) continue;
+    sv_train_copy_slot(t, i, t->relocation.source[i]);
+    if (SV_TRAIN_HAS(t, copy)) t->hooks->copy(t->hooked, i, t->relocation.source[i]);
     displace(t, i);
     n_done++;
   }

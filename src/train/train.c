@@ -103,9 +103,9 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   t->err = SV_TAKE(a, float, cap);
   t->block = SV_TAKE(a, float, (size_t)c->n_threads *SV_TRAIN_BLOCK_FLOATS);
   t->floor = c->min_scale_px > 0.0f ? SV_TAKE(a, float, cap) : NULL;
-  t->cum = SV_TAKE(a, double, cap);
-  t->copies = SV_TAKE(a, int32_t, cap);
-  t->source = SV_TAKE(a, int32_t, cap);
+  t->relocation.cum = SV_TAKE(a, double, cap);
+  t->relocation.copies = SV_TAKE(a, int32_t, cap);
+  t->relocation.source = SV_TAKE(a, int32_t, cap);
   t->touched_of = SV_TAKE(a, uint32_t, cap / 16 + 1);
   sv_arena_part_begin(a, "renderer");
   sv_renderer_cfg rc = sv_train_renderer_cfg(c);

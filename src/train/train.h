@@ -47,6 +47,11 @@ typedef struct {
   float *err;     // the same
 } sv_supersample;
 
+typedef struct {
+  double *cum;              // [cap] cumulative weights
+  int32_t *copies, *source; // [cap]
+} sv_relocation;
+
 struct sv_trainer {
   sv_train_cfg cfg;
   sv_compute compute;
@@ -61,11 +66,10 @@ struct sv_trainer {
   float *block;
   // [cap / 16][n_rows + 1][16] of a step with several images, last row: error. Or NULL
   float *sum;
-  uint32_t *sum_touched;    // [cap / 16][2] lanes with a gradient, lanes with an error
-  float *floor;             // [cap] minimum log-scales, NULL without min_scale_px
-  double *cum;              // [cap] cumulative relocation weights
-  int32_t *copies, *source; // [cap] of a relocation
-  uint32_t *touched_of;     // [cap / 16 / blocks a task + 1]
+  uint32_t *sum_touched; // [cap / 16][2] lanes with a gradient, lanes with an error
+  float *floor;          // [cap] minimum log-scales, NULL without min_scale_px
+  sv_relocation relocation;
+  uint32_t *touched_of; // [cap / 16 / blocks a task + 1]
   sv_renderer render;
   sv_photometric photometric;
   sv_tv tv;
