@@ -134,7 +134,7 @@ test-all: programs
 stage-digests: $(PROGS_digests)
 	@$(EMULATE) $< $(STAGE_ARGS)
 
-.PHONY: test cross board-test bare-test deploy-test deploy-test-one accept-counts soak soak-sim ring-stress
+.PHONY: test cross board-test bare-test deploy-test deploy-test-one two-packages accept-counts soak soak-sim ring-stress
 test:
 	@[ '$(WITH)' != minimal ] || { echo "make test: the tests are of all features, so not with WITH=minimal" >&2; exit 2; }
 	@WITH='$(WITH)' tools/deps/install.sh test
@@ -153,17 +153,21 @@ bare-test:
 .PHONY: kill-test
 kill-test: $(O)/tests/fault/test_kills programs
 	@KILL_N=$(or $(N),1000) $<
-# For each release: the packages, calibration as on this machine, and the service on a board that
-# boots from a disk.
+# make deploy by a stand-in for ssh; then for each release: calibration as on this machine, and the
+# packages and the service on a board that boots from a disk.
 deploy-test:
 	@tools/deps/install.sh deploy
+	@+$(MAKE) --no-print-directory $(PARALLEL) two-packages
+	@tests/deploy/ssh_test.sh '$(BUILD)/deploy/ssh' $(PACKAGES)/subview_*.deb $(O)/second/subview_*.deb
 	@+$(foreach s,bookworm trixie,$(MAKE) --no-print-directory $(PARALLEL) BOARD=generic-arm64 SUITE=$(s) deploy-test-one &&) true
-deploy-test-one: programs
+deploy-test-one: two-packages
 	@tests/deploy/calibrate.sh '$(O)/bin' '$(EMULATE)' '$(O)'
+	@tests/deploy/deploy.sh '$(BUILD)' '$(SUITE)' $(PACKAGES)/subview_*.deb $(O)/second/subview_*.deb
+# Of two revisions, for upgrades.
+two-packages:
 	@+$(MAKE) --no-print-directory package REVISION=2
 	@rm -rf '$(O)/second' && mv '$(PACKAGES)' '$(O)/second'
 	@+$(MAKE) --no-print-directory package
-	@tests/deploy/deploy.sh '$(BUILD)' '$(SUITE)' $(PACKAGES)/subview_*.deb $(O)/second/subview_*.deb
 accept-counts: $(O)/tests/budget/test_budget_counts
 	@$< --accept
 soak: $(PROGS_soak) programs
