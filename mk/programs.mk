@@ -47,9 +47,11 @@ $(O)/features: FORCE
 	@mkdir -p $(@D); echo '$(FEATURES)' | cmp -s - $@ || echo '$(FEATURES)' | tee $@
 $(ALL_OBJ): | $(O)/features
 
-.PHONY: all programs plan clean
+.PHONY: all programs runtime plan clean
 all: $(CORE) $(PROGRAMS) $(MODULES) tests-build
 programs: $(CORE) $(PROGRAMS) $(MODULES)
+# Without the tools: what the virtual board runs.
+runtime: $(filter %/subview %/subview-preview,$(PROGRAMS)) $(MODULES)
 plan: $(O)/bin/subview
 	@$(EMULATE) $< plan
 clean:

@@ -144,7 +144,7 @@ cross:
 board-test:
 	@WITH='$(WITH)' tools/deps/install.sh board
 	@tools/deps/sysroot.sh '$(SUITE)' arm64 '$(BUILD)/sysroot-$(SUITE)-arm64'
-	@+$(MAKE) --no-print-directory BOARD=generic-arm64 SAN= $(PARALLEL) programs conform
+	@+$(MAKE) --no-print-directory BOARD=generic-arm64 SAN= $(PARALLEL) runtime conform
 	@tests/board/run.sh '$(BUILD)' '$(BUILD)/generic-arm64$(OTHER_SUITE)' '$(BUILD)/sysroot-$(SUITE)-arm64'
 bare-test:
 	@tools/deps/install.sh bare
