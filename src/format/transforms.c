@@ -229,6 +229,7 @@ static sv_status read_frame(const sv_json *j, int i_frame, const camera *common,
   if (s < 0) return s;
   if (s == SV_END || !f->file_path[0]) return sv_json_missing(j, i_frame, "file_path", err);
   f->has_extension = ends_in_image(f->file_path);
+  if ((s = get_path(j, i_frame, "mask_path", f->mask_path, err)) < 0) return s;
   camera c = *common;
   s = read_camera(j, i_frame, &c, err);
   if (s != SV_OK) return s;

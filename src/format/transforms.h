@@ -31,6 +31,7 @@ typedef enum { SV_TRANSFORMS_NO_PRIOR = 0, SV_TRANSFORMS_DEPTH, SV_TRANSFORMS_DI
 typedef struct {
   // as in the file, without a leading "./"; may lack its extension
   char file_path[SV_TRANSFORMS_CAP_PATH];
+  char mask_path[SV_TRANSFORMS_CAP_PATH];  // black where the image is ignored; empty when absent
   char depth_path[SV_TRANSFORMS_CAP_PATH]; // empty when depth_kind is NONE
   bool has_extension;                      // false: the reader tries .png, .jpg, ...
   sv_depth_kind depth_kind;

@@ -40,6 +40,10 @@ typedef enum {
 size_t sv_ssim_scratch_doubles(int width);
 // Mean SSIM over channels and pixels. E_RANGE when the image is smaller than the window (VALID).
 sv_status sv_ssim(const sv_image_pair *im, sv_ssim_padding padding, double *scratch, double *out) SV_MUST_USE;
+// The same with zero padding over the pixels with mask != 0 only; where it is 0, b counts as equal
+// to a. 1 for an empty mask.
+sv_status sv_ssim_counted(const sv_image_pair *im, const uint8_t *mask, double *scratch,
+                          double *out) SV_MUST_USE;
 // DyCheck's masked SSIM (Gao et al. 2022): "valid", each 1-D blur a partial convolution over the
 // mask, variances clamped at 0 and the covariance at their geometric mean, plain mean over all
 // positions. Windows without a mask pixel count as 1, so it grows with the masked-out area (kept

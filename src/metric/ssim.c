@@ -24,17 +24,26 @@ static double ssim_of(double m1, double m2, double s1, double s2, double s12) {
   return (2 * m1 * m2 + C1) * (2 * s12 + C2) / ((m1 * m1 + m2 * m2 + C1) * (s1 + s2 + C2));
 }
 
+// The images of a channel, and where they are compared; NULL: everywhere.
+typedef struct {
+  const float *a, *b;
+  const uint8_t *mask;
+  int w, h;
+} channel;
+
 // The five maps of row y blurred down the columns; rows outside the image are zero.
-static void blur_columns(const float *a, const float *b, int w, int h, int y, double *rows) {
+static void blur_columns(const channel *c, int y, double *rows) {
+  const int w = c->w, h = c->h;
   memset(rows, 0, sizeof(double) * N_MAPS * (size_t)w);
   double *r0 = rows, *r1 = rows + w, *r2 = r1 + w, *r3 = r2 + w, *r4 = r3 + w;
   for (int t = 0; t < TAPS; t++) {
     int yy = y + t - HALF;
     if (yy < 0 || yy >= h) continue;
-    const float *pa = a + (size_t)yy * (size_t)w, *pb = b + (size_t)yy * (size_t)w;
+    const float *pa = c->a + (size_t)yy * (size_t)w, *pb = c->b + (size_t)yy * (size_t)w;
+    const uint8_t *mask = c->mask ? c->mask + (size_t)yy * (size_t)w : NULL;
     double g = window[t];
     for (int x = 0; x < w; x++) {
-      double va = (double)pa[x], vb = (double)pb[x];
+      double va = (double)pa[x], vb = mask && !mask[x] ? va : (double)pb[x];
       r0[x] += g * va;
       r1[x] += g * vb;
       r2[x] += g * (va * va);
@@ -44,10 +53,11 @@ static void blur_columns(const float *a, const float *b, int w, int h, int y, do
   }
 }
 
-static double sum_row(const double *rows, int w, int x0, int x1) {
+static double sum_row(const double *rows, const uint8_t *mask, int w, int x0, int x1) {
   double sum = 0;
   for (int x = x0; x < x1; x++) {
     double m[N_MAPS] = {0};
+    if (mask && !mask[x]) continue;
     int t0 = x < HALF ? HALF - x : 0, t1 = x + HALF >= w ? w - 1 - x + HALF : TAPS - 1;
     for (int t = t0; t <= t1; t++) {
       const double *p = rows + x + t - HALF, g = window[t];
@@ -65,11 +75,27 @@ sv_status sv_ssim(const sv_image_pair *im, sv_ssim_padding padding, double *scra
   for (int c = 0; c < im->n_channels; c++) {
     size_t plane = (size_t)c * (size_t)w * (size_t)h;
     for (int y = edge; y < h - edge; y++) {
-      blur_columns(im->a + plane, im->b + plane, w, h, y, scratch);
-      sum += sum_row(scratch, w, edge, w - edge);
+      blur_columns(&(channel){im->a + plane, im->b + plane, NULL, w, h}, y, scratch);
+      sum += sum_row(scratch, NULL, w, edge, w - edge);
     }
   }
   *out = sum / ((double)im->n_channels * (w - 2 * edge) * (h - 2 * edge));
+  return SV_OK;
+}
+
+sv_status sv_ssim_counted(const sv_image_pair *im, const uint8_t *mask, double *scratch, double *out) {
+  const int w = im->width, h = im->height;
+  if (w < 1 || h < 1 || im->n_channels < 1) return SV_E_RANGE;
+  const size_t n = (size_t)w * (size_t)h;
+  size_t n_counted = 0;
+  double sum = 0;
+  for (size_t i = 0; i < n; i++) n_counted += mask[i] != 0;
+  for (int c = 0; c < im->n_channels; c++)
+    for (int y = 0; y < h; y++) {
+      blur_columns(&(channel){im->a + (size_t)c * n, im->b + (size_t)c * n, mask, w, h}, y, scratch);
+      sum += sum_row(scratch, mask + (size_t)y * (size_t)w, w, 0, w);
+    }
+  *out = n_counted ? sum / ((double)im->n_channels * (double)n_counted) : 1;
   return SV_OK;
 }
 

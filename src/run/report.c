@@ -101,6 +101,12 @@ static void add_ledger(sv_str *s, const sv_app *app) {
   sv_str_add(s, "\n  ],\n");
 }
 
+static void add_masks(sv_str *s, const sv_rig *rig) {
+  int n = 0;
+  for (int i = 0; i < rig->n_sub_views; i++) n += rig->sub_views[i].mask != NULL;
+  if (n) sv_str_add(s, "  \"masks\": %d,\n", n);
+}
+
 static void add_settings(sv_str *s, const sv_app *app) {
   const sv_train_cfg *t = &app->trainer.cfg;
   sv_str_add(s, "  \"source\": \"");
@@ -112,6 +118,7 @@ static void add_settings(sv_str *s, const sv_app *app) {
   sv_driver_add_settings(s, &app->trainer);
   sv_str_add(s, ",\n  \"exposures\": %d,\n  \"views\": %d,\n", app->exposures.n,
              sv_driver_n_views(&app->trainer));
+  add_masks(s, app->cfg.rig);
 }
 
 static void add_values(sv_str *s, const char *key, const double *v, int n) {

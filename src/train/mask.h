@@ -19,6 +19,12 @@ void sv_train_mask_copy(const sv_trainer *t, const sv_image_u8 *im, int scale, c
 // The same, with 0 for values.
 void sv_train_mask_clear(const sv_trainer *t, const sv_image_u8 *im, int scale, sv_planes *to);
 
+// Weight of a view's loss: pixels that count carry the whole of it, so that the regularization does
+// not gain on what is left. 1 without masks.
+static inline float sv_train_mask_weight(const sv_trainer *t) {
+  return t->n_views ? (float)((double)t->n_views / t->share) : 1.0f;
+}
+
 #ifdef __cplusplus
 }
 #endif

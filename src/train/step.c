@@ -113,7 +113,7 @@ void sv_train_weigh(sv_trainer *t, float weight, float *err) {
   weigh_job j = {.plane = {g->c[0], g->c[1], g->c[2], err},
                  .n = (size_t)g->stride * (size_t)g->rows_padded,
                  .weight = weight};
-  if (weight < 1.0f) sv_pool_run(t->compute.pool, weigh_task, &j, err ? 4 : 3);
+  if (weight != 1.0f) sv_pool_run(t->compute.pool, weigh_task, &j, err ? 4 : 3);
 }
 
 // --- a view --------------------------------------------------------------------------------------
@@ -177,12 +177,13 @@ static sv_status view_step(sv_trainer *t, const sv_train_choice *c, const sv_ren
   out->l1 = loss.l1;
   out->ssim = loss.ssim;
   sv_train_mask_clear(t, image, im.scale, &t->grad); // SSIM has some, from windows that reach out
-  sv_train_weigh(t, im.weight, errors);
+  const float weight = im.weight * sv_train_mask_weight(t);
+  sv_train_weigh(t, weight, errors);
   sv_train_appear_bwd(t, c->i_view, x, &im.view, c->progress);
   if (t->cfg.weight_tv > 0.0f) out->loss += sv_tv_loss(&t->tv, x, &t->grad, SV_TV_SQUARED, t->cfg.weight_tv);
   if (sv_train_is_probe_due(t)) {
-    const double share = image && image->mask ? (double)t->views[c->i_view].share : 1.0;
-    const sv_train_residual r = {.l1 = loss.l1 / ((double)im.weight * share), // its square must count once
+    const double share = image ? (double)t->views[c->i_view].share : 1.0;
+    const sv_train_residual r = {.l1 = loss.l1 / ((double)weight * share), // its square must count once
                                  .masked = image,
                                  .scale = im.scale,
                                  .is_supersampled = im.is_supersampled};

@@ -19,7 +19,7 @@ int sv_train_scale_at(const sv_trainer *t, const sv_view *view, float progress, 
 void sv_train_size_images(sv_trainer *t, int width_px, int height_px);
 // An image at 1/scale over the background, into t->target or t->grad; both get its size.
 void sv_train_load_image(sv_trainer *t, const sv_image_u8 *im, int scale, const float bg[3], sv_planes *out);
-// Multiplies t->grad, and the errors of the image where they are not NULL, by a weight below 1.
+// Multiplies t->grad, and the errors of the image where they are not NULL, by a weight.
 void sv_train_weigh(sv_trainer *t, float weight, float *err);
 
 #ifdef __cplusplus

@@ -223,12 +223,11 @@ static void load_grey(const sv_trainer *t, sv_depth_map *m) {
   const int k = m->k, w = m->view.width_px;
   for (int y = 0; y < m->view.height_px; y++)
     for (int x = 0; x < w; x++) {
-      uint32_t sum = 0;
-      for (int j = 0; j < k; j++)
-        for (int i = 0; i < k; i++)
-          sum += luma(im->px + (size_t)(y * k + j) * (size_t)im->stride_bytes +
-                          (size_t)((x * k + i) * im->n_channels),
-                      im->n_channels);
+      uint32_t sum = 0; // that of a masked pixel: without structure
+      for (int i = 0; i < k * k && sv_image_counts(im, k, x, y); i++)
+        sum += luma(im->px + (size_t)(y * k + i / k) * (size_t)im->stride_bytes +
+                        (size_t)((x * k + i % k) * im->n_channels),
+                    im->n_channels);
       m->grey[(size_t)y * (size_t)w + (size_t)x] = (uint16_t)(sum / (uint32_t)(k * k));
     }
 }
@@ -250,7 +249,6 @@ typedef struct {
 
 typedef struct { // what one task does
   const sv_depth_map *m;
-  const sv_image_u8 *image; // that m is of
   lane *l;
   int y0, x0, x1, stride; // columns [x0, x1) have structure; both are multiples of 16
 } band;
@@ -410,11 +408,10 @@ static void keep_best(const band *b, int plane) {
     }
 }
 
-static void write_codes(const band *b) {
+static void write_codes(const band *b, const sv_image_u8 *im) {
   const sv_depth_map *m = b->m;
   const lane *l = b->l;
   const int w = m->view.width_px;
-  const sv_image_u8 *im = b->image;
   for (int i = 0; i < BAND && b->y0 + i < m->view.height_px; i++) {
     uint16_t *out = m->code + (size_t)(b->y0 + i) * (size_t)w;
     for (int x = 0; x < w; x++) out[x] = 0;
@@ -438,11 +435,7 @@ static void sweep_task(void *arg, int i_task, int i_thread) {
   job *j = arg;
   const sv_depth_map *m = &j->s->map[i_task / j->bands_of_map];
   lane *l = &j->lanes[i_thread];
-  band b = {.m = m,
-            .image = &j->t->views[m->i_view].image,
-            .l = l,
-            .y0 = i_task % j->bands_of_map * BAND,
-            .stride = stride_of(m->view.width_px)};
+  band b = {.m = m, .l = l, .y0 = i_task % j->bands_of_map * BAND, .stride = stride_of(m->view.width_px)};
   transfer q[SV_SWEEP_CAP_SOURCES];
   const int n = BAND * b.stride;
   if (b.y0 >= m->view.height_px) return;
@@ -463,7 +456,7 @@ static void sweep_task(void *arg, int i_task, int i_thread) {
     }
     keep_best(&b, p);
   }
-  write_codes(&b);
+  write_codes(&b, &j->t->views[m->i_view].image);
 }
 
 // --- the other side ------------------------------------------------------------------------------
@@ -599,8 +592,6 @@ sv_status sv_sweep_run(sv_sweep *s, const sv_trainer *t, const sv_bounds *bounds
   sv_pool_run(t->compute.pool, confirm_task, &j, s->n);
   sv_pool_run(t->compute.pool, fill_task, &j, s->n);
   int n = 0;
-  for (int i = 0; i < s->n; i++) {
-    n += s->map[i].n_measured;
-  }
+  for (int i = 0; i < s->n; i++) n += s->map[i].n_measured;
   return n > 0 ? SV_OK : SV_AGAIN;
 }

@@ -242,6 +242,7 @@ sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u
     return sv_fail(err, SV_E_RANGE, "a view of %dx%d is larger than the planned %dx%d", view->width_px,
                    view->height_px, t->cfg.cap_width_px, t->cfg.cap_height_px);
   t->views[t->n_views] = view_of(view, image);
+  t->share += (double)t->views[t->n_views].share;
   if (t->cfg.poses.cap_poses > 0) t->poses.pose_of[t->n_views] = -1;
   sv_train_set_appearance(t, t->n_views, -1, -1);
   if (t->n_views == 0 || fabsf(view->time - 0.5f) < fabsf(t->reference_time - 0.5f))
@@ -253,7 +254,9 @@ sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u
 }
 
 void sv_train_replace_view(sv_trainer *t, int i_view, const sv_view *view, const sv_image_u8 *image) {
+  t->share -= (double)t->views[i_view].share;
   t->views[i_view] = view_of(view, image);
+  t->share += (double)t->views[i_view].share;
   t->newest_time = sv_maxf(t->newest_time, view->time);
 }
 

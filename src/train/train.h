@@ -95,6 +95,7 @@ struct sv_trainer {
   sv_train_measurement *measurements; // [cap_measurements]
   int *order;                         // [cap_views + cap_regions] this epoch's order
   int n_views, n_measurements, n_regions, i_order;
+  double share; // sum over the views
   // Largest time of a view; and that of the view closest to 0.5, which depth maps and the bodies'
   // rest are of.
   float newest_time, reference_time;

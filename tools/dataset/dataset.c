@@ -224,7 +224,7 @@ static sv_status find_picture(lab_frame *f, const char *folder, sv_err *err) {
 }
 
 // Finds the image, reads its size and completes the camera.
-static sv_status find_frame(lab_frame *f, const char *folder, int scale, sv_err *err) {
+static sv_status find_frame(lab_frame *f, const lab_source *src, const char *folder, int scale, sv_err *err) {
   lab_peek peek;
   sv_status s = f->i_measurement < 0 ? find_picture(f, folder, err) : SV_OK;
   if (s == SV_OK && f->f.depth_kind)
@@ -234,6 +234,7 @@ static sv_status find_frame(lab_frame *f, const char *folder, int scale, sv_err 
   else if (s == SV_OK) s = lab_picture_peek(f->path, &peek, err);
   if (s == SV_OK) s = sv_transforms_finish(&f->f, peek.width_px, peek.height_px, err);
   if (s != SV_OK) return s;
+  if ((s = lab_mask_find(f, src, folder, err)) != SV_OK) return s;
   f->n_channels = peek.n_channels;
   f->pinhole = f->f.model;
   f->is_distorted = f->f.model.kind != SV_MODEL_PINHOLE;
@@ -255,6 +256,7 @@ static void make_view(lab_frame *f, int scale) {
 
 typedef struct {
   lab_views *v;
+  const lab_source *src;
   const char *folder;
   int *first_of; // [n lenses] the first frame of each
   sv_err *errs;
@@ -263,7 +265,8 @@ typedef struct {
 static void find_task(void *arg, int i_task, int i_thread) {
   prepare_job *j = arg;
   (void)i_thread;
-  j->errs[i_task].status = find_frame(&j->v->frames[i_task], j->folder, j->v->scale, &j->errs[i_task]);
+  j->errs[i_task].status =
+      find_frame(&j->v->frames[i_task], j->src, j->folder, j->v->scale, &j->errs[i_task]);
 }
 
 static void choose_task(void *arg, int i_task, int i_thread) {
@@ -316,14 +319,16 @@ static sv_status prepare_views(prepare_job *j, const sv_pool *pool, sv_err *err)
     if (f->view.width_px > v->cap_width_px) v->cap_width_px = f->view.width_px;
     if (f->view.height_px > v->cap_height_px) v->cap_height_px = f->view.height_px;
     v->is_undistorted |= f->is_distorted;
+    v->n_masked += *f->mask_path != 0;
     v->has_depth &= f->f.depth_kind != SV_DEPTH_NONE;
   }
   return SV_OK;
 }
 
-static sv_status prepare_all(lab_views *v, const char *folder, const sv_pool *pool, sv_err *err) {
+static sv_status prepare_all(lab_views *v, const lab_source *src, const char *folder, const sv_pool *pool,
+                             sv_err *err) {
   size_t n = (size_t)v->n;
-  prepare_job j = {v, folder, malloc(n * sizeof(int)), calloc(n, sizeof(sv_err))};
+  prepare_job j = {v, src, folder, malloc(n * sizeof(int)), calloc(n, sizeof(sv_err))};
   v->by_lens = malloc(n * sizeof(int));
   sv_status s = j.errs && j.first_of && v->by_lens
                     ? prepare_views(&j, pool, err)
@@ -352,7 +357,7 @@ static sv_status collect(lab_views *v, const file *f, const bool *is_in, const l
     sv_status s = lab_measurements_find(v, &f->t, folder, src->is_white, err);
     if (s != SV_OK) return s;
   }
-  return prepare_all(v, folder, pool, err);
+  return prepare_all(v, src, folder, pool, err);
 }
 
 // The file that holds a split: the training file, or one of its own.

@@ -31,11 +31,12 @@
 typedef struct {
   sv_transforms_frame f; // camera complete; its size is that of the file
   char path[SV_CAP_PATH], depth_path[SV_CAP_PATH];
-  int n_channels;          // 3, or 4 with alpha
-  bool is_distorted;       // the image is undistorted when it is loaded
-  int i_lens;              // frames of one lens share it
-  sv_camera_model pinhole; // full size; of the undistorted image
-  sv_view view;            // 1/scale of it
+  char mask_path[SV_CAP_PATH]; // empty: all pixels count
+  int n_channels;              // 3, or 4 with alpha
+  bool is_distorted;           // the image is undistorted when it is loaded
+  int i_lens;                  // frames of one lens share it
+  sv_camera_model pinhole;     // full size; of the undistorted image
+  sv_view view;                // 1/scale of it
   // the measurement that the frame is a lens of, -1: it has an image of its own
   int i_measurement;
 } lab_frame;
@@ -62,6 +63,9 @@ typedef struct {
   // where the file has measurements, lenses are known by them, else by their own images
   bool is_multiplexed;
   bool is_white; // of two measurements, the one over white
+  // Folder of masks, which go before those that the file names (lab_mask_find); NULL: those.
+  const char *masks;
+  bool has_all_masks; // an image without one in that folder is refused
   int scale;
 } lab_source;
 
@@ -75,6 +79,7 @@ typedef struct {
   int cap_width_px, cap_height_px;
   size_t cap_floats; // largest padded plane
   bool is_undistorted, has_depth;
+  int n_masked;                            // views with a mask
   char transforms[SV_TRANSFORMS_CAP_PATH]; // name of the file that was read
   char points[SV_CAP_PATH];                // its points, empty when it names none
 } lab_views;
@@ -122,14 +127,23 @@ void lab_loader_free(lab_loader *l);
 // Decodes, undistorts and reduces one image into dst[lab_frame_bytes].
 sv_status lab_picture_load(lab_loader *l, const lab_frame *f, int scale, uint8_t *dst,
                            sv_err *err) SV_MUST_USE;
-// All images of a split on all threads; dst[i] as above.
-sv_status lab_pictures_load(const lab_views *v, uint8_t *const *dst, const sv_pool *pool,
-                            sv_err *err) SV_MUST_USE;
+// All images of a split on all threads; dst[i] as above, mask[i] as lab_mask_load, unless it is NULL.
+sv_status lab_pictures_load(const lab_views *v, uint8_t *const *dst, uint8_t *const *mask,
+                            const sv_pool *pool, sv_err *err) SV_MUST_USE;
 // True depth along the optical axis in scene units, 0 where there is none; dst[height][width] of
 // f->view.
 sv_status lab_depth_load(lab_loader *l, const lab_frame *f, int scale, float *dst, sv_err *err) SV_MUST_USE;
 // Area average of K x K pixels, alpha-weighted for 4 channels. dst may be src.
 void lab_reduce(const uint8_t *src, int width_px, int height_px, int n_channels, int k, uint8_t *dst);
+
+// --- masks (mask.c) ------------------------------------------------------------------------------
+// Fills in mask_path of a frame whose image was found, and checks that the mask has its size.
+// Folder src->masks has the image's path in the dataset (f.file_path), or an end of it, with the
+// same extension, with .png in its place, or with .png after it. E_NOT_FOUND, E_FORMAT.
+sv_status lab_mask_find(lab_frame *f, const lab_source *src, const char *folder, sv_err *err) SV_MUST_USE;
+// The mask of a frame that has one, as its view sees it: dst[height][width] of f->view, 0 where one
+// of the pixels behind it is black (0 of 255), else 1.
+sv_status lab_mask_load(lab_loader *l, const lab_frame *f, int scale, uint8_t *dst, sv_err *err) SV_MUST_USE;
 
 // --- undistortion (undistort.c) ------------------------------------------------------------------
 // The widest pinhole of

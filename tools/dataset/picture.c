@@ -137,7 +137,7 @@ sv_status lab_picture_load(lab_loader *l, const lab_frame *f, int scale, uint8_t
 
 typedef struct {
   const lab_views *v;
-  uint8_t *const *dst;
+  uint8_t *const *dst, *const *mask;
   lab_loader *loaders; // one per thread
   sv_err *errs;
 } load_job;
@@ -148,10 +148,14 @@ static void load_task(void *arg, int i_task, int i_thread) {
   if (j->v->frames[i].i_measurement >= 0) return; // has no image of its own
   j->errs[i].status =
       lab_picture_load(&j->loaders[i_thread], &j->v->frames[i], j->v->scale, j->dst[i], &j->errs[i]);
+  if (j->errs[i].status == SV_OK && j->mask[i])
+    j->errs[i].status =
+        lab_mask_load(&j->loaders[i_thread], &j->v->frames[i], j->v->scale, j->mask[i], &j->errs[i]);
 }
 
-sv_status lab_pictures_load(const lab_views *v, uint8_t *const *dst, const sv_pool *pool, sv_err *err) {
-  load_job j = {v, dst, calloc((size_t)pool->n_threads, sizeof(lab_loader)),
+sv_status lab_pictures_load(const lab_views *v, uint8_t *const *dst, uint8_t *const *mask,
+                            const sv_pool *pool, sv_err *err) {
+  load_job j = {v, dst, mask, calloc((size_t)pool->n_threads, sizeof(lab_loader)),
                 calloc((size_t)v->n, sizeof(sv_err))};
   sv_status s = SV_OK;
   if (!j.loaders || !j.errs) s = sv_fail(err, SV_E_NOMEM, "no memory for loading %d images", v->n);

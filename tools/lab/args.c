@@ -105,6 +105,10 @@ static const sv_option table[] = {
      "eval: fail if the views have no ground-truth depth; render: also write 16-bit depth PNGs", 0, 0, 0},
     {"mask", SV_OPT_WORD, LAB_TRAIN | LAB_EVAL, 0, AT(mask), "covisible",
      "also score the pixels seen by training views alone; train: with --eval", 0, 0, 0},
+    {"masks", SV_OPT_TEXT, LAB_TRAIN | LAB_EVAL, 0, AT(masks), "DIR",
+     "masks of the images, by the images' names: black pixels are ignored (the file's mask_path); train "
+     "--eval: held-out images use those that are there",
+     0, 0, 0},
     {"lpips", SV_OPT_FLAG, LAB_TRAIN | LAB_EVAL, 0, AT(has_lpips), 0,
      "also LPIPS (v0.1, SqueezeNet); train: with --eval", 0, 0, 0},
     {"format", SV_OPT_WORD, LAB_EXPORT, LAB_EXPORT, AT(format), "ply|splat|spz|glb|delta", "output format", 0,

@@ -28,7 +28,7 @@ enum {
 // NULL and -1 stand for "not given"; a given number is inside its range.
 typedef struct {
   const char *data, *transforms, *model, *split, *out, *format, *up, *from, *input;
-  const char *method, *motion, *camera, *prior, *init, *background, *loss, *mask, *noise, *antialias,
+  const char *method, *motion, *camera, *prior, *init, *background, *loss, *mask, *masks, *noise, *antialias,
       *optimizer;
   bool is_noise_on_prediction;
   long exposures, gaussians, sh, steps, scale, seed, threads, orbit, frames, keep, spz_version;

@@ -28,6 +28,8 @@ static sv_status evaluate(run *r, sv_err *err) {
                     .split = r->split,
                     .camera = r->o->camera,
                     .n_exposures = sv_str_eq(r->split, "test_near") ? r->settings.n_exposures : 0,
+                    .masks = r->o->masks,
+                    .has_all_masks = true,
                     .scale = r->settings.scale};
   if ((s = lab_views_open(&r->views, &src, &r->session.pool, err)) != SV_OK) return s;
   lab_turn_back(&r->model, &r->session, r->o->model, r->o->up, &r->views);

@@ -222,7 +222,8 @@ static sv_status add_views(run *r, sv_err *err) {
                       .width_px = f->view.width_px,
                       .height_px = f->view.height_px,
                       .n_channels = f->n_channels,
-                      .stride_bytes = f->view.width_px * f->n_channels};
+                      .stride_bytes = f->view.width_px * f->n_channels,
+                      .mask = r->plan.masks[i]};
     sv_status s = sv_train_add_view(&r->plan.trainer, &f->view, &im, err);
     if (s != SV_OK) return s;
   }
@@ -243,7 +244,7 @@ static sv_status add_measurements(run *r, sv_err *err) {
 }
 
 static sv_status load_pictures(run *r, sv_err *err) {
-  sv_status s = lab_pictures_load(&r->views, r->plan.pictures, &r->session.pool, err);
+  sv_status s = lab_pictures_load(&r->views, r->plan.pictures, r->plan.masks, &r->session.pool, err);
   for (int i = 0; s == SV_OK && i < r->views.n_measurements; i++)
     s = lab_measurement_load(&r->views.measurements[i], r->plan.measurements[i], err);
   return s == SV_OK ? add_noise(r, err) : s;
@@ -288,6 +289,8 @@ static sv_status load(run *r, sv_err *err) {
                     .n_exposures = (int)r->o->exposures,
                     .is_multiplexed = true,
                     .is_white = r->cfg.background == SV_BG_WHITE,
+                    .masks = r->o->masks,
+                    .has_all_masks = true,
                     .scale = (int)r->o->scale};
   sv_status s = lab_views_open(&r->views, &src, &r->session.pool, err);
   if (s == SV_OK) {
@@ -337,6 +340,7 @@ static lab_source eval_source(const lab_options *o) {
                       .transforms = o->transforms,
                       .split = lab_default_split((int)o->exposures),
                       .n_exposures = (int)o->exposures,
+                      .masks = o->masks,
                       .scale = (int)o->scale};
 }
 
@@ -387,6 +391,7 @@ static void report_figures(lab_report *j, const run *r) {
     lab_report_int(j, "moving", sv_deform_n_moving(&r->plan.dynamic.deform));
   lab_prior_report(j, &r->prior);
   lab_report_int(j, "training_views", r->views.n);
+  if (r->views.n_masked) lab_report_int(j, "training_masks", r->views.n_masked);
   lab_report_int(j, "steps", (long long)r->plan.trainer.step);
   lab_report_int(j, "gaussians", r->plan.trainer.g.n);
   lab_report_num(j, "loss", r->driver.loss);

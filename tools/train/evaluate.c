@@ -45,11 +45,13 @@ typedef struct {
   uint8_t *truth_u8;                 // as loaded
   float *truth, *image;              // [3][h][w]
   float *depth, *depth_true, *plane; // [h][w]; plane: padded, of the renderer
-  uint8_t *mask, *seen;              // [h][w]; seen: the co-visible pixels
+  uint8_t *mask, *seen;              // [h][w]; mask: of depth; seen: the co-visible pixels
+  uint8_t *counted;                  // [h][w] of the view's mask, NULL: no view has one
+  bool is_masked;                    // this view has one
   double *ssim_scratch;
   sv_err err;
   double psnr, ssim, lpips, mpsnr, mssim, mlpips;
-  size_t n_seen; // pixels
+  size_t n_seen, n_counted; // pixels
   sv_depth_error depth_error;
 } slot;
 
@@ -77,6 +79,7 @@ static void slot_free(slot *s) {
   free(s->plane);
   free(s->mask);
   free(s->seen);
+  free(s->counted);
   free(s->ssim_scratch);
 }
 
@@ -91,7 +94,9 @@ static bool slot_alloc(slot *s, const lab_views *v, bool has_depth, bool has_mas
   s->image = malloc(3 * n * sizeof(float));
   s->ssim_scratch = malloc(sv_ssim_scratch_doubles(v->cap_width_px) * sizeof(double));
   s->seen = has_masks ? malloc(n) : NULL;
-  bool is_good = s->truth_u8 && s->truth && s->image && s->ssim_scratch && (s->seen || !has_masks);
+  s->counted = v->n_masked ? malloc(n) : NULL;
+  bool is_good = s->truth_u8 && s->truth && s->image && s->ssim_scratch && (s->seen || !has_masks) &&
+                 (s->counted || !v->n_masked);
   if (!has_depth) return is_good;
   s->depth = malloc(n * sizeof(float));
   s->depth_true = malloc(n * sizeof(float));
@@ -109,12 +114,28 @@ static void blend_over(const uint8_t *u8, int n_channels, size_t n, const float 
     }
 }
 
+// The view's mask, which lets at least one pixel count.
+static sv_status load_mask(const run *r, slot *s, const lab_frame *f, lab_loader *l) {
+  const size_t n = (size_t)f->view.width_px * (size_t)f->view.height_px;
+  s->is_masked = *f->mask_path != 0;
+  s->n_counted = n;
+  if (!s->is_masked) return SV_OK;
+  sv_status st = lab_mask_load(l, f, r->v->scale, s->counted, &s->err);
+  s->n_counted = 0;
+  for (size_t i = 0; st == SV_OK && i < n; i++) s->n_counted += s->counted[i];
+  return st != SV_OK || s->n_counted
+             ? st
+             : sv_fail(&s->err, SV_E_RANGE, "%s: the mask leaves no pixel of the view to score",
+                       f->mask_path);
+}
+
 static void load_task(void *arg, int i_task, int i_thread) {
   run *r = arg;
   slot *s = &r->slots[i_task];
   const lab_frame *f = frame_of(r, i_task);
   lab_loader *l = &r->loaders[i_thread];
   s->err.status = lab_picture_load(l, f, r->v->scale, s->truth_u8, &s->err);
+  if (s->err.status == SV_OK) s->err.status = load_mask(r, s, f, l);
   if (s->err.status == SV_OK && r->job->render.has_depth)
     s->err.status = lab_depth_load(l, f, r->v->scale, s->depth_true, &s->err);
   if (s->err.status == SV_OK)
@@ -152,13 +173,14 @@ static void depth_mask(const slot *s, const lab_frame *f) {
   int w = f->view.width_px, h = f->view.height_px;
   for (int y = 0; y < h; y++)
     for (int x = 0; x < w; x++) {
-      bool is_in = s->depth_true[(size_t)y * (size_t)w + (size_t)x] > DEPTH_MIN;
+      const size_t at = (size_t)y * (size_t)w + (size_t)x;
+      bool is_in = s->depth_true[at] > DEPTH_MIN && (!s->is_masked || s->counted[at]);
       for (int dy = -1; dy <= 1 && is_in; dy++)
         for (int dx = -1; dx <= 1 && is_in; dx++) {
           bool is_inside = x + dx >= 0 && x + dx < w && y + dy >= 0 && y + dy < h;
           is_in = is_inside ? is_opaque(s->truth_u8, f->n_channels, w, x + dx, y + dy) : f->n_channels != 4;
         }
-      s->mask[(size_t)y * (size_t)w + (size_t)x] = is_in;
+      s->mask[at] = is_in;
     }
 }
 
@@ -169,8 +191,9 @@ static void compare_task(void *arg, int i_task, int i_thread) {
   int w = f->view.width_px, h = f->view.height_px;
   sv_image_pair pair = {.a = s->image, .b = s->truth, .width = w, .height = h, .n_channels = 3};
   (void)i_thread;
-  s->psnr = sv_psnr(&pair);
-  s->err.status = sv_ssim(&pair, SV_SSIM_SAME, s->ssim_scratch, &s->ssim);
+  s->psnr = s->is_masked ? sv_psnr_masked(&pair, s->counted) : sv_psnr(&pair);
+  s->err.status = s->is_masked ? sv_ssim_counted(&pair, s->counted, s->ssim_scratch, &s->ssim)
+                               : sv_ssim(&pair, SV_SSIM_SAME, s->ssim_scratch, &s->ssim);
   if (s->err.status == SV_OK && r->masks) {
     s->mpsnr = sv_psnr_masked(&pair, s->seen);
     s->err.status = sv_ssim_masked(&pair, s->seen, s->ssim_scratch, &s->mssim);
@@ -189,14 +212,18 @@ static sv_status mask_slot(run *r, slot *s, const lab_frame *f, sv_err *err) {
       .frame = f, .picture = s->truth_u8, .depth = r->job->render.has_depth ? s->depth_true : NULL};
   sv_status st = lab_masks_make(r->masks, &view, s->seen, err);
   s->n_seen = 0;
-  for (size_t i = 0; st == SV_OK && i < n; i++) s->n_seen += s->seen[i];
+  for (size_t i = 0; st == SV_OK && i < n; i++) {
+    if (s->is_masked) s->seen[i] &= s->counted[i];
+    s->n_seen += s->seen[i];
+  }
   return st;
 }
 
 static sv_status lpips_slot(run *r, slot *s, const lab_frame *f, sv_err *err) {
   const sv_pool *pool = &r->job->session->pool;
   sv_image_pair pair = {s->image, s->truth, f->view.width_px, f->view.height_px, 3};
-  sv_status st = sv_lpips_compare(r->lpips, &pair, pool, &s->lpips, err);
+  sv_status st = s->is_masked ? sv_lpips_masked(r->lpips, &pair, s->counted, pool, &s->lpips, err)
+                              : sv_lpips_compare(r->lpips, &pair, pool, &s->lpips, err);
   if (st == SV_OK && r->masks) st = sv_lpips_masked(r->lpips, &pair, s->seen, pool, &s->mlpips, err);
   return st;
 }
@@ -247,6 +274,7 @@ static void add_scores(lab_scores *out, const slot *s, const lab_frame *f) {
   out->psnr += s->psnr;
   out->ssim += s->ssim;
   out->lpips += s->lpips;
+  out->counted += (double)s->n_counted / ((double)f->view.width_px * f->view.height_px);
   if (out->covisible_by && s->n_seen) {
     out->mpsnr += s->mpsnr;
     out->mssim += s->mssim;
@@ -308,6 +336,7 @@ static sv_status evaluate(run *r, lab_scores *out, sv_err *err) {
   out->ssim /= out->n;
   out->lpips /= out->n;
   out->coverage /= out->n;
+  out->counted /= out->n;
   if (out->n_masked) {
     out->mpsnr /= out->n_masked;
     out->mssim /= out->n_masked;
@@ -334,6 +363,7 @@ sv_status lab_evaluate(const lab_views *v, const lab_eval_job *job, lab_scores *
   if (job->has_lpips) s = sv_lpips_open(&r.lpips, err);
   if (s == SV_OK && job->mask_from) s = lab_masks_open(&r.masks, se, v, job->mask_from, job->render.bg, err);
   out->has_lpips = job->has_lpips;
+  out->n_with_mask = v->n_masked;
   if (r.masks) out->covisible_by = lab_masks_method(r.masks);
   r.slots = calloc((size_t)r.n_slots, sizeof *r.slots);
   r.loaders = calloc((size_t)r.n_slots, sizeof *r.loaders);

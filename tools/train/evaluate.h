@@ -46,6 +46,8 @@ typedef struct {
   double mpsnr, mssim, mlpips; // means over the n_masked views in which a pixel was seen
   double coverage;             // mean share of the pixels that were seen, over all views
   int n_masked;
+  int n_with_mask; // views with a mask of their own; scores are over the pixels that count
+  double counted;  // mean share of those
   bool has_lpips;
   const char *covisible_by; // "depth" or "flow"; NULL without masks
   double load_s, render_s, compare_s;

@@ -10,10 +10,15 @@
 
 static size_t padded(size_t n) { return (n + SV_ARENA_ALIGN - 1) & ~(size_t)(SV_ARENA_ALIGN - 1); }
 
+static size_t mask_bytes(const lab_frame *f) {
+  return *f->mask_path ? (size_t)f->view.width_px * (size_t)f->view.height_px : 0;
+}
+
 static size_t total_bytes(const lab_views *v, const sv_train_cfg *cfg, const lab_plan_extras *x) {
-  size_t n = SV_ARENA_ALIGN + padded((size_t)v->n * sizeof(uint8_t *));
+  size_t n = SV_ARENA_ALIGN + 2 * padded((size_t)v->n * sizeof(uint8_t *));
   for (int i = 0; i < v->n; i++)
-    if (v->frames[i].i_measurement < 0) n += padded(lab_frame_bytes(&v->frames[i]));
+    if (v->frames[i].i_measurement < 0)
+      n += padded(lab_frame_bytes(&v->frames[i])) + padded(mask_bytes(&v->frames[i]));
   n += padded((size_t)v->n_measurements * sizeof(uint16_t *));
   n += v->n_measurements ? padded((size_t)v->n * sizeof(sv_lens)) : 0;
   for (int i = 0; i < v->n_measurements; i++) n += padded(2 * lab_measurement_values(&v->measurements[i]));
@@ -28,6 +33,9 @@ static sv_status carve(lab_plan *p, lab_session *s, const lab_views *v, const sv
   for (int i = 0; p->pictures && i < v->n; i++)
     p->pictures[i] =
         v->frames[i].i_measurement < 0 ? SV_TAKE(&p->arena, uint8_t, lab_frame_bytes(&v->frames[i])) : NULL;
+  p->masks = SV_TAKE(&p->arena, uint8_t *, v->n);
+  for (int i = 0; p->masks && i < v->n; i++)
+    p->masks[i] = mask_bytes(&v->frames[i]) ? SV_TAKE(&p->arena, uint8_t, mask_bytes(&v->frames[i])) : NULL;
   p->measurements = SV_TAKE(&p->arena, uint16_t *, v->n_measurements);
   p->lenses = v->n_measurements ? SV_TAKE(&p->arena, sv_lens, v->n) : NULL;
   for (int i = 0; p->measurements && i < v->n_measurements; i++)
