@@ -23,4 +23,4 @@ fi
 qemu-system-aarch64 -M virt -cpu "${BOARD_CPU:-cortex-a72}" -smp 2 -m 1536 -nographic -nic none ${pidfile:+-pidfile "$pidfile"} \
   "${drives[@]}" -kernel "$image/vmlinuz" -initrd "$work/initrd" -append \
   "console=ttyAMA0 quiet panic=-1 nokaslr kpti=off mitigations=off deploy=$stage systemd.show_status=0" </dev/null |
-  sed -u 's|\r||g' # as lines come
+  sed -u 's|\r||g; s|^\x1b.*@ |@ |' # as lines come; without what resets a terminal
