@@ -19,6 +19,7 @@
 #define MEAN_EXPOSURES  50.0 // that psnr_late is a mean of, about
 #define USUAL_EXPOSURES 5000.0
 #define FALL_DB         3.0 // below the usual PSNR
+#define RECOVERED_DB    1.5
 #define FALL_EXPOSURES  100 // before which nothing is usual
 
 void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
@@ -115,11 +116,12 @@ static sv_status score_newest(sv_app *app) {
 // Tells the user once when quality falls, and again after it has recovered.
 static void watch_quality(sv_app *app) {
   sv_app_moving *m = &app->moving;
-  const bool has_fallen = sv_app_has_quality_fallen(m);
+  const bool has_fallen =
+      sv_app_has_quality_fallen(m) || (m->has_fallen && m->psnr_late < m->psnr_usual - RECOVERED_DB);
   if (has_fallen && !m->has_fallen)
     sv_app_log(app, SV_LOG_WARN,
                "quality has fallen: %.1f dB in the last exposures, usually %.1f dB; are all cameras free, in "
-               "focus and evenly lit?",
+               "focus and evenly lit, and does nothing else keep the processor busy?",
                m->psnr_late, m->psnr_usual);
   m->has_fallen = has_fallen;
 }
