@@ -389,6 +389,79 @@ FIXTURE(make_folder) { return temp_folder_make(folder, sizeof folder, "import_ri
 
 FIXTURE(remove_folder) { return temp_folder_remove(folder); }
 
+static void put_mask(const char *name, int x, int y) {
+  char path[400];
+  uint8_t px[16 * 12];
+  const sv_bitmap b = {.width_px = 16, .height_px = 12, .n_channels = 1, .bits = 8, .u8 = px};
+  put(name, "");
+  snprintf(path, sizeof path, "%s/%s", folder, name);
+  memset(px, 1, sizeof px); // all but black counts
+  px[16 * y + x] = 0;
+  assert_int_equal(sv_bitmap_write_png(path, &b, &err), SV_OK);
+}
+
+// Pixels that the view's mask does not let count; the last of them.
+static int n_masked(const lab_frame *f, int scale, int *x, int *y) {
+  uint8_t px[16 * 12];
+  lab_loader l = {0};
+  int n = 0;
+  assert_ok(lab_mask_load(&l, f, scale, px, &err), &err);
+  lab_loader_free(&l);
+  for (int p = 0; p < f->view.width_px * f->view.height_px; p++)
+    if (!px[p]) {
+      n++;
+      *x = p % f->view.width_px;
+      *y = p / f->view.width_px;
+    }
+  return n;
+}
+
+// mask_path comes along with an import; reduced and undistorted views lose what a masked pixel is a
+// part of; a folder of masks goes before mask_path.
+TEST(test_masks) {
+  lab_views v;
+  int x, y;
+  put_picture("q/images/a.png", 1);
+  put_picture("q/images/b.png", 2);
+  put_mask("q/some/where/m.png", 5, 6);
+  put("q/transforms.json",
+      "{\"fl_x\": 25, \"frames\": [" FRAME(
+          "images/a.png",
+          "\"mask_path\": \"./some/where/m.png\", ") "," FRAME("images/b.png",
+                                                               "\"mask_path\": \"some/where/m.png\", \"k1\": "
+                                                               "-0.1, ") "]}");
+  assert_int_equal(import("nerfstudio", "q", "q_out"), LAB_EXIT_OK);
+  open_dataset(&v, "q_out");
+  assert_int_equal(v.n_masked, 2);
+  assert_non_null(strstr(view_of(&v, "a.png")->mask_path, "q_out/masks/a.png"));
+  assert_int_equal(n_masked(view_of(&v, "a.png"), 1, &x, &y), 1);
+  assert_true(x == 5 && y == 6);
+  assert_in_range(n_masked(view_of(&v, "b.png"), 1, &x, &y), 1, 6); // interpolated from it
+  assert_true(abs(x - 5) <= 1 && abs(y - 6) <= 1);
+  lab_views_free(&v);
+  char data[400], masks[400];
+  const sv_pool serial = sv_pool_serial();
+  snprintf(data, sizeof data, "%s/q", folder);
+  snprintf(masks, sizeof masks, "%s/q_masks", folder);
+  put_mask("q_masks/a.png", 15, 11);
+  lab_source src = {.folder = data, .split = "all", .scale = 2, .masks = masks};
+  sv_status s = lab_views_open(&v, &src, &serial, &err);
+  assert_int_equal(s, SV_E_RANGE); // 8 x 6 pixels are too few for a view
+  lab_views_free(&v);
+  src.scale = 1;
+  assert_ok(lab_views_open(&v, &src, &serial, &err), &err);
+  assert_int_equal(n_masked(view_of(&v, "a.png"), 1, &x, &y), 1);
+  assert_true(x == 15 && y == 11);
+  assert_non_null(strstr(view_of(&v, "b.png")->mask_path, "m.png")); // has none in that folder
+  v.frames[0].view = sv_view_scaled(&v.frames[0].view, 2);
+  assert_int_equal(n_masked(&v.frames[0], 2, &x, &y), 1);
+  assert_true(x == 7 && y == 5);
+  lab_views_free(&v);
+  src.has_all_masks = true;
+  assert_error(lab_views_open(&v, &src, &serial, &err), SV_E_NOT_FOUND, &err, "images/b.png");
+  lab_views_free(&v);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_colmap),
                                      cmocka_unit_test(test_colmap_without),
@@ -397,6 +470,7 @@ int main(void) {
                                      cmocka_unit_test(test_stream_refused),
                                      cmocka_unit_test(test_stream_numbers),
                                      cmocka_unit_test(test_splits),
+                                     cmocka_unit_test(test_masks),
                                      cmocka_unit_test(test_names),
                                      cmocka_unit_test(test_recording_refused)};
   return cmocka_run_group_tests(tests, make_folder, remove_folder);

@@ -46,6 +46,29 @@ TEST(test_against_reference) {
   assert_near(v, 0.9582246999022871, 1e-12);
 }
 
+// Over what a mask leaves: the plain value for a whole mask; elsewhere nothing matters.
+TEST(test_ssim_counted) {
+  static uint8_t all[H][W], none[H][W];
+  static float c[3][H][W];
+  const sv_image_pair other = {&a[0][0][0], &c[0][0][0], W, H, 3};
+  double v, v2;
+  memset(all, 1, sizeof all);
+  assert_int_equal(sv_ssim_counted(&im, &all[0][0], scratch, &v), SV_OK);
+  assert_int_equal(sv_ssim(&im, SV_SSIM_SAME, scratch, &v2), SV_OK);
+  assert_near(v, v2, 1e-12);
+  assert_int_equal(sv_ssim_counted(&im, &none[0][0], scratch, &v), SV_OK);
+  assert_near(v, 1, 0);
+  memcpy(c, b, sizeof c);
+  for (int k = 0; k < 3; k++)
+    for (int y = 0; y < H; y++)
+      for (int x = 0; x < W; x++)
+        if (!mask[y][x]) c[k][y][x] = (float)next();
+  assert_int_equal(sv_ssim_counted(&im, &mask[0][0], scratch, &v), SV_OK);
+  assert_int_equal(sv_ssim_counted(&other, &mask[0][0], scratch, &v2), SV_OK);
+  assert_near(v, v2, 0);
+  assert_true(v < 1 && v > 0.9);
+}
+
 TEST(test_by_hand) {
   double v, v2;
   static uint8_t all[H][W], none[H][W], u[300], w[300];
@@ -154,6 +177,7 @@ TEST(test_depth) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_against_reference), cmocka_unit_test(test_by_hand),
+                                     cmocka_unit_test(test_ssim_counted),
                                      cmocka_unit_test(test_masked_by_hand), cmocka_unit_test(test_depth)};
   return cmocka_run_group_tests(tests, setup, NULL);
 }

@@ -16,6 +16,8 @@
 typedef struct {
   sv_capture capture;
   sv_rig rig;
+  sv_coverage_names names; // of the rig's pictures
+  char rig_dir[SV_CAP_PATH];
   sv_arena arena;
 } source;
 
@@ -66,7 +68,10 @@ static sv_status add(lab_import *im, const char *dir, const source *src, const c
     v->crop = sub->footprint;
   snprintf(v->name, sizeof v->name, "%.31s/%06d%s", sub->name, t->i_exposure,
            v->crop.width_px ? ".png" : sv_path_extension(file));
-  return sv_path_join(v->source, sizeof v->source, dir, inside, err);
+  const char *mask = src->names.mask[t->i_sub_view];
+  snprintf(v->mask_name, sizeof v->mask_name, "%.31s%.15s", sub->name, sv_path_extension(mask));
+  sv_status s = *mask ? sv_path_join(v->mask_source, sizeof v->mask_source, src->rig_dir, mask, err) : SV_OK;
+  return s == SV_OK ? sv_path_join(v->source, sizeof v->source, dir, inside, err) : s;
 }
 
 static sv_status add_exposures(lab_import *im, const char *dir, const source *src, sv_err *err) {
@@ -94,18 +99,19 @@ static sv_status add_exposures(lab_import *im, const char *dir, const source *sr
 }
 
 static sv_status load(source *src, const char *dir, sv_err *err) {
-  char rig_dir[SV_CAP_PATH];
+  char *rig_dir = src->rig_dir;
   sv_status s = sv_capture_load(&src->capture, dir, &src->arena, err);
   if (s != SV_OK) return s;
   if (!*src->capture.rig)
     return sv_fail(err, SV_E_NOT_FOUND, "%s/capture.json: names no rig, so its camera poses are unknown",
                    dir);
-  s = sv_path_join(rig_dir, sizeof rig_dir, dir, src->capture.rig, err);
+  s = sv_path_join(rig_dir, sizeof src->rig_dir, dir, src->capture.rig, err);
   if (s == SV_OK && sv_rig_init(&src->rig, SV_CAP_SUB_VIEWS, &src->arena) != SV_OK)
     s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its rig", dir);
   sv_arena scratch = sv_arena_sub(&src->arena, RIG_SCRATCH_BYTES);
   sv_file_reader files = {rig_dir, sv_folder_read};
-  if (s == SV_OK) s = sv_rig_read(&src->rig, &files, src->capture.n_cameras, &scratch, err);
+  if (s == SV_OK)
+    s = sv_rig_read_coverage(&src->rig, &src->names, &files, src->capture.n_cameras, &scratch, err);
   if (s == SV_OK && src->rig.forward == SV_FORWARD_MULTIPLEXED)
     s = sv_fail(err, SV_E_UNSUPPORTED, "%s: sub-views of a multiplexed sensor overlap and cannot be cropped",
                 rig_dir);

@@ -31,6 +31,10 @@ static sv_status add_views(lab_import *im, const lab_views *v, const char *mark,
     snprintf(o->name, sizeof o->name, "%.180s%.15s", is_inside ? f->file_path : sv_path_name(f->file_path),
              f->has_extension ? "" : sv_path_extension(o->source));
     if (strncmp(o->name, "images/", 7) == 0) memmove(o->name, o->name + 7, strlen(o->name) - 6);
+    sv_copy(o->mask_source, sizeof o->mask_source, v->frames[i].mask_path);
+    snprintf(o->mask_name, sizeof o->mask_name, "%.*s%.15s",
+             (int)(strlen(o->name) - strlen(sv_path_extension(o->name))), o->name,
+             sv_path_extension(o->mask_source));
   }
   return SV_OK;
 }

@@ -91,6 +91,7 @@ static sv_status make_view(job *j, const lab_import_view *v, int k, lab_import_v
   out->model = sub->model;
   if (!rename_source(j, v, sub->name, out))
     return sv_fail(err, SV_E_RANGE, "%s: the path of sub-view %s is too long", v->source, sub->name);
+  *out->mask_source = 0; // of the stream's view, no other's
   if (*v->depth_source &&
       (!rename_path(j, v->depth_source, sub->name, out->depth_source, sizeof out->depth_source) ||
        !sv_path_exists(out->depth_source))) {

@@ -95,10 +95,20 @@ static sv_status copy_view(const lab_import_view *v, const char *folder, sv_err 
   return s == SV_OK ? copy_whole(v->depth_source, to, err) : s;
 }
 
+static sv_status copy_mask(const lab_import_view *v, const char *folder, sv_err *err) {
+  char to[SV_CAP_PATH], up[SV_CAP_PATH], name[SV_TRANSFORMS_CAP_PATH + 16];
+  snprintf(name, sizeof name, "masks/%s", v->mask_name);
+  sv_status s = sv_path_join(to, sizeof to, folder, name, err);
+  if (s != SV_OK) return s;
+  sv_path_folder(up, sizeof up, to);
+  s = sv_path_make_folder(up, err);
+  return s == SV_OK ? copy_whole(v->mask_source, to, err) : s;
+}
+
 typedef struct {
   const lab_import *im;
   const lab_session *session;
-  const char *folder;
+  const char *out, *folder; // folder: of the images
   sv_err *errs;
 } copy_job;
 
@@ -107,6 +117,12 @@ static int first_of_name(const lab_import *im, int i) {
   int k = 0;
   while (strcmp(im->views[k].name, im->views[i].name) != 0) k++;
   return k;
+}
+
+static bool is_first_of_mask(const lab_import *im, int i) {
+  int k = 0;
+  while (!*im->views[k].mask_source || strcmp(im->views[k].mask_name, im->views[i].mask_name) != 0) k++;
+  return k == i;
 }
 
 static void copy_task(void *arg, int i_task, int i_thread) {
@@ -119,10 +135,13 @@ static void copy_task(void *arg, int i_task, int i_thread) {
   else if (strcmp(first->source, v->source) != 0 || memcmp(&first->crop, &v->crop, sizeof v->crop) != 0)
     err->status =
         sv_fail(err, SV_E_FORMAT, "%s and %s would both be written as %s", first->source, v->source, v->name);
+  if (err->status == SV_OK && *v->mask_source && is_first_of_mask(j->im, i_task))
+    err->status = copy_mask(v, j->out, err);
 }
 
-static sv_status copy_all(const lab_import *im, lab_session *se, const char *folder, sv_err *err) {
-  copy_job j = {im, se, folder, calloc((size_t)im->n, sizeof(sv_err))};
+static sv_status copy_all(const lab_import *im, lab_session *se, const char *out, const char *folder,
+                          sv_err *err) {
+  copy_job j = {im, se, out, folder, calloc((size_t)im->n, sizeof(sv_err))};
   sv_status s = SV_OK;
   if (!j.errs) return sv_fail(err, SV_E_NOMEM, "no memory to copy %d images", im->n);
   sv_pool_run(&se->pool, copy_task, &j, im->n);
@@ -210,6 +229,11 @@ static void put_view(FILE *f, const lab_import_view *v) {
     sv_str_add_json(&s, v->split);
     fprintf(f, ", \"split\": \"%s\"", text);
   }
+  if (*v->mask_source) {
+    s = sv_str_make(text, sizeof text);
+    sv_str_add_json(&s, v->mask_name);
+    fprintf(f, ", \"mask_path\": \"masks/%s\"", text);
+  }
   if (*v->depth_source) {
     depth_name(v, name, sizeof name);
     s = sv_str_make(text, sizeof text);
@@ -276,7 +300,7 @@ sv_status lab_import_write(lab_import *im, lab_session *se, const char *out, sv_
   if (s == SV_OK) s = lab_session_folder(se, out, err);
   if (s == SV_OK) s = sv_path_join(images, sizeof images, out, "images", err);
   if (s == SV_OK) s = sv_path_make_folder(images, err);
-  if (s == SV_OK) s = copy_all(im, se, images, err);
+  if (s == SV_OK) s = copy_all(im, se, out, images, err);
   if (s == SV_OK) s = sv_path_join(path, sizeof path, out, "points3d.ply", err);
   if (s == SV_OK && im->n_points) s = write_points(im, path, err);
   if (s == SV_OK) s = sv_path_join(path, sizeof path, out, "transforms.json", err);
