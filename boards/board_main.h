@@ -102,8 +102,8 @@ void source_close(board_source *s);
 // and mask; dir is for sentences. What is needed only meanwhile is given back.
 sv_status coverage_read(sv_rig *rig, const sv_coverage_names *names, const sv_file_reader *files,
                         const char *dir, sv_arena *arena, sv_err *err) SV_MUST_USE;
-// Writes <sub-view>.coverage.png and <sub-view>.mask.png of each sub-view that has them, and fills in
-// names for rig.json.
+// Writes <sub-view>.coverage.png and <sub-view>.mask.png of each sub-view that has them, and fills
+// in names for rig.json.
 sv_status coverage_write(const sv_rig *rig, sv_coverage_names *names, const sv_store *st, sv_arena *arena,
                          sv_err *err) SV_MUST_USE;
 

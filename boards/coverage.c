@@ -53,7 +53,8 @@ static const uint8_t *read_one(const reader *r, const char *name, const picture_
   sv_fmt(path, sizeof path, "%s/%s", r->dir, name);
   const size_t n_px = (size_t)z->width_px * (size_t)z->height_px;
   uint8_t *px = SV_TAKE(r->arena, uint8_t, n_px);
-  size_t mark = sv_arena_mark(r->arena), cap = 8 * n_px + HEADER_BYTES, bytes = 0; // up to 16-bit RGBA
+  // up to 16-bit RGBA
+  size_t mark = sv_arena_mark(r->arena), cap = 8 * n_px + HEADER_BYTES, bytes = 0;
   uint8_t *file = SV_TAKE(r->arena, uint8_t, cap);
   if (!px || !file) {
     sv_fail(err, r->arena->status, "%s: no room for %dx%d pixels", path, z->width_px, z->height_px);

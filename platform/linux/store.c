@@ -74,8 +74,7 @@ static sv_status result(const sv_linux_store *s, int e, sv_err *err) {
   if (f->is_in_place)
     return sv_fail(err, SV_E_IO, "%s/%s: saved, but the folder could not be synced: %s", s->dir, f->name,
                    sv_linux_reason(e));
-  return sv_fail(err, SV_E_IO,
-                 "%s/%s: not saved: %s after %llu bytes; a file that was there before is unchanged", s->dir,
+  return sv_fail(err, SV_E_IO, "%s/%s: not saved: %s after %llu bytes; an older file is unchanged", s->dir,
                  f->name, sv_linux_reason(e), (unsigned long long)f->n_bytes);
 }
 

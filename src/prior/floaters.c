@@ -178,7 +178,8 @@ sv_status sv_prior_prune(sv_prior *prior, uint32_t *n_pruned) {
   for (int i = 0; i < prior->t->n_views && s >= 0; i++)
     if ((s = score_view(prior, &w, i, &n)) >= 0) dip += sv_prior_dip(w.sample, n, w.hull) / prior->t->n_views;
   const double percentile = sv_maxd(MIN_Q, MAX_Q * sv_exp(-SHARPNESS * dip));
-  for (int i = 0; i < prior->t->g.n; i++) prior->t->relocation.copies[i] = 0; // free between two relocations
+  // free between two relocations
+  for (int i = 0; i < prior->t->g.n; i++) prior->t->relocation.copies[i] = 0;
   for (int i = 0; i < prior->t->n_views && s >= 0; i++)
     if ((s = score_view(prior, &w, i, &n)) >= 0) mark_view(prior, &w, n, percentile);
   for (int i = 0; i < prior->t->g.n && s >= 0; i++) {

@@ -183,7 +183,8 @@ static sv_status view_step(sv_trainer *t, const sv_train_choice *c, const sv_ren
   if (t->cfg.weight_tv > 0.0f) out->loss += sv_tv_loss(&t->tv, x, &t->grad, SV_TV_SQUARED, t->cfg.weight_tv);
   if (sv_train_is_probe_due(t)) {
     const double share = image ? (double)t->views[c->i_view].share : 1.0;
-    const sv_train_residual r = {.l1 = loss.l1 / ((double)weight * share), // its square must count once
+    // its square must count once
+    const sv_train_residual r = {.l1 = loss.l1 / ((double)weight * share),
                                  .masked = image,
                                  .scale = im.scale,
                                  .is_supersampled = im.is_supersampled};

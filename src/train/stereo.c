@@ -9,8 +9,8 @@
 // with half of the neighbours' distance, surfaces have holes (docs/notes/quality.md)
 #define SCALE 0.8f
 
-// Mean colour of the pixels that a map's pixel was reduced from; false where they are transparent or
-// masked.
+// Mean colour of the pixels that a map's pixel was reduced from; false where they are transparent
+// or masked.
 static bool colour(const sv_image_u8 *im, int k, int x, int y, float rgb[3]) {
   uint32_t sum[4] = {0};
   if (!sv_image_counts(im, k, x, y)) return false;

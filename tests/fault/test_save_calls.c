@@ -73,10 +73,17 @@ static bool has_temporary(const char *folder) {
   return strtol(text, NULL, 10) != 0;
 }
 
-// Every line of stderr is a message of ours, none a crash.
+// Every line of stderr is a message of ours, none a crash. Its length does not count the folder
+// that the test happens to lie in.
 static void check_words(const char *what) {
   char copy[sizeof said], *save = NULL;
-  snprintf(copy, sizeof copy, "%s", said);
+  size_t n = 0;
+  for (const char *c = said; *c; n++)
+    if (*temp_folder && !strncmp(c, temp_folder, strlen(temp_folder))) {
+      copy[n] = '@';
+      c += strlen(temp_folder);
+    } else copy[n] = *c++;
+  copy[n] = 0;
   for (char *l = strtok_r(copy, "\n", &save); l; l = strtok_r(NULL, "\n", &save))
     if (!is_one_sentence(l)) fail_msg("%s: \"%s\"", what, l);
 }

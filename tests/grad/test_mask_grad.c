@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Masked pixels of training views: no gradient and no error there, at any scale; what they hold has
-// no influence on the model, whatever else is on, and all kernels and any number of threads give the
-// same bits.
+// no influence on the model, whatever else is on, and all kernels and any number of threads give
+// the same bits.
 #include <string.h>
 
 #include "src/base/rng.h"
@@ -116,7 +116,8 @@ TEST(test_no_influence) {
     assert_true(first == digest(cfgs[i], 2, true, ~0u, 2));
     assert_true(digest(cfgs[i], 1, false, ~0u, 2) != digest(cfgs[i], 2, false, ~0u, 2));
     assert_true(first ==
-                digest(cfgs[i], 1, true, sv_isa_only(SV_ISA_REF), 1)); // reference kernels, one thread
+                // reference kernels, one thread
+                digest(cfgs[i], 1, true, sv_isa_only(SV_ISA_REF), 1));
   }
 }
 

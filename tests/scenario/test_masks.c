@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Masks, by the host tool and the runtime as users run them: half of each image is covered by a hand
-// that moves, and with masks the model is as good as without the hand; by a folder, by mask_path and
-// by a rig; scores; bad masks.
+// Masks, by the host tool and the runtime as users run them: half of each image is covered by a
+// hand that moves, and with masks the model is as good as without the hand; by a folder, by
+// mask_path and by a rig; scores; bad masks.
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -31,7 +31,7 @@ live() { # NAME ARGUMENTS
 case $what in
 sim)
   exposures=${more:-10000}
-  live day "$((86400 * exposures / 600000))" 1000 20 60 # a picture a minute, for a day
+  live day "$((8640 * exposures / 10000))" 1000 20 10 # an exposure each 10 s, for a day
   for period_s in 0.02 0.05 0.2; do
     live "2000-$period_s" "$exposures" 2000 40 "$period_s"
     live "5000-$period_s" "$exposures" 5000 20 "$period_s"

@@ -80,8 +80,8 @@ TEST(test_damaged_picture) {
   assert_int_equal(pool.n_replaced, 2);
 }
 
-// The mask of a camera comes with each of its images: as it is of a straight lens; of others a pixel
-// counts where all pixels that it is interpolated from do. It takes memory of its own.
+// The mask of a camera comes with each of its images: as it is of a straight lens; of others a
+// pixel counts where all pixels that it is interpolated from do. It takes memory of its own.
 TEST(test_mask) {
   static uint8_t mask[SIDE * SIDE];
   static sv_sub_view sub[2];
@@ -113,7 +113,8 @@ TEST(test_mask) {
       sv_exposures_get(&pool, 0, i, &image, &view);
       assert_true((image.mask != NULL) == has_mask);
       for (int y = 0; y < SIDE && has_mask; y++) {
-        const double up = (y + 0.5 - (double)view.cy) / (double)view.fy; // in the middle column, x = 0
+        // in the middle column, x = 0
+        const double up = (y + 0.5 - (double)view.cy) / (double)view.fy;
         const double y_px = i ? 30 * up * (1 - 0.2 * up * up) + SIDE / 2 : y + 0.5;
         const bool is_masked = !sv_image_counts(&image, 1, SIDE / 2, y);
         if (y_px < 5) assert_true(is_masked);

@@ -300,7 +300,8 @@ TEST(test_folder) {
   rmdir(folder);
 }
 
-// A mask beside a lens file: its name is kept and written again, its picture has the sub-view's size.
+// A mask beside a lens file: its name is kept and written again, its picture has the sub-view's
+// size.
 TEST(test_mask) {
   char folder[] = "/tmp/subview-footprint-XXXXXX", path[128], text[2048];
   static const uint8_t px[12] = {0, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 0};

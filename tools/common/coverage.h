@@ -9,9 +9,9 @@
 extern "C" {
 #endif
 
-// Loads the images that are named into malloc'ed blocks at footprint.coverage and mask; others become
-// NULL (all of each pixel, all pixels). Nothing is loaded after a failure: E_NOT_FOUND, E_FORMAT
-// (another size than the footprint's or the sub-view's).
+// Loads the images that are named into malloc'ed blocks at footprint.coverage and mask; others
+// become NULL (all of each pixel, all pixels). Nothing is loaded after a failure: E_NOT_FOUND,
+// E_FORMAT (another size than the footprint's or the sub-view's).
 sv_status sv_coverage_load(const char *folder, sv_rig *rig, const sv_coverage_names *names,
                            sv_err *err) SV_MUST_USE;
 void sv_coverage_free(sv_rig *rig); // what sv_coverage_load loaded

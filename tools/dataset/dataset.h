@@ -127,7 +127,8 @@ void lab_loader_free(lab_loader *l);
 // Decodes, undistorts and reduces one image into dst[lab_frame_bytes].
 sv_status lab_picture_load(lab_loader *l, const lab_frame *f, int scale, uint8_t *dst,
                            sv_err *err) SV_MUST_USE;
-// All images of a split on all threads; dst[i] as above, mask[i] as lab_mask_load, unless it is NULL.
+// All images of a split on all threads; dst[i] as above, mask[i] as lab_mask_load, unless it is
+// NULL.
 sv_status lab_pictures_load(const lab_views *v, uint8_t *const *dst, uint8_t *const *mask,
                             const sv_pool *pool, sv_err *err) SV_MUST_USE;
 // True depth along the optical axis in scene units, 0 where there is none; dst[height][width] of
