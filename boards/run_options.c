@@ -46,6 +46,8 @@ static const sv_option rows[] = {
      "learn the color of: cameras (each its own, and its falloff), exposures (and cameras), off; auto: what "
      "the source does not lock [auto]",
      0, 0, NULL},
+    {"keep-blurred", SV_OPT_FLAG, 1, 0, AT(is_blur_kept), NULL,
+     "without poses: keep exposures that are less than half as sharp as those before them", 0, 0, NULL},
     {"refine-poses", SV_OPT_FLAG, 1, 0, AT(is_refining), NULL,
      "refine the rig's poses while training; writes poses.json", 0, 0, NULL},
     {"threads", SV_OPT_INT, 1, 0, AT(threads), "N",

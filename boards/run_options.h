@@ -18,7 +18,7 @@ typedef struct {
   int i_prior; // an sv_prior_method
   sv_appearance_mode appearance_mode;
   int i_optimizer; // an sv_optimizer, -1
-  bool is_dynamic, is_refining;
+  bool is_dynamic, is_refining, is_blur_kept;
   bool is_interrupted; // of --keep: the scan in --out was, and starts at once
   bool is_resume, is_continuous, is_json, is_quiet, is_session, has_feed, is_check;
   char preview_addr[64];    // of --preview; port 0: none

@@ -63,6 +63,11 @@ sv_status sv_capture_side_keep(sv_capture_side *c, sv_err *err) {
   sv_status s = sv_capture_queue_take(c->cfg.queue, &slot);
   if (s != SV_OK) return s;
   s = sv_exposures_add(c->cfg.exposures, &slot->exposure, slot->frames, c->cfg.k, &c->cfg.port->pool, err);
+  if (s == SV_DROPPED) {
+    sv_capture_queue_refuse(c->cfg.queue, slot, SV_DROP_BLURRED);
+    c->n_blurred++;
+    return s;
+  }
   sv_capture_queue_give_back(c->cfg.queue, slot, true);
   if (s == SV_E_FORMAT || s == SV_E_CORRUPT) { // a damaged picture costs its exposure, not the run
     if (!c->n_bad_exposures++) sv_capture_side_log(c, SV_LOG_WARN, "%s", err->text);
@@ -161,6 +166,12 @@ sv_status sv_capture_side_run(sv_capture_side *c, sv_err *err) {
                    "the source ended without one synchronized exposure (skew limit %g ms)",
                    sv_ns_to_ms(c->cfg.skew_limit_ns));
   log_ledger(c);
+  if (c->n_blurred)
+    sv_capture_side_log(
+        c, SV_LOG_INFO,
+        "left out %llu exposures that are clearly less sharp than those before them; move more "
+        "slowly, or shorten the shutter",
+        (unsigned long long)c->n_blurred);
   return s;
 }
 

@@ -54,6 +54,14 @@ static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a
   e->place = SV_TAKE(a, int, cfg->cap_exposures + 1);
   for (int i = 0; e->place && i <= cfg->cap_exposures; i++) e->place[i] = i;
   e->px = SV_TAKE(a, uint8_t, (size_t)(cfg->cap_exposures + has_spare(cfg)) * at);
+  if (cfg->is_blur_dropped) {
+    int w = 0, h = 0;
+    for (int i = 0; i < rig->n_sub_views; i++) {
+      w = sv_maxi(w, rig->sub_views[i].model.width_px);
+      h = sv_maxi(h, rig->sub_views[i].model.height_px);
+    }
+    sv_sharpness_carve(&e->sharpness, w, h, sv_maxi(cfg->n_threads, 1), a);
+  }
   sv_convert_cfg cc = {cfg->caps, cfg->n_cameras, sv_maxi(cfg->n_threads, 1), cfg->decoder};
   sv_status s = sv_convert_init(&e->convert, &cc, a, err);
   if (s < 0) return s;
@@ -167,6 +175,21 @@ static sv_status put_pictures(sv_exposures *e, int place, const sv_frame *frame,
   return SV_OK;
 }
 
+static sv_image_u8 image_at(const sv_exposures *e, int place, int i_sub) {
+  const sv_sub_view_store *s = &e->sub[i_sub];
+  const int w = s->pinhole.width_px, h = s->pinhole.height_px;
+  return (sv_image_u8){e->px + (size_t)place * e->exposure_bytes + s->at, w, h, 3, w * 3, s->mask};
+}
+
+static bool is_blurred(sv_exposures *e, int place, const sv_compute *c) {
+  sv_sharpness_sums sums = {0};
+  for (int i = 0; i < e->cfg.rig->n_sub_views; i++) {
+    const sv_image_u8 im = image_at(e, place, i);
+    sv_sharpness_add(&e->sharpness, &im, c, &sums);
+  }
+  return sv_sharpness_is_blurred(&e->sharpness, &sums);
+}
+
 sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const sv_frame *frame,
                            const sv_kernels *k, const sv_pool *pool, sv_err *err) {
   const int slot = e->i_next, with = has_spare(&e->cfg) ? e->cfg.cap_exposures : slot;
@@ -175,6 +198,9 @@ sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const s
                     : put_pictures(e, e->place[with], frame, k, pool, err);
   sv_convert_forget(&e->convert);
   if (s < 0) return s;
+  if (e->cfg.is_blur_dropped && !is_multiplexed(&e->cfg) &&
+      is_blurred(e, e->place[with], &(sv_compute){k, pool}))
+    return SV_DROPPED;
   if (!is_multiplexed(&e->cfg)) {
     const int place = e->place[with];
     e->place[with] = e->place[slot];
@@ -189,11 +215,10 @@ sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const s
 
 void sv_exposures_get(const sv_exposures *e, int i, int i_sub, sv_image_u8 *image, sv_view *view) {
   const sv_sub_view_store *s = &e->sub[i_sub];
-  int w = s->pinhole.width_px, h = s->pinhole.height_px;
-  *image = (sv_image_u8){e->px + (size_t)e->place[i] * e->exposure_bytes + s->at, w, h, 3, w * 3, s->mask};
+  *image = image_at(e, e->place[i], i_sub);
   sv_pose cam_from_world =
       sv_pose_mul(&e->cfg.rig->sub_views[i_sub].cam_from_rig, &e->exposure[i].rig_from_world);
-  *view = sv_view_make(w, h, s->pinhole.p, &cam_from_world);
+  *view = sv_view_make(image->width_px, image->height_px, s->pinhole.p, &cam_from_world);
   view->i_exposure = (int)e->exposure[i].id;
   view->i_sub_view = i_sub;
 }

@@ -9,6 +9,7 @@
 #include "calib/remap.h"
 #include "kernels/kernels.h"
 #include "src/capture/measurements.h"
+#include "src/capture/sharpness.h"
 #include "src/image/convert.h"
 #include "src/image/planes.h"
 #include "src/port/port.h"
@@ -24,6 +25,9 @@ typedef struct {
   const sv_camera_caps *caps; // [n_cameras] sizes and formats; must outlive the pool
   int n_cameras, n_threads;
   const sv_decoder *decoder; // of compressed frames, or NULL; must outlive the pool
+  // Exposures that are blurred are not kept (sharpness.h). Not for multiplexed rigs, nor for pools
+  // that are full before the capture ends. Default false.
+  bool is_blur_dropped;
 } sv_exposures_cfg;
 
 typedef struct {
@@ -38,6 +42,7 @@ typedef struct {
   sv_measurements measurements; // of a multiplexed rig, without sensors for others
   sv_sub_view_store *sub;       // [n_sub_views], NULL for a multiplexed rig
   sv_convert convert;           // frames of other formats than RGB8
+  sv_sharpness sharpness;       // with is_blur_dropped
   size_t exposure_bytes;
   uint8_t *px;           // [cap_exposures][exposure_bytes]
   sv_exposure *exposure; // [cap_exposures]
@@ -55,7 +60,7 @@ sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_are
 // Copies one synchronized set of frames (frame[i_camera]; of multiplexed rigs RGB16 or RGB8) into
 // the pool, converted to RGB8. The frames are free afterwards. E_UNSUPPORTED for other pixel
 // formats, E_RANGE when a frame's size is not the rig's, E_FORMAT or E_CORRUPT for a compressed
-// picture that is damaged: nothing is kept then.
+// picture that is damaged: nothing is kept then. DROPPED: blurred, and not kept either.
 sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const sv_frame *frame,
                            const sv_kernels *k, const sv_pool *pool, sv_err *err) SV_MUST_USE;
 

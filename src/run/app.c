@@ -52,6 +52,11 @@ sv_heat sv_app_heat(sv_app *app) {
 
 static bool is_multiplexed(const sv_app_cfg *c) { return c->rig->forward == SV_FORWARD_MULTIPLEXED; }
 
+// Odometry finds the rig's poses.
+static bool is_handheld(const sv_app_cfg *c) {
+  return c->is_tracking && sv_odometry_can(c->rig, c->n_exposures);
+}
+
 // Of the start: the driver's, and before it the views in a row.
 static size_t scratch_bytes(const sv_app_cfg *c, const sv_train_cfg *t) {
   const size_t start = sv_driver_scratch_bytes(t, t->n_gaussians),
@@ -94,7 +99,8 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
                          .caps = c->caps,
                          .n_cameras = c->n_cameras,
                          .n_threads = t->n_threads,
-                         .decoder = &app->port.decoder};
+                         .decoder = &app->port.decoder,
+                         .is_blur_dropped = is_handheld(c) && !c->is_blur_kept};
   sv_status s = sv_exposures_init(&app->exposures, &ec, a, err);
   if (s < 0) return s;
   const sv_odometry_cfg oc = {.rig = c->rig,
@@ -103,8 +109,7 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
                               .k = compute.k,
                               .seed = c->train.seed,
                               .heartbeats = app->port.heartbeats};
-  if (c->is_tracking && sv_odometry_can(c->rig, c->n_exposures))
-    s = sv_odometry_init(&app->odometry, &oc, a, err);
+  if (is_handheld(c)) s = sv_odometry_init(&app->odometry, &oc, a, err);
   if (s < 0) return s;
   s = sv_trainer_init(&app->trainer, t, compute, a, err);
   if (s < 0) return s;

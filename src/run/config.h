@@ -77,6 +77,8 @@ typedef struct {
   bool is_refining;
   // The source has no poses of the rig: find them from the images.
   bool is_tracking;
+  // With is_tracking: exposures that are clearly less sharp than those before them are kept.
+  bool is_blur_kept;
   // The scene lies in `bounds`, and training starts there; else bounds come from the views.
   bool has_bounds;
   sv_bounds bounds;

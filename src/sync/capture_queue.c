@@ -141,7 +141,7 @@ static void free_slot(sv_capture_queue *in, int i) {
 static void collect_done(sv_capture_queue *in) {
   int i;
   while (sv_ring_pop(&in->done, &i) == SV_OK) {
-    if (!in->slots[i].is_used) sv_sync_refuse(&in->sync, &in->slots[i].exposure, SV_DROP_OVERLOAD);
+    if (!in->slots[i].is_used) sv_sync_refuse(&in->sync, &in->slots[i].exposure, in->slots[i].reason);
     free_slot(in, i);
   }
 }
@@ -306,11 +306,22 @@ sv_status sv_capture_queue_take(sv_capture_queue *in, sv_exposure_slot **slot) {
   return s;
 }
 
-void sv_capture_queue_give_back(sv_capture_queue *in, sv_exposure_slot *slot, bool is_used) {
+static void give_slot_back(sv_capture_queue *in, const sv_exposure_slot *slot) {
   const int i = (int)(slot - in->slots);
-  slot->is_used = is_used;
   // The ring holds more than can be under way, so it takes this one.
   if (sv_ring_push(&in->done, &i) != SV_OK) count_error(in, -1, SV_E_FULL);
+}
+
+void sv_capture_queue_give_back(sv_capture_queue *in, sv_exposure_slot *slot, bool is_used) {
+  slot->is_used = is_used;
+  slot->reason = SV_DROP_OVERLOAD;
+  give_slot_back(in, slot);
+}
+
+void sv_capture_queue_refuse(sv_capture_queue *in, sv_exposure_slot *slot, sv_drop_reason reason) {
+  slot->is_used = false;
+  slot->reason = reason;
+  give_slot_back(in, slot);
 }
 
 sv_status sv_capture_queue_line(sv_capture_queue *in, sv_str *out) {

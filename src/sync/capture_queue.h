@@ -45,8 +45,9 @@ typedef struct {
 // from the source until the user has given the slot back; the rings carry indexes of slots.
 typedef struct {
   sv_exposure exposure;
-  sv_frame *frames; // [n_cameras]; of a camera that is missing i_camera is -1
-  bool is_used;     // set by sv_capture_queue_give_back
+  sv_frame *frames;      // [n_cameras]; of a camera that is missing i_camera is -1
+  bool is_used;          // set by sv_capture_queue_give_back
+  sv_drop_reason reason; // when it was not
 } sv_exposure_slot;
 
 typedef struct {
@@ -98,6 +99,8 @@ sv_status sv_capture_queue_stop(sv_capture_queue *in) SV_MUST_USE;
 sv_status sv_capture_queue_take(sv_capture_queue *in, sv_exposure_slot **slot) SV_MUST_USE;
 // The frames go back to their cameras. Not used: they count as dropped for `overload`.
 void sv_capture_queue_give_back(sv_capture_queue *in, sv_exposure_slot *slot, bool is_used);
+// The same of an exposure that is not used, for another reason.
+void sv_capture_queue_refuse(sv_capture_queue *in, sv_exposure_slot *slot, sv_drop_reason reason);
 int sv_capture_queue_n_ready(sv_capture_queue *in);
 // " | video0 25.0 fps +0.412 ms dropped 3 (no_partner 2, ...) | ..." is added to out: what a user
 // watches. The first call asks for it, the capture side makes it at its next step, and a later call

@@ -125,7 +125,81 @@ TEST(test_mask) {
   assert_true(bytes[1] >= bytes[0] + 2 * SIDE * SIDE);
 }
 
+// --- blur ----------------------------------------------------------------------------------------
+
+static uint8_t sharp[SIDE * SIDE * 3], soft[SIDE * SIDE * 3];
+
+// A texture, and what a motion of n_px pixels along x makes of it.
+static void make_textures(int seed, int n_px) {
+  for (int y = 0; y < SIDE; y++)
+    for (int x = 0; x < SIDE; x++)
+      for (int c = 0; c < 3; c++)
+        sharp[3 * (y * SIDE + x) + c] =
+            (uint8_t)((x / 3 * 37 + y / 4 * 91 + x / 3 * (y / 4) * 53 + 7 * seed) % 200);
+  for (int y = 0; y < SIDE; y++)
+    for (int x = 0; x < SIDE; x++)
+      for (int c = 0; c < 3; c++) {
+        int sum = 0;
+        for (int i = 0; i < n_px; i++) sum += sharp[3 * (y * SIDE + (x + i) % SIDE) + c];
+        soft[3 * (y * SIDE + x) + c] = (uint8_t)(sum / n_px);
+      }
+}
+
+// gain: of the light, so many percent.
+static sv_status add_textured(bool is_soft, int gain) {
+  static uint8_t px[SIDE * SIDE * 3];
+  const sv_compute c = compute_serial();
+  const sv_exposure exposure = {.rig_from_world = sv_pose_identity()};
+  sv_err err;
+  for (int i = 0; i < SIDE * SIDE * 3; i++) px[i] = (uint8_t)((is_soft ? soft : sharp)[i] * gain / 100);
+  const sv_frame f = {.width_px = SIDE,
+                      .height_px = SIDE,
+                      .format = SV_PIX_RGB8,
+                      .stride_bytes = 3 * SIDE,
+                      .data = px,
+                      .data_bytes = sizeof px};
+  return sv_exposures_add(&pool, &exposure, &f, c.k, c.pool, &err);
+}
+
+// Left out: half as sharp as those before. Kept: the first ones, other exposure times, other
+// textures, dark images, and who goes on being blurred.
+TEST(test_blur) {
+  sv_sub_view sub = {
+      .model = {.kind = SV_MODEL_PINHOLE, .width_px = SIDE, .height_px = SIDE, .p = {30, 30, 16, 16}},
+      .cam_from_rig = sv_pose_identity()};
+  const sv_camera_caps caps = {.width_px = SIDE, .height_px = SIDE, .format = SV_PIX_RGB8};
+  const sv_rig rig = {.sub_views = &sub, .n_sub_views = 1, .cap_sub_views = 1};
+  for (int is_on = 0; is_on < 2; is_on++) {
+    const sv_exposures_cfg cfg = {.rig = &rig,
+                                  .cap_exposures = 32,
+                                  .caps = &caps,
+                                  .n_cameras = 1,
+                                  .n_threads = 1,
+                                  .is_blur_dropped = is_on};
+    sv_arena arena = sv_arena_make(block, sizeof block);
+    sv_err err;
+    assert_ok(sv_exposures_init(&pool, &cfg, &arena, &err), &err);
+    const sv_status dropped = is_on ? SV_DROPPED : SV_OK;
+    make_textures(0, 8);
+    assert_int_equal(add_textured(true, 100), SV_OK); // nothing to compare with
+    for (int i = 0; i < 4; i++) assert_int_equal(add_textured(false, 100), SV_OK);
+    const int n = pool.n;
+    assert_int_equal(add_textured(true, 100), dropped);
+    assert_int_equal(pool.n, is_on ? n : n + 1);
+    for (int i = 0; i < 3; i++) {
+      make_textures(i, 8);
+      assert_int_equal(add_textured(false, 60 + 20 * i), SV_OK);
+    }
+    assert_int_equal(add_textured(false, 1), SV_OK); // dark
+    assert_int_equal(add_textured(true, 70), dropped);
+    int n_lost = 0;
+    for (int i = 0; i < 8; i++) n_lost += add_textured(true, 100) == SV_DROPPED;
+    assert_in_range(n_lost, is_on, is_on ? 4 : 0); // they are usual by now
+  }
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_damaged_picture), cmocka_unit_test(test_mask)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_damaged_picture), cmocka_unit_test(test_mask),
+                                     cmocka_unit_test(test_blur)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
