@@ -152,6 +152,43 @@ TEST(test_bad_masks) {
   }
 }
 
+// A capture's rig with a mask, by the runtime's own program: run, captured again, imported; and bad
+// ones.
+TEST(test_rig_files) {
+  static const char *const bad[][2] = {{"true", "left.png: the file cannot be opened"},
+                                       {"cp ../../../s/train/stereo/e00_s00.png left.png",
+                                        "left.png: 128x96 pixels, its sub-view in rig.json has 64x48"},
+                                       {"echo no picture > left.png", "neither JPEG nor PNG"}};
+  static uint8_t px[64 * 48];
+  char line[700], path[600];
+  sv_err err = {0};
+  lab_shell_need(&shell);
+#define RUN "S=@; \"${S%-lab}\" "
+  run_well(RUN
+           "capture --source sim:textured,rig=stereo,size=64x48 --exposures 2 --quiet --out c/one && sed -i "
+           "'s/\"left.cameramodel\"/&, \"mask\": \"left.png\"/' c/one/rig/rig.json");
+  for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+    snprintf(line, sizeof line, "(cd c/one/rig && %s) && %srun %s", bad[i][0], RUN,
+             "--source replay:c/one,speed=max --exposures 2 --gaussians 50 --steps 5 --quiet --out r");
+    assert_int_not_equal(run(line), 0);
+    assert_contains(shell.said, bad[i][1]);
+  }
+  for (int i = 0; i < 64 * 48; i++) px[i] = i % 64 < 20 ? 0 : 255;
+  snprintf(path, sizeof path, "%s/c/one/rig/left.png", shell.root);
+  const sv_bitmap b = {.width_px = 64, .height_px = 48, .n_channels = 1, .bits = 8, .u8 = px};
+  assert_ok(sv_bitmap_write_png(path, &b, &err), &err);
+  run_well(RUN "capture --source replay:c/one,speed=max --exposures 2 --quiet --out c/two && grep -c "
+               "'\"mask\": \"left.mask.png\"' c/two/rig/rig.json");
+  run_well(RUN
+           "run --source replay:c/two,speed=max --exposures 2 --gaussians 50 --steps 5 --quiet --out r && "
+           "grep -c '\"masks\": 1,' r/run.json");
+  run_well(
+      "@ import --from capture c/two --out k --quiet && @ train --data k --gaussians 50 --steps 5 --json "
+      "--quiet --out z && cmp k/masks/left.png c/two/rig/left.mask.png");
+  assert_true(number("\"training_masks\": ") >= 1);
+#undef RUN
+}
+
 // --- a rig ---------------------------------------------------------------------------------------
 
 static world w;
@@ -251,6 +288,7 @@ TEST(test_odometry) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_hand), cmocka_unit_test(test_bad_masks),
-                                     cmocka_unit_test(test_housing), cmocka_unit_test(test_odometry)};
+                                     cmocka_unit_test(test_rig_files), cmocka_unit_test(test_housing),
+                                     cmocka_unit_test(test_odometry)};
   return cmocka_run_group_tests(tests, setup, teardown);
 }
