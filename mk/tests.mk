@@ -113,7 +113,7 @@ $(1): $(foreach g,$(2),$$(PROGS_$(g))) $(if $(filter $(USE_PROGRAMS),$(2)),$(PRO
 	@tests/run/run.sh -j $(JOBS) -o $(O)/run/$(1) $(O)/run/$(1).list
 endef
 ifeq ($(BOARD_ARCH)$(SAN),$(HOST_ARCH))
-ALL_GROUPS := lint unit kernels grad golden fault fuzz scenario cross library soak budget
+ALL_GROUPS := lint unit kernels grad golden fault fuzz scenario cross library package soak budget
 else
 ALL_GROUPS := unit kernels grad golden fault fuzz scenario
 endif
