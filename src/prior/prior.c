@@ -216,6 +216,14 @@ static sv_prior_depth *place_of(sv_prior *p, int id) {
   return unused ? unused : &p->depths[p->n_depths++ % p->cfg.cap_depths];
 }
 
+// What was estimated from masked pixels of a training view is not known.
+static void forget_masked(const sv_trainer *t, sv_prior_depth *d) {
+  const sv_image_u8 *im = d->id < t->n_views ? &t->views[d->id].image : NULL;
+  if (!im || !im->mask || im->width_px != d->width_px || im->height_px != d->height_px) return;
+  for (int i = 0; i < d->width_px * d->height_px; i++)
+    if (!im->mask[i]) d->map[i] = -1.0f;
+}
+
 sv_status sv_prior_submit_depth(sv_prior *p, int id, const sv_prior_map *map) {
   const int width_px = map->width_px, height_px = map->height_px;
   if (p->cfg.cap_depths < 1) return SV_E_FULL;
@@ -229,6 +237,7 @@ sv_status sv_prior_submit_depth(sv_prior *p, int id, const sv_prior_map *map) {
   d->kind = map->kind;
   d->weight = map->weight;
   memcpy(d->map, map->px, (size_t)width_px * (size_t)height_px * sizeof *map->px);
+  forget_masked(p->t, d);
   return SV_OK;
 }
 

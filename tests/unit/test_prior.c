@@ -378,11 +378,31 @@ TEST(test_warp) {
   assert_true(n_same > (H - 8) * (W - 8) * 9 / 10);
 }
 
+// Estimated depth of masked pixels is not known.
+TEST(test_masked_depth) {
+  static uint8_t mask[W * H];
+  static float map[W * H];
+  const sv_prior_map m = {map, W, H, SV_PRIOR_METRIC, 1};
+  const sv_pool serial = sv_pool_serial();
+  make(&trainer, &serial, block, sizeof block);
+  for (int i = 0; i < W * H; i++) {
+    mask[i] = i % 5 > 0;
+    map[i] = 2;
+  }
+  trainer.views[1].image.mask = mask;
+  for (int v = 0; v < 2; v++) {
+    assert_int_equal(sv_prior_submit_depth(&prior, v, &m), SV_OK);
+    const sv_prior_depth *d = sv_prior_find_depth(&prior, v, &trainer.views[v].view);
+    assert_non_null(d);
+    for (int i = 0; i < W * H; i++) assert_true((d->map[i] < 0) == (v == 1 && i % 5 == 0));
+  }
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_rings),  cmocka_unit_test(test_memory),
-                                     cmocka_unit_test(test_views),  cmocka_unit_test(test_steps),
-                                     cmocka_unit_test(test_dip),    cmocka_unit_test(test_neighbours),
-                                     cmocka_unit_test(test_unpool), cmocka_unit_test(test_prune),
-                                     cmocka_unit_test(test_warp),   cmocka_unit_test(test_methods)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_rings),   cmocka_unit_test(test_memory),      cmocka_unit_test(test_views),
+      cmocka_unit_test(test_steps),   cmocka_unit_test(test_dip),         cmocka_unit_test(test_neighbours),
+      cmocka_unit_test(test_unpool),  cmocka_unit_test(test_prune),       cmocka_unit_test(test_warp),
+      cmocka_unit_test(test_methods), cmocka_unit_test(test_masked_depth)};
   return cmocka_run_group_tests(tests, setup, NULL);
 }
