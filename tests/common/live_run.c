@@ -83,7 +83,7 @@ static void exec_run(live_run *r, const char *args) {
   _exit(98);
 }
 
-bool live_run_start(live_run *r, const char *folder, const char *args) {
+static bool start_once(live_run *r, const char *folder, const char *args) {
   bool is_open = r->is_open;
   memset(r, 0, sizeof *r);
   r->is_open = is_open;
@@ -104,9 +104,19 @@ bool live_run_start(live_run *r, const char *folder, const char *args) {
     }
     if (waitpid(r->pid, NULL, WNOHANG) == r->pid) {
       r->pid = 0;
+      read_err(r);
       return false;
     }
     poll(NULL, 0, 50);
+  }
+  return false;
+}
+
+// Between the choice of a port and the server's use of it another program may take it.
+bool live_run_start(live_run *r, const char *folder, const char *args) {
+  for (int i = 0; i < 5; i++) {
+    if (start_once(r, folder, args)) return true;
+    if (!strstr(r->err, "the port is in use")) return false;
   }
   return false;
 }
