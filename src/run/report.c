@@ -127,6 +127,8 @@ static void add_values(sv_str *s, const char *key, const double *v, int n) {
   sv_str_add(s, "]");
 }
 
+#define CAP_REPORTED_EXPOSURES 100 // more would not fit
+
 // What training learned of the cameras' and the exposures' color.
 static void add_appearance(sv_str *s, const sv_app *app) {
   const sv_appearance_cfg *c = &app->trainer.cfg.appearance;
@@ -143,7 +145,7 @@ static void add_appearance(sv_str *s, const sv_app *app) {
     sv_str_add(s, "}");
   }
   sv_str_add(s, "], \"exposures\": [");
-  for (int i = 0; i < c->n_exposures; i++) {
+  for (int i = 0; i < sv_mini(c->n_exposures, CAP_REPORTED_EXPOSURES); i++) {
     sv_str_add(s, "%s\n    {", i ? "," : "");
     add_values(s, "color", a->exposure[i].p, 9);
     sv_str_add(s, "}");

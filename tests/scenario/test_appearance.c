@@ -70,9 +70,21 @@ TEST(test_resume) {
   world_forget_files(&w);
 }
 
+// What is learned of many exposures does not make the report too long.
+TEST(test_many_exposures) {
+  world_open_well(&w, "textured,rig=mono,size=32x32,exposures=1000,auto_exposure=0.5", 1000, ~0u, 1);
+  w.cfg.train.n_gaussians = 200;
+  w.cfg.steps = 2;
+  world_run_well(&w);
+  assert_ok(sv_app_save_report(&w.app, NULL, &w.err), &w.err);
+  world_close(&w);
+  world_forget_files(&w);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_cameras_that_differ),
                                      cmocka_unit_test(test_exposure_that_drifts),
-                                     cmocka_unit_test(test_off_by_itself), cmocka_unit_test(test_resume)};
+                                     cmocka_unit_test(test_off_by_itself), cmocka_unit_test(test_resume),
+                                     cmocka_unit_test(test_many_exposures)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
