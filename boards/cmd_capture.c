@@ -275,11 +275,11 @@ static void print_ledger(const capture_options *o) {
   sv_ledger l = sv_sync_ledger_sum(&cap.in.sync);
   if (o->is_json)
     say(1,
-        "{\"exposures\": %ld, \"not_saved\": %ld, \"captured\": %llu, \"delivered\": %llu, \"dropped\": "
-        "%llu, "
-        "\"skew_us_p99\": %.1f}\n",
+        "{\"exposures\": %ld, \"not_saved\": %ld, \"captured\": %llu, \"delivered\": %llu, "
+        "\"dropped\": %llu, \"skew_us_p50\": %.1f, \"skew_us_p99\": %.1f}\n",
         cap.n_exposures, cap.n_lost, (unsigned long long)l.captured, (unsigned long long)l.delivered,
         (unsigned long long)sv_ledger_dropped(&l),
+        (double)sv_skew_percentile_ns(&cap.in.sync.skew, 50) * 1e-3,
         (double)sv_skew_percentile_ns(&cap.in.sync.skew, 99) * 1e-3);
   else
     say(1,
