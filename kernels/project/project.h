@@ -80,6 +80,25 @@ enum {
   SV_IGRAD_BYTES = 32
 };
 
+// A fisheye lens. With h = (x, y) / (|p| + z) of a camera point p (the stereographic plane: |h| is
+// the tangent of half the ray's angle) and w = |h|^2:  u = fx h_x F(w) + cx, v = fy h_y F(w) + cy.
+// F and its inverse are polynomials, fitted once (calib/fisheye.h): no trigonometry in kernels.
+#define SV_FISHEYE_TERMS 12
+typedef struct sv_fisheye {
+  float term[SV_FISHEYE_TERMS]; // of F in (scale w - 1), the highest power first
+  float scale;
+  float max_w; // of the widest ray that is projected
+  // |h| / rho of rho = |((u - cx) / fx, (v - cy) / fy)| in (inverse_scale rho^2 - 1)
+  float inverse_term[SV_FISHEYE_TERMS];
+  float inverse_scale;
+  float max_rho2; // of the widest ray that is projected
+} sv_fisheye;
+// The projection is linearized at a Gaussian's center (EWA). On a fisheye's image that holds while
+// the Gaussian is small as seen from the camera: those whose deviations across the line of sight
+// have squares that sum up to more than this (rad^2 in the image of an equidistant lens) are not
+// drawn.
+#define SV_FISHEYE_MAX_VAR 0.25f
+
 typedef struct {
   int width_px, height_px;
   float fx, fy, cx, cy; // px, first pixel's centre at 0.5
@@ -90,6 +109,9 @@ typedef struct {
   int is_antialiased;
   // Clamps of x / z and y / z in the projection's Jacobian: sv_kview_set_limits.
   float min_x, max_x, min_y, max_y;
+  // NULL: a pinhole. Else there are no clamps, and z of splats and near_z are distances from the
+  // camera.
+  const sv_fisheye *fisheye;
 } sv_kview;
 
 // From size, focal lengths and principal point: 0.3 of half an image beyond its edges (Kerbl et

@@ -19,6 +19,12 @@ typedef struct {
   int is_comp_floor;
 } geom;
 
+typedef struct {
+  float n, rn, is;              // distance, its inverse; 1 / (n + z)
+  float h[2], g[3], w, f, e, d; // g: gradient of n + z; f: F(w), e = 2 F', d = 2 F''
+  float j[6];                   // Jacobian of (u, v) by the camera point
+} wide;
+
 static void rotation(const float q[4], float r[9]) {
   float w = q[0], x = q[1], y = q[2], z = q[3];
   float x2 = x + x, y2 = y + y, z2 = z + z;
@@ -34,31 +40,29 @@ static void rotation(const float q[4], float r[9]) {
 }
 
 // p: the Gaussian's lane in its block, rows 16 floats apart.
-static void geometry(const sv_kview *v, const float *p, geom *g) {
+static void camera_point(const sv_kview *v, const float *p, geom *g) {
   for (int i = 0; i < 3; i++)
     g->t[i] = fmaf(v->r[3 * i], p[0], fmaf(v->r[3 * i + 1], p[16], fmaf(v->r[3 * i + 2], p[32], v->t[i])));
-  g->iz = 1.0f / g->t[2];
-  g->xz = g->t[0] * g->iz;
-  g->yz = g->t[1] * g->iz;
-  g->clamp_x = g->xz > v->max_x || g->xz < v->min_x;
-  g->clamp_y = g->yz > v->max_y || g->yz < v->min_y;
-  g->rx = s1_min(s1_max(g->xz, v->min_x), v->max_x);
-  g->ry = s1_min(s1_max(g->yz, v->min_y), v->max_y);
+}
+
+static void shape(const float *p, geom *g) {
   const float *q = p + 16 * SV_ROW_QUAT;
   float n2 = fmaf(q[0], q[0], fmaf(q[16], q[16], fmaf(q[32], q[32], q[48] * q[48])));
   g->rn = 1.0f / sqrtf(s1_max(n2, 1e-20f));
   for (int i = 0; i < 4; i++) g->q[i] = q[16 * i] * g->rn;
   rotation(g->q, g->rot);
   for (int i = 0; i < 3; i++) g->s[i] = s1_exp2_fine(p[16 * (SV_ROW_SCALE + i)] * LOG2E);
-  g->ja = v->fx * g->iz;
-  g->jb = v->fy * g->iz;
-  for (int j = 0; j < 3; j++) {
-    float m0 = g->rot[j] * g->s[j], m1 = g->rot[3 + j] * g->s[j], m2 = g->rot[6 + j] * g->s[j];
-    for (int i = 0; i < 3; i++)
-      g->w[3 * i + j] = fmaf(v->r[3 * i], m0, fmaf(v->r[3 * i + 1], m1, v->r[3 * i + 2] * m2));
-    g->a[j] = g->ja * fmaf(-g->rx, g->w[6 + j], g->w[j]);
-    g->b[j] = g->jb * fmaf(-g->ry, g->w[6 + j], g->w[3 + j]);
-  }
+}
+
+// Column j of w.
+static void axis(const sv_kview *v, int j, geom *g) {
+  float m0 = g->rot[j] * g->s[j], m1 = g->rot[3 + j] * g->s[j], m2 = g->rot[6 + j] * g->s[j];
+  for (int i = 0; i < 3; i++)
+    g->w[3 * i + j] = fmaf(v->r[3 * i], m0, fmaf(v->r[3 * i + 1], m1, v->r[3 * i + 2] * m2));
+}
+
+// From the rows a and b of J w to the ellipse and the opacity.
+static void ellipse(const sv_kview *v, const float *p, geom *g) {
   g->sxx = fmaf(g->a[0], g->a[0], fmaf(g->a[1], g->a[1], g->a[2] * g->a[2]));
   g->sxy = fmaf(g->a[0], g->b[0], fmaf(g->a[1], g->b[1], g->a[2] * g->b[2]));
   g->syy = fmaf(g->b[0], g->b[0], fmaf(g->b[1], g->b[1], g->b[2] * g->b[2]));
@@ -87,6 +91,80 @@ static void geometry(const sv_kview *v, const float *p, geom *g) {
     g->comp = sqrtf(s1_max(ratio, 2.5e-5f));
   }
   g->oe = g->o * g->comp;
+}
+
+static void geometry(const sv_kview *v, const float *p, geom *g) {
+  camera_point(v, p, g);
+  g->iz = 1.0f / g->t[2];
+  g->xz = g->t[0] * g->iz;
+  g->yz = g->t[1] * g->iz;
+  g->clamp_x = g->xz > v->max_x || g->xz < v->min_x;
+  g->clamp_y = g->yz > v->max_y || g->yz < v->min_y;
+  g->rx = s1_min(s1_max(g->xz, v->min_x), v->max_x);
+  g->ry = s1_min(s1_max(g->yz, v->min_y), v->max_y);
+  shape(p, g);
+  g->ja = v->fx * g->iz;
+  g->jb = v->fy * g->iz;
+  for (int j = 0; j < 3; j++) {
+    axis(v, j, g);
+    g->a[j] = g->ja * fmaf(-g->rx, g->w[6 + j], g->w[j]);
+    g->b[j] = g->jb * fmaf(-g->ry, g->w[6 + j], g->w[3 + j]);
+  }
+  ellipse(v, p, g);
+}
+
+// F and its derivatives by Horner's rule.
+static void radial(const sv_fisheye *l, wide *x) {
+  const float y = fmaf(l->scale, x->w, -1.0f);
+  float f0 = l->term[0], f1 = 0.0f, f2 = 0.0f;
+  for (int k = 1; k < SV_FISHEYE_TERMS; k++) {
+    f2 = fmaf(f2, y, f1);
+    f1 = fmaf(f1, y, f0);
+    f0 = fmaf(f0, y, l->term[k]);
+  }
+  const float twice = l->scale + l->scale;
+  x->f = f0;
+  x->e = f1 * twice;
+  x->d = f2 * (twice * twice); // f2: half of the second derivative
+}
+
+// The same through a fisheye: x = g->xz and y = g->yz are the image's coordinates over fx and fy.
+static void wide_geometry(const sv_kview *v, const float *p, geom *g, wide *x) {
+  camera_point(v, p, g);
+  x->n = sqrtf(fmaf(g->t[0], g->t[0], fmaf(g->t[1], g->t[1], g->t[2] * g->t[2])));
+  const float s = x->n + g->t[2];
+  x->rn = 1.0f / x->n;
+  x->is = 1.0f / s;
+  x->h[0] = g->t[0] * x->is;
+  x->h[1] = g->t[1] * x->is;
+  x->g[0] = g->t[0] * x->rn;
+  x->g[1] = g->t[1] * x->rn;
+  x->g[2] = s * x->rn;
+  x->w = fmaf(x->h[0], x->h[0], x->h[1] * x->h[1]);
+  radial(v->fisheye, x);
+  g->xz = x->h[0] * x->f;
+  g->yz = x->h[1] * x->f;
+  // Rows of d(h F)/dp = F dh/dp + 2 F' h (h . dh/dp)
+  const float fi = x->f * x->is, ei = x->e * x->is, ew = x->e * x->w * x->is;
+  const float through = fi + ew; // what the change of n + z multiplies
+  for (int i = 0; i < 2; i++) {
+    const float c = (i ? v->fy : v->fx) * x->h[i], own = (i ? v->fy : v->fx) * fi;
+    for (int k = 0; k < 3; k++) x->j[3 * i + k] = -(c * through) * x->g[k];
+    for (int k = 0; k < 2; k++) x->j[3 * i + k] = fmaf(c * ei, x->h[k], x->j[3 * i + k]);
+    x->j[3 * i + i] += own;
+  }
+  shape(p, g);
+  for (int j = 0; j < 3; j++) {
+    axis(v, j, g);
+    g->a[j] = fmaf(x->j[0], g->w[j], fmaf(x->j[1], g->w[3 + j], x->j[2] * g->w[6 + j]));
+    g->b[j] = fmaf(x->j[3], g->w[j], fmaf(x->j[4], g->w[3 + j], x->j[5] * g->w[6 + j]));
+  }
+  ellipse(v, p, g);
+}
+
+// Is it in the lens's range, and small enough for a linearized projection?
+static int is_wide_valid(const sv_kview *v, const geom *g, const wide *x) {
+  return x->w <= v->fisheye->max_w && g->sxx + g->syy <= SV_FISHEYE_MAX_VAR * (v->fx * v->fy);
 }
 
 static void sh_basis(int degree, float x, float y, float z, float b[16]) {
@@ -131,7 +209,17 @@ static void project_one(const sv_project_args *a, int id, const float *p) {
   const sv_kview *v = &a->view;
   sv_splat *s = a->splat + id;
   geom g;
-  geometry(v, p, &g);
+  float z;
+  int is_valid = 1;
+  if (v->fisheye) {
+    wide x;
+    wide_geometry(v, p, &g, &x);
+    is_valid = is_wide_valid(v, &g, &x);
+    z = x.n;
+  } else {
+    geometry(v, p, &g);
+    z = g.t[2];
+  }
   float lo = s1_log2(g.oe) + a->log2_compensation, level = lo - SV_LOG2_ALPHA_MIN;
   float tau = 1.38629436f * s1_max(level, 0.0f); // 2 ln(255 o)
   s->u_px = fmaf(v->fx, g.xz, v->cx);
@@ -140,7 +228,7 @@ static void project_one(const sv_project_args *a, int id, const float *p) {
   s->qb = -LOG2E * g.conic[1];
   s->qc = -0.5f * LOG2E * g.conic[2];
   s->lo = lo - SV_POWER_SHIFT;
-  s->z = g.t[2];
+  s->z = z;
   // half-widths of the region where alpha >= 1/255
   float ex = sqrtf(tau * g.ca), ey = sqrtf(tau * g.cc);
   s->dy_right = s->qb * ex / (2.0f * s->qc);
@@ -150,8 +238,8 @@ static void project_one(const sv_project_args *a, int id, const float *p) {
   float y0 = s1_max(0.0f, s->v_px - ey - 0.5f), y1 = s1_min(s->v_px + ey - 0.5f, h1);
   // A NaN anywhere makes x0 or y0 a NaN, and a form that is not negative an infinite splat: not
   // visible.
-  int is_visible = g.t[2] > v->near_z && level > 0.0f && x0 <= x1 && y0 <= y1 && id < a->n_gaussians;
-  is_visible = is_visible && s->qa < 0.0f && s->qc < 0.0f;
+  int is_visible = z > v->near_z && level > 0.0f && x0 <= x1 && y0 <= y1 && id < a->n_gaussians;
+  is_visible = is_visible && is_valid && s->qa < 0.0f && s->qc < 0.0f;
   is_visible = is_visible && !(a->dropout_mask && (a->dropout_mask[id / SV_LANES] >> id % SV_LANES & 1));
   int n_coef = (a->sh_degree + 1) * (a->sh_degree + 1);
   float d[3], b[16];
@@ -170,7 +258,7 @@ static void project_one(const sv_project_args *a, int id, const float *p) {
   s->by1 = (uint16_t)(py1 / 4);
   s->n_intersections =
       (uint32_t)((s->bx1 >> 3) - (s->bx0 >> 3) + 1) * (uint32_t)((s->by1 >> 3) - (s->by0 >> 3) + 1);
-  a->depth_key[id] = s1_bits(g.t[2]);
+  a->depth_key[id] = s1_bits(z);
 }
 
 sv_project_counts sv_project_ref(const sv_project_args *a, int block0, int block1, float *scratch) {
@@ -283,6 +371,53 @@ static void camera_bwd(const geom *g, const float *m, const float vs[3], float v
   if (!g->clamp_y) vt[1] -= ky;
 }
 
+// The same through a fisheye. With P the gradient of J's rows by F and F', times (fx, fy), the
+// loss's share that J carries is  is (F (sigma - beta) + 2 F' (kappa - w beta))  where sigma is the
+// trace of P's left half, kappa = h^T P h, and beta = h . (P g).
+static void wide_camera_bwd(const sv_kview *v, const geom *g, const wide *x, const float *m,
+                            const float vs[3], float vt[3], float vw[9]) {
+  const float *j = x->j, *h = x->h;
+  float vu = fmaf(-g->conic[0], m[SV_IGRAD_GX], -(g->conic[1] * m[SV_IGRAD_GY]));
+  float vv = fmaf(-g->conic[1], m[SV_IGRAD_GX], -(g->conic[2] * m[SV_IGRAD_GY]));
+  float p0[3] = {0, 0, 0}, p1[3] = {0, 0, 0};
+  for (int k = 0; k < 3; k++) {
+    float va = fmaf(vs[0], g->a[k], vs[1] * g->b[k]), vb = fmaf(vs[1], g->a[k], vs[2] * g->b[k]);
+    for (int i = 0; i < 3; i++) {
+      vw[3 * i + k] = fmaf(j[i], va, j[3 + i] * vb);
+      p0[i] = fmaf(va, g->w[3 * i + k], p0[i]);
+      p1[i] = fmaf(vb, g->w[3 * i + k], p1[i]);
+    }
+  }
+  for (int i = 0; i < 3; i++) {
+    p0[i] *= v->fx;
+    p1[i] *= v->fy;
+  }
+  const float alpha0 = fmaf(p0[0], x->g[0], fmaf(p0[1], x->g[1], p0[2] * x->g[2]));
+  const float alpha1 = fmaf(p1[0], x->g[0], fmaf(p1[1], x->g[1], p1[2] * x->g[2]));
+  const float sigma = p0[0] + p1[1], across = p0[1] + p1[0];
+  const float beta = fmaf(h[0], alpha0, h[1] * alpha1);
+  const float kappa = fmaf(h[0] * h[0], p0[0], fmaf(h[0] * h[1], across, h[1] * h[1] * p1[1]));
+  const float left = sigma - beta, right = fmaf(-x->w, beta, kappa);
+  const float v_is = fmaf(x->f, left, x->e * right), is = x->is;
+  const float v_beta = -(is * fmaf(x->e, x->w, x->f)), v_kappa = is * x->e;
+  // by w, twice, as w = |h|^2
+  const float v_w = is * fmaf(x->e, left, fmaf(x->d + x->d, right, -2.0f * (x->e * beta)));
+  const float v_h0 = fmaf(v_beta, alpha0, fmaf(v_kappa, fmaf(2.0f * p0[0], h[0], across * h[1]), v_w * h[0]));
+  const float v_h1 = fmaf(v_beta, alpha1, fmaf(v_kappa, fmaf(2.0f * p1[1], h[1], across * h[0]), v_w * h[1]));
+  const float b0 = v_beta * h[0], b1 = v_beta * h[1];
+  float v_g[3];
+  for (int k = 0; k < 3; k++) v_g[k] = fmaf(b0, p0[k], b1 * p1[k]);
+  // h = (x, y) is, g = (x, y, s) rn, is = 1 / s, s = n + z. v_g . (x, y, s) = n v_g . g.
+  const float to_is = fmaf(v_h0, g->t[0], fmaf(v_h1, g->t[1], v_is));
+  const float v_s = fmaf(-is * is, to_is, v_g[2] * x->rn);
+  const float to_rn = fmaf(v_g[0], x->g[0], fmaf(v_g[1], x->g[1], v_g[2] * x->g[2]));
+  const float v_n = fmaf(-x->rn, to_rn, v_s + m[SV_IGRAD_Z]) * x->rn; // over n
+  vt[0] = fmaf(v_n, g->t[0], fmaf(v_h0, is, v_g[0] * x->rn));
+  vt[1] = fmaf(v_n, g->t[1], fmaf(v_h1, is, v_g[1] * x->rn));
+  vt[2] = fmaf(v_n, g->t[2], v_s);
+  for (int k = 0; k < 3; k++) vt[k] = fmaf(j[k], vu, fmaf(j[3 + k], vv, vt[k]));
+}
+
 // Through w = Rc R(q) diag(s): rows quat and scale of grad.
 static void shape_bwd(const sv_kview *v, const geom *g, const float vw[9], float *grad) {
   float r[9];
@@ -333,9 +468,16 @@ static void one_bwd(const sv_project_bwd_args *args, const float *p, const float
   const sv_kview *v = &a->view;
   geom g;
   float vs[3], vt[3], vw[9], vm[3];
-  geometry(v, p, &g);
-  grad[16 * SV_ROW_LOGIT] = screen_bwd(v, &g, m, vs);
-  camera_bwd(&g, m, vs, vt, vw);
+  if (v->fisheye) {
+    wide x;
+    wide_geometry(v, p, &g, &x);
+    grad[16 * SV_ROW_LOGIT] = screen_bwd(v, &g, m, vs);
+    wide_camera_bwd(v, &g, &x, m, vs, vt, vw);
+  } else {
+    geometry(v, p, &g);
+    grad[16 * SV_ROW_LOGIT] = screen_bwd(v, &g, m, vs);
+    camera_bwd(&g, m, vs, vt, vw);
+  }
   shape_bwd(v, &g, vw, grad);
   grad[16 * SV_ROW_LOGIT] = fmaf(args->reg_opacity, g.o * (1.0f - g.o), grad[16 * SV_ROW_LOGIT]);
   for (int j = 0; j < 3; j++)

@@ -67,22 +67,28 @@ static inline v16m is_clamped(v16 x, float least, float most) {
 }
 
 // An ellipse in stages of a hundred instructions at the most, so that two blocks can take turns.
-V16_INLINE void place(const sv_kview *v, const float *p, geom *g) {
+V16_INLINE void place_point(const sv_kview *v, const float *p, geom *g) {
   v16 m[3] = {v16_load(p), v16_load(p + 16), v16_load(p + 32)};
   UNROLL
   for (int i = 0; i < 3; i++)
     g->t[i] = v16_fma(S(v->r[3 * i]), m[0],
                       v16_fma(S(v->r[3 * i + 1]), m[1], v16_fma(S(v->r[3 * i + 2]), m[2], S(v->t[i]))));
-  g->iz = v16_div(S(1.0f), g->t[2]);
-  g->xz = v16_mul(g->t[0], g->iz);
-  g->yz = v16_mul(g->t[1], g->iz);
-  g->rx = clamp_ratio(g->xz, v->min_x, v->max_x);
-  g->ry = clamp_ratio(g->yz, v->min_y, v->max_y);
+}
+V16_INLINE void load_rotation(const float *p, geom *g) {
   UNROLL
   for (int i = 0; i < 4; i++) g->q[i] = v16_load(p + 16 * (SV_ROW_QUAT + i));
   v16 n2 = v16_fma(g->q[0], g->q[0],
                    v16_fma(g->q[1], g->q[1], v16_fma(g->q[2], g->q[2], v16_mul(g->q[3], g->q[3]))));
   g->rn = v16_div(S(1.0f), v16_sqrt(v16_max(n2, S(1e-20f))));
+}
+V16_INLINE void place(const sv_kview *v, const float *p, geom *g) {
+  place_point(v, p, g);
+  g->iz = v16_div(S(1.0f), g->t[2]);
+  g->xz = v16_mul(g->t[0], g->iz);
+  g->yz = v16_mul(g->t[1], g->iz);
+  g->rx = clamp_ratio(g->xz, v->min_x, v->max_x);
+  g->ry = clamp_ratio(g->yz, v->min_y, v->max_y);
+  load_rotation(p, g);
 }
 V16_INLINE void exp_scales(const float *p, geom *g) {
   UNROLL
@@ -458,6 +464,8 @@ static void project_range(const sv_project_args *a, int block0, int block1, proj
 
 #endif
 
+#include "kernels/project/project_fisheye.inc"
+
 static uint32_t sum_of(v16i n) {
   int32_t lane[SV_LANES];
   uint32_t sum = 0;
@@ -468,7 +476,8 @@ static uint32_t sum_of(v16i n) {
 
 sv_project_counts V(sv_project)(const sv_project_args *a, int block0, int block1, float *scratch) {
   counts16 n = {v16i_set1(0), v16i_set1(0)};
-  project_range(a, block0, block1, (project_work *)(void *)scratch, &n);
+  if (a->view.fisheye) project_wide(a, block0, block1, (wide_work *)(void *)scratch, &n);
+  else project_range(a, block0, block1, (project_work *)(void *)scratch, &n);
   return (sv_project_counts){sum_of(n.visible), sum_of(n.intersections)};
 }
 

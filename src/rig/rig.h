@@ -56,13 +56,17 @@ sv_status sv_rig_init(sv_rig *rig, int cap_sub_views, sv_arena *arena) SV_MUST_U
 // max acos(v_i . v_j) (the paper, section 3.1), computed with atan2. 0 for one sub-view.
 double sv_rig_angular_baseline_rad(const sv_rig *rig, const double point_rig[3]);
 
-// A pinhole view for the renderer: undistorted, in floats, with the pose of one instant.
+// A view for the renderer, in floats, with the pose of one instant: an undistorted pinhole, or a
+// fisheye.
 typedef struct {
   int width_px, height_px;
   float fx, fy, cx, cy; // px, centre of the first pixel at 0.5
   float r[9], t[3];     // cam_from_world, row-major
   float time;           // 0..1 over the recording
   int i_exposure, i_sub_view;
+  // NULL: a pinhole. Else its radial function, which the view's maker keeps; the depth of a point
+  // is then its distance from the camera.
+  const struct sv_fisheye *fisheye;
 } sv_view;
 
 // pinhole: fx, fy, cx, cy in px, as a camera model's first parameters.

@@ -328,7 +328,8 @@ static sv_kview make_kview(const sv_view *v, const sv_render_options *o) {
                 .cy = v->cy,
                 .near_z = o->near_z,
                 .dilation_px2 = o->dilation_px2 > 0.0f ? o->dilation_px2 : SV_DILATION_PX2,
-                .is_antialiased = o->is_antialiased};
+                .is_antialiased = o->is_antialiased,
+                .fisheye = v->fisheye};
   memcpy(k.r, v->r, sizeof k.r);
   memcpy(k.t, v->t, sizeof k.t);
   sv_view_centre(k.centre, v);

@@ -88,7 +88,8 @@ static void covariance(const dr_view *v, const double rc[9], const double *p, co
          gy = 0.15 * h / v->fy; // 0.3 x half the view
   double rx = clamp(t[0] / t[2], -v->cx / v->fx - gx, (w - v->cx) / v->fx + gx);
   double ry = clamp(t[1] / t[2], -v->cy / v->fy - gy, (h - v->cy) / v->fy + gy);
-  double j[6] = {v->fx / t[2], 0, -v->fx * rx / t[2], 0, v->fy / t[2], -v->fy * ry / t[2]};
+  double uv[2], j[6] = {v->fx / t[2], 0, -v->fx * rx / t[2], 0, v->fy / t[2], -v->fy * ry / t[2]};
+  if (v->fisheye) (void)sv_model_project(v->fisheye, t, uv, j, NULL);
   transpose(j, jt, 2, 3);
   mul(j, cam, jv, 2, 3, 3);
   mul(jv, jt, s2, 2, 3, 2);
@@ -99,7 +100,10 @@ static bool project(const dr_view *v, double gain, const double rc[9], const dou
   double t[3], s2[4], centre[3], d[3];
   mul(rc, p, t, 3, 3, 1);
   for (int i = 0; i < 3; i++) t[i] += tc[i];
-  if (!(t[2] > v->near_z)) return false;
+  const double distance = sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2]);
+  double uv[2] = {v->fx * t[0] / t[2] + v->cx, v->fy * t[1] / t[2] + v->cy};
+  if (!((v->fisheye ? distance : t[2]) > v->near_z)) return false;
+  if (v->fisheye && !sv_model_project(v->fisheye, t, uv, NULL, NULL)) return false;
   covariance(v, rc, p, t, s2);
   double a = s2[0] + 0.3, b = s2[1], c = s2[3] + 0.3, det = a * c - b * b;
   double comp2 = (s2[0] * s2[3] - s2[1] * s2[1]) / det;
@@ -109,9 +113,9 @@ static bool project(const dr_view *v, double gain, const double rc[9], const dou
   s->conic[0] = c / det;
   s->conic[1] = -b / det;
   s->conic[2] = a / det;
-  s->u = v->fx * t[0] / t[2] + v->cx;
-  s->v = v->fy * t[1] / t[2] + v->cy;
-  s->z = t[2];
+  s->u = uv[0];
+  s->v = uv[1];
+  s->z = v->fisheye ? distance : t[2];
   s->sigma_max = log(255 * s->opacity) + 0.1;
   double n = 0;
   for (int i = 0; i < 3; i++) {

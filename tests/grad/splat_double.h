@@ -7,6 +7,8 @@
 
 #include <stdbool.h>
 
+#include "calib/model.h"
+
 #define DR_CAP_GAUSSIANS 160
 #define DR_N_PARAMS      59 // mean 3, quaternion wxyz 4, log-scale 3, logit, SH [16][3]
 
@@ -18,6 +20,7 @@ typedef struct {
   double near_z, bg[3];
   bool is_antialiased;
   int sh_degree;
+  const sv_camera_model *fisheye; // NULL: a pinhole
 } dr_view;
 
 typedef struct {

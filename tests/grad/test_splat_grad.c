@@ -11,7 +11,9 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "calib/fisheye.h"
 #include "kernels/kernels.h"
+#include "src/base/mathx.h"
 #include "src/base/rng.h"
 #include "kernels/simd/s1_math.h"
 #include "src/splat/render.h"
@@ -32,6 +34,7 @@ typedef struct {
   bool is_hard;              // wider tolerances, see below
   uint64_t seed;
   float dropout;
+  double fisheye_deg; // across the diagonal; 0: a pinhole
 } scene_case;
 
 // Values: absolute, of colours and transmittance (depth: five times that). Gradients: largest error
@@ -65,6 +68,11 @@ static const scene_case cases[] = {
     {"everything", EVERYTHING, 20, 70, 45, 3, 3, true, true, 0.1, 0.1, true, 15},
     {"some left out", MIX, 24, 37, 29, 1, 1, false, true, 0, 0, false, 16, 0.25f},
     {"some left out, antialiased", MIX, 24, 37, 29, 1, 1, true, true, 0, 0, false, 17, 0.4f},
+    {"fisheye of 120 degrees", MIX, 16, 37, 29, 1, 1, false, true, 0, 0, false, 20, 0, 120},
+    {"fisheye of 185 degrees", MIX, 24, 37, 29, 3, 3, false, true, 0, 0, false, 21, 0, 185},
+    {"fisheye of 190 degrees, off-centre, antialiased", MIX, 24, 37, 29, 1, 1, true, true, 0.03, -0.03, false,
+     22, 0, 190},
+    {"fisheye, invisible ones", HIDDEN, 20, 37, 29, 1, 1, false, true, 0, 0, false, 23, 0, 185},
 };
 #define N_CASES ((int)(sizeof cases / sizeof *cases))
 
@@ -79,6 +87,21 @@ static int group_of_row(int row) {
 static double uniform(sv_rng *r, double lo, double hi) { return lo + (hi - lo) * (double)sv_rng_f(r); }
 
 // --- scenes --------------------------------------------------------------------------------------
+
+static void make_fisheye(const scene_case *c, dr_view *v, sv_view *view) {
+  static sv_camera_model m;
+  static sv_fisheye fisheye;
+  const double f = 0.5 * hypot(c->width_px, c->height_px) / (0.5 * c->fisheye_deg * SV_PI / 180);
+  m = (sv_camera_model){
+      SV_MODEL_KB4, c->width_px, c->height_px, {f, 0.96 * f, v->cx, v->cy, 0.02, -0.01, 0.003, -0.0004}};
+  assert_true(sv_fisheye_make(&fisheye, &m));
+  view->fx = (float)m.p[0];
+  view->fy = (float)m.p[1];
+  view->fisheye = &fisheye;
+  v->fx = m.p[0] = view->fx;
+  v->fy = m.p[1] = view->fy;
+  v->fisheye = &m;
+}
 
 static void make_view(const scene_case *c, dr_scene *s, sv_view *view) {
   double eye[3] = {0.3, -2.6, 0.8}, at[3] = {0, 0, 0}, up[3] = {0.1, 0, 1};
@@ -101,11 +124,16 @@ static void make_view(const scene_case *c, dr_scene *s, sv_view *view) {
                  .sh_degree = c->sh_used};
   for (int i = 0; i < 9; i++) v->r[i] = view->r[i];
   for (int i = 0; i < 3; i++) v->t[i] = view->t[i];
+  if (c->fisheye_deg > 0) make_fisheye(c, v, view);
 }
 
 // World point of a pixel position and depth.
 static void unproject(const dr_view *v, double x, double y, double z, double out[3]) {
   double t[3] = {(x - v->cx) / v->fx * z - v->t[0], (y - v->cy) / v->fy * z - v->t[1], z - v->t[2]};
+  const double uv[2] = {x, y};
+  double ray[3];
+  if (v->fisheye && sv_model_unproject(v->fisheye, uv, ray))
+    for (int i = 0; i < 3; i++) t[i] = ray[i] * z - v->t[i];
   for (int i = 0; i < 3; i++) out[i] = v->r[i] * t[0] + v->r[3 + i] * t[1] + v->r[6 + i] * t[2];
 }
 

@@ -36,8 +36,9 @@ static void compare_splats(ck *c, const sv_splat *a, const sv_splat *b, const sc
 }
 
 static void project_case(ck *c, const sc_cfg *cfg) {
-  ck_begin(c, "%s n %d SH %d/%d %dx%d aa %d dropout %d", sc_name(cfg->kind), cfg->n_gaussians, cfg->sh_used,
-           cfg->sh_rows, cfg->width_px, cfg->height_px, cfg->is_antialiased, cfg->has_dropout);
+  ck_begin(c, "%s n %d SH %d/%d %dx%d aa %d dropout %d fisheye %d", sc_name(cfg->kind), cfg->n_gaussians,
+           cfg->sh_used, cfg->sh_rows, cfg->width_px, cfg->height_px, cfg->is_antialiased, cfg->has_dropout,
+           cfg->is_fisheye);
   sc_scene s;
   sc_init(c, &s, cfg);
   size_t n = 16 * (size_t)s.n_blocks;
@@ -81,6 +82,8 @@ static void check_project(ck *c) {
           sc_cfg cfg = {counts[n],   degrees[d][0], degrees[d][1],   sizes[z][0],
                         sizes[z][1], kind,          (n + z + d) & 1, (n + z) % 3 == 0};
           project_case(c, &cfg);
+          cfg.is_fisheye = true;
+          project_case(c, &cfg);
         }
 }
 
@@ -122,8 +125,8 @@ static void compare_grads(ck *c, const sc_scene *s, const float *a, const float 
 }
 
 static void bwd_case(ck *c, const sc_cfg *cfg, int fill) {
-  ck_begin(c, "%s n %d SH %d/%d aa %d gradients %s", sc_name(cfg->kind), cfg->n_gaussians, cfg->sh_used,
-           cfg->sh_rows, cfg->is_antialiased, ck_fill_name(fill));
+  ck_begin(c, "%s n %d SH %d/%d aa %d fisheye %d gradients %s", sc_name(cfg->kind), cfg->n_gaussians,
+           cfg->sh_used, cfg->sh_rows, cfg->is_antialiased, cfg->is_fisheye, ck_fill_name(fill));
   sc_scene s;
   uint8_t *igrad;
   float *g[2], *err[2], *pose[2];
@@ -165,6 +168,8 @@ static void check_project_bwd(ck *c) {
           if (kind == SC_HOSTILE && fill >= CK_HUGE) continue;
           sc_cfg cfg = {counts[n], degrees[d][0], degrees[d][1], 320, 240, kind, (n + d) & 1};
           bwd_case(c, &cfg, fill);
+          cfg.is_fisheye = true;
+          bwd_case(c, &cfg, fill);
         }
 }
 
@@ -185,24 +190,29 @@ static void run_bwd(void *arg, const sv_kernels *k) {
   for (int b = 0; b < j->s.n_blocks; b++) (void)k->project_bwd(&j->bwd, b, j->grad, j->err, sc_scratch());
 }
 
-static project_job make_job(ck *c, int sh_degree) {
+static project_job make_job(ck *c, int sh_degree, bool is_fisheye) {
   ck_begin(c, "bench");
   project_job j;
-  sc_cfg cfg = {4096, sh_degree, sh_degree, 640, 480, SC_TYPICAL, true};
+  sc_cfg cfg = {4096, sh_degree, sh_degree, 640, 480, SC_TYPICAL, true, false, is_fisheye};
   sc_init(c, &j.s, &cfg);
   return j;
 }
 
 static void bench_project(ck *c) {
   for (int degree = 0; degree < 4; degree += 3) {
-    project_job j = make_job(c, degree);
+    project_job j = make_job(c, degree, false);
     ck_time(c, degree ? "SH 3; per Gaussian" : "SH 0; per Gaussian", 4096, run_project, &j);
   }
+  project_job j = make_job(c, 3, true);
+  ck_time(c, "SH 3, fisheye; per Gaussian", 4096, run_project, &j);
 }
 
+static const char *const bwd_names[] = {"SH 0; per Gaussian", "SH 3; per Gaussian",
+                                        "SH 3, fisheye; per Gaussian"};
+
 static void bench_project_bwd(ck *c) {
-  for (int degree = 0; degree < 4; degree += 3) {
-    project_job j = make_job(c, degree);
+  for (int i = 0; i < 3; i++) {
+    project_job j = make_job(c, i ? 3 : 0, i == 2);
     uint8_t *igrad;
     sc_project(c, &j.s);
     make_igrads(c, &j.s, CK_SIGNED, &igrad);
@@ -210,7 +220,7 @@ static void bench_project_bwd(ck *c) {
     j.err = ck_floats(c, 16);
     j.pose = ck_floats(c, 6);
     j.bwd = (sv_project_bwd_args){&j.s.project, j.s.intersection, igrad, j.pose, 0.01f, 0.02f};
-    ck_time(c, degree ? "SH 3; per Gaussian" : "SH 0; per Gaussian", 4096, run_bwd, &j);
+    ck_time(c, bwd_names[i], 4096, run_bwd, &j);
   }
 }
 

@@ -2,7 +2,10 @@
 #include "tests/kernels/splat_scene.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
+
+#include "calib/fisheye.h"
 
 static const char *const names[SC_N_KINDS] = {"typical", "opaque", "edge", "hostile"};
 const char *sc_name(int kind) { return names[kind]; }
@@ -72,6 +75,22 @@ static sv_kview make_view(const sc_cfg *cfg) {
   for (int i = 0; i < 9; i++) v.r[i] = (float)r[i];
   for (int i = 0; i < 3; i++) v.centre[i] = -(v.r[i] * v.t[0] + v.r[3 + i] * v.t[1] + v.r[6 + i] * v.t[2]);
   sv_kview_set_limits(&v);
+  if (!cfg->is_fisheye) return v;
+  static sv_fisheye fisheye;
+  const double half_px =
+      0.5 * sqrt((double)cfg->width_px * cfg->width_px + (double)cfg->height_px * cfg->height_px);
+  const double focal = half_px / 1.5;
+  const sv_camera_model m = {
+      SV_MODEL_KB4,
+      cfg->width_px,
+      cfg->height_px,
+      {focal, 0.97 * focal, 0.48 * cfg->width_px, 0.55 * cfg->height_px, 0.01, -0.01, 0.002, -0.0002}};
+  if (!sv_fisheye_make(&fisheye, &m)) abort();
+  v.fx = (float)m.p[0];
+  v.fy = (float)m.p[1];
+  v.t[2] = 0.6f; // among the Gaussians
+  for (int i = 0; i < 3; i++) v.centre[i] = -(v.r[i] * v.t[0] + v.r[3 + i] * v.t[1] + v.r[6 + i] * v.t[2]);
+  v.fisheye = &fisheye;
   return v;
 }
 

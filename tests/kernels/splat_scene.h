@@ -30,6 +30,7 @@ typedef struct {
   int n_gaussians, sh_rows, sh_used, width_px, height_px, kind;
   bool is_antialiased;
   bool has_dropout; // some are left out, the others more opaque
+  bool is_fisheye;  // 185 degrees across the diagonal
 } sc_cfg;
 
 // Parameters and view; splats and keys are buffers with nothing in them.
