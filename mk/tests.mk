@@ -134,7 +134,7 @@ test-all: programs
 stage-digests: $(PROGS_digests)
 	@$(EMULATE) $< $(STAGE_ARGS)
 
-.PHONY: test cross board-test bare-test deploy-test deploy-test-one two-packages accept-counts soak soak-sim ring-stress
+.PHONY: test cross board-test bare-test service-test deploy-test deploy-test-one two-packages accept-counts soak soak-sim ring-stress
 test:
 	@[ '$(WITH)' != minimal ] || { echo "make test: the tests are of all features, so not with WITH=minimal" >&2; exit 2; }
 	@WITH='$(WITH)' tools/deps/install.sh test
@@ -153,6 +153,11 @@ bare-test:
 .PHONY: kill-test
 kill-test: $(O)/tests/fault/test_kills programs
 	@KILL_N=$(or $(N),1000) $<
+# The packages of this machine's release, and the service that they install, started once.
+service-test:
+	@tools/deps/install.sh test
+	@+$(MAKE) --no-print-directory $(PARALLEL) two-packages
+	@tests/deploy/native.sh '$(BUILD)' '$(HOST_SUITE)' $(PACKAGES)/subview_*.deb $(O)/second/subview_*.deb
 # make deploy by a stand-in for ssh; then for each release: calibration as on this machine, and the
 # packages and the service on a board that boots from a disk.
 deploy-test:

@@ -61,13 +61,4 @@ set_stage upgrade
 run 900 || true
 rm -f "$work/$suite.run"
 
-grep -E '^@ (ok|FAIL|skip|note)|^    \|' "$console" | sed 's/^@ //' || true
-passed=$(grep -c '^@ ok' "$console" || true) failed=$(grep -c '^@ FAIL' "$console" || true)
-if ! grep -q '^@ end' "$console"; then
-  echo "FAIL  the board did not get to the end of its tests; its last lines:"
-  tail -n 5 "$console" | sed 's/^/      | /'
-  failed=$((failed + 1))
-fi
-echo "deploy/$suite: $((SECONDS - started)) s (log: $console)"
-echo "$passed passed, $failed failed, 0 skipped"
-[ "$failed" -eq 0 ]
+"$here/report.sh" "deploy/$suite" "$console" $((SECONDS - started))
