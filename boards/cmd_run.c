@@ -260,12 +260,18 @@ static int do_run(const run_options *o, bool *is_again) {
   return code;
 }
 
+// After a failure: the page tells it. A service that waits there is ready, and can be asked.
+static preview_answer wait_on_page(const run_options *o, const preview_failure *why) {
+  sv_console console = sv_linux_console_port(&run.console);
+  if (o->is_session) sv_linux_watch_ready(&run.watch);
+  return preview_failed(o, why, &console, &run.watch.beats);
+}
+
 // One run from its source on. *is_again: New was asked for on the page.
 static int run_once(const run_options *o, bool *is_again) {
   sv_err err = {0};
   const char *what;
   sv_arena arena = {0};
-  sv_console console = sv_linux_console_port(&run.console);
   int code = 0;
   *is_again = false;
   outputs_init(&run.out);
@@ -280,12 +286,13 @@ static int run_once(const run_options *o, bool *is_again) {
                                           : what[0] == 'r' ? SV_CAUSE_RIG
                                                            : SV_CAUSE_OTHER,
                                  .sentence = err.text};
-    preview_answer answer = preview_failed(o, &why, &console, &run.watch.beats);
+    preview_answer answer = wait_on_page(o, &why);
     *is_again = answer != PREVIEW_STOP;
     run.is_retry = answer == PREVIEW_RETRY;
   } else {
     if (o->is_check || (run.console.is_terminal && !o->is_quiet && is_first_run(o)))
       check_list(o, &run.src, &arena, &run.k);
+    sv_linux_watch_ready(&run.watch);
     if (!o->is_check) code = do_run(o, is_again);
   }
   outputs_close(&run.out);
@@ -298,7 +305,6 @@ static int run_once(const run_options *o, bool *is_again) {
 static bool next_scan(run_options *o, const char *folder, bool is_new, bool *is_again) {
   static char path[SV_LINUX_CAP_PATH];
   sv_err err = {0};
-  sv_console console = sv_linux_console_port(&run.console);
   o->out = path;
   run.is_retry = false;
   scans_run next = {.path = path, .cap = sizeof path};
@@ -313,7 +319,7 @@ static bool next_scan(run_options *o, const char *folder, bool is_new, bool *is_
   }
   fail_with(&err);
   const preview_failure why = {.cause = SV_CAUSE_OTHER, .sentence = err.text};
-  *is_again = preview_failed(o, &why, &console, &run.watch.beats) != PREVIEW_STOP;
+  *is_again = wait_on_page(o, &why) != PREVIEW_STOP;
   return false;
 }
 
@@ -332,7 +338,6 @@ int cmd_run(int argc, char **argv) {
   int code = preview_open(&o, &err) < 0;
   sv_linux_watch_share(&run.watch, preview_beats());
   if (code && err.text[0]) fail_with(&err); // the server has spoken otherwise
-  if (!code) sv_linux_watch_ready(&run.watch);
   const char *folder = o.out;
   for (bool is_again = !code, is_new = false; is_again; is_new = !run.is_retry) {
     if (o.keep > 0 && !next_scan(&o, folder, is_new, &is_again)) continue;

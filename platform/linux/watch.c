@@ -96,7 +96,10 @@ static sv_ns interval_ns(void) {
   return us * SV_NS_PER_US;
 }
 
-void sv_linux_watch_ready(sv_linux_watch *w) { notify(w, "READY=1"); }
+void sv_linux_watch_ready(sv_linux_watch *w) {
+  if (!w->is_ready) notify(w, "READY=1");
+  w->is_ready = true;
+}
 
 // --- open and close ------------------------------------------------------------------------------
 

@@ -18,6 +18,7 @@ typedef struct {
   int temperature_fd, throttled_fd, notify_fd;
   struct sockaddr_un to; // of the watchdog
   socklen_t n_to;
+  bool is_ready; // the watchdog knows
 } sv_linux_watch;
 
 // sys: "/sys", or a folder like it in a test. Reads NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID,
@@ -26,7 +27,7 @@ typedef struct {
 void sv_linux_watch_open(sv_linux_watch *w, const char *sys);
 // Heartbeats go to the feed, for the page. NULL: to memory of the watch's own.
 void sv_linux_watch_share(sv_linux_watch *w, sv_beat_of *beats);
-// Tells the watchdog READY=1. From then on it gets WATCHDOG=1, four times in its interval, while
+// Tells the watchdog READY=1, once. From then on it gets WATCHDOG=1, four times in its interval, while
 // the main thread makes progress and no other thread is late by half of that interval.
 void sv_linux_watch_ready(sv_linux_watch *w);
 sv_thermometer sv_linux_thermometer(sv_linux_watch *w);

@@ -165,7 +165,9 @@ static void watch_with(const char *socket) {
   assert_null(getenv("WATCHDOG_USEC"));
   assert_string_equal(next(fd), "");
   sv_linux_watch_ready(&w);
+  sv_linux_watch_ready(&w);
   assert_string_equal(next(fd), "READY=1");
+  assert_string_equal(next(fd), ""); // once
   (void)make();
   w.beats.clock = (sv_clock){NULL, read_now, NULL};
   sv_linux_watch_share(&w, beats);
