@@ -145,7 +145,7 @@ static sv_status heldout_psnr(double *psnr, int *n_views) {
 static int report(const run_options *o, sv_err *err) {
   double train_psnr, psnr;
   int n;
-  char extra[160];
+  char extra[200];
   if (sv_driver_training_psnr(&run.app.trainer, &train_psnr) < 0 || heldout_psnr(&psnr, &n) < 0) {
     sv_fail(err, SV_E_RANGE, "the model could not be rendered to measure its PSNR");
     return fail_with(err);
@@ -154,6 +154,10 @@ static int report(const run_options *o, sv_err *err) {
     sv_fmt(extra, sizeof extra, "\"train_psnr\": %.3f, \"psnr\": %.3f, \"heldout_views\": %d", train_psnr,
            psnr, n);
   else sv_fmt(extra, sizeof extra, "\"train_psnr\": %.3f", train_psnr);
+  if (o->i_capture_cpu >= 0) {
+    const size_t at = strlen(extra);
+    sv_fmt(extra + at, sizeof extra - at, ", \"capture_cpu\": %d", o->i_capture_cpu);
+  }
   if (sv_app_save_report(&run.app, extra, err) < 0) return fail_with(err);
   if (o->is_json) {
     say(1,
@@ -219,7 +223,10 @@ static sv_status set_up(const run_options *o, sv_arena *arena, const char **what
                   .thermometer = sv_linux_thermometer(&run.watch),
                   .heartbeats = &run.watch.beats};
   // Cameras on real time get a thread; the simulator's and a recording's time waits for nobody.
-  if (!run.src.is_virtual) port.worker = sv_linux_worker_port(&run.background);
+  if (!run.src.is_virtual) {
+    port.worker = sv_linux_worker_port(&run.background);
+    run.background.cpu = o->i_capture_cpu;
+  }
   preview_publish(&port.publish);
   outputs_port(&run.out, &port);
   *what = "memory";
@@ -333,6 +340,7 @@ int cmd_run(int argc, char **argv) {
   sv_linux_console_init(&run.console, 2, o.is_quiet);
   if (sv_linux_catch_signals(&err) < 0) return fail_with(&err);
   sv_linux_outlive_readers();
+  if (o.i_capture_cpu >= 0 && sv_linux_leave_cpu(o.i_capture_cpu, &err) < 0) return fail_with(&err);
   if (sv_linux_pool_start(&run.pool, (int)o.threads, SPIN_US, &err) < 0) return fail_with(&err);
   sv_linux_watch_open(&run.watch, "/sys");
   int code = preview_open(&o, &err) < 0;

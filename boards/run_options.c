@@ -42,6 +42,10 @@ static const sv_option rows[] = {
      NULL},
     {"live", SV_OPT_FLAG, 1, 0, AT(is_continuous), NULL,
      "keep capturing while training; new exposures replace the oldest", 0, 0, NULL},
+    {"capture-cpu", SV_OPT_TEXT, 1, 0, AT(capture_cpu), "N",
+     "with --live: a CPU for the cameras alone, training takes the others; its number, auto or off [auto: "
+     "the slowest, if --threads leaves one]",
+     0, 0, NULL},
     {"appearance", SV_OPT_TEXT, 1, 0, AT(appearance), "HOW",
      "learn the color of: cameras (each its own, and its falloff), exposures (and cameras), off; auto: what "
      "the source does not lock [auto]",
@@ -51,8 +55,10 @@ static const sv_option rows[] = {
     {"refine-poses", SV_OPT_FLAG, 1, 0, AT(is_refining), NULL,
      "refine the rig's poses while training; writes poses.json", 0, 0, NULL},
     {"threads", SV_OPT_INT, 1, 0, AT(threads), "N",
-     "threads; the result does not depend on their number [" TEXT_OF(BOARD_THREADS) "]", 1, BOARD_CAP_THREADS,
-     NULL},
+     "threads; the result does not depend on their number [" TEXT_OF(
+         BOARD_THREADS) "; fewer where "
+                        "--capture-cpu N leaves fewer CPUs]",
+     1, BOARD_CAP_THREADS, NULL},
     {"seed", SV_OPT_INT, 1, 0, AT(seed), "N", "seed of the random numbers [1]", 0, 1e15, NULL},
     {"save-every", SV_OPT_REAL, 1, 0, AT(save_every), "SEC",
      "seconds between checkpoints; 0: only at the end [30]", 0, 1e6, NULL},
@@ -89,6 +95,28 @@ static const sv_option rows[] = {
     {"quiet", SV_OPT_FLAG, 1, 0, AT(is_quiet), NULL, "no progress lines", 0, 0, NULL},
     OPTIONS_COMMON(run_options)};
 
+// --capture-cpu and the default of --threads. By itself a CPU is set apart only where training does
+// not need it: on the boards, real-time priority of the cameras' thread does as much for latency
+// (docs/boards.md).
+static int choose_cpu(run_options *o) {
+  const int n_cpus = sv_linux_n_cpus();
+  const bool is_auto = !strcmp(o->capture_cpu, "auto");
+  const bool has_cameras = !strncmp(o->source, "v4l2:", 5) || !strncmp(o->source, "libcamera:", 10);
+  long long cpu = -1;
+  if (!is_auto && strcmp(o->capture_cpu, "off") != 0) {
+    if (!sv_parse_int(o->capture_cpu, strlen(o->capture_cpu), &cpu) || cpu < 0 || cpu > 4095)
+      return usage_error("run", "--capture-cpu %s: expected auto, off or the number of a CPU",
+                         o->capture_cpu);
+    if (!o->is_continuous) return usage_error("run", "--capture-cpu: only with --live");
+  }
+  if (!o->threads)
+    o->threads = cpu >= 0 && n_cpus <= BOARD_THREADS && n_cpus > 1 ? n_cpus - 1 : BOARD_THREADS;
+  if (is_auto && o->is_continuous && has_cameras && n_cpus > o->threads && n_cpus > 1)
+    cpu = sv_linux_camera_cpu("/sys");
+  o->i_capture_cpu = (int)cpu;
+  return 0;
+}
+
 static int check(run_options *o) {
   sv_err err;
   o->is_dynamic = !strcmp(o->scene, "dynamic");
@@ -120,7 +148,7 @@ static int check(run_options *o) {
   if (o->is_session && !o->preview && !o->has_feed)
     return usage_error("run", "--session takes --preview [ADDR:]PORT");
   if (!o->steps && !(o->time_limit > 0)) o->steps = 2000;
-  return 0;
+  return choose_cpu(o);
 }
 
 static const sv_tool_command command = {
@@ -143,7 +171,7 @@ int run_options_parse(int argc, char **argv, run_options *o) {
                      .gaussians = BOARD_GAUSSIANS,
                      .sh = BOARD_SH_DEGREE,
                      .skew_ms = 20,
-                     .threads = BOARD_THREADS,
+                     .capture_cpu = "auto",
                      .seed = 1,
                      .save_every = 30,
                      .picture_every = 5,

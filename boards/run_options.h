@@ -8,7 +8,8 @@
 
 typedef struct {
   options_common common;
-  const char *source, *rig, *scene, *out, *rescue, *sub_views, *sync, *preview, *token_file, *config;
+  const char *source, *rig, *scene, *out, *rescue, *sub_views, *sync, *preview, *token_file, *config,
+      *capture_cpu;
   long exposures, steps, gaussians, sh, threads, seed, skew_ms, orbit, keep;
   double time_limit, save_every, picture_every;
   double exposure_s;
@@ -23,6 +24,7 @@ typedef struct {
   bool is_resume, is_continuous, is_json, is_quiet, is_session, has_feed, is_check;
   char preview_addr[64];    // of --preview; port 0: none
   int preview_port, i_sync; // of --sync, in the order of sv_sync_method
+  int i_capture_cpu;        // -1: none
 } run_options;
 
 // 0; the exit code after a message; -1 when --help was printed.

@@ -84,8 +84,20 @@ typedef struct {
   void (*fn)(void *arg);
   void *arg;
   bool is_running;
+  int cpu; // its thread stays on this one; -1: on any. The caller may set it before the start
 } sv_linux_background;
 sv_worker sv_linux_worker_port(sv_linux_background *b);
+
+// --- CPUs ----------------------------------------------------------------------------------------
+int sv_linux_n_cpus(void); // that the calling thread may use
+// The one to leave to the cameras: the slowest (cpu_capacity below sys, "/sys" or a test's folder),
+// among equals the first, as interrupts of most boards go there. -1: the system does not tell.
+int sv_linux_camera_cpu(const char *sys);
+// The calling thread stays on this CPU.
+sv_status sv_linux_take_cpu(int cpu);
+// The calling thread, and what threads and programs it starts from here on, use the others. E_RANGE
+// with a sentence when there are none.
+sv_status sv_linux_leave_cpu(int cpu, sv_err *err) SV_MUST_USE;
 
 // --- store ---------------------------------------------------------------------------------------
 #define SV_LINUX_CAP_PATH 512

@@ -13,6 +13,7 @@ static void hurry(void) {
 static void *body(void *arg) {
   sv_linux_background *b = arg;
   hurry();
+  if (b->cpu >= 0) (void)sv_linux_take_cpu(b->cpu); // without it the thread still works
   b->fn(b->arg);
   return NULL;
 }
@@ -38,6 +39,6 @@ static void join(void *self) {
 }
 
 sv_worker sv_linux_worker_port(sv_linux_background *b) {
-  *b = (sv_linux_background){.is_running = false};
+  *b = (sv_linux_background){.cpu = -1};
   return (sv_worker){b, start, join};
 }

@@ -3,6 +3,8 @@
 // each of them can fail, be cut short, be interrupted, or be the last thing the process does.
 #include <errno.h>
 #include <fcntl.h>
+#include <pthread.h>
+#include <sched.h>
 #include <signal.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -500,6 +502,41 @@ TEST(clock_sleeps) {
   c.sleep_until_ns(c.self, -5);
 }
 
+static void *leave_and_take(void *arg) { // in a thread of its own, whose CPUs end with it
+  sv_err err = {0};
+  const int n = sv_linux_n_cpus(), cpu = *(int *)arg;
+  assert_error(sv_linux_leave_cpu(-1, &err), SV_E_RANGE, &err, "not one of the");
+  if (n > 1) {
+    assert_ok(sv_linux_leave_cpu(cpu, &err), &err);
+    assert_int_equal(sv_linux_n_cpus(), n - 1);
+    assert_error(sv_linux_leave_cpu(cpu, &err), SV_E_RANGE, &err, "not one of the");
+  }
+  assert_int_equal(sv_linux_take_cpu(cpu), SV_OK);
+  assert_int_equal(sv_linux_n_cpus(), 1);
+  assert_error(sv_linux_leave_cpu(cpu, &err), SV_E_RANGE, &err, "is the only one");
+  assert_int_equal(sv_linux_take_cpu(-1), SV_E_ARG);
+  return NULL;
+}
+
+TEST(cpus) {
+  pthread_t id;
+  char sys[300], path[400];
+  int first = sv_linux_camera_cpu("/nowhere"), last = first;
+  assert_true(first >= 0);
+  assert_int_equal(pthread_create(&id, NULL, leave_and_take, &first), 0);
+  assert_int_equal(pthread_join(id, NULL), 0);
+  // A machine with slow CPUs: the first of them, here the last that this program may use.
+  assert_int_equal(temp_folder_make(sys, sizeof sys, "sys"), 0);
+  for (int i = first + 1; i < first + 64; i++) {
+    cpu_set_t set;
+    if (sched_getaffinity(0, sizeof set, &set) == 0 && CPU_ISSET(i, &set)) last = i;
+  }
+  snprintf(path, sizeof path, "%s/devices/system/cpu/cpu%d", sys, last);
+  shell_ok("mkdir -p %s && echo 414 > %s/cpu_capacity", path, path);
+  assert_int_equal(sv_linux_camera_cpu(sys), last);
+  (void)temp_folder_remove(sys);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(pool_runs_each_task_once),
@@ -516,6 +553,7 @@ int main(void) {
       cmocka_unit_test(console_lines),
       cmocka_unit_test(stop_signals),
       cmocka_unit_test(clock_sleeps),
+      cmocka_unit_test(cpus),
   };
   return cmocka_run_group_tests(tests, setup, teardown);
 }
