@@ -27,8 +27,8 @@ typedef struct {
 void sv_linux_watch_open(sv_linux_watch *w, const char *sys);
 // Heartbeats go to the feed, for the page. NULL: to memory of the watch's own.
 void sv_linux_watch_share(sv_linux_watch *w, sv_beat_of *beats);
-// Tells the watchdog READY=1, once. From then on it gets WATCHDOG=1, four times in its interval, while
-// the main thread makes progress and no other thread is late by half of that interval.
+// Tells the watchdog READY=1, once. From then on it gets WATCHDOG=1, four times in its interval,
+// while the main thread makes progress and no other thread is late by half of that interval.
 void sv_linux_watch_ready(sv_linux_watch *w);
 sv_thermometer sv_linux_thermometer(sv_linux_watch *w);
 void sv_linux_watch_close(sv_linux_watch *w); // tells STOPPING=1
