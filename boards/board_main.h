@@ -9,6 +9,7 @@
 #include <stddef.h>
 
 #include "include/subview/version.h"
+#include "platform/camera/pulses.h"
 #include "platform/camera/tiled.h"
 #include "platform/codec/codec.h"
 #include "platform/libcamera/libcamera.h"
@@ -69,6 +70,8 @@ typedef struct {
     sv_libcamera *libcamera;
   } u;
   sv_tiled tiled;
+  sv_pulses pulses;     // of an external trigger
+  sv_trigger trigger;   // what the source string says of it
   sv_rig rig_read;      // from files, or assumed
   const sv_rig *rig;    // NULL: none, and none was needed
   sv_camera_caps *caps; // [n_cameras]
@@ -91,12 +94,25 @@ typedef struct {
   const char *rig_path; // folder of the rig; NULL: the source's own rig
   int n_exposures;      // that will be captured, for sources of a known length; 0: not known
   bool needs_rig;       // without a rig E_NOT_FOUND; else rig stays NULL
+  bool is_triggered;    // --sync trigger: the line is opened, too
 } source_cfg;
 
 // Opens a source inside the arena. Options of all sources: tiles=CxR (one image holds C x R
 // cameras), fov=DEG (of a single camera without a rig, for which a pinhole lens is then assumed).
 sv_status source_open(board_source *s, const source_cfg *cfg, sv_arena *arena, sv_err *err) SV_MUST_USE;
 void source_close(board_source *s);
+
+// --- the trigger line (trigger.c) ----------------------------------------------------------------
+// An option trigger=, trigger-period=, trigger-width=, trigger-polarity= or trigger-mode= of the
+// source string; AGAIN: the word is another option.
+sv_status trigger_option(sv_trigger *t, const char *word, size_t n, sv_err *err);
+// Opens the line that the source string or the rig names. E_UNSUPPORTED and others with the reason
+// why this source has none. caps get the rate of the pulses.
+sv_status trigger_open(board_source *s, sv_err *err) SV_MUST_USE;
+// "trigger": {...} with the figures of the pulses; adds nothing where there was no line.
+void trigger_report(sv_str *out, const board_source *s);
+// One line for people, of pulses that failed or came late; "" when there is nothing to say.
+void trigger_say(const board_source *s);
 
 // Pictures of coverage and masks that names tells of, decoded into the arena at footprint.coverage
 // and mask; dir is for sentences. What is needed only meanwhile is given back.

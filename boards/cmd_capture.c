@@ -273,14 +273,17 @@ static sv_status record(const capture_options *o, sv_err *err) {
 
 static void print_ledger(const capture_options *o) {
   sv_ledger l = sv_sync_ledger_sum(&cap.in.sync);
+  char trigger[400] = "";
+  sv_str t = sv_str_make(trigger, sizeof trigger);
+  trigger_report(&t, &cap.src);
   if (o->is_json)
     say(1,
         "{\"exposures\": %ld, \"not_saved\": %ld, \"captured\": %llu, \"delivered\": %llu, "
-        "\"dropped\": %llu, \"skew_us_p50\": %.1f, \"skew_us_p99\": %.1f}\n",
+        "\"dropped\": %llu, \"skew_us_p50\": %.1f, \"skew_us_p99\": %.1f%s%s}\n",
         cap.n_exposures, cap.n_lost, (unsigned long long)l.captured, (unsigned long long)l.delivered,
         (unsigned long long)sv_ledger_dropped(&l),
         (double)sv_skew_percentile_ns(&cap.in.sync.skew, 50) * 1e-3,
-        (double)sv_skew_percentile_ns(&cap.in.sync.skew, 99) * 1e-3);
+        (double)sv_skew_percentile_ns(&cap.in.sync.skew, 99) * 1e-3, t.len ? ", " : "", trigger);
   else
     say(1,
         "%ld exposures in %s; frames: %llu captured = %llu delivered + %llu dropped; skew p99 %.1f us\n"
@@ -288,6 +291,7 @@ static void print_ledger(const capture_options *o) {
         cap.n_exposures, o->out, (unsigned long long)l.captured, (unsigned long long)l.delivered,
         (unsigned long long)sv_ledger_dropped(&l),
         (double)sv_skew_percentile_ns(&cap.in.sync.skew, 99) * 1e-3, o->out);
+  if (!o->is_quiet) trigger_say(&cap.src);
   if (o->is_json) return;
   if (cap.n_lost) say(1, "%ld exposures could not be saved and were left out\n", cap.n_lost);
   for (int i = 0; i < cap.src.source.n_cameras; i++) {
@@ -316,7 +320,10 @@ static sv_status open_conversion(sv_arena *arena, sv_err *err) {
 }
 
 static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err) {
-  const source_cfg sc = {.spec = o->source, .rig_path = o->rig, .n_exposures = (int)o->exposures};
+  const source_cfg sc = {.spec = o->source,
+                         .rig_path = o->rig,
+                         .n_exposures = (int)o->exposures,
+                         .is_triggered = o->i_sync == SV_SYNC_METHOD_TRIGGER};
   sv_status s = source_open(&cap.src, &sc, arena, err);
   if (s < 0) return s;
   int n = cap.src.source.n_cameras;

@@ -145,19 +145,17 @@ static sv_status heldout_psnr(double *psnr, int *n_views) {
 static int report(const run_options *o, sv_err *err) {
   double train_psnr, psnr;
   int n;
-  char extra[200];
+  char extra[512];
+  sv_str x = sv_str_make(extra, sizeof extra);
   if (sv_driver_training_psnr(&run.app.trainer, &train_psnr) < 0 || heldout_psnr(&psnr, &n) < 0) {
     sv_fail(err, SV_E_RANGE, "the model could not be rendered to measure its PSNR");
     return fail_with(err);
   }
-  if (n)
-    sv_fmt(extra, sizeof extra, "\"train_psnr\": %.3f, \"psnr\": %.3f, \"heldout_views\": %d", train_psnr,
-           psnr, n);
-  else sv_fmt(extra, sizeof extra, "\"train_psnr\": %.3f", train_psnr);
-  if (o->i_capture_cpu >= 0) {
-    const size_t at = strlen(extra);
-    sv_fmt(extra + at, sizeof extra - at, ", \"capture_cpu\": %d", o->i_capture_cpu);
-  }
+  sv_str_add(&x, "\"train_psnr\": %.3f", train_psnr);
+  if (n) sv_str_add(&x, ", \"psnr\": %.3f, \"heldout_views\": %d", psnr, n);
+  if (o->i_capture_cpu >= 0) sv_str_add(&x, ", \"capture_cpu\": %d", o->i_capture_cpu);
+  if (run.src.pulses.trigger.kind) sv_str_add(&x, ", ");
+  trigger_report(&x, &run.src);
   if (sv_app_save_report(&run.app, extra, err) < 0) return fail_with(err);
   if (o->is_json) {
     say(1,
@@ -169,6 +167,7 @@ static int report(const run_options *o, sv_err *err) {
         (unsigned)(sv_train_digest(&run.app.trainer) >> 32), (unsigned)sv_train_digest(&run.app.trainer));
     return 0;
   }
+  if (!o->is_quiet) trigger_say(&run.src);
   if (n) say(1, "held-out PSNR %.2f dB (%d views), training views %.2f dB\n", psnr, n, train_psnr);
   else say(1, "training views %.2f dB\n", train_psnr);
   say(1, "%d exposures, %d views, %u steps in %.1f s\n", run.app.exposures.n,
@@ -199,8 +198,11 @@ static void say_skipped(const run_options *o) {
 // for the list and the page.
 static sv_status set_up(const run_options *o, sv_arena *arena, const char **what, sv_err *err) {
   *what = "cameras";
-  const source_cfg sc = {
-      .spec = o->source, .rig_path = o->rig, .n_exposures = (int)o->exposures, .needs_rig = true};
+  const source_cfg sc = {.spec = o->source,
+                         .rig_path = o->rig,
+                         .n_exposures = (int)o->exposures,
+                         .needs_rig = true,
+                         .is_triggered = o->i_sync == SV_SYNC_METHOD_TRIGGER};
   sv_status s = source_open(&run.src, &sc, arena, err);
   if (s < 0 && run.src.source.n_cameras > 0) *what = "rig";
   if (s < 0) return s;

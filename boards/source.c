@@ -91,11 +91,20 @@ static sv_status open_replay(board_source *s, const char *spec, sv_arena *arena,
   return SV_OK;
 }
 
+// The line itself is opened later, when the rig is read, which may name it.
+static void use_trigger(board_source *s, sv_camera_options *o) {
+  o->trigger = sv_pulses_trigger(&s->pulses);
+  if (!s->trigger.period_ns && o->fps > 0) s->trigger.period_ns = (sv_ns)(1e9 / o->fps + 0.5);
+  const sv_ns quiet_ns = 3 * s->trigger.period_ns; // no stall: nothing was to come
+  if (o->stall_ns < quiet_ns) o->stall_ns = quiet_ns;
+}
+
 static sv_status open_v4l2(board_source *s, const char *spec, sv_arena *arena, sv_err *err) {
   sv_camera_options o;
   sv_v4l2_sys sys = sv_v4l2_linux();
   s->clock = sv_linux_clock();
   sv_status r = sv_camera_parse("v4l2", spec, &o, err);
+  if (r >= 0) use_trigger(s, &o);
   if (r >= 0) r = sv_v4l2_init(&s->u.v4l2, &o, &sys, &s->clock, arena, err);
   if (r >= 0) s->source = sv_v4l2_source(&s->u.v4l2);
   return r;
@@ -105,6 +114,7 @@ static sv_status open_libcamera(board_source *s, const char *spec, sv_err *err) 
   sv_camera_options o;
   s->clock = sv_linux_clock();
   sv_status r = sv_camera_parse("libcamera", spec, &o, err);
+  if (r >= 0) use_trigger(s, &o);
   if (r >= 0) r = sv_libcamera_open(&s->u.libcamera, &o, &s->clock, err);
   if (r >= 0) s->source = sv_libcamera_source(s->u.libcamera);
   return r;
@@ -115,6 +125,7 @@ typedef struct {
   char spec[CAP_SPEC]; // without them
   int cols, rows;      // 0: no tiles
   double fov_deg;
+  sv_trigger trigger;
 } common_options;
 
 static bool read_tiles(const char *v, size_t n, common_options *o) {
@@ -145,7 +156,9 @@ static sv_status take_options(const char *spec, common_options *o, sv_err *err) 
         (!sv_parse_double(word + 4, len - 4, &o->fov_deg) || !(o->fov_deg >= 5 && o->fov_deg <= 150)))
       return sv_fail(err, SV_E_ARG, "source option %.*s: expected a width of view of 5 to 150 degrees",
                      (int)len, word);
-    if (!is_tiles && !is_fov) {
+    const sv_status r = trigger_option(&o->trigger, word, len, err);
+    if (r < 0) return r;
+    if (!is_tiles && !is_fov && r == SV_AGAIN) {
       memcpy(o->spec + at, p, n);
       at += n;
     }
@@ -176,6 +189,16 @@ static sv_status assume_rig(board_source *s, double fov_deg, sv_arena *arena, sv
          "changes it, --rig DIR names a calibrated one)",
          fov_deg);
   return SV_OK;
+}
+
+static sv_status find_no_rig(board_source *s, const char *spec, double fov_deg, sv_arena *arena,
+                             sv_err *err) {
+  if (s->source.n_cameras == 1) return assume_rig(s, fov_deg, arena, err);
+  return sv_fail(
+      err, SV_E_NOT_FOUND,
+      "source \"%s\" has %d cameras and no rig; give a folder with --rig (rig.json and .cameramodel files, "
+      "as subview-calibrate writes them)",
+      spec, s->source.n_cameras);
 }
 
 static sv_status decode(void *self, const uint8_t *data, size_t bytes, const sv_decoded *to, sv_err *err) {
@@ -229,7 +252,13 @@ sv_status source_open(board_source *s, const source_cfg *cfg, sv_arena *arena, s
   memset(s, 0, sizeof *s);
   sv_arena_part_begin(arena, "source");
   sv_status r = take_options(spec, &o, err);
+  s->trigger = o.trigger;
   if (r >= 0) r = open_kind(s, o.spec, cfg->n_exposures, arena, err);
+  if (r >= 0 && o.trigger.kind != SV_LINE_NONE && s->kind != SOURCE_V4L2 && s->kind != SOURCE_LIBCAMERA)
+    r = sv_fail(
+        err, SV_E_UNSUPPORTED,
+        "trigger= is for cameras (v4l2:, libcamera:); the simulator has a trigger line of its own, and a "
+        "capture folder cannot have one");
   if (r >= 0 && o.cols) {
     sv_source inner = s->source;
     r = sv_tiled_init(&s->tiled, &inner, o.cols, o.rows, arena, err);
@@ -242,19 +271,16 @@ sv_status source_open(board_source *s, const source_cfg *cfg, sv_arena *arena, s
   sv_arena_part_begin(arena, "rig");
   if (rig_path) sv_copy(s->rig_dir, sizeof s->rig_dir, rig_path);
   if (o.cols && !rig_path) s->rig_dir[0] = 0;
-  if (s->rig_dir[0]) return read_rig(s, arena, err);
-  if (s->rig || !cfg->needs_rig) return SV_OK;
-  if (s->source.n_cameras == 1) return assume_rig(s, o.fov_deg, arena, err);
-  return sv_fail(
-      err, SV_E_NOT_FOUND,
-      "source \"%s\" has %d cameras and no rig; give a folder with --rig (rig.json and .cameramodel files, "
-      "as subview-calibrate writes them)",
-      spec, s->source.n_cameras);
+  if (s->rig_dir[0]) r = read_rig(s, arena, err);
+  else if (!s->rig && cfg->needs_rig) r = find_no_rig(s, spec, o.fov_deg, arena, err);
+  if (r >= 0 && cfg->is_triggered) r = trigger_open(s, err);
+  return r;
 }
 
 void source_close(board_source *s) {
   if (s->kind == SOURCE_REPLAY) sv_replay_close(&s->u.replay);
   if (s->kind == SOURCE_V4L2) sv_v4l2_close(&s->u.v4l2);
   if (s->kind == SOURCE_LIBCAMERA) sv_libcamera_close(s->u.libcamera);
+  sv_pulses_close(&s->pulses); // after the cameras, which use it
   sv_codec_close(&s->codec);
 }

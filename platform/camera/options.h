@@ -25,6 +25,7 @@
 #include <stdbool.h>
 
 #include "src/port/port.h"
+#include "src/rig/trigger.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -35,6 +36,15 @@ extern "C" {
 #define SV_CAMERA_CAP_NAME    128
 
 typedef enum { SV_RPI_SYNC_OFF = 0, SV_RPI_SYNC_SERVER, SV_RPI_SYNC_CLIENT } sv_rpi_sync;
+
+// An external trigger, as a source uses it. `line` is filled in before the cameras start; its kind
+// is NONE until then, and where there is no trigger. All NULL: none.
+typedef struct {
+  void *self;
+  const sv_trigger *line;
+  sv_status (*start)(void *self); // pulses, once all cameras stream
+  void (*stop)(void *self);
+} sv_camera_trigger;
 
 typedef struct {
   int n_cameras;
@@ -54,6 +64,7 @@ typedef struct {
   sv_raw_tone tone; // is_linear counts when has_light
   bool is_exported;
   sv_rpi_sync sync;
+  sv_camera_trigger trigger;
 } sv_camera_options;
 
 sv_camera_options sv_camera_defaults(void);

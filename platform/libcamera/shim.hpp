@@ -95,6 +95,7 @@ struct sv_libcamera {
   sv_clock clock = {};
   std::vector<std::unique_ptr<Cam>> cams;
   bool is_running = false;
+  bool is_triggered = false;                    // the cameras expose on the pulses of cfg.trigger
   sv_ns looked_ns = 0;                          // last dequeue
   unsigned sync_mode_id = 0, sync_ready_id = 0; // of rpi.sync; 0: this libcamera has none
   sv_camera_events events = {};

@@ -326,6 +326,7 @@ static sv_status source_requeue(void *self, const sv_frame *f) {
 
 static sv_status source_stop(void *self) {
   auto *s = static_cast<sv_libcamera *>(self);
+  if (s->is_triggered && s->is_running) s->cfg.trigger.stop(s->cfg.trigger.self);
   for (auto &c : s->cams) {
     stream_off(c.get());
     std::lock_guard<std::mutex> lock(s->mutex);
@@ -368,7 +369,28 @@ static sv_status source_start(void *self) {
     (void)source_stop(s);
     return SV_E_DEVICE;
   }
+  if (s->is_triggered && s->cfg.trigger.start(s->cfg.trigger.self) < 0) {
+    (void)source_stop(s);
+    return SV_E_DEVICE;
+  }
   if (!s->cfg.is_unlocked && s->cfg.settle_ns > 0) settle(s);
+  return SV_OK;
+}
+
+// libcamera shows no control of the sensor that would make it wait: that is a parameter of its
+// driver, set where the line is opened.
+static sv_status source_trigger(void *self, bool is_external) {
+  auto *s = static_cast<sv_libcamera *>(self);
+  if (s->is_running) return SV_E_ARG;
+  s->is_triggered = false;
+  if (!is_external) return SV_OK;
+  const sv_trigger *line = s->cfg.trigger.line;
+  if (line->kind == SV_LINE_NONE) return SV_E_UNSUPPORTED;
+  if (line->mode[0] && !std::strchr(line->mode, '.')) {
+    sv_camera_events_add(&s->events, SV_CAMERA_TRIGGER, 0, now(s), -ENOENT);
+    return SV_E_UNSUPPORTED;
+  }
+  s->is_triggered = true;
   return SV_OK;
 }
 
@@ -413,5 +435,6 @@ extern "C" sv_source sv_libcamera_source(sv_libcamera *s) {
   source.stop = source_stop;
   source.event = source_event;
   source.set_control = source_control;
+  source.trigger = s->cfg.trigger.start ? source_trigger : nullptr;
   return source;
 }

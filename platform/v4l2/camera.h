@@ -65,6 +65,7 @@ struct sv_v4l2_camera {
   sv_v4l2_control control[SV_V4L2_CAP_CONTROLS];
   sv_ns exposure_ns; // locked shutter time, 0: unknown
   bool is_locked;
+  const bool *is_triggered; // of the source: the trigger's mode is set before it streams
   sv_v4l2_stats stats;
 };
 
@@ -97,6 +98,9 @@ bool sv_v4l2_has_auto(const sv_v4l2_camera *c); // an automatic control is activ
 // values.
 void sv_v4l2_lock_controls(sv_v4l2_camera *c, sv_ns now_ns);
 void sv_v4l2_restore_controls(sv_v4l2_camera *c);
+// The control that makes the camera wait for the trigger's pulses, where the trigger has one; it is
+// restored with the others. 0, or a negative error number: -ENOENT there is no such control.
+int sv_v4l2_set_trigger_mode(sv_v4l2_camera *c);
 sv_status sv_v4l2_set_exposure(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns);
 // Length of the frames from now on, by the sensor's blanking lines or, where there are none, by the
 // frame interval.

@@ -4,6 +4,7 @@
 #include <errno.h>
 #include <linux/videodev2.h>
 #include <math.h>
+#include <string.h>
 
 #include "platform/v4l2/camera.h"
 
@@ -120,6 +121,38 @@ void sv_v4l2_restore_controls(sv_v4l2_camera *c) {
     if (c->control[i].is_changed && c->fd >= 0) (void)set(c, c->control[i].id, c->control[i].before);
   c->n_controls = 0;
   c->is_locked = false;
+}
+
+// "Trigger Mode" -> "trigger_mode", as v4l2-ctl prints it.
+static bool is_named(const char *control, const char *name) {
+  for (; *control; control++) {
+    char c = *control;
+    if (c >= 'A' && c <= 'Z') c = (char)(c - 'A' + 'a');
+    const bool is_word = (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9');
+    if (!is_word) continue;
+    if (*name == '_') name++; // stands for all that is no letter and no digit
+    if (*name++ != c) return false;
+  }
+  return !*name;
+}
+
+int sv_v4l2_set_trigger_mode(sv_v4l2_camera *c) {
+  const sv_trigger *line = c->cfg->trigger.line;
+  struct v4l2_queryctrl q = {.id = V4L2_CTRL_FLAG_NEXT_CTRL};
+  sv_trigger_mode m;
+  if (!line || !sv_trigger_parse_mode(line->mode, strlen(line->mode), &m) || m.module[0]) return 0;
+  for (; sv_v4l2_call(c, VIDIOC_QUERYCTRL, &q) >= 0; q.id |= V4L2_CTRL_FLAG_NEXT_CTRL) {
+    if ((q.flags & V4L2_CTRL_FLAG_DISABLED) || !is_named((const char *)q.name, m.name)) continue;
+    sv_v4l2_control *k = noted(c, q.id);
+    int32_t got;
+    int r = set(c, q.id, m.value);
+    if (r < 0) return r;
+    if (!get(c, q.id, &got) || got != m.value) return -ERANGE;
+    if (k) k->is_changed = true;
+    if (k) k->locked = m.value;
+    return 0;
+  }
+  return -ENOENT;
 }
 
 sv_status sv_v4l2_check_controls(const sv_v4l2_camera *c, sv_err *err) {

@@ -28,6 +28,7 @@ sv_status sv_v4l2_init(sv_v4l2 *v, const sv_camera_options *cfg, const sv_v4l2_s
     c->sys = &v->sys;
     c->cfg = &v->cfg;
     c->events = &v->events;
+    c->is_triggered = &v->is_triggered;
     c->i_camera = i;
     c->fd = -1;
     for (int k = 0; k < SV_V4L2_CAP_SLOTS; k++) c->slot[k].dma_fd = -1;
@@ -206,13 +207,36 @@ static sv_status source_start(void *self) {
     (void)source_stop(v);
     return SV_E_DEVICE;
   }
+  if (v->is_triggered && v->cfg.trigger.start(v->cfg.trigger.self) < 0) {
+    (void)source_stop(v);
+    return SV_E_DEVICE;
+  }
   if (!v->cfg.is_unlocked) settle(v);
+  return SV_OK;
+}
+
+// The mode is tried at once, so that a camera without it is told before any of them streams.
+static sv_status source_trigger(void *self, bool is_external) {
+  sv_v4l2 *v = self;
+  if (v->is_running) return SV_E_ARG;
+  v->is_triggered = false;
+  if (!is_external) return SV_OK;
+  if (v->cfg.trigger.line->kind == SV_LINE_NONE) return SV_E_UNSUPPORTED;
+  for (int i = 0; i < v->n_cameras; i++) {
+    sv_v4l2_camera *c = &v->cameras[i];
+    int r = c->fd < 0 ? 0 : sv_v4l2_set_trigger_mode(c);
+    if (r >= 0) continue;
+    sv_camera_events_add(&v->events, SV_CAMERA_TRIGGER, i, now(v), r);
+    return SV_E_UNSUPPORTED;
+  }
+  v->is_triggered = true;
   return SV_OK;
 }
 
 // Takes all buffers back, also those on loan.
 static sv_status source_stop(void *self) {
   sv_v4l2 *v = self;
+  if (v->is_triggered && v->is_running) v->cfg.trigger.stop(v->cfg.trigger.self);
   for (int i = 0; i < v->n_cameras; i++) {
     sv_v4l2_camera *c = &v->cameras[i];
     if (c->is_streaming) sv_v4l2_stream_off(c);
@@ -258,5 +282,6 @@ sv_source sv_v4l2_source(sv_v4l2 *v) {
                      .requeue = source_requeue,
                      .stop = source_stop,
                      .event = source_event,
-                     .set_control = source_control};
+                     .set_control = source_control,
+                     .trigger = v->cfg.trigger.start ? source_trigger : NULL};
 }

@@ -32,13 +32,10 @@ int sv_v4l2_queue(sv_v4l2_camera *c, sv_v4l2_slot *s) {
 }
 
 int sv_v4l2_stream_on(sv_v4l2_camera *c) {
-  int type = (int)c->buf_type;
-  for (int i = 0; i < SV_V4L2_CAP_SLOTS; i++)
-    if (c->slot[i].state == SV_V4L2_IDLE) {
-      int r = sv_v4l2_queue(c, &c->slot[i]);
-      if (r < 0) return r;
-    }
-  int r = sv_v4l2_call(c, VIDIOC_STREAMON, &type);
+  int type = (int)c->buf_type, r = *c->is_triggered ? sv_v4l2_set_trigger_mode(c) : 0;
+  for (int i = 0; r >= 0 && i < SV_V4L2_CAP_SLOTS; i++)
+    if (c->slot[i].state == SV_V4L2_IDLE) r = sv_v4l2_queue(c, &c->slot[i]);
+  if (r >= 0) r = sv_v4l2_call(c, VIDIOC_STREAMON, &type);
   if (r < 0) return r;
   c->is_streaming = true;
   c->has_last = false;

@@ -29,7 +29,8 @@ typedef struct {
   sv_v4l2_camera *cameras; // [n_cameras]
   int n_cameras;
   bool is_running;
-  sv_ns looked_ns; // when somebody last asked for frames
+  bool is_triggered; // the cameras expose on the pulses of cfg.trigger
+  sv_ns looked_ns;   // when somebody last asked for frames
   sv_camera_events events;
 } sv_v4l2;
 

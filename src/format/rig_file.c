@@ -144,6 +144,46 @@ static sv_status read_sub_view(const reader *r, const sv_json *j, int i, sv_err 
   return s;
 }
 
+static sv_status get_us(const sv_json *j, int i_object, const char *key, sv_ns *ns, sv_err *err) {
+  double us = 0;
+  sv_status s = sv_json_get_double(j, i_object, key, &us, err);
+  if (s != SV_OK) return s == SV_END ? SV_OK : s;
+  if (!(us >= 1 && us <= 1e7))
+    return sv_json_fail(j, sv_json_get(j, i_object, key), err, SV_E_RANGE,
+                        "1 to 1e7 microseconds were expected");
+  *ns = (sv_ns)(us * 1e3 + 0.5);
+  return SV_OK;
+}
+
+// "trigger": {"line": "gpio:gpiochip0:17", "period_us": P, "width_us": W, "polarity": "high" |
+// "low", "mode": "imx296.trigger_mode:1"}; all but the line are optional.
+static sv_status read_trigger(const sv_json *j, sv_trigger *t, sv_err *err) {
+  const int i = sv_json_get(j, 0, "trigger");
+  char line[64], polarity[8] = "high";
+  sv_trigger_mode mode;
+  *t = (sv_trigger){.kind = SV_LINE_NONE};
+  if (i < 0) return SV_OK;
+  if (!sv_json_is_object(j, i))
+    return sv_json_fail(j, i, err, SV_E_FORMAT, "a trigger is an object with \"line\"");
+  sv_status s = required_string(j, i, "line", line, sizeof line, err);
+  if (s == SV_OK && !sv_trigger_parse_line(line, strlen(line), t))
+    s = sv_json_fail(j, sv_json_get(j, i, "line"), err, SV_E_FORMAT,
+                     "gpio:CHIP:LINE or pwm:CHIP:CHANNEL was expected");
+  if (s == SV_OK) s = get_us(j, i, "period_us", &t->period_ns, err);
+  if (s == SV_OK) s = get_us(j, i, "width_us", &t->width_ns, err);
+  if (s != SV_OK) return s;
+  s = sv_json_get_string(j, i, "polarity", polarity, sizeof polarity, err);
+  t->is_active_low = sv_str_eq(polarity, "low");
+  if (s >= 0 && !t->is_active_low && !sv_str_eq(polarity, "high"))
+    return sv_json_fail(j, sv_json_get(j, i, "polarity"), err, SV_E_FORMAT, "high or low was expected");
+  if (s < 0) return s;
+  s = sv_json_get_string(j, i, "mode", t->mode, sizeof t->mode, err);
+  if (s == SV_OK && !sv_trigger_parse_mode(t->mode, strlen(t->mode), &mode))
+    return sv_json_fail(j, sv_json_get(j, i, "mode"), err, SV_E_FORMAT,
+                        "CONTROL:VALUE or MODULE.PARAMETER:VALUE was expected");
+  return s < 0 ? s : SV_OK;
+}
+
 static sv_status read_top(const reader *r, const sv_json *j, sv_err *err) {
   char forward[16];
   long long version;
@@ -158,6 +198,8 @@ static sv_status read_top(const reader *r, const sv_json *j, sv_err *err) {
     return sv_json_fail(j, sv_json_get(j, 0, "forward"), err, SV_E_FORMAT,
                         "\"%s\" is not one of direct, light_field, multiplexed", forward);
   r->rig->forward = (sv_forward_kind)f;
+  s = read_trigger(j, &r->rig->trigger, err);
+  if (s != SV_OK) return s;
   r->rig->n_sub_views = 0;
   if (!sv_json_is_array(j, i_views) || !sv_json_size(j, i_views))
     return sv_json_fail(j, i_views < 0 ? 0 : i_views, err, SV_E_FORMAT,
@@ -211,10 +253,24 @@ static void add_image(sv_str *out, const char *key, const char *name) {
   sv_str_add(out, "\"");
 }
 
+static void add_trigger(sv_str *out, const sv_trigger *t) {
+  if (t->kind == SV_LINE_NONE) return;
+  sv_str_add(out, "  \"trigger\": {\"line\": \"");
+  sv_trigger_add_line(out, t);
+  sv_str_add(out, "\"");
+  if (t->period_ns) sv_str_add(out, ", \"period_us\": %.17g", (double)t->period_ns * 1e-3);
+  if (t->width_ns) sv_str_add(out, ", \"width_us\": %.17g", (double)t->width_ns * 1e-3);
+  if (t->is_active_low) sv_str_add(out, ", \"polarity\": \"low\"");
+  if (t->mode[0]) sv_str_add(out, ", \"mode\": \"%s\"", t->mode);
+  sv_str_add(out, "},\n");
+}
+
 sv_status sv_rig_json_write_coverage(sv_str *out, const sv_rig *rig, const sv_coverage_names *names) {
   sv_str_add(out, "{\n  \"version\": 1,\n  \"name\": \"");
   sv_str_add_json(out, rig->name);
-  sv_str_add(out, "\",\n  \"forward\": \"%s\",\n  \"sub_views\": [", forward_names[rig->forward]);
+  sv_str_add(out, "\",\n  \"forward\": \"%s\",\n", forward_names[rig->forward]);
+  add_trigger(out, &rig->trigger);
+  sv_str_add(out, "  \"sub_views\": [");
   for (int i = 0; i < rig->n_sub_views; i++) {
     const sv_sub_view *v = &rig->sub_views[i];
     sv_str_add(out, "%s\n    {\"name\": \"", i ? "," : "");

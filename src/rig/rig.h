@@ -13,6 +13,7 @@
 #include "src/base/arena.h"
 #include "src/base/time.h"
 #include "src/base/vec.h"
+#include "src/rig/trigger.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -47,6 +48,7 @@ typedef struct {
   sv_sub_view *sub_views; // [cap_sub_views], in the arena
   sv_arena *splines;      // memory for control points of splined lenses; NULL: such lenses are
                           // refused
+  sv_trigger trigger;     // of all cameras; kind NONE: none
 } sv_rig;
 
 // `arena` is also where a reader puts control points of splined lenses (rig->splines).

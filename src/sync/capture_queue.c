@@ -260,14 +260,14 @@ sv_status sv_capture_queue_check(const sv_capture_queue *in, sv_err *err) {
 }
 
 // The source's first event names the camera and what is wrong with it.
-static sv_status not_started(sv_capture_queue *in, sv_status s, sv_err *err) {
+static sv_status not_started(sv_capture_queue *in, sv_status s, const char *what, sv_err *err) {
   char text[256];
   sv_str why = sv_str_make(text, sizeof text);
   sv_camera_event e;
   if (in->source.event && in->source.event(in->source.self, &e) == SV_OK)
     sv_camera_event_line(&why, &e, in->caps, in->cfg.n_cameras);
   else sv_str_add(&why, "%s", sv_status_text(s));
-  return sv_fail(err, s, "the cameras did not start: %s", text);
+  return sv_fail(err, s, "the cameras %s: %s", what, text);
 }
 
 sv_status sv_capture_queue_start(sv_capture_queue *in, sv_err *err) {
@@ -275,10 +275,9 @@ sv_status sv_capture_queue_start(sv_capture_queue *in, sv_err *err) {
   sv_status s = sv_capture_queue_check(in, err);
   if (s < 0) return s;
   if (src->trigger) s = src->trigger(src->self, in->cfg.method == SV_SYNC_METHOD_TRIGGER);
-  if (s < 0)
-    return sv_fail(err, s, "the cameras cannot be switched to their trigger line: %s", sv_status_text(s));
+  if (s < 0) return not_started(in, s, "cannot be switched to their trigger line", err);
   s = src->start(src->self);
-  if (s < 0) return not_started(in, s, err);
+  if (s < 0) return not_started(in, s, "did not start", err);
   in->is_running = true;
   return SV_OK;
 }

@@ -268,6 +268,70 @@ if wanted faults; then
   faults loop "loop:$loop0,$loop1,$loop2,lock=off,clock=monotonic" 3
 fi
 
+# --- trigger pulses ------------------------------------------------------------------------------
+# On a line of gpio-sim, whose other side tells what the kernel put on it: the tracing system stamps
+# each change, and the chip's `value` is what the line has now. The chip is made in configfs.
+trace=/sys/kernel/tracing
+trigger() { # OPTIONS SECONDS: a capture by pulses
+  subview capture --source "v4l2:$vivid0,$vivid1,size=320x180,$1" --sync trigger --duration "$2" --skew-limit 200 \
+    --out $out/pulses --json --quiet >$out/json 2>$out/log
+  code=$?
+  cat $out/json $out/log
+  rm -rf $out/pulses
+}
+refused() { # NAME OPTIONS SENTENCE
+  trigger "$2" 1
+  check "trigger_$1" $code -eq 1 -a "$(grep -c "$3" $out/log)" = 1
+}
+if wanted trigger; then
+  mount -t configfs config /sys/kernel/config
+  mount -t tracefs trace $trace
+  chip_config=/sys/kernel/config/gpio-sim/board
+  mkdir -p $chip_config/bank/line1/hog
+  echo 4 >$chip_config/bank/num_lines
+  echo lamp >$chip_config/bank/line1/hog/name
+  echo output-low >$chip_config/bank/line1/hog/direction
+  echo 1 >$chip_config/live
+  chip=$(cat $chip_config/bank/chip_name)
+  line=/sys/devices/platform/$(cat $chip_config/dev_name)/$chip/sim_gpio3/value
+  mdev -s
+  echo mono >$trace/trace_clock
+  echo 4096 >$trace/buffer_size_kb
+  echo 1 >$trace/events/gpio/gpio_value/enable
+  trigger "trigger=gpio:$chip:3,trigger-period=33333,trigger-width=5000" 36
+  echo 0 >$trace/events/gpio/gpio_value/enable
+  # "... 12.345678: gpio_value: 511 set 1": rising edges, and how far each is from the line through
+  # their times.
+  awk '/gpio_value: [0-9]+ set 1/ { for (i = 1; i <= NF; i++) if ($i == "gpio_value:") { t[n++] = $(i - 1) + 0 } }
+    / set 0/ { down++ }
+    END {
+      for (i = 1; i < n; i++) {
+        d = (t[i] - t[i - 1]) * 1e6
+        mean += d / (n - 1)
+        if (d - 33333 > late || 33333 - d > late) late = d > 33333 ? d - 33333 : 33333 - d
+        near += (d > 32333 && d < 34333)
+      }
+      printf "pulses %d down %d near %d\n", n, down, near
+      printf "%d pulses on the line in %.3f s, mean period %.1f us; %.2f %% of the periods within 1 ms, the worst off by %.0f us\n", \
+        n, t[n - 1] - t[0], mean, 100 * near / (n - 1), late
+    }' $trace/trace >$out/pulses
+  cat $out/pulses
+  note "$(tail -n 1 $out/pulses)"
+  note "as subview tells it: $(sed -n 's/.*"trigger": {\(.*\)}}.*/\1/p' $out/json)"
+  set -- $(head -n 1 $out/pulses)
+  check trigger_pulses $code -eq 0 -a "${2:-0}" -ge 1000 -a "${2:-0}" = "$(value pulses $out/json)"
+  check trigger_ends_low "$(cat "$line")" = 0 -a "${4:-1}" -ge "${2:-0}"
+  check trigger_periods "$((${6:-0} * 100))" -ge "$((${2:-1} * 95))"
+  check trigger_exposures "$(value exposures $out/json)" -gt 10
+  refused no_line "trigger=gpio:gpiochip99:0,fps=25" 'gpiochip99 cannot be opened'
+  refused beyond "trigger=gpio:$chip:4,fps=25" 'has the lines 0 to 3'
+  refused busy "trigger=gpio:$chip:1,fps=25" 'is used by "lamp"'
+  refused unnamed "fps=25" 'no trigger line is named'
+  refused no_pwm "trigger=pwm:pwmchip0:0,fps=25" 'there is no'
+  refused no_mode "trigger=gpio:$chip:3,fps=25,trigger-mode=frame_sync:1" 'would not wait for the trigger line'
+  refused no_driver "trigger=gpio:$chip:3,fps=25,trigger-mode=imx296.trigger_mode:1" "sensor's driver loaded"
+fi
+
 # --- the page ------------------------------------------------------------------------------------
 # Its server in its sandbox, on the kernel that boards have.
 get() { wget -q -O - "$@"; }

@@ -85,22 +85,31 @@ done
 
 # The drivers that the kernel's package leaves out, and two more vimc devices (the module makes
 # one).
-mkdir -p drivers/loop drivers/more
+mkdir -p drivers/loop drivers/more drivers/gpio
 (cd drivers && dpkg-deb --fsys-tarfile ../debs/linux-source-"$series"_*.deb |
   tar -xO "./usr/src/linux-source-$series.tar.xz" |
-  tar -xJ --strip-components=4 "linux-source-$series/drivers/media/test-drivers/vimc")
+  tar -xJ "linux-source-$series/drivers/media/test-drivers/vimc" "linux-source-$series/drivers/gpio/gpio-sim.c" \
+    "linux-source-$series/drivers/gpio/gpiolib.h" "linux-source-$series/kernel/irq/irq_sim.c")
+linux=drivers/linux-source-$series
+mv "$linux/drivers/media/test-drivers/vimc" drivers/vimc
 # libcamera 0.4 takes 1920x1080 from the sensor, whatever size it delivers: that takes an emulated
 # core a second a frame.
 sed -i -E 's/(VIMC_FRAME_MAX_WIDTH[ \t]+)4096/\1168/; s/(VIMC_FRAME_MAX_HEIGHT[ \t]+)4096/\1128/' drivers/vimc/vimc-common.h
 grep -q 'VIMC_FRAME_MAX_WIDTH[ \t]*168' drivers/vimc/vimc-common.h || fail "vimc's largest frame is not where it was"
 printf 'vimc-y := %s\nobj-m := vimc.o\n' "$(cd drivers/vimc && ls ./*.c | sed 's#^\./##; s/\.c$/.o/' | tr '\n' ' ')" \
   >drivers/vimc/Makefile
+# A simulated GPIO chip, and the simulated interrupts that it needs; one call of these is the
+# kernel's own, and generic_handle_irq does the same.
+mv "$linux/drivers/gpio/gpio-sim.c" drivers/gpio/chip.c
+mv "$linux/drivers/gpio/gpiolib.h" drivers/gpio/
+sed 's/handle_simple_irq(irq_to_desc(irqnum))/generic_handle_irq(irqnum)/' "$linux/kernel/irq/irq_sim.c" >drivers/gpio/irq.c
+printf 'gpio-sim-y := chip.o irq.o\nobj-m := gpio-sim.o\n' >drivers/gpio/Kbuild
 dpkg-deb -x debs/v4l2loopback-dkms_*.deb drivers/deb
 cp drivers/deb/usr/src/v4l2loopback-*/*.[ch] drivers/loop/
 echo 'obj-m := v4l2loopback.o' >drivers/loop/Kbuild
 cp "$here/vimc_more.c" drivers/more/
 echo 'obj-m := vimc_more.o' >drivers/more/Kbuild
-for driver in vimc loop more; do
+for driver in vimc loop more gpio; do
   # Type information (BTF) would need pahole, and nothing here reads it.
   make -s -j2 -C "$tree" M="$folder/drivers/$driver" ARCH=arm64 CROSS_COMPILE=aarch64-linux-gnu- \
     CONFIG_DEBUG_INFO_BTF_MODULES= modules \
@@ -113,7 +122,9 @@ rm -rf root
 mkdir -p root/{bin,dev,proc,sys,tmp,run,etc,modules}
 cp b/bin/busybox root/bin/
 modprobe -d k -S "$version" --show-depends vivid | awk '/^insmod/ { print $2 }' >modules.txt
-modprobe -d k -S "$version" --show-depends videobuf2-dma-contig | awk '/^insmod/ { print $2 }' >>modules.txt
+for module in videobuf2-dma-contig configfs; do
+  modprobe -d k -S "$version" --show-depends $module | awk '/^insmod/ { print $2 }' >>modules.txt
+done
 take() { # the modules of a list, once each; prints their names
   awk '!seen[$0]++' "$1" | while read -r module; do
     name=$(basename "$module" .xz) # busybox loads them unpacked
@@ -127,7 +138,8 @@ for module in virtio_pci virtio_mmio virtio_blk ext4 crc32c_generic; do
   modprobe -d k -S "$version" --show-depends $module | awk '/^insmod/ { print $2 }'
 done >disk.txt
 take disk.txt >root/modules/disk
-cp drivers/vimc/vimc.ko drivers/loop/v4l2loopback.ko drivers/more/vimc_more.ko root/modules/
+cp drivers/vimc/vimc.ko drivers/loop/v4l2loopback.ko drivers/more/vimc_more.ko \
+  drivers/gpio/gpio-sim.ko root/modules/
 cp "k/boot/vmlinuz-$version" vmlinuz
 (cd root && find . | cpio -o -H newc --quiet) | gzip -1 >base.cpio.gz
 rm -rf k b h drivers root apt

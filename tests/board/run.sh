@@ -1,14 +1,14 @@
 #!/bin/bash
 # SPDX-License-Identifier: Apache-2.0
 # Runs subview on the virtual ARM board: boots Debian's arm64 kernel under QEMU with three vivid and
-# three vimc cameras and three loopback devices, and runs board.sh there. Ends with "N passed, N
-# failed, N skipped".
+# three vimc cameras, three loopback devices and a simulated GPIO chip, and runs board.sh there.
+# Ends with "N passed, N failed, N skipped".
 #
 #   run.sh BUILD PROGRAMS SYSROOT
 #
 # What does not change is kept in BUILD/board. BOARD_CPU=cortex-a76 is the Pi 5's core (cortex-a72:
 # the Pi 4's). BOARD_ONLY=NAME runs one part of board.sh (v4l2, libcamera, lost, skew, suite,
-# faults, page). BOARD_TIMEOUT=SEC ends a board that hangs.
+# faults, page, trigger). BOARD_TIMEOUT=SEC ends a board that hangs.
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 build=$1 programs=$2 sysroot=$3

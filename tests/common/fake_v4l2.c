@@ -107,21 +107,36 @@ static const struct v4l2_queryctrl controls[FAKE_V4L2_N_CONTROLS] = {
     {.id = V4L2_CID_WHITE_BALANCE_TEMPERATURE, .minimum = 2800, .maximum = 6500, .default_value = 4600},
     {.id = V4L2_CID_HBLANK, .minimum = 56, .maximum = 56, .default_value = 56},
     {.id = V4L2_CID_VBLANK, .minimum = 4, .maximum = 4000, .default_value = 52},
+    {.id = 0x009f0901, .name = "Trigger Mode", .maximum = 2},
 };
 #define I_HBLANK   5
 #define I_VBLANK   6
+#define I_TRIGGER  7
 #define PIXEL_RATE ((64 + 56) * (48 + 52) * 25) // 400 us a line
 
 static int control_index(const fake_device *d, uint32_t id) {
   for (int i = 0; d->has_controls && i < FAKE_V4L2_N_CONTROLS; i++)
-    if (controls[i].id == id) return i >= I_HBLANK && !d->has_blanking ? -1 : i;
+    if (controls[i].id == id)
+      return (i == I_TRIGGER ? !d->has_trigger : i >= I_HBLANK && !d->has_blanking) ? -1 : i;
   return -1;
+}
+
+// The one with the next larger number.
+static int next_control(const fake_device *d, uint32_t after) {
+  int best = -1;
+  for (int i = 0; i < FAKE_V4L2_N_CONTROLS; i++)
+    if (control_index(d, controls[i].id) >= 0 && controls[i].id > after &&
+        (best < 0 || controls[i].id < controls[best].id))
+      best = i;
+  return best;
 }
 
 static int do_control(fake_device *d, unsigned long request, void *arg) {
   struct v4l2_control *c = arg;
   if (request == VIDIOC_QUERYCTRL) {
-    int i = control_index(d, ((struct v4l2_queryctrl *)arg)->id);
+    const uint32_t id = ((struct v4l2_queryctrl *)arg)->id;
+    int i = control_index(d, id);
+    if (id & V4L2_CTRL_FLAG_NEXT_CTRL) i = next_control(d, id & ~V4L2_CTRL_FLAG_NEXT_CTRL);
     if (i < 0) return -EINVAL;
     *(struct v4l2_queryctrl *)arg = controls[i];
     return 0;

@@ -14,7 +14,7 @@
 #define FAKE_V4L2_WIDTH_PX    64
 #define FAKE_V4L2_HEIGHT_PX   48
 #define FAKE_V4L2_PERIOD_NS   (40 * SV_NS_PER_MS)
-#define FAKE_V4L2_N_CONTROLS  7
+#define FAKE_V4L2_N_CONTROLS  8
 
 typedef struct {
   bool is_queued, is_done, is_dequeued;
@@ -37,6 +37,7 @@ typedef struct {
   bool has_controls, is_mplane;
   bool has_blanking;     // the sensor's blanking can be set: 64 + 56 pixels a line, 48 + 52 lines a
                          // frame at 25 fps
+  bool has_trigger;      // a control of its own, "Trigger Mode", is its last one
   bool can_set_rate;     // its frame interval can be set while it runs
   bool is_coarse;        // but only to one of a few
   bool has_short_chroma; // the second plane has half of its bytes

@@ -186,6 +186,44 @@ TEST(test_rig) {
   assert_int_equal(sv_rig_json_write(&s, &rig), SV_E_NOMEM);
 }
 
+#define TRIGGERED(trigger)                                                                                   \
+  "{\"version\":1,\"name\":\"bench\",\"forward\":\"direct\",\"trigger\":" trigger                            \
+  ",\"sub_views\":[" VIEW("left", "left.cameramodel", "0") "]}"
+
+TEST(test_rig_with_a_trigger) {
+  sv_rig rig, back;
+  char buf[1024];
+  assert_ok(read_rig(TRIGGERED("{\"line\":\"gpio:gpiochip0:17\",\"period_us\":33333.333,\"width_us\":500,"
+                               "\"polarity\":\"low\",\"mode\":\"imx296.trigger_mode:1\"}"),
+                     &rig),
+            &err);
+  assert_int_equal(rig.trigger.kind, SV_LINE_GPIO);
+  assert_string_equal(rig.trigger.chip, "gpiochip0");
+  assert_int_equal(rig.trigger.offset, 17);
+  assert_int_equal(rig.trigger.period_ns, 33333333);
+  assert_int_equal(rig.trigger.width_ns, 500000);
+  assert_true(rig.trigger.is_active_low);
+  sv_str s = sv_str_make(buf, sizeof buf);
+  assert_int_equal(sv_rig_json_write(&s, &rig), SV_OK);
+  assert_ok(read_rig(buf, &back), &err);
+  assert_memory_equal(&rig.trigger, &back.trigger, sizeof rig.trigger);
+  assert_ok(read_rig(TRIGGERED("{\"line\":\"pwm:pwmchip2:0\"}"), &rig), &err);
+  assert_true(rig.trigger.kind == SV_LINE_PWM && !rig.trigger.period_ns && !rig.trigger.is_active_low);
+  static const struct {
+    const char *text, *word;
+  } bad[] = {{TRIGGERED("7"), "a trigger is an object"},
+             {TRIGGERED("{}"), "\"line\" is missing"},
+             {TRIGGERED("{\"line\":\"gpio17\"}"), "gpio:CHIP:LINE"},
+             {TRIGGERED("{\"line\":\"gpio:a:1\",\"period_us\":0}"), "microseconds were expected"},
+             {TRIGGERED("{\"line\":\"gpio:a:1\",\"polarity\":\"up\"}"), "high or low"},
+             {TRIGGERED("{\"line\":\"gpio:a:1\",\"mode\":\"x\"}"), "CONTROL:VALUE"}};
+  for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+    sv_status r = read_rig(bad[i].text, &rig);
+    if (r >= 0) fail_msg("%s is taken", bad[i].text);
+    assert_contains(err.text, bad[i].word);
+  }
+}
+
 TEST(test_rig_refused) {
 #define LEFT VIEW("left", "left.cameramodel", "0")
   static const struct {
@@ -240,6 +278,7 @@ int main(void) {
                                      cmocka_unit_test(test_awkward_numbers),
                                      cmocka_unit_test(test_refused),
                                      cmocka_unit_test(test_rig),
+                                     cmocka_unit_test(test_rig_with_a_trigger),
                                      cmocka_unit_test(test_rig_refused)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -113,6 +113,51 @@ TEST(buffers_are_exported) {
   close_all();
 }
 
+// --- trigger -------------------------------------------------------------------------------------
+static int n_pulse_starts, n_pulse_stops, n_streaming;
+static int streams(void) { return fake.device[0].is_streaming + fake.device[1].is_streaming; }
+static sv_status pulses_start(void *self) {
+  (void)self;
+  n_pulse_starts++;
+  n_streaming += streams();
+  return SV_OK;
+}
+static void pulses_stop(void *self) {
+  (void)self;
+  n_pulse_stops++;
+  n_streaming += streams();
+}
+
+TEST(pulses_come_while_all_cameras_stream) {
+  static sv_trigger line;
+  line = (sv_trigger){.kind = SV_LINE_GPIO};
+  must_open(BOTH);
+  assert_null(src.trigger); // nobody makes pulses
+  v.cfg.trigger = (sv_camera_trigger){NULL, &line, pulses_start, pulses_stop};
+  src = sv_v4l2_source(&v);
+  n_pulse_starts = n_pulse_stops = n_streaming = 0;
+  assert_int_equal(src.trigger(src.self, false), SV_OK);
+  assert_int_equal(src.start(src.self), SV_OK);
+  assert_int_equal(src.stop(src.self), SV_OK);
+  assert_int_equal(n_pulse_starts + n_pulse_stops, 0);
+  sv_copy(line.mode, sizeof line.mode, "trigger_mode:1"); // which they do not have
+  assert_int_equal(src.trigger(src.self, true), SV_E_UNSUPPORTED);
+  assert_int_equal(n_events(SV_CAMERA_TRIGGER, NULL), 1);
+  for (int i = 0; i < 2; i++) fake.device[i].has_trigger = true;
+  assert_int_equal(src.trigger(src.self, true), SV_OK);
+  assert_int_equal(src.start(src.self), SV_OK);
+  assert_int_equal(fake.device[0].control[7] + fake.device[1].control[7], 2);
+  assert_int_equal(src.trigger(src.self, false), SV_E_ARG); // not while they run
+  assert_int_equal(n_pulse_starts, 1);
+  assert_int_equal(src.stop(src.self), SV_OK);
+  assert_int_equal(n_pulse_stops, 1);
+  assert_int_equal(n_streaming, 4); // both at the first pulse, and both at the last
+  line.kind = SV_LINE_NONE;
+  assert_int_equal(src.trigger(src.self, true), SV_E_UNSUPPORTED);
+  close_all();
+  assert_int_equal(fake.device[0].control[7] + fake.device[1].control[7], 0); // as before
+}
+
 // --- controls ------------------------------------------------------------------------------------
 TEST(controls_hold_still_and_are_given_back) {
   int32_t before[FAKE_V4L2_N_CONTROLS];
@@ -391,6 +436,7 @@ int main(void) {
       T(what_cannot_be_opened_is_refused_with_a_sentence),
       T(cameras_are_listed),
       T(buffers_are_exported),
+      T(pulses_come_while_all_cameras_stream),
       T(controls_hold_still_and_are_given_back),
       T(unlocked_controls_are_left_alone),
       T(an_unplugged_camera_comes_back),
