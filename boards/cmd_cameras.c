@@ -55,6 +55,10 @@ static const sv_tool_command command = {
             "  exposure=US gain=N wb=K lock=on|off settle=MS    fixed while they run, unless lock=off\n"
             "  stall=MS clock=camera|monotonic|boottime|realtime stamp=start|middle|end dmabuf=on|off\n"
             "  black=N red=F blue=F light=linear|display    raw sensors: black level, gains, kind of values\n"
+            "  trigger=gpio:CHIP:LINE|pwm:CHIP:CHANNEL trigger-period=US trigger-width=US "
+            "trigger-polarity=high|low\n"
+            "      trigger-mode=CONTROL:VALUE|MODULE.PARAMETER:VALUE    pulses for --sync trigger "
+            "(docs/boards.md)\n"
             "  sync=off|server|client    libcamera on Raspberry Pi: frames of several boards at one time\n"
             "All sources: tiles=CxR (one image holds C x R cameras), fov=DEG (a single camera without a "
             "rig).",
