@@ -85,6 +85,7 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .prior = (sv_prior_method)o->i_prior,
                   .optimizer = o->i_optimizer + 1,
                   .appearance = o->appearance_mode,
+                  .is_shutter_ignored = !strcmp(o->shutter, "global"),
                   .is_refining = o->is_refining,
                   .has_bounds = run.src.has_bounds,
                   .bounds = run.src.bounds,

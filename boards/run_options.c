@@ -52,6 +52,10 @@ static const sv_option rows[] = {
      "learn the color of: cameras (each its own, and its falloff), exposures (and cameras), off; auto: what "
      "the source does not lock [auto]",
      0, 0, NULL},
+    {"shutter", SV_OPT_TEXT, 1, 0, AT(shutter), "KIND",
+     "auto: lines are rendered when the rig's readout times say that they were read; global: all at once "
+     "[auto]",
+     0, 0, NULL},
     {"keep-blurred", SV_OPT_FLAG, 1, 0, AT(is_blur_kept), NULL,
      "without poses: keep exposures that are less than half as sharp as those before them", 0, 0, NULL},
     {"refine-poses", SV_OPT_FLAG, 1, 0, AT(is_refining), NULL,
@@ -139,6 +143,8 @@ static int check(run_options *o) {
     return usage_error("run", "--appearance %s: expected auto, off, cameras or exposures", o->appearance);
   if (appearance == SV_APPEARANCE_EXPOSURES && o->is_continuous)
     return usage_error("run", "--appearance exposures: not with --live, which replaces exposures");
+  if (strcmp(o->shutter, "auto") && strcmp(o->shutter, "global"))
+    return usage_error("run", "--shutter %s: expected auto or global", o->shutter);
   o->appearance_mode = (sv_appearance_mode)appearance;
   o->i_prior = sv_prior_method_by_name(o->prior);
   if (o->i_prior < 0) return usage_error("run", "--prior %s: expected none, fsgs or sparsegs", o->prior);
@@ -178,6 +184,7 @@ int run_options_parse(int argc, char **argv, run_options *o) {
                      .save_every = 30,
                      .picture_every = 5,
                      .exposure_s = 0.45,
+                     .shutter = "auto",
                      .prior = "none",
                      .scene = "static",
                      .appearance = "auto",

@@ -13,6 +13,7 @@ typedef struct {
   long exposures, steps, gaussians, sh, threads, seed, skew_ms, orbit, keep;
   double time_limit, save_every, picture_every;
   double exposure_s;
+  const char *shutter;    // auto or global
   const char *appearance; // auto, off, cameras or exposures
   const char *optimizer;  // NULL: the one that suits the exposures
   const char *prior;

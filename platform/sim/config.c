@@ -44,8 +44,6 @@ static const char *const RIGS[] = {
 #define X(id, name, text, angle_deg, forward, layout, rows, cols, overlap) name,
 #include "src/rig/devices.inc"
 };
-static const char *const SHUTTERS[] = {"down", "up", "right", "left"};
-#define N_SHUTTERS ((int)(sizeof SHUTTERS / sizeof *SHUTTERS))
 static const char *const FAULTS[] = {
 #define X(id, name, default_n, text) name,
 #include "platform/sim/faults.inc"
@@ -72,6 +70,8 @@ static const number_option NUMBERS[] = {
     REAL("angle", angle_deg, 0, 60),
     REAL("overlap", overlap, 1, SV_DEVICE_CAP_OVERLAP),
     REAL("arc", arc_deg, 0, 360),
+    REAL("turn_deg_s", turn_deg_s, 0, 360),
+    REAL("move_m_s", move_m_s, 0, 10),
     REAL("skew_us", skew_us, 0, 1e6),
     REAL("jitter_us", jitter_us, 0, 1e5),
     REAL("drift_ppm", drift_ppm, -1000, 1000),
@@ -225,8 +225,9 @@ static sv_status read_option(sv_sim_config *c, word option, sv_err *err) {
   }
   if (is(name, "path")) {
     c->is_handheld = is(v, "handheld");
-    c->is_smooth = c->is_handheld || is(v, "smooth");
-    return c->is_smooth || is(v, "step") ? SV_OK : bad(err, "path", v, "step, smooth or handheld");
+    c->is_swaying = is(v, "sway");
+    c->is_smooth = c->is_handheld || c->is_swaying || is(v, "smooth");
+    return c->is_smooth || is(v, "step") ? SV_OK : bad(err, "path", v, "step, smooth, handheld or sway");
   }
   if (is(name, "poses")) {
     c->has_unknown_poses = is(v, "unknown");
@@ -234,9 +235,11 @@ static sv_status read_option(sv_sim_config *c, word option, sv_err *err) {
   }
   if (is(name, "vignetting")) return read_vignetting(c, v, err);
   if (is(name, "shutter")) {
-    const int direction = find(v, SHUTTERS, N_SHUTTERS);
-    if (direction < 0) return unknown(err, "shutter", v, SHUTTERS, N_SHUTTERS);
-    c->optics.shutter = (sv_sim_shutter)direction;
+    const char *names[SV_N_SHUTTERS];
+    for (int i = 0; i < SV_N_SHUTTERS; i++) names[i] = sv_shutter_name((sv_shutter_direction)i);
+    const int direction = find(v, names, SV_N_SHUTTERS);
+    if (direction < 0) return unknown(err, "shutter", v, names, SV_N_SHUTTERS);
+    c->optics.shutter = (sv_shutter_direction)direction;
     return SV_OK;
   }
   if (is(name, "blur")) {
@@ -285,6 +288,8 @@ sv_sim_config sv_sim_defaults(void) {
                          .overlap = 1,
                          .n_exposures = 8,
                          .arc_deg = SCENE_ARC_DEG[SV_SIM_SCENE_TEXTURED],
+                         .turn_deg_s = 30,
+                         .move_m_s = 0.3,
                          .seed = 1,
                          .delay_us = 3000,
                          .shutter_us = 4000,
@@ -345,10 +350,10 @@ void sv_sim_list(sv_str *out) {
   sv_str_add(out, "  options: rig=");
   for (int i = 0; i < SV_N_DEVICES; i++) sv_str_add(out, "%s%s", i ? "|" : "", RIGS[i]);
   sv_str_add(
-      out,
-      ", grid=RxC, size=WxH, seed=N, path=step|smooth|handheld, poses=known|unknown, noise=read:V:shot:V, "
-      "fault=NAME[:CAMERA[:SLOT[:N]]][+...], vignetting=cos4|K1[:K2[:K3]], shutter=down|up|right|left, "
-      "blur=on|off");
+      out, ", grid=RxC, size=WxH, seed=N, path=step|smooth|handheld|sway, poses=known|unknown, "
+           "noise=read:V:shot:V, "
+           "fault=NAME[:CAMERA[:SLOT[:N]]][+...], vignetting=cos4|K1[:K2[:K3]], shutter=down|up|right|left, "
+           "blur=on|off");
   for (int i = 0; i < N_NUMBERS; i++) sv_str_add(out, ", %s=", NUMBERS[i].name);
   sv_str_add(out, "\n  faults: ");
   for (int i = 0; i < SV_SIM_N_FAULTS; i++) sv_str_add(out, "%s%s", i ? ", " : "", FAULTS[i]);

@@ -17,13 +17,6 @@
 extern "C" {
 #endif
 
-typedef enum {
-  SV_SIM_SHUTTER_DOWN,
-  SV_SIM_SHUTTER_UP,
-  SV_SIM_SHUTTER_RIGHT,
-  SV_SIM_SHUTTER_LEFT
-} sv_sim_shutter;
-
 typedef struct {
   // Relative illumination at distance r from the principal point: 1 + k1 r^2 + k2 r^4 + k3 r^6, r =
   // 1 at the farthest corner. Default 0.
@@ -40,7 +33,7 @@ typedef struct {
   double auto_exposure; // factor of light from the first slot of a round to the last (log-linear).
                         // Default 1
   double readout_ms;    // from the first line of a frame to the last; 0: all at once
-  sv_sim_shutter shutter;
+  sv_shutter_direction shutter;
   bool is_blurred;    // moves during shutter_us
   double aperture_mm; // diameter of the lens; 0: a pinhole
   double focus_m;     // distance that is sharp. Default 4

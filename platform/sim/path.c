@@ -17,6 +17,7 @@
 #define SWAY_M      0.04 // sway of the hand, per axis
 #define AIM_M       0.08 // sway of the target point
 #define ROLL        0.03
+#define SWAY_PER_S  1.404 // RMS slope of sway()
 
 sv_ns sv_sim_slot_ns(const sv_sim *sim, int64_t slot) {
   return SV_SIM_EPOCH_NS + slot * sim->period_ns + sim->period_ns / 2;
@@ -42,11 +43,23 @@ static double sway(double t_s, double phase) {
   return s;
 }
 
-static void sway_all(double t_s, double eye[3], double at[3], double up[3]) {
+typedef struct {
+  double eye_m, aim_m, roll;
+} amplitudes;
+
+// Of three axes that sway alike, and of the two across the line of sight.
+static amplitudes amplitudes_of(const sv_sim_config *c) {
+  const double rad_s = c->turn_deg_s * SV_PI / 180;
+  if (!c->is_swaying) return (amplitudes){SWAY_M, AIM_M, ROLL};
+  return (amplitudes){c->move_m_s / (SWAY_PER_S * sqrt(3)),
+                      rad_s * SV_SIM_DISTANCE_M / (SWAY_PER_S * sqrt(2)), ROLL};
+}
+
+static void sway_all(double t_s, const amplitudes *a, double eye[3], double at[3], double up[3]) {
   for (int i = 0; i < 3; i++) {
-    eye[i] += SWAY_M * sway(t_s, 0.17 + 0.31 * i);
-    at[i] += AIM_M * sway(t_s, 0.59 + 0.23 * i);
-    up[i] += ROLL * sway(t_s, 0.83 + 0.13 * i);
+    eye[i] += a->eye_m * sway(t_s, 0.17 + 0.31 * i);
+    at[i] += a->aim_m * sway(t_s, 0.59 + 0.23 * i);
+    up[i] += a->roll * sway(t_s, 0.83 + 0.13 * i);
   }
 }
 
@@ -62,11 +75,14 @@ void sv_sim_rig_pose(const sv_sim *sim, sv_ns host_ns, sv_pose *rig_from_world) 
     if (round - 2 * floor(0.5 * round) != 0) x = 1 - x;
     az = ARC_MIDDLE_DEG + arc * (x - 0.5);
   }
-  double el = (ELEVATION_DEG + RISE_DEG * sv_sin(2 * SV_PI * WAVES * s / n - SV_PI / 6)) * SV_PI / 180;
+  const double rise_deg = sim->cfg.is_swaying ? 0 : RISE_DEG;
+  double el = (ELEVATION_DEG + rise_deg * sv_sin(2 * SV_PI * WAVES * s / n - SV_PI / 6)) * SV_PI / 180;
   double c = sv_cos(el) * SV_SIM_DISTANCE_M, a = (az - 360 * floor(az / 360)) * SV_PI / 180;
   double eye[3] = {c * sv_cos(a), c * sv_sin(a), sv_sin(el) * SV_SIM_DISTANCE_M}, at[3] = {0},
          up[3] = {0, 0, 1};
-  if (sim->cfg.is_handheld) sway_all(sv_ns_to_s(host_ns - SV_SIM_EPOCH_NS), eye, at, up);
+  const amplitudes hand = amplitudes_of(&sim->cfg);
+  if (sim->cfg.is_handheld || sim->cfg.is_swaying)
+    sway_all(sv_ns_to_s(host_ns - SV_SIM_EPOCH_NS), &hand, eye, at, up);
   (void)sv_pose_look_at(rig_from_world, eye, at, up); // elevation stays below 90 degrees
 }
 

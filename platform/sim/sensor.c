@@ -96,8 +96,8 @@ void sv_sim_render(sv_sim *sim, const sv_view *view, double time_s, uint8_t *rgb
 // One sample of a sub-view: band after band, each at its time.
 static void draw_sample(sv_sim *sim, const sv_sub_view *sv, sv_ns mid_ns, const double lens_m[2], canvas *c) {
   const sv_sim_optics_cfg *o = &sim->cfg.optics;
-  const bool is_across = o->shutter >= SV_SIM_SHUTTER_RIGHT,
-             is_back = o->shutter == SV_SIM_SHUTTER_UP || o->shutter == SV_SIM_SHUTTER_LEFT;
+  const bool is_across = o->shutter >= SV_SHUTTER_RIGHT,
+             is_back = o->shutter == SV_SHUTTER_UP || o->shutter == SV_SHUTTER_LEFT;
   const int width_px = sv->model.width_px, height_px = sv->model.height_px;
   const int n = is_across ? width_px : height_px,
             band = o->readout_ms > 0 ? is_across ? COLUMNS_A_BAND : ROWS_A_BAND : n;

@@ -58,6 +58,8 @@ sv_status sv_sim_init(sv_sim *s, const sv_sim_config *cfg, sv_arena *arena, sv_e
   s->period_ns = (sv_ns)floor(1e9 / cfg->fps + 0.5);
   status = sv_device_build(&s->rig, &device, err);
   if (status < 0) return status;
+  for (int i = 0; i < s->rig.n_sub_views; i++)
+    s->rig.sub_views[i].shutter = (sv_shutter){1e-3 * cfg->optics.readout_ms, cfg->optics.shutter};
   s->largest_overlap = sv_device_largest_overlap(&s->rig, 0);
   sv_sim_scene_build(s->scene, cfg->scene);
   return SV_OK;

@@ -65,7 +65,9 @@ typedef struct {
   double arc_deg;           // azimuth covered by one round
   bool is_smooth;           // moves continuously, not in steps
   bool is_handheld;         // smooth, and swayed by a hand
-  bool has_unknown_poses;   // the source does not tell the rig's pose
+  bool is_swaying;          // smooth, without the rise, and swayed at these mean (RMS) speeds
+  double turn_deg_s, move_m_s;
+  bool has_unknown_poses; // the source does not tell the rig's pose
   uint32_t seed;
   double noise_read, noise_shot;    // variance = read + shot x in linear light; both 0: no noise
   double skew_us;                   // true delay of the last camera behind the first; the others in

@@ -82,6 +82,19 @@ static void undistort_mask(sv_sub_view_store *s, const sv_sub_view *v) {
     }
 }
 
+static sv_status find_row_time(sv_sub_view_store *s, const sv_sub_view *v, const sv_camera_caps *caps) {
+  const double *p = s->pinhole.p;
+  const sv_row_time_cfg cfg = {.shutter = v->shutter,
+                               .lens = &v->model,
+                               .x0_px = v->footprint.x0_px,
+                               .y0_px = v->footprint.y0_px,
+                               .sensor_width_px = caps[v->i_camera].width_px,
+                               .sensor_height_px = caps[v->i_camera].height_px,
+                               .half_x = sv_maxd(p[2], s->pinhole.width_px - p[2]) / p[0],
+                               .half_y = sv_maxd(p[3], s->pinhole.height_px - p[3]) / p[1]};
+  return sv_row_time_make(&s->row_time, &cfg);
+}
+
 sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *arena, sv_err *err) {
   if (cfg->cap_exposures < 1 || cfg->rig->n_sub_views < 1)
     return sv_fail(err, SV_E_ARG, "%d exposures of %d sub-views, expected at least one of each",
@@ -97,6 +110,10 @@ sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_are
       return sv_fail(err, s, "rig \"%s\", sub-view \"%s\": no undistortion table for %dx%d pixels",
                      cfg->rig->name, cfg->rig->sub_views[i].name, v->pinhole.width_px, v->pinhole.height_px);
     undistort_mask(v, &cfg->rig->sub_views[i]);
+    if (find_row_time(v, &cfg->rig->sub_views[i], cfg->caps) < 0)
+      return sv_fail(err, SV_E_RANGE,
+                     "rig \"%s\", sub-view \"%s\": the lens sees too little of its own image", cfg->rig->name,
+                     cfg->rig->sub_views[i].name);
   }
   return s;
 }

@@ -35,6 +35,7 @@ typedef struct {
   sv_remap map;            // entries NULL for a lens without distortion
   size_t at, bytes;        // of its picture inside one exposure's block
   uint8_t *mask;           // [height][width] of the pinhole, NULL without one
+  sv_row_time row_time;    // of a rolling shutter
 } sv_sub_view_store;
 
 typedef struct {

@@ -61,6 +61,25 @@ static sv_status read_footprint(const sv_json *j, int i_view, sv_sub_view *v, sv
   return SV_OK;
 }
 
+// How the sensor is read: a global shutter when nothing is said.
+static sv_status read_shutter(const sv_json *j, int i_view, sv_sub_view *v, sv_err *err) {
+  char name[16] = "down";
+  double ms = 0;
+  sv_status s = sv_json_get_double(j, i_view, "readout_ms", &ms, err);
+  if (s < 0) return s;
+  if (!(ms >= 0 && ms <= 1000))
+    return sv_json_fail(j, sv_json_get(j, i_view, "readout_ms"), err, SV_E_RANGE,
+                        "a readout of 0 to 1000 ms was expected");
+  s = sv_json_get_string(j, i_view, "shutter", name, sizeof name, err);
+  if (s < 0) return s;
+  const int direction = sv_shutter_by_name(name);
+  if (direction < 0)
+    return sv_json_fail(j, sv_json_get(j, i_view, "shutter"), err, SV_E_FORMAT,
+                        "\"%s\" is not one of down, up, right, left", name);
+  v->shutter = (sv_shutter){1e-3 * ms, (sv_shutter_direction)direction};
+  return SV_OK;
+}
+
 typedef char image_name[sizeof((sv_coverage_names *)0)->name[0]];
 
 // Only checks and keeps the name of an image; empty when there is none.
@@ -138,6 +157,7 @@ static sv_status read_sub_view(const reader *r, const sv_json *j, int i, sv_err 
                         r->n_cameras);
   v->i_camera = (int)camera;
   s = read_footprint(j, i, v, err);
+  if (s == SV_OK) s = read_shutter(j, i, v, err);
   if (s == SV_OK) s = read_images(j, i, r->rig, r->names, err);
   if (s == SV_OK) s = read_model(r, j, i, v, err);
   if (s == SV_OK) r->rig->n_sub_views++;
@@ -281,6 +301,9 @@ sv_status sv_rig_json_write_coverage(sv_str *out, const sv_rig *rig, const sv_co
     if (v->footprint.width_px)
       sv_str_add(out, ", \"footprint\": [%d, %d, %d, %d]", v->footprint.x0_px, v->footprint.y0_px,
                  v->footprint.width_px, v->footprint.height_px);
+    if (v->shutter.readout_s > 0)
+      sv_str_add(out, ", \"readout_ms\": %.6g, \"shutter\": \"%s\"", 1e3 * v->shutter.readout_s,
+                 sv_shutter_name(v->shutter.direction));
     if (names) add_image(out, "coverage", names->name[i]);
     if (names) add_image(out, "mask", names->mask[i]);
     sv_str_add(out, "}");

@@ -6,7 +6,9 @@
 // "footprint" is the sub-view's rectangle on a shared sensor and optional. With it, "coverage":
 // "a.png" may name an 8-bit grey image of its size: the share of 255 of each pixel that the lens
 // lights. "mask": "b.png" may name an 8-bit grey image of the sub-view's size, black where its
-// image is ignored: housing, own shadow; not for multiplexed rigs. At the top, "trigger" may name
+// image is ignored: housing, own shadow; not for multiplexed rigs. "readout_ms": 20 with "shutter":
+// "down" | "up" | "right" | "left" is the time from the first line of the sensor to the last;
+// without it the shutter is global. At the top, "trigger" may name
 // the cameras' trigger line (src/rig/trigger.h): {"line": "gpio:gpiochip0:17", "period_us": 33333,
 // "width_us": 1000, "polarity": "high" | "low", "mode": "imx296.trigger_mode:1"}.
 #ifndef SV_FORMAT_RIG_FILE_H

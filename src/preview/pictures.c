@@ -51,7 +51,7 @@ void sv_pictures_size(const sv_rig *rig, const sv_camera_caps *caps, int n_camer
 static sv_status show_view(const sv_pictures *o, const sv_train_view *tv) {
   const sv_publish *p = o->publish;
   const sv_planes *measured;
-  sv_status s = sv_driver_render(o->t, &tv->view, &measured);
+  sv_status s = sv_driver_render_view(o->t, (int)(tv - o->t->views), &measured);
   if (s < 0) return s;
   int w = tv->view.width_px, h = tv->view.height_px;
   for (int y = 0; y < h; y++) {
@@ -156,7 +156,7 @@ static int begin_pair(sv_picture_pair *p, int width_px, int height_px) {
 
 static sv_status pair_of_view(sv_trainer *t, const sv_train_view *tv, sv_picture_pair *p) {
   const sv_planes *rendered;
-  sv_status s = sv_driver_render(t, &tv->view, &rendered);
+  sv_status s = sv_driver_render_view(t, (int)(tv - t->views), &rendered);
   if (s < 0) return s;
   const int w = tv->view.width_px, h = tv->view.height_px, n_ch = tv->image.n_channels,
             step = begin_pair(p, w, h);

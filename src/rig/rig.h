@@ -13,6 +13,7 @@
 #include "src/base/arena.h"
 #include "src/base/time.h"
 #include "src/base/vec.h"
+#include "src/rig/shutter.h"
 #include "src/rig/trigger.h"
 
 #ifdef __cplusplus
@@ -39,6 +40,7 @@ typedef struct {
   sv_footprint footprint;
   // [height][width] of the model: 0 where its image is ignored (housing, own shadow); NULL: nowhere
   const uint8_t *mask;
+  sv_shutter shutter; // of its sensor
 } sv_sub_view;
 
 typedef struct {
@@ -87,7 +89,9 @@ typedef struct {
   sv_ns skew_ns;                           // largest difference between two cameras
   uint64_t present[SV_CAP_SUB_VIEWS / 64]; // one bit per camera
   sv_pose rig_from_world;
-  bool has_pose; // known from the source; else the identity until odometry finds it
+  bool has_pose;    // known from the source; else the identity until odometry finds it
+  double motion[6]; // of rig_from_world (src/rig/shutter.h)
+  bool has_motion;  // likewise; else 0
 } sv_exposure;
 
 #ifdef __cplusplus

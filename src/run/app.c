@@ -5,6 +5,8 @@
 #include <stdarg.h>
 #include <string.h>
 
+#include "src/base/mathx.h"
+#include "src/capture/motion.h"
 #include "src/train/checkpoint.h"
 #include "src/train/seed.h"
 
@@ -156,6 +158,14 @@ static sv_heat heat_now(void *self) { return sv_app_heat(self); }
 static bool is_exposure_due(void *self) { return sv_app_is_exposure_due(self); }
 static sv_status publish(void *self) { return sv_app_publish_preview(self); }
 
+// View i_view of the trainer is sub-view i_sub of exposure e.
+static void set_rolling(sv_app *app, int i_view, int e, int i_sub) {
+  sv_row_time time;
+  double motion[6];
+  const bool is_rolling = sv_exposures_rolling(&app->exposures, e, i_sub, &time, motion);
+  if (is_rolling) sv_train_set_rolling(&app->trainer, i_view, &time, motion);
+}
+
 // The newest exposure takes the place of the oldest, in the pool and in what is trained on.
 static sv_status replace_oldest(void *self, sv_err *err) {
   sv_app *app = self;
@@ -170,7 +180,8 @@ static sv_status replace_oldest(void *self, sv_err *err) {
     if (!sv_app_is_trained_on(&app->cfg, i)) continue;
     sv_exposures_get(&app->exposures, slot, i, &image, &view);
     view.time = sv_app_time_of(app, app->exposures.exposure[slot].time_ns);
-    sv_train_replace_view(&app->trainer, slot * n + i_view++, &view, &image);
+    sv_train_replace_view(&app->trainer, slot * n + i_view, &view, &image);
+    set_rolling(app, slot * n + i_view++, slot, i);
   }
   return sv_app_enter_exposure(app, slot);
 }
@@ -310,6 +321,7 @@ static sv_status add_pictures(sv_app *app, int e, sv_err *err) {
     view.time = sv_app_time_of(app, app->exposures.exposure[e].time_ns);
     sv_status s = sv_train_add_view(&app->trainer, &view, &image, err);
     if (s < 0) return s;
+    set_rolling(app, app->trainer.n_views - 1, e, i);
     sv_train_set_appearance(&app->trainer, app->trainer.n_views - 1, app->cfg.rig->sub_views[i].i_camera, e);
     if (app->cfg.is_refining)
       sv_train_refine_view(&app->trainer, app->trainer.n_views - 1, e,
@@ -381,8 +393,18 @@ static sv_bounds bounds_of_views(sv_app *app) {
   return b;
 }
 
+// How the rig moves while the lines of its cameras are read.
+static void find_motion(sv_app *app) {
+  if (!app->trainer.cfg.is_rolling) return;
+  const sv_motion_summary m = sv_exposures_find_motion(&app->exposures);
+  sv_app_log(app, SV_LOG_INFO,
+             "rolling shutter: motion of %d of %d exposures known, %.1f degrees/s and %.2f m/s in the mean",
+             m.n, app->exposures.n, m.turn_rad_s * 180 / SV_PI, m.move);
+}
+
 static sv_status start_training(sv_app *app, sv_err *err) {
   const bool is_tracked = app->odometry.is_tracked;
+  find_motion(app);
   sv_app_begin_moving(app);
   for (int e = 0; e < app->exposures.n; e++) {
     if (is_tracked && !app->exposures.exposure[e].has_pose) continue; // nobody knows where it was

@@ -64,6 +64,14 @@ static void plan_appearance(const sv_app_cfg *c, sv_train_cfg *t) {
   t->appearance.n_exposures = mode == SV_APPEARANCE_EXPOSURES ? c->n_exposures : 0;
 }
 
+// Only where sub-views that are trained on are read line by line.
+static bool is_rolling(const sv_app_cfg *c) {
+  if (c->is_shutter_ignored || c->is_dynamic || is_multiplexed(c)) return false;
+  for (int i = 0; i < c->rig->n_sub_views; i++)
+    if (sv_app_is_trained_on(c, i) && c->rig->sub_views[i].shutter.readout_s > 0) return true;
+  return false;
+}
+
 sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
   sv_train_cfg t = c->train;
   t.cap_views = c->n_exposures * sv_app_n_trained_sub_views(c);
@@ -96,6 +104,7 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
                                    .from = 0.05f,
                                    .until = 1};
   plan_appearance(c, &t);
+  t.is_rolling = is_rolling(c);
   if (c->is_dynamic) sv_app_plan_moving(c, &t);
   if (c->steps) t.expected_steps = (int)c->steps;
   return t;

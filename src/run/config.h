@@ -73,6 +73,8 @@ typedef struct {
   int optimizer;
   // Whether training learns what cameras and exposures do to color (src/train/appearance.h).
   sv_appearance_mode appearance;
+  // Rolling shutters are taken for global ones. Default false.
+  bool is_shutter_ignored;
   // Training refines the rig's poses; those of the first exposure are held.
   bool is_refining;
   // The source has no poses of the rig: find them from the images.

@@ -5,7 +5,8 @@
 #include <string.h>
 
 #define CAP_EVENTS 32
-#define MAX_FRAMES 64 // of one step, so that a flood of frames does not hold up the caller
+#define MOTION_NS  (5 * SV_NS_PER_MS) // before and after an exposure, between which the rig moves evenly
+#define MAX_FRAMES 64                 // of one step, so that a flood of frames does not hold up the caller
 
 static sv_sync_cfg sync_cfg(const sv_capture_queue_cfg *c, const sv_sync_camera *cameras) {
   return (sv_sync_cfg){.n_cameras = c->n_cameras,
@@ -146,6 +147,15 @@ static void collect_done(sv_capture_queue *in) {
   }
 }
 
+// Of a source that tells poses at any time.
+static bool tell_motion(const sv_source *source, sv_exposure *e) {
+  sv_pose before, after;
+  return source->rig_pose(source->self, e->time_ns - MOTION_NS, &before) >= 0 &&
+         source->rig_pose(source->self, e->time_ns + MOTION_NS, &after) >= 0 &&
+         sv_motion_between(e->motion, &e->rig_from_world, &before, sv_ns_to_s(MOTION_NS), &after,
+                           sv_ns_to_s(MOTION_NS));
+}
+
 // Exposures that are complete go to the user, or, when it has enough to do, nowhere.
 static void hand_out(sv_capture_queue *in) {
   for (;;) {
@@ -162,6 +172,7 @@ static void hand_out(sv_capture_queue *in) {
     e->has_pose =
         in->source.rig_pose && in->source.rig_pose(in->source.self, e->time_ns, &e->rig_from_world) >= 0;
     if (!e->has_pose) e->rig_from_world = sv_pose_identity();
+    e->has_motion = e->has_pose && tell_motion(&in->source, e);
     slot->is_used = false;
     if (sv_ring_push(&in->ready, &i) == SV_OK) in->n_free--; // as large as cap_ready, so never full
   }

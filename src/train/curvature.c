@@ -71,7 +71,8 @@ static uint32_t gradients_of(const job *j, int b, int i_thread, float *grad) {
   const sv_trainer *t = j->t;
   uint32_t touched = sv_render_bwd_block(&t->render, b, i_thread, NULL,
                                          &(sv_block_grads){grad, grad + SV_CAP_ROWS * 16, NULL});
-  if (b < t->render.n_moved_blocks && SV_TRAIN_HAS(t, pull_back))
+  if (t->cfg.is_rolling) sv_train_roll_bwd(t, b, touched, grad, NULL);
+  else if (b < t->render.n_moved_blocks && SV_TRAIN_HAS(t, pull_back))
     t->hooks->pull_back(t->hooked, b, touched, grad);
   return touched;
 }

@@ -196,6 +196,14 @@ sv_status sv_driver_render(sv_trainer *t, const sv_view *view, const sv_planes *
   return sv_train_measure(t, view, &o, sv_train_is_supersampled(t, 1, 1.0f), out);
 }
 
+sv_status sv_driver_render_view(sv_trainer *t, int i_view, const sv_planes **out) {
+  const sv_view *view = &t->views[i_view].view;
+  sv_train_roll(t, i_view, view, sv_train_render_options(t, 1.0f, false).near_z);
+  sv_status s = sv_driver_render(t, view, out);
+  sv_train_unroll(t);
+  return s;
+}
+
 // Over the pixels that count; 0 when none does.
 static double mse_of(const sv_planes *p, const sv_image_u8 *im) {
   double sum = 0;
@@ -224,7 +232,7 @@ sv_status sv_driver_view_mse(sv_trainer *t, int i_view, double *mse) {
   const sv_train_view *v = &t->views[i_view];
   const sv_planes *p;
   const float black[3] = {0};
-  sv_status s = sv_driver_render(t, &v->view, &p);
+  sv_status s = sv_driver_render_view(t, i_view, &p);
   if (s >= 0 && sv_train_has_appearance(t, i_view)) sv_train_load_image(t, &v->image, 1, black, &t->target);
   if (s >= 0) *mse = mse_of(sv_train_appear(t, i_view, &v->view, p), &v->image);
   return s;

@@ -108,6 +108,8 @@ const sv_view *sv_driver_view(const sv_trainer *t, int i);
 
 // The finished model as the camera of a view sees it; *out is valid until the next rendering.
 sv_status sv_driver_render(sv_trainer *t, const sv_view *view, const sv_planes **out) SV_MUST_USE;
+// The same with a training view's rolling shutter.
+sv_status sv_driver_render_view(sv_trainer *t, int i_view, const sv_planes **out) SV_MUST_USE;
 // Mean squared error against an image [height][width][3] of a view, values 0 to 1.
 sv_status sv_driver_mse(sv_trainer *t, const sv_view *view, const uint8_t *rgb, double *mse) SV_MUST_USE;
 // The same against a training image, as its camera shows the model.

@@ -205,9 +205,11 @@ static void optimise_task(void *arg, int i_task, int i_thread) {
     prefetch_lines(t->g.param + at, rows * sizeof *t->g.param);
     uint32_t touched = sv_render_bwd_block(&t->render, b, i_thread, &j->reg,
                                            &(sv_block_grads){grad, err, j->has_pose ? pose : NULL});
+    if (t->cfg.is_rolling) sv_train_roll_bwd(t, b, touched, grad, j->has_pose ? pose : NULL);
     add_pose(j, i_task, pose);
     prefetch_lines(t->m + at, rows * sizeof *t->m);
-    if (b < t->render.n_moved_blocks) t->hooks->update_block(t->hooked, b, i_thread, touched, grad, err + 16);
+    if (b < t->render.n_moved_blocks && !t->cfg.is_rolling)
+      t->hooks->update_block(t->hooked, b, i_thread, touched, grad, err + 16);
     if (touched) move(j, b, &(block_grads){grad, err, touched, touched}, &w);
     prefetch_lines(t->v + at, rows * sizeof *t->v);
     n += (uint32_t)__builtin_popcount(touched);
@@ -232,6 +234,7 @@ static void collect_task(void *arg, int i_task, int i_thread) {
   for (int b = b0; b < b1; b++) {
     uint32_t touched = sv_render_bwd_block(&t->render, b, i_thread, &j->reg,
                                            &(sv_block_grads){grad, err, j->has_pose ? pose : NULL});
+    if (t->cfg.is_rolling) sv_train_roll_bwd(t, b, touched, grad, j->has_pose ? pose : NULL);
     add_pose(j, i_task, pose);
     if (!touched) continue;
     float *sum = sum_of(t, b);

@@ -166,7 +166,11 @@ static sv_status view_step(sv_trainer *t, const sv_train_choice *c, const sv_ren
   const sv_planes *x;
   sv_train_image im;
   sv_status s = begin_image(t, c, o, &im);
-  if (s < 0 || (s = sv_train_measure(t, &im.view, &im.options, im.is_supersampled, &x)) < 0) return s;
+  if (s < 0) return s;
+  sv_train_roll(t, c->i_view, &im.view, im.options.near_z);
+  s = sv_train_measure(t, &im.view, &im.options, im.is_supersampled, &x);
+  sv_train_unroll(t);
+  if (s < 0) return s;
   const sv_planes *shown = sv_train_appear(t, c->i_view, &im.view, x);
   const sv_image_u8 *image = im.has_target ? NULL : &t->views[c->i_view].image; // with its mask
   sv_train_mask_copy(t, image, im.scale, shown, &t->target);

@@ -138,6 +138,7 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
     t->poses.sum = sv_arena_take(a, cap / 16 + 1, sizeof *t->poses.sum);
   }
   sv_appearance_carve(&t->appearance, c, px, a);
+  if (c->is_rolling) sv_rolling_carve(&t->rolling, &t->g, c->cap_views, a);
   return a->status < 0 ? a->status : SV_OK;
 }
 
@@ -184,6 +185,10 @@ static sv_status check(const sv_train_cfg *c, sv_err *err) {
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "poses are refined with still scenes and whole pictures: not with moving ones, and not on "
                    "multiplexed sensors");
+  if (c->is_rolling && (c->has_motion || c->cap_measurements > 0))
+    return sv_fail(err, SV_E_UNSUPPORTED,
+                   "rolling shutters are modeled with still scenes and whole pictures: not with moving ones, "
+                   "and not on multiplexed sensors");
   if (c->has_images && (c->has_motion || c->cap_measurements > 0))
     return sv_fail(
         err, SV_E_UNSUPPORTED,
@@ -245,6 +250,7 @@ sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u
   t->share += (double)t->views[t->n_views].share;
   if (t->cfg.poses.cap_poses > 0) t->poses.pose_of[t->n_views] = -1;
   sv_train_set_appearance(t, t->n_views, -1, -1);
+  sv_train_set_rolling(t, t->n_views, NULL, NULL);
   if (t->n_views == 0 || fabsf(view->time - 0.5f) < fabsf(t->reference_time - 0.5f))
     t->reference_time = view->time;
   if (t->n_views == 0 || view->time > t->newest_time) t->newest_time = view->time;
@@ -256,6 +262,7 @@ sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u
 void sv_train_replace_view(sv_trainer *t, int i_view, const sv_view *view, const sv_image_u8 *image) {
   t->share -= (double)t->views[i_view].share;
   t->views[i_view] = view_of(view, image);
+  sv_train_set_rolling(t, i_view, NULL, NULL);
   t->share += (double)t->views[i_view].share;
   t->newest_time = sv_maxf(t->newest_time, view->time);
 }

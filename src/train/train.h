@@ -16,6 +16,7 @@
 #include "src/splat/render.h"
 #include "src/train/appearance.h"
 #include "src/train/hooks.h"
+#include "src/train/rolling.h"
 #include "src/train/train_cfg.h"
 
 #ifdef __cplusplus
@@ -77,6 +78,7 @@ struct sv_trainer {
   sv_supersample supersample;
   sv_train_poses poses;
   sv_appearance appearance;
+  sv_rolling rolling;
   // Image planes. The rule of who may write which when:
   // - target is of the step's image: written when it is loaded, read until its loss is known. From
   //   then on it is free for reuse (curvature.c puts the probe's signs there).

@@ -119,6 +119,9 @@ typedef struct sv_train_cfg {
   // false.
   bool has_images;
   sv_train_poses_cfg poses;     // Pose refinement. Default: none.
+  // Whether views of rolling shutters are rendered row by row (src/train/rolling.h), which takes
+  // memory. Default false.
+  bool is_rolling;
   sv_appearance_cfg appearance; // Of cameras and exposures. Default: none.
 } sv_train_cfg;
 
