@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// How the rig moved while the cameras of a rolling shutter read their lines. Writes the motion of
-// the exposures of a pool (src/rig/shutter.h) from their poses.
-// Owns nothing. Never finds poses: the source or odometry does.
+// How the rig moved while the cameras of a rolling shutter read their lines: what the exposures of
+// a pool tell of it.
+// Owns nothing. Never finds motion: the source (src/sync/capture_queue.c) or odometry does.
 #ifndef SV_CAPTURE_MOTION_H
 #define SV_CAPTURE_MOTION_H
 
@@ -16,9 +16,7 @@ typedef struct {
   double turn_rad_s, move; // root mean square over them; world units a second
 } sv_motion_summary;
 
-// Motion of the exposures whose source did not tell it, from the poses before and after each, where
-// those are at most half a second away. Exposures without neighbors keep none.
-sv_motion_summary sv_exposures_find_motion(sv_exposures *e);
+sv_motion_summary sv_exposures_motion(const sv_exposures *e);
 // When the images of a sub-view are read, and how its camera moved in exposure i (cam_from_world).
 // False without a rolling shutter or motion.
 bool sv_exposures_rolling(const sv_exposures *e, int i, int i_sub, sv_row_time *time, double motion[6]);

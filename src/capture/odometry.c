@@ -23,6 +23,10 @@ sv_status sv_odometry_init(sv_odometry *o, const sv_odometry_cfg *cfg, sv_arena 
   o->a = SV_TAKE(a, sv_pose, cfg->cap_exposures);
   o->b = SV_TAKE(a, sv_pose, cfg->cap_exposures);
   for (int i = 0; o->model && pool && i < rig->n_sub_views; i++) o->model[i] = pool->sub[i].pinhole;
+  if (cfg->is_rolling) o->row_time = SV_TAKE(a, sv_row_time, rig->n_sub_views);
+  for (int i = 0; o->row_time && pool && i < rig->n_sub_views; i++) o->row_time[i] = pool->sub[i].row_time;
+  // On a dry arena, any address: it is not looked at.
+  c.row_time = cfg->is_rolling && !o->row_time ? &(sv_row_time){0} : o->row_time;
   c.rig = rig;
   c.model = o->model;
   c.cap_exposures = cfg->cap_exposures;
@@ -43,6 +47,7 @@ sv_status sv_odometry_init(sv_odometry *o, const sv_odometry_cfg *cfg, sv_arena 
 sv_status sv_odometry_add(sv_odometry *o, const sv_exposures *pool, int e) {
   sv_view view;
   for (int i = 0; i < pool->cfg.rig->n_sub_views; i++) sv_exposures_get(pool, e, i, &o->image[i], &view);
+  sv_tracker_set_time(&o->tracker, sv_ns_to_s(pool->exposure[e].time_ns - pool->exposure[0].time_ns));
   return sv_tracker_add(&o->tracker, o->image);
 }
 
@@ -57,6 +62,9 @@ void sv_odometry_finish(sv_odometry *o, sv_exposures *pool) {
   for (int e = 0; e < s->n_exposures; e++) {
     pool->exposure[e].rig_from_world = o->tracker.pose[e];
     pool->exposure[e].has_pose = o->tracker.is_placed[e];
+    pool->exposure[e].has_motion = o->tracker.motion && o->tracker.is_placed[e];
+    if (pool->exposure[e].has_motion)
+      memcpy(pool->exposure[e].motion, o->tracker.motion[e], sizeof o->tracker.motion[e]);
   }
 }
 

@@ -21,6 +21,7 @@ typedef struct {
   sv_tracker tracker;
   sv_track_summary summary;
   sv_camera_model *model; // [n_sub_views] of the undistorted pictures
+  sv_row_time *row_time;  // [n_sub_views] of rolling shutters, or NULL
   sv_image_u8 *image;     // [n_sub_views] of one exposure
   float *work;            // [points of the tracker]
   sv_pose *a, *b;         // [cap_exposures] two trajectories
@@ -33,6 +34,7 @@ typedef struct {
   int cap_exposures;
   const sv_exposures *pool; // where the images will be; NULL on a dry arena
   const sv_kernels *k;      // likewise
+  bool is_rolling;          // the rig's readout times count
   uint64_t seed;
   struct sv_heartbeats *heartbeats; // may be NULL
 } sv_odometry_cfg;

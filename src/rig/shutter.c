@@ -44,7 +44,7 @@ sv_status sv_row_time_make(sv_row_time *out, const sv_row_time_cfg *c) {
   if (!(c->shutter.readout_s > 0)) return SV_OK;
   // Coordinates of -1 to 1, which keep the system well conditioned.
   for (int i = 0; i < GRID * GRID; i++) {
-    const double u = 2.0 * (i % GRID) / (GRID - 1) - 1, v = 2.0 * (i / GRID) / (GRID - 1) - 1; // NOLINT
+    const double u = 2.0 * (i % GRID) / (GRID - 1) - 1, v = 2.0 * (i / GRID) / (GRID - 1) - 1;
     const double x[3] = {u * c->half_x, v * c->half_y, 1};
     double uv[2];
     if (!sv_model_project(c->lens, x, uv, NULL, NULL)) continue;
@@ -73,11 +73,10 @@ double sv_row_time_at(const sv_row_time *t, double x, double y) {
 
 // --- motion --------------------------------------------------------------------------------------
 
-void sv_motion_apply(double out[3], const double twist[6], double s, const double x[3]) {
+void sv_motion_apply(double out[3], const double twist[6], double s, const double x[3], double turn[9]) {
   const double w[3] = {s * twist[0], s * twist[1], s * twist[2]};
-  double r[9];
-  sv_rodrigues(r, w);
-  sv_apply33(out, r, x);
+  sv_rodrigues(turn, w);
+  sv_apply33(out, turn, x);
   for (int i = 0; i < 3; i++) out[i] += s * twist[3 + i];
 }
 
@@ -93,25 +92,25 @@ void sv_motion_of_camera(double out[6], const double rig[6], const sv_pose *c) {
   }
 }
 
-// Twist a second from a pose to another.
-static void mean_motion(double out[6], const sv_pose *from, const sv_pose *to, double s) {
-  const sv_pose back = sv_pose_inv(from), step = sv_pose_mul(to, &back);
-  sv_rodrigues_inv(out, step.r);
-  for (int i = 0; i < 3; i++) {
-    out[i] /= s;
-    out[3 + i] = step.t[i] / s;
-  }
+void sv_motion_slopes(double slope[2], double a_s, double b_s) {
+  // The parabola through 0 and both.
+  const bool is_both = a_s != 0 && b_s != 0;
+  slope[0] = is_both ? b_s / (a_s * (b_s - a_s)) : a_s != 0 ? 1 / a_s : 0;
+  slope[1] = is_both ? a_s / (b_s * (a_s - b_s)) : b_s != 0 ? 1 / b_s : 0;
 }
 
-bool sv_motion_between(double out[6], const sv_pose *at, const sv_pose *before, double before_s,
-                       const sv_pose *after, double after_s) {
-  double was[6] = {0}, next[6] = {0};
-  if (before_s > 0) mean_motion(was, at, before, -before_s);
-  if (after_s > 0) mean_motion(next, at, after, after_s);
-  const double sum = before_s + after_s;
-  if (!(sum > 0)) return false;
-  // The nearer one counts more: the slope of the parabola through all three.
-  const double share = after_s > 0 ? before_s > 0 ? before_s / sum : 1 : 0;
-  for (int i = 0; i < 6; i++) out[i] = share * next[i] + (1 - share) * was[i];
-  return true;
+void sv_motion_from(double out[6], const double slope[2], const sv_pose *at, const sv_pose *a,
+                    const sv_pose *b) {
+  const sv_pose *const other[2] = {a, b}, back = sv_pose_inv(at);
+  for (int i = 0; i < 6; i++) out[i] = 0;
+  for (int k = 0; k < 2; k++) {
+    if (slope[k] == 0) continue;
+    const sv_pose step = sv_pose_mul(other[k], &back);
+    double w[3];
+    sv_rodrigues_inv(w, step.r);
+    for (int i = 0; i < 3; i++) {
+      out[i] += slope[k] * w[i];
+      out[3 + i] += slope[k] * step.t[i];
+    }
+  }
 }

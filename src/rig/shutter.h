@@ -52,14 +52,16 @@ sv_status sv_row_time_make(sv_row_time *out, const sv_row_time_cfg *cfg) SV_MUST
 double sv_row_time_at(const sv_row_time *t, double x, double y); // of a direction (x/z, y/z)
 
 // A rig's or camera's motion: twists a second (omega, v) of its frame from the world's. The point
-// that it has at x is at exp(s omega) x + s v after s seconds.
-void sv_motion_apply(double out[3], const double twist_per_s[6], double s, const double x[3]);
+// that it has at x is at exp(s omega) x + s v after s seconds. turn: exp(s omega).
+void sv_motion_apply(double out[3], const double twist_per_s[6], double s, const double x[3], double turn[9]);
 // The same motion in the frame of a camera of the rig.
 void sv_motion_of_camera(double out[6], const double rig[6], const sv_pose *cam_from_rig);
-// The motion at a pose from those before and after it, at these distances in seconds (0: there is
-// none). Exact for a twist that grows linearly. False without either.
-bool sv_motion_between(double out[6], const sv_pose *at, const sv_pose *before, double before_s,
-                       const sv_pose *after, double after_s);
+// The motion at a pose is slope[0] log(a) + slope[1] log(b), where a and b are the twists from it
+// to two other poses, a_s and b_s seconds later (negative: earlier; 0: there is none). Exact for a
+// twist that grows evenly.
+void sv_motion_slopes(double slope[2], double a_s, double b_s);
+void sv_motion_from(double out[6], const double slope[2], const sv_pose *at, const sv_pose *a,
+                    const sv_pose *b);
 
 #ifdef __cplusplus
 }

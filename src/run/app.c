@@ -110,6 +110,7 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
                               .pool = a->base ? &app->exposures : NULL,
                               .k = compute.k,
                               .seed = c->train.seed,
+                              .is_rolling = t->is_rolling,
                               .heartbeats = app->port.heartbeats};
   if (is_handheld(c)) s = sv_odometry_init(&app->odometry, &oc, a, err);
   if (s < 0) return s;
@@ -394,9 +395,9 @@ static sv_bounds bounds_of_views(sv_app *app) {
 }
 
 // How the rig moves while the lines of its cameras are read.
-static void find_motion(sv_app *app) {
+static void log_motion(sv_app *app) {
   if (!app->trainer.cfg.is_rolling) return;
-  const sv_motion_summary m = sv_exposures_find_motion(&app->exposures);
+  const sv_motion_summary m = sv_exposures_motion(&app->exposures);
   sv_app_log(app, SV_LOG_INFO,
              "rolling shutter: motion of %d of %d exposures known, %.1f degrees/s and %.2f m/s in the mean",
              m.n, app->exposures.n, m.turn_rad_s * 180 / SV_PI, m.move);
@@ -404,7 +405,7 @@ static void find_motion(sv_app *app) {
 
 static sv_status start_training(sv_app *app, sv_err *err) {
   const bool is_tracked = app->odometry.is_tracked;
-  find_motion(app);
+  log_motion(app);
   sv_app_begin_moving(app);
   for (int e = 0; e < app->exposures.n; e++) {
     if (is_tracked && !app->exposures.exposure[e].has_pose) continue; // nobody knows where it was

@@ -5,8 +5,7 @@
 #include <string.h>
 
 #define CAP_EVENTS 32
-#define MOTION_NS  (5 * SV_NS_PER_MS) // before and after an exposure, between which the rig moves evenly
-#define MAX_FRAMES 64                 // of one step, so that a flood of frames does not hold up the caller
+#define MAX_FRAMES 64 // of one step, so that a flood of frames does not hold up the caller
 
 static sv_sync_cfg sync_cfg(const sv_capture_queue_cfg *c, const sv_sync_camera *cameras) {
   return (sv_sync_cfg){.n_cameras = c->n_cameras,
@@ -147,13 +146,19 @@ static void collect_done(sv_capture_queue *in) {
   }
 }
 
+#define MOTION_NS (5 * SV_NS_PER_MS) // from poses so long before and after an exposure
+
 // Of a source that tells poses at any time.
 static bool tell_motion(const sv_source *source, sv_exposure *e) {
+  const double s = sv_ns_to_s(MOTION_NS);
   sv_pose before, after;
-  return source->rig_pose(source->self, e->time_ns - MOTION_NS, &before) >= 0 &&
-         source->rig_pose(source->self, e->time_ns + MOTION_NS, &after) >= 0 &&
-         sv_motion_between(e->motion, &e->rig_from_world, &before, sv_ns_to_s(MOTION_NS), &after,
-                           sv_ns_to_s(MOTION_NS));
+  double slope[2];
+  if (source->rig_pose(source->self, e->time_ns - MOTION_NS, &before) < 0 ||
+      source->rig_pose(source->self, e->time_ns + MOTION_NS, &after) < 0)
+    return false;
+  sv_motion_slopes(slope, -s, s);
+  sv_motion_from(e->motion, slope, &e->rig_from_world, &before, &after);
+  return true;
 }
 
 // Exposures that are complete go to the user, or, when it has enough to do, nowhere.

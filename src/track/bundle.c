@@ -6,6 +6,7 @@
 #include "src/base/cholesky.h"
 #include "src/base/mathx.h"
 #include "src/port/heartbeat.h"
+#include "src/rig/shutter.h"
 
 #define NEAR_Z       1e-3  // m; nearer points do not project
 #define BEHIND_PX    100.0 // cost of an observation whose point lies behind the camera
@@ -22,6 +23,9 @@ sv_status sv_bundle_init(sv_bundle *b, const sv_bundle_cfg *cfg, sv_arena *a) {
   size_t n = 6 * ((size_t)cfg->cap_poses + (cfg->has_extrinsics ? (size_t)cfg->cap_cameras : 0));
   b->pose = SV_TAKE(a, sv_pose, cfg->cap_poses);
   b->pose_kept = SV_TAKE(a, sv_pose, cfg->cap_poses);
+  b->beside = sv_arena_take(a, (size_t)cfg->cap_poses, sizeof *b->beside);
+  b->slope = sv_arena_take(a, (size_t)cfg->cap_poses, sizeof *b->slope);
+  b->motion = sv_arena_take(a, (size_t)cfg->cap_poses, sizeof *b->motion);
   b->is_fixed = SV_TAKE(a, bool, cfg->cap_poses);
   b->camera = SV_TAKE(a, sv_bundle_camera, cfg->cap_cameras);
   b->calibrated = SV_TAKE(a, sv_pose, cfg->cap_cameras);
@@ -38,6 +42,10 @@ sv_status sv_bundle_init(sv_bundle *b, const sv_bundle_cfg *cfg, sv_arena *a) {
   b->is_seen = SV_TAKE(a, int, n_blocks);
   b->in_use = SV_TAKE(a, int, n_blocks);
   b->w = sv_arena_take(a, n_blocks, sizeof *b->w);
+  for (int i = 0; b->slope && b->beside && i < cfg->cap_poses; i++) {
+    b->beside[i][0] = b->beside[i][1] = -1;
+    b->slope[i][0] = b->slope[i][1] = 0;
+  }
   return a->status;
 }
 
@@ -74,19 +82,23 @@ bool sv_bundle_residual(const sv_bundle *b, const sv_bundle_obs *obs, const doub
                         sv_bundle_jacobian *j) {
   const sv_pose *rig = &b->pose[obs->i_pose];
   const sv_bundle_camera *c = &b->camera[obs->i_camera];
-  double x_rig[3], q[3];
+  double x_rig[3], at[3], q[3], turn[9];
   sv_pose_apply(x_rig, rig, x);
-  sv_pose_apply(q, &c->cam_from_rig, x_rig);
+  memcpy(at, x_rig, sizeof at);
+  if (obs->row_s != 0) sv_motion_apply(at, b->motion[obs->i_pose], (double)obs->row_s, x_rig, turn);
+  sv_pose_apply(q, &c->cam_from_rig, at);
   if (!(q[2] > NEAR_Z)) return false;
   double iz = 1 / q[2], u = q[0] * iz, v = q[1] * iz;
   r[0] = c->fx * u + c->cx - (double)obs->uv_px[0];
   r[1] = c->fy * v + c->cy - (double)obs->uv_px[1];
   if (!j) return true;
-  double j_cam[6] = {c->fx * iz, 0, -c->fx * u * iz, 0, c->fy * iz, -c->fy * v * iz}, j_rig[6];
+  double j_cam[6] = {c->fx * iz, 0, -c->fx * u * iz, 0, c->fy * iz, -c->fy * v * iz}, j_rig[6], j_row[6];
   by_twist(j_cam, q, j->camera);
   mul23(j_cam, c->cam_from_rig.r, j_rig);
-  by_twist(j_rig, x_rig, j->pose);
-  mul23(j_rig, rig->r, j->point);
+  if (obs->row_s != 0) mul23(j_rig, turn, j_row);
+  else memcpy(j_row, j_rig, sizeof j_row);
+  by_twist(j_row, x_rig, j->pose);
+  mul23(j_row, rig->r, j->point);
   return true;
 }
 
@@ -188,6 +200,31 @@ static void add_block(sv_bundle *b, point_sums *p, int block, const weighted_res
   add_pair(b, block, block, k, j, j);
 }
 
+// The free poses that an observation depends on, and the derivatives by each: a row is seen from
+// between its pose and those from which the motion comes.
+typedef struct {
+  int n, block[3];
+  double j[3][12];
+} pose_blocks;
+
+static void add_pose_block(const sv_bundle *b, int i_pose, double share, const double j[12],
+                           pose_blocks *out) {
+  const int block = i_pose < 0 ? -1 : b->block_of[i_pose];
+  if (block < 0 || share == 0) return;
+  out->block[out->n] = block;
+  for (int i = 0; i < 12; i++) out->j[out->n][i] = share * j[i];
+  out->n++;
+}
+
+static void find_pose_blocks(const sv_bundle *b, const sv_bundle_obs *obs, const double j[12],
+                             pose_blocks *out) {
+  const double s = (double)obs->row_s;
+  const int i = obs->i_pose;
+  out->n = 0;
+  add_pose_block(b, i, s != 0 ? 1 - s * (b->slope[i][0] + b->slope[i][1]) : 1, j, out);
+  for (int k = 0; k < 2 && s != 0; k++) add_pose_block(b, b->beside[i][k], s * b->slope[i][k], j, out);
+}
+
 // Adds up the blocks of one point; with is_full those of poses and cameras go into s and g.
 static void sum_point(sv_bundle *b, const sv_bundle_options *o, int i, point_sums *p, bool is_full) {
   memset(p, 0, sizeof *p);
@@ -198,14 +235,20 @@ static void sum_point(sv_bundle *b, const sv_bundle_options *o, int i, point_sum
     double loss, w2 = (double)obs->weight * (double)obs->weight;
     if (w2 == 0 || !sv_bundle_residual(b, obs, b->point[i], w.r, &w.j)) continue;
     w.k = w2 * huber(w2 * (r[0] * r[0] + r[1] * r[1]), o->huber_px, &loss);
-    int pose = b->block_of[obs->i_pose], cam = b->block_of[b->n_poses + obs->i_camera], at = 0;
+    pose_blocks poses;
+    find_pose_blocks(b, obs, w.j.pose, &poses);
+    int cam = b->block_of[b->n_poses + obs->i_camera], at = 0;
     for (int c = 0; c < 3; c++) {
       p->gx[c] += w.k * (jx[c] * r[0] + jx[3 + c] * r[1]);
       for (int d = c; d < 3; d++) p->v[at++] += w.k * (jx[c] * jx[d] + jx[3 + c] * jx[3 + d]);
     }
-    if (pose >= 0) add_block(b, p, pose, &w, w.j.pose, is_full);
+    for (int m = 0; m < poses.n; m++) add_block(b, p, poses.block[m], &w, poses.j[m], is_full);
     if (cam >= 0) add_block(b, p, cam, &w, w.j.camera, is_full);
-    if (pose >= 0 && cam >= 0 && is_full) add_pair(b, pose, cam, w.k, w.j.pose, w.j.camera);
+    for (int m = 0; m < poses.n && is_full; m++) {
+      for (int other = 0; other < m; other++)
+        add_pair(b, poses.block[m], poses.block[other], w.k, poses.j[m], poses.j[other]);
+      if (cam >= 0) add_pair(b, poses.block[m], cam, w.k, poses.j[m], w.j.camera);
+    }
   }
 }
 
@@ -310,6 +353,14 @@ bool sv_bundle_linear_step(sv_bundle *b, const sv_bundle_options *o, double lamb
   return true;
 }
 
+static void find_motion(sv_bundle *b) {
+  for (int i = 0; i < b->n_poses; i++) {
+    const int *k = b->beside[i];
+    sv_motion_from(b->motion[i], b->slope[i], &b->pose[i], &b->pose[k[0] < 0 ? i : k[0]],
+                   &b->pose[k[1] < 0 ? i : k[1]]);
+  }
+}
+
 static void apply_step(sv_bundle *b) {
   for (int i = 0; i < b->n_poses; i++)
     if (b->block_of[i] >= 0) sv_pose_twist(&b->pose[i], b->step + 6 * b->block_of[i]);
@@ -318,6 +369,7 @@ static void apply_step(sv_bundle *b) {
       sv_pose_twist(&b->camera[i].cam_from_rig, b->step + 6 * b->block_of[b->n_poses + i]);
   for (int i = 0; i < b->n_points; i++)
     for (int k = 0; k < 3; k++) b->point[i][k] += b->point_step[i][k];
+  find_motion(b);
 }
 
 static void keep(sv_bundle *b, bool is_back) {
@@ -327,6 +379,7 @@ static void keep(sv_bundle *b, bool is_back) {
   for (int i = 0; i < b->n_cameras; i++)
     if (is_back) b->camera[i].cam_from_rig = b->cam_kept[i];
     else b->cam_kept[i] = b->camera[i].cam_from_rig;
+  if (is_back) find_motion(b);
 }
 
 static void measure(const sv_bundle *b, sv_bundle_result *out) {
@@ -348,6 +401,7 @@ sv_status sv_bundle_solve(sv_bundle *b, const sv_bundle_options *o, sv_bundle_re
   for (int i = 0; i < b->n_poses; i++) has_fixed |= b->is_fixed[i];
   number_blocks(b, o);
   if (!has_fixed || (!b->n_params && !b->n_points)) return SV_E_ARG;
+  find_motion(b);
   double cost = out->cost_before = sv_bundle_cost(b, o);
   b->lambda = LAMBDA_START;
   while (out->n_iterations < o->max_iterations && b->lambda < LAMBDA_MAX) {
@@ -395,6 +449,7 @@ double sv_bundle_scale_sigma(sv_bundle *b, const sv_bundle_options *o) {
     sv_sub3(e, c, mean);
     spread += sv_dot3(e, e);
   }
+  find_motion(b);
   build(b, o, 0);
   if (!(spread > 0) || !sv_cholesky(b->s, b->n_params)) return -1;
   // d log(size) by the twists: a position moves by -R^T v and is invariant to rotation.

@@ -24,6 +24,7 @@ typedef struct {
   int16_t i_pose, i_camera;
   float uv_px[2];
   float weight; // 1 / standard deviation [px]; 0: not used
+  float row_s;  // how long after the pose it was read; 0 with a global shutter
 } sv_bundle_obs;
 
 typedef struct {
@@ -49,7 +50,11 @@ typedef struct {
   sv_bundle_cfg cfg;
   // The problem, filled in by the caller.
   int n_poses, n_cameras, n_points;
-  sv_pose *pose;            // [n_poses] rig_from_world; improved
+  sv_pose *pose; // [n_poses] rig_from_world; improved
+  // [n_poses] Where observations have a row time: two poses from which the motion at each comes
+  // (-1: none), and how (sv_motion_slopes).
+  int (*beside)[2];
+  double (*slope)[2];
   bool *is_fixed;           // [n_poses]; at least one must be
   sv_bundle_camera *camera; // [n_cameras]
   sv_pose *calibrated;      // [n_cameras] cam_from_rig by calibration; only looked at with
@@ -58,6 +63,7 @@ typedef struct {
   int *first;               // [n_points + 1] observations of point i: [first[i], first[i + 1])
   sv_bundle_obs *obs;       // [first[n_points]]
   // Private to the solver.
+  double (*motion)[6];           // [n_poses] at the present poses, for observations with a row time
   sv_pose *pose_kept, *cam_kept; // before a step
   double (*point_kept)[3], (*point_step)[3];
   double *s, *g, *step; // [n n] reduced system, lower triangle; [n]
@@ -92,8 +98,8 @@ double sv_bundle_scale_sigma(sv_bundle *b, const sv_bundle_options *o);
 typedef struct {
   double pose[12], camera[12], point[6];
 } sv_bundle_jacobian;
-// Residual of an observation of x (world), not weighted, and its derivatives (j may be NULL). False
-// behind the camera.
+// Residual of an observation of x (world), not weighted, and its derivatives (j may be NULL), with
+// the motion as it is. False behind the camera.
 bool sv_bundle_residual(const sv_bundle *b, const sv_bundle_obs *obs, const double x[3], double r[2],
                         sv_bundle_jacobian *j);
 // One damped step at the present values into b->step (blocks of six in the order of free poses,

@@ -160,7 +160,8 @@ void sv_track_follow(sv_tracker *t, const sv_pose *guess) {
 static void add_ray(const sv_tracker *t, const sv_track_obs *o, double a[6], double b[3], double c[3],
                     double d[3]) {
   const sv_bundle_camera *cam = &t->cam[o->i_view];
-  sv_pose cw = sv_pose_mul(&cam->cam_from_rig, &t->pose[o->i_exposure]);
+  const sv_pose rig = sv_track_pose_at(t, o->i_exposure, o->i_view, o->uv_px);
+  sv_pose cw = sv_pose_mul(&cam->cam_from_rig, &rig);
   double ray[3];
   sv_pose_centre(c, &cw);
   sv_track_ray(cam, o->uv_px, ray);
@@ -199,7 +200,8 @@ bool sv_track_triangulate(sv_tracker *t, sv_track_point *p) {
     const sv_track_obs *o = &t->obs[i];
     double uv[2], limit = WRONG_PX * (double)o->sigma_px;
     if (o->sigma_px <= 0 || !t->is_placed[o->i_exposure]) continue;
-    if (!sv_track_see(&t->cam[o->i_view], &t->pose[o->i_exposure], x, uv)) return false;
+    const sv_pose rig = sv_track_pose_at(t, o->i_exposure, o->i_view, o->uv_px);
+    if (!sv_track_see(&t->cam[o->i_view], &rig, x, uv)) return false;
     double ex = uv[0] - (double)o->uv_px[0], ey = uv[1] - (double)o->uv_px[1];
     if (ex * ex + ey * ey > limit * limit) return false;
   }
@@ -361,7 +363,8 @@ static void rematch_view(sv_tracker *t, int32_t i_point, int a, int b, double z)
   float warp[4];
   double seen[2];
   sv_track_match m;
-  if (!sv_track_see(&t->cam[b], &t->pose[t->n_exposures - 1], p->x, seen)) return;
+  const sv_pose rig = sv_track_pose_at(t, t->n_exposures - 1, a, from);
+  if (!sv_track_see(&t->cam[b], &rig, p->x, seen)) return;
   if (!sv_track_stereo(t, &(sv_track_corner){a, {from[0], from[1]}, (1 - REMATCH) * z, (1 + REMATCH) * z}, b,
                        &m))
     return;

@@ -12,8 +12,10 @@
 // Residual of one match, with the bundle's code: one pose and the cameras.
 static bool residual(const sv_pose_problem *p, const sv_pose *pose, const sv_pose_match *m, double r[2],
                      sv_bundle_jacobian *j) {
-  sv_bundle b = {.pose = (sv_pose *)(uintptr_t)pose, .camera = (sv_bundle_camera *)(uintptr_t)p->cameras};
-  sv_bundle_obs obs = {0, (int16_t)m->i_camera, {m->uv_px[0], m->uv_px[1]}, 1.0f};
+  sv_bundle b = {.pose = (sv_pose *)(uintptr_t)pose,
+                 .motion = (double(*)[6])(uintptr_t)&p->motion,
+                 .camera = (sv_bundle_camera *)(uintptr_t)p->cameras};
+  sv_bundle_obs obs = {0, (int16_t)m->i_camera, {m->uv_px[0], m->uv_px[1]}, 1.0f, m->row_s};
   return sv_bundle_residual(&b, &obs, m->x, r, j);
 }
 

@@ -18,6 +18,7 @@ typedef struct {
   int i_camera;
   float uv_px[2];
   float sigma_px; // standard deviation
+  float row_s;    // sv_bundle_obs.row_s
   bool is_inlier; // output
 } sv_pose_match;
 
@@ -36,6 +37,7 @@ typedef struct {
   double limit_px; // residuals beyond so many pixels (times sigma) are outliers
   int n_samples;   // random samples of four
   sv_rng rng;
+  double motion[6];             // of the rig; only matches with a row time look at it
   const sv_pose_solver *solver; // NULL: samples are solved here, each from the initial pose
 } sv_pose_problem;
 

@@ -16,6 +16,7 @@
 #define WINDOW       8 // newest exposures, adjusted as they arrive
 #define WINDOW_HELD  4 // older exposures held fixed
 #define WINDOW_ITER  4
+#define ROLLING_ITER 12 // the same with rolling shutters, whose motion changes with the poses
 #define FINAL_ITER   12
 #define FINAL_ROUNDS 3
 #define CAP_TRIES    5 // exposures a point is tracked without finding its depth
@@ -77,6 +78,10 @@ static void carve_lists(sv_tracker *t, sv_arena *a) {
   t->match_of = SV_TAKE(a, int32_t, n_found);
   t->work = SV_TAKE(a, float, n_found);
   t->pose = SV_TAKE(a, sv_pose, t->cfg.cap_exposures);
+  if (t->cfg.row_time) {
+    t->time_s = SV_TAKE(a, double, t->cfg.cap_exposures);
+    t->motion = sv_arena_take(a, (size_t)t->cfg.cap_exposures, sizeof *t->motion);
+  }
   t->is_placed = SV_TAKE(a, bool, t->cfg.cap_exposures);
   t->has_way = SV_TAKE(a, bool, t->cfg.cap_exposures);
   t->bundle_point = SV_TAKE(a, int32_t, t->cap_points);
@@ -192,19 +197,28 @@ static double way_from_origin(sv_tracker *t) {
 
 // Locates the rig from tracked points. Returns the number of inliers, 0 when there are too few.
 static int place(sv_tracker *t, sv_pose *pose) {
+  const int e = t->n_exposures - 1;
   sv_pose_problem p = {.cameras = t->cam,
                        .matches = t->match,
                        .limit_px = LIMIT_PX,
                        .n_samples = N_SAMPLES,
                        .rng = sv_rng_make(t->cfg.seed, (uint64_t)t->n_exposures),
                        .solver = t->cfg.solver.absolute ? &t->cfg.solver : NULL};
+  if (t->cfg.row_time) { // as it went on to where it is expected
+    t->pose[e] = *pose;
+    sv_track_find_motion(t, e, 1);
+    memcpy(p.motion, t->motion[e], sizeof p.motion);
+  }
   for (int i = 0; i < t->n_found; i++) {
     const sv_track_candidate *c = &t->found[i];
     const sv_track_point *x = &t->point[c->i_point];
     if (!x->has_depth) continue;
     t->match_of[p.n] = i;
-    t->match[p.n++] = (sv_pose_match){
-        {x->x[0], x->x[1], x->x[2]}, c->i_view, {c->uv_px[0], c->uv_px[1]}, c->sigma_px, false};
+    t->match[p.n++] = (sv_pose_match){.x = {x->x[0], x->x[1], x->x[2]},
+                                      .i_camera = c->i_view,
+                                      .uv_px = {c->uv_px[0], c->uv_px[1]},
+                                      .sigma_px = c->sigma_px,
+                                      .row_s = (float)sv_track_row_s(t, c->i_view, c->uv_px)};
   }
   int n_in = sv_pose_find(&p, pose);
   for (int i = 0; i < p.n; i++) // outliers are dropped
@@ -302,11 +316,13 @@ sv_status sv_tracker_add(sv_tracker *t, const sv_image_u8 *image) {
     t->pose[e] = t->pose[t->i_last];
     t->is_placed[e] = find_again(t, &t->pose[e]);
     if (t->is_placed[e]) {
+      sv_track_find_motion(t, e, 1);
       take_found(t);
       sv_track_rematch(t);
       sv_track_new_points(t);
       int n = sv_mini(e + 1, WINDOW + WINDOW_HELD);
-      (void)sv_track_adjust(t, e + 1 - n, n, n - WINDOW > 1 ? n - WINDOW : 1, WINDOW_ITER, false);
+      (void)sv_track_adjust(t, e + 1 - n, n, n - WINDOW > 1 ? n - WINDOW : 1,
+                            t->cfg.row_time ? ROLLING_ITER : WINDOW_ITER, false);
     }
   }
   if (!t->is_placed[e]) {
@@ -379,6 +395,7 @@ void sv_tracker_finish(sv_tracker *t, sv_track_summary *out) {
   out->scale_sigma = -1;
   if (out->is_still) stand_still(t, out);
   else if (t->i_last >= 0) adjust_all(t, out);
+  sv_track_find_motion(t, 0, t->n_exposures);
   for (int i = 0; i < t->n_exposures; i++) out->n_placed += t->is_placed[i];
   for (int i = 0; i < t->n_points; i++) out->n_points += t->point[i].has_depth;
   out->path_m = path_length(t);

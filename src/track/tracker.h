@@ -30,6 +30,7 @@ typedef struct {
   const sv_rig *rig;
   const sv_camera_model *model; // [n_sub_views] of the pictures: pinholes; NULL: the rig's own
                                 // models
+  const sv_row_time *row_time;  // [n_sub_views] of rolling shutters; NULL: there are none
   int cap_exposures;
   int n_features; // followed at a time in each sub-view
   uint64_t seed;
@@ -124,6 +125,8 @@ typedef struct {
   int32_t *match_of;                 // [cap_found] their candidates
   float *work;                       // [cap_found] for medians
   sv_pose *pose;                     // [cap_exposures] rig_from_world
+  double *time_s;                    // [cap_exposures] of sv_tracker_set_time
+  double (*motion)[6];               // [cap_exposures] of the rig. Both only with rolling shutters
   bool *is_placed;                   // [cap_exposures]
   bool *has_way;                     // [cap_exposures] it shares enough with exposure 0 to tell the
                                      // way
@@ -141,6 +144,9 @@ size_t sv_tracker_bytes(const sv_track_cfg *cfg);
 int sv_tracker_cap_points(const sv_track_cfg *cfg);
 // k-th smallest of v, which is reordered; 0 without values
 float sv_track_rank(float *v, int n, int k);
+
+// Time of the next exposure, seconds from any start: with rolling shutters, motion comes from it.
+void sv_tracker_set_time(sv_tracker *t, double time_s);
 
 // The next exposure: image[rig->n_sub_views], RGB of the models' sizes, looked at during the call
 // only. OK: placed; AGAIN: not found again from the exposure placed last (it stays unplaced, the
@@ -191,6 +197,15 @@ typedef struct {
 bool sv_track_stereo(sv_tracker *t, const sv_track_corner *c, int b, sv_track_match *out);
 // Where a camera of a rig at that pose sees a point of the world. False behind it.
 bool sv_track_see(const sv_bundle_camera *c, const sv_pose *rig, const double x[3], double uv[2]);
+// When a view of an exposure reads a pixel, in seconds after the exposure's time; and the rig's
+// pose then. 0 and the exposure's pose with global shutters (shutter.c).
+double sv_track_row_s(const sv_tracker *t, int i_view, const float uv_px[2]);
+sv_pose sv_track_pose_at(const sv_tracker *t, int i_exposure, int i_view, const float uv_px[2]);
+// The two located exposures among [first, first + n) from which the motion at first + i comes,
+// counted from first (-1: none near enough), and how.
+void sv_track_beside(const sv_tracker *t, int first, int n, int i, int beside[2], double slope[2]);
+// Motion at exposures [first, first + n) from all poses.
+void sv_track_find_motion(sv_tracker *t, int first, int n);
 // in the camera, z = 1
 void sv_track_ray(const sv_bundle_camera *c, const float uv_px[2], double ray[3]);
 // New points from corners, matched between the sub-views; and known points in views that do not see

@@ -31,8 +31,11 @@ static int gather(sv_tracker *t, const sv_track_point *p, int first, int n, int 
     if (o->i_exposure < first || o->i_exposure >= first + n || o->sigma_px <= 0 ||
         !t->is_placed[o->i_exposure])
       continue;
-    b->obs[at + count] = (sv_bundle_obs){
-        (int16_t)(o->i_exposure - first), o->i_view, {o->uv_px[0], o->uv_px[1]}, 1.0f / o->sigma_px};
+    b->obs[at + count] = (sv_bundle_obs){(int16_t)(o->i_exposure - first),
+                                         o->i_view,
+                                         {o->uv_px[0], o->uv_px[1]},
+                                         1.0f / o->sigma_px,
+                                         (float)sv_track_row_s(t, o->i_view, o->uv_px)};
     t->bundle_obs[at + count++] = i;
   }
   return count;
@@ -47,6 +50,7 @@ static void fill(sv_tracker *t, int first, int n, int n_fixed) {
   b->n_points = 0;
   for (int i = 0; i < n; i++) {
     b->pose[i] = t->pose[first + i];
+    if (t->cfg.row_time) sv_track_beside(t, first, n, i, b->beside[i], b->slope[i]);
     b->is_fixed[i] = i < n_fixed || !t->is_placed[first + i];
     // the world's place
     if (!has_fixed && t->is_placed[first + i]) has_fixed = b->is_fixed[i] = true;
@@ -81,6 +85,7 @@ static void give_up(sv_tracker *t, int32_t i_obs) {
 static void take_back(sv_tracker *t, int first) {
   sv_bundle *b = &t->bundle;
   for (int i = 0; i < b->n_poses; i++) t->pose[first + i] = b->pose[i];
+  sv_track_find_motion(t, first, b->n_poses);
   for (int i = 0; i < t->n_views; i++) t->cam[i].cam_from_rig = b->camera[i].cam_from_rig;
   for (int i = 0; i < b->n_points; i++) {
     sv_track_point *p = &t->point[t->bundle_point[i]];

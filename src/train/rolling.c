@@ -33,83 +33,91 @@ void sv_train_set_rolling(sv_trainer *t, int i_view, const sv_row_time *time, co
   r->is_on = true;
 }
 
-// --- one Gaussian --------------------------------------------------------------------------------
+// --- sixteen Gaussians ---------------------------------------------------------------------------
+// Loops over the lanes of a block, which compilers vectorize; without branches, so that they do.
 
-static void cross(float out[3], const float a[3], const float b[3]) {
-  out[0] = a[1] * b[2] - a[2] * b[1];
-  out[1] = a[2] * b[0] - a[0] * b[2];
-  out[2] = a[0] * b[1] - a[1] * b[0];
-}
+typedef float lanes[16];
 
-static float dot(const float a[3], const float b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-// Time of a direction; and how it changes with the direction, 0 beyond the limits.
-static float row_time(const sv_rolling_view *r, float x, float y, float slope[2]) {
-  const float *c = r->time;
-  const float s = c[0] + x * (c[1] + x * (c[3] + x * c[6] + y * c[7])) +
-                  y * (c[2] + x * c[4] + y * (c[5] + x * c[8] + y * c[9]));
-  const bool is_in = s > -r->max_s && s < r->max_s;
-  slope[0] = is_in ? c[1] + x * (2 * c[3] + 3 * x * c[6] + 2 * y * c[7]) + y * (c[4] + y * c[8]) : 0.0f;
-  slope[1] = is_in ? c[2] + y * (2 * c[5] + 3 * y * c[9] + 2 * x * c[8]) + x * (c[4] + x * c[7]) : 0.0f;
-  return sv_clampf(s, -r->max_s, r->max_s);
-}
-
-// A mean in the camera's frame: at the view's pose, its velocity and acceleration there.
+// Means in the camera's frame: at the view's pose, their velocity and acceleration there.
 typedef struct {
-  float x0[3], a[3], b[3];
-} path;
+  lanes x0[3], a[3], b[3];
+} paths;
 
-static path path_of(const sv_rolling *r, const float *mean) { // mean's components are 16 apart
-  const float *rot = r->at.r, *t = r->at.t;
-  path p;
-  for (int i = 0; i < 3; i++)
-    p.x0[i] = rot[3 * i] * mean[0] + rot[3 * i + 1] * mean[16] + rot[3 * i + 2] * mean[32] + t[i];
-  cross(p.a, r->now->omega, p.x0);
-  cross(p.b, r->now->omega, p.a);
-  for (int i = 0; i < 3; i++) p.a[i] += r->now->v[i];
-  return p;
-}
-
-static void at_time(const path *p, float s, float x[3]) {
-  for (int i = 0; i < 3; i++) x[i] = p->x0[i] + s * (p->a[i] + 0.5f * s * p->b[i]);
-}
-
-// What is not in front of the camera stays.
-static bool is_moved(const sv_rolling *r, const path *p) { return p->x0[2] > r->near_z; }
-
-// The time at which the mean is read, and where it is then.
-static float read_time(const sv_rolling *r, const path *p, float x[3]) {
-  float slope[2], s = 0.0f;
-  memcpy(x, p->x0, sizeof p->x0);
-  for (int k = 0; k < ITERATIONS; k++) {
-    const float iz = 1.0f / sv_maxf(x[2], r->near_z);
-    s = row_time(r->now, x[0] * iz, x[1] * iz, slope);
-    at_time(p, s, x);
+static void cross(lanes out[3], const float w[3], lanes x[3]) {
+  for (int k = 0; k < 16; k++) {
+    const float x0 = x[0][k], x1 = x[1][k], x2 = x[2][k];
+    out[0][k] = w[1] * x2 - w[2] * x1;
+    out[1][k] = w[2] * x0 - w[0] * x2;
+    out[2][k] = w[0] * x1 - w[1] * x0;
   }
-  return s;
+}
+
+static void paths_of(const sv_rolling *r, const float *mean, paths *p) {
+  const float *m = r->at.r, *t = r->at.t;
+  for (int i = 0; i < 3; i++)
+    for (int k = 0; k < 16; k++)
+      p->x0[i][k] = m[3 * i] * mean[k] + m[3 * i + 1] * mean[16 + k] + m[3 * i + 2] * mean[32 + k] + t[i];
+  cross(p->a, r->now->omega, p->x0);
+  cross(p->b, r->now->omega, p->a);
+  for (int i = 0; i < 3; i++)
+    for (int k = 0; k < 16; k++) p->a[i][k] += r->now->v[i];
+}
+
+static void at_time(const paths *p, const float *s, lanes x[3]) {
+  for (int i = 0; i < 3; i++)
+    for (int k = 0; k < 16; k++) x[i][k] = p->x0[i][k] + s[k] * (p->a[i][k] + 0.5f * s[k] * p->b[i][k]);
+}
+
+static float larger(float a, float b) { return a > b ? a : b; }
+static float smaller(float a, float b) { return a < b ? a : b; }
+
+// Row times of points, and what they change by with each coordinate: nothing beyond the limits.
+static void row_time(const sv_rolling *r, lanes x[3], float *s, lanes slope[3]) {
+  const float *c = r->now->time, max_s = r->now->max_s, near_z = r->near_z;
+  for (int k = 0; k < 16; k++) {
+    const float iz = 1.0f / larger(x[2][k], near_z), u = x[0][k] * iz, v = x[1][k] * iz;
+    const float t = c[0] + u * (c[1] + u * (c[3] + u * c[6] + v * c[7])) +
+                    v * (c[2] + u * c[4] + v * (c[5] + u * c[8] + v * c[9]));
+    const float du = c[1] + u * (2 * c[3] + 3 * u * c[6] + 2 * v * c[7]) + v * (c[4] + v * c[8]);
+    const float dv = c[2] + v * (2 * c[5] + 3 * v * c[9] + 2 * u * c[8]) + u * (c[4] + u * c[7]);
+    const float is_in = t > -max_s && t < max_s ? iz : 0.0f;
+    s[k] = larger(smaller(t, max_s), -max_s);
+    slope[0][k] = du * is_in;
+    slope[1][k] = dv * is_in;
+    slope[2][k] = -(du * u + dv * v) * is_in;
+  }
 }
 
 // --- a view --------------------------------------------------------------------------------------
 
+// The time at which each mean is read, and its displacement until then. What is not in front of the
+// camera stays.
+static void move_block(const sv_rolling *r, const float *from, float *to, float *row_s) {
+  paths p;
+  lanes x[3], slope[3];
+  paths_of(r, from, &p);
+  memcpy(x, p.x0, sizeof x);
+  for (int i = 0; i < ITERATIONS; i++) {
+    row_time(r, x, row_s, slope);
+    at_time(&p, row_s, x);
+  }
+  for (int i = 0; i < 3; i++)
+    for (int k = 0; k < 16; k++) x[i][k] = p.x0[2][k] > r->near_z ? x[i][k] - p.x0[i][k] : 0.0f;
+  for (int i = 0; i < 3; i++)
+    for (int k = 0; k < 16; k++)
+      to[16 * i + k] += r->at.r[i] * x[0][k] + r->at.r[3 + i] * x[1][k] + r->at.r[6 + i] * x[2][k];
+}
+
 static void move_task(void *arg, int i_task, int i_thread) {
   sv_trainer *t = arg;
-  sv_rolling *r = &t->rolling;
   const int n_blocks = (t->g.n + 15) / 16, b1 = sv_mini((i_task + 1) * BLOCKS_PER_TASK, n_blocks);
   const size_t rows = 16 * (size_t)t->g.n_rows;
   (void)i_thread;
   for (int b = i_task * BLOCKS_PER_TASK; b < b1; b++) {
     const float *from = t->g.param + (size_t)b * rows;
-    float *to = r->moved + (size_t)b * rows;
+    float *to = t->rolling.moved + (size_t)b * rows;
     memcpy(to, from, rows * sizeof *to);
-    for (int k = 0; k < 16; k++) {
-      const path p = path_of(r, from + k);
-      float x[3], d[3];
-      if (!is_moved(r, &p)) continue;
-      r->row_s[16 * b + k] = read_time(r, &p, x);
-      for (int i = 0; i < 3; i++) d[i] = x[i] - p.x0[i];
-      for (int i = 0; i < 3; i++)
-        to[16 * (SV_ROW_MEAN + i) + k] += r->at.r[i] * d[0] + r->at.r[3 + i] * d[1] + r->at.r[6 + i] * d[2];
-    }
+    move_block(&t->rolling, from, to, t->rolling.row_s + 16 * (size_t)b);
   }
 }
 
@@ -132,45 +140,61 @@ void sv_train_unroll(sv_trainer *t) {
 
 // --- backward ------------------------------------------------------------------------------------
 
-// From g, dL/dx, to dL/dx0, through the row time, too: s = S(x), x = x(x0, s), so with q = dS/dx and
-// w = dx/ds the change of s is q . (dx by x0) / (1 - q . w). x: where the mean is at its time.
-static void to_start(const sv_rolling *r, const path *p, float s, float x[3], const float g[3],
-                     float out[3]) {
-  const float *omega = r->now->omega;
-  float slope[2], w[3], e[3], turn[3], turn2[3];
+// From g, dL/dx, to dL/dx0, through the row time, too: s = S(x), x = x(x0, s), so with q = dS/dx
+// and w = dx/ds the change of s is q . (dx by x0) / (1 - q . w). x: where the means are at their
+// times.
+static void to_start(const sv_rolling *r, const paths *p, const float *s, lanes x[3], lanes g[3],
+                     lanes out[3]) {
+  lanes q[3], e[3], turn[3], turn2[3], again;
   at_time(p, s, x);
-  const float iz = 1.0f / sv_maxf(x[2], r->near_z);
-  (void)row_time(r->now, x[0] * iz, x[1] * iz, slope);
-  const float q[3] = {slope[0] * iz, slope[1] * iz, -(slope[0] * x[0] + slope[1] * x[1]) * iz * iz};
-  for (int i = 0; i < 3; i++) w[i] = p->a[i] + s * p->b[i];
-  const float share = dot(g, w) / (1.0f - dot(q, w));
-  for (int i = 0; i < 3; i++) e[i] = g[i] + share * q[i];
+  row_time(r, x, again, q);
+  for (int k = 0; k < 16; k++) {
+    float qw = 0, gw = 0;
+    for (int i = 0; i < 3; i++) {
+      const float w = p->a[i][k] + s[k] * p->b[i][k];
+      qw += q[i][k] * w;
+      gw += g[i][k] * w;
+    }
+    const float share = gw / (1.0f - qw);
+    for (int i = 0; i < 3; i++) e[i][k] = g[i][k] + share * q[i][k];
+  }
   // The transpose of I + s [omega] + s^2/2 [omega]^2.
-  cross(turn, omega, e);
-  cross(turn2, omega, turn);
-  for (int i = 0; i < 3; i++) out[i] = e[i] - s * (turn[i] - 0.5f * s * turn2[i]);
+  cross(turn, r->now->omega, e);
+  cross(turn2, r->now->omega, turn);
+  for (int i = 0; i < 3; i++)
+    for (int k = 0; k < 16; k++) out[i][k] = e[i][k] - s[k] * (turn[i][k] - 0.5f * s[k] * turn2[i][k]);
+}
+
+// The kernel's pose gradient is of a twist at the rows' times: x cross g and g, instead of x0 cross
+// g0 and g0.
+static void correct_pose(const paths *p, lanes x[3], lanes g[3], lanes g0[3], float pose[6]) {
+  for (int i = 0; i < 3; i++) {
+    const int j = (i + 1) % 3, n = (i + 2) % 3;
+    for (int k = 0; k < 16; k++) {
+      pose[i] += p->x0[j][k] * g0[n][k] - p->x0[n][k] * g0[j][k] - (x[j][k] * g[n][k] - x[n][k] * g[j][k]);
+      pose[3 + i] += g0[i][k] - g[i][k];
+    }
+  }
 }
 
 void sv_train_roll_bwd(const sv_trainer *t, int b, uint32_t touched, float *grad, float pose[6]) {
   const sv_rolling *r = &t->rolling;
-  const float *param = t->g.param + (size_t)b * 16 * (size_t)t->g.n_rows, *rot = r->at.r;
-  if (b >= t->render.n_moved_blocks) return;
-  for (; touched; touched &= touched - 1) {
-    const int k = __builtin_ctz(touched);
-    const path p = path_of(r, param + k);
-    float *m = grad + 16 * SV_ROW_MEAN + k, g[3], g0[3], x[3], moment[3], moment0[3];
-    if (!is_moved(r, &p)) continue;
-    for (int i = 0; i < 3; i++) g[i] = rot[3 * i] * m[0] + rot[3 * i + 1] * m[16] + rot[3 * i + 2] * m[32];
-    to_start(r, &p, r->row_s[16 * b + k], x, g, g0);
-    for (int i = 0; i < 3; i++)
-      m[16 * i] += rot[i] * (g0[0] - g[0]) + rot[3 + i] * (g0[1] - g[1]) + rot[6 + i] * (g0[2] - g[2]);
-    if (!pose) continue;
-    // The kernel's is of a twist at the row's time: x x g and g, instead of x0 x g0 and g0.
-    cross(moment, x, g);
-    cross(moment0, p.x0, g0);
-    for (int i = 0; i < 3; i++) {
-      pose[i] += moment0[i] - moment[i];
-      pose[3 + i] += g0[i] - g[i];
-    }
-  }
+  const float *rot = r->at.r;
+  float *m = grad + 16 * SV_ROW_MEAN;
+  paths p;
+  lanes g[3], g0[3], x[3];
+  if (b >= t->render.n_moved_blocks || !touched) return;
+  paths_of(r, t->g.param + (size_t)b * 16 * (size_t)t->g.n_rows, &p);
+  for (int i = 0; i < 3; i++)
+    for (int k = 0; k < 16; k++)
+      g[i][k] = rot[3 * i] * m[k] + rot[3 * i + 1] * m[16 + k] + rot[3 * i + 2] * m[32 + k];
+  to_start(r, &p, r->row_s + 16 * (size_t)b, x, g, g0);
+  for (int i = 0; i < 3; i++)
+    for (int k = 0; k < 16; k++) g0[i][k] = p.x0[2][k] > r->near_z ? g0[i][k] : g[i][k];
+  if (pose) correct_pose(&p, x, g, g0, pose);
+  for (int i = 0; i < 3; i++)
+    for (int k = 0; k < 16; k++) g0[i][k] -= g[i][k];
+  for (int i = 0; i < 3; i++)
+    for (int k = 0; k < 16; k++)
+      m[16 * i + k] += rot[i] * g0[0][k] + rot[3 + i] * g0[1][k] + rot[6 + i] * g0[2][k];
 }

@@ -4,7 +4,8 @@
 // and the direction of its color, are those at the view's pose. With the camera's motion
 // (omega, v) and x0 the mean at the view's pose, the mean at the row's time s is, to the second
 // order in omega,
-//   x = x0 + s (omega x x0 + v) + s^2/2 omega x (omega x x0),  s = row time of x  (src/rig/shutter.h)
+//   x = x0 + s (omega x x0 + v) + s^2/2 omega x (omega x x0),  s = row time of x
+// (src/rig/shutter.h).
 // Owns a copy of the Gaussians, moved for one view, and the motion of each view. Never touches
 // views without motion, whose renderings keep their bits.
 #ifndef SV_TRAIN_ROLLING_H

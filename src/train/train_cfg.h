@@ -118,7 +118,7 @@ typedef struct sv_train_cfg {
   // Whether hooks add images to a step (sv_train_hooks.add_images), which takes memory. Default
   // false.
   bool has_images;
-  sv_train_poses_cfg poses;     // Pose refinement. Default: none.
+  sv_train_poses_cfg poses; // Pose refinement. Default: none.
   // Whether views of rolling shutters are rendered row by row (src/train/rolling.h), which takes
   // memory. Default false.
   bool is_rolling;

@@ -194,7 +194,7 @@ TEST(test_pose_gradient) {
       }
       print_message("view %d twist %d: %g, by differences %g %g\n", i_view, i, is[i], quotient[0],
                     quotient[1]);
-      if (fabs(quotient[0] - quotient[1]) > 0.03 * fabs(quotient[0]) + 5e-7) continue; // a jump in between
+      if (fabs(quotient[0] - quotient[1]) > 0.03 * fabs(quotient[0]) + 5e-7) continue; // a jump
       diff2 += (is[i] - quotient[0]) * (is[i] - quotient[0]);
       size2 += quotient[0] * quotient[0];
       n++;

@@ -137,6 +137,25 @@ TEST(test_derivatives) {
     }
 }
 
+// Rows that are read before and after the pose, of a rig that moves.
+TEST(test_derivatives_of_rows) {
+  double most = 0;
+  make_problem(0.2, 0.3);
+  disturb(0.05, 0.1, true);
+  for (int i = 0; i < N_POSES; i++) random_twist(b.motion[i], 1.0, 2.0);
+  for (int i = 0; i < N_POINTS; i += 3)
+    for (int k = b.first[i]; k < b.first[i + 1]; k++) {
+      double r[2], still[2];
+      sv_bundle_jacobian j;
+      assert_true(sv_bundle_residual(&b, &b.obs[k], b.point[i], still, NULL));
+      b.obs[k].row_s = 0.05f * (float)uniform(-1, 1);
+      assert_true(sv_bundle_residual(&b, &b.obs[k], b.point[i], r, &j));
+      check_numeric(&b.obs[k], b.point[i], &j);
+      most = fmax(most, hypot(r[0] - still[0], r[1] - still[1]));
+    }
+  assert_true(most > 5); // px
+}
+
 // --- against a dense solve -----------------------------------------------------------------------
 
 static double dense_h[N_DENSE][N_DENSE + 1];
@@ -344,8 +363,7 @@ TEST(test_pose) {
         m[n] = (sv_pose_match){{true_point[i][0], true_point[i][1], true_point[i][2]},
                                o->i_camera,
                                {o->uv_px[0], o->uv_px[1]},
-                               1.0f,
-                               false};
+                               1.0f};
         if (wrong == 1 ? n % 3 == 0 : wrong == 2 && n % 9 < 4) m[n].uv_px[0] += 30.0f + (float)(n * 13 % 50);
         n++;
       }
@@ -394,10 +412,11 @@ TEST(test_alignment) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_derivatives), cmocka_unit_test(test_dense),
-      cmocka_unit_test(test_converges),   cmocka_unit_test(test_outliers),
-      cmocka_unit_test(test_refuses),     cmocka_unit_test(test_scale_sigma),
-      cmocka_unit_test(test_pose),        cmocka_unit_test(test_alignment),
+      cmocka_unit_test(test_derivatives), cmocka_unit_test(test_derivatives_of_rows),
+      cmocka_unit_test(test_dense),       cmocka_unit_test(test_converges),
+      cmocka_unit_test(test_outliers),    cmocka_unit_test(test_refuses),
+      cmocka_unit_test(test_scale_sigma), cmocka_unit_test(test_pose),
+      cmocka_unit_test(test_alignment),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

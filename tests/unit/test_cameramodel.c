@@ -224,6 +224,22 @@ TEST(test_rig_with_a_trigger) {
   }
 }
 
+TEST(test_rig_shutter) {
+  sv_rig rig, back;
+  const char *text = RIG("{\"name\":\"left\",\"model\":\"left.cameramodel\",\"camera\":0,\"readout_ms\":18.5,"
+                         "\"shutter\":\"up\"}," VIEW("right", "right.cameramodel", "1"));
+  assert_ok(read_rig(text, &rig), &err);
+  assert_true(rig.sub_views[0].shutter.readout_s == 18.5e-3);
+  assert_int_equal(rig.sub_views[0].shutter.direction, SV_SHUTTER_UP);
+  assert_true(rig.sub_views[1].shutter.readout_s == 0);
+  char buf[1024];
+  sv_str s = sv_str_make(buf, sizeof buf);
+  assert_int_equal(sv_rig_json_write(&s, &rig), SV_OK);
+  assert_contains(buf, "\"readout_ms\": 18.5, \"shutter\": \"up\"");
+  assert_ok(read_rig(buf, &back), &err);
+  assert_int_equal(back.sub_views[0].shutter.direction, SV_SHUTTER_UP);
+}
+
 TEST(test_rig_refused) {
 #define LEFT VIEW("left", "left.cameramodel", "0")
   static const struct {
@@ -236,6 +252,11 @@ TEST(test_rig_refused) {
       {"{\"version\":1,\"name\":\"a\",\"forward\":\"sideways\"}", "sideways", SV_E_FORMAT},
       {"{\"version\":1,\"name\":\"a\",\"forward\":\"direct\"}", "sub_views", SV_E_FORMAT},
       {RIG(""), "at least one", SV_E_FORMAT},
+      {RIG("{\"name\":\"left\",\"model\":\"left.cameramodel\",\"camera\":0,\"readout_ms\":-1}"),
+       "0 to 1000 ms", SV_E_RANGE},
+      {RIG("{\"name\":\"left\",\"model\":\"left.cameramodel\",\"camera\":0,\"readout_ms\":20,"
+           "\"shutter\":\"inwards\"}"),
+       "\"inwards\" is not one of", SV_E_FORMAT},
       {RIG(LEFT "," LEFT), "\"left\" is used twice", SV_E_FORMAT},
       {RIG(LEFT "," LEFT "," LEFT), "room for 2", SV_E_FULL},
       {RIG(VIEW("left", "gone.cameramodel", "0")), "gone.cameramodel: not there", SV_E_NOT_FOUND},
@@ -279,6 +300,7 @@ int main(void) {
                                      cmocka_unit_test(test_refused),
                                      cmocka_unit_test(test_rig),
                                      cmocka_unit_test(test_rig_with_a_trigger),
+                                     cmocka_unit_test(test_rig_shutter),
                                      cmocka_unit_test(test_rig_refused)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -498,7 +498,7 @@ TEST(test_bad_specs) {
              {"thin,rig=multiplexed,size=16x16,grid=1x100", "do not fit"},
              {"thin,grid=2x2", "no grid"},
              {"thin,fps=1000,skew_us=900", "half a period"},
-             {"thin,path=crooked", "step, smooth or handheld"},
+             {"thin,path=crooked", "step, smooth, handheld or sway"},
              {"thin,seed=-1", "whole number"},
              {"thin,drop=nan", "drop"},
              {"thin,,", "no option ''"}};
