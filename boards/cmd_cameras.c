@@ -60,6 +60,10 @@ static const sv_tool_command command = {
             "      trigger-mode=CONTROL:VALUE|MODULE.PARAMETER:VALUE    pulses for --sync trigger "
             "(docs/boards.md)\n"
             "  sync=off|server|client    libcamera on Raspberry Pi: frames of several boards at one time\n"
+            "A capture, replay:DIR, takes\n"
+            "  speed=max|realtime|F    as fast as it is processed [max], as recorded, or F times that\n"
+            "  from=N count=N          frames of each camera\n"
+            "  poses=FILE              poses of the rig, in place of the capture's\n"
             "All sources: tiles=CxR (one image holds C x R cameras), fov=DEG (a single camera without a "
             "rig).",
     .example = "  "
@@ -72,8 +76,9 @@ int cmd_cameras(int argc, char **argv) {
   if (r) return r < 0 ? 0 : r;
   const char *kind = o.kind;
   if (!kind[0]) {
-    list_kind("v4l2");
-    list_kind("libcamera");
+    const int n = list_kind("v4l2"), n_more = list_kind("libcamera");
+    if (n <= 0 && n_more <= 0)
+      say(2, "subview: no camera found on this machine; these scenes of the simulator need none:\n");
     return list_kind("sim") < 0;
   }
   if (strcmp(kind, "sim") && strcmp(kind, "v4l2") && strcmp(kind, "libcamera"))

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // subview run: the main job.
+#include <math.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -63,6 +64,21 @@ static bool tells_poses(const sv_source *src) {
   return src->rig_pose && src->rig_pose(src->self, 0, &pose) >= 0;
 }
 
+// Which exposures are kept: as --every says, else as suits the source.
+static sv_spacing_cfg spacing_of(const run_options *o) {
+  sv_spacing_cfg c = {.every_ns = (sv_ns)(o->every_s * 1e9), .is_by_motion = o->is_by_motion};
+  double fps = 0;
+  for (int i = 0; i < run.src.source.n_cameras; i++) fps = fmax(fps, run.src.caps[i].fps);
+  if (fps > 0) c.early_ns = (sv_ns)(0.5e9 / fps);
+  if (o->every || o->is_continuous) return c;
+  if (run.src.kind == SOURCE_REPLAY) {
+    // Up to two frames before the end, in case the last ones are not whole.
+    if (o->exposures > 1 && sv_replay_most_exposures(&run.src.u.replay) > o->exposures)
+      c.every_ns = (sv_replay_span_ns(&run.src.u.replay) - 4 * c.early_ns) / (o->exposures - 1);
+  } else if (run.src.kind != SOURCE_SIM && !o->is_dynamic) c.is_by_motion = true;
+  return c;
+}
+
 static sv_app_cfg app_cfg(const run_options *o) {
   sv_app_cfg c = {.rig = run.src.rig,
                   .n_cameras = run.src.source.n_cameras,
@@ -70,6 +86,7 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .source_name = o->source,
                   .n_exposures = (int)o->exposures,
                   .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,
+                  .spacing = spacing_of(o),
                   .sync_method = (sv_sync_method)o->i_sync,
                   .is_continuous = o->is_continuous,
                   .is_dynamic = o->is_dynamic,
@@ -143,11 +160,21 @@ static sv_status heldout_psnr(double *psnr, int *n_views) {
   return SV_OK;
 }
 
+// Training images tell how well they are fitted, not how good the model is.
+static void say_quality(double psnr, int n_heldout, double train_psnr) {
+  const sv_app_moving *m = &run.app.moving;
+  if (n_heldout) say(1, "held-out PSNR %.2f dB (%d views)\n", psnr, n_heldout);
+  else if (m->n_scored)
+    say(1, "newest exposures %.2f dB at the end of their turn (mean of the last 50 or so)\n", m->psnr_late);
+  else say(1, "no held-out views; the captured images are fitted with %.2f dB\n", train_psnr);
+}
+
 static int report(const run_options *o, sv_err *err) {
   double train_psnr, psnr;
   int n;
   char extra[512];
   sv_str x = sv_str_make(extra, sizeof extra);
+  const sv_app_moving *m = &run.app.moving;
   if (sv_driver_training_psnr(&run.app.trainer, &train_psnr) < 0 || heldout_psnr(&psnr, &n) < 0) {
     sv_fail(err, SV_E_RANGE, "the model could not be rendered to measure its PSNR");
     return fail_with(err);
@@ -159,6 +186,9 @@ static int report(const run_options *o, sv_err *err) {
   trigger_report(&x, &run.src);
   if (sv_app_save_report(&run.app, extra, err) < 0) return fail_with(err);
   if (o->is_json) {
+    if (m->n_scored)
+      sv_str_add(&x, ", \"live_psnr\": %.3f, \"live_psnr_late\": %.3f", m->psnr_sum / (double)m->n_scored,
+                 m->psnr_late);
     say(1,
         "{%s, \"steps\": %u, \"gaussians\": %ld, \"exposures\": %d, \"views\": %d, \"seconds\": %.3f, "
         "\"threads\": %ld, \"isa\": "
@@ -169,8 +199,7 @@ static int report(const run_options *o, sv_err *err) {
     return 0;
   }
   if (!o->is_quiet) trigger_say(&run.src);
-  if (n) say(1, "held-out PSNR %.2f dB (%d views), training views %.2f dB\n", psnr, n, train_psnr);
-  else say(1, "training views %.2f dB\n", train_psnr);
+  say_quality(psnr, n, train_psnr);
   say(1, "%d exposures, %d views, %u steps in %.1f s\n", run.app.exposures.n,
       sv_driver_n_views(&run.app.trainer), run.app.trainer.step, run.app.driver.train_s);
   outputs_say(&run.out);
@@ -187,12 +216,17 @@ static int tell_rescue(const run_options *o) {
 }
 
 // A run that goes on capturing uses the others later, in the place of the oldest.
-static void say_skipped(const run_options *o) {
+static void say_spread(const run_options *o) {
   if (run.src.kind != SOURCE_REPLAY || o->is_continuous || o->is_quiet) return;
   int n = sv_replay_most_exposures(&run.src.u.replay);
-  if (n > o->exposures)
-    say(2, "subview: the capture has %d exposures; using the first %ld, %ld skipped (raise --exposures)\n", n,
-        o->exposures, n - o->exposures);
+  if (n <= o->exposures) return;
+  if (o->every)
+    say(2, "subview: the capture has up to %d exposures, --exposures asks for %ld\n", n, o->exposures);
+  else
+    say(2,
+        "subview: the capture has up to %d exposures; using %ld spread over all of it (--every 0: the first "
+        "ones)\n",
+        n, o->exposures);
 }
 
 // Opens source, outputs and app. After a failure err says what happened, and *what names the part
@@ -208,14 +242,15 @@ static sv_status set_up(const run_options *o, sv_arena *arena, const char **what
   if (s < 0 && run.src.source.n_cameras > 0) *what = "rig";
   if (s < 0) return s;
   if (run.src.note[0] && !o->is_quiet) say(2, "subview: %s\n", run.src.note);
-  say_skipped(o);
+  say_spread(o);
   sv_app_cfg cfg = app_cfg(o);
   *what = "memory";
   if ((s = carve_outputs(arena, &cfg, err)) < 0) return s;
   *what = "options";
   if (o->sub_views && !choose_sub_views(o->sub_views, run.src.rig, cfg.sub_view_mask)) return SV_E_ARG;
   *what = "folder";
-  if ((s = outputs_open(&run.out, o, &run.app, sv_linux_console_port(&run.console), err)) < 0) return s;
+  if (o->out && (s = outputs_open(&run.out, o, &run.app, sv_linux_console_port(&run.console), err)) < 0)
+    return s;
   sv_port port = {.clock = run.src.clock,
                   .machine = sv_linux_clock(),
                   .pool = sv_linux_pool_port(&run.pool),
@@ -333,6 +368,16 @@ static bool next_scan(run_options *o, const char *folder, bool is_new, bool *is_
   return false;
 }
 
+// New on the page: the first of DIR-2, DIR-3, ... without a model, so that no scan is lost.
+static void next_folder(run_options *o, const char *folder) {
+  static char path[SV_LINUX_CAP_PATH];
+  for (int i = 2; outputs_has_model(o->out); i++) {
+    sv_fmt(path, sizeof path, "%s-%d", folder, i);
+    o->out = path;
+  }
+  if (o->out == path) say(2, "subview: the next scan is %s\n", path);
+}
+
 int cmd_run(int argc, char **argv) {
   static run_options o;
   sv_err err = {0};
@@ -351,6 +396,7 @@ int cmd_run(int argc, char **argv) {
   if (code && err.text[0]) fail_with(&err); // the server has spoken otherwise
   const char *folder = o.out;
   for (bool is_again = !code, is_new = false; is_again; is_new = !run.is_retry) {
+    if (is_new && o.keep == 0 && !o.is_overwriting) next_folder(&o, folder);
     if (o.keep > 0 && !next_scan(&o, folder, is_new, &is_again)) continue;
     code = run_once(&o, &is_again);
   }

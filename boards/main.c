@@ -70,7 +70,11 @@ static int run_command(int argc, char **argv) {
   }
   for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
     if (!strcmp(argv[1], commands[i].name)) return commands[i].run(argc - 1, argv + 1);
-  say(2, "subview: unknown command '%s'; try 'subview --help'\n", argv[1]);
+  sv_near_name near = sv_near_make(argv[1], strlen(argv[1]));
+  for (size_t i = 0; i < sizeof commands / sizeof *commands; i++) sv_near_try(&near, commands[i].name);
+  if (near.name)
+    say(2, "subview: unknown command '%s' (did you mean %s?); try 'subview --help'\n", argv[1], near.name);
+  else say(2, "subview: unknown command '%s'; try 'subview --help'\n", argv[1]);
   return EXIT_USAGE;
 }
 

@@ -2,6 +2,7 @@
 #include "boards/outputs.h"
 
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #define N_TRIES       6 // of a picture at the end
@@ -23,13 +24,31 @@ sv_status outputs_carve(outputs *o, sv_arena *a, int width_px, int height_px, sv
   return a->status < 0 ? sv_fail(err, a->status, "no room for the preview") : SV_OK;
 }
 
+bool outputs_has_model(const char *dir) {
+  static const sv_app_file files[] = {SV_APP_FILE_MODEL, SV_APP_FILE_CHECKPOINT};
+  char path[SV_LINUX_CAP_PATH + 32];
+  for (int i = 0; i < 2; i++) {
+    struct stat st;
+    sv_fmt(path, sizeof path, "%s/%s", dir, sv_app_file_name(files[i]));
+    if (stat(path, &st) == 0 && S_ISREG(st.st_mode)) return true;
+  }
+  return false;
+}
+
 sv_status outputs_open(outputs *o, const run_options *opt, const sv_app *app, sv_console console,
                        sv_err *err) {
   o->rescue_option = opt->rescue;
   o->app = app;
   o->console = console;
   sv_status s = sv_linux_store_open(&o->store, opt->out, err);
-  return s < 0 ? s : sv_linux_store_lock(&o->store, err);
+  if (s >= 0) s = sv_linux_store_lock(&o->store, err);
+  if (s < 0 || opt->is_resume || opt->is_overwriting || opt->is_interrupted || opt->is_check) return s;
+  if (outputs_has_model(opt->out))
+    return sv_fail(err, SV_E_ARG,
+                   "%s: holds the model of an earlier run; give another --out, --resume to go on with it, or "
+                   "--overwrite",
+                   opt->out);
+  return SV_OK;
 }
 
 // --- the second place ----------------------------------------------------------------------------

@@ -27,7 +27,9 @@ typedef struct {
 void outputs_init(outputs *o);
 // Buffers for pictures of width x height.
 sv_status outputs_carve(outputs *o, sv_arena *arena, int width_px, int height_px, sv_err *err) SV_MUST_USE;
-// Opens and locks the folder of --out.
+// A model or a checkpoint is in this folder.
+bool outputs_has_model(const char *dir);
+// Opens and locks the folder of --out. E_ARG: it holds a model, which this run may not replace.
 sv_status outputs_open(outputs *o, const run_options *opt, const sv_app *app, sv_console console,
                        sv_err *err) SV_MUST_USE;
 // Saves a picture as NAME.jpg.

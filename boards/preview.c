@@ -120,7 +120,9 @@ void preview_close(void) {
 
 // --- the first run -------------------------------------------------------------------------------
 
-void check_list_fails(const char *what, const char *sentence) { say(2, "[--] %s: %s\n", what, sentence); }
+void check_list_fails(const char *what, const char *sentence) {
+  say(2, "[--] %s: %s\nnot ready: the scan cannot start before this is mended\n", what, sentence);
+}
 
 void check_list(const run_options *o, const board_source *src, const sv_arena *arena, const sv_kernels *k) {
   static const char *const formats[] = {"none", "grey", "RGB", "RGBA", "16-bit RGB", "JPEG", "PNG"};
@@ -134,8 +136,9 @@ void check_list(const run_options *o, const board_source *src, const sv_arena *a
   say(2, "[ok] rig %s: %d sub-views\n", src->rig->name, src->rig->n_sub_views);
   say(2, "[ok] memory: %.1f of the block's %.1f MiB\n", (double)arena->used_bytes / 1048576.0,
       (double)arena->cap_bytes / 1048576.0);
-  if (statvfs(o->out, &fs) == 0)
+  if (o->out && statvfs(o->out, &fs) == 0)
     say(2, "[ok] folder %s: writable, %.1f GiB free\n", o->out,
         (double)fs.f_bavail * (double)fs.f_frsize / 1073741824.0);
   if (o->preview) say(2, "[ok] page: served on %s port %d\n", o->preview_addr, o->preview_port);
+  if (o->is_check) say(2, "ready: nothing speaks against a scan with these options\n");
 }

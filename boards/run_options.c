@@ -21,6 +21,11 @@ static const sv_option rows[] = {
      "with --scene dynamic and --live: training time of each exposure [0.45]", 0.01, 3600, NULL},
     {"exposures", SV_OPT_INT, 1, 0, AT(exposures), "N",
      "exposures to capture and train on [" TEXT_OF(BOARD_EXPOSURES) "]", 1, 10000, NULL},
+    {"every", SV_OPT_TEXT, 1, 0, AT(every), "SEC",
+     "time between exposures, 0: each that comes; motion: when the picture has moved, at the latest after 1 "
+     "s "
+     "[a recording: spread over all of it; cameras: motion; 0 with --live, moving scenes and the simulator]",
+     0, 0, NULL},
     {"sub-views", SV_OPT_TEXT, 1, 0, AT(sub_views), "A,B",
      "names of the sub-views to train on; the others are only captured [all]", 0, 0, NULL},
     {"steps", SV_OPT_INT, 1, 0, AT(steps), "N", "training steps [2000, or until --time-limit]", 1, 10000000,
@@ -82,8 +87,11 @@ static const sv_option rows[] = {
      "only check cameras, rig, memory and folder, and print the result", 0, 0, NULL},
     {"resume", SV_OPT_FLAG, 1, 0, AT(is_resume), NULL, "resume from checkpoint.bin in the output folder", 0,
      0, NULL},
-    {"out", SV_OPT_TEXT, 1, 1, AT(out), "DIR",
-     "output folder: model.ply, run.json, preview.jpg, checkpoint.bin", 0, 0, NULL},
+    {"out", SV_OPT_TEXT, 1, 0, AT(out), "DIR",
+     "output folder: model.ply, run.json, preview.jpg, checkpoint.bin; required, except with --check", 0, 0,
+     NULL},
+    {"overwrite", SV_OPT_FLAG, 1, 0, AT(is_overwriting), NULL,
+     "DIR may hold the model of an earlier run, which is lost", 0, 0, NULL},
     {"keep", SV_OPT_INT, 1, 0, AT(keep), "N",
      "DIR holds numbered scans, a new one for each run; the newest N are kept, one that was interrupted is "
      "resumed",
@@ -125,6 +133,7 @@ static int choose_cpu(run_options *o) {
 
 static int check(run_options *o) {
   sv_err err;
+  if (!o->out && (!o->is_check || o->keep > 0)) return usage_error("run", "--out is missing");
   o->is_dynamic = !strcmp(o->scene, "dynamic");
   if (!o->is_dynamic && strcmp(o->scene, "static"))
     return usage_error("run", "--scene %s: expected static or dynamic", o->scene);
@@ -133,6 +142,11 @@ static int check(run_options *o) {
         "run", "--resume: not with --live and --scene dynamic, whose checkpoint holds no older exposures");
   if (o->is_refining && (o->is_continuous || o->is_dynamic || o->is_resume))
     return usage_error("run", "--refine-poses: not with --live, --scene dynamic or --resume");
+  if (o->every && !(o->is_by_motion = !strcmp(o->every, "motion")) &&
+      !(sv_parse_double(o->every, strlen(o->every), &o->every_s) && o->every_s >= 0 && o->every_s <= 3600))
+    return usage_error("run", "--every %s: expected a number of seconds from 0 to 3600, or motion", o->every);
+  if (o->is_by_motion && o->is_continuous)
+    return usage_error("run", "--every motion: not with --live; give a number of seconds");
   o->i_sync = sync_mode_of(o->sync);
   if (o->i_sync < 0) return usage_error("run", "--sync %s: expected free, frame-length or trigger", o->sync);
   o->i_optimizer = o->optimizer ? sv_optimizer_by_name(o->optimizer) : -1;
@@ -171,7 +185,7 @@ static const sv_tool_command command = {
         "  "
         "subview run --source sim:textured,rig=stereo --exposures 8 --out out/demo\n"
         "  subview run --source sim:textured,rig=stereo --preview 0.0.0.0:8080 --session --out out/scan\n"
-        "  subview run --source replay:out/capture --check --out out/scan",
+        "  subview run --source replay:out/capture --check",
     .bit = 1};
 
 int run_options_parse(int argc, char **argv, run_options *o) {

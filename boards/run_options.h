@@ -14,6 +14,9 @@ typedef struct {
   double time_limit, save_every, picture_every;
   double exposure_s;
   const char *shutter;    // auto or global
+  const char *every;      // NULL: as the source suits
+  double every_s;         // of --every
+  bool is_by_motion;      // likewise
   const char *appearance; // auto, off, cameras or exposures
   const char *optimizer;  // NULL: the one that suits the exposures
   const char *prior;
@@ -22,6 +25,7 @@ typedef struct {
   int i_optimizer; // an sv_optimizer, -1
   bool is_dynamic, is_refining, is_blur_kept;
   bool is_interrupted; // of --keep: the scan in --out was, and starts at once
+  bool is_overwriting;
   bool is_resume, is_continuous, is_json, is_quiet, is_session, has_feed, is_check;
   char preview_addr[64];    // of --preview; port 0: none
   int preview_port, i_sync; // of --sync, in the order of sv_sync_method

@@ -29,7 +29,7 @@ run() { # NAME, what it does, further options
   name=$1 text=$2
   shift 2
   step "$name" "$text" "$bin/subview" run --source "sim:$source" --exposures "$exposures" --steps "$steps" \
-    --gaussians 10000 --out "$out/$name" "$@"
+    --gaussians 10000 --overwrite --out "$out/$name" "$@"
 }
 psnr() { sed -n 's/^held-out PSNR \([0-9.-]*\) dB.*/\1/p' "$out/$1.txt"; }
 

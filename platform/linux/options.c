@@ -108,6 +108,16 @@ static bool *find_flag(const parser *p, const char *name) {
   return op && op->kind == SV_OPT_FLAG ? (bool *)(p->to + op->at) : NULL;
 }
 
+// word is "--name" or "--name=value", its name n letters long.
+static int refuse_unknown(const parser *p, const char *word, size_t n) {
+  sv_near_name near = sv_near_make(word + 2, n);
+  for (int i = 0; i < p->s->n_rows; i++)
+    if ((p->s->rows[i].commands & p->c->bit) && p->s->rows[i].kind != SV_OPT_OPERAND)
+      sv_near_try(&near, p->s->rows[i].name);
+  if (near.name) return refuse(p, "unknown option '%.80s' (did you mean --%s?)", word, near.name);
+  return refuse(p, "unknown option '%.80s'", word);
+}
+
 // "--name" in a value's place is the next option, whose predecessor has lost its own;
 // "--out=--name" says otherwise. "-" and "-1" are values.
 static bool is_value(int argc, char **argv, int i) { return i < argc && strncmp(argv[i], "--", 2) != 0; }
@@ -116,7 +126,7 @@ static bool is_value(int argc, char **argv, int i) { return i < argc && strncmp(
 static int take_option(const parser *p, int argc, char **argv, int *i) {
   const char *name = argv[*i] + 2, *value = strchr(name, '=');
   const sv_option *op = find(p->s, p->c, name, value ? (size_t)(value - name) : strlen(name));
-  if (!op) return refuse(p, "unknown option '%.80s'", argv[*i]);
+  if (!op) return refuse_unknown(p, argv[*i], value ? (size_t)(value - name) : strlen(name));
   if (op->kind == SV_OPT_FLAG) {
     if (value) return refuse(p, "--%s takes no value", op->name);
     *(bool *)(p->to + op->at) = true;

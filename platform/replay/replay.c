@@ -49,7 +49,7 @@ static sv_status read_option(const char *p, size_t n, sv_replay_cfg *cfg, sv_err
 }
 
 sv_status sv_replay_parse(const char *spec, sv_replay_cfg *cfg, sv_err *err) {
-  *cfg = (sv_replay_cfg){.speed = 1};
+  *cfg = (sv_replay_cfg){.speed = 0};
   size_t n = strcspn(spec, ",");
   if (n == 0 || n >= sizeof cfg->dir)
     return sv_fail(err, SV_E_ARG, "replay: expected a folder of 1 to %d characters",
@@ -97,6 +97,16 @@ int sv_replay_most_exposures(const sv_replay *r) {
     if (least < 0 || n < least) least = n;
   }
   return least < 0 ? 0 : least;
+}
+
+sv_ns sv_replay_span_ns(const sv_replay *r) {
+  sv_ns last_ns = 0;
+  for (int c = 0; c < r->capture.n_cameras; c++) {
+    if (r->cfg.from >= end_of(r, c)) return 0;
+    const sv_ns ns = r->capture.cameras[c].frames[end_of(r, c) - 1].arrival_ns;
+    if (c == 0 || ns < last_ns) last_ns = ns;
+  }
+  return last_ns > r->first_ns ? last_ns - r->first_ns : 0;
 }
 
 static sv_status take_buffers(sv_replay *r, sv_arena *arena) {

@@ -69,6 +69,8 @@ sv_status sv_replay_init(sv_replay *self, const sv_replay_cfg *cfg, sv_arena *ar
 sv_source sv_replay_source(sv_replay *self);
 // Frames of the camera that has the fewest: there are not more exposures than these.
 int sv_replay_most_exposures(const sv_replay *self);
+// From the first frame that is played to the last one that all cameras have, by arrival.
+sv_ns sv_replay_span_ns(const sv_replay *self);
 sv_clock sv_replay_clock(sv_replay *self);
 void sv_replay_close(sv_replay *self); // safe after a failed init
 

@@ -202,6 +202,18 @@ static sv_status read_number(sv_sim_config *c, const number_option *o, word v, s
   return SV_OK;
 }
 
+static sv_status unknown_option(word name, sv_err *err) {
+  static const char *const others[] = {"rig",  "grid",  "size",       "noise",   "fault", "seed",
+                                       "path", "poses", "vignetting", "shutter", "blur"};
+  const int n = (int)(name.n < 20 ? name.n : 20);
+  sv_near_name near = sv_near_make(name.p, name.n);
+  for (size_t i = 0; i < sizeof others / sizeof *others; i++) sv_near_try(&near, others[i]);
+  for (int i = 0; i < N_NUMBERS; i++) sv_near_try(&near, NUMBERS[i].name);
+  if (near.name)
+    return sv_fail(err, SV_E_NOT_FOUND, "sim: no option '%.*s' (did you mean %s?)", n, name.p, near.name);
+  return sv_fail(err, SV_E_NOT_FOUND, "sim: no option '%.*s'; `subview cameras` lists them", n, name.p);
+}
+
 static sv_status read_option(sv_sim_config *c, word option, sv_err *err) {
   word v = option, name = {0};
   (void)next_word(&v, '=', &name);
@@ -248,8 +260,7 @@ static sv_status read_option(sv_sim_config *c, word option, sv_err *err) {
   }
   for (int i = 0; i < N_NUMBERS; i++)
     if (is(name, NUMBERS[i].name)) return read_number(c, &NUMBERS[i], v, err);
-  return sv_fail(err, SV_E_NOT_FOUND, "sim: no option '%.*s'; `subview cameras` lists them",
-                 (int)(name.n < 20 ? name.n : 20), name.p);
+  return unknown_option(name, err);
 }
 
 sv_device_params sv_sim_device(const sv_sim_config *c) {

@@ -286,6 +286,40 @@ bool sv_copy(char *dst, size_t cap, const char *src) {
 
 bool sv_str_eq(const char *a, const char *b) { return strcmp(a, b) == 0; }
 
+#define CAP_NEAR 32 // letters of a word that is compared
+
+// Letters to insert, remove, replace or swap with their neighbour (optimal string alignment).
+static size_t wrong_letters(const char *a, size_t na, const char *b, size_t nb) {
+  size_t row[3][CAP_NEAR + 1];
+  for (size_t j = 0; j <= nb; j++) row[0][j] = j;
+  for (size_t i = 1; i <= na; i++) {
+    size_t *now = row[i % 3], *last = row[(i + 2) % 3], *before = row[(i + 1) % 3];
+    now[0] = i;
+    for (size_t j = 1; j <= nb; j++) {
+      size_t n = last[j - 1] + (a[i - 1] != b[j - 1]);
+      if (last[j] + 1 < n) n = last[j] + 1;
+      if (now[j - 1] + 1 < n) n = now[j - 1] + 1;
+      const bool is_swapped = i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1];
+      if (is_swapped && before[j - 2] + 1 < n) n = before[j - 2] + 1;
+      now[j] = n;
+    }
+  }
+  return row[na % 3][nb];
+}
+
+sv_near_name sv_near_make(const char *word, size_t n) {
+  return (sv_near_name){.word = word, .n = n, .n_wrong = n > 4 ? 3 : 2};
+}
+
+void sv_near_try(sv_near_name *near, const char *name) {
+  const size_t n = strlen(name);
+  if (!near->n || near->n > CAP_NEAR || n > CAP_NEAR) return;
+  const size_t n_wrong = wrong_letters(near->word, near->n, name, n);
+  if (n_wrong >= near->n_wrong) return;
+  near->name = name;
+  near->n_wrong = n_wrong;
+}
+
 bool sv_parse_double(const char *t, size_t len, double *out) {
   size_t i = 0;
   bool neg = false, any = false, neg_e = false;

@@ -42,6 +42,17 @@ void sv_make_utf8(char *text);
 bool sv_copy(char *dst, size_t cap, const char *src);
 bool sv_str_eq(const char *a, const char *b);
 
+// The name that a misspelt word may have meant: of those that were tried, the one with the fewest
+// wrong letters, and not more than two of them (one in words of up to four letters).
+typedef struct {
+  const char *word;
+  size_t n;
+  const char *name; // NULL: none is near
+  size_t n_wrong;   // letters of it
+} sv_near_name;
+sv_near_name sv_near_make(const char *word, size_t n);
+void sv_near_try(sv_near_name *near, const char *name);
+
 // Parses a whole decimal number from text[0..len). False when text remains or the number is not
 // finite.
 bool sv_parse_double(const char *text, size_t len, double *out);

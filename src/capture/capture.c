@@ -64,8 +64,10 @@ sv_status sv_capture_side_keep(sv_capture_side *c, sv_err *err) {
   if (s != SV_OK) return s;
   s = sv_exposures_add(c->cfg.exposures, &slot->exposure, slot->frames, c->cfg.k, &c->cfg.port->pool, err);
   if (s == SV_DROPPED) {
-    sv_capture_queue_refuse(c->cfg.queue, slot, SV_DROP_BLURRED);
-    c->n_blurred++;
+    const sv_drop_reason reason = c->cfg.exposures->reason;
+    sv_capture_queue_refuse(c->cfg.queue, slot, reason);
+    if (reason == SV_DROP_BLURRED) c->n_blurred++;
+    else c->n_not_due++;
     return s;
   }
   sv_capture_queue_give_back(c->cfg.queue, slot, true);
@@ -83,6 +85,11 @@ static sv_status take_exposures(sv_capture_side *c, sv_err *err) {
          ((s = sv_capture_side_keep(c, err)) == SV_OK || s == SV_DROPPED)) {
   }
   return s < 0 ? s : SV_OK;
+}
+
+// Exposures that came whole, kept or not.
+static uint64_t n_complete(const sv_capture_side *c) {
+  return (uint64_t)c->cfg.exposures->n + c->n_blurred + c->n_not_due;
 }
 
 static sv_status capture_loop(sv_capture_side *c, sv_err *err) {
@@ -104,9 +111,9 @@ static sv_status capture_loop(sv_capture_side *c, sv_err *err) {
     if (log_events(c)) last_ns = now;
     if (s == SV_END) break;
     if (s != SV_OK && s != SV_E_DEVICE) continue;
-    int before = c->cfg.exposures->n;
+    const uint64_t before = n_complete(c);
     if ((s = take_exposures(c, err)) < 0) return s;
-    if (c->cfg.exposures->n > before) {
+    if (n_complete(c) > before) {
       last_ns = clk->now_ns(clk->self);
       log_live(c);
     }

@@ -55,6 +55,7 @@ typedef struct {
   sv_ns machine_ns;         // up to which the cameras' virtual clock has followed the machine's
   uint64_t n_device_errors; // of all cameras
   uint64_t n_blurred;       // exposures that were not kept for that
+  uint64_t n_not_due;       // came sooner than they are wanted
   uint64_t n_bad_exposures; // complete, but a compressed image in it was damaged: not kept
 } sv_capture_side;
 
@@ -65,8 +66,8 @@ void sv_capture_side_log(sv_capture_side *c, sv_log_level level, const char *fmt
 // Fills the pool. In a continuous run the cameras go on; otherwise, and when the source has ended,
 // they are stopped.
 sv_status sv_capture_side_run(sv_capture_side *c, sv_err *err) SV_MUST_USE;
-// The next exposure into the pool. AGAIN: none is ready; DROPPED: there was one, but damaged or
-// blurred.
+// The next exposure into the pool. AGAIN: none is ready; DROPPED: there was one, but damaged,
+// blurred or not due.
 sv_status sv_capture_side_keep(sv_capture_side *c, sv_err *err) SV_MUST_USE;
 // Between capture and training: locates the exposures of a source without poses, or logs that the
 // rig is assumed to be stationary, and why (track.c).

@@ -101,6 +101,7 @@ sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_are
                    cfg->cap_exposures, cfg->rig->n_sub_views);
   memset(e, 0, sizeof *e);
   e->cfg = *cfg;
+  sv_spacing_init(&e->spacing, &cfg->spacing);
   sv_status s = carve(e, cfg, arena, err);
   for (int i = 0; s >= 0 && e->sub && i < cfg->rig->n_sub_views; i++) {
     sv_sub_view_store *v = &e->sub[i];
@@ -210,19 +211,23 @@ static bool is_blurred(sv_exposures *e, int place, const sv_compute *c) {
 sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const sv_frame *frame,
                            const sv_kernels *k, const sv_pool *pool, sv_err *err) {
   const int slot = e->i_next, with = has_spare(&e->cfg) ? e->cfg.cap_exposures : slot;
+  e->reason = SV_DROP_NOT_DUE;
+  if (!sv_spacing_is_due(&e->spacing, exposure->time_ns)) return SV_DROPPED;
   sv_status s = is_multiplexed(&e->cfg)
                     ? sv_measurements_put(&e->measurements, slot, exposure, frame, pool, err)
                     : put_pictures(e, e->place[with], frame, k, pool, err);
   sv_convert_forget(&e->convert);
   if (s < 0) return s;
-  if (e->cfg.is_blur_dropped && !is_multiplexed(&e->cfg) &&
-      is_blurred(e, e->place[with], &(sv_compute){k, pool}))
-    return SV_DROPPED;
   if (!is_multiplexed(&e->cfg)) {
+    const sv_image_u8 first = image_at(e, e->place[with], 0);
+    if (!sv_spacing_has_moved(&e->spacing, &first, exposure->time_ns)) return SV_DROPPED;
+    e->reason = SV_DROP_BLURRED;
+    if (e->cfg.is_blur_dropped && is_blurred(e, e->place[with], &(sv_compute){k, pool})) return SV_DROPPED;
     const int place = e->place[with];
     e->place[with] = e->place[slot];
     e->place[slot] = place;
   }
+  sv_spacing_keep(&e->spacing, exposure->time_ns);
   e->exposure[slot] = *exposure;
   e->i_next = (slot + 1) % e->cfg.cap_exposures;
   if (e->n < e->cfg.cap_exposures) e->n++;

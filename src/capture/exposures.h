@@ -10,10 +10,12 @@
 #include "kernels/kernels.h"
 #include "src/capture/measurements.h"
 #include "src/capture/sharpness.h"
+#include "src/capture/spacing.h"
 #include "src/image/convert.h"
 #include "src/image/planes.h"
 #include "src/port/port.h"
 #include "src/rig/rig.h"
+#include "src/sync/sync.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -28,6 +30,9 @@ typedef struct {
   // Exposures that are blurred are not kept (sharpness.h). Not for multiplexed rigs, nor for pools
   // that are full before the capture ends. Default false.
   bool is_blur_dropped;
+  // Which exposures are kept. By motion: neither for multiplexed rigs nor for pools that are full
+  // before the capture ends. Default: all.
+  sv_spacing_cfg spacing;
 } sv_exposures_cfg;
 
 typedef struct {
@@ -44,6 +49,8 @@ typedef struct {
   sv_sub_view_store *sub;       // [n_sub_views], NULL for a multiplexed rig
   sv_convert convert;           // frames of other formats than RGB8
   sv_sharpness sharpness;       // with is_blur_dropped
+  sv_spacing spacing;
+  sv_drop_reason reason; // of the exposure that was dropped last
   size_t exposure_bytes;
   uint8_t *px;           // [cap_exposures][exposure_bytes]
   sv_exposure *exposure; // [cap_exposures]
@@ -61,7 +68,8 @@ sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_are
 // Copies one synchronized set of frames (frame[i_camera]; of multiplexed rigs RGB16 or RGB8) into
 // the pool, converted to RGB8. The frames are free afterwards. E_UNSUPPORTED for other pixel
 // formats, E_RANGE when a frame's size is not the rig's, E_FORMAT or E_CORRUPT for a compressed
-// picture that is damaged: nothing is kept then. DROPPED: blurred, and not kept either.
+// picture that is damaged: nothing is kept then. DROPPED: not kept either, and reason tells why:
+// blurred, or not due.
 sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const sv_frame *frame,
                            const sv_kernels *k, const sv_pool *pool, sv_err *err) SV_MUST_USE;
 

@@ -130,8 +130,8 @@ static sv_status show_measurement(const sv_pictures *o, const sv_train_measureme
 
 sv_status sv_pictures_publish(const sv_pictures *o) {
   if (!o->publish->image) return SV_OK;
-  if (o->t->n_measurements > 0) return show_measurement(o, &o->t->measurements[0]);
-  return o->t->n_views > 0 ? show_view(o, &o->t->views[0]) : SV_OK;
+  if (o->t->n_measurements > 0) return show_measurement(o, &o->t->measurements[o->i_shown]);
+  return o->t->n_views > 0 ? show_view(o, &o->t->views[o->i_shown]) : SV_OK;
 }
 
 // --- for the page --------------------------------------------------------------------------------

@@ -16,13 +16,14 @@ typedef struct {
   sv_trainer *t;
   const sv_publish *publish;
   uint8_t *rgb; // scratch, of sv_pictures_size
+  int i_shown;  // of the captured images (multiplexed: measurements) the one that is shown
 } sv_pictures;
 
 // Size of the preview image of such a rig.
 void sv_pictures_size(const sv_rig *rig, const sv_camera_caps *caps, int n_cameras, int *width_px,
                       int *height_px);
-// Hands an image to the port's publisher as "preview": the first captured image beside its
-// rendering. Of a multiplexed rig: the first sensor's measurement, the same from the model, and the
+// Hands an image to the port's publisher as "preview": captured image i_shown beside its
+// rendering. Of a multiplexed rig: that measurement of a sensor, the same from the model, and the
 // view of its middle lens alone, enlarged; reduced by whole steps until the three fit into
 // SV_PICTURES_CAP_PX.
 sv_status sv_pictures_publish(const sv_pictures *p) SV_MUST_USE;

@@ -36,8 +36,17 @@ bool sv_app_is_stop_requested(const sv_app *app) {
 
 void sv_app_beat(sv_app *app) { sv_beat(app->port.heartbeats, SV_BEAT_MAIN); }
 
+// The first image of the newest exposure where exposures are replaced, else of the first one.
+static int shown_image(const sv_app *app) {
+  const sv_exposures *e = &app->exposures;
+  const int n = sv_maxi(app->trainer.n_measurements, app->trainer.n_views);
+  if (!app->cfg.is_continuous || e->n < 1) return 0;
+  return (e->i_next + e->n - 1) % e->n * (n / e->n);
+}
+
 sv_pictures sv_app_pictures(sv_app *app) {
-  return (sv_pictures){.t = &app->trainer, .publish = &app->port.publish, .rgb = app->picture};
+  return (sv_pictures){
+      .t = &app->trainer, .publish = &app->port.publish, .rgb = app->picture, .i_shown = shown_image(app)};
 }
 
 sv_status sv_app_publish_preview(sv_app *app) {
@@ -102,7 +111,8 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
                          .n_cameras = c->n_cameras,
                          .n_threads = t->n_threads,
                          .decoder = &app->port.decoder,
-                         .is_blur_dropped = is_handheld(c) && !c->is_blur_kept};
+                         .is_blur_dropped = is_handheld(c) && !c->is_blur_kept,
+                         .spacing = c->spacing};
   sv_status s = sv_exposures_init(&app->exposures, &ec, a, err);
   if (s < 0) return s;
   const sv_odometry_cfg oc = {.rig = c->rig,

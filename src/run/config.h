@@ -6,6 +6,7 @@
 #ifndef SV_RUN_CONFIG_H
 #define SV_RUN_CONFIG_H
 
+#include "src/capture/spacing.h"
 #include "src/dynamic/dynamic.h"
 #include "src/prior/methods.h"
 #include "src/rig/bounds.h"
@@ -44,6 +45,8 @@ typedef struct {
   int n_exposures;
   // Largest time skew between the cameras of an exposure, in nanoseconds.
   sv_ns skew_limit_ns;
+  // Which exposures are kept, of those that the cameras deliver.
+  sv_spacing_cfg spacing;
   // Synchronization method: who makes the cameras expose at the same time.
   sv_sync_method sync_method;
   // Capture goes on while training: new exposures replace the oldest.

@@ -63,8 +63,9 @@ static void exec_run(live_run *r, const char *args) {
   char *words[CAP_WORDS], *save = NULL;
   const char *bin = getenv("SV_BIN"), *emulate = getenv("SV_EMULATE");
   int n = 0, at = 0;
-  at += snprintf(text, sizeof text, "%s %s/subview run --preview %s%d --out %s/out ", emulate ? emulate : "",
-                 bin ? bin : "build/sim-x86/bin", r->is_open ? "0.0.0.0:" : "", r->port, r->folder);
+  at += snprintf(text, sizeof text, "%s %s/subview run --preview %s%d %s --out %s/out ",
+                 emulate ? emulate : "", bin ? bin : "build/sim-x86/bin", r->is_open ? "0.0.0.0:" : "",
+                 r->port, r->is_guarded ? "" : "--overwrite", r->folder);
   for (; *args && at < (int)sizeof text - 310; args++)
     if (*args == '@') at += snprintf(text + at, sizeof text - (size_t)at, "%s", r->folder);
     else text[at++] = *args;
@@ -84,9 +85,10 @@ static void exec_run(live_run *r, const char *args) {
 }
 
 static bool start_once(live_run *r, const char *folder, const char *args) {
-  bool is_open = r->is_open;
+  const bool is_open = r->is_open, is_guarded = r->is_guarded;
   memset(r, 0, sizeof *r);
   r->is_open = is_open;
+  r->is_guarded = is_guarded;
   snprintf(r->folder, sizeof r->folder, "%s", folder);
   char old[320];
   snprintf(old, sizeof old, "%s/stderr", folder);

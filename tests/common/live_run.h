@@ -13,7 +13,8 @@ extern "C" {
 #endif
 
 typedef struct {
-  bool is_open; // listens on all addresses, not on loopback; set before start
+  // Set before start: listens on all addresses, not on loopback; may not replace an earlier model.
+  bool is_open, is_guarded;
   pid_t pid;
   int port;
   char token[40], link[128], folder[300];

@@ -216,19 +216,20 @@ TEST(test_bad_pictures) {
                {"rm cam0/*.jpg", "warning: cam0/000000.jpg: ", 1}};
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
     shell("cd '%s' && rm -rf pictures && cp -r tiny pictures && cd pictures && %s", g_root, cases[i].make);
-    int code = run(
-        "run --source replay:@/pictures,speed=max --gaussians 100 --steps 5 --quiet --out @/pictures_out");
+    int code = run("run --source replay:@/pictures,speed=max --gaussians 100 --steps 5 --quiet --overwrite "
+                   "--out @/pictures_out");
     if (code != cases[i].code || n_lines(g_err) != 1 + code ||
         strncmp(g_err, cases[i].says, strlen(cases[i].says)) != 0)
       fail_msg("%s: exit %d: %s", cases[i].make, code, g_err);
   }
 }
 
-// A capture with more exposures than are asked for: so many are left out.
+// A capture with more exposures than are asked for: these are spread over all of it.
 TEST(test_longer_capture) {
-  assert_int_equal(run("run --source replay:@/tiny --exposures 3 --check --out @/longer"), 0);
-  assert_contains(g_err, "the capture has 4 exposures; using the first 3, 1 skipped ");
-  assert_int_equal(run("run --source replay:@/tiny,from=1 --exposures 3 --check --out @/longer"), 0);
+  assert_int_equal(run("run --source replay:@/tiny --exposures 3 --check"), 0);
+  assert_contains(g_err, "the capture has up to 4 exposures; using 3 spread over all of it ");
+  assert_contains(g_err, "ready: ");
+  assert_int_equal(run("run --source replay:@/tiny,from=1 --exposures 3 --check"), 0);
   assert_not_contains(g_err, "the capture has");
 }
 
@@ -251,7 +252,9 @@ TEST(test_help) {
   for (size_t i = 0; i < sizeof lines / sizeof *lines; i++) {
     assert_int_equal(run(lines[i]), 0);
     assert_true(n_lines(g_out) > 0);
-    assert_int_equal(n_lines(g_err), 0);
+    // On a machine without cameras that is said, before the simulator's scenes.
+    assert_int_equal(n_lines(g_err), strstr(g_err, "no camera found") != NULL);
+    assert_true(!g_err[0] || !strcmp(lines[i], "cameras"));
     if (strstr(lines[i], "--version") && strncmp(g_out, "subview 0.", 10) != 0) fail_msg("%s", g_out);
   }
 }
@@ -281,7 +284,7 @@ static const char *value_of(const char *json, const char *key) {
 TEST(test_json_and_digest) {
   char digest[2][24];
   for (int i = 0; i < 2; i++) {
-    assert_int_equal(run(i ? "run " SMALL "--threads 2 --quiet --json --out @/json"
+    assert_int_equal(run(i ? "run " SMALL "--threads 2 --quiet --json --overwrite --out @/json"
                            : "run " SMALL "--threads 1 --quiet --json --out @/json"),
                      0);
     assert_int_equal(n_lines(g_out), 1); // one object, and nothing else

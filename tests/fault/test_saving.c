@@ -138,7 +138,7 @@ TEST(test_two_programs) {
   kill(first, SIGTERM);
   assert_int_equal(waitpid(first, &status, 0), first);
   assert_true(WIFEXITED(status) && WEXITSTATUS(status) == 0);
-  expect(0, NULL, "@" RUN "--steps 3 --out $/shared 2>&1"); // free again
+  expect(0, NULL, "@" RUN "--steps 3 --overwrite --out $/shared 2>&1"); // free again
 }
 
 // --- limits --------------------------------------------------------------------------------------

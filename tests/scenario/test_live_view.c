@@ -354,7 +354,7 @@ static void refuses_port(const char *place, const char *reason) {
   char command[900], said[1024], whole[256];
   const char *bin = getenv("SV_BIN"), *emulate = getenv("SV_EMULATE");
   snprintf(command, sizeof command,
-           "%s %s/subview run " BASE "--steps 2 --quiet --preview %s --out %s/out 2>&1",
+           "%s %s/subview run " BASE "--steps 2 --quiet --overwrite --preview %s --out %s/out 2>&1",
            emulate ? emulate : "", bin ? bin : "build/sim-x86/bin", place, root);
   FILE *p = popen(command, "r");
   assert_non_null(p);

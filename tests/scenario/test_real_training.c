@@ -116,7 +116,7 @@ TEST(test_webcam_exposures) {
     snprintf(
         line, sizeof line,
         "$(dirname @)/subview run --source replay:webcams --exposures 12 --skew-limit %d --gaussians 1000 "
-        "--steps 20 --quiet --out sync",
+        "--steps 20 --quiet --overwrite --out sync",
         cases[i].limit_ms);
     lab_shell_run_well(&shell, line);
     char *report = temp_read(shell.root, "sync/run.json");

@@ -127,7 +127,8 @@ TEST(test_sentences) {
   refused(&run, "--name a here there", "unexpected argument 'there'");
   refused(&run, "--name a -x", "unexpected argument '-x'");
   refused(&look, "here", "unexpected argument 'here'");
-  refused(&run, "--nam a", "unknown option '--nam'");
+  refused(&run, "--nam a", "unknown option '--nam' (did you mean --name?)");
+  refused(&run, "--bogus=1", "unknown option '--bogus=1'");
   refused(&look, "--fast", "unknown option '--fast'"); // of the other command
   refused(&run, "--name", "--name needs a value");
   refused(&run, "--name=", "--name needs a value");

@@ -76,7 +76,7 @@ TEST(options_are_read) {
   assert_int_equal(sv_replay_parse("x,speed=2.5", &c, &err), SV_OK);
   assert_true(c.speed == 2.5);
   assert_int_equal(sv_replay_parse("x", &c, &err), SV_OK);
-  assert_true(c.speed == 1);
+  assert_true(c.speed == 0);
   static const char *const bad[] = {
       "",         ",speed=max", "x,",        "x,speed",    "x,speed=", "x,speed=-1", "x,speed=nan",
       "x,poses=", "x,from=-1",  "x,count=0", "x,count=1x", "x,what=1", "x,speed=0",  "x,,"};

@@ -501,7 +501,8 @@ TEST(test_bad_specs) {
              {"thin,path=crooked", "step, smooth, handheld or sway"},
              {"thin,seed=-1", "whole number"},
              {"thin,drop=nan", "drop"},
-             {"thin,,", "no option ''"}};
+             {"thin,skew_su=3", "no option 'skew_su' (did you mean skew_us?)"},
+             {"thin,,", "no option ''; `subview cameras` lists them"}};
   for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
     sv_sim_config cfg = {.fps = 123};
     sv_err err = {0};

@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "src/base/str.h"
 #include "tools/calibrate/calibrate.h"
 
 static const cal_command commands[] = {
@@ -74,6 +75,9 @@ static int run_command(int argc, char **argv) {
     else return commands[i].run(&o);
     return CAL_EXIT_OK;
   }
+  sv_near_name near = sv_near_make(argv[1], strlen(argv[1]));
+  for (int i = 0; i < N_COMMANDS; i++) sv_near_try(&near, commands[i].c.name);
+  if (near.name) return cal_usage(NULL, "unknown command '%.80s' (did you mean %s?)", argv[1], near.name);
   return cal_usage(NULL, "unknown command '%.80s'", argv[1]);
 }
 

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which exposures are kept when cameras deliver more than are wanted: one in so much time, or one
+// when the picture has moved. Owns the thumbnail of the exposure that was kept last. Never judges
+// what a picture shows.
+#ifndef SV_CAPTURE_SPACING_H
+#define SV_CAPTURE_SPACING_H
+
+#include "src/base/time.h"
+#include "src/image/planes.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SV_SPACING_COLS     32 // of a thumbnail: its cells, each a mean of luma
+#define SV_SPACING_ROWS     24
+#define SV_SPACING_MOVED    2             // cells: 6 % of the image's width is motion
+#define SV_SPACING_STILL_NS (SV_NS_PER_S) // without motion the next exposure is kept after that
+
+typedef struct {
+  sv_ns every_ns;    // between two exposures; 0: all are kept
+  sv_ns early_ns;    // an exposure may come so much too early: half a frame period
+  bool is_by_motion; // when the picture has moved, at the latest after SV_SPACING_STILL_NS
+} sv_spacing_cfg;
+
+typedef struct {
+  sv_spacing_cfg cfg;
+  bool has_kept;
+  sv_ns kept_ns, due_ns;                            // of the one kept last, of the next one
+  float cell[2][SV_SPACING_ROWS * SV_SPACING_COLS]; // of that one, of the one to be judged
+} sv_spacing;
+
+void sv_spacing_init(sv_spacing *s, const sv_spacing_cfg *cfg);
+// By time alone, before the picture is looked at.
+bool sv_spacing_is_due(const sv_spacing *s, sv_ns time_ns);
+// By motion: image is the first sub-view's, 3 channels. True without is_by_motion.
+bool sv_spacing_has_moved(sv_spacing *s, const sv_image_u8 *image, sv_ns time_ns);
+// The exposure that was judged last is kept.
+void sv_spacing_keep(sv_spacing *s, sv_ns time_ns);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
