@@ -7,6 +7,7 @@
 #include <ifaddrs.h>
 #include <net/if.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <sys/statvfs.h>
 #include <unistd.h>
 
@@ -57,14 +58,25 @@ static sv_status read_token(const char *path, sv_err *err) {
   return SV_OK;
 }
 
+// Whole or not at all: a file without a token, as a power cut could leave it, would be refused.
 static sv_status write_token(const char *path, sv_err *err) {
-  int fd = open(path, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0600);
-  if (fd < 0 && errno == EEXIST) return SV_OK; // it was read
-  bool is_written = fd >= 0 && write(fd, live.token, 32) == 32 && write(fd, "\n", 1) == 1 && fsync(fd) == 0;
-  if (fd >= 0) close(fd);
-  if (is_written) return SV_OK;
-  if (fd >= 0) (void)unlink(path);
-  return sv_fail(err, SV_E_IO, "%s: the page's token cannot be written", path);
+  const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path;
+  char dir[SV_LINUX_CAP_PATH] = ".", text[40];
+  if (slash && (size_t)(slash - path) + 2 > sizeof dir)
+    return sv_fail(err, SV_E_RANGE, "%s: too long a path", path);
+  if (slash) sv_fmt(dir, sizeof dir, "%.*s/", (int)(slash - path), path);
+  int dir_fd = open(dir, O_RDONLY | O_DIRECTORY | O_CLOEXEC), e = dir_fd < 0 ? errno : 0;
+  sv_linux_file f = {.fd = -1};
+  if (!e) e = sv_linux_file_begin(&f, dir_fd, name);
+  if (!e) {
+    if (fchmod(f.fd, 0600) != 0) f.error = errno;
+    const size_t n = sv_fmt(text, sizeof text, "%s\n", live.token);
+    (void)sv_linux_file_write(&f, text, n); // commit returns its failure
+    e = sv_linux_file_commit(&f);
+  }
+  if (dir_fd >= 0) close(dir_fd);
+  return e ? sv_fail(err, SV_E_IO, "%s: the page's token cannot be written: %s", path, sv_linux_reason(e))
+           : SV_OK;
 }
 
 sv_status preview_open(const run_options *o, sv_err *err) {
@@ -81,8 +93,9 @@ sv_status preview_open(const run_options *o, sv_err *err) {
   is_open = s >= 0;
   const bool has_token_file = o->preview && o->token_file;
   if (s >= 0 && has_token_file) s = read_token(o->token_file, err);
+  const bool is_new = !live.token[0];
   if (s >= 0 && o->preview) s = sv_linux_preview_serve(&live, NULL, o->preview_addr, o->preview_port, err);
-  if (s >= 0 && has_token_file) s = write_token(o->token_file, err);
+  if (s >= 0 && has_token_file && is_new) s = write_token(o->token_file, err);
   if (s >= 0 && o->preview) print_links(o);
   if (s >= 0 && o->has_feed && !o->preview)
     say(2, "feed: subview-preview --attach %ld serves it\n", (long)getpid());

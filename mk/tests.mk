@@ -58,6 +58,11 @@ $(O)/tests/source-check: $(call obj,tests/conform/source_check.c) $(TEST_ARCHIVE
 $(O)/tests/source-faults: $(call obj,tests/conform/source_faults.c tests/conform/inject.c) $(TEST_ARCHIVES)
 	$(call link)
 
+# Plays back what the virtual board wrote to its disk, up to a power cut (make deploy-test).
+DISK_CUTS := $(O)/tests/disk-cuts
+$(DISK_CUTS): $(call obj,tests/deploy/disk_cuts.c) $(TEST_ARCHIVES)
+	$(call link)
+
 # Long runs (make soak, make soak-sim).
 PROGS_soak := $(O)/tests/live-soak $(O)/tests/process-soak $(O)/tests/ring-stress
 $(O)/tests/ring-stress: $(call obj,tests/soak/ring_stress.c) $(TEST_ARCHIVES)
@@ -164,10 +169,12 @@ deploy-test:
 	@tools/deps/install.sh deploy
 	@+$(MAKE) --no-print-directory $(PARALLEL) two-packages
 	@tests/deploy/ssh_test.sh '$(BUILD)/deploy/ssh' $(PACKAGES)/subview_*.deb $(O)/second/subview_*.deb
-	@+$(foreach s,bookworm trixie,$(MAKE) --no-print-directory $(PARALLEL) BOARD=generic-arm64 SUITE=$(s) deploy-test-one &&) true
+	@+$(MAKE) --no-print-directory $(PARALLEL) programs $(DISK_CUTS)
+	@+$(foreach s,bookworm trixie,HERE='$(O)' $(MAKE) --no-print-directory $(PARALLEL) BOARD=generic-arm64 SUITE=$(s) deploy-test-one &&) true
 deploy-test-one: two-packages
 	@tests/deploy/calibrate.sh '$(O)/bin' '$(EMULATE)' '$(O)'
-	@tests/deploy/deploy.sh '$(BUILD)' '$(SUITE)' $(PACKAGES)/subview_*.deb $(O)/second/subview_*.deb
+	@tests/deploy/deploy.sh '$(BUILD)' '$(SUITE)' $(PACKAGES)/subview_*.deb $(O)/second/subview_*.deb \
+	  '$(HERE)/bin' '$(HERE)/tests'
 # Of two revisions, for upgrades.
 two-packages:
 	@+$(MAKE) --no-print-directory package REVISION=2

@@ -4,8 +4,9 @@
 #
 #   boot.sh IMAGE DISK FILES STAGE [PIDFILE]
 #
-# FILES: a folder that the board sees as /test, or "-". STAGE is passed to tests/deploy/init. Ends
-# when the board powers off.
+# FILES: a folder that the board sees as /test, or "-". STAGE is passed to tests/deploy/init.
+# Environment: DATA, a disk for /var/lib/subview, and LOG, where its writes and flushes are recorded
+# (disk_cuts.c). Ends when the board powers off.
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 image=$1 disk=$2 files=$3 stage=$4 pidfile=${5:-}
@@ -19,6 +20,16 @@ drives=(-drive "file=$disk,format=raw,if=virtio,cache=writeback")
 if [ "$files" != - ]; then
   mke2fs -q -t ext4 -d "$files" "$work/files.img" 64M
   drives+=(-drive "file=$work/files.img,format=raw,if=virtio,readonly=on")
+fi
+if [ -n "${DATA:-}" ]; then
+  file=file
+  if [ -n "${LOG:-}" ]; then
+    rm -f "$LOG"
+    truncate -s 4G "$LOG" # sparse
+    file=file.file
+  fi
+  drives+=(-drive "if=virtio,cache=writeback,driver=${LOG:+blklogwrites,file.driver=}raw,$file.driver=file,$file.filename=$DATA${LOG:+,log.driver=raw,log.file.driver=file,log.file.filename=$LOG}"
+    -global virtio-blk-device.discard=off -global virtio-blk-device.write-zeroes=off)
 fi
 qemu-system-aarch64 -M virt -cpu "${BOARD_CPU:-cortex-a72}" -smp 2 -m 1536 -nographic -nic none ${pidfile:+-pidfile "$pidfile"} \
   "${drives[@]}" -kernel "$image/vmlinuz" -initrd "$work/initrd" -append \

@@ -14,10 +14,17 @@ here=build/$([ "$(uname -m)" = aarch64 ] && echo generic-arm64 || echo sim-x86)/
 calibrate() { # NAME, then a command
   local name=$1 began=$SECONDS
   shift
-  rm -rf "$work/$name"
+  rm -rf "${work:?}/$name"
   "$@" board --images 'tests/data/stereo_chessboard/left??.jpg' 'tests/data/stereo_chessboard/right??.jpg' \
-    --board 9x6 --spacing 0.025 --out "$work/$name" >"$work/$name.log" 2>&1 || { cat "$work/$name.log"; exit 1; }
-  echo "note  calibration, $name: $(sed -n 's/^\([0-9.]* px RMS\).*/\1/p' "$work/$name.log"), $((SECONDS - began)) s"
+    --board 9x6 --spacing 0.025 --out "$work/$name" >"$work/$name.log" 2>&1 &
+  local pid=$! peak_kib=0 now
+  while now=$(sed -n 's/^VmHWM:[^0-9]*\([0-9]*\).*/\1/p' /proc/$pid/status 2>/dev/null) && [ -n "$now" ]; do
+    peak_kib=$now # the largest so far
+    sleep 0.2
+  done
+  wait $pid || { cat "$work/$name.log"; exit 1; }
+  echo "note  calibration, $name: $(sed -n 's/^\([0-9.]* px RMS\).*/\1/p' "$work/$name.log"), $((SECONDS - began)) s," \
+    "$((peak_kib / 1024)) MiB at most"
 }
 figures() { # RMS and the four focal lengths
   grep -oE '"(rms_px|fx_px|fy_px)": [0-9.e-]+' "$work/$1/calibration.json" | awk '{ print $2 }' | head -n 7

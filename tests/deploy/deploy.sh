@@ -3,13 +3,14 @@
 # The installed service on the virtual ARM board with Debian and systemd, booted from a disk: see
 # service.sh for what is checked. Ends with "N passed, N failed, N skipped".
 #
-#   deploy.sh BUILD SUITE FIRST SECOND        packages of subview, the second for the upgrade
+#   deploy.sh BUILD SUITE FIRST SECOND BIN TESTS      packages of subview, the second for the upgrade;
+#                                                     this machine's programs and tests
 #
 # BUILD/deploy keeps the disks, and the console's output. Environment: CUTS, how often the power is
-# cut (3).
+# cut at random (3).
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
-build=$1 suite=$2 first=$3 second=$4
+build=$1 suite=$2 first=$3 second=$4 bin=$5 tests=$6
 work=$build/deploy
 mkdir -p "$work"
 
@@ -49,16 +50,36 @@ run() { # SECONDS
   return $status
 }
 set_stage() { # the disk of a board that is off
-  PATH=$PATH:/usr/sbin:/sbin debugfs -w -R "rm /var/lib/deploy-test/stage" "$work/$suite.run" >/dev/null 2>&1
+  debugfs -w -R "rm /var/lib/deploy-test/stage" "$work/$suite.run" >/dev/null 2>&1
   echo "$1" >"$work/stage"
-  PATH=$PATH:/usr/sbin:/sbin debugfs -w -R "write $work/stage /var/lib/deploy-test/stage" "$work/$suite.run" >/dev/null 2>&1
+  debugfs -w -R "write $work/stage /var/lib/deploy-test/stage" "$work/$suite.run" >/dev/null 2>&1
 }
 run 1500 || true
 for ((i = 1; i < ${CUTS:-3}; i++)); do run 600 || true; done
-# The journal of the file system, as a boot would.
-PATH=$PATH:/usr/sbin:/sbin e2fsck -p "$work/$suite.run" >/dev/null 2>&1 || true
-set_stage upgrade
-run 900 || true
+PATH=$PATH:/usr/sbin:/sbin
+# Every save, with what it writes recorded; then the power is cut at each write.
+recover() { # the journal of a board's disk, as a boot would
+  e2fsck -p "$work/$suite.run" >/dev/null 2>&1 || true
+}
+next() { # STAGE SECONDS
+  recover
+  set_stage "$1"
+  run "$2" || true
+}
+data=$work/$suite.data
+rm -f "$data"
+mke2fs -q -t ext4 "$data" 64M
+cp --sparse=always "$data" "$data.before"
+DATA=$data LOG=$data.log next saves 900
+rm -rf "$work/cuts"
+"$here/cuts.sh" "$bin" "$tests/disk-cuts" "$data.log" "$data.before" "$work/cuts" >>"$console" 2>&1 || true
+for image in "$work"/cuts/*.img; do
+  [ -e "$image" ] || continue
+  name=${image##*/}
+  DATA=$image next "back ${name%.img}" 400
+done
+rm -rf "$work/cuts" "$data" "$data.log" "$data.before"
+next upgrade 900
 rm -f "$work/$suite.run"
 
 "$here/report.sh" "deploy/$suite" "$console" $((SECONDS - started))

@@ -132,6 +132,37 @@ cut)
   [ $has_cameras ] || next_stage upgrade
   cut_power
   ;;
+saves)
+  # All kinds of saves, on a disk of their own that is recorded (deploy.sh).
+  until_so 240 state_is waiting
+  cp $conf $memory/conf
+  set_option steps 60
+  set_option save-every 0.2
+  set_option keep 2
+  rm -f /var/lib/subview/token
+  systemctl restart subview.service
+  for _ in 1 2 3; do
+    until_so 60 state_is waiting
+    post start
+    until_so 240 state_is "done"
+    post new
+  done
+  check saves "$(find /var/lib/subview/scans -name model.ply | wc -l)" -ge 1
+  systemctl stop subview.service
+  runuser -u subview -- subview capture --source v4l2:/dev/video0,size=320x180 --exposures 12 --out /var/lib/subview/capture \
+    >/tmp/log 2>&1
+  check capture $? -eq 0
+  cp $memory/conf $conf
+  sync
+  echo "@ cut me"
+  ;;
+back*)
+  # The disk is as a power cut left it.
+  holds "back_${stage#back }" until_so 240 state_is 'waiting\|capturing\|training\|done'
+  resumed=$(journal | grep -o 'resumed at step [0-9]*' | head -n 1)
+  note "power cut, ${stage#back }: the service is back, ${resumed:-no scan to resume}"
+  echo "@ cut me"
+  ;;
 upgrade)
   until_so 240 state_is training
   before=$(cat $conf /var/lib/subview/rig/note /var/lib/subview/token | sha256sum)

@@ -15,9 +15,8 @@
 #include <unistd.h>
 
 #include "src/base/rng.h"
-#include "src/format/sections.h"
-#include "src/train/checkpoint.h"
 #include "tests/common/test.h"
+#include "tests/common/whole.h"
 
 #define CAP_WORDS 40
 #define SOURCE    "--source sim:textured,rig=stereo,size=48x36 --exposures 2 --gaussians 100 --threads 1 "
@@ -72,42 +71,6 @@ static bool kill_soon(pid_t pid, uint32_t most_ms) {
 
 // --- files ---------------------------------------------------------------------------------------
 
-static uint8_t *slurp(const char *path, size_t *bytes) {
-  FILE *f = fopen(path, "rb");
-  if (!f) return NULL;
-  fseek(f, 0, SEEK_END);
-  *bytes = (size_t)ftell(f);
-  rewind(f);
-  uint8_t *data = malloc(*bytes + 1);
-  assert_non_null(data);
-  assert_int_equal(fread(data, 1, *bytes, f), *bytes);
-  data[*bytes] = 0;
-  fclose(f);
-  return data;
-}
-
-// What is whole by its own account: checksums, a JSON object's end, a JPEG's end, a PLY's length.
-static bool is_whole(const char *name, const uint8_t *data, size_t n) {
-  sv_sections r;
-  sv_err err;
-  const char *ext = strrchr(name, '.');
-  if (!ext || n < 4) return false;
-  if (!strcmp(ext, ".bin")) {
-    const sv_file_data file = {name, data, n};
-    return sv_sections_open(&r, &file, SV_CHECKPOINT_KIND, SV_CHECKPOINT_VERSION, &err) >= 0;
-  }
-  if (!strcmp(ext, ".json")) return data[n - 2] == '}' && data[n - 1] == '\n';
-  if (!strcmp(ext, ".jpg")) return data[n - 2] == 0xff && data[n - 1] == 0xd9;
-  if (strcmp(ext, ".ply") != 0) return false;
-  const char *body = strstr((const char *)data, "end_header\n"),
-             *count = strstr((const char *)data, "vertex ");
-  int n_floats = 0;
-  for (const char *p = (const char *)data; body && (p = strstr(p, "property float")) && p < body; p++)
-    n_floats++;
-  const size_t head = body ? (size_t)(body + 11 - (const char *)data) : 0;
-  return body && count && n == head + (size_t)strtol(count + 7, NULL, 10) * (size_t)n_floats * sizeof(float);
-}
-
 static void check_folder(const char *folder) {
   char path[600];
   DIR *d = opendir(folder);
@@ -119,8 +82,8 @@ static void check_folder(const char *folder) {
       continue;
     }
     snprintf(path, sizeof path, "%s/%s", folder, e->d_name);
-    uint8_t *data = slurp(path, &n);
-    if (!data || !is_whole(e->d_name, data, n)) fail_msg("kill %ld: %s is torn, %zu bytes", n_kills, path, n);
+    uint8_t *data = whole_read(path, &n);
+    if (!data || !whole_is(e->d_name, data, n)) fail_msg("kill %ld: %s is torn, %zu bytes", n_kills, path, n);
     free(data);
   }
   if (d) closedir(d);

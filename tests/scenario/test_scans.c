@@ -54,9 +54,14 @@ static bool is_there(const char *name) {
 
 TEST(test_interrupted) {
   char token[40];
+  struct stat st;
   setting("steps=10000000");
   start("--config @/subview.conf");
   snprintf(token, sizeof token, "%s", r.token);
+  assert_int_equal(stat(temp_path("token"), &st), 0);
+  assert_int_equal(st.st_mode & 0777, 0600); // a secret
+  assert_int_equal(st.st_size, 33);
+  shell_ok("! ls %s | grep subview-tmp", temp_folder);
   wait_for("waiting");
   post("/start");
   for (int i = 0; i < 600 && !is_there("0001/checkpoint.bin"); i++) poll(NULL, 0, 50);

@@ -1,0 +1,64 @@
+#!/bin/bash
+# SPDX-License-Identifier: Apache-2.0
+# The power is cut at each write of a recorded disk: all that was written before is there, or of
+# what was not flushed a part is lost. Each time the file system is mounted, as a boot does, and no
+# saved file may be torn; a capture must replay.
+#
+#   cuts.sh BIN DISK_CUTS LOG BEFORE OUT        BEFORE: the disk when the recording began
+#
+# OUT receives a disk NAME.img for each kind of file that was being saved when the power was cut,
+# for the board to start from. Needs root. Lines as those of service.sh.
+set -euo pipefail
+bin=$1 disk_cuts=$2 log=$3 before=$4 out=$5
+mkdir -p "$out/mnt"
+n_points=$("$disk_cuts" count "$log")
+n_cuts=0 n_replayed=0 n_damaged=0 bad=
+declare -A n_saving=()
+trap 'umount "$out/mnt" 2>/dev/null || true' EXIT
+
+fail() {
+  bad=yes
+  echo "@ FAIL  deploy/cuts  $*"
+}
+replays() { # a capture, of which exposures whose pictures were not synced may be damaged
+  local code=0
+  "$bin/subview" run --source "replay:$out/mnt/capture,speed=max" --exposures 1 --gaussians 100 --threads 1 --steps 1 --quiet \
+    --out "$out/trained" >"$out/said" 2>&1 || code=$?
+  rm -rf "$out/trained"
+  [ $code -ne 0 ] || n_replayed=$((n_replayed + 1))
+  [ $code -eq 0 ] || grep -q 'no frames\|without one\|rig' "$out/said"
+}
+cut_at() { # RECORDS SEED
+  local name
+  cp --sparse=always "$before" "$out/disk"
+  "$disk_cuts" apply "$log" "$1" "$2" "$out/disk" || fail "record $1: not applied"
+  [ "$2" -gt 0 ] || cp --sparse=always "$out/disk" "$out/start"
+  n_cuts=$((n_cuts + 1))
+  if ! mount -o loop "$out/disk" "$out/mnt"; then
+    fail "record $1, seed $2: the disk cannot be mounted"
+    return
+  fi
+  "$disk_cuts" check "$out/mnt" >"$out/found" || true
+  # Pictures of a capture are synced at its end; replay finds those that a power cut took.
+  n_damaged=$((n_damaged + $(grep -c "^torn .*/capture/.*\.jpg" "$out/found" || true)))
+  if grep '^torn' "$out/found" | grep -qv '/capture/.*\.jpg'; then
+    fail "record $1, seed $2: $(grep '^torn' "$out/found" | grep -v '/capture/.*\.jpg' | head -n 1 | sed "s|$out/mnt|disk|")"
+  fi
+  for name in $(sed -n 's/^saving //p' "$out/found"); do
+    n_saving[$name]=$((${n_saving[$name]:-0} + 1))
+    [ "$2" -gt 0 ] || [ -e "$out/$name.img" ] || cp --sparse=always "$out/start" "$out/$name.img"
+  done
+  if [ -e "$out/mnt/capture/capture.json" ]; then
+    replays || fail "record $1, seed $2: the capture does not replay: $(tail -n 1 "$out/said")"
+  fi
+  umount "$out/mnt"
+}
+for ((i = 1; i <= n_points; i++)); do
+  cut_at "$i" 0
+  cut_at "$i" "$i"
+done
+rm -f "$out/disk" "$out/start"
+saving=$(for name in "${!n_saving[@]}"; do echo "$name ${n_saving[$name]},"; done | sort | tr '\n' ' ')
+echo "@ note  power cut at each of $n_points writes and flushes, with and without what was not flushed: $n_cuts disks"
+echo "@ note  in the middle of saving: ${saving%, }; captures that replay: $n_replayed; their damaged pictures: $n_damaged"
+[ -n "$bad" ] || echo "@ ok    deploy/cuts"
