@@ -11,7 +11,8 @@
 set -euo pipefail
 bin=$1 disk_cuts=$2 log=$3 before=$4 out=$5
 mkdir -p "$out/mnt"
-n_points=$("$disk_cuts" count "$log")
+mapfile -t records < <("$disk_cuts" list "$log")
+n_points=${#records[@]} n_flushed=0
 n_cuts=0 n_replayed=0 n_damaged=0 bad=
 declare -A n_saving=()
 trap 'umount "$out/mnt" 2>/dev/null || true' EXIT
@@ -30,8 +31,8 @@ replays() { # a capture, of which exposures whose pictures were not synced may b
 }
 cut_at() { # RECORDS SEED
   local name
-  cp --sparse=always "$before" "$out/disk"
-  "$disk_cuts" apply "$log" "$1" "$2" "$out/disk" || fail "record $1: not applied"
+  cp --sparse=always "$out/flushed" "$out/disk"
+  "$disk_cuts" apply "$log" $n_flushed "$1" "$2" "$out/disk" || fail "record $1: not applied"
   [ "$2" -gt 0 ] || cp --sparse=always "$out/disk" "$out/start"
   n_cuts=$((n_cuts + 1))
   if ! mount -o loop "$out/disk" "$out/mnt"; then
@@ -53,11 +54,17 @@ cut_at() { # RECORDS SEED
   fi
   umount "$out/mnt"
 }
+cp --sparse=always "$before" "$out/flushed"
 for ((i = 1; i <= n_points; i++)); do
+  if [ "${records[i - 1]}" = flush ]; then # from here on all before it is there
+    "$disk_cuts" apply "$log" $n_flushed "$i" 0 "$out/flushed"
+    n_flushed=$i
+  else
+    cut_at "$i" "$i"
+  fi
   cut_at "$i" 0
-  cut_at "$i" "$i"
 done
-rm -f "$out/disk" "$out/start"
+rm -f "$out/disk" "$out/start" "$out/flushed"
 saving=$(for name in "${!n_saving[@]}"; do echo "$name ${n_saving[$name]},"; done | sort | tr '\n' ' ')
 echo "@ note  power cut at each of $n_points writes and flushes, with and without what was not flushed: $n_cuts disks"
 echo "@ note  in the middle of saving: ${saving%, }; captures that replay: $n_replayed; their damaged pictures: $n_damaged"

@@ -3,12 +3,12 @@
 // (block driver blklogwrites; the format is that of Linux's dm-log-writes), and this program plays
 // them back.
 //
-//   disk-cuts count LOG               how many records there are
-//   disk-cuts apply LOG N SEED IMAGE  the first N of them into IMAGE, a copy of the disk as it was
-//                                     before. SEED above 0: of the writes after the last flush each
-//                                     one is lost by chance, as those in a disk's cache are
-//   disk-cuts check FOLDER            a line "torn PATH" for each saved file below FOLDER that is
-//                                     not whole, "saving NAME" for each temporary file
+//   disk-cuts list LOG                  a line "flush" or "write" for each record
+//   disk-cuts apply LOG A B SEED IMAGE  records A + 1 to B into IMAGE, a disk with the first A. SEED
+//                                       above 0: each write is lost by chance, as those in a disk's
+//                                       cache are, for which no flush came any more
+//   disk-cuts check FOLDER              a line "torn PATH" for each saved file below FOLDER that is
+//                                       not whole, "saving NAME" for each temporary file
 #include <dirent.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -53,13 +53,11 @@ static bool log_next(record_log *l, record_head *r) {
   return true;
 }
 
-static int count(const char *path) {
+static int list(const char *path) {
   record_log l;
   record_head r;
-  long n = 0;
   if (!log_open(&l, path)) return 1;
-  while (log_next(&l, &r)) n++;
-  printf("%ld\n", n);
+  while (log_next(&l, &r)) puts(r.flags & FLUSH ? "flush" : "write");
   return 0;
 }
 
@@ -73,21 +71,23 @@ static bool copy_data(const record_log *l, const record_head *r, FILE *image) {
   return is_done;
 }
 
-static int apply(const char *path, long n, uint64_t seed, const char *image_path) {
+typedef struct {
+  long first, end;
+  uint64_t seed;
+} part;
+
+static int apply(const char *path, const part *of, const char *image_path) {
   record_log l;
   record_head r;
-  long last_flush = 0;
-  sv_rng rng = sv_rng_make(seed, 1);
-  if (!log_open(&l, path)) return 1;
-  for (long i = 0; i < n && log_next(&l, &r); i++)
-    if (r.flags & FLUSH) last_flush = i;
-  l.next = (long)l.sector_bytes;
+  sv_rng rng = sv_rng_make(of->seed, 1);
   FILE *image = fopen(image_path, "r+b");
-  for (long i = 0; image && i < n && log_next(&l, &r); i++) {
-    const bool is_lost = seed && i > last_flush && !(r.flags & FUA) && sv_rng_f(&rng) < 0.5F;
-    if (r.n_sectors && !is_lost && !copy_data(&l, &r, image)) return 1;
+  if (!image || !log_open(&l, path)) return 1;
+  for (long i = 0; i < of->end && log_next(&l, &r); i++) {
+    if (i < of->first || r.n_sectors == 0) continue;
+    const bool is_lost = of->seed && !(r.flags & FUA) && sv_rng_f(&rng) < 0.5F;
+    if (!is_lost && !copy_data(&l, &r, image)) return 1;
   }
-  return !image || fclose(image) != 0;
+  return fclose(image) != 0;
 }
 
 // True when all files are whole. Lines of a capture that was cut (frames.N.part) may be torn.
@@ -121,10 +121,12 @@ static bool check(const char *folder) {
 }
 
 int main(int argc, char **argv) {
-  if (argc == 3 && !strcmp(argv[1], "count")) return count(argv[2]);
-  if (argc == 6 && !strcmp(argv[1], "apply"))
-    return apply(argv[2], strtol(argv[3], NULL, 10), strtoull(argv[4], NULL, 10), argv[5]);
+  if (argc == 3 && !strcmp(argv[1], "list")) return list(argv[2]);
+  if (argc == 7 && !strcmp(argv[1], "apply")) {
+    const part of = {strtol(argv[3], NULL, 10), strtol(argv[4], NULL, 10), strtoull(argv[5], NULL, 10)};
+    return apply(argv[2], &of, argv[6]);
+  }
   if (argc == 3 && !strcmp(argv[1], "check")) return !check(argv[2]);
-  fprintf(stderr, "usage: disk-cuts count LOG | apply LOG N SEED IMAGE | check FOLDER\n");
+  fprintf(stderr, "usage: disk-cuts list LOG | apply LOG A B SEED IMAGE | check FOLDER\n");
   return 2;
 }

@@ -31,7 +31,7 @@ next_stage() {
 uptime_s() { cut -d ' ' -f 1 /proc/uptime; }
 since() { awk -v a="$1" -v b="$(uptime_s)" 'BEGIN { printf "%.1f", b - a }'; }
 # Outside of loopback all that the page shows needs the token.
-get() { busybox wget -q -O - --header "X-Subview-Token: $(cat /var/lib/subview/token)" "$@" 2>/dev/null; }
+get() { busybox wget -q -O - --header "X-Subview-Token: $(cat /var/lib/subview/token 2>/dev/null)" "$@" 2>/dev/null; }
 base=http://127.0.0.1:8080
 state_is() { get $base/state | grep -q "\"state\":\"$1\""; }
 post() { get --post-data= "$base/$1" >/dev/null; }
