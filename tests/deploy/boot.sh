@@ -22,13 +22,14 @@ if [ "$files" != - ]; then
   drives+=(-drive "file=$work/files.img,format=raw,if=virtio,readonly=on")
 fi
 if [ -n "${DATA:-}" ]; then
-  file=file
+  disk="driver=raw,file.driver=file,file.filename=$DATA"
   if [ -n "${LOG:-}" ]; then
     rm -f "$LOG"
     truncate -s 4G "$LOG" # sparse
-    file=file.file
+    disk="driver=blklogwrites,file.driver=raw,file.file.driver=file,file.file.filename=$DATA"
+    disk="$disk,log.driver=raw,log.file.driver=file,log.file.filename=$LOG"
   fi
-  drives+=(-drive "if=virtio,cache=writeback,driver=${LOG:+blklogwrites,file.driver=}raw,$file.driver=file,$file.filename=$DATA${LOG:+,log.driver=raw,log.file.driver=file,log.file.filename=$LOG}"
+  drives+=(-drive "if=virtio,cache=writeback,$disk"
     -global virtio-blk-device.discard=off -global virtio-blk-device.write-zeroes=off)
 fi
 qemu-system-aarch64 -M virt -cpu "${BOARD_CPU:-cortex-a72}" -smp 2 -m 1536 -nographic -nic none ${pidfile:+-pidfile "$pidfile"} \

@@ -3,11 +3,11 @@
 # The installed service on the virtual ARM board with Debian and systemd, booted from a disk: see
 # service.sh for what is checked. Ends with "N passed, N failed, N skipped".
 #
-#   deploy.sh BUILD SUITE FIRST SECOND BIN TESTS      packages of subview, the second for the upgrade;
-#                                                     this machine's programs and tests
+#   deploy.sh BUILD SUITE FIRST SECOND BIN TESTS
 #
-# BUILD/deploy keeps the disks, and the console's output. Environment: CUTS, how often the power is
-# cut at random (3).
+# FIRST and SECOND: packages of subview, the second for the upgrade. BIN, TESTS: this machine's own
+# programs and tests. BUILD/deploy keeps the disks, and the console's output. Environment: CUTS, how
+# often the power is cut at random (3).
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 build=$1 suite=$2 first=$3 second=$4 bin=$5 tests=$6

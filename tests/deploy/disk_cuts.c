@@ -4,9 +4,9 @@
 // them back.
 //
 //   disk-cuts list LOG                  a line "flush" or "write" for each record
-//   disk-cuts apply LOG A B SEED IMAGE  records A + 1 to B into IMAGE, a disk with the first A. SEED
-//                                       above 0: each write is lost by chance, as those in a disk's
-//                                       cache are, for which no flush came any more
+//   disk-cuts apply LOG A B SEED IMAGE  records A + 1 to B into IMAGE, a disk with the first A.
+//                                       SEED above 0: each write is lost by chance, as those in a
+//                                       disk's cache are, for which no flush came any more
 //   disk-cuts check FOLDER              a line "torn PATH" for each saved file below FOLDER that is
 //                                       not whole, "saving NAME" for each temporary file
 #include <dirent.h>
