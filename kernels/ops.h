@@ -6,6 +6,7 @@
 
 #include "kernels/adam/adam.h"
 #include "kernels/appearance/appearance.h"
+#include "kernels/area/area.h"
 #include "kernels/bin/bin.h"
 #include "kernels/color/color.h"
 #include "kernels/corner/corner.h"
