@@ -20,6 +20,7 @@
 #include "platform/v4l2/v4l2.h"
 #include "src/run/app.h"
 #include "src/format/rig_file.h"
+#include "src/rig/sizes.h"
 
 #define EXIT_USAGE   2
 #define EXIT_RESCUED 3 // a run: done, but saved in the second place
@@ -46,6 +47,8 @@ int options_parse(const sv_tool_command *command, const sv_option *rows, int n_r
 // One line "subview COMMAND: TEXT; try 'subview COMMAND --help'" on stderr. Returns EXIT_USAGE.
 int usage_error(const char *command, const char *fmt, ...) SV_PRINTF(2, 3);
 void print_version(void);
+// "WxH", each 1 to 16384.
+bool size_of(const char *text, int *width_px, int *height_px);
 // --sync: a sv_sync_method; -1: unknown.
 int sync_mode_of(const char *name);
 // Text to a file descriptor in one write, without stdio's buffers.
@@ -91,16 +94,20 @@ typedef struct {
 typedef struct {
   // The source string: SOURCE_KINDS, several cameras separated by commas, then options
   const char *spec;
-  const char *rig_path; // folder of the rig; NULL: the source's own rig
-  int n_exposures;      // that will be captured, for sources of a known length; 0: not known
-  bool needs_rig;       // without a rig E_NOT_FOUND; else rig stays NULL
-  bool is_triggered;    // --sync trigger: the line is opened, too
+  const char *rig_path;   // folder of the rig; NULL: the source's own rig
+  int n_exposures;        // that will be captured, for sources of a known length; 0: not known
+  bool needs_rig;         // without a rig E_NOT_FOUND; else rig stays NULL
+  bool is_triggered;      // --sync trigger: the line is opened, too
+  sv_reduction reduction; // of the images for training; k 1, or all 0: none
 } source_cfg;
 
 // Opens a source inside the arena. Options of all sources: tiles=CxR (one image holds C x R
 // cameras), fov=DEG (of a single camera without a rig, for which a pinhole lens is then assumed).
 sv_status source_open(board_source *s, const source_cfg *cfg, sv_arena *arena, sv_err *err) SV_MUST_USE;
 void source_close(board_source *s);
+
+// Fits the rig to what the cameras deliver and makes its images smaller (sizes.c).
+sv_status sizes_fit(board_source *s, const source_cfg *cfg, sv_arena *arena, sv_err *err) SV_MUST_USE;
 
 // --- the trigger line (trigger.c) ----------------------------------------------------------------
 // An option trigger=, trigger-period=, trigger-width=, trigger-polarity= or trigger-mode= of the

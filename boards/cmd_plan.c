@@ -60,20 +60,6 @@ static long largest(const plan_options *o, size_t cap, int sh, bool is_images, l
   return lo;
 }
 
-static bool parse_size(const char *text, int *w, int *h) {
-  const char *x = text;
-  long long a, b;
-  size_t n = 0;
-  while (x[n] && x[n] != 'x') n++;
-  if (!x[n] || !sv_parse_int(x, n, &a)) return false;
-  size_t m = 0;
-  while (x[n + 1 + m]) m++;
-  if (!sv_parse_int(x + n + 1, m, &b) || a < 1 || b < 1 || a > 16384 || b > 16384) return false;
-  *w = (int)a;
-  *h = (int)b;
-  return true;
-}
-
 static void print_text(const plan_options *o, size_t cap, size_t used, int w, int h) {
   static char text[4096];
   sv_str s = sv_str_make(text, sizeof text);
@@ -131,7 +117,7 @@ static int make_rig(const plan_options *o, int w, int h) {
     return usage_error("plan",
                        "--odometry: not with --multiplexed, whose lens images overlap and cannot be tracked");
   if (!o->grid) return 0;
-  if (!parse_size(o->grid, &d.rows, &d.cols))
+  if (!size_of(o->grid, &d.rows, &d.cols))
     return usage_error("plan", "--multiplexed %s: expected RxC, lenses in rows and columns", o->grid);
   d.width_px = w;
   d.height_px = h;
@@ -186,7 +172,7 @@ int cmd_plan(int argc, char **argv) {
                     .size = "640x480"};
   int w, h, r = options_parse(&command, rows, sizeof rows / sizeof *rows, argc, argv, &o);
   if (r) return r < 0 ? 0 : r;
-  if (!parse_size(o.size, &w, &h))
+  if (!size_of(o.size, &w, &h))
     return usage_error("plan", "--size %s: expected WxH with sides of 1 to 16384", o.size);
   if (sv_prior_method_by_name(o.prior) < 0 || (sv_prior_method_by_name(o.prior) > 0 && o.grid))
     return usage_error(

@@ -27,8 +27,10 @@ static struct {
   sv_linux_console console;
   sv_linux_watch watch;
   outputs out;
-  uint8_t *truth; // held-out views of the simulator
-  bool is_retry;  // the cameras of the same scan are tried again
+  uint8_t *truth;       // a held-out view of the simulator
+  uint8_t *small_truth; // at the size that is trained on; may be the same
+  float *area_scratch;
+  bool is_retry; // the cameras of the same scan are tried again
 } run;
 
 // self is the page's.
@@ -119,6 +121,17 @@ static sv_app_cfg app_cfg(const run_options *o) {
   return c;
 }
 
+static void carve_truth(sv_arena *a) {
+  const sv_sub_view *v = &run.src.rig->sub_views[0]; // that of the held-out views
+  const sv_camera_caps *c = &run.src.caps[v->i_camera];
+  const size_t px = (size_t)v->model.width_px * (size_t)v->model.height_px;
+  run.truth = run.small_truth =
+      SV_TAKE(a, uint8_t, v->source_width_px ? (size_t)c->width_px * (size_t)c->height_px * 3 : 3 * px);
+  if (!v->source_width_px) return;
+  run.small_truth = SV_TAKE(a, uint8_t, 3 * px);
+  run.area_scratch = SV_TAKE(a, float, SV_AREA_SCRATCH_FLOATS(v->source_width_px));
+}
+
 // Buffers of the preview and of the comparison with the simulator's truth.
 static sv_status carve_outputs(sv_arena *a, const sv_app_cfg *cfg, sv_err *err) {
   int w = 1, h = 1;
@@ -126,14 +139,37 @@ static sv_status carve_outputs(sv_arena *a, const sv_app_cfg *cfg, sv_err *err) 
   sv_arena_part_begin(a, "preview");
   sv_status s = outputs_carve(&run.out, a, w, h, err);
   if (s < 0) return s;
-  const sv_camera_model *m = &run.src.rig->sub_views[0].model; // that of the held-out views
-  if (run.src.kind == SOURCE_SIM)
-    run.truth = SV_TAKE(a, uint8_t, (size_t)m->width_px * (size_t)m->height_px * 3);
+  if (run.src.kind == SOURCE_SIM) carve_truth(a);
   return a->status < 0 ? sv_fail(err, a->status, "no room for the preview") : SV_OK;
 }
 
 static void true_pose(void *self, sv_ns time_ns, sv_pose *rig_from_world) {
   sv_sim_rig_pose(self, time_ns, rig_from_world);
+}
+
+// A held-out view and its truth, which are of the simulator's size, made smaller as the images for
+// training were.
+static void reduce_truth(sv_view *v) {
+  const sv_sub_view *s = &run.src.rig->sub_views[0];
+  if (!s->source_width_px) return;
+  const int w = s->model.width_px, h = s->model.height_px;
+  const float x = (float)w / (float)s->source_width_px, y = (float)h / (float)s->source_height_px;
+  run.k.area(&(sv_area_args){.src = run.truth,
+                             .src_stride_bytes = 3 * (size_t)v->width_px,
+                             .src_width_px = s->source_width_px,
+                             .src_height_px = s->source_height_px,
+                             .dst = run.small_truth,
+                             .dst_stride_bytes = 3 * (size_t)w,
+                             .dst_width_px = w,
+                             .dst_height_px = h,
+                             .row1 = h,
+                             .scratch = run.area_scratch});
+  v->width_px = w;
+  v->height_px = h;
+  v->fx *= x;
+  v->cx *= x;
+  v->fy *= y;
+  v->cy *= y;
 }
 
 // Mean PSNR over held-out views of the simulated scene; 0 where there is no truth.
@@ -151,8 +187,9 @@ static sv_status heldout_psnr(double *psnr, int *n_views) {
     sv_sim_heldout_view(&run.src.u.sim, i, SV_SIM_N_HELDOUT, &v, &t);
     v.time = sv_app_time_of(&run.app, sv_sim_slot_ns(&run.src.u.sim, v.i_exposure));
     sv_sim_render(&run.src.u.sim, &v, t, run.truth, NULL);
+    reduce_truth(&v);
     if (odo->is_tracked) v = sv_odometry_view(&q, &v); // where that is in the world that was found
-    sv_status s = sv_driver_mse(&run.app.trainer, &v, run.truth, &mse);
+    sv_status s = sv_driver_mse(&run.app.trainer, &v, run.small_truth, &mse);
     if (s < 0) return s;
     *psnr += sv_psnr_of_mse(mse) / SV_SIM_N_HELDOUT;
     (*n_views)++;
@@ -237,6 +274,7 @@ static sv_status set_up(const run_options *o, sv_arena *arena, const char **what
                          .rig_path = o->rig,
                          .n_exposures = (int)o->exposures,
                          .needs_rig = true,
+                         .reduction = o->reduction,
                          .is_triggered = o->i_sync == SV_SYNC_METHOD_TRIGGER};
   sv_status s = source_open(&run.src, &sc, arena, err);
   if (s < 0 && run.src.source.n_cameras > 0) *what = "rig";

@@ -39,6 +39,17 @@ int options_parse(const sv_tool_command *command, const sv_option *rows, int n_r
   return common->is_help || common->is_version ? -1 : e;
 }
 
+bool size_of(const char *text, int *width_px, int *height_px) {
+  const char *x = strchr(text, 'x');
+  long long w, h;
+  if (!x || !sv_parse_int(text, (size_t)(x - text), &w) || !sv_parse_int(x + 1, strlen(x + 1), &h))
+    return false;
+  if (w < 1 || h < 1 || w > 16384 || h > 16384) return false;
+  *width_px = (int)w;
+  *height_px = (int)h;
+  return true;
+}
+
 int sync_mode_of(const char *name) {
   // In the order of sv_sync_method
   static const char *const names[] = {"free", "frame-length", "trigger"};

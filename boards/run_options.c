@@ -28,6 +28,11 @@ static const sv_option rows[] = {
      0, 0, NULL},
     {"sub-views", SV_OPT_TEXT, 1, 0, AT(sub_views), "A,B",
      "names of the sub-views to train on; the others are only captured [all]", 0, 0, NULL},
+    {"scale", SV_OPT_INT, 1, 0, AT(scale), "K",
+     "train on images of 1/K of the width and height, averaged over K x K pixels [1]", 1, 64, NULL},
+    {"size", SV_OPT_TEXT, 1, 0, AT(size), "WxH",
+     "train on images averaged to this size, which has the shape of the frames [that of the frames]", 0, 0,
+     NULL},
     {"steps", SV_OPT_INT, 1, 0, AT(steps), "N", "training steps [2000, or until --time-limit]", 1, 10000000,
      NULL},
     {"time-limit", SV_OPT_REAL, 1, 0, AT(time_limit), "SEC", "end training after SEC seconds [no limit]",
@@ -160,6 +165,10 @@ static int check(run_options *o) {
   if (strcmp(o->shutter, "auto") && strcmp(o->shutter, "global"))
     return usage_error("run", "--shutter %s: expected auto or global", o->shutter);
   o->appearance_mode = (sv_appearance_mode)appearance;
+  if (o->size && o->scale > 1) return usage_error("run", "--size and --scale: expected one of them");
+  o->reduction = (sv_reduction){.k = o->size ? 0 : (int)o->scale};
+  if (o->size && !size_of(o->size, &o->reduction.width_px, &o->reduction.height_px))
+    return usage_error("run", "--size %s: expected WxH, such as 640x480", o->size);
   o->i_prior = sv_prior_method_by_name(o->prior);
   if (o->i_prior < 0) return usage_error("run", "--prior %s: expected none, fsgs or sparsegs", o->prior);
   if (o->i_prior > 0 && (o->is_continuous || o->is_dynamic || o->is_resume))
@@ -192,6 +201,7 @@ int run_options_parse(int argc, char **argv, run_options *o) {
   *o = (run_options){.exposures = BOARD_EXPOSURES,
                      .gaussians = BOARD_GAUSSIANS,
                      .sh = BOARD_SH_DEGREE,
+                     .scale = 1,
                      .skew_ms = 20,
                      .capture_cpu = "auto",
                      .seed = 1,

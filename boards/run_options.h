@@ -17,6 +17,9 @@ typedef struct {
   const char *every;      // NULL: as the source suits
   double every_s;         // of --every
   bool is_by_motion;      // likewise
+  long scale;             // of --scale, at least 1
+  const char *size;       // of --size, or NULL
+  sv_reduction reduction; // of both
   const char *appearance; // auto, off, cameras or exposures
   const char *optimizer;  // NULL: the one that suits the exposures
   const char *prior;

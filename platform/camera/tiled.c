@@ -54,6 +54,7 @@ static sv_status tiled_caps(void *self, int i, sv_camera_caps *out) {
   *out = *c;
   out->width_px = c->width_px / t->cols;
   out->height_px = c->height_px / t->rows;
+  out->area = (sv_sensor_area){.sensor_width_px = 0}; // that of a tile is not known
   if (sv_pixel(c->format)->layout == SV_LAYOUT_CODED && !c->coded_width_px) {
     out->coded_width_px = c->width_px;
     out->coded_height_px = c->height_px;

@@ -22,6 +22,21 @@ static bool has_spare(const sv_exposures_cfg *cfg) {
   return is_coded && cfg->n_cameras > 1;
 }
 
+// Room to make a frame smaller, and for what is undistorted afterwards.
+static void carve_reduced(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a) {
+  size_t bytes = 0, n = 0;
+  for (int i = 0; i < cfg->rig->n_sub_views; i++) {
+    const sv_sub_view *v = &cfg->rig->sub_views[i];
+    const size_t b = (size_t)v->model.width_px * (size_t)v->model.height_px * 3;
+    if (!v->source_width_px) continue;
+    if (SV_AREA_SCRATCH_FLOATS(v->source_width_px) > n) n = SV_AREA_SCRATCH_FLOATS(v->source_width_px);
+    if (has_distortion(&v->model) && b > bytes) bytes = b;
+  }
+  e->reduced = bytes ? SV_TAKE(a, uint8_t, bytes) : NULL;
+  e->n_area_floats = n;
+  e->area_scratch = n ? SV_TAKE(a, float, n *(size_t)sv_maxi(cfg->n_threads, 1)) : NULL;
+}
+
 static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a, sv_err *err) {
   const sv_rig *rig = cfg->rig;
   e->exposure = SV_TAKE(a, sv_exposure, cfg->cap_exposures);
@@ -54,6 +69,7 @@ static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a
   e->place = SV_TAKE(a, int, cfg->cap_exposures + 1);
   for (int i = 0; e->place && i <= cfg->cap_exposures; i++) e->place[i] = i;
   e->px = SV_TAKE(a, uint8_t, (size_t)(cfg->cap_exposures + has_spare(cfg)) * at);
+  carve_reduced(e, cfg, a);
   if (cfg->is_blur_dropped) {
     int w = 0, h = 0;
     for (int i = 0; i < rig->n_sub_views; i++) {
@@ -122,10 +138,29 @@ sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_are
 typedef struct {
   const sv_exposures *e;
   const sv_kernels *k;
-  const sv_image_u8 *image; // the sensor's, RGB8
+  const uint8_t *src; // RGB8: the sub-view's part of the frame, or what that was made smaller to
+  size_t stride_bytes;
   uint8_t *dst;
-  int i_sub, n_tasks;
+  int i_sub;
 } copy_job;
+
+// Rows of one sub-view: made smaller.
+static void reduce_task(void *arg, int i_task, int i_thread) {
+  const copy_job *j = arg;
+  const sv_sub_view *v = &j->e->cfg.rig->sub_views[j->i_sub];
+  sv_area_args a = {.src = j->src,
+                    .src_stride_bytes = j->stride_bytes,
+                    .src_width_px = v->source_width_px,
+                    .src_height_px = v->source_height_px,
+                    .dst = j->dst,
+                    .dst_stride_bytes = (size_t)v->model.width_px * 3,
+                    .dst_width_px = v->model.width_px,
+                    .dst_height_px = v->model.height_px,
+                    .row0 = i_task * ROWS_PER_TASK,
+                    .row1 = sv_mini((i_task + 1) * ROWS_PER_TASK, v->model.height_px),
+                    .scratch = j->e->area_scratch + (size_t)i_thread * j->e->n_area_floats};
+  j->k->area(&a);
+}
 
 // Rows of one sub-view: a plain copy of its footprint, or through the undistortion table.
 static void copy_task(void *arg, int i_task, int i_thread) {
@@ -134,8 +169,8 @@ static void copy_task(void *arg, int i_task, int i_thread) {
   const sv_sub_view_store *s = &j->e->sub[j->i_sub];
   int w = s->pinhole.width_px, y0 = i_task * ROWS_PER_TASK,
       y1 = sv_mini(y0 + ROWS_PER_TASK, s->pinhole.height_px);
-  const size_t stride = (size_t)j->image->stride_bytes;
-  const uint8_t *src = j->image->px + (size_t)sv->footprint.y0_px * stride + (size_t)sv->footprint.x0_px * 3;
+  const size_t stride = j->stride_bytes;
+  const uint8_t *src = j->src;
   (void)i_thread;
   if (!s->map.entries) {
     for (int y = y0; y < y1; y++)
@@ -155,10 +190,31 @@ static void copy_task(void *arg, int i_task, int i_thread) {
   j->k->remap(&a);
 }
 
+static int n_tasks(int n_rows) { return (n_rows + ROWS_PER_TASK - 1) / ROWS_PER_TASK; }
+
+// One sub-view out of its sensor's picture, into the pool.
+static void put_sub_view(const copy_job *job, const sv_image_u8 *image, const sv_pool *pool) {
+  const sv_sub_view *v = &job->e->cfg.rig->sub_views[job->i_sub];
+  const sv_sub_view_store *s = &job->e->sub[job->i_sub];
+  copy_job j = *job;
+  j.stride_bytes = (size_t)image->stride_bytes;
+  j.src = image->px + (size_t)v->footprint.y0_px * j.stride_bytes + (size_t)v->footprint.x0_px * 3;
+  if (v->source_width_px) {
+    if (s->map.entries) j.dst = job->e->reduced;
+    sv_pool_run(pool, reduce_task, &j, n_tasks(v->model.height_px));
+    if (!s->map.entries) return;
+    j.src = j.dst;
+    j.stride_bytes = (size_t)v->model.width_px * 3;
+    j.dst = job->dst;
+  }
+  sv_pool_run(pool, copy_task, &j, n_tasks(s->pinhole.height_px));
+}
+
 static sv_status check_frame(const sv_exposures *e, int i_sub, const sv_frame *f, sv_err *err) {
   const sv_sub_view *sv = &e->cfg.rig->sub_views[i_sub];
-  int w = sv->footprint.x0_px + sv->model.width_px, h = sv->footprint.y0_px + sv->model.height_px;
-  bool is_shared = sv->footprint.width_px > 0;
+  int w = sv->footprint.x0_px + (sv->source_width_px ? sv->source_width_px : sv->model.width_px);
+  int h = sv->footprint.y0_px + (sv->source_height_px ? sv->source_height_px : sv->model.height_px);
+  bool is_shared = sv->footprint.width_px > 0 || sv->source_width_px > 0;
   if (is_shared ? (f->width_px < w || f->height_px < h) : (f->width_px != w || f->height_px != h))
     return sv_fail(err, SV_E_RANGE,
                    "camera %d delivers %dx%d pixels, sub-view \"%s\" of the rig expects %dx%d", sv->i_camera,
@@ -182,12 +238,9 @@ static sv_status put_pictures(sv_exposures *e, int place, const sv_frame *frame,
         sv_status s = sv_convert_frame(&e->convert, &frame[c], k, pool, &image, err);
         if (s < 0) return s;
       }
-      copy_job j = {.e = e,
-                    .k = k,
-                    .image = &image,
-                    .i_sub = i,
-                    .dst = e->px + (size_t)place * e->exposure_bytes + e->sub[i].at};
-      sv_pool_run(pool, copy_task, &j, (e->sub[i].pinhole.height_px + ROWS_PER_TASK - 1) / ROWS_PER_TASK);
+      copy_job j = {
+          .e = e, .k = k, .i_sub = i, .dst = e->px + (size_t)place * e->exposure_bytes + e->sub[i].at};
+      put_sub_view(&j, &image, pool);
     }
   }
   return SV_OK;

@@ -51,6 +51,9 @@ typedef struct {
   sv_sharpness sharpness;       // with is_blur_dropped
   sv_spacing spacing;
   sv_drop_reason reason; // of the exposure that was dropped last
+  uint8_t *reduced;      // a frame made smaller, before it is undistorted; or NULL
+  float *area_scratch;   // [n_threads][n_area_floats], NULL where no frame is made smaller
+  size_t n_area_floats;
   size_t exposure_bytes;
   uint8_t *px;           // [cap_exposures][exposure_bytes]
   sv_exposure *exposure; // [cap_exposures]

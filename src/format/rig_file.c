@@ -138,6 +138,63 @@ static sv_status read_model(const reader *r, const sv_json *j, int i_view, sv_su
   return SV_OK;
 }
 
+// "area": [x, y, w, h] of a sensor; all of it where there is none.
+static sv_status read_area(const sv_json *j, int i_object, const int sensor[2], sv_sensor_area *out,
+                           sv_err *err) {
+  const int i = sv_json_get(j, i_object, "area");
+  double a[4] = {0, 0, sensor[0], sensor[1]};
+  sv_status s = i < 0 ? SV_OK : sv_json_doubles(j, i, a, 4, err);
+  if (s != SV_OK) return s;
+  if (!(a[0] >= 0 && a[1] >= 0 && a[2] >= 1 && a[3] >= 1 && a[0] + a[2] <= sensor[0] &&
+        a[1] + a[3] <= sensor[1]))
+    return sv_json_fail(j, i, err, SV_E_RANGE,
+                        "x, y, width and height inside of the sensor's %dx%d pixels were expected", sensor[0],
+                        sensor[1]);
+  *out = (sv_sensor_area){sensor[0], sensor[1], a[0], a[1], a[2], a[3]};
+  return SV_OK;
+}
+
+static sv_status read_size(const sv_json *j, int i_object, int size[2], sv_err *err) {
+  const int i = sv_json_get(j, i_object, "size");
+  double v[2];
+  if (i < 0) return sv_json_missing(j, i_object, "size", err);
+  sv_status s = sv_json_doubles(j, i, v, 2, err);
+  for (int k = 0; s == SV_OK && k < 2; k++) {
+    if (!(v[k] >= 1 && v[k] <= 32767 && v[k] == (double)(int)v[k]))
+      return sv_json_fail(j, i, err, SV_E_RANGE, "width and height in whole pixels were expected");
+    size[k] = (int)v[k];
+  }
+  return s;
+}
+
+// "sensor": {"size": [W, H], "area": [x, y, w, h], "modes": [{"size": [w, h], "area": [...]}, ...]}
+static sv_status read_sensor(const sv_json *j, int i_view, sv_sub_view *v, sv_err *err) {
+  const int i = sv_json_get(j, i_view, "sensor");
+  int sensor[2], size[2];
+  if (i < 0) return SV_OK;
+  if (!sv_json_is_object(j, i))
+    return sv_json_fail(j, i, err, SV_E_FORMAT, "a sensor is an object with \"size\"");
+  sv_status s = read_size(j, i, sensor, err);
+  if (s == SV_OK) s = read_area(j, i, sensor, &v->area, err);
+  const int i_modes = sv_json_get(j, i, "modes");
+  if (s != SV_OK || i_modes < 0) return s;
+  if (!sv_json_is_array(j, i_modes) || sv_json_size(j, i_modes) > SV_CAP_SENSOR_MODES)
+    return sv_json_fail(j, i_modes, err, SV_E_FORMAT, "an array of at most %d modes was expected",
+                        SV_CAP_SENSOR_MODES);
+  for (int k = sv_json_first(j, i_modes); s == SV_OK && k >= 0; k = sv_json_next(j, k)) {
+    sv_sensor_mode *m = &v->modes[v->n_modes];
+    if (!sv_json_is_object(j, k))
+      return sv_json_fail(j, k, err, SV_E_FORMAT, "a mode is an object with \"size\"");
+    s = read_size(j, k, size, err);
+    if (s == SV_OK) s = read_area(j, k, sensor, &m->area, err);
+    if (s != SV_OK) return s;
+    m->width_px = size[0];
+    m->height_px = size[1];
+    v->n_modes++;
+  }
+  return s;
+}
+
 static sv_status read_sub_view(const reader *r, const sv_json *j, int i, sv_err *err) {
   sv_sub_view *v = &r->rig->sub_views[r->rig->n_sub_views];
   long long camera = 0;
@@ -159,6 +216,7 @@ static sv_status read_sub_view(const reader *r, const sv_json *j, int i, sv_err 
   s = read_footprint(j, i, v, err);
   if (s == SV_OK) s = read_shutter(j, i, v, err);
   if (s == SV_OK) s = read_images(j, i, r->rig, r->names, err);
+  if (s == SV_OK) s = read_sensor(j, i, v, err);
   if (s == SV_OK) s = read_model(r, j, i, v, err);
   if (s == SV_OK) r->rig->n_sub_views++;
   return s;
@@ -273,6 +331,23 @@ static void add_image(sv_str *out, const char *key, const char *name) {
   sv_str_add(out, "\"");
 }
 
+static void add_area(sv_str *out, const sv_sensor_area *a) {
+  sv_str_add(out, "\"area\": [%.17g, %.17g, %.17g, %.17g]", a->x0_px, a->y0_px, a->width_px, a->height_px);
+}
+
+static void add_sensor(sv_str *out, const sv_sub_view *v) {
+  if (!v->area.sensor_width_px) return;
+  sv_str_add(out, ", \"sensor\": {\"size\": [%d, %d], ", v->area.sensor_width_px, v->area.sensor_height_px);
+  add_area(out, &v->area);
+  if (v->n_modes) sv_str_add(out, ", \"modes\": [");
+  for (int i = 0; i < v->n_modes; i++) {
+    sv_str_add(out, "%s{\"size\": [%d, %d], ", i ? ", " : "", v->modes[i].width_px, v->modes[i].height_px);
+    add_area(out, &v->modes[i].area);
+    sv_str_add(out, "}");
+  }
+  sv_str_add(out, "%s}", v->n_modes ? "]" : "");
+}
+
 static void add_trigger(sv_str *out, const sv_trigger *t) {
   if (t->kind == SV_LINE_NONE) return;
   sv_str_add(out, "  \"trigger\": {\"line\": \"");
@@ -304,6 +379,7 @@ sv_status sv_rig_json_write_coverage(sv_str *out, const sv_rig *rig, const sv_co
     if (v->shutter.readout_s > 0)
       sv_str_add(out, ", \"readout_ms\": %.6g, \"shutter\": \"%s\"", 1e3 * v->shutter.readout_s,
                  sv_shutter_name(v->shutter.direction));
+    add_sensor(out, v);
     if (names) add_image(out, "coverage", names->name[i]);
     if (names) add_image(out, "mask", names->mask[i]);
     sv_str_add(out, "}");

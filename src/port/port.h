@@ -9,6 +9,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "src/base/area.h"
 #include "src/base/status.h"
 #include "src/base/time.h"
 #include "src/base/vec.h"
@@ -126,6 +127,7 @@ typedef struct {
   bool is_light_locked; // exposure time, gain and white balance do not change while frames come
   bool is_color_known;  // the same light gives the same value at every pixel and in all cameras of
                         // which this holds
+  sv_sensor_area area;  // what the frames show of the sensor; sensor size 0: not known
 } sv_camera_caps;
 
 // One frame, on loan until requeue returns it. `data` belongs to the source.

@@ -10,6 +10,7 @@
 #include <stdint.h>
 
 #include "calib/model.h"
+#include "src/base/area.h"
 #include "src/base/arena.h"
 #include "src/base/time.h"
 #include "src/base/vec.h"
@@ -32,6 +33,13 @@ typedef struct {
                            // each pixel
 } sv_footprint;
 
+// A mode of a sensor: what its frames of a size show.
+typedef struct {
+  int width_px, height_px;
+  sv_sensor_area area;
+} sv_sensor_mode;
+#define SV_CAP_SENSOR_MODES 6
+
 typedef struct {
   char name[32];
   int i_camera; // the camera (sensor) of the source that sees it
@@ -41,6 +49,14 @@ typedef struct {
   // [height][width] of the model: 0 where its image is ignored (housing, own shadow); NULL: nowhere
   const uint8_t *mask;
   sv_shutter shutter; // of its sensor
+  // What the calibrated images show of their sensor, and other modes of it, where the camera does
+  // not report them (src/rig/sizes.h).
+  sv_sensor_area area; // sensor size 0: not known
+  int n_modes;
+  sv_sensor_mode modes[SV_CAP_SENSOR_MODES];
+  // The frame's pixels that its image is averaged from, at its footprint's corner; 0: the image has
+  // the frame's pixels.
+  int source_width_px, source_height_px;
 } sv_sub_view;
 
 typedef struct {

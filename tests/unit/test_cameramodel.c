@@ -240,6 +240,44 @@ TEST(test_rig_shutter) {
   assert_int_equal(back.sub_views[0].shutter.direction, SV_SHUTTER_UP);
 }
 
+#define SENSOR(sensor)                                                                                       \
+  RIG("{\"name\":\"left\",\"model\":\"left.cameramodel\",\"camera\":0,\"sensor\":" sensor "}")
+
+TEST(test_rig_with_a_sensor) {
+  sv_rig rig, back;
+  static sv_sub_view keep;
+  char buf[1024];
+  assert_ok(
+      read_rig(SENSOR("{\"size\":[4056,3040],\"area\":[0.5,0,4000,3040],\"modes\":[{\"size\":[1014,760]},"
+                      "{\"size\":[1332,990],\"area\":[696,528,2664,1980]}]}"),
+               &rig),
+      &err);
+  const sv_sub_view *v = &rig.sub_views[0];
+  assert_true(v->area.sensor_width_px == 4056 && v->area.sensor_height_px == 3040 && v->area.x0_px == 0.5);
+  assert_int_equal(v->n_modes, 2);
+  assert_true(v->modes[0].width_px == 1014 && v->modes[0].area.width_px == 4056);
+  assert_true(v->modes[1].area.y0_px == 528 && v->modes[1].area.sensor_height_px == 3040);
+  keep = *v;
+  sv_str s = sv_str_make(buf, sizeof buf);
+  assert_int_equal(sv_rig_json_write(&s, &rig), SV_OK);
+  assert_ok(read_rig(buf, &back), &err);
+  assert_memory_equal(&keep, back.sub_views, sizeof keep);
+  static const struct {
+    const char *text, *word;
+  } bad[] = {{SENSOR("[]"), "a sensor is an object"},
+             {SENSOR("{}"), "\"size\" is missing"},
+             {SENSOR("{\"size\":[0,5]}"), "whole pixels"},
+             {SENSOR("{\"size\":[10,10],\"area\":[1,0,10,10]}"), "inside of the sensor's 10x10"},
+             {SENSOR("{\"size\":[10,10],\"modes\":{}}"), "array of at most"},
+             {SENSOR("{\"size\":[10,10],\"modes\":[3]}"), "a mode is an object"},
+             {SENSOR("{\"size\":[10,10],\"modes\":[{\"size\":[5]}]}"), "2 numbers"}};
+  for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+    sv_status r = read_rig(bad[i].text, &rig);
+    if (r >= 0) fail_msg("%s is taken", bad[i].text);
+    assert_contains(err.text, bad[i].word);
+  }
+}
+
 TEST(test_rig_refused) {
 #define LEFT VIEW("left", "left.cameramodel", "0")
   static const struct {
@@ -301,6 +339,7 @@ int main(void) {
                                      cmocka_unit_test(test_rig),
                                      cmocka_unit_test(test_rig_with_a_trigger),
                                      cmocka_unit_test(test_rig_shutter),
+                                     cmocka_unit_test(test_rig_with_a_sensor),
                                      cmocka_unit_test(test_rig_refused)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

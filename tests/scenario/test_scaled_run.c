@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+// Training at a smaller size than the cameras' (run --scale, --size), and rigs that were calibrated
+// at another size than the frames have.
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "tests/common/test.h"
+
+#define RUN "$SV_EMULATE $SV_BIN/subview run --exposures 4 --steps 300 --gaussians 3000 --json --quiet "
+
+// A number or word of the JSON object that a command prints.
+static double number_of(const char *command, const char *key, char digest[20]) {
+  static char out[4096];
+  char quoted[40];
+  if (shell_read(out, sizeof out, command)) fail_msg("%s\n%s", command, out);
+  const char *d = strstr(out, "\"digest\": \"");
+  assert_non_null(d);
+  memcpy(digest, d + 11, 16);
+  digest[16] = 0;
+  snprintf(quoted, sizeof quoted, "\"%s\": ", key);
+  const char *at = strstr(out, quoted);
+  assert_non_null(at);
+  return atof(at + strlen(quoted));
+}
+
+static double run(const char *source, const char *more, const char *key, char digest[20]) {
+  char command[1200];
+  snprintf(command, sizeof command, "%s" RUN "--source %s %s --out %s 2>&1",
+           strncmp(more, "REF ", 4) ? "" : "SV_ISA=ref ", source, strncmp(more, "REF ", 4) ? more : more + 4,
+           temp_path("out"));
+  return number_of(command, key, digest);
+}
+
+static void refused(const char *source, const char *more, const char *says) {
+  char command[1200], out[2048];
+  snprintf(command, sizeof command, RUN "--source %s %s --out %s 2>&1", source, more, temp_path("bad"));
+  assert_true(shell_read(out, sizeof out, command) > 0);
+  assert_contains(out, says);
+}
+
+#define FULL  "sim:textured,rig=stereo,size=320x240"
+#define SMALL "sim:textured,rig=stereo,size=160x120"
+
+TEST(a_smaller_size_is_as_good_as_smaller_cameras) {
+  char a[20], b[20];
+  const double small = run(SMALL, "", "psnr", a), scaled = run(FULL, "--scale 2", "psnr", a);
+  print_message("held-out PSNR: cameras of 160x120 %.2f dB; of 320x240, --scale 2: %.2f dB\n", small, scaled);
+  assert_true(scaled > small - 0.7);
+  (void)run(FULL, "--size 160x120 --threads 1", "psnr", b);
+  assert_string_equal(a, b); // the same pictures
+  (void)run(FULL, "REF --scale 2", "psnr", b);
+  assert_string_equal(a, b);                                    // for every instruction set
+  assert_true(run(FULL, "--scale 3", "psnr", b) > small - 0.7); // 106 columns of 3, 2 remain
+  refused(FULL, "--size 160x160", "images of 320x240 pixels, which cannot be trained at 160x160");
+  refused(FULL, "--size 640x480", "expected a smaller size");
+  refused(FULL, "--size 160x120 --scale 2", "expected one of them");
+  refused(FULL, "--size small", "expected WxH");
+  refused("sim:textured,rig=multiplexed", "--scale 2", "not for multiplexed");
+}
+
+TEST(a_rig_of_another_size_serves) {
+  char digest[20], large[600], own[600], wide[600];
+  shell_ok("$SV_EMULATE $SV_BIN/subview capture --source sim:textured,rig=stereo,size=640x480 --exposures 1 "
+           "--out %s",
+           temp_path("large"));
+  shell_ok("$SV_EMULATE $SV_BIN/subview capture --source " FULL " --exposures 4 --out %s", temp_path("own"));
+  shell_ok("$SV_EMULATE $SV_BIN/subview capture --source sim:textured,rig=stereo,size=320x180 --exposures 2 "
+           "--out %s",
+           temp_path("wide"));
+  snprintf(own, sizeof own, "replay:%s", temp_path("own"));
+  snprintf(wide, sizeof wide, "replay:%s", temp_path("wide"));
+  snprintf(large, sizeof large, "--rig %s/rig", temp_path("large"));
+  const double with_own = run(own, "", "train_psnr", digest),
+               with_large = run(own, large, "train_psnr", digest);
+  print_message("training PSNR: own rig %.3f dB; a rig of 640x480 %.3f dB\n", with_own, with_large);
+  assert_near(with_large, with_own, 0.1);
+  refused(wide, large, "calibrated at 640x480 pixels and its camera delivers 320x180");
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(a_smaller_size_is_as_good_as_smaller_cameras),
+      cmocka_unit_test(a_rig_of_another_size_serves),
+  };
+  return cmocka_run_group_tests_name("scaled runs", tests, temp_folder_setup, temp_folder_teardown);
+}
