@@ -525,7 +525,7 @@ static void make_captures(void) {
   for (size_t i = 0; i < sizeof names / sizeof *names; i++)
     shell("cp -r tests/data/capture_tiny '%s/%s'", g_root, names[i]);
   shell("head -c 700 tests/data/capture_tiny/capture.json > '%s/cut/capture.json'", g_root);
-  shell("sed -i 's/.imagersize.: .64, 48./\"imagersize\": [128, 96]/' '%s'/wrong_size/rig/*.cameramodel",
+  shell("sed -i 's/.imagersize.: .64, 48./\"imagersize\": [128, 72]/' '%s'/wrong_size/rig/*.cameramodel",
         g_root);
   shell("rm -r '%s/no_rig/rig'", g_root);
   shell("echo text > '%s/a_file'", g_root);
