@@ -73,10 +73,25 @@ static bool read_numbers(const pair *p, sv_camera_options *o) {
   return is_key(p, "black") && integer(p, 0, 65534, &n) && (o->tone.black = (int)n, true);
 }
 
+static bool read_sync(const pair *p, sv_camera_options *o) {
+  static const char *const syncs[] = {"off", "server", "client"};
+  const char *end = p->value + p->n_value;
+  o->n_sync = 0;
+  for (const char *word = p->value;; word++) {
+    const char *colon = memchr(word, ':', (size_t)(end - word));
+    const pair one = {p->key, word, p->n_key, (size_t)((colon ? colon : end) - word)};
+    const int i = choice(&one, syncs, 3);
+    if (i < 0 || o->n_sync == SV_CAMERA_CAP_CAMERAS) return false;
+    o->sync[o->n_sync++] = (sv_rpi_sync)i;
+    if (!colon) return true;
+    word = colon;
+  }
+}
+
 static bool read_words(const pair *p, sv_camera_options *o) {
   static const char *const clocks[] = {"camera", "monotonic", "boottime", "realtime"};
   static const char *const stamps[] = {"start", "middle", "end"}, *const lights[] = {"display", "linear"};
-  static const char *const switches[] = {"off", "on"}, *const syncs[] = {"off", "server", "client"};
+  static const char *const switches[] = {"off", "on"};
   int i;
   if (is_key(p, "clock"))
     return (i = choice(p, clocks, 4)) >= 0 && (o->clock = (sv_clock_id)i, o->has_clock = true);
@@ -86,7 +101,7 @@ static bool read_words(const pair *p, sv_camera_options *o) {
     return (i = choice(p, lights, 2)) >= 0 && (o->tone.is_linear = i, o->has_light = true);
   if (is_key(p, "lock")) return (i = choice(p, switches, 2)) >= 0 && (o->is_unlocked = !i, true);
   if (is_key(p, "dmabuf")) return (i = choice(p, switches, 2)) >= 0 && (o->is_exported = i, true);
-  return is_key(p, "sync") && (i = choice(p, syncs, 3)) >= 0 && (o->sync = (sv_rpi_sync)i, true);
+  return is_key(p, "sync") && read_sync(p, o);
 }
 
 static sv_status read_item(const char *kind, const char *item, size_t n, sv_camera_options *o, sv_err *err) {
@@ -119,6 +134,29 @@ static sv_status read_item(const char *kind, const char *item, size_t n, sv_came
       kind, (int)(n < 60 ? n : 60), item);
 }
 
+// One word becomes one for each camera; on one board, and network, there is one server.
+static sv_status complete_sync(const char *kind, sv_camera_options *o, sv_err *err) {
+  int n_servers = 0;
+  if (!o->n_sync) return SV_OK;
+  if (o->n_sync != 1 && o->n_sync != o->n_cameras)
+    return sv_fail(err, SV_E_ARG, "%s: sync= has %d words for %d cameras, expected one, or one for each",
+                   kind, o->n_sync, o->n_cameras);
+  for (int i = o->n_sync; i < o->n_cameras; i++)
+    o->sync[i] = o->sync[0] == SV_RPI_SYNC_SERVER ? SV_RPI_SYNC_CLIENT : o->sync[0];
+  o->n_sync = o->n_cameras;
+  for (int i = 0; i < o->n_cameras; i++) n_servers += o->sync[i] == SV_RPI_SYNC_SERVER;
+  if (n_servers > 1)
+    return sv_fail(err, SV_E_ARG, "%s: sync= names %d servers, expected one; the others are clients", kind,
+                   n_servers);
+  return SV_OK;
+}
+
+bool sv_camera_has_sync(const sv_camera_options *o) {
+  for (int i = 0; i < o->n_sync; i++)
+    if (o->sync[i] != SV_RPI_SYNC_OFF) return true;
+  return false;
+}
+
 sv_status sv_camera_parse(const char *kind, const char *spec, sv_camera_options *o, sv_err *err) {
   *o = sv_camera_defaults();
   for (const char *p = spec;; p++) {
@@ -129,7 +167,7 @@ sv_status sv_camera_parse(const char *kind, const char *spec, sv_camera_options 
     if (!*p) break;
   }
   if (!o->n_cameras) return sv_fail(err, SV_E_ARG, "%s: expected a camera before the options", kind);
-  return SV_OK;
+  return complete_sync(kind, o, err);
 }
 
 sv_raw_tone sv_camera_tone(const sv_camera_options *o, sv_pixel_format f) {

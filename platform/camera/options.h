@@ -18,7 +18,9 @@
 //   black=N red=F blue=F    of raw sensors: black level in samples, gains relative to green
 //   light=linear|display    whether samples are linear light (Bayer) or display values (grey)
 //   dmabuf=on|off     also export V4L2 buffers as DMABUF descriptors (off)
-//   sync=off|server|client     libcamera's rpi.sync between boards (off)
+//   sync=off|server|client     libcamera's rpi.sync (off), one word for each camera with ':' between
+//                              them. A single word is for all; with a single "server" the first
+//                              camera is the server and the others are clients
 #ifndef SV_PLATFORM_CAMERA_OPTIONS_H
 #define SV_PLATFORM_CAMERA_OPTIONS_H
 
@@ -63,7 +65,8 @@ typedef struct {
   sv_stamp_source stamp;
   sv_raw_tone tone; // is_linear counts when has_light
   bool is_exported;
-  sv_rpi_sync sync;
+  int n_sync; // words of sync=; as many as cameras after parsing, or 0
+  sv_rpi_sync sync[SV_CAMERA_CAP_CAMERAS];
   sv_camera_trigger trigger;
 } sv_camera_options;
 
@@ -71,6 +74,8 @@ sv_camera_options sv_camera_defaults(void);
 // `kind` ("v4l2") is for sentences. E_ARG with one.
 sv_status sv_camera_parse(const char *kind, const char *spec, sv_camera_options *out,
                           sv_err *err) SV_MUST_USE;
+// Whether any camera takes part in rpi.sync.
+bool sv_camera_has_sync(const sv_camera_options *o);
 // The tone of a format under these options: Bayer samples are linear light by default.
 sv_raw_tone sv_camera_tone(const sv_camera_options *o, sv_pixel_format f);
 

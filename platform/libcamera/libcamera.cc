@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // libcamera, opening: cameras, formats, requests, the list. What differs between releases:
 // shim.hpp.
+#include <cmath>
 #include <cstdlib>
 #include <cstring>
 #include <ctime>
@@ -90,6 +91,31 @@ static bool is_raw_name(const char *name) {
   return false;
 }
 
+// What its frames show of the sensor. The crop is asked for, as releases differ in what they choose
+// by themselves: the largest of the frame's shape, in the middle of what the sensor's mode reads.
+static void choose_crop(Cam *c, int w, int h, bool is_raw) {
+  const ControlList &p = c->camera->properties();
+  auto all = p.get(properties::PixelArrayActiveAreas);
+  auto most = p.get(properties::ScalerCropMaximum); // valid once the camera is configured
+  c->has_crop = false;
+  c->caps.area = {};
+  if (!all || all->empty() || !most || most->isNull()) return;
+  const Rectangle sensor = (*all)[0];
+  Rectangle r = *most;
+  if (!is_raw) {
+    if (!has(c, controls::ScalerCrop)) return;
+    const double scale = std::fmin(static_cast<double>(r.width) / w, static_cast<double>(r.height) / h);
+    const auto cw = static_cast<unsigned>(scale * w + 0.5), ch = static_cast<unsigned>(scale * h + 0.5);
+    r = Rectangle(r.x + static_cast<int>(r.width - cw) / 2, r.y + static_cast<int>(r.height - ch) / 2, cw,
+                  ch);
+    c->crop = r;
+    c->has_crop = true;
+  }
+  c->caps.area = {static_cast<int>(sensor.width), static_cast<int>(sensor.height),
+                  static_cast<double>(r.x),       static_cast<double>(r.y),
+                  static_cast<double>(r.width),   static_cast<double>(r.height)};
+}
+
 static sv_status configure(sv_libcamera *s, Cam *c, const char *name, sv_err *err) {
   const sv_camera_options &o = s->cfg;
   c->config = c->camera->generateConfiguration(
@@ -133,6 +159,7 @@ static sv_status configure(sv_libcamera *s, Cam *c, const char *name, sv_err *er
     c->caps.yuv = is_709 ? (is_full ? SV_YUV_709_FULL : SV_YUV_709) : is_full ? SV_YUV_601_FULL : SV_YUV_601;
   }
   c->caps.tone = sv_camera_tone(&o, c->caps.format);
+  choose_crop(c, w, h, is_raw_name(known[k].name));
   return SV_OK;
 }
 
@@ -231,9 +258,17 @@ static sv_status check_controls(const sv_libcamera *s, const Cam *c, const char 
                                                                               : nullptr;
   if (missing) return sv_fail(err, SV_E_UNSUPPORTED, "libcamera:%s: unsupported setting: %s", name, missing);
   const ControlInfoMap &m = c->camera->controls();
-  if (o.sync != SV_RPI_SYNC_OFF && (!s->sync_mode_id || m.find(s->sync_mode_id) == m.end()))
+  if (sync_of(c) == SV_RPI_SYNC_OFF) return SV_OK;
+  if (!s->sync_mode_id || m.find(s->sync_mode_id) == m.end())
     return sv_fail(err, SV_E_UNSUPPORTED, "libcamera:%s: no rpi.sync with libcamera %d.%d.%d (sync=)", name,
                    LIBCAMERA_VERSION_MAJOR, LIBCAMERA_VERSION_MINOR, LIBCAMERA_VERSION_PATCH);
+  // It lengthens and shortens frames of a fixed rate.
+  auto limits = m.find(&controls::FrameDurationLimits);
+  const double us = limits == m.end() ? 0 : static_cast<double>(limits->second.min().get<int64_t>());
+  if (!(o.fps > 0) || o.fps * us >= 1e6)
+    return sv_fail(err, SV_E_ARG,
+                   "libcamera:%s: sync= needs a frame rate below the camera's highest (%g); expected fps=",
+                   name, us > 0 ? 1e6 / us : 0.0);
   return SV_OK;
 }
 

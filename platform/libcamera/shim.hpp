@@ -82,6 +82,8 @@ struct Cam {
   float gain = 0;
   std::array<float, 2> white = {};
   bool has_white = false;
+  libcamera::Rectangle crop; // with has_crop: of the sensor, set when it starts
+  bool has_crop = false, is_crop_told = false;
   sv_ns last_frame_ns = 0;
   uint64_t n_restarts = 0;
 
@@ -111,6 +113,10 @@ void sv_libcamera_free_slot(Slot *slot);
 size_t sv_libcamera_plane_bytes(const Cam *c, int rows); // up to the last pixel of the last row
 
 inline sv_ns now(const sv_libcamera *s) { return s->clock.now_ns(s->clock.self); }
+inline sv_rpi_sync sync_of(const Cam *c) {
+  const sv_camera_options &o = c->owner->cfg;
+  return o.n_sync ? o.sync[c->i_camera] : SV_RPI_SYNC_OFF;
+}
 inline bool has(const Cam *c, const libcamera::ControlId &id) {
   const libcamera::ControlInfoMap &m = c->camera->controls();
   return m.find(id.id()) != m.end();

@@ -2,15 +2,17 @@
 // libcamera at work: requests out and in, stalls, and the source's calls.
 #include <cerrno>
 #include <chrono>
+#include <cstdlib>
 #include <cstring>
 
 #include "platform/libcamera/shim.hpp"
 
 using namespace libcamera;
 
-#define RETRY_NS       (20 * SV_NS_PER_MS) // while libcamera does not know it
-#define LATER_RETRY_NS (200 * SV_NS_PER_MS)
-#define MAX_GAP_NS     (200 * SV_NS_PER_MS) // between two looks
+#define MAX_CROP_OFF_PX 8                   // hardware rounds crops to a few pixels of the sensor
+#define RETRY_NS        (20 * SV_NS_PER_MS) // while libcamera does not know it
+#define LATER_RETRY_NS  (200 * SV_NS_PER_MS)
+#define MAX_GAP_NS      (200 * SV_NS_PER_MS) // between two looks
 
 // --- one camera ----------------------------------------------------------------------------------
 // Runs on libcamera's thread: only records the completion.
@@ -31,10 +33,10 @@ void Cam::disconnected() {
 }
 
 // controls::rpi::SyncMode: 0 off, 1 server, 2 client.
-static void set_sync(const sv_libcamera *s, ControlList *list) {
+static void set_sync(const sv_libcamera *s, const Cam *c, ControlList *list) {
   // otherwise open has checked for this control
-  if (s->cfg.sync == SV_RPI_SYNC_OFF) return;
-  list->set(s->sync_mode_id, ControlValue(static_cast<int32_t>(s->cfg.sync == SV_RPI_SYNC_SERVER ? 1 : 2)));
+  if (sync_of(c) == SV_RPI_SYNC_OFF) return;
+  list->set(s->sync_mode_id, ControlValue(static_cast<int32_t>(sync_of(c) == SV_RPI_SYNC_SERVER ? 1 : 2)));
 }
 
 // Fixes the given values, or those found by the automatic controls, and switches these off.
@@ -75,10 +77,11 @@ static int stream_on(sv_libcamera *s, Cam *c) {
     list.set(controls::FrameDurationLimits, {us, us});
   }
   if (!s->cfg.is_unlocked && (s->cfg.exposure_ns > 0 || c->exposure_us > 0)) set_fixed(s, c, &list);
-  set_sync(s, &list);
+  set_sync(s, c, &list);
+  if (c->has_crop) list.set(controls::ScalerCrop, c->crop);
   if (c->camera->start(&list) < 0) return -1;
   c->is_streaming = true;
-  c->is_synced = s->cfg.sync == SV_RPI_SYNC_OFF;
+  c->is_synced = sync_of(c) == SV_RPI_SYNC_OFF;
   c->last_frame_ns = now(s);
   for (Slot &slot : c->slots)
     if (slot.state == RequestState::Idle) {
@@ -186,6 +189,18 @@ static void give_back(sv_libcamera *s, Cam *c, Slot *slot) {
   if (queue(c, slot) < 0) lose(s, c);
 }
 
+// The crop that was applied; the rig was fitted to the one that was asked for.
+static void note_crop(Cam *c, const Rectangle &got) {
+  const Rectangle &want = c->crop;
+  const int off = std::abs(got.x - want.x) + std::abs(got.y - want.y) +
+                  std::abs(static_cast<int>(got.width) - static_cast<int>(want.width)) +
+                  std::abs(static_cast<int>(got.height) - static_cast<int>(want.height));
+  if (!c->has_crop || off <= MAX_CROP_OFF_PX || c->is_crop_told) return;
+  c->is_crop_told = true; // once
+  sv_camera_events_add(&c->owner->events, SV_CAMERA_CONTROL, c->i_camera, now(c->owner),
+                       controls::ScalerCrop.id());
+}
+
 // Records the values of the automatic controls and the state of rpi.sync.
 static void note_metadata(Cam *c, const ControlList &m) {
   if (auto v = m.get(controls::ExposureTime)) c->exposure_us = *v;
@@ -194,6 +209,7 @@ static void note_metadata(Cam *c, const ControlList &m) {
     c->white = {(*v)[0], (*v)[1]};
     c->has_white = true;
   }
+  if (auto v = m.get(controls::ScalerCrop)) note_crop(c, *v);
   unsigned id = c->owner->sync_ready_id;
   if (id && m.contains(id) && m.get(id).type() == ControlTypeBool && m.get(id).get<bool>())
     c->is_synced = true;

@@ -98,6 +98,30 @@ static uint32_t choose(const sv_v4l2_camera *c, int w, int h) {
   return best;
 }
 
+static bool selection(const sv_v4l2_camera *c, uint32_t target, struct v4l2_rect *r) {
+  // The same type for both APIs, as older kernels want it.
+  struct v4l2_selection s = {.type = V4L2_BUF_TYPE_VIDEO_CAPTURE, .target = target};
+  if (sv_v4l2_call(c, VIDIOC_G_SELECTION, &s) < 0) return false;
+  *r = s.r;
+  return r->width > 0 && r->height > 0;
+}
+
+// What the frames show, where the driver tells: its crop, if that fills the frame.
+static sv_sensor_area shown_area(const sv_v4l2_camera *c) {
+  struct v4l2_rect crop, all, to;
+  sv_sensor_area a = {.sensor_width_px = 0};
+  if (!selection(c, V4L2_SEL_TGT_CROP, &crop) || !selection(c, V4L2_SEL_TGT_CROP_BOUNDS, &all)) return a;
+  const bool is_inside = crop.left >= all.left && crop.top >= all.top &&
+                         crop.left + (int)crop.width <= all.left + (int)all.width &&
+                         crop.top + (int)crop.height <= all.top + (int)all.height;
+  const bool is_part =
+      selection(c, V4L2_SEL_TGT_COMPOSE, &to) &&
+      (to.left || to.top || (int)to.width != c->caps.width_px || (int)to.height != c->caps.height_px);
+  if (!is_inside || is_part || all.width > 32767 || all.height > 32767) return a;
+  return (sv_sensor_area){(int)all.width,     (int)all.height,    crop.left - all.left,
+                          crop.top - all.top, (double)crop.width, (double)crop.height};
+}
+
 static sv_status agree(sv_v4l2_camera *c, sv_err *err) {
   const sv_camera_options *o = c->cfg;
   bool is_again = c->fourcc != 0; // back after a fault: only the negotiated format is accepted
@@ -145,6 +169,7 @@ static sv_status agree(sv_v4l2_camera *c, sv_err *err) {
   bool is_full = f.quantization == V4L2_QUANTIZATION_FULL_RANGE, is_709 = f.encoding == V4L2_YCBCR_ENC_709;
   c->caps.yuv = is_709 ? (is_full ? SV_YUV_709_FULL : SV_YUV_709) : is_full ? SV_YUV_601_FULL : SV_YUV_601;
   c->caps.tone = sv_camera_tone(o, c->caps.format);
+  c->caps.area = shown_area(c);
   return SV_OK;
 }
 

@@ -17,7 +17,7 @@ sv_status sv_v4l2_init(sv_v4l2 *v, const sv_camera_options *cfg, const sv_v4l2_s
   v->cfg = *cfg;
   v->sys = *sys;
   v->clock = *clock;
-  if (cfg->sync != SV_RPI_SYNC_OFF)
+  if (sv_camera_has_sync(cfg))
     return sv_fail(err, SV_E_UNSUPPORTED, "v4l2: sync=server|client is a setting of libcamera only");
   sv_arena_part_begin(arena, "v4l2");
   v->cameras = SV_TAKE(arena, sv_v4l2_camera, cfg->n_cameras);

@@ -283,6 +283,19 @@ static int do_list(unsigned long request, void *arg) {
   return 0;
 }
 
+static int do_selection(const fake_device *d, struct v4l2_selection *s) {
+  if (!d->bounds_px[0] || s->type != V4L2_BUF_TYPE_VIDEO_CAPTURE) return -EINVAL;
+  const uint32_t w = (uint32_t)d->width_px, h = (uint32_t)d->height_px;
+  // The coordinates of a driver may begin anywhere.
+  const struct v4l2_rect bounds = {-8, 16, (uint32_t)d->bounds_px[0], (uint32_t)d->bounds_px[1]};
+  const struct v4l2_rect crop = {d->crop_px[0] - 8, d->crop_px[1] + 16, (uint32_t)d->crop_px[2],
+                                 (uint32_t)d->crop_px[3]};
+  s->r = s->target == V4L2_SEL_TGT_CROP          ? crop
+         : s->target == V4L2_SEL_TGT_CROP_BOUNDS ? bounds
+                                                 : (struct v4l2_rect){0, 0, w, d->is_letterbox ? h / 2 : h};
+  return 0;
+}
+
 static int do_capability(const fake_v4l2 *f, const fake_device *d, struct v4l2_capability *c) {
   memset(c, 0, sizeof *c);
   snprintf((char *)c->card, sizeof c->card, d->is_other_camera ? "another" : "fake camera");
@@ -359,6 +372,7 @@ static int do_ioctl(fake_v4l2 *f, fake_device *d, unsigned long request, void *a
   case VIDIOC_QUERYCAP: return do_capability(f, d, arg);
   case VIDIOC_ENUM_FMT:
   case VIDIOC_ENUM_FRAMESIZES: return do_list(request, arg);
+  case VIDIOC_G_SELECTION: return do_selection(d, arg);
   case VIDIOC_ENUM_FRAMEINTERVALS: return do_interval(d, arg);
   case VIDIOC_G_FMT:
   case VIDIOC_TRY_FMT:

@@ -48,6 +48,41 @@ TEST(stamps_and_rates_are_told) {
   close_all();
 }
 
+TEST(the_part_of_the_sensor_is_told) {
+  fake_device *d = &fake.device[0];
+  must_open("/dev/video0,settle=0");
+  assert_int_equal(caps(0)->area.sensor_width_px, 0); // it does not say
+  close_all();
+  const int crop[4] = {640, 480, 2560, 1920};
+  memcpy(d->crop_px, crop, sizeof crop);
+  d->bounds_px[0] = 4056;
+  d->bounds_px[1] = 3040;
+  must_open("/dev/video0,settle=0");
+  const sv_sensor_area *a = &caps(0)->area;
+  assert_true(a->sensor_width_px == 4056 && a->sensor_height_px == 3040 && a->x0_px == 640 &&
+              a->y0_px == 480 && a->width_px == 2560 && a->height_px == 1920);
+  close_all();
+  d->is_letterbox = true;
+  must_open("/dev/video0,settle=0");
+  assert_int_equal(caps(0)->area.sensor_width_px, 0);
+  close_all();
+}
+
+TEST(sync_is_of_each_camera) {
+  sv_camera_options o;
+  assert_ok(sv_camera_parse("libcamera", "sync=server,0,1,2", &o, &err), &err);
+  assert_true(o.sync[0] == SV_RPI_SYNC_SERVER && o.sync[1] == SV_RPI_SYNC_CLIENT &&
+              o.sync[2] == SV_RPI_SYNC_CLIENT);
+  assert_ok(sv_camera_parse("libcamera", "0,1,sync=client", &o, &err), &err);
+  assert_true(o.sync[0] == SV_RPI_SYNC_CLIENT && o.sync[1] == SV_RPI_SYNC_CLIENT);
+  assert_ok(sv_camera_parse("libcamera", "0,1,2,sync=client:server:off", &o, &err), &err);
+  assert_true(o.sync[0] == SV_RPI_SYNC_CLIENT && o.sync[1] == SV_RPI_SYNC_SERVER &&
+              o.sync[2] == SV_RPI_SYNC_OFF);
+  assert_true(sv_camera_has_sync(&o));
+  assert_ok(sv_camera_parse("libcamera", "0,1,sync=off", &o, &err), &err);
+  assert_false(sv_camera_has_sync(&o));
+}
+
 TEST(a_fast_enough_format_is_chosen) {
   must_open("/dev/video0");
   assert_int_equal(caps(0)->format, SV_PIX_NV12); // the preferred one
@@ -74,7 +109,11 @@ TEST(what_cannot_be_opened_is_refused_with_a_sentence) {
              {"/dev/video0,size=4x4", "\"size=4x4\""},
              {"/dev/video0,buffers=2", "\"buffers=2\""},
              {"/dev/video0,fps=nan", "\"fps=nan\""},
-             {"/dev/video0,sync=server", "libcamera only"}};
+             {"/dev/video0,sync=server", "libcamera only"},
+             {"/dev/video0,/dev/video1,sync=server:server", "names 2 servers"},
+             {"/dev/video0,/dev/video1,sync=off:client:client", "3 words for 2 cameras"},
+             {"/dev/video0,sync=server:", "\"sync=server:\""},
+             {"/dev/video0,sync=master", "\"sync=master\""}};
   for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
     assert_true(open_spec(bad[i].spec) < 0);
     if (!strstr(err.text, bad[i].says)) fail_msg("%s: %s", bad[i].spec, err.text);
@@ -432,6 +471,8 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       T(every_format_is_described),
       T(stamps_and_rates_are_told),
+      T(the_part_of_the_sensor_is_told),
+      T(sync_is_of_each_camera),
       T(a_fast_enough_format_is_chosen),
       T(what_cannot_be_opened_is_refused_with_a_sentence),
       T(cameras_are_listed),
