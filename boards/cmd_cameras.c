@@ -48,24 +48,27 @@ static const sv_option rows[] = {{"source-kind", SV_OPT_TEXT, 1, 0, AT(kind), "K
 static const sv_tool_command command = {
     .name = "cameras",
     .args = "[options]",
-    .text = "Lists cameras, one a line: its source string, name, formats and sizes@fps.\n"
-            "Several cameras of a kind make one source: v4l2:/dev/video0,/dev/video2. Options follow after "
-            "commas:\n"
-            "  size=WxH format=FOURCC fps=F buffers=N    what the cameras deliver\n"
-            "  exposure=US gain=N wb=K lock=on|off settle=MS    fixed while they run, unless lock=off\n"
-            "  stall=MS clock=camera|monotonic|boottime|realtime stamp=start|middle|end dmabuf=on|off\n"
-            "  black=N red=F blue=F light=linear|display    raw sensors: black level, gains, kind of values\n"
-            "  trigger=gpio:CHIP:LINE|pwm:CHIP:CHANNEL trigger-period=US trigger-width=US "
-            "trigger-polarity=high|low\n"
-            "      trigger-mode=CONTROL:VALUE|MODULE.PARAMETER:VALUE    pulses for --sync trigger "
-            "(docs/boards.md)\n"
-            "  sync=off|server|client    libcamera on Raspberry Pi: frames of several boards at one time\n"
-            "A capture, replay:DIR, takes\n"
-            "  speed=max|realtime|F    as fast as it is processed [max], as recorded, or F times that\n"
-            "  from=N count=N          frames of each camera\n"
-            "  poses=FILE              poses of the rig, in place of the capture's\n"
-            "All sources: tiles=CxR (one image holds C x R cameras), fov=DEG (a single camera without a "
-            "rig).",
+    .text =
+        "Lists cameras, one a line: its source string, name, formats and sizes@fps.\n"
+        "Several cameras of a kind make one source: v4l2:/dev/video0,/dev/video2. Options follow after "
+        "commas:\n"
+        "  size=WxH format=FOURCC fps=F buffers=N    what the cameras deliver\n"
+        "  exposure=US gain=N wb=K lock=on|off settle=MS    fixed while they run, unless lock=off\n"
+        "  stall=MS clock=camera|monotonic|boottime|realtime stamp=start|middle|end dmabuf=on|off\n"
+        "  black=N red=F blue=F light=linear|display    raw sensors: black level, gains, kind of values\n"
+        "  trigger=gpio:CHIP:LINE|pwm:CHIP:CHANNEL trigger-period=US trigger-width=US "
+        "trigger-polarity=high|low\n"
+        "      trigger-mode=CONTROL:VALUE|MODULE.PARAMETER:VALUE    pulses for --sync trigger "
+        "(docs/boards.md)\n"
+        "  sync=off|server|client    libcamera on Raspberry Pi: cameras of one or several boards in step; a "
+        "word,\n"
+        "      or one for each camera with ':' between them\n"
+        "A capture, replay:DIR, takes\n"
+        "  speed=max|realtime|F    as fast as it is processed [max], as recorded, or F times that\n"
+        "  from=N count=N          frames of each camera\n"
+        "  poses=FILE              poses of the rig, in place of the capture's\n"
+        "All sources: tiles=CxR (one image holds C x R cameras), fov=DEG (a single camera without a "
+        "rig).",
     .example = "  "
                "subview cameras --source-kind v4l2",
     .bit = 1};

@@ -164,6 +164,22 @@ static void add_odometry(sv_str *s, const sv_app *app) {
              m->n_points, m->path_m, m->rms_px, m->scale_sigma);
 }
 
+// The histogram has steps of a quarter of an octave: the largest skew of each, and how many
+// exposures; steps without any are left out.
+static void add_skew(sv_str *s, const sv_skew_stats *k) {
+  sv_str_add(
+      s, "  \"skew_us\": {\"p50\": %.1f, \"p99\": %.1f, \"max\": %.1f, \"exposures\": %llu, \"histogram\": [",
+      (double)sv_skew_percentile_ns(k, 50) * 1e-3, (double)sv_skew_percentile_ns(k, 99) * 1e-3,
+      (double)k->max_ns * 1e-3, (unsigned long long)k->n);
+  for (int i = 0, n = 0; i < SV_SKEW_BINS; i += 2) {
+    const uint64_t count = k->bins[i] + k->bins[i + 1];
+    if (!count) continue;
+    sv_str_add(s, "%s[%.3f, %llu]", n++ ? ", " : "", (double)sv_skew_edge_ns(i + 1) * 1e-3,
+               (unsigned long long)count);
+  }
+  sv_str_add(s, "]},\n");
+}
+
 static void add_timing(sv_str *s, const sv_app *app) {
   const sv_time_stats *t = &app->driver.step_time;
   sv_str_add(s, "  \"seconds\": %.3f,\n  \"steps_per_second\": %.2f,\n", app->driver.train_s,
@@ -171,10 +187,7 @@ static void add_timing(sv_str *s, const sv_app *app) {
   sv_str_add(s, "  \"step_ms\": {\"mean\": %.3f, \"p50\": %.3f, \"p99\": %.3f, \"max\": %.3f},\n",
              t->n ? 1e3 * t->sum_s / (double)t->n : 0.0, 1e3 * sv_time_stats_percentile_s(t, 50),
              1e3 * sv_time_stats_percentile_s(t, 99), 1e3 * t->max_s);
-  sv_str_add(s, "  \"skew_us\": {\"p50\": %.1f, \"p99\": %.1f, \"max\": %.1f},\n",
-             (double)sv_skew_percentile_ns(&app->queue.sync.skew, 50) * 1e-3,
-             (double)sv_skew_percentile_ns(&app->queue.sync.skew, 99) * 1e-3,
-             (double)app->queue.sync.skew.max_ns * 1e-3);
+  add_skew(s, &app->queue.sync.skew);
 }
 
 sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) {

@@ -64,7 +64,7 @@ void sv_skew_add(sv_skew_stats *k, sv_ns skew_ns) {
 }
 
 // Upper edge of a bin: bins 0..7 hold one value each, then eight bins an octave.
-static sv_ns bin_edge_ns(int i) {
+sv_ns sv_skew_edge_ns(int i) {
   if (i < 8) return i;
   int octave = i / 8 - 1, part = i % 8;
   if (octave >= 59) return INT64_MAX;
@@ -76,7 +76,7 @@ void sv_skew_remove(sv_skew_stats *k, sv_ns skew_ns) {
   k->bins[bin_of(skew_ns)]--;
   k->n--;
   while (i >= 0 && !k->bins[i]) i--;
-  sv_ns edge_ns = i < 0 ? 0 : bin_edge_ns(i);
+  sv_ns edge_ns = i < 0 ? 0 : sv_skew_edge_ns(i);
   if (skew_ns == k->max_ns && edge_ns < skew_ns) k->max_ns = edge_ns;
 }
 
@@ -86,7 +86,7 @@ sv_ns sv_skew_percentile_ns(const sv_skew_stats *s, double percent) {
   uint64_t sum = 0;
   for (int i = 0; i < SV_SKEW_BINS; i++) {
     sum += s->bins[i];
-    if (sum && (double)sum >= want) return bin_edge_ns(i) < s->max_ns ? bin_edge_ns(i) : s->max_ns;
+    if (sum && (double)sum >= want) return sv_skew_edge_ns(i) < s->max_ns ? sv_skew_edge_ns(i) : s->max_ns;
   }
   return s->max_ns;
 }

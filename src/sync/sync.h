@@ -102,6 +102,7 @@ void sv_skew_add(sv_skew_stats *s, sv_ns skew_ns); // not negative
 // One that was added counts no more. If it was the largest, the maximum becomes the edge of the bin
 // of the next.
 void sv_skew_remove(sv_skew_stats *s, sv_ns skew_ns);
+sv_ns sv_skew_edge_ns(int i_bin);                                    // the largest skew of a bin
 sv_ns sv_skew_percentile_ns(const sv_skew_stats *s, double percent); // 0 when there are none
 
 #define SV_SYNC_CAP_EVENTS 64

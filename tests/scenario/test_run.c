@@ -529,6 +529,16 @@ static void test_report(void **state) {
   text[f->bytes] = 0;
   for (size_t i = 0; i < sizeof keys / sizeof *keys; i++)
     if (!strstr(text, keys[i])) fail_msg("run.json has no %s", keys[i]);
+  // Each exposure has its place in the histogram of skews.
+  double edge_n[2], sum = 0, n_exposures = 0;
+  const int i_skew = sv_json_get(&j, 0, "skew_us"), i_bins = sv_json_get(&j, i_skew, "histogram");
+  assert_int_equal(sv_json_get_double(&j, i_skew, "exposures", &n_exposures, &w.err), SV_OK);
+  for (int i = sv_json_first(&j, i_bins); i >= 0; i = sv_json_next(&j, i)) {
+    assert_int_equal(sv_json_doubles(&j, i, edge_n, 2, &w.err), SV_OK);
+    assert_true(edge_n[1] >= 1);
+    sum += edge_n[1];
+  }
+  assert_true(n_exposures > 0 && sum == n_exposures);
   assert_not_contains(text, "\"is_exact\": false");
   world_close(&w);
 }
