@@ -18,8 +18,8 @@
 //   black=N red=F blue=F    of raw sensors: black level in samples, gains relative to green
 //   light=linear|display    whether samples are linear light (Bayer) or display values (grey)
 //   dmabuf=on|off     also export V4L2 buffers as DMABUF descriptors (off)
-//   sync=off|server|client     libcamera's rpi.sync (off), one word for each camera with ':' between
-//                              them. A single word is for all; with a single "server" the first
+//   sync=off|server|client     libcamera's rpi.sync (off), a word for each camera with ':' between
+//                              them. A single word is for all; of a single "server" the first
 //                              camera is the server and the others are clients
 #ifndef SV_PLATFORM_CAMERA_OPTIONS_H
 #define SV_PLATFORM_CAMERA_OPTIONS_H

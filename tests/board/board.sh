@@ -122,7 +122,7 @@ job() { # NAME SOURCE WIDTH HEIGHT DEG
   check "$1_run" $code -eq 0 -a "$(value steps $out/json)" = 3 -a -s $out/run/model.ply
   heap_of "$1_run" $out/log
   LD_PRELOAD=/test/lib/heap_watch.so subview run --source "$2" --rig $out/apart --exposures 2 --steps 5 --gaussians 100 \
-    --threads 1 --skew-limit 100 --live --out $out/run --json --quiet >$out/json 2>$out/log
+    --threads 1 --skew-limit 100 --live --overwrite --out $out/run --json --quiet >$out/json 2>$out/log
   code=$?
   cat $out/json $out/log
   note "$1 live: $(grep '"live"' $out/run/run.json)"

@@ -35,15 +35,14 @@ typedef struct {
   bool has_frozen_sequence, is_short, is_flagged, is_wrong_jpeg;
   double max_fps_raw; // of formats that are not compressed; 0: as all
   bool has_controls, is_mplane;
-  bool has_blanking;            // the sensor's blanking can be set: 64 + 56 pixels a line, 48 + 52 lines a
-                                // frame at 25 fps
-  int crop_px[4], bounds_px[2]; // x, y, width and height of its crop, which fills the frame; 0: it
-                                // does not tell
-  bool is_letterbox;            // the crop fills the upper half only
-  bool has_trigger;             // a control of its own, "Trigger Mode", is its last one
-  bool can_set_rate;            // its frame interval can be set while it runs
-  bool is_coarse;               // but only to one of a few
-  bool has_short_chroma;        // the second plane has half of its bytes
+  bool has_blanking; // 64 + 56 pixels a line, 48 + 52 lines a frame at 25 fps can be set
+  // x, y, width and height of its crop, which fills the frame; 0: it does not tell
+  int crop_px[4], bounds_px[2];
+  bool is_letterbox;     // the crop fills the upper half only
+  bool has_trigger;      // a control of its own, "Trigger Mode", is its last one
+  bool can_set_rate;     // its frame interval can be set while it runs
+  bool is_coarse;        // but only to one of a few
+  bool has_short_chroma; // the second plane has half of its bytes
   // an input with a signal of its own
   bool is_hdmi;
   int signal_errno;              // 0: there is one
