@@ -366,6 +366,7 @@ sv_status sv_capture_load(sv_capture *c, const char *dir, sv_arena *arena, sv_er
   if (s < 0) return s;
   sv_fmt(path, sizeof path, "%s/capture.json", dir);
   int fd = open(path, O_RDONLY | O_CLOEXEC);
+  if (fd < 0 && errno == ENOENT) return sv_capture_of_pictures(c, dir, arena, err);
   if (fd < 0) return sv_fail(err, SV_E_NOT_FOUND, "%s: cannot be opened: %s", path, sv_linux_reason(errno));
   char *text = NULL;
   size_t bytes = 0;

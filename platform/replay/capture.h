@@ -71,12 +71,18 @@ typedef struct {
   int n_poses;
 } sv_capture;
 
-// Reads DIR/capture.json into the arena (text and lists; the parser's tokens are given back). If a
+// Reads DIR/capture.json, or, without one, DIR as a folder of pictures (sv_capture_of_pictures),
+// into the arena (text and lists; the parser's tokens are given back). If a
 // writer was killed before it closed, its sidecars are first folded into capture.json, if the
 // folder can be written; of a capture that is being written, what was saved last is read.
 // Centre and radius in m of the ball that holds the scene of a capture that has one.
 void sv_capture_scene(const sv_capture *c, double centre[3], double *radius);
 sv_status sv_capture_load(sv_capture *c, const char *dir, sv_arena *arena, sv_err *err) SV_MUST_USE;
+
+// Pictures without capture.json: each folder of DIR with JPEG or PNG files is a camera, in the order
+// of names; of the pictures the first of each camera is the first exposure, and so on, at ten frames a
+// second. A folder with rig.json is the rig. Pictures in DIR itself: one camera.
+sv_status sv_capture_of_pictures(sv_capture *c, const char *dir, sv_arena *arena, sv_err *err) SV_MUST_USE;
 
 // The same from a text in memory. `text` [bytes] is written to (names are terminated in place) and
 // must live as long as the capture. `where` names it in sentences.

@@ -263,7 +263,8 @@ TEST(test_run) {
           line, sizeof line,
           "$(dirname @)/subview run --source sim:textured,rig=stereo,size=96x72 --exposures 2 --steps 120 "
           "--gaussians "
-          "800 --threads %d --prior %s --out r%d --quiet && grep -h '\"digest\"' r%d/run.json > digest%d",
+          "800 --threads %d --prior %s --overwrite --out r%d --quiet && grep -h '\"digest\"' r%d/run.json > "
+          "digest%d",
           n, methods[i], n, n, n);
       lab_shell_run_well(&shell, line);
     }
@@ -276,7 +277,7 @@ TEST(test_run) {
   }
   assert_int_equal(
       lab_shell_run(&shell, "$(dirname @)/subview run --source sim:textured,rig=multiplexed --exposures 1 "
-                            "--steps 5 --gaussians 500 --prior fsgs --out r1 --quiet"),
+                            "--steps 5 --gaussians 500 --prior fsgs --out r3 --quiet"),
       1);
   assert_contains(shell.said, "not on multiplexed sensors");
   assert_int_equal(

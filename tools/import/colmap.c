@@ -31,14 +31,14 @@ static sv_status open_part(part *p, const char *folder, const char *stem, sv_err
   return s;
 }
 
-static bool find_model(const char *dir, char *folder, size_t cap) {
+// images_path: that of the model's list of images.
+static bool find_model(const char *dir, char folder[SV_CAP_PATH], char images_path[SV_CAP_PATH]) {
   static const char *const places[] = {"", "sparse", "sparse/0"};
-  char path[SV_CAP_PATH];
   for (int i = 0; i < 3; i++) {
-    if (snprintf(folder, cap, "%s%s%s", dir, i ? "/" : "", places[i]) >= (int)cap) return false;
+    if (snprintf(folder, SV_CAP_PATH, "%s%s%s", dir, i ? "/" : "", places[i]) >= SV_CAP_PATH) return false;
     for (int k = 0; k < 2; k++)
-      if (sv_path_join(path, sizeof path, folder, k ? "images.txt" : "images.bin", NULL) == SV_OK &&
-          sv_path_exists(path))
+      if (sv_path_join(images_path, SV_CAP_PATH, folder, k ? "images.txt" : "images.bin", NULL) == SV_OK &&
+          sv_path_exists(images_path))
         return true;
   }
   return false;
@@ -284,10 +284,15 @@ static sv_status read_points(lab_import *im, const char *folder, sv_err *err) {
   return s < 0 ? s : SV_OK;
 }
 
-sv_status lab_import_colmap(lab_import *im, const char *dir, sv_err *err) {
+bool lab_import_colmap_model(const char *dir, char images_path[SV_CAP_PATH]) {
   char folder[SV_CAP_PATH];
+  return find_model(dir, folder, images_path);
+}
+
+sv_status lab_import_colmap(lab_import *im, const char *dir, sv_err *err) {
+  char folder[SV_CAP_PATH], images_path[SV_CAP_PATH];
   camera_list cameras = {0};
-  if (!find_model(dir, folder, sizeof folder))
+  if (!find_model(dir, folder, images_path))
     return sv_fail(err, SV_E_NOT_FOUND, "%s: no images.bin or images.txt in it, in sparse/ or in sparse/0/",
                    dir);
   sv_status s = read_cameras(folder, &cameras.at, &cameras.n, err);

@@ -55,6 +55,8 @@ sv_status lab_import_propagate(lab_import *im, const char *rig_folder, const cha
                                sv_err *err) SV_MUST_USE;
 
 sv_status lab_import_transforms(lab_import *im, const char *dir, sv_err *err) SV_MUST_USE;
+// Whether DIR holds a COLMAP model, and the path of its list of images.
+bool lab_import_colmap_model(const char *dir, char images_path[SV_CAP_PATH]);
 sv_status lab_import_colmap(lab_import *im, const char *dir, sv_err *err) SV_MUST_USE;
 // A whole dataset from the simulator: SCENE or a source string's part behind `sim:` ->
 // transforms_train_RIG.json for each of the five devices (three exposures),

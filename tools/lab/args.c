@@ -15,8 +15,9 @@
 #define OUT       (LAB_TRAIN | LAB_RENDER | LAB_EXPORT | LAB_IMPORT | LAB_TABLES | LAB_COMPARE)
 
 static const sv_option table[] = {
-    {"data", SV_OPT_TEXT, DATA, DATA, AT(data), "DIR", "dataset: a folder with transforms JSON and images", 0,
-     0, 0},
+    {"data", SV_OPT_TEXT, DATA, DATA, AT(data), "DIR",
+     "dataset: a folder with transforms JSON and images; train: also a COLMAP folder, a capture, or a .zip",
+     0, 0, 0},
     {"data", SV_OPT_TEXT, LAB_TABLES, LAB_TABLES, AT(data), "DIR[,DIR...]",
      "datasets with files transforms_train_DEVICE[_thetaT].json", 0, 0, 0},
     {"quick", SV_OPT_FLAG, LAB_TABLES, 0, AT(is_quick), 0, "only the first dataset, fewer points and steps",

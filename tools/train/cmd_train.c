@@ -10,6 +10,7 @@
 #include "src/train/driver.h"
 #include "tools/dataset/measurement.h"
 #include "tools/common/report.h"
+#include "tools/import/find.h"
 #include "tools/train/evaluate.h"
 #include "tools/train/noise.h"
 #include "tools/train/plan.h"
@@ -538,11 +539,16 @@ static sv_status stages(run *r, sv_err *err) {
   return SV_OK;
 }
 
-int lab_cmd_train(const lab_options *o) {
+int lab_cmd_train(const lab_options *given) {
   sv_err err = {0};
-  int code = check_init(o);
-  if (code == LAB_EXIT_OK) code = lab_prior_check(o);
+  static char folder[SV_CAP_PATH]; // of the dataset
+  static lab_options found;
+  const lab_options *o = &found;
+  int code = check_init(given);
+  if (code == LAB_EXIT_OK) code = lab_prior_check(given);
   if (code != LAB_EXIT_OK) return code;
+  found = *given;
+  found.data = folder;
   run *r = calloc(1, sizeof *r);
   if (!r) return LAB_EXIT_FAILED;
   r->o = o;
@@ -551,6 +557,7 @@ int lab_cmd_train(const lab_options *o) {
   r->limit_s = o->time_limit_s;
   sv_status s = lab_session_start(&r->session, o->threads, o->is_quiet, &err);
   if (s == SV_OK) s = sv_linux_catch_signals(&err);
+  if (s == SV_OK) s = lab_find_dataset(given, folder, &err);
   if (s == SV_OK) s = stages(r, &err);
   sv_linux_console_finish(&r->session.lines);
   if (s == SV_OK) s = print(r, &err);
