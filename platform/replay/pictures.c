@@ -40,7 +40,7 @@ static int by_name(const void *a, const void *b) {
   return strcmp(*(const char *const *)a, *(const char *const *)b);
 }
 
-// Pictures of a folder, or its folders, sorted. Names that JSON cannot hold as they are do not count.
+// Pictures of a folder, or its folders, sorted. Names that are not UTF-8 do not count.
 static sv_status list(const char *dir, bool is_folders, name_list *out, sv_arena *arena, sv_err *err) {
   *out = (name_list){0};
   for (int pass = 0; pass < 2; pass++) {

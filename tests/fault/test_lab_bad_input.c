@@ -227,7 +227,7 @@ static const bad_case cases[] = {
      "neither transforms_train.json nor transforms.json; name another with --transforms: "
      "transforms_train_r0.json, transforms_train_r1.json, transforms_train_r2.json, "
      "transforms_train_r3.json, ...\n"},
-    {1, "train --data nothing --out o", "name another with --transforms\n"},
+    {1, "train --data nothing --out o", "holds nothing; expected transforms.json, sparse"},
     {1, "train --data good --transforms t.json --out o", "t.json"},
     {1, "train --data missing --out o", "nowhere.png"},
     {1, "train --data size --out o", "33x24"},

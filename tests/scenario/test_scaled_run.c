@@ -7,7 +7,8 @@
 
 #include "tests/common/test.h"
 
-#define RUN "$SV_EMULATE $SV_BIN/subview run --exposures 4 --steps 300 --gaussians 3000 --json --quiet --overwrite "
+#define RUN                                                                                                  \
+  "$SV_EMULATE $SV_BIN/subview run --exposures 4 --steps 300 --gaussians 3000 --json --quiet --overwrite "
 
 // A number or word of the JSON object that a command prints.
 static double number_of(const char *command, const char *key, char digest[20]) {

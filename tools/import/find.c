@@ -41,7 +41,7 @@ static kind kind_of(const char *dir, char mark[SV_CAP_PATH]) {
   return lab_import_colmap_model(dir, mark) ? COLMAP : NOTHING;
 }
 
-// --- the note beside a folder of ours: is it of these files? --------------------------------------
+// --- the note beside a folder of ours: is it of these files? ---------------------------------
 
 // Kind, place and time of what it comes from.
 static void note_of(kind k, const char *mark, char text[CAP_NOTE]) {
@@ -105,6 +105,16 @@ static sv_status step_inside(char dir[SV_CAP_PATH], sv_err *err) {
 }
 
 // --- import --------------------------------------------------------------------------------------
+
+// Training files of other names: --transforms chooses among them.
+static bool has_other_transforms(const char *dir) {
+  sv_names names;
+  bool is_found = false;
+  if (sv_folder_list(dir, &names, NULL) != SV_OK) return false;
+  for (int i = 0; i < names.n; i++) is_found |= strncmp(names.names[i], "transforms_train_", 17) == 0;
+  sv_names_free(&names);
+  return is_found;
+}
 
 static sv_status no_dataset(const char *dir, sv_err *err) {
   char list[56] = "";
@@ -176,9 +186,9 @@ sv_status lab_find_dataset(const lab_options *o, char folder[SV_CAP_PATH], sv_er
   } else if (!sv_path_is_folder(o->data)) return SV_OK;
   if (s != SV_OK) return s;
   const kind k = kind_of(dir, mark);
-  if (k == NOTHING) return no_dataset(dir, err);
   sv_copy(folder, SV_CAP_PATH, dir);
-  if (k == DATASET) return SV_OK;
+  if (k == DATASET || (k == NOTHING && has_other_transforms(dir))) return SV_OK;
+  if (k == NOTHING) return no_dataset(dir, err);
   s = sv_path_make_folder(o->out, err);
   if (s == SV_OK) s = sv_path_join(folder, SV_CAP_PATH, o->out, "data", err);
   return s == SV_OK ? import_to(k, o, dir, mark, folder, err) : s;
