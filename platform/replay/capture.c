@@ -173,6 +173,20 @@ static sv_status read_choice(const json_t *j, int t, const choice_key *k, int *o
   return bad(j, v, k->key, k->expected);
 }
 
+// What the frames show of the sensor, as the camera reported it.
+static sv_status read_area(const json_t *j, int t, sv_sensor_area *out) {
+  const int v = find(j, t, "sensor"), w = find(j, t, "area");
+  double s[2], a[4];
+  if (v < 0 && w < 0) return SV_OK;
+  if (!read_doubles(j, v, 2, s) || !(s[0] >= 1 && s[1] >= 1 && s[0] <= MAX_SIDE_PX && s[1] <= MAX_SIDE_PX))
+    return bad(j, v < 0 ? t : v, "sensor", "the sensor's width and height, 1 to 32768 px");
+  if (!read_doubles(j, w, 4, a) ||
+      !(a[0] >= 0 && a[1] >= 0 && a[2] >= 1 && a[3] >= 1 && a[0] + a[2] <= s[0] && a[1] + a[3] <= s[1]))
+    return bad(j, w < 0 ? t : w, "area", "x, y, width and height inside of the sensor");
+  *out = (sv_sensor_area){(int)s[0], (int)s[1], a[0], a[1], a[2], a[3]};
+  return SV_OK;
+}
+
 static sv_status read_camera(const json_t *j, int t, sv_capture_camera *c, sv_capture_frame **pool) {
   static const char *const clocks[] = {"camera", "monotonic", "boottime", "realtime"};
   static const char *const stamps[] = {"start", "middle", "end"};
@@ -207,6 +221,7 @@ static sv_status read_camera(const json_t *j, int t, sv_capture_camera *c, sv_ca
   s = get_int(j, t, &(int_key){"bits", 8, 16, 8, "8 or 16"}, &bits);
   if (s == SV_OK && bits != 8 && bits != 16) s = bad(j, find(j, t, "bits"), "bits", "8 or 16");
   if (s < 0) return s;
+  if ((s = read_area(j, t, &c->caps.area)) < 0) return s;
   if (bits == 16) c->caps.format = SV_PIX_RGB16;
   c->caps.frame_bytes = (size_t)w * (size_t)h * 3 * (size_t)(bits / 8);
   v = find(j, t, "frames");

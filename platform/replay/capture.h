@@ -14,6 +14,8 @@
 //     "scene": {"min_m": [x,y,z], "max_m": [x,y,z]},   optional: bounds of the scene in the world
 //     "cameras": [
 //       {"name": "cam0", "folder": "cam0", "width": 640, "height": 480, "fps": 30,
+//        "sensor": [4056, 3040],          optional: all of the sensor's pixels,
+//        "area": [x, y, w, h],                and what the frames show of them
 //        "bits": 8 | 16,                  default 8; 16: PNG files, played back as RGB16
 //        "clock": "camera" | "monotonic" | "boottime" | "realtime",     default "monotonic"
 //        "stamp": "start" | "middle" | "end",                           default "start"

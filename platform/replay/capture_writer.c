@@ -155,13 +155,18 @@ static sv_status put_camera(sv_capture_writer *w, int i, sv_err *err) {
   static const char *const stamps[] = {"start", "middle", "end"};
   const sv_camera_caps *c = &w->caps[i];
   char line[LINE_BYTES];
+  char area[160] = "";
+  if (c->area.sensor_width_px)
+    sv_fmt(area, sizeof area, "\"sensor\":[%d,%d],\"area\":[%.17g,%.17g,%.17g,%.17g],",
+           c->area.sensor_width_px, c->area.sensor_height_px, c->area.x0_px, c->area.y0_px, c->area.width_px,
+           c->area.height_px);
   sv_fmt(line, sizeof line,
          "{\"name\":\"%s\",\"folder\":\"%s\",\"width\":%d,\"height\":%d,\"fps\":%.17g,\"bits\":%d,\"clock\":"
          "\"%s\","
-         "\"stamp\":\"%s\","
+         "\"stamp\":\"%s\",%s"
          "\"frames\":[\n",
          c->name, w->cameras[i].folder, c->width_px, c->height_px, c->fps, c->format == SV_PIX_RGB16 ? 16 : 8,
-         clocks[c->clock], stamps[c->stamp]);
+         clocks[c->clock], stamps[c->stamp], area);
   sv_status s = put_text(&w->store, line, err);
   if (s == SV_OK) s = copy_lines(&w->store, w->cameras[i].list.fd, 0, w->copy, w->cap_copy, err);
   if (s == SV_OK) s = put_text(&w->store, i + 1 < w->cfg.n_cameras ? "]},\n" : "]}\n", err);

@@ -126,7 +126,23 @@ TEST(test_real_stills) {
   }
 }
 
+// Boards that were captured by subview: the rig knows what part of the sensor they show.
+TEST(the_capture_tells_the_part_of_the_sensor) {
+  sv_sensor_area a;
+  temp_put_text(
+      "board/capture.json",
+      "{\"version\":1,\"cameras\":[{\"name\":\"cam\",\"folder\":\"video0\",\"width\":1332,\"height\":990,"
+      "\"sensor\":[4056,3040],\"area\":[696,528,2664,1980],\"frames\":[]}]}");
+  assert_true(cal_sensor_area(temp_path("board/video0/000010.jpg"), (const int[2]){1332, 990}, &a));
+  assert_true(a.sensor_width_px == 4056 && a.x0_px == 696 && a.height_px == 1980);
+  assert_false(cal_sensor_area(temp_path("board/video0/000010.jpg"), (const int[2]){666, 495}, &a));
+  assert_false(cal_sensor_area(temp_path("board/video1/000010.jpg"), (const int[2]){1332, 990}, &a));
+  assert_false(cal_sensor_area(temp_path("elsewhere/video0/a.jpg"), (const int[2]){1332, 990}, &a));
+  assert_false(cal_sensor_area("a.jpg", (const int[2]){1332, 990}, &a));
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_real_stereo), cmocka_unit_test(test_real_stills)};
-  return cmocka_run_group_tests(tests, NULL, NULL);
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_real_stereo), cmocka_unit_test(test_real_stills),
+                                     cmocka_unit_test(the_capture_tells_the_part_of_the_sensor)};
+  return cmocka_run_group_tests(tests, temp_folder_setup, temp_folder_teardown);
 }

@@ -60,6 +60,12 @@ TEST(wrong_json_gets_a_sentence) {
       "\"cameras\":[{\"name\":\"a\",\"folder\":\"a\",\"width\":4,\"height\":3,\"frames\":[]}]}",
       "{\"version\":1,\"cameras\":[{\"name\":\"a\",\"folder\":\"a\",\"width\":4,\"height\":3,\"bits\":12,"
       "\"frames\":[]}]}",
+      "{\"version\":1,\"cameras\":[{\"name\":\"a\",\"folder\":\"a\",\"width\":4,\"height\":3,\"sensor\":[4,3]"
+      ","
+      "\"frames\":[]}]}",
+      "{\"version\":1,\"cameras\":[{\"name\":\"a\",\"folder\":\"a\",\"width\":4,\"height\":3,\"sensor\":[4,3]"
+      ","
+      "\"area\":[1,0,4,3],\"frames\":[]}]}",
       "{\"version\":1,\"cameras\":[{\"name\":\"a\",\"folder\":\"a\",\"width\":0,\"height\":3,\"frames\":[]}]"
       "}",
       "[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]"};

@@ -49,6 +49,10 @@ void cal_boards_free(cal_boards *b);
 // nothing.
 sv_status cal_stopped(const lab_session *s, const char *kept, sv_err *err) SV_MUST_USE;
 
+// What an image shows of its sensor, where it lies in a capture folder whose capture.json tells
+// that (sensor.c). False: not known.
+bool cal_sensor_area(const char *picture, const int size_px[2], sv_sensor_area *out);
+
 // --- what the user is told (advice.c) ------------------------------------------------------------
 #define CAL_CAP_ADVICE 64
 typedef struct {

@@ -54,6 +54,8 @@ static sv_status write_rig(const cal_options *o, const cal_boards *b, const sv_b
   for (int c = 0; c < b->n_cameras; c++) {
     views[c] = (sv_sub_view){.i_camera = c, .model = r->models[c], .cam_from_rig = r->cam_from_rig[c]};
     sv_copy(views[c].name, sizeof views[c].name, b->cameras[c].name);
+    if (!cal_sensor_area(b->cameras[c].pictures[0].path, b->size_px[c], &views[c].area))
+      views[c].area = (sv_sensor_area){.sensor_width_px = 0};
   }
   sv_status s = cal_rig_write(o->out, &rig, err);
   free(views);
