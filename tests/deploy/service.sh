@@ -95,6 +95,7 @@ case $stage in
   note "ready $(((usec - systemd) / 1000)) ms after systemd's start; $(((usec - began) / 1000)) ms of it are subview's"
   [ ! $has_cameras ] || note "kernel and drivers took $((systemd / 1000)) ms before that"
   systemd-analyze --no-pager critical-chain subview.service 2>&1 | grep -v '^$' | tail -n +3 | sed 's/^/    | /'
+  journalctl -b -u subview.service -o short-monotonic --no-pager | cut -c 1-110 | head -n 6 | sed 's/^/    | /'
   subview status >/tmp/log
   sed 's/^/    | /' /tmp/log
   check status "$(grep -c . /tmp/log)" = 10 -a "$(grep -c '^doing *waiting' /tmp/log)" = 1 -a "$(grep -c "#$(cat /var/lib/subview/token)" /tmp/log)" = 1
@@ -137,11 +138,10 @@ saves)
   until_so 240 state_is waiting
   cp $conf $memory/conf
   set_option steps 60
-  set_option save-every 0.2
-  set_option keep 2
+  set_option keep 1
   rm -f /var/lib/subview/token
   systemctl restart subview.service
-  for _ in 1 2 3; do
+  for _ in 1 2; do
     until_so 60 state_is waiting
     post start
     until_so 240 state_is "done"
@@ -149,7 +149,7 @@ saves)
   done
   check saves "$(find /var/lib/subview/scans -name model.ply | wc -l)" -ge 1
   systemctl stop subview.service
-  runuser -u subview -- subview capture --source v4l2:/dev/video0,size=320x180 --exposures 12 --out /var/lib/subview/capture \
+  runuser -u subview -- subview capture --source v4l2:/dev/video0,size=320x180 --exposures 6 --out /var/lib/subview/capture \
     >/tmp/log 2>&1
   check capture $? -eq 0
   cp $memory/conf $conf
