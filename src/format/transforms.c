@@ -7,6 +7,7 @@
 #include "src/base/mathx.h"
 #include "src/base/str.h"
 #include "src/rig/limits.h"
+#include "src/rig/sizes.h"
 
 // The camera's keys, at the top level (for all frames) or in a frame (which wins).
 enum { FL_X, FL_Y, CX, CY, ANGLE_X, ANGLE_Y, K1, K2, P1, P2, K3, K4, N_KEYS };
@@ -284,9 +285,14 @@ sv_status sv_transforms_finish(sv_transforms_frame *f, int width_px, int height_
   if (width_px < 1 || height_px < 1 || width_px > 32767 || height_px > 32767)
     return sv_fail(err, SV_E_RANGE, "%s: an image of %dx%d is not supported", f->file_path, width_px,
                    height_px);
-  if ((m->width_px && m->width_px != width_px) || (m->height_px && m->height_px != height_px))
-    return sv_fail(err, SV_E_FORMAT, "%s: the image is %dx%d, the transforms file says %dx%d", f->file_path,
-                   width_px, height_px, m->width_px, m->height_px);
+  const bool is_other =
+      (m->width_px && m->width_px != width_px) || (m->height_px && m->height_px != height_px);
+  sv_image_map map;
+  // Folders of images made smaller (images_2) come with the camera of the full size.
+  if (is_other && !(m->width_px && m->height_px && sv_model_resize(m, width_px, height_px, &map)))
+    return sv_fail(err, SV_E_FORMAT,
+                   "%s: the image is %dx%d, the transforms file says %dx%d, which is another shape",
+                   f->file_path, width_px, height_px, m->width_px, m->height_px);
   double fx = m->p[0] > 0 ? m->p[0] : focal(f->camera_angle_x_rad, width_px);
   double fy = m->p[1] > 0                 ? m->p[1]
               : f->camera_angle_y_rad > 0 ? focal(f->camera_angle_y_rad, height_px)

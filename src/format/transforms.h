@@ -69,7 +69,8 @@ sv_status sv_transforms_open(sv_transforms *t, const sv_file_data *file, jsmntok
 sv_status sv_transforms_read(const sv_transforms *t, sv_transforms_frame *frames, int cap,
                              sv_err *err) SV_MUST_USE;
 // Completes a frame's camera once the image size is known: focal length from camera_angle_x, centre
-// in the middle unless given. Fails when the file states another size.
+// in the middle unless given. Where the file states another size of the same shape, the camera is
+// scaled; fails at another shape.
 sv_status sv_transforms_finish(sv_transforms_frame *f, int width_px, int height_px, sv_err *err) SV_MUST_USE;
 
 // The multiplexed measurement of an exposure ("composites", or "composites_linear": summed in

@@ -7,20 +7,29 @@
 
 static bool is_known(const sv_sensor_area *a) { return a->sensor_width_px > 0 && a->width_px > 0; }
 
-// One size is a scaled form of the other, within the rounding of a pixel of the smaller one.
-static bool has_shape(double w, double h, double of_w, double of_h) {
-  const double off_px = w <= of_w ? fabs(h - w * of_h / of_w) : fabs(of_h - of_w * h / w);
+// One size is a scaled form of the other, within the rounding of a pixel of the smaller one. Equal
+// along one axis only: a crop.
+static bool has_shape(int w, int h, int of_w, int of_h) {
+  if ((w == of_w) != (h == of_h)) return false;
+  const double off_px = w <= of_w ? fabs(h - (double)w * of_h / of_w) : fabs(of_h - (double)of_w * h / w);
   return off_px <= 1.0;
 }
 
-static void apply(sv_sub_view *v, const sv_image_map *m, int width_px, int height_px) {
-  double *p = v->model.p;
+static void apply(sv_camera_model *model, const sv_image_map *m, int width_px, int height_px) {
+  double *p = model->p;
   p[0] *= m->a[0];
   p[1] *= m->a[1];
   p[2] = m->a[0] * p[2] + m->b[0];
   p[3] = m->a[1] * p[3] + m->b[1];
-  v->model.width_px = width_px;
-  v->model.height_px = height_px;
+  model->width_px = width_px;
+  model->height_px = height_px;
+}
+
+bool sv_model_resize(sv_camera_model *m, int w, int h, sv_image_map *map) {
+  if (!has_shape(w, h, m->width_px, m->height_px)) return false;
+  *map = (sv_image_map){{(double)w / m->width_px, (double)h / m->height_px}, {0, 0}};
+  apply(m, map, w, h);
+  return true;
 }
 
 static const sv_sensor_area *mode_area(const sv_sub_view *v, const sv_image_mode *frame) {
@@ -77,13 +86,10 @@ sv_status sv_sub_view_fit(sv_sub_view *v, const sv_image_mode *frame, sv_size_fi
   *how = SV_FIT_SAME;
   if (v->footprint.width_px > 0 || (is_size && (!to || !is_known(&v->area)))) return SV_OK;
   if (!to) {
-    if (!has_shape(frame->width_px, frame->height_px, m->width_px, m->height_px))
+    if (!sv_model_resize(&v->model, frame->width_px, frame->height_px, map))
       return unexplained(v, frame,
                          "another shape, and nobody reports what part of the sensor the frames show", err);
     *how = SV_FIT_ASSUMED;
-    *map = (sv_image_map){{(double)frame->width_px / m->width_px, (double)frame->height_px / m->height_px},
-                          {0, 0}};
-    apply(v, map, frame->width_px, frame->height_px);
     return SV_OK;
   }
   if (!calibrated_area(v, to, &from))
@@ -92,7 +98,7 @@ sv_status sv_sub_view_fit(sv_sub_view *v, const sv_image_mode *frame, sv_size_fi
   const bool is_whole = m->width_px == from.sensor_width_px && m->height_px == from.sensor_height_px;
   *how = is_known(&v->area) || is_whole ? SV_FIT_REPORTED : SV_FIT_ASSUMED;
   *map = between(&from, v, to, frame);
-  apply(v, map, frame->width_px, frame->height_px);
+  apply(&v->model, map, frame->width_px, frame->height_px);
   v->area = *to;
   return SV_OK;
 }
@@ -112,7 +118,7 @@ sv_status sv_sub_view_reduce(sv_sub_view *v, const sv_reduction *r, sv_image_map
   v->source_height_px = r->k ? new_h * r->k : h;
   map->a[0] = (double)new_w / v->source_width_px;
   map->a[1] = (double)new_h / v->source_height_px;
-  apply(v, map, new_w, new_h);
+  apply(&v->model, map, new_w, new_h);
   return SV_OK;
 }
 

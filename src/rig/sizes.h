@@ -23,6 +23,10 @@ typedef struct {
   double a[2], b[2];
 } sv_image_map;
 
+// Makes a lens that of images of another size, which show the same. False, and m is as before: they
+// have another shape, by more than the rounding of a pixel.
+bool sv_model_resize(sv_camera_model *m, int width_px, int height_px, sv_image_map *map);
+
 typedef enum {
   SV_FIT_SAME = 0, // the frames are as they were calibrated
   SV_FIT_REPORTED, // by areas that the camera or the rig tells

@@ -69,8 +69,12 @@ TEST(test_everything) {
   assert_int_equal(f->model.kind, SV_MODEL_OPENCV4);
   const double want[8] = {500, 510, 320.5, 240.25, 0.1, 0, 0, -0.01};
   for (int i = 0; i < 8; i++) assert_true(f->model.p[i] == want[i]);
-  assert_int_equal(sv_transforms_finish(f, 320, 240, &err), SV_E_FORMAT);
-  assert_contains(err.text, "640x480");
+  assert_int_equal(sv_transforms_finish(f, 320, 200, &err), SV_E_FORMAT);
+  assert_contains(err.text, "the image is 320x200, the transforms file says 640x480");
+  sv_transforms_frame half = *f; // images_2 beside the camera of the full size
+  assert_ok(sv_transforms_finish(&half, 320, 240, &err), &err);
+  assert_true(half.model.width_px == 320 && half.model.p[0] == 250 && half.model.p[1] == 255);
+  assert_true(half.model.p[2] == 160.25 && half.model.p[3] == 120.125 && half.model.p[4] == 0.1);
   f = &frames[1]; // the frame's angles replace the file's focal lengths
   assert_int_equal(sv_transforms_finish(f, 100, 50, &err), SV_OK);
   assert_int_equal(f->model.kind, SV_MODEL_PINHOLE);
