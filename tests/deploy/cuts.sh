@@ -53,7 +53,8 @@ cut_at() { # RECORDS SEED
   fi
   for name in $(sed -n 's/^saving //p' "$work/found"); do
     n_saving[$name]=$((${n_saving[$name]:-0} + 1))
-    [ "$2" -gt 0 ] || [ -e "$out/$name.img" ] || keep "$out/$name.img" "$1"
+    # A later one, if there is: the first checkpoint has none before it.
+    [ "$2" -gt 0 ] || { [ ${n_saving[$name]} -gt 20 ] && [ -e "$out/$name.img" ]; } || keep "$out/$name.img" "$1"
   done
   if [ $((n_cuts % 10)) -eq 0 ] && [ -e "$work/mnt/capture/capture.json" ]; then
     replays || fail "record $1, seed $2: the capture does not replay: $(tail -n 1 "$work/said")"
