@@ -118,8 +118,10 @@ sv_status trigger_option(sv_trigger *t, const char *word, size_t n, sv_err *err)
 sv_status trigger_open(board_source *s, sv_err *err) SV_MUST_USE;
 // "trigger": {...} with the figures of the pulses; adds nothing where there was no line.
 void trigger_report(sv_str *out, const board_source *s);
-// One line for people, of pulses that failed or came late; "" when there is nothing to say.
+// A line for people: how late the pulses were.
 void trigger_say(const board_source *s);
+// Gives the line back, and says so if it failed.
+void trigger_close(board_source *s);
 
 // Pictures of coverage and masks that names tells of, decoded into the arena at footprint.coverage
 // and mask; dir is for sentences. What is needed only meanwhile is given back.

@@ -282,6 +282,6 @@ void source_close(board_source *s) {
   if (s->kind == SOURCE_REPLAY) sv_replay_close(&s->u.replay);
   if (s->kind == SOURCE_V4L2) sv_v4l2_close(&s->u.v4l2);
   if (s->kind == SOURCE_LIBCAMERA) sv_libcamera_close(s->u.libcamera);
-  sv_pulses_close(&s->pulses); // after the cameras, which use it
+  trigger_close(s); // after the cameras, which use it
   sv_codec_close(&s->codec);
 }

@@ -107,6 +107,14 @@ void trigger_report(sv_str *out, const board_source *s) {
   sv_str_add(out, "}");
 }
 
+void trigger_close(board_source *s) {
+  const sv_pulses_stats *p = &s->pulses.stats;
+  const bool was_open = s->pulses.trigger.kind != SV_LINE_NONE;
+  sv_pulses_close(&s->pulses);
+  if (was_open && p->error) // then no frames came, and the capture has said so
+    say(2, "subview: the trigger line failed: %s\n", sv_linux_reason(p->error));
+}
+
 void trigger_say(const board_source *s) {
   const sv_pulses_stats *p = &s->pulses.stats;
   if (s->pulses.trigger.kind != SV_LINE_GPIO) return;
@@ -117,5 +125,4 @@ void trigger_say(const board_source *s) {
   if (p->n_skipped)
     say(2, "subview: %llu trigger pulses were left out, a period late: the processor was busy\n",
         (unsigned long long)p->n_skipped);
-  if (p->error) say(2, "subview: the trigger line failed: %s\n", sv_linux_reason(p->error));
 }

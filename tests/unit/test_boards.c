@@ -12,6 +12,7 @@
 #include "src/base/mathx.h"
 #include "src/base/rng.h"
 #include "src/rig/device.h"
+#include "src/rig/sizes.h"
 #include "tests/common/test.h"
 #include "tools/calibrate/calibrate.h"
 
@@ -263,10 +264,110 @@ TEST(test_three_boards) {
   drop(&w);
 }
 
+// --- other modes of the sensor -------------------------------------------------------------------
+// A lens that was calibrated on 12 megapixels, fitted to another mode of its sensor, against a
+// calibration of that mode: boards of its own, with corners where crop and binning put them. Both
+// have their noise; many boards make it small.
+typedef struct {
+  const char *name;
+  int width_px, height_px;
+  double x0_px, y0_px, area_width_px, area_height_px;
+} mode;
+
+static sv_camera_model calibrated(const mode *m, uint64_t seed) {
+  world w;
+  sv_boards_result r;
+  make_rig(&w, SV_DEVICE_MONO, 0, 4056, 3040);
+  w.views[0].model.kind = SV_MODEL_OPENCV5;
+  memcpy(w.views[0].model.p + 4, (const double[5]){-0.08, 0.03, 2e-4, -1e-4, 0}, 5 * sizeof(double));
+  make_boards(&w, 400, 45, 0.75 * m->area_width_px / 4056, seed);
+  w.b.model = SV_MODEL_OPENCV5;
+  const int corners = COLS * ROWS;
+  const double scale = m->width_px / m->area_width_px;
+  for (int f = 0; f < w.b.n_frames; f++)
+    for (int k = 0; k < corners; k++) {
+      double *uv = w.uv + 2 * (f * corners + k);
+      uv[0] = (uv[0] - m->x0_px) * scale;
+      uv[1] = (uv[1] - m->y0_px) * scale;
+      w.seen[f] = w.seen[f] && uv[0] > 0 && uv[1] > 0 && uv[0] < m->width_px && uv[1] < m->height_px;
+    }
+  w.size[0][0] = m->width_px;
+  w.size[0][1] = m->height_px;
+  if (sv_boards_solve(&w.b, &r, &err) != SV_OK) fail_msg("%s: %s", m->name, err.text);
+  const sv_camera_model lens = r.models[0];
+  sv_boards_free(&r);
+  drop(&w);
+  return lens;
+}
+
+enum { N_RAYS = 11 * 9 };
+// The rotation that a calibration of one camera leaves open: rays `from` are turned to `to`.
+static void turn_to(double from[N_RAYS][3], const double to[N_RAYS][3]) {
+  for (int round = 0; round < 5; round++) {
+    double h[3][3] = {{0}}, g[3] = {0}, w[3], r[9];
+    for (int i = 0; i < N_RAYS; i++)
+      for (int a = 0; a < 3; a++) {
+        const int b = (a + 1) % 3, c = (a + 2) % 3;
+        g[a] += from[i][b] * to[i][c] - from[i][c] * to[i][b];
+        for (int k = 0; k < 3; k++) h[a][k] += (a == k) - from[i][a] * from[i][k];
+      }
+    const double det = h[0][0] * (h[1][1] * h[2][2] - h[1][2] * h[2][1]) -
+                       h[0][1] * (h[1][0] * h[2][2] - h[1][2] * h[2][0]) +
+                       h[0][2] * (h[1][0] * h[2][1] - h[1][1] * h[2][0]);
+    for (int a = 0; a < 3; a++) { // Cramer's rule
+      double m[3][3];
+      memcpy(m, h, sizeof m);
+      for (int k = 0; k < 3; k++) m[k][a] = g[k];
+      w[a] = (m[0][0] * (m[1][1] * m[2][2] - m[1][2] * m[2][1]) -
+              m[0][1] * (m[1][0] * m[2][2] - m[1][2] * m[2][0]) +
+              m[0][2] * (m[1][0] * m[2][1] - m[1][1] * m[2][0])) /
+             det;
+    }
+    sv_rodrigues(r, w);
+    for (int i = 0; i < N_RAYS; i++)
+      sv_apply33(from[i], r, (const double[3]){from[i][0], from[i][1], from[i][2]});
+  }
+}
+
+TEST(test_other_modes) {
+  static const mode full = {"4056x3040", 4056, 3040, 0, 0, 4056, 3040};
+  static const mode modes[] = {{"1014x760, scaled", 1014, 760, 0, 0, 4056, 3040},
+                               {"1332x990, binned 2x2 and cropped", 1332, 990, 696, 528, 2664, 1980}};
+  need_mrcal();
+  const sv_camera_model large = calibrated(&full, 21);
+  for (int i = 0; i < 2; i++) {
+    const mode *m = &modes[i];
+    const sv_camera_model native = calibrated(m, 22 + (uint64_t)i);
+    const sv_image_mode frame = {
+        m->width_px, m->height_px, {4056, 3040, m->x0_px, m->y0_px, m->area_width_px, m->area_height_px}};
+    sv_sub_view v = {.name = "one", .model = large};
+    static double rays[2][N_RAYS][3];
+    double uv[N_RAYS][2], worst = 0;
+    sv_size_fit how;
+    sv_image_map map;
+    assert_ok(sv_sub_view_fit(&v, &frame, &how, &map, &err), &err);
+    for (int k = 0; k < N_RAYS; k++) {
+      uv[k][0] = m->width_px * (0.05 + 0.09 * (k % 11));
+      uv[k][1] = m->height_px * (0.06 + 0.11 * (k / 11));
+      assert_true(sv_model_unproject(&native, uv[k], rays[0][k]));
+      assert_true(sv_model_unproject(&v.model, uv[k], rays[1][k]));
+    }
+    turn_to(rays[0], (const double(*)[3])rays[1]);
+    for (int k = 0; k < N_RAYS; k++) {
+      double at[2];
+      assert_true(sv_model_project(&v.model, rays[0][k], at, NULL, NULL));
+      worst = fmax(worst, hypot(at[0] - uv[k][0], at[1] - uv[k][1]));
+    }
+    printf("%s: the rig of 4056x3040 against a calibration of its own: at most %.3f px apart\n", m->name,
+           worst);
+    assert_true(worst < 0.1);
+  }
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_stereo),      cmocka_unit_test(test_phone),
-                                     cmocka_unit_test(test_grid),        cmocka_unit_test(test_theory),
-                                     cmocka_unit_test(test_ill_posed),   cmocka_unit_test(test_spacing),
-                                     cmocka_unit_test(test_three_boards)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_stereo),       cmocka_unit_test(test_phone),
+                                     cmocka_unit_test(test_grid),         cmocka_unit_test(test_theory),
+                                     cmocka_unit_test(test_ill_posed),    cmocka_unit_test(test_spacing),
+                                     cmocka_unit_test(test_three_boards), cmocka_unit_test(test_other_modes)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
