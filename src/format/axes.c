@@ -120,21 +120,24 @@ void sv_turn_make(sv_turn *t, const double r[9]) {
   for (int l = 1; l <= 3; l++) turn_band(t->sh[l - 1], l, r);
 }
 
-void sv_turn_upright(sv_turn *t, const char *up) {
-  double u[3], r[9], axis[3];
-  const double to[3] = {0, -1, 0};
+void sv_turn_between(sv_turn *t, const char *up, const char *to) {
+  double a[3], b[3], r[9], axis[3];
   *t = (sv_turn){.is_none = true};
-  if (!sv_up_axis(up, u) || u[1] < 0) return;
-  sv_cross3(axis, u, to);
+  if (!sv_up_axis(up, a) || !sv_up_axis(to, b)) return;
+  const double c = sv_dot3(a, b); // cosine of the angle: 1, 0 or -1
+  if (c > 0) return;
+  sv_cross3(axis, a, b);
   // a half turn; any perpendicular axis would do
-  if (u[1] > 0) axis[0] = 1;
-  const double c = u[1] > 0 ? -1.0 : 0.0, s = u[1] > 0 ? 0.0 : 1.0; // cosine and sine of the angle
+  if (c < 0) axis[fabs(a[0]) > 0] = 1;
+  const double s = c < 0 ? 0.0 : 1.0; // sine of the angle
   const double cross[9] = {0, -axis[2], axis[1], axis[2], 0, -axis[0], -axis[1], axis[0], 0};
   for (int i = 0; i < 3; i++)
     for (int k = 0; k < 3; k++)
       r[3 * i + k] = (i == k ? c : 0.0) + s * cross[3 * i + k] + (1 - c) * axis[i] * axis[k];
   sv_turn_make(t, r);
 }
+
+void sv_turn_upright(sv_turn *t, const char *up) { sv_turn_between(t, up, SV_UP_DEFAULT); }
 
 static void turn_sh(sv_gaussian *g, const sv_turn *t) {
   for (int l = 1, first = 1; l <= 3; first += 2 * l + 1, l++)

@@ -39,8 +39,9 @@ typedef struct {
 } sv_turn;
 // Any rotation matrix.
 void sv_turn_make(sv_turn *t, const double r[9]);
-// The smallest rotation from this up axis to SV_UP_DEFAULT, which the writers of SPZ and GLB
-// expect. NULL or an unknown word: no rotation.
+// The smallest rotation from one up axis to another. An unknown word: no rotation.
+void sv_turn_between(sv_turn *t, const char *up, const char *to);
+// To SV_UP_DEFAULT, which the writers of SPZ, GLB and SOG expect. NULL: no rotation.
 void sv_turn_upright(sv_turn *t, const char *up);
 void sv_gaussian_turn_by(sv_gaussian *g, const sv_turn *t);
 

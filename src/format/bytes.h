@@ -29,6 +29,10 @@ static inline double sv_lef64(const uint8_t *p) {
   memcpy(&d, &u, sizeof d);
   return d;
 }
+static inline void sv_put_le16(uint8_t *p, uint16_t v) {
+  p[0] = (uint8_t)v;
+  p[1] = (uint8_t)(v >> 8);
+}
 static inline void sv_put_le32(uint8_t *p, uint32_t v) {
   for (int i = 0; i < 4; i++) p[i] = (uint8_t)(v >> (8 * i));
 }

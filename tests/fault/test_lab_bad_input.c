@@ -177,7 +177,7 @@ static const bad_case cases[] = {
     {2, "train --data good --loss dilation=0 --out o", "--loss dilation needs a number from 0.001 to 10"},
     {2, "train --data good --loss region=8 --out o", "from 16 to 4096"},
     {2, "export --model m.ply --format ply --spz-version 2 --out o.ply", "--spz-version needs"},
-    {2, "export --model m.ply --format splat --up z --out o.splat", "--up has no effect"},
+    {2, "export --model m.ply --format delta --up z --out o.ply", "--up has no effect"},
     {2, "export --model m.ply --format glb --frames 9 --out o.glb", "--frames needs"},
     {2, "train --data good --out o --gaussians 0", "--gaussians"},
     {2, "train --data good --out o --gaussians 5000000", "--gaussians"},

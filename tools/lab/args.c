@@ -112,12 +112,17 @@ static const sv_option table[] = {
      0, 0, 0},
     {"lpips", SV_OPT_FLAG, LAB_TRAIN | LAB_EVAL, 0, AT(has_lpips), 0,
      "also LPIPS (v0.1, SqueezeNet); train: with --eval", 0, 0, 0},
-    {"format", SV_OPT_WORD, LAB_EXPORT, LAB_EXPORT, AT(format), "ply|splat|spz|glb|delta", "output format", 0,
-     0, 0},
+    {"format", SV_OPT_WORD, LAB_EXPORT, LAB_EXPORT, AT(format), "ply|splat|spz|sog|glb|delta",
+     "output format", 0, 0, 0},
+    {"for", SV_OPT_WORD, LAB_EXPORT, 0, AT(viewer), "supersplat|brush|niantic|blender",
+     "turn the model to the up axis of that viewer (ply, splat: as trained)", 0, 0, 0},
+    {"crop", SV_OPT_TEXT, LAB_EXPORT, 0, AT(crop), "BOX|SPHERE",
+     "keep what lies in x0,y0,z0,x1,y1,z1 or in the sphere x,y,z,radius, in the model's axes and unit", 0, 0,
+     0},
     {"up", SV_OPT_WORD, LAB_EVAL | LAB_RENDER, 0, AT(up), "x|y|z|-x|-y|-z",
      "spz and glb are Y-up: rotate the model to the dataset's up axis (the views' up)", 0, 0, 0},
     {"up", SV_OPT_WORD, LAB_EXPORT, 0, AT(up), "x|y|z|-x|-y|-z",
-     "the model's up axis (from the file, else -y); spz and glb are written Y-up", 0, 0, 0},
+     "the model's up axis (from the file, else -y)", 0, 0, 0},
     {"spz-version", SV_OPT_INT, LAB_EXPORT, 0, AT(spz_version), "N",
      "spz: 4 (zstd, newest), 3 or 2 (gzip, older viewers) (4)", 2, 4, 0},
     {"from", SV_OPT_WORD, LAB_IMPORT, LAB_IMPORT, AT(from),
@@ -191,8 +196,13 @@ static int check_together(const sv_tool_command *c, const lab_options *o) {
     return lab_usage(c->name, "--spz-version needs --format spz");
   if (c->bit == LAB_EXPORT && o->frames > 0 && strcmp(o->format, "delta") != 0)
     return lab_usage(c->name, "--frames needs --format delta");
-  if (c->bit == LAB_EXPORT && o->up && (!strcmp(o->format, "splat") || !strcmp(o->format, "delta")))
-    return lab_usage(c->name, "--up has no effect with --format %s", o->format);
+  if (c->bit == LAB_EXPORT && !strcmp(o->format, "delta") && (o->up || o->viewer || o->crop))
+    return lab_usage(c->name, "--%s has no effect with --format delta",
+                     o->up       ? "up"
+                     : o->viewer ? "for"
+                                 : "crop");
+  if (c->bit == LAB_EXPORT && o->viewer && !strcmp(o->viewer, "niantic") && strcmp(o->format, "spz") != 0)
+    return lab_usage(c->name, "--for niantic needs --format spz");
   if (c->bit != LAB_EXPORT && o->up && !lab_is_upright(o->model))
     return lab_usage(c->name, "--up needs a model that ends in .spz or .glb");
   if (o->orbit >= 0 && o->split) return lab_usage(c->name, "--split and --orbit cannot be combined");

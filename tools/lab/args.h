@@ -28,6 +28,7 @@ enum {
 // NULL and -1 stand for "not given"; a given number is inside its range.
 typedef struct {
   const char *data, *transforms, *model, *split, *out, *format, *up, *from, *input;
+  const char *viewer, *crop; // export
   const char *method, *motion, *camera, *prior, *init, *background, *loss, *mask, *masks, *noise, *antialias,
       *optimizer;
   bool is_noise_on_prediction;

@@ -1,16 +1,88 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <math.h>
+#include <string.h>
+
 #include "src/base/str.h"
+#include "src/format/axes.h"
+#include "tools/lab/export_sog.h"
 #include "tools/lab/lab.h"
 #include "tools/lab/model_formats.h"
 
+// The up axis that a file of this format has where it is opened; NULL: that of the model. SPZ and
+// GLB say theirs, and their writers turn the model.
+static const char *up_of_viewer(const lab_options *o) {
+  if (sv_str_eq(o->format, "spz") || sv_str_eq(o->format, "glb")) return NULL;
+  if (o->viewer) return sv_str_eq(o->viewer, "blender") ? "z" : SV_UP_DEFAULT;
+  return sv_str_eq(o->format, "sog") ? SV_UP_DEFAULT : NULL;
+}
+
+// Rotations of length 1, and all turned.
+static void turn(lab_model *m, const char *to) {
+  sv_turn t;
+  sv_turn_between(&t, *m->up ? m->up : SV_UP_DEFAULT, to ? to : "");
+  for (int i = 0; i < m->g.n; i++) {
+    sv_gaussian v;
+    sv_gaussians_get(&m->g, i, &v);
+    const float *q = v.quat_wxyz, norm = sqrtf(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+    for (int k = 0; k < 4; k++) v.quat_wxyz[k] = norm > 0 ? q[k] / norm : (float)(k == 0);
+    sv_gaussian_turn_by(&v, &t);
+    sv_gaussians_put(&m->g, i, &v);
+  }
+  if (to) sv_copy(m->up, sizeof m->up, to);
+}
+
+// --- --crop --------------------------------------------------------------------------------------
+
+static int read_numbers(const char *text, double *out, int cap) {
+  int n = 0;
+  for (const char *p = text; n < cap; p++) {
+    const size_t len = strcspn(p, ",");
+    if (!sv_parse_double(p, len, &out[n++])) return 0;
+    p += len;
+    if (!*p) return n;
+  }
+  return 0;
+}
+
+static bool is_inside(const float mean[3], const double *c, int n) {
+  double d2 = 0;
+  for (int k = 0; k < 3; k++) {
+    const double x = (double)mean[k];
+    if (n == 6 && !(x >= c[k] && x <= c[3 + k])) return false;
+    d2 += (x - c[k]) * (x - c[k]);
+  }
+  return n == 6 || d2 <= c[3] * c[3];
+}
+
+static sv_status crop(lab_model *m, const char *text, sv_err *err) {
+  double c[6];
+  int n = read_numbers(text, c, 6), kept = 0;
+  if (n != 4 && n != 6)
+    return sv_fail(err, SV_E_ARG, "--crop %.80s: expected x0,y0,z0,x1,y1,z1 or x,y,z,radius", text);
+  for (int i = 0; i < m->g.n; i++) {
+    sv_gaussian v;
+    sv_gaussians_get(&m->g, i, &v);
+    if (is_inside(v.mean, c, n)) sv_gaussians_put(&m->g, kept++, &v);
+  }
+  if (!kept) return sv_fail(err, SV_E_RANGE, "--crop %.80s: no Gaussian lies in it", text);
+  m->g.n = kept;
+  return SV_OK;
+}
+
+// --- the command ---------------------------------------------------------------------------------
+
 static sv_status write_as(const lab_options *o, lab_model *m, const lab_session *se, sv_err *err) {
   if (o->up) sv_copy(m->up, sizeof m->up, o->up); // better known than said in the file
+  if (sv_str_eq(o->format, "delta"))
+    return lab_write_delta(m, se, o->frames > 0 ? (int)o->frames : 25, o->out, err);
+  sv_status s = o->crop ? crop(m, o->crop, err) : SV_OK;
+  if (s != SV_OK) return s;
+  turn(m, up_of_viewer(o));
   const sv_model_notes notes = lab_model_notes(m);
   int version = o->spz_version > 0 ? (int)o->spz_version : 4;
   if (sv_str_eq(o->format, "splat")) return lab_write_splat(&m->g, o->out, err);
+  if (sv_str_eq(o->format, "sog")) return lab_write_sog(&m->g, m->is_mip, &se->pool, o->out, err);
   if (sv_str_eq(o->format, "spz")) return lab_write_spz(&m->g, m->is_mip, version, notes.up, o->out, err);
-  if (sv_str_eq(o->format, "delta"))
-    return lab_write_delta(m, se, o->frames > 0 ? (int)o->frames : 25, o->out, err);
   if (sv_str_eq(o->format, "glb")) return lab_write_glb(&m->g, notes.up, o->out, err);
   return lab_model_write(&m->g, &notes, o->out, err);
 }
@@ -20,7 +92,7 @@ int lab_cmd_export(const lab_options *o) {
   lab_session se;
   lab_model m = {0};
   int code = LAB_EXIT_OK;
-  sv_status s = lab_session_start(&se, 1, o->is_quiet, &err);
+  sv_status s = lab_session_start(&se, 0, o->is_quiet, &err);
   if (s == SV_OK) s = lab_model_read(&m, o->model, &err);
   if (s == SV_OK) s = write_as(o, &m, &se, &err);
   if (s != SV_OK) code = lab_failed(&se, &err);

@@ -46,10 +46,11 @@ static const lab_command commands[] = {
       "  ply    the 3DGS format, floats\n"
       "  splat  32 bytes per Gaussian, most visible first, without view-dependent color\n"
       "  spz    about a tenth of the PLY; axes become right-up-back, as the format requires\n"
+      "  sog    PlayCanvas's images and meta.json, about a tenth; --out NAME.sog, or DIR/meta.json\n"
       "  glb    glTF with KHR_gaussian_splatting, floats; axes become left-up-forward\n"
-      "Models have right-down-forward axes (as COLMAP) unless the file or --up gives the up axis; spz and "
-      "glb\nare written Y-up.",
-      "  subview-lab export --model tree/model.ply --format splat --out tree.splat", LAB_EXPORT},
+      "Models have right-down-forward axes (as COLMAP) unless the file or --up gives the up axis. PLY\n"
+      "and .splat keep them unless --for names a viewer; the others are written as their readers expect.",
+      "  subview-lab export --model tree/model.ply --format sog --out tree.sog", LAB_EXPORT},
      lab_cmd_export},
     {{"import", "--from KIND DIR --out DIR [options]", "convert other data to a dataset",
       "Converts DIR to a dataset that train reads (transforms.json, images/, and points3d.ply if there are "

@@ -1,0 +1,212 @@
+// SPDX-License-Identifier: Apache-2.0
+// Exports for viewers: upright where they stand, cropped, and SOG read back by the rules of its
+// description, with ffmpeg's WebP decoder.
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "src/format/ply.h"
+#include "tests/common/lab_shell.h"
+#include "tests/common/test.h"
+#include "tools/lab/lab.h"
+
+#define N      300
+#define DECODE "ffmpeg -v error -y -i x/%s.webp -f rawvideo -pix_fmt rgba x/%s.rgba && "
+
+static lab_shell shell = {.cwd = ""};
+static lab_model model, other;
+
+static int setup(void **state) {
+  (void)state;
+  const int r = lab_shell_open(&shell, "export");
+  if (r < 0) return -1;
+  shell.is_ready = r == 0;
+  if (r == 0)
+    lab_shell_run_well(&shell,
+                       "@ import --from sim textured,rig=stereo,exposures=2,size=64x48 --out ds --quiet && "
+                       "@ train --data ds --gaussians 300 --sh 2 --steps 60 --out m --quiet");
+  return 0;
+}
+static int teardown(void **state) {
+  (void)state;
+  lab_model_free(&model);
+  lab_model_free(&other);
+  return lab_shell_close(&shell);
+}
+
+static void read_model(lab_model *m, const char *name) {
+  char path[600];
+  sv_err err;
+  lab_model_free(m);
+  *m = (lab_model){0};
+  snprintf(path, sizeof path, "%s/%s", shell.root, name);
+  if (lab_model_read(m, path, &err) != SV_OK) fail_msg("%s", err.text);
+}
+
+static void export(const char *args) {
+  char line[300];
+  snprintf(line, sizeof line, "@ export --model m/model.ply --quiet %s", args);
+  lab_shell_run_well(&shell, line);
+}
+
+// The simulator's worlds have z up. Where that goes, and that lengths and rotations stay.
+TEST(test_upright) {
+  lab_shell_need(&shell);
+  read_model(&model, "m/model.ply");
+  assert_string_equal(model.up, "z");
+  export("--format ply --for supersplat --out down.ply");
+  read_model(&other, "down.ply");
+  assert_string_equal(other.up, "-y");
+  for (int i = 0; i < N; i++) {
+    sv_gaussian a, b;
+    sv_gaussians_get(&model.g, i, &a);
+    sv_gaussians_get(&other.g, i, &b);
+    assert_true(fabsf(b.mean[1] + a.mean[2]) < 1e-5f && fabsf(b.mean[0] - a.mean[0]) < 1e-5f);
+    const float *q = b.quat_wxyz;
+    assert_true(fabsf(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1) < 1e-5f);
+    assert_true(a.opacity_logit == b.opacity_logit && a.sh[0][1] == b.sh[0][1]);
+  }
+  export("--format ply --for blender --out up.ply");
+  lab_shell_run_well(&shell, "@ export --model down.ply --format ply --for blender --out again.ply --quiet");
+  read_model(&model, "up.ply");
+  read_model(&other, "again.ply");
+  assert_string_equal(other.up, "z");
+  for (int i = 0; i < N; i++) {
+    sv_gaussian a, b;
+    sv_gaussians_get(&model.g, i, &a);
+    sv_gaussians_get(&other.g, i, &b);
+    for (int k = 0; k < 3; k++) assert_true(fabsf(a.mean[k] - b.mean[k]) < 1e-5f);
+    for (int k = 0; k < 9; k++) assert_true(fabsf(a.sh[k][0] - b.sh[k][0]) < 1e-4f);
+  }
+}
+
+TEST(test_crop) {
+  lab_shell_need(&shell);
+  read_model(&model, "m/model.ply");
+  export("--format ply --crop 0,0,0,0.5 --out ball.ply");
+  read_model(&other, "ball.ply");
+  int n = 0;
+  for (int i = 0; i < N; i++) {
+    sv_gaussian v;
+    sv_gaussians_get(&model.g, i, &v);
+    n += v.mean[0] * v.mean[0] + v.mean[1] * v.mean[1] + v.mean[2] * v.mean[2] <= 0.25f;
+  }
+  assert_true(n > 0 && n < N);
+  assert_int_equal(other.g.n, n);
+  export("--format ply --crop -9,-9,-9,9,9,0 --out half.ply");
+  read_model(&other, "half.ply");
+  assert_true(other.g.n > 0 && other.g.n < N);
+  assert_int_equal(lab_shell_run(&shell, "@ export --model m/model.ply --format ply --crop 1,2 --out x.ply"),
+                   1);
+  assert_contains(shell.said, "expected x0,y0,z0,x1,y1,z1 or x,y,z,radius");
+  assert_int_equal(
+      lab_shell_run(&shell, "@ export --model m/model.ply --format ply --crop 9,9,9,0.1 --out x.ply"), 1);
+  assert_contains(shell.said, "no Gaussian lies in it");
+}
+
+// --- SOG -----------------------------------------------------------------------------------------
+
+static uint8_t *image(const char *name) {
+  char line[300];
+  snprintf(line, sizeof line, DECODE "true", name, name);
+  lab_shell_run_well(&shell, line);
+  snprintf(line, sizeof line, "x/%s.rgba", name);
+  return (uint8_t *)temp_read(shell.root, line);
+}
+
+static void numbers(const char *meta, const char *part, const char *key, double *out, int n) {
+  const char *at = strstr(meta, part);
+  at = at ? strstr(at, key) : NULL;
+  at = at ? strchr(at, '[') : NULL;
+  for (int i = 0; i < n; i++) {
+    char *end = NULL;
+    if (!at) fail_msg("no %s of %s in: %s", key, part, meta);
+    out[i] = strtod(at + 1, &end);
+    at = end;
+  }
+}
+
+static double unlog(double x) { return copysign(exp(fabs(x)) - 1, x); }
+
+TEST(test_sog) {
+  lab_shell_need(&shell);
+  if (lab_shell_run(&shell, "command -v unzip && command -v ffmpeg") != 0) {
+    print_message("no unzip or ffmpeg here\n");
+    skip();
+  }
+  export("--format ply --for supersplat --out flat.ply");
+  if (lab_shell_run(&shell, "@ export --model m/model.ply --quiet --format sog --out m.sog") != 0) {
+    assert_contains(shell.said, "no libwebp");
+    skip();
+  }
+  lab_shell_run_well(&shell,
+                     "unzip -tq m.sog && unzip -qo m.sog -d x && mkdir -p y && @ export --model m/model.ply "
+                     "--format sog --out y/meta.json --quiet && cmp x/meta.json y/meta.json && "
+                     "cmp x/shN_labels.webp y/shN_labels.webp");
+  read_model(&model, "flat.ply");
+  char *meta = temp_read(shell.root, "x/meta.json");
+  uint8_t *low = image("means_l"), *high = image("means_u"), *quats = image("quats"),
+          *scales = image("scales"), *sh0 = image("sh0"), *labels = image("shN_labels"),
+          *sets = image("shN_centroids");
+  double lo[3], hi[3], scale_code[256], color_code[256], sh_code[256];
+  numbers(meta, "means", "mins", lo, 3);
+  numbers(meta, "means", "maxs", hi, 3);
+  numbers(meta, "scales", "codebook", scale_code, 256);
+  numbers(meta, "sh0", "codebook", color_code, 256);
+  numbers(meta, "shN", "codebook", sh_code, 256);
+  assert_contains(meta, "\"count\":300");
+  assert_contains(meta, "\"bands\":2");
+  double sh_error = 0, sh_size = 0;
+  for (int i = 0; i < N; i++) {
+    double x[3], d_best = INFINITY, q[4], dot = 0;
+    sv_gaussian g = {0};
+    for (int k = 0; k < 3; k++)
+      x[k] = unlog(lo[k] + (hi[k] - lo[k]) * (low[4 * i + k] + 256.0 * high[4 * i + k]) / 65535.0);
+    for (int j = 0; j < N; j++) {
+      sv_gaussian v;
+      sv_gaussians_get(&model.g, j, &v);
+      double d = 0;
+      for (int k = 0; k < 3; k++) d += (x[k] - (double)v.mean[k]) * (x[k] - (double)v.mean[k]);
+      if (d < d_best) {
+        d_best = d;
+        g = v;
+      }
+    }
+    assert_true(sqrt(d_best) < 1e-3);
+    const int largest = quats[4 * i + 3] - 252;
+    double rest = 1;
+    assert_true(largest >= 0 && largest < 4);
+    for (int k = 0, from = 0; k < 4; k++) {
+      if (k == largest) continue;
+      q[k] = (quats[4 * i + from++] / 255.0 - 0.5) * sqrt(2.0);
+      rest -= q[k] * q[k];
+    }
+    q[largest] = sqrt(fmax(rest, 0));
+    for (int k = 0; k < 4; k++) dot += q[k] * (double)g.quat_wxyz[k];
+    assert_true(fabs(dot) > 0.9998);
+    for (int k = 0; k < 3; k++) {
+      assert_true(fabs(scale_code[scales[4 * i + k]] - (double)g.log_scale[k]) < 0.1);
+      assert_true(fabs(color_code[sh0[4 * i + k]] - (double)g.sh[0][k]) < 0.05);
+    }
+    assert_true(fabs(sh0[4 * i + 3] / 255.0 - 1 / (1 + exp(-(double)g.opacity_logit))) < 0.003);
+    const int label = labels[4 * i] + 256 * labels[4 * i + 1];
+    for (int c = 0; c < 8; c++)
+      for (int k = 0; k < 3; k++) {
+        const double got = sh_code[sets[4 * (label / 64 * 64 * 8 + label % 64 * 8 + c) + k]];
+        sh_error += (got - (double)g.sh[1 + c][k]) * (got - (double)g.sh[1 + c][k]);
+        sh_size += (double)(g.sh[1 + c][k] * g.sh[1 + c][k]);
+      }
+  }
+  print_message("SH: %.1f %% of their energy lost\n", 100 * sh_error / sh_size);
+  assert_true(sh_error < 0.4 * sh_size);
+  uint8_t *images[] = {low, high, quats, scales, sh0, labels, sets};
+  for (int i = 0; i < 7; i++) free(images[i]);
+  free(meta);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_upright), cmocka_unit_test(test_crop),
+                                     cmocka_unit_test(test_sog)};
+  return cmocka_run_group_tests(tests, setup, teardown);
+}

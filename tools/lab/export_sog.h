@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+// SOG, PlayCanvas's compressed Gaussians (developer.playcanvas.com, "The SOG format", version 2):
+// meta.json and lossless WebP images, in one .sog (a ZIP without compression) or beside meta.json.
+//
+// Quantization, and with it the largest error:
+//   position   sign(x) ln(1 + |x|) in 16 bits of its range, by axis
+//   log-scale, color   256 values chosen by k-means for all axes, for all channels
+//   rotation   the three smallest components in 8 bits each: 0.006 rad
+//   opacity    sigmoid in 8 bits
+//   SH         a palette of up to 4096 sets of coefficients, these in 256 values, by k-means
+#ifndef SV_TOOLS_LAB_EXPORT_SOG_H
+#define SV_TOOLS_LAB_EXPORT_SOG_H
+
+#include "tools/lab/lab.h"
+
+// path: NAME.sog, or DIR/meta.json (images beside it). The model's up must be SV_UP_DEFAULT, which
+// readers expect. E_UNSUPPORTED in a build without libwebp.
+sv_status lab_write_sog(const sv_gaussians *g, bool is_mip, const sv_pool *pool, const char *path,
+                        sv_err *err) SV_MUST_USE;
+
+#endif
