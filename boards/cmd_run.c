@@ -31,6 +31,7 @@ static struct {
   uint8_t *small_truth; // at the size that is trained on; may be the same
   float *area_scratch;
   bool is_retry; // the cameras of the same scan are tried again
+  sv_err told;   // why they failed last time
 } run;
 
 // self is the page's.
@@ -360,9 +361,11 @@ static int run_once(const run_options *o, bool *is_again) {
   outputs_init(&run.out);
   if (board_arena(&arena, &err) < 0) return fail_with(&err);
   if (set_up(o, &arena, &what, &err) < 0) {
-    if (err.text[0]) { // the other failures have spoken
+    if (err.text[0]) {                                          // the other failures have spoken
+      const bool is_new = strcmp(err.text, run.told.text) != 0; // once, however often they are tried
       if (o->is_check) check_list_fails(what, err.text);
-      else fail_with(&err);
+      else if (is_new) fail_with(&err);
+      run.told = err;
     }
     code = err.text[0] ? 1 : EXIT_USAGE;
     const preview_failure why = {.cause = what[0] == 'c'   ? SV_CAUSE_CAMERA
@@ -375,6 +378,7 @@ static int run_once(const run_options *o, bool *is_again) {
   } else {
     if (o->is_check || (run.console.is_terminal && !o->is_quiet && is_first_run(o)))
       check_list(o, &run.src, &arena, &run.k);
+    run.told = (sv_err){0};
     sv_linux_watch_ready(&run.watch);
     if (!o->is_check) code = do_run(o, is_again);
   }
@@ -396,8 +400,9 @@ static bool next_scan(run_options *o, const char *folder, bool is_new, bool *is_
   if (s >= 0) {
     const bool is_resumable = !o->is_refining && o->i_prior == 0 && !(o->is_dynamic && o->is_continuous);
     o->is_resume = o->is_interrupted && is_resumable;
-    say(2, "subview: %s %s\n", o->is_interrupted ? "going on with the interrupted scan" : "the next scan is",
-        path);
+    if (!run.told.text[0]) // else it was told
+      say(2, "subview: %s %s\n",
+          o->is_interrupted ? "going on with the interrupted scan" : "the next scan is", path);
     return true;
   }
   fail_with(&err);

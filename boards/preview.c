@@ -13,10 +13,15 @@
 
 #include "src/run/isa.h"
 
-#define RETRY_NS (5 * SV_NS_PER_S) // between two looks for cameras
+// Between two looks for cameras: often while the machine starts, as drivers and udev's permissions
+// come after the service.
+#define RETRY_NS       (5 * SV_NS_PER_S)
+#define RETRY_FIRST_NS (SV_NS_PER_S / 2)
+#define FIRST_NS       (30 * SV_NS_PER_S)
 
 static sv_linux_preview live;
 static bool is_open;
+static sv_ns opened_ns;
 
 static bool is_any(const char *addr) { return !strcmp(addr, "0.0.0.0") || !strcmp(addr, "::"); }
 
@@ -91,6 +96,8 @@ sv_status preview_open(const run_options *o, sv_err *err) {
                     (sv_preview_bodies_floats(&motion) + n - 1) / n;
   sv_status s = sv_linux_preview_open(&live, (uint32_t)o->gaussians, (uint32_t)n_floats, err);
   is_open = s >= 0;
+  sv_clock clock = sv_linux_clock();
+  opened_ns = clock.now_ns(clock.self);
   const bool has_token_file = o->preview && o->token_file;
   if (s >= 0 && has_token_file) s = read_token(o->token_file, err);
   const bool is_new = !live.token[0];
@@ -116,7 +123,8 @@ preview_answer preview_failed(const run_options *o, const preview_failure *why, 
   preview_publish(&p);
   sv_preview_show_failure(p.feed, why->cause, BOARD_NAME, o->source, o->is_session, why->sentence);
   const bool is_retrying = o->keep > 0 && why->cause == SV_CAUSE_CAMERA;
-  const sv_ns retry_ns = clock.now_ns(clock.self) + RETRY_NS;
+  const sv_ns now_ns = clock.now_ns(clock.self);
+  const sv_ns retry_ns = now_ns + (now_ns - opened_ns < FIRST_NS ? RETRY_FIRST_NS : RETRY_NS);
   while (o->is_session && !console->is_stop_requested(console->self)) {
     sv_beat(beats, SV_BEAT_MAIN);
     if (p.command(p.self) == SV_COMMAND_NEW) return PREVIEW_NEW;

@@ -95,7 +95,7 @@ case $stage in
   note "ready $(((usec - systemd) / 1000)) ms after systemd's start; $(((usec - began) / 1000)) ms of it are subview's"
   [ ! $has_cameras ] || note "kernel and drivers took $((systemd / 1000)) ms before that"
   systemd-analyze --no-pager critical-chain subview.service 2>&1 | grep -v '^$' | tail -n +3 | sed 's/^/    | /'
-  journalctl -b -u subview.service -o short-monotonic --no-pager | cut -c 1-110 | head -n 6 | sed 's/^/    | /'
+  [ ! $has_cameras ] || journalctl -b -u subview.service -o short-monotonic --no-pager | cut -c 1-110 | head -n 6 | sed 's/^/    | /'
   subview status >/tmp/log
   sed 's/^/    | /' /tmp/log
   check status "$(grep -c . /tmp/log)" = 10 -a "$(grep -c '^doing *waiting' /tmp/log)" = 1 -a "$(grep -c "#$(cat /var/lib/subview/token)" /tmp/log)" = 1

@@ -96,6 +96,29 @@ TEST(test_kept) {
   free(report);
 }
 
+// As at a board's start: the cameras come after the service. It looks often, and tells once.
+TEST(test_camera_comes_late) {
+  char late[400];
+  shell_ok("%s/subview capture --source sim:textured,rig=mono,size=64x48 --exposures 2 --out %s --quiet "
+           "2>/dev/null",
+           getenv("SV_BIN"), temp_path("early"));
+  snprintf(late, sizeof late, "steps=5\nsource=replay:%s,speed=max", temp_path("late"));
+  setting(late);
+  start("--config @/subview.conf");
+  wait_for("failed");
+  poll(NULL, 0, 1500);
+  shell_ok("mv %s %s", temp_path("early"), temp_path("late"));
+  bool is_back = false;
+  for (int i = 0; i < 40 && !is_back; i++, poll(NULL, 0, 50)) is_back = state_is("waiting"); // 2 s
+  assert_true(is_back);
+  post("/start");
+  wait_for("done");
+  assert_int_equal(live_run_stop(&r), 0);
+  const char *first = strstr(r.err, "late");
+  assert_non_null(first);
+  assert_null(strstr(first + 4, "late")); // one sentence of it
+}
+
 static int run(const char *args) {
   char line[900];
   const char *emulate = getenv("SV_EMULATE");
@@ -123,6 +146,7 @@ TEST(test_refused) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_interrupted), cmocka_unit_test(test_kept),
+                                     cmocka_unit_test(test_camera_comes_late),
                                      cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, temp_folder_setup, temp_folder_teardown);
 }
