@@ -71,6 +71,9 @@ for ((i = 1; i <= n_points; i++)); do
   fi
   cut_at "$i" 0
 done
+for name in token checkpoint preview model run capture; do
+  [ -n "${n_saving[$name]:-}" ] || fail "no power cut in the middle of saving: $name"
+done
 saving=$(for name in "${!n_saving[@]}"; do echo "$name ${n_saving[$name]},"; done | sort | tr '\n' ' ')
 echo "@ note  power cut at each of $n_points writes and flushes, with and without what was not flushed: $n_cuts disks"
 echo "@ note  in the middle of saving: ${saving%, }; captures that replay: $n_replayed; their damaged pictures: $n_damaged"

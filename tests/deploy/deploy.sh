@@ -35,6 +35,7 @@ console=$work/$suite.console
 run() { # SECONDS
   local log=$work/$suite.now end=$((SECONDS + $1)) status=0
   rm -f "$work/pid"
+  : >"$log" # what the board said before is not for this start
   timeout -k 5 "$1" "$here/boot.sh" "$build/board/image" "$work/$suite.run" "$work/files" run "$work/pid" >"$log" 2>&1 &
   local job=$!
   while kill -0 $job 2>/dev/null && [ $SECONDS -lt $end ]; do
