@@ -40,15 +40,23 @@ static const sv_sensor_area *mode_area(const sv_sub_view *v, const sv_image_mode
   return NULL;
 }
 
-// The area of the calibrated images, in pixels of the sensor that `frame` is of.
-static bool calibrated_area(const sv_sub_view *v, const sv_sensor_area *frame, sv_sensor_area *out) {
+// The area of the calibrated images, in pixels of the sensor that `frame` is of. Some drivers count
+// a binned sensor, or a signal, in its own pixels: another count of the same shape is taken for the
+// same sensor. NULL, or why there is none.
+static const char *calibrated_area(const sv_sub_view *v, const sv_sensor_area *frame, sv_sensor_area *out) {
   const int w = frame->sensor_width_px, h = frame->sensor_height_px;
-  if (is_known(&v->area)) {
-    *out = v->area;
-    return v->area.sensor_width_px == w && v->area.sensor_height_px == h;
+  const sv_sensor_area *c = &v->area;
+  if (!is_known(c)) {
+    *out = (sv_sensor_area){w, h, 0, 0, w, h};
+    return has_shape(v->model.width_px, v->model.height_px, w, h)
+               ? NULL
+               : "the calibrated images do not have the shape of the whole sensor";
   }
-  *out = (sv_sensor_area){w, h, 0, 0, w, h};
-  return has_shape(v->model.width_px, v->model.height_px, w, h);
+  const double x = (double)w / c->sensor_width_px, y = (double)h / c->sensor_height_px;
+  *out = (sv_sensor_area){w, h, x * c->x0_px, y * c->y0_px, x * c->width_px, y * c->height_px};
+  return has_shape(c->sensor_width_px, c->sensor_height_px, w, h)
+             ? NULL
+             : "the camera reports a sensor of another shape than that of the rig";
 }
 
 static bool is_same_area(const sv_sensor_area *a, const sv_sensor_area *b) {
@@ -92,11 +100,12 @@ sv_status sv_sub_view_fit(sv_sub_view *v, const sv_image_mode *frame, sv_size_fi
     *how = SV_FIT_ASSUMED;
     return SV_OK;
   }
-  if (!calibrated_area(v, to, &from))
-    return unexplained(v, frame, "the calibrated images do not have the shape of the whole sensor", err);
+  const char *why = calibrated_area(v, to, &from);
+  if (why) return unexplained(v, frame, why, err);
   if (is_size && is_same_area(&from, to)) return SV_OK;
   const bool is_whole = m->width_px == from.sensor_width_px && m->height_px == from.sensor_height_px;
-  *how = is_known(&v->area) || is_whole ? SV_FIT_REPORTED : SV_FIT_ASSUMED;
+  const bool is_counted = !is_known(&v->area) || v->area.sensor_width_px == to->sensor_width_px;
+  *how = is_counted && (is_known(&v->area) || is_whole) ? SV_FIT_REPORTED : SV_FIT_ASSUMED;
   *map = between(&from, v, to, frame);
   apply(&v->model, map, frame->width_px, frame->height_px);
   v->area = *to;

@@ -134,6 +134,17 @@ TEST(what_nobody_reports_is_told_by_the_rig_or_by_the_shape) {
   v.model.width_px = 1920;
   v.model.height_px = 1080;
   assert_error(sv_sub_view_fit(&v, &scaled, &how, &map, &err), SV_E_RANGE, &err, "shape of the whole sensor");
+  // A signal counts its own pixels: 720p was calibrated, 1080p is used.
+  v = full;
+  v.model.width_px = 1280;
+  v.model.height_px = 720;
+  v.area = (sv_sensor_area){1280, 720, 0, 0, 1280, 720};
+  const sv_image_mode signal = {1920, 1080, {1920, 1080, 0, 0, 1920, 1080}};
+  assert_ok(sv_sub_view_fit(&v, &signal, &how, &map, &err), &err);
+  assert_int_equal(how, SV_FIT_ASSUMED);
+  assert_near(v.model.p[2], full.model.p[2] * 1.5, 1e-9);
+  const sv_image_mode square = {1000, 1000, {1000, 1000, 0, 0, 1000, 1000}};
+  assert_error(sv_sub_view_fit(&v, &square, &how, &map, &err), SV_E_RANGE, &err, "sensor of another shape");
   // The same size is the same mode, unless both say otherwise.
   v = full;
   const sv_image_mode same = {SENSOR_W, SENSOR_H, {9000, 6000, 10, 10, SENSOR_W, SENSOR_H}};
