@@ -10,7 +10,7 @@ typedef struct {
   options_common common;
   long gaussians, sh, images, threads, arena_mib;
   long odometry; // sub-views of a rig whose poses are not known; 0: they are
-  const char *size, *grid, *prior;
+  const char *size, *frames, *grid, *prior;
   bool is_json;
 } plan_options;
 
@@ -128,6 +128,31 @@ static int make_rig(const plan_options *o, int w, int h) {
   return 0;
 }
 
+// Cameras whose larger frames are averaged to the images that are trained on.
+static int make_frames(const plan_options *o, int w, int h) {
+  const sv_reduction to = {.width_px = w, .height_px = h};
+  sv_image_map map;
+  sv_err err;
+  int frame_w, frame_h;
+  if (!o->frames) return 0;
+  if (!size_of(o->frames, &frame_w, &frame_h))
+    return usage_error("plan", "--frames %s: expected WxH with sides of 1 to 16384", o->frames);
+  if (o->grid) return usage_error("plan", "--frames: not with --multiplexed, which is trained at its size");
+  for (int i = 0; i < p.rig.n_sub_views; i++) {
+    sv_camera_model *m = &p.sub[i].model;
+    p.caps[i] = (sv_camera_caps){.width_px = frame_w, .height_px = frame_h, .format = SV_PIX_YUYV};
+    *m = (sv_camera_model){.kind = SV_MODEL_OPENCV5,
+                           .width_px = frame_w,
+                           .height_px = frame_h,
+                           .p = {frame_w, frame_w, 0.5 * frame_w, 0.5 * frame_h, -0.01}};
+    if (sv_sub_view_reduce(&p.sub[i], &to, &map, &err) < 0)
+      return usage_error("plan",
+                         "--frames %s: cannot be averaged to --size %s: expected the same shape, not smaller",
+                         o->frames, o->size);
+  }
+  return 0;
+}
+
 #define AT(field) offsetof(plan_options, field)
 
 static const sv_option rows[] = {
@@ -139,6 +164,8 @@ static const sv_option rows[] = {
      "captured images that are trained on: exposures x sub-views [" TEXT_OF(BOARD_EXPOSURES) " x 2]", 1,
      100000, NULL},
     {"size", SV_OPT_TEXT, 1, 0, AT(size), "WxH", "their size in pixels [640x480]", 0, 0, NULL},
+    {"frames", SV_OPT_TEXT, 1, 0, AT(frames), "WxH",
+     "size of the cameras' frames, where images are smaller (run --scale, --size) [--size]", 0, 0, NULL},
     {"multiplexed", SV_OPT_TEXT, 1, 0, AT(grid), "RxC",
      "a multiplexed sensor of that size with R x C lenses, at most two overlapping; images are exposures "
      "then",
@@ -177,7 +204,7 @@ int cmd_plan(int argc, char **argv) {
   if (sv_prior_method_by_name(o.prior) < 0 || (sv_prior_method_by_name(o.prior) > 0 && o.grid))
     return usage_error(
         "plan", "--prior %s: expected none, fsgs or sparsegs, the latter not with --multiplexed", o.prior);
-  if ((r = make_rig(&o, w, h)) != 0) return r;
+  if ((r = make_rig(&o, w, h)) != 0 || (r = make_frames(&o, w, h)) != 0) return r;
   size_t cap = (size_t)o.arena_mib << 20, used = bytes_of(&o, o.gaussians, (int)o.sh, o.images);
   if (!used) {
     say(2, "subview: these settings are out of range (see the limits in --help)\n");

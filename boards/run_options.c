@@ -48,9 +48,9 @@ static const sv_option rows[] = {
     {"skew-limit", SV_OPT_INT, 1, 0, AT(skew_ms), "MS",
      "largest time skew between the cameras of an exposure, ms [20]", 1, 10000, NULL},
     {"sync", SV_OPT_TEXT, 1, 0, AT(sync), "HOW",
-     "synchronization method: free (none), frame-length (software), trigger (pulses on a line; "
-     "docs/boards.md says "
-     "which sources can) [free]",
+     "synchronization method: free (none; all sources), frame-length (software; sim, libcamera with fps=, "
+     "v4l2 "
+     "drivers that can), trigger (pulses on a line; sim, v4l2 and libcamera with trigger=) [free]",
      0, 0, NULL},
     {"live", SV_OPT_FLAG, 1, 0, AT(is_continuous), NULL,
      "keep capturing while training; new exposures replace the oldest", 0, 0, NULL},
