@@ -17,7 +17,10 @@ typedef struct {
 } area_span;
 
 static inline area_span area_span_of(int i, int n_src, int n_dst) {
-  area_span s = {.from = i * n_src, .n_dst = n_dst, .scale = 1.0f / (float)n_src};
+  area_span s;
+  s.from = i * n_src;
+  s.n_dst = n_dst;
+  s.scale = 1.0f / (float)n_src;
   s.to = s.from + n_src;
   s.first = s.from / n_dst;
   s.end = (s.to + n_dst - 1) / n_dst;

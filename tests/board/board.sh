@@ -322,8 +322,8 @@ if wanted trigger; then
   set -- $(head -n 1 $out/pulses)
   check trigger_pulses $code -eq 0 -a "${2:-0}" -ge 1000 -a "${2:-0}" = "$(value pulses $out/json)"
   check trigger_ends_low "$(cat "$line")" = 0 -a "${4:-1}" -ge "${2:-0}"
-  # An emulated processor that waits for its host is late with single pulses, or leaves some out; the
-  # grid stays, so the last one is off by no more than the lateness that subview tells.
+  # An emulated processor that waits for its host is late with single pulses, or leaves some out;
+  # the grid stays, so the last one is off by no more than the lateness that subview tells.
   check trigger_periods "${8:-0}" = 1 -a "$((${6:-0} * 3))" -ge "${2:-1}"
   check trigger_exposures "$(value exposures $out/json)" -gt 10
   # A run, whose rig names the line.
