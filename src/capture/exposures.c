@@ -117,7 +117,8 @@ sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_are
                    cfg->cap_exposures, cfg->rig->n_sub_views);
   memset(e, 0, sizeof *e);
   e->cfg = *cfg;
-  sv_spacing_init(&e->spacing, &cfg->spacing);
+  sv_spacing_cells *cells = cfg->spacing.is_by_motion ? SV_TAKE(arena, sv_spacing_cells, 2) : NULL;
+  sv_spacing_init(&e->spacing, &cfg->spacing, cells);
   sv_status s = carve(e, cfg, arena, err);
   for (int i = 0; s >= 0 && e->sub && i < cfg->rig->n_sub_views; i++) {
     sv_sub_view_store *v = &e->sub[i];

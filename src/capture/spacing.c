@@ -11,9 +11,8 @@
 #define FLAT          0.02f // standard deviation over the mean, below which motion cannot be seen
 #define MIN_EXPLAINED 0.5f  // of the variance; less is another picture
 
-void sv_spacing_init(sv_spacing *s, const sv_spacing_cfg *cfg) {
-  memset(s, 0, sizeof *s);
-  s->cfg = *cfg;
+void sv_spacing_init(sv_spacing *s, const sv_spacing_cfg *cfg, sv_spacing_cells *cells) {
+  *s = (sv_spacing){.cfg = *cfg, .cell = cells};
 }
 
 bool sv_spacing_is_due(const sv_spacing *s, sv_ns time_ns) {
@@ -86,5 +85,5 @@ void sv_spacing_keep(sv_spacing *s, sv_ns time_ns) {
   s->due_ns += s->cfg.every_ns;
   s->kept_ns = time_ns;
   s->has_kept = true;
-  memcpy(s->cell[0], s->cell[1], sizeof s->cell[0]);
+  if (s->cell) memcpy(s->cell[0], s->cell[1], sizeof s->cell[0]);
 }

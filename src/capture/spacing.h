@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Which exposures are kept when cameras deliver more than are wanted: one in so much time, or one
-// when the picture has moved. Owns the thumbnail of the exposure that was kept last. Never judges
+// when the picture has moved. Uses thumbnails in the caller's memory. Never judges
 // what a picture shows.
 #ifndef SV_CAPTURE_SPACING_H
 #define SV_CAPTURE_SPACING_H
@@ -23,14 +23,17 @@ typedef struct {
   bool is_by_motion; // when the picture has moved, at the latest after SV_SPACING_STILL_NS
 } sv_spacing_cfg;
 
+typedef float sv_spacing_cells[SV_SPACING_ROWS * SV_SPACING_COLS];
+
 typedef struct {
   sv_spacing_cfg cfg;
   bool has_kept;
-  sv_ns kept_ns, due_ns;                            // of the one kept last, of the next one
-  float cell[2][SV_SPACING_ROWS * SV_SPACING_COLS]; // of that one, of the one to be judged
+  sv_ns kept_ns, due_ns;  // of the one kept last, of the next one
+  sv_spacing_cells *cell; // [2] of that one, of the one to be judged; NULL without is_by_motion
 } sv_spacing;
 
-void sv_spacing_init(sv_spacing *s, const sv_spacing_cfg *cfg);
+// cells: [2] that outlive s; NULL without is_by_motion.
+void sv_spacing_init(sv_spacing *s, const sv_spacing_cfg *cfg, sv_spacing_cells *cells);
 // By time alone, before the picture is looked at.
 bool sv_spacing_is_due(const sv_spacing *s, sv_ns time_ns);
 // By motion: image is the first sub-view's, 3 channels. True without is_by_motion.

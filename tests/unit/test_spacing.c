@@ -6,6 +6,8 @@
 #include "src/capture/spacing.h"
 #include "tests/common/test.h"
 
+static sv_spacing_cells cells[2];
+
 #define W 160
 #define H 120
 
@@ -14,7 +16,7 @@ static sv_spacing s;
 
 static int kept_of(const sv_spacing_cfg *cfg, int n_frames, sv_ns frame_ns) {
   int n = 0;
-  sv_spacing_init(&s, cfg);
+  sv_spacing_init(&s, cfg, cells);
   for (int i = 0; i < n_frames; i++) {
     const sv_ns at = 5 * SV_NS_PER_S + i * frame_ns;
     if (!sv_spacing_is_due(&s, at)) continue;
@@ -38,7 +40,7 @@ TEST(test_time) {
 
 TEST(test_time_after_a_pause) {
   const sv_spacing_cfg cfg = {.every_ns = SV_NS_PER_S};
-  sv_spacing_init(&s, &cfg);
+  sv_spacing_init(&s, &cfg, cells);
   sv_spacing_keep(&s, 0);
   sv_spacing_keep(&s, 10 * SV_NS_PER_S); // a camera was away
   assert_false(sv_spacing_is_due(&s, 10 * SV_NS_PER_S + SV_NS_PER_S / 2));
@@ -59,7 +61,7 @@ static sv_image_u8 draw(int dx, int dy, double gain) {
 static bool moves(int dx, int dy, double gain, sv_ns after_ns) {
   const sv_spacing_cfg cfg = {.is_by_motion = true};
   sv_image_u8 first = draw(0, 0, 1);
-  sv_spacing_init(&s, &cfg);
+  sv_spacing_init(&s, &cfg, cells);
   assert_true(sv_spacing_has_moved(&s, &first, 0));
   sv_spacing_keep(&s, 0);
   sv_image_u8 second = draw(dx, dy, gain);
@@ -81,7 +83,7 @@ TEST(test_motion) {
 TEST(test_dark_pictures_wait) {
   const sv_spacing_cfg cfg = {.is_by_motion = true};
   sv_image_u8 dark = draw(0, 0, 0);
-  sv_spacing_init(&s, &cfg);
+  sv_spacing_init(&s, &cfg, cells);
   assert_true(sv_spacing_has_moved(&s, &dark, 0));
   sv_spacing_keep(&s, 0);
   assert_false(sv_spacing_has_moved(&s, &dark, SV_NS_PER_S / 2));
