@@ -361,8 +361,8 @@ static int run_once(const run_options *o, bool *is_again) {
   outputs_init(&run.out);
   if (board_arena(&arena, &err) < 0) return fail_with(&err);
   if (set_up(o, &arena, &what, &err) < 0) {
-    if (err.text[0]) {                                          // the other failures have spoken
-      const bool is_new = strcmp(err.text, run.told.text) != 0; // once, however often they are tried
+    if (err.text[0]) {                                          // the others have spoken
+      const bool is_new = strcmp(err.text, run.told.text) != 0; // told once
       if (o->is_check) check_list_fails(what, err.text);
       else if (is_new) fail_with(&err);
       run.told = err;
