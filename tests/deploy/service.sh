@@ -89,16 +89,22 @@ case $stage in
   ;;
 1)
   holds page_after_reboot until_so 120 state_is waiting
+  waiting=$(uptime_s)
   # Times since the kernel's start, which in namespaces is that of the machine around them.
   usec=$(of_unit ActiveEnterTimestampMonotonic) began=$(of_unit ExecMainStartTimestampMonotonic)
   systemd=$(systemctl show -p UserspaceTimestampMonotonic --value)
   note "ready $(((usec - systemd) / 1000)) ms after systemd's start; $(((usec - began) / 1000)) ms of it are subview's"
-  [ ! $has_cameras ] || note "kernel and drivers took $((systemd / 1000)) ms before that"
+  [ ! $has_cameras ] ||
+    note "kernel and drivers took $((systemd / 1000)) ms before that; seen waiting for Start $waiting s after the kernel's start"
   systemd-analyze --no-pager critical-chain subview.service 2>&1 | grep -v '^$' | tail -n +3 | sed 's/^/    | /'
   [ ! $has_cameras ] || journalctl -b -u subview.service -o short-monotonic --no-pager | cut -c 1-110 | head -n 6 | sed 's/^/    | /'
   subview status >/tmp/log
   sed 's/^/    | /' /tmp/log
   check status "$(grep -c . /tmp/log)" = 10 -a "$(grep -c '^doing *waiting' /tmp/log)" = 1 -a "$(grep -c "#$(cat /var/lib/subview/token)" /tmp/log)" = 1
+  if [ $has_cameras ]; then
+    # Namespaces may not allow it.
+    check realtime "$(sed -n 's/^Max realtime priority *\([0-9]*\).*/\1/p' "/proc/$(of_unit MainPID)/limits")" = 1
+  fi
   sandbox=$(get $base/state | sed -n 's/.*"sandbox":"\([^"]*\)".*/\1/p')
   note "page: $sandbox"
   holds start post start
@@ -137,8 +143,8 @@ saves)
   # All kinds of saves, on a disk of their own that is recorded (deploy.sh).
   until_so 240 state_is waiting
   cp $conf $memory/conf
-  set_option steps 60
-  set_option keep 1
+  set_option steps 30
+  set_option keep 2
   rm -f /var/lib/subview/token
   systemctl restart subview.service
   for _ in 1 2; do
@@ -159,6 +165,9 @@ saves)
 back*)
   # The disk is as a power cut left it.
   holds "back_${stage#back }" until_so 240 state_is 'waiting\|capturing\|training\|done'
+  if journal | grep -q 'going on with the interrupted scan'; then
+    holds "back_${stage#back }_resumes" until_so 120 resumed_since 0
+  fi
   resumed=$(journal | grep -o 'resumed at step [0-9]*' | head -n 1)
   note "power cut, ${stage#back }: the service is back, ${resumed:-no scan to resume}"
   echo "@ cut me"
