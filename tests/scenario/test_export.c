@@ -105,6 +105,23 @@ TEST(test_crop) {
   assert_contains(shell.said, "no Gaussian lies in it");
 }
 
+TEST(test_mesh) {
+  lab_shell_need(&shell);
+  lab_shell_run_well(
+      &shell, "@ mesh --data ds --model m/model.ply --min-views 1 --out mesh.ply --quiet && "
+              "@ mesh --data ds --model m/model.ply --min-views 1 --threads 1 --out again.ply --quiet && "
+              "cmp mesh.ply again.ply && head -c 400 mesh.ply | grep -q 'element face [1-9]'");
+  lab_shell_run_well(&shell, "@ mesh --data ds --model m/model.ply --min-views 1 --out mesh.obj --quiet && "
+                             "grep -q '^v ' mesh.obj && grep -q '^f ' mesh.obj");
+  lab_shell_run_well(&shell, "@ mesh --data ds --model m/model.ply --min-views 1 --out mesh.glb --quiet && "
+                             "head -c 4 mesh.glb | grep -q glTF");
+  assert_int_equal(lab_shell_run(&shell, "@ mesh --data ds --model m/model.ply --out mesh.stl"), 1);
+  assert_contains(shell.said, "ends in .ply, .obj or .glb");
+  assert_int_equal(
+      lab_shell_run(&shell, "@ mesh --data ds --model m/model.ply --min-views 200 --out mesh.ply"), 1);
+  assert_contains(shell.said, "no surface was seen by enough views");
+}
+
 // --- SOG -----------------------------------------------------------------------------------------
 
 static uint8_t *image(const char *name) {
@@ -207,6 +224,6 @@ TEST(test_sog) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_upright), cmocka_unit_test(test_crop),
-                                     cmocka_unit_test(test_sog)};
+                                     cmocka_unit_test(test_mesh), cmocka_unit_test(test_sog)};
   return cmocka_run_group_tests(tests, setup, teardown);
 }

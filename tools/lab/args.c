@@ -10,9 +10,10 @@
 #include "tools/lab/model_formats.h"
 
 #define AT(field) offsetof(lab_options, field)
-#define DATA      (LAB_TRAIN | LAB_EVAL | LAB_RENDER | LAB_COMPARE)
+#define DATA      (LAB_TRAIN | LAB_EVAL | LAB_RENDER | LAB_COMPARE | LAB_MESH)
 #define ALL       (DATA | LAB_EXPORT | LAB_IMPORT | LAB_BENCH | LAB_TABLES)
-#define OUT       (LAB_TRAIN | LAB_RENDER | LAB_EXPORT | LAB_IMPORT | LAB_TABLES | LAB_COMPARE)
+#define MODEL     (LAB_EVAL | LAB_RENDER | LAB_EXPORT | LAB_MESH)
+#define OUT       (LAB_TRAIN | LAB_RENDER | LAB_EXPORT | LAB_IMPORT | LAB_TABLES | LAB_COMPARE | LAB_MESH)
 
 static const sv_option table[] = {
     {"data", SV_OPT_TEXT, DATA, DATA, AT(data), "DIR",
@@ -34,8 +35,8 @@ static const sv_option table[] = {
      "per-Gaussian motion for half of the run",
      0, 0, 0},
     {"camera", SV_OPT_TEXT, LAB_EVAL, 0, AT(camera), "NAME", "only the views of this camera", 0, 0, 0},
-    {"model", SV_OPT_TEXT, LAB_EVAL | LAB_RENDER | LAB_EXPORT, LAB_EVAL | LAB_RENDER | LAB_EXPORT, AT(model),
-     "FILE", "model PLY; settings are taken from train.json beside it", 0, 0, 0},
+    {"model", SV_OPT_TEXT, MODEL, MODEL, AT(model), "FILE",
+     "model PLY; settings are taken from train.json beside it", 0, 0, 0},
     {"model", SV_OPT_LIST, LAB_COMPARE, LAB_COMPARE, AT(models), "A.ply B.ply ...",
      "models, in the order of the sheet's columns; settings are taken from train.json beside each", 0, 0,
      "models"},
@@ -123,6 +124,12 @@ static const sv_option table[] = {
      "spz and glb are Y-up: rotate the model to the dataset's up axis (the views' up)", 0, 0, 0},
     {"up", SV_OPT_WORD, LAB_EXPORT, 0, AT(up), "x|y|z|-x|-y|-z",
      "the model's up axis (from the file, else -y)", 0, 0, 0},
+    {"up", SV_OPT_WORD, LAB_MESH, 0, AT(up), "x|y|z|-x|-y|-z",
+     "models in spz and glb: rotate to the dataset's up axis (the views' up)", 0, 0, 0},
+    {"voxel", SV_OPT_REAL, LAB_MESH, 0, AT(voxel), "SIZE",
+     "edge of a voxel in the scene's unit (the scene's radius / 128)", 1e-9, 1e9, 0},
+    {"min-views", SV_OPT_INT, LAB_MESH, 0, AT(min_views), "N",
+     "views that must have seen a surface (5, or one in eight of fewer than 40)", 1, 255, 0},
     {"spz-version", SV_OPT_INT, LAB_EXPORT, 0, AT(spz_version), "N",
      "spz: 4 (zstd, newest), 3 or 2 (gzip, older viewers) (4)", 2, 4, 0},
     {"from", SV_OPT_WORD, LAB_IMPORT, LAB_IMPORT, AT(from),
@@ -283,6 +290,8 @@ int lab_args_parse(const sv_tool_command *c, int argc, char **argv, lab_options 
                      .width_px = -1,
                      .keep = -1,
                      .spz_version = -1,
+                     .voxel = -1,
+                     .min_views = -1,
                      .baseline_m = -1,
                      .focal_px = -1,
                      .focus_m = -1,

@@ -22,7 +22,8 @@ enum {
   LAB_IMPORT = 16,
   LAB_BENCH = 32,
   LAB_TABLES = 64,
-  LAB_COMPARE = 128
+  LAB_COMPARE = 128,
+  LAB_MESH = 256
 };
 
 // NULL and -1 stand for "not given"; a given number is inside its range.
@@ -36,6 +37,8 @@ typedef struct {
   double time_limit_s, baseline_m, focal_px, focus_m;
   const char *rig, *stream;
   double unit_m;         // 0: not given
+  double voxel;          // of mesh
+  long min_views;        // likewise
   sv_option_list models; // of compare
   const char *labels;
   long n_views, width_px;

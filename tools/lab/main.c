@@ -35,6 +35,13 @@ static const lab_command commands[] = {
       "sheet.png",
       LAB_COMPARE},
      lab_cmd_compare},
+    {{"mesh", "--data DIR --model FILE --out FILE [options]", "a triangle mesh of a model",
+      "Renders depth and color from the training views, fuses them into a signed distance field and writes\n"
+      "its surface with a color at each vertex: a PLY, OBJ or GLB (Y-up), by the name of FILE. Parts that "
+      "few\n"
+      "views saw, and small loose parts, are left out.",
+      "  subview-lab mesh --data blender_tree --model tree/model.ply --out tree.glb", LAB_MESH},
+     lab_cmd_mesh},
     {{"render", "--data DIR --model FILE --out DIR [options]", "render images of a model",
       "Writes a PNG for each view of a split, or for N views on a circle around the scene. With --depth "
       "also\n16-bit PNGs of the depth along the optical axis; views.json has their unit and each view's "

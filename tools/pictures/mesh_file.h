@@ -1,0 +1,14 @@
+// SPDX-License-Identifier: Apache-2.0
+// A mesh as a file, by the name's end: .ply (binary), .obj (colors behind the positions), .glb
+// (glTF 2.0, Y-up). Colors are per vertex.
+#ifndef SV_TOOLS_PICTURES_MESH_FILE_H
+#define SV_TOOLS_PICTURES_MESH_FILE_H
+
+#include "src/mesh/mesh.h"
+#include "tools/common/fileio.h"
+
+bool lab_mesh_is_format(const char *path);
+// up: the axis of the mesh's world that points up, for .glb.
+sv_status lab_mesh_write(const sv_mesh *m, const char *up, const char *path, sv_err *err) SV_MUST_USE;
+
+#endif
