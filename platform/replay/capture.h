@@ -82,8 +82,8 @@ void sv_capture_scene(const sv_capture *c, double centre[3], double *radius);
 sv_status sv_capture_load(sv_capture *c, const char *dir, sv_arena *arena, sv_err *err) SV_MUST_USE;
 
 // Pictures without capture.json: each folder of DIR with JPEG or PNG files is a camera, in the
-// order of names. The first picture of each camera is the first exposure, and so on, at ten frames a
-// second. A folder with rig.json is the rig. Pictures in DIR itself: one camera.
+// order of names. The first picture of each camera is the first exposure, and so on, at ten frames
+// a second. A folder with rig.json is the rig. Pictures in DIR itself: one camera.
 sv_status sv_capture_of_pictures(sv_capture *c, const char *dir, sv_arena *arena, sv_err *err) SV_MUST_USE;
 
 // The same from a text in memory. `text` [bytes] is written to (names are terminated in place) and
