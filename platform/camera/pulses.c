@@ -14,8 +14,6 @@
 
 #include "platform/linux/linux.h"
 
-#define PRIORITY 50 // above the cameras' thread: a pulse that is late is seen by all cameras
-
 // --- the system's calls and files ----------------------------------------------------------------
 static int sys_open(void *self, const char *path) {
   (void)self;
@@ -180,10 +178,16 @@ static void make_pulses(sv_pulses *p) {
   }
 }
 
+// The highest of these that the system permits: a pulse that is late is seen by all cameras, so it
+// comes before their thread, whose priority is 1.
 static bool hurry(void) {
-  const struct sched_param q = {.sched_priority = PRIORITY};
-  (void)prctl(PR_SET_TIMERSLACK, 1UL, 0UL, 0UL, 0UL); // without the priority, sleeps end 50 us late
-  return pthread_setschedparam(pthread_self(), SCHED_FIFO, &q) == 0;
+  static const int priorities[] = {50, 2, 1};
+  (void)prctl(PR_SET_TIMERSLACK, 1UL, 0UL, 0UL, 0UL); // without a priority, sleeps end 50 us late
+  for (size_t i = 0; i < sizeof priorities / sizeof *priorities; i++) {
+    const struct sched_param q = {.sched_priority = priorities[i]};
+    if (pthread_setschedparam(pthread_self(), SCHED_FIFO, &q) == 0) return true;
+  }
+  return false;
 }
 
 static void *body(void *arg) {
