@@ -86,7 +86,7 @@ static void interpolate(const fit *f, float *term) {
 
 static float horner(const float *term, float y) {
   float f = term[0];
-  for (int k = 1; k < SV_FISHEYE_TERMS; k++) f = fmaf(f, y, term[k]);
+  for (int k = 1; k < SV_FISHEYE_TERMS; k++) f = f * y + term[k];
   return f;
 }
 
@@ -94,24 +94,48 @@ bool sv_fisheye_project(const sv_fisheye *f, const float x[3], float xy[2]) {
   const float n = sqrtf(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]), s = n + x[2];
   const float h[2] = {x[0] / s, x[1] / s}, w = h[0] * h[0] + h[1] * h[1];
   if (!(w <= f->max_w)) return false;
-  const float k = horner(f->term, fmaf(f->scale, w, -1.0f));
+  const float k = horner(f->term, f->scale * w - 1.0f);
   xy[0] = h[0] * k;
   xy[1] = h[1] * k;
   return true;
 }
 
+// F and its derivative by w.
+static void radial(const sv_fisheye *f, float w, float *value_at_w, float *slope) {
+  const float y = f->scale * w - 1.0f;
+  float f0 = f->term[0], f1 = 0;
+  for (int k = 1; k < SV_FISHEYE_TERMS; k++) {
+    f1 = f1 * y + f0;
+    f0 = f0 * y + f->term[k];
+  }
+  *value_at_w = f0;
+  *slope = f1 * f->scale;
+}
+
+// Rows of d(h F)/dx = F dh/dx + 2 F' h (h . dh/dx), dh/dx = (e - h g) / s, with g = ds/dx.
+void sv_fisheye_jacobian(const sv_fisheye *f, const float x[3], float j[6]) {
+  const float n = sqrtf(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]), s = n + x[2];
+  const float h[2] = {x[0] / s, x[1] / s}, g[3] = {x[0] / n, x[1] / n, s / n}, w = h[0] * h[0] + h[1] * h[1];
+  float at, slope;
+  radial(f, w, &at, &slope);
+  for (int i = 0; i < 2; i++) {
+    for (int k = 0; k < 3; k++) {
+      const float along = (k < 2 ? h[k] : 0) - w * g[k]; // s (h . dh/dx)
+      j[3 * i + k] = (2 * slope * h[i] * along - at * h[i] * g[k]) / s;
+    }
+    j[4 * i] += at / s;
+  }
+}
+
 bool sv_fisheye_unproject(const sv_fisheye *f, const float xy[2], float ray[3]) {
   const float rho2 = xy[0] * xy[0] + xy[1] * xy[1];
   if (!(rho2 <= f->max_rho2)) return false;
-  float k = horner(f->inverse_term, fmaf(f->inverse_scale, rho2, -1.0f));
+  float k = horner(f->inverse_term, f->inverse_scale * rho2 - 1.0f);
   for (int i = 0; i < 2; i++) { // Newton: where the lens compresses much, the inverse is not exact
-    const float w = k * k * rho2, y = fmaf(f->scale, w, -1.0f);
-    float slope = 0, last = f->term[0];
-    for (int j = 1; j < SV_FISHEYE_TERMS; j++) {
-      slope = fmaf(slope, y, last);
-      last = fmaf(last, y, f->term[j]);
-    }
-    k -= (k * last - 1) / (last + 2 * w * slope * f->scale);
+    const float w = k * k * rho2;
+    float at, slope;
+    radial(f, w, &at, &slope);
+    k -= (k * at - 1) / (at + 2 * w * slope);
   }
   const float h[2] = {xy[0] * k, xy[1] * k}, w = h[0] * h[0] + h[1] * h[1], c = 2.0f / (1.0f + w);
   ray[0] = h[0] * c;

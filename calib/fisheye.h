@@ -19,6 +19,8 @@ bool sv_fisheye_make(sv_fisheye *out, const sv_camera_model *m);
 // Place in the picture, (u - cx) / fx and (v - cy) / fy, of a point in the camera's frame; false
 // outside the lens's range.
 bool sv_fisheye_project(const sv_fisheye *f, const float x_cam[3], float xy[2]);
+// [2][3] derivatives of that place by the point, which is in range.
+void sv_fisheye_jacobian(const sv_fisheye *f, const float x_cam[3], float j[6]);
 // Unit ray of such a place; false outside the lens's range.
 bool sv_fisheye_unproject(const sv_fisheye *f, const float xy[2], float ray[3]);
 

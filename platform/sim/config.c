@@ -134,6 +134,19 @@ static sv_status read_size(sv_sim_config *c, word v, sv_err *err) {
   return ok ? SV_OK : bad(err, "size", v, "WIDTHxHEIGHT, 16 to 4096 pixels each");
 }
 
+// pinhole, or kb4:DEG or tiles:DEG.
+static sv_status read_lens(sv_sim_config *c, word v, sv_err *err) {
+  word rest = v, name = {0}, deg = {0};
+  (void)next_word(&rest, ':', &name);
+  const bool has_deg = next_word(&rest, ':', &deg);
+  c->lens = is(name, "kb4") ? SV_SIM_LENS_KB4 : is(name, "tiles") ? SV_SIM_LENS_TILES : SV_SIM_LENS_PINHOLE;
+  bool ok = c->lens || (is(name, "pinhole") && !has_deg);
+  if (c->lens)
+    ok = has_deg && sv_parse_double(deg.p, deg.n, &c->lens_deg) && c->lens_deg >= 30 && c->lens_deg <= 190;
+  return ok ? SV_OK
+            : bad(err, "lens", v, "pinhole, kb4:DEG or tiles:DEG, 30 to 190 degrees across the diagonal");
+}
+
 static sv_status read_grid(sv_sim_config *c, word v, sv_err *err) {
   bool ok = read_pair(v, 1, SV_CAP_SUB_VIEWS, &c->grid_rows, &c->grid_cols) &&
             c->grid_rows * c->grid_cols <= SV_CAP_SUB_VIEWS;
@@ -225,6 +238,7 @@ static sv_status read_option(sv_sim_config *c, word option, sv_err *err) {
     return SV_OK;
   }
   if (is(name, "grid")) return read_grid(c, v, err);
+  if (is(name, "lens")) return read_lens(c, v, err);
   if (is(name, "size")) return read_size(c, v, err);
   if (is(name, "noise")) return read_noise(c, v, err);
   if (is(name, "fault")) return read_faults(c, v, err);
@@ -344,6 +358,11 @@ sv_status sv_sim_check(const sv_sim_config *c, sv_err *err) {
   sv_device_params device = sv_sim_device(c);
   sv_status s = sv_device_check(&device, err);
   if (s < 0) return s;
+  const sv_device_info *info = sv_device_info_of(c->rig);
+  if (c->lens != SV_SIM_LENS_PINHOLE && info->layout == SV_LAYOUT_GRID)
+    return sv_fail(err, SV_E_ARG,
+                   "sim: lens=: rig %s has small lenses of its own; expected mono, stereo or phone",
+                   RIGS[c->rig]);
   int n_cameras = sv_device_n_cameras(c->rig);
   for (int i = 0; i < c->n_faults; i++)
     if (c->faults[i].i_camera < 0 || c->faults[i].i_camera >= n_cameras)
@@ -361,7 +380,8 @@ void sv_sim_list(sv_str *out) {
   sv_str_add(out, "  options: rig=");
   for (int i = 0; i < SV_N_DEVICES; i++) sv_str_add(out, "%s%s", i ? "|" : "", RIGS[i]);
   sv_str_add(
-      out, ", grid=RxC, size=WxH, seed=N, path=step|smooth|handheld|sway, poses=known|unknown, "
+      out, ", grid=RxC, lens=pinhole|kb4:DEG|tiles:DEG, size=WxH, seed=N, path=step|smooth|handheld|sway, "
+           "poses=known|unknown, "
            "noise=read:V:shot:V, "
            "fault=NAME[:CAMERA[:SLOT[:N]]][+...], vignetting=cos4|K1[:K2[:K3]], shutter=down|up|right|left, "
            "blur=on|off");

@@ -86,9 +86,11 @@ void sv_sim_rig_pose(const sv_sim *sim, sv_ns host_ns, sv_pose *rig_from_world) 
   (void)sv_pose_look_at(rig_from_world, eye, at, up); // elevation stays below 90 degrees
 }
 
-static sv_view view_of(const sv_sim *sim, const sv_camera_model *m, const sv_pose *cam_from_world,
+static sv_view view_of(const sv_sim *sim, const sv_sub_view *sv, const sv_pose *cam_from_world,
                        sv_ns host_ns) {
+  const sv_camera_model *m = &sv->model;
   sv_view v = sv_view_make(m->width_px, m->height_px, m->p, cam_from_world);
+  if (sim->fisheye) v.fisheye = &sim->fisheye[sv - sim->rig.sub_views];
   double clip = (double)(sim->cfg.n_exposures > 1 ? sim->cfg.n_exposures - 1 : 1) * (double)sim->period_ns;
   double x = (double)(host_ns - sv_sim_slot_ns(sim, 0)) / clip;
   v.time = (float)(x < 0 ? 0 : x > 1 ? 1 : x);
@@ -99,7 +101,7 @@ sv_view sv_sim_sub_view_at(const sv_sim *sim, const sv_sub_view *sv, sv_ns host_
   sv_pose rig, cam;
   sv_sim_rig_pose(sim, host_ns, &rig);
   cam = sv_pose_mul(&sv->cam_from_rig, &rig);
-  return view_of(sim, &sv->model, &cam, host_ns);
+  return view_of(sim, sv, &cam, host_ns);
 }
 
 void sv_sim_view(const sv_sim *sim, int64_t slot, int i_sub_view, sv_view *view, double *time_s) {
@@ -120,7 +122,7 @@ void sv_sim_heldout_view(const sv_sim *sim, int i, int n, sv_view *view, double 
   (void)sv_pose_look_at(&cam, eye, at, up);
   sv_sim_rig_pose(sim, sv_sim_slot_ns(sim, slot), &rig);
   cam = sv_pose_mul(&cam, &rig);
-  *view = view_of(sim, &sim->rig.sub_views[0].model, &cam, sv_sim_slot_ns(sim, slot));
+  *view = view_of(sim, &sim->rig.sub_views[0], &cam, sv_sim_slot_ns(sim, slot));
   view->i_exposure = (int)slot;
   view->i_sub_view = -1;
   *time_s = sv_sim_slot_time_s(sim, slot);

@@ -217,18 +217,45 @@ static void build_room(sv_sim_scene *s) {
   add(s, SV_SIM_CYLINDER, &leaf, (xyz){0.95, 0.75, -0.68}, (xyz){0.22, 0.12, 0});
 }
 
+// Walls, floor and ceiling around the rig's path, for lenses that see to the side and behind.
+static void build_hall(sv_sim_scene *s) {
+  static const double wall[4][2] = {{6.1, 0}, {-6.1, 0}, {0, 6.1}, {0, -6.1}};
+  const sv_sim_material *const covers[4] = {&paper, &plaster, &brick, &stone};
+  sv_sim_material big[6] = {tile, wood, *covers[0], *covers[1], *covers[2], *covers[3]};
+  for (int i = 0; i < 6; i++) big[i].cell_m *= 4;
+  add(s, SV_SIM_BOX, &big[0], (xyz){0, 0, -1.4}, (xyz){6.2, 6.2, 0.1})->is_stage = true;
+  add(s, SV_SIM_BOX, &big[1], (xyz){0, 0, 4.6}, (xyz){6.2, 6.2, 0.1})->is_stage = true;
+  for (int i = 0; i < 4; i++)
+    add(s, SV_SIM_BOX, &big[2 + i], (xyz){wall[i][0], wall[i][1], 1.6},
+        i < 2 ? (xyz){0.1, 6.2, 3.1} : (xyz){6.2, 0.1, 3.1})
+        ->is_stage = true;
+  for (int i = 0; i < 8; i++) { // along the walls, behind the rig's path
+    double c[3];
+    on_circle(c, 5.3, 2 * SV_PI * (i + 0.5) / 8, -0.5);
+    const sv_sim_material *m = i % 3 == 0 ? &violet : i % 3 == 1 ? &amber : &moss;
+    if (i & 1) add(s, SV_SIM_CYLINDER, m, (xyz){c[0], c[1], c[2]}, (xyz){0.35, 0.8, 0});
+    else turn(add(s, SV_SIM_BOX, m, (xyz){c[0], c[1], c[2]}, (xyz){0.4, 0.4, 0.8}), 0, 0, 0.7 * i);
+  }
+  add(s, SV_SIM_CYLINDER, &stone, (xyz){0, 0, -1.0}, (xyz){1.2, 0.3, 0});
+  ball(s, &ocean, 0.3, 0.2, 0.0, 0.7);
+  turn(add(s, SV_SIM_BOX, &copper, (xyz){-0.6, -0.3, -0.35}, (xyz){0.32, 0.32, 0.35}), 0, 0, 0.5);
+  add(s, SV_SIM_CYLINDER, &violet, (xyz){0.5, -0.7, -0.4}, (xyz){0.25, 0.3, 0});
+  ball(s, &amber, -0.4, 0.75, -0.4, 0.3);
+}
+
 void sv_sim_scene_build(sv_sim_scene *s, sv_sim_scene_id id) {
   memset(s, 0, sizeof *s);
   double sun[3] = {0.45, 0.30, 0.84}, n = sv_norm3(sun);
   for (int i = 0; i < 3; i++) s->to_sun[i] = sun[i] / n;
   s->sun = 0.62f;
   s->sky = 0.38f;
-  s->radius_m = id == SV_SIM_SCENE_ROOM ? 2.2 : 1.1;
+  s->radius_m = id == SV_SIM_SCENE_ROOM ? 2.2 : id == SV_SIM_SCENE_HALL ? 6.0 : 1.1;
   switch (id) {
   case SV_SIM_SCENE_THIN: build_thin(s); break;
   case SV_SIM_SCENE_OCCLUSION: build_occlusion(s); break;
   case SV_SIM_SCENE_MOVING: build_moving(s); break;
   case SV_SIM_SCENE_ROOM: build_room(s); break;
+  case SV_SIM_SCENE_HALL: build_hall(s); break;
   default: build_textured(s);
   }
 }

@@ -53,6 +53,19 @@ static void bound(sv_sim_seen *s, const sv_view *v, const sv_pose *pose, const d
   }
 }
 
+// Of a fisheye: the distance to the box, anywhere in the picture.
+static void bound_wide(sv_sim_seen *s, const sv_view *v, const double e[3]) {
+  double d2 = 0;
+  for (int i = 0; i < 3; i++) {
+    const double beyond = fabs((double)s->o[i]) - e[i];
+    if (beyond > 0) d2 += beyond * beyond;
+  }
+  s->near_m = (float)sqrt(d2);
+  s->x0_px = s->y0_px = 0;
+  s->x1_px = v->width_px;
+  s->y1_px = v->height_px;
+}
+
 // A part whose half width is below FINE_PX also gets a widened shape that marks the pixels around
 // it.
 static void widen(sv_sim_seen *s, const sv_sim_prim *p, const sv_view *v) {
@@ -171,7 +184,8 @@ static void see_prim(sv_sim_shot *shot, int i, const sv_pose *cam_from_world, do
     s->texture_origin[k] = 16.0f + (float)(sv_hash3((uint32_t)i, (uint32_t)k, 77) & 63) + 0.37f;
   }
   extents(p, e);
-  bound(s, &shot->view, &cam_from_local, e);
+  if (shot->view.fisheye) bound_wide(s, &shot->view, e);
+  else bound(s, &shot->view, &cam_from_local, e);
   widen(s, p, &shot->view);
   if (!p->is_stage) mark(shot, i, &cam_from_local, e);
 }

@@ -18,7 +18,6 @@ static sv_ns from_us(double us) { return (sv_ns)floor(us * 1e3 + 0.5); }
 // --- memory --------------------------------------------------------------------------------------
 
 static sv_status carve(sv_sim *s, const sv_sim_config *cfg, sv_arena *a) {
-  sv_device_params device = sv_sim_device(cfg);
   bool is_sum = sv_device_info_of(cfg->rig)->forward == SV_FORWARD_MULTIPLEXED;
   size_t n_values = 3 * (size_t)cfg->width_px * (size_t)cfg->height_px;
   s->cfg = *cfg;
@@ -26,7 +25,8 @@ static sv_status carve(sv_sim *s, const sv_sim_config *cfg, sv_arena *a) {
   s->frame_bytes = n_values * (is_sum ? 2 : 1);
   s->cap_ready = s->n_cameras * cfg->n_buffers + SV_SIM_CAP_FAULTS;
   sv_arena_part_begin(a, "simulator");
-  sv_status status = sv_rig_init(&s->rig, sv_device_n_sub_views(&device), a);
+  sv_status status = sv_rig_init(&s->rig, sv_sim_n_sub_views(cfg), a);
+  s->fisheye = cfg->lens == SV_SIM_LENS_KB4 ? SV_TAKE(a, sv_fisheye, sv_sim_n_sub_views(cfg)) : NULL;
   s->scene = SV_TAKE(a, sv_sim_scene, 1);
   s->shot = SV_TAKE(a, sv_sim_shot, 1);
   s->ready = SV_TAKE(a, sv_sim_event, s->cap_ready);
@@ -57,6 +57,7 @@ sv_status sv_sim_init(sv_sim *s, const sv_sim_config *cfg, sv_arena *arena, sv_e
   s->now_ns = SV_SIM_EPOCH_NS;
   s->period_ns = (sv_ns)floor(1e9 / cfg->fps + 0.5);
   status = sv_device_build(&s->rig, &device, err);
+  if (status >= 0) status = sv_sim_set_lenses(s, err);
   if (status < 0) return status;
   for (int i = 0; i < s->rig.n_sub_views; i++)
     s->rig.sub_views[i].shutter = (sv_shutter){1e-3 * cfg->optics.readout_ms, cfg->optics.shutter};
@@ -242,7 +243,7 @@ static bool has_own_clock(const sv_sim_config *c) {
 static sv_status src_caps(void *self, int i_camera, sv_camera_caps *out) {
   const sv_sim *s = self;
   if (i_camera < 0 || i_camera >= s->n_cameras) return SV_E_ARG;
-  const sv_sub_view *first = &s->rig.sub_views[i_camera];
+  const sv_sub_view *first = &s->rig.sub_views[i_camera * (s->rig.n_sub_views / s->n_cameras)];
   *out = (sv_camera_caps){.width_px = s->cfg.width_px,
                           .height_px = s->cfg.height_px,
                           .format = format_of(s),

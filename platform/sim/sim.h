@@ -19,6 +19,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "calib/fisheye.h"
 #include "platform/sim/optics.h"
 #include "platform/sim/trace.h"
 #include "src/base/arena.h"
@@ -53,6 +54,12 @@ typedef struct {
   int64_t slot;
 } sv_sim_fault;
 
+typedef enum {
+  SV_SIM_LENS_PINHOLE,
+  SV_SIM_LENS_KB4,  // fisheyes
+  SV_SIM_LENS_TILES // the same field in two by two pinholes on each sensor
+} sv_sim_lens;
+
 typedef struct {
   sv_sim_scene_id scene;
   sv_device_id rig;
@@ -62,6 +69,8 @@ typedef struct {
   double fps, angle_deg;    // angle: the rig's angular baseline as seen from the scene's centre
   int n_exposures;          // stops of one round of the trajectory
   int n_frames;             // the source ends after this many slots, 0 = never
+  sv_sim_lens lens;         // default: pinholes
+  double lens_deg;          // field across the diagonal, of other lenses
   double arc_deg;           // azimuth covered by one round
   bool is_smooth;           // moves continuously, not in steps
   bool is_handheld;         // smooth, and swayed by a hand
@@ -138,6 +147,7 @@ typedef struct {
   int n_cameras;
   size_t frame_bytes;
   sv_rig rig;
+  sv_fisheye *fisheye; // [n_sub_views] with SV_SIM_LENS_KB4
   sv_sim_scene *scene;
   sv_sim_shot *shot; // scratch of the source and of sv_sim_render
   sv_noise noise;
@@ -179,7 +189,7 @@ void sv_sim_view(const sv_sim *sim, int64_t slot, int i_sub_view, sv_view *view,
 void sv_sim_heldout_view(const sv_sim *sim, int i, int n, sv_view *view, double *time_s);
 
 // Noise-free image of any view at any time: rgb [height][width][3] sRGB, depth_m [height][width]
-// camera z, 0 = background; either may be NULL. Uses the simulator's scratch: one call at a time.
+// camera z (of a fisheye the distance), 0 = background; either may be NULL. Uses the simulator's scratch: one call at a time.
 void sv_sim_render(sv_sim *sim, const sv_view *view, double time_s, uint8_t *rgb, float *depth_m);
 // The same in two steps for several threads: each prepares its own shot, then renders disjoint
 // rows.
@@ -193,6 +203,9 @@ sv_view sv_sim_sub_view_at(const sv_sim *sim, const sv_sub_view *sv, sv_ns host_
 void sv_sim_expose(sv_sim *sim, const sv_sim_event *event, uint8_t *out);
 sv_status sv_sim_check(const sv_sim_config *cfg, sv_err *err); // config.c
 sv_device_params sv_sim_device(const sv_sim_config *cfg);      // config.c
+// lens.c: sub-views of a rig with these lenses, and what becomes of the device's pinholes
+int sv_sim_n_sub_views(const sv_sim_config *cfg);
+sv_status sv_sim_set_lenses(sv_sim *sim, sv_err *err);
 
 #ifdef __cplusplus
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "platform/sim/trace.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "platform/sim/hit.h"
@@ -14,11 +15,11 @@
 #define LANES     (4 * QUADS)
 #define SHOWN     (LANES - 2)
 #define N_SAMPLES 16
-#define NEAR_M    0.05f // near plane, camera z
+#define NEAR_M    0.05f // near plane, camera z; of a fisheye, distance
 #define SUN_GAP_M 0.01f // a shadow ray ignores nearer hits: the surface that it starts on
 
 typedef struct {
-  v4f t;       // camera z
+  v4f t;       // camera z; of a fisheye, distance
   v4i key;     // 0: background; else (primitive * 8 + face + 1) * 2 + in shadow
   v4i is_near; // a fine part is within about a pixel
 } look;
@@ -34,25 +35,30 @@ typedef struct {
   int n_active;
 } strip;
 
-static v4_vec local_ray(const sv_sim_seen *s, v4f x, v4f y) {
+// ray: (x, y, 1), of a fisheye a unit vector.
+static v4_vec local_ray(const sv_sim_seen *s, v4_vec ray) {
   const float *m = s->m;
-  return (v4_vec){m[0] * x + m[1] * y + m[2], m[3] * x + m[4] * y + m[5], m[6] * x + m[7] * y + m[8]};
+  const v4f x = ray.x, y = ray.y, z = ray.z;
+  return (v4_vec){m[0] * x + m[1] * y + m[2] * z, m[3] * x + m[4] * y + m[5] * z,
+                  m[6] * x + m[7] * y + m[8] * z};
 }
 
 static v4_vec local_camera(const sv_sim_seen *s) {
   return (v4_vec){v4_set(s->o[0]), v4_set(s->o[1]), v4_set(s->o[2])};
 }
 
-// Local position of the point at depth t on the ray (x, y, 1).
+// Local position of the point at depth t on a ray.
 static v4_vec local_point(const sv_sim_seen *s, v4_vec ray, v4f t) {
   return (v4_vec){s->o[0] + t * ray.x, s->o[1] + t * ray.y, s->o[2] + t * ray.z};
 }
 
-static uint64_t shade_mask(const sv_sim_shot *s, v4f x, v4f y, v4f t, v4i is_hit) {
+static v4f along(const float *row, v4_vec ray) { return row[0] * ray.x + row[1] * ray.y + row[2] * ray.z; }
+
+static uint64_t shade_mask(const sv_sim_shot *s, v4_vec ray, v4f t, v4i is_hit) {
   const float *u = s->grid_u, *v = s->grid_v;
   v4f lo = v4_set(0), hi = v4_set(SV_SIM_GRID - 1);
-  v4f cu = v4_min(v4_max(t * (u[0] * x + u[1] * y + u[2]) + u[3], lo), hi);
-  v4f cv = v4_min(v4_max(t * (v[0] * x + v[1] * y + v[2]) + v[3], lo), hi);
+  v4f cu = v4_min(v4_max(t * along(u, ray) + u[3], lo), hi);
+  v4f cv = v4_min(v4_max(t * along(v, ray) + v[3], lo), hi);
   v4i cell = __builtin_convertvector(cv, v4i) * SV_SIM_GRID + __builtin_convertvector(cu, v4i);
   uint64_t mask = 0;
   for (int i = 0; i < 4; i++)
@@ -61,25 +67,25 @@ static uint64_t shade_mask(const sv_sim_shot *s, v4f x, v4f y, v4f t, v4i is_hit
 }
 
 // Which of four surface points lie in the shadow of another primitive.
-static v4i in_shadow(const sv_sim_shot *s, v4f x, v4f y, v4f t, v4i prim, v4i is_hit) {
+static v4i in_shadow(const sv_sim_shot *s, v4_vec ray, v4f t, v4i prim, v4i is_hit) {
   const float *gw = s->grid_w;
   v4i dark = v4_seti(0);
-  v4f w = t * (gw[0] * x + gw[1] * y + gw[2]) + gw[3];
-  for (uint64_t todo = shade_mask(s, x, y, t, is_hit); todo; todo &= todo - 1) {
+  v4f w = t * along(gw, ray) + gw[3];
+  for (uint64_t todo = shade_mask(s, ray, t, is_hit); todo; todo &= todo - 1) {
     int i = __builtin_ctzll(todo);
     const sv_sim_seen *p = &s->seen[i];
     v4i other = is_hit & ~dark & (prim != i) & (w < p->sunward_m);
     if (!v4_any(other)) continue;
-    v4_vec o = local_point(p, local_ray(p, x, y), t);
+    v4_vec o = local_point(p, local_ray(p, ray), t);
     v4_vec d = {v4_set(p->sun[0]), v4_set(p->sun[1]), v4_set(p->sun[2])};
     dark |= other & v4_hit_shape(s->scene->prims[i].shape, p->half, o, d, v4_set(SUN_GAP_M)).mask;
   }
   return dark;
 }
 
-// The nearest surfaces along four rays (x, y, 1) that lie in columns [lo_px, hi_px]. is_near is
+// The nearest surfaces along four rays that lie in columns [lo_px, hi_px]. is_near is
 // found only for is_centre, the rays through pixel centres.
-static look see(const strip *st, v4f x, v4f y, int lo_px, int hi_px, bool is_centre) {
+static look see(const strip *st, v4_vec ray, int lo_px, int hi_px, bool is_centre) {
   const sv_sim_shot *s = st->shot;
   look out = {v4_set(1e30f), v4_seti(0), v4_seti(0)};
   v4f near = v4_set(NEAR_M);
@@ -88,7 +94,7 @@ static look see(const strip *st, v4f x, v4f y, int lo_px, int hi_px, bool is_cen
     const sv_sim_seen *p = &s->seen[i];
     if (p->x0_px > hi_px || p->x1_px <= lo_px) continue;
     if (!v4_any(out.t > p->near_m)) break; // sorted by near_m: the rest lies behind
-    v4_vec d = local_ray(p, x, y), o = local_camera(p);
+    v4_vec d = local_ray(p, ray), o = local_camera(p);
     sv_sim_shape shape = s->scene->prims[i].shape;
     v4_hit h = v4_hit_shape(shape, p->half, o, d, near);
     v4i is_nearer = h.mask & (h.t < out.t);
@@ -100,16 +106,28 @@ static look see(const strip *st, v4f x, v4f y, int lo_px, int hi_px, bool is_cen
     }
   }
   v4i is_hit = out.key != 0;
-  if (v4_any(is_hit)) out.key -= in_shadow(s, x, y, out.t, ((out.key >> 1) - 1) >> 3, is_hit);
+  if (v4_any(is_hit)) out.key -= in_shadow(s, ray, out.t, ((out.key >> 1) - 1) >> 3, is_hit);
   return out;
 }
 
-static v4f ray_x(const sv_sim_shot *s, v4f px) { return (px - s->view.cx) * (1.0f / s->view.fx); }
-static v4f ray_y(const sv_sim_shot *s, v4f py) { return (py - s->view.cy) * (1.0f / s->view.fy); }
+// Rays of four places in the picture. Beyond the lens's range they are NaN and hit nothing.
+static v4_vec ray_at(const sv_sim_shot *s, v4f px, v4f py) {
+  v4_vec r = {(px - s->view.cx) * (1.0f / s->view.fx), (py - s->view.cy) * (1.0f / s->view.fy), v4_set(1)};
+  if (!s->view.fisheye) return r;
+  for (int i = 0; i < 4; i++) {
+    float ray[3] = {NAN, NAN, NAN};
+    (void)sv_view_ray(&s->view, px[i], py[i], ray);
+    r.x[i] = ray[0];
+    r.y[i] = ray[1];
+    r.z[i] = ray[2];
+  }
+  return r;
+}
 
-// Four points of one primitive, at depth t on rays (x, y, 1). is_dark: in the shadow.
+// Four points of one primitive, at depth t on rays. is_dark: in the shadow.
 typedef struct {
-  v4f x, y, t;
+  v4_vec ray;
+  v4f t;
   v4i face, is_dark;
 } points4;
 
@@ -120,7 +138,7 @@ static void shade(const sv_sim_shot *s, int i, const points4 *points, v4f rgb[3]
   const v4i face = points->face;
   const sv_sim_seen *p = &s->seen[i];
   const sv_sim_prim *prim = &s->scene->prims[i];
-  v4_vec ray = local_ray(p, points->x, points->y), at = local_point(p, ray, t);
+  v4_vec ray = local_ray(p, points->ray), at = local_point(p, ray, t);
   v4_vec n = v4_normal(prim->shape, p->half, at, face);
   v4f inv_len = 1.0f / v4_sqrt(v4_dot(ray, ray));
   v4f facing = v4_max(-v4_dot(n, ray) * inv_len, v4_set(0.15f));
@@ -156,7 +174,7 @@ typedef struct {
   int n_shares;
   struct share {
     int32_t key;
-    float n, x, y, t; // sums over the samples that see this surface
+    float n, x, y, z, t; // sums over the samples that see this surface
   } shares[N_SAMPLES];
 } pixel_shares;
 
@@ -168,8 +186,8 @@ static bool sample_four(const strip *st, int x_px, int y_px, int q, int32_t key,
     dx[i] = ((float)SAMPLE_X[q * 4 + i] + 0.5f) / N_SAMPLES;
     dy[i] = ((float)SAMPLE_Y[q * 4 + i] + 0.5f) / N_SAMPLES;
   }
-  v4f x = ray_x(st->shot, (float)x_px + dx), y = ray_y(st->shot, (float)y_px + dy);
-  look l = see(st, x, y, x_px, x_px, false);
+  const v4_vec ray = ray_at(st->shot, (float)x_px + dx, (float)y_px + dy);
+  look l = see(st, ray, x_px, x_px, false);
   for (int i = 0; i < 4; i++) {
     if (!l.key[i]) continue;
     int k = 0;
@@ -177,8 +195,9 @@ static bool sample_four(const strip *st, int x_px, int y_px, int q, int32_t key,
     if (k == out->n_shares) out->shares[out->n_shares++] = (struct share){.key = l.key[i]};
     struct share *s = &out->shares[k];
     s->n += 1;
-    s->x += x[i];
-    s->y += y[i];
+    s->x += ray.x[i];
+    s->y += ray.y[i];
+    s->z += ray.z[i];
     s->t += l.t[i];
   }
   return !v4_any(l.key != key);
@@ -193,14 +212,15 @@ static void shade_shares(const sv_sim_shot *shot, const pixel_shares *px, float 
     if (is_done[k]) continue;
     int prim = ((px->shares[k].key >> 1) - 1) >> 3, n = 0;
     v4f weight = v4_set(0), c[3];
-    points4 at = {weight, weight, v4_set(1), v4_seti(0), v4_seti(0)};
+    points4 at = {{weight, weight, v4_set(1)}, v4_set(1), v4_seti(0), v4_seti(0)};
     for (int j = k; j < px->n_shares && n < 4; j++) {
       const struct share *s = &px->shares[j];
       if (is_done[j] || ((s->key >> 1) - 1) >> 3 != prim) continue;
       float inv = 1.0f / s->n;
       is_done[j] = true;
-      at.x[n] = s->x * inv;
-      at.y[n] = s->y * inv;
+      at.ray.x[n] = s->x * inv;
+      at.ray.y[n] = s->y * inv;
+      if (shot->view.fisheye) at.ray.z[n] = s->z * inv;
       at.t[n] = s->t * inv;
       weight[n] = s->n / N_SAMPLES;
       at.face[n] = ((s->key >> 1) - 1) & 7;
@@ -237,11 +257,11 @@ static void activate(strip *st, int y_px) {
 
 static void look_along(strip *st, int y_px, look_row *row) {
   activate(st, y_px);
-  v4f y = ray_y(st->shot, v4_set((float)y_px + 0.5f));
+  const v4f py = v4_set((float)y_px + 0.5f);
   for (int q = 0; q < QUADS; q++) {
     int x_px = st->x0_px - 1 + 4 * q;
     v4f px = (float)x_px + (v4f){0.5f, 1.5f, 2.5f, 3.5f};
-    row->quad[q] = see(st, ray_x(st->shot, px), y, x_px, x_px + 3, true);
+    row->quad[q] = see(st, ray_at(st->shot, px, py), x_px, x_px + 3, true);
   }
 }
 
@@ -249,11 +269,11 @@ static void look_along(strip *st, int y_px, look_row *row) {
 // they are.
 static void shade_quad(const strip *st, int q, int y_px, const look *l, const uint8_t *is_edge, float *rgb) {
   v4f px = (float)(st->x0_px - 1 + 4 * q) + (v4f){0.5f, 1.5f, 2.5f, 3.5f};
-  v4f x = ray_x(st->shot, px), y = ray_y(st->shot, v4_set((float)y_px + 0.5f));
+  const v4_vec ray = ray_at(st->shot, px, v4_set((float)y_px + 0.5f));
   // the background has no depth to look up a texture at
   v4f t = v4_select(l->key != 0, l->t, v4_set(1));
   v4i id = (l->key >> 1) - 1;
-  const points4 at = {x, y, t, id & 7, -(l->key & 1)};
+  const points4 at = {ray, t, id & 7, -(l->key & 1)};
   bool is_done[4];
   for (int i = 0; i < 4; i++) is_done[i] = is_edge[i] || !l->key[i];
   for (int i = 0; i < 4; i++) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The ray caster. A shot is one scene at one time seen by one pinhole view: prepare it once, then
+// The ray caster. A shot is one scene at one time seen by one view, a pinhole or a fisheye: prepare it once, then
 // render any ranges of rows from any number of threads; the ranges cannot change a bit.
 // One visibility sample a pixel, shaded with a texture filtered to the pixel's footprint; pixels on
 // an edge of a surface or of a shadow, or near a part only a few pixels wide, take 16 visibility
@@ -29,7 +29,7 @@ typedef struct {
   float texture_origin[3];        // cells; differs between primitives
   int x0_px, x1_px, y0_px, y1_px; // conservative bounds, x1 and y1 exclusive; empty when not
                                   // visible
-  float near_m;                   // no point of it has a smaller camera z
+  float near_m;                   // no point of it has a smaller depth
   float sunward_m;                // no point of it lies further towards the sun (grid_w)
   bool is_fine;
 } sv_sim_seen;
@@ -47,8 +47,8 @@ typedef struct {
   uint64_t grid[SV_SIM_GRID * SV_SIM_GRID];
 } sv_sim_shot;
 
-// Where a rendered run of pixels goes: n pixels from (x, y), rgb linear light [n][3], depth camera
-// z in metres [n], 0 = background.
+// Where a rendered run of pixels goes: n pixels from (x, y), rgb linear light [n][3], depth in
+// metres [n]: camera z, of a fisheye the distance; 0 = background.
 typedef struct {
   void *self;
   void (*put)(void *self, int x_px, int y_px, int n, const float *rgb, const float *depth_m);

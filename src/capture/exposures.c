@@ -9,6 +9,21 @@
 
 static bool has_distortion(const sv_camera_model *m) { return !sv_model_is_straight(m); }
 
+bool sv_exposures_keeps_fisheye(const sv_sub_view *v, sv_fisheye *out) {
+  return !(v->shutter.readout_s > 0) && sv_fisheye_make(out, &v->model);
+}
+
+// Does a corner of the picture lie outside the lens's range, as around an image circle?
+static bool has_dark_corner(const sv_camera_model *m, const sv_fisheye *f) {
+  for (int i = 0; i < 4; i++) {
+    const float xy[2] = {(float)(((i & 1 ? m->width_px : 0) - m->p[2]) / m->p[0]),
+                         (float)(((i & 2 ? m->height_px : 0) - m->p[3]) / m->p[1])};
+    float ray[3];
+    if (!sv_fisheye_unproject(f, xy, ray)) return true;
+  }
+  return false;
+}
+
 static bool is_multiplexed(const sv_exposures_cfg *cfg) {
   return cfg->rig->forward == SV_FORWARD_MULTIPLEXED;
 }
@@ -48,16 +63,22 @@ static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a
   size_t at = 0;
   for (int i = 0; i < rig->n_sub_views; i++) {
     const sv_camera_model *m = &rig->sub_views[i].model;
-    bool is_bent = has_distortion(m);
+    sv_fisheye fisheye;
+    const bool is_fisheye = sv_exposures_keeps_fisheye(&rig->sub_views[i], &fisheye),
+               is_bent = has_distortion(m) && !is_fisheye;
+    const bool is_dark = is_fisheye && has_dark_corner(m, &fisheye);
     sv_remap_tap *entries =
         is_bent ? SV_TAKE(a, sv_remap_tap, (size_t)m->width_px * (size_t)m->height_px) : NULL;
     const size_t px = (size_t)m->width_px * (size_t)m->height_px, bytes = (px * 3 + 63) & ~(size_t)63;
-    uint8_t *mask = rig->sub_views[i].mask ? SV_TAKE(a, uint8_t, px) : NULL;
+    uint8_t *mask = rig->sub_views[i].mask || is_dark ? SV_TAKE(a, uint8_t, px) : NULL;
     if (e->sub) {
       sv_sub_view_store *s = &e->sub[i];
       *s = (sv_sub_view_store){.at = at, .bytes = bytes, .mask = mask};
       s->map.entries = entries;
-      if (!sv_pinhole_for_model(m, SV_PINHOLE_CROP_TO_VALID, &s->pinhole))
+      s->is_fisheye = is_fisheye;
+      s->fisheye = fisheye;
+      s->pinhole = *m;
+      if (!is_fisheye && !sv_pinhole_for_model(m, SV_PINHOLE_CROP_TO_VALID, &s->pinhole))
         return sv_fail(err, SV_E_RANGE,
                        "rig \"%s\", sub-view \"%s\": the lens distortion leaves no rectangular view without "
                        "black corners",
@@ -86,15 +107,24 @@ static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a
              : SV_OK;
 }
 
-// The mask of a sub-view as its pinhole sees it: a pixel counts where all that it is interpolated
-// from do.
+static bool is_lit(const sv_sub_view_store *s, int x, int y) {
+  const double *p = s->pinhole.p;
+  const float xy[2] = {(float)((x + 0.5 - p[2]) / p[0]), (float)((y + 0.5 - p[3]) / p[1])};
+  float ray[3];
+  return !s->is_fisheye || sv_fisheye_unproject(&s->fisheye, xy, ray);
+}
+
+// The mask of a sub-view as its view sees it: a pixel counts where all that it is interpolated from
+// do, and where the lens sees anything.
 static void undistort_mask(sv_sub_view_store *s, const sv_sub_view *v) {
   const int w = s->pinhole.width_px, src_w = v->model.width_px;
   for (int y = 0; s->mask && y < s->pinhole.height_px; y++)
     for (int x = 0; x < w; x++) {
       const size_t at = (size_t)y * (size_t)w + (size_t)x;
-      s->mask[at] = s->map.entries ? sv_remap_counts(&s->map, v->mask, x, y)
-                                   : v->mask[(size_t)y * (size_t)src_w + (size_t)x] != 0;
+      const bool counts = !v->mask         ? true
+                          : s->map.entries ? sv_remap_counts(&s->map, v->mask, x, y)
+                                           : v->mask[(size_t)y * (size_t)src_w + (size_t)x] != 0;
+      s->mask[at] = counts && is_lit(s, x, y);
     }
 }
 
@@ -297,4 +327,5 @@ void sv_exposures_get(const sv_exposures *e, int i, int i_sub, sv_image_u8 *imag
   *view = sv_view_make(image->width_px, image->height_px, s->pinhole.p, &cam_from_world);
   view->i_exposure = (int)e->exposure[i].id;
   view->i_sub_view = i_sub;
+  view->fisheye = s->is_fisheye ? &s->fisheye : NULL;
 }

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pool of exposures: each sub-view's image, cut out of its sensor's frame and undistorted once,
-// kept for training; of multiplexed rigs, each sensor's measurement (measurements.h). Owns images,
+// The pool of exposures: each sub-view's image, cut out of its sensor's frame and undistorted once
+// (fisheyes stay as they are, with a mask where the lens is dark), kept for training; of multiplexed rigs, each sensor's measurement (measurements.h). Owns images,
 // times and poses of the exposures in a fixed number of slots; a full pool replaces the oldest.
 // Never keeps a camera's frame: it is free as soon as sv_exposures_add returns.
 #ifndef SV_CAPTURE_EXPOSURES_H
 #define SV_CAPTURE_EXPOSURES_H
 
+#include "calib/fisheye.h"
 #include "calib/remap.h"
 #include "kernels/kernels.h"
 #include "src/capture/measurements.h"
@@ -36,11 +37,13 @@ typedef struct {
 } sv_exposures_cfg;
 
 typedef struct {
-  sv_camera_model pinhole; // after undistortion
-  sv_remap map;            // entries NULL for a lens without distortion
-  size_t at, bytes;        // of its picture inside one exposure's block
-  uint8_t *mask;           // [height][width] of the pinhole, NULL without one
-  sv_row_time row_time;    // of a rolling shutter
+  sv_camera_model pinhole; // after undistortion; of a fisheye, which stays one, its own
+  sv_remap map;            // entries NULL for a lens without distortion, and for a fisheye
+  bool is_fisheye;
+  sv_fisheye fisheye;
+  size_t at, bytes;     // of its picture inside one exposure's block
+  uint8_t *mask;        // [height][width] of the view, NULL without one
+  sv_row_time row_time; // of a rolling shutter
 } sv_sub_view_store;
 
 typedef struct {
@@ -76,6 +79,9 @@ sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_are
 sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const sv_frame *frame,
                            const sv_kernels *k, const sv_pool *pool, sv_err *err) SV_MUST_USE;
 
+// Whether a sub-view's pictures stay fisheyes: those of rolling shutters do not, as their rows' times
+// are polynomials of x/z and y/z.
+bool sv_exposures_keeps_fisheye(const sv_sub_view *v, sv_fisheye *out);
 // Picture and view of sub-view i_sub of exposure i (0: slot order). Not for multiplexed rigs.
 void sv_exposures_get(const sv_exposures *e, int i, int i_sub, sv_image_u8 *image, sv_view *view);
 

@@ -12,6 +12,41 @@ bool sv_odometry_can(const sv_rig *rig, int n_exposures) {
   return rig->forward != SV_FORWARD_MULTIPLEXED && n_exposures > 1;
 }
 
+static sv_status carve_crops(sv_odometry *o, const sv_odometry_cfg *cfg, sv_arena *a, sv_err *err) {
+  const sv_rig *rig = cfg->rig;
+  o->crop = SV_TAKE(a, sv_odometry_crop, rig->n_sub_views);
+  for (int i = 0; i < rig->n_sub_views; i++) {
+    const sv_camera_model *m = &rig->sub_views[i].model;
+    const size_t n = (size_t)m->width_px * (size_t)m->height_px;
+    sv_fisheye fisheye;
+    if (o->crop) o->crop[i] = (sv_odometry_crop){.px = NULL};
+    if (!sv_exposures_keeps_fisheye(&rig->sub_views[i], &fisheye)) continue;
+    sv_remap_tap *entries = SV_TAKE(a, sv_remap_tap, n);
+    uint8_t *px = SV_TAKE(a, uint8_t, 3 * n), *mask = SV_TAKE(a, uint8_t, n);
+    if (!o->crop || !mask || !cfg->pool) continue;
+    o->crop[i].px = px;
+    o->crop[i].mask = mask;
+    if (!sv_pinhole_for_model(m, SV_PINHOLE_CROP_TO_VALID, &o->model[i]) ||
+        sv_remap_build(&o->crop[i].map, m, &o->model[i], entries) < 0)
+      return sv_fail(err, SV_E_RANGE,
+                     "rig \"%s\", sub-view \"%s\": the lens leaves no rectangular view for odometry",
+                     rig->name, rig->sub_views[i].name);
+  }
+  return SV_OK;
+}
+
+static void crop_image(const sv_odometry_crop *c, sv_image_u8 *im) {
+  const sv_remap_job job = {
+      im->px, (size_t)im->stride_bytes, 3, c->px, NULL, 0, c->map.height_px,
+  };
+  sv_remap_apply(&c->map, &job);
+  for (int y = 0; im->mask && y < c->map.height_px; y++)
+    for (int x = 0; x < c->map.width_px; x++)
+      c->mask[(size_t)y * (size_t)c->map.width_px + (size_t)x] = sv_remap_counts(&c->map, im->mask, x, y);
+  *im = (sv_image_u8){c->px, c->map.width_px,     c->map.height_px,
+                      3,     3 * c->map.width_px, im->mask ? c->mask : NULL};
+}
+
 sv_status sv_odometry_init(sv_odometry *o, const sv_odometry_cfg *cfg, sv_arena *a, sv_err *err) {
   const sv_rig *rig = cfg->rig;
   const sv_exposures *pool = cfg->pool;
@@ -27,6 +62,8 @@ sv_status sv_odometry_init(sv_odometry *o, const sv_odometry_cfg *cfg, sv_arena 
   for (int i = 0; o->row_time && pool && i < rig->n_sub_views; i++) o->row_time[i] = pool->sub[i].row_time;
   // On a dry arena, any address: it is not looked at.
   c.row_time = cfg->is_rolling && !o->row_time ? &(sv_row_time){0} : o->row_time;
+  sv_status cropped = carve_crops(o, cfg, a, err);
+  if (cropped < 0) return cropped;
   c.rig = rig;
   c.model = o->model;
   c.cap_exposures = cfg->cap_exposures;
@@ -46,7 +83,10 @@ sv_status sv_odometry_init(sv_odometry *o, const sv_odometry_cfg *cfg, sv_arena 
 
 sv_status sv_odometry_add(sv_odometry *o, const sv_exposures *pool, int e) {
   sv_view view;
-  for (int i = 0; i < pool->cfg.rig->n_sub_views; i++) sv_exposures_get(pool, e, i, &o->image[i], &view);
+  for (int i = 0; i < pool->cfg.rig->n_sub_views; i++) {
+    sv_exposures_get(pool, e, i, &o->image[i], &view);
+    if (o->crop[i].px) crop_image(&o->crop[i], &o->image[i]);
+  }
   sv_tracker_set_time(&o->tracker, sv_ns_to_s(pool->exposure[e].time_ns - pool->exposure[0].time_ns));
   return sv_tracker_add(&o->tracker, o->image);
 }

@@ -16,6 +16,11 @@ extern "C" {
 #endif
 
 typedef struct {
+  sv_remap map;
+  uint8_t *px, *mask; // [height][width][3] and [height][width] of the pinhole
+} sv_odometry_crop;
+
+typedef struct {
   bool is_on;      // carved
   bool is_tracked; // the poses are the tracker's: the rig moved
   sv_tracker tracker;
@@ -23,8 +28,11 @@ typedef struct {
   sv_camera_model *model; // [n_sub_views] of the undistorted pictures
   sv_row_time *row_time;  // [n_sub_views] of rolling shutters, or NULL
   sv_image_u8 *image;     // [n_sub_views] of one exposure
-  float *work;            // [points of the tracker]
-  sv_pose *a, *b;         // [cap_exposures] two trajectories
+  // [n_sub_views] The tracker knows pinholes only: a fisheye's picture is undistorted to the widest
+  // one. px NULL: not a fisheye.
+  sv_odometry_crop *crop;
+  float *work;    // [points of the tracker]
+  sv_pose *a, *b; // [cap_exposures] two trajectories
 } sv_odometry;
 
 // Which rigs can be tracked: those whose sub-views have pictures of their own.

@@ -88,6 +88,7 @@ static float px_per_unit(const sv_dynamic *dyn) {
     const sv_view *v = &dyn->t->views[i].view;
     float z = v->t[2];
     for (int k = 0; k < 3; k++) z += v->r[6 + k] * dyn->t->centre[k];
+    if (v->fisheye) z = sv_view_distance(v, dyn->t->centre);
     if (z > 0.1f * dyn->t->radius && v->fx / z > most) most = v->fx / z;
   }
   return most > 0 ? most : 100.0f / dyn->t->radius;

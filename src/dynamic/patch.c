@@ -80,6 +80,16 @@ bool sv_patch_project(const sv_view *v, const float x[3], float px[2], float *z,
   for (int r = 0; r < 3; r++)
     c[r] = v->r[3 * r] * x[0] + v->r[3 * r + 1] * x[1] + v->r[3 * r + 2] * x[2] + v->t[r];
   *z = c[2];
+  if (v->fisheye) {
+    float j[6];
+    if (!sv_view_project(v, c, px, z) || !(*z > 1e-6f)) return false;
+    sv_view_jacobian(v, c, j);
+    for (int k = 0; k < 6 && jac; k++) {
+      const float *of = j + k / 3 * 3;
+      jac[k] = of[0] * v->r[k % 3] + of[1] * v->r[3 + k % 3] + of[2] * v->r[6 + k % 3];
+    }
+    return true;
+  }
   if (!(c[2] > 1e-6f)) return false;
   px[0] = v->fx * c[0] / c[2] + v->cx;
   px[1] = v->fy * c[1] / c[2] + v->cy;

@@ -21,7 +21,8 @@ static float rate_at(const sv_dynamic *dyn, const float x[3]) {
   float most = 0;
   for (int i = 0; i < dyn->t->n_views; i++) {
     const sv_view *v = &dyn->t->views[i].view;
-    float z = v->r[6] * x[0] + v->r[7] * x[1] + v->r[8] * x[2] + v->t[2];
+    const float z =
+        v->fisheye ? sv_view_distance(v, x) : v->r[6] * x[0] + v->r[7] * x[1] + v->r[8] * x[2] + v->t[2];
     if (z > 0 && v->fx / z > most) most = v->fx / z;
   }
   return most;

@@ -102,21 +102,21 @@ static void put(const splat_job *j, int x, int y, float z, const uint8_t *rgb) {
 // around, for what is still empty there or farther away: no holes at small turns.
 static void carry(const splat_job *j, int x, int y, float z, const uint8_t *rgb, bool is_around) {
   const sv_view *a = j->from, *b = j->to;
-  const float c[3] = {((float)x + 0.5f - a->cx) / a->fx * z - a->t[0],
-                      ((float)y + 0.5f - a->cy) / a->fy * z - a->t[1], z - a->t[2]};
-  float w[3], p[3];
+  float ray[3], c[3], w[3], p[3], uv[2], depth;
+  if (!sv_view_ray(a, (float)x + 0.5f, (float)y + 0.5f, ray)) return;
+  for (int k = 0; k < 3; k++) c[k] = ray[k] * z - a->t[k];
   for (int k = 0; k < 3; k++) w[k] = a->r[k] * c[0] + a->r[3 + k] * c[1] + a->r[6 + k] * c[2];
   for (int k = 0; k < 3; k++)
     p[k] = b->r[3 * k] * w[0] + b->r[3 * k + 1] * w[1] + b->r[3 * k + 2] * w[2] + b->t[k];
-  if (!(p[2] > 0.1f * z)) return;
-  const float u = b->fx * p[0] / p[2] + b->cx - 0.5f, v = b->fy * p[1] / p[2] + b->cy - 0.5f;
+  if (!sv_view_project(b, p, uv, &depth) || !(depth > 0.1f * z)) return;
+  const float u = uv[0] - 0.5f, v = uv[1] - 0.5f;
   if (!(u > -2.0f && v > -2.0f && u < (float)b->width_px + 1.0f && v < (float)b->height_px + 1.0f)) return;
   if (!is_around) {
-    put(j, (int)floorf(u + 0.5f), (int)floorf(v + 0.5f), p[2], rgb);
+    put(j, (int)floorf(u + 0.5f), (int)floorf(v + 0.5f), depth, rgb);
     return;
   }
   const int iu = (int)floorf(u), iv = (int)floorf(v);
-  for (int k = 0; k < 4; k++) put(j, iu + (k & 1), iv + (k >> 1), p[2], rgb);
+  for (int k = 0; k < 4; k++) put(j, iu + (k & 1), iv + (k >> 1), depth, rgb);
 }
 
 static bool is_edge(const float *e, long step) {

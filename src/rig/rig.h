@@ -91,11 +91,21 @@ typedef struct {
 
 // pinhole: fx, fy, cx, cy in px, as a camera model's first parameters.
 sv_view sv_view_make(int width_px, int height_px, const double pinhole[4], const sv_pose *cam_from_world);
-void sv_view_centre(float out[3], const sv_view *v); // camera centre in the world
+void sv_view_centre(float out[3], const sv_view *v);              // camera centre in the world
+float sv_view_distance(const sv_view *v, const float x_world[3]); // from the camera
 // The same view with 1/k of the pixels a side (k >= 1); sizes are rounded down, at least 1.
 sv_view sv_view_scaled(const sv_view *v, int k);
 // The same view with k times the pixels a side.
 sv_view sv_view_enlarged(const sv_view *v, int k);
+
+// Place in the picture and depth (z, of a fisheye the distance) of a point in the camera's frame;
+// false: behind a pinhole, or outside the lens's range.
+bool sv_view_project(const sv_view *v, const float x_cam[3], float uv_px[2], float *depth);
+// [2][3] derivatives of the place by the point, which projects. Of a pinhole without clamps.
+void sv_view_jacobian(const sv_view *v, const float x_cam[3], float j[6]);
+// The point of depth 1 at a place in the picture, in the camera's frame; false outside the lens's
+// range.
+bool sv_view_ray(const sv_view *v, float u_px, float v_px, float ray[3]);
 
 // One synchronized set of frames. Missing sub-views (a drop policy that allows them) have bit 0.
 typedef struct {

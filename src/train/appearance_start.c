@@ -91,12 +91,13 @@ static observation observe(const problem *p, const sv_train_view *tv, const floa
   float x[3];
   for (int i = 0; i < 3; i++)
     x[i] = v->r[3 * i] * mean[0] + v->r[3 * i + 1] * mean[16] + v->r[3 * i + 2] * mean[32] + v->t[i];
-  if (!(x[2] > 0)) return o;
-  const float u = v->fx * x[0] / x[2] + v->cx, w = v->fy * x[1] / x[2] + v->cy;
+  float uv[2], z;
+  if (!sv_view_project(v, x, uv, &z)) return o;
+  const float u = uv[0], w = uv[1];
   if (!(u >= 1 && w >= 1 && u < (float)v->width_px - 1 && w < (float)v->height_px - 1)) return o;
   const size_t at = (size_t)w * (size_t)r->rgb.stride + (size_t)u;
   const float alpha = 1 - r->trans[at], depth = alpha > 0.5f ? r->depth[at] / alpha : 0;
-  if (!(fabsf(depth - x[2]) < (float)DEPTH_SHARE * x[2])) return o;
+  if (!(fabsf(depth - z) < (float)DEPTH_SHARE * z)) return o;
   if (!value_at(&tv->image, (int)u, (int)w, o.log_value)) return o;
   const float far_x = sv_maxf(v->cx, (float)v->width_px - v->cx),
               far_y = sv_maxf(v->cy, (float)v->height_px - v->cy), dx = u - v->cx, dy = w - v->cy;

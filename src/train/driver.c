@@ -62,9 +62,9 @@ static bool is_in_view(const sv_view *v, const float *p) {
   float x[3];
   for (int r = 0; r < 3; r++)
     x[r] = v->r[3 * r] * p[0] + v->r[3 * r + 1] * p[16] + v->r[3 * r + 2] * p[32] + v->t[r];
-  if (!(x[2] > 0)) return false;
-  const float u = v->fx * x[0] / x[2] + v->cx, w = v->fy * x[1] / x[2] + v->cy;
-  return u >= 0 && u < (float)v->width_px && w >= 0 && w < (float)v->height_px;
+  float uv[2], depth;
+  return sv_view_project(v, x, uv, &depth) && uv[0] >= 0 && uv[0] < (float)v->width_px && uv[1] >= 0 &&
+         uv[1] < (float)v->height_px;
 }
 
 #define SEEN_PART 100 // one of so many Gaussians must be in a view for a start

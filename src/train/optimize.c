@@ -276,9 +276,11 @@ static void sample(const sv_view *v, const float *p, float near_z, float rate[16
     float x[3];
     for (int r = 0; r < 3; r++)
       x[r] = v->r[3 * r] * p[i] + v->r[3 * r + 1] * p[16 + i] + v->r[3 * r + 2] * p[32 + i] + v->t[r];
-    if (!(x[2] > near_z)) continue;
-    float u = v->fx * x[0] / x[2] + v->cx, w = v->fy * x[1] / x[2] + v->cy, here = v->fx / x[2];
-    if (u >= 0 && u < (float)v->width_px && w >= 0 && w < (float)v->height_px && here > rate[i])
+    float uv[2], depth;
+    if (!sv_view_project(v, x, uv, &depth) || !(depth > near_z)) continue;
+    const float here = v->fx / depth;
+    if (uv[0] >= 0 && uv[0] < (float)v->width_px && uv[1] >= 0 && uv[1] < (float)v->height_px &&
+        here > rate[i])
       rate[i] = here;
   }
 }

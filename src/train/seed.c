@@ -68,6 +68,9 @@ void sv_seed_points(const sv_trainer *t, const sv_bounds *bounds, uint64_t seed,
     } while (from.image && !sv_image_counts(from.image, 1, x, y) && ++n_tries < MAX_TRIES);
     sv_view_centre(c, v);
     double ray[3] = {((double)x + 0.5 - v->cx) / v->fx, ((double)y + 0.5 - v->cy) / v->fy, 1};
+    float wide[3];
+    if (v->fisheye && sv_view_ray(v, (float)x + 0.5f, (float)y + 0.5f, wide))
+      for (int k = 0; k < 3; k++) ray[k] = (double)wide[k];
     double o[3] = {c[0], c[1], c[2]}, d[3];
     for (int k = 0; k < 3; k++) d[k] = v->r[k] * ray[0] + v->r[3 + k] * ray[1] + v->r[6 + k] * ray[2];
     double len = sv_norm3(d);

@@ -23,16 +23,18 @@ static bool colour(const sv_image_u8 *im, int k, int x, int y, float rgb[3]) {
   return im->n_channels < 4 || sum[3] >= 128u * (uint32_t)(k * k);
 }
 
-static void back_project(const sv_view *v, float x, float y, float z, float out[3]) {
-  float c[3] = {(x - v->cx) / v->fx * z - v->t[0], (y - v->cy) / v->fy * z - v->t[1], z - v->t[2]};
+static bool back_project(const sv_view *v, float x, float y, float z, float out[3]) {
+  float ray[3], c[3];
+  if (!sv_view_ray(v, x, y, ray)) return false;
+  for (int i = 0; i < 3; i++) c[i] = ray[i] * z - v->t[i];
   for (int i = 0; i < 3; i++) out[i] = v->r[i] * c[0] + v->r[3 + i] * c[1] + v->r[6 + i] * c[2];
+  return true;
 }
 
 bool sv_stereo_point(const sv_trainer *t, const sv_depth_map *m, int x, int y, sv_point *out, float *z) {
   *z = sv_sweep_depth(m, x, y);
   if (!(*z > 0) || !colour(&t->views[m->i_view].image, m->k, x, y, out->rgb)) return false;
-  back_project(&m->view, (float)x + 0.5f, (float)y + 0.5f, *z, out->mean);
-  return true;
+  return back_project(&m->view, (float)x + 0.5f, (float)y + 0.5f, *z, out->mean);
 }
 
 typedef struct { // takes n of n_all, evenly over their order

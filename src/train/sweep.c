@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "src/train/sweep.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "src/base/mathx.h"
+#include "src/train/transfer.h"
 
 #define CAP_K        64
 #define CAP_TOTAL_PX 384000 // of all maps
@@ -158,52 +160,21 @@ static void choose_sources(sv_sweep *s, int i, double z) {
 
 // --- geometry ------------------------------------------------------------------------------------
 
-// Pixel x of a at inverse depth w is seen by b at h x + w e (homogeneous).
-typedef struct {
-  float h[9], e[3];
-} transfer;
-
-static transfer transfer_to(const sv_view *b, const sv_view *a) {
-  double r[9], t[3], kb[9] = {b->fx, 0, b->cx, 0, b->fy, b->cy, 0, 0, 1};
-  double ka_inv[9] = {
-      1 / (double)a->fx, 0, -(double)a->cx / a->fx, 0, 1 / (double)a->fy, -(double)a->cy / a->fy, 0, 0, 1};
-  transfer out;
-  for (int i = 0; i < 3; i++)
-    for (int j = 0; j < 3; j++)
-      r[3 * i + j] = (double)b->r[3 * i] * a->r[3 * j] + (double)b->r[3 * i + 1] * a->r[3 * j + 1] +
-                     (double)b->r[3 * i + 2] * a->r[3 * j + 2];
-  for (int i = 0; i < 3; i++)
-    t[i] = (double)b->t[i] - (r[3 * i] * a->t[0] + r[3 * i + 1] * a->t[1] + r[3 * i + 2] * a->t[2]);
-  sv_mul33(r, r, ka_inv);
-  sv_mul33(r, kb, r);
-  sv_apply33(t, kb, t);
-  for (int i = 0; i < 9; i++) out.h[i] = (float)r[i];
-  for (int i = 0; i < 3; i++) out.e[i] = (float)t[i];
-  return out;
-}
-
-// uvz: the pixel and its homogeneous depth.
-static bool see(const transfer *q, float x, float y, float w, float uvz[3]) {
-  uvz[2] = q->h[6] * x + q->h[7] * y + q->h[8] + w * q->e[2];
-  for (int i = 0; i < 2; i++)
-    uvz[i] = (q->h[3 * i] * x + q->h[3 * i + 1] * y + q->h[3 * i + 2] + w * q->e[i]) / uvz[2];
-  return uvz[2] > 1e-6f;
-}
-
 // Planes at equal steps of inverse depth, about a pixel apart in the view that shifts most.
 static void choose_planes(sv_sweep *s, int i, const sv_bounds *b) {
   sv_depth_map *m = &s->map[i];
   const sv_view *v = &m->view;
-  float zc = v->r[6] * b->centre[0] + v->r[7] * b->centre[1] + v->r[8] * b->centre[2] + v->t[2];
+  float zc = v->fisheye ? sv_view_distance(v, b->centre)
+                        : v->r[6] * b->centre[0] + v->r[7] * b->centre[1] + v->r[8] * b->centre[2] + v->t[2];
   float near = sv_maxf(0.4f * zc, 0.1f * b->radius), far = sv_maxf(zc, 0) + 8 * b->radius, most = 1;
   m->w0 = 1 / far;
   float span = 1 / near - m->w0;
   for (int k = 0; k < m->n_sources; k++) {
-    transfer q = transfer_to(&s->map[m->source[k]].view, v);
+    sv_transfer q = sv_transfer_make(&s->map[m->source[k]].view, v);
     float x = 0.5f * (float)v->width_px, y = 0.5f * (float)v->height_px, from[3], to[3];
     // shift a unit of w, where the scene is
     float at = zc > near ? 1 / zc : 1 / near, d = 0.01f * span;
-    if (!see(&q, x, y, at, from) || !see(&q, x, y, at + d, to)) continue;
+    if (!sv_transfer_see(&q, x, y, at, from) || !sv_transfer_see(&q, x, y, at + d, to)) continue;
     most = sv_maxf(most, 100 * (float)sqrt((double)(to[0] - from[0]) * (to[0] - from[0]) +
                                            (double)(to[1] - from[1]) * (to[1] - from[1])));
   }
@@ -237,6 +208,7 @@ static void load_grey(const sv_trainer *t, sv_depth_map *m) {
 // Planes of floats in rows of `stride`, those of pictures with RADIUS rows above and below and LEFT
 // columns before.
 typedef struct {
+  float *ray[3]; // points of depth 1 in the camera's frame, where a fisheye takes part
   float *ref, *warped, *sum[3], *mean, *norm, *is_in, *first, *second, *last, *best, *before, *after, *plane;
 } lane;
 
@@ -256,7 +228,8 @@ typedef struct { // what one task does
 static int stride_of(int width_px) { return (width_px + 15) / 16 * 16 + 2 * LEFT; }
 
 static void carve_lane(lane *l, int stride, sv_arena *a) {
-  float **tall[] = {&l->ref, &l->warped, &l->sum[0], &l->sum[1], &l->sum[2]};
+  float **tall[] = {&l->ref,    &l->warped, &l->sum[0], &l->sum[1],
+                    &l->sum[2], &l->ray[0], &l->ray[1], &l->ray[2]};
   float **low[] = {&l->mean, &l->norm, &l->is_in,  &l->first, &l->second,
                    &l->last, &l->best, &l->before, &l->after, &l->plane};
   for (size_t i = 0; i < sizeof tall / sizeof *tall; i++) *tall[i] = SV_TAKE(a, float, ROWS *stride);
@@ -302,7 +275,28 @@ static void warp16(const sv_depth_map *src, const float h[3], const float base[3
   for (int i = 0; in && i < 16; i++) in[i] = is_in[i];
 }
 
-static void warp(const band *b, const sv_depth_map *src, const transfer *q, float w) {
+static void load_rays(const band *b) {
+  for (int r = 0; r < ROWS; r++) {
+    float *ray[3];
+    for (int k = 0; k < 3; k++) ray[k] = b->l->ray[k] + r * b->stride;
+    sv_transfer_rays(&b->m->view, -LEFT, b->y0 - RADIUS + r, b->stride, ray);
+  }
+}
+
+// As warp16, through lenses; at: place in the band's rows.
+static void warp16_wide(const band *b, const sv_depth_map *src, const sv_transfer *q, float w, int at) {
+  const float *ray[3] = {b->l->ray[0] + at, b->l->ray[1] + at, b->l->ray[2] + at};
+  const int row = at / b->stride - RADIUS, inner = at - RADIUS * b->stride;
+  float u[16], v[16], is_in[16];
+  sv_transfer_see16(q, ray, w, u, v, is_in);
+  for (int i = 0; i < 16; i++) b->l->warped[at + i] = bilinear(src->grey, src->view.width_px, u[i], v[i]);
+  for (int i = 0; row >= 0 && row < BAND && i < 16; i++) b->l->is_in[inner + i] = is_in[i];
+}
+
+static void warp(const band *b, const sv_depth_map *src, const sv_transfer *q, float w) {
+  for (int r = 0; r < ROWS && q->is_wide; r++)
+    for (int x = b->x0 - 16; x < b->x1 + 16; x += 16) warp16_wide(b, src, q, w, r * b->stride + LEFT + x);
+  if (q->is_wide) return;
   const float h[3] = {q->h[0], q->h[3], q->h[6]};
   for (int r = 0; r < ROWS; r++) {
     const bool is_inner = r >= RADIUS && r < RADIUS + BAND;
@@ -436,11 +430,16 @@ static void sweep_task(void *arg, int i_task, int i_thread) {
   const sv_depth_map *m = &j->s->map[i_task / j->bands_of_map];
   lane *l = &j->lanes[i_thread];
   band b = {.m = m, .l = l, .y0 = i_task % j->bands_of_map * BAND, .stride = stride_of(m->view.width_px)};
-  transfer q[SV_SWEEP_CAP_SOURCES];
+  sv_transfer q[SV_SWEEP_CAP_SOURCES];
   const int n = BAND * b.stride;
   if (b.y0 >= m->view.height_px) return;
-  for (int k = 0; k < m->n_sources; k++) q[k] = transfer_to(&j->s->map[m->source[k]].view, &m->view);
+  bool is_wide = false;
+  for (int k = 0; k < m->n_sources; k++) {
+    q[k] = sv_transfer_make(&j->s->map[m->source[k]].view, &m->view);
+    is_wide |= q[k].is_wide;
+  }
   load_rows(&b);
+  if (is_wide) load_rays(&b);
   describe(&b);
   fill(l->best, n, NOT_SEEN);
   fill(l->last, n, NOT_SEEN);
@@ -466,11 +465,12 @@ static inline float inverse_depth(const sv_depth_map *m, uint16_t code) {
 }
 
 // Whether another map has the same surface there, by its codes as measured (`keep` comes later).
-static bool is_confirmed(const sv_sweep *s, const sv_depth_map *m, const transfer *q, int x, int y, float w) {
+static bool is_confirmed(const sv_sweep *s, const sv_depth_map *m, const sv_transfer *q, int x, int y,
+                         float w) {
   for (int k = 0; k < m->n_sources; k++) {
     const sv_depth_map *o = &s->map[m->source[k]];
     float p[3];
-    if (!see(&q[k], (float)x + 0.5f, (float)y + 0.5f, w, p)) continue;
+    if (!sv_transfer_see(&q[k], (float)x + 0.5f, (float)y + 0.5f, w, p)) continue;
     if (!(p[0] >= 0 && p[0] < (float)o->view.width_px && p[1] >= 0 && p[1] < (float)o->view.height_px))
       continue;
     uint16_t code = o->code[(size_t)(int)p[1] * (size_t)o->view.width_px + (size_t)(int)p[0]];
@@ -483,9 +483,9 @@ static bool is_confirmed(const sv_sweep *s, const sv_depth_map *m, const transfe
 static void confirm_task(void *arg, int i_task, int i_thread) {
   job *j = arg;
   sv_depth_map *m = &j->s->map[i_task];
-  transfer q[SV_SWEEP_CAP_SOURCES];
+  sv_transfer q[SV_SWEEP_CAP_SOURCES];
   (void)i_thread;
-  for (int k = 0; k < m->n_sources; k++) q[k] = transfer_to(&j->s->map[m->source[k]].view, &m->view);
+  for (int k = 0; k < m->n_sources; k++) q[k] = sv_transfer_make(&j->s->map[m->source[k]].view, &m->view);
   for (int y = 0; y < m->view.height_px; y++)
     for (int x = 0; x < m->view.width_px; x++) {
       size_t at = (size_t)y * (size_t)m->view.width_px + (size_t)x;
@@ -573,8 +573,9 @@ sv_status sv_sweep_run(sv_sweep *s, const sv_trainer *t, const sv_bounds *bounds
   for (int i = 0; i < s->n; i++) {
     sv_depth_map *m = &s->map[i];
     const float *x = m->view.r;
-    double z = (double)x[6] * bounds->centre[0] + (double)x[7] * bounds->centre[1] +
-               (double)x[8] * bounds->centre[2] + m->view.t[2];
+    double z = m->view.fisheye ? (double)sv_view_distance(&m->view, bounds->centre)
+                               : (double)x[6] * bounds->centre[0] + (double)x[7] * bounds->centre[1] +
+                                     (double)x[8] * bounds->centre[2] + m->view.t[2];
     size_t px = (size_t)m->view.width_px * (size_t)m->view.height_px;
     if (px > cap - used || m->view.width_px < 16 || m->view.height_px < 16) return SV_AGAIN;
     m->grey = grey + used;

@@ -142,6 +142,11 @@ static void put_frame(job *j, const char *picture, const char *depth, const sv_v
   fprintf(j->f,
           "[0, 0, 0, 1]], \"fl_x\": %.9g, \"fl_y\": %.9g, \"cx\": %.9g, \"cy\": %.9g, \"w\": %d, \"h\": %d",
           (double)v->fx, (double)v->fy, (double)v->cx, (double)v->cy, v->width_px, v->height_px);
+  const double *k = j->sim.rig.sub_views[0].model.p + 4; // of all lenses
+  if (v->fisheye)
+    fprintf(j->f,
+            ", \"camera_model\": \"OPENCV_FISHEYE\", \"k1\": %.9g, \"k2\": %.9g, \"k3\": %.9g, \"k4\": %.9g",
+            k[0], k[1], k[2], k[3]);
   fprintf(j->f, ", \"exposure\": %d, \"sub_view\": %d, \"camera\": \"%s\"", v->i_exposure, v->i_sub_view,
           camera);
   if (depth) fprintf(j->f, ", \"depth_path\": \"%s\"", depth);
@@ -247,6 +252,7 @@ static sv_view view_from(const job *j, const double direction[3], int i) {
   sv_view v = sv_view_make(j->sim.cfg.width_px, j->sim.cfg.height_px, p, &pose);
   v.i_exposure = -1;
   v.i_sub_view = i;
+  v.fisheye = j->sim.fisheye; // of the first sub-view, or NULL
   return v;
 }
 
