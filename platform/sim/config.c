@@ -363,6 +363,9 @@ sv_status sv_sim_check(const sv_sim_config *c, sv_err *err) {
     return sv_fail(err, SV_E_ARG,
                    "sim: lens=: rig %s has small lenses of its own; expected mono, stereo or phone",
                    RIGS[c->rig]);
+  if (c->lens == SV_SIM_LENS_KB4 && c->optics.aperture_mm > 0)
+    return sv_fail(err, SV_E_ARG, "sim: aperture_mm=%g: fisheyes are sharp everywhere; expected 0",
+                   c->optics.aperture_mm);
   int n_cameras = sv_device_n_cameras(c->rig);
   for (int i = 0; i < c->n_faults; i++)
     if (c->faults[i].i_camera < 0 || c->faults[i].i_camera >= n_cameras)

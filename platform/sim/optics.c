@@ -82,7 +82,8 @@ float sv_sim_optics_falloff(const sv_sim_optics_cfg *c, const sv_view *v, float 
   float f =
       1 + r2 * ((float)c->vignetting[0] + r2 * ((float)c->vignetting[1] + r2 * (float)c->vignetting[2]));
   if (c->is_cos4) {
-    const float cos2 = 1 / (1 + u * u + w * w);
+    float cos2 = 1 / (1 + u * u + w * w), ray[3];
+    if (v->fisheye) cos2 = sv_view_ray(v, x, y, ray) && ray[2] > 0 ? ray[2] * ray[2] : 0;
     f *= cos2 * cos2;
   }
   return sv_maxf(f, 0);

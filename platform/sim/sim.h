@@ -189,7 +189,8 @@ void sv_sim_view(const sv_sim *sim, int64_t slot, int i_sub_view, sv_view *view,
 void sv_sim_heldout_view(const sv_sim *sim, int i, int n, sv_view *view, double *time_s);
 
 // Noise-free image of any view at any time: rgb [height][width][3] sRGB, depth_m [height][width]
-// camera z (of a fisheye the distance), 0 = background; either may be NULL. Uses the simulator's scratch: one call at a time.
+// camera z (of a fisheye the distance), 0 = background; either may be NULL. Uses the simulator's
+// scratch: one call at a time.
 void sv_sim_render(sv_sim *sim, const sv_view *view, double time_s, uint8_t *rgb, float *depth_m);
 // The same in two steps for several threads: each prepares its own shot, then renders disjoint
 // rows.

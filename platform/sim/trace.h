@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The ray caster. A shot is one scene at one time seen by one view, a pinhole or a fisheye: prepare it once, then
-// render any ranges of rows from any number of threads; the ranges cannot change a bit.
+// The ray caster. A shot is one scene at one time seen by one view, a pinhole or a fisheye: prepare
+// it once, then render any ranges of rows from any number of threads; the ranges cannot change a
+// bit.
 // One visibility sample a pixel, shaded with a texture filtered to the pixel's footprint; pixels on
 // an edge of a surface or of a shadow, or near a part only a few pixels wide, take 16 visibility
 // samples and shade each surface among them once.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The pool of exposures: each sub-view's image, cut out of its sensor's frame and undistorted once
-// (fisheyes stay as they are, with a mask where the lens is dark), kept for training; of multiplexed rigs, each sensor's measurement (measurements.h). Owns images,
-// times and poses of the exposures in a fixed number of slots; a full pool replaces the oldest.
+// (fisheyes stay as they are, with a mask where the lens is dark), kept for training; of
+// multiplexed rigs, each sensor's measurement (measurements.h). Owns images, times and poses of the exposures in a fixed number of slots; a full pool replaces the oldest.
 // Never keeps a camera's frame: it is free as soon as sv_exposures_add returns.
 #ifndef SV_CAPTURE_EXPOSURES_H
 #define SV_CAPTURE_EXPOSURES_H
@@ -79,8 +79,8 @@ sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_are
 sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const sv_frame *frame,
                            const sv_kernels *k, const sv_pool *pool, sv_err *err) SV_MUST_USE;
 
-// Whether a sub-view's pictures stay fisheyes: those of rolling shutters do not, as their rows' times
-// are polynomials of x/z and y/z.
+// Whether a sub-view's pictures stay fisheyes: those of rolling shutters do not, as the times of
+// their rows are polynomials of x/z and y/z.
 bool sv_exposures_keeps_fisheye(const sv_sub_view *v, sv_fisheye *out);
 // Picture and view of sub-view i_sub of exposure i (0: slot order). Not for multiplexed rigs.
 void sv_exposures_get(const sv_exposures *e, int i, int i_sub, sv_image_u8 *image, sv_view *view);

@@ -237,7 +237,9 @@ static sv_status find_frame(lab_frame *f, const lab_source *src, const char *fol
   if ((s = lab_mask_find(f, src, folder, err)) != SV_OK) return s;
   f->n_channels = peek.n_channels;
   f->pinhole = f->f.model;
-  f->is_distorted = f->f.model.kind != SV_MODEL_PINHOLE;
+  f->is_fisheye = sv_fisheye_make(&f->fisheye, &f->f.model);
+  f->is_distorted = f->f.model.kind != SV_MODEL_PINHOLE && !f->is_fisheye;
+  f->is_masked = *f->mask_path || (f->is_fisheye && lab_has_dark_corner(f));
   int w = peek.width_px / scale, h = peek.height_px / scale;
   if (w < LAB_MIN_SIDE_PX || h < LAB_MIN_SIDE_PX || w > 16384 || h > 16384)
     return sv_fail(err, SV_E_RANGE, "%s: image is %dx%d pixels%s; expected sides from %d to 16384", f->path,
@@ -252,6 +254,7 @@ static void make_view(lab_frame *f, int scale) {
   f->view.time = f->f.time >= 0 ? (float)f->f.time : 0.0f;
   f->view.i_exposure = f->f.exposure;
   f->view.i_sub_view = f->f.sub_view;
+  f->view.fisheye = f->is_fisheye ? &f->fisheye : NULL;
 }
 
 typedef struct {
@@ -319,7 +322,7 @@ static sv_status prepare_views(prepare_job *j, const sv_pool *pool, sv_err *err)
     if (f->view.width_px > v->cap_width_px) v->cap_width_px = f->view.width_px;
     if (f->view.height_px > v->cap_height_px) v->cap_height_px = f->view.height_px;
     v->is_undistorted |= f->is_distorted;
-    v->n_masked += *f->mask_path != 0;
+    v->n_masked += f->is_masked;
     v->has_depth &= f->f.depth_kind != SV_DEPTH_NONE;
   }
   return SV_OK;

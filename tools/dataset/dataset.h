@@ -14,6 +14,7 @@
 #ifndef SV_TOOLS_DATASET_DATASET_H
 #define SV_TOOLS_DATASET_DATASET_H
 
+#include "calib/fisheye.h"
 #include "calib/remap.h"
 #include "src/format/transforms.h"
 #include "src/image/planes.h"
@@ -35,8 +36,11 @@ typedef struct {
   int n_channels;              // 3, or 4 with alpha
   bool is_distorted;           // the image is undistorted when it is loaded
   int i_lens;                  // frames of one lens share it
-  sv_camera_model pinhole;     // full size; of the undistorted image
+  sv_camera_model pinhole;     // full size; of the undistorted image, or the fisheye's
   sv_view view;                // 1/scale of it
+  bool is_fisheye;
+  bool is_masked;     // some pixels do not count: by mask_path, or outside a fisheye's range
+  sv_fisheye fisheye; // of the view
   // the measurement that the frame is a lens of, -1: it has an image of its own
   int i_measurement;
 } lab_frame;
@@ -131,8 +135,8 @@ sv_status lab_picture_load(lab_loader *l, const lab_frame *f, int scale, uint8_t
 // NULL.
 sv_status lab_pictures_load(const lab_views *v, uint8_t *const *dst, uint8_t *const *mask,
                             const sv_pool *pool, sv_err *err) SV_MUST_USE;
-// True depth along the optical axis in scene units, 0 where there is none; dst[height][width] of
-// f->view.
+// True depth in scene units, along the optical axis, of a fisheye the distance; 0 where there is
+// none; dst[height][width] of f->view.
 sv_status lab_depth_load(lab_loader *l, const lab_frame *f, int scale, float *dst, sv_err *err) SV_MUST_USE;
 // Area average of K x K pixels, alpha-weighted for 4 channels. dst may be src.
 void lab_reduce(const uint8_t *src, int width_px, int height_px, int n_channels, int k, uint8_t *dst);
@@ -142,14 +146,17 @@ void lab_reduce(const uint8_t *src, int width_px, int height_px, int n_channels,
 // Folder src->masks has the image's path in the dataset (f.file_path), or an end of it, with the
 // same extension, with .png in its place, or with .png after it. E_NOT_FOUND, E_FORMAT.
 sv_status lab_mask_find(lab_frame *f, const lab_source *src, const char *folder, sv_err *err) SV_MUST_USE;
-// The mask of a frame that has one, as its view sees it: dst[height][width] of f->view, 0 where one
-// of the pixels behind it is black (0 of 255), else 1.
+// The mask of a frame with is_masked, as its view sees it: dst[height][width] of f->view, 0 where
+// one of the pixels behind it is black (0 of 255) or outside a fisheye's range, else 1.
 sv_status lab_mask_load(lab_loader *l, const lab_frame *f, int scale, uint8_t *dst, sv_err *err) SV_MUST_USE;
 
 // --- undistortion (undistort.c) ------------------------------------------------------------------
 // The widest pinhole of
 // the same size that the lens fills everywhere.
 sv_status lab_undistort_choose(lab_frame *f, sv_err *err) SV_MUST_USE;
+// Of a fisheye: is a place of the image inside the lens's range, and is a corner of it outside?
+bool lab_is_lit(const lab_frame *f, double u_px, double v_px);
+bool lab_has_dark_corner(const lab_frame *f);
 bool lab_is_same_lens(const sv_camera_model *a, const sv_camera_model *b);
 // The table for f's lens, kept in the loader until another lens comes.
 sv_status lab_undistort_map(lab_loader *l, const lab_frame *f, sv_err *err) SV_MUST_USE;

@@ -58,26 +58,30 @@ sv_status lab_mask_find(lab_frame *f, const lab_source *src, const char *folder,
 }
 
 typedef struct {
-  const uint8_t *px;
+  const lab_frame *f;
+  const uint8_t *px; // NULL: all of the file
   int width_px;
   const sv_remap *map; // NULL: the view is the file
 } mask_source;
 
 static bool counts(const mask_source *m, int x, int y) {
+  if (m->f->is_fisheye && !lab_is_lit(m->f, x + 0.5, y + 0.5)) return false;
+  if (!m->px) return true;
   return m->map ? sv_remap_counts(m->map, m->px, x, y)
                 : m->px[(size_t)y * (size_t)m->width_px + (size_t)x] != 0;
 }
 
 sv_status lab_mask_load(lab_loader *l, const lab_frame *f, int scale, uint8_t *dst, sv_err *err) {
-  sv_bitmap b;
-  sv_status s = sv_bitmap_read(f->mask_path, &b, err);
+  sv_bitmap b = {0};
+  const bool has_file = *f->mask_path != 0;
+  sv_status s = has_file ? sv_bitmap_read(f->mask_path, &b, err) : SV_OK;
   if (s != SV_OK) return s;
-  if (b.width_px != f->f.model.width_px || b.height_px != f->f.model.height_px)
+  if (has_file && (b.width_px != f->f.model.width_px || b.height_px != f->f.model.height_px))
     s = sv_fail(err, SV_E_FORMAT, "%s: the mask changed while it was read", f->mask_path);
-  if (s == SV_OK) s = sv_bitmap_to_8(&b, err);
-  if (s == SV_OK) s = sv_bitmap_to_channels(&b, 1, err);
+  if (s == SV_OK && has_file) s = sv_bitmap_to_8(&b, err);
+  if (s == SV_OK && has_file) s = sv_bitmap_to_channels(&b, 1, err);
   if (s == SV_OK && f->is_distorted) s = lab_undistort_map(l, f, err);
-  const mask_source m = {b.u8, b.width_px, f->is_distorted ? &l->map : NULL};
+  const mask_source m = {f, b.u8, b.width_px, f->is_distorted ? &l->map : NULL};
   for (int y = 0; s == SV_OK && y < f->view.height_px; y++)
     for (int x = 0; x < f->view.width_px; x++) {
       bool is_in = true;

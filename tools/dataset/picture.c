@@ -176,7 +176,7 @@ typedef struct {
   const sv_remap *map; // NULL: the view is the file
 } depth_source;
 
-// Depth along the axis at pixel (x, y) of the full-size pinhole view, 0: none. Nearest sample:
+// Depth at pixel (x, y) of the full-size view, 0: none. Nearest sample:
 // depths of two surfaces must not be mixed.
 static double depth_at(const depth_source *d, int x, int y) {
   int sx = x, sy = y;
@@ -191,8 +191,14 @@ static double depth_at(const depth_source *d, int x, int y) {
   size_t i = (size_t)sy * (size_t)d->b->width_px + (size_t)sx;
   double unit = d->f->f.depth_unit > 0 ? d->f->f.depth_unit : LAB_DEPTH_UNIT;
   double v = unit * (d->b->bits == 16 ? d->b->u16[i] : d->b->u8[i]);
-  if (d->f->f.depth_kind != SV_DEPTH_RAY) return v;
   const double *p = d->f->pinhole.p;
+  if (d->f->is_fisheye) { // the distance; along an axis, nothing is told of what lies beside it
+    const float xy[2] = {(float)((x + 0.5 - p[2]) / p[0]), (float)((y + 0.5 - p[3]) / p[1])};
+    float ray[3];
+    if (d->f->f.depth_kind == SV_DEPTH_RAY) return v;
+    return sv_fisheye_unproject(&d->f->fisheye, xy, ray) && ray[2] > 0.01f ? v / (double)ray[2] : 0;
+  }
+  if (d->f->f.depth_kind != SV_DEPTH_RAY) return v;
   double rx = (x + 0.5 - p[2]) / p[0], ry = (y + 0.5 - p[3]) / p[1];
   return v / sqrt(rx * rx + ry * ry + 1);
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lens distortion is taken out once, while loading: trainer and renderer know pinholes only.
+// Lens distortion is taken out once, while loading: trainer and renderer know pinholes and fisheyes
+// only.
 #include <stdlib.h>
 #include <string.h>
 
@@ -12,6 +13,18 @@ sv_status lab_undistort_choose(lab_frame *f, sv_err *err) {
   return sv_fail(err, SV_E_RANGE,
                  "%s: no undistorted view fits this lens (%s, fx %g px); check its distortion", f->path,
                  sv_model_name(f->f.model.kind), f->f.model.p[0]);
+}
+
+bool lab_is_lit(const lab_frame *f, double u_px, double v_px) {
+  const double *p = f->f.model.p;
+  const float xy[2] = {(float)((u_px - p[2]) / p[0]), (float)((v_px - p[3]) / p[1])};
+  float ray[3];
+  return sv_fisheye_unproject(&f->fisheye, xy, ray);
+}
+
+bool lab_has_dark_corner(const lab_frame *f) {
+  const double w = f->f.model.width_px, h = f->f.model.height_px;
+  return !(lab_is_lit(f, 0, 0) && lab_is_lit(f, w, 0) && lab_is_lit(f, 0, h) && lab_is_lit(f, w, h));
 }
 
 bool lab_is_same_lens(const sv_camera_model *a, const sv_camera_model *b) {

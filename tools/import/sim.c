@@ -48,6 +48,11 @@ typedef struct {
   sv_err *err;
 } job;
 
+// 16 bits hold 8.2 m of the small scenes and all of the hall.
+static double depth_unit(const job *j) {
+  return j->sim.cfg.scene == SV_SIM_SCENE_HALL ? 2 * DEPTH_UNIT : DEPTH_UNIT;
+}
+
 static bool is_moving(const char *spec) {
   static const char name[] = "moving";
   return strncmp(spec, name, sizeof name - 1) == 0 && strchr(",", spec[sizeof name - 1]);
@@ -104,7 +109,10 @@ static sv_status open_transforms(job *j, const char *name, bool has_measurements
   j->n_files++;
   (void)remove(path);
   j->n_written = 0;
-  fprintf(j->f, "{\"camera_model\": \"OPENCV\", \"depth_unit_scale_factor\": %.17g,\n", DEPTH_UNIT);
+  fprintf(
+      j->f,
+      "{\"camera_model\": \"OPENCV\", \"depth_unit_scale_factor\": %.17g, \"ray_distance_unit\": %.17g,\n",
+      depth_unit(j), depth_unit(j));
   if (has_measurements) put_measurements(j);
   fprintf(j->f, " \"frames\": [\n");
   return SV_OK;
@@ -149,7 +157,7 @@ static void put_frame(job *j, const char *picture, const char *depth, const sv_v
             k[0], k[1], k[2], k[3]);
   fprintf(j->f, ", \"exposure\": %d, \"sub_view\": %d, \"camera\": \"%s\"", v->i_exposure, v->i_sub_view,
           camera);
-  if (depth) fprintf(j->f, ", \"depth_path\": \"%s\"", depth);
+  if (depth) fprintf(j->f, ", \"%s\": \"%s\"", v->fisheye ? "ray_distance_path" : "depth_path", depth);
   if (j->split)
     fprintf(j->f, ", \"time\": %.9g, \"frame\": %d, \"split\": \"%s\"", (double)v->time, v->i_exposure,
             j->split);
@@ -180,7 +188,7 @@ static sv_status write_view(job *j, const char *stem, const sv_view *v, double t
   uint16_t *units = malloc(px * sizeof *units);
   if (!units) return sv_fail(j->err, SV_E_NOMEM, "no memory for a depth image");
   sv_sim_render(&j->sim, v, time_s, j->rgb, j->depth);
-  for (size_t i = 0; i < px; i++) units[i] = (uint16_t)fmin(65535, (double)j->depth[i] / DEPTH_UNIT + 0.5);
+  for (size_t i = 0; i < px; i++) units[i] = (uint16_t)fmin(65535, (double)j->depth[i] / depth_unit(j) + 0.5);
   sv_bitmap colour = {v->width_px, v->height_px, 3, 8, j->rgb, NULL},
             grey = {v->width_px, v->height_px, 1, 16, NULL, units};
   sv_status s = write_png(j, picture, &colour);

@@ -5,8 +5,9 @@
 #   kernels          kernels
 #   calib            calib, kernels, src/base
 #   src              src, calib, kernels/kernels.h; src/run, which is on top, only src/run
-#   platform         platform, src/port, src/base, src/rig, calib/model.h, src/image/noise.h (what a
-#                    sensor does to light); platform/preview src/format, too: it hands files out
+#   platform         platform, src/port, src/base, src/rig, calib/model.h, calib/fisheye.h,
+#                    src/image/noise.h (what a sensor does to light); platform/preview src/format,
+#                    too: it hands files out
 #   boards           boards, platform, src, tools/bench (where a board wants it), the version
 #   tools/bench      tools/bench, kernels, src
 #   include/subview  its own folder, by the file's name alone: it is installed without the tree.
@@ -54,7 +55,7 @@ LC_ALL=C awk -f "$lint/strip.awk" $("$lint/sources.sh" c) /dev/null |
     if (starts(file, "src/") && starts(to, "src/run/")) return starts(file, "src/run/")
     if (starts(file, "src/")) return starts(to, "src/") || starts(to, "calib/") || to == "kernels/kernels.h"
     if (starts(file, "platform/"))
-      return to ~ /^(platform|src\/port|src\/base|src\/rig)\// || to == "calib/model.h" ||
+      return to ~ /^(platform|src\/port|src\/base|src\/rig)\// || to == "calib/model.h" || to == "calib/fisheye.h" ||
              to == "src/image/noise.h" || (starts(file, "platform/preview/") && starts(to, "src/format/"))
     if (starts(file, "boards/")) return to ~ /^(boards|platform|src|tools\/bench)\//
     if (starts(file, "tools/bench/")) return to ~ /^(tools\/bench|kernels|src)\//

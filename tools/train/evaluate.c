@@ -117,7 +117,7 @@ static void blend_over(const uint8_t *u8, int n_channels, size_t n, const float 
 // The view's mask, which lets at least one pixel count.
 static sv_status load_mask(const run *r, slot *s, const lab_frame *f, lab_loader *l) {
   const size_t n = (size_t)f->view.width_px * (size_t)f->view.height_px;
-  s->is_masked = *f->mask_path != 0;
+  s->is_masked = f->is_masked;
   s->n_counted = n;
   if (!s->is_masked) return SV_OK;
   sv_status st = lab_mask_load(l, f, r->v->scale, s->counted, &s->err);
@@ -126,7 +126,7 @@ static sv_status load_mask(const run *r, slot *s, const lab_frame *f, lab_loader
   return st != SV_OK || s->n_counted
              ? st
              : sv_fail(&s->err, SV_E_RANGE, "%s: the mask leaves no pixel of the view to score",
-                       f->mask_path);
+                       *f->mask_path ? f->mask_path : f->path);
 }
 
 static void load_task(void *arg, int i_task, int i_thread) {

@@ -11,7 +11,7 @@
 static size_t padded(size_t n) { return (n + SV_ARENA_ALIGN - 1) & ~(size_t)(SV_ARENA_ALIGN - 1); }
 
 static size_t mask_bytes(const lab_frame *f) {
-  return *f->mask_path ? (size_t)f->view.width_px * (size_t)f->view.height_px : 0;
+  return f->is_masked ? (size_t)f->view.width_px * (size_t)f->view.height_px : 0;
 }
 
 static size_t total_bytes(const lab_views *v, const sv_train_cfg *cfg, const lab_plan_extras *x) {
