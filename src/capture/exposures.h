@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The pool of exposures: each sub-view's image, cut out of its sensor's frame and undistorted once
 // (fisheyes stay as they are, with a mask where the lens is dark), kept for training; of
-// multiplexed rigs, each sensor's measurement (measurements.h). Owns images, times and poses of the exposures in a fixed number of slots; a full pool replaces the oldest.
+// multiplexed rigs, each sensor's measurement (measurements.h). Owns images, times and poses of the
+// exposures in a fixed number of slots; a full pool replaces the oldest.
 // Never keeps a camera's frame: it is free as soon as sv_exposures_add returns.
 #ifndef SV_CAPTURE_EXPOSURES_H
 #define SV_CAPTURE_EXPOSURES_H
