@@ -79,10 +79,26 @@ TEST(a_rig_of_another_size_serves) {
   refused(wide, large, "calibrated at 640x480 pixels and its camera delivers 320x180");
 }
 
+// The poses of a handheld rig, by its own calibration and by one of four times the size: the same.
+TEST(poses_are_the_same_at_any_calibrated_size) {
+  shell_ok("$SV_EMULATE $SV_BIN/subview capture --quiet --exposures 8 --out %s --source "
+           "sim:textured,rig=stereo,path=handheld,arc=60,size=320x240,exposures=8",
+           temp_path("hand"));
+  shell_ok("$SV_EMULATE $SV_BIN/subview capture --quiet --exposures 1 --out %s --source "
+           "sim:textured,rig=stereo,size=1280x960",
+           temp_path("huge"));
+  shell_ok("$SV_EMULATE $SV_BIN/subview-calibrate pose --quiet --rig %s/rig --capture %s --out %s",
+           temp_path("hand"), temp_path("hand"), temp_path("own_poses"));
+  shell_ok("$SV_EMULATE $SV_BIN/subview-calibrate pose --quiet --rig %s/rig --capture %s --out %s",
+           temp_path("huge"), temp_path("hand"), temp_path("huge_poses"));
+  shell_ok("cmp %s/poses.json %s/poses.json", temp_path("own_poses"), temp_path("huge_poses"));
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(a_smaller_size_is_as_good_as_smaller_cameras),
       cmocka_unit_test(a_rig_of_another_size_serves),
+      cmocka_unit_test(poses_are_the_same_at_any_calibrated_size),
   };
   return cmocka_run_group_tests_name("scaled runs", tests, temp_folder_setup, temp_folder_teardown);
 }

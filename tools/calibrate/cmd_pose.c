@@ -11,6 +11,7 @@
 #include "src/capture/odometry.h"
 #include "src/base/str.h"
 #include "src/format/rig_file.h"
+#include "src/rig/sizes.h"
 #include "src/sync/capture_queue.h"
 #include "tools/calibrate/calibrate.h"
 #include "tools/common/fileio.h"
@@ -76,6 +77,14 @@ static sv_status open_rig(const cal_options *o, sv_err *err) {
     return sv_fail(err, SV_E_NOMEM, "%s: no memory for the rig", o->rig);
   sv_status s = sv_rig_read(&p.rig, &files, p.source.n_cameras, &p.arena, err);
   if (s < 0) return s;
+  for (int i = 0; i < p.rig.n_sub_views; i++) { // at the size that was captured
+    sv_sub_view *v = &p.rig.sub_views[i];
+    const sv_camera_caps *c = &p.caps[v->i_camera];
+    sv_size_fit how;
+    sv_image_map map;
+    if ((s = sv_sub_view_fit(v, &(sv_image_mode){c->width_px, c->height_px, c->area}, &how, &map, err)) < 0)
+      return s;
+  }
   return sv_odometry_can(&p.rig, p.n)
              ? SV_OK
              : sv_fail(err, SV_E_UNSUPPORTED,
