@@ -5,7 +5,9 @@ obj     = $(patsubst %.cc,$(O)/obj/%.o,$(patsubst %.c,$(O)/obj/%.o,$(1)))
 
 CORE_SRC    := $(call c_files,src/*) $(wildcard calib/*.c)
 MAIN_SRC    := $(filter-out $(if $(HAVE_BENCH),,boards/cmd_bench.c),$(wildcard boards/*.c))
-PREVIEW_SRC := $(wildcard platform/preview/*.c)
+# What a model's page needs without a server: subview-lab makes files of it.
+VIEWER_SRC  := platform/preview/bundle.c platform/preview/compact.c
+PREVIEW_SRC := $(filter-out $(VIEWER_SRC),$(wildcard platform/preview/*.c))
 CAL_SRC     := $(call c_files,tools/calibrate)
 # Programs of tools/ have their main() in a file main.c; all other files of tools/ are a library.
 LAB_SRC     := $(filter-out $(CAL_SRC),$(call c_files,tools/*))
@@ -23,7 +25,7 @@ HAVE_opengv    := $(call have_cxx,opengv/types.hpp eigen3/Eigen/Core)
 HAVE_page      := $(call have,microhttpd.h seccomp.h)
 HAVE_zstd      := $(if $(wildcard $(INC_DIR)/zstd.h),1)
 
-PLAT_SRC := $(foreach p,$(BOARD_PLATFORMS),$(wildcard platform/$(p)/*.c))
+PLAT_SRC := $(VIEWER_SRC) $(foreach p,$(BOARD_PLATFORMS),$(wildcard platform/$(p)/*.c))
 LIBS     := $(BOARD_LIBS) -ljpeg -lpng -lz -lpthread -lm
 
 # The module subview-libcamera.so, and the few C files that it shares with the programs; they are

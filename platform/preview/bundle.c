@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The page as part of the program: nothing to find at run time. Paths are from the root of the
 // tree, where the compiler is started.
-#include "platform/preview/preview.h"
+#include "platform/preview/bundle.h"
 
 #define EMBED(name, file)                                                                                    \
   extern const char pv_##name[], pv_##name##_end[];                                                          \
@@ -22,6 +22,7 @@ EMBED(paint_js, "paint.js");
 EMBED(sorter_js, "sorter.js");
 EMBED(raster_js, "raster.js");
 EMBED(icon_svg, "icon.svg");
+EMBED(viewer_html, "viewer.html");
 
 const pv_page *pv_bundle(int i) {
   static pv_page pages[] = {{"/", "text/html; charset=utf-8", pv_page_html, 0},
@@ -40,3 +41,5 @@ const pv_page *pv_bundle(int i) {
   pages[i].bytes = (size_t)(ends[i] - pages[i].text);
   return &pages[i];
 }
+
+const char *pv_viewer(void) { return pv_viewer_html; }

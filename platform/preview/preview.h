@@ -17,6 +17,7 @@
 #ifndef SV_PLATFORM_PREVIEW_PREVIEW_H
 #define SV_PLATFORM_PREVIEW_PREVIEW_H
 
+#include "platform/preview/bundle.h"
 #include "src/base/str.h"
 #include "src/port/feed.h"
 
@@ -81,15 +82,6 @@ pv_blob *pv_picture_jpeg(pv_source *s);
 // The newest Gaussians: the compact form or a file. NULL: there are none.
 pv_blob *pv_model_compact(pv_source *s);
 pv_blob *pv_model_file(pv_source *s, pv_file kind);
-
-// --- the page ------------------------------------------------------------------------------------
-typedef struct {
-  const char *path, *type;
-  const char *text;
-  size_t bytes;
-} pv_page;
-// Page i of the bundle; NULL after the last.
-const pv_page *pv_bundle(int i);
 
 // --- server and sandbox --------------------------------------------------------------------------
 typedef struct {

@@ -13,6 +13,7 @@
 #include "tests/common/test.h"
 #include "tools/train/evaluate.h"
 #include "tools/lab/lab.h"
+#include "tools/lab/export_html.h"
 #include "tools/lab/model_formats.h"
 
 #define STEP    6   // every sixth pixel each way is compared
@@ -200,6 +201,23 @@ static void check_downloads(void) {
   must_download("/model.splat", path);
 }
 
+// The exported page, from disk: no server, no network.
+static void look_at_file(void) {
+  static uint8_t first[CAP_W * CAP_W];
+  char path[400], url[420];
+  sv_err err;
+  const lab_settings st = {.radius = 1.2f, .dilation_px2 = model.dilation_px2};
+  snprintf(path, sizeof path, "%s/model.html", root);
+  assert_ok(lab_write_html(&model, &st, path, &err), &err);
+  snprintf(url, sizeof url, "file://%s", path);
+  assert_true(browser_goto(&b, url));
+  must("view && view.n > 0 && view.drawn > 0", 60);
+  compare("file", 1, first);
+  const char *keep = getenv("SV_KEEP_PICTURES");
+  snprintf(path, sizeof path, "%s/viewer.png", keep ? keep : root);
+  assert_true(browser_screenshot(&b, path));
+}
+
 static void run_and_look(const char *args, bool is_moving) {
   if (skipped()) skip();
   if (!live_run_start(&r, root, args)) fail_msg("the run does not start: %s", r.err);
@@ -214,6 +232,7 @@ static void run_and_look(const char *args, bool is_moving) {
   check_downloads();
   look("flat", is_moving);
   look("gl", is_moving);
+  if (!is_moving) look_at_file();
   close_model();
 }
 

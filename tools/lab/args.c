@@ -113,7 +113,7 @@ static const sv_option table[] = {
      0, 0, 0},
     {"lpips", SV_OPT_FLAG, LAB_TRAIN | LAB_EVAL, 0, AT(has_lpips), 0,
      "also LPIPS (v0.1, SqueezeNet); train: with --eval", 0, 0, 0},
-    {"format", SV_OPT_WORD, LAB_EXPORT, LAB_EXPORT, AT(format), "ply|splat|spz|sog|glb|delta",
+    {"format", SV_OPT_WORD, LAB_EXPORT, LAB_EXPORT, AT(format), "ply|splat|spz|sog|glb|html|delta",
      "output format", 0, 0, 0},
     {"for", SV_OPT_WORD, LAB_EXPORT, 0, AT(viewer), "supersplat|brush|niantic|blender",
      "turn the model to the up axis of that viewer (ply, splat: as trained)", 0, 0, 0},

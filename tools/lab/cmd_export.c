@@ -4,6 +4,7 @@
 
 #include "src/base/str.h"
 #include "src/format/axes.h"
+#include "tools/lab/export_html.h"
 #include "tools/lab/export_sog.h"
 #include "tools/lab/lab.h"
 #include "tools/lab/model_formats.h"
@@ -81,6 +82,11 @@ static sv_status write_as(const lab_options *o, lab_model *m, const lab_session 
   const sv_model_notes notes = lab_model_notes(m);
   int version = o->spz_version > 0 ? (int)o->spz_version : 4;
   if (sv_str_eq(o->format, "splat")) return lab_write_splat(&m->g, o->out, err);
+  if (sv_str_eq(o->format, "html")) {
+    lab_settings st;
+    s = lab_settings_for(&st, o, m, err);
+    return s == SV_OK ? lab_write_html(m, &st, o->out, err) : s;
+  }
   if (sv_str_eq(o->format, "sog")) return lab_write_sog(&m->g, m->is_mip, &se->pool, o->out, err);
   if (sv_str_eq(o->format, "spz")) return lab_write_spz(&m->g, m->is_mip, version, notes.up, o->out, err);
   if (sv_str_eq(o->format, "glb")) return lab_write_glb(&m->g, notes.up, o->out, err);

@@ -54,6 +54,7 @@ static const lab_command commands[] = {
       "  splat  32 bytes per Gaussian, most visible first, without view-dependent color\n"
       "  spz    about a tenth of the PLY; axes become right-up-back, as the format requires\n"
       "  sog    PlayCanvas's images and meta.json, about a tenth; --out NAME.sog, or DIR/meta.json\n"
+      "  html   one page with a viewer, for any browser, offline\n"
       "  glb    glTF with KHR_gaussian_splatting, floats; axes become left-up-forward\n"
       "Models have right-down-forward axes (as COLMAP) unless the file or --up gives the up axis. PLY\n"
       "and .splat keep them unless --for names a viewer; the others are written as their readers expect.",

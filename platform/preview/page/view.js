@@ -19,7 +19,7 @@ class SplatView {
       this.graphics = null;
     }
     this.plane = this.graphics ? null : this.canvas.getContext("2d");
-    this.sorter = new Worker("/sorter.js");
+    this.sorter = new Worker(SplatView.worker || "/sorter.js");
     this.sorter.onmessage = (e) => this.take(e.data);
     new ResizeObserver(() => this.touch()).observe(this.canvas);
     this.listen();
