@@ -145,6 +145,20 @@ void check_list_fails(const char *what, const char *sentence) {
   say(2, "[--] %s: %s\nnot ready: the scan cannot start before this is mended\n", what, sentence);
 }
 
+static void check_rig(const board_source *src) {
+  char text[128] = "";
+  sv_str s = sv_str_make(text, sizeof text);
+  const sv_sub_view *v = &src->rig->sub_views[0];
+  if (v->source_width_px) sv_str_add(&s, ", trained at %dx%d", v->model.width_px, v->model.height_px);
+  say(2, "[ok] rig %s: %d sub-views%s\n", src->rig->name, src->rig->n_sub_views, text);
+  const sv_trigger *t = &src->pulses.trigger;
+  s = sv_str_make(text, sizeof text);
+  sv_trigger_add_line(&s, t);
+  if (t->kind != SV_LINE_NONE)
+    say(2, "[ok] trigger %s: a pulse of %g ms every %g ms\n", text, sv_ns_to_ms(t->width_ns),
+        sv_ns_to_ms(t->period_ns));
+}
+
 void check_list(const run_options *o, const board_source *src, const sv_arena *arena, const sv_kernels *k) {
   static const char *const formats[] = {"none", "grey", "RGB", "RGBA", "16-bit RGB", "JPEG", "PNG"};
   struct statvfs fs;
@@ -154,7 +168,7 @@ void check_list(const run_options *o, const board_source *src, const sv_arena *a
     const char *format = (size_t)c->format < sizeof formats / sizeof *formats ? formats[c->format] : "raw";
     say(2, "[ok] camera %d %s: %dx%d, %s, %.4g fps\n", i, c->name, c->width_px, c->height_px, format, c->fps);
   }
-  say(2, "[ok] rig %s: %d sub-views\n", src->rig->name, src->rig->n_sub_views);
+  check_rig(src);
   say(2, "[ok] memory: %.1f of the block's %.1f MiB\n", (double)arena->used_bytes / 1048576.0,
       (double)arena->cap_bytes / 1048576.0);
   if (o->out && statvfs(o->out, &fs) == 0)

@@ -53,6 +53,11 @@ TEST(a_smaller_size_is_as_good_as_smaller_cameras) {
   (void)run(FULL, "REF --scale 2", "psnr", b);
   assert_string_equal(a, b);                                    // for every instruction set
   assert_true(run(FULL, "--scale 3", "psnr", b) > small - 0.7); // 106 columns of 3, 2 remain
+  char command[1200], out[2048];
+  snprintf(command, sizeof command, RUN "--source " FULL " --scale 2 --check --out %s 2>&1",
+           temp_path("checked"));
+  assert_int_equal(shell_read(out, sizeof out, command), 0);
+  assert_contains(out, "2 sub-views, trained at 160x120");
   refused(FULL, "--size 160x160", "images of 320x240 pixels, which cannot be trained at 160x160");
   refused(FULL, "--size 640x480", "expected a smaller size");
   refused(FULL, "--size 160x120 --scale 2", "expected one of them");
