@@ -16,8 +16,8 @@ typedef struct {
 } pv_page;
 // Page i of the bundle; NULL after the last.
 const pv_page *pv_bundle(int i);
-// A page without a server: {{title}}, {{worker}}, {{code}} and {{model}} (base64 of the compact form)
-// in it are to be replaced. Terminated.
+// A page without a server: {{title}}, {{worker}}, {{code}} and {{model}} in it are to be replaced,
+// the last one by the compact form in base64. Terminated.
 const char *pv_viewer(void);
 
 #ifdef __cplusplus

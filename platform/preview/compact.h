@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// C only: the feed is.
 // Gaussians as the page's viewer takes them (page/sorter.js decodes).
 //
 // The compact form, little endian: a header of 128 bytes, then one block after another,
@@ -20,17 +21,10 @@
 
 #include "src/port/feed.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 // Floats of motion behind the rows, those of the bodies among them.
 uint64_t pv_compact_motion_floats(const sv_feed_model *m);
 size_t pv_compact_bytes(const sv_feed_model *m);
 // m: with its rows behind it, checked; out: [pv_compact_bytes].
 void pv_compact_put(const sv_feed_model *m, uint64_t seq, uint8_t *out);
 
-#ifdef __cplusplus
-}
-#endif
 #endif
