@@ -83,7 +83,7 @@ package: ## Debian packages for BOARD and SUITE: subview, subview-calibrate, sub
 deploy: ## build the package, install it on boards by ssh, check them there: HOST=pi, HOST="pi1 pi2"
 deploy-rollback: ## on the boards HOST, the package before the present one
 service-test: ## packages of this machine's release, installed, and their service from start to purge (needs root); 1 minute
-deploy-test: ## calibration, packages and the service on virtual boards with Debian 12 and 13 (needs root)
+deploy-test: ## calibration, packages, service and power cuts on virtual boards with Debian 12 and 13 (needs root); 30 minutes
 install: ## copy programs, man pages, library, headers and examples to PREFIX (and DESTDIR)
 install-library: ## the library part of it alone
 clean: ## remove what was built for BOARD
