@@ -5,7 +5,8 @@
 #include "src/base/mathx.h"
 #include "src/splat/constants.h"
 
-#define CAP_COPIES 51 // 3DGS-MCMC's limit on copies of one Gaussian at a time
+#define DEAD_LOGIT -8.0f // opacity 0.0003
+#define CAP_COPIES 51    // 3DGS-MCMC's limit on copies of one Gaussian at a time
 
 static double opacity_of(const sv_trainer *t, int i) {
   return 1.0 / (1.0 + sv_exp(-(double)*sv_gaussians_at(&t->g, i, SV_ROW_LOGIT)));
@@ -101,7 +102,31 @@ bool sv_train_is_relocation_due(const sv_trainer *t, float progress) {
          t->step % (uint32_t)t->cfg.relocate_every == 0;
 }
 
+// Is a Gaussian too large, as seen from the camera, for the linearized projection of a fisheye
+// (SV_FISHEYE_MAX_VAR)?
+static bool is_too_wide(const sv_trainer *t, int i) {
+  const float *p = sv_gaussians_at(&t->g, i, 0);
+  const float mean[3] = {p[0], p[16], p[32]}, *s = p + 16 * SV_ROW_SCALE;
+  const float size = (float)sv_exp((double)sv_maxf(s[0], sv_maxf(s[16], s[32])));
+  for (int k = 0; k < t->n_views; k++) {
+    const sv_view *v = &t->views[k].view;
+    const float d = v->fisheye ? sv_view_distance(v, mean) : 0.0f;
+    if (v->fisheye && size * size > SV_FISHEYE_MAX_VAR * (d * d)) return true;
+  }
+  return false;
+}
+
+// Fisheye views do not draw what is too wide for them, and so would never train it: it starts anew
+// elsewhere.
+static void kill_too_wide(sv_trainer *t) {
+  bool has_fisheye = false;
+  for (int k = 0; k < t->n_views; k++) has_fisheye |= t->views[k].view.fisheye != NULL;
+  for (int i = 0; has_fisheye && i < t->g.n; i++)
+    if (is_too_wide(t, i)) *sv_gaussians_at(&t->g, i, SV_ROW_LOGIT) = DEAD_LOGIT;
+}
+
 uint32_t sv_train_relocate(sv_trainer *t) {
+  kill_too_wide(t);
   uint32_t n_dead, n_done = 0;
   double sum = accumulate(t, &n_dead);
   if (!n_dead || !(sum > 0)) return 0;
