@@ -24,7 +24,8 @@ static const sv_sim_material
     tile = {SV_SIM_CHECKER, 0.25f, {0.70f, 0.68f, 0.62f}, {0.16f, 0.24f, 0.34f}, {0.50f, 0.32f, 0.20f}, 0.0f},
     paper = {SV_SIM_SPOTS, 0.20f, {0.80f, 0.74f, 0.55f}, {0.28f, 0.48f, 0.52f}, {0.85f, 0.55f, 0.45f}, 0.0f},
     plaster = {SV_SIM_NOISE,          0.22f, {0.48f, 0.58f, 0.66f}, {0.85f, 0.86f, 0.80f},
-               {0.62f, 0.44f, 0.50f}, 0.0f};
+               {0.62f, 0.44f, 0.50f}, 0.0f},
+    board = {.pattern = SV_SIM_BOARD, .cell_m = 0.12f, .a = {0.8f, 0.8f, 0.8f}, .b = {0.03f, 0.03f, 0.03f}};
 
 typedef struct {
   double x, y, z;
@@ -243,6 +244,21 @@ static void build_hall(sv_sim_scene *s) {
   ball(s, &amber, -0.4, 0.75, -0.4, 0.3);
 }
 
+// Faces the middle of the default trajectories.
+static void build_board(sv_sim_scene *s) {
+  const double az = SV_PI / 4, el = SV_PI / 6,
+               z[3] = {sv_cos(el) * sv_cos(az), sv_cos(el) * sv_sin(az), sv_sin(el)},
+               x[3] = {-sv_sin(az), sv_cos(az), 0};
+  double y[3];
+  sv_sim_prim *p = add(s, SV_SIM_BOX, &board, (xyz){0, 0, 0}, (xyz){0.80, 0.62, 0.01});
+  sv_cross3(y, z, x);
+  for (int i = 0; i < 3; i++) {
+    p->r[3 * i] = x[i];
+    p->r[3 * i + 1] = y[i];
+    p->r[3 * i + 2] = z[i];
+  }
+}
+
 void sv_sim_scene_build(sv_sim_scene *s, sv_sim_scene_id id) {
   memset(s, 0, sizeof *s);
   double sun[3] = {0.45, 0.30, 0.84}, n = sv_norm3(sun);
@@ -256,6 +272,7 @@ void sv_sim_scene_build(sv_sim_scene *s, sv_sim_scene_id id) {
   case SV_SIM_SCENE_MOVING: build_moving(s); break;
   case SV_SIM_SCENE_ROOM: build_room(s); break;
   case SV_SIM_SCENE_HALL: build_hall(s); break;
+  case SV_SIM_SCENE_BOARD: build_board(s); break;
   default: build_textured(s);
   }
 }

@@ -24,7 +24,11 @@ typedef enum {
   SV_SIM_CYLINDER   // size_m: radius, half height (local z)
 } sv_sim_shape;
 
-typedef enum { SV_SIM_NOISE, SV_SIM_CHECKER, SV_SIM_STRIPES, SV_SIM_SPOTS } sv_sim_pattern;
+typedef enum { SV_SIM_NOISE, SV_SIM_CHECKER, SV_SIM_STRIPES, SV_SIM_SPOTS, SV_SIM_BOARD } sv_sim_pattern;
+
+// A chessboard about the origin of its primitive, printed on white without other detail.
+#define SV_SIM_BOARD_COLS 10 // squares along x
+#define SV_SIM_BOARD_ROWS 7  // and y
 
 // Linear-light reflectances in [0,1]. The pattern mixes a and b, a slow noise tints towards c, and
 // three octaves of value noise modulate the brightness, so that no surface is without detail.

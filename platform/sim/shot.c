@@ -182,6 +182,7 @@ static void see_prim(sv_sim_shot *shot, int i, const sv_pose *cam_from_world, do
     s->sun[k] = (float)sun[k];
     s->up[k] = (float)up[k];
     s->texture_origin[k] = 16.0f + (float)(sv_hash3((uint32_t)i, (uint32_t)k, 77) & 63) + 0.37f;
+    if (p->material.pattern == SV_SIM_BOARD) s->texture_origin[k] = k == 0 ? 0.5f : 0.0f;
   }
   extents(p, e);
   if (shot->view.fisheye) bound_wide(s, &shot->view, e);

@@ -45,6 +45,15 @@ static inline v4f v4_wave(v4f x, v4f inv_soft) {
   return v4_min(v4_max(2.0f * edge * inv_soft, v4_set(-1)), v4_set(1));
 }
 
+// The chessboard, at q with its center at (0.5, 0), which puts the squares' edges at the wave's.
+static inline void v4_board(const sv_sim_material *m, v4_vec q, v4f sharp, v4f rgb[3]) {
+  v4f half = v4_set(0.5f), in_x = SV_SIM_BOARD_COLS * half - v4_abs(q.x - half),
+      in_y = SV_SIM_BOARD_ROWS * half - v4_abs(q.y);
+  v4f is_in = v4_clamp01(half + sharp * v4_min(in_x, in_y));
+  v4f mix = is_in * (half + half * v4_wave(q.x, sharp) * v4_wave(q.y, sharp));
+  for (int k = 0; k < 3; k++) rgb[k] = v4_lerp(v4_set(m->a[k]), v4_set(m->b[k]), mix);
+}
+
 // Reflectance at q (in cells) with a footprint in cells. flat[k] is set where the surface is a face
 // across axis k, so that a checker does not beat against the face's own plane.
 static inline void v4_texture(const sv_sim_material *m, v4_vec q, v4f footprint, const v4i flat[3],
@@ -52,6 +61,10 @@ static inline void v4_texture(const sv_sim_material *m, v4_vec q, v4f footprint,
   v4f one = v4_set(1), inv = 1.0f / v4_max(footprint, v4_set(1e-4f)), inv_fp = inv * (1 / 1.5f);
   // pattern edges: a footprint wide, at least 0.08 cells
   v4f sharp = v4_min(inv, v4_set(1 / 0.08f));
+  if (m->pattern == SV_SIM_BOARD) {
+    v4_board(m, q, sharp, rgb);
+    return;
+  }
   v4f n1 = v4_noise(q, 1) - 0.5f, n2 = v4_noise(v4_scaled(q, 2.17f), 2) - 0.5f;
   v4f n3 = v4_noise(v4_scaled(q, 4.31f), 3) - 0.5f, tint = v4_noise(v4_scaled(q, 0.31f), 4);
   n1 *= v4_survives(1.0f, inv_fp);

@@ -87,7 +87,8 @@ sv_status sv_odometry_add(sv_odometry *o, const sv_exposures *pool, int e) {
     sv_exposures_get(pool, e, i, &o->image[i], &view);
     if (o->crop[i].px) crop_image(&o->crop[i], &o->image[i]);
   }
-  sv_tracker_set_time(&o->tracker, sv_ns_to_s(pool->exposure[e].time_ns - pool->exposure[0].time_ns));
+  if (o->tracker.n_exposures == 0) o->start_ns = pool->exposure[e].time_ns;
+  sv_tracker_set_time(&o->tracker, sv_ns_to_s(pool->exposure[e].time_ns - o->start_ns));
   return sv_tracker_add(&o->tracker, o->image);
 }
 

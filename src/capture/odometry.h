@@ -32,6 +32,7 @@ typedef struct {
   // one. px NULL: not a fisheye.
   sv_odometry_crop *crop;
   float *work;    // [points of the tracker]
+  sv_ns start_ns; // time of the first exposure
   sv_pose *a, *b; // [cap_exposures] two trajectories
 } sv_odometry;
 

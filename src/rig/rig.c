@@ -12,6 +12,12 @@ sv_status sv_rig_init(sv_rig *rig, int cap, sv_arena *arena) {
   return arena->status < 0 ? arena->status : SV_OK;
 }
 
+bool sv_rig_is_rolling(const sv_rig *rig) {
+  for (int i = 0; i < rig->n_sub_views; i++)
+    if (rig->sub_views[i].shutter.readout_s > 0) return true;
+  return false;
+}
+
 double sv_rig_angular_baseline_rad(const sv_rig *rig, const double point[3]) {
   double best = 0;
   for (int i = 0; i < rig->n_sub_views; i++) {

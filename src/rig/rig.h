@@ -72,6 +72,8 @@ typedef struct {
 // `arena` is also where a reader puts control points of splined lenses (rig->splines).
 sv_status sv_rig_init(sv_rig *rig, int cap_sub_views, sv_arena *arena) SV_MUST_USE;
 
+bool sv_rig_is_rolling(const sv_rig *rig); // some sub-view has a rolling shutter
+
 // The largest angle between two sub-views as seen from a point in the rig's frame, radians:
 // max acos(v_i . v_j) (the paper, section 3.1), computed with atan2. 0 for one sub-view.
 double sv_rig_angular_baseline_rad(const sv_rig *rig, const double point_rig[3]);

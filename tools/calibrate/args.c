@@ -9,7 +9,7 @@
 #include "src/base/str.h"
 
 #define AT(field) offsetof(cal_options, field)
-#define ALL       (CAL_BOARD | CAL_LENSLETS | CAL_POSE | CAL_CHECK)
+#define ALL       (CAL_BOARD | CAL_LENSLETS | CAL_POSE | CAL_CHECK | CAL_SHUTTER)
 
 static const sv_option table[] = {
     {"images", SV_OPT_LIST, CAL_BOARD | CAL_CHECK, CAL_BOARD, AT(images), "CAM0 CAM1 ...",
@@ -37,6 +37,14 @@ static const sv_option table[] = {
     {"spacing", SV_OPT_REAL, CAL_BOARD, CAL_BOARD, AT(spacing_m), "M", "side of a square in meters", 1e-6,
      100, 0},
     {"spacing", SV_OPT_REAL, CAL_CHECK, 0, AT(spacing_m), "M", "side of a square in meters", 1e-6, 100, 0},
+    {"rig", SV_OPT_TEXT, CAL_SHUTTER, CAL_SHUTTER, AT(rig), "RIG",
+     "calibrated rig: a folder with rig.json, to which the readout times are added", 0, 0, 0},
+    {"capture", SV_OPT_TEXT, CAL_SHUTTER, CAL_SHUTTER, AT(capture), "DIR",
+     "capture folder: a board that moves, at the cameras' full frame rate", 0, 0, 0},
+    {"board", SV_OPT_TEXT, CAL_SHUTTER, CAL_SHUTTER, AT(board), "WxH", "inner corners of the chessboard: 9x6",
+     0, 0, 0},
+    {"spacing", SV_OPT_REAL, CAL_SHUTTER, CAL_SHUTTER, AT(spacing_m), "M", "side of a square in meters", 1e-6,
+     100, 0},
     {"model", SV_OPT_WORD, CAL_BOARD, 0, AT(model),
      "LENSMODEL_PINHOLE|LENSMODEL_OPENCV4|LENSMODEL_OPENCV5|LENSMODEL_OPENCV8",
      "lens model (LENSMODEL_OPENCV5)", 0, 0, 0},

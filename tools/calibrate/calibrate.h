@@ -4,6 +4,7 @@
 #define SV_TOOLS_CALIBRATE_CALIBRATE_H
 
 #include "calib/solve/boards.h"
+#include "src/format/rig_file.h"
 #include "src/rig/rig.h"
 #include "tools/calibrate/args.h"
 #include "tools/lab/lab.h"
@@ -15,6 +16,7 @@ int cal_cmd_board(const cal_options *o);
 int cal_cmd_lenslets(const cal_options *o);
 int cal_cmd_check(const cal_options *o);
 int cal_cmd_pose(const cal_options *o);
+int cal_cmd_shutter(const cal_options *o);
 
 // --- images of boards (gather.c) -----------------------------------------------------------------
 typedef struct {
@@ -69,6 +71,9 @@ void cal_advise_boards(cal_advice *a, const cal_boards *b, const sv_boards_resul
 // --- files (rig_out.c, plots.c) ------------------------------------------------------------------
 // rig.json and one .cameramodel a sub-view into a folder that is made. coverage may be NULL.
 sv_status cal_rig_write(const char *folder, const sv_rig *rig, sv_err *err) SV_MUST_USE;
+// The same of a rig that was read from this folder, whose images stay.
+sv_status cal_rig_update(const char *folder, const sv_rig *rig, const sv_coverage_names *names,
+                         sv_err *err) SV_MUST_USE;
 // residuals.csv, and an image per camera in folder/plots drawn by gnuplot (where it is installed).
 sv_status cal_plots_write(const char *folder, const cal_boards *b, const sv_boards_result *r, lab_session *s,
                           sv_err *err) SV_MUST_USE;

@@ -105,7 +105,12 @@ static sv_status open_tracker(sv_err *err) {
   sv_kernels_init(&p.k, ~0u);
   p.threads = sv_pool_serial();
   p.time_ns = SV_TAKE(&p.arena, sv_ns, p.n);
-  const sv_odometry_cfg oc = {.rig = &p.rig, .cap_exposures = p.n, .pool = &p.pool, .k = &p.k, .seed = 1};
+  const sv_odometry_cfg oc = {.rig = &p.rig,
+                              .cap_exposures = p.n,
+                              .pool = &p.pool,
+                              .k = &p.k,
+                              .seed = 1,
+                              .is_rolling = sv_rig_is_rolling(&p.rig)};
   s = sv_odometry_init(&p.odometry, &oc, &p.arena, err);
   p.tracker = &p.odometry.tracker;
   p.tracker->cfg.has_extrinsics = false;

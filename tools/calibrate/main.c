@@ -45,6 +45,16 @@ static const cal_command commands[] = {
       "its\nuncertainty is printed. A stationary rig has the same pose everywhere.",
       "  subview-calibrate pose --rig rig --capture capture --out poses", CAL_POSE},
      cal_cmd_pose},
+    {{"shutter", "--rig RIG --capture DIR --board WxH --spacing M [options]",
+      "capture of a moving chessboard -> readout time and direction of rolling shutters",
+      "Finds the chessboard in all frames of a capture, and for each camera the time from its first line to "
+      "its\nlast and the direction of its lines, from how the board's motion bends its images. Adds "
+      "readout_ms and\nshutter to RIG/rig.json. Move the board (or the rig) by hand, fast and in all "
+      "directions, for some\nseconds, in bright light: a short exposure keeps corners sharp.",
+      "  subview capture --source v4l2:/dev/video0 --duration 10 --out moving\n"
+      "  subview-calibrate shutter --rig rig --capture moving --board 9x6 --spacing 0.025",
+      CAL_SHUTTER},
+     cal_cmd_shutter},
 };
 #define N_COMMANDS ((int)(sizeof commands / sizeof *commands))
 
