@@ -11,7 +11,7 @@ typedef struct {
   long gaussians, sh, images, threads, arena_mib;
   long odometry; // sub-views of a rig whose poses are not known; 0: they are
   const char *size, *frames, *grid, *prior;
-  bool is_json;
+  bool is_json, is_rolling;
 } plan_options;
 
 static struct {
@@ -172,6 +172,8 @@ static const sv_option rows[] = {
      0, 0, NULL},
     {"odometry", SV_OPT_INT, 1, 0, AT(odometry), "N",
      "with odometry for a rig of N sub-views, for sources without poses", 0, CAP_TRACKED, NULL},
+    {"rolling", SV_OPT_FLAG, 1, 0, AT(is_rolling), NULL,
+     "with cameras of rolling shutters, whose readout times the rig holds", 0, 0, NULL},
     {"prior", SV_OPT_TEXT, 1, 0, AT(prior), "METHOD", "with a sparse-view prior: fsgs or sparsegs", 0, 0,
      NULL},
     {"threads", SV_OPT_INT, 1, 0, AT(threads), "N",
@@ -205,6 +207,7 @@ int cmd_plan(int argc, char **argv) {
     return usage_error(
         "plan", "--prior %s: expected none, fsgs or sparsegs, the latter not with --multiplexed", o.prior);
   if ((r = make_rig(&o, w, h)) != 0 || (r = make_frames(&o, w, h)) != 0) return r;
+  for (int i = 0; o.is_rolling && i < p.rig.n_sub_views; i++) p.sub[i].shutter.readout_s = 0.02;
   size_t cap = (size_t)o.arena_mib << 20, used = bytes_of(&o, o.gaussians, (int)o.sh, o.images);
   if (!used) {
     say(2, "subview: these settings are out of range (see the limits in --help)\n");

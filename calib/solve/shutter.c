@@ -12,8 +12,9 @@
 #define MIN_FRAMES   8
 #define N_BESIDE     4 // frames, two on each side, from whose poses the motion comes
 #define ITERATIONS   20
-#define OUTLIERS     3.0 // boards that fit so much worse than the median are left out
-#define MIN_SIGMAS   4.0 // a readout that is not above so many deviations is none
+#define OUTLIERS     3.0  // boards that fit so much worse than the median are left out
+#define MIN_SIGMAS   5.0  // a readout that is not above so many deviations is none,
+#define MIN_S        1e-3 // nor one below: that is what noise of corners looks like
 #define MAX_RELATIVE 0.25
 
 typedef struct {
@@ -233,7 +234,7 @@ static void summarize(problem *p, const double inverse[4], sv_shutter_result *ou
   out->rms_px = rms(p);
   out->sigma_s = sqrt(noise2 * inverse[3 * down]);
   out->across_s = p->readout_s[1 - down];
-  out->shutter.readout_s = fabs(s) > MIN_SIGMAS * out->sigma_s ? fabs(s) : 0;
+  out->shutter.readout_s = fabs(s) > MIN_SIGMAS * out->sigma_s && fabs(s) > MIN_S ? fabs(s) : 0;
   out->shutter.direction = down == 0 ? s > 0 ? SV_SHUTTER_DOWN : SV_SHUTTER_UP
                            : s > 0   ? SV_SHUTTER_RIGHT
                                      : SV_SHUTTER_LEFT;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Readout time and direction of a rolling shutter from a chessboard that moves before a calibrated
 // camera: corners are displaced by the board's motion until their line is read. The motion comes
-// from the boards before and after each, by the frames' times. Gauss-Newton over the readout in both
-// directions and all poses, which are eliminated. Tools and tests only: heap, libm.
+// from the boards before and after each, by the frames' times. Gauss-Newton over the readout in
+// both directions and all poses, which are eliminated. Tools and tests only: heap, libm.
 #ifndef SV_CALIB_SOLVE_SHUTTER_H
 #define SV_CALIB_SOLVE_SHUTTER_H
 

@@ -130,12 +130,15 @@ static void undistort_mask(sv_sub_view_store *s, const sv_sub_view *v) {
 
 static sv_status find_row_time(sv_sub_view_store *s, const sv_sub_view *v, const sv_camera_caps *caps) {
   const double *p = s->pinhole.p;
+  // else the image is all that its sensor delivers
+  const bool is_shared = v->footprint.width_px > 0;
   const sv_row_time_cfg cfg = {.shutter = v->shutter,
                                .lens = &v->model,
                                .x0_px = v->footprint.x0_px,
                                .y0_px = v->footprint.y0_px,
-                               .sensor_width_px = caps[v->i_camera].width_px,
-                               .sensor_height_px = caps[v->i_camera].height_px,
+                               .sensor_width_px = is_shared ? caps[v->i_camera].width_px : v->model.width_px,
+                               .sensor_height_px =
+                                   is_shared ? caps[v->i_camera].height_px : v->model.height_px,
                                .half_x = sv_maxd(p[2], s->pinhole.width_px - p[2]) / p[0],
                                .half_y = sv_maxd(p[3], s->pinhole.height_px - p[3]) / p[1]};
   return sv_row_time_make(&s->row_time, &cfg);

@@ -84,6 +84,17 @@ static sv_status unexplained(const sv_sub_view *v, const sv_image_mode *f, const
       v->name, v->model.width_px, v->model.height_px, f->width_px, f->height_px, why);
 }
 
+// A crop is read in its share of the time, as lines are read one after the other.
+static void fit_shutter(sv_shutter *s, const sv_sensor_area *from, const sv_sensor_area *to) {
+  const bool is_across = s->direction == SV_SHUTTER_RIGHT || s->direction == SV_SHUTTER_LEFT;
+  // both of one sensor, which they may count in other pixels
+  const double was = is_across ? (double)from->width_px / from->sensor_width_px
+                               : (double)from->height_px / from->sensor_height_px;
+  const double is =
+      is_across ? (double)to->width_px / to->sensor_width_px : (double)to->height_px / to->sensor_height_px;
+  s->readout_s *= is / was;
+}
+
 sv_status sv_sub_view_fit(sv_sub_view *v, const sv_image_mode *frame, sv_size_fit *how, sv_image_map *map,
                           sv_err *err) {
   const sv_camera_model *m = &v->model;
@@ -108,6 +119,7 @@ sv_status sv_sub_view_fit(sv_sub_view *v, const sv_image_mode *frame, sv_size_fi
   *how = is_counted && (is_known(&v->area) || is_whole) ? SV_FIT_REPORTED : SV_FIT_ASSUMED;
   *map = between(&from, v, to, frame);
   apply(&v->model, map, frame->width_px, frame->height_px);
+  fit_shutter(&v->shutter, &from, to);
   v->area = *to;
   return SV_OK;
 }

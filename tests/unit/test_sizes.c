@@ -77,6 +77,21 @@ TEST(twelve_megapixels_serve_the_other_modes) {
 }
 
 // The rays of the reduced image are those of the full one, to a millionth of a degree.
+TEST(a_crop_is_read_in_its_share_of_the_time) {
+  sv_size_fit how;
+  sv_image_map map;
+  for (int i = 0; i < 2; i++) {
+    sv_sub_view v = calibrated(SV_MODEL_PINHOLE);
+    v.shutter = (sv_shutter){0.03, i ? SV_SHUTTER_LEFT : SV_SHUTTER_DOWN};
+    assert_ok(sv_sub_view_fit(&v, &binned_crop, &how, &map, &err), &err);
+    assert_near(v.shutter.readout_s, i ? 0.03 * 2664 / SENSOR_W : 0.03 * 1980 / SENSOR_H, 1e-12);
+    v = calibrated(SV_MODEL_PINHOLE);
+    v.shutter = (sv_shutter){0.03, SV_SHUTTER_DOWN};
+    assert_ok(sv_sub_view_fit(&v, &scaled, &how, &map, &err), &err);
+    assert_near(v.shutter.readout_s, 0.03, 1e-12);
+  }
+}
+
 TEST(a_small_scan_sees_the_same_angles) {
   const sv_sub_view full = calibrated(SV_MODEL_OPENCV5);
   sv_sub_view v = full;
@@ -223,6 +238,7 @@ TEST(frames_made_smaller_keep_their_rays) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(twelve_megapixels_serve_the_other_modes),
+      cmocka_unit_test(a_crop_is_read_in_its_share_of_the_time),
       cmocka_unit_test(a_small_scan_sees_the_same_angles),
       cmocka_unit_test(what_nobody_reports_is_told_by_the_rig_or_by_the_shape),
       cmocka_unit_test(masks_follow),

@@ -181,9 +181,8 @@ static void say(lab_session *se, job *j, int c) {
         name, 1e3 * x->shutter.readout_s, 1e3 * x->sigma_s, sv_shutter_name(x->shutter.direction), x->n_used,
         x->turn_deg_s, x->rms_px, x->rms_global_px);
   else
-    lab_say(se,
-            "  %s: global shutter (readout below %.3f ms); %d frames, board at %.0f degrees/s; %.3f px RMS",
-            name, 4e3 * x->sigma_s, x->n_used, x->turn_deg_s, x->rms_px);
+    lab_say(se, "  %s: global shutter; %d frames, board at %.0f degrees/s; %.3f px RMS", name, x->n_used,
+            x->turn_deg_s, x->rms_px);
 }
 
 static sv_status calibrate(job *j, const cal_options *o, lab_session *se, sv_err *err) {

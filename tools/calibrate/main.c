@@ -48,7 +48,7 @@ static const cal_command commands[] = {
     {{"shutter", "--rig RIG --capture DIR --board WxH --spacing M [options]",
       "capture of a moving chessboard -> readout time and direction of rolling shutters",
       "Finds the chessboard in all frames of a capture, and for each camera the time from its first line to "
-      "its\nlast and the direction of its lines, from how the board's motion bends its images. Adds "
+      "its\nlast and the direction of its lines, from how the board's motion distorts its images. Adds "
       "readout_ms and\nshutter to RIG/rig.json. Move the board (or the rig) by hand, fast and in all "
       "directions, for some\nseconds, in bright light: a short exposure keeps corners sharp.",
       "  subview capture --source v4l2:/dev/video0 --duration 10 --out moving\n"
