@@ -97,6 +97,7 @@ typedef struct {
   const char *rig_path;   // folder of the rig; NULL: the source's own rig
   int n_exposures;        // that will be captured, for sources of a known length; 0: not known
   bool needs_rig;         // without a rig E_NOT_FOUND; else rig stays NULL
+  bool reads_shutters;    // --shutter rolling: shutters_read
   bool is_triggered;      // --sync trigger: the line is opened, too
   sv_reduction reduction; // of the images for training; k 1, or all 0: none
 } source_cfg;
@@ -108,6 +109,10 @@ void source_close(board_source *s);
 
 // Fits the rig to what the cameras deliver and makes its images smaller (sizes.c).
 sv_status sizes_fit(board_source *s, const source_cfg *cfg, sv_arena *arena, sv_err *err) SV_MUST_USE;
+
+// Readout times of sub-views whose rig has none, from the cameras. E_NOT_FOUND names one that does
+// not report it (sizes.c).
+sv_status shutters_read(board_source *s, sv_arena *arena, sv_err *err) SV_MUST_USE;
 
 // --- the trigger line (trigger.c) ----------------------------------------------------------------
 // An option trigger=, trigger-period=, trigger-width=, trigger-polarity= or trigger-mode= of the

@@ -275,6 +275,7 @@ static sv_status set_up(const run_options *o, sv_arena *arena, const char **what
                          .rig_path = o->rig,
                          .n_exposures = (int)o->exposures,
                          .needs_rig = true,
+                         .reads_shutters = !strcmp(o->shutter, "rolling"),
                          .reduction = o->reduction,
                          .is_triggered = o->i_sync == SV_SYNC_METHOD_TRIGGER};
   sv_status s = source_open(&run.src, &sc, arena, err);

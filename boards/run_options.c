@@ -63,8 +63,9 @@ static const sv_option rows[] = {
      "the source does not lock [auto]",
      0, 0, NULL},
     {"shutter", SV_OPT_TEXT, 1, 0, AT(shutter), "KIND",
-     "auto: lines are rendered when the rig's readout times say that they were read; global: all at once "
-     "[auto]",
+     "auto: lines are rendered when the rig's readout times say that they were read; rolling: times that it "
+     "lacks "
+     "are the cameras' (V4L2); global: all at once [auto]",
      0, 0, NULL},
     {"keep-blurred", SV_OPT_FLAG, 1, 0, AT(is_blur_kept), NULL,
      "without poses: keep exposures that are less than half as sharp as those before them", 0, 0, NULL},
@@ -162,8 +163,8 @@ static int check(run_options *o) {
     return usage_error("run", "--appearance %s: expected auto, off, cameras or exposures", o->appearance);
   if (appearance == SV_APPEARANCE_EXPOSURES && o->is_continuous)
     return usage_error("run", "--appearance exposures: not with --live, which replaces exposures");
-  if (strcmp(o->shutter, "auto") && strcmp(o->shutter, "global"))
-    return usage_error("run", "--shutter %s: expected auto or global", o->shutter);
+  if (strcmp(o->shutter, "auto") && strcmp(o->shutter, "rolling") && strcmp(o->shutter, "global"))
+    return usage_error("run", "--shutter %s: expected auto, rolling or global", o->shutter);
   o->appearance_mode = (sv_appearance_mode)appearance;
   if (o->size && o->scale > 1) return usage_error("run", "--size and --scale: expected one of them");
   o->reduction = (sv_reduction){.k = o->size ? 0 : (int)o->scale};

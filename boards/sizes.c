@@ -63,3 +63,22 @@ sv_status sizes_fit(board_source *s, const source_cfg *cfg, sv_arena *arena, sv_
     r = fit_one(s, &s->rig_read.sub_views[i], cfg, arena, err);
   return r;
 }
+
+// --- readout times -------------------------------------------------------------------------------
+
+sv_status shutters_read(board_source *s, sv_arena *arena, sv_err *err) {
+  sv_status r = copy_rig(s, arena, err);
+  for (int i = 0; r >= 0 && i < s->rig->n_sub_views; i++) {
+    sv_sub_view *v = &s->rig_read.sub_views[i];
+    const sv_ns ns = s->caps[v->i_camera].readout_ns;
+    if (v->shutter.readout_s > 0) continue;
+    if (ns <= 0)
+      r = sv_fail(
+          err, SV_E_NOT_FOUND,
+          "--shutter rolling: camera %d does not report how long it reads a frame; write \"readout_ms\" into "
+          "rig.json, or measure it with 'subview-calibrate shutter'",
+          v->i_camera);
+    else v->shutter.readout_s = sv_ns_to_s(ns);
+  }
+  return r;
+}

@@ -274,6 +274,7 @@ sv_status source_open(board_source *s, const source_cfg *cfg, sv_arena *arena, s
   if (s->rig_dir[0]) r = read_rig(s, arena, err);
   else if (!s->rig && cfg->needs_rig) r = find_no_rig(s, spec, o.fov_deg, arena, err);
   if (r >= 0 && s->rig) r = sizes_fit(s, cfg, arena, err);
+  if (r >= 0 && s->rig && cfg->reads_shutters) r = shutters_read(s, arena, err);
   if (r >= 0 && cfg->is_triggered) r = trigger_open(s, err);
   return r;
 }

@@ -252,6 +252,7 @@ static sv_status src_caps(void *self, int i_camera, sv_camera_caps *out) {
                           .frame_bytes = s->frame_bytes,
                           .is_light_locked = s->cfg.optics.auto_exposure == 1,
                           .is_color_known = sv_sim_optics_is_color_known(&s->cfg.optics),
+                          .readout_ns = from_us(1e3 * s->cfg.optics.readout_ms),
                           .stamp_noise_ns = from_us(s->cfg.jitter_us),
                           .clock = has_own_clock(&s->cfg) ? SV_CLOCK_CAMERA : SV_CLOCK_MONOTONIC};
   (void)sv_copy(out->name, sizeof out->name, s->rig.forward == SV_FORWARD_DIRECT ? first->name : s->rig.name);

@@ -102,6 +102,8 @@ void sv_v4l2_restore_controls(sv_v4l2_camera *c);
 // restored with the others. 0, or a negative error number: -ENOENT there is no such control.
 int sv_v4l2_set_trigger_mode(sv_v4l2_camera *c);
 sv_status sv_v4l2_set_exposure(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns);
+// Time for all lines of a frame, by V4L2_CID_HBLANK and V4L2_CID_PIXEL_RATE; 0: not told.
+sv_ns sv_v4l2_readout_ns(const sv_v4l2_camera *c);
 // Length of the frames from now on, by the sensor's blanking lines or, where there are none, by the
 // frame interval.
 sv_status sv_v4l2_set_frame_duration(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns);

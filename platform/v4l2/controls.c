@@ -227,6 +227,15 @@ static sv_status set_lines(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns) {
   return SV_OK;
 }
 
+sv_ns sv_v4l2_readout_ns(const sv_v4l2_camera *c) {
+  int32_t hblank;
+  double hz;
+  if (!get(c, V4L2_CID_HBLANK, &hblank) || !pixel_rate(c, &hz)) return 0;
+  const double ns = (c->caps.width_px + hblank) * 1e9 / hz * c->caps.height_px;
+  // Longer than a frame: the controls are of another mode than the frames.
+  return ns > 0 && (!(c->caps.fps > 0) || ns <= (1 + MAX_OFF) * 1e9 / c->caps.fps) ? (sv_ns)(ns + 0.5) : 0;
+}
+
 static int set_interval(sv_v4l2_camera *c, struct v4l2_fract t, double *ns) {
   struct v4l2_streamparm p = {.type = c->buf_type};
   p.parm.capture.timeperframe = t;

@@ -128,6 +128,9 @@ typedef struct {
   bool is_color_known;  // the same light gives the same value at every pixel and in all cameras of
                         // which this holds
   sv_sensor_area area;  // what the frames show of the sensor; sensor size 0: not known
+  // From the first line of a frame to the last, at the rate at which the sensor reads; 0: not
+  // known. Sensors with global shutters have one, too: they read after the exposure.
+  sv_ns readout_ns;
 } sv_camera_caps;
 
 // One frame, on loan until requeue returns it. `data` belongs to the source.

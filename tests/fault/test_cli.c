@@ -164,6 +164,7 @@ TEST(test_bad_input) {
       {"run " SMALL "--steps many --out @/bad", "--steps", 2},
       {"run " SMALL "--steps 99999999999999999999 --out @/bad", "--steps", 2},
       {"run " SMALL "--time-limit nan --out @/bad", "--time-limit", 2},
+      {"run " SMALL "--shutter rolling --out @/bad", "does not report how long", 1},
       {"run " SMALL "--shutter slow --out @/bad", "--shutter slow", 2},
       {"run " SMALL "--threads 0 --out @/bad", "--threads", 2},
       {"run " SMALL "--scene wobbly --out @/bad", "wobbly", 2},

@@ -110,6 +110,11 @@ TEST(the_length_of_frames_can_be_set) {
   fake.device[0].has_blanking = true; // lines of 400 us
   must_open(BOTH);
   assert_int_equal(src.start(src.self), SV_OK);
+  sv_camera_caps caps;
+  assert_int_equal(src.caps(src.self, 0, &caps), SV_OK);
+  assert_int_equal(caps.readout_ns, 48 * 400 * SV_NS_PER_US);
+  assert_int_equal(src.caps(src.self, 1, &caps), SV_OK);
+  assert_int_equal(caps.readout_ns, 0); // not told
   assert_int_equal(set_duration(41 * SV_NS_PER_MS + 100000, &actual), SV_OK);
   assert_int_equal(actual, 41200 * SV_NS_PER_US);
   tally t = run_for(100 * actual);
