@@ -105,7 +105,7 @@ subview_status subview_step(subview *s, subview_step_stats *stats, subview_error
 subview_status subview_step_at(subview *s, float progress, subview_step_stats *stats, subview_error *error);
 
 // The view of a camera in an exposure held, after undistortion: the size differs from the frame's
-// then.
+// then. Of a fisheye, which is trained on as it is, a pinhole view with its focal length and size.
 subview_status subview_view_of(const subview *s, int i_exposure, int i_camera, subview_view *out);
 // Renders a view into rgb[height_px][stride_bytes], 3 bytes per pixel. stride_bytes 0: rows without
 // padding.
