@@ -90,6 +90,7 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .n_exposures = (int)o->exposures,
                   .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,
                   .spacing = spacing_of(o),
+                  .hold_out = (float)o->hold_out,
                   .sync_method = (sv_sync_method)o->i_sync,
                   .is_continuous = o->is_continuous,
                   .is_dynamic = o->is_dynamic,
@@ -199,10 +200,12 @@ static sv_status heldout_psnr(double *psnr, int *n_views) {
 }
 
 // Training images tell how well they are fitted, not how good the model is.
-static void say_quality(double psnr, int n_heldout, double train_psnr) {
+static void say_quality(double psnr, int n_heldout, double train_psnr, double held_psnr) {
   const sv_app_moving *m = &run.app.moving;
   if (n_heldout) say(1, "held-out PSNR %.2f dB (%d views)\n", psnr, n_heldout);
-  else if (m->n_scored)
+  if (held_psnr > 0) say(1, "held-out pixels %.2f dB\n", held_psnr);
+  if (n_heldout || held_psnr > 0) return;
+  if (m->n_scored)
     say(1, "newest exposures %.2f dB at the end of their turn (mean of the last 50 or so)\n", m->psnr_late);
   else say(1, "no held-out views; the captured images are fitted with %.2f dB\n", train_psnr);
 }
@@ -217,7 +220,10 @@ static int report(const run_options *o, sv_err *err) {
     sv_fail(err, SV_E_RANGE, "the model could not be rendered to measure its PSNR");
     return fail_with(err);
   }
+  double held_psnr;
+  if (sv_app_held_out_psnr(&run.app, &held_psnr) < 0) held_psnr = 0;
   sv_str_add(&x, "\"train_psnr\": %.3f", train_psnr);
+  if (held_psnr > 0) sv_str_add(&x, ", \"held_out_psnr\": %.3f", held_psnr);
   if (n) sv_str_add(&x, ", \"psnr\": %.3f, \"heldout_views\": %d", psnr, n);
   if (o->i_capture_cpu >= 0) sv_str_add(&x, ", \"capture_cpu\": %d", o->i_capture_cpu);
   if (run.src.pulses.trigger.kind) sv_str_add(&x, ", ");
@@ -237,7 +243,7 @@ static int report(const run_options *o, sv_err *err) {
     return 0;
   }
   if (!o->is_quiet) trigger_say(&run.src);
-  say_quality(psnr, n, train_psnr);
+  say_quality(psnr, n, train_psnr, held_psnr);
   say(1, "%d exposures, %d views, %u steps in %.1f s\n", run.app.exposures.n,
       sv_driver_n_views(&run.app.trainer), run.app.trainer.step, run.app.driver.train_s);
   outputs_say(&run.out);

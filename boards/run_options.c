@@ -26,6 +26,9 @@ static const sv_option rows[] = {
      "s "
      "[a recording: spread over all of it; cameras: motion; 0 with --live, moving scenes and the simulator]",
      0, 0, NULL},
+    {"hold-out", SV_OPT_REAL, 1, 0, AT(hold_out), "SHARE",
+     "share of each image's pixels, in blocks, that is kept from training; the model is scored by it [0]", 0,
+     0.5, NULL},
     {"sub-views", SV_OPT_TEXT, 1, 0, AT(sub_views), "A,B",
      "names of the sub-views to train on; the others are only captured [all]", 0, 0, NULL},
     {"scale", SV_OPT_INT, 1, 0, AT(scale), "K",

@@ -13,8 +13,9 @@ typedef struct {
   long exposures, steps, gaussians, sh, threads, seed, skew_ms, orbit, keep;
   double time_limit, save_every, picture_every;
   double exposure_s;
-  const char *shutter;    // auto or global
-  const char *every;      // NULL: as the source suits
+  const char *shutter; // auto or global
+  const char *every;   // NULL: as the source suits
+  double hold_out;
   double every_s;         // of --every
   bool is_by_motion;      // likewise
   long scale;             // of --scale, at least 1

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "src/base/mathx.h"
+#include "src/base/rng.h"
 
 #define ROWS_PER_TASK 16
 
@@ -70,10 +71,12 @@ static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a
     sv_remap_tap *entries =
         is_bent ? SV_TAKE(a, sv_remap_tap, (size_t)m->width_px * (size_t)m->height_px) : NULL;
     const size_t px = (size_t)m->width_px * (size_t)m->height_px, bytes = (px * 3 + 63) & ~(size_t)63;
-    uint8_t *mask = rig->sub_views[i].mask || is_dark ? SV_TAKE(a, uint8_t, px) : NULL;
+    const bool is_held = cfg->hold_out > 0;
+    uint8_t *mask = rig->sub_views[i].mask || is_dark || is_held ? SV_TAKE(a, uint8_t, px) : NULL;
+    uint8_t *held = is_held ? SV_TAKE(a, uint8_t, px) : NULL;
     if (e->sub) {
       sv_sub_view_store *s = &e->sub[i];
-      *s = (sv_sub_view_store){.at = at, .bytes = bytes, .mask = mask};
+      *s = (sv_sub_view_store){.at = at, .bytes = bytes, .mask = mask, .held = held};
       s->map.entries = entries;
       s->is_fisheye = is_fisheye;
       s->fisheye = fisheye;
@@ -114,9 +117,15 @@ static bool is_lit(const sv_sub_view_store *s, int x, int y) {
   return !s->is_fisheye || sv_fisheye_unproject(&s->fisheye, xy, ray);
 }
 
+// Blocks scattered evenly, others in each sub-view.
+static bool is_held_block(int x, int y, int i_sub, float share) {
+  sv_rng rng = sv_rng_make(((uint64_t)i_sub << 40) + ((uint64_t)y << 20) + (uint64_t)x, 0);
+  return sv_rng_f(&rng) < share;
+}
+
 // The mask of a sub-view as its view sees it: a pixel counts where all that it is interpolated from
 // do, and where the lens sees anything.
-static void undistort_mask(sv_sub_view_store *s, const sv_sub_view *v) {
+static void undistort_mask(sv_sub_view_store *s, const sv_sub_view *v, float hold_out, int i_sub) {
   const int w = s->pinhole.width_px, src_w = v->model.width_px;
   for (int y = 0; s->mask && y < s->pinhole.height_px; y++)
     for (int x = 0; x < w; x++) {
@@ -125,6 +134,9 @@ static void undistort_mask(sv_sub_view_store *s, const sv_sub_view *v) {
                           : s->map.entries ? sv_remap_counts(&s->map, v->mask, x, y)
                                            : v->mask[(size_t)y * (size_t)src_w + (size_t)x] != 0;
       s->mask[at] = counts && is_lit(s, x, y);
+      if (!s->held) continue;
+      s->held[at] = s->mask[at] && is_held_block(x / SV_HELD_PX, y / SV_HELD_PX, i_sub, hold_out);
+      s->mask[at] &= !s->held[at];
     }
 }
 
@@ -160,7 +172,7 @@ sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_are
     if (s < 0)
       return sv_fail(err, s, "rig \"%s\", sub-view \"%s\": no undistortion table for %dx%d pixels",
                      cfg->rig->name, cfg->rig->sub_views[i].name, v->pinhole.width_px, v->pinhole.height_px);
-    undistort_mask(v, &cfg->rig->sub_views[i]);
+    undistort_mask(v, &cfg->rig->sub_views[i], cfg->hold_out, i);
     if (find_row_time(v, &cfg->rig->sub_views[i], cfg->caps) < 0)
       return sv_fail(err, SV_E_RANGE,
                      "rig \"%s\", sub-view \"%s\": the lens sees too little of its own image", cfg->rig->name,

@@ -23,6 +23,8 @@
 extern "C" {
 #endif
 
+#define SV_HELD_PX 16
+
 typedef struct {
   const sv_rig *rig;          // must outlive the pool
   int cap_exposures;          // a full pool replaces the oldest
@@ -35,6 +37,9 @@ typedef struct {
   // Which exposures are kept. By motion: neither for multiplexed rigs nor for pools that are full
   // before the capture ends. Default: all.
   sv_spacing_cfg spacing;
+  // Share of the pixels that no view is trained on, in blocks of SV_HELD_PX (sub[i].held), to score
+  // the model by them. Not for multiplexed rigs. Default 0.
+  float hold_out;
 } sv_exposures_cfg;
 
 typedef struct {
@@ -44,6 +49,7 @@ typedef struct {
   sv_fisheye fisheye;
   size_t at, bytes;     // of its picture inside one exposure's block
   uint8_t *mask;        // [height][width] of the view, NULL without one
+  uint8_t *held;        // [height][width] 1: kept from training; NULL without hold_out
   sv_row_time row_time; // of a rolling shutter
 } sv_sub_view_store;
 

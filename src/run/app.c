@@ -112,7 +112,8 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
                          .n_threads = t->n_threads,
                          .decoder = &app->port.decoder,
                          .is_blur_dropped = is_handheld(c) && !c->is_blur_kept,
-                         .spacing = c->spacing};
+                         .spacing = c->spacing,
+                         .hold_out = c->hold_out};
   sv_status s = sv_exposures_init(&app->exposures, &ec, a, err);
   if (s < 0) return s;
   const sv_odometry_cfg oc = {.rig = c->rig,
@@ -292,6 +293,10 @@ sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, c
         "rig \"%s\" is multiplexed: its sub-views overlap on their sensor and can only be trained on "
         "together, not %d of %d",
         cfg->rig->name, sv_app_n_trained_sub_views(cfg), cfg->rig->n_sub_views);
+  if (is_multiplexed(cfg) && cfg->hold_out > 0)
+    return sv_fail(err, SV_E_UNSUPPORTED,
+                   "rig \"%s\" is multiplexed: its pixels show several sub-views, so none can be held out",
+                   cfg->rig->name);
   if (!sv_app_n_trained_sub_views(cfg))
     return sv_fail(err, SV_E_ARG, "none of the chosen sub-views is in rig \"%s\", which has %d",
                    cfg->rig->name, cfg->rig->n_sub_views);

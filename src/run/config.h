@@ -47,6 +47,8 @@ typedef struct {
   sv_ns skew_limit_ns;
   // Which exposures are kept, of those that the cameras deliver.
   sv_spacing_cfg spacing;
+  // Share of the pixels that are kept from training and scored at the end (src/capture/exposures.h).
+  float hold_out;
   // Synchronization method: who makes the cameras expose at the same time.
   sv_sync_method sync_method;
   // Capture goes on while training: new exposures replace the oldest.

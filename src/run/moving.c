@@ -99,7 +99,7 @@ static sv_status score_newest(sv_app *app) {
   double sum = 0;
   for (int i = 0; i < n; i++) {
     double mse;
-    sv_status s = sv_driver_view_mse(&app->trainer, slot * n + i, &mse);
+    sv_status s = sv_driver_view_mse(&app->trainer, slot * n + i, NULL, &mse);
     if (s < 0) return s;
     sum += sv_psnr_of_mse(mse) / n;
   }

@@ -5,6 +5,7 @@
 #include "src/prior/methods.h"
 #include "src/run/app.h"
 #include "src/base/mathx.h"
+#include "src/metric/metric.h"
 
 // --- memory map ----------------------------------------------------------------------------------
 
@@ -188,6 +189,20 @@ static void add_timing(sv_str *s, const sv_app *app) {
              t->n ? 1e3 * t->sum_s / (double)t->n : 0.0, 1e3 * sv_time_stats_percentile_s(t, 50),
              1e3 * sv_time_stats_percentile_s(t, 99), 1e3 * t->max_s);
   add_skew(s, &app->queue.sync.skew);
+}
+
+sv_status sv_app_held_out_psnr(sv_app *app, double *psnr) {
+  const int n = app->trainer.n_views;
+  *psnr = 0;
+  if (!(app->cfg.hold_out > 0) || n < 1) return SV_E_NOT_FOUND;
+  for (int i = 0; i < n; i++) {
+    double mse;
+    const int i_sub = app->trainer.views[i].view.i_sub_view;
+    sv_status s = sv_driver_view_mse(&app->trainer, i, app->exposures.sub[i_sub].held, &mse);
+    if (s < 0) return s;
+    *psnr += sv_psnr_of_mse(mse) / n;
+  }
+  return SV_OK;
 }
 
 sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) {

@@ -15,6 +15,10 @@
 #define DARK        16 // of 255; below, noise and black level count more than gains
 #define BRIGHT      245
 #define RIDGE       1e-3 // of the mean of the diagonal
+// What lenses leave of the light towards the corners. Where views hardly overlap, or what they see
+// is badly placed, the falloff that fits best is none of a lens: then it is not estimated.
+#define LEAST_LIGHT 0.15
+#define MOST_LIGHT  1.15
 // Natural logarithm: residuals from here on count less, in the first round and, halved each round,
 // in the end. Small from the start, exposures that differ much would be taken for outliers.
 #define FIRST_SPREAD 2.0
@@ -39,6 +43,7 @@ typedef struct {
   observation *seen; // [n_points][n_views]
   double *a, *b, *x; // [n][n], [n], [n]
   double spread;
+  bool has_falloff;
   // Of the point that is being added: the views that see it.
   row rows[MAX_VIEWS];
   double w[MAX_VIEWS], y[MAX_VIEWS];
@@ -185,6 +190,7 @@ static bool solve_channel(problem *p, int channel) {
     for (int i = 0; i < p->n; i++) mean += p->a[i * p->n + i] / p->n;
     if (!(mean > 0)) return false;
     for (int i = 0; i < p->n; i++) p->a[i * p->n + i] += RIDGE * mean;
+    for (int i = p->n_cameras; i < 3 * p->n_cameras && !p->has_falloff; i++) p->a[i * p->n + i] += 1e6 * mean;
     p->a[0] += 1e6 * mean; // camera 0 and exposure 0 are what the others are compared with
     if (p->n_exposures > 0) p->a[3 * p->n_cameras * (p->n + 1)] += 1e6 * mean;
     if (!sv_cholesky(p->a, p->n)) return false;
@@ -216,14 +222,36 @@ static void keep_start(sv_appearance_group *g, int n) {
   for (int i = 0; i < n; i++) memcpy(g[i].start, g[i].p, sizeof g[i].start);
 }
 
+// Of a camera, the mean of the channels.
+static void solved_falloff(const problem *p, int c, double f[2]) {
+  for (int j = 0; j < 2; j++) {
+    f[j] = 0;
+    for (int k = 0; k < 3; k++) f[j] += p->solved[k][(j + 1) * p->n_cameras + c] / 3;
+  }
+}
+
+static bool is_of_lenses(const problem *p) {
+  for (int c = 0; c < p->n_cameras; c++)
+    for (int i = 1; i <= 4; i++) {
+      double f[2];
+      solved_falloff(p, c, f);
+      const double q = i / 4.0, light = sv_exp(f[0] * q + f[1] * q * q);
+      if (!(light >= LEAST_LIGHT && light <= MOST_LIGHT)) return false;
+    }
+  return true;
+}
+
+static bool solve(problem *p, bool has_falloff) {
+  p->has_falloff = has_falloff;
+  return solve_channel(p, 0) && solve_channel(p, 1) && solve_channel(p, 2);
+}
+
 static void set_groups(problem *p) {
   sv_appearance *a = &p->t->appearance;
   for (int c = 0; c < p->n_cameras; c++) {
-    double f[2] = {0};
-    for (int k = 0; k < 3; k++) {
-      a->camera[c].p[4 * k] = c > 0 ? sv_exp(p->solved[k][c]) : 1;
-      for (int j = 0; j < 2; j++) f[j] += p->solved[k][(j + 1) * p->n_cameras + c] / 3;
-    }
+    double f[2];
+    for (int k = 0; k < 3; k++) a->camera[c].p[4 * k] = c > 0 ? sv_exp(p->solved[k][c]) : 1;
+    solved_falloff(p, c, f);
     falloff_of(f[0], f[1], a->camera[c].p + 12);
   }
   for (int e = 1; e < p->n_exposures; e++)
@@ -267,7 +295,7 @@ sv_status sv_appearance_start(sv_trainer *t, sv_arena *scratch, int *n_points) {
     if ((s = scratch->status) >= 0) s = look(p);
   }
   if (s >= 0 && (*n_points = count_points(p)) >= MIN_POINTS)
-    if (solve_channel(p, 0) && solve_channel(p, 1) && solve_channel(p, 2)) set_groups(p);
+    if (solve(p, true) && (is_of_lenses(p) || solve(p, false))) set_groups(p);
   sv_arena_reset(scratch, mark);
   return s;
 }

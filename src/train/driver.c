@@ -228,13 +228,15 @@ sv_status sv_driver_mse(sv_trainer *t, const sv_view *view, const uint8_t *rgb, 
   return s;
 }
 
-sv_status sv_driver_view_mse(sv_trainer *t, int i_view, double *mse) {
+sv_status sv_driver_view_mse(sv_trainer *t, int i_view, const uint8_t *mask, double *mse) {
   const sv_train_view *v = &t->views[i_view];
   const sv_planes *p;
   const float black[3] = {0};
   sv_status s = sv_driver_render_view(t, i_view, &p);
   if (s >= 0 && sv_train_has_appearance(t, i_view)) sv_train_load_image(t, &v->image, 1, black, &t->target);
-  if (s >= 0) *mse = mse_of(sv_train_appear(t, i_view, &v->view, p), &v->image);
+  sv_image_u8 im = v->image;
+  if (mask) im.mask = mask;
+  if (s >= 0) *mse = mse_of(sv_train_appear(t, i_view, &v->view, p), &im);
   return s;
 }
 
@@ -272,7 +274,7 @@ sv_status sv_driver_training_psnr(sv_trainer *t, double *psnr) {
   *psnr = 0;
   for (int i = 0; i < n; i++) {
     double mse;
-    sv_status s = i < t->n_views ? sv_driver_view_mse(t, i, &mse)
+    sv_status s = i < t->n_views ? sv_driver_view_mse(t, i, NULL, &mse)
                                  : measurement_mse(t, &t->measurements[i - t->n_views], &mse);
     if (s < 0) return s;
     *psnr += sv_psnr_of_mse(mse) / n;

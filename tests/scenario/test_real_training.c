@@ -139,8 +139,19 @@ TEST(test_webcam_training) {
   lab_shell_need(&shell);
   import_webcams();
   lab_shell_run_well(&shell, "$(dirname @)/subview run --source replay:webcams --exposures 1 --steps 600 "
-                             "--threads 2 --quiet --json --out webcam_model");
-  double psnr = number_of(shell.said, "train_psnr");
+                             "--threads 2 --quiet --json --hold-out 0.05 --out webcam_model");
+  double psnr = number_of(shell.said, "train_psnr"), held = number_of(shell.said, "held_out_psnr");
+  print_message("held-out pixels %.2f dB\n", held);
+  assert_true(held > 21 && held < psnr);
+  // What is learned of the cameras is what cameras may be.
+  char *report = temp_read(shell.root, "webcam_model/run.json");
+  const char *falloff = report;
+  for (int i = 0; i < 4; i++) {
+    falloff = strstr(falloff + 1, "\"falloff\": ");
+    assert_non_null(falloff);
+    assert_true(fabs(strtod(strchr(falloff, '[') + 1, NULL)) < 0.9);
+  }
+  free(report);
   print_message("four webcams, 1 exposure: %.2f dB on their own views\n", psnr);
   assert_int_equal((int)number_of(shell.said, "views"), 4);
   assert_true(psnr > 26.9);
