@@ -47,7 +47,7 @@ typedef struct {
   sv_ns skew_limit_ns;
   // Which exposures are kept, of those that the cameras deliver.
   sv_spacing_cfg spacing;
-  // Share of the pixels that are kept from training and scored at the end (src/capture/exposures.h).
+  // Share of the pixels that are kept from training, and scored at the end (src/capture).
   float hold_out;
   // Synchronization method: who makes the cameras expose at the same time.
   sv_sync_method sync_method;
