@@ -94,6 +94,7 @@ static const number_option NUMBERS[] = {
     WHOLE("hot", optics.n_hot, 0, 10000),
     WHOLE("exposures", n_exposures, 1, 100000),
     WHOLE("frames", n_frames, 0, 1e9),
+    WHOLE("jpeg", jpeg_quality, 0, 100),
     WHOLE("buffers", n_buffers, 1, SV_SIM_CAP_BUFFERS),
 };
 #define N_NUMBERS ((int)(sizeof NUMBERS / sizeof *NUMBERS))
@@ -363,6 +364,9 @@ sv_status sv_sim_check(const sv_sim_config *c, sv_err *err) {
     return sv_fail(err, SV_E_ARG,
                    "sim: lens=: rig %s has small lenses of its own; expected mono, stereo or phone",
                    RIGS[c->rig]);
+  if (c->jpeg_quality > 0 && info->forward == SV_FORWARD_MULTIPLEXED)
+    return sv_fail(err, SV_E_ARG, "sim: jpeg=%d: rig %s has frames of 16 bits, which JPEG does not code",
+                   c->jpeg_quality, RIGS[c->rig]);
   if (c->lens == SV_SIM_LENS_KB4 && c->optics.aperture_mm > 0)
     return sv_fail(err, SV_E_ARG, "sim: aperture_mm=%g: fisheyes are sharp everywhere; expected 0",
                    c->optics.aperture_mm);

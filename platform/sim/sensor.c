@@ -210,5 +210,6 @@ void sv_sim_expose(sv_sim *sim, const sv_sim_event *e, uint8_t *out) {
     draw(sim, &v, sv_ns_to_s(e->true_ns - SV_SIM_EPOCH_NS), &c);
   }
   if (sim->sum) put_sum(sim, e, &c, out);
+  if (cfg->jpeg_quality > 0) sv_sim_jpeg(out, cfg->width_px, cfg->height_px, cfg->jpeg_quality);
   if (e->is_damaged) memset(out + sim->frame_bytes / 2, 0, sim->frame_bytes - sim->frame_bytes / 2);
 }

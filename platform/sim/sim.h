@@ -91,6 +91,7 @@ typedef struct {
   double shutter_us;
   double drop;              // probability that the link loses a frame
   sv_sim_optics_cfg optics; // ideal by default
+  int jpeg_quality;         // 1 to 100: frames have lost what JPEG loses; 0: nothing. Default 0
   int n_buffers;
   int n_faults;
   sv_sim_fault faults[SV_SIM_CAP_FAULTS];
@@ -200,6 +201,8 @@ void sv_sim_render_rows(const sv_sim *sim, const sv_sim_shot *shot, int y0, int 
 
 // --- between the files of this folder ---
 sv_view sv_sim_sub_view_at(const sv_sim *sim, const sv_sub_view *sv, sv_ns host_ns); // path.c
+// jpeg.c: an RGB8 picture as it is after coding and decoding, in its place
+void sv_sim_jpeg(uint8_t *rgb, int width_px, int height_px, int quality);
 // sensor.c: one sensor frame
 void sv_sim_expose(sv_sim *sim, const sv_sim_event *event, uint8_t *out);
 sv_status sv_sim_check(const sv_sim_config *cfg, sv_err *err); // config.c

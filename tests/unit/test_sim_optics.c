@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the simulator's lenses, sensors and shutters do to frames, each option against its formula.
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "platform/codec/codec.h"
 #include "platform/sim/sim.h"
 #include "src/base/mathx.h"
 #include "tests/common/test.h"
@@ -198,6 +200,39 @@ TEST(test_all_rigs) {
   }
 }
 
+static double rms(const uint8_t *a, const uint8_t *b) {
+  double sum = 0;
+  for (int i = 0; i < N; i++) sum += (a[i] - b[i]) * (a[i] - b[i]);
+  return sqrt(sum / N);
+}
+
+// Frames lose what libjpeg's coding at that quality loses of them, but for how it enlarges chroma.
+TEST(test_jpeg) {
+  static uint8_t coded[N + 4096], block[8 << 20] __attribute__((aligned(64)));
+  sv_arena arena = sv_arena_make(block, sizeof block);
+  sv_codec codec;
+  sv_err err = {0};
+  assert_int_equal(sv_codec_init(&codec, &(sv_codec_cfg){W, H}, &arena), SV_OK);
+  double last = 0;
+  for (int quality = 90; quality >= 30; quality -= 30) {
+    char option[40];
+    size_t bytes;
+    sv_fmt(option, sizeof option, ",jpeg=%d", quality);
+    expose(option, 0, 1, frame);
+    expose("", 0, 1, ideal);
+    const sv_picture from = {W, H, 3 * W, SV_PIX_RGB8, ideal}, to = {W, H, 3 * W, SV_PIX_RGB8, other};
+    const sv_jpeg_options o = {quality, false};
+    assert_int_equal(
+        sv_codec_encode_jpeg(&codec, &from, o, (sv_codec_buffer){coded, sizeof coded}, &bytes, &err), SV_OK);
+    assert_int_equal(sv_codec_decode_jpeg(&codec, coded, bytes, &to, &err), SV_OK);
+    const double lost = rms(frame, ideal), apart = rms(frame, other), real = rms(other, ideal);
+    printf("  quality %d: %.2f levels lost, by libjpeg %.2f; %.2f apart\n", quality, lost, real, apart);
+    assert_true(lost > last && fabs(lost - real) < 0.25 * real && apart < 0.6 * real);
+    last = lost;
+  }
+  sv_codec_close(&codec);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_ideal_by_default),
                                      cmocka_unit_test(test_light_and_color),
@@ -205,6 +240,7 @@ int main(void) {
                                      cmocka_unit_test(test_rolling_shutter),
                                      cmocka_unit_test(test_blur),
                                      cmocka_unit_test(test_hot_pixels),
-                                     cmocka_unit_test(test_all_rigs)};
+                                     cmocka_unit_test(test_all_rigs),
+                                     cmocka_unit_test(test_jpeg)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
