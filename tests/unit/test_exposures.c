@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The pool of exposures: one whose pictures cannot all be decoded leaves no trace.
+#include <math.h>
 #include <string.h>
 
 #include "src/capture/exposures.h"
@@ -198,8 +199,39 @@ TEST(test_blur) {
   }
 }
 
+// Around the image circle of a fisheye no pixel counts; one that fills its picture has no mask, and
+// a rolling shutter's becomes a pinhole.
+TEST(test_image_circle) {
+  static sv_sub_view sub[1];
+  static sv_camera_caps caps[1];
+  const sv_rig rig = {.sub_views = sub, .n_sub_views = 1, .cap_sub_views = 1};
+  const sv_exposures_cfg cfg = {
+      .rig = &rig, .cap_exposures = 1, .caps = caps, .n_cameras = 1, .n_threads = 1};
+  caps[0] = (sv_camera_caps){.width_px = SIDE, .height_px = SIDE, .format = SV_PIX_RGB8};
+  for (int i = 0; i < 3; i++) { // d(t) = t - 0.1 t^3 has its fold at 105 degrees, d = 1.22
+    const double focal = i == 0 ? 13 : 30;
+    sub[0] = (sv_sub_view){.model = {SV_MODEL_KB4, SIDE, SIDE, {focal, focal, SIDE / 2, SIDE / 2, -0.1}},
+                           .cam_from_rig = sv_pose_identity(),
+                           .shutter.readout_s = i == 2 ? 0.02 : 0};
+    sv_arena arena = sv_arena_make(block, sizeof block);
+    sv_err err;
+    sv_image_u8 im;
+    sv_view v;
+    assert_ok(sv_exposures_init(&pool, &cfg, &arena, &err), &err);
+    pool.exposure[0] = (sv_exposure){.rig_from_world = sv_pose_identity()};
+    sv_exposures_get(&pool, 0, 0, &im, &v);
+    assert_true((v.fisheye != NULL) == (i < 2) && (im.mask != NULL) == (i == 0));
+    for (int p = 0; im.mask && p < SIDE * SIDE; p++) {
+      const double x = p % SIDE + 0.5 - SIDE / 2, y = p / SIDE + 0.5 - SIDE / 2,
+                   rho = sqrt(x * x + y * y) / focal;
+      if (rho < 1.0) assert_int_equal(im.mask[p], 1);
+      if (rho > 1.22) assert_int_equal(im.mask[p], 0);
+    }
+  }
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_damaged_picture), cmocka_unit_test(test_mask),
-                                     cmocka_unit_test(test_blur)};
+                                     cmocka_unit_test(test_image_circle), cmocka_unit_test(test_blur)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
