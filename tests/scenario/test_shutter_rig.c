@@ -63,13 +63,15 @@ TEST(test_readout) {
   static const struct {
     const char *options, *direction;
     double ms;
-  } runs[] = {
-      {"readout_ms=20", "down", 20}, {"readout_ms=30,shutter=left", "left", 30}, {"readout_ms=0", NULL, 0}};
+    int n; // frames
+  } runs[] = {{"readout_ms=20", "down", 20, 90},
+              {"readout_ms=30,shutter=left", "left", 30, 60},
+              {"readout_ms=0", NULL, 0, 30}};
   char dir[256];
   need_board();
   assert_int_equal(temp_folder_make(dir, sizeof dir, "shutter"), 0);
   for (size_t i = 0; i < sizeof runs / sizeof *runs; i++) {
-    capture(dir, runs[i].options, 90);
+    capture(dir, runs[i].options, runs[i].n);
     assert_int_equal(calibrate(dir, ""), 0);
     const double ms = number("\"readout_ms\": "), sigma = number("\"sigma_ms\": ");
     print_message("%s: %.3f +- %.3f ms, %.0f frames, %.3f px, %.3f px as a global shutter\n", runs[i].options,
