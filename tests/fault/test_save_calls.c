@@ -158,7 +158,7 @@ static void fail_each(const job *j) {
 TEST(test_run) {
   const job j = {
       "subview run --source sim:textured,rig=stereo,size=32x24 --exposures 1 --gaussians 24 --steps 3 "
-      "--save-every 0.000001 --threads 1 --quiet --out %s --rescue %s",
+      "--save-every 0.000001 --threads 1 --overwrite --quiet --out %s --rescue %s",
       "model.ply", true, 0};
   fail_each(&j);
   assert_true(n_warned > 50); // no silent failure
