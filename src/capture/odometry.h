@@ -58,6 +58,9 @@ sv_status sv_odometry_add(sv_odometry *o, const sv_exposures *pool, int e) SV_MU
 // an exposure that was not placed keeps has_pose false.
 void sv_odometry_finish(sv_odometry *o, sv_exposures *pool);
 
+// Relative standard deviation of the scale from which on lengths are not called meters.
+#define SV_ODOMETRY_SCALE_DOUBT 0.02
+
 // A ball about the points that were found: medians of their places, and 1.2 x the distance that
 // nine of ten keep.
 sv_bounds sv_odometry_bounds(sv_odometry *o);

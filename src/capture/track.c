@@ -4,8 +4,6 @@
 
 #include "src/base/str.h"
 
-#define SCALE_DOUBT 0.02 // a relative standard deviation of the scale that is worth a warning
-
 static void log_odometry(sv_capture_side *c, const sv_odometry *o) {
   const sv_track_summary *s = &o->summary;
   if (s->is_still) {
@@ -37,7 +35,7 @@ static void log_odometry(sv_capture_side *c, const sv_odometry *o) {
         "odometry: %d exposures could not be located and are skipped; move more slowly or take more "
         "exposures",
         s->n_exposures - s->n_placed);
-  if (s->scale_sigma < 0 || s->scale_sigma > SCALE_DOUBT)
+  if (s->scale_sigma < 0 || s->scale_sigma > SV_ODOMETRY_SCALE_DOUBT)
     sv_capture_side_log(
         c, SV_LOG_WARN,
         "odometry: the rig's baseline is too small to measure the scale of this scene: lengths may be "

@@ -157,7 +157,7 @@ static void read_comment(sv_ply *p,
                          // two that Brush writes, and our own; others are ignored
                          sv_word rest) {
   static const char axis[] = "Vertical axis:", mode[] = "SplatRenderMode:", dilation[] = "SplatDilation:",
-                    up[] = "SplatUp:";
+                    up[] = "SplatUp:", unit[] = "SplatUnit:";
   while (rest.n && (*rest.t == ' ' || *rest.t == '\t')) {
     rest.t++;
     rest.n--;
@@ -178,6 +178,10 @@ static void read_comment(sv_ply *p,
     double ignored[3];
     if (v.n && v.n < sizeof word) memcpy(word, v.t, v.n);
     if (sv_up_axis(word, ignored)) memcpy(p->up, word, sizeof word);
+  } else if (rest.n > sizeof unit - 1 && memcmp(rest.t, unit, sizeof unit - 1) == 0) {
+    rest.t += sizeof unit - 1;
+    rest.n -= sizeof unit - 1;
+    p->is_metric = sv_word_is(sv_word_next(&rest), "m");
   } else if (rest.n > sizeof mode - 1 && memcmp(rest.t, mode, sizeof mode - 1) == 0) {
     rest.t += sizeof mode - 1;
     rest.n -= sizeof mode - 1;

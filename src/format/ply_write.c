@@ -48,8 +48,12 @@ static bool header_line(const sv_ply_options *o, int i, char line[80]) {
     line[0] = 0;
     if (o->up) sv_fmt(line, 80, "comment SplatUp: %-2.2s\n", o->up);
     return true;
-  case 7: return sv_fmt(line, 80, "element vertex %u\n", o->n) > 0;
-  default: i -= 8;
+  case 7:
+    line[0] = 0;
+    if (o->is_metric) sv_fmt(line, 80, "comment SplatUnit: m\n");
+    return true;
+  case 8: return sv_fmt(line, 80, "element vertex %u\n", o->n) > 0;
+  default: i -= 9;
   }
   for (size_t k = 0; k < sizeof props / sizeof *props; k++) {
     if (k >= 3 && k < 6 && !o->has_normals) continue;

@@ -157,6 +157,7 @@ static void add_appearance(sv_str *s, const sv_app *app) {
 static void add_odometry(sv_str *s, const sv_app *app) {
   const sv_odometry *o = &app->odometry;
   const sv_track_summary *m = &o->summary;
+  if (sv_app_is_metric(app)) sv_str_add(s, "  \"unit\": \"m\",\n");
   if (!o->is_on || !m->n_exposures) return;
   sv_str_add(s,
              "  \"odometry\": {\"is_still\": %s, \"is_tracked\": %s, \"exposures\": %d, \"placed\": %d, "

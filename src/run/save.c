@@ -24,12 +24,19 @@ const char *sv_app_file_name(sv_app_file f) {
 
 // --- one file ------------------------------------------------------------------------------------
 
+bool sv_app_is_metric(const sv_app *app) {
+  const sv_odometry *o = &app->odometry;
+  if (app->cfg.rig->n_sub_views < 2) return false;
+  return !o->is_tracked || (o->summary.scale_sigma >= 0 && o->summary.scale_sigma <= SV_ODOMETRY_SCALE_DOUBT);
+}
+
 static sv_status write_model(sv_app *app, sv_sink sink, sv_err *err) {
   float up[3];
   sv_pictures_up(&app->trainer, up);
   const sv_model_notes notes = {.is_mip = app->trainer.cfg.is_antialiased,
                                 .dilation_px2 = app->trainer.cfg.dilation_px2,
-                                .up = sv_up_name(up)};
+                                .up = sv_up_name(up),
+                                .is_metric = sv_app_is_metric(app)};
   return sv_model_write_ply(&app->trainer.g, &notes, sink, &app->files.ply, err);
 }
 

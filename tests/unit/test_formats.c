@@ -329,8 +329,10 @@ TEST(test_up) {
     }
     lab_model m = make_model(1), back;
     path_of(path, "up.ply");
-    assert_int_equal(lab_model_write(&m.g, &(sv_model_notes){.up = ups[u]}, path, &err), SV_OK);
+    assert_int_equal(lab_model_write(&m.g, &(sv_model_notes){.up = ups[u], .is_metric = u == 1}, path, &err),
+                     SV_OK);
     assert_int_equal(lab_model_read(&back, path, &err), SV_OK);
+    assert_int_equal(lab_model_notes(&back).is_metric, u == 1);
     assert_string_equal(back.up, ups[u]);
     sv_gaussian got;
     sv_gaussians_get(&back.g, 7, &got);

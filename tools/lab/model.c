@@ -30,6 +30,7 @@ static sv_status fill(lab_model *m, const char *path, sv_ply *ply, sv_err *err) 
   m->is_mip = ply->is_mip;
   m->dilation_px2 = ply->dilation_px2;
   memcpy(m->up, ply->up, sizeof m->up);
+  m->is_metric = ply->is_metric;
   return SV_OK;
 }
 
@@ -121,8 +122,10 @@ void lab_model_free(lab_model *m) {
 }
 
 sv_model_notes lab_model_notes(const lab_model *m) {
-  return (sv_model_notes){
-      .is_mip = m->is_mip, .dilation_px2 = m->dilation_px2, .up = m->up[0] ? m->up : NULL};
+  return (sv_model_notes){.is_mip = m->is_mip,
+                          .dilation_px2 = m->dilation_px2,
+                          .up = m->up[0] ? m->up : NULL,
+                          .is_metric = m->is_metric};
 }
 
 sv_status lab_model_begin(sv_file *f, const sv_gaussians *g, const sv_model_notes *notes, const char *path,
