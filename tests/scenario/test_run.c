@@ -454,6 +454,11 @@ TEST(test_smallest_run) {
   assert_true(isfinite(world_training_psnr(&w)));
   assert_int_equal(sv_app_save_report(&w.app, NULL, &w.err), SV_OK);
   world_close(&w);
+  open_world("textured,rig=mono,size=33x17", 1); // no baseline, no unit
+  w.cfg.steps = 2;
+  world_run_well(&w);
+  assert_false(sv_app_is_metric(&w.app));
+  world_close(&w);
   for (int n = 1; n <= 17; n += 8) { // 1, 9, 17 Gaussians
     open_world("textured,rig=mono,size=33x17", 1);
     w.cfg.train.n_gaussians = n;
@@ -521,9 +526,9 @@ static void test_report(void **state) {
   if (sv_json_parse(&j, &(sv_file_data){"run.json", (const char *)f->data, f->bytes}, tokens, 2048, &w.err) <
       0)
     fail_msg("%s", w.err.text);
-  static const char *const keys[] = {"\"digest\"",         "\"ledger\"",     "\"memory\"",
-                                     "\"step_ms\"",        "\"psnr\": 12.5", "\"is_exact\": true",
-                                     "\"state\": \"done\""};
+  static const char *const keys[] = {"\"digest\"",          "\"ledger\"",     "\"memory\"",
+                                     "\"step_ms\"",         "\"psnr\": 12.5", "\"is_exact\": true",
+                                     "\"state\": \"done\"", "\"unit\": \"m\""};
   static char text[SV_APP_REPORT_BYTES + 1];
   memcpy(text, f->data, f->bytes);
   text[f->bytes] = 0;
