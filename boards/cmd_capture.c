@@ -5,6 +5,7 @@
 
 #include "boards/board_main.h"
 #include "platform/replay/capture_writer.h"
+#include "src/base/mathx.h"
 #include "src/format/cameramodel.h"
 #include "src/format/rig_file.h"
 #include "src/image/convert.h"
@@ -27,6 +28,7 @@ typedef struct {
   options_common common;
   const char *source, *rig, *out, *sync;
   long exposures, skew_ms;
+  double every_s;
   int i_sync; // sv_sync_method
   double duration;
   bool is_json, is_quiet;
@@ -35,6 +37,7 @@ typedef struct {
 static struct {
   board_source src;
   sv_capture_queue in;
+  sv_spacing spacing;             // of --every
   sv_linux_background background; // the thread of the cameras, when they are real
   sv_worker worker;
   _Atomic int started; // sv_status of it; 1: not yet known
@@ -256,6 +259,13 @@ static sv_status record(const capture_options *o, sv_err *err) {
                      sv_status_text(atomic_load(&cap.in.broken_status)));
     sv_exposure_slot *slot;
     if (sv_capture_queue_take(&cap.in, &slot) == SV_OK) {
+      const sv_ns time_ns = slot->exposure.time_ns;
+      if (!sv_spacing_is_due(&cap.spacing, time_ns)) {
+        sv_capture_queue_refuse(&cap.in, slot, SV_DROP_NOT_DUE);
+        last_ns = now;
+        continue;
+      }
+      sv_spacing_keep(&cap.spacing, time_ns);
       sv_status s = save_or_leave_out(slot, &con, err);
       if (s < 0) return s;
       tell_save(&con);
@@ -337,6 +347,12 @@ static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err
   s = sv_capture_queue_init(&cap.in, &qc, &cap.src.source, &cap.src.clock, arena);
   if (s < 0) return sv_fail(err, s, "frame synchronization of %d cameras failed: %s", n, sv_status_text(s));
   if ((s = sv_capture_queue_check(&cap.in, err)) < 0) return s;
+  double fps = 0;
+  for (int i = 0; i < n; i++) fps = sv_maxd(fps, cap.src.caps[i].fps);
+  sv_spacing_init(&cap.spacing,
+                  &(sv_spacing_cfg){.every_ns = (sv_ns)(o->every_s * 1e9),
+                                    .early_ns = fps > 0 ? (sv_ns)(0.5e9 / fps) : 0},
+                  NULL);
   if (sv_capture_has_frames(o->out))
     return sv_fail(err, SV_E_ARG, "%s: already holds a capture; choose another --out or remove it", o->out);
   if ((s = open_conversion(arena, err)) < 0) return s;
@@ -416,6 +432,8 @@ static const sv_option rows[] = {
      0, 0, NULL},
     {"exposures", SV_OPT_INT, 1, 0, AT(exposures), "N", "end after N exposures", 1, 1000000, NULL},
     {"duration", SV_OPT_REAL, 1, 0, AT(duration), "SEC", "end after SEC seconds", 0.001, 1e6, NULL},
+    {"every", SV_OPT_REAL, 1, 0, AT(every_s), "SEC", "time between exposures; 0: each that comes [0]", 0,
+     3600, NULL},
     {"skew-limit", SV_OPT_INT, 1, 0, AT(skew_ms), "MS",
      "largest time skew between the cameras of an exposure, ms [20]", 1, 10000, NULL},
     {"sync", SV_OPT_TEXT, 1, 0, AT(sync), "HOW",

@@ -65,6 +65,9 @@ TEST(test_every) {
   expect_not_due("half", 12); // of 16
   expect(0, "", REPLAY "--every 0 --out first");
   expect_not_due("first", 0);
+  expect(0, "4 exposures in every; frames: 32 captured = 8 delivered + 24 dropped",
+         "capture --source sim:textured,rig=stereo,size=32x24,fps=10 --exposures 4 --every 0.5 --quiet --out "
+         "every");
   expect(2, "--every often: expected a number of seconds from 0 to 3600, or motion",
          SMALL "--every often --out x");
   expect(2, "--every motion: not with --live", SMALL "--every motion --live --out x");
