@@ -76,7 +76,6 @@ figures of the run:                 $out/stereo/run.json
 the programs are here:
   export PATH="$bin:\$PATH"
 next, $live
-next, your own COLMAP folder (its model and images/), in place of DIR:
-  subview-lab import --from colmap DIR --out data
-  subview-lab train --data data --eval --out out/mine
+next, your own COLMAP or nerfstudio folder, or a capture, in place of DIR:
+  subview-lab train --data DIR --eval --out out/mine
 END
