@@ -76,6 +76,7 @@ static pv_blob *make_ply(const sv_feed_model *m) {
                       .sh_degree = (int)m->sh_degree,
                       .is_mip = m->is_mip != 0,
                       .has_normals = true,
+                      .is_metric = m->is_metric != 0,
                       .dilation_px2 = m->dilation_px2,
                       .up = sv_up_name(m->up)};
   pv_blob *b = pv_blob_make(sv_ply_file_bytes(&o), 0);

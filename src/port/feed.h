@@ -123,6 +123,7 @@ typedef struct {
   float eye[3], up[3], fov_y;        // a good first viewpoint (radians): the first training view
   float time_min, time_max, seconds; // of a moving scene: times of its exposures, and their
                                      // duration
+  uint32_t is_metric;                // the unit of the world is the meter
 } sv_feed_model;
 #define SV_FEED_CAP_BODIES 16
 #define SV_FEED_CAP_KNOTS  256

@@ -25,6 +25,7 @@ typedef struct {
   bool (*is_stopping)(void *self);
   sv_status (*save)(void *self, sv_err *err);  // E_IO: not now, the run goes on
   sv_heat (*heat)(void *self);                 // of the processor, now
+  bool (*is_metric)(void *self);               // the unit of the world is the meter
   float (*time_of)(void *self, sv_ns time_ns); // the model's time of a moment of the host's clock
 } sv_preview_calls;
 
