@@ -122,6 +122,31 @@ TEST(test_mesh) {
   assert_contains(shell.said, "no surface was seen by enough views");
 }
 
+// From a pixel to itself nothing, there and back the same; places without a surface are refused.
+TEST(test_measure) {
+#define MEASURE "@ measure --data ds --model m/model.ply --view 0 --quiet "
+  lab_shell_need(&shell);
+  double there[2];
+  for (int i = 0; i < 2; i++) {
+    lab_shell_run_well(&shell, i ? MEASURE "--json --from 34.5,30.5 --to 28.5,24.5"
+                                 : MEASURE "--json --from 28.5,24.5 --to 34.5,30.5");
+    const char *at = strstr(shell.said, "\"distance\": ");
+    assert_non_null(at);
+    there[i] = strtod(at + strlen("\"distance\": "), NULL);
+    assert_contains(shell.said, "\"uncertainty_90\": ");
+  }
+  assert_true(there[0] > 0.05 && there[0] < 3 && there[0] == there[1]);
+  lab_shell_run_well(&shell, MEASURE "--from 28.5,24.5 --to 28.5,24.5");
+  assert_contains(shell.said, "0 +- ");
+  assert_int_equal(lab_shell_run(&shell, MEASURE "--from 28,24 --to 64,3"), 1);
+  assert_contains(shell.said, "--to 64,3: expected X,Y in the view's 64x48 pixels");
+  assert_int_equal(lab_shell_run(&shell, MEASURE "--from 1,1 --to 28,24"), 1);
+  assert_contains(shell.said, "--from 1,1: no surface is seen there");
+  assert_int_equal(
+      lab_shell_run(&shell, "@ measure --data ds --model m/model.ply --view 99 --from 1,1 --to 2,2"), 1);
+  assert_contains(shell.said, "--view 99: split train has 4 views");
+}
+
 // --- SOG -----------------------------------------------------------------------------------------
 
 static uint8_t *image(const char *name) {
@@ -224,6 +249,7 @@ TEST(test_sog) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_upright), cmocka_unit_test(test_crop),
-                                     cmocka_unit_test(test_mesh), cmocka_unit_test(test_sog)};
+                                     cmocka_unit_test(test_mesh), cmocka_unit_test(test_measure),
+                                     cmocka_unit_test(test_sog)};
   return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -10,9 +10,9 @@
 #include "tools/lab/model_formats.h"
 
 #define AT(field) offsetof(lab_options, field)
-#define DATA      (LAB_TRAIN | LAB_EVAL | LAB_RENDER | LAB_COMPARE | LAB_MESH)
+#define DATA      (LAB_TRAIN | LAB_EVAL | LAB_RENDER | LAB_COMPARE | LAB_MESH | LAB_MEASURE)
 #define ALL       (DATA | LAB_EXPORT | LAB_IMPORT | LAB_BENCH | LAB_TABLES)
-#define MODEL     (LAB_EVAL | LAB_RENDER | LAB_EXPORT | LAB_MESH)
+#define MODEL     (LAB_EVAL | LAB_RENDER | LAB_EXPORT | LAB_MESH | LAB_MEASURE)
 #define OUT       (LAB_TRAIN | LAB_RENDER | LAB_EXPORT | LAB_IMPORT | LAB_TABLES | LAB_COMPARE | LAB_MESH)
 
 static const sv_option table[] = {
@@ -124,8 +124,15 @@ static const sv_option table[] = {
      "spz and glb are Y-up: rotate the model to the dataset's up axis (the views' up)", 0, 0, 0},
     {"up", SV_OPT_WORD, LAB_EXPORT, 0, AT(up), "x|y|z|-x|-y|-z",
      "the model's up axis (from the file, else -y)", 0, 0, 0},
-    {"up", SV_OPT_WORD, LAB_MESH, 0, AT(up), "x|y|z|-x|-y|-z",
+    {"up", SV_OPT_WORD, LAB_MESH | LAB_MEASURE, 0, AT(up), "x|y|z|-x|-y|-z",
      "models in spz and glb: rotate to the dataset's up axis (the views' up)", 0, 0, 0},
+    {"split", SV_OPT_TEXT, LAB_MEASURE, 0, AT(split), "S", "views: train, test, ... (train)", 0, 0, 0},
+    {"view", SV_OPT_INT, LAB_MEASURE, LAB_MEASURE, AT(view), "I", "place of the view in its split, from 0", 0,
+     1e6, 0},
+    {"from", SV_OPT_TEXT, LAB_MEASURE, LAB_MEASURE, AT(measure_from), "X,Y", "pixel of the first point", 0, 0,
+     0},
+    {"to", SV_OPT_TEXT, LAB_MEASURE, LAB_MEASURE, AT(measure_to), "X,Y", "pixel of the second point", 0, 0,
+     0},
     {"voxel", SV_OPT_REAL, LAB_MESH, 0, AT(voxel), "SIZE",
      "edge of a voxel in the scene's unit (the scene's radius / 128)", 1e-9, 1e9, 0},
     {"min-views", SV_OPT_INT, LAB_MESH, 0, AT(min_views), "N",
@@ -154,7 +161,7 @@ static const sv_option table[] = {
      0},
     {"eval", SV_OPT_FLAG, LAB_TRAIN, 0, AT(is_eval), 0,
      "evaluate at the end on split test (test_near with --exposures 1)", 0, 0, 0},
-    {"json", SV_OPT_FLAG, LAB_TRAIN | LAB_EVAL | LAB_BENCH, 0, AT(is_json), 0,
+    {"json", SV_OPT_FLAG, LAB_TRAIN | LAB_EVAL | LAB_BENCH | LAB_MEASURE, 0, AT(is_json), 0,
      "print one JSON object on stdout", 0, 0, 0},
     {"quiet", SV_OPT_FLAG, ALL, 0, AT(is_quiet), 0, "no progress messages on stderr", 0, 0, 0},
     {"out", SV_OPT_TEXT, OUT, OUT, AT(out), "PATH", "output folder (export, compare: output file)", 0, 0, 0},
@@ -291,6 +298,7 @@ int lab_args_parse(const sv_tool_command *c, int argc, char **argv, lab_options 
                      .keep = -1,
                      .spz_version = -1,
                      .voxel = -1,
+                     .view = -1,
                      .min_views = -1,
                      .baseline_m = -1,
                      .focal_px = -1,

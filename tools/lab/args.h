@@ -23,7 +23,8 @@ enum {
   LAB_BENCH = 32,
   LAB_TABLES = 64,
   LAB_COMPARE = 128,
-  LAB_MESH = 256
+  LAB_MESH = 256,
+  LAB_MEASURE = 512
 };
 
 // NULL and -1 stand for "not given"; a given number is inside its range.
@@ -36,8 +37,10 @@ typedef struct {
   long exposures, gaussians, sh, steps, scale, seed, threads, orbit, frames, keep, spz_version;
   double time_limit_s, baseline_m, focal_px, focus_m;
   const char *rig, *stream;
-  double unit_m;         // 0: not given
-  double voxel;          // of mesh
+  double unit_m; // 0: not given
+  double voxel;  // of mesh
+  const char *measure_from, *measure_to;
+  long view;             // of measure
   long min_views;        // likewise
   sv_option_list models; // of compare
   const char *labels;

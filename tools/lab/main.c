@@ -42,6 +42,18 @@ static const lab_command commands[] = {
       "views saw, and small loose parts, are left out.",
       "  subview-lab mesh --data blender_tree --model tree/model.ply --out tree.glb", LAB_MESH},
      lab_cmd_mesh},
+    {{"measure", "--data DIR --model FILE --view I --from X,Y --to X,Y [options]",
+      "a distance on the surface",
+      "Renders the depth of a view and prints the distance between the surface points at two of its pixels, "
+      "in\n"
+      "the scene's unit (meters where the model says so), with the half width of a 90 % interval from how "
+      "well\n"
+      "the model tells the depth there. The scale is that of the poses.",
+      "  subview-lab measure --data out/demo/data --model out/demo/stereo/model.ply --view 0 --from 100,120 "
+      "--to "
+      "200,120",
+      LAB_MEASURE},
+     lab_cmd_measure},
     {{"render", "--data DIR --model FILE --out DIR [options]", "render images of a model",
       "Writes a PNG for each view of a split, or for N views on a circle around the scene. With --depth "
       "also\n16-bit PNGs of the depth along the optical axis; views.json has their unit and each view's "
