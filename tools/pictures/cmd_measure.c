@@ -13,7 +13,7 @@
 #define DEPTH_ALPHA_MIN 0.5f
 #define PIXEL_SIGMA     0.29 // of a place that is known to the pixel: 1 / sqrt(12)
 #define DEPTH_SIGMA     0.6  // of the difference between depths with few and with many layers
-#define DEPTH_FLOOR     4e-3 // of the depth: what models of the simulator's scenes differ by at least
+#define DEPTH_FLOOR     4e-3 // of the depth, at least
 #define NINETY          1.645
 
 static const int layers[] = {LAB_LAYERS, LAB_LAYERS / 2, 2 * LAB_LAYERS};
