@@ -28,7 +28,7 @@ static sv_view look(int i) {
   return sv_view_make(W, H, (const double[]){110, 110, W / 2.0, H / 2.0}, &pose);
 }
 
-// Depth of a sphere about p, where it is in front of what is there.
+// Depth of a sphere about p, where it is nearer than what was drawn before.
 static void draw(const sv_view *v, const float p[3], float radius) {
   float c[3];
   for (int k = 0; k < 3; k++)

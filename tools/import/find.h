@@ -8,7 +8,7 @@
 
 // The folder with the dataset of --data: o->data itself, when it has a transforms JSON or
 // --transforms is given; else OUT/data, imported now, or earlier from the same files. Tells what
-// was recognized in one line. E_NOT_FOUND with what is there and what was expected.
+// was recognized in one line. E_NOT_FOUND names the files found and those expected.
 sv_status lab_find_dataset(const lab_options *o, char folder[SV_CAP_PATH], sv_err *err) SV_MUST_USE;
 
 #endif

@@ -6,15 +6,12 @@
 
 #include "src/base/mathx.h"
 #include "src/base/str.h"
-#include "tools/lab/model_formats.h"
-#include "tools/pictures/opaque.h"
-#include "tools/train/evaluate.h"
+#include "tools/pictures/surface.h"
 
-#define DEPTH_ALPHA_MIN 0.5f
-#define PIXEL_SIGMA     0.29 // of a place that is known to the pixel: 1 / sqrt(12)
-#define DEPTH_SIGMA     0.6  // of the difference between depths with few and with many layers
-#define DEPTH_FLOOR     4e-3 // of the depth, at least
-#define NINETY          1.645
+#define PIXEL_SIGMA 0.29 // of a place that is known to the pixel: 1 / sqrt(12)
+#define DEPTH_SIGMA 0.6  // of the difference between depths with few and with many layers
+#define DEPTH_FLOOR 4e-3 // of the depth, at least
+#define NINETY      1.645
 
 static const int layers[] = {LAB_LAYERS, LAB_LAYERS / 2, 2 * LAB_LAYERS};
 #define N_LAYERS 3
@@ -27,11 +24,7 @@ typedef struct {
 typedef struct {
   const lab_options *o;
   lab_session session;
-  lab_model model, opaque;
-  lab_views views;
-  lab_settings settings;
-  lab_viewer viewer;
-  float *depth;
+  lab_surface surface;
   end_point end[2];
 } run;
 
@@ -42,44 +35,28 @@ static bool read_place(const char *text, double out[2]) {
 }
 
 static sv_status prepare(run *r, sv_err *err) {
-  sv_status s = lab_model_read(&r->model, r->o->model, err);
-  if (s == SV_OK) s = lab_model_read(&r->opaque, r->o->model, err);
-  if (s == SV_OK) s = lab_settings_for(&r->settings, r->o, &r->model, err);
-  if (s != SV_OK) return s;
-  const lab_source src = {.folder = r->o->data,
-                          .transforms = r->settings.transforms,
-                          .told_by = r->settings.told_by,
-                          .split = r->o->split ? r->o->split : "train",
-                          .scale = r->settings.scale};
-  if ((s = lab_views_open(&r->views, &src, &r->session.pool, err)) != SV_OK) return s;
-  if (r->o->view >= r->views.n)
-    return sv_fail(err, SV_E_ARG, "--view %ld: split %s has %d views", r->o->view, src.split, r->views.n);
-  lab_turn_back(&r->model, &r->session, r->o->model, r->o->up, &r->views);
-  r->depth = malloc(r->views.cap_floats * sizeof *r->depth);
-  if (!r->depth) return sv_fail(err, SV_E_NOMEM, "no memory for an image");
-  return lab_viewer_start(&r->viewer, &r->session,
-                          (sv_renderer_cfg){.cap_gaussians = r->model.g.n,
-                                            .cap_width_px = r->views.cap_width_px,
-                                            .cap_height_px = r->views.cap_height_px,
-                                            .cap_pixels = r->views.cap_floats},
-                          err);
+  const char *split = r->o->split ? r->o->split : "train";
+  sv_status s = lab_surface_open(&r->surface, r->o, &r->session, split, err);
+  if (s == SV_OK && r->o->view >= r->surface.views.n)
+    s = sv_fail(err, SV_E_ARG, "--view %ld: split %s has %d views", r->o->view, split, r->surface.views.n);
+  return s;
 }
 
 // Depth at a place, and the standard deviation of the nine about it.
 static bool look_at(const run *r, const sv_view *v, end_point *e, int i_layers) {
-  const long stride = r->viewer.r.rgb.stride;
+  const long stride = r->surface.viewer.r.rgb.stride;
   const int x = (int)e->px[0], y = (int)e->px[1];
   double sum = 0, sum2 = 0;
   int n = 0;
   for (int j = sv_maxi(y - 1, 0); j <= sv_mini(y + 1, v->height_px - 1); j++)
     for (int i = sv_maxi(x - 1, 0); i <= sv_mini(x + 1, v->width_px - 1); i++) {
-      const double d = (double)r->depth[j * stride + i];
+      const double d = (double)r->surface.depth[j * stride + i];
       if (!(d > 0)) continue;
       sum += d;
       sum2 += d * d;
       n++;
     }
-  e->depth[i_layers] = (double)r->depth[y * stride + x];
+  e->depth[i_layers] = (double)r->surface.depth[y * stride + x];
   if (!(e->depth[i_layers] > 0)) return false;
   if (i_layers == 0) e->spread = sqrt(fmax(sum2 / n - sum / n * (sum / n), 0));
   return true;
@@ -98,11 +75,8 @@ static sv_status find_ends(run *r, const sv_view *v, sv_err *err) {
       return sv_fail(err, SV_E_RANGE, "--%s %.40s: the lens sees nothing there", k ? "to" : "from", names[k]);
   }
   for (int i = 0; i < N_LAYERS; i++) {
-    sv_render_options o = lab_render_options(&r->settings, r->model.g.sh_degree, true);
-    lab_make_opaque(&r->opaque.g, &r->model.g, layers[i]);
-    sv_status s = sv_render(&r->viewer.r, &r->opaque.g, v, &o);
-    if (s < 0) return sv_fail(err, s, "the view cannot be rendered: %s", sv_status_text(s));
-    sv_render_expected_depth(&r->viewer.r, DEPTH_ALPHA_MIN, r->depth);
+    sv_status s = lab_surface_render(&r->surface, v, layers[i], err);
+    if (s != SV_OK) return s;
     for (int k = 0; k < 2; k++)
       if (!look_at(r, v, &r->end[k], i))
         return sv_fail(err, SV_E_NOT_FOUND, "--%s %.40s: no surface is seen there", k ? "to" : "from",
@@ -139,14 +113,14 @@ static double distance_of(const run *r, const sv_view *v, double *half_width) {
 static sv_status measure(run *r, sv_err *err) {
   sv_status s = prepare(r, err);
   if (s != SV_OK) return s;
-  const sv_view *v = &r->views.frames[r->o->view].view;
+  const sv_view *v = &r->surface.views.frames[r->o->view].view;
   if ((s = find_ends(r, v, err)) != SV_OK) return s;
   double half;
   const double length = distance_of(r, v, &half);
-  const char *unit = r->model.is_metric ? " m" : "";
+  const char *unit = r->surface.model.is_metric ? " m" : "";
   if (r->o->is_json)
     printf("{\"distance\": %.9g, \"uncertainty_90\": %.9g, \"unit\": \"%s\", \"depth\": [%.9g, %.9g]}\n",
-           length, half, r->model.is_metric ? "m" : "scene", r->end[0].depth[0], r->end[1].depth[0]);
+           length, half, r->surface.model.is_metric ? "m" : "scene", r->end[0].depth[0], r->end[1].depth[0]);
   else printf("%.6g%s +- %.2g%s (90 %%)\n", length, unit, half, unit);
   return SV_OK;
 }
@@ -159,10 +133,6 @@ int lab_cmd_measure(const lab_options *o) {
   if (s == SV_OK) s = measure(&r, &err);
   if (s != SV_OK) code = lab_failed(&r.session, &err);
   lab_session_stop(&r.session);
-  free(r.depth);
-  lab_viewer_stop(&r.viewer);
-  lab_views_free(&r.views);
-  lab_model_free(&r.opaque);
-  lab_model_free(&r.model);
+  lab_surface_close(&r.surface);
   return code;
 }

@@ -5,61 +5,36 @@
 #include "src/base/mathx.h"
 #include "src/base/str.h"
 #include "src/mesh/mesh.h"
-#include "tools/lab/model_formats.h"
 #include "tools/pictures/mesh_file.h"
-#include "tools/pictures/opaque.h"
-#include "tools/train/evaluate.h"
+#include "tools/pictures/surface.h"
 
-#define DEPTH_ALPHA_MIN 0.5f
-#define VOXELS          128   // of the scene's radius, without --voxel
-#define CAP_BLOCKS      60000 // 6 KiB each, as far as they are used
-#define MIN_VIEWS       5     // that saw a surface; one in eight of few
-#define CAP_VERTICES    6000000
-#define SMALL           0.02f // connected parts below this share of the largest are floaters
+#define VOXELS       128   // of the scene's radius, without --voxel
+#define CAP_BLOCKS   60000 // 6 KiB each, as far as they are used
+#define MIN_VIEWS    5     // that saw a surface; one in eight of few
+#define CAP_VERTICES 6000000
+#define SMALL        0.02f // connected parts below this share of the largest are floaters
 
 typedef struct {
   const lab_options *o;
   lab_session session;
-  lab_model model, opaque; // as trained; for depth
-  lab_views views;
-  lab_settings settings;
-  lab_viewer viewer;
+  lab_surface surface;
   sv_mesh mesh;
   void *block;
-  float *depth;
 } run;
 
 static sv_status prepare(run *r, sv_err *err) {
-  sv_status s = lab_model_read(&r->model, r->o->model, err);
-  if (s == SV_OK) s = lab_model_read(&r->opaque, r->o->model, err);
-  if (s == SV_OK) s = lab_settings_for(&r->settings, r->o, &r->model, err);
+  const lab_settings *st = &r->surface.settings;
+  sv_status s = lab_surface_open(&r->surface, r->o, &r->session, "train", err);
   if (s != SV_OK) return s;
-  const lab_source src = {.folder = r->o->data,
-                          .transforms = r->settings.transforms,
-                          .told_by = r->settings.told_by,
-                          .split = "train",
-                          .scale = r->settings.scale};
-  if ((s = lab_views_open(&r->views, &src, &r->session.pool, err)) != SV_OK) return s;
-  lab_turn_back(&r->model, &r->session, r->o->model, r->o->up, &r->views);
-  lab_make_opaque(&r->opaque.g, &r->model.g, LAB_LAYERS);
-  const size_t n = r->views.cap_floats;
-  s = lab_viewer_start(&r->viewer, &r->session,
-                       (sv_renderer_cfg){.cap_gaussians = r->model.g.n,
-                                         .cap_width_px = r->views.cap_width_px,
-                                         .cap_height_px = r->views.cap_height_px,
-                                         .cap_pixels = n},
-                       err);
-  if (s != SV_OK) return s;
-  sv_mesh_cfg c = {.radius = r->settings.radius,
-                   .voxel = r->o->voxel > 0 ? (float)r->o->voxel : r->settings.radius / VOXELS,
+  sv_mesh_cfg c = {.radius = st->radius,
+                   .voxel = r->o->voxel > 0 ? (float)r->o->voxel : st->radius / VOXELS,
                    .cap_blocks = CAP_BLOCKS,
                    .cap_vertices = CAP_VERTICES,
                    .cap_triangles = 2 * CAP_VERTICES};
-  memcpy(c.centre, r->settings.centre, sizeof c.centre);
+  memcpy(c.centre, st->centre, sizeof c.centre);
   const size_t bytes = sv_mesh_bytes(&c) + SV_ARENA_ALIGN;
   r->block = malloc(bytes);
-  r->depth = malloc(n * sizeof *r->depth);
-  if (!r->block || !r->depth) return sv_fail(err, SV_E_NOMEM, "no memory for a mesh (%zu bytes)", bytes);
+  if (!r->block) return sv_fail(err, SV_E_NOMEM, "no memory for a mesh (%zu bytes)", bytes);
   sv_arena a = sv_arena_make(r->block, bytes);
   s = sv_mesh_init(&r->mesh, &c, &a);
   return s < 0 ? sv_fail(err, s, "a mesh of voxels of %g within %g: %s", (double)c.voxel, (double)c.radius,
@@ -68,20 +43,20 @@ static sv_status prepare(run *r, sv_err *err) {
 }
 
 static sv_status fuse(run *r, sv_err *err) {
+  lab_surface *u = &r->surface;
   sv_console *c = &r->session.console;
-  for (int i = 0; i < r->views.n; i++) {
-    const sv_view *v = &r->views.frames[i].view;
+  for (int i = 0; i < r->surface.views.n; i++) {
+    const sv_view *v = &r->surface.views.frames[i].view;
     char line[80];
     if (c->is_stop_requested(c->self))
-      return sv_fail(err, SV_E_INTERRUPTED, "stopped by request at view %d of %d", i, r->views.n);
-    sv_render_options o = lab_render_options(&r->settings, r->model.g.sh_degree, true);
-    sv_status s = sv_render(&r->viewer.r, &r->opaque.g, v, &o);
-    if (s >= 0) sv_render_expected_depth(&r->viewer.r, DEPTH_ALPHA_MIN, r->depth);
-    o.has_depth = false;
-    if (s >= 0) s = sv_render(&r->viewer.r, &r->model.g, v, &o);
+      return sv_fail(err, SV_E_INTERRUPTED, "stopped by request at view %d of %d", i, r->surface.views.n);
+    sv_status s = lab_surface_render(u, v, LAB_LAYERS, err);
+    if (s != SV_OK) return s;
+    const sv_render_options o = lab_render_options(&u->settings, u->model.g.sh_degree, false);
+    s = sv_render(&u->viewer.r, &u->model.g, v, &o); // color, as trained
     if (s < 0) return sv_fail(err, s, "view %d cannot be rendered: %s", i, sv_status_text(s));
-    sv_mesh_fuse(&r->mesh, &(sv_mesh_image){v, r->depth, &r->viewer.r.rgb}, &r->session.pool);
-    sv_fmt(line, sizeof line, "fused %d of %d views, %d blocks", i + 1, r->views.n, r->mesh.n_blocks);
+    sv_mesh_fuse(&r->mesh, &(sv_mesh_image){v, u->depth, &u->viewer.r.rgb}, &r->session.pool);
+    sv_fmt(line, sizeof line, "fused %d of %d views, %d blocks", i + 1, r->surface.views.n, r->mesh.n_blocks);
     c->log(c->self, SV_LOG_LIVE, line);
   }
   return SV_OK;
@@ -92,7 +67,7 @@ static sv_status make(run *r, sv_err *err) {
   if (!lab_mesh_is_format(r->o->out))
     return sv_fail(err, SV_E_ARG, "%s: expected a name that ends in .ply, .obj or .glb", r->o->out);
   sv_status s = prepare(r, err);
-  if (s == SV_OK && r->model.deform.kind)
+  if (s == SV_OK && r->surface.model.deform.kind)
     s = sv_fail(err, SV_E_UNSUPPORTED, "%s: moves; meshes are of still models", r->o->model);
   if (s == SV_OK) s = fuse(r, err);
   if (s != SV_OK) return s;
@@ -100,12 +75,12 @@ static sv_status make(run *r, sv_err *err) {
     return sv_fail(err, SV_E_FULL, "the scene has more than %d blocks of voxels of %g: give a larger --voxel",
                    CAP_BLOCKS, (double)m->cfg.voxel);
   s = sv_mesh_extract(m, r->o->min_views > 0 ? (int)r->o->min_views
-                                             : sv_maxi(1, sv_mini(MIN_VIEWS, r->views.n / 8)));
+                                             : sv_maxi(1, sv_mini(MIN_VIEWS, r->surface.views.n / 8)));
   if (s < 0)
     return sv_fail(err, s, "the mesh has more than %d vertices: give a larger --voxel", CAP_VERTICES);
   sv_mesh_drop_small(m, SMALL);
   if (!m->n_triangles) return sv_fail(err, SV_E_RANGE, "no surface was seen by enough views");
-  s = lab_mesh_write(m, r->model.up, r->o->out, err);
+  s = lab_mesh_write(m, r->surface.model.up, r->o->out, err);
   if (s == SV_OK)
     lab_say(&r->session, "%s: %d vertices, %d triangles, voxels of %g", r->o->out, m->n_vertices,
             m->n_triangles, (double)m->cfg.voxel);
@@ -123,10 +98,6 @@ int lab_cmd_mesh(const lab_options *o) {
   if (s != SV_OK) code = lab_failed(&r.session, &err);
   lab_session_stop(&r.session);
   free(r.block);
-  free(r.depth);
-  lab_viewer_stop(&r.viewer);
-  lab_views_free(&r.views);
-  lab_model_free(&r.opaque);
-  lab_model_free(&r.model);
+  lab_surface_close(&r.surface);
   return code;
 }
