@@ -477,9 +477,11 @@ static sv_status after_step(void *self, double from_s, double *now_s, sv_err *er
   return SV_OK;
 }
 
-// The cameras that run while training goes on, as they were at the last such line.
-static void add_cameras(void *self, sv_str *line) {
+// The quality of the newest exposures, each when it made room for the next, and the cameras that
+// run while training goes on, as they were at the last such line.
+static void add_live(void *self, sv_str *line) {
   sv_app *app = self;
+  if (app->moving.n_scored) sv_str_add(line, "  newest %.1f dB", app->moving.psnr_late);
   sv_status s = app->capture.is_running ? sv_capture_queue_line(&app->queue, line) : SV_AGAIN;
   (void)s; // AGAIN: the line goes without
 }
@@ -494,7 +496,7 @@ static sv_status train(sv_app *app, sv_err *err) {
                              .self = app,
                              .before_step = before_step,
                              .after_step = after_step,
-                             .add_progress = add_cameras};
+                             .add_progress = add_live};
   app->files.checkpoint_s = app->files.picture_s = sv_ns_to_s(m->now_ns(m->self));
   return sv_driver_run(&app->driver, &cfg, &app->trainer, err);
 }

@@ -240,9 +240,10 @@ static storm attack(double seconds, long n_damaged, int n_kills, double at_most_
   assert_true(t.n_kills >= n_kills);
   assert_true(t.n_damaged >= n_damaged);
   assert_true(t.n_good > 0);
-  // pages of the block that had not been touched yet
+  // pages of the block that had not been touched yet; a short attack is over before training has
+  // touched all of them (a leak of 8 bytes a damaged request would still be seen)
   assert_true(t.half_rss_kib <= t.rss_kib + 2048);
-  assert_true(t.most_rss_kib <= t.half_rss_kib + 128);
+  assert_true(t.most_rss_kib <= t.half_rss_kib + (is_long() ? 128 : 1024));
   return t;
 }
 
