@@ -10,19 +10,16 @@
 #define CAP_K        64
 #define CAP_TOTAL_PX 384000 // of all maps
 #define GROUP        4      // neighbours that are taken together when there are too many views
-#define RADIUS       2      // of the windows that are compared
-#define BAND         16     // rows of a task
-#define ROWS         (BAND + 2 * RADIUS)
+#define RADIUS       SV_SWEEP_RADIUS
+#define BAND         SV_SWEEP_BAND
+#define ROWS         SV_SWEEP_ROWS
 // between two views: less tells depth badly, more and surfaces look different
 #define BEST_DEG 8.0
 #define MIN_DEG  0.2
 #define MAX_DEG  35.0
-#define MIN_VAR  4.0f // of the window, levels of 255 squared: less is noise
 // of the pixel: beside an edge, an even ground would be put at the edge's depth
 #define MIN_SLOPE2 4.0f
-#define MIN_CORR2  0.49f // squared correlation
-#define ALONE      0.05f // less for a place that one other view sees alone
-#define NOT_SEEN   (-2.0f)
+#define MIN_CORR2  0.49f     // squared correlation
 #define CAP_GAP    10        // pixels that are filled in between measured ones
 #define EDGE       (4 * 256) // of neighbours: two surfaces
 #define LEFT       32        // columns before a row
@@ -209,7 +206,8 @@ static void load_grey(const sv_trainer *t, sv_depth_map *m) {
 // columns before.
 typedef struct {
   float *ray[3]; // points of depth 1 in the camera's frame, where a fisheye takes part
-  float *ref, *warped, *sum[3], *mean, *norm, *is_in, *first, *second, *last, *best, *before, *after, *plane;
+  float *ref, *warped[SV_SWEEP_CAP_SOURCES], *is_in[SV_SWEEP_CAP_SOURCES];
+  float *mean, *norm, *last, *best, *before, *after, *plane;
 } lane;
 
 typedef struct {
@@ -220,6 +218,8 @@ typedef struct {
 } job;
 
 typedef struct { // what one task does
+  const sv_kernels *k;
+  const sv_sweep *s;
   const sv_depth_map *m;
   lane *l;
   int y0, x0, x1, stride; // columns [x0, x1) have structure; both are multiples of 16
@@ -228,11 +228,13 @@ typedef struct { // what one task does
 static int stride_of(int width_px) { return (width_px + 15) / 16 * 16 + 2 * LEFT; }
 
 static void carve_lane(lane *l, int stride, sv_arena *a) {
-  float **tall[] = {&l->ref,    &l->warped, &l->sum[0], &l->sum[1],
-                    &l->sum[2], &l->ray[0], &l->ray[1], &l->ray[2]};
-  float **low[] = {&l->mean, &l->norm, &l->is_in,  &l->first, &l->second,
-                   &l->last, &l->best, &l->before, &l->after, &l->plane};
-  for (size_t i = 0; i < sizeof tall / sizeof *tall; i++) *tall[i] = SV_TAKE(a, float, ROWS *stride);
+  float **low[] = {&l->mean, &l->norm, &l->last, &l->best, &l->before, &l->after, &l->plane};
+  for (int i = 0; i < 3; i++) l->ray[i] = SV_TAKE(a, float, ROWS *stride);
+  l->ref = SV_TAKE(a, float, ROWS *stride);
+  for (int i = 0; i < SV_SWEEP_CAP_SOURCES; i++) {
+    l->warped[i] = SV_TAKE(a, float, ROWS *stride);
+    l->is_in[i] = SV_TAKE(a, float, BAND *stride);
+  }
   for (size_t i = 0; i < sizeof low / sizeof *low; i++) *low[i] = SV_TAKE(a, float, BAND *stride);
 }
 
@@ -257,24 +259,6 @@ static inline float bilinear(const uint16_t *grey, int w, float x, float y) {
   return (a + fy * (b - a)) * (1.0f / 256.0f) - 128.0f;
 }
 
-// Sixteen pixels of a row of another picture, as the map sees them on a plane. in: may be NULL.
-static void warp16(const sv_depth_map *src, const float h[3], const float base[3], float x, float *out,
-                   float *in) {
-  const float right = (float)src->view.width_px, bottom = (float)src->view.height_px;
-  float u[16], v[16], is_in[16];
-  for (int i = 0; i < 16; i++) {
-    float c = x + (float)i, z = h[2] * c + base[2], f = 1.0f / (z > 1e-6f ? z : 1e-6f);
-    u[i] = (h[0] * c + base[0]) * f;
-    v[i] = (h[1] * c + base[1]) * f;
-    bool is_seen = (z > 1e-6f) & (u[i] >= 0) & (u[i] <= right) & (v[i] >= 0) & (v[i] <= bottom);
-    is_in[i] = is_seen ? 1.0f : 0.0f;
-    u[i] = sv_clampf(u[i] - 0.5f, 0, right - 1.001f);
-    v[i] = sv_clampf(v[i] - 0.5f, 0, bottom - 1.001f);
-  }
-  for (int i = 0; i < 16; i++) out[i] = bilinear(src->grey, src->view.width_px, u[i], v[i]);
-  for (int i = 0; in && i < 16; i++) in[i] = is_in[i];
-}
-
 static void load_rays(const band *b) {
   for (int r = 0; r < ROWS; r++) {
     float *ray[3];
@@ -283,54 +267,37 @@ static void load_rays(const band *b) {
   }
 }
 
-// As warp16, through lenses; at: place in the band's rows.
-static void warp16_wide(const band *b, const sv_depth_map *src, const sv_transfer *q, float w, int at) {
+// Source k through lenses, sixteen pixels; at: place in the band's rows.
+static void warp16_wide(const band *b, int k, const sv_transfer *q, float w, int at) {
+  const sv_depth_map *src = &b->s->map[b->m->source[k]];
   const float *ray[3] = {b->l->ray[0] + at, b->l->ray[1] + at, b->l->ray[2] + at};
   const int row = at / b->stride - RADIUS, inner = at - RADIUS * b->stride;
   float u[16], v[16], is_in[16];
   sv_transfer_see16(q, ray, w, u, v, is_in);
-  for (int i = 0; i < 16; i++) b->l->warped[at + i] = bilinear(src->grey, src->view.width_px, u[i], v[i]);
-  for (int i = 0; row >= 0 && row < BAND && i < 16; i++) b->l->is_in[inner + i] = is_in[i];
+  for (int i = 0; i < 16; i++)
+    b->l->warped[k][at + i] = sv_sweep_bilinear(src->grey, src->view.width_px, u[i], v[i]);
+  for (int i = 0; row >= 0 && row < BAND && i < 16; i++) b->l->is_in[k][inner + i] = is_in[i];
 }
 
-static void warp(const band *b, const sv_depth_map *src, const sv_transfer *q, float w) {
+// Source k as the map sees it on the plane at inverse depth w.
+static void warp(const band *b, int k, const sv_transfer *q, float w) {
   for (int r = 0; r < ROWS && q->is_wide; r++)
-    for (int x = b->x0 - 16; x < b->x1 + 16; x += 16) warp16_wide(b, src, q, w, r * b->stride + LEFT + x);
+    for (int x = b->x0 - 16; x < b->x1 + 16; x += 16) warp16_wide(b, k, q, w, r * b->stride + LEFT + x);
   if (q->is_wide) return;
-  const float h[3] = {q->h[0], q->h[3], q->h[6]};
-  for (int r = 0; r < ROWS; r++) {
-    const bool is_inner = r >= RADIUS && r < RADIUS + BAND;
-    float y = (float)(b->y0 - RADIUS + r) + 0.5f, base[3];
-    for (int i = 0; i < 3; i++) base[i] = q->h[3 * i + 1] * y + q->h[3 * i + 2] + w * q->e[i];
-    for (int x = b->x0 - 16; x < b->x1 + 16; x += 16)
-      warp16(src, h, base, (float)x + 0.5f, b->l->warped + r * b->stride + LEFT + x,
-             is_inner ? b->l->is_in + (r - RADIUS) * b->stride + LEFT + x : NULL);
-  }
+  const sv_depth_map *src = &b->s->map[b->m->source[k]];
+  sv_sweep_warp_args a = {.src = src->grey,
+                          .width_px = src->view.width_px,
+                          .height_px = src->view.height_px,
+                          .x0 = b->x0 - 16,
+                          .x1 = b->x1 + 16,
+                          .y0 = b->y0 - RADIUS,
+                          .stride = b->stride,
+                          .warped = b->l->warped[k] + LEFT,
+                          .is_in = b->l->is_in[k] + LEFT};
+  memcpy(a.h, q->h, sizeof a.h);
+  for (int i = 0; i < 3; i++) a.e[i] = w * q->e[i];
+  b->k->sweep_warp(&a);
 }
-
-// Sums over 2 RADIUS + 1 pixels of each row of p, p p and p q.
-static void sum_rows(const band *b, const float *p, const float *q) {
-  for (int r = 0; r < ROWS; r++)
-    for (int x = b->x0; x < b->x1; x += 16) {
-      const int at = r * b->stride + LEFT + x;
-      const float *restrict c = p + at, *restrict d = q + at;
-      float *restrict s0 = b->l->sum[0] + at, *restrict s1 = b->l->sum[1] + at,
-                      *restrict s2 = b->l->sum[2] + at;
-      for (int i = 0; i < 16; i++) {
-        s0[i] = c[i - 2] + c[i - 1] + c[i] + c[i + 1] + c[i + 2];
-        s1[i] = c[i - 2] * c[i - 2] + c[i - 1] * c[i - 1] + c[i] * c[i] + c[i + 1] * c[i + 1] +
-                c[i + 2] * c[i + 2];
-        s2[i] = c[i - 2] * d[i - 2] + c[i - 1] * d[i - 1] + c[i] * d[i] + c[i + 1] * d[i + 1] +
-                c[i + 2] * d[i + 2];
-      }
-    }
-}
-
-static inline float down(const float *s, int stride) {
-  return s[0] + s[stride] + s[2 * stride] + s[3 * stride] + s[4 * stride];
-}
-
-#define N_WINDOW ((float)((2 * RADIUS + 1) * (2 * RADIUS + 1)))
 
 // Mean and 1 / (sum of squared deviations) of the windows of the map's own picture, 0 without
 // structure; and the columns that have some.
@@ -340,17 +307,17 @@ static void describe(band *b) {
   int first = n, last = -1;
   b->x0 = 0;
   b->x1 = (n + 15) / 16 * 16;
-  sum_rows(b, l->ref, l->ref);
   for (int i = 0; i < BAND; i++)
     for (int x = 0; x < b->x1; x++) {
       int at = i * b->stride + LEFT + x;
-      float s1 = down(l->sum[0] + at, b->stride),
-            dev = down(l->sum[1] + at, b->stride) - s1 * s1 * (1 / N_WINDOW);
+      float s[3];
+      sv_sweep_sum_window(l->ref + at - RADIUS, l->ref + at - RADIUS, b->stride, s);
+      float dev = s[1] - s[0] * s[0] * (1 / SV_SWEEP_WINDOW);
       const float *c = l->ref + at + RADIUS * b->stride;
       float dx = c[1] - c[-1], dy = c[b->stride] - c[-b->stride];
-      bool is_used = x < n && b->y0 + i < b->m->view.height_px && dev > MIN_VAR * N_WINDOW &&
+      bool is_used = x < n && b->y0 + i < b->m->view.height_px && dev > SV_SWEEP_MIN_DEV &&
                      dx * dx + dy * dy > MIN_SLOPE2;
-      l->mean[at] = s1 * (1 / N_WINDOW);
+      l->mean[at] = s[0] * (1 / SV_SWEEP_WINDOW);
       l->norm[at] = is_used ? 1 / dev : 0;
       if (is_used) {
         first = sv_mini(first, x);
@@ -361,45 +328,27 @@ static void describe(band *b) {
   b->x1 = (last + 16) / 16 * 16;
 }
 
-// Correlations with one warped picture, squared with their sign, into the best two so far.
-static void correlate(const band *b) {
-  const int stride = b->stride;
-  sum_rows(b, b->l->warped, b->l->ref);
-  for (int i = 0; i < BAND; i++)
-    for (int x = b->x0; x < b->x1; x += 16) {
-      const int at = i * stride + LEFT + x;
-      const float *restrict s0 = b->l->sum[0] + at, *restrict s1 = b->l->sum[1] + at,
-                            *restrict s2 = b->l->sum[2] + at;
-      const float *restrict mean = b->l->mean + at, *restrict norm = b->l->norm + at,
-                            *restrict in = b->l->is_in + at;
-      float *restrict first = b->l->first + at, *restrict second = b->l->second + at;
-      for (int k = 0; k < 16; k++) {
-        float sum = down(s0 + k, stride), dev = down(s1 + k, stride) - sum * sum * (1 / N_WINDOW);
-        float cov = down(s2 + k, stride) - sum * mean[k], floor = 0.5f * MIN_VAR * N_WINDOW;
-        float c = cov * (cov < 0 ? -cov : cov) * norm[k] / (dev > floor ? dev : floor);
-        c = in[k] > 0 ? c : NOT_SEEN;
-        float low = c < first[k] ? c : first[k];
-        second[k] = second[k] > low ? second[k] : low;
-        first[k] = first[k] > c ? first[k] : c;
-      }
-    }
-}
-
-// Where the other picture does not see a place, one has to do.
-static void keep_best(const band *b, int plane) {
+// How well the warped pictures match the map's own, into the best so far.
+static void match(const band *b, int plane) {
   const lane *l = b->l;
-  for (int i = 0; i < BAND; i++)
-    for (int x = b->x0; x < b->x1; x++) {
-      int at = i * b->stride + LEFT + x;
-      float c = l->second[at] > NOT_SEEN ? 0.5f * (l->first[at] + l->second[at]) : l->first[at] - ALONE;
-      if (l->plane[at] == (float)(plane - 1)) l->after[at] = c;
-      if (c > l->best[at]) {
-        l->best[at] = c;
-        l->plane[at] = (float)plane;
-        l->before[at] = l->last[at];
-      }
-      l->last[at] = c;
-    }
+  sv_sweep_match_args a = {.n_sources = b->m->n_sources,
+                           .ref = l->ref + LEFT,
+                           .mean = l->mean + LEFT,
+                           .norm = l->norm + LEFT,
+                           .best = l->best + LEFT,
+                           .before = l->before + LEFT,
+                           .after = l->after + LEFT,
+                           .last = l->last + LEFT,
+                           .plane = l->plane + LEFT,
+                           .i_plane = plane,
+                           .x0 = b->x0,
+                           .x1 = b->x1,
+                           .stride = b->stride};
+  for (int k = 0; k < a.n_sources; k++) {
+    a.warped[k] = l->warped[k] + LEFT;
+    a.is_in[k] = l->is_in[k] + LEFT;
+  }
+  b->k->sweep_match(&a);
 }
 
 static void write_codes(const band *b, const sv_image_u8 *im) {
@@ -429,7 +378,12 @@ static void sweep_task(void *arg, int i_task, int i_thread) {
   job *j = arg;
   const sv_depth_map *m = &j->s->map[i_task / j->bands_of_map];
   lane *l = &j->lanes[i_thread];
-  band b = {.m = m, .l = l, .y0 = i_task % j->bands_of_map * BAND, .stride = stride_of(m->view.width_px)};
+  band b = {.k = j->t->compute.k,
+            .s = j->s,
+            .m = m,
+            .l = l,
+            .y0 = i_task % j->bands_of_map * BAND,
+            .stride = stride_of(m->view.width_px)};
   sv_transfer q[SV_SWEEP_CAP_SOURCES];
   const int n = BAND * b.stride;
   if (b.y0 >= m->view.height_px) return;
@@ -441,19 +395,14 @@ static void sweep_task(void *arg, int i_task, int i_thread) {
   load_rows(&b);
   if (is_wide) load_rays(&b);
   describe(&b);
-  fill(l->best, n, NOT_SEEN);
-  fill(l->last, n, NOT_SEEN);
-  fill(l->before, n, NOT_SEEN);
-  fill(l->after, n, NOT_SEEN);
+  fill(l->best, n, SV_SWEEP_NOT_SEEN);
+  fill(l->last, n, SV_SWEEP_NOT_SEEN);
+  fill(l->before, n, SV_SWEEP_NOT_SEEN);
+  fill(l->after, n, SV_SWEEP_NOT_SEEN);
   fill(l->plane, n, -2);
   for (int p = 0; p < m->n_planes && b.x1 > b.x0; p++) {
-    fill(l->first, n, NOT_SEEN);
-    fill(l->second, n, NOT_SEEN);
-    for (int k = 0; k < m->n_sources; k++) {
-      warp(&b, &j->s->map[m->source[k]], &q[k], m->w0 + (float)p * m->dw);
-      correlate(&b);
-    }
-    keep_best(&b, p);
+    for (int k = 0; k < m->n_sources; k++) warp(&b, k, &q[k], m->w0 + (float)p * m->dw);
+    match(&b, p);
   }
   write_codes(&b, &j->t->views[m->i_view].image);
 }

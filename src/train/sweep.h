@@ -7,6 +7,7 @@
 #ifndef SV_TRAIN_SWEEP_H
 #define SV_TRAIN_SWEEP_H
 
+#include "kernels/kernels.h"
 #include "src/rig/bounds.h"
 #include "src/train/train.h"
 
@@ -14,10 +15,9 @@
 extern "C" {
 #endif
 
-#define SV_SWEEP_CAP_VIEWS   32 // views that get a depth map
-#define SV_SWEEP_CAP_SOURCES 4  // others that each is compared with
-#define SV_SWEEP_CAP_PLANES  128
-#define SV_SWEEP_CAP_PX      48000 // of a map: more points than Gaussians are not needed
+#define SV_SWEEP_CAP_VIEWS  32 // views that get a depth map
+#define SV_SWEEP_CAP_PLANES 128
+#define SV_SWEEP_CAP_PX     48000 // of a map: more points than Gaussians are not needed
 
 typedef struct {
   int i_view;                                  // of the trainer's views
