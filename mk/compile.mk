@@ -30,6 +30,7 @@ $(O)/obj/calib/solve/%.o: calib/solve/%.cc
 	$(call compile_cxx,-isystem $(INC_DIR)/opencv4 -isystem $(INC_DIR)/eigen3)
 $(O)/obj/%.o: %.c
 	$(call compile,$(CORE_CFLAGS))
+$(O)/obj/src/metric/%.o: CORE_CFLAGS += $(OPT_KERNELS)
 -include $(ALL_OBJ:.o=.d)
 # Files that the assembler includes: the compiler does not list them.
 $(O)/obj/platform/preview/bundle.o: $(wildcard platform/preview/page/*)
