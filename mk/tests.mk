@@ -34,6 +34,7 @@ endif
 
 $(HEAP_USERS:%=$(O)/tests/%): $(call obj,$(HEAP_SRC))
 $(SANDBOX_USERS:%=$(O)/tests/%): $(call obj,platform/preview/sandbox.c)
+$(O)/tests/unit/test_control: $(call obj,platform/preview/control.c)
 $(SANDBOX_USERS:%=$(O)/tests/%): SOLVE_LIBS_HERE = $(call has_lib,seccomp.h,-lseccomp)
 $(SOLVE_USERS:%=$(O)/tests/%): SOLVE_LIBS_HERE = $(O)/libcalibrate.a $(TEST_ARCHIVES) $(SOLVE_LIBS)
 $(SOLVE_USERS:%=$(O)/tests/%): $(O)/libcalibrate.a

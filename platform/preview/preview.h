@@ -12,12 +12,16 @@
 //   GET  /picture.jpg a training picture beside its rendering, made by the device
 //   GET  /model       the Gaussians, compact (model.c); 204 when ?after=N is the newest
 //   GET  /model.ply /model.splat /model.spz   downloads
-//   POST /start /pause /save /new             with the token in X-Subview-Token
-//   POST /enter       likewise; the answer sets a cookie that reading takes, too
+//   POST /start /pause /save /new             with the token in X-Subview-Token, from the page that
+//                                             has control (X-Subview-Page, control.h)
+//   POST /enter       likewise; the answer sets a cookie that reading takes, too. It gives the page
+//                     a seat, which it keeps by asking again
+//   POST /ask /give /keep    asks for control; the answers of the page that has it
 #ifndef SV_PLATFORM_PREVIEW_PREVIEW_H
 #define SV_PLATFORM_PREVIEW_PREVIEW_H
 
 #include "platform/preview/bundle.h"
+#include "platform/preview/control.h"
 #include "src/base/str.h"
 #include "src/port/feed.h"
 
@@ -57,6 +61,7 @@ typedef struct {
   pv_blob *file[PV_N_FILES];
   void *codec; // sv_codec of the pictures
   int stale_s; // seconds without progress, 0: the run is well
+  pv_control control;
   char sandbox[128];
 } pv_source;
 

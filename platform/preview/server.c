@@ -53,7 +53,7 @@ struct pv_server {
   pv_blob *newest[N_STREAMS];
   uint64_t n_states; // that the event stream had, of the runtime or of its heartbeats
   struct {
-    uint64_t seq;
+    uint64_t seq, n_changes;
     int stale_s;
   } told; // the newest of them
   sv_ns next_mosaic_ns;
@@ -212,8 +212,12 @@ static void renew_state(pv_server *s) {
   const pv_source *p = s->cfg.source;
   (void)pv_state_read(s->cfg.source);
   pv_stale_read(s->cfg.source);
-  if (s->told.seq != p->state_seq || s->told.stale_s != p->stale_s) s->n_states++;
+  pv_control_step(&s->cfg.source->control, now_ns());
+  if (s->told.seq != p->state_seq || s->told.stale_s != p->stale_s ||
+      s->told.n_changes != p->control.n_changes)
+    s->n_states++;
   s->told.seq = p->state_seq;
+  s->told.n_changes = p->control.n_changes;
   s->told.stale_s = p->stale_s;
   const pv_blob *newest = s->newest[STREAM_EVENTS];
   if (!has_stream(s, STREAM_EVENTS) || (newest && newest->seq == s->n_states)) return;
@@ -247,6 +251,8 @@ static const char *header(struct MHD_Connection *c, const char *name) {
   return MHD_lookup_connection_value(c, MHD_HEADER_KIND, name);
 }
 
+static const char *page_of(struct MHD_Connection *c) { return header(c, "X-Subview-Page"); }
+
 static bool has_token(const pv_server *s, struct MHD_Connection *c, bool is_to_read) {
   if (pv_token_is(header(c, "X-Subview-Token"), s->cfg.token)) return true;
   return is_to_read &&
@@ -262,10 +268,23 @@ static enum MHD_Result refuse_token(struct MHD_Connection *c) {
 static enum MHD_Result enter(pv_server *s, struct MHD_Connection *c) {
   char text[PV_CAP_TOKEN + 96];
   if (!has_token(s, c, false)) return refuse_token(c);
+  const uint32_t seat = pv_control_enter(&s->cfg.source->control, page_of(c), now_ns());
   struct MHD_Response *r = MHD_create_response_from_buffer(0, (void *)(uintptr_t) "", MHD_RESPMEM_PERSISTENT);
   sv_fmt(text, sizeof text, "%s=%s; Path=/; HttpOnly; SameSite=Strict", s->cookie, s->cfg.read_key);
   if (r && s->cfg.read_key[0]) MHD_add_response_header(r, "Set-Cookie", text);
+  sv_fmt(text, sizeof text, "%u", seat);
+  if (r) MHD_add_response_header(r, "X-Subview-Seat", text);
   return finish(c, MHD_HTTP_NO_CONTENT, r, "text/plain; charset=utf-8");
+}
+
+// Asking for control, and the answers of the page that has it.
+static enum MHD_Result post_control(pv_server *s, struct MHD_Connection *c, const char *url) {
+  pv_control *control = &s->cfg.source->control;
+  const bool is_ask = !strcmp(url, "/ask");
+  const bool is_done = is_ask ? pv_control_ask(control, page_of(c), now_ns())
+                              : pv_control_answer(control, page_of(c), !strcmp(url, "/give"));
+  if (is_done) return say(c, MHD_HTTP_OK, "done\n");
+  return say(c, MHD_HTTP_CONFLICT, is_ask ? "this page has to be opened first\n" : "nobody asks this page\n");
 }
 
 static enum MHD_Result post(pv_server *s, struct MHD_Connection *c, const char *url) {
@@ -277,9 +296,13 @@ static enum MHD_Result post(pv_server *s, struct MHD_Connection *c, const char *
                   {"/save", SV_PREVIEW_SAVE},
                   {"/new", SV_PREVIEW_NEW}};
   if (!strcmp(url, "/enter")) return enter(s, c);
+  if (!strcmp(url, "/ask") || !strcmp(url, "/give") || !strcmp(url, "/keep"))
+    return has_token(s, c, false) ? post_control(s, c, url) : refuse_token(c);
   for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
     if (!strcmp(url, commands[i].url)) {
       if (!has_token(s, c, false)) return refuse_token(c);
+      if (!pv_control_may(&s->cfg.source->control, page_of(c)))
+        return say(c, MHD_HTTP_LOCKED, "another device controls this run: ask for control first\n");
       if (write(s->cfg.command_fd, &commands[i].byte, 1) == 1) return say(c, MHD_HTTP_OK, "asked\n");
       return say(c, MHD_HTTP_SERVICE_UNAVAILABLE, "the run accepts no commands at the moment\n");
     }

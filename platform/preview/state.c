@@ -146,6 +146,7 @@ void pv_state_json(const pv_source *p, sv_str *o) {
              (unsigned long long)sv_feed_newest(&p->reader, SV_FEED_MODEL),
              (unsigned long long)sv_feed_newest(&p->reader, SV_FEED_PICTURE), s->is_throttled,
              (unsigned long long)s->n_skew);
+  sv_str_add(o, "\"control\":{\"by\":%u,\"asked\":%u},", p->control.by, p->control.asked);
   add_number(o, "seconds", s->train_s);
   add_number(o, "time_limit", s->time_limit_s);
   add_number(o, "steps_per_s", s->steps_per_s);

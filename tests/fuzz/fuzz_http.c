@@ -50,6 +50,9 @@ size_t fuzz_seed(int i, uint8_t *buf, size_t cap) {
       "POST /start" HOST "Content-Length: 2\r\nOrigin: http://127.0.0.1:00000\r\n\r\nab",
       "POST /enter" HOST "Content-Length: 0\r\n\r\nHEAD /curve" HOST "Cookie: subview-00000=" TOKEN
       "\r\n\r\n",
+      "POST /enter" HOST "X-Subview-Page: " TOKEN "\r\n\r\nPOST /keep" HOST "X-Subview-Page: " TOKEN
+      "\r\n\r\n",
+      "POST /ask" HOST "X-Subview-Page: abcdefghijklmnopq\r\n\r\nPOST /give" HOST "\r\n",
       "PUT /x HTTP/1.0\r\nHost: evil\r\nSec-Fetch-Site: cross-site\r\n\r\n",
       "POST /save" HOST "Transfer-Encoding: chunked\r\n\r\n3\r\nabc\r\n0\r\n\r\n"};
   if (i >= (int)(sizeof texts / sizeof *texts) || strlen(texts[i]) > cap) return 0;

@@ -83,6 +83,43 @@ static void test_commands_need_the_token(void **state) {
   assert_int_equal(live_run_stop(&r), 0);
 }
 
+// The first page has control. What another page asks for has no effect, until it gets control.
+TEST(test_one_controls) {
+  static const char *const ids[] = {"aaaaaaaaaaaaaaaa", "bbbbbbbbbbbbbbbb"};
+  static const char *const paths[] = {"/start", "/pause", "/save", "/new", "/give", "/keep"};
+  char page[2][200];
+  start(BASE "--steps 100 --session");
+  assert_true(wait_for("\"state\":\"waiting\"", 10));
+  assert_true(state_has("\"control\":{\"by\":0,\"asked\":0}"));
+  for (int i = 0; i < 2; i++) {
+    snprintf(page[i], sizeof page[i], "X-Subview-Token: %s\r\nX-Subview-Page: %s\r\n", r.token, ids[i]);
+    assert_int_equal(code_of("POST", "/enter", page[i]), 204);
+    assert_contains((char *)answer, i ? "X-Subview-Seat: 2\r\n" : "X-Subview-Seat: 1\r\n");
+  }
+  assert_true(state_has("\"control\":{\"by\":1,\"asked\":0}"));
+  for (int i = 0; i < 6; i++) {
+    assert_int_equal(code_of("POST", paths[i], page[1]), i < 4 ? 423 : 409);
+    char headers[120]; // a program that is no page
+    snprintf(headers, sizeof headers, "X-Subview-Token: %s\r\n", r.token);
+    assert_int_equal(code_of("POST", paths[i], headers), i < 4 ? 423 : 409);
+  }
+  assert_int_equal(code_of("POST", "/ask", "X-Subview-Page: bbbbbbbbbbbbbbbb\r\n"), 403);
+  poll(NULL, 0, 300);
+  assert_true(state_has("\"state\":\"waiting\""));
+  assert_null(strstr((char *)answer, ids[0])); // what would let others pass for it
+  assert_int_equal(code_of("POST", "/ask", page[1]), 200);
+  assert_true(state_has("\"control\":{\"by\":1,\"asked\":2}"));
+  assert_int_equal(code_of("POST", "/keep", page[0]), 200);
+  assert_true(state_has("\"control\":{\"by\":1,\"asked\":0}"));
+  assert_int_equal(code_of("POST", "/ask", page[1]), 200);
+  assert_int_equal(code_of("POST", "/give", page[0]), 200);
+  assert_true(state_has("\"control\":{\"by\":2,\"asked\":0}"));
+  assert_int_equal(code_of("POST", "/start", page[0]), 423);
+  assert_int_equal(code_of("POST", "/start", page[1]), 200);
+  assert_true(wait_for("\"state\":\"done\"", 60));
+  live_run_stop(&r);
+}
+
 // The cookie of an answer, "" when there is none.
 static void cookie_of(char *out, size_t cap) {
   const char *line = strstr((const char *)answer, "Set-Cookie: ");
@@ -289,6 +326,7 @@ FIXTURE(remove_root) { return temp_folder_remove(root); }
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test_teardown(test_commands_need_the_token, stop),
+      cmocka_unit_test_teardown(test_one_controls, stop),
       cmocka_unit_test_teardown(test_private, stop),
       cmocka_unit_test_teardown(test_tokens_of_the_user, stop),
       cmocka_unit_test_teardown(test_one_address_cannot_take_all, stop),
