@@ -9,6 +9,7 @@
 
 #define HEADER_BYTES 128
 #define N_HALVES     11 // 16-bit values of a Gaussian
+#define N_EYE        7  // floats of a camera
 #define MAGIC        0x32475653u
 #define CAP_SH       4.0f // higher SH beyond are cut: nothing that is seen has them
 
@@ -85,6 +86,7 @@ static void put_header(uint8_t *o, const sv_feed_model *m, uint64_t seq, float u
   sv_put_lef32(o + 48, m->dilation_px2);
   sv_put_le32(o + 52, m->n_bodies);
   sv_put_le32(o + 56, m->n_knots);
+  sv_put_le32(o + 60, (m->is_metric ? 1u : 0) | m->n_eyes << 8);
   for (int i = 0; i < 16; i++) sv_put_lef32(o + 64 + 4 * i, floats[i]);
 }
 
@@ -95,7 +97,7 @@ static size_t sh_end(const sv_feed_model *m) {
 static size_t motion_at(const sv_feed_model *m) { return (sh_end(m) + 3) & ~(size_t)3; }
 
 size_t pv_compact_bytes(const sv_feed_model *m) {
-  return motion_at(m) + 4 * (size_t)pv_compact_motion_floats(m);
+  return motion_at(m) + 4 * ((size_t)pv_compact_motion_floats(m) + N_EYE * (size_t)m->n_eyes);
 }
 
 void pv_compact_put(const sv_feed_model *m, uint64_t seq, uint8_t *out) {
@@ -112,4 +114,13 @@ void pv_compact_put(const sv_feed_model *m, uint64_t seq, uint8_t *out) {
     put_higher((int8_t *)out + sh_at + n_sh * i, &g, n_higher(m), unit);
   }
   for (size_t i = 0; i < n_moves; i++) sv_put_lef32(out + moves_at + 4 * i, row[i]);
+  uint8_t *eyes = out + moves_at + 4 * n_moves;
+  for (uint32_t i = 0; i < m->n_eyes; i++, eyes += 4 * N_EYE) {
+    const sv_feed_eye *e = &m->eyes[i];
+    for (int k = 0; k < 3; k++) {
+      sv_put_lef32(eyes + 4 * k, e->eye[k]);
+      sv_put_lef32(eyes + 12 + 4 * k, e->forward[k]);
+    }
+    sv_put_lef32(eyes + 24, e->tan_half);
+  }
 }

@@ -37,8 +37,8 @@ static const sv_feed_model *newest(pv_source *s) {
     bool is_whole =
         bytes >= sizeof *m && m->sh_degree <= 3 && m->n_motion <= 256 &&
         m->n_floats == SV_GAUSSIAN_N_FLOATS(m->sh_degree) && m->n_moving <= m->n &&
-        m->n_bodies <= SV_FEED_CAP_BODIES && m->n_knots <= SV_FEED_CAP_KNOTS &&
-        m->n <= (bytes - sizeof *m) / sizeof(float) / m->n_floats &&
+        m->n_eyes <= SV_FEED_CAP_EYES && m->n_bodies <= SV_FEED_CAP_BODIES &&
+        m->n_knots <= SV_FEED_CAP_KNOTS && m->n <= (bytes - sizeof *m) / sizeof(float) / m->n_floats &&
         (uint64_t)m->n * m->n_floats + pv_compact_motion_floats(m) <= (bytes - sizeof *m) / sizeof(float);
     if (!is_whole) memset(s->model, 0, sizeof *m);
   }

@@ -12,10 +12,11 @@
 //   GET  /picture.jpg a training picture beside its rendering, made by the device
 //   GET  /model       the Gaussians, compact (model.c); 204 when ?after=N is the newest
 //   GET  /model.ply /model.splat /model.spz   downloads
+//   GET  /look-key    with the token: the secret of links that show and cannot control
 //   POST /start /pause /save /new             with the token in X-Subview-Token, from the page that
 //                                             has control (X-Subview-Page, control.h)
 //   POST /enter       likewise; the answer sets a cookie that reading takes, too. It gives the page
-//                     a seat, which it keeps by asking again
+//                     a seat, which it keeps by asking again. With the look key: the cookie alone
 //   POST /ask /give /keep    asks for control; the answers of the page that has it
 #ifndef SV_PLATFORM_PREVIEW_PREVIEW_H
 #define SV_PLATFORM_PREVIEW_PREVIEW_H

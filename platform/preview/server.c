@@ -263,12 +263,19 @@ static enum MHD_Result refuse_token(struct MHD_Connection *c) {
   return say(c, MHD_HTTP_FORBIDDEN, "the token is missing or wrong: open the link that subview printed\n");
 }
 
+// For links that show and cannot control: what reading takes, where it takes anything.
+static enum MHD_Result get_look_key(const pv_server *s, struct MHD_Connection *c) {
+  if (!has_token(s, c, false)) return refuse_token(c);
+  return say(c, MHD_HTTP_OK, s->cfg.is_private ? s->cfg.read_key : "");
+}
+
 // Scripts cannot read the cookie, other sites' requests do not carry it, and it allows reading
 // alone.
 static enum MHD_Result enter(pv_server *s, struct MHD_Connection *c) {
   char text[PV_CAP_TOKEN + 96];
-  if (!has_token(s, c, false)) return refuse_token(c);
-  const uint32_t seat = pv_control_enter(&s->cfg.source->control, page_of(c), now_ns());
+  const bool has_all = has_token(s, c, false);
+  if (!has_all && !pv_token_is(header(c, "X-Subview-Token"), s->cfg.read_key)) return refuse_token(c);
+  const uint32_t seat = has_all ? pv_control_enter(&s->cfg.source->control, page_of(c), now_ns()) : 0;
   struct MHD_Response *r = MHD_create_response_from_buffer(0, (void *)(uintptr_t) "", MHD_RESPMEM_PERSISTENT);
   sv_fmt(text, sizeof text, "%s=%s; Path=/; HttpOnly; SameSite=Strict", s->cookie, s->cfg.read_key);
   if (r && s->cfg.read_key[0]) MHD_add_response_header(r, "Set-Cookie", text);
@@ -330,6 +337,7 @@ static enum MHD_Result get(pv_server *s, struct MHD_Connection *c, const char *u
           c, MHD_HTTP_OK,
           MHD_create_response_from_buffer(page->bytes, (void *)(uintptr_t)page->text, MHD_RESPMEM_PERSISTENT),
           page->type);
+  if (!strcmp(url, "/look-key")) return get_look_key(s, c);
   static const char *const data[] = {"/state",       "/curve", "/events",    "/stream",      "/cameras",
                                      "/picture.jpg", "/model", "/model.ply", "/model.splat", "/model.spz"};
   size_t i = 0;

@@ -20,7 +20,7 @@
 #include "src/port/heartbeat.h"
 
 #define SV_FEED_MAGIC   0x64656673u // "sfed"
-#define SV_FEED_VERSION 3u
+#define SV_FEED_VERSION 4u
 
 #define SV_FEED_CAP_CAMERAS   64  // listed
 #define SV_FEED_CAP_TILES     16  // with a thumbnail
@@ -33,6 +33,7 @@
 #define SV_FEED_CAP_PARTS     48
 #define SV_FEED_CAP_REASONS   16
 #define SV_FEED_SKEW_BINS     64
+#define SV_FEED_CAP_EYES      64 // cameras of a model's images, spread over all of them
 
 typedef enum {
   SV_FEED_STATE,   // sv_feed_state
@@ -111,6 +112,10 @@ typedef struct {
 // With rigid bodies, floats of n_bodies follow, body 0 included: centres [n_bodies][3], times
 // [n_knots], knots [n_bodies][n_knots][7] (w x y z, displacement), the body of each of the
 // n_moving.
+typedef struct {
+  float eye[3], forward[3]; // of the world
+  float tan_half;           // tangent of half the image's diagonal angle
+} sv_feed_eye;
 typedef enum { SV_FEED_STILL, SV_FEED_CHEBYSHEV, SV_FEED_SPLINE, SV_FEED_POWERS } sv_feed_motion;
 typedef struct {
   uint32_t n, sh_degree, n_floats, is_mip, step;
@@ -124,6 +129,8 @@ typedef struct {
   float time_min, time_max, seconds; // of a moving scene: times of its exposures, and their
                                      // duration
   uint32_t is_metric;                // the unit of the world is the meter
+  uint32_t n_eyes;
+  sv_feed_eye eyes[SV_FEED_CAP_EYES]; // where the images of the training were taken
 } sv_feed_model;
 #define SV_FEED_CAP_BODIES 16
 #define SV_FEED_CAP_KNOTS  256

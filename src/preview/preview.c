@@ -212,6 +212,19 @@ static void fill_viewpoint(const sv_preview *l, sv_feed_model *m) {
   m->fov_y = 2 * (float)sv_atan2(0.5 * v->height_px, (double)v->fy);
 }
 
+static void fill_eyes(const sv_preview *l, sv_feed_model *m) {
+  const sv_trainer *t = l->cfg.trainer;
+  const int n_views = sv_driver_n_views(t), n = sv_mini(n_views, SV_FEED_CAP_EYES);
+  for (int i = 0; i < n; i++) {
+    const sv_view *v = sv_driver_view(t, (int)((int64_t)i * n_views / n));
+    sv_feed_eye *e = &m->eyes[m->n_eyes++];
+    const float x = (float)v->width_px / v->fx, y = (float)v->height_px / v->fy;
+    sv_view_centre(e->eye, v);
+    for (int k = 0; k < 3; k++) e->forward[k] = v->r[6 + k];
+    e->tan_half = 0.5f * sqrtf(x * x + y * y);
+  }
+}
+
 size_t sv_preview_motion_floats(const sv_dynamic_cfg *d) {
   const size_t rows = d->kind == SV_DEFORM_CLIP ? (size_t)SV_N_MROWS(d->n_pos, d->n_rot, d->n_colour) : 0;
   return rows + sv_dynamic_has_bodies(d); // and which body
@@ -294,6 +307,7 @@ static void publish_model(sv_preview *l) {
   m->step = t->step;
   m->dilation_px2 = t->cfg.dilation_px2 > 0 ? t->cfg.dilation_px2 : SV_DILATION_PX2;
   fill_viewpoint(l, m);
+  fill_eyes(l, m);
   float *row = (float *)(m + 1);
   for (int i = 0; i < t->g.n; i++, row += n_floats) {
     sv_gaussian g;

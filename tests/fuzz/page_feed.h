@@ -40,7 +40,7 @@ static void page_fill(sv_feed *f) {
   sv_feed_commit(f, SV_FEED_TILES, sizeof *t);
   sv_feed_model *m = sv_feed_begin(f, SV_FEED_MODEL);
   *m = (sv_feed_model){
-      .n = PAGE_N, .sh_degree = 1, .n_floats = PAGE_FLOATS, .step = 7, .radius = 1, .fov_y = 1};
+      .n = PAGE_N, .sh_degree = 1, .n_floats = PAGE_FLOATS, .step = 7, .radius = 1, .fov_y = 1, .n_eyes = 2};
   float *rows = (float *)(void *)(m + 1);
   for (int i = 0; i < PAGE_N * PAGE_FLOATS; i++) rows[i] = (float)(i % 7) * 0.1f;
   sv_feed_commit(f, SV_FEED_MODEL, sizeof *m + sizeof(float) * PAGE_N * PAGE_FLOATS);

@@ -1,20 +1,31 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page's states and controls. Two long connections: the state (server-sent events) and the
+// The page's states and commands. Two long connections: the state (server-sent events) and the
 // camera mosaic.
 "use strict";
 const $ = (id) => document.getElementById(id);
-const page = { token: location.hash.slice(1), state: null, points: [], model_seq: -1, picture_seq: -1, is_loading: false, is_away: false, started: 0 };
-const token_header = { "X-Subview-Token": page.token };
-// The server gives a cookie for the token: images and event streams carry no headers of ours.
+const page = { token: location.hash.slice(1), state: null, points: [], model_seq: -1, picture_seq: -1, is_loading: false, is_away: false, started: 0, seat: 0, id: "" };
+// This page among those of one run: a reload keeps it.
+try {
+  page.id = sessionStorage.getItem("page") || "";
+} catch (e) { /* private mode */ }
+if (!page.id) page.id = [...crypto.getRandomValues(new Uint8Array(16))].map((v) => v.toString(16).padStart(2, "0")).join("");
+try {
+  sessionStorage.setItem("page", page.id);
+} catch (e) { /* private mode */ }
+const token_header = { "X-Subview-Token": page.token, "X-Subview-Page": page.id };
+// The server gives a cookie for the token: images and event streams carry no headers of ours. It
+// knows by this, too, that the page is still there.
 async function enter() {
   if (!page.token) return;
   try {
-    await fetch("/enter", { method: "POST", headers: token_header });
+    const r = await fetch("/enter", { method: "POST", headers: token_header });
+    page.seat = r.ok ? +r.headers.get("X-Subview-Seat") : 0;
   } catch (e) {
     // the connection tells
   }
 }
 const entered = enter();
+setInterval(enter, 5000);
 entered.then(() => ($("tiles").src = "/cameras")); // first of all
 
 const titles = {
@@ -46,7 +57,7 @@ function open_view() {
   if (view || page.has_no_view || typeof SplatView === "undefined") return;
   try {
     view = new SplatView($("view"));
-    view.on_time = show_clip;
+    view.on_time = show_clip, (view.on_frame = draw_marks), view.set_quality(page.quality || 1);
   } catch (e) {
     page.has_no_view = true, ($("notice").hidden = false);
     set("notice", "This browser cannot draw the model: " + e.message + ". Downloads and camera images work.");
@@ -61,7 +72,9 @@ async function load_model(seq) {
     const r = await fetch("/model?after=" + page.model_seq);
     if (r.status === 200) {
       const n = +r.headers.get("X-Subview-Seq");
+      const is_first = !view.n;
       if (view.load(await r.arrayBuffer())) page.model_seq = n;
+      if (is_first) view.go_to(new URLSearchParams(location.search).get("view"));
     } else if (r.status === 404) {
       view.clear();
       page.model_seq = seq;
@@ -95,7 +108,7 @@ async function load_picture(seq) {
       $("picture").src = URL.createObjectURL(await r.blob());
       if (old) URL.revokeObjectURL(old);
     }
-    $("picture").hidden = $("picture-line").hidden = !has;
+    $("picture").hidden = $("picture-box").hidden = !has;
     page.picture_seq = seq;
   } catch (e) {
     // likewise
@@ -116,6 +129,8 @@ async function load_history() {
 async function load_events() {
   try {
     const list = await (await fetch("/events")).json();
+    const last = (words) => list.map((e) => words.test(e.text)).lastIndexOf(true);
+    page.has_full_disk = last(/no space left|disk is full/i) > last(/^saved /);
     $("events").replaceChildren(
       ...list.reverse().map((e) => element("li", e.seconds.toFixed(1) + " s  " + e.text, e.level < 2 ? "bad" : ""))
     );
@@ -140,6 +155,10 @@ function show_message(s) {
   $("cameras-box").hidden = place === $("message") || !s.cameras.length;
   // What cannot say anything yet takes no room.
   $("training-box").hidden = !s.cameras.length || (s.step === 0 && !has_model && s.state === "waiting");
+  // What this state has no use for is not there: before the run that leaves one button.
+  $("start").hidden = !["waiting", "paused", "starting"].includes(s.state);
+  $("pause").hidden = $("save").hidden = !["training", "paused", "saving"].includes(s.state);
+  $("new").hidden = s.state === "waiting" || !s.session;
   $("files-box").hidden = !has_model && !s.step;
   $("machine-box").hidden = $("frames-box").hidden = !s.cameras.length;
 }
@@ -157,7 +176,7 @@ function show_stale(s) {
 }
 
 function show_buttons(s) {
-  const may = page.token !== "" && !page.is_away && !s.stale_s, on = (id, is) => ($(id).disabled = !(may && is));
+  const may = page.seat > 0 && [0, page.seat].includes(s.control.by) && !page.is_away && !s.stale_s, on = (id, is) => ($(id).disabled = !(may && is));
   set("start", s.state === "paused" ? "Resume" : "Start");
   on("start", s.state === "waiting" || s.state === "paused");
   on("pause", s.state === "training");
@@ -165,7 +184,7 @@ function show_buttons(s) {
   on("new", s.session && s.state !== "saving" && s.state !== "waiting");
   $("start").classList.toggle("main", s.state === "waiting" || s.state === "paused");
   for (const id of ["get-ply", "get-splat", "get-spz"]) $(id).classList.toggle("off", !(view ? view.n : s.step));
-  if (!page.token && $("notice").hidden) {
+  if (!page.seat && $("notice").hidden) {
     $("notice").hidden = false;
     set("notice", "View only. To control the run, open the link that subview printed.");
   }
@@ -178,10 +197,14 @@ function show_cameras(s) {
   while (labels.children.length > count) labels.lastChild.remove();
   for (let i = 0; i < count; i++) {
     const c = s.cameras[i], line = c.name + "  " + c.fps.toFixed(0) + " fps" + (c.dropped ? "  " + c.dropped + " dropped" : "");
-    if (!labels.children[i]) labels.append(element("div"));
+    if (!labels.children[i]) {
+      const b = element("button");
+      b.onclick = () => open_camera(i);
+      labels.append(b);
+    }
     const d = labels.children[i];
-    d.style.cssText = `left:${(100 * (i % columns)) / columns}%;top:${(100 * Math.floor(i / columns)) / rows}%;width:${100 / columns}%`;
-    if (d.textContent !== line) d.replaceChildren(element("span", line));
+    d.style.cssText = `left:${(100 * (i % columns)) / columns}%;top:${(100 * Math.floor(i / columns)) / rows}%;width:${100 / columns}%;height:${100 / rows}%`;
+    if (d.textContent !== line) d.replaceChildren(element("span", line)), d.setAttribute("aria-label", line + ": full view");
     d.className = c.dropped > 0.05 * c.captured ? "late" : "";
   }
 }
@@ -217,6 +240,14 @@ function show_memory(s) {
   set("machine-line", [s.board, s.temperature !== null ? s.temperature.toFixed(0) + " °C" + hot : ""].filter(Boolean).join(", "));
 }
 
+function time_left(s) {
+  if (s.state === "capturing") return s.exposures + " of " + s.cap_exposures + " exposures";
+  if (s.state !== "training") return s.state === "done" ? "ready" : s.state;
+  const limit = s.time_limit ? s.time_limit - s.seconds : Infinity, left = Math.min(limit, s.steps && s.steps_per_s > 0 ? (s.steps - s.step) / s.steps_per_s : Infinity);
+  if (!isFinite(left)) return "training";
+  return left < 90 ? Math.ceil(left) + " s left" : Math.ceil(left / 60) + " min left";
+}
+
 function show(s) {
   page.state = s;
   set("state", s.stale_s ? "stale since " + s.stale_s + " s" : s.state), ($("state").className = "chip " + (s.stale_s ? "stale" : s.state));
@@ -224,14 +255,16 @@ function show(s) {
   set("where", [s.source, s.rig && "rig " + s.rig].filter(Boolean).join("  ·  "));
   const part = s.state === "done" ? 1 : s.steps ? s.step / s.steps : s.time_limit ? s.seconds / s.time_limit : 0;
   const taken = s.cap_exposures ? s.exposures / s.cap_exposures : 0;
-  $("progress").style.width = 100 * Math.min(1, s.state === "capturing" ? taken : part) + "%";
+  const percent = 100 * Math.min(1, s.state === "capturing" ? taken : part);
+  $("progress").style.width = percent + "%", $("bar").setAttribute("aria-valuenow", percent.toFixed(0));
+  set("f-eta", time_left(s));
   set("f-psnr", s.psnr > 0 ? number(s.psnr, 1) : "–"), set("f-step", String(s.step));
   set("f-rate", s.steps_per_s > 0 ? number(s.steps_per_s, 0) : "–"), set("f-count", String(view && view.n ? view.n : 0));
   set("train-line", s.exposures + " of " + s.cap_exposures + " exposures" + (s.saves ? ", saved " + s.saves + " times" : ""));
   set("fps", view && view.n && view.fps ? view.fps.toFixed(0) + " fps" : "");
   set("sandbox", s.sandbox ? "server sandbox: " + s.sandbox : "");
   set("skew-line", s.n_skew ? "skew over " + s.n_skew + " exposures: median " + micro(s.skew_p50_us) + ", 99 % " + micro(s.skew_p99_us) : "no exposures yet");
-  show_message(s), show_buttons(s), show_cameras(s), show_ledger(s), show_memory(s);
+  show_message(s), show_buttons(s), show_cameras(s), show_ledger(s), show_memory(s), show_around(s);
   plots.skew($("skew-plot"), s.skew);
   load_model(s.model_seq), load_picture(s.picture_seq);
   if (s.state !== page.last_state || Date.now() - page.started > 3000) {
@@ -301,7 +334,6 @@ $("new").onclick = () => { // what the next run saves replaces what this one sav
 };
 $("play").onclick = () => (view.play(!view.is_playing), show_clip());
 $("moment").oninput = () => (view.play(false), view.set_time($("moment").value / 1000), show_clip());
-$("home").onclick = () => view && view.reset();
 function theme(is_light) {
   document.documentElement.classList.toggle("light", is_light);
   if (page.state) plots.curve($("curve"), page.points), plots.skew($("skew-plot"), page.state.skew);

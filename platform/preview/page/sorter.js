@@ -35,6 +35,7 @@ function decode(buffer, id) {
     keys: new Uint16Array(n), depth: new Float32Array(n), order: new Uint32Array(n), has_texels: false,
   };
   model.bodies = bodies_of(buffer, motion_at + 4 * moving * n_motion, moving, u(13), u(14));
+  model.eyes = new Float32Array(buffer, buffer.byteLength - 28 * (u(15) >> 8), 7 * (u(15) >> 8));
   const signed = new Int16Array(model.halves.buffer, model.halves.byteOffset, 11 * n);
   model.place.set(model.still);
   for (let i = 0, h = 0; i < n; i++, h += 11) {
@@ -171,6 +172,67 @@ function shade(eye) {
   }
 }
 
+// --- instead of colours ---
+// Red, yellow, green, blue for 0 to 1.
+const scale = [[230, 60, 50], [250, 210, 60], [70, 190, 90], [60, 120, 230]];
+function paint(o, value) {
+  const t = 3 * Math.min(1, Math.max(0, value)), k = Math.min(2, Math.floor(t));
+  for (let c = 0; c < 3; c++) m.rgba[o + c] = scale[k][c] + (t - k) * (scale[k + 1][c] - scale[k][c]);
+}
+
+// Near is red, far is blue, between the depths of 2 and 98 of 100 Gaussians.
+function paint_depth(look) {
+  const depth = new Float32Array(m.n);
+  for (let i = 0, p = 0; i < m.n; i++, p += 3) {
+    depth[i] = 0;
+    for (let k = 0; k < 3; k++) depth[i] += look.forward[k] * (m.place[p + k] - look.eye[k]);
+  }
+  const sorted = depth.slice().sort(), near = sorted[Math.floor(0.02 * m.n)], far = sorted[Math.floor(0.98 * (m.n - 1))];
+  for (let i = 0; i < m.n; i++) paint(4 * i, (depth[i] - near) / (far - near || 1));
+}
+
+// How well the images cover each Gaussian: the largest angle between two cameras that have it in
+// their image. Red: seen from one direction alone; green: 20 degrees; blue: 30 and more. What hides
+// it from a camera is not taken into account.
+const COVERED_DEG = 30;
+function cover_of(i) {
+  const e = m.eyes, seen = [];
+  for (let k = 0; k < e.length; k += 7) {
+    const x = m.place[3 * i] - e[k], y = m.place[3 * i + 1] - e[k + 1], z = m.place[3 * i + 2] - e[k + 2];
+    const along = x * e[k + 3] + y * e[k + 4] + z * e[k + 5], d = Math.sqrt(x * x + y * y + z * z) || 1;
+    if (along > 0 && d * d - along * along < (along * e[k + 6]) ** 2) seen.push([x / d, y / d, z / d]);
+  }
+  let least = 1;
+  for (let a = 0; a < seen.length; a++) for (let b = 0; b < a; b++) least = Math.min(least, seen[a][0] * seen[b][0] + seen[a][1] * seen[b][1] + seen[a][2] * seen[b][2]);
+  return Math.acos(Math.max(-1, least)) / ((COVERED_DEG * Math.PI) / 180);
+}
+function paint_coverage() {
+  if (!m.covered || m.moving) m.covered = Float32Array.from({ length: m.n }, (_, i) => cover_of(i));
+  for (let i = 0; i < m.n; i++) paint(4 * i, m.covered[i]);
+}
+
+// What lies outside a box is not drawn. axes: 3 x 3, one a row; low, high: along them.
+function is_inside(box, i) {
+  return box.axes.every((a, k) => {
+    const v = a[0] * m.place[3 * i] + a[1] * m.place[3 * i + 1] + a[2] * m.place[3 * i + 2];
+    return v >= box.low[k] && v <= box.high[k];
+  });
+}
+function crop(box) {
+  for (let i = 0; i < m.n; i++) if (!is_inside(box, i)) m.rgba[4 * i + 3] = 0;
+}
+// Along each axis, the range in which all but 2 of 100 of the opaque Gaussians lie.
+function extent(axes) {
+  const low = [], high = [];
+  for (const a of axes) {
+    const v = [];
+    for (let i = 0; i < m.n; i++) if (m.logit[i] > -0.4 || m.n < 100) v.push(a[0] * m.place[3 * i] + a[1] * m.place[3 * i + 1] + a[2] * m.place[3 * i + 2]);
+    v.sort((x, y) => x - y);
+    low.push(v[Math.floor(0.01 * v.length)] || 0), high.push(v[Math.floor(0.99 * (v.length - 1))] || 1);
+  }
+  return { low, high };
+}
+
 // --- order: a counting sort by depth in 16 bits, far to near ---
 const counts = new Uint32Array(65537);
 function sort(f) { // f: forward direction
@@ -212,13 +274,20 @@ function texels(end) {
   return out;
 }
 
-// look: forward, right, down, eye, time; of a picture that is drawn here also width, height, focal.
+// look: forward, right, down, eye, time, show ("", "depth", "coverage"), box (null: all); of a
+// picture that is drawn here also width, height, focal.
 function see(look) {
   const begin = performance.now(), is_moved = m.moving > 0 && look.time !== m.time, is_new = !m.is_shaded;
   if (is_moved) move(look.time);
-  const is_shaded = is_new || is_moved || m.n_sh > 0;
-  if (is_shaded) shade(look.eye);
-  m.is_shaded = true;
+  const wish = JSON.stringify([look.show || "", look.box || 0]), is_other = wish !== (m.wish || '["",0]');
+  const is_shaded = is_new || is_moved || is_other || m.n_sh > 0 || look.show === "depth";
+  if (is_shaded) {
+    shade(look.eye);
+    if (look.show === "depth") paint_depth(look);
+    if (look.show === "coverage") paint_coverage();
+    if (look.box) crop(look.box);
+  }
+  (m.is_shaded = true), (m.wish = wish);
   sort(look.forward);
   const answer = { model: m.id, n: m.n };
   if (look.width) {
@@ -237,4 +306,8 @@ function see(look) {
 onmessage = (e) => {
   if (e.data.buffer) m = decode(e.data.buffer, e.data.model);
   if (e.data.look && m) see(e.data.look);
+  const ask = m && e.data.ask; // of the surface at a pixel, or of the extent
+  if (!ask) return;
+  if (ask.look) sort(ask.look.forward);
+  postMessage({ asked: ask.id, answer: ask.axes ? extent(ask.axes) : surface(m, ask.look, ask.x, ask.y) });
 };

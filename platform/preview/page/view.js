@@ -8,8 +8,9 @@ class SplatView {
   constructor(canvas) {
     this.canvas = canvas;
     this.n = 0, this.model = 0, this.drawn = 0, this.fps = 0, this.frame_ms = 0, this.frames = 0;
-    this.quality = 1, this.is_dirty = false, this.is_busy = false, this.wants_more = false, this.moved_at = 0;
+    this.quality = 1, this.most = 1, this.is_dirty = false, this.is_busy = false, this.wants_more = false, this.moved_at = 0;
     this.home = null, this.camera = null, this.time = 1, this.is_playing = false;
+    this.show_as = "", this.box = null, this.is_turning = false, this.is_flying = false, this.n_asked = 0, this.asked = new Map();
     const wanted = new URLSearchParams(location.search).get("draw");
     try {
       this.graphics = wanted === "flat" ? null : new GraphicsPainter(canvas, wanted === "gl");
@@ -20,7 +21,7 @@ class SplatView {
     }
     this.plane = this.graphics ? null : this.canvas.getContext("2d");
     this.sorter = new Worker(SplatView.worker || "/sorter.js");
-    this.sorter.onmessage = (e) => this.take(e.data);
+    this.sorter.onmessage = (e) => (e.data.asked ? this.answer(e.data) : this.take(e.data));
     new ResizeObserver(() => this.touch()).observe(this.canvas);
     this.listen();
     this.loop = this.loop.bind(this);
@@ -40,6 +41,7 @@ class SplatView {
     const n = u(1), sh = (3 * ((u(5) + 1) ** 2 - 1) * n + 3) & ~3;
     if (u(5) > 3 || buffer.byteLength < 128 + 34 * n + sh + 4 * u(6) * u(7)) return false;
     this.n = n, this.step = u(2), this.is_mip = u(4), this.dilation = head.getFloat32(48, true), this.model++;
+    this.is_metric = u(15) & 1, this.n_eyes = u(15) >> 8;
     this.clip = u(8) ? { first: f(11), last: f(12), seconds: f(13) } : null;
     const home = { target: [f(0), f(1), f(2)], radius: f(3), eye: [f(4), f(5), f(6)], up: [f(7), f(8), f(9)], fov: f(10) };
     // Which takes it away from here
@@ -89,13 +91,27 @@ class SplatView {
     return { right, down, forward, eye: c.target.map((v, i) => v + c.distance * back[i]) };
   }
 
+  // Orbiting turns the eye about the target, flying the target about the eye.
   turn(dx, dy) {
     if (!this.camera) return;
+    const eye = this.frame().eye;
     this.camera.yaw -= dx, this.camera.pitch = Math.max(-1.54, Math.min(1.54, this.camera.pitch + dy));
+    if (this.is_flying) {
+      const forward = this.frame().forward;
+      this.camera.target = eye.map((v, i) => v + this.camera.distance * forward[i]);
+    }
+    this.moved();
+  }
+  // Right, down and forward, of the distance to the target.
+  fly(x, y, z) {
+    if (!this.camera) return;
+    const f = this.frame(), d = this.camera.distance;
+    for (let i = 0; i < 3; i++) this.camera.target[i] += d * (x * f.right[i] + y * f.down[i] + z * f.forward[i]);
     this.moved();
   }
   zoom(factor) {
     if (!this.camera) return;
+    if (this.is_flying) return this.fly(0, 0, 1 - factor);
     this.camera.distance = Math.max(1e-3 * (this.home.radius || 1), Math.min(1e3 * (this.home.radius || 1), this.camera.distance * factor));
     this.moved();
   }
@@ -104,6 +120,18 @@ class SplatView {
     const f = this.frame(), s = 2 * Math.tan(this.home.fov / 2) * this.camera.distance;
     for (let i = 0; i < 3; i++) this.camera.target[i] -= s * (dx * f.right[i] + dy * f.down[i]);
     this.moved();
+  }
+  // The camera as text for a link, and back. False: it is none.
+  place() {
+    const c = this.camera;
+    return c ? [...c.target, c.distance, c.yaw, c.pitch, this.time].map((v) => +v.toPrecision(5)).join(",") : "";
+  }
+  go_to(text) {
+    const v = String(text).split(",").map(Number);
+    if (!this.camera || v.length !== 7 || !v.every(Number.isFinite) || !(v[3] > 0)) return false;
+    Object.assign(this.camera, { target: v.slice(0, 3), distance: v[3], yaw: v[4], pitch: Math.max(-1.54, Math.min(1.54, v[5])) });
+    this.set_time(v[6]), this.moved();
+    return true;
   }
   moved() {
     this.moved_at = performance.now();
@@ -117,7 +145,9 @@ class SplatView {
       const [a, b] = [...pointers.values()];
       return { spread: Math.hypot(a.x - b.x, a.y - b.y), mid: { x: (a.x + b.x) / 2, y: (a.y + b.y) / 2 } };
     };
+    let down = null;
     c.addEventListener("pointerdown", (e) => {
+      down = pointers.size ? null : { x: e.clientX, y: e.clientY };
       c.setPointerCapture(e.pointerId);
       pointers.set(e.pointerId, { x: e.clientX, y: e.clientY });
       if (pointers.size === 2) ({ spread, mid } = two());
@@ -135,16 +165,24 @@ class SplatView {
       } else if (e.shiftKey || e.buttons & 2) this.pan(dx / h, dy / h);
       else this.turn((dx / h) * 3.2, (dy / h) * 3.2);
     });
+    c.addEventListener("pointerup", (e) => {
+      const at = c.getBoundingClientRect();
+      if (down && Math.hypot(e.clientX - down.x, e.clientY - down.y) < 6 && this.on_tap) this.on_tap(e.clientX - at.left, e.clientY - at.top);
+    });
     for (const name of ["pointerup", "pointercancel"]) c.addEventListener(name, (e) => pointers.delete(e.pointerId));
     c.addEventListener("contextmenu", (e) => e.preventDefault());
     c.addEventListener("dblclick", () => this.reset());
     c.addEventListener("wheel", (e) => (e.preventDefault(), this.zoom(Math.exp(e.deltaY * (e.deltaMode ? 0.04 : 0.0013)))), { passive: false });
     const keys = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] };
+    const flights = { w: [0, 0, 0.06], s: [0, 0, -0.06], a: [-0.06, 0, 0], d: [0.06, 0, 0], q: [0, 0.06, 0], e: [0, -0.06, 0] };
     c.addEventListener("keydown", (e) => {
+      if (e.ctrlKey || e.altKey || e.metaKey) return;
       if (keys[e.key]) e.preventDefault(), this.turn(...keys[e.key]);
       else if (e.key === "+" || e.key === "=") this.zoom(0.9);
       else if (e.key === "-") this.zoom(1.1);
       else if (e.key === "Home") this.reset();
+      else if (flights[e.key]) this.fly(...flights[e.key]);
+      else if (e.key === "Enter" && this.on_tap) this.on_tap(c.clientWidth / 2, c.clientHeight / 2);
     });
   }
 
@@ -163,7 +201,53 @@ class SplatView {
     }
     const time = this.clip ? this.clip.first + this.time * (this.clip.last - this.clip.first) : 0;
     this.is_busy = true, this.wants_more = false, this.asked_at = performance.now();
-    this.sorter.postMessage({ look: { ...this.frame(), time, ...(this.graphics ? {} : this.size()) } });
+    this.sorter.postMessage({ look: { ...this.frame(), time, show: this.show_as, box: this.box, ...(this.graphics ? {} : this.size()) } });
+  }
+
+  // --- questions: of the surface under a place of the canvas, of the model's extent ---
+  ask(what) {
+    const id = ++this.n_asked;
+    return new Promise((done) => {
+      this.asked.set(id, done);
+      this.sorter.postMessage({ ask: { id, ...what } });
+    });
+  }
+  answer(a) {
+    this.asked.get(a.asked)(a.answer);
+    this.asked.delete(a.asked);
+  }
+  // Of places in pixels of the page, from the upper left of the canvas.
+  lens() {
+    const width = Math.max(1, this.canvas.clientWidth), height = Math.max(1, this.canvas.clientHeight);
+    return { ...this.frame(), width, height, focal: (0.5 * Math.min(height, 0.8 * width)) / Math.tan(this.home.fov / 2) };
+  }
+  // A point of the world with its uncertainty, null: no surface is seen there.
+  async pick(x, y) {
+    if (!this.n || !this.camera) return null;
+    const look = this.lens(), d = await this.ask({ look, x, y });
+    if (!d) return null;
+    const u = (x - 0.5 * look.width) / look.focal, v = (y - 0.5 * look.height) / look.focal;
+    const ray = [0, 1, 2].map((i) => u * look.right[i] + v * look.down[i] + look.forward[i]);
+    return { at: ray.map((r, i) => look.eye[i] + d.depth * r), ray, focal: look.focal, ...d };
+  }
+  // A point of the world on the canvas, null: it lies behind.
+  project(point) {
+    const f = this.lens(), d = point.map((v, i) => v - f.eye[i]), along = (a) => d[0] * a[0] + d[1] * a[1] + d[2] * a[2], z = along(f.forward);
+    return z > 0 ? { x: 0.5 * f.width + (f.focal * along(f.right)) / z, y: 0.5 * f.height + (f.focal * along(f.down)) / z } : null;
+  }
+  axes() {
+    const c = this.camera;
+    return [c.x, c.y, c.up];
+  }
+  // The largest share of the screen's pixels a side that is drawn.
+  set_quality(most) {
+    this.most = most, this.touch();
+  }
+  set_show(how) {
+    this.show_as = how, this.see(), this.touch();
+  }
+  set_box(box) {
+    this.box = box, this.see(), this.touch();
   }
 
   take(a) {
@@ -199,8 +283,13 @@ class SplatView {
       this.see(), this.touch();
       if (this.on_time) this.on_time();
     }
+    if (this.is_turning && !this.is_busy && this.camera) {
+      this.camera.yaw -= 0.0004 * Math.min(100, now - (this.turned_at || now)), this.turned_at = now;
+      this.moved();
+    }
+    if (this.on_frame) this.on_frame();
     // Slow machines get fewer pixels while the model turns, and all of them when it rests.
-    const wanted = this.is_moving() ? this.quality : 1;
+    const wanted = Math.min(this.most, this.is_moving() ? this.quality : 1);
     if (wanted !== this.scale) (this.scale = wanted), (this.is_dirty = true);
     if (!this.is_dirty || document.hidden) return;
     this.is_dirty = false;
@@ -234,6 +323,15 @@ class SplatView {
     this.draw();
     this.graphics.gl.readPixels(0, 0, c.width, c.height, 6408, 5121, out);
     return out;
+  }
+
+  // The picture as it stands, over black.
+  picture() {
+    const c = document.createElement("canvas"), g = c.getContext("2d");
+    if (this.graphics) this.draw();
+    (c.width = this.canvas.width), (c.height = this.canvas.height);
+    g.fillRect(0, 0, c.width, c.height), g.drawImage(this.canvas, 0, 0);
+    return new Promise((done) => c.toBlob(done, "image/png"));
   }
 
   static unit(v) {
