@@ -7,9 +7,10 @@
 
 #include "calib/solve/corners.h"
 #include "src/base/str.h"
+#include "src/format/board_print.h"
 
 #define AT(field) offsetof(cal_options, field)
-#define ALL       (CAL_BOARD | CAL_LENSLETS | CAL_POSE | CAL_CHECK | CAL_SHUTTER)
+#define ALL       (CAL_BOARD | CAL_LENSLETS | CAL_POSE | CAL_CHECK | CAL_SHUTTER | CAL_PRINT)
 
 static const sv_option table[] = {
     {"images", SV_OPT_LIST, CAL_BOARD | CAL_CHECK, CAL_BOARD, AT(images), "CAM0 CAM1 ...",
@@ -45,6 +46,13 @@ static const sv_option table[] = {
      0, 0, 0},
     {"spacing", SV_OPT_REAL, CAL_SHUTTER, CAL_SHUTTER, AT(spacing_m), "M", "side of a square in meters", 1e-6,
      100, 0},
+    {"board", SV_OPT_TEXT, CAL_PRINT, CAL_PRINT, AT(board), "WxH", "inner corners of the chessboard: 9x6", 0,
+     0, 0},
+    {"paper", SV_OPT_WORD, CAL_PRINT, 0, AT(paper), SV_BOARD_PAPERS, "size of the paper (a4)", 0, 0, 0},
+    {"spacing", SV_OPT_REAL, CAL_PRINT, 0, AT(spacing_m), "M",
+     "side of a square in meters (the largest whole millimeter that fits)", 1e-3, 1, 0},
+    {"out", SV_OPT_TEXT, CAL_PRINT, 0, AT(out), "FILE", "output file, .pdf or .svg (board-WxH-PAPER.pdf)", 0,
+     0, 0},
     {"model", SV_OPT_WORD, CAL_BOARD, 0, AT(model),
      "LENSMODEL_PINHOLE|LENSMODEL_OPENCV4|LENSMODEL_OPENCV5|LENSMODEL_OPENCV8",
      "lens model (LENSMODEL_OPENCV5)", 0, 0, 0},
@@ -53,7 +61,8 @@ static const sv_option table[] = {
     {"name", SV_OPT_TEXT, CAL_BOARD | CAL_LENSLETS, 0, AT(name), "NAME",
      "name of the rig (the folder's name)", 0, 0, 0},
     {"rig", SV_OPT_TEXT, CAL_CHECK, CAL_CHECK, AT(rig), "RIG", "rig: a folder with rig.json", 0, 0, 0},
-    {"threads", SV_OPT_INT, ALL & ~CAL_POSE, 0, AT(threads), "N", "threads (all CPUs)", 1, 64, 0},
+    {"threads", SV_OPT_INT, ALL & ~(CAL_POSE | CAL_PRINT), 0, AT(threads), "N", "threads (all CPUs)", 1, 64,
+     0},
     {"json", SV_OPT_FLAG, ALL, 0, AT(is_json), 0, "print one JSON object on stdout", 0, 0, 0},
     {"quiet", SV_OPT_FLAG, ALL, 0, AT(is_quiet), 0, "no progress messages on stderr", 0, 0, 0},
     {"out", SV_OPT_TEXT, CAL_BOARD | CAL_LENSLETS, CAL_BOARD | CAL_LENSLETS, AT(out), "RIG", "output folder",
@@ -96,7 +105,7 @@ int cal_args_parse(const sv_tool_command *c, int argc, char **argv, cal_options 
   *o = (cal_options){.spacing_m = -1, .pitch_m = -1, .focal_px = -1, .dark = -1, .threads = -1};
   int e = sv_options_parse(&options, c, argc, argv, o);
   if (o->is_help || o->is_version) return e;
-  if (e == CAL_EXIT_OK && (o->board != NULL) != (o->spacing_m >= 0))
+  if (e == CAL_EXIT_OK && c->bit != CAL_PRINT && (o->board != NULL) != (o->spacing_m >= 0))
     e = cal_usage(c->name, "--board and --spacing must be given together");
   // only lenslets has these
   if (e == CAL_EXIT_OK && o->board && (o->pitch_m >= 0 || o->focal_px >= 0))

@@ -12,12 +12,12 @@
 #define CAL_EXIT_FAILED 1
 #define CAL_EXIT_USAGE  SV_OPTIONS_USAGE
 
-enum { CAL_BOARD = 1, CAL_LENSLETS = 2, CAL_POSE = 4, CAL_CHECK = 8, CAL_SHUTTER = 16 };
+enum { CAL_BOARD = 1, CAL_LENSLETS = 2, CAL_POSE = 4, CAL_CHECK = 8, CAL_SHUTTER = 16, CAL_PRINT = 32 };
 
 // NULL and -1 stand for "not given"; a given number is inside its range.
 typedef struct {
   sv_option_list images; // of --images: one for each camera
-  const char *board, *model, *out, *name, *rig, *isolated, *white, *capture;
+  const char *board, *model, *out, *name, *rig, *isolated, *white, *capture, *paper;
   int n_cols, n_rows; // of --board
   double spacing_m, pitch_m, focal_px, dark;
   long threads;

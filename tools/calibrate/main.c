@@ -19,6 +19,14 @@ static const cal_command commands[] = {
       "  subview-calibrate board --images 'left??.jpg' 'right??.jpg' --board 9x6 --spacing 0.025 --out rig",
       CAL_BOARD},
      cal_cmd_board},
+    {{"print", "--board WxH [--paper a4] [--spacing M] [--out FILE] [options]",
+      "chessboard to print, as PDF or SVG",
+      "Writes a chessboard with the largest squares that fit on the paper. Its foot states their side and "
+      "has "
+      "a\nbar of 100 mm: print at 100 %, not fitted to the page, and measure the bar. Glue the sheet flat on "
+      "a stiff\nboard. One odd and one even number of corners tell the board's two ends apart.",
+      "  subview-calibrate print --board 9x6 --paper a4", CAL_PRINT},
+     cal_cmd_print},
     {{"lenslets", "--isolated DIR --white DIR --out RIG [options]",
       "multiplexed sensor -> footprints, lens models and poses",
       "For sensors on which the images of several lenses overlap. For each lens, cover all others and take "
