@@ -11,6 +11,7 @@
 #include <sys/statvfs.h>
 #include <unistd.h>
 
+#include "src/format/qr.h"
 #include "src/run/isa.h"
 
 // Between two looks for cameras: often while the machine starts, as drivers and udev's permissions
@@ -25,6 +26,45 @@ static sv_ns opened_ns;
 
 static bool is_any(const char *addr) { return !strcmp(addr, "0.0.0.0") || !strcmp(addr, "::"); }
 
+// The link as a code that a phone reads, below the link.
+static void print_code(int fd, const char *link) {
+  static sv_qr q;
+  static char text[SV_QR_CAP_LINES];
+  if (!sv_qr_make(&q, link)) return;
+  sv_str lines = sv_str_make(text, sizeof text);
+  sv_qr_lines(&q, &lines);
+  sv_linux_print(fd, text, lines.len);
+}
+
+// Link and code on a display that is attached to the machine: a text console shows them.
+static void print_on_console(const run_options *o, const char *link) {
+  const int fd = open(o->console, O_WRONLY | O_NOCTTY | O_CLOEXEC);
+  if (fd >= 0 && isatty(fd)) {
+    sv_linux_print(fd, "\nsubview: ", 10);
+    sv_linux_print(fd, link, strlen(link));
+    sv_linux_print(fd, "\n", 1);
+    print_code(fd, link);
+  } else
+    say(2, "--console %s: no link there: %s\n", o->console, fd < 0 ? sv_linux_reason(errno) : "no terminal");
+  if (fd >= 0) close(fd);
+}
+
+// A link with the token goes to terminals, and to a log only where there is no other way to know
+// the token: with --token-file the file has it.
+static void print_link(const run_options *o, const char *addr, bool is_first) {
+  // A phone cannot reach loopback
+  const bool has_code = is_first && strncmp(addr, "127.", 4) != 0 && strcmp(addr, "::1") != 0;
+  char link[SV_QR_CAP_TEXT], where[96];
+  sv_fmt(where, sizeof where, strchr(addr, ':') ? "http://[%s]:%d/" : "http://%s:%d/", addr, o->preview_port);
+  sv_fmt(link, sizeof link, "%s#%s", where, live.token);
+  if (o->console && is_first) print_on_console(o, link);
+  if (isatty(2)) {
+    say(2, "page: %s\n", link);
+    if (has_code) print_code(2, link);
+  } else if (o->token_file) say(2, "page: %s (its token: %s)\n", where, o->token_file);
+  else say(2, "page: %s\n", link);
+}
+
 // "all addresses" is no place to go to: the link names those that other machines see.
 static void print_links(const run_options *o) {
   struct ifaddrs *list = NULL;
@@ -35,15 +75,14 @@ static void print_links(const run_options *o) {
       if (!i->ifa_addr || i->ifa_addr->sa_family != AF_INET || i->ifa_flags & IFF_LOOPBACK) continue;
       const struct sockaddr_in *a = (const struct sockaddr_in *)(const void *)i->ifa_addr;
       if (!inet_ntop(AF_INET, &a->sin_addr, text, sizeof text)) continue;
-      say(2, "page: http://%s:%d/#%s\n", text, o->preview_port, live.token);
+      print_link(o, text, n == 0);
       n++;
     }
     freeifaddrs(list);
   }
   if (n) return;
   const char *addr = is_any(o->preview_addr) ? "127.0.0.1" : o->preview_addr;
-  say(2, strchr(addr, ':') ? "page: http://[%s]:%d/#%s\n" : "page: http://%s:%d/#%s\n", addr, o->preview_port,
-      live.token);
+  print_link(o, addr, true);
 }
 
 // The token of --token-file, for the page's link to stay valid. A file that holds no token is

@@ -35,6 +35,7 @@ endif
 $(HEAP_USERS:%=$(O)/tests/%): $(call obj,$(HEAP_SRC))
 $(SANDBOX_USERS:%=$(O)/tests/%): $(call obj,platform/preview/sandbox.c)
 $(O)/tests/unit/test_control: $(call obj,platform/preview/control.c)
+$(O)/tests/unit/test_pin: $(call obj,platform/preview/pin.c)
 $(SANDBOX_USERS:%=$(O)/tests/%): SOLVE_LIBS_HERE = $(call has_lib,seccomp.h,-lseccomp)
 $(SOLVE_USERS:%=$(O)/tests/%): SOLVE_LIBS_HERE = $(O)/libcalibrate.a $(TEST_ARCHIVES) $(SOLVE_LIBS)
 $(SOLVE_USERS:%=$(O)/tests/%): $(O)/libcalibrate.a

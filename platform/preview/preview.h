@@ -18,6 +18,9 @@
 //   POST /enter       likewise; the answer sets a cookie that reading takes, too. It gives the page
 //                     a seat, which it keeps by asking again. With the look key: the cookie alone
 //   POST /ask /give /keep    asks for control; the answers of the page that has it
+//   POST /pin /qr     with the token: a PIN and a code for another device (access.h)
+//   POST /pair        with the PIN in X-Subview-Pin: the answer is the token
+//   GET  /board.svg /board.pdf   a chessboard to print
 #ifndef SV_PLATFORM_PREVIEW_PREVIEW_H
 #define SV_PLATFORM_PREVIEW_PREVIEW_H
 

@@ -2,6 +2,7 @@
 // Routes and connections. libmicrohttpd runs in the one thread of the process (epoll, external
 // loop); a stream that has nothing new is suspended and resumed when the feed has moved. A path of
 // a request is only ever compared with the routes below.
+#include "platform/preview/access.h"
 #include "platform/preview/preview.h"
 
 #if defined(__has_include) && __has_include(<microhttpd.h>)
@@ -50,6 +51,7 @@ struct pv_server {
   char machine[128], cookie[32];
   client *clients;
   stream *streams;
+  pv_pin pin;
   pv_blob *newest[N_STREAMS];
   uint64_t n_states; // that the event stream had, of the runtime or of its heartbeats
   struct {
@@ -294,6 +296,17 @@ static enum MHD_Result post_control(pv_server *s, struct MHD_Connection *c, cons
   return say(c, MHD_HTTP_CONFLICT, is_ask ? "this page has to be opened first\n" : "nobody asks this page\n");
 }
 
+// Another device: its code, its PIN, and the token for the PIN.
+static enum MHD_Result post_access(pv_server *s, struct MHD_Connection *c, const char *url) {
+  const char *token = s->cfg.token;
+  pv_answer a;
+  if (!strcmp(url, "/pair")) a = pv_pair(&s->pin, header(c, "X-Subview-Pin"), token, now_ns());
+  else if (!has_token(s, c, false)) return refuse_token(c);
+  else if (!strcmp(url, "/pin")) a = pv_pin_new(&s->pin, now_ns());
+  else a = pv_link_code("http", header(c, "Host"), token);
+  return finish(c, a.code, a.response, a.type);
+}
+
 static enum MHD_Result post(pv_server *s, struct MHD_Connection *c, const char *url) {
   static const struct {
     const char *url;
@@ -303,6 +316,7 @@ static enum MHD_Result post(pv_server *s, struct MHD_Connection *c, const char *
                   {"/save", SV_PREVIEW_SAVE},
                   {"/new", SV_PREVIEW_NEW}};
   if (!strcmp(url, "/enter")) return enter(s, c);
+  if (!strcmp(url, "/pair") || !strcmp(url, "/pin") || !strcmp(url, "/qr")) return post_access(s, c, url);
   if (!strcmp(url, "/ask") || !strcmp(url, "/give") || !strcmp(url, "/keep"))
     return has_token(s, c, false) ? post_control(s, c, url) : refuse_token(c);
   for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
@@ -338,6 +352,10 @@ static enum MHD_Result get(pv_server *s, struct MHD_Connection *c, const char *u
           MHD_create_response_from_buffer(page->bytes, (void *)(uintptr_t)page->text, MHD_RESPMEM_PERSISTENT),
           page->type);
   if (!strcmp(url, "/look-key")) return get_look_key(s, c);
+  if (!strcmp(url, "/board.svg") || !strcmp(url, "/board.pdf")) {
+    const pv_answer a = pv_board(c, !strcmp(url, "/board.pdf"));
+    return finish(c, a.code, a.response, a.type);
+  }
   static const char *const data[] = {"/state",       "/curve", "/events",    "/stream",      "/cameras",
                                      "/picture.jpg", "/model", "/model.ply", "/model.splat", "/model.spz"};
   size_t i = 0;

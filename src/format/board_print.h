@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A chessboard to print, as SVG or PDF: squares of a stated side, a ruler bar of 100 mm to check the
-// printer's scale, and the options that subview-calibrate needs for it. Owns nothing: it writes text
-// into the caller's buffer. Never reads or writes files.
+// A chessboard to print, as SVG or PDF: squares of a stated side, a ruler bar of 100 mm to check
+// the printer's scale, and the options that subview-calibrate needs for it. Owns nothing: it writes
+// text into the caller's buffer. Never reads or writes files.
 #ifndef SV_FORMAT_BOARD_PRINT_H
 #define SV_FORMAT_BOARD_PRINT_H
 
@@ -24,8 +24,8 @@ typedef struct {
 } sv_board_print;
 
 // Lays a board out. square_mm 0: the largest whole millimeter that fits. E_ARG: unknown paper, or
-// corners outside 3..SV_BOARD_PRINT_CAP_SIDE. E_RANGE: squares that do not fit; the sentence has the
-// largest that do.
+// corners outside 3..SV_BOARD_PRINT_CAP_SIDE. E_RANGE: squares that do not fit; the sentence has
+// the largest that do.
 sv_status sv_board_print_fit(sv_board_print *b, const char *paper, const int corners[2], double square_mm,
                              sv_err *err) SV_MUST_USE;
 // Parses "9x6". False: no such text, or sides outside 3..SV_BOARD_PRINT_CAP_SIDE.

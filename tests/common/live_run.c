@@ -84,6 +84,20 @@ static void exec_run(live_run *r, const char *args) {
   _exit(98);
 }
 
+// Of --token-file: the log has no secret.
+static bool read_token(live_run *r) {
+  const char *mark = strstr(r->err, "(its token: "), *end = mark ? strchr(mark, ')') : NULL;
+  char path[300];
+  if (!end) return false;
+  snprintf(path, sizeof path, "%.*s", (int)(end - mark) - 12, mark + 12);
+  FILE *f = fopen(path, "r");
+  if (!f) return false;
+  const bool is_read = fscanf(f, "%32s", r->token) == 1;
+  fclose(f);
+  snprintf(r->link, sizeof r->link, "http://127.0.0.1:%d/#%s", r->port, r->token);
+  return is_read;
+}
+
 static bool start_once(live_run *r, const char *folder, const char *args) {
   const bool is_open = r->is_open, is_guarded = r->is_guarded;
   memset(r, 0, sizeof *r);
@@ -104,6 +118,7 @@ static bool start_once(live_run *r, const char *folder, const char *args) {
       snprintf(r->link, sizeof r->link, "http://127.0.0.1:%d/#%s", r->port, r->token);
       return true;
     }
+    if (read_token(r)) return true;
     if (waitpid(r->pid, NULL, WNOHANG) == r->pid) {
       r->pid = 0;
       read_err(r);

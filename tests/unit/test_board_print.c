@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The chessboard to print: sizes of squares and ruler in the SVG, offsets and the same rectangles in
-// the PDF, layouts that do not fit, and the command that writes them.
+// The chessboard to print: sizes of squares and ruler in the SVG, offsets and the same rectangles
+// in the PDF, layouts that do not fit, and the command that writes them.
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

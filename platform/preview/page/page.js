@@ -3,7 +3,28 @@
 // camera mosaic.
 "use strict";
 const $ = (id) => document.getElementById(id);
-const page = { token: location.hash.slice(1), state: null, points: [], model_seq: -1, picture_seq: -1, is_loading: false, is_away: false, started: 0, seat: 0, id: "" };
+// The link's token leaves the address at once: it is in no history, no copied address and on no
+// screenshot. A reload of this tab keeps it.
+function keep_token(token) {
+  try {
+    sessionStorage.setItem("token", token);
+    return true;
+  } catch (e) {
+    return false; // private mode: it stays in the address
+  }
+}
+function take_token() {
+  const given = location.hash.slice(1);
+  if (given && keep_token(given)) history.replaceState(null, "", location.pathname + location.search);
+  try {
+    return given || sessionStorage.getItem("token") || "";
+  } catch (e) {
+    return given;
+  }
+}
+// Another link in this tab
+addEventListener("hashchange", () => location.hash.length > 1 && location.reload());
+const page = { token: take_token(), state: null, points: [], model_seq: -1, picture_seq: -1, is_loading: false, is_away: false, started: 0, seat: 0, id: "" };
 // This page among those of one run: a reload keeps it.
 try {
   page.id = sessionStorage.getItem("page") || "";
