@@ -23,7 +23,7 @@ _subview() {
     COMPREPLY=($(compgen -W "$("$program" cameras 2>/dev/null | awk '{ print $1 }') replay:" -- "$word"))
     return
     ;;
-  --format) COMPREPLY=($(compgen -W 'ply splat spz glb delta' -- "$word")) && return ;;
+  --format) COMPREPLY=($(compgen -W 'ply compressed-ply splat spz sog glb html delta' -- "$word")) && return ;;
   --up) COMPREPLY=($(compgen -W 'x y z -x -y -z' -- "$word")) && return ;;
   esac
   if [[ -z $command || $COMP_CWORD -eq 1 ]]; then

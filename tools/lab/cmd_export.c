@@ -14,7 +14,8 @@
 static const char *up_of_viewer(const lab_options *o) {
   if (sv_str_eq(o->format, "spz") || sv_str_eq(o->format, "glb")) return NULL;
   if (o->viewer) return sv_str_eq(o->viewer, "blender") ? "z" : SV_UP_DEFAULT;
-  return sv_str_eq(o->format, "sog") ? SV_UP_DEFAULT : NULL;
+  const bool is_playcanvas = sv_str_eq(o->format, "sog") || sv_str_eq(o->format, "compressed-ply");
+  return is_playcanvas ? SV_UP_DEFAULT : NULL;
 }
 
 // Rotations of length 1, and all turned.
@@ -90,6 +91,7 @@ static sv_status write_as(const lab_options *o, lab_model *m, const lab_session 
   if (sv_str_eq(o->format, "sog")) return lab_write_sog(&m->g, m->is_mip, &se->pool, o->out, err);
   if (sv_str_eq(o->format, "spz")) return lab_write_spz(&m->g, m->is_mip, version, notes.up, o->out, err);
   if (sv_str_eq(o->format, "glb")) return lab_write_glb(&m->g, notes.up, o->out, err);
+  if (sv_str_eq(o->format, "compressed-ply")) return lab_write_compressed_ply(&m->g, &notes, o->out, err);
   return lab_model_write(&m->g, &notes, o->out, err);
 }
 

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "src/base/str.h"
+#include "tools/lab/curve.h"
 #include "tools/lab/kmeans.h"
 #include "tools/lab/zip.h"
 
@@ -32,65 +33,6 @@ typedef struct {
   lab_zip_entry file[MAX_FILES];
   int n_files;
 } sog;
-
-// --- order ---------------------------------------------------------------------------------------
-
-typedef struct {
-  uint32_t code;
-  int i;
-} coded;
-
-static int by_code(const void *a, const void *b) {
-  const coded *x = a, *y = b;
-  return x->code != y->code ? (x->code > y->code) - (x->code < y->code) : (x->i > y->i) - (x->i < y->i);
-}
-
-static uint32_t spread(uint32_t x) { // ten bits, two zeros between each
-  x = (x | x << 16) & 0x030000ff;
-  x = (x | x << 8) & 0x0300f00f;
-  x = (x | x << 4) & 0x030c30c3;
-  return (x | x << 2) & 0x09249249;
-}
-
-static float logged(float x) { return copysignf(log1pf(fabsf(x)), x); }
-
-static void ranges(const sog *s, double lo[3], double hi[3]) {
-  for (int k = 0; k < 3; k++) {
-    lo[k] = INFINITY;
-    hi[k] = -INFINITY;
-    for (int i = 0; i < s->n; i++) {
-      const double x = (double)logged(s->v[i].mean[k]);
-      lo[k] = fmin(lo[k], x);
-      hi[k] = fmax(hi[k], x);
-    }
-  }
-}
-
-// Neighbours in space become neighbours in the images, which then compress better.
-static sv_status order(sog *s, const char *path, sv_err *err) {
-  double lo[3], hi[3];
-  coded *c = malloc((size_t)s->n * sizeof *c);
-  sv_gaussian *to = malloc((size_t)s->n * sizeof *to);
-  if (!c || !to) {
-    free(c);
-    free(to);
-    return sv_fail(err, SV_E_NOMEM, "%s: no memory for %d Gaussians", path, s->n);
-  }
-  ranges(s, lo, hi);
-  for (int i = 0; i < s->n; i++) {
-    c[i] = (coded){0, i};
-    for (int k = 0; k < 3; k++) {
-      const double u = hi[k] > lo[k] ? ((double)logged(s->v[i].mean[k]) - lo[k]) / (hi[k] - lo[k]) : 0;
-      c[i].code |= spread((uint32_t)(u * 1023.0)) << k;
-    }
-  }
-  qsort(c, (size_t)s->n, sizeof *c, by_code);
-  for (int i = 0; i < s->n; i++) to[i] = s->v[c[i].i];
-  free(s->v);
-  free(c);
-  s->v = to;
-  return SV_OK;
-}
 
 // --- images --------------------------------------------------------------------------------------
 
@@ -135,7 +77,7 @@ static sv_status add_means(sog *s, sv_str *t, sv_err *err) {
   double lo[3], hi[3];
   float as_float[2][3];
   sv_status r = SV_OK;
-  ranges(s, lo, hi);
+  lab_curve_ranges(s->v, s->n, lo, hi);
   for (int k = 0; k < 3; k++) {
     as_float[0][k] = (float)lo[k];
     as_float[1][k] = (float)hi[k];
@@ -144,7 +86,7 @@ static sv_status add_means(sog *s, sv_str *t, sv_err *err) {
     clear(s, (size_t)s->width * (size_t)s->height);
     for (int i = 0; i < s->n; i++)
       for (int k = 0; k < 3; k++) {
-        const double x = (double)logged(s->v[i].mean[k]),
+        const double x = (double)lab_curve_log(s->v[i].mean[k]),
                      u = hi[k] > lo[k] ? (x - lo[k]) / (hi[k] - lo[k]) : 0;
         s->rgba[4 * i + k] = (uint8_t)((unsigned)(u * 65535.0 + 0.5) >> (8 * part));
       }
@@ -309,13 +251,11 @@ sv_status lab_write_sog(const sv_gaussians *g, bool is_mip, const sv_pool *pool,
   s->height = 4 * ((s->n + 4 * s->width - 1) / (4 * s->width));
   const size_t n_px = (size_t)s->width * (size_t)s->height,
                n_palette = (size_t)(MAX_PALETTE * (s->n_rest + 1));
-  s->v = malloc((size_t)s->n * sizeof *s->v);
+  s->v = lab_curve_order(g);
   s->rgba = malloc(4 * (n_px > n_palette ? n_px : n_palette));
   float *all = malloc((size_t)s->n * (size_t)(s->n_rest ? 3 * s->n_rest : 3) * sizeof *all);
   sv_status r =
       s->v && s->rgba && all ? SV_OK : sv_fail(err, SV_E_NOMEM, "%s: no memory for %d Gaussians", path, s->n);
-  for (int i = 0; r == SV_OK && i < s->n; i++) sv_gaussians_get(g, i, &s->v[i]);
-  if (r == SV_OK) r = order(s, path, err);
   if (r == SV_OK) r = make(s, is_mip, all, err);
   if (r == SV_OK) r = write(s, path, err);
   for (int i = 0; i < s->n_files; i++) WebPFree((void *)(uintptr_t)s->file[i].data);

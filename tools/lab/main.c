@@ -63,6 +63,7 @@ static const lab_command commands[] = {
     {{"export", "--model FILE --format F --out FILE [options]", "write a model in another format",
       "Converts a model (PLY, .splat, SPZ or GLB, detected by content):\n"
       "  ply    the 3DGS format, floats\n"
+      "  compressed-ply  PlayCanvas's, about a quarter of the PLY\n"
       "  splat  32 bytes per Gaussian, most visible first, without view-dependent color\n"
       "  spz    about a tenth of the PLY; axes become right-up-back, as the format requires\n"
       "  sog    PlayCanvas's images and meta.json, about a tenth; --out NAME.sog, or DIR/meta.json\n"

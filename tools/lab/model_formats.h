@@ -19,6 +19,9 @@ sv_status lab_write_splat(const sv_gaussians *g, const char *path, sv_err *err) 
 sv_status lab_write_spz(const sv_gaussians *g, bool is_mip, int version, const char *up, const char *path,
                         sv_err *err) SV_MUST_USE;
 sv_status lab_write_glb(const sv_gaussians *g, const char *up, const char *path, sv_err *err) SV_MUST_USE;
+// PlayCanvas's compressed PLY (export_compressed.c). The model's up must be SV_UP_DEFAULT.
+sv_status lab_write_compressed_ply(const sv_gaussians *g, const sv_model_notes *notes, const char *path,
+                                   sv_err *err) SV_MUST_USE;
 
 // Is this one of these formats (by its first bytes; .splat by name)?
 bool lab_is_viewer_format(const char *path, const void *data, size_t bytes);
