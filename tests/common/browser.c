@@ -55,16 +55,27 @@ static void exec_browser(const browser *b, const char *program, const char *fold
   _exit(98);
 }
 
+static bool send_all(int fd, const char *text, size_t n) {
+  while (n > 0) {
+    ssize_t done = write(fd, text, n);
+    if (done <= 0) return false;
+    text += done;
+    n -= (size_t)done;
+  }
+  return true;
+}
+
 // Sends {"id":N,"method":METHOD,"params":PARAMS} and reads until its answer is in b->message.
 static bool call(browser *b, const char *method, const char *params) {
-  static char text[64 << 10];
+  char head[256];
   int id = ++b->i_message;
-  int n =
-      b->session[0]
-          ? snprintf(text, sizeof text, "{\"id\":%d,\"sessionId\":\"%s\",\"method\":\"%s\",\"params\":%s}",
-                     id, b->session, method, params)
-          : snprintf(text, sizeof text, "{\"id\":%d,\"method\":\"%s\",\"params\":%s}", id, method, params);
-  if (n < 0 || (size_t)n >= sizeof text || write(b->to_fd, text, (size_t)n + 1) != n + 1) return false;
+  int n = b->session[0] ? snprintf(head, sizeof head,
+                                   "{\"id\":%d,\"sessionId\":\"%s\",\"method\":\"%s\",\"params\":", id,
+                                   b->session, method)
+                        : snprintf(head, sizeof head, "{\"id\":%d,\"method\":\"%s\",\"params\":", id, method);
+  if (!send_all(b->to_fd, head, (size_t)n) || !send_all(b->to_fd, params, strlen(params)) ||
+      !send_all(b->to_fd, "}", 2))
+    return false;
   char wanted[32];
   snprintf(wanted, sizeof wanted, "{\"id\":%d,", id);
   double until = now_s() + ANSWER_MS * 1e-3;
@@ -186,6 +197,28 @@ bool browser_eval(browser *b, const char *expression, char *out, size_t cap) {
   return text_of(b, "value", out, cap);
 }
 
+bool browser_inject(browser *b, const char *path) {
+  FILE *f = fopen(path, "rb");
+  if (!f) return false;
+  fseek(f, 0, SEEK_END);
+  const size_t n = (size_t)ftell(f);
+  rewind(f);
+  char *text = calloc(1, n + 1), *params = malloc(6 * n + 64);
+  bool ok = text && params && fread(text, 1, n, f) == n;
+  fclose(f);
+  if (ok) {
+    char *o = params + sprintf(params, "{\"expression\":\"");
+    for (size_t i = 0; i < n; i++)
+      o += sprintf(o, text[i] == '"' || text[i] == '\\' || (unsigned char)text[i] < 32 ? "\\u%04x" : "%c",
+                   text[i]);
+    strcpy(o, ";0\"}");
+    ok = call(b, "Runtime.evaluate", params) && !strstr(b->message, "\"exceptionDetails\"");
+  }
+  free(text);
+  free(params);
+  return ok;
+}
+
 double browser_number(browser *b, const char *expression) {
   char text[64];
   return browser_eval(b, expression, text, sizeof text) ? strtod(text, NULL) : (double)NAN;
@@ -207,7 +240,11 @@ static int digit(char c) {
 }
 
 bool browser_screenshot(browser *b, const char *path) {
-  if (!call(b, "Page.captureScreenshot", "{\"format\":\"png\"}")) return false;
+  const size_t n_path = strlen(path);
+  const bool is_jpeg = n_path > 4 && !strcmp(path + n_path - 4, ".jpg");
+  if (!call(b, "Page.captureScreenshot",
+            is_jpeg ? "{\"format\":\"jpeg\",\"quality\":72}" : "{\"format\":\"png\"}"))
+    return false;
   const char *p = strstr(b->message, "\"data\":\"");
   FILE *f = p ? fopen(path, "wb") : NULL;
   if (!f) return false;
@@ -237,6 +274,21 @@ bool browser_drag(browser *b, double x0, double y0, double x1, double y1, int n)
   for (int i = 1; ok && i <= n; i++)
     ok = mouse(b, "mouseMoved", x0 + (x1 - x0) * i / n, y0 + (y1 - y0) * i / n, true);
   return mouse(b, "mouseReleased", x1, y1, false) && ok;
+}
+
+bool browser_click(browser *b, const char *selector) {
+  char script[700], place[64];
+  snprintf(script, sizeof script,
+           "(async()=>{const e=document.querySelector('%s');e.scrollIntoView({block:'center',inline:"
+           "'center'});for(let i=0;i<3;i++)await new Promise(requestAnimationFrame);const "
+           "r=e.getBoundingClientRect(),x=r.x+r.width/2,y=r.y+r.height/2,"
+           "t=document.elementFromPoint(x,y);if(e.disabled||!t||!(e===t||e.contains(t)))"
+           "throw new Error('covered');return x+' '+y})()",
+           selector);
+  if (!browser_eval(b, script, place, sizeof place)) return false;
+  char *end;
+  const double x = strtod(place, &end), y = strtod(end, NULL);
+  return browser_drag(b, x, y, x, y, 0);
 }
 
 bool browser_size(browser *b, int w, int h, bool is_phone) {

@@ -34,9 +34,13 @@ bool browser_eval(browser *b, const char *expression, char *out, size_t cap);
 double browser_number(browser *b, const char *expression); // NaN when it throws
 // Asks every 100 ms until the expression is true.
 bool browser_wait(browser *b, const char *expression, double seconds);
-bool browser_screenshot(browser *b, const char *png_path);
+bool browser_screenshot(browser *b, const char *path); // PNG, or JPEG where the name ends so
 // Presses at x0, y0, moves to x1, y1 in steps, lets go.
 bool browser_drag(browser *b, double x0, double y0, double x1, double y1, int n_steps);
+// A click in the middle of the element. False: it is not there, disabled or covered.
+bool browser_click(browser *b, const char *selector);
+// Runs a script of any length from a file.
+bool browser_inject(browser *b, const char *path);
 bool browser_size(browser *b, int width_px, int height_px, bool is_phone);
 void browser_close(browser *b);
 

@@ -81,10 +81,10 @@ function raster(m, look) {
   return out;
 }
 
-// Depth of the surface at pixel (x, y), as subview-lab measure has it (tools/pictures/surface.h): the
-// expected depth with the opacity of several layers of each Gaussian, so that it does not lie behind
-// the surface. Of 4 layers at the pixel, of 2 and of 8, and the standard deviation of the 3 x 3
-// pixels around it. null: no surface.
+// Depth of the surface at pixel (x, y), as subview-lab measure has it (tools/pictures/surface.h):
+// the expected depth with the opacity of several layers of each Gaussian, so that it does not lie
+// behind the surface. Of 4 layers at the pixel, of 2 and of 8, and the standard deviation of the
+// 3 x 3 pixels around it. null: no surface.
 function surface(m, look, x, y) {
   const layers = [4, 2, 8], points = [];
   for (let j = -1; j <= 1; j++) for (let i = -1; i <= 1; i++) points.push({ x: x + i, y: y + j, layers: 4 });

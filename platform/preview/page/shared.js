@@ -2,8 +2,10 @@
 // Around the model: pages, control among several devices, advice, a camera in full view, settings
 // of this browser.
 "use strict";
+// For a while
 function say(text) {
   $("notice").hidden = !text, set("notice", text);
+  clearTimeout(page.said), (page.said = setTimeout(() => $("notice").textContent === text && ($("notice").hidden = true), 8000));
 }
 
 // --- pages ---
@@ -35,8 +37,8 @@ function advice_of(s) {
   if (s.throttled === 1 || s.train_duty < 1)
     out.push("The board is hot" + (s.temperature ? " (" + s.temperature.toFixed(0) + " °C)" : "") + ": training slows down. Give it air or a heat sink.");
   for (const c of s.cameras) {
-    const seen = (page.seen ??= {}), last = seen[c.name];
-    if (!last || last.n !== c.captured || !is_live) seen[c.name] = { n: c.captured, at: now };
+    const seen = (page.seen ??= {}), last = seen[c.name], n = c.captured + c.tiles;
+    if (!last || last.n !== n || !is_live) seen[c.name] = { n, at: now };
     else if (now - last.at > 4000) out.push("Camera " + c.name + " sends no images. Check its cable and power; the others go on.");
   }
   if (page.has_full_disk) out.push("The disk is full: the model was not saved. Download and delete earlier scans, then press Save again.");
@@ -45,7 +47,7 @@ function advice_of(s) {
 function show_advice(s) {
   const list = advice_of(s), text = list.join("\n");
   $("advice").hidden = !list.length;
-  if (page.advice !== text) (page.advice = text), $("advice").replaceChildren(...list.map((t) => element("li", t)));
+  if (page.advice !== text) (page.advice = text), $("advice").firstChild.replaceChildren(...list.map((t) => element("li", t)));
 }
 
 // --- a camera in full view: how sharp it is, and what is too bright or too dark ---

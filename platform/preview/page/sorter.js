@@ -191,23 +191,47 @@ function paint_depth(look) {
   for (let i = 0; i < m.n; i++) paint(4 * i, (depth[i] - near) / (far - near || 1));
 }
 
-// How well the images cover each Gaussian: the largest angle between two cameras that have it in
-// their image. Red: seen from one direction alone; green: 20 degrees; blue: 30 and more. What hides
-// it from a camera is not taken into account.
-const COVERED_DEG = 30;
-function cover_of(i) {
-  const e = m.eyes, seen = [];
-  for (let k = 0; k < e.length; k += 7) {
-    const x = m.place[3 * i] - e[k], y = m.place[3 * i + 1] - e[k + 1], z = m.place[3 * i + 2] - e[k + 2];
-    const along = x * e[k + 3] + y * e[k + 4] + z * e[k + 5], d = Math.sqrt(x * x + y * y + z * z) || 1;
-    if (along > 0 && d * d - along * along < (along * e[k + 6]) ** 2) seen.push([x / d, y / d, z / d]);
+// How well the images cover each Gaussian: the largest angle between two cameras that see it. Red:
+// seen from one direction alone or not at all; green: 20 degrees; blue: 30 and more. A camera sees
+// what is in its image and not behind others: a coarse depth image of each camera tells, of the
+// nearest opaque Gaussians.
+const COVERED_DEG = 30, CELLS = 40;
+function depths_of(e, k) {
+  const f = [e[k + 3], e[k + 4], e[k + 5]], across = Math.abs(f[2]) < 0.9 ? [f[1], -f[0], 0] : [0, f[2], -f[1]], n = Math.hypot(...across);
+  const r = across.map((v) => v / n), d = [f[1] * r[2] - f[2] * r[1], f[2] * r[0] - f[0] * r[2], f[0] * r[1] - f[1] * r[0]];
+  const near = new Float32Array(CELLS * CELLS).fill(Infinity), cell = new Int32Array(m.n).fill(-1), depth = new Float32Array(m.n);
+  for (let i = 0, p = 0; i < m.n; i++, p += 3) {
+    const x = m.place[p] - e[k], y = m.place[p + 1] - e[k + 1], z = m.place[p + 2] - e[k + 2], along = x * f[0] + y * f[1] + z * f[2];
+    if (along <= 0) continue;
+    const u = (x * r[0] + y * r[1] + z * r[2]) / along / e[k + 6], v = (x * d[0] + y * d[1] + z * d[2]) / along / e[k + 6];
+    if (u * u + v * v >= 1) continue;
+    cell[i] = Math.floor((0.5 + 0.5 * v) * CELLS) * CELLS + Math.floor((0.5 + 0.5 * u) * CELLS), (depth[i] = along);
+    if (m.logit[i] > -0.4 && along < near[cell[i]]) near[cell[i]] = along;
   }
-  let least = 1;
-  for (let a = 0; a < seen.length; a++) for (let b = 0; b < a; b++) least = Math.min(least, seen[a][0] * seen[b][0] + seen[a][1] * seen[b][1] + seen[a][2] * seen[b][2]);
-  return Math.acos(Math.max(-1, least)) / ((COVERED_DEG * Math.PI) / 180);
+  return { near, cell, depth };
+}
+function coverage() {
+  const e = m.eyes, seen = Array.from({ length: m.n }, () => []), out = new Float32Array(m.n);
+  for (let k = 0; k < e.length; k += 7) {
+    const { near, cell, depth } = depths_of(e, k);
+    for (let i = 0; i < m.n; i++) {
+      const reach = Math.max(m.scale[3 * i], m.scale[3 * i + 1], m.scale[3 * i + 2]);
+      if (cell[i] >= 0 && depth[i] <= 1.03 * near[cell[i]] + reach) seen[i].push(k);
+    }
+  }
+  for (let i = 0; i < m.n; i++) {
+    let least = 1;
+    const ways = seen[i].map((k) => {
+      const w = [0, 1, 2].map((c) => m.place[3 * i + c] - e[k + c]), d = Math.hypot(...w) || 1;
+      return w.map((v) => v / d);
+    });
+    for (let a = 0; a < ways.length; a++) for (let b = 0; b < a; b++) least = Math.min(least, ways[a][0] * ways[b][0] + ways[a][1] * ways[b][1] + ways[a][2] * ways[b][2]);
+    out[i] = Math.acos(Math.max(-1, least)) / ((COVERED_DEG * Math.PI) / 180);
+  }
+  return out;
 }
 function paint_coverage() {
-  if (!m.covered || m.moving) m.covered = Float32Array.from({ length: m.n }, (_, i) => cover_of(i));
+  if (!m.covered || m.moving) m.covered = coverage();
   for (let i = 0; i < m.n; i++) paint(4 * i, m.covered[i]);
 }
 

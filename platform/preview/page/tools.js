@@ -56,7 +56,8 @@ async function tap(x, y) {
   tools.picks.push(point);
   if (tools.picks.length === 1) return tell("Tap the second point.");
   const d = distance(...tools.picks);
-  tools.said = length(d.length) + " ± " + length(d.half);
+  const is_mm = view.is_metric && d.length < 0.1, k = is_mm ? 1000 : 1, digits = Math.max(0, 1 - Math.floor(Math.log10(k * d.half)));
+  tools.said = (k * d.length).toFixed(digits) + " ± " + (k * d.half).toFixed(digits) + (is_mm ? " mm" : unit());
   tell(tools.said);
 }
 $("measure").onclick = () => {
