@@ -34,7 +34,7 @@ typedef struct {
   const float *a, *b;
   const uint8_t *mask;
   int w, h;
-  double *ring;    // [TAPS][N_SUMS][w] of the rows around the one that is blurred, by row modulo TAPS
+  double *ring;    // [TAPS][N_SUMS][w] of the rows around that one, by row modulo TAPS
   double *blurred; // [N_SUMS][w]
 } channel;
 
@@ -72,7 +72,8 @@ static void load_row(const channel *c, int y) {
   }
 }
 
-// n sums over TAPS values each, p[HALF] of those at the same place. Both sides have the same weights.
+// n sums over TAPS values each, p[HALF] of those at the same place. Both sides have the same
+// weights.
 static void blur(const double *const p[TAPS], size_t n, double *restrict out) {
   for (size_t x = 0; x < n; x++) {
     double sum = window[HALF] * p[HALF][x];
@@ -159,7 +160,7 @@ sv_status sv_ssim_counted(const sv_image_pair *im, const uint8_t *mask, double *
   return SV_OK;
 }
 
-// --- blurred over a mask --------------------------------------------------------------------------
+// --- blurred over a mask ----------------------------------------------------------------------------
 
 // One input row blurred along x over its mask: five maps and the mask of positions that saw any
 // pixel.
