@@ -160,7 +160,7 @@ sv_status sv_ssim_counted(const sv_image_pair *im, const uint8_t *mask, double *
   return SV_OK;
 }
 
-// --- blurred over a mask ----------------------------------------------------------------------------
+// --- blurred over a mask -------------------------------------------------------------------------
 
 // One input row blurred along x over its mask: five maps and the mask of positions that saw any
 // pixel.
