@@ -180,6 +180,34 @@ TEST(test_turntable) {
 #endif
 }
 
+// A film alone, by the name of --out, with and without the dataset.
+TEST(test_film) {
+  lab_shell_need(&shell);
+  run_well("@ render --model a/model.ply --orbit 6 --width 48 --out around");
+  sv_bitmap b = picture("around/orbit_0005.png");
+  assert_int_equal(b.width_px, 48);
+  assert_int_equal(b.height_px, 36);
+  long sum = 0; // the model fills a good part of the image
+  for (int i = 0; i < 48 * 36; i++) sum += b.u8[3 * i] + b.u8[3 * i + 1] + b.u8[3 * i + 2] > 30;
+  assert_in_range(sum, 48 * 36 / 20, 48 * 36);
+  sv_bitmap_free(&b);
+  refuses("@ render --model a/model.ply --out x", 2, "--data is missing; only --orbit renders without it");
+  refuses("@ render --data s --model a/model.ply --out x.mp4", 2, "needs --orbit or --frames");
+  refuses("@ render --model a/model.ply --orbit 6 --depth --out x.mp4", 2, "--depth needs a folder");
+  if (lab_animation_is_built()) {
+    run_well("@ render --model a/model.ply --orbit 7 --width 40 --out o.webp");
+#if HAS_DEMUX
+    must_play("o.webp", 7, 40, 30);
+#endif
+  }
+  refuses("PATH=/nowhere @ render --model a/model.ply --orbit 2 --width 40 --out n.mp4", 1, "needs ffmpeg");
+  if (run("command -v ffprobe") != 0) skip();
+  run_well("@ render --data s --model a/model.ply --orbit 9 --width 41 --out o.mp4");
+  run_well("ffprobe -v error -count_frames -show_entries stream=width,height,nb_read_frames -of csv o.mp4");
+  assert_contains(shell.said, "42,32,9"); // H.264 has even sides
+  run_well("test ! -e n.mp4 && test ! -d o.mp4");
+}
+
 // import of one rig gives the views that a run of that source is measured on.
 TEST(test_heldout) {
   lab_shell_need(&shell);
@@ -194,6 +222,7 @@ TEST(test_heldout) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_layout),    cmocka_unit_test(test_psnr),
                                      cmocka_unit_test(test_defaults),  cmocka_unit_test(test_bad_input),
-                                     cmocka_unit_test(test_turntable), cmocka_unit_test(test_heldout)};
+                                     cmocka_unit_test(test_turntable), cmocka_unit_test(test_film),
+                                     cmocka_unit_test(test_heldout)};
   return cmocka_run_group_tests(tests, setup, teardown);
 }

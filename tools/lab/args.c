@@ -16,7 +16,7 @@
 #define OUT       (LAB_TRAIN | LAB_RENDER | LAB_EXPORT | LAB_IMPORT | LAB_TABLES | LAB_COMPARE | LAB_MESH)
 
 static const sv_option table[] = {
-    {"data", SV_OPT_TEXT, DATA, DATA, AT(data), "DIR",
+    {"data", SV_OPT_TEXT, DATA, DATA & ~LAB_RENDER, AT(data), "DIR",
      "dataset: a folder with transforms JSON and images; train: also a COLMAP folder, a capture, or a .zip",
      0, 0, 0},
     {"data", SV_OPT_TEXT, LAB_TABLES, LAB_TABLES, AT(data), "DIR[,DIR...]",
@@ -99,10 +99,13 @@ static const sv_option table[] = {
      "moving model: number of time samples of the first view or of one orbit; delta: number of frames (25)",
      2, 10000, 0},
     {"orbit", SV_OPT_INT, LAB_RENDER, 0, AT(orbit), "N",
-     "N views on a circle around the scene instead of --split; also orbit.webp (builds with libwebp)", 1,
-     100000, 0},
+     "N views on a circle around the scene instead of --split; also orbit.webp (builds with libwebp); "
+     "without "
+     "--data around the model",
+     1, 100000, 0},
     {"width", SV_OPT_INT, LAB_RENDER, 0, AT(width_px), "PX",
-     "orbit: image width; the aspect ratio is kept (the first camera's)", 16, 8192, 0},
+     "orbit: image width; the aspect ratio is kept (the first camera's; without --data 640, 4:3)", 16, 8192,
+     0},
     {"depth", SV_OPT_FLAG, LAB_EVAL | LAB_RENDER, 0, AT(has_depth), 0,
      "eval: fail if the views have no ground-truth depth; render: also write 16-bit depth PNGs", 0, 0, 0},
     {"mask", SV_OPT_WORD, LAB_TRAIN | LAB_EVAL, 0, AT(mask), "covisible",
@@ -164,7 +167,8 @@ static const sv_option table[] = {
     {"json", SV_OPT_FLAG, LAB_TRAIN | LAB_EVAL | LAB_BENCH | LAB_MEASURE, 0, AT(is_json), 0,
      "print one JSON object on stdout", 0, 0, 0},
     {"quiet", SV_OPT_FLAG, ALL, 0, AT(is_quiet), 0, "no progress messages on stderr", 0, 0, 0},
-    {"out", SV_OPT_TEXT, OUT, OUT, AT(out), "PATH", "output folder (export, compare: output file)", 0, 0, 0},
+    {"out", SV_OPT_TEXT, OUT, OUT, AT(out), "PATH",
+     "output folder (export, compare: output file; render: or NAME.mp4, NAME.webp)", 0, 0, 0},
     {"help", SV_OPT_FLAG, ALL, 0, AT(is_help), 0, "show this help", 0, 0, 0},
     {"version", SV_OPT_FLAG, ALL, 0, AT(is_version), 0, "show the version", 0, 0, 0},
     {0, SV_OPT_OPERAND, LAB_IMPORT, LAB_IMPORT, AT(input), 0, "the folder to import", 0, 0, 0},
@@ -179,6 +183,11 @@ int lab_usage(const char *command, const char *fmt, ...) {
   int e = sv_options_vusage(options.program, command, fmt, ap);
   va_end(ap);
   return e;
+}
+
+bool lab_is_film(const char *path) {
+  const char *kind = sv_path_extension(path);
+  return sv_str_eq(kind, ".mp4") || sv_str_eq(kind, ".webp");
 }
 
 static int check_compare(const sv_tool_command *c, const lab_options *o) {
@@ -217,9 +226,15 @@ static int check_together(const sv_tool_command *c, const lab_options *o) {
                                  : "crop");
   if (c->bit == LAB_EXPORT && o->viewer && !strcmp(o->viewer, "niantic") && strcmp(o->format, "spz") != 0)
     return lab_usage(c->name, "--for niantic needs --format spz");
-  if (c->bit != LAB_EXPORT && o->up && !lab_is_upright(o->model))
+  if (c->bit != LAB_EXPORT && o->up && o->data && !lab_is_upright(o->model))
     return lab_usage(c->name, "--up needs a model that ends in .spz or .glb");
   if (o->orbit >= 0 && o->split) return lab_usage(c->name, "--split and --orbit cannot be combined");
+  if (c->bit == LAB_RENDER && !o->data && o->orbit < 0)
+    return lab_usage(c->name, "--data is missing; only --orbit renders without it");
+  if (c->bit == LAB_RENDER && lab_is_film(o->out) && o->orbit < 0 && o->frames < 0)
+    return lab_usage(c->name, "--out %.200s needs --orbit or --frames", o->out);
+  if (c->bit == LAB_RENDER && lab_is_film(o->out) && o->has_depth)
+    return lab_usage(c->name, "--depth needs a folder as --out");
   if (o->width_px > 0 && o->orbit < 0) return lab_usage(c->name, "--width needs --orbit");
   return c->bit == LAB_COMPARE ? check_compare(c, o) : LAB_EXIT_OK;
 }

@@ -64,6 +64,8 @@ int lab_args_parse(const sv_tool_command *c, int argc, char **argv, lab_options 
 void lab_args_help(const sv_tool_command *c); // on stdout
 // Sets what --motion says in *d. text may be NULL: clip. LAB_EXIT_USAGE when it cannot be read.
 int lab_parse_motion(const char *text, sv_dynamic_cfg *d);
+// --out of render that names a film instead of a folder.
+bool lab_is_film(const char *path);
 // One line: "subview-lab train: TEXT; try 'subview-lab train --help'". Returns LAB_EXIT_USAGE.
 int lab_usage(const char *command, const char *fmt, ...) SV_PRINTF(2, 3);
 

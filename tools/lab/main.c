@@ -54,11 +54,16 @@ static const lab_command commands[] = {
       "200,120",
       LAB_MEASURE},
      lab_cmd_measure},
-    {{"render", "--data DIR --model FILE --out DIR [options]", "render images of a model",
+    {{"render", "[--data DIR] --model FILE --out DIR|NAME.mp4|NAME.webp [options]",
+      "render images of a model",
       "Writes a PNG for each view of a split, or for N views on a circle around the scene. With --depth "
       "also\n16-bit PNGs of the depth along the optical axis; views.json has their unit and each view's "
-      "camera. Orbits\nand moving models are also written as an animated WebP, orbit.webp or movie.webp.",
-      "  subview-lab render --data blender_tree --model tree/model.ply --orbit 60 --out turn", LAB_RENDER},
+      "camera. Orbits\nand moving models are also written as an animated WebP, orbit.webp or movie.webp; "
+      "--out NAME.mp4 (by "
+      "ffmpeg)\nor NAME.webp writes the film alone. An orbit needs no dataset.",
+      "  subview-lab render --data blender_tree --model tree/model.ply --orbit 60 --out turn\n"
+      "  subview-lab render --model tree/model.ply --orbit 120 --out tree.mp4",
+      LAB_RENDER},
      lab_cmd_render},
     {{"export", "--model FILE --format F --out FILE [options]", "write a model in another format",
       "Converts a model (PLY, .splat, SPZ or GLB, detected by content):\n"

@@ -9,6 +9,7 @@
 #include "tools/train/evaluate.h"
 #include "tools/lab/model_formats.h"
 #include "tools/pictures/movie.h"
+#include "tools/pictures/orbit.h"
 #include "tools/common/report.h"
 
 #define FILM_FPS        12
@@ -20,61 +21,18 @@ typedef struct {
   const lab_options *o;
   lab_session session;
   lab_model model;
-  lab_views views; // of the split, or those that tell the orbit's circle
+  lab_views views; // of the split, or those that tell the orbit's circle; none without --data
+  lab_orbit orbit;
   lab_settings settings;
   lab_viewer viewer;
   lab_report list;
   lab_animation *animation; // NULL: none
+  lab_video video;
   uint8_t *rgb;
   uint16_t *z;
   float *depth;
   double depth_unit; // scene units of one step of a depth PNG
 } run;
-
-// Of the images of an orbit, against the first view's.
-static double orbit_scale(const run *r) {
-  bool is_given = r->o->orbit > 0 && r->o->width_px > 0;
-  return is_given ? (double)r->o->width_px / r->views.frames[0].view.width_px : 1;
-}
-static int scaled(int px, double k) {
-  int n = (int)(k * px + 0.5);
-  return n < 1 ? 1 : n;
-}
-
-// N views around the scene at the cameras' median distance and height, with the first camera's
-// lens.
-static sv_status orbit_view(const run *r, const lab_scene *sc, int i, sv_view *out, sv_err *err) {
-  double up[3], side[3], ahead[3], eye[3], c[3], height = 0, d = (double)sc->distance;
-  for (int k = 0; k < 3; k++) {
-    up[k] = (double)sc->up[k];
-    c[k] = (double)sc->centre[k];
-  }
-  for (int v = 0; v < r->views.n; v++) {
-    double p[3];
-    sv_pose_centre(p, &r->views.frames[v].f.cam_from_world);
-    sv_sub3(p, p, c);
-    height += sv_dot3(p, up) / r->views.n;
-  }
-  height = height > 0.9 * d ? 0.9 * d : height < -0.9 * d ? -0.9 * d : height;
-  double axis[3] = {fabs(up[0]) < 0.9, fabs(up[0]) >= 0.9, 0}; // any direction across `up`
-  sv_cross3(side, up, axis);
-  double n = sv_norm3(side), flat = sqrt(d * d - height * height),
-         angle = 2 * SV_PI * i / (double)(r->o->frames > 0 ? r->o->frames : r->o->orbit);
-  for (int k = 0; k < 3; k++) side[k] /= n;
-  sv_cross3(ahead, up, side);
-  for (int k = 0; k < 3; k++)
-    eye[k] = c[k] + height * up[k] + flat * (sv_cos(angle) * side[k] + sv_sin(angle) * ahead[k]);
-  sv_pose pose;
-  if (!sv_pose_look_at(&pose, eye, c, up))
-    return sv_fail(err, SV_E_RANGE, "the cameras do not define an orbit");
-  const sv_view *v0 = &r->views.frames[0].view;
-  double k = orbit_scale(r);
-  *out = sv_view_make(
-      scaled(v0->width_px, k), scaled(v0->height_px, k),
-      (const double[]){k * (double)v0->fx, k * (double)v0->fy, k * (double)v0->cx, k * (double)v0->cy},
-      &pose);
-  return SV_OK;
-}
 
 static double round_up_125(double x) { // to 1, 2 or 5 times a power of ten
   double p = 1;
@@ -124,6 +82,8 @@ static sv_status render_view(run *r, const sv_view *v, const char *name, sv_err 
   if (s < 0) return sv_fail(err, s, "view %s cannot be rendered: %s", name, sv_status_text(s));
   lab_to_bytes(&r->viewer.r.rgb, r->rgb);
   if (r->animation && (s = lab_animation_add(r->animation, r->rgb, err)) != SV_OK) return s;
+  if (r->video.pid && (s = lab_video_add(&r->video, r->rgb, err)) != SV_OK) return s;
+  if (lab_is_film(r->o->out)) return SV_OK;
   snprintf(file, sizeof file, "%.900s.png", name);
   if ((s = sv_path_join(path, sizeof path, r->o->out, file, err)) != SV_OK) return s;
   sv_bitmap b = {
@@ -145,10 +105,7 @@ static void view_name(const run *r, int i, char *out, size_t cap) {
   lab_view_name(&r->views, i, out, cap);
 }
 
-static sv_status prepare(run *r, lab_scene *scene, sv_err *err) {
-  sv_status s = lab_model_read(&r->model, r->o->model, err);
-  if (s == SV_OK) s = lab_settings_for(&r->settings, r->o, &r->model, err);
-  if (s != SV_OK) return s;
+static sv_status open_views(run *r, sv_err *err) {
   lab_source src = {.folder = r->o->data,
                     .transforms = r->settings.transforms,
                     .told_by = r->settings.told_by,
@@ -157,12 +114,27 @@ static sv_status prepare(run *r, lab_scene *scene, sv_err *err) {
                                              : "test",
                     .scale = r->settings.scale};
   if (sv_str_eq(src.split, "test_near")) src.n_exposures = r->settings.n_exposures;
-  if ((s = lab_views_open(&r->views, &src, &r->session.pool, err)) != SV_OK) return s;
+  sv_status s = lab_views_open(&r->views, &src, &r->session.pool, err);
+  if (s != SV_OK) return s;
   lab_turn_back(&r->model, &r->session, r->o->model, r->o->up, &r->views);
-  *scene = lab_scene_of(&r->views);
+  r->orbit = lab_orbit_of_views(&r->views, r->o->orbit > 0 ? r->o->width_px : 0);
+  return SV_OK;
+}
+
+static sv_status prepare(run *r, sv_err *err) {
+  sv_status s = lab_model_read(&r->model, r->o->model, err);
+  if (s == SV_OK) s = lab_settings_for(&r->settings, r->o, &r->model, err);
+  if (s == SV_OK && r->o->data) s = open_views(r, err);
+  if (s != SV_OK) return s;
+  if (!r->o->data) {
+    if (r->o->up) sv_copy(r->model.up, sizeof r->model.up, r->o->up);
+    r->orbit = lab_orbit_of_model(&r->model, &r->settings, r->o->width_px);
+  }
+  const lab_scene *scene = &r->orbit.scene;
   // Depth may reach well behind the scene before it is cut off.
   r->depth_unit = round_up_125(((double)scene->distance + 4 * (double)r->settings.radius) / 65535);
-  int w = scaled(r->views.cap_width_px, orbit_scale(r)), h = scaled(r->views.cap_height_px, orbit_scale(r));
+  const int w = sv_maxi(r->orbit.lens.width_px, r->views.cap_width_px),
+            h = sv_maxi(r->orbit.lens.height_px, r->views.cap_height_px);
   if (h > SV_BITMAP_CAP_SIDE_PX)
     return sv_fail(err, SV_E_RANGE, "--width %ld: the images would be %d pixels high", r->o->width_px, h);
   size_t n = sv_plane_floats(w, h); // padded, so at least as much as is needed
@@ -177,7 +149,7 @@ static sv_status prepare(run *r, lab_scene *scene, sv_err *err) {
   r->z = malloc(n * sizeof *r->z);
   r->depth = malloc(n * sizeof *r->depth);
   if (!r->rgb || !r->z || !r->depth) return sv_fail(err, SV_E_NOMEM, "no memory for an image");
-  return lab_session_folder(&r->session, r->o->out, err);
+  return lab_is_film(r->o->out) ? SV_OK : lab_session_folder(&r->session, r->o->out, err);
 }
 
 static bool is_film(const run *r) { return r->o->frames > 0; }
@@ -185,24 +157,34 @@ static int n_pictures(const run *r) {
   return (int)(is_film(r) ? r->o->frames : r->o->orbit > 0 ? r->o->orbit : r->views.n);
 }
 
-// Frames that follow one another become an animation, too; without one the images remain.
-static void start_animation(run *r) {
-  sv_err why;
-  const sv_view *v = &r->views.frames[0].view;
-  double k = orbit_scale(r);
-  int ms = is_film(r) ? 1000 / FILM_FPS : ROUND_MS / (int)r->o->orbit;
-  if (!is_film(r) && r->o->orbit <= 0) return;
-  if (!lab_animation_is_built())
-    lab_say(&r->session, "built without libwebp (Debian: libwebp-dev): no animated WebP");
-  else if (lab_animation_begin(&r->animation, scaled(v->width_px, k), scaled(v->height_px, k),
-                               ms < FRAME_MS ? FRAME_MS : ms, &why) != SV_OK)
-    lab_say(&r->session, "no animated WebP: %s", why.text);
+// Frames that follow one another become an animation beside the images, or, where --out names one,
+// instead of them.
+static sv_status start_film(run *r, sv_err *err) {
+  const bool is_alone = lab_is_film(r->o->out), is_orbit = r->o->orbit > 0;
+  const sv_view *v = is_orbit || !r->views.n ? &r->orbit.lens : &r->views.frames[0].view;
+  const int size[2] = {v->width_px, v->height_px};
+  const int ms = sv_maxi(FRAME_MS, is_film(r) ? 1000 / FILM_FPS : is_orbit ? ROUND_MS / (int)r->o->orbit : 0);
+  if (!is_film(r) && !is_orbit) return SV_OK;
+  if (is_alone && sv_str_eq(sv_path_extension(r->o->out), ".mp4"))
+    return lab_video_begin(&r->video, r->o->out, size, 1000.0 / ms, err);
+  sv_status s = lab_animation_is_built()
+                    ? lab_animation_begin(&r->animation, size[0], size[1], ms, err)
+                    : sv_fail(err, SV_E_UNSUPPORTED, "built without libwebp (Debian: libwebp-dev)");
+  if (s == SV_OK || is_alone) return s;
+  lab_say(&r->session, "no animated WebP: %s", err->text);
+  return SV_OK;
 }
 
 // What is written from all the pictures.
 static sv_status finish(run *r, int n, sv_err *err) {
   char path[SV_CAP_PATH];
-  sv_status s = sv_path_join(path, sizeof path, r->o->out, "views.json", err);
+  sv_status s = SV_OK;
+  if (lab_is_film(r->o->out)) {
+    s = r->animation ? lab_animation_write(r->animation, r->o->out, err) : lab_video_end(&r->video, err);
+    if (s == SV_OK) lab_say(&r->session, "%s: %d frames", r->o->out, n);
+    return s;
+  }
+  s = sv_path_join(path, sizeof path, r->o->out, "views.json", err);
   if (s == SV_OK) s = lab_report_save(&r->list, path, err);
   if (s != SV_OK) return s;
   if (r->o->has_depth)
@@ -222,23 +204,22 @@ static sv_status finish(run *r, int n, sv_err *err) {
 
 static sv_status render_all(run *r, sv_err *err) {
   char name[SV_CAP_PATH];
-  lab_scene scene;
   sv_console *c = &r->session.console;
-  sv_status s = prepare(r, &scene, err);
+  sv_status s = prepare(r, err);
   if (s != SV_OK) return s;
   if (is_film(r) && !r->model.deform.kind)
     return sv_fail(err, SV_E_NOT_FOUND,
                    "%s: is static (no motion.bin beside it); --frames needs a moving model", r->o->model);
   int n = n_pictures(r);
-  start_animation(r);
+  if ((s = start_film(r, err)) != SV_OK) return s;
   lab_report_begin(&r->list);
   if (r->o->has_depth) lab_report_num(&r->list, "depth_unit_scale_factor", r->depth_unit);
   lab_report_array(&r->list, "views");
   for (int i = 0; i < n; i++) {
-    sv_view v = r->views.frames[r->o->orbit > 0 || is_film(r) ? 0 : i].view;
+    sv_view v = r->views.n ? r->views.frames[r->o->orbit > 0 || is_film(r) ? 0 : i].view : r->orbit.lens;
     if (c->is_stop_requested(c->self))
       return sv_fail(err, SV_E_INTERRUPTED, "stopped by request at view %d of %d", i, n);
-    if (r->o->orbit > 0 && (s = orbit_view(r, &scene, i, &v, err)) != SV_OK) return s;
+    if (r->o->orbit > 0 && (s = lab_orbit_view(&r->orbit, (double)i / n, &v, err)) != SV_OK) return s;
     if (is_film(r)) v.time = (float)i / (float)(n - 1);
     view_name(r, i, name, sizeof name);
     if ((s = render_view(r, &v, name, err)) != SV_OK) return s;
@@ -261,6 +242,7 @@ int lab_cmd_render(const lab_options *o) {
   lab_session_stop(&r.session);
   lab_report_free(&r.list);
   lab_animation_free(r.animation);
+  lab_video_abandon(&r.video);
   free(r.rgb);
   free(r.z);
   free(r.depth);
