@@ -415,6 +415,7 @@ static sv_status source_caps(void *self, int i, sv_camera_caps *out) {
   if (i < 0 || i >= static_cast<int>(s->cams.size())) return SV_E_ARG;
   *out = s->cams[static_cast<size_t>(i)]->caps;
   out->is_light_locked = !s->cfg.is_unlocked;
+  out->is_exposure_told = !s->cfg.is_unlocked;
   return SV_OK;
 }
 

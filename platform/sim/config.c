@@ -87,6 +87,9 @@ static const number_option NUMBERS[] = {
     REAL("response", optics.response, 0.3, 3),
     REAL("black", optics.black, 0, 0.5),
     REAL("auto_exposure", optics.auto_exposure, 0.05, 20),
+    REAL("light", optics.light, 1e-4, 1e4),
+    REAL("flat", optics.flat, 0, 1),
+    REAL("bracket", optics.bracket, 1e-3, 1e3),
     REAL("readout_ms", optics.readout_ms, 0, 1000),
     REAL("aperture_mm", optics.aperture_mm, 0, 200),
     REAL("focus_m", optics.focus_m, 0.1, 1000),
@@ -218,7 +221,7 @@ static sv_status read_number(sv_sim_config *c, const number_option *o, word v, s
 
 static sv_status unknown_option(word name, sv_err *err) {
   static const char *const others[] = {"rig",  "grid",  "size",       "noise",   "fault", "seed",
-                                       "path", "poses", "vignetting", "shutter", "blur"};
+                                       "path", "poses", "vignetting", "shutter", "blur",  "depth"};
   const int n = (int)(name.n < 20 ? name.n : 20);
   sv_near_name near = sv_near_make(name.p, name.n);
   for (size_t i = 0; i < sizeof others / sizeof *others; i++) sv_near_try(&near, others[i]);
@@ -249,6 +252,10 @@ static sv_status read_option(sv_sim_config *c, word option, sv_err *err) {
       return bad(err, "seed", v, "a whole number from 0 to 4294967295");
     c->seed = (uint32_t)seed;
     return SV_OK;
+  }
+  if (is(name, "depth")) {
+    c->is_deep = is(v, "16");
+    return c->is_deep || is(v, "8") ? SV_OK : bad(err, "depth", v, "8 or 16 bits");
   }
   if (is(name, "path")) {
     c->is_handheld = is(v, "handheld");
@@ -364,8 +371,8 @@ sv_status sv_sim_check(const sv_sim_config *c, sv_err *err) {
     return sv_fail(err, SV_E_ARG,
                    "sim: lens=: rig %s has small lenses of its own; expected mono, stereo or phone",
                    RIGS[c->rig]);
-  if (c->jpeg_quality > 0 && info->forward == SV_FORWARD_MULTIPLEXED)
-    return sv_fail(err, SV_E_ARG, "sim: jpeg=%d: rig %s has frames of 16 bits, which JPEG does not code",
+  if (c->jpeg_quality > 0 && sv_sim_is_deep(c))
+    return sv_fail(err, SV_E_ARG, "sim: jpeg=%d: frames have 16 bits, which JPEG does not code (rig %s)",
                    c->jpeg_quality, RIGS[c->rig]);
   if (c->lens == SV_SIM_LENS_KB4 && c->optics.aperture_mm > 0)
     return sv_fail(err, SV_E_ARG, "sim: aperture_mm=%g: fisheyes are sharp everywhere; expected 0",
@@ -389,7 +396,7 @@ void sv_sim_list(sv_str *out) {
   sv_str_add(
       out, ", grid=RxC, lens=pinhole|kb4:DEG|tiles:DEG, size=WxH, seed=N, path=step|smooth|handheld|sway, "
            "poses=known|unknown, "
-           "noise=read:V:shot:V, "
+           "noise=read:V:shot:V, depth=8|16, "
            "fault=NAME[:CAMERA[:SLOT[:N]]][+...], vignetting=cos4|K1[:K2[:K3]], shutter=down|up|right|left, "
            "blur=on|off");
   for (int i = 0; i < N_NUMBERS; i++) sv_str_add(out, ", %s=", NUMBERS[i].name);

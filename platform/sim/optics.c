@@ -9,8 +9,13 @@
 #define REFERENCE_K 6500.0
 
 sv_sim_optics_cfg sv_sim_optics_defaults(void) {
-  return (sv_sim_optics_cfg){
-      .white_k = REFERENCE_K, .response = 1, .auto_exposure = 1, .focus_m = 4, .n_samples = 16};
+  return (sv_sim_optics_cfg){.white_k = REFERENCE_K,
+                             .response = 1,
+                             .auto_exposure = 1,
+                             .light = 1,
+                             .bracket = 1,
+                             .focus_m = 4,
+                             .n_samples = 16};
 }
 
 static bool has_samples(const sv_sim_optics_cfg *c) { return c->is_blurred || c->aperture_mm > 0; }
@@ -24,8 +29,8 @@ bool sv_sim_optics_is_color_known(const sv_sim_optics_cfg *c) {
 
 sv_status sv_sim_optics_init(sv_sim_optics *o, const sv_sim_optics_cfg *c, const uint16_t *srgb16,
                              sv_arena *arena) {
-  o->is_on = !sv_sim_optics_is_color_known(c) || c->auto_exposure != 1 || c->readout_ms > 0 || c->n_hot > 0 ||
-             has_samples(c);
+  o->is_on = !sv_sim_optics_is_color_known(c) || c->auto_exposure != 1 || c->light != 1 || c->bracket != 1 ||
+             c->flat > 0 || c->readout_ms > 0 || c->n_hot > 0 || has_samples(c);
   o->response = c->response != 1 ? SV_TAKE(arena, uint16_t, SV_NOISE_CODE_MAX + 1) : NULL;
   if (arena->status < 0 || !arena->base || !o->response) return arena->status;
   for (int i = 0; i <= SV_NOISE_CODE_MAX; i++) {
@@ -70,9 +75,11 @@ void sv_sim_optics_matrix(const sv_sim_optics_cfg *c, int i_camera, double progr
   for (int i = 0; i < 3; i++)
     for (int k = 0; k < 3; k++) {
       const double mix = i_camera == 0 ? i == k : i == k ? 1 - 2 * c->crosstalk : c->crosstalk;
-      m[3 * i + k] = (float)(light * share * white[i] * mix);
+      m[3 * i + k] = (float)(c->light * light * share * white[i] * mix);
     }
 }
+
+double sv_sim_optics_exposure(const sv_sim_optics_cfg *c, int64_t slot) { return slot % 2 ? c->bracket : 1; }
 
 float sv_sim_optics_falloff(const sv_sim_optics_cfg *c, const sv_view *v, float x, float y) {
   const float dx = x - v->cx, dy = y - v->cy, u = dx / v->fx, w = dy / v->fy;

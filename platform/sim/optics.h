@@ -32,6 +32,9 @@ typedef struct {
   double black;         // light that all pixels have without any. Default 0
   double auto_exposure; // factor of light from the first slot of a round to the last (log-linear).
                         // Default 1
+  double light;         // of the scene: factor on the light of all cameras. Default 1
+  double flat;          // light of an evenly lit field in the scene's place; 0: the scene. Default 0
+  double bracket;       // factor of every second slot's shutter time. Default 1
   double readout_ms;    // from the first line of a frame to the last; 0: all at once
   sv_shutter_direction shutter;
   bool is_blurred;    // moves during shutter_us
@@ -58,6 +61,8 @@ bool sv_sim_optics_is_color_known(const sv_sim_optics_cfg *cfg);
 // Linear color transform of a camera in a slot, row-major; progress: the slot's place in the round,
 // 0 to 1. Without the black level.
 void sv_sim_optics_matrix(const sv_sim_optics_cfg *cfg, int i_camera, double progress, float m[9]);
+// Shutter time of a slot over that of the first, by the bracket.
+double sv_sim_optics_exposure(const sv_sim_optics_cfg *cfg, int64_t slot);
 // Share of the light at pixel (x, y) of a view.
 float sv_sim_optics_falloff(const sv_sim_optics_cfg *cfg, const sv_view *v, float x, float y);
 int sv_sim_optics_n_samples(const sv_sim_optics_cfg *cfg);

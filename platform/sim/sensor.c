@@ -118,6 +118,21 @@ static void draw_sample(sv_sim *sim, const sv_sub_view *sv, sv_ns mid_ns, const 
   c->lens = NULL;
 }
 
+// A field of even light, through the lens.
+static void draw_flat(const sv_sim *sim, const sv_sub_view *sv, sv_ns mid_ns, canvas *c) {
+  const sv_view v = sv_sim_sub_view_at(sim, sv, mid_ns);
+  const float light = (float)sim->cfg.optics.flat, rgb[3] = {light, light, light};
+  c->lens = &v;
+  c->weight = 1;
+  for (int y = 0; y < v.height_px; y++)
+    for (int x = 0; x < v.width_px; x++) {
+      c->x0 = x;
+      c->x1 = x + 1;
+      add_light(c, x, y, 1, rgb);
+    }
+  c->lens = NULL;
+}
+
 static void draw_through(sv_sim *sim, const sv_sub_view *sv, sv_ns mid_ns, canvas *c) {
   const sv_sim_optics_cfg *o = &sim->cfg.optics;
   const int n = sv_sim_optics_n_samples(o);
@@ -145,6 +160,8 @@ static development development_of(const sv_sim *sim, const sv_sim_event *e) {
       .scale = sim->rig.forward == SV_FORWARD_MULTIPLEXED ? 1.0f / (float)sim->largest_overlap : 1.0f,
       .display = sim->optics.response && e->i_camera > 0 ? sim->optics.response : sim->noise.srgb16};
   sv_sim_optics_matrix(o, e->i_camera, n > 1 ? (double)(e->slot % n) / (n - 1) : 0, d.m);
+  const float exposure = (float)sv_sim_optics_exposure(o, e->slot);
+  for (int i = 0; i < 9; i++) d.m[i] *= exposure;
   return d;
 }
 
@@ -162,10 +179,10 @@ static void put_value(uint8_t *out, bool is_16_bit, int at, uint16_t v) {
   } else out[at] = (uint8_t)((v + 128) / 257);
 }
 
-// The sensor's sum of light, developed; noise, 14 bits, and display values in 8 bits, in 16 for a
-// multiplexed measurement, which is over the largest overlap.
+// The sensor's sum of light, developed; noise, 14 bits, and display values in 8 or 16 bits. A
+// multiplexed measurement is over the largest overlap.
 static void put_sum(const sv_sim *sim, const sv_sim_event *e, const canvas *c, uint8_t *out) {
-  const bool is_16_bit = sim->rig.forward == SV_FORWARD_MULTIPLEXED;
+  const bool is_16_bit = sv_sim_is_deep(&sim->cfg);
   const development d = development_of(sim, e);
   for (int y = 0; y < sim->cfg.height_px; y++)
     for (int x = 0; x < sim->cfg.width_px; x++) {
@@ -203,7 +220,8 @@ void sv_sim_expose(sv_sim *sim, const sv_sim_event *e, uint8_t *out) {
     if (sim->sum) c.sum = sim->sum + at;
     else c.rgb = out + at;
     if (sim->optics.is_on) {
-      draw_through(sim, sv, e->true_ns, &c);
+      if (cfg->optics.flat > 0) draw_flat(sim, sv, e->true_ns, &c);
+      else draw_through(sim, sv, e->true_ns, &c);
       continue;
     }
     sv_view v = sv_sim_sub_view_at(sim, sv, e->true_ns);

@@ -17,12 +17,16 @@ static sv_ns from_us(double us) { return (sv_ns)floor(us * 1e3 + 0.5); }
 
 // --- memory --------------------------------------------------------------------------------------
 
+bool sv_sim_is_deep(const sv_sim_config *cfg) {
+  return cfg->is_deep || sv_device_info_of(cfg->rig)->forward == SV_FORWARD_MULTIPLEXED;
+}
+
 static sv_status carve(sv_sim *s, const sv_sim_config *cfg, sv_arena *a) {
-  bool is_sum = sv_device_info_of(cfg->rig)->forward == SV_FORWARD_MULTIPLEXED;
+  const bool is_deep = sv_sim_is_deep(cfg);
   size_t n_values = 3 * (size_t)cfg->width_px * (size_t)cfg->height_px;
   s->cfg = *cfg;
   s->n_cameras = sv_device_n_cameras(cfg->rig);
-  s->frame_bytes = n_values * (is_sum ? 2 : 1);
+  s->frame_bytes = n_values * (is_deep ? 2 : 1);
   s->cap_ready = s->n_cameras * cfg->n_buffers + SV_SIM_CAP_FAULTS;
   sv_arena_part_begin(a, "simulator");
   sv_status status = sv_rig_init(&s->rig, sv_sim_n_sub_views(cfg), a);
@@ -34,7 +38,7 @@ static sv_status carve(sv_sim *s, const sv_sim_config *cfg, sv_arena *a) {
     s->cameras[i].buffers = SV_TAKE(a, uint8_t, s->frame_bytes * (size_t)cfg->n_buffers);
   if (status >= 0) status = sv_noise_init(&s->noise, a);
   if (status >= 0) status = sv_sim_optics_init(&s->optics, &cfg->optics, s->noise.srgb16, a);
-  s->sum = is_sum || s->optics.is_on ? SV_TAKE(a, float, n_values) : NULL;
+  s->sum = is_deep || s->optics.is_on ? SV_TAKE(a, float, n_values) : NULL;
   return status < 0 ? status : a->status;
 }
 
@@ -59,8 +63,10 @@ sv_status sv_sim_init(sv_sim *s, const sv_sim_config *cfg, sv_arena *arena, sv_e
   status = sv_device_build(&s->rig, &device, err);
   if (status >= 0) status = sv_sim_set_lenses(s, err);
   if (status < 0) return status;
-  for (int i = 0; i < s->rig.n_sub_views; i++)
+  for (int i = 0; i < s->rig.n_sub_views; i++) {
+    s->rig.sub_views[i].noise = (sv_sensor_noise){cfg->noise_read, cfg->noise_shot};
     s->rig.sub_views[i].shutter = (sv_shutter){1e-3 * cfg->optics.readout_ms, cfg->optics.shutter};
+  }
   s->largest_overlap = sv_device_largest_overlap(&s->rig, 0);
   sv_sim_scene_build(s->scene, cfg->scene);
   return SV_OK;
@@ -231,7 +237,7 @@ static void catch_up(sv_sim *s) {
 }
 
 static sv_pixel_format format_of(const sv_sim *s) {
-  return s->rig.forward == SV_FORWARD_MULTIPLEXED ? SV_PIX_RGB16 : SV_PIX_RGB8;
+  return sv_sim_is_deep(&s->cfg) ? SV_PIX_RGB16 : SV_PIX_RGB8;
 }
 
 static bool has_own_clock(const sv_sim_config *c) {
@@ -250,7 +256,8 @@ static sv_status src_caps(void *self, int i_camera, sv_camera_caps *out) {
                           .fps = s->cfg.fps,
                           .stamp = SV_STAMP_MIDDLE,
                           .frame_bytes = s->frame_bytes,
-                          .is_light_locked = s->cfg.optics.auto_exposure == 1,
+                          .is_light_locked = s->cfg.optics.auto_exposure == 1 && s->cfg.optics.bracket == 1,
+                          .is_exposure_told = s->cfg.optics.auto_exposure == 1,
                           .is_color_known = sv_sim_optics_is_color_known(&s->cfg.optics),
                           .readout_ns = from_us(1e3 * s->cfg.optics.readout_ms),
                           .stamp_noise_ns = from_us(s->cfg.jitter_us),
@@ -303,7 +310,7 @@ static sv_status deliver(sv_sim *s, sv_frame *frame) {
   else c->counts.n_delivered++;
   frame->sequence = e.sequence;
   frame->camera_ns = e.camera_ns;
-  frame->exposure_ns = from_us(s->cfg.shutter_us);
+  frame->exposure_ns = from_us(s->cfg.shutter_us * sv_sim_optics_exposure(&s->cfg.optics, e.slot));
   frame->width_px = s->cfg.width_px;
   frame->height_px = s->cfg.height_px;
   frame->format = format_of(s);

@@ -91,6 +91,7 @@ typedef struct {
   double shutter_us;
   double drop;              // probability that the link loses a frame
   sv_sim_optics_cfg optics; // ideal by default
+  bool is_deep;             // frames have 16 bits a value. Default false
   int jpeg_quality;         // 1 to 100: frames have lost what JPEG loses; 0: nothing. Default 0
   int n_buffers;
   int n_faults;
@@ -153,7 +154,7 @@ typedef struct {
   sv_sim_shot *shot; // scratch of the source and of sv_sim_render
   sv_noise noise;
   sv_sim_optics optics;
-  float *sum;          // [height][width][3] linear, multiplexed or with optics only; else NULL
+  float *sum;          // [height][width][3] linear, for 16 bits or with optics only; else NULL
   int largest_overlap; // lens images that meet in one pixel at most, multiplexed only
   sv_sim_camera cameras[SV_SIM_CAP_CAMERAS];
   sv_sim_event *ready; // [cap_ready] arrived, oldest first
@@ -173,7 +174,7 @@ void sv_sim_list(sv_str *out);
 size_t sv_sim_bytes(const sv_sim_config *cfg);
 sv_status sv_sim_init(sv_sim *sim, const sv_sim_config *cfg, sv_arena *arena, sv_err *err) SV_MUST_USE;
 
-// frames: RGB8 sRGB; multiplexed: RGB16, sRGB-encoded sum of linear light
+// frames: RGB8 sRGB; with depth=16 RGB16 sRGB; multiplexed: RGB16, sRGB-encoded sum of linear light
 sv_source sv_sim_source(sv_sim *sim);
 sv_clock sv_sim_clock(sv_sim *sim);          // only sleeping and a waiting dequeue advance it
 const sv_rig *sv_sim_rig(const sv_sim *sim); // the true rig
@@ -200,6 +201,7 @@ void sv_sim_render_rows(const sv_sim *sim, const sv_sim_shot *shot, int y0, int 
                         float *depth_m);
 
 // --- between the files of this folder ---
+bool sv_sim_is_deep(const sv_sim_config *cfg);                                       // frames are RGB16
 sv_view sv_sim_sub_view_at(const sv_sim *sim, const sv_sub_view *sv, sv_ns host_ns); // path.c
 // jpeg.c: an RGB8 picture as it is after coding and decoding, in its place
 void sv_sim_jpeg(uint8_t *rgb, int width_px, int height_px, int quality);

@@ -256,6 +256,7 @@ static sv_status source_caps(void *self, int i, sv_camera_caps *out) {
   if (i < 0 || i >= v->n_cameras) return SV_E_ARG;
   *out = v->cameras[i].caps;
   out->is_light_locked = !v->cfg.is_unlocked;
+  out->is_exposure_told = !v->cfg.is_unlocked;
   out->readout_ns = sv_v4l2_readout_ns(&v->cameras[i]);
   return SV_OK;
 }

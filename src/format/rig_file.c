@@ -80,6 +80,20 @@ static sv_status read_shutter(const sv_json *j, int i_view, sv_sub_view *v, sv_e
   return SV_OK;
 }
 
+// "noise": {"read": R, "shot": S}
+static sv_status read_noise(const sv_json *j, int i_view, sv_sub_view *v, sv_err *err) {
+  const int i = sv_json_get(j, i_view, "noise");
+  if (i < 0) return SV_OK;
+  if (!sv_json_is_object(j, i))
+    return sv_json_fail(j, i, err, SV_E_FORMAT, "noise is an object with \"read\" and \"shot\"");
+  sv_status s = sv_json_get_double(j, i, "read", &v->noise.read, err);
+  if (s >= 0) s = sv_json_get_double(j, i, "shot", &v->noise.shot, err);
+  if (s < 0) return s;
+  if (!(v->noise.read >= 0 && v->noise.read <= 1 && v->noise.shot >= 0 && v->noise.shot <= 1))
+    return sv_json_fail(j, i, err, SV_E_RANGE, "variances of 0 to 1 were expected");
+  return SV_OK;
+}
+
 typedef char image_name[sizeof((sv_coverage_names *)0)->name[0]];
 
 // Only checks and keeps the name of an image; empty when there is none.
@@ -215,6 +229,7 @@ static sv_status read_sub_view(const reader *r, const sv_json *j, int i, sv_err 
   v->i_camera = (int)camera;
   s = read_footprint(j, i, v, err);
   if (s == SV_OK) s = read_shutter(j, i, v, err);
+  if (s == SV_OK) s = read_noise(j, i, v, err);
   if (s == SV_OK) s = read_images(j, i, r->rig, r->names, err);
   if (s == SV_OK) s = read_sensor(j, i, v, err);
   if (s == SV_OK) s = read_model(r, j, i, v, err);
@@ -379,6 +394,8 @@ sv_status sv_rig_json_write_coverage(sv_str *out, const sv_rig *rig, const sv_co
     if (v->shutter.readout_s > 0)
       sv_str_add(out, ", \"readout_ms\": %.6g, \"shutter\": \"%s\"", 1e3 * v->shutter.readout_s,
                  sv_shutter_name(v->shutter.direction));
+    if (v->noise.read > 0 || v->noise.shot > 0)
+      sv_str_add(out, ", \"noise\": {\"read\": %.6g, \"shot\": %.6g}", v->noise.read, v->noise.shot);
     add_sensor(out, v);
     if (names) add_image(out, "coverage", names->name[i]);
     if (names) add_image(out, "mask", names->mask[i]);

@@ -124,10 +124,11 @@ typedef struct {
   int coded_width_px,
       // of the compressed image that holds this camera; 0: the camera is the whole image
       coded_height_px;
-  bool is_light_locked; // exposure time, gain and white balance do not change while frames come
-  bool is_color_known;  // the same light gives the same value at every pixel and in all cameras of
-                        // which this holds
-  sv_sensor_area area;  // what the frames show of the sensor; sensor size 0: not known
+  bool is_light_locked;  // exposure time, gain and white balance do not change while frames come
+  bool is_exposure_told; // nothing but the shutter time changes, and frames tell it
+  bool is_color_known;   // the same light gives the same value at every pixel and in all cameras of
+                         // which this holds
+  sv_sensor_area area;   // what the frames show of the sensor; sensor size 0: not known
   // From the first line of a frame to the last, at the rate at which the sensor reads; 0: not
   // known. Sensors with global shutters have one, too: they read after the exposure.
   sv_ns readout_ns;

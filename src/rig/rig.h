@@ -40,6 +40,12 @@ typedef struct {
 } sv_sensor_mode;
 #define SV_CAP_SENSOR_MODES 6
 
+// Noise of a sensor's values in linear light of [0, 1]: variance = read + shot x (photon transfer).
+// Both 0: not known.
+typedef struct {
+  double read, shot;
+} sv_sensor_noise;
+
 typedef struct {
   char name[32];
   int i_camera; // the camera (sensor) of the source that sees it
@@ -49,6 +55,7 @@ typedef struct {
   // [height][width] of the model: 0 where its image is ignored (housing, own shadow); NULL: nowhere
   const uint8_t *mask;
   sv_shutter shutter; // of its sensor
+  sv_sensor_noise noise;
   // What the calibrated images show of their sensor, and other modes of it, where the camera does
   // not report them (src/rig/sizes.h).
   sv_sensor_area area; // sensor size 0: not known

@@ -240,6 +240,25 @@ TEST(test_rig_shutter) {
   assert_int_equal(back.sub_views[0].shutter.direction, SV_SHUTTER_UP);
 }
 
+TEST(test_rig_noise) {
+  sv_rig rig, back;
+  char buf[1024];
+  assert_ok(read_rig(RIG("{\"name\":\"left\",\"model\":\"left.cameramodel\",\"camera\":0,\"noise\":"
+                         "{\"read\":2e-6,\"shot\":0.0003}}," VIEW("right", "right.cameramodel", "1")),
+                     &rig),
+            &err);
+  assert_true(rig.sub_views[0].noise.read == 2e-6 && rig.sub_views[0].noise.shot == 3e-4);
+  assert_true(rig.sub_views[1].noise.read == 0 && rig.sub_views[1].noise.shot == 0);
+  sv_str s = sv_str_make(buf, sizeof buf);
+  assert_int_equal(sv_rig_json_write(&s, &rig), SV_OK);
+  assert_ok(read_rig(buf, &back), &err);
+  assert_true(back.sub_views[0].noise.read == 2e-6 && back.sub_views[0].noise.shot == 3e-4);
+  assert_true(read_rig(RIG("{\"name\":\"left\",\"model\":\"left.cameramodel\",\"camera\":0,"
+                           "\"noise\":{\"read\":-1}}"),
+                       &rig) < 0);
+  assert_contains(err.text, "variances of 0 to 1");
+}
+
 #define SENSOR(sensor)                                                                                       \
   RIG("{\"name\":\"left\",\"model\":\"left.cameramodel\",\"camera\":0,\"sensor\":" sensor "}")
 
@@ -339,6 +358,7 @@ int main(void) {
                                      cmocka_unit_test(test_rig),
                                      cmocka_unit_test(test_rig_with_a_trigger),
                                      cmocka_unit_test(test_rig_shutter),
+                                     cmocka_unit_test(test_rig_noise),
                                      cmocka_unit_test(test_rig_with_a_sensor),
                                      cmocka_unit_test(test_rig_refused)};
   return cmocka_run_group_tests(tests, NULL, NULL);

@@ -233,6 +233,41 @@ TEST(test_jpeg) {
   sv_codec_close(&codec);
 }
 
+static double linear16(const uint8_t *p) {
+  const double v = (p[0] | p[1] << 8) / 65535.0;
+  return v <= 0.04045 ? v / 12.92 : pow((v + 0.055) / 1.055, 2.4);
+}
+
+// Dark frames of 16 bits are those of 8 bits, in finer steps.
+TEST(test_depth) {
+  static uint8_t deep[2 * N];
+  double worst = 0;
+  int n_finer = 0;
+  expose(",light=0.1", 0, 1, frame);
+  assert_true(sim.frame_bytes == N);
+  expose(",light=0.1,depth=16", 0, 1, deep);
+  assert_true(sim.frame_bytes == 2 * N);
+  for (int i = 0; i < N; i++) {
+    const int v = deep[2 * i] | deep[2 * i + 1] << 8;
+    worst = fmax(worst, fabs(v / 257.0 - frame[i]));
+    n_finer += v % 257 != 0;
+  }
+  assert_true(worst <= 0.5 && n_finer > N / 4);
+}
+
+TEST(test_bracket_and_flat) {
+  static uint8_t deep[2 * N];
+  expose("", 0, 2, ideal);
+  expose(",bracket=0.25", 0, 2, frame);
+  assert_memory_equal(ideal, frame, N);
+  expose("", 0, 3, ideal);
+  expose(",bracket=0.25", 0, 3, frame);
+  assert_true(fabs(ratio(ideal, frame, 3) - 0.25) < 0.01);
+  expose(",flat=0.5,depth=16,vignetting=-0.4", 0, 0, deep);
+  assert_true(fabs(linear16(deep + 6 * (H / 2 * W + W / 2)) - 0.5) < 1e-3);
+  assert_true(fabs(linear16(deep) - 0.3) < 5e-3); // the corner
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_ideal_by_default),
                                      cmocka_unit_test(test_light_and_color),
@@ -241,6 +276,8 @@ int main(void) {
                                      cmocka_unit_test(test_blur),
                                      cmocka_unit_test(test_hot_pixels),
                                      cmocka_unit_test(test_all_rigs),
+                                     cmocka_unit_test(test_depth),
+                                     cmocka_unit_test(test_bracket_and_flat),
                                      cmocka_unit_test(test_jpeg)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -10,7 +10,7 @@
 #include "src/format/board_print.h"
 
 #define AT(field) offsetof(cal_options, field)
-#define ALL       (CAL_BOARD | CAL_LENSLETS | CAL_POSE | CAL_CHECK | CAL_SHUTTER | CAL_PRINT)
+#define ALL       (CAL_BOARD | CAL_LENSLETS | CAL_POSE | CAL_CHECK | CAL_SHUTTER | CAL_PRINT | CAL_NOISE)
 
 static const sv_option table[] = {
     {"images", SV_OPT_LIST, CAL_BOARD | CAL_CHECK, CAL_BOARD, AT(images), "CAM0 CAM1 ...",
@@ -46,6 +46,12 @@ static const sv_option table[] = {
      0, 0, 0},
     {"spacing", SV_OPT_REAL, CAL_SHUTTER, CAL_SHUTTER, AT(spacing_m), "M", "side of a square in meters", 1e-6,
      100, 0},
+    {"rig", SV_OPT_TEXT, CAL_NOISE, CAL_NOISE, AT(rig), "RIG",
+     "rig: a folder with rig.json, to which the noise is added", 0, 0, 0},
+    {"images", SV_OPT_LIST, CAL_NOISE, CAL_NOISE, AT(images), "CAM0 CAM1 ...",
+     "per camera of the rig a quoted pattern ('left/*.png') or a folder of 16-bit PNG files, in the order of "
+     "their names",
+     0, 0, "cameras"},
     {"board", SV_OPT_TEXT, CAL_PRINT, CAL_PRINT, AT(board), "WxH", "inner corners of the chessboard: 9x6", 0,
      0, 0},
     {"paper", SV_OPT_WORD, CAL_PRINT, 0, AT(paper), SV_BOARD_PAPERS, "size of the paper (a4)", 0, 0, 0},

@@ -12,7 +12,15 @@
 #define CAL_EXIT_FAILED 1
 #define CAL_EXIT_USAGE  SV_OPTIONS_USAGE
 
-enum { CAL_BOARD = 1, CAL_LENSLETS = 2, CAL_POSE = 4, CAL_CHECK = 8, CAL_SHUTTER = 16, CAL_PRINT = 32 };
+enum {
+  CAL_BOARD = 1,
+  CAL_LENSLETS = 2,
+  CAL_POSE = 4,
+  CAL_CHECK = 8,
+  CAL_SHUTTER = 16,
+  CAL_PRINT = 32,
+  CAL_NOISE = 64
+};
 
 // NULL and -1 stand for "not given"; a given number is inside its range.
 typedef struct {

@@ -17,6 +17,7 @@ int cal_cmd_lenslets(const cal_options *o);
 int cal_cmd_check(const cal_options *o);
 int cal_cmd_pose(const cal_options *o);
 int cal_cmd_shutter(const cal_options *o);
+int cal_cmd_noise(const cal_options *o);
 int cal_cmd_print(const cal_options *o);
 
 // --- images of boards (gather.c) -----------------------------------------------------------------

@@ -63,6 +63,18 @@ static const cal_command commands[] = {
       "  subview-calibrate shutter --rig rig --capture moving --board 9x6 --spacing 0.025",
       CAL_SHUTTER},
      cal_cmd_shutter},
+    {{"noise", "--rig RIG --images CAM0 CAM1 ... [options]",
+      "flat frames -> read noise and shot noise of the cameras",
+      "Photon transfer: pictures are taken in pairs, in the order of their names. Each pair shows the same "
+      "light. The\nvariance of a camera's values against the light is a line, whose ends are the read noise "
+      "and the shot noise.\nTake flat frames at several exposure times, or frames of a still scene with "
+      "light "
+      "and dark parts, and\nchange nothing meanwhile. Adds noise to RIG/rig.json.",
+      "  subview capture --source sim:textured,flat=0.8,vignetting=-0.97,depth=16,noise=read:1e-5:shot:2e-4 "
+      "\\\n    --duration 2 --out flat\n"
+      "  subview-calibrate noise --rig flat/rig --images flat/left flat/right",
+      CAL_NOISE},
+     cal_cmd_noise},
 };
 #define N_COMMANDS ((int)(sizeof commands / sizeof *commands))
 
