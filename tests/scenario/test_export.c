@@ -105,6 +105,38 @@ TEST(test_crop) {
   assert_contains(shell.said, "no Gaussian lies in it");
 }
 
+// Faint fog between the cameras and the scene goes, the scene stays.
+TEST(test_keep_supported) {
+  lab_shell_need(&shell);
+  char path[600];
+  sv_err err;
+  sv_gaussian floater;
+  read_model(&model, "m/model.ply");
+  sv_gaussians_get(&model.g, 0, &floater);
+  for (int k = 0; k < 3; k++) {
+    floater.mean[k] = k == 2 ? 0.9f : 0; // above the scene
+    floater.log_scale[k] = -4;
+  }
+  floater.opacity_logit = -3;
+  sv_gaussians_put(&model.g, 0, &floater);
+  snprintf(path, sizeof path, "%s/m/floater.ply", shell.root);
+  const sv_model_notes notes = lab_model_notes(&model);
+  assert_ok(lab_model_write(&model.g, &notes, path, &err), &err);
+  lab_shell_run_well(&shell,
+                     "@ export --model m/floater.ply --format ply --data ds --keep-supported --out kept.ply");
+  assert_contains(shell.said, "of 300 Gaussians, which fewer than 2 views see on the surface");
+  read_model(&other, "kept.ply");
+  assert_in_range(other.g.n, N / 3, N - 1);
+  for (int i = 0; i < other.g.n; i++) {
+    sv_gaussian v;
+    sv_gaussians_get(&other.g, i, &v);
+    assert_false(v.mean[0] == 0 && v.mean[1] == 0);
+  }
+  assert_int_equal(
+      lab_shell_run(&shell, "@ export --model m/model.ply --format ply --keep-supported --out x.ply"), 2);
+  assert_contains(shell.said, "--keep-supported and --data need each other");
+}
+
 TEST(test_mesh) {
   lab_shell_need(&shell);
   lab_shell_run_well(
@@ -248,8 +280,8 @@ TEST(test_sog) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_upright), cmocka_unit_test(test_crop),
-                                     cmocka_unit_test(test_mesh), cmocka_unit_test(test_measure),
-                                     cmocka_unit_test(test_sog)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_upright),        cmocka_unit_test(test_crop),
+                                     cmocka_unit_test(test_keep_supported), cmocka_unit_test(test_mesh),
+                                     cmocka_unit_test(test_measure),        cmocka_unit_test(test_sog)};
   return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -123,6 +123,11 @@ static const sv_option table[] = {
     {"crop", SV_OPT_TEXT, LAB_EXPORT, 0, AT(crop), "BOX|SPHERE",
      "keep what lies in x0,y0,z0,x1,y1,z1 or in the sphere x,y,z,radius, in the model's axes and unit", 0, 0,
      0},
+    {"keep-supported", SV_OPT_FLAG, LAB_EXPORT, 0, AT(is_supported), 0,
+     "remove floaters: Gaussians that too few training views of --data see on the surface (--min-views)", 0,
+     0, 0},
+    {"data", SV_OPT_TEXT, LAB_EXPORT, 0, AT(data), "DIR", "--keep-supported: the dataset that was trained on",
+     0, 0, 0},
     {"up", SV_OPT_WORD, LAB_EVAL | LAB_RENDER, 0, AT(up), "x|y|z|-x|-y|-z",
      "spz and glb are Y-up: rotate the model to the dataset's up axis (the views' up)", 0, 0, 0},
     {"up", SV_OPT_WORD, LAB_EXPORT, 0, AT(up), "x|y|z|-x|-y|-z",
@@ -138,8 +143,9 @@ static const sv_option table[] = {
      0},
     {"voxel", SV_OPT_REAL, LAB_MESH, 0, AT(voxel), "SIZE",
      "edge of a voxel in the scene's unit (the scene's radius / 128)", 1e-9, 1e9, 0},
-    {"min-views", SV_OPT_INT, LAB_MESH, 0, AT(min_views), "N",
-     "views that must have seen a surface (5, or one in eight of fewer than 40)", 1, 255, 0},
+    {"min-views", SV_OPT_INT, LAB_MESH | LAB_EXPORT, 0, AT(min_views), "N",
+     "views that must have seen a surface (5, or one in eight of fewer than 40; --keep-supported: 2)", 1, 255,
+     0},
     {"spz-version", SV_OPT_INT, LAB_EXPORT, 0, AT(spz_version), "N",
      "spz: 4 (zstd, newest), 3 or 2 (gzip, older viewers) (4)", 2, 4, 0},
     {"from", SV_OPT_WORD, LAB_IMPORT, LAB_IMPORT, AT(from),
@@ -219,11 +225,17 @@ static int check_together(const sv_tool_command *c, const lab_options *o) {
     return lab_usage(c->name, "--spz-version needs --format spz");
   if (c->bit == LAB_EXPORT && o->frames > 0 && strcmp(o->format, "delta") != 0)
     return lab_usage(c->name, "--frames needs --format delta");
-  if (c->bit == LAB_EXPORT && !strcmp(o->format, "delta") && (o->up || o->viewer || o->crop))
+  if (c->bit == LAB_EXPORT && !strcmp(o->format, "delta") &&
+      (o->up || o->viewer || o->crop || o->is_supported))
     return lab_usage(c->name, "--%s has no effect with --format delta",
                      o->up       ? "up"
                      : o->viewer ? "for"
-                                 : "crop");
+                     : o->crop   ? "crop"
+                                 : "keep-supported");
+  if (c->bit == LAB_EXPORT && o->is_supported != (o->data != NULL))
+    return lab_usage(c->name, "--keep-supported and --data need each other");
+  if (c->bit == LAB_EXPORT && o->min_views > 0 && !o->is_supported)
+    return lab_usage(c->name, "--min-views needs --keep-supported");
   if (c->bit == LAB_EXPORT && o->viewer && !strcmp(o->viewer, "niantic") && strcmp(o->format, "spz") != 0)
     return lab_usage(c->name, "--for niantic needs --format spz");
   if (c->bit != LAB_EXPORT && o->up && o->data && !lab_is_upright(o->model))

@@ -41,13 +41,13 @@ typedef struct {
   double voxel;  // of mesh
   const char *measure_from, *measure_to;
   long view;             // of measure
-  long min_views;        // likewise
+  long min_views;        // of mesh and --keep-supported
   sv_option_list models; // of compare
   const char *labels;
   long n_views, width_px;
   long prior_views, prior_calls;
   double prior_limit_s, prior_weight;
-  bool is_eval, is_json, is_quiet, is_quick, has_depth, has_lpips, is_help, is_version;
+  bool is_eval, is_json, is_quiet, is_quick, is_supported, has_depth, has_lpips, is_help, is_version;
   // Of --loss; below 0: not given
   float ssim, tv, opacity, size, tv_novel, n_novel, novel_every, novel_px, novel_deg, region_px, min_scale_px,
       dilation_px2, supersample, dropout;

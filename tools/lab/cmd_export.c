@@ -8,6 +8,7 @@
 #include "tools/lab/export_sog.h"
 #include "tools/lab/lab.h"
 #include "tools/lab/model_formats.h"
+#include "tools/pictures/supported.h"
 
 // The up axis that a file of this format has where it is opened; NULL: that of the model. SPZ and
 // GLB say theirs, and their writers turn the model.
@@ -73,11 +74,12 @@ static sv_status crop(lab_model *m, const char *text, sv_err *err) {
 
 // --- the command ---------------------------------------------------------------------------------
 
-static sv_status write_as(const lab_options *o, lab_model *m, const lab_session *se, sv_err *err) {
+static sv_status write_as(const lab_options *o, lab_model *m, lab_session *se, sv_err *err) {
   if (o->up) sv_copy(m->up, sizeof m->up, o->up); // better known than said in the file
   if (sv_str_eq(o->format, "delta"))
     return lab_write_delta(m, se, o->frames > 0 ? (int)o->frames : 25, o->out, err);
-  sv_status s = o->crop ? crop(m, o->crop, err) : SV_OK;
+  sv_status s = o->is_supported ? lab_keep_supported(m, o, se, err) : SV_OK;
+  if (s == SV_OK && o->crop) s = crop(m, o->crop, err);
   if (s != SV_OK) return s;
   turn(m, up_of_viewer(o));
   const sv_model_notes notes = lab_model_notes(m);
@@ -101,6 +103,7 @@ int lab_cmd_export(const lab_options *o) {
   lab_model m = {0};
   int code = LAB_EXIT_OK;
   sv_status s = lab_session_start(&se, 0, o->is_quiet, &err);
+  if (s == SV_OK) s = sv_linux_catch_signals(&err);
   if (s == SV_OK) s = lab_model_read(&m, o->model, &err);
   if (s == SV_OK) s = write_as(o, &m, &se, &err);
   if (s != SV_OK) code = lab_failed(&se, &err);
