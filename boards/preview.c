@@ -123,6 +123,25 @@ static sv_status write_token(const char *path, sv_err *err) {
            : SV_OK;
 }
 
+// Where the page finds earlier scans: --out with --keep holds them; without, DIR-2, DIR-3, ... are
+// beside DIR.
+static void name_scans(const run_options *o) {
+  sv_err err;
+  char out[SV_LINUX_CAP_PATH];
+  live.scans[0] = live.scan_name[0] = 0;
+  if (!o->is_session || !o->out || !sv_copy(out, sizeof out, o->out)) return;
+  for (size_t n = strlen(out); n > 1 && out[n - 1] == '/'; n--) out[n - 1] = 0;
+  char *slash = strrchr(out, '/');
+  const char *name = slash ? slash + 1 : out, *folder = slash == out ? "/" : slash ? out : ".";
+  if (o->keep > 0) folder = out;
+  else {
+    if (!sv_copy(live.scan_name, sizeof live.scan_name, name)) return;
+    if (slash && slash != out) *slash = 0;
+  }
+  if (!sv_copy(live.scans, sizeof live.scans, folder) || sv_linux_make_dir(folder, &err) < 0)
+    live.scans[0] = 0;
+}
+
 sv_status preview_open(const run_options *o, sv_err *err) {
   if (!o->preview && !o->has_feed) return SV_OK;
   const sv_app_cfg planned = {.n_exposures = (int)o->exposures,
@@ -140,6 +159,7 @@ sv_status preview_open(const run_options *o, sv_err *err) {
   const bool has_token_file = o->preview && o->token_file;
   if (s >= 0 && has_token_file) s = read_token(o->token_file, err);
   const bool is_new = !live.token[0];
+  name_scans(o);
   if (s >= 0 && o->preview) s = sv_linux_preview_serve(&live, NULL, o->preview_addr, o->preview_port, err);
   if (s >= 0 && has_token_file && is_new) s = write_token(o->token_file, err);
   if (s >= 0 && o->preview) print_links(o);

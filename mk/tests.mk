@@ -34,6 +34,9 @@ endif
 
 $(HEAP_USERS:%=$(O)/tests/%): $(call obj,$(HEAP_SRC))
 $(SANDBOX_USERS:%=$(O)/tests/%): $(call obj,platform/preview/sandbox.c)
+$(O)/tests/unit/test_page_scans: $(call obj,platform/preview/scans.c platform/preview/scans_helper.c \
+  platform/preview/sandbox.c)
+$(O)/tests/unit/test_page_scans: SOLVE_LIBS_HERE = $(call has_lib,seccomp.h,-lseccomp)
 $(O)/tests/unit/test_control: $(call obj,platform/preview/control.c)
 $(O)/tests/unit/test_pin: $(call obj,platform/preview/pin.c)
 $(SANDBOX_USERS:%=$(O)/tests/%): SOLVE_LIBS_HERE = $(call has_lib,seccomp.h,-lseccomp)

@@ -183,7 +183,17 @@ sv_status sv_linux_preview_serve(sv_linux_preview *l, const char *program, const
   if (setenv("SUBVIEW_PREVIEW_TOKEN", l->token, 1) != 0)
     return sv_fail(err, SV_E_NOMEM, "preview: no room for its token");
   char *argv[] = {l->program, "--listen", l->listen, "--feed-fd", feed_text, "--command-fd", pipe_text, NULL};
+  size_t n = sizeof argv / sizeof *argv - 1;
   memcpy(l->argv, argv, sizeof argv);
+  if (l->scans[0]) {
+    l->argv[n++] = "--scans";
+    l->argv[n++] = l->scans;
+  }
+  if (l->scans[0] && l->scan_name[0]) {
+    l->argv[n++] = "--scan-name";
+    l->argv[n++] = l->scan_name;
+  }
+  l->argv[n] = NULL;
   start_server(l);
   while (now_ns() - l->started_ns < READY_NS && !l->is_served && !l->is_refused && l->pid > 0) {
     struct pollfd p = {.fd = l->pipe_fd[0], .events = POLLIN};

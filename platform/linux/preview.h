@@ -27,7 +27,9 @@ typedef struct {
   size_t block_bytes;
   int feed_fd, pipe_fd[2];                  // -1: not open
   char program[512], listen[64], token[40]; // of subview-preview
-  char *argv[12];
+  // Earlier scans for the page (subview-preview --scans --scan-name); empty: none
+  char scans[512], scan_name[128];
+  char *argv[24];
   pid_t pid; // 0: not running
   sv_ns started_ns, beat_ns, next_start_ns, next_look_ns;
   bool is_served, is_refused;

@@ -24,6 +24,7 @@ typedef struct {
   char addr[64];
   int port, feed_fd, command_fd;
   long attach_pid;
+  const char *scans, *scan_name;
 } options;
 
 static void say(int fd, const char *fmt, ...) SV_PRINTF(2, 3);
@@ -48,6 +49,8 @@ static void help(void) {
          "  --listen [ADDR:]PORT   where to listen [127.0.0.1:8080]; with an address other than loopback, "
          "everyone\n"
          "                         on that network can connect, and reading needs the token, too\n"
+         "  --scans DIR            shows the scans DIR/0001, DIR/0002, ... and can delete them\n"
+         "  --scan-name NAME       they are DIR/NAME, DIR/NAME-2, ...\n"
          "  --feed-fd N --command-fd N   used by subview itself\n"
          "  --version              print the version\n"
          "  --help                 this text\n\n"
@@ -64,7 +67,7 @@ static int usage(const char *fmt, const char *what) {
 }
 
 static int parse(int argc, char **argv, options *o, sv_err *err) {
-  *o = (options){.addr = "127.0.0.1", .port = 8080, .feed_fd = -1, .command_fd = -1};
+  *o = (options){.addr = "127.0.0.1", .port = 8080, .feed_fd = -1, .command_fd = -1, .scan_name = ""};
   for (int i = 1; i < argc; i += 2) {
     long long v;
     const char *value = i + 1 < argc ? argv[i + 1] : "";
@@ -79,6 +82,9 @@ static int parse(int argc, char **argv, options *o, sv_err *err) {
     if (!strcmp(argv[i], "--listen")) {
       if (sv_linux_preview_parse(value, o->addr, sizeof o->addr, &o->port, err) < 0)
         return usage("--listen %s", err->text);
+    } else if (!strcmp(argv[i], "--scans") || !strcmp(argv[i], "--scan-name")) {
+      if (!*value) return usage("%s: a name is missing", argv[i]);
+      *(argv[i][6] == 's' ? &o->scans : &o->scan_name) = value;
     } else if (!strcmp(argv[i], "--attach") || !strcmp(argv[i], "--feed-fd") ||
                !strcmp(argv[i], "--command-fd")) {
       if (!sv_parse_int(value, strlen(value), &v) || v < 1 || v > 1 << 30)
@@ -187,6 +193,14 @@ static int serve(options *o, pv_source *source, sv_err *err) {
   }
 }
 
+// Without them, the page shows the run alone.
+static void start_scans(const options *o, pv_source *s) {
+  sv_err err = {0};
+  s->scans = (pv_scans){.place = {o->scans ? o->scans : "", o->scan_name}, .fd = -1};
+  if (o->scans && pv_scans_start(&s->scans.place, &s->scans.fd, &err) < 0)
+    say(2, "subview-preview: %s\n", err.text);
+}
+
 int main(int argc, char **argv) {
   static pv_source source;
   options o;
@@ -198,6 +212,7 @@ int main(int argc, char **argv) {
   if (s >= 0 && o.attach_pid) pv_sandbox_leave_terminal();
   if (s >= 0 && o.attach_pid) s = attach(&o, &err);
   if (s >= 0) s = map_feed(&o, &source, &err);
+  if (s >= 0) start_scans(&o, &source);
   if (s >= 0) pv_limits_set(DATA_BYTES + 6 * (size_t)source.reader.ring[SV_FEED_MODEL].slot_bytes);
   if (s >= 0) s = pv_pictures_open(&source, &err);
   if (s >= 0) s = pv_model_open(&source, &err);

@@ -148,12 +148,16 @@ static pv_blob *make_spz(const sv_feed_model *m) { // version 3: what most viewe
   return b;
 }
 
-pv_blob *pv_model_file(pv_source *s, pv_file kind) {
+pv_blob *pv_model_make(const sv_feed_model *m, pv_file kind) {
   static pv_blob *(*const make[PV_N_FILES])(const sv_feed_model *) = {make_ply, make_splat, make_spz};
+  return make[kind](m);
+}
+
+pv_blob *pv_model_file(pv_source *s, pv_file kind) {
   const sv_feed_model *m = newest(s);
   if (!m) return NULL;
   if (!s->file[kind]) {
-    s->file[kind] = make[kind](m);
+    s->file[kind] = pv_model_make(m, kind);
     if (s->file[kind]) s->file[kind]->seq = m->step;
   }
   return s->file[kind];

@@ -12,6 +12,8 @@
 //   GET  /picture.jpg a training picture beside its rendering, made by the device
 //   GET  /model       the Gaussians, compact (model.c); 204 when ?after=N is the newest
 //   GET  /model.ply /model.splat /model.spz   downloads
+//   GET  /scans /scan/NUMBER/NAME             earlier scans (scan_routes.h)
+//   POST /scan/NUMBER/delete /restore /purge  likewise, from the page that has control
 //   GET  /look-key    with the token: the secret of links that show and cannot control
 //   POST /start /pause /save /new             with the token in X-Subview-Token, from the page that
 //                                             has control (X-Subview-Page, control.h)
@@ -26,6 +28,7 @@
 
 #include "platform/preview/bundle.h"
 #include "platform/preview/control.h"
+#include "platform/preview/scans.h"
 #include "src/base/str.h"
 #include "src/port/feed.h"
 
@@ -66,6 +69,7 @@ typedef struct {
   void *codec; // sv_codec of the pictures
   int stale_s; // seconds without progress, 0: the run is well
   pv_control control;
+  pv_scans scans;
   char sandbox[128];
 } pv_source;
 
@@ -91,6 +95,8 @@ pv_blob *pv_picture_jpeg(pv_source *s);
 // The newest Gaussians: the compact form or a file. NULL: there are none.
 pv_blob *pv_model_compact(pv_source *s);
 pv_blob *pv_model_file(pv_source *s, pv_file kind);
+// A file of a model with its rows behind it, checked. NULL: no memory.
+pv_blob *pv_model_make(const sv_feed_model *m, pv_file kind);
 
 // --- server and sandbox --------------------------------------------------------------------------
 typedef struct {
@@ -142,6 +148,9 @@ void pv_sandbox_leave_terminal(void);
 // parent ends. What took hold is written into text[cap]. E_DEVICE: a part of it could not be set,
 // then nothing may be served.
 sv_status pv_sandbox_enter(char *text, size_t cap, sv_err *err) SV_MUST_USE;
+// The same for the helper of the scans, which keeps its user, the folder and its socket: reading,
+// removing and renaming below the folder, no other file. False: a part of it could not be set.
+bool pv_sandbox_enter_folder(int folder_fd, int socket_fd);
 void pv_limits_set(size_t data_bytes);
 
 #endif

@@ -90,12 +90,13 @@ static bool leave_root(void) {
   return errno == EINVAL;
 }
 
-static bool drop_capabilities(void) {
+// keeps_user: root stays root, without its powers: files of its own are all it can reach.
+static bool drop_capabilities(bool keeps_user) {
   struct __user_cap_header_struct head = {.version = _LINUX_CAPABILITY_VERSION_3};
   struct __user_cap_data_struct none[2] = {{0}}, now[2];
   for (unsigned long c = 0; c < 64 && prctl(PR_CAPBSET_READ, c, 0, 0, 0) >= 0; c++)
     (void)prctl(PR_CAPBSET_DROP, c, 0, 0, 0); // only root may
-  if (!leave_root()) return false;
+  if (!keeps_user && !leave_root()) return false;
   (void)prctl(PR_CAP_AMBIENT, PR_CAP_AMBIENT_CLEAR_ALL, 0, 0, 0);
   if (syscall(SYS_capset, &head, none) != 0 || syscall(SYS_capget, &head, now) != 0) return false;
   return !memcmp(now, none, sizeof none);
@@ -105,14 +106,25 @@ static bool drop_capabilities(void) {
 // The numbers are the kernel's interface; headers of older distributions lack the later ones.
 #ifndef SYS_landlock_create_ruleset
 #define SYS_landlock_create_ruleset 444
+#define SYS_landlock_add_rule       445
 #define SYS_landlock_restrict_self  446
 #endif
 typedef struct {
   __u64 handled_access_fs, handled_access_net, scoped;
 } ruleset;
 
-// A ruleset that handles all accesses and allows none. Returns the ABI, 0 when the kernel has none.
-static int forbid_files(void) {
+typedef struct {
+  __u64 allowed_access;
+  __s32 parent_fd;
+} __attribute__((packed)) below_rule;
+
+// Bits 2 and 3; bits 4, 5 and 7: removing folders and files, making folders (a rename does)
+#define READ_FILE_AND_FOLDER 0x0c
+#define REMOVE_AND_MAKE_DIR  0xb0
+
+// A ruleset that handles all accesses and allows none, or below a folder (folder_fd >= 0) reading,
+// removing and renaming. Returns the ABI, 0 when the kernel has none.
+static int forbid_files(int folder_fd) {
   long abi = syscall(SYS_landlock_create_ruleset, NULL, 0, 1u);
   if (abi < 1) return 0;
   ruleset r = {.handled_access_fs = abi >= 5   ? 0xffff
@@ -126,6 +138,8 @@ static int forbid_files(void) {
                                   : offsetof(ruleset, handled_access_net);
   long fd = syscall(SYS_landlock_create_ruleset, &r, bytes, 0u);
   if (fd < 0) return 0;
+  const below_rule below = {READ_FILE_AND_FOLDER | REMOVE_AND_MAKE_DIR, folder_fd};
+  if (folder_fd >= 0) (void)syscall(SYS_landlock_add_rule, (int)fd, 1, &below, 0u);
   long done = syscall(SYS_landlock_restrict_self, (int)fd, 0u);
   close((int)fd);
   return done == 0 ? (int)abi : 0;
@@ -198,11 +212,17 @@ static int allow_some(scmp_filter_ctx c) {
   return r;
 }
 
-static int filter(void) {
+// What the helper of the scans needs beside: files below its folder (Landlock) and its socket.
+static const int folder_calls[] = {
+    SCMP_SYS(openat),  SCMP_SYS(getdents64), SCMP_SYS(newfstatat), SCMP_SYS(fstat),    SCMP_SYS(statx),
+    SCMP_SYS(fstatfs), SCMP_SYS(renameat),   SCMP_SYS(renameat2),  SCMP_SYS(unlinkat), SCMP_SYS(lseek)};
+
+static int filter(bool has_folder) {
   scmp_filter_ctx c = seccomp_init(SCMP_ACT_ERRNO(EPERM));
   if (!c) return -ENOMEM;
   int r = allow(c, allowed, sizeof allowed / sizeof *allowed);
   if (r == 0) r = allow_some(c);
+  if (r == 0 && has_folder) r = allow(c, folder_calls, sizeof folder_calls / sizeof *folder_calls);
 #if PV_IS_SANITIZED
   if (r == 0) r = allow(c, sanitizer_calls, sizeof sanitizer_calls / sizeof *sanitizer_calls);
 #endif
@@ -211,17 +231,20 @@ static int filter(void) {
   return r;
 }
 #else
-static int filter(void) { return -ENOSYS; }
+static int filter(bool has_folder) {
+  (void)has_folder;
+  return -ENOSYS;
+}
 #endif
 
 // The filter, with nothing behind 1 and 2 any more. When it cannot be set, 2 is back to say so.
 static int shut(void) {
   // Sanitizers report on 2.
-  if (PV_IS_SANITIZED) return filter();
+  if (PV_IS_SANITIZED) return filter(false);
   int was = fcntl(2, F_DUPFD_CLOEXEC, 3);
   dup2(0, 1); // 0 is /dev/null
   dup2(0, 2);
-  int r = filter();
+  int r = filter(false);
   if (was >= 0 && r != 0) dup2(was, 2);
   if (was >= 0) close(was);
   return r;
@@ -232,7 +255,7 @@ sv_status pv_sandbox_enter(char *text, size_t cap, sv_err *err) {
   time_t now = time(NULL);
   (void)gmtime_r(&now, &tm); // reads the time zone's file once, which will not be possible any more
   const pid_t parent = getppid();
-  if (!drop_capabilities())
+  if (!drop_capabilities(false))
     return sv_fail(err, SV_E_DEVICE, "sandbox: root and its capabilities cannot be left (%s)",
                    sv_linux_reason(errno));
   // Leaving root has cleared the first of the two and set the second.
@@ -240,7 +263,7 @@ sv_status pv_sandbox_enter(char *text, size_t cap, sv_err *err) {
   if (getppid() != parent) _exit(1); // it ended in between
   if (prctl(PR_SET_DUMPABLE, PV_IS_SANITIZED, 0, 0, 0) != 0 || prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0)
     return sv_fail(err, SV_E_DEVICE, "sandbox: no_new_privs cannot be set (%s)", sv_linux_reason(errno));
-  int abi = forbid_files();
+  int abi = forbid_files(-1);
   int r = shut();
   if (r != 0)
     return sv_fail(err, SV_E_DEVICE, "sandbox: the seccomp filter cannot be set (%s)", sv_linux_reason(-r));
@@ -250,4 +273,20 @@ sv_status pv_sandbox_enter(char *text, size_t cap, sv_err *err) {
   else sv_str_add(&s, "; this kernel has no Landlock");
   if (PV_IS_SANITIZED) sv_str_add(&s, "; relaxed for sanitizers");
   return SV_OK;
+}
+
+bool pv_sandbox_enter_folder(int folder_fd, int socket_fd) {
+  const int low = folder_fd < socket_fd ? folder_fd : socket_fd, high = folder_fd ^ socket_fd ^ low;
+  if (!PV_IS_SANITIZED) {
+    dup2(0, 1); // 0 is /dev/null
+    dup2(0, 2);
+  }
+  if (low > 3) close_between(3, (unsigned)low - 1);
+  if (high > low + 1) close_between((unsigned)low + 1, (unsigned)high - 1);
+  close_between((unsigned)high + 1, ~0u);
+  if (!drop_capabilities(true)) return false;
+  if (prctl(PR_SET_DUMPABLE, PV_IS_SANITIZED, 0, 0, 0) != 0 || prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0)
+    return false;
+  (void)forbid_files(folder_fd);
+  return filter(true) == 0;
 }

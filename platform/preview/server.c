@@ -4,6 +4,7 @@
 // a request is only ever compared with the routes below.
 #include "platform/preview/access.h"
 #include "platform/preview/preview.h"
+#include "platform/preview/scan_routes.h"
 
 #if defined(__has_include) && __has_include(<microhttpd.h>)
 #include <arpa/inet.h>
@@ -271,6 +272,10 @@ static enum MHD_Result get_look_key(const pv_server *s, struct MHD_Connection *c
   return say(c, MHD_HTTP_OK, s->cfg.is_private ? s->cfg.read_key : "");
 }
 
+static enum MHD_Result refuse_watcher(struct MHD_Connection *c) {
+  return say(c, MHD_HTTP_LOCKED, "another device controls this run: ask for control first\n");
+}
+
 // Scripts cannot read the cookie, other sites' requests do not carry it, and it allows reading
 // alone.
 static enum MHD_Result enter(pv_server *s, struct MHD_Connection *c) {
@@ -307,6 +312,13 @@ static enum MHD_Result post_access(pv_server *s, struct MHD_Connection *c, const
   return finish(c, a.code, a.response, a.type);
 }
 
+static enum MHD_Result post_scan(pv_server *s, struct MHD_Connection *c, const char *url) {
+  if (!has_token(s, c, false)) return refuse_token(c);
+  if (!pv_control_may(&s->cfg.source->control, page_of(c))) return refuse_watcher(c);
+  const pv_answer a = pv_scan_post(s->cfg.source, url);
+  return finish(c, a.code, a.response, a.type);
+}
+
 static enum MHD_Result post(pv_server *s, struct MHD_Connection *c, const char *url) {
   static const struct {
     const char *url;
@@ -316,14 +328,14 @@ static enum MHD_Result post(pv_server *s, struct MHD_Connection *c, const char *
                   {"/save", SV_PREVIEW_SAVE},
                   {"/new", SV_PREVIEW_NEW}};
   if (!strcmp(url, "/enter")) return enter(s, c);
+  if (!strncmp(url, "/scan/", 6)) return post_scan(s, c, url);
   if (!strcmp(url, "/pair") || !strcmp(url, "/pin") || !strcmp(url, "/qr")) return post_access(s, c, url);
   if (!strcmp(url, "/ask") || !strcmp(url, "/give") || !strcmp(url, "/keep"))
     return has_token(s, c, false) ? post_control(s, c, url) : refuse_token(c);
   for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
     if (!strcmp(url, commands[i].url)) {
       if (!has_token(s, c, false)) return refuse_token(c);
-      if (!pv_control_may(&s->cfg.source->control, page_of(c)))
-        return say(c, MHD_HTTP_LOCKED, "another device controls this run: ask for control first\n");
+      if (!pv_control_may(&s->cfg.source->control, page_of(c))) return refuse_watcher(c);
       if (write(s->cfg.command_fd, &commands[i].byte, 1) == 1) return say(c, MHD_HTTP_OK, "asked\n");
       return say(c, MHD_HTTP_SERVICE_UNAVAILABLE, "the run accepts no commands at the moment\n");
     }
@@ -354,6 +366,11 @@ static enum MHD_Result get(pv_server *s, struct MHD_Connection *c, const char *u
   if (!strcmp(url, "/look-key")) return get_look_key(s, c);
   if (!strcmp(url, "/board.svg") || !strcmp(url, "/board.pdf")) {
     const pv_answer a = pv_board(c, !strcmp(url, "/board.pdf"));
+    return finish(c, a.code, a.response, a.type);
+  }
+  if (!strncmp(url, "/scan", 5)) {
+    if (s->cfg.is_private && !has_token(s, c, true)) return refuse_token(c);
+    const pv_answer a = pv_scan_get(p, url);
     return finish(c, a.code, a.response, a.type);
   }
   static const char *const data[] = {"/state",       "/curve", "/events",    "/stream",      "/cameras",

@@ -65,6 +65,7 @@ static void page_make(void) {
   FUZZ_CHECK(page_bytes <= sizeof page_block);
   FUZZ_CHECK(sv_feed_init(&f, page_block, page_bytes, PAGE_N, PAGE_FLOATS) == SV_OK);
   page_fill(&f);
+  page_source.scans = (pv_scans){.place = {"", ""}, .fd = -1};
   FUZZ_CHECK(sv_feed_attach(&page_source.reader, page_block, page_bytes, &err) == SV_OK);
   FUZZ_CHECK(pv_pictures_open(&page_source, &err) == SV_OK && pv_model_open(&page_source, &err) == SV_OK);
 }

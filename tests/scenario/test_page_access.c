@@ -43,13 +43,13 @@ static bool wait_for(const char *text, double seconds) {
 
 static void test_commands_need_the_token(void **state) {
   (void)state;
-  static const char *const paths[] = {"/start", "/pause", "/save", "/new"};
+  static const char *const paths[] = {"/start", "/pause", "/save", "/new", "/scan/1/delete"};
   char headers[256], wrong[40];
   start(BASE "--steps 100 --session");
   assert_true(wait_for("\"state\":\"waiting\"", 10));
   snprintf(wrong, sizeof wrong, "%s", r.token);
   wrong[31] = wrong[31] == '0' ? '1' : '0';
-  for (int i = 0; i < 4; i++) {
+  for (int i = 0; i < 5; i++) {
     assert_int_equal(code_of("POST", paths[i], NULL), 403);
     assert_int_equal(code_of("POST", paths[i], "X-Subview-Token: \r\n"), 403);
     snprintf(headers, sizeof headers, "X-Subview-Token: %s\r\n", wrong);
@@ -86,7 +86,8 @@ static void test_commands_need_the_token(void **state) {
 // The first page has control. What another page asks for has no effect, until it gets control.
 TEST(test_one_controls) {
   static const char *const ids[] = {"aaaaaaaaaaaaaaaa", "bbbbbbbbbbbbbbbb"};
-  static const char *const paths[] = {"/start", "/pause", "/save", "/new", "/give", "/keep"};
+  static const char *const paths[] = {"/start",         "/pause",          "/save", "/new",
+                                      "/scan/1/delete", "/scan/1/restore", "/give", "/keep"};
   char page[2][200];
   start(BASE "--steps 100 --session");
   assert_true(wait_for("\"state\":\"waiting\"", 10));
@@ -97,11 +98,11 @@ TEST(test_one_controls) {
     assert_contains((char *)answer, i ? "X-Subview-Seat: 2\r\n" : "X-Subview-Seat: 1\r\n");
   }
   assert_true(state_has("\"control\":{\"by\":1,\"asked\":0}"));
-  for (int i = 0; i < 6; i++) {
-    assert_int_equal(code_of("POST", paths[i], page[1]), i < 4 ? 423 : 409);
+  for (int i = 0; i < 8; i++) {
+    assert_int_equal(code_of("POST", paths[i], page[1]), i < 6 ? 423 : 409);
     char headers[120]; // a program that is no page
     snprintf(headers, sizeof headers, "X-Subview-Token: %s\r\n", r.token);
-    assert_int_equal(code_of("POST", paths[i], headers), i < 4 ? 423 : 409);
+    assert_int_equal(code_of("POST", paths[i], headers), i < 6 ? 423 : 409);
   }
   assert_int_equal(code_of("POST", "/ask", "X-Subview-Page: bbbbbbbbbbbbbbbb\r\n"), 403);
   poll(NULL, 0, 300);
@@ -137,6 +138,9 @@ static void test_private(void **state) {
   assert_int_equal(code_of("GET", "/state", NULL), 403);
   assert_int_equal(code_of("GET", "/cameras", NULL), 403);
   assert_int_equal(code_of("GET", "/model.ply", NULL), 403);
+  assert_int_equal(code_of("GET", "/scans", NULL), 403);
+  assert_int_equal(code_of("GET", "/scan/1/model.ply", NULL), 403);
+  assert_int_equal(code_of("GET", "/look-key", NULL), 403);
   assert_int_equal(code_of("POST", "/enter", NULL), 403);
   cookie_of(cookie, sizeof cookie);
   assert_string_equal(cookie, "");
@@ -280,10 +284,26 @@ static void test_traversal(void **state) {
         snprintf(path + n, sizeof path - n, "%s", targets[t]);
         must_be_404(path);
       }
-  static const char *const more[] = {
-      "//etc/passwd", "/./state",     "/state/",     "/state%00", "/page.js/../state",
-      "/%2fstate",    "/STATE",       "/model.ply/", "/model",    "/model.ply%20",
-      "/index.html",  "/.git/config", "/~root",      "/cgi-bin/x"};
+  static const char *const more[] = {"//etc/passwd",
+                                     "/./state",
+                                     "/state/",
+                                     "/state%00",
+                                     "/page.js/../state",
+                                     "/%2fstate",
+                                     "/STATE",
+                                     "/model.ply/",
+                                     "/model",
+                                     "/model.ply%20",
+                                     "/scan/1/../../etc/passwd",
+                                     "/scan/01/model.ply",
+                                     "/scan/1/checkpoint.bin",
+                                     "/scan/-1/model.ply",
+                                     "/scan//model.ply",
+                                     "/scans/",
+                                     "/index.html",
+                                     "/.git/config",
+                                     "/~root",
+                                     "/cgi-bin/x"};
   for (size_t i = 0; i < sizeof more / sizeof *more; i++) must_be_404(more[i]);
   print_message("%d paths, none is there\n", n_paths);
   assert_true(n_paths >= 200);

@@ -14,7 +14,7 @@
 
 #define RUN                                                                                                  \
   "--source sim:textured,rig=stereo,size=160x120 --exposures 6 --steps 300 --gaussians 3000 --threads 1 "    \
-  "--session"
+  "--session --keep 5"
 #define NPM    "build/npm"
 #define AXE    NPM "/node_modules/axe-core/axe.min.js"
 #define KB_CAP 250
@@ -64,6 +64,13 @@ static void open_all(void) {
     print_message("skip the page's functions: no Chromium here (package chromium)\n");
     skip();
   }
+  char earlier[900];
+  snprintf(
+      earlier, sizeof earlier,
+      "%s/subview run --source sim:textured,rig=stereo,size=96x72 --exposures 2 --steps 40 --gaussians 3000 "
+      "--quiet --out %s/out/0001",
+      getenv("SV_BIN") ? getenv("SV_BIN") : "build/sim-x86/bin", root);
+  assert_int_equal(system(earlier), 0);
   if (!live_run_start(&r, root, RUN)) fail_msg("the run does not start: %s", r.err);
   if (!browser_open(&b, root, sizes[0].width_px, sizes[0].height_px, why, sizeof why)) {
     live_run_stop(&r);
@@ -130,6 +137,34 @@ static void test_pages(int i) {
   check_axe("help");
   click("[data-page=scan]");
   must(&b, "!$('page-scan').hidden && $('page-help').hidden", 2);
+}
+
+// The list has the scan of this run and one before, which is looked at, downloaded, deleted and
+// restored.
+static void test_scans(int i) {
+  click("[data-page=scans]");
+  must(&b, "scans.list && scans.list.scans.length === 2 && $('scan-1').querySelector('img').naturalWidth > 0",
+       10);
+  must(&b, "/free of/.test($('scans-line').textContent) && !scans.list.scans[0].deleted", 2);
+  must(&b,
+       "[...$('scan-1').querySelectorAll('a')].length === 3 && "
+       "[...$('scan-1').querySelectorAll('a')].every((a)=>/[0-9] [KM]iB$/.test(a.textContent))",
+       10);
+  fits("scans");
+  check_axe("scans");
+  picture("scans", i);
+  run("(async()=>{const r=[];for(const a of $('scan-1').querySelectorAll('a'))r.push((await (await "
+      "fetch(a.href)).arrayBuffer()).byteLength>5000);return r.join()})()");
+  assert_string_equal(text, "true,true,true");
+  click("#scan-1 [aria-label^=\"Delete\"]");
+  must(&b, "!!$('scan-1').querySelector('[aria-label^=Undo]')", 5);
+  click("#scan-1 [aria-label^=Undo]");
+  must(&b, "!!$('scan-1').querySelector('[aria-label^=View]')", 5);
+  click("#scan-1 [aria-label^=View]");
+  must(&b, "!$('viewing').hidden && view.n === 3000 && $('get-spz').href.endsWith('/scan/1/model.spz')", 10);
+  picture("earlier", i);
+  click("#viewing-end");
+  must(&b, "$('viewing').hidden && view.n === 3000", 10);
 }
 
 static const char settled[] = "!view.is_busy && !view.wants_more && !view.is_dirty && !view.is_moving()";
@@ -223,7 +258,8 @@ static void test_pictures(int i) {
   run("(view.turn(0.5,0.1),0)");
   click("#share");
   must(&b, "tools.link && tools.link.includes('/?view=') && !tools.link.includes(page.token)", 5);
-  must(&b, "[...document.querySelectorAll('[data-size]')].every((e)=>/[0-9] MiB/.test(e.textContent))", 15);
+  must(&b, "[...document.querySelectorAll('[data-size]')].every((e)=>/[0-9] [KM]iB/.test(e.textContent))",
+       15);
   click("summary");
   must(&b, "$('details').open && $('ledger').rows.length===3", 2);
   fits("details");
@@ -275,7 +311,7 @@ static void test_link(void) {
   char link[700], place[200];
   run("tools.link");
   snprintf(link, sizeof link, "%.690s", text);
-  run("view.place()");
+  run("new URL(tools.link).searchParams.get('view')");
   snprintf(place, sizeof place, "%.190s", text);
   open_other(link);
   must(&other, "view && view.n > 0 && !!view.camera", 20);
@@ -313,6 +349,7 @@ TEST(test_functions) {
     picture("done", i);
     test_measuring(i);
     test_pictures(i);
+    test_scans(i);
   }
   test_link();
 }

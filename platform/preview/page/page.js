@@ -60,7 +60,7 @@ const stale_text = (s) => "The " + s.stale_thread + " thread of subview makes no
 const causes = { camera: "No camera", rig: "No rig", other: "The run failed" };
 
 const number = (v, digits) => (v === null || v === undefined ? "–" : v.toFixed(digits));
-const bytes = (v) => (v >= 1 << 30 ? (v / (1 << 30)).toFixed(2) + " GiB" : (v / (1 << 20)).toFixed(1) + " MiB");
+const bytes = (v) => (v < 100 << 10 ? (v / 1024).toFixed(1) + " KiB" : v >= 1 << 30 ? (v / (1 << 30)).toFixed(2) + " GiB" : (v / (1 << 20)).toFixed(1) + " MiB");
 const micro = (us) => (us < 1000 ? us.toFixed(0) + " µs" : (us / 1000).toFixed(2) + " ms");
 function set(id, text) {
   if ($(id).textContent !== text) $(id).textContent = text;
@@ -87,7 +87,7 @@ function open_view() {
 
 async function load_model(seq) {
   open_view();
-  if (!view || page.is_loading || seq === page.model_seq) return;
+  if (!view || page.viewing || page.is_loading || seq === page.model_seq) return;
   page.is_loading = true;
   try {
     const r = await fetch("/model?after=" + page.model_seq);

@@ -41,6 +41,7 @@ function advice_of(s) {
     if (!last || last.n !== n || !is_live) seen[c.name] = { n, at: now };
     else if (now - last.at > 4000) out.push("Camera " + c.name + " sends no images. Check its cable and power; the others go on.");
   }
+  if (page.free_bytes < 256 << 20) out.push("The disk is nearly full (" + bytes(page.free_bytes) + " free). Download and delete earlier scans (page Scans).");
   if (page.has_full_disk) out.push("The disk is full: the model was not saved. Download and delete earlier scans, then press Save again.");
   return out;
 }
