@@ -91,6 +91,8 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,
                   .spacing = spacing_of(o),
                   .hold_out = (float)o->hold_out,
+                  .least_db_per_s = o->least_db_per_s,
+                  .is_held_released = o->is_held_released,
                   .sync_method = (sv_sync_method)o->i_sync,
                   .is_continuous = o->is_continuous,
                   .is_dynamic = o->is_dynamic,
@@ -117,6 +119,12 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .has_preview = o->preview || o->has_feed,
                   .is_session = o->is_session,
                   .starts_at_once = o->is_interrupted};
+  // Its pixels show several sub-views, so none can be held out: the steps end the run.
+  if (o->quality && c.rig->forward == SV_FORWARD_MULTIPLEXED) c.hold_out = 0;
+  if (!(c.hold_out > 0)) {
+    c.least_db_per_s = 0;
+    c.is_held_released = false;
+  }
   c.train.n_gaussians = (int)o->gaussians;
   c.train.sh_degree = (int)o->sh;
   c.train.seed = (uint64_t)o->seed;
@@ -203,7 +211,9 @@ static sv_status heldout_psnr(double *psnr, int *n_views) {
 static void say_quality(double psnr, int n_heldout, double train_psnr, double held_psnr) {
   const sv_app_moving *m = &run.app.moving;
   if (n_heldout) say(1, "held-out PSNR %.2f dB (%d views)\n", psnr, n_heldout);
-  if (held_psnr > 0) say(1, "held-out pixels %.2f dB\n", held_psnr);
+  if (held_psnr > 0)
+    say(1, "held-out pixels %.2f dB%s\n", held_psnr,
+        run.app.released_psnr > 0 ? " before the end, which trained on them, too" : "");
   if (n_heldout || held_psnr > 0) return;
   if (m->n_scored)
     say(1, "newest exposures %.2f dB at the end of their turn (mean of the last 50 or so)\n", m->psnr_late);
@@ -221,7 +231,7 @@ static int report(const run_options *o, sv_err *err) {
     return fail_with(err);
   }
   double held_psnr;
-  if (sv_app_held_out_psnr(&run.app, &held_psnr) < 0) held_psnr = 0;
+  if (sv_app_held_out_psnr(&run.app, run.app.trainer.n_views, &held_psnr) < 0) held_psnr = 0;
   sv_str_add(&x, "\"train_psnr\": %.3f", train_psnr);
   if (held_psnr > 0) sv_str_add(&x, ", \"held_out_psnr\": %.3f", held_psnr);
   if (n) sv_str_add(&x, ", \"psnr\": %.3f, \"heldout_views\": %d", psnr, n);

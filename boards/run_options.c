@@ -36,6 +36,11 @@ static const sv_option rows[] = {
     {"size", SV_OPT_TEXT, 1, 0, AT(size), "WxH",
      "train on images averaged to this size, which has the shape of the frames [that of the frames]", 0, 0,
      NULL},
+    {"quality", SV_OPT_TEXT, 1, 0, AT(quality), "NAME",
+     "draft, normal or fine: training ends when it wins less than 1, 0.2 or 0.05 dB a second on pixels that "
+     "are kept from it (--hold-out, here 0.05), at the latest after 500, 2000 or 7000 steps (--steps) [by "
+     "--steps alone]",
+     0, 0, NULL},
     {"steps", SV_OPT_INT, 1, 0, AT(steps), "N", "training steps [2000, or until --time-limit]", 1, 10000000,
      NULL},
     {"time-limit", SV_OPT_REAL, 1, 0, AT(time_limit), "SEC", "end training after SEC seconds [no limit]",
@@ -143,6 +148,25 @@ static int choose_cpu(run_options *o) {
   return 0;
 }
 
+static int check_quality(run_options *o) {
+  static const struct {
+    const char *name;
+    double least_db_per_s;
+    long steps;
+  } presets[] = {{"draft", 1, 500}, {"normal", 0.2, 2000}, {"fine", 0.05, 7000}};
+  if (!o->quality) return 0;
+  if (o->is_continuous) return usage_error("run", "--quality: not with --live, which has no end of its own");
+  for (size_t i = 0; i < sizeof presets / sizeof *presets; i++) {
+    if (strcmp(o->quality, presets[i].name) != 0) continue;
+    o->least_db_per_s = presets[i].least_db_per_s;
+    if (!o->steps) o->steps = presets[i].steps;
+    o->is_held_released = !(o->hold_out > 0);
+    if (o->is_held_released) o->hold_out = 0.05;
+    return 0;
+  }
+  return usage_error("run", "--quality %s: expected draft, normal or fine", o->quality);
+}
+
 static int check(run_options *o) {
   sv_err err;
   if (!o->out && (!o->is_check || o->keep > 0)) return usage_error("run", "--out is missing");
@@ -185,6 +209,8 @@ static int check(run_options *o) {
     return usage_error("run", "--preview %s", err.text);
   if (o->is_session && !o->preview && !o->has_feed)
     return usage_error("run", "--session takes --preview [ADDR:]PORT");
+  const int r = check_quality(o);
+  if (r) return r;
   if (!o->steps && !(o->time_limit > 0)) o->steps = 2000;
   return choose_cpu(o);
 }

@@ -8,14 +8,17 @@
 
 typedef struct {
   options_common common;
-  const char *source, *rig, *scene, *out, *rescue, *sub_views, *sync, *preview, *token_file, *console, *config,
-      *capture_cpu;
+  const char *source, *rig, *scene, *out, *rescue, *sub_views, *sync, *preview, *token_file, *console,
+      *config, *capture_cpu;
   long exposures, steps, gaussians, sh, threads, seed, skew_ms, orbit, keep;
   double time_limit, save_every, picture_every;
   double exposure_s;
   const char *shutter; // auto or global
   const char *every;   // NULL: as the source suits
   double hold_out;
+  const char *quality;    // draft, normal or fine; NULL: --steps alone
+  double least_db_per_s;  // of --quality, else 0
+  bool is_held_released;  // of --quality without --hold-out
   double every_s;         // of --every
   bool is_by_motion;      // likewise
   long scale;             // of --scale, at least 1

@@ -140,6 +140,15 @@ static void undistort_mask(sv_sub_view_store *s, const sv_sub_view *v, float hol
     }
 }
 
+void sv_exposures_hold(sv_exposures *e, bool is_kept) {
+  for (int i = 0; i < e->cfg.rig->n_sub_views; i++) {
+    sv_sub_view_store *s = &e->sub[i];
+    const size_t n = (size_t)s->pinhole.width_px * (size_t)s->pinhole.height_px;
+    for (size_t at = 0; s->held && at < n; at++)
+      if (s->held[at]) s->mask[at] = !is_kept;
+  }
+}
+
 static sv_status find_row_time(sv_sub_view_store *s, const sv_sub_view *v, const sv_camera_caps *caps) {
   const double *p = s->pinhole.p;
   // else the image is all that its sensor delivers

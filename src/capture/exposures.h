@@ -38,7 +38,7 @@ typedef struct {
   // before the capture ends. Default: all.
   sv_spacing_cfg spacing;
   // Share of the pixels that no view is trained on, in blocks of SV_HELD_PX (sub[i].held), to score
-  // the model by them. Not for multiplexed rigs. Default 0.
+  // the model by them, see sv_exposures_hold. Not for multiplexed rigs. Default 0.
   float hold_out;
 } sv_exposures_cfg;
 
@@ -91,6 +91,9 @@ sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const s
 bool sv_exposures_keeps_fisheye(const sv_sub_view *v, sv_fisheye *out);
 // Picture and view of sub-view i_sub of exposure i (0: slot order). Not for multiplexed rigs.
 void sv_exposures_get(const sv_exposures *e, int i, int i_sub, sv_image_u8 *image, sv_view *view);
+
+// Whether the pixels that hold_out chose are kept from training; they are at first.
+void sv_exposures_hold(sv_exposures *e, bool is_kept);
 
 #ifdef __cplusplus
 }

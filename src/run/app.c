@@ -10,9 +10,11 @@
 #include "src/train/checkpoint.h"
 #include "src/train/seed.h"
 
-#define QUEUE_LEN     4
-#define NEIGHBOURS_NS (70 * SV_NS_PER_US)
-#define CAP_READY     2 // exposures that may wait for a training step to end
+#define QUEUE_LEN      4
+#define NEIGHBOURS_NS  (70 * SV_NS_PER_US)
+#define CAP_READY      2    // exposures that may wait for a training step to end
+#define RELEASE_AT     0.8f // progress
+#define MEASURED_VIEWS 13   // while training: not a multiple of the usual numbers of sub-views
 
 const char *sv_app_state_name(sv_app_state s) {
   static const char *const names[] = {"idle", "capturing", "training", "saving", "done", "failed"};
@@ -420,7 +422,7 @@ static void log_motion(sv_app *app) {
              m.n, app->exposures.n, m.turn_rad_s * 180 / SV_PI, m.move);
 }
 
-static sv_status start_training(sv_app *app, sv_err *err) {
+static sv_status first_or_resumed(sv_app *app, sv_err *err) {
   const bool is_tracked = app->odometry.is_tracked;
   log_motion(app);
   sv_app_begin_moving(app);
@@ -440,14 +442,40 @@ static sv_status start_training(sv_app *app, sv_err *err) {
   return first_model(app, &b, true, err);
 }
 
+static void hold(sv_app *app, bool is_kept) {
+  sv_exposures_hold(&app->exposures, is_kept);
+  for (int i = 0; i < app->trainer.n_views; i++) sv_train_mask_changed(&app->trainer, i);
+}
+
+static sv_status start_training(sv_app *app, sv_err *err) {
+  // Depth maps need all pixels: a gap in the first model stays one where few exposures look.
+  if (app->cfg.is_held_released) hold(app, false);
+  sv_status s = first_or_resumed(app, err);
+  if (app->cfg.is_held_released) hold(app, true);
+  return s;
+}
+
 // --- between steps -------------------------------------------------------------------------------
+
+// All pixels are trained on in the last part of a run that has judged itself by some of them.
+static sv_status release_held(sv_app *app, float progress) {
+  const bool is_due = app->driver.plateau.n_steps || progress >= RELEASE_AT;
+  if (!app->cfg.is_held_released || app->released_psnr > 0 || !is_due) return SV_OK;
+  double db;
+  sv_status s = sv_app_held_out_psnr(app, app->trainer.n_views, &db);
+  if (s < 0) return s;
+  app->released_psnr = db;
+  hold(app, false);
+  return SV_OK;
+}
 
 static sv_status before_step(void *self, float progress, sv_driver_turn *turn, sv_err *err) {
   sv_app *app = self;
   bool is_train = true;
-  (void)progress;
   sv_app_beat(app);
-  sv_status s = sv_preview_between_steps(&app->preview, &turn->away_s, err);
+  sv_status s = release_held(app, progress);
+  if (s < 0) return sv_fail(err, s, "quality on held-out pixels: %s", sv_status_text(s));
+  s = sv_preview_between_steps(&app->preview, &turn->away_s, err);
   if (s >= 0) s = sv_capture_side_turn(&app->capture, &is_train, err);
   turn->is_other_work = !is_train;
   turn->has_taken_time = app->capture.is_running;
@@ -486,6 +514,10 @@ static void add_live(void *self, sv_str *line) {
   (void)s; // AGAIN: the line goes without
 }
 
+static sv_status measure(void *self, double *psnr) {
+  return sv_app_held_out_psnr(self, MEASURED_VIEWS, psnr);
+}
+
 static sv_status train(sv_app *app, sv_err *err) {
   const sv_clock *m = &app->port.machine;
   const sv_driver_cfg cfg = {.n_steps = app->cfg.steps,
@@ -496,6 +528,8 @@ static sv_status train(sv_app *app, sv_err *err) {
                              .self = app,
                              .before_step = before_step,
                              .after_step = after_step,
+                             .least_db_per_s = app->cfg.least_db_per_s,
+                             .measure = measure,
                              .add_progress = add_live};
   app->files.checkpoint_s = app->files.picture_s = sv_ns_to_s(m->now_ns(m->self));
   return sv_driver_run(&app->driver, &cfg, &app->trainer, err);

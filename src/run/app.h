@@ -48,6 +48,7 @@ struct sv_app {
   sv_dynamic dynamic; // with is_dynamic
   sv_prior prior;     // with cfg.prior
   sv_driver driver;
+  double released_psnr; // dB, on the held-out pixels when they were released; 0: they were not
   sv_app_moving moving;
   sv_point *points; // [n_gaussians] of the first model
   sv_arena scratch; // of the start, and of what a moving scene renews

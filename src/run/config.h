@@ -49,6 +49,12 @@ typedef struct {
   sv_spacing_cfg spacing;
   // Share of the pixels that are kept from training, and scored at the end (src/capture).
   float hold_out;
+  // With hold_out: training that wins less than so many dB a second on these pixels ends; 0: it
+  // goes on to its limits.
+  double least_db_per_s;
+  // These pixels are in the depth maps of the start, and are trained on, too, when that is decided,
+  // or in the last fifth of the run.
+  bool is_held_released;
   // Synchronization method: who makes the cameras expose at the same time.
   sv_sync_method sync_method;
   // Capture goes on while training: new exposures replace the oldest.

@@ -54,9 +54,10 @@ sv_status sv_app_save_final(sv_app *app, sv_err *err) SV_MUST_USE;
 // A checkpoint while training. When the store refuses it warns, and the next try waits 1 s, 2 s, 4
 // s, ... up to 64 s; the run goes on.
 sv_status sv_app_save_running(sv_app *app, double now_s, sv_err *err) SV_MUST_USE;
-// Mean PSNR in dB over the pixels that were kept from training, as their cameras show the model.
-// E_NOT_FOUND: none were.
-sv_status sv_app_held_out_psnr(sv_app *app, double *psnr) SV_MUST_USE;
+// Mean PSNR in dB over the pixels that were kept from training, as their cameras show the model, in
+// at most n_most views from all of the run; as it was when they were released. E_NOT_FOUND: none
+// were.
+sv_status sv_app_held_out_psnr(sv_app *app, int n_most, double *psnr) SV_MUST_USE;
 // run.json: settings, digest, ledger, timing, memory map. extra: more JSON members ("\"psnr\":
 // 27.1") or NULL. Saved as sv_app_save_final does.
 sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) SV_MUST_USE;

@@ -192,12 +192,14 @@ static void add_timing(sv_str *s, const sv_app *app) {
   add_skew(s, &app->queue.sync.skew);
 }
 
-sv_status sv_app_held_out_psnr(sv_app *app, double *psnr) {
-  const int n = app->trainer.n_views;
-  *psnr = 0;
+sv_status sv_app_held_out_psnr(sv_app *app, int n_most, double *psnr) {
+  const int n_views = app->trainer.n_views, n = sv_mini(n_views, n_most);
+  *psnr = app->released_psnr;
   if (!(app->cfg.hold_out > 0) || n < 1) return SV_E_NOT_FOUND;
-  for (int i = 0; i < n; i++) {
+  if (app->released_psnr > 0) return SV_OK;
+  for (int k = 0; k < n; k++) {
     double mse;
+    const int i = (int)((long)k * n_views / n);
     const int i_sub = app->trainer.views[i].view.i_sub_view;
     sv_status s = sv_driver_view_mse(&app->trainer, i, app->exposures.sub[i_sub].held, &mse);
     if (s < 0) return s;
@@ -213,6 +215,8 @@ sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) {
   sv_str_add(&s, "  \"steps\": %u,\n  \"digest\": \"%08x%08x\",\n  \"loss\": %.6f,\n", app->trainer.step,
              (unsigned)(sv_train_digest(&app->trainer) >> 32), (unsigned)sv_train_digest(&app->trainer),
              app->driver.loss);
+  if (app->driver.plateau.n_steps)
+    sv_str_add(&s, "  \"settled_from_step\": %u,\n", app->driver.plateau.from_step);
   if (extra) sv_str_add(&s, "  %s,\n", extra);
   sv_str_add(&s, "  \"relocated\": %u,\n  \"dropped_splats\": %u,\n  \"device_errors\": %llu,\n",
              app->trainer.n_relocated, app->trainer.render.stats.n_dropped,

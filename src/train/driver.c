@@ -123,7 +123,10 @@ static void progress_line(const sv_driver *d, const sv_trainer *t, float progres
   if (c->n_steps) sv_str_add(&s, "/%u", c->n_steps);
   sv_str_add(&s, " steps  %.0f steps/s  loss %.4f  ", sv_driver_steps_per_s(d), d->loss);
   const double rest = 1 - (double)progress;
-  if (c->n_steps)
+  const sv_plateau *p = &d->plateau;
+  if (p->n_steps)
+    sv_str_add(&s, "ETA %.0f s", (p->from_step + p->n_steps - t->step) / sv_driver_steps_per_s(d));
+  else if (c->n_steps)
     sv_str_add(&s, "ETA %.0f s", progress > 0.001f ? t->trained_s * rest / (double)progress : 0);
   else sv_str_add(&s, "%.0f of %.0f s", t->trained_s, c->limit_s);
   if (c->add_progress) c->add_progress(c->self, &s);
@@ -146,15 +149,31 @@ static sv_status timed_step(sv_driver *d, sv_trainer *t, float progress, double 
   return d->cfg.after_step ? d->cfg.after_step(d->cfg.self, from_s, now_s, err) : SV_OK;
 }
 
+// Quality on the pixels that are kept from training; says when the end begins.
+static sv_status measure(sv_driver *d, const sv_trainer *t, float progress, sv_err *err) {
+  const sv_driver_cfg *c = &d->cfg;
+  char line[LINE_BYTES];
+  sv_str out = sv_str_make(line, sizeof line);
+  double db = 0;
+  sv_status s = c->measure(c->self, &db);
+  if (s < 0) return sv_fail(err, s, "quality after step %u: %s", t->step, sv_status_text(s));
+  if (!sv_plateau_measured(&d->plateau, db, t->step, progress, t->trained_s) || !c->console.log) return SV_OK;
+  sv_str_add(&out, "step %u: %.2f dB on held-out pixels, less than %g dB a second is won: %u more steps",
+             t->step, db, c->least_db_per_s, (unsigned)d->plateau.n_steps);
+  c->console.log(c->console.self, SV_LOG_INFO, line);
+  return SV_OK;
+}
+
 sv_status sv_driver_run(sv_driver *d, const sv_driver_cfg *cfg, sv_trainer *t, sv_err *err) {
   const double had_s = t->trained_s; // before the run that this one resumes was stopped
-  *d = (sv_driver){.cfg = *cfg};
+  *d = (sv_driver){.cfg = *cfg, .plateau.least_db_per_s = cfg->least_db_per_s};
   double t0_s = seconds(d), now_s = t0_s, line_s = t0_s;
   for (;;) {
     d->train_s = now_s - t0_s;
     t->trained_s = had_s + d->train_s;
-    const float progress =
+    const float of_limit =
         cfg->n_steps ? (float)t->step / (float)cfg->n_steps : (float)(t->trained_s / cfg->limit_s);
+    const float progress = sv_plateau_progress(&d->plateau, t->step, of_limit);
     if (progress >= 1.0f || (cfg->limit_s > 0 && t->trained_s >= cfg->limit_s)) return SV_OK;
     if (is_stop_requested(d))
       return sv_fail(err, SV_E_INTERRUPTED, "stopped by request after %u steps", t->step);
@@ -167,6 +186,10 @@ sv_status sv_driver_run(sv_driver *d, const sv_driver_cfg *cfg, sv_trainer *t, s
     if (turn.has_taken_time || turn.is_other_work) now_s = seconds(d);
     if (turn.is_other_work) continue;
     if ((s = timed_step(d, t, scheduled, &now_s, err)) < 0) return s;
+    if (sv_plateau_is_due(&d->plateau, progress, t->trained_s)) {
+      if ((s = measure(d, t, progress, err)) < 0) return s;
+      now_s = seconds(d);
+    }
     if (now_s - line_s < LINE_EVERY_S) continue;
     progress_line(d, t, progress);
     line_s = now_s;

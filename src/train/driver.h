@@ -11,6 +11,7 @@
 #include "src/rig/bounds.h"
 #include "src/train/time_stats.h"
 #include "src/train/objective.h"
+#include "src/train/plateau.h"
 #include "src/train/train.h"
 
 #ifdef __cplusplus
@@ -72,6 +73,9 @@ typedef struct {
   // Progress that all schedules see, 0 to 1; 0: that of the run. For runs without an end in view,
   // in which every moment is like the last.
   float steady_progress;
+  // The run ends by itself when less than this is won a second on pixels that are kept from
+  // training (src/train/plateau.h), as `measure` tells; 0: at its limits alone.
+  double least_db_per_s;
   sv_clock clock;     // of the machine
   sv_console console; // progress lines and the stop request; members may be NULL
   void *self;
@@ -80,6 +84,8 @@ typedef struct {
   // Called after each step, which ran from from_s to now_s of the clock. *now_s is moved on by what
   // it takes, which is training time. May be NULL.
   sv_status (*after_step)(void *self, double from_s, double *now_s, sv_err *err);
+  // PSNR in dB on pixels that are kept from training; with least_db_per_s.
+  sv_status (*measure)(void *self, double *psnr);
   // Adds to the progress line; may be NULL.
   void (*add_progress)(void *self, sv_str *line);
 } sv_driver_cfg;
@@ -91,6 +97,7 @@ typedef struct {
   double loss;             // running mean over about the last 50 steps
   sv_time_stats step_time; // of this run's steps; n is their number
   sv_step_stats last;
+  sv_plateau plateau; // with cfg.least_db_per_s
 } sv_driver;
 
 // Trains until a limit is reached. E_INTERRUPTED after a stop request; trained_s of the trainer is

@@ -267,6 +267,13 @@ void sv_train_replace_view(sv_trainer *t, int i_view, const sv_view *view, const
   t->newest_time = sv_maxf(t->newest_time, view->time);
 }
 
+void sv_train_mask_changed(sv_trainer *t, int i_view) {
+  sv_train_view *v = &t->views[i_view];
+  t->share -= (double)v->share;
+  v->share = view_of(&v->view, &v->image).share;
+  t->share += (double)v->share;
+}
+
 void sv_train_shift_times(sv_trainer *t, float by) {
   for (int i = 0; i < t->n_views; i++) t->views[i].view.time += by;
   t->newest_time += by;

@@ -125,6 +125,8 @@ sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u
                             sv_err *err) SV_MUST_USE;
 // Instead of image i_view one of the same size from another pose.
 void sv_train_replace_view(sv_trainer *t, int i_view, const sv_view *view, const sv_image_u8 *image);
+// The mask of a view's image has other values than before.
+void sv_train_mask_changed(sv_trainer *t, int i_view);
 // All times of views become so much later (or earlier: negative).
 void sv_train_shift_times(sv_trainer *t, float by);
 // A sensor on which lens images overlap, with its measurement px[height][width][3], display values
