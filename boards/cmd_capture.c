@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "boards/board_main.h"
+#include "boards/guide.h"
 #include "platform/replay/capture_writer.h"
 #include "src/base/mathx.h"
 #include "src/format/cameramodel.h"
@@ -28,7 +29,7 @@ typedef struct {
   options_common common;
   const char *source, *rig, *out, *sync;
   long exposures, skew_ms;
-  double every_s;
+  double every_s, arc_deg;
   int i_sync; // sv_sync_method
   double duration;
   bool is_json, is_quiet;
@@ -37,7 +38,8 @@ typedef struct {
 static struct {
   board_source src;
   sv_capture_queue in;
-  sv_spacing spacing;             // of --every
+  sv_spacing spacing; // of --every
+  capture_guide guide;
   sv_linux_background background; // the thread of the cameras, when they are real
   sv_worker worker;
   _Atomic int started; // sv_status of it; 1: not yet known
@@ -187,7 +189,8 @@ static bool log_events(const sv_console *con) {
 static void log_live(const sv_console *con, double elapsed_s) {
   char line[640];
   sv_str s = sv_str_make(line, sizeof line);
-  sv_str_add(&s, "capture  %ld exposures  %.1f s", cap.n_exposures, elapsed_s);
+  sv_str_add(&s, "capture  %ld exposures  %.1f s  ", cap.n_exposures, elapsed_s);
+  sv_guidance_line(&cap.guide.guidance, &s);
   if (sv_capture_queue_line(&cap.in, &s) == SV_OK) con->log(con->self, SV_LOG_LIVE, line);
 }
 
@@ -266,6 +269,7 @@ static sv_status record(const capture_options *o, sv_err *err) {
         continue;
       }
       sv_spacing_keep(&cap.spacing, time_ns);
+      guide_exposure(&cap.guide, slot, &cap.kernels);
       sv_status s = save_or_leave_out(slot, &con, err);
       if (s < 0) return s;
       tell_save(&con);
@@ -283,17 +287,20 @@ static sv_status record(const capture_options *o, sv_err *err) {
 
 static void print_ledger(const capture_options *o) {
   sv_ledger l = sv_sync_ledger_sum(&cap.in.sync);
-  char trigger[400] = "";
+  char trigger[400] = "", covered[40] = "";
+  const double coverage = sv_guidance_coverage(&cap.guide.guidance);
+  if (coverage >= 0) sv_fmt(covered, sizeof covered, ", \"coverage\": %.3f", coverage);
   sv_str t = sv_str_make(trigger, sizeof trigger);
   trigger_report(&t, &cap.src);
   if (o->is_json)
     say(1,
         "{\"exposures\": %ld, \"not_saved\": %ld, \"captured\": %llu, \"delivered\": %llu, "
-        "\"dropped\": %llu, \"skew_us_p50\": %.1f, \"skew_us_p99\": %.1f%s%s}\n",
+        "\"dropped\": %llu, \"skew_us_p50\": %.1f, \"skew_us_p99\": %.1f, \"good_exposures\": %d%s%s%s}\n",
         cap.n_exposures, cap.n_lost, (unsigned long long)l.captured, (unsigned long long)l.delivered,
         (unsigned long long)sv_ledger_dropped(&l),
         (double)sv_skew_percentile_ns(&cap.in.sync.skew, 50) * 1e-3,
-        (double)sv_skew_percentile_ns(&cap.in.sync.skew, 99) * 1e-3, t.len ? ", " : "", trigger);
+        (double)sv_skew_percentile_ns(&cap.in.sync.skew, 99) * 1e-3, cap.guide.guidance.n_good, covered,
+        t.len ? ", " : "", trigger);
   else
     say(1,
         "%ld exposures in %s; frames: %llu captured = %llu delivered + %llu dropped; skew p99 %.1f us\n"
@@ -303,6 +310,12 @@ static void print_ledger(const capture_options *o) {
         (double)sv_skew_percentile_ns(&cap.in.sync.skew, 99) * 1e-3, o->out);
   if (!o->is_quiet) trigger_say(&cap.src);
   if (o->is_json) return;
+  if (coverage >= 0)
+    say(1, "%d exposures are good; all cover %.0f %% of the directions around the scene\n",
+        cap.guide.guidance.n_good, 100 * coverage);
+  else if (cap.guide.guidance.n_good < cap.guide.guidance.n_kept)
+    say(1, "%d exposures are good; the others are blurred, too dark or too bright\n",
+        cap.guide.guidance.n_good);
   if (cap.n_lost) say(1, "%ld exposures could not be saved and were left out\n", cap.n_lost);
   for (int i = 0; i < cap.src.source.n_cameras; i++) {
     char line[512];
@@ -356,6 +369,7 @@ static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err
   if (sv_capture_has_frames(o->out))
     return sv_fail(err, SV_E_ARG, "%s: already holds a capture; choose another --out or remove it", o->out);
   if ((s = open_conversion(arena, err)) < 0) return s;
+  if ((s = guide_init(&cap.guide, &cap.src, o->arc_deg, arena, err)) < 0) return s;
   double scene[6];
   for (int i = 0; i < 3; i++) {
     double h = (double)cap.src.bounds.radius / sqrt(3.0);
@@ -434,6 +448,9 @@ static const sv_option rows[] = {
     {"duration", SV_OPT_REAL, 1, 0, AT(duration), "SEC", "end after SEC seconds", 0.001, 1e6, NULL},
     {"every", SV_OPT_REAL, 1, 0, AT(every_s), "SEC", "time between exposures; 0: each that comes [0]", 0,
      3600, NULL},
+    {"arc", SV_OPT_REAL, 1, 0, AT(arc_deg), "DEG",
+     "azimuth around the scene that the hints ask for, in degrees; its middle is the first exposure [360]", 1,
+     360, NULL},
     {"skew-limit", SV_OPT_INT, 1, 0, AT(skew_ms), "MS",
      "largest time skew between the cameras of an exposure, ms [20]", 1, 10000, NULL},
     {"sync", SV_OPT_TEXT, 1, 0, AT(sync), "HOW",

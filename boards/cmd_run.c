@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include "boards/board_main.h"
+#include "boards/guide.h"
 #include "boards/outputs.h"
 #include "boards/preview.h"
 #include "boards/run_options.h"
@@ -90,6 +91,7 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .n_exposures = (int)o->exposures,
                   .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,
                   .spacing = spacing_of(o),
+                  .guidance = guide_cfg(&run.src, o->arc_deg),
                   .hold_out = (float)o->hold_out,
                   .least_db_per_s = o->least_db_per_s,
                   .is_held_released = o->is_held_released,

@@ -26,6 +26,10 @@ static const sv_option rows[] = {
      "s "
      "[a recording: spread over all of it; cameras: motion; 0 with --live, moving scenes and the simulator]",
      0, 0, NULL},
+    {"arc", SV_OPT_REAL, 1, 0, AT(arc_deg), "DEG",
+     "azimuth around the scene that the hints ask for while capturing, in degrees; its middle is the first "
+     "exposure [360]",
+     1, 360, NULL},
     {"hold-out", SV_OPT_REAL, 1, 0, AT(hold_out), "SHARE",
      "share of each image's pixels, in blocks, that is kept from training; the model is scored by it [0]", 0,
      0.5, NULL},

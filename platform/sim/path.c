@@ -6,10 +6,9 @@
 #include "platform/sim/sim.h"
 #include "src/base/mathx.h"
 
-#define START_DEG      20.0 // azimuth of slot 0 of a full circle
-#define ARC_MIDDLE_DEG 45.0 // open side of the scenes with walls
-#define ELEVATION_DEG  30.0
-#define RISE_DEG       20.0
+#define START_DEG     20.0 // azimuth of slot 0 of a full circle
+#define ELEVATION_DEG 30.0
+#define RISE_DEG      20.0
 // oscillations per round: a small number of stops never repeats an elevation
 #define WAVES       2.6
 #define GOLDEN      0.618 // a second round falls between the stops of the first
@@ -73,7 +72,7 @@ void sv_sim_rig_pose(const sv_sim *sim, sv_ns host_ns, sv_pose *rig_from_world) 
     double x = (s + 0.5) / n, round = floor(x);
     x -= round;
     if (round - 2 * floor(0.5 * round) != 0) x = 1 - x;
-    az = ARC_MIDDLE_DEG + arc * (x - 0.5);
+    az = SV_SIM_ARC_MIDDLE_DEG + arc * (x - 0.5);
   }
   const double rise_deg = sim->cfg.is_swaying ? 0 : RISE_DEG;
   double el = (ELEVATION_DEG + rise_deg * sv_sin(2 * SV_PI * WAVES * s / n - SV_PI / 6)) * SV_PI / 180;

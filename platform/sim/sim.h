@@ -32,13 +32,15 @@
 extern "C" {
 #endif
 
-#define SV_SIM_EPOCH_NS    SV_NS_PER_S // the virtual clock's first reading
-#define SV_SIM_DISTANCE_M  4.0
-#define SV_SIM_CAP_CAMERAS 3
-#define SV_SIM_CAP_BUFFERS 16
-#define SV_SIM_CAP_FAULTS  8
-#define SV_SIM_CAP_PENDING 6
-#define SV_SIM_N_HELDOUT   8 // held-out views that a run's PSNR is the mean of
+#define SV_SIM_EPOCH_NS       SV_NS_PER_S // the virtual clock's first reading
+#define SV_SIM_DISTANCE_M     4.0
+#define SV_SIM_CAP_CAMERAS    3
+#define SV_SIM_CAP_BUFFERS    16
+#define SV_SIM_CAP_FAULTS     8
+#define SV_SIM_CAP_PENDING    6
+// Azimuth of the middle of shorter arcs: the open side of the scenes with walls.
+#define SV_SIM_ARC_MIDDLE_DEG 45.0
+#define SV_SIM_N_HELDOUT      8    // held-out views that a run's PSNR is the mean of
 
 // A fault of one camera at one slot. `n` depends on the kind, see faults.inc.
 typedef enum {

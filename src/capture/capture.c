@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "src/base/str.h"
+#include "src/capture/meter.h"
 #include "src/port/heartbeat.h"
 
 #define WAIT_NS (100 * SV_NS_PER_MS)
@@ -15,6 +16,7 @@
 void sv_capture_side_init(sv_capture_side *c, const sv_capture_side_cfg *cfg) {
   memset(c, 0, sizeof *c);
   c->cfg = *cfg;
+  sv_guidance_init(&c->guidance, &cfg->guidance);
   c->governor.duty = c->governor.least_duty = 1;
 }
 
@@ -53,21 +55,57 @@ static bool log_events(sv_capture_side *c) {
 static void log_live(sv_capture_side *c) {
   char line[640];
   sv_str s = sv_str_make(line, sizeof line);
-  sv_str_add(&s, "capture  %d/%d exposures", c->cfg.exposures->n, c->cfg.n_exposures);
+  sv_str_add(&s, "capture  %d/%d exposures  ", c->cfg.exposures->n, c->cfg.n_exposures);
+  sv_guidance_line(&c->guidance, &s);
   if (sv_capture_queue_line(c->cfg.queue, &s) == SV_OK && c->cfg.port->console.log)
     c->cfg.port->console.log(c->cfg.port->console.self, SV_LOG_LIVE, line);
+}
+
+// --- guidance ------------------------------------------------------------------------------------
+
+static sv_guidance_shot metered(sv_capture_side *c, int i, const sv_pose *rig_from_world) {
+  sv_meter_sum all = {{0}, 0};
+  for (int k = 0; c->cfg.exposures->sub && k < c->cfg.rig->n_sub_views; k++) {
+    sv_image_u8 image;
+    sv_view view;
+    sv_meter m;
+    sv_exposures_get(c->cfg.exposures, i, k, &image, &view);
+    if (sv_meter_image(&image, &m)) sv_meter_sum_add(&all, &m);
+  }
+  return sv_meter_shot(&all, &c->recent, rig_from_world);
+}
+
+// Exposure i of the pool, just kept. Where the source tells no pose, odometry finds it now.
+static sv_status guide(sv_capture_side *c, int i, sv_err *err) {
+  const sv_exposure *e = &c->cfg.exposures->exposure[i];
+  sv_odometry *o = c->cfg.odometry;
+  const sv_pose *pose = e->has_pose ? &e->rig_from_world : NULL;
+  if (!pose && o && o->is_on && o->tracker.n_exposures == i) {
+    const sv_status s = sv_odometry_add(o, c->cfg.exposures, i);
+    if (s < 0) return sv_fail(err, s, "odometry, exposure %d: %s", i, sv_status_text(s));
+    if (o->tracker.is_placed[i]) pose = &o->tracker.pose[i];
+  }
+  const sv_guidance_shot shot = metered(c, i, pose);
+  sv_guidance_keep(&c->guidance, &shot);
+  sv_guidance_look(&c->guidance, &shot);
+  return SV_OK;
 }
 
 sv_status sv_capture_side_keep(sv_capture_side *c, sv_err *err) {
   sv_exposure_slot *slot;
   sv_status s = sv_capture_queue_take(c->cfg.queue, &slot);
   if (s != SV_OK) return s;
+  const int i = c->cfg.exposures->i_next;
   s = sv_exposures_add(c->cfg.exposures, &slot->exposure, slot->frames, c->cfg.k, &c->cfg.port->pool, err);
   if (s == SV_DROPPED) {
     const sv_drop_reason reason = c->cfg.exposures->reason;
     sv_capture_queue_refuse(c->cfg.queue, slot, reason);
-    if (reason == SV_DROP_BLURRED) c->n_blurred++;
-    else c->n_not_due++;
+    if (reason == SV_DROP_BLURRED) {
+      c->n_blurred++;
+      c->guidance.hint = SV_HINT_STILL;
+    } else {
+      c->n_not_due++;
+    }
     return s;
   }
   sv_capture_queue_give_back(c->cfg.queue, slot, true);
@@ -75,6 +113,7 @@ sv_status sv_capture_side_keep(sv_capture_side *c, sv_err *err) {
     if (!c->n_bad_exposures++) sv_capture_side_log(c, SV_LOG_WARN, "%s", err->text);
     return SV_DROPPED;
   }
+  if (s >= 0) s = guide(c, i, err);
   if (s >= 0) c->cfg.calls.kept(c->cfg.calls.self);
   return s;
 }
@@ -155,6 +194,16 @@ static sv_status stop(sv_capture_side *c, sv_err *err) {
   return s < 0 ? sv_fail(err, s, "the cameras did not stop: %s", sv_status_text(s)) : SV_OK;
 }
 
+static void log_guidance(sv_capture_side *c) {
+  const double coverage = sv_guidance_coverage(&c->guidance);
+  if (coverage >= 0)
+    sv_capture_side_log(
+        c, SV_LOG_INFO,
+        "%d of %d exposures are good; they cover %.0f %% of the directions around the scene%s",
+        c->guidance.n_good, c->guidance.n_kept, 100 * coverage,
+        coverage < SV_GUIDANCE_ENOUGH ? "" : ", which is enough");
+}
+
 sv_status sv_capture_side_run(sv_capture_side *c, sv_err *err) {
   sv_status s = sv_capture_queue_start(c->cfg.queue, err), t;
   if (s < 0) return s;
@@ -179,6 +228,7 @@ sv_status sv_capture_side_run(sv_capture_side *c, sv_err *err) {
         "left out %llu exposures that are clearly less sharp than those before them; move more "
         "slowly, or shorten the shutter",
         (unsigned long long)c->n_blurred);
+  log_guidance(c);
   return s;
 }
 

@@ -12,6 +12,7 @@
 #include "src/base/status.h"
 #include "src/capture/exposures.h"
 #include "src/capture/governor.h"
+#include "src/capture/guidance.h"
 #include "src/capture/odometry.h"
 #include "src/sync/capture_queue.h"
 
@@ -43,6 +44,8 @@ typedef struct {
   sv_ns timeout_ns;       // without an exposure
   bool is_continuous;     // cameras go on when the pool is full
   double preview_every_s; // of a continuous run; 0: no images
+  sv_odometry *odometry;  // its tracker places exposures as they come, when it is on; or NULL
+  sv_guidance_cfg guidance;
   sv_capture_calls calls;
 } sv_capture_side_cfg;
 
@@ -56,6 +59,8 @@ typedef struct {
   uint64_t n_device_errors; // of all cameras
   uint64_t n_blurred;       // exposures that were not kept for that
   uint64_t n_not_due;       // came sooner than they are wanted
+  sv_guidance guidance;     // of who holds the cameras
+  sv_sharpness recent;      // of what was metered
   uint64_t n_bad_exposures; // complete, but a compressed image in it was damaged: not kept
 } sv_capture_side;
 

@@ -9,7 +9,7 @@
 #define DEG         (SV_PI / 180)
 #define NO_REACH    1.5  // x SV_GUIDANCE_REACH_DEG: from there on an exposure covers nothing
 #define WORTH       0.8  // of the largest gain: as good as any other
-#define SMALL       0.35 // of the field, which the ball should fill at least; below it resolution is lost
+#define SMALL       0.35 // of the field, which the ball should fill at least, or resolution is lost
 #define LARGE       1.1  // and at most
 #define AIM_SHARE   0.7  // of the half field, in which the middle of the scene should be
 #define LEAST_SHARE 0.25 // weight of an empty region, over that of a mean one

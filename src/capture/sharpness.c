@@ -81,17 +81,22 @@ static double median(const double *v, int n) {
   return 0.5 * (sorted[(n - 1) / 2] + sorted[n / 2]);
 }
 
-bool sv_sharpness_is_blurred(sv_sharpness *s, const sv_sharpness_sums *sums) {
+double sv_sharpness_share(sv_sharpness *s, const sv_sharpness_sums *sums) {
   const double mean = sums->n > 0 ? sums->luma / sums->n : 0;
   const double sharpness[2] = {sums->dx2, sums->dy2};
   const int n = sv_mini(s->n_seen, SV_SHARPNESS_RECENT);
-  bool is_blurred = false;
-  if (!(mean > SV_SHARPNESS_DARK)) return false; // a covered lens is not what this is about
+  double share = 1;
+  if (!(mean > SV_SHARPNESS_DARK)) return 1; // a covered lens is not what this is about
   for (int i = 0; i < 2; i++) {
-    const double here = sharpness[i] / (sums->n * mean * mean);
-    is_blurred |= n >= SV_SHARPNESS_FEWEST && here < SV_SHARPNESS_SHARE * median(s->recent[i], n);
+    const double here = sharpness[i] / (sums->n * mean * mean),
+                 before = n >= SV_SHARPNESS_FEWEST ? median(s->recent[i], n) : 0;
+    if (before > 0) share = sv_mind(share, here / before);
     s->recent[i][s->n_seen % SV_SHARPNESS_RECENT] = here;
   }
   s->n_seen++;
-  return is_blurred;
+  return share;
+}
+
+bool sv_sharpness_is_blurred(sv_sharpness *s, const sv_sharpness_sums *sums) {
+  return sv_sharpness_share(s, sums) < SV_SHARPNESS_SHARE;
 }

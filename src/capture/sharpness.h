@@ -39,8 +39,11 @@ void sv_sharpness_carve(sv_sharpness *s, int cap_width_px, int cap_height_px, in
 // Adds an image (3 channels) to the sums of its exposure; pixels that its mask leaves out do not
 // count. The same bits for all kernels and any number of threads.
 void sv_sharpness_add(sv_sharpness *s, const sv_image_u8 *im, const sv_compute *c, sv_sharpness_sums *sums);
-// Whether an exposure with these sums is blurred. It counts among those that later ones are
+// The sharpness of an exposure with these sums over the median of those before, along the axis
+// where it is less; 1: not judged. It counts among those that later ones are
 // compared with, blurred or not: who goes on moving fast is not left without exposures.
+double sv_sharpness_share(sv_sharpness *s, const sv_sharpness_sums *sums);
+// Whether that makes it a blurred one.
 bool sv_sharpness_is_blurred(sv_sharpness *s, const sv_sharpness_sums *sums);
 
 #ifdef __cplusplus

@@ -58,7 +58,8 @@ sv_status sv_capture_side_track(sv_capture_side *c, sv_odometry *o, const char *
   }
   for (int e = 0; e < c->cfg.exposures->n; e++)
     if (c->cfg.exposures->exposure[e].has_pose) return SV_OK; // the source knew after all
-  for (int e = 0; e < c->cfg.exposures->n; e++) {
+  // Those that were placed as they came are behind it.
+  for (int e = o->tracker.n_exposures; e < c->cfg.exposures->n; e++) {
     if (c->cfg.calls.poll(c->cfg.calls.self) < 0) return SV_E_INTERRUPTED;
     sv_status s = sv_odometry_add(o, c->cfg.exposures, e);
     if (s < 0) return sv_fail(err, s, "odometry, exposure %d: %s", e, sv_status_text(s));

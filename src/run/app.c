@@ -200,6 +200,13 @@ static sv_status replace_oldest(void *self, sv_err *err) {
   return sv_app_enter_exposure(app, slot);
 }
 
+static sv_guidance_cfg guidance_cfg(const sv_app_cfg *c) {
+  sv_guidance_cfg g = c->guidance;
+  g.rig = c->is_dynamic ? NULL : c->rig; // a moving scene is not walked around
+  if (c->has_bounds) g.bounds = c->bounds;
+  return g;
+}
+
 static void init_capture(sv_app *app) {
   const sv_app_cfg *c = &app->cfg;
   const sv_capture_side_cfg cfg = {.queue = &app->queue,
@@ -214,6 +221,8 @@ static void init_capture(sv_app *app) {
                                    .timeout_ns = c->capture_timeout_ns,
                                    .is_continuous = c->is_continuous,
                                    .preview_every_s = c->preview_every_s,
+                                   .odometry = &app->odometry,
+                                   .guidance = guidance_cfg(c),
                                    .calls = {.self = app,
                                              .log = log_line,
                                              .poll = poll,
@@ -434,6 +443,7 @@ static sv_status first_or_resumed(sv_app *app, sv_err *err) {
   bool has_bounds = app->cfg.has_bounds && !is_tracked; // bounds are of a world that was not found
   sv_bounds b = has_bounds ? app->cfg.bounds : bounds_of_views(app);
   if (is_tracked) b = sv_odometry_bounds(&app->odometry);
+  sv_guidance_set_scene(&app->capture.guidance, &b, NULL, 0);
   if (!app->cfg.is_resume) return first_model(app, &b, true, err);
   sv_status s = first_model(app, &b, false, err); // a checkpoint replaces it
   if (s >= 0) s = sv_app_resume(app, err);

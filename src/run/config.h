@@ -6,6 +6,7 @@
 #ifndef SV_RUN_CONFIG_H
 #define SV_RUN_CONFIG_H
 
+#include "src/capture/guidance.h"
 #include "src/capture/spacing.h"
 #include "src/dynamic/dynamic.h"
 #include "src/prior/methods.h"
@@ -47,6 +48,8 @@ typedef struct {
   sv_ns skew_limit_ns;
   // Which exposures are kept, of those that the cameras deliver.
   sv_spacing_cfg spacing;
+  // What guidance while capturing asks for; the rig and, with has_bounds, the ball are filled in.
+  sv_guidance_cfg guidance;
   // Share of the pixels that are kept from training, and scored at the end (src/capture).
   float hold_out;
   // With hold_out: training that wins less than so many dB a second on these pixels ends; 0: it
