@@ -1,22 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
 // `subview-lab tables` as a user runs it, on a tiny simulated dataset: what it writes, going on
-// after a stop and after damage, without gnuplot, and bad input. SV_BIN names the programs' folder.
-// Skipped under emulation: the program starts itself again, which an emulator does not do.
+// after a stop and after damage, jobs by other engines, without gnuplot, and bad input. SV_BIN
+// names the programs' folder. Skipped under emulation: a shell starts the program again, which an
+// emulator does not do.
 #include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "tests/common/lab_shell.h"
 #include "tests/common/test.h"
 #include "tools/common/fileio.h"
 #include "tools/common/imageio.h"
 
-#define SIDE_PX 48
-#define N_RUNS  21
-#define SETTING "--data ../s --quick --steps 3 --gaussians 40"
+#define SIDE_PX          48
+#define N_RUNS           21
+#define PARALLEL_SETTING "--data ../s --quick --steps 3 --gaussians 40"
+#define SETTING          PARALLEL_SETTING " --jobs 1"
 
 // Commands run in w, beside the dataset s.
 static lab_shell shell = {.cwd = "", .is_stdout_apart = true};
@@ -68,7 +71,11 @@ static void figures_of(const char *name, char *out, size_t cap) {
 
 FIXTURE(setup) {
   char command[80];
+  char here[500];
   int code = lab_shell_open(&shell, "tables");
+  if (!getcwd(here, sizeof here - 20)) return -1;
+  strcat(here, "/tools/tables");
+  setenv("SV_TABLES", here, 1);
   if (code != 0) return code < 0 ? code : 0;
   if (run("mkdir w") != 0) return -1;
   shell.cwd = "w";
@@ -208,7 +215,7 @@ static void assert_done(int n_before, int n_made) {
   char text[80];
   snprintf(text, sizeof text, "%d runs, %d already done", N_RUNS, n_before);
   if (!strstr(shell.said, text)) fail_msg("'%s' is not in: %s", text, shell.said);
-  assert_int_equal(count(shell.said, "PSNR"), n_made);
+  assert_int_equal(count(shell.said, " Gaussians"), n_made);
 }
 
 TEST(test_nothing_is_done_twice) {
@@ -222,29 +229,74 @@ TEST(test_nothing_is_done_twice) {
   free(after);
   run_well(
       // other settings: others
-      "cp -r a n && @ tables --data ../s --quick --steps 2 --gaussians 40 --out n --quiet");
+      "cp -r a n && @ tables --data ../s --quick --steps 2 --gaussians 40 --jobs 1 --out n --quiet");
   assert_string_equal(shell.said, "");
 }
 
-// Cut, changed, taken from another run, taken away, without its pictures, with scores missing.
+// Cut, emptied, taken away, without its pictures, with a score missing.
 TEST(test_damage) {
   static char before[8192], after[8192];
   lab_shell_need(&shell);
   figures_of("a/summary.csv", before, sizeof before);
   run_well("cp -r a d && rm d/summary.csv && cd d/runs && truncate -s -40 "
-           "s_stereo_theta10_e1_g40_s3_[0-9a-f]*/result.json && "
-           "sed -i 's/\"psnr\": 1/\"psnr\": 3/' s_phone_e1_g40_s3_[0-9a-f]*/result.json && "
-           "cp s_phone_e3_g40_s3_[0-9a-f]*/result.json s_mono_e3_g40_s3_[0-9a-f]*/ && "
-           "rm s_multiplexed_e3_g40_s3_[0-9a-f]*/result.json && "
+           "s_stereo_theta10_e1_g40_s3_[0-9a-f]*/train.out.json && "
+           "rm s_phone_e1_g40_s3_[0-9a-f]*/near.out.json && "
+           "rm s_multiplexed_e3_g40_s3_[0-9a-f]*/train.out.json && "
            "rm -r s_multiplexed_e1_g40_s3_[0-9a-f]*/views && "
-           "truncate -s 0 s_mono_e1_g200_s3_[0-9a-f]*/result.json");
+           "truncate -s 0 s_mono_e1_g200_s3_[0-9a-f]*/near.out.json");
   run_well("@ tables " SETTING " --out d");
-  assert_done(N_RUNS - 6, 6);
-  assert_int_equal(count(shell.said, "is damaged; measuring again"), 3);
-  assert_int_equal(count(shell.said, "is the result of another run"), 1);
+  assert_done(N_RUNS - 5, 5);
+  assert_int_equal(count(shell.said, "; measuring again"), 3);
   assert_int_equal(count(shell.said, "its images are missing"), 1);
   figures_of("d/summary.csv", after, sizeof after);
   assert_string_equal(before, after);
+}
+
+// --- jobs ----------------------------------------------------------------------------------------
+
+// The same figures by whoever runs the lines; what is missing is told; a line that runs again does
+// nothing.
+TEST(test_jobs) {
+  static char ours[8192], theirs[8192];
+  lab_shell_need(&shell);
+  figures_of("a/summary.csv", ours, sizeof ours);
+  run_well("@ tables " PARALLEL_SETTING " --out j --plan jobs.txt");
+  assert_contains(shell.said, "jobs.txt: 21 jobs, one a line");
+  run_well("test $(wc -l < jobs.txt) = 21 && ! test -e j/tables.md && head -5 jobs.txt | sh");
+  run_well("@ tables " PARALLEL_SETTING " --out j --collect");
+  assert_contains(shell.said, "16 of 21 runs are missing, the first: s, ");
+  char *text = slurp("j/tables.md");
+  assert_contains(text, "**16 of the 21 runs are missing.**");
+  assert_contains(text, " - | - |");
+  free(text);
+  // Twice the same line at once, as two machines might: one lets the other be.
+  run_well("SLURM_ARRAY_TASK_ID=7 $SV_TABLES/tables.sbatch jobs.txt && rm -f x.log && "
+           "SLURM_ARRAY_TASK_ID=7 $SV_TABLES/tables.sbatch jobs.txt 2>x.log && ! test -s x.log");
+  run_well("MAKEFLAGS= make -s -j2 -f $SV_TABLES/jobs.mk JOBS=jobs.txt");
+  run_well("@ tables " PARALLEL_SETTING " --out j --collect");
+  figures_of("j/summary.csv", theirs, sizeof theirs);
+  assert_string_equal(ours, theirs);
+  assert_int_equal(count(shell.said, "missing"), 0);
+}
+
+TEST(test_parallel) {
+  static char ours[8192], theirs[8192];
+  lab_shell_need(&shell);
+  if (run("parallel --minversion 20130000") != 0) {
+    print_message("no GNU parallel here\n");
+    skip();
+  }
+  figures_of("a/summary.csv", ours, sizeof ours);
+  run_well("@ tables " PARALLEL_SETTING " --threads 1 --jobs 2 --out k");
+  figures_of("k/summary.csv", theirs, sizeof theirs);
+  assert_string_equal(ours, theirs);
+  run_well("mkdir -p only && ln -sf /bin/* only/ && rm -f only/parallel && PATH=$PWD/only @ "
+           "tables " PARALLEL_SETTING " --jobs 2 --out l");
+  assert_int_equal(count(shell.said, "GNU parallel not found"), 1);
+  assert_int_equal(run("rm -r ../s2; cp -r ../s ../s2 && : > ../s2/train/mono/e00_s00.png && "
+                       "@ tables --data ../s2 --quick --steps 3 --gaussians 40 --jobs 2 --out bad"),
+                   1);
+  assert_contains(shell.said, "e00_s00.png");
 }
 
 // A dataset with the same poses and other pictures is another one.
@@ -252,7 +304,7 @@ TEST(test_other_pictures) {
   lab_shell_need(&shell);
   run_well("cp -r ../s ../other && rm -r ../other/test_near && cp -r ../other/test ../other/test_near && "
            "mkdir -p o && cp -r a/runs o && mkdir -p x && mv ../other x/s && "
-           "@ tables --data x/s --quick --steps 3 --gaussians 40 --out o");
+           "@ tables --data x/s --quick --steps 3 --gaussians 40 --jobs 1 --out o");
   assert_done(0, N_RUNS);
 }
 
@@ -263,8 +315,8 @@ TEST(test_noise_is_a_setting) {
   run_well("mkdir -p p && cp -r a/runs p && @ tables " SETTING " --noise prediction,read=0,shot=0 --out p");
   assert_int_equal(count(shell.said, "skipping other devices"), 1);
   assert_int_equal(count(shell.said, ", 0 already done"), 1);
-  assert_true(count(shell.said, "PSNR") > 0 &&
-              count(shell.said, "PSNR") == count(shell.said, "s, multiplexed"));
+  assert_true(count(shell.said, " Gaussians") > 0 &&
+              count(shell.said, " Gaussians") == count(shell.said, "s, multiplexed"));
   run_well("grep -l 'noise_on_prediction\": true' p/runs/*/train.json");
   assert_int_equal(
       run("mkdir -p q/s && cp -r ../s/* q/s && rm q/s/*multiplexed* && @ tables --data q/s --quick "
@@ -284,7 +336,7 @@ TEST(test_stop) {
   assert_int_equal(count(shell.said, "stopped by request with 0 of 21 runs done; run the same command again"),
                    1);
   assert_false(exists("i/tables.md"));
-  assert_int_equal(run("ls i/runs/*/result.json"), 2); // none
+  assert_int_equal(run("ls i/runs/*/train.out.json"), 2); // none
   // No child is left: each would hold its log open.
   assert_int_equal(
       run("for f in /proc/[0-9]*/fd/2; do case $(readlink $f) in \"$PWD\"/i/runs/*) exit 9;; esac; done"), 0);
@@ -303,6 +355,8 @@ TEST(test_bad_input) {
       {"--data ../s --steps 0 --out b", 2, "--steps 0: expected a whole number"},
       {"--data ../s --gaussians 1000000 --out b", 2, "--gaussians 1000000: expected a whole number"},
       {"--data ../s --noise loud --out b", 2, "--noise is [prediction,]read=V,shot=V"},
+      {"--data ../s --plan x --collect --out b", 2, "--plan and --collect cannot be combined"},
+      {"--data ../s --plan x --jobs 2 --out b", 2, "--jobs has no effect with --plan"},
       {"--data ../s --json --out b", 2, "unknown option '--json'"},
       {"--data ../s extra --out b", 2, "unexpected argument 'extra'"},
       {"--data nowhere --out b", 1, "nowhere: no such folder"},
@@ -348,6 +402,8 @@ int main(void) {
                                      cmocka_unit_test(test_without_gnuplot),
                                      cmocka_unit_test(test_nothing_is_done_twice),
                                      cmocka_unit_test(test_damage),
+                                     cmocka_unit_test(test_jobs),
+                                     cmocka_unit_test(test_parallel),
                                      cmocka_unit_test(test_other_pictures),
                                      cmocka_unit_test(test_noise_is_a_setting),
                                      cmocka_unit_test(test_stop),

@@ -23,6 +23,12 @@ static const sv_option table[] = {
      "datasets with files transforms_train_DEVICE[_thetaT].json", 0, 0, 0},
     {"quick", SV_OPT_FLAG, LAB_TABLES, 0, AT(is_quick), 0, "only the first dataset, fewer points and steps",
      0, 0, 0},
+    {"plan", SV_OPT_TEXT, LAB_TABLES, 0, AT(plan), "FILE",
+     "write the missing runs as jobs, one line of shell each, instead of running them", 0, 0, 0},
+    {"collect", SV_OPT_FLAG, LAB_TABLES, 0, AT(is_collected), 0,
+     "run nothing: make the tables of the results that are there, and tell what is missing", 0, 0, 0},
+    {"jobs", SV_OPT_INT, LAB_TABLES, 0, AT(n_jobs), "N",
+     "run so many jobs at a time, by GNU parallel (as many as there are CPUs for)", 1, 1024, 0},
     {"transforms", SV_OPT_TEXT, DATA, 0, AT(transforms), "FILE",
      "training file (transforms_train.json, else transforms.json with every 8th view held out)", 0, 0, 0},
     {"exposures", SV_OPT_INT, LAB_TRAIN, 0, AT(exposures), "N",
@@ -166,8 +172,8 @@ static const sv_option table[] = {
      0, 0, 0},
     {"unit", SV_OPT_REAL, LAB_IMPORT, 0, AT(unit_m), "M", "with --rig: meters per unit of the poses (1)",
      1e-9, 1e9, 0},
-    {"threads", SV_OPT_INT, DATA | LAB_BENCH | LAB_TABLES, 0, AT(threads), "N", "threads (all CPUs)", 1, 64,
-     0},
+    {"threads", SV_OPT_INT, LAB_TABLES, 0, AT(threads), "N", "threads of each job (1)", 1, 64, 0},
+    {"threads", SV_OPT_INT, DATA | LAB_BENCH, 0, AT(threads), "N", "threads (all CPUs)", 1, 64, 0},
     {"eval", SV_OPT_FLAG, LAB_TRAIN, 0, AT(is_eval), 0,
      "evaluate at the end on split test (test_near with --exposures 1)", 0, 0, 0},
     {"json", SV_OPT_FLAG, LAB_TRAIN | LAB_EVAL | LAB_BENCH | LAB_MEASURE, 0, AT(is_json), 0,
@@ -213,6 +219,10 @@ static int check_together(const sv_tool_command *c, const lab_options *o) {
     return lab_usage(c->name, "--keep, --baseline, --focal and --focus need --from lenslet");
   if (o->steps >= 0 && o->time_limit_s >= 0)
     return lab_usage(c->name, "--steps and --time-limit cannot be combined");
+  if (c->bit == LAB_TABLES && o->plan && o->is_collected)
+    return lab_usage(c->name, "--plan and --collect cannot be combined");
+  if (c->bit == LAB_TABLES && o->n_jobs > 0 && (o->plan || o->is_collected))
+    return lab_usage(c->name, "--jobs has no effect with --%s", o->plan ? "plan" : "collect");
   if (c->bit == LAB_TRAIN && !o->is_eval && (o->mask || o->has_lpips))
     return lab_usage(c->name, "--%s needs --eval", o->mask ? "mask" : "lpips");
   sv_dynamic_cfg scratch = sv_dynamic_defaults();
@@ -327,6 +337,7 @@ int lab_args_parse(const sv_tool_command *c, int argc, char **argv, lab_options 
                      .voxel = -1,
                      .view = -1,
                      .min_views = -1,
+                     .n_jobs = -1,
                      .baseline_m = -1,
                      .focal_px = -1,
                      .focus_m = -1,

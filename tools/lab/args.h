@@ -34,6 +34,9 @@ typedef struct {
   const char *method, *motion, *camera, *prior, *init, *background, *loss, *mask, *masks, *noise, *antialias,
       *optimizer;
   bool is_noise_on_prediction;
+  const char *plan; // of tables, like the next two
+  bool is_collected;
+  long n_jobs;
   long exposures, gaussians, sh, steps, scale, seed, threads, orbit, frames, keep, spz_version;
   double time_limit_s, baseline_m, focal_px, focus_m;
   const char *rig, *stream;

@@ -100,9 +100,14 @@ static const lab_command commands[] = {
       "Trains and scores all devices of the datasets (Blender scenes, or those of 'import --from sim') with "
       "1 and 3\nexposures, over angles, numbers of exposures, initializations, TV and numbers of Gaussians. "
       "Writes tables.md\nwith the paper's results beside ours, CSV files, plots (with gnuplot) and a contact "
-      "sheet per scene. Results\nstay in DIR/runs; run a stopped command again to continue.",
+      "sheet per scene. Each run is a "
+      "job of its\nown, whose results stay in DIR/runs; run a stopped command again to continue. --plan "
+      "writes the jobs for\nother engines: GNU parallel, make (tools/tables/jobs.mk), Slurm "
+      "(tools/tables/tables.sbatch).",
       "  subview-lab import --from sim textured --out scene\n"
-      "  subview-lab tables --data scene --quick --out tables",
+      "  subview-lab tables --data scene --quick --out tables\n"
+      "  subview-lab tables --data scene --out tables --plan jobs.txt && parallel < jobs.txt\n"
+      "  subview-lab tables --data scene --out tables --collect",
       LAB_TABLES},
      lab_cmd_tables},
     {{"bench", "[options]", "time training steps and kernels",

@@ -45,6 +45,17 @@ static sv_status leave_multiplexed(tables *t, sv_err *err) {
   return SV_OK;
 }
 
+// Lines of jobs have its whole path.
+static sv_status open_out(tables *t, sv_err *err) {
+  sv_status s = lab_session_folder(&t->session, t->o->out, err);
+  if (s != SV_OK) return s;
+  char *real = realpath(t->o->out, NULL);
+  if (!real || !sv_copy(t->out, sizeof t->out, real))
+    s = sv_fail(err, SV_E_RANGE, "%.200s: its whole path is too long", t->o->out);
+  free(real);
+  return s;
+}
+
 static sv_status work(tables *t, sv_err *err) {
   bool has_plots = false;
   sv_status s = sv_linux_catch_signals(err);
@@ -57,14 +68,15 @@ static sv_status work(tables *t, sv_err *err) {
     return sv_fail(err, SV_E_UNSUPPORTED, "%s: moving and still scenes have different tables; name one kind",
                    t->o->data);
   if (n_dynamic > 0) {
-    s = lab_session_folder(&t->session, t->o->out, err);
-    return s == SV_OK ? tables_dynamic(t, &t->n_runs, err) : s;
+    s = open_out(t, err);
+    return s == SV_OK ? tables_dynamic(t, err) : s;
   }
   if (s == SV_OK) s = tables_plan(t, err);
   if (s == SV_OK && t->n_runs == 0)
     s = sv_fail(err, SV_E_NOT_FOUND, "%s: no device has an exposure to train on", t->o->data);
-  if (s == SV_OK) s = lab_session_folder(&t->session, t->o->out, err);
+  if (s == SV_OK) s = open_out(t, err);
   if (s == SV_OK) s = tables_run_all(t, err);
+  if (t->o->plan) return s;
   if (s == SV_OK) s = tables_write_csv(t, err);
   if (s == SV_OK) s = tables_write_sheets(t, err);
   if (s == SV_OK) s = tables_write_plots(t, &has_plots, err);
@@ -80,12 +92,16 @@ int lab_cmd_tables(const lab_options *o) {
   t->n_gaussians = o->gaussians > 0 ? o->gaussians : o->is_quick ? QUICK_GAUSSIANS : GAUSSIANS;
   t->n_steps = o->steps > 0 ? o->steps : o->is_quick ? QUICK_STEPS : STEPS;
   t->seed = o->seed >= 0 ? o->seed : 1;
+  const long n_cpus = sysconf(_SC_NPROCESSORS_ONLN);
+  t->n_threads = o->threads > 0 ? o->threads : 1;
+  t->n_jobs = o->n_jobs > 0 ? o->n_jobs : n_cpus > t->n_threads ? n_cpus / t->n_threads : 1;
   // the runs have threads, not we
   sv_status s = lab_session_start(&t->session, 1, o->is_quiet, &err);
-  t->session.lines.live_period_ns = 60 * SV_NS_PER_S; // each run says a line in a log when it ends
   if (s == SV_OK) s = work(t, &err);
   sv_linux_console_finish(&t->session.lines);
   if (s != SV_OK) code = lab_failed(&t->session, &err);
+  else if (o->plan)
+    lab_say(&t->session, "%s: %d jobs, one a line; then subview-lab tables --collect", o->plan, t->n_missing);
   else
     lab_say(&t->session, "%s/tables.md: %d runs; also CSV files%s", o->out, t->n_runs,
             t->n_scenes > 0 && t->scenes[0].is_dynamic ? " and plots" : ", plots and contact sheets");

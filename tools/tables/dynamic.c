@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "src/base/str.h"
+#include "tools/tables/jobs.h"
 #include "tools/tables/plot.h"
 
 enum { MODE_CLIP, MODE_FIELD, N_MODES };
@@ -24,131 +25,133 @@ typedef struct {
 typedef struct {
   tables *t;
   row *rows;
-  int n, i_now;
-  const char *doing;
-  char threads[24]; // empty: all
-  char out[16 << 10], folder[SV_CAP_PATH], log[SV_CAP_PATH], model[SV_CAP_PATH];
+  int n;
 } job;
 
-static void tick(void *self) {
-  const job *j = self;
-  const row *r = &j->rows[j->i_now];
-  const sv_console *c = &j->t->session.console;
-  char line[200];
-  snprintf(line, sizeof line, "run %d of %d: %s, %s, %s: %s", j->i_now + 1, j->n,
-           j->t->scenes[r->i_scene].name, tables_device_words[r->device], mode_names[r->mode], j->doing);
-  c->log(c->self, SV_LOG_LIVE, line);
-}
+#define TRAIN "train.out.json"
+#define TIME  "time.out.json"
 
 static const char *file_of(const tables *t, int i_scene, int device) {
   const tables_capture *c = &t->scenes[i_scene].of[device];
   return c->files[c->i_main].transforms;
 }
 
-// Runs a command of this program, or takes what it printed when it was run before; kept in
-// FOLDER/name.
-static sv_status child(job *j, const char *name, char **argv, const char *doing, sv_err *err) {
-  char path[SV_CAP_PATH];
-  void *text;
-  size_t bytes;
-  j->doing = doing;
-  sv_status s = sv_path_join(path, sizeof path, j->folder, name, err);
-  if (s == SV_OK && sv_path_exists(path) && sv_file_read(path, &text, &bytes, err) == SV_OK) {
-    size_t n = bytes < sizeof j->out - 1 ? bytes : sizeof j->out - 1;
-    memcpy(j->out, text, n);
-    j->out[n] = 0;
-    free(text);
-    return SV_OK;
-  }
-  tables_child c = {j->t->program, j->log, argv, &j->t->session, tick, j};
-  if (s == SV_OK) s = tables_child_run(&c, j->out, sizeof j->out, err);
-  return s == SV_OK ? sv_file_write(path, j->out, strlen(j->out), err) : s;
-}
-
-// An option that was given is passed on; returns what follows it.
-static const char **pass_on(const char **to, const char *option, const char *value) {
-  if (!value || !*value) return to;
-  to[0] = option;
-  to[1] = value;
-  to[2] = NULL;
-  return to + 2;
-}
-
-static sv_status train(job *j, row *r, sv_err *err) {
-  const tables *t = j->t;
-  char n_gaussians[24], n_steps[24], seed[24];
-  snprintf(n_gaussians, sizeof n_gaussians, "%ld", t->n_gaussians);
-  snprintf(n_steps, sizeof n_steps, "%ld", t->n_steps);
-  snprintf(seed, sizeof seed, "%ld", t->seed);
-  const char *argv[30] = {"subview-lab",  "train",
-                          "--data",       t->scenes[r->i_scene].folder,
-                          "--transforms", file_of(t, r->i_scene, r->device),
-                          "--model",      "4dgs",
-                          "--motion",     mode_names[r->mode],
-                          "--gaussians",  n_gaussians,
-                          "--steps",      n_steps,
-                          "--seed",       seed,
-                          "--eval",       "--lpips",
-                          "--json",       "--out",
-                          j->folder};
-  const char **more = argv;
-  while (*more) more++;
-  more = pass_on(more, "--noise", t->o->noise);
-  pass_on(more, "--threads", j->threads);
-  sv_status s = child(j, "train.out.json", (char **)(uintptr_t)argv, "training", err);
-  if (s == SV_OK) s = tables_result_train(&r->train, j->out, err);
-  return s == SV_OK ? tables_result_eval(&r->novel, j->out, err) : s;
-}
-
-static sv_status score_time(job *j, row *r, sv_err *err) {
-  const tables *t = j->t;
-  const char *argv[] = {"subview-lab",
-                        "eval",
-                        "--data",
-                        t->scenes[r->i_scene].folder,
-                        "--transforms",
-                        file_of(t, r->i_scene, TABLES_MONO),
-                        "--model",
-                        j->model,
-                        "--split",
-                        "test_time",
-                        "--lpips",
-                        "--json",
-                        *j->threads ? "--threads" : NULL,
-                        j->threads,
-                        NULL};
-  sv_status s = child(j, "time.out.json", (char **)(uintptr_t)argv, "scoring held-out times", err);
-  return s == SV_OK ? tables_result_eval(&r->time, j->out, err) : s;
-}
-
 // What was made with other noise is another run's.
-static void name_run(const tables *t, const row *r, char *out, size_t cap) {
+static void name_run(const tables *t, const row *r, char out[TABLES_CAP_KEY]) {
   const tables_capture *c = &t->scenes[r->i_scene].of[r->device];
   char noise[80] = "";
   if (t->o->noise)
     snprintf(noise, sizeof noise, "_noise%s_%.9g_%.9g", t->o->is_noise_on_prediction ? "_prediction" : "",
              (double)t->o->noise_read, (double)t->o->noise_shot);
-  snprintf(out, cap, "runs/dynamic_%s_%s_%s_g%ld_s%ld_seed%ld%s_%08x", t->scenes[r->i_scene].name,
+  snprintf(out, TABLES_CAP_KEY, "dynamic_%s_%s_%s_g%ld_s%ld_seed%ld%s_%08x", t->scenes[r->i_scene].name,
            tables_device_names[r->device], mode_names[r->mode], t->n_gaussians, t->n_steps, t->seed, noise,
            (unsigned)c->files[c->i_main].digest);
 }
 
-static sv_status measure(job *j, row *r, sv_err *err) {
-  const tables *t = j->t;
-  char name[300];
-  name_run(t, r, name, sizeof name);
-  sv_status s = sv_path_join(j->folder, sizeof j->folder, t->o->out, name, err);
-  if (s == SV_OK) s = sv_path_make_folder(j->folder, err);
-  if (s == SV_OK) s = sv_path_join(j->log, sizeof j->log, j->folder, "log.txt", err);
-  if (s == SV_OK) s = sv_path_join(j->model, sizeof j->model, j->folder, "model.ply", err);
-  if (s == SV_OK) s = train(j, r, err);
-  if (s == SV_OK) s = score_time(j, r, err);
-  if (s == SV_OK)
-    lab_say(&j->t->session,
-            "run %d of %d: %s, %s, %s: held-out cameras %.2f dB, held-out times %.2f dB, %.1f s",
-            j->i_now + 1, j->n, t->scenes[r->i_scene].name, tables_device_words[r->device],
-            mode_names[r->mode], r->novel.of[TABLES_PSNR], r->time.of[TABLES_PSNR], r->train.seconds);
-  return s;
+typedef struct {
+  char n_gaussians[24], n_steps[24], seed[24], threads[24];
+} numbers;
+
+static sv_status job_of(tables_job *j, const tables *t, const row *r, numbers *n, sv_err *err) {
+  char key[TABLES_CAP_KEY];
+  const char *data = t->scenes[r->i_scene].folder;
+  name_run(t, r, key);
+  sv_status st = tables_job_begin(j, t, key, err);
+  if (st != SV_OK) return st;
+  j->is_model_kept = true;
+  snprintf(j->what, sizeof j->what, "%s, %s, %s", t->scenes[r->i_scene].name, tables_device_words[r->device],
+           mode_names[r->mode]);
+  snprintf(n->n_gaussians, sizeof n->n_gaussians, "%ld", t->n_gaussians);
+  snprintf(n->n_steps, sizeof n->n_steps, "%ld", t->n_steps);
+  snprintf(n->seed, sizeof n->seed, "%ld", t->seed);
+  snprintf(n->threads, sizeof n->threads, "%ld", t->n_threads);
+  tables_step *s = tables_job_step(j, TRAIN, "train");
+  s->must_have_steps = t->n_steps;
+  tables_job_add(s, "--data", data);
+  tables_job_add(s, "--transforms", file_of(t, r->i_scene, r->device));
+  tables_job_add(s, "--model", "4dgs");
+  tables_job_add(s, "--motion", mode_names[r->mode]);
+  tables_job_add(s, "--gaussians", n->n_gaussians);
+  tables_job_add(s, "--steps", n->n_steps);
+  tables_job_add(s, "--seed", n->seed);
+  tables_job_add(s, "--eval", NULL);
+  tables_job_add(s, "--lpips", NULL);
+  if (t->o->noise) tables_job_add(s, "--noise", t->o->noise);
+  tables_job_add(s, "--threads", n->threads);
+  tables_job_add(s, "--json", NULL);
+  tables_job_add(s, "--out", "$d");
+  s = tables_job_step(j, TIME, "eval");
+  tables_job_add(s, "--data", data);
+  tables_job_add(s, "--transforms", file_of(t, r->i_scene, TABLES_MONO));
+  tables_job_add(s, "--model", "$d/model.ply");
+  tables_job_add(s, "--split", "test_time");
+  tables_job_add(s, "--lpips", NULL);
+  tables_job_add(s, "--threads", n->threads);
+  tables_job_add(s, "--json", NULL);
+  return SV_OK;
+}
+
+static bool take(const job *j, row *r, const tables_job *from, const char *file) {
+  char *text;
+  sv_err err;
+  double wall_s = 0;
+  sv_status s = tables_job_read(from, file, &text, &err);
+  const bool is_train = strcmp(file, TRAIN) == 0;
+  if (s == SV_OK && is_train) s = tables_result_train(&r->train, text, &err);
+  if (s == SV_OK) s = tables_result_eval(is_train ? &r->novel : &r->time, &wall_s, text, &err);
+  free(text);
+  if (s != SV_OK && s != SV_E_NOT_FOUND) tables_job_drop(from, j->t, file, &err);
+  return s == SV_OK;
+}
+
+// How many runs are there; with f, the lines of the others.
+static sv_status look(const job *j, FILE *f, int *n_done, sv_err *err) {
+  *n_done = 0;
+  for (int i = 0; i < j->n; i++) {
+    row *r = &j->rows[i];
+    numbers n;
+    tables_job one;
+    sv_status s = job_of(&one, j->t, r, &n, err);
+    if (s != SV_OK) return s;
+    const bool is_trained = take(j, r, &one, TRAIN), is_scored = take(j, r, &one, TIME);
+    if (is_trained && is_scored) ++*n_done;
+    else {
+      r->train = tables_no_result();
+      r->novel = r->time = r->train.score[0];
+      if (f) tables_job_line(&one, j->t, f);
+    }
+  }
+  return SV_OK;
+}
+
+static sv_status run_jobs(const job *j, sv_err *err) {
+  tables *t = j->t;
+  char path[SV_CAP_PATH];
+  int n_done = 0;
+  sv_status s = sv_path_join(path, sizeof path, t->out, "jobs.txt", err);
+  if (s == SV_OK && t->o->plan && !sv_copy(path, sizeof path, t->o->plan))
+    s = sv_fail(err, SV_E_RANGE, "--plan %.80s: too long", t->o->plan);
+  FILE *f = s == SV_OK && !t->o->is_collected ? sv_stream_open(path, err) : NULL;
+  if (s == SV_OK && !t->o->is_collected && !f) s = SV_E_IO;
+  if (s == SV_OK) s = look(j, f, &n_done, err);
+  if (f) {
+    const sv_status saved = sv_stream_save(f, err);
+    if (s == SV_OK) s = saved;
+  }
+  if (s != SV_OK) return s;
+  t->n_missing = j->n - n_done;
+  lab_say(&t->session, "%d runs, %d already done", j->n, n_done);
+  if (t->o->plan || t->o->is_collected || !t->n_missing) return SV_OK;
+  s = tables_jobs_run(t, path, err);
+  sv_err other;
+  if (look(j, NULL, &n_done, &other) == SV_OK) t->n_missing = j->n - n_done;
+  if (s == SV_E_INTERRUPTED)
+    return sv_fail(err, s,
+                   "stopped by request with %d of %d runs done; run the same command again to continue",
+                   n_done, j->n);
+  if (s == SV_OK && !t->n_missing) return SV_OK;
+  return sv_fail(err, SV_E_DEVICE, "%d of %d runs failed: see log.txt of each in %.150s/runs", t->n_missing,
+                 j->n, t->o->out);
 }
 
 // --- what is written -----------------------------------------------------------------------------
@@ -270,7 +273,7 @@ static sv_status write_file(const job *j, const char *name, bool is_csv, bool ha
   return sv_stream_save(f, err);
 }
 
-sv_status tables_dynamic(tables *t, int *n_runs, sv_err *err) {
+sv_status tables_dynamic(tables *t, sv_err *err) {
   job *j = calloc(1, sizeof *j);
   if (j) j->rows = calloc((size_t)t->n_scenes * N_MODES * TABLES_N_DEVICES, sizeof *j->rows);
   if (!j || !j->rows) {
@@ -278,19 +281,22 @@ sv_status tables_dynamic(tables *t, int *n_runs, sv_err *err) {
     return sv_fail(err, SV_E_NOMEM, "no memory for the runs");
   }
   j->t = t;
-  if (t->o->threads > 0) snprintf(j->threads, sizeof j->threads, "%ld", t->o->threads);
   for (int i = 0; i < t->n_scenes; i++)
     for (int m = 0; m < N_MODES; m++)
       for (int d = 0; d < N_DEVICES; d++)
         if (t->scenes[i].of[devices[d]].n)
           j->rows[j->n++] = (row){.i_scene = i, .device = devices[d], .mode = m};
-  sv_status s = SV_OK;
-  for (j->i_now = 0; j->i_now < j->n && s == SV_OK; j->i_now++) s = measure(j, &j->rows[j->i_now], err);
+  t->n_runs = j->n;
+  sv_status s = run_jobs(j, err);
   bool has_pictures = false;
-  if (s == SV_OK) s = write_file(j, "dynamic.csv", true, false, err);
+  if (s != SV_OK || t->o->plan) {
+    free(j->rows);
+    free(j);
+    return s;
+  }
+  s = write_file(j, "dynamic.csv", true, false, err);
   if (s == SV_OK) s = write_plots(j, &has_pictures, err);
   if (s == SV_OK) s = write_file(j, "tables.md", false, has_pictures, err);
-  *n_runs = j->n;
   free(j->rows);
   free(j);
   return s;

@@ -25,6 +25,8 @@ static const char *exposures_word(int n) { return n == 1 ? "exposure" : "exposur
 static void put_measured(const page *p) {
   const tables *t = p->t;
   const tables_result *first = &t->runs[0].result;
+  for (int i = 0; i < t->n_runs; i++)
+    if (t->runs[i].is_done) first = &t->runs[i].result;
   double wall_s = 0;
   int n_other = 0;
   for (int i = 0; i < t->n_runs; i++) {
@@ -48,6 +50,9 @@ static void put_measured(const page *p) {
       "\n`s` is the time of the training alone, `block` the one memory block of the training and `RSS` the "
       "process's peak, both in MB and the largest of the row's runs; all other figures are means over the "
       "row's runs. LPIPS is that of SqueezeNet (v0.1). Depth: expected depth against the true one.\n");
+  if (t->n_missing)
+    fprintf(p->f, "\n**%d of the %d runs are missing.** Rows that need them have no figures.\n", t->n_missing,
+            t->n_runs);
   if (n_other)
     fprintf(p->f,
             "\n**%d of the %d results come from another build of this program.** Remove `runs/` to measure "
@@ -181,8 +186,11 @@ static void put_gains(const page *p) {
     if (!mono || r == mono) continue;
     tables_figures a = tables_row_mean(p->t, r).figures, m = tables_row_mean(p->t, mono).figures,
                    x = tables_paper(r->n_exposures, r->device), y = tables_paper(r->n_exposures, TABLES_MONO);
-    fprintf(p->f, "| %d | %s | %+.2f dB | %+.2f dB |", r->n_exposures, tables_device_words[r->device],
-            a.of[TABLES_PSNR] - m.of[TABLES_PSNR], x.of[TABLES_PSNR] - y.of[TABLES_PSNR]);
+    const double gain = a.of[TABLES_PSNR] - m.of[TABLES_PSNR];
+    char ours_db[40] = "-";
+    if (!isnan(gain)) snprintf(ours_db, sizeof ours_db, "%+.2f dB", gain);
+    fprintf(p->f, "| %d | %s | %s | %+.2f dB |", r->n_exposures, tables_device_words[r->device], ours_db,
+            x.of[TABLES_PSNR] - y.of[TABLES_PSNR]);
     double ours = a.of[TABLES_ABS_REL] / m.of[TABLES_ABS_REL];
     if (isnan(ours)) fprintf(p->f, " - |");
     else fprintf(p->f, " x %.2f |", ours);
@@ -196,6 +204,9 @@ static void put_count_sentence(const page *p) {
   for (int i = 0; i < b->n; i++)
     if (b->rows[i].device < 0) *(few ? &many : &few) = &b->rows[i];
   if (!few || !many) return;
+  if (isnan(tables_row_mean(p->t, few).figures.of[TABLES_PSNR] +
+            tables_row_mean(p->t, many).figures.of[TABLES_PSNR]))
+    return;
   double a = tables_row_mean(p->t, few).figures.of[TABLES_PSNR],
          z = tables_row_mean(p->t, many).figures.of[TABLES_PSNR];
   fprintf(p->f, "\n%s Gaussians: %.2f dB, %s: %.2f dB, means over devices and scenes: fewer are %s.\n",
@@ -227,7 +238,8 @@ static void put_tv_sentence(const page *p) {
     const tables_row *on = &b->rows[i], *off = &b->rows[i + 1];
     bool is_same = on->n_runs == off->n_runs;
     for (int k = 0; k < on->n_runs && is_same; k++)
-      is_same = sv_str_eq(p->t->runs[on->runs[k]].result.digest, p->t->runs[off->runs[k]].result.digest);
+      is_same = p->t->runs[on->runs[k]].is_done &&
+                sv_str_eq(p->t->runs[on->runs[k]].result.digest, p->t->runs[off->runs[k]].result.digest);
     if (is_same)
       fprintf(p->f, "\nThe two models of the %s are the same: its objective had no TV to take away.\n",
               tables_device_words[on->device]);

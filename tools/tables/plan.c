@@ -37,18 +37,17 @@ static void name_run(const tables *t, tables_run *r) {
   const tables_setting *s = &r->set;
   const tables_scene *sc = &t->scenes[s->i_scene];
   const tables_file *f = tables_file_of(t, s);
-  char angle[40] = "", threads[24] = "all";
-  if (t->o->threads > 0) snprintf(threads, sizeof threads, "%ld", t->o->threads);
+  char angle[40] = "", settings[TABLES_CAP_SETTINGS];
   if (f->theta_deg >= 0) snprintf(angle, sizeof angle, "_theta%g", f->theta_deg);
   snprintf(
-      r->settings, sizeof r->settings,
+      settings, sizeof settings,
       "scene %s; file %s %016llx; views %016llx; exposures %d; gaussians %ld; steps %ld; init %s; tv %s; "
-      "noise %s%.9g %.9g; seed %ld; threads %s",
+      "noise %s%.9g %.9g; seed %ld",
       sc->name, f->transforms, (unsigned long long)f->digest, (unsigned long long)sc->digest, s->n_exposures,
       s->n_gaussians, t->n_steps, s->is_cube ? "cube" : "sphere", s->is_tv_off ? "off" : "on",
       t->o->is_noise_on_prediction ? "prediction " : "", (double)t->o->noise_read, (double)t->o->noise_shot,
-      t->seed, threads);
-  uint64_t h = tables_hash(TABLES_HASH, r->settings, strlen(r->settings));
+      t->seed);
+  uint64_t h = tables_hash(TABLES_HASH, settings, strlen(settings));
   snprintf(r->key, sizeof r->key, "%s_%s%s_e%d_g%ld_s%ld%s%s_%08x", sc->name, tables_device_names[s->device],
            angle, s->n_exposures, s->n_gaussians, t->n_steps, s->is_cube ? "_cube" : "",
            s->is_tv_off ? "_notv" : "", (unsigned)(h ^ h >> 32));

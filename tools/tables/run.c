@@ -1,266 +1,222 @@
 // SPDX-License-Identifier: Apache-2.0
-// The runs: each trains, is scored and, for the contact sheet, renders its near views, in
-// OUT/runs/KEY. result.json is written last, so what a stopped command leaves unfinished is done
-// again and nothing else is.
+// The runs of the tables of still scenes as jobs: each trains, is scored and, for the contact
+// sheet, renders its near views, in OUT/runs/KEY, whose name has a hash of settings and data.
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
-#include "src/base/str.h"
-#include "tools/tables/tables.h"
+#include "tools/tables/jobs.h"
 
-#define MAX_ARGS  40
-#define CAP_JSON  (16 << 10)
-#define TRUSTED_S 15.0 // the nominal speed counts as much as this many seconds of measurements
+#define TRAIN "train.out.json"
+#define VIEWS "views.out"
 
-// What the commands of one run share.
+static const char *const score_files[TABLES_N_SPLITS] = {"near.out.json", "test.out.json"};
+
+// The numbers of a line, as text.
 typedef struct {
-  tables *t;
-  tables_run *r;
-  char folder[SV_CAP_PATH], model[SV_CAP_PATH], log[SV_CAP_PATH], result[SV_CAP_PATH], views[SV_CAP_PATH];
-  char out[CAP_JSON];
-  double t0_s;
-  const char *doing;
-  double *done_cost, *done_s; // of the runs of this session
-  int i_run, n_left;
-} job;
+  char n_exposures[24], n_gaussians[24], n_steps[24], seed[24], threads[24];
+} numbers;
 
-// --- progress ------------------------------------------------------------------------------------
-
-static double left_s(const job *j, double into_s) {
-  double cost = 0, speed = (TRUSTED_S + *j->done_s) / (TRUSTED_S + *j->done_cost);
-  for (int i = 0; i < j->t->n_runs; i++)
-    if (!j->t->runs[i].is_done) cost += j->t->runs[i].cost;
-  cost = cost * speed - into_s;
-  return cost > 0 ? cost : 0;
+static const char *text_of(char out[24], long v) {
+  snprintf(out, 24, "%ld", v);
+  return out;
 }
 
-static void clock_text(char *out, size_t cap, double s) {
-  long v = (long)(s + 0.5);
-  if (v >= 3600) snprintf(out, cap, "%ld:%02ld:%02ld", v / 3600, v / 60 % 60, v % 60);
-  else snprintf(out, cap, "%ld:%02ld", v / 60, v % 60);
+static void add_threads(tables_step *s, const tables *t, numbers *n) {
+  tables_job_add(s, "--threads", text_of(n->threads, t->n_threads));
 }
 
-static void tick(void *self) {
-  const job *j = self;
-  const sv_console *c = &j->t->session.console;
-  char line[400], what[200], eta[40];
-  double into = lab_seconds(&j->t->session) - j->t0_s;
-  tables_describe(j->t, j->r, what, sizeof what);
-  clock_text(eta, sizeof eta, left_s(j, into));
-  snprintf(line, sizeof line, "run %d of %d: %s: %s, %.0f s, ETA %s", j->i_run, j->t->n_runs, what, j->doing,
-           into, eta);
-  c->log(c->self, SV_LOG_LIVE, line);
+static void add_train(tables_job *j, const tables *t, const tables_run *r, numbers *n) {
+  const tables_setting *set = &r->set;
+  tables_step *s = tables_job_step(j, TRAIN, "train");
+  s->must_have_steps = t->n_steps;
+  tables_job_add(s, "--data", t->scenes[set->i_scene].folder);
+  tables_job_add(s, "--transforms", tables_file_of(t, set)->transforms);
+  tables_job_add(s, "--exposures", text_of(n->n_exposures, set->n_exposures));
+  tables_job_add(s, "--gaussians", text_of(n->n_gaussians, set->n_gaussians));
+  tables_job_add(s, "--steps", text_of(n->n_steps, t->n_steps));
+  tables_job_add(s, "--seed", text_of(n->seed, t->seed));
+  tables_job_add(s, "--init", set->is_cube ? "cube" : "sphere");
+  if (set->is_tv_off) tables_job_add(s, "--loss", "tv=0,tv_novel=0");
+  if (t->o->noise) tables_job_add(s, "--noise", t->o->noise);
+  add_threads(s, t, n);
+  tables_job_add(s, "--json", NULL);
+  tables_job_add(s, "--out", "$d");
 }
 
-static void say_done(const job *j) {
-  char what[200], eta[40];
-  int split = j->r->needs[TABLES_NEAR] ? TABLES_NEAR : TABLES_TEST;
-  tables_describe(j->t, j->r, what, sizeof what);
-  clock_text(eta, sizeof eta, left_s(j, 0));
-  lab_say(&j->t->session, "run %d of %d: %s: PSNR %.2f dB, %.1f s, ETA %s", j->i_run, j->t->n_runs, what,
-          j->r->result.score[split].of[TABLES_PSNR], j->r->result.wall_s, eta);
+static void add_score(tables_job *j, const tables *t, const tables_run *r, int split, numbers *n) {
+  tables_step *s = tables_job_step(j, score_files[split], "eval");
+  tables_job_add(s, "--data", t->scenes[r->set.i_scene].folder);
+  tables_job_add(s, "--model", "$d/model.ply");
+  tables_job_add(s, "--split", tables_split_names[split]);
+  if (t->scenes[r->set.i_scene].has_depth) tables_job_add(s, "--depth", NULL);
+  tables_job_add(s, "--lpips", NULL);
+  add_threads(s, t, n);
+  tables_job_add(s, "--json", NULL);
 }
 
-// --- commands ------------------------------------------------------------------------------------
-
-typedef struct {
-  char *v[MAX_ARGS];
-  int n;
-  char numbers[8][24];
-  int n_numbers;
-} words;
-
-static void add(words *w, const char *word) {
-  if (w->n < MAX_ARGS - 1) w->v[w->n++] = (char *)(uintptr_t)word; // execv does not write to them
-  w->v[w->n] = NULL;
+static void add_render(tables_job *j, const tables *t, const tables_run *r, numbers *n) {
+  tables_step *s = tables_job_step(j, VIEWS, "render");
+  tables_job_add(s, "--data", t->scenes[r->set.i_scene].folder);
+  tables_job_add(s, "--model", "$d/model.ply");
+  tables_job_add(s, "--split", tables_split_names[TABLES_NEAR]);
+  tables_job_add(s, "--depth", NULL);
+  add_threads(s, t, n);
+  tables_job_add(s, "--out", "$d/views");
 }
 
-static void add_number(words *w, const char *option, long v) {
-  char *to = w->numbers[w->n_numbers++];
-  snprintf(to, sizeof w->numbers[0], "%ld", v);
-  add(w, option);
-  add(w, to);
+static sv_status job_of(tables_job *j, const tables *t, const tables_run *r, numbers *n, sv_err *err) {
+  sv_status s = tables_job_begin(j, t, r->key, err);
+  if (s != SV_OK) return s;
+  tables_describe(t, r, j->what, sizeof j->what);
+  j->is_model_kept = r->has_views;
+  add_train(j, t, r, n);
+  for (int k = 0; k < TABLES_N_SPLITS; k++)
+    if (r->needs[k]) add_score(j, t, r, k, n);
+  if (r->has_views) add_render(j, t, r, n);
+  return SV_OK;
 }
 
-// Name, command and what all commands share.
-static words begin(const job *j, const char *command) {
-  words w = {.n = 0};
-  add(&w, "subview-lab");
-  add(&w, command);
-  add(&w, "--data");
-  add(&w, j->t->scenes[j->r->set.i_scene].folder);
-  return w;
-}
+// --- what is there -------------------------------------------------------------------------------
 
-static sv_status run_child(job *j, words *w, const char *doing, sv_err *err) {
-  tables_child c = {j->t->program, j->log, w->v, &j->t->session, tick, j};
-  j->doing = doing;
-  return tables_child_run(&c, j->out, sizeof j->out, err);
-}
-
-static sv_status train(job *j, sv_err *err) {
-  const tables *t = j->t;
-  const tables_setting *s = &j->r->set;
-  words w = begin(j, "train");
-  add(&w, "--transforms");
-  add(&w, tables_file_of(t, s)->transforms);
-  add_number(&w, "--exposures", s->n_exposures);
-  add_number(&w, "--gaussians", s->n_gaussians);
-  add_number(&w, "--steps", t->n_steps);
-  add_number(&w, "--seed", t->seed);
-  add(&w, "--init");
-  add(&w, s->is_cube ? "cube" : "sphere");
-  if (s->is_tv_off) {
-    add(&w, "--loss");
-    add(&w, "tv=0,tv_novel=0");
-  }
-  if (t->o->noise) {
-    add(&w, "--noise");
-    add(&w, t->o->noise);
-  }
-  if (t->o->threads > 0) add_number(&w, "--threads", t->o->threads);
-  add(&w, "--json");
-  add(&w, "--out");
-  add(&w, j->folder);
-  sv_status st = run_child(j, &w, "training", err);
-  if (st == SV_OK) st = tables_result_train(&j->r->result, j->out, err);
-  if (st == SV_OK && j->r->result.steps != t->n_steps)
-    return sv_fail(err, SV_E_INTERRUPTED, "train ended after %ld of %ld steps", j->r->result.steps,
-                   t->n_steps);
-  return st;
-}
-
-static sv_status score(job *j, int split, sv_err *err) {
-  words w = begin(j, "eval");
-  add(&w, "--model");
-  add(&w, j->model);
-  add(&w, "--split");
-  add(&w, tables_split_names[split]);
-  if (j->t->scenes[j->r->set.i_scene].has_depth) add(&w, "--depth");
-  add(&w, "--lpips");
-  if (j->t->o->threads > 0) add_number(&w, "--threads", j->t->o->threads);
-  add(&w, "--json");
-  sv_status s = run_child(j, &w, "scoring", err);
-  return s == SV_OK ? tables_result_eval(&j->r->result.score[split], j->out, err) : s;
-}
-
-static sv_status render(job *j, sv_err *err) {
-  words w = begin(j, "render");
-  add(&w, "--model");
-  add(&w, j->model);
-  add(&w, "--split");
-  add(&w, tables_split_names[TABLES_NEAR]);
-  add(&w, "--depth");
-  if (j->t->o->threads > 0) add_number(&w, "--threads", j->t->o->threads);
-  add(&w, "--out");
-  add(&w, j->views);
-  return run_child(j, &w, "rendering", err);
-}
-
-// --- one run -------------------------------------------------------------------------------------
-
-static sv_status find_paths(job *j, sv_err *err) {
-  char name[TABLES_CAP_KEY + 8];
-  snprintf(name, sizeof name, "runs/%s", j->r->key);
-  sv_status s = sv_path_join(j->folder, sizeof j->folder, j->t->o->out, name, err);
-  if (s == SV_OK) s = sv_path_join(j->model, sizeof j->model, j->folder, "model.ply", err);
-  if (s == SV_OK) s = sv_path_join(j->log, sizeof j->log, j->folder, "log.txt", err);
-  if (s == SV_OK) s = sv_path_join(j->result, sizeof j->result, j->folder, "result.json", err);
-  if (s == SV_OK) s = sv_path_join(j->views, sizeof j->views, j->folder, "views", err);
+static sv_status take(const tables_job *j, const char *file, tables_run *r, int split, sv_err *err) {
+  char *text;
+  sv_status s = tables_job_read(j, file, &text, err);
+  if (s == SV_OK)
+    s = split < 0 ? tables_result_train(&r->result, text, err)
+                  : tables_result_eval(&r->result.score[split], &r->result.wall_s, text, err);
+  free(text);
   return s;
 }
 
-// Whether there is a whole result of these settings. Says so when there is one that cannot be used.
-static bool is_there(job *j, sv_err *err) {
-  char list[SV_CAP_PATH];
-  bool has_views =
-      !j->r->has_views || (sv_path_join(list, sizeof list, j->views, "views.json", err) == SV_OK &&
-                           sv_path_exists(list) && sv_path_exists(j->model));
-  sv_status s = tables_result_read(j->r, j->result, err);
-  if (s == SV_OK && has_views) return true;
-  if (s == SV_OK) lab_say(&j->t->session, "%s: its images are missing; measuring again", j->folder);
-  else if (s != SV_E_NOT_FOUND) lab_say(&j->t->session, "%s; measuring again", err->text);
-  return false;
+// Whether all of a run is there; what is damaged is told and, unless --collect, removed.
+static bool read_run(tables *t, tables_run *r, const tables_job *j) {
+  bool is_whole = true;
+  sv_err err;
+  char *text, path[SV_CAP_PATH];
+  r->result = tables_no_result();
+  for (int i = 0; i < j->n; i++) {
+    const char *file = j->step[i].file;
+    int split = i - 1;
+    for (int k = 0; k < TABLES_N_SPLITS; k++)
+      if (strcmp(file, score_files[k]) == 0) split = k;
+    sv_status s = SV_OK;
+    if (strcmp(file, VIEWS) != 0) s = take(j, file, r, split, &err);
+    else if ((s = tables_job_read(j, file, &text, &err)) == SV_OK) {
+      free(text);
+      s = sv_path_join(path, sizeof path, j->folder, "views/views.json", &err);
+      if (s == SV_OK && !sv_path_exists(path)) s = sv_fail(&err, SV_E_FORMAT, "its images are missing");
+    }
+    if (s != SV_OK && s != SV_E_NOT_FOUND) tables_job_drop(j, t, file, &err);
+    is_whole &= s == SV_OK;
+  }
+  if (tables_job_read(j, "build", &text, &err) == SV_OK)
+    sv_copy(r->result.build, sizeof r->result.build, text);
+  free(text);
+  if (!is_whole) r->result = tables_no_result(); // half a run would be half a row
+  return is_whole;
 }
 
-static sv_status measure(job *j, sv_err *err) {
-  tables_run *r = j->r;
-  j->t0_s = lab_seconds(&j->t->session);
-  memset(&r->result, 0, sizeof r->result);
-  sv_status s = sv_path_make_folder(j->folder, err);
-  if (s != SV_OK) return s;
-  unlink(j->log);
-  unlink(j->result);
-  s = train(j, err);
-  for (int k = 0; k < TABLES_N_SPLITS && s == SV_OK; k++)
-    if (r->needs[k]) s = score(j, k, err);
-  if (s == SV_OK && r->has_views) s = render(j, err);
-  if (s != SV_OK) return s;
-  if (!r->has_views) unlink(j->model); // a hundred of them would fill a disk
-  r->result.wall_s = lab_seconds(&j->t->session) - j->t0_s;
-  sv_copy(r->result.build, sizeof r->result.build, j->t->build);
-  s = tables_result_write(r, j->result, err);
-  // What is read back is what a later command will see: the same digits.
-  return s == SV_OK ? tables_result_read(r, j->result, err) : s;
-}
-
-static sv_status fail_run(const job *j, sv_status s, sv_err *err) {
-  char what[200];
-  sv_err cause = *err;
+static int read_all(tables *t, sv_err *err) {
+  numbers n;
+  tables_job j;
   int n_done = 0;
-  for (int i = 0; i < j->t->n_runs; i++) n_done += j->t->runs[i].is_done;
+  for (int i = 0; i < t->n_runs; i++) {
+    tables_run *r = &t->runs[i];
+    if (job_of(&j, t, r, &n, err) != SV_OK) return -1;
+    r->is_done = read_run(t, r, &j);
+    r->is_other_build = r->is_done && !sv_str_eq(r->result.build, t->build);
+    n_done += r->is_done;
+  }
+  return n_done;
+}
+
+// --- the command ---------------------------------------------------------------------------------
+
+static sv_status write_lines(const tables *t, const char *path, sv_err *err) {
+  numbers n;
+  tables_job j;
+  sv_status s = SV_OK;
+  FILE *f = sv_stream_open(path, err);
+  if (!f) return SV_E_IO;
+  for (int i = 0; i < t->n_runs && s == SV_OK; i++) {
+    if (t->runs[i].is_done) continue;
+    s = job_of(&j, t, &t->runs[i], &n, err);
+    if (s == SV_OK) tables_job_line(&j, t, f);
+  }
+  const sv_status saved = sv_stream_save(f, err);
+  return s == SV_OK ? saved : s;
+}
+
+static const tables_run *first_missing(const tables *t) {
+  for (int i = 0; i < t->n_runs; i++)
+    if (!t->runs[i].is_done) return &t->runs[i];
+  return NULL;
+}
+
+// The sentence of the job that failed.
+static sv_status fail_job(const tables *t, sv_err *err) {
+  const sv_err why = *err;
+  for (int i = 0; i < t->n_runs; i++) {
+    char what[200], said[200] = "", path[SV_CAP_PATH];
+    numbers n;
+    tables_job j;
+    if (t->runs[i].is_done || job_of(&j, t, &t->runs[i], &n, err) != SV_OK) continue;
+    if (sv_path_join(path, sizeof path, j.folder, "log.txt", err) != SV_OK || !sv_path_exists(path)) continue;
+    lab_last_line(path, said, sizeof said);
+    tables_describe(t, &t->runs[i], what, sizeof what);
+    return sv_fail(err, SV_E_DEVICE, "run %d (%s): %s", i + 1, what, *said ? said : why.text);
+  }
+  *err = why;
+  return SV_E_DEVICE;
+}
+
+static double cost_left_s(const tables *t) {
+  double s = 0;
+  for (int i = 0; i < t->n_runs; i++)
+    if (!t->runs[i].is_done) s += t->runs[i].cost;
+  return s;
+}
+
+static void say_state(tables *t, int n_done) {
+  int n_other = 0;
+  for (int i = 0; i < t->n_runs; i++) n_other += t->runs[i].is_other_build;
+  lab_say(&t->session, "%d runs, %d already done; the others take about %.0f s on two cores", t->n_runs,
+          n_done, cost_left_s(t));
+  if (n_other)
+    lab_say(&t->session,
+            "%d results come from another build of this program; remove %s/runs to measure them again",
+            n_other, t->o->out);
+}
+
+static sv_status run_missing(tables *t, sv_err *err) {
+  char path[SV_CAP_PATH];
+  sv_status s = sv_path_join(path, sizeof path, t->out, "jobs.txt", err);
+  if (s == SV_OK) s = write_lines(t, path, err);
+  if (s != SV_OK) return s;
+  s = tables_jobs_run(t, path, err);
+  sv_err other;
+  const int n_done = read_all(t, &other);
   if (s == SV_E_INTERRUPTED)
     return sv_fail(err, s,
                    "stopped by request with %d of %d runs done; run the same command again to continue",
-                   n_done, j->t->n_runs);
-  tables_describe(j->t, j->r, what, sizeof what);
-  return sv_fail(err, s, "run %d (%s): %s", j->i_run, what, cause.text);
-}
-
-static void say_start(const job *j) {
-  char eta[40];
-  int n_other = 0;
-  clock_text(eta, sizeof eta, left_s(j, 0));
-  for (int i = 0; i < j->t->n_runs; i++) n_other += j->t->runs[i].is_done && j->t->runs[i].is_other_build;
-  lab_say(&j->t->session, "%d runs, %d already done; about %s on two cores", j->t->n_runs,
-          j->t->n_runs - j->n_left, eta);
-  if (n_other)
-    lab_say(&j->t->session,
-            "%d results come from another build of this program; remove %s/runs to measure them again",
-            n_other, j->t->o->out);
+                   n_done, t->n_runs);
+  return s == SV_OK && n_done == t->n_runs ? SV_OK : fail_job(t, err);
 }
 
 sv_status tables_run_all(tables *t, sv_err *err) {
-  double done_cost = 0, done_s = 0;
-  job *j = calloc(1, sizeof *j);
-  if (!j) return sv_fail(err, SV_E_NOMEM, "no memory for a run");
-  *j = (job){.t = t, .done_cost = &done_cost, .done_s = &done_s};
-  sv_status s = SV_OK;
-  for (int i = 0; i < t->n_runs && s == SV_OK; i++) {
-    j->r = &t->runs[i];
-    if ((s = find_paths(j, err)) != SV_OK) break;
-    j->r->is_done = is_there(j, err);
-    j->r->is_other_build = j->r->is_done && !sv_str_eq(j->r->result.build, t->build);
-    j->n_left += !j->r->is_done;
+  char what[200];
+  const int n_done = read_all(t, err);
+  if (n_done < 0) return SV_E_RANGE;
+  t->n_missing = t->n_runs - n_done;
+  say_state(t, n_done);
+  if (t->o->plan) return write_lines(t, t->o->plan, err);
+  if (!t->n_missing) return SV_OK;
+  if (!t->o->is_collected) {
+    t->n_missing = 0;
+    return run_missing(t, err);
   }
-  if (s == SV_OK) say_start(j);
-  for (int i = 0; i < t->n_runs && s == SV_OK; i++) {
-    j->r = &t->runs[i];
-    j->i_run = i + 1;
-    if (j->r->is_done) continue;
-    if ((s = find_paths(j, err)) == SV_OK) s = measure(j, err);
-    if (t->session.console.is_stop_requested(t->session.console.self)) s = SV_E_INTERRUPTED;
-    if (s != SV_OK) {
-      s = fail_run(j, s, err);
-      break;
-    }
-    j->r->is_done = true;
-    done_cost += j->r->cost;
-    done_s += j->r->result.wall_s;
-    say_done(j);
-  }
-  free(j);
-  return s;
+  tables_describe(t, first_missing(t), what, sizeof what);
+  lab_say(&t->session, "%d of %d runs are missing, the first: %s", t->n_missing, t->n_runs, what);
+  return SV_OK;
 }

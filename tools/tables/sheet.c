@@ -153,7 +153,7 @@ static const tables_run *run_of(const tables *t, int i_scene, int device) {
   for (int i = 0; i < b->n; i++)
     for (int k = 0; k < b->rows[i].n_runs; k++) {
       const tables_run *r = &t->runs[b->rows[i].runs[k]];
-      if (r->has_views && r->set.i_scene == i_scene && r->set.device == device) return r;
+      if (r->has_views && r->is_done && r->set.i_scene == i_scene && r->set.device == device) return r;
     }
   return NULL;
 }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The paper's tables measured by our own runtime. Datasets are scanned (scan.c); the tables are
-// laid out as rows that name the runs they average over (plan.c); the runs are child processes of
-// this program whose results stay in OUT/runs (run.c, result.c); then rows are averaged and
-// compared (rows.c) and written as Markdown, CSV, plots and contact sheets.
+// laid out as rows that name the runs they average over (plan.c); the runs are lines of shell
+// (run.c, jobs.c) whose results stay in OUT/runs (result.c); then rows are averaged and compared
+// (rows.c) and written as Markdown, CSV, plots and contact sheets.
 #ifndef SV_TOOLS_TABLES_TABLES_H
 #define SV_TOOLS_TABLES_TABLES_H
 
@@ -64,7 +64,7 @@ typedef struct {
 
 typedef struct {
   tables_figures score[TABLES_N_SPLITS];
-  double seconds, wall_s; // of the training; of the whole run
+  double seconds, wall_s; // of the training; with loading and scoring
   double arena_bytes, peak_rss_bytes;
   long steps, gaussians;
   int threads;
@@ -77,7 +77,7 @@ typedef struct {
   bool has_views; // renders the near views and keeps the model
   bool is_done, is_other_build;
   double cost; // seconds on a nominal machine
-  char key[TABLES_CAP_KEY], settings[TABLES_CAP_SETTINGS];
+  char key[TABLES_CAP_KEY];
   tables_result result;
 } tables_run;
 
@@ -117,8 +117,10 @@ typedef struct {
   tables_scene *scenes; // [TABLES_CAP_SCENES]
   int n_scenes;
   long n_gaussians, n_steps, seed;
+  long n_threads, n_jobs; // of each job; at a time
   tables_run *runs;
-  int n_runs, cap_runs;
+  int n_runs, cap_runs, n_missing; // missing: with --collect
+  char out[SV_CAP_PATH];           // --out, without links
   tables_table tables[N_TABLES];
   char program[SV_CAP_PATH], build[24]; // this program and its digest
 } tables;
@@ -139,33 +141,18 @@ void tables_free(tables *t);
 void tables_describe(const tables *t, const tables_run *r, char *out, size_t cap);
 const tables_file *tables_file_of(const tables *t, const tables_setting *s);
 
-// Makes the runs that have no result yet, one after the other. E_INTERRUPTED when a stop was
-// requested: what is done stays.
+// Makes the runs that have no result yet. E_INTERRUPTED when a stop was requested: what is done
+// stays. With --plan only their lines are written, with --collect only results are read.
 sv_status tables_run_all(tables *t, sv_err *err) SV_MUST_USE;
 
 // The tables of moving scenes, instead of all others: OUT/tables.md, OUT/dynamic.csv and plots of
 // PSNR in OUT/plots. What was run before is taken from OUT/runs.
-sv_status tables_dynamic(tables *t, int *n_runs, sv_err *err) SV_MUST_USE;
+sv_status tables_dynamic(tables *t, sv_err *err) SV_MUST_USE;
 
-// A child process of this program with the arguments argv[1..], NULL at the end. Its stdout (at
-// most cap - 1 bytes, terminated) is returned, its stderr goes to `log`. `tick` is called a few
-// times a second.
-typedef struct {
-  const char *program, *log;
-  char *const *argv;
-  lab_session *session;
-  void (*tick)(void *self);
-  void *self;
-} tables_child;
-sv_status tables_child_run(const tables_child *c, char *out, size_t cap, sv_err *err) SV_MUST_USE;
-
-// result.json of a run. read: E_NOT_FOUND when there is none; E_FORMAT when it is damaged or of
-// another run.
-sv_status tables_result_read(tables_run *r, const char *path, sv_err *err) SV_MUST_USE;
-sv_status tables_result_write(const tables_run *r, const char *path, sv_err *err) SV_MUST_USE;
-// Figures from what `train --json` and `eval --json` print.
+// Figures from what `train --json` and `eval --json` print. *wall_s is increased.
 sv_status tables_result_train(tables_result *r, const char *text, sv_err *err) SV_MUST_USE;
-sv_status tables_result_eval(tables_figures *f, const char *text, sv_err *err) SV_MUST_USE;
+sv_status tables_result_eval(tables_figures *f, double *wall_s, const char *text, sv_err *err) SV_MUST_USE;
+tables_result tables_no_result(void); // no figure is known
 
 // --- averages (rows.c) --------------------------------------------------------------------
 typedef struct {
