@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include "boards/board_main.h"
+#include "boards/calibrate.h"
 #include "boards/guide.h"
 #include "boards/outputs.h"
 #include "boards/preview.h"
@@ -31,8 +32,9 @@ static struct {
   uint8_t *truth;       // a held-out view of the simulator
   uint8_t *small_truth; // at the size that is trained on; may be the same
   float *area_scratch;
-  bool is_retry; // the cameras of the same scan are tried again
-  sv_err told;   // why they failed last time
+  bool is_calibrating; // asked for on the page: before the next run
+  bool is_retry;       // the cameras of the same scan are tried again
+  sv_err told;         // why they failed last time
 } run;
 
 // self is the page's.
@@ -340,6 +342,7 @@ static int do_run(const run_options *o, bool *is_again) {
   sv_status s = sv_app_run(&run.app, &err);
   sv_linux_console_finish(&run.console);
   *is_again = run.app.preview.is_new_requested;
+  run.is_calibrating = run.app.preview.is_calibration_requested;
   if (*is_again) return 0;
   if (s == SV_E_INTERRUPTED && run.app.state == SV_APP_DONE) { // what was trained is saved
     say(2, "subview: %s\n", err.text);
@@ -360,6 +363,7 @@ static int do_run(const run_options *o, bool *is_again) {
   if (!code && run.out.picture_err.status < 0) code = fail_with(&run.out.picture_err);
   if (!code && (run.app.files.rescued || run.out.is_preview_rescued)) code = tell_rescue(o);
   *is_again = sv_preview_stay(&run.app.preview) == SV_AGAIN;
+  run.is_calibrating = run.app.preview.is_calibration_requested;
   return code;
 }
 
@@ -376,7 +380,7 @@ static int run_once(const run_options *o, bool *is_again) {
   const char *what;
   sv_arena arena = {0};
   int code = 0;
-  *is_again = false;
+  *is_again = run.is_calibrating = false;
   outputs_init(&run.out);
   if (board_arena(&arena, &err) < 0) return fail_with(&err);
   if (set_up(o, &arena, &what, &err) < 0) {
@@ -394,6 +398,7 @@ static int run_once(const run_options *o, bool *is_again) {
     preview_answer answer = wait_on_page(o, &why);
     *is_again = answer != PREVIEW_STOP;
     run.is_retry = answer == PREVIEW_RETRY;
+    run.is_calibrating = answer == PREVIEW_CALIBRATE;
   } else {
     if (o->is_check || (run.console.is_terminal && !o->is_quiet && is_first_run(o)))
       check_list(o, &run.src, &arena, &run.k);
@@ -440,6 +445,15 @@ static void next_folder(run_options *o, const char *folder) {
   if (o->out == path) say(2, "subview: the next scan is %s\n", path);
 }
 
+// The page asked for a calibration: no run has the cameras now. The next run begins in the folder
+// of this one, unless that has a model.
+static void calibrate(run_options *o, const char *folder) {
+  sv_err err = {0};
+  const calibrate_cfg cfg = {folder, sv_linux_console_port(&run.console), &run.watch.beats};
+  run.is_retry = o->out && !outputs_has_model(o->out);
+  if (calibrate_rig(o, &cfg, &err) < 0) fail_with(&err);
+}
+
 int cmd_run(int argc, char **argv) {
   static run_options o;
   sv_err err = {0};
@@ -457,10 +471,12 @@ int cmd_run(int argc, char **argv) {
   sv_linux_watch_share(&run.watch, preview_beats());
   if (code && err.text[0]) fail_with(&err); // the server has spoken otherwise
   const char *folder = o.out;
+  calibrate_use_rig(&o, folder);
   for (bool is_again = !code, is_new = false; is_again; is_new = !run.is_retry) {
     if (is_new && o.keep == 0 && !o.is_overwriting) next_folder(&o, folder);
     if (o.keep > 0 && !next_scan(&o, folder, is_new, &is_again)) continue;
     code = run_once(&o, &is_again);
+    if (run.is_calibrating) calibrate(&o, folder);
   }
   sv_linux_watch_close(&run.watch);
   sv_linux_watch_share(&run.watch, NULL);

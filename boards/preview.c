@@ -186,11 +186,17 @@ preview_answer preview_failed(const run_options *o, const preview_failure *why, 
   const sv_ns retry_ns = now_ns + (now_ns - opened_ns < FIRST_NS ? RETRY_FIRST_NS : RETRY_NS);
   while (o->is_session && !console->is_stop_requested(console->self)) {
     sv_beat(beats, SV_BEAT_MAIN);
-    if (p.command(p.self) == SV_COMMAND_NEW) return PREVIEW_NEW;
+    const sv_command c = p.command(p.self);
+    if (c == SV_COMMAND_NEW) return PREVIEW_NEW;
+    if (c == SV_COMMAND_CALIBRATE) return PREVIEW_CALIBRATE;
     if (is_retrying && clock.now_ns(clock.self) > retry_ns) return PREVIEW_RETRY;
     clock.sleep_until_ns(clock.self, clock.now_ns(clock.self) + 50 * SV_NS_PER_MS);
   }
   return PREVIEW_STOP;
+}
+
+preview_calibration preview_board(void) {
+  return (preview_calibration){live.board.n_cols, live.board.n_rows, live.board.spacing_m};
 }
 
 void preview_close(void) {

@@ -17,11 +17,17 @@ typedef struct {
   sv_feed_cause cause;
   const char *sentence;
 } preview_failure;
-typedef enum { PREVIEW_STOP, PREVIEW_NEW, PREVIEW_RETRY } preview_answer;
+typedef enum { PREVIEW_STOP, PREVIEW_NEW, PREVIEW_RETRY, PREVIEW_CALIBRATE } preview_answer;
 // A run that could not begin: the page says why. In a session: waits for New or a stop request. One
 // that keeps scans (--keep) tries cameras again after some seconds.
 preview_answer preview_failed(const run_options *o, const preview_failure *why, const sv_console *console,
                               sv_heartbeats *beats);
+// The chessboard of the newest request to calibrate.
+typedef struct {
+  int n_cols, n_rows;
+  double spacing_m;
+} preview_calibration;
+preview_calibration preview_board(void);
 void preview_close(void);
 
 // What is there, a line each: board, cameras, rig, memory, folder, page.

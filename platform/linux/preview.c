@@ -100,12 +100,25 @@ static void start_server(sv_linux_preview *l) {
   posix_spawnattr_destroy(&attr);
 }
 
+// The server is not to be trusted: what is no board is none.
+static bool read_board(sv_linux_preview *l) {
+  uint8_t b[4];
+  if (read(l->pipe_fd[0], b, sizeof b) != (ssize_t)sizeof b) return false;
+  const int tenths = b[2] << 8 | b[3];
+  if (b[0] < 3 || b[0] > 64 || b[1] < 3 || b[1] > 64 || tenths < 10) return false;
+  l->board.n_cols = b[0];
+  l->board.n_rows = b[1];
+  l->board.spacing_m = 1e-4 * tenths;
+  return true;
+}
+
 static sv_command command_of(sv_linux_preview *l, char byte) {
   switch (byte) {
   case SV_PREVIEW_START: return SV_COMMAND_START;
   case SV_PREVIEW_PAUSE: return SV_COMMAND_PAUSE;
   case SV_PREVIEW_SAVE: return SV_COMMAND_SAVE;
   case SV_PREVIEW_NEW: return SV_COMMAND_NEW;
+  case SV_PREVIEW_CALIBRATE: return read_board(l) ? SV_COMMAND_CALIBRATE : SV_COMMAND_NONE;
   case SV_PREVIEW_REFUSED: l->is_refused = true; return SV_COMMAND_NONE;
   case SV_PREVIEW_READY: l->is_served = true; return SV_COMMAND_NONE;
   default: return SV_COMMAND_NONE;

@@ -20,6 +20,9 @@
 #define SV_PREVIEW_PAUSE   'p'
 #define SV_PREVIEW_SAVE    'v'
 #define SV_PREVIEW_NEW     'n'
+// With four bytes: columns and rows of inner corners, and the side of a square in units of 0.1 mm,
+// the high byte first. All five in one write.
+#define SV_PREVIEW_CALIBRATE 'c'
 
 typedef struct {
   sv_feed feed;
@@ -34,6 +37,10 @@ typedef struct {
   sv_ns started_ns, beat_ns, next_start_ns, next_look_ns;
   bool is_served, is_refused;
   uint32_t n_restarts;
+  struct {
+    int n_cols, n_rows;
+    double spacing_m;
+  } board; // of the newest SV_COMMAND_CALIBRATE
 } sv_linux_preview;
 
 // Makes the feed (a sealed memfd) and the pipe. *live stays where it is.

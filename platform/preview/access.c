@@ -7,6 +7,7 @@
 #include <string.h>
 #include <sys/random.h>
 
+#include "platform/linux/preview.h"
 #include "src/format/board_print.h"
 #include "src/format/qr.h"
 
@@ -40,6 +41,23 @@ pv_answer pv_board(struct MHD_Connection *c, bool is_pdf) {
   sv_str out = sv_str_make(text, SV_BOARD_PRINT_CAP_TEXT);
   (is_pdf ? sv_board_print_pdf : sv_board_print_svg)(&b, &out);
   return answer_with(is_pdf ? "application/pdf" : "image/svg+xml", text, out.len);
+}
+
+bool pv_calibrate_command(struct MHD_Connection *c, uint8_t bytes[5]) {
+  const char *board = MHD_lookup_connection_value(c, MHD_GET_ARGUMENT_KIND, "board");
+  const char *mm = MHD_lookup_connection_value(c, MHD_GET_ARGUMENT_KIND, "mm");
+  int corners[2];
+  double side_mm;
+  if (!board || !mm || !sv_board_print_parse(board, corners) || !sv_parse_double(mm, strlen(mm), &side_mm) ||
+      !(side_mm >= 1 && side_mm <= 6000))
+    return false;
+  const int tenths = (int)(10 * side_mm + 0.5);
+  bytes[0] = SV_PREVIEW_CALIBRATE;
+  bytes[1] = (uint8_t)corners[0];
+  bytes[2] = (uint8_t)corners[1];
+  bytes[3] = (uint8_t)(tenths >> 8);
+  bytes[4] = (uint8_t)tenths;
+  return true;
 }
 
 pv_answer pv_link_code(const char *scheme, const char *host, const char *token) {

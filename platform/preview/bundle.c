@@ -22,6 +22,7 @@ EMBED(tools_js, "tools.js");
 EMBED(shared_js, "shared.js");
 EMBED(scans_js, "scans.js");
 EMBED(pair_js, "pair.js");
+EMBED(calibrate_js, "calibrate.js");
 EMBED(paint_js, "paint.js");
 EMBED(sorter_js, "sorter.js");
 EMBED(raster_js, "raster.js");
@@ -38,14 +39,15 @@ const pv_page *pv_bundle(int i) {
                             {"/scans.js", "text/javascript; charset=utf-8", pv_scans_js, 0},
                             {"/shared.js", "text/javascript; charset=utf-8", pv_shared_js, 0},
                             {"/pair.js", "text/javascript; charset=utf-8", pv_pair_js, 0},
+                            {"/calibrate.js", "text/javascript; charset=utf-8", pv_calibrate_js, 0},
                             {"/paint.js", "text/javascript; charset=utf-8", pv_paint_js, 0},
                             {"/raster.js", "text/javascript; charset=utf-8", pv_raster_js, 0},
                             {"/sorter.js", "text/javascript; charset=utf-8", pv_sorter_js, 0},
                             {"/icon.svg", "image/svg+xml", pv_icon_svg, 0}};
-  static const char *const ends[] = {pv_page_html_end, pv_page_css_end, pv_page_js_end,   pv_view_js_end,
-                                     pv_plots_js_end,  pv_tools_js_end, pv_scans_js_end,  pv_shared_js_end,
-                                     pv_pair_js_end,   pv_paint_js_end, pv_raster_js_end, pv_sorter_js_end,
-                                     pv_icon_svg_end};
+  static const char *const ends[] = {pv_page_html_end, pv_page_css_end,     pv_page_js_end,  pv_view_js_end,
+                                     pv_plots_js_end,  pv_tools_js_end,     pv_scans_js_end, pv_shared_js_end,
+                                     pv_pair_js_end,   pv_calibrate_js_end, pv_paint_js_end, pv_raster_js_end,
+                                     pv_sorter_js_end, pv_icon_svg_end};
   if (i < 0 || i >= (int)(sizeof pages / sizeof *pages)) return NULL;
   pages[i].bytes = (size_t)(ends[i] - pages[i].text);
   return &pages[i];

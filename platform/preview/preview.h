@@ -6,7 +6,7 @@
 // everything that a client can make it hold is bounded.
 //
 //   GET  /            the page; /page.css, the scripts and /icon.svg belong to it
-//   GET  /state       JSON: what the runtime does; /curve /events: its history
+//   GET  /state       JSON: what the runtime does; /curve /events: its history; /calibration
 //   GET  /stream      the same as server-sent events, four a second
 //   GET  /cameras     all cameras' thumbnails as one picture, multipart/x-mixed-replace JPEG
 //   GET  /picture.jpg a training picture beside its rendering, made by the device
@@ -17,6 +17,7 @@
 //   GET  /look-key    with the token: the secret of links that show and cannot control
 //   POST /start /pause /save /new             with the token in X-Subview-Token, from the page that
 //                                             has control (X-Subview-Page, control.h)
+//   POST /calibrate?board=9x6&mm=24           likewise: cameras and rig by a chessboard
 //   POST /enter       likewise; the answer sets a cookie that reading takes, too. It gives the page
 //                     a seat, which it keeps by asking again. With the look key: the cookie alone
 //   POST /ask /give /keep    asks for control; the answers of the page that has it
@@ -85,6 +86,7 @@ void pv_stale_read(pv_source *s);
 void pv_state_json(const pv_source *s, sv_str *out);
 void pv_curve_json(const pv_source *s, sv_str *out);
 void pv_events_json(const pv_source *s, sv_str *out);
+void pv_calibration_json(const pv_source *s, sv_str *out);
 // New thumbnails -> s->mosaic, as a part of a multipart stream, and the head of the next one:
 // browsers show a picture when they have seen that. True when it changed.
 #define PV_PART_HEAD "--frame\r\nContent-Type: image/jpeg\r\n\r\n"

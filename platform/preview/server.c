@@ -319,6 +319,13 @@ static enum MHD_Result post_scan(pv_server *s, struct MHD_Connection *c, const c
   return finish(c, a.code, a.response, a.type);
 }
 
+static enum MHD_Result post_command(pv_server *s, struct MHD_Connection *c, const void *bytes, size_t n) {
+  if (!has_token(s, c, false)) return refuse_token(c);
+  if (!pv_control_may(&s->cfg.source->control, page_of(c))) return refuse_watcher(c);
+  if (write(s->cfg.command_fd, bytes, n) == (ssize_t)n) return say(c, MHD_HTTP_OK, "asked\n");
+  return say(c, MHD_HTTP_SERVICE_UNAVAILABLE, "the run accepts no commands at the moment\n");
+}
+
 static enum MHD_Result post(pv_server *s, struct MHD_Connection *c, const char *url) {
   static const struct {
     const char *url;
@@ -333,12 +340,14 @@ static enum MHD_Result post(pv_server *s, struct MHD_Connection *c, const char *
   if (!strcmp(url, "/ask") || !strcmp(url, "/give") || !strcmp(url, "/keep"))
     return has_token(s, c, false) ? post_control(s, c, url) : refuse_token(c);
   for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
-    if (!strcmp(url, commands[i].url)) {
-      if (!has_token(s, c, false)) return refuse_token(c);
-      if (!pv_control_may(&s->cfg.source->control, page_of(c))) return refuse_watcher(c);
-      if (write(s->cfg.command_fd, &commands[i].byte, 1) == 1) return say(c, MHD_HTTP_OK, "asked\n");
-      return say(c, MHD_HTTP_SERVICE_UNAVAILABLE, "the run accepts no commands at the moment\n");
-    }
+    if (!strcmp(url, commands[i].url)) return post_command(s, c, &commands[i].byte, 1);
+  if (!strcmp(url, "/calibrate")) {
+    uint8_t bytes[5];
+    if (!has_token(s, c, false)) return refuse_token(c);
+    if (!pv_calibrate_command(c, bytes))
+      return say(c, MHD_HTTP_BAD_REQUEST, "expected board=9x6 and mm=24\n");
+    return post_command(s, c, bytes, sizeof bytes);
+  }
   return say(c, MHD_HTTP_NOT_FOUND, "no such page\n");
 }
 
@@ -373,8 +382,9 @@ static enum MHD_Result get(pv_server *s, struct MHD_Connection *c, const char *u
     const pv_answer a = pv_scan_get(p, url);
     return finish(c, a.code, a.response, a.type);
   }
-  static const char *const data[] = {"/state",       "/curve", "/events",    "/stream",      "/cameras",
-                                     "/picture.jpg", "/model", "/model.ply", "/model.splat", "/model.spz"};
+  static const char *const data[] = {"/state",       "/curve",       "/events",     "/stream",
+                                     "/cameras",     "/picture.jpg", "/model",      "/model.ply",
+                                     "/model.splat", "/model.spz",   "/calibration"};
   size_t i = 0;
   while (i < sizeof data / sizeof *data && strcmp(url, data[i])) i++;
   if (i == sizeof data / sizeof *data) return say(c, MHD_HTTP_NOT_FOUND, "no such page\n");
@@ -389,7 +399,8 @@ static enum MHD_Result get(pv_server *s, struct MHD_Connection *c, const char *u
   case 6: return get_model(s, c);
   case 7: return send_blob(c, pv_model_file(p, PV_PLY), "application/octet-stream", "ply");
   case 8: return send_blob(c, pv_model_file(p, PV_SPLAT), "application/octet-stream", "splat");
-  default: return send_blob(c, pv_model_file(p, PV_SPZ), "application/octet-stream", "spz");
+  case 9: return send_blob(c, pv_model_file(p, PV_SPZ), "application/octet-stream", "spz");
+  default: return send_json(s, c, pv_calibration_json);
   }
 }
 

@@ -121,8 +121,8 @@ static void add_threads(sv_str *o, const pv_source *p) {
 
 static const char *status_name(int v) {
   static const char *const names[] = {"waiting", "capturing", "training", "paused",
-                                      "saving",  "done",      "failed"};
-  return names[bounded(v, SV_FEED_STATUS_FAILED)];
+                                      "saving",  "done",      "failed",   "calibrating"};
+  return names[bounded(v, SV_FEED_STATUS_CALIBRATING)];
 }
 
 void pv_state_json(const pv_source *p, sv_str *o) {
@@ -183,6 +183,41 @@ void pv_curve_json(const pv_source *p, sv_str *o) {
     sv_str_add(o, "\"step\":%u},", c.point[i].step);
   }
   close_with(o, "]");
+}
+
+static void add_board_camera(sv_str *o, const sv_calibration_camera *c) {
+  sv_str_add(o, "{");
+  add_text(o, "name", c->name, sizeof c->name);
+  add_number(o, "rms_px", c->rms_px);
+  add_number(o, "epipolar_px", c->epipolar_px);
+  add_number(o, "before_px", c->before_px);
+  sv_str_add(o, "\"boards\":%d,\"seen\":%s,\"coverage\":\"%012llx\",\"outline\":[", c->n_boards,
+             c->is_seen ? "true" : "false", (unsigned long long)(c->coverage & 0xffffffffffff));
+  for (int k = 0; k < 8; k++) {
+    const double v = (double)c->outline[k / 2][k % 2];
+    sv_str_add(o, "%s%.4f", k ? "," : "", v >= 0 && v <= 1 ? v : 0);
+  }
+  sv_str_add(o, "]},");
+}
+
+void pv_calibration_json(const pv_source *p, sv_str *o) {
+  static const char *const phases[] = {"", "looking", "solving", "done", "failed"};
+  static sv_feed_calibration c;
+  uint64_t seq = 0;
+  size_t bytes;
+  if (sv_feed_read(&p->reader, SV_FEED_CALIBRATION, &seq, &c, sizeof c, &bytes) != SV_OK)
+    memset(&c, 0, sizeof c);
+  sv_str_add(o, "{\"phase\":\"%s\",\"columns\":%d,\"rows\":%d,\"exposures\":%d,\"needed\":%d,\"peak\":%llu,",
+             phases[bounded(c.phase, SV_CALIBRATION_FAILED)], c.n_cols, c.n_rows, c.n_exposures, c.n_needed,
+             (unsigned long long)c.peak_bytes);
+  add_number(o, "spacing_m", c.spacing_m);
+  add_number(o, "seconds", c.seconds);
+  add_number(o, "baseline_m", c.baseline_m);
+  add_text(o, "sentence", c.sentence, sizeof c.sentence);
+  sv_str_add(o, "\"cameras\":[");
+  for (int i = 0; i < bounded(c.n_cameras, SV_CALIBRATION_CAP_CAMERAS); i++)
+    add_board_camera(o, &c.camera[i]);
+  close_with(o, "]}");
 }
 
 void pv_events_json(const pv_source *p, sv_str *o) {

@@ -20,7 +20,7 @@
 #include "src/port/heartbeat.h"
 
 #define SV_FEED_MAGIC   0x64656673u // "sfed"
-#define SV_FEED_VERSION 4u
+#define SV_FEED_VERSION 5u
 
 #define SV_FEED_CAP_CAMERAS   64  // listed
 #define SV_FEED_CAP_TILES     16  // with a thumbnail
@@ -36,12 +36,13 @@
 #define SV_FEED_CAP_EYES      64 // cameras of a model's images, spread over all of them
 
 typedef enum {
-  SV_FEED_STATE,   // sv_feed_state
-  SV_FEED_TILES,   // sv_feed_tiles
-  SV_FEED_MODEL,   // sv_feed_model, then its rows of floats
-  SV_FEED_PICTURE, // sv_feed_picture, then its pixels
-  SV_FEED_CURVE,   // sv_feed_curve
-  SV_FEED_EVENTS,  // sv_feed_events
+  SV_FEED_STATE,       // sv_feed_state
+  SV_FEED_TILES,       // sv_feed_tiles
+  SV_FEED_MODEL,       // sv_feed_model, then its rows of floats
+  SV_FEED_PICTURE,     // sv_feed_picture, then its pixels
+  SV_FEED_CURVE,       // sv_feed_curve
+  SV_FEED_EVENTS,      // sv_feed_events
+  SV_FEED_CALIBRATION, // sv_feed_calibration
   SV_FEED_N_CHANNELS
 } sv_feed_channel;
 
@@ -53,7 +54,8 @@ typedef enum {
   SV_FEED_STATUS_PAUSED,
   SV_FEED_STATUS_SAVING,
   SV_FEED_STATUS_DONE,
-  SV_FEED_STATUS_FAILED
+  SV_FEED_STATUS_FAILED,
+  SV_FEED_STATUS_CALIBRATING // another program has the cameras
 } sv_feed_status;
 // Cause of a failure.
 typedef enum { SV_CAUSE_NOTHING, SV_CAUSE_CAMERA, SV_CAUSE_RIG, SV_CAUSE_OTHER } sv_feed_cause;
@@ -160,6 +162,35 @@ typedef struct {
   uint64_t n_total; // the newest min(n_total, cap) are kept: number i at i % cap
   sv_feed_event event[SV_FEED_CAP_EVENTS];
 } sv_feed_events;
+
+// A calibration with a chessboard, of a rig that is about to be used.
+typedef enum {
+  SV_CALIBRATION_NONE,
+  SV_CALIBRATION_LOOKING, // for boards in new images
+  SV_CALIBRATION_SOLVING,
+  SV_CALIBRATION_DONE,  // checked and installed
+  SV_CALIBRATION_FAILED // sentence says why; the rig is what it was
+} sv_calibration_phase;
+#define SV_CALIBRATION_CAP_CAMERAS 16
+#define SV_CALIBRATION_GRID_X      8
+#define SV_CALIBRATION_GRID_Y      6
+typedef struct {
+  char name[32];
+  int32_t width_px, height_px;
+  int32_t n_boards, is_seen;  // images with the board; whether the newest one is such
+  uint64_t coverage;          // bit 8 y + x: a corner was in cell (x, y) of the image
+  float outline[4][2];        // of the newest image: the board's outer corners, 0 to 1
+  double rms_px, epipolar_px; // of the new rig; NaN: not known
+  double before_px;           // RMS of the same boards in the earlier rig; NaN: there is none
+} sv_calibration_camera;
+typedef struct {
+  int32_t phase, n_cols, n_rows, n_cameras, n_exposures;
+  int32_t n_needed; // boards of each camera
+  double spacing_m, seconds, baseline_m;
+  uint64_t peak_bytes; // resident memory of the calibration so far
+  char sentence[256];
+  sv_calibration_camera camera[SV_CALIBRATION_CAP_CAMERAS];
+} sv_feed_calibration;
 
 // --- the block -----------------------------------------------------------------------------------
 typedef struct {

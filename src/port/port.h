@@ -248,7 +248,8 @@ typedef enum {
   SV_COMMAND_START, // also: continue after a pause
   SV_COMMAND_PAUSE,
   SV_COMMAND_SAVE,
-  SV_COMMAND_NEW
+  SV_COMMAND_NEW,
+  SV_COMMAND_CALIBRATE // the cameras are wanted for a calibration
 } sv_command;
 
 // Where a preview gets its images. Never blocks. rgb: [height][width][3] display values.

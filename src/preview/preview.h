@@ -80,7 +80,7 @@ typedef struct {
   uint32_t n_points, i_picture;
   uint64_t n_saves;
   bool is_coded; // all cameras compress: their thumbnails come from what was decoded anyway
-  bool has_new_event, is_paused, is_new_requested;
+  bool has_new_event, is_paused, is_new_requested, is_calibration_requested;
   sv_feed_status status;
 } sv_preview;
 

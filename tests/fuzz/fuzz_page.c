@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // C only: the feed is.
 // What the page's server makes of a feed whose writer is not to be trusted. The input is a list of
-// changes to a good one: channel (u8; from 6 on: the header), place (u24), length (u8), bytes.
+// changes to a good one: channel (u8; from 7 on: the header), place (u24), length (u8), bytes.
 #include "tests/fuzz/page_feed.h"
 
 #define CAP_CHANGES 64
@@ -43,8 +43,9 @@ static void look(void) {
   s->reader = reader;
   s->state_seq = s->tiles_seq = s->model_seq = s->picture_seq = 0;
   (void)pv_state_read(s);
-  static void (*const fill[])(const pv_source *, sv_str *) = {pv_state_json, pv_curve_json, pv_events_json};
-  for (int i = 0; i < 3; i++) {
+  static void (*const fill[])(const pv_source *, sv_str *) = {pv_state_json, pv_curve_json, pv_events_json,
+                                                              pv_calibration_json};
+  for (int i = 0; i < 4; i++) {
     sv_str o = sv_str_make(json, sizeof json);
     fill[i](s, &o);
     FUZZ_CHECK(o.len < sizeof json);

@@ -10,7 +10,7 @@
 #include "src/format/board_print.h"
 
 #define AT(field) offsetof(cal_options, field)
-#define ALL       (CAL_BOARD | CAL_LENSLETS | CAL_POSE | CAL_CHECK | CAL_SHUTTER | CAL_PRINT | CAL_NOISE)
+#define ALL       (CAL_BOARD | CAL_LENSLETS | CAL_POSE | CAL_CHECK | CAL_SHUTTER | CAL_PRINT | CAL_NOISE | CAL_LIVE)
 
 static const sv_option table[] = {
     {"images", SV_OPT_LIST, CAL_BOARD | CAL_CHECK, CAL_BOARD, AT(images), "CAM0 CAM1 ...",
@@ -59,6 +59,17 @@ static const sv_option table[] = {
      "side of a square in meters (the largest whole millimeter that fits)", 1e-3, 1, 0},
     {"out", SV_OPT_TEXT, CAL_PRINT, 0, AT(out), "FILE", "output file, .pdf or .svg (board-WxH-PAPER.pdf)", 0,
      0, 0},
+    {"capture", SV_OPT_TEXT, CAL_LIVE, CAL_LIVE, AT(capture), "DIR",
+     "capture folder that is being written: the board in many poses", 0, 0, 0},
+    {"board", SV_OPT_TEXT, CAL_LIVE, CAL_LIVE, AT(board), "WxH", "inner corners of the chessboard: 9x6", 0, 0,
+     0},
+    {"spacing", SV_OPT_REAL, CAL_LIVE, CAL_LIVE, AT(spacing_m), "M", "side of a square in meters", 1e-6, 100,
+     0},
+    {"rig", SV_OPT_TEXT, CAL_LIVE, 0, AT(rig), "RIG", "earlier rig, to compare with", 0, 0, 0},
+    {"memory", SV_OPT_INT, CAL_LIVE, 0, AT(memory_mib), "MIB",
+     "fails rather than take more than this (no limit)", 64, 1 << 20, 0},
+    {"feed-fd", SV_OPT_INT, CAL_LIVE, 0, AT(feed_fd), "N", "used by subview itself", 3, 1 << 20, 0},
+    {"out", SV_OPT_TEXT, CAL_LIVE, CAL_LIVE, AT(out), "RIG", "output folder", 0, 0, 0},
     {"model", SV_OPT_WORD, CAL_BOARD, 0, AT(model),
      "LENSMODEL_PINHOLE|LENSMODEL_OPENCV4|LENSMODEL_OPENCV5|LENSMODEL_OPENCV8",
      "lens model (LENSMODEL_OPENCV5)", 0, 0, 0},
@@ -108,7 +119,13 @@ static int parse_board(const sv_tool_command *c, cal_options *o) {
 }
 
 int cal_args_parse(const sv_tool_command *c, int argc, char **argv, cal_options *o) {
-  *o = (cal_options){.spacing_m = -1, .pitch_m = -1, .focal_px = -1, .dark = -1, .threads = -1};
+  *o = (cal_options){.spacing_m = -1,
+                     .pitch_m = -1,
+                     .focal_px = -1,
+                     .dark = -1,
+                     .threads = -1,
+                     .feed_fd = -1,
+                     .memory_mib = -1};
   int e = sv_options_parse(&options, c, argc, argv, o);
   if (o->is_help || o->is_version) return e;
   if (e == CAL_EXIT_OK && c->bit != CAL_PRINT && (o->board != NULL) != (o->spacing_m >= 0))

@@ -19,7 +19,8 @@ enum {
   CAL_CHECK = 8,
   CAL_SHUTTER = 16,
   CAL_PRINT = 32,
-  CAL_NOISE = 64
+  CAL_NOISE = 64,
+  CAL_LIVE = 128
 };
 
 // NULL and -1 stand for "not given"; a given number is inside its range.
@@ -28,7 +29,7 @@ typedef struct {
   const char *board, *model, *out, *name, *rig, *isolated, *white, *capture, *paper;
   int n_cols, n_rows; // of --board
   double spacing_m, pitch_m, focal_px, dark;
-  long threads;
+  long threads, feed_fd, memory_mib;
   bool is_flat, is_linear, is_json, is_quiet, is_help, is_version;
 } cal_options;
 

@@ -19,6 +19,7 @@ int cal_cmd_pose(const cal_options *o);
 int cal_cmd_shutter(const cal_options *o);
 int cal_cmd_noise(const cal_options *o);
 int cal_cmd_print(const cal_options *o);
+int cal_cmd_live(const cal_options *o);
 
 // --- images of boards (gather.c) -----------------------------------------------------------------
 typedef struct {
@@ -52,6 +53,13 @@ void cal_boards_free(cal_boards *b);
 // SV_E_INTERRUPTED when a stop was requested, with a sentence. kept: what of the work stays; NULL:
 // nothing.
 sv_status cal_stopped(const lab_session *s, const char *kept, sv_err *err) SV_MUST_USE;
+
+// From boards that were found to a written rig (cmd_board.c).
+sv_status cal_board_solve(const cal_options *o, lab_session *se, const cal_boards *b,
+                          sv_err *err) SV_MUST_USE;
+// A rig folder, into CAL_RIG_BYTES at block (cmd_check.c).
+#define CAL_RIG_BYTES ((size_t)64 << 20)
+sv_status cal_read_rig(sv_rig *rig, const char *folder, void *block, sv_err *err) SV_MUST_USE;
 
 // What an image shows of its sensor, where it lies in a capture folder whose capture.json tells
 // that (sensor.c). False: not known.

@@ -172,9 +172,19 @@ static sv_status finish(const cal_options *o, lab_session *se, const cal_boards 
   return s;
 }
 
+sv_status cal_board_solve(const cal_options *o, lab_session *se, const cal_boards *b, sv_err *err) {
+  sv_boards_result r;
+  sv_boards problem = problem_of(b, o);
+  sv_status s = sv_boards_solve(&problem, &r, err);
+  if (s != SV_OK) return s;
+  s = cal_stopped(se, "corners.txt", err);
+  if (s == SV_OK) s = finish(o, se, b, &r, err);
+  sv_boards_free(&r);
+  return s;
+}
+
 static sv_status calibrate(const cal_options *o, lab_session *se, cal_boards *b, sv_err *err) {
   char cache[SV_CAP_PATH];
-  sv_boards_result r;
   sv_status s = sv_boards_available(err);
   if (s == SV_OK) s = sv_corners_available(o->n_cols, o->n_rows, err);
   if (s == SV_OK) s = cal_boards_list(b, o, err);
@@ -184,13 +194,7 @@ static sv_status calibrate(const cal_options *o, lab_session *se, cal_boards *b,
   if (s != SV_OK) return s;
   lab_say(se, "%d frames of %d cameras: %d images searched for the board, %d from the cache", b->n_frames,
           b->n_cameras, b->n_searched, b->n_cached);
-  sv_boards problem = problem_of(b, o);
-  s = sv_boards_solve(&problem, &r, err);
-  if (s != SV_OK) return s;
-  s = cal_stopped(se, cache, err);
-  if (s == SV_OK) s = finish(o, se, b, &r, err);
-  sv_boards_free(&r);
-  return s;
+  return cal_board_solve(o, se, b, err);
 }
 
 int cal_cmd_board(const cal_options *o) {

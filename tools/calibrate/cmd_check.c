@@ -11,15 +11,14 @@
 #include "tools/calibrate/calibrate.h"
 #include "tools/calibrate/check.h"
 
-#define RIG_BYTES     ((size_t)64 << 20)
 #define SCENE_SIZES   20.0 // the assumed distance of a scene, in widths of the rig, without images
 #define KNOCKED_TIMES 3.0  // poses fit so much worse together than each camera alone
 #define KNOCKED_PX    0.5
 #define LENS_RMS_PX   1.0
 
-static sv_status read_rig(sv_rig *rig, const char *folder, void *block, sv_err *err) {
-  sv_arena a = sv_arena_make(block, RIG_BYTES / 2),
-           scratch = sv_arena_make((char *)block + RIG_BYTES / 2, RIG_BYTES / 2);
+sv_status cal_read_rig(sv_rig *rig, const char *folder, void *block, sv_err *err) {
+  sv_arena a = sv_arena_make(block, CAL_RIG_BYTES / 2),
+           scratch = sv_arena_make((char *)block + CAL_RIG_BYTES / 2, CAL_RIG_BYTES / 2);
   char path[SV_CAP_PATH];
   sv_copy(path, sizeof path, folder);
   sv_file_reader files = {path, sv_folder_read};
@@ -155,7 +154,7 @@ static sv_status check(const cal_options *o, lab_session *se, cal_boards *b, voi
   cal_check c = {0};
   cal_advice *a = calloc(1, sizeof *a);
   double centre[3];
-  sv_status s = a ? read_rig(&rig, o->rig, block, err) : sv_fail(err, SV_E_NOMEM, "no memory");
+  sv_status s = a ? cal_read_rig(&rig, o->rig, block, err) : sv_fail(err, SV_E_NOMEM, "no memory");
   bool has_images = o->images.n > 0;
   if (s == SV_OK && has_images) s = check_images(o, se, &rig, b, &c, err);
   if (s == SV_OK) {
@@ -186,7 +185,7 @@ int cal_cmd_check(const cal_options *o) {
   lab_session se;
   cal_boards b = {0};
   sv_err err = {0};
-  void *block = malloc(RIG_BYTES);
+  void *block = malloc(CAL_RIG_BYTES);
   if (o->images.n > 0 && !o->board)
     return free(block), cal_usage("check", "--images needs --board and --spacing");
   sv_status s = lab_session_start(&se, o->threads, o->is_quiet, &err);

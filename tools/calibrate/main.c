@@ -27,6 +27,17 @@ static const cal_command commands[] = {
       "a stiff\nboard. One odd and one even number of corners tell the board's two ends apart.",
       "  subview-calibrate print --board 9x6 --paper a4", CAL_PRINT},
      cal_cmd_print},
+    {{"live", "--capture DIR --board WxH --spacing M --out RIG [options]",
+      "capture that is being written -> lens models and rig",
+      "Searches each new exposure of a capture for the chessboard. When every camera has seen 15 boards in "
+      "60 "
+      "%\nof its image, or the capture has ended, it solves for the rig as `board` does, writes and checks "
+      "it: a "
+      "rig in\nwhich the boards are more than 1 px off is refused. The page's Calibrate starts it (subview "
+      "run "
+      "--preview\n--session).",
+      "  subview-calibrate live --capture capture --board 9x6 --spacing 0.024 --out rig", CAL_LIVE},
+     cal_cmd_live},
     {{"lenslets", "--isolated DIR --white DIR --out RIG [options]",
       "multiplexed sensor -> footprints, lens models and poses",
       "For sensors on which the images of several lenses overlap. For each lens, cover all others and take "

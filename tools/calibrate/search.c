@@ -193,7 +193,11 @@ sv_status cal_boards_find(cal_boards *b, lab_session *session, const char *cache
   sv_pool_run(&session->pool, search_one, &se, se.n);
   bool is_stopped = lab_is_stopped(session);
   if (!is_stopped) s = settle(b, &se, err);
-  if (s == SV_OK && cache) s = write_cache(&se, cache, err);
+  // What was found is kept, also when a camera has no board yet
+  sv_err failed;
+  const bool is_kept = cache && (s == SV_OK || (s == SV_E_NOT_FOUND && !is_stopped));
+  const sv_status kept = is_kept ? write_cache(&se, cache, &failed) : SV_OK;
+  if (s == SV_OK && kept != SV_OK) s = sv_fail(err, kept, "%s", failed.text);
   if (s == SV_OK && is_stopped) s = cal_stopped(session, cache, err);
   free(se.jobs);
   return s;

@@ -55,6 +55,7 @@ const titles = {
   capturing: ["Capturing", "Capturing synchronized exposures."],
   training: ["Training", "The first model appears in a moment."],
   done: ["Done", ""],
+  calibrating: ["Calibrating", "Show the chessboard to the cameras."],
 };
 const stale_text = (s) => "The " + s.stale_thread + " thread of subview makes no progress. The figures are those of " + s.stale_s + " s ago.";
 const causes = { camera: "No camera", rig: "No rig", other: "The run failed" };
@@ -179,7 +180,7 @@ function show_message(s) {
   // What this state has no use for is not there: before the run that leaves one button.
   $("start").hidden = !["waiting", "paused", "starting"].includes(s.state);
   $("pause").hidden = $("save").hidden = !["training", "paused", "saving"].includes(s.state);
-  $("new").hidden = s.state === "waiting" || !s.session;
+  $("new").hidden = ["waiting", "calibrating"].includes(s.state) || !s.session;
   $("files-box").hidden = !has_model && !s.step;
   $("machine-box").hidden = $("frames-box").hidden = !s.cameras.length;
 }

@@ -124,5 +124,5 @@ async function show_sizes(s) {
   }
 }
 function show_around(s) {
-  show_control(s), show_advice(s), show_settings(s), show_sizes(s);
+  show_control(s), show_advice(s), show_settings(s), show_sizes(s), show_calibration(s);
 }
