@@ -82,6 +82,7 @@ library-test: ## the installed library: its symbols, C and C++, the examples, th
 package: ## Debian packages for BOARD and SUITE: subview, subview-calibrate, subview-lab, libsubview-dev
 deploy: ## build the package, install it on boards by ssh, check them there: HOST=pi, HOST="pi1 pi2"
 deploy-rollback: ## on the boards HOST, the package before the present one
+slurm-test: ## jobs of subview-lab tables by a real Slurm of one node (needs root); 1 minute
 service-test: ## packages of this machine's release, installed, and their service from start to purge (needs root); 1 minute
 deploy-test: ## calibration, packages, service and power cuts on virtual boards with Debian 12 and 13 (needs root); 30 minutes
 install: ## copy programs, man pages, library, headers and examples to PREFIX (and DESTDIR)

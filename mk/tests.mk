@@ -144,7 +144,7 @@ test-all: programs
 stage-digests: $(PROGS_digests)
 	@$(EMULATE) $< $(STAGE_ARGS)
 
-.PHONY: test cross board-test bare-test service-test deploy-test deploy-test-one two-packages accept-counts soak soak-sim ring-stress
+.PHONY: test cross board-test bare-test service-test slurm-test deploy-test deploy-test-one two-packages accept-counts soak soak-sim ring-stress
 test:
 	@[ '$(WITH)' != minimal ] || { echo "make test: the tests are of all features, so not with WITH=minimal" >&2; exit 2; }
 	@WITH='$(WITH)' tools/deps/install.sh test
@@ -164,6 +164,9 @@ bare-test:
 kill-test: $(O)/tests/fault/test_kills programs
 	@KILL_N=$(or $(N),1000) $<
 # The packages of this machine's release, and the service that they install, started once.
+slurm-test: programs
+	@tools/deps/install.sh slurm
+	@tests/slurm/slurm.sh $(O)/bin/subview-lab || [ $$? = 77 ]
 service-test:
 	@tools/deps/install.sh test
 	@+$(MAKE) --no-print-directory $(PARALLEL) two-packages

@@ -7,6 +7,7 @@
 #   install.sh tidy     the same, and the static analysers
 #   install.sh board    for the build, and what the virtual ARM board needs
 #   install.sh deploy   for the virtual ARM board that boots from a disk
+#   install.sh slurm    for the batch system that runs jobs of subview-lab tables
 #   install.sh bare     for the tests on minimal systems: what makes those systems
 #
 # packages.txt lists the packages. WITH=minimal leaves out those that only some features need. It
@@ -24,9 +25,10 @@ test) stages='build test' ;;
 tidy) stages='build test tidy' ;;
 board) stages='build board' ;;
 deploy) stages='build test board deploy' ;;
+slurm) stages='build slurm' ;;
 bare) stages='bare' ;;
 *)
-  echo "install.sh: the first word is build, test, tidy, board, deploy or bare, not $what" >&2
+  echo "install.sh: the first word is build, test, tidy, board, deploy, slurm or bare, not $what" >&2
   exit 2
   ;;
 esac
