@@ -21,6 +21,7 @@ EMBED(plots_js, "plots.js");
 EMBED(tools_js, "tools.js");
 EMBED(shared_js, "shared.js");
 EMBED(scans_js, "scans.js");
+EMBED(dome_js, "dome.js");
 EMBED(pair_js, "pair.js");
 EMBED(calibrate_js, "calibrate.js");
 EMBED(paint_js, "paint.js");
@@ -37,6 +38,7 @@ const pv_page *pv_bundle(int i) {
                             {"/plots.js", "text/javascript; charset=utf-8", pv_plots_js, 0},
                             {"/tools.js", "text/javascript; charset=utf-8", pv_tools_js, 0},
                             {"/scans.js", "text/javascript; charset=utf-8", pv_scans_js, 0},
+                            {"/dome.js", "text/javascript; charset=utf-8", pv_dome_js, 0},
                             {"/shared.js", "text/javascript; charset=utf-8", pv_shared_js, 0},
                             {"/pair.js", "text/javascript; charset=utf-8", pv_pair_js, 0},
                             {"/calibrate.js", "text/javascript; charset=utf-8", pv_calibrate_js, 0},
@@ -44,10 +46,10 @@ const pv_page *pv_bundle(int i) {
                             {"/raster.js", "text/javascript; charset=utf-8", pv_raster_js, 0},
                             {"/sorter.js", "text/javascript; charset=utf-8", pv_sorter_js, 0},
                             {"/icon.svg", "image/svg+xml", pv_icon_svg, 0}};
-  static const char *const ends[] = {pv_page_html_end, pv_page_css_end,     pv_page_js_end,  pv_view_js_end,
-                                     pv_plots_js_end,  pv_tools_js_end,     pv_scans_js_end, pv_shared_js_end,
-                                     pv_pair_js_end,   pv_calibrate_js_end, pv_paint_js_end, pv_raster_js_end,
-                                     pv_sorter_js_end, pv_icon_svg_end};
+  static const char *const ends[] = {pv_page_html_end, pv_page_css_end,  pv_page_js_end,      pv_view_js_end,
+                                     pv_plots_js_end,  pv_tools_js_end,  pv_scans_js_end,     pv_dome_js_end,
+                                     pv_shared_js_end, pv_pair_js_end,   pv_calibrate_js_end, pv_paint_js_end,
+                                     pv_raster_js_end, pv_sorter_js_end, pv_icon_svg_end};
   if (i < 0 || i >= (int)(sizeof pages / sizeof *pages)) return NULL;
   pages[i].bytes = (size_t)(ends[i] - pages[i].text);
   return &pages[i];

@@ -101,6 +101,20 @@ static void add_memory(sv_str *o, const sv_feed_state *s) {
   close_with(o, "]},");
 }
 
+static void add_guidance(sv_str *o, const sv_feed_guidance *g) {
+  const int n_sectors = bounded(g->n_sectors, SV_FEED_CAP_CELLS),
+            n_bands = bounded(g->n_bands, SV_FEED_CAP_CELLS),
+            n = bounded(n_sectors * n_bands, SV_FEED_CAP_CELLS);
+  sv_str_add(o,
+             "\"guidance\":{\"kept\":%d,\"good\":%d,\"bands\":%d,\"sectors\":%d,\"cell\":%d,\"target\":%d,",
+             g->n_kept, g->n_good, n_bands, n_sectors, g->i_cell, g->i_target);
+  add_text(o, "hint", g->hint, sizeof g->hint);
+  add_number(o, "coverage", g->coverage);
+  sv_str_add(o, "\"cells\":[");
+  for (int i = 0; i < n; i++) sv_str_add(o, "%s%d", i ? "," : "", g->covered_percent[i]);
+  sv_str_add(o, "]},");
+}
+
 static void add_threads(sv_str *o, const pv_source *p) {
   const sv_beat_of *beats = p->reader.header->beats;
   const sv_ns now = now_ns();
@@ -161,6 +175,7 @@ void pv_state_json(const pv_source *p, sv_str *o) {
   for (int i = 0; i < SV_FEED_SKEW_BINS; i++) sv_str_add(o, "%s%u", i ? "," : "", s->skew_bins[i]);
   pv_mosaic_grid(bounded(s->n_cameras, SV_FEED_CAP_TILES), &columns, &rows);
   sv_str_add(o, "],\"grid\":[%d,%d],", columns, rows);
+  add_guidance(o, &s->guidance);
   add_cameras(o, s);
   add_memory(o, s);
   add_threads(o, p);

@@ -33,6 +33,7 @@
 #define SV_FEED_CAP_PARTS     48
 #define SV_FEED_CAP_REASONS   16
 #define SV_FEED_SKEW_BINS     64
+#define SV_FEED_CAP_CELLS     96 // directions of the dome around the scene
 #define SV_FEED_CAP_EYES      64 // cameras of a model's images, spread over all of them
 
 typedef enum {
@@ -73,6 +74,16 @@ typedef struct {
   uint64_t bytes;
 } sv_feed_part;
 
+// Guidance while capturing (src/capture/guidance.h).
+typedef struct {
+  char hint[40];                             // what to do next, or ""
+  int32_t n_kept, n_good;                    // exposures
+  int32_t n_bands, n_sectors;                // the dome: cell = band x n_sectors + sector
+  int32_t i_cell, i_target;                  // where the newest one was; next. -1: unknown
+  double coverage;                           // 0 to 1; below 0: no poses are known
+  int8_t covered_percent[SV_FEED_CAP_CELLS]; // -1: not asked for
+} sv_feed_guidance;
+
 typedef struct {
   int32_t status, cause; // sv_feed_status, sv_feed_cause
   char sentence[256];    // of a failure
@@ -95,6 +106,7 @@ typedef struct {
   int32_t n_reasons, n_parts;
   char reasons[SV_FEED_CAP_REASONS][24];
   sv_feed_part parts[SV_FEED_CAP_PARTS];
+  sv_feed_guidance guidance;
   sv_feed_camera cameras[SV_FEED_CAP_CAMERAS];
 } sv_feed_state;
 

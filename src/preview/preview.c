@@ -109,6 +109,23 @@ static void fill_machine(sv_preview *l, sv_feed_state *s) {
   }
 }
 
+_Static_assert(SV_GUIDANCE_CELLS <= SV_FEED_CAP_CELLS, "the dome does not fit the feed");
+
+static void fill_guidance(const sv_preview *l, sv_feed_guidance *f) {
+  const sv_guidance *g = &l->cfg.capture->guidance;
+  sv_copy(f->hint, sizeof f->hint, sv_hint_name(g->hint));
+  f->n_kept = g->n_kept;
+  f->n_good = g->n_good;
+  f->n_bands = SV_GUIDANCE_BANDS;
+  f->n_sectors = SV_GUIDANCE_SECTORS;
+  f->i_cell = g->i_cell;
+  f->i_target = g->i_target;
+  f->coverage = sv_guidance_coverage(g);
+  for (int i = 0; i < SV_GUIDANCE_CELLS; i++)
+    f->covered_percent[i] =
+        g->has_scene && g->cell_weight[i] > 0 ? (int8_t)(100 * sv_guidance_cell(g, i) + 0.5) : -1;
+}
+
 static void publish_state(sv_preview *l, const char *sentence) {
   const sv_trainer *t = l->cfg.trainer;
   sv_feed_state *s = sv_feed_begin(l->feed, SV_FEED_STATE);
@@ -137,6 +154,7 @@ static void publish_state(sv_preview *l, const char *sentence) {
   s->model_seq = sv_feed_seq(l->feed, SV_FEED_MODEL);
   fill_machine(l, s);
   fill_skew(l, s);
+  fill_guidance(l, &s->guidance);
   fill_cameras(l, s);
   sv_feed_commit(l->feed, SV_FEED_STATE, sizeof *s);
 }

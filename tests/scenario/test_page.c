@@ -94,6 +94,14 @@ static void watch_and_start(void) {
 // Pause is pressed by the page itself as soon as the PSNR has risen, with a curve and a picture to
 // see: a fast machine is done soon after.
 static void watch_training(void) {
+  // The dome and its sentence.
+  MUST("page.state.guidance.good > 0 && page.state.guidance.coverage > 0 && !$('guide-box').hidden", 20);
+  MUST("$('dome').getContext('2d').getImageData($('dome').width / 2, $('dome').height * 0.92, 1, 1).data[3] "
+       "> 0",
+       20);
+  MUST("$('dome').getAttribute('aria-label').includes('% covered') && "
+       "$('guide-line').textContent.includes('good of')",
+       20);
   MUST("page.state.psnr > 0", 60);
   assert_true(browser_eval(&b,
                            "(()=>{const p=page.state.psnr;window.watch=setInterval(()=>{"

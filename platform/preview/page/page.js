@@ -286,7 +286,7 @@ function show(s) {
   set("fps", view && view.n && view.fps ? view.fps.toFixed(0) + " fps" : "");
   set("sandbox", s.sandbox ? "server sandbox: " + s.sandbox : "");
   set("skew-line", s.n_skew ? "skew over " + s.n_skew + " exposures: median " + micro(s.skew_p50_us) + ", 99 % " + micro(s.skew_p99_us) : "no exposures yet");
-  show_message(s), show_buttons(s), show_cameras(s), show_ledger(s), show_memory(s), show_around(s);
+  show_message(s), show_buttons(s), show_cameras(s), show_ledger(s), show_memory(s), show_around(s), show_dome(s);
   plots.skew($("skew-plot"), s.skew);
   load_model(s.model_seq), load_picture(s.picture_seq);
   if (s.state !== page.last_state || Date.now() - page.started > 3000) {

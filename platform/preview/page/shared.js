@@ -70,9 +70,15 @@ function draw_camera() {
   for (let y = 1; y < h - 1; y++) for (let x = 1, i = y * w + 1; x < w - 1; x++, i++) edges += Math.abs(4 * luma[i] - luma[i - 1] - luma[i + 1] - luma[i - w] - luma[i + w]);
   const sharp = edges / (sum || 1), share = (n) => ((100 * n) / (w * h)).toFixed(0) + " %";
   camera.best = Math.max(camera.best, sharp);
+  // Focus peaking: yellow where the image is sharpest.
+  const edge = new Float32Array(w * h);
+  for (let y = 1; y < h - 1; y++) for (let x = 1, i = y * w + 1; x < w - 1; x++, i++) edge[i] = Math.abs(4 * luma[i] - luma[i - 1] - luma[i + 1] - luma[i - w] - luma[i + w]);
+  const peak = Math.max(40, edge.slice().sort()[Math.floor(0.97 * w * h)]);
+  for (let i = 0; i < w * h; i++) if (edge[i] > peak) (d[4 * i] = 255), (d[4 * i + 1] = 220), (d[4 * i + 2] = 0);
+  draw_histogram($("histogram"), luma);
   g.putImageData(p, 0, 0);
   set("camera-name", s.name + ", " + s.width + " x " + s.height);
-  set("camera-figures", "Sharpness " + ((100 * sharp) / (camera.best || 1)).toFixed(0) + " % of the best so far. Too bright (red): " + share(bright) + ". Too dark (blue): " + share(dark) + ".");
+  set("camera-figures", "Sharpness " + ((100 * sharp) / (camera.best || 1)).toFixed(0) + " % of the best so far (yellow: in focus). Too bright (red): " + share(bright) + ". Too dark (blue): " + share(dark) + ".");
 }
 function open_camera(i) {
   (camera.i = i), (camera.best = 0);
